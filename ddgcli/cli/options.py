@@ -1,0 +1,84 @@
+"""Arguments, options and types worn by more than one subcommand: declared once, same name, same meaning."""
+
+from __future__ import annotations
+
+import functools
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import click
+
+
+@dataclass(frozen=True)
+class Common:
+    """What every subcommand is told."""
+
+    outputs: tuple[str, ...] = ()
+    output_format: str | None = None
+    input_format: str | None = None
+    as_json: bool = False
+    plot: str | None = None
+    progress: bool | None = None
+    verbose: int = 0
+    quiet: bool = False
+    units_note: str | None = None
+    seed: int = 0
+
+
+class Real(click.ParamType):
+    """A finite number, optionally above a bound (click's FloatRange lets nan and inf through)."""
+
+    name = "number"
+
+    def __init__(self, *, above: float | None = None, least: float | None = None) -> None:
+        self.above, self.least = above, least
+
+    def convert(self, value: Any, param: Any, ctx: Any) -> float:
+        try:
+            x = float(value)
+        except ValueError:
+            self.fail(f"{value!r} is not a number", param, ctx)
+        if not math.isfinite(x):
+            self.fail(f"{value!r} is not finite", param, ctx)
+        if self.above is not None and x <= self.above:
+            self.fail(f"{value} is not greater than {self.above:g}", param, ctx)
+        if self.least is not None and x < self.least:
+            self.fail(f"{value} is less than {self.least:g}", param, ctx)
+        return x
+
+
+REAL = Real()
+POSITIVE = Real(above=0)
+NONNEGATIVE = Real(least=0)
+
+mesh_arg = click.argument("mesh_path", metavar="MESH", type=click.Path())
+scene_arg = click.argument("scene_path", metavar="SCENE", required=False, type=click.Path())
+
+_COMMON = (
+    click.option("-o", "--output", "outputs", multiple=True, metavar="PATH",
+                 help="Write the result; the extension is the format. Repeatable; - is standard output."),
+    click.option("--output-format", metavar="EXT", help="Format for -o -, as an extension."),
+    click.option("--input-format", metavar="EXT", help="Format of standard input when INPUT is -."),
+    click.option("--json", "as_json", is_flag=True, help="Print the summary as one JSON object."),
+    click.option("--plot", metavar="PATH", help="Write a picture of the result (.png, .svg, .pdf)."),
+    click.option("--progress/--no-progress", default=None, help="Progress bar on standard error."),
+    click.option("-v", "--verbose", count=True, help="Say more on standard error."),
+    click.option("-q", "--quiet", is_flag=True, help="Only errors on standard error."),
+    click.option("--units-note", metavar="TEXT", help="Recorded in the output."),
+    click.option("--seed", type=int, default=0, show_default=True, help="Seed of whatever is random."),
+)  # fmt: skip
+
+
+def common(command: Callable) -> Callable:
+    """Give a subcommand the common options, gathered in one `common: Common` argument."""
+
+    @functools.wraps(command)
+    def gathered(*args: Any, **kwargs: Any) -> Any:
+        taken = {name: kwargs.pop(name) for name in Common.__dataclass_fields__}
+        return command(*args, common=Common(**taken), **kwargs)
+
+    for option in reversed(_COMMON):
+        gathered = option(gathered)
+    return gathered

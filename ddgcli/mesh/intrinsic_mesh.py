@@ -1,0 +1,46 @@
+"""A surface known by its edge lengths alone: what every intrinsic operator reads."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ddgcli.mesh.topology import Topology, frozen
+
+
+@dataclass(frozen=True, eq=False)
+class IntrinsicMesh:
+    """Triangulation with side lengths; the same duck as TriangleMesh for intrinsic operators.
+
+    Parameters
+    ----------
+    topology : Topology
+        May be a Delta-complex (self-edges, several edges between two vertices).
+    side_length : (m, 3) ndarray of float64
+        Length of side j, from corner j to corner j+1; the two sides of an edge hold the same number.
+    points : (n, 3) ndarray of float64, optional
+        Positions of the vertices on the input surface, for output only; operators never read them.
+    """
+
+    topology: Topology
+    side_length: NDArray[np.float64]
+    points: NDArray[np.float64] | None = field(default=None)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "side_length", frozen(np.asarray(self.side_length, dtype=np.float64)))
+        if self.points is not None:
+            object.__setattr__(self, "points", frozen(self.points))
+
+    @property
+    def faces(self) -> NDArray[np.int64]:
+        return self.topology.faces
+
+    @property
+    def n_vertices(self) -> int:
+        return self.topology.n_vertices
+
+    @property
+    def n_faces(self) -> int:
+        return self.topology.n_faces

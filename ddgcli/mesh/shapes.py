@@ -1,0 +1,152 @@
+"""Shapes with known geometry: for tests, samples, scenes and studies. All are functions to TriangleMesh."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ddgcli.mesh.triangle_mesh import TriangleMesh
+
+
+def icosphere(subdivisions: int = 3, radius: float = 1.0) -> TriangleMesh:
+    """Geodesic sphere: the icosahedron, each face split in four `subdivisions` times, outward."""
+    g = (1 + np.sqrt(5)) / 2
+    points = np.array(
+        [[-1, g, 0], [1, g, 0], [-1, -g, 0], [1, -g, 0], [0, -1, g], [0, 1, g],
+         [0, -1, -g], [0, 1, -g], [g, 0, -1], [g, 0, 1], [-g, 0, -1], [-g, 0, 1]]
+    )  # fmt: skip
+    faces = np.array(
+        [[0, 11, 5], [0, 5, 1], [0, 1, 7], [0, 7, 10], [0, 10, 11], [1, 5, 9], [5, 11, 4], [11, 10, 2],
+         [10, 7, 6], [7, 1, 8], [3, 9, 4], [3, 4, 2], [3, 2, 6], [3, 6, 8], [3, 8, 9], [4, 9, 5],
+         [2, 4, 11], [6, 2, 10], [8, 6, 7], [9, 8, 1]]
+    )  # fmt: skip
+    mesh = TriangleMesh.from_arrays(_on_sphere(points), faces)
+    for _ in range(subdivisions):
+        mesh = mesh_on_sphere(midpoint_subdivided(mesh))
+    return TriangleMesh(radius * mesh.points, mesh.topology)
+
+
+def _on_sphere(points: np.ndarray) -> np.ndarray:
+    return points / np.linalg.norm(points, axis=1, keepdims=True)
+
+
+def mesh_on_sphere(mesh: TriangleMesh) -> TriangleMesh:
+    """Vertices pushed radially to the unit sphere."""
+    return mesh.moved(_on_sphere(mesh.points))
+
+
+def midpoint_subdivided(mesh: TriangleMesh) -> TriangleMesh:
+    """Every face split in four at its edge midpoints; original vertices keep their numbers."""
+    topology = mesh.topology
+    middle = topology.side_edge + mesh.n_vertices
+    points = np.concatenate([mesh.points, mesh.points[topology.edges].mean(axis=1)])
+    (a, b, c), (ab, bc, ca) = topology.faces.T, middle.T
+    faces = np.concatenate(
+        [np.stack(t, axis=1) for t in ((a, ab, ca), (b, bc, ab), (c, ca, bc), (ab, bc, ca))]
+    )
+    return TriangleMesh.from_arrays(points, faces)
+
+
+def random_sphere(n: int = 1000, seed: int = 0, radius: float = 1.0) -> TriangleMesh:
+    """Irregular sphere: the convex hull of n uniform random points, outward."""
+    from scipy.spatial import ConvexHull
+
+    points = _on_sphere(np.random.default_rng(seed).normal(size=(n, 3)))
+    faces = ConvexHull(points).simplices.astype(np.int64)
+    p = points[faces]
+    inward = np.einsum("ij,ij->i", np.cross(p[:, 1] - p[:, 0], p[:, 2] - p[:, 0]), p[:, 0]) < 0
+    faces[inward] = faces[inward][:, ::-1]
+    return TriangleMesh.from_arrays(radius * points, faces)
+
+
+def wrapped_grid(
+    nu: int, nv: int, wrap_u: bool = False, wrap_v: bool = False, pattern: str = "right"
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Parameters and triangles of a grid of nu x nv cells.
+
+    Parameters
+    ----------
+    pattern : {'right', 'left', 'alternating'}
+        Which diagonal splits a cell.
+
+    Returns
+    -------
+    u, v : (n,) ndarray of float64
+        Parameters in [0, 1] (without the end where wrapped).
+    faces : (m, 3) ndarray of int64
+        Counter-clockwise in the (u, v) plane.
+    """
+    mu, mv = nu + (not wrap_u), nv + (not wrap_v)
+    i, j = np.meshgrid(np.arange(nu), np.arange(nv), indexing="ij")
+
+    def number(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+        return ((a % mu) * mv + (b % mv)).ravel()
+
+    p00, p10, p11, p01 = number(i, j), number(i + 1, j), number(i + 1, j + 1), number(i, j + 1)
+    other = {"right": np.zeros_like(i), "left": np.ones_like(i), "alternating": (i + j) % 2}[
+        pattern
+    ].ravel() == 1
+    first = np.where(other, [p00, p10, p01], [p00, p10, p11]).T
+    second = np.where(other, [p10, p11, p01], [p00, p11, p01]).T
+    faces = np.stack([first, second], axis=1).reshape(-1, 3)
+    u, v = np.meshgrid(np.arange(mu) / nu, np.arange(mv) / nv, indexing="ij")
+    return u.ravel(), v.ravel(), faces
+
+
+def grid(
+    nx: int = 10, ny: int = 10, width: float = 1.0, height: float = 1.0, pattern: str = "right"
+) -> TriangleMesh:
+    """Flat rectangle [0, width] x [0, height] in the plane z = 0, normal +z."""
+    u, v, faces = wrapped_grid(nx, ny, pattern=pattern)
+    return TriangleMesh.from_arrays(np.stack([width * u, height * v, 0 * u], axis=1), faces)
+
+
+def torus(
+    nu: int = 48, nv: int = 24, major: float = 1.0, minor: float = 0.4, pattern: str = "right"
+) -> TriangleMesh:
+    """Torus of revolution about z, outward; nu cells along the major circle, nv along the minor one."""
+    u, v, faces = wrapped_grid(nu, nv, wrap_u=True, wrap_v=True, pattern=pattern)
+    u, v = 2 * np.pi * u, 2 * np.pi * v
+    radius = major + minor * np.cos(v)
+    return TriangleMesh.from_arrays(
+        np.stack([radius * np.cos(u), radius * np.sin(u), minor * np.sin(v)], axis=1), faces
+    )
+
+
+def cylinder(nu: int = 32, nz: int = 16, radius: float = 1.0, height: float = 2.0) -> TriangleMesh:
+    """Open cylinder about z, outward, from z = 0 to `height`."""
+    u, v, faces = wrapped_grid(nu, nz, wrap_u=True)
+    points = np.stack([radius * np.cos(2 * np.pi * u), radius * np.sin(2 * np.pi * u), height * v], axis=1)
+    return TriangleMesh.from_arrays(points, faces)
+
+
+def catenoid(nu: int = 48, nz: int = 32, waist: float = 1.0, half_height: float = 1.0) -> TriangleMesh:
+    """Catenoid r = waist cosh(z / waist), |z| <= half_height: a minimal surface with two boundary loops."""
+    u, v, faces = wrapped_grid(nu, nz, wrap_u=True)
+    z = half_height * (2 * v - 1)
+    r = waist * np.cosh(z / waist)
+    return TriangleMesh.from_arrays(
+        np.stack([r * np.cos(2 * np.pi * u), r * np.sin(2 * np.pi * u), z], axis=1), faces
+    )
+
+
+def box(
+    nx: int = 4, ny: int = 4, nz: int = 4, size: tuple[float, float, float] = (1.0, 1.0, 1.0)
+) -> TriangleMesh:
+    """Closed box [0, size], outward, nx x ny x nz cells on its sides."""
+    counts = np.array([nx, ny, nz])
+    points, faces, start = [], [], 0
+    for axis in range(3):
+        a, b = (axis + 1) % 3, (axis + 2) % 3
+        u, v, cells = wrapped_grid(counts[a], counts[b])
+        for side in (0, 1):
+            lattice = np.zeros((len(u), 3), dtype=np.int64)
+            lattice[:, a] = np.rint(u * counts[a])
+            lattice[:, b] = np.rint(v * counts[b])
+            lattice[:, axis] = side * counts[axis]
+            points.append(lattice)
+            faces.append((cells if side else cells[:, ::-1]) + start)
+            start += len(u)
+    unique, inverse = np.unique(np.concatenate(points), axis=0, return_inverse=True)
+    return TriangleMesh.from_arrays(
+        unique / counts * np.array(size), inverse.reshape(-1)[np.concatenate(faces)]
+    )

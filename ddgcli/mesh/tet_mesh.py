@@ -1,0 +1,67 @@
+"""Tetrahedral meshes: positions and four corners a cell, immutable."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ddgcli.errors import MeshError
+from ddgcli.mesh.topology import frozen
+from ddgcli.mesh.triangle_mesh import TriangleMesh, check_points
+
+# faces of a positively oriented tetrahedron, outward; face i is opposite corner i
+TET_FACES = np.array([[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]])
+
+
+@dataclass(frozen=True, eq=False)
+class TetMesh:
+    """Tetrahedral mesh.
+
+    Parameters
+    ----------
+    points : (n, 3) ndarray of float64
+    tetrahedra : (k, 4) ndarray of int64
+        Positively oriented when det(p1-p0, p2-p0, p3-p0) > 0.
+    """
+
+    points: NDArray[np.float64]
+    tetrahedra: NDArray[np.int64]
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "points", frozen(self.points))
+        object.__setattr__(self, "tetrahedra", frozen(self.tetrahedra))
+
+    @classmethod
+    def from_arrays(cls, points: NDArray, tetrahedra: NDArray) -> TetMesh:
+        """The mesh of checked arrays; MeshError on a wrong shape, a non-finite point or a bad index."""
+        points = check_points(points)
+        tetrahedra = np.asarray(tetrahedra)
+        if tetrahedra.ndim != 2 or tetrahedra.shape[1] != 4:
+            raise MeshError(f"tetrahedra must have shape (k, 4), found {tetrahedra.shape}")
+        bad = np.flatnonzero(((tetrahedra < 0) | (tetrahedra >= len(points))).any(axis=1))
+        if len(bad):
+            raise MeshError(f"tetrahedron {bad[0]} names a vertex outside 0..{len(points) - 1}")
+        return cls(points, tetrahedra.astype(np.int64))
+
+    @property
+    def n_vertices(self) -> int:
+        return len(self.points)
+
+    @cached_property
+    def signed_volume(self) -> NDArray[np.float64]:
+        """(k,) signed volume of each tetrahedron."""
+        p = self.points[self.tetrahedra]
+        a, b, c = p[:, 1] - p[:, 0], p[:, 2] - p[:, 0], p[:, 3] - p[:, 0]
+        return frozen(np.einsum("ij,ij->i", np.cross(a, b), c) / 6.0)
+
+    @cached_property
+    def boundary(self) -> TriangleMesh:
+        """The boundary surface over the same points, oriented outward; unused vertices stay unreferenced."""
+        flipped = self.signed_volume < 0
+        tets = np.where(flipped[:, None], self.tetrahedra[:, [0, 2, 1, 3]], self.tetrahedra)
+        faces = tets[:, TET_FACES].reshape(-1, 3)
+        _, first, count = np.unique(np.sort(faces, axis=1), axis=0, return_index=True, return_counts=True)
+        return TriangleMesh.from_arrays(self.points, faces[np.sort(first[count == 1])])

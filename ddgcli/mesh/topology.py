@@ -1,0 +1,270 @@
+"""Who touches whom in a triangle mesh, by number, with no positions and no lengths.
+
+Side conventions, the same everywhere from kernel to file: side `j` of face `f` runs from corner `j` to
+corner `j+1 (mod 3)` and is opposite corner `j+2 (mod 3)`. A side's flat number is `3*f + j` (a halfedge).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+from ddgcli.errors import MeshError
+
+NEXT = np.array([1, 2, 0])
+PREVIOUS = np.array([2, 0, 1])
+
+
+def frozen(array: NDArray) -> NDArray:
+    """The array, contiguous and read-only."""
+    array = np.ascontiguousarray(array)
+    array.flags.writeable = False
+    return array
+
+
+@dataclass(frozen=True, eq=False)
+class Topology:
+    """Connectivity of a triangle mesh; may be a Delta-complex when its gluing is given.
+
+    Parameters
+    ----------
+    faces : (m, 3) ndarray of int64
+        Vertex at corner k.
+    n_vertices : int
+    gluing : (m, 3) ndarray of int64, optional
+        Flat number of the side glued to side j, -1 on the boundary. When it is absent, sides with the same
+        two end vertices are one edge (a simplicial mesh, possibly non-manifold). When it is given, edges are
+        the pairs of glued sides: self-edges and several edges between two vertices are legal.
+    """
+
+    faces: NDArray[np.int64]
+    n_vertices: int
+    gluing: NDArray[np.int64] | None = field(default=None, repr=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "faces", frozen(np.asarray(self.faces, dtype=np.int64).reshape(-1, 3)))
+        if self.gluing is not None:
+            object.__setattr__(self, "gluing", frozen(np.asarray(self.gluing, dtype=np.int64)))
+
+    @property
+    def n_faces(self) -> int:
+        return len(self.faces)
+
+    @cached_property
+    def side_tail(self) -> NDArray[np.int64]:
+        """(3m,) vertex at which side 3f+j starts."""
+        return frozen(self.faces.ravel())
+
+    @cached_property
+    def side_head(self) -> NDArray[np.int64]:
+        """(3m,) vertex at which side 3f+j ends."""
+        return frozen(self.faces[:, NEXT].ravel())
+
+    @cached_property
+    def _edge_numbering(self) -> tuple[NDArray, NDArray, NDArray]:
+        """(edges (e, 2), side_edge (m, 3), side_sign (m, 3))."""
+        if self.gluing is not None:
+            return self._glued_edges()
+        tail, head = self.side_tail, self.side_head
+        low, high = np.minimum(tail, head), np.maximum(tail, head)
+        key = low * np.int64(max(self.n_vertices, 1)) + high
+        unique, side_edge = np.unique(key, return_inverse=True)
+        edges = np.stack(np.divmod(unique, max(self.n_vertices, 1)), axis=1)
+        sign = np.where(tail <= head, 1, -1).astype(np.int8)
+        return edges, side_edge.reshape(-1, 3), sign.reshape(-1, 3)
+
+    def _glued_edges(self) -> tuple[NDArray, NDArray, NDArray]:
+        twin = self.gluing.ravel()  # type: ignore[union-attr]
+        side = np.arange(len(twin))
+        first = (twin < 0) | (side < twin)
+        number = np.cumsum(first) - 1
+        side_edge = np.where(first, number, number[np.maximum(twin, 0)])
+        edges = np.stack([self.side_tail[first], self.side_head[first]], axis=1)
+        sign = np.where(first, 1, -1).astype(np.int8)
+        return edges, side_edge.reshape(-1, 3), sign.reshape(-1, 3)
+
+    @property
+    def edges(self) -> NDArray[np.int64]:
+        """(e, 2) end vertices; lower number first for a simplicial mesh, along the first side when glued."""
+        return self._edge_numbering[0]
+
+    @property
+    def side_edge(self) -> NDArray[np.int64]:
+        """(m, 3) edge number of side j."""
+        return self._edge_numbering[1]
+
+    @property
+    def side_sign(self) -> NDArray[np.int8]:
+        """(m, 3) +1 where side j runs along its edge, -1 where it runs against it."""
+        return self._edge_numbering[2]
+
+    @property
+    def n_edges(self) -> int:
+        return len(self.edges)
+
+    @cached_property
+    def edge_face_count(self) -> NDArray[np.int64]:
+        """(e,) number of sides on each edge."""
+        return frozen(np.bincount(self.side_edge.ravel(), minlength=self.n_edges))
+
+    @cached_property
+    def side_twin(self) -> NDArray[np.int64]:
+        """(m, 3) flat number of the side glued to side j; -1 on the boundary and on edges with 3+ faces."""
+        if self.gluing is not None:
+            return self.gluing
+        side_edge = self.side_edge.ravel()
+        order = np.argsort(side_edge, kind="stable")
+        start = np.concatenate([[0], np.cumsum(self.edge_face_count)])[:-1]
+        pair = start[self.edge_face_count == 2]
+        twin = np.full(len(side_edge), -1, dtype=np.int64)
+        first, second = order[pair], order[pair + 1]
+        twin[first], twin[second] = second, first
+        return frozen(twin.reshape(-1, 3))
+
+    @cached_property
+    def boundary_edges(self) -> NDArray[np.int64]:
+        """Numbers of the edges with one face."""
+        return frozen(np.flatnonzero(self.edge_face_count == 1))
+
+    @cached_property
+    def nonmanifold_edges(self) -> NDArray[np.int64]:
+        """Numbers of the edges with three or more faces (or with one face twice)."""
+        return frozen(np.flatnonzero(self.edge_face_count > 2))
+
+    @cached_property
+    def boundary_vertex(self) -> NDArray[np.bool_]:
+        """(n,) True at the ends of boundary edges."""
+        mask = np.zeros(self.n_vertices, dtype=bool)
+        mask[self.edges[self.boundary_edges]] = True
+        return frozen(mask)
+
+    @cached_property
+    def referenced_vertex(self) -> NDArray[np.bool_]:
+        """(n,) True where a face uses the vertex."""
+        mask = np.zeros(self.n_vertices, dtype=bool)
+        mask[self.faces] = True
+        return frozen(mask)
+
+    @cached_property
+    def nonmanifold_vertices(self) -> NDArray[np.int64]:
+        """Vertices whose faces form more than one fan around them (edges with 3+ faces join their fans)."""
+        fans = self._corner_fans()
+        corner = np.unique(np.stack([self.faces.ravel(), fans.ravel()]), axis=1)[0]
+        count = np.bincount(corner, minlength=self.n_vertices)
+        return frozen(np.flatnonzero(count > 1))
+
+    def _corner_fans(self) -> NDArray[np.int64]:
+        """(m, 3) number of the fan (corners joined across shared edges) that holds corner k."""
+        side_edge = self.side_edge.ravel()
+        n_corners = len(side_edge)
+        tail_corner = np.arange(n_corners)
+        head_corner = (tail_corner // 3) * 3 + NEXT[tail_corner % 3]
+        forward = self.side_sign.ravel() > 0
+        low_corner = np.where(forward, tail_corner, head_corner)
+        high_corner = np.where(forward, head_corner, tail_corner)
+        order = np.argsort(side_edge, kind="stable")
+        same = side_edge[order][1:] == side_edge[order][:-1]
+        a, b = order[:-1][same], order[1:][same]
+        rows = np.concatenate([low_corner[a], high_corner[a]])
+        cols = np.concatenate([low_corner[b], high_corner[b]])
+        graph = coo_array((np.ones(len(rows), dtype=np.int8), (rows, cols)), shape=(n_corners, n_corners))
+        return connected_components(graph, directed=False)[1].reshape(-1, 3)
+
+    @cached_property
+    def _vertex_components(self) -> tuple[int, NDArray[np.int64]]:
+        rows, cols = self.side_tail, self.side_head
+        graph = coo_array(
+            (np.ones(len(rows), dtype=np.int8), (rows, cols)), shape=(self.n_vertices, self.n_vertices)
+        )
+        _, label = connected_components(graph, directed=False)
+        used = np.unique(label[self.referenced_vertex])
+        rank = np.full(label.max(initial=-1) + 1, -1, dtype=np.int64)
+        rank[used] = np.arange(len(used))
+        return len(used), frozen(rank[label])
+
+    @property
+    def n_components(self) -> int:
+        """Number of components joined by shared vertices; unreferenced vertices do not count."""
+        return self._vertex_components[0]
+
+    @property
+    def vertex_component(self) -> NDArray[np.int64]:
+        """(n,) component of each vertex, -1 where no face uses it."""
+        return self._vertex_components[1]
+
+    @property
+    def face_component(self) -> NDArray[np.int64]:
+        """(m,) component of each face."""
+        return self.vertex_component[self.faces[:, 0]]
+
+    @property
+    def euler_characteristic(self) -> int:
+        """V - E + F of the vertices that faces use."""
+        return int(self.referenced_vertex.sum()) - self.n_edges + self.n_faces
+
+    @cached_property
+    def boundary_loops(self) -> int:
+        """Number of connected sets of boundary edges."""
+        ends = self.edges[self.boundary_edges]
+        if len(ends) == 0:
+            return 0
+        vertices, local = np.unique(ends, return_inverse=True)
+        local = local.reshape(-1, 2)
+        graph = coo_array(
+            (np.ones(len(local), dtype=np.int8), (local[:, 0], local[:, 1])), shape=(len(vertices),) * 2
+        )
+        return int(connected_components(graph, directed=False)[0])
+
+    @property
+    def is_manifold(self) -> bool:
+        """No edge with three faces, no vertex with several fans."""
+        return len(self.nonmanifold_edges) == 0 and len(self.nonmanifold_vertices) == 0
+
+    @property
+    def is_closed(self) -> bool:
+        """No boundary edge."""
+        return self.n_faces > 0 and len(self.boundary_edges) == 0
+
+    @cached_property
+    def misoriented_edges(self) -> NDArray[np.int64]:
+        """Numbers of two-sided edges whose two faces traverse them in the same direction."""
+        total = np.bincount(
+            self.side_edge.ravel(), weights=self.side_sign.ravel().astype(float), minlength=self.n_edges
+        )
+        return frozen(np.flatnonzero((self.edge_face_count == 2) & (np.abs(total) > 1)))
+
+    @property
+    def is_oriented(self) -> bool:
+        """Every two-sided edge is traversed once in each direction."""
+        return len(self.misoriented_edges) == 0
+
+    @property
+    def genus(self) -> int | None:
+        """Total genus of an orientable manifold surface, summed over components; None otherwise."""
+        if not (self.is_manifold and self.is_oriented) or self.n_faces == 0:
+            return None
+        return (2 * self.n_components - self.boundary_loops - self.euler_characteristic) // 2
+
+
+def check_faces(faces: NDArray, n_vertices: int) -> NDArray[np.int64]:
+    """Faces as (m, 3) int64 with every index in range, or MeshError naming the first culprit."""
+    faces = np.asarray(faces)
+    if faces.size == 0:
+        return np.zeros((0, 3), dtype=np.int64)
+    if faces.ndim != 2 or faces.shape[1] != 3:
+        raise MeshError(f"faces must have shape (m, 3), found {faces.shape}")
+    if not np.issubdtype(faces.dtype, np.integer):
+        raise MeshError(f"face indices must be integers, found {faces.dtype}")
+    outside = (faces < 0) | (faces >= n_vertices)
+    bad = np.flatnonzero(outside.any(axis=1))
+    if len(bad):
+        culprit = faces[bad[0]][outside[bad[0]]][0]
+        raise MeshError(
+            f"face {bad[0]} names vertex {culprit}, outside 0..{n_vertices - 1}; mend the face list"
+        )
+    return faces.astype(np.int64)

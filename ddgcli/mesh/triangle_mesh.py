@@ -1,0 +1,89 @@
+"""A triangle surface in space: positions over a topology, immutable."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ddgcli.errors import MeshError
+from ddgcli.mesh.topology import NEXT, Topology, check_faces, frozen
+
+
+def check_points(points: NDArray) -> NDArray[np.float64]:
+    """Points as (n, 3) float64, finite, or MeshError naming the first culprit."""
+    points = np.asarray(points, dtype=np.float64)
+    if points.ndim != 2 or points.shape[1] not in (2, 3):
+        raise MeshError(f"points must have shape (n, 3), found {points.shape}")
+    if points.shape[1] == 2:
+        points = np.column_stack([points, np.zeros(len(points))])
+    bad = np.flatnonzero(~np.isfinite(points).all(axis=1))
+    if len(bad):
+        raise MeshError(f"vertex {bad[0]} is not finite ({len(bad)} such vertices); remove or repair it")
+    return points
+
+
+@dataclass(frozen=True, eq=False)
+class TriangleMesh:
+    """Triangle mesh in space.
+
+    Parameters
+    ----------
+    points : (n, 3) ndarray of float64
+        Vertex positions, in the input's length unit; read-only.
+    topology : Topology
+        Shared, not copied, by every mesh that `moved` makes.
+    """
+
+    points: NDArray[np.float64]
+    topology: Topology
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "points", frozen(self.points))
+
+    @classmethod
+    def from_arrays(cls, points: NDArray, faces: NDArray) -> TriangleMesh:
+        """The mesh of checked arrays; MeshError on a wrong shape, a non-finite point or a bad index."""
+        points = check_points(points)
+        return cls(points, Topology(check_faces(faces, len(points)), len(points)))
+
+    def moved(self, points: NDArray) -> TriangleMesh:
+        """The same connectivity at other positions."""
+        return TriangleMesh(points, self.topology)
+
+    @property
+    def faces(self) -> NDArray[np.int64]:
+        return self.topology.faces
+
+    @property
+    def n_vertices(self) -> int:
+        return len(self.points)
+
+    @property
+    def n_faces(self) -> int:
+        return self.topology.n_faces
+
+    @cached_property
+    def side_vector(self) -> NDArray[np.float64]:
+        """(m, 3, 3) vector of side j, from corner j to corner j+1."""
+        corners = self.points[self.faces]
+        return frozen(corners[:, NEXT] - corners)
+
+    @cached_property
+    def side_length(self) -> NDArray[np.float64]:
+        """(m, 3) length of side j, from corner j to corner j+1.
+
+        Scaled before squaring, so that coordinates near the limits of float64 neither overflow nor vanish.
+        """
+        return frozen(vector_length(self.side_vector))
+
+
+def vector_length(vectors: NDArray) -> NDArray[np.float64]:
+    """(...,) Euclidean length of (..., d) vectors, safe at 1e-160 and 1e160."""
+    largest = np.abs(vectors).max(initial=0.0)
+    if largest == 0.0 or 1e-100 < largest < 1e150:
+        return np.sqrt(np.einsum("...i,...i->...", vectors, vectors))
+    scaled = vectors / largest
+    return largest * np.sqrt(np.einsum("...i,...i->...", scaled, scaled))

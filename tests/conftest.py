@@ -1,0 +1,44 @@
+"""Fixtures: where the shared meshes are, and a runner for commands. No maths here."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+from click.testing import CliRunner, Result
+
+ROOT = Path(__file__).parent.parent
+SHARED_MESHES = ROOT.parent / "shared" / "meshes"
+
+
+@pytest.fixture
+def shared_meshes() -> Path:
+    """Folder of the shared real meshes; skips where it is missing."""
+    if not SHARED_MESHES.is_dir():
+        pytest.skip("../shared/meshes is missing: real meshes are not tested here")
+    return SHARED_MESHES
+
+
+@pytest.fixture
+def run():
+    """Run a command in this process: `run("curvature", path, "--json")` -> click Result."""
+    from ddgcli.cli.main import main
+
+    def call(*words: Any, **kwargs: Any) -> Result:
+        return CliRunner().invoke(main, [str(w) for w in words], prog_name="ddgcli", **kwargs)
+
+    return call
+
+
+@pytest.fixture
+def summary(run):
+    """Run a command with --json and return its parsed summary; fails unless it exits 0 (or `code`)."""
+
+    def call(*words: Any, code: int = 0) -> dict[str, Any]:
+        result = run(*words, "--json")
+        assert result.exit_code == code, result.output + result.stderr
+        return json.loads(result.stdout)
+
+    return call
