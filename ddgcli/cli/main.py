@@ -12,7 +12,18 @@ from ddgcli.errors import DdgError
 
 # name -> (module below ddgcli.cli, one line for --help); a module is imported only when its command runs
 COMMANDS = {
-    "curvature": ("curvature", "Gaussian, mean and principal curvature."),
+    "info": ("info", "What a file holds, how good it is, and which commands take it."),
+    "curvature": ("curvature", "Gaussian, mean and principal curvature of surfaces and curves."),
+    "delaunay": ("delaunay", "Intrinsic Delaunay triangulation, refinement, common subdivision."),
+    "laplacian": ("laplacian", "Laplace matrices, spectra, Poisson, smoothing, parameterization."),
+    "hodge": ("hodge", "Split a vector field into exact, coexact and harmonic parts."),
+    "geodesic": ("geodesic", "Distances, shortest paths, straightest lines, transport."),
+    "shell-sim": ("shell_sim", "Move thin elastic shells: a scene in, a trajectory out."),
+    "fluid-sim": ("fluid_sim", "Move an incompressible fluid on a surface."),
+    "willmore-flow": ("willmore_flow", "Flow a surface down its bending energy."),
+    "tradeoff": ("tradeoff", "What accuracy costs in time, on your own input."),
+    "frames": ("frames", "Export frames of a trajectory: meshes, pictures, animations."),
+    "check": ("check", "Compare a run's summary with a stored one (regression runs)."),
 }
 
 

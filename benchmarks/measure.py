@@ -1,0 +1,88 @@
+"""Time, memory and tables for benches: every row stands beside its peer, measured in the same run."""
+
+from __future__ import annotations
+
+import multiprocessing
+import platform
+import resource
+import statistics
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+
+@dataclass(frozen=True)
+class Timing:
+    """Median and spread of repeated calls, after one warm-up."""
+
+    median: float
+    least: float
+    most: float
+    value: Any = None
+
+    def __str__(self) -> str:
+        return f"{self.median:.4g} s ({self.least:.3g}..{self.most:.3g})"
+
+
+def timed(call: Callable[[], Any], repeat: int = 5, warm_up: bool = True) -> Timing:
+    """Time a call: one warm-up, then `repeat` runs."""
+    value = call() if warm_up else None
+    seconds = []
+    for _ in range(repeat):
+        began = time.perf_counter()
+        value = call()
+        seconds.append(time.perf_counter() - began)
+    return Timing(statistics.median(seconds), min(seconds), max(seconds), value)
+
+
+def interleaved(calls: dict[str, Callable[[], Any]], repeat: int = 5) -> dict[str, Timing]:
+    """Time several calls in turn, so that a noisy machine disturbs all alike."""
+    values = {name: call() for name, call in calls.items()}
+    seconds: dict[str, list[float]] = {name: [] for name in calls}
+    for _ in range(repeat):
+        for name, call in calls.items():
+            began = time.perf_counter()
+            call()
+            seconds[name].append(time.perf_counter() - began)
+    return {n: Timing(statistics.median(s), min(s), max(s), values[n]) for n, s in seconds.items()}
+
+
+def _peak_child(call: Callable[[], Any], pipe: Any) -> None:
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    call()
+    pipe.send((resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) / 1024)
+
+
+def peak_mib(call: Callable[[], Any]) -> float:
+    """Growth of the peak resident memory during a call, in MiB, measured in a forked child."""
+    context = multiprocessing.get_context("fork")
+    here, there = context.Pipe()
+    child = context.Process(target=_peak_child, args=(call, there))
+    child.start()
+    there.close()
+    try:
+        return float(here.recv())
+    finally:
+        child.join()
+
+
+def machine() -> str:
+    """One line on machine and versions, for captions."""
+    import numpy
+    import scipy
+
+    return (
+        f"{platform.machine()}, {multiprocessing.cpu_count()} cores, Python {platform.python_version()}, "
+        f"numpy {numpy.__version__}, scipy {scipy.__version__}"
+    )
+
+
+def print_table(title: str, header: list[str], rows: list[list[Any]]) -> None:
+    """Print a Markdown table."""
+    print(f"\n### {title}\n")
+    print("| " + " | ".join(header) + " |")
+    print("|" + " --- |" * len(header))
+    for row in rows:
+        print("| " + " | ".join(f"{c:.4g}" if isinstance(c, float) else str(c) for c in row) + " |")
+    print(flush=True)
