@@ -76,7 +76,7 @@ class Topology:
         unique, side_edge = np.unique(key, return_inverse=True)
         edges = np.stack(np.divmod(unique, max(self.n_vertices, 1)), axis=1)
         sign = np.where(tail <= head, 1, -1).astype(np.int8)
-        return edges, side_edge.reshape(-1, 3), sign.reshape(-1, 3)
+        return frozen(edges), frozen(side_edge.reshape(-1, 3)), frozen(sign.reshape(-1, 3))
 
     def _glued_edges(self) -> tuple[NDArray, NDArray, NDArray]:
         twin = self.gluing.ravel()  # type: ignore[union-attr]
@@ -86,7 +86,7 @@ class Topology:
         side_edge = np.where(first, number, number[np.maximum(twin, 0)])
         edges = np.stack([self.side_tail[first], self.side_head[first]], axis=1)
         sign = np.where(first, 1, -1).astype(np.int8)
-        return edges, side_edge.reshape(-1, 3), sign.reshape(-1, 3)
+        return frozen(edges), frozen(side_edge.reshape(-1, 3)), frozen(sign.reshape(-1, 3))
 
     @property
     def edges(self) -> NDArray[np.int64]:

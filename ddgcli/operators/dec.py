@@ -1,30 +1,165 @@
-"""Exterior derivatives as integer incidence matrices: d1 @ d0 is exactly zero."""
+"""Discrete exterior calculus on triangles and tetrahedra: complexes and exterior derivatives.
+
+A k-form is a number on each oriented k-simplex: the integral of the form over it. Derivatives are integer, so
+that d d = 0 exactly; metric enters through the Hodge stars alone (`operators.stars`), and those read only the
+lengths of the cells' edges: a mesh in space and an intrinsic triangulation pass through the same code.
+Chapters 7 and 8 of the notes.
+"""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from functools import cached_property
+
 import numpy as np
+from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
+from ddgcli.geometry.cells import TET_EDGES, CellMetric, tetrahedron_metric, triangle_metric
+from ddgcli.mesh.intrinsic_mesh import IntrinsicMesh
+from ddgcli.mesh.tet_mesh import TET_FACES, TetMesh
 from ddgcli.mesh.topology import Topology
+from ddgcli.mesh.triangle_mesh import TriangleMesh, vector_length
+
+AnyMesh = TriangleMesh | IntrinsicMesh | TetMesh
 
 
 def d0(topology: Topology) -> csr_array:
     """(e, n) int8 derivative of vertex functions: value at the edge's head minus value at its tail."""
-    e = topology.n_edges
-    values = np.tile(np.array([-1, 1], dtype=np.int8), e)
-    matrix = csr_array(
-        (values, topology.edges.ravel(), np.arange(0, 2 * e + 1, 2)), shape=(e, topology.n_vertices)
-    )
-    matrix.sum_duplicates()
-    return matrix
+    return _incidence(topology.edges, np.array([-1, 1], dtype=np.int8), topology.n_vertices)
 
 
 def d1(topology: Topology) -> csr_array:
     """(m, e) int8 derivative of edge values: sum around each face, with the sides' signs."""
-    m = topology.n_faces
-    matrix = csr_array(
-        (topology.side_sign.ravel(), topology.side_edge.ravel(), np.arange(0, 3 * m + 1, 3)),
-        shape=(m, topology.n_edges),
-    )
+    return _incidence(topology.side_edge, topology.side_sign, topology.n_edges)
+
+
+def _incidence(index: NDArray, sign: NDArray, n_columns: int) -> csr_array:
+    """Row i holds sign[i] at columns index[i]; entries that meet (self-edges) are summed."""
+    rows, per_row = index.shape
+    values = np.broadcast_to(sign, index.shape).astype(np.int8).ravel()
+    start = np.arange(0, rows * per_row + 1, per_row)
+    # copied: sum_duplicates sorts in place
+    matrix = csr_array((values, index.flatten(), start), shape=(rows, n_columns))
     matrix.sum_duplicates()
     return matrix
+
+
+@dataclass(frozen=True, eq=False)
+class Complex:
+    """A simplicial complex of dimension 2 or 3 with the metric of its cells.
+
+    Attributes
+    ----------
+    dimension : int
+    counts : tuple of int
+        Number of k-simplices for k = 0 .. dimension.
+    derivatives : tuple of csr_array of int8
+        `derivatives[k]` takes k-forms to (k+1)-forms.
+    corners : (m, dimension+1) ndarray of int64
+        Vertices of the top cells.
+    edges : (e, 2) ndarray of int64
+        Tail and head of each edge.
+    cell_edge, cell_edge_sign : (m, 3 or 6) ndarray
+        Edge of each local edge and +1 where the cell runs along it.
+    cell_face, cell_face_sign : (m, 4) ndarray
+        Tetrahedra only: face opposite corner i, +1 where its orientation is outward.
+    metric : CellMetric
+    boundary_faces : ndarray of int64
+        Numbers of the (dimension-1)-simplices with one cell.
+    """
+
+    dimension: int
+    counts: tuple[int, ...]
+    derivatives: tuple[csr_array, ...]
+    corners: NDArray[np.int64]
+    edges: NDArray[np.int64]
+    cell_edge: NDArray[np.int64]
+    cell_edge_sign: NDArray
+    cell_face: NDArray[np.int64]
+    cell_face_sign: NDArray
+    metric: CellMetric
+    boundary_faces: NDArray[np.int64]
+
+    @cached_property
+    def boundary_vertex(self) -> NDArray[np.bool_]:
+        """(n,) True on the boundary."""
+        mask = np.zeros(self.counts[0], dtype=bool)
+        mask[self.edges[self.boundary_edge]] = True
+        return mask
+
+    @cached_property
+    def boundary_edge(self) -> NDArray[np.bool_]:
+        """(e,) True on the boundary."""
+        mask = np.zeros(self.counts[1], dtype=bool)
+        if self.dimension == 2:
+            mask[self.boundary_faces] = True
+        elif len(self.boundary_faces):
+            touched = self.derivatives[1][self.boundary_faces]
+            mask[touched.indices] = True
+        return mask
+
+
+def complex_of(mesh: AnyMesh) -> Complex:
+    """The complex of a triangle mesh, an intrinsic triangulation or a tetrahedral mesh."""
+    return _tet_complex(mesh) if isinstance(mesh, TetMesh) else _surface_complex(mesh)
+
+
+def _surface_complex(mesh: TriangleMesh | IntrinsicMesh) -> Complex:
+    topology = mesh.topology
+    n_faces = topology.n_faces
+    return Complex(
+        dimension=2,
+        counts=(topology.n_vertices, topology.n_edges, n_faces),
+        derivatives=(d0(topology), d1(topology)),
+        corners=topology.faces,
+        edges=topology.edges,
+        cell_edge=topology.side_edge,
+        cell_edge_sign=topology.side_sign.astype(float),
+        cell_face=np.zeros((n_faces, 0), dtype=np.int64),
+        cell_face_sign=np.zeros((n_faces, 0)),
+        metric=triangle_metric(mesh.side_length),
+        boundary_faces=topology.boundary_edges,
+    )
+
+
+def _tet_complex(mesh: TetMesh) -> Complex:
+    tets = mesh.tetrahedra
+    local = tets[:, TET_EDGES]
+    edges, cell_edge = np.unique(np.sort(local.reshape(-1, 2), axis=1), axis=0, return_inverse=True)
+    edge_sign = np.where(local[..., 0] < local[..., 1], 1, -1)
+    corners = tets[:, TET_FACES].reshape(-1, 3)
+    faces, cell_face = np.unique(np.sort(corners, axis=1), axis=0, return_inverse=True)
+    orientation = np.where(mesh.signed_volume < 0, -1, 1)
+    face_sign = _parity(corners).reshape(-1, 4) * orientation[:, None]
+    cell_face = cell_face.reshape(-1, 4)
+    face_edge = _edge_numbers(faces[:, [[0, 1], [1, 2], [0, 2]]], edges, mesh.n_vertices)
+    length = vector_length(mesh.points[local[..., 1]] - mesh.points[local[..., 0]])
+    return Complex(
+        dimension=3,
+        counts=(mesh.n_vertices, len(edges), len(faces), len(tets)),
+        derivatives=(
+            _incidence(edges, np.array([-1, 1]), mesh.n_vertices),
+            _incidence(face_edge, np.array([1, 1, -1]), len(edges)),
+            _incidence(cell_face, face_sign, len(faces)),
+        ),
+        corners=tets,
+        edges=edges,
+        cell_edge=cell_edge.reshape(-1, 6),
+        cell_edge_sign=edge_sign.astype(float),
+        cell_face=cell_face,
+        cell_face_sign=face_sign.astype(float),
+        metric=tetrahedron_metric(length),
+        boundary_faces=np.flatnonzero(np.bincount(cell_face.ravel(), minlength=len(faces)) == 1),
+    )
+
+
+def _parity(corners: NDArray) -> NDArray[np.int64]:
+    """(k,) +1 where sorting three vertex numbers is an even permutation, -1 where it is odd."""
+    a, b, c = corners.T
+    return np.where((a < b) ^ (b < c) ^ (a < c), 1, -1)
+
+
+def _edge_numbers(pairs: NDArray, edges: NDArray, n_vertices: int) -> NDArray[np.int64]:
+    key = edges[:, 0] * np.int64(n_vertices) + edges[:, 1]
+    return np.searchsorted(key, pairs[..., 0] * np.int64(n_vertices) + pairs[..., 1])

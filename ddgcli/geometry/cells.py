@@ -1,0 +1,103 @@
+"""Metric of triangles and tetrahedra from edge lengths: measures, gradients of barycentric coordinates."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ddgcli.errors import MeshError
+from ddgcli.geometry.intrinsic import corner_cotan, face_area
+
+# local edges of the cells: a triangle's sides in order, a tetrahedron's pairs in order
+TRIANGLE_EDGES = np.array([[0, 1], [1, 2], [2, 0]])
+TET_EDGES = np.array([[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]])
+
+
+@dataclass(frozen=True, eq=False)
+class CellMetric:
+    """What the stars need to know of each cell.
+
+    Attributes
+    ----------
+    measure : (m,) ndarray
+        Area or volume, positive.
+    squared_distance : (m, c, c) ndarray
+        Squared distance between corners (c = 3 or 4).
+    gradient_product : (m, c, c) ndarray
+        Dot products of the gradients of the barycentric coordinates, in 1/length^2.
+    """
+
+    measure: NDArray[np.float64]
+    squared_distance: NDArray[np.float64]
+    gradient_product: NDArray[np.float64]
+
+    @cached_property
+    def circumcentre(self) -> NDArray[np.float64]:
+        """(m, c) barycentric coordinates of the circumcentre; negative where it lies outside."""
+        # |x|^2 is reproduced in the mean by sum_j b_j |x_i - x_j|^2 = R^2 + R^2: solved by gradients
+        from_first = self.squared_distance[:, 0, 1:]
+        weights = 0.5 * np.einsum("mij,mj->mi", self.gradient_product[:, 1:, 1:], from_first)
+        return np.concatenate([1.0 - weights.sum(axis=1, keepdims=True), weights], axis=1)
+
+    def dot(self, a: int, b: int, c: int, d: int) -> NDArray[np.float64]:
+        """(m,) dot product of the vectors from corner a to b and from corner c to d."""
+        s = self.squared_distance
+        return 0.5 * (s[:, a, d] + s[:, b, c] - s[:, a, c] - s[:, b, d])
+
+
+def triangle_metric(side_length: NDArray) -> CellMetric:
+    """Metric of triangles; side j runs from corner j to corner j+1.
+
+    Raises
+    ------
+    MeshError
+        When a face has no area: its gradients are infinite.
+    """
+    area = face_area(side_length)
+    _refuse_flat(area, "face")
+    squared = np.zeros((len(area), 3, 3))
+    product = np.zeros_like(squared)
+    cotan = corner_cotan(side_length)
+    for j, (a, b) in enumerate(TRIANGLE_EDGES):
+        opposite = 3 - a - b
+        squared[:, a, b] = squared[:, b, a] = side_length[:, j] ** 2
+        product[:, a, b] = product[:, b, a] = -cotan[:, opposite] / (2.0 * area)
+        product[:, opposite, opposite] = (side_length[:, j] / (2.0 * area)) ** 2
+    return CellMetric(area, squared, product)
+
+
+def tetrahedron_metric(edge_length: NDArray) -> CellMetric:
+    """Metric of tetrahedra from the (m, 6) lengths of TET_EDGES.
+
+    Raises
+    ------
+    MeshError
+        When a tetrahedron has no volume, or its lengths belong to none.
+    """
+    squared = np.zeros((len(edge_length), 4, 4))
+    for j, (a, b) in enumerate(TET_EDGES):
+        squared[:, a, b] = squared[:, b, a] = edge_length[:, j] ** 2
+    gram = 0.5 * (squared[:, 0, 1:, None] + squared[:, 0, None, 1:] - squared[:, 1:, 1:])
+    scale = np.maximum(edge_length.max(axis=1), np.finfo(float).tiny)
+    determinant = np.linalg.det(gram / scale[:, None, None] ** 2)
+    volume = np.sqrt(np.maximum(determinant, 0.0)) / 6.0
+    _refuse_flat(np.where(volume > 1e-14, volume, 0.0), "tetrahedron")
+    inverse = np.linalg.inv(gram)
+    product = np.zeros_like(squared)
+    product[:, 1:, 1:] = inverse
+    product[:, 0, 1:] = product[:, 1:, 0] = -inverse.sum(axis=1)
+    product[:, 0, 0] = inverse.sum(axis=(1, 2))
+    return CellMetric(volume * scale**3, squared, product)
+
+
+def _refuse_flat(measure: NDArray, name: str) -> None:
+    flat = np.flatnonzero(~(measure > 0))
+    if len(flat):
+        kind = "area" if name == "face" else "volume"
+        raise MeshError(
+            f"{len(flat)} {name}s have no {kind} (first: {name} {flat[0]}): Hodge stars are infinite there; "
+            "remove or repair them"
+        )

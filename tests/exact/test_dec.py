@@ -1,0 +1,154 @@
+"""Exterior derivatives are exact; the three stars agree where theory says they do."""
+
+import numpy as np
+import pytest
+
+from ddgcli.mesh import shapes
+from ddgcli.mesh.intrinsic_mesh import IntrinsicMesh
+from ddgcli.mesh.tet_mesh import TET_FACES, TetMesh
+from ddgcli.operators.dec import complex_of
+from ddgcli.operators.laplacian import stiffness
+from ddgcli.operators.stars import codifferential, hodge_star, laplace_de_rham
+
+STARS = ["circumcentric", "barycentric", "galerkin"]
+
+
+def jittered_tets(n: int = 3, seed: int = 0) -> TetMesh:
+    """Unit cube split in 6 n^3 tetrahedra, inner vertices jittered, a third of them wrongly oriented."""
+    i, j, k = np.meshgrid(*[np.arange(n + 1)] * 3, indexing="ij")
+    points = np.stack([i, j, k], axis=-1).reshape(-1, 3) / n
+    inner = ((points > 0) & (points < 1)).all(axis=1)
+    rng = np.random.default_rng(seed)
+    points[inner] += rng.uniform(-0.15, 0.15, (inner.sum(), 3)) / n
+    first = (i[:-1, :-1, :-1] * (n + 1) ** 2 + j[:-1, :-1, :-1] * (n + 1) + k[:-1, :-1, :-1]).ravel()
+    stride = np.array([(n + 1) ** 2, n + 1, 1])
+    tets = []
+    for order in ((0, 1, 2), (0, 2, 1), (1, 0, 2), (1, 2, 0), (2, 0, 1), (2, 1, 0)):
+        step = np.zeros((4, 3), dtype=int)
+        for row, axis in enumerate(order, start=1):
+            step[row] = step[row - 1]
+            step[row, axis] += 1
+        tets.append(first[:, None] + step @ stride)
+    tets = np.concatenate(tets)
+    tets[::3] = tets[::3][:, [1, 0, 2, 3]]
+    return TetMesh.from_arrays(points, tets)
+
+
+MESHES = {
+    "torus": shapes.torus(12, 7),
+    "annulus": shapes.cylinder(9, 3),
+    "irregular": shapes.random_sphere(60),
+    "tets": jittered_tets(),
+}
+
+
+@pytest.mark.parametrize("name", MESHES)
+def test_dd_is_exactly_zero(name):
+    derivatives = complex_of(MESHES[name]).derivatives
+    for lower, upper in zip(derivatives, derivatives[1:]):
+        product = upper.astype(np.int64) @ lower.astype(np.int64)
+        assert abs(product).max() == 0
+        assert product.dtype.kind == "i"
+
+
+def test_derivatives_leave_the_mesh_as_it_was():
+    mesh = shapes.torus(5, 4)
+    before = mesh.topology.side_edge.copy()
+    complex_of(mesh)
+    assert (mesh.topology.side_edge == before).all()
+
+
+@pytest.mark.parametrize("kind", ["circumcentric", "galerkin"])
+def test_star_one_gives_the_cotangent_stiffness(kind):
+    mesh = MESHES["irregular"]
+    c = complex_of(mesh)
+    weak = c.derivatives[0].T @ hodge_star(c, 1, kind) @ c.derivatives[0]
+    assert abs(weak - stiffness(mesh)).max() < 1e-12 * abs(stiffness(mesh)).max()
+
+
+@pytest.mark.parametrize("kind", STARS)
+@pytest.mark.parametrize("name", MESHES)
+def test_star_zero_sums_to_the_measure(name, kind):
+    c = complex_of(MESHES[name])
+    assert hodge_star(c, 0, kind).sum() == pytest.approx(c.metric.measure.sum(), rel=1e-12)
+
+
+def test_lengths_alone_give_the_same_stars():
+    mesh = MESHES["torus"]
+    intrinsic = IntrinsicMesh(mesh.topology, mesh.side_length)
+    for kind in STARS:
+        for k in range(3):
+            a, b = (hodge_star(complex_of(m), k, kind) for m in (mesh, intrinsic))
+            assert abs(a - b).max() == 0
+
+
+def test_galerkin_stars_integrate_constant_fields_in_tetrahedra():
+    mesh = MESHES["tets"]
+    c = complex_of(mesh)
+    field = np.array([1.0, -2.0, 0.5])
+    form1 = c.derivatives[0] @ (mesh.points @ field)
+    form2 = face_area_vectors(mesh) @ field
+    assert form1 @ hodge_star(c, 1) @ form1 == pytest.approx(field @ field, rel=1e-12)
+    assert form2 @ hodge_star(c, 2) @ form2 == pytest.approx(field @ field, rel=1e-12)
+    assert np.abs(c.derivatives[2] @ form2).max() < 1e-14
+
+
+def face_area_vectors(mesh: TetMesh) -> np.ndarray:
+    """Area vectors of the sorted faces of a tetrahedral mesh."""
+    corners = np.sort(mesh.tetrahedra[:, TET_FACES].reshape(-1, 3), axis=1)
+    p = mesh.points[np.unique(corners, axis=0)]
+    return 0.5 * np.cross(p[:, 1] - p[:, 0], p[:, 2] - p[:, 0])
+
+
+def test_divergence_of_the_position_is_three_volumes():
+    """3-forms have geometric orientation: positive in wrongly oriented cells too."""
+    mesh = MESHES["tets"]
+    corners = np.sort(mesh.tetrahedra[:, TET_FACES].reshape(-1, 3), axis=1)
+    middle = mesh.points[np.unique(corners, axis=0)].mean(axis=1)
+    flux = np.einsum("ij,ij->i", face_area_vectors(mesh), middle)
+    divergence = complex_of(mesh).derivatives[2] @ flux
+    assert divergence == pytest.approx(3 * np.abs(mesh.signed_volume), rel=1e-12)
+
+
+def test_stokes_on_a_region_of_tetrahedra():
+    """The flux out of a set of cells is the sum of its divergences: wrongly oriented cells included."""
+    mesh = MESHES["tets"]
+    c = complex_of(mesh)
+    form = np.random.default_rng(1).normal(size=c.counts[1])
+    curl = c.derivatives[1] @ form
+    region = mesh.points[mesh.tetrahedra].mean(axis=1)[:, 0] < 0.5
+    out = c.derivatives[2].T @ region.astype(float)
+    assert abs(out @ curl) < 1e-12
+    assert np.abs(out).sum() > 0
+
+
+@pytest.mark.parametrize("kind", ["circumcentric", "galerkin"])
+def test_laplacian_of_linear_functions_vanishes_inside(kind):
+    mesh = MESHES["tets"]
+    c = complex_of(mesh)
+    weak = laplace_de_rham(c, 0, kind)(mesh.points @ np.array([1.0, 2.0, 3.0]))
+    assert np.abs(weak[~c.boundary_vertex]).max() < 1e-13
+
+
+def test_codifferential_is_the_adjoint():
+    c = complex_of(MESHES["torus"])
+    rng = np.random.default_rng(0)
+    for k in (1, 2):
+        form, potential = rng.normal(size=c.counts[k]), rng.normal(size=c.counts[k - 1])
+        for kind in ("barycentric", "galerkin"):
+            left = codifferential(c, k, kind)(form) @ hodge_star(c, k - 1, kind) @ potential
+            right = form @ hodge_star(c, k, kind) @ (c.derivatives[k - 1] @ potential)
+            assert left == pytest.approx(right, rel=1e-10)
+
+
+def test_laplacian_of_one_forms_has_each_scalar_eigenvalue_twice():
+    """On a sphere the non-zero spectrum of 1-forms doubles that of functions (here l = 1 and 2)."""
+    c = complex_of(shapes.icosphere(2))
+    star = hodge_star(c, 1).toarray()
+    apply = laplace_de_rham(c, 1)
+    weak = apply(np.eye(c.counts[1]))
+    from scipy.linalg import eigh
+
+    values = eigh(0.5 * (weak + weak.T), star, eigvals_only=True, subset_by_index=[0, 15])
+    assert values[:6] == pytest.approx(2.0, rel=0.03)
+    assert values[6:] == pytest.approx(6.0, rel=0.06)
