@@ -2,44 +2,189 @@
 
 from __future__ import annotations
 
+import logging
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csc_array, sparray
-from scipy.sparse.linalg import splu
 
 from ddgcli.errors import SolveError
+from ddgcli.linalg.backends import NotDefinite, chosen_solver, make_backend
+
+log = logging.getLogger("ddgcli")
+
+# componentwise backward error at which a solution needs no refinement; relative residual that is a failure
+GOOD, FAILED = 1e-13, 1e-2
+MAX_REFINEMENTS = 4
 
 
 class Factor:
-    """One factorisation of a symmetric matrix, many solves.
+    """One factorisation of a symmetric (or complex Hermitian) matrix, many solves.
 
     Parameters
     ----------
     matrix : (n, n) sparse array
-        Symmetric, non-singular (see `Poisson` for a Laplacian with its null space).
+        Non-singular; both triangles stored. For a Laplacian with its null space see `Poisson`, for fixed
+        unknowns `Dirichlet`.
+    definite : bool
+        False says beforehand that the matrix is indefinite (a saddle point) and goes straight to pivoting.
+        An indefinite matrix given as definite still gets a right answer, after a failed attempt.
+    solver : {'auto', 'superlu', 'cholmod', 'pivoted'}, optional
+        Default: the environment variable DDGCLI_SOLVER, else CHOLMOD where the extra `fast` is installed and
+        the system is large, else SuperLU of scipy.
+
+    Attributes
+    ----------
+    matrix : csc_array
+    solver : str
+        What factorised: 'superlu' or 'cholmod' (definite), 'pivoted' (anything).
 
     Raises
     ------
     SolveError
-        When the matrix is singular to working precision.
+        When the matrix is not square, holds values that are not finite, or is singular.
     """
 
-    def __init__(self, matrix: sparray) -> None:
-        self.matrix = csc_array(matrix)
-        try:
-            self._lu = splu(
-                self.matrix,
-                permc_spec="MMD_AT_PLUS_A",
-                diag_pivot_thresh=0.0,
-                options={"SymmetricMode": True},
-            )
-        except RuntimeError as error:
-            raise SolveError(f"the matrix is singular: {error}") from error
+    def __init__(self, matrix: sparray, *, definite: bool = True, solver: str | None = None) -> None:
+        self.matrix = _checked(matrix)
+        if definite and not (self.matrix.diagonal().real > 0).all():
+            definite = False
+        self._factorise(chosen_solver(solver, self.n, definite))
 
-    def solve(self, rhs: NDArray) -> NDArray[np.float64]:
-        """Solution of matrix @ x = rhs for (n,) or (n, k) right-hand sides."""
-        return self._lu.solve(np.asarray(rhs, dtype=np.float64))
+    @property
+    def n(self) -> int:
+        return self.matrix.shape[0]
+
+    @property
+    def solver(self) -> str:
+        return self._backend.name
+
+    def _factorise(self, name: str) -> None:
+        self._magnitude: csc_array | None = None
+        try:
+            self._backend = make_backend(name, self.matrix)
+        except NotDefinite as error:
+            log.info("%s: factorised with pivoting instead", error)
+            self._backend = make_backend("pivoted", self.matrix)
+
+    def refactor(self, matrix: sparray) -> Factor:
+        """Factorise new values; ordering and symbolic analysis are kept when the pattern is the same."""
+        matrix = _checked(matrix)
+        old = self.matrix
+        same = (
+            matrix.shape == old.shape
+            and matrix.dtype == old.dtype
+            and np.array_equal(matrix.indptr, old.indptr)
+            and np.array_equal(matrix.indices, old.indices)
+        )
+        self.matrix, self._magnitude = matrix, None
+        if not same:
+            self._factorise(self.solver)
+            return self
+        try:
+            self._backend.refactor(matrix)
+        except NotDefinite as error:
+            log.info("%s: factorised with pivoting instead", error)
+            self._backend = make_backend("pivoted", matrix)
+        return self
+
+    def solve(self, rhs: NDArray, *, refine: bool = True) -> NDArray:
+        """Solution of matrix @ x = rhs for (n,) or (n, k) right-hand sides.
+
+        Iterative refinement runs until the componentwise backward error is at rounding level; `refine=False`
+        leaves out the check and the refinement (inner solves of an iteration that measures its own residual).
+
+        Raises
+        ------
+        SolveError
+            When the right-hand side is not finite, or the matrix is singular to working precision and no
+            solution with a small residual exists.
+        """
+        b = self._checked_rhs(rhs)
+        if b.size == 0:
+            return b
+        x = self._backend.solve(b)
+        if not refine:
+            return x
+        x = self._refined(x, b)
+        if self._lost(x, b) and self.solver != "pivoted":
+            log.info("the solution by %s has no correct digit: factorised with pivoting", self.solver)
+            self._backend = make_backend("pivoted", self.matrix)
+            x = self._refined(self._backend.solve(b), b)
+        if self._lost(x, b):
+            raise SolveError(
+                "the matrix is singular to working precision: no solution with a small residual was found; "
+                "fix an unknown of every component, or look for degenerate faces with `ddgcli info`"
+            )
+        return x
+
+    def _lost(self, x: NDArray, b: NDArray) -> bool:
+        """Whether the residual, each row scaled by its diagonal, is not small beside the right-hand side."""
+        diagonal = np.abs(self.matrix.diagonal())
+        scale = 1.0 / np.sqrt(np.where(diagonal > 0, diagonal, diagonal.max(initial=0.0) or 1.0))
+        scale = scale if b.ndim == 1 else scale[:, None]
+        left = np.abs(scale * (self.matrix @ x - b)).max()
+        return not left <= FAILED * np.abs(scale * b).max()
+
+    def _checked_rhs(self, rhs: NDArray) -> NDArray:
+        rhs = np.asarray(rhs)
+        if rhs.shape[:1] != (self.n,) or rhs.ndim > 2:
+            raise SolveError(f"the right-hand side has shape {rhs.shape}, the matrix {self.matrix.shape}")
+        b = np.array(rhs, dtype=np.result_type(self.matrix.dtype, rhs.dtype, np.float64), order="F")
+        if np.iscomplexobj(b) and not np.iscomplexobj(self.matrix):
+            raise SolveError("a complex right-hand side needs a complex matrix")
+        if not np.isfinite(b).all():
+            raise SolveError("the right-hand side holds values that are not finite")
+        return b
+
+    def _refined(self, x: NDArray, b: NDArray) -> NDArray:
+        """Solution after at most MAX_REFINEMENTS corrections, as long as each halves the backward error."""
+        error = self.backward_error(x, b)
+        for _ in range(MAX_REFINEMENTS):
+            if error <= GOOD or not np.isfinite(error):
+                break
+            candidate = x + self._backend.solve(np.asfortranarray(b - self.matrix @ x))
+            new_error = self.backward_error(candidate, b)
+            if not new_error < error:
+                break
+            stalled = new_error > 0.5 * error
+            x, error = candidate, new_error
+            if stalled:
+                break
+        return x
+
+    def backward_error(self, x: NDArray, rhs: NDArray) -> float:
+        """Largest |A x - b| / (|A| |x| + |b|) over the rows: the relative change of A and b that explains x.
+
+        W. Oettli, W. Prager, "Compatibility of approximate solution of linear equations", 1964.
+        """
+        if not np.isfinite(x).all():
+            return float("inf")
+        if self._magnitude is None:
+            A = self.matrix
+            self._magnitude = csc_array((np.abs(A.data), A.indices, A.indptr), shape=A.shape)
+        numerator = np.abs(self.matrix @ x - rhs)
+        denominator = self._magnitude @ np.abs(x) + np.abs(rhs)
+        # rows whose terms all vanish beside the largest carry no information
+        denominator = np.maximum(denominator, np.finfo(float).tiny / np.finfo(float).eps)
+        return float((numerator / denominator).max(initial=0.0))
 
     def residual(self, x: NDArray, rhs: NDArray) -> float:
         """Largest |A x - b| relative to the largest |b| (or 1 where b vanishes)."""
-        return float(np.abs(self.matrix @ x - rhs).max() / (np.abs(rhs).max() or 1.0))
+        return float(np.abs(self.matrix @ x - rhs).max(initial=0.0) / (np.abs(rhs).max(initial=0.0) or 1.0))
+
+
+def _checked(matrix: sparray) -> csc_array:
+    """The matrix in sorted CSC form, square and finite."""
+    if matrix.ndim != 2 or matrix.shape[0] != matrix.shape[1]:
+        raise SolveError(f"the matrix is not square: {matrix.shape}")
+    csc = csc_array(matrix)
+    if csc.dtype not in (np.float64, np.complex128):
+        csc = csc.astype(np.result_type(csc.dtype, np.float64))
+    if not csc.has_canonical_format:
+        csc = csc.copy()
+        csc.sum_duplicates()
+    if not np.isfinite(csc.data).all():
+        row = csc.indices[np.flatnonzero(~np.isfinite(csc.data))[0]]
+        raise SolveError(f"the matrix holds a value that is not finite (row {row})")
+    return csc

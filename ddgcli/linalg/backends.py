@@ -1,0 +1,183 @@
+"""The sparse factorisations behind `Factor`: SuperLU of scipy, and CHOLMOD where the extra `fast` brought it.
+
+Each backend takes a sorted CSC matrix, analyses it once, and takes new values of the same pattern.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import logging
+import os
+from collections.abc import Callable
+from functools import cache
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csc_array
+from scipy.sparse.linalg import splu
+
+from ddgcli.errors import ParameterError, SolveError
+from ddgcli.linalg.ordering import fill_reducing_ordering
+
+log = logging.getLogger("ddgcli")
+
+SOLVERS = ("auto", "superlu", "cholmod", "pivoted")
+# below this many unknowns the import of the CHOLMOD wheel costs more than it saves
+CHOLMOD_FROM = 3000
+
+
+class NotDefinite(SolveError):
+    """A Cholesky pivot was not positive: the caller goes on with pivoting."""
+
+
+class Backend(Protocol):
+    """One analysed pattern with the values of the last `refactor`."""
+
+    name: str
+
+    def refactor(self, matrix: csc_array) -> None:
+        """Factorise new values of the same pattern."""
+
+    def solve(self, rhs: NDArray) -> NDArray:
+        """Solution for (n,) or (n, k)."""
+
+
+@cache
+def cholmod_available() -> bool:
+    """Whether the CHOLMOD wheel of the extra `fast` can be imported; said once with -v."""
+    found = importlib.util.find_spec("cvxopt") is not None
+    if found:
+        log.info("CHOLMOD (cvxopt, GPL-3) is installed and used for large systems")
+    return found
+
+
+def chosen_solver(solver: str | None, n: int, definite: bool) -> str:
+    """Name of the backend for a system of n unknowns; `solver`, then DDGCLI_SOLVER, then what is there."""
+    name = solver or os.environ.get("DDGCLI_SOLVER") or "auto"
+    if name not in SOLVERS:
+        raise ParameterError(f"solver {name!r} is not one of {', '.join(SOLVERS)}; mend DDGCLI_SOLVER")
+    if name == "cholmod" and not cholmod_available():
+        raise ParameterError("solver 'cholmod' is not installed; install ddgcli[fast] or use 'superlu'")
+    if name == "pivoted" or not definite:
+        return "pivoted"
+    if name == "auto":
+        return "cholmod" if n >= CHOLMOD_FROM and cholmod_available() else "superlu"
+    return name
+
+
+def make_backend(name: str, matrix: csc_array) -> Backend:
+    """Analyse and factorise with the named backend."""
+    kinds: dict[str, Callable[[csc_array], Backend]]
+    kinds = {"superlu": SymmetricLU, "cholmod": Cholmod, "pivoted": PivotedLU}
+    return kinds[name](matrix)
+
+
+class SymmetricLU:
+    """SuperLU with diagonal pivots in a fill-reducing order of our own; for definite matrices."""
+
+    name = "superlu"
+
+    def __init__(self, matrix: csc_array) -> None:
+        ordering = fill_reducing_ordering(matrix)
+        self._order, self._final = ordering.order, ordering.final
+        self._pattern: csc_array | None = None
+        self._lu: Any = None
+        self.refactor(matrix)
+
+    def refactor(self, matrix: csc_array) -> None:
+        if self._lu is not None and not self._final:
+            self._keep_found_order()
+        if self._pattern is None:
+            numbered = csc_array((np.arange(matrix.nnz), matrix.indices, matrix.indptr), shape=matrix.shape)
+            self._pattern = _permuted(numbered, self._order)
+        pattern = self._pattern
+        permuted = csc_array((matrix.data[pattern.data], pattern.indices, pattern.indptr), shape=matrix.shape)
+        try:
+            self._lu = splu(
+                permuted,
+                permc_spec="NATURAL" if self._final else "MMD_AT_PLUS_A",
+                diag_pivot_thresh=0.0,
+                options={"SymmetricMode": True},
+            )
+        except RuntimeError as error:
+            raise SolveError(f"the matrix is singular: {error}") from error
+
+    def _keep_found_order(self) -> None:
+        """Later factorisations of this pattern start from the order that minimum degree found."""
+        self._order = self._order[np.argsort(self._lu.perm_c)]
+        self._final, self._pattern = True, None
+
+    def solve(self, rhs: NDArray) -> NDArray:
+        x = np.empty_like(rhs)
+        x[self._order] = self._lu.solve(rhs[self._order])
+        return x
+
+
+class PivotedLU:
+    """SuperLU with partial pivoting on an equilibrated matrix; for indefinite symmetric systems."""
+
+    name = "pivoted"
+
+    def __init__(self, matrix: csc_array) -> None:
+        self.refactor(matrix)
+
+    def refactor(self, matrix: csc_array) -> None:
+        n = matrix.shape[0]
+        column = np.repeat(np.arange(n), np.diff(matrix.indptr))
+        largest = np.zeros(n)
+        np.maximum.at(largest, column, np.abs(matrix.data))
+        if (largest == 0).any():
+            raise SolveError(f"the matrix is singular: row {np.flatnonzero(largest == 0)[0]} is zero")
+        self._scale = 1.0 / np.sqrt(largest)
+        data = matrix.data * self._scale[column] * self._scale[matrix.indices]
+        try:
+            self._lu = splu(csc_array((data, matrix.indices, matrix.indptr), shape=(n, n)))
+        except RuntimeError as error:
+            raise SolveError(f"the matrix is singular: {error}") from error
+
+    def solve(self, rhs: NDArray) -> NDArray:
+        scale = self._scale if rhs.ndim == 1 else self._scale[:, None]
+        return scale * self._lu.solve(scale * rhs)
+
+
+class Cholmod:
+    """Supernodal Cholesky of SuiteSparse through cvxopt (GPL-3); for definite matrices."""
+
+    name = "cholmod"
+
+    def __init__(self, matrix: csc_array) -> None:
+        from cvxopt import cholmod, spmatrix
+        from cvxopt import matrix as dense
+
+        self._cholmod, self._dense = cholmod, dense
+        n = matrix.shape[0]
+        column = np.repeat(np.arange(n, dtype=np.int64), np.diff(matrix.indptr))
+        self._lower = np.flatnonzero(matrix.indices >= column)
+        rows = matrix.indices[self._lower].astype(np.int64)
+        values = dense(matrix.data[self._lower])
+        self._matrix = spmatrix(values, dense(rows), dense(column[self._lower]), (n, n))
+        self._symbolic = cholmod.symbolic(self._matrix)
+        self._numeric()
+
+    def refactor(self, matrix: csc_array) -> None:
+        self._matrix.V = self._dense(matrix.data[self._lower])
+        self._numeric()
+
+    def _numeric(self) -> None:
+        try:
+            self._cholmod.numeric(self._matrix, self._symbolic)
+        except ArithmeticError as error:
+            raise NotDefinite(f"the matrix is not positive definite (column {error})") from error
+
+    def solve(self, rhs: NDArray) -> NDArray:
+        x = self._dense(rhs)
+        self._cholmod.solve(self._symbolic, x)
+        return np.array(x).reshape(rhs.shape)
+
+
+def _permuted(matrix: csc_array, order: NDArray) -> csc_array:
+    """Rows and columns in the given order, indices sorted."""
+    permuted = matrix[order][:, order].tocsc()
+    permuted.sort_indices()
+    return permuted

@@ -1,0 +1,201 @@
+"""Solves with fixed unknowns, and with the constants of every component as null space."""
+
+from __future__ import annotations
+
+import logging
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csc_array, sparray
+from scipy.sparse.csgraph import connected_components
+
+from ddgcli.errors import SolveError
+from ddgcli.linalg.factor import Factor
+
+log = logging.getLogger("ddgcli")
+
+# relative sum of a right-hand side over a component below which it counts as balanced
+BALANCED = 1e-10
+
+
+def components(matrix: sparray) -> tuple[int, NDArray[np.int64]]:
+    """Number of connected components of the non-zero pattern, and (n,) component of each unknown."""
+    graph = csc_array(matrix, copy=True)
+    graph.eliminate_zeros()
+    count, label = connected_components(graph, directed=False)
+    return int(count), label.astype(np.int64)
+
+
+def floating_components(matrix: sparray) -> NDArray[np.int64]:
+    """(n,) component of each unknown whose component has the constants as null space; -1 elsewhere.
+
+    A component floats when every one of its rows sums to zero, relative to the row's absolute sum.
+    """
+    count, label = components(matrix)
+    ones = np.ones(matrix.shape[0])
+    row_sum, row_size = np.abs(matrix @ ones), np.abs(matrix) @ ones
+    held = np.zeros(count, dtype=bool)
+    held[label[row_sum > 1e-9 * row_size]] = True
+    number = np.cumsum(~held) - 1
+    return np.where(held[label], -1, number[label])
+
+
+class Dirichlet:
+    """Factorisation of a symmetric matrix with some unknowns held at given values.
+
+    Parameters
+    ----------
+    matrix : (n, n) sparse array
+    fixed : (k,) ndarray of int, or (n,) ndarray of bool
+        Unknowns whose values are given. A component without one must be non-singular by itself.
+    options
+        Passed on to `Factor`.
+    """
+
+    def __init__(self, matrix: sparray, fixed: NDArray, **options) -> None:
+        n = matrix.shape[0]
+        held = np.zeros(n, dtype=bool)
+        held[np.asarray(fixed)] = True
+        self.fixed, self.free = np.flatnonzero(held), np.flatnonzero(~held)
+        block = self._split(matrix)
+        self.factor = Factor(block, **options)
+
+    def _split(self, matrix: sparray) -> csc_array:
+        columns = csc_array(matrix)
+        free_rows = columns[self.free]
+        self._coupling = free_rows[:, self.fixed]
+        return csc_array(free_rows[:, self.free])
+
+    def refactor(self, matrix: sparray) -> Dirichlet:
+        """New values of the same pattern."""
+        self.factor.refactor(self._split(matrix))
+        return self
+
+    def solve(self, values: NDArray, rhs: NDArray | None = None, *, refine: bool = True) -> NDArray:
+        """(n,) or (n, c) solution that takes `values` on the fixed unknowns, in the order of `self.fixed`.
+
+        Parameters
+        ----------
+        values : (k,) or (k, c) ndarray, or a number
+        rhs : (n,) or (n, c) ndarray, optional
+            Right-hand side; rows of fixed unknowns are not read. Default zero.
+        """
+        like = values if np.ndim(values) or rhs is None else rhs
+        shape = np.shape(like)[1:]
+        n = len(self.fixed) + len(self.free)
+        x = np.zeros((n, *shape), dtype=np.result_type(self.factor.matrix.dtype, np.asarray(values).dtype))
+        x[self.fixed] = values
+        load = -(self._coupling @ x[self.fixed])
+        if rhs is not None:
+            load = load + np.asarray(rhs)[self.free]
+        x[self.free] = self.factor.solve(load, refine=refine)
+        return x
+
+    def residual(self, x: NDArray, rhs: NDArray | None = None) -> float:
+        """Largest |A x - b| on the free rows, relative to the largest term of the right-hand side."""
+        load = -(self._coupling @ x[self.fixed])
+        if rhs is not None:
+            load = load + np.asarray(rhs)[self.free]
+        return self.factor.residual(x[self.free], load)
+
+
+class Poisson:
+    """Factorisation of a semidefinite matrix whose null space is the constants of each component.
+
+    One unknown of every such component is pinned, so nothing is added to the matrix; solutions have mean zero
+    on each of them. Components without null space (some row does not sum to zero) are solved as they are.
+
+    Parameters
+    ----------
+    stiffness : (n, n) sparse array
+        Positive semidefinite, rows summing to zero.
+    mass : (n, n) sparse array or (n,) ndarray, optional
+        Weights of the mean; default one each.
+    options
+        Passed on to `Factor`.
+
+    Attributes
+    ----------
+    imbalance : float
+        Of the last `solve`: the largest |sum of the right-hand side| over a component, relative to the sum of
+        its absolute values. Where it is not zero the problem has no solution, and the part of the right-hand
+        side that has was solved instead.
+    """
+
+    def __init__(self, stiffness: sparray, mass: sparray | NDArray | None = None, **options) -> None:
+        n = stiffness.shape[0]
+        self.matrix = csc_array(stiffness)
+        self.weight = _weights(mass, n)
+        self.label = floating_components(self.matrix)
+        self.count = int(self.label.max(initial=-1)) + 1
+        self._floating = np.flatnonzero(self.label >= 0)
+        _, first = np.unique(self.label[self._floating], return_index=True)
+        self.pinned = self._floating[first]
+        self._dirichlet = Dirichlet(self.matrix, self.pinned, **options)
+        self.factor = self._dirichlet.factor
+        self.imbalance = 0.0
+
+    def refactor(self, stiffness: sparray) -> Poisson:
+        """New values of the same pattern and the same components."""
+        self.matrix = csc_array(stiffness)
+        self._dirichlet.refactor(stiffness)
+        return self
+
+    def _sums(self, values: NDArray) -> NDArray:
+        """(count, ...) sum over each floating component."""
+        total = np.zeros((self.count, *values.shape[1:]), dtype=np.result_type(values.dtype, np.float64))
+        np.add.at(total, self.label[self._floating], values[self._floating])
+        return total
+
+    def balanced(self, rhs: NDArray) -> NDArray:
+        """The right-hand side without its mean on each component (a multiple of the mass is taken off)."""
+        rhs = np.array(rhs, dtype=np.float64)
+        if not np.isfinite(rhs).all():
+            raise SolveError("the right-hand side holds values that are not finite")
+        total, size = self._sums(rhs), self._sums(np.abs(rhs))
+        self.imbalance = float((np.abs(total) / np.where(size > 0, size, 1.0)).max(initial=0.0))
+        weight = self._sums(self.weight)
+        share = (total.T / np.where(weight > 0, weight, 1.0)).T
+        part = share[self.label[self._floating]]
+        rhs[self._floating] -= (self.weight[self._floating] * part.T).T
+        isolated = self.pinned[weight == 0]
+        rhs[isolated] = 0.0
+        return rhs
+
+    def solve(self, rhs: NDArray, *, refine: bool = True) -> NDArray[np.float64]:
+        """Solution of mean zero per component, for integrated (n,) or (n, c) right-hand sides.
+
+        A right-hand side whose sum over a component is not zero has no solution: its mean is taken off first,
+        and a warning says by how much.
+        """
+        b = self.balanced(rhs)
+        if self.imbalance > BALANCED:
+            log.warning(
+                "the right-hand side does not sum to zero on every component (%.2g of its size): "
+                "its mean was taken off, since the Laplacian reaches only such right-hand sides",
+                self.imbalance,
+            )
+        x = self._dirichlet.solve(np.zeros((len(self.pinned), *b.shape[1:])), b, refine=refine)
+        return self.centred(x)
+
+    def centred(self, x: NDArray) -> NDArray[np.float64]:
+        """The values without their weighted mean on each floating component."""
+        weight = self._sums(self.weight)
+        total = self._sums((self.weight * x.T).T)
+        mean = (total.T / np.where(weight > 0, weight, 1.0)).T
+        x = np.array(x, dtype=np.float64)
+        x[self._floating] -= mean[self.label[self._floating]]
+        return x
+
+    def residual(self, x: NDArray, rhs: NDArray) -> float:
+        """Largest |L x - b| relative to the largest |b|, for the balanced right-hand side b."""
+        b = self.balanced(rhs)
+        return float(np.abs(self.matrix @ x - b).max(initial=0.0) / (np.abs(b).max(initial=0.0) or 1.0))
+
+
+def _weights(mass: sparray | NDArray | None, n: int) -> NDArray[np.float64]:
+    if mass is None:
+        return np.ones(n)
+    if isinstance(mass, np.ndarray) and mass.ndim == 1:
+        return mass.astype(np.float64)
+    return np.asarray(mass @ np.ones(n), dtype=np.float64)

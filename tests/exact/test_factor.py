@@ -1,0 +1,164 @@
+"""The solver layer: right answers from every backend, constraints, null spaces, refusals."""
+
+import numpy as np
+import pytest
+from scipy.sparse import block_array, block_diag, csc_array, csr_array, diags_array, random_array
+
+from ddgcli.errors import ParameterError, SolveError
+from ddgcli.linalg import backends
+from ddgcli.linalg.constrain import Dirichlet, Poisson, floating_components
+from ddgcli.linalg.factor import Factor
+from ddgcli.mesh import shapes
+from ddgcli.operators.laplacian import lumped_vertex_area, stiffness
+
+SOLVERS = ["superlu", "pivoted"] + (["cholmod"] if backends.cholmod_available() else [])
+
+
+def definite(n_subdivisions=3):
+    mesh = shapes.icosphere(n_subdivisions)
+    return (stiffness(mesh) + diags_array(lumped_vertex_area(mesh))).tocsc()
+
+
+@pytest.mark.parametrize("solver", SOLVERS)
+@pytest.mark.parametrize("columns", [(), (1,), (3,)])
+def test_solution_of_a_known_right_hand_side(solver, columns):
+    A = definite()
+    x = np.random.default_rng(0).normal(size=(A.shape[0], *columns))
+    factor = Factor(A, solver=solver)
+    assert factor.solver == solver
+    found = factor.solve(A @ x)
+    assert found.shape == x.shape
+    assert np.abs(found - x).max() < 1e-12
+    assert factor.backward_error(found, A @ x) < 1e-14
+
+
+@pytest.mark.parametrize("solver", SOLVERS)
+def test_refactor_takes_new_values(solver):
+    A = definite()
+    factor = Factor(A, solver=solver)
+    b = np.random.default_rng(0).normal(size=A.shape[0])
+    for scale in (2.0, 3.0, 0.5):
+        B = (A + scale * diags_array(np.linspace(1, 2, A.shape[0]))).tocsc()
+        assert np.abs(B @ factor.refactor(B).solve(b) - b).max() < 1e-12
+    other = csc_array(diags_array(np.arange(1.0, A.shape[0] + 1)))
+    assert np.allclose(factor.refactor(other).solve(b), b / np.arange(1.0, A.shape[0] + 1), rtol=1e-14)
+
+
+@pytest.mark.parametrize("solver", SOLVERS)
+def test_complex_hermitian(solver):
+    A = definite(2)
+    n = A.shape[0]
+    phase = np.exp(1j * np.random.default_rng(1).uniform(0, 6, n))
+    H = csc_array(diags_array(phase) @ A @ diags_array(phase.conj()))
+    x = phase * np.arange(n)
+    assert np.abs(Factor(H, solver=solver).solve(H @ x) - x).max() < 1e-10 * n
+
+
+@pytest.mark.parametrize("solver", [None, *SOLVERS])
+def test_saddle_point(solver):
+    A = definite(2)
+    n = A.shape[0]
+    constraint = random_array((5, n), density=0.2, rng=np.random.default_rng(2), format="csr")
+    kkt = block_array([[A, constraint.T], [constraint, None]], format="csc")
+    b = np.random.default_rng(3).normal(size=n + 5)
+    factor = Factor(kkt, solver=solver)
+    assert np.abs(kkt @ factor.solve(b) - b).max() < 1e-11
+    assert np.abs(kkt @ Factor(kkt, definite=False).solve(b) - b).max() < 1e-11
+
+
+@pytest.mark.parametrize("solver", SOLVERS)
+def test_indefinite_with_positive_diagonal(solver):
+    A = csc_array(np.array([[1.0, 3.0, 0.0], [3.0, 1.0, 1e-9], [0.0, 1e-9, 1e-9]]))
+    x = np.array([1.0, -2.0, 3.0])
+    assert np.abs(Factor(A, solver=solver).solve(A @ x) - x).max() < 1e-12
+
+
+@pytest.mark.parametrize("solver", SOLVERS)
+def test_singular_is_refused(solver):
+    L = stiffness(shapes.icosphere(2))
+    with pytest.raises(SolveError, match="singular"):
+        Factor(L, solver=solver).solve(np.ones(L.shape[0]))
+
+
+def test_refusals():
+    A = definite(1)
+    with pytest.raises(SolveError, match="not square"):
+        Factor(csr_array((3, 4)))
+    bad = A.copy()
+    bad.data[3] = np.nan
+    with pytest.raises(SolveError, match="not finite"):
+        Factor(bad)
+    with pytest.raises(SolveError, match="not finite"):
+        Factor(A).solve(np.full(A.shape[0], np.inf))
+    with pytest.raises(SolveError, match="shape"):
+        Factor(A).solve(np.ones(A.shape[0] + 1))
+    with pytest.raises(ParameterError, match="superlu"):
+        Factor(A, solver="magic")
+
+
+def test_environment_forces_the_base_solver(monkeypatch):
+    monkeypatch.setenv("DDGCLI_SOLVER", "superlu")
+    monkeypatch.setattr(backends, "CHOLMOD_FROM", 0)
+    assert Factor(definite(1)).solver == "superlu"
+
+
+def test_scale_of_the_matrix_does_not_matter():
+    A, b = definite(2), np.random.default_rng(0).normal(size=definite(2).shape[0])
+    x = Factor(A).solve(b)
+    for s in (1e-150, 1e-8, 1e8, 1e150):
+        assert np.allclose(Factor(A * s).solve(b) * s, x, rtol=1e-12)
+
+
+def test_dirichlet_reproduces_a_linear_function():
+    mesh = shapes.grid(9, 7, pattern="alternating")
+    linear = mesh.points @ np.array([[1.0, 2.0], [3.0, -1.0], [0.0, 0.0]])
+    problem = Dirichlet(stiffness(mesh), mesh.topology.boundary_vertex)
+    found = problem.solve(linear[problem.fixed])
+    assert np.abs(found - linear).max() < 1e-13
+    assert problem.residual(found) < 1e-13
+
+
+def two_spheres_and_a_point():
+    sphere = stiffness(shapes.icosphere(2))
+    return csc_array(block_diag([sphere, csr_array((1, 1)), sphere]))
+
+
+def test_poisson_takes_the_mean_off_every_component(caplog):
+    L = two_spheres_and_a_point()
+    n = L.shape[0] // 2
+    weight = np.concatenate([np.linspace(1, 2, n), [0.0], np.linspace(3, 1, n)])
+    x = np.random.default_rng(0).normal(size=2 * n + 1)
+    problem = Poisson(L, weight)
+    assert problem.count == 3
+    found = problem.solve(L @ x)
+    assert np.abs(L @ found - L @ x).max() < 1e-12
+    for part in (slice(0, n), slice(n + 1, None)):
+        assert abs((weight * found)[part].sum()) < 1e-12
+    assert found[n] == 0
+    assert not caplog.records
+    problem.solve(np.ones(2 * n + 1))
+    assert problem.imbalance == 1.0
+    assert "does not sum to zero" in caplog.text
+
+
+def test_poisson_several_columns_and_refactor():
+    L = two_spheres_and_a_point()
+    x = np.random.default_rng(0).normal(size=(L.shape[0], 4))
+    problem = Poisson(L)
+    assert np.abs(L @ problem.solve(L @ x) - L @ x).max() < 1e-12
+    assert np.abs(3 * L @ problem.refactor(3 * L).solve(L @ x) - L @ x).max() < 1e-12
+
+
+def test_components_held_by_a_mass_do_not_float():
+    sphere = stiffness(shapes.icosphere(1))
+    n = sphere.shape[0]
+    held = sphere + diags_array(np.full(n, 1e-3))
+    label = floating_components(block_diag([held, sphere]))
+    assert (label[:n] == -1).all() and (label[n:] == 0).all()
+
+
+def test_empty_systems():
+    assert Factor(csc_array((0, 0))).solve(np.zeros(0)).shape == (0,)
+    L = stiffness(shapes.icosphere(0))
+    everything = Dirichlet(L, np.arange(12))
+    assert np.array_equal(everything.solve(np.arange(12.0)), np.arange(12.0))
