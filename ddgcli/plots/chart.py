@@ -1,0 +1,118 @@
+"""Line charts that colour-blind readers and grey printers can read: colour, marker and dash all differ."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ddgcli.plots.page import page
+
+# Okabe and Ito's palette, dark ones first
+COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#000000", "#E69F00", "#56B4E9", "#8B6B00")
+MARKERS = ("o", "s", "^", "D", "v", "P", "X", "*")
+DASHES = ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)), (0, (1, 1)), (0, (8, 2)), (0, (3, 2)))
+
+Series = tuple[ArrayLike, ArrayLike]
+
+
+def draw_chart(
+    path: str,
+    series: Mapping[str, Series],
+    *,
+    xlabel: str = "",
+    ylabel: str = "",
+    log: str = "",
+    title: str = "",
+    caption: str = "",
+    labels: Mapping[str, Sequence[str]] | None = None,
+    slopes: Sequence[float] = (),
+    ringed: Mapping[str, Sequence[int]] | None = None,
+    join: bool = True,
+    width: float = 7.0,
+    height: float = 4.6,
+    dpi: int = 200,
+) -> None:
+    """Write a chart of several series.
+
+    Parameters
+    ----------
+    path : str
+        .png, .svg or .pdf.
+    series : mapping of name to (x, y)
+        Points that are not finite (or not positive on a logarithmic axis) are left out.
+    log : str
+        'x', 'y' or 'xy': which axes are logarithmic.
+    labels : mapping of name to texts, optional
+        A text beside each point of a series.
+    slopes : sequence of float
+        Grey reference lines y ~ x^p through the middle of the data, on two logarithmic axes.
+    ringed : mapping of name to indices, optional
+        Points to mark with a ring (those that no other beats, say).
+    join : bool
+        Join the points of a series by a line.
+    """
+    with page(path, width, height, dpi) as figure:
+        axes = figure.add_axes((0.11, 0.15, 0.64 if len(series) > 1 else 0.85, 0.75))
+        kept = {name: _drawable(x, y, log) for name, (x, y) in series.items()}
+        axes.set_xscale("log" if "x" in log else "linear")
+        axes.set_yscale("log" if "y" in log else "linear")
+        for k, (name, (x, y, shown)) in enumerate(kept.items()):
+            _draw_series(axes, k, name, x[shown], y[shown], join)
+            for i in np.flatnonzero(shown).tolist():
+                if labels and name in labels:
+                    axes.annotate(
+                        labels[name][i], (x[i], y[i]), (4, 4), textcoords="offset points", fontsize=6.5
+                    )
+            for i in (ringed or {}).get(name, ()):
+                if shown[i]:
+                    axes.plot(x[i], y[i], "o", ms=12, mfc="none", mec="0.3", mew=0.9)
+        _reference_slopes(axes, kept, slopes)
+        axes.set(xlabel=xlabel, ylabel=ylabel, title=title)
+        axes.grid(True, which="major", color="0.85", linewidth=0.5)
+        axes.set_axisbelow(True)
+        axes.spines[["top", "right"]].set_visible(False)
+        if len(series) > 1:
+            axes.legend(loc="center left", bbox_to_anchor=(1.02, 0.5), frameon=False, handlelength=3.2)
+        figure.text(0.02, 0.02, caption, ha="left", va="center", fontsize=7.5, color="0.35")
+
+
+def _drawable(x: ArrayLike, y: ArrayLike, log: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    x, y = np.asarray(x, dtype=np.float64), np.asarray(y, dtype=np.float64)
+    shown = np.isfinite(x) & np.isfinite(y)
+    shown &= (x > 0) | ("x" not in log)
+    shown &= (y > 0) | ("y" not in log)
+    return x, y, shown
+
+
+def _draw_series(axes: Any, k: int, name: str, x: np.ndarray, y: np.ndarray, join: bool) -> None:
+    axes.plot(
+        x,
+        y,
+        label=name,
+        color=COLOURS[k % len(COLOURS)],
+        marker=MARKERS[k % len(MARKERS)],
+        linestyle=DASHES[k % len(DASHES)] if join else "none",
+        markevery=max(1, len(x) // 12),
+        markersize=5,
+        linewidth=1.4,
+        markeredgecolor="white",
+        markeredgewidth=0.5,
+    )
+
+
+def _reference_slopes(axes: Any, kept: Mapping[str, Any], slopes: Sequence[float]) -> None:
+    points = [(x[shown], y[shown]) for x, y, shown in kept.values() if shown.any()]
+    if not slopes or not points:
+        return
+    x, y = (np.concatenate(part) for part in zip(*points))
+    ends = np.array([x.min(), x.max()])
+    middle = np.sqrt(ends.prod()), np.exp(np.log(y).mean())
+    limits = axes.get_ylim()
+    for p in slopes:
+        line = middle[1] * (ends / middle[0]) ** p
+        axes.plot(ends, line, color="0.6", linewidth=0.8, zorder=0)
+        axes.annotate(f"slope {p:g}", (ends[1], line[1]), fontsize=6.5, color="0.45", ha="right")
+    axes.set_ylim(limits)

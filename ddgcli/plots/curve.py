@@ -1,0 +1,109 @@
+"""Pictures of polylines in the plane and in space, coloured by an array, with over- and under-crossings."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ddgcli.plots.page import colours, page
+from ddgcli.plots.raster import View, fitted_camera, unit_box, view_axes
+from ddgcli.plots.surface import colour_bar, robust_limits
+
+_PAPER, _RIM = (1.0, 1.0, 1.0, 1.0), (0.25, 0.25, 0.25, 1.0)
+
+
+def draw_curves(
+    path: str,
+    curves: Sequence[NDArray],
+    values: Sequence[NDArray] | None = None,
+    *,
+    closed: Sequence[bool] | bool = False,
+    label: str = "",
+    title: str = "",
+    caption: str = "",
+    signed: bool | None = None,
+    view: View = None,
+    up: str = "z",
+    width: float = 7.0,
+    height: float = 5.25,
+    dpi: int = 200,
+) -> None:
+    """Write a picture of polylines; where one passes behind another, it is cut by a white edge.
+
+    Parameters
+    ----------
+    path : str
+        .png, .svg or .pdf.
+    curves : sequence of (k, 2) or (k, 3) ndarray
+    values : sequence of (k,) ndarray, optional
+        One array of vertex values a curve.
+    closed : bool, or one for each curve
+    label, title, caption, signed, view, up
+        As for `draw_surface`.
+    """
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.collections import LineCollection
+    from matplotlib.colors import Normalize
+
+    flags = [closed] * len(curves) if isinstance(closed, bool) else list(closed)
+    start, stop, shade = _segments(curves, values, flags)
+    used = np.concatenate([start, stop]) if len(start) else np.zeros((1, 3))
+    placed = unit_box(used)
+    start, stop, used = placed(start), placed(stop), placed(used)
+    axes3 = view_axes(used, view, up)
+    with page(path, width, height, dpi) as figure:
+        axes = figure.add_axes((0.01, 0.05, 0.86 if values is not None else 0.98, 0.87))
+        box = axes.get_position()
+        camera = fitted_camera(
+            used, axes3, int(box.width * width * dpi), int(box.height * height * dpi), margin=0.05
+        )
+        a, b = camera.project(start), camera.project(stop)
+        order = np.argsort(-(a[:, 2] + b[:, 2]), kind="stable")
+        lines = np.stack([a, b], axis=1)[order, :, :2]
+        low, high, diverging = robust_limits(shade, signed)
+        mappable = ScalarMappable(Normalize(low, high), colours(diverging))
+        plain = np.tile([0.2, 0.4, 0.7, 1.0], (len(order), 1))
+        tint = plain if values is None else mappable.to_rgba(shade[order])
+        # each segment over its own dark rim, and that over a white edge where space makes one pass behind
+        flat = bool(np.ptp(np.concatenate([a[:, 2], b[:, 2]])) < 1e-6 * camera.width)
+        layers = [(3.0, _RIM), (2.2, None)] if flat else [(6.0, _PAPER), (3.0, _RIM), (2.2, None)]
+        colour = np.stack([tint if c is None else np.broadcast_to(c, tint.shape) for _, c in layers], axis=1)
+        axes.add_collection(
+            LineCollection(
+                np.repeat(lines, len(layers), axis=0),
+                colors=colour.reshape(-1, 4),
+                linewidths=np.tile([w for w, _ in layers], len(lines)),
+                capstyle="butt",
+            )
+        )
+        axes.set(xlim=(0, camera.width), ylim=(camera.height, 0), aspect="equal")
+        axes.set_axis_off()
+        if values is not None:
+            colour_bar(figure, mappable, label)
+        figure.text(0.44, 0.955, title, ha="center", va="center", fontsize=10)
+        figure.text(0.02, 0.02, caption, ha="left", va="center", fontsize=7.5, color="0.35")
+
+
+def _segments(
+    curves: Sequence[NDArray], values: Sequence[NDArray] | None, closed: list[bool]
+) -> tuple[NDArray, NDArray, NDArray]:
+    """Starts (k, 3), ends (k, 3) and values (k,) of all segments, cut fine so that depth can order them."""
+    starts, ends, shades = [np.zeros((0, 3))], [np.zeros((0, 3))], [np.zeros(0)]
+    for i, curve in enumerate(curves):
+        points = np.zeros((len(curve), 3))
+        points[:, : np.shape(curve)[1]] = curve
+        value = np.asarray(values[i], dtype=np.float64) if values is not None else np.zeros(len(points))
+        if closed[i]:
+            points, value = np.concatenate([points, points[:1]]), np.append(value, value[0])
+        if len(points) < 2:
+            continue
+        pieces = max(1, 600 // len(points))
+        at = np.arange((len(points) - 1) * pieces + 1) / pieces
+        fine = np.stack([np.interp(at, np.arange(len(points)), points[:, j]) for j in range(3)], axis=1)
+        fine_value = np.interp(at, np.arange(len(points)), value)
+        starts.append(fine[:-1])
+        ends.append(fine[1:])
+        shades.append((fine_value[:-1] + fine_value[1:]) / 2)
+    return np.concatenate(starts), np.concatenate(ends), np.concatenate(shades)

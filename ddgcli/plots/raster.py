@@ -1,0 +1,212 @@
+"""An orthographic camera and a z-buffer in numpy: which face is seen at which pixel, and where on it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ddgcli.mesh.topology import NEXT
+
+_FRAGMENTS = 2_000_000  # pixels of faces held in memory at once
+_NOTHING = np.iinfo(np.int64).max
+_DEPTH_STEPS = 2**30
+
+View = str | tuple[float, float] | None
+# elevation and azimuth in degrees; the vertical axis of the page is z, or y for a look along z
+VIEWS = {"x": (0.0, 0.0), "y": (0.0, -90.0), "z": (90.0, -90.0), "iso": (25.0, -60.0)}
+
+
+@dataclass(frozen=True, eq=False)
+class Camera:
+    """Orthographic camera over a picture of width x height pixels.
+
+    Parameters
+    ----------
+    axes : (3, 3) ndarray of float64
+        Rows: to the right, up, towards the viewer.
+    centre : (3,) ndarray of float64
+        Point seen at the middle of the picture.
+    scale : float
+        Pixels a length unit.
+    """
+
+    axes: NDArray[np.float64]
+    centre: NDArray[np.float64]
+    scale: float
+    width: int
+    height: int
+
+    def project(self, points: NDArray) -> NDArray[np.float64]:
+        """(..., 3) pixel column, pixel row and depth in pixels (smaller is nearer) of points."""
+        seen = ((points - self.centre) * self.scale) @ self.axes.T
+        seen *= np.array([1.0, -1.0, -1.0])
+        return seen + np.array([self.width / 2, self.height / 2, 0.0])
+
+
+def view_axes(points: NDArray, view: View = None, up: str = "z") -> NDArray[np.float64]:
+    """(3, 3) camera axes for a named view, (elevation, azimuth) in degrees, or a choice by shape.
+
+    None looks straight at a flat surface and from above and the side at any other. `up` is the axis of the
+    points that points up on the page.
+    """
+    turn = {"z": np.eye(3), "y": np.eye(3)[[2, 0, 1]], "x": np.eye(3)[[1, 2, 0]]}[up]
+    if view is None:
+        extent = np.ptp(points @ turn.T, axis=0)
+        thin = int(np.argmin(extent))
+        view = "xyz"[thin] if extent[thin] < 1e-3 * extent.max() else "iso"
+    elevation, azimuth = np.radians(VIEWS[view] if isinstance(view, str) else view)
+    towards = np.array(
+        [np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)]
+    )
+    right = np.array([-np.sin(azimuth), np.cos(azimuth), 0.0])
+    return np.stack([right, np.cross(towards, right), towards]) @ turn
+
+
+def fitted_camera(points: NDArray, axes: NDArray, width: int, height: int, margin: float = 0.03) -> Camera:
+    """The camera along `axes` whose picture the points just fill."""
+    seen = points @ axes.T
+    low, high = seen.min(axis=0), seen.max(axis=0)
+    extent = (high - low)[:2]
+    extent = np.maximum(extent, 1e-9 * (float(extent.max()) or 1.0))
+    inner = (1 - 2 * margin) * np.array([width, height])
+    return Camera(axes, axes.T @ ((low + high) / 2), float((inner / extent).min()), width, height)
+
+
+def unit_box(points: NDArray) -> Callable[[NDArray], NDArray[np.float64]]:
+    """The map that brings points to a box of size one about the origin, so that 1e200 does not overflow."""
+    middle = points.min(axis=0) / 2 + points.max(axis=0) / 2
+    size = float(np.abs(points - middle).max()) or 1.0
+    return lambda p: (np.asarray(p, dtype=np.float64) - middle) / size
+
+
+@dataclass(frozen=True, eq=False)
+class Seen:
+    """What a z-buffer knows.
+
+    Parameters
+    ----------
+    pixel : (k,) ndarray of int64
+        Flat numbers of the pixels that show a face.
+    face : (k,) ndarray of int64
+        The face shown there.
+    barycentric : (k, 3) ndarray of float64
+        Where on it.
+    depth : (height, width) ndarray of float64
+        Depth in pixels; inf where nothing is seen.
+    """
+
+    pixel: NDArray[np.int64]
+    face: NDArray[np.int64]
+    barycentric: NDArray[np.float64]
+    depth: NDArray[np.float64]
+
+
+def rasterise(camera: Camera, points: NDArray, faces: NDArray) -> Seen:
+    """The nearest face at every pixel's centre."""
+    corners = camera.project(points)[faces]
+    low, high = corners[..., 2].min(initial=0.0), corners[..., 2].max(initial=1.0)
+    to_step = _DEPTH_STEPS / max(high - low, 1e-300)
+    nearest = np.full(camera.width * camera.height, _NOTHING, dtype=np.int64)
+    area = np.ptp(corners[..., 0], axis=1) * np.ptp(corners[..., 1], axis=1) + 1
+    chunk = (np.cumsum(area) // _FRAGMENTS).astype(np.int64)
+    last = chunk[-1:] + 1
+    bounds = np.flatnonzero(np.diff(np.concatenate([[-1], chunk, last])))
+    for start, stop in zip(bounds[:-1], bounds[1:]):
+        pixel, face, depth = _fragments(corners[start:stop], camera.width, camera.height)
+        key = ((depth - low) * to_step).astype(np.int64) << 32
+        np.minimum.at(nearest, pixel, key | (face + start))
+    pixel = np.flatnonzero(nearest != _NOTHING)
+    face = nearest[pixel] & 0xFFFFFFFF
+    weights = _barycentric(corners, face, pixel, camera.width)
+    depth_image = np.full(camera.width * camera.height, np.inf)
+    depth_image[pixel] = np.einsum("ij,ij->i", weights, corners[face, :, 2])
+    return Seen(pixel, face, weights, depth_image.reshape(camera.height, camera.width))
+
+
+def _expanded(first: NDArray, stop: NDArray) -> tuple[NDArray, NDArray]:
+    """For ranges first..stop: number of the range, and the integers, of every member."""
+    count = np.maximum(stop - first, 0)
+    owner = np.repeat(np.arange(len(count)), count)
+    begin = np.cumsum(count) - count
+    return owner, np.arange(len(owner)) - np.repeat(begin - first, count)
+
+
+def _fragments(corners: NDArray, width: int, height: int) -> tuple[NDArray, NDArray, NDArray]:
+    """Pixel, face and depth of every pixel centre covered by faces, by scan lines."""
+    by_row = np.take_along_axis(corners, np.argsort(corners[..., 1], axis=1)[..., None], axis=1)
+    (x0, y0), (x1, y1), (x2, y2) = by_row[..., :2].transpose(1, 2, 0)
+
+    def slope(dx: NDArray, dy: NDArray) -> NDArray:
+        return np.divide(dx, dy, out=np.zeros_like(dx), where=dy > 0)
+
+    long, upper, lower = slope(x2 - x0, y2 - y0), slope(x1 - x0, y1 - y0), slope(x2 - x1, y2 - y1)
+    first_row = np.clip(np.ceil(y0 - 0.5), 0, height).astype(np.int64)
+    last_row = np.clip(np.ceil(y2 - 0.5), 0, height).astype(np.int64)
+    face, row = _expanded(first_row, last_row)
+    y = row + 0.5
+    on_long = x0[face] + (y - y0[face]) * long[face]
+    above = y < y1[face]
+    on_short = np.where(
+        above, x0[face] + (y - y0[face]) * upper[face], x1[face] + (y - y1[face]) * lower[face]
+    )
+    left = np.clip(np.ceil(np.minimum(on_long, on_short) - 0.5), 0, width).astype(np.int64)
+    right = np.clip(np.ceil(np.maximum(on_long, on_short) - 0.5), 0, width).astype(np.int64)
+    span, column = _expanded(left, right)
+    face, row = face[span], row[span]
+    depth = _plane_depth(corners, face, column + 0.5, row + 0.5)
+    return row * width + column, face, depth
+
+
+def _plane_depth(corners: NDArray, face: NDArray, x: NDArray, y: NDArray) -> NDArray[np.float64]:
+    """Depth of faces at pixel positions; within the depths of their corners, also on slivers."""
+    a, b = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    determinant = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
+    inverse = np.divide(1.0, determinant, out=np.zeros_like(determinant), where=np.abs(determinant) > 1e-9)
+    in_x = (a[:, 2] * b[:, 1] - a[:, 1] * b[:, 2]) * inverse
+    in_y = (a[:, 0] * b[:, 2] - a[:, 2] * b[:, 0]) * inverse
+    base = corners[:, 0, 2] - in_x * corners[:, 0, 0] - in_y * corners[:, 0, 1]
+    depth = base[face] + in_x[face] * x + in_y[face] * y
+    return np.clip(depth, corners[..., 2].min(axis=1)[face], corners[..., 2].max(axis=1)[face])
+
+
+def _barycentric(corners: NDArray, face: NDArray, pixel: NDArray, width: int) -> NDArray[np.float64]:
+    a, b = corners[:, 1, :2] - corners[:, 0, :2], corners[:, 2, :2] - corners[:, 0, :2]
+    determinant = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
+    inverse = np.divide(1.0, determinant, out=np.zeros_like(determinant), where=np.abs(determinant) > 1e-9)
+    x = pixel % width + 0.5 - corners[face, 0, 0]
+    y = pixel // width + 0.5 - corners[face, 0, 1]
+    second = (x * b[face, 1] - y * b[face, 0]) * inverse[face]
+    third = (y * a[face, 0] - x * a[face, 1]) * inverse[face]
+    weights = np.clip(np.stack([1 - second - third, second, third], axis=1), 0.0, 1.0)
+    return weights / np.maximum(weights.sum(axis=1, keepdims=True), 1e-300)
+
+
+def altitude(camera: Camera, points: NDArray, faces: NDArray) -> NDArray[np.float64]:
+    """(m, 3) height of each corner over its opposite side in the picture, in pixels."""
+    flat = camera.project(points)[faces][..., :2]
+    side = flat[:, NEXT] - flat
+    doubled = np.abs(side[:, 0, 0] * side[:, 1, 1] - side[:, 0, 1] * side[:, 1, 0])
+    length = np.hypot(side[..., 0], side[..., 1])[:, NEXT]
+    return np.divide(doubled[:, None], length, out=np.zeros_like(length), where=length > 0)
+
+
+def visible_runs(camera: Camera, seen: Seen, curve: NDArray, closed: bool = False) -> list[NDArray]:
+    """The parts of a polyline on or before the surface, as (k, 2) arrays of pixel columns and rows."""
+    if closed:
+        curve = np.concatenate([curve, curve[:1]])
+    track = camera.project(curve)
+    steps = np.maximum(1, np.ceil(np.hypot(*np.diff(track[:, :2], axis=0).T)).astype(np.int64))
+    segment, k = _expanded(np.zeros_like(steps), steps)
+    t = (k / steps[segment])[:, None]
+    samples = np.concatenate([(1 - t) * track[segment] + t * track[segment + 1], track[-1:]])
+    column = np.clip(samples[:, 0].astype(np.int64), 1, camera.width - 2)
+    row = np.clip(samples[:, 1].astype(np.int64), 1, camera.height - 2)
+    # the farthest of the 3 x 3 pixels: a line in the surface is not eaten by the slope of its own face
+    around = np.max([seen.depth[row + i, column + j] for i in (-1, 0, 1) for j in (-1, 0, 1)], axis=0)
+    shown = samples[:, 2] <= around + 0.002 * max(camera.width, camera.height)
+    cuts = np.flatnonzero(np.diff(shown.astype(np.int8))) + 1
+    runs = zip(np.split(samples[:, :2], cuts), np.split(shown, cuts))
+    return [run for run, on in runs if on[0] and len(run) > 1]

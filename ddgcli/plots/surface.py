@@ -1,0 +1,255 @@
+"""Pictures of surfaces coloured by an array: shaded, with a colour bar, good enough to print."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ddgcli.geometry.extrinsic import face_area_vector, face_normal
+from ddgcli.mesh.triangle_mesh import TriangleMesh
+from ddgcli.plots.page import page
+from ddgcli.plots.raster import (
+    Camera,
+    Seen,
+    View,
+    altitude,
+    fitted_camera,
+    rasterise,
+    unit_box,
+    view_axes,
+    visible_runs,
+)
+
+_PLAIN = np.array([0.78, 0.81, 0.86])
+_UNKNOWN = np.array([0.62, 0.62, 0.62])
+_LIGHT = np.array([-0.35, 0.45, 0.82]) / np.linalg.norm([-0.35, 0.45, 0.82])
+_SAMPLES = 2  # each way within a pixel
+
+
+def robust_limits(values: NDArray, signed: bool | None = None) -> tuple[float, float, bool]:
+    """Colour range of an array: its 1 % and 99 % quantiles, symmetric about zero for a signed one.
+
+    Parameters
+    ----------
+    values : (k,) ndarray
+        Values that are not finite do not count.
+    signed : bool, optional
+        None decides: signed where both sides of zero hold a twentieth of the range.
+
+    Returns
+    -------
+    low, high : float
+    signed : bool
+    """
+    finite = values[np.isfinite(values)].astype(np.float64)
+    if len(finite) == 0:
+        return 0.0, 1.0, False
+    low, high = (float(q) for q in np.quantile(finite, [0.01, 0.99]))
+    if signed is None:
+        signed = min(-low, high) > 0.05 * max(-low, high)
+    if signed:
+        reach = max(-low, high) or float(np.abs(finite).max()) or 1.0
+        return -reach, reach, True
+    if high - low <= 1e-6 * max(abs(low), abs(high)):
+        middle = (low + high) / 2
+        reach = 0.05 * abs(middle) or 1.0
+        return middle - reach, middle + reach, False
+    return low, high, False
+
+
+def draw_surface(
+    path: str,
+    mesh: TriangleMesh,
+    values: NDArray | None = None,
+    *,
+    label: str = "",
+    title: str = "",
+    caption: str = "",
+    signed: bool | None = None,
+    limits: tuple[float, float] | None = None,
+    curves: Sequence[NDArray] = (),
+    curve_colour: str = "black",
+    curve_width: float = 1.4,
+    points: NDArray | None = None,
+    edges: bool = False,
+    view: View = None,
+    up: str = "z",
+    fit: NDArray | None = None,
+    width: float = 7.0,
+    height: float = 5.25,
+    dpi: int = 200,
+) -> None:
+    """Write a picture of a surface.
+
+    Parameters
+    ----------
+    path : str
+        .png, .svg or .pdf (the surface is a raster in all; text, bar and curves are vectors in the last two).
+    mesh : TriangleMesh
+    values : (n,) or (m,) ndarray, optional
+        Colours by vertex or by face; what is not finite is grey.
+    label, title, caption : str
+        Beside the colour bar, above and below the picture.
+    signed : bool, optional
+        True: diverging colours about zero. None decides by the values.
+    limits : (float, float), optional
+        Ends of the colour bar; default `robust_limits`.
+    curves : sequence of (k, 3) ndarray
+        Polylines, drawn where the surface does not hide them.
+    points : (k, 3) ndarray, optional
+        Places marked with a dot, where visible.
+    edges : bool
+        Draw the triangles' sides.
+    view : str or (elevation, azimuth), optional
+        'x', 'y', 'z', 'iso', or degrees; None looks straight at a flat surface and 'iso' at others.
+    up : {'z', 'y', 'x'}
+        Axis that points up on the page.
+    fit : (k, 3) ndarray, optional
+        Points that the picture must hold (all frames of a motion, say); default the mesh's own.
+    """
+    used = mesh.points[mesh.topology.referenced_vertex] if mesh.n_faces else mesh.points
+    frame = used if fit is None else np.asarray(fit, dtype=np.float64)
+    if len(frame) == 0:
+        frame = np.zeros((1, 3))
+    placed = unit_box(frame)
+    mesh, frame = mesh.moved(placed(mesh.points)), placed(frame)
+    with page(path, width, height, dpi) as figure:
+        axes = figure.add_axes((0.01, 0.05, 0.86 if values is not None else 0.98, 0.87))
+        box = axes.get_position()
+        size = [int(round(s * dpi * _SAMPLES)) for s in (box.width * width, box.height * height)]
+        camera = fitted_camera(frame, view_axes(frame, view, up), *size)
+        seen = rasterise(camera, mesh.points, mesh.faces)
+        colour, mappable, beyond = _colours(mesh, seen, values, signed, limits)
+        image = _picture(camera, mesh, seen, colour, edges)
+        axes.imshow(image, extent=(0, size[0], size[1], 0), interpolation="none")
+        axes.set_axis_off()
+        dots = None if points is None or len(points) == 0 else placed(points)
+        _overlay(axes, camera, seen, [placed(c) for c in curves], dots, curve_colour, curve_width)
+        axes.set(xlim=(0, size[0]), ylim=(size[1], 0))
+        if mappable is not None:
+            colour_bar(figure, mappable, label, beyond)
+        figure.text(0.44, 0.955, title, ha="center", va="center", fontsize=10)
+        figure.text(0.02, 0.02, caption, ha="left", va="center", fontsize=7.5, color="0.35")
+
+
+def _colours(
+    mesh: TriangleMesh,
+    seen: Seen,
+    values: NDArray | None,
+    signed: bool | None,
+    limits: tuple[float, float] | None,
+) -> tuple[NDArray, Any, str]:
+    """(k, 3) colour of each seen pixel, what the colour bar is made from, and where values lie beyond it."""
+    if values is None:
+        return np.broadcast_to(_PLAIN, (len(seen.pixel), 3)), None, "neither"
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.colors import Normalize
+
+    from ddgcli.plots.page import colours
+
+    values = np.asarray(values, dtype=np.float64)
+    on_vertices = len(values) == mesh.n_vertices
+    relevant = values[mesh.topology.referenced_vertex] if on_vertices else values
+    low, high, diverging = robust_limits(relevant, signed)
+    if limits is not None:
+        (low, high), diverging = limits, bool(signed)
+    if on_vertices:
+        shown = np.einsum("ij,ij->i", values[mesh.faces[seen.face]], seen.barycentric)
+    else:
+        shown = values[seen.face]
+    mappable: Any = ScalarMappable(Normalize(low, high), colours(diverging))
+    finite = np.isfinite(shown)
+    table = mappable.cmap(np.linspace(0, 1, 1024))[:, :3]
+    with np.errstate(over="ignore"):
+        place = np.clip((np.where(finite, shown, low) - low) / (high - low), 0, 1)
+    colour = np.where(finite[:, None], table[(place * 1023).astype(np.int64)], _UNKNOWN)
+    known = relevant[np.isfinite(relevant)]
+    slack = 1e-9 * (high - low)
+    beyond = 2 * bool((known < low - slack).any()) + bool((known > high + slack).any())
+    return colour, mappable, ("neither", "max", "min", "both")[beyond]
+
+
+def _corner_normals(mesh: TriangleMesh) -> NDArray[np.float64]:
+    """(m, 3, 3) normals to shade with: smooth across a vertex, but sharp where faces turn by 45 degrees."""
+    area_vector = face_area_vector(mesh)
+    area_vector = area_vector / (np.abs(area_vector).max(initial=0.0) or 1.0)
+    flat = face_normal(mesh)
+    corner = mesh.faces.ravel()
+    total = np.stack(
+        [np.bincount(corner, np.repeat(area_vector[:, i], 3), mesh.n_vertices) for i in range(3)], axis=1
+    )
+    smooth = (total / np.maximum(np.linalg.norm(total, axis=1, keepdims=True), 1e-300))[mesh.faces]
+    near = np.einsum("fki,fi->fk", smooth, flat) > np.cos(np.pi / 4)
+    return np.where(near[..., None], smooth, flat[:, None, :])
+
+
+def _picture(camera: Camera, mesh: TriangleMesh, seen: Seen, colour: NDArray, edges: bool) -> NDArray:
+    """(h, w, 3) shaded picture, averaged over the samples of each pixel, as bytes."""
+    normal = np.einsum("ij,ijk->ik", seen.barycentric, _corner_normals(mesh)[seen.face]) @ camera.axes.T
+    normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-300)
+    behind = normal[:, 2] < 0
+    normal[behind] *= -1
+    shade = 0.60 + 0.45 * np.maximum(normal @ _LIGHT, 0.0)
+    if not mesh.topology.is_closed:
+        shade[behind] *= 0.8
+    if edges:
+        reach = (seen.barycentric * altitude(camera, mesh.points, mesh.faces)[seen.face]).min(axis=1)
+        shade *= 0.45 + 0.55 * np.clip(reach / (0.6 * _SAMPLES), 0, 1)
+    flat_image = np.ones((camera.height * camera.width, 3))
+    flat_image[seen.pixel] = np.clip(colour * shade[:, None], 0, 1)
+    image = flat_image.reshape(camera.height, camera.width, 3)
+    image[_outline(seen.depth)] *= 0.35
+    h, w = camera.height // _SAMPLES, camera.width // _SAMPLES
+    blocks = image[: h * _SAMPLES, : w * _SAMPLES].reshape(h, _SAMPLES, w, _SAMPLES, 3)
+    return np.rint(255 * blocks.mean(axis=(1, 3))).astype(np.uint8)
+
+
+def _outline(depth: NDArray) -> NDArray[np.bool_]:
+    """Where something nearer ends: silhouettes, which print in grey as well as in colour."""
+    step = 0.012 * max(depth.shape)
+    edge = np.zeros(depth.shape, dtype=bool)
+    with np.errstate(invalid="ignore"):
+        for axis in (0, 1):
+            jump = np.diff(depth, axis=axis)
+            ahead, back = [slice(None)] * 2, [slice(None)] * 2
+            ahead[axis], back[axis] = slice(1, None), slice(None, -1)
+            edge[tuple(back)] |= jump > step
+            edge[tuple(ahead)] |= jump < -step
+    return edge
+
+
+def _overlay(
+    axes: Any,
+    camera: Camera,
+    seen: Seen,
+    curves: Sequence[NDArray],
+    points: NDArray | None,
+    colour: str,
+    width: float,
+) -> None:
+    from matplotlib.collections import LineCollection
+
+    runs = [run for curve in curves if len(curve) > 1 for run in visible_runs(camera, seen, curve)]
+    if runs:
+        for under, tint in ((1.2, "white"), (0.0, colour)):
+            lines = LineCollection(runs, linewidths=width + under, colors=tint, capstyle="round")
+            axes.add_collection(lines)
+    if points is not None:
+        place = camera.project(points)
+        column = np.clip(place[:, 0].astype(np.int64), 0, camera.width - 1)
+        row = np.clip(place[:, 1].astype(np.int64), 0, camera.height - 1)
+        shown = place[:, 2] <= seen.depth[row, column] + 0.01 * max(camera.width, camera.height)
+        axes.plot(*place[shown, :2].T, "o", ms=4, mfc=colour, mec="white", mew=0.7, ls="none")
+
+
+def colour_bar(figure: Any, mappable: Any, label: str, beyond: str = "neither") -> None:
+    """A colour bar at the right of the page; arrow heads where values lie beyond its ends."""
+    place = figure.add_axes((0.885, 0.14, 0.022, 0.7))
+    bar = figure.colorbar(mappable, cax=place, extend=beyond, label=label)
+    bar.ax.tick_params(labelsize=8)
+    bar.formatter.set_powerlimits((-3, 4))
+    bar.formatter.set_useMathText(True)
+    bar.outline.set_linewidth(0.5)

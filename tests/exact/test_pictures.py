@@ -1,0 +1,122 @@
+"""Pictures: the nearest face is seen, colours mean values, files are whole, and the same bytes come twice."""
+
+import numpy as np
+import pytest
+
+from ddgcli.errors import OutputError
+from ddgcli.mesh import shapes
+from ddgcli.mesh.triangle_mesh import TriangleMesh
+
+pytest.importorskip("matplotlib")
+
+from ddgcli.plots.chart import draw_chart
+from ddgcli.plots.curve import draw_curves
+from ddgcli.plots.raster import fitted_camera, rasterise, view_axes, visible_runs
+from ddgcli.plots.surface import draw_surface, robust_limits
+
+
+def camera_on(mesh, view="iso", size=(160, 120)):
+    return fitted_camera(mesh.points, view_axes(mesh.points, view), *size)
+
+
+def test_a_square_fills_its_pixels_and_no_others():
+    mesh = shapes.grid(3, 3)
+    camera = camera_on(mesh, "z", (100, 100))
+    seen = rasterise(camera, mesh.points, mesh.faces)
+    inside = 0.94 * 100
+    assert len(seen.pixel) == pytest.approx(inside**2, rel=0.03)
+    place = np.einsum("ij,ijk->ik", seen.barycentric, mesh.points[mesh.faces[seen.face]])
+    assert np.allclose(camera.project(place)[:, 0], seen.pixel % 100 + 0.5, atol=1e-6)
+    assert np.allclose(camera.project(place)[:, 1], seen.pixel // 100 + 0.5, atol=1e-6)
+
+
+def test_the_nearest_of_two_parallel_squares_is_seen():
+    below, above = shapes.grid(2, 2), shapes.grid(2, 2)
+    points = np.concatenate([below.points, above.points + [0, 0, 1.0]])
+    mesh = TriangleMesh.from_arrays(points, np.concatenate([below.faces, above.faces + 9]))
+    seen = rasterise(camera_on(mesh, "z"), mesh.points, mesh.faces)
+    assert (seen.face >= below.n_faces).all()
+
+
+def test_a_ray_cast_of_a_torus_agrees_with_the_z_buffer():
+    mesh = shapes.torus(24, 12)
+    camera = camera_on(mesh)
+    seen = rasterise(camera, mesh.points, mesh.faces)
+    corners = camera.project(mesh.points)[mesh.faces]
+    for k in range(0, len(seen.pixel), 97):
+        x, y = seen.pixel[k] % 160 + 0.5, seen.pixel[k] // 160 + 0.5
+        a, b = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+        det = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
+        px, py = x - corners[:, 0, 0], y - corners[:, 0, 1]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            u, v = (px * b[:, 1] - py * b[:, 0]) / det, (py * a[:, 0] - px * a[:, 1]) / det
+            hit = (u >= 0) & (v >= 0) & (u + v <= 1)
+            depth = np.where(hit, corners[:, 0, 2] + u * a[:, 2] + v * b[:, 2], np.inf)
+        assert seen.depth.ravel()[seen.pixel[k]] == pytest.approx(depth.min(), abs=1e-3)
+
+
+def test_a_curve_behind_the_surface_is_not_drawn():
+    mesh = shapes.icosphere(3)
+    camera = camera_on(mesh, "z", (200, 200))
+    seen = rasterise(camera, mesh.points, mesh.faces)
+    x = np.linspace(-0.8, 0.8, 50)
+    for side in (1, -1):
+        curve = np.stack([x, 0 * x, side * np.sqrt(1 - x**2)], axis=1)
+        drawn = sum(np.ptp(run[:, 0]) for run in visible_runs(camera, seen, curve))
+        assert drawn == pytest.approx(1.6 * camera.scale if side > 0 else 0.0, abs=2)
+
+
+def test_the_colour_range_ignores_outliers_and_is_symmetric_for_signed_values():
+    values = np.linspace(-1, 2, 1001)
+    values[:3] = [1e9, -1e9, np.inf]
+    low, high, signed = robust_limits(values)
+    assert signed and low == -high and 1.9 < high < 2.1
+    low, high, signed = robust_limits(np.linspace(1, 2, 101))
+    assert not signed and 1 <= low < 1.1 and 1.9 < high <= 2
+    low, high, _ = robust_limits(np.full(10, 3.0) + 1e-12 * np.arange(10))
+    assert high - low > 0.1
+
+
+def test_pixels_have_the_colour_of_their_values(tmp_path):
+    from matplotlib.image import imread
+
+    mesh = shapes.grid(40, 40)
+    draw_surface(str(tmp_path / "a.png"), mesh, np.sign(mesh.points[:, 0] - 0.5), width=3, height=3, dpi=100)
+    picture = imread(tmp_path / "a.png")[:, :, :3]
+    left, right = picture[150, 50], picture[150, 210]
+    assert left[2] > left[0] + 0.2, "negative is blue"
+    assert right[0] > right[2] + 0.2, "positive is red"
+
+
+@pytest.mark.parametrize("extension", ["png", "svg", "pdf"])
+def test_pictures_are_the_same_bytes_twice_and_nothing_else_is_left(tmp_path, extension):
+    mesh = shapes.torus(24, 12)
+    curve = mesh.points[:24]
+    for name in ("a", "b"):
+        draw_surface(str(tmp_path / f"{name}.{extension}"), mesh, mesh.points[:, 2], curves=[curve], dpi=50)
+        draw_curves(str(tmp_path / f"c{name}.{extension}"), [curve], [curve[:, 0]], closed=True, dpi=50)
+        draw_chart(str(tmp_path / f"d{name}.{extension}"), {"x": ([1, 2], [3, np.nan])}, log="xy", dpi=50)
+    for kind in ("", "c", "d"):
+        first, second = (tmp_path / f"{kind}{name}.{extension}" for name in ("a", "b"))
+        assert first.read_bytes() == second.read_bytes()
+    assert len(list(tmp_path.iterdir())) == 6
+
+
+def test_unknown_values_and_odd_meshes_still_give_a_picture(tmp_path):
+    sphere = shapes.icosphere(1)
+    values = sphere.points[:, 2].copy()
+    values[0], values[1] = np.nan, np.inf
+    draw_surface(str(tmp_path / "a.png"), sphere, values, dpi=50)
+    flat_line = TriangleMesh.from_arrays(np.array([[0, 0, 0], [1, 0, 0], [2.0, 0, 0]]), np.array([[0, 1, 2]]))
+    for scale in (1e-200, 1.0, 1e200):
+        draw_surface(str(tmp_path / "b.png"), sphere.moved(sphere.points * scale), dpi=50)
+        draw_surface(str(tmp_path / "c.png"), flat_line.moved(flat_line.points * scale), dpi=50)
+    empty = TriangleMesh.from_arrays(np.zeros((0, 3)), np.zeros((0, 3), dtype=int))
+    draw_surface(str(tmp_path / "d.png"), empty, dpi=50)
+
+
+def test_a_picture_that_cannot_be_written_is_refused(tmp_path):
+    with pytest.raises(OutputError, match="png"):
+        draw_surface(str(tmp_path / "a.jpeg"), shapes.icosphere(0))
+    with pytest.raises(OutputError, match="does not exist"):
+        draw_surface(str(tmp_path / "no" / "a.png"), shapes.icosphere(0))
