@@ -1,0 +1,69 @@
+"""Points and directions on a surface: (face, barycentric) and vectors in the planar frames of faces."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ddgcli.errors import ParameterError
+from ddgcli.geometry.extrinsic import face_normal
+from ddgcli.geometry.unfolding import SurfaceMesh
+from ddgcli.mesh.triangle_mesh import TriangleMesh
+
+
+def check_surface_points(
+    mesh: SurfaceMesh, face: ArrayLike, barycentric: ArrayLike
+) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """Surface points as (k,) faces and (k, 3) barycentric coordinates, non-negative with sum 1."""
+    face = np.atleast_1d(np.asarray(face))
+    if not np.issubdtype(face.dtype, np.integer):
+        raise ParameterError(f"faces must be whole numbers, found {face.dtype}")
+    face = face.astype(np.int64)
+    bad = np.flatnonzero((face < 0) | (face >= mesh.n_faces))
+    if len(bad):
+        raise ParameterError(f"face {face[bad[0]]} does not exist; faces are 0..{mesh.n_faces - 1}")
+    barycentric = np.atleast_2d(np.asarray(barycentric, dtype=np.float64))
+    if barycentric.shape != (len(face), 3):
+        raise ParameterError(f"barycentric must have shape ({len(face)}, 3), found {barycentric.shape}")
+    total = barycentric.sum(axis=1)
+    wrong = ~(np.abs(total - 1.0) <= 1e-6) | ~(barycentric >= -1e-9).all(axis=1)
+    bad = np.flatnonzero(wrong)
+    if len(bad):
+        b = ",".join(f"{x:g}" for x in barycentric[bad[0]])
+        raise ParameterError(
+            f"barycentric coordinates {b} in face {face[bad[0]]} are not a point of the face; "
+            "give three numbers that are not negative and sum to 1"
+        )
+    clipped = np.maximum(barycentric, 0.0)
+    return face, clipped / clipped.sum(axis=1, keepdims=True)
+
+
+def face_axes(mesh: TriangleMesh, face: NDArray) -> tuple[NDArray, NDArray]:
+    """((k, 3), (k, 3)) unit axes in space of the planar frames of faces; zero where a face has no area."""
+    side = mesh.side_vector[face, 0]
+    length = mesh.side_length[face, :1]
+    x = np.divide(side, length, out=np.zeros_like(side), where=length > 0)
+    return x, np.cross(face_normal(mesh)[face], x)
+
+
+def to_face_frame(mesh: SurfaceMesh, face: NDArray, vector: NDArray) -> NDArray[np.float64]:
+    """(k, 2) vectors in space, projected to the planar frames of faces."""
+    if not isinstance(mesh, TriangleMesh):
+        raise ParameterError(
+            "a mesh of lengths has no space; give directions as 2 numbers in the face's frame"
+        )
+    x, y = face_axes(mesh, face)
+    return np.stack([np.einsum("ij,ij->i", vector, x), np.einsum("ij,ij->i", vector, y)], axis=1)
+
+
+def to_space(mesh: TriangleMesh, face: NDArray, planar: NDArray) -> NDArray[np.float64]:
+    """(k, 3) vectors in space of (k, 2) vectors in the planar frames of faces."""
+    x, y = face_axes(mesh, face)
+    return planar[:, :1] * x + planar[:, 1:] * y
+
+
+def surface_position(mesh: SurfaceMesh, face: NDArray, barycentric: NDArray) -> NDArray[np.float64]:
+    """(k, 3) positions of surface points."""
+    if mesh.points is None:
+        raise ParameterError("the mesh has no positions")
+    return np.einsum("ij,ijk->ik", barycentric, mesh.points[mesh.faces[face]])

@@ -1,0 +1,223 @@
+"""Faces laid out in the plane, and the angles around vertices: what walking on a surface needs.
+
+Two planar frames, both from lengths alone:
+
+- the frame of face f: corner 0 at the origin, corner 1 on the positive x axis, corner 2 above it;
+- the frame of side 3f+j: its tail at the origin, its head on the positive x axis, the face above it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ddgcli.geometry.intrinsic import corner_angle, face_area
+from ddgcli.mesh.intrinsic_mesh import IntrinsicMesh
+from ddgcli.mesh.topology import NEXT, PREVIOUS, Topology
+from ddgcli.mesh.triangle_mesh import TriangleMesh, vector_length
+
+SurfaceMesh = TriangleMesh | IntrinsicMesh
+
+# columns of Unfolding.side
+APEX_X, APEX_Y, NEXT_COS, NEXT_SIN, PREV_COS, PREV_SIN, NEXT_LENGTH, PREV_LENGTH = range(8)
+
+
+@dataclass(frozen=True, eq=False)
+class Unfolding:
+    """Every face in the plane, seen from each of its sides; lengths divided by `scale`.
+
+    Parameters
+    ----------
+    scale : float
+        The longest side; all lengths here are in units of it.
+    side : (3m, 8) ndarray of float64
+        In the frame of the side: the apex (x, y), unit directions of the next and of the previous side, their
+        lengths. One cache line a side.
+    length : (3m,) ndarray of float64
+    exit_twin : (3m, 2) ndarray of int64
+        Flat number of the side glued to the previous (column 0) and to the next side (column 1); -1: none.
+    direction : (m, 3, 2) ndarray of float64
+        Unit direction of side j in the frame of its face.
+    """
+
+    scale: float
+    side: NDArray[np.float64]
+    length: NDArray[np.float64]
+    exit_twin: NDArray[np.int64]
+    direction: NDArray[np.float64]
+
+
+def unfold(mesh: SurfaceMesh) -> Unfolding:
+    """Lay out every face in the plane.
+
+    Heights come from cross products where the mesh has positions (accurate on caps), from Kahan's ordering of
+    Heron's formula where it has only lengths.
+    """
+    length = mesh.side_length
+    scale = float(length.max(initial=0.0)) or 1.0
+    length = length / scale
+    doubled_area = 2.0 * _area(mesh, scale)
+    previous, following = length[:, PREVIOUS], length[:, NEXT]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        x = 0.5 * (length + (previous - following) * ((previous + following) / length))
+        y = doubled_area[:, None] / length
+        if isinstance(mesh, TriangleMesh):
+            vector = mesh.side_vector / scale
+            x = -np.einsum("fjk,fjk->fj", vector, vector[:, PREVIOUS]) / length
+    flat = length <= 0
+    x, y = np.where(flat, 0.0, x), np.where(flat, previous, y)
+    next_cos, next_sin = _unit(x - length, y)
+    prev_cos, prev_sin = _unit(-x, -y)
+    table = np.stack([x, y, next_cos, next_sin, prev_cos, prev_sin, following, previous], axis=2)
+    twin = mesh.topology.side_twin
+    exit_twin = np.stack([twin[:, PREVIOUS], twin[:, NEXT]], axis=2).reshape(-1, 2)
+    direction = np.zeros((len(length), 3, 2))
+    direction[:, 0, 0] = 1.0
+    direction[:, 1, 0], direction[:, 1, 1] = next_cos[:, 0], next_sin[:, 0]
+    direction[:, 2, 0], direction[:, 2, 1] = prev_cos[:, 0], prev_sin[:, 0]
+    return Unfolding(scale, table.reshape(-1, 8), length.ravel(), exit_twin, direction)
+
+
+def _area(mesh: SurfaceMesh, scale: float) -> NDArray[np.float64]:
+    if isinstance(mesh, TriangleMesh):
+        vector = mesh.side_vector / scale
+        return 0.5 * vector_length(np.cross(vector[:, 0], vector[:, 1]))
+    return face_area(mesh.side_length / scale)
+
+
+def _unit(x: NDArray, y: NDArray) -> tuple[NDArray, NDArray]:
+    size = np.hypot(x, y)
+    size = np.where(size > 0, size, 1.0)
+    return x / size, y / size
+
+
+def corner_position(unfolding: Unfolding) -> NDArray[np.float64]:
+    """(m, 3, 2) corners of every face in its own frame, in the input's length unit."""
+    first = unfolding.side[::3]
+    corners = np.zeros((len(first), 3, 2))
+    corners[:, 1, 0] = unfolding.length[::3]
+    corners[:, 2] = first[:, [APEX_X, APEX_Y]]
+    return corners * unfolding.scale
+
+
+@dataclass(frozen=True, eq=False)
+class Fans:
+    """Corners in counter-clockwise order around each vertex, with the angles from the first side on.
+
+    A corner is named by the flat number 3f+k of the side that leaves it. A vertex where the surface pinches
+    has several fans.
+
+    Parameters
+    ----------
+    start : (c+1,) ndarray of int64
+        Fan c holds `corner[start[c]:start[c+1]]`.
+    corner : (3m,) ndarray of int64
+    fan : (3m,) ndarray of int64
+        Fan of each corner.
+    angle_before : (3m,) ndarray of float64
+        By corner: angle from the fan's first side to the side that leaves this corner.
+    angle_before_sorted : (3m,) ndarray of float64
+        The same in the order of `corner`.
+    corner_angle : (3m,) ndarray of float64
+    total_angle : (c,) ndarray of float64
+    is_open : (c,) ndarray of bool
+        The fan ends at the boundary (or at an edge with three or more faces).
+    vertex : (c,) ndarray of int64
+    """
+
+    start: NDArray[np.int64]
+    corner: NDArray[np.int64]
+    fan: NDArray[np.int64]
+    angle_before: NDArray[np.float64]
+    angle_before_sorted: NDArray[np.float64]
+    corner_angle: NDArray[np.float64]
+    total_angle: NDArray[np.float64]
+    is_open: NDArray[np.bool_]
+    vertex: NDArray[np.int64]
+
+    def locate(self, fan: NDArray, angle: NDArray) -> NDArray[np.int64]:
+        """Corner of `fan` whose interval of angles holds `angle` (clipped to the fan's range)."""
+        low, high = self.start[fan].copy(), self.start[fan + 1].copy()
+        while True:
+            open_ = high - low > 1
+            if not open_.any():
+                return self.corner[low]
+            middle = (low + high) // 2
+            up = self.angle_before_sorted[middle] <= angle
+            low = np.where(open_ & up, middle, low)
+            high = np.where(open_ & ~up, middle, high)
+
+
+def counterclockwise_corner(topology: Topology) -> NDArray[np.int64]:
+    """(3m,) the next corner around the same vertex, -1 behind the last; needs oriented faces."""
+    return topology.side_twin[:, PREVIOUS].ravel()
+
+
+def vertex_fans(mesh: SurfaceMesh, angle: NDArray | None = None) -> Fans:
+    """Order the corners around every vertex of an oriented mesh.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh or IntrinsicMesh
+        Consistently oriented.
+    angle : (m, 3) ndarray of float64, optional
+        Corner angles; by default those of the mesh.
+    """
+    topology = mesh.topology
+    corner_of_angle = (face_corner_angle(mesh) if angle is None else angle).ravel()
+    after = counterclockwise_corner(topology)
+    n = len(after)
+    first, is_open = _first_corners(after)
+    fan = np.full(n, -1, dtype=np.int64)
+    rank = np.zeros(n, dtype=np.int64)
+    angle_before = np.zeros(n)
+    total = np.zeros(len(first))
+    here, name, turn = first.copy(), np.arange(len(first)), 0
+    while len(here):
+        fan[here], rank[here], angle_before[here] = name, turn, total[name]
+        total[name] += corner_of_angle[here]
+        here = after[here]
+        going = (here >= 0) & (here != first[name])
+        here, name, turn = here[going], name[going], turn + 1
+    order = np.lexsort((rank, fan))
+    start = np.searchsorted(fan[order], np.arange(len(first) + 1))
+    return Fans(
+        start, order, fan, angle_before, angle_before[order], corner_of_angle, total, is_open,
+        topology.side_tail[first],
+    )  # fmt: skip
+
+
+def _first_corners(after: NDArray) -> tuple[NDArray, NDArray]:
+    """First corner of each fan (clockwise end of an open fan, lowest of a closed one); is it open."""
+    n = len(after)
+    has_before = np.zeros(n + 1, dtype=bool)
+    has_before[after] = True  # -1 lands in the spare place
+    beginning = np.flatnonzero(~has_before[:n])
+    least = np.arange(n)
+    jump = np.where(after >= 0, after, np.arange(n))
+    while True:  # pointer doubling: the lowest corner within 1, 2, 4, ... steps
+        lower = np.minimum(least, least[jump])
+        if np.array_equal(lower, least):
+            break
+        least, jump = lower, jump[jump]
+    in_open = np.zeros(n, dtype=bool)
+    here = beginning
+    while len(here):
+        in_open[here] = True
+        here = after[here]
+        here = here[here >= 0]
+    closed = np.flatnonzero((least == np.arange(n)) & ~in_open)
+    first = np.concatenate([beginning, closed])
+    return first, np.arange(len(first)) < len(beginning)
+
+
+def face_corner_angle(mesh: SurfaceMesh) -> NDArray[np.float64]:
+    """(m, 3) corner angles: from positions where there are any (accurate on caps), else from lengths."""
+    if not isinstance(mesh, TriangleMesh):
+        return corner_angle(mesh.side_length)
+    scale = float(mesh.side_length.max(initial=0.0)) or 1.0
+    vector = mesh.side_vector / scale
+    doubled_area = vector_length(np.cross(vector[:, 0], vector[:, 1]))
+    return np.arctan2(doubled_area[:, None], -np.einsum("fjk,fjk->fj", vector, vector[:, PREVIOUS]))

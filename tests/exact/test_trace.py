@@ -1,0 +1,183 @@
+"""Straightest geodesics: straight when unfolded, equal angles at vertices, reversible, intrinsic."""
+
+import numpy as np
+import pytest
+
+from ddgcli.algorithms.trace import AT_BOUNDARY, GAVE_UP, REACHED, Tracer, trace
+from ddgcli.errors import InputError
+from ddgcli.geometry.surface_points import surface_position, to_face_frame, to_space
+from ddgcli.geometry.unfolding import corner_position
+from ddgcli.mesh import shapes
+from ddgcli.mesh.intrinsic_mesh import IntrinsicMesh
+from ddgcli.mesh.triangle_mesh import TriangleMesh
+
+
+def random_starts(mesh, k, seed=0):
+    rng = np.random.default_rng(seed)
+    return rng.integers(0, mesh.n_faces, k), rng.dirichlet([1, 1, 1], k), rng.normal(size=(k, 3))
+
+
+def cone(total_angle, n=12, jitter=0.2, radius=1.0, seed=0):
+    """Fan of `n` triangles around vertex 0 with the given total angle, glued shut, as lengths alone."""
+    rng = np.random.default_rng(seed)
+    share = 1 + jitter * rng.uniform(-1, 1, n)
+    angle = total_angle * share / share.sum()
+    r = radius * np.ones(n + 1)
+    rim = np.arange(1, n + 1)
+    faces = np.stack([np.zeros(n, dtype=int), rim, np.roll(rim, -1)], axis=1)
+    chord = 2 * radius * np.sin(angle / 2)
+    length = np.stack([r[:n], chord, r[:n]], axis=1)
+    topology = TriangleMesh.from_arrays(np.zeros((n + 1, 3)), faces).topology
+    return IntrinsicMesh(topology, length)
+
+
+@pytest.mark.parametrize("pattern", ["right", "alternating"])
+@pytest.mark.parametrize("scale", [1e-8, 1.0, 1e8])
+def test_lines_in_the_plane_are_straight(pattern, scale):
+    mesh = shapes.grid(20, 13, 2.0, 1.0, pattern=pattern)
+    mesh = mesh.moved(mesh.points * scale)
+    face, barycentric, direction = random_starts(mesh, 300)
+    direction[:, 2] = 0
+    length = scale * np.random.default_rng(1).uniform(0, 2, 300)
+    end = trace(mesh, face, barycentric, direction, length)
+    walked = surface_position(mesh, end.face, end.barycentric) - surface_position(mesh, face, barycentric)
+    unit = direction / np.linalg.norm(direction, axis=1, keepdims=True)
+    np.testing.assert_allclose(walked, end.length[:, None] * unit, atol=1e-12 * scale)
+    np.testing.assert_allclose(to_space(mesh, end.face, end.direction), unit, atol=1e-12)
+    assert np.all(end.length[end.status == REACHED] == length[end.status == REACHED])
+    stopped = surface_position(mesh, end.face, end.barycentric)[end.status == AT_BOUNDARY] / scale
+    assert len(stopped) > 20
+    assert np.abs(stopped[:, :2] * (stopped[:, :2] - [2.0, 1.0])).min(axis=1).max() < 1e-12
+
+
+@pytest.mark.parametrize("degrees", range(0, 360, 45))
+def test_along_edges_and_through_flat_vertices(degrees):
+    mesh = shapes.grid(8, 8)
+    centre = 4 * 9 + 4
+    face = np.flatnonzero((mesh.faces == centre).any(axis=1))
+    barycentric = (mesh.faces[face] == centre).astype(float)
+    angle = np.deg2rad(degrees)
+    direction = np.array([[np.cos(angle), np.sin(angle), 0]])
+    end = trace(mesh, face, barycentric, direction, np.full(len(face), 0.4), record=True)
+    assert np.all(end.status == REACHED)
+    got = surface_position(mesh, end.face, end.barycentric)
+    np.testing.assert_allclose(
+        got, np.array([0.5, 0.5, 0]) + 0.4 * direction.repeat(len(face), 0), atol=1e-13
+    )
+
+
+@pytest.mark.parametrize("total", [0.3, 1.5 * np.pi, 2 * np.pi, 3.1 * np.pi, 7 * np.pi])
+@pytest.mark.parametrize("share", [0.0, 0.31])
+def test_a_vertex_is_left_at_half_its_angle(total, share):
+    mesh = cone(total)
+    tracer = Tracer(mesh)
+    corners = corner_position(tracer.unfolding)
+    start = (1 - share) * corners[0, 1] + share * corners[0, 2]  # on the rim of face 0, aimed at the apex
+    length = np.linalg.norm(start) + 0.25
+    end = tracer.trace([0], [[0.0, 1 - share, share]], [-start], [length])
+    assert end.status[0] == REACHED and end.crossings[0] >= 1
+    position = end.barycentric[0] @ corners[end.face[0]]
+    assert np.linalg.norm(position) == pytest.approx(0.25, abs=1e-12)
+    fans = tracer.fans
+    into = fans.angle_before[0] + np.arctan2(start[1], start[0])
+    out = fans.angle_before[3 * end.face[0]] + np.arctan2(position[1], position[0])
+    turn = (out - into) % total
+    assert turn == pytest.approx(total / 2, abs=1e-10)
+
+
+def test_cube_corner_turns_equally_on_both_sides():
+    mesh = shapes.box(1, 1, 1)
+    corner = np.flatnonzero((mesh.points == 1).all(axis=1))[0]
+    top = np.flatnonzero((mesh.points[mesh.faces][:, :, 2] == 1).all(axis=1))
+    face = [f for f in top if (mesh.points[mesh.faces[f]] == [0, 0, 1]).all(axis=1).any()][0]
+    middle = (mesh.points[mesh.faces[face]] == [0, 0, 1]).all(axis=1).astype(float)
+    assert corner in mesh.faces[face]  # the diagonal runs from (0,0,1) to (1,1,1)
+    end = trace(mesh, [face], [middle], [[1, 1, 0]], [np.sqrt(2) + 0.5])
+    # three right angles: 3 pi/4 on each side is straight down the opposite edge
+    np.testing.assert_allclose(surface_position(mesh, end.face, end.barycentric), [[1, 1, 0.5]], atol=1e-12)
+
+
+@pytest.mark.parametrize("mesh", [shapes.random_sphere(400), shapes.torus(24, 12), shapes.box(3, 2, 4)])
+def test_lines_run_backwards_and_need_lengths_only(mesh):
+    face, barycentric, direction = random_starts(mesh, 200)
+    there = trace(mesh, face, barycentric, direction, np.full(200, 1.3))
+    back = trace(mesh, there.face, there.barycentric, -there.direction, there.length)
+    gap = surface_position(mesh, back.face, back.barycentric) - surface_position(mesh, face, barycentric)
+    assert np.median(np.linalg.norm(gap, axis=1)) < 1e-13
+    assert np.linalg.norm(gap, axis=1).max() < 1e-8
+    intrinsic = IntrinsicMesh(mesh.topology, mesh.side_length)
+    planar = to_face_frame(mesh, face, direction)
+    same = trace(intrinsic, face, barycentric, planar, np.full(200, 1.3))
+    far = np.einsum("ij,ijk->ik", same.barycentric, mesh.points[mesh.faces[same.face]])
+    gap = far - surface_position(mesh, there.face, there.barycentric)
+    assert np.linalg.norm(gap, axis=1).max() < 1e-8
+
+
+def test_helix_on_the_cylinder_has_constant_slope():
+    n, height = 40, 3.0
+    mesh = shapes.cylinder(n, 17, 1.0, height)
+    end = trace(mesh, [0], [[0.2, 0.3, 0.5]], [[-0.2, 1.0, 0.4]], [5.0], record=True)
+    f, b = end.path(0)
+    z = surface_position(mesh, f, b)
+    step = np.diff(z, axis=0)
+    slope = step[:, 2] / np.linalg.norm(step, axis=1)
+    np.testing.assert_allclose(slope, slope[0], atol=1e-12)
+    assert np.linalg.norm(step, axis=1).sum() == pytest.approx(end.length[0], rel=1e-13)
+
+
+def test_recorded_points_lie_in_the_faces_they_name_and_join():
+    mesh = shapes.random_sphere(300)
+    face, barycentric, direction = random_starts(mesh, 50)
+    barycentric[:10, 0] = 0  # starts on edges
+    barycentric[:10] /= barycentric[:10].sum(axis=1, keepdims=True)
+    barycentric[10:20] = [1, 0, 0]  # at vertices
+    end = trace(mesh, face, barycentric, direction, np.full(50, 2.0), record=True)
+    for i in range(50):
+        f, b = end.path(i)
+        assert np.abs(b.sum(axis=1) - 1).max() < 1e-14 and b.min() >= 0
+        p = surface_position(mesh, f, b)
+        assert np.linalg.norm(np.diff(p, axis=0), axis=1).sum() == pytest.approx(2.0, rel=1e-13)
+        np.testing.assert_allclose(p[0], surface_position(mesh, face[i : i + 1], barycentric[i : i + 1])[0])
+        leaves = b[:-1] @ np.ones(3)
+        assert len(leaves) == len(f) - 1
+        for j in range(len(f) - 1):  # the next point lies in the plane of the face that the segment crosses
+            a, c, d = mesh.points[mesh.faces[f[j]]]
+            assert abs(np.linalg.det([c - a, d - a, p[j + 1] - a])) < 1e-13
+
+
+def test_reflected_lines_fold_like_light_in_a_box():
+    mesh = shapes.grid(7, 5, 1.0, 1.0)
+    direction = np.array([0.83, 0.41, 0.0])
+    end = trace(mesh, [8], [[0.2, 0.3, 0.5]], [direction], [9.0], at_boundary="reflect")
+    start = surface_position(mesh, np.array([8]), np.array([[0.2, 0.3, 0.5]]))[0]
+    straight = start + 9.0 * direction / np.linalg.norm(direction)
+    folded = np.abs((straight[:2] + 1) % 2 - 1)
+    got = surface_position(mesh, end.face, end.barycentric)[0]
+    np.testing.assert_allclose(got[:2], folded, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    "face, barycentric, direction, length, word",
+    [
+        (99, [1, 0, 0], [1, 0, 0], 1, "face 99"),
+        (-1, [1, 0, 0], [1, 0, 0], 1, "face -1"),
+        (0, [0.5, 0.6, 0.1], [1, 0, 0], 1, "sum to 1"),
+        (0, [1.5, -0.5, 0], [1, 0, 0], 1, "not negative"),
+        (0, [1, 0, np.nan], [1, 0, 0], 1, "sum to 1"),
+        (0, [1, 0, 0], [0, 0, 0], 1, "direction"),
+        (0, [1, 0, 0], [0, 0, 1], 1, "direction"),
+        (0, [1, 0, 0], [np.inf, 0, 0], 1, "finite"),
+        (0, [1, 0, 0], [1, 0, 0], -1, "length"),
+        (0, [1, 0, 0], [1, 0, 0], np.nan, "length"),
+    ],
+)
+def test_bad_starts_are_refused_with_a_mend(face, barycentric, direction, length, word):
+    with pytest.raises(InputError, match=word):
+        trace(shapes.grid(2, 2), [face], [barycentric], [direction], [length])
+
+
+def test_hopeless_lines_are_given_up_and_told(caplog):
+    mesh = shapes.random_sphere(50)
+    end = trace(mesh, [0], [[0.2, 0.3, 0.5]], [[1.0, 0.3, 0.2]], [1e9], max_crossings=100)
+    assert end.status[0] == GAVE_UP and 0 < end.length[0] < 1e3
+    assert np.isfinite(end.barycentric).all()
