@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from ddgcli.algorithms.walk import AT_BOUNDARY, GAVE_UP, REACHED, Start, Traces, Walk
 from ddgcli.errors import MeshError, ParameterError
-from ddgcli.geometry.surface_points import check_surface_points, to_face_frame
+from ddgcli.geometry.face_frames import check_surface_points, to_face_frame
 from ddgcli.geometry.unfolding import Fans, SurfaceMesh, Unfolding, unfold, vertex_fans
 
 __all__ = ["AT_BOUNDARY", "GAVE_UP", "REACHED", "Tracer", "Traces", "check_start", "trace"]

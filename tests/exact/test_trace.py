@@ -5,7 +5,7 @@ import pytest
 
 from ddgcli.algorithms.trace import AT_BOUNDARY, GAVE_UP, REACHED, Tracer, trace
 from ddgcli.errors import InputError
-from ddgcli.geometry.surface_points import surface_position, to_face_frame, to_space
+from ddgcli.geometry.face_frames import surface_position, to_face_frame, to_space
 from ddgcli.geometry.unfolding import corner_position
 from ddgcli.mesh import shapes
 from ddgcli.mesh.intrinsic_mesh import IntrinsicMesh

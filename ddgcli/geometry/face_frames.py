@@ -1,4 +1,4 @@
-"""Points and directions on a surface: (face, barycentric) and vectors in the planar frames of faces."""
+"""Directions in the planar frames of faces, and the way from them to space and back."""
 
 from __future__ import annotations
 
