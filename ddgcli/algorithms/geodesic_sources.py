@@ -1,0 +1,89 @@
+"""Where distance is measured from: vertices and points on faces, checked and seen from the faces around."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ddgcli.errors import ParameterError
+from ddgcli.geometry.surface_points import SurfacePoints
+from ddgcli.mesh.topology import frozen
+from ddgcli.operators.laplacian import SurfaceMesh
+
+
+@dataclass(frozen=True, eq=False)
+class Sources:
+    """Sources of a distance, numbered: first the vertices, then the points.
+
+    Parameters
+    ----------
+    vertex : (k,) ndarray of int64
+    points : SurfacePoints
+    """
+
+    vertex: NDArray[np.int64]
+    points: SurfacePoints = field(default_factory=SurfacePoints.none)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "vertex", frozen(np.asarray(self.vertex, dtype=np.int64).reshape(-1)))
+
+    @classmethod
+    def at(cls, vertices: Iterable[int], points: SurfacePoints | None = None) -> Sources:
+        """Sources at vertices given as any sequence of numbers, and at points."""
+        vertex = np.fromiter(vertices, dtype=np.int64)
+        return cls(vertex, SurfacePoints.none() if points is None else points)
+
+    def __len__(self) -> int:
+        return len(self.vertex) + len(self.points)
+
+    def each(self) -> list[Sources]:
+        """One Sources for each source, in their order."""
+        none = np.zeros(0, dtype=np.int64)
+        singles = [Sources(self.vertex[i : i + 1]) for i in range(len(self.vertex))]
+        for i in range(len(self.points)):
+            point = SurfacePoints(self.points.face[i : i + 1], self.points.barycentric[i : i + 1])
+            singles.append(Sources(none, point))
+        return singles
+
+
+def checked_sources(mesh: SurfaceMesh, sources: Sources | NDArray | list[int] | int) -> Sources:
+    """Sources on `mesh`: vertices in range and used by a face.
+
+    Raises
+    ------
+    ParameterError
+        When there is no source, or one is out of range or on a vertex that no face uses.
+    """
+    if not isinstance(sources, Sources):
+        sources = Sources(np.asarray(sources))
+    if len(sources) == 0:
+        raise ParameterError("no source; give at least one vertex or surface point")
+    n = mesh.n_vertices
+    outside = np.flatnonzero((sources.vertex < 0) | (sources.vertex >= n))
+    if len(outside):
+        raise ParameterError(f"source vertex {sources.vertex[outside[0]]} is outside 0..{n - 1}")
+    lonely = np.flatnonzero(~mesh.topology.referenced_vertex[sources.vertex])
+    if len(lonely):
+        raise ParameterError(
+            f"source vertex {sources.vertex[lonely[0]]} belongs to no face; choose a vertex of the surface"
+        )
+    SurfacePoints.checked(sources.points.face, sources.points.barycentric, mesh.n_faces)
+    return sources
+
+
+def face_frame(side_length: NDArray) -> NDArray[np.float64]:
+    """(m, 3, 2) corners of each face in its plane: corner 0 at the origin, corner 1 on the x axis, y >= 0."""
+    from ddgcli.geometry.intrinsic import face_area
+
+    a, b, c = side_length.T
+    frame = np.zeros((len(side_length), 3, 2))
+    frame[:, 1, 0] = a
+    with np.errstate(divide="ignore", invalid="ignore"):
+        x = 0.5 * (a + (c - b) * (c + b) / a)
+        y = 2.0 * face_area(side_length) / a
+    frame[:, 2, 0] = np.where(a > 0, x, 0.0)
+    frame[:, 2, 1] = np.where(a > 0, y, c)
+    return frame

@@ -1,0 +1,177 @@
+"""What window propagation needs to know of a surface: constants of each side, and who lies across it.
+
+A side h = 3f + j is seen in its own frame: v0 at the origin, v1 at (length, 0), the face above, its third
+vertex (the apex) at (apex_x, apex_y) with apex_y >= 0. All comes from side lengths, so any intrinsic metric
+will do. Lengths are divided by a power of two near the longest side: exact, and safe at any scale.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_array
+
+from ddgcli.geometry.intrinsic import corner_angle, face_area
+from ddgcli.mesh.topology import NEXT, PREVIOUS, Topology
+from ddgcli.operators.laplacian import SurfaceMesh
+
+BOUNDARY = (
+    -1
+)  # crossing a side with this code leads nowhere; codes below it are -2 - side: several faces follow
+FLAT_ANGLE = 2 * np.pi - 1e-9  # at a larger angle a shortest path may pass through the vertex
+
+
+@dataclass(frozen=True, eq=False)
+class WindowTables:
+    """Constants of the sides, packed by rows for one gather a window.
+
+    Parameters
+    ----------
+    shape : (3m, 5) ndarray of float64
+        length, apex_x, apex_y, |v0 apex|, |v1 apex|; divided by `scale`.
+    ids : (3m, 5) ndarray of int32
+        v0, v1, apex, and the sides entered when leaving by (v0, apex) and by (apex, v1), or their codes.
+    mirrored : (3m,) ndarray of bool, or None
+        True where the side across runs the same way (faces of opposite orientation); None where none does.
+    edge_sides : tuple of two ndarrays and (3m,) ndarray, or None
+        (start, sides) of each edge and the edge of each side, when some edge has three faces or more.
+    bends : (n,) ndarray of bool
+        Vertices that a shortest path may pass through: saddles, boundary, non-manifold, degenerate.
+    around_start, around : ndarrays of int64
+        Sides opposite vertex v: around[around_start[v] : around_start[v + 1]].
+    scale : float
+        A power of two; true length = scale * length here.
+    """
+
+    shape: NDArray[np.float64]
+    ids: NDArray[np.int32]
+    mirrored: NDArray[np.bool_] | None
+    edge_sides: tuple[NDArray, NDArray, NDArray, NDArray] | None
+    bends: NDArray[np.bool_]
+    around_start: NDArray[np.int64]
+    around: NDArray[np.int64]
+    scale: float
+
+    @property
+    def n_vertices(self) -> int:
+        return len(self.bends)
+
+    def across(self, side: int) -> list[tuple[int, bool]]:
+        """Sides across `side`, each with whether it runs the same way."""
+        h, j = divmod(side, 3)
+        code = int(self.ids[3 * h + (j + 1) % 3, 3])  # leaving by (v0, apex) of the next side is this side
+        if code == BOUNDARY:
+            return []
+        if code > BOUNDARY:
+            return [(code, bool(self.mirrored is not None and self.mirrored[side]))]
+        rows, sides, same = self.across_many(np.array([side]))
+        return [(int(s), bool(m)) for s, m in zip(sides, same)]
+
+    def across_many(self, sides: NDArray) -> tuple[NDArray, NDArray, NDArray]:
+        """(row, side, same way) for every side across each of `sides`, which lie on edges with 3+ faces."""
+        if self.edge_sides is None:
+            raise ValueError("no edge of this surface has three faces")
+        start, on_edge, edge, sign = self.edge_sides
+        count = start[edge[sides] + 1] - start[edge[sides]]
+        row = np.repeat(np.arange(len(sides)), count)
+        offset = np.arange(len(row)) - np.repeat(np.cumsum(count) - count, count)
+        found = on_edge[start[edge[sides[row]]] + offset]
+        other = found != sides[row]
+        row, found = row[other], found[other]
+        return row, found, sign[found] == sign[sides[row]]
+
+
+def window_tables(mesh: SurfaceMesh) -> WindowTables:
+    """The tables of a surface of any topology: open, non-manifold, not oriented, with degenerate faces."""
+    topology = mesh.topology
+    longest = float(mesh.side_length.max(initial=0.0))
+    scale = 2.0 ** np.frexp(longest)[1] if longest > 0 else 1.0
+    side_length = mesh.side_length / scale
+    shape = _side_shapes(side_length)
+    code, mirrored, edge_sides = _sides_across(topology)
+    ids = np.empty((3 * topology.n_faces, 5), dtype=np.int32)
+    faces = topology.faces
+    ids[:, 0] = faces.ravel()
+    ids[:, 1] = faces[:, NEXT].ravel()
+    ids[:, 2] = faces[:, PREVIOUS].ravel()
+    ids[:, 3] = code[:, PREVIOUS].ravel()
+    ids[:, 4] = code[:, NEXT].ravel()
+    n = mesh.n_vertices
+    corner = np.arange(len(ids))
+    around = coo_array((corner, (ids[:, 2], corner)), shape=(n, max(len(ids), 1))).tocsr()
+    return WindowTables(
+        shape,
+        ids,
+        mirrored,
+        edge_sides,
+        _bends(topology, side_length, shape),
+        around.indptr.astype(np.int64),
+        around.data.astype(np.int64),
+        scale,
+    )
+
+
+def _side_shapes(side_length: NDArray) -> NDArray[np.float64]:
+    shape = np.empty((side_length.size, 5))
+    length, right, left = side_length, side_length[:, NEXT], side_length[:, PREVIOUS]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        x = 0.5 * (length + (left - right) * ((left + right) / length))
+        y = 2.0 * face_area(side_length)[:, None] / length
+    flat = ~(length > 0)
+    shape[:, 0] = length.ravel()
+    shape[:, 1] = np.where(flat, 0.0, x).ravel()
+    shape[:, 2] = np.where(flat, left, y).ravel()
+    shape[:, 3] = left.ravel()
+    shape[:, 4] = right.ravel()
+    return shape
+
+
+def _sides_across(topology: Topology) -> tuple[NDArray, NDArray | None, tuple | None]:
+    """Code of the side across each side, sides that run the same way, and the sides of each edge.
+
+    Faces that name a vertex twice have no inside: they are left out, so that their two equal sides do not
+    make a fold of the surface; their edges still carry paths.
+    """
+    faces = topology.faces
+    collapsed = (faces == faces[:, NEXT]).any(axis=1)
+    if topology.gluing is not None:
+        return topology.gluing, None, None
+    plain = topology.is_oriented and not len(topology.nonmanifold_edges) and not collapsed.any()
+    if plain:
+        return topology.side_twin, None, None
+    edge, sign = topology.side_edge.ravel(), topology.side_sign.ravel()
+    sound = np.flatnonzero(np.repeat(~collapsed, 3))
+    order = sound[np.argsort(edge[sound], kind="stable")]
+    count = np.bincount(edge[sound], minlength=topology.n_edges)
+    start = np.concatenate([[0], np.cumsum(count)])
+    code = np.full(len(edge), BOUNDARY, dtype=np.int64)
+    pair = start[:-1][count == 2]
+    first, second = order[pair], order[pair + 1]
+    code[first], code[second] = second, first
+    many = sound[count[edge[sound]] > 2]
+    code[many] = -2 - many
+    mirrored = np.zeros(len(edge), dtype=bool)
+    twofold = np.flatnonzero(code >= 0)
+    mirrored[twofold] = sign[twofold] == sign[code[twofold]]
+    return (
+        code.reshape(-1, 3),
+        mirrored if mirrored.any() else None,
+        (start, order, edge, sign) if len(many) else None,
+    )
+
+
+def _bends(topology: Topology, side_length: NDArray, shape: NDArray) -> NDArray[np.bool_]:
+    faces = topology.faces
+    total = np.bincount(
+        faces.ravel(), weights=corner_angle(side_length).ravel(), minlength=topology.n_vertices
+    )
+    bends = total > FLAT_ANGLE
+    bends |= topology.boundary_vertex
+    bends[topology.nonmanifold_vertices] = True
+    bends[topology.edges[topology.nonmanifold_edges]] = True
+    height = shape[:, 2].reshape(-1, 3).min(axis=1)
+    degenerate = ~(height > 1e-8 * side_length.max(axis=1))
+    bends[faces[degenerate]] = True
+    return bends

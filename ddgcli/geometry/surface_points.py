@@ -1,0 +1,134 @@
+"""Points on a surface by face and barycentric coordinates, and the nearest such point to a point in space."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ddgcli.errors import ParameterError
+from ddgcli.mesh.topology import frozen
+from ddgcli.mesh.triangle_mesh import TriangleMesh
+
+
+@dataclass(frozen=True, eq=False)
+class SurfacePoints:
+    """Points on the faces of a mesh.
+
+    Parameters
+    ----------
+    face : (k,) ndarray of int64
+    barycentric : (k, 3) ndarray of float64
+        Weights of the face's corners 0, 1, 2; non-negative, summing to 1.
+    """
+
+    face: NDArray[np.int64]
+    barycentric: NDArray[np.float64]
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "face", frozen(np.asarray(self.face, dtype=np.int64).reshape(-1)))
+        weights = frozen(np.asarray(self.barycentric, dtype=np.float64).reshape(-1, 3))
+        object.__setattr__(self, "barycentric", weights)
+
+    def __len__(self) -> int:
+        return len(self.face)
+
+    @classmethod
+    def none(cls) -> SurfacePoints:
+        """No points."""
+        return cls(np.zeros(0, dtype=np.int64), np.zeros((0, 3)))
+
+    @classmethod
+    def checked(cls, face: NDArray, barycentric: NDArray, n_faces: int) -> SurfacePoints:
+        """Points with faces in range and weights that are non-negative and sum to 1 (to 1e-6; then rescaled).
+
+        Raises
+        ------
+        ParameterError
+            Naming the first culprit.
+        """
+        points = cls(face, barycentric)
+        outside = np.flatnonzero((points.face < 0) | (points.face >= n_faces))
+        if len(outside):
+            raise ParameterError(f"face {points.face[outside[0]]} is outside 0..{n_faces - 1}")
+        total = points.barycentric.sum(axis=1)
+        bad = np.flatnonzero(~((points.barycentric >= -1e-12).all(axis=1) & (np.abs(total - 1) <= 1e-6)))
+        if len(bad):
+            raise ParameterError(
+                f"coordinates {points.barycentric[bad[0]].tolist()} on face {points.face[bad[0]]} "
+                "must be non-negative and sum to 1"
+            )
+        weights = np.maximum(points.barycentric, 0.0)
+        return cls(points.face, weights / weights.sum(axis=1, keepdims=True))
+
+    def positions(self, mesh: TriangleMesh) -> NDArray[np.float64]:
+        """(k, 3) positions in space."""
+        return np.einsum("kc,kcd->kd", self.barycentric, mesh.points[mesh.faces[self.face]])
+
+
+def nearest_on_triangle(point: NDArray, corners: NDArray) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Barycentric coordinates and distance of the nearest point of each triangle to `point`.
+
+    Parameters
+    ----------
+    point : (3,) ndarray
+    corners : (m, 3, 3) ndarray
+
+    Returns
+    -------
+    barycentric : (m, 3) ndarray of float64
+    distance : (m,) ndarray of float64
+
+    Notes
+    -----
+    The nearest of the foot of the perpendicular (where it falls inside) and of the nearest points of the
+    three sides; degenerate triangles are met by their sides alone.
+    """
+    side = np.roll(corners, -1, axis=1) - corners
+    offset = point - corners
+    squared = np.einsum("mjd,mjd->mj", side, side)
+    along = np.einsum("mjd,mjd->mj", offset, side)
+    t = np.clip(np.divide(along, squared, out=np.zeros_like(along), where=squared > 0), 0.0, 1.0)
+    gap = np.linalg.norm(offset - t[..., None] * side, axis=2)
+    best = np.argmin(gap, axis=1)
+    row = np.arange(len(corners))
+    barycentric = np.zeros((len(corners), 3))
+    barycentric[row, best] = 1 - t[row, best]
+    barycentric[row, (best + 1) % 3] = t[row, best]
+    distance = gap[row, best]
+    normal = np.cross(side[:, 0], -side[:, 2])
+    area2 = np.einsum("md,md->m", normal, normal)
+    inner = np.stack(
+        [np.einsum("md,md->m", np.cross(side[:, j], offset[:, j]), normal) for j in (1, 2, 0)], axis=1
+    )
+    inside = (inner >= 0).all(axis=1) & (area2 > 0)
+    barycentric[inside] = inner[inside] / inner[inside].sum(axis=1, keepdims=True)
+    foot = np.einsum("mc,mcd->md", barycentric[inside], corners[inside])
+    distance[inside] = np.linalg.norm(point - foot, axis=1)
+    return barycentric, distance
+
+
+def nearest_points(mesh: TriangleMesh, positions: NDArray) -> tuple[SurfacePoints, NDArray[np.float64]]:
+    """The point of the surface nearest to each position in space.
+
+    Parameters
+    ----------
+    positions : (k, 3) ndarray
+
+    Returns
+    -------
+    points : SurfacePoints
+        Of several nearest faces the one with the lowest number.
+    distance : (k,) ndarray of float64
+        From each position to its point.
+    """
+    corners = mesh.points[mesh.faces]
+    faces, weights, distances = [], [], []
+    for position in np.asarray(positions, dtype=np.float64).reshape(-1, 3):
+        barycentric, distance = nearest_on_triangle(position, corners)
+        face = int(np.argmin(distance))
+        faces.append(face)
+        weights.append(barycentric[face])
+        distances.append(distance[face])
+    return SurfacePoints(np.array(faces), np.array(weights)), np.array(distances)
