@@ -344,7 +344,7 @@ class Front:
         out[:k, 2], out[k:, 2] = new_x[:k], edge[k:] - new_x[k:]
         out[:, 3] = new_y
         source = parent.take(kept)
-        left_by = None
+        left_by = code[:0]  # needed only where crossings are not plain
         if self.tables.mirrored is not None or self.tables.edge_sides is not None:
             face, j = np.divmod(side[source], 3)
             j[:k] += 2

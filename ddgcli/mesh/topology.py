@@ -154,8 +154,9 @@ class Topology:
     def nonmanifold_vertices(self) -> NDArray[np.int64]:
         """Vertices whose faces form more than one fan around them (edges with 3+ faces join their fans)."""
         fans = self._corner_fans()
-        corner = np.unique(np.stack([self.faces.ravel(), fans.ravel()]), axis=1)[0]
-        count = np.bincount(corner, minlength=self.n_vertices)
+        vertex_of_fan = np.full(int(fans.max(initial=-1)) + 1, -1, dtype=np.int64)
+        vertex_of_fan[fans.ravel()] = self.faces.ravel()
+        count = np.bincount(vertex_of_fan, minlength=self.n_vertices)
         return frozen(np.flatnonzero(count > 1))
 
     def _corner_fans(self) -> NDArray[np.int64]:
