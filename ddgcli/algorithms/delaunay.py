@@ -1,0 +1,211 @@
+"""Intrinsic Delaunay triangulations: the same surface, vertices and metric, with better edges (chapter 10).
+
+A. Bobenko, B. Springborn, "A discrete Laplace-Beltrami operator for simplicial surfaces", 2007; M. Fisher
+et al., "An algorithm for the construction of intrinsic Delaunay triangulations", 2006.
+"""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ddgcli.algorithms.flips import SideArrays, flip_until_delaunay
+from ddgcli.errors import MeshError
+from ddgcli.geometry.intrinsic import corner_cotan, half_angle_tangent, triangle_excess
+from ddgcli.mesh.intrinsic_mesh import IntrinsicMesh
+from ddgcli.mesh.require import require
+from ddgcli.mesh.topology import Topology
+from ddgcli.mesh.triangle_mesh import TriangleMesh
+
+log = logging.getLogger("ddgcli")
+
+ANGLE_SLACK = 1e-9  # radians by which opposite angles may sum to more than pi and still count as Delaunay
+FLAT = 1e-15  # excess relative to the longest side below which a triangle has no shape left in float64
+LIFT = 1e-10  # excess, relative to the longest side, that mollification gives the flattest triangle
+
+
+@dataclass(frozen=True, eq=False)
+class Flipped:
+    """An intrinsic triangulation and how it was reached.
+
+    Parameters
+    ----------
+    mesh : IntrinsicMesh
+        With gluing; vertices as in the input.
+    flips, rounds : int
+    mollified : float
+        Length added to every side so that all triangles have an inside; 0 where none was needed.
+    left : int
+        Edges that rounding kept from being flipped although their angles exceed pi by more than 1e-9.
+    crossings : (m, 3) ndarray of int64, optional
+        Normal coordinates of the sides (see `normal_coordinates`), where they were tracked.
+    notes : tuple of str
+        What was done to the input or decided by a tolerance.
+    """
+
+    mesh: IntrinsicMesh
+    flips: int
+    rounds: int
+    mollified: float = 0.0
+    left: int = 0
+    crossings: NDArray[np.int64] | None = None
+    notes: tuple[str, ...] = ()
+
+
+def flip_to_delaunay(
+    mesh: TriangleMesh | IntrinsicMesh, *, track: bool = False, most_rounds: int | None = None
+) -> Flipped:
+    """The intrinsic Delaunay triangulation of a surface, by edge flips.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh or IntrinsicMesh
+        An oriented surface without edges of three faces; vertices where several fans meet are taken. An
+        IntrinsicMesh with gluing may be any Delta-complex (self-edges, several edges between two vertices).
+    track : bool
+        Carry the normal coordinates along, as `common_subdivision` needs them.
+    most_rounds : int, optional
+        Bound on the batches of flips; by default far above what any surface needs.
+
+    Returns
+    -------
+    Flipped
+
+    Raises
+    ------
+    MeshError
+        For a non-manifold edge, faces of opposite orientation, or side lengths that are no lengths.
+
+    Notes
+    -----
+    Every interior edge ends with opposite angles summing to pi at most (up to 1e-9); boundary edges stay.
+    Angles are compared and lengths updated through half-angle tangents, which keep their relative precision
+    on slivers.
+    """
+    glued = glue(mesh)
+    glued, mollified = mollify(glued)
+    notes = []
+    if mollified > 0:
+        notes.append(
+            "some triangles are flat or break the triangle inequality: "
+            f"every edge was lengthened by {mollified:.3g}"
+        )
+    scale = _scale(glued.side_length)
+    state = SideArrays.of(glued.faces, glued.topology.side_twin, glued.side_length / scale)
+    if track:
+        state.crossings = np.full(3 * glued.n_faces, -1, dtype=np.int64)
+    flips, rounds, ended = flip_until_delaunay(state, most_rounds=most_rounds)
+    result = unglue(state, glued, scale)
+    left = 0 if ended and not state.refused else int(non_delaunay_edges(result).sum())
+    if left:
+        notes.append(f"{left} edges of flat triangles stay as they are: rounding decides their Delaunay test")
+    for note in notes:
+        log.warning(note)
+    crossings = None if state.crossings is None else state.crossings.reshape(-1, 3)
+    return Flipped(result, flips, rounds, mollified, left, crossings, tuple(notes))
+
+
+def glue(mesh: TriangleMesh | IntrinsicMesh) -> IntrinsicMesh:
+    """The mesh by its side lengths, with an explicit gluing; MeshError where faces do not pair up."""
+    topology = mesh.topology
+    if topology.gluing is None:
+        topology = Topology(topology.faces, topology.n_vertices, _twins(mesh))
+    elif not _is_gluing(topology):
+        raise MeshError("the gluing does not pair sides that run from b to a with sides that run from a to b")
+    length = mesh.side_length
+    bad = np.flatnonzero(~np.isfinite(length).all(axis=1) | (length < 0).any(axis=1))
+    if len(bad):
+        raise MeshError(f"face {bad[0]} has a side length that is no length ({length[bad[0]]}); mend it")
+    return IntrinsicMesh(topology, length, mesh.points)
+
+
+def _twins(mesh: TriangleMesh | IntrinsicMesh) -> NDArray[np.int64]:
+    """(m, 3) gluing of a simplicial mesh, in one sort; MeshError where it is not an oriented surface."""
+    topology = mesh.topology
+    tail, head = topology.side_tail, topology.side_head
+    key = np.minimum(tail, head) * np.int64(max(topology.n_vertices, 1)) + np.maximum(tail, head)
+    order = np.argsort(key)
+    same = key[order[1:]] == key[order[:-1]]
+    a, b = order[:-1][same], order[1:][same]
+    twin = np.full(len(key), -1, dtype=np.int64)
+    twin[a], twin[b] = b, a
+    if (same[1:] & same[:-1]).any() or (tail[a] != head[b]).any() or (tail == head).any():
+        _refuse(mesh)
+    return twin.reshape(-1, 3)
+
+
+def _refuse(mesh: TriangleMesh | IntrinsicMesh) -> None:
+    """Say why a mesh cannot be glued in pairs."""
+    topology = mesh.topology
+    twice = np.flatnonzero((topology.side_tail == topology.side_head).reshape(-1, 3).any(axis=1))
+    if len(twice):
+        raise MeshError(f"face {twice[0]} names a vertex twice ({len(twice)} such faces); remove it")
+    require(mesh, "the intrinsic Delaunay triangulation", manifold=True, oriented=True)  # type: ignore[arg-type]
+
+
+def _is_gluing(topology: Topology) -> bool:
+    twin = topology.side_twin.ravel()
+    side = np.flatnonzero(twin >= 0)
+    partner = twin[side]
+    return bool(
+        (twin[partner] == side).all()
+        and (partner != side).all()
+        and (topology.side_tail[side] == topology.side_head[partner]).all()
+    )
+
+
+def mollify(mesh: IntrinsicMesh) -> tuple[IntrinsicMesh, float]:
+    """Every side lengthened by the least number that gives flat triangles an inside; else unchanged.
+
+    After Sharp and Crane, "A Laplacian for Nonmanifold Triangle Meshes", 2020, section 4.5; only triangles
+    whose excess is lost in rounding count as flat, so that sound slivers keep their shape.
+    """
+    length = mesh.side_length
+    if mesh.n_faces == 0:
+        return mesh, 0.0
+    longest = length.max(axis=1)
+    excess = (length.sum(axis=1) - longest) - longest
+    suspect = np.flatnonzero(excess <= 1e-12 * longest)
+    least = triangle_excess(length[suspect]).min(axis=1) if len(suspect) else np.zeros(0)
+    flat = least <= FLAT * longest[suspect]
+    if not flat.any():
+        return mesh, 0.0
+    added = float((LIFT * longest[suspect] - least)[flat].max())
+    if added <= 0.0:
+        added = LIFT * float(length.mean())
+    if added == 0.0:
+        raise MeshError("all side lengths are zero: the surface has no extent")
+    return replace(mesh, side_length=length + added), added
+
+
+def _scale(length: NDArray) -> float:
+    """A power of two near the mean length: dividing by it is exact and keeps products in range."""
+    mean = float(length.mean()) if length.size else 1.0
+    return float(2.0 ** np.round(np.log2(mean))) if mean > 0 else 1.0
+
+
+def unglue(state: SideArrays, mesh: IntrinsicMesh, scale: float) -> IntrinsicMesh:
+    """The mesh that the work arrays hold."""
+    topology = Topology(state.tail.reshape(-1, 3), mesh.n_vertices, state.twin[:-1].reshape(-1, 3))
+    return IntrinsicMesh(topology, scale * state.length.reshape(-1, 3), mesh.points)
+
+
+def non_delaunay_edges(mesh: TriangleMesh | IntrinsicMesh) -> NDArray[np.bool_]:
+    """(m, 3) True at one side of each interior edge whose opposite angles sum to more than pi + 1e-9."""
+    angle = 2.0 * np.arctan(half_angle_tangent(mesh.side_length))
+    opposite = angle[:, [2, 0, 1]].ravel()
+    twin = mesh.topology.side_twin.ravel()
+    first = twin > np.arange(len(twin))
+    total = opposite + opposite[np.maximum(twin, 0)]
+    return (first & (total > np.pi + ANGLE_SLACK)).reshape(-1, 3)
+
+
+def negative_cotan_edges(mesh: TriangleMesh | IntrinsicMesh) -> int:
+    """Edges, boundary ones included, of negative cotangent weight (beyond 1e-9 of its terms)."""
+    cotan = corner_cotan(mesh.side_length)[:, [2, 0, 1]].ravel()
+    edge = mesh.topology.side_edge.ravel()
+    weight, size = np.bincount(edge, cotan), np.bincount(edge, np.abs(cotan))
+    return int((weight < -ANGLE_SLACK * np.maximum(size, 1.0)).sum())

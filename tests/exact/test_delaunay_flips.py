@@ -1,0 +1,234 @@
+"""The intrinsic Delaunay triangulation: what must hold after flips, against scipy and libigl."""
+
+import numpy as np
+import pytest
+
+from ddgcli.algorithms.curvature import angle_defect
+from ddgcli.algorithms.delaunay import (
+    flip_to_delaunay,
+    glue,
+    negative_cotan_edges,
+    non_delaunay_edges,
+    unglue,
+)
+from ddgcli.algorithms.flips import SideArrays, flip, flip_until_delaunay
+from ddgcli.errors import MeshError
+from ddgcli.geometry.intrinsic import face_area, half_angle_tangent, triangle_excess
+from ddgcli.mesh import shapes
+from ddgcli.mesh.intrinsic_mesh import IntrinsicMesh
+from ddgcli.mesh.topology import Topology
+from ddgcli.mesh.triangle_mesh import TriangleMesh
+from ddgcli.operators.laplacian import stiffness
+
+
+def stretched(n=600):
+    mesh = shapes.random_sphere(n, seed=1)
+    return mesh.moved(mesh.points * np.array([10.0, 1.0, 0.1]))
+
+
+def needles():
+    mesh = shapes.grid(12, 12)
+    x, y, z = mesh.points.T
+    return mesh.moved(np.stack([x + 0.37 * y, 1e-6 * y, z], axis=1))
+
+
+def fan(valence=5000):
+    """A cone over a wavy circle: one vertex of high valence."""
+    angle = 2 * np.pi * np.arange(valence) / valence
+    rim = np.stack([np.cos(angle), np.sin(angle), 0.2 * np.cos(7 * angle)], axis=1)
+    k = np.arange(valence)
+    faces = np.stack([k, (k + 1) % valence, np.full(valence, valence)], axis=1)
+    return TriangleMesh.from_arrays(np.concatenate([rim, [[0.3, 0.1, 1.0]]]), faces)
+
+
+def sheared_cylinder():
+    mesh = shapes.cylinder(40, 10)
+    x, y, z = mesh.points.T
+    turn = 3.0 * z
+    return mesh.moved(
+        np.stack([x * np.cos(turn) - y * np.sin(turn), x * np.sin(turn) + y * np.cos(turn), z], 1)
+    )
+
+
+def planar(seed=0, n=300):
+    """A poor triangulation of random points in a square: Delaunay of a squeezed copy."""
+    from scipy.spatial import Delaunay
+
+    points = np.random.default_rng(seed).random((n, 2))
+    faces = Delaunay(points * np.array([1.0, 30.0])).simplices.astype(np.int64)
+    p = points[faces]
+    e, f = p[:, 1] - p[:, 0], p[:, 2] - p[:, 0]
+    clockwise = e[:, 0] * f[:, 1] - e[:, 1] * f[:, 0] < 0
+    faces[clockwise] = faces[clockwise][:, ::-1]
+    return TriangleMesh.from_arrays(points, faces)
+
+
+CASES = {
+    "stretched": stretched,
+    "needles": needles,
+    "fan": fan,
+    "sheared cylinder": sheared_cylinder,
+    "planar": planar,
+    "tiny": lambda: (lambda m: m.moved(1e-8 * m.points))(stretched()),
+    "huge": lambda: (lambda m: m.moved(1e8 * m.points))(stretched()),
+    "far": lambda: (lambda m: m.moved(m.points + 1e6))(stretched()),
+}
+
+
+def rounding(mesh):
+    """Relative change of a triangle's shape by one rounding of its lengths: the floor of intrinsic methods.
+
+    A cap of aspect 1e6 has an excess of 1e-12 of its length, so float64 holds four digits of its height.
+    """
+    length = mesh.side_length
+    excess = triangle_excess(length).min(axis=1)
+    return 2.0**-53 * (length.max(axis=1) / excess).max()
+
+
+@pytest.fixture(params=CASES)
+def mesh(request):
+    return CASES[request.param]()
+
+
+def test_no_edge_is_left_and_the_metric_stays(mesh):
+    flipped = flip_to_delaunay(mesh)
+    after = flipped.mesh
+    assert flipped.flips > 0
+    assert not non_delaunay_edges(after).any()
+    assert (after.side_length > 0).all() and np.isfinite(after.side_length).all()
+    assert (after.n_vertices, after.topology.n_edges, after.n_faces) == (
+        mesh.n_vertices,
+        mesh.topology.n_edges,
+        mesh.n_faces,
+    )
+    area = face_area(mesh.side_length)
+    assert face_area(after.side_length).sum() == pytest.approx(area.sum(), rel=max(1e-12, rounding(mesh)))
+    aspect = (mesh.side_length.max(axis=1) ** 2 / area).max()
+    change = angle_defect(after) - angle_defect(glue(mesh))
+    assert np.abs(change).max() < 1e-12 * max(aspect, 10.0)
+    assert len(after.topology.boundary_edges) == len(mesh.topology.boundary_edges)
+
+
+@pytest.mark.parametrize("name", [name for name in CASES if name != "fan"])
+def test_matrix_is_that_of_libigl(name):
+    igl = pytest.importorskip("igl")
+    mesh = CASES[name]()
+    after = flip_to_delaunay(mesh).mesh
+    ours = stiffness(after)
+    theirs = igl.intrinsic_delaunay_cotmatrix(mesh.points, mesh.faces)
+    theirs = -(theirs[0] if isinstance(theirs, tuple) else theirs)
+    floor = 10 * max(rounding(mesh), rounding(after))
+    assert abs(ours - theirs).max() <= max(1e-9, floor) * abs(theirs).max()
+
+
+@pytest.mark.parametrize("name", ["fan", "stretched"])
+def test_lengths_are_those_of_extended_precision(name):
+    """On the fan libigl's matrix is off by 1e-8; ours must not be."""
+    mesh = CASES[name]()
+    state = SideArrays.of(mesh.faces, mesh.topology.side_twin, mesh.side_length.astype(np.longdouble))
+    flip_until_delaunay(state)
+    ours = flip_to_delaunay(mesh).mesh
+    assert np.array_equal(ours.faces.ravel(), state.tail)
+    length = state.length.reshape(-1, 3)
+    assert np.abs(ours.side_length / length - 1).max() < 1e-13
+    loss = 2.0**-53 * (length.max(axis=1) / triangle_excess(length).min(axis=1)).max()
+    t, true = half_angle_tangent(ours.side_length), half_angle_tangent(length)
+    assert np.abs(t / true - 1).max() < 1e-14 + 100 * float(loss)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_planar_points_give_the_planar_triangulation(seed):
+    from scipy.spatial import Delaunay
+
+    mesh = planar(seed)
+    ours = flip_to_delaunay(mesh).mesh.faces
+    full = Delaunay(mesh.points[:, :2]).simplices
+
+    def inner(faces):
+        return {tuple(sorted(f)) for f in faces}
+
+    # the squeezed copy's hull is the same hull, so the triangulations are of the same region
+    assert inner(ours) == inner(full)
+
+
+def test_delaunay_input_is_left_alone():
+    assert flip_to_delaunay(shapes.icosphere(3)).flips == 0
+    assert flip_to_delaunay(shapes.grid(20, 20)).flips == 0  # co-circular everywhere: no tie is flipped
+    mesh = shapes.grid(20, 20)
+    assert flip_to_delaunay(mesh.moved(mesh.points + 1e6)).flips <= 400  # noise decides ties, but it ends
+
+
+def test_random_flips_are_undone():
+    mesh = flip_to_delaunay(shapes.random_sphere(300, seed=4)).mesh
+    state = SideArrays.of(mesh.faces, mesh.topology.side_twin, mesh.side_length)
+    rng = np.random.default_rng(0)
+    done = 0
+    for side in rng.integers(0, 3 * mesh.n_faces, 400):
+        twin = state.twin[side]
+        angles = 2 * np.arctan(state.tangent)
+        faces = np.arange(3) + 3 * np.array([[side // 3], [twin // 3]])
+        i = angles[faces[0][(side + 1) % 3]] + angles[faces[1][(twin + 2) % 3]]
+        j = angles[faces[0][(side + 2) % 3]] + angles[faces[1][(twin + 1) % 3]]
+        if max(i, j) < 3.0:  # the quadrilateral is convex
+            done += len(flip(state, np.array([side]), force=True))
+    assert done > 50
+    spoiled = unglue(state, mesh, 1.0)
+    assert non_delaunay_edges(spoiled).sum() > 20
+    back = flip_to_delaunay(spoiled).mesh
+    assert np.sort(back.side_length.ravel()) == pytest.approx(np.sort(mesh.side_length.ravel()), rel=1e-11)
+    assert abs(stiffness(back) - stiffness(mesh)).max() < 1e-10
+
+
+def test_dirichlet_energy_never_rises():
+    mesh = stretched()
+    values = np.random.default_rng(0).normal(size=(mesh.n_vertices, 4))
+    energies = [
+        np.einsum("ik,ik->k", values, stiffness(flip_to_delaunay(mesh, most_rounds=r).mesh) @ values)
+        for r in range(12)
+    ]
+    assert (np.diff(energies, axis=0) <= 1e-12 * np.abs(energies[0])).all()
+    assert energies[-1].sum() < 0.9 * energies[0].sum()
+
+
+def test_glued_complexes_are_taken():
+    # two isosceles triangles, glued to a sphere with one vertex of degree one: a self-edge at the base
+    faces = np.array([[0, 1, 2], [1, 0, 2]])
+    gluing = np.array([[3, 5, 4], [0, 2, 1]])
+    length = np.array([[1.0, 4.0, 4.0], [1.0, 4.0, 4.0]])
+    closed = IntrinsicMesh(Topology(faces, 3, gluing), length)
+    flipped = flip_to_delaunay(closed)
+    assert flipped.flips == 0 and not non_delaunay_edges(flipped.mesh).any()
+    # a flat cone of angle 0.3: its Delaunay triangulation needs a loop
+    cone = fan(6)
+    narrow = cone.moved(cone.points * np.array([0.03, 0.03, 1.0]))
+    after = flip_to_delaunay(narrow).mesh
+    assert not non_delaunay_edges(after).any()
+    loops = (after.topology.edges[:, 0] == after.topology.edges[:, 1]).sum()
+    assert loops + len(after.topology.edges) > 0
+    assert flip_to_delaunay(after).flips == 0
+
+
+def test_refusals_name_the_place():
+    book = TriangleMesh.from_arrays(
+        np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1.0]]),
+        np.array([[0, 1, 2], [1, 0, 3], [0, 1, 4]]),
+    )
+    with pytest.raises(MeshError, match="more than two faces.*0-1"):
+        flip_to_delaunay(book)
+    turned = TriangleMesh.from_arrays(book.points, np.array([[0, 1, 2], [0, 1, 3]]))
+    with pytest.raises(MeshError, match="opposite orientation"):
+        flip_to_delaunay(turned)
+    wrong = IntrinsicMesh(Topology(np.array([[0, 1, 2]]), 3), np.array([[1.0, np.nan, 1.0]]))
+    with pytest.raises(MeshError, match="face 0"):
+        flip_to_delaunay(wrong)
+
+
+def test_flat_triangles_are_mollified_and_told(caplog):
+    points = np.array([[0, 0, 0], [1, 0, 0], [2, 0, 0], [1, 1, 0.0], [1, -1, 0]])
+    faces = np.array([[0, 1, 3], [1, 2, 3], [0, 2, 1], [2, 0, 4]])  # face 2 is flat
+    flipped = flip_to_delaunay(TriangleMesh.from_arrays(points, faces))
+    assert 0 < flipped.mollified < 1e-9
+    assert any("flat" in note for note in flipped.notes)
+    assert np.isfinite(flipped.mesh.side_length).all() and (flipped.mesh.side_length > 0).all()
+    assert not non_delaunay_edges(flipped.mesh).any()
+    assert negative_cotan_edges(flipped.mesh) <= 1
