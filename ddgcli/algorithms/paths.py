@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from ddgcli.algorithms.walk import Traces
 from ddgcli.errors import ParameterError
-from ddgcli.geometry.face_frames import check_surface_points, surface_position, to_space
+from ddgcli.geometry.face_frames import surface_position, to_space
+from ddgcli.geometry.surface_points import SurfacePoints
 from ddgcli.geometry.unfolding import SurfaceMesh, corner_position, unfold, vertex_fans
 from ddgcli.mesh.curve import CurveSet
 from ddgcli.mesh.topology import NEXT, PREVIOUS, Topology
@@ -52,7 +53,8 @@ class SurfacePaths:
     ) -> SurfacePaths:
         """Paths given as (face, barycentric) of their points, checked."""
         none = (np.zeros(0, dtype=np.int64), np.zeros((0, 3)))
-        checked = [check_surface_points(mesh, f, b) for f, b in paths]
+        points = [SurfacePoints.checked(f, b, mesh.n_faces) for f, b in paths]
+        checked = [(p.face, p.barycentric) for p in points]
         start = np.concatenate([[0], np.cumsum([len(f) for f, _ in checked])]).astype(np.int64)
         return cls(
             np.concatenate([none[0], *(f for f, _ in checked)]),
@@ -82,7 +84,7 @@ class SurfacePaths:
 
     def following(self) -> NDArray[np.int64]:
         """(p,) the next point of the same path; -1 behind the last of an open one."""
-        after = np.arange(1, len(self.face) + 1)
+        after = np.arange(1, len(self.face) + 1, dtype=np.int64)
         filled = np.diff(self.start) > 0
         last = self.start[1:][filled] - 1
         after[last] = np.where(self.closed[filled], self.start[:-1][filled], -1)
@@ -187,10 +189,10 @@ def path_lengths(mesh: SurfaceMesh, paths: SurfacePaths) -> NDArray[np.float64]:
     """(k,) lengths of paths, from edge lengths alone."""
     vector = segment_vectors(mesh, paths)
     length = np.nan_to_num(np.hypot(vector[:, 0], vector[:, 1]))
-    return np.bincount(paths.of_point(), weights=length, minlength=len(paths))
+    return np.bincount(paths.of_point(), weights=length, minlength=len(paths)).astype(np.float64)
 
 
-def joints(mesh: SurfaceMesh, paths: SurfacePaths) -> Joints:
+def joints(mesh: SurfaceMesh, paths: SurfacePaths, shortest: float = 1e-13) -> Joints:
     """Angles on both sides of curves at all their points.
 
     Parameters
@@ -198,6 +200,8 @@ def joints(mesh: SurfaceMesh, paths: SurfacePaths) -> Joints:
     mesh : TriangleMesh or IntrinsicMesh
         Consistently oriented: left is left seen from outside.
     paths : SurfacePaths
+    shortest : float
+        Segments shorter than this, relative to the longest side of the mesh, have no direction.
 
     Returns
     -------
@@ -238,7 +242,7 @@ def joints(mesh: SurfaceMesh, paths: SurfacePaths) -> Joints:
         turn = angle(into_face, into_b, backward) - angle(face, b, leaving)
         left = np.where(is_open, np.where(turn >= 0, turn, np.nan), turn % total)
         right = np.where(is_open, np.where(turn < 0, -turn, np.nan), total - left)
-    short = np.minimum(np.hypot(*leaving.T), np.hypot(*backward.T)) <= 1e-13
+    short = np.minimum(np.hypot(*leaving.T), np.hypot(*backward.T)) <= shortest
     result = {name: np.full(len(after), np.nan) for name in ("left", "right", "total")}
     result["left"][at], result["right"][at] = np.where(short, np.nan, left), np.where(short, np.nan, right)
     result["total"][at] = total

@@ -12,7 +12,8 @@ from numpy.typing import ArrayLike
 
 from ddgcli.algorithms.walk import AT_BOUNDARY, GAVE_UP, REACHED, Start, Traces, Walk
 from ddgcli.errors import MeshError, ParameterError
-from ddgcli.geometry.face_frames import check_surface_points, to_face_frame
+from ddgcli.geometry.face_frames import to_face_frame
+from ddgcli.geometry.surface_points import SurfacePoints
 from ddgcli.geometry.unfolding import Fans, SurfaceMesh, Unfolding, unfold, vertex_fans
 
 __all__ = ["AT_BOUNDARY", "GAVE_UP", "REACHED", "Tracer", "Traces", "check_start", "trace"]
@@ -140,8 +141,13 @@ def check_start(
     mesh: SurfaceMesh, face: ArrayLike, barycentric: ArrayLike, direction: ArrayLike, length: ArrayLike
 ) -> Start:
     """Arrays of the right shape and range, directions as unit vectors in the planar frame of the face."""
-    face, barycentric = check_surface_points(mesh, face, barycentric)
+    points = SurfacePoints.checked(np.atleast_1d(face), np.atleast_2d(barycentric), mesh.n_faces)
+    face, barycentric = points.face, points.barycentric
     k = len(face)
+    if len(barycentric) != k:
+        raise ParameterError(
+            f"{k} faces but {len(barycentric)} barycentric coordinates; give one triple a face"
+        )
     length = np.broadcast_to(np.asarray(length, dtype=np.float64), (k,))
     bad = np.flatnonzero(~(length >= 0) | ~np.isfinite(length))
     if len(bad):

@@ -101,7 +101,9 @@ class Walk:
         self.crossings = np.zeros(k, dtype=np.int64)
         self.steps = 0
         self.records: list[tuple[NDArray, NDArray, NDArray]] = []
-        self.no_start = np.zeros(k, dtype=bool)  # lines whose first step has no length: start on a side
+        self.no_start = np.zeros(
+            k, dtype=bool
+        )  # lines that start on a side or at a vertex, and so with a crossing
         none = np.zeros(0, dtype=np.int64)
         self._hold(none, none, *(np.zeros(0) for _ in range(5)))
 
@@ -154,7 +156,11 @@ class Walk:
         on = np.flatnonzero((rest > 0) & ~at_vertex)
         self.no_start[line[on]] = distance[on] <= 0
         self._leave(line[on], side[on], u[on], along[on], outward[pick][on], rest[on], length[on])
+        self.no_start[line[at_vertex]] = True
         self._leave_vertices(line[at_vertex], face[at_vertex], np.argmax(b[at_vertex], axis=1), d[at_vertex])
+        went_on = np.zeros(len(self.no_start), dtype=bool)
+        went_on[self.line] = True
+        self.no_start &= went_on
 
     def _finish_in_first_face(
         self,

@@ -5,6 +5,13 @@ from __future__ import annotations
 import click
 
 from ddgcli.cli import options
+from ddgcli.cli.geodesic_curves import (
+    CurveOptions,
+    compute_curves,
+    curve_options,
+    refuse_useless,
+    write_curves,
+)
 from ddgcli.cli.options import Common
 from ddgcli.cli.run import Run
 
@@ -15,17 +22,29 @@ METHODS = ("exact", "heat", "fast-marching", "dijkstra")
 @options.mesh_arg
 @click.option("--source", "source", type=int, multiple=True, metavar="ID", help="Source vertex; repeatable.")
 @click.option("--method", type=click.Choice(METHODS), default="exact", show_default=True)
+@curve_options
 @options.common
-def command(mesh_path: str, source: tuple[int, ...], method: str, common: Common) -> None:
-    """Measure distance along the surface of MESH from the sources."""
-    run = Run("geodesic", common, source=list(source), method=method)
+def command(
+    mesh_path: str, source: tuple[int, ...], method: str, curves: CurveOptions, common: Common
+) -> None:
+    """Measure distance along the surface of MESH from the sources, and draw curves on it."""
+    refuse_useless(curves)
+    run = Run("geodesic", common, source=list(source), method=method, **curves.said())
     mesh_input = run.read(mesh_path)
     mesh = mesh_input.mesh
+    vertex, results, accuracy, converged = {}, {}, {}, True
     with run.timed("compute"):
         from ddgcli.algorithms.geodesic import measure_distance
         from ddgcli.algorithms.geodesic_sources import Sources
         from ddgcli.mesh.fields import AnnotatedMesh
 
-        measured = measure_distance(mesh, Sources.at(source), method)
-    run.write(AnnotatedMesh(mesh, vertex=measured.arrays))
-    run.finish(measured.results, measured.accuracy)
+        if source or not curves.asked:
+            measured = measure_distance(mesh, Sources.at(source), method)
+            vertex, results, accuracy = measured.arrays, measured.results, measured.accuracy
+    if curves.asked:
+        made = compute_curves(run, mesh, curves)
+        write_curves(run, mesh, made, curves.paths_output)
+        results, accuracy = results | {"paths": made.entries}, accuracy | made.accuracy
+        converged = made.converged
+    run.write(AnnotatedMesh(mesh, vertex=vertex))
+    run.finish(results, accuracy, converged=converged)

@@ -96,12 +96,16 @@ class Run:
 
     def write(self, annotated: AnnotatedMesh) -> None:
         """Write the annotated mesh to every -o."""
+        for path in self.common.outputs:
+            self.write_file(path, annotated)
+
+    def write_file(self, path: str, annotated: AnnotatedMesh) -> None:
+        """Write an annotated mesh or curves to one file, with the provenance, and list it in `outputs`."""
         with self.timed("write"):
             from ddgcli.io.mesh_file import write_mesh
 
-            for path in self.common.outputs:
-                write_mesh(path, replace(annotated, metadata=self.metadata))
-                self.outputs.append(path)
+            write_mesh(path, replace(annotated, metadata=self.metadata))
+            self.outputs.append(path)
 
     def finish(self, results: dict[str, Any], accuracy: dict[str, Any], *, converged: bool = True) -> None:
         """Print the summary; exit 1 when the run did not reach what was asked."""

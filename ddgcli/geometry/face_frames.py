@@ -3,39 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from ddgcli.errors import ParameterError
 from ddgcli.geometry.extrinsic import face_normal
 from ddgcli.geometry.unfolding import SurfaceMesh
 from ddgcli.mesh.triangle_mesh import TriangleMesh
-
-
-def check_surface_points(
-    mesh: SurfaceMesh, face: ArrayLike, barycentric: ArrayLike
-) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """Surface points as (k,) faces and (k, 3) barycentric coordinates, non-negative with sum 1."""
-    face = np.atleast_1d(np.asarray(face))
-    if not np.issubdtype(face.dtype, np.integer):
-        raise ParameterError(f"faces must be whole numbers, found {face.dtype}")
-    face = face.astype(np.int64)
-    bad = np.flatnonzero((face < 0) | (face >= mesh.n_faces))
-    if len(bad):
-        raise ParameterError(f"face {face[bad[0]]} does not exist; faces are 0..{mesh.n_faces - 1}")
-    barycentric = np.atleast_2d(np.asarray(barycentric, dtype=np.float64))
-    if barycentric.shape != (len(face), 3):
-        raise ParameterError(f"barycentric must have shape ({len(face)}, 3), found {barycentric.shape}")
-    total = barycentric.sum(axis=1)
-    wrong = ~(np.abs(total - 1.0) <= 1e-6) | ~(barycentric >= -1e-9).all(axis=1)
-    bad = np.flatnonzero(wrong)
-    if len(bad):
-        b = ",".join(f"{x:g}" for x in barycentric[bad[0]])
-        raise ParameterError(
-            f"barycentric coordinates {b} in face {face[bad[0]]} are not a point of the face; "
-            "give three numbers that are not negative and sum to 1"
-        )
-    clipped = np.maximum(barycentric, 0.0)
-    return face, clipped / clipped.sum(axis=1, keepdims=True)
 
 
 def face_axes(mesh: TriangleMesh, face: NDArray) -> tuple[NDArray, NDArray]:

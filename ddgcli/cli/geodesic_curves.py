@@ -1,0 +1,114 @@
+"""Options of `ddgcli geodesic` that ask for curves, and the way from them to results."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import click
+import numpy as np
+
+from ddgcli.cli.options import REAL
+from ddgcli.errors import ParameterError
+
+
+@dataclass(frozen=True)
+class CurveOptions:
+    """Curves asked for."""
+
+    trace: tuple[Any, ...] = ()
+    at_boundary: str = "stop"
+    paths_output: tuple[str, ...] = ()
+
+    @property
+    def asked(self) -> bool:
+        """Is any curve asked for?"""
+        return bool(self.trace)
+
+    def said(self) -> dict[str, Any]:
+        """The options that were given, for the summary."""
+        return {name: value for name, value in asdict(self).items() if value != getattr(CurveOptions, name)}
+
+
+class TraceStart(click.ParamType):
+    """FACE:b0,b1,b2:dx,dy,dz:LENGTH."""
+
+    name = "trace"
+
+    def convert(self, value: Any, param: Any, ctx: Any) -> Any:
+        parts = str(value).split(":")
+        if len(parts) != 4:
+            self.fail(
+                f"{value!r} is not FACE:b0,b1,b2:dx,dy,dz:LENGTH, e.g. 0:0.3,0.3,0.4:1,0,0:2.5", param, ctx
+            )
+        try:
+            face = int(parts[0])
+        except ValueError:
+            self.fail(f"{parts[0]!r} in {value!r} is not a face number", param, ctx)
+        barycentric = [REAL.convert(x, param, ctx) for x in parts[1].split(",")]
+        direction = [REAL.convert(x, param, ctx) for x in parts[2].split(",")]
+        if len(barycentric) != 3 or len(direction) != 3:
+            self.fail(f"{value!r} needs three barycentric coordinates and three of a direction", param, ctx)
+        return face, barycentric, direction, REAL.convert(parts[3], param, ctx)
+
+
+_OPTIONS = (
+    click.option("--trace", multiple=True, type=TraceStart(), metavar="FACE:b0,b1,b2:dx,dy,dz:LENGTH",
+                 help="Straightest geodesic from a point of a face; repeatable."),
+    click.option("--at-boundary", type=click.Choice(["stop", "reflect"]), default="stop", show_default=True,
+                 help="What traces do at the boundary."),
+    click.option("--paths-output", multiple=True, metavar="PATH",
+                 help="Write all curves as polylines (.vtp, .vtu, .obj, .npz); repeatable."),
+)  # fmt: skip
+
+
+def curve_options(command: Callable) -> Callable:
+    """Give a command the curve options, gathered in one `curves: CurveOptions` argument."""
+
+    @functools.wraps(command)
+    def with_curves(*args: Any, **kwargs: Any) -> Any:
+        taken = {name: kwargs.pop(name) for name in CurveOptions.__dataclass_fields__}
+        return command(*args, curves=CurveOptions(**taken), **kwargs)
+
+    for option in reversed(_OPTIONS):
+        with_curves = option(with_curves)
+    return with_curves
+
+
+def compute_curves(run: Any, mesh: Any, asked: CurveOptions) -> Any:  # -> Curves
+    """All curves that the options ask for, in the order of the options in --help."""
+    with run.timed("compute"):
+        from ddgcli.algorithms import curves
+
+        parts = []
+        if asked.trace:
+            face, barycentric, direction, length = (np.array(x) for x in zip(*asked.trace, strict=True))
+            parts.append(
+                curves.traced_curves(
+                    mesh, face, barycentric, direction, length, at_boundary=asked.at_boundary
+                )
+            )
+        return curves.gathered(parts)
+
+
+def write_curves(run: Any, mesh: Any, made: Any, paths_output: tuple[str, ...]) -> None:
+    """Write the polylines of all curves to every --paths-output."""
+    if not paths_output:
+        return
+    from ddgcli.algorithms.paths import curve_set
+    from ddgcli.mesh.fields import AnnotatedMesh
+
+    with run.timed("write"):
+        annotated = AnnotatedMesh(curve_set(mesh, made.paths, **made.arrays))
+    for path in paths_output:
+        run.write_file(path, annotated)
+
+
+def refuse_useless(asked: CurveOptions) -> None:
+    """--paths-output without a curve is a mistake."""
+    if asked.paths_output and not asked.asked:
+        raise ParameterError(
+            "--paths-output has no curves to write; ask for some, e.g. with --path-to or --trace"
+        )
