@@ -111,6 +111,8 @@ def flip_to_delaunay(
 def glue(mesh: TriangleMesh | IntrinsicMesh) -> IntrinsicMesh:
     """The mesh by its side lengths, with an explicit gluing; MeshError where faces do not pair up."""
     topology = mesh.topology
+    if topology.n_faces == 0:
+        raise MeshError("no triangles; the intrinsic Delaunay triangulation needs a surface")
     if topology.gluing is None:
         topology = Topology(topology.faces, topology.n_vertices, _twins(mesh))
     elif not _is_gluing(topology):

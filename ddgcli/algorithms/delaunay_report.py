@@ -1,0 +1,106 @@
+"""What flips and refinement did to a triangulation, in numbers."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ddgcli.algorithms.curvature import angle_defect
+from ddgcli.algorithms.delaunay import negative_cotan_edges, non_delaunay_edges
+from ddgcli.geometry.intrinsic import corner_angle, face_area
+from ddgcli.linalg.factor import Factor
+from ddgcli.mesh.intrinsic_mesh import IntrinsicMesh
+from ddgcli.mesh.triangle_mesh import TriangleMesh
+from ddgcli.operators.laplacian import stiffness
+
+SurfaceMesh = TriangleMesh | IntrinsicMesh
+
+
+def triangulation_statistics(mesh: SurfaceMesh, *, condition: bool = False) -> dict[str, Any]:
+    """Counts and angles of one triangulation.
+
+    Returns
+    -------
+    dict
+        `non_delaunay_edges` (interior, opposite angles above pi + 1e-9), `negative_cotan_edges` (boundary edges
+        included), `min_angle_degrees`, `max_angle_degrees`, `self_edges`, `multi_edges` (edges that share both
+        ends with another one), `dirichlet_energy` of the positions (None where vertices have none), and
+        `laplacian_condition` where asked for.
+    """
+    angle = np.degrees(corner_angle(mesh.side_length))
+    edges = np.sort(mesh.topology.edges, axis=1)
+    loop = edges[:, 0] == edges[:, 1]
+    matrix = stiffness(mesh)
+    statistics = {
+        "non_delaunay_edges": int(non_delaunay_edges(mesh).sum()),
+        "negative_cotan_edges": negative_cotan_edges(mesh),
+        "min_angle_degrees": float(angle.min()),
+        "max_angle_degrees": float(angle.max()),
+        "self_edges": int(loop.sum()),
+        "multi_edges": _repeated(edges[~loop], mesh.n_vertices),
+        "dirichlet_energy": None if mesh.points is None else dirichlet_energy(matrix, mesh.points),
+    }
+    if condition:
+        statistics["laplacian_condition"] = laplacian_condition(matrix, mesh.topology.n_components)
+    return statistics
+
+
+def _repeated(edges: NDArray, n_vertices: int) -> int:
+    """Number of edges whose two ends are those of another edge."""
+    key = np.sort(edges[:, 0] * np.int64(n_vertices) + edges[:, 1])
+    same = key[1:] == key[:-1]
+    return int((np.append(same, False) | np.append(False, same)).sum())
+
+
+def dirichlet_energy(matrix: Any, values: NDArray) -> float:
+    """Half the Dirichlet integral of the interpolants of vertex values (n,) or (n, k), columns summed.
+
+    Of the positions on the input triangulation this is the area; every Delaunay flip lowers it (Rippa 1990).
+    """
+    values = values.reshape(len(values), -1)
+    values = values - values.mean(axis=0)
+    return float(0.5 * np.einsum("ik,ik->", values, matrix @ values))
+
+
+def laplacian_condition(matrix: Any, n_components: int) -> float | None:
+    """Largest over smallest non-zero eigenvalue of the stiffness matrix; None where it has too few of them."""
+    from scipy.sparse import eye_array
+    from scipy.sparse.linalg import LinearOperator, eigsh
+
+    used = np.flatnonzero(matrix.diagonal() != 0.0)
+    matrix = matrix[used][:, used]
+    n, wanted = matrix.shape[0], n_components + 1
+    if n < wanted + 1:
+        return None
+    if n <= 3 * wanted + 20:
+        values = np.linalg.eigvalsh(matrix.toarray())
+        return float(values[-1] / values[n_components])
+    start = np.random.default_rng(0).normal(size=n)
+    largest = eigsh(matrix, 1, which="LM", return_eigenvectors=False, v0=start, tol=1e-6)[0]
+    shift = 1e-9 * float(np.median(matrix.diagonal()))
+    factor = Factor(matrix + shift * eye_array(n))
+    inverse = LinearOperator((n, n), matvec=factor.solve, dtype=np.float64)
+    smallest = eigsh(
+        matrix, wanted, sigma=-shift, OPinv=inverse, return_eigenvectors=False, v0=start, tol=1e-6
+    ).max()
+    return float(largest / smallest)
+
+
+def metric_residuals(before: SurfaceMesh, after: SurfaceMesh) -> dict[str, float]:
+    """How far flips and insertions changed the metric.
+
+    Returns
+    -------
+    dict
+        `area_residual`: change of the area relative to it; `angle_defect_residual`: largest change of an angle
+        defect (inserted vertices must have none) relative to a full turn.
+    """
+    area0, area1 = (face_area(mesh.side_length).sum() for mesh in (before, after))
+    change = angle_defect(after)
+    change[: before.n_vertices] -= angle_defect(before)
+    return {
+        "area_residual": float(abs(area1 - area0) / area0) if area0 > 0 else float("nan"),
+        "angle_defect_residual": float(np.abs(change).max(initial=0.0) / (2 * np.pi)),
+    }
