@@ -1,78 +1,118 @@
 """Angles, areas and cotangents of triangles from their side lengths alone.
 
 All functions take `side_length` (m, 3), side j from corner j to corner j+1, and return values on corners:
-corner k lies opposite side k+1. The orderings are Kahan's, so needles keep their relative precision.
+corner k lies opposite side k+1.
+
+Everything is made of the perimeter p and the excesses u_j = (sum of the other two sides) - side j, taken in
+Kahan's order so that each has full relative precision even on needles:
+
+    16 area^2 = p u_a u_b u_c,   tan^2(A/2) = u_b u_c / (p u_a),   cot A = (p u_a - u_b u_c) / (8 area).
+
+W. Kahan, "Miscalculating Area and Angles of a Needle-like Triangle", 2014.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.mesh.topology import NEXT
+# faces handled at a time, so that the temporaries stay in cache
+BLOCK = 8192
+# lengths outside this range are scaled first: their fourth powers leave the range of float64
+SMALLEST, LARGEST = 1e-70, 1e70
 
 
 def face_area(side_length: NDArray) -> NDArray[np.float64]:
-    """Areas from side lengths, stable on needles.
+    """(m,) areas in length units squared; zero where the triangle inequality fails or holds with equality."""
+    area = np.empty(len(side_length))
+    for block, p, u, scale in _blocks(side_length):
+        area[block] = 0.25 * np.sqrt(p * u[0]) * np.sqrt(u[1] * u[2]) * scale * scale
+    return area
 
-    Parameters
-    ----------
-    side_length : (m, 3) ndarray of float64
 
-    Returns
-    -------
-    (m,) ndarray of float64
-        Areas in length units squared; zero where the triangle inequality fails.
+def corner_cotan(side_length: NDArray) -> NDArray[np.float64]:
+    """(m, 3) cotangent of the angle at each corner.
 
-    Notes
-    -----
-    W. Kahan, "Miscalculating Area and Angles of a Needle-like Triangle", 2014.
+    In a triangle without area the cotangents of angles 0 and pi are plus and minus infinity; angles that the
+    lengths leave undetermined (beside a side of length zero) count as right, with cotangent zero. Never NaN.
     """
-    c, b, a = np.sort(side_length, axis=1).T
-    product = (a + (b + c)) * np.maximum(c - (a - b), 0.0) * (c + (a - b)) * (a + (b - c))
-    return 0.25 * np.sqrt(product)
+    return cotan_and_area(side_length)[0]
+
+
+def cotan_and_area(side_length: NDArray) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """`corner_cotan` (m, 3) and `face_area` (m,) in one pass."""
+    m = len(side_length)
+    cotan, area = np.empty((m, 3)), np.empty(m)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        for block, p, (u0, u1, u2), scale in _blocks(side_length):
+            pu, uu = p * u0, u1 * u2
+            four_area = np.sqrt(pu) * np.sqrt(uu)
+            factor = 0.5 / four_area
+            cotan[block, 2] = (pu - uu) * factor
+            cotan[block, 0] = (p * u1 - u2 * u0) * factor
+            cotan[block, 1] = (p * u2 - u0 * u1) * factor
+            area[block] = 0.25 * four_area * scale * scale
+    if not np.isfinite(area).all() or (area == 0).any():
+        np.nan_to_num(cotan, copy=False, nan=0.0, posinf=np.inf, neginf=-np.inf)
+    return cotan, area
 
 
 def half_angle_tangent(side_length: NDArray) -> NDArray[np.float64]:
-    """tan(theta/2) of the angle at each corner, from side lengths.
-
-    Parameters
-    ----------
-    side_length : (m, 3) ndarray of float64
-
-    Returns
-    -------
-    (m, 3) ndarray of float64
-        In [0, inf]; inf at the flat corner of a degenerate triangle.
-
-    Notes
-    -----
-    tan^2(theta/2) = ((c+a-b) (b+a-c)) / ((a+b+c) (b+c-a)) for a the side opposite; each difference is taken
-    between sorted numbers, after Kahan.
-    """
-    excess = triangle_excess(side_length)  # excess[:, j] = sum of the other two sides - side j
-    perimeter = side_length.sum(axis=1, keepdims=True)
-    opposite = excess[:, NEXT]
+    """(m, 3) tan(theta/2) of the angle at each corner: in [0, inf], inf at the flat corner of a cap."""
+    sine, cosine = _half_angle(side_length)
     with np.errstate(divide="ignore", invalid="ignore"):
-        squared = (excess / perimeter) * (excess[:, [2, 0, 1]] / opposite)
-    return np.sqrt(np.nan_to_num(squared, nan=0.0, posinf=np.inf))
-
-
-def triangle_excess(side_length: NDArray) -> NDArray[np.float64]:
-    """(m, 3) sum of the other two sides minus side j, clipped at zero; Kahan's order of subtraction."""
-    a = side_length
-    b, c = side_length[:, NEXT], side_length[:, [2, 0, 1]]
-    large, small = np.maximum(b, c), np.minimum(b, c)
-    return np.maximum(np.where(a > large, small - (a - large), small + (large - a)), 0.0)
+        return np.where((sine == 0) & (cosine == 0), 1.0, sine / cosine)
 
 
 def corner_angle(side_length: NDArray) -> NDArray[np.float64]:
     """(m, 3) interior angle at each corner, in radians."""
-    return 2.0 * np.arctan(half_angle_tangent(side_length))
+    sine, cosine = _half_angle(side_length)
+    return 2.0 * np.arctan2(sine, cosine)
 
 
-def corner_cotan(side_length: NDArray) -> NDArray[np.float64]:
-    """(m, 3) cotangent of the angle at each corner; infinite in a degenerate triangle."""
-    t = half_angle_tangent(side_length)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        return 0.5 * (1.0 / t - t)
+def triangle_excess(side_length: NDArray) -> NDArray[np.float64]:
+    """(m, 3) sum of the other two sides minus side j, clipped at zero; Kahan's order of subtraction."""
+    excess = np.empty(side_length.shape)
+    for block, _, u, scale in _blocks(side_length):
+        for j in range(3):
+            excess[block, j] = u[j] * scale
+    return excess
+
+
+def degenerate_faces(side_length: NDArray) -> NDArray[np.int64]:
+    """Numbers of the faces whose triangle inequality holds with no more than rounding to spare."""
+    found = [np.zeros(0, dtype=np.int64)]
+    for block, p, (u0, u1, u2), _ in _blocks(side_length):
+        least = np.minimum(np.minimum(u0, u1), u2)
+        found.append(np.flatnonzero(~(least > 4 * np.finfo(float).eps * p)) + block.start)
+    return np.concatenate(found)
+
+
+def _half_angle(side_length: NDArray) -> tuple[NDArray, NDArray]:
+    """(m, 3) multiples of sine and cosine of half the angle at each corner."""
+    sine, cosine = np.empty(side_length.shape), np.empty(side_length.shape)
+    for block, p, u, _ in _blocks(side_length):
+        for corner in range(3):
+            a, b, c = (corner + 1) % 3, (corner + 2) % 3, corner
+            sine[block, corner] = np.sqrt(u[b] * u[c])
+            cosine[block, corner] = np.sqrt(p * u[a])
+    return sine, cosine
+
+
+def _blocks(side_length: NDArray) -> Iterator[tuple[slice, NDArray, list[NDArray], float]]:
+    """Blocks of faces: where, perimeter, the three excesses, and the scale both were divided by."""
+    side_length = np.asarray(side_length, dtype=np.float64)
+    largest = side_length.max(initial=0.0)
+    scale = 1.0 if SMALLEST < largest < LARGEST or largest == 0 else float(2.0 ** np.frexp(largest)[1])
+    for start in range(0, len(side_length), BLOCK):
+        block = slice(start, min(start + BLOCK, len(side_length)))
+        a, b, c = side_length[block].T.copy() if scale == 1.0 else side_length[block].T / scale
+        u = [_excess(a, b, c), _excess(b, c, a), _excess(c, a, b)]
+        yield block, (a + b) + c, u, scale
+
+
+def _excess(a: NDArray, b: NDArray, c: NDArray) -> NDArray:
+    """b + c - a without loss of relative precision where it cancels."""
+    return np.maximum(np.minimum(b, c) + (np.maximum(b, c) - a), 0.0)

@@ -6,7 +6,7 @@ import logging
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import csc_array, sparray
+from scipy.sparse import csc_array, csr_array, sparray
 from scipy.sparse.csgraph import connected_components
 
 from ddgcli.errors import SolveError
@@ -129,7 +129,9 @@ class Poisson:
         self.label = floating_components(self.matrix)
         self.count = int(self.label.max(initial=-1)) + 1
         self._floating = np.flatnonzero(self.label >= 0)
-        _, first = np.unique(self.label[self._floating], return_index=True)
+        place = (self.label[self._floating], self._floating)
+        self._indicator = csr_array((np.ones(len(self._floating)), place), shape=(self.count, n))
+        _, first = np.unique(place[0], return_index=True)
         self.pinned = self._floating[first]
         self._dirichlet = Dirichlet(self.matrix, self.pinned, **options)
         self.factor = self._dirichlet.factor
@@ -143,9 +145,7 @@ class Poisson:
 
     def _sums(self, values: NDArray) -> NDArray:
         """(count, ...) sum over each floating component."""
-        total = np.zeros((self.count, *values.shape[1:]), dtype=np.result_type(values.dtype, np.float64))
-        np.add.at(total, self.label[self._floating], values[self._floating])
-        return total
+        return self._indicator @ values
 
     def balanced(self, rhs: NDArray) -> NDArray:
         """The right-hand side without its mean on each component (a multiple of the mass is taken off)."""
@@ -154,11 +154,8 @@ class Poisson:
             raise SolveError("the right-hand side holds values that are not finite")
         total, size = self._sums(rhs), self._sums(np.abs(rhs))
         self.imbalance = float((np.abs(total) / np.where(size > 0, size, 1.0)).max(initial=0.0))
-        weight = self._sums(self.weight)
-        share = (total.T / np.where(weight > 0, weight, 1.0)).T
-        part = share[self.label[self._floating]]
-        rhs[self._floating] -= (self.weight[self._floating] * part.T).T
-        isolated = self.pinned[weight == 0]
+        rhs -= self._spread(total)
+        isolated = self.pinned[self._sums(self.weight) == 0]
         rhs[isolated] = 0.0
         return rhs
 
@@ -177,6 +174,20 @@ class Poisson:
             )
         x = self._dirichlet.solve(np.zeros((len(self.pinned), *b.shape[1:])), b, refine=refine)
         return self.centred(x)
+
+    def apply_inverse(self, rhs: NDArray) -> NDArray[np.float64]:
+        """`solve` for inner iterations: balanced in silence, not refined."""
+        b = rhs - self._spread(self._sums(rhs))
+        x = np.zeros(b.shape)
+        free = self._dirichlet.free
+        x[free] = self.factor.solve(b[free], refine=False)
+        return self.centred(x)
+
+    def _spread(self, total: NDArray) -> NDArray:
+        """(n, ...) multiple of the mass, with the given (count, ...) sum over each floating component."""
+        weight = self._sums(self.weight)
+        share = total.T / np.where(weight > 0, weight, 1.0)
+        return (self.weight * (share @ self._indicator)).T
 
     def centred(self, x: NDArray) -> NDArray[np.float64]:
         """The values without their weighted mean on each floating component."""

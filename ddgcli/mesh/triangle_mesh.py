@@ -77,7 +77,13 @@ class TriangleMesh:
 
         Scaled before squaring, so that coordinates near the limits of float64 neither overflow nor vanish.
         """
-        return frozen(vector_length(self.side_vector))
+        corners = np.take(self.points.T.copy(), self.faces.T.ravel(), axis=1).reshape(3, 3, -1)
+        return frozen(np.stack([_distance(corners[:, j], corners[:, (j + 1) % 3]) for j in range(3)], axis=1))
+
+
+def _distance(tail: NDArray, head: NDArray) -> NDArray[np.float64]:
+    """(k,) distance between the columns of two (3, k) arrays."""
+    return vector_length((head - tail).T)
 
 
 def vector_length(vectors: NDArray) -> NDArray[np.float64]:

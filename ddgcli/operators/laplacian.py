@@ -6,33 +6,104 @@ Every function takes a TriangleMesh or an IntrinsicMesh: it reads only `topology
 
 from __future__ import annotations
 
+import logging
+
 import numpy as np
+from numpy.typing import NDArray
 from scipy.sparse import coo_array, csr_array, diags_array
 
-from ddgcli.geometry.intrinsic import corner_cotan, face_area
+from ddgcli.geometry.intrinsic import corner_cotan, cotan_and_area, face_area
 from ddgcli.mesh.intrinsic_mesh import IntrinsicMesh
+from ddgcli.mesh.topology import NEXT, PREVIOUS
 from ddgcli.mesh.triangle_mesh import TriangleMesh
+from ddgcli.operators.mollify import mollified
 
 SurfaceMesh = TriangleMesh | IntrinsicMesh
 
+log = logging.getLogger("ddgcli")
+
 
 def stiffness(mesh: SurfaceMesh) -> csr_array:
-    """(n, n) cotangent stiffness: off-diagonal entries -(cot + cot)/2, rows summing to zero."""
-    weight = 0.5 * corner_cotan(mesh.side_length)[:, [2, 0, 1]].ravel()  # side j is opposite corner j+2
-    i, j = mesh.topology.side_tail, mesh.topology.side_head
+    """(n, n) cotangent stiffness: off-diagonal entries -(cot + cot)/2, rows summing to zero.
+
+    Faces without area are mollified first (see `mollified`), with a warning; everything else is taken as it
+    is. U. Pinkall, K. Polthier, "Computing discrete minimal surfaces and their conjugates", 1993.
+    """
+    cotan = corner_cotan(mesh.side_length)
+    if not np.isfinite(cotan).all():
+        mended = mollified(mesh)
+        log.warning("%s", mended)
+        cotan = corner_cotan(mended.mesh.side_length)
+    return laplacian_of_sides(mesh, 0.5 * cotan[:, PREVIOUS])  # side j is opposite corner j+2
+
+
+def laplacian_of_sides(mesh: SurfaceMesh, weight: NDArray) -> csr_array:
+    """(n, n) weighted graph Laplacian from a weight (m, 3) on each side; the sides of an edge add up."""
     n = mesh.n_vertices
-    rows = np.concatenate([i, j, i, j])
-    cols = np.concatenate([j, i, i, j])
-    values = np.concatenate([-weight, -weight, weight, weight])
-    return coo_array((values, (rows, cols)), shape=(n, n)).tocsr()
+    corner = mesh.faces.T.astype(np.int32 if n < 2**31 else np.int64)
+    rows, cols = corner.ravel(), corner[NEXT].ravel()
+    one_way = coo_array((-weight.T.ravel(), (rows, cols)), shape=(n, n)).tocsr()
+    both = one_way + one_way.T.tocsr()
+    diagonal = -(both @ np.ones(n))
+    return (both + diags_array(diagonal)).tocsr()
 
 
-def lumped_vertex_area(mesh: SurfaceMesh) -> np.ndarray:
+def uniform_stiffness(mesh: SurfaceMesh) -> csr_array:
+    """(n, n) graph Laplacian of the edges: degree on the diagonal, -1 for every edge between two vertices."""
+    n = mesh.n_vertices
+    tail, head = mesh.topology.edges.T
+    between = tail != head
+    tail, head = tail[between], head[between]
+    ones = np.ones(len(tail))
+    adjacency = coo_array((ones, (tail, head)), shape=(n, n))
+    adjacency = (adjacency + adjacency.T).tocsr()
+    return csr_array(diags_array(adjacency @ np.ones(n)) - adjacency)
+
+
+def lumped_vertex_area(mesh: SurfaceMesh) -> NDArray[np.float64]:
     """(n,) a third of the area of each incident face."""
-    area = np.repeat(face_area(mesh.side_length) / 3.0, 3)
-    return np.bincount(mesh.faces.ravel(), weights=area, minlength=mesh.n_vertices)
+    return corner_sum(mesh, np.repeat(face_area(mesh.side_length) / 3.0, 3))
+
+
+def voronoi_vertex_area(mesh: SurfaceMesh) -> NDArray[np.float64]:
+    """(n,) mixed Voronoi area; sums to the area of the surface.
+
+    Where a face is obtuse its obtuse corner gets half of it and the others a quarter. M. Meyer et al.,
+    "Discrete differential-geometry operators for triangulated 2-manifolds", 2003.
+    """
+    cotan, area = cotan_and_area(mesh.side_length)
+    sides = mesh.side_length**2
+    with np.errstate(invalid="ignore"):
+        part = (sides * cotan[:, PREVIOUS] + sides[:, PREVIOUS] * cotan[:, NEXT]) / 8.0
+    obtuse = np.less(cotan, 0.0)
+    in_obtuse = np.asarray(obtuse.any(axis=1) | ~np.isfinite(part).all(axis=1))
+    mixed = np.where(obtuse, 0.5, 0.25) * area[:, np.newaxis]
+    return corner_sum(mesh, np.where(in_obtuse[:, np.newaxis], mixed, part).ravel())
+
+
+def corner_sum(mesh: SurfaceMesh, values: NDArray) -> NDArray[np.float64]:
+    """(n,) sum over the corners at each vertex, of (3m,) or (m, 3) values on corners."""
+    total = np.bincount(mesh.faces.ravel(), weights=values.ravel(), minlength=mesh.n_vertices)
+    return total.astype(np.float64)
 
 
 def lumped_mass(mesh: SurfaceMesh) -> csr_array:
     """(n, n) diagonal mass matrix of `lumped_vertex_area`."""
     return diags_array(lumped_vertex_area(mesh)).tocsr()
+
+
+def voronoi_mass(mesh: SurfaceMesh) -> csr_array:
+    """(n, n) diagonal mass matrix of `voronoi_vertex_area`."""
+    return diags_array(voronoi_vertex_area(mesh)).tocsr()
+
+
+def galerkin_mass(mesh: SurfaceMesh) -> csr_array:
+    """(n, n) consistent mass of piecewise linear functions: area/6 on the diagonal, area/12 beside it."""
+    n = mesh.n_vertices
+    area = face_area(mesh.side_length)
+    corner = mesh.faces.T
+    one_way = coo_array(
+        (np.tile(area / 12.0, 3), (corner.ravel(), corner[NEXT].ravel())), shape=(n, n)
+    ).tocsr()
+    diagonal = corner_sum(mesh, np.repeat(area / 6.0, 3))
+    return (one_way + one_way.T.tocsr() + diags_array(diagonal)).tocsr()

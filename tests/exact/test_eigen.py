@@ -1,0 +1,81 @@
+"""Eigenpairs: orthonormal, small residuals, multiplicities and zero modes complete."""
+
+import numpy as np
+import pytest
+from scipy.linalg import eigh
+from scipy.sparse import block_diag, csr_array, diags_array
+
+from ddgcli.errors import ParameterError
+from ddgcli.linalg.eigen import count_below, smallest_eigenpairs
+from ddgcli.mesh import shapes
+from ddgcli.operators.laplacian import galerkin_mass, lumped_mass, stiffness
+
+
+def several_bodies(count, subdivisions=2):
+    mesh = shapes.icosphere(subdivisions)
+    return (
+        csr_array(block_diag([stiffness(mesh)] * count)),
+        csr_array(block_diag([lumped_mass(mesh)] * count)),
+    )
+
+
+@pytest.mark.parametrize("mass", [lumped_mass, galerkin_mass])
+@pytest.mark.parametrize("k", [1, 2, 12, 300])
+def test_against_a_dense_solver(mass, k):
+    mesh = shapes.random_sphere(500, seed=4)
+    L, M = stiffness(mesh), mass(mesh)
+    found = smallest_eigenpairs(L, M, k)
+    expected = eigh(L.toarray(), M.toarray(), eigvals_only=True)[:k]
+    assert np.abs(found.values - expected).max() < 1e-11 * max(expected[-1], 1)
+    assert np.abs(found.vectors.T @ (M @ found.vectors) - np.eye(k)).max() < 1e-12
+    assert found.residuals.max() < 1e-8
+    assert found.values[0] == 0.0
+    assert found.complete
+
+
+def test_multiplicities_wider_than_the_block_are_complete():
+    # twelve equal spheres: eigenvalue zero 12 times, the next one 36 times
+    L, M = several_bodies(12)
+    found = smallest_eigenpairs(L, M, 60)
+    assert (found.values[:12] == 0).all()
+    assert np.ptp(found.values[12:48]) < 1e-10
+    assert found.values[48] > 2 * found.values[47]
+    assert found.complete
+    assert np.abs(found.vectors.T @ (M @ found.vectors) - np.eye(60)).max() < 1e-12
+
+
+def test_more_components_than_pairs_asked_for():
+    L, M = several_bodies(12)
+    found = smallest_eigenpairs(L, M, 5)
+    assert (found.values == 0).all()
+    assert np.abs(found.vectors.T @ (M @ found.vectors) - np.eye(5)).max() < 1e-12
+
+
+def test_a_definite_matrix_has_no_zero():
+    mesh = shapes.icosphere(3)
+    L, M = stiffness(mesh), lumped_mass(mesh)
+    shifted = smallest_eigenpairs(L + 0.5 * M, M, 10)
+    plain = smallest_eigenpairs(L, M, 10)
+    assert np.allclose(shifted.values, plain.values + 0.5, rtol=1e-10)
+
+
+def test_signs_and_values_repeat_bit_for_bit():
+    L, M = several_bodies(2, 3)
+    first, second = smallest_eigenpairs(L, M, 15), smallest_eigenpairs(L, M, 15)
+    assert np.array_equal(first.values, second.values) and np.array_equal(first.vectors, second.vectors)
+    magnitude = np.abs(first.vectors)
+    large = (magnitude >= (1 - 1e-6) * magnitude.max(axis=0)).argmax(axis=0)
+    assert (first.vectors[large, np.arange(15)] > 0).all()
+
+
+def test_count_below_is_the_inertia():
+    M = diags_array(np.ones(500)).tocsr()
+    L = diags_array(np.arange(500.0)).tocsr()
+    assert count_below(L, M, 41.5) == 42
+
+
+def test_impossible_counts_are_refused():
+    L, M = several_bodies(1)
+    for k in (0, L.shape[0] + 1):
+        with pytest.raises(ParameterError, match="eigenpairs asked for"):
+            smallest_eigenpairs(L, M, k)

@@ -1,0 +1,123 @@
+"""Identities of the Laplacian and its masses, on good, bad and degenerate meshes."""
+
+import numpy as np
+import pytest
+
+from ddgcli.errors import MeshError
+from ddgcli.geometry.intrinsic import face_area
+from ddgcli.mesh import shapes
+from ddgcli.mesh.intrinsic_mesh import IntrinsicMesh
+from ddgcli.mesh.triangle_mesh import TriangleMesh
+from ddgcli.operators import laplacian as lap
+from ddgcli.operators.mollify import mollified
+
+MESHES = {
+    "sphere": shapes.icosphere(2),
+    "irregular": shapes.random_sphere(300),
+    "torus": shapes.torus(),
+    "grid": shapes.grid(7, 5, pattern="alternating"),
+    "cylinder": shapes.cylinder(),
+}
+MASSES = [lap.lumped_mass, lap.voronoi_mass, lap.galerkin_mass]
+
+
+@pytest.mark.parametrize("name", MESHES)
+def test_symmetric_semidefinite_with_constants_as_null_space(name):
+    L = lap.stiffness(MESHES[name])
+    assert abs(L - L.T).max() == 0
+    assert np.abs(L @ np.ones(L.shape[0])).max() < 1e-13
+    values = np.linalg.eigvalsh(L.toarray())
+    assert abs(values[0]) < 1e-13 and values[1] > 1e-3
+
+
+@pytest.mark.parametrize("name", MESHES)
+@pytest.mark.parametrize("mass", MASSES)
+def test_masses_sum_to_the_area(name, mass):
+    mesh = MESHES[name]
+    M = mass(mesh)
+    area = face_area(mesh.side_length).sum()
+    assert abs(M.sum() / area - 1) < 1e-14
+    assert abs(M - M.T).max() == 0
+    assert np.linalg.eigvalsh(M.toarray())[0] > 0
+
+
+def test_dirichlet_energy_of_linear_functions_is_exact():
+    mesh = shapes.grid(6, 9, 2.0, 3.0)
+    f = mesh.points @ np.array([2.0, -1.0, 0.0])
+    assert abs(f @ (lap.stiffness(mesh) @ f) - 6.0 * 5.0) < 1e-12
+    interior = ~mesh.topology.boundary_vertex
+    assert np.abs((lap.stiffness(mesh) @ f)[interior]).max() < 1e-13
+    assert abs(f @ (lap.galerkin_mass(mesh) @ f) - _integral_of_square()) < 1e-12
+
+
+def _integral_of_square():
+    """Of (2x - y)^2 over [0, 2] x [0, 3], by hand: 4 * 8/3 * 3 - 4 * 2 * 9/2 + 9 * 2."""
+    return 4 * 8 / 3 * 3 - 4 * 2 * 4.5 + 9 * 2
+
+
+@pytest.mark.parametrize("name", MESHES)
+@pytest.mark.parametrize("scale", [1e-150, 1e-8, 1e8, 1e150])
+def test_scale_changes_nothing_but_the_mass(name, scale):
+    mesh = MESHES[name]
+    other = mesh.moved(mesh.points * scale)
+    L = lap.stiffness(mesh)
+    assert abs(lap.stiffness(other) - L).max() < 1e-13 * abs(L).max()
+    for mass in MASSES if 1e-100 < scale < 1e100 else []:
+        assert abs(mass(other) / scale**2 - mass(mesh)).max() < 1e-14 * abs(mass(mesh)).max()
+
+
+def test_lengths_alone_and_relabelling_give_the_same_matrix():
+    mesh = MESHES["irregular"]
+    intrinsic = IntrinsicMesh(mesh.topology, mesh.side_length)
+    assert abs(lap.stiffness(intrinsic) - lap.stiffness(mesh)).max() == 0
+    p = np.random.default_rng(0).permutation(mesh.n_vertices)
+    inverse = np.argsort(p)
+    moved = TriangleMesh.from_arrays(mesh.points[p], inverse[mesh.faces][:, [1, 2, 0]])
+    assert abs(lap.stiffness(moved) - lap.stiffness(mesh)[p][:, p]).max() < 1e-12
+    assert np.allclose(lap.voronoi_vertex_area(moved), lap.voronoi_vertex_area(mesh)[p], rtol=1e-13)
+
+
+def test_uniform_counts_neighbours():
+    mesh = shapes.grid(3, 3)
+    L = lap.uniform_stiffness(mesh)
+    edges = mesh.topology.edges
+    assert np.array_equal(L.diagonal(), np.bincount(edges.ravel(), minlength=mesh.n_vertices))
+    assert (L[edges[:, 0], edges[:, 1]] == -1).all()
+    assert np.abs(L @ np.ones(mesh.n_vertices)).max() == 0
+
+
+def spoiled_sphere():
+    """A sphere with a collinear cap and a zero-length edge."""
+    mesh = shapes.icosphere(2)
+    points = mesh.points.copy()
+    a, b, c = mesh.faces[0]
+    points[a] = 0.5 * (points[b] + points[c])
+    d, e = mesh.faces[100, :2]
+    points[d] = points[e]
+    return mesh.moved(points)
+
+
+def test_degenerate_faces_are_mollified_and_told(caplog):
+    mesh = spoiled_sphere()
+    mended = mollified(mesh)
+    assert len(mended.faces) == 3
+    assert 3 < mended.edges < 30
+    assert mended.largest_change < 1e-7
+    L = lap.stiffness(mesh)
+    assert np.isfinite(L.data).all()
+    assert "mollified" in caplog.text
+    values = np.linalg.eigvalsh(L.toarray())
+    assert abs(values[0]) < 1e-6 and values[1] > 1e-3
+    for mass in MASSES:
+        assert np.isfinite(mass(mesh).data).all()
+
+
+def test_nothing_is_mollified_where_nothing_is_degenerate():
+    for mesh in MESHES.values():
+        assert mollified(mesh).mesh is mesh
+
+
+def test_mesh_without_area_is_refused():
+    line = TriangleMesh.from_arrays(np.array([[0.0, 0, 0], [1, 0, 0], [2, 0, 0]]), np.array([[0, 1, 2]]))
+    with pytest.raises(MeshError, match="none of the 1 faces has an area"):
+        lap.stiffness(line)
