@@ -24,10 +24,10 @@ def triangulation_statistics(mesh: SurfaceMesh, *, condition: bool = False) -> d
     Returns
     -------
     dict
-        `non_delaunay_edges` (interior, opposite angles above pi + 1e-9), `negative_cotan_edges` (boundary edges
-        included), `min_angle_degrees`, `max_angle_degrees`, `self_edges`, `multi_edges` (edges that share both
-        ends with another one), `dirichlet_energy` of the positions (None where vertices have none), and
-        `laplacian_condition` where asked for.
+        `non_delaunay_edges` (interior, opposite angles above pi + 1e-9), `negative_cotan_edges` (boundary
+        edges included), `min_angle_degrees`, `max_angle_degrees`, `self_edges`, `multi_edges` (edges that
+        share both ends with another one), `dirichlet_energy` of the positions (None where there are none),
+        and `laplacian_condition` where asked for.
     """
     angle = np.degrees(corner_angle(mesh.side_length))
     edges = np.sort(mesh.topology.edges, axis=1)
@@ -65,7 +65,7 @@ def dirichlet_energy(matrix: Any, values: NDArray) -> float:
 
 
 def laplacian_condition(matrix: Any, n_components: int) -> float | None:
-    """Largest over smallest non-zero eigenvalue of the stiffness matrix; None where it has too few of them."""
+    """Largest over smallest non-zero eigenvalue of the stiffness matrix; None where it has too few."""
     from scipy.sparse import eye_array
     from scipy.sparse.linalg import LinearOperator, eigsh
 
@@ -94,8 +94,8 @@ def metric_residuals(before: SurfaceMesh, after: SurfaceMesh) -> dict[str, float
     Returns
     -------
     dict
-        `area_residual`: change of the area relative to it; `angle_defect_residual`: largest change of an angle
-        defect (inserted vertices must have none) relative to a full turn.
+        `area_residual`: change of the area relative to it; `angle_defect_residual`: largest change of an
+        angle defect (inserted vertices must have none) relative to a full turn.
     """
     area0, area1 = (face_area(mesh.side_length).sum() for mesh in (before, after))
     change = angle_defect(after)
