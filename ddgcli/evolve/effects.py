@@ -1,0 +1,74 @@
+"""The registry of effects: a table of names; a module is imported only when a scene names its effect."""
+
+from __future__ import annotations
+
+import difflib
+import importlib
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Any
+
+from ddgcli.errors import SceneError
+
+
+@dataclass(frozen=True)
+class Effect:
+    """What an effect's module says of itself, in its `EFFECT`.
+
+    Parameters
+    ----------
+    name : str
+        As it stands under [effects].
+    parameters : type
+        A `Section`: the keys it takes, with units, defaults and one line each.
+    build : callable
+        `build(parameters, context)` makes what the simulator's models are made of; what `context` and the
+        result are is the simulator's affair (docs/effects.md).
+    cost : str
+        One line for --effects: what it costs a step.
+    roles : tuple of str
+        Roles of the objects that it acts on; a scene without such an object is refused.
+    repeatable : bool
+        Whether `[[effects.NAME]]` may stand several times.
+    """
+
+    name: str
+    parameters: type
+    build: Callable[[Any, Any], Any]
+    cost: str
+    roles: tuple[str, ...]
+    repeatable: bool = False
+
+
+@dataclass(frozen=True)
+class EffectTable:
+    """Effects of one simulator: name -> (module, one line).
+
+    Parameters
+    ----------
+    command : str
+    entries : dict of str to (str, str)
+    """
+
+    command: str
+    entries: dict[str, tuple[str, str]]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.entries)
+
+    def load(self, name: str) -> Effect:
+        """Import the effect's module and hand over its `EFFECT`; SceneError names the nearest effect."""
+        if name not in self.entries:
+            raise SceneError(self.unknown(name))
+        return importlib.import_module(self.entries[name][0]).EFFECT
+
+    def unknown(self, name: str) -> str:
+        """The sentence for an effect that is not in the table."""
+        hint = nearest(name, list(self.entries))
+        return f"no effect {name!r}{hint}; {self.command} has {', '.join(self.entries)}"
+
+
+def nearest(name: str, known: list[str]) -> str:
+    """`; did you mean 'x'?` or nothing."""
+    near = difflib.get_close_matches(name, known, 1, cutoff=0.55)
+    return f"; did you mean {near[0]!r}?" if near else ""

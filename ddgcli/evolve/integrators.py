@@ -1,0 +1,94 @@
+"""Time steps of mechanical systems: each states its order, and a test measures it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ddgcli.evolve.loop import StepRejected
+from ddgcli.evolve.system import Motion, System
+
+Step = Callable[[System, Motion, float, Any], Motion]
+
+
+@dataclass(frozen=True)
+class Integrator:
+    """A scheme.
+
+    Parameters
+    ----------
+    name : str
+    order : int
+    step : callable (system, motion, dt, parameters) -> Motion
+    explicit : bool
+        Stable only below 2 / (largest frequency).
+    """
+
+    name: str
+    order: int
+    step: Step
+    explicit: bool
+
+
+def _symplectic_euler(system: System, motion: Motion, dt: float, parameters: Any) -> Motion:
+    a = system.acceleration(motion.x, motion.v, dt)
+    v = motion.v + dt * a
+    return checked(system, Motion(motion.x + dt * v, v, a, motion.newton))
+
+
+def _verlet(system: System, motion: Motion, dt: float, parameters: Any) -> Motion:
+    """Kick, drift, kick; with drag the second kick is corrected once, which keeps order 2."""
+    half = motion.v + 0.5 * dt * motion.a
+    x = motion.x + dt * half
+    checked(system, Motion(x, half, motion.a))
+    a = system.acceleration(x, half if not system.dissipations else motion.v + dt * motion.a, dt)
+    v = half + 0.5 * dt * a
+    if system.dissipations:
+        a = system.acceleration(x, v, dt)
+        v = half + 0.5 * dt * a
+    return checked(system, Motion(x, v, a, motion.newton))
+
+
+def checked(system: System, motion: Motion) -> Motion:
+    """The motion, or StepRejected where it is not finite or crossed a barrier."""
+    for array in (motion.x, motion.v):
+        bad = np.flatnonzero(~np.isfinite(array).all(axis=1))
+        if len(bad):
+            raise StepRejected("not finite", f"vertex {bad[0]}", float("nan"))
+    for barrier in system.bounded:
+        crossed = barrier.outside(motion.x)
+        if crossed is not None:
+            raise StepRejected("barrier crossed", f"vertex {crossed[0]}", crossed[1])
+    return motion
+
+
+INTEGRATORS: dict[str, Integrator] = {
+    "symplectic-euler": Integrator("symplectic-euler", 1, _symplectic_euler, True),
+    "verlet": Integrator("verlet", 2, _verlet, True),
+}
+
+
+def stable_step(system: System, x: NDArray) -> float:
+    """Largest step of an explicit scheme, 0.9 * 2 / (largest frequency): power iteration on M^-1 K at `x`."""
+    elements = [(p.stencil, p.blocks(x, "material")) for p in system.potentials if len(p.stencil)]
+    if not elements:
+        return float("inf")
+    w = np.random.default_rng(0).normal(size=x.shape)
+    square = 0.0
+    for _ in range(60):
+        w = np.where(system.free, w, 0.0)
+        norm = np.sqrt(np.sum(system.mass[:, None] * w**2))
+        if not norm > 0:
+            return float("inf")
+        w /= norm
+        kw = np.zeros_like(w)
+        for stencil, blocks in elements:
+            local = w[stencil].reshape(len(stencil), -1)
+            np.add.at(kw, stencil.ravel(), np.einsum("kij,kj->ki", blocks, local).reshape(-1, 3))
+        square = float(np.sum(w * kw))
+        w = kw / system.mass[:, None]
+    return 0.9 * 2 / np.sqrt(square) if square > 0 else float("inf")

@@ -1,0 +1,103 @@
+"""What acts on a mechanical system: potentials, dissipation, held coordinates. Effects return these."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal, Protocol, runtime_checkable
+
+import numpy as np
+from numpy.typing import NDArray
+
+Mode = Literal["exact", "projected", "material"]
+
+
+@runtime_checkable
+class Potential(Protocol):
+    """An energy of the positions, as a sum over elements.
+
+    `name` is the effect's name. `stencil` (k, s) lists the vertices of each element; it is empty where the
+    gradient is constant. `blocks` returns (k, 3s, 3s) Hessians of the elements, coordinates of a vertex
+    together: `exact`, `projected` (positive semidefinite) or `material` (Gauss-Newton: the part that a rigid
+    motion does not feel).
+    """
+
+    name: str
+
+    @property
+    def stencil(self) -> NDArray[np.int64]: ...
+    def energy(self, x: NDArray) -> float: ...
+    def gradient(self, x: NDArray) -> NDArray[np.float64]: ...
+    def blocks(self, x: NDArray, mode: Mode) -> NDArray[np.float64]: ...
+
+
+@runtime_checkable
+class Bounded(Protocol):
+    """A potential with places that must not be reached (a barrier)."""
+
+    def longest(self, x: NDArray, move: NDArray) -> float:
+        """Largest fraction in (0, 1] of `move` that stays inside."""
+        ...
+
+    def outside(self, x: NDArray) -> tuple[int, float] | None:
+        """First vertex that is outside and its gap, or None."""
+        ...
+
+
+@runtime_checkable
+class Dissipation(Protocol):
+    """A Rayleigh dissipation function R of the velocities; the force is -dR/dv."""
+
+    name: str
+
+    @property
+    def stencil(self) -> NDArray[np.int64]: ...
+    def frozen(self, x: NDArray, dt: float) -> Potential:
+        """R as a potential of the velocity, with everything that depends on positions taken at `x`."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class Held:
+    """Coordinates that do not move.
+
+    Parameters
+    ----------
+    mask : (n, 3) ndarray of bool
+    """
+
+    mask: NDArray[np.bool_]
+
+
+@dataclass(frozen=True, eq=False)
+class DeadLoad:
+    """A constant force: energy -f . x.
+
+    Parameters
+    ----------
+    name : str
+    force : (n, 3) ndarray
+        Newtons on each vertex.
+    """
+
+    name: str
+    force: NDArray[np.float64]
+
+    @property
+    def stencil(self) -> NDArray[np.int64]:
+        return np.zeros((0, 1), dtype=np.int64)
+
+    def energy(self, x: NDArray) -> float:
+        return -float(np.vdot(self.force, x))
+
+    def gradient(self, x: NDArray) -> NDArray[np.float64]:
+        return -self.force
+
+    def blocks(self, x: NDArray, mode: Mode) -> NDArray[np.float64]:
+        return np.zeros((0, 3, 3))
+
+
+def scattered(stencil: NDArray, values: NDArray, n: int) -> NDArray[np.float64]:
+    """(n, 3) sums of (k, s, 3) element contributions at the vertices of a (k, s) stencil."""
+    flat = stencil.ravel()
+    columns = values.reshape(-1, 3)
+    return np.stack([np.bincount(flat, weights=columns[:, c], minlength=n) for c in range(3)], axis=1)

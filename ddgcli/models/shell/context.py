@@ -1,0 +1,69 @@
+"""What an effect of `shell-sim` is given when it is built: one shell, and the scene around it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ddgcli.geometry.intrinsic import face_area
+from ddgcli.mesh.triangle_mesh import TriangleMesh
+from ddgcli.models.scene import Key, Scene
+from ddgcli.models.shell.scene import Shell
+from ddgcli.operators.laplacian import lumped_vertex_area
+
+
+@dataclass(frozen=True, eq=False)
+class ShellContext:
+    """One shell of a scene.
+
+    Parameters
+    ----------
+    shell : Shell
+        Its material, complete.
+    mesh : TriangleMesh
+        The rest shape, which is also the start.
+    scene : Scene
+    arrays : dict of str to ndarray
+        Vertex arrays of the mesh file.
+    """
+
+    shell: Shell
+    mesh: TriangleMesh
+    scene: Scene
+    arrays: dict[str, NDArray] = field(default_factory=dict)
+
+    @cached_property
+    def vertex_area(self) -> NDArray[np.float64]:
+        """(n,) a third of the area of the faces around."""
+        return lumped_vertex_area(self.mesh)
+
+    @cached_property
+    def face_area(self) -> NDArray[np.float64]:
+        """(m,) areas at rest."""
+        return face_area(self.mesh.side_length)
+
+    @cached_property
+    def mass(self) -> NDArray[np.float64]:
+        """(n,) kilograms."""
+        return float(self.shell.density or 0) * self.vertex_area
+
+    def chosen(self, vertices: list[int] | None, box: Any, key: Key) -> NDArray[np.int64]:
+        """Vertices by number, or inside a box of two opposite corners; a refusal where there are none."""
+        n = self.mesh.n_vertices
+        if (vertices is None) == (box is None):
+            self.scene.refuse(key, "give either vertices = [...] or box = [[x, y, z], [x, y, z]]")
+        if vertices is not None:
+            outside = [v for v in vertices if not 0 <= v < n]
+            if outside:
+                self.scene.refuse(key, f"vertex {outside[0]} is outside 0..{n - 1} of {self.shell.name!r}")
+            return np.unique(np.array(vertices, dtype=np.int64))
+        low, high = np.sort(np.array(box, dtype=float), axis=0)
+        slack = 1e-9 * float(np.ptp(self.mesh.points, axis=0).max())
+        inside = ((self.mesh.points >= low - slack) & (self.mesh.points <= high + slack)).all(axis=1)
+        if not inside.any():
+            self.scene.refuse(key, f"no vertex of {self.shell.name!r} lies in the box {box}")
+        return np.flatnonzero(inside)

@@ -1,0 +1,141 @@
+"""Shells of a scene as models for the loop: one for each, since nothing couples them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ddgcli.errors import MeshError
+from ddgcli.evolve.account import Account
+from ddgcli.evolve.effects import Effect
+from ddgcli.evolve.integrators import INTEGRATORS, stable_step
+from ddgcli.evolve.loop import Model, Observation
+from ddgcli.evolve.system import Motion, System
+from ddgcli.mesh.triangle_mesh import TriangleMesh
+from ddgcli.models.scene import Key, Scene
+from ddgcli.models.scene_shapes import place
+from ddgcli.models.shell.context import ShellContext
+
+
+def contexts(scene: Scene, read: Callable[[str], Any]) -> dict[str, tuple[ShellContext, str]]:
+    """Context of every shell and the SHA-256 of its mesh file, by name."""
+    found = {}
+    for number, section in enumerate(scene.objects):
+        if section.role != "shell":
+            continue
+        try:
+            placed = place(section, read)
+        except ValueError as error:
+            scene.refuse(("object", number), f"object {section.name!r}: {error}")
+        if not isinstance(placed.mesh, TriangleMesh):
+            scene.refuse(
+                ("object", number), f"object {section.name!r}: a periodic grid is not a shell; use fluid-sim"
+            )
+        context = ShellContext(section, placed.mesh, scene, placed.vertex)
+        _require_sound(scene, number, context)
+        found[section.name] = context, placed.sha256
+    return found
+
+
+def _require_sound(scene: Scene, number: int, context: ShellContext) -> None:
+    """Refuse what has no motion: no faces, faces without area, vertices without mass."""
+    name, mesh = context.shell.name, context.mesh
+    try:
+        if mesh.n_faces == 0:
+            raise MeshError("no triangles; a shell needs a surface")
+        flat = np.flatnonzero(~(context.face_area > 0))
+        if len(flat):
+            raise MeshError(f"{len(flat)} faces have no area (first: face {flat[0]}); remove them")
+        loose = np.flatnonzero(~mesh.topology.referenced_vertex)
+        if len(loose):
+            raise MeshError(f"{len(loose)} vertices belong to no face (first: {loose[0]}); remove them")
+        if not np.isfinite(context.mass).all() or not (context.mass > 0).all():
+            raise MeshError("a vertex has no finite mass; rescale the mesh")
+    except MeshError as error:
+        scene.refuse(("object", number), f"object {name!r}: {error}")
+
+
+def build(scene: Scene, shells: dict[str, ShellContext], account: Account) -> dict[str, Model]:
+    """One model for each shell."""
+    return {name: _model(scene, context, account) for name, context in shells.items()}
+
+
+def parts_of(scene: Scene, context: ShellContext) -> list[Any]:
+    """What the scene's effects make for one shell."""
+
+    def make(effect: Effect, parameters: Any, key: Key) -> list[Any]:
+        wanted = getattr(parameters, "object", None)
+        if wanted is not None:
+            scene.find(wanted, (*key, "object"), ("shell",))
+            if wanted != context.shell.name:
+                return []
+        return effect.build(parameters, context)
+
+    return [part for made in scene.build(make) for part in made]
+
+
+def _model(scene: Scene, context: ShellContext, account: Account) -> Model[Motion]:
+    system = System(context.mass, parts_of(scene, context), account)
+    integrator, parameters = INTEGRATORS[scene.time.integrator], scene.time
+    x = np.array(context.mesh.points)
+    v = np.where(system.free, _initial_velocity(context), 0.0)
+    with np.errstate(all="ignore"):
+        start = Motion(x, v, system.acceleration(x, v, scene.schedule().dt))
+    size = float(np.ptp(x, axis=0).max())
+
+    def advance(motion: Motion, time: float, dt: float) -> Motion:
+        return integrator.step(system, motion, dt, parameters)
+
+    def observe(motion: Motion) -> Observation:
+        return Observation(
+            motion.x, {"velocity": motion.v, "strain": strain(context, motion.x)}, measures(system, motion)
+        )
+
+    def pack(motion: Motion) -> dict[str, NDArray]:
+        return {"x": motion.x, "v": motion.v, "a": motion.a, "newton": np.array([motion.newton])}
+
+    def unpack(arrays: dict[str, NDArray]) -> Motion:
+        return Motion(arrays["x"], arrays["v"], arrays["a"], int(arrays["newton"][0]))
+
+    limit = stable_step(system, x) if integrator.explicit else np.inf
+    return Model(
+        start, advance, observe, pack, unpack, limit,
+        lambda a, b: float(np.abs(a.x - b.x).max()) / size, integrator.order,
+    )  # fmt: skip
+
+
+def _initial_velocity(context: ShellContext) -> NDArray[np.float64]:
+    shell, x = context.shell, context.mesh.points
+    centre = (context.mass[:, None] * x).sum(axis=0) / context.mass.sum()
+    return np.array(shell.velocity) + np.cross(np.array(shell.angular_velocity), x - centre)
+
+
+def strain(context: ShellContext, x: NDArray) -> NDArray[np.float64]:
+    """(n,) largest |l / l0 - 1| over the edges at each vertex."""
+    topology = context.mesh.topology
+    rest = context.mesh.side_length.ravel()
+    tail, head = topology.side_tail, topology.side_head
+    now = np.linalg.norm(x[head] - x[tail], axis=1)
+    relative = np.abs(now / rest - 1)
+    largest = np.zeros(len(x))
+    np.maximum.at(largest, tail, relative)
+    np.maximum.at(largest, head, relative)
+    return largest
+
+
+def measures(system: System, motion: Motion) -> dict[str, Any]:
+    """Energies by effect, momenta, iterations."""
+    momentum = system.mass[:, None] * motion.v
+    energies = {f"energy_{name}": value for name, value in system.energies(motion.x).items()}
+    kinetic = 0.5 * float(np.sum(momentum * motion.v))
+    return {
+        "energy_kinetic": kinetic,
+        **energies,
+        "energy": kinetic + sum(energies.values()),
+        "momentum": momentum.sum(axis=0),
+        "angular_momentum": np.cross(motion.x, momentum).sum(axis=0),
+        "newton_iterations": float(motion.newton),
+    }

@@ -1,0 +1,49 @@
+"""Effect `pin`: vertices that are held still."""
+
+# mypy: disable-error-code="valid-type"
+
+from __future__ import annotations
+
+import numpy as np
+from pydantic import Field, field_validator
+
+from ddgcli.evolve.effects import Effect
+from ddgcli.evolve.terms import Held
+from ddgcli.models.scene import Section
+from ddgcli.models.scene_units import vector
+from ddgcli.models.shell.context import ShellContext
+
+
+class Pin(Section):
+    """Hold vertices where they start."""
+
+    object: str | None = Field(None, description="shell; needed where the scene has several")
+    vertices: list[int] | None = Field(None, description="vertex numbers")
+    box: list[vector("m")] | None = Field(
+        None, min_length=2, max_length=2, description="two opposite corners"
+    )
+    axes: str = Field("xyz", description="directions held; xz for a diaphragm across y")
+    clamp: bool = Field(
+        False, description="also hold the surface's direction: all faces at the vertices stay"
+    )
+
+    @field_validator("axes")
+    @classmethod
+    def _letters(cls, value: str) -> str:
+        if not value or set(value) - set("xyz"):
+            raise ValueError(f"axes must be letters of xyz, found {value!r}")
+        return value
+
+
+def build(parameters: Pin, context: ShellContext) -> list[Held]:
+    vertices = context.chosen(parameters.vertices, parameters.box, ("effects", "pin"))
+    if parameters.clamp:
+        touched = np.isin(context.mesh.faces, vertices).any(axis=1)
+        vertices = np.unique(np.concatenate([vertices, context.mesh.faces[touched].ravel()]))
+    mask = np.zeros((context.mesh.n_vertices, 3), dtype=bool)
+    for axis in parameters.axes:
+        mask[vertices, "xyz".index(axis)] = True
+    return [Held(mask)]
+
+
+EFFECT = Effect("pin", Pin, build, "none: held coordinates leave the system", ("shell",), repeatable=True)

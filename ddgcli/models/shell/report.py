@@ -1,0 +1,90 @@
+"""Results and accuracy of a shell run, and what a dry run tells."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from ddgcli.evolve.account import Account
+from ddgcli.evolve.integrators import INTEGRATORS
+from ddgcli.evolve.loop import Schedule
+from ddgcli.evolve.system import System
+from ddgcli.models.scene import Scene
+from ddgcli.models.shell.context import ShellContext
+from ddgcli.models.shell.model import parts_of
+
+
+def summary(
+    outcome: Any, shells: dict[str, ShellContext], effects: list[str]
+) -> tuple[dict[str, Any], dict[str, Any]]:
+    """(`results`, `accuracy`) of a run.
+
+    Scales of the drifts: energy, the largest kinetic energy or change of a part of the energy; momentum, the
+    mass times the largest speed; angular momentum, that times the size of the shells.
+    """
+    series, last = outcome.series, outcome.last
+    energies = {
+        name.removeprefix("energy_"): {"start": float(values[0]), "end": float(values[-1])}
+        for name, values in series.items()
+        if name.startswith("energy_")
+    }
+    energies["total"] = {"start": float(series["energy"][0]), "end": float(series["energy"][-1])}
+    results = {
+        "frames": outcome.frames,
+        "time": last.time,
+        "steps": outcome.steps,
+        "smallest_step": outcome.smallest_step,
+        "rejected_steps": outcome.events,
+        "newton_iterations": int(series["newton_iterations"][-1]),
+        "energies": energies,
+        "momentum": last.scalar["momentum"],
+        "angular_momentum": last.scalar["angular_momentum"],
+        "effects": {},
+    }
+    if outcome.failure:
+        results["stopped_because"] = outcome.failure
+    mass = sum(float(c.mass.sum()) for c in shells.values())
+    size = max(float(np.ptp(c.mesh.points, axis=0).max()) for c in shells.values())
+    swing = [np.ptp(v) for name, v in series.items() if name.startswith("energy_")]
+    energy_scale = max([float(np.abs(series["energy_kinetic"]).max()), *map(float, swing)])
+    momentum_scale = mass * outcome.largest.get("velocity", 0.0)
+    accuracy = {
+        "energy_drift": _drift(series["energy"], energy_scale),
+        "momentum_drift": _drift(series["momentum"], momentum_scale),
+        "angular_momentum_drift": _drift(series["angular_momentum"], momentum_scale * size),
+        "max_strain": outcome.largest.get("strain", 0.0),
+    }
+    return results, accuracy
+
+
+def _drift(series: np.ndarray, scale: float) -> float:
+    """Largest |q - q0| over the frames by the scale; 0 where nothing moved."""
+    change = float(np.abs(series - series[0]).max())
+    return change / scale if scale > 0 else change
+
+
+def assembled(
+    scene: Scene, shells: dict[str, ShellContext], schedule: Schedule, account: Account
+) -> dict[str, Any]:
+    """What the scene would build: sizes, terms, steps."""
+    told: dict[str, Any] = {
+        "integrator": scene.time.integrator,
+        "order": INTEGRATORS[scene.time.integrator].order,
+        "steps": schedule.steps,
+        "frames": schedule.frames,
+        "step": schedule.dt,
+    }
+    for name, context in shells.items():
+        parts = parts_of(scene, context)
+        system = System(context.mass, parts, account)
+        acting: list[Any] = [*system.potentials, *system.dissipations]
+        terms = {p.name: f"{type(p).__name__}, {len(p.stencil)} elements" for p in acting}
+        told[name] = {
+            "vertices": context.mesh.n_vertices,
+            "faces": context.mesh.n_faces,
+            "mass": float(context.mass.sum()),
+            "free_coordinates": int(system.free.sum()),
+            "terms": terms,
+        }
+    return told

@@ -1,0 +1,103 @@
+"""What a scene of `shell-sim` may hold."""
+
+# mypy: disable-error-code="valid-type"
+
+from __future__ import annotations
+
+import logging
+from typing import Literal
+
+from pydantic import Field, model_validator
+
+from ddgcli.evolve.effects import EffectTable, nearest
+from ddgcli.models.scene import SceneKind, Section
+from ddgcli.models.scene_materials import DEFAULT, KEYS, MATERIALS, filled
+from ddgcli.models.scene_shapes import MovingObject, Obstacle
+from ddgcli.models.scene_units import quantity
+
+EFFECTS = EffectTable(
+    "shell-sim",
+    {
+        "stretching": ("ddgcli.models.shell.stretching", "Resistance of the surface to stretch and shear."),
+        "gravity": ("ddgcli.models.shell.gravity", "A constant acceleration of every mass."),
+        "pin": ("ddgcli.models.shell.pin", "Vertices held still, in all directions or some."),
+    },
+)
+
+
+class Shell(MovingObject):
+    """A thin elastic shell, at rest as drawn."""
+
+    role: Literal["shell"]
+    material: str | None = Field(None, description=f"preset: {', '.join(MATERIALS)}")
+    density: quantity("kg/m^2", "mass per area", gt=0) | None = None
+    thickness: quantity("m", "thickness", gt=0) | None = None
+    young: quantity("Pa", "Young's modulus", gt=0) | None = None
+    poisson: quantity("", "Poisson's ratio", ge=-1, le=0.5) | None = None
+
+    @model_validator(mode="before")
+    @classmethod
+    def _from_material(cls, values: dict) -> dict:
+        name = values.get("material")
+        if name is not None and name not in MATERIALS:
+            raise ValueError(
+                f"no material {name!r}{nearest(str(name), list(MATERIALS))}; known: {', '.join(MATERIALS)}"
+            )
+        return values
+
+    @model_validator(mode="after")
+    def _complete(self) -> Shell:
+        given = {key: getattr(self, key) for key in KEYS}
+        if self.material is None and None in given.values():
+            logging.getLogger("ddgcli").warning(
+                "object %s names no material: %s is taken for %s",
+                self.name, DEFAULT, ", ".join(k for k, v in given.items() if v is None),
+            )  # fmt: skip
+        for key, value in filled({"material": self.material, **given}).items():
+            if key in KEYS and given[key] is None:
+                object.__setattr__(self, key, value)
+        return self
+
+
+class NoParameters(Section):
+    """A scheme without parameters."""
+
+
+class NewmarkParameters(Section):
+    """beta = 0 is explicit; gamma = 1/2 does not damp."""
+
+    beta: quantity("", "weight of the new acceleration in the positions", ge=0, le=0.5) = 0.25
+    gamma: quantity("", "weight of the new acceleration in the velocities", ge=0.5, le=1) = 0.5
+
+
+KIND = SceneKind(
+    "shell-sim",
+    {"shell": Shell, "obstacle": Obstacle},
+    {
+        "newmark": NewmarkParameters,
+        "implicit-euler": NoParameters,
+        "implicit-midpoint": NoParameters,
+        "symplectic-euler": NoParameters,
+        "verlet": NoParameters,
+        "static": NoParameters,
+    },
+    "newmark",
+    EFFECTS,
+    elsewhere={
+        **dict.fromkeys(
+            (
+                "initial",
+                "viscosity",
+                "buoyancy",
+                "force",
+                "rotation",
+                "dye",
+                "particles",
+                "boundary",
+                "harmonic",
+                "fluid",
+            ),
+            "fluid-sim",
+        )
+    },
+)
