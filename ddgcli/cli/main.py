@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import difflib
 import importlib
+import os
+import sys
+import time
 from typing import Any
 
 import click
@@ -54,16 +58,78 @@ class Door(click.Group):
         with formatter.section("Commands"):
             formatter.write_dl([(name, line) for name, (_, line) in COMMANDS.items()])
 
+    def make_context(self, info_name: str | None, args: list[str], *rest: Any, **extra: Any) -> click.Context:
+        words = list(args)
+        try:
+            context = super().make_context(info_name, args, *rest, **extra)
+        except click.exceptions.NoArgsIsHelpError:
+            raise
+        except click.UsageError as error:
+            raise Refusal(_usage(error), 2) from error
+        context.meta["ddgcli.args"] = words
+        context.meta["ddgcli.began"] = _start()
+        return context
+
+    def resolve_command(self, ctx: click.Context, args: list[str]) -> Any:
+        if args and args[0] not in COMMANDS and not args[0].startswith("-"):
+            near = difflib.get_close_matches(args[0], COMMANDS, n=1)
+            hint = f"did you mean {near[0]}?" if near else f"known: {', '.join(COMMANDS)}"
+            raise click.UsageError(f"no such command {args[0]!r}; {hint}", ctx)
+        return super().resolve_command(ctx, args)
+
     def invoke(self, ctx: click.Context) -> Any:
         try:
             return super().invoke(ctx)
         except DdgError as error:
-            raise Refusal(str(error), error.exit_code) from error
+            raise Refusal(_refusal(error, ctx), error.exit_code) from error
         except click.UsageError as error:
-            raise Refusal(error.format_message(), 2) from error
+            raise Refusal(_usage(error), 2) from error
+        except BrokenPipeError:
+            _quiet_end()
+            ctx.exit(0)
+        except KeyboardInterrupt:
+            click.echo("Interrupted", err=True)
+            ctx.exit(130)
+        except MemoryError as error:
+            raise Refusal(f"out of memory ({error}); take a smaller mesh or fewer outputs", 1) from error
+        except (click.ClickException, click.exceptions.Exit, click.Abort):
+            raise
+        except Exception as error:
+            if ctx.params.get("debug"):
+                raise
+            kind = type(error).__name__
+            raise Refusal(f"internal error: {kind}: {error}; run ddgcli --debug to see where", 1) from error
+
+
+_imported = time.perf_counter()
+
+
+def _start() -> float:
+    """When this run began: the import of this module for the first run of a process, now for later ones."""
+    global _imported
+    began, _imported = _imported, 0.0
+    return began or time.perf_counter()
+
+
+def _refusal(error: DdgError, ctx: click.Context) -> str:
+    from ddgcli.cli.run import refusal_of
+
+    return refusal_of(error, ctx)
+
+
+def _usage(error: click.UsageError) -> str:
+    """The message of a wrong call, and where to look."""
+    where = f"; see {error.ctx.command_path} --help" if error.ctx is not None else ""
+    return error.format_message().rstrip(".") + where
+
+
+def _quiet_end() -> None:
+    """Let the interpreter's last flush go nowhere."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 @click.group(cls=Door, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
 @click.version_option(__version__, prog_name="ddgcli")
-def main() -> None:
+@click.option("--debug", is_flag=True, help="Show the traceback of an internal error.")
+def main(debug: bool) -> None:
     """Discrete differential geometry on meshes: measure, triangulate, solve, simulate."""

@@ -3,135 +3,265 @@
 from __future__ import annotations
 
 import logging
-import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
-from typing import Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from ddgcli import __version__
 from ddgcli.cli.options import Common
-from ddgcli.cli.report import print_summary
-from ddgcli.errors import ParameterError
-from ddgcli.mesh.fields import AnnotatedMesh
+from ddgcli.cli.progress import Progress
+from ddgcli.cli.report import plain, print_summary
+from ddgcli.errors import DdgError, MissingExtraError, OutputError, ParameterError
+
+if TYPE_CHECKING:
+    from ddgcli.io.mesh_file import MeshInput
+    from ddgcli.mesh.fields import AnnotatedMesh
+
+PICTURES = (".png", ".svg", ".pdf")
 
 
 class _Collector(logging.Handler):
-    """Warnings of the core go into the summary; with -v its other messages go to standard error."""
+    """Warnings of the core go into the summary; with -v its other messages go to standard error at once."""
 
     def __init__(self, verbose: int, quiet: bool) -> None:
         super().__init__(logging.DEBUG if verbose > 1 else logging.INFO if verbose else logging.WARNING)
         self.warnings: list[str] = []
-        self.quiet = quiet
+        self.verbose, self.quiet = verbose, quiet
 
     def emit(self, record: logging.LogRecord) -> None:
         message = record.getMessage()
-        if record.levelno >= logging.WARNING:
-            self.warnings.append(message)
+        if record.levelno >= logging.WARNING and record.name != "py.warnings":
+            if message not in self.warnings:
+                self.warnings.append(message)
             message = f"Warning: {message}"
-        if not self.quiet:
+        if self.verbose and not self.quiet:
             click.echo(message, err=True)
+
+    def tell(self) -> None:
+        """Print the warnings kept back so far: a refused run says one line only."""
+        if not self.verbose and not self.quiet:
+            for message in self.warnings:
+                click.echo(f"Warning: {message}", err=True)
 
 
 class Run:
-    """State of one run; a subcommand reads, computes and finishes through it.
+    """State of one run; a subcommand reads, computes, writes and finishes through it.
 
     Parameters
     ----------
     command : str
     common : Common
+    formats : sequence of str, optional
+        Extensions that `-o` may have; by default those of meshes.
     options : dict
         The subcommand's own options, for the summary and the provenance.
+
+    Raises
+    ------
+    InputError
+        Outputs that cannot be written (unknown extension, missing folder, missing extra), before any work.
     """
 
-    def __init__(self, command: str, common: Common, **options: Any) -> None:
-        if common.as_json and "-" in common.outputs:
-            raise ParameterError("--json and -o - both want standard output; write the mesh to a file")
-        self.command, self.common, self.options = command, common, options
-        self.seconds = {"read": 0.0, "compute": 0.0, "write": 0.0}
+    def __init__(
+        self, command: str, common: Common, *, formats: Sequence[str] | None = None, **options: Any
+    ) -> None:
+        self._context = click.get_current_context()
+        self._began = self._context.meta.pop("ddgcli.began", time.perf_counter())
+        self.command, self.common = command, common
+        self.options = {name: plain(value) for name, value in options.items()}
+        self.seconds = {"read": 0.0, "write": 0.0}
         self.input: dict[str, Any] = {}
         self.outputs: list[str] = []
-        self._began = time.perf_counter()
+        self._inputs: dict[str, str] = {}  # path -> SHA-256
+        self._input_vertex: Any = None
+        self._promised: list[str] = []
+        self._progress: Progress | None = None
         self._collector = _Collector(common.verbose, common.quiet)
-        logger = logging.getLogger("ddgcli")
-        logger.handlers[:] = [self._collector]
-        logger.setLevel(self._collector.level)
-        logger.propagate = False
+        self._listen()
+        self._check_outputs(formats)
+
+    def _listen(self) -> None:
+        for name in ("ddgcli", "py.warnings"):
+            logger = logging.getLogger(name)
+            logger.handlers[:] = [self._collector]
+            logger.setLevel(self._collector.level if name == "ddgcli" else logging.ERROR)
+            logger.propagate = False
+        if self.common.verbose > 1:
+            logging.getLogger("py.warnings").setLevel(logging.WARNING)
+        logging.captureWarnings(True)
+
+    def _check_outputs(self, formats: Sequence[str] | None) -> None:
+        common = self.common
+        if common.as_json and "-" in common.outputs:
+            raise ParameterError("--json and -o - both want standard output; write the result to a file")
+        if common.quiet and common.verbose:
+            raise ParameterError("-q and -v exclude each other; give one")
+        if common.outputs:
+            from ddgcli.io.mesh_file import check_output
+
+            for path in common.outputs:
+                check_output(path, common.output_format, formats=formats)
+                self._promised.append(path)
+        if common.plot is not None:
+            self.will_write(common.plot, PICTURES)
+            import importlib.util
+
+            if importlib.util.find_spec("matplotlib") is None:
+                raise MissingExtraError("--plot needs matplotlib; pip install 'ddgcli[plot]'")
+
+    def will_write(self, path: str | None, formats: Sequence[str]) -> None:
+        """Check a further output (a matrix, curves, a picture) before any work; None is passed over."""
+        if path is None:
+            return
+        from ddgcli.io.mesh_file import check_place
+
+        suffix = Path(path).suffix.lower()
+        if suffix not in formats:
+            raise OutputError(
+                f"{path}: unknown format {suffix or '(no extension)'}; known here: {' '.join(formats)}"
+            )
+        check_place(path)
+        self._promised.append(path)
 
     @contextmanager
     def timed(self, stage: str) -> Iterator[None]:
-        """Add the time inside to `seconds[stage]` (read, compute or write)."""
+        """Add the time inside to `seconds[stage]` (read or write); all other time counts as compute."""
         began = time.perf_counter()
         try:
             yield
         finally:
-            self.seconds[stage] += time.perf_counter() - began
+            if stage != "compute":
+                self.seconds[stage] += time.perf_counter() - began
 
-    def read(self, path: str):  # -> MeshInput
+    def progress(self, label: str) -> Callable[..., None]:
+        """A callback for long work: `told(done, total)`; draws a bar on standard error if one is wanted."""
+        if self._progress is not None:
+            self._progress.clear()
+        self._progress = Progress(label, None if not self.common.quiet else False, self.common.progress)
+        return self._progress
+
+    def read(self, path: str) -> MeshInput:
         """Read the input mesh and note it in the summary."""
         with self.timed("read"):
-            from ddgcli.io.mesh_file import read_mesh
+            from ddgcli.io.mesh_file import check_place, read_mesh
 
-            source = read_mesh(path)
+            for output in self._promised:
+                if output != "-":
+                    check_place(output, inputs=(path,))
+            source = read_mesh(path, self.common.input_format)
             self.input = {"path": path, **describe(source.mesh)}
-            self._provenance_input = {"input": path, "input_sha256": source.sha256}
+            self._inputs[path] = source.sha256
+            self._input_vertex = source.input_vertex
+            self._context.meta["ddgcli.input"] = path
         for note in source.notes:
             logging.getLogger("ddgcli").warning(note)
         return source
 
+    def note_input(self, path: str, sha256: str, **facts: Any) -> None:
+        """Note an input that `read` did not read (a scene, a trajectory)."""
+        self.input = {"path": path, **facts}
+        self._inputs[path] = sha256
+        self._context.meta["ddgcli.input"] = path
+
+    @property
+    def command_line(self) -> str:
+        """The command as typed."""
+        import shlex
+
+        return shlex.join(["ddgcli", *self._context.find_root().meta.get("ddgcli.args", [])])
+
     @property
     def metadata(self) -> dict[str, Any]:
         """Provenance for every output that can hold it."""
+        path, sha256 = next(iter(self._inputs.items()), ("", ""))
         return {
-            "command_line": " ".join(["ddgcli", *sys.argv[1:]]),
+            "command_line": self.command_line,
             "version": __version__,
+            "input": path,
+            "input_sha256": sha256,
             "options": self.options,
             "seed": self.common.seed,
             **({"units_note": self.common.units_note} if self.common.units_note else {}),
-            **getattr(self, "_provenance_input", {}),
         }
 
-    def write(self, annotated: AnnotatedMesh) -> None:
+    def write(self, annotated: AnnotatedMesh, *, converged: bool = True) -> None:
         """Write the annotated mesh to every -o."""
         for path in self.common.outputs:
-            self.write_file(path, annotated)
+            self.write_file(path, annotated, converged=converged)
 
-    def write_file(self, path: str, annotated: AnnotatedMesh) -> None:
-        """Write an annotated mesh or curves to one file, with the provenance, and list it in `outputs`."""
+    def write_file(self, path: str, annotated: AnnotatedMesh, *, converged: bool = True) -> None:
+        """Write an annotated mesh, or curves, to one path with the provenance, and list it in `outputs`."""
         with self.timed("write"):
             from ddgcli.io.mesh_file import write_mesh
 
-            write_mesh(path, replace(annotated, metadata=self.metadata))
+            whole = annotated.whole
+            if self._input_vertex is not None:
+                whole = {"input_vertex": self._input_vertex, **whole}
+            metadata = {**self.metadata, "converged": converged, **annotated.metadata}
+            output_format = self.common.output_format if path == "-" else None
+            write_mesh(path, replace(annotated, whole=whole, metadata=metadata), output_format=output_format)
             self.outputs.append(path)
+
+    def write_bytes(self, path: str, data: bytes) -> None:
+        """Write a table, a matrix or whatever else is bytes, whole or not at all."""
+        with self.timed("write"):
+            from ddgcli.io.mesh_file import write_whole
+
+            write_whole(path, data)
+            self.outputs.append(path)
+
+    def plot(self, draw: Callable[[str], Any]) -> None:
+        """Draw the picture that --plot asks for; `draw` gets a path to draw to, and is not called without."""
+        if self.common.plot is None:
+            return
+        with self.timed("write"):
+            from ddgcli.io.mesh_file import written_whole
+
+            with written_whole(self.common.plot) as partial:
+                draw(partial)
+            self.outputs.append(self.common.plot)
 
     def finish(self, results: dict[str, Any], accuracy: dict[str, Any], *, converged: bool = True) -> None:
         """Print the summary; exit 1 when the run did not reach what was asked."""
-        seconds = {**self.seconds, "total": time.perf_counter() - self._began}
+        if self._progress is not None:
+            self._progress.clear()
         if not converged:
             results = {**results, "converged": False}
-        print_summary(
-            {
-                "command": self.command,
-                "version": __version__,
-                "input": self.input,
-                "options": self.options,
-                "results": results,
-                "accuracy": accuracy,
-                "seconds": seconds,
-                "warnings": self._collector.warnings,
-                "outputs": self.outputs,
-            },
-            self.common.as_json,
-        )
+        missing: list[str] = []
+        body = {
+            "command": self.command,
+            "version": __version__,
+            "input": self.input,
+            "options": self.options,
+            "results": results,
+            "accuracy": accuracy,
+        }
+        body = plain(body, missing)
+        if missing:
+            shown = ", ".join(missing[:5]) + (", ..." if len(missing) > 5 else "")
+            logging.getLogger("ddgcli").warning(f"could not be computed, hence null: {shown}")
+        self._collector.tell()
+        total = time.perf_counter() - self._began
+        read, write = self.seconds["read"], self.seconds["write"]
+        body["seconds"] = {"read": read, "compute": total - read - write, "write": write, "total": total}
+        body |= {"warnings": list(self._collector.warnings), "outputs": list(self.outputs)}
+        print_summary(body, self.common.as_json, err="-" in self.outputs)
         if not converged:
-            click.get_current_context().exit(1)
+            self._context.exit(1)
 
 
 def describe(mesh: Any) -> dict[str, Any]:
-    """The `input` block of the summary."""
+    """The `input` block of the summary; of tetrahedra, the topology is that of their boundary surface."""
+    if hasattr(mesh, "tetrahedra"):
+        facts = describe(mesh.boundary)
+        return {**facts, "vertices": mesh.n_vertices, "tetrahedra": len(mesh.tetrahedra)}
+    if hasattr(mesh, "lines"):
+        return mesh.describe()
     topology = mesh.topology
     return {
         "vertices": mesh.n_vertices,
@@ -144,3 +274,12 @@ def describe(mesh: Any) -> dict[str, Any]:
         "oriented": topology.is_oriented,
         "closed": topology.is_closed,
     }
+
+
+def refusal_of(error: DdgError, context: click.Context) -> str:
+    """The message with the input's name before it, where it has none of its own."""
+    message = str(error)
+    path = context.meta.get("ddgcli.input")
+    if path and not isinstance(error, (OutputError, MissingExtraError)) and not message.startswith(path):
+        return f"{path}: {message}"
+    return message

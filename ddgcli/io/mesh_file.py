@@ -1,22 +1,49 @@
-"""Mesh files in and out: the only room that knows meshio and trimesh exist."""
+"""The door for mesh files: every format in, every format out, nothing half-written.
+
+Readers, and why these: OBJ, OFF, PLY, STL, VTU, VTP, CSV, NPZ and VTKHDF are read by our own short readers
+(each says why in its file: faithful order, guarded counts, arrays kept, speed); what finite elements write
+otherwise goes through meshio, what artists write through trimesh, both behind a guard (`read_foreign`).
+"""
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
-import json
+import importlib
 import os
+import sys
 import tempfile
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
-import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.errors import MeshFileError, OutputError
+from ddgcli.errors import InputError, MeshError, MeshFileError, OutputError
+from ddgcli.io.raw import RawMesh, assembled
+from ddgcli.mesh.curve import CurveSet
 from ddgcli.mesh.fields import AnnotatedMesh
+from ddgcli.mesh.intrinsic_mesh import IntrinsicMesh
 from ddgcli.mesh.tet_mesh import TetMesh
 from ddgcli.mesh.triangle_mesh import TriangleMesh
+
+# extension -> (module, function); modules are imported only when their format is met
+READERS = {
+    ".obj": ("read_obj", "read_obj"), ".off": ("read_off", "read_off"), ".ply": ("read_ply", "read_ply"),
+    ".stl": ("read_stl", "read_stl"), ".vtu": ("read_vtk_xml", "read_vtk_xml"),
+    ".vtp": ("read_vtk_xml", "read_vtk_xml"), ".csv": ("read_tables", "read_csv"),
+    ".txt": ("read_tables", "read_csv"), ".npz": ("read_tables", "read_npz"),
+    ".vtkhdf": ("read_vtkhdf", "read_vtkhdf"), ".h5": ("read_vtkhdf", "read_vtkhdf"),
+    ".hdf": ("read_vtkhdf", "read_vtkhdf"),
+}  # fmt: skip
+WRITERS = {
+    ".ply": ("write_text", "ply_bytes"), ".vtu": ("write_vtk", "vtu_bytes"),
+    ".vtk": ("write_vtk", "vtk_bytes"), ".vtp": ("write_vtk", "vtp_bytes"),
+    ".vtkhdf": ("write_arrays", "vtkhdf_bytes"), ".obj": ("write_text", "obj_bytes"),
+    ".off": ("write_text", "off_bytes"), ".stl": ("write_text", "stl_bytes"),
+    ".xdmf": ("write_vtk", "xdmf_bytes"), ".npz": ("write_arrays", "npz_bytes"),
+}  # fmt: skip
+INTRINSIC_FORMATS = (".npz", ".vtkhdf")
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,66 +52,212 @@ class MeshInput:
 
     Parameters
     ----------
-    mesh : TriangleMesh or TetMesh
+    mesh : TriangleMesh, TetMesh or CurveSet
     path, sha256 : str
-    vertex, face, edge : dict of str to ndarray
-        Arrays the file carried.
+    vertex, face, edge, whole : dict of str to ndarray
+        Arrays the file carried; `face` those on cells (tetrahedra, segments), repeated where polygons were
+        split; `edge` in the order of the file's own `edges`.
     input_vertex : (k,) ndarray of int64, or None
         Vertex of the mesh for each vertex of the file, where the format needed a merge.
+    input_face : (m,) ndarray of int64, or None
+        Polygon of the file for each triangle, where polygons were split.
     notes : tuple of str
         What was done to the input: merged, triangulated, ...
     """
 
-    mesh: TriangleMesh | TetMesh
+    mesh: TriangleMesh | TetMesh | CurveSet
     path: str
     sha256: str
     vertex: dict[str, NDArray] = field(default_factory=dict)
     face: dict[str, NDArray] = field(default_factory=dict)
     edge: dict[str, NDArray] = field(default_factory=dict)
+    whole: dict[str, NDArray] = field(default_factory=dict)
     input_vertex: NDArray | None = None
+    input_face: NDArray | None = None
     notes: tuple[str, ...] = ()
 
+    @property
+    def surface(self) -> TriangleMesh:
+        """The mesh where it is a triangle surface; MeshError for curves and tetrahedra."""
+        if isinstance(self.mesh, TriangleMesh):
+            return self.mesh
+        found = "tetrahedra" if isinstance(self.mesh, TetMesh) else "a curve"
+        raise MeshError(f"holds {found}; this command takes a triangle surface")
 
-def read_mesh(path: str) -> MeshInput:
-    """Read a mesh file; MeshFileError with one line when it cannot be."""
-    source = Path(path)
-    if not source.is_file():
-        raise MeshFileError(f"{path}: no such file; check the path")
-    data = source.read_bytes()
-    import trimesh
 
+def read_mesh(path: str, input_format: str | None = None) -> MeshInput:
+    """Read a mesh file.
+
+    Parameters
+    ----------
+    path : str
+        `-` is standard input, which needs `input_format`.
+    input_format : str, optional
+        An extension that outranks the path's own.
+
+    Raises
+    ------
+    MeshFileError, MeshError
+        One line that begins with the path.
+    """
+    suffix = format_of(path, input_format)
+    data = _bytes(path)
     try:
-        loaded: Any = trimesh.load(path, process=False, maintain_order=True, force="mesh")
-    except (Exception, SystemExit) as error:
-        raise MeshFileError(f"{path}: cannot be read ({error}); check the format") from error
-    mesh = TriangleMesh.from_arrays(np.asarray(loaded.vertices), np.asarray(loaded.faces))
-    return MeshInput(mesh, path, hashlib.sha256(data).hexdigest())
+        raw = _raw(path, data, suffix)
+        mesh, cells, polygon = assembled(raw)
+    except InputError as error:
+        raise type(error)(f"{path}: {error}") from error
+    except (MemoryError, OverflowError, RecursionError) as error:
+        raise MeshFileError(
+            f"{path}: asks for more than can be held ({error}); the file is damaged"
+        ) from error
+    return MeshInput(
+        mesh, path, hashlib.sha256(data).hexdigest(), raw.vertex, cells, raw.edge, raw.whole,
+        raw.input_vertex, polygon, tuple(raw.notes),
+    )  # fmt: skip
 
 
-def write_mesh(path: str, annotated: AnnotatedMesh) -> None:
-    """Write a mesh with its arrays, whole or not at all; the extension chooses the format."""
+def format_of(path: str, input_format: str | None = None) -> str:
+    """The extension that chooses the reader; refused when no reader knows it."""
+    from ddgcli.io import read_foreign
+
+    if input_format:
+        suffix = "." + input_format.lower().lstrip(".")
+    elif path == "-":
+        raise MeshFileError("-: standard input needs --input-format, such as --input-format ply")
+    else:
+        suffix = Path(path).suffix.lower()
+    if suffix not in READERS and suffix not in read_foreign.suffixes():
+        known = " ".join(sorted([*READERS, *read_foreign.suffixes()]))
+        raise MeshFileError(f"{path}: unknown format {suffix or '(no extension)'}; known: {known}")
+    return suffix
+
+
+def _bytes(path: str) -> bytes:
+    if path == "-":
+        return sys.stdin.buffer.read()
+    try:
+        return Path(path).read_bytes()
+    except FileNotFoundError:
+        raise MeshFileError(f"{path}: no such file; check the path") from None
+    except IsADirectoryError:
+        raise MeshFileError(f"{path}: is a folder; name a mesh file") from None
+    except (OSError, ValueError) as error:
+        raise MeshFileError(f"{path}: cannot be opened ({getattr(error, 'strerror', error)})") from None
+
+
+def _raw(path: str, data: bytes, suffix: str) -> RawMesh:
+    if suffix in READERS:
+        return _function(READERS[suffix])(data)
+    from ddgcli.io import read_foreign
+
+    read = read_foreign.read_meshio if suffix in read_foreign.MESHIO else read_foreign.read_trimesh
+    if path != "-" and Path(path).suffix.lower() == suffix:
+        return read(path, suffix)
+    with tempfile.TemporaryDirectory() as folder:
+        copy = os.path.join(folder, f"input{suffix}")
+        Path(copy).write_bytes(data)
+        return read(copy, suffix)
+
+
+def _function(entry: tuple[str, str]) -> Callable:
+    module, name = entry
+    return getattr(importlib.import_module(f"ddgcli.io.{module}"), name)
+
+
+def check_output(path: str, output_format: str | None = None, *, formats: Sequence[str] | None = None) -> str:
+    """The format of an output, checked before any work; `formats` are those allowed, by default the meshes'.
+
+    Raises
+    ------
+    OutputError
+        Unknown extension, missing folder, or a folder in the place of the file.
+    """
+    suffix = (
+        "." + output_format.lower().lstrip(".")
+        if path == "-" and output_format
+        else Path(path).suffix.lower()
+    )
+    if path == "-" and not output_format:
+        raise OutputError("-o - needs --output-format, such as --output-format ply")
+    known = tuple(WRITERS) if formats is None else tuple(formats)
+    if suffix not in known:
+        raise OutputError(
+            f"{path}: unknown format {suffix or '(no extension)'}; known here: {' '.join(known)}"
+        )
+    if path != "-":
+        check_place(path)
+    return suffix
+
+
+def check_place(path: str, *, inputs: tuple[str, ...] = ()) -> None:
+    """Refuse an output path in a folder that is not there, or that is one of the inputs."""
     target = Path(path)
+    if target.is_dir():
+        raise OutputError(f"{path}: is a folder; name a file in it")
     if not target.parent.is_dir():
         raise OutputError(f"{path}: folder {target.parent} does not exist; create it")
-    with tempfile.TemporaryDirectory(dir=target.parent, prefix=".ddgcli-") as folder:
-        partial = os.path.join(folder, target.name)
-        _write(partial, target.suffix.lower(), annotated)
-        os.replace(partial, target)
+    if not os.access(target.parent, os.W_OK):
+        raise OutputError(f"{path}: folder {target.parent} cannot be written to; choose another")
+    for source in inputs:
+        if target.exists() and os.path.exists(source) and os.path.samefile(target, source):
+            raise OutputError(f"{path}: is the input itself; write to another file")
 
 
-def _write(path: str, suffix: str, annotated: AnnotatedMesh) -> None:
-    import meshio
+def write_mesh(path: str, annotated: AnnotatedMesh, *, output_format: str | None = None) -> None:
+    """Write a mesh with its arrays, whole or not at all; the extension chooses the format.
 
-    mesh = annotated.mesh
-    if not isinstance(mesh, TriangleMesh):
-        raise OutputError(f"{path}: only triangle meshes can be written so far")
-    if suffix == ".npz":
-        arrays = {"points": mesh.points, "faces": mesh.faces}
-        arrays |= annotated.vertex | annotated.face | annotated.edge
-        arrays["metadata"] = np.array(json.dumps(annotated.metadata))
-        np.savez(path, **arrays)  # type: ignore[arg-type]
+    A `path` of `-` writes to standard output in `output_format`.
+    """
+    suffix = check_output(path, output_format)
+    from ddgcli.io.sheet import sheet_of
+
+    if isinstance(annotated.mesh, IntrinsicMesh) and suffix not in INTRINSIC_FORMATS:
+        raise OutputError(f"{path}: {suffix} cannot hold an intrinsic triangulation; write .npz or .vtkhdf")
+    try:
+        data = _function(WRITERS[suffix])(sheet_of(annotated))
+    except OutputError as error:
+        raise OutputError(f"{path}: {error}") from error
+    if path == "-":
+        sys.stdout.buffer.write(data)
+        sys.stdout.buffer.flush()
         return
-    cell_data = {name: [value] for name, value in annotated.face.items()}
-    meshio.Mesh(
-        mesh.points, [("triangle", mesh.faces)], point_data=annotated.vertex, cell_data=cell_data
-    ).write(path)
+    write_whole(path, data)
+
+
+def write_whole(path: str, data: bytes) -> None:
+    """Put bytes at a path, whole or not at all."""
+    with written_whole(path) as partial:
+        Path(partial).write_bytes(data)
+
+
+@contextlib.contextmanager
+def written_whole(path: str) -> Iterator[str]:
+    """A temporary path beside `path` (same extension) that is renamed to it when the block ends well.
+
+    A link is written through; permissions of a file that is replaced stay. After an error nothing is left.
+    """
+    target = Path(os.path.realpath(path))
+    try:
+        handle, partial = tempfile.mkstemp(dir=target.parent, prefix=f".{target.stem}-", suffix=target.suffix)
+        os.close(handle)
+        try:
+            yield partial
+            os.chmod(partial, _mode(target))
+            os.replace(partial, target)
+        finally:
+            if os.path.exists(partial):
+                os.unlink(partial)
+    except OSError as error:
+        raise OutputError(
+            f"{path}: cannot be written ({error.strerror or error}); nothing was changed"
+        ) from error
+
+
+def _mode(target: Path) -> int:
+    """Permissions of the file that is replaced, or what the user's mask gives a new one."""
+    if target.exists():
+        return target.stat().st_mode & 0o777
+    mask = os.umask(0)
+    os.umask(mask)
+    return 0o666 & ~mask

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ddgcli.errors import MeshError
 from ddgcli.mesh.topology import frozen
 
 
@@ -45,6 +47,65 @@ class CurveSet:
     points: NDArray[np.float64]
     lines: NDArray[np.int64]
     point_arrays: dict[str, NDArray] = field(default_factory=dict)
+
+    @property
+    def n_vertices(self) -> int:
+        return len(self.points)
+
+    @property
+    def planar(self) -> bool:
+        """Whether the curves lie in the plane z = 0."""
+        return bool((self.points[:, 2] == 0).all())
+
+    def paths(self) -> list[tuple[NDArray[np.int64], bool]]:
+        """Vertices of each curve in order, and whether it is closed (its first vertex is not repeated).
+
+        Segments keep their direction. Points that no segment uses are left out.
+
+        Raises
+        ------
+        MeshError
+            Where three or more segments meet, or two point against each other.
+        """
+        tail, head = self.lines.T if len(self.lines) else np.zeros((2, 0), dtype=np.int64)
+        n = self.n_vertices
+        for ends, what in ((tail, "leave"), (head, "enter")):
+            many = np.flatnonzero(np.bincount(ends, minlength=n) > 1)
+            if len(many):
+                raise MeshError(
+                    f"two segments {what} point {many[0]}; a curve passes a point once: split it there"
+                )
+        after = np.full(n, -1, dtype=np.int64)
+        after[tail] = head
+        is_start = np.zeros(n, dtype=bool)
+        is_start[tail] = True
+        is_start[head] = False
+        seen = np.zeros(n, dtype=bool)
+        found = []
+        for start in [*np.flatnonzero(is_start), *np.sort(tail)]:
+            if seen[start]:
+                continue
+            path, at = [], int(start)
+            while at >= 0 and not seen[at]:
+                seen[at] = True
+                path.append(at)
+                at = int(after[at])
+            found.append((np.array(path, dtype=np.int64), at == start))
+        return found
+
+    def polylines(self) -> list[Polyline]:
+        """Each curve by itself, in order; see `paths` for the numbers of its points."""
+        return [Polyline(self.points[path], closed) for path, closed in self.paths()]
+
+    def describe(self) -> dict[str, Any]:
+        """Counts for the summary."""
+        curves = self.paths()
+        return {
+            "vertices": self.n_vertices,
+            "lines": len(self.lines),
+            "components": len(curves),
+            "closed": bool(curves) and all(closed for _, closed in curves),
+        }
 
     @classmethod
     def from_paths(cls, paths: list[NDArray], **arrays: list[NDArray]) -> CurveSet:

@@ -1,0 +1,113 @@
+"""Point lists (.csv, .txt) as curves, and NumPy archives (.npz) of our own layout."""
+
+from __future__ import annotations
+
+import io
+import re
+import zipfile
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ddgcli.errors import MeshFileError
+from ddgcli.io.raw import RawMesh
+from ddgcli.io.text import rows
+
+PLACES = {"points", "faces", "tetrahedra", "lines", "metadata", "edges"}
+
+
+def read_csv(data: bytes) -> RawMesh:
+    """Read 2 or 3 columns of numbers as one polyline, closed if the last row repeats the first.
+
+    Separators are commas, semicolons or blanks; one line of column names and `#` comments are passed over.
+    """
+    lines, number = [], []
+    for count, line in enumerate(data.removeprefix(b"\xef\xbb\xbf").splitlines()):
+        line = re.sub(rb"[,;\t]", b" ", line.partition(b"#")[0]).strip()
+        if line:
+            lines.append(line)
+            number.append(count)
+    if (
+        lines
+        and re.search(rb"[A-Za-z_]{2}|^[xyzXYZ] ", lines[0])
+        and not re.search(rb"(?i)nan|inf", lines[0])
+    ):
+        del lines[0], number[0]
+    if not lines:
+        raise MeshFileError("no rows; a curve needs 2 or 3 columns of numbers")
+    values, counts = rows(lines, number, "row")
+    width = int(counts[0])
+    odd = np.flatnonzero(counts != width)
+    if width not in (2, 3) or len(odd):
+        where, found = (number[odd[0]], counts[odd[0]]) if len(odd) else (number[0], width)
+        raise MeshFileError(f"line {where + 1}: {found} columns; a curve needs 2 or 3 in every row")
+    table = values.reshape(-1, width)
+    points = np.column_stack([table, np.zeros((len(table), 3 - width))])
+    if len(points) > 2 and (points[0] == points[-1]).all():
+        index = np.append(np.arange(len(points) - 1), 0)
+        lines_ = np.stack([index[:-1], index[1:]], axis=1)
+        return RawMesh(points[:-1], lines=lines_, input_vertex=index)
+    index = np.arange(len(points))
+    return RawMesh(points, lines=np.stack([index[:-1], index[1:]], axis=1))
+
+
+def read_npz(data: bytes) -> RawMesh:
+    """Read a .npz with `points` and `faces`, `tetrahedra` or `lines`; the rest are arrays by their length."""
+    try:
+        with np.load(io.BytesIO(data), allow_pickle=False) as archive:
+            found: dict[str, Any] = {name: archive[name] for name in archive.files}
+    except (
+        ValueError,
+        OSError,
+        zipfile.BadZipFile,
+        EOFError,
+        KeyError,
+        NotImplementedError,
+        MemoryError,
+    ) as error:
+        raise MeshFileError(f"not a NumPy archive ({error}); it is cut or of another format") from None
+    except Exception as error:  # zlib.error, struct.error, tokenize errors of a damaged header
+        raise MeshFileError(f"the NumPy archive is damaged ({error})") from None
+    if "points" not in found:
+        raise MeshFileError(
+            "the archive has no array 'points'; a mesh needs points and faces, tetrahedra or lines"
+        )
+    return raw_of_arrays(found)
+
+
+def raw_of_arrays(found: dict[str, NDArray]) -> RawMesh:
+    """A raw mesh of named arrays; the others are put where their length fits: vertices first, then cells."""
+    points = np.asarray(found["points"])
+    if points.ndim != 2 or points.shape[1] not in (2, 3) or points.dtype.kind not in "fiu":
+        raise MeshFileError(f"'points' is {points.shape} {points.dtype}; it must be (n, 3) numbers")
+    raw = RawMesh(points.astype(np.float64))
+    cells = {
+        name: _cells(found, name, width) for name, width in (("faces", 3), ("tetrahedra", 4), ("lines", 2))
+    }
+    if cells["tetrahedra"] is not None:
+        raw.tetrahedra = cells["tetrahedra"]
+    elif cells["faces"] is not None:
+        raw.add_faces(cells["faces"])
+    elif cells["lines"] is not None:
+        raw.lines = cells["lines"]
+    n_edges = len(found["edges"]) if "edges" in found else -1
+    lengths = ((len(points), raw.vertex), (len(raw.tetrahedra), raw.cell), (len(raw.sizes), raw.face),
+               (len(raw.lines), raw.line), (n_edges, raw.edge))  # fmt: skip
+    for name, value in found.items():
+        if name in PLACES or value.dtype.kind not in "fiub" or value.ndim == 0:
+            continue
+        place = next((p for length, p in lengths if length == len(value)), raw.whole)
+        place[name] = value
+    if "edges" in found:
+        raw.edge["edges"] = found["edges"]
+    return raw
+
+
+def _cells(found: dict[str, NDArray], name: str, width: int) -> NDArray | None:
+    if name not in found:
+        return None
+    value = np.asarray(found[name])
+    if value.ndim != 2 or value.shape[1] != width or value.dtype.kind not in "iu":
+        raise MeshFileError(f"'{name}' is {value.shape} {value.dtype}; it must be (m, {width}) whole numbers")
+    return value.astype(np.int64)

@@ -1,0 +1,123 @@
+"""Polygons into triangles, without new vertices: fans where convex, ears where not."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+def triangulated(points: NDArray, corners: NDArray, sizes: NDArray) -> tuple[NDArray, NDArray]:
+    """Triangles of polygons, in the polygons' order.
+
+    Parameters
+    ----------
+    points : (n, 3) ndarray
+    corners : (c,) ndarray of int64
+        Vertices of the polygons, one polygon after the other, in range.
+    sizes : (p,) ndarray of int64
+
+    Returns
+    -------
+    faces : (m, 3) ndarray of int64
+        Oriented as their polygons; a polygon of k corners gives k - 2 triangles (none for k < 3).
+    polygon : (m,) ndarray of int64
+        Polygon that each triangle is part of.
+    """
+    start = np.cumsum(sizes) - sizes
+    parts, owners = [], []
+    for size in np.unique(sizes[sizes >= 3]):
+        which = np.flatnonzero(sizes == size)
+        loops = corners[start[which, None] + np.arange(size)]
+        parts.append(_cut(points, loops).reshape(-1, 3))
+        owners.append(np.repeat(which, size - 2))
+    if not parts:
+        return np.zeros((0, 3), dtype=np.int64), np.zeros(0, dtype=np.int64)
+    faces, polygon = np.concatenate(parts), np.concatenate(owners)
+    order = np.argsort(polygon, kind="stable")
+    return faces[order], polygon[order]
+
+
+def _cut(points: NDArray, loops: NDArray) -> NDArray:
+    """(p, k) loops of equal size -> (p, k-2, 3) triangles."""
+    size = loops.shape[1]
+    if size == 3:
+        return loops[:, None, :]
+    fan = np.stack([np.zeros(size - 2, dtype=np.int64), np.arange(1, size - 1), np.arange(2, size)], axis=1)
+    triangles = loops[:, fan]
+    reflex = _reflex(points, loops)
+    if size == 4:  # a reflex corner must lie on the diagonal
+        other = reflex[:, 1] | reflex[:, 3]
+        triangles[other] = loops[other][:, [[0, 1, 3], [1, 2, 3]]]
+        return triangles
+    for row in np.flatnonzero(reflex.any(axis=1)):
+        triangles[row] = loops[row][_ears(_flattened(points[loops[row]]))]
+    return triangles
+
+
+def _normals(loop_points: NDArray) -> NDArray:
+    """(p, 3) Newell normals of (p, k, 3) loops, length twice the area."""
+    ahead = np.roll(loop_points, -1, axis=1)
+    middle = loop_points.mean(axis=1, keepdims=True)
+    return np.cross(loop_points - middle, ahead - middle).sum(axis=1)
+
+
+def _reflex(points: NDArray, loops: NDArray) -> NDArray:
+    """(p, k) True at corners that turn against the polygon's own orientation."""
+    with np.errstate(all="ignore"):
+        p = points[loops]
+        turn = np.cross(p - np.roll(p, 1, axis=1), np.roll(p, -1, axis=1) - p)
+        return np.einsum("pki,pi->pk", turn, _normals(p)) < 0
+
+
+def _flattened(loop: NDArray) -> NDArray:
+    """(k, 2) positions in the polygon's mean plane, counter-clockwise, scaled to size one."""
+    with np.errstate(all="ignore"):
+        loop = loop - loop.mean(axis=0)
+        loop = loop / (np.abs(loop).max() or 1.0)
+        normal = _normals(loop[None])[0]
+    drop = int(np.argmax(np.abs(normal)))
+    u, v = (drop + 1) % 3, (drop + 2) % 3
+    return loop[:, [u, v]] if normal[drop] >= 0 else loop[:, [v, u]]
+
+
+def _ears(p: NDArray) -> NDArray:
+    """(k-2, 3) corners of the triangles of a simple counter-clockwise polygon; ear clipping.
+
+    Where no ear is left (the polygon crosses itself), the corner that turns most is cut, so that the result
+    always has k - 2 triangles over all corners. Candidates are the corners next to the last cut and those not
+    yet tried, so the usual cost is a few vectorised tests a corner.
+    """
+    before, after = np.roll(np.arange(len(p)), 1), np.roll(np.arange(len(p)), -1)
+    alive = np.ones(len(p), dtype=bool)
+    triangles, here, failed = [], 0, 0
+    while alive.sum() > 3:
+        a, c = before[here], after[here]
+        if failed > alive.sum() or _is_ear(p, a, here, c, alive):
+            triangles.append((a, here, c))
+            alive[here] = False
+            after[a], before[c] = c, a
+            here, failed = a, 0
+        else:
+            here, failed = c, failed + 1
+    a = int(np.flatnonzero(alive)[0])
+    triangles.append((a, after[a], after[after[a]]))
+    return np.array(triangles, dtype=np.int64)
+
+
+def _turn(a: NDArray, b: NDArray, c: NDArray) -> NDArray:
+    """Twice the signed area of triangles abc."""
+    return (b[..., 0] - a[..., 0]) * (c[..., 1] - a[..., 1]) - (b[..., 1] - a[..., 1]) * (
+        c[..., 0] - a[..., 0]
+    )
+
+
+def _is_ear(p: NDArray, a: int, b: int, c: int, alive: NDArray) -> bool:
+    if _turn(p[a], p[b], p[c]) <= 0:
+        return False
+    others = alive.copy()
+    others[[a, b, c]] = False
+    q = p[others]
+    inside = (_turn(p[a], p[b], q) >= 0) & (_turn(p[b], p[c], q) >= 0) & (_turn(p[c], p[a], q) >= 0)
+    # a corner at the same place as one of the ear's own does not block it
+    same = (q == p[a]).all(axis=1) | (q == p[b]).all(axis=1) | (q == p[c]).all(axis=1)
+    return not bool((inside & ~same).any())
