@@ -99,6 +99,15 @@ def two_dimensional(value: NDArray) -> NDArray:
     return np.ascontiguousarray(value.reshape(len(value), -1) if value.ndim != 1 else value)
 
 
+def short_integers(value: NDArray) -> NDArray:
+    """The array without 8-byte integers, for formats that have none: int32 where it fits, else float64."""
+    if value.dtype.kind not in "iu" or value.dtype.itemsize < 8:
+        return value
+    if value.size == 0 or np.abs(value).max() < 2**31:
+        return value.astype(np.int32)
+    return value.astype(np.float64)
+
+
 def without_arrays(sheet: Sheet, suffix: str) -> None:
     """Warn of arrays that a format cannot hold."""
     lost = [*sheet.vertex, *sheet.cell]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.io.sheet import Sheet, surface_only, two_dimensional, without_arrays
+from ddgcli.io.sheet import Sheet, short_integers, surface_only, two_dimensional, without_arrays
 
 PLY_TYPES = {
     "i1": "char",
@@ -65,7 +65,7 @@ def _columns(arrays: dict[str, NDArray]) -> list[tuple[str, NDArray]]:
     """Scalar properties of arrays, in types that PLY has."""
     columns = []
     for name, value in arrays.items():
-        flat = _in_ply_type(two_dimensional(value))
+        flat = short_integers(two_dimensional(value))
         name = "_".join(name.split())
         if flat.ndim == 1:
             columns.append((name, flat))
@@ -73,14 +73,6 @@ def _columns(arrays: dict[str, NDArray]) -> list[tuple[str, NDArray]]:
         ends = "xyz" if flat.shape[1] == 3 else [str(k) for k in range(flat.shape[1])]
         columns += [(f"{name}_{end}", flat[:, k]) for k, end in enumerate(ends)]
     return columns
-
-
-def _in_ply_type(value: NDArray) -> NDArray:
-    if value.dtype.str[1:] in PLY_TYPES:
-        return value
-    if value.dtype.kind in "iu" and (value.size == 0 or np.abs(value).max() < 2**31):
-        return value.astype(np.int32)
-    return value.astype(np.float64)
 
 
 def obj_bytes(sheet: Sheet) -> bytes:

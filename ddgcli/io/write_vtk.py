@@ -12,7 +12,7 @@ from xml.sax.saxutils import escape, quoteattr
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.io.sheet import Sheet, surface_only, two_dimensional
+from ddgcli.io.sheet import Sheet, short_integers, surface_only, two_dimensional
 
 VTK_TYPE = {"faces": 5, "tetrahedra": 10, "lines": 3}
 NAMES = {
@@ -20,8 +20,8 @@ NAMES = {
     "u1": "UInt8", "u2": "UInt16", "u4": "UInt32", "u8": "UInt64",
 }  # fmt: skip
 LEGACY = {
-    "f4": "float", "f8": "double", "i1": "char", "i2": "short", "i4": "int", "i8": "vtktypeint64",
-    "u1": "unsigned_char", "u2": "unsigned_short", "u4": "unsigned_int", "u8": "vtktypeuint64",
+    "f4": "float", "f8": "double", "i1": "char", "i2": "short", "i4": "int",
+    "u1": "unsigned_char", "u2": "unsigned_short", "u4": "unsigned_int",
 }  # fmt: skip
 
 
@@ -48,11 +48,9 @@ def vtp_bytes(sheet: Sheet) -> bytes:
 
 
 def _xml(sheet: Sheet, kind: str, counts: str, cells: list[str]) -> bytes:
-    # provenance stands in a processing instruction: readers pass it over, also those that know no text arrays
-    provenance = sheet.provenance.replace("?>", "?\\u003e")
     lines = [
         '<?xml version="1.0"?>',
-        f"<?ddgcli {provenance}?>",
+        f"<?ddgcli {_instruction(sheet)}?>",
         f'<VTKFile type="{kind}" version="1.0" byte_order="LittleEndian" header_type="UInt64">',
         f"<{kind}>",
         f'<Piece NumberOfPoints="{len(sheet.points)}" {counts}>',
@@ -63,6 +61,11 @@ def _xml(sheet: Sheet, kind: str, counts: str, cells: list[str]) -> bytes:
         "</Piece>", f"</{kind}>", "</VTKFile>", "",
     ]  # fmt: skip
     return "\n".join(lines).encode()
+
+
+def _instruction(sheet: Sheet) -> str:
+    """Provenance as an XML processing instruction: readers pass it over, also those without text arrays."""
+    return sheet.provenance.replace("?>", "?\\u003e")
 
 
 def _cells(cells: NDArray) -> list[str]:
@@ -97,7 +100,7 @@ def vtk_bytes(sheet: Sheet) -> bytes:
         if arrays:
             out.write(f"{tag} {length}\nFIELD FieldData {len(arrays)}\n".encode())
         for name, value in arrays.items():
-            value = two_dimensional(value)
+            value = short_integers(two_dimensional(value))
             width = value.shape[1] if value.ndim == 2 else 1
             _legacy(out, f"{'_'.join(name.split())} {width} {length} {LEGACY[value.dtype.str[1:]]}", value)
     return out.getvalue()
@@ -114,8 +117,8 @@ def xdmf_bytes(sheet: Sheet) -> bytes:
     nodes = ' NodesPerElement="2"' if sheet.kind == "lines" else ""
     parts = [
         '<?xml version="1.0"?>',
+        f"<?ddgcli {_instruction(sheet)}?>",
         '<Xdmf Version="3.0"><Domain><Grid Name="mesh" GridType="Uniform">',
-        f'<Information Name="ddgcli" Value={quoteattr(sheet.provenance)} />',
         f'<Geometry GeometryType="XYZ">{_item(sheet.points)}</Geometry>',
         f'<Topology TopologyType="{topology}" NumberOfElements="{m}"{nodes}>{_item(sheet.cells)}</Topology>',
     ]
@@ -131,10 +134,11 @@ def xdmf_bytes(sheet: Sheet) -> bytes:
 
 
 def _item(value: NDArray) -> str:
-    kind = "Float" if value.dtype.kind == "f" else "UChar" if value.dtype == np.uint8 else "Int"
+    if value.dtype.itemsize < 4:  # XDMF readers disagree about short integers
+        value = value.astype(np.int32)
+    kind, precision = ("Float" if value.dtype.kind == "f" else "Int"), value.dtype.itemsize
     dims = " ".join(map(str, value.shape))
     row = (" ".join(["%r"] * (value.shape[1] if value.ndim == 2 else 1)) + "\n") * len(value)
     text = escape(row % tuple(value.ravel().tolist()))
-    precision = max(value.dtype.itemsize, 4) if kind != "UChar" else 1
     head = f'<DataItem DataType="{kind}" Dimensions="{dims}" Format="XML" Precision="{precision}">'
     return f"{head}\n{text}</DataItem>"
