@@ -20,6 +20,6 @@ def command(mesh_path: str, common: Common) -> None:
         from ddgcli.algorithms.curvature import angle_defect
         from ddgcli.mesh.fields import AnnotatedMesh
 
-        defect = angle_defect(source.surface)
+        defect = angle_defect(source.mesh)
     run.write(AnnotatedMesh(source.mesh, vertex={"angle_defect": defect}))
     run.finish({"total_gaussian_curvature": float(defect.sum())}, {})

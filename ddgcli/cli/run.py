@@ -16,7 +16,7 @@ from ddgcli import __version__
 from ddgcli.cli.options import Common
 from ddgcli.cli.progress import Progress
 from ddgcli.cli.report import plain, print_summary
-from ddgcli.errors import DdgError, MissingExtraError, OutputError, ParameterError
+from ddgcli.errors import DdgError, MeshError, MissingExtraError, OutputError, ParameterError
 
 if TYPE_CHECKING:
     from ddgcli.io.mesh_file import MeshInput
@@ -145,8 +145,14 @@ class Run:
         self._progress = Progress(label, None if not self.common.quiet else False, self.common.progress)
         return self._progress
 
-    def read(self, path: str) -> MeshInput:
-        """Read the input mesh and note it in the summary."""
+    def read(self, path: str, accept: Sequence[str] = ("surface",)) -> MeshInput:
+        """Read the input mesh and note it in the summary.
+
+        Parameters
+        ----------
+        accept : sequence of {'surface', 'tetrahedra', 'curve'}
+            Kinds that the command takes; others are refused with the mend.
+        """
         with self.timed("read"):
             from ddgcli.io.mesh_file import check_place, read_mesh
 
@@ -154,6 +160,12 @@ class Run:
                 if output != "-":
                     check_place(output, inputs=(path,))
             source = read_mesh(path, self.common.input_format)
+            if source.kind not in accept:
+                mend = {"tetrahedra": f"; ddgcli info {path} -o surface.ply writes their boundary"}
+                raise MeshError(
+                    f"{path}: holds {'a ' * (source.kind == 'curve')}{source.kind}; {self.command} takes "
+                    f"{' or '.join(accept)}{mend.get(source.kind, '')}"
+                )
             self.input = {"path": path, **describe(source.mesh)}
             self._inputs[path] = source.sha256
             self._input_vertex = source.input_vertex

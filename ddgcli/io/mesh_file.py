@@ -16,16 +16,16 @@ import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 from numpy.typing import NDArray
 
-from ddgcli.errors import InputError, MeshError, MeshFileError, OutputError
+from ddgcli.errors import InputError, MeshFileError, OutputError
 from ddgcli.io.raw import RawMesh, assembled
 from ddgcli.mesh.curve import CurveSet
 from ddgcli.mesh.fields import AnnotatedMesh
 from ddgcli.mesh.intrinsic_mesh import IntrinsicMesh
 from ddgcli.mesh.tet_mesh import TetMesh
-from ddgcli.mesh.triangle_mesh import TriangleMesh
 
 # extension -> (module, function); modules are imported only when their format is met
 READERS = {
@@ -65,7 +65,7 @@ class MeshInput:
         What was done to the input: merged, triangulated, ...
     """
 
-    mesh: TriangleMesh | TetMesh | CurveSet
+    mesh: Any
     path: str
     sha256: str
     vertex: dict[str, NDArray] = field(default_factory=dict)
@@ -77,12 +77,10 @@ class MeshInput:
     notes: tuple[str, ...] = ()
 
     @property
-    def surface(self) -> TriangleMesh:
-        """The mesh where it is a triangle surface; MeshError for curves and tetrahedra."""
-        if isinstance(self.mesh, TriangleMesh):
-            return self.mesh
-        found = "tetrahedra" if isinstance(self.mesh, TetMesh) else "a curve"
-        raise MeshError(f"holds {found}; this command takes a triangle surface")
+    def kind(self) -> str:
+        """'surface', 'tetrahedra' or 'curve'."""
+        kinds = {TetMesh: "tetrahedra", CurveSet: "curve"}
+        return kinds.get(type(self.mesh), "surface")
 
 
 def read_mesh(path: str, input_format: str | None = None) -> MeshInput:

@@ -1,0 +1,197 @@
+"""Every format gives back what was put in: points, cells, arrays, order; other programs read the same."""
+
+import json
+
+import numpy as np
+import pytest
+
+from ddgcli.errors import OutputError
+from ddgcli.io.mesh_file import WRITERS, read_mesh, write_mesh
+from ddgcli.mesh import shapes
+from ddgcli.mesh.curve import CurveSet
+from ddgcli.mesh.fields import AnnotatedMesh
+from ddgcli.mesh.tet_mesh import TetMesh
+
+METADATA = {
+    "command_line": "ddgcli x --json 'a?>b' -- \"c\"",
+    "version": "0",
+    "input": "x.ply",
+    "input_sha256": "ff" * 32,
+    "options": {"a": 1},
+    "converged": True,
+}
+WITHOUT_ARRAYS = {".obj", ".off", ".stl"}
+WITH_EDGES = {".npz", ".vtkhdf"}
+
+
+def annotated_surface():
+    rng = np.random.default_rng(0)
+    mesh = shapes.torus(12, 8)
+    mesh = mesh.moved(mesh.points + 1e-3 * rng.normal(size=mesh.points.shape))
+    n, m, e = mesh.n_vertices, mesh.n_faces, mesh.topology.n_edges
+    vertex = {
+        "scalar": rng.normal(size=n),
+        "vector": rng.normal(size=(n, 3)),
+        "uv": rng.normal(size=(n, 2)),
+        "flag": rng.random(n) > 0.5,
+        "count": np.arange(n) - 5,
+    }
+    face = {"face_scalar": rng.normal(size=m), "face_vector": rng.normal(size=(m, 3)), "number": np.arange(m)}
+    edge = {"edges": mesh.topology.edges, "angle": rng.normal(size=e)}
+    return AnnotatedMesh(mesh, vertex, face, edge, {"input_vertex": np.arange(7)}, METADATA)
+
+
+def annotated_tetrahedra():
+    points = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [1, 1, 1 / 3]])
+    mesh = TetMesh.from_arrays(points, np.array([[0, 1, 2, 3], [1, 2, 3, 4]]))
+    return AnnotatedMesh(mesh, {"a": points[:, 2]}, {"c": np.array([0.1, 0.2])}, metadata=METADATA)
+
+
+def annotated_curves():
+    rng = np.random.default_rng(1)
+    curves = CurveSet.from_paths([rng.normal(size=(4, 3)), rng.normal(size=(3, 3))])
+    return AnnotatedMesh(curves, metadata=METADATA)
+
+
+def same(read, written):
+    assert read.keys() >= written.keys()
+    for name, value in written.items():
+        np.testing.assert_array_equal(np.asarray(read[name], dtype=float), np.asarray(value, dtype=float))
+
+
+@pytest.mark.parametrize("suffix", WRITERS)
+def test_surfaces_come_back(tmp_path, suffix):
+    annotated = annotated_surface()
+    path = str(tmp_path / f"a{suffix}")
+    write_mesh(path, annotated)
+    found = read_mesh(path)
+    if suffix == ".stl":
+        np.testing.assert_allclose(
+            found.mesh.points[found.mesh.faces], annotated.mesh.points[annotated.mesh.faces], rtol=1e-6
+        )
+        return
+    np.testing.assert_array_equal(found.mesh.points, annotated.mesh.points)
+    np.testing.assert_array_equal(found.mesh.faces, annotated.mesh.faces)
+    if suffix not in WITHOUT_ARRAYS:
+        same(found.vertex, annotated.vertex)
+        same(found.face, annotated.face)
+    if suffix in WITH_EDGES:
+        same(found.edge, annotated.edge)
+        same(found.whole, annotated.whole)
+
+
+@pytest.mark.parametrize("suffix", WRITERS)
+def test_bytes_are_the_same_each_time(tmp_path, suffix):
+    for name in "ab":
+        write_mesh(str(tmp_path / f"{name}{suffix}"), annotated_surface())
+    assert (tmp_path / f"a{suffix}").read_bytes() == (tmp_path / f"b{suffix}").read_bytes()
+
+
+@pytest.mark.parametrize("suffix", [".vtu", ".vtk", ".vtkhdf", ".xdmf", ".npz"])
+def test_tetrahedra_come_back(tmp_path, suffix):
+    annotated = annotated_tetrahedra()
+    path = str(tmp_path / f"a{suffix}")
+    write_mesh(path, annotated)
+    found = read_mesh(path)
+    np.testing.assert_array_equal(found.mesh.points, annotated.mesh.points)
+    np.testing.assert_array_equal(found.mesh.tetrahedra, annotated.mesh.tetrahedra)
+    same(found.vertex, annotated.vertex)
+    same(found.face, annotated.face)
+
+
+@pytest.mark.parametrize("suffix", [".ply", ".vtp", ".obj", ".off", ".stl"])
+def test_tetrahedra_give_their_boundary_to_surface_formats(tmp_path, suffix):
+    path = str(tmp_path / f"a{suffix}")
+    write_mesh(path, annotated_tetrahedra())
+    assert read_mesh(path).mesh.n_faces == 6
+
+
+@pytest.mark.parametrize("suffix", sorted(set(WRITERS) - {".off", ".stl"}))
+def test_curves_come_back(tmp_path, suffix):
+    annotated = annotated_curves()
+    path = str(tmp_path / f"a{suffix}")
+    write_mesh(path, annotated)
+    found = read_mesh(path).mesh
+    np.testing.assert_array_equal(found.points, annotated.mesh.points)
+    np.testing.assert_array_equal(found.lines, annotated.mesh.lines)
+    assert [len(path) for path, _ in found.paths()] == [4, 3]
+
+
+@pytest.mark.parametrize("suffix", [".off", ".stl"])
+def test_curves_are_refused_where_they_cannot_be(tmp_path, suffix):
+    with pytest.raises(OutputError, match="vtp"):
+        write_mesh(str(tmp_path / f"a{suffix}"), annotated_curves())
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("suffix", [".vtu", ".vtk", ".xdmf"])
+def test_meshio_reads_what_we_write(tmp_path, suffix):
+    meshio = pytest.importorskip("meshio")
+    annotated = annotated_surface()
+    path = str(tmp_path / f"a{suffix}")
+    write_mesh(path, annotated)
+    found = meshio.read(path)
+    np.testing.assert_array_equal(found.points, annotated.mesh.points)
+    np.testing.assert_array_equal(found.cells[0].data, annotated.mesh.faces)
+    same(found.point_data, annotated.vertex)
+    same({name: value[0] for name, value in found.cell_data.items()}, annotated.face)
+
+
+@pytest.mark.parametrize("suffix", [".ply", ".obj", ".off"])
+def test_trimesh_reads_what_we_write(tmp_path, suffix):
+    trimesh = pytest.importorskip("trimesh")
+    annotated = annotated_surface()
+    path = str(tmp_path / f"a{suffix}")
+    write_mesh(path, annotated)
+    found = trimesh.load(path, process=False, maintain_order=True)
+    np.testing.assert_array_equal(found.vertices, annotated.mesh.points)
+    np.testing.assert_array_equal(found.faces, annotated.mesh.faces)
+
+
+@pytest.mark.parametrize("suffix", [".vtu", ".vtp", ".vtk", ".vtkhdf"])
+@pytest.mark.parametrize("make", [annotated_surface, annotated_tetrahedra, annotated_curves])
+def test_vtk_reads_what_we_write(tmp_path, suffix, make):
+    pytest.importorskip("vtk")
+    from vtkmodules.util.numpy_support import vtk_to_numpy
+    from vtkmodules.vtkIOHDF import vtkHDFReader
+    from vtkmodules.vtkIOLegacy import vtkUnstructuredGridReader
+    from vtkmodules.vtkIOXML import vtkXMLPolyDataReader, vtkXMLUnstructuredGridReader
+
+    readers = {".vtu": vtkXMLUnstructuredGridReader, ".vtp": vtkXMLPolyDataReader,
+               ".vtk": vtkUnstructuredGridReader, ".vtkhdf": vtkHDFReader}  # fmt: skip
+    annotated = make()
+    path = str(tmp_path / f"a{suffix}")
+    write_mesh(path, annotated)
+    reader = readers[suffix]()
+    reader.SetFileName(path)
+    reader.Update()
+    data = reader.GetOutput()
+    np.testing.assert_array_equal(vtk_to_numpy(data.GetPoints().GetData()), annotated.mesh.points)
+    for name, value in annotated.vertex.items():
+        array = vtk_to_numpy(data.GetPointData().GetArray(name))
+        np.testing.assert_array_equal(array, np.asarray(value, dtype=array.dtype))
+    expected = {"TriangleMesh": "faces", "TetMesh": "tetrahedra", "CurveSet": "lines"}
+    cells = getattr(annotated.mesh, expected[type(annotated.mesh).__name__])
+    if suffix == ".vtp" and hasattr(annotated.mesh, "tetrahedra"):
+        cells = annotated.mesh.boundary.faces
+    assert data.GetNumberOfCells() == len(cells)
+    ids = [[data.GetCell(i).GetPointId(k) for k in range(cells.shape[1])] for i in range(len(cells))]
+    np.testing.assert_array_equal(ids, cells)
+
+
+@pytest.mark.parametrize("suffix", [".ply", ".vtu", ".vtp", ".vtkhdf", ".obj", ".off", ".xdmf", ".npz"])
+def test_provenance_is_in_the_file(tmp_path, suffix):
+    path = tmp_path / f"a{suffix}"
+    write_mesh(str(path), annotated_surface())
+    if suffix == ".npz":
+        with np.load(path) as archive:
+            text = str(archive["metadata"])
+    elif suffix == ".vtkhdf":
+        h5py = pytest.importorskip("h5py")
+        with h5py.File(path) as file:
+            text = file["ddgcli"].attrs["metadata"]
+            assert file["ddgcli"].attrs["input_sha256"] == METADATA["input_sha256"]
+    else:
+        line = next(row for row in path.read_bytes().split(b"\n") if b"command_line" in row).decode()
+        text = line[line.index("{") : line.rindex("}") + 1]
+    assert json.loads(text) == METADATA
