@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import logging
-from dataclasses import dataclass, field
-from typing import Any
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +12,9 @@ from numpy.typing import NDArray
 from ddgcli.algorithms.geodesic_sources import Sources, checked_sources
 from ddgcli.errors import ParameterError
 from ddgcli.operators.laplacian import SurfaceMesh
+
+if TYPE_CHECKING:
+    from ddgcli.algorithms.geodesic_exact import ExactDistance
 
 log = logging.getLogger("ddgcli")
 
@@ -28,12 +31,15 @@ class Measured:
         Number of the nearest source, -1 where none reaches.
     results, accuracy : dict
         What the method tells of its work and of its error.
+    exact : ExactDistance, optional
+        Of the exact method: how the shortest path arrives at each vertex.
     """
 
     distance: NDArray[np.float64]
     nearest_source: NDArray[np.int64] | None
     results: dict[str, Any] = field(default_factory=dict)
     accuracy: dict[str, Any] = field(default_factory=dict)
+    exact: ExactDistance | None = None
 
     @property
     def arrays(self) -> dict[str, NDArray]:
@@ -46,7 +52,7 @@ def _exact(mesh: SurfaceMesh, sources: Sources) -> Measured:
     from ddgcli.algorithms.geodesic_exact import exact_distance
 
     exact = exact_distance(mesh, sources)
-    return Measured(exact.distance, exact.nearest_source, {"windows": exact.windows})
+    return Measured(exact.distance, exact.nearest_source, {"windows": exact.windows}, exact=exact)
 
 
 def _dijkstra(mesh: SurfaceMesh, sources: Sources) -> Measured:
@@ -79,7 +85,7 @@ def measure_distance(mesh: SurfaceMesh, sources: Sources, method: str = "exact")
         "max_distance": float(finite.max(initial=0.0)),
         "unreachable": unreachable,
     }
-    return Measured(measured.distance, measured.nearest_source, summary | measured.results, measured.accuracy)
+    return replace(measured, results=summary | measured.results)
 
 
 def report_unreachable(mesh: SurfaceMesh, distance: NDArray) -> int:

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from ddgcli.algorithms.walk import Traces
 from ddgcli.errors import ParameterError
-from ddgcli.geometry.face_frames import surface_position, to_space
+from ddgcli.geometry.face_frames import planar_difference, surface_position, to_space
 from ddgcli.geometry.surface_points import SurfacePoints
-from ddgcli.geometry.unfolding import SurfaceMesh, corner_position, unfold, vertex_fans
+from ddgcli.geometry.unfolding import SurfaceMesh, unfold, vertex_fans
 from ddgcli.mesh.curve import CurveSet
 from ddgcli.mesh.topology import NEXT, PREVIOUS, Topology
 from ddgcli.mesh.triangle_mesh import TriangleMesh
@@ -179,9 +179,8 @@ def segment_vectors(mesh: SurfaceMesh, paths: SurfacePaths) -> NDArray[np.float6
             f"path {paths.of_point()[i]} leaves point {i - paths.start[paths.of_point()[i]]} in face "
             f"{paths.face[i]}, which does not hold the next point; name a face that both points share"
         )
-    corner = corner_position(unfold(mesh))[paths.face[here]]
     vector = np.full((len(after), 2), np.nan)
-    vector[here] = np.einsum("ij,ijk->ik", target - paths.barycentric[here], corner)
+    vector[here] = planar_difference(unfold(mesh), paths.face[here], paths.barycentric[here], target)
     return vector
 
 
@@ -208,7 +207,6 @@ def joints(mesh: SurfaceMesh, paths: SurfacePaths, shortest: float = 1e-13) -> J
     Joints
     """
     topology, unfolding, fans = mesh.topology, unfold(mesh), vertex_fans(mesh)
-    corner = corner_position(unfolding) / unfolding.scale
     after = paths.following()
     before = np.full(len(after), -1)
     before[after[after >= 0]] = np.flatnonzero(after >= 0)
@@ -217,8 +215,10 @@ def joints(mesh: SurfaceMesh, paths: SurfacePaths, shortest: float = 1e-13) -> J
     into_face = paths.face[before[at]]
     into_b = seen_from(topology, face, b, into_face)
     ahead = seen_from(topology, paths.face[after[at]], paths.barycentric[after[at]], face)
-    leaving = np.einsum("ij,ijk->ik", ahead - b, corner[face])
-    backward = np.einsum("ij,ijk->ik", paths.barycentric[before[at]] - into_b, corner[into_face])
+    leaving = planar_difference(unfolding, face, b, ahead) / unfolding.scale
+    backward = (
+        planar_difference(unfolding, into_face, into_b, paths.barycentric[before[at]]) / unfolding.scale
+    )
 
     def angle(face: NDArray, b: NDArray, d: NDArray) -> NDArray:
         """Angle of direction d in the tangent plane at the point: the fan's, the edge's or the face's."""

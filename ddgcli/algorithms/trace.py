@@ -48,14 +48,11 @@ class Tracer:
             )
         self.mesh = mesh
         self.unfolding: Unfolding = unfold(mesh)
-        self._fans: Fans | None = None
 
     @property
     def fans(self) -> Fans:
         """Angles around vertices; made when the first line meets a vertex."""
-        if self._fans is None:
-            self._fans = vertex_fans(self.mesh)
-        return self._fans
+        return vertex_fans(self.mesh)
 
     def trace(
         self,

@@ -135,7 +135,7 @@ class Walk:
         line = np.flatnonzero(self.left_over > 0)
         b, d, face = start.barycentric[line], start.direction[line], start.face[line]
         side_length = self.length.reshape(-1, 3)[face]
-        corner = corner_position(self.unfolding)[face] / self.unfolding.scale
+        corner = corner_position(self.unfolding, face) / self.unfolding.scale
         position = np.einsum("ij,ijk->ik", b, corner)
         e = self.unfolding.direction[face]
         outward = d[:, None, 0] * e[:, :, 1] - d[:, None, 1] * e[:, :, 0]

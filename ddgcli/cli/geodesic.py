@@ -7,9 +7,9 @@ import click
 from ddgcli.cli import options
 from ddgcli.cli.geodesic_curves import (
     CurveOptions,
+    check_asked,
     compute_curves,
     curve_options,
-    refuse_useless,
     write_curves,
 )
 from ddgcli.cli.options import Common
@@ -28,21 +28,23 @@ def command(
     mesh_path: str, source: tuple[int, ...], method: str, curves: CurveOptions, common: Common
 ) -> None:
     """Measure distance along the surface of MESH from the sources, and draw curves on it."""
-    refuse_useless(curves)
+    check_asked(curves, bool(source), method)
     run = Run("geodesic", common, source=list(source), method=method, **curves.said())
     mesh_input = run.read(mesh_path)
     mesh = mesh_input.mesh
-    vertex, results, accuracy, converged = {}, {}, {}, True
+    vertex, results, accuracy, converged, exact = {}, {}, {}, True, None
     with run.timed("compute"):
         from ddgcli.algorithms.geodesic import measure_distance
         from ddgcli.algorithms.geodesic_sources import Sources
         from ddgcli.mesh.fields import AnnotatedMesh
 
+        sources = Sources.at(source)
         if source or not curves.asked:
-            measured = measure_distance(mesh, Sources.at(source), method)
+            measured = measure_distance(mesh, sources, method)
+            exact = measured.exact
             vertex, results, accuracy = measured.arrays, measured.results, measured.accuracy
     if curves.asked:
-        made = compute_curves(run, mesh, curves)
+        made = compute_curves(run, mesh, curves, sources, exact)
         write_curves(run, mesh, made, curves.paths_output)
         results, accuracy = results | {"paths": made.entries}, accuracy | made.accuracy
         converged = made.converged

@@ -18,6 +18,7 @@ from ddgcli.errors import ParameterError
 class CurveOptions:
     """Curves asked for."""
 
+    path_to: tuple[int, ...] = ()
     trace: tuple[Any, ...] = ()
     at_boundary: str = "stop"
     paths_output: tuple[str, ...] = ()
@@ -25,7 +26,7 @@ class CurveOptions:
     @property
     def asked(self) -> bool:
         """Is any curve asked for?"""
-        return bool(self.trace)
+        return bool(self.path_to or self.trace)
 
     def said(self) -> dict[str, Any]:
         """The options that were given, for the summary."""
@@ -55,6 +56,8 @@ class TraceStart(click.ParamType):
 
 
 _OPTIONS = (
+    click.option("--path-to", multiple=True, type=int, metavar="ID",
+                 help="Shortest path from the nearest source to this vertex; repeatable."),
     click.option("--trace", multiple=True, type=TraceStart(), metavar="FACE:b0,b1,b2:dx,dy,dz:LENGTH",
                  help="Straightest geodesic from a point of a face; repeatable."),
     click.option("--at-boundary", type=click.Choice(["stop", "reflect"]), default="stop", show_default=True,
@@ -77,12 +80,16 @@ def curve_options(command: Callable) -> Callable:
     return with_curves
 
 
-def compute_curves(run: Any, mesh: Any, asked: CurveOptions) -> Any:  # -> Curves
+def compute_curves(run: Any, mesh: Any, asked: CurveOptions, sources: Any, exact: Any) -> Any:  # -> Curves
     """All curves that the options ask for, in the order of the options in --help."""
     with run.timed("compute"):
         from ddgcli.algorithms import curves
 
         parts = []
+        if asked.path_to:
+            from ddgcli.algorithms.shortest_paths import shortest_paths
+
+            parts.append(shortest_paths(mesh, exact, sources, list(asked.path_to)))
         if asked.trace:
             face, barycentric, direction, length = (np.array(x) for x in zip(*asked.trace, strict=True))
             parts.append(
@@ -106,8 +113,14 @@ def write_curves(run: Any, mesh: Any, made: Any, paths_output: tuple[str, ...]) 
         run.write_file(path, annotated)
 
 
-def refuse_useless(asked: CurveOptions) -> None:
-    """--paths-output without a curve is a mistake."""
+def check_asked(asked: CurveOptions, has_source: bool, method: str) -> None:
+    """Refuse options that cannot be served together."""
+    if asked.path_to and not has_source:
+        raise ParameterError("--path-to needs a source, e.g. --source 0")
+    if asked.path_to and method != "exact":
+        raise ParameterError(
+            "--path-to follows the exact distance; leave --method out or give --method exact"
+        )
     if asked.paths_output and not asked.asked:
         raise ParameterError(
             "--paths-output has no curves to write; ask for some, e.g. with --path-to or --trace"

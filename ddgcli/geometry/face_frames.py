@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from ddgcli.errors import ParameterError
 from ddgcli.geometry.extrinsic import face_normal
-from ddgcli.geometry.unfolding import SurfaceMesh
+from ddgcli.geometry.unfolding import SurfaceMesh, Unfolding, corner_position
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 
 
@@ -40,3 +40,10 @@ def surface_position(mesh: SurfaceMesh, face: NDArray, barycentric: NDArray) -> 
     if mesh.points is None:
         raise ParameterError("the mesh has no positions")
     return np.einsum("ij,ijk->ik", barycentric, mesh.points[mesh.faces[face]])
+
+
+def planar_difference(
+    unfolding: Unfolding, face: NDArray, tail: NDArray, head: NDArray
+) -> NDArray[np.float64]:
+    """(k, 2) vectors from one point of a face to another, in the planar frame of the face."""
+    return np.einsum("ij,ijk->ik", head - tail, corner_position(unfolding, face))

@@ -9,6 +9,7 @@ Two planar frames, both from lengths alone:
 from __future__ import annotations
 
 from dataclasses import dataclass
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +23,11 @@ SurfaceMesh = TriangleMesh | IntrinsicMesh
 
 # columns of Unfolding.side
 APEX_X, APEX_Y, NEXT_COS, NEXT_SIN, PREV_COS, PREV_SIN, NEXT_LENGTH, PREV_LENGTH = range(8)
+
+
+# meshes are immutable, so what was computed of one stays true
+_UNFOLDED: WeakKeyDictionary[SurfaceMesh, Unfolding] = WeakKeyDictionary()
+_FANS: WeakKeyDictionary[SurfaceMesh, Fans] = WeakKeyDictionary()
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,11 +56,17 @@ class Unfolding:
 
 
 def unfold(mesh: SurfaceMesh) -> Unfolding:
-    """Lay out every face in the plane.
+    """Every face laid out in the plane; kept as long as the mesh lives.
 
     Heights come from cross products where the mesh has positions (accurate on caps), from Kahan's ordering of
     Heron's formula where it has only lengths.
     """
+    if mesh not in _UNFOLDED:
+        _UNFOLDED[mesh] = _laid_out(mesh)
+    return _UNFOLDED[mesh]
+
+
+def _laid_out(mesh: SurfaceMesh) -> Unfolding:
     length = mesh.side_length
     scale = float(length.max(initial=0.0)) or 1.0
     length = length / scale
@@ -93,12 +105,12 @@ def _unit(x: NDArray, y: NDArray) -> tuple[NDArray, NDArray]:
     return x / size, y / size
 
 
-def corner_position(unfolding: Unfolding) -> NDArray[np.float64]:
-    """(m, 3, 2) corners of every face in its own frame, in the input's length unit."""
-    first = unfolding.side[::3]
+def corner_position(unfolding: Unfolding, face: NDArray | None = None) -> NDArray[np.float64]:
+    """(k, 3, 2) corners of faces (by default all) in their own frames, in the input's length unit."""
+    first = 3 * np.arange(len(unfolding.direction)) if face is None else 3 * face
     corners = np.zeros((len(first), 3, 2))
-    corners[:, 1, 0] = unfolding.length[::3]
-    corners[:, 2] = first[:, [APEX_X, APEX_Y]]
+    corners[:, 1, 0] = unfolding.length[first]
+    corners[:, 2] = unfolding.side[first][:, [APEX_X, APEX_Y]]
     return corners * unfolding.scale
 
 
@@ -155,18 +167,16 @@ def counterclockwise_corner(topology: Topology) -> NDArray[np.int64]:
     return topology.side_twin[:, PREVIOUS].ravel()
 
 
-def vertex_fans(mesh: SurfaceMesh, angle: NDArray | None = None) -> Fans:
-    """Order the corners around every vertex of an oriented mesh.
+def vertex_fans(mesh: SurfaceMesh) -> Fans:
+    """The corners in order around every vertex of an oriented mesh; kept as long as the mesh lives."""
+    if mesh not in _FANS:
+        _FANS[mesh] = _ordered_fans(mesh)
+    return _FANS[mesh]
 
-    Parameters
-    ----------
-    mesh : TriangleMesh or IntrinsicMesh
-        Consistently oriented.
-    angle : (m, 3) ndarray of float64, optional
-        Corner angles; by default those of the mesh.
-    """
+
+def _ordered_fans(mesh: SurfaceMesh) -> Fans:
     topology = mesh.topology
-    corner_of_angle = (face_corner_angle(mesh) if angle is None else angle).ravel()
+    corner_of_angle = face_corner_angle(mesh).ravel()
     after = counterclockwise_corner(topology)
     n = len(after)
     first, is_open = _first_corners(after)
