@@ -1,0 +1,371 @@
+"""Homology of surfaces and solids: Betti numbers, generators, closed cochains (chapters 7 and 8).
+
+Generators of a surface come from a tree-cotree decomposition (Eppstein 2003; Erickson and Whittlesey 2005): a
+shortest-path tree of the edges, a spanning tree of the dual edges that avoids it, and the edges in neither.
+`tangential` speaks of absolute (co)homology, `normal` of the homology relative to the boundary.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_array, csr_array
+from scipy.sparse.csgraph import (
+    breadth_first_order,
+    connected_components,
+    dijkstra,
+    minimum_spanning_tree,
+)
+
+from ddgcli.mesh.intrinsic_mesh import IntrinsicMesh
+from ddgcli.mesh.tet_mesh import TetMesh
+from ddgcli.mesh.topology import Topology
+from ddgcli.mesh.triangle_mesh import TriangleMesh
+
+Boundary = Literal["tangential", "normal"]
+SurfaceMesh = TriangleMesh | IntrinsicMesh
+
+
+@dataclass(frozen=True)
+class BettiNumbers:
+    """Ranks of homology over the rationals, by degree; `relative` to the boundary."""
+
+    absolute: tuple[int, ...]
+    relative: tuple[int, ...]
+
+
+def betti_numbers(mesh: SurfaceMesh | TetMesh) -> BettiNumbers:
+    """Betti numbers of a manifold surface (any orientation, with boundary) or of a solid of tetrahedra.
+
+    Surfaces by counting components, closed components and the Euler characteristic. Solids by duality: each
+    boundary surface beyond the first of a component closes off one cavity (the solid lies in space).
+    """
+    return _solid_betti(mesh) if isinstance(mesh, TetMesh) else _surface_betti(mesh.topology)
+
+
+def _surface_betti(topology: Topology) -> BettiNumbers:
+    count = topology.n_components
+    open_component = np.zeros(count, dtype=bool)
+    open_component[topology.vertex_component[topology.edges[topology.boundary_edges, 0]]] = True
+    orientable = orientable_components(topology)
+    closed, euler = int((~open_component).sum()), topology.euler_characteristic
+    b2 = int((orientable & ~open_component).sum())
+    relative2 = int(orientable.sum())
+    return BettiNumbers((count, count + b2 - euler, b2), (closed, closed + relative2 - euler, relative2))
+
+
+def orientable_components(topology: Topology) -> NDArray[np.bool_]:
+    """(c,) whether each component can be oriented: its two-sheeted cover then falls in two pieces."""
+    m = topology.n_faces
+    side = np.flatnonzero(topology.side_twin.ravel() >= 0)
+    twin = topology.side_twin.ravel()[side]
+    sign = topology.side_sign.ravel()
+    swapped = (sign[side] == sign[twin]) * m  # same direction: the faces disagree, so the sheets are swapped
+    face, other = side // 3, twin // 3
+    rows = np.concatenate([face, face + m])
+    cols = np.concatenate([other + swapped, other + m - swapped])
+    graph = coo_array((np.ones(len(rows), dtype=np.int8), (rows, cols)), shape=(2 * m, 2 * m))
+    label = connected_components(graph, directed=False)[1]
+    result = np.ones(topology.n_components, dtype=bool)
+    result[topology.face_component[label[:m] == label[m:]]] = False
+    return result
+
+
+def _solid_betti(mesh: TetMesh) -> BettiNumbers:
+    tets = mesh.tetrahedra
+    n = mesh.n_vertices
+    rows, cols = tets[:, [0, 0, 0]].ravel(), tets[:, 1:].ravel()
+    graph = coo_array((np.ones(len(rows), dtype=np.int8), (rows, cols)), shape=(n, n))
+    label = connected_components(graph, directed=False)[1]
+    count = len(np.unique(label[tets[:, 0]]))
+    surface = mesh.boundary.topology
+    cavities = surface.n_components - count
+    euler = _solid_euler(tets)
+    absolute = (count, count + cavities - euler, cavities, 0)
+    return BettiNumbers(absolute, absolute[::-1])
+
+
+def _solid_euler(tets: NDArray) -> int:
+    def distinct(corners: list[list[int]]) -> int:
+        return len(np.unique(np.sort(tets[:, corners].reshape(-1, len(corners[0])), axis=1), axis=0))
+
+    edges = distinct([[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]])
+    faces = distinct([[1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2]])
+    return len(np.unique(tets)) - edges + faces - len(tets)
+
+
+@dataclass(frozen=True, eq=False)
+class TreeCotree:
+    """A surface's edges sorted into a tree, a dual tree and the rest: one generator an edge of the rest.
+
+    Attributes
+    ----------
+    generator_edges : (b,) ndarray of int64
+    vertex_parent, vertex_parent_edge : (n,) ndarray of int64
+        The tree; -1 at roots.
+    face_parent, face_parent_edge : (m + outer,) ndarray of int64
+        The dual tree over faces and, for tangential generators, one outer node a component with boundary.
+    edge_face : (e, 2) ndarray of int64
+        The dual nodes of each edge; -1 where there is none.
+    edge_face_sign : (e, 2) ndarray
+        How the face runs along the edge.
+    """
+
+    generator_edges: NDArray[np.int64]
+    vertex_parent: NDArray[np.int64]
+    vertex_parent_edge: NDArray[np.int64]
+    face_parent: NDArray[np.int64]
+    face_parent_edge: NDArray[np.int64]
+    edge_face: NDArray[np.int64]
+    edge_face_sign: NDArray[np.int64]
+
+
+def tree_cotree(mesh: SurfaceMesh, boundary: Boundary = "tangential") -> TreeCotree:
+    """Tree-cotree decomposition of an oriented manifold surface, with short generators.
+
+    For `normal` the boundary is one point of the tree and no dual edge crosses it.
+    """
+    topology = mesh.topology
+    length = np.zeros(topology.n_edges)
+    length[topology.side_edge.ravel()] = mesh.side_length.ravel()
+    node = np.arange(topology.n_vertices)
+    allowed = np.ones(topology.n_edges, dtype=bool)
+    if boundary == "normal" and len(topology.boundary_edges):
+        allowed[topology.boundary_edges] = False
+        node = _boundary_merged(topology)
+    parent, parent_edge, distance = _shortest_tree(node[topology.edges], length, allowed, topology.n_vertices)
+    edge_face, sign = _dual_edges(topology, outer=boundary == "tangential")
+    in_tree = np.zeros(topology.n_edges, dtype=bool)
+    in_tree[parent_edge[parent_edge >= 0]] = True
+    loop = distance[node[topology.edges]].sum(axis=1) + length
+    usable = allowed & ~in_tree
+    face_parent, face_parent_edge = _spanning_forest(edge_face, -loop, usable)
+    usable[face_parent_edge[face_parent_edge >= 0]] = False
+    return TreeCotree(
+        np.flatnonzero(usable), parent, parent_edge, face_parent, face_parent_edge, edge_face, sign
+    )
+
+
+def _boundary_merged(topology: Topology) -> NDArray[np.int64]:
+    """(n,) vertex numbers with the boundary of each component gathered in one of its vertices."""
+    node = np.arange(topology.n_vertices)
+    rim = np.flatnonzero(topology.boundary_vertex)
+    component = topology.vertex_component[rim]
+    first = np.full(topology.n_components, topology.n_vertices)
+    np.minimum.at(first, component, rim)
+    node[rim] = first[component]
+    return node
+
+
+def _dual_edges(topology: Topology, outer: bool) -> tuple[NDArray, NDArray]:
+    """(e, 2) dual nodes of each edge and the sign with which the face runs along it."""
+    edge_face = np.full((topology.n_edges, 2), -1, dtype=np.int64)
+    sign = np.zeros((topology.n_edges, 2), dtype=np.int64)
+    side_edge, side_sign = topology.side_edge.ravel(), topology.side_sign.ravel()
+    column = (side_sign < 0).astype(np.int64)
+    edge_face[side_edge, column] = np.arange(len(side_edge)) // 3
+    sign[side_edge, column] = side_sign
+    if outer:
+        rim = topology.boundary_edges
+        component = topology.vertex_component[topology.edges[rim, 0]]
+        empty = np.where(edge_face[rim, 0] < 0, 0, 1)
+        edge_face[rim, empty] = topology.n_faces + component
+    return edge_face, sign
+
+
+def _lightest(ends: NDArray, weight: NDArray, usable: NDArray) -> NDArray[np.int64]:
+    """Numbers of the usable edges that are lightest between their two (different) nodes."""
+    number = np.flatnonzero(usable & (ends[:, 0] != ends[:, 1]) & (ends >= 0).all(axis=1))
+    low, high = ends[number].min(axis=1), ends[number].max(axis=1)
+    order = np.lexsort((number, weight[number], high, low))
+    low, high = low[order], high[order]
+    first = np.ones(len(order), dtype=bool)
+    first[1:] = (low[1:] != low[:-1]) | (high[1:] != high[:-1])
+    return number[order[first]]
+
+
+def _shortest_tree(
+    ends: NDArray, length: NDArray, allowed: NDArray, n: int
+) -> tuple[NDArray, NDArray, NDArray]:
+    """Shortest-path forest from the first node of each component: parents, parent edges, distances."""
+    chosen = _lightest(ends, length, allowed)
+    a, b = ends[chosen].T
+    # a length of zero would read as no edge
+    weight = np.maximum(length[chosen], np.finfo(float).tiny)
+    graph = csr_array((weight, (a, b)), shape=(n, n))
+    label = connected_components(graph, directed=False)[1]
+    _, root = np.unique(label, return_index=True)
+    distance, predecessor, _ = dijkstra(
+        graph, directed=False, indices=root, min_only=True, return_predecessors=True
+    )
+    parent = np.where(predecessor < 0, -1, predecessor).astype(np.int64)
+    return parent, _edges_between(parent, ends, chosen), distance
+
+
+def _edges_between(parent: NDArray, ends: NDArray, chosen: NDArray) -> NDArray[np.int64]:
+    """(n,) chosen edge between each node and its parent; -1 at roots."""
+    n = np.int64(len(parent))
+    key = ends[chosen].min(axis=1) * n + ends[chosen].max(axis=1)
+    order = np.argsort(key)
+    child = np.flatnonzero(parent >= 0)
+    wanted = np.minimum(child, parent[child]) * n + np.maximum(child, parent[child])
+    result = np.full(len(parent), -1, dtype=np.int64)
+    result[child] = chosen[order[np.searchsorted(key[order], wanted)]]
+    return result
+
+
+def _spanning_forest(ends: NDArray, weight: NDArray, usable: NDArray) -> tuple[NDArray, NDArray]:
+    """Minimum spanning forest, rooted: parents and parent edges of the nodes 0 .. max."""
+    n = int(ends.max(initial=-1)) + 1
+    chosen = _lightest(ends, weight, usable)
+    rank = np.empty(len(chosen))
+    rank[np.lexsort((chosen, weight[chosen]))] = np.arange(1, len(chosen) + 1)
+    graph = csr_array((rank, tuple(ends[chosen].T)), shape=(n, n))
+    tree = minimum_spanning_tree(graph)
+    label = connected_components(tree, directed=False)[1]
+    parent = np.full(n, -1, dtype=np.int64)
+    for root in np.unique(label, return_index=True)[1]:
+        _, before = breadth_first_order(tree, root, directed=False)
+        reached = before >= 0
+        parent[reached] = before[reached]
+    return parent, _edges_between(parent, ends, chosen)
+
+
+def closed_cochains(mesh: SurfaceMesh, boundary: Boundary = "tangential") -> csr_array:
+    """Closed integer 1-forms that span the cohomology, one a generator.
+
+    Returns
+    -------
+    (e, b) csr_array of float
+        Each column is +-1 on the edges that one dual loop crosses, so its sum around every face is zero.
+        For `tangential` dual loops may run through the boundary; for `normal` they may not, and the columns
+        vanish on boundary edges.
+    """
+    trees = tree_cotree(mesh, boundary)
+    rows, values, columns = [], [], []
+    for column, edge in enumerate(trees.generator_edges):
+        crossed, sign = _dual_loop(trees, int(edge), mesh.n_faces)
+        rows.append(crossed)
+        values.append(sign)
+        columns.append(np.full(len(crossed), column))
+    shape = (mesh.topology.n_edges, len(trees.generator_edges))
+    if not rows:
+        return csr_array(shape)
+    entries = (np.concatenate(values).astype(float), (np.concatenate(rows), np.concatenate(columns)))
+    return csr_array(coo_array(entries, shape=shape))
+
+
+def _dual_loop(trees: TreeCotree, edge: int, n_faces: int) -> tuple[NDArray, NDArray]:
+    """Edges crossed by the dual loop through `edge`, with the sign of the face that is left.
+
+    A dual loop may pass an outer node, where nothing has to balance: there its direction is irrelevant.
+    """
+    start, end = trees.edge_face[edge]
+    up_start, up_end = _climb(trees.face_parent, start), _climb(trees.face_parent, end)
+    while len(up_start) > 1 and len(up_end) > 1 and up_start[-2] == up_end[-2]:
+        up_start.pop()
+        up_end.pop()
+    nodes = [*reversed(up_start), *up_end]  # from the meeting node down to start, over the edge, up again
+    down = [trees.face_parent_edge[f] for f in reversed(up_start[:-1])]
+    up = [trees.face_parent_edge[f] for f in up_end[:-1]]
+    crossed = np.array([*down, edge, *up], dtype=np.int64)
+    left = np.array(nodes[:-1])
+    column = np.where(trees.edge_face[crossed, 0] == left, 0, 1)
+    sign = np.where(
+        left < n_faces, trees.edge_face_sign[crossed, column], -trees.edge_face_sign[crossed, 1 - column]
+    )
+    return crossed, sign
+
+
+def _climb(parent: NDArray, node: int) -> list[int]:
+    path = [int(node)]
+    while parent[path[-1]] >= 0:
+        path.append(int(parent[path[-1]]))
+    return path
+
+
+def generator_loops(mesh: SurfaceMesh) -> list[NDArray[np.int64]]:
+    """Closed edge loops that generate the first homology: the vertices of each, start not repeated."""
+    trees = tree_cotree(mesh, "tangential")
+    edges = mesh.topology.edges
+    return [_tree_loop(trees.vertex_parent, *edges[edge]) for edge in trees.generator_edges]
+
+
+def loops_with_periods(
+    edges: NDArray, length: NDArray, forms: NDArray, n_vertices: int
+) -> list[NDArray[np.int64]]:
+    """Edge loops on which closed forms have independent periods: short ones first.
+
+    Parameters
+    ----------
+    edges : (e, 2) ndarray of int64
+    length : (e,) ndarray
+    forms : (e, b) ndarray
+        Closed 1-forms in independent classes.
+
+    Returns
+    -------
+    list of ndarray
+        b loops, each its vertices in order, start not repeated: a rational basis of the first homology.
+    """
+    count = forms.shape[1]
+    if count == 0:
+        return []
+    allowed = np.ones(len(edges), dtype=bool)
+    parent, parent_edge, distance = _shortest_tree(edges, length, allowed, n_vertices)
+    potential = _tree_integral(parent, parent_edge, edges, forms, distance)
+    period = forms - (potential[edges[:, 1]] - potential[edges[:, 0]])
+    size = np.abs(period).max(axis=1)
+    candidates = np.flatnonzero(size > 1e-6 * size.max())
+    candidates = candidates[np.argsort(distance[edges[candidates]].sum(axis=1) + length[candidates])]
+    chosen: list[int] = []
+    spanned = np.zeros((count, 0))
+    for edge in candidates:
+        row = period[edge] / np.linalg.norm(period[edge])
+        rest = row - spanned @ (spanned.T @ row)
+        if np.linalg.norm(rest) > 1e-6:
+            chosen.append(int(edge))
+            spanned = np.column_stack([spanned, rest / np.linalg.norm(rest)])
+        if len(chosen) == count:
+            break
+    return [_tree_loop(parent, *edges[edge]) for edge in chosen]
+
+
+def _tree_integral(
+    parent: NDArray, parent_edge: NDArray, edges: NDArray, forms: NDArray, distance: NDArray
+) -> NDArray[np.float64]:
+    """(n, b) integral of forms along the tree from its roots, by pointer doubling."""
+    total = np.zeros((len(parent), forms.shape[1]))
+    child = np.flatnonzero(parent >= 0)
+    edge = parent_edge[child]
+    sign = np.where(edges[edge, 1] == child, 1.0, -1.0)
+    total[child] = sign[:, None] * forms[edge]
+    above = np.where(parent < 0, np.arange(len(parent)), parent)
+    while (above != above[above]).any():
+        total = total + np.where((above != np.arange(len(above)))[:, None], total[above], 0.0)
+        above = above[above]
+    return total
+
+
+def solid_generator_loops(mesh: TetMesh) -> list[NDArray[np.int64]]:
+    """Closed edge loops that generate the first homology of a solid over the rationals."""
+    from ddgcli.algorithms.harmonic import solid_cochains
+    from ddgcli.operators.dec import complex_of
+
+    complex_ = complex_of(mesh)
+    forms = solid_cochains(complex_, betti_numbers(mesh).absolute[1], "tangential").toarray()
+    ends = mesh.points[complex_.edges]
+    length = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
+    return loops_with_periods(complex_.edges, length, forms, mesh.n_vertices)
+
+
+def _tree_loop(parent: NDArray, tail: int, head: int) -> NDArray[np.int64]:
+    """Vertices of the loop that an edge closes with the tree."""
+    up_tail, up_head = _climb(parent, tail), _climb(parent, head)
+    while len(up_tail) > 1 and len(up_head) > 1 and up_tail[-2] == up_head[-2]:
+        up_tail.pop()
+        up_head.pop()
+    return np.array([*reversed(up_tail), *up_head[:-1]], dtype=np.int64)

@@ -1,0 +1,97 @@
+"""`ddgcli hodge` as a user meets it."""
+
+import numpy as np
+import pytest
+
+from ddgcli.io.mesh_file import read_mesh, write_mesh
+from ddgcli.mesh import shapes
+from ddgcli.mesh.fields import AnnotatedMesh
+
+
+@pytest.fixture
+def torus(tmp_path):
+    """A torus, and a random field of each kind beside it."""
+    mesh = shapes.torus(12, 8)
+    rng = np.random.default_rng(0)
+    path = tmp_path / "torus.vtu"
+    write_mesh(str(path), AnnotatedMesh(mesh))
+    np.save(tmp_path / "vertex.npy", rng.normal(size=(mesh.n_vertices, 3)))
+    np.save(tmp_path / "face.npy", rng.normal(size=(mesh.n_faces, 3)))
+    np.save(tmp_path / "edge.npy", rng.normal(size=mesh.topology.n_edges))
+    return path
+
+
+@pytest.mark.parametrize("place", ["vertex", "face", "edge"])
+def test_parts_come_in_the_form_of_the_input(torus, tmp_path, summary, place):
+    out = tmp_path / "parts.npz"
+    found = summary("hodge", torus, "--field-file", tmp_path / f"{place}.npy", "--basis", "-o", out)
+    assert found["results"]["betti_numbers"] == {"absolute": [1, 2, 1], "relative": [1, 2, 1]}
+    assert len(found["results"]["generators"]) == 2
+    assert found["accuracy"]["orthogonality"] < 1e-12
+    assert found["accuracy"]["harmonic_residual"] < 1e-10
+    with np.load(out, allow_pickle=False) as arrays:
+        field = np.load(tmp_path / f"{place}.npy")
+        for part in ("exact", "coexact", "harmonic", "harmonic_000", "harmonic_001"):
+            assert arrays[part].shape == field.shape
+        assert len(arrays["potential"]) == 96
+        assert len(arrays["copotential"]) == (192 if place == "edge" else 288)
+        if place == "edge":
+            assert arrays["exact"] + arrays["coexact"] + arrays["harmonic"] == pytest.approx(field)
+
+
+def test_a_field_carried_by_the_input_is_named(tmp_path, summary):
+    mesh = shapes.torus(12, 8)
+    path = tmp_path / "torus.vtu"
+    write_mesh(str(path), AnnotatedMesh(mesh, vertex={"wind": np.cross(mesh.points, [0.0, 0.0, 1.0])}))
+    found = summary("hodge", path, "--field", "wind")
+    assert found["results"]["field_on"] == "vertex"
+
+
+def test_edges_of_the_input_may_be_turned(tmp_path, summary):
+    """Values on reversed edges change sign: the norms stay."""
+    mesh = shapes.torus(12, 8)
+    values = np.random.default_rng(1).normal(size=mesh.topology.n_edges)
+    turned = np.arange(len(values)) % 3 == 0
+    edges = np.where(turned[:, None], mesh.topology.edges[:, ::-1], mesh.topology.edges)
+    order = np.random.default_rng(2).permutation(len(values))
+    norms = []
+    for name, e, v in (
+        ("plain", mesh.topology.edges, values),
+        ("turned", edges[order], np.where(turned, -values, values)[order]),
+    ):
+        path = tmp_path / f"{name}.npz"
+        write_mesh(str(path), AnnotatedMesh(mesh, edge={"edges": e, "form": v}))
+        norms.append(summary("hodge", path, "--field", "form")["results"]["norms"])
+    assert norms[0] == pytest.approx(norms[1])
+
+
+@pytest.mark.parametrize(
+    "words, part",
+    [
+        (["--field", "nothing"], "no array 'nothing'"),
+        (["--field", "a", "--field-file", "b.npy"], "give one"),
+        (["--field-file", "missing.npy"], "no such file"),
+    ],
+)
+def test_bad_fields_are_refused_in_a_line(torus, run, words, part):
+    result = run("hodge", torus, *words)
+    assert result.exit_code == 2
+    assert part in result.stderr and result.stderr.count("\n") == 1
+    assert result.stdout == ""
+
+
+def test_a_field_that_fits_nowhere_is_refused(torus, tmp_path, run):
+    np.save(tmp_path / "odd.npy", np.zeros((7, 3)))
+    result = run("hodge", torus, "--field-file", tmp_path / "odd.npy", "-o", tmp_path / "out.npz")
+    assert result.exit_code == 2 and "(7, 3)" in result.stderr
+    assert not (tmp_path / "out.npz").exists()
+
+
+def test_tetrahedra(shared_meshes, tmp_path, summary):
+    path = shared_meshes / "P1.msh"
+    cells = len(read_mesh(str(path)).mesh.tetrahedra)
+    np.save(tmp_path / "field.npy", np.random.default_rng(0).normal(size=(cells, 3)))
+    found = summary("hodge", path, "--field-file", tmp_path / "field.npy")
+    assert found["results"]["betti_numbers"]["absolute"] == [1, 11, 0, 0]
+    assert len(found["results"]["generators"]) == 11
+    assert found["accuracy"]["orthogonality"] < 1e-8

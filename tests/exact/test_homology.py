@@ -1,0 +1,165 @@
+"""Betti numbers against ranks, cochains closed, generators independent."""
+
+import numpy as np
+import pytest
+
+from ddgcli.algorithms.harmonic import solid_cochains
+from ddgcli.algorithms.homology import (
+    betti_numbers,
+    closed_cochains,
+    generator_loops,
+    solid_generator_loops,
+)
+from ddgcli.io.mesh_file import read_mesh
+from ddgcli.mesh import shapes
+from ddgcli.mesh.tet_mesh import TetMesh
+from ddgcli.mesh.triangle_mesh import TriangleMesh
+from ddgcli.operators.dec import complex_of
+from tests.exact.test_dec import jittered_tets
+
+
+def moebius(n: int = 12) -> TriangleMesh:
+    """Band of n quads with a half turn."""
+    i = np.arange(n)
+    low, high = i, i + n
+    next_low, next_high = np.where(i < n - 1, i + 1, n), np.where(i < n - 1, i + 1 + n, 0)
+    faces = np.concatenate([np.stack([low, next_low, high], 1), np.stack([high, next_low, next_high], 1)])
+    return TriangleMesh.from_arrays(np.random.default_rng(0).normal(size=(2 * n, 3)), faces)
+
+
+def klein(n: int = 8) -> TriangleMesh:
+    """n x n grid, one pair of sides glued straight, the other turned over."""
+    i, j = np.meshgrid(np.arange(n), np.arange(n), indexing="ij")
+
+    def number(a, b):
+        b = b % n
+        return (a % n) * n + np.where(a >= n, (-b) % n, b)
+
+    p = [number(i + a, j + b).ravel() for a, b in ((0, 0), (1, 0), (1, 1), (0, 1))]
+    faces = np.concatenate([np.stack([p[0], p[1], p[2]], 1), np.stack([p[0], p[2], p[3]], 1)])
+    return TriangleMesh.from_arrays(np.random.default_rng(0).normal(size=(n * n, 3)), faces)
+
+
+def hollow_tets() -> TetMesh:
+    """A 3x3x3 block of cubes without its middle one: a cavity."""
+    block = jittered_tets(3)
+    middle = (np.abs(block.points[block.tetrahedra].mean(axis=1) - 0.5) < 1 / 6).all(axis=1)
+    return TetMesh.from_arrays(block.points, block.tetrahedra[~middle])
+
+
+def ring_tets() -> TetMesh:
+    """A 3x3x3 block of cubes without its middle column: a solid torus."""
+    block = jittered_tets(3)
+    middle = (np.abs(block.points[block.tetrahedra].mean(axis=1)[:, :2] - 0.5) < 1 / 6).all(axis=1)
+    return TetMesh.from_arrays(block.points, block.tetrahedra[~middle])
+
+
+def two_tori() -> TriangleMesh:
+    a = shapes.torus(8, 6)
+    points = np.concatenate([a.points, a.points + 5])
+    return TriangleMesh.from_arrays(points, np.concatenate([a.faces, a.faces + a.n_vertices]))
+
+
+MESHES = {
+    "sphere": (shapes.icosphere(1), (1, 0, 1)),
+    "torus": (shapes.torus(8, 6), (1, 2, 1)),
+    "two tori": (two_tori(), (2, 4, 2)),
+    "disk": (shapes.grid(3, 3), (1, 0, 0)),
+    "annulus": (shapes.cylinder(6, 2), (1, 1, 0)),
+    "moebius": (moebius(), (1, 1, 0)),
+    "klein": (klein(), (1, 1, 0)),
+    "ball": (jittered_tets(2), (1, 0, 0, 0)),
+    "shell": (hollow_tets(), (1, 0, 1, 0)),
+    "ring": (ring_tets(), (1, 1, 0, 0)),
+}
+
+
+def ranks(mesh, relative: bool) -> tuple[int, ...]:
+    """Betti numbers by the ranks of dense matrices."""
+    c = complex_of(mesh)
+    kept = [np.ones(count, dtype=bool) for count in c.counts]
+    if relative:
+        kept[0], kept[1] = ~c.boundary_vertex, ~c.boundary_edge
+        kept[c.dimension - 1][c.boundary_faces] = False
+    matrices = [d.toarray()[kept[k + 1]][:, kept[k]] for k, d in enumerate(c.derivatives)]
+    if not relative:
+        matrices[0] = matrices[0][:, np.abs(matrices[0]).any(axis=0)]
+    used = [m.shape[1] for m in matrices] + [matrices[-1].shape[0]]
+    rank = [0, *(np.linalg.matrix_rank(m) if m.size else 0 for m in matrices), 0]
+    return tuple(int(used[k] - rank[k] - rank[k + 1]) for k in range(len(used)))
+
+
+@pytest.mark.parametrize("name", MESHES)
+def test_betti_numbers_are_the_ranks(name):
+    mesh, known = MESHES[name]
+    betti = betti_numbers(mesh)
+    assert betti.absolute == known == ranks(mesh, relative=False)
+    assert betti.relative == ranks(mesh, relative=True)
+
+
+@pytest.mark.parametrize("boundary", ["tangential", "normal"])
+@pytest.mark.parametrize("name", ["sphere", "torus", "two tori", "disk", "annulus", "shell", "ring"])
+def test_cochains_are_closed_and_span_the_cohomology(name, boundary):
+    mesh, _ = MESHES[name]
+    c = complex_of(mesh)
+    betti = betti_numbers(mesh)
+    count = (betti.absolute if boundary == "tangential" else betti.relative)[1]
+    solid = isinstance(mesh, TetMesh)
+    forms = (solid_cochains(c, count, boundary) if solid else closed_cochains(mesh, boundary)).toarray()
+    assert forms.shape == (c.counts[1], count)
+    assert np.abs(c.derivatives[1] @ forms).max(initial=0) < (1e-10 if solid else 1e-300)
+    if boundary == "normal":
+        assert np.abs(forms[c.boundary_edge]).max(initial=0) == 0
+    free = c.derivatives[0].toarray().astype(float)
+    if boundary == "normal":
+        free = free[:, ~c.boundary_vertex]
+    both = np.concatenate([free, forms], axis=1)
+    assert np.linalg.matrix_rank(both) == np.linalg.matrix_rank(free) + count
+
+
+def periods(mesh, loops, forms):
+    """Matrix of the integrals of forms (e, b) along vertex loops, edge by edge."""
+    number = {tuple(e): k for k, e in enumerate(complex_of(mesh).edges.tolist())}
+    rows = []
+    for loop in loops:
+        total = np.zeros(forms.shape[1])
+        for a, b in zip(loop, np.roll(loop, -1)):
+            total += forms[number[a, b]] if (a, b) in number else -forms[number[b, a]]
+        rows.append(total)
+    return np.array(rows).reshape(len(loops), forms.shape[1])
+
+
+@pytest.mark.parametrize("name", ["sphere", "torus", "two tori", "annulus"])
+def test_generators_pair_with_cochains_by_a_unimodular_matrix(name):
+    mesh, known = MESHES[name]
+    loops = generator_loops(mesh)
+    assert len(loops) == known[1]
+    matrix = periods(mesh, loops, closed_cochains(mesh).toarray())
+    if known[1]:
+        assert abs(np.linalg.det(matrix)) == pytest.approx(1.0)
+
+
+def test_generator_of_a_solid_ring_goes_round_it():
+    mesh = MESHES["ring"][0]
+    (loop,) = solid_generator_loops(mesh)
+    around = np.arctan2(*(mesh.points[loop][:, :2] - 0.5).T)
+    turns = np.diff(np.unwrap(np.append(around, around[0])))
+    assert abs(turns.sum()) == pytest.approx(2 * np.pi)
+    assert solid_generator_loops(MESHES["ball"][0]) == []
+
+
+@pytest.mark.parametrize(
+    "name, genus, loops", [("boot.obj", 12, 0), ("plane_holes.obj", 0, 27), ("spot.obj", 0, 0)]
+)
+def test_real_surfaces(shared_meshes, name, genus, loops):
+    mesh = read_mesh(str(shared_meshes / name)).mesh
+    b1 = 2 * genus + max(loops - 1, 0)
+    betti = betti_numbers(mesh)
+    assert betti.absolute == (1, b1, int(loops == 0))
+    cochains = closed_cochains(mesh)
+    assert np.abs(complex_of(mesh).derivatives[1] @ cochains).max() == 0 if b1 else cochains.shape[1] == 0
+    generators = generator_loops(mesh)
+    assert len(generators) == b1
+    if b1:
+        matrix = periods(mesh, generators, cochains.toarray())
+        assert abs(np.linalg.det(matrix)) == pytest.approx(1.0, rel=1e-6)
