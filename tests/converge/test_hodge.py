@@ -91,7 +91,7 @@ def test_harmonic_fields_of_the_torus_converge():
 
 @pytest.mark.parametrize("boundary", ["tangential", "normal"])
 def test_harmonic_fields_of_an_annulus(boundary):
-    """The circulating field e_theta / r is tangential, the radial e_r / r normal: each by its own condition."""
+    """The circulating field e_theta / r is tangential, the radial e_r / r normal."""
     error = []
     for n in (6, 12, 24):
         mesh = annulus(n)
