@@ -42,17 +42,19 @@ def command(
     (accuracy.reconstruction_residual tells how much). See docs/hodge.md.
     """
     run = Run("hodge", common, field=field or field_file, boundary=boundary, basis=basis)
-    source = run.read(mesh_path)
-    with run.timed("compute"):
-        from ddgcli.algorithms.hodge_report import hodge_report, surface_of
-        from ddgcli.io.arrays import given_field
+    source = run.read(mesh_path, accept=("surface", "tetrahedra"))
 
-        report = hodge_report(source.mesh, given_field(source, field, field_file), boundary, basis)
+    from ddgcli.algorithms.hodge_report import hodge_report, surface_of
+    from ddgcli.io.arrays import given_field
+
+    report = hodge_report(source.mesh, given_field(source, field, field_file), boundary, basis)
     run.write(report.annotated)
-    if common.plot:
-        with run.timed("write"):
-            from ddgcli.plots.surface import draw_surface
-
-            draw_surface(common.plot, surface_of(source.mesh), report.shown, label="potential")
-        run.outputs.append(common.plot)
+    run.plot(lambda path: draw(path, surface_of(source.mesh), report.shown))
     run.finish(report.results, report.accuracy)
+
+
+def draw(path: str, mesh: Any, potential: Any) -> None:
+    """The surface, coloured by the potential of the exact part."""
+    from ddgcli.plots.surface import draw_surface
+
+    draw_surface(path, mesh, potential, label="potential")
