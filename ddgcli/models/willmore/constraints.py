@@ -1,0 +1,109 @@
+"""Area and volume held fixed along a flow: tangent steps, then a return to the constraint."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ddgcli.errors import SolveError
+from ddgcli.geometry.extrinsic import enclosed_volume, face_area_vector
+from ddgcli.geometry.intrinsic import face_area
+from ddgcli.mesh.triangle_mesh import TriangleMesh
+from ddgcli.models.willmore.vertex_energies import Faces, area_gradient, scatter
+
+MetricSolve = Callable[[NDArray], NDArray]
+RETURNED = 1e-13  # relative residual at which a constraint counts as met
+DEPENDENT = 1e-10  # relative size below which two constraint gradients count as parallel
+
+
+def area(mesh: TriangleMesh) -> float:
+    """Total area."""
+    return float(face_area(mesh.side_length).sum())
+
+
+@dataclass(frozen=True)
+class Constraints:
+    """Targets of the area and of the enclosed volume; None where it is free.
+
+    Parameters
+    ----------
+    area, volume : float or None
+    """
+
+    area: float | None = None
+    volume: float | None = None
+
+    @property
+    def active(self) -> bool:
+        return self.area is not None or self.volume is not None
+
+    def residuals(self, mesh: TriangleMesh) -> dict[str, float]:
+        """Relative deviation of each constrained quantity."""
+        found = {}
+        if self.area is not None:
+            found["area"] = area(mesh) / self.area - 1.0
+        if self.volume is not None:
+            found["volume"] = enclosed_volume(mesh) / self.volume - 1.0
+        return found
+
+    def _gradients(self, mesh: TriangleMesh, free: NDArray) -> list[NDArray]:
+        """Gradients (k, 3) of the relative residuals."""
+        rows = []
+        if self.area is not None:
+            faces = Faces.at(mesh.points, mesh.faces)
+            rows.append(scatter(mesh.faces, area_gradient(faces), mesh.n_vertices)[free] / self.area)
+        if self.volume is not None:
+            third = np.repeat((face_area_vector(mesh) / 3.0)[:, None], 3, axis=1)
+            rows.append(scatter(mesh.faces, third, mesh.n_vertices)[free] / self.volume)
+        return rows
+
+    def admissible(self, mesh: TriangleMesh, free: NDArray, mass: NDArray, g: NDArray) -> NDArray:
+        """The gradient without its part along the constraints' gradients (in the mass inner product)."""
+        return self._projected(mesh, free, lambda c: c / mass[:, None], g, dual=True)
+
+    def tangent(self, mesh: TriangleMesh, free: NDArray, solve: MetricSolve, motion: NDArray) -> NDArray:
+        """The motion made tangent to the constraints, in the preconditioner's metric."""
+        return self._projected(mesh, free, solve, motion, dual=False)
+
+    def _projected(
+        self, mesh: TriangleMesh, free: NDArray, solve: MetricSolve, v: NDArray, dual: bool
+    ) -> NDArray:
+        if not self.active:
+            return v
+        rows = self._gradients(mesh, free)
+        lifted = [solve(c) for c in rows]
+        gram = np.array([[np.sum(c * s) for s in lifted] for c in rows])
+        right = np.array([np.sum(v * (s if dual else c)) for c, s in zip(rows, lifted)])
+        share = np.linalg.lstsq(gram, right, rcond=DEPENDENT)[0]
+        return v - sum(w * (c if dual else s) for w, c, s in zip(share, rows, lifted))
+
+    def restored(self, mesh: TriangleMesh, free: NDArray, solve: MetricSolve) -> TriangleMesh:
+        """The surface moved back on the constraints by Newton steps along their gradients.
+
+        Raises
+        ------
+        SolveError
+            When they are not met within ten steps.
+        """
+        if not self.active:
+            return mesh
+        for _ in range(10):
+            residual = np.array(list(self.residuals(mesh).values()))
+            if np.abs(residual).max() <= RETURNED:
+                return mesh
+            rows = self._gradients(mesh, free)
+            lifted = [solve(c) for c in rows]
+            gram = np.array([[np.sum(c * s) for s in lifted] for c in rows])
+            share = np.linalg.lstsq(gram, residual, rcond=DEPENDENT)[0]
+            points = np.array(mesh.points)
+            points[free] -= sum(w * s for w, s in zip(share, lifted))
+            mesh = mesh.moved(points)
+        residual = np.array(list(self.residuals(mesh).values()))
+        if np.abs(residual).max() <= 1e-10:
+            return mesh
+        raise SolveError(
+            f"area and volume could not be kept (relative residual {np.abs(residual).max():.2g})"
+        )

@@ -1,0 +1,153 @@
+"""One step of the flows: a fourth-order preconditioner on the true gradient, or implicit mean curvature."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csc_array, diags_array
+
+from ddgcli.geometry.extrinsic import face_area_vector
+from ddgcli.linalg.factor import Factor
+from ddgcli.mesh.triangle_mesh import TriangleMesh
+from ddgcli.models.willmore.constraints import Constraints
+from ddgcli.models.willmore.energies import Energy
+from ddgcli.operators.laplacian import lumped_vertex_area, stiffness
+
+
+@dataclass(frozen=True, eq=False)
+class Slope:
+    """The energy's gradient at a surface, made ready for steps of any length.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+    free : (k,) ndarray of int
+        Vertices that move.
+    energy : float
+    gradient : (k, 3) ndarray
+        Exact gradient on the free vertices, without its part along the constraints' gradients.
+    mass : (k,) ndarray
+    """
+
+    mesh: TriangleMesh
+    free: NDArray[np.int64]
+    energy: float
+    gradient: NDArray[np.float64]
+    mass: NDArray[np.float64]
+
+    @property
+    def size(self) -> float:
+        """Dimensionless size of the gradient: its L2 norm times the area, over the energy."""
+        squared = np.einsum("ij,ij->i", self.gradient, self.gradient)
+        return float(np.sqrt((squared / self.mass).sum()) * self.mass.sum() / max(abs(self.energy), 1e-300))
+
+
+def vertex_normals(mesh: TriangleMesh) -> NDArray[np.float64]:
+    """(n, 3) unit volume gradients; zero where they vanish."""
+    vector = np.zeros((mesh.n_vertices, 3))
+    per_face = face_area_vector(mesh)
+    for axis in range(3):
+        vector[:, axis] = np.bincount(
+            mesh.faces.ravel(), weights=np.repeat(per_face[:, axis], 3), minlength=mesh.n_vertices
+        )
+    length = np.sqrt(np.einsum("ij,ij->i", vector, vector))[:, None]
+    return np.divide(vector, length, out=np.zeros_like(vector), where=length > 0)
+
+
+def slope(mesh: TriangleMesh, energy: Energy, free: NDArray, constraints: Constraints) -> Slope:
+    """Energy and admissible gradient at `mesh`."""
+    value, gradient = energy.value_and_gradient(mesh.points)
+    mass = lumped_vertex_area(mesh)[free]
+    return Slope(mesh, free, value, constraints.admissible(mesh, free, mass, gradient[free]), mass)
+
+
+def fourth_order(mesh: TriangleMesh, free: NDArray, dt: float) -> Factor:
+    """Factor of M + dt/2 Q with Q = L M^-1 L, on the free vertices: the implicit step of a plane."""
+    L, area = stiffness(mesh), lumped_vertex_area(mesh)
+    inverse = np.divide(1.0, area, out=np.zeros_like(area), where=area > 0)
+    Q = L @ diags_array(inverse) @ L
+    return Factor(csc_array((diags_array(area) + 0.5 * dt * Q).tocsc()[free][:, free]))
+
+
+@dataclass(frozen=True, eq=False)
+class Metric:
+    """The preconditioner at a surface for one step length: covectors to motions.
+
+    Parameters
+    ----------
+    at : Slope
+    factor : Factor
+        Of M + weight dt/2 L M^-1 L.
+    """
+
+    at: Slope
+    factor: Factor
+
+    def solve(self, covector: NDArray) -> NDArray[np.float64]:
+        """The motion (k, 3) whose inner product with any other is the covector's value on it."""
+        return self.factor.solve(covector, refine=False)
+
+    def descent_power(self) -> tuple[float, float]:
+        """Energy per time that the gradient's part across the surface, and its part along it, would release.
+
+        On a smooth surface the second is zero: it measures the error that the mesh brings.
+        """
+        g = self.at.gradient
+        normal = vertex_normals(self.at.mesh)[self.at.free]
+        across = np.einsum("ij,ij->i", g, normal)[:, None] * normal
+        both = self.factor.solve(np.concatenate([across, g - across], axis=1), refine=False)
+        return float(np.sum(across * both[:, :3])), float(np.sum((g - across) * both[:, 3:]))
+
+
+def metric(at: Slope, dt: float) -> Metric:
+    return Metric(at, fourth_order(at.mesh, at.free, dt))
+
+
+def robust_step(metric: Metric, dt: float, constraints: Constraints) -> TriangleMesh:
+    """First-order step (M + dt/2 Q) dx = -dt grad E: descends for any dt small enough, damps rough modes."""
+    at = metric.at
+    motion = constraints.tangent(at.mesh, at.free, metric.solve, -dt * metric.solve(at.gradient))
+    return constraints.restored(_shifted(at.mesh, at.free, motion), at.free, metric.solve)
+
+
+GAMMA = 1.0 - np.sqrt(0.5)
+
+
+def accurate_step(at: Slope, dt: float, energy: Energy, constraints: Constraints) -> TriangleMesh:
+    """Second-order step in time whatever the preconditioner: the two-stage W-method of Rosenbrock type.
+
+    Notes
+    -----
+    J. G. Verwer et al., "A second-order Rosenbrock method applied to photochemical dispersion problems",
+    1999, with gamma = 1 - 1/sqrt(2).
+    """
+    factor = fourth_order(at.mesh, at.free, GAMMA * dt)
+    inner = Metric(at, factor)
+    first = -inner.solve(at.gradient)
+    ahead = slope(_shifted(at.mesh, at.free, dt * first), energy, at.free, constraints)
+    right = -ahead.gradient - 2.0 * at.gradient - 2.0 * at.mass[:, None] * first
+    motion = 0.5 * dt * (first + inner.solve(right))
+    motion = constraints.tangent(at.mesh, at.free, inner.solve, motion)
+    return constraints.restored(_shifted(at.mesh, at.free, motion), at.free, inner.solve)
+
+
+def mean_curvature_step(mesh: TriangleMesh, free: NDArray, dt: float) -> TriangleMesh:
+    """Implicit step of mean curvature flow, speed k1 + k2: (M + dt L) x = M x with L and M of the start.
+
+    Notes
+    -----
+    G. Dziuk, "An algorithm for evolutionary surfaces", 1990. The area never grows.
+    """
+    L, area = stiffness(mesh), lumped_vertex_area(mesh)
+    matrix = (diags_array(area) + dt * L).tocsc()
+    factor = Factor(csc_array(matrix[free][:, free]))
+    motion = factor.solve(-dt * (L @ mesh.points)[free])
+    return _shifted(mesh, free, motion)
+
+
+def _shifted(mesh: TriangleMesh, free: NDArray, motion: NDArray) -> TriangleMesh:
+    points = np.array(mesh.points)
+    points[free] += motion
+    return mesh.moved(points)

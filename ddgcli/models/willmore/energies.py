@@ -1,0 +1,63 @@
+"""The table of bending energies: name -> what it is and how it is made."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ddgcli.mesh.topology import Topology
+from ddgcli.models.willmore.hinge_energy import HingeEnergy
+from ddgcli.models.willmore.vertex_energies import VertexEnergy
+
+
+class Energy(Protocol):
+    """A scale-invariant function of the vertex positions with its exact gradient."""
+
+    def value(self, points: NDArray) -> float: ...
+
+    def value_and_gradient(self, points: NDArray) -> tuple[float, NDArray[np.float64]]: ...
+
+
+@dataclass(frozen=True)
+class Kind:
+    """One row of the table.
+
+    Parameters
+    ----------
+    build : callable
+        Topology -> Energy.
+    convention : str
+        What the number stands for; the summary's `energy_convention`.
+    """
+
+    build: Callable[[Topology], Energy]
+    convention: str
+
+
+def _vertex(sullivan: bool) -> Callable[[Topology], Energy]:
+    return lambda topology: VertexEnergy(
+        topology, sullivan, topology.referenced_vertex & ~topology.boundary_vertex
+    )
+
+
+def _hinge(topology: Topology) -> Energy:
+    closed = topology.is_closed
+    return HingeEnergy(topology, 4.0 * np.pi * topology.euler_characteristic / 3.0 if closed else 0.0)
+
+
+_SMOOTH = "int H^2 dA with H = (k1 + k2)/2 (a round sphere has 4 pi)"
+ENERGIES = {
+    "sullivan": Kind(
+        _vertex(True), f"{_SMOOTH}; sum over inner vertices of |dArea|^2 / (4 |dVolume|^2) * star area / 3"
+    ),
+    "cotan": Kind(_vertex(False), f"{_SMOOTH}; sum over inner vertices of |L x|^2 / (4 M)"),
+    "hinge": Kind(
+        _hinge,
+        f"{_SMOOTH} on equilateral triangles only; sum over inner edges of |e|^2 theta^2 / (4 (A1 + A2)), "
+        "plus 4 pi chi / 3 on a closed surface",
+    ),
+}

@@ -1,0 +1,229 @@
+"""A flow as a model for the one time loop: what moves, how it steps, when it stops, what it shows."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ddgcli.errors import SolveError
+from ddgcli.evolve.loop import Observation, StepRejected
+from ddgcli.geometry.extrinsic import enclosed_volume
+from ddgcli.geometry.intrinsic import corner_angle
+from ddgcli.mesh.topology import Topology
+from ddgcli.mesh.triangle_mesh import TriangleMesh
+from ddgcli.models.willmore.constraints import Constraints, area
+from ddgcli.models.willmore.descent import (
+    Slope,
+    accurate_step,
+    mean_curvature_step,
+    metric,
+    robust_step,
+    slope,
+)
+from ddgcli.models.willmore.energies import Energy
+
+# steps of the descent, for a surface with the area of the unit sphere
+LONGEST, SHORTEST = 0.05, 1e-14
+HELD = 1e-13  # relative predicted fall of the energy below which rounding decides: the surface is kept
+COLLAPSED = 1e-3  # share of the area at the start below which a surface counts as gone
+ROUNDING = 1e-13  # relative rise of the energy that counts as one
+
+
+@dataclass(frozen=True)
+class Stop:
+    """When a flow ends early; None leaves a criterion out.
+
+    Parameters
+    ----------
+    gradient : float or None
+        Dimensionless size of the gradient, |grad|_L2 area / energy.
+    fall : float or None
+        Relative fall of the energy in a step.
+    mesh_error : bool
+        End where the gradient's part along the surface, made by the mesh alone, outweighs the part across.
+    """
+
+    gradient: float | None = None
+    fall: float | None = None
+    mesh_error: bool = False
+
+
+DEFAULT_STOP = Stop(1e-6, 1e-8, True)
+
+
+@dataclass(frozen=True, eq=False)
+class FlowState:
+    """A surface on its way, at unit size.
+
+    Parameters
+    ----------
+    points : (n, 3) ndarray
+    energy : float
+    time : float
+        Flow time so far, in the input's unit.
+    dt : float
+        Next step of the descent, for the surface at unit size.
+    increases, area_increases : int
+        Steps so far over which the energy, or the area, rose.
+    stopped : str
+    """
+
+    points: NDArray[np.float64]
+    energy: float
+    time: float
+    dt: float
+    increases: int = 0
+    area_increases: int = 0
+    stopped: str = ""
+
+
+@dataclass(eq=False)
+class Flow:
+    """Everything that a step needs besides the state.
+
+    Parameters
+    ----------
+    topology : Topology
+    energy : Energy
+    free : (k,) ndarray of int
+        Vertices that move.
+    constraints : Constraints
+        At unit size.
+    mean_curvature : bool
+    timed : bool
+        Steps have the length that the loop asks for (else each is as long as the descent allows).
+    stop : Stop
+    centre : (3,) ndarray
+    scale : float
+        Length unit of the states, in the input's unit.
+    area : float
+        At the start, at unit size.
+    """
+
+    topology: Topology
+    energy: Energy
+    free: NDArray[np.int64]
+    constraints: Constraints
+    mean_curvature: bool
+    timed: bool
+    stop: Stop
+    centre: NDArray[np.float64]
+    scale: float
+    area: float
+    _kept: Slope | None = None
+
+    @property
+    def time_unit(self) -> float:
+        """Time unit of the states in the input's: length^4, for mean curvature flow length^2."""
+        return self.scale ** (2 if self.mean_curvature else 4)
+
+    def advance(self, state: FlowState, time: float, dt: float) -> FlowState:
+        """One step; StepRejected where a timed step would raise the energy."""
+        if state.stopped:
+            return state
+        if self.mean_curvature:
+            return self._curvature_step(state, dt)
+        at = self._slope(state)
+        if self.stop.gradient is not None and at.size <= self.stop.gradient:
+            return replace(state, stopped=f"gradient below {self.stop.gradient:g}")
+        return self._timed_step(state, at, dt) if self.timed else self._longest_step(state, at)
+
+    def mesh(self, state: FlowState) -> TriangleMesh:
+        return TriangleMesh(state.points, self.topology)
+
+    def _slope(self, state: FlowState) -> Slope:
+        """Gradient at the state; the last one is kept, since a rejected step starts there again."""
+        if self._kept is None or self._kept.mesh.points is not state.points:
+            self._kept = slope(self.mesh(state), self.energy, self.free, self.constraints)
+        return self._kept
+
+    def _timed_step(self, state: FlowState, at: Slope, dt: float) -> FlowState:
+        unit_dt = dt / self.time_unit
+        moved = accurate_step(at, unit_dt, self.energy, self.constraints)
+        energy = self.energy.value(moved.points)
+        if energy <= at.energy:
+            return self._stepped(state, at, moved, energy, dt)
+        promised = float(np.sum(at.gradient * (at.mesh.points - moved.points)[self.free]))
+        if abs(promised) <= HELD * abs(at.energy):
+            return replace(state, time=state.time + dt)
+        raise StepRejected("energy rises", value=energy - at.energy)
+
+    def _longest_step(self, state: FlowState, at: Slope) -> FlowState:
+        """Descent step, halved until the energy falls; the next one starts at twice the length that did."""
+        dt = state.dt
+        preconditioner = metric(at, dt)
+        if self.stop.mesh_error:
+            across, along = preconditioner.descent_power()
+            if along >= across:
+                return replace(state, stopped="what is left of the gradient is the mesh's own error")
+        while True:
+            moved = robust_step(preconditioner, dt, self.constraints)
+            energy = self.energy.value(moved.points)
+            if energy <= at.energy:
+                break
+            dt *= 0.25
+            if dt < SHORTEST:
+                return replace(state, stopped="no step lowers the energy")
+            preconditioner = metric(at, dt)
+        longest = LONGEST * (self.area / (4.0 * math.pi)) ** 2
+        longer = min(longest, 2.0 * dt if dt == state.dt else dt)
+        stepped = self._stepped(state, at, moved, energy, dt * self.time_unit)
+        return replace(stepped, dt=longer)
+
+    def _stepped(
+        self, state: FlowState, at: Slope, moved: TriangleMesh, energy: float, dt: float
+    ) -> FlowState:
+        stopped = ""
+        if self.stop.fall is not None and at.energy - energy < self.stop.fall * abs(energy):
+            stopped = f"energy fell by less than {self.stop.fall:g} of itself in a step"
+        rose = energy - at.energy > ROUNDING * abs(at.energy)
+        return replace(
+            state, points=moved.points, energy=energy, time=state.time + dt,
+            increases=state.increases + rose, stopped=stopped,
+        )  # fmt: skip
+
+    def _curvature_step(self, state: FlowState, dt: float) -> FlowState:
+        mesh = self.mesh(state)
+        before = area(mesh)
+        try:
+            moved = mean_curvature_step(mesh, self.free, dt / self.time_unit)
+        except SolveError:
+            return replace(state, stopped=f"the surface became singular at time {state.time:.6g}")
+        after, energy = area(moved), self.energy.value(moved.points)
+        if not math.isfinite(energy):
+            return replace(state, stopped=f"the surface became singular at time {state.time:.6g}")
+        stopped = "the surface collapsed" if after < COLLAPSED * self.area else ""
+        return replace(
+            state, points=moved.points, energy=energy, time=state.time + dt, stopped=stopped,
+            increases=state.increases + (energy - state.energy > ROUNDING * abs(state.energy)),
+            area_increases=state.area_increases + (after > before * (1.0 + ROUNDING)),
+        )  # fmt: skip
+
+    def observe(self, state: FlowState) -> Observation:
+        """The surface in the input's frame, its energy, area, volume and smallest angle."""
+        mesh = self.mesh(state)
+        angles = corner_angle(mesh.side_length)
+        scalar = {
+            "energy": state.energy,
+            "area": area(mesh) * self.scale**2,
+            "min_angle_degrees": float(np.degrees(angles.min())),
+            "flow_time": state.time,
+            "energy_increases": float(state.increases),
+        }
+        if self.topology.is_closed:
+            scalar["volume"] = enclosed_volume(mesh) * self.scale**3
+        for name, residual in self.constraints.residuals(mesh).items():
+            scalar[f"{name}_residual"] = residual
+        return Observation(state.points * self.scale + self.centre, {}, scalar)
+
+    def pack(self, state: FlowState) -> dict[str, NDArray]:
+        """The state as arrays of fixed shape (why it stopped need not go on)."""
+        numbers = [state.energy, state.time, state.dt, state.increases, state.area_increases]
+        return {"points": state.points, "numbers": np.array(numbers, dtype=np.float64)}
+
+    def unpack(self, arrays: dict[str, NDArray]) -> FlowState:
+        energy, time, dt, increases, area_increases = (float(x) for x in arrays["numbers"])
+        return FlowState(arrays["points"], energy, time, dt, int(increases), int(area_increases))

@@ -1,0 +1,46 @@
+"""Surfaces brought to unit size, so that no threshold of the flow depends on the unit of length."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ddgcli.errors import MeshError
+from ddgcli.geometry.extrinsic import face_area_vector
+from ddgcli.mesh.require import require
+from ddgcli.mesh.triangle_mesh import TriangleMesh, vector_length
+
+THINNEST = 1e-12  # twice the area of a face over its longest side squared, below which it counts as flat
+
+
+def centred_at_unit_size(mesh: TriangleMesh) -> tuple[TriangleMesh, NDArray[np.float64], float]:
+    """The mesh about its centre at area near 4 pi, the centre, and the scale (a power of two).
+
+    Raises
+    ------
+    MeshError
+        When the surface is not an oriented manifold, has a face without area, or is too large or small for
+        its squares to be represented.
+    """
+    require(mesh, "willmore-flow", manifold=True, oriented=True)
+    used = mesh.points[mesh.topology.referenced_vertex]
+    centre = 0.5 * (used.min(axis=0) + used.max(axis=0))
+    extent = float(np.abs(used - centre).max())
+    if not 1e-60 < extent < 1e60:
+        raise MeshError(
+            f"the surface measures {extent:.3g} from its centre; willmore-flow takes 1e-60 to 1e60: rescale"
+        )
+    unit = mesh.moved((mesh.points - centre) / extent)
+    doubled = 2.0 * vector_length(face_area_vector(unit))
+    longest = unit.side_length.max(axis=1)
+    bad = np.flatnonzero(~(doubled > THINNEST * longest**2))
+    if len(bad):
+        raise MeshError(
+            f"{len(bad)} faces have no area (first: face {bad[0]}, vertices "
+            f"{', '.join(str(v) for v in mesh.faces[bad[0]])}); remove or repair them"
+        )
+    radius = extent * math.sqrt(0.5 * doubled.sum() / (4.0 * math.pi))
+    scale = 2.0 ** round(math.log2(radius))
+    return mesh.moved((mesh.points - centre) / scale), centre, scale

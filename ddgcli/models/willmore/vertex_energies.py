@@ -1,0 +1,139 @@
+"""Bending energies summed over vertices, with their exact gradients.
+
+Both energies are a function phi(F, N, S) of three first variations at a vertex p: the area gradient
+F = dArea/dp (the cotangent formula), the volume gradient N = dVolume/dp (a third of the star's area
+vectors) and S, a third of the star's area. Their gradient is one reverse pass over the faces.
+
+Convention: W = int H^2 dA with H = (k1 + k2) / 2; a round sphere has 4 pi.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ddgcli.mesh.topology import NEXT, PREVIOUS, Topology
+
+
+@dataclass(frozen=True, eq=False)
+class Faces:
+    """What the vertex energies read of the faces at given positions.
+
+    Parameters
+    ----------
+    opposite : (m, 3, 3) ndarray
+        Vector of the side opposite corner k, from corner k+1 to corner k+2.
+    normal : (m, 3) ndarray
+        Unit normals.
+    area : (m,) ndarray
+    """
+
+    opposite: NDArray[np.float64]
+    normal: NDArray[np.float64]
+    area: NDArray[np.float64]
+
+    @classmethod
+    def at(cls, points: NDArray, faces: NDArray) -> Faces:
+        corner = points[faces]
+        opposite = corner[:, PREVIOUS] - corner[:, NEXT]
+        doubled = np.cross(opposite[:, 0], opposite[:, 1])
+        length = np.sqrt(np.einsum("ij,ij->i", doubled, doubled))
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return cls(opposite, doubled / length[:, None], 0.5 * length)
+
+
+def scatter(faces: NDArray, corner_values: NDArray, n: int) -> NDArray[np.float64]:
+    """(n, ...) sums over the corners at each vertex of values (m, 3) or (m, 3, d)."""
+    index = faces.ravel()
+    flat = corner_values.reshape(len(index), -1)
+    sums = np.zeros((n, flat.shape[1]))
+    for k, column in enumerate(flat.T):
+        sums[:, k] = np.bincount(index, weights=column, minlength=n)
+    return sums.reshape(n, *corner_values.shape[2:])
+
+
+def area_gradient(faces: Faces) -> NDArray[np.float64]:
+    """(m, 3, 3) derivative of a face's area by its corner k: half the side opposite, turned inward."""
+    return 0.5 * np.cross(faces.normal[:, None, :], faces.opposite)
+
+
+def _area_hessian_times(faces: Faces, y: NDArray) -> NDArray[np.float64]:
+    """(m, 3, 3) second derivative of the face areas applied to corner vectors y (m, 3, 3)."""
+    e, nu = faces.opposite, faces.normal
+    de = y[:, PREVIOUS] - y[:, NEXT]
+    dn = np.cross(de[:, 0], e[:, 1]) + np.cross(e[:, 0], de[:, 1])
+    dn -= np.einsum("ij,ij->i", dn, nu)[:, None] * nu
+    dn /= 2.0 * faces.area[:, None]
+    return 0.5 * (np.cross(dn[:, None, :], e) + np.cross(nu[:, None, :], de))
+
+
+@dataclass(frozen=True, eq=False)
+class VertexEnergy:
+    """Sum over counted vertices of |F|^2 / (4 S) (`cotan`) or |F|^2 S / (4 |N|^2) (`sullivan`).
+
+    Parameters
+    ----------
+    topology : Topology
+    sullivan : bool
+        Pointwise curvature |F| / |N| (Sullivan's, by the volume gradient) instead of |F| / S.
+    counted : (n,) ndarray of bool
+        Vertices whose curvature is summed: those with a whole star (not on the boundary).
+
+    Notes
+    -----
+    J. M. Sullivan, "Curvatures of smooth and discrete surfaces", 2006, for F, N and their quotient;
+    `cotan` is |L x|^2 / (4 M) with the cotangent stiffness and the barycentric lumped mass.
+    """
+
+    topology: Topology
+    sullivan: bool
+    counted: NDArray[np.bool_]
+
+    def _variations(self, points: NDArray) -> tuple[Faces, NDArray, NDArray, NDArray]:
+        corners, n = self.topology.faces, self.topology.n_vertices
+        faces = Faces.at(points, corners)
+        first = scatter(corners, area_gradient(faces), n)
+        third = np.repeat(faces.area / 3.0, 3).reshape(-1, 3)
+        star = scatter(corners, third, n)
+        if not self.sullivan:
+            return faces, first, star, np.zeros(0)
+        volume = scatter(corners, np.repeat((third[:, 0, None] * faces.normal)[:, None], 3, axis=1), n)
+        return faces, first, star, volume
+
+    def vertex_values(self, points: NDArray) -> NDArray[np.float64]:
+        """(n,) each vertex's share of the energy."""
+        return self._values(*self._variations(points)[1:])
+
+    def _values(self, first: NDArray, star: NDArray, volume: NDArray) -> NDArray[np.float64]:
+        with np.errstate(divide="ignore", invalid="ignore"):
+            value = 0.25 * np.einsum("ij,ij->i", first, first)
+            value = value * star / np.einsum("ij,ij->i", volume, volume) if self.sullivan else value / star
+        return np.where(self.counted, value, 0.0)
+
+    def value(self, points: NDArray) -> float:
+        """Energy; not finite on a surface with a face without area."""
+        return float(self.vertex_values(points).sum())
+
+    def value_and_gradient(self, points: NDArray) -> tuple[float, NDArray[np.float64]]:
+        """Energy and its exact gradient (n, 3)."""
+        corners, n = self.topology.faces, self.topology.n_vertices
+        faces, first, star, volume = self._variations(points)
+        value = self._values(first, star, volume)
+        safe_star = np.where(self.counted, star, 1.0)
+        if self.sullivan:
+            squared = np.where(self.counted, np.einsum("ij,ij->i", volume, volume), 1.0)
+            by_first = 0.5 * first * (star / squared)[:, None]
+            by_star = value / safe_star
+            by_volume = -2.0 * volume * (value / squared)[:, None]
+        else:
+            by_first = 0.5 * first / safe_star[:, None]
+            by_star = -value / safe_star
+        by_first[~self.counted] = 0.0
+        corner = _area_hessian_times(faces, by_first[corners])
+        corner += (by_star[corners].sum(axis=1) / 3.0)[:, None, None] * area_gradient(faces)
+        if self.sullivan:
+            mean = by_volume[corners].sum(axis=1) / 3.0
+            corner += 0.5 * np.cross(mean[:, None, :], faces.opposite)
+        return float(value.sum()), scatter(corners, corner, n)
