@@ -89,6 +89,8 @@ class Model(Generic[State]):
         Order of the scheme, for adaptive steps.
     stop : callable state -> str, optional
         Reason to end the run early, or "".
+    clock : callable state -> float, optional
+        Time of a state, for schemes that choose their own steps; else step times dt.
     """
 
     start: State
@@ -100,6 +102,7 @@ class Model(Generic[State]):
     distance: Callable[[State, State], float] | None = None
     order: int = 1
     stop: Callable[[State], str] | None = None
+    clock: Callable[[State], float] | None = None
 
 
 @dataclass(frozen=True)
@@ -262,10 +265,11 @@ def _snapshot(
         observations = {march.name: march.model.observe(march.state) for march in marches}
         checkpoint = {f"{m.name}/{key}": value for m in marches for key, value in m.pack().items()}
         reasons = [march.stopped for march in marches]
+        clocks = [march.model.clock(march.state) for march in marches if march.model.clock is not None]
         return Snapshot(
             frame,
             step,
-            step * schedule.dt,
+            max(clocks) if clocks else step * schedule.dt,
             observations,
             checkpoint,
             tuple(events),

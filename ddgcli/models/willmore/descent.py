@@ -127,7 +127,8 @@ def accurate_step(at: Slope, dt: float, energy: Energy, constraints: Constraints
     inner = Metric(at, factor)
     first = -inner.solve(at.gradient)
     ahead = slope(_shifted(at.mesh, at.free, dt * first), energy, at.free, constraints)
-    right = -ahead.gradient - 2.0 * at.gradient - 2.0 * at.mass[:, None] * first
+    mass = at.mass[:, None]
+    right = -ahead.gradient * (mass / ahead.mass[:, None]) - 2.0 * at.gradient - 2.0 * mass * first
     motion = 0.5 * dt * (first + inner.solve(right))
     motion = constraints.tangent(at.mesh, at.free, inner.solve, motion)
     return constraints.restored(_shifted(at.mesh, at.free, motion), at.free, inner.solve)

@@ -16,6 +16,7 @@ from ddgcli.mesh.topology import Topology
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.models.willmore.constraints import Constraints, area
 from ddgcli.models.willmore.descent import (
+    Metric,
     Slope,
     accurate_step,
     mean_curvature_step,
@@ -66,6 +67,8 @@ class FlowState:
         Flow time so far, in the input's unit.
     dt : float
         Next step of the descent, for the surface at unit size.
+    steps : int
+        Taken so far.
     increases, area_increases : int
         Steps so far over which the energy, or the area, rose.
     stopped : str
@@ -75,6 +78,7 @@ class FlowState:
     energy: float
     time: float
     dt: float
+    steps: int = 0
     increases: int = 0
     area_increases: int = 0
     stopped: str = ""
@@ -88,6 +92,8 @@ class Flow:
     ----------
     topology : Topology
     energy : Energy
+    convention : str
+        What its number stands for.
     free : (k,) ndarray of int
         Vertices that move.
     constraints : Constraints
@@ -101,10 +107,13 @@ class Flow:
         Length unit of the states, in the input's unit.
     area : float
         At the start, at unit size.
+    original : (n, 3) ndarray
+        Positions at the start, as given.
     """
 
     topology: Topology
     energy: Energy
+    convention: str
     free: NDArray[np.int64]
     constraints: Constraints
     mean_curvature: bool
@@ -113,7 +122,9 @@ class Flow:
     centre: NDArray[np.float64]
     scale: float
     area: float
+    original: NDArray[np.float64]
     _kept: Slope | None = None
+    _prepared: tuple[Metric, float] | None = None
 
     @property
     def time_unit(self) -> float:
@@ -127,9 +138,20 @@ class Flow:
         if self.mean_curvature:
             return self._curvature_step(state, dt)
         at = self._slope(state)
-        if self.stop.gradient is not None and at.size <= self.stop.gradient:
-            return replace(state, stopped=f"gradient below {self.stop.gradient:g}")
         return self._timed_step(state, at, dt) if self.timed else self._longest_step(state, at)
+
+    def reason(self, state: FlowState) -> str:
+        """Why the flow ends at a state, or ""."""
+        if state.stopped or self.mean_curvature:
+            return state.stopped
+        at = self._slope(state)
+        if self.stop.gradient is not None and at.size <= self.stop.gradient:
+            return f"gradient below {self.stop.gradient:g}"
+        if self.stop.mesh_error:
+            across, along = self._metric(at, state.dt).descent_power()
+            if along >= across:
+                return "what is left of the gradient is the mesh's own error"
+        return ""
 
     def mesh(self, state: FlowState) -> TriangleMesh:
         return TriangleMesh(state.points, self.topology)
@@ -140,6 +162,12 @@ class Flow:
             self._kept = slope(self.mesh(state), self.energy, self.free, self.constraints)
         return self._kept
 
+    def _metric(self, at: Slope, dt: float) -> Metric:
+        """Preconditioner for a step of length dt; the last one is kept, for `reason` and the step after."""
+        if self._prepared is None or self._prepared[0].at is not at or self._prepared[1] != dt:
+            self._prepared = metric(at, dt), dt
+        return self._prepared[0]
+
     def _timed_step(self, state: FlowState, at: Slope, dt: float) -> FlowState:
         unit_dt = dt / self.time_unit
         moved = accurate_step(at, unit_dt, self.energy, self.constraints)
@@ -148,17 +176,13 @@ class Flow:
             return self._stepped(state, at, moved, energy, dt)
         promised = float(np.sum(at.gradient * (at.mesh.points - moved.points)[self.free]))
         if abs(promised) <= HELD * abs(at.energy):
-            return replace(state, time=state.time + dt)
+            return replace(state, time=state.time + dt, steps=state.steps + 1)
         raise StepRejected("energy rises", value=energy - at.energy)
 
     def _longest_step(self, state: FlowState, at: Slope) -> FlowState:
         """Descent step, halved until the energy falls; the next one starts at twice the length that did."""
         dt = state.dt
-        preconditioner = metric(at, dt)
-        if self.stop.mesh_error:
-            across, along = preconditioner.descent_power()
-            if along >= across:
-                return replace(state, stopped="what is left of the gradient is the mesh's own error")
+        preconditioner = self._metric(at, dt)
         while True:
             moved = robust_step(preconditioner, dt, self.constraints)
             energy = self.energy.value(moved.points)
@@ -181,7 +205,7 @@ class Flow:
             stopped = f"energy fell by less than {self.stop.fall:g} of itself in a step"
         rose = energy - at.energy > ROUNDING * abs(at.energy)
         return replace(
-            state, points=moved.points, energy=energy, time=state.time + dt,
+            state, points=moved.points, energy=energy, time=state.time + dt, steps=state.steps + 1,
             increases=state.increases + rose, stopped=stopped,
         )  # fmt: skip
 
@@ -196,11 +220,19 @@ class Flow:
         if not math.isfinite(energy):
             return replace(state, stopped=f"the surface became singular at time {state.time:.6g}")
         stopped = "the surface collapsed" if after < COLLAPSED * self.area else ""
+        if self.stop.fall is not None and not stopped and before - after < self.stop.fall * before:
+            stopped = f"area fell by less than {self.stop.fall:g} of itself in a step"
         return replace(
             state, points=moved.points, energy=energy, time=state.time + dt, stopped=stopped,
+            steps=state.steps + 1,
             increases=state.increases + (energy - state.energy > ROUNDING * abs(state.energy)),
             area_increases=state.area_increases + (after > before * (1.0 + ROUNDING)),
         )  # fmt: skip
+
+    def distance(self, a: FlowState, b: FlowState) -> float:
+        """Largest distance between two states' vertices, relative to the surface's radius."""
+        apart = np.sqrt(np.max(np.sum((a.points - b.points) ** 2, axis=1), initial=0.0))
+        return float(apart / math.sqrt(self.area / (4.0 * math.pi)))
 
     def observe(self, state: FlowState) -> Observation:
         """The surface in the input's frame, its energy, area, volume and smallest angle."""
@@ -210,20 +242,27 @@ class Flow:
             "energy": state.energy,
             "area": area(mesh) * self.scale**2,
             "min_angle_degrees": float(np.degrees(angles.min())),
-            "flow_time": state.time,
+            "steps": float(state.steps),
             "energy_increases": float(state.increases),
+            "area_increases": float(state.area_increases),
         }
         if self.topology.is_closed:
             scalar["volume"] = enclosed_volume(mesh) * self.scale**3
         for name, residual in self.constraints.residuals(mesh).items():
             scalar[f"{name}_residual"] = residual
-        return Observation(state.points * self.scale + self.centre, {}, scalar)
+        points = np.array(self.original)
+        if state.steps:
+            points[self.free] = state.points[self.free] * self.scale + self.centre
+        return Observation(points, {}, scalar)
 
     def pack(self, state: FlowState) -> dict[str, NDArray]:
         """The state as arrays of fixed shape (why it stopped need not go on)."""
-        numbers = [state.energy, state.time, state.dt, state.increases, state.area_increases]
+        numbers = [
+            state.energy, state.time, state.dt, state.steps, state.increases, state.area_increases
+        ]  # fmt: skip
         return {"points": state.points, "numbers": np.array(numbers, dtype=np.float64)}
 
     def unpack(self, arrays: dict[str, NDArray]) -> FlowState:
-        energy, time, dt, increases, area_increases = (float(x) for x in arrays["numbers"])
-        return FlowState(arrays["points"], energy, time, dt, int(increases), int(area_increases))
+        energy, time, dt, steps, increases, area_increases = (float(x) for x in arrays["numbers"])
+        counts = int(steps), int(increases), int(area_increases)
+        return FlowState(arrays["points"], energy, time, dt, *counts)

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-import logging
 import math
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.errors import MeshError, ParameterError
-from ddgcli.evolve.loop import Model
+from ddgcli.evolve.loop import Model, Schedule
 from ddgcli.geometry.extrinsic import enclosed_volume
 from ddgcli.mesh.topology import Topology
 from ddgcli.mesh.triangle_mesh import TriangleMesh
@@ -19,10 +20,10 @@ from ddgcli.models.willmore.energies import ENERGIES
 from ddgcli.models.willmore.flow import LONGEST, Flow, FlowState, Stop
 from ddgcli.models.willmore.scaled import centred_at_unit_size
 
-log = logging.getLogger("ddgcli")
-
 FLOWS = ("quadratic", "mean-curvature")
 BOUNDARIES = ("clamped", "fixed")
+# default length of timed steps, in radius^4 (mean curvature flow: radius^2) of the sphere of the same area
+TIMED, TIMED_CURVATURE = 5e-3, 2e-3
 
 
 @dataclass(frozen=True)
@@ -46,6 +47,11 @@ class Wishes:
     fix_volume: bool = False
     timed: bool = False
     stop: Stop = Stop()
+
+
+def described(wishes: Wishes) -> dict[str, Any]:
+    """The wishes as plain data."""
+    return asdict(wishes)
 
 
 def free_vertices(topology: Topology, boundary: str) -> NDArray[np.int64]:
@@ -95,23 +101,49 @@ def build(mesh: TriangleMesh, wishes: Wishes) -> tuple[Flow, Model]:
             f"the {wishes.energy} energy is not finite here: at some vertex the faces' normals cancel; "
             "unfold it or use --energy cotan"
         )
+    convention = ENERGIES[wishes.energy].convention
     flow = Flow(
-        topology,
-        energy,
-        free,
-        constraints,
-        mean_curvature,
-        wishes.timed,
-        wishes.stop,
-        centre,
-        scale,
-        area(unit),
-    )
+        topology, energy, convention, free, constraints, mean_curvature, wishes.timed, wishes.stop,
+        centre, scale, area(unit), mesh.points,
+    )  # fmt: skip
     start = FlowState(unit.points, started, 0.0, longest_step(flow))
-    model = Model(start, flow.advance, flow.observe, flow.pack, flow.unpack, stop=lambda state: state.stopped)
+    model = Model(
+        start, flow.advance, flow.observe, flow.pack, flow.unpack,
+        distance=flow.distance, order=1 if mean_curvature else 2,
+        stop=flow.reason, clock=lambda state: state.time,
+    )  # fmt: skip
     return flow, model
 
 
 def longest_step(flow: Flow) -> float:
     """First step of the descent, at unit size."""
     return LONGEST * (flow.area / (4.0 * math.pi)) ** 2
+
+
+MOST_STEPS = 1000
+FRAMES = 50
+
+
+def schedule(flow: Flow, given: Mapping[str, Any]) -> Schedule:
+    """When to step and to show, from the options given: steps, duration, step, frame_every, tolerance.
+
+    Without a step or a duration the descent chooses its own steps, at most MOST_STEPS, each of them a frame.
+    """
+    steps, duration, dt = given.get("steps"), given.get("duration"), given.get("step")
+    every, tolerance = given.get("frame_every"), given.get("tolerance")
+    if tolerance is not None and not duration:
+        raise ParameterError("--tolerance needs --duration; it chooses the steps on the way there")
+    if not flow.timed:
+        if every is not None:
+            raise ParameterError("--frame-every needs --dt or --duration: else every step is a frame")
+        return Schedule(1.0, steps or MOST_STEPS)
+    if dt is None:
+        radius = math.sqrt(flow.area / (4.0 * math.pi)) * flow.scale
+        own = TIMED_CURVATURE * radius**2 if flow.mean_curvature else TIMED * radius**4
+        dt = own if duration is None else max(duration / MOST_STEPS, min(duration / FRAMES, own))
+    if tolerance is not None and duration is not None:
+        frames = max(1, math.ceil(duration / every - 1e-9)) if every else FRAMES
+        return Schedule(duration / frames, frames, 1, tolerance, first_dt=min(dt, duration / frames))
+    count = max(1, math.ceil(duration / dt - 1e-9)) if duration is not None else steps or MOST_STEPS
+    dt = duration / count if duration is not None else dt
+    return Schedule(dt, count, max(1, round(every / dt) if every else math.ceil(count / FRAMES)))

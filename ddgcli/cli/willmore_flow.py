@@ -1,0 +1,106 @@
+"""`ddgcli willmore-flow`."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import click
+
+from ddgcli.cli import options, simulate
+from ddgcli.cli.options import Common
+from ddgcli.cli.run import Run
+from ddgcli.errors import ParameterError
+
+LATER = "is not available yet"
+
+
+@click.command("willmore-flow")
+@options.mesh_arg
+@options.common
+@simulate.time_options
+@click.option("--flow", default="quadratic", show_default=True, help="quadratic | mean-curvature")
+@click.option("--energy", default="sullivan", show_default=True, help="sullivan | cotan | hinge")
+@click.option("--boundary", default="clamped", show_default=True, help="clamped | fixed")
+@click.option("--fix-area", is_flag=True, help="Keep the area.")
+@click.option("--fix-volume", is_flag=True, help="Keep the enclosed volume.")
+@click.option(
+    "--stop-gradient",
+    type=options.POSITIVE,
+    help="Stop when |gradient| area / energy is below this.  [default: 1e-6]",
+)
+@click.option(
+    "--stop-energy",
+    type=options.POSITIVE,
+    help="Stop when a step lowers the energy by less than this part of it.  [default: 1e-8]",
+)
+@click.option("--report-energy", help="all: every energy at start and end.")
+@click.option("--spontaneous-curvature", hidden=True)
+@click.option("--region", hidden=True)
+def command(
+    mesh_path: str, common: Common, overrides: dict[str, Any], resume: str | None, **wishes: Any
+) -> None:
+    """Flow MESH down its bending energy int H^2 (or its area).
+
+    Without --dt or --duration the steps are as long as the energy falls, and the flow stops at rest. With
+    them steps have the given length and follow the flow in time, second order.
+
+    \b
+    Examples:
+      ddgcli willmore-flow torus.obj -o clifford.ply
+      ddgcli willmore-flow bumpy.obj --dt 1e-4 --duration 0.05 -o run.vtkhdf
+      ddgcli willmore-flow cap.off --boundary clamped --fix-area --report-energy all
+    """
+    run = Run("willmore-flow", common, **overrides, **{k: v for k, v in wishes.items() if v})
+    source = run.read(mesh_path)
+    from ddgcli.evolve.account import Account
+    from ddgcli.models.willmore import report, setup
+
+    chosen = _wishes(wishes, overrides)
+    flow, model = setup.build(source.mesh, chosen)
+    schedule = setup.schedule(flow, overrides)
+    resolved, digest = simulate.fingerprint(
+        None, {"wishes": setup.described(chosen), "time": overrides}, {"mesh": source.sha256}
+    )
+    simulate.refuse_changed(resume, resolved)
+    outcome = simulate.simulate(
+        run, {"surface": model}, [source.mesh], schedule, Account(), moving=True, resume=resume,
+        attributes={"input_sha256": digest}, texts={"scene_source": "", "scene_resolved": resolved},
+    )  # fmt: skip
+    results, accuracy = report.summary(
+        outcome.series, flow.convention, schedule.steps, outcome.stopped, outcome.failure
+    )
+    if wishes["report_energy"]:
+        last = source.mesh if outcome.last is None else source.mesh.moved(outcome.last.points)
+        results["energies"] = report.every_energy(source.mesh, last)
+    run.plot(lambda path: _draw(path, source.mesh, outcome))
+    run.finish(results, accuracy, converged=not outcome.failure)
+
+
+def _wishes(wishes: dict[str, Any], overrides: dict[str, Any]) -> Any:
+    from ddgcli.models.willmore.flow import DEFAULT_STOP, Stop
+    from ddgcli.models.willmore.setup import Wishes
+
+    for name in ("spontaneous_curvature", "region"):
+        if wishes[name] is not None:
+            raise ParameterError(f"--{name.replace('_', '-')} {LATER}; there are --fix-area and --fix-volume")
+    if overrides.get("integrator"):
+        raise ParameterError("willmore-flow has no --integrator; choose --flow quadratic or mean-curvature")
+    if wishes["report_energy"] not in (None, "all"):
+        raise ParameterError(f"--report-energy {wishes['report_energy']!r}: write all")
+    timed = any(overrides.get(name) for name in ("step", "duration"))
+    timed = timed or wishes["flow"] == "mean-curvature"
+    bounded = any(overrides.get(name) for name in ("steps", "duration"))
+    stop = Stop() if timed and bounded else Stop(DEFAULT_STOP.gradient, DEFAULT_STOP.fall, not timed)
+    return Wishes(
+        wishes["energy"], wishes["flow"], wishes["boundary"], wishes["fix_area"], wishes["fix_volume"], timed,
+        Stop(wishes["stop_gradient"] or stop.gradient, wishes["stop_energy"] or stop.fall, stop.mesh_error),
+    )  # fmt: skip
+
+
+def _draw(path: str, mesh: Any, outcome: Any) -> None:
+    from ddgcli.plots.surface import draw_surface
+
+    energy = outcome.series["energy"]
+    draw_surface(
+        path, mesh.moved(outcome.last.points), title=f"energy {energy[0]:.5g} -> {energy[-1]:.5g}", edges=True
+    )

@@ -1,0 +1,62 @@
+"""Results and accuracy of a flow, from the scalars of its frames."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ddgcli.mesh.triangle_mesh import TriangleMesh
+from ddgcli.models.willmore.energies import ENERGIES
+
+
+def summary(
+    series: Mapping[str, NDArray], convention: str, limit: int, stopped: str, failure: str
+) -> tuple[dict[str, Any], dict[str, Any]]:
+    """(`results`, `accuracy`).
+
+    Parameters
+    ----------
+    series : mapping of str to (T,) ndarray
+        Scalars of every frame.
+    convention : str
+    limit : int
+        Steps allowed.
+    stopped, failure : str
+        Why it ended before, or "".
+    """
+    last = {name: float(values[-1]) for name, values in series.items()}
+    results = {
+        "energy": series["energy"].tolist(),
+        "energy_convention": convention,
+        "area": last["area"],
+        "volume": last.get("volume"),
+        "steps": int(last["steps"]),
+        "stopped_because": failure or stopped or f"{limit} steps were taken",
+    }
+    accuracy = {
+        "energy_increases": int(last["energy_increases"]),
+        "area_increases": int(last["area_increases"]),
+        "constraint_residuals": {
+            name: float(np.abs(series[f"{name}_residual"]).max())
+            for name in ("area", "volume")
+            if f"{name}_residual" in series
+        },
+        "min_angle_degrees": series["min_angle_degrees"].tolist(),
+    }
+    return results, accuracy
+
+
+def every_energy(first: TriangleMesh, last: TriangleMesh) -> dict[str, dict[str, Any]]:
+    """All energies at start and end, with their conventions (--report-energy all)."""
+    found = {}
+    for name, kind in ENERGIES.items():
+        energy = kind.build(first.topology)
+        found[name] = {
+            "start": energy.value(first.points),
+            "end": energy.value(last.points),
+            "energy_convention": kind.convention,
+        }
+    return found

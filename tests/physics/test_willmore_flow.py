@@ -1,0 +1,229 @@
+"""Flows: the sphere stays, modes decay at their rates, minima are reached, energies never rise."""
+
+import json
+
+import numpy as np
+import pytest
+
+from ddgcli.evolve.account import Account
+from ddgcli.evolve.loop import evolve
+from ddgcli.geometry.extrinsic import enclosed_volume
+from ddgcli.io.mesh_file import write_mesh
+from ddgcli.mesh import shapes
+from ddgcli.mesh.fields import AnnotatedMesh
+from ddgcli.models.willmore import setup
+from ddgcli.models.willmore.constraints import area
+from ddgcli.models.willmore.flow import DEFAULT_STOP
+from ddgcli.models.willmore.setup import Wishes
+from ddgcli.operators.laplacian import lumped_vertex_area
+
+
+def flowed(mesh, wishes=None, **given):
+    """(all snapshots' observations, last surface)."""
+    timed = any(k in given for k in ("step", "duration"))
+    wishes = wishes or Wishes(timed=timed, stop=Wishes().stop if timed else DEFAULT_STOP)
+    flow, model = setup.build(mesh, wishes)
+    shots = list(evolve({"s": model}, setup.schedule(flow, given), Account()))
+    seen = [shot.observations["s"] for shot in shots]
+    return seen, mesh.moved(seen[-1].points), shots
+
+
+def energies(seen):
+    return np.array([o.scalar["energy"] for o in seen])
+
+
+def assert_falls(seen):
+    assert (np.diff(energies(seen)) <= 0).all()
+    assert seen[-1].scalar["energy_increases"] == 0
+
+
+def ellipsoid(level=3):
+    mesh = shapes.icosphere(level)
+    return mesh.moved(mesh.points * [1.0, 1.0, 2.0])
+
+
+@pytest.mark.parametrize("energy", ["sullivan", "cotan"])
+def test_sphere_stays_for_a_unit_of_time(energy):
+    mesh = shapes.icosphere(4)
+    seen, end, _ = flowed(mesh, Wishes(energy=energy, timed=True), duration=1.0, step=0.02)
+    weight = lumped_vertex_area(mesh)
+    radius = (weight * np.linalg.norm(end.points, axis=1)).sum() / weight.sum()
+    assert abs(radius - 1) < 1e-4  # the linear implicit step would have r = 0 at t = 1/16
+    assert np.abs(np.linalg.norm(end.points, axis=1) - 1).max() < 1e-3
+    assert_falls(seen)
+
+
+@pytest.mark.parametrize("l, rate, within", [(2, 12.0, 0.01), (3, 60.0, 0.01)])
+def test_modes_of_the_sphere_decay_at_their_rates(l, rate, within):
+    mesh = shapes.icosphere(4)
+    z, weight = mesh.points[:, 2], lumped_vertex_area(mesh)
+    mode = {2: (3 * z**2 - 1) / 2, 3: (5 * z**3 - 3 * z) / 2}[l]
+    bumpy = mesh.moved(mesh.points * (1 + 1e-3 * mode)[:, None])
+
+    def amplitude(m):
+        r = np.linalg.norm(m.points, axis=1)
+        return (weight * mode * (r - r.mean())).sum() / (weight * mode**2).sum()
+
+    duration = 0.5 / rate
+    seen, end, _ = flowed(bumpy, duration=duration, step=duration / 8)
+    measured = -np.log(amplitude(end) / amplitude(bumpy)) / duration
+    assert measured == pytest.approx(rate, rel=within)
+    assert_falls(seen)
+
+
+def test_timed_steps_are_second_order():
+    mesh = ellipsoid(2)
+    ends = [flowed(mesh, duration=1e-3, step=1e-3 / n)[1].points for n in (4, 8, 16, 64)]
+    error = [np.abs(e - ends[-1]).max() for e in ends[:-1]]
+    rates = np.log2(np.array(error[:-1]) / error[1:])
+    assert (rates > 1.7).all()
+
+
+def test_ellipsoid_becomes_a_sphere():
+    seen, end, shots = flowed(ellipsoid(4))
+    assert energies(seen)[-1] == pytest.approx(4 * np.pi, rel=0.005)
+    assert len(seen) < 60 and "mesh's own error" in shots[-1].stopped
+    assert_falls(seen)
+
+
+def test_irregular_ellipsoid():
+    mesh = shapes.random_sphere(700)
+    seen, end, _ = flowed(mesh.moved(mesh.points * [1.0, 1.0, 2.0]), steps=150)
+    assert_falls(seen)
+    assert energies(seen)[-1] < 0.97 * energies(seen)[0]
+    assert np.isfinite(end.points).all()
+
+
+@pytest.mark.parametrize("energy", ["sullivan", "cotan"])
+def test_torus_becomes_clifford(energy):
+    wishes = Wishes(energy=energy, stop=DEFAULT_STOP)
+    seen, end, shots = flowed(shapes.torus(80, 40, 2.0, 1.0), wishes)
+    assert energies(seen)[0] > 1.14 * 2 * np.pi**2
+    assert energies(seen)[-1] == pytest.approx(2 * np.pi**2, rel=0.01)
+    r = np.hypot(*end.points[:, :2].T)
+    assert (r.max() + r.min()) / (r.max() - r.min()) == pytest.approx(np.sqrt(2), rel=0.02)
+    assert_falls(seen)
+
+
+@pytest.mark.parametrize("scale", [1e-9, 1e9])
+def test_scale_covariance(scale):
+    mesh = ellipsoid(2)
+    plain, end, _ = flowed(mesh, duration=0.02, step=0.005)
+    large = mesh.moved(mesh.points * scale)
+    scaled, scaled_end, _ = flowed(large, duration=0.02 * scale**4, step=0.005 * scale**4)
+    assert np.allclose(scaled_end.points / scale, end.points, rtol=0, atol=1e-11)
+    assert np.allclose(energies(scaled), energies(plain), rtol=1e-11)
+
+
+def test_area_and_volume_are_kept():
+    mesh = ellipsoid(3)
+    seen, end, _ = flowed(mesh, Wishes(fix_area=True, fix_volume=True, stop=DEFAULT_STOP))
+    assert area(end) == pytest.approx(area(mesh), rel=1e-11)
+    assert enclosed_volume(end) == pytest.approx(enclosed_volume(mesh), rel=1e-11)
+    assert energies(seen)[-1] < 0.99 * energies(seen)[0]
+    assert_falls(seen)
+
+
+def test_mean_curvature_flow_of_the_sphere():
+    error = []
+    for step in (4e-3, 2e-3):
+        _, end, _ = flowed(
+            shapes.icosphere(4), Wishes(flow="mean-curvature", timed=True), duration=0.1, step=step
+        )
+        error.append(np.linalg.norm(end.points, axis=1).mean() / np.sqrt(1 - 4 * 0.1) - 1)
+    assert abs(error[1]) < 0.01 and error[0] / error[1] == pytest.approx(2, rel=0.3)
+
+
+def bowl():
+    """A quarter of a sphere's height, with its rim."""
+    grid = shapes.grid(16, 16, 2.0, 2.0)
+    x, y = (grid.points[:, :2] - 1).T
+    bump = 0.3 * (1 - x**2) ** 2 * (1 - y**2) ** 2
+    return grid.moved(np.stack([x, y, bump * (1 + 0.5 * np.sin(5 * x))], axis=1))
+
+
+@pytest.mark.parametrize("boundary", ["clamped", "fixed"])
+def test_boundaries_hold_and_a_bump_flattens(boundary):
+    mesh = bowl()
+    seen, end, _ = flowed(mesh, Wishes(boundary=boundary, stop=DEFAULT_STOP))
+    held = np.array(mesh.topology.boundary_vertex)
+    if boundary == "clamped":
+        held[mesh.faces[held[mesh.faces].any(axis=1)]] = True
+    assert np.array_equal(end.points[held], mesh.points[held])
+    assert energies(seen)[-1] < 0.1 * energies(seen)[0]
+    assert_falls(seen)
+
+
+@pytest.fixture
+def ellipsoid_file(tmp_path):
+    path = tmp_path / "ellipsoid.ply"
+    write_mesh(str(path), AnnotatedMesh(ellipsoid(3)))
+    return path
+
+
+def test_summary(summary, ellipsoid_file, tmp_path):
+    out = summary("willmore-flow", ellipsoid_file, "-o", tmp_path / "end.ply", "--report-energy", "all")
+    results, accuracy = out["results"], out["accuracy"]
+    assert results["energy"][-1] == pytest.approx(4 * np.pi, rel=0.01)
+    assert "H = (k1 + k2)/2" in results["energy_convention"]
+    assert results["energies"]["cotan"]["end"] == pytest.approx(4 * np.pi, rel=0.01)
+    assert accuracy["energy_increases"] == 0
+    assert len(accuracy["min_angle_degrees"]) == len(results["energy"]) == results["steps"] + 1
+    assert (tmp_path / "end.ply").exists()
+
+
+def test_resume_has_the_same_bits(run, ellipsoid_file, tmp_path, monkeypatch):
+    from ddgcli.io.trajectory import Trajectory
+
+    whole = tmp_path / "whole.vtkhdf"
+    words = ("--steps", 6)
+    assert run("willmore-flow", ellipsoid_file, *words, "-o", whole).exit_code == 0
+    from ddgcli.models.willmore.flow import Flow
+
+    calls, advance = [], Flow.advance
+
+    def cut(self, state, time, dt):
+        calls.append(time)
+        if len(calls) == 4:
+            raise KeyboardInterrupt
+        return advance(self, state, time, dt)
+
+    monkeypatch.setattr(Flow, "advance", cut)
+    part = tmp_path / "cut.vtkhdf"
+    assert run("willmore-flow", ellipsoid_file, *words, "-o", part).exit_code == 130
+    monkeypatch.setattr(Flow, "advance", advance)
+    resumed = run("willmore-flow", ellipsoid_file, *words, "--resume", f"{part}.part")
+    assert resumed.exit_code == 0, resumed.output + resumed.stderr
+    with Trajectory(str(whole)) as a, Trajectory(str(part)) as b:
+        assert a.n_frames == b.n_frames == 7
+        for k in range(7):
+            assert np.array_equal(a.frame(k).points, b.frame(k).points)
+            assert a.frame(k).time == b.frame(k).time
+
+
+@pytest.mark.parametrize(
+    "words, told",
+    [
+        (("--energy", "circle-angle"), "sullivan"),
+        (("--flow", "conformal"), "mean-curvature"),
+        (("--boundary", "free"), "clamped"),
+        (("--spontaneous-curvature", "1"), "not available"),
+        (("--region", "x"), "not available"),
+        (("--integrator", "verlet"), "--flow"),
+        (("--flow", "mean-curvature", "--fix-area"), "quadratic"),
+        (("--frame-every", "1"), "--dt"),
+        (("--tolerance", "1e-3"), "--duration"),
+    ],
+)
+def test_refusals_name_what_there_is(run, ellipsoid_file, words, told):
+    result = run("willmore-flow", ellipsoid_file, *words, "--json")
+    assert result.exit_code == 2 and result.stdout == ""
+    assert told in result.stderr and len(result.stderr.strip().splitlines()) == 1
+    assert result.stderr.startswith("Error: ")
+
+
+def test_sphere_json_is_strict(run, tmp_path):
+    path = tmp_path / "s.ply"
+    write_mesh(str(path), AnnotatedMesh(shapes.icosphere(2)))
+    result = run("willmore-flow", path, "--json", "--dt", "1e-3", "--steps", "3")
+    json.loads(result.stdout, parse_constant=lambda c: pytest.fail(c))
