@@ -66,9 +66,72 @@ def checked(system: System, motion: Motion) -> Motion:
     return motion
 
 
+def _begin(system: System, x: NDArray, guess: NDArray) -> NDArray:
+    """The guess, or the start of the step where the way to the guess meets a barrier."""
+    move = np.where(system.free, guess - x, 0.0)
+    for barrier in system.bounded:
+        if barrier.longest(x, move) < 1.0:
+            return x
+    return x + move
+
+
+def _implicit_euler(system: System, motion: Motion, dt: float, parameters: Any) -> Motion:
+    from ddgcli.evolve.implicit import Increment
+
+    target = motion.x + dt * motion.v
+    increment = Increment(1 / dt**2, target, 1 / dt, motion.x, system.frozen(motion.x, dt))
+    y, count = system.newton.minimise(increment, _begin(system, motion.x, target))
+    v = (y - motion.x) / dt
+    return checked(system, Motion(y, v, (v - motion.v) / dt, motion.newton + count))
+
+
+def _implicit_midpoint(system: System, motion: Motion, dt: float, parameters: Any) -> Motion:
+    """The unknown is the middle position; the end is its mirror image of the start."""
+    from ddgcli.evolve.implicit import Increment
+
+    target = motion.x + 0.5 * dt * motion.v
+    increment = Increment(4 / dt**2, target, 2 / dt, motion.x, system.frozen(motion.x, dt))
+    middle, count = system.newton.minimise(increment, _begin(system, motion.x, target))
+    x = 2 * middle - motion.x
+    v = 2 * (x - motion.x) / dt - motion.v
+    return checked(system, Motion(x, v, (v - motion.v) / dt, motion.newton + count))
+
+
+def _newmark(system: System, motion: Motion, dt: float, parameters: Any) -> Motion:
+    beta, gamma = parameters.beta, parameters.gamma
+    x, v, a = motion.x, motion.v, motion.a
+    target = x + dt * v + dt**2 * (0.5 - beta) * a
+    if beta == 0:
+        checked(system, Motion(target, v, a))
+        new = system.acceleration(target, v + dt * a, dt)
+        return checked(system, Motion(target, v + dt * ((1 - gamma) * a + gamma * new), new, motion.newton))
+    from ddgcli.evolve.implicit import Increment
+
+    c = gamma / (beta * dt)
+    origin = target - (v + dt * (1 - gamma) * a) / c
+    increment = Increment(1 / (beta * dt**2), target, c, origin, system.frozen(x, dt))
+    y, count = system.newton.minimise(increment, _begin(system, x, target + beta * dt**2 * a))
+    new = (y - target) / (beta * dt**2)
+    new = np.where(system.free, new, 0.0)
+    return checked(system, Motion(y, v + dt * ((1 - gamma) * a + gamma * new), new, motion.newton + count))
+
+
+def _static(system: System, motion: Motion, dt: float, parameters: Any) -> Motion:
+    """One equilibrium: a stationary point of the potentials, reached downhill."""
+    from ddgcli.evolve.implicit import Increment
+
+    y, count = system.newton.minimise(Increment(0.0, motion.x), motion.x, most=2000)
+    still = np.zeros_like(y)
+    return checked(system, Motion(y, still, still, motion.newton + count))
+
+
 INTEGRATORS: dict[str, Integrator] = {
     "symplectic-euler": Integrator("symplectic-euler", 1, _symplectic_euler, True),
     "verlet": Integrator("verlet", 2, _verlet, True),
+    "newmark": Integrator("newmark", 2, _newmark, False),
+    "implicit-midpoint": Integrator("implicit-midpoint", 2, _implicit_midpoint, False),
+    "implicit-euler": Integrator("implicit-euler", 1, _implicit_euler, False),
+    "static": Integrator("static", 0, _static, False),
 }
 
 

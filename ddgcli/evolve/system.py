@@ -39,9 +39,16 @@ class System:
     mass : (n,) ndarray
     parts : sequence of Potential, Dissipation and Held
     account : Account
+    size : float
+        Of the object, in metres: the scale of tolerances.
+
+    Attributes
+    ----------
+    linear : bool
+        Every potential is quadratic with a constant matrix, coordinate by coordinate.
     """
 
-    def __init__(self, mass: NDArray, parts: Sequence[Any], account: Account) -> None:
+    def __init__(self, mass: NDArray, parts: Sequence[Any], account: Account, size: float = 1.0) -> None:
         self.mass, self.account = mass, account
         self.potentials: list[Potential] = [p for p in parts if isinstance(p, Potential)]
         self.dissipations: list[Dissipation] = [p for p in parts if isinstance(p, Dissipation)]
@@ -52,6 +59,19 @@ class System:
                 held |= part.mask
         self.free = ~held
         self.all_free = not held.any()
+        self.size = size
+        by_vertex = bool((held.all(axis=1) == held.any(axis=1)).all())
+        self.linear = by_vertex and all(len(p.stencil) == 0 or hasattr(p, "matrix") for p in self.potentials)
+        self._newton: Any = None
+
+    @property
+    def newton(self) -> Any:
+        """The Newton iteration of implicit steps; explicit runs never import it."""
+        if self._newton is None:
+            from ddgcli.evolve.implicit import Newton
+
+            self._newton = Newton(self)
+        return self._newton
 
     def energies(self, x: NDArray) -> dict[str, float]:
         """Energy of each potential by its effect's name."""
@@ -76,6 +96,14 @@ class System:
             with self.account.within(dissipation.name):
                 total += dissipation.frozen(x, dt).gradient(v)
         return total if self.all_free else np.where(self.free, total, 0.0)
+
+    def frozen(self, x: NDArray, dt: float) -> tuple[Potential, ...]:
+        """Dissipation as potentials of the velocity, taken at `x`."""
+        found = []
+        for dissipation in self.dissipations:
+            with self.account.within(dissipation.name):
+                found.append(dissipation.frozen(x, dt))
+        return tuple(found)
 
     def acceleration(self, x: NDArray, v: NDArray, dt: float) -> NDArray[np.float64]:
         """(n, 3) acceleration, zero where held."""

@@ -21,8 +21,8 @@ class Potential(Protocol):
     motion does not feel).
     """
 
-    name: str
-
+    @property
+    def name(self) -> str: ...
     @property
     def stencil(self) -> NDArray[np.int64]: ...
     def energy(self, x: NDArray) -> float: ...
@@ -34,6 +34,8 @@ class Potential(Protocol):
 class Bounded(Protocol):
     """A potential with places that must not be reached (a barrier)."""
 
+    @property
+    def name(self) -> str: ...
     def longest(self, x: NDArray, move: NDArray) -> float:
         """Largest fraction in (0, 1] of `move` that stays inside."""
         ...
@@ -47,8 +49,8 @@ class Bounded(Protocol):
 class Dissipation(Protocol):
     """A Rayleigh dissipation function R of the velocities; the force is -dR/dv."""
 
-    name: str
-
+    @property
+    def name(self) -> str: ...
     @property
     def stencil(self) -> NDArray[np.int64]: ...
     def frozen(self, x: NDArray, dt: float) -> Potential:

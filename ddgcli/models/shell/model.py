@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -72,19 +73,30 @@ def parts_of(scene: Scene, context: ShellContext) -> list[Any]:
             scene.find(wanted, (*key, "object"), ("shell",))
             if wanted != context.shell.name:
                 return []
-        return effect.build(parameters, context)
+        made = effect.build(parameters, context)
+        context.made[effect.name] = [*context.made.get(effect.name, []), *made]
+        return made
 
-    return [part for made in scene.build(make) for part in made]
+    context.made.clear()
+    elastic = ("stretching", "bending")
+    ordered = sorted(scene.effects, key=lambda entry: entry[0].name not in elastic)
+    return [part for made in replace(scene, effects=tuple(ordered)).build(make) for part in made]
+
+
+def make_system(scene: Scene, context: ShellContext, account: Account) -> System:
+    """Masses of a shell and what the scene's effects make for it."""
+    size = float(np.ptp(context.mesh.points, axis=0).max())
+    return System(context.mass, parts_of(scene, context), account, size)
 
 
 def _model(scene: Scene, context: ShellContext, account: Account) -> Model[Motion]:
-    system = System(context.mass, parts_of(scene, context), account)
+    system = make_system(scene, context, account)
     integrator, parameters = INTEGRATORS[scene.time.integrator], scene.time
     x = np.array(context.mesh.points)
     v = np.where(system.free, _initial_velocity(context), 0.0)
     with np.errstate(all="ignore"):
         start = Motion(x, v, system.acceleration(x, v, scene.schedule().dt))
-    size = float(np.ptp(x, axis=0).max())
+    size = system.size
 
     def advance(motion: Motion, time: float, dt: float) -> Motion:
         return integrator.step(system, motion, dt, parameters)

@@ -9,10 +9,9 @@ import numpy as np
 from ddgcli.evolve.account import Account
 from ddgcli.evolve.integrators import INTEGRATORS
 from ddgcli.evolve.loop import Schedule
-from ddgcli.evolve.system import System
 from ddgcli.models.scene import Scene
 from ddgcli.models.shell.context import ShellContext
-from ddgcli.models.shell.model import parts_of
+from ddgcli.models.shell.model import make_system
 
 
 def summary(
@@ -76,8 +75,7 @@ def assembled(
         "step": schedule.dt,
     }
     for name, context in shells.items():
-        parts = parts_of(scene, context)
-        system = System(context.mass, parts, account)
+        system = make_system(scene, context, account)
         acting: list[Any] = [*system.potentials, *system.dissipations]
         terms = {p.name: f"{type(p).__name__}, {len(p.stencil)} elements" for p in acting}
         told[name] = {

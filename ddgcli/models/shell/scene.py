@@ -19,8 +19,12 @@ EFFECTS = EffectTable(
     "shell-sim",
     {
         "stretching": ("ddgcli.models.shell.stretching", "Resistance of the surface to stretch and shear."),
+        "bending": ("ddgcli.models.shell.bending", "Resistance to bending, about the input or about flat."),
         "gravity": ("ddgcli.models.shell.gravity", "A constant acceleration of every mass."),
+        "load": ("ddgcli.models.shell.load", "Forces on vertices, tractions, moments on edges."),
         "pin": ("ddgcli.models.shell.pin", "Vertices held still, in all directions or some."),
+        "damping": ("ddgcli.models.shell.damping", "Rayleigh damping by mass and by stiffness."),
+        "contact": ("ddgcli.models.shell.contact", "Contact with planes and spheres, with friction."),
     },
 )
 

@@ -1,4 +1,4 @@
-"""Effect `stretching`: edge springs."""
+"""Effect `stretching`: edge springs, or St Venant-Kirchhoff triangles."""
 
 # mypy: disable-error-code="valid-type"
 
@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from ddgcli.evolve.effects import Effect
 from ddgcli.evolve.terms import Mode, Potential, scattered
+from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.models.scene import Section
 from ddgcli.models.scene_units import quantity
 from ddgcli.models.shell.context import ShellContext
@@ -19,12 +20,17 @@ from ddgcli.models.shell.context import ShellContext
 class Stretching(Section):
     """Resistance to stretch."""
 
-    model: Literal["edges"] = "edges"
-    stiffness: quantity("N/m", "membrane stiffness; default: young * thickness", gt=0) | None = None
+    model: Literal["edges", "stvk"] = "stvk"
+    stiffness: quantity("N/m", "Young's modulus times thickness; default from the material", gt=0) | None = (
+        None
+    )
 
 
 class EdgeSprings:
-    """Energy k a (l/l0 - 1)^2 / 2 of every edge, a the area of the edge's tile, k in N/m."""
+    """Energy k a (l/l0 - 1)^2 / 2 of every edge, a the area of the edge's tile, k in N/m.
+
+    On equilateral triangles this is a membrane with Young's modulus times thickness k / 3 and nu = 1/3.
+    """
 
     name = "stretching"
 
@@ -56,15 +62,92 @@ class EdgeSprings:
         return np.block([[block, -block], [-block, block]])
 
 
+class StVK:
+    """St Venant-Kirchhoff membrane: energy t (lam/2 tr(E)^2 + mu tr(E^2)) per area, E the Green strain.
+
+    Plane stress: lam t = Y nu / (1 - nu^2), mu t = Y / (2 (1 + nu)) with Y Young's modulus times thickness.
+    """
+
+    name = "stretching"
+
+    def __init__(self, faces: NDArray, basis: NDArray, area: NDArray, lam: float, mu: float) -> None:
+        self.stencil, self.basis, self.area = faces, basis, area
+        self.lam, self.mu = lam, mu
+
+    def _stress(self, x: NDArray) -> tuple[NDArray, NDArray, NDArray]:
+        """Deformation gradient F (m, 3, 2), Green strain and second Piola-Kirchhoff stress (m, 2, 2)."""
+        f = np.einsum("mki,mkj->mij", x[self.stencil], self.basis)
+        strain = 0.5 * (np.einsum("mia,mib->mab", f, f) - np.eye(2))
+        trace = strain[:, 0, 0] + strain[:, 1, 1]
+        return f, strain, self.lam * trace[:, None, None] * np.eye(2) + 2 * self.mu * strain
+
+    def energy(self, x: NDArray) -> float:
+        _, strain, stress = self._stress(x)
+        return 0.5 * float(np.sum(self.area * np.einsum("mab,mab->m", strain, stress)))
+
+    def gradient(self, x: NDArray) -> NDArray[np.float64]:
+        f, _, stress = self._stress(x)
+        first = self.area[:, None, None] * np.matmul(f, stress)
+        return scattered(self.stencil, np.einsum("mij,mkj->mki", first, self.basis), len(x))
+
+    def blocks(self, x: NDArray, mode: Mode) -> NDArray[np.float64]:
+        f, _, stress = self._stress(x)
+        b, area = self.basis, self.area
+        q = np.einsum("mij,mkj->mki", f, b)  # (m, 3, 3): F b_k
+        bb = np.matmul(b, b.transpose(0, 2, 1))
+        left = np.matmul(f, f.transpose(0, 2, 1))
+        block = self.lam * (q[:, :, :, None, None] * q[:, None, None, :, :])
+        block += self.mu * np.swapaxes(q[:, :, :, None, None] * q[:, None, None, :, :], 1, 3)
+        block += self.mu * bb[:, :, None, :, None] * left[:, None, :, None, :]
+        if mode != "material":
+            s = stress if mode == "exact" else _positive_part(stress)
+            geometric = np.matmul(np.matmul(b, s), b.transpose(0, 2, 1))
+            block += geometric[:, :, None, :, None] * np.eye(3)[None, None, :, None, :]
+        return (area[:, None, None, None, None] * block).reshape(-1, 9, 9)
+
+
+def _positive_part(s: NDArray) -> NDArray[np.float64]:
+    """Symmetric (m, 2, 2) matrices with their negative eigenvalues put to zero, in closed form."""
+    mean = 0.5 * (s[:, 0, 0] + s[:, 1, 1])
+    radius = np.hypot(0.5 * (s[:, 0, 0] - s[:, 1, 1]), s[:, 0, 1])
+    high, low = np.maximum(mean + radius, 0), np.maximum(mean - radius, 0)
+    safe = np.where(radius > 0, radius, 1.0)
+    slope = np.where(radius > 0, (high - low) / (2 * safe), 0.0)
+    middle = 0.5 * (high + low) - slope * mean
+    return middle[:, None, None] * np.eye(2) + slope[:, None, None] * s
+
+
+def face_basis(mesh: TriangleMesh) -> NDArray[np.float64]:
+    """(m, 3, 2) gradients of the corner functions in an orthonormal frame of each face, at rest."""
+    corners = np.asarray(mesh.points)[mesh.faces]
+    e1, e2 = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    length = np.linalg.norm(e1, axis=1)
+    along = np.einsum("mi,mi->m", e1, e2) / length
+    height = np.linalg.norm(np.cross(e1, e2), axis=1) / length
+    b1 = np.stack([1 / length, -along / (length * height)], axis=1)
+    b2 = np.stack([np.zeros_like(height), 1 / height], axis=1)
+    return np.stack([-b1 - b2, b1, b2], axis=1)
+
+
 def build(parameters: Stretching, context: ShellContext) -> list[Potential]:
-    stiffness = float(parameters.stiffness or context.shell.young * context.shell.thickness)  # type: ignore[operator]
+    shell, mesh = context.shell, context.mesh
+    young = float(parameters.stiffness or (shell.young or 0) * (shell.thickness or 0))
+    if parameters.model == "edges":
+        return [_springs(context, 3 * young)]
+    nu = float(shell.poisson or 0)
+    lam, mu = young * nu / (1 - nu**2), young / (2 * (1 + nu))
+    return [StVK(np.asarray(mesh.faces), face_basis(mesh), context.face_area, lam, mu)]
+
+
+def _springs(context: ShellContext, stiffness: float) -> EdgeSprings:
     topology = context.mesh.topology
+    side = topology.side_edge.ravel()
     rest = np.zeros(topology.n_edges)
-    rest[topology.side_edge.ravel()] = context.mesh.side_length.ravel()
-    tile = np.bincount(
-        topology.side_edge.ravel(), weights=np.repeat(context.face_area / 3, 3), minlength=topology.n_edges
-    )
-    return [EdgeSprings(topology.edges, rest, stiffness * tile)]
+    rest[side] = context.mesh.side_length.ravel()
+    tile = np.bincount(side, weights=np.repeat(context.face_area / 3, 3), minlength=topology.n_edges)
+    return EdgeSprings(topology.edges, rest, stiffness * tile)
 
 
-EFFECT = Effect("stretching", Stretching, build, "one pass over the edges", ("shell",))
+EFFECT = Effect(
+    "stretching", Stretching, build, "edges: one pass over the edges; stvk: one over the faces", ("shell",)
+)

@@ -1,0 +1,151 @@
+"""Effect `bending`: hinges with a rest angle, or the quadratic energy of isometric bending."""
+
+# mypy: disable-error-code="valid-type"
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+from scipy.sparse import coo_array, csr_array
+
+from ddgcli.evolve.effects import Effect
+from ddgcli.evolve.terms import Mode, Potential, scattered
+from ddgcli.geometry.intrinsic import corner_cotan
+from ddgcli.mesh.triangle_mesh import TriangleMesh
+from ddgcli.models.scene import Section
+from ddgcli.models.scene_units import quantity
+from ddgcli.models.shell import hinge
+from ddgcli.models.shell.context import ShellContext
+
+FLAT = 1e-6  # radians: a mesh whose hinges are flatter counts as flat
+
+
+class Bending(Section):
+    """Resistance to bending."""
+
+    model: Literal["hinge", "quadratic"] = "hinge"
+    rest: Literal["input", "flat"] | None = Field(
+        None, description="shape without bending moment: the mesh as drawn, or flat; quadratic is always flat"
+    )
+    stiffness: (
+        quantity("N m", "flexural rigidity D; default young thickness^3 / (12 (1 - poisson^2))", gt=0) | None
+    ) = None
+
+
+class HingeBending:
+    """Energy K 3 |e|^2 / (A0 + A1) (angle - rest)^2 of every hinge, lengths and areas at rest, K in J."""
+
+    name = "bending"
+
+    def __init__(self, stencil: NDArray, weight: NDArray, rest: NDArray) -> None:
+        self.stencil, self.weight, self.rest = stencil, weight, rest
+
+    def energy(self, x: NDArray) -> float:
+        bend = hinge.wrapped(hinge.frame(x, self.stencil).angle - self.rest)
+        return float(np.sum(self.weight * bend**2))
+
+    def gradient(self, x: NDArray) -> NDArray[np.float64]:
+        frame = hinge.frame(x, self.stencil)
+        moment = 2 * self.weight * hinge.wrapped(frame.angle - self.rest)
+        return scattered(self.stencil, moment[:, None, None] * hinge.angle_gradient(frame), len(x))
+
+    def blocks(self, x: NDArray, mode: Mode) -> NDArray[np.float64]:
+        frame = hinge.frame(x, self.stencil)
+        g = hinge.angle_gradient(frame).reshape(-1, 12)
+        block = (2 * self.weight)[:, None, None] * (g[:, :, None] * g[:, None, :])
+        if mode == "exact":
+            moment = 2 * self.weight * hinge.wrapped(frame.angle - self.rest)
+            block += moment[:, None, None] * hinge.angle_hessian(frame)
+        return block
+
+
+class QuadraticBending:
+    """Energy k/2 sum 3 / (A0 + A1) |sum_i c_i x_i|^2 over the hinges: the Hessian is constant."""
+
+    name = "bending"
+
+    def __init__(self, stencil: NDArray, weight: NDArray, c: NDArray, n: int) -> None:
+        self.stencil = stencil
+        local = weight[:, None, None] * c[:, :, None] * c[:, None, :]
+        rows = np.repeat(stencil, 4, axis=1).ravel()
+        cols = np.tile(stencil, (1, 4)).ravel()
+        self.matrix: csr_array = coo_array((local.ravel(), (rows, cols)), shape=(n, n)).tocsr()
+        self._local = local
+
+    @cached_property
+    def _blocks(self) -> NDArray[np.float64]:
+        eye = np.eye(3)
+        return np.einsum("kij,ab->kiajb", self._local, eye).reshape(-1, 12, 12)
+
+    def energy(self, x: NDArray) -> float:
+        return 0.5 * float(np.vdot(x, self.matrix @ x))
+
+    def gradient(self, x: NDArray) -> NDArray[np.float64]:
+        return self.matrix @ x
+
+    def blocks(self, x: NDArray, mode: Mode) -> NDArray[np.float64]:
+        return self._blocks
+
+
+def hinge_measure(mesh: TriangleMesh, stencil: NDArray, area: NDArray) -> tuple[NDArray, NDArray]:
+    """(3 |e|^2 / (A0 + A1), 3 / (A0 + A1)) of the hinges, from the rest shape."""
+    topology = mesh.topology
+    twin = topology.side_twin.ravel()
+    side = np.flatnonzero((twin >= 0) & (np.arange(len(twin)) < twin))
+    side = side[topology.side_tail[side] == topology.side_head[twin[side]]]
+    both = area[side // 3] + area[twin[side] // 3]
+    return 3 * mesh.side_length.ravel()[side] ** 2 / both, 3 / both
+
+
+def hinge_cotans(mesh: TriangleMesh) -> NDArray[np.float64]:
+    """(h, 4) coefficients c with |sum c_i x_i| = 2 |e| sin(angle / 2) on isometric bending."""
+    topology, cotan = mesh.topology, corner_cotan(mesh.side_length).ravel()
+    twin = topology.side_twin.ravel()
+    side = np.flatnonzero((twin >= 0) & (np.arange(len(twin)) < twin))
+    side = side[topology.side_tail[side] == topology.side_head[twin[side]]]
+    other = twin[side]
+
+    def at(flat: NDArray, step: int) -> NDArray:
+        return cotan[3 * (flat // 3) + (flat % 3 + step) % 3]
+
+    tail, head = at(side, 0), at(side, 1)
+    head_t, tail_t = at(other, 0), at(other, 1)
+    return np.stack([head + head_t, tail + tail_t, -tail - head, -tail_t - head_t], axis=1)
+
+
+def build(parameters: Bending, context: ShellContext) -> list[Potential]:
+    shell, mesh = context.shell, context.mesh
+    rigidity = parameters.stiffness or plate_rigidity(shell.young, shell.thickness, shell.poisson)
+    stencil = hinge.hinges(mesh.topology)
+    scaled, plain = hinge_measure(mesh, stencil, context.face_area)
+    if parameters.model == "hinge":
+        flat = parameters.rest == "flat"
+        rest = np.zeros(len(stencil)) if flat else hinge.frame(np.asarray(mesh.points), stencil).angle
+        return [HingeBending(stencil, rigidity / 6 * scaled, rest)]
+    if parameters.rest == "input":
+        bent = np.abs(hinge.frame(np.asarray(mesh.points), stencil).angle).max(initial=0.0)
+        if bent > FLAT:
+            raise ValueError(
+                f"model quadratic is at rest when flat, and the input bends by {bent:.3g} rad; "
+                'write rest = "flat", or model = "hinge"'
+            )
+    return [QuadraticBending(stencil, rigidity / 3 * plain, hinge_cotans(mesh), mesh.n_vertices)]
+
+
+def plate_rigidity(young: float | None, thickness: float | None, poisson: float | None) -> float:
+    """D = E t^3 / (12 (1 - nu^2)) in N m."""
+    e, t, nu = float(young or 0), float(thickness or 0), float(poisson or 0)
+    return e * t**3 / (12 * (1 - nu**2))
+
+
+EFFECT = Effect(
+    "bending",
+    Bending,
+    build,
+    "hinge: one pass over the interior edges; quadratic: one sparse product, the matrix constant",
+    ("shell",),
+)

@@ -1,0 +1,87 @@
+"""Effect `damping`: Rayleigh damping, by mass and by stiffness."""
+
+# mypy: disable-error-code="valid-type"
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ddgcli.evolve.effects import Effect
+from ddgcli.evolve.terms import Mode, Potential, scattered
+from ddgcli.models.scene import Section
+from ddgcli.models.scene_units import quantity
+from ddgcli.models.shell.context import ShellContext
+
+
+class Damping(Section):
+    """Force -(mass M + stiffness K) v; a mode of frequency w has the ratio mass/(2 w) + stiffness w/2."""
+
+    mass: quantity("1/s", "by mass: also slows rigid motion", ge=0) = 0.0
+    stiffness: quantity("s", "by stiffness: leaves rigid motion alone", ge=0) = 0.0
+
+
+class MassDamping:
+    """R = alpha/2 v' M v."""
+
+    name = "damping"
+
+    def __init__(self, weight: NDArray) -> None:
+        self.weight = weight
+        self.stencil = np.arange(len(weight))[:, None]
+
+    def frozen(self, x: NDArray, dt: float) -> Potential:
+        return Viscous(self.name, self.stencil, self.weight[:, None, None] * np.eye(3))
+
+
+@dataclass(frozen=True, eq=False)
+class Viscous:
+    """R = 1/2 v' C v with the element blocks of C."""
+
+    name: str
+    stencil: NDArray
+    local: NDArray
+
+    def _force(self, v: NDArray) -> NDArray:
+        return np.einsum("kij,kj->ki", self.local, v[self.stencil].reshape(len(self.stencil), -1))
+
+    def energy(self, x: NDArray) -> float:
+        return 0.5 * float(np.vdot(x[self.stencil].reshape(len(self.stencil), -1), self._force(x)))
+
+    def gradient(self, x: NDArray) -> NDArray[np.float64]:
+        return scattered(self.stencil, self._force(x), len(x))
+
+    def blocks(self, x: NDArray, mode: Mode) -> NDArray[np.float64]:
+        return self.local
+
+
+class StiffnessDamping:
+    """R = beta/2 v' K v, K the material part of a potential's Hessian: rigid motion is not damped."""
+
+    name = "damping"
+
+    def __init__(self, potential: Potential, beta: float) -> None:
+        self.potential, self.beta = potential, beta
+
+    @property
+    def stencil(self) -> NDArray[np.int64]:
+        return self.potential.stencil
+
+    def frozen(self, x: NDArray, dt: float) -> Potential:
+        return Viscous(self.name, self.stencil, self.beta * self.potential.blocks(x, "material"))
+
+
+def build(parameters: Damping, context: ShellContext) -> list[MassDamping | StiffnessDamping]:
+    if parameters.mass == 0 and parameters.stiffness == 0:
+        raise ValueError("give mass (1/s) or stiffness (s) greater than 0, or leave the line out")
+    parts: list[MassDamping | StiffnessDamping] = []
+    if parameters.mass:
+        parts.append(MassDamping(parameters.mass * context.mass))
+    if parameters.stiffness:
+        parts += [StiffnessDamping(p, parameters.stiffness) for p in context.elastic]
+    return parts
+
+
+EFFECT = Effect("damping", Damping, build, "the material Hessian once a step, for stiffness", ("shell",))

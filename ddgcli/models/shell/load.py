@@ -1,0 +1,99 @@
+"""Effect `load`: dead forces on vertices, tractions, moments on edges."""
+
+# mypy: disable-error-code="valid-type"
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field, model_validator
+
+from ddgcli.evolve.effects import Effect
+from ddgcli.evolve.terms import DeadLoad, Mode, Potential, scattered
+from ddgcli.models.scene import Section
+from ddgcli.models.scene_units import quantity, vector
+from ddgcli.models.shell import hinge
+from ddgcli.models.shell.context import ShellContext
+
+
+class Load(Section):
+    """One of force, traction and moment."""
+
+    object: str | None = Field(None, description="shell; needed where the scene has several")
+    force: vector("N", "total force, shared by the vertices in proportion to their area") | None = None
+    traction: vector("Pa", "force per rest area, over the whole shell or the vertices given") | None = None
+    moment: quantity("N", "hinge moment per length of the interior edge, folding towards convex") | None = (
+        None
+    )
+    vertices: list[int] | None = None
+    box: list[vector("m")] | None = Field(
+        None, min_length=2, max_length=2, description="two opposite corners"
+    )
+    edge: list[int] | None = Field(
+        None, min_length=2, max_length=2, description="ends of the edge of a moment"
+    )
+
+    @model_validator(mode="after")
+    def _one(self) -> Load:
+        given = [k for k in ("force", "traction", "moment") if getattr(self, k) is not None]
+        if len(given) != 1:
+            raise ValueError(f"give one of force, traction and moment, found {' and '.join(given) or 'none'}")
+        if (self.moment is None) != (self.edge is None):
+            raise ValueError("a moment needs edge = [a, b], and an edge needs a moment")
+        return self
+
+
+class HingeMoment:
+    """Energy -m |e| angle: equal and opposite couples on the two faces of an edge, of m N m per metre."""
+
+    name = "load"
+
+    def __init__(self, stencil: NDArray, moment: NDArray, rest: NDArray) -> None:
+        self.stencil, self.moment, self.rest = stencil, moment, rest
+
+    def energy(self, x: NDArray) -> float:
+        turned = hinge.wrapped(hinge.frame(x, self.stencil).angle - self.rest)
+        return -float(np.sum(self.moment * turned))
+
+    def gradient(self, x: NDArray) -> NDArray[np.float64]:
+        slope = hinge.angle_gradient(hinge.frame(x, self.stencil))
+        return scattered(self.stencil, -self.moment[:, None, None] * slope, len(x))
+
+    def blocks(self, x: NDArray, mode: Mode) -> NDArray[np.float64]:
+        if mode != "exact":
+            return np.zeros((len(self.stencil), 12, 12))
+        return -self.moment[:, None, None] * hinge.angle_hessian(hinge.frame(x, self.stencil))
+
+
+def build(parameters: Load, context: ShellContext) -> list[Potential]:
+    if parameters.moment is not None:
+        return [_moment(parameters, context)]
+    area = context.vertex_area
+    everywhere = parameters.traction is not None and parameters.vertices is None and parameters.box is None
+    chosen = (
+        np.arange(len(area))
+        if everywhere
+        else context.chosen(parameters.vertices, parameters.box, ("effects", "load"))
+    )
+    force = np.zeros((len(area), 3))
+    if parameters.force is not None:
+        force[chosen] = (area[chosen] / area[chosen].sum())[:, None] * np.array(parameters.force)
+    else:
+        force[chosen] = area[chosen, None] * np.array(parameters.traction)
+    return [DeadLoad("load", force)]
+
+
+def _moment(parameters: Load, context: ShellContext) -> HingeMoment:
+    stencil = hinge.hinges(context.mesh.topology)
+    ends = np.sort(np.array(parameters.edge))
+    found = np.flatnonzero((np.sort(stencil[:, :2], axis=1) == ends).all(axis=1))
+    if len(found) == 0:
+        raise ValueError(
+            f"no interior edge joins the vertices {parameters.edge}; a moment acts between two faces"
+        )
+    x = np.asarray(context.mesh.points)
+    frame = hinge.frame(x, stencil[found])
+    return HingeMoment(stencil[found], float(parameters.moment or 0) * frame.length, frame.angle)
+
+
+EFFECT = Effect("load", Load, build, "one addition a step", ("shell",), repeatable=True)

@@ -1,0 +1,199 @@
+"""Every term of the shell: gradient and Hessian against finite differences, rest, invariances."""
+
+import numpy as np
+import pytest
+
+from ddgcli.evolve.account import Account
+from ddgcli.evolve.terms import Dissipation, Potential
+from ddgcli.io.scene_file import parse_scene
+from ddgcli.mesh.shapes import icosphere
+from ddgcli.models.scene import resolve
+from ddgcli.models.scene_shapes import rotation_matrix
+from ddgcli.models.shell import model
+from ddgcli.models.shell.scene import EFFECTS, KIND
+
+OBSTACLE = """
+[[object]]
+name = "floor"
+role = "obstacle"
+plane = { point = [0, 0, -0.05], normal = [0.1, 0.2, 1] }
+[[object]]
+name = "ball"
+role = "obstacle"
+sphere = { center = [0.5, 0.5, -1.05], radius = 1 }
+"""
+CURVED = "sphere = { radius = 1, subdivisions = 1 }\nposition = [0, 0, 3]"
+SHEET = 'grid = { size = [1, 1.2], cells = [3, 4], pattern = "alternating" }'
+# effect line -> shape; every effect of the table stands in at least one (test_table_is_covered)
+TERMS = {
+    "stretching-edges": ('stretching = { model = "edges" }', CURVED),
+    "stretching-stvk": ('stretching = { model = "stvk" }', CURVED),
+    "bending-hinge": ('bending = { model = "hinge" }', CURVED),
+    "bending-flat": ('bending = { model = "hinge", rest = "flat" }', CURVED),
+    "bending-quadratic": ('bending = { model = "quadratic" }', CURVED),
+    "gravity": ("gravity = {}", CURVED),
+    "load-force": ("load = { force = [1, 2, 3], vertices = [0, 3] }", CURVED),
+    "load-moment": ("load = { moment = 0.3, edge = [0, 6] }", SHEET),
+    "damping-mass": ("damping = { mass = 2 }", CURVED),
+    "damping-stiffness": ("stretching = {}\nbending = {}\ndamping = { stiffness = 0.1 }", CURVED),
+    "contact": ('contact = { pairs = [["s", "floor"], ["s", "ball"]], gap = 0.2 }', SHEET),
+    "friction": ('contact = { pairs = [["s", "floor"]], gap = 0.2, friction = 0.4, slip = 0.3 }', SHEET),
+    "pin": ("pin = { vertices = [0] }", SHEET),
+}
+
+
+def scene_text(effect, shape, time="", obstacles=OBSTACLE):
+    return f"""
+[time]
+{time}
+[[object]]
+name = "s"
+role = "shell"
+material = "rubber"
+young = 1000
+thickness = "1 cm"
+poisson = 0.3
+density = 1.0
+{shape}
+{obstacles if "contact" in effect else ""}
+[effects]
+{effect}
+"""
+
+
+def system_of(effect, shape, time=""):
+    scene = resolve(parse_scene(scene_text(effect, shape, time)), KIND)
+    (context, _) = model.contexts(scene, None)["s"]
+    return context, model.make_system(scene, context, Account())
+
+
+def moved(context, seed=0, size=0.05):
+    x = np.asarray(context.mesh.points)
+    return x + size * np.random.default_rng(seed).normal(size=x.shape)
+
+
+def potentials(name):
+    """Potentials of a row of the table, at a state; dissipation frozen, as a potential of the velocity."""
+    effect, shape = TERMS[name]
+    context, system = system_of(effect, shape)
+    x = moved(context, size=0.02 if "contact" in effect else 0.05)
+    found = [(p, x) for p in system.potentials]
+    v = np.random.default_rng(1).normal(size=x.shape)
+    return found + [(d.frozen(x, 0.01), v) for d in system.dissipations]
+
+
+def numerical_gradient(f, x, h):
+    g = np.zeros(x.size)
+    for k in range(x.size):
+        step = np.zeros(x.size)
+        step[k] = h
+        up, down = f(x + step.reshape(x.shape)), f(x - step.reshape(x.shape))
+        g[k] = (up - down) / (2 * h) if np.ndim(up) == 0 else np.nan
+    return g.reshape(x.shape)
+
+
+def dense(stencil, blocks, n):
+    matrix = np.zeros((3 * n, 3 * n))
+    for vertices, block in zip(stencil, blocks):
+        dofs = (3 * vertices[:, None] + np.arange(3)).ravel()
+        matrix[np.ix_(dofs, dofs)] += block
+    return matrix
+
+
+def test_table_is_covered():
+    named = {word for effect, _ in TERMS.values() for word in EFFECTS if f"{word} =" in effect}
+    assert named == set(EFFECTS)
+
+
+@pytest.mark.parametrize("name", TERMS)
+def test_gradient_by_finite_differences(name):
+    for p, x in potentials(name):
+        g = p.gradient(x)
+        estimate = numerical_gradient(p.energy, x, 1e-5)
+        assert np.abs(g).max() > 0
+        assert np.abs(g - estimate).max() <= 1e-6 * np.abs(g).max()
+
+
+@pytest.mark.parametrize("name", TERMS)
+def test_hessian_by_finite_differences(name):
+    for p, x in potentials(name):
+        if len(p.stencil) == 0:
+            continue
+        n = len(x)
+        hessian = dense(p.stencil, p.blocks(x, "exact"), n)
+        estimate = np.zeros_like(hessian)
+        h = 1e-5
+        for k in range(3 * n):
+            step = np.zeros(3 * n)
+            step[k] = h
+            step = step.reshape(n, 3)
+            estimate[k] = ((p.gradient(x + step) - p.gradient(x - step)) / (2 * h)).ravel()
+        assert np.abs(hessian - hessian.T).max() <= 1e-12 * np.abs(hessian).max()
+        assert np.abs(hessian - estimate).max() <= 1e-6 * np.abs(hessian).max()
+
+
+@pytest.mark.parametrize("name", TERMS)
+def test_projected_blocks_are_positive(name):
+    for p, x in potentials(name):
+        if len(p.stencil):
+            least = np.linalg.eigvalsh(p.blocks(x, "projected"))
+            assert least.min() >= -1e-10 * np.abs(least).max()
+
+
+@pytest.mark.parametrize("name", [n for n in TERMS if n.startswith(("stretching", "bending"))])
+def test_elastic_energy_does_not_feel_rigid_motion(name):
+    turn = rotation_matrix((1, 2, 3), 0.7)
+    for p, x in potentials(name):
+        other = x @ turn.T + [1.0, -2.0, 0.5]
+        assert p.energy(other) == pytest.approx(p.energy(x), rel=1e-11)
+        spin = np.cross(np.array([0.3, -1, 0.4]), x)
+        scale = np.abs(p.blocks(x, "exact")).max()
+        assert np.abs(p.gradient(x).sum(axis=0)).max() <= 1e-10 * scale
+        if (
+            name != "bending-quadratic"
+        ):  # its Hessian is constant, so its material part is not frame-invariant
+            material = dense(p.stencil, p.blocks(x, "material"), len(x))
+            assert np.abs(material @ spin.ravel()).max() <= 1e-10 * scale
+
+
+@pytest.mark.parametrize("effect", ['stretching = { model = "edges" }', "stretching = {}", "bending = {}"])
+@pytest.mark.parametrize("shape", [CURVED, SHEET])
+def test_rest_shape_is_at_rest(effect, shape):
+    context, system = system_of(effect, shape)
+    x = np.asarray(context.mesh.points)
+    assert abs(system.potentials[0].energy(x)) <= 1e-20
+    assert np.abs(system.gradient(x)).max() <= 1e-12 * np.abs(system.gradient(moved(context))).max()
+
+
+def test_flat_sheet_has_no_quadratic_bending_force_and_a_bent_one_the_hinge_energy():
+    context, system = system_of('bending = { model = "quadratic" }', SHEET)
+    quadratic = system.potentials[0]
+    hinge = system_of("bending = {}", SHEET)[1].potentials[0]
+    x = np.asarray(context.mesh.points)
+    sheared = x @ np.array([[1.2, 0.3, 0], [0.1, 0.9, 0], [0, 0, 1]])
+    assert np.abs(quadratic.gradient(sheared)).max() < 1e-12 * np.abs(quadratic.matrix).max()
+    radius = 20.0
+    rolled = np.stack([radius * np.sin(x[:, 0] / radius), x[:, 1], radius * np.cos(x[:, 0] / radius)], axis=1)
+    assert quadratic.energy(rolled) == pytest.approx(hinge.energy(rolled), rel=1e-3)
+
+
+def test_bending_scales_as_it_should():
+    """Uniform scale: bending energy unchanged, stretching energy by the square (chapter 4)."""
+    mesh = icosphere(1)
+    x = mesh.points * 1.0
+    for scale in (1e-3, 1e3):
+        shape = f"sphere = {{ radius = {scale}, subdivisions = 1 }}"
+        bent = np.array(x) * [1, 1, 1.1]
+        small = system_of("bending = {}", shape)[1].potentials[0]
+        one = system_of("bending = {}", "sphere = { radius = 1, subdivisions = 1 }")[1].potentials[0]
+        assert small.energy(bent * scale) == pytest.approx(one.energy(bent), rel=1e-12)
+        small = system_of("stretching = {}", shape)[1].potentials[0]
+        one = system_of("stretching = {}", "sphere = { radius = 1, subdivisions = 1 }")[1].potentials[0]
+        assert small.energy(bent * scale) == pytest.approx(scale**2 * one.energy(bent), rel=1e-11)
+
+
+def test_terms_are_potentials_or_dissipation():
+    for effect, shape in TERMS.values():
+        _, system = system_of(effect, shape)
+        assert not [p for p in system.potentials if isinstance(p, Dissipation)]
+        assert all(isinstance(p, Potential) for p in system.potentials)
