@@ -19,7 +19,7 @@ log = logging.getLogger("ddgcli")
 
 BLOCK = 8
 # relative residual in the inverted spectrum; eigenvalues are accurate to its square
-TOLERANCE = 1e-10
+TOLERANCE = 1e-11
 MAX_RESTARTS = 60
 # problems up to this size, or asked for more than a third of their spectrum, are solved densely
 DENSE = 400

@@ -1,0 +1,153 @@
+"""`ddgcli laplacian`."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from ddgcli.cli import options
+from ddgcli.cli.options import Common, Real, Several, SpreadCommand
+from ddgcli.cli.run import Run
+from ddgcli.errors import ParameterError
+
+if TYPE_CHECKING:
+    from ddgcli.algorithms.laplacian_report import Report
+    from ddgcli.io.mesh_file import MeshInput
+
+# repeated from the core so that --help imports no numerics; a test compares them
+OPERATORS = ("cotan", "intrinsic-delaunay", "tufted", "uniform")
+MASSES = ("lumped", "voronoi", "galerkin")
+MATRIX_FORMATS = (".npz", ".mtx")
+
+
+class FixedValue(click.ParamType):
+    """ID=VALUE."""
+
+    name = "id=value"
+
+    def convert(self, value: Any, param: Any, ctx: Any) -> tuple[int, float]:
+        vertex, equals, number = str(value).partition("=")
+        if not equals or not vertex.strip().isdigit():
+            self.fail(f"{value!r} is not ID=VALUE, such as 12=0.5", param, ctx)
+        return int(vertex), Real().convert(number, param, ctx)
+
+
+@click.command("laplacian", cls=SpreadCommand)
+@options.mesh_arg
+@click.option(
+    "--operator",
+    type=click.Choice(OPERATORS),
+    help="Default: intrinsic-delaunay; tufted where the mesh is not an oriented manifold.",
+)
+@click.option("--mass", type=click.Choice(MASSES), default="lumped", show_default=True)
+@click.option("--matrix", metavar="PATH", help="Write the stiffness L (.npz of scipy.sparse, or .mtx).")
+@click.option("--mass-matrix", metavar="PATH", help="Write the mass M.")
+@click.option(
+    "--eigen",
+    type=click.IntRange(min=1),
+    metavar="K",
+    help="The K smallest eigenpairs of L x = lambda M x: eigenvector_000, ...",
+)
+@click.option(
+    "--poisson",
+    metavar="ARRAY|FILE",
+    help="Solve L u = M f (minus the Laplacian of u is f) for an array of MESH or of a file.",
+)
+@click.option("--harmonic", is_flag=True, help="Interpolate the values of --fix harmonically.")
+@click.option(
+    "--fix",
+    cls=Several,
+    type=FixedValue(),
+    metavar="ID=VALUE...",
+    help="Value at a vertex, for --harmonic and --poisson.",
+)
+@click.option(
+    "--smooth",
+    type=options.POSITIVE,
+    metavar="TIME",
+    help="Implicit mean curvature flow for TIME (length squared); the written mesh is smoothed.",
+)
+@click.option("--smooth-steps", type=click.IntRange(min=1), default=10, show_default=True, metavar="N")
+@click.option(
+    "--parameterize",
+    type=click.Choice(["harmonic", "conformal"]),
+    help="Flatten a surface with boundary: array uv.",
+)
+@click.option(
+    "--hks",
+    cls=Several,
+    type=options.POSITIVE,
+    metavar="T...",
+    help="Heat kernel signatures at these times: hks_000, ...",
+)
+@options.common
+def command(
+    mesh_path: str, matrix: str | None, mass_matrix: str | None, poisson: str | None, fix: tuple,
+    common: Common, **tasks: Any,
+) -> None:  # fmt: skip
+    """Laplace matrices of MESH, and what they solve.
+
+    L is the positive semidefinite stiffness, M the mass: L x = lambda M x has lambda >= 0.
+
+    \b
+    Examples:
+      ddgcli laplacian bunny.ply --matrix L.npz --mass-matrix M.npz
+      ddgcli laplacian bunny.ply --eigen 50 -o modes.vtu
+      ddgcli laplacian face.obj --harmonic --fix 12=0 --fix 300=1 -o harmonic.ply --plot harmonic.png
+      ddgcli laplacian face.obj --parameterize conformal -o uv.npz
+      ddgcli laplacian scan.ply --smooth 1e-4 -o smooth.ply
+    """
+    run = Run("laplacian", common, matrix=matrix, mass_matrix=mass_matrix, poisson=poisson,
+              fix=[f"{vertex}={value:.17g}" for vertex, value in fix], **tasks)  # fmt: skip
+    run.will_write(matrix, MATRIX_FORMATS)
+    run.will_write(mass_matrix, MATRIX_FORMATS)
+    source = run.read(mesh_path)
+
+    from ddgcli.algorithms.laplacian_report import Tasks, laplacian_report
+
+    asked = Tasks(poisson=source_term(source, poisson), fixed=fixed_values(fix), seed=common.seed, **tasks)
+    report = laplacian_report(source.mesh, asked)
+    write_matrices(run, report, matrix, mass_matrix)
+    run.write(report.annotated, converged=report.converged)
+    run.plot(lambda path: draw(path, report))
+    run.finish(report.results, report.accuracy, converged=report.converged)
+
+
+def fixed_values(fix: tuple[tuple[int, float], ...]) -> dict[int, float]:
+    """Values by vertex; a vertex may be named twice with one value, not with two."""
+    fixed: dict[int, float] = {}
+    for vertex, value in fix:
+        if fixed.setdefault(vertex, value) != value:
+            raise ParameterError(
+                f"--fix gives vertex {vertex} two values, {fixed[vertex]:g} and {value:g}; keep one"
+            )
+    return fixed
+
+
+def source_term(source: MeshInput, name: str | None) -> Any:
+    """The array of --poisson, on vertices."""
+    if name is None:
+        return None
+    from ddgcli.io.arrays import given_array
+
+    array, place = given_array(source, name)
+    if place not in ("vertex", ""):
+        raise ParameterError(f"--poisson needs values on vertices; {name!r} lives on the mesh's {place}s")
+    return array
+
+
+def write_matrices(run: Run, report: Report, matrix: str | None, mass_matrix: str | None) -> None:
+    from ddgcli.io.matrix_file import matrix_bytes
+
+    for path, content in ((matrix, report.operator.stiffness), (mass_matrix, report.operator.mass)):
+        if path is not None:
+            run.write_bytes(path, matrix_bytes(path, content, run.command_line))
+
+
+def draw(path: str, report: Report) -> None:
+    """The surface, coloured by the first array that is more than a constant."""
+    from ddgcli.plots.surface import draw_surface
+
+    name, values = report.shown
+    draw_surface(path, report.mesh, values, label=name)

@@ -1,0 +1,173 @@
+"""`ddgcli laplacian` end to end."""
+
+import numpy as np
+import pytest
+import scipy.io
+import scipy.sparse
+
+from ddgcli.algorithms import laplacian as core
+from ddgcli.cli import laplacian as door
+from ddgcli.io import matrix_file
+from ddgcli.io.mesh_file import write_mesh
+from ddgcli.mesh import shapes
+from ddgcli.mesh.fields import AnnotatedMesh
+
+
+@pytest.fixture
+def mesh_file(tmp_path):
+    def write(mesh, **vertex):
+        path = tmp_path / "mesh.npz"
+        write_mesh(str(path), AnnotatedMesh(mesh, vertex=vertex))
+        return path
+
+    return write
+
+
+def test_the_door_knows_what_the_core_knows():
+    assert door.OPERATORS == core.OPERATORS
+    assert tuple(core.MASSES) == door.MASSES
+    assert door.MATRIX_FORMATS == matrix_file.MATRIX_FORMATS
+
+
+@pytest.mark.parametrize("operator", core.OPERATORS)
+@pytest.mark.parametrize("suffix", ["npz", "mtx"])
+def test_matrices_read_back(mesh_file, summary, tmp_path, operator, suffix):
+    path = mesh_file(shapes.random_sphere(300))
+    files = [tmp_path / f"L.{suffix}", tmp_path / f"M.{suffix}"]
+    out = summary("laplacian", path, "--operator", operator, "--matrix", files[0], "--mass-matrix", files[1])
+    read = scipy.sparse.load_npz if suffix == "npz" else scipy.io.mmread
+    L, M = (scipy.sparse.csr_array(read(file)) for file in files)
+    expected = core.laplace_operator(shapes.random_sphere(300), operator)
+    assert abs(L - expected.stiffness).max() == 0 and abs(M - expected.mass).max() == 0
+    assert out["results"]["operator"] == operator
+    assert out["accuracy"]["negative_weights"] == core.negative_weights(expected.stiffness)
+    assert out["outputs"] == [str(file) for file in files]
+
+
+def test_eigenvectors_are_orthonormal_arrays(mesh_file, summary, tmp_path):
+    path, result, mass = mesh_file(shapes.icosphere(3)), tmp_path / "r.npz", tmp_path / "M.npz"
+    out = summary("laplacian", path, "--eigen", 9, "-o", result, "--mass-matrix", mass)
+    assert np.allclose(out["results"]["eigenvalues"], [0, 2, 2, 2, 6, 6, 6, 6, 6], rtol=0.02)
+    arrays = np.load(result)
+    X = np.stack([arrays[f"eigenvector_{i:03d}"] for i in range(9)], axis=1)
+    assert np.abs(X.T @ (scipy.sparse.load_npz(mass) @ X) - np.eye(9)).max() < 1e-12
+    assert max(out["accuracy"]["eigen_residuals"]) < 1e-8
+    assert out["accuracy"]["eigen_complete"] is True
+
+
+def test_poisson_of_an_array_of_the_mesh_and_of_a_file(mesh_file, summary, tmp_path):
+    mesh = shapes.icosphere(3)
+    z = mesh.points[:, 2]
+    path, result = mesh_file(mesh, source=2 * z), tmp_path / "r.npz"
+    out = summary("laplacian", path, "--poisson", "source", "-o", result)
+    assert np.abs(np.load(result)["poisson"] - z).max() < 0.02
+    assert out["accuracy"]["poisson_residual"] < 1e-12
+    assert not out["warnings"]
+    np.save(tmp_path / "f.npy", 2 * z + 1)
+    out = summary("laplacian", path, "--poisson", tmp_path / "f.npy", "-o", result)
+    assert any("mean was taken off" in warning for warning in out["warnings"])
+    assert np.abs(np.load(result)["poisson"] - z).max() < 0.02
+    out = summary("laplacian", path, "--poisson", "source", "--fix", "0=5", "-o", result)
+    assert np.load(result)["poisson"][0] == 5
+
+
+@pytest.mark.parametrize("words", [["--fix", "0=1", "--fix", "8=3"], ["--fix", "0=1", "8=3"]])
+def test_harmonic_takes_its_values(mesh_file, summary, tmp_path, words):
+    path, result = mesh_file(shapes.grid(8, 8)), tmp_path / "r.npz"
+    out = summary("laplacian", path, "--harmonic", *words, "-o", result)
+    u = np.load(result)["harmonic"]
+    assert u[0] == 1 and u[8] == 3 and u.min() >= 1 and u.max() <= 3
+    assert out["accuracy"]["harmonic_residual"] < 1e-12
+    assert out["accuracy"]["maximum_principle_violation"] == 0
+
+
+def test_parameterizations(mesh_file, summary, tmp_path):
+    half = shapes.catenoid(32, 16)
+    flat = shapes.grid(12, 9, 2.0, 1.0)
+    path, result = mesh_file(flat), tmp_path / "r.npz"
+    out = summary("laplacian", path, "--parameterize", "harmonic", "-o", result)
+    uv = np.load(result)["uv"]
+    assert np.allclose(np.linalg.norm(uv[flat.topology.boundary_vertex], axis=1), 1)
+    assert out["results"]["flipped_triangles"] == 0
+    out = summary("laplacian", path, "--parameterize", "conformal", "-o", result)
+    assert out["results"]["conformal_distortion"]["max"] < 1 + 1e-6
+    path = mesh_file(half)
+    out = summary("laplacian", path, "--parameterize", "conformal", "-o", result)
+    assert any("2 boundary loops" in warning for warning in out["warnings"])
+
+
+def test_smoothing_moves_the_mesh(mesh_file, summary, tmp_path):
+    path, result = mesh_file(shapes.icosphere(3)), tmp_path / "r.npz"
+    out = summary("laplacian", path, "--smooth", 0.05, "--smooth-steps", 20, "-o", result)
+    radius = np.linalg.norm(np.load(result)["points"], axis=1)
+    assert np.allclose(radius, np.sqrt(1 - 4 * 0.05), rtol=0.01)
+    assert out["results"]["smooth_area"]["after"] < out["results"]["smooth_area"]["before"]
+    out = summary("laplacian", path, "--smooth", 10, "-o", result, code=1)
+    assert np.isfinite(np.load(result)["points"]).all()
+    assert out["results"]["converged"] is False
+
+
+def test_heat_kernel_signature(mesh_file, summary, tmp_path):
+    path, result = mesh_file(shapes.icosphere(3)), tmp_path / "r.npz"
+    out = summary("laplacian", path, "--hks", 0.5, 100, "-o", result)
+    arrays = np.load(result)
+    degree = np.arange(20)
+    truth = ((2 * degree + 1) * np.exp(-degree * (degree + 1) * 0.5)).sum() / (4 * np.pi)
+    assert np.allclose(arrays["hks_000"], truth, rtol=0.02)
+    assert np.allclose(arrays["hks_001"], 1 / out["results"]["area"], rtol=1e-12)
+    assert max(out["accuracy"]["hks_truncation"]) < 1e-6
+
+
+REFUSALS = {
+    ("--eigen", 99999): "ask for",
+    ("--eigen", 0): "--eigen",
+    ("--harmonic",): "--fix",
+    ("--fix", "0=1"): "--harmonic",
+    ("--harmonic", "--fix", "99999=1"): "does not exist",
+    ("--harmonic", "--fix", "0=1", "--fix", "0=2"): "two values",
+    ("--harmonic", "--fix", "0=nan"): "not finite",
+    ("--harmonic", "--fix", "zero"): "ID=VALUE",
+    ("--poisson", "nothing"): "no array 'nothing'",
+    ("--smooth", -1): "--smooth",
+    ("--parameterize", "harmonic"): "closed",
+    ("--parameterize", "conformal"): "closed",
+    ("--matrix", "L.txt"): "known here",
+    ("--operator", "magic"): "intrinsic-delaunay",
+}
+
+
+@pytest.mark.parametrize("words", REFUSALS, ids=lambda words: " ".join(map(str, words)))
+def test_refusals_are_one_line(mesh_file, run, words):
+    result = run("laplacian", mesh_file(shapes.icosphere(1)), *words)
+    assert result.exit_code == 2
+    assert result.stdout == ""
+    assert REFUSALS[words] in result.stderr
+    assert result.stderr.startswith("Error:") and len(result.stderr.strip().splitlines()) == 1
+
+
+def test_a_component_without_fixed_value_is_refused(shared_meshes, run):
+    result = run("laplacian", shared_meshes / "hard" / "gen_nested_shells.stl", "--harmonic", "--fix", "0=1")
+    assert result.exit_code == 2 and "no fixed value" in result.stderr
+
+
+def test_operator_that_a_mesh_cannot_have_names_one_that_it_can(shared_meshes, run, summary):
+    path = shared_meshes / "hard" / "gen_book_edge.ply"
+    result = run("laplacian", path, "--operator", "intrinsic-delaunay")
+    assert result.exit_code == 2 and "--operator tufted" in result.stderr
+    out = summary("laplacian", path)
+    assert out["results"]["operator"] == "tufted"
+    assert any("tufted" in warning for warning in out["warnings"])
+
+
+def test_isolated_vertices_are_told_and_stay_zero(shared_meshes, summary, tmp_path):
+    path = shared_meshes / "hard" / "gen_unreferenced.ply"
+    result = tmp_path / "r.npz"
+    out = summary("laplacian", path, "--eigen", 4, "-o", result)
+    assert any("belong to no face" in warning for warning in out["warnings"])
+    assert np.isfinite(np.load(result)["eigenvector_003"]).all()
+
+
+def test_mollification_is_told(shared_meshes, summary):
+    out = summary("laplacian", shared_meshes / "hard" / "gen_zero_area.off", "--eigen", 4)
+    assert out["results"]["mollified_faces"] > 0
+    assert any("mollified" in warning for warning in out["warnings"])
