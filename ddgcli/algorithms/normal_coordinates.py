@@ -6,6 +6,8 @@ After Gillespie, Sharp, Crane, "Integer Coordinates for Intrinsic Geometry Proce
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -59,3 +61,101 @@ def flipped_crossings(ij: NDArray, jk: NDArray, ki: NDArray, il: NDArray, lj: ND
         + 2 * (leave_i1 + leave_i2 + leave_j1 + leave_j2)
     )
     return twice // 2 + along
+
+
+@dataclass(frozen=True, eq=False)
+class Crossings:
+    """Every crossing of a triangulation's edges with the edges of a base triangulation, seen from each side.
+
+    A crossing of an edge is two half-crossings, one on each of its sides, numbered along the sides in order.
+    An arc is the part of a base edge inside a face; from a half-crossing it leads into the side's own face.
+
+    Parameters
+    ----------
+    count, start : (3m,) ndarray of int64
+        Half-crossings on a side and the number of its first.
+    side, place : (c,) ndarray of int64
+        Side of a half-crossing and its place from the side's tail.
+    across : (c,) ndarray of int64
+        The same crossing on the twin side.
+    cut : (m, 3) ndarray of int64
+        Arcs that cut off corner k.
+    leaving : (m, 3) ndarray of int64
+        Arcs that end at corner k.
+    """
+
+    count: NDArray[np.int64]
+    start: NDArray[np.int64]
+    side: NDArray[np.int64]
+    place: NDArray[np.int64]
+    across: NDArray[np.int64]
+    cut: NDArray[np.int64]
+    leaving: NDArray[np.int64]
+
+
+def crossings_of(coordinate: NDArray, side_twin: NDArray) -> Crossings:
+    """Half-crossings and arcs of normal coordinates (m, 3) on a gluing (m, 3)."""
+    count = np.maximum(coordinate, 0)
+    flat = count.ravel()
+    start = np.cumsum(flat) - flat
+    side = np.repeat(np.arange(len(flat)), flat)
+    place = np.arange(len(side)) - start[side]
+    other = side_twin.ravel()[side]
+    across = start[other] + flat[side] - 1 - place
+    leaving, surplus = corner_arcs(count[:, [1, 2, 0]], count, count[:, [2, 0, 1]])
+    cut = (surplus - leaving[:, [1, 2, 0]] - leaving[:, [2, 0, 1]]) // 2
+    return Crossings(flat, start, side, place, across, np.maximum(cut, 0), leaving)
+
+
+def arc_partner(c: Crossings) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Where the arc of each half-crossing leads inside its face.
+
+    Returns
+    -------
+    partner : (c,) ndarray of int64
+        The half-crossing at its other end, -1 where it ends at a corner.
+    corner : (c,) ndarray of int64
+        The flat number of that corner, -1 elsewhere.
+    """
+    face, j = c.side // 3, c.side % 3
+    after, before = 3 * face + (j + 1) % 3, 3 * face + (j + 2) % 3
+    from_head = c.count[c.side] - 1 - c.place
+    near_tail = c.place < c.cut.ravel()[c.side]
+    near_head = from_head < c.cut.ravel()[after]
+    partner = np.where(near_tail, c.start[before] + c.count[before] - 1 - c.place, c.start[after] + from_head)
+    ends = ~(near_tail | near_head)
+    return np.where(ends, -1, partner), np.where(ends, before, -1)
+
+
+def base_edge_ends(c: Crossings, tail: NDArray) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """The vertex where the base edge of each half-crossing ends, followed into the side's face.
+
+    Parameters
+    ----------
+    c : Crossings
+    tail : (3m,) ndarray of int64
+        Vertex at each corner.
+
+    Returns
+    -------
+    end : (c,) ndarray of int64
+        Vertex.
+    steps : (c,) ndarray of int64
+        Crossings passed on the way.
+
+    Notes
+    -----
+    By pointer doubling: as many passes as the logarithm of the longest chain.
+    """
+    partner, corner = arc_partner(c)
+    here = np.arange(len(partner))
+    onward = np.where(partner < 0, here, c.across[partner]) if len(here) else here
+    steps = (partner >= 0).astype(np.int64)
+    open_ = np.flatnonzero(partner >= 0)
+    while len(open_):
+        jump = onward[open_]
+        ahead, further = onward[jump], steps[jump]
+        steps[open_] += further
+        onward[open_] = ahead
+        open_ = open_[ahead != jump]
+    return tail[corner[onward]], steps

@@ -1,0 +1,180 @@
+"""Cutting the faces of a triangulation along the arcs that cross them, by number alone."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ddgcli.algorithms.normal_coordinates import Crossings
+
+
+@dataclass(frozen=True, eq=False)
+class Pieces:
+    """Triangles that fill the pieces of all faces.
+
+    Parameters
+    ----------
+    triangles : (t, 3) ndarray of int64
+        Vertices, oriented as the faces are.
+    face, input_face : (t,) ndarray of int64
+        The face that was cut, and the input face that holds the piece.
+    """
+
+    triangles: NDArray[np.int64]
+    face: NDArray[np.int64]
+    input_face: NDArray[np.int64]
+
+
+def cut_faces(
+    faces: NDArray, c: Crossings, vertex: NDArray, before: NDArray, beyond: NDArray, holder: NDArray
+) -> Pieces:
+    """Cut faces (m, 3) along their arcs into convex pieces, and those into fans of triangles.
+
+    Parameters
+    ----------
+    faces : (m, 3) ndarray of int64
+    c : Crossings
+    vertex : (c,) ndarray of int64
+        Vertex at each half-crossing.
+    before, beyond : (c,) ndarray of int64
+        Input face on the side of the arc that a walk along the side leaves, and that it enters.
+    holder : (m,) ndarray of int64
+        Input face of the faces that no arc crosses.
+
+    Notes
+    -----
+    Around a corner that arcs cut off lie a triangle and quadrilaterals. What is left is one polygon of at
+    most six corners, or, where arcs leave a corner, a fan of pieces around it.
+    """
+    cutter = _Cutter(faces, c, vertex, before, beyond)
+    parts = [
+        cutter.corner_triangles(),
+        cutter.corner_quads(),
+        cutter.middles(holder),
+        cutter.fan_firsts(),
+        cutter.fan_inner(),
+        cutter.fan_lasts(),
+    ]
+    polygons, face, input_face = (np.concatenate(p) for p in zip(*parts, strict=True))
+    order = np.argsort(face, kind="stable")
+    return _fans(polygons[order], face[order], input_face[order])
+
+
+def _fans(polygon: NDArray, face: NDArray, input_face: NDArray) -> Pieces:
+    """Triangles of polygons (k, 6) whose empty places hold -1."""
+    empty = polygon < 0
+    packed = np.take_along_axis(polygon, np.argsort(empty, axis=1, kind="stable"), axis=1)
+    count = 6 - empty.sum(axis=1)
+    corner = np.arange(1, 5)
+    kept = corner + 1 < count[:, None]
+    first = np.broadcast_to(packed[:, :1], kept.shape)
+    triangles = np.stack([first, packed[:, 1:5], packed[:, 2:6]], axis=2)[kept]
+    owner = np.broadcast_to(np.arange(len(polygon))[:, None], kept.shape)[kept]
+    return Pieces(triangles, face[owner], input_face[owner])
+
+
+Part = tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]
+
+
+class _Cutter:
+    """The kinds of pieces; each method returns polygons (k, 6) padded with -1, faces and input faces."""
+
+    def __init__(
+        self, faces: NDArray, c: Crossings, vertex: NDArray, before: NDArray, beyond: NDArray
+    ) -> None:
+        self.faces, self.c = faces, c
+        self.vertex = np.append(vertex, -1)
+        self.before, self.beyond = np.append(before, -1), np.append(beyond, -1)
+        self.cut, self.leaving = c.cut.ravel(), c.leaving.ravel()
+
+    def _from_tail(self, side: NDArray, place: NDArray) -> NDArray:
+        return self.c.start[side] + place
+
+    def _from_head(self, side: NDArray, place: NDArray) -> NDArray:
+        return self.c.start[side] + self.c.count[side] - 1 - place
+
+    def _part(self, columns: list[NDArray], corner: NDArray, input_face: NDArray) -> Part:
+        polygon = np.full((len(corner), 6), -1, dtype=np.int64)
+        for k, column in enumerate(columns):
+            polygon[:, k] = column
+        return polygon, corner // 3, input_face
+
+    def corner_triangles(self) -> Part:
+        """The tip of each corner that is cut off."""
+        corner = np.flatnonzero(self.cut > 0)
+        x = self._from_tail(corner, np.zeros_like(corner))
+        y = self._from_head(_previous(corner), np.zeros_like(corner))
+        tip = self.faces.ravel()[corner]
+        return self._part([tip, self.vertex[x], self.vertex[y]], corner, self.before[x])
+
+    def corner_quads(self) -> Part:
+        """Between two arcs that cut off the same corner."""
+        count = np.maximum(self.cut - 1, 0)
+        corner = np.repeat(np.arange(len(count)), count)
+        place = 1 + np.arange(len(corner)) - np.repeat(np.cumsum(count) - count, count)
+        side, other = corner, _previous(corner)
+        inner, outer = self._from_tail(side, place - 1), self._from_tail(side, place)
+        far, near = self._from_head(other, place), self._from_head(other, place - 1)
+        columns = [self.vertex[x] for x in (inner, outer, far, near)]
+        return self._part(columns, corner, self.before[outer])
+
+    def _outermost(self, corner: NDArray) -> tuple[NDArray, NDArray]:
+        """Where what is left of a face arrives at and leaves a corner: the last arc's ends, or the corner."""
+        cut = self.cut[corner]
+        arriving = self.vertex[self._from_head(_previous(corner), np.maximum(cut, 1) - 1)]
+        leaving = self.vertex[self._from_tail(corner, np.maximum(cut, 1) - 1) * (cut > 0) - (cut == 0)]
+        tip = self.faces.ravel()[corner]
+        return np.where(cut > 0, arriving, tip), np.where(cut > 0, leaving, -1)
+
+    def middles(self, holder: NDArray) -> Part:
+        """What cut-off corners leave of a face that no arc leaves a corner into."""
+        face = np.flatnonzero((self.c.leaving == 0).all(axis=1))
+        columns, input_face = [], holder[face]
+        for k in range(3):
+            corner = 3 * face + k
+            columns += list(self._outermost(corner))
+            cut = self.cut[corner]
+            x = np.where(cut > 0, self._from_tail(corner, cut - 1), -1)
+            input_face = np.where(cut > 0, self.beyond[x], input_face)
+        return self._part(columns, 3 * face, input_face)
+
+    def _fan_corners(self) -> tuple[NDArray, NDArray, NDArray]:
+        """Corners that arcs leave, how many, and the place of the first on the opposite side."""
+        corner = np.flatnonzero(self.leaving > 0)
+        return corner, self.leaving[corner], self.cut[_following(corner)]
+
+    def fan_firsts(self) -> Part:
+        """Between the side that leaves the corner and the first arc."""
+        corner, _, first = self._fan_corners()
+        arriving, leaving = self._outermost(_following(corner))
+        x = self._from_tail(_following(corner), first)
+        columns = [self.faces.ravel()[corner], arriving, leaving, self.vertex[x]]
+        return self._part(columns, corner, self.before[x])
+
+    def fan_inner(self) -> Part:
+        """Between two arcs that leave the same corner."""
+        corner, count, first = self._fan_corners()
+        more = count - 1
+        place = 1 + np.arange(more.sum()) - np.repeat(np.cumsum(more) - more, more)
+        corner, first = np.repeat(corner, more), np.repeat(first, more)
+        x = self._from_tail(_following(corner), first + place)
+        columns = [self.faces.ravel()[corner], self.vertex[x - 1], self.vertex[x]]
+        return self._part(columns, corner, self.before[x])
+
+    def fan_lasts(self) -> Part:
+        """Between the last arc and the side that arrives at the corner."""
+        corner, count, first = self._fan_corners()
+        arriving, leaving = self._outermost(_previous(corner))
+        x = self._from_tail(_following(corner), first + count - 1)
+        columns = [self.faces.ravel()[corner], self.vertex[x], arriving, leaving]
+        return self._part(columns, corner, self.beyond[x])
+
+
+def _following(corner: NDArray) -> NDArray:
+    return corner + np.where(corner % 3 == 2, -2, 1)
+
+
+def _previous(corner: NDArray) -> NDArray:
+    return corner + np.where(corner % 3 == 0, 2, -1)
