@@ -2,20 +2,101 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ddgcli.algorithms.common_subdivision import Base, CommonSubdivision, common_subdivision
 from ddgcli.algorithms.curvature import angle_defect
-from ddgcli.algorithms.delaunay import negative_cotan_edges, non_delaunay_edges
+from ddgcli.algorithms.delaunay import flip_to_delaunay, negative_cotan_edges, non_delaunay_edges
 from ddgcli.geometry.intrinsic import corner_angle, face_area
 from ddgcli.linalg.factor import Factor
+from ddgcli.mesh.fields import AnnotatedMesh
 from ddgcli.mesh.intrinsic_mesh import IntrinsicMesh
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.operators.laplacian import stiffness
 
 SurfaceMesh = TriangleMesh | IntrinsicMesh
+
+
+@dataclass(frozen=True, eq=False)
+class DelaunayReport:
+    """What the `delaunay` command writes and says.
+
+    Parameters
+    ----------
+    mesh : IntrinsicMesh
+    results, accuracy : dict
+        Blocks of the summary.
+    subdivision : CommonSubdivision, optional
+        Where asked for.
+    """
+
+    mesh: IntrinsicMesh
+    results: dict[str, Any]
+    accuracy: dict[str, Any]
+    subdivision: CommonSubdivision | None = None
+
+
+def delaunay_report(
+    mesh: TriangleMesh, *, subdivide: bool = False, condition: bool = False
+) -> DelaunayReport:
+    """The intrinsic Delaunay triangulation of a surface with its statistics.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+    subdivide : bool
+        Also make the common subdivision.
+    condition : bool
+        Also measure the condition numbers of the Laplacians.
+    """
+    flipped = flip_to_delaunay(mesh, track=subdivide)
+    results = {
+        "flips": flipped.flips,
+        "steiner_points": 0,
+        "before": triangulation_statistics(mesh, condition=condition),
+        "after": triangulation_statistics(flipped.mesh, condition=condition),
+    }
+    accuracy: dict[str, Any] = metric_residuals(mesh, flipped.mesh)
+    if not subdivide:
+        return DelaunayReport(flipped.mesh, results, accuracy)
+    cut = common_subdivision(flipped, Base.itself(mesh))
+    results["overlay"] = subdivision_counts(cut)
+    accuracy |= subdivision_residuals(cut, mesh)
+    return DelaunayReport(flipped.mesh, results, accuracy, cut)
+
+
+def subdivision_counts(cut: CommonSubdivision) -> dict[str, int]:
+    """Vertices by kind and triangles of a common subdivision."""
+    kinds = np.bincount(cut.vertex_kind, minlength=3)
+    names = ("input_vertices", "steiner_points", "crossings")
+    return {**{name: int(k) for name, k in zip(names, kinds)}, "faces": cut.mesh.n_faces}
+
+
+def subdivision_residuals(cut: CommonSubdivision, mesh: TriangleMesh) -> dict[str, float]:
+    """Errors of a common subdivision.
+
+    Returns
+    -------
+    dict
+        `overlay_area_residual`: change of the area, relative; `overlay_length_residual`: largest difference
+        between an intrinsic edge and its straight line over the input, relative to its length.
+    """
+    area = face_area(mesh.side_length).sum()
+    change = float(abs(face_area(cut.mesh.side_length).sum() - area) / area)
+    return {"overlay_area_residual": change, "overlay_length_residual": cut.length_residual}
+
+
+def overlay_mesh(cut: CommonSubdivision) -> AnnotatedMesh:
+    """The common subdivision with its labels, as `--overlay` writes it."""
+    return AnnotatedMesh(
+        cut.mesh,
+        vertex={"vertex_kind": cut.vertex_kind},
+        face={"input_face": cut.input_face, "intrinsic_face": cut.intrinsic_face},
+    )
 
 
 def triangulation_statistics(mesh: SurfaceMesh, *, condition: bool = False) -> dict[str, Any]:

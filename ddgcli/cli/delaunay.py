@@ -2,33 +2,54 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import click
 
 from ddgcli.cli import options
 from ddgcli.cli.options import Common
 from ddgcli.cli.run import Run
 
+INTRINSIC_FORMATS = (".npz", ".vtkhdf")
+OVERLAY_FORMATS = (".npz", ".vtkhdf", ".ply", ".vtu", ".vtp", ".vtk", ".xdmf", ".obj", ".off", ".stl")
+
 
 @click.command("delaunay")
 @options.mesh_arg
+@click.option(
+    "--overlay",
+    metavar="PATH",
+    help="Write the common subdivision with input as a mesh: arrays input_face, intrinsic_face, vertex_kind "
+    "(0 input vertex, 1 Steiner point, 2 crossing).",
+)
 @click.option("--condition", is_flag=True, help="Also measure the condition number of the Laplacian.")
 @options.common
-def command(mesh_path: str, condition: bool, common: Common) -> None:
-    """The intrinsic Delaunay triangulation of MESH: same vertices, same metric, better edges."""
-    run = Run("delaunay", common, condition=condition)
-    source = run.read(mesh_path)
-    with run.timed("compute"):
-        from ddgcli.algorithms.delaunay import flip_to_delaunay
-        from ddgcli.algorithms.delaunay_report import metric_residuals, triangulation_statistics
-        from ddgcli.mesh.fields import AnnotatedMesh
+def command(mesh_path: str, overlay: str | None, condition: bool, common: Common) -> None:
+    """The intrinsic Delaunay triangulation of MESH: same vertices, same metric, better edges.
 
-        flipped = flip_to_delaunay(source.mesh)
-        results = {
-            "flips": flipped.flips,
-            "steiner_points": 0,
-            "before": triangulation_statistics(source.mesh, condition=condition),
-            "after": triangulation_statistics(flipped.mesh, condition=condition),
-        }
-        accuracy = metric_residuals(source.mesh, flipped.mesh)
-    run.write(AnnotatedMesh(flipped.mesh))
-    run.finish(results, accuracy)
+    -o writes faces, face_edge_lengths, neighbors and points (.npz or .vtkhdf).
+
+    \b
+    Example:
+      ddgcli delaunay scan.ply -o scan-idt.npz --overlay common.ply --plot edges.png
+    """
+    run = Run("delaunay", common, formats=INTRINSIC_FORMATS, overlay=overlay, condition=condition)
+    run.will_write(overlay, OVERLAY_FORMATS)
+    source = run.read(mesh_path)
+
+    from ddgcli.algorithms.delaunay_report import delaunay_report, overlay_mesh
+    from ddgcli.mesh.fields import AnnotatedMesh
+
+    report = delaunay_report(source.mesh, subdivide=bool(overlay or common.plot), condition=condition)
+    run.write(AnnotatedMesh(report.mesh))
+    if overlay and report.subdivision:
+        run.write_file(overlay, overlay_mesh(report.subdivision))
+    run.plot(lambda path: draw(path, source.mesh, report.subdivision))
+    run.finish(report.results, report.accuracy)
+
+
+def draw(path: str, mesh: Any, subdivision: Any) -> None:
+    """The intrinsic edges as geodesics over the shaded input surface."""
+    from ddgcli.plots.surface import draw_surface
+
+    draw_surface(path, mesh, curves=subdivision.curves(), curve_width=0.6)

@@ -1,0 +1,68 @@
+"""`ddgcli delaunay` from file to file."""
+
+import numpy as np
+import pytest
+
+from ddgcli.io.mesh_file import read_mesh, write_mesh
+from ddgcli.mesh import shapes
+from ddgcli.mesh.fields import AnnotatedMesh
+
+
+@pytest.fixture
+def stretched(tmp_path):
+    mesh = shapes.random_sphere(200, seed=1)
+    path = tmp_path / "stretched.ply"
+    write_mesh(str(path), AnnotatedMesh(mesh.moved(mesh.points * np.array([10.0, 1.0, 0.1]))))
+    return path
+
+
+def test_summary_and_arrays(summary, stretched, tmp_path):
+    out, overlay = tmp_path / "idt.npz", tmp_path / "overlay.ply"
+    told = summary("delaunay", stretched, "-o", out, "--overlay", overlay, "--condition")
+    before, after = told["results"]["before"], told["results"]["after"]
+    assert told["results"]["flips"] > 0 and told["results"]["steiner_points"] == 0
+    assert before["non_delaunay_edges"] > 0 and after["non_delaunay_edges"] == 0
+    assert before["negative_cotan_edges"] == before["non_delaunay_edges"]  # closed
+    assert after["negative_cotan_edges"] == 0
+    assert after["min_angle_degrees"] >= before["min_angle_degrees"]
+    assert after["laplacian_condition"] < before["laplacian_condition"]
+    assert after["dirichlet_energy"] < before["dirichlet_energy"]
+    assert told["accuracy"]["area_residual"] < 1e-12
+    assert told["accuracy"]["angle_defect_residual"] < 1e-11
+    assert told["outputs"] == [str(out), str(overlay)]
+
+    z = np.load(out)
+    faces, length, neighbors = z["faces"], z["face_edge_lengths"], z["neighbors"]
+    assert faces.shape == length.shape == neighbors.shape[:2]
+    f, s = neighbors[..., 0], neighbors[..., 1]
+    k, j = np.meshgrid(np.arange(len(faces)), np.arange(3), indexing="ij")
+    assert np.array_equal(neighbors[f, s], np.stack([k, j], axis=-1))
+    assert np.array_equal(length[f, s], length)
+    assert np.array_equal(faces[f, s], faces[k, (j + 1) % 3])
+    assert np.array_equal(z["points"], read_mesh(str(stretched)).mesh.points)
+
+    common = read_mesh(str(overlay))
+    assert set(common.vertex["vertex_kind"]) == {0, 2}
+    assert common.face["input_face"].max() == common.face["intrinsic_face"].max() == len(faces) - 1
+
+
+def test_picture(run, stretched, tmp_path):
+    pytest.importorskip("matplotlib")
+    picture = tmp_path / "edges.png"
+    assert run("delaunay", stretched, "--plot", picture).exit_code == 0
+    assert picture.stat().st_size > 10_000
+
+
+@pytest.mark.parametrize(
+    "name, words", [("gen_book_edge.ply", "more than two faces"), ("gen_moebius_tri.off", "orient")]
+)
+def test_refusals(run, shared_meshes, name, words):
+    result = run("delaunay", shared_meshes / "hard" / name)
+    assert result.exit_code == 2
+    assert words in result.stderr and result.stderr.count("\n") == 1
+
+
+def test_a_format_that_cannot_hold_it_is_refused_before_any_work(run, stretched, tmp_path):
+    result = run("delaunay", stretched, "-o", tmp_path / "idt.obj")
+    assert result.exit_code == 2 and ".npz" in result.stderr
+    assert not (tmp_path / "idt.obj").exists()
