@@ -21,12 +21,14 @@ class CurveOptions:
     path_to: tuple[int, ...] = ()
     trace: tuple[Any, ...] = ()
     at_boundary: str = "stop"
+    straighten: tuple[Any, ...] = ()
+    loop: tuple[Any, ...] = ()
     paths_output: tuple[str, ...] = ()
 
     @property
     def asked(self) -> bool:
         """Is any curve asked for?"""
-        return bool(self.path_to or self.trace)
+        return bool(self.path_to or self.trace or self.straighten or self.loop)
 
     def said(self) -> dict[str, Any]:
         """The options that were given, for the summary."""
@@ -55,6 +57,18 @@ class TraceStart(click.ParamType):
         return face, barycentric, direction, REAL.convert(parts[3], param, ctx)
 
 
+class VertexList(click.ParamType):
+    """ID,ID,..."""
+
+    name = "vertices"
+
+    def convert(self, value: Any, param: Any, ctx: Any) -> Any:
+        try:
+            return [int(x) for x in str(value).split(",")]
+        except ValueError:
+            self.fail(f"{value!r} is not a list of vertex numbers such as 3,17,42", param, ctx)
+
+
 _OPTIONS = (
     click.option("--path-to", multiple=True, type=int, metavar="ID",
                  help="Shortest path from the nearest source to this vertex; repeatable."),
@@ -62,6 +76,10 @@ _OPTIONS = (
                  help="Straightest geodesic from a point of a face; repeatable."),
     click.option("--at-boundary", type=click.Choice(["stop", "reflect"]), default="stop", show_default=True,
                  help="What traces do at the boundary."),
+    click.option("--straighten", multiple=True, type=VertexList(), metavar="ID,ID,...",
+                 help="Geodesic in the isotopy class of the edge path through these vertices; repeatable."),
+    click.option("--loop", multiple=True, type=VertexList(), metavar="ID,ID,...",
+                 help="Closed geodesic in the class of the edge loop through these vertices; repeatable."),
     click.option("--paths-output", multiple=True, metavar="PATH",
                  help="Write all curves as polylines (.vtp, .vtu, .obj, .npz); repeatable."),
 )  # fmt: skip
@@ -97,6 +115,11 @@ def compute_curves(run: Any, mesh: Any, asked: CurveOptions, sources: Any, exact
                     mesh, face, barycentric, direction, length, at_boundary=asked.at_boundary
                 )
             )
+        if asked.straighten or asked.loop:
+            from ddgcli.algorithms.flipout import straightened_curves
+
+            closed = [False] * len(asked.straighten) + [True] * len(asked.loop)
+            parts.append(straightened_curves(mesh, [*asked.straighten, *asked.loop], closed))
         return curves.gathered(parts)
 
 

@@ -181,3 +181,47 @@ def test_hopeless_lines_are_given_up_and_told(caplog):
     end = trace(mesh, [0], [[0.2, 0.3, 0.5]], [[1.0, 0.3, 0.2]], [1e9], max_crossings=100)
     assert end.status[0] == GAVE_UP and 0 < end.length[0] < 1e3
     assert np.isfinite(end.barycentric).all()
+
+
+@pytest.mark.parametrize("axis", range(3))
+def test_closed_geodesics_of_an_ellipsoid(axis):
+    """The lines along the three plane ellipses close; their length tends to the ellipse's with h^2."""
+    axes = np.array([1.0, 1.3, 1.7])
+    a, b = (axis + 1) % 3, (axis + 2) % 3
+    angle = np.linspace(0, 2 * np.pi, 100001)
+    ellipse = np.hypot(np.diff(axes[a] * np.cos(angle)), np.diff(axes[b] * np.sin(angle))).sum()
+    errors = []
+    for level in (2, 3, 4):
+        sphere = shapes.icosphere(level)
+        mesh = TriangleMesh(sphere.points * axes, sphere.topology)
+        on = np.abs(sphere.points[:, axis]) < 1e-12  # the plane of symmetry holds some edges
+        face = np.flatnonzero(on[mesh.faces].sum(axis=1) == 2)[:1]
+        corner, other = np.flatnonzero(on[mesh.faces[face[0]]])
+        start, ahead = mesh.points[mesh.faces[face[0], [corner, other]]]
+        end = trace(mesh, face, np.eye(3)[[corner]], [ahead - start], [1.05 * ellipse], record=True)
+        points = surface_position(mesh, *end.path(0))
+        assert np.abs(points[:, axis]).max() < 1e-12
+        walked = np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))
+        back = np.linalg.norm(points[1:-1] - start, axis=1) < 1e-10
+        assert back.any()
+        errors.append(abs(walked[:-1][back][0] / ellipse - 1))
+    assert np.log2(errors[0] / errors[1]) > 1.8 and np.log2(errors[1] / errors[2]) > 1.8
+
+
+def test_lines_on_the_sphere_follow_great_circles():
+    errors = []
+    for level in (3, 4, 5):
+        mesh = shapes.icosphere(level)
+        face, barycentric, direction = random_starts(mesh, 200, seed=4)
+        tracer = Tracer(mesh)
+        end = tracer.trace(face, barycentric, direction, np.full(200, 1.0), record=True)
+        start = surface_position(mesh, face, barycentric)
+        first = to_space(mesh, face, to_face_frame(mesh, face, direction))
+        p = start / np.linalg.norm(start, axis=1, keepdims=True)
+        d = first - np.einsum("ij,ij->i", first, p)[:, None] * p
+        d /= np.linalg.norm(d, axis=1, keepdims=True)
+        truth = np.cos(1.0) * p + np.sin(1.0) * d
+        got = surface_position(mesh, end.face, end.barycentric)
+        got /= np.linalg.norm(got, axis=1, keepdims=True)
+        errors.append(np.sqrt(np.mean(np.sum((got - truth) ** 2, axis=1))))
+    assert errors[-1] < 2e-3 and errors[0] / errors[-1] > 2.5

@@ -1,0 +1,434 @@
+"""Edge paths and loops pulled straight by intrinsic flips, within their isotopy class.
+
+Sharp and Crane, "You Can Find Geodesic Paths in Triangle Meshes by Just Flipping Edges" (FlipOut), 2020: at a
+vertex where the path makes an angle below pi on one side, flip the edges of that wedge until its outer rim is
+locally shortest, and let the path run along the rim. Every step shortens the path.
+"""
+
+from __future__ import annotations
+
+import heapq
+import logging
+from dataclasses import dataclass
+from math import atan2, cos, hypot, inf, pi, sin
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ddgcli.algorithms.curves import Curves
+from ddgcli.algorithms.paths import SurfacePaths, describe_paths, joints, segment_vectors
+from ddgcli.algorithms.trace import Tracer
+from ddgcli.errors import MeshError, ParameterError
+from ddgcli.geometry.face_frames import planar_difference
+from ddgcli.geometry.unfolding import SurfaceMesh
+from ddgcli.mesh.topology import NEXT
+
+_log = logging.getLogger("ddgcli")
+STRAIGHT = 1e-10  # an angle this close below pi counts as straight
+
+
+class FlippingMesh:
+    """A triangulation that changes by flips, with the direction and length of every halfedge on the input.
+
+    Halfedges 0..3m-1 are the sides; beside each boundary side lies one more, without a face. Lists, not
+    arrays: the walk is sequential, and plain numbers are what it reads.
+
+    Attributes
+    ----------
+    next, twin, tail, fan : list of int
+        `next` is -1 outside the surface; `fan` names the fan of corners at the tail.
+    length, angle, post : list of float
+        Length; corner angle at the tail; direction at the tail, as an angle in its fan (a signpost).
+    """
+
+    def __init__(self, tracer: Tracer) -> None:
+        mesh, fans = tracer.mesh, tracer.fans
+        m = 3 * mesh.n_faces
+        twin = mesh.topology.side_twin.ravel().copy()
+        rim = np.flatnonzero(twin < 0)
+        twin[rim] = m + np.arange(len(rim))
+        side = np.arange(m)
+        following = side + np.where(side % 3 == 2, -2, 1)
+        head = following[rim]
+        at_end = fans.angle_before[head] + fans.corner_angle[head]
+        length = mesh.side_length.ravel()
+        self.sides = m
+        self.next = following.tolist() + [-1] * len(rim)
+        self.twin = np.concatenate([twin, rim]).tolist()
+        self.tail = np.concatenate([mesh.topology.side_tail, mesh.topology.side_tail[head]]).tolist()
+        self.fan = np.concatenate([fans.fan, fans.fan[head]]).tolist()
+        self.length = np.concatenate([length, length[rim]]).tolist()
+        self.angle = np.concatenate([fans.corner_angle, np.full(len(rim), inf)]).tolist()
+        self.post = np.concatenate([fans.angle_before, at_end]).tolist()
+        self.flipped: set[int] = set()
+
+    def edge(self, h: int) -> int:
+        """The lower of the two halfedges."""
+        return min(h, self.twin[h])
+
+    def wedge(self, first: int, last: int) -> tuple[list[int], float]:
+        """Halfedges leaving a vertex counter-clockwise from `first` to `last`, and the angle between them.
+
+        The angle is inf where the boundary lies between.
+        """
+        around, total, h = [first], 0.0, first
+        while h != last:
+            if self.next[h] < 0:
+                return around, inf
+            total += self.angle[h]
+            h = self.twin[self.next[self.next[h]]]
+            around.append(h)
+            if h == first:
+                raise MeshError(f"halfedges {first} and {last} do not leave the same fan of a vertex")
+        return around, total
+
+    def can_flip(self, h: int) -> bool:
+        """Two faces, and not the same one."""
+        t = self.twin[h]
+        return self.next[h] >= 0 and self.next[t] >= 0 and t not in (self.next[h], self.next[self.next[h]])
+
+    def flip(self, h: int) -> None:
+        """Turn the edge of h; the two triangles must form a convex quadrilateral."""
+        t = self.twin[h]
+        h1, t1 = self.next[h], self.next[t]  # b -> c, a -> d
+        h2, t2 = self.next[h1], self.next[t1]  # c -> a, d -> b
+        apex = self.length[h2] * cos(self.angle[h]), self.length[h2] * sin(self.angle[h])
+        below = self.length[t1] * cos(self.angle[t1]), -self.length[t1] * sin(self.angle[t1])
+        self.length[h] = self.length[t] = hypot(apex[0] - below[0], apex[1] - below[1])
+        self.tail[h], self.tail[t] = self.tail[t2], self.tail[h2]
+        self.fan[h], self.fan[t] = self.fan[t2], self.fan[h2]
+        self.next[h], self.next[h2], self.next[t1] = h2, t1, h  # d -> c -> a
+        self.next[t], self.next[t2], self.next[h1] = t2, h1, t  # c -> d -> b
+        for a, b, c in ((h, h2, t1), (t, t2, h1)):
+            self._set_angles(a, b, c)
+        self.post[h] = self.post[t2] + self.angle[t2]
+        self.post[t] = self.post[h2] + self.angle[h2]
+        self.flipped.add(min(h, t))
+
+    def _set_angles(self, a: int, b: int, c: int) -> None:
+        """Angles of the triangle of halfedges a, b, c from their lengths."""
+        for one, opposite, before in ((a, b, c), (b, c, a), (c, a, b)):
+            self.angle[one] = _angle(self.length[one], self.length[before], self.length[opposite])
+
+
+def _angle(x: float, y: float, opposite: float) -> float:
+    """Angle between sides x and y, from three lengths; differences between sorted numbers, after Kahan."""
+    large, small = (x, y) if x > y else (y, x)
+    gap = large - small
+    below = small - (opposite - large) if opposite > large else small + (large - opposite)
+    up = max(opposite + gap, 0.0) * max(opposite - gap, 0.0)
+    down = (large + (small + opposite)) * max(below, 0.0)
+    return 2.0 * atan2(up**0.5, down**0.5)
+
+
+@dataclass
+class _Node:
+    """One halfedge of the path in a doubly linked list."""
+
+    halfedge: int
+    before: int
+    after: int
+    alive: bool = True
+
+
+class PathStraightener:
+    """A path or loop of halfedges in a flipping mesh, shortened until every angle is at least pi."""
+
+    def __init__(self, mesh: FlippingMesh, halfedges: list[int], closed: bool) -> None:
+        self.mesh, self.closed, self.flips = mesh, closed, 0
+        n = len(halfedges)
+        self.nodes = [_Node(h, i - 1, i + 1) for i, h in enumerate(halfedges)]
+        if n:
+            self.nodes[0].before = n - 1 if closed else -1
+            self.nodes[-1].after = 0 if closed else -1
+        self.first = 0 if n else -1
+        self.uses: dict[int, int] = {}
+        for h in halfedges:
+            self._use(h, 1)
+        self.queue: list[tuple[float, int, int]] = []
+        for i in range(n):
+            self._push(i)
+
+    def _use(self, h: int, count: int) -> None:
+        edge = self.mesh.edge(h)
+        self.uses[edge] = self.uses.get(edge, 0) + count
+
+    def _sides(self, i: int) -> tuple[tuple[list[int], float], tuple[list[int], float]]:
+        """Left and right wedge where node i ends."""
+        arriving = self.mesh.twin[self.nodes[i].halfedge]
+        leaving = self.nodes[self.nodes[i].after].halfedge
+        return self.mesh.wedge(leaving, arriving), self.mesh.wedge(arriving, leaving)
+
+    def _push(self, i: int) -> None:
+        if i < 0 or self.nodes[i].after < 0:
+            return
+        (_, left), (_, right) = self._sides(i)
+        angle = min(left, right)
+        if angle < pi - STRAIGHT:
+            heapq.heappush(self.queue, (angle, i, self.nodes[i].after))
+
+    def straighten(self, max_flips: int = 1_000_000) -> bool:
+        """Shorten until all angles are at least pi; False when it could not finish."""
+        blocked: list[int] = []
+        while self.queue and self.flips < max_flips:
+            _, i, j = heapq.heappop(self.queue)
+            if not (self.nodes[i].alive and self.nodes[j].alive and self.nodes[i].after == j):
+                continue
+            if self._shorten(i):
+                for k in blocked:
+                    if self.nodes[k].alive:
+                        self._push(k)
+                blocked = []
+            else:
+                blocked.append(i)
+        return not blocked and not self.queue
+
+    def _shorten(self, i: int) -> bool:
+        """Let the path run along the rim of the sharper wedge where node i ends; False when it cannot."""
+        mesh = self.mesh
+        (left, left_angle), (right, right_angle) = self._sides(i)
+        on_left = left_angle <= right_angle
+        wedge = left if on_left else right
+        if min(left_angle, right_angle) >= pi - STRAIGHT:
+            return True
+        if not self._flip_out(wedge):
+            return False
+        rim = [mesh.next[h] for h in wedge[:-1]]
+        self._replace(i, [mesh.twin[h] for h in reversed(rim)] if on_left else rim)
+        return True
+
+    def _flip_out(self, wedge: list[int]) -> bool:
+        """Flip inner edges of the wedge (removed from the list) until its rim bends outward everywhere."""
+        mesh, k = self.mesh, 1
+        while k < len(wedge) - 1:
+            before = mesh.next[mesh.next[wedge[k - 1]]]
+            rim_angle = mesh.angle[before] + mesh.angle[mesh.next[wedge[k]]]
+            if rim_angle >= pi - STRAIGHT:
+                k += 1
+                continue
+            h = wedge[k]
+            if self.uses.get(mesh.edge(h), 0) or not mesh.can_flip(h):
+                return False
+            mesh.flip(h)
+            self.flips += 1
+            del wedge[k]
+            k = max(1, k - 1)
+        return not any(self.uses.get(mesh.edge(h), 0) for h in wedge[1:-1])
+
+    def _replace(self, i: int, halfedges: list[int]) -> None:
+        """Put halfedges in the place of node i and the one behind it."""
+        j = self.nodes[i].after
+        before, after = self.nodes[i].before, self.nodes[j].after
+        for k in {i, j}:
+            self.nodes[k].alive = False
+            self._use(self.nodes[k].halfedge, -1)
+        if before == j or i == j:  # the whole loop
+            before = after = -1
+        new = list(range(len(self.nodes), len(self.nodes) + len(halfedges)))
+        for k, h in zip(new, halfedges, strict=True):
+            self.nodes.append(_Node(h, k - 1, k + 1))
+            self._use(h, 1)
+        if new and before < 0 and after < 0 and self.closed:
+            before, after = new[-1], new[0]
+        first, last = (new[0], new[-1]) if new else (after, before)
+        if new:
+            self.nodes[first].before, self.nodes[last].after = before, after
+        if before >= 0:
+            self.nodes[before].after = first
+        if after >= 0:
+            self.nodes[after].before = last
+        if not self.nodes[self.first].alive:
+            self.first = first
+        for k in sorted({before, *new} - {-1}):
+            self._push(k)
+
+    def halfedges(self) -> list[int]:
+        """The path as it is now."""
+        out, k = [], self.first
+        while k >= 0:
+            out.append(self.nodes[k].halfedge)
+            k = self.nodes[k].after
+            if k == self.first:
+                break
+        return out
+
+
+def edge_path(mesh: SurfaceMesh, waypoints: list[int], closed: bool) -> list[int]:
+    """Flat numbers of the sides (m3 + k beyond the boundary) of an edge path through vertices.
+
+    Consecutive way-points that are not neighbours are joined by the shortest edge path.
+
+    Raises
+    ------
+    ParameterError
+        On vertices out of range, fewer than two, or without an edge path between them.
+    """
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import dijkstra
+
+    n, topology = mesh.n_vertices, mesh.topology
+    bad = [v for v in waypoints if not 0 <= v < n]
+    if bad:
+        raise ParameterError(f"way-point {bad[0]} does not exist; vertices are 0..{n - 1}")
+    stops = [*waypoints, waypoints[0]] if closed and waypoints else list(waypoints)
+    stops = [v for k, v in enumerate(stops) if k == 0 or v != stops[k - 1]]
+    if len(stops) < 2:
+        raise ParameterError("a path needs two different way-points; give more vertices")
+    twin = topology.side_twin.ravel()
+    rim = np.flatnonzero(twin < 0)
+    tail = np.concatenate([topology.side_tail, topology.side_head[rim]])
+    head = np.concatenate([topology.side_head, topology.side_tail[rim]])
+    length = np.concatenate([mesh.side_length.ravel(), mesh.side_length.ravel()[rim]])
+    order = np.lexsort((length, head, tail))
+    key = tail[order] * n + head[order]
+    first = np.concatenate([[True], key[1:] != key[:-1]])
+    key, order = key[first], order[first]
+
+    def side(a: int, b: int) -> int:
+        k = int(np.searchsorted(key, a * n + b))
+        return int(order[k]) if k < len(key) and key[k] == a * n + b else -1
+
+    graph = coo_array((length[order], (tail[order], head[order])), shape=(n, n)).tocsr()
+    sides: list[int] = []
+    for a, b in zip(stops[:-1], stops[1:], strict=True):
+        if side(a, b) >= 0:
+            sides.append(side(a, b))
+            continue
+        distance, before = dijkstra(graph, indices=b, return_predecessors=True)
+        if not np.isfinite(distance[a]):
+            raise ParameterError(
+                f"no edge path leads from vertex {a} to vertex {b}; they lie on different components"
+            )
+        while a != b:
+            a, last = int(before[a]), a
+            sides.append(side(last, a))
+    return sides
+
+
+def straightened_curves(mesh: SurfaceMesh, waypoints: list[list[int]], closed: list[bool]) -> Curves:
+    """Geodesics in the isotopy classes of edge paths and closed edge loops through way-points.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh or IntrinsicMesh
+        Consistently oriented.
+    waypoints : list of list of int
+        Vertices that fix the class; the geodesic need not pass them, but for the ends of open paths.
+    closed : list of bool
+
+    Returns
+    -------
+    Curves
+        Locally shortest, not always shortest. A loop that contracts to a point has no points and length 0.
+        `accuracy.smallest_path_angle` is the smallest angle beside the curves at vertices: at least pi.
+    """
+    tracer = Tracer(mesh)
+    parts, kinds, done = [], [], True
+    for stops, is_closed in zip(waypoints, closed, strict=True):
+        sides = edge_path(mesh, stops, is_closed)
+        flipping = FlippingMesh(tracer)
+        before = sum(flipping.length[h] for h in sides)
+        path = PathStraightener(flipping, sides, is_closed)
+        finished = path.straighten()
+        done &= finished
+        if not finished:
+            _log.warning(f"the path through {stops[:5]} could not be pulled straight everywhere")
+        parts.append(laid_on_input(tracer, flipping, path.halfedges(), is_closed))
+        kind = {
+            "kind": "loop" if is_closed else "straightened",
+            "way_points": list(stops),
+            "flips": path.flips,
+        }
+        kinds.append(kind | {"edge_path_length": before})
+    paths = SurfacePaths.joined(parts)
+    joint = joints(mesh, paths)
+    at = joint.vertex >= 0
+    angles = np.concatenate([joint.left[at], joint.right[at]])
+    smallest = float(np.nanmin(angles)) if np.isfinite(angles).any() else None
+    return Curves(paths, describe_paths(mesh, paths, kinds), {"smallest_path_angle": smallest}, done)
+
+
+def laid_on_input(tracer: Tracer, flipping: FlippingMesh, halfedges: list[int], closed: bool) -> SurfacePaths:
+    """A path of halfedges of the flipped triangulation as one surface path on the input mesh."""
+    mesh, fans = tracer.mesh, tracer.fans
+    if not halfedges:
+        return SurfacePaths(
+            np.zeros(0, dtype=np.int64), np.zeros((0, 3)), np.zeros(2, dtype=np.int64), np.array([closed])
+        )
+    fan = np.array([flipping.fan[h] for h in halfedges])
+    total = fans.total_angle[fan]
+    post = np.array([flipping.post[h] for h in halfedges])
+    post = np.where(fans.is_open[fan], np.clip(post, 0.0, total), post % total)
+    corner = fans.locate(fan, post)
+    face, j = np.divmod(corner, 3)
+    local = post - fans.angle_before[corner]
+    e = tracer.unfolding.direction[face, j]
+    direction = np.stack(
+        [
+            e[:, 0] * np.cos(local) - e[:, 1] * np.sin(local),
+            e[:, 0] * np.sin(local) + e[:, 1] * np.cos(local),
+        ],
+        axis=1,
+    )
+    length = np.array([flipping.length[h] for h in halfedges])
+    lines = tracer.trace(face, np.eye(3)[j], direction, length, record=True)
+    recorded = SurfacePaths.of_traces(lines)
+    step = np.nan_to_num(segment_vectors(mesh, recorded))
+    walked = np.cumsum(np.hypot(step[:, 0], step[:, 1]))
+    faces, weights = [], []
+    for i, h in enumerate(halfedges):
+        f, b = _until_head(tracer, flipping, recorded, walked, i, h, length[i])
+        faces.append(f)
+        weights.append(b)
+    end = flipping.tail[flipping.twin[halfedges[-1]]]
+    if not closed:
+        last = faces[-1][-1:]
+        faces.append(last)
+        weights.append(_corner_of(mesh, last, end))
+    return SurfacePaths(
+        np.concatenate(faces), np.concatenate(weights),
+        np.array([0, sum(len(f) for f in faces)], dtype=np.int64), np.array([closed]),
+    )  # fmt: skip
+
+
+def _corner_of(mesh: SurfaceMesh, face: NDArray, vertex: int) -> NDArray[np.float64]:
+    return np.eye(3)[np.argmax(mesh.faces[face] == vertex, axis=1)]
+
+
+def _until_head(
+    tracer: Tracer,
+    flipping: FlippingMesh,
+    recorded: SurfacePaths,
+    walked: NDArray,
+    i: int,
+    h: int,
+    length: float,
+) -> tuple[NDArray, NDArray]:
+    """Points of a traced halfedge without its head: up to the face from which the rest leads to the head."""
+    mesh = tracer.mesh
+    head = flipping.tail[flipping.twin[h]]
+    if flipping.edge(h) not in flipping.flipped:  # an edge of the input
+        side = h if h < flipping.sides else flipping.twin[h]
+        face = np.array([side // 3])
+        j = side % 3 if h < flipping.sides else NEXT[side % 3]
+        return face, np.eye(3)[[j]]
+    a, b = recorded.start[i], recorded.start[i + 1]
+    face, barycentric = recorded.face[a : b - 1], recorded.barycentric[a : b - 1]
+    so_far = (
+        np.concatenate([[0.0], walked[a : b - 2] - (walked[a - 1] if a else 0.0)])
+        if b - a > 1
+        else np.zeros(0)
+    )
+    holds = np.flatnonzero((mesh.faces[face] == head).any(axis=1))
+    rest = planar_difference(
+        tracer.unfolding, face[holds], barycentric[holds], _corner_of(mesh, face[holds], head)
+    )
+    miss = np.abs(so_far[holds] + np.hypot(rest[:, 0], rest[:, 1]) - length)
+    if not len(holds) or miss.min() > 1e-6 * length:
+        _log.warning(f"a straightened edge to vertex {head} missed it when laid on the input mesh")
+        return face, barycentric
+    last = holds[miss <= miss.min() + 1e-9 * length][0]
+    return face[: last + 1], barycentric[: last + 1]
+
+
+__all__ = ["FlippingMesh", "PathStraightener", "edge_path", "laid_on_input", "straightened_curves"]

@@ -1,0 +1,130 @@
+"""Edge paths and loops pulled straight: geodesic, shorter, in their class; flips keep the metric."""
+
+import numpy as np
+import pytest
+
+from ddgcli.algorithms.flipout import FlippingMesh, edge_path, straightened_curves
+from ddgcli.algorithms.geodesic_exact import exact_distance
+from ddgcli.algorithms.paths import joints
+from ddgcli.algorithms.trace import Tracer
+from ddgcli.errors import ParameterError
+from ddgcli.geometry.face_frames import surface_position
+from ddgcli.mesh import shapes
+from ddgcli.mesh.triangle_mesh import TriangleMesh
+
+NU, NV = 36, 18
+
+
+def ring(v):
+    """Way-points once round the torus the long way, at row v."""
+    return [i * NV + v for i in range(0, NU, 3)]
+
+
+def check_geodesic(mesh, curves):
+    joint = joints(mesh, curves.paths)
+    for angle in (joint.left, joint.right):
+        assert np.nanmin(angle, initial=np.pi) > np.pi - 1e-6
+
+
+@pytest.mark.parametrize("mesh", [shapes.random_sphere(500), shapes.torus(NU, NV), shapes.box(4, 4, 4)])
+def test_paths_are_geodesics_no_shorter_than_the_distance(mesh):
+    pairs = np.random.default_rng(0).integers(0, mesh.n_vertices, (8, 2)).tolist()
+    pairs = [p for p in pairs if p[0] != p[1]]
+    curves = straightened_curves(mesh, pairs, [False] * len(pairs))
+    assert curves.converged
+    check_geodesic(mesh, curves)
+    for (a, b), entry in zip(pairs, curves.entries, strict=True):
+        assert entry["start"]["vertex"] == a and entry["end"]["vertex"] == b
+        assert exact_distance(mesh, [a]).distance[b] <= entry["length"] * (1 + 1e-13)
+        assert entry["length"] <= entry["edge_path_length"] * (1 + 1e-13)
+
+
+def test_inner_equator_of_the_torus_from_any_loop_around_it():
+    mesh = shapes.torus(NU, NV, 1.0, 0.4)
+    inner = 2 * NU * 0.6 * np.sin(np.pi / NU)  # the polygon of edges at v = pi
+    for row in (NV // 2, NV // 2 - 3, NV // 2 + 4):
+        curves = straightened_curves(mesh, [ring(row)], [True])
+        assert curves.converged and curves.entries[0]["length"] == pytest.approx(inner, rel=1e-12)
+        check_geodesic(mesh, curves)
+
+
+def test_meridian_of_the_torus_stays_in_its_class():
+    mesh = shapes.torus(NU, NV, 1.0, 0.4)
+    meridian = list(range(0, NV, 2))
+    skewed = [*meridian[:4], 5 * NV + 8, *meridian[5:]]
+    curves = straightened_curves(mesh, [meridian, skewed], [True, True])
+    check_geodesic(mesh, curves)
+    polygon = 2 * NV * 0.4 * np.sin(np.pi / NV)
+    for entry in curves.entries:
+        assert entry["length"] <= polygon * (1 + 1e-12)
+        assert entry["length"] > 0.9 * polygon
+
+
+def test_a_contractible_loop_shrinks_to_a_point():
+    mesh = shapes.torus(NU, NV)
+    curves = straightened_curves(mesh, [[0, 2, 2 * NV + 2, 2 * NV]], [True])
+    assert curves.entries[0]["length"] == 0.0 and curves.entries[0]["points"] == 0
+
+
+def test_flips_keep_lengths_angles_and_signposts():
+    mesh = shapes.random_sphere(300)
+    tracer = Tracer(mesh)
+    flipping = FlippingMesh(tracer)
+    rng = np.random.default_rng(0)
+    done = 0
+    for h in rng.integers(0, 3 * mesh.n_faces, 2000).tolist():
+        t = flipping.twin[h]
+        first = flipping.angle[h] + flipping.angle[flipping.next[t]]
+        second = flipping.angle[t] + flipping.angle[flipping.next[h]]
+        if max(first, second) < np.pi - 1e-3 and flipping.can_flip(h):
+            flipping.flip(h)
+            done += 1
+    assert done > 500
+    total = np.zeros(len(tracer.fans.vertex))
+    np.add.at(total, flipping.fan, flipping.angle)
+    np.testing.assert_allclose(total, tracer.fans.total_angle, atol=1e-11)
+    h = np.array(sorted(flipping.flipped))
+    fan = np.array([flipping.fan[k] for k in h])
+    post = np.array([flipping.post[k] for k in h]) % tracer.fans.total_angle[fan]
+    corner = tracer.fans.locate(fan, post)
+    local = post - tracer.fans.angle_before[corner]
+    e = tracer.unfolding.direction.reshape(-1, 2)[corner]
+    direction = np.stack(
+        [
+            e[:, 0] * np.cos(local) - e[:, 1] * np.sin(local),
+            e[:, 0] * np.sin(local) + e[:, 1] * np.cos(local),
+        ],
+        1,
+    )
+    ends = tracer.trace(corner // 3, np.eye(3)[corner % 3], direction, [flipping.length[k] for k in h])
+    head = [flipping.tail[flipping.twin[k]] for k in h]
+    gap = surface_position(mesh, ends.face, ends.barycentric) - mesh.points[head]
+    assert np.linalg.norm(gap, axis=1).max() < 1e-9
+
+
+def test_paths_agree_with_potpourri3d():
+    pp3d = pytest.importorskip("potpourri3d")
+    mesh = shapes.random_sphere(800)
+    solver = pp3d.EdgeFlipGeodesicSolver(mesh.points, mesh.faces)
+    for a, b in np.random.default_rng(3).integers(0, mesh.n_vertices, (6, 2)).tolist():
+        if a != b:
+            theirs = np.linalg.norm(np.diff(solver.find_geodesic_path(a, b), axis=0), axis=1).sum()
+            ours = straightened_curves(mesh, [[a, b]], [False]).entries[0]["length"]
+            assert ours == pytest.approx(theirs, rel=1e-12)
+
+
+def test_bad_way_points():
+    mesh = shapes.icosphere(1)
+    for stops, word in ([[0, 999], "999"], [[3], "two different"], [[3, 3], "two different"]):
+        with pytest.raises(ParameterError, match=word):
+            edge_path(mesh, stops, False)
+
+
+def test_boundary_paths_bend_around_holes():
+    mesh = shapes.grid(9, 9, 9.0, 9.0)
+    middle = mesh.points[mesh.faces].mean(axis=1)
+    mesh = TriangleMesh.from_arrays(mesh.points, mesh.faces[np.abs(middle[:, :2] - 4.5).max(axis=1) > 1.5])
+    below = straightened_curves(mesh, [[41, 22, 48]], [False])  # the same ends, either side of the hole
+    above = straightened_curves(mesh, [[41, 82, 48]], [False])
+    assert below.entries[0]["length"] == pytest.approx(2 * np.sqrt(5) + 3, rel=1e-13)
+    assert above.entries[0]["length"] == pytest.approx(2 * np.hypot(2, 2) + 3, rel=1e-13)
