@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from ddgcli.errors import MeshFileError
 from ddgcli.io.raw import RawMesh
 from ddgcli.io.text import numbers
+from ddgcli.mesh.repair import merged_points
 
 FACET = np.dtype([("normal", "<f4", 3), ("corner", "<f4", (3, 3)), ("attribute", "<u2")])
 VERTEX = re.compile(rb"vertex\s+(\S+\s+\S+\s+\S+)", re.IGNORECASE)
@@ -22,7 +23,7 @@ def read_stl(data: bytes) -> RawMesh:
     """Read an STL file; `input_vertex` maps corner 3f+k of the file to its vertex."""
     notes: list[str] = []
     soup = _ascii(data) if _is_ascii(data) else _binary(data, notes)
-    points, index = merged(soup.reshape(-1, 3))
+    points, index = merged_points(soup.reshape(-1, 3))
     notes.append(
         f"STL cannot share vertices: {len(index)} corners merged to {len(points)} vertices where equal "
         "(map: input_vertex)"
@@ -30,22 +31,6 @@ def read_stl(data: bytes) -> RawMesh:
     raw = RawMesh(points, input_vertex=index, notes=notes)
     raw.add_faces(index.reshape(-1, 3))
     return raw
-
-
-def merged(points: NDArray) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Unique positions in order of first appearance, and the number in them of each point."""
-    points = np.asarray(points, dtype=np.float64) + 0.0  # -0 becomes 0
-    if len(points) == 0:
-        return points, np.zeros(0, dtype=np.int64)
-    order = np.lexsort(points.T)
-    ordered = points[order]
-    fresh = np.concatenate([[True], (ordered[1:] != ordered[:-1]).any(axis=1)])
-    group = np.empty(len(points), dtype=np.int64)
-    group[order] = np.cumsum(fresh) - 1
-    first = order[fresh]  # lexsort is stable: the first of its group
-    rank = np.empty(len(first), dtype=np.int64)
-    rank[np.argsort(first)] = np.arange(len(first))
-    return points[np.sort(first)], rank[group]
 
 
 def _is_ascii(data: bytes) -> bool:

@@ -244,10 +244,38 @@ class Topology:
         """Every two-sided edge is traversed once in each direction."""
         return len(self.misoriented_edges) == 0
 
+    @cached_property
+    def face_turn(self) -> NDArray[np.bool_] | None:
+        """(m,) True at faces to turn over for a consistent orientation, None where there is none.
+
+        In each piece (faces joined through two-sided edges) the fewer faces are turned.
+        """
+        twin = self.side_twin.ravel()
+        side = np.flatnonzero((twin >= 0) & (np.arange(len(twin)) <= twin))
+        a, b = side // 3, twin[side] // 3
+        sign = self.side_sign.ravel()
+        along = self.side_tail[side] == self.side_tail[twin[side]]
+        clash = (sign[side] == sign[twin[side]]) if self.gluing is None else along
+        # the double cover: face f as it is (2f) and turned over (2f+1)
+        rows, cols = np.concatenate([2 * a, 2 * a + 1]), np.concatenate([2 * b + clash, 2 * b + ~clash])
+        graph = coo_array((np.ones(len(rows), dtype=np.int8), (rows, cols)), shape=(2 * self.n_faces,) * 2)
+        sheet = connected_components(graph, directed=False)[1].reshape(-1, 2)
+        if (sheet[:, 0] == sheet[:, 1]).any():
+            return None
+        turned = sheet[:, 0] > sheet[:, 1]
+        _, piece = np.unique(sheet.min(axis=1), return_inverse=True)
+        share = np.bincount(piece, weights=turned) / np.maximum(np.bincount(piece), 1)
+        return frozen(turned ^ (share > 0.5)[piece])
+
+    @property
+    def is_orientable(self) -> bool:
+        """Whether faces can be turned over so that every two-sided edge is traversed in both directions."""
+        return self.face_turn is not None
+
     @property
     def genus(self) -> int | None:
         """Total genus of an orientable manifold surface, summed over components; None otherwise."""
-        if not (self.is_manifold and self.is_oriented) or self.n_faces == 0:
+        if self.n_faces == 0 or not self.is_manifold or not (self.is_oriented or self.is_orientable):
             return None
         return (2 * self.n_components - self.boundary_loops - self.euler_characteristic) // 2
 

@@ -1,0 +1,251 @@
+"""How good a mesh is: shape of its cells, and defects with the numbers of the first of each."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ddgcli.geometry.extrinsic import enclosed_volume
+from ddgcli.geometry.intrinsic import corner_angle, face_area
+from ddgcli.mesh.curve import CurveSet
+from ddgcli.mesh.repair import merged_points
+from ddgcli.mesh.tet_mesh import TET_FACES, TetMesh
+from ddgcli.mesh.triangle_mesh import TriangleMesh, vector_length
+
+FIRST = 5  # culprits named of each defect
+NO_AREA = 1e-12  # a face whose area is below this share of its longest side squared is degenerate
+BINS = np.arange(0.0, 181.0, 10.0)
+
+
+def surface_defects(mesh: TriangleMesh) -> dict[str, Any]:
+    """Counts of defects of a surface, and `..._first`, the numbers of the first few.
+
+    `duplicate_faces` counts faces whose three vertices an earlier face already has (in whatever order);
+    `coincident_vertices` those among the used vertices that lie exactly where an earlier one lies.
+    """
+    topology = mesh.topology
+    faces = mesh.faces
+    repeated = (faces == np.roll(faces, 1, axis=1)).any(axis=1)
+    found: dict[str, Any] = {"orientable": topology.is_orientable, "orientation": orientation(mesh)}
+    unreferenced = np.flatnonzero(~topology.referenced_vertex)
+    for name, culprits in (
+        ("degenerate_faces", np.flatnonzero(degenerate(mesh))),
+        ("repeated_index_faces", np.flatnonzero(repeated)),
+        ("duplicate_faces", duplicates(np.sort(faces, axis=1))),
+        ("unreferenced_vertices", unreferenced),
+        ("coincident_vertices", coincident(mesh.points, topology.referenced_vertex)),
+        ("nonmanifold_vertices", topology.nonmanifold_vertices),
+        ("misoriented_edges", topology.edges[topology.misoriented_edges]),
+        ("nonmanifold_edges", topology.edges[topology.nonmanifold_edges]),
+    ):
+        found[name] = len(culprits)
+        if len(culprits):
+            found[f"{name}_first"] = culprits[:FIRST].tolist()
+    return found
+
+
+def degenerate(mesh: TriangleMesh) -> NDArray[np.bool_]:
+    """(m,) True at faces without area, relative to their longest side."""
+    length = mesh.side_length
+    longest = length.max(axis=1, initial=0.0, keepdims=True)
+    unit = np.divide(length, longest, out=np.zeros_like(length), where=longest > 0)
+    return face_area(unit) <= NO_AREA
+
+
+def duplicates(rows: NDArray) -> NDArray[np.int64]:
+    """Numbers of rows of integers that an earlier row equals."""
+    if len(rows) == 0:
+        return np.zeros(0, dtype=np.int64)
+    order = np.lexsort(rows.T)
+    same = (rows[order][1:] == rows[order][:-1]).all(axis=1)
+    return np.sort(order[1:][same])
+
+
+def coincident(points: NDArray, used: NDArray[np.bool_]) -> NDArray[np.int64]:
+    """Used points that lie exactly where an earlier used one lies."""
+    number = np.flatnonzero(used)
+    _, index = merged_points(points[number])
+    first = np.zeros(len(number), dtype=bool)
+    first[np.unique(index, return_index=True)[1]] = True
+    return number[~first]
+
+
+def orientation(mesh: TriangleMesh) -> str:
+    """'outward', 'inward' or 'mixed' for closed bodies, 'consistent' with boundary, else what is wrong."""
+    topology = mesh.topology
+    if topology.n_faces == 0:
+        return "none"
+    if not topology.is_orientable:
+        return "not orientable"
+    if not topology.is_oriented:
+        return "inconsistent"
+    if not topology.is_closed:
+        return "consistent"
+    volume = component_volume(mesh)
+    return "outward" if (volume >= 0).all() else "inward" if (volume <= 0).all() else "mixed"
+
+
+def component_volume(mesh: TriangleMesh) -> NDArray[np.float64]:
+    """Signed volume of each component, measured from its own centre, relative to the whole's size cubed."""
+    label = mesh.topology.face_component
+    corners = mesh.points[mesh.faces] - mesh.points[mesh.faces].mean(axis=(0, 1))
+    corners = corners / (np.abs(corners).max(initial=0.0) or 1.0)
+    count = np.bincount(label, minlength=mesh.topology.n_components)
+    centre = [np.bincount(label, weights=corners[:, :, k].mean(axis=1)) / np.maximum(count, 1) for k in range(3)]
+    corners = corners - np.stack(centre, axis=1)[label][:, None, :]
+    volume = np.einsum("ij,ij->i", np.cross(corners[:, 0], corners[:, 1]), corners[:, 2]) / 6
+    return np.bincount(label, weights=volume)
+
+
+def triangle_quality(mesh: TriangleMesh) -> dict[str, Any]:
+    """Angles, aspect and needle ratio of the faces that have area; None where there is none.
+
+    `aspect_ratio` is longest side / (2 sqrt(3) inradius), 1 for an equilateral triangle; `needle_ratio` longest /
+    shortest side. The histogram counts corners in bins of ten degrees.
+    """
+    good = ~degenerate(mesh)
+    if not good.any():
+        return {"min_angle_degrees": None, "max_angle_degrees": None}
+    length = mesh.side_length[good]
+    unit = length / length.max(axis=1, keepdims=True)
+    angle = np.degrees(corner_angle(unit))
+    smallest = angle.min(axis=1)
+    aspect = unit.sum(axis=1) / (4 * np.sqrt(3) * face_area(unit))
+    needle = 1 / unit.min(axis=1)
+    return {
+        "min_angle_degrees": smallest.min(),
+        "max_angle_degrees": angle.max(),
+        "mean_min_angle_degrees": smallest.mean(),
+        "faces_below_5_degrees": int((smallest < 5).sum()),
+        "faces_above_120_degrees": int((angle.max(axis=1) > 120).sum()),
+        "angle_histogram": np.histogram(angle, bins=BINS)[0],
+        "aspect_ratio_median": np.median(aspect),
+        "aspect_ratio_max": aspect.max(),
+        "needle_ratio_max": needle.max(),
+    }
+
+
+def face_min_angle(mesh: TriangleMesh) -> NDArray[np.float64]:
+    """(m,) smallest angle of each face in degrees; 0 where it has no area."""
+    length = mesh.side_length
+    longest = length.max(axis=1, initial=0.0, keepdims=True)
+    unit = np.divide(length, longest, out=np.ones_like(length), where=longest > 0)
+    return np.where(degenerate(mesh), 0.0, np.degrees(corner_angle(unit).min(axis=1, initial=180.0)))
+
+
+def size(points: NDArray, length: NDArray) -> dict[str, Any]:
+    """Bounding box and edge lengths in the input's unit: what tells millimetres from metres."""
+    if len(points) == 0:
+        return {"bounding_box": None, "diagonal": None}
+    low, high = points.min(axis=0), points.max(axis=0)
+    found = {"bounding_box": [low, high], "diagonal": float(vector_length((high - low)[None])[0])}
+    if length.size:
+        found |= {"mean_edge": length.mean(), "min_edge": length.min(), "max_edge": length.max()}
+    return found
+
+
+def surface_size(mesh: TriangleMesh) -> dict[str, Any]:
+    """`size` of the used vertices, area, and volume where the surface is closed and consistently oriented."""
+    topology = mesh.topology
+    ends = mesh.points[topology.edges]
+    found = size(mesh.points[topology.referenced_vertex], vector_length(ends[:, 1] - ends[:, 0]))
+    found["area"] = face_area(mesh.side_length).sum()
+    if topology.is_closed and topology.is_oriented:
+        found["volume"] = enclosed_volume(mesh)
+    return found
+
+
+def surface_marks(mesh: TriangleMesh) -> tuple[dict[str, NDArray], dict[str, NDArray]]:
+    """Vertex arrays `component`, `boundary`, `non_manifold` and face array `min_angle_degrees`."""
+    topology = mesh.topology
+    non_manifold = np.zeros(mesh.n_vertices, dtype=np.uint8)
+    non_manifold[topology.nonmanifold_vertices] = 1
+    non_manifold[topology.edges[topology.nonmanifold_edges]] = 1
+    vertex = {
+        "component": topology.vertex_component,
+        "boundary": topology.boundary_vertex.astype(np.uint8),
+        "non_manifold": non_manifold,
+    }
+    return vertex, {"min_angle_degrees": face_min_angle(mesh)}
+
+
+def dihedral_degrees(mesh: TetMesh) -> NDArray[np.float64]:
+    """(k, 6) dihedral angles of tetrahedra in degrees; NaN where a face has no area."""
+    p = mesh.points[mesh.tetrahedra]
+    scale = np.abs(p - p[:, :1]).max(axis=(1, 2), keepdims=True)
+    p = np.divide(p - p[:, :1], scale, out=np.zeros_like(p), where=scale > 0)
+    normal = []
+    for a, b, c in TET_FACES:
+        n = np.cross(p[:, b] - p[:, a], p[:, c] - p[:, a])
+        length = np.linalg.norm(n, axis=1, keepdims=True)
+        normal.append(np.divide(n, length, out=np.full_like(n, np.nan), where=length > 0))
+    pairs = [(i, j) for i in range(4) for j in range(i)]
+    cosine = np.stack([-np.einsum("ij,ij->i", normal[i], normal[j]) for i, j in pairs], axis=1)
+    return np.degrees(np.arccos(np.clip(cosine, -1, 1)))
+
+
+def tetrahedra_quality(mesh: TetMesh) -> dict[str, Any]:
+    """Dihedral angles, inverted and flat cells, and faces that more than two cells share."""
+    volume = mesh.signed_volume
+    edge = mesh.points[mesh.tetrahedra][:, [0, 0, 0, 1, 1, 2]] - mesh.points[mesh.tetrahedra][:, [1, 2, 3, 2, 3, 3]]
+    length = vector_length(edge)
+    flat = np.abs(volume) <= NO_AREA * length.max(axis=1, initial=0.0) ** 3
+    angle = dihedral_degrees(mesh)
+    faces = np.sort(mesh.tetrahedra[:, TET_FACES].reshape(-1, 3), axis=1)
+    _, count = np.unique(faces, axis=0, return_counts=True)
+    used = np.zeros(mesh.n_vertices, dtype=bool)
+    used[mesh.tetrahedra] = True
+    found: dict[str, Any] = {
+        "min_dihedral_degrees": np.nanmin(angle) if np.isfinite(angle).any() else None,
+        "max_dihedral_degrees": np.nanmax(angle) if np.isfinite(angle).any() else None,
+        "volume": float(np.abs(volume).sum()),
+        "faces_with_three_or_more_cells": int((count > 2).sum()),
+    }
+    for name, culprits in (
+        ("inverted_tetrahedra", np.flatnonzero((volume < 0) & ~flat)),
+        ("flat_tetrahedra", np.flatnonzero(flat)),
+        ("duplicate_tetrahedra", duplicates(np.sort(mesh.tetrahedra, axis=1))),
+        ("unreferenced_vertices", np.flatnonzero(~used)),
+        ("coincident_vertices", coincident(mesh.points, used)),
+    ):
+        found[name] = len(culprits)
+        if len(culprits):
+            found[f"{name}_first"] = culprits[:FIRST].tolist()
+    return found
+
+
+def tetrahedra_marks(mesh: TetMesh) -> tuple[dict[str, NDArray], dict[str, NDArray]]:
+    """Vertex arrays as of a surface (of the boundary), and the smallest dihedral angle of each cell."""
+    vertex, _ = surface_marks(mesh.boundary)
+    on_boundary = mesh.boundary.topology.referenced_vertex
+    vertex["boundary"] = on_boundary.astype(np.uint8)
+    return vertex, {"min_angle_degrees": np.nan_to_num(dihedral_degrees(mesh).min(axis=1, initial=180.0))}
+
+
+def curve_quality(curves: CurveSet) -> dict[str, Any]:
+    """Lengths, unused and coincident points of curves."""
+    segment = curves.points[curves.lines]
+    length = vector_length(segment[:, 1] - segment[:, 0])
+    used = np.zeros(curves.n_vertices, dtype=bool)
+    used[curves.lines] = True
+    return {
+        "length": length.sum(),
+        "planar": curves.planar,
+        "curve_vertices": [len(path) for path, _ in curves.paths()],
+        "degenerate_segments": int((length == 0).sum()),
+        "unreferenced_vertices": int((~used).sum()),
+        "coincident_vertices": len(coincident(curves.points, used)),
+    }
+
+
+def curve_marks(curves: CurveSet) -> dict[str, NDArray]:
+    """Point arrays `component` and `boundary` (ends of open curves)."""
+    component = np.full(curves.n_vertices, -1, dtype=np.int64)
+    boundary = np.zeros(curves.n_vertices, dtype=np.uint8)
+    for number, (path, closed) in enumerate(curves.paths()):
+        component[path] = number
+        if not closed:
+            boundary[path[[0, -1]]] = 1
+    return {"component": component, "boundary": boundary}
