@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.geometry.extrinsic import enclosed_volume
-from ddgcli.geometry.intrinsic import corner_angle, face_area
+from ddgcli.geometry.intrinsic import face_area
 from ddgcli.mesh.curve import CurveSet
 from ddgcli.mesh.repair import merged_points
 from ddgcli.mesh.tet_mesh import TET_FACES, TetMesh
@@ -46,12 +46,24 @@ def surface_defects(mesh: TriangleMesh) -> dict[str, Any]:
     return found
 
 
+def corner_angles(mesh: TriangleMesh) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    """(m, 3) angles in degrees, and (m,) True at faces without area (three points in a line, or fewer).
+
+    From positions, not lengths: of a needle, lengths know the area only to 1e-8 of the longest side squared.
+    """
+    side = mesh.side_vector
+    longest = np.abs(side).max(axis=(1, 2), initial=0.0, keepdims=True)
+    side = np.divide(side, longest, out=np.zeros_like(side), where=longest > 0)
+    back = -side[:, [2, 0, 1]]
+    cross = np.cross(side[:, 0], back[:, 0])
+    double_area = np.sqrt(np.einsum("ij,ij->i", cross, cross))
+    dot = np.einsum("ijk,ijk->ij", side, back)
+    return np.degrees(np.arctan2(double_area[:, None], dot)), double_area <= NO_AREA
+
+
 def degenerate(mesh: TriangleMesh) -> NDArray[np.bool_]:
     """(m,) True at faces without area, relative to their longest side."""
-    length = mesh.side_length
-    longest = length.max(axis=1, initial=0.0, keepdims=True)
-    unit = np.divide(length, longest, out=np.zeros_like(length), where=longest > 0)
-    return face_area(unit) <= NO_AREA
+    return corner_angles(mesh)[1]
 
 
 def duplicates(rows: NDArray) -> NDArray[np.int64]:
@@ -60,7 +72,7 @@ def duplicates(rows: NDArray) -> NDArray[np.int64]:
         return np.zeros(0, dtype=np.int64)
     order = np.lexsort(rows.T)
     same = (rows[order][1:] == rows[order][:-1]).all(axis=1)
-    return np.sort(order[1:][same])
+    return np.sort(order[1:][same]).astype(np.int64)
 
 
 def coincident(points: NDArray, used: NDArray[np.bool_]) -> NDArray[np.int64]:
@@ -69,7 +81,7 @@ def coincident(points: NDArray, used: NDArray[np.bool_]) -> NDArray[np.int64]:
     _, index = merged_points(points[number])
     first = np.zeros(len(number), dtype=bool)
     first[np.unique(index, return_index=True)[1]] = True
-    return number[~first]
+    return number[~first].astype(np.int64)
 
 
 def orientation(mesh: TriangleMesh) -> str:
@@ -93,46 +105,48 @@ def component_volume(mesh: TriangleMesh) -> NDArray[np.float64]:
     corners = mesh.points[mesh.faces] - mesh.points[mesh.faces].mean(axis=(0, 1))
     corners = corners / (np.abs(corners).max(initial=0.0) or 1.0)
     count = np.bincount(label, minlength=mesh.topology.n_components)
-    centre = [np.bincount(label, weights=corners[:, :, k].mean(axis=1)) / np.maximum(count, 1) for k in range(3)]
+    centre = [
+        np.bincount(label, weights=corners[:, :, k].mean(axis=1)) / np.maximum(count, 1) for k in range(3)
+    ]
     corners = corners - np.stack(centre, axis=1)[label][:, None, :]
     volume = np.einsum("ij,ij->i", np.cross(corners[:, 0], corners[:, 1]), corners[:, 2]) / 6
-    return np.bincount(label, weights=volume)
+    return np.bincount(label, weights=volume).astype(np.float64)
 
 
 def triangle_quality(mesh: TriangleMesh) -> dict[str, Any]:
     """Angles, aspect and needle ratio of the faces that have area; None where there is none.
 
-    `aspect_ratio` is longest side / (2 sqrt(3) inradius), 1 for an equilateral triangle; `needle_ratio` longest /
-    shortest side. The histogram counts corners in bins of ten degrees.
+    `aspect_ratio` is longest side / (2 sqrt(3) inradius), 1 for an equilateral triangle; `needle_ratio`
+    longest / shortest side. The histogram counts corners in bins of ten degrees.
     """
-    good = ~degenerate(mesh)
+    angle, flat = corner_angles(mesh)
+    good = ~flat
     if not good.any():
         return {"min_angle_degrees": None, "max_angle_degrees": None}
-    length = mesh.side_length[good]
+    angle, length = angle[good], mesh.side_length[good]
     unit = length / length.max(axis=1, keepdims=True)
-    angle = np.degrees(corner_angle(unit))
-    smallest = angle.min(axis=1)
-    aspect = unit.sum(axis=1) / (4 * np.sqrt(3) * face_area(unit))
-    needle = 1 / unit.min(axis=1)
+    smallest, largest = angle.min(axis=1), angle.max(axis=1)
+    # area of a triangle from its longest side's two angles would cancel; sine of the largest angle does not
+    adjacent = unit.prod(axis=1) / unit.max(axis=1)
+    area = 0.5 * adjacent * np.sin(np.radians(largest))
+    aspect = unit.sum(axis=1) / (4 * np.sqrt(3) * area)
     return {
         "min_angle_degrees": smallest.min(),
-        "max_angle_degrees": angle.max(),
+        "max_angle_degrees": largest.max(),
         "mean_min_angle_degrees": smallest.mean(),
         "faces_below_5_degrees": int((smallest < 5).sum()),
-        "faces_above_120_degrees": int((angle.max(axis=1) > 120).sum()),
+        "faces_above_120_degrees": int((largest > 120).sum()),
         "angle_histogram": np.histogram(angle, bins=BINS)[0],
         "aspect_ratio_median": np.median(aspect),
         "aspect_ratio_max": aspect.max(),
-        "needle_ratio_max": needle.max(),
+        "needle_ratio_max": (1 / unit.min(axis=1)).max(),
     }
 
 
 def face_min_angle(mesh: TriangleMesh) -> NDArray[np.float64]:
     """(m,) smallest angle of each face in degrees; 0 where it has no area."""
-    length = mesh.side_length
-    longest = length.max(axis=1, initial=0.0, keepdims=True)
-    unit = np.divide(length, longest, out=np.ones_like(length), where=longest > 0)
-    return np.where(degenerate(mesh), 0.0, np.degrees(corner_angle(unit).min(axis=1, initial=180.0)))
+    angle, flat = corner_angles(mesh)
+    return np.where(flat, 0.0, angle.min(axis=1, initial=180.0))
 
 
 def size(points: NDArray, length: NDArray) -> dict[str, Any]:
@@ -153,7 +167,8 @@ def surface_size(mesh: TriangleMesh) -> dict[str, Any]:
     found = size(mesh.points[topology.referenced_vertex], vector_length(ends[:, 1] - ends[:, 0]))
     found["area"] = face_area(mesh.side_length).sum()
     if topology.is_closed and topology.is_oriented:
-        found["volume"] = enclosed_volume(mesh)
+        with np.errstate(over="ignore", invalid="ignore"):  # null, and told, where it leaves float64
+            found["volume"] = enclosed_volume(mesh)
     return found
 
 
@@ -163,7 +178,7 @@ def surface_marks(mesh: TriangleMesh) -> tuple[dict[str, NDArray], dict[str, NDA
     non_manifold = np.zeros(mesh.n_vertices, dtype=np.uint8)
     non_manifold[topology.nonmanifold_vertices] = 1
     non_manifold[topology.edges[topology.nonmanifold_edges]] = 1
-    vertex = {
+    vertex: dict[str, NDArray] = {
         "component": topology.vertex_component,
         "boundary": topology.boundary_vertex.astype(np.uint8),
         "non_manifold": non_manifold,
@@ -189,7 +204,10 @@ def dihedral_degrees(mesh: TetMesh) -> NDArray[np.float64]:
 def tetrahedra_quality(mesh: TetMesh) -> dict[str, Any]:
     """Dihedral angles, inverted and flat cells, and faces that more than two cells share."""
     volume = mesh.signed_volume
-    edge = mesh.points[mesh.tetrahedra][:, [0, 0, 0, 1, 1, 2]] - mesh.points[mesh.tetrahedra][:, [1, 2, 3, 2, 3, 3]]
+    edge = (
+        mesh.points[mesh.tetrahedra][:, [0, 0, 0, 1, 1, 2]]
+        - mesh.points[mesh.tetrahedra][:, [1, 2, 3, 2, 3, 3]]
+    )
     length = vector_length(edge)
     flat = np.abs(volume) <= NO_AREA * length.max(axis=1, initial=0.0) ** 3
     angle = dihedral_degrees(mesh)

@@ -15,9 +15,9 @@ from ddgcli.cli.run import Run
 def command(mesh_path: str, common: Common) -> None:
     """Say what MESH holds, how good it is, and which commands take it.
 
-    Counts, components, boundary loops, genus, orientation; angles and aspect of the cells; defects with the
-    numbers of the first few; size in the file's own unit; for every command `accepts`: yes, or why not and the
-    mend. Surfaces, tetrahedra and curves. Nothing is repaired.
+    Counts, components, boundary loops, genus, orientation; angles and aspect of the cells; defects with
+    the numbers of the first few; size in the file's own unit; for every command `accepts`: yes, or why
+    not and the mend. Surfaces, tetrahedra and curves. Nothing is repaired.
 
     -o writes the mesh with the arrays that show where: component, boundary, non_manifold (vertices) and
     min_angle_degrees (faces; of tetrahedra the smallest dihedral angle).
@@ -37,5 +37,9 @@ def command(mesh_path: str, common: Common) -> None:
     arrays = {"vertex": source.vertex, "face": source.face, "edge": source.edge}
     results = {**found.results, "arrays": {place: sorted(names) for place, names in arrays.items() if names}}
     run.write(AnnotatedMesh(source.mesh, vertex=found.vertex, face=found.face))
-    run.draw(source.mesh, found.shown, label=found.shown_name)
-    run.finish(results, found.accuracy)
+    if source.kind == "surface":
+        from ddgcli.plots.surface import draw_surface
+
+        shown = found.face["min_angle_degrees"]
+        run.plot(lambda path: draw_surface(path, source.mesh, shown, label="smallest angle [degrees]"))
+    run.finish(results, {})

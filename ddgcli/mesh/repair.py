@@ -10,7 +10,7 @@ from ddgcli.mesh.triangle_mesh import TriangleMesh
 
 
 def merged_points(points: NDArray) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Unique positions in order of first appearance, and the number in them of each point; equal means equal."""
+    """Unique positions in order of first appearance, and the number in them of each point."""
     points = np.asarray(points, dtype=np.float64) + 0.0  # -0 becomes 0
     if len(points) == 0:
         return points, np.zeros(0, dtype=np.int64)
@@ -54,6 +54,8 @@ def oriented(mesh: TriangleMesh) -> tuple[TriangleMesh, NDArray[np.bool_]]:
     """
     turn = mesh.topology.face_turn
     if turn is None:
-        raise MeshError("the surface is not orientable (a Moebius band is in it); it has no consistent orientation")
+        raise MeshError(
+            "the surface is not orientable (a Moebius band is in it); it has no consistent orientation"
+        )
     faces = np.where(turn[:, None], mesh.faces[:, ::-1], mesh.faces)
     return TriangleMesh.from_arrays(mesh.points, faces), turn

@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 from ddgcli.errors import MeshError
+from ddgcli.mesh.curve import CurveSet
+from ddgcli.mesh.tet_mesh import TetMesh
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 
 
@@ -45,3 +49,59 @@ def require(
             f"the surface has {topology.boundary_loops} boundary loops (first edge: vertices {a}-{b}); "
             f"{verb} needs a closed surface: fill the holes"
         )
+
+
+@dataclass(frozen=True)
+class Need:
+    """What a command asks of its mesh.
+
+    Parameters
+    ----------
+    kinds : tuple of str
+        Of 'surface', 'tetrahedra', 'curve'.
+    manifold, oriented, closed : bool
+        Of surfaces, and of the boundary of tetrahedra.
+    instead : str
+        Why no mesh is taken at all, where that is so.
+    """
+
+    kinds: tuple[str, ...] = ("surface",)
+    manifold: bool = False
+    oriented: bool = False
+    closed: bool = False
+    instead: str = ""
+
+
+# what `info` answers under `accepts`; tests hold each row against what the command does
+NEEDS = {
+    "info": Need(("surface", "tetrahedra", "curve")),
+    "curvature": Need(("surface", "curve")),
+    "delaunay": Need(manifold=True, oriented=True),
+    "laplacian": Need(),
+    "hodge": Need(("surface", "tetrahedra"), manifold=True, oriented=True),
+    "geodesic": Need(),
+    "shell-sim": Need(),
+    "fluid-sim": Need(manifold=True, oriented=True),
+    "willmore-flow": Need(manifold=True, oriented=True),
+    "tradeoff": Need(),
+    "frames": Need((), instead="it takes the trajectory of a simulation (.vtkhdf)"),
+    "check": Need((), instead="it takes a stored summary (.json)"),
+}
+
+
+def why_not(mesh: TriangleMesh | TetMesh | CurveSet, verb: str) -> str | None:
+    """Why a command will not take the mesh, with the mend; None where it will."""
+    need = NEEDS[verb]
+    if need.instead:
+        return need.instead
+    kind = {TetMesh: "tetrahedra", CurveSet: "curve"}.get(type(mesh), "surface")
+    if kind not in need.kinds:
+        return f"holds {'a ' * (kind == 'curve')}{kind}; it takes {' or '.join(need.kinds)}"
+    if kind == "curve" or verb == "info":
+        return None
+    surface = mesh.boundary if isinstance(mesh, TetMesh) else mesh
+    try:
+        require(surface, "it", manifold=need.manifold, oriented=need.oriented, closed=need.closed)  # type: ignore[arg-type]
+    except MeshError as error:
+        return str(error)
+    return None

@@ -1,0 +1,137 @@
+"""Every defective or extreme file through every command: an answer or one line, never more, never less.
+
+To bring a command in, add a row to COMMANDS.
+"""
+
+import json
+import math
+import signal
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from ddgcli.mesh.require import NEEDS
+
+SHARED = Path(__file__).parents[3] / "shared" / "meshes"
+HARD = SHARED / "hard"
+# command -> words after the input; each also gets an output and --json
+COMMANDS: dict[str, list[str]] = {
+    "info": [],
+    "curvature": [],
+}
+SECONDS = 30
+
+
+def hard_files() -> list[Path]:
+    names = sorted(p for p in HARD.glob("*") if p.suffix not in (".md", ".json")) if HARD.is_dir() else []
+    return names or [
+        pytest.param(Path("missing"), marks=pytest.mark.skip("../shared/meshes/hard is missing"))
+    ]
+
+
+def expectations() -> dict:
+    return json.loads((HARD / "EXPECT.json").read_text(encoding="utf-8")) if HARD.is_dir() else {}
+
+
+@pytest.fixture
+def limited():
+    """A limit on the time of a test, where the system has alarms."""
+
+    def stop(*_):
+        raise AssertionError(f"no answer within {SECONDS} s")
+
+    if not hasattr(signal, "SIGALRM"):
+        yield
+        return
+    before = signal.signal(signal.SIGALRM, stop)
+    signal.alarm(SECONDS)
+    yield
+    signal.alarm(0)
+    signal.signal(signal.SIGALRM, before)
+
+
+def assert_honest(result, path: Path, output: Path) -> None:
+    """Exit 0, 1 or 2; one line when refused, strict JSON otherwise; no NaN in what was written."""
+    assert result.exit_code in (0, 1, 2), result.stderr
+    assert "Traceback" not in result.stderr
+    assert "internal error" not in result.stderr
+    if result.exit_code == 2:
+        lines = result.stderr.splitlines()
+        assert len(lines) == 1, result.stderr
+        assert lines[0].startswith(f"Error: {path}: "), result.stderr
+        assert result.stdout == ""
+        assert not output.exists()
+        return
+    json.loads(result.stdout, parse_constant=lambda word: pytest.fail(f"{word} in the summary"))
+    with np.load(output) as archive:
+        for name in archive.files:
+            value = archive[name]
+            assert value.dtype.kind != "f" or not np.isnan(value).any(), f"NaN in {name}"
+
+
+@pytest.mark.parametrize("path", hard_files(), ids=lambda p: p.name)
+@pytest.mark.parametrize("command", COMMANDS)
+def test_hard_file(run, tmp_path, limited, command, path):
+    output = tmp_path / "out.npz"
+    result = run(command, path, *COMMANDS[command], "-o", output, "--json")
+    assert_honest(result, path, output)
+
+
+@pytest.mark.parametrize("name", expectations())
+def test_info_meets_what_is_known(run, limited, name):
+    expected = expectations()[name]
+    result = run("info", HARD / name, "--json")
+    wanted = {"ok": (0,), "error": (2,), "either": (0, 2)}[expected["load"]]
+    assert result.exit_code in wanted, result.stderr
+    if result.exit_code:
+        return
+    summary = json.loads(result.stdout)
+    facts = {**summary["input"], **summary["results"]}
+    said = {
+        "orientable": "orientable",
+        "consistent": "oriented",
+        "euler": "euler_characteristic",
+        "boundary_loops": "boundary_loops",
+        "components": "components",
+        "nonmanifold_edges": "nonmanifold_edges",
+        "nonmanifold_vertices": "nonmanifold_vertices",
+        "duplicate_faces": "duplicate_faces",
+        "coincident_vertices": "coincident_vertices",
+        "repeated_index_faces": "repeated_index_faces",
+        "unreferenced": "unreferenced_vertices",
+        "tets": "tetrahedra",
+    }
+    for key in expected.keys() - {"load", "what"}:
+        assert facts[said[key]] == expected[key], key
+
+
+@pytest.mark.parametrize("path", hard_files(), ids=lambda p: p.name)
+def test_accepts_is_what_the_commands_do(run, path, limited):
+    result = run("info", path, "--json")
+    if result.exit_code:
+        return
+    summary = json.loads(result.stdout)
+    accepts = summary["results"]["accepts"]
+    assert accepts.keys() == NEEDS.keys()
+    if summary["input"].get("faces") == 0:
+        return  # nothing to measure: an empty answer is as honest as a refusal
+    for command in COMMANDS.keys() - {"info"}:
+        refused = run(command, path, *COMMANDS[command]).exit_code == 2
+        assert refused == accepts[command].startswith("no: "), (command, accepts[command])
+
+
+def finite(value) -> bool:
+    if isinstance(value, dict):
+        return all(finite(v) for v in value.values())
+    if isinstance(value, list):
+        return all(finite(v) for v in value)
+    return not isinstance(value, float) or math.isfinite(value)
+
+
+def test_strict_json_has_no_constants(run):
+    if not HARD.is_dir():
+        pytest.skip("../shared/meshes/hard is missing")
+    for path in HARD.glob("gen_*scale*"):
+        result = run("info", path, "--json")
+        assert result.exit_code == 2 or finite(json.loads(result.stdout))
