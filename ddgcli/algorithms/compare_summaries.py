@@ -1,0 +1,98 @@
+"""Two summaries side by side: which numbers moved beyond a stated tolerance."""
+
+from __future__ import annotations
+
+import fnmatch
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+RTOL, ATOL = 1e-6, 1e-12
+ACCURACY_ATOL = 1e-9  # residuals are rounding noise below this
+# what differs from run to run, or names files
+VOLATILE = (
+    "seconds", "seconds.*", "*.seconds", "*_seconds", "*.share", "*peak_mib", "version", "input.path",
+    "outputs", "outputs*", "tolerances*",
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Tolerances:
+    """How far a number may move: |found - expected| <= atol + rtol |expected|.
+
+    Parameters
+    ----------
+    rtol, atol : float
+    accuracy_atol : float
+        Least `atol` below `accuracy`, where residuals live.
+    keys : mapping of str to mapping
+        `rtol` and `atol` of dotted names (`*` and `?` match as in a shell); the last match counts.
+    ignore : sequence of str
+        Dotted names left out, beside `VOLATILE`.
+    """
+
+    rtol: float = RTOL
+    atol: float = ATOL
+    accuracy_atol: float = ACCURACY_ATOL
+    keys: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    ignore: Sequence[str] = ()
+
+    def of(self, name: str) -> tuple[float, float]:
+        """(rtol, atol) of a dotted name."""
+        rtol, atol = self.rtol, self.atol
+        if name.startswith("accuracy."):
+            atol = max(atol, self.accuracy_atol)
+        for pattern, stated in self.keys.items():
+            if fnmatch.fnmatchcase(name, pattern):
+                rtol, atol = stated.get("rtol", rtol), stated.get("atol", atol)
+        return rtol, atol
+
+    def leaves_out(self, name: str) -> bool:
+        """Whether a dotted name is not compared."""
+        return any(fnmatch.fnmatchcase(name, pattern) for pattern in (*VOLATILE, *self.ignore))
+
+
+def flat(value: Any, name: str = "") -> Iterator[tuple[str, Any]]:
+    """(dotted name, leaf) of nested dicts and lists; an empty one is a leaf."""
+    if isinstance(value, dict) and value:
+        for key, inner in value.items():
+            yield from flat(inner, f"{name}.{key}" if name else str(key))
+    elif isinstance(value, list) and value:
+        for number, inner in enumerate(value):
+            yield from flat(inner, f"{name}[{number}]")
+    else:
+        yield name, value
+
+
+def compare(
+    expected: dict[str, Any], found: dict[str, Any], tolerances: Tolerances
+) -> tuple[list[dict[str, Any]], int]:
+    """What moved, and how many values were compared.
+
+    Returns
+    -------
+    moved : list of dict
+        `key`, `expected`, `found`, and for numbers `difference` and `allowed`; a value that one side has
+        not is given as the text 'missing'.
+    compared : int
+    """
+    before, after = dict(flat(expected)), dict(flat(found))
+    names = [name for name in {**before, **after} if not tolerances.leaves_out(name)]
+    moved = []
+    for name in names:
+        a, b = before.get(name, "missing"), after.get(name, "missing")
+        entry = {"key": name, "expected": a, "found": b}
+        if _number(a) and _number(b):
+            rtol, atol = tolerances.of(name)
+            allowed = atol + rtol * abs(a)
+            difference = abs(b - a)
+            if not difference <= allowed:
+                moved.append({**entry, "difference": difference, "allowed": allowed})
+        elif a != b or isinstance(a, bool) != isinstance(b, bool):
+            moved.append(entry)
+    return moved, len(names)
+
+
+def _number(value: Any) -> bool:
+    return isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)

@@ -1,0 +1,102 @@
+"""`check` sees what moved, and nothing else."""
+
+import json
+
+import pytest
+
+from ddgcli.algorithms.compare_summaries import Tolerances, compare
+from ddgcli.io.mesh_file import write_mesh
+from ddgcli.mesh import shapes
+from ddgcli.mesh.fields import AnnotatedMesh
+
+
+@pytest.fixture
+def stored(tmp_path, run):
+    mesh = tmp_path / "torus.ply"
+    write_mesh(str(mesh), AnnotatedMesh(shapes.torus(12, 8)))
+    expected = tmp_path / "torus.json"
+    result = run("check", expected, "--update", "--", "info", mesh)
+    assert result.exit_code == 0, result.stderr
+    return expected
+
+
+def edited(path, change):
+    content = json.loads(path.read_text())
+    change(content)
+    path.write_text(json.dumps(content))
+
+
+def test_the_same_run_has_not_moved(stored, summary):
+    found = summary("check", stored)
+    assert found["results"]["moved"] == []
+    assert found["results"]["compared"] > 20
+
+
+def test_a_moved_number_is_named_with_exit_1(stored, run):
+    edited(
+        stored,
+        lambda c: c["summary"]["results"]["size"].update(area=c["summary"]["results"]["size"]["area"] * 1.01),
+    )
+    result = run("check", stored, "--", "ddgcli", *json.loads(stored.read_text())["run"])
+    assert result.exit_code == 1
+    assert "results.size.area" in result.stdout
+    assert run("check", stored, "--rtol", 0.02).exit_code == 0
+    assert run("check", stored, "--ignore", "results.size.*").exit_code == 0
+    edited(stored, lambda c: c.update(tolerances={"keys": {"*.area": {"rtol": 0.02}}}))
+    assert run("check", stored).exit_code == 0
+
+
+def test_update_keeps_the_stated_tolerances(stored, run):
+    edited(stored, lambda c: c.update(tolerances={"rtol": 0.5}))
+    assert run("check", stored, "--update").exit_code == 0
+    assert json.loads(stored.read_text())["tolerances"] == {"rtol": 0.5}
+
+
+def test_a_plain_summary_is_taken(stored, run, tmp_path):
+    content = json.loads(stored.read_text())
+    plain = tmp_path / "plain.json"
+    plain.write_text(json.dumps(content["summary"]))
+    assert run("check", plain, "--", *content["run"]).exit_code == 0
+
+
+@pytest.mark.parametrize(
+    "content, says",
+    [
+        (None, "--update"),
+        ("{", "JSON"),
+        ("[]", "summary"),
+        ('{"summary": {}, "tolerances": {"rtl": 1}}', "rtl"),
+    ],
+)
+def test_a_bad_file_is_refused(tmp_path, run, content, says):
+    path = tmp_path / "e.json"
+    if content is not None:
+        path.write_text(content)
+    result = run("check", path, "--", "info", "x.ply")
+    assert result.exit_code == 2
+    assert says in result.stderr and len(result.stderr.splitlines()) == 1
+
+
+def test_a_refused_command_is_exit_2(stored, run):
+    result = run("check", stored, "--", "info", "nowhere.ply")
+    assert result.exit_code == 2
+    assert "nowhere.ply" in result.stderr and len(result.stderr.splitlines()) == 1
+
+
+def test_comparison():
+    moved, compared = compare(
+        {
+            "results": {"a": 1.0, "b": [1, 2], "c": True, "d": None},
+            "seconds": {"total": 1},
+            "accuracy": {"r": 1e-16},
+        },
+        {
+            "results": {"a": 1.0 + 1e-7, "b": [1, 3], "c": 1, "e": 2},
+            "seconds": {"total": 9},
+            "accuracy": {"r": 5e-15},
+        },
+        Tolerances(),
+    )
+    assert [m["key"] for m in moved] == ["results.b[1]", "results.c", "results.d", "results.e"]
+    assert moved[0]["difference"] == 1
+    assert compared == 7
