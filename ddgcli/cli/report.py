@@ -31,19 +31,23 @@ def plain(value: Any, missing: list[str] | None = None, name: str = "") -> Any:
     return str(value)
 
 
-def print_summary(summary: dict[str, Any], as_json: bool, err: bool = False) -> None:
+def print_summary(
+    summary: dict[str, Any], as_json: bool, err: bool = False, text: list[str] | None = None
+) -> None:
     """Print the summary on standard output, or on standard error where the result itself took that place."""
     if as_json:
         click.echo(json.dumps(summary, allow_nan=False, ensure_ascii=False))
         return
-    click.echo("\n".join(_lines(summary)), err=err)
+    click.echo("\n".join(_lines(summary, text)), err=err)
 
 
-def _lines(summary: dict[str, Any]) -> list[str]:
+def _lines(summary: dict[str, Any], text: list[str] | None = None) -> list[str]:
     lines = [f"{summary['command']} {summary['input'].get('path', '')}".rstrip()]
     for section in ("input", "results", "accuracy"):
         shown = {k: v for k, v in summary[section].items() if k != "path"}
-        if shown:
+        if section == "results" and text is not None:
+            lines += [section, *(f"  {line}".rstrip() for line in text)]
+        elif shown:
             lines += [section, *_block(shown, "  ")]
     seconds = summary["seconds"]
     lines.append("seconds  " + ", ".join(f"{k} {seconds[k]:.3g}" for k in seconds))

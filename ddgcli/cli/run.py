@@ -238,8 +238,18 @@ class Run:
                 draw(partial)
             self.outputs.append(self.common.plot)
 
-    def finish(self, results: dict[str, Any], accuracy: dict[str, Any], *, converged: bool = True) -> None:
-        """Print the summary; exit 1 when the run did not reach what was asked."""
+    def finish(
+        self,
+        results: dict[str, Any],
+        accuracy: dict[str, Any],
+        *,
+        converged: bool = True,
+        text: list[str] | None = None,
+    ) -> None:
+        """Print the summary; exit 1 when the run did not reach what was asked.
+
+        `text` takes the place of the results where people read them.
+        """
         if self._progress is not None:
             self._progress.clear()
         if not converged:
@@ -262,7 +272,7 @@ class Run:
         read, write = self.seconds["read"], self.seconds["write"]
         body["seconds"] = {"read": read, "compute": total - read - write, "write": write, "total": total}
         body |= {"warnings": list(self._collector.warnings), "outputs": list(self.outputs)}
-        print_summary(body, self.common.as_json, err="-" in self.outputs)
+        print_summary(body, self.common.as_json, err="-" in self.outputs, text=text)
         if not converged:
             self._context.exit(1)
 

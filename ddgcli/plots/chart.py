@@ -55,7 +55,7 @@ def draw_chart(
         Join the points of a series by a line.
     """
     with page(path, width, height, dpi) as figure:
-        axes = figure.add_axes((0.11, 0.15, 0.64 if len(series) > 1 else 0.85, 0.75))
+        axes = figure.add_axes((0.11, 0.18, 0.64 if len(series) > 1 else 0.85, 0.73))
         kept = {name: _drawable(x, y, log) for name, (x, y) in series.items()}
         axes.set_xscale("log" if "x" in log else "linear")
         axes.set_yscale("log" if "y" in log else "linear")
@@ -76,7 +76,7 @@ def draw_chart(
         axes.spines[["top", "right"]].set_visible(False)
         if len(series) > 1:
             axes.legend(loc="center left", bbox_to_anchor=(1.02, 0.5), frameon=False, handlelength=3.2)
-        figure.text(0.02, 0.02, caption, ha="left", va="center", fontsize=7.5, color="0.35")
+        figure.text(0.02, 0.01, caption, ha="left", va="bottom", fontsize=7.5, color="0.35")
 
 
 def _drawable(x: ArrayLike, y: ArrayLike, log: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -1,0 +1,126 @@
+"""`ddgcli tradeoff`."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+import click
+
+from ddgcli.cli import options
+from ddgcli.cli.options import Common
+from ddgcli.cli.run import Run
+
+COMMANDS = ("curvature", "delaunay", "laplacian", "geodesic", "shell-sim", "fluid-sim", "willmore-flow")
+
+
+@click.command("tradeoff")
+@click.argument("compared", metavar="COMMAND", type=click.Choice(COMMANDS))
+@click.argument("input_path", metavar="INPUT", type=click.Path())
+@click.option("--within", type=options.POSITIVE, metavar="ERROR", help="Name the cheapest row within.")
+@click.option(
+    "--norm",
+    type=click.Choice(["max", "mean"]),
+    default="max",
+    show_default=True,
+    help="The error that --within and the front speak of.",
+)
+@click.option("--truth", metavar="SHAPE", help="Known truth: sphere:R, torus:R,r, ellipsoid:a,b,c ...")
+@click.option(
+    "--budget",
+    type=options.POSITIVE,
+    metavar="SECONDS",
+    help="Time for everything.",
+)
+@click.option(
+    "--repeat", type=click.IntRange(min=1), default=5, show_default=True, help="Timed queries a row."
+)
+@click.option("--source", type=int, multiple=True, metavar="ID", help="geodesic: source vertex.")
+@click.option("--eigen", type=click.IntRange(min=1), metavar="K", help="laplacian: eigenvalues compared.")
+@options.common
+def command(
+    compared: str,
+    input_path: str,
+    within: float | None,
+    norm: str,
+    truth: str | None,
+    budget: float | None,
+    repeat: int,
+    source: tuple[int, ...],
+    eigen: int | None,
+    common: Common,
+) -> None:
+    """Show what accuracy costs in time: the methods of COMMAND on INPUT, error against seconds.
+
+    Every method runs with several settings of its dials against the most accurate one that is affordable, or
+    against a known truth. Rows marked * are beaten by no other in both time and error.
+
+    \b
+    Examples:
+      ddgcli tradeoff geodesic bunny.ply --source 5 --within 1e-3
+      ddgcli tradeoff curvature sphere.ply --truth sphere:1 --plot tradeoff.png
+
+    See docs/tradeoff.md, and docs/accuracy/ for the same pictures on known truths.
+    """
+    run = Run(
+        "tradeoff",
+        common,
+        formats=(".csv", ".json"),
+        compared=compared,
+        within=within,
+        norm=norm,
+        truth=truth,
+        budget=budget,
+        repeat=repeat,
+        source=list(source),
+        eigen=eigen,
+    )
+    mesh = run.read(input_path).mesh
+
+    from ddgcli.tradeoff.front import give_verdicts
+    from ddgcli.tradeoff.measure import run_problem
+    from ddgcli.tradeoff.problems.table import mesh_problem
+    from ddgcli.tradeoff.report import results_of, text_table
+    from ddgcli.tradeoff.truths import parse_truth
+
+    known = parse_truth(truth, mesh.points) if truth else None
+    problem = mesh_problem(compared, mesh, source=source, eigen=eigen, truth=known)
+    table = run_problem(problem, repeat=repeat, budget=budget, progress=run.progress("tradeoff"))
+    chosen = give_verdicts(table, within, norm)
+    results = results_of(table, problem, compared, input_path, chosen=chosen, within=within, norm=norm)
+    write(run, results)
+    run.plot(lambda path: draw(path, table, results, within))
+    run.finish(
+        results,
+        {"reference_uncertainty": results["reference_uncertainty"]},
+        converged=within is None or chosen is not None,
+        text=text_table(table, problem, results),
+    )
+    if table.interrupted:
+        click.get_current_context().exit(130)
+
+
+def write(run: Run, results: dict[str, Any]) -> None:
+    """The rows as CSV, or all results as JSON, to every -o."""
+    from ddgcli.cli.report import plain
+    from ddgcli.tradeoff.report import csv_of
+
+    for path in run.common.outputs:
+        as_json = (run.common.output_format or path).endswith("json")
+        data = json.dumps(plain(results), indent=1).encode() + b"\n" if as_json else csv_of(results["rows"])
+        run.write_bytes(path, data)
+
+
+def draw(path: str, table: Any, results: dict[str, Any], within: float | None) -> None:
+    """Error against seconds, one line a method, dial values at the points, the front ringed."""
+    from ddgcli.plots.chart import draw_chart
+    from ddgcli.tradeoff.report import chart_of
+
+    draw_chart(
+        path,
+        **chart_of(table.rows, results["norm"], within, results["reference_uncertainty"]),
+        xlabel="seconds (set-up and one query)",
+        ylabel=f"error, relative to {results['error_scale']}",
+        log="xy",
+        caption=f"Reference: {results['reference']}. Rings: no other row beats it.\n{results['machine']}",
+    )

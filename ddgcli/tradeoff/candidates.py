@@ -1,0 +1,163 @@
+"""What is compared: candidates with dials, references with their uncertainty, and the rows that come out."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """One configuration of one method.
+
+    Attributes
+    ----------
+    method : str
+        Line in the picture.
+    parameters : dict
+        Values of its dials.
+    setup : callable
+        What is paid once; its result is handed to `solve`.
+    solve : callable
+        One query: the answer, in the form that the problem's reference has.
+    options : str
+        Options of the command that run this configuration.
+    work : float
+        Guess of the seconds of set-up and one query; only ratios matter once one candidate has run.
+    """
+
+    method: str
+    parameters: dict[str, Any]
+    setup: Callable[[], Any]
+    solve: Callable[[Any], NDArray]
+    options: str
+    work: float = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class Reference:
+    """The answer that errors are measured against.
+
+    Attributes
+    ----------
+    name : str
+        What it is: "known truth: ...", "exact polyhedral distance", "Richardson limit of ...".
+    values : ndarray
+    uncertainty : float
+        Bound or estimate of its own relative error, on the scale of the rows.
+    known : bool
+        True for an analytic truth.
+    """
+
+    name: str
+    values: NDArray
+    uncertainty: float
+    known: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """One question, several ways to answer it.
+
+    Attributes
+    ----------
+    candidates : sequence of Candidate
+        Cheap ones first.
+    references : sequence of (work, callable)
+        From the most accurate to the cheapest; the first that the budget can pay is taken.
+    error : callable
+        (answer, reference values) -> (k,) relative errors, one a vertex, eigenvalue, ...
+    error_scale : str
+        What errors are relative to.
+    place : str
+        What the index of the largest error counts ("vertex", "eigenvalue").
+    query : str
+        What one `seconds` pays for ("source", "run", "step").
+    left_out : tuple of (str, str)
+        Configurations that cannot run on this input, and why.
+    """
+
+    candidates: Sequence[Candidate]
+    references: Sequence[tuple[float, Callable[[], Reference]]]
+    error: Callable[[NDArray, NDArray], NDArray]
+    error_scale: str
+    place: str = "vertex"
+    query: str = "run"
+    left_out: tuple[tuple[str, str], ...] = ()
+
+
+@dataclass
+class Row:
+    """Cost and error of one candidate, as measured."""
+
+    method: str
+    parameters: dict[str, Any]
+    setup_seconds: float
+    seconds: float
+    seconds_spread: tuple[float, float]
+    repeats: int
+    peak_mib: float
+    max_error: float
+    max_error_at: int
+    mean_error: float
+    options: str
+    on_front: bool = False
+    verdict: str = ""
+
+    @property
+    def total_seconds(self) -> float:
+        """Set-up and one query."""
+        return self.setup_seconds + self.seconds
+
+    def error(self, norm: str = "max") -> float:
+        """The error that `--within` speaks of."""
+        return self.max_error if norm == "max" else self.mean_error
+
+    @property
+    def label(self) -> str:
+        """Method and dials in a few words."""
+        dials = " ".join(
+            f"{k}={v:g}" if isinstance(v, float) else f"{k}={v}" for k, v in self.parameters.items()
+        )
+        return f"{self.method} {dials}".strip()
+
+
+@dataclass
+class Table:
+    """All rows of a problem and what is to be said of them."""
+
+    rows: list[Row] = field(default_factory=list)
+    reference: Reference | None = None
+    left_out: list[tuple[str, str]] = field(default_factory=list)
+    interrupted: bool = False
+
+
+def relative_to_largest(answer: NDArray, truth: NDArray) -> NDArray[np.float64]:
+    """|answer - truth| over the largest |truth|, where that is finite; an answer that is not counts inf."""
+    finite = np.isfinite(truth)
+    scale = np.abs(truth[finite]).max(initial=0.0) or 1.0
+    error = np.zeros(len(truth))
+    with np.errstate(invalid="ignore"):
+        error[finite] = np.nan_to_num(np.abs(answer[finite] - truth[finite]) / scale, nan=np.inf)
+    return error
+
+
+def relative_to_rms(answer: NDArray, truth: NDArray) -> NDArray[np.float64]:
+    """|answer - truth| over the root mean square of the truth, leaving out entries without a truth."""
+    finite = np.isfinite(truth)
+    scale = float(np.sqrt(np.mean(truth[finite] ** 2))) or 1.0
+    error = np.zeros(len(truth))
+    with np.errstate(invalid="ignore"):
+        error[finite] = np.nan_to_num(np.abs(answer[finite] - truth[finite]) / scale, nan=np.inf)
+    return error
+
+
+def relative_to_each(answer: NDArray, truth: NDArray) -> NDArray[np.float64]:
+    """|answer - truth| over |truth|, entry by entry; entries whose truth is zero count absolutely."""
+    scale = np.where(truth == 0, 1.0, np.abs(truth))
+    with np.errstate(invalid="ignore"):
+        return np.nan_to_num(np.abs(answer - truth) / scale, nan=np.inf)

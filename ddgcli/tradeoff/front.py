@@ -1,0 +1,70 @@
+"""What a table says: which rows no other beats, the cheapest within an error, where a set-up pays off."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from ddgcli.tradeoff.candidates import Row, Table
+
+
+def mark_front(rows: list[Row], norm: str = "max") -> None:
+    """Set `on_front` of the rows that no other row beats in both total seconds and error."""
+    best = math.inf
+    for row in sorted(rows, key=lambda r: (r.total_seconds, r.error(norm))):
+        row.on_front = row.error(norm) < best
+        best = min(best, row.error(norm))
+
+
+def cheapest_within(rows: list[Row], within: float, norm: str = "max") -> Row | None:
+    """The row of least total seconds whose measured error is at most `within`; None where no row is."""
+    good = [row for row in rows if row.error(norm) <= within]
+    return min(good, key=lambda r: r.total_seconds) if good else None
+
+
+def give_verdicts(table: Table, within: float | None, norm: str = "max") -> Row | None:
+    """Write every row's verdict; returns the cheapest row within the error asked for."""
+    mark_front(table.rows, norm)
+    chosen = cheapest_within(table.rows, within, norm) if within is not None else None
+    floor = table.reference.uncertainty if table.reference else 0.0
+    for row in table.rows:
+        if row is chosen:
+            row.verdict = f"cheapest within {within:g}"
+        elif within is not None and row.error(norm) > within:
+            row.verdict = f"misses {within:g}"
+        elif row.on_front:
+            row.verdict = "no other beats it"
+        else:
+            row.verdict = f"beaten by {_beater(row, table.rows, norm).label}"
+        if row.error(norm) <= floor:
+            row.verdict += "; as exact as the reference can tell"
+    return chosen
+
+
+def _beater(row: Row, rows: list[Row], norm: str) -> Row:
+    better = [
+        r
+        for r in rows
+        if r is not row and r.total_seconds <= row.total_seconds and r.error(norm) <= row.error(norm)
+    ]
+    return min(better, key=lambda r: r.total_seconds)
+
+
+def break_even(rows: list[Row], norm: str = "max") -> list[dict[str, Any]]:
+    """From how many queries a set-up pays off, against a row of less set-up that is as accurate."""
+    found = []
+    for row in rows:
+        rivals = [
+            r
+            for r in rows
+            if r.error(norm) <= row.error(norm) * (1 + 1e-9)
+            and r.setup_seconds < row.setup_seconds
+            and r.seconds > row.seconds
+        ]
+        if not rivals:
+            continue
+        rival = min(rivals, key=lambda r: r.seconds)
+        count = math.ceil((row.setup_seconds - rival.setup_seconds) / (rival.seconds - row.seconds))
+        if count > 1:  # below, the set-up costs nothing worth a remark
+            found.append({"row": row.label, "against": rival.label, "queries": count})
+    return found

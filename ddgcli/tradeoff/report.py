@@ -1,0 +1,156 @@
+"""The table as results, as CSV, and as the series of its picture."""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+import platform
+from typing import Any
+
+from ddgcli.tradeoff.candidates import Problem, Row, Table
+from ddgcli.tradeoff.front import break_even
+
+COLUMNS = (
+    "method", "parameters", "setup_seconds", "seconds", "seconds_low", "seconds_high", "repeats", "peak_mib",
+    "max_error", "max_error_at", "mean_error", "on_front", "verdict", "command",
+)  # fmt: skip
+
+
+def results_of(
+    table: Table,
+    problem: Problem,
+    command: str,
+    source: str,
+    *,
+    chosen: Row | None,
+    within: float | None,
+    norm: str,
+) -> dict[str, Any]:
+    """The `results` block of the summary."""
+    reference = table.reference
+    return {
+        "rows": [row_of(row, command, source) for row in table.rows],
+        "reference": reference.name if reference else None,
+        "reference_uncertainty": reference.uncertainty if reference else None,
+        "error_scale": problem.error_scale,
+        "error_place": problem.place,
+        "query": problem.query,
+        "norm": norm,
+        "within": within,
+        "chosen": row_of(chosen, command, source) if chosen else None,
+        "break_even": break_even(table.rows, norm),
+        "left_out": [{"row": name, "why": why} for name, why in table.left_out],
+        "interrupted": table.interrupted,
+        "machine": machine(),
+    }
+
+
+def row_of(row: Row, command: str, source: str) -> dict[str, Any]:
+    """One row as plain data; numbers that do not exist are None."""
+    low, high = row.seconds_spread
+    return {
+        "method": row.method,
+        "parameters": row.parameters,
+        "setup_seconds": row.setup_seconds,
+        "seconds": row.seconds,
+        "seconds_low": low,
+        "seconds_high": high,
+        "repeats": row.repeats,
+        "peak_mib": row.peak_mib if math.isfinite(row.peak_mib) else None,
+        "max_error": row.max_error if math.isfinite(row.max_error) else None,
+        "max_error_at": row.max_error_at,
+        "mean_error": row.mean_error if math.isfinite(row.mean_error) else None,
+        "on_front": row.on_front,
+        "verdict": row.verdict,
+        "command": f"ddgcli {command} {source} {row.options}".strip(),
+    }
+
+
+def csv_of(rows: list[dict[str, Any]]) -> bytes:
+    """The rows as CSV, one line each; dials as `name=value` joined by spaces."""
+    text = io.StringIO()
+    writer = csv.DictWriter(text, COLUMNS, lineterminator="\n")
+    writer.writeheader()
+    for row in rows:
+        dials = " ".join(f"{k}={v}" for k, v in row["parameters"].items())
+        writer.writerow({**row, "parameters": dials})
+    return text.getvalue().encode()
+
+
+def machine() -> str:
+    """Machine and versions in a line, for captions."""
+    import os
+
+    import numpy
+    import scipy
+
+    from ddgcli import __version__
+
+    return (
+        f"{platform.machine()}, {os.cpu_count()} cores, {platform.system()}, ddgcli {__version__}, "
+        f"Python {platform.python_version()}, numpy {numpy.__version__}, scipy {scipy.__version__}"
+    )
+
+
+def text_table(table: Table, problem: Problem, results: dict[str, Any]) -> list[str]:
+    """The rows for people, cheapest first, and what is to be said below them; `*` marks the front."""
+    header = ("", "method", "set-up", f"each {problem.query}", "max error", "mean error", "memory", "verdict")
+    body = [header, *map(_cells, sorted(table.rows, key=lambda r: r.total_seconds))]
+    widths = [max(len(line[k]) for line in body) for k in range(len(header))]
+    lines = ["  ".join(cell.ljust(w) for cell, w in zip(line, widths)).rstrip() for line in body]
+    return [*lines, *_remarks(results)]
+
+
+def _cells(row: Row) -> tuple[str, ...]:
+    low, high = row.seconds_spread
+    return (
+        "*" if row.on_front else "",
+        row.label,
+        f"{row.setup_seconds:.3g} s",
+        f"{row.seconds:.3g} s ({low:.2g}..{high:.2g})",
+        f"{row.max_error:.2e}",
+        f"{row.mean_error:.2e}",
+        f"{row.peak_mib:.0f} MiB" if math.isfinite(row.peak_mib) else "-",
+        row.verdict,
+    )
+
+
+def _remarks(results: dict[str, Any]) -> list[str]:
+    lines = [
+        f"errors relative to {results['error_scale']}",
+        f"reference: {results['reference']}, itself within {results['reference_uncertainty'] or 0:.1e}",
+    ]
+    lines += [
+        f"pays off: {pair['row']} beats {pair['against']} from {pair['queries']} queries"
+        for pair in results["break_even"]
+    ]
+    lines += [f"left out: {one['row']}: {one['why']}" for one in results["left_out"]]
+    if results["within"] is not None:
+        chosen = results["chosen"]
+        lines.append(f"run: {chosen['command']}" if chosen else f"no row is within {results['within']:g}")
+    return lines
+
+
+def chart_of(rows: list[Row], norm: str, within: float | None, floor: float) -> dict[str, Any]:
+    """What `draw_chart` needs: a series a method, its dials as labels, the front ringed.
+
+    Errors below `floor`, the uncertainty of the reference, are drawn there.
+    """
+    lines: dict[str, list[Row]] = {}
+    for row in rows:
+        lines.setdefault(row.method, []).append(row)
+    seconds = [row.total_seconds for row in rows]
+    series = {
+        name: ([r.total_seconds for r in line], [max(r.error(norm), floor) for r in line])
+        for name, line in lines.items()
+    }
+    if within is not None and seconds:
+        series[f"within {within:g}"] = ([min(seconds), max(seconds)], [within, within])
+    labels = {name: [_dials(row) for row in line] for name, line in lines.items()}
+    ringed = {name: [k for k, row in enumerate(line) if row.on_front] for name, line in lines.items()}
+    return {"series": series, "labels": labels, "ringed": ringed}
+
+
+def _dials(row: Row) -> str:
+    return " ".join(f"{v:g}" if isinstance(v, float) else str(v) for v in row.parameters.values())

@@ -1,0 +1,28 @@
+"""Limits of refined answers, with the uncertainty that the refinements themselves show."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+def richardson_limit(coarse: NDArray, middle: NDArray, fine: NDArray) -> tuple[NDArray, NDArray]:
+    """Limit of three answers on meshes each twice as fine as the last, and the uncertainty of each entry.
+
+    Parameters
+    ----------
+    coarse, middle, fine : (k,) ndarray
+
+    Returns
+    -------
+    limit : (k,) ndarray
+        Aitken's extrapolation with each entry's own observed rate, held between 0.5 and 4 powers of h.
+    uncertainty : (k,) ndarray
+        How far the limit lies from the finest answer: the extrapolation itself is not trusted beyond.
+    """
+    first, second = middle - coarse, fine - middle
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ratio = np.where(second != 0, np.abs(first / second), 4.0)
+    ratio = np.clip(np.where(np.isfinite(ratio), ratio, 4.0), 2**0.5, 2**4)
+    limit = fine + second / (ratio - 1.0)
+    return limit, np.abs(limit - fine)

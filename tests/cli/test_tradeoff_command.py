@@ -1,0 +1,102 @@
+"""`ddgcli tradeoff`: errors re-derived independently, references that know their own error."""
+
+import json
+
+import numpy as np
+import pytest
+
+from ddgcli.io.mesh_file import write_mesh
+from ddgcli.mesh import shapes
+from ddgcli.mesh.fields import AnnotatedMesh
+from ddgcli.tradeoff.problems import delaunay, laplacian
+
+
+@pytest.fixture
+def sphere(tmp_path):
+    path = tmp_path / "sphere.ply"
+    write_mesh(str(path), AnnotatedMesh(shapes.random_sphere(300)))
+    return path
+
+
+def rows_of(found):
+    return {(r["method"], *r["parameters"].values()): r for r in found["results"]["rows"]}
+
+
+def test_geodesic_errors_are_those_of_a_peer(sphere, tmp_path, summary):
+    pygeodesic = pytest.importorskip("pygeodesic.geodesic")
+    found = summary("tradeoff", "geodesic", sphere, "--source", 7, "--repeat", 1)
+    mesh = shapes.random_sphere(300)
+    algorithm = pygeodesic.PyGeodesicAlgorithmExact(mesh.points, mesh.faces.astype(np.int32))
+    exact, _ = algorithm.geodesicDistances(np.array([7]), None)
+    out = tmp_path / "d.npz"
+    rows = rows_of(found)
+    for key, words in (
+        (("dijkstra",), ["--method", "dijkstra"]),
+        (("exact", 0.0), []),
+    ):
+        summary("geodesic", sphere, "--source", 7, *words, "-o", out)
+        with np.load(out, allow_pickle=False) as arrays:
+            error = np.abs(arrays["geodesic_distance"] - exact) / exact.max()
+        assert rows[key]["max_error"] == pytest.approx(error.max(), rel=1e-6, abs=1e-12)
+        assert rows[key]["mean_error"] == pytest.approx(error.mean(), rel=1e-6, abs=1e-12)
+
+
+def test_laplacian_errors_are_those_of_another_eigensolver(sphere, summary):
+    from scipy.sparse.linalg import eigsh
+
+    from ddgcli.operators.laplacian import lumped_mass, stiffness
+
+    found = summary("tradeoff", "laplacian", sphere, "--truth", "sphere:1", "--eigen", 9, "--repeat", 1)
+    mesh = shapes.random_sphere(300)
+    values = eigsh(stiffness(mesh), 9, lumped_mass(mesh), sigma=-0.1, return_eigenvectors=False)
+    known = np.array([0, 2, 2, 2, 6, 6, 6, 6, 6.0])
+    error = np.abs(np.sort(values) - known) / np.where(known == 0, 1, known)
+    row = rows_of(found)["cotan", "lumped"]
+    assert row["max_error"] == pytest.approx(error.max(), rel=1e-6)
+    assert row["max_error_at"] == int(error.argmax())
+
+
+def test_the_reference_covers_its_own_error_on_a_square():
+    """Neumann eigenvalues pi^2 (m^2 + n^2), and a Poisson problem with a cubic solution."""
+    mesh = shapes.grid(12, 12, pattern="alternating")
+    reference = laplacian.problem(mesh, eigen=8).references[0][1]()
+    known = np.sort([np.pi**2 * (m**2 + n**2) for m in range(4) for n in range(4)])[:8]
+    error = np.abs(reference.values - known) / np.where(known == 0, 1, known)
+    assert 0 < error.max() <= reference.uncertainty < 0.02
+
+    wide = shapes.grid(24, 8, width=2.0, pattern="alternating")
+    reference = delaunay.problem(wide).references[0][1]()
+    x = (wide.points[:, 0] - 1.0) / 2.0
+    known = -4.0 * x**3 / 6.0 + x / 2.0
+    known -= known.mean()
+    error = np.abs(reference.values - known).max() / np.abs(known).max()
+    assert error <= reference.uncertainty < 0.01
+
+
+def test_within_prints_the_command_and_misses_are_exit_1(sphere, run, summary):
+    found = summary("tradeoff", "geodesic", sphere, "--within", "1e-2", "--repeat", 1)
+    chosen = found["results"]["chosen"]
+    assert chosen["max_error"] <= 1e-2 and chosen["command"].startswith("ddgcli geodesic")
+    miss = run("tradeoff", "laplacian", sphere, "--truth", "sphere:1", "--within", "1e-9", "--repeat", 1)
+    assert miss.exit_code == 1 and "no row is within" in miss.stdout
+
+
+def test_files_for_pipelines(sphere, tmp_path, summary):
+    outs = [tmp_path / "t.csv", tmp_path / "t.json", tmp_path / "t.png"]
+    summary("tradeoff", "delaunay", sphere, "--repeat", 1, "-o", outs[0], "-o", outs[1], "--plot", outs[2])
+    assert all(out.stat().st_size > 100 for out in outs)
+    rows = json.loads(outs[1].read_text())["rows"]
+    assert len(outs[0].read_text().splitlines()) == len(rows) + 1
+
+
+@pytest.mark.parametrize(
+    "words, part",
+    [
+        (["--truth", "sphere:3"], "off the sphere"),
+        (["--truth", "torus:1,2"], "torus"),
+        (["--within", "0"], "0"),
+    ],
+)
+def test_bad_calls(sphere, run, words, part):
+    result = run("tradeoff", "geodesic", sphere, *words)
+    assert result.exit_code == 2 and part in result.stderr and result.stderr.count("\n") == 1

@@ -1,0 +1,144 @@
+"""The table ranks planted candidates where they belong, and keeps its budget."""
+
+import time
+
+import numpy as np
+import pytest
+
+from ddgcli.errors import ParameterError, SolveError
+from ddgcli.mesh import shapes
+from ddgcli.tradeoff.candidates import Candidate, Problem, Reference, relative_to_largest
+from ddgcli.tradeoff.front import break_even, cheapest_within, give_verdicts
+from ddgcli.tradeoff.measure import run_problem
+from ddgcli.tradeoff.report import csv_of, results_of
+from ddgcli.tradeoff.truths import SHAPES, ellipsoid, parse_truth
+
+TRUTH = np.linspace(1.0, 2.0, 11)
+
+
+def planted(name: str, error: float, seconds: float, setup: float = 0.0, work: float = 0.0) -> Candidate:
+    """A candidate that sleeps, and errs at entry 3 by `error` of the largest value."""
+
+    def solve(_):
+        time.sleep(seconds)
+        answer = TRUTH.copy()
+        answer[3] += error * TRUTH.max()
+        return answer
+
+    return Candidate(name, {}, lambda: time.sleep(setup), solve, f"--method {name}", work)
+
+
+def problem(*candidates: Candidate) -> Problem:
+    reference = Reference("the truth", TRUTH, 1e-15, known=True)
+    return Problem(candidates, [(0.0, lambda: reference)], relative_to_largest, "the largest value")
+
+
+def test_planted_candidates_are_ranked_where_they_belong():
+    table = run_problem(
+        problem(
+            planted("rough", 1e-1, 0.001),
+            planted("good", 1e-4, 0.01),
+            planted("slow", 1e-4, 0.04),
+            planted("wrong", 1e-2, 0.04),
+        ),
+        repeat=2,
+    )
+    chosen = give_verdicts(table, 1e-3)
+    rows = {row.method: row for row in table.rows}
+    assert {name for name, row in rows.items() if row.on_front} == {"rough", "good"}
+    assert chosen is rows["good"]
+    assert rows["wrong"].verdict == "misses 0.001"
+    assert rows["slow"].verdict.startswith("beaten by good")
+    assert rows["good"].max_error == pytest.approx(1e-4) and rows["good"].max_error_at == 3
+    assert rows["good"].mean_error == pytest.approx(1e-4 / 11)
+    assert rows["slow"].seconds > 3 * rows["good"].seconds
+
+
+@pytest.mark.parametrize("within", [1e-5, 2e-4, 0.05, 1.0])
+@pytest.mark.parametrize("norm", ["max", "mean"])
+def test_within_never_names_a_row_above(within, norm):
+    table = run_problem(problem(*(planted(f"m{k}", 10.0**-k, 0.001) for k in range(5))), repeat=1)
+    chosen = cheapest_within(table.rows, within, norm)
+    assert chosen is None or chosen.error(norm) <= within
+    assert (chosen is None) == all(row.error(norm) > within for row in table.rows)
+
+
+def test_an_answer_that_is_not_finite_is_never_within():
+    bad = Candidate("nan", {}, lambda: None, lambda _: np.full(11, np.nan), "", 0.0)
+    table = run_problem(problem(bad), repeat=1)
+    assert cheapest_within(table.rows, 1e9) is None
+
+
+def test_set_up_pays_off_after_the_right_number_of_queries():
+    table = run_problem(
+        problem(planted("direct", 1e-3, 0.02), planted("factored", 1e-3, 0.002, setup=0.05)), repeat=3
+    )
+    (pair,) = break_even(table.rows)
+    assert pair["row"] == "factored" and pair["against"] == "direct"
+    assert 2 <= pair["queries"] <= 5
+
+
+def test_the_budget_leaves_out_what_it_cannot_pay():
+    began = time.perf_counter()
+    table = run_problem(
+        problem(planted("a", 1e-1, 0.01, work=0.01), planted("b", 1e-2, 30.0, work=30.0)), budget=2.0
+    )
+    assert time.perf_counter() - began < 2.0
+    assert [row.method for row in table.rows] == ["a"]
+    (left,) = table.left_out
+    assert left[0] == "b" and "estimated" in left[1]
+
+
+def test_a_candidate_that_fails_is_left_out_and_told():
+    def fail(_):
+        raise SolveError("did not converge")
+
+    table = run_problem(problem(Candidate("x", {}, lambda: None, fail, ""), planted("a", 0.0, 0.0)), repeat=1)
+    assert table.left_out == [("x", "did not converge")]
+    assert [row.method for row in table.rows] == ["a"]
+
+
+def test_an_interrupt_keeps_the_rows_so_far():
+    def interrupt(_):
+        raise KeyboardInterrupt
+
+    table = run_problem(
+        problem(planted("a", 0.0, 0.0), Candidate("b", {}, lambda: None, interrupt, "")), repeat=1
+    )
+    assert table.interrupted and [row.method for row in table.rows] == ["a"]
+
+
+def test_memory_of_a_run_is_seen():
+    size = 30 * 2**20
+
+    def hungry(_):
+        block = np.ones(size // 8)
+        return TRUTH + 0 * block[0]
+
+    table = run_problem(problem(Candidate("hungry", {}, lambda: None, hungry, "")), repeat=1)
+    assert 25 < table.rows[0].peak_mib < 60
+
+
+def test_csv_holds_every_row():
+    table = run_problem(problem(planted("a", 0.1, 0.0), planted("b", 0.0, 0.001)), repeat=1)
+    give_verdicts(table, None)
+    results = results_of(table, problem(), "geodesic", "m.ply", chosen=None, within=None, norm="max")
+    lines = csv_of(results["rows"]).decode().splitlines()
+    assert len(lines) == 3 and lines[0].startswith("method,parameters,setup_seconds")
+    assert results["rows"][0]["command"] == "ddgcli geodesic m.ply --method a"
+
+
+def test_truths_are_checked_against_the_mesh():
+    mesh = shapes.icosphere(2)
+    assert parse_truth("sphere:1", mesh.points).name == "sphere of radius 1"
+    for text in ("sphere:2", "sphere", "sphere:x", "sphere:-1", "cone:1", "torus:1"):
+        with pytest.raises(ParameterError, match="--truth"):
+            parse_truth(text, mesh.points)
+    assert set(SHAPES) >= {"sphere", "torus"}
+
+
+def test_ellipsoid_truth_has_the_sphere_as_its_round_case():
+    mesh = shapes.icosphere(1)
+    assert ellipsoid(1, 1, 1).mean_curvature(mesh.points) == pytest.approx(1.0)
+    pole = np.array([[0.0, 0.0, 2.0]])
+    assert ellipsoid(1, 1, 2).mean_curvature(pole) == pytest.approx(2.0)  # principal curvatures c / a^2
