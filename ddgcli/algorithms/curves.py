@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -89,3 +89,16 @@ def largest_angle_defect(mesh: SurfaceMesh, paths: SurfacePaths) -> float:
     """
     defect = joints(mesh, paths, shortest=1e-6).angle_defect
     return float(np.nanmax(defect, initial=0.0))
+
+
+def with_transport(mesh: TriangleMesh, curves: Curves) -> Curves:
+    """The curves with a transported frame on their points, and the holonomy of closed ones."""
+    from ddgcli.algorithms.transport import holonomy, transported_frame
+
+    turned = holonomy(mesh, curves.paths)
+    entries = [
+        entry | ({"holonomy": float(angle)} if np.isfinite(angle) else {})
+        for entry, angle in zip(curves.entries, turned, strict=True)
+    ]
+    arrays = curves.arrays | transported_frame(mesh, curves.paths)
+    return replace(curves, entries=entries, arrays=arrays)

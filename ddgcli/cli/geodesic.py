@@ -9,6 +9,7 @@ from ddgcli.cli.geodesic_curves import (
     CurveOptions,
     check_asked,
     compute_curves,
+    compute_vectors,
     curve_options,
     write_curves,
 )
@@ -39,14 +40,21 @@ def command(
         from ddgcli.mesh.fields import AnnotatedMesh
 
         sources = Sources.at(source)
-        if source or not curves.asked:
+        if source or not curves.any:
             measured = measure_distance(mesh, sources, method)
             exact = measured.exact
             vertex, results, accuracy = measured.arrays, measured.results, measured.accuracy
-    if curves.asked:
+    if curves.any:
         made = compute_curves(run, mesh, curves, sources, exact)
         write_curves(run, mesh, made, curves.paths_output)
         results, accuracy = results | {"paths": made.entries}, accuracy | made.accuracy
         converged = made.converged
+    if curves.any_vectors:
+        vectors = compute_vectors(run, mesh, curves, sources, exact)
+        vertex, results, accuracy = (
+            vertex | vectors.arrays,
+            results | vectors.results,
+            accuracy | vectors.accuracy,
+        )
     run.write(AnnotatedMesh(mesh, vertex=vertex))
     run.finish(results, accuracy, converged=converged)

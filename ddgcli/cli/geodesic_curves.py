@@ -23,12 +23,20 @@ class CurveOptions:
     at_boundary: str = "stop"
     straighten: tuple[Any, ...] = ()
     loop: tuple[Any, ...] = ()
+    transport: bool = False
     paths_output: tuple[str, ...] = ()
+    log_map: bool = False
+    spread_vector: tuple[Any, ...] = ()
 
     @property
-    def asked(self) -> bool:
+    def any(self) -> bool:
         """Is any curve asked for?"""
         return bool(self.path_to or self.trace or self.straighten or self.loop)
+
+    @property
+    def any_vectors(self) -> bool:
+        """Is a field of vectors at the vertices asked for?"""
+        return bool(self.log_map or self.spread_vector)
 
     def said(self) -> dict[str, Any]:
         """The options that were given, for the summary."""
@@ -57,6 +65,18 @@ class TraceStart(click.ParamType):
         return face, barycentric, direction, REAL.convert(parts[3], param, ctx)
 
 
+class Vector(click.ParamType):
+    """dx,dy,dz."""
+
+    name = "vector"
+
+    def convert(self, value: Any, param: Any, ctx: Any) -> Any:
+        parts = str(value).split(",")
+        if len(parts) != 3:
+            self.fail(f"{value!r} is not a vector such as 1,0,0.5", param, ctx)
+        return [REAL.convert(x, param, ctx) for x in parts]
+
+
 class VertexList(click.ParamType):
     """ID,ID,..."""
 
@@ -80,8 +100,15 @@ _OPTIONS = (
                  help="Geodesic in the isotopy class of the edge path through these vertices; repeatable."),
     click.option("--loop", multiple=True, type=VertexList(), metavar="ID,ID,...",
                  help="Closed geodesic in the class of the edge loop through these vertices; repeatable."),
+    click.option("--transport", is_flag=True,
+                 help="Carry a tangent frame along the curves: transport_x, transport_y in --paths-output."),
     click.option("--paths-output", multiple=True, metavar="PATH",
                  help="Write all curves as polylines (.vtp, .vtu, .obj, .npz); repeatable."),
+    click.option("--log-map", is_flag=True,
+                 help="Array log_map: each vertex in the tangent plane of the one source."),
+    click.option("--spread-vector", multiple=True, type=Vector(), metavar="dx,dy,dz",
+                 help="Array transported_vector: tangent vectors at the --source vertices, one each, spread "
+                      "by parallel transport (vector heat)."),
 )  # fmt: skip
 
 
@@ -120,7 +147,23 @@ def compute_curves(run: Any, mesh: Any, asked: CurveOptions, sources: Any, exact
 
             closed = [False] * len(asked.straighten) + [True] * len(asked.loop)
             parts.append(straightened_curves(mesh, [*asked.straighten, *asked.loop], closed))
-        return curves.gathered(parts)
+        made = curves.gathered(parts)
+        return curves.with_transport(mesh, made) if asked.transport else made
+
+
+def compute_vectors(
+    run: Any, mesh: Any, asked: CurveOptions, sources: Any, exact: Any
+) -> Any:  # -> VertexVectors
+    """The vectors at vertices that the options ask for."""
+    with run.timed("compute"):
+        from ddgcli.algorithms import vertex_vectors
+
+        parts = []
+        if asked.log_map:
+            parts.append(vertex_vectors.log_map_vectors(mesh, exact, sources))
+        if asked.spread_vector:
+            parts.append(vertex_vectors.spread_vectors(mesh, sources, asked.spread_vector))
+        return vertex_vectors.gathered(parts)
 
 
 def write_curves(run: Any, mesh: Any, made: Any, paths_output: tuple[str, ...]) -> None:
@@ -138,13 +181,15 @@ def write_curves(run: Any, mesh: Any, made: Any, paths_output: tuple[str, ...]) 
 
 def check_asked(asked: CurveOptions, has_source: bool, method: str) -> None:
     """Refuse options that cannot be served together."""
-    if asked.path_to and not has_source:
-        raise ParameterError("--path-to needs a source, e.g. --source 0")
-    if asked.path_to and method != "exact":
-        raise ParameterError(
-            "--path-to follows the exact distance; leave --method out or give --method exact"
-        )
-    if asked.paths_output and not asked.asked:
-        raise ParameterError(
-            "--paths-output has no curves to write; ask for some, e.g. with --path-to or --trace"
-        )
+    for name, given in (("--path-to", bool(asked.path_to)), ("--log-map", asked.log_map)):
+        if given and not has_source:
+            raise ParameterError(f"{name} needs a source, e.g. --source 0")
+        if given and method != "exact":
+            raise ParameterError(
+                f"{name} follows the exact distance; leave --method out or give --method exact"
+            )
+    if asked.spread_vector and not has_source:
+        raise ParameterError("--spread-vector needs source vertices, e.g. --source 0")
+    for name, wanted in (("--paths-output", bool(asked.paths_output)), ("--transport", asked.transport)):
+        if wanted and not asked.any:
+            raise ParameterError(f"{name} has no curves; ask for some, e.g. with --path-to or --trace")

@@ -1,0 +1,107 @@
+"""Tangent vectors at vertices: frames, parallel transport along edges, the connection Laplacian.
+
+A tangent vector at a vertex is a complex number: its angle is counted counter-clockwise from the first side
+of the vertex's fan, surface angles at interior vertices being multiplied by 2 pi / total angle (on the
+boundary they are kept). Everything comes from lengths alone.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_array, csr_array
+
+from ddgcli.errors import MeshError
+from ddgcli.geometry.extrinsic import face_area_vector
+from ddgcli.geometry.intrinsic import corner_cotan
+from ddgcli.geometry.unfolding import Fans, SurfaceMesh, vertex_fans
+from ddgcli.mesh.topology import NEXT
+from ddgcli.mesh.triangle_mesh import TriangleMesh
+
+
+def angle_scale(fans: Fans) -> NDArray[np.float64]:
+    """(c,) 2 pi / total angle of closed fans, 1 of open ones."""
+    total = np.where(fans.total_angle > 0, fans.total_angle, 1.0)
+    return np.where(fans.is_open, 1.0, 2 * np.pi / total)
+
+
+def side_angles(mesh: SurfaceMesh) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Directions of sides in the tangent planes of both their ends.
+
+    Returns
+    -------
+    at_tail, at_head : (3m,) ndarray of float64
+        Angle of side 3f+j as it leaves its tail, and of the way back as it leaves its head.
+
+    Raises
+    ------
+    MeshError
+        At vertices that join several fans of faces: they have no one tangent plane.
+    """
+    fans = vertex_fans(mesh)
+    count = np.bincount(fans.vertex, minlength=mesh.n_vertices)
+    if count.max(initial=0) > 1:
+        raise MeshError(
+            f"vertex {int(np.argmax(count))} joins {count.max()} fans of faces and has no tangent plane; "
+            "duplicate such vertices, one for each fan"
+        )
+    scale = angle_scale(fans)[fans.fan]
+    at_tail = fans.angle_before * scale
+    corner = (3 * np.arange(mesh.n_faces)[:, None] + NEXT).ravel()
+    at_head = (fans.angle_before[corner] + fans.corner_angle[corner]) * scale[corner]
+    return at_tail, at_head
+
+
+def edge_transport(mesh: SurfaceMesh) -> NDArray[np.complex128]:
+    """(3m,) unit number that carries a vector from the tail of side 3f+j to its head: v_head = r v_tail."""
+    at_tail, at_head = side_angles(mesh)
+    return np.exp(1j * (at_head + np.pi - at_tail))
+
+
+def connection_laplacian(mesh: SurfaceMesh) -> csr_array:
+    """(n, n) Hermitian Laplacian of tangent vectors: cotangent weights, transport along edges.
+
+    Positive semidefinite where the cotangent weights are not negative; on a flat surface equal to the scalar
+    stiffness up to the choice of frames. Knöppel, Crane, Pinkall, Schröder 2013; Sharp, Soliman, Crane 2019.
+    """
+    weight = 0.5 * corner_cotan(mesh.side_length)[:, [2, 0, 1]].ravel()
+    carry = weight * edge_transport(mesh)
+    i, j = mesh.topology.side_tail, mesh.topology.side_head
+    n = mesh.n_vertices
+    rows, cols = np.concatenate([j, i, i, j]), np.concatenate([i, j, i, j])
+    values = np.concatenate([-carry, -carry.conj(), weight, weight])
+    return coo_array((values, (rows, cols)), shape=(n, n)).tocsr()
+
+
+def vertex_axes(mesh: TriangleMesh) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """((n, 3), (n, 3)) axes in space of the vertices' tangent frames.
+
+    x is the first side of the fan projected across the vertex normal (the area-weighted mean of the faces'),
+    y a quarter turn counter-clockwise from it. Zero where no face is.
+    """
+    fans = vertex_fans(mesh)
+    normal = np.zeros((mesh.n_vertices, 3))
+    np.add.at(normal, mesh.faces.ravel(), np.repeat(face_area_vector(mesh), 3, axis=0))
+    normal = _unit(normal)
+    side = mesh.side_vector.reshape(-1, 3)[fans.corner[fans.start[:-1]]]
+    x = np.zeros((mesh.n_vertices, 3))
+    n = normal[fans.vertex]
+    x[fans.vertex] = _unit(side - np.einsum("ij,ij->i", side, n)[:, None] * n)
+    return x, np.cross(normal, x)
+
+
+def _unit(vector: NDArray) -> NDArray[np.float64]:
+    size = np.linalg.norm(vector, axis=1, keepdims=True)
+    return np.divide(vector, size, out=np.zeros_like(vector), where=size > 0)
+
+
+def to_vertex_frames(mesh: TriangleMesh, vector: NDArray) -> NDArray[np.complex128]:
+    """(n,) complex tangent vectors of (n, 3) vectors in space, projected to the tangent planes."""
+    x, y = vertex_axes(mesh)
+    return np.einsum("ij,ij->i", vector, x) + 1j * np.einsum("ij,ij->i", vector, y)
+
+
+def from_vertex_frames(mesh: TriangleMesh, vector: NDArray) -> NDArray[np.float64]:
+    """(n, 3) vectors in space of (n,) complex tangent vectors."""
+    x, y = vertex_axes(mesh)
+    return vector.real[:, None] * x + vector.imag[:, None] * y

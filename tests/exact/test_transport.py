@@ -1,0 +1,199 @@
+"""Parallel transport: along curves, round vertices, by the connection Laplacian; the logarithmic map."""
+
+import numpy as np
+import pytest
+
+from ddgcli.algorithms.geodesic_exact import exact_distance
+from ddgcli.algorithms.geodesic_sources import Sources
+from ddgcli.algorithms.log_map import log_map
+from ddgcli.algorithms.paths import SurfacePaths
+from ddgcli.algorithms.trace import trace
+from ddgcli.algorithms.transport import holonomy, transported_frame
+from ddgcli.algorithms.vector_heat import VectorHeat
+from ddgcli.errors import ParameterError
+from ddgcli.geometry.surface_points import SurfacePoints
+from ddgcli.geometry.unfolding import vertex_fans
+from ddgcli.mesh import shapes
+from ddgcli.mesh.intrinsic_mesh import IntrinsicMesh
+from ddgcli.operators.connection import (
+    connection_laplacian,
+    edge_transport,
+    from_vertex_frames,
+    to_vertex_frames,
+)
+from ddgcli.operators.laplacian import stiffness
+
+
+def loop_round(mesh, vertex, seed=0):
+    """A closed path through the interiors of the faces around a vertex, counter-clockwise, crossing sides."""
+    fans = vertex_fans(mesh)
+    fan = int(np.flatnonzero(fans.vertex == vertex)[0])
+    corners = fans.corner[fans.start[fan] : fans.start[fan + 1]]
+    rng = np.random.default_rng(seed)
+    face, b = [], []
+    for c in corners:  # a point on the side that enters each face's wedge, counter-clockwise
+        f, k = divmod(int(c), 3)
+        share = rng.uniform(0.2, 0.8)
+        on_side = np.zeros(3)
+        on_side[k], on_side[(k + 1) % 3] = 1 - share, share
+        inside = np.zeros(3)
+        inside[k] = 0.4
+        inside[(k + 1) % 3] = inside[(k + 2) % 3] = 0.3
+        face += [f, f]
+        b += [on_side, inside]
+    return np.array(face), np.array(b)
+
+
+@pytest.mark.parametrize("mesh", [shapes.random_sphere(200), shapes.box(2, 2, 2), shapes.torus(12, 8)])
+def test_holonomy_round_a_vertex_is_its_angle_defect(mesh):
+    fans = vertex_fans(mesh)
+    defect = np.zeros(mesh.n_vertices)
+    defect[fans.vertex] = 2 * np.pi - fans.total_angle
+    vertices = list(range(0, mesh.n_vertices, 3))
+    loops = SurfacePaths.of_points(mesh, [loop_round(mesh, v, v) for v in vertices], [True] * len(vertices))
+    np.testing.assert_allclose(holonomy(mesh, loops), defect[vertices], atol=1e-12)
+
+
+def test_frames_stay_parallel_in_the_plane_and_along_straight_lines():
+    mesh = shapes.grid(10, 10)
+    bent = SurfacePaths.of_points(mesh, [_staircase(mesh)])
+    frame = transported_frame(mesh, bent)
+    np.testing.assert_allclose(
+        frame["transport_x"], np.tile(frame["transport_x"][0], (len(bent.face), 1)), atol=1e-12
+    )
+    sphere = shapes.random_sphere(400)
+    line = SurfacePaths.of_traces(
+        trace(sphere, [3], [[0.2, 0.3, 0.5]], [[1.0, 0.2, 0.1]], [2.0], record=True)
+    )
+    frame = transported_frame(sphere, line)
+    from ddgcli.algorithms.paths import tangents
+
+    np.testing.assert_allclose(frame["transport_x"], tangents(sphere, line), atol=1e-9)
+    assert np.abs(np.einsum("ij,ij->i", frame["transport_x"], frame["transport_y"])).max() < 1e-14
+
+
+def _staircase(mesh):
+    """Centres of neighbouring faces and the middles of the sides between them."""
+    topology = mesh.topology
+    face, faces, b = 0, [], []
+    came = -1
+    for turn in range(30):
+        faces.append(face)
+        b.append(np.full(3, 1 / 3))
+        ways = [
+            j
+            for j in range(3)
+            if topology.side_twin[face, j] >= 0 and topology.side_twin[face, j] // 3 != came
+        ]
+        j = ways[turn % len(ways)]
+        twin = int(topology.side_twin[face, j])
+        middle = np.zeros(3)
+        middle[twin % 3] = middle[(twin % 3 + 1) % 3] = 0.5
+        came, face = face, twin // 3
+        faces.append(face)
+        b.append(middle)
+    return np.array(faces), np.array(b)
+
+
+@pytest.mark.parametrize("mesh", [shapes.grid(6, 6), shapes.random_sphere(150), shapes.torus(12, 8)])
+def test_connection_laplacian_is_hermitian_and_curvature_is_its_holonomy(mesh):
+    matrix = connection_laplacian(mesh)
+    assert abs(matrix - matrix.conj().T).max() < 1e-13
+    eigenvalues = np.linalg.eigvalsh(matrix.toarray())
+    assert eigenvalues[0] > -1e-12
+    carry = edge_transport(mesh).reshape(-1, 3)
+    if mesh.topology.is_closed:  # the angle of going round each face, summed: Gauss and Bonnet
+        around = np.angle(carry.prod(axis=1))
+        assert around.sum() == pytest.approx(2 * np.pi * mesh.topology.euler_characteristic, abs=1e-9)
+    same = connection_laplacian(IntrinsicMesh(mesh.topology, mesh.side_length))
+    assert abs(same - matrix).max() < 1e-11
+
+
+def test_on_a_flat_mesh_constant_fields_have_no_energy_and_spread_unchanged():
+    mesh = shapes.grid(9, 7, pattern="alternating")
+    constant = np.tile([0.6, -0.8, 0.0], (mesh.n_vertices, 1))
+    planar = to_vertex_frames(mesh, constant)
+    np.testing.assert_allclose(from_vertex_frames(mesh, planar), constant, atol=1e-13)
+    assert np.abs(connection_laplacian(mesh) @ planar).max() < 1e-12
+    assert (planar.conj() @ connection_laplacian(mesh) @ planar).real == pytest.approx(0, abs=1e-12)
+    assert np.linalg.norm(stiffness(mesh) @ np.ones(mesh.n_vertices)) < 1e-12
+    spread = VectorHeat(mesh).transport(np.array([12]), planar[[12]])
+    np.testing.assert_allclose(from_vertex_frames(mesh, spread), constant, atol=1e-9)
+
+
+def sphere_transport(mesh, source, vector):
+    """Parallel transport along great circles from a vertex of the unit sphere."""
+    p, q = mesh.points[source], mesh.points
+    axis = np.cross(p, q)
+    cosine = q @ p
+    return vector + np.cross(axis, vector) + np.cross(axis, np.cross(axis, vector)) / (1 + cosine)[:, None]
+
+
+def test_vector_heat_tends_to_parallel_transport_on_the_sphere():
+    errors = []
+    for n in (1000, 4000):
+        mesh = shapes.random_sphere(n)
+        vector = np.cross(mesh.points[0], [0.3, 0.5, 0.8])
+        start = to_vertex_frames(mesh, np.tile(vector, (n, 1)))[[0]]
+        spread = from_vertex_frames(mesh, VectorHeat(mesh).transport(np.array([0]), start))
+        near = mesh.points @ mesh.points[0] > -0.5
+        truth = sphere_transport(mesh, 0, vector)
+        cosine = (
+            np.einsum("ij,ij->i", spread, truth)
+            / np.linalg.norm(spread, axis=1)
+            / np.linalg.norm(truth, axis=1)
+        )
+        errors.append(np.degrees(np.arccos(np.clip(cosine[near], -1, 1))).mean())
+        np.testing.assert_allclose(np.linalg.norm(spread[near], axis=1), np.linalg.norm(vector), rtol=0.02)
+    assert errors[0] < 3 and errors[1] < 0.75 * errors[0]
+
+
+@pytest.mark.parametrize("where", ["vertex", "corner", "face", "side"])
+def test_log_map_of_the_plane_is_the_difference(where):
+    mesh = shapes.grid(10, 8, 2.0, 1.0)
+    if where in ("vertex", "corner"):
+        source = 40 if where == "vertex" else 0
+        sources, at = Sources.at([source]), mesh.points[source]
+    else:
+        weights = [0.2, 0.3, 0.5] if where == "face" else [0.0, 0.3, 0.7]
+        points = SurfacePoints(np.array([51]), np.array([weights]))
+        sources, at = Sources.at([], points), points.positions(mesh)[0]
+    mapped = log_map(mesh, exact_distance(mesh, sources), sources)
+    x = np.array(mapped.axis["x_axis"])
+    y = np.cross([0, 0, 1], x)
+    np.testing.assert_allclose(
+        mapped.log_map[:, :1] * x + mapped.log_map[:, 1:] * y, mesh.points - at, atol=1e-12
+    )
+
+
+def sphere_log_error(n):
+    mesh = shapes.random_sphere(n)
+    sources = Sources.at([0])
+    mapped = log_map(mesh, exact_distance(mesh, sources), sources).log_map
+    p = mesh.points[0]
+    e1 = np.cross(p, [0.3, 0.5, 0.8])
+    e1 /= np.linalg.norm(e1)
+    planar = np.stack([mesh.points @ e1, mesh.points @ np.cross(p, e1)], axis=1)
+    angle = np.arccos(np.clip(mesh.points @ p, -1, 1))
+    planar *= (angle / np.maximum(np.linalg.norm(planar, axis=1), 1e-300))[:, None]
+    turn = np.angle(np.vdot(mapped[:, 0] + 1j * mapped[:, 1], planar[:, 0] + 1j * planar[:, 1]))
+    turned = (mapped[:, 0] + 1j * mapped[:, 1]) * np.exp(1j * turn)
+    error = np.abs(turned - planar[:, 0] - 1j * planar[:, 1])
+    return np.sqrt(np.mean(error[angle < 2.5] ** 2))
+
+
+def test_log_map_of_the_sphere_converges():
+    coarse, fine = sphere_log_error(600), sphere_log_error(5000)
+    assert fine < 0.012 and fine < 0.5 * coarse
+
+
+def test_log_map_round_a_hole_keeps_distance_and_needs_one_source(shared_meshes):
+    from ddgcli.io.mesh_file import read_mesh
+
+    mesh = read_mesh(str(shared_meshes / "plane_holes.obj")).mesh
+    sources = Sources.at([17])
+    exact = exact_distance(mesh, sources)
+    mapped = log_map(mesh, exact, sources)
+    np.testing.assert_allclose(np.linalg.norm(mapped.log_map, axis=1), exact.distance, rtol=1e-13)
+    with pytest.raises(ParameterError, match="one source"):
+        log_map(mesh, exact, Sources.at([1, 2]))
