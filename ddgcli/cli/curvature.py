@@ -2,24 +2,123 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING, Any
+
 import click
 
 from ddgcli.cli import options
 from ddgcli.cli.options import Common
 from ddgcli.cli.run import Run
 
+if TYPE_CHECKING:
+    from ddgcli.io.mesh_file import MeshInput
 
-@click.command("curvature")
+SCHEMES = ("quadric", "corrected", "normal-cycle", "cotan")
+
+
+@click.command(
+    "curvature",
+    epilog="Which scheme: quadric unless data are noisy; then corrected with --radius of a few edges; "
+    "cotan for sums and for other programs' numbers.",
+)
 @options.mesh_arg
+@click.option(
+    "--scheme",
+    type=click.Choice(SCHEMES),
+    default="quadric",
+    show_default=True,
+    help="How mean and principal curvatures are measured.",
+)
+@click.option(
+    "--radius",
+    type=options.POSITIVE,
+    metavar="R",
+    help="Measure in balls of this radius, in length units (default: the vertex star; quadric: two rings).",
+)
+@click.option(
+    "--map",
+    "map_name",
+    metavar="ARRAY",
+    help="Array of the input (n, 2) or (n, 3): its non-conformality, Dirichlet energy - area, is measured.",
+)
+@click.option("--show", metavar="ARRAY", help="Array that --plot draws (default: the mean curvature).")
+@click.option(
+    "--view",
+    type=options.View(),
+    metavar="VIEW",
+    help="Of --plot: x, y, z, iso or ELEVATION,AZIMUTH in degrees; an up axis may follow, as in iso:y.",
+)
 @options.common
-def command(mesh_path: str, common: Common) -> None:
-    """Measure the curvature of MESH at every vertex."""
-    run = Run("curvature", common)
-    source = run.read(mesh_path)
-    with run.timed("compute"):
-        from ddgcli.algorithms.curvature import angle_defect
-        from ddgcli.mesh.fields import AnnotatedMesh
+def command(
+    mesh_path: str,
+    scheme: str,
+    radius: float | None,
+    map_name: str | None,
+    show: str | None,
+    view: dict[str, Any] | None,
+    common: Common,
+) -> None:
+    """Measure the curvature of MESH: a triangle surface, the boundary of tetrahedra, or polylines.
 
-        defect = angle_defect(source.mesh)
-    run.write(AnnotatedMesh(source.mesh, vertex={"angle_defect": defect}))
-    run.finish({"total_gaussian_curvature": float(defect.sum())}, {})
+    Curvature is positive where the surface is convex with its faces outward; mean curvature is half the sum
+    of the principal ones. angle_defect is integrated, every other curvature pointwise, in 1/length (Gaussian:
+    1/length^2).
+    """
+    run = Run("curvature", common, scheme=scheme, radius=radius, map=map_name, show=show, view=view)
+    source = run.read(mesh_path, accept=("surface", "tetrahedra", "curve"))
+    if source.kind == "curve":
+        _curves(run, source, show, view)
+    else:
+        _surface(run, source, scheme, radius, map_name, show, view)
+
+
+def _surface(
+    run: Run,
+    source: MeshInput,
+    scheme: str,
+    radius: float | None,
+    map_name: str | None,
+    show: str | None,
+    view: dict[str, Any] | None,
+) -> None:
+    from ddgcli.algorithms.curvature_measure import measure
+    from ddgcli.mesh.fields import AnnotatedMesh
+
+    mesh = source.mesh.boundary if source.kind == "tetrahedra" else source.mesh
+    image = None if map_name is None else options.chosen(source.vertex, map_name, "vertex array")
+    measured = measure(mesh, scheme, radius, image=image)
+    shown = options.chosen(measured.vertex, show or "mean_curvature")
+    run.write(AnnotatedMesh(mesh, vertex=measured.vertex, edge=measured.edge))
+    run.plot(lambda path: _draw_surface(path, mesh, show or "mean_curvature", shown, scheme, view))
+    run.finish(measured.results, measured.accuracy)
+
+
+def _draw_surface(path: str, mesh: Any, name: str, values: Any, scheme: str, view: dict | None) -> None:
+    from ddgcli.plots.surface import draw_surface
+
+    draw_surface(path, mesh, values, label=name, caption=f"scheme {scheme}", **(view or {}))
+
+
+def _curves(run: Run, source: MeshInput, show: str | None, view: dict[str, Any] | None) -> None:
+    from ddgcli.algorithms.curvature_polyline import measure_curves
+    from ddgcli.mesh.fields import AnnotatedMesh
+
+    measured = measure_curves(source.mesh)
+    shown = options.chosen(measured.vertex, show or "curvature")
+    run.write(AnnotatedMesh(source.mesh, vertex=measured.vertex))
+    run.plot(lambda path: _draw_curves(path, source.mesh, show or "curvature", shown, view))
+    run.finish(measured.results, measured.accuracy)
+
+
+def _draw_curves(path: str, curves: Any, name: str, values: Any, view: dict | None) -> None:
+    from ddgcli.plots.curve import draw_curves
+
+    paths = curves.paths()
+    draw_curves(
+        path,
+        [curves.points[points] for points, _ in paths],
+        [values[points] for points, _ in paths],
+        closed=[closed for _, closed in paths],
+        label=name,
+        **(view or {}),
+    )

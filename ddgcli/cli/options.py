@@ -11,6 +11,8 @@ from typing import Any
 
 import click
 
+from ddgcli.errors import ParameterError
+
 
 @dataclass(frozen=True)
 class Common:
@@ -86,6 +88,37 @@ def _spread(args: list[str], names: set[str]) -> list[str]:
             current = None
         spread.append(word)
     return spread
+
+
+class View(click.ParamType):
+    """Where a picture looks from: a name or elevation,azimuth in degrees, and after a colon the up axis."""
+
+    name = "view"
+
+    def convert(self, value: Any, param: Any, ctx: Any) -> dict[str, Any]:
+        if isinstance(value, dict):
+            return value
+        place, _, up = str(value).partition(":")
+        if up not in ("", "x", "y", "z"):
+            self.fail(f"{up!r} is not an up axis: x, y or z", param, ctx)
+        given: dict[str, Any] = {"up": up} if up else {}
+        if place in ("x", "y", "z", "iso"):
+            return {"view": place, **given}
+        try:
+            elevation, azimuth = (float(part) for part in place.split(","))
+        except ValueError:
+            self.fail(f"{value!r} is not x, y, z, iso or ELEVATION,AZIMUTH (then :UP)", param, ctx)
+        if not (math.isfinite(elevation) and math.isfinite(azimuth)):
+            self.fail(f"{value!r} is not finite", param, ctx)
+        return {"view": (elevation, azimuth), **given}
+
+
+def chosen(arrays: dict[str, Any], name: str, what: str = "array") -> Any:
+    """The array of a name, or a refusal that lists the names there are."""
+    if name not in arrays:
+        known = ", ".join(sorted(arrays)) or "none"
+        raise ParameterError(f"no {what} {name!r}; there are: {known}")
+    return arrays[name]
 
 
 REAL = Real()

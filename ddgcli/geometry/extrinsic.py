@@ -31,18 +31,21 @@ def dihedral_angle(mesh: TriangleMesh) -> NDArray[np.float64]:
     """(e,) signed angle between the normals of an edge's two faces, in radians; positive where convex.
 
     Zero on boundary and non-manifold edges. The reference direction is the edge as the first of its two
-    sides runs along it.
+    sides runs along it; where the second face is turned over relative to the first, so is its normal here.
     """
     topology = mesh.topology
     twin = topology.side_twin.ravel()
     side = np.flatnonzero((twin >= 0) & (np.arange(len(twin)) < twin))
+    sign = topology.side_sign.ravel()
     normal = face_normal(mesh)
     n0, n1 = normal[side // 3], normal[twin[side] // 3]
-    direction = mesh.side_vector.reshape(-1, 3)[side]
-    length = vector_length(direction)[:, None]
-    unit = np.divide(direction, length, out=np.zeros_like(direction), where=length > 0)
-    sine = np.einsum("ij,ij->i", np.cross(n0, n1), unit)
-    cosine = np.einsum("ij,ij->i", n0, n1)
+    n1 = np.where((sign[side] == sign[twin[side]])[:, None], -n1, n1)
+    (x0, y0, z0), (x1, y1, z1), (ex, ey, ez) = n0.T, n1.T, mesh.side_vector.reshape(-1, 3)[side].T
+    length = np.sqrt(ex * ex + ey * ey + ez * ez)
+    volume = ex * (y0 * z1 - z0 * y1) + ey * (z0 * x1 - x0 * z1) + ez * (x0 * y1 - y0 * x1)
+    sine = np.divide(volume, length, out=np.zeros_like(volume), where=length > 0)
+    cosine = x0 * x1 + y0 * y1 + z0 * z1
+    cosine = np.where((sine == 0) & (cosine == 0), 1.0, cosine)  # beside a face without area
     angle = np.zeros(topology.n_edges)
     angle[topology.side_edge.ravel()[side]] = np.arctan2(sine, cosine)
     return angle

@@ -1,0 +1,208 @@
+"""Curvature of polylines in the plane and in space (chapter 1, and 1.3 of chapter 3)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ddgcli.errors import MeshError
+from ddgcli.mesh.curve import CurveSet
+from ddgcli.mesh.triangle_mesh import vector_length
+
+
+@dataclass(frozen=True, eq=False)
+class MeasuredCurves:
+    """Arrays on points, and the summary's results and accuracy."""
+
+    vertex: dict[str, NDArray]
+    results: dict[str, Any]
+    accuracy: dict[str, Any]
+
+
+def measure_curves(curves: CurveSet) -> MeasuredCurves:
+    """Turning, curvature, torsion and their sums for each polyline of a set.
+
+    Curves with z = 0 everywhere are plane curves, whose turning has a sign; others are space curves.
+
+    Returns
+    -------
+    MeasuredCurves
+        Arrays of length n, 0 at points of no curve; `results` hold the sums over all curves, and one entry
+        a curve in `curves` where there are several.
+
+    Raises
+    ------
+    MeshError
+        No segment of positive length.
+    """
+    planar = curves.planar
+    names = ["turning_angle", "curvature", "vertex_length", "torsion", "gauss_angle"]
+    names = [name for name in names if name != ("torsion" if planar else "gauss_angle")]
+    vertex = {name: np.zeros(curves.n_vertices) for name in names}
+    vertex["gauss_map"] = np.zeros((curves.n_vertices, 3))
+    each = []
+    for path, closed in curves.paths():
+        arrays, results = measure_curve(curves.points[path], closed, planar)
+        for name in vertex:
+            vertex[name][path] = arrays[name]
+        each.append(results)
+    if not each or not any(r["length"] > 0 for r in each):
+        raise MeshError("no segment of positive length; curvature needs a curve: mend the points")
+    results = _together(each)
+    residuals = [r["turning_number_residual"] for r in each if r["turning_number_residual"] is not None]
+    for r in (results, *each):
+        del r["turning_number_residual"]
+    results |= {name: _range(vertex[name]) for name in names}
+    if len(each) > 1:
+        results["curves"] = each
+    return MeasuredCurves(vertex, results, {"turning_number_residual": max(residuals, default=None)})
+
+
+def _together(each: list[dict[str, Any]]) -> dict[str, Any]:
+    """Sums over the curves; a sum is unknown where one of its terms is."""
+    if len(each) == 1:
+        return dict(each[0])
+    total: dict[str, Any] = {"closed": all(r["closed"] for r in each), "planar": each[0]["planar"]}
+    for name in each[0]:
+        if name in total or name == "unknotted_by_fary_milnor":
+            continue
+        values = [r[name] for r in each]
+        known = all(v is not None for v in values)
+        combine = max if name in ("longest_segment", "turning_number_residual") else sum
+        total[name] = combine(values) if known else None
+    return total
+
+
+def _range(values: NDArray) -> dict[str, float]:
+    return {"min": float(values.min()), "max": float(values.max()), "mean": float(values.mean())}
+
+
+def measure_curve(points: NDArray, closed: bool, planar: bool) -> tuple[dict[str, NDArray], dict[str, Any]]:
+    """Arrays and results of one polyline.
+
+    Parameters
+    ----------
+    points : (n, 3) ndarray
+        In order; the first is not repeated.
+    closed : bool
+    planar : bool
+        Whether all z are 0: turning to the left then counts positive, to the right negative.
+
+    Returns
+    -------
+    arrays : dict
+        `turning_angle` (n,) between successive segments, in radians (0 at the ends of an open curve; in
+        space never negative); `vertex_length` half the length of the segments at a point; `curvature` their
+        quotient; `gauss_map` (n, 3) normal, a quarter turn left of the segment that leaves the point (in
+        space: that segment's direction); in the plane `gauss_angle`, its angle followed continuously, in
+        space `torsion`, the angle by which the osculating plane turns over the segments at a point, over
+        their length; positive for right-handed helices.
+    results : dict
+
+    Notes
+    -----
+    Points that repeat their predecessor are passed over: their values are 0.
+    """
+    n = len(points)
+    following = np.roll(points, -1, axis=0) - points
+    used = vector_length(following) > 0
+    if not closed and n:
+        used[-1] = False
+    # a point is kept where a segment of positive length leaves it; an open curve's last one too
+    keep = np.flatnonzero(used)
+    if not closed and len(keep):
+        keep = np.append(keep, min(keep[-1] + 1, n - 1))
+    arrays = {name: np.zeros(n) for name in ("turning_angle", "curvature", "vertex_length", "gauss_angle")}
+    arrays |= {"torsion": np.zeros(n), "gauss_map": np.zeros((n, 3))}
+    segment = following[keep] if closed else np.diff(points[keep], axis=0)
+    if len(segment) == 0:
+        return arrays, _results(arrays, np.zeros(0), closed, planar)
+    length = vector_length(segment)
+    tangent = segment / length[:, None]
+    before, after, at = _joints(len(segment), closed)
+    angle = _turning(tangent[before], tangent[after], planar)
+    arrays["turning_angle"][keep[at]] = angle
+    half = np.zeros(len(keep))
+    ends = (np.arange(len(segment)), (np.arange(len(segment)) + 1) % len(keep))
+    for end in ends:
+        np.add.at(half, end, length / 2)
+    arrays["vertex_length"][keep] = half
+    arrays["curvature"][keep] = arrays["turning_angle"][keep] / half
+    _gauss_map(arrays, keep, tangent, closed, planar)
+    if not planar:
+        _torsion(arrays, keep, tangent, length, closed)
+    return arrays, _results(arrays, length, closed, planar)
+
+
+def _joints(segments: int, closed: bool) -> tuple[NDArray, NDArray, NDArray]:
+    """Segments before and after each point where two meet, and these points."""
+    if closed:
+        point = np.arange(segments)
+        return point - 1, point, point
+    point = np.arange(1, segments)
+    return point - 1, point, point
+
+
+def _turning(before: NDArray, after: NDArray, planar: bool) -> NDArray[np.float64]:
+    cosine = np.einsum("ij,ij->i", before, after)
+    if planar:
+        return np.arctan2(before[:, 0] * after[:, 1] - before[:, 1] * after[:, 0], cosine)
+    return np.arctan2(vector_length(np.cross(before, after)), cosine)
+
+
+def _gauss_map(
+    arrays: dict[str, NDArray], keep: NDArray, tangent: NDArray, closed: bool, planar: bool
+) -> None:
+    leaving = tangent if closed else np.concatenate([tangent, tangent[-1:]])
+    if not planar:
+        arrays["gauss_map"][keep] = leaving
+        return
+    arrays["gauss_map"][keep] = np.stack([-leaving[:, 1], leaving[:, 0], 0 * leaving[:, 0]], axis=1)
+    turning = arrays["turning_angle"][keep]
+    start = np.arctan2(leaving[0, 0], -leaving[0, 1])
+    arrays["gauss_angle"][keep] = start + np.concatenate([[0.0], np.cumsum(turning[1:])])
+
+
+def _torsion(
+    arrays: dict[str, NDArray], keep: NDArray, tangent: NDArray, length: NDArray, closed: bool
+) -> None:
+    before, after, at = _joints(len(tangent), closed)
+    binormal = np.zeros((len(keep), 3))
+    binormal[at] = np.cross(tangent[before], tangent[after])
+    k = np.arange(len(tangent))
+    here, there = binormal[k], binormal[(k + 1) % len(keep)]
+    sine = np.einsum("ij,ij->i", np.cross(here, there), tangent)
+    cosine = np.einsum("ij,ij->i", here, there)
+    # planes, not binormals: at an inflection the binormal jumps by half a turn and the plane does not
+    angle = np.arctan2(np.where(cosine < 0, -sine, sine), np.abs(cosine))
+    total, width = np.zeros(len(keep)), np.zeros(len(keep))
+    defined = (vector_length(here) > 0) & (vector_length(there) > 0)
+    for end in (k, (k + 1) % len(keep)):
+        np.add.at(total, end[defined], angle[defined])
+        np.add.at(width, end[defined], length[defined])
+    arrays["torsion"][keep] = np.divide(total, width, out=np.zeros_like(total), where=width > 0)
+
+
+def _results(arrays: dict[str, NDArray], length: NDArray, closed: bool, planar: bool) -> dict[str, Any]:
+    angle = arrays["turning_angle"]
+    signed = float(angle.sum()) if planar else None
+    total = float(np.abs(angle).sum())
+    turns = round(signed / (2 * np.pi)) if closed and signed is not None else None
+    found = {
+        "closed": closed,
+        "planar": planar,
+        "length": float(length.sum()),
+        "longest_segment": float(length.max(initial=0.0)),
+        "total_signed_curvature": signed,
+        "turning_number": turns,
+        "turning_number_residual": None if turns is None else abs(signed / (2 * np.pi) - turns),  # type: ignore[operator]
+        "total_curvature": total,
+    }
+    if not planar:
+        found["total_torsion"] = float((arrays["torsion"] * arrays["vertex_length"]).sum())
+        # Fary and Milnor: a knotted closed curve has total curvature above 4 pi
+        found["unknotted_by_fary_milnor"] = closed and total <= 4 * np.pi
+    return found

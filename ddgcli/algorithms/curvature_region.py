@@ -1,0 +1,179 @@
+"""Regions of measurement around every vertex: rings of neighbours, and balls connected along the surface."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csr_array, eye_array
+
+from ddgcli.mesh.topology import Topology
+from ddgcli.mesh.triangle_mesh import TriangleMesh
+
+HUB_VALENCE = 24  # rings do not grow through vertices with more neighbours: their fans would join everything
+
+
+@dataclass(frozen=True, eq=False)
+class Regions:
+    """Lists of members, one a vertex.
+
+    Parameters
+    ----------
+    start : (n + 1,) ndarray of int64
+        The members of vertex v are `member[start[v]:start[v + 1]]`.
+    member : (p,) ndarray of int64
+        Vertices (rings) or faces (balls).
+    """
+
+    start: NDArray[np.int64]
+    member: NDArray[np.int64]
+
+    @property
+    def count(self) -> NDArray[np.int64]:
+        """(n,) number of members of each vertex."""
+        return np.diff(self.start)
+
+
+def adjacency(topology: Topology) -> csr_array:
+    """(n, n) ones where an edge joins two vertices, and on the diagonal."""
+    tail, head = topology.side_tail, topology.side_head
+    n = topology.n_vertices
+    ones = np.ones(2 * len(tail), dtype=np.float32)
+    rows, cols = np.concatenate([tail, head]), np.concatenate([head, tail])
+    matrix = csr_array((ones, (rows.astype(np.int32), cols.astype(np.int32))), shape=(n, n))
+    return (matrix + eye_array(n, dtype=np.float32, format="csr")).tocsr()
+
+
+def two_rings(topology: Topology, at_least: int) -> Regions:
+    """Vertices within two edges of each vertex (itself included); within three where two give too few."""
+    near = adjacency(topology)
+    growing = _without_hubs(near)
+    ring = (near @ growing).tocsr()
+    few = np.flatnonzero((np.diff(ring.indptr) < at_least + 1) & topology.referenced_vertex)
+    if len(few) == 0:
+        return Regions(ring.indptr.astype(np.int64), ring.indices)
+    wider = (ring[few] @ growing).tocsr()
+    return _replaced(ring, few, wider)
+
+
+def _without_hubs(near: csr_array) -> csr_array:
+    """Rows of hubs emptied but for their own diagonal entry: paths may end there, not pass."""
+    count = np.diff(near.indptr)
+    hub = count > HUB_VALENCE + 1
+    if not hub.any():
+        return near
+    row = np.repeat(np.arange(len(count)), count)
+    keep = ~hub[row] | (near.indices == row)
+    indptr = np.concatenate([[0], np.cumsum(np.bincount(row[keep], minlength=len(count)))])
+    return csr_array((near.data[keep], near.indices[keep], indptr), shape=near.shape)
+
+
+def _replaced(ring: csr_array, rows: NDArray, wider: csr_array) -> Regions:
+    count = np.diff(ring.indptr).astype(np.int64)
+    count[rows] = np.diff(wider.indptr)
+    start = np.concatenate([[0], np.cumsum(count)])
+    member = np.zeros(start[-1], dtype=np.int64)
+    is_new = np.zeros(len(count), dtype=bool)
+    is_new[rows] = True
+    taken = np.repeat(is_new, count)
+    member[~taken] = ring.indices[np.repeat(~is_new, np.diff(ring.indptr))]
+    member[taken] = wider.indices
+    return Regions(start, member)
+
+
+def chunks(regions: Regions, members: int) -> Iterator[tuple[int, int]]:
+    """Ranges of vertices that together have about `members` members."""
+    n = len(regions.start) - 1
+    first = 0
+    while first < n:
+        last = int(np.searchsorted(regions.start, regions.start[first] + members, side="right")) - 1
+        last = min(max(last, first + 1), n)
+        yield first, last
+        first = last
+
+
+def face_balls(mesh: TriangleMesh, radius: float) -> Regions:
+    """Faces that meet the ball about each vertex and are joined to it through sides inside the ball."""
+    topology = mesh.topology
+    m, n = mesh.n_faces, mesh.n_vertices
+    side_edge, fan = topology.side_edge, _faces_of_edges(topology)
+    frontier = np.unique(topology.faces.ravel() * np.int64(m) + np.repeat(np.arange(m), 3))
+    found = frontier
+    while len(frontier):
+        vertex, face = np.divmod(frontier, m)
+        near = _sides_within(mesh, vertex, face, radius)
+        row, side = np.nonzero(near)
+        owner, beyond = _expand(vertex[row], side_edge[face[row], side], fan)
+        reached = np.unique(owner * np.int64(m) + beyond)
+        frontier = reached[~_member(reached, found)]
+        found = np.union1d(found, frontier)
+    vertex, face = np.divmod(found, m)
+    start = np.concatenate([[0], np.cumsum(np.bincount(vertex, minlength=n))])
+    return Regions(start, face)
+
+
+def vertex_balls(mesh: TriangleMesh, radius: float) -> Regions:
+    """Vertices within a distance in space of each vertex, joined to it by edges that stay within it."""
+    near = adjacency(mesh.topology)
+    start, neighbour = near.indptr.astype(np.int64), near.indices.astype(np.int64)
+    n = mesh.n_vertices
+    frontier = np.arange(n, dtype=np.int64) * (n + 1)
+    found = frontier
+    while len(frontier):
+        owner, vertex = np.divmod(frontier, n)
+        owner, reached = _expand(owner, vertex, (start, neighbour))
+        offset = mesh.points[reached] - mesh.points[owner]
+        inside = np.einsum("ij,ij->i", offset, offset) <= radius * radius
+        keys = np.unique(owner[inside] * np.int64(n) + reached[inside])
+        frontier = keys[~_member(keys, found)]
+        found = np.union1d(found, frontier)
+    owner, vertex = np.divmod(found, n)
+    return Regions(np.concatenate([[0], np.cumsum(np.bincount(owner, minlength=n))]), vertex)
+
+
+def _member(keys: NDArray, sorted_keys: NDArray) -> NDArray[np.bool_]:
+    place = np.minimum(np.searchsorted(sorted_keys, keys), len(sorted_keys) - 1)
+    return sorted_keys[place] == keys
+
+
+def _faces_of_edges(topology: Topology) -> tuple[NDArray, NDArray]:
+    order = np.argsort(topology.side_edge.ravel(), kind="stable")
+    return np.concatenate([[0], np.cumsum(topology.edge_face_count)]), order // 3
+
+
+def _expand(owner: NDArray, item: NDArray, lists: tuple[NDArray, NDArray]) -> tuple[NDArray, NDArray]:
+    """Each owner with every member of its item's list."""
+    start, member = lists
+    count = start[item + 1] - start[item]
+    first = np.cumsum(count) - count
+    place = np.arange(count.sum()) - np.repeat(first - start[item], count)
+    return np.repeat(owner, count), member[place]
+
+
+def _sides_within(mesh: TriangleMesh, vertex: NDArray, face: NDArray, radius: float) -> NDArray[np.bool_]:
+    """(k, 3) which sides of faces come closer than the radius to vertices."""
+    side = mesh.side_vector[face]
+    offset = mesh.points[mesh.faces[face]] - mesh.points[vertex][:, None]
+    squared = np.einsum("fki,fki->fk", side, side)
+    along = -np.einsum("fki,fki->fk", offset, side)
+    share = np.clip(np.divide(along, squared, out=np.zeros_like(along), where=squared > 0), 0.0, 1.0)
+    nearest = offset + share[..., None] * side
+    return np.einsum("fki,fki->fk", nearest, nearest) < radius * radius
+
+
+def listed(regions: Regions, vertices: NDArray) -> Regions:
+    """The regions of some vertices, in their order."""
+    _, member = _expand(np.arange(len(vertices)), vertices, (regions.start, regions.member))
+    return Regions(np.concatenate([[0], np.cumsum(regions.count[vertices])]), member)
+
+
+def larger(one: Regions, other: Regions) -> Regions:
+    """Each vertex's region from whichever of two lists gives it more members."""
+    n = len(one.start) - 1
+    both = Regions(
+        np.concatenate([one.start, one.start[-1] + other.start[1:]]),
+        np.concatenate([one.member, other.member]),
+    )
+    return listed(both, np.where(other.count > one.count, np.arange(n) + n, np.arange(n)))
