@@ -12,6 +12,7 @@ from typing import Any
 import click
 
 from ddgcli import __version__
+from ddgcli.cli.several import spread
 from ddgcli.errors import DdgError
 
 # name -> (module below ddgcli.cli, one line for --help); a module is imported only when its command runs
@@ -75,7 +76,8 @@ class Door(click.Group):
             near = difflib.get_close_matches(args[0], COMMANDS, n=1)
             hint = f"did you mean {near[0]}?" if near else f"known: {', '.join(COMMANDS)}"
             raise click.UsageError(f"no such command {args[0]!r}; {hint}", ctx)
-        return super().resolve_command(ctx, args)
+        name, command, words = super().resolve_command(ctx, args)
+        return name, command, spread(command, words) if command is not None else words
 
     def invoke(self, ctx: click.Context) -> Any:
         try:

@@ -1,0 +1,55 @@
+"""Several values after one option: `--source 0 5 12` is `--source 0 --source 5 --source 12`."""
+
+from __future__ import annotations
+
+import re
+
+import click
+
+_NUMBER = re.compile(r"[-+]?(\d|\.\d)")
+_SEPARATORS = ",:="
+
+
+def spread(command: click.Command, words: list[str]) -> list[str]:
+    """The words of a call with the option repeated before each further value of a repeatable option.
+
+    A word counts as a further value when it is no option, the option's type takes it, and (for text) it has
+    the separators of the value before it: a file name after `--source 0` stays the argument that it is.
+    """
+    repeatable = {
+        name: option
+        for option in command.params
+        if isinstance(option, click.Option) and option.multiple and option.nargs == 1
+        for name in option.opts
+    }
+    result: list[str] = []
+    current, before = "", ""
+    waiting = False
+    for position, word in enumerate(words):
+        if word == "--":
+            return result + words[position:]
+        if waiting:
+            waiting, before = False, word
+        elif word in repeatable:
+            current, waiting = word, True
+        elif current and _further_value(repeatable[current], word, before):
+            result.append(current)
+        else:
+            current = ""
+        result.append(word)
+    return result
+
+
+def _further_value(option: click.Option, word: str, before: str) -> bool:
+    if word.startswith("-") and not _NUMBER.match(word):
+        return False
+    if isinstance(option.type, click.types.StringParamType):
+        shape = [c for c in before if c in _SEPARATORS]
+        return bool(shape) and [c for c in word if c in _SEPARATORS] == shape
+    if isinstance(option.type, click.Path):
+        return False
+    try:
+        option.type.convert(word, option, None)
+    except (click.UsageError, ValueError):
+        return False
+    return True
