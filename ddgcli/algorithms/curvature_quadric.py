@@ -111,7 +111,7 @@ def _local(
 
 
 def _same_side(normal: NDArray, begin: int, end: int, regions: Regions) -> tuple[NDArray, NDArray]:
-    """Neighbours whose normals are less than a right angle from their vertex's: heights must be a function."""
+    """Neighbours whose normals are less than a right angle from their vertex's: heights are a function."""
     member = regions.member[regions.start[begin] : regions.start[end]]
     start = regions.start[begin : end + 1] - regions.start[begin]
     count = np.diff(start)
