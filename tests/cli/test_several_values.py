@@ -25,7 +25,7 @@ def command(**_):
         ("--source 0 m.ply", "--source 0 m.ply"),
         ("--source 0 5 m.ply --radius 3", "--source 0 --source 5 m.ply --radius 3"),
         ("m.ply --time 1e-3 -2 -v", "m.ply --time 1e-3 --time -2 -v"),
-        ("m.ply --trace 0:1,0,0:1,0,0:2 3:0,1,0:0,1,0:1", "m.ply --trace 0:1,0,0:1,0,0:2 --trace 3:0,1,0:0,1,0:1"),
+        ("m.ply --trace 0:1,0:2 3:0,1:1", "m.ply --trace 0:1,0:2 --trace 3:0,1:1"),
         ("--trace 0:1,0:2 m.ply", "--trace 0:1,0:2 m.ply"),
         ("m.ply --method heat exact", "m.ply --method heat --method exact"),
         ("-o a.ply m.ply", "-o a.ply m.ply"),
