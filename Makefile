@@ -5,13 +5,21 @@ BIN = $(VENV)/bin
 STAMP_RUN = $(VENV)/.installed-run
 STAMP_TEST = $(VENV)/.installed-test
 
+# batch work: every mesh of the folder MESHES becomes BUILD/NAME.curvature.vtu and .png
+MESHES ?= sample_meshes
+BUILD ?= build
+DDGCLI ?= $(BIN)/ddgcli
+CURVATURE_OPTIONS ?=
+
 .DEFAULT_GOAL := help
-.PHONY: help demo test lint fmt types bench accuracy accuracy-check samples docs clean
+.PHONY: help demo pipeline test test-all lint fmt types bench accuracy accuracy-check samples docs clean
 
 help:  ## this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):[^#]*## /\1\t/' | expand -t 18
 
 $(VENV)/bin/python:
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
+	  { echo "Python 3.11 or newer is needed; give it as make PYTHON=/path/to/python3.11"; exit 2; }
 	$(PYTHON) -m venv $(VENV)
 
 $(STAMP_RUN): pyproject.toml | $(VENV)/bin/python
@@ -23,8 +31,26 @@ $(STAMP_TEST): pyproject.toml | $(VENV)/bin/python
 	@touch $@ $(STAMP_RUN)
 
 demo: $(STAMP_RUN)  ## install into .venv, measure sample_meshes/, leave meshes and pictures in build/
-	@mkdir -p build
-	$(BIN)/ddgcli --version
+	$(MAKE) --no-print-directory pipeline
+	$(DDGCLI) info $(MESHES)/ball.vtu -o $(BUILD)/ball.info.vtu
+	@echo; echo "Annotated meshes (.vtu, for ParaView or PyVista) and pictures are in $(BUILD)/:"; ls $(BUILD)
+
+# -- batch: what is newer than its result is done again, nothing else; works with -j --
+EXTENSIONS = ply obj off stl csv
+SOURCES = $(foreach e,$(EXTENSIONS),$(wildcard $(MESHES)/*.$(e)))
+RESULTS = $(patsubst $(MESHES)/%,$(BUILD)/%.curvature.vtu,$(basename $(SOURCES)))
+
+pipeline: $(RESULTS)  ## MESHES=folder: every mesh to BUILD/NAME.curvature.vtu and .png (try make -j2)
+
+define curvature_rule
+$(BUILD)/%.curvature.vtu $(BUILD)/%.curvature.png: $(MESHES)/%.$(1)
+	@mkdir -p $$(@D)
+	$$(DDGCLI) curvature $$< $$(CURVATURE_OPTIONS) -o $(BUILD)/$$*.curvature.vtu --plot $(BUILD)/$$*.curvature.png
+endef
+$(foreach e,$(EXTENSIONS),$(eval $(call curvature_rule,$(e))))
+
+samples: $(STAMP_RUN)  ## write sample_meshes/ anew (the same bytes)
+	$(BIN)/python sample_meshes/make.py
 
 lint: $(STAMP_TEST)  ## ruff (lint and format) and mypy
 	$(BIN)/ruff check .
@@ -37,6 +63,9 @@ fmt: $(STAMP_TEST)  ## format the code
 
 test: $(STAMP_TEST) lint  ## install what tests need and run lint and the suite
 	$(BIN)/python -m pytest -n 2 -m 'not slow'
+
+test-all: $(STAMP_TEST) lint  ## the slow tests too
+	$(BIN)/python -m pytest -n 2
 
 clean:  ## remove build/ and caches
 	rm -rf build .pytest_cache .mypy_cache .ruff_cache
