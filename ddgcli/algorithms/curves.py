@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from ddgcli.algorithms.paths import SurfacePaths, describe_paths, joints
 from ddgcli.algorithms.trace import GAVE_UP, STATUS_TEXT, Tracer
 from ddgcli.geometry.face_frames import to_space
+from ddgcli.geometry.surface_points import SurfacePoints
 from ddgcli.geometry.unfolding import SurfaceMesh
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 
@@ -89,6 +90,44 @@ def largest_angle_defect(mesh: SurfaceMesh, paths: SurfacePaths) -> float:
     """
     defect = joints(mesh, paths, shortest=1e-6).angle_defect
     return float(np.nanmax(defect, initial=0.0))
+
+
+def field_curves(
+    mesh: TriangleMesh,
+    values: NDArray,
+    starts: SurfacePoints,
+    duration: float | None = None,
+    *,
+    order: int = 4,
+    step: float | None = None,
+    tolerance: float | None = None,
+) -> Curves:
+    """Integral curves of an array of vectors as curves; see `integral_curves`.
+
+    `accuracy.field_error_estimate` is the largest estimated error of an end, in length units.
+    """
+    from ddgcli.algorithms.integral_curves import field_of_array, integral_curves, usual_duration
+
+    field_ = field_of_array(mesh, values)
+    duration = usual_duration(mesh, values) if duration is None else duration
+    made = integral_curves(mesh, field_, starts, duration, order=order, step=step, tolerance=tolerance)
+    kinds = [
+        {
+            "kind": "integral curve",
+            "stopped_because": made.stopped_because[i],
+            "time": float(made.time[i]),
+            "steps": int(made.steps[i]),
+            "error_estimate": float(made.error_estimate[i]),
+        }
+        for i in range(len(starts))
+    ]
+    estimate = float(made.error_estimate.max(initial=0.0))
+    return Curves(
+        made.paths,
+        describe_paths(mesh, made.paths, kinds),
+        {"field_error_estimate": estimate},
+        "gave up" not in made.stopped_because,
+    )
 
 
 def with_transport(mesh: TriangleMesh, curves: Curves) -> Curves:

@@ -1,0 +1,153 @@
+"""Geodesic Runge-Kutta: its orders on flat and developable meshes, steps that control the error."""
+
+import numpy as np
+import pytest
+
+from ddgcli.algorithms.curves import field_curves
+from ddgcli.algorithms.integral_curves import field_of_array, integral_curves, random_starts
+from ddgcli.algorithms.paths import path_lengths
+from ddgcli.errors import ParameterError
+from ddgcli.geometry.face_frames import surface_position, to_face_frame
+from ddgcli.geometry.surface_points import SurfacePoints
+from ddgcli.mesh import shapes
+from ddgcli.mesh.triangle_mesh import TriangleMesh
+
+
+def ends(mesh, curves):
+    last = curves.paths.start[1:] - 1
+    return surface_position(mesh, curves.paths.face[last], curves.paths.barycentric[last])
+
+
+def plane():
+    mesh = shapes.grid(13, 11, 2.0, 2.0)
+    mesh = mesh.moved(mesh.points - [1, 1, 0])
+
+    def field(face, b):
+        x, y, _ = surface_position(mesh, face, b).T
+        return to_face_frame(mesh, face, np.stack([-y, x, 0 * x], axis=1))
+
+    starts = SurfacePoints([30, 100, 77], [[0.2, 0.3, 0.5], [0.3, 0.3, 0.4], [0.0, 0.4, 0.6]])
+    turn = np.array([[np.cos(1), -np.sin(1), 0], [np.sin(1), np.cos(1), 0], [0, 0, 1]])
+    return mesh, field, starts, starts.positions(mesh) @ turn.T
+
+
+def prism():
+    """A vertical prism: the field (1, sin s) in arc length s and height, integrated exactly."""
+    n = 24
+    mesh = shapes.cylinder(n, 9, 1.0, 4.0)
+    width = 2 * np.sin(np.pi / n)
+
+    def unrolled(p):
+        angle = np.arctan2(p[:, 1], p[:, 0]) % (2 * np.pi)
+        piece = np.floor(angle / (2 * np.pi / n) + 1e-9)
+        left = np.stack([np.cos(2 * np.pi * piece / n), np.sin(2 * np.pi * piece / n)], axis=1)
+        return width * piece + np.linalg.norm(p[:, :2] - left, axis=1)
+
+    total = n * width
+
+    def field(face, b):
+        p = surface_position(mesh, face, b)
+        s = unrolled(p) * 2 * np.pi / total
+        corners = mesh.points[mesh.faces[face]]
+        normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+        along = np.cross([0.0, 0.0, 1.0], normal)
+        return to_face_frame(mesh, face, along + np.sin(s)[:, None] * np.array([0.0, 0.0, 1.0]))
+
+    starts = SurfacePoints([100, 201], [[0.2, 0.3, 0.5], [0.3, 0.3, 0.4]])
+    p = starts.positions(mesh)
+    c = 2 * np.pi / total
+    s0, s1 = unrolled(p) * c, (unrolled(p) + 1.0) * c
+    z = p[:, 2] + (np.cos(s0) - np.cos(s1)) / c
+    s = (unrolled(p) + 1.0) % total
+    piece, rest = np.divmod(s, width)
+    a, b = 2 * np.pi * piece / n, 2 * np.pi * (piece + 1) / n
+    share = rest / width
+    truth = np.stack(
+        [(1 - share) * np.cos(a) + share * np.cos(b), (1 - share) * np.sin(a) + share * np.sin(b), z], axis=1
+    )
+    return mesh, field, starts, truth
+
+
+@pytest.mark.parametrize("case", [plane, prism])
+@pytest.mark.parametrize("order", [1, 2, 4])
+def test_orders(case, order):
+    mesh, field, starts, truth = case()
+    errors = []
+    for n in (10, 20, 40):
+        curves = integral_curves(mesh, field, starts, 1.0, order=order, step=1 / n)
+        assert set(curves.stopped_because) == {"time"}
+        errors.append(np.abs(ends(mesh, curves) - truth).max())
+        assert curves.error_estimate.max() > 0.3 * errors[-1]
+    rates = np.log2(np.array(errors[:-1]) / errors[1:])
+    assert rates.min() > order - 0.25, (errors, rates)
+
+
+def test_adaptive_steps_keep_the_tolerance():
+    mesh, field, starts, truth = plane()
+    for tolerance in (1e-4, 1e-6, 1e-8):
+        curves = integral_curves(mesh, field, starts, 1.0, tolerance=tolerance)
+        assert np.abs(ends(mesh, curves) - truth).max() < 20 * tolerance
+    coarse = integral_curves(mesh, field, starts, 1.0, tolerance=1e-3)
+    assert coarse.steps.max() < curves.steps.max()
+
+
+def test_a_vertex_array_of_a_linear_field_is_that_field():
+    mesh, _, starts, truth = plane()
+    values = np.stack([-mesh.points[:, 1], mesh.points[:, 0], 0 * mesh.points[:, 0]], axis=1)
+    curves = integral_curves(mesh, field_of_array(mesh, values), starts, 1.0, step=0.02)
+    np.testing.assert_allclose(ends(mesh, curves), truth, atol=1e-7)
+    start = starts.positions(mesh)
+    np.testing.assert_allclose(path_lengths(mesh, curves.paths), np.linalg.norm(start, axis=1), rtol=1e-4)
+
+
+def test_rotation_field_on_spheres_gives_parallels():
+    errors = []
+    for level in (3, 4):
+        mesh = shapes.icosphere(level)
+        values = np.cross([0, 0, 1.0], mesh.points)
+        starts = random_starts(mesh, 10, seed=1)
+        p = starts.positions(mesh)
+        curves = integral_curves(mesh, field_of_array(mesh, values), starts, 1.0, tolerance=1e-4)
+        turn = np.array([[np.cos(1), -np.sin(1), 0], [np.sin(1), np.cos(1), 0], [0, 0, 1]])
+        errors.append(np.linalg.norm(ends(mesh, curves) - p @ turn.T, axis=1).max())
+    assert errors[0] < 0.02 and errors[1] < 0.5 * errors[0]
+
+
+def test_curves_stop_at_the_boundary_and_at_rest():
+    mesh = shapes.grid(8, 8)
+    values = np.tile([1.0, 0.0, 0.0], (mesh.n_vertices, 1))
+    curves = field_curves(mesh, values, SurfacePoints([20, 60], [[0.3, 0.3, 0.4]] * 2), 5.0)
+    assert {e["stopped_because"] for e in curves.entries} == {"boundary"}
+    assert all(e["end"]["point"][0] == pytest.approx(1.0) for e in curves.entries)
+    values[:] = 0
+    values[0] = [1, 0, 0]
+    rest = field_curves(mesh, values, SurfacePoints([100], [[0.3, 0.3, 0.4]]), 5.0)
+    assert rest.entries[0]["stopped_because"] == "critical point" and rest.entries[0]["length"] == 0
+
+
+@pytest.mark.parametrize(
+    "change, word",
+    [
+        ({"order": 3}, "order"),
+        ({"duration": -1.0}, "time"),
+        ({"step": 0.0}, "step"),
+        ({"tolerance": -1.0}, "tol"),
+    ],
+)
+def test_bad_options(change, word):
+    mesh = shapes.grid(2, 2)
+    values = np.ones((mesh.n_faces, 3))
+    with pytest.raises(ParameterError, match=word):
+        field_curves(mesh, values, SurfacePoints([0], [[1, 0, 0]]), **({"duration": 1.0} | change))
+
+
+def test_bad_fields():
+    mesh = shapes.grid(2, 2)
+    with pytest.raises(ParameterError, match="shape"):
+        field_of_array(mesh, np.ones((5, 3)))
+    with pytest.raises(ParameterError, match="finite"):
+        field_of_array(mesh, np.full((mesh.n_faces, 3), np.nan))
+    with pytest.raises(ParameterError, match="zero everywhere"):
+        field_curves(mesh, np.zeros((mesh.n_faces, 3)), SurfacePoints([0], [[1, 0, 0]]))
+    assert isinstance(mesh, TriangleMesh)
