@@ -240,7 +240,7 @@ class Front:
             least = min(self.pool.least(), waiting)
             if not least < limit:
                 return
-            bound = least + self.bucket
+            bound = max(least + self.bucket, np.nextafter(least, np.inf))
             if waiting < bound:
                 self._spawn_below(bound)
             lines, where = self.pool.pop_below(bound)

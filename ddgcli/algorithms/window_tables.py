@@ -132,15 +132,16 @@ def _sides_across(topology: Topology) -> tuple[NDArray, NDArray | None, tuple | 
     """Code of the side across each side, sides that run the same way, and the sides of each edge.
 
     Faces that name a vertex twice have no inside: they are left out, so that their two equal sides do not
-    make a fold of the surface; their edges still carry paths.
+    make a fold of the surface; their edges still carry paths. Of faces on the same three vertices one will do.
     """
-    faces = topology.faces
-    collapsed = (faces == faces[:, NEXT]).any(axis=1)
     if topology.gluing is not None:
         return topology.gluing, None, None
+    faces = topology.faces
+    collapsed = (faces == faces[:, NEXT]).any(axis=1)
     plain = topology.is_oriented and not len(topology.nonmanifold_edges) and not collapsed.any()
     if plain:
         return topology.side_twin, None, None
+    collapsed |= _repeated(topology)
     edge, sign = topology.side_edge.ravel(), topology.side_sign.ravel()
     sound = np.flatnonzero(np.repeat(~collapsed, 3))
     order = sound[np.argsort(edge[sound], kind="stable")]
@@ -160,6 +161,16 @@ def _sides_across(topology: Topology) -> tuple[NDArray, NDArray | None, tuple | 
         mirrored if mirrored.any() else None,
         (start, order, edge, sign) if len(many) else None,
     )
+
+
+def _repeated(topology: Topology) -> NDArray[np.bool_]:
+    """(m,) True for faces whose three vertices an earlier face has already."""
+    repeated = np.zeros(topology.n_faces, dtype=bool)
+    suspects = np.flatnonzero((topology.edge_face_count[topology.side_edge] > 1).all(axis=1))
+    _, first = np.unique(np.sort(topology.faces[suspects], axis=1), axis=0, return_index=True)
+    repeated[suspects] = True
+    repeated[suspects[first]] = False
+    return repeated
 
 
 def _bends(topology: Topology, side_length: NDArray, shape: NDArray) -> NDArray[np.bool_]:
