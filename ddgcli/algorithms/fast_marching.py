@@ -1,0 +1,272 @@
+"""Fast marching on triangles, in batches: approximate distance that any triangulation can carry (chapter 6).
+
+A stencil is a triangle (a, b, c) that may hand the distances of a and b on to c. Where a face is obtuse at c
+no front can be handed on safely, so the faces beyond the opposite side are unfolded until a vertex falls into
+the sector in which both halves are acute (R. Kimmel, J. Sethian, "Computing geodesic paths on manifolds",
+1998). Vertices are settled in buckets of distance instead of one by one; each bucket runs until nothing
+in it improves.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_array
+
+from ddgcli.algorithms.geodesic_sources import Sources, checked_sources, face_frame
+from ddgcli.algorithms.window_tables import BOUNDARY, WindowTables, window_tables
+from ddgcli.operators.laplacian import SurfaceMesh
+
+MOST_UNFOLDINGS = 30
+
+
+@dataclass(frozen=True, eq=False)
+class Stencils:
+    """Triangles (a, b, c) by which distance reaches c, in the frame with a at the origin and b at (length, 0).
+
+    Parameters
+    ----------
+    corner : (k, 3) ndarray of int64
+        a, b, c.
+    shape : (k, 5) ndarray of float64
+        length of ab, c's x and y (y > 0), lengths of ac and bc; divided by `scale`.
+    start, at : ndarrays of int64
+        Stencils that use vertex v as a or b: at[start[v] : start[v + 1]].
+    scale : float
+    """
+
+    corner: NDArray[np.int64]
+    shape: NDArray[np.float64]
+    start: NDArray[np.int64]
+    at: NDArray[np.int64]
+    scale: float
+
+
+@dataclass(frozen=True, eq=False)
+class MarchedDistance:
+    """Distances by fast marching.
+
+    Parameters
+    ----------
+    distance : (n,) ndarray of float64
+        inf where no source reaches.
+    rounds, updates : int
+        Work done.
+    """
+
+    distance: NDArray[np.float64]
+    rounds: int
+    updates: int
+
+
+def marching_stencils(mesh: SurfaceMesh) -> Stencils:
+    """Stencils of a surface: one for each acute corner, two for each obtuse one."""
+    tables = window_tables(mesh)
+    length, x, y, left, right = tables.shape.T
+    ids = tables.ids.astype(np.int64)
+    obtuse = np.flatnonzero(length**2 > (left**2 + right**2) * (1 + 1e-12))
+    a, b, c = ids[:, 0], ids[:, 1], ids[:, 2]
+    corner = [np.stack([a, b, c], axis=1)]
+    place = [np.stack([length, x, y, left, right], axis=1)]
+    base = np.arange(len(length))
+    row, vertex, where = _unfolded(tables, obtuse)
+    if len(row):
+        side = obtuse[row]
+        apex = np.stack([x[side], y[side]], axis=1)
+        for start, end, p, q in (
+            (a[side], vertex, np.zeros_like(where), where),
+            (vertex, b[side], where, np.stack([length[side], np.zeros(len(side))], axis=1)),
+        ):
+            corner.append(np.stack([start, end, c[side]], axis=1))
+            place.append(_stencil_shape(p, q, apex))
+        keep = np.ones(len(length), dtype=bool)
+        keep[side] = False
+        base = np.flatnonzero(keep)
+        corner[0], place[0] = corner[0][base], place[0][base]
+    corners, shape = np.concatenate(corner), np.concatenate(place)
+    sound = (
+        (corners[:, 0] != corners[:, 1]) & (corners[:, 2] != corners[:, 0]) & (corners[:, 2] != corners[:, 1])
+    )
+    corners, shape = corners[sound], shape[sound]
+    k = np.arange(len(corners))
+    user = coo_array(
+        (np.tile(k, 2), (corners[:, :2].T.ravel(), np.tile(k, 2))), shape=(mesh.n_vertices, max(len(k), 1))
+    ).tocsr()
+    return Stencils(corners, shape, user.indptr.astype(np.int64), user.indices.astype(np.int64), tables.scale)
+
+
+def _stencil_shape(p: NDArray, q: NDArray, apex: NDArray) -> NDArray[np.float64]:
+    edge = q - p
+    length = np.hypot(edge[:, 0], edge[:, 1])
+    unit = edge / length[:, None]
+    to = apex - p
+    x = np.einsum("kd,kd->k", to, unit)
+    y = np.abs(unit[:, 0] * to[:, 1] - unit[:, 1] * to[:, 0])
+    far = apex - q
+    return np.stack([length, x, y, np.hypot(to[:, 0], to[:, 1]), np.hypot(far[:, 0], far[:, 1])], axis=1)
+
+
+def _unfolded(tables: WindowTables, obtuse: NDArray) -> tuple[NDArray, NDArray, NDArray]:
+    """For sides opposite obtuse corners: the vertex beyond that makes two acute halves, and its place.
+
+    Returns (row of `obtuse`, vertex, (k, 2) place in the side's frame) where unfolding met one; it stops at
+    the boundary, at edges of three faces, and after MOST_UNFOLDINGS faces.
+    """
+    length, ax, ay = tables.shape[obtuse, :3].T
+    apex = np.stack([ax, ay], axis=1)
+    # the sector beyond the side: at right angles or less to both arms, seen from the apex
+    arm_a, arm_b = -apex, np.stack([length - ax, -ay], axis=1)
+    row = np.arange(len(obtuse))
+    p, q = np.zeros((len(row), 2)), np.stack([length, np.zeros(len(row))], axis=1)
+    code, mirrored = _across(tables, obtuse)
+    found: list[tuple[NDArray, NDArray, NDArray]] = []
+    for _ in range(MOST_UNFOLDINGS):
+        go = code > BOUNDARY
+        row, p, q, code, mirrored = row[go], p[go], q[go], code[go], mirrored[go]
+        if not len(row):
+            break
+        # face of side `code` below the segment p -> q; its own frame runs q -> p, or p -> q where mirrored
+        size, x, y = tables.shape[code, :3].T
+        from_p = np.where(mirrored, x, size - x)
+        unit = (q - p) / np.hypot(*(q - p).T)[:, None]
+        place = p + from_p[:, None] * unit + y[:, None] * np.stack([unit[:, 1], -unit[:, 0]], axis=1)
+        to = place - apex[row]
+        near_a = np.einsum("kd,kd->k", to, arm_a[row]) >= 0
+        near_b = np.einsum("kd,kd->k", to, arm_b[row]) >= 0
+        inside = near_a & near_b & (y > 0)
+        vertex = tables.ids[code, 2].astype(np.int64)
+        found.append((row[inside], vertex[inside], place[inside]))
+        # too near the arm to a: the sector leaves by the side towards b, and the other way round
+        on = np.flatnonzero(~inside & (near_a | near_b) & (y > 0))
+        towards_q = near_a[on]
+        p, q = (
+            np.where(towards_q[:, None], place[on], p[on]),
+            np.where(towards_q[:, None], q[on], place[on]),
+        )
+        # leaving (q -> p frame): towards q by (v0, apex), towards p by (apex, v1); the other way if mirrored
+        first = towards_q != mirrored[on]
+        face, j = np.divmod(code[on], 3)
+        left_by = 3 * face + (j + np.where(first, 2, 1)) % 3
+        flip = mirrored[on]
+        row = row[on]
+        code, mirrored = _across(tables, left_by)
+        mirrored = mirrored ^ flip
+    if not found:
+        none = np.zeros(0, dtype=np.int64)
+        return none, none, np.zeros((0, 2))
+    rows, vertices, places = (np.concatenate(part) for part in zip(*found))
+    return rows, vertices, places
+
+
+def _across(tables: WindowTables, side: NDArray) -> tuple[NDArray, NDArray]:
+    """Side across each side (negative: none, or several), and whether it runs the same way."""
+    face, j = np.divmod(side, 3)
+    code = tables.ids[3 * face + (j + 1) % 3, 3].astype(np.int64)
+    same = np.zeros(len(side), dtype=bool) if tables.mirrored is None else tables.mirrored[side]
+    return code, same
+
+
+def marched_distance(
+    mesh: SurfaceMesh,
+    sources: Sources | NDArray | list[int] | int,
+    *,
+    stencils: Stencils | None = None,
+    planar: bool = False,
+) -> MarchedDistance:
+    """Distance to the nearest source by fast marching.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh or IntrinsicMesh
+    sources : Sources, vertex number or array of vertex numbers
+    stencils : Stencils, optional
+        `marching_stencils(mesh)`, to share among calls.
+    planar : bool
+        Fronts are straight lines, as published (first order). Default: circles about an unfolded point
+        source, which are exact on flat pieces seen from the source.
+    """
+    sources = checked_sources(mesh, sources)
+    stencils = stencils or marching_stencils(mesh)
+    march = _March(stencils, mesh.n_vertices, planar)
+    vertex, value = _first_values(mesh, sources, stencils.scale)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        march.lower(vertex, value)
+        march.run()
+    return MarchedDistance(march.distance * stencils.scale, march.rounds, march.updates)
+
+
+def _first_values(mesh: SurfaceMesh, sources: Sources, scale: float) -> tuple[NDArray, NDArray]:
+    points = sources.points
+    frame = face_frame(mesh.side_length[points.face] / scale)
+    reach = np.linalg.norm(frame - np.einsum("kc,kcd->kd", points.barycentric, frame)[:, None], axis=2)
+    vertex = np.concatenate([sources.vertex, mesh.faces[points.face].ravel()])
+    return vertex, np.concatenate([np.zeros(len(sources.vertex)), reach.ravel()])
+
+
+class _March:
+    """Distances so far, and the vertices whose change has not been handed on."""
+
+    def __init__(self, stencils: Stencils, n: int, planar: bool) -> None:
+        self.stencils, self.planar = stencils, planar
+        self.distance = np.full(n, np.inf)
+        self.told = np.full(n, np.inf)  # the distance that was last handed on
+        self.waiting = np.zeros(0, dtype=np.int64)
+        self.bucket = float(stencils.shape[:, 0].mean()) if len(stencils.shape) else 1.0
+        self.rounds = self.updates = 0
+
+    def lower(self, vertex: NDArray, value: NDArray) -> None:
+        """Lower distances; those that fall by more than rounding wait to be handed on."""
+        better = np.flatnonzero(value < self.distance[vertex] * (1 - 1e-14))
+        vertex, value = vertex[better], value[better]
+        np.minimum.at(self.distance, vertex, value)
+        self.waiting = np.concatenate([self.waiting, vertex])
+
+    def run(self) -> None:
+        """Hand on, nearest bucket first, until nothing waits."""
+        while len(self.waiting):
+            value = self.distance[self.waiting]
+            fresh = value < self.told[self.waiting]
+            self.waiting, value = self.waiting[fresh], value[fresh]
+            if not len(value):
+                return
+            bound = max(value.min() + self.bucket, np.nextafter(value.min(), np.inf))
+            now = value < bound
+            vertex = np.unique(self.waiting[now])
+            self.waiting = self.waiting[~now]
+            self.told[vertex] = self.distance[vertex]
+            self.rounds += 1
+            self._hand_on(vertex)
+
+    def _hand_on(self, vertex: NDArray) -> None:
+        stencils = self.stencils
+        start, count = stencils.start[vertex], stencils.start[vertex + 1] - stencils.start[vertex]
+        offset = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)
+        k = stencils.at[np.repeat(start, count) + offset]
+        corner = stencils.corner.take(k, axis=0)
+        length, x, y, left, right = stencils.shape.take(k, axis=0).T
+        da, db = self.distance.take(corner[:, 0]), self.distance.take(corner[:, 1])
+        value = np.minimum(da + left, db + right)
+        wave = self._plane(da, db, length, x, y) if self.planar else self._circle(da, db, length, x, y)
+        np.fmin(value, wave, out=value)
+        self.updates += len(k)
+        self.lower(corner[:, 2], value)
+
+    @staticmethod
+    def _circle(da: NDArray, db: NDArray, length: NDArray, x: NDArray, y: NDArray) -> NDArray:
+        """Distance of c from the point below ab that is da from a and db from b; nan where its ray misses ab."""
+        sx = 0.5 * (length + (da - db) * ((da + db) / length))
+        depth = np.sqrt((da - sx) * (da + sx))
+        cross = sx + (x - sx) * (depth / (y + depth))
+        value = np.hypot(x - sx, y + depth)
+        return np.where((cross >= 0) & (cross <= length) & (value >= np.maximum(da, db)), value, np.nan)
+
+    @staticmethod
+    def _plane(da: NDArray, db: NDArray, length: NDArray, x: NDArray, y: NDArray) -> NDArray:
+        """Distance of c behind the straight front through a and b; nan where its normal through c misses ab."""
+        along = (db - da) / length
+        across = np.sqrt(1.0 - along * along)
+        cross = x - y * along / across
+        value = da + along * x + across * y
+        return np.where((cross >= 0) & (cross <= length) & (value >= np.maximum(da, db)), value, np.nan)

@@ -1,0 +1,220 @@
+"""The heat method: distance from two linear systems, factored once for any number of sources (chapter 6)."""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csc_array, diags_array
+
+from ddgcli.algorithms.geodesic_sources import Sources, checked_sources, face_frame
+from ddgcli.errors import ParameterError
+from ddgcli.linalg.constrain import Dirichlet, Poisson
+from ddgcli.linalg.factor import Factor
+from ddgcli.mesh.topology import NEXT, PREVIOUS
+from ddgcli.operators.laplacian import SurfaceMesh, lumped_vertex_area, stiffness
+
+log = logging.getLogger("ddgcli")
+
+FAINT = 1e-200  # heat below this fraction of the brightest is computed anew, from a front brought to 1
+MOST_STAGES = 200
+
+
+@dataclass(frozen=True, eq=False)
+class HeatDistance:
+    """Distances by the heat method.
+
+    Parameters
+    ----------
+    distance : (n,) ndarray of float64
+        inf on components without a source.
+    heat_residual, poisson_residual : float
+        Largest |A x - b| of the two systems, relative to the largest |b|.
+    stages : int
+        How often heat went on from a front because it had become too faint for float64; 0: never.
+    cold_faces : int
+        Faces of reached components without a gradient of heat; the second system fills them in.
+    """
+
+    distance: NDArray[np.float64]
+    heat_residual: float
+    poisson_residual: float
+    stages: int
+    cold_faces: int
+
+
+class HeatSolver:
+    """Both systems of the heat method, factored for many sources.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh or IntrinsicMesh
+        The triangulation to work on: the intrinsic Delaunay one for the maximum principle, a tufted cover
+        for non-manifold surfaces.
+    time : float, optional
+        t of (M + t L) u = source, in length units squared. Default: `time_factor` h^2, h the mean side.
+    time_factor : float
+    refine : int
+        How often the result's own gradient is normalised and integrated again. 0 is the method as
+        published, whose error stops falling: t = h^2 is a fixed fraction of the decay length, so the
+        direction of the heat's gradient keeps an error of the order of a percent. Each further round costs
+        one solve and removes most of it.
+
+    References
+    ----------
+    K. Crane, C. Weischedel, M. Wardetzky, "Geodesics in heat", 2013.
+    """
+
+    def __init__(
+        self, mesh: SurfaceMesh, *, time: float | None = None, time_factor: float = 1.0, refine: int = 0
+    ) -> None:
+        self.mesh, self.refine = mesh, refine
+        h = float(mesh.side_length.mean()) if mesh.n_faces else 1.0
+        self.time = time_factor * h * h if time is None else time
+        if not 0 < self.time < np.inf:
+            raise ParameterError(f"heat time {self.time} must be positive")
+        self.stiffness = stiffness(mesh)
+        area = lumped_vertex_area(mesh)
+        mass = np.where(area > 0, area, area.max(initial=0.0) or 1.0)
+        self._system = csc_array(diags_array(mass) + self.time * self.stiffness)
+        self._heat = Factor(self._system)
+        self._area = area
+        self._poisson: Poisson | None = None
+        self._held: Dirichlet | None = None
+        frame = face_frame(mesh.side_length)
+        edge = frame[:, PREVIOUS] - frame[:, NEXT]  # opposite corner k, from corner k + 1 to corner k + 2
+        self._hat = np.stack([-edge[..., 1], edge[..., 0]], axis=-1)  # twice the area times grad of hat k
+
+    @property
+    def poisson(self) -> Poisson:
+        """The second system, factored when first asked for."""
+        if self._poisson is None:
+            self._poisson = Poisson(self.stiffness, self._area)
+        return self._poisson
+
+    def distance(self, sources: Sources | NDArray | list[int] | int) -> HeatDistance:
+        """Distance to the nearest of the sources.
+
+        One source reuses both factorisations; its additive constant makes the one-ring fit its spokes.
+        Several sources are held at zero together, their one-rings at the spokes, in a system of their own.
+        """
+        sources = checked_sources(self.mesh, sources)
+        start = self._start(sources)
+        heat, level, stages, residual = self._diffuse(start)
+        direction, cold = self._direction(heat, level)
+        direction *= -1.0
+        near, spoke = self._near(sources)
+        distance, poisson_residual = self._integrate(direction, near, spoke, len(sources))
+        for _ in range(self.refine):
+            direction, _ = self._direction(distance, np.zeros(len(distance)))
+            distance, poisson_residual = self._integrate(direction, near, spoke, len(sources))
+        distance = np.maximum(distance, 0.0)
+        distance[near[spoke == 0]] = 0.0
+        component = self.mesh.topology.vertex_component
+        reached = np.isin(component, component[near]) & (component >= 0)
+        cold_faces = int((cold & reached[self.mesh.faces[:, 0]]).sum())
+        return HeatDistance(
+            np.where(reached, distance, np.inf), residual, poisson_residual, stages, cold_faces
+        )
+
+    # -- first system -------------------------------------------------------------------------------
+
+    def _start(self, sources: Sources) -> NDArray[np.float64]:
+        """Unit heat at each source, shared among the corners of its face for a point."""
+        start = np.zeros(self.mesh.n_vertices)
+        np.add.at(start, sources.vertex, 1.0)
+        np.add.at(start, self.mesh.faces[sources.points.face], sources.points.barycentric)
+        return start
+
+    def _diffuse(self, start: NDArray) -> tuple[NDArray, NDArray, int, float]:
+        """Heat as value * exp(level): where it is too faint it goes on from its front, brought back to 1."""
+        component = self.mesh.topology.vertex_component
+        inside = np.isin(component, component[start > 0]) & (component >= 0)
+        value = self._heat.solve(start, refine=False)
+        residual = self._heat.residual(value, start)
+        level = np.zeros(len(value))
+        value /= value.max(initial=0.0) or 1.0
+        known = value > FAINT
+        stages = 0
+        while (inside & ~known).any() and stages < MOST_STAGES:
+            dim = np.flatnonzero(inside & ~known)
+            rows = self._system[dim]
+            load = -(rows[:, np.flatnonzero(known)] @ (value * np.exp(level - level[known].min()))[known])
+            brightest = np.abs(load).max(initial=0.0)
+            if not brightest > 0:
+                break
+            found = Factor(csc_array(rows[:, dim])).solve(load / brightest, refine=False)
+            peak = found.max(initial=0.0)
+            if not peak > 0:
+                break
+            value[dim] = found / peak
+            level[dim] = level[known].min() + np.log(brightest) + np.log(peak)
+            known[dim] = value[dim] > FAINT
+            stages += 1
+        value[~known] = 0.0
+        return value, level, stages, residual
+
+    def _direction(self, value: NDArray, level: NDArray) -> tuple[NDArray, NDArray]:
+        """(m, 2) unit gradient of value * exp(level) in each face's frame, and where it has none."""
+        faces = self.mesh.faces
+        corner_level = level[faces]
+        lit = value[faces] * np.exp(corner_level - corner_level.max(axis=1, keepdims=True))
+        lit -= lit.mean(axis=1, keepdims=True)
+        size = np.abs(lit).max(axis=1, keepdims=True)
+        lit = np.divide(lit, size, out=np.zeros_like(lit), where=size > 0)
+        gradient = np.einsum("mk,mkd->md", lit, self._hat)
+        length = np.hypot(gradient[:, 0], gradient[:, 1])
+        cold = ~(length > 0)
+        return np.divide(gradient, length[:, None], out=gradient, where=~cold[:, None]), cold
+
+    # -- second system ------------------------------------------------------------------------------
+
+    def _near(self, sources: Sources) -> tuple[NDArray, NDArray]:
+        """Vertices at or next to a source, and their straight distance to it along side or face."""
+        mesh = self.mesh
+        topology, points = mesh.topology, sources.points
+        is_source = np.zeros(mesh.n_vertices, dtype=bool)
+        is_source[sources.vertex] = True
+        length = mesh.side_length.ravel()
+        tail, head = topology.side_tail, topology.side_head
+        frame = face_frame(mesh.side_length[points.face])
+        position = np.einsum("kc,kcd->kd", points.barycentric, frame)
+        reach = np.linalg.norm(frame - position[:, None], axis=2)
+        vertex = np.concatenate(
+            [sources.vertex, head[is_source[tail]], tail[is_source[head]], mesh.faces[points.face].ravel()]
+        )
+        spoke = np.concatenate(
+            [np.zeros(len(sources.vertex)), length[is_source[tail]], length[is_source[head]], reach.ravel()]
+        )
+        near, index = np.unique(vertex, return_inverse=True)
+        least = np.full(len(near), np.inf)
+        np.minimum.at(least, index, spoke)
+        return near, least
+
+    def _integrate(
+        self, direction: NDArray, near: NDArray, spoke: NDArray, n_sources: int
+    ) -> tuple[NDArray, float]:
+        """The function whose gradient is nearest to the field, fitted to the known values near the sources."""
+        flux = 0.5 * np.einsum("mkd,md->mk", self._hat, direction)
+        load = np.bincount(self.mesh.faces.ravel(), weights=flux.ravel(), minlength=self.mesh.n_vertices)
+        if n_sources == 1:
+            distance = self.poisson.solve(load)
+            ring = spoke > 0
+            shift = (distance[near[ring]] - spoke[ring]).mean() if ring.any() else distance[near].min()
+            return distance - shift, self.poisson.residual(distance, load)
+        held = np.union1d(near, self._elsewhere(near))
+        value = np.zeros(len(held))
+        value[np.searchsorted(held, near)] = spoke
+        if self._held is None or not np.array_equal(self._held.fixed, held):
+            self._held = Dirichlet(self.stiffness, held)
+        distance = self._held.solve(value, load)
+        return distance, self._held.residual(distance, load)
+
+    def _elsewhere(self, near: NDArray) -> NDArray[np.int64]:
+        """Vertices to hold so that what no source reaches is not singular: one a component, and unused ones."""
+        component = self.mesh.topology.vertex_component
+        first = np.unique(component, return_index=True)[1]
+        other = first[~np.isin(component[first], component[near])]
+        return np.concatenate([other, np.flatnonzero(component < 0)])
