@@ -24,7 +24,7 @@ MOST_UNFOLDINGS = 30
 
 @dataclass(frozen=True, eq=False)
 class Stencils:
-    """Triangles (a, b, c) by which distance reaches c, in the frame with a at the origin and b at (length, 0).
+    """Triangles (a, b, c) by which distance reaches c, seen with a at the origin and b at (length, 0).
 
     Parameters
     ----------
@@ -255,7 +255,7 @@ class _March:
 
     @staticmethod
     def _circle(da: NDArray, db: NDArray, length: NDArray, x: NDArray, y: NDArray) -> NDArray:
-        """Distance of c from the point below ab that is da from a and db from b; nan where its ray misses ab."""
+        """Distance of c from the point below ab at da from a and db from b; nan where its ray misses ab."""
         sx = 0.5 * (length + (da - db) * ((da + db) / length))
         depth = np.sqrt((da - sx) * (da + sx))
         cross = sx + (x - sx) * (depth / (y + depth))
@@ -264,7 +264,7 @@ class _March:
 
     @staticmethod
     def _plane(da: NDArray, db: NDArray, length: NDArray, x: NDArray, y: NDArray) -> NDArray:
-        """Distance of c behind the straight front through a and b; nan where its normal through c misses ab."""
+        """Distance of c behind a straight front at a and b; nan where its normal through c misses ab."""
         along = (db - da) / length
         across = np.sqrt(1.0 - along * along)
         cross = x - y * along / across

@@ -1,8 +1,10 @@
-"""One door to the distance methods: the same question, the same answer form."""
+"""One door to the distance methods: the same question, the same form of answer."""
 
 from __future__ import annotations
 
 import logging
+import time
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
@@ -10,13 +12,40 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.algorithms.geodesic_sources import Sources, checked_sources
-from ddgcli.errors import ParameterError
+from ddgcli.errors import MeshError, ParameterError
+from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.operators.laplacian import SurfaceMesh
 
 if TYPE_CHECKING:
     from ddgcli.algorithms.geodesic_exact import ExactDistance
 
 log = logging.getLogger("ddgcli")
+
+METHODS = ("exact", "heat", "fast-marching", "dijkstra")
+OPERATORS = ("intrinsic-delaunay", "plain", "tufted")
+
+
+@dataclass(frozen=True)
+class DistanceOptions:
+    """What the methods can be told.
+
+    Parameters
+    ----------
+    tolerance : float
+        exact: slack in side lengths, 0 or more.
+    operator : {'intrinsic-delaunay', 'plain', 'tufted'}, optional
+        heat: the triangulation whose Laplacian is used. Default: intrinsic Delaunay where the mesh is an
+        oriented surface, else its tufted cover.
+    heat_time : float
+        heat: t in squares of the mean side length.
+    heat_refine : int
+        heat: further rounds of normalising and integrating the gradient.
+    """
+
+    tolerance: float = 0.0
+    operator: str | None = None
+    heat_time: float = 1.0
+    heat_refine: int = 0
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,16 +56,16 @@ class Measured:
     ----------
     distance : (n,) ndarray of float64
         inf where no source reaches.
-    nearest_source : (n,) ndarray of int64, or None
+    nearest_source : (n,) ndarray of int64
         Number of the nearest source, -1 where none reaches.
     results, accuracy : dict
         What the method tells of its work and of its error.
     exact : ExactDistance, optional
-        Of the exact method: how the shortest path arrives at each vertex.
+        How the shortest paths arrive, where the method knows.
     """
 
     distance: NDArray[np.float64]
-    nearest_source: NDArray[np.int64] | None
+    nearest_source: NDArray[np.int64]
     results: dict[str, Any] = field(default_factory=dict)
     accuracy: dict[str, Any] = field(default_factory=dict)
     exact: ExactDistance | None = None
@@ -44,48 +73,224 @@ class Measured:
     @property
     def arrays(self) -> dict[str, NDArray]:
         """The vertex arrays to write, by their names in files."""
-        named = {"geodesic_distance": self.distance, "nearest_source": self.nearest_source}
-        return {name: values for name, values in named.items() if values is not None}
+        return {"geodesic_distance": self.distance, "nearest_source": self.nearest_source}
 
 
-def _exact(mesh: SurfaceMesh, sources: Sources) -> Measured:
+Solver = Callable[[Sources], Measured]
+
+
+def prepare(mesh: SurfaceMesh, method: str, options: DistanceOptions = DistanceOptions()) -> Solver:  # noqa: B008
+    """A solver for one mesh and method; what does not depend on the sources is done here, once.
+
+    Raises
+    ------
+    ParameterError
+        On an unknown method or option.
+    MeshError
+        When the mesh has no faces, or the operator cannot be had on it.
+    """
+    makers = {"exact": _exact, "heat": _heat, "fast-marching": _fast_marching, "dijkstra": _dijkstra}
+    if method not in makers:
+        raise ParameterError(f"method {method!r} is not one of {', '.join(METHODS)}")
+    if mesh.n_faces == 0:
+        raise MeshError("no triangles; a distance along the surface needs a surface")
+    return makers[method](mesh, options)
+
+
+def _exact(mesh: SurfaceMesh, options: DistanceOptions) -> Solver:
     from ddgcli.algorithms.geodesic_exact import exact_distance
+    from ddgcli.algorithms.window_tables import window_tables
 
-    exact = exact_distance(mesh, sources)
-    return Measured(exact.distance, exact.nearest_source, {"windows": exact.windows}, exact=exact)
+    tables = window_tables(mesh)
+
+    def solve(sources: Sources) -> Measured:
+        exact = exact_distance(mesh, sources, tolerance=options.tolerance, tables=tables)
+        accuracy: dict[str, Any] = {}
+        if options.tolerance > 0:
+            coarse = exact_distance(mesh, sources, tolerance=2 * options.tolerance, tables=tables)
+            accuracy["tolerance_error_estimate"] = _largest_difference(exact.distance, coarse.distance)
+        results = {"windows": exact.windows}
+        return Measured(exact.distance, exact.nearest_source, results, accuracy, exact)
+
+    return solve
 
 
-def _dijkstra(mesh: SurfaceMesh, sources: Sources) -> Measured:
-    from ddgcli.algorithms.geodesic_edges import edge_distance
+def _heat(mesh: SurfaceMesh, options: DistanceOptions) -> Solver:
+    from ddgcli.algorithms.geodesic_heat import HeatSolver
 
-    edges = edge_distance(mesh, sources)
-    return Measured(edges.distance, edges.nearest_source)
+    operator, base = _heat_mesh(mesh, options.operator)
+    solver = HeatSolver(base, time_factor=options.heat_time, refine=options.heat_refine, given_on=mesh)
+
+    def solve(sources: Sources) -> Measured:
+        heat = solver.distance(sources)
+        accuracy = {"heat_residual": heat.heat_residual, "poisson_residual": heat.poisson_residual}
+        results = {"operator": operator, "heat_time": solver.time, "heat_stages": heat.stages}
+        if heat.cold_faces:
+            log.warning(
+                f"heat has no direction on {heat.cold_faces} faces; the distance is interpolated there"
+            )
+        return Measured(heat.distance, downhill_source(mesh, heat.distance, sources), results, accuracy)
+
+    return solve
 
 
-METHODS = {"exact": _exact, "dijkstra": _dijkstra}
+def _heat_mesh(mesh: SurfaceMesh, operator: str | None) -> tuple[str, SurfaceMesh]:
+    """Name of the operator and the triangulation that carries it."""
+    if operator is not None and operator not in OPERATORS:
+        raise ParameterError(f"operator {operator!r} is not one of {', '.join(OPERATORS)}")
+    topology = mesh.topology
+    sound = topology.is_oriented and not len(topology.nonmanifold_edges)
+    if operator is None:
+        operator = "intrinsic-delaunay" if sound else "tufted"
+        if not sound:
+            log.warning(
+                "the mesh has edges of three faces or faces of mixed orientation: "
+                "heat runs on its tufted cover"
+            )
+    if operator == "plain":
+        return operator, mesh
+    from ddgcli.algorithms.delaunay import flip_to_delaunay
+
+    if operator == "tufted":
+        from ddgcli.operators.tufted import tufted_cover
+
+        return operator, flip_to_delaunay(tufted_cover(mesh)).mesh
+    return operator, flip_to_delaunay(mesh).mesh
 
 
-def measure_distance(mesh: SurfaceMesh, sources: Sources, method: str = "exact") -> Measured:
-    """Distance from every vertex to the nearest source by the named method, unreachable vertices reported.
+def _fast_marching(mesh: SurfaceMesh, options: DistanceOptions) -> Solver:
+    from ddgcli.algorithms.fast_marching import marched_distance, marching_stencils
+
+    stencils = marching_stencils(mesh)
+
+    def solve(sources: Sources) -> Measured:
+        marched = marched_distance(mesh, sources, stencils=stencils)
+        nearest = downhill_source(mesh, marched.distance, sources)
+        return Measured(marched.distance, nearest, {"updates": marched.updates})
+
+    return solve
+
+
+def _dijkstra(mesh: SurfaceMesh, options: DistanceOptions) -> Solver:
+    from ddgcli.algorithms.geodesic_edges import edge_distance, edge_graph
+
+    graph = edge_graph(mesh)
+
+    def solve(sources: Sources) -> Measured:
+        edges = edge_distance(mesh, sources, graph=graph)
+        return Measured(edges.distance, edges.nearest_source)
+
+    return solve
+
+
+def measure_distance(
+    mesh: SurfaceMesh,
+    sources: Sources,
+    method: str = "exact",
+    options: DistanceOptions = DistanceOptions(),  # noqa: B008
+    *,
+    solver: Solver | None = None,
+) -> Measured:
+    """Distance from every vertex to the nearest source, with its certificate; unreachable vertices reported.
+
+    Parameters
+    ----------
+    solver : callable, optional
+        `prepare(mesh, method, options)`, to share among calls.
 
     Raises
     ------
     ParameterError
         On an unknown method or a bad source.
     """
-    if method not in METHODS:
-        raise ParameterError(f"method {method!r} is not one of {', '.join(METHODS)}")
+    from ddgcli.algorithms.geodesic_certificate import certificate
+
     sources = checked_sources(mesh, sources)
-    measured = METHODS[method](mesh, sources)
-    unreachable = report_unreachable(mesh, measured.distance)
+    solver = solver or prepare(mesh, method, options)
+    measured = solver(sources)
     finite = measured.distance[np.isfinite(measured.distance)]
-    summary = {
+    results = {
         "method": method,
-        "sources": len(sources),
         "max_distance": float(finite.max(initial=0.0)),
-        "unreachable": unreachable,
+        "mean_distance": float(finite.mean()) if len(finite) else 0.0,
+        "unreachable": report_unreachable(mesh, measured.distance),
+        "sources": sources.described(mesh),
     }
-    return replace(measured, results=summary | measured.results)
+    accuracy = measured.accuracy | certificate(mesh, sources, measured.distance)
+    return replace(measured, results=results | measured.results, accuracy=accuracy)
+
+
+def compare(
+    mesh: SurfaceMesh,
+    sources: Sources,
+    distance: NDArray,
+    methods: list[str],
+    options: DistanceOptions = DistanceOptions(),  # noqa: B008
+) -> dict[str, dict[str, Any]]:
+    """Difference of `distance` to what other methods say, and their seconds.
+
+    Errors are relative to the other method's largest distance; `setup_seconds` is what any number of sources
+    pays once.
+    """
+    table: dict[str, dict[str, Any]] = {}
+    for method in methods:
+        began = time.perf_counter()
+        # against exact, the tolerance must not blur the reference
+        solver = prepare(mesh, method, replace(options, tolerance=0.0))
+        ready = time.perf_counter()
+        other = solver(sources).distance
+        done = time.perf_counter()
+        both = np.isfinite(distance) & np.isfinite(other)
+        error = np.where(both, np.abs(np.where(both, distance, 0.0) - np.where(both, other, 0.0)), 0.0)
+        scale = float(other[both].max(initial=0.0)) or 1.0
+        table[method] = {
+            "max_error": float(error.max(initial=0.0)) / scale,
+            "max_error_at": int(np.argmax(error)) if len(error) else None,
+            "mean_error": float(error[both].mean()) / scale if both.any() else 0.0,
+            "setup_seconds": ready - began,
+            "seconds": done - ready,
+        }
+    return table
+
+
+def _largest_difference(a: NDArray, b: NDArray) -> float:
+    both = np.isfinite(a) & np.isfinite(b)
+    return float(np.abs(a[both] - b[both]).max(initial=0.0) / (a[both].max(initial=0.0) or 1.0))
+
+
+def downhill_source(mesh: SurfaceMesh, distance: NDArray, sources: Sources) -> NDArray[np.int64]:
+    """(n,) number of the source at the foot of each vertex's steepest way down along edges.
+
+    Vertices whose way ends elsewhere (an approximate distance may have other minima) take the source that is
+    nearest along edges; -1 where the distance is inf.
+    """
+    from ddgcli.algorithms.geodesic_edges import edge_distance
+
+    n = mesh.n_vertices
+    reached = np.isfinite(distance)
+    if len(sources) == 1:
+        return np.where(reached, 0, -1)
+    tail, head = mesh.topology.side_tail, mesh.topology.side_head
+    a, b = np.concatenate([tail, head]), np.concatenate([head, tail])
+    length = np.tile(mesh.side_length.ravel(), 2)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        slope = (distance[a] - distance[b]) / length
+    down = np.flatnonzero(slope > 0)
+    order = down[np.lexsort((-slope[down], a[down]))]
+    vertex, first = np.unique(a[order], return_index=True)
+    foot = np.arange(n)
+    foot[vertex] = b[order[first]]
+    label = np.full(n, -1, dtype=np.int64)
+    for number in range(len(sources) - 1, -1, -1):
+        label[sources.corners(mesh, number)] = number
+    foot[label >= 0] = np.flatnonzero(label >= 0)
+    while not np.array_equal(foot[foot], foot):
+        foot = foot[foot]
+    nearest = label[foot]
+    lost = reached & (nearest < 0)
+    if lost.any():
+        nearest[lost] = edge_distance(mesh, sources).nearest_source[lost]
+    return np.where(reached, nearest, -1)
 
 
 def report_unreachable(mesh: SurfaceMesh, distance: NDArray) -> int:
@@ -94,17 +299,18 @@ def report_unreachable(mesh: SurfaceMesh, distance: NDArray) -> int:
     count = int(lost.sum())
     if not count:
         return 0
-    component = mesh.topology.vertex_component[lost]
-    numbers, sizes = np.unique(component[component >= 0], return_counts=True)
-    for number, size in list(zip(numbers, sizes))[:5]:
-        first = int(np.flatnonzero(mesh.topology.vertex_component == number)[0])
+    component = mesh.topology.vertex_component
+    numbers, first, sizes = np.unique(component[lost], return_index=True, return_counts=True)
+    first = np.flatnonzero(lost)[first]
+    named = numbers >= 0
+    for number, vertex, size in list(zip(numbers[named], first[named], sizes[named]))[:5]:
         log.warning(
-            f"component {number} ({size} vertices, first: vertex {first}) is not reached by any source; "
+            f"component {number} ({size} vertices, first: vertex {vertex}) is not reached by any source; "
             "its distance is inf"
         )
-    if len(numbers) > 5:
-        log.warning(f"{len(numbers) - 5} more components ({sizes[5:].sum()} vertices) are not reached")
-    unused = int((component < 0).sum())
-    if unused:
-        log.warning(f"{unused} vertices belong to no face; their distance is inf")
+    if named.sum() > 5:
+        rest = int(sizes[named][5:].sum())
+        log.warning(f"{int(named.sum()) - 5} more components ({rest} vertices) are not reached")
+    if not named.all():
+        log.warning(f"{int(sizes[~named].sum())} vertices belong to no face; their distance is inf")
     return count

@@ -49,7 +49,9 @@ def edge_graph(mesh: SurfaceMesh) -> csr_array:
     return graph.tocsr()
 
 
-def edge_distance(mesh: SurfaceMesh, sources: Sources | NDArray | list[int] | int) -> EdgeDistance:
+def edge_distance(
+    mesh: SurfaceMesh, sources: Sources | NDArray | list[int] | int, *, graph: csr_array | None = None
+) -> EdgeDistance:
     """Shortest distance along edges from each vertex to the nearest source.
 
     A source inside a face joins the graph by straight lines to the face's corners.
@@ -58,6 +60,8 @@ def edge_distance(mesh: SurfaceMesh, sources: Sources | NDArray | list[int] | in
     ----------
     mesh : TriangleMesh or IntrinsicMesh
     sources : Sources, vertex number or array of vertex numbers
+    graph : csr_array, optional
+        `edge_graph(mesh)`, to share among calls.
 
     Returns
     -------
@@ -68,7 +72,7 @@ def edge_distance(mesh: SurfaceMesh, sources: Sources | NDArray | list[int] | in
 
     sources = checked_sources(mesh, sources)
     n, points = mesh.n_vertices, sources.points
-    graph = edge_graph(mesh)
+    graph = edge_graph(mesh) if graph is None else graph
     if len(points):
         frame = face_frame(mesh.side_length[points.face])
         position = np.einsum("kc,kcd->kd", points.barycentric, frame)

@@ -61,6 +61,8 @@ class HeatSolver:
         published, whose error stops falling: t = h^2 is a fixed fraction of the decay length, so the
         direction of the heat's gradient keeps an error of the order of a percent. Each further round costs
         one solve and removes most of it.
+    given_on : TriangleMesh or IntrinsicMesh, optional
+        The mesh whose faces source points are given on; same vertices and metric. Default: `mesh`.
 
     References
     ----------
@@ -68,9 +70,15 @@ class HeatSolver:
     """
 
     def __init__(
-        self, mesh: SurfaceMesh, *, time: float | None = None, time_factor: float = 1.0, refine: int = 0
+        self,
+        mesh: SurfaceMesh,
+        *,
+        time: float | None = None,
+        time_factor: float = 1.0,
+        refine: int = 0,
+        given_on: SurfaceMesh | None = None,
     ) -> None:
-        self.mesh, self.refine = mesh, refine
+        self.mesh, self.refine, self.given_on = mesh, refine, given_on or mesh
         h = float(mesh.side_length.mean()) if mesh.n_faces else 1.0
         self.time = time_factor * h * h if time is None else time
         if not 0 < self.time < np.inf:
@@ -100,7 +108,7 @@ class HeatSolver:
         One source reuses both factorisations; its additive constant makes the one-ring fit its spokes.
         Several sources are held at zero together, their one-rings at the spokes, in a system of their own.
         """
-        sources = checked_sources(self.mesh, sources)
+        sources = checked_sources(self.given_on, sources)
         start = self._start(sources)
         heat, level, stages, residual = self._diffuse(start)
         direction, cold = self._direction(heat, level)
@@ -125,7 +133,7 @@ class HeatSolver:
         """Unit heat at each source, shared among the corners of its face for a point."""
         start = np.zeros(self.mesh.n_vertices)
         np.add.at(start, sources.vertex, 1.0)
-        np.add.at(start, self.mesh.faces[sources.points.face], sources.points.barycentric)
+        np.add.at(start, self.given_on.faces[sources.points.face], sources.points.barycentric)
         return start
 
     def _diffuse(self, start: NDArray) -> tuple[NDArray, NDArray, int, float]:
@@ -179,11 +187,12 @@ class HeatSolver:
         is_source[sources.vertex] = True
         length = mesh.side_length.ravel()
         tail, head = topology.side_tail, topology.side_head
-        frame = face_frame(mesh.side_length[points.face])
+        frame = face_frame(self.given_on.side_length[points.face])
         position = np.einsum("kc,kcd->kd", points.barycentric, frame)
         reach = np.linalg.norm(frame - position[:, None], axis=2)
+        around = self.given_on.faces[points.face]
         vertex = np.concatenate(
-            [sources.vertex, head[is_source[tail]], tail[is_source[head]], mesh.faces[points.face].ravel()]
+            [sources.vertex, head[is_source[tail]], tail[is_source[head]], around.ravel()]
         )
         spoke = np.concatenate(
             [np.zeros(len(sources.vertex)), length[is_source[tail]], length[is_source[head]], reach.ravel()]
@@ -196,7 +205,7 @@ class HeatSolver:
     def _integrate(
         self, direction: NDArray, near: NDArray, spoke: NDArray, n_sources: int
     ) -> tuple[NDArray, float]:
-        """The function whose gradient is nearest to the field, fitted to the known values near the sources."""
+        """The function with gradient nearest to the field, fitted to the known values near the sources."""
         flux = 0.5 * np.einsum("mkd,md->mk", self._hat, direction)
         load = np.bincount(self.mesh.faces.ravel(), weights=flux.ravel(), minlength=self.mesh.n_vertices)
         if n_sources == 1:
@@ -213,7 +222,7 @@ class HeatSolver:
         return distance, self._held.residual(distance, load)
 
     def _elsewhere(self, near: NDArray) -> NDArray[np.int64]:
-        """Vertices to hold so that what no source reaches is not singular: one a component, and unused ones."""
+        """Vertices to hold so that nothing is singular: unused ones, one of each component not reached."""
         component = self.mesh.topology.vertex_component
         first = np.unique(component, return_index=True)[1]
         other = first[~np.isin(component[first], component[near])]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +12,7 @@ from numpy.typing import NDArray
 from ddgcli.errors import ParameterError
 from ddgcli.geometry.surface_points import SurfacePoints
 from ddgcli.mesh.topology import frozen
+from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.operators.laplacian import SurfaceMesh
 
 
@@ -38,6 +40,23 @@ class Sources:
 
     def __len__(self) -> int:
         return len(self.vertex) + len(self.points)
+
+    def corners(self, mesh: SurfaceMesh, number: int) -> NDArray[np.int64]:
+        """The vertex of a source, or the corners of its face."""
+        if number < len(self.vertex):
+            return self.vertex[number : number + 1]
+        return mesh.faces[self.points.face[number - len(self.vertex)]]
+
+    def described(self, mesh: SurfaceMesh) -> list[dict[str, Any]]:
+        """Each source in words for the summary: its vertex, or its face, barycentric coordinates, position."""
+        said: list[dict[str, Any]] = [{"vertex": int(v)} for v in self.vertex]
+        for face, weights in zip(self.points.face, self.points.barycentric):
+            said.append({"face": int(face), "barycentric": weights.tolist()})
+        if isinstance(mesh, TriangleMesh):
+            positions = np.concatenate([mesh.points[self.vertex], self.points.positions(mesh)])
+            for entry, position in zip(said, positions):
+                entry["position"] = position.tolist()
+        return said
 
     def each(self) -> list[Sources]:
         """One Sources for each source, in their order."""

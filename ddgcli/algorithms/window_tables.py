@@ -132,7 +132,7 @@ def _sides_across(topology: Topology) -> tuple[NDArray, NDArray | None, tuple | 
     """Code of the side across each side, sides that run the same way, and the sides of each edge.
 
     Faces that name a vertex twice have no inside: they are left out, so that their two equal sides do not
-    make a fold of the surface; their edges still carry paths. Of faces on the same three vertices one will do.
+    make a fold of the surface; their edges still carry paths. One of several faces on three vertices will do.
     """
     if topology.gluing is not None:
         return topology.gluing, None, None
