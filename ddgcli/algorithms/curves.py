@@ -49,7 +49,19 @@ def gathered(parts: list[Curves]) -> Curves:
         [entry for part in parts for entry in part.entries],
         accuracy,
         all(part.converged for part in parts),
+        _side_by_side(parts),
     )
+
+
+def _side_by_side(parts: list[Curves]) -> dict[str, NDArray]:
+    """Arrays on the points of all curves; -1 where a curve does not have one."""
+    names = dict.fromkeys(name for part in parts for name in part.arrays)
+    joined = {}
+    for name in names:
+        like = next(part.arrays[name] for part in parts if name in part.arrays)
+        missing = [np.full((len(part.paths.face), *like.shape[1:]), -1.0) for part in parts]
+        joined[name] = np.concatenate([part.arrays.get(name, gap) for part, gap in zip(parts, missing)])
+    return joined
 
 
 def traced_curves(

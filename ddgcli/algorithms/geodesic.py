@@ -79,7 +79,7 @@ class Measured:
 Solver = Callable[[Sources], Measured]
 
 
-def prepare(mesh: SurfaceMesh, method: str, options: DistanceOptions = DistanceOptions()) -> Solver:  # noqa: B008
+def prepare(mesh: SurfaceMesh, method: str, options: DistanceOptions = DistanceOptions()) -> Solver:
     """A solver for one mesh and method; what does not depend on the sources is done here, once.
 
     Raises
@@ -187,7 +187,7 @@ def measure_distance(
     mesh: SurfaceMesh,
     sources: Sources,
     method: str = "exact",
-    options: DistanceOptions = DistanceOptions(),  # noqa: B008
+    options: DistanceOptions = DistanceOptions(),
     *,
     solver: Solver | None = None,
 ) -> Measured:
@@ -225,7 +225,7 @@ def compare(
     sources: Sources,
     distance: NDArray,
     methods: list[str],
-    options: DistanceOptions = DistanceOptions(),  # noqa: B008
+    options: DistanceOptions = DistanceOptions(),
 ) -> dict[str, dict[str, Any]]:
     """Difference of `distance` to what other methods say, and their seconds.
 
@@ -251,6 +251,21 @@ def compare(
             "seconds": done - ready,
         }
     return table
+
+
+def each_source(sources: Sources, solver: Solver) -> dict[str, NDArray[np.float64]]:
+    """One array a source, named geodesic_distance_000 and so on."""
+    digits = max(3, len(str(len(sources) - 1)))
+    return {f"geodesic_distance_{i:0{digits}d}": solver(one).distance for i, one in enumerate(sources.each())}
+
+
+def distance_gradient(mesh: TriangleMesh, distance: NDArray) -> NDArray[np.float64]:
+    """(m, 3) gradient of the distance on faces; zero where a corner is not reached or a face has no area."""
+    from ddgcli.operators.gradient import gradient
+
+    reached = np.isfinite(distance)
+    values = (gradient(mesh) @ np.where(reached, distance, 0.0)).reshape(-1, 3)
+    return np.where(reached[mesh.faces].all(axis=1)[:, None], values, 0.0)
 
 
 def _largest_difference(a: NDArray, b: NDArray) -> float:

@@ -26,8 +26,8 @@ def certificate(mesh: SurfaceMesh, sources: Sources, distance: NDArray) -> dict[
         violations_straight_line : vertices nearer to all sources than a straight line in space (None
         without positions); violations_edge_distance : vertices farther than along edges;
         violations_lipschitz : edges whose ends differ by more than their length, and lipschitz_excess, the
-        largest such excess relative to the edge; gradient_deviation : quantiles of | |grad d| - 1 | over faces
-        by area. Counts allow 1e-9 of the largest distance for rounding.
+        largest such excess relative to the edge; gradient_deviation : quantiles of | |grad d| - 1 | by the
+        area of faces. Counts allow 1e-9 of the largest distance for rounding.
     """
     finite = np.isfinite(distance)
     slack = SLACK * float(distance[finite].max(initial=0.0))
@@ -80,7 +80,7 @@ def _gradient_deviation(mesh: SurfaceMesh, distance: NDArray) -> dict[str, float
 
 
 def gradient_norm(mesh: SurfaceMesh, values: NDArray) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """(m,) length of the gradient of a vertex function in each face, nan where it has none; (m,) relative areas.
+    """(m,) length of a vertex function's gradient on faces, nan where it has none; (m,) relative areas.
 
     From lengths alone, scaled by the longest side so that no size of mesh overflows.
     """

@@ -47,14 +47,17 @@ class Sources:
             return self.vertex[number : number + 1]
         return mesh.faces[self.points.face[number - len(self.vertex)]]
 
+    def positions(self, mesh: TriangleMesh) -> NDArray[np.float64]:
+        """(k, 3) positions in space."""
+        return np.concatenate([mesh.points[self.vertex], self.points.positions(mesh)])
+
     def described(self, mesh: SurfaceMesh) -> list[dict[str, Any]]:
-        """Each source in words for the summary: its vertex, or its face, barycentric coordinates, position."""
+        """Each source for the summary: its vertex, or face and barycentric coordinates; its position."""
         said: list[dict[str, Any]] = [{"vertex": int(v)} for v in self.vertex]
         for face, weights in zip(self.points.face, self.points.barycentric):
             said.append({"face": int(face), "barycentric": weights.tolist()})
         if isinstance(mesh, TriangleMesh):
-            positions = np.concatenate([mesh.points[self.vertex], self.points.positions(mesh)])
-            for entry, position in zip(said, positions):
+            for entry, position in zip(said, self.positions(mesh)):
                 entry["position"] = position.tolist()
         return said
 

@@ -5,9 +5,20 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.algorithms.paths import SurfacePaths
+from ddgcli.algorithms.curves import Curves
+from ddgcli.algorithms.paths import SurfacePaths, path_lengths
 from ddgcli.mesh.topology import NEXT
 from ddgcli.operators.laplacian import SurfaceMesh
+
+
+def isoline_curves(mesh: SurfaceMesh, values: NDArray, count: int) -> Curves:
+    """Level lines at `count` even levels, as curves with the array `level` on their points."""
+    paths, level = isolines(mesh, values, even_levels(values, count))
+    entries = [
+        {"kind": "isoline", "level": float(x), "length": float(length), "closed": bool(closed)}
+        for x, length, closed in zip(level, path_lengths(mesh, paths), paths.closed)
+    ]
+    return Curves(paths, entries, arrays={"level": level[paths.of_point()]})
 
 
 def even_levels(values: NDArray, count: int) -> NDArray[np.float64]:

@@ -13,39 +13,43 @@ from ddgcli.cli.geodesic_curves import (
     curve_options,
     write_curves,
 )
+from ddgcli.cli.geodesic_distance import (
+    DistanceChoice,
+    check_distance,
+    compute_distance,
+    distance_options,
+    draw_distance,
+    read_sources,
+)
 from ddgcli.cli.options import Common
 from ddgcli.cli.run import Run
 
-METHODS = ("exact", "heat", "fast-marching", "dijkstra")
+LISTS = ("--source", "--source-point", "--source-face", "--compare", "--path-to", "--trace")
 
 
-@click.command("geodesic")
+@click.command("geodesic", cls=options.listing(*LISTS))
 @options.mesh_arg
-@click.option("--source", "source", type=int, multiple=True, metavar="ID", help="Source vertex; repeatable.")
-@click.option("--method", type=click.Choice(METHODS), default="exact", show_default=True)
+@distance_options
 @curve_options
 @options.common
-def command(
-    mesh_path: str, source: tuple[int, ...], method: str, curves: CurveOptions, common: Common
-) -> None:
+def command(mesh_path: str, distance: DistanceChoice, curves: CurveOptions, common: Common) -> None:
     """Measure distance along the surface of MESH from the sources, and draw curves on it."""
-    check_asked(curves, bool(source), method)
-    run = Run("geodesic", common, source=list(source), method=method, **curves.said())
-    mesh_input = run.read(mesh_path)
-    mesh = mesh_input.mesh
-    vertex, results, accuracy, converged, exact = {}, {}, {}, True, None
+    check_distance(distance)
+    check_asked(curves, distance.any, distance.method, extra=distance.isolines is not None)
+    run = Run("geodesic", common, **distance.said(), **curves.said())
+    mesh = run.read(mesh_path).mesh
+    vertex, face, results, accuracy, converged, exact, made = {}, {}, {}, {}, True, None, None
+    lines: list = []
     with run.timed("compute"):
-        from ddgcli.algorithms.geodesic import measure_distance
-        from ddgcli.algorithms.geodesic_sources import Sources
         from ddgcli.mesh.fields import AnnotatedMesh
 
-        sources = Sources.at(source)
-        if source or not curves.any:
-            measured = measure_distance(mesh, sources, method)
-            exact = measured.exact
-            vertex, results, accuracy = measured.arrays, measured.results, measured.accuracy
-    if curves.any:
-        made = compute_curves(run, mesh, curves, sources, exact)
+        sources = read_sources(mesh, distance) if distance.any or not curves.any else None
+        if sources is not None:
+            measured = compute_distance(run, mesh, distance, sources)
+            vertex, face, lines, exact = measured.vertex, measured.face, measured.curves, measured.exact
+            results, accuracy = measured.results, measured.accuracy
+    if curves.any or lines:
+        made = compute_curves(run, mesh, curves, sources, exact, more=lines)
         write_curves(run, mesh, made, curves.paths_output)
         results, accuracy = results | {"paths": made.entries}, accuracy | made.accuracy
         converged = made.converged
@@ -56,5 +60,6 @@ def command(
             results | vectors.results,
             accuracy | vectors.accuracy,
         )
-    run.write(AnnotatedMesh(mesh, vertex=vertex))
+    run.write(AnnotatedMesh(mesh, vertex=vertex, face=face))
+    draw_distance(run, mesh, vertex, sources, made.paths if made else None)
     run.finish(results, accuracy, converged=converged)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -125,7 +125,9 @@ def curve_options(command: Callable) -> Callable:
     return with_curves
 
 
-def compute_curves(run: Any, mesh: Any, asked: CurveOptions, sources: Any, exact: Any) -> Any:  # -> Curves
+def compute_curves(
+    run: Any, mesh: Any, asked: CurveOptions, sources: Any, exact: Any, more: Sequence[Any] = ()
+) -> Any:  # -> Curves
     """All curves that the options ask for, in the order of the options in --help."""
     with run.timed("compute"):
         from ddgcli.algorithms import curves
@@ -147,7 +149,7 @@ def compute_curves(run: Any, mesh: Any, asked: CurveOptions, sources: Any, exact
 
             closed = [False] * len(asked.straighten) + [True] * len(asked.loop)
             parts.append(straightened_curves(mesh, [*asked.straighten, *asked.loop], closed))
-        made = curves.gathered(parts)
+        made = curves.gathered([*parts, *more])
         return curves.with_transport(mesh, made) if asked.transport else made
 
 
@@ -179,7 +181,7 @@ def write_curves(run: Any, mesh: Any, made: Any, paths_output: tuple[str, ...]) 
         run.write_file(path, annotated)
 
 
-def check_asked(asked: CurveOptions, has_source: bool, method: str) -> None:
+def check_asked(asked: CurveOptions, has_source: bool, method: str, *, extra: bool = False) -> None:
     """Refuse options that cannot be served together."""
     for name, given in (("--path-to", bool(asked.path_to)), ("--log-map", asked.log_map)):
         if given and not has_source:
@@ -191,5 +193,5 @@ def check_asked(asked: CurveOptions, has_source: bool, method: str) -> None:
     if asked.spread_vector and not has_source:
         raise ParameterError("--spread-vector needs source vertices, e.g. --source 0")
     for name, wanted in (("--paths-output", bool(asked.paths_output)), ("--transport", asked.transport)):
-        if wanted and not asked.any:
+        if wanted and not (asked.any or extra):
             raise ParameterError(f"{name} has no curves; ask for some, e.g. with --path-to or --trace")

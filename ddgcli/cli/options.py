@@ -154,3 +154,37 @@ def common(command: Callable) -> Callable:
     for option in reversed(_COMMON):
         gathered = option(gathered)
     return gathered
+
+
+_VALUE = re.compile(r"-?[\d.][\d.,:eE+-]*")
+
+
+def listing(*names: str) -> type[click.Command]:
+    """A command class whose options `names` take several values after one another: --source 0 5 9.
+
+    A word that follows such an option's value belongs to it when it reads like numbers, or like one of the
+    choices of the option.
+    """
+
+    class Listing(click.Command):
+        def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+            choices = {
+                name: tuple(getattr(parameter.type, "choices", ()))
+                for parameter in self.params
+                for name in parameter.opts
+            }
+            spelled: list[str] = []
+            current: str | None = None
+            for i, word in enumerate(args):
+                if word in names:
+                    current = word
+                elif word.startswith("--") or (i and args[i - 1] == current):
+                    current = current if i and args[i - 1] == current else None
+                elif current and (_VALUE.fullmatch(word) or word in choices.get(current, ())):
+                    spelled.append(current)
+                else:
+                    current = None
+                spelled.append(word)
+            return super().parse_args(ctx, spelled)
+
+    return Listing

@@ -1,0 +1,233 @@
+"""Options of `ddgcli geodesic` that say from where and how distance is measured, and the way to results."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import click
+import numpy as np
+
+from ddgcli.cli.options import NONNEGATIVE, POSITIVE, REAL
+from ddgcli.errors import ParameterError
+
+METHODS = ("exact", "heat", "fast-marching", "dijkstra")
+
+
+@dataclass(frozen=True)
+class DistanceChoice:
+    """Sources, method and what is to be told beyond the distance."""
+
+    source: tuple[Any, ...] = ()
+    source_point: tuple[Any, ...] = ()
+    source_face: tuple[Any, ...] = ()
+    method: str = "exact"
+    tolerance: float | None = None
+    operator: str | None = None
+    heat_time: float | None = None
+    heat_refine: int | None = None
+    each_source: bool = False
+    gradient: bool = False
+    isolines: int | None = None
+    compare: tuple[str, ...] = ()
+    certify: bool = False
+
+    @property
+    def any(self) -> bool:
+        """Is any source given?"""
+        return bool(self.source or self.source_point or self.source_face)
+
+    def said(self) -> dict[str, Any]:
+        """The options that were given, and the method, for the summary."""
+        given = {k: v for k, v in asdict(self).items() if v != getattr(DistanceChoice, k)}
+        return {"source": self.vertices, "method": self.method} | {
+            k: v for k, v in given.items() if k not in ("source", "method")
+        }
+
+    @property
+    def vertices(self) -> list[int]:
+        """Source vertices in the order given."""
+        return [vertex for group in self.source for vertex in group]
+
+
+class Ids(click.ParamType):
+    """ID or ID,ID,..."""
+
+    name = "ids"
+
+    def convert(self, value: Any, param: Any, ctx: Any) -> Any:
+        try:
+            return [int(x) for x in str(value).split(",")]
+        except ValueError:
+            self.fail(f"{value!r} is not a vertex number or a list such as 3,17,42", param, ctx)
+
+
+class Numbers(click.ParamType):
+    """A fixed count of finite numbers with commas between."""
+
+    name = "numbers"
+
+    def __init__(self, count: int, example: str) -> None:
+        self.count, self.example = count, example
+
+    def convert(self, value: Any, param: Any, ctx: Any) -> Any:
+        parts = str(value).split(",")
+        if len(parts) != self.count:
+            self.fail(f"{value!r} is not {self.count} numbers such as {self.example}", param, ctx)
+        return [REAL.convert(x, param, ctx) for x in parts]
+
+
+class FacePoint(click.ParamType):
+    """F:b0,b1,b2."""
+
+    name = "face point"
+
+    def convert(self, value: Any, param: Any, ctx: Any) -> Any:
+        head, _, tail = str(value).partition(":")
+        try:
+            face = int(head)
+        except ValueError:
+            self.fail(f"{head!r} in {value!r} is not a face number", param, ctx)
+        return face, Numbers(3, "0.2,0.3,0.5").convert(tail, param, ctx)
+
+
+_OPTIONS = (
+    click.option("--source", multiple=True, type=Ids(), metavar="ID...",
+                 help="Source vertex; several after one another, with commas, or by repeating the option."),
+    click.option("--source-point", multiple=True, type=Numbers(3, "0.5,1,0"), metavar="X,Y,Z...",
+                 help="Source at the point of the surface nearest to this one."),
+    click.option("--source-face", multiple=True, type=FacePoint(), metavar="F:b0,b1,b2...",
+                 help="Source inside a face, by barycentric coordinates."),
+    click.option("--method", type=click.Choice(METHODS), default="exact", show_default=True,
+                 help="exact: the polyhedral distance. heat: two linear solves, factored once; pays off for "
+                      "many sources. fast-marching: first order. dijkstra: along edges."),
+    click.option("--tolerance", type=NONNEGATIVE, metavar="TAU",
+                 help="exact: slack in edge lengths; it then errs upwards, never below (useful: 0.01 to 0.1)."),
+    click.option("--operator", type=click.Choice(("intrinsic-delaunay", "plain", "tufted")),
+                 help="heat: the Laplacian. [default: intrinsic-delaunay, tufted where non-manifold]"),
+    click.option("--heat-time", type=POSITIVE, metavar="M",
+                 help="heat: time step in squares of the mean edge length. [default: 1]"),
+    click.option("--heat-refine", type=click.IntRange(0, 100), metavar="K",
+                 help="heat: normalise and integrate the gradient K more times. [default: 0]"),
+    click.option("--each-source", is_flag=True,
+                 help="Also one array a source: geodesic_distance_000, ..."),
+    click.option("--gradient", is_flag=True, help="Also the face array distance_gradient."),
+    click.option("--isolines", type=click.IntRange(1, 10_000), metavar="N",
+                 help="Level lines of the distance at N even levels, into --paths-output."),
+    click.option("--compare", multiple=True, type=click.Choice(METHODS), metavar="METHOD...",
+                 help="Error against other methods, and their seconds."),
+    click.option("--certify", is_flag=True,
+                 help="Also check symmetry and the triangle inequality on sampled pairs (4 more runs)."),
+)  # fmt: skip
+
+
+def distance_options(command: Callable) -> Callable:
+    """Give a command the distance options, gathered in one `distance: DistanceChoice` argument."""
+
+    @functools.wraps(command)
+    def with_distance(*args: Any, **kwargs: Any) -> Any:
+        taken = {name: kwargs.pop(name) for name in DistanceChoice.__dataclass_fields__}
+        return command(*args, distance=DistanceChoice(**taken), **kwargs)
+
+    for option in reversed(_OPTIONS):
+        with_distance = option(with_distance)
+    return with_distance
+
+
+def check_distance(asked: DistanceChoice) -> None:
+    """Refuse options that the chosen method does not have, or that have nothing to work on."""
+    if asked.tolerance is not None and asked.method != "exact":
+        raise ParameterError(
+            f"--tolerance belongs to --method exact, not to {asked.method}; drop one of them"
+        )
+    for name in ("operator", "heat_time", "heat_refine"):
+        if getattr(asked, name) is not None and asked.method != "heat" and "heat" not in asked.compare:
+            option = "--" + name.replace("_", "-")
+            raise ParameterError(
+                f"{option} belongs to --method heat, not to {asked.method}; drop one of them"
+            )
+    for name in ("each_source", "gradient", "isolines", "compare", "certify"):
+        if getattr(asked, name) and not asked.any:
+            raise ParameterError(f"--{name.replace('_', '-')} needs a source, e.g. --source 0")
+
+
+@dataclass(frozen=True)
+class DistanceMade:
+    """What the distance options made."""
+
+    vertex: dict[str, Any]
+    face: dict[str, Any]
+    results: dict[str, Any]
+    accuracy: dict[str, Any]
+    exact: Any
+    curves: list[Any]
+
+
+def read_sources(mesh: Any, asked: DistanceChoice) -> Any:  # -> Sources
+    """The sources in the order vertices, points in space, points of faces; checked."""
+    from ddgcli.algorithms.geodesic_sources import Sources, checked_sources
+    from ddgcli.geometry.surface_points import SurfacePoints, nearest_points
+
+    near, _ = nearest_points(mesh, np.array(asked.source_point, dtype=float).reshape(-1, 3))
+    face = np.array([f for f, _ in asked.source_face], dtype=np.int64)
+    weights = np.array([w for _, w in asked.source_face], dtype=float).reshape(-1, 3)
+    given = SurfacePoints.checked(face, weights, mesh.n_faces)
+    points = SurfacePoints(
+        np.concatenate([near.face, given.face]), np.concatenate([near.barycentric, given.barycentric])
+    )
+    return checked_sources(mesh, Sources.at(asked.vertices, points))
+
+
+def compute_distance(run: Any, mesh: Any, asked: DistanceChoice, sources: Any) -> DistanceMade:
+    """Distance arrays, results and accuracy that the options ask for."""
+    from ddgcli.algorithms import geodesic
+
+    chosen = geodesic.DistanceOptions(
+        tolerance=asked.tolerance or 0.0,
+        operator=asked.operator,
+        heat_time=asked.heat_time or 1.0,
+        heat_refine=asked.heat_refine or 0,
+    )
+    solver = geodesic.prepare(mesh, asked.method, chosen)
+    measured = geodesic.measure_distance(mesh, sources, asked.method, solver=solver)
+    vertex, face, curves = dict(measured.arrays), {}, []
+    accuracy = dict(measured.accuracy)
+    if asked.each_source:
+        vertex |= geodesic.each_source(sources, solver)
+    if asked.gradient:
+        face["distance_gradient"] = geodesic.distance_gradient(mesh, measured.distance)
+    if asked.isolines:
+        from ddgcli.algorithms.isolines import isoline_curves
+
+        curves.append(isoline_curves(mesh, measured.distance, asked.isolines))
+    if asked.compare:
+        accuracy["compare"] = geodesic.compare(mesh, sources, measured.distance, list(asked.compare), chosen)
+    if asked.certify:
+        from ddgcli.algorithms.geodesic_certificate import symmetry
+
+        accuracy |= symmetry(mesh, lambda s: solver(s).distance, seed=run.common.seed)
+    return DistanceMade(vertex, face, measured.results, accuracy, measured.exact, curves)
+
+
+def draw_distance(run: Any, mesh: Any, vertex: dict[str, Any], sources: Any, paths: Any) -> None:
+    """Distance bands with the curves on the shaded surface, where --plot asks for a picture."""
+    if run.common.plot is None:
+        return
+    from ddgcli.algorithms.isolines import even_levels, isolines
+    from ddgcli.algorithms.paths import curve_set
+    from ddgcli.plots.surface import draw_surface
+
+    distance = vertex.get("geodesic_distance")
+    points = None if distance is None else sources.positions(mesh)
+    if paths is None and distance is not None:
+        paths, _ = isolines(mesh, distance, even_levels(distance, 12))
+    drawn = curve_set(mesh, paths)
+    curves = np.split(drawn.points, np.flatnonzero(np.diff(drawn.point_arrays["path_id"])) + 1)
+    run.plot(
+        lambda path: draw_surface(
+            path, mesh, distance, label="geodesic distance", signed=False, curves=curves, points=points,
+            curve_width=0.7,
+        )
+    )  # fmt: skip
