@@ -1,0 +1,160 @@
+"""Order, invariants and accounting of the time schemes; parametrised over the table itself."""
+
+import numpy as np
+import pytest
+
+from ddgcli.evolve.integrators import INTEGRATORS
+from tests.simulate import scalar, shell_run
+
+DYNAMIC = [name for name in INTEGRATORS if name != "static"]
+FREE = """
+[time]
+duration = {duration}
+step = {step}
+frame_every = {duration}
+integrator = "{integrator}"
+[[object]]
+name = "s"
+role = "shell"
+grid = {{ size = [1, 1], cells = [3, 3] }}
+density = 1.0
+young = 3e4
+thickness = "5 mm"
+poisson = 0.3
+velocity = [0.3, 0.1, -0.2]
+angular_velocity = [2.0, 1.0, 1.5]
+[effects]
+stretching = {{}}
+bending = {{}}
+"""
+
+
+def end(integrator, step, duration=0.2):
+    run, _, _ = shell_run(FREE.format(integrator=integrator, step=step, duration=duration))
+    return run[-1].observations["s"]
+
+
+@pytest.mark.parametrize("name", DYNAMIC)
+def test_integrator_has_its_order(name):
+    # velocities: from a start at rest the positions of symplectic Euler gain an order (conjugate to Verlet)
+    truth = end("verlet", 0.2 / 4096).vertex["velocity"]
+    steps = [0.2 / 64, 0.2 / 128, 0.2 / 256]
+    errors = [np.abs(end(name, h).vertex["velocity"] - truth).max() for h in steps]
+    rates = np.log2(np.array(errors[:-1]) / errors[1:])
+    assert rates[-1] == pytest.approx(INTEGRATORS[name].order, abs=0.15)
+    assert errors[-1] < (0.05 if INTEGRATORS[name].order == 2 else 0.5) * np.abs(truth).max()
+
+
+@pytest.mark.parametrize("name, linear, angular", [
+    ("verlet", 1e-12, 1e-12),
+    ("symplectic-euler", 1e-12, 1e-12),
+    ("implicit-midpoint", 1e-12, 1e-9),
+    ("newmark", 1e-12, None),
+    ("implicit-euler", 1e-12, None),
+])  # fmt: skip
+def test_free_shell_keeps_its_momenta(name, linear, angular):
+    text = FREE.format(integrator=name, step=2e-3, duration=0.5)
+    run, contexts, _ = shell_run(text, frame_every=0.05)
+    mass = contexts["s"].mass.sum()
+    p = np.array(scalar(run, "momentum"))
+    assert np.abs(p - p[0]).max() <= linear * mass
+    if angular is not None:
+        spin = np.array(scalar(run, "angular_momentum"))
+        assert np.abs(spin - spin[0]).max() <= angular * mass
+
+
+@pytest.mark.parametrize("name", ["verlet", "newmark", "implicit-midpoint"])
+def test_energy_error_is_of_second_order(name):
+    worst = []
+    for step in (4e-3, 2e-3, 1e-3):
+        run, _, _ = shell_run(FREE.format(integrator=name, step=step, duration=0.4), frame_every=0.004)
+        energy = np.array(scalar(run, "energy"))
+        worst.append(np.abs(energy - energy[0]).max() / energy[0])
+    assert np.log2(worst[1] / worst[2]) > 1.6
+    assert worst[2] < 2e-3
+
+
+@pytest.mark.parametrize("name", INTEGRATORS)
+def test_rest_stays_at_rest(name):
+    text = FREE.format(integrator=name, step=1e-3, duration=0.02)
+    text = text.replace("grid = { size = [1, 1], cells = [3, 3] }", "sphere = { subdivisions = 1 }")
+    text = text.replace("velocity = [0.3, 0.1, -0.2]", "").replace("angular_[", "[")
+    text = "\n".join(line for line in text.split("\n") if not line.startswith("angular"))
+    run, contexts, _ = shell_run(text)
+    moved = run[-1].observations["s"].points - contexts["s"].mesh.points
+    assert np.abs(moved).max() <= 1e-14
+
+
+def test_free_fall_stores_no_elastic_energy():
+    text = (
+        FREE.format(integrator="newmark", step=1e-2, duration=1.0)
+        + "gravity = { acceleration = [0, 0, -10] }\n"
+    )
+    text = "\n".join(line for line in text.split("\n") if "velocity" not in line)
+    run, contexts, _ = shell_run(text)
+    fall = run[-1].observations["s"].points - contexts["s"].mesh.points
+    assert np.allclose(fall, [0, 0, -5], atol=1e-10)
+    assert abs(scalar(run, "energy_stretching")[-1]) < 1e-18
+    assert abs(scalar(run, "energy_bending")[-1]) < 1e-18
+
+
+def test_parts_account_for_the_time():
+    """Effects, solver, integrator and output add up to the loop's own time, within 5 %."""
+    from time import perf_counter
+
+    text = FREE.format(integrator="newmark", step=1e-2, duration=0.3).replace("[3, 3]", "[20, 20]")
+    began = perf_counter()
+    shell_run(text.replace("duration = 0.3", "duration = 0.01"))
+    setup = perf_counter() - began
+    began = perf_counter()
+    _, _, account = shell_run(text)
+    total = perf_counter() - began
+    booked = sum(account.seconds.values())
+    assert {"stretching", "bending", "solver", "integrator", "output"} <= set(account.seconds)
+    assert booked <= total
+    assert booked >= 0.95 * (total - setup)
+
+
+def test_an_object_that_is_not_coupled_changes_no_bit():
+    from ddgcli.models.shell.scene import KIND  # noqa: F401
+
+    one = FREE.format(integrator="newmark", step=5e-3, duration=0.1)
+    other = """
+[[object]]
+name = "other"
+role = "shell"
+grid = { size = [2, 1], cells = [4, 3] }
+position = [0, 0, 1]
+material = "paper"
+angular_velocity = [30, 40, 0]
+"""
+    both = one.replace("[effects]", other + "[effects]")
+    alone, _, _ = shell_run(one)
+    together, _, _ = shell_run(both)
+    assert np.array_equal(alone[-1].observations["s"].points, together[-1].observations["s"].points)
+    assert np.array_equal(
+        alone[-1].observations["s"].vertex["velocity"], together[-1].observations["s"].vertex["velocity"]
+    )
+
+
+def test_unstable_steps_are_divided_and_told(caplog):
+    text = FREE.format(integrator="verlet", step=0.05, duration=0.2)
+    run, _, _ = shell_run(text)
+    events = [event for snapshot in run for event in snapshot.events]
+    assert [event.kind for event in events] == ["stability"]
+    assert run[-1].smallest_step < 0.05
+    energy = scalar(run, "energy")
+    assert abs(energy[-1] / energy[0] - 1) < 0.1
+
+
+def test_adaptive_steps_keep_their_tolerance():
+    text = FREE.format(integrator="newmark", step=0.05, duration=0.2).replace(
+        "step = 0.05", "tolerance = 1e-5"
+    )
+    run, _, _ = shell_run(text)
+    truth = end("verlet", 0.2 / 4096).points
+    error = np.abs(run[-1].observations["s"].points - truth).max()
+    assert error < 2e-3
+    fine, _, _ = shell_run(text.replace("1e-5", "1e-7"))
+    assert np.abs(fine[-1].observations["s"].points - truth).max() < error / 5
+    assert fine[-1].steps > run[-1].steps
