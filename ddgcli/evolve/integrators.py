@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ddgcli.errors import SolveError
 from ddgcli.evolve.loop import StepRejected
 from ddgcli.evolve.system import Motion, System
 
@@ -120,7 +121,12 @@ def _static(system: System, motion: Motion, dt: float, parameters: Any) -> Motio
     """One equilibrium: a stationary point of the potentials, reached downhill."""
     from ddgcli.evolve.implicit import Increment
 
-    y, count = system.newton.minimise(Increment(0.0, motion.x), motion.x, most=2000)
+    try:
+        y, count = system.newton.minimise(Increment(0.0, motion.x), motion.x, most=2000)
+    except StepRejected as rejected:
+        raise SolveError(
+            f"no equilibrium was found ({rejected}): hold the shell by pins or lessen the load"
+        ) from rejected
     still = np.zeros_like(y)
     return checked(system, Motion(y, still, still, motion.newton + count))
 

@@ -136,10 +136,13 @@ def _allocate(file: h5py.File, name: str, row: Rows) -> int:
     creation.set_alloc_time(h5py.h5d.ALLOC_TIME_EARLY)
     creation.set_fill_time(h5py.h5d.FILL_TIME_NEVER)
     folder, leaf = name.rsplit("/", 1)
+    kind = h5py.h5t.py_create(row.dtype, logical=True)
+    if row.dtype.names:  # a type by reference keeps the header short, in one piece
+        kind.commit(file.require_group(f"{folder}/types").id, leaf.encode())
     dataset = h5py.h5d.create(
         file.require_group(folder).id,
         leaf.encode(),
-        h5py.h5t.py_create(row.dtype, logical=True),
+        kind,
         h5py.h5s.create_simple((row.capacity, *row.shape)),
         creation,
     )

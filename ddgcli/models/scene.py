@@ -287,7 +287,8 @@ def _effects(document: Document, kind: SceneKind, roles: set[str]) -> tuple[tupl
             raise SceneError(located(document, key, message))
         several = isinstance(value, list)
         if several and not effect.repeatable:
-            raise SceneError(located(document, key, f"effect {name!r} may stand only once, as one table"))
+            message = f"effect {name!r} may stand only once, as one table"
+            raise SceneError(located(document, (*key, 0), message))
         for k, table in enumerate(value if several else [value]):
             place: Key = (*key, k) if several else key
             if not isinstance(table, dict):
@@ -338,7 +339,7 @@ def _sentence(mistake: Any, loc: Key, model: type[BaseModel], where: str) -> str
         hint = nearest(str(value), allowed)
         return f"{name} = {value!r} is not known in {where}{hint}; allowed: {', '.join(allowed)}"
     if kind == "value_error":
-        return f"{name} of {where}: {context['error']}"
+        return f"{name} of {where}: {context['error']}" if loc else f"{where}: {context['error']}"
     if kind in ("greater_than", "greater_than_equal", "less_than", "less_than_equal"):
         relation = {"greater_than": "greater than", "greater_than_equal": "at least",
                     "less_than": "less than", "less_than_equal": "at most"}[kind]  # fmt: skip

@@ -92,7 +92,7 @@ def test_elastica_and_chain_agree():
 def test_large_deflection_follows_the_elastica_of_the_equivalent_plate(pattern):
     b = stiffness(pattern=pattern)
     for gamma in (2.0, 10.0):
-        # 1 %: a curved strip resists relaxing across its width (and right triangles twist it), by (w^2 kappa / t)
+        # 1 %: a curved strip resists relaxing across its width (and right triangles twist it)
         assert drop(gamma, pattern=pattern) == pytest.approx(chain_drop(gamma / b, 40), rel=1e-2)
 
 

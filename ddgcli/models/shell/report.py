@@ -33,7 +33,7 @@ def summary(
         "frames": outcome.frames,
         "time": last.time,
         "steps": outcome.steps,
-        "smallest_step": outcome.smallest_step,
+        **({"smallest_step": outcome.smallest_step} if outcome.steps else {}),
         "rejected_steps": outcome.events,
         "newton_iterations": int(series["newton_iterations"][-1]),
         "energies": energies,

@@ -7,7 +7,7 @@ from __future__ import annotations
 import logging
 from typing import Literal
 
-from pydantic import Field, model_validator
+from pydantic import Field, field_validator, model_validator
 
 from ddgcli.evolve.effects import EffectTable, nearest
 from ddgcli.models.scene import SceneKind, Section
@@ -39,15 +39,13 @@ class Shell(MovingObject):
     young: quantity("Pa", "Young's modulus", gt=0) | None = None
     poisson: quantity("", "Poisson's ratio", ge=-1, le=0.5) | None = None
 
-    @model_validator(mode="before")
+    @field_validator("material")
     @classmethod
-    def _from_material(cls, values: dict) -> dict:
-        name = values.get("material")
+    def _known(cls, name: str | None) -> str | None:
         if name is not None and name not in MATERIALS:
-            raise ValueError(
-                f"no material {name!r}{nearest(str(name), list(MATERIALS))}; known: {', '.join(MATERIALS)}"
-            )
-        return values
+            hint = nearest(name, list(MATERIALS))
+            raise ValueError(f"no material {name!r}{hint}; known: {', '.join(MATERIALS)}")
+        return name
 
     @model_validator(mode="after")
     def _complete(self) -> Shell:

@@ -1,0 +1,289 @@
+"""`shell-sim` from end to end: what it writes, says, resumes and imports."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+
+from ddgcli.io.trajectory import Trajectory
+from ddgcli.mesh.shapes import grid
+
+SCENE = """\
+format = "ddgcli-scene/1"
+[time]
+duration = 0.1
+step = 5e-3
+frame_every = 0.01
+integrator = "{integrator}"
+[[object]]
+name = "cloth"
+role = "shell"
+grid = {{ size = [1, 1], cells = [5, 5] }}
+material = "rubber"
+position = [0, 0, 0.02]
+[[object]]
+name = "floor"
+role = "obstacle"
+plane = {{ point = [0, 0, 0], normal = [0, 0, 1] }}
+[effects]
+stretching = {{}}
+bending = {{}}
+gravity = {{}}
+damping = {{ mass = 1 }}
+contact = {{ pairs = [["cloth", "floor"]], friction = 0.5 }}
+"""
+
+
+def scene(tmp_path, integrator="newmark", text=SCENE):
+    path = tmp_path / "scene.toml"
+    path.write_text(text.format(integrator=integrator))
+    return path
+
+
+def ddgcli(*words, **kwargs):
+    return subprocess.Popen([sys.executable, "-m", "ddgcli", *map(str, words)], **kwargs)
+
+
+def test_summary_holds_the_contract(summary, tmp_path):
+    out = summary("shell-sim", scene(tmp_path), "-o", tmp_path / "run.vtkhdf", "-o", tmp_path / "last.ply")
+    results, accuracy = out["results"], out["accuracy"]
+    assert set(results["effects"]) == {"stretching", "bending", "gravity", "damping", "contact"}
+    for entry in results["effects"].values():
+        assert set(entry) == {"seconds", "share", "evaluations"}
+    assert results["effects"]["bending"]["evaluations"] > 20
+    assert set(results["energies"]) >= {"stretching", "bending", "gravity", "contact", "kinetic"}
+    assert set(results["energies"]["bending"]) == {"start", "end"}
+    assert results["steps"] >= 20 and results["newton_iterations"] >= 20
+    assert len(results["momentum"]) == 3 and len(results["angular_momentum"]) == 3
+    assert {"energy_drift", "momentum_drift", "angular_momentum_drift", "max_strain"} <= set(accuracy)
+    parts = results["seconds_by_part"]
+    assert sum(v for k, v in parts.items() if k != "total") == pytest.approx(parts["total"])
+    assert out["outputs"] == [str(tmp_path / "run.vtkhdf"), str(tmp_path / "last.ply")]
+    assert out["input"]["vertices"] == 36
+    assert not (tmp_path / "run.vtkhdf.part").exists()
+
+
+def test_trajectory_is_read_by_vtk(summary, tmp_path):
+    vtk = pytest.importorskip("vtk")
+    from vtk.util.numpy_support import vtk_to_numpy
+
+    summary("shell-sim", scene(tmp_path), "-o", tmp_path / "run.vtkhdf")
+    reader = vtk.vtkHDFReader()
+    reader.SetFileName(str(tmp_path / "run.vtkhdf"))
+    reader.UpdateInformation()
+    with Trajectory(str(tmp_path / "run.vtkhdf")) as ours:
+        assert reader.GetNumberOfSteps() == ours.n_frames == 11
+        for k in range(ours.n_frames):
+            reader.SetStep(k)
+            reader.Update()
+            shown = reader.GetOutput()
+            assert reader.GetTimeValue() == ours.times[k] == pytest.approx(0.01 * k)
+            assert np.array_equal(vtk_to_numpy(shown.GetPoints().GetData()), ours.points(k))
+            for name, values in ours.vertex(k).items():
+                assert np.array_equal(vtk_to_numpy(shown.GetPointData().GetArray(name)), values)
+            triangles = vtk_to_numpy(shown.GetPolys().GetConnectivityArray()).reshape(-1, 3)
+            assert np.array_equal(triangles, ours.mesh.faces)
+            for name, values in ours.scalars.items():
+                field = vtk_to_numpy(shown.GetFieldData().GetArray(name))
+                assert np.array_equal(np.ravel(field), np.ravel(values[k])), name
+        assert ours.attributes["status"] == "complete"
+        assert {"velocity", "strain"} == set(ours.vertex(0))
+        assert "energy_bending" in ours.scalars
+        assert json.loads(ours.text("scene_resolved"))["scene"]["time"]["gamma"] == 0.5
+        assert ours.text("scene_source").startswith("format")
+
+
+def frames_of(path):
+    with Trajectory(str(path)) as run:
+        return [(run.times[k], run.points(k), run.vertex(k), {n: v[k] for n, v in run.scalars.items()})
+                for k in range(run.n_frames)]  # fmt: skip
+
+
+def assert_equal_bits(a, b):
+    assert len(a) == len(b)
+    for (t, x, v, s), (t2, x2, v2, s2) in zip(a, b):
+        assert t == t2
+        assert np.array_equal(x, x2)
+        assert all(np.array_equal(v[n], v2[n]) for n in v)
+        assert all(np.array_equal(s[n], s2[n]) for n in s)
+
+
+@pytest.mark.parametrize("integrator", ["newmark", "verlet", "implicit-midpoint"])
+def test_resumed_run_has_the_same_bits(run, tmp_path, monkeypatch, integrator):
+    path = scene(tmp_path, integrator)
+    whole = tmp_path / "whole.vtkhdf"
+    assert run("shell-sim", path, "-o", whole).exit_code == 0
+
+    from ddgcli.io import trajectory
+
+    append = trajectory.TrajectoryWriter.append
+
+    def interrupted(self, frame, *rest):
+        if frame.step == 8:
+            raise KeyboardInterrupt
+        append(self, frame, *rest)
+
+    broken = tmp_path / "broken.vtkhdf"
+    with monkeypatch.context() as patch:
+        patch.setattr(trajectory.TrajectoryWriter, "append", interrupted)
+        result = run("shell-sim", path, "-o", broken)
+    assert result.exit_code == 130
+    part = tmp_path / "broken.vtkhdf.part"
+    assert part.exists() and not broken.exists()
+    with Trajectory(str(part)) as left:
+        assert left.attributes["status"] == "interrupted"
+        assert left.n_frames == 4
+    assert run("shell-sim", path, "--resume", part, "-q").exit_code == 0
+    assert broken.exists() and not part.exists()
+    assert_equal_bits(frames_of(whole), frames_of(broken))
+
+
+def test_resume_without_the_scene_and_with_overrides(run, tmp_path, monkeypatch):
+    path = scene(tmp_path)
+    whole, broken = tmp_path / "whole.vtkhdf", tmp_path / "broken.vtkhdf"
+    assert run("shell-sim", path, "-o", whole, "--steps", 10).exit_code == 0
+    from ddgcli.io import trajectory
+
+    append = trajectory.TrajectoryWriter.append
+
+    def interrupted(self, frame, *rest):
+        if frame.step == 6:
+            raise KeyboardInterrupt
+        append(self, frame, *rest)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(trajectory.TrajectoryWriter, "append", interrupted)
+        run("shell-sim", path, "-o", broken, "--steps", 10)
+    assert run("shell-sim", "--resume", f"{broken}.part").exit_code == 0
+    assert_equal_bits(frames_of(whole), frames_of(broken))
+
+
+def test_resume_of_a_changed_scene_is_refused(run, tmp_path, monkeypatch):
+    path = scene(tmp_path)
+    from ddgcli.io import trajectory
+
+    append = trajectory.TrajectoryWriter.append
+
+    def interrupted(self, frame, *rest):
+        if frame.step == 8:
+            raise KeyboardInterrupt
+        append(self, frame, *rest)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(trajectory.TrajectoryWriter, "append", interrupted)
+        run("shell-sim", path, "-o", tmp_path / "run.vtkhdf")
+    path.write_text(path.read_text().replace('material = "rubber"', 'material = "felt"'))
+    before = (tmp_path / "run.vtkhdf.part").read_bytes()
+    result = run("shell-sim", path, "--resume", tmp_path / "run.vtkhdf.part")
+    assert result.exit_code == 2
+    assert "scene changed" in result.stderr and "density" in result.stderr
+    assert (tmp_path / "run.vtkhdf.part").read_bytes() == before
+
+
+@pytest.mark.parametrize("sign", [signal.SIGINT, signal.SIGKILL])
+def test_a_process_that_is_ended_leaves_whole_frames(tmp_path, sign):
+    path = scene(tmp_path, text=SCENE.replace("duration = 0.1", "duration = 100"))
+    child = ddgcli("shell-sim", path, "-o", tmp_path / "run.vtkhdf", stderr=subprocess.PIPE, text=True)
+    part = tmp_path / "run.vtkhdf.part"
+    deadline = time.time() + 60
+    while not part.exists() and time.time() < deadline:
+        time.sleep(0.02)
+    time.sleep(0.3)
+    child.send_signal(sign)
+    _, told = child.communicate(timeout=60)
+    assert child.returncode == (130 if sign == signal.SIGINT else -signal.SIGKILL)
+    if sign == signal.SIGINT:
+        assert "--resume" in told and "Traceback" not in told
+    with Trajectory(str(part)) as left:
+        assert left.n_frames >= 1
+        assert np.isfinite(left.points(left.n_frames - 1)).all()
+    assert [p.name for p in tmp_path.iterdir() if p.name.startswith(".")] == []
+
+
+def test_absent_effects_are_not_imported(tmp_path):
+    path = tmp_path / "scene.toml"
+    path.write_text(
+        '[time]\nduration = 0.01\nstep = 0.001\nintegrator = "verlet"\n[[object]]\nrole = "shell"\n'
+        'grid = { size = [1, 1], cells = [2, 2] }\nmaterial = "felt"\n[effects]\ngravity = {}\n'
+    )
+    code = (
+        "import sys\nfrom ddgcli.cli.main import main\n"
+        f"main(['shell-sim', {str(path)!r}, '--json'], standalone_mode=False)\n"
+        "print([m for m in sys.modules if m.startswith('ddgcli')], file=sys.stderr)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert "ddgcli.models.shell.gravity" in done.stderr
+    absent = ["bending", "hinge", "stretching", "contact", "damping", "load", "pin"]
+    absent = [f"models.shell.{name}" for name in absent]
+    absent += ["models.fluid", "models.willmore", "evolve.implicit", "linalg", "plots", "io.trajectory"]
+    for name in absent:
+        assert f"ddgcli.{name}" not in done.stderr, name
+    assert set(json.loads(done.stdout)["results"]["effects"]) == {"gravity"}
+
+
+def test_quick_form_builds_the_same_scene(run, tmp_path):
+    from ddgcli.io.mesh_file import write_mesh
+    from ddgcli.mesh.fields import AnnotatedMesh
+
+    mesh = tmp_path / "sheet.ply"
+    write_mesh(str(mesh), AnnotatedMesh(grid(4, 4)))
+    quick = run(
+        "shell-sim", mesh, "--effect", "stretching", "--effect", "gravity acceleration=[0, 0, -1.5]",
+        "--pin", 0, "--pin", 4, "--material", "felt", "--dt", 1e-3, "--steps", 5, "--dry-run", "--json",
+    )  # fmt: skip
+    assert quick.exit_code == 0, quick.stderr
+    built = json.loads(quick.stdout)["scene"]
+    path = tmp_path / "same.toml"
+    path.write_text(
+        '[time]\nstep = 1e-3\nduration = 0.005\n[[object]]\nname = "sheet"\nrole = "shell"\n'
+        f'mesh = "{mesh}"\nmaterial = "felt"\n[effects]\nstretching = {{}}\n'
+        "gravity = { acceleration = [0, 0, -1.5] }\npin = { vertices = [0, 4] }\n"
+    )
+    written = json.loads(run("shell-sim", path, "--dry-run", "--json").stdout)["scene"]
+    assert built == written
+    assert list(tmp_path.glob("*.vtkhdf*")) == []
+
+
+@pytest.mark.parametrize("effect, word", [
+    ("gravty", "gravity"),
+    ("gravity acc=[0,0,1]", "acceleration"),
+    ("gravity acceleration=[0,0", "TOML"),
+    ("gravity 5", "key=value"),
+])  # fmt: skip
+def test_bad_quick_effects_are_refused(run, tmp_path, effect, word):
+    from ddgcli.io.mesh_file import write_mesh
+    from ddgcli.mesh.fields import AnnotatedMesh
+
+    mesh = tmp_path / "sheet.ply"
+    write_mesh(str(mesh), AnnotatedMesh(grid(2, 2)))
+    result = run("shell-sim", mesh, "--effect", effect)
+    assert result.exit_code == 2
+    assert word in result.stderr
+    assert result.stderr.count("\n") == 1
+
+
+def test_effects_and_schema_are_listed(run):
+    listing = json.loads(run("shell-sim", "--effects", "--json").stdout)
+    assert listing["gravity"]["parameters"]["acceleration"]["unit"] == "m/s^2"
+    assert listing["bending"]["parameters"]["stiffness"]["unit"] == "N m"
+    assert "friction" in run("shell-sim", "--effects").stdout
+    schema = json.loads(run("shell-sim", "--schema").stdout)
+    assert "contact" in schema["properties"]["effects"]["properties"]
+
+
+def test_static_without_equilibrium_ends_with_exit_1(run, tmp_path):
+    path = tmp_path / "fall.toml"
+    path.write_text(
+        '[time]\nintegrator = "static"\n[[object]]\nrole = "shell"\nmaterial = "felt"\n'
+        "grid = { size = [1, 1], cells = [2, 2] }\n[effects]\nstretching = {}\nbending = {}\ngravity = {}\n"
+    )
+    result = run("shell-sim", path, "-o", tmp_path / "fall.vtkhdf", "--json")
+    assert result.exit_code == 1, result.stderr
+    assert json.loads(result.stdout)["results"]["converged"] is False
+    assert (tmp_path / "fall.vtkhdf.part").exists() and not (tmp_path / "fall.vtkhdf").exists()
+    assert os.path.getsize(tmp_path / "fall.vtkhdf.part") > 0

@@ -1,0 +1,140 @@
+"""Every bad scene is answered with one line: file, line, nearest name, what is allowed."""
+
+import pytest
+
+GOOD = """\
+format = "ddgcli-scene/1"
+[time]
+duration = 0.01
+step = 1e-3
+frame_every = 0.005
+integrator = "newmark"
+beta = 0.25
+[[object]]
+name = "hat"
+role = "shell"
+grid = { size = [1, 1], cells = [2, 2] }
+material = "felt"
+position = [0, 0, 1]
+[[object]]
+name = "floor"
+role = "obstacle"
+plane = { point = [0, 0, 0], normal = [0, 0, 1] }
+[effects]
+stretching = { model = "stvk" }
+bending = { model = "hinge", rest = "input" }
+gravity = { acceleration = [0, 0, -9.81] }
+contact = { pairs = [["hat", "floor"]], friction = 0.5 }
+"""
+
+GRID = "grid = { size = [1, 1], cells = [2, 2] }"
+STVK = 'stretching = { model = "stvk" }'
+# (text to replace, replacement, line of the answer, words that must be in it)
+BAD = [
+    ('format = "ddgcli-scene/1"', 'format = "ddgcli-scene/9"', 1, ["ddgcli-scene/1"]),
+    ('format = "ddgcli-scene/1"', "fromat = 1", 1, ["'fromat'", "'format'"]),
+    ("[effects]", "[efects]", 18, ["'efects'", "'effects'"]),
+    ("step = 1e-3", "stepp = 1e-3", 4, ["'stepp'", "'step'", "duration"]),
+    ("step = 1e-3", 'step = "1 kg"', 4, ["step", "1 kg", "s is needed"]),
+    ("step = 1e-3", 'step = "1 mss"', 4, ["'mss'", "'ms'"]),
+    ("step = 1e-3", "step = -1", 4, ["greater than 0", "-1"]),
+    ("step = 1e-3", "step = nan", 4, ["not finite"]),
+    ("step = 1e-3", "step = true", 4, ["true/false"]),
+    ("step = 1e-3", "step = [1]", 4, ["an array"]),
+    ("duration = 0.01", 'duration = "soon"', 3, ["'soon'", "number"]),
+    ('integrator = "newmark"', 'integrator = "newmrak"', 6, ["'newmrak'", "'newmark'", "verlet"]),
+    ('integrator = "newmark"', 'integrator = "verlet"', 7, ["'beta'", "allowed"]),
+    ("beta = 0.25", "beta = 0.75", 7, ["at most 0.5"]),
+    ("beta = 0.25", 'on_failure = "shrnk"', 7, ["'shrnk'", "'shrink'", "stop"]),
+    ('role = "shell"', 'role = "shel"', 10, ["'shel'", "'shell'", "obstacle"]),
+    ('role = "shell"', 'role = "fluid"', 10, ["fluid-sim"]),
+    (GRID, "", 8, ["shape", "mesh, grid"]),
+    (GRID, "grid = { size = [1, 1], cels = [2, 2] }", 11, ["'cels'", "'cells'"]),
+    (GRID, "grid = { size = [1], cells = [2, 2] }", 11, ["size"]),
+    (GRID, "grid = { size = [1, 1], cells = [2, 0] }", 11, ["cells"]),
+    (GRID, "grid = { size = [1, 1], cells = [2, 2.5] }", 11, ["whole number"]),
+    (GRID, 'mesh = "nowhere.ply"', 8, ["nowhere.ply", "no such file"]),
+    (
+        GRID,
+        'grid = { size = [1, 1], cells = [4, 4], periodic = "xy" }',
+        8,
+        ["periodic", "fluid-sim"],
+    ),
+    ("grid = {", 'sphere = { radius = "2 s" } # grid = {', 11, ["radius", "2 s"]),
+    ('material = "felt"', 'material = "flet"', 12, ["'flet'", "'felt'", "cotton"]),
+    ('material = "felt"', 'thickness = "2 mm"\nthicknes = 1', 13, ["'thicknes'", "'thickness'"]),
+    ('material = "felt"', "poisson = 0.7", 12, ["poisson", "at most 0.5"]),
+    ('material = "felt"', 'young = "70 Gpa"', 12, ["'Gpa'", "'GPa'"]),
+    ("position = [0, 0, 1]", "position = [0, 1]", 13, ["three numbers"]),
+    ("position = [0, 0, 1]", "position = [0, 0, -1]", 22, ["vertex 0", "inside", "floor"]),
+    ('name = "floor"', 'name = "hat"', 15, ["two objects", "'hat'"]),
+    ("plane = {", "plain = {", 17, ["'plain'", "'plane'"]),
+    ("normal = [0, 0, 1]", "normal = [0, 0, 0]", 17, ["normal", "zero"]),
+    ("normal = [0, 0, 1]", "radius = 1", 17, ["'radius'", "point, normal"]),
+    (STVK, 'streching = { model = "stvk" }', 19, ["'streching'", "'stretching'", "gravity"]),
+    (STVK, 'stretching = { model = "stkv" }', 19, ["'stkv'", "'stvk'", "edges"]),
+    (STVK, "stretching = true", 19, ["table"]),
+    (STVK, "[[effects.stretching]]", 19, ["only once"]),
+    (STVK, "viscosity = { nu = 1 }", 19, ["fluid-sim", "stretching"]),
+    ("acceleration = [0, 0, -9.81]", "aceleration = [0, 0, -9.81]", 21, ["'aceleration'", "'acceleration'"]),
+    ("acceleration = [0, 0, -9.81]", 'acceleration = [0, 0, "9.81 m/s"]', 21, ["9.81 m/s", "m/s^2"]),
+    ("acceleration = [0, 0, -9.81]", "enabled = false", 21, ["'enabled'", "acceleration"]),
+    ('[["hat", "floor"]]', '[["hat", "flor"]]', 22, ["'flor'", "'floor'"]),
+    ('[["hat", "floor"]]', '[["hat", "hat"]]', 22, ["shell with an obstacle"]),
+    ("friction = 0.5", "friciton = 0.5", 22, ["'friciton'", "'friction'"]),
+    ("friction = 0.5", "friction = -0.5", 22, ["at least 0"]),
+    ("contact = {", "pin = { vertices = [99] } # contact = {", 22, ["vertex 99", "0..8"]),
+    ("contact = {", "pin = { box = [[5, 5, 5], [6, 6, 6]] } # contact = {", 22, ["no vertex"]),
+    ("contact = {", 'pin = { vertices = [0], axes = "xw" } # contact = {', 22, ["axes", "xyz"]),
+    ("contact = {", "pin = {} # contact = {", 22, ["vertices", "box"]),
+    ("contact = {", "load = { vertices = [0] } # contact = {", 22, ["force, traction and moment"]),
+    ("contact = {", "load = { moment = 1, edge = [0, 8] } # contact = {", 22, ["interior edge", "[0, 8]"]),
+    ("contact = {", "damping = {} # contact = {", 22, ["mass", "stiffness"]),
+    ("contact = {", "contact = { pairs = 3 3 # {", 22, ["TOML"]),
+    ("[effects]", "[effects", 18, ["TOML"]),
+    ('name = "hat"', 'name = "hat"\nname = "cap"', 10, ["TOML"]),
+]  # fmt: skip
+
+
+def answer(run, tmp_path, text):
+    path = tmp_path / "scene.toml"
+    path.write_text(text, encoding="utf-8")
+    result = run("shell-sim", path, "-o", tmp_path / "out.vtkhdf")
+    assert list(tmp_path.iterdir()) == [path]
+    return result, f"Error: {path}: "
+
+
+@pytest.mark.parametrize("old, new, line, words", BAD, ids=range(len(BAD)))
+def test_bad_scene_gives_its_one_line(run, tmp_path, old, new, line, words):
+    assert old in GOOD
+    result, prefix = answer(run, tmp_path, GOOD.replace(old, new, 1))
+    assert result.exit_code == 2, result.stderr
+    assert result.stdout == ""
+    told = result.stderr.strip().split("\n")
+    assert len(told) == 1, told
+    assert told[0].startswith(f"{prefix}line {line}: "), told[0]
+    for word in words:
+        assert word in told[0], told[0]
+
+
+def test_the_good_scene_runs(run, tmp_path):
+    path = tmp_path / "scene.toml"
+    path.write_text(GOOD)
+    assert run("shell-sim", path).exit_code == 0
+
+
+@pytest.mark.parametrize(
+    "text", ["", "[time]\nduration = 1\n", "\x00", "object = 3", "[[object]]\nrole='obstacle'\n"]
+)
+def test_scenes_without_a_shell_are_refused(run, tmp_path, text):
+    result, prefix = answer(run, tmp_path, text)
+    assert result.exit_code == 2
+    assert result.stderr.startswith(prefix)
+    assert result.stderr.count("\n") == 1
+
+
+def test_missing_and_binary_files(run, tmp_path):
+    assert "no such file" in run("shell-sim", tmp_path / "no.toml").stderr
+    (tmp_path / "b.toml").write_bytes(b"\xff\xfe\x00")
+    result = run("shell-sim", tmp_path / "b.toml")
+    assert result.exit_code == 2 and "UTF-8" in result.stderr
