@@ -18,6 +18,7 @@ from ddgcli.algorithms.window_tables import BOUNDARY, WindowTables
 from ddgcli.errors import SolveError
 
 EPS = 1e-12  # of the longest side (which lies in [1/2, 1) here); always on the side of keeping a window
+LIFT = 1e-15  # of a side: least height of a source above it, so that one on the side itself still sees across
 NEVER = np.inf
 
 
@@ -189,13 +190,14 @@ class Front:
     def launch(self, side: NDArray, x: NDArray, y: NDArray, origin: NDArray) -> None:
         """Windows over whole sides, from points (x, y) above each side in its own frame, leaving its face."""
         length = self.tables.shape[side, 0]
+        y = np.maximum(y, LIFT * length)
         lines = np.stack([np.zeros(len(side)), length, length - x, -y], axis=1)
         code = self._code(side)
         r0 = self.origins.distance[origin] + np.hypot(length - x, y)  # at the end where the new frame starts
         r1 = self.origins.distance[origin] + np.hypot(x, y)
         margin = EPS - self.slack * length
         v0, v1 = self.tables.ids[side, 0], self.tables.ids[side, 1]
-        keep = (code != BOUNDARY) & (y > 0) & (length > EPS)
+        keep = (code != BOUNDARY) & (length > EPS)
         keep &= (r1 <= self.distance[v1] + length + margin) & (r0 <= self.distance[v0] + length + margin)
         key = np.where((x > 0) & (x < length), self.origins.distance[origin] + y, np.minimum(r0, r1))
         self._enter(lines[keep], code[keep], origin[keep], key[keep], side[keep])

@@ -15,6 +15,7 @@ from scipy.sparse import coo_array
 
 from ddgcli.geometry.intrinsic import corner_angle, face_area
 from ddgcli.mesh.topology import NEXT, PREVIOUS, Topology
+from ddgcli.mesh.triangle_mesh import TriangleMesh, vector_length
 from ddgcli.operators.laplacian import SurfaceMesh
 
 BOUNDARY = (
@@ -88,8 +89,7 @@ def window_tables(mesh: SurfaceMesh) -> WindowTables:
     topology = mesh.topology
     longest = float(mesh.side_length.max(initial=0.0))
     scale = 2.0 ** np.frexp(longest)[1] if longest > 0 else 1.0
-    side_length = mesh.side_length / scale
-    shape = _side_shapes(side_length)
+    shape = _side_shapes(mesh, scale)
     code, mirrored, edge_sides = _sides_across(topology)
     ids = np.empty((3 * topology.n_faces, 5), dtype=np.int32)
     faces = topology.faces
@@ -106,20 +106,32 @@ def window_tables(mesh: SurfaceMesh) -> WindowTables:
         ids,
         mirrored,
         edge_sides,
-        _bends(topology, side_length, shape),
+        _bends(topology, shape),
         around.indptr.astype(np.int64),
         around.data.astype(np.int64),
         scale,
     )
 
 
-def _side_shapes(side_length: NDArray) -> NDArray[np.float64]:
-    shape = np.empty((side_length.size, 5))
-    length, right, left = side_length, side_length[:, NEXT], side_length[:, PREVIOUS]
+def _side_shapes(mesh: SurfaceMesh, scale: float) -> NDArray[np.float64]:
+    """(3m, 5) rows of WindowTables.shape.
+
+    Heights come from cross products where the mesh has positions: lengths alone know the height of a cap only
+    to the square root of rounding.
+    """
+    length = mesh.side_length / scale
+    right, left = length[:, NEXT], length[:, PREVIOUS]
     with np.errstate(divide="ignore", invalid="ignore"):
-        x = 0.5 * (length + (left - right) * ((left + right) / length))
-        y = 2.0 * face_area(side_length)[:, None] / length
+        if isinstance(mesh, TriangleMesh):
+            vector = mesh.side_vector / scale
+            double_area = vector_length(np.cross(vector[:, 0], vector[:, 1]))
+            x = -np.einsum("fjk,fjk->fj", vector, vector[:, PREVIOUS]) / length
+        else:
+            double_area = 2.0 * face_area(length)
+            x = 0.5 * (length + (left - right) * ((left + right) / length))
+        y = double_area[:, None] / length
     flat = ~(length > 0)
+    shape = np.empty((length.size, 5))
     shape[:, 0] = length.ravel()
     shape[:, 1] = np.where(flat, 0.0, x).ravel()
     shape[:, 2] = np.where(flat, left, y).ravel()
@@ -173,8 +185,8 @@ def _repeated(topology: Topology) -> NDArray[np.bool_]:
     return repeated
 
 
-def _bends(topology: Topology, side_length: NDArray, shape: NDArray) -> NDArray[np.bool_]:
-    faces = topology.faces
+def _bends(topology: Topology, shape: NDArray) -> NDArray[np.bool_]:
+    faces, side_length = topology.faces, shape[:, 0].reshape(-1, 3)
     total = np.bincount(
         faces.ravel(), weights=corner_angle(side_length).ravel(), minlength=topology.n_vertices
     )

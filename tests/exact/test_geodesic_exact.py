@@ -2,21 +2,67 @@
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
+from ddgcli.algorithms.delaunay import flip_to_delaunay
 from ddgcli.algorithms.geodesic_exact import exact_distance
+from ddgcli.algorithms.geodesic_sources import Sources
+from ddgcli.errors import ParameterError
+from ddgcli.geometry.surface_points import SurfacePoints
 from ddgcli.mesh import shapes
+from ddgcli.mesh.intrinsic_mesh import IntrinsicMesh
+from ddgcli.mesh.topology import Topology
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 
 
-def jittered_grid(k: int, seed: int = 0) -> TriangleMesh:
-    mesh = shapes.grid(k, k, pattern="alternating")
+def jittered(mesh: TriangleMesh, amount: float, seed: int = 0) -> TriangleMesh:
+    """Inner vertices moved in the plane."""
     inside = ~mesh.topology.boundary_vertex[:, None] * np.array([1, 1, 0])
-    return mesh.moved(
-        mesh.points + 0.3 / k * inside * np.random.default_rng(seed).uniform(-1, 1, (len(inside), 3))
-    )
+    shift = np.random.default_rng(seed).uniform(-1, 1, (mesh.n_vertices, 3))
+    return mesh.moved(mesh.points + amount * inside * shift)
 
 
-@pytest.mark.parametrize("mesh", [shapes.grid(12, 9), jittered_grid(12)], ids=["regular", "jittered"])
+def cone(angle: float, sectors: int, rings: int) -> tuple[IntrinsicMesh, np.ndarray, np.ndarray]:
+    """Flat sectors around an apex (vertex 0) of total angle `angle`; radii and angles of the vertices."""
+    radius = np.concatenate([[0.0], np.repeat(np.arange(1.0, rings + 1), sectors)])
+    phi = np.concatenate([[0.0], np.tile(np.arange(sectors) * angle / sectors, rings)])
+    ring = np.arange(rings - 1)[:, None] * sectors + 1
+    k = np.arange(sectors)[None, :]
+    a, b = (ring + k).ravel(), (ring + (k + 1) % sectors).ravel()
+    c, d = a + sectors, b + sectors
+    first = np.stack([np.zeros(sectors, int), 1 + k[0], 1 + (k[0] + 1) % sectors], axis=1)
+    faces = np.concatenate([first, np.stack([a, c, d], axis=1), np.stack([a, d, b], axis=1)])
+    mesh = IntrinsicMesh(Topology(faces, len(radius)), np.ones((len(faces), 3)))
+    i, j = faces, faces[:, [1, 2, 0]]
+    turn = np.abs(phi[i] - phi[j])
+    turn = np.where((i == 0) | (j == 0), 0.0, np.minimum(turn, angle - turn))
+    length = np.sqrt((radius[i] - radius[j]) ** 2 + 4 * radius[i] * radius[j] * np.sin(turn / 2) ** 2)
+    return IntrinsicMesh(mesh.topology, length), radius, phi
+
+
+def pillow(k: int) -> TriangleMesh:
+    """The double cover of the unit square: two grids with a common rim."""
+    sheet = shapes.grid(k, k, pattern="alternating")
+    n = sheet.n_vertices
+    number = np.arange(n)
+    inside = ~sheet.topology.boundary_vertex
+    back = np.where(inside, n + np.cumsum(inside) - 1, number)
+    points = np.concatenate([sheet.points, sheet.points[inside]])
+    return TriangleMesh.from_arrays(points, np.concatenate([sheet.faces, back[sheet.faces][:, ::-1]]))
+
+
+def on_pillow(mesh: TriangleMesh, k: int, source: int) -> np.ndarray:
+    """Distances on the pillow: the plane modulo (x, y) -> +-(x, y) + (2a, 2b); the back sheet is x < 0."""
+    plane = mesh.points[:, :2].copy()
+    plane[(k + 1) ** 2 :, 0] *= -1
+    images = [s * plane + 2 * np.array([a, b]) for s in (1, -1) for a in (-1, 0, 1) for b in (-1, 0, 1)]
+    return np.min([np.linalg.norm(image - plane[source], axis=1) for image in images], axis=0)
+
+
+@pytest.mark.parametrize(
+    "mesh", [shapes.grid(12, 9), jittered(shapes.grid(12, 12), 0.025)], ids=["regular", "jittered"]
+)
 @pytest.mark.parametrize("source", [0, 60])
 def test_flat_square_is_euclidean(mesh, source):
     truth = np.linalg.norm(mesh.points - mesh.points[source], axis=1)
@@ -28,3 +74,240 @@ def test_opposite_corners_of_a_cube(k):
     mesh = shapes.box(k, k, k)
     far = int(np.argmax(mesh.points.sum(axis=1)))
     assert exact_distance(mesh, 0).distance[far] == pytest.approx(np.sqrt(5), abs=1e-12)
+
+
+@pytest.mark.parametrize("angle", [1.0, 3.0, 5.5, 7.0, 9.0, 14.0])
+@pytest.mark.parametrize("source", [0, 17, 40])
+def test_cones_and_saddles(angle, source):
+    mesh, radius, phi = cone(angle, 24, 6)
+    turn = np.abs(phi - phi[source])
+    turn = np.minimum(turn, angle - turn)
+    r, bend = radius[source], np.minimum(turn, np.pi)
+    straight = np.sqrt((radius - r) ** 2 + 4 * radius * r * np.sin(bend / 2) ** 2)
+    by_apex = (turn >= np.pi) | (radius == 0) | (r == 0)
+    truth = np.where(by_apex, radius + r, straight)
+    assert np.abs(exact_distance(mesh, source).distance - truth).max() < 1e-12 * truth.max()
+
+
+@pytest.mark.parametrize("source", [0, 8, 40, 100])
+def test_double_covered_square(source):
+    mesh = pillow(8)
+    truth = on_pillow(mesh, 8, source)
+    assert np.abs(exact_distance(mesh, source).distance - truth).max() < 1e-12
+
+
+def test_hole_is_walked_around():
+    mesh = shapes.grid(12, 12)
+    centre = mesh.points[mesh.faces].mean(axis=1)[:, :2]
+    hole = (np.abs(centre - 0.5) < 0.25).all(axis=1)
+    mesh = TriangleMesh.from_arrays(mesh.points, mesh.faces[~hole])
+    source = int(np.argmin(np.linalg.norm(mesh.points - [0.5, 0, 0], axis=1)))
+    target = int(np.argmin(np.linalg.norm(mesh.points - [0.5, 1, 0], axis=1)))
+    truth = 2 * np.hypot(0.25, 0.25) + 0.5
+    assert exact_distance(mesh, source).distance[target] == pytest.approx(truth, abs=1e-12)
+
+
+@pytest.mark.parametrize(
+    "weights", [[0.2, 0.3, 0.5], [0.5, 0.5, 0.0], [0.0, 0.25, 0.75], [0.0, 1.0, 0.0], [1e-9, 0.5, 0.5 - 1e-9]]
+)
+def test_source_on_a_face_of_the_plane(weights):
+    mesh = jittered(shapes.grid(9, 9), 0.03)
+    points = SurfacePoints(np.array([70]), np.array([weights]))
+    truth = np.linalg.norm(mesh.points - points.positions(mesh), axis=1)
+    measured = exact_distance(mesh, Sources(np.zeros(0, dtype=int), points))
+    assert np.abs(measured.distance - truth).max() < 1e-12
+    assert (measured.nearest_source == 0).all()
+
+
+def test_centre_of_a_cube_side_to_the_opposite_side():
+    mesh = shapes.box(1, 1, 1)
+    bottom = np.flatnonzero((mesh.points[mesh.faces][:, :, 2] == 0).all(axis=1))[0]
+    diagonal = np.flatnonzero(np.isclose(mesh.side_length[bottom], np.sqrt(2)))[0]
+    weights = np.zeros(3)
+    weights[[diagonal, (diagonal + 1) % 3]] = 0.5
+    centre = Sources(np.zeros(0, dtype=int), SurfacePoints(np.array([bottom]), weights[None]))
+    top = mesh.points[:, 2] == 1
+    assert np.allclose(exact_distance(mesh, centre).distance[top], np.hypot(0.5, 1.5), atol=1e-14)
+
+
+def test_several_sources_are_the_least_of_single_ones():
+    mesh = shapes.torus(30, 15)
+    points = SurfacePoints(np.array([11]), np.array([[0.2, 0.2, 0.6]]))
+    together = exact_distance(mesh, Sources(np.array([3, 200]), points))
+    alone = np.stack([exact_distance(mesh, one).distance for one in together_each(points)])
+    assert np.allclose(together.distance, alone.min(axis=0), rtol=1e-14, atol=0)
+    chosen = np.take_along_axis(alone, together.nearest_source[None], axis=0)[0]
+    assert np.allclose(chosen, together.distance, rtol=1e-14, atol=0)
+
+
+def together_each(points: SurfacePoints) -> list[Sources]:
+    return Sources(np.array([3, 200]), points).each()
+
+
+@pytest.mark.parametrize("scale", [1e-9, 1e-6, 1e6, 1e100])
+def test_scale_changes_nothing(scale):
+    mesh = shapes.random_sphere(400)
+    once = exact_distance(mesh, 0).distance
+    scaled = exact_distance(mesh.moved(mesh.points * scale), 0).distance
+    assert np.abs(scaled / scale - once).max() < 1e-13
+
+
+def test_renumbering_changes_nothing():
+    mesh = shapes.torus(20, 12)
+    rng = np.random.default_rng(1)
+    vertex, face = rng.permutation(mesh.n_vertices), rng.permutation(mesh.n_faces)
+    points = np.empty_like(mesh.points)
+    points[vertex] = mesh.points
+    turned = np.array(
+        [np.roll(f, r) for f, r in zip(vertex[mesh.faces[face]], rng.integers(0, 3, mesh.n_faces))]
+    )
+    renumbered = TriangleMesh.from_arrays(points, turned)
+    a, b = exact_distance(mesh, 5).distance, exact_distance(renumbered, vertex[5]).distance
+    assert np.abs(a - b[vertex]).max() < 1e-14
+
+
+@pytest.mark.parametrize("shape", [lambda: shapes.random_sphere(600), lambda: shapes.torus(30, 16)])
+def test_prunes_do_not_change_a_bit(shape):
+    mesh = shape()
+    runs = [exact_distance(mesh, 7, dominance_every=k) for k in (0, 1, 2, 3)]
+    assert runs[0].windows > 1.3 * runs[1].windows  # it does prune
+    for other in runs[1:]:
+        assert np.array_equal(runs[0].distance, other.distance)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_faces_turned_over_change_nothing(seed):
+    mesh = shapes.torus(18, 10)
+    rng = np.random.default_rng(seed)
+    turned = np.where(rng.random(mesh.n_faces)[:, None] < 0.4, mesh.faces[:, ::-1], mesh.faces)
+    other = TriangleMesh.from_arrays(mesh.points, turned)
+    assert not other.topology.is_oriented
+    a, b = exact_distance(mesh, 3).distance, exact_distance(other, 3).distance
+    assert np.abs(a - b).max() < 1e-14
+
+
+def test_intrinsic_delaunay_mesh_has_the_same_distances():
+    mesh = shapes.random_sphere(500)
+    stretched = mesh.moved(mesh.points * [8, 1, 0.2])
+    flipped = flip_to_delaunay(stretched)
+    assert flipped.flips > 100
+    a, b = exact_distance(stretched, 0).distance, exact_distance(flipped.mesh, 0).distance
+    assert np.abs(a - b).max() < 1e-11 * a.max()
+
+
+def test_three_sheets_on_one_edge_are_three_planes():
+    """Three half planes on the line x = 0: any two of them are one flat plane."""
+    sheet = jittered(shapes.grid(8, 8), 0.03)
+    rim = np.flatnonzero(sheet.points[:, 0] == 0)
+    n = sheet.n_vertices
+    points, faces, plane = [sheet.points], [sheet.faces], [sheet.points]
+    for copy, turn in ((1, 2.0), (2, 4.0)):
+        number = np.arange(n) + copy * n
+        number[rim] = rim
+        x, y = sheet.points[:, 0], sheet.points[:, 1]
+        points.append(np.stack([x * np.cos(turn), y, x * np.sin(turn)], axis=1))
+        faces.append(number[sheet.faces])
+        plane.append(np.stack([-x, y, 0 * x], axis=1))
+    mesh = TriangleMesh.from_arrays(np.concatenate(points), np.concatenate(faces))
+    assert len(mesh.topology.nonmanifold_edges) == 8
+    source = 40
+    truth = np.linalg.norm(np.concatenate(plane) - sheet.points[source], axis=1)
+    used = mesh.topology.referenced_vertex
+    measured = exact_distance(mesh, source).distance
+    assert np.abs(measured - truth)[used].max() < 1e-12
+    assert np.isinf(measured[~used]).all()
+
+
+def test_repeated_and_collapsed_faces_are_harmless():
+    mesh = jittered(shapes.grid(8, 8), 0.03)
+    extra = np.concatenate(
+        [mesh.faces, mesh.faces[[5, 40]], mesh.faces[[7]][:, ::-1], [[30, 31, 31], [20, 20, 20]]]
+    )
+    worse = TriangleMesh.from_arrays(mesh.points, extra)
+    a, b = exact_distance(mesh, 3).distance, exact_distance(worse, 3).distance
+    assert np.abs(a - b).max() < 1e-14
+
+
+@pytest.mark.parametrize("height", [0.0, 1e-15, 1e-12, 1e-9])
+def test_caps_of_no_height(height):
+    """A vertex all but on the middle of its neighbour's edge, inside a flat grid."""
+    mesh = shapes.grid(10, 10)
+    face = 95
+    a, b, c = mesh.faces[face]
+    points = np.concatenate([mesh.points, [mesh.points[[a, b]].mean(axis=0)]])
+    inward = mesh.points[c] - points[-1]
+    points[-1] += height * inward / np.linalg.norm(inward)
+    new = len(points) - 1
+    faces = np.concatenate([np.delete(mesh.faces, face, axis=0), [[a, b, new], [b, c, new], [c, a, new]]])
+    capped = TriangleMesh.from_arrays(points, faces)
+    for source in (0, new):
+        truth = np.linalg.norm(points - points[source], axis=1)
+        assert np.abs(exact_distance(capped, source).distance - truth).max() < 1e-12 + height
+
+
+def test_zero_edge_carries_paths():
+    mesh = shapes.grid(6, 6)
+    points = mesh.points.copy()
+    points[24] = points[25]
+    measured = exact_distance(TriangleMesh.from_arrays(points, mesh.faces), 0)
+    assert np.isfinite(measured.distance).all() and measured.patched == 0
+    assert measured.distance[24] == measured.distance[25]
+
+
+def test_islands_are_not_reached():
+    one, two = shapes.icosphere(1), shapes.icosphere(1)
+    faces = np.concatenate([one.faces, two.faces + one.n_vertices])
+    measured = exact_distance(TriangleMesh.from_arrays(np.concatenate([one.points, two.points]), faces), 0)
+    assert np.isfinite(measured.distance[: one.n_vertices]).all()
+    assert np.isinf(measured.distance[one.n_vertices :]).all()
+    assert (measured.nearest_source[one.n_vertices :] == -1).all()
+
+
+def test_limit_leaves_the_near_distances_exact():
+    mesh = shapes.random_sphere(800)
+    full = exact_distance(mesh, 0)
+    near = exact_distance(mesh, 0, limit=0.8)
+    inside = full.distance < 0.8
+    assert np.array_equal(near.distance[inside], full.distance[inside])
+    assert near.windows < 0.6 * full.windows
+
+
+@pytest.mark.parametrize("tolerance", [0.003, 0.03, 0.3])
+def test_tolerance_errs_upwards_within_its_size(tolerance):
+    for mesh in (shapes.random_sphere(1500), shapes.torus(40, 20)):
+        exact, loose = exact_distance(mesh, 0), exact_distance(mesh, 0, tolerance=tolerance)
+        error = (loose.distance - exact.distance) / exact.distance.max()
+        assert error.min() > -1e-14
+        assert error.max() < tolerance
+    assert exact_distance(mesh, 0, tolerance=0.3).windows < 0.7 * exact.windows
+
+
+@settings(max_examples=15, deadline=None)
+@given(st.integers(0, 10_000))
+def test_distance_is_a_metric(seed):
+    rng = np.random.default_rng(seed)
+    mesh = shapes.random_sphere(120, seed)
+    mesh = mesh.moved(mesh.points * rng.uniform(0.2, 3, 3) * (1 + 0.2 * rng.normal(size=(120, 1))))
+    chosen = rng.choice(120, 5, replace=False)
+    rows = np.stack([exact_distance(mesh, v).distance for v in chosen])
+    table = rows[:, chosen]
+    assert np.abs(table - table.T).max() < 1e-12 * table.max()
+    assert (table[:, None, :] <= table[:, :, None] + table[None, :, :] + 1e-12 * table.max()).all()
+    edges, length = mesh.topology.edges, np.empty(mesh.topology.n_edges)
+    length[mesh.topology.side_edge] = mesh.side_length
+    assert (np.abs(rows[:, edges[:, 0]] - rows[:, edges[:, 1]]) <= length + 1e-12 * table.max()).all()
+    straight = np.linalg.norm(mesh.points[None] - mesh.points[chosen][:, None], axis=2)
+    assert (rows >= straight - 1e-12 * table.max()).all()
+
+
+@pytest.mark.parametrize("sources", [[], [-1], [25], [0, 99]])
+def test_bad_sources_are_refused(sources):
+    with pytest.raises(ParameterError):
+        exact_distance(shapes.grid(4, 4), sources)
+
+
+def test_source_on_an_unused_vertex_is_refused():
+    mesh = shapes.grid(3, 3)
+    lonely = TriangleMesh.from_arrays(np.concatenate([mesh.points, [[9, 9, 9]]]), mesh.faces)
+    with pytest.raises(ParameterError, match="vertex 16 belongs to no face"):
+        exact_distance(lonely, 16)
