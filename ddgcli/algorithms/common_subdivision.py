@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_array, csr_array
 
 from ddgcli.algorithms.delaunay import Flipped
-from ddgcli.algorithms.flips import around
+from ddgcli.algorithms.gluing import around
 from ddgcli.algorithms.normal_coordinates import Crossings, base_edge_ends, crossings_of
 from ddgcli.algorithms.overlay_pieces import cut_faces
 from ddgcli.errors import MeshError, SolveError
@@ -119,7 +119,7 @@ def common_subdivision(flipped: Flipped, base: Base) -> CommonSubdivision:
     twin = mesh.topology.side_twin
     every = crossings_of(flipped.crossings, twin)
     ends, steps = base_edge_ends(every, mesh.topology.side_tail)
-    base_side = _sides_between(base.mesh, ends[every.across], ends)
+    base_side = sides_between(base.mesh, ends[every.across], ends)
     along, share, residual = _measure(mesh, base.mesh, every, base_side)
 
     real = base.real_side[base_side]
@@ -150,7 +150,7 @@ def common_subdivision(flipped: Flipped, base: Base) -> CommonSubdivision:
     )
 
 
-def _sides_between(mesh: TriangleMesh, tail: NDArray, head: NDArray) -> NDArray[np.int64]:
+def sides_between(mesh: TriangleMesh, tail: NDArray, head: NDArray) -> NDArray[np.int64]:
     """The side that runs from each tail to each head."""
     n = np.int64(mesh.n_vertices)
     key = mesh.topology.side_tail * n + mesh.topology.side_head
@@ -176,7 +176,7 @@ def _faces_without_arcs(
     mesh = flipped.mesh
     holder = np.full(mesh.n_faces, -1, dtype=np.int64)
     shared = np.flatnonzero(flipped.crossings.ravel() < 0)  # type: ignore[union-attr]
-    side = _sides_between(base.mesh, mesh.topology.side_tail[shared], mesh.topology.side_head[shared])
+    side = sides_between(base.mesh, mesh.topology.side_tail[shared], mesh.topology.side_head[shared])
     holder[shared // 3] = base.input_face[side // 3]
     holder[every.side // 3] = base.input_face[base_side // 3]
     return holder

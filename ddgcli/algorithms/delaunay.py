@@ -93,7 +93,7 @@ def flip_to_delaunay(
             "some triangles are flat or break the triangle inequality: "
             f"every edge was lengthened by {mollified:.3g}"
         )
-    scale = _scale(glued.side_length)
+    scale = length_scale(glued.side_length)
     state = SideArrays.of(glued.faces, glued.topology.side_twin, glued.side_length / scale)
     if track:
         state.crossings = np.full(3 * glued.n_faces, -1, dtype=np.int64)
@@ -183,7 +183,7 @@ def mollify(mesh: IntrinsicMesh) -> tuple[IntrinsicMesh, float]:
     return replace(mesh, side_length=length + added), added
 
 
-def _scale(length: NDArray) -> float:
+def length_scale(length: NDArray) -> float:
     """A power of two near the mean length: dividing by it is exact and keeps products in range."""
     mean = float(length.mean()) if length.size else 1.0
     return float(2.0 ** np.round(np.log2(mean))) if mean > 0 else 1.0

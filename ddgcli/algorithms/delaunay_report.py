@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from ddgcli.algorithms.common_subdivision import Base, CommonSubdivision, common_subdivision
 from ddgcli.algorithms.curvature import angle_defect
 from ddgcli.algorithms.delaunay import flip_to_delaunay, negative_cotan_edges, non_delaunay_edges
+from ddgcli.algorithms.refine import Refined, refine
 from ddgcli.geometry.intrinsic import corner_angle, face_area
 from ddgcli.linalg.factor import Factor
 from ddgcli.mesh.fields import AnnotatedMesh
@@ -32,41 +33,67 @@ class DelaunayReport:
         Blocks of the summary.
     subdivision : CommonSubdivision, optional
         Where asked for.
+    reached : bool
+        False where refinement ran out of points, or rounding forbade a flip.
     """
 
     mesh: IntrinsicMesh
     results: dict[str, Any]
     accuracy: dict[str, Any]
     subdivision: CommonSubdivision | None = None
+    reached: bool = True
 
 
 def delaunay_report(
-    mesh: TriangleMesh, *, subdivide: bool = False, condition: bool = False
+    mesh: TriangleMesh,
+    *,
+    degrees: float | None = None,
+    max_points: int | None = None,
+    subdivide: bool = False,
+    condition: bool = False,
 ) -> DelaunayReport:
-    """The intrinsic Delaunay triangulation of a surface with its statistics.
+    """The intrinsic Delaunay triangulation of a surface, refined where asked for, with its statistics.
 
     Parameters
     ----------
     mesh : TriangleMesh
+    degrees, max_points
+        See `refine`; None: no refinement.
     subdivide : bool
         Also make the common subdivision.
     condition : bool
         Also measure the condition numbers of the Laplacians.
     """
-    flipped = flip_to_delaunay(mesh, track=subdivide)
-    results = {
-        "flips": flipped.flips,
-        "steiner_points": 0,
+    if degrees is None:
+        flipped, base, refined = flip_to_delaunay(mesh, track=subdivide), Base.itself(mesh), None
+    else:
+        refined = refine(mesh, degrees, max_points=max_points)
+        flipped, base = refined.flipped, refined.base
+    results: dict[str, Any] = {
+        "flips": flipped.flips if refined is None else refined.flips,
+        "steiner_points": flipped.mesh.n_vertices - mesh.n_vertices,
         "before": triangulation_statistics(mesh, condition=condition),
         "after": triangulation_statistics(flipped.mesh, condition=condition),
     }
+    if refined is not None:
+        results["refinement"] = refinement_counts(refined)
     accuracy: dict[str, Any] = metric_residuals(mesh, flipped.mesh)
-    if not subdivide:
-        return DelaunayReport(flipped.mesh, results, accuracy)
-    cut = common_subdivision(flipped, Base.itself(mesh))
-    results["overlay"] = subdivision_counts(cut)
-    accuracy |= subdivision_residuals(cut, mesh)
-    return DelaunayReport(flipped.mesh, results, accuracy, cut)
+    cut = common_subdivision(flipped, base) if subdivide else None
+    if cut is not None:
+        results["overlay"] = subdivision_counts(cut)
+        accuracy |= subdivision_residuals(cut, mesh)
+    reached = (refined is None or refined.reached) and flipped.left == 0
+    return DelaunayReport(flipped.mesh, results, accuracy, cut, reached)
+
+
+def refinement_counts(refined: Refined) -> dict[str, int]:
+    """How refinement went: batches, exceptions at sharp vertices, faces that it did not reach."""
+    return {
+        "batches": refined.batches,
+        "sharp_vertices": refined.sharp_vertices,
+        "excepted_faces": refined.excepted_faces,
+        "unreached_faces": refined.unreached_faces,
+    }
 
 
 def subdivision_counts(cut: CommonSubdivision) -> dict[str, int]:

@@ -11,23 +11,20 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ddgcli.algorithms.gluing import Gluing, around
 from ddgcli.algorithms.normal_coordinates import flipped_crossings
 
-NEXT_SIDE = np.array([1, 1, -2])
-PREVIOUS_SIDE = np.array([2, -1, -1])
 DELAUNAY_SLACK = 1e-13
 
 
 @dataclass(eq=False)
-class SideArrays:
+class SideArrays(Gluing):
     """The triangulation while it is being flipped; every array is changed in place.
 
     Parameters
     ----------
-    tail : (3m,) ndarray of int64
-        Vertex at which a side starts.
-    twin : (3m + 1,) ndarray of int64
-        Side glued to each side, -1 on the boundary; the last place takes what is written for "no side".
+    tail, twin
+        See `Gluing`.
     length : (3m,) ndarray of float64
     tangent : (3m,) ndarray of float64
         tan(half the angle opposite the side).
@@ -40,8 +37,6 @@ class SideArrays:
         Angle of the side at its tail, counter-clockwise from the vertex's reference.
     """
 
-    tail: NDArray[np.int64]
-    twin: NDArray[np.int64]
     length: NDArray[np.float64]
     tangent: NDArray[np.float64]
     cotan_sum: NDArray[np.float64]
@@ -49,7 +44,7 @@ class SideArrays:
     direction: NDArray[np.float64] | None = None
 
     def __post_init__(self) -> None:
-        self.place = np.append(np.arange(len(self.tail)), -1)  # scratch: identity between batches
+        super().__post_init__()
         self.refused = 0  # flips that rounding forbade
         self.claim = np.empty(len(self.tail) + 1, dtype=np.int64)  # scratch: anything
 
@@ -65,16 +60,22 @@ class SideArrays:
             cotan_sum=cotan_sum,
         )
 
-    @property
-    def n_faces(self) -> int:
-        return len(self.cotan_sum)
+    def grow(self, n_new: int) -> None:
+        """Room for n_new further faces, unglued and without lengths."""
+        super().grow(n_new)
+        nothing = np.full(3 * n_new, np.nan)
+        self.length, self.tangent = np.append(self.length, nothing), np.append(self.tangent, nothing)
+        self.cotan_sum = np.append(self.cotan_sum, nothing[:n_new])
+        if self.direction is not None:
+            self.direction = np.append(self.direction, nothing)
+        self.claim = np.empty(len(self.tail) + 1, dtype=np.int64)
 
-
-def around(side: NDArray) -> tuple[NDArray, NDArray, NDArray]:
-    """Face of each side, and the next and the previous side in it."""
-    face = side // 3
-    corner = side - 3 * face
-    return face, side + NEXT_SIDE[corner], side + PREVIOUS_SIDE[corner]
+    def measure(self, face: NDArray) -> None:
+        """Angles of faces whose lengths have changed."""
+        tangent, cotan_sum = shape_of(*(self.length[3 * face + k] for k in range(3)))
+        for k in range(3):
+            self.tangent[3 * face + k] = tangent[k]
+        self.cotan_sum[face] = cotan_sum
 
 
 def shape_of(a: NDArray, b: NDArray, c: NDArray) -> tuple[tuple[NDArray, NDArray, NDArray], NDArray]:
@@ -149,23 +150,8 @@ def flip(state: SideArrays, side: NDArray, *, force: bool = False) -> NDArray:
         at_k, at_l = state.direction[h2] + 2.0 * np.arctan(k0), state.direction[g2] + 2.0 * np.arctan(l1)
         state.direction[h], state.direction[g] = moved_il, moved_jk
         state.direction[h1], state.direction[g1] = at_l, at_k
-    _reglue(state, h, g, h1, h2, g1, g2)
+    state.flip_sides(h, g, h1, h2, g1, g2)
     return h
-
-
-def _reglue(
-    state: SideArrays, h: NDArray, g: NDArray, h1: NDArray, h2: NDArray, g1: NDArray, g2: NDArray
-) -> None:
-    """Side i->l moves from g1 to h, j->k from h1 to g; the new edge is glued along h1 and g1."""
-    tail, twin, place = state.tail, state.twin, state.place
-    place[g1], place[h1] = h, g
-    below, above = place[twin[g1]], place[twin[h1]]  # neighbours may be moving in the same batch
-    place[g1], place[h1] = g1, h1
-    twin[h], twin[g] = below, above
-    twin[below], twin[above] = h, g
-    twin[-1] = -1
-    twin[h1], twin[g1] = g1, h1
-    tail[h1], tail[g1] = tail[g2], tail[h2]
 
 
 def flip_until_delaunay(

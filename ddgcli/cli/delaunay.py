@@ -17,6 +17,18 @@ OVERLAY_FORMATS = (".npz", ".vtkhdf", ".ply", ".vtu", ".vtp", ".vtk", ".xdmf", "
 @click.command("delaunay")
 @options.mesh_arg
 @click.option(
+    "--refine",
+    metavar="DEGREES",
+    type=options.POSITIVE,
+    help="Insert Steiner points until no angle is smaller (25 always ends; at most 33).",
+)
+@click.option(
+    "--max-points",
+    metavar="N",
+    type=click.IntRange(min=0),
+    help="At most N Steiner points (exit 1 when they run out)  [default: 10 a vertex, at least 100000].",
+)
+@click.option(
     "--overlay",
     metavar="PATH",
     help="Write the common subdivision with input as a mesh: arrays input_face, intrinsic_face, vertex_kind "
@@ -24,28 +36,50 @@ OVERLAY_FORMATS = (".npz", ".vtkhdf", ".ply", ".vtu", ".vtp", ".vtk", ".xdmf", "
 )
 @click.option("--condition", is_flag=True, help="Also measure the condition number of the Laplacian.")
 @options.common
-def command(mesh_path: str, overlay: str | None, condition: bool, common: Common) -> None:
+def command(
+    mesh_path: str,
+    refine: float | None,
+    max_points: int | None,
+    overlay: str | None,
+    condition: bool,
+    common: Common,
+) -> None:
     """The intrinsic Delaunay triangulation of MESH: same vertices, same metric, better edges.
 
     -o writes faces, face_edge_lengths, neighbors and points (.npz or .vtkhdf).
 
     \b
-    Example:
+    Examples:
       ddgcli delaunay scan.ply -o scan-idt.npz --overlay common.ply --plot edges.png
+      ddgcli delaunay part.stl --refine 25 -o part-idt.npz
     """
-    run = Run("delaunay", common, formats=INTRINSIC_FORMATS, overlay=overlay, condition=condition)
+    run = Run(
+        "delaunay",
+        common,
+        formats=INTRINSIC_FORMATS,
+        refine=refine,
+        max_points=max_points,
+        overlay=overlay,
+        condition=condition,
+    )
     run.will_write(overlay, OVERLAY_FORMATS)
     source = run.read(mesh_path)
 
     from ddgcli.algorithms.delaunay_report import delaunay_report, overlay_mesh
     from ddgcli.mesh.fields import AnnotatedMesh
 
-    report = delaunay_report(source.mesh, subdivide=bool(overlay or common.plot), condition=condition)
-    run.write(AnnotatedMesh(report.mesh))
+    report = delaunay_report(
+        source.mesh,
+        degrees=refine,
+        max_points=max_points,
+        subdivide=bool(overlay or common.plot),
+        condition=condition,
+    )
+    run.write(AnnotatedMesh(report.mesh), converged=report.reached)
     if overlay and report.subdivision:
-        run.write_file(overlay, overlay_mesh(report.subdivision))
+        run.write_file(overlay, overlay_mesh(report.subdivision), converged=report.reached)
     run.plot(lambda path: draw(path, source.mesh, report.subdivision))
-    run.finish(report.results, report.accuracy)
+    run.finish(report.results, report.accuracy, converged=report.reached)
 
 
 def draw(path: str, mesh: Any, subdivision: Any) -> None:

@@ -66,3 +66,22 @@ def test_a_format_that_cannot_hold_it_is_refused_before_any_work(run, stretched,
     result = run("delaunay", stretched, "-o", tmp_path / "idt.obj")
     assert result.exit_code == 2 and ".npz" in result.stderr
     assert not (tmp_path / "idt.obj").exists()
+
+
+def test_refinement(summary, stretched, tmp_path):
+    out, overlay = tmp_path / "fine.npz", tmp_path / "overlay.vtu"
+    told = summary("delaunay", stretched, "--refine", 25, "-o", out, "--overlay", overlay)
+    results = told["results"]
+    assert results["steiner_points"] == len(np.load(out)["points"]) - 200 > 0
+    assert results["after"]["min_angle_degrees"] > 24.999
+    assert results["overlay"]["steiner_points"] == results["steiner_points"]
+    assert told["accuracy"]["overlay_length_residual"] < 1e-9
+    assert set(read_mesh(str(overlay)).vertex["vertex_kind"]) == {0, 1, 2}
+
+
+def test_points_run_out(summary, stretched, tmp_path):
+    out = tmp_path / "some.npz"
+    told = summary("delaunay", stretched, "--refine", 25, "--max-points", 20, "-o", out, code=1)
+    assert told["results"]["converged"] is False and told["results"]["steiner_points"] == 20
+    assert any("--max-points" in warning for warning in told["warnings"])
+    assert len(np.load(out)["points"]) == 220

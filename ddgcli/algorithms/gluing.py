@@ -1,0 +1,107 @@
+"""Triangles glued along their sides, by number alone: flips and splits in batches of disjoint faces."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+NEXT_SIDE = np.array([1, 1, -2])
+PREVIOUS_SIDE = np.array([2, -1, -1])
+
+
+def around(side: NDArray) -> tuple[NDArray, NDArray, NDArray]:
+    """Face of each side, and the next and the previous side in it."""
+    face = side // 3
+    corner = side - 3 * face
+    return face, side + NEXT_SIDE[corner], side + PREVIOUS_SIDE[corner]
+
+
+@dataclass(eq=False)
+class Gluing:
+    """Corners and gluing of triangles, changed in place.
+
+    Parameters
+    ----------
+    tail : (3m,) ndarray of int64
+        Vertex at which a side starts.
+    twin : (3m + 1,) ndarray of int64
+        Side glued to each side, -1 on the boundary; the last place takes what is written for "no side".
+    """
+
+    tail: NDArray[np.int64]
+    twin: NDArray[np.int64]
+
+    def __post_init__(self) -> None:
+        self.place = np.append(np.arange(len(self.tail)), -1)  # scratch: identity between batches
+
+    @property
+    def n_faces(self) -> int:
+        return len(self.tail) // 3
+
+    def grow(self, n_new: int) -> None:
+        """Room for n_new further faces, unglued."""
+        more = np.full(3 * n_new, -1, dtype=np.int64)
+        self.tail = np.append(self.tail, more)
+        self.twin = np.append(self.twin, more)
+        self.place = np.append(np.arange(len(self.tail)), -1)
+
+    def _move(self, old: NDArray, new: NDArray) -> None:
+        """Sides change their places; their neighbours follow, those that move in the same batch too."""
+        self.place[old] = new
+        neighbour = self.place[self.twin[old]]
+        self.place[old] = old
+        self.twin[new] = neighbour
+        self.twin[neighbour] = new
+        self.twin[-1] = -1
+
+    def _join(self, a: NDArray, b: NDArray) -> None:
+        self.twin[a], self.twin[b] = b, a
+
+    def flip_sides(self, h: NDArray, g: NDArray, h1: NDArray, h2: NDArray, g1: NDArray, g2: NDArray) -> None:
+        """Flip the edge h|g: h takes the side at g1, g that at h1; the new edge stands at h1 and g1."""
+        self._move(np.concatenate([g1, h1]), np.concatenate([h, g]))
+        self._join(h1, g1)
+        self.tail[h1], self.tail[g1] = self.tail[g2], self.tail[h2]
+
+    def split_faces(self, face: NDArray, vertex: NDArray) -> NDArray[np.int64]:
+        """Faces (a, b, c) cut in three around a new vertex v.
+
+        Returns
+        -------
+        (2, k) ndarray of int64
+            The new faces (b, c, v) and (c, a, v); the old one becomes (a, b, v).
+        """
+        first = self.n_faces
+        new = first + np.arange(2 * len(face)).reshape(2, -1)
+        self.grow(2 * len(face))
+        a, b, c = (3 * face + k for k in range(3))
+        p, q = 3 * new[0], 3 * new[1]
+        tail = self.tail
+        tail[p], tail[p + 1], tail[p + 2] = tail[b], tail[c], vertex
+        tail[q], tail[q + 1], tail[q + 2] = tail[c], tail[a], vertex
+        self._move(np.concatenate([b, c]), np.concatenate([p, q]))
+        tail[c] = vertex
+        self._join(b, p + 2)
+        self._join(p + 1, q + 2)
+        self._join(q + 1, c)
+        return new
+
+    def split_boundary(self, side: NDArray, vertex: NDArray) -> NDArray[np.int64]:
+        """Boundary sides ij of faces (i, j, k) cut at new vertices v; one side a face.
+
+        Returns
+        -------
+        (k,) ndarray of int64
+            The new faces (v, j, k); the old ones become (i, v, k) with iv in the place of ij.
+        """
+        _, jk, ki = around(side)
+        new = self.n_faces + np.arange(len(side))
+        self.grow(len(side))
+        p, tail = 3 * new, self.tail
+        tail[p], tail[p + 1], tail[p + 2] = vertex, tail[jk], tail[ki]
+        self._move(jk, p + 1)
+        tail[jk] = vertex
+        self._join(jk, p + 2)
+        return new

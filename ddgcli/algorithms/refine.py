@@ -1,0 +1,572 @@
+"""Intrinsic Delaunay refinement: Steiner points until no angle is smaller than asked (chapter 10, section 4).
+
+L. P. Chew, "Guaranteed-quality mesh generation for curved surfaces", 1993, and J. Ruppert, "A Delaunay
+refinement algorithm for quality 2-dimensional mesh generation", 1995, on intrinsic triangulations as in
+N. Sharp et al., "Navigating intrinsic triangulations", 2019. Circumcentres of bad triangles are inserted; one
+that would come too near a boundary edge, or beyond it, splits that edge instead. Insertions go in batches
+that do not meet.
+"""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ddgcli.algorithms.common_subdivision import Base, sides_between
+from ddgcli.algorithms.delaunay import Flipped, flip_to_delaunay, glue, length_scale, mollify
+from ddgcli.algorithms.flips import SideArrays, flip_until_delaunay
+from ddgcli.algorithms.gluing import around
+from ddgcli.algorithms.steiner_base import SteinerPoints, with_steiner_points
+from ddgcli.algorithms.trace import Tracer
+from ddgcli.errors import ParameterError
+from ddgcli.geometry.intrinsic import corner_angle, face_area
+from ddgcli.geometry.unfolding import corner_position, vertex_fans
+from ddgcli.mesh.require import require
+from ddgcli.mesh.topology import NEXT
+from ddgcli.mesh.triangle_mesh import TriangleMesh
+
+log = logging.getLogger("ddgcli")
+
+SHARP = np.pi / 3  # cones and boundary corners of a smaller total angle are left as they are
+NEAREST_TO_SHARP = 0.1  # no point comes nearer to them, relative to their shortest edge before refinement
+LONGEST_WALK = 1000
+LEAST_SHARE = 1e-3  # least barycentric coordinate of a point in the intrinsic face that it cuts
+KEEP_OFF_EDGES = 0.01  # distance from input edges, relative to that from the nearest vertex
+INSIDE, BEYOND_BOUNDARY, ON_BOUNDARY, LOST = 0, 1, 2, 3
+
+
+@dataclass(frozen=True, eq=False)
+class Refined:
+    """A refined intrinsic triangulation.
+
+    Parameters
+    ----------
+    flipped : Flipped
+        The intrinsic Delaunay triangulation of input vertices and Steiner points, with normal coordinates.
+    base : Base
+        The input with the Steiner points inserted, which those coordinates refer to.
+    steiner : SteinerPoints
+        Where they lie on the input.
+    flips : int
+        While points were inserted.
+    batches : int
+    sharp_vertices : int
+        Interior vertices and boundary corners of total angle below 60 degrees.
+    excepted_faces : int
+        Faces at or beside those whose smallest angle stays below the one asked.
+    unreached_faces : int
+        Other such faces: 0 unless the points ran out.
+    reached : bool
+    """
+
+    flipped: Flipped
+    base: Base
+    steiner: SteinerPoints
+    flips: int
+    batches: int
+    sharp_vertices: int
+    excepted_faces: int
+    unreached_faces: int
+    reached: bool
+
+
+def refine(mesh: TriangleMesh, degrees: float, *, max_points: int | None = None) -> Refined:
+    """Insert Steiner points until no intrinsic angle is smaller than `degrees`.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+        Manifold and oriented.
+    degrees : float
+        Above 0 and at most 33; up to 25 the batches end on every surface, up to 30 on nearly every one.
+    max_points : int, optional
+        At most so many Steiner points; by default ten for each vertex, and 100,000 at least.
+
+    Raises
+    ------
+    ParameterError, MeshError
+    """
+    if not 0 < degrees <= 33:
+        raise ParameterError(
+            f"refinement to {degrees:g} degrees does not end; ask for at most 33 (25 is safe)"
+        )
+    require(mesh, "refinement", manifold=True, oriented=True)
+    limit = max(100_000, 10 * mesh.n_vertices) if max_points is None else max_points
+    work = _Refinement(mesh, np.radians(degrees), limit)
+    while work.advance():
+        pass
+    steiner = work.steiner()
+    base = with_steiner_points(mesh, steiner)
+    flipped = flip_to_delaunay(base.mesh, track=True)
+    small = (corner_angle(flipped.mesh.side_length) < np.radians(degrees) * (1 - 1e-6)).any(axis=1)
+    beside = work.near_sharp(flipped)
+    unreached = int((small & ~beside).sum())
+    if work.exhausted:
+        log.warning(
+            f"refinement stopped at {limit} Steiner points with {unreached} faces still below "
+            f"{degrees:g} degrees; raise --max-points"
+        )
+    return Refined(
+        flipped=flipped,
+        base=base,
+        steiner=steiner,
+        flips=work.flips,
+        batches=work.batches,
+        sharp_vertices=int(work.sharp.sum()),
+        excepted_faces=int((small & beside).sum()),
+        unreached_faces=unreached,
+        reached=unreached == 0,
+    )
+
+
+@dataclass(eq=False)
+class _Targets:
+    """Where circumcentres lie: in the face of `side`, laid out in the plane of complex numbers."""
+
+    status: NDArray[np.int64]
+    side: NDArray[np.int64]
+    corners: NDArray[np.complex128]  # (k, 3) tail, head and apex of the side
+    centre: NDArray[np.complex128]
+
+    def __getitem__(self, chosen: NDArray) -> _Targets:
+        return _Targets(self.status[chosen], self.side[chosen], self.corners[chosen], self.centre[chosen])
+
+
+@dataclass(eq=False)
+class _Located:
+    """Points of laid-out intrinsic faces and where they lie on the input.
+
+    `turn` is the angle from the layout to the planar frame of the input face; `sound` is False where the line
+    to the point left the surface (it does not in exact arithmetic), `clear` where an input edge is too near.
+    """
+
+    sound: NDArray[np.bool_]
+    face: NDArray[np.int64]
+    barycentric: NDArray[np.float64]
+    point: NDArray[np.complex128]
+    turn: NDArray[np.float64]
+    clear: NDArray[np.bool_]
+
+    def __getitem__(self, chosen: NDArray) -> _Located:
+        return _Located(**{name: value[chosen] for name, value in vars(self).items()})
+
+    def replace(self, place: NDArray, other: _Located) -> None:
+        for name, value in vars(other).items():
+            getattr(self, name)[place] = value
+
+
+class _Refinement:
+    """The triangulation under refinement, and where its vertices lie on the input.
+
+    Directions at input vertices are angles from the first side of the vertex's fan; at Steiner points they
+    are angles in the planar frame of the input face that holds the point.
+    """
+
+    def __init__(self, mesh: TriangleMesh, angle: float, limit: int) -> None:
+        self.mesh, self.limit = mesh, limit
+        self.bound = np.tan(angle / 2)
+        self.tracer, self.fans = Tracer(mesh), vertex_fans(mesh)
+        glued, _ = mollify(glue(mesh))
+        self.scale = length_scale(glued.side_length)
+        self.state = SideArrays.of(glued.faces, glued.topology.side_twin, glued.side_length / self.scale)
+        self.state.direction = self.fans.angle_before.copy()
+        self.flips, self.batches = flip_until_delaunay(self.state)[0], 0
+        self.exhausted = False
+
+        n = mesh.n_vertices
+        self.fan = np.full(n, -1, dtype=np.int64)
+        self.fan[self.fans.vertex] = np.arange(len(self.fans.vertex))
+        self.sharp = np.zeros(n, dtype=bool)
+        self.sharp[self.fans.vertex] = self.fans.total_angle < SHARP - 1e-9
+        self.keep_off = self._keep_off(n)
+        self.face = np.full(n, -1, dtype=np.int64)
+        self.barycentric = np.zeros((n, 3))
+        self.edge = np.full(n, -1, dtype=np.int64)  # input side of boundary Steiner points
+        self.edge_share = np.zeros(n)
+
+    def _keep_off(self, n: int) -> NDArray[np.float64]:
+        """(n,) distance from sharp vertices within which no point is inserted; 0 at the others."""
+        state = self.state
+        nearest = np.full(n, np.inf)
+        for end in (state.tail, state.tail[around(np.arange(len(state.tail)))[1]]):
+            np.minimum.at(nearest, end, state.length)
+        return np.where(self.sharp, NEAREST_TO_SHARP * nearest, 0.0)
+
+    @property
+    def n_steiner(self) -> int:
+        return len(self.face) - self.mesh.n_vertices
+
+    def steiner(self) -> SteinerPoints:
+        """Where the Steiner points lie, in the order of their insertion."""
+        n = self.mesh.n_vertices
+        return SteinerPoints(self.face[n:], self.barycentric[n:], self.edge[n:], self.edge_share[n:])
+
+    def near_sharp(self, flipped: Flipped) -> NDArray:
+        """(m,) faces of the final triangulation with a sharp vertex, or within the reach kept free of one."""
+        sharp = np.zeros(flipped.mesh.n_vertices, dtype=bool)
+        sharp[: self.mesh.n_vertices] = self.sharp
+        faces = flipped.mesh.faces
+        at = np.any(sharp[faces], axis=1)
+        ring = np.zeros(len(sharp), dtype=bool)
+        ring[faces[at]] = True
+        return np.any(ring[faces], axis=1)
+
+    def advance(self) -> bool:
+        """One batch of insertions and the flips after it; False when there was nothing to insert."""
+        state = self.state
+        smallest = state.tangent.reshape(-1, 3).min(axis=1)
+        bad = np.flatnonzero(smallest < self.bound)
+        at_sharp = np.any(self._is_sharp(state.tail.reshape(-1, 3)[bad]), axis=1)
+        bad = bad[~at_sharp]
+        bad = bad[np.argsort(smallest[bad])]
+        if len(bad) == 0:
+            return False
+        if self.n_steiner >= self.limit:
+            self.exhausted = True
+            return False
+        targets = self._independent(self._proposals(bad))
+        on_boundary = targets.status == ON_BOUNDARY
+        inner = targets[np.flatnonzero(~on_boundary)]
+        touched = [self._split_boundary(targets.side[on_boundary]), self._insert(inner)]
+        active = np.concatenate(touched)
+        if len(active) == 0:
+            return False
+        self.flips += flip_until_delaunay(state, active)[0]
+        self.batches += 1
+        return True
+
+    def _is_sharp(self, vertex: NDArray) -> NDArray:
+        return (vertex < self.mesh.n_vertices) & self.sharp[np.minimum(vertex, self.mesh.n_vertices - 1)]
+
+    def _proposals(self, bad: NDArray) -> _Targets:
+        """Points to insert for bad faces, worst first: circumcentres, or middles of boundary sides."""
+        state = self.state
+        targets = seek_circumcentres(state, bad)
+        inside = np.flatnonzero(targets.status == INSIDE)
+        cavity = conflict_cavity(state, targets[inside])
+        edge = np.full(len(bad), -1)
+        edge[inside] = cavity.encroached
+        beyond = targets.status == BEYOND_BOUNDARY
+        edge[beyond] = targets.side[beyond]
+        insert = (targets.status == INSIDE) & (edge < 0)
+        insert[insert] = self._clear_of_sharp(targets[np.flatnonzero(insert)])
+        split = np.flatnonzero(edge >= 0)
+        split = split[np.sort(np.unique(edge[split], return_index=True)[1])]
+        split = split[self._may_split(edge[split])]
+        targets.status[split], targets.side[split] = ON_BOUNDARY, edge[split]
+        self._lay_out(targets, split)
+        return targets[np.sort(np.concatenate([split, np.flatnonzero(insert)]))]
+
+    def _lay_out(self, targets: _Targets, split: NDArray) -> None:
+        """Lay out the faces of boundary sides that are to be cut, and the places of the cuts."""
+        side = targets.side[split]
+        length = self.state.length[side]
+        corners = np.stack([np.zeros(len(side)), length, apex_of(self.state, side) * length], axis=1)
+        targets.corners[split] = corners
+        targets.centre[split] = self._shell(side) * length
+
+    def _clear_of_sharp(self, targets: _Targets) -> NDArray[np.bool_]:
+        _, following, previous = around(targets.side)
+        clear: NDArray[np.bool_] = np.ones(len(targets.side), dtype=bool)
+        for k, side in enumerate((targets.side, following, previous)):
+            reach = self._reach(self.state.tail[side])
+            clear &= np.abs(targets.centre - targets.corners[:, k]) >= reach
+        return clear
+
+    def _may_split(self, side: NDArray) -> NDArray:
+        reach = self._reach(self.state.tail[np.stack([side, around(side)[1]])])
+        return (0.35 * self.state.length[side] >= reach).all(axis=0)
+
+    def _reach(self, vertex: NDArray) -> NDArray[np.float64]:
+        """Distance to keep from vertices: 0 but for sharp ones."""
+        return np.where(
+            self._is_sharp(vertex), self.keep_off[np.minimum(vertex, len(self.keep_off) - 1)], 0.0
+        )
+
+    def _independent(self, targets: _Targets) -> _Targets:
+        """Those whose cavities and the faces around them meet no earlier one's."""
+        claim, cavity = self.state.claim, conflict_cavity(self.state, targets)
+        claim[cavity.face[::-1]] = cavity.item[::-1]
+        lost = np.zeros(len(targets.side), dtype=bool)
+        lost[cavity.item[claim[cavity.face] != cavity.item]] = True
+        wins = ~lost & (np.cumsum(~lost) <= self.limit - self.n_steiner)
+        return targets[np.flatnonzero(wins)]
+
+    def _add_vertices(
+        self, face: NDArray, barycentric: NDArray, edge: NDArray, share: NDArray
+    ) -> NDArray[np.int64]:
+        first = len(self.face)
+        self.face = np.concatenate([self.face, face])
+        self.barycentric = np.concatenate([self.barycentric, barycentric])
+        self.edge, self.edge_share = (
+            np.concatenate([self.edge, edge]),
+            np.concatenate([self.edge_share, share]),
+        )
+        return first + np.arange(len(face))
+
+    # boundary edges
+
+    def _split_boundary(self, side: NDArray) -> NDArray[np.int64]:
+        """Cut boundary sides ij of faces (i, j, k) at v; returns the sides whose edges may need a flip."""
+        state = self.state
+        if len(side) == 0:
+            return side
+        _, jk, ki = around(side)
+        share = self._shell(side)
+        edge, at = self._place_on_edge(side, share)
+        corner = edge % 3
+        barycentric = np.zeros((len(side), 3))
+        barycentric[np.arange(len(side)), corner] = 1.0 - at
+        barycentric[np.arange(len(side)), (corner + 1) % 3] = at
+        vertex = self._add_vertices(edge // 3, barycentric, edge, at)
+
+        whole, lengths_jk = state.length[side].copy(), state.length[jk].copy()
+        to_apex = np.abs(apex_of(state, side) - share) * whole
+        old_jk, old_ki = state.direction[jk].copy(), state.direction[ki].copy()  # type: ignore[index]
+        new = state.split_boundary(side, vertex)
+        p = 3 * new
+        state.length[side], state.length[jk] = share * whole, to_apex
+        state.length[p], state.length[p + 1], state.length[p + 2] = (1 - share) * whole, lengths_jk, to_apex
+        state.measure(np.concatenate([side // 3, new]))
+        x, y = self.tracer.unfolding.direction[edge // 3, corner].T
+        direction = self.direction
+        direction[p] = np.arctan2(y, x)
+        direction[p + 1] = old_jk
+        direction[jk] = direction[p] + 2 * np.arctan(state.tangent[p + 1])
+        direction[p + 2] = old_ki + 2 * np.arctan(state.tangent[side])
+        return np.concatenate([side, jk, ki, p, p + 1, p + 2])
+
+    def _shell(self, side: NDArray) -> NDArray[np.float64]:
+        """Share at which to cut: the middle, or a power of two from a sharp corner (Ruppert's shells)."""
+        state = self.state
+        at_tail, at_head = self._is_sharp(state.tail[side]), self._is_sharp(state.tail[around(side)[1]])
+        length = state.length[side]
+        shell = np.exp2(np.rint(np.log2(0.5 * length))) / length
+        share = np.where(at_tail & ~at_head, shell, 0.5)
+        return np.where(at_head & ~at_tail, 1.0 - shell, share)
+
+    def _place_on_edge(self, side: NDArray, share: NDArray) -> tuple[NDArray, NDArray]:
+        """Input side, and share of it, of points at a share of intrinsic boundary sides."""
+        tail, head = self.state.tail[side], self.state.tail[around(side)[1]]
+        edge = np.where(self.edge[tail] >= 0, self.edge[tail], self.edge[head])
+        whole = np.flatnonzero(edge < 0)  # both ends are input vertices
+        edge[whole] = sides_between(self.mesh, tail[whole], head[whole])
+        low = np.where(self.edge[tail] >= 0, self.edge_share[tail], 0.0)
+        high = np.where(self.edge[head] >= 0, self.edge_share[head], 1.0)
+        return edge, low + share * (high - low)
+
+    # circumcentres
+
+    def _insert(self, targets: _Targets) -> NDArray[np.int64]:
+        """Insert points into their faces (a, b, c); returns the sides whose edges may need a flip."""
+        state = self.state
+        face, corner = targets.side // 3, targets.side % 3
+        if len(face) == 0:
+            return face
+        place = (np.arange(3) - corner[:, None]) % 3
+        corners = np.take_along_axis(targets.corners, place, axis=1)
+        point = targets.centre
+        point = pushed_inside(corners, point)
+        located = self._locate(face, corners, point)
+        for _ in range(3):  # towards the middle of the face where an input edge is too near
+            near = np.flatnonzero(~located.clear)
+            point[near] += 0.05 * (corners[near].mean(axis=1) - point[near])
+            located.replace(near, self._locate(face[near], corners[near], point[near]))
+        face, corners, located = face[located.sound], corners[located.sound], located[located.sound]
+        if len(face) == 0:
+            return face
+        distance = np.abs(corners - located.point[:, None])
+        from_point = located.turn + np.angle(corners[:, 0] - located.point)
+        k = len(face)
+        vertex = self._add_vertices(located.face, located.barycentric, np.full(k, -1), np.zeros(k))
+        new = state.split_faces(face, vertex)
+        a, b, c, p, q = 3 * face, 3 * face + 1, 3 * face + 2, 3 * new[0], 3 * new[1]
+        length, (da, db, dc) = state.length, distance.T
+        length[p], length[q] = length[b], length[c]
+        length[b], length[c] = db, da
+        length[p + 1], length[p + 2], length[q + 1], length[q + 2] = dc, db, da, dc
+        state.measure(np.concatenate([face, new[0], new[1]]))
+        angle, direction = 2 * np.arctan(state.tangent), self.direction
+        at_a, at_b, at_c = direction[a], direction[b].copy(), direction[c].copy()
+        direction[p], direction[q] = at_b, at_c
+        direction[q + 1] = at_a + angle[b]
+        direction[b] = at_b + angle[p + 1]
+        direction[p + 1] = at_c + angle[q + 1]
+        direction[c] = from_point
+        direction[p + 2] = from_point + angle[a]
+        direction[q + 2] = direction[p + 2] + angle[p]
+        return np.concatenate([a, b, c, p, p + 1, p + 2, q, q + 1, q + 2])
+
+    def _locate(self, face: NDArray, corners: NDArray, point: NDArray) -> _Located:
+        """Find points of intrinsic faces, laid out with their corners, on the input."""
+        k = np.arange(len(face))
+        distance = np.abs(corners - point[:, None])
+        near = distance.argmin(axis=1)
+        start, following = corners[k, near], corners[k, (near + 1) % 3]
+        side = 3 * face + near
+        turn = np.angle((point - start) / (following - start))
+        where, barycentric, heading = self._start(self.state.tail[side], self.direction[side] + turn)
+        planar = np.stack([np.cos(heading), np.sin(heading)], axis=1)
+        ends = self.tracer.trace(where, barycentric, planar, distance[k, near] * self.scale)
+        found = _Located(
+            sound=ends.status == 0,
+            face=ends.face,
+            barycentric=ends.barycentric,
+            point=point,
+            turn=np.arctan2(ends.direction[:, 1], ends.direction[:, 0]) - np.angle(point - start),
+            clear=np.ones(len(face), dtype=bool),
+        )
+        return self._off_input_edges(found, corners, KEEP_OFF_EDGES * distance[k, near])
+
+    def _off_input_edges(self, found: _Located, corners: NDArray, reach: NDArray) -> _Located:
+        """Points moved to a distance from the input edges, where they stay inside their intrinsic faces."""
+        layout = corner_position(self.tracer.unfolding, found.face) / self.scale
+        places = layout[..., 0] + 1j * layout[..., 1]
+        side = self.mesh.side_length[found.face] / self.scale
+        height = 2 * face_area(side)[:, None] / side[:, NEXT]
+        least = np.minimum(np.divide(reach[:, None], height, out=np.ones_like(height), where=height > 0), 0.2)
+        barycentric = np.maximum(found.barycentric, least)
+        barycentric /= barycentric.sum(axis=1, keepdims=True)
+        shift = ((barycentric - found.barycentric) * places).sum(axis=1)
+        point = found.point + shift * np.exp(-1j * found.turn)
+        moved = triangle_share(corners, point).min(axis=1) > 0.5 * LEAST_SHARE
+        return _Located(
+            found.sound,
+            found.face,
+            np.where(moved[:, None], barycentric, found.barycentric),
+            np.where(moved, point, found.point),
+            found.turn,
+            moved,
+        )
+
+    def _start(self, vertex: NDArray, direction: NDArray) -> tuple[NDArray, NDArray, NDArray]:
+        """Face, barycentric coordinates and heading in the face's frame of directions at vertices."""
+        face, barycentric = self.face[vertex].copy(), self.barycentric[vertex].copy()
+        heading = direction.copy()
+        given = np.flatnonzero(vertex < self.mesh.n_vertices)
+        fan = self.fan[vertex[given]]
+        angle = np.mod(direction[given], np.where(self.fans.is_open[fan], np.inf, self.fans.total_angle[fan]))
+        corner = self.fans.locate(fan, angle)
+        face[given] = corner // 3
+        barycentric[given] = np.eye(3)[corner % 3]
+        x, y = self.tracer.unfolding.direction[corner // 3, corner % 3].T
+        within = np.clip(angle - self.fans.angle_before[corner], 0.0, self.fans.corner_angle[corner])
+        heading[given] = np.arctan2(y, x) + within
+        return face, barycentric, heading
+
+    @property
+    def direction(self) -> NDArray[np.float64]:
+        return self.state.direction  # type: ignore[return-value]
+
+
+def triangle_share(corners: NDArray, point: NDArray) -> NDArray[np.float64]:
+    """(k, 3) barycentric coordinates of points in triangles (k, 3) of complex numbers."""
+    away = corners - point[:, None]
+    part = _cross(away[:, [1, 2, 0]], away[:, [2, 0, 1]])
+    return part / _cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])[:, None]
+
+
+def pushed_inside(corners: NDArray, point: NDArray) -> NDArray[np.complex128]:
+    """Points with no barycentric coordinate below LEAST_SHARE, so that no part of a cut face is flat."""
+    share = np.maximum(triangle_share(corners, point), LEAST_SHARE)
+    return (share * corners).sum(axis=1) / share.sum(axis=1)
+
+
+def apex_of(state: SideArrays, side: NDArray) -> NDArray[np.complex128]:
+    """The corner opposite each side, in the frame where the side runs from 0 to 1."""
+    _, following, previous = around(side)
+    t = state.tangent[following]
+    return (1 + 1j * t) ** 2 / (1 + t * t) * (state.length[previous] / state.length[side])
+
+
+def seek_circumcentres(state: SideArrays, face: NDArray) -> _Targets:
+    """Walk from Delaunay faces straight to their circumcentres.
+
+    The disk around a face is flat and holds no vertex, so the way across the longest side is the only one.
+    """
+    tangent = state.tangent.reshape(-1, 3)[face]
+    widest = tangent.argmax(axis=1)
+    side = 3 * face + widest
+    length = state.length[side]
+    t = tangent[np.arange(len(face)), widest]
+    centre = 0.5 * length * (1 + 0.5j * (1 / t - t))
+    corners = np.stack([np.zeros(len(face)), length, apex_of(state, side) * length], axis=1)
+    start = corners.mean(axis=1)
+    found = _Targets(np.full(len(face), INSIDE), side, corners, centre)
+    going = np.flatnonzero(t > 1.0)
+    for _ in range(LONGEST_WALK):
+        if len(going) == 0:
+            return found
+        entered = state.twin[found.side[going]]
+        closed = entered >= 0
+        found.status[going[~closed]] = BEYOND_BOUNDARY
+        going, entered = going[closed], entered[closed]
+        left, right = found.corners[going, 1], found.corners[going, 0]
+        apex = left + apex_of(state, entered) * (right - left)
+        found.side[going] = entered
+        found.corners[going] = np.stack([left, right, apex], axis=1)
+        aim = found.centre[going]
+        beyond = (_cross(apex - right, aim - right) < 0) | (_cross(left - apex, aim - apex) < 0)
+        going, left, right, apex, aim = going[beyond], left[beyond], right[beyond], apex[beyond], aim[beyond]
+        # found.corners holds tail and head of the side to leave by: the one that the line crosses
+        apex_is_left = _cross(aim - start[going], apex - start[going]) > 0
+        _, following, previous = around(found.side[going])
+        found.side[going] = np.where(apex_is_left, following, previous)
+        found.corners[going, 0] = np.where(apex_is_left, right, apex)
+        found.corners[going, 1] = np.where(apex_is_left, apex, left)
+        found.corners[going, 2] = np.where(apex_is_left, left, right)
+    found.status[going] = LOST
+    return found
+
+
+@dataclass(eq=False)
+class _Cavity:
+    """Faces whose circumdisks hold the points of targets, and those around them, in pairs sorted by item.
+
+    `encroached` is a boundary side whose diametral disk holds the point, -1 where there is none.
+    """
+
+    item: NDArray[np.int64]
+    face: NDArray[np.int64]
+    encroached: NDArray[np.int64]
+
+
+def conflict_cavity(state: SideArrays, targets: _Targets) -> _Cavity:
+    """Spread from the face that holds each target over the faces that its insertion would change."""
+    k = len(targets.side)
+    encroached = np.full(k, -1)
+    item, side, corners = np.arange(k), targets.side, targets.corners
+    items, faces = [item], [side // 3]
+    _, following, previous = around(side)
+    item = np.tile(item, 3)
+    side = np.concatenate([side, following, previous])
+    ends = np.concatenate([corners[:, [0, 1]], corners[:, [1, 2]], corners[:, [2, 0]]])
+    for _ in range(LONGEST_WALK):
+        tail, head = ends.T
+        twin, point = state.twin[side], targets.centre[item]
+        within = ((tail - point) * np.conj(head - point)).real < -1e-12 * np.abs(head - tail) ** 2
+        near = (twin < 0) & within
+        encroached[item[near]] = side[near]
+        inner = twin >= 0
+        item, twin, tail, head, point = item[inner], twin[inner], head[inner], tail[inner], point[inner]
+        items.append(item)
+        faces.append(twin // 3)
+        t = state.tangent[twin]
+        centre = tail + (head - tail) * (0.5 + 0.25j * (1 / t - t))
+        holds = np.abs(point - centre) < np.abs(tail - centre) * (1 - 1e-12)
+        item, twin, tail, head = item[holds], twin[holds], tail[holds], head[holds]
+        if len(item) == 0:
+            break
+        apex = tail + apex_of(state, twin) * (head - tail)
+        _, following, previous = around(twin)
+        item, side = np.tile(item, 2), np.concatenate([following, previous])
+        ends = np.stack([np.concatenate([head, apex]), np.concatenate([apex, tail])], axis=1)
+    pair = np.unique(np.concatenate(items) * np.int64(state.n_faces) + np.concatenate(faces))
+    return _Cavity(pair // state.n_faces, pair % state.n_faces, encroached)
+
+
+def _cross(a: NDArray, b: NDArray) -> NDArray[np.float64]:
+    return (np.conj(a) * b).imag
