@@ -30,7 +30,9 @@ COMMANDS = ("curvature", "delaunay", "laplacian", "geodesic", "shell-sim", "flui
     "--budget",
     type=options.POSITIVE,
     metavar="SECONDS",
-    help="Time for everything.",
+    default=60.0,
+    show_default=True,
+    help="Time for everything; what would exceed it is left out.",
 )
 @click.option(
     "--repeat", type=click.IntRange(min=1), default=5, show_default=True, help="Timed queries a row."

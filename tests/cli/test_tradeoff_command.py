@@ -100,3 +100,23 @@ def test_files_for_pipelines(sphere, tmp_path, summary):
 def test_bad_calls(sphere, run, words, part):
     result = run("tradeoff", "geodesic", sphere, *words)
     assert result.exit_code == 2 and part in result.stderr and result.stderr.count("\n") == 1
+
+
+def test_curvature_on_an_ellipsoid_ranks_the_fit_above_the_cotangent(tmp_path, summary):
+    """On an irregular mesh the cotangent scheme stays wrong, and the measured error is that of the array."""
+    mesh = shapes.random_sphere(600)
+    mesh = mesh.moved(mesh.points * [1.0, 1.5, 2.0])
+    path, out = tmp_path / "ellipsoid.ply", tmp_path / "h.npz"
+    write_mesh(str(path), AnnotatedMesh(mesh))
+    truth = "ellipsoid:1,1.5,2"
+    found = summary("tradeoff", "curvature", path, "--truth", truth, "--repeat", 1, "--norm", "mean")
+    rows = rows_of(found)
+    assert rows["quadric", "own"]["mean_error"] < 0.1 * rows["cotan", "own"]["mean_error"]
+    assert rows["quadric", "own"]["on_front"]
+    summary("curvature", path, "--scheme", "cotan", "-o", out)
+    p = mesh.points
+    h = np.sqrt((p**2 / np.array([1, 1.5, 2.0]) ** 4).sum(axis=1))
+    known = (1 + 2.25 + 4 - (p**2).sum(axis=1)) / (2 * 9.0 * h**3)
+    with np.load(out, allow_pickle=False) as arrays:
+        error = np.abs(arrays["mean_curvature"] - known) / np.sqrt((known**2).mean())
+    assert rows["cotan", "own"]["mean_error"] == pytest.approx(error.mean(), rel=1e-6)
