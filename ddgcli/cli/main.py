@@ -100,7 +100,7 @@ class Door(click.Group):
             if ctx.params.get("debug"):
                 raise
             kind = type(error).__name__
-            raise Refusal(f"internal error: {kind}: {error}; run ddgcli --debug to see where", 1) from error
+            raise Refusal(f"internal error: {kind}: {error}; run ddgcli --debug to see", 1) from error
 
 
 _imported = time.perf_counter()
