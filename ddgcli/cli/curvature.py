@@ -63,6 +63,11 @@ def command(
     Curvature is positive where the surface is convex with its faces outward; mean curvature is half the sum
     of the principal ones. angle_defect is integrated, every other curvature pointwise, in 1/length (Gaussian:
     1/length^2).
+
+    \b
+    Examples:
+      ddgcli curvature torus.ply -o torus.vtu --plot torus.png
+      ddgcli curvature scan.stl --radius 0.5 --json
     """
     run = Run("curvature", common, scheme=scheme, radius=radius, map=map_name, show=show, view=view)
     source = run.read(mesh_path, accept=("surface", "tetrahedra", "curve"))

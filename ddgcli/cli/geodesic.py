@@ -33,7 +33,12 @@ LISTS = ("--source", "--source-point", "--source-face", "--compare", "--path-to"
 @curve_options
 @options.common
 def command(mesh_path: str, distance: DistanceChoice, curves: CurveOptions, common: Common) -> None:
-    """Measure distance along the surface of MESH from the sources, and draw curves on it."""
+    """Measure distance along the surface of MESH from the sources, and draw curves on it.
+
+    \b
+    Example:
+      ddgcli geodesic spot.obj --source 0 -o distance.vtu --path-to 100 --paths-output path.vtp
+    """
     check_distance(distance)
     check_asked(curves, distance.any, distance.method, extra=distance.isolines is not None)
     run = Run("geodesic", common, **distance.said(), **curves.said())

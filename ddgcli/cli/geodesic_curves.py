@@ -8,7 +8,6 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 import click
-import numpy as np
 
 from ddgcli.cli.options import REAL
 from ddgcli.errors import ParameterError
@@ -138,6 +137,8 @@ def compute_curves(
 
             parts.append(shortest_paths(mesh, exact, sources, list(asked.path_to)))
         if asked.trace:
+            import numpy as np
+
             face, barycentric, direction, length = (np.array(x) for x in zip(*asked.trace, strict=True))
             parts.append(
                 curves.traced_curves(

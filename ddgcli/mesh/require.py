@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+
+import numpy as np
 
 from ddgcli.errors import MeshError
 from ddgcli.mesh.curve import CurveSet
 from ddgcli.mesh.tet_mesh import TetMesh
 from ddgcli.mesh.triangle_mesh import TriangleMesh
+
+FLAT = 1e-12  # area below this share of the longest side squared
+THIN = 1e-8  # the same of a volume that is known from edge lengths only: their rounding squared
+SIZES = (1e-140, 1e140)  # lengths whose squares, and sums of them, stay numbers
 
 
 def require(
@@ -15,15 +21,33 @@ def require(
     verb: str,
     *,
     faces: bool = True,
+    sized: bool = True,
+    extent: bool = False,
     manifold: bool = False,
+    manifold_edges: bool = False,
     oriented: bool = False,
     closed: bool = False,
 ) -> None:
-    """Raise MeshError naming the first culprit and the mend when `mesh` lacks a property."""
+    """Raise MeshError naming the first culprit and the mend when `mesh` lacks a property.
+
+    Parameters
+    ----------
+    verb : str
+        The subject of the message.
+    faces : bool
+        At least one triangle.
+    sized, extent : bool
+        Sides whose squares neither vanish nor overflow; at least one side longer than zero.
+    manifold, manifold_edges : bool
+        No edge with three faces, and (`manifold`) no vertex with several fans.
+    oriented, closed : bool
+    """
     topology = mesh.topology
     if faces and topology.n_faces == 0:
         raise MeshError(f"no triangles; {verb} needs a surface")
-    if manifold and len(topology.nonmanifold_edges):
+    if (sized or extent) and topology.n_faces:
+        _check_size(float(mesh.side_length.max()), in_range=sized)
+    if (manifold or manifold_edges) and len(topology.nonmanifold_edges):
         bad = topology.nonmanifold_edges
         a, b = topology.edges[bad[0]]
         raise MeshError(
@@ -51,6 +75,15 @@ def require(
         )
 
 
+def _check_size(longest: float, in_range: bool) -> None:
+    if longest == 0:
+        raise MeshError("every vertex is at the same place: there is no surface; mend the coordinates")
+    if in_range and not SIZES[0] < longest < SIZES[1]:
+        raise MeshError(
+            f"the surface's size, {longest:.3g}, squared leaves the range of numbers; rescale the coordinates"
+        )
+
+
 @dataclass(frozen=True)
 class Need:
     """What a command asks of its mesh.
@@ -59,30 +92,38 @@ class Need:
     ----------
     kinds : tuple of str
         Of 'surface', 'tetrahedra', 'curve'.
-    manifold, oriented, closed : bool
-        Of surfaces, and of the boundary of tetrahedra.
+    surface : dict
+        What `require` is told of a surface.
+    boundary : dict
+        The same of the boundary of tetrahedra.
+    area, volume : bool
+        At least one face with area; every tetrahedron with volume.
     instead : str
         Why no mesh is taken at all, where that is so.
     """
 
     kinds: tuple[str, ...] = ("surface",)
-    manifold: bool = False
-    oriented: bool = False
-    closed: bool = False
+    surface: dict[str, bool] = field(default_factory=dict)
+    boundary: dict[str, bool] = field(default_factory=dict)
+    area: bool = False
+    volume: bool = False
     instead: str = ""
 
 
+_MANIFOLD = {"manifold": True, "oriented": True}
 # what `info` answers under `accepts`; tests hold each row against what the command does
 NEEDS = {
-    "info": Need(("surface", "tetrahedra", "curve")),
-    "curvature": Need(("surface", "curve")),
-    "delaunay": Need(manifold=True, oriented=True),
-    "laplacian": Need(),
-    "hodge": Need(("surface", "tetrahedra"), manifold=True, oriented=True),
-    "geodesic": Need(),
+    "info": Need(
+        ("surface", "tetrahedra", "curve"), {"faces": False, "sized": False}, {"faces": False, "sized": False}
+    ),
+    "curvature": Need(("surface", "tetrahedra", "curve")),
+    "delaunay": Need(surface={"sized": False, "extent": True, "manifold_edges": True, "oriented": True}),
+    "laplacian": Need(area=True),
+    "hodge": Need(("surface", "tetrahedra"), _MANIFOLD, {"manifold": True}, volume=True),
+    "geodesic": Need(surface={"sized": False}),
     "shell-sim": Need(),
-    "fluid-sim": Need(manifold=True, oriented=True),
-    "willmore-flow": Need(manifold=True, oriented=True),
+    "fluid-sim": Need(surface=_MANIFOLD),
+    "willmore-flow": Need(surface=_MANIFOLD),
     "tradeoff": Need(),
     "frames": Need((), instead="it takes the trajectory of a simulation (.vtkhdf)"),
     "check": Need((), instead="it takes a stored summary (.json)"),
@@ -97,11 +138,30 @@ def why_not(mesh: TriangleMesh | TetMesh | CurveSet, verb: str) -> str | None:
     kind = {TetMesh: "tetrahedra", CurveSet: "curve"}.get(type(mesh), "surface")
     if kind not in need.kinds:
         return f"holds {'a ' * (kind == 'curve')}{kind}; it takes {' or '.join(need.kinds)}"
-    if kind == "curve" or verb == "info":
-        return None
-    surface = mesh.boundary if isinstance(mesh, TetMesh) else mesh
     try:
-        require(surface, "it", manifold=need.manifold, oriented=need.oriented, closed=need.closed)  # type: ignore[arg-type]
+        if isinstance(mesh, TetMesh):
+            require(mesh.boundary, "it", **need.boundary)
+            if need.volume:
+                _require_volume(mesh)
+        elif isinstance(mesh, TriangleMesh):
+            require(mesh, "it", **need.surface)
+            if need.area:
+                _require_area(mesh)
     except MeshError as error:
         return str(error)
     return None
+
+
+def _require_area(mesh: TriangleMesh) -> None:
+    side = mesh.side_vector / mesh.side_length.max()
+    if (np.abs(np.cross(side[:, 0], side[:, 1])) <= FLAT).all():
+        raise MeshError(f"none of the {mesh.n_faces} faces has an area; check the coordinates")
+
+
+def _require_volume(mesh: TetMesh) -> None:
+    edge = mesh.points[mesh.tetrahedra[:, 1:]] - mesh.points[mesh.tetrahedra[:, :1]]
+    flat = np.flatnonzero(np.abs(mesh.signed_volume) <= THIN * np.abs(edge).max(axis=(1, 2)) ** 3)
+    if len(flat):
+        raise MeshError(
+            f"{len(flat)} tetrahedra have no volume (first: tetrahedron {flat[0]}); remove or repair them"
+        )

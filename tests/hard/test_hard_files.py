@@ -3,6 +3,7 @@
 To bring a command in, add a row to COMMANDS.
 """
 
+import contextlib
 import json
 import math
 import signal
@@ -11,14 +12,20 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from ddgcli.errors import InputError
+from ddgcli.io.mesh_file import read_mesh
 from ddgcli.mesh.require import NEEDS
 
 SHARED = Path(__file__).parents[3] / "shared" / "meshes"
 HARD = SHARED / "hard"
-# command -> words after the input; each also gets an output and --json
+# command -> words after the input (VERTEX is one that a face uses); each also gets an output and --json
 COMMANDS: dict[str, list[str]] = {
     "info": [],
     "curvature": [],
+    "delaunay": [],
+    "laplacian": ["--eigen", "2"],
+    "hodge": [],
+    "geodesic": ["--source", "VERTEX"],
 }
 SECONDS = 30
 
@@ -70,11 +77,20 @@ def assert_honest(result, path: Path, output: Path) -> None:
             assert value.dtype.kind != "f" or not np.isnan(value).any(), f"NaN in {name}"
 
 
+def words_of(command: str, path: Path) -> list[str]:
+    """Words of a command, with a vertex of the surface where one is asked for."""
+    vertex = "0"
+    if "VERTEX" in COMMANDS[command]:
+        with contextlib.suppress(InputError, IndexError, AttributeError):  # the command itself will say so
+            vertex = str(read_mesh(str(path)).mesh.faces[0, 0])
+    return [vertex if word == "VERTEX" else word for word in COMMANDS[command]]
+
+
 @pytest.mark.parametrize("path", hard_files(), ids=lambda p: p.name)
 @pytest.mark.parametrize("command", COMMANDS)
 def test_hard_file(run, tmp_path, limited, command, path):
     output = tmp_path / "out.npz"
-    result = run(command, path, *COMMANDS[command], "-o", output, "--json")
+    result = run(command, path, *words_of(command, path), "-o", output, "--json")
     assert_honest(result, path, output)
 
 
@@ -117,7 +133,7 @@ def test_accepts_is_what_the_commands_do(run, path, limited):
     if summary["input"].get("faces") == 0:
         return  # nothing to measure: an empty answer is as honest as a refusal
     for command in COMMANDS.keys() - {"info"}:
-        refused = run(command, path, *COMMANDS[command]).exit_code == 2
+        refused = run(command, path, *words_of(command, path)).exit_code == 2
         assert refused == accepts[command].startswith("no: "), (command, accepts[command])
 
 

@@ -1,0 +1,51 @@
+"""The snippet of docs/pipelines.md turns a folder into results, and does again only what changed."""
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from ddgcli.io.mesh_file import write_mesh
+from ddgcli.mesh import shapes
+from ddgcli.mesh.fields import AnnotatedMesh
+
+ROOT = Path(__file__).parents[2]
+
+
+@pytest.fixture
+def folder(tmp_path):
+    if shutil.which("make") is None:
+        pytest.skip("make is not installed")
+    text = (ROOT / "docs" / "pipelines.md").read_text(encoding="utf-8")
+    (snippet,) = re.findall(r"```make\n(MESHES = .*?)```", text, flags=re.DOTALL)
+    (tmp_path / "Makefile").write_text(snippet)
+    (tmp_path / "meshes").mkdir()
+    write_mesh(str(tmp_path / "meshes" / "a.ply"), AnnotatedMesh(shapes.icosphere(1)))
+    write_mesh(str(tmp_path / "meshes" / "b.obj"), AnnotatedMesh(shapes.torus(8, 6)))
+    return tmp_path
+
+
+def make(folder: Path) -> str:
+    done = subprocess.run(
+        ["make", "-j2", f"DDGCLI={sys.executable} -m ddgcli"],
+        cwd=folder, env={"PYTHONPATH": str(ROOT), "PATH": "/usr/bin:/bin", "HOME": str(folder)},
+        capture_output=True, text=True,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def test_only_what_changed_is_done_again(folder):
+    pytest.importorskip("matplotlib")
+    make(folder)
+    built = sorted(p.name for p in (folder / "build").iterdir())
+    assert built == ["a.curvature.png", "a.curvature.vtu", "b.curvature.png", "b.curvature.vtu"]
+    assert " curvature " not in make(folder)
+    newer = (folder / "build" / "a.curvature.vtu").stat().st_mtime + 10
+    os.utime(folder / "meshes" / "a.ply", (newer, newer))
+    again = make(folder)
+    assert "a.ply" in again and "b.obj" not in again
