@@ -8,7 +8,6 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 import click
-import numpy as np
 
 from ddgcli.cli.options import NONNEGATIVE, POSITIVE, REAL
 from ddgcli.errors import ParameterError
@@ -167,6 +166,8 @@ class DistanceMade:
 
 def read_sources(mesh: Any, asked: DistanceChoice) -> Any:  # -> Sources
     """The sources in the order vertices, points in space, points of faces; checked."""
+    import numpy as np
+
     from ddgcli.algorithms.geodesic_sources import Sources, checked_sources
     from ddgcli.geometry.surface_points import SurfacePoints, nearest_points
 
@@ -224,6 +225,8 @@ def draw_distance(run: Any, mesh: Any, vertex: dict[str, Any], sources: Any, pat
     if paths is None and distance is not None:
         paths, _ = isolines(mesh, distance, even_levels(distance, 12))
     drawn = curve_set(mesh, paths)
+    import numpy as np
+
     curves = np.split(drawn.points, np.flatnonzero(np.diff(drawn.point_arrays["path_id"])) + 1)
     run.plot(
         lambda path: draw_surface(
