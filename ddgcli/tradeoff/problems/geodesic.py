@@ -2,6 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import Any
+
+from numpy.typing import NDArray
+
+from ddgcli.algorithms.geodesic import DistanceOptions, prepare
 from ddgcli.algorithms.geodesic_exact import exact_distance
 from ddgcli.algorithms.geodesic_sources import Sources
 from ddgcli.algorithms.window_tables import window_tables
@@ -53,36 +59,45 @@ def _work(mesh: TriangleMesh, method: str, tolerance: float) -> float:
 
 
 def _candidates(mesh: TriangleMesh, sources: tuple[int, ...]) -> list[Candidate]:
-    from ddgcli.algorithms.geodesic import METHODS
-
-    rows = [_by_method(mesh, sources, method) for method in METHODS if method != "exact"]
-    return rows + [_exact(mesh, sources, tolerance) for tolerance in (*TOLERANCES, 0.0)]
-
-
-def _words(sources: tuple[int, ...]) -> str:
-    return " ".join(f"--source {s}" for s in sources)
-
-
-def _by_method(mesh: TriangleMesh, sources: tuple[int, ...], method: str) -> Candidate:
-    from ddgcli.algorithms.geodesic import measure_distance
-
-    return Candidate(
-        method,
-        {},
-        lambda: None,
-        lambda _: measure_distance(mesh, Sources.at(sources), method).distance,
-        f"{_words(sources)} --method {method}",
-        _work(mesh, method, 0.0),
+    heat = (
+        _candidate(mesh, sources, "heat", "heat", operator="plain"),
+        _candidate(mesh, sources, "heat", "heat"),
+        _candidate(mesh, sources, "heat", "heat", heat_refine=3),
     )
+    return [
+        _candidate(mesh, sources, "dijkstra", "dijkstra"),
+        *heat,
+        _candidate(mesh, sources, "fast-marching", "fast-marching"),
+        *(_candidate(mesh, sources, "exact", "exact", tolerance=tolerance) for tolerance in TOLERANCES),
+        _candidate(mesh, sources, "exact", "exact"),
+    ]
 
 
-def _exact(mesh: TriangleMesh, sources: tuple[int, ...], tolerance: float) -> Candidate:
+def _candidate(
+    mesh: TriangleMesh, sources: tuple[int, ...], line: str, method: str, **dials: Any
+) -> Candidate:
+    """A method with dials of `DistanceOptions`; what it prepares is its set-up."""
+    words = [f"--source {s}" for s in sources] + ([f"--method {method}"] if method != "exact" else [])
+    words += [f"--{name.replace('_', '-')} {value:g}" if isinstance(value, float) else
+              f"--{name.replace('_', '-')} {value}" for name, value in dials.items()]  # fmt: skip
+    options = DistanceOptions(**dials)
     at = Sources.at(sources)
     return Candidate(
-        "exact",
-        {"tolerance": tolerance},
-        lambda: window_tables(mesh),
-        lambda tables: exact_distance(mesh, at, tables=tables, tolerance=tolerance).distance,
-        f"{_words(sources)} --tolerance {tolerance:g}" if tolerance else _words(sources),
-        _work(mesh, "exact", tolerance),
+        line,
+        dials or ({"tolerance": 0.0} if method == "exact" else {}),
+        lambda: distance_solver(mesh, method, options),
+        lambda solve: solve(at),
+        " ".join(words),
+        _work(mesh, method, options.tolerance),
     )
+
+
+def distance_solver(
+    mesh: TriangleMesh, method: str, options: DistanceOptions
+) -> Callable[[Sources], NDArray]:
+    """Distances alone: of the exact method without the second run that estimates its error."""
+    if method == "exact":
+        tables = window_tables(mesh)
+        return lambda at: exact_distance(mesh, at, tables=tables, tolerance=options.tolerance).distance
+    solve = prepare(mesh, method, options)
+    return lambda at: solve(at).distance
