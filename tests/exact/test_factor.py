@@ -2,12 +2,23 @@
 
 import numpy as np
 import pytest
-from scipy.sparse import block_array, block_diag, csc_array, csr_array, diags_array, random_array
+from scipy.sparse import (
+    block_array,
+    block_diag,
+    coo_array,
+    csc_array,
+    csr_array,
+    diags_array,
+    random_array,
+)
+from scipy.sparse.linalg import splu
 
 from ddgcli.errors import ParameterError, SolveError
-from ddgcli.linalg import backends
+from ddgcli.linalg import backends, ordering
 from ddgcli.linalg.constrain import Dirichlet, Poisson, floating_components
+from ddgcli.linalg.dissection import dissected
 from ddgcli.linalg.factor import Factor
+from ddgcli.linalg.ordering import fill_reducing_ordering
 from ddgcli.mesh import shapes
 from ddgcli.operators.laplacian import lumped_vertex_area, stiffness
 
@@ -162,3 +173,54 @@ def test_empty_systems():
     L = stiffness(shapes.icosphere(0))
     everything = Dirichlet(L, np.arange(12))
     assert np.array_equal(everything.solve(np.arange(12.0)), np.arange(12.0))
+
+
+def regular_grid_matrix(nu, nv):
+    mesh = shapes.torus(nu, nv)
+    return (stiffness(mesh) + diags_array(lumped_vertex_area(mesh))).tocsc()
+
+
+def fill(matrix, order):
+    permuted = matrix[order][:, order].tocsc()
+    lu = splu(permuted, permc_spec="NATURAL", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
+    return lu.nnz
+
+
+def test_dissection_is_a_permutation_with_little_fill():
+    A = regular_grid_matrix(100, 80)
+    order = dissected(A)
+    assert np.array_equal(np.sort(order), np.arange(A.shape[0]))
+    n = A.shape[0]
+    # nested dissection of a plane grid fills 31/8 n log2(n) entries of each triangle, 9 n log2(n) is generous
+    assert fill(A, order) < 9 * n * np.log2(n)
+    assert fill(A, order) < 0.5 * fill(A, np.arange(n))
+
+
+def test_dissection_does_not_depend_on_the_numbering():
+    A = regular_grid_matrix(100, 80)
+    p = np.random.default_rng(0).permutation(A.shape[0])
+    shuffled = A[p][:, p].tocsc()
+    shuffled.sort_indices()
+    assert fill(shuffled, dissected(shuffled)) < 1.3 * fill(A, dissected(A))
+
+
+def test_dissection_gives_up_where_no_cut_is_short():
+    n = 6000
+    rng = np.random.default_rng(0)
+    i, j = rng.integers(0, n, (2, 5 * n))
+    random_graph = coo_array((np.ones(5 * n), (i, j)), shape=(n, n))
+    matrix = csc_array(random_graph + random_graph.T + diags_array(np.full(n, 100.0)))
+    assert dissected(matrix) is None
+    assert not fill_reducing_ordering(matrix).final
+    two_parts = csc_array(block_diag([regular_grid_matrix(50, 50)] * 2))
+    assert dissected(two_parts) is None
+
+
+def test_large_regular_systems_are_dissected_and_refactored(monkeypatch):
+    monkeypatch.setattr(ordering, "DISSECT_FROM", 1000)
+    A = regular_grid_matrix(60, 50)
+    assert fill_reducing_ordering(A).final
+    x = np.random.default_rng(0).normal(size=A.shape[0])
+    factor = Factor(A, solver="superlu")
+    assert np.abs(factor.solve(A @ x) - x).max() < 1e-12
+    assert np.abs(factor.refactor(2 * A).solve(A @ x) - x / 2).max() < 1e-12
