@@ -70,12 +70,14 @@ class Tracer:
         if at_boundary not in ("stop", "reflect"):
             raise ParameterError(f"at_boundary must be 'stop' or 'reflect', found {at_boundary!r}")
         walk = Walk(self.unfolding, lambda: self.fans, start, at_boundary == "reflect", record)
-        walk.begin()
-        for _ in range(max_crossings):
-            if not len(walk.line):
-                break
-            walk.cross()
-        walk.abandon(max_crossings)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            walk.begin()
+            for _ in range(max_crossings):
+                if not len(walk.line):
+                    break
+                walk.cross()
+            walk.finish()
+            walk.abandon(max_crossings)
         return walk.result()
 
 
@@ -169,4 +171,4 @@ def check_start(
             f"line {bad[0]} has no direction within face {face[bad[0]]} "
             "(zero, across its plane, or a face without area); give a direction along the surface"
         )
-    return Start(face, barycentric, planar / norm[:, None], length)
+    return Start(face, barycentric, np.ascontiguousarray(planar / norm[:, None]), length)

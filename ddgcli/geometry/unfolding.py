@@ -21,13 +21,17 @@ from ddgcli.mesh.triangle_mesh import TriangleMesh, vector_length
 
 SurfaceMesh = TriangleMesh | IntrinsicMesh
 
-# columns of Unfolding.side
-APEX_X, APEX_Y, NEXT_COS, NEXT_SIN, PREV_COS, PREV_SIN, NEXT_LENGTH, PREV_LENGTH = range(8)
-
+APEX, TURN, EXIT_LENGTH = 0, 1, 3  # columns of Unfolding.side
 
 # meshes are immutable, so what was computed of one stays true
 _UNFOLDED: WeakKeyDictionary[SurfaceMesh, Unfolding] = WeakKeyDictionary()
 _FANS: WeakKeyDictionary[SurfaceMesh, Fans] = WeakKeyDictionary()
+
+
+def forget(mesh: SurfaceMesh) -> None:
+    """Drop what is kept of a mesh (benches time the set-up with it)."""
+    _UNFOLDED.pop(mesh, None)
+    _FANS.pop(mesh, None)
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,9 +42,10 @@ class Unfolding:
     ----------
     scale : float
         The longest side; all lengths here are in units of it.
-    side : (3m, 8) ndarray of float64
-        In the frame of the side: the apex (x, y), unit directions of the next and of the previous side, their
-        lengths. One cache line a side.
+    side : (3m, 4) ndarray of complex128
+        In the frame of the side, one cache line each: the apex (column APEX); -conj(unit direction) of the
+        previous and of the next side (TURN, TURN + 1), by which a heading is multiplied to have it in the
+        frame of that side's twin; the lengths of those two sides (real and imaginary part of EXIT_LENGTH).
     length : (3m,) ndarray of float64
     exit_twin : (3m, 2) ndarray of int64
         Flat number of the side glued to the previous (column 0) and to the next side (column 1); -1: none.
@@ -49,7 +54,7 @@ class Unfolding:
     """
 
     scale: float
-    side: NDArray[np.float64]
+    side: NDArray[np.complex128]
     length: NDArray[np.float64]
     exit_twin: NDArray[np.int64]
     direction: NDArray[np.float64]
@@ -82,14 +87,14 @@ def _laid_out(mesh: SurfaceMesh) -> Unfolding:
     x, y = np.where(flat, 0.0, x), np.where(flat, previous, y)
     next_cos, next_sin = _unit(x - length, y)
     prev_cos, prev_sin = _unit(-x, -y)
-    table = np.stack([x, y, next_cos, next_sin, prev_cos, prev_sin, following, previous], axis=2)
+    table = np.stack([x, y, -prev_cos, prev_sin, -next_cos, next_sin, previous, following], axis=2)
     twin = mesh.topology.side_twin
     exit_twin = np.stack([twin[:, PREVIOUS], twin[:, NEXT]], axis=2).reshape(-1, 2)
     direction = np.zeros((len(length), 3, 2))
     direction[:, 0, 0] = 1.0
     direction[:, 1, 0], direction[:, 1, 1] = next_cos[:, 0], next_sin[:, 0]
     direction[:, 2, 0], direction[:, 2, 1] = prev_cos[:, 0], prev_sin[:, 0]
-    return Unfolding(scale, table.reshape(-1, 8), length.ravel(), exit_twin, direction)
+    return Unfolding(scale, table.view(np.complex128).reshape(-1, 4), length.ravel(), exit_twin, direction)
 
 
 def _area(mesh: SurfaceMesh, scale: float) -> NDArray[np.float64]:
@@ -110,7 +115,7 @@ def corner_position(unfolding: Unfolding, face: NDArray | None = None) -> NDArra
     first = 3 * np.arange(len(unfolding.direction)) if face is None else 3 * face
     corners = np.zeros((len(first), 3, 2))
     corners[:, 1, 0] = unfolding.length[first]
-    corners[:, 2] = unfolding.side[first][:, [APEX_X, APEX_Y]]
+    corners[:, 2] = unfolding.side[first, APEX, None].view(np.float64)
     return corners * unfolding.scale
 
 
