@@ -294,7 +294,7 @@ class Walk:
             self.records.append((line, side, x, self.steps))
 
     def finish(self) -> None:
-        """Place the lines that ended inside faces, between entry and exit point; kept until all have ended."""
+        """Place the lines that ended inside faces, between entry and exit; kept until all have ended."""
         if not self.ended:
             return
         line, side, x, width, heading, rest, right, u, exit_length, distance, steps = (
