@@ -9,28 +9,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from ddgcli.algorithms.curvature_faces import Faces, cross, ratio
 from ddgcli.geometry.intrinsic import corner_angle, corner_cotan, face_area
-from ddgcli.mesh.topology import NEXT, PREVIOUS
-from ddgcli.mesh.triangle_mesh import TriangleMesh, vector_length
+from ddgcli.mesh.topology import NEXT, PREVIOUS, Topology
+from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.operators.laplacian import SurfaceMesh
-
-
-def face_angles(mesh: SurfaceMesh) -> NDArray[np.float64]:
-    """(m, 3) corner angles that sum to pi in every face, in radians.
-
-    A face with a side of no length has two right angles at that side's ends (the limit of an isosceles
-    needle); a face that is a point has three equal ones.
-    """
-    length = mesh.side_length
-    angle = corner_angle(length)
-    none = length == 0
-    bad = np.flatnonzero(none.any(axis=1))
-    if len(bad):
-        ends = none[bad] | none[bad][:, PREVIOUS]
-        right = np.where(ends, np.pi / 2, 0.0)
-        point = none[bad].all(axis=1)
-        angle[bad] = np.where(point[:, None], np.pi / 3, right)
-    return angle
 
 
 def angle_defect(mesh: SurfaceMesh) -> NDArray[np.float64]:
@@ -38,8 +21,18 @@ def angle_defect(mesh: SurfaceMesh) -> NDArray[np.float64]:
 
     Zero at vertices that no face uses. Chapter 3, 2.1; on manifolds the sum is 2 pi chi.
     """
-    topology = mesh.topology
-    total = np.bincount(mesh.faces.ravel(), weights=face_angles(mesh).ravel(), minlength=mesh.n_vertices)
+    if isinstance(mesh, TriangleMesh):
+        return defect_of(Faces.of(mesh), mesh.topology)
+    angle = corner_angle(mesh.side_length).ravel()
+    return _defect(np.bincount(mesh.faces.ravel(), angle, mesh.n_vertices), mesh.topology)
+
+
+def defect_of(faces: Faces, topology: Topology) -> NDArray[np.float64]:
+    """`angle_defect` of faces at hand."""
+    return _defect(faces.at_vertices(faces.angle), topology)
+
+
+def _defect(total: NDArray, topology: Topology) -> NDArray[np.float64]:
     full = np.where(topology.boundary_vertex, np.pi, 2 * np.pi)
     return np.where(topology.referenced_vertex, full - total, 0.0)
 
@@ -66,21 +59,28 @@ def vertex_area(mesh: SurfaceMesh) -> NDArray[np.float64]:
     Meyer et al. 2003: the Voronoi part of acute triangles; half the triangle at an obtuse corner and a
     quarter at the other two.
     """
-    return _mixed_area(mesh.side_length, corner_cotan(mesh.side_length), mesh.faces, mesh.n_vertices)
-
-
-def _mixed_area(length: NDArray, cotan: NDArray, faces: NDArray, n: int) -> NDArray[np.float64]:
-    area = face_area(length)
+    if isinstance(mesh, TriangleMesh):
+        return area_of(Faces.of(mesh))
+    length = mesh.side_length
     with np.errstate(invalid="ignore"):
-        half = 0.125 * length * length * cotan[:, PREVIOUS]  # of side j, for each of its two ends
-        voronoi = half + half[:, PREVIOUS]
-    obtuse = cotan < 0
-    plain = ~obtuse.any(axis=1) & np.isfinite(voronoi).all(axis=1)
-    shared = np.where(obtuse, 0.5, 0.25) * area[:, None]
-    needs_thirds = ~plain & ~obtuse.any(axis=1)
-    shared[needs_thirds] = area[needs_thirds, None] / 3
-    share = np.where(plain[:, None], voronoi, shared)
-    return np.bincount(faces.ravel(), share.ravel(), n).astype(np.float64)
+        share = _mixed_area(length.T**2, corner_cotan(length).T, face_area(length))
+    return np.bincount(mesh.faces.ravel(), share.T.ravel(), mesh.n_vertices).astype(np.float64, copy=False)
+
+
+def area_of(faces: Faces) -> NDArray[np.float64]:
+    """`vertex_area` of faces at hand."""
+    return faces.at_vertices(_mixed_area(faces.squared_length, faces.cotan, faces.area))
+
+
+def _mixed_area(squared: NDArray, cotan: NDArray, area: NDArray) -> NDArray[np.float64]:
+    """(3, m) share of each corner in the area of its face."""
+    half = np.stack([0.125 * squared[j] * cotan[PREVIOUS[j]] for j in range(3)])  # of side j, for each end
+    share = half + half[PREVIOUS]
+    least = np.minimum(np.minimum(cotan[0], cotan[1]), cotan[2])
+    odd = np.flatnonzero((least < 0) | ~np.isfinite(share[0] + share[1]))
+    share[:, odd] = 0.25 * area[odd]
+    share[np.argmin(cotan[:, odd], axis=0), odd] *= 2.0
+    return share
 
 
 def boundary_length(mesh: SurfaceMesh) -> NDArray[np.float64]:
@@ -97,7 +97,7 @@ def geodesic_curvature(mesh: SurfaceMesh, defect: NDArray | None = None) -> NDAr
     """(n,) angle defect / boundary length at boundary vertices, in 1/length; 0 inside."""
     defect = angle_defect(mesh) if defect is None else defect
     length = boundary_length(mesh)
-    return np.divide(defect, length, out=np.zeros_like(defect), where=length > 0)
+    return ratio(defect, length)
 
 
 def combinatorial_curvature(mesh: SurfaceMesh) -> NDArray[np.float64]:
@@ -111,52 +111,40 @@ def combinatorial_curvature(mesh: SurfaceMesh) -> NDArray[np.float64]:
     return np.where(topology.referenced_vertex, np.pi / 3 * (full - faces), 0.0)
 
 
-def pointwise(integrated: NDArray, area: NDArray) -> NDArray[np.float64]:
-    """Integrated values over areas; 0 where a vertex has no area."""
-    area = area if integrated.ndim == 1 else area[:, None]
-    return np.divide(integrated, area, out=np.zeros_like(integrated), where=area > 0)
-
-
 def curvature_vector(mesh: TriangleMesh) -> NDArray[np.float64]:
     """(n, 3) integrated mean curvature vector, minus half the area gradient: inward where convex.
 
     Half of what chapter 3 calls H_p, for H is half the sum of the principal curvatures here. On the
     boundary the tension along the boundary edges, which is no curvature of the surface, is taken off: the
-    sum over the edges with two faces stays. Faces without area add nothing.
+    sum over the edges with two faces stays. Flat faces add nothing.
     """
-    topology = mesh.topology
-    cotan = corner_cotan(mesh.side_length)[:, PREVIOUS]
-    weight = 0.25 * np.where(np.isfinite(cotan), cotan, 0.0).ravel()
-    tail, head = topology.side_tail, topology.side_head
-    total = np.zeros((3, mesh.n_vertices))
-    for i, x in enumerate(np.ascontiguousarray(mesh.points.T)):
-        pull = weight * (x[head] - x[tail])
-        total[i] = np.bincount(tail, pull, mesh.n_vertices) - np.bincount(head, pull, mesh.n_vertices)
+    return np.ascontiguousarray(vector_of(Faces.of(mesh), mesh.topology).T)
+
+
+def vector_of(faces: Faces, topology: Topology) -> NDArray[np.float64]:
+    """(3, n) `curvature_vector` of faces at hand."""
+    n = faces.n_vertices
+    total = np.zeros((3, n))
+    for k in range(3):
+        leaving, arriving = 0.25 * faces.cotan[PREVIOUS[k]], 0.25 * faces.cotan[NEXT[k]]
+        for i in range(3):
+            pull = leaving * faces.side[k, i] - arriving * faces.side[PREVIOUS[k], i]
+            total[i] += np.bincount(faces.corner[k], pull, n)
     rim = np.flatnonzero(topology.edge_face_count[topology.side_edge.ravel()] == 1)
     if len(rim):
-        face = rim // 3
-        side = mesh.side_vector.reshape(-1, 3)
-        normal = np.cross(mesh.side_vector[face, 0], mesh.side_vector[face, 1])
-        size = vector_length(normal)[:, None]
-        normal = np.divide(normal, size, out=np.zeros_like(normal), where=size > 0)
-        tension = 0.25 * np.cross(side[rim], normal)
-        ends = np.concatenate([tail[rim], head[rim]])
-        for i in range(3):
-            total[i] += np.bincount(ends, np.tile(tension[:, i], 2), mesh.n_vertices)
-    return np.ascontiguousarray(total.T)
+        face, j = np.divmod(rim, 3)
+        side = faces.side[j, :, face].T
+        tension = 0.25 * cross(side, faces.normal[:, face])
+        for ends in (faces.corner[j, face], faces.corner[NEXT[j], face]):
+            total += np.array([np.bincount(ends, row, n) for row in tension])
+    return total
 
 
-def link_integral(mesh: TriangleMesh) -> NDArray[np.float64]:
-    """(n, 3) integral of the outward conormal over the link of every vertex, from face normals alone.
+def link_integral(faces: Faces) -> NDArray[np.float64]:
+    """(3, n) integral of the outward conormal over the link of every vertex, from face normals alone.
 
     Equals the integral of the mean curvature vector (sum of the principal curvatures) over an interior
     vertex's star: the force balance of chapter 3, 1.4.
     """
-    side, corner = mesh.side_vector, mesh.faces.ravel()
-    area_vector = np.cross(side[:, 0], side[:, 1])
-    size = vector_length(area_vector)[:, None]
-    normal = np.divide(area_vector, size, out=np.zeros_like(area_vector), where=size > 0)
-    conormal = np.cross(side[:, NEXT], normal[:, None, :])  # of the side opposite each corner, outward
-    return np.stack(
-        [np.bincount(corner, conormal[..., i].ravel(), mesh.n_vertices) for i in range(3)], axis=1
-    )
+    conormal = np.stack([cross(faces.side[NEXT[k]], faces.normal) for k in range(3)])
+    return faces.at_vertices(conormal.transpose(1, 0, 2))

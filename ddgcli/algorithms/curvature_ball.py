@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from ddgcli.algorithms.curvature_faces import Faces, ratio
 from ddgcli.algorithms.curvature_frames import Principal
 from ddgcli.algorithms.curvature_region import Regions, chunks, face_balls
 from ddgcli.algorithms.curvature_star import corrected_measures, corrected_principal, swapped_principal
@@ -18,12 +19,12 @@ from ddgcli.mesh.triangle_mesh import TriangleMesh
 _PAIRS = 200_000
 
 
-def corrected_in_balls(mesh: TriangleMesh, normal: NDArray, radius: float) -> Principal:
+def corrected_in_balls(mesh: TriangleMesh, faces: Faces, normal: NDArray, radius: float) -> Principal:
     """Corrected measures of the faces in the ball, those on its rim by the share of area inside."""
-    of_face = corrected_measures(mesh, normal)
+    of_face = corrected_measures(faces, normal)
     measures = np.zeros((len(of_face), mesh.n_vertices))
     for begin, end, owner, face, area, _ in _clipped(mesh, radius):
-        share = np.divide(area, _face_area(mesh)[face], out=np.zeros_like(area), where=area > 0)
+        share = ratio(area, faces.area[face])
         for k, values in enumerate(of_face):
             measures[k, begin:end] += np.bincount(owner, values[face] * share, end - begin)
     return corrected_principal(measures, normal)
@@ -53,13 +54,7 @@ def normal_cycle_in_balls(
         inside = np.einsum("fki,fki->fk", offset, offset) <= radius * radius
         values = (inside * corner_defect[corner]).sum(axis=1)
         gauss[begin:end] += np.bincount(owner, values, end - begin)
-    safe = np.where(area > 0, area, 1.0)
-    return swapped_principal(tensor / safe, normal, gauss / safe)
-
-
-def _face_area(mesh: TriangleMesh) -> NDArray[np.float64]:
-    vector = np.cross(mesh.side_vector[:, 0], mesh.side_vector[:, 1])
-    return 0.5 * np.sqrt(np.einsum("ij,ij->i", vector, vector))
+    return swapped_principal(ratio(tensor, area), normal, ratio(gauss, area))
 
 
 def _clipped(mesh: TriangleMesh, radius: float):

@@ -13,13 +13,13 @@ from numpy.typing import NDArray
 from ddgcli.algorithms import curvature as exact
 from ddgcli.algorithms import curvature_totals as totals
 from ddgcli.algorithms.curvature_ball import corrected_in_balls, normal_cycle_in_balls
+from ddgcli.algorithms.curvature_faces import Faces, ratio
 from ddgcli.algorithms.curvature_frames import Principal, unit_normals
 from ddgcli.algorithms.curvature_orientation import orientation
 from ddgcli.algorithms.curvature_quadric import quadric
 from ddgcli.algorithms.curvature_star import corrected, cotan, normal_cycle
 from ddgcli.errors import MeshError, ParameterError
-from ddgcli.geometry.extrinsic import dihedral_angle, enclosed_volume, face_area_vector
-from ddgcli.geometry.intrinsic import corner_cotan, face_area
+from ddgcli.geometry.extrinsic import dihedral_angle
 from ddgcli.mesh.require import require
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 
@@ -55,10 +55,12 @@ class _Surface:
     """The mesh at unit size, coherently oriented as far as that can be, and what every part needs of it."""
 
     mesh: TriangleMesh
+    faces: Faces
     scale: float
     orientable: bool
     area: NDArray
     defect: NDArray
+    normal: NDArray
     dihedral: NDArray
     vector: NDArray
 
@@ -104,15 +106,16 @@ def measure(
     surface = _prepared(mesh, scheme)
     found = _pointwise(surface, scheme, None if radius is None else radius / surface.scale)
     vertex = _vertex_arrays(surface, found)
+    length = totals.edge_length(surface.faces, mesh.topology)
     edge = {
         "edges": mesh.topology.edges,
         "dihedral_angle": surface.dihedral,
-        "edge_mean_curvature": 0.5 * surface.scale * totals.edge_length(surface.mesh) * surface.dihedral,
+        "edge_mean_curvature": 0.5 * surface.scale * length * surface.dihedral,
     }
     results: dict[str, Any] = {"scheme": scheme, "promise": PROMISE[scheme]}
     results |= _integrals(surface, found)
     if image is not None:
-        results |= totals.nonconformality(mesh, image)
+        results |= _nonconformality(surface, image)
     results |= _statistics(vertex, edge, mesh)
     return Measured(vertex, edge, results, _accuracy(surface))
 
@@ -134,15 +137,19 @@ def _prepared(mesh: TriangleMesh, scheme: str) -> _Surface:
     if turning is not None:
         unit = _turned(unit, turning.turn)
     orientable = turning is None or turning.orientable
-    _tell_defects(unit, orientable, scheme)
+    faces = Faces.of(unit)
+    _tell_defects(unit, faces, orientable, scheme)
+    normal = totals.filled_normals(faces, unit.topology)
     return _Surface(
         unit,
+        faces,
         scale,
         orientable,
-        exact.vertex_area(unit),
-        exact.angle_defect(unit),
-        dihedral_angle(unit),
-        exact.curvature_vector(unit),
+        exact.area_of(faces),
+        exact.defect_of(faces, unit.topology),
+        normal,
+        dihedral_angle(unit, normal.T),
+        exact.vector_of(faces, unit.topology),
     )
 
 
@@ -158,10 +165,10 @@ def _turned(mesh: TriangleMesh, turn: NDArray) -> TriangleMesh:
     return TriangleMesh.from_arrays(mesh.points, faces)
 
 
-def _tell_defects(mesh: TriangleMesh, orientable: bool, scheme: str) -> None:
+def _tell_defects(mesh: TriangleMesh, faces: Faces, orientable: bool, scheme: str) -> None:
     topology = mesh.topology
-    area = face_area(mesh.side_length)
-    if not (area > 0).any():
+    flat = np.flatnonzero(faces.flat)
+    if len(flat) == mesh.n_faces:
         raise MeshError("no face has area; curvature needs a surface: mend the coordinates")
     if not orientable:
         if scheme in ("normal-cycle", "corrected"):
@@ -173,9 +180,8 @@ def _tell_defects(mesh: TriangleMesh, orientable: bool, scheme: str) -> None:
             "the surface is one-sided (not orientable): the signs of mean and principal curvature hold only "
             "from place to place, and the total mean curvature has no meaning"
         )
-    flat = int((area <= 0).sum())
-    if flat:
-        _log.warning("%d faces have no area, the first is face %d", flat, np.flatnonzero(area <= 0)[0])
+    if len(flat):
+        _log.warning("%d faces have no area, the first is face %d", len(flat), flat[0])
     if not topology.is_manifold:
         _log.warning(
             "not manifold (%d edges with more than two faces, %d vertices with several fans): curvature "
@@ -186,7 +192,7 @@ def _tell_defects(mesh: TriangleMesh, orientable: bool, scheme: str) -> None:
     spare = int((~topology.referenced_vertex).sum())
     if spare:
         _log.warning("%d vertices belong to no face: all their values are 0", spare)
-    if orientable and topology.is_closed and enclosed_volume(mesh) < 0:
+    if orientable and topology.is_closed and totals.enclosed_volume(faces) < 0:
         _log.warning(
             "the faces point inward (negative volume): mean and principal curvatures have their sign"
         )
@@ -194,18 +200,20 @@ def _tell_defects(mesh: TriangleMesh, orientable: bool, scheme: str) -> None:
 
 def _pointwise(surface: _Surface, scheme: str, radius: float | None) -> Principal:
     """The scheme's values at unit size."""
-    mesh, area, defect = surface.mesh, surface.area, surface.defect
-    normal = unit_normals(mesh) if surface.orientable else _unsigned_normals(mesh)
+    mesh, faces, area, defect = surface.mesh, surface.faces, surface.area, surface.defect
+    normal = unit_normals(faces) if surface.orientable else _unsigned_normals(surface)
     if scheme == "cotan":
-        found = cotan(mesh, normal, area, defect, surface.vector, corner_cotan(mesh.side_length))
+        found = cotan(faces, normal, area, defect, surface.vector)
     elif scheme == "normal-cycle" and radius is not None:
         found = normal_cycle_in_balls(mesh, normal, defect, surface.dihedral, radius)
     elif scheme == "normal-cycle":
-        found = normal_cycle(mesh, normal, area, defect, surface.dihedral)
+        found = normal_cycle(faces, mesh.topology.edges, normal, area, defect, surface.dihedral)
     elif scheme == "corrected":
-        found = corrected(mesh, normal) if radius is None else corrected_in_balls(mesh, normal, radius)
+        found = (
+            corrected(faces, normal) if radius is None else corrected_in_balls(mesh, faces, normal, radius)
+        )
     else:
-        found = quadric(mesh, normal, radius)
+        found = quadric(mesh, faces, normal, radius)
     silent = (area <= 0) | ~mesh.topology.referenced_vertex
     boundary = mesh.topology.boundary_vertex
     if silent.any():
@@ -214,15 +222,15 @@ def _pointwise(surface: _Surface, scheme: str, radius: float | None) -> Principa
     return replace(found, gaussian=np.where(boundary, 0.0, found.gaussian))
 
 
-def _unsigned_normals(mesh: TriangleMesh) -> NDArray[np.float64]:
+def _unsigned_normals(surface: _Surface) -> NDArray[np.float64]:
     """Vertex normals of a one-sided surface: the line that face normals share, its sign that of one face."""
-    normal = unit_normals(mesh)
+    mesh, vectors = surface.mesh, surface.faces.doubled
+    normal = unit_normals(surface.faces)
     seam = np.unique(mesh.topology.edges[mesh.topology.misoriented_edges])
-    vectors = face_area_vector(mesh)
     for v in seam:  # few: the ends of one seam
-        star = vectors[(mesh.faces == v).any(axis=1)]
-        line = np.linalg.svd(star, full_matrices=False)[2][0]
-        normal[v] = line if line @ star[0] >= 0 else -line
+        star = vectors[:, (mesh.faces == v).any(axis=1)]
+        line = np.linalg.svd(star.T, full_matrices=False)[2][0]
+        normal[:, v] = line if line @ star[:, 0] >= 0 else -line
     return normal
 
 
@@ -235,25 +243,27 @@ def _vertex_arrays(surface: _Surface, found: Principal) -> dict[str, NDArray]:
         "gaussian_curvature": found.gaussian / (s * s),
         "geodesic_curvature": exact.geodesic_curvature(mesh, surface.defect) / s,
         "mean_curvature": found.mean / s,
-        "mean_curvature_normal": exact.pointwise(surface.vector, surface.area) / s,
+        "mean_curvature_normal": np.ascontiguousarray((ratio(surface.vector, surface.area) / s).T),
         "principal_curvature_min": found.low / s,
         "principal_curvature_max": found.high / s,
-        "principal_direction_min": found.low_direction,
-        "principal_direction_max": found.high_direction,
+        "principal_direction_min": np.ascontiguousarray(found.low_direction.T),
+        "principal_direction_max": np.ascontiguousarray(found.high_direction.T),
         "combinatorial_curvature": exact.combinatorial_curvature(mesh),
     }
 
 
 def _integrals(surface: _Surface, found: Principal) -> dict[str, Any]:
-    mesh, s = surface.mesh, surface.scale
+    mesh, faces, s = surface.mesh, surface.faces, surface.scale
     topology = mesh.topology
     boundary = topology.boundary_vertex
-    area = float(face_area(mesh.side_length).sum())
+    area = float(faces.area.sum())
     two_sided_closed = topology.is_closed and surface.orientable
-    volume = enclosed_volume(mesh) * s**3 if two_sided_closed else None
-    lengths = totals.edge_length(mesh)
+    volume = totals.enclosed_volume(faces) * s**3 if two_sided_closed else None
+    lengths = totals.edge_length(faces, topology)
     mean = float((0.5 * lengths * surface.dihedral).sum()) * s if surface.orientable else None
-    energies = totals.willmore_energies(mesh, surface.dihedral, surface.area, surface.vector, surface.defect)
+    energies = totals.willmore_energies(
+        faces, topology, surface.dihedral, surface.area, surface.vector, surface.defect
+    )
     unknown = [name for name, energy in energies.items() if energy is None]
     if unknown:
         _log.warning("no Willmore energy %s: points coincide or sheets fold back", " and ".join(unknown))
@@ -267,7 +277,7 @@ def _integrals(surface: _Surface, found: Principal) -> dict[str, Any]:
         "total_mean_curvature": mean,
         "willmore_energy": float((found.mean**2 * surface.area).sum()),
         "willmore_energies": energies,
-        "vector_area": totals.vector_area(mesh) * s * s if surface.orientable else None,
+        "vector_area": totals.vector_area(faces) * s * s if surface.orientable else None,
         "intrinsic_volumes": volumes if two_sided_closed else [*volumes[:3], None],
         "steiner_polynomial": totals.steiner_polynomial(volumes) if two_sided_closed else None,
     }
@@ -306,32 +316,34 @@ def _range(values: NDArray) -> dict[str, float]:
     return {"min": float(values.min()), "max": float(values.max()), "mean": float(values.mean())}
 
 
+def _nonconformality(surface: _Surface, image: NDArray) -> dict[str, float]:
+    if image.ndim != 2 or image.shape[1] not in (2, 3) or len(image) != surface.mesh.n_vertices:
+        raise ParameterError(
+            f"a map gives each vertex 2 or 3 coordinates; found an array of shape {image.shape}"
+        )
+    if not np.isfinite(image).all():
+        bad = np.flatnonzero(~np.isfinite(image).all(axis=1))[0]
+        raise ParameterError(f"the map is not finite at vertex {bad}; mend the array")
+    return totals.nonconformality(surface.faces, image)
+
+
 def _accuracy(surface: _Surface) -> dict[str, float | None]:
     """Residuals of identities that hold exactly on the polyhedron but for rounding."""
-    mesh, defect = surface.mesh, surface.defect
+    mesh, faces, defect = surface.mesh, surface.faces, surface.defect
+    topology = mesh.topology
     expected = exact.gauss_bonnet_total(mesh)
     size = float(np.abs(defect).sum())
     found: dict[str, float | None] = {
         "gauss_bonnet_residual": abs(float(defect.sum()) - expected) / (size if size > 0 else 1.0),
-        "area_residual": abs(float(surface.area.sum() / face_area(mesh.side_length).sum()) - 1.0),
+        "vertex_area_residual": abs(float(surface.area.sum() / faces.area.sum()) - 1.0),
     }
-    if not surface.orientable or not mesh.topology.is_manifold:
+    if not surface.orientable or not topology.is_manifold:
         return found | {"force_balance_residual": None}
-    centre = mesh.points[mesh.faces].mean(axis=1)
-    region = centre @ np.array([0.48, 0.6, 0.64]) > np.median(centre @ np.array([0.48, 0.6, 0.64]))
-    balance = totals.balances(mesh, surface.dihedral, region)
+    height = np.array([0.48, 0.6, 0.64]) @ faces.at_corners(faces.points).sum(axis=0)
+    balance = totals.balances(faces, topology, surface.normal, surface.dihedral, height > np.median(height))
+    inside = topology.referenced_vertex & ~topology.boundary_vertex
     return found | {
-        "force_balance_residual": max(_star_balance(surface), balance["force"]),
+        "force_balance_residual": max(totals.star_balance(faces, surface.vector, inside), balance["force"]),
         "torque_balance_residual": balance["torque"],
         "area_balance_residual": balance["area"],
     }
-
-
-def _star_balance(surface: _Surface) -> float:
-    """Largest gap between the mean curvature vector of a star and the conormals of its link, relative."""
-    mesh = surface.mesh
-    inside = mesh.topology.referenced_vertex & ~mesh.topology.boundary_vertex
-    gap = (4 * surface.vector - exact.link_integral(mesh))[inside]
-    link = np.bincount(mesh.faces.ravel(), mesh.side_length[:, [1, 2, 0]].ravel(), mesh.n_vertices)[inside]
-    size = np.sqrt(np.einsum("ij,ij->i", gap, gap))
-    return float(exact.pointwise(size, link).max(initial=0.0))

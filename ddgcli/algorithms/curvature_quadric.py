@@ -15,6 +15,7 @@ import logging
 import numpy as np
 from numpy.typing import NDArray
 
+from ddgcli.algorithms.curvature_faces import Faces
 from ddgcli.algorithms.curvature_frames import Principal, eigen_2x2, tangent_frame
 from ddgcli.algorithms.curvature_region import Regions, chunks, larger, listed, two_rings, vertex_balls
 from ddgcli.mesh.triangle_mesh import TriangleMesh
@@ -33,13 +34,13 @@ _ENOUGH = 14  # neighbours below which a third ring is added
 _PAIRS = 40_000  # neighbours handled at once: the working arrays stay in the cache
 
 
-def quadric(mesh: TriangleMesh, normal: NDArray, radius: float | None = None) -> Principal:
+def quadric(mesh: TriangleMesh, faces: Faces, normal: NDArray, radius: float | None = None) -> Principal:
     """Principal curvatures of polynomial fits over two rings of neighbours, or over a ball.
 
     Parameters
     ----------
     mesh : TriangleMesh
-    normal : (n, 3) ndarray
+    normal : (3, n) ndarray
         Approximate unit normals.
     radius : float, optional
         Of the ball; a vertex whose ball holds fewer neighbours than its two rings keeps the rings.
@@ -47,7 +48,7 @@ def quadric(mesh: TriangleMesh, normal: NDArray, radius: float | None = None) ->
     regions = two_rings(mesh.topology, _ENOUGH)
     if radius is not None:
         regions = larger(regions, vertex_balls(mesh, radius))
-    columns = np.ascontiguousarray(mesh.points.T)
+    columns = faces.points
     penalty = _chosen_penalty(columns, normal, regions)
     logging.getLogger("ddgcli").info("quadric: penalty %g on the terms of degree three and four", penalty)
     gradient, hessian = fit_forms(columns, normal, regions, penalty)
@@ -63,7 +64,7 @@ def fit_forms(
     ----------
     columns : (3, n) ndarray
         Coordinates.
-    normal : (n, 3) ndarray
+    normal : (3, n) ndarray
         Unit normals; they need only be near the true ones.
     regions : Regions
         Neighbour vertices of each vertex, itself included.
@@ -79,7 +80,7 @@ def fit_forms(
     """
     n = columns.shape[1]
     gradient, hessian = np.zeros((2, n)), np.zeros((3, n))
-    frame = np.concatenate([*tangent_frame(normal), normal], axis=1).T.copy()
+    frame = np.concatenate([*tangent_frame(normal), normal])
     high, low = np.array([1.0] * len(_HIGH) + [0.0] * len(_LOW)), np.full(len(_TERMS), _FLOOR)
     for begin, end in chunks(regions, _PAIRS):
         start, member = _same_side(frame[6:9], begin, end, regions)
@@ -211,7 +212,7 @@ def _chosen_penalty(columns: NDArray, normal: NDArray, regions: Regions) -> floa
         size = _spread(columns, regions)[able]
         able = able[np.argsort(size, kind="stable")][:: len(able) // _JUDGES]
     some = listed(regions, able)
-    frame = np.concatenate([*tangent_frame(normal[able]), normal[able]], axis=1).T
+    frame = np.concatenate([*tangent_frame(normal[:, able]), normal[:, able]])
     x, y, z = _local(columns, columns[:, able], frame, some.start, some.member)
     x, y, _ = _scaled(x, y, some.start)
     matrix, right = _normal_equations(x, y, z, some.start)
@@ -264,6 +265,6 @@ def principal_of_forms(gradient: NDArray, hessian: NDArray, normal: NDArray) -> 
     def lifted(c: NDArray, s: NDArray) -> NDArray[np.float64]:
         v = s / l22
         u = (c - l21 * v) / l11
-        return u[:, None] * first + v[:, None] * second + (u * gx + v * gy)[:, None] * normal
+        return u * first + v * second + (u * gx + v * gy) * normal
 
     return Principal(low, high, lifted(-sin, cos), lifted(cos, sin), low * high)

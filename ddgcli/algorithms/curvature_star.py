@@ -5,36 +5,22 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.algorithms.curvature import pointwise
-from ddgcli.algorithms.curvature_frames import (
-    Principal,
-    cross,
-    dot,
-    eigen_2x2,
-    in_tangent_plane,
-    tangent_frame,
-    turned,
-    vertex_sum_of_faces,
-)
+from ddgcli.algorithms.curvature_faces import Faces, cross, dot, ratio
+from ddgcli.algorithms.curvature_frames import Principal, eigen_2x2, in_tangent_plane, tangent_frame, turned
 from ddgcli.mesh.topology import NEXT, PREVIOUS
-from ddgcli.mesh.triangle_mesh import TriangleMesh
 
 
-def cotan(
-    mesh: TriangleMesh, normal: NDArray, area: NDArray, defect: NDArray, vector: NDArray, cotangent: NDArray
-) -> Principal:
+def cotan(faces: Faces, normal: NDArray, area: NDArray, defect: NDArray, vector: NDArray) -> Principal:
     """Meyer et al.: H from the area gradient, K from the angle defect, directions by least squares.
 
     Parameters
     ----------
-    normal : (n, 3) ndarray
+    normal : (3, n) ndarray
         Unit vertex normals.
     area, defect : (n,) ndarray
         Mixed Voronoi areas and angle defects.
-    vector : (n, 3) ndarray
-        Integrated mean curvature vectors (`curvature_vector`).
-    cotangent : (m, 3) ndarray
-        Of the corner angles.
+    vector : (3, n) ndarray
+        Integrated mean curvature vectors (`vector_of`).
 
     Notes
     -----
@@ -42,40 +28,37 @@ def cotan(
     2-manifolds", 2003. kappa = H +- sqrt(H^2 - K), the root of a negative number taken as 0. The directions
     fit the normal curvatures of the edges, weighted as in the Voronoi area, with trace 2 H.
     """
-    length = np.sqrt(np.einsum("ij,ij->i", vector, vector))
-    outward = np.einsum("ij,ij->i", vector, normal)
-    mean = pointwise(np.where(outward <= 0, length, -length), area)
-    gaussian = pointwise(defect, area)
+    length = np.sqrt(dot(vector, vector))
+    mean = ratio(np.where(dot(vector, normal) <= 0, length, -length), area)
+    gaussian = ratio(defect, area)
     reach = np.sqrt(np.maximum(mean * mean - gaussian, 0.0))
     first, second = tangent_frame(normal)
-    half_difference, off = _fitted_form(mesh, normal, first, second, mean, cotangent)
+    half_difference, off = _fitted_form(faces, normal, first, second, mean)
     angle = 0.5 * np.arctan2(off, half_difference)
     high, low = turned(first, second, np.cos(angle), np.sin(angle))
     return Principal(mean - reach, mean + reach, low, high, gaussian)
 
 
 def _fitted_form(
-    mesh: TriangleMesh, normal: NDArray, first: NDArray, second: NDArray, mean: NDArray, cotangent: NDArray
+    faces: Faces, normal: NDArray, first: NDArray, second: NDArray, mean: NDArray
 ) -> tuple[NDArray, NDArray]:
     """Half the difference of the diagonal entries, and the other entry, of the fitted form of trace 2 H."""
-    weight = np.where(np.isfinite(cotangent), cotangent, 0.0)[:, PREVIOUS]
-    side = mesh.side_vector
-    squared = np.einsum("fki,fki->fk", side, side)
-    weight = np.maximum(weight * squared, 0.0)
-    inverse = np.divide(1.0, squared, out=np.zeros_like(squared), where=squared > 0)
-    faces, sums = mesh.faces, np.zeros((5, mesh.n_vertices))
-    frame = np.concatenate([normal, first, second, mean[:, None]], axis=1)
-    for corners, sign in ((faces, 1.0), (faces[:, NEXT], -1.0)):
-        at = frame[corners]
-        n, u, v = (sign * np.einsum("fki,fki->fk", side, at[..., 3 * i : 3 * i + 3]) for i in range(3))
-        curve = -2.0 * n * inverse
-        tangent = u * u + v * v
-        unit = np.divide(1.0, tangent, out=np.zeros_like(tangent), where=tangent > 0)
-        c, s = (u * u - v * v) * unit, 2.0 * u * v * unit
-        rest = weight * (curve - at[..., 9])
-        rows = np.stack([weight * c * c, weight * c * s, weight * s * s, c * rest, s * rest])
-        corner = corners.ravel()
-        sums += np.stack([np.bincount(corner, row.ravel(), mesh.n_vertices) for row in rows])
+    sums, n = np.zeros((5, faces.n_vertices)), faces.n_vertices
+    frame = faces.at_corners(np.concatenate([normal, first, second, mean[None]]))
+    for j in range(3):
+        side, squared = faces.side[j], faces.squared_length[j]
+        weight = np.maximum(faces.cotan[PREVIOUS[j]] * squared, 0.0)
+        inverse = ratio(-2.0, squared)
+        for end, sign in ((j, 1.0), (NEXT[j], -1.0)):
+            at = frame[end]
+            curve = sign * dot(side, at[0:3]) * inverse
+            u, v = dot(side, at[3:6]), dot(side, at[6:9])
+            unit = ratio(1.0, u * u + v * v)
+            c, s = (u * u - v * v) * unit, 2.0 * u * v * unit
+            rest = weight * (curve - at[9])
+            wc = weight * c
+            for row, values in zip(sums, (wc * c, wc * s, weight * s * s, c * rest, s * rest)):
+                row += np.bincount(faces.corner[end], values, n)
     cc, cs, ss, rc, rs = sums
     determinant = cc * ss - cs * cs
     regular = determinant > 1e-12 * (cc + ss) ** 2
@@ -86,7 +69,7 @@ def _fitted_form(
 
 
 def normal_cycle(
-    mesh: TriangleMesh, normal: NDArray, area: NDArray, defect: NDArray, dihedral: NDArray
+    faces: Faces, edges: NDArray, normal: NDArray, area: NDArray, defect: NDArray, dihedral: NDArray
 ) -> Principal:
     """Cohen-Steiner and Morvan's tensor over the star: half of every incident edge, over the vertex area.
 
@@ -95,21 +78,14 @@ def normal_cycle(
     D. Cohen-Steiner, J.-M. Morvan, "Restricted Delaunay triangulations and normal cycle", 2003. The sum of
     |e| theta e e^T bends across edges, so the eigenvector of one curvature belongs to the other.
     """
-    topology = mesh.topology
-    vector = mesh.points[topology.edges[:, 1]] - mesh.points[topology.edges[:, 0]]
-    x, y, z = vector.T
+    a, b = np.ascontiguousarray(edges.T)
+    x, y, z = (np.take(p, b) - np.take(p, a) for p in faces.points)
     length = np.sqrt(x * x + y * y + z * z)
-    weight = 0.5 * np.divide(dihedral, length, out=np.zeros_like(length), where=length > 0)
+    weight = 0.5 * ratio(dihedral, length)
     wx, wy, wz = weight * x, weight * y, weight * z
-    entries = (wx * x, wy * y, wz * z, wy * z, wz * x, wx * y)
-    ends, n = topology.edges.T, mesh.n_vertices
-    tensor = np.stack([np.bincount(ends[0], e, n) + np.bincount(ends[1], e, n) for e in entries])
-    return swapped_principal(pointwise_rows(tensor, area), normal, pointwise(defect, area))
-
-
-def pointwise_rows(integrated: NDArray, area: NDArray) -> NDArray[np.float64]:
-    """(k, n) integrated values over (n,) areas; 0 where there is no area."""
-    return np.divide(integrated, area, out=np.zeros_like(integrated), where=area > 0)
+    entries, n = (wx * x, wy * y, wz * z, wy * z, wz * x, wx * y), faces.n_vertices
+    tensor = np.stack([np.bincount(a, e, n) + np.bincount(b, e, n) for e in entries])
+    return swapped_principal(ratio(tensor, area), normal, ratio(defect, area))
 
 
 def swapped_principal(tensor: NDArray, normal: NDArray, gaussian: NDArray) -> Principal:
@@ -120,7 +96,7 @@ def swapped_principal(tensor: NDArray, normal: NDArray, gaussian: NDArray) -> Pr
     return Principal(low, high, along_high_eigenvalue, across, gaussian)
 
 
-def corrected(mesh: TriangleMesh, normal: NDArray) -> Principal:
+def corrected(faces: Faces, normal: NDArray) -> Principal:
     """Interpolated corrected curvature measures of the star.
 
     Notes
@@ -128,37 +104,34 @@ def corrected(mesh: TriangleMesh, normal: NDArray) -> Principal:
     J.-O. Lachaud, P. Romon, B. Thibert, "Corrected curvature measures", 2022; J.-O. Lachaud, P. Romon,
     B. Thibert, D. Coeurjolly, "Interpolated corrected curvature measures for polygonal surfaces", 2020.
     """
-    measures = vertex_sum_of_faces(mesh, corrected_measures(mesh, normal))
-    return corrected_principal(measures, normal)
+    return corrected_principal(faces.stars(corrected_measures(faces, normal)), normal)
 
 
-def corrected_measures(mesh: TriangleMesh, normal: NDArray) -> NDArray[np.float64]:
+def corrected_measures(faces: Faces, normal: NDArray) -> NDArray[np.float64]:
     """(9, m) area, mean, Gaussian measure and the tensor (xx, yy, zz, yz, zx, xy) of every face.
 
     The tensor is that of the second fundamental form, positive where convex.
     """
-    side = np.ascontiguousarray(mesh.side_vector.transpose(1, 2, 0))
-    a, b = side[0], -side[2]
-    u0, u1, u2 = np.ascontiguousarray(normal[mesh.faces].transpose(1, 2, 0))
+    a, b = faces.side[0], -faces.side[2]
+    u0, u1, u2 = faces.at_corners(normal)
     middle = (u0 + u1 + u2) / 3.0
-    du, dv = u1 - u0, u2 - u0
+    du, dv = 0.5 * (u1 - u0), 0.5 * (u2 - u0)
     across_a, across_b = cross(a, middle), cross(b, middle)
-    mean = dot(across_b, du) - dot(across_a, dv)
 
     def entry(i: int, j: int) -> NDArray[np.float64]:
         return across_b[i] * du[j] - across_a[i] * dv[j]
 
     return np.stack(
         [
-            0.5 * dot(middle, cross(a, b)),
-            0.5 * mean,
+            0.5 * dot(middle, faces.doubled),
+            dot(across_b, du) - dot(across_a, dv),
             0.5 * dot(u0, cross(u1, u2)),
-            0.5 * entry(0, 0),
-            0.5 * entry(1, 1),
-            0.5 * entry(2, 2),
-            0.25 * (entry(1, 2) + entry(2, 1)),
-            0.25 * (entry(2, 0) + entry(0, 2)),
-            0.25 * (entry(0, 1) + entry(1, 0)),
+            entry(0, 0),
+            entry(1, 1),
+            entry(2, 2),
+            0.5 * (entry(1, 2) + entry(2, 1)),
+            0.5 * (entry(2, 0) + entry(0, 2)),
+            0.5 * (entry(0, 1) + entry(1, 0)),
         ]
     )
 
@@ -166,8 +139,8 @@ def corrected_measures(mesh: TriangleMesh, normal: NDArray) -> NDArray[np.float6
 def corrected_principal(measures: NDArray, normal: NDArray) -> Principal:
     """Densities of summed measures; the tensor's half-sum is set to the mean measure's."""
     area = measures[0]
-    usable = area > 1e-9 * np.abs(measures[0]).max(initial=0.0)
-    density = np.divide(measures[1:], area, out=np.zeros_like(measures[1:]), where=usable)
+    area = np.where(area > 1e-9 * np.abs(area).max(initial=0.0), area, 0.0)
+    density = ratio(measures[1:], area)
     first, second = tangent_frame(normal)
     low, high, cos, sin = eigen_2x2(*in_tangent_plane(density[2:], first, second))
     shift = 0.5 * density[0] - 0.5 * (low + high)

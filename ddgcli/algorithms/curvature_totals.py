@@ -5,16 +5,39 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.algorithms.curvature import pointwise
-from ddgcli.geometry.extrinsic import face_area_vector, face_normal
-from ddgcli.geometry.intrinsic import corner_cotan, face_area
-from ddgcli.mesh.topology import NEXT, PREVIOUS
-from ddgcli.mesh.triangle_mesh import TriangleMesh, vector_length
+from ddgcli.algorithms.curvature import link_integral
+from ddgcli.algorithms.curvature_faces import Faces, cross, dot, ratio
+from ddgcli.mesh.topology import NEXT, PREVIOUS, Topology
 
 
-def edge_length(mesh: TriangleMesh) -> NDArray[np.float64]:
+def edge_length(faces: Faces, topology: Topology) -> NDArray[np.float64]:
     """(e,) lengths of the edges."""
-    return vector_length(mesh.points[mesh.topology.edges[:, 1]] - mesh.points[mesh.topology.edges[:, 0]])
+    length = np.zeros(topology.n_edges)
+    length[topology.side_edge.T] = np.sqrt(faces.squared_length)
+    return length
+
+
+def filled_normals(faces: Faces, topology: Topology) -> NDArray[np.float64]:
+    """(3, m) unit normals where flat faces take that of the neighbour across their longest side.
+
+    Any unit vector square to a flat face's line keeps sums over edges of |e| theta and all balances exact;
+    the neighbour's makes the flat face invisible.
+    """
+    normal = faces.normal.copy()
+    open_faces = np.flatnonzero(faces.flat)
+    longest = np.argmax(faces.squared_length[:, open_faces], axis=0)
+    neighbour = topology.side_twin[open_faces, longest] // 3
+    for _ in range(8):
+        if len(open_faces) == 0:
+            return normal
+        found = (neighbour >= 0) & (dot(normal[:, neighbour], normal[:, neighbour]) > 0)
+        normal[:, open_faces[found]] = normal[:, neighbour[found]]
+        open_faces, neighbour = open_faces[~found], neighbour[~found]
+    side = faces.side[np.argmax(faces.squared_length[:, open_faces], axis=0), :, open_faces].T
+    axis = np.eye(3)[:, np.argmin(np.abs(side), axis=0)]
+    square = cross(side, axis)
+    normal[:, open_faces] = ratio(square, np.sqrt(dot(square, square)))
+    return normal
 
 
 def intrinsic_volumes(
@@ -31,83 +54,82 @@ def steiner_polynomial(volumes: list[float | None]) -> list[float | None]:
     return [None if v is None else b * v for b, v in zip(ball[::-1], volumes[::-1])]
 
 
-def vector_area(mesh: TriangleMesh) -> NDArray[np.float64]:
+def enclosed_volume(faces: Faces) -> float:
+    """Signed volume inside a closed surface, positive for outward orientation; about the points' origin."""
+    a, b, c = faces.at_corners(faces.points)
+    return float(dot(cross(a, b), c).sum() / 6.0)
+
+
+def vector_area(faces: Faces) -> NDArray[np.float64]:
     """(3,) integral of the normal: half the integral of x cross dx over the boundary; zero when closed."""
-    return face_area_vector(mesh).sum(axis=0)
+    return 0.5 * faces.doubled.sum(axis=1)
 
 
 def willmore_energies(
-    mesh: TriangleMesh, dihedral: NDArray, area: NDArray, vector: NDArray, defect: NDArray
+    faces: Faces, topology: Topology, dihedral: NDArray, area: NDArray, vector: NDArray, defect: NDArray
 ) -> dict[str, float | None]:
     """Discrete integrals of H^2 with H half the sum of the principal curvatures, by name.
 
     `cotan`: |integrated vector|^2 / vertex area. `sullivan`: (h_p / 2)^2 a third of the star, with
-    h_p = |grad Area| / |grad Vol| (chapter 3, 2.5). `hinge`: 3/4 theta^2 |e|^2 / (A1 + A2). `circle-angle`:
-    half the sum of (sum of the angles between circumcircles - 2 pi), which measures the integral of
-    H^2 - K and is zero on every mesh inscribed in a sphere (Bobenko).
+    h_p = |grad Area| / |grad Vol| (chapter 3, 2.5). `hinge`: 3/4 theta^2 |e|^2 / (A1 + A2). Of H^2 - K:
+    `circle-angle`, half the sum of (sum of the angles between circumcircles - 2 pi), zero on every mesh
+    inscribed in a sphere (Bobenko), and `cotan-minus-gauss`, `cotan` less the angle defects; both over
+    interior vertices.
     """
-    squared = np.einsum("ij,ij->i", vector, vector)
-    inside = ~mesh.topology.boundary_vertex
+    squared = dot(vector, vector)
+    inside = topology.referenced_vertex & ~topology.boundary_vertex
+    density = ratio(squared, area)
     return {
-        "cotan": float(pointwise(squared, area).sum()),
-        "sullivan": _sullivan(mesh, squared, inside),
-        "hinge": _hinge(mesh, dihedral),
-        "circle-angle": _circle_angle(mesh),
-        "cotan-minus-gauss": float((pointwise(squared, area) - defect)[inside].sum()),
+        "cotan": float(density.sum()),
+        "sullivan": _sullivan(faces, squared, inside),
+        "hinge": _hinge(faces, topology, dihedral),
+        "circle-angle": _circle_angle(faces, topology, inside),
+        "cotan-minus-gauss": float((density - defect)[inside].sum()),
     }
 
 
-def _sullivan(mesh: TriangleMesh, squared: NDArray, inside: NDArray) -> float | None:
-    corner = mesh.faces.ravel()
-    n = mesh.n_vertices
-    third = np.bincount(corner, np.repeat(face_area(mesh.side_length) / 3, 3), n)
-    normal = face_area_vector(mesh)
-    gradient = np.stack([np.bincount(corner, np.repeat(normal[:, i] / 3, 3), n) for i in range(3)])
-    volume_squared = (gradient * gradient).sum(axis=0)
+def _sullivan(faces: Faces, squared: NDArray, inside: NDArray) -> float | None:
+    third = faces.stars(faces.area[None] / 3)[0]
+    gradient = faces.stars(faces.doubled / 6)
+    volume_squared = dot(gradient, gradient)
     usable = inside & (third > 0)
     # a vertex between two coincident sheets has no volume gradient: the ratio is not defined
     if (volume_squared[usable] <= 1e-24 * third[usable] ** 2).any():
         return None
-    ratio = np.divide(squared, volume_squared, out=np.zeros(n), where=usable)
-    return float((ratio * third)[usable].sum())
+    return float((ratio(squared, np.where(usable, volume_squared, 0.0)) * third).sum())
 
 
-def _hinge(mesh: TriangleMesh, dihedral: NDArray) -> float:
-    topology = mesh.topology
-    area = np.repeat(face_area(mesh.side_length), 3)
-    around = np.bincount(topology.side_edge.ravel(), area, topology.n_edges)
-    moment = dihedral * edge_length(mesh)
-    return float(0.75 * pointwise(moment * moment, around).sum())
+def _hinge(faces: Faces, topology: Topology, dihedral: NDArray) -> float:
+    around = np.bincount(topology.side_edge.ravel(), np.repeat(faces.area, 3), topology.n_edges)
+    moment = dihedral * edge_length(faces, topology)
+    return float(0.75 * ratio(moment * moment, around).sum())
 
 
-def _circle_angle(mesh: TriangleMesh) -> float | None:
+def _circle_angle(faces: Faces, topology: Topology, inside: NDArray) -> float | None:
     """Sum over interior vertices of (sum of circle angles - 2 pi) / 2; None where points coincide."""
-    topology = mesh.topology
     twin = topology.side_twin.ravel()
     side = np.flatnonzero((twin >= 0) & (np.arange(len(twin)) < twin))
-    other = twin[side]
-    flat = mesh.faces.ravel()
-    i, j = topology.side_tail[side], topology.side_head[side]
-    k = flat[side // 3 * 3 + PREVIOUS[side % 3]]
-    l = flat[other // 3 * 3 + PREVIOUS[other % 3]]
-    p = mesh.points
+    other, corner = twin[side], topology.side_tail
+    i, j = corner[side], topology.side_head[side]
+    k, l = (corner[s // 3 * 3 + PREVIOUS[s % 3]] for s in (side, other))
+    a, b, c, d = (_between(faces.points, *ends) for ends in ((i, k), (k, j), (j, l), (l, i)))
     # the angle between the circles through i, k, j and j, l, i, from the cross-ratio of quaternions
-    a, b, c, d = p[k] - p[i], p[j] - p[k], p[l] - p[j], p[i] - p[l]
-    real = _dot(a, c) * _dot(b, d) - _dot(a, b) * _dot(c, d) - _dot(b, c) * _dot(d, a)
-    size = vector_length(a) * vector_length(b) * vector_length(c) * vector_length(d)
+    real = dot(a, c) * dot(b, d) - dot(a, b) * dot(c, d) - dot(b, c) * dot(d, a)
+    size = np.sqrt(dot(a, a)) * np.sqrt(dot(b, b)) * np.sqrt(dot(c, c)) * np.sqrt(dot(d, d))
     if len(size) and size.min() <= 0:
         return None
-    angle = np.arccos(np.clip(real / np.where(size > 0, size, 1.0), -1.0, 1.0))
-    total = np.bincount(i, angle, mesh.n_vertices) + np.bincount(j, angle, mesh.n_vertices)
-    inside = topology.referenced_vertex & ~topology.boundary_vertex
+    angle = np.arccos(np.clip(real / size, -1.0, 1.0))
+    total = np.bincount(i, angle, faces.n_vertices) + np.bincount(j, angle, faces.n_vertices)
     return float(0.5 * (total[inside] - 2 * np.pi).sum())
 
 
-def _dot(a: NDArray, b: NDArray) -> NDArray[np.float64]:
-    return np.einsum("ij,ij->i", a, b)
+def _between(points: NDArray, tail: NDArray, head: NDArray) -> NDArray[np.float64]:
+    return np.stack([np.take(p, head) - np.take(p, tail) for p in points])
 
 
-def balances(mesh: TriangleMesh, dihedral: NDArray, region: NDArray) -> dict[str, float]:
+def balances(
+    faces: Faces, topology: Topology, normal: NDArray, dihedral: NDArray, region: NDArray
+) -> dict[str, float]:
     """How far force, torque and area balance are from closing around a region of faces (chapter 3, 1.4).
 
     The outward conormal eta over the boundary of a region D and the mean curvature vector H nu (sum of the
@@ -118,6 +140,8 @@ def balances(mesh: TriangleMesh, dihedral: NDArray, region: NDArray) -> dict[str
 
     Parameters
     ----------
+    normal : (3, m) ndarray
+        Unit normals, of flat faces too (`filled_normals`).
     dihedral : (e,) ndarray
     region : (m,) ndarray of bool
         Faces of the region D.
@@ -127,45 +151,40 @@ def balances(mesh: TriangleMesh, dihedral: NDArray, region: NDArray) -> dict[str
     dict
         `force`, `torque`, `area`: relative to the sum of the absolute values of the terms.
     """
-    topology = mesh.topology
     twin = topology.side_twin.ravel()
     owner = np.arange(len(twin)) // 3
     inner = (twin >= 0) & region[owner] & region[np.maximum(twin, 0) // 3]
     rim = np.flatnonzero(region[owner] & ~inner)
     edge_side = np.flatnonzero(inner & (np.arange(len(twin)) < twin))
-    centre = mesh.points.mean(axis=0)
-    side, start = mesh.side_vector.reshape(-1, 3), mesh.points[topology.side_tail] - centre
-    middle = start + side / 2
-    normal = face_normal(mesh)
+    tail, head = topology.side_tail, topology.side_head
 
-    conormal = np.cross(side[rim], normal[rim // 3])
-    bisector = normal[edge_side // 3] + normal[twin[edge_side] // 3]
-    size = vector_length(bisector)[:, None]
-    bisector = np.divide(bisector, size, out=np.zeros_like(bisector), where=size > 0)
-    angle = dihedral[topology.side_edge.ravel()[edge_side]]
-    force = -2.0 * (np.sin(angle / 2) * vector_length(side[edge_side]))[:, None] * bisector
-    area = float(face_area(mesh.side_length)[region].sum())
+    def middle_and_side(side: NDArray) -> tuple[NDArray, NDArray]:
+        vector = _between(faces.points, tail[side], head[side])
+        return faces.points[:, tail[side]] + vector / 2, vector
+
+    rim_middle, rim_vector = middle_and_side(rim)
+    conormal = cross(rim_vector, normal[:, rim // 3])
+    middle, vector = middle_and_side(edge_side)
+    bisector = normal[:, edge_side // 3] + normal[:, twin[edge_side] // 3]
+    bisector = ratio(bisector, np.sqrt(dot(bisector, bisector)))
+    half_angle = 0.5 * dihedral[topology.side_edge.ravel()[edge_side]]
+    force = -2.0 * np.sin(half_angle) * np.sqrt(dot(vector, vector)) * bisector
+    doubled = 2.0 * faces.area[region].sum()
     return {
-        "force": _residual([conormal, -force]),
-        "torque": _residual([np.cross(middle[rim], conormal), -np.cross(middle[edge_side], force)]),
-        "area": _residual(
-            [
-                np.einsum("ij,ij->i", middle[rim], conormal),
-                -np.einsum("ij,ij->i", middle[edge_side], force),
-                np.array([-2.0 * area]),
-            ]
-        ),
+        "force": _residual(conormal, -force),
+        "torque": _residual(cross(rim_middle, conormal), -cross(middle, force)),
+        "area": _residual(dot(rim_middle, conormal)[None], -dot(middle, force)[None], np.array([[-doubled]])),
     }
 
 
-def _residual(parts: list[NDArray]) -> float:
-    """Largest component of the sum of all rows, relative to the sum of their absolute values."""
-    total = np.abs(sum(part.sum(axis=0) for part in parts)).max()
-    scale = np.abs(sum(np.abs(part).sum(axis=0) for part in parts)).max()
+def _residual(*parts: NDArray) -> float:
+    """Largest component of the sum of all columns, relative to the sum of their absolute values."""
+    total = np.abs(sum(part.sum(axis=1) for part in parts)).max()
+    scale = np.abs(sum(np.abs(part).sum(axis=1) for part in parts)).max()
     return float(total / scale) if scale > 0 else 0.0
 
 
-def nonconformality(mesh: TriangleMesh, image: NDArray) -> dict[str, float]:
+def nonconformality(faces: Faces, image: NDArray) -> dict[str, float]:
     """Dirichlet energy minus area of the image of a map given at vertices, 0 for the identity (ch. 3, 2.6).
 
     Parameters
@@ -179,13 +198,18 @@ def nonconformality(mesh: TriangleMesh, image: NDArray) -> dict[str, float]:
         `dirichlet_energy` = 1/4 sum (cot + cot) |f_i - f_j|^2, `map_area` and their difference
         `nonconformality`, never negative but for rounding; in the image's length unit squared.
     """
-    image = np.column_stack([image, np.zeros((len(image), 3 - image.shape[1]))])
-    cotan = corner_cotan(mesh.side_length)[:, PREVIOUS]
-    corner = image[mesh.faces]
-    stretch = corner[:, NEXT] - corner
-    squared = np.einsum("fki,fki->fk", stretch, stretch)
-    with np.errstate(invalid="ignore"):
-        dirichlet = float(np.nansum(0.25 * cotan * squared))
-    moved = TriangleMesh(image, mesh.topology)
-    area = float(face_area(moved.side_length).sum())
+    points = np.zeros((3, len(image)))
+    points[: image.shape[1]] = image.T
+    there = Faces(faces.corner, points)
+    dirichlet = float(
+        sum((0.25 * faces.cotan[PREVIOUS[j]] * there.squared_length[j]).sum() for j in range(3))
+    )
+    area = float(there.area.sum())
     return {"dirichlet_energy": dirichlet, "map_area": area, "nonconformality": dirichlet - area}
+
+
+def star_balance(faces: Faces, vector: NDArray, inside: NDArray) -> float:
+    """Largest gap between the mean curvature vector of a star and the conormals of its link, relative."""
+    gap = 4 * vector - link_integral(faces)
+    link = faces.at_vertices(np.sqrt(faces.squared_length)[NEXT])
+    return float(ratio(np.sqrt(dot(gap, gap)), link)[inside].max(initial=0.0))

@@ -27,20 +27,29 @@ def enclosed_volume(mesh: TriangleMesh) -> float:
     return float(np.einsum("ij,ij->", np.cross(corners[:, 0], corners[:, 1]), corners[:, 2]) / 6.0)
 
 
-def dihedral_angle(mesh: TriangleMesh) -> NDArray[np.float64]:
+def dihedral_angle(mesh: TriangleMesh, normal: NDArray | None = None) -> NDArray[np.float64]:
     """(e,) signed angle between the normals of an edge's two faces, in radians; positive where convex.
 
     Zero on boundary and non-manifold edges. The reference direction is the edge as the first of its two
     sides runs along it; where the second face is turned over relative to the first, so is its normal here.
+
+    Parameters
+    ----------
+    normal : (m, 3) ndarray, optional
+        Unit normals to use instead of `face_normal`, which is zero on faces without area.
     """
     topology = mesh.topology
     twin = topology.side_twin.ravel()
     side = np.flatnonzero((twin >= 0) & (np.arange(len(twin)) < twin))
+    other = twin[side]
     sign = topology.side_sign.ravel()
-    normal = face_normal(mesh)
-    n0, n1 = normal[side // 3], normal[twin[side] // 3]
-    n1 = np.where((sign[side] == sign[twin[side]])[:, None], -n1, n1)
-    (x0, y0, z0), (x1, y1, z1), (ex, ey, ez) = n0.T, n1.T, mesh.side_vector.reshape(-1, 3)[side].T
+    turned = np.where(sign[side] == sign[other], -1.0, 1.0)
+    # column by column: gathering rows of three costs several times as much
+    columns = np.ascontiguousarray((face_normal(mesh) if normal is None else normal).T)
+    x0, y0, z0 = (np.take(c, side // 3) for c in columns)
+    x1, y1, z1 = (np.take(c, other // 3) * turned for c in columns)
+    tail, head = topology.side_tail[side], topology.side_head[side]
+    ex, ey, ez = (np.take(p, head) - np.take(p, tail) for p in np.ascontiguousarray(mesh.points.T))
     length = np.sqrt(ex * ex + ey * ey + ez * ez)
     volume = ex * (y0 * z1 - z0 * y1) + ey * (z0 * x1 - x0 * z1) + ez * (x0 * y1 - y0 * x1)
     sine = np.divide(volume, length, out=np.zeros_like(volume), where=length > 0)

@@ -71,10 +71,13 @@ class Topology:
         if self.gluing is not None:
             return self._glued_edges()
         tail, head = self.side_tail, self.side_head
-        low, high = np.minimum(tail, head), np.maximum(tail, head)
-        key = low * np.int64(max(self.n_vertices, 1)) + high
-        unique, side_edge = np.unique(key, return_inverse=True)
-        edges = np.stack(np.divmod(unique, max(self.n_vertices, 1)), axis=1)
+        key, order = _sorted_sides(np.minimum(tail, head), np.maximum(tail, head), self.n_vertices)
+        first = np.ones(len(key), dtype=bool)
+        np.not_equal(key[1:], key[:-1], out=first[1:])
+        side_edge = np.zeros(len(key), dtype=np.int64)
+        side_edge[order] = np.cumsum(first) - 1
+        side = order[first]
+        edges = np.stack([np.minimum(tail[side], head[side]), np.maximum(tail[side], head[side])], axis=1)
         sign = np.where(tail <= head, 1, -1).astype(np.int8)
         return frozen(edges), frozen(side_edge.reshape(-1, 3)), frozen(sign.reshape(-1, 3))
 
@@ -118,7 +121,7 @@ class Topology:
         if self.gluing is not None:
             return self.gluing
         side_edge = self.side_edge.ravel()
-        order = np.argsort(side_edge, kind="stable")
+        order = _sorted_sides(np.zeros_like(side_edge), side_edge, self.n_edges)[1]
         start = np.concatenate([[0], np.cumsum(self.edge_face_count)])[:-1]
         pair = start[self.edge_face_count == 2]
         twin = np.full(len(side_edge), -1, dtype=np.int64)
@@ -278,6 +281,22 @@ class Topology:
         if self.n_faces == 0 or not self.is_manifold or not (self.is_oriented or self.is_orientable):
             return None
         return (2 * self.n_components - self.boundary_loops - self.euler_characteristic) // 2
+
+
+def _sorted_sides(low: NDArray, high: NDArray, n_vertices: int) -> tuple[NDArray, NDArray]:
+    """Keys of the sides' end vertices in ascending order, and the sides in that order, stable.
+
+    Key and side number are packed into one integer where 63 bits hold them: sorting values is several times
+    faster than sorting their numbers.
+    """
+    key = low * np.int64(max(n_vertices, 1)) + high
+    bits = len(key).bit_length()
+    if 2 * max(n_vertices, 1).bit_length() + bits > 63:
+        order = np.argsort(key, kind="stable")
+        return key[order], order
+    packed = (key << bits) | np.arange(len(key))
+    packed.sort()
+    return packed >> bits, packed & ((1 << bits) - 1)
 
 
 def check_faces(faces: NDArray, n_vertices: int) -> NDArray[np.int64]:
