@@ -181,6 +181,7 @@ def _parameterize(report: Report, tasks: Tasks) -> None:
         "parameterization": tasks.parameterize,
         "flipped_triangles": flat.flipped,
         "flipped_input_triangles": flat.flipped_input,
+        "collapsed_input_triangles": flat.collapsed_input,
         "conformal_distortion": {"mean": flat.distortion_mean, "max": flat.distortion_max},
     }
     report.accuracy["parameterize_residual"] = flat.residual

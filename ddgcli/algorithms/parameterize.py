@@ -35,9 +35,11 @@ class Parameterization:
     ----------
     uv : (n, 2) ndarray of float64
     flipped : int
-        Triangles of the operator's own triangulation with area of the wrong sign or none.
+        Triangles of the operator's own triangulation with area of the wrong sign, beyond rounding.
     flipped_input : int
         Triangles of the input mesh likewise.
+    collapsed_input : int
+        Triangles of the input mesh whose area in the plane is lost in rounding (in long protrusions).
     distortion_mean, distortion_max : float
         Ratio of the singular values of the map on the input triangles (1 where conformal), area mean and max.
     residual : float
@@ -48,6 +50,7 @@ class Parameterization:
     uv: NDArray[np.float64]
     flipped: int
     flipped_input: int
+    collapsed_input: int
     distortion_mean: float
     distortion_max: float
     residual: float
@@ -187,15 +190,27 @@ def _judged(
     mesh: TriangleMesh, surface: SurfaceMesh, uv: NDArray, residual: float, converged: bool
 ) -> Parameterization:
     """The map with its flips and its distortion."""
-    flipped_input = int((_signed_area(uv[mesh.faces]) <= 0).sum())
-    flipped = int((_signed_area(uv[surface.faces]) <= 0).sum())
+    flipped, _ = _flipped_and_collapsed(uv[surface.faces])
+    flipped_input, collapsed_input = _flipped_and_collapsed(uv[mesh.faces])
+    if collapsed_input:
+        log.warning(
+            "%d triangles of the mesh collapse in the plane: their area is lost in rounding", collapsed_input
+        )
     if flipped_input:
         log.warning("%d triangles of the mesh are flipped in the plane", flipped_input)
     area, stretch = face_area(mesh.side_length), _distortion(mesh, uv)
     good = np.isfinite(stretch)
     mean = float((area * stretch)[good].sum() / area[good].sum()) if good.any() else float("inf")
     largest = float(stretch[good].max(initial=1.0))
-    return Parameterization(uv, flipped, flipped_input, mean, largest, residual, converged)
+    return Parameterization(uv, flipped, flipped_input, collapsed_input, mean, largest, residual, converged)
+
+
+def _flipped_and_collapsed(corners: NDArray) -> tuple[int, int]:
+    """Number of (m, 3, 2) triangles with negative area, and with none beside the rounding of uv."""
+    area = _signed_area(corners)
+    longest = np.abs(corners[:, NEXT] - corners).max(axis=(1, 2))
+    rounding = 8 * np.finfo(float).eps * np.abs(corners).max() * longest
+    return int((area < -rounding).sum()), int((np.abs(area) <= rounding).sum())
 
 
 def _distortion(mesh: TriangleMesh, uv: NDArray) -> NDArray[np.float64]:

@@ -80,4 +80,5 @@ def _step(mesh: TriangleMesh, dt: float, operator: str | None, mass: str) -> tup
     problem = Dirichlet(laplace.mass + dt * laplace.stiffness, fixed)
     rhs = laplace.mass @ points
     moved = problem.solve(points[problem.fixed], rhs)
-    return mesh.moved(moved + centre), problem.residual(moved, rhs)
+    placed = np.where(fixed[:, None], mesh.points, moved + centre)
+    return mesh.moved(placed), problem.residual(moved, rhs)
