@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Literal
 
 import numpy as np
@@ -153,11 +153,14 @@ class Placed:
         Arrays that the mesh file carried.
     sha256 : str
         Of the mesh file; "" for a shape made here.
+    face : dict of str to ndarray
+        As `vertex`, on faces.
     """
 
     mesh: Any
     vertex: dict[str, NDArray]
     sha256: str = ""
+    face: dict[str, NDArray] = field(default_factory=dict)
 
 
 def place(section: SurfaceObject, read: Callable[[str], Any]) -> Placed:
@@ -168,17 +171,18 @@ def place(section: SurfaceObject, read: Callable[[str], Any]) -> Placed:
         lengths = np.asarray(flat.side_length) * section.scale
         return Placed(IntrinsicMesh(flat.topology, lengths, points), {})
     vertex: dict[str, NDArray] = {}
+    face: dict[str, NDArray] = {}
     sha256 = ""
     if section.mesh is not None:
         source = read(section.mesh)
         for note in source.notes:
             logging.getLogger("ddgcli").warning("%s: %s", section.mesh, note)
-        mesh, vertex, sha256 = source.mesh, source.vertex, source.sha256
+        mesh, vertex, sha256, face = source.mesh, source.vertex, source.sha256, source.face
         if not isinstance(mesh, TriangleMesh):
             raise ValueError(f"{section.mesh} is not a triangle surface")
     else:
         mesh = made(section)
-    return Placed(mesh.moved(_moved(section, np.asarray(mesh.points))), vertex, sha256)
+    return Placed(mesh.moved(_moved(section, np.asarray(mesh.points))), vertex, sha256, face)
 
 
 def made(section: Any) -> TriangleMesh:

@@ -1,0 +1,148 @@
+"""What the effects of a fluid may ask of the surface that it flows on."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ddgcli.geometry.unfolding import SurfaceMesh
+from ddgcli.mesh.triangle_mesh import TriangleMesh
+from ddgcli.models.fluid.space import FlowSpace
+from ddgcli.models.scene_expression import evaluate
+
+
+@dataclass(eq=False)
+class FluidContext:
+    """One fluid's surface.
+
+    Parameters
+    ----------
+    name : str
+    mesh : TriangleMesh or IntrinsicMesh
+    vertex, face : dict of str to ndarray
+        Arrays of its file.
+    period : (3,) ndarray
+        Lengths after which a periodic grid repeats; 0 where it does not.
+    load : callable
+        Read a `.npy` relative to the scene.
+    """
+
+    name: str
+    mesh: SurfaceMesh
+    vertex: dict[str, NDArray]
+    face: dict[str, NDArray]
+    period: NDArray[np.float64]
+    load: Callable[[str], NDArray]
+
+    @property
+    def points(self) -> NDArray[np.float64]:
+        return np.asarray(self.mesh.points)
+
+    def scalar(self, source: str, what: str) -> NDArray[np.float64]:
+        """(n,) values of an array of the mesh, a `.npy` file or an expression in x, y, z.
+
+        Raises
+        ------
+        ValueError
+            When it is none of them, has the wrong shape or is not finite.
+        """
+        n = self.mesh.n_vertices
+        if source in self.vertex:
+            values = np.asarray(self.vertex[source], dtype=np.float64)
+        elif source.endswith(".npy"):
+            values = np.asarray(self.load(source), dtype=np.float64)
+        elif source in self.face:
+            raise ValueError(f"{what} {source!r} is an array on faces; give one number a vertex")
+        else:
+            try:
+                values = evaluate(source, dict(zip("xyz", self.points.T)))
+            except ValueError as error:
+                known = ", ".join(self.vertex) or "none"
+                raise ValueError(
+                    f"{what} {source!r} is no vertex array of the mesh (there: {known}), no .npy file and no "
+                    f"expression: {error}"
+                ) from error
+        if values.shape != (n,):
+            raise ValueError(f"{what} {source!r} has shape {values.shape}; one number a vertex is ({n},)")
+        return _finite(values, what, source)
+
+    def face_vectors(self, source: str | list[str]) -> NDArray[np.float64]:
+        """(m, 3) velocities of an array (on faces or vertices), a `.npy` or three expressions."""
+        mesh = self.mesh
+        if not isinstance(source, str):
+            x = self.face_points()
+            values = np.stack([evaluate(text, dict(zip("xyz", x.T))) for text in source], axis=1)
+            return _finite(values, "velocity", str(source))
+        if source.endswith(".npy"):
+            values = np.asarray(self.load(source), dtype=np.float64)
+        elif source in self.face or source in self.vertex:
+            values = np.asarray(self.face.get(source, self.vertex.get(source)), dtype=np.float64)
+        else:
+            known = ", ".join([*self.vertex, *self.face]) or "none"
+            raise ValueError(f"velocity {source!r} is no array of the mesh (there: {known}) and no .npy file")
+        if values.shape == (mesh.n_vertices, 3) and values.shape != (mesh.n_faces, 3):
+            values = values[mesh.faces].mean(axis=1)
+        if values.shape != (mesh.n_faces, 3):
+            raise ValueError(
+                f"velocity {source!r} has shape {values.shape}; give three numbers a face ({mesh.n_faces}) "
+                f"or a vertex ({mesh.n_vertices})"
+            )
+        return _finite(values, "velocity", source)
+
+    def face_points(self) -> NDArray[np.float64]:
+        """(m, 3) centres of faces; on a periodic grid within one period."""
+        corner = self.points[self.mesh.faces]
+        apart = corner - corner[:, :1]
+        return (corner[:, :1] + self.unwrapped(apart)).mean(axis=1)
+
+    def unwrapped(self, difference: NDArray) -> NDArray[np.float64]:
+        """Differences of positions, the shortest where the grid is periodic."""
+        period = np.where(self.period > 0, self.period, 1.0)
+        return np.where(self.period > 0, difference - period * np.round(difference / period), difference)
+
+    def distance(self, centre: NDArray) -> NDArray[np.float64]:
+        """(n,) straight distance of the vertices from a point, the shortest on a periodic grid."""
+        return np.linalg.norm(self.unwrapped(self.points - np.asarray(centre)), axis=1)
+
+    def to_frames(self, space: FlowSpace, vectors: NDArray) -> NDArray[np.complex128]:
+        """(m,) vectors in space (m, 3), projected to the faces, in their planar frames."""
+        if isinstance(self.mesh, TriangleMesh):
+            from ddgcli.geometry.face_frames import face_axes
+
+            x, y = face_axes(self.mesh, np.arange(self.mesh.n_faces))
+        else:
+            x, y = self._flat_axes()
+        return np.einsum("ij,ij->i", vectors, x) + 1j * np.einsum("ij,ij->i", vectors, y)
+
+    def to_space(self, planar: NDArray) -> NDArray[np.float64]:
+        """(m, 3) vectors in space of vectors in the planar frames of faces."""
+        if isinstance(self.mesh, TriangleMesh):
+            from ddgcli.geometry.face_frames import face_axes
+
+            x, y = face_axes(self.mesh, np.arange(self.mesh.n_faces))
+        else:
+            x, y = self._flat_axes()
+        return planar.real[:, None] * x + planar.imag[:, None] * y
+
+    def _flat_axes(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Axes of the faces' frames in the plane of a periodic grid."""
+        corner = self.points[self.mesh.faces]
+        first = self.unwrapped(corner[:, 1] - corner[:, 0])
+        second = self.unwrapped(corner[:, 2] - corner[:, 0])
+        x = first / np.linalg.norm(first, axis=1)[:, None]
+        y = second - np.einsum("ij,ij->i", second, x)[:, None] * x
+        return x, y / np.linalg.norm(y, axis=1)[:, None]
+
+    def nearest_vertex(self, place: NDArray) -> NDArray[np.float64]:
+        """Position of the vertex nearest to a point."""
+        return self.points[np.argmin(self.distance(place))]
+
+
+def _finite(values: NDArray, what: str, source: str) -> NDArray[np.float64]:
+    bad = np.argwhere(~np.isfinite(values))
+    if len(bad):
+        raise ValueError(f"{what} {source!r} is not finite at entry {bad[0][0]}")
+    return values

@@ -1,0 +1,112 @@
+"""Viscosity: implicit steps of second order for the three meanings it has on a curved surface.
+
+The weak form, for all discrete flows w, is
+
+    (du/dt, w) = - nu [ (curl u, curl w) - m (K u, w) ],
+
+K the Gaussian curvature and m = 0, 1, 2 for the Hodge, the Bochner and the deformation Laplacian (2 div Def,
+the physical one): a mode l of the unit sphere decays at nu l(l+1), nu (l(l+1) - 1), nu (l(l+1) - 2).
+On a no-slip wall the cell of a boundary vertex is closed by a wall without speed; on a free-slip wall the
+vorticity vanishes, which is the natural condition of the weak form.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import block_array, csc_array, csr_array, diags_array, eye_array
+
+from ddgcli.geometry.intrinsic import corner_angle
+from ddgcli.linalg.factor import Factor
+from ddgcli.models.fluid.space import FlowSpace, sums
+from ddgcli.operators.dec import d0
+
+CURVATURE_SHARE = {"hodge": 0.0, "bochner": 1.0, "deformation": 2.0}
+GAMMA = 1.0 - np.sqrt(0.5)
+
+
+@dataclass(eq=False)
+class Decay:
+    """x' = - G^-1 A x by the two-stage diagonally implicit method, L-stable and second order.
+
+    Parameters
+    ----------
+    G, A : (k, k) sparse arrays
+        Symmetric; G positive definite.
+
+    Notes
+    -----
+    R. Alexander, "Diagonally implicit Runge-Kutta methods for stiff O.D.E.'s", 1977.
+    """
+
+    G: csr_array
+    A: csr_array
+    _factors: dict[float, Factor] = field(default_factory=dict)
+
+    def step(self, x: NDArray, dt: float) -> NDArray[np.float64]:
+        """x after a time dt; one factorisation for each step length met."""
+        if dt not in self._factors:
+            if len(self._factors) > 3:
+                self._factors.clear()
+            self._factors[dt] = Factor(csc_array(self.G + GAMMA * dt * self.A))
+        factor = self._factors[dt]
+        first = factor.solve(-(self.A @ x), refine=False)
+        second = factor.solve(-(self.A @ (x + (1.0 - GAMMA) * dt * first)), refine=False)
+        return x + dt * ((1.0 - GAMMA) * first + GAMMA * second)
+
+
+class VorticityDiffusion:
+    """Hodge viscosity on closed surfaces and with free-slip walls: M omega' = - nu L omega."""
+
+    def __init__(self, space: FlowSpace, nu: float) -> None:
+        self.space = space
+        inside = self.inside = np.flatnonzero(space.inside)
+        self.decay = Decay(
+            diags_array(space.mass[inside]).tocsr(), (nu * space.stiffness[inside][:, inside]).tocsr()
+        )
+
+    def step(self, vorticity: NDArray, coefficients: NDArray, dt: float) -> tuple[NDArray, NDArray]:
+        after = np.zeros_like(vorticity)
+        mass = self.space.mass[self.inside]
+        after[self.inside] = mass * self.decay.step(vorticity[self.inside] / mass, dt)
+        return after, coefficients
+
+
+class VelocityDiffusion:
+    """Every kind, in the unknowns of the velocity: stream function and harmonic coefficients."""
+
+    def __init__(self, space: FlowSpace, nu: float, kind: str) -> None:
+        self.space = space
+        flows = csr_array(space.harmonic.T)
+        derivative = d0(space.mesh.topology).astype(np.float64)[:, space.free]
+        basis = block_array([[derivative, flows]]).tocsr() if flows.shape[1] else derivative
+        star = diags_array(space.edge_inner)
+        self.curl = (d0(space.mesh.topology).astype(np.float64).T @ star @ basis).tocsr()
+        gram = block_array(
+            [[space.stiffness[space.free][:, space.free], None], [None, eye_array(flows.shape[1])]]
+        ) if flows.shape[1] else space.stiffness[space.free][:, space.free]  # fmt: skip
+        A = self.curl.T @ diags_array(space.inverse_mass) @ self.curl
+        share = CURVATURE_SHARE[kind]
+        if share:
+            A = A - share * (basis.T @ diags_array(curvature_star(space)) @ basis)
+        self.decay = Decay(gram.tocsr(), (nu * A).tocsr())
+
+    def step(self, vorticity: NDArray, coefficients: NDArray, dt: float) -> tuple[NDArray, NDArray]:
+        space = self.space
+        phi = space.factor.solve(vorticity[space.free], refine=False)
+        after = self.decay.step(np.concatenate([phi, coefficients]), dt)
+        return self.curl @ after, after[len(space.free) :]
+
+
+def curvature_star(space: FlowSpace) -> NDArray[np.float64]:
+    """(e,) star of the inner product weighted by Gaussian curvature, each vertex's spread over its faces."""
+    angle = corner_angle(space.mesh.side_length)
+    full = np.where(space.mesh.topology.boundary_vertex, np.pi, 2.0 * np.pi)
+    defect = full - sums(space.faces, angle, space.n)
+    density = (defect * space.inverse_mass)[space.faces].mean(axis=1)
+    opposite = -(space.side[:, [1, 2, 0]] * np.conj(space.side[:, [2, 0, 1]])).real
+    weight = 0.25 * density[:, None] * opposite / space.area[:, None]
+    n_edges = space.mesh.topology.n_edges
+    return sums(space.side_edge, weight, n_edges)

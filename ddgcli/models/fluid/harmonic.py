@@ -1,0 +1,37 @@
+"""Effect `harmonic`: flows without vorticity or divergence, round handles and holes."""
+
+# mypy: disable-error-code="valid-type"
+
+from __future__ import annotations
+
+from typing import Literal
+
+from pydantic import Field
+
+from ddgcli.evolve.effects import Effect
+from ddgcli.models.fluid.context import FluidContext
+from ddgcli.models.fluid.parts import Harmonic
+from ddgcli.models.scene import Section
+from ddgcli.models.scene_units import quantity
+
+
+class HarmonicSection(Section):
+    """Keep the harmonic part of the flow, and let it change or not."""
+
+    kind: Literal["frozen", "evolved"] = Field(
+        "evolved", description="constant, or as Euler's equation has it"
+    )
+    coefficients: list[quantity("m^2/s", "")] | None = Field(
+        None, description="at the start, of the orthonormal basis; added to those of the initial flow"
+    )
+    object: str | None = Field(None, description="fluid; by default all")
+
+
+def build(parameters: HarmonicSection, context: FluidContext) -> list[Harmonic]:
+    given = parameters.coefficients
+    return [Harmonic(parameters.kind == "evolved", None if given is None else tuple(given))]
+
+
+EFFECT = Effect(
+    "harmonic", HarmonicSection, build, "a basis once; an inner product a basis flow and stage", ("fluid",)
+)

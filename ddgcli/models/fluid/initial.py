@@ -1,0 +1,95 @@
+"""Effect `initial`: the flow at the start."""
+
+# mypy: disable-error-code="valid-type"
+
+from __future__ import annotations
+
+import logging
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field, model_validator
+
+from ddgcli.evolve.effects import Effect
+from ddgcli.models.fluid.context import FluidContext
+from ddgcli.models.fluid.flows import FLOWS
+from ddgcli.models.fluid.parts import Initial
+from ddgcli.models.fluid.space import FlowSpace
+from ddgcli.models.scene import Section
+from ddgcli.models.scene_units import quantity, vector
+
+log = logging.getLogger("ddgcli")
+BALANCED = 1e-10  # total vorticity over total absolute vorticity that counts as zero
+
+
+class InitialSection(Section):
+    """One of vorticity, velocity and flow."""
+
+    vorticity: str | None = Field(
+        None, description="vertex array of the mesh, .npy, or expression in x, y, z [1/s]"
+    )
+    velocity: str | list[str] | None = Field(
+        None, description="array on faces or vertices, .npy, or three expressions [m/s]"
+    )
+    flow: str | None = Field(None, description=f"by name: {', '.join(FLOWS)}")
+    strength: quantity("m/s", "speed of a named flow", gt=0) = 1.0
+    core: quantity("m", "radius of its vortices", gt=0) | None = None
+    separation: quantity("m", "distance of their centres", gt=0) | None = None
+    center: vector("m", "between them; default the middle of the surface") | None = None
+    direction: vector("", "from one to the other") | None = None
+    object: str | None = Field(None, description="fluid; by default all")
+
+    @model_validator(mode="after")
+    def _one(self) -> InitialSection:
+        given = [k for k in ("vorticity", "velocity", "flow") if getattr(self, k) is not None]
+        if len(given) != 1:
+            raise ValueError(
+                f"give one of vorticity, velocity and flow, found {' and '.join(given) or 'none'}"
+            )
+        if self.flow is not None and self.flow not in FLOWS:
+            raise ValueError(f"no flow {self.flow!r}; known: {', '.join(FLOWS)}")
+        if isinstance(self.velocity, list) and len(self.velocity) != 3:
+            raise ValueError("velocity takes three expressions")
+        return self
+
+
+def build(parameters: InitialSection, context: FluidContext) -> list[Initial]:
+    if parameters.velocity is not None:
+        vectors = context.face_vectors(parameters.velocity)
+
+        def of_velocity(space: FlowSpace) -> tuple[NDArray, NDArray]:
+            vorticity, coefficients = space.of_face_velocity(context.to_frames(space, vectors))
+            return balanced(space, vorticity), coefficients
+
+        return [Initial(of_velocity)]
+    if parameters.flow is not None:
+        omega = FLOWS[parameters.flow](context, parameters)
+    else:
+        omega = context.scalar(str(parameters.vorticity), "vorticity")
+
+    def of_vorticity(space: FlowSpace) -> tuple[NDArray, NDArray]:
+        return balanced(space, omega * space.mass), np.zeros(len(space.harmonic))
+
+    return [Initial(of_vorticity)]
+
+
+def balanced(space: FlowSpace, vorticity: NDArray) -> NDArray[np.float64]:
+    """Integrated vorticity without its mean on every closed component; a warning tells."""
+    topology = space.mesh.topology
+    label = topology.vertex_component
+    closed = np.ones(topology.n_components, dtype=bool)
+    closed[np.unique(label[topology.boundary_vertex])] = False
+    total = space.component_vorticity(vorticity)
+    size = space.component_vorticity(np.abs(vorticity))
+    area = space.component_vorticity(space.mass)
+    mean = np.where(closed, total / area, 0.0)
+    if np.any(closed & (np.abs(total) > BALANCED * size)):
+        worst = float(mean[np.argmax(np.abs(mean))])
+        log.warning(
+            "on a closed surface the vorticity sums to zero: its mean (%.6g 1/s) was subtracted", worst
+        )
+    used = label >= 0
+    return np.where(used, vorticity - space.mass * mean[np.maximum(label, 0)], 0.0)
+
+
+EFFECT = Effect("initial", InitialSection, build, "none after the start", ("fluid",), repeatable=True)

@@ -1,0 +1,50 @@
+"""What the effects of a fluid are made of, for the model to put together."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ddgcli.models.fluid.space import FlowSpace
+
+Start = Callable[[FlowSpace], tuple[NDArray[np.float64], NDArray[np.float64]]]
+
+
+@dataclass(frozen=True)
+class Initial:
+    """A flow to begin with: integrated vorticity (n,) and harmonic coefficients (b,); several add up."""
+
+    make: Start
+
+
+@dataclass(frozen=True)
+class Viscosity:
+    """Kinematic viscosity [m^2/s] and which Laplacian it stands before."""
+
+    nu: float
+    kind: str
+
+
+@dataclass(frozen=True)
+class Walls:
+    """What the fluid meets at the boundary."""
+
+    no_slip: bool
+
+
+@dataclass(frozen=True)
+class Harmonic:
+    """The flows without vorticity that a surface with handles or several boundaries has."""
+
+    evolve: bool
+    coefficients: tuple[float, ...] | None
+
+
+@dataclass(frozen=True, eq=False)
+class Dye:
+    """A passive amount on the vertices."""
+
+    amount: NDArray[np.float64]

@@ -1,0 +1,139 @@
+"""Results and accuracy of a fluid run, from the scalars of its frames."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ddgcli.evolve.account import Account
+from ddgcli.evolve.loop import Schedule
+from ddgcli.geometry.unfolding import SurfaceMesh
+from ddgcli.mesh.fields import Frame
+from ddgcli.models.fluid.model import FluidModel
+from ddgcli.models.fluid.space import sums
+from ddgcli.models.scene import Scene
+
+
+def summary(
+    series: Mapping[str, NDArray], last: Frame | None, models: Mapping[str, FluidModel]
+) -> tuple[dict[str, Any], dict[str, Any]]:
+    """(`results`, `accuracy`): values at the end, and the largest departures from the start.
+
+    Drifts are relative: total vorticity and circulations to the total absolute vorticity at the start (or to
+    their own largest size), energy to the energy at the start.
+    """
+    names = list(models)
+    results: dict[str, Any] = {}
+    for name in ("kinetic_energy", "enstrophy", "total_vorticity"):
+        results[name] = float(series[name][-1])
+    results["kinetic_energy_start"] = float(series["kinetic_energy"][0])
+    results["enstrophy_start"] = float(series["enstrophy"][0])
+    results["circulation"] = {
+        "boundary": _at_end(series, "boundary_circulation", names),
+        "generators": generator_circulations(last, models),
+    }
+    results["harmonic_coefficients"] = _at_end(series, "harmonic_coefficients", names)
+    if "total_dye" in series:
+        results["total_dye"] = float(series["total_dye"][-1])
+    scale = float(series["absolute_vorticity"][0])
+    accuracy = {
+        "divergence_max": float(series["divergence"].max()),
+        "total_vorticity_drift": _drift(series["total_vorticity"], scale),
+        "energy_drift": _drift(series["kinetic_energy"], float(series["kinetic_energy"][0])),
+        "enstrophy_drift": _drift(series["enstrophy"], float(series["enstrophy"][0])),
+        "circulation_drift": max(
+            [_drift(series[k], scale) for k in series if k.startswith("boundary_circulation")]
+            or [_drift(series["total_vorticity"], scale)]
+        ),
+    }
+    return results, accuracy
+
+
+def _at_end(series: Mapping[str, NDArray], what: str, names: list[str]) -> list[float]:
+    found: list[float] = []
+    for name in names:
+        if f"{what}_{name}" in series:
+            found += np.atleast_1d(series[f"{what}_{name}"][-1]).tolist()
+    return found
+
+
+def _drift(values: NDArray, scale: float) -> float:
+    """Largest |q - q0| over the frames, over the scale (or the largest |q|, or 1)."""
+    largest = float(np.abs(values - values[0]).max())
+    return largest / (scale or float(np.abs(values).max()) or 1.0)
+
+
+def generator_circulations(last: Frame | None, models: Mapping[str, FluidModel]) -> list[float]:
+    """Circulation at the end along edge loops that generate the homology, object by object.
+
+    Along an edge the velocity is the mean of its faces'.
+    """
+    found: list[float] = []
+    if last is None:
+        return found
+    start = 0
+    for model in models.values():
+        space = model.space
+        vorticity = last.vertex["vorticity"][start : start + space.n] * space.mass
+        start += space.n
+        topology = space.mesh.topology
+        count = 2 * (topology.genus or 0) + max(0, topology.boundary_loops - topology.n_components)
+        if count == 0 or len(space.harmonic) == 0:
+            continue
+        found += _loops(model, vorticity, last)
+    return found
+
+
+def _loops(model: FluidModel, vorticity: NDArray, last: Frame) -> list[float]:
+    from ddgcli.algorithms.homology import generator_loops
+
+    space = model.space
+    coefficients = last.scalar[f"harmonic_coefficients_{model.context.name}"]
+    flux = space.side_flux(space.stream_function(vorticity), np.atleast_1d(coefficients))
+    velocity = space.face_velocity(flux)
+    along = (velocity[:, None] * np.conj(space.side)).real * space.side_sign
+    topology = space.mesh.topology
+    on_edge = sums(space.side_edge, along, topology.n_edges) / topology.edge_face_count
+    number = {(int(a), int(b)): k for k, (a, b) in enumerate(topology.edges)}
+    found = []
+    for loop in generator_loops(space.mesh):
+        total = 0.0
+        for a, b in zip(loop.tolist(), np.roll(loop, -1).tolist()):
+            total += on_edge[number[a, b]] if (a, b) in number else -on_edge[number[b, a]]
+        found.append(float(total))
+    return found
+
+
+def assembled(
+    scene: Scene, models: Mapping[str, FluidModel], schedule: Schedule, account: Account
+) -> dict[str, Any]:
+    """What --dry-run tells."""
+    return {
+        "steps": schedule.steps,
+        "frames": schedule.frames,
+        "integrator": scene.time.integrator,
+        "effects": [effect.name for effect, _, _ in scene.effects],
+        "fluids": {
+            name: {"vertices": model.space.n, "harmonic_flows": len(model.space.harmonic)}
+            for name, model in models.items()
+        },
+    }
+
+
+def wraps(meshes: Sequence[SurfaceMesh]) -> NDArray[np.bool_]:
+    """(m,) faces that close a periodic grid: drawn between the vertices' positions they span it all."""
+    found = []
+    for mesh in meshes:
+        corner = np.asarray(mesh.points)[mesh.faces]
+        drawn = np.linalg.norm(np.roll(corner, -1, axis=1) - corner, axis=2)
+        found.append((drawn > 1.01 * mesh.side_length).any(axis=1))
+    return np.concatenate(found)
+
+
+def face_arrays(meshes: Sequence[SurfaceMesh]) -> dict[str, NDArray]:
+    """Constant arrays on faces for the trajectory: `wraps` where a grid is periodic."""
+    marked = wraps(meshes)
+    return {"wraps": marked.astype(np.int8)} if marked.any() else {}

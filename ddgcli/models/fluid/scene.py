@@ -1,0 +1,53 @@
+"""What a scene of `fluid-sim` may hold."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from pydantic import Field
+
+from ddgcli.evolve.effects import EffectTable
+from ddgcli.models.scene import SceneKind, Section
+from ddgcli.models.scene_shapes import SurfaceObject
+
+EFFECTS = EffectTable(
+    "fluid-sim",
+    {
+        "initial": ("ddgcli.models.fluid.initial", "The flow at the start."),
+        "viscosity": ("ddgcli.models.fluid.viscosity", "Friction within the fluid."),
+        "harmonic": ("ddgcli.models.fluid.harmonic", "Flows round handles and holes, without vorticity."),
+        "boundary": ("ddgcli.models.fluid.boundary", "Slip or friction at the edge of the surface."),
+        "dye": ("ddgcli.models.fluid.dye", "A passive amount carried by the flow."),
+    },
+)
+
+
+class Fluid(SurfaceObject):
+    """An incompressible fluid on a surface, of unit density."""
+
+    role: Literal["fluid"]
+
+
+class CirculationParameters(Section):
+    """Dual loops carried backwards: any step, some smoothing at each."""
+
+
+class ConservativeParameters(Section):
+    """Galerkin transport: energy, enstrophy and circulation kept up to the error in time."""
+
+    scheme: Literal["rk4", "midpoint"] = Field(
+        "rk4", description="explicit of order 4, or the implicit midpoint rule, which keeps both invariants"
+    )
+
+
+KIND = SceneKind(
+    "fluid-sim",
+    {"fluid": Fluid},
+    {"circulation": CirculationParameters, "conservative": ConservativeParameters},
+    "conservative",
+    EFFECTS,
+    elsewhere=dict.fromkeys(
+        ("stretching", "bending", "gravity", "load", "pressure", "wind", "damping", "pin", "handle",
+         "plasticity", "fracture", "contact", "self_contact", "shell"), "shell-sim",
+    ),
+)  # fmt: skip

@@ -1,0 +1,34 @@
+"""Effect `viscosity`."""
+
+# mypy: disable-error-code="valid-type"
+
+from __future__ import annotations
+
+from typing import Literal
+
+from pydantic import Field
+
+from ddgcli.evolve.effects import Effect
+from ddgcli.models.fluid.context import FluidContext
+from ddgcli.models.fluid.parts import Viscosity
+from ddgcli.models.scene import Section
+from ddgcli.models.scene_units import quantity
+
+
+class ViscositySection(Section):
+    """Friction within the fluid."""
+
+    nu: quantity("m^2/s", "kinematic viscosity", gt=0)
+    kind: Literal["hodge", "bochner", "deformation"] = Field(
+        "hodge", description="Laplacian; on the unit sphere a rigid turn decays at 2 nu, nu, or not at all"
+    )
+    object: str | None = Field(None, description="fluid; by default all")
+
+
+def build(parameters: ViscositySection, context: FluidContext) -> list[Viscosity]:
+    return [Viscosity(parameters.nu, parameters.kind)]
+
+
+EFFECT = Effect(
+    "viscosity", ViscositySection, build, "one factorisation, then four solves a step", ("fluid",)
+)

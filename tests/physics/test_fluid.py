@@ -1,0 +1,251 @@
+"""Fluids on surfaces: what is conserved, what is steady, known speeds and rates of decay."""
+
+import numpy as np
+import pytest
+
+from ddgcli.algorithms.harmonic import harmonic_basis
+from ddgcli.mesh import shapes
+from ddgcli.models.fluid.circulation import CirculationAdvection
+from ddgcli.models.fluid.conservative import midpoint, rate, runge_kutta
+from ddgcli.models.fluid.diffusion import VelocityDiffusion, VorticityDiffusion
+from ddgcli.models.fluid.space import FlowSpace
+from ddgcli.models.scene_shapes import Grid, periodic_grid
+
+NONE = np.zeros(0)
+
+
+def space_of(mesh, harmonic=True):
+    flows = harmonic_basis(mesh, "normal").forms if harmonic else np.zeros((0, mesh.topology.n_edges))
+    return FlowSpace(mesh, flows)
+
+
+def some_flow(space, seed=0):
+    """Vorticity without symmetry, and harmonic coefficients."""
+    x, y, z = space.mesh.points.T
+    omega = (np.sin(3 * x + 1) * np.cos(2 * z + 1) + y + x * z) * space.mass
+    if space.mesh.topology.is_closed:
+        omega -= space.mass * omega.sum() / space.mass.sum()
+    return omega, np.random.default_rng(seed).normal(size=len(space.harmonic))
+
+
+def flat_torus(n, size=2 * np.pi, pattern="alternating"):
+    return periodic_grid(Grid(size=[size, size], cells=[n, n], periodic="xy", pattern=pattern))
+
+
+def irregular_annulus():
+    mesh = shapes.cylinder(20, 8)
+    shift = 0.02 * np.random.default_rng(1).normal(size=mesh.points.shape)
+    return mesh.moved(mesh.points + shift)
+
+
+SURFACES = {
+    "sphere": shapes.icosphere(2),
+    "irregular sphere": shapes.random_sphere(300),
+    "torus": shapes.torus(24, 12),
+    "annulus": irregular_annulus(),
+    "flat torus": flat_torus(10),
+    "disk": shapes.grid(9, 9),
+}
+
+
+@pytest.fixture(params=SURFACES, ids=SURFACES.keys())
+def space(request):
+    return space_of(SURFACES[request.param])
+
+
+def test_velocity_and_vorticity_are_inverse(space):
+    omega, c = some_flow(space)
+    phi = space.stream_function(omega)
+    side_flux = space.side_flux(phi, c)
+    velocity = space.face_velocity(side_flux)
+    back, c_back = space.of_face_velocity(velocity)
+    scale = np.abs(omega).max()
+    assert np.abs((back - omega)[space.inside]).max() < 1e-11 * scale
+    assert np.allclose(c_back, c, rtol=0, atol=1e-11)
+    assert np.abs(side_flux.sum(axis=1)).max() < 1e-13 * np.abs(side_flux).max()
+    by_faces = 0.5 * np.sum(space.area * np.abs(velocity) ** 2)
+    assert space.kinetic_energy(phi, omega, c) == pytest.approx(by_faces, rel=1e-11)
+
+
+def test_transport_conserves_exactly(space):
+    """Energy, enstrophy, total vorticity, circulation along every boundary: rates at round-off, any mesh."""
+    omega, c = some_flow(space)
+    d_omega, d_c, flux = rate(space, omega, c, True)
+    phi = space.stream_function(omega)
+    scale = np.abs(d_omega).sum() or 1.0
+    assert abs(phi @ d_omega + c @ d_c) < 1e-13 * (np.abs(phi * d_omega).sum() + np.abs(c * d_c).sum())
+    assert (
+        abs((omega * space.inverse_mass) @ d_omega)
+        < 1e-13 * np.abs(omega * space.inverse_mass * d_omega).sum()
+    )
+    assert abs(d_omega.sum()) < 1e-13 * scale
+    d_flux = space.edge_flux(space.stream_function(d_omega), d_c)
+    assert np.abs(space.boundary_circulation(d_omega, d_flux)).max(initial=0.0) < 1e-11 * scale
+
+
+def test_midpoint_keeps_energy_and_enstrophy(space):
+    omega, c = some_flow(space)
+    energy = [space.kinetic_energy(space.stream_function(omega), omega, c)]
+    enstrophy = [space.enstrophy(omega)]
+    for _ in range(5):
+        omega, c, change = midpoint(space, omega, c, 0.05, True)
+        assert change < 1e-13
+        energy.append(space.kinetic_energy(space.stream_function(omega), omega, c))
+        enstrophy.append(space.enstrophy(omega))
+    assert np.ptp(energy) < 1e-12 * energy[0] and np.ptp(enstrophy) < 1e-12 * enstrophy[0]
+
+
+def test_runge_kutta_is_fourth_order():
+    space = space_of(shapes.torus(24, 12))
+    start = some_flow(space)
+
+    def end(n):
+        omega, c = start
+        for _ in range(n):
+            omega, c, _ = runge_kutta(space, omega, c, 0.4 / n, True)
+        return np.concatenate([omega, c])
+
+    truth = end(64)
+    error = [np.abs(end(n) - truth).max() for n in (4, 8, 16)]
+    assert (np.log2(np.array(error[:-1]) / error[1:]) > 3.6).all()
+
+
+def test_a_spherical_harmonic_is_steady_at_second_order():
+    drift = []
+    for level in (3, 4, 5):
+        space = space_of(shapes.icosphere(level))
+        x, y, z = space.mesh.points.T
+        mode = z * (5 * z**2 - 3) / 2 + 0.5 * x * (5 * z**2 - 1) + x * y * z  # all of degree 3
+        omega = start = 3 * mode * space.mass
+        for _ in range(10):
+            omega, *_ = runge_kutta(space, omega, NONE, 0.02, False)
+        drift.append(np.sqrt(space.enstrophy(omega - start) / space.enstrophy(start)))
+    rates = np.log2(np.array(drift[:-1]) / drift[1:])
+    assert drift[-1] < 1e-4 and rates[0] > 1.6 and rates[1] > 1.8
+
+
+def rossby_haurwitz_speed(level, l=3, m=2, w=1.0):
+    """Measured angular speed of the pattern -w mu + P_l^m cos(m lambda): w (1 - 2/(l (l+1)))."""
+    space = space_of(shapes.icosphere(level))
+    x, y, z = space.mesh.points.T
+    pattern, quadrature = (x**2 - y**2) * z, 2 * x * y * z
+    omega = (2 * w * z + 2.0 * pattern) * space.mass
+    steps, dt = 20, 0.02
+    for _ in range(steps):
+        omega, *_ = runge_kutta(space, omega, NONE, dt, False)
+    return np.arctan2(omega @ quadrature, omega @ pattern) / m / (steps * dt)
+
+
+def test_rossby_haurwitz_speed_at_second_order():
+    error = [abs(rossby_haurwitz_speed(level) - 5 / 6) for level in (3, 4, 5)]
+    rates = np.log2(np.array(error[:-1]) / error[1:])
+    assert error[1] < 0.02 and (np.abs(rates - 2) < 0.2).all()
+
+
+@pytest.mark.parametrize("nu", [0.0, 0.05])
+def test_taylor_green_on_the_flat_torus(nu):
+    error = []
+    for n in (16, 32):
+        space = space_of(flat_torus(n))
+        x, y = space.mesh.points[:, :2].T
+        omega = start = 2 * np.sin(x) * np.sin(y) * space.mass
+        decay = VorticityDiffusion(space, nu) if nu else None
+        for _ in range(20):
+            if decay:
+                omega, _ = decay.step(omega, NONE, 0.025)
+            omega, *_ = runge_kutta(space, omega, np.zeros(2), 0.05, True)
+            if decay:
+                omega, _ = decay.step(omega, NONE, 0.025)
+        exact = np.exp(-2 * nu * 1.0) * start
+        error.append(np.sqrt(space.enstrophy(omega - exact) / space.enstrophy(start)))
+    assert error[1] < 5e-3
+    assert nu == 0 or np.log2(error[0] / error[1]) > 1.8
+
+
+@pytest.mark.parametrize("scheme", ["rk4", "circulation"])
+@pytest.mark.parametrize("name", ["torus", "annulus", "flat torus"])
+def test_harmonic_flow_stays(scheme, name):
+    space = space_of(SURFACES[name])
+    c = start = np.arange(1.0, 1.0 + len(space.harmonic))
+    omega = np.zeros(space.n)
+    if scheme == "rk4":
+        for _ in range(20):
+            omega, c, _ = runge_kutta(space, omega, c, 0.05, True)
+        assert np.abs(omega).max() == 0 and np.array_equal(c, start)
+        return
+    carry = CirculationAdvection(space)
+    for _ in range(5):
+        omega, c = carry.step(omega, c, 0.02, True)
+    assert np.allclose(c, start, rtol=0.05)
+
+
+@pytest.mark.parametrize(
+    "kind, rates", [("hodge", (2, 6, 12)), ("bochner", (1, 5, 11)), ("deformation", (0, 4, 10))]
+)
+def test_viscosities_decay_at_their_own_rates(kind, rates):
+    space = space_of(shapes.icosphere(4))
+    z = space.mesh.points[:, 2]
+    nu, dt, steps = 0.1, 0.02, 10
+    for mode, wanted in zip((z, (3 * z**2 - 1) / 2, (5 * z**3 - 3 * z) / 2), rates):
+        omega = start = mode * space.mass
+        for step in (VelocityDiffusion(space, nu, kind),):
+            for _ in range(steps):
+                omega, _ = step.step(omega, NONE, dt)
+        measured = -np.log((omega @ mode) / (start @ mode)) / (nu * dt * steps)
+        assert measured == pytest.approx(wanted, abs=0.03 + 0.005 * wanted)
+
+
+def test_both_hodge_diffusions_agree():
+    space = space_of(shapes.torus(24, 12))
+    omega, c = some_flow(space)
+    one, _ = VorticityDiffusion(space, 0.1).step(omega, c, 0.05)
+    other, c_after = VelocityDiffusion(space, 0.1, "hodge").step(omega, c, 0.05)
+    assert np.allclose(one, other, atol=1e-12 * np.abs(omega).max()) and np.allclose(c, c_after, atol=1e-10)
+
+
+def test_no_slip_channel_decays_at_the_stokes_rate():
+    """Between walls at distance 1 the slowest velocity cos(pi y) decays at nu pi^2."""
+    error = []
+    for n in (8, 16):
+        mesh = periodic_grid(Grid(size=[1.0, 1.0], cells=[n, n], periodic="x", pattern="right"))
+        space = space_of(mesh)
+        y = mesh.points[:, 1]
+        corner_y = y[mesh.faces].mean(axis=1)
+        first = mesh.points[mesh.faces[:, 1]] - mesh.points[mesh.faces[:, 0]]
+        first[:, 0] -= np.round(first[:, 0])
+        turn = np.exp(-1j * np.arctan2(first[:, 1], first[:, 0]))
+        omega, c = space.of_face_velocity(np.sin(np.pi * corner_y) * turn)
+        start = np.concatenate([space.stream_function(omega), c])
+        decay = VelocityDiffusion(space, 0.1, "hodge")
+        for _ in range(20):
+            omega, c = decay.step(omega, c, 0.02)
+        energy = [space.kinetic_energy(s[: space.n], omega, s[space.n :]) for s in (
+            start, np.concatenate([space.stream_function(omega), c]))]  # fmt: skip
+        error.append(abs(-np.log(energy[1] / energy[0]) / (2 * 0.1 * 0.4) - np.pi**2))
+    assert error[1] < 0.05 and np.log2(error[0] / error[1]) > 1.8
+
+
+@pytest.mark.parametrize("name", ["sphere", "flat torus", "torus", "annulus"])
+def test_circulation_keeps_the_total_and_is_the_identity_for_no_time(name):
+    space = space_of(SURFACES[name])
+    omega, c = some_flow(space)
+    carry = CirculationAdvection(space)
+    same, c_same = carry.step(omega, c, 0.0, True)
+    if name in ("sphere", "flat torus"):  # no obtuse triangles
+        assert np.abs(same - omega).max() < 1e-10 * np.abs(omega).max() and np.allclose(c_same, c, atol=1e-12)
+    after, _ = carry.step(omega, c, 0.1, True)
+    assert abs(after.sum() - omega.sum()) < 1e-12 * np.abs(omega).sum()
+
+
+def test_circulation_follows_the_conservative_flow():
+    space = space_of(shapes.icosphere(4))
+    omega, c = some_flow(space)
+    carry = CirculationAdvection(space)
+    other = omega
+    for _ in range(8):
+        omega, c = carry.step(omega, c, 0.05, True)
+    for _ in range(40):
+        other, *_ = runge_kutta(space, other, NONE, 0.01, False)
+    moved = np.sqrt(space.enstrophy(other - some_flow(space)[0]) / space.enstrophy(other))
+    apart = np.sqrt(space.enstrophy(omega - other) / space.enstrophy(other))
+    assert moved > 0.2 and apart < 0.08
