@@ -51,7 +51,7 @@ def command(
     if schema:
         simulate.print_schema(KIND)
         return
-    run = Run("shell-sim", common, **overrides)
+    run = Run("shell-sim", common, formats=simulate.formats(), **overrides)
     lines = (*effect_lines, *([f"pin vertices={list(pinned)}"] if pinned else []))
     extra = {**({"material": material} if material else {}), **simulate.toml_settings(settings)}
     document, recorded = simulate.scene_document(scene_path, "shell", lines, extra, resume)
@@ -72,10 +72,10 @@ def _run(
     shells = {name: context for name, (context, _) in found.items()}
     schedule = scene.schedule()
     meshes = [context.mesh for context in shells.values()]
-    simulate.describe_input(run, path or "", meshes)
     resolved, digest = simulate.fingerprint(
         document, scene.resolved(), {n: sha for n, (_, sha) in found.items()}
     )
+    simulate.describe_input(run, path or "", meshes, digest)
     simulate.refuse_changed(resume, resolved)
     if dry_run:
         simulate.print_dry_run(run, scene, report.assembled(scene, shells, schedule, account))
@@ -90,4 +90,5 @@ def _run(
     names = [effect.name for effect, _, _ in scene.effects]
     results, accuracy = report.summary(outcome, shells, names)
     results["effects"], results["seconds_by_part"] = simulate.shares(account, list(dict.fromkeys(names)))
+    simulate.draw(run, outcome, "strain")
     run.finish(results, accuracy, converged=not outcome.failure)

@@ -2,12 +2,8 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
 import logging
-import sys
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -18,14 +14,44 @@ from numpy.typing import NDArray
 
 from ddgcli import __version__
 from ddgcli.cli import options
-from ddgcli.cli.run import Run, describe
-from ddgcli.errors import ParameterError, SceneError, SolveError
+from ddgcli.cli.run import Run
+from ddgcli.cli.scene_input import (
+    describe_input,
+    fingerprint,
+    mesh_reader,
+    print_dry_run,
+    print_effects,
+    print_schema,
+    quick_scene,
+    refuse_changed,
+    scene_document,
+    toml_settings,
+)
+from ddgcli.errors import ParameterError, SolveError
 from ddgcli.evolve.account import Account
-from ddgcli.evolve.effects import EffectTable
 from ddgcli.evolve.frames import joined_frame, joined_mesh
 from ddgcli.evolve.loop import Model, Schedule, Snapshot, evolve
 from ddgcli.mesh.fields import AnnotatedMesh, Frame
 
+__all__ = [
+    "Outcome",
+    "describe_input",
+    "draw",
+    "fingerprint",
+    "formats",
+    "mesh_reader",
+    "print_dry_run",
+    "print_effects",
+    "print_schema",
+    "quick_scene",
+    "refuse_changed",
+    "scene_document",
+    "scene_options",
+    "shares",
+    "simulate",
+    "time_options",
+    "toml_settings",
+]
 TRAJECTORIES = (".vtkhdf", ".h5")
 
 _TIME = (
@@ -74,195 +100,6 @@ def scene_options(command: Callable) -> Callable:
     return command
 
 
-# ---------------------------------------------------------------- scenes
-
-
-def quick_scene(mesh: str, role: str, lines: tuple[str, ...], extra: Mapping[str, Any] | None = None) -> str:
-    """TOML of the scene that `COMMAND MESH --effect ...` means.
-
-    Parameters
-    ----------
-    mesh : str
-    role : str
-    lines : tuple of str
-        "NAME" or "NAME key=value key=value".
-    extra : mapping
-        More keys of the object.
-    """
-    text = [
-        'format = "ddgcli-scene/1"',
-        "",
-        "[[object]]",
-        f"name = {_toml(Path(mesh).stem)}",
-        f'role = "{role}"',
-    ]
-    text += [f"mesh = {_toml(str(Path(mesh).absolute()))}"]
-    text += [f"{key} = {_toml(value)}" for key, value in (extra or {}).items()]
-    repeated = [line.split(None, 1)[0] for line in lines if line.split()]
-    for line in lines:
-        if not line.split():
-            raise ParameterError("--effect needs the name of an effect")
-        name, _, rest = line.strip().partition(" ")
-        header = f"[[effects.{name}]]" if repeated.count(name) > 1 else f"[effects.{name}]"
-        text += ["", header, *_assignments(rest, line)]
-    return "\n".join(text) + "\n"
-
-
-def _assignments(rest: str, line: str) -> list[str]:
-    """`key = value` lines of "key=value key=value", split where a key begins outside brackets and quotes."""
-    import re
-    import tomllib
-
-    starts, depth, quote = [], 0, ""
-    for k, c in enumerate(rest):
-        if quote:
-            quote = "" if c == quote else quote
-        elif c in "\"'":
-            quote = c
-        elif c in "[{":
-            depth += 1
-        elif c in "]}":
-            depth -= 1
-        elif depth == 0 and (k == 0 or rest[k - 1] in " ,\t") and re.match(r"[A-Za-z_]\w*\s*=", rest[k:]):
-            starts.append(k)
-    pieces = [rest[a:b].strip().rstrip(",") for a, b in zip(starts, [*starts[1:], len(rest)])]
-    if rest.strip() and (not starts or rest[: starts[0]].strip()):
-        raise ParameterError(
-            f"--effect {line!r}: after the name come key=value pairs; found {rest.strip()!r}"
-        )
-    for piece in pieces:
-        try:
-            tomllib.loads(piece)
-        except tomllib.TOMLDecodeError as error:
-            raise ParameterError(
-                f'--effect {line!r}: {piece!r} is not TOML; quote texts: key="text"'
-            ) from error
-    return pieces
-
-
-def toml_settings(settings: tuple[str, ...]) -> dict[str, Any]:
-    """Keys of --set KEY=VALUE; a value that is not TOML is taken as text."""
-    import tomllib
-
-    found: dict[str, Any] = {}
-    for setting in settings:
-        key, equals, value = setting.partition("=")
-        if not equals or not key.strip():
-            raise ParameterError(f"--set {setting!r}: write KEY=VALUE")
-        try:
-            found[key.strip()] = tomllib.loads(f"v = {value}")["v"]
-        except tomllib.TOMLDecodeError:
-            found[key.strip()] = value
-    return found
-
-
-def _toml(value: Any) -> str:
-    return json.dumps(value, ensure_ascii=False)
-
-
-def scene_document(
-    path: str | None, role: str, lines: tuple[str, ...], extra: Mapping[str, Any], resume: str | None
-) -> tuple[Any, dict[str, Any]]:
-    """The document to run and the time options recorded by the run that is resumed.
-
-    A `.toml` is a scene; anything else is a mesh for the quick form. With --resume and no path, the
-    scene that the trajectory holds.
-    """
-    from ddgcli.io.scene_file import parse_scene, read_scene
-
-    recorded: dict[str, Any] = {}
-    if resume is not None:
-        from ddgcli.io.trajectory import Trajectory
-
-        with Trajectory(resume) as part:
-            recorded = json.loads(part.attributes.get("overrides", "{}"))
-            if path is None:
-                return parse_scene(
-                    part.text("scene_source"), "", part.attributes.get("folder", ".")
-                ), recorded
-    if path is None:
-        raise ParameterError("give a scene file or a mesh (or --effects, --schema)")
-    if path.endswith(".toml"):
-        if lines or extra:
-            raise ParameterError(
-                f"{path}: --effect, --pin and --set build a scene from a mesh; write them into the scene"
-            )
-        return read_scene(path), recorded
-    return parse_scene(quick_scene(path, role, lines, extra), "", "."), recorded
-
-
-def describe_input(run: Run, path: str, meshes: list[Any]) -> None:
-    """The `input` block: all meshes of the scene as one."""
-    mesh, _ = joined_mesh(meshes)
-    run.input = {"path": path, **describe(mesh)}
-
-
-def mesh_reader(run: Run, document: Any) -> Callable[[str], Any]:
-    """Read a mesh file relative to the scene."""
-
-    def read(name: str) -> Any:
-        from ddgcli.io.mesh_file import read_mesh
-
-        with run.timed("read"):
-            return read_mesh(str(Path(document.folder) / name))
-
-    return read
-
-
-def print_effects(table: EffectTable, as_json: bool) -> None:
-    """--effects: every effect, its parameters with units and defaults, its cost."""
-    listing = {name: _described(table, name, line) for name, (_, line) in table.entries.items()}
-    if as_json:
-        click.echo(json.dumps(listing, ensure_ascii=False))
-        return
-    for name, entry in listing.items():
-        click.echo(f"{name}: {entry['summary']}")
-        click.echo(f"    cost: {entry['cost']}; acts on: {', '.join(entry['roles'])}")
-        for key, p in entry["parameters"].items():
-            default = (
-                "needed" if p["default"] is None and p["required"] else f"default {json.dumps(p['default'])}"
-            )
-            unit = f" [{p['unit']}]" if p["unit"] else ""
-            choices = f" ({' | '.join(map(str, p['choices']))})" if p["choices"] else ""
-            click.echo(f"    {key}{unit}{choices}: {p['description'] or '-'}; {default}")
-
-
-def _described(table: EffectTable, name: str, line: str) -> dict[str, Any]:
-    effect = table.load(name)
-    schema = effect.parameters.model_json_schema()  # type: ignore[attr-defined]
-    parameters = {}
-    for key, entry in schema.get("properties", {}).items():
-        branches = [entry, *entry.get("anyOf", [])]
-        parameters[key] = {
-            "unit": next((b["unit"] for b in branches if "unit" in b), ""),
-            "choices": next((b["enum"] for b in branches if "enum" in b), []),
-            "default": entry.get("default"),
-            "required": key in schema.get("required", []),
-            "description": entry.get("description", ""),
-        }
-    return {"summary": line, "cost": effect.cost, "roles": list(effect.roles), "parameters": parameters}
-
-
-def print_schema(kind: Any) -> None:
-    """--schema: the JSON Schema of the simulator's scenes."""
-    from ddgcli.models.scene_schema import json_schema
-
-    click.echo(json.dumps(json_schema(kind), indent=2, ensure_ascii=False))
-
-
-def print_dry_run(run: Run, scene: Any, assembled: dict[str, Any]) -> None:
-    """--dry-run: the resolved scene and what would be assembled."""
-    content = {"command": run.command, "dry_run": True, "scene": scene.resolved(), "assembled": assembled}
-    if run.common.as_json:
-        from ddgcli.cli.report import plain
-
-        click.echo(json.dumps(plain(content), ensure_ascii=False))
-        return
-    click.echo(json.dumps(content["scene"], indent=2, ensure_ascii=False))
-    for name, value in assembled.items():
-        click.echo(f"{name}: {value}")
-
-
 # ---------------------------------------------------------------- runs
 
 
@@ -287,6 +124,10 @@ class Outcome:
     smallest_step : float
     events : int
         Rejected and shortened steps.
+    kept : list of Frame
+        A few frames, spread over the run, for a picture.
+    mesh : TriangleMesh
+        All surfaces as one.
     """
 
     frames: int = 0
@@ -301,6 +142,15 @@ class Outcome:
     steps: int = 0
     smallest_step: float = np.inf
     events: int = 0
+    kept: list[Frame] = field(default_factory=list)
+    mesh: Any = None
+
+
+def formats() -> tuple[str, ...]:
+    """Extensions of -o: trajectories, and meshes for the last frame."""
+    from ddgcli.io.mesh_file import WRITERS
+
+    return (*TRAJECTORIES, *(suffix for suffix in WRITERS if suffix not in TRAJECTORIES))
 
 
 def trajectory_outputs(run: Run) -> tuple[list[str], list[str]]:
@@ -366,19 +216,21 @@ def simulate(
             writer = TrajectoryWriter(target, header, schedule.frames)
     elif resume is not None:
         raise ParameterError(f"{resume}: cannot be resumed; its name must end in .part")
-    keep = _Keeper(outcome, frames)
+    outcome.mesh = mesh
+    shown = np.linspace(0, schedule.frames - 1, 4).round().astype(int) if run.common.plot else ()
+    keep = _Keeper(outcome, frames, set(map(int, shown)))
     status = "failed"
     try:
-        with run.timed("compute"), _bar(run, schedule.frames - len(frames)) as advance_bar:
-            for snapshot in _steps(models, schedule, account, start):
-                with account.within("output"):
-                    frame = joined_frame(snapshot)
-                    keep.add(frame, snapshot)
-                    if writer is not None:
-                        rows = [(n, c, s) for n, (c, s) in _all_rows(account, models).items()]
-                        log = [(e.step, e.time, e.kind, e.place, e.value, e.detail) for e in snapshot.events]
-                        writer.append(frame, snapshot.checkpoint, rows, log)
-                advance_bar()
+        told = run.progress("frames")
+        for snapshot in evolve(models, schedule, account, start):
+            with account.within("output"):
+                frame = joined_frame(snapshot)
+                keep.add(frame, snapshot)
+                if writer is not None:
+                    rows = [(n, c, s) for n, (c, s) in _all_rows(account, models).items()]
+                    log = [(e.step, e.time, e.kind, e.place, e.value, e.detail) for e in snapshot.events]
+                    writer.append(frame, snapshot.checkpoint, rows, log)
+            told(snapshot.frame + 1, schedule.frames)
         status = "complete"
     except SolveError as error:
         outcome.failure = str(error)
@@ -401,12 +253,6 @@ def simulate(
     return outcome
 
 
-def _steps(
-    models: Mapping[str, Model], schedule: Schedule, account: Account, start: Any
-) -> Iterator[Snapshot]:
-    return evolve(models, schedule, account, start)
-
-
 def _all_rows(account: Account, models: Mapping[str, Model]) -> dict[str, tuple[int, float]]:
     """Every name has a row from the first frame on, so that the file keeps its layout."""
     rows = account.rows()
@@ -418,8 +264,9 @@ def _all_rows(account: Account, models: Mapping[str, Model]) -> dict[str, tuple[
 class _Keeper:
     """Gathers the scalars of the frames for the summary; keeps two frames, not all."""
 
-    def __init__(self, outcome: Outcome, before: list[Frame]) -> None:
+    def __init__(self, outcome: Outcome, before: list[Frame], shown: set[int]) -> None:
         self.outcome, self.rows, self.times = outcome, [], []  # type: ignore[var-annotated]
+        self.shown = shown
         for frame in before:
             self._note(frame)
 
@@ -428,6 +275,8 @@ class _Keeper:
         if outcome.first is None:
             outcome.first = frame
         outcome.last = frame
+        if outcome.frames in self.shown:
+            outcome.kept.append(frame)
         outcome.frames += 1
         self.times.append(frame.time)
         self.rows.append(frame.scalar)
@@ -448,19 +297,6 @@ class _Keeper:
         self.outcome.times = np.array(self.times)
 
 
-@contextmanager
-def _bar(run: Run, count: int) -> Iterator[Callable[[], None]]:
-    """A progress bar over frames on standard error, where it is wanted."""
-    wanted = run.common.progress
-    if wanted is None:
-        wanted = sys.stderr.isatty() and not run.common.quiet and count > 2
-    if not wanted:
-        yield lambda: None
-        return
-    with click.progressbar(length=count, label="frames", file=sys.stderr) as bar:
-        yield lambda: bar.update(1)
-
-
 def _provenance(run: Run) -> dict[str, Any]:
     return {"version": __version__, **{k: v for k, v in run.metadata.items() if k != "version"}}
 
@@ -474,6 +310,24 @@ def _write_last(run: Run, mesh: Any, last: Frame, cell: dict[str, NDArray], path
         for path in paths:
             write_mesh(path, annotated)
             run.outputs.append(path)
+
+
+def draw(run: Run, outcome: Outcome, array: str) -> None:
+    """--plot: a few frames coloured by an array, and the chart of energies."""
+
+    def story(path: str) -> None:
+        from ddgcli.plots.motion import Shot, draw_motion, stage
+
+        frames = outcome.kept if outcome.last in outcome.kept else [*outcome.kept, outcome.last]
+        shots = [
+            Shot(f.time, outcome.mesh if f.points is None else outcome.mesh.moved(f.points), f.vertex[array])
+            for f in frames
+            if f is not None
+        ]
+        energies = {n: (outcome.times, v) for n, v in outcome.series.items() if n.startswith("energy")}
+        draw_motion(path, shots, energies, stage(shots, array), "energy [J]")
+
+    run.plot(story)
 
 
 def shares(account: Account, effects: list[str]) -> tuple[dict[str, Any], dict[str, float]]:
@@ -494,37 +348,3 @@ def shares(account: Account, effects: list[str]) -> tuple[dict[str, Any], dict[s
         name: account.seconds.get(name, 0.0) for name in (*effects, "solver", "integrator", "output")
     }
     return found, {**everything, "total": sum(account.seconds.values())}
-
-
-def fingerprint(document: Any, resolved: dict[str, Any], meshes: Mapping[str, str]) -> tuple[str, str]:
-    """(resolved scene as JSON, SHA-256 of it with the mesh files): what must not change before --resume."""
-    text = json.dumps({"scene": resolved, "mesh_sha256": dict(meshes)}, sort_keys=True, ensure_ascii=False)
-    return text, hashlib.sha256(text.encode()).hexdigest()
-
-
-def refuse_changed(resume: str | None, resolved: str) -> None:
-    """SceneError when the trajectory to resume was made from another scene."""
-    if resume is None:
-        return
-    from ddgcli.io.trajectory import Trajectory
-
-    with Trajectory(resume) as part:
-        before, now = json.loads(part.text("scene_resolved")), json.loads(resolved)
-    if before == now:
-        return
-    where = _first_difference(before, now)
-    raise SceneError(
-        f"{resume}: the scene changed since this run began ({where}); resume with the old scene or start anew"
-    )
-
-
-def _first_difference(a: Any, b: Any, path: str = "") -> str:
-    if isinstance(a, dict) and isinstance(b, dict):
-        for key in dict.fromkeys([*a, *b]):
-            if a.get(key) != b.get(key):
-                return _first_difference(a.get(key), b.get(key), f"{path}.{key}" if path else str(key))
-    if isinstance(a, list) and isinstance(b, list) and len(a) == len(b):
-        for k, (p, q) in enumerate(zip(a, b)):
-            if p != q:
-                return _first_difference(p, q, f"{path}[{k}]")
-    return f"{path}: {a!r} -> {b!r}"

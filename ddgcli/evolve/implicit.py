@@ -125,10 +125,13 @@ class Newton:
         value, scale = self.value(increment, y)
         exact_allowed = increment.a > 0
         shift = 0.0 if increment.a else self._first_shift(increment, y)
+        before = np.inf
         for iteration in range(1, most + 1):
             g = self.slope(increment, y)
             if not np.isfinite(value) or not np.isfinite(g).all():
                 raise StepRejected("not finite", _worst(g))
+            if increment.a and self._settled(increment, g):
+                return y, iteration - 1
             move, exact_used = self._direction(increment, y, g, exact_allowed, shift)
             exact_allowed = exact_used or (increment.a == 0 and shift == 0)
             size = float(np.abs(move).max())
@@ -147,9 +150,19 @@ class Newton:
             if not increment.a:
                 shift = shift / 10 if t == 1.0 else shift * (1.0 if t > 0.1 else 4.0)
                 exact_allowed = shift < 1e-6 * self._first_shift(increment, y) * 1e3 and t == 1.0
-            if size * max(t, 1e-3) <= MOVE * system.size:
+            # the next move is to this one as this one to the last: near the end, Newton does better than that
+            quick = exact_used and t == 1.0 and size < before < np.inf
+            following = size * size / before if quick else size * max(t, 1e-3)
+            before = size if t == 1.0 else np.inf
+            if following <= MOVE * system.size:
                 return y, iteration
         raise StepRejected("newton", _worst(g), size)
+
+    def _settled(self, increment: Increment, g: NDArray) -> bool:
+        """Whether inertia alone already bounds the next move."""
+        return bool(
+            (np.abs(g) / (increment.a * self.system.mass[:, None])).max() <= 1e-3 * MOVE * self.system.size
+        )
 
     def _first_shift(self, increment: Increment, y: NDArray) -> float:
         """Shift of an equilibrium's Hessian, per mass: a fraction of the system's own stiffness."""

@@ -81,7 +81,7 @@ def _implicit_euler(system: System, motion: Motion, dt: float, parameters: Any) 
 
     target = motion.x + dt * motion.v
     increment = Increment(1 / dt**2, target, 1 / dt, motion.x, system.frozen(motion.x, dt))
-    y, count = system.newton.minimise(increment, _begin(system, motion.x, target))
+    y, count = system.newton.minimise(increment, _begin(system, motion.x, target + dt**2 * motion.a))
     v = (y - motion.x) / dt
     return checked(system, Motion(y, v, (v - motion.v) / dt, motion.newton + count))
 
@@ -92,7 +92,8 @@ def _implicit_midpoint(system: System, motion: Motion, dt: float, parameters: An
 
     target = motion.x + 0.5 * dt * motion.v
     increment = Increment(4 / dt**2, target, 2 / dt, motion.x, system.frozen(motion.x, dt))
-    middle, count = system.newton.minimise(increment, _begin(system, motion.x, target))
+    guess = target + 0.25 * dt**2 * motion.a
+    middle, count = system.newton.minimise(increment, _begin(system, motion.x, guess))
     x = 2 * middle - motion.x
     v = 2 * (x - motion.x) / dt - motion.v
     return checked(system, Motion(x, v, (v - motion.v) / dt, motion.newton + count))

@@ -16,6 +16,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from types import TracebackType
 from typing import Any
+from xml.sax.saxutils import escape
 
 import h5py
 import numpy as np
@@ -452,6 +453,13 @@ class Trajectory:
         return {
             name.replace(".", "/", 1): values[...] for name, values in self._slot().items() if name != "frame"
         }
+
+
+def pvd_text(files: list[tuple[float, str]]) -> str:
+    """A ParaView series of (time, file)."""
+    lines = [f'    <DataSet timestep="{time!r}" part="0" file="{escape(name)}"/>' for time, name in files]
+    head = '<?xml version="1.0"?>\n<VTKFile type="Collection" version="0.1">\n  <Collection>\n'
+    return head + "\n".join(lines) + "\n  </Collection>\n</VTKFile>\n"
 
 
 def _plain(value: Any) -> Any:

@@ -1,0 +1,200 @@
+"""`ddgcli frames`."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import click
+
+from ddgcli.cli import options
+from ddgcli.cli.options import Common
+from ddgcli.cli.run import Run, describe
+from ddgcli.errors import ParameterError
+
+PICTURES = (".png", ".svg", ".pdf")
+
+
+@click.command("frames")
+@click.argument("path", metavar="RUN.vtkhdf", type=click.Path())
+@options.common
+@click.option(
+    "--at", "time", type=options.REAL, help="Time of the frame to export [s]; the nearest is taken."
+)
+@click.option("--from", "start", type=options.REAL, help="First time of a sequence [s].")
+@click.option("--to", "end", type=options.REAL, help="Last time of a sequence [s].")
+@click.option(
+    "--every", type=click.IntRange(min=1), default=1, show_default=True, help="Take one frame in EVERY."
+)
+@click.option("--array", "array", metavar="NAME", help="Vertex array that colours pictures; 'none' for none.")
+@click.option("--view", type=options.View(), help="x, y, z, iso or ELEVATION,AZIMUTH, then :UP.")
+@click.option(
+    "--fps", type=options.POSITIVE, default=25.0, show_default=True, help="Frames a second of a .gif."
+)
+def command(path: str, common: Common, **wishes: Any) -> None:
+    """Export frames of a trajectory (complete, or a .part that still grows).
+
+    The extension of -o decides: a mesh format takes one frame (--at, else the last); .png, .svg and .pdf one
+    picture with --at, else a numbered sequence; .gif an animation; .pvd a series for ParaView.
+
+    \b
+    Examples:
+      ddgcli frames run.vtkhdf --at 1.5 -o f.ply
+      ddgcli frames run.vtkhdf -o movie.gif --view 15,40
+      ddgcli frames run.vtkhdf --plot story.png
+    """
+    from ddgcli.io.mesh_file import WRITERS
+    from ddgcli.io.trajectory import Trajectory
+
+    run = Run("frames", common, formats=(*WRITERS, *PICTURES, ".gif", ".pvd"), **_given(wishes))
+    with run.timed("read"):
+        run_file = Trajectory(path)
+    with run_file as source:
+        run.note_input(path, str(source.attributes.get("input_sha256", "")), **describe(source.mesh))
+        chosen = _chosen(source, wishes)
+        exported: list[str] = []
+        for output in common.outputs:
+            exported += _export(run, source, output, chosen, wishes)
+        run.plot(lambda target: _story(target, source, chosen, wishes))
+        results = {
+            "frames": source.n_frames,
+            "status": source.attributes.get("status"),
+            "start": float(source.times[0]),
+            "end": float(source.times[-1]),
+            "exported_frames": len(chosen),
+            "exported_times": [float(source.times[k]) for k in chosen],
+            "arrays": sorted(source.vertex(0)),
+            "scalars": sorted(source.scalars),
+        }
+    run.finish(results, {"time_mismatch": _mismatch(source, chosen, wishes)})
+
+
+def _given(wishes: dict[str, Any]) -> dict[str, Any]:
+    return {name: value for name, value in wishes.items() if value is not None}
+
+
+def _chosen(source: Any, wishes: dict[str, Any]) -> list[int]:
+    """Numbers of the frames asked for."""
+    times = source.times
+    if wishes["time"] is not None:
+        slack = 1e-9 * max(abs(float(times[-1])), 1e-300)
+        if not times[0] - slack <= wishes["time"] <= times[-1] + slack:
+            raise ParameterError(
+                f"--at {wishes['time']:g}: the run lasts from {times[0]:g} to {times[-1]:g} s"
+            )
+        return [source.frame_at(wishes["time"])]
+    low = times[0] if wishes["start"] is None else wishes["start"]
+    high = times[-1] if wishes["end"] is None else wishes["end"]
+    inside = [k for k in range(source.n_frames) if low - 1e-12 <= times[k] <= high + 1e-12]
+    if not inside:
+        raise ParameterError(f"no frame from {low:g} to {high:g} s; the run lasts to {times[-1]:g} s")
+    return inside[:: wishes["every"]]
+
+
+def _mismatch(source: Any, chosen: list[int], wishes: dict[str, Any]) -> float:
+    """Distance of the exported frame from the time asked for."""
+    return 0.0 if wishes["time"] is None else abs(float(source.times[chosen[0]]) - wishes["time"])
+
+
+def _export(run: Run, source: Any, output: str, chosen: list[int], wishes: dict[str, Any]) -> list[str]:
+    suffix = Path(output).suffix.lower()
+    if suffix == ".pvd":
+        return _series(run, source, output, chosen)
+    if suffix == ".gif":
+        from ddgcli.plots import motion
+
+        with run.timed("write"):
+            from ddgcli.io.mesh_file import written_whole
+
+            with written_whole(output) as partial:
+                motion.draw_animation(
+                    partial, _shots(source, chosen, wishes), _stage(source, chosen, wishes), wishes["fps"]
+                )
+        run.outputs.append(output)
+        return [output]
+    if suffix in PICTURES:
+        return _pictures(run, source, output, chosen, wishes)
+    run.write_file(output, _annotated(source, chosen[-1]))
+    return [output]
+
+
+def _annotated(source: Any, k: int) -> Any:
+    from ddgcli.mesh.fields import AnnotatedMesh
+
+    metadata = {"trajectory": source.path, "frame": k, "time": float(source.times[k])}
+    return AnnotatedMesh(
+        source.mesh.moved(source.points(k)), vertex=source.vertex(k), face=source.face, metadata=metadata
+    )
+
+
+def _pictures(run: Run, source: Any, output: str, chosen: list[int], wishes: dict[str, Any]) -> list[str]:
+    from ddgcli.plots import motion
+
+    with run.timed("write"):
+        on = _stage(source, chosen, wishes)
+        if wishes["time"] is not None:
+            motion.draw_shot(output, next(_shots(source, chosen, wishes)), on)
+            written = [output]
+        else:
+            written = motion.draw_sequence(output, _shots(source, chosen, wishes), on)
+    run.outputs += written
+    return written
+
+
+def _series(run: Run, source: Any, output: str, chosen: list[int]) -> list[str]:
+    """A .pvd and, in a folder of its name, one .vtp for each frame."""
+    folder = Path(output).with_suffix("")
+    folder.mkdir(exist_ok=True)
+    written = []
+    for k in chosen:
+        name = folder / f"frame_{k:05d}.vtp"
+        run.write_file(str(name), _annotated(source, k))
+        written.append((float(source.times[k]), f"{folder.name}/{name.name}"))
+    from ddgcli.io.trajectory import pvd_text
+
+    run.write_bytes(output, pvd_text(written).encode())
+    return [output]
+
+
+def _shots(source: Any, chosen: list[int], wishes: dict[str, Any]) -> Iterator[Any]:
+    from ddgcli.plots.motion import Shot
+
+    name = _array_name(source, wishes)
+    for k in chosen:
+        values = _scalar_of(source.vertex(k)[name]) if name else None
+        yield Shot(float(source.times[k]), source.mesh.moved(source.points(k)), values)
+
+
+def _array_name(source: Any, wishes: dict[str, Any]) -> str | None:
+    """The array that colours pictures: the one asked for, else the first that is a number."""
+    arrays = source.vertex(0)
+    if wishes["array"] in (None, "none"):
+        plain = [name for name, values in arrays.items() if values.ndim == 1]
+        return plain[0] if plain and wishes["array"] is None else None
+    return wishes["array"] if wishes["array"] in arrays else options.chosen(arrays, wishes["array"])
+
+
+def _scalar_of(values: Any) -> Any:
+    """Numbers as they are, vectors by their length."""
+    import numpy as np
+
+    return values if values.ndim == 1 else np.linalg.norm(values, axis=1)
+
+
+def _stage(source: Any, chosen: list[int], wishes: dict[str, Any]) -> Any:
+    from ddgcli.plots.motion import stage
+
+    name = _array_name(source, wishes)
+    return stage(_shots(source, chosen, wishes), name or "", wishes["view"])
+
+
+def _story(target: str, source: Any, chosen: list[int], wishes: dict[str, Any]) -> None:
+    from ddgcli.plots.motion import draw_motion
+
+    energies = {name: (source.times, v) for name, v in source.scalars.items() if name.startswith("energy")}
+    if not energies:
+        energies = {name: (source.times, v) for name, v in source.scalars.items() if v.ndim == 1}
+    draw_motion(
+        target, list(_shots(source, chosen, wishes)), energies, _stage(source, chosen, wishes), "energy [J]"
+    )

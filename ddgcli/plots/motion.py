@@ -1,0 +1,141 @@
+"""Pictures of a motion: chosen frames beside the chart of energies, sequences, animations."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ddgcli.errors import OutputError
+from ddgcli.mesh.triangle_mesh import TriangleMesh
+from ddgcli.plots.chart import draw_chart
+from ddgcli.plots.page import page
+from ddgcli.plots.surface import draw_surface, robust_limits
+
+FRAMES_SHOWN = 4
+
+
+@dataclass(frozen=True, eq=False)
+class Shot:
+    """One frame to draw.
+
+    Parameters
+    ----------
+    time : float
+    mesh : TriangleMesh
+    values : (n,) ndarray, optional
+        Colours.
+    """
+
+    time: float
+    mesh: TriangleMesh
+    values: NDArray | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Stage:
+    """What all pictures of a motion share, so that they can be compared.
+
+    Parameters
+    ----------
+    fit : (k, 3) ndarray
+        Points that every picture holds.
+    label : str
+        Beside the colour bar.
+    limits : (float, float), optional
+    signed : bool
+    view : dict
+        `view` and `up` of `draw_surface`.
+    """
+
+    fit: NDArray
+    label: str = ""
+    limits: tuple[float, float] | None = None
+    signed: bool = False
+    view: Mapping[str, Any] | None = None
+
+
+def stage(shots: Iterable[Shot], label: str = "", view: Mapping[str, Any] | None = None) -> Stage:
+    """The frame and the colour limits that hold all the shots."""
+    corners, values = [], []
+    for shot in shots:
+        corners.append(np.stack([shot.mesh.points.min(axis=0), shot.mesh.points.max(axis=0)]))
+        if shot.values is not None:
+            values.append(shot.values)
+    low, high = np.min(corners, axis=(0, 1)), np.max(corners, axis=(0, 1))
+    fit = np.stack(np.meshgrid(*zip(low, high)), axis=-1).reshape(-1, 3)
+    if not values:
+        return Stage(fit, view=view)
+    bottom, top, signed = robust_limits(np.concatenate(values))
+    return Stage(fit, label, (bottom, top), signed, view)
+
+
+def draw_shot(
+    path: str, shot: Shot, on: Stage, width: float = 7.0, height: float = 5.25, dpi: int = 200
+) -> None:
+    """One frame as a picture."""
+    title = f"t = {shot.time:.4g} s" + (f", {on.label}" if shot.values is not None else "")
+    draw_surface(
+        path, shot.mesh, shot.values, title=title, fit=on.fit,
+        signed=on.signed if shot.values is not None else None, limits=on.limits,
+        width=width, height=height, dpi=dpi, **dict(on.view or {}),
+    )  # fmt: skip
+
+
+def draw_motion(
+    path: str, shots: Sequence[Shot], series: Mapping[str, tuple[NDArray, NDArray]], on: Stage, ylabel: str
+) -> None:
+    """Chosen frames above, the chart of the series below, on one page."""
+    from matplotlib.image import imread
+
+    chosen = shots if len(shots) <= FRAMES_SHOWN else [
+        shots[k] for k in np.linspace(0, len(shots) - 1, FRAMES_SHOWN).round().astype(int)
+    ]  # fmt: skip
+    with tempfile.TemporaryDirectory() as folder:
+        pictures = []
+        for k, shot in enumerate(chosen):
+            draw_shot(f"{folder}/{k}.png", shot, on, 4.5, 3.6)
+            pictures.append(imread(f"{folder}/{k}.png"))
+        draw_chart(f"{folder}/chart.png", series, xlabel="time [s]", ylabel=ylabel, width=9.0, height=3.6)
+        pictures.append(imread(f"{folder}/chart.png"))
+    with page(path, 9.0, 10.8) as figure:
+        places = [(0.0, 0.667), (0.5, 0.667), (0.0, 0.333), (0.5, 0.333)][: len(chosen)]
+        boxes = [(x, y, 0.5, 0.333) for x, y in places] + [(0.0, 0.0, 1.0, 0.333)]
+        for picture, box in zip(pictures, boxes):
+            axes = figure.add_axes(box)
+            axes.imshow(picture, interpolation="lanczos")
+            axes.set_axis_off()
+
+
+def draw_sequence(path: str, shots: Iterable[Shot], on: Stage) -> list[str]:
+    """A numbered PNG of each frame beside `path`: name_0000.png, name_0001.png, ..."""
+    target = Path(path)
+    written = []
+    for k, shot in enumerate(shots):
+        name = str(target.with_name(f"{target.stem}_{k:04d}{target.suffix}"))
+        draw_shot(name, shot, on)
+        written.append(name)
+    return written
+
+
+def draw_animation(path: str, shots: Iterable[Shot], on: Stage, frames_per_second: float) -> None:
+    """An animated GIF, endless."""
+    try:
+        from PIL import Image
+    except ImportError as error:
+        raise OutputError(f"{path}: animations need pillow; pip install 'ddgcli[plot]'") from error
+    with tempfile.TemporaryDirectory() as folder:
+        images = []
+        for k, shot in enumerate(shots):
+            draw_shot(f"{folder}/{k}.png", shot, on, 5.0, 3.75, 100)
+            with Image.open(f"{folder}/{k}.png") as picture:
+                images.append(picture.convert("RGB").convert("P", palette=Image.Palette.ADAPTIVE))
+        images[0].save(
+            path, format="GIF", save_all=True, append_images=images[1:], loop=0,
+            duration=max(20, round(1000 / frames_per_second)), optimize=False,
+        )  # fmt: skip

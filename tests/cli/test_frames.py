@@ -1,0 +1,87 @@
+"""`frames`: one frame as a mesh, pictures, animations, series; and --plot of the simulators."""
+
+import numpy as np
+import pytest
+
+from ddgcli.io.mesh_file import read_mesh
+from ddgcli.io.trajectory import Trajectory
+
+SCENE = """\
+[time]
+duration = 0.04
+step = 0.01
+frame_every = 0.01
+[[object]]
+role = "shell"
+grid = { size = [1, 1], cells = [3, 3] }
+material = "rubber"
+velocity = [0, 0, 2]
+angular_velocity = [0, 5, 0]
+[effects]
+stretching = {}
+"""
+
+
+@pytest.fixture
+def trajectory(run, tmp_path):
+    (tmp_path / "scene.toml").write_text(SCENE)
+    path = tmp_path / "run.vtkhdf"
+    assert run("shell-sim", tmp_path / "scene.toml", "-o", path).exit_code == 0
+    return path
+
+
+def test_one_time_as_a_mesh(summary, trajectory, tmp_path):
+    out = summary("frames", trajectory, "--at", 0.021, "-o", tmp_path / "f.ply", "-o", tmp_path / "f.npz")
+    assert out["results"]["exported_times"] == [pytest.approx(0.02)]
+    assert out["results"]["frames"] == 5
+    assert out["accuracy"]["time_mismatch"] == pytest.approx(1e-3)
+    with Trajectory(str(trajectory)) as ours:
+        assert np.array_equal(read_mesh(str(tmp_path / "f.ply")).mesh.points, ours.points(2))
+        with np.load(tmp_path / "f.npz") as arrays:
+            assert np.array_equal(arrays["velocity"], ours.vertex(2)["velocity"])
+
+
+def test_last_frame_without_a_time(summary, trajectory, tmp_path):
+    summary("frames", trajectory, "-o", tmp_path / "f.vtu")
+    with Trajectory(str(trajectory)) as ours:
+        assert np.allclose(read_mesh(str(tmp_path / "f.vtu")).mesh.points, ours.points(4), atol=0)
+
+
+def test_series_names_every_frame(summary, trajectory, tmp_path):
+    summary("frames", trajectory, "-o", tmp_path / "s.pvd", "--every", 2)
+    text = (tmp_path / "s.pvd").read_text()
+    assert text.count("<DataSet") == 3
+    assert sorted(p.name for p in (tmp_path / "s").iterdir()) == [f"frame_0000{k}.vtp" for k in (0, 2, 4)]
+    with Trajectory(str(trajectory)) as ours:
+        assert np.array_equal(read_mesh(str(tmp_path / "s" / "frame_00002.vtp")).mesh.points, ours.points(2))
+
+
+def test_pictures_and_animation(summary, trajectory, tmp_path):
+    pytest.importorskip("matplotlib")
+    out = summary("frames", trajectory, "-o", tmp_path / "p.png", "--to", 0.01)
+    assert out["outputs"] == [str(tmp_path / f"p_000{k}.png") for k in (0, 1)]
+    assert all((tmp_path / f"p_000{k}.png").read_bytes().startswith(b"\x89PNG") for k in (0, 1))
+    summary("frames", trajectory, "-o", tmp_path / "m.gif", "--to", 0.01, "--array", "velocity")
+    assert (tmp_path / "m.gif").read_bytes().startswith(b"GIF89a")
+    summary("shell-sim", tmp_path / "scene.toml", "--plot", tmp_path / "story.png")
+    assert (tmp_path / "story.png").stat().st_size > 20000
+
+
+@pytest.mark.parametrize("words, told", [
+    (["--at", 7], "0.04"),
+    (["--from", 5], "no frame"),
+    (["-o", "x.mp4"], "unknown format"),
+    (["--array", "velocty", "-o", "x.png"], "velocity"),
+])  # fmt: skip
+def test_wrong_wishes_are_refused(run, trajectory, tmp_path, words, told):
+    words = [tmp_path / w if str(w).startswith("x.") else w for w in words]
+    result = run("frames", trajectory, *words)
+    assert result.exit_code == 2
+    assert told in result.stderr and result.stderr.count("\n") == 1
+
+
+def test_what_is_no_trajectory_is_refused(run, tmp_path):
+    (tmp_path / "a.vtkhdf").write_bytes(b"not hdf")
+    result = run("frames", tmp_path / "a.vtkhdf")
+    assert result.exit_code == 2 and "not a ddgcli trajectory" in result.stderr
+    assert run("frames", tmp_path / "b.vtkhdf").exit_code == 2
