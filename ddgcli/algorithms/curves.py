@@ -120,9 +120,9 @@ def field_curves(
     """
     from ddgcli.algorithms.integral_curves import field_of_array, integral_curves, usual_duration
 
-    field_ = field_of_array(mesh, values)
-    duration = usual_duration(mesh, values) if duration is None else duration
-    made = integral_curves(mesh, field_, starts, duration, order=order, step=step, tolerance=tolerance)
+    followed = field_of_array(mesh, values)
+    duration = usual_duration(mesh, np.asarray(values)) if duration is None else duration
+    made = integral_curves(mesh, followed, starts, duration, order=order, step=step, tolerance=tolerance)
     kinds = [
         {
             "kind": "integral curve",

@@ -320,7 +320,7 @@ def straightened_curves(mesh: SurfaceMesh, waypoints: list[list[int]], closed: l
     -------
     Curves
         Locally shortest, not always shortest. A loop that contracts to a point has no points and length 0.
-        `accuracy.smallest_path_angle` is the smallest angle beside the curves at vertices: at least pi.
+        `accuracy.path_angle_deficit` is how far an angle beside the curves falls below pi at most.
     """
     tracer = Tracer(mesh)
     parts, kinds, done = [], [], True
@@ -341,11 +341,10 @@ def straightened_curves(mesh: SurfaceMesh, waypoints: list[list[int]], closed: l
         }
         kinds.append(kind | {"edge_path_length": before})
     paths = SurfacePaths.joined(parts)
-    joint = joints(mesh, paths)
-    at = joint.vertex >= 0
-    angles = np.concatenate([joint.left[at], joint.right[at]])
-    smallest = float(np.nanmin(angles)) if np.isfinite(angles).any() else None
-    return Curves(paths, describe_paths(mesh, paths, kinds), {"smallest_path_angle": smallest}, done)
+    joint = joints(mesh, paths, shortest=1e-6)
+    sharpest = float(np.nanmin(np.concatenate([joint.left, joint.right]), initial=np.pi))
+    accuracy = {"path_angle_deficit": np.pi - sharpest}
+    return Curves(paths, describe_paths(mesh, paths, kinds), accuracy, done)
 
 
 def laid_on_input(tracer: Tracer, flipping: FlippingMesh, halfedges: list[int], closed: bool) -> SurfacePaths:

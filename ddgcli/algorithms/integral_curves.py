@@ -15,6 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ddgcli.algorithms.geodesic_sources import Sources
 from ddgcli.algorithms.paths import SurfacePaths
 from ddgcli.algorithms.trace import AT_BOUNDARY, GAVE_UP, Tracer, Traces
 from ddgcli.errors import ParameterError
@@ -296,6 +297,17 @@ def random_starts(mesh: TriangleMesh, k: int, seed: int = 0) -> SurfacePoints:
     area = face_area(mesh.side_length)
     face = rng.choice(mesh.n_faces, size=k, p=area / area.sum())
     return SurfacePoints(face, rng.dirichlet(np.ones(3), k))
+
+
+def starts_at(mesh: TriangleMesh, sources: Sources) -> SurfacePoints:
+    """Sources as surface points: vertices as corners of one of their faces."""
+    vertices = sources.vertex.tolist()
+    face = np.array([np.flatnonzero((mesh.faces == v).any(axis=1))[0] for v in vertices], dtype=np.int64)
+    corner = (mesh.faces[face] == sources.vertex[:, None]).astype(np.float64)
+    points = sources.points
+    return SurfacePoints(
+        np.concatenate([face, points.face]), np.concatenate([corner.reshape(-1, 3), points.barycentric])
+    )
 
 
 def usual_duration(mesh: TriangleMesh, values: NDArray) -> float:

@@ -22,7 +22,7 @@ from ddgcli.errors import ParameterError
 from ddgcli.geometry.face_frames import planar_difference
 from ddgcli.geometry.unfolding import SurfaceMesh
 from ddgcli.mesh.topology import NEXT
-from ddgcli.mesh.triangle_mesh import TriangleMesh
+from ddgcli.mesh.triangle_mesh import TriangleMesh, vector_length
 
 _SHORT = 1e-6  # lines are stopped this fraction of the shortest side around the source before it
 
@@ -84,7 +84,7 @@ class _Centre:
         if isinstance(mesh, TriangleMesh):
             side = self.first if self.vertex >= 0 else 3 * self.face
             vector = mesh.side_vector.reshape(-1, 3)[side]
-            said["x_axis"] = (vector / np.linalg.norm(vector)).tolist()
+            said["x_axis"] = (vector / (float(vector_length(vector)) or 1.0)).tolist()
         return said
 
     def seen_in(self, face: NDArray) -> NDArray[np.float64]:

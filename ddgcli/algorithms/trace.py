@@ -69,8 +69,8 @@ class Tracer:
         start = check_start(self.mesh, face, barycentric, direction, length)
         if at_boundary not in ("stop", "reflect"):
             raise ParameterError(f"at_boundary must be 'stop' or 'reflect', found {at_boundary!r}")
-        walk = Walk(self.unfolding, lambda: self.fans, start, at_boundary == "reflect", record)
-        with np.errstate(divide="ignore", invalid="ignore"):
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+            walk = Walk(self.unfolding, lambda: self.fans, start, at_boundary == "reflect", record)
             walk.begin()
             for _ in range(max_crossings):
                 if not len(walk.line):

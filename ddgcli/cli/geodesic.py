@@ -42,7 +42,8 @@ def command(mesh_path: str, distance: DistanceChoice, curves: CurveOptions, comm
     check_distance(distance)
     check_asked(curves, distance.any, distance.method, extra=distance.isolines is not None)
     run = Run("geodesic", common, **distance.said(), **curves.said())
-    mesh = run.read(mesh_path).mesh
+    read = run.read(mesh_path)
+    mesh = read.mesh
     vertex, face, results, accuracy, converged, exact, made = {}, {}, {}, {}, True, None, None
     lines: list = []
     with run.timed("compute"):
@@ -54,7 +55,7 @@ def command(mesh_path: str, distance: DistanceChoice, curves: CurveOptions, comm
             vertex, face, lines, exact = measured.vertex, measured.face, measured.curves, measured.exact
             results, accuracy = measured.results, measured.accuracy
     if curves.any or lines:
-        made = compute_curves(run, mesh, curves, sources, exact, more=lines)
+        made = compute_curves(run, read, curves, sources, exact, more=lines)
         write_curves(run, mesh, made, curves.paths_output)
         results, accuracy = results | {"paths": made.entries}, accuracy | made.accuracy
         converged = made.converged

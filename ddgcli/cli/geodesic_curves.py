@@ -9,7 +9,7 @@ from typing import Any
 
 import click
 
-from ddgcli.cli.options import REAL
+from ddgcli.cli.options import POSITIVE, REAL
 from ddgcli.errors import ParameterError
 
 
@@ -22,6 +22,12 @@ class CurveOptions:
     at_boundary: str = "stop"
     straighten: tuple[Any, ...] = ()
     loop: tuple[Any, ...] = ()
+    field: str | None = None
+    field_seeds: int | None = None
+    field_time: float | None = None
+    field_order: str = "4"
+    field_step: float | None = None
+    field_tolerance: float | None = None
     transport: bool = False
     paths_output: tuple[str, ...] = ()
     log_map: bool = False
@@ -30,7 +36,7 @@ class CurveOptions:
     @property
     def any(self) -> bool:
         """Is any curve asked for?"""
-        return bool(self.path_to or self.trace or self.straighten or self.loop)
+        return bool(self.path_to or self.trace or self.straighten or self.loop or self.field)
 
     @property
     def any_vectors(self) -> bool:
@@ -99,6 +105,19 @@ _OPTIONS = (
                  help="Geodesic in the isotopy class of the edge path through these vertices; repeatable."),
     click.option("--loop", multiple=True, type=VertexList(), metavar="ID,ID,...",
                  help="Closed geodesic in the class of the edge loop through these vertices; repeatable."),
+    click.option("--field", metavar="NAME",
+                 help="Integral curves of a vector array of the input (on vertices or faces), or of a file; "
+                      "from the sources, or from random points."),
+    click.option("--field-seeds", type=click.IntRange(min=1), metavar="N",
+                 help="How many random starts without sources; default 16."),
+    click.option("--field-time", type=POSITIVE, metavar="T",
+                 help="Time to integrate; by default that of crossing the bounding box."),
+    click.option("--field-order", type=click.Choice(["1", "2", "4"]), default="4", show_default=True,
+                 help="Order of the geodesic Runge-Kutta method."),
+    click.option("--field-step", type=POSITIVE, metavar="H",
+                 help="Fixed time step; by default steps adapt."),
+    click.option("--field-tolerance", type=POSITIVE, metavar="LENGTH",
+                 help="Error allowed in an adapted step; by default a thousandth of the mean side."),
     click.option("--transport", is_flag=True,
                  help="Carry a tangent frame along the curves: transport_x, transport_y in --paths-output."),
     click.option("--paths-output", multiple=True, metavar="PATH",
@@ -125,9 +144,10 @@ def curve_options(command: Callable) -> Callable:
 
 
 def compute_curves(
-    run: Any, mesh: Any, asked: CurveOptions, sources: Any, exact: Any, more: Sequence[Any] = ()
+    run: Any, read: Any, asked: CurveOptions, sources: Any, exact: Any, more: Sequence[Any] = ()
 ) -> Any:  # -> Curves
-    """All curves that the options ask for, in the order of the options in --help."""
+    """All curves that the options ask for on the mesh read, in the order of the options in --help."""
+    mesh = read.mesh
     with run.timed("compute"):
         from ddgcli.algorithms import curves
 
@@ -150,8 +170,27 @@ def compute_curves(
 
             closed = [False] * len(asked.straighten) + [True] * len(asked.loop)
             parts.append(straightened_curves(mesh, [*asked.straighten, *asked.loop], closed))
+        if asked.field:
+            parts.append(_field_curves(run, read, asked, sources))
         made = curves.gathered([*parts, *more])
         return curves.with_transport(mesh, made) if asked.transport else made
+
+
+def _field_curves(run: Any, read: Any, asked: CurveOptions, sources: Any) -> Any:  # -> Curves
+    """Integral curves of the named field."""
+    from ddgcli.algorithms.curves import field_curves
+    from ddgcli.algorithms.integral_curves import random_starts, starts_at
+    from ddgcli.io.arrays import given_array
+
+    values, _ = given_array(read, asked.field or "")
+    if sources is None:
+        starts = random_starts(read.mesh, asked.field_seeds or 16, run.common.seed)
+    else:
+        starts = starts_at(read.mesh, sources)
+    return field_curves(
+        read.mesh, values, starts, asked.field_time, order=int(asked.field_order), step=asked.field_step,
+        tolerance=asked.field_tolerance,
+    )  # fmt: skip
 
 
 def compute_vectors(
@@ -191,6 +230,13 @@ def check_asked(asked: CurveOptions, has_source: bool, method: str, *, extra: bo
             raise ParameterError(
                 f"{name} follows the exact distance; leave --method out or give --method exact"
             )
+    for name in ("field_seeds", "field_time", "field_step", "field_tolerance"):
+        if getattr(asked, name) is not None and not asked.field:
+            raise ParameterError(f"--{name.replace('_', '-')} belongs to --field NAME; give that too")
+    if asked.field_step is not None and asked.field_tolerance is not None:
+        raise ParameterError("--field-step fixes the step and --field-tolerance adapts it; give one of them")
+    if asked.field_seeds is not None and has_source:
+        raise ParameterError("--field-seeds are random starts, but sources are given; drop one of them")
     if asked.spread_vector and not has_source:
         raise ParameterError("--spread-vector needs source vertices, e.g. --source 0")
     for name, wanted in (("--paths-output", bool(asked.paths_output)), ("--transport", asked.transport)):

@@ -6,17 +6,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.errors import ParameterError
-from ddgcli.geometry.extrinsic import face_normal
 from ddgcli.geometry.unfolding import SurfaceMesh, Unfolding, corner_position
-from ddgcli.mesh.triangle_mesh import TriangleMesh
+from ddgcli.mesh.triangle_mesh import TriangleMesh, vector_length
 
 
 def face_axes(mesh: TriangleMesh, face: NDArray) -> tuple[NDArray, NDArray]:
     """((k, 3), (k, 3)) unit axes in space of the planar frames of faces; zero where a face has no area."""
-    side = mesh.side_vector[face, 0]
-    length = mesh.side_length[face, :1]
-    x = np.divide(side, length, out=np.zeros_like(side), where=length > 0)
-    return x, np.cross(face_normal(mesh)[face], x)
+    scale = float(mesh.side_length.max(initial=0.0)) or 1.0
+    side, back = mesh.side_vector[face, 0] / scale, mesh.side_vector[face, 2] / -scale
+    x = _unit(side)
+    return x, np.cross(_unit(np.cross(x, back)), x)
+
+
+def _unit(vector: NDArray) -> NDArray[np.float64]:
+    size = vector_length(vector)[:, None]
+    return np.divide(vector, size, out=np.zeros_like(vector), where=size > 0)
 
 
 def to_face_frame(mesh: SurfaceMesh, face: NDArray, vector: NDArray) -> NDArray[np.float64]:

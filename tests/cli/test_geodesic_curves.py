@@ -1,0 +1,141 @@
+"""`geodesic` with curves, end to end: contract names, files, refusals."""
+
+import json
+
+import numpy as np
+import pytest
+
+from ddgcli.io.mesh_file import write_mesh
+from ddgcli.mesh import shapes
+from ddgcli.mesh.fields import AnnotatedMesh
+
+TRACE = "5:0.2,0.3,0.5:1,0,0.2:2.5"
+
+
+@pytest.fixture
+def sphere(tmp_path):
+    mesh = shapes.icosphere(3)
+    path = tmp_path / "sphere.npz"
+    field = np.cross([0, 0, 1.0], mesh.points)
+    write_mesh(str(path), AnnotatedMesh(mesh, vertex={"spin": field}))
+    return path
+
+
+def test_all_curves_in_one_run(summary, sphere, tmp_path):
+    out = tmp_path / "paths.npz"
+    said = summary(
+        "geodesic", sphere, "--source", 3, "--path-to", 100, 200, "--trace", TRACE, "17:1,0,0:0,1,0:1",
+        "--straighten", "3,50,80", "--loop", "1,60,88", "--field", "spin", "--field-time", 1, "--transport",
+        "--log-map", "--spread-vector", "1,0,0", "--paths-output", out,
+        "-o", tmp_path / "out.npz",
+    )  # fmt: skip
+    paths = said["results"]["paths"]
+    kinds = [p["kind"] for p in paths]
+    assert kinds == ["shortest"] * 2 + ["trace"] * 2 + ["straightened", "loop", "integral curve"]
+    for path in paths[:5]:
+        assert {"length", "start", "end", "vertices"} <= set(path)
+    assert paths[2]["length"] == pytest.approx(2.5, rel=1e-12)
+    assert said["accuracy"]["trace_angle_defect"] < 1e-9
+    assert said["accuracy"]["path_length_residual"] < 1e-12
+    with np.load(out) as z:
+        assert {"points", "lines", "path_id", "face", "barycentric", "transport_x", "transport_y"} <= set(z)
+        assert z["path_id"].max() == len(paths) - 1
+        one = z["points"][z["path_id"] == 2]
+        assert np.linalg.norm(np.diff(one, axis=0), axis=1).sum() == pytest.approx(2.5, rel=1e-12)
+    with np.load(tmp_path / "out.npz") as z:
+        assert z["log_map"].shape == (642, 2)
+        np.testing.assert_allclose(np.linalg.norm(z["log_map"], axis=1), z["geodesic_distance"], rtol=1e-12)
+        assert z["transported_vector"].shape == (642, 3)
+
+
+@pytest.mark.slow
+def test_picture_of_curves(summary, sphere, tmp_path):
+    picture = tmp_path / "p.png"
+    summary("geodesic", sphere, "--trace", TRACE, "--plot", picture)
+    assert picture.stat().st_size > 10_000
+
+
+@pytest.mark.parametrize("suffix", ["vtp", "vtu", "obj", "npz"])
+def test_every_format_of_paths(summary, sphere, tmp_path, suffix):
+    out = tmp_path / f"paths.{suffix}"
+    summary("geodesic", sphere, "--trace", TRACE, "--paths-output", out)
+    if suffix in ("vtp", "vtu"):
+        pyvista = pytest.importorskip("pyvista")
+        read = pyvista.read(out)
+        assert read.n_cells == read.n_points - 1
+        assert {"path_id", "face", "barycentric"} <= set(read.point_data)
+    elif suffix == "obj":
+        trimesh = pytest.importorskip("trimesh")
+        lines = out.read_text().splitlines()
+        assert any(line.startswith("l ") for line in lines)
+        assert len(trimesh.load(out).vertices) == sum(line.startswith("v ") for line in lines)
+
+
+def test_angles_at_vertices_are_reported(summary, sphere):
+    mesh = shapes.icosphere(3)
+    ahead = mesh.points[mesh.faces[0, 1]] - mesh.points[mesh.faces[0, 0]]
+    words = ",".join(repr(float(x)) for x in ahead)
+    (path,) = summary("geodesic", sphere, "--trace", f"0:1,0,0:{words}:1.5")["results"]["paths"]
+    assert path["vertices"]
+    for vertex in path["vertices"]:
+        assert vertex["left"] == pytest.approx(vertex["right"], abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    "words, reason",
+    [
+        (["--trace", "99999:1,0,0:1,0,0:1"], "99999"),
+        (["--trace", "0:0.5,0.6,0.7:1,0,0:1"], "sum to 1"),
+        (["--trace", "0:1,0,0:0,0,0:1"], "direction"),
+        (["--trace", "0:1,0,0:1,0,0:-1"], "length"),
+        (["--trace", "0:1,0,0:1,0,0:nan"], "finite"),
+        (["--trace", "0:1,0,0:1,0,0"], "FACE:b0,b1,b2"),
+        (["--path-to", "3"], "needs a source"),
+        (["--source", "0", "--path-to", "99999"], "99999"),
+        (["--source", "0", "--path-to", "3", "--method", "dijkstra"], "exact distance"),
+        (["--source", "0", "1", "--log-map"], "one source"),
+        (["--source", "0", "--paths-output", "x.vtp"], "no curves"),
+        (["--field", "nothing"], "no array 'nothing'"),
+        (["--field-time", "1", "--trace", TRACE], "belongs to --field"),
+        (["--straighten", "3"], "two different"),
+        (["--straighten", "3,x"], "vertex numbers"),
+        (["--source", "0", "--spread-vector", "1,0,0", "--spread-vector", "0,1,0"], "once for each"),
+    ],
+)
+def test_refusals(run, sphere, tmp_path, words, reason):
+    out = tmp_path / "out.npz"
+    result = run("geodesic", sphere, *words, "-o", out)
+    assert result.exit_code == 2, result.output
+    assert reason in result.stderr and result.stderr.startswith("Error:") and result.stderr.count("\n") == 1
+    assert not out.exists()
+
+
+def test_what_could_not_be_reached_is_exit_1(run, tmp_path):
+    a = shapes.icosphere(1)
+    two = np.concatenate([a.points, a.points + 5]), np.concatenate([a.faces, a.faces + a.n_vertices])
+    path = tmp_path / "two.npz"
+    np.savez(path, points=two[0], faces=two[1])
+    result = run("geodesic", path, "--source", 0, "--path-to", 50, "--json", "-q")
+    assert result.exit_code == 1
+    said = json.loads(result.stdout)
+    assert said["results"]["converged"] is False and said["results"]["paths"][0]["length"] is None
+
+
+@pytest.mark.slow
+def test_hard_meshes_are_refused_or_right(run, shared_meshes):
+    """Traces and paths on every hard mesh: an answer or one line, never a traceback or nan."""
+    for path in sorted((shared_meshes / "hard").iterdir()):
+        if path.suffix in (".json", ".md", ".msh", ".mesh") or path.stat().st_size > 300_000:
+            continue
+        result = run(
+            "geodesic", path, "--source", 0, "--path-to", 2, "--log-map",
+            "--trace", "0:0.2,0.3,0.5:1,0.3,0.2:3", "--straighten", "0,2", "--json", "-q",
+        )  # fmt: skip
+        assert result.exit_code in (0, 1, 2), (path, result.exception)
+        assert result.exception is None or isinstance(result.exception, SystemExit), (path, result.exception)
+        if result.exit_code < 2:
+            said = json.loads(result.stdout)
+            for entry in said["results"]["paths"]:
+                assert entry["length"] is None or np.isfinite(entry["length"]), path
+        else:
+            assert result.stderr.count("\n") == 1, (path, result.stderr)
