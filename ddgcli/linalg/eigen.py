@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import eigh
+from scipy.linalg import cholesky, eigh, solve_triangular
 from scipy.sparse import csc_array, csr_array, sparray
 from scipy.sparse.linalg import splu
 
@@ -36,7 +36,8 @@ class Eigenpairs:
     vectors : (n, k) ndarray of float64
         M-orthonormal; the first entry within 1e-6 of the largest magnitude is positive.
     residuals : (k,) ndarray of float64
-        |L x - lambda M x| / (|L x| + lambda |M x|) in the 2-norm; for lambda = 0, |L x| / (|L|_max |x|).
+        Norm of L x - lambda M x relative to that of |L| |x|, the terms that L x is summed from, plus that of
+        lambda M x: the relative change of L that would make the pair exact.
     complete : bool
         Whether a count by inertia found no eigenvalue missing below the last one (of which, where it is
         multiple, only the copies that k leaves room for are returned).
@@ -73,9 +74,9 @@ def smallest_eigenpairs(stiffness: sparray, mass: sparray, k: int, *, seed: int 
     n = L.shape[0]
     if not 1 <= k <= n:
         raise ParameterError(f"{k} eigenpairs asked for, but the matrix has {n} unknowns; ask for 1 to {n}")
-    if n <= DENSE or 3 * k > n:
-        return _finished(L, M, *_dense(L, M, k), complete=True)
     problem = Poisson(L, M @ np.ones(n), **options)
+    if n <= DENSE or 3 * k > n:
+        return _finished(L, M, *_dense(M, problem, k), complete=True)
     null = _null_vectors(problem)[:, :k]
     if null.shape[1] == k:
         return _finished(L, M, np.zeros(k), null, complete=True)
@@ -84,13 +85,15 @@ def smallest_eigenpairs(stiffness: sparray, mass: sparray, k: int, *, seed: int 
     return _finished(L, M, values, np.column_stack([null, vectors]), complete=complete)
 
 
-def _dense(L: csr_array, M: csr_array, k: int) -> tuple[NDArray, NDArray]:
-    values, vectors = eigh(L.toarray(), M.toarray(), subset_by_index=(0, k - 1))
-    problem = Poisson(L, M @ np.ones(L.shape[0]))
+def _dense(M: csr_array, problem: Poisson, k: int) -> tuple[NDArray, NDArray]:
+    """All eigenpairs of the inverse, whose largest are the smallest ones to full relative precision."""
     null = _null_vectors(problem)[:, :k]
     c = null.shape[1]
-    values[:c], vectors[:, :c] = 0.0, null
-    return np.maximum(values, 0.0), vectors
+    R = cholesky(M.toarray())
+    inverse = R @ problem.apply_inverse(np.asfortranarray(R.T))
+    theta, S = eigh(0.5 * (inverse + inverse.T))
+    theta, S = theta[::-1][: k - c], S[:, ::-1][:, : k - c]
+    return np.concatenate([np.zeros(c), 1.0 / theta]), np.column_stack([null, solve_triangular(R, S)])
 
 
 def _null_vectors(problem: Poisson) -> NDArray[np.float64]:
@@ -111,9 +114,7 @@ def _finished(L: csr_array, M: csr_array, values: NDArray, X: NDArray, *, comple
     X = X * np.where(X[first, np.arange(k)] < 0, -1.0, 1.0)
     LX, MX = L @ X, M @ X
     norm = np.linalg.norm
-    scale = np.where(
-        values > 0, norm(LX, axis=0) + values * norm(MX, axis=0), np.abs(L.data).max() * norm(X, axis=0)
-    )
+    scale = norm(abs(L) @ np.abs(X), axis=0) + values * norm(MX, axis=0)
     return Eigenpairs(values, X, norm(LX - MX * values, axis=0) / scale, complete)
 
 
