@@ -24,7 +24,7 @@ log = logging.getLogger("ddgcli")
 
 ANGLE_SLACK = 1e-9  # radians by which opposite angles may sum to more than pi and still count as Delaunay
 FLAT = 1e-15  # excess relative to the longest side below which a triangle has no shape left in float64
-LIFT = 1e-10  # excess, relative to the longest side, that mollification gives the flattest triangle
+LIFT = 1e-12  # excess, relative to the longest side, that mollification gives the flattest triangle
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,7 +10,12 @@ from numpy.typing import NDArray
 
 from ddgcli.algorithms.common_subdivision import Base, CommonSubdivision, common_subdivision
 from ddgcli.algorithms.curvature import angle_defect
-from ddgcli.algorithms.delaunay import flip_to_delaunay, negative_cotan_edges, non_delaunay_edges
+from ddgcli.algorithms.delaunay import (
+    flip_to_delaunay,
+    length_scale,
+    negative_cotan_edges,
+    non_delaunay_edges,
+)
 from ddgcli.algorithms.refine import Refined, refine
 from ddgcli.geometry.intrinsic import corner_angle, face_area
 from ddgcli.linalg.factor import Factor
@@ -112,8 +117,9 @@ def subdivision_residuals(cut: CommonSubdivision, mesh: TriangleMesh) -> dict[st
         `overlay_area_residual`: change of the area, relative; `overlay_length_residual`: largest difference
         between an intrinsic edge and its straight line over the input, relative to its length.
     """
-    area = face_area(mesh.side_length).sum()
-    change = float(abs(face_area(cut.mesh.side_length).sum() - area) / area)
+    scale = length_scale(mesh.side_length)
+    area, cut_area = (face_area(m.side_length / scale).sum() for m in (mesh, cut.mesh))
+    change = float(abs(cut_area - area) / area) if area > 0 else float("nan")
     return {"overlay_area_residual": change, "overlay_length_residual": cut.length_residual}
 
 
@@ -205,7 +211,8 @@ def metric_residuals(before: SurfaceMesh, after: SurfaceMesh) -> dict[str, float
         `area_residual`: change of the area relative to it; `angle_defect_residual`: largest change of an
         angle defect (inserted vertices must have none) relative to a full turn.
     """
-    area0, area1 = (face_area(mesh.side_length).sum() for mesh in (before, after))
+    scale = length_scale(before.side_length)  # areas of tiny and huge surfaces leave the range of float64
+    area0, area1 = (face_area(mesh.side_length / scale).sum() for mesh in (before, after))
     change = angle_defect(after)
     change[: before.n_vertices] -= angle_defect(before)
     return {

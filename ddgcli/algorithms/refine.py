@@ -227,7 +227,7 @@ class _Refinement:
         if self.n_steiner >= self.limit:
             self.exhausted = True
             return False
-        targets = self._independent(self._proposals(bad))
+        targets = self._independent(*self._proposals(bad))
         on_boundary = targets.status == ON_BOUNDARY
         inner = targets[np.flatnonzero(~on_boundary)]
         touched = [self._split_boundary(targets.side[on_boundary]), self._insert(inner)]
@@ -241,7 +241,7 @@ class _Refinement:
     def _is_sharp(self, vertex: NDArray) -> NDArray:
         return (vertex < self.mesh.n_vertices) & self.sharp[np.minimum(vertex, self.mesh.n_vertices - 1)]
 
-    def _proposals(self, bad: NDArray) -> _Targets:
+    def _proposals(self, bad: NDArray) -> tuple[_Targets, _Cavity]:
         """Points to insert for bad faces, worst first: circumcentres, or middles of boundary sides."""
         state = self.state
         targets = seek_circumcentres(state, bad)
@@ -251,14 +251,21 @@ class _Refinement:
         edge[inside] = cavity.encroached
         beyond = targets.status == BEYOND_BOUNDARY
         edge[beyond] = targets.side[beyond]
-        insert = (targets.status == INSIDE) & (edge < 0)
-        insert[insert] = self._clear_of_sharp(targets[np.flatnonzero(insert)])
+        wanted = (targets.status == INSIDE) & (edge < 0)
+        wanted[wanted] = self._clear_of_sharp(targets[np.flatnonzero(wanted)])
         split = np.flatnonzero(edge >= 0)
         split = split[np.sort(np.unique(edge[split], return_index=True)[1])]
         split = split[self._may_split(edge[split])]
         targets.status[split], targets.side[split] = ON_BOUNDARY, edge[split]
         self._lay_out(targets, split)
-        return targets[np.sort(np.concatenate([split, np.flatnonzero(insert)]))]
+        around_splits = conflict_cavity(state, targets[split])
+
+        still = wanted[inside[cavity.item]]
+        item = np.concatenate([split[around_splits.item], inside[cavity.item[still]]])
+        face = np.concatenate([around_splits.face, cavity.face[still]])
+        wanted[split] = True
+        rank = np.cumsum(wanted) - 1
+        return targets[np.flatnonzero(wanted)], _Cavity(rank[item], face, edge[wanted])
 
     def _lay_out(self, targets: _Targets, split: NDArray) -> None:
         """Lay out the faces of boundary sides that are to be cut, and the places of the cuts."""
@@ -286,10 +293,11 @@ class _Refinement:
             self._is_sharp(vertex), self.keep_off[np.minimum(vertex, len(self.keep_off) - 1)], 0.0
         )
 
-    def _independent(self, targets: _Targets) -> _Targets:
+    def _independent(self, targets: _Targets, cavity: _Cavity) -> _Targets:
         """Those whose cavities and the faces around them meet no earlier one's."""
-        claim, cavity = self.state.claim, conflict_cavity(self.state, targets)
-        claim[cavity.face[::-1]] = cavity.item[::-1]
+        claim = self.state.claim
+        order = np.argsort(-cavity.item, kind="stable")
+        claim[cavity.face[order]] = cavity.item[order]
         lost = np.zeros(len(targets.side), dtype=bool)
         lost[cavity.item[claim[cavity.face] != cavity.item]] = True
         wins = ~lost & (np.cumsum(~lost) <= self.limit - self.n_steiner)
@@ -524,7 +532,7 @@ def seek_circumcentres(state: SideArrays, face: NDArray) -> _Targets:
 
 @dataclass(eq=False)
 class _Cavity:
-    """Faces whose circumdisks hold the points of targets, and those around them, in pairs sorted by item.
+    """Faces whose circumdisks hold the points of targets, and those around them, in pairs (some repeated).
 
     `encroached` is a boundary side whose diametral disk holds the point, -1 where there is none.
     """
@@ -564,8 +572,7 @@ def conflict_cavity(state: SideArrays, targets: _Targets) -> _Cavity:
         _, following, previous = around(twin)
         item, side = np.tile(item, 2), np.concatenate([following, previous])
         ends = np.stack([np.concatenate([head, apex]), np.concatenate([apex, tail])], axis=1)
-    pair = np.unique(np.concatenate(items) * np.int64(state.n_faces) + np.concatenate(faces))
-    return _Cavity(pair // state.n_faces, pair % state.n_faces, encroached)
+    return _Cavity(np.concatenate(items), np.concatenate(faces), encroached)
 
 
 def _cross(a: NDArray, b: NDArray) -> NDArray[np.float64]:

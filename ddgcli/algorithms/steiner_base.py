@@ -149,14 +149,15 @@ class _Insertion:
             torn = np.flatnonzero(partner[face] >= 0)
             pair = np.stack([face[torn], partner[face[torn]]], axis=1)
             face[torn] = self._deepest(waiting[torn], pair)
-            active = np.unique(np.concatenate([h, h2, g, g2, active]))
+            active = np.concatenate([h, h2, g, g2, active])
         return face
 
     def _flippable(self, side: NDArray) -> NDArray[np.int64]:
         """Auxiliary edges whose opposite angles sum to more than pi, no two in one face."""
         twin = self.gluing.twin[side]
         inner = (twin >= 0) & (self.input_face[side // 3] == self.input_face[twin // 3])
-        side = np.unique(np.minimum(side, twin)[inner])
+        side = np.sort(np.minimum(side, twin)[inner])
+        side = side[np.append(True, side[1:] != side[:-1])[: len(side)]]
         twin = self.gluing.twin[side]
         excess = np.full(len(side), -np.pi)
         for s in (side, twin):
