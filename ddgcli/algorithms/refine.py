@@ -33,6 +33,7 @@ log = logging.getLogger("ddgcli")
 SHARP = np.pi / 3  # cones and boundary corners of a smaller total angle are left as they are
 NEAREST_TO_SHARP = 0.1  # no point comes nearer to them, relative to their shortest edge before refinement
 LONGEST_WALK = 1000
+FEWEST_TRIED, TRIED_FOR_EACH = 256, 24  # bad faces in a batch: at least, and for each point of the last one
 LEAST_SHARE = 1e-3  # least barycentric coordinate of a point in the intrinsic face that it cuts
 KEEP_OFF_EDGES = 0.01  # distance from input edges, relative to that from the nearest vertex
 INSIDE, BEYOND_BOUNDARY, ON_BOUNDARY, LOST = 0, 1, 2, 3
@@ -175,6 +176,7 @@ class _Refinement:
         self.state.direction = self.fans.angle_before.copy()
         self.flips, self.batches = flip_until_delaunay(self.state)[0], 0
         self.exhausted = False
+        self.random, self.crowd = np.random.default_rng(0), FEWEST_TRIED
 
         n = mesh.n_vertices
         self.fan = np.full(n, -1, dtype=np.int64)
@@ -221,22 +223,32 @@ class _Refinement:
         bad = np.flatnonzero(smallest < self.bound)
         at_sharp = np.any(self._is_sharp(state.tail.reshape(-1, 3)[bad]), axis=1)
         bad = bad[~at_sharp]
-        bad = bad[np.argsort(smallest[bad])]
         if len(bad) == 0:
             return False
         if self.n_steiner >= self.limit:
             self.exhausted = True
             return False
-        targets = self._independent(*self._proposals(bad))
-        on_boundary = targets.status == ON_BOUNDARY
-        inner = targets[np.flatnonzero(~on_boundary)]
-        touched = [self._split_boundary(targets.side[on_boundary]), self._insert(inner)]
-        active = np.concatenate(touched)
-        if len(active) == 0:
+        while True:
+            some = bad if len(bad) <= self.crowd else self.random.choice(bad, self.crowd, replace=False)
+            some = some[np.argsort(smallest[some])]
+            touched = self._insert_at(some)
+            if len(touched) or len(some) == len(bad):
+                break
+            self.crowd *= 8
+        if len(touched) == 0:
             return False
-        self.flips += flip_until_delaunay(state, active)[0]
+        self.flips += flip_until_delaunay(state, touched)[0]
         self.batches += 1
         return True
+
+    def _insert_at(self, bad: NDArray) -> NDArray[np.int64]:
+        """Insert points for bad faces, worst first; returns the sides whose edges may need a flip."""
+        targets = self._independent(*self._proposals(bad))
+        # where all points crowd into a few cavities, next time fewer are tried
+        self.crowd = max(FEWEST_TRIED, TRIED_FOR_EACH * len(targets.side))
+        on_boundary = targets.status == ON_BOUNDARY
+        inner = targets[np.flatnonzero(~on_boundary)]
+        return np.concatenate([self._split_boundary(targets.side[on_boundary]), self._insert(inner)])
 
     def _is_sharp(self, vertex: NDArray) -> NDArray:
         return (vertex < self.mesh.n_vertices) & self.sharp[np.minimum(vertex, self.mesh.n_vertices - 1)]
