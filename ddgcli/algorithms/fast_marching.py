@@ -65,7 +65,7 @@ def marching_stencils(mesh: SurfaceMesh) -> Stencils:
     """Stencils of a surface: one for each acute corner, two for each obtuse one."""
     tables = window_tables(mesh)
     length, x, y, left, right = tables.shape.T
-    ids = tables.ids.astype(np.int64)
+    ids = tables.ids
     obtuse = np.flatnonzero(length**2 > (left**2 + right**2) * (1 + 1e-12))
     a, b, c = ids[:, 0], ids[:, 1], ids[:, 2]
     corner = [np.stack([a, b, c], axis=1)]
@@ -136,7 +136,7 @@ def _unfolded(tables: WindowTables, obtuse: NDArray) -> tuple[NDArray, NDArray, 
         near_a = np.einsum("kd,kd->k", to, arm_a[row]) >= 0
         near_b = np.einsum("kd,kd->k", to, arm_b[row]) >= 0
         inside = near_a & near_b & (y > 0)
-        vertex = tables.ids[code, 2].astype(np.int64)
+        vertex = tables.ids[code, 2]
         found.append((row[inside], vertex[inside], place[inside]))
         # too near the arm to a: the sector leaves by the side towards b, and the other way round
         on = np.flatnonzero(~inside & (near_a | near_b) & (y > 0))
@@ -163,7 +163,7 @@ def _unfolded(tables: WindowTables, obtuse: NDArray) -> tuple[NDArray, NDArray, 
 def _across(tables: WindowTables, side: NDArray) -> tuple[NDArray, NDArray]:
     """Side across each side (negative: none, or several), and whether it runs the same way."""
     face, j = np.divmod(side, 3)
-    code = tables.ids[3 * face + (j + 1) % 3, 3].astype(np.int64)
+    code = tables.ids[3 * face + (j + 1) % 3, 3]
     same = np.zeros(len(side), dtype=bool) if tables.mirrored is None else tables.mirrored[side]
     return code, same
 

@@ -156,11 +156,9 @@ def _start_point(front: Front, source: int, face: int, weights: NDArray) -> None
         apex = w[[2, 0, 1]]
         x, y = w[[1, 2, 0]] * length + apex * ax, apex * ay
         front.improve(
-            tables.ids[side, 0].astype(np.int64),
+            tables.ids[side, 0],
             np.hypot(x, y),
             np.repeat(origin, 3),
-            np.full(3, -1),
-            np.full(3, np.nan),
         )
         front.launch(side, x, y, np.repeat(origin, 3))
 
@@ -186,14 +184,7 @@ def _patch_unreached(front: Front, mesh: SurfaceMesh) -> int:
         for tail, head in ((a, b), (b, a)):
             go = dark[head] & ~dark[tail] & np.isfinite(front.distance[tail])
             reach = front.distance[tail[go]] + front.tables.shape[go, 0]
-            edge_path = np.full(len(reach), -1)
-            front.improve(
-                head[go].astype(np.int64),
-                reach,
-                front.origin[tail[go]],
-                edge_path,
-                np.full(len(reach), np.nan),
-            )
+            front.improve(head[go], reach, front.origin[tail[go]])
         dark &= np.isinf(front.distance)
         if int(dark.sum()) == before:
             break

@@ -23,59 +23,52 @@ NEVER = np.inf
 
 
 class Pool:
-    """Waiting windows: rows of (b0, b1, sx, sy), of (side, origin), and a key that is inf in free slots."""
+    """Waiting windows: columns (b0, b1, sx, sy), (side, origin), and a key that is inf once popped."""
 
-    def __init__(self, capacity: int = 1024) -> None:
-        self.lines = np.empty((capacity, 4))
-        self.where = np.empty((capacity, 2), dtype=np.int64)
-        self.key = np.full(capacity, NEVER)
+    def __init__(self, capacity: int = 4096) -> None:
+        self.lines = np.empty((4, capacity))
+        self.where = np.empty((2, capacity), dtype=np.int64)
+        self.key = np.empty(capacity)
         self.top = 0
-        self._free = np.zeros(0, dtype=np.int64)
+        self._popped = 0
 
     def least(self) -> float:
         return float(self.key[: self.top].min(initial=NEVER))
 
     def push(self, lines: NDArray, where: NDArray, key: NDArray) -> None:
-        count, reused = len(key), min(len(key), len(self._free))
-        fresh = count - reused
-        if self.top + fresh > len(self.key):
-            self._grow(self.top + fresh)
-        if reused:
-            slot = self._free[:reused]
-            self.lines[slot], self.where[slot], self.key[slot] = lines[:reused], where[:reused], key[:reused]
-            self._free = self._free[reused:]
-        if fresh:
-            end = self.top + fresh
-            self.lines[self.top : end] = lines[reused:]
-            self.where[self.top : end] = where[reused:]
-            self.key[self.top : end] = key[reused:]
-            self.top = end
+        end = self.top + len(key)
+        if end > len(self.key):
+            self._make_room(len(key))
+            end = self.top + len(key)
+        self.lines[:, self.top : end] = lines
+        self.where[:, self.top : end] = where
+        self.key[self.top : end] = key
+        self.top = end
 
     def pop_below(self, bound: float) -> tuple[NDArray, NDArray]:
-        slot = np.flatnonzero(self.key[: self.top] < bound)
-        lines, where = self.lines.take(slot, axis=0), self.where.take(slot, axis=0)
+        slot = (self.key[: self.top] < bound).nonzero()[0]
+        lines, where = self.lines.take(slot, axis=1), self.where.take(slot, axis=1)
         self.key[slot] = NEVER
-        if len(self._free):
+        self._popped += len(slot)
+        if self._popped > 2 * (self.top - self._popped) + 1024:
             self._compact()
-        else:
-            self._free = slot
         return lines, where
 
     def _compact(self) -> None:
-        live = np.flatnonzero(self.key[: self.top] < NEVER)
+        live = (self.key[: self.top] < NEVER).nonzero()[0]
         k = len(live)
-        self.lines[:k], self.where[:k] = self.lines.take(live, axis=0), self.where.take(live, axis=0)
-        self.key[:k] = self.key[live]
-        self.key[k : self.top] = NEVER
-        self.top = k
-        self._free = self._free[:0]
+        self.lines[:, :k], self.where[:, :k] = self.lines.take(live, axis=1), self.where.take(live, axis=1)
+        self.key[:k] = self.key.take(live)
+        self.top, self._popped = k, 0
 
-    def _grow(self, need: int) -> None:
-        capacity = max(need, 2 * len(self.key))
-        extra = capacity - len(self.key)
-        self.lines = np.concatenate([self.lines, np.empty((extra, 4))])
-        self.where = np.concatenate([self.where, np.empty((extra, 2), dtype=np.int64)])
-        self.key = np.concatenate([self.key, np.full(extra, NEVER)])
+    def _make_room(self, more: int) -> None:
+        self._compact()
+        capacity = len(self.key)
+        if self.top + more > capacity // 2:
+            extra = self.top + more
+            self.lines = np.concatenate([self.lines, np.empty((4, extra))], axis=1)
+            self.where = np.concatenate([self.where, np.empty((2, extra), dtype=np.int64)], axis=1)
+            self.key = np.concatenate([self.key, np.empty(extra)])
 
 
 class Origins:
@@ -134,6 +127,7 @@ class Front:
         self.side = np.full(n, -1, dtype=np.int64)
         self.crossing = np.full(n, np.nan)
         self.spawned_at = np.full(n, np.inf)
+        self._place = np.zeros(n, dtype=np.int64)
         self.origins = Origins()
         self.pool = Pool()
         self.pending = np.zeros(0, dtype=np.int64)
@@ -144,19 +138,24 @@ class Front:
     # -- vertices -----------------------------------------------------------------------------------
 
     def improve(
-        self, vertex: NDArray, distance: NDArray, origin: NDArray, side: NDArray, crossing: NDArray
+        self,
+        vertex: NDArray,
+        distance: NDArray,
+        origin: NDArray,
+        side: NDArray | None = None,
+        crossing: NDArray | None = None,
     ) -> None:
-        """Lower distances at vertices (entries may repeat), and note the winners' way in."""
-        better = np.flatnonzero(distance < self.distance.take(vertex))
+        """Lower distances at vertices (entries may repeat), and note the way in; no side: by an edge."""
+        better = (distance < self.distance.take(vertex)).nonzero()[0]
         if not len(better):
             return
-        vertex, distance = vertex[better], distance[better]
+        vertex, distance = vertex.take(better), distance.take(better)
         np.minimum.at(self.distance, vertex, distance)
         won = distance == self.distance.take(vertex)
         vertex, better = vertex[won], better[won]
-        self.origin[vertex] = origin[better]
-        self.side[vertex] = side[better]
-        self.crossing[vertex] = crossing[better]
+        self.origin[vertex] = origin.take(better)
+        self.side[vertex] = -1 if side is None else side.take(better)
+        self.crossing[vertex] = np.nan if crossing is None else crossing.take(better)
         self.pending = np.concatenate([self.pending, vertex[self.bends[vertex]]])
 
     def start_vertex(self, vertex: NDArray, source: NDArray) -> None:
@@ -174,33 +173,27 @@ class Front:
         row = np.repeat(np.arange(len(vertex)), count)
         offset = np.arange(len(row)) - np.repeat(np.cumsum(count) - count, count)
         side = self.tables.around[start[row] + offset]
-        length, x, y, left, right = self.tables.shape[side].T
-        v0, v1 = self.tables.ids[side, 0], self.tables.ids[side, 1]
-        base = self.origins.distance[origin][row]
-        none = np.full(2 * len(row), -1, dtype=np.int64)
-        self.improve(
-            np.concatenate([v0, v1]),
-            np.concatenate([base + left, base + right]),
-            np.concatenate([origin[row], origin[row]]),
-            none,
-            np.full(2 * len(row), np.nan),
-        )
-        self.launch(side, x, y, origin[row])
+        shape, ids = self.tables.shape.take(side, axis=0), self.tables.ids.take(side, axis=0)
+        row_origin = origin.take(row)
+        reach = shape[:, 3:] + self.origins.distance.take(row_origin)[:, None]
+        self.improve(ids[:, :2].ravel(), reach.ravel(), np.repeat(row_origin, 2))
+        self.launch(side, shape[:, 1], shape[:, 2], row_origin)
 
     def launch(self, side: NDArray, x: NDArray, y: NDArray, origin: NDArray) -> None:
         """Windows over whole sides, from points (x, y) above each side in its own frame, leaving its face."""
-        length = self.tables.shape[side, 0]
+        length, (end0, end1) = self.tables.shape[side, 0], self.distance.take(self.tables.ids[side, :2].T)
+        base, code = self.origins.distance.take(origin), self._code(side)
         y = np.maximum(y, LIFT * length)
-        lines = np.stack([np.zeros(len(side)), length, length - x, -y], axis=1)
-        code = self._code(side)
-        r0 = self.origins.distance[origin] + np.hypot(length - x, y)  # at the end where the new frame starts
-        r1 = self.origins.distance[origin] + np.hypot(x, y)
-        margin = EPS - self.slack * length
-        v0, v1 = self.tables.ids[side, 0], self.tables.ids[side, 1]
-        keep = (code != BOUNDARY) & (length > EPS)
-        keep &= (r1 <= self.distance[v1] + length + margin) & (r0 <= self.distance[v0] + length + margin)
-        key = np.where((x > 0) & (x < length), self.origins.distance[origin] + y, np.minimum(r0, r1))
-        self._enter(lines[keep], code[keep], origin[keep], key[keep], side[keep])
+        from0, from1 = x, length - x
+        r0, r1 = base + _norm(from0.copy(), y.copy()), base + _norm(from1.copy(), y.copy())
+        far = length + (EPS - self.slack * length)
+        keep = (code != BOUNDARY) & (length > EPS) & (r0 <= end1 + far) & (r1 <= end0 + far)
+        kept = keep.nonzero()[0]
+        key = np.where((from0 > 0) & (from1 > 0), base + y, np.minimum(r0, r1))
+        lines = np.stack([np.zeros(len(side)), length, from1, -y])  # in the frame across, from v1 to v0
+        self._enter(
+            lines.take(kept, axis=1), code.take(kept), origin.take(kept), key.take(kept), side.take(kept)
+        )
 
     def _code(self, side: NDArray) -> NDArray:
         face, j = np.divmod(side, 3)
@@ -217,16 +210,15 @@ class Front:
             one = ~many
             where_from = np.concatenate([np.flatnonzero(one), np.flatnonzero(many)[row]])
             code = np.concatenate([code[one], side])
-            lines, origin, key = lines[where_from], origin[where_from], key[where_from]
+            lines, origin, key = lines[:, where_from], origin[where_from], key[where_from]
             flip = np.concatenate([np.zeros(int(one.sum()), dtype=bool), same_way])
             if tables.mirrored is not None:
                 flip[: int(one.sum())] = tables.mirrored[left_by[one]]
             _reflect(lines, flip, tables.shape[code, 0])
         elif tables.mirrored is not None:
             _reflect(lines, tables.mirrored[left_by], tables.shape[code, 0])
-        where = np.empty((len(code), 2), dtype=np.int64)
-        where[:, 0] = code
-        where[:, 1] = origin
+        where = np.empty((2, len(code)), dtype=np.int64)
+        where[0], where[1] = code, origin
         self.pool.push(lines, where, key)
 
     def run(self, limit: float = np.inf, most_windows: float = np.inf) -> None:
@@ -247,11 +239,11 @@ class Front:
                 self._spawn_below(bound)
             lines, where = self.pool.pop_below(bound)
             self.rounds += 1
-            if len(where) == 0:
+            if where.shape[1] == 0:
                 continue
-            if self.dominance_every and self.rounds % self.dominance_every == 0 and len(where) > 1:
+            if self.dominance_every and self.rounds % self.dominance_every == 0:
                 lines, where = dominate(lines, where, self.tables.shape, self.origins.distance)
-            self.windows += len(where)
+            self.windows += where.shape[1]
             if self.windows > most_windows:
                 raise SolveError(
                     f"exact distance gave up after {self.windows} windows; the triangles are too degenerate: "
@@ -271,97 +263,133 @@ class Front:
     def _spawn_below(self, bound: float) -> None:
         distance = self.distance[self.pending]
         now = distance < bound
-        vertex = np.unique(self.pending[now])
+        vertex = self._once(self.pending[now])
         self.pending = self.pending[~now]
         before = self.origin[vertex]
         self.spawned_at[vertex] = self.distance[vertex]
         origin = self.origins.add(vertex, self.origins.source[before], self.distance[vertex])
         self._spawn(vertex, origin)
 
+    def _once(self, vertex: NDArray) -> NDArray[np.int64]:
+        """The vertices without repetitions."""
+        place = np.arange(len(vertex))
+        self._place[vertex] = place
+        return vertex[self._place[vertex] == place]
+
     def _propagate(self, lines: NDArray, where: NDArray) -> None:
         """Carry windows across their faces: light the apex, then hand on what the filter keeps."""
-        side, origin = where.T
-        b0, b1, sx, sy = lines.T
+        side, origin = where
         base = self.origins.distance.take(origin)
-        shape = self.tables.shape.take(side, axis=0)
-        ids = self.tables.ids.take(side, axis=0)
-        length, ax, ay = shape[:, 0], shape[:, 1], shape[:, 2]
-        dx, dy = ax - sx, ay - sy
+        shape = np.ascontiguousarray(self.tables.shape.take(side, axis=0).T)
+        ids = np.ascontiguousarray(self.tables.ids.take(side, axis=0).T)
+        b0, b1, sx, sy = lines
+        dx, dy = shape[1] - sx, shape[2] - sy
         at = sx - dx * sy / dy  # where the line to the apex crosses the side
-        to_left, to_right = at > b0, at < b1
 
-        lit = np.flatnonzero((at >= b0 - EPS) & (at <= b1 + EPS))
-        reach = base[lit] + np.sqrt(np.square(dx[lit]) + np.square(dy[lit]))
-        self.improve(ids[lit, 2], reach, origin[lit], side[lit], at[lit])
+        lit = ((at >= b0 - EPS) & (at <= b1 + EPS)).nonzero()[0]
+        if len(lit):
+            reach = base.take(lit) + _norm(dx.take(lit), dy.take(lit))
+            self.improve(ids[2].take(lit), reach, origin.take(lit), side.take(lit), at.take(lit))
 
-        # children, in a frame that starts at the near vertex (v0, or v1 mirrored) and runs towards the apex
-        left, right = np.flatnonzero(to_left), np.flatnonzero(to_right)
-        k = len(left)
-        parent = np.concatenate([left, right])
-        a = np.empty((7, len(parent)))
-        near, far, x, apex_x, far_cut, l, r = a
-        l[:] = length.take(parent)
-        near[:k], near[k:] = b0[left], l[k:] - b1[right]
-        far[:k], far[k:] = b1[left], l[k:] - b0[right]
-        far_cut[:k], far_cut[k:] = at[left], l[k:] - at[right]
-        x[:k], x[k:] = sx[left], l[k:] - sx[right]
-        apex_x[:k], apex_x[k:] = ax[left], l[k:] - ax[right]
-        y, apex_y = sy.take(parent), ay.take(parent)
-        edge = np.concatenate([shape[left, 3], shape[right, 4]])
-        r[:] = base.take(parent)
-        cross = apex_x * y - apex_y * x
-        tiny = -1e-300
-        f0 = np.minimum(near * y / np.minimum(cross + near * apex_y, tiny), 1.0)
-        f1 = np.minimum(far * y / np.minimum(cross + far * apex_y, tiny), 1.0)
-        f1[far_cut <= far] = 1.0
-
-        u, v = f0 * apex_x, f0 * apex_y
-        r0 = r + np.sqrt(np.square(u - x) + np.square(v - y))
-        detour = np.sqrt(np.square(l - u) + np.square(v))
-        r1 = r + np.sqrt(np.square(f1 * apex_x - x) + np.square(f1 * apex_y - y))
-        s0, s1 = f0 * edge, f1 * edge
-        margin = EPS - self.slack * edge if self.slack > 0 else EPS
-        tri = ids.take(parent, axis=0)
-        code = np.concatenate([tri[:k, 3], tri[k:, 4]])
-        d_left, d_right = self.distance.take(tri[:, 0]), self.distance.take(tri[:, 1])
-        d_near = np.concatenate([d_left[:k], d_right[k:]])
-        d_other = np.concatenate([d_right[:k], d_left[k:]])
-        keep = s1 - s0 > EPS
-        keep &= code != BOUNDARY
-        keep &= r1 <= d_near + s1 + margin
-        keep &= r0 <= self.distance.take(tri[:, 2]) + (edge - s0) + margin
-        keep &= r0 <= d_other + detour + margin
-        kept = np.flatnonzero(keep)
-        if not len(kept):
-            return
-        k = int(np.searchsorted(kept, k))
-        edge, s0, s1, r0, r1, r, y = (c.take(kept) for c in (edge, s0, s1, r0, r1, r, y))
-        x, apex_x, apex_y, cross = (c.take(kept) for c in (x, apex_x, apex_y, cross))
-        new_x = (x * apex_x + y * apex_y) / edge
-        new_y = cross / edge
-        key = np.where((new_x > s0) & (new_x < s1), r - new_y, np.minimum(r0, r1))
-        out = np.empty((len(kept), 4))
-        out[:k, 0], out[k:, 0] = s0[:k], edge[k:] - s1[k:]
-        out[:k, 1], out[k:, 1] = s1[:k], edge[k:] - s0[k:]
-        out[:k, 2], out[k:, 2] = new_x[:k], edge[k:] - new_x[k:]
-        out[:, 3] = new_y
+        left, right = (at > b0).nonzero()[0], (at < b1).nonzero()[0]
+        parent, n_left = np.concatenate([left, right]), len(left)
+        kept, out, key = self._children(
+            n_left,
+            lines.take(parent, axis=1),
+            at.take(parent),
+            shape.take(parent, axis=1),
+            self.distance.take(ids[:3].take(parent, axis=1)),
+            base.take(parent),
+        )
+        k = int(np.searchsorted(kept, n_left))
         source = parent.take(kept)
+        code = np.concatenate([ids[3].take(source[:k]), ids[4].take(source[k:])])
+        inner = (code != BOUNDARY).nonzero()[0]
+        if len(inner) < len(kept):
+            kept, out, key = kept.take(inner), out.take(inner, axis=1), key.take(inner)
+            code, source = code.take(inner), source.take(inner)
         left_by = code[:0]  # needed only where crossings are not plain
         if self.tables.mirrored is not None or self.tables.edge_sides is not None:
-            face, j = np.divmod(side[source], 3)
-            j[:k] += 2
-            j[k:] += 1
-            left_by = 3 * face + j % 3
-        self._enter(out, code.take(kept), origin.take(source), key, left_by)
+            face, j = np.divmod(side.take(source), 3)
+            left_by = 3 * face + (j + np.where(kept < n_left, 2, 1)) % 3
+        self._enter(out, code, origin.take(source), key, left_by)
+
+    def _children(
+        self, n_left: int, lines: NDArray, cut: NDArray, shape: NDArray, corner: NDArray, base: NDArray
+    ) -> tuple[NDArray, NDArray, NDArray]:
+        """Windows on the two other sides of a face; the first `n_left` go out by (v0, apex).
+
+        All are seen in a frame that starts at their near vertex, v0 or mirrored v1, and runs along the old
+        side; `cut` is where the line to the apex ends a lit window. Overwrites its arguments.
+
+        Returns
+        -------
+        kept : ndarray of int64
+            Those that the filter keeps.
+        out, key : ndarrays
+            Their columns (b0, b1, sx, sy) in the frame across, and their least distances.
+        """
+        length, apex_x, apex_y, edge, other_edge = shape
+        near, far, x, y = lines
+        d_near, d_other, d_apex = corner
+        back = slice(n_left, None)
+        edge[back] = other_edge[back]
+        for coordinate in (near, far, x, apex_x, cut):
+            np.subtract(length[back], coordinate[back], out=coordinate[back])
+        near[back], far[back] = far[back], near[back].copy()
+        d_near[back], d_other[back] = d_other[back], d_near[back].copy()
+
+        ends = lines[:2]
+        cross = apex_x * y
+        cross -= apex_y * x
+        slope = ends * apex_y
+        slope += cross
+        fraction = ends * y  # along the side towards the apex, for both ends
+        fraction /= np.minimum(slope, -1e-300, out=slope)
+        np.minimum(fraction, 1.0, out=fraction)
+        np.copyto(fraction[1], 1.0, where=cut <= far)
+        u, v = fraction * apex_x, fraction * apex_y
+        detour = _norm(length - u[0], v[0].copy())
+        u -= x
+        v -= y
+        reach = _norm(u, v)
+        reach += base
+        r0, r1 = reach
+        fraction *= edge
+        s0, s1 = fraction
+        margin = EPS - self.slack * edge if self.slack > 0 else EPS
+        keep = s1 - s0 > EPS
+        keep &= r1 <= d_near + s1 + margin
+        keep &= r0 <= d_apex + (edge - s0) + margin
+        keep &= r0 <= d_other + detour + margin
+
+        kept = keep.nonzero()[0]
+        x *= apex_x
+        x += y * apex_y
+        x /= edge
+        cross /= edge
+        inside = (x > s0) & (x < s1)
+        key = np.where(inside, base - cross, np.minimum(r0, r1)).take(kept)
+        near[:], far[:], y[:] = s0, s1, cross
+        np.subtract(edge[back], s1[back], out=near[back])
+        np.subtract(edge[back], s0[back], out=far[back])
+        np.subtract(edge[back], x[back], out=x[back])
+        return kept, lines.take(kept, axis=1), key
+
+
+def _norm(x: NDArray, y: NDArray) -> NDArray[np.float64]:
+    """Length of (x, y); overwrites both. Lengths here are of order 1, so squares are safe."""
+    x *= x
+    y *= y
+    x += y
+    return np.sqrt(x, out=x)
 
 
 def _reflect(lines: NDArray, flip: NDArray, length: NDArray) -> None:
     """Turn windows around where `flip`: x becomes length - x."""
     i = np.flatnonzero(flip)
-    b0 = lines[i, 0].copy()
-    lines[i, 0] = length[i] - lines[i, 1]
-    lines[i, 1] = length[i] - b0
-    lines[i, 2] = length[i] - lines[i, 2]
+    b0, b1, sx, _ = lines[:, i]
+    lines[:3, i] = length[i] - np.stack([b1, b0, sx])
 
 
 def dominate(
@@ -377,29 +405,25 @@ def dominate(
     through the two sources meets the side; hence at most two roots, found by bracketing (the closed
     quadratic cancels when the sources nearly coincide).
     """
-    side = where[:, 0]
-    order = np.argsort(side + 0.9999999 * lines[:, 0] / shape.take(side, axis=0)[:, 0])
-    lines, where = lines.take(order, axis=0), where.take(order, axis=0)
-    side = where[:, 0]
-    i = np.flatnonzero((side[1:] == side[:-1]) & (lines[1:, 0] < lines[:-1, 1]))
+    order = np.argsort(where[0] + 0.9999999 * lines[0] / shape[:, 0].take(where[0]))
+    lines, where = lines.take(order, axis=1), where.take(order, axis=1)
+    side = where[0]
+    i = ((side[1:] == side[:-1]) & (lines[0, 1:] < lines[1, :-1])).nonzero()[0]
     if not len(i):
         return lines, where
-    p, q = lines.take(i, axis=0), lines.take(i + 1, axis=0)
-    base = origin_distance.take(where[:, 1])
+    p, q = lines.take(i, axis=1), lines.take(i + 1, axis=1)
+    base = origin_distance.take(where[1])
     base_p, base_q = base.take(i), base.take(i + 1)
-    px, py, qx, qy = p[:, 2], p[:, 3], q[:, 2], q[:, 3]
-    contained = q[:, 1] <= p[:, 1]
-    lo, hi = q[:, 0].copy(), np.minimum(p[:, 1], q[:, 1])
-
-    def gap(x: NDArray) -> NDArray:
-        return (base_p + np.sqrt(np.square(x - px) + np.square(py))) - (
-            base_q + np.sqrt(np.square(x - qx) + np.square(qy))
-        )
-
-    with np.errstate(divide="ignore", invalid="ignore"):
-        middle = px + (qx - px) * py / (py - qy)
-    middle = np.where(np.isfinite(middle), np.clip(middle, lo, hi), lo)
-    g_lo, g_hi, g_mid = gap(lo), gap(hi), gap(middle)
+    px, py, qx, qy = p[2], p[3], q[2], q[3]
+    contained = q[1] <= p[1]
+    at = np.empty((3, len(i)))  # both ends of the overlap, and where the difference has its extremum
+    lo, hi, middle = at
+    lo[:] = q[0]
+    np.minimum(p[1], q[1], out=hi)
+    np.divide((qx - px) * py, py - qy, out=middle)
+    middle += px
+    np.fmin(np.fmax(middle, lo, out=middle), hi, out=middle)
+    g_lo, g_hi, g_mid = _gap(at, (base_p, px, py), (base_q, qx, qy))
     p_wins = (g_lo <= 0) & (g_hi <= 0) & (g_mid <= 0)
     q_wins = (g_lo > 0) & (g_hi > 0) & (g_mid > 0) & ~contained
     p_first = (g_lo < 0) & (g_hi > 0)
@@ -416,25 +440,35 @@ def dominate(
             (base_q[root], qx[root], qy[root]),
         )
         forward = p_first[root]
-        lines[i[root[forward]] + 1, 0] = lo_r[forward]
+        lines[0, i[root[forward]] + 1] = lo_r[forward]
         cut_p = forward & ~contained[root]
-        lines[i[root[cut_p]], 1] = hi_r[cut_p]
-        lines[i[root[~forward]] + 1, 1] = hi_r[~forward]
-    lines[i[p_wins] + 1, 0] = hi[p_wins]
-    lines[i[q_wins], 1] = lo[q_wins]
-    alive = np.flatnonzero(lines[:, 1] - lines[:, 0] > EPS)
-    if len(alive) == len(lines):
+        lines[1, i[root[cut_p]]] = hi_r[cut_p]
+        lines[1, i[root[~forward]] + 1] = hi_r[~forward]
+    lines[0, i[p_wins] + 1] = hi[p_wins]
+    lines[1, i[q_wins]] = lo[q_wins]
+    alive = (lines[1] - lines[0] > EPS).nonzero()[0]
+    if len(alive) == len(side):
         return lines, where
-    return lines.take(alive, axis=0), where.take(alive, axis=0)
+    return lines.take(alive, axis=1), where.take(alive, axis=1)
+
+
+def _gap(x: NDArray, p: tuple, q: tuple) -> NDArray[np.float64]:
+    """Distance at x by window p less that by q, each (distance of the origin, sx, sy)."""
+    gap = _slant(x - p[1], p[2])
+    gap -= _slant(x - q[1], q[2])
+    gap += p[0] - q[0]
+    return gap
+
+
+def _slant(x: NDArray, y: NDArray) -> NDArray[np.float64]:
+    """Length of (x, y) for one or several rows of x; overwrites x."""
+    x *= x
+    x += y * y
+    return np.sqrt(x, out=x)
 
 
 def _bracket(lo: NDArray, hi: NDArray, g_lo: NDArray, g_hi: NDArray, p: tuple, q: tuple) -> tuple:
     """Shrink [lo, hi] around the sign change of p - q: two steps of regula falsi, the second overshooting."""
-
-    def gap(x: NDArray) -> NDArray:
-        return (p[0] + np.sqrt(np.square(x - p[1]) + np.square(p[2]))) - (
-            q[0] + np.sqrt(np.square(x - q[1]) + np.square(q[2]))
-        )
 
     rising = g_lo < 0
     for step in (1.0, 2.0):
@@ -446,7 +480,7 @@ def _bracket(lo: NDArray, hi: NDArray, g_lo: NDArray, g_hi: NDArray, p: tuple, q
             g_near = np.where(np.abs(g_lo) < np.abs(g_hi), g_lo, g_hi)
             x = nearest - 2 * g_near / slope
         x = np.where((x > lo) & (x < hi), x, 0.5 * (lo + hi))
-        g = gap(x)
+        g = _gap(x, p, q)
         low = np.where(rising, g <= 0, g > 0)
         lo, hi = np.where(low, x, lo), np.where(low, hi, x)
         g_lo, g_hi = np.where(low, g, g_lo), np.where(low, g_hi, g)

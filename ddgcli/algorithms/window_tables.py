@@ -32,7 +32,7 @@ class WindowTables:
     ----------
     shape : (3m, 5) ndarray of float64
         length, apex_x, apex_y, |v0 apex|, |v1 apex|; divided by `scale`.
-    ids : (3m, 5) ndarray of int32
+    ids : (3m, 5) ndarray of int64
         v0, v1, apex, and the sides entered when leaving by (v0, apex) and by (apex, v1), or their codes.
     mirrored : (3m,) ndarray of bool, or None
         True where the side across runs the same way (faces of opposite orientation); None where none does.
@@ -47,7 +47,7 @@ class WindowTables:
     """
 
     shape: NDArray[np.float64]
-    ids: NDArray[np.int32]
+    ids: NDArray[np.int64]
     mirrored: NDArray[np.bool_] | None
     edge_sides: tuple[NDArray, NDArray, NDArray, NDArray] | None
     bends: NDArray[np.bool_]
@@ -91,7 +91,7 @@ def window_tables(mesh: SurfaceMesh) -> WindowTables:
     scale = 2.0 ** np.frexp(longest)[1] if longest > 0 else 1.0
     shape = _side_shapes(mesh, scale)
     code, mirrored, edge_sides = _sides_across(topology)
-    ids = np.empty((3 * topology.n_faces, 5), dtype=np.int32)
+    ids = np.empty((3 * topology.n_faces, 5), dtype=np.int64)
     faces = topology.faces
     ids[:, 0] = faces.ravel()
     ids[:, 1] = faces[:, NEXT].ravel()
