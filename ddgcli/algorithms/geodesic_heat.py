@@ -149,7 +149,10 @@ class HeatSolver:
         while (inside & ~known).any() and stages < MOST_STAGES:
             dim = np.flatnonzero(inside & ~known)
             rows = self._system[dim]
-            load = -(rows[:, np.flatnonzero(known)] @ (value * np.exp(level - level[known].min()))[known])
+            lit = np.flatnonzero(known)
+            rim = lit[np.unique(csc_array(rows[:, lit]).nonzero()[1])]
+            reference = level[rim].max(initial=-np.inf)
+            load = -(rows[:, rim] @ (value[rim] * np.exp(level[rim] - reference)))
             brightest = np.abs(load).max(initial=0.0)
             if not brightest > 0:
                 break
@@ -158,7 +161,7 @@ class HeatSolver:
             if not peak > 0:
                 break
             value[dim] = found / peak
-            level[dim] = level[known].min() + np.log(brightest) + np.log(peak)
+            level[dim] = reference + np.log(brightest) + np.log(peak)
             known[dim] = value[dim] > FAINT
             stages += 1
         value[~known] = 0.0

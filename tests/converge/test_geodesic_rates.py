@@ -1,0 +1,86 @@
+"""How fast each distance falls to the truth: great circles, and the exact polyhedral distance."""
+
+import numpy as np
+import pytest
+
+from ddgcli.algorithms.delaunay import flip_to_delaunay
+from ddgcli.algorithms.fast_marching import marched_distance
+from ddgcli.algorithms.geodesic_exact import exact_distance
+from ddgcli.algorithms.geodesic_heat import HeatSolver
+from ddgcli.mesh import shapes
+from ddgcli.mesh.triangle_mesh import TriangleMesh
+
+
+def jittered_torus(nu: int) -> TriangleMesh:
+    u, v, faces = shapes.wrapped_grid(nu, nu // 2, wrap_u=True, wrap_v=True)
+    shift = np.random.default_rng(0).uniform(-0.25, 0.25, (2, len(u)))
+    u, v = 2 * np.pi * (u + shift[0] / nu), 2 * np.pi * (v + 2 * shift[1] / nu)
+    r = 1 + 0.4 * np.cos(v)
+    return TriangleMesh.from_arrays(np.stack([r * np.cos(u), r * np.sin(u), 0.4 * np.sin(v)], axis=1), faces)
+
+
+SPHERES = [shapes.random_sphere(n) for n in (1000, 4000, 16000)]
+TORI = [jittered_torus(nu) for nu in (40, 80, 160)]
+
+
+def mean_errors(meshes, method):
+    errors = []
+    for mesh in meshes:
+        truth = exact_distance(mesh, 0).distance
+        errors.append(np.abs(method(mesh) - truth).mean() / truth.mean())
+    return np.array(errors)
+
+
+def rate(errors):
+    """Order in the mesh size, which halves from mesh to mesh."""
+    return np.log2(errors[0] / errors[-1]) / (len(errors) - 1)
+
+
+def heat(**options):
+    return lambda mesh: HeatSolver(flip_to_delaunay(mesh).mesh, **options).distance(0).distance
+
+
+def test_polyhedral_distance_nears_great_circles_with_order_two():
+    errors = []
+    for level in (2, 3, 4):
+        mesh = shapes.icosphere(level)
+        angle = np.arccos(np.clip(mesh.points @ mesh.points[0], -1, 1))
+        errors.append(np.abs(exact_distance(mesh, 0).distance - angle).max())
+    assert 1.9 < rate(errors) < 2.1
+
+
+@pytest.mark.parametrize("meshes, least, last", [(SPHERES, 0.7, 3e-3), (TORI, 0.5, 2e-3)])
+def test_fast_marching_is_of_first_order(meshes, least, last):
+    errors = mean_errors(meshes, lambda mesh: marched_distance(mesh, 0).distance)
+    assert rate(errors) > least
+    assert errors[-1] < last
+
+
+@pytest.mark.parametrize("meshes", [SPHERES, TORI])
+def test_straight_fronts_are_of_first_order_with_a_larger_constant(meshes):
+    planar = mean_errors(meshes, lambda mesh: marched_distance(mesh, 0, planar=True).distance)
+    round_ = mean_errors(meshes, lambda mesh: marched_distance(mesh, 0).distance)
+    assert rate(planar) > 0.5
+    assert (planar > 3 * round_).all()
+
+
+def test_published_heat_stops_falling_on_the_sphere_and_the_refined_one_does_not():
+    published = mean_errors(SPHERES, heat())
+    refined = mean_errors(SPHERES, heat(refine=1, time_factor=4.0))
+    assert rate(published) < 0.3
+    assert rate(refined) > 0.9
+    assert refined[-1] < 0.1 * published[-1]
+
+
+@pytest.mark.parametrize("options", [{}, {"refine": 1, "time_factor": 4.0}])
+def test_heat_falls_on_the_torus(options):
+    """A long cut locus: both smear it over sqrt(t), so the error falls slower than h."""
+    errors = mean_errors(TORI, heat(**options))
+    assert rate(errors) > 0.35
+    assert errors[-1] < 0.03
+
+
+def test_flat_pieces_are_exact_for_round_fronts():
+    mesh = shapes.grid(20, 20, pattern="alternating")
+    truth = np.linalg.norm(mesh.points - mesh.points[0], axis=1)
+    assert np.abs(marched_distance(mesh, 0).distance - truth).max() < 1e-12
