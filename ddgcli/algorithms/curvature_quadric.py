@@ -30,7 +30,7 @@ _TABLE = np.array([[_POWERS.index((a + c, b + d)) for c, d in _TERMS] for a, b i
 _PENALTIES = (1e-6, 1e-4, 1e-2, 1.0, 1e2, 1e4)  # from a quartic fit to a quadratic one
 _JUDGES = 128  # vertices that choose among them
 _FLOOR = 1e-12  # penalty of the low terms, so that three neighbours give an answer too
-_ENOUGH = 14  # neighbours below which a third ring is added
+_ENOUGH = 15  # neighbours below which a third ring is added
 _PAIRS = 40_000  # neighbours handled at once: the working arrays stay in the cache
 
 
