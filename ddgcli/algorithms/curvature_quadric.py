@@ -112,7 +112,10 @@ def _local(
 
 
 def _same_side(normal: NDArray, begin: int, end: int, regions: Regions) -> tuple[NDArray, NDArray]:
-    """Neighbours whose normals are less than a right angle from their vertex's: heights are a function."""
+    """Neighbours whose normals are less than a right angle from their vertex's: heights are a function.
+
+    A vertex left with fewer than three, as the corners of a tetrahedron are, keeps those up to 120 degrees.
+    """
     member = regions.member[regions.start[begin] : regions.start[end]]
     start = regions.start[begin : end + 1] - regions.start[begin]
     count = np.diff(start)
@@ -123,6 +126,9 @@ def _same_side(normal: NDArray, begin: int, end: int, regions: Regions) -> tuple
     if keep.all():
         return start, member
     kept = np.add.reduceat(keep, start[:-1], dtype=np.int64)
+    if kept.min() < 4:
+        keep |= np.repeat(kept < 4, count) & (cosine > -0.5)
+        kept = np.add.reduceat(keep, start[:-1], dtype=np.int64)
     return np.concatenate([[0], np.cumsum(kept)]), member[keep]
 
 
