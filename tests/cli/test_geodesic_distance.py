@@ -80,7 +80,7 @@ MIXED = ("--source", 0, "--source-face", "150:0.2,0.3,0.5")
 
 @pytest.mark.parametrize(
     "method, least, most",
-    [("exact", 0, 1e-15), ("heat", 1e-4, 0.08), ("fast-marching", 1e-5, 0.02), ("dijkstra", 0.05, 0.45)],
+    [("exact", 0, 1e-15), ("heat", 1e-4, 0.2), ("fast-marching", 1e-5, 0.02), ("dijkstra", 0.05, 0.45)],
 )
 def test_every_method_from_mixed_sources(square, summary, method, least, most):
     said = summary("geodesic", square, *MIXED, "--method", method, "--compare", "exact", "dijkstra")
