@@ -166,10 +166,11 @@ class Scene:
 
 
 def located(document: Document, key: Key, message: str) -> str:
-    """`FILE: line N: message`."""
+    """`FILE: line N: message`; the message alone for a scene that no file holds (the quick form)."""
+    if not document.path:
+        return message
     line = document.line(key)
-    prefix = f"{document.path}: " if document.path else ""
-    return f"{prefix}{f'line {line}: ' if line else ''}{message}"
+    return f"{document.path}: {f'line {line}: ' if line else ''}{message}"
 
 
 def resolve(document: Document, kind: SceneKind, overrides: Mapping[str, Any] | None = None) -> Scene:

@@ -225,16 +225,44 @@ def test_no_slip_channel_decays_at_the_stokes_rate():
     assert error[1] < 0.05 and np.log2(error[0] / error[1]) > 1.8
 
 
-@pytest.mark.parametrize("name", ["sphere", "flat torus", "torus", "annulus"])
+@pytest.mark.parametrize("name", SURFACES)
 def test_circulation_keeps_the_total_and_is_the_identity_for_no_time(name):
     space = space_of(SURFACES[name])
     omega, c = some_flow(space)
     carry = CirculationAdvection(space)
     same, c_same = carry.step(omega, c, 0.0, True)
-    if name in ("sphere", "flat torus"):  # no obtuse triangles
-        assert np.abs(same - omega).max() < 1e-10 * np.abs(omega).max() and np.allclose(c_same, c, atol=1e-12)
+    assert np.abs(same - omega)[space.inside].max() < 1e-10 * np.abs(omega).max()
+    assert np.allclose(c_same, c, rtol=0, atol=1e-11)
     after, _ = carry.step(omega, c, 0.1, True)
     assert abs(after.sum() - omega.sum()) < 1e-12 * np.abs(omega).sum()
+
+
+@pytest.mark.parametrize("name", SURFACES)
+def test_circulation_raises_neither_energy_nor_enstrophy(name):
+    space = space_of(SURFACES[name])
+    omega, c = some_flow(space)
+    carry = CirculationAdvection(space)
+    energy, enstrophy = [], []
+    for _ in range(20):
+        energy.append(space.kinetic_energy(space.stream_function(omega), omega, c))
+        enstrophy.append(space.enstrophy(omega))
+        omega, c = carry.step(omega, c, 0.02, True)
+    assert (np.diff(energy) <= 1e-12 * energy[0]).all()
+    assert np.isfinite(omega).all() and enstrophy[-1] < 1.001 * enstrophy[0]
+
+
+def test_circulation_loses_little_on_a_sphere():
+    """What is lost does not grow with the number of steps, as it does where every step interpolates."""
+    space = space_of(shapes.icosphere(3))
+    left = []
+    for dt in (0.05, 0.0125):
+        omega, c = some_flow(space)
+        start = space.kinetic_energy(space.stream_function(omega), omega, c)
+        carry = CirculationAdvection(space)
+        for _ in range(round(1 / dt)):
+            omega, c = carry.step(omega, c, dt, True)
+        left.append(space.kinetic_energy(space.stream_function(omega), omega, c) / start)
+    assert min(left) > 0.99
 
 
 def test_circulation_follows_the_conservative_flow():
@@ -242,10 +270,10 @@ def test_circulation_follows_the_conservative_flow():
     omega, c = some_flow(space)
     carry = CirculationAdvection(space)
     other = omega
-    for _ in range(8):
-        omega, c = carry.step(omega, c, 0.05, True)
+    for _ in range(32):
+        omega, c = carry.step(omega, c, 0.0125, True)
     for _ in range(40):
         other, *_ = runge_kutta(space, other, NONE, 0.01, False)
     moved = np.sqrt(space.enstrophy(other - some_flow(space)[0]) / space.enstrophy(other))
     apart = np.sqrt(space.enstrophy(omega - other) / space.enstrophy(other))
-    assert moved > 0.2 and apart < 0.08
+    assert moved > 0.2 and apart < 0.05

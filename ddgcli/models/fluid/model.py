@@ -24,6 +24,7 @@ log = logging.getLogger("ddgcli")
 
 FOLDED = 1.0  # difference of velocity across an edge times dt over the faces' size, beyond which loops fold
 RISE = 1e-6  # relative rise of the kinetic energy at which a step by circulation is shortened
+SMALL = 0.02  # of the number that FOLDED bounds: steps so short are taken as they are
 SETTLED = 1e-10  # relative change left by the iteration of the midpoint rule
 # most harmonic flows kept as a dense basis
 MOST_HARMONIC = 2_000
@@ -57,7 +58,10 @@ def contexts(
             placed = place(section, read)
             require_flow(placed.mesh)
         except ValueError as error:
-            scene.refuse(("object", number), f"object {section.name!r}: {error}")
+            told = str(error)
+            if section.mesh is not None and section.mesh not in told:
+                told = f"{section.mesh}: {told}"
+            scene.refuse(("object", number), told if section.mesh else f"object {section.name!r}: {told}")
         period = np.zeros(3)
         if section.grid is not None:
             size = np.array(section.grid.size) * section.scale
@@ -241,7 +245,7 @@ class FluidModel:
         vorticity, coefficients = self.circulation.step(state.vorticity, state.coefficients, dt, self.evolve)
         before, after = (self._energy(*pair) for pair in (
             (state.vorticity, state.coefficients), (vorticity, coefficients)))  # fmt: skip
-        if not after <= before * (1.0 + RISE):
+        if folded > SMALL and not after <= before * (1.0 + RISE):
             raise StepRejected("energy rises", value=after / before - 1.0)
         return replace(state, vorticity=vorticity, coefficients=coefficients)
 
@@ -325,7 +329,9 @@ class FluidModel:
 
     def pack(self, state: FluidState) -> dict[str, NDArray]:
         """The state as arrays of fixed shape."""
-        return {"vorticity": state.vorticity, "coefficients": state.coefficients, "dye": state.dye}
+        arrays = {"vorticity": state.vorticity, "coefficients": state.coefficients, "dye": state.dye}
+        return {name: values for name, values in arrays.items() if len(values)}
 
     def unpack(self, arrays: dict[str, NDArray]) -> FluidState:
-        return FluidState(arrays["vorticity"], arrays["coefficients"], arrays["dye"])
+        none = np.zeros(0)
+        return FluidState(arrays["vorticity"], arrays.get("coefficients", none), arrays.get("dye", none))

@@ -23,30 +23,32 @@ class Carried:
     barycentric : (k, 3) ndarray
     shift : (k,) ndarray of complex
         From the start to the end, unfolded along the way, in the planar frame of the start's face.
-    velocity : (k,) ndarray of complex
-        At the end, carried back in parallel to the frame of the start's face.
+    velocity, sharp : (k,) ndarray of complex
+        At the end, carried back in parallel to the frame of the start's face: continuous and smoothed, or
+        with the slope of each face.
     """
 
     face: NDArray[np.int64]
     barycentric: NDArray[np.float64]
     shift: NDArray[np.complex128]
     velocity: NDArray[np.complex128]
+    sharp: NDArray[np.complex128]
 
 
 class Transport:
     """A surface made ready for carrying points: centres of faces, frames of vertices.
 
-    The centre of a face is its circumcentre, or the middle of its longest side where that lies outside. The
-    velocity is linear in the six triangles that centre, corners and middles of sides make of a face: at the
-    centre the face's own, at a vertex the mean over its faces (in the frame of its angles, stretched to a
-    full turn), at the middle of a side between the two centres.
+    A face's velocity is taken for that of its barycentre, where it is of second order. Continuously it is
+    linear in the six triangles that barycentre, corners and middles of sides make of a face: at a vertex the
+    mean over its faces (in the frame of its angles, stretched to a full turn), at the middle of a side
+    between the two barycentres.
     """
 
     def __init__(self, space: FlowSpace) -> None:
         self.space = space
         self.tracer = Tracer(space.mesh)
-        self.centre = centres(space)
-        self.centre_position = np.einsum("fk,fk->f", self.centre, space.corner)
+        self.centre = np.full((len(space.faces), 3), 1.0 / 3.0)
+        self.centre_position = space.corner.mean(axis=1)
         self._vertex_frames()
         self._side_frames()
 
@@ -98,21 +100,26 @@ class Transport:
     ) -> NDArray[np.complex128]:
         """(k,) velocity at surface points, in the planar frames of their faces."""
         at_centre, at_corner, at_middle = nodes
-        centre = self.centre[face]
-        with np.errstate(divide="ignore", invalid="ignore"):
-            ratio = np.where(centre > 1e-14, barycentric / centre, np.inf)
-        far = np.argmin(ratio, axis=1)
+        far = np.argmin(barycentric, axis=1)
         row = np.arange(len(face))
-        alpha = np.minimum(ratio[row, far], 1.0)
+        third = np.maximum(barycentric[row, far], 0.0)
+        alpha = 3.0 * third
         a, b = NEXT[far], PREVIOUS[far]  # the sector of side a, which runs from corner a to corner b
-        beta = barycentric[row, a] - alpha * centre[row, a]
-        gamma = barycentric[row, b] - alpha * centre[row, b]
+        beta, gamma = barycentric[row, a] - third, barycentric[row, b] - third
         nearer = np.where(beta >= gamma, a, b)
         return (
             alpha * at_centre[face]
             + np.abs(beta - gamma) * at_corner[face, nearer]
             + 2.0 * np.minimum(beta, gamma) * at_middle[face, a]
         )
+
+    def sample_linear(
+        self, nodes: tuple[NDArray, NDArray, NDArray], face: NDArray, barycentric: NDArray
+    ) -> NDArray[np.complex128]:
+        """(k,) as `sample`, but linear in every face: its own velocity at the centre, the corners' slope."""
+        at_centre, at_corner, _ = nodes
+        away = barycentric - 1.0 / 3.0
+        return at_centre[face] + np.einsum("ij,ij->i", away, at_corner[face])
 
     # ------------------------------------------------------------------ backwards
 
@@ -139,15 +146,7 @@ class Transport:
         )
         end_direction = ended.direction[:, 0] + 1j * ended.direction[:, 1]
         back = direction * np.conj(end_direction)
-        met = self.sample(nodes, ended.face, ended.barycentric)
+        met = back * self.sample(nodes, ended.face, ended.barycentric)
+        sharp = back * self.sample_linear(nodes, ended.face, ended.barycentric)
         shift = (ended.length * direction).astype(np.complex128)
-        return Carried(ended.face, ended.barycentric, shift, back * met)
-
-
-def centres(space: FlowSpace) -> NDArray[np.float64]:
-    """(m, 3) barycentric coordinates of the circumcentre, or of the middle of the longest side."""
-    squared = np.abs(space.side[:, NEXT]) ** 2  # of the side opposite corner k
-    weight = squared * (squared[:, NEXT] + squared[:, PREVIOUS] - squared)
-    obtuse = weight < 0
-    weight = np.where(obtuse.any(axis=1, keepdims=True), np.where(obtuse, 0.0, 1.0), weight)
-    return weight / weight.sum(axis=1, keepdims=True)
+        return Carried(ended.face, ended.barycentric, shift, met, sharp)

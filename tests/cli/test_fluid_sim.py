@@ -1,0 +1,203 @@
+"""`ddgcli fluid-sim` end to end: scenes, the quick form, files, refusals."""
+
+import json
+
+import numpy as np
+import pytest
+
+from ddgcli.io.mesh_file import write_mesh
+from ddgcli.mesh import shapes
+from ddgcli.mesh.fields import AnnotatedMesh
+
+HEAD = 'format = "ddgcli-scene/1"\n'
+
+
+def scene(path, shape, effects, time="duration = 0.1\nstep = 0.02"):
+    text = f'{HEAD}[time]\n{time}\n[[object]]\nname = "f"\nrole = "fluid"\n{shape}\n[effects]\n{effects}\n'
+    path.write_text(text)
+    return path
+
+
+SQUARE = 'grid = { size = [6.283185307179586, 6.283185307179586], cells = [32, 32], periodic = "xy" }'
+BALL = "sphere = { subdivisions = 3 }"
+
+
+@pytest.fixture
+def ball(tmp_path):
+    path = tmp_path / "ball.ply"
+    mesh = shapes.icosphere(3)
+    write_mesh(str(path), AnnotatedMesh(mesh, vertex={"spin": 5 * mesh.points[:, 2]}))
+    return path
+
+
+def test_scene_and_quick_form_are_the_same(summary, ball, tmp_path):
+    words = ("--duration", 0.2, "--dt", 0.02)
+    by_array = summary("fluid-sim", ball, "--vorticity", "spin", *words)["results"]
+    by_text = summary("fluid-sim", ball, "--vorticity", "5*z", *words)["results"]
+    file = scene(tmp_path / "s.toml", 'mesh = "ball.ply"', 'initial = { vorticity = "spin" }')
+    by_scene = summary("fluid-sim", file, *words)["results"]
+    assert by_array["kinetic_energy"] == by_scene["kinetic_energy"]
+    assert by_text["kinetic_energy"] == pytest.approx(
+        by_array["kinetic_energy"], rel=1e-6
+    )  # ply holds floats
+    assert by_text["kinetic_energy"] == pytest.approx(0.5 * 2.5**2 * 8 * np.pi / 3, rel=0.01)
+
+
+def test_mean_is_subtracted_and_told(summary, ball):
+    out = summary("fluid-sim", ball, "--vorticity", "5*z + 3", "--steps", 2, "--dt", 0.01)
+    assert any("mean (3" in w and "subtracted" in w for w in out["warnings"])
+    assert abs(out["results"]["total_vorticity"]) < 1e-12
+
+
+def test_conservation_in_the_summary(summary, tmp_path):
+    file = scene(tmp_path / "s.toml", SQUARE, 'initial = { flow = "taylor-green" }\nharmonic = {}')
+    accuracy = summary("fluid-sim", file)["accuracy"]
+    assert accuracy["divergence_max"] < 1e-14 and accuracy["total_vorticity_drift"] < 1e-14
+    assert accuracy["energy_drift"] < 1e-9 and accuracy["circulation_drift"] < 1e-14
+
+
+@pytest.mark.parametrize("integrator", ["conservative", "circulation"])
+def test_taylor_green_decay(summary, tmp_path, integrator):
+    time = f'duration = 0.5\nstep = 0.05\nintegrator = "{integrator}"'
+    file = scene(
+        tmp_path / "s.toml", SQUARE, 'initial = { flow = "taylor-green" }\nviscosity = { nu = 0.1 }', time
+    )
+    results = summary("fluid-sim", file)["results"]
+    rate = -np.log(results["kinetic_energy"] / results["kinetic_energy_start"]) / 0.5
+    assert rate == pytest.approx(4 * 0.1, rel=0.01 if integrator == "conservative" else 0.1)
+    assert results["effects"]["viscosity"]["evaluations"] == 20
+
+
+@pytest.mark.parametrize("kind", ["frozen", "evolved"])
+def test_harmonic_flow_on_a_torus_is_unchanged(summary, tmp_path, kind):
+    path = tmp_path / "torus.ply"
+    write_mesh(str(path), AnnotatedMesh(shapes.torus(36, 18)))
+    effect = f'harmonic = {{ kind = "{kind}", coefficients = [1.0, -2.0] }}'
+    results = summary("fluid-sim", scene(tmp_path / "s.toml", 'mesh = "torus.ply"', effect))["results"]
+    assert results["harmonic_coefficients"] == [1.0, -2.0]
+    assert results["kinetic_energy"] == results["kinetic_energy_start"] == pytest.approx(2.5)
+    assert len(results["circulation"]["generators"]) == 2
+
+
+def test_circulation_is_bounded_far_beyond_the_courant_limit(summary, tmp_path):
+    """Steps of 50 edge lengths: they are divided where loops would fold, and the energy never rises."""
+    edge = shapes.icosphere(3).side_length.mean()
+    effects = 'initial = { vorticity = "6*(5*z^3-3*z) + 12*x*y*z + 5*x" }'
+    time = f'duration = {200 * edge}\nstep = {50 * edge / 3.3}\nintegrator = "circulation"'
+    out = summary("fluid-sim", scene(tmp_path / "s.toml", BALL, effects, time))
+    results = out["results"]
+    assert results["kinetic_energy"] < 1.001 * results["kinetic_energy_start"]
+    assert out["accuracy"]["total_vorticity_drift"] < 1e-13
+
+
+def test_boundary_circulation_is_kept(summary, tmp_path):
+    shape = 'grid = { size = [2, 1], cells = [24, 12], periodic = "x", pattern = "right" }'
+    effects = (
+        'initial = { velocity = ["1+y^2+0.1*sin(3.14159265*x)", "0", "0"] }\nharmonic = { kind = "evolved" }'
+    )
+    out = summary("fluid-sim", scene(tmp_path / "s.toml", shape, effects))
+    assert len(out["results"]["circulation"]["boundary"]) == 2
+    assert out["accuracy"]["circulation_drift"] < 1e-12
+    assert out["accuracy"]["energy_drift"] < 1e-7
+
+
+def test_trajectory_resume_and_arrays(run, ball, tmp_path, monkeypatch):
+    from ddgcli.io.trajectory import Trajectory
+    from ddgcli.models.fluid.model import FluidModel
+
+    file = scene(
+        tmp_path / "s.toml",
+        'mesh = "ball.ply"',
+        'initial = { vorticity = "x*y + z^3" }\nviscosity = { nu = 0.01 }\ndye = { amount = "x > 0" }',
+        "duration = 0.12\nstep = 0.02\nframe_every = 0.02",
+    )
+    whole, cut = tmp_path / "whole.vtkhdf", tmp_path / "cut.vtkhdf"
+    assert run("fluid-sim", file, "-o", whole).exit_code == 0
+    advance, calls = FluidModel.advance, []
+
+    def interrupted(self, state, time, dt):
+        calls.append(time)
+        if len(calls) == 4:
+            raise KeyboardInterrupt
+        return advance(self, state, time, dt)
+
+    monkeypatch.setattr(FluidModel, "advance", interrupted)
+    assert run("fluid-sim", file, "-o", cut).exit_code == 130
+    monkeypatch.setattr(FluidModel, "advance", advance)
+    resumed = run("fluid-sim", "--resume", f"{cut}.part")
+    assert resumed.exit_code == 0, resumed.output + resumed.stderr
+    with Trajectory(str(whole)) as a, Trajectory(str(cut)) as b:
+        assert a.n_frames == b.n_frames == 7
+        for k in range(7):
+            first, second = a.frame(k), b.frame(k)
+            assert {"vorticity", "stream_function", "velocity", "dye"} <= set(first.vertex)
+            for name in first.vertex:
+                assert np.array_equal(first.vertex[name], second.vertex[name]), name
+        dye = a.frame(6).vertex["dye"]
+        assert dye.min() >= 0 and dye.max() <= 1
+
+
+def test_a_scene_pays_only_for_its_effects(summary, ball):
+    import subprocess
+    import sys
+
+    code = (
+        "import sys; from click.testing import CliRunner; from ddgcli.cli.main import main; "
+        f"words = ['fluid-sim', {str(ball)!r}, '--vorticity', 'z', '--steps', '1', '--dt', '0.01']; "
+        "r = CliRunner().invoke(main, words); "
+        "assert r.exit_code == 0, r.output; "
+        "print([m for m in sys.modules if m.startswith('ddgcli.models.fluid.') or m.endswith('.harmonic')])"
+    )
+    loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
+    for module in ("viscosity", "diffusion", "harmonic", "dye", "boundary", "circulation", "transport"):
+        assert f"{module}'" not in loaded
+
+
+@pytest.mark.parametrize(
+    "effects, told",
+    [
+        ('initial = { vorticty = "z" }', "vorticity"),
+        ('initial = { vorticity = "q + 1" }', "q"),
+        ('initial = { vorticity = "1/(z-z)" }', "not finite"),
+        ('initial = { flow = "storm" }', "vortex-pair"),
+        ('initial = { vorticity = "z", flow = "rotation" }', "one of"),
+        ('initial = { velocity = ["1", "2"] }', "three"),
+        ("viscosity = { nu = -1 }", "greater than 0"),
+        ('viscosity = { nu = "1 kg" }', "unit"),
+        ('viscosity = { nu = 1, kind = "stokes" }', "deformation"),
+        ('boundary = { kind = "free-slip" }', "no boundary"),
+        ('boundary = { kind = "inflow" }', "no-slip"),
+        ("harmonic = { coefficients = [1.0] }", "0 harmonic flows"),
+        ('dye = { amount = "missing.npy" }', "no such file"),
+        ("gravity = {}", "shell-sim"),
+    ],
+)
+def test_refusals_are_one_line(run, tmp_path, effects, told):
+    result = run("fluid-sim", scene(tmp_path / "s.toml", BALL, effects), "--json")
+    assert result.exit_code == 2 and result.stdout == ""
+    assert told in result.stderr, result.stderr
+    assert len(result.stderr.strip().splitlines()) == 1 and result.stderr.startswith("Error: ")
+
+
+def test_integrators_there_are(run, tmp_path):
+    file = scene(tmp_path / "s.toml", BALL, 'initial = { vorticity = "z" }', 'integrator = "covector"')
+    assert "circulation, conservative" in run("fluid-sim", file).stderr
+
+
+@pytest.mark.parametrize(
+    "effects, told",
+    [
+        ('boundary = { kind = "no-slip" }', "viscosity"),
+        ('viscosity = { nu = 1, kind = "deformation" }', "no-slip"),
+    ],
+)
+def test_walls_that_do_not_go_together(run, tmp_path, effects, told):
+    shape = "grid = { size = [1, 1], cells = [6, 6] }"
+    result = run("fluid-sim", scene(tmp_path / "s.toml", shape, effects))
+    assert result.exit_code == 2 and told in result.stderr
+
+
+def test_lists(run):
+    listing = json.loads(run("fluid-sim", "--effects", "--json").stdout)
+    assert set(listing) == {"initial", "viscosity", "harmonic", "boundary", "dye"}
+    assert json.loads(run("fluid-sim", "--schema").stdout)
