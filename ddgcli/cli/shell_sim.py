@@ -52,6 +52,7 @@ def command(
         simulate.print_schema(KIND)
         return
     run = Run("shell-sim", common, formats=simulate.formats(), **overrides)
+    run.note_input(scene_path or resume or "", "")
     lines = (*effect_lines, *([f"pin vertices={list(pinned)}"] if pinned else []))
     extra = {**({"material": material} if material else {}), **simulate.toml_settings(settings)}
     document, recorded = simulate.scene_document(scene_path, "shell", lines, extra, resume)

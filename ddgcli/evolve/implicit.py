@@ -23,7 +23,7 @@ from ddgcli.evolve.terms import Mode, Potential
 from ddgcli.linalg.factor import Factor
 
 MOVE = 1e-9  # a Newton step below this fraction of the object's size ends the iteration
-MOST = 60
+MOST = 40
 SHORTEST = 1e-10
 ARMIJO = 1e-4
 ROUNDING = 1e-14

@@ -301,7 +301,12 @@ def _cross(
 ) -> Any:
     """State after `dt`: in one step, or in halves where that fails or would be unstable."""
     model = march.model
-    if dt > model.largest_step and depth < DEEPEST_SHRINK:
+    if dt > model.largest_step:
+        if depth >= DEEPEST_SHRINK:
+            raise SolveError(
+                f"{march.name}: the stability limit, {model.largest_step:.3g} s, is over "
+                f"{2**DEEPEST_SHRINK} times shorter than the step; take a shorter one or an implicit integrator"
+            )
         if not march.divided:
             march.divided = True
             detail = f"{march.name}: dt above the stability limit {model.largest_step:.3g} s is divided"

@@ -96,8 +96,8 @@ class Need:
         What `require` is told of a surface.
     boundary : dict
         The same of the boundary of tetrahedra.
-    area, volume : bool
-        At least one face with area; every tetrahedron with volume.
+    area, every_area, volume : bool
+        At least one face with area; every face with area; every tetrahedron with volume.
     instead : str
         Why no mesh is taken at all, where that is so.
     """
@@ -106,6 +106,7 @@ class Need:
     surface: dict[str, bool] = field(default_factory=dict)
     boundary: dict[str, bool] = field(default_factory=dict)
     area: bool = False
+    every_area: bool = False
     volume: bool = False
     instead: str = ""
 
@@ -121,7 +122,7 @@ NEEDS = {
     "laplacian": Need(area=True),
     "hodge": Need(("surface", "tetrahedra"), _MANIFOLD, {"manifold": True}, volume=True),
     "geodesic": Need(surface={"sized": False}),
-    "shell-sim": Need(),
+    "shell-sim": Need(every_area=True),
     "fluid-sim": Need(surface=_MANIFOLD),
     "willmore-flow": Need(surface=_MANIFOLD),
     "tradeoff": Need(),
@@ -147,6 +148,8 @@ def why_not(mesh: TriangleMesh | TetMesh | CurveSet, verb: str) -> str | None:
             require(mesh, "it", **need.surface)
             if need.area:
                 _require_area(mesh)
+            if need.every_area:
+                _require_every_area(mesh)
     except MeshError as error:
         return str(error)
     return None
@@ -156,6 +159,15 @@ def _require_area(mesh: TriangleMesh) -> None:
     side = mesh.side_vector / mesh.side_length.max()
     if (np.abs(np.cross(side[:, 0], side[:, 1])) <= FLAT).all():
         raise MeshError(f"none of the {mesh.n_faces} faces has an area; check the coordinates")
+
+
+def _require_every_area(mesh: TriangleMesh) -> None:
+    side = mesh.side_vector / np.maximum(mesh.side_length.max(axis=1), 1e-300)[:, None, None]
+    flat = np.flatnonzero(~(np.linalg.norm(np.cross(side[:, 0], side[:, 1]), axis=1) > FLAT))
+    if len(flat):
+        raise MeshError(
+            f"{len(flat)} faces have no area (first: face {flat[0]}); remove them, or mend their vertices"
+        )
 
 
 def _require_volume(mesh: TetMesh) -> None:

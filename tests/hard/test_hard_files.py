@@ -26,6 +26,7 @@ COMMANDS: dict[str, list[str]] = {
     "laplacian": ["--eigen", "2"],
     "hodge": [],
     "geodesic": ["--source", "VERTEX"],
+    "shell-sim": ["--effect", "stretching", "--effect", "bending", "--steps", "2", "--dt", "1e-3"],
 }
 SECONDS = 30
 

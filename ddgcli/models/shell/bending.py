@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import logging
 from functools import cached_property
 from typing import Literal
 
@@ -125,6 +126,12 @@ def build(parameters: Bending, context: ShellContext) -> list[Potential]:
     shell, mesh = context.shell, context.mesh
     rigidity = parameters.stiffness or plate_rigidity(shell.young, shell.thickness, shell.poisson)
     stencil = hinge.hinges(mesh.topology)
+    without = mesh.topology.n_edges - len(mesh.topology.boundary_edges) - len(stencil)
+    if without:
+        logging.getLogger("ddgcli").warning(
+            "%d edges of %s have no bending: more than two faces, or faces of opposite orientation",
+            without, shell.name,
+        )  # fmt: skip
     scaled, plain = hinge_measure(mesh, stencil, context.face_area)
     if parameters.model == "hinge":
         flat = parameters.rest == "flat"

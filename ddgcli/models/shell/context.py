@@ -9,11 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.geometry.intrinsic import face_area
-from ddgcli.mesh.triangle_mesh import TriangleMesh
+from ddgcli.mesh.triangle_mesh import TriangleMesh, vector_length
 from ddgcli.models.scene import Key, Scene
 from ddgcli.models.shell.scene import Shell
-from ddgcli.operators.laplacian import lumped_vertex_area
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,19 +43,25 @@ class ShellContext:
         return [*self.made.get("stretching", []), *self.made.get("bending", [])]
 
     @cached_property
-    def vertex_area(self) -> NDArray[np.float64]:
-        """(n,) a third of the area of the faces around."""
-        return lumped_vertex_area(self.mesh)
-
-    @cached_property
     def face_area(self) -> NDArray[np.float64]:
         """(m,) areas at rest."""
-        return face_area(self.mesh.side_length)
+        side = self.mesh.side_vector
+        return 0.5 * vector_length(np.cross(side[:, 0], side[:, 1]))
+
+    @cached_property
+    def vertex_area(self) -> NDArray[np.float64]:
+        """(n,) a third of the area of the faces around."""
+        third = np.repeat(self.face_area / 3, 3)
+        return np.bincount(self.mesh.faces.ravel(), weights=third, minlength=self.mesh.n_vertices).astype(
+            np.float64
+        )
 
     @cached_property
     def mass(self) -> NDArray[np.float64]:
-        """(n,) kilograms."""
-        return float(self.shell.density or 0) * self.vertex_area
+        """(n,) kilograms; of a vertex that no face uses (and that is held), the mean."""
+        mass = float(self.shell.density or 0) * self.vertex_area
+        used = self.mesh.topology.referenced_vertex
+        return np.where(used, mass, mass[used].mean())
 
     def chosen(self, vertices: list[int] | None, box: Any, key: Key) -> NDArray[np.int64]:
         """Vertices by number, or inside a box of two opposite corners; a refusal where there are none."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
@@ -9,12 +10,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.errors import MeshError
 from ddgcli.evolve.account import Account
 from ddgcli.evolve.effects import Effect
 from ddgcli.evolve.integrators import INTEGRATORS, stable_step
 from ddgcli.evolve.loop import Model, Observation
 from ddgcli.evolve.system import Motion, System
+from ddgcli.evolve.terms import Held
+from ddgcli.mesh.require import why_not
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.models.scene import Key, Scene
 from ddgcli.models.scene_shapes import place
@@ -42,21 +44,15 @@ def contexts(scene: Scene, read: Callable[[str], Any]) -> dict[str, tuple[ShellC
 
 
 def _require_sound(scene: Scene, number: int, context: ShellContext) -> None:
-    """Refuse what has no motion: no faces, faces without area, vertices without mass."""
-    name, mesh = context.shell.name, context.mesh
-    try:
-        if mesh.n_faces == 0:
-            raise MeshError("no triangles; a shell needs a surface")
-        flat = np.flatnonzero(~(context.face_area > 0))
-        if len(flat):
-            raise MeshError(f"{len(flat)} faces have no area (first: face {flat[0]}); remove them")
-        loose = np.flatnonzero(~mesh.topology.referenced_vertex)
-        if len(loose):
-            raise MeshError(f"{len(loose)} vertices belong to no face (first: {loose[0]}); remove them")
-        if not np.isfinite(context.mass).all() or not (context.mass > 0).all():
-            raise MeshError("a vertex has no finite mass; rescale the mesh")
-    except MeshError as error:
-        scene.refuse(("object", number), f"object {name!r}: {error}")
+    """Refuse what has no motion: no faces, faces without area, masses beyond the range of numbers."""
+    reason = why_not(context.mesh, "shell-sim")
+    if reason is None and not (np.isfinite(context.mass).all() and (context.mass > 0).all()):
+        reason = "a vertex has no finite mass; rescale the mesh"
+    if reason is not None:
+        scene.refuse(("object", number), f"object {context.shell.name!r}: {reason}")
+    loose = int((~context.mesh.topology.referenced_vertex).sum())
+    if loose:
+        logging.getLogger("ddgcli").warning("%d vertices belong to no face: they stay where they are", loose)
 
 
 def build(scene: Scene, shells: dict[str, ShellContext], account: Account) -> dict[str, Model]:
@@ -86,7 +82,11 @@ def parts_of(scene: Scene, context: ShellContext) -> list[Any]:
 def make_system(scene: Scene, context: ShellContext, account: Account) -> System:
     """Masses of a shell and what the scene's effects make for it."""
     size = float(np.ptp(context.mesh.points, axis=0).max())
-    return System(context.mass, parts_of(scene, context), account, size)
+    parts = parts_of(scene, context)
+    loose = ~context.mesh.topology.referenced_vertex
+    if loose.any():
+        parts.append(Held(np.repeat(loose[:, None], 3, axis=1)))
+    return System(context.mass, parts, account, size)
 
 
 def _model(scene: Scene, context: ShellContext, account: Account) -> Model[Motion]:
