@@ -305,7 +305,7 @@ def _cross(
         if depth >= DEEPEST_SHRINK:
             raise SolveError(
                 f"{march.name}: the stability limit, {model.largest_step:.3g} s, is over "
-                f"{2**DEEPEST_SHRINK} times shorter than the step; take a shorter one or an implicit integrator"
+                f"{2**DEEPEST_SHRINK} times shorter than the step; shorten it, or take an implicit scheme"
             )
         if not march.divided:
             march.divided = True

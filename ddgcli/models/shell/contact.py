@@ -26,7 +26,9 @@ class Contact(Section):
     pairs: list[list[str]] = Field(description='[["shell", "obstacle"], ...]')
     friction: quantity("", "coefficient of friction", ge=0) = 0.0
     gap: quantity("m", "distance at which contact begins; default: the thickness", gt=0) | None = None
-    stiffness: quantity("Pa", "pressure at half the gap; default: ten times the weight", gt=0) | None = None
+    stiffness: quantity("Pa", "pressure at half the gap; default: what stops the first fall", gt=0) | None = (
+        None
+    )
     slip: quantity("m/s", "speed below which friction grows in proportion", gt=0) = 1e-3
 
 
@@ -190,12 +192,12 @@ def build(parameters: Contact, context: ShellContext) -> list[Barrier | Friction
     key: Key = ("effects", "contact")
     shell = context.shell
     gap = float(parameters.gap or shell.thickness or 0)
-    pressure = float(parameters.stiffness or 10 * (shell.density or 0) * STANDARD_GRAVITY)
     parts: list[Barrier | Friction] = []
     for pair in parameters.pairs:
         surface = _obstacle_of(pair, context, key)
         if surface is None:
             continue
+        pressure = float(parameters.stiffness or _impact_pressure(context, surface, gap))
         barrier = Barrier(surface, gap, pressure / (HALF_GAP * gap) * context.vertex_area)
         inside = barrier.outside(np.asarray(context.mesh.points))
         if inside is not None:
@@ -207,6 +209,14 @@ def build(parameters: Contact, context: ShellContext) -> list[Barrier | Friction
         if parameters.friction:
             parts.append(Friction(barrier, parameters.friction, parameters.slip))
     return parts
+
+
+def _impact_pressure(context: ShellContext, surface: PlaneGap | SphereGap, gap: float) -> float:
+    """Pressure that stops the shell's first fall within the gap; at least ten times its weight."""
+    density, x = float(context.shell.density or 0), np.asarray(context.mesh.points)
+    height = float(np.clip(surface.gap(x)[0], 0, None).max())
+    energy = 0.5 * float(np.sum(np.square(context.shell.velocity))) + STANDARD_GRAVITY * height
+    return density * max(2 * energy / gap, 10 * STANDARD_GRAVITY)
 
 
 def _other(pair: list[str], name: str) -> str:

@@ -1,0 +1,157 @@
+"""Units, expressions, shapes and the line index of scenes."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from ddgcli.io.scene_file import parse_scene
+from ddgcli.models.scene_expression import evaluate, parse
+from ddgcli.models.scene_materials import MATERIALS, filled
+from ddgcli.models.scene_shapes import Grid, grid_mesh, periodic_grid, rotation_matrix
+from ddgcli.models.scene_units import parse_quantity
+
+
+@pytest.mark.parametrize("text, unit, value", [
+    ("0.4 mm", "m", 4e-4), ("70 GPa", "Pa", 7e10), ("1 kg/m^2", "kg/m^2", 1.0), ("300 g/m2", "kg/m^2", 0.3),
+    ("9.81 m/s^2", "m/s^2", 9.81), ("-5", "m", -5.0), ("2e3 N/m", "N/m", 2e3), ("180 deg", "rad", math.pi),
+    ("1 MPa", "N/m^2", 1e6), ("3 min", "s", 180.0), ("5 kHz", "1/s", 5e3), ("1 N mm", "N m", 1e-3),
+    ("12 in", "m", 0.3048), ("1.5 1/s", "1/s", 1.5), (2, "m", 2.0), ("50", "", 50.0), ("10 µm", "m", 1e-5),
+])  # fmt: skip
+def test_quantities(text, unit, value):
+    assert parse_quantity(text, unit) == pytest.approx(value, rel=1e-15)
+
+
+@pytest.mark.parametrize("text, unit, told", [
+    ("1 s", "m", "does not fit"), ("1 mmm", "m", "unknown unit"), ("one", "m", "number"),
+    (True, "m", "true/false"), ([1], "m", "array"), ("1 m", "", "none"), (float("inf"), "m", "finite"),
+    ("1e999 m", "m", "finite"), ("", "m", "number"),
+    ("1 m^x", "m", "unit"),
+])  # fmt: skip
+def test_wrong_quantities(text, unit, told):
+    with pytest.raises(ValueError, match=told):
+        parse_quantity(text, unit)
+
+
+X = {"x": np.array([0.5, -1.0]), "y": np.array([2.0, 3.0]), "z": np.array([-1.0, 0.25])}
+
+
+@pytest.mark.parametrize("text, value", [
+    ("5*z", 5 * X["z"]), ("x^2 + y**2", X["x"] ** 2 + X["y"] ** 2),
+    ("-sin(pi*x)/2", -np.sin(np.pi * X["x"]) / 2),
+    ("where(z < 0, 1, 2)", np.array([1.0, 2.0])), ("3", np.array([3.0, 3.0])), ("max(x, y) % 2", X["y"] % 2),
+    ("exp(-(x^2+y^2)/0.1)", np.exp(-(X["x"] ** 2 + X["y"] ** 2) / 0.1)),
+    ("atan2(y, x)", np.arctan2(X["y"], X["x"])),
+])  # fmt: skip
+def test_expressions(text, value):
+    assert np.allclose(evaluate(text, X), value, rtol=1e-15, atol=0)
+
+
+@pytest.mark.parametrize("text", [
+    "__import__('os').system('true')", "x.__class__", "[1]", "lambda: 1", "open('f')", "x if y else z",
+    "x; y",
+    "", "sin", "sin(x, y)", "sin(x=1)", "f'{x}'", "x and y", "1 < x < 2", "9**9**9**9", "10**400", "1/0",
+    "log(-1)", "-" * 3000 + "x", "x" * 3000, "a", "True", "'x'", "1j", "x @ y", "~x",
+    "x := 1",
+])  # fmt: skip
+def test_expressions_that_are_refused(text):
+    with pytest.raises(ValueError):
+        evaluate(text, X)
+
+
+def test_unknown_names_are_answered_with_the_nearest():
+    with pytest.raises(ValueError, match="did you mean 'sqrt'"):
+        parse("sqr(x)")
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.text(alphabet="xyz0123456789+-*/()., sincoexp^<>", max_size=30))
+def test_no_text_does_anything_but_a_number_or_a_value_error(text):
+    try:
+        value = evaluate(text, X)
+    except ValueError:
+        return
+    assert value.shape == (2,) and np.isfinite(value).all()
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.text(max_size=60))
+def test_no_text_breaks_the_scene_reader(text):
+    from ddgcli.errors import SceneError
+
+    try:
+        parse_scene(text)
+    except SceneError as error:
+        assert "line" in str(error)
+
+
+def test_lines_of_keys():
+    text = """# a comment = with an equals sign
+title = '''
+[not.a.table]
+fake = 1
+'''
+[time]
+step = 1 # step = 2
+nested = { a = 1, b = { c = 2 } }
+
+[[object]]
+name = "one"
+[[object]]
+name = "two"
+grid = { size = [
+  1,
+  2,
+], cells = [3, 4] }
+[object.inner]
+deep.key = 3
+[effects]
+[[effects.pin]]
+a = 1
+[[effects.pin]]
+b = 2
+"""
+    lines = parse_scene(text).lines
+    assert lines[("title",)] == 2
+    assert lines[("time",)] == 6 and lines[("time", "step")] == 7
+    assert lines[("time", "nested", "b", "c")] == 8
+    assert lines[("object", 0, "name")] == 11 and lines[("object", 1, "name")] == 13
+    assert lines[("object", 1, "grid", "cells")] == 17
+    assert lines[("object", 1, "inner", "deep", "key")] == 19
+    assert lines[("effects", "pin", 0, "a")] == 22 and lines[("effects", "pin", 1)] == 23
+    assert ("fake",) not in lines and ("not", "a", "table") not in lines
+
+
+@pytest.mark.parametrize("pattern", ["right", "left", "alternating", "cross", "equilateral"])
+def test_grids_fill_their_rectangle(pattern):
+    mesh = grid_mesh(Grid(size=[3, 2], cells=[6, 5], pattern=pattern))
+    corners = mesh.points[mesh.faces]
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    assert (normal[:, 2] > 0).all()
+    assert 0.5 * normal[:, 2].sum() == pytest.approx(6.0)
+    assert mesh.topology.is_manifold and mesh.topology.euler_characteristic == 1
+    assert mesh.topology.referenced_vertex.all()
+
+
+@pytest.mark.parametrize("pattern", ["right", "left", "alternating", "cross"])
+@pytest.mark.parametrize("periodic, euler", [("xy", 0), ("x", 0), ("y", 0)])
+def test_periodic_grids_are_flat(pattern, periodic, euler):
+    from ddgcli.geometry.intrinsic import corner_angle, face_area
+
+    flat = periodic_grid(Grid(size=[3, 2], cells=[6, 4], pattern=pattern, periodic=periodic))
+    assert flat.topology.euler_characteristic == euler
+    assert face_area(flat.side_length).sum() == pytest.approx(6.0)
+    total = np.bincount(flat.faces.ravel(), weights=corner_angle(flat.side_length).ravel())
+    assert np.allclose(total[~flat.topology.boundary_vertex], 2 * np.pi)
+
+
+def test_materials_fill_what_is_not_said():
+    steel = filled({"material": "steel", "density": None, "thickness": 1e-3, "young": None, "poisson": 0.25})
+    assert steel["density"] == pytest.approx(7.85) and steel["young"] == 2.1e11 and steel["poisson"] == 0.25
+    assert all(m["poisson"] <= 0.5 and m["young"] > 0 for m in MATERIALS.values())
+
+
+def test_rotation():
+    assert np.allclose(rotation_matrix((0, 0, 2), np.pi / 2) @ [1, 0, 0], [0, 1, 0])

@@ -1,0 +1,153 @@
+"""Contact and friction against what they are known to do."""
+
+import numpy as np
+import pytest
+
+from tests.simulate import scalar, shell_run
+
+SCENE = """
+[time]
+duration = {duration}
+step = {step}
+frame_every = {frame}
+integrator = "{integrator}"
+[[object]]
+name = "s"
+role = "shell"
+grid = {{ size = [0.2, 0.2], cells = [2, 2] }}
+density = 1.0
+thickness = "5 mm"
+young = 1e6
+poisson = 0.3
+position = {position}
+velocity = {velocity}
+[[object]]
+name = "floor"
+role = "obstacle"
+{obstacle}
+[effects]
+stretching = {{}}
+bending = {{}}
+gravity = {{ acceleration = {gravity} }}
+contact = {{ pairs = [["s", "floor"]], friction = {friction} }}
+"""
+
+
+def run(**given):
+    wanted = {
+        "duration": 0.3, "step": 2e-3, "frame": 0.02, "integrator": "implicit-euler",
+        "position": [0, 0, 0.004],
+        "velocity": [0, 0, 0], "obstacle": "plane = { point = [0, 0, 0], normal = [0, 0, 1] }",
+        "gravity": [0, 0, -9.81], "friction": 0.0,
+    }  # fmt: skip
+    return shell_run(SCENE.format(**{**wanted, **given}))
+
+
+def gravity_on_incline(degrees):
+    angle = np.radians(degrees)
+    return [float(9.81 * np.sin(angle)), 0.0, float(-9.81 * np.cos(angle))]
+
+
+@pytest.mark.parametrize("integrator", ["implicit-euler", "newmark", "implicit-midpoint", "verlet"])
+def test_nothing_passes_through_the_floor(integrator):
+    snapshots, _, _ = run(
+        integrator=integrator, position=[0, 0, 0.1], velocity=[0, 0, -3], step=1e-3, duration=0.1, frame=1e-3
+    )
+    lowest = [s.observations["s"].points[:, 2].min() for s in snapshots]
+    assert min(lowest) > 0
+    assert min(lowest) < 0.005
+
+
+def test_a_sheet_comes_to_rest_at_the_gap_where_the_barrier_bears_its_weight():
+    snapshots, _, _ = run(duration=1.0)
+    z = snapshots[-1].observations["s"].points[:, 2]
+    v = snapshots[-1].observations["s"].vertex["velocity"]
+    assert np.abs(v).max() < 2e-3
+    assert z.min() > 0 and z.max() < 0.005
+
+
+def test_steep_incline_slides_with_the_acceleration_of_coulomb():
+    mu, degrees = 0.3, 35
+    snapshots, contexts, _ = run(gravity=gravity_on_incline(degrees), friction=mu, duration=0.4)
+    mass = contexts["s"].mass.sum()
+    speed = np.array(scalar(snapshots, "momentum"))[:, 0] / mass
+    times = np.array([s.time for s in snapshots])
+    late = times > 0.15
+    slope = np.polyfit(times[late], speed[late], 1)[0]
+    angle = np.radians(degrees)
+    assert slope == pytest.approx(9.81 * (np.sin(angle) - mu * np.cos(angle)), rel=0.03)
+
+
+def test_shallow_incline_sticks():
+    snapshots, contexts, _ = run(gravity=gravity_on_incline(10), friction=0.5, duration=0.4)
+    speed = np.array(scalar(snapshots, "momentum"))[-1, 0] / contexts["s"].mass.sum()
+    assert abs(speed) < 1e-3  # the creep that the regularised friction allows: `slip`
+
+
+def test_without_friction_the_tangential_momentum_stays():
+    snapshots, contexts, _ = run(velocity=[1, 0, -1], position=[0, 0, 0.02], integrator="newmark")
+    momentum = np.array(scalar(snapshots, "momentum"))
+    assert np.abs(momentum[:, 0] - momentum[0, 0]).max() < 1e-8 * contexts["s"].mass.sum()
+
+
+def test_ball_is_not_entered():
+    ball = "sphere = { center = [0.1, 0.1, -0.5], radius = 0.5 }"
+    snapshots, _, _ = run(
+        obstacle=ball, position=[0, 0, 0.05], velocity=[0, 0, -2], duration=0.15, friction=0.3
+    )
+    for snapshot in snapshots:
+        away = snapshot.observations["s"].points - [0.1, 0.1, -0.5]
+        assert np.linalg.norm(away, axis=1).min() > 0.5
+
+
+def test_friction_takes_energy_and_never_gives():
+    snapshots, _, _ = run(velocity=[1, 0, 0], friction=0.2, duration=0.3)
+    energy = np.array(scalar(snapshots, "energy"))
+    assert (np.diff(energy) < 1e-9).all()
+    assert energy[-1] < 0.5 * energy[0] + 0.5 * energy.min()
+
+
+def test_failed_steps_are_shortened_and_told_or_stop():
+    """A Verlet step that crosses the barrier is rejected with its vertex; with `stop` the run breaks off."""
+    from ddgcli.errors import SolveError
+
+    given = {
+        "integrator": "verlet",
+        "position": [0, 0, 0.1],
+        "velocity": [0, 0, -30],
+        "step": 1e-3,
+        "duration": 0.1,
+    }
+    snapshots, _, _ = run(**given)
+    events = [event for s in snapshots for event in s.events if event.kind == "barrier crossed"]
+    assert events and events[0].place.startswith("vertex ") and events[0].value < 0
+    assert snapshots[-1].smallest_step < 1e-3
+    text = SCENE.format(
+        frame=0.02, obstacle="plane = {}", gravity=[0, 0, -9.81], friction=0, **given
+    ).replace("[[object]]", 'on_failure = "stop"\n[[object]]', 1)
+    with pytest.raises(SolveError, match="barrier crossed at vertex"):
+        shell_run(text)
+
+
+def test_damping_slows_as_it_says():
+    """Mass damping alone: free flight slows as exp(-alpha t)."""
+    text = SCENE.format(
+        duration=0.5, step=1e-3, frame=0.1, integrator="newmark", position=[0, 0, 9], velocity=[1, 0, 0],
+        obstacle="plane = {}", gravity=[0, 0, 0], friction=0,
+    )  # fmt: skip
+    snapshots, contexts, _ = shell_run(text + "damping = { mass = 3 }\n")
+    speed = np.array(scalar(snapshots, "momentum"))[:, 0] / contexts["s"].mass.sum()
+    assert speed[-1] == pytest.approx(np.exp(-1.5), rel=1e-5)
+
+
+def test_stiffness_damping_keeps_both_momenta_and_takes_energy():
+    text = SCENE.format(
+        duration=0.2, step=1e-3, frame=0.02, integrator="implicit-midpoint", position=[0, 0, 9],
+        velocity=[0, 0, 0], obstacle="plane = {}", gravity=[0, 0, 0], friction=0,
+    ).replace("velocity = [0, 0, 0]", "angular_velocity = [20, 5, 3]")  # fmt: skip
+    snapshots, contexts, _ = shell_run(text + "damping = { stiffness = 1e-3 }\n")
+    momentum = np.array(scalar(snapshots, "momentum"))
+    energy = np.array(scalar(snapshots, "energy"))
+    assert np.abs(momentum).max() < 1e-10 * contexts["s"].mass.sum()
+    assert energy[-1] < energy[0] * (1 - 1e-6)
+    assert (np.diff(energy) <= 1e-12).all()
