@@ -117,7 +117,7 @@ NEEDS = {
     "info": Need(
         ("surface", "tetrahedra", "curve"), {"faces": False, "sized": False}, {"faces": False, "sized": False}
     ),
-    "curvature": Need(("surface", "tetrahedra", "curve")),
+    "curvature": Need(("surface", "tetrahedra", "curve"), area=True),
     "delaunay": Need(surface={"sized": False, "extent": True, "manifold_edges": True, "oriented": True}),
     "laplacian": Need(area=True),
     "hodge": Need(("surface", "tetrahedra"), _MANIFOLD, {"manifold": True}, volume=True),
