@@ -1,0 +1,186 @@
+"""Seconds a step of shell-sim, by effect and integrator, beside feasibility figures and MuJoCo.
+
+Run: `python benchmarks/bench_shell.py [--large]`. The feasibility figures are those of prototypes in numpy at
+20 000 triangles on another machine; each is scaled by one sparse factorisation measured in the same run (the
+figure's own was 691 ms with SuperLU), so the ratio is meant to hold on any machine. A full Newton iteration
+there: Hessians, scatter, factorisation, solve.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+
+import numpy as np
+from measure import machine, print_table
+
+from ddgcli.evolve.account import Account
+from ddgcli.evolve.integrators import INTEGRATORS
+from ddgcli.evolve.system import Motion
+from ddgcli.io.scene_file import parse_scene
+from ddgcli.models.scene import resolve
+from ddgcli.models.shell import model
+from ddgcli.models.shell.scene import KIND
+
+# milliseconds at 20 000 triangles (29 800 hinges), of the prototypes
+FIGURES = {
+    "bending force": 9.1, "bending blocks": 17.0, "stretching force": 9.5, "stretching blocks": 55.0,
+    "edges force": 2.2, "quadratic force": 0.23, "scatter": 7.0, "factor": 691.0, "solve": 12.0,
+    "newton iteration": 17 + 55 + 7 + 691 + 12,
+}  # fmt: skip
+SCENE = """
+[time]
+step = 0.01
+integrator = "{integrator}"
+[[object]]
+name = "s"
+role = "shell"
+grid = {{ size = [1, 1], cells = [{n}, {n}] }}
+density = 0.2
+thickness = "1 mm"
+young = 1e5
+poisson = 0.3
+[effects]
+stretching = {{ model = "{membrane}" }}
+bending = {{ model = "{bending}" }}
+gravity = {{}}
+pin = {{ vertices = [0, {n}] }}
+"""
+
+
+def system(n: int, integrator: str = "newmark", membrane: str = "stvk", bending: str = "hinge"):
+    text = SCENE.format(n=n, integrator=integrator, membrane=membrane, bending=bending)
+    scene = resolve(parse_scene(text), KIND, {})
+    context, _ = model.contexts(scene, None)["s"]
+    account = Account()
+    return model.make_system(scene, context, account), np.array(context.mesh.points), scene.time, account
+
+
+def best(call, repeat: int = 3) -> float:
+    """Least milliseconds of some calls: the figures are least times too."""
+    call()
+    least = np.inf
+    for _ in range(repeat):
+        began = time.perf_counter()
+        call()
+        least = min(least, time.perf_counter() - began)
+    return 1e3 * least
+
+
+def kernels(n: int) -> dict[str, float]:
+    """Milliseconds of the parts of one Newton iteration."""
+    from ddgcli.evolve.assembly import Assembly
+    from ddgcli.linalg.factor import Factor
+
+    s, x, _, _ = system(n)
+    x = x + 1e-3 * np.random.default_rng(0).normal(size=x.shape)
+    stretching, bending = s.potentials[0], s.potentials[1]
+    edges = system(n, membrane="edges", bending="quadratic")[0].potentials
+    assembly = Assembly(s.free, [stretching.stencil, bending.stencil])
+    blocks = [stretching.blocks(x, "projected"), bending.blocks(x, "projected")]
+    diagonal = np.repeat(4e4 * s.mass[:, None], 3, axis=1)
+    matrix = assembly.matrix(blocks, diagonal)
+    factor = Factor(matrix, solver="superlu")
+    rhs = np.ones(matrix.shape[0])
+    found = {
+        "bending force": best(lambda: bending.gradient(x)),
+        "bending blocks": best(lambda: bending.blocks(x, "projected")),
+        "stretching force": best(lambda: stretching.gradient(x)),
+        "stretching blocks": best(lambda: stretching.blocks(x, "projected")),
+        "edges force": best(lambda: edges[0].gradient(x)),
+        "quadratic force": best(lambda: edges[1].gradient(x)),
+        "scatter": best(lambda: assembly.matrix(blocks, diagonal)),
+        "factor": best(lambda: factor.refactor(matrix), 2),
+        "solve": best(lambda: factor.solve(rhs, refine=False)),
+    }
+    names = ("bending blocks", "stretching blocks", "scatter", "factor", "solve")
+    found["newton iteration"] = sum(found[name] for name in names)
+    return found
+
+
+def steps(n: int, integrator: str, membrane: str, bending: str, count: int = 3) -> list:
+    """Milliseconds a step, by part, after one step that pays for patterns."""
+    s, x, parameters, account = system(n, integrator, membrane, bending)
+    scheme = INTEGRATORS[integrator]
+    dt = 1e-5 if scheme.explicit else 0.01
+    motion = Motion(x, np.zeros_like(x), s.acceleration(x, 0 * x, dt))
+    motion = scheme.step(s, motion, dt, parameters)
+    account.restore({})
+    before = motion.newton
+    began = time.perf_counter()
+    for _ in range(count):
+        with account.within("integrator"):
+            motion = scheme.step(s, motion, dt, parameters)
+    total = 1e3 * (time.perf_counter() - began) / count
+    parts = [
+        1e3 * account.seconds.get(k, 0.0) / count for k in ("stretching", "bending", "solver", "integrator")
+    ]
+    newton = (motion.newton - before) / count
+    return [total, newton, total / newton if newton else total, *parts]
+
+
+def mujoco_step(n: int) -> float:
+    """Milliseconds a step of MuJoCo's implicit integrator on the same hanging cloth, or nan."""
+    try:
+        import mujoco
+    except ImportError:
+        return float("nan")
+    h = 1 / n
+    xml = f"""<mujoco><option timestep="0.002" gravity="0 0 -9.81" integrator="discrete" solver="CG"/>
+    <worldbody><flexcomp name="c" type="grid" dim="2" count="{n + 1} {n + 1} 1" spacing="{h} {h} {h}"
+      mass="0.2" radius="0.0005" pos="0 0 1">
+      <elasticity young="1e5" poisson="0.3" thickness="1e-3" elastic2d="both"/>
+      <contact contype="0" conaffinity="0" selfcollide="none"/><pin id="0 {n}"/>
+    </flexcomp></worldbody></mujoco>"""
+    try:
+        compiled = mujoco.MjModel.from_xml_string(xml)
+    except Exception as error:
+        print("MuJoCo:", str(error).split("\n")[0])
+        return float("nan")
+    data = mujoco.MjData(compiled)
+    mujoco.mj_step(compiled, data)
+    began = time.perf_counter()
+    for _ in range(5):
+        mujoco.mj_step(compiled, data)
+    return 1e3 * (time.perf_counter() - began) / 5
+
+
+def main() -> None:
+    sizes = {"3k": 39, "12k": 78, **({"50k": 158} if "--large" in sys.argv else {})}
+    print(machine())
+    found = kernels(100)
+    scale = found["factor"] / FIGURES["factor"]
+    print_table(
+        f"parts of a Newton iteration, 20 000 triangles [ms]; figures scaled by {scale:.2f}",
+        ["part", "ours", "figure", "scaled", "ours / scaled"],
+        [[k, f"{v:.2f}", FIGURES[k], f"{FIGURES[k] * scale:.2f}", f"{v / FIGURES[k] / scale:.2f}"]
+         for k, v in found.items()],
+    )  # fmt: skip
+    rows = []
+    for name, n in sizes.items():
+        for integrator, membrane, bending in (
+            ("verlet", "edges", "quadratic"), ("verlet", "stvk", "quadratic"), ("verlet", "stvk", "hinge"),
+            ("newmark", "stvk", "quadratic"), ("newmark", "stvk", "hinge"),
+            ("implicit-midpoint", "stvk", "hinge"), ("implicit-euler", "stvk", "hinge"),
+        ):  # fmt: skip
+            row = steps(n, integrator, membrane, bending)
+            rows.append([name, integrator, membrane, bending, *(f"{v:.2f}" for v in row)])
+    print_table(
+        "milliseconds a step of the hanging cloth",
+        ["triangles", "integrator", "membrane", "hinges", "step", "newton", "a newton", "stretching", "bending",
+         "solver", "rest"],
+        rows,
+    )  # fmt: skip
+    rows = []
+    for name, n in [(name, n) for name, n in sizes.items() if name != "50k"]:
+        theirs, ours = mujoco_step(n), steps(n, "newmark", "stvk", "hinge")[0]
+        rows.append([name, f"{theirs:.1f}", f"{ours:.1f}", f"{ours / theirs:.1f}"])
+    print_table(
+        "MuJoCo, integrator discrete (CG), milliseconds a step, beside our newmark with hinges",
+        ["triangles", "MuJoCo", "ours", "ours / MuJoCo"],
+        rows,
+    )
+
+
+if __name__ == "__main__":
+    main()
