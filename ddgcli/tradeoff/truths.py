@@ -29,6 +29,8 @@ class Truth:
         ((n, 3) points, source point) -> (n,) geodesic distance.
     eigenvalues : callable, optional
         k -> (k,) smallest eigenvalues of the Laplacian.
+    linear_eigenvalue : float, optional
+        Eigenvalue of which the linear functions of the position are eigenfunctions.
     """
 
     name: str
@@ -36,6 +38,7 @@ class Truth:
     mean_curvature: Callable[[NDArray], NDArray] | None = None
     distance: Callable[[NDArray, NDArray], NDArray] | None = None
     eigenvalues: Callable[[int], NDArray] | None = None
+    linear_eigenvalue: float | None = None
 
 
 def sphere(radius: float) -> Truth:
@@ -57,6 +60,7 @@ def sphere(radius: float) -> Truth:
         lambda p: np.full(len(p), 1 / radius),
         distance,
         eigenvalues,
+        2 / radius**2,
     )
 
 

@@ -1,0 +1,218 @@
+"""The atlas: error against seconds on known truths, with observed rates (`make accuracy`).
+
+For every command and family of triangulations: each method with its dials, and peers, on a ladder of meshes.
+Writes docs/accuracy/COMMAND.csv (all rows), .png (the picture) and .md (rates and errors), and check.json,
+which `make accuracy-check` (a part of `make test`) compares a rerun of the small meshes with: errors and
+rates only, never seconds.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import json
+import sys
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from benchmarks.accuracy_advice import ADVICE
+from benchmarks.accuracy_peers import peers_of
+from benchmarks.families import STUDIES
+from ddgcli.mesh.triangle_mesh import TriangleMesh
+from ddgcli.plots.chart import draw_chart
+from ddgcli.tradeoff.candidates import Row
+from ddgcli.tradeoff.front import mark_front
+from ddgcli.tradeoff.measure import run_problem
+from ddgcli.tradeoff.problems.table import mesh_problem
+from ddgcli.tradeoff.report import machine
+from ddgcli.tradeoff.truths import parse_truth
+
+HERE = Path(__file__).parent.parent / "docs" / "accuracy"
+LEVELS = (0, 1, 2, 3)
+SMALL = (0, 1)
+# an error may rise by this factor, a rate fall by this much, before the check fails
+ERROR_SLACK, RATE_SLACK = 1.05, 0.1
+# guess of the seconds above which the check leaves a configuration to the atlas
+CHEAP = 0.15
+
+
+def measured(command: str, truth: str, mesh: TriangleMesh, *, repeat: int, peers: bool) -> list[Row]:
+    """Rows of one command on one mesh with a known truth; without peers, the cheap ones only (the check)."""
+    problem = mesh_problem(command, mesh, truth=parse_truth(truth, mesh.points))
+    if not peers:
+        problem = replace(problem, candidates=[c for c in problem.candidates if c.work <= CHEAP])
+    if peers:
+        problem = replace(problem, candidates=[*problem.candidates, *peers_of(command, mesh)])
+    rows = run_problem(problem, repeat=repeat, budget=90.0).rows
+    mark_front(rows)
+    return rows
+
+
+def study(
+    command: str, levels: tuple[int, ...], *, repeat: int = 3, peers: bool = True
+) -> list[dict[str, Any]]:
+    """All rows of a command, as plain dictionaries."""
+    found = []
+    for truth, ladders in STUDIES[command]:
+        for family, make in ladders.items():
+            for level in levels:
+                mesh = make(level)
+                head = {"truth": truth, "family": family, "level": level, "faces": mesh.n_faces}
+                head["h"] = float(mesh.side_length.mean())
+                for row in measured(command, truth, mesh, repeat=repeat, peers=peers):
+                    found.append(head | as_row(row))
+                print(f"{command} {truth} {family} {mesh.n_faces}", file=sys.stderr, flush=True)
+    return found
+
+
+def as_row(row: Row) -> dict[str, Any]:
+    """What is kept of a row."""
+    return {
+        "configuration": row.label,
+        "setup_seconds": row.setup_seconds,
+        "seconds": row.seconds,
+        "peak_mib": row.peak_mib,
+        "max_error": row.max_error,
+        "mean_error": row.mean_error,
+        "on_front": row.on_front,
+    }
+
+
+def rates(rows: list[dict[str, Any]], error: str = "mean_error") -> dict[tuple[str, str, str], float]:
+    """Observed rate of each configuration: the slope of log error over log h on its finest three meshes."""
+    groups: dict[tuple[str, str, str], list[dict[str, Any]]] = {}
+    for row in rows:
+        groups.setdefault((row["truth"], row["family"], row["configuration"]), []).append(row)
+    found = {}
+    for key, group in groups.items():
+        finest = sorted(group, key=lambda r: r["h"])[:3]
+        errors = np.array([r[error] for r in finest])
+        if len(finest) > 1 and (errors > 1e-13).all():
+            found[key] = float(np.polyfit(np.log([r["h"] for r in finest]), np.log(errors), 1)[0])
+    return found
+
+
+def write(command: str, rows: list[dict[str, Any]]) -> None:
+    """CSV, picture and page of one command."""
+    HERE.mkdir(parents=True, exist_ok=True)
+    with open(HERE / f"{command}.csv", "w", newline="", encoding="utf-8") as file:
+        writer = csv.DictWriter(file, list(rows[0]), lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(
+            {k: f"{v:.4g}" if isinstance(v, float) else v for k, v in row.items()} for row in rows
+        )
+    truth = STUDIES[command][0][0]
+    for family in STUDIES[command][0][1]:
+        picture(command, truth, family, [r for r in rows if r["truth"] == truth and r["family"] == family])
+    (HERE / f"{command}.md").write_text(page(command, rows), encoding="utf-8")
+
+
+def picture(command: str, truth: str, family: str, rows: list[dict[str, Any]]) -> None:
+    """Error against seconds: a line a configuration, a point a mesh."""
+    lines: dict[str, list[dict[str, Any]]] = {}
+    for row in rows:
+        lines.setdefault(row["configuration"], []).append(row)
+    best = sorted(lines, key=lambda name: -sum(r["on_front"] for r in lines[name]))[:8]
+    draw_chart(
+        str(HERE / f"{command}-{family}.png"),
+        {
+            name: (
+                [r["setup_seconds"] + r["seconds"] for r in lines[name]],
+                [max(r["mean_error"], 1e-15) for r in lines[name]],
+            )
+            for name in lines
+            if name in best
+        },
+        xlabel="seconds (set-up and one query)",
+        ylabel="mean relative error",
+        log="xy",
+        title=f"{command}: {truth}, {family} triangulations",
+        caption=f"One point a mesh of the ladder.\n{machine()}",
+    )
+
+
+def page(command: str, rows: list[dict[str, Any]]) -> str:
+    """Tables of errors and rates, for every truth and family."""
+    observed = rates(rows)
+    text = [f"# {command}: error against seconds\n", ADVICE[command].strip(), ""]
+    text += [f"![{family}]({command}-{family}.png)" for family in STUDIES[command][0][1]]
+    for truth, ladders in STUDIES[command]:
+        for family in ladders:
+            group = [r for r in rows if r["truth"] == truth and r["family"] == family]
+            finest = max(r["level"] for r in group)
+            last = [r for r in group if r["level"] == finest]
+            text += [f"\n## {truth}, {family}: {last[0]['faces']} faces\n"]
+            text += ["| configuration | mean error | max error | rate | set-up s | query s | MiB | front |"]
+            text += ["| --- | --- | --- | --- | --- | --- | --- | --- |"]
+            for r in sorted(last, key=lambda r: r["setup_seconds"] + r["seconds"]):
+                rate = observed.get((truth, family, r["configuration"]))
+                text.append(
+                    f"| {r['configuration']} | {r['mean_error']:.1e} | {r['max_error']:.1e} | "
+                    f"{'-' if rate is None else f'{rate:.1f}'} | {r['setup_seconds']:.2g} | "
+                    f"{r['seconds']:.2g} | "
+                    f"{r['peak_mib']:.0f} | {'*' if r['on_front'] else ''} |"
+                )
+    return "\n".join([*text, "", f"{machine()}. `make accuracy` measures anew.", ""])
+
+
+def summary_of(rows: list[dict[str, Any]]) -> dict[str, Any]:
+    """What the check compares: errors of ours on the small meshes, and their rates."""
+    kept = [r for r in rows if r["level"] in SMALL]
+    errors = {name_of(r): [r["max_error"], r["mean_error"]] for r in kept}
+    return {"errors": errors, "rates": {"|".join(k): v for k, v in rates(kept).items()}}
+
+
+def name_of(row: dict[str, Any]) -> str:
+    """Truth, family, level and configuration in one key."""
+    return "|".join((row["truth"], row["family"], str(row["level"]), row["configuration"]))
+
+
+def worse(stored: dict[str, Any], found: dict[str, Any]) -> list[str]:
+    """What has become worse, a line each."""
+    lines = []
+    for name, errors in stored["errors"].items():
+        now = found["errors"].get(name)
+        if now is None:
+            lines.append(f"{name}: no longer measured")
+        elif any(b > a * ERROR_SLACK + 1e-12 for a, b in zip(errors, now)):
+            lines.append(f"{name}: errors {errors} -> {now}")
+    for name, rate in stored["rates"].items():
+        now = found["rates"].get(name)
+        if now is not None and now < rate - RATE_SLACK:
+            lines.append(f"{name}: rate {rate:.2f} -> {now:.2f}")
+    return lines
+
+
+def main() -> int:
+    """Regenerate the atlas, or check against it."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("commands", nargs="*", default=list(STUDIES), help="commands (default: all)")
+    parser.add_argument("--check", action="store_true", help="rerun the small meshes and compare")
+    given = parser.parse_args()
+    store = HERE / "check.json"
+    stored = json.loads(store.read_text()) if store.exists() else {}
+    if given.check:
+        lines = []
+        for command in given.commands:
+            found = summary_of(study(command, SMALL, repeat=1, peers=False))
+            lines += [f"{command}: {line}" for line in worse(stored[command], found)]
+        print("\n".join(lines) or "accuracy: nothing has become worse")
+        return 1 if lines else 0
+    for command in given.commands:
+        rows = study(command, LEVELS)
+        write(command, rows)
+        ours = [r for r in rows if not r["configuration"].startswith(PEER_NAMES)]
+        again = study(command, SMALL, repeat=1, peers=False)
+        names = set(summary_of(again)["errors"])
+        stored[command] = summary_of([r for r in ours if name_of(r) in names])
+        store.write_text(json.dumps(stored, indent=1, sort_keys=True) + "\n")
+    return 0
+
+
+PEER_NAMES = ("libigl", "potpourri3d", "pygeodesic", "robust_laplacian", "pymeshlab")
+
+if __name__ == "__main__":
+    sys.exit(main())
