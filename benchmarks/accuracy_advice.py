@@ -3,7 +3,7 @@
 ADVICE = {
     "curvature": """
 Theory: on smooth surfaces a quadric fit converges at second order on any sampling; corrected measures in
-balls that shrink more slowly than the edges; cotangent and normal-cycle values at the star on regular meshes only.
+balls that shrink more slowly than the edges; cotangent and normal-cycle values at the star on regular meshes.
 """,
     "geodesic": """
 Theory: the exact polyhedral distance converges to the smooth one at second order; fast marching at

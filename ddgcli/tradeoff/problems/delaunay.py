@@ -12,7 +12,6 @@ from ddgcli.algorithms.delaunay import flip_to_delaunay
 from ddgcli.algorithms.refine import refine
 from ddgcli.errors import ParameterError
 from ddgcli.linalg.constrain import Poisson
-from ddgcli.mesh.intrinsic_mesh import IntrinsicMesh
 from ddgcli.mesh.shapes import midpoint_subdivided
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.operators.laplacian import lumped_mass, stiffness
@@ -30,10 +29,7 @@ def problem(mesh: TriangleMesh, *, truth: Truth | None = None, **_) -> Problem:
         candidates=[
             _candidate(mesh, "input as it is", {}, lambda: mesh, work),
             _candidate(mesh, "flips", {}, lambda: flip_to_delaunay(mesh).mesh, 2 * work),
-            *(
-                _candidate(mesh, "refine", {"degrees": d}, partial(_refined, mesh, d), 10 * work)
-                for d in ANGLES
-            ),
+            *(_refined_candidate(mesh, degrees, 10 * work) for degrees in ANGLES),
         ],
         references=[(0.0, lambda: _known(mesh, truth))]
         if truth is not None
@@ -51,8 +47,9 @@ def _candidate(
     return Candidate(method, dials, make, lambda m: solution(m, mesh), words, work)
 
 
-def _refined(mesh: TriangleMesh, degrees: float) -> IntrinsicMesh:
-    return refine(mesh, degrees).flipped.mesh
+def _refined_candidate(mesh: TriangleMesh, degrees: float, work: float) -> Candidate:
+    dials = {"degrees": degrees}
+    return _candidate(mesh, "refine", dials, lambda: refine(mesh, degrees).flipped.mesh, work)
 
 
 def load_function(mesh: TriangleMesh, points: NDArray) -> NDArray[np.float64]:
