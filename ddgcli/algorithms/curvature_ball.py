@@ -6,17 +6,19 @@ vertex there: other sheets that happen to pass by do not count.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.algorithms.curvature_faces import Faces, ratio
 from ddgcli.algorithms.curvature_frames import Principal
-from ddgcli.algorithms.curvature_region import Regions, chunks, face_balls
+from ddgcli.algorithms.curvature_region import FaceBalls
 from ddgcli.algorithms.curvature_star import corrected_measures, corrected_principal, swapped_principal
 from ddgcli.mesh.topology import NEXT
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 
-_PAIRS = 200_000
+_PAIRS = 50_000  # of vertices and faces handled at once
 
 
 def corrected_in_balls(mesh: TriangleMesh, faces: Faces, normal: NDArray, radius: float) -> Principal:
@@ -57,15 +59,32 @@ def normal_cycle_in_balls(
     return swapped_principal(ratio(tensor, area), normal, ratio(gauss, area))
 
 
-def _clipped(mesh: TriangleMesh, radius: float):
-    """Pairs of vertices and faces that meet the vertex's ball, in chunks: (begin, end, owner - begin, face,
-    area of the face inside the ball, length of each side inside it)."""
-    balls: Regions = face_balls(mesh, radius)
-    for begin, end in chunks(balls, _PAIRS):
-        face = balls.member[balls.start[begin] : balls.start[end]]
-        owner = np.repeat(np.arange(end - begin), np.diff(balls.start[begin : end + 1]))
+Pairs = tuple[int, int, NDArray, NDArray, NDArray, NDArray]
+
+
+def _clipped(mesh: TriangleMesh, radius: float) -> Iterator[Pairs]:
+    """Pairs of vertices and faces that meet the vertex's ball, a range of vertices at a time.
+
+    Yields
+    ------
+    begin, end : int
+        The range.
+    owner, face : (k,) ndarray
+        Vertex counted from begin, and face.
+    area : (k,) ndarray
+        Of the face inside the ball.
+    chord : (k, 3) ndarray
+        Length of each of its sides inside the ball.
+    """
+    balls = FaceBalls(mesh, radius)
+    begin, step = 0, 64
+    while begin < mesh.n_vertices:
+        end = min(begin + step, mesh.n_vertices)
+        owner, face = balls.of(begin, end)
         corner = mesh.points[mesh.faces[face]] - mesh.points[begin + owner][:, None]
         yield begin, end, owner, face, *clip_triangles(corner, radius)
+        step = max(1, int((end - begin) * _PAIRS / max(len(face), 1)))
+        begin = end
 
 
 def clip_triangles(corner: NDArray, radius: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -47,7 +47,16 @@ def unit_normals(faces: Faces) -> NDArray[np.float64]:
     """
     squared = faces.squared_length
     weight = np.stack([ratio(1.0, squared[k] * squared[PREVIOUS[k]]) for k in range(3)])
-    total = faces.at_vertices(weight * faces.doubled[:, None, :])
+    return _unit(faces.at_vertices(weight * faces.doubled[:, None, :]))
+
+
+def area_normals(faces: Faces) -> NDArray[np.float64]:
+    """(3, n) vertex normals weighted by area: coarser than Max's, but not led astray by tiny noisy faces."""
+    return _unit(faces.stars(faces.doubled))
+
+
+def _unit(total: NDArray) -> NDArray[np.float64]:
+    """Columns at unit length; +z for zero ones."""
     length = np.sqrt(dot(total, total))
     unit = ratio(total, length)
     unit[2, length == 0] = 1.0

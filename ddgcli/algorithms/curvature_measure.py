@@ -14,9 +14,10 @@ from ddgcli.algorithms import curvature as exact
 from ddgcli.algorithms import curvature_totals as totals
 from ddgcli.algorithms.curvature_ball import corrected_in_balls, normal_cycle_in_balls
 from ddgcli.algorithms.curvature_faces import Faces, ratio
-from ddgcli.algorithms.curvature_frames import Principal, unit_normals
+from ddgcli.algorithms.curvature_frames import Principal, area_normals, unit_normals
 from ddgcli.algorithms.curvature_orientation import orientation
 from ddgcli.algorithms.curvature_quadric import quadric
+from ddgcli.algorithms.curvature_region import check_radius
 from ddgcli.algorithms.curvature_star import corrected, cotan, normal_cycle
 from ddgcli.errors import MeshError, ParameterError
 from ddgcli.geometry.extrinsic import dihedral_angle
@@ -104,6 +105,8 @@ def measure(
         )
     require(mesh, "curvature")
     surface = _prepared(mesh, scheme)
+    if radius is not None:
+        check_radius(mesh, float(surface.faces.area.sum()), radius / surface.scale, surface.scale)
     found = _pointwise(surface, scheme, None if radius is None else radius / surface.scale)
     vertex = _vertex_arrays(surface, found)
     length = totals.edge_length(surface.faces, mesh.topology)
@@ -201,7 +204,8 @@ def _tell_defects(mesh: TriangleMesh, faces: Faces, orientable: bool, scheme: st
 def _pointwise(surface: _Surface, scheme: str, radius: float | None) -> Principal:
     """The scheme's values at unit size."""
     mesh, faces, area, defect = surface.mesh, surface.faces, surface.area, surface.defect
-    normal = unit_normals(faces) if surface.orientable else _unsigned_normals(surface)
+    normals = area_normals if scheme == "quadric" else unit_normals
+    normal = normals(faces) if surface.orientable else _unsigned_normals(surface)
     if scheme == "cotan":
         found = cotan(faces, normal, area, defect, surface.vector)
     elif scheme == "normal-cycle" and radius is not None:

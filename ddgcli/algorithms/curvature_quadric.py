@@ -30,7 +30,7 @@ _TABLE = np.array([[_POWERS.index((a + c, b + d)) for c, d in _TERMS] for a, b i
 _PENALTIES = (1e-6, 1e-4, 1e-2, 1.0, 1e2, 1e4)  # from a quartic fit to a quadratic one
 _JUDGES = 128  # vertices that choose among them
 _FLOOR = 1e-12  # penalty of the low terms, so that three neighbours give an answer too
-_ENOUGH = 14  # neighbours below which a third ring is added
+_ENOUGH = 15  # neighbours below which a third ring is added
 _PAIRS = 40_000  # neighbours handled at once: the working arrays stay in the cache
 
 
@@ -112,7 +112,10 @@ def _local(
 
 
 def _same_side(normal: NDArray, begin: int, end: int, regions: Regions) -> tuple[NDArray, NDArray]:
-    """Neighbours whose normals are less than a right angle from their vertex's: heights are a function."""
+    """Neighbours whose normals are less than a right angle from their vertex's: heights are a function.
+
+    A vertex left with fewer than three, as the corners of a tetrahedron are, keeps those up to 120 degrees.
+    """
     member = regions.member[regions.start[begin] : regions.start[end]]
     start = regions.start[begin : end + 1] - regions.start[begin]
     count = np.diff(start)
@@ -123,6 +126,9 @@ def _same_side(normal: NDArray, begin: int, end: int, regions: Regions) -> tuple
     if keep.all():
         return start, member
     kept = np.add.reduceat(keep, start[:-1], dtype=np.int64)
+    if kept.min() < 4:
+        keep |= np.repeat(kept < 4, count) & (cosine > -0.5)
+        kept = np.add.reduceat(keep, start[:-1], dtype=np.int64)
     return np.concatenate([[0], np.cumsum(kept)]), member[keep]
 
 

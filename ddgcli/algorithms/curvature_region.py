@@ -9,9 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array, eye_array
 
+from ddgcli.errors import ParameterError
 from ddgcli.mesh.topology import Topology
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 
+_BALLS = 1024  # vertices whose balls grow together
 HUB_VALENCE = 24  # rings do not grow through vertices with more neighbours: their fans would join everything
 
 
@@ -94,43 +96,83 @@ def chunks(regions: Regions, members: int) -> Iterator[tuple[int, int]]:
         first = last
 
 
-def face_balls(mesh: TriangleMesh, radius: float) -> Regions:
-    """Faces that meet the ball about each vertex and are joined to it through sides inside the ball."""
-    topology = mesh.topology
-    m, n = mesh.n_faces, mesh.n_vertices
-    side_edge, fan = topology.side_edge, _faces_of_edges(topology)
-    frontier = np.unique(topology.faces.ravel() * np.int64(m) + np.repeat(np.arange(m), 3))
-    found = frontier
-    while len(frontier):
-        vertex, face = np.divmod(frontier, m)
-        near = _sides_within(mesh, vertex, face, radius)
-        row, side = np.nonzero(near)
-        owner, beyond = _expand(vertex[row], side_edge[face[row], side], fan)
-        reached = np.unique(owner * np.int64(m) + beyond)
-        frontier = reached[~_member(reached, found)]
-        found = np.union1d(found, frontier)
-    vertex, face = np.divmod(found, m)
-    start = np.concatenate([[0], np.cumsum(np.bincount(vertex, minlength=n))])
-    return Regions(start, face)
+MOST_PAIRS = 2e8  # of vertices and members of their balls; more would take many minutes
+
+
+def check_radius(mesh: TriangleMesh, area: float, radius: float, unit: float) -> None:
+    """Refuse a radius whose balls hold so much of the surface that measuring all would seem to hang.
+
+    Parameters
+    ----------
+    area : float
+        Of the surface.
+    radius : float
+    unit : float
+        What one length unit here is in the input's, for the message.
+    """
+    share = min(1.0, np.pi * radius * radius / area)
+    pairs = float(mesh.n_vertices) * mesh.n_faces * share
+    if pairs > MOST_PAIRS:
+        mend = radius * unit * np.sqrt(MOST_PAIRS / pairs)
+        raise ParameterError(
+            f"balls of radius {radius * unit:g} would hold {pairs / mesh.n_vertices:.0f} faces each, too "
+            f"many for {mesh.n_vertices} vertices; use a radius below {mend:.3g}, or a coarser mesh"
+        )
+
+
+class FaceBalls:
+    """Faces that meet the ball about each vertex and are joined to it through sides inside the ball.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+    radius : float
+    """
+
+    def __init__(self, mesh: TriangleMesh, radius: float) -> None:
+        self.mesh, self.radius = mesh, radius
+        self._of_edge = _faces_of_edges(mesh.topology)
+        corner = np.argsort(mesh.faces.ravel(), kind="stable")
+        count = np.bincount(mesh.faces.ravel(), minlength=mesh.n_vertices)
+        self._of_vertex = np.concatenate([[0], np.cumsum(count)]), corner // 3
+
+    def of(self, begin: int, end: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Pairs of vertices begin..end (counted from begin) and faces, by vertex."""
+        mesh, m = self.mesh, np.int64(self.mesh.n_faces)
+        owner, face = _expand(np.arange(end - begin), np.arange(begin, end), self._of_vertex)
+        frontier = found = np.unique(owner * m + face)
+        while len(frontier):
+            owner, face = np.divmod(frontier, m)
+            row, side = np.nonzero(_sides_within(mesh, begin + owner, face, self.radius))
+            owner, beyond = _expand(owner[row], mesh.topology.side_edge[face[row], side], self._of_edge)
+            frontier, found = _new(owner * m + beyond, found)
+        return np.divmod(found, m)
 
 
 def vertex_balls(mesh: TriangleMesh, radius: float) -> Regions:
     """Vertices within a distance in space of each vertex, joined to it by edges that stay within it."""
     near = adjacency(mesh.topology)
-    start, neighbour = near.indptr.astype(np.int64), near.indices.astype(np.int64)
-    n = mesh.n_vertices
-    frontier = np.arange(n, dtype=np.int64) * (n + 1)
-    found = frontier
-    while len(frontier):
-        owner, vertex = np.divmod(frontier, n)
-        owner, reached = _expand(owner, vertex, (start, neighbour))
-        offset = mesh.points[reached] - mesh.points[owner]
-        inside = np.einsum("ij,ij->i", offset, offset) <= radius * radius
-        keys = np.unique(owner[inside] * np.int64(n) + reached[inside])
-        frontier = keys[~_member(keys, found)]
-        found = np.union1d(found, frontier)
-    owner, vertex = np.divmod(found, n)
-    return Regions(np.concatenate([[0], np.cumsum(np.bincount(owner, minlength=n))]), vertex)
+    lists = near.indptr.astype(np.int64), near.indices.astype(np.int64)
+    n, counts, members = np.int64(mesh.n_vertices), [], []
+    for begin in range(0, mesh.n_vertices, _BALLS):
+        end = min(begin + _BALLS, mesh.n_vertices)
+        frontier = found = np.arange(end - begin) * n + np.arange(begin, end)
+        while len(frontier):
+            owner, reached = _expand(*np.divmod(frontier, n), lists)
+            offset = mesh.points[reached] - mesh.points[begin + owner]
+            inside = np.einsum("ij,ij->i", offset, offset) <= radius * radius
+            frontier, found = _new((owner * n + reached)[inside], found)
+        owner, vertex = np.divmod(found, n)
+        counts.append(np.bincount(owner, minlength=end - begin))
+        members.append(vertex)
+    return Regions(np.concatenate([[0], np.cumsum(np.concatenate(counts))]), np.concatenate(members))
+
+
+def _new(keys: NDArray, found: NDArray) -> tuple[NDArray, NDArray]:
+    """The keys not yet found, each once, and all found with them; sorted."""
+    keys = np.unique(keys)
+    new = keys[~_member(keys, found)]
+    return new, np.sort(np.concatenate([found, new]), kind="stable")
 
 
 def _member(keys: NDArray, sorted_keys: NDArray) -> NDArray[np.bool_]:

@@ -7,7 +7,7 @@ et al., "An algorithm for the construction of intrinsic Delaunay triangulations"
 from __future__ import annotations
 
 import logging
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,14 +17,15 @@ from ddgcli.errors import MeshError
 from ddgcli.geometry.intrinsic import corner_cotan, half_angle_tangent, triangle_excess
 from ddgcli.mesh.intrinsic_mesh import IntrinsicMesh
 from ddgcli.mesh.require import require
-from ddgcli.mesh.topology import Topology
+from ddgcli.mesh.topology import NEXT, Topology
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 
 log = logging.getLogger("ddgcli")
 
 ANGLE_SLACK = 1e-9  # radians by which opposite angles may sum to more than pi and still count as Delaunay
-FLAT = 1e-15  # excess relative to the longest side below which a triangle has no shape left in float64
-LIFT = 1e-12  # excess, relative to the longest side, that mollification gives the flattest triangle
+CAP = 1e-9  # excess relative to the longest side below which lengths are taken in extended precision
+FLAT = 4  # roundings of the longest side: an excess below has no shape left
+LIFT = 1e4  # roundings of the longest side: the excess that mollification gives the flattest triangle
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,18 +84,19 @@ def flip_to_delaunay(
     -----
     Every interior edge ends with opposite angles summing to pi at most (up to 1e-9); boundary edges stay.
     Angles are compared and lengths updated through half-angle tangents, which keep their relative precision
-    on slivers.
+    on slivers. Where positions are given and caps would lose their heights in float64 lengths, the flips work
+    in extended precision.
     """
     glued = glue(mesh)
-    glued, mollified = mollify(glued)
+    length, mollified = working_lengths(mesh, glued)
     notes = []
     if mollified > 0:
         notes.append(
             "some triangles are flat or break the triangle inequality: "
             f"every edge was lengthened by {mollified:.3g}"
         )
-    scale = length_scale(glued.side_length)
-    state = SideArrays.of(glued.faces, glued.topology.side_twin, glued.side_length / scale)
+    scale = length_scale(length)
+    state = SideArrays.of(glued.faces, glued.topology.side_twin, length / scale)
     if track:
         state.crossings = np.full(3 * glued.n_faces, -1, dtype=np.int64)
     flips, rounds, ended = flip_until_delaunay(state, most_rounds=most_rounds)
@@ -159,28 +161,45 @@ def _is_gluing(topology: Topology) -> bool:
     )
 
 
-def mollify(mesh: IntrinsicMesh) -> tuple[IntrinsicMesh, float]:
-    """Every side lengthened by the least number that gives flat triangles an inside; else unchanged.
+def working_lengths(mesh: TriangleMesh | IntrinsicMesh, glued: IntrinsicMesh) -> tuple[NDArray, float]:
+    """Side lengths to flip with, and what was added to all of them so that every triangle has an inside.
 
-    After Sharp and Crane, "A Laplacian for Nonmanifold Triangle Meshes", 2020, section 4.5; only triangles
-    whose excess is lost in rounding count as flat, so that sound slivers keep their shape.
+    Returns
+    -------
+    length : (m, 3) ndarray
+        In extended precision where the mesh has positions and caps so flat that float64 lengths would lose
+        their heights (on platforms without such numbers: float64).
+    added : float
+
+    Notes
+    -----
+    Where a triangle is flat even so, every side grows by the least number that mends it, after Sharp and
+    Crane, "A Laplacian for Nonmanifold Triangle Meshes", 2020, section 4.5; sound slivers keep their shape.
     """
-    length = mesh.side_length
-    if mesh.n_faces == 0:
-        return mesh, 0.0
-    longest = length.max(axis=1)
-    excess = (length.sum(axis=1) - longest) - longest
-    suspect = np.flatnonzero(excess <= 1e-12 * longest)
+    length = glued.side_length
+    if isinstance(mesh, TriangleMesh) and len(_caps(length, CAP)):
+        corners = mesh.points.astype(np.longdouble)[mesh.faces]
+        scale = np.abs(corners).max() or 1.0
+        length = scale * np.sqrt((((corners[:, NEXT] - corners) / scale) ** 2).sum(axis=2))
+    unit = float(np.finfo(length.dtype).eps)
+    suspect = _caps(length, 1e4 * unit)
+    longest = length[suspect].max(axis=1, initial=0.0)
     least = triangle_excess(length[suspect]).min(axis=1) if len(suspect) else np.zeros(0)
-    flat = least <= FLAT * longest[suspect]
+    flat = least <= FLAT * unit * longest
     if not flat.any():
-        return mesh, 0.0
-    added = float((LIFT * longest[suspect] - least)[flat].max())
+        return length, 0.0
+    added = (LIFT * unit * longest - least)[flat].max()
     if added <= 0.0:
-        added = LIFT * float(length.mean())
+        added = LIFT * unit * length.mean()
     if added == 0.0:
         raise MeshError("all side lengths are zero: the surface has no extent")
-    return replace(mesh, side_length=length + added), added
+    return length + added, float(added)
+
+
+def _caps(length: NDArray, least: float) -> NDArray[np.int64]:
+    """Faces whose two shorter sides exceed the longest by no more than a share of it."""
+    longest = length.max(axis=1)
+    return np.flatnonzero((length.sum(axis=1) - longest) - longest <= least * longest)
 
 
 def length_scale(length: NDArray) -> float:

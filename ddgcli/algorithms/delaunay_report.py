@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.algorithms.common_subdivision import Base, CommonSubdivision, common_subdivision
-from ddgcli.algorithms.curvature import angle_defect
 from ddgcli.algorithms.delaunay import (
     flip_to_delaunay,
     length_scale,
@@ -17,11 +16,13 @@ from ddgcli.algorithms.delaunay import (
     non_delaunay_edges,
 )
 from ddgcli.algorithms.refine import Refined, refine
+from ddgcli.geometry.extrinsic import face_area_vector
 from ddgcli.geometry.intrinsic import corner_angle, face_area
+from ddgcli.geometry.unfolding import face_corner_angle
 from ddgcli.linalg.factor import Factor
 from ddgcli.mesh.fields import AnnotatedMesh
 from ddgcli.mesh.intrinsic_mesh import IntrinsicMesh
-from ddgcli.mesh.triangle_mesh import TriangleMesh
+from ddgcli.mesh.triangle_mesh import TriangleMesh, vector_length
 from ddgcli.operators.laplacian import stiffness
 
 SurfaceMesh = TriangleMesh | IntrinsicMesh
@@ -212,10 +213,27 @@ def metric_residuals(before: SurfaceMesh, after: SurfaceMesh) -> dict[str, float
         angle defect (inserted vertices must have none) relative to a full turn.
     """
     scale = length_scale(before.side_length)  # areas of tiny and huge surfaces leave the range of float64
-    area0, area1 = (face_area(mesh.side_length / scale).sum() for mesh in (before, after))
-    change = angle_defect(after)
-    change[: before.n_vertices] -= angle_defect(before)
+    area0, area1 = _area(before, scale), _area(after, scale)
+    change = _defect(after)
+    change[: before.n_vertices] -= _defect(before)
     return {
         "area_residual": float(abs(area1 - area0) / area0) if area0 > 0 else float("nan"),
         "angle_defect_residual": float(np.abs(change).max(initial=0.0) / (2 * np.pi)),
     }
+
+
+def _area(mesh: SurfaceMesh, scale: float) -> float:
+    """Area over scale squared, from positions where there are any: lengths lose the heights of caps."""
+    if isinstance(mesh, TriangleMesh):
+        return float(vector_length(face_area_vector(mesh.moved(mesh.points / scale))).sum())
+    return float(face_area(mesh.side_length / scale).sum())
+
+
+def _defect(mesh: SurfaceMesh) -> NDArray[np.float64]:
+    """(n,) angle defects, from positions where there are any."""
+    topology = mesh.topology
+    total = np.bincount(
+        mesh.faces.ravel(), weights=face_corner_angle(mesh).ravel(), minlength=mesh.n_vertices
+    )
+    full = np.where(topology.boundary_vertex, np.pi, 2 * np.pi)
+    return np.where(topology.referenced_vertex, full - total, 0.0)

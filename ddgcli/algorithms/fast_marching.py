@@ -52,11 +52,14 @@ class MarchedDistance:
     ----------
     distance : (n,) ndarray of float64
         inf where no source reaches.
+    nearest_source : (n,) ndarray of int64
+        -1 where no source reaches.
     rounds, updates : int
         Work done.
     """
 
     distance: NDArray[np.float64]
+    nearest_source: NDArray[np.int64]
     rounds: int
     updates: int
 
@@ -190,19 +193,21 @@ def marched_distance(
     sources = checked_sources(mesh, sources)
     stencils = stencils or marching_stencils(mesh)
     march = _March(stencils, mesh.n_vertices, planar)
-    vertex, value = _first_values(mesh, sources, stencils.scale)
     with np.errstate(divide="ignore", invalid="ignore"):
-        march.lower(vertex, value)
+        march.lower(*_first_values(mesh, sources, stencils.scale))
         march.run()
-    return MarchedDistance(march.distance * stencils.scale, march.rounds, march.updates)
+    return MarchedDistance(march.distance * stencils.scale, march.source, march.rounds, march.updates)
 
 
-def _first_values(mesh: SurfaceMesh, sources: Sources, scale: float) -> tuple[NDArray, NDArray]:
+def _first_values(mesh: SurfaceMesh, sources: Sources, scale: float) -> tuple[NDArray, NDArray, NDArray]:
+    """Vertices at and around the sources, their straight distances, and the numbers of the sources."""
     points = sources.points
     frame = face_frame(mesh.side_length[points.face] / scale)
     reach = np.linalg.norm(frame - np.einsum("kc,kcd->kd", points.barycentric, frame)[:, None], axis=2)
     vertex = np.concatenate([sources.vertex, mesh.faces[points.face].ravel()])
-    return vertex, np.concatenate([np.zeros(len(sources.vertex)), reach.ravel()])
+    value = np.concatenate([np.zeros(len(sources.vertex)), reach.ravel()])
+    k = len(sources.vertex)
+    return vertex, value, np.concatenate([np.arange(k), np.repeat(k + np.arange(len(points)), 3)])
 
 
 class _March:
@@ -211,16 +216,20 @@ class _March:
     def __init__(self, stencils: Stencils, n: int, planar: bool) -> None:
         self.stencils, self.planar = stencils, planar
         self.distance = np.full(n, np.inf)
+        self.source = np.full(n, -1, dtype=np.int64)
         self.told = np.full(n, np.inf)  # the distance that was last handed on
         self.waiting = np.zeros(0, dtype=np.int64)
         self.bucket = float(stencils.shape[:, 0].mean()) if len(stencils.shape) else 1.0
         self.rounds = self.updates = 0
 
-    def lower(self, vertex: NDArray, value: NDArray) -> None:
+    def lower(self, vertex: NDArray, value: NDArray, source: NDArray) -> None:
         """Lower distances; those that fall by more than rounding wait to be handed on."""
         better = np.flatnonzero(value < self.distance[vertex] * (1 - 1e-14))
         vertex, value = vertex[better], value[better]
         np.minimum.at(self.distance, vertex, value)
+        won = value == self.distance[vertex]
+        vertex, better = vertex[won], better[won]
+        self.source[vertex] = source[better]
         self.waiting = np.concatenate([self.waiting, vertex])
 
     def run(self) -> None:
@@ -247,11 +256,15 @@ class _March:
         corner = stencils.corner.take(k, axis=0)
         length, x, y, left, right = stencils.shape.take(k, axis=0).T
         da, db = self.distance.take(corner[:, 0]), self.distance.take(corner[:, 1])
-        value = np.minimum(da + left, db + right)
+        source_a, source_b = self.source.take(corner[:, 0]), self.source.take(corner[:, 1])
+        by_a, by_b = da + left, db + right
+        source = np.where(by_a <= by_b, source_a, source_b)
+        value = np.minimum(by_a, by_b)
         wave = self._plane(da, db, length, x, y) if self.planar else self._circle(da, db, length, x, y)
+        wave[source_a != source_b] = np.nan  # fronts of two sources make no common circle
         np.fmin(value, wave, out=value)
         self.updates += len(k)
-        self.lower(corner[:, 2], value)
+        self.lower(corner[:, 2], value, source)
 
     @staticmethod
     def _circle(da: NDArray, db: NDArray, length: NDArray, x: NDArray, y: NDArray) -> NDArray:

@@ -165,8 +165,7 @@ def _fast_marching(mesh: SurfaceMesh, options: DistanceOptions) -> Solver:
 
     def solve(sources: Sources) -> Measured:
         marched = marched_distance(mesh, sources, stencils=stencils)
-        nearest = downhill_source(mesh, marched.distance, sources)
-        return Measured(marched.distance, nearest, {"updates": marched.updates})
+        return Measured(marched.distance, marched.nearest_source, {"updates": marched.updates})
 
     return solve
 

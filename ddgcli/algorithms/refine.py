@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.algorithms.common_subdivision import Base, sides_between
-from ddgcli.algorithms.delaunay import Flipped, flip_to_delaunay, glue, length_scale, mollify
+from ddgcli.algorithms.delaunay import Flipped, flip_to_delaunay, glue, length_scale, working_lengths
 from ddgcli.algorithms.flips import SideArrays, flip_until_delaunay
 from ddgcli.algorithms.gluing import around
 from ddgcli.algorithms.steiner_base import SteinerPoints, with_steiner_points
@@ -170,9 +170,10 @@ class _Refinement:
         self.mesh, self.limit = mesh, limit
         self.bound = np.tan(angle / 2)
         self.tracer, self.fans = Tracer(mesh), vertex_fans(mesh)
-        glued, _ = mollify(glue(mesh))
-        self.scale = length_scale(glued.side_length)
-        self.state = SideArrays.of(glued.faces, glued.topology.side_twin, glued.side_length / self.scale)
+        glued = glue(mesh)
+        length = working_lengths(mesh, glued)[0].astype(np.float64)
+        self.scale = length_scale(length)
+        self.state = SideArrays.of(glued.faces, glued.topology.side_twin, length / self.scale)
         self.state.direction = self.fans.angle_before.copy()
         self.flips, self.batches = flip_until_delaunay(self.state)[0], 0
         self.exhausted = False
@@ -432,9 +433,9 @@ class _Refinement:
         planar = np.stack([np.cos(heading), np.sin(heading)], axis=1)
         ends = self.tracer.trace(where, barycentric, planar, distance[k, near] * self.scale)
         found = _Located(
-            sound=ends.status == 0,
+            sound=(ends.status == 0) & np.isfinite(ends.barycentric).all(axis=1),
             face=ends.face,
-            barycentric=ends.barycentric,
+            barycentric=np.nan_to_num(ends.barycentric, nan=1 / 3),  # in a face without area
             point=point,
             turn=np.arctan2(ends.direction[:, 1], ends.direction[:, 0]) - np.angle(point - start),
             clear=np.ones(len(face), dtype=bool),

@@ -17,7 +17,7 @@ from ddgcli.linalg.ordering import fill_reducing_ordering
 
 log = logging.getLogger("ddgcli")
 
-BLOCK = 8
+BLOCK = 4
 # relative residual in the inverted spectrum; eigenvalues are accurate to its square
 TOLERANCE = 1e-11
 MAX_RESTARTS = 60
@@ -136,7 +136,7 @@ class _BlockLanczos:
 
     def run(self, k: int) -> tuple[NDArray, NDArray, bool]:
         """Eigenvalues (k,), vectors (n, k), and whether none was missed."""
-        limit = min(self.space, max(2 * k, k + 16 * BLOCK) + BLOCK)
+        limit = min(self.space, max(3 * k // 2, k + 32 * BLOCK) + BLOCK)
         self.basis = np.empty((self.n, limit + BLOCK), order="F")
         self.projected = np.zeros((limit + BLOCK, limit + BLOCK))
         self.used = 0

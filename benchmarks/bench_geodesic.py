@@ -1,0 +1,160 @@
+"""Distances beside the peers: exact, heat, fast marching; set-up, solve, peak memory.
+
+`python benchmarks/bench_geodesic.py [--quick]` prints the tables of docs/geodesic.md. Ratios are the peer's
+seconds over ours, larger is better; each pair runs in turn in one process, one thread each.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from typing import Any
+
+import ladder
+import measure
+import numpy as np
+import potpourri3d
+from pygeodesic import geodesic as pygeodesic
+
+from ddgcli.algorithms.delaunay import flip_to_delaunay
+from ddgcli.algorithms.fast_marching import marched_distance, marching_stencils
+from ddgcli.algorithms.geodesic_exact import exact_distance
+from ddgcli.algorithms.geodesic_heat import HeatSolver
+from ddgcli.mesh.triangle_mesh import TriangleMesh
+
+QUICK = "--quick" in sys.argv
+SOURCE = 0
+
+
+def fresh(mesh: TriangleMesh) -> TriangleMesh:
+    """The same mesh with nothing cached, as the peers get it."""
+    return TriangleMesh.from_arrays(mesh.points, mesh.faces)
+
+
+def error(found: np.ndarray, truth: np.ndarray) -> float:
+    return float(np.abs(found - truth).mean() / truth.mean())
+
+
+def meshes() -> dict[str, TriangleMesh]:
+    sizes = ("20k", "80k") if QUICK else ("20k", "80k", "320k")
+    table = {}
+    for size in sizes:
+        n = ladder.FACES[size]
+        table |= {f"sphere {size}": ladder.sphere(n), f"stretched {size}": ladder.stretched(n)}
+        table[f"noisy {size}"] = ladder.noisy(n)
+    return table
+
+
+def pair(
+    ours: Callable[[], Any], theirs: Callable[[], Any], repeat: int
+) -> tuple[measure.Timing, measure.Timing]:
+    both = measure.interleaved({"ours": ours, "theirs": theirs}, repeat=repeat)
+    return both["ours"], both["theirs"]
+
+
+def bench_exact() -> None:
+    table = {name: ladder.real(name) for name in ("spot.obj", "goathead.obj", "koala.obj")}
+    if not QUICK:
+        table["st_helens_terrain.ply"] = ladder.real("st_helens_terrain.ply")
+    targets = {"spot.obj": 1, "goathead.obj": 1, "sphere 80k": 5, "sphere 320k": 10, "koala.obj": 3,
+               "st_helens_terrain.ply": 3}  # fmt: skip
+    rows = []
+    for name, mesh in (table | meshes()).items():
+        found = {}
+
+        def ours(mesh: TriangleMesh = mesh, found: dict = found) -> None:
+            found["ours"] = exact_distance(fresh(mesh), SOURCE)
+
+        def theirs(mesh: TriangleMesh = mesh, found: dict = found) -> None:
+            solver = pygeodesic.PyGeodesicAlgorithmExact(mesh.points, mesh.faces)
+            found["theirs"] = solver.geodesicDistances(np.array([SOURCE]))[0]
+
+        repeat = 5 if mesh.n_faces < 30_000 else 1
+        a, b = pair(ours, theirs, repeat)
+        difference = found["ours"].distance - found["theirs"]
+        rows.append(
+            [name, mesh.n_faces, a.least, b.least, b.least / a.least, targets.get(name, "-"),
+             found["ours"].windows / mesh.n_vertices, float(np.abs(difference).max() / found["theirs"].max()),
+             measure.peak_mib(ours), measure.peak_mib(theirs)]
+        )  # fmt: skip
+    measure.print_table(
+        "exact, construction and first query, against pygeodesic",
+        ["mesh", "faces", "ours s", "peer s", "ratio", "target", "windows/vertex", "largest difference",
+         "our MiB", "peer MiB"],
+        rows,
+    )  # fmt: skip
+
+
+def bench_heat() -> None:
+    rows = []
+    for name, mesh in meshes().items():
+        if mesh.n_faces < 50_000 and not QUICK:
+            continue
+
+        def ours(mesh: TriangleMesh = mesh) -> HeatSolver:
+            solver = HeatSolver(flip_to_delaunay(fresh(mesh)).mesh)
+            _ = solver.poisson
+            return solver
+
+        def theirs(mesh: TriangleMesh = mesh) -> Any:
+            return potpourri3d.MeshHeatMethodDistanceSolver(mesh.points, mesh.faces, use_robust=True)
+
+        a, b = pair(ours, theirs, 3)
+        truth = marched_distance(mesh, SOURCE).distance
+        solve, peer_solve = pair(
+            lambda s=a.value: s.distance(SOURCE).distance,
+            lambda s=b.value: np.asarray(s.compute_distance(SOURCE)),
+            5,
+        )
+        rows.append(
+            [name, mesh.n_faces, a.median, b.median, b.median / a.median, solve.median, peer_solve.median,
+             peer_solve.median / solve.median, error(solve.value, truth), error(peer_solve.value, truth),
+             a.value._heat.solver, measure.peak_mib(ours), measure.peak_mib(theirs)]
+        )  # fmt: skip
+    measure.print_table(
+        "heat, against potpourri3d's robust solver (targets: set-up 2 with CHOLMOD, 1 with SuperLU; solve 1)",
+        ["mesh", "faces", "our set-up s", "peer set-up s", "ratio", "our solve s", "peer solve s", "ratio",
+         "our error", "peer error", "factored by", "our MiB", "peer MiB"],
+        rows,
+    )  # fmt: skip
+
+
+def bench_fast_marching() -> None:
+    rows = []
+    table = {name: ladder.real(name) for name in ("spot.obj", "koala.obj")} | meshes()
+    for name, mesh in table.items():
+
+        def ours(mesh: TriangleMesh = mesh) -> Any:
+            return marching_stencils(fresh(mesh))
+
+        def theirs(mesh: TriangleMesh = mesh) -> Any:
+            return potpourri3d.MeshFastMarchingDistanceSolver(mesh.points, mesh.faces)
+
+        repeat = 5 if mesh.n_faces < 100_000 else 3
+        a, b = pair(ours, theirs, repeat)
+        solve, peer_solve = pair(
+            lambda m=mesh, s=a.value: marched_distance(m, SOURCE, stencils=s).distance,
+            lambda s=b.value: np.asarray(s.compute_distance([[(SOURCE, [])]])),
+            repeat,
+        )
+        truth = exact_distance(mesh, SOURCE).distance if mesh.n_faces <= 100_000 else None
+        whole = (b.median + peer_solve.median) / (a.median + solve.median)
+        rows.append(
+            [name, mesh.n_faces, a.median, b.median, solve.median, peer_solve.median,
+             peer_solve.median / solve.median, whole,
+             error(solve.value, truth) if truth is not None else "-",
+             error(peer_solve.value, truth) if truth is not None else "-"]
+        )  # fmt: skip
+    measure.print_table(
+        "fast marching, against potpourri3d (target: ratio 0.5 or more)",
+        ["mesh", "faces", "our set-up s", "peer set-up s", "our solve s", "peer solve s", "solve ratio",
+         "ratio of the whole", "our error", "peer error"],
+        rows,
+    )  # fmt: skip
+
+
+if __name__ == "__main__":
+    print(measure.machine())
+    chosen = [word for word in sys.argv[1:] if not word.startswith("-")] or ["exact", "heat", "fast-marching"]
+    for topic in chosen:
+        {"exact": bench_exact, "heat": bench_heat, "fast-marching": bench_fast_marching}[topic]()

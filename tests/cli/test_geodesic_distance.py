@@ -1,0 +1,189 @@
+"""`ddgcli geodesic`: sources, methods, arrays, certificate, refusals, as the contract has them."""
+
+import numpy as np
+import pytest
+
+from ddgcli.io.mesh_file import write_mesh
+from ddgcli.mesh import shapes
+from ddgcli.mesh.fields import AnnotatedMesh
+from ddgcli.mesh.triangle_mesh import TriangleMesh
+
+
+@pytest.fixture
+def square(tmp_path):
+    """Unit square of 10 x 10 cells; vertex (i, j) has number 11 i + j."""
+    path = tmp_path / "square.ply"
+    write_mesh(str(path), AnnotatedMesh(shapes.grid(10, 10)))
+    return path
+
+
+@pytest.fixture
+def islands(tmp_path):
+    one, two = shapes.icosphere(1), shapes.icosphere(2)
+    points = np.concatenate([one.points, two.points + 4, [[9.0, 9.0, 9.0]]])
+    path = tmp_path / "islands.ply"
+    faces = np.concatenate([one.faces, two.faces + one.n_vertices])
+    write_mesh(str(path), AnnotatedMesh(TriangleMesh.from_arrays(points, faces)))
+    return path
+
+
+def test_default_is_exact(square, summary, tmp_path):
+    out = tmp_path / "out.npz"
+    said = summary("geodesic", square, "--source", 0, "-o", out)
+    assert said["results"]["method"] == "exact"
+    assert said["results"]["windows"] > 0 and said["results"]["unreachable"] == 0
+    arrays = np.load(out)
+    truth = np.linalg.norm(arrays["points"] - arrays["points"][0], axis=1)
+    assert np.abs(arrays["geodesic_distance"] - truth).max() < 1e-12
+    accuracy = said["accuracy"]
+    assert accuracy["violations_straight_line"] == accuracy["violations_edge_distance"] == 0
+    assert accuracy["violations_lipschitz"] == 0
+    assert accuracy["gradient_deviation"]["median"] < 0.05
+
+
+@pytest.mark.parametrize(
+    "words", [["--source", 0, 5, 120], ["--source", "0,5", "--source", 120], ["--source", "0,5,120"]]
+)
+def test_several_sources_in_every_spelling(square, summary, tmp_path, words):
+    out = tmp_path / "out.npz"
+    said = summary("geodesic", square, *words, "--each-source", "-o", out)
+    assert said["options"]["source"] == [0, 5, 120]
+    assert [entry["vertex"] for entry in said["results"]["sources"]] == [0, 5, 120]
+    arrays = np.load(out)
+    each = np.stack([arrays[f"geodesic_distance_{i:03d}"] for i in range(3)])
+    assert np.allclose(arrays["geodesic_distance"], each.min(axis=0), atol=1e-14)
+    nearest = arrays["nearest_source"]
+    assert np.allclose(np.take_along_axis(each, nearest[None], axis=0)[0], arrays["geodesic_distance"])
+
+
+def test_source_point_and_face(square, summary, tmp_path):
+    out = tmp_path / "out.npz"
+    said = summary("geodesic", square, "--source-point", "0.33,0.41,7", "-o", out)
+    entry = said["results"]["sources"][0]
+    assert np.allclose(entry["position"], [0.33, 0.41, 0])
+    arrays = np.load(out)
+    truth = np.linalg.norm(arrays["points"] - [0.33, 0.41, 0], axis=1)
+    assert np.abs(arrays["geodesic_distance"] - truth).max() < 1e-12
+    weights = ",".join(repr(b) for b in entry["barycentric"])
+    again = tmp_path / "again.npz"
+    summary("geodesic", square, "--source-face", f"{entry['face']}:{weights}", "-o", again)
+    assert np.allclose(np.load(again)["geodesic_distance"], truth, atol=1e-12)
+
+
+def test_negative_coordinates_are_not_options(square, summary):
+    said = summary("geodesic", square, "--source-point", "-1,-1,0", "0.5,0.5,0")
+    assert len(said["results"]["sources"]) == 2
+
+
+MIXED = ("--source", 0, "--source-face", "150:0.2,0.3,0.5")
+
+
+@pytest.mark.parametrize(
+    "method, least, most",
+    [("exact", 0, 1e-15), ("heat", 1e-4, 0.2), ("fast-marching", 1e-5, 0.02), ("dijkstra", 0.05, 0.45)],
+)
+def test_every_method_from_mixed_sources(square, summary, method, least, most):
+    said = summary("geodesic", square, *MIXED, "--method", method, "--compare", "exact", "dijkstra")
+    table = said["accuracy"]["compare"]
+    assert set(table) == {"exact", "dijkstra"}
+    assert least <= table["exact"]["max_error"] <= most
+    assert table["exact"]["seconds"] > 0
+
+
+def test_heat_says_its_residuals(square, summary):
+    said = summary(
+        "geodesic", square, "--source", 0, "--method", "heat", "--heat-time", 4, "--heat-refine", 1
+    )
+    assert said["results"]["operator"] == "intrinsic-delaunay"
+    assert 0 < said["accuracy"]["heat_residual"] < 1e-12
+    assert 0 < said["accuracy"]["poisson_residual"] < 1e-9
+
+
+def test_gradient_has_length_one(square, summary, tmp_path):
+    out = tmp_path / "out.npz"
+    summary("geodesic", square, "--source", 0, "--gradient", "-o", out)
+    gradient = np.load(out)["distance_gradient"]
+    assert gradient.shape == (200, 3)
+    assert np.median(np.abs(np.linalg.norm(gradient, axis=1) - 1)) < 0.01
+
+
+def test_isolines_are_circles(square, summary, tmp_path):
+    lines = tmp_path / "lines.npz"
+    said = summary("geodesic", square, "--source", 0, "--isolines", 4, "--paths-output", lines)
+    arrays = np.load(lines)
+    radius = np.linalg.norm(arrays["points"], axis=1)
+    assert np.abs(radius - arrays["level"]).max() < 0.01
+    assert len(said["results"]["paths"]) == len(set(arrays["path_id"])) >= 4
+    first = said["results"]["paths"][0]
+    assert first["kind"] == "isoline"
+    assert first["length"] == pytest.approx(np.pi / 2 * first["level"], rel=0.01)
+
+
+def test_tolerance_reports_its_error(square, summary):
+    said = summary("geodesic", square, "--source", 0, "--tolerance", 0.1, "--compare", "exact")
+    assert 0 <= said["accuracy"]["tolerance_error_estimate"] < 0.1
+    assert said["accuracy"]["compare"]["exact"]["max_error"] < 0.1
+
+
+def test_certify(square, summary):
+    said = summary("geodesic", square, "--source", 0, "--certify")
+    assert said["accuracy"]["symmetry_residual"] < 1e-12
+    assert said["accuracy"]["triangle_residual"] < 1e-12
+    assert said["accuracy"]["sampled_pairs"] == 6
+
+
+@pytest.mark.parametrize("method", ["exact", "heat", "fast-marching", "dijkstra"])
+def test_unreachable_components_are_named(islands, summary, tmp_path, method):
+    out = tmp_path / "out.npz"
+    said = summary("geodesic", islands, "--source", 0, "--method", method, "-o", out)
+    assert said["results"]["unreachable"] == 163
+    assert any("component 1 (162 vertices" in warning for warning in said["warnings"])
+    assert np.isinf(np.load(out)["geodesic_distance"]).sum() == 163
+
+
+@pytest.mark.parametrize(
+    "words, message",
+    [
+        ([], "no source"),
+        (["--source", 121], "outside 0..120"),
+        (["--source", -1], "outside 0..120"),
+        (["--source", "one"], "not a vertex number"),
+        (["--source-face", "999:0.2,0.3,0.5"], "face 999"),
+        (["--source-face", "3:0.9,0.9,0.9"], "sum to 1"),
+        (["--source-point", "1,2"], "3 numbers"),
+        (["--source-point", "nan,0,0"], "not finite"),
+        (["--source", 0, "--tolerance", "-1"], "less than 0"),
+        (["--source", 0, "--tolerance", "0.1", "--method", "heat"], "belongs to --method exact"),
+        (["--source", 0, "--heat-time", "2"], "belongs to --method heat"),
+        (["--source", 0, "--isolines", "0"], "isolines"),
+        (["--source", 0, "--method", "magic"], "magic"),
+        (["--certify"], "needs a source"),
+    ],
+)
+def test_refusals_are_one_line_and_exit_2(square, run, tmp_path, words, message):
+    out = tmp_path / "out.npz"
+    result = run("geodesic", square, *words, "-o", out)
+    assert result.exit_code == 2
+    assert message in result.stderr
+    assert result.stderr.startswith("Error: ") and result.stderr.count("\n") == 1
+    assert not out.exists()
+
+
+def test_source_on_an_isolated_vertex(islands, run):
+    result = run("geodesic", islands, "--source", 204)
+    assert result.exit_code == 2 and "belongs to no face" in result.stderr
+
+
+def test_same_call_same_bits(square, summary, tmp_path):
+    files = [tmp_path / "a.npz", tmp_path / "b.npz"]
+    for path in files:
+        summary("geodesic", square, "--source", 7, 90, "-o", path)
+    a, b = (np.load(path)["geodesic_distance"] for path in files)
+    assert np.array_equal(a, b)
+
+
+def test_picture(square, summary, tmp_path):
+    pytest.importorskip("matplotlib")
+    picture = tmp_path / "bands.png"
+    said = summary("geodesic", square, "--source", 0, "--plot", picture)
+    assert picture.stat().st_size > 10_000 and str(picture) in said["outputs"]

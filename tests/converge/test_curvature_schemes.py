@@ -1,0 +1,139 @@
+"""Every scheme on surfaces of known curvature: what converges does so at its rate, the rest is known."""
+
+import numpy as np
+import pytest
+
+from ddgcli.algorithms.curvature_measure import SCHEMES, measure
+from ddgcli.mesh import shapes
+from tests.curvature_truths import ellipsoid_truth, irregular_ellipsoid, irregular_torus, torus_truth
+
+AXES = (1.5, 1.0, 0.6)
+
+
+def regular_torus(n):
+    side = int(np.sqrt(2 * n))
+    return shapes.torus(side, side // 2)
+
+
+def regular_ellipsoid(n):
+    mesh = shapes.icosphere(int(np.log(n / 10) / np.log(4)))
+    return mesh.moved(mesh.points * np.array(AXES))
+
+
+def jittered_torus(n):
+    side = int(np.sqrt(2 * n))
+    return irregular_torus(side, side // 2)
+
+
+SURFACES = {
+    "regular sphere": (lambda n: shapes.icosphere(int(np.log(n / 10) / np.log(4))), ellipsoid_truth),
+    "irregular sphere": (shapes.random_sphere, ellipsoid_truth),
+    "regular ellipsoid": (regular_ellipsoid, lambda p: ellipsoid_truth(p, AXES)),
+    "irregular ellipsoid": (irregular_ellipsoid, lambda p: ellipsoid_truth(p, AXES)),
+    "regular torus": (regular_torus, torus_truth),
+    "irregular torus": (jittered_torus, torus_truth),
+}
+
+
+def relative(values, truth):
+    return float(np.sqrt(np.mean((values - truth) ** 2) / np.mean(truth**2)))
+
+
+def errors(mesh, truth, scheme, radius=None):
+    """Root mean square errors of H, K, k1, k2, relative; median angle of the direction, in degrees."""
+    v = measure(mesh, scheme, radius).vertex
+    apart = truth.k_max - truth.k_min > 0.1 * np.abs(truth.k_max).max()
+    cosine = np.abs(np.einsum("ij,ij->i", v["principal_direction_max"], truth.d_max))[apart]
+    return {
+        "H": relative(v["mean_curvature"], truth.mean),
+        "K": relative(v["gaussian_curvature"], truth.gauss),
+        "k1": relative(v["principal_curvature_min"], truth.k_min),
+        "k2": relative(v["principal_curvature_max"], truth.k_max),
+        "direction": float(np.degrees(np.median(np.arccos(np.clip(cosine, 0, 1))))) if apart.any() else 0.0,
+    }
+
+
+def on(name, n, scheme, radius=None):
+    build, truth = SURFACES[name]
+    mesh = build(n)
+    return errors(mesh, truth(mesh.points), scheme, radius)
+
+
+@pytest.mark.parametrize("name", SURFACES)
+def test_the_default_scheme_converges_pointwise_at_second_order_or_better(name):
+    coarse, fine = on(name, 640, "quadric"), on(name, 10240, "quadric")
+    for what in ("H", "K", "k1", "k2"):
+        rate = np.log(coarse[what] / fine[what]) / np.log(4)
+        assert rate > 1.7, (what, coarse, fine)
+        assert fine[what] < 4e-3, (what, fine)
+    assert fine["direction"] < 0.05
+
+
+@pytest.mark.parametrize("cells", [(40, 500), (500, 40)])
+@pytest.mark.parametrize("jitter", [0.0, 0.3])
+def test_the_default_scheme_holds_on_long_thin_cells(cells, jitter):
+    # two-ring quadratic fits are 30 to 90 % off in K here
+    mesh = irregular_torus(*cells, jitter=jitter)
+    found = errors(mesh, torus_truth(mesh.points), "quadric")
+    assert found["H"] < 0.02 and found["K"] < 0.02 and found["direction"] < 0.05
+
+
+@pytest.mark.parametrize("scheme", ["cotan", "normal-cycle", "corrected"])
+def test_star_schemes_converge_on_regular_meshes(scheme):
+    for name in ("regular ellipsoid", "regular torus"):
+        coarse, fine = on(name, 640, scheme), on(name, 10240, scheme)
+        # the icosphere's twelve corners of valence five keep their own error
+        assert fine["H"] < 0.4 * coarse["H"] and fine["K"] < 0.4 * coarse["K"], (name, coarse, fine)
+        assert fine["direction"] < 0.3
+
+
+@pytest.mark.parametrize("scheme", ["cotan", "normal-cycle"])
+def test_what_the_star_schemes_do_not_promise_they_do_not_keep(scheme):
+    # the reason for the default; if this fails, the docs are wrong
+    fine = on("irregular ellipsoid", 10240, scheme)
+    assert 0.2 < fine["H"] < 0.6 and 0.2 < fine["K"] < 0.6
+
+
+def test_corrected_is_exact_on_any_mesh_inscribed_in_a_sphere():
+    for n in (50, 2000):
+        found = on("irregular sphere", n, "corrected")
+        assert found["H"] < 1e-10 and found["K"] < 1e-10
+        assert on("irregular sphere", n, "corrected", 0.4)["H"] < 1e-10
+
+
+@pytest.mark.parametrize("scheme", ["normal-cycle", "corrected"])
+def test_balls_that_shrink_more_slowly_than_the_edges_converge_on_irregular_meshes(scheme):
+    found = []
+    for n in (250, 2000):
+        edge = np.sqrt(8 * np.pi / (np.sqrt(3) * n))
+        found.append(on("irregular sphere", n, scheme, 1.1 * edge**0.5)["H"])
+    assert found[1] < max(0.6 * found[0], 1e-10)
+
+
+def test_the_fit_turns_to_low_degree_when_data_are_noisy():
+    mesh = irregular_ellipsoid(4000)
+    truth = ellipsoid_truth(mesh.points, AXES)
+    noise = mesh.side_length.mean() * np.random.default_rng(1).normal(size=mesh.points.shape)
+    for level, bound in ((1e-4, 0.02), (1e-3, 0.05), (1e-2, 0.12)):
+        assert errors(mesh.moved(mesh.points + level * noise), truth, "quadric")["H"] < bound
+    far = errors(mesh.moved(mesh.points + 0.1 * noise), truth, "quadric", 0.3)
+    near = errors(mesh.moved(mesh.points + 0.1 * noise), truth, "quadric")
+    assert far["H"] < 0.25 * near["H"], "a radius steadies noisy data"
+
+
+@pytest.mark.parametrize("scheme", SCHEMES)
+def test_minimal_and_developable_surfaces(scheme):
+    surface = shapes.catenoid(96, 64)
+    inside = np.abs(surface.points[:, 2]) < 0.9  # normals at the boundary itself are one-sided
+    assert np.abs(measure(surface, scheme).vertex["mean_curvature"][inside]).max() < 2e-3
+    cylinder = measure(shapes.cylinder(96, 48), scheme).vertex
+    assert (cylinder["boundary"].sum(), cylinder["boundary"].dtype) == (192, np.uint8)
+    inside = cylinder["boundary"] == 0
+    assert np.allclose(cylinder["mean_curvature"][inside], 0.5, atol=2e-3)
+    assert np.allclose(cylinder["principal_curvature_max"][inside], 1.0, atol=2e-2)
+    assert np.abs(cylinder["principal_direction_min"][inside][:, 2]).min() > 0.999
+
+
+def test_the_default_scheme_measures_boundaries_too():
+    v = measure(shapes.cylinder(96, 48)).vertex
+    assert np.allclose(v["mean_curvature"], 0.5, atol=5e-4)  # a tenth of a per cent, one-sided

@@ -1,0 +1,278 @@
+"""What holds exactly on polyhedra: Gauss-Bonnet, Steiner, balances, invariance, hand-made values."""
+
+import numpy as np
+import pytest
+
+from ddgcli.algorithms import curvature as exact
+from ddgcli.algorithms.curvature_ball import clip_triangles
+from ddgcli.algorithms.curvature_faces import Faces
+from ddgcli.algorithms.curvature_measure import SCHEMES, measure
+from ddgcli.errors import MeshError, ParameterError
+from ddgcli.mesh import shapes
+from ddgcli.mesh.intrinsic_mesh import IntrinsicMesh
+from ddgcli.mesh.triangle_mesh import TriangleMesh
+
+CLOSED = {
+    "sphere": shapes.icosphere(2),
+    "irregular": shapes.random_sphere(300),
+    "torus": shapes.torus(20, 10),
+    "box": shapes.box(2, 1, 3, (1.0, 2.0, 0.5)),
+}
+OPEN = {
+    "grid": shapes.grid(5, 4, pattern="alternating"),
+    "cylinder": shapes.cylinder(12, 5),
+    "catenoid": shapes.catenoid(14, 7),
+}
+ALL = CLOSED | OPEN
+
+
+def crumpled(mesh, seed=0):
+    """The mesh with every vertex moved by a good part of an edge: no symmetry hides an error."""
+    noise = np.random.default_rng(seed).normal(size=mesh.points.shape)
+    return mesh.moved(mesh.points + 0.2 * mesh.side_length.mean() * noise)
+
+
+@pytest.mark.parametrize("name", ALL)
+def test_sums_of_curvature_are_topology(name):
+    mesh = crumpled(ALL[name])
+    euler = mesh.topology.euler_characteristic
+    measured = measure(mesh)
+    r, v = measured.results, measured.vertex
+    assert v["angle_defect"].sum() == pytest.approx(
+        2 * np.pi * euler, abs=1e-12 * np.abs(v["angle_defect"]).sum()
+    )
+    assert r["total_gaussian_curvature"] + r["total_geodesic_curvature"] == pytest.approx(2 * np.pi * euler)
+    assert r["total_combinatorial_curvature"] == pytest.approx(2 * np.pi * euler)
+    assert measured.accuracy["gauss_bonnet_residual"] < 1e-14
+    interior = v["boundary"] == 0
+    if interior.any():
+        cotan = measure(mesh, "cotan").vertex
+        product = (cotan["gaussian_curvature"] * cotan["vertex_area"])[interior]
+        assert np.allclose(product, v["angle_defect"][interior])
+    assert (v["gaussian_curvature"][~interior] == 0).all() and (v["geodesic_curvature"][interior] == 0).all()
+
+
+@pytest.mark.parametrize("name", ALL)
+def test_areas_and_balances_close(name):
+    measured = measure(crumpled(ALL[name]))
+    assert measured.vertex["vertex_area"].sum() == pytest.approx(measured.results["area"], rel=1e-14)
+    assert (measured.vertex["vertex_area"] > 0).all()
+    for residual, value in measured.accuracy.items():
+        assert value < 1e-14, residual
+
+
+def test_a_broken_dihedral_angle_opens_the_balances():
+    from ddgcli.algorithms.curvature_totals import balances
+    from ddgcli.geometry.extrinsic import dihedral_angle
+
+    mesh = crumpled(shapes.icosphere(2))
+    faces, angle = Faces.of(mesh), dihedral_angle(mesh)
+    region = mesh.points[mesh.faces].mean(axis=1)[:, 2] > 0.1
+    closed = balances(faces, mesh.topology, faces.normal, angle, region)
+    opened = balances(faces, mesh.topology, faces.normal, 1.01 * angle, region)
+    assert max(closed.values()) < 1e-14
+    assert min(opened.values()) > 1e-7
+
+
+def test_the_unit_cube_has_the_steiner_polynomial_of_the_notes():
+    r = measure(shapes.box(1, 1, 1)).results
+    assert r["intrinsic_volumes"] == pytest.approx([1, 3, 3, 1], rel=1e-14)
+    assert r["steiner_polynomial"] == pytest.approx([1, 6, 3 * np.pi, 4 * np.pi / 3], rel=1e-14)
+    assert r["total_mean_curvature"] == pytest.approx(3 * np.pi, rel=1e-14)
+
+
+def test_the_steiner_polynomial_is_the_volume_of_the_offset_body():
+    # Monte Carlo: the share of a box that lies within eps of a random convex body
+    mesh = shapes.random_sphere(12, seed=3)
+    eps, rng = 0.4, np.random.default_rng(0)
+    c = measure(mesh).results["steiner_polynomial"]
+    samples = rng.uniform(-1.5, 1.5, size=(40_000, 3))
+    inside = distance_to_convex(mesh, samples) <= eps
+    volume, spread = 27 * inside.mean(), 27 * inside.std() / np.sqrt(len(inside))
+    assert sum(k * eps**i for i, k in enumerate(c)) == pytest.approx(volume, abs=4 * spread)
+
+
+def distance_to_convex(mesh, samples):
+    """Distance of points from a convex body: 0 inside, else the least over its faces' triangles."""
+    p = mesh.points[mesh.faces]
+    normal = np.cross(p[:, 1] - p[:, 0], p[:, 2] - p[:, 0])
+    outside = (np.einsum("sfi,fi->sf", samples[:, None] - p[:, 0], normal) > 0).any(axis=1)
+    best = np.where(outside, np.inf, 0.0)
+    for a, b, c in p:
+        ab, ac, ap = b - a, c - a, samples - a
+        g = np.linalg.inv(np.array([[ab @ ab, ab @ ac], [ab @ ac, ac @ ac]]))
+        u, v = g @ np.stack([ap @ ab, ap @ ac])
+        flat = np.linalg.norm(ap - u[:, None] * ab - v[:, None] * ac, axis=1)
+        best = np.minimum(best, np.where((u >= 0) & (v >= 0) & (u + v <= 1), flat, np.inf))
+        for s, e in ((a, b), (b, c), (c, a)):
+            t = np.clip((samples - s) @ (e - s) / ((e - s) @ (e - s)), 0, 1)
+            best = np.minimum(best, np.linalg.norm(samples - s - t[:, None] * (e - s), axis=1))
+    return best
+
+
+def test_hand_made_values_at_the_corners_of_a_cube():
+    v = measure(shapes.box(1, 1, 1), "cotan").vertex
+    assert v["angle_defect"] == pytest.approx(np.full(8, np.pi / 2))
+    e = measure(shapes.box(1, 1, 1), "cotan").edge
+    assert np.sort(e["dihedral_angle"])[-12:] == pytest.approx(np.full(12, np.pi / 2))
+    assert e["edge_mean_curvature"].sum() == pytest.approx(3 * np.pi)
+    assert len(e["edges"]) == 18 and e["edges"].shape[1] == 2
+
+
+def test_a_square_s_corners_turn_by_right_angles():
+    v = measure(shapes.grid(2, 2)).vertex
+    assert v["boundary"].sum() == 8 and v["angle_defect"].sum() == pytest.approx(2 * np.pi)
+    assert np.sort(v["angle_defect"]) == pytest.approx([0] * 5 + [np.pi / 2] * 4, abs=1e-14)
+    assert np.sort(v["geodesic_curvature"])[-4:] == pytest.approx(np.full(4, np.pi))  # pi/2 over 1/2
+    assert np.abs(v["mean_curvature_normal"]).max() < 1e-14 and np.abs(v["mean_curvature"]).max() < 1e-12
+
+
+@pytest.mark.parametrize("name", ALL)
+def test_the_mean_curvature_vector_is_minus_half_the_area_gradient(name):
+    mesh = crumpled(ALL[name])
+    vector = exact.curvature_vector(mesh)
+    inside = np.flatnonzero(~mesh.topology.boundary_vertex)[:2]
+    for v in inside:
+        for i in range(3):
+            step = np.zeros_like(mesh.points)
+            step[v, i] = 1e-5
+            area = [Faces.of(mesh.moved(mesh.points + s * step)).area.sum() for s in (1, -1)]
+            assert vector[v, i] == pytest.approx(-0.5 * (area[0] - area[1]) / 2e-5, abs=1e-8)
+
+
+def test_signs_and_lengths_of_the_mean_curvature():
+    mesh = shapes.icosphere(3, radius=2.0)
+    v = measure(mesh, "cotan").vertex
+    assert v["mean_curvature"] == pytest.approx(np.full(mesh.n_vertices, 0.5), rel=0.02)
+    assert np.linalg.norm(v["mean_curvature_normal"], axis=1) == pytest.approx(np.abs(v["mean_curvature"]))
+    assert (np.einsum("ij,ij->i", v["mean_curvature_normal"], mesh.points) < 0).all(), "inward where convex"
+    turned = TriangleMesh.from_arrays(mesh.points, mesh.faces[:, ::-1])
+    for scheme in SCHEMES:
+        out, back = measure(mesh, scheme).vertex, measure(turned, scheme).vertex
+        assert back["mean_curvature"] == pytest.approx(-out["mean_curvature"])
+        assert back["gaussian_curvature"] == pytest.approx(out["gaussian_curvature"])
+
+
+@pytest.mark.parametrize("scheme", SCHEMES)
+def test_every_scheme_keeps_its_conventions(scheme):
+    mesh = crumpled(shapes.torus(24, 16))
+    v = measure(mesh, scheme).vertex
+    low, high = v["principal_curvature_min"], v["principal_curvature_max"]
+    assert (low <= high).all()
+    assert v["mean_curvature"] == pytest.approx((low + high) / 2, abs=1e-12)
+    one, two = v["principal_direction_min"], v["principal_direction_max"]
+    assert np.linalg.norm(one, axis=1) == pytest.approx(np.ones(len(one)))
+    assert np.linalg.norm(two, axis=1) == pytest.approx(np.ones(len(two)))
+    assert np.abs(np.einsum("ij,ij->i", one, two)).max() < 1e-12
+
+
+POWERS = {"gaussian_curvature": -2, "vertex_area": 2, "angle_defect": 0, "principal_curvature_max": -1}
+
+
+@pytest.mark.parametrize("scheme", SCHEMES)
+@pytest.mark.parametrize("scale", [1e-8, 1.0, 1e8])
+def test_moving_scaling_and_relabelling_change_nothing_else(scheme, scale):
+    mesh = crumpled(shapes.random_sphere(200))
+    rng = np.random.default_rng(5)
+    turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+    turn *= np.linalg.det(turn)
+    order = rng.permutation(mesh.n_vertices)
+    place = np.argsort(order)
+    points = scale * (mesh.points @ turn.T + np.array([3.0, -2.0, 5.0]))[order]
+    faces = np.roll(place[mesh.faces][rng.permutation(mesh.n_faces)], 1, axis=1)
+    before, after = measure(mesh, scheme), measure(TriangleMesh.from_arrays(points, faces), scheme)
+    for name, power in POWERS.items():
+        old, new = before.vertex[name][order], after.vertex[name] / scale**power
+        assert np.abs(new - old).max() < 1e-9 * np.abs(old).max(), name
+    assert after.results["willmore_energy"] == pytest.approx(before.results["willmore_energy"], rel=1e-9)
+    assert after.results["volume"] == pytest.approx(scale**3 * before.results["volume"], rel=1e-11)
+
+
+def test_willmore_energies_of_spheres_tori_and_round_polyhedra():
+    sphere = measure(shapes.icosphere(4)).results
+    assert sphere["willmore_energy"] == pytest.approx(4 * np.pi, rel=2e-3)
+    names = {"cotan", "sullivan", "hinge", "circle-angle", "cotan-minus-gauss"}
+    assert set(sphere["willmore_energies"]) == names
+    for name in ("cotan", "sullivan"):
+        assert sphere["willmore_energies"][name] == pytest.approx(4 * np.pi, rel=5e-3)
+    assert abs(measure(shapes.random_sphere(100)).results["willmore_energies"]["circle-angle"]) < 1e-10
+    torus = shapes.torus(96, 64, 1.0, 1 / np.sqrt(2))
+    clifford = measure(torus).results
+    assert clifford["willmore_energy"] == pytest.approx(2 * np.pi**2, rel=4e-3)  # the area alone is 2e-3 off
+    assert clifford["willmore_energies"]["sullivan"] == pytest.approx(2 * np.pi**2, rel=2e-2)
+    assert clifford["willmore_energies"]["circle-angle"] == pytest.approx(2 * np.pi**2, rel=1e-2)
+
+
+def test_non_conformality_is_zero_for_conformal_maps_only():
+    mesh = crumpled(shapes.grid(8, 8))
+    for image in (
+        mesh.points,
+        3 * mesh.points @ np.linalg.qr(np.random.default_rng(0).normal(size=(3, 3)))[0],
+    ):
+        r = measure(mesh, image=image).results
+        assert abs(r["nonconformality"]) < 1e-12 * r["map_area"]
+    flat = shapes.grid(6, 6)
+    stretched = measure(flat, image=flat.points[:, :2] * [2.0, 1.0]).results
+    assert stretched["nonconformality"] == pytest.approx(0.5 * (4 + 1) - 2)
+    with pytest.raises(ParameterError, match="shape"):
+        measure(flat, image=np.zeros((3, 2)))
+
+
+def test_angles_of_an_intrinsic_mesh_are_those_of_its_surface():
+    mesh = crumpled(shapes.random_sphere(100))
+    intrinsic = IntrinsicMesh(mesh.topology, mesh.side_length)
+    assert exact.angle_defect(intrinsic) == pytest.approx(exact.angle_defect(mesh), abs=1e-12)
+    assert exact.vertex_area(intrinsic) == pytest.approx(exact.vertex_area(mesh), rel=1e-10)
+
+
+def test_needles_and_caps_keep_their_angles():
+    # a sphere with one face of an area of rounding size, and one edge of no length
+    mesh = shapes.icosphere(2)
+    points = mesh.points.copy()
+    a, b, c = mesh.faces[0]
+    points[a] = (points[b] + points[c]) / 2
+    points[mesh.faces[200, 0]] = points[mesh.faces[200, 1]]
+    measured = measure(mesh.moved(points))
+    assert measured.accuracy["gauss_bonnet_residual"] < 1e-14
+    assert measured.accuracy["force_balance_residual"] < 1e-13
+    for name, values in measured.vertex.items():
+        assert np.isfinite(values).all(), name
+
+
+def test_triangles_clipped_by_a_ball_against_sampling():
+    rng = np.random.default_rng(0)
+    corner = rng.normal(size=(40, 3, 3))
+    area, chord = clip_triangles(corner, 1.0)
+    u = rng.random((20_000, 2))
+    u[u.sum(axis=1) > 1] = 1 - u[u.sum(axis=1) > 1]
+    for k, (a, b, c) in enumerate(corner):
+        whole = 0.5 * np.linalg.norm(np.cross(b - a, c - a))
+        inside = np.linalg.norm(a + u[:, :1] * (b - a) + u[:, 1:] * (c - a), axis=1) <= 1
+        assert area[k] == pytest.approx(whole * inside.mean(), abs=0.02 * whole + 1e-12)
+        t = np.linspace(0, 1, 20_001)[:, None]
+        for j, (s, e) in enumerate(((a, b), (b, c), (c, a))):
+            share = (np.linalg.norm(s + t * (e - s), axis=1) <= 1).mean()
+            assert chord[k, j] == pytest.approx(share * np.linalg.norm(e - s), abs=1e-3)
+
+
+def test_a_ball_that_holds_all_measures_everything():
+    mesh = shapes.random_sphere(60)
+    v = measure(mesh, "normal-cycle", 3.0).vertex
+    r = measure(mesh, "cotan").results
+    assert v["gaussian_curvature"] == pytest.approx(np.full(60, 4 * np.pi / r["area"]))
+
+
+def test_refusals_name_the_mend():
+    mesh = shapes.icosphere(1)
+    with pytest.raises(ParameterError, match="quadric"):
+        measure(mesh, "fancy")
+    with pytest.raises(ParameterError, match="takes no radius"):
+        measure(mesh, "cotan", 0.1)
+    with pytest.raises(ParameterError, match="radius below"):
+        measure(shapes.icosphere(6), "corrected", 10.0)
+    with pytest.raises(MeshError, match="same place"):
+        measure(mesh.moved(np.zeros_like(mesh.points)))
+    with pytest.raises(MeshError, match="no face has area"):
+        measure(mesh.moved(mesh.points * [1.0, 0, 0]))
+    with pytest.raises(MeshError, match="rescale"):
+        measure(mesh.moved(mesh.points * 1e200))

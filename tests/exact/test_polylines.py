@@ -1,0 +1,169 @@
+"""Curves of chapter 1: turning is topology for any closed polygon, length and curvature converge."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from ddgcli.algorithms.curvature_polyline import measure_curve, measure_curves
+from ddgcli.errors import MeshError
+from ddgcli.mesh.curve import CurveSet
+
+
+def closed_curve(points):
+    points = np.column_stack([points, np.zeros((len(points), 3 - np.shape(points)[1]))])
+    n = np.arange(len(points))
+    return CurveSet(points, np.stack([n, np.roll(n, -1)], axis=1))
+
+
+def open_curve(points):
+    points = np.column_stack([points, np.zeros((len(points), 3 - np.shape(points)[1]))])
+    return CurveSet.from_paths([points])
+
+
+def circle(n, radius=1.0, turns=1, start=0.0):
+    t = start + turns * 2 * np.pi * np.arange(n) / n
+    return radius * np.stack([np.cos(t), np.sin(t)], axis=1)
+
+
+def figure_eight(n=41):
+    t = 2 * np.pi * np.arange(n) / n
+    return np.stack([np.sin(t), np.sin(2 * t)], axis=1)
+
+
+def trefoil(n=200):
+    t = 2 * np.pi * np.arange(n) / n
+    return np.stack([np.sin(t) + 2 * np.sin(2 * t), np.cos(t) - 2 * np.cos(2 * t), -np.sin(3 * t)], axis=1)
+
+
+@pytest.mark.parametrize(
+    ("points", "number"),
+    [(circle(7), 1), (circle(7)[::-1], -1), (circle(11, turns=2), 2), (figure_eight(), 0), (circle(3), 1)],
+)
+def test_turning_numbers_of_the_notes(points, number):
+    measured = measure_curves(closed_curve(points))
+    assert measured.results["turning_number"] == number
+    assert measured.results["total_signed_curvature"] == pytest.approx(2 * np.pi * number, abs=1e-12)
+    assert measured.accuracy["turning_number_residual"] < 1e-14
+    assert measured.results["total_curvature"] >= 2 * np.pi - 1e-12
+
+
+@given(st.lists(st.tuples(*[st.integers(-50, 50)] * 2), min_size=3, max_size=12))
+@settings(max_examples=60, deadline=None)
+def test_any_closed_polygon_turns_by_a_whole_number(corners):
+    points = np.array(corners, dtype=float)
+    if np.ptp(points, axis=0).max() == 0:
+        with pytest.raises(MeshError):
+            measure_curves(closed_curve(points))
+        return
+    measured = measure_curves(closed_curve(points))
+    assert measured.accuracy["turning_number_residual"] < 1e-13
+    for values in measured.vertex.values():
+        assert np.isfinite(values).all()
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.integers(0, 10_000))
+def test_fenchel_holds_for_every_closed_polygon_in_space(seed):
+    points = np.random.default_rng(seed).normal(size=(8, 3))
+    assert measure_curves(closed_curve(points)).results["total_curvature"] >= 2 * np.pi - 1e-12
+
+
+def test_a_knot_has_more_than_twice_the_total_curvature_of_a_circle():
+    knot = measure_curves(closed_curve(trefoil())).results
+    assert knot["total_curvature"] > 4 * np.pi and not knot["unknotted_by_fary_milnor"]
+    t = 2 * np.pi * np.arange(50) / 50
+    wobble = np.stack([np.cos(t), np.sin(t), 0.1 * np.sin(2 * t)], axis=1)
+    assert measure_curves(closed_curve(wobble)).results["unknotted_by_fary_milnor"]
+
+
+def test_values_on_a_circle_and_the_gauss_map():
+    v = measure_curves(closed_curve(circle(60, radius=2.0))).vertex
+    assert v["turning_angle"] == pytest.approx(np.full(60, 2 * np.pi / 60))
+    assert v["curvature"] == pytest.approx(np.full(60, 0.5), rel=1e-3)
+    assert np.ptp(v["gauss_angle"]) == pytest.approx(2 * np.pi * 59 / 60)
+    assert np.linalg.norm(v["gauss_map"], axis=1) == pytest.approx(np.ones(60))
+    inward = -np.einsum("ij,ij->i", v["gauss_map"][:, :2], circle(60))
+    assert inward.min() > 0.99, "a quarter turn left of a counterclockwise circle is inward"
+
+
+def test_the_ends_of_an_open_curve_do_not_turn():
+    measured = measure_curves(open_curve([[0, 0], [1, 0], [1, 1], [2, 1]]))
+    assert measured.vertex["turning_angle"] == pytest.approx([0, np.pi / 2, -np.pi / 2, 0])
+    assert measured.vertex["vertex_length"] == pytest.approx([0.5, 1, 1, 0.5])
+    assert measured.results["length"] == 3 and measured.results["turning_number"] is None
+
+
+@pytest.mark.parametrize("spacing", ["geometric", "parametric"])
+def test_length_and_total_curvature_converge_in_both_mesh_sizes(spacing):
+    # an ellipse: its parameter runs unevenly along its length
+    def ellipse(n):
+        t = 2 * np.pi * np.arange(n) / n
+        if spacing == "geometric":
+            fine = 2 * np.pi * np.arange(200 * n + 1) / (200 * n)
+            step = np.hypot(3 * np.diff(np.cos(fine)), np.diff(np.sin(fine)))
+            along = np.concatenate([[0], np.cumsum(step)])
+            t = np.interp(along[-1] * np.arange(n) / n, along, fine)
+        return np.stack([3 * np.cos(t), np.sin(t)], axis=1), t
+
+    length = 13.364893220555258  # 4 a E(1 - b^2/a^2) for a = 3, b = 1
+    error, curve = {}, {}
+    for n in (40, 80, 160):
+        points, t = ellipse(n)
+        measured = measure_curves(closed_curve(points))
+        error[n] = abs(measured.results["length"] - length)
+        truth = 3 / (9 * np.sin(t) ** 2 + np.cos(t) ** 2) ** 1.5
+        curve[n] = np.sqrt(np.mean((measured.vertex["curvature"] - truth) ** 2))
+        assert measured.results["total_signed_curvature"] == pytest.approx(2 * np.pi, abs=1e-13)
+        # over an arc the sum of turning angles tends to the turning of the tangent
+        arc = measure_curves(open_curve(points[: n // 4 + 1])).results
+        assert arc["longest_segment"] <= measured.results["longest_segment"]
+    for kind in (error, curve):
+        assert np.log2(kind[40] / kind[80]) > 1.8 and np.log2(kind[80] / kind[160]) > 1.8
+
+
+def test_the_torsion_and_curvature_of_a_helix_converge():
+    for hand in (1, -1):
+        found = []
+        for n in (50, 200):
+            t = np.linspace(0, 6, n)
+            v = measure_curves(open_curve(np.stack([np.cos(t), np.sin(t), hand * 0.5 * t], axis=1))).vertex
+            middle = slice(n // 4, -n // 4)
+            found.append(np.abs(v["torsion"][middle] - hand * 0.4).max())
+            assert v["curvature"][middle] == pytest.approx(np.full(len(t[middle]), 0.8), rel=2e-2)
+        assert found[1] < found[0] / 10
+
+
+def test_a_plane_curve_with_an_inflection_has_no_torsion_in_space():
+    t = np.linspace(-1, 1, 41)
+    points = np.stack([t, t**3, np.full_like(t, 2.0)], axis=1)  # the plane z = 2
+    assert np.abs(measure_curves(open_curve(points)).vertex["torsion"]).max() < 1e-7
+
+
+def test_repeated_points_change_nothing():
+    points = circle(9)
+    doubled = np.repeat(points, [1, 3, 1, 1, 2, 1, 1, 1, 2], axis=0)
+    plain, extra = measure_curves(closed_curve(points)), measure_curves(closed_curve(doubled))
+    for name in ("length", "total_curvature", "turning_number"):
+        assert extra.results[name] == pytest.approx(plain.results[name])
+    arrays, _ = measure_curve(np.column_stack([doubled, np.zeros(len(doubled))]), True, True)
+    assert np.sum(arrays["vertex_length"] > 0) == 9
+
+
+def test_several_curves_are_told_apart():
+    one, two = circle(6), 3 * circle(8)[::-1] + 10
+    points = np.column_stack([np.concatenate([one, two]), np.zeros(14)])
+    lines = [[i, (i + 1) % 6] for i in range(6)] + [[6 + i, 6 + (i + 1) % 8] for i in range(8)]
+    r = measure_curves(CurveSet(points, np.array(lines))).results
+    assert [c["turning_number"] for c in r["curves"]] == [1, -1] and r["turning_number"] == 0
+    assert r["length"] == pytest.approx(sum(c["length"] for c in r["curves"]))
+
+
+@pytest.mark.parametrize("scale", [1e-8, 1e8])
+def test_curves_of_every_size_and_place(scale):
+    turn = np.array([[0.6, -0.8], [0.8, 0.6]])
+    base = measure_curves(closed_curve(figure_eight()))
+    moved = measure_curves(closed_curve(scale * (figure_eight() @ turn.T + 3)))
+    assert moved.vertex["curvature"] * scale == pytest.approx(base.vertex["curvature"], rel=1e-6, abs=1e-9)
+    assert moved.results["length"] == pytest.approx(scale * base.results["length"])
+    assert moved.results["turning_number"] == 0

@@ -1,0 +1,103 @@
+"""Every hard mesh through `curvature`: answered or refused in a line, never NaN; identities on real ones."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from ddgcli.algorithms.curvature_measure import measure
+from ddgcli.mesh import shapes
+from ddgcli.mesh.triangle_mesh import TriangleMesh
+
+SHARED = Path(__file__).parent.parent.parent.parent / "shared" / "meshes"
+HARD = sorted(p.name for p in (SHARED / "hard").glob("*") if p.suffix not in (".md", ".json"))
+REAL = [
+    "spot.obj", "wingnut.obj", "plate_holes.STL", "featuretype.STL", "lego.ply", "hemisphere.off",
+    "penguin_control_mesh.obj", "hand_lowres.obj", "1002_tray_bottom.STL", "menger_sponge3.off",
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("name", HARD)
+@pytest.mark.parametrize("scheme", ["quadric", "corrected"])
+def test_hard_meshes_are_answered_or_refused(run, name, scheme, tmp_path):
+    out = tmp_path / "out.npz"
+    result = run("curvature", SHARED / "hard" / name, "--json", "--scheme", scheme, "-o", out)
+    assert result.exception is None or isinstance(result.exception, SystemExit)
+    if result.exit_code == 2:
+        assert result.stderr.startswith("Error: ") and result.stderr.count("\n") == 1
+        assert not out.exists()
+        return
+    assert result.exit_code == 0
+    summary = json.loads(result.stdout)
+    assert summary["accuracy"]["gauss_bonnet_residual"] < 1e-12
+    with np.load(out) as arrays:
+        for array in arrays:
+            if arrays[array].dtype.kind == "f":
+                assert np.isfinite(arrays[array]).all(), array
+
+
+@pytest.mark.parametrize("name", REAL)
+def test_identities_hold_on_real_meshes(summary, shared_meshes, name):
+    found = summary("curvature", shared_meshes / name, "--scheme", "cotan")
+    assert found["accuracy"]["gauss_bonnet_residual"] < 1e-12
+    assert found["accuracy"]["vertex_area_residual"] < 1e-12
+    for balance in ("force", "torque", "area"):
+        assert found["accuracy"][f"{balance}_balance_residual"] < 1e-12
+
+
+def test_turned_faces_are_turned_back_and_told(caplog):
+    mesh = shapes.torus(16, 8)
+    some = np.random.default_rng(0).random(mesh.n_faces) < 0.3
+    faces = np.where(some[:, None], mesh.faces[:, ::-1], mesh.faces)
+    mixed = measure(TriangleMesh.from_arrays(mesh.points, faces), "corrected")
+    plain = measure(mesh, "corrected")
+    assert "turned over" in caplog.text
+    assert mixed.vertex["mean_curvature"] == pytest.approx(plain.vertex["mean_curvature"])
+    assert mixed.results["volume"] == pytest.approx(plain.results["volume"])
+
+
+def moebius():
+    u, v, faces = shapes.wrapped_grid(40, 4)
+    last = u == u.max()
+    join = {int(i): int(np.flatnonzero((u == 0) & np.isclose(v, 1 - v[i]))[0]) for i in np.flatnonzero(last)}
+    faces = np.vectorize(lambda i: join.get(int(i), int(i)))(faces)
+    w, half = 0.4 * (v - 0.5), np.pi * u
+    r = 1 + w * np.cos(half)
+    points = np.stack([r * np.cos(2 * half), r * np.sin(2 * half), w * np.sin(half)], axis=1)
+    return TriangleMesh.from_arrays(points, faces)
+
+
+def test_a_moebius_strip_has_curvature_but_no_total_mean_curvature(caplog, run):
+    mesh = moebius()
+    assert not mesh.topology.is_oriented
+    found = measure(mesh)
+    assert found.results["total_mean_curvature"] is None and "one-sided" in caplog.text
+    assert found.accuracy["gauss_bonnet_residual"] < 1e-13
+    used = mesh.topology.referenced_vertex & ~mesh.topology.boundary_vertex
+    assert np.abs(found.vertex["mean_curvature"][used]).max() < 2, "no jump at the seam"
+    with pytest.raises(Exception, match="one-sided"):
+        measure(mesh, "normal-cycle")
+
+
+def test_inward_faces_are_told(caplog):
+    mesh = shapes.icosphere(1)
+    measure(TriangleMesh.from_arrays(mesh.points, mesh.faces[:, ::-1]))
+    assert "inward" in caplog.text
+
+
+def test_vertices_without_faces_and_tiny_meshes():
+    mesh = shapes.icosphere(1)
+    points = np.concatenate([mesh.points, [[9.0, 9, 9]]])
+    found = measure(TriangleMesh.from_arrays(points, mesh.faces))
+    for name in ("angle_defect", "vertex_area", "mean_curvature", "gaussian_curvature"):
+        assert found.vertex[name][-1] == 0
+    one = TriangleMesh.from_arrays(np.eye(3), np.array([[0, 1, 2]]))
+    tetrahedron = TriangleMesh.from_arrays(
+        np.array([[1.0, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]]),
+        np.array([[0, 1, 2], [0, 3, 1], [0, 2, 3], [1, 3, 2]]),
+    )
+    for scheme in ("quadric", "corrected", "normal-cycle", "cotan"):
+        assert np.abs(measure(one, scheme).vertex["mean_curvature"]).max() < 1e-12
+        corners = measure(tetrahedron, scheme).vertex["mean_curvature"]
+        assert corners == pytest.approx(np.full(4, corners[0]), rel=1e-6) and corners[0] > 0

@@ -1,0 +1,104 @@
+"""Lines over bad triangles: needles, caps, faces without area, many faces round a vertex."""
+
+import numpy as np
+import pytest
+
+from ddgcli.algorithms.trace import GAVE_UP, Tracer, trace
+from ddgcli.errors import MeshError
+from ddgcli.geometry.face_frames import surface_position
+from ddgcli.mesh import shapes
+from ddgcli.mesh.triangle_mesh import TriangleMesh
+
+
+def needles(n=400, seed=0):
+    """The unit square cut into needles and caps: a fan-like triangulation of very uneven points."""
+    from scipy.spatial import Delaunay
+
+    rng = np.random.default_rng(seed)
+    points = rng.uniform(0, 1, (n, 2)) ** [6, 1]
+    corners = np.array([[0.0, 0], [1, 0], [0, 1], [1, 1]])
+    points = np.concatenate([corners, points])
+    stretched = Delaunay(points * [1e3, 1]).simplices
+    a, b, c = (points[stretched[:, k]] for k in range(3))
+    area = (b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0]
+    stretched[area < 0] = stretched[area < 0][:, ::-1]
+    return TriangleMesh.from_arrays(np.column_stack([points, np.zeros(len(points))]), stretched[area != 0])
+
+
+def test_lines_stay_straight_through_needles():
+    mesh = needles()
+    rng = np.random.default_rng(1)
+    k = 300
+    face, b = rng.integers(0, mesh.n_faces, k), rng.dirichlet([1, 1, 1], k)
+    angle = rng.uniform(0, 2 * np.pi, k)
+    direction = np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=1)
+    end = trace(mesh, face, b, direction, np.full(k, 0.7))
+    walked = surface_position(mesh, end.face, end.barycentric) - surface_position(mesh, face, b)
+    np.testing.assert_allclose(walked, end.length[:, None] * direction, atol=1e-9)
+    assert (end.status != GAVE_UP).all()
+
+
+def test_faces_without_area_are_crossed():
+    """A triangle with its third corner on the opposite side: lines pass it as if it were not there."""
+    mesh = shapes.grid(4, 4)
+    edge = np.flatnonzero(mesh.topology.edge_face_count == 2)[5]
+    a, b = mesh.topology.edges[edge]
+    middle = mesh.points[[a, b]].mean(axis=0)
+    side = np.flatnonzero(mesh.topology.side_edge.ravel() == edge)[0]
+    f, j = divmod(int(side), 3)
+    u, v, w = mesh.faces[f, j], mesh.faces[f, (j + 1) % 3], mesh.faces[f, (j + 2) % 3]
+    new = mesh.n_vertices  # on edge u-v: split f in two and put the flat triangle (u, v, new) between
+    faces = np.concatenate([np.delete(mesh.faces, f, axis=0), [[u, new, w], [new, v, w], [u, v, new]]])
+    flat = TriangleMesh.from_arrays(np.concatenate([mesh.points, [middle]]), faces)
+    assert flat.topology.is_oriented and flat.topology.is_manifold
+    rng = np.random.default_rng(0)
+    face = np.flatnonzero(np.arange(flat.n_faces) < flat.n_faces - 1)
+    face = rng.choice(face, 200)
+    bary, angle = rng.dirichlet([1, 1, 1], 200), rng.uniform(0, 2 * np.pi, 200)
+    direction = np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=1)
+    end = trace(flat, face, bary, direction, np.full(200, 0.5))
+    walked = surface_position(flat, end.face, end.barycentric) - surface_position(flat, face, bary)
+    np.testing.assert_allclose(walked, end.length[:, None] * direction, atol=1e-12)
+
+
+def test_a_vertex_of_many_faces():
+    n = 20_000
+    angle = 2 * np.pi * np.arange(n) / n
+    points = np.concatenate([[[0, 0, 0]], np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=1)])
+    faces = np.stack([np.zeros(n, dtype=int), 1 + np.arange(n), 1 + (np.arange(n) + 1) % n], axis=1)
+    mesh = TriangleMesh.from_arrays(points, faces)
+    direction = np.array([[0.3, 0.7, 0]])
+    end = Tracer(mesh).trace([17], [[1, 0, 0]], direction, [0.5])
+    expected = 0.5 * direction / np.linalg.norm(direction)
+    np.testing.assert_allclose(surface_position(mesh, end.face, end.barycentric), expected, atol=1e-11)
+
+
+@pytest.mark.parametrize("scale", [1e-150, 1e-30, 1e30, 1e150])
+def test_scales(scale):
+    mesh = shapes.random_sphere(100)
+    big = mesh.moved(mesh.points * scale)
+    start = ([3, 8], [[0.2, 0.3, 0.5], [0.3, 0.3, 0.4]], [[1.0, 0.2, 0.1], [0.0, 1.0, 0.4]])
+    one, other = trace(mesh, *start, [2.0, 3.0]), trace(big, *start, [2.0 * scale, 3.0 * scale])
+    assert np.array_equal(one.face, other.face)
+    np.testing.assert_allclose(one.barycentric, other.barycentric, atol=1e-9)
+
+
+def test_a_moebius_strip_is_refused():
+    n = 12
+    faces = []
+    for i in range(n):
+        a, b, c, d = 2 * i, 2 * i + 1, 2 * i + 2, 2 * i + 3
+        if i == n - 1:
+            c, d = 1, 0
+        faces += [[a, c, b], [b, c, d]]
+    t = 2 * np.pi * np.arange(n) / n
+    half = t / 2
+    rim = [
+        np.stack(
+            [(1 + s * np.cos(half)) * np.cos(t), (1 + s * np.cos(half)) * np.sin(t), s * np.sin(half)], 1
+        )
+        for s in (-0.3, 0.3)
+    ]
+    mesh = TriangleMesh.from_arrays(np.stack(rim, axis=1).reshape(-1, 3), np.array(faces))
+    with pytest.raises(MeshError, match="consistently oriented"):
+        trace(mesh, [0], [[1, 0, 0]], [[1, 0, 0]], [1.0])
