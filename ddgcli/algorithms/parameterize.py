@@ -62,7 +62,7 @@ def parameterize_harmonic(mesh: TriangleMesh, operator: LaplaceOperator) -> Para
 
     Weights of an intrinsic Delaunay operator are not negative inside, so that no triangle of it is flipped
     (W. Tutte 1963; M. Floater 2003). Where there are several boundary loops the longest goes to the circle
-    and the others are free.
+    and the others bound fans that stand in for what is missing, so that the same holds.
     """
     loops = boundary_loops(mesh, "--parameterize harmonic")
     loop = loops[0]
@@ -72,10 +72,11 @@ def parameterize_harmonic(mesh: TriangleMesh, operator: LaplaceOperator) -> Para
     used = operator.used
     local = np.full(mesh.n_vertices, -1)
     local[used] = np.arange(len(used))
-    problem = Dirichlet(operator.stiffness[used][:, used], local[loop])
+    filled = _with_fans(operator.stiffness[used][:, used], [local[hole] for hole in loops[1:]])
+    problem = Dirichlet(filled, local[loop])
     inside = problem.solve(circle[order])
     uv = np.zeros((mesh.n_vertices, 2))
-    uv[used] = inside
+    uv[used] = inside[: len(used)]
     return _judged(mesh, operator.surface, uv, problem.residual(inside), True)
 
 
@@ -123,6 +124,31 @@ def boundary_loops(mesh: TriangleMesh, verb: str) -> list[NDArray[np.int64]]:
     if len(loops) > 1:
         log.warning("the surface has %d boundary loops; the longest bounds the map", len(loops))
     return sorted(loops, key=lambda loop: -_perimeter(mesh.points[loop]))
+
+
+def _with_fans(L: csr_array, holes: list[NDArray]) -> csr_array:
+    """The stiffness with one more unknown in each hole, joined to its k vertices as in a regular k-gon.
+
+    Weights along the holes become those of inner edges, and not negative.
+    """
+    if not holes:
+        return L
+    n = L.shape[0]
+    tails, heads, weights = [], [], []
+    for number, hole in enumerate(holes):
+        k, following = len(hole), np.roll(hole, -1)
+        along = -np.asarray(L[hole, following]).ravel()
+        filled = np.maximum(along + 0.5 * max(1.0 / np.tan(2 * np.pi / k), 0.0), 0.0)
+        tails += [hole, hole]
+        heads += [following, np.full(k, n + number)]
+        weights += [filled - along, np.full(k, np.tan(np.pi / k))]
+    i, j, w = np.concatenate(tails), np.concatenate(heads), np.concatenate(weights)
+    size = n + len(holes)
+    fans = coo_array(
+        (np.concatenate([-w, -w, w, w]), (np.r_[i, j, i, j], np.r_[j, i, i, j])), shape=(size, size)
+    )
+    padded = L.tocoo()
+    return csr_array(coo_array((padded.data, padded.coords), shape=(size, size)) + fans)
 
 
 def _perimeter(points: NDArray) -> float:

@@ -8,6 +8,7 @@ from ddgcli.algorithms.parameterize import parameterize_conformal, parameterize_
 from ddgcli.algorithms.poisson import harmonic, poisson
 from ddgcli.algorithms.smooth import smooth
 from ddgcli.algorithms.spectrum import spectrum
+from ddgcli.io.mesh_file import read_mesh
 from ddgcli.linalg.eigen import smallest_eigenpairs
 from ddgcli.mesh import shapes
 from ddgcli.mesh.intrinsic_mesh import IntrinsicMesh
@@ -177,6 +178,12 @@ def test_delaunay_harmonic_map_flips_nothing_where_cotan_does(seed):
     good = parameterize_harmonic(mesh, laplace_operator(mesh, "intrinsic-delaunay"))
     assert good.flipped == 0
     assert parameterize_harmonic(mesh, laplace_operator(mesh, "cotan")).flipped > 0
+
+
+def test_delaunay_harmonic_map_of_a_region_with_holes_flips_nothing(shared_meshes):
+    mesh = read_mesh(str(shared_meshes / "plane_holes.obj")).mesh
+    flat = parameterize_harmonic(mesh, laplace_operator(mesh))
+    assert flat.flipped == 0 and flat.residual < 1e-12
 
 
 def test_mean_curvature_flow_of_a_sphere_is_first_order_in_time():
