@@ -10,115 +10,21 @@ from __future__ import annotations
 import heapq
 import logging
 from dataclasses import dataclass
-from math import atan2, cos, hypot, inf, pi, sin
+from math import pi
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.algorithms.curves import Curves
+from ddgcli.algorithms.flipping_mesh import EdgeGraph, FlippingMesh, edge_path
 from ddgcli.algorithms.paths import SurfacePaths, describe_paths, joints, segment_vectors
 from ddgcli.algorithms.trace import Tracer
-from ddgcli.errors import MeshError, ParameterError
 from ddgcli.geometry.face_frames import planar_difference
 from ddgcli.geometry.unfolding import SurfaceMesh
 from ddgcli.mesh.topology import NEXT
 
 _log = logging.getLogger("ddgcli")
 STRAIGHT = 1e-10  # an angle this close below pi counts as straight
-
-
-class FlippingMesh:
-    """A triangulation that changes by flips, with the direction and length of every halfedge on the input.
-
-    Halfedges 0..3m-1 are the sides; beside each boundary side lies one more, without a face. Lists, not
-    arrays: the walk is sequential, and plain numbers are what it reads.
-
-    Attributes
-    ----------
-    next, twin, tail, fan : list of int
-        `next` is -1 outside the surface; `fan` names the fan of corners at the tail.
-    length, angle, post : list of float
-        Length; corner angle at the tail; direction at the tail, as an angle in its fan (a signpost).
-    """
-
-    def __init__(self, tracer: Tracer) -> None:
-        mesh, fans = tracer.mesh, tracer.fans
-        m = 3 * mesh.n_faces
-        twin = mesh.topology.side_twin.ravel().copy()
-        rim = np.flatnonzero(twin < 0)
-        twin[rim] = m + np.arange(len(rim))
-        side = np.arange(m)
-        following = side + np.where(side % 3 == 2, -2, 1)
-        head = following[rim]
-        at_end = fans.angle_before[head] + fans.corner_angle[head]
-        length = mesh.side_length.ravel()
-        self.sides = m
-        self.next = following.tolist() + [-1] * len(rim)
-        self.twin = np.concatenate([twin, rim]).tolist()
-        self.tail = np.concatenate([mesh.topology.side_tail, mesh.topology.side_tail[head]]).tolist()
-        self.fan = np.concatenate([fans.fan, fans.fan[head]]).tolist()
-        self.length = np.concatenate([length, length[rim]]).tolist()
-        self.angle = np.concatenate([fans.corner_angle, np.full(len(rim), inf)]).tolist()
-        self.post = np.concatenate([fans.angle_before, at_end]).tolist()
-        self.flipped: set[int] = set()
-
-    def edge(self, h: int) -> int:
-        """The lower of the two halfedges."""
-        return min(h, self.twin[h])
-
-    def wedge(self, first: int, last: int) -> tuple[list[int], float]:
-        """Halfedges leaving a vertex counter-clockwise from `first` to `last`, and the angle between them.
-
-        The angle is inf where the boundary lies between.
-        """
-        around, total, h = [first], 0.0, first
-        while h != last:
-            if self.next[h] < 0:
-                return around, inf
-            total += self.angle[h]
-            h = self.twin[self.next[self.next[h]]]
-            around.append(h)
-            if h == first:
-                raise MeshError(f"halfedges {first} and {last} do not leave the same fan of a vertex")
-        return around, total
-
-    def can_flip(self, h: int) -> bool:
-        """Two faces, and not the same one."""
-        t = self.twin[h]
-        return self.next[h] >= 0 and self.next[t] >= 0 and t not in (self.next[h], self.next[self.next[h]])
-
-    def flip(self, h: int) -> None:
-        """Turn the edge of h; the two triangles must form a convex quadrilateral."""
-        t = self.twin[h]
-        h1, t1 = self.next[h], self.next[t]  # b -> c, a -> d
-        h2, t2 = self.next[h1], self.next[t1]  # c -> a, d -> b
-        apex = self.length[h2] * cos(self.angle[h]), self.length[h2] * sin(self.angle[h])
-        below = self.length[t1] * cos(self.angle[t1]), -self.length[t1] * sin(self.angle[t1])
-        self.length[h] = self.length[t] = hypot(apex[0] - below[0], apex[1] - below[1])
-        self.tail[h], self.tail[t] = self.tail[t2], self.tail[h2]
-        self.fan[h], self.fan[t] = self.fan[t2], self.fan[h2]
-        self.next[h], self.next[h2], self.next[t1] = h2, t1, h  # d -> c -> a
-        self.next[t], self.next[t2], self.next[h1] = t2, h1, t  # c -> d -> b
-        for a, b, c in ((h, h2, t1), (t, t2, h1)):
-            self._set_angles(a, b, c)
-        self.post[h] = self.post[t2] + self.angle[t2]
-        self.post[t] = self.post[h2] + self.angle[h2]
-        self.flipped.add(min(h, t))
-
-    def _set_angles(self, a: int, b: int, c: int) -> None:
-        """Angles of the triangle of halfedges a, b, c from their lengths."""
-        for one, opposite, before in ((a, b, c), (b, c, a), (c, a, b)):
-            self.angle[one] = _angle(self.length[one], self.length[before], self.length[opposite])
-
-
-def _angle(x: float, y: float, opposite: float) -> float:
-    """Angle between sides x and y, from three lengths; differences between sorted numbers, after Kahan."""
-    large, small = (x, y) if x > y else (y, x)
-    gap = large - small
-    below = small - (opposite - large) if opposite > large else small + (large - opposite)
-    up = max(opposite + gap, 0.0) * max(opposite - gap, 0.0)
-    down = (large + (small + opposite)) * max(below, 0.0)
-    return 2.0 * atan2(up**0.5, down**0.5)
 
 
 @dataclass
@@ -253,58 +159,6 @@ class PathStraightener:
         return out
 
 
-def edge_path(mesh: SurfaceMesh, waypoints: list[int], closed: bool) -> list[int]:
-    """Flat numbers of the sides (m3 + k beyond the boundary) of an edge path through vertices.
-
-    Consecutive way-points that are not neighbours are joined by the shortest edge path.
-
-    Raises
-    ------
-    ParameterError
-        On vertices out of range, fewer than two, or without an edge path between them.
-    """
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import dijkstra
-
-    n, topology = mesh.n_vertices, mesh.topology
-    bad = [v for v in waypoints if not 0 <= v < n]
-    if bad:
-        raise ParameterError(f"way-point {bad[0]} does not exist; vertices are 0..{n - 1}")
-    stops = [*waypoints, waypoints[0]] if closed and waypoints else list(waypoints)
-    stops = [v for k, v in enumerate(stops) if k == 0 or v != stops[k - 1]]
-    if len(stops) < 2:
-        raise ParameterError("a path needs two different way-points; give more vertices")
-    twin = topology.side_twin.ravel()
-    rim = np.flatnonzero(twin < 0)
-    tail = np.concatenate([topology.side_tail, topology.side_head[rim]])
-    head = np.concatenate([topology.side_head, topology.side_tail[rim]])
-    length = np.concatenate([mesh.side_length.ravel(), mesh.side_length.ravel()[rim]])
-    order = np.lexsort((length, head, tail))
-    key = tail[order] * n + head[order]
-    first = np.concatenate([[True], key[1:] != key[:-1]])
-    key, order = key[first], order[first]
-
-    def side(a: int, b: int) -> int:
-        k = int(np.searchsorted(key, a * n + b))
-        return int(order[k]) if k < len(key) and key[k] == a * n + b else -1
-
-    graph = coo_array((length[order], (tail[order], head[order])), shape=(n, n)).tocsr()
-    sides: list[int] = []
-    for a, b in zip(stops[:-1], stops[1:], strict=True):
-        if side(a, b) >= 0:
-            sides.append(side(a, b))
-            continue
-        distance, before = dijkstra(graph, indices=b, return_predecessors=True)
-        if not np.isfinite(distance[a]):
-            raise ParameterError(
-                f"no edge path leads from vertex {a} to vertex {b}; they lie on different components"
-            )
-        while a != b:
-            a, last = int(before[a]), a
-            sides.append(side(last, a))
-    return sides
-
-
 def straightened_curves(mesh: SurfaceMesh, waypoints: list[list[int]], closed: list[bool]) -> Curves:
     """Geodesics in the isotopy classes of edge paths and closed edge loops through way-points.
 
@@ -322,11 +176,12 @@ def straightened_curves(mesh: SurfaceMesh, waypoints: list[list[int]], closed: l
         Locally shortest, not always shortest. A loop that contracts to a point has no points and length 0.
         `accuracy.path_angle_deficit` is how far an angle beside the curves falls below pi at most.
     """
-    tracer = Tracer(mesh)
+    tracer, graph = Tracer(mesh), EdgeGraph(mesh)
+    flipping = FlippingMesh(tracer)
     parts, kinds, done = [], [], True
     for stops, is_closed in zip(waypoints, closed, strict=True):
-        sides = edge_path(mesh, stops, is_closed)
-        flipping = FlippingMesh(tracer)
+        sides = edge_path(graph, stops, is_closed)
+        flipping.rewind()
         before = sum(flipping.length[h] for h in sides)
         path = PathStraightener(flipping, sides, is_closed)
         finished = path.straighten()
@@ -428,6 +283,3 @@ def _until_head(
         return face, barycentric
     last = holds[miss <= miss.min() + 1e-9 * length][0]
     return face[: last + 1], barycentric[: last + 1]
-
-
-__all__ = ["FlippingMesh", "PathStraightener", "edge_path", "laid_on_input", "straightened_curves"]

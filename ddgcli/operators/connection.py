@@ -76,18 +76,28 @@ def connection_laplacian(mesh: SurfaceMesh) -> csr_array:
 def vertex_axes(mesh: TriangleMesh) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """((n, 3), (n, 3)) axes in space of the vertices' tangent frames.
 
-    x is the first side of the fan projected across the vertex normal (the area-weighted mean of the faces'),
-    y a quarter turn counter-clockwise from it. Zero where no face is.
+    They span the plane across the vertex normal (the area-weighted mean of the faces') and are turned in it
+    so that the projected sides lie at their intrinsic angles as well as they can, in the mean over the sides.
+    Zero where no face is.
     """
     fans = vertex_fans(mesh)
     normal = np.zeros((mesh.n_vertices, 3))
     np.add.at(normal, mesh.faces.ravel(), np.repeat(face_area_vector(mesh), 3, axis=0))
     normal = _unit(normal)
-    side = mesh.side_vector.reshape(-1, 3)[fans.corner[fans.start[:-1]]]
-    x = np.zeros((mesh.n_vertices, 3))
-    n = normal[fans.vertex]
-    x[fans.vertex] = _unit(side - np.einsum("ij,ij->i", side, n)[:, None] * n)
-    return x, np.cross(normal, x)
+    side = mesh.side_vector.reshape(-1, 3)
+    first = np.zeros((mesh.n_vertices, 3))
+    first[fans.vertex] = side[fans.corner[fans.start[:-1]]]
+    x = _unit(first - np.einsum("ij,ij->i", first, normal)[:, None] * normal)
+    y = np.cross(normal, x)
+    tail = mesh.topology.side_tail
+    seen = np.einsum("ij,ij->i", side, x[tail]) + 1j * np.einsum("ij,ij->i", side, y[tail])
+    size = np.abs(seen)
+    turn = seen * np.exp(-1j * side_angles(mesh)[0]) / np.where(size > 0, size, 1.0)
+    mean = np.zeros(mesh.n_vertices, dtype=np.complex128)
+    np.add.at(mean, tail, turn)
+    mean /= np.where(np.abs(mean) > 0, np.abs(mean), 1.0)
+    x, y = mean.real[:, None] * x + mean.imag[:, None] * y, mean.real[:, None] * y - mean.imag[:, None] * x
+    return x, y
 
 
 def _unit(vector: NDArray) -> NDArray[np.float64]:

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from ddgcli.algorithms.flipout import FlippingMesh, edge_path, straightened_curves
+from ddgcli.algorithms.flipout import straightened_curves
+from ddgcli.algorithms.flipping_mesh import EdgeGraph, FlippingMesh, edge_path
 from ddgcli.algorithms.geodesic_exact import exact_distance
 from ddgcli.algorithms.paths import joints
 from ddgcli.algorithms.trace import Tracer
@@ -100,6 +101,10 @@ def test_flips_keep_lengths_angles_and_signposts():
     head = [flipping.tail[flipping.twin[k]] for k in h]
     gap = surface_position(mesh, ends.face, ends.barycentric) - mesh.points[head]
     assert np.linalg.norm(gap, axis=1).max() < 1e-9
+    flipping.rewind()
+    fresh = FlippingMesh(tracer)
+    for name in ("next", "twin", "tail", "fan", "length", "angle", "post"):
+        assert getattr(flipping, name) == getattr(fresh, name)
 
 
 def test_paths_agree_with_potpourri3d():
@@ -117,7 +122,7 @@ def test_bad_way_points():
     mesh = shapes.icosphere(1)
     for stops, word in ([[0, 999], "999"], [[3], "two different"], [[3, 3], "two different"]):
         with pytest.raises(ParameterError, match=word):
-            edge_path(mesh, stops, False)
+            edge_path(EdgeGraph(mesh), stops, False)
 
 
 def test_boundary_paths_bend_around_holes():
