@@ -32,7 +32,8 @@ READERS = {
     ".obj": ("read_obj", "read_obj"), ".off": ("read_off", "read_off"), ".ply": ("read_ply", "read_ply"),
     ".stl": ("read_stl", "read_stl"), ".vtu": ("read_vtk_xml", "read_vtk_xml"),
     ".vtp": ("read_vtk_xml", "read_vtk_xml"), ".csv": ("read_tables", "read_csv"),
-    ".txt": ("read_tables", "read_csv"), ".npz": ("read_tables", "read_npz"),
+    ".txt": ("read_tables", "read_csv"), ".wkt": ("read_tables", "read_wkt"),
+    ".npz": ("read_tables", "read_npz"),
     ".vtkhdf": ("read_vtkhdf", "read_vtkhdf"), ".h5": ("read_vtkhdf", "read_vtkhdf"),
     ".hdf": ("read_vtkhdf", "read_vtkhdf"),
 }  # fmt: skip

@@ -27,7 +27,7 @@ MESHIO = {
     ".avs": ("avsucd",), ".cgns": ("cgns",), ".dat": ("tecplot",), ".tec": ("tecplot",), ".dato": ("permas",),
     ".post": ("permas",), ".e": ("exodus",), ".ex2": ("exodus",), ".exo": ("exodus",), ".ele": ("tetgen",),
     ".node": ("tetgen",), ".f3grid": ("flac3d",), ".h5m": ("h5m",), ".hmf": ("hmf",), ".mdpa": ("mdpa",),
-    ".med": ("med",), ".su2": ("su2",), ".ugrid": ("ugrid",), ".vol": ("netgen",), ".wkt": ("wkt",),
+    ".med": ("med",), ".su2": ("su2",), ".ugrid": ("ugrid",), ".vol": ("netgen",),
     ".xml": ("dolfin-xml",),
 }  # fmt: skip
 TRIMESH = {
@@ -46,7 +46,7 @@ TRIMESH = {
     ".zip",
 }
 # formats whose meshio reader takes an open text file, in which an endless read at the end can be stopped
-TEXT = {"abaqus", "nastran", "avsucd", "tecplot", "permas", "su2", "netgen", "wkt"}
+TEXT = {"abaqus", "nastran", "avsucd", "tecplot", "permas", "su2", "netgen"}
 BINARY = {"mdpa", "ansys"}
 
 
@@ -62,7 +62,7 @@ def read_meshio(path: str, suffix: str) -> RawMesh:
         except _Endless:
             reasons.append("the file ends early")
         except (Exception, SystemExit) as error:  # third-party readers raise whatever comes
-            reasons.append(f"{type(error).__name__}: {error}" if str(error) else type(error).__name__)
+            reasons.append(_in_a_line(error))
     raise MeshFileError(
         f"cannot be read as {suffix} ({'; '.join(reasons)}); it is cut, damaged or of another format"
     )
@@ -78,8 +78,7 @@ def read_trimesh(path: str, suffix: str) -> RawMesh:
             parts = scene.dump() if scene.geometry else []
     except (Exception, SystemExit) as error:
         raise MeshFileError(
-            f"cannot be read as {suffix} ({type(error).__name__}: {error}); it is damaged, "
-            "or its reader is not installed"
+            f"cannot be read as {suffix} ({_in_a_line(error)}); it is damaged, or its reader is not installed"
         ) from error
     meshes = [p for p in parts if hasattr(p, "faces")]
     if not meshes:
@@ -90,6 +89,12 @@ def read_trimesh(path: str, suffix: str) -> RawMesh:
     if len(meshes) > 1:
         raw.notes.append(f"{len(meshes)} parts of a scene put into one mesh; vertices are not merged")
     return raw
+
+
+def _in_a_line(error: BaseException) -> str:
+    """Kind and message of an exception, in one short line."""
+    message = " ".join(str(error).split())[:120]
+    return f"{type(error).__name__}: {message}" if message else type(error).__name__
 
 
 class _Endless(Exception):

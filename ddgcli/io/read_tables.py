@@ -1,4 +1,4 @@
-"""Point lists (.csv, .txt) as curves, and NumPy archives (.npz) of our own layout."""
+"""Point lists (.csv, .txt) as curves, triangles in words (.wkt), NumPy archives (.npz) of our own layout."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from ddgcli.errors import MeshFileError
 from ddgcli.io.raw import RawMesh
 from ddgcli.io.text import rows
+from ddgcli.mesh.repair import merged_points
 
 PLACES = {"points", "faces", "tetrahedra", "lines", "metadata", "edges"}
 
@@ -50,6 +51,31 @@ def read_csv(data: bytes) -> RawMesh:
         return RawMesh(points[:-1], lines=lines_, input_vertex=index)
     index = np.arange(len(points))
     return RawMesh(points, lines=np.stack([index[:-1], index[1:]], axis=1))
+
+
+def read_wkt(data: bytes) -> RawMesh:
+    """Read `TIN (((x y z, x y z, x y z, x y z)), ...)`; equal positions are merged: WKT shares none.
+
+    Our own reader: the pattern that meshio matches takes for ever on a file that is cut.
+    """
+    text = b" ".join(data.split())
+    head = re.match(rb"TIN ?\(", text, re.IGNORECASE)
+    if head is None or text.count(b"(") != text.count(b")") or not text.endswith(b")"):
+        raise MeshFileError(
+            "not a TIN in WKT, or its brackets do not close; the file is cut or of another kind"
+        )
+    rings = re.findall(rb"\(\(([^()]*)\)\)", text[head.end() - 1 :][1:-1])
+    if any(ring.count(b",") != 3 for ring in rings):
+        raise MeshFileError("a triangle of the TIN has other than four points; mend it")
+    words = [point for ring in rings for point in ring.split(b",")]
+    values, counts = rows(words, [0] * len(words), "point")
+    if (counts != 3).any():
+        raise MeshFileError("a point of the TIN has other than three numbers; mend it")
+    points, index = merged_points(values.reshape(-1, 4, 3)[:, :3].reshape(-1, 3))
+    raw = RawMesh(points, input_vertex=index)
+    raw.notes.append(f"WKT cannot share vertices: {len(index)} corners merged to {len(points)} where equal")
+    raw.add_faces(index.reshape(-1, 3))
+    return raw
 
 
 def read_npz(data: bytes) -> RawMesh:

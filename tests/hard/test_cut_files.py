@@ -1,0 +1,189 @@
+"""A file cut anywhere is refused, or read as less; never a hang, a traceback or made-up numbers."""
+
+import io
+import signal
+
+import numpy as np
+import pytest
+
+from ddgcli.errors import InputError
+from ddgcli.io import read_foreign
+from ddgcli.io.mesh_file import WRITERS, read_mesh, write_mesh
+from ddgcli.mesh import shapes
+from ddgcli.mesh.fields import AnnotatedMesh
+from ddgcli.mesh.tet_mesh import TetMesh
+
+SECONDS = 20
+# formats in which a cut must always be seen: they count, or close what they open
+COUNTED = {".ply", ".off", ".stl", ".vtu", ".vtp", ".npz", ".vtkhdf", ".xdmf"}
+MESHIO_ONLY = {
+    "gmsh22": ".msh", "gmsh": ".msh", "medit": ".mesh", "abaqus": ".inp", "nastran": ".bdf", "netgen": ".vol",
+    "permas": ".dato", "su2": ".su2", "tecplot": ".dat", "mdpa": ".mdpa", "avsucd": ".avs", "wkt": ".wkt",
+    "med": ".med", "cgns": ".cgns", "h5m": ".h5m", "hmf": ".hmf", "dolfin-xml": ".xml", "flac3d": ".f3grid",
+    "ugrid": ".ugrid",
+}  # fmt: skip
+
+
+@pytest.fixture(autouse=True)
+def limited():
+    def stop(*_):
+        raise AssertionError(f"no answer within {SECONDS} s")
+
+    if not hasattr(signal, "SIGALRM"):
+        yield
+        return
+    before = signal.signal(signal.SIGALRM, stop)
+    signal.alarm(SECONDS)
+    yield
+    signal.alarm(0)
+    signal.signal(signal.SIGALRM, before)
+
+
+def cuts(size: int, count: int) -> list[int]:
+    """Places to cut: dense at both ends, spread between."""
+    inner = np.linspace(0, size, count, endpoint=False).astype(int)
+    return sorted(
+        {*range(0, min(size, 12)), *inner.tolist(), *(size - k for k in (1, 2, 3, 5, 9, 17) if k < size)}
+    )
+
+
+def annotated() -> AnnotatedMesh:
+    mesh = shapes.icosphere(1)
+    return AnnotatedMesh(mesh, {"height": mesh.points[:, 2]}, {"number": np.arange(mesh.n_faces)})
+
+
+def assert_refused_or_less(path, whole, counted: bool, size: int, at: int) -> None:
+    try:
+        found = read_mesh(str(path))
+    except InputError as error:
+        assert str(error).startswith(str(path)) and "\n" not in str(error).strip()
+        return
+    assert not counted or at >= size - 2, f"cut at {at} of {size} was not seen"
+    assert found.mesh.n_vertices <= whole.n_vertices
+    assert np.isfinite(found.mesh.points).all()
+
+
+@pytest.mark.parametrize("suffix", WRITERS)
+def test_cut_outputs_of_ours(tmp_path, suffix):
+    path = tmp_path / f"a{suffix}"
+    write_mesh(str(path), annotated())
+    data, whole = path.read_bytes(), read_mesh(str(path)).mesh
+    for at in cuts(len(data), 40):
+        path.write_bytes(data[:at])
+        assert_refused_or_less(path, whole, suffix in COUNTED, len(data.rstrip()), at)
+
+
+@pytest.mark.parametrize("text", ["ascii ply", "ascii stl"])
+def test_cut_text(tmp_path, text):
+    trimesh = pytest.importorskip("trimesh")
+    mesh = shapes.icosphere(1)
+    peer = trimesh.Trimesh(mesh.points, mesh.faces, process=False)
+    kind = text.split()[1]
+    exported = (
+        peer.export(file_type="ply", encoding="ascii")
+        if kind == "ply"
+        else peer.export(file_type="stl_ascii")
+    )
+    data = exported if isinstance(exported, bytes) else exported.encode()
+    path = tmp_path / f"a.{kind}"
+    path.write_bytes(data)
+    whole = read_mesh(str(path)).mesh
+    np.testing.assert_allclose(whole.points[whole.faces], mesh.points[mesh.faces], atol=1e-6)
+    for at in cuts(len(data), 60):
+        path.write_bytes(data[:at])
+        try:
+            found = read_mesh(str(path)).mesh
+        except InputError:
+            continue
+        assert found.n_faces == whole.n_faces or at >= len(data) - 10, at
+
+
+@pytest.mark.parametrize("name, suffix", MESHIO_ONLY.items())
+def test_formats_of_meshio(tmp_path, name, suffix):
+    """What meshio writes is read with its order; cut anywhere it is refused or less, and nothing hangs."""
+    meshio = pytest.importorskip("meshio")
+    ball = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [1, 1, 1.0]])
+    tets = np.array([[0, 1, 2, 3], [1, 2, 3, 4]])
+    sphere = shapes.icosphere(1)
+    solid = name in {"gmsh", "gmsh22", "medit", "h5m", "flac3d", "ugrid", "dolfin-xml", "su2", "netgen"}
+    cells = [("tetra", tets)] if solid else [("triangle", sphere.faces)]
+    path = tmp_path / f"a{suffix}"
+    try:
+        meshio.Mesh(ball if solid else sphere.points, cells).write(str(path), file_format=name)
+    except (Exception, SystemExit) as error:
+        pytest.skip(f"meshio cannot write {name}: {error}")
+    try:
+        meshio.read(str(path), name)
+    except (Exception, SystemExit) as error:
+        pytest.skip(f"meshio cannot read the {name} that it writes: {error}")
+    found = read_mesh(str(path)).mesh
+    assert isinstance(found, TetMesh) == solid
+    points, corners = (ball, tets) if solid else (sphere.points, sphere.faces)
+    indices = found.tetrahedra if solid else found.faces
+    np.testing.assert_allclose(found.points[indices], points[corners], atol=1e-6)
+    if name != "wkt":  # which has no vertex numbers
+        np.testing.assert_array_equal(indices, corners)
+    data = path.read_bytes()
+    for at in cuts(len(data), 25):
+        path.write_bytes(data[:at])
+        assert_refused_or_less(path, found, False, len(data), at)
+
+
+@pytest.mark.parametrize("suffix", sorted(read_foreign.suffixes()))
+@pytest.mark.parametrize(
+    "content", [b"", b"\n", b"garbage\n" * 20, bytes(range(256)) * 8], ids=["empty", "line", "text", "bytes"]
+)
+def test_nonsense_under_every_name(tmp_path, suffix, content):
+    path = tmp_path / f"a{suffix}"
+    path.write_bytes(content)
+    try:
+        assert read_mesh(str(path)).mesh.points.shape[1] == 3
+    except InputError as error:
+        assert str(error).startswith(str(path))
+
+
+@pytest.mark.parametrize("suffix", [".glb", ".gltf", ".3mf", ".dae"])
+def test_formats_of_trimesh(tmp_path, suffix):
+    trimesh = pytest.importorskip("trimesh")
+    mesh = shapes.icosphere(1)
+    path = tmp_path / f"a{suffix}"
+    try:
+        trimesh.Trimesh(mesh.points, mesh.faces, process=False).export(str(path))
+    except (Exception, SystemExit) as error:
+        pytest.skip(f"trimesh cannot write {suffix}: {error}")
+    found = read_mesh(str(path)).mesh
+    np.testing.assert_allclose(found.points, mesh.points, atol=1e-6)
+    np.testing.assert_array_equal(found.faces, mesh.faces)
+
+
+def test_readers_that_print_and_exit_are_kept_quiet(tmp_path, capfd):
+    path = tmp_path / "a.vtk"
+    path.write_bytes(b"# vtk DataFile Version 3.0\nx\nASCII\nDATASET NONSENSE\n")
+    with pytest.raises(InputError):
+        read_mesh(str(path))
+    out, err = capfd.readouterr()
+    assert (out, err) == ("", "")
+
+
+def test_a_huge_count_allocates_nothing(tmp_path):
+    import tracemalloc
+
+    path = tmp_path / "a.ply"
+    head = "ply\nformat binary_little_endian 1.0\nelement vertex 3\nproperty float x\nproperty float y\n"
+    head += "property float z\nelement face 4000000000\nproperty list uchar int vertex_indices\nend_header\n"
+    path.write_bytes(head.encode() + bytes(100))
+    tracemalloc.start()
+    with pytest.raises(InputError, match="more than the file holds"):
+        read_mesh(str(path))
+    assert tracemalloc.get_traced_memory()[1] < 10e6
+    tracemalloc.stop()
+
+
+def test_text_numbers_stay_exact(tmp_path):
+    values = np.array([[0.1, 1 / 3, 1e-300], [2**0.5, -7.25, 1e300], [0, -0.0, 3.0]])
+    stream = io.StringIO()
+    for row in values:
+        stream.write("v " + " ".join(map(repr, row.tolist())) + "\n")
+    path = tmp_path / "a.obj"
+    path.write_text(stream.getvalue() + "f 1 2 3\n")
+    np.testing.assert_array_equal(read_mesh(str(path)).mesh.points, values)
