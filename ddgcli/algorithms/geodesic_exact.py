@@ -61,7 +61,7 @@ def exact_distance(
     tolerance: float = 0.0,
     limit: float = np.inf,
     tables: WindowTables | None = None,
-    dominance_every: int = 2,
+    dominance_every: int = 3,
 ) -> ExactDistance:
     """Exact distance along the surface from every vertex to the nearest of `sources`.
 

@@ -20,6 +20,7 @@ from ddgcli.errors import SolveError
 EPS = 1e-12  # of the longest side (which lies in [1/2, 1) here); always on the side of keeping a window
 LIFT = 1e-15  # of a side: least height of a source above it, so that one on the side itself still sees across
 NEVER = np.inf
+SPAWN_EVERY = 3
 
 
 class Pool:
@@ -118,7 +119,7 @@ class Front:
         Rounds between two prunes of windows on the same side; 0 never prunes (the distances are the same).
     """
 
-    def __init__(self, tables: WindowTables, *, slack: float = 0.0, dominance_every: int = 2) -> None:
+    def __init__(self, tables: WindowTables, *, slack: float = 0.0, dominance_every: int = 3) -> None:
         n = tables.n_vertices
         self.tables, self.slack, self.dominance_every = tables, slack, dominance_every
         self.bends = np.ones(n, dtype=bool) if slack > 0 else tables.bends
@@ -133,7 +134,7 @@ class Front:
         self.pending = np.zeros(0, dtype=np.int64)
         self.windows = 0
         self.rounds = 0
-        self.bucket = 1.5 * float(tables.shape[:, 0].mean()) if len(tables.shape) else 1.0
+        self.bucket = 2.0 * float(tables.shape[:, 0].mean()) if len(tables.shape) else 1.0
 
     # -- vertices -----------------------------------------------------------------------------------
 
@@ -235,7 +236,7 @@ class Front:
             if not least < limit:
                 return
             bound = max(least + self.bucket, np.nextafter(least, np.inf))
-            if waiting < bound:
+            if waiting < bound and (self.rounds % SPAWN_EVERY == 0 or waiting <= least):
                 self._spawn_below(bound)
             lines, where = self.pool.pop_below(bound)
             self.rounds += 1

@@ -192,9 +192,28 @@ def _bends(topology: Topology, shape: NDArray) -> NDArray[np.bool_]:
     )
     bends = total > FLAT_ANGLE
     bends |= topology.boundary_vertex
-    bends[topology.nonmanifold_vertices] = True
     bends[topology.edges[topology.nonmanifold_edges]] = True
     height = shape[:, 2].reshape(-1, 3).min(axis=1)
     degenerate = ~(height > 1e-8 * side_length.max(axis=1))
     bends[faces[degenerate]] = True
+    bends[_pinched(topology, np.flatnonzero(~bends & topology.referenced_vertex))] = True
     return bends
+
+
+def _pinched(topology: Topology, suspects: NDArray) -> NDArray[np.int64]:
+    """Those of the inner vertices `suspects` whose faces make several fans."""
+    if "nonmanifold_vertices" in vars(topology) or not topology.is_oriented:
+        return topology.nonmanifold_vertices
+    around = topology.side_twin[:, PREVIOUS].ravel()  # the next corner of the same vertex, counter-clockwise
+    corner = np.empty(topology.n_vertices, dtype=np.int64)
+    corner[topology.faces.ravel()] = np.arange(len(around))
+    left = np.bincount(topology.faces.ravel(), minlength=topology.n_vertices)[suspects]
+    first = here = corner[suspects]
+    found = [suspects[:0]]
+    while len(suspects):
+        here, left = around[here], left - 1
+        closed = here == first
+        found.append(suspects[closed & (left > 0)])
+        open_ = ~closed
+        suspects, first, here, left = suspects[open_], first[open_], here[open_], left[open_]
+    return np.concatenate(found)
