@@ -179,7 +179,7 @@ def place(section: SurfaceObject, read: Callable[[str], Any]) -> Placed:
             logging.getLogger("ddgcli").warning("%s: %s", section.mesh, note)
         mesh, vertex, sha256, face = source.mesh, source.vertex, source.sha256, source.face
         if not isinstance(mesh, TriangleMesh):
-            raise ValueError(f"{section.mesh} is not a triangle surface")
+            raise ValueError(f"{section.mesh}: not a triangle surface; give a mesh of triangles")
     else:
         mesh = made(section)
     return Placed(mesh.moved(_moved(section, np.asarray(mesh.points))), vertex, sha256, face)

@@ -27,6 +27,8 @@ COMMANDS: dict[str, list[str]] = {
     "hodge": [],
     "geodesic": ["--source", "VERTEX"],
     "shell-sim": ["--effect", "stretching", "--effect", "bending", "--steps", "2", "--dt", "1e-3"],
+    "fluid-sim": ["--vorticity", "x+0.3*y*z", "--steps", "2", "--dt", "1e-3", "--integrator", "circulation"],
+    "willmore-flow": ["--steps", "3"],
 }
 SECONDS = 30
 

@@ -22,6 +22,9 @@ from ddgcli.models.willmore.scaled import centred_at_unit_size
 
 FLOWS = ("quadratic", "mean-curvature")
 BOUNDARIES = ("clamped", "fixed")
+HELD = "no vertex can move: all lie on the boundary or, if that is clamped, beside it"
+MOST_STEPS = 1000
+FRAMES = 50
 # default length of timed steps, in radius^4 (mean curvature flow: radius^2) of the sphere of the same area
 TIMED, TIMED_CURVATURE = 5e-3, 2e-3
 
@@ -80,10 +83,6 @@ def build(mesh: TriangleMesh, wishes: Wishes) -> tuple[Flow, Model]:
     unit, centre, scale = centred_at_unit_size(mesh)
     topology = mesh.topology
     free = free_vertices(topology, wishes.boundary)
-    if len(free) == 0:
-        raise MeshError(
-            "no vertex can move: all lie on the boundary or (--boundary clamped) beside it; refine the mesh"
-        )
     if wishes.fix_volume and not topology.is_closed:
         raise ParameterError("--fix-volume needs a closed surface; this one has a boundary")
     mean_curvature = wishes.flow == "mean-curvature"
@@ -106,7 +105,7 @@ def build(mesh: TriangleMesh, wishes: Wishes) -> tuple[Flow, Model]:
         topology, energy, convention, free, constraints, mean_curvature, wishes.timed, wishes.stop,
         centre, scale, area(unit), mesh.points,
     )  # fmt: skip
-    start = FlowState(unit.points, started, 0.0, longest_step(flow))
+    start = FlowState(unit.points, started, 0.0, longest_step(flow), stopped="" if len(free) else HELD)
     model = Model(
         start, flow.advance, flow.observe, flow.pack, flow.unpack,
         distance=flow.distance, order=1 if mean_curvature else 2,
@@ -118,10 +117,6 @@ def build(mesh: TriangleMesh, wishes: Wishes) -> tuple[Flow, Model]:
 def longest_step(flow: Flow) -> float:
     """First step of the descent, at unit size."""
     return LONGEST * (flow.area / (4.0 * math.pi)) ** 2
-
-
-MOST_STEPS = 1000
-FRAMES = 50
 
 
 def schedule(flow: Flow, given: Mapping[str, Any]) -> Schedule:
