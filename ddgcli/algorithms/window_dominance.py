@@ -1,0 +1,103 @@
+"""Trimming of windows on the same side to where each is the nearer."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+EPS = 1e-12  # of the longest side (which lies in [1/2, 1) here); always on the side of keeping a window
+
+
+def dominate(
+    lines: NDArray, where: NDArray, shape: NDArray, origin_distance: NDArray
+) -> tuple[NDArray, NDArray]:
+    """Sort windows by side and trim neighbours on the same side to where each is the nearer.
+
+    Only parts where another window of the batch is at least as near are cut, so no distance changes.
+
+    Notes
+    -----
+    On a side, the difference of two windows' distances has at most one interior extremum, where the line
+    through the two sources meets the side; hence at most two roots, found by bracketing (the closed
+    quadratic cancels when the sources nearly coincide).
+    """
+    order = np.argsort(where[0] + 0.9999999 * lines[0] / shape[:, 0].take(where[0]))
+    lines, where = lines.take(order, axis=1), where.take(order, axis=1)
+    side = where[0]
+    i = ((side[1:] == side[:-1]) & (lines[0, 1:] < lines[1, :-1])).nonzero()[0]
+    if not len(i):
+        return lines, where
+    p, q = lines.take(i, axis=1), lines.take(i + 1, axis=1)
+    base = origin_distance.take(where[1])
+    base_p, base_q = base.take(i), base.take(i + 1)
+    px, py, qx, qy = p[2], p[3], q[2], q[3]
+    contained = q[1] <= p[1]
+    at = np.empty((3, len(i)))  # both ends of the overlap, and where the difference has its extremum
+    lo, hi, middle = at
+    lo[:] = q[0]
+    np.minimum(p[1], q[1], out=hi)
+    np.divide((qx - px) * py, py - qy, out=middle)
+    middle += px
+    np.fmin(np.fmax(middle, lo, out=middle), hi, out=middle)
+    g_lo, g_hi, g_mid = _gap(at, (base_p, px, py), (base_q, qx, qy))
+    p_wins = (g_lo <= 0) & (g_hi <= 0) & (g_mid <= 0)
+    q_wins = (g_lo > 0) & (g_hi > 0) & (g_mid > 0) & ~contained
+    p_first = (g_lo < 0) & (g_hi > 0)
+    q_first = contained & (g_lo > 0) & (g_hi < 0)
+    root = np.flatnonzero(p_first | q_first)
+    if len(root):
+        a, b = lo[root], hi[root]
+        lo_r, hi_r = _bracket(
+            a,
+            b,
+            g_lo[root],
+            g_hi[root],
+            (base_p[root], px[root], py[root]),
+            (base_q[root], qx[root], qy[root]),
+        )
+        forward = p_first[root]
+        lines[0, i[root[forward]] + 1] = lo_r[forward]
+        cut_p = forward & ~contained[root]
+        lines[1, i[root[cut_p]]] = hi_r[cut_p]
+        lines[1, i[root[~forward]] + 1] = hi_r[~forward]
+    lines[0, i[p_wins] + 1] = hi[p_wins]
+    lines[1, i[q_wins]] = lo[q_wins]
+    alive = (lines[1] - lines[0] > EPS).nonzero()[0]
+    if len(alive) == len(side):
+        return lines, where
+    return lines.take(alive, axis=1), where.take(alive, axis=1)
+
+
+def _gap(x: NDArray, p: tuple, q: tuple) -> NDArray[np.float64]:
+    """Distance at x by window p less that by q, each (distance of the origin, sx, sy)."""
+    gap = _slant(x - p[1], p[2])
+    gap -= _slant(x - q[1], q[2])
+    gap += p[0] - q[0]
+    return gap
+
+
+def _slant(x: NDArray, y: NDArray) -> NDArray[np.float64]:
+    """Length of (x, y) for one or several rows of x; overwrites x."""
+    x *= x
+    x += y * y
+    return np.sqrt(x, out=x)
+
+
+def _bracket(lo: NDArray, hi: NDArray, g_lo: NDArray, g_hi: NDArray, p: tuple, q: tuple) -> tuple:
+    """Shrink [lo, hi] around the sign change of p - q: two steps of regula falsi, the second overshooting."""
+
+    rising = g_lo < 0
+    for step in (1.0, 2.0):
+        slope = (g_hi - g_lo) / (hi - lo)
+        if step == 1.0:
+            x = lo - g_lo / slope
+        else:
+            nearest = np.where(np.abs(g_lo) < np.abs(g_hi), lo, hi)
+            g_near = np.where(np.abs(g_lo) < np.abs(g_hi), g_lo, g_hi)
+            x = nearest - 2 * g_near / slope
+        x = np.where((x > lo) & (x < hi), x, 0.5 * (lo + hi))
+        g = _gap(x, p, q)
+        low = np.where(rising, g <= 0, g > 0)
+        lo, hi = np.where(low, x, lo), np.where(low, hi, x)
+        g_lo, g_hi = np.where(low, g, g_lo), np.where(low, g_hi, g)
+    return lo, hi
