@@ -10,6 +10,7 @@ import click
 from ddgcli.cli import options
 from ddgcli.cli.options import Common
 from ddgcli.cli.run import Run
+from ddgcli.errors import ParameterError
 
 COMMANDS = ("curvature", "delaunay", "laplacian", "geodesic", "shell-sim", "fluid-sim", "willmore-flow")
 
@@ -39,6 +40,9 @@ COMMANDS = ("curvature", "delaunay", "laplacian", "geodesic", "shell-sim", "flui
 )
 @click.option("--source", type=int, multiple=True, metavar="ID", help="geodesic: source vertex.")
 @click.option("--eigen", type=click.IntRange(min=1), metavar="K", help="laplacian: eigenvalues compared.")
+@click.option(
+    "--duration", type=options.POSITIVE, metavar="SECONDS", help="Simulators, willmore-flow: time simulated."
+)
 @options.common
 def command(
     compared: str,
@@ -50,6 +54,7 @@ def command(
     repeat: int,
     source: tuple[int, ...],
     eigen: int | None,
+    duration: float | None,
     common: Common,
 ) -> None:
     """Show what accuracy costs in time: the methods of COMMAND on INPUT, error against seconds.
@@ -76,17 +81,14 @@ def command(
         repeat=repeat,
         source=list(source),
         eigen=eigen,
+        duration=duration,
     )
-    mesh = run.read(input_path).mesh
+    problem = _problem(run, compared, input_path, truth, source, eigen, duration)
 
     from ddgcli.tradeoff.front import give_verdicts
     from ddgcli.tradeoff.measure import run_problem
-    from ddgcli.tradeoff.problems.table import mesh_problem
     from ddgcli.tradeoff.report import results_of, text_table
-    from ddgcli.tradeoff.truths import parse_truth
 
-    known = parse_truth(truth, mesh.points) if truth else None
-    problem = mesh_problem(compared, mesh, source=source, eigen=eigen, truth=known)
     table = run_problem(problem, repeat=repeat, budget=budget, progress=run.progress("tradeoff"))
     chosen = give_verdicts(table, within, norm)
     results = results_of(table, problem, compared, input_path, chosen=chosen, within=within, norm=norm)
@@ -100,6 +102,47 @@ def command(
     )
     if table.interrupted:
         click.get_current_context().exit(130)
+
+
+def _problem(
+    run: Run,
+    compared: str,
+    path: str,
+    truth: str | None,
+    source: tuple[int, ...],
+    eigen: int | None,
+    duration: float | None,
+) -> Any:
+    """The question of a command, on a mesh or on a scene."""
+    if compared in ("shell-sim", "fluid-sim"):
+        if truth:
+            raise ParameterError(f"--truth says nothing of {compared}; its reference is a small step")
+        return _scene_problem(run, compared, path, duration)
+    from ddgcli.tradeoff.problems.table import mesh_problem
+    from ddgcli.tradeoff.truths import parse_truth
+
+    mesh = run.read(path).mesh
+    known = parse_truth(truth, mesh.points) if truth else None
+    return mesh_problem(compared, mesh, source=source, eigen=eigen, truth=known, duration=duration)
+
+
+def _scene_problem(run: Run, compared: str, path: str, duration: float | None) -> Any:
+    from pathlib import Path
+
+    from ddgcli.cli.scene_input import mesh_reader, scene_document
+    from ddgcli.io.arrays import read_array
+    from ddgcli.tradeoff.problems import simulate
+
+    role = compared.removesuffix("-sim")
+    document, _ = scene_document(path, role, (), {}, None)
+    run.note_input(path, "")
+    read = mesh_reader(run, document)
+    if role == "shell":
+        return simulate.shell_problem(document, read, duration=duration)
+    folder = Path(document.folder)
+    return simulate.fluid_problem(
+        document, read, lambda name: read_array(str(folder / name)), duration=duration
+    )
 
 
 def write(run: Run, results: dict[str, Any]) -> None:

@@ -61,7 +61,7 @@ def break_even(rows: list[Row], norm: str = "max") -> list[dict[str, Any]]:
             and r.setup_seconds < row.setup_seconds
             and r.seconds > row.seconds
         ]
-        if not rivals:
+        if not rivals or row.setup_seconds < row.seconds:  # a set-up below one query is soon forgotten
             continue
         rival = min(rivals, key=lambda r: r.seconds)
         count = math.ceil((row.setup_seconds - rival.setup_seconds) / (rival.seconds - row.seconds))

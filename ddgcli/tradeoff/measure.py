@@ -201,7 +201,7 @@ def _give_back_free_memory() -> None:
 def _child(call: Callable[[], Any], pipe: Any) -> None:
     import resource
 
-    logging.getLogger("ddgcli").handlers[:] = []
+    logging.getLogger("ddgcli").handlers[:] = [logging.NullHandler()]
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     call()
     pipe.send((resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) / 1024)

@@ -120,3 +120,50 @@ def test_curvature_on_an_ellipsoid_ranks_the_fit_above_the_cotangent(tmp_path, s
     with np.load(out, allow_pickle=False) as arrays:
         error = np.abs(arrays["mean_curvature"] - known) / np.sqrt((known**2).mean())
     assert rows["cotan", "own"]["mean_error"] == pytest.approx(error.mean(), rel=1e-6)
+
+
+SHEET = """
+format = "ddgcli-scene/1"
+[time]
+duration = 0.04
+step = 4e-3
+[[object]]
+name = "sheet"
+role = "shell"
+grid = { size = [1, 1], cells = [3, 3] }
+material = "cotton"
+[effects]
+stretching = { model = "edges" }
+gravity = { acceleration = [0, 0, -9.81] }
+pin = { vertices = [0, 3] }
+"""
+
+
+def test_integrators_of_a_scene_stand_in_their_order(tmp_path, summary):
+    """Second-order schemes gain four in accuracy with half the step, first-order ones two."""
+    path = tmp_path / "sheet.toml"
+    path.write_text(SHEET)
+    found = summary("tradeoff", "shell-sim", path, "--repeat", 1, "--budget", 100)
+    rows = rows_of(found)
+    assert rows["newmark", 0.008]["max_error"] / rows["newmark", 0.004]["max_error"] > 3
+    first = rows["implicit-euler", 0.008]["max_error"] / rows["implicit-euler", 0.004]["max_error"]
+    assert 1.6 < first < 2.6
+    assert found["results"]["rows"][0]["command"].startswith("ddgcli shell-sim")
+    assert "--integrator" in found["results"]["rows"][0]["command"]
+
+
+def test_willmore_energy_by_step(tmp_path, summary):
+    path = tmp_path / "ellipsoid.ply"
+    mesh = shapes.icosphere(2)
+    write_mesh(str(path), AnnotatedMesh(mesh.moved(mesh.points * [1.0, 1.0, 1.3])))
+    found = summary("tradeoff", "willmore-flow", path, "--repeat", 1)
+    errors = [row["max_error"] for row in found["results"]["rows"]]
+    assert errors[-1] < errors[0] and errors[-1] < 1e-3
+    assert found["accuracy"]["reference_uncertainty"] < 1e-3
+
+
+def test_a_truth_means_nothing_to_a_simulator(tmp_path, run):
+    path = tmp_path / "sheet.toml"
+    path.write_text(SHEET)
+    result = run("tradeoff", "shell-sim", path, "--truth", "sphere:1")
+    assert result.exit_code == 2 and "--truth" in result.stderr

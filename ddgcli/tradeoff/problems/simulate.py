@@ -1,0 +1,134 @@
+"""Simulators: integrators and steps, against a small-step reference whose own error its two steps show."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ddgcli.evolve.account import Account
+from ddgcli.evolve.loop import evolve
+from ddgcli.models.scene import resolve
+from ddgcli.tradeoff.candidates import Candidate, Problem, Reference
+
+# steps of the candidates, in the scene's own step; those of the reference
+COARSER = (4.0, 2.0, 1.0, 0.5)
+FINE, FINER = 1 / 4, 1 / 8
+MOST_STEPS = 16  # of the scene's own length: beyond, errors measure chaos more than schemes
+
+
+def shell_problem(document: Any, read: Callable[[str], Any], *, duration: float | None = None) -> Problem:
+    """Positions of a shell scene at the end."""
+    from ddgcli.models.shell import model
+    from ddgcli.models.shell.scene import KIND
+
+    def prepared(overrides: Mapping[str, Any]) -> Callable[[], Any]:
+        def setup() -> Any:
+            scene = resolve(document, KIND, overrides)
+            account = Account()
+            shells = {n: context for n, (context, _) in model.contexts(scene, read).items()}
+            return model.build(scene, shells, account), scene.schedule(), account
+
+        return setup
+
+    names = [n for n in KIND.integrators if n != "static"]
+    return _problem(document, KIND, prepared, names, "newmark", duration, _displacement, "displacement")
+
+
+def fluid_problem(
+    document: Any, read: Callable[[str], Any], array: Callable[[str], Any], *, duration: float | None = None
+) -> Problem:
+    """Vorticity of a fluid scene at the end."""
+    from ddgcli.models.fluid import model
+    from ddgcli.models.fluid.scene import KIND
+
+    def prepared(overrides: Mapping[str, Any]) -> Callable[[], Any]:
+        def setup() -> Any:
+            scene = resolve(document, KIND, overrides)
+            account = Account()
+            fluids = {n: context for n, (context, _) in model.contexts(scene, read, array).items()}
+            built = model.build(scene, fluids, account)
+            return {n: fluid.model() for n, fluid in built.items()}, scene.schedule(), account
+
+        return setup
+
+    return _problem(
+        document, KIND, prepared, list(KIND.integrators), "conservative", duration, _vorticity, "vorticity"
+    )
+
+
+def _displacement(first: Any, last: Any) -> NDArray[np.float64]:
+    moved = [last[name].points - first[name].points for name in first]
+    return np.concatenate(moved)
+
+
+def _vorticity(first: Any, last: Any) -> NDArray[np.float64]:
+    return np.concatenate([last[name].vertex["vorticity"] for name in last])
+
+
+def _problem(
+    document: Any,
+    kind: Any,
+    prepared: Callable[[Mapping[str, Any]], Callable[[], Any]],
+    integrators: list[str],
+    trusted: str,
+    duration: float | None,
+    answer: Callable[[Any, Any], NDArray],
+    noun: str,
+) -> Problem:
+    time = resolve(document, kind, {}).time
+    step = time.step if time.step else time.duration / 50
+    span = duration or min(time.duration, MOST_STEPS * step)
+    span = step * max(4, 4 * math.ceil(span / step / 4 - 1e-9))  # every step of the ladder divides it
+
+    def solve(models_and_clock: Any) -> NDArray[np.float64]:
+        models, schedule, account = models_and_clock
+        shown = [snapshot.observations for snapshot in evolve(models, schedule, account)]
+        return answer(shown[0], shown[-1])
+
+    def overrides(integrator: str, factor: float) -> dict[str, Any]:
+        return {"integrator": integrator, "step": step * factor, "duration": span, "frame_every": span}
+
+    def reference(fine: float, finer: float) -> Reference:
+        found, limit = (solve(prepared(overrides(trusted, f))()) for f in (fine, finer))
+        gap = float(_relative(found, limit).max(initial=0.0))
+        return Reference(f"{trusted} with {finer:g} of the scene's step", limit, gap)
+
+    began = perf_counter()
+    solve(prepared(overrides(trusted, COARSER[0]))())
+    unit = COARSER[0] * (perf_counter() - began)
+    candidates = [
+        Candidate(
+            integrator,
+            {"dt": step * factor},
+            prepared(overrides(integrator, factor)),
+            solve,
+            f"--integrator {integrator} --dt {step * factor:g} --duration {span:g}",
+            unit / factor,
+        )
+        for factor in COARSER
+        for integrator in integrators
+    ]
+    return Problem(
+        candidates=candidates,
+        references=[
+            (unit * (1 / FINE + 1 / FINER), lambda: reference(FINE, FINER)),
+            (unit * (1 + 1 / 0.5), lambda: reference(1.0, 0.5)),
+        ],
+        error=_relative,
+        error_scale=f"the largest {noun} of the reference at t = {span:g} s",
+        query=f"run of {span:g} s",
+    )
+
+
+def _relative(found: NDArray, truth: NDArray) -> NDArray[np.float64]:
+    """Length of the difference at each vertex over the largest of the truth."""
+    difference, size = found - truth, truth
+    if truth.ndim == 2:
+        difference, size = np.linalg.norm(difference, axis=1), np.linalg.norm(truth, axis=1)
+    error = np.abs(difference) / (np.abs(size).max(initial=0.0) or 1.0)
+    return np.nan_to_num(error, nan=np.inf)
