@@ -1,0 +1,235 @@
+"""How fast is curvature beside libigl and pymeshlab, and how close to the truth?
+
+    python benchmarks/bench_curvature.py [--quick]
+
+Each call starts from arrays (ddgcli builds its topology too), as the peers do. `ratio` is ours /
+peer, `target` what it must not exceed. Errors are root mean squares relative to that of the truth.
+"""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import igl
+import numpy as np
+
+ROOT = Path(__file__).resolve().parent.parent
+sys.path[:0] = [str(ROOT), str(ROOT / "benchmarks")]
+
+import ladder  # noqa: E402
+import measure  # noqa: E402
+
+from ddgcli.algorithms import curvature as exact  # noqa: E402
+from ddgcli.algorithms import curvature_star as star  # noqa: E402
+from ddgcli.algorithms.curvature_faces import Faces  # noqa: E402
+from ddgcli.algorithms.curvature_frames import area_normals, unit_normals  # noqa: E402
+from ddgcli.algorithms.curvature_measure import measure as measure_all  # noqa: E402
+from ddgcli.algorithms.curvature_quadric import quadric  # noqa: E402
+from ddgcli.geometry.extrinsic import dihedral_angle  # noqa: E402
+from ddgcli.mesh import shapes  # noqa: E402
+from ddgcli.mesh.triangle_mesh import TriangleMesh  # noqa: E402
+from tests import curvature_truths as truths  # noqa: E402
+
+
+def fresh(mesh: TriangleMesh) -> TriangleMesh:
+    """The same arrays with nothing computed yet."""
+    return TriangleMesh.from_arrays(mesh.points, mesh.faces)
+
+
+def our_calls(mesh: TriangleMesh) -> dict[str, Callable]:
+    def angle_defect():
+        return exact.angle_defect(fresh(mesh))
+
+    def cotan_mean():
+        faces = Faces.of(fresh(mesh))
+        closed = TriangleMesh.from_arrays(mesh.points, mesh.faces).topology
+        return exact.vector_of(faces, closed), exact.area_of(faces)
+
+    def cotan():
+        m = fresh(mesh)
+        f = Faces.of(m)
+        vector, defect = exact.vector_of(f, m.topology), exact.defect_of(f, m.topology)
+        return star.cotan(f, unit_normals(f), exact.area_of(f), defect, vector)
+
+    def normal_cycle():
+        m = fresh(mesh)
+        f = Faces.of(m)
+        angle, defect = dihedral_angle(m, f.normal.T), exact.defect_of(f, m.topology)
+        return star.normal_cycle(f, m.topology.edges, unit_normals(f), exact.area_of(f), defect, angle)
+
+    def corrected():
+        f = Faces.of(fresh(mesh))
+        return star.corrected(f, unit_normals(f))
+
+    def fits():
+        m = fresh(mesh)
+        f = Faces.of(m)
+        return quadric(m, f, area_normals(f))
+
+    return {
+        "angle defect": angle_defect, "cotan H": cotan_mean, "cotan": cotan,
+        "normal-cycle": normal_cycle, "corrected": corrected, "quadric": fits,
+    }  # fmt: skip
+
+
+def peer_calls(mesh: TriangleMesh) -> dict[str, Callable]:
+    p, f = mesh.points, mesh.faces
+
+    def cotan_mean():
+        return igl.cotmatrix(p, f) @ p, igl.massmatrix(p, f, igl.MASSMATRIX_TYPE_VORONOI)
+
+    def principal():
+        return igl.principal_curvature(p, f, radius=2)
+
+    return {
+        "angle defect": lambda: igl.gaussian_curvature(p, f), "cotan H": cotan_mean, "principal": principal,
+    }  # fmt: skip
+
+
+# name of ours, of the peer's call, and the ratio not to exceed
+PAIRS = [
+    ("angle defect", "angle defect", 1.0), ("cotan H", "cotan H", 1.0), ("cotan", "principal", 0.25),
+    ("normal-cycle", "principal", 0.25), ("corrected", "principal", 0.25), ("quadric", "principal", 1.0),
+]  # fmt: skip
+
+
+def speed(sizes: list[str]) -> None:
+    rows = []
+    for size in sizes:
+        mesh = ladder.sphere(ladder.FACES[size])
+        ours, peers = our_calls(mesh), peer_calls(mesh)
+        calls = {f"ours {n}": c for n, c in ours.items()} | {f"igl {n}": c for n, c in peers.items()}
+        found = measure.interleaved(calls, repeat=5 if size == "20k" else 3)
+        for name, peer, target in PAIRS:
+            a, b = found[f"ours {name}"].least, found[f"igl {peer}"].least
+            memory = measure.peak_mib(ours[name]), measure.peak_mib(peers[peer])
+            verdict = "met" if a / b <= target else "MISSED"
+            rows.append([size, name, f"igl {peer}", a, b, a / b, target, verdict, *memory])
+    header = ["faces", "ours", "peer", "ours s", "peer s", "ratio", "target", "", "ours MiB", "peer MiB"]
+    measure.print_table("Curvature: time (least of the runs) and growth of peak memory", header, rows)
+
+
+def relative(values: np.ndarray, truth: np.ndarray) -> float:
+    return float(np.sqrt(np.mean((values - truth) ** 2) / np.mean(truth**2)))
+
+
+AXES = (1.5, 1.0, 0.6)
+SURFACES = {
+    "irregular sphere 20k": (lambda: shapes.random_sphere(10_000), truths.ellipsoid_truth),
+    "regular ellipsoid 20k": (
+        lambda: (lambda m: m.moved(m.points * np.array(AXES)))(shapes.icosphere(5)),
+        lambda p: truths.ellipsoid_truth(p, AXES),
+    ),
+    "irregular ellipsoid 20k": (
+        lambda: truths.irregular_ellipsoid(10_000, AXES),
+        lambda p: truths.ellipsoid_truth(p, AXES),
+    ),
+    "regular torus 20k": (lambda: shapes.torus(160, 64), truths.torus_truth),
+    "irregular torus 20k": (lambda: truths.irregular_torus(160, 64), truths.torus_truth),
+    "torus 40 x 500": (lambda: truths.irregular_torus(40, 500, jitter=0.0), truths.torus_truth),
+    "torus 500 x 40": (lambda: truths.irregular_torus(500, 40, jitter=0.0), truths.torus_truth),
+    "noisy ellipsoid 20k (1 % of an edge)": (
+        lambda: noisy(truths.irregular_ellipsoid(10_000, AXES), 0.01),
+        lambda p: truths.ellipsoid_truth(truths.irregular_ellipsoid(10_000, AXES).points, AXES),
+    ),
+}
+
+
+def noisy(mesh: TriangleMesh, level: float) -> TriangleMesh:
+    noise = np.random.default_rng(0).normal(size=mesh.points.shape)
+    return mesh.moved(mesh.points + level * mesh.side_length.mean() * noise)
+
+
+def accuracy() -> None:
+    rows = []
+    for name, (build, truth_at) in SURFACES.items():
+        mesh = build()
+        truth = truth_at(mesh.points)
+        apart = truth.k_max - truth.k_min > 0.1 * np.abs(truth.k_max).max()
+        d_max, d_min, k_max, k_min, *_ = igl.principal_curvature(mesh.points, mesh.faces, radius=2)
+        swap = (k_max < k_min)[:, None]
+        answers = {
+            "igl radius 2": (np.minimum(k_min, k_max), np.maximum(k_min, k_max), np.where(swap, d_min, d_max))
+        }
+        for scheme in ("quadric", "corrected", "normal-cycle", "cotan"):
+            v = measure_all(mesh, scheme).vertex
+            names = ("principal_curvature_min", "principal_curvature_max", "principal_direction_max")
+            answers[scheme] = tuple(v[n] for n in names)
+        for scheme, (low, high, direction) in answers.items():
+            cosine = np.abs(np.einsum("ij,ij->i", direction, truth.d_max))[apart]
+            angle = np.degrees(np.median(np.arccos(np.clip(cosine, 0, 1)))) if apart.any() else "-"
+            mean, gauss = relative((low + high) / 2, truth.mean), relative(low * high, truth.gauss)
+            rows.append([name, scheme, gauss, mean, angle])
+    header = ["surface", "scheme", "error of k1 k2", "error of H", "direction, degrees (median)"]
+    measure.print_table("Curvature: errors at the vertices", header, rows)
+
+
+def pymeshlab_speed() -> None:
+    try:
+        import pymeshlab
+    except ImportError:
+        return
+    mesh = ladder.sphere(ladder.FACES["80k"])
+    ours = our_calls(mesh)["quadric"]
+
+    def theirs():
+        meshes = pymeshlab.MeshSet()
+        meshes.add_mesh(pymeshlab.Mesh(mesh.points, mesh.faces))
+        meshes.compute_curvature_principal_directions_per_vertex(method="Quadric Fitting")
+
+    found = measure.interleaved({"ours": ours, "peer": theirs}, repeat=3)
+    a, b = found["ours"].least, found["peer"].least
+    measure.print_table(
+        "Beside pymeshlab's quadric fitting, 80k faces", ["ours s", "peer s", "ratio"], [[a, b, a / b]]
+    )
+
+
+TRIMESH = "import sys, trimesh; trimesh.load(sys.argv[1], process=False).export(sys.argv[2])"
+IN_PROCESS = (
+    "import sys, time, trimesh; t = time.perf_counter(); "
+    "trimesh.load(sys.argv[1], process=False).export(sys.argv[2]); print(time.perf_counter() - t)"
+)
+
+
+def whole_command() -> None:
+    from ddgcli.io.mesh_file import write_mesh
+    from ddgcli.mesh.fields import AnnotatedMesh
+
+    rows = []
+    with tempfile.TemporaryDirectory() as folder:
+        source, target = f"{folder}/in.ply", f"{folder}/out.ply"
+        write_mesh(source, AnnotatedMesh(ladder.sphere(100_000)))
+        calls = {"trimesh load and export": [sys.executable, "-c", TRIMESH, source, target]}
+        for scheme in ("quadric", "corrected", "normal-cycle", "cotan"):
+            words = ["-m", "ddgcli", "curvature", source, "-o", target, "-q", "--scheme", scheme]
+            calls[f"ddgcli curvature --scheme {scheme}"] = [sys.executable, *words]
+        seconds: dict[str, list[float]] = {name: [] for name in calls}
+        for _ in range(4):
+            for name, call in calls.items():
+                began = time.perf_counter()
+                subprocess.run(call, check=True, capture_output=True, cwd=ROOT)
+                seconds[name].append(time.perf_counter() - began)
+        peer = min(seconds["trimesh load and export"])
+        for name, times in seconds.items():
+            verdict = "" if "trimesh" in name else "met" if min(times) < 2 * peer else "MISSED"
+            rows.append([name, min(times), min(times) / peer, "" if "trimesh" in name else 2.0, verdict])
+        inner = [sys.executable, "-c", IN_PROCESS, source, target]
+        text = subprocess.run(inner, check=True, capture_output=True, text=True).stdout
+        rows.append(["(trimesh without Python's start and its import)", float(text), "", "", ""])
+    header = ["whole process, 100k faces, binary PLY in and out", "s", "ratio", "target", ""]
+    measure.print_table("The whole command", header, rows)
+
+
+if __name__ == "__main__":
+    print(measure.machine())
+    quick = "--quick" in sys.argv
+    speed(["20k"] if quick else ["20k", "80k", "320k"])
+    accuracy()
+    if not quick:
+        pymeshlab_speed()
+    whole_command()
