@@ -29,12 +29,29 @@ def angle_defect(mesh: SurfaceMesh) -> NDArray[np.float64]:
 
 def defect_of(faces: Faces, topology: Topology) -> NDArray[np.float64]:
     """`angle_defect` of faces at hand."""
-    return _defect(faces.at_vertices(faces.angle), topology)
+    total = faces.at_vertices(faces.angle)
+    if "_edge_numbering" not in topology.__dict__ and _surely_closed(faces):
+        return np.where(topology.referenced_vertex, 2 * np.pi - total, 0.0)
+    return _defect(total, topology)
 
 
 def _defect(total: NDArray, topology: Topology) -> NDArray[np.float64]:
     full = np.where(topology.boundary_vertex, np.pi, 2 * np.pi)
     return np.where(topology.referenced_vertex, full - total, 0.0)
+
+
+def _surely_closed(faces: Faces) -> bool:
+    """Whether around every vertex the neighbours ahead in faces are also those behind: no boundary edge.
+
+    Told by random 40-bit labels, whose sums are exact: an eighth of the work of numbering the edges.
+    """
+    n = faces.n_vertices
+    label = np.random.default_rng(0).integers(0, 1 << 40, n).astype(np.float64)
+    a, b, c = (np.take(label, corner) for corner in faces.corner)
+    total = np.zeros(n)
+    for corner, ahead, behind in zip(faces.corner, (b, c, a), (c, a, b)):
+        total += np.bincount(corner, ahead - behind, n)
+    return not total.any()
 
 
 def gauss_bonnet_total(mesh: SurfaceMesh) -> float:
