@@ -136,7 +136,7 @@ class _BlockLanczos:
 
     def run(self, k: int) -> tuple[NDArray, NDArray, bool]:
         """Eigenvalues (k,), vectors (n, k), and whether none was missed."""
-        limit = min(self.space, max(3 * k // 2, k + 32 * BLOCK) + BLOCK)
+        limit = min(self.space, max(2 * k, k + 32 * BLOCK) + BLOCK)
         self.basis = np.empty((self.n, limit + BLOCK), order="F")
         self.projected = np.zeros((limit + BLOCK, limit + BLOCK))
         self.used = 0
@@ -164,6 +164,7 @@ class _BlockLanczos:
 
         Returns Ritz values (descending) and vectors, the coupling of the last block to the next, the next.
         """
+        check = max(self.used, k)  # the projected problem costs its size cubed: look at it now and then
         while True:
             start, self.used = self.used, self.used + block.shape[1]
             self.basis[:, start : self.used] = block
@@ -173,7 +174,8 @@ class _BlockLanczos:
             self.projected[start : self.used, : self.used] = coefficients.T
             block, coupling = self._orthonormal_with_factor(image)
             full = self.used + BLOCK > limit
-            if full or (self.used > k and (start // BLOCK) % 3 == 0):
+            if full or self.used > check + max(3 * BLOCK, k // 10):
+                check = self.used
                 T = self.projected[: self.used, : self.used]
                 theta, S = np.linalg.eigh(0.5 * (T + T.T))
                 theta, S = theta[::-1], S[:, ::-1]

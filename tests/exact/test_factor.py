@@ -85,6 +85,17 @@ def test_indefinite_with_positive_diagonal(solver):
 
 
 @pytest.mark.parametrize("solver", SOLVERS)
+def test_pivots_that_are_too_small_lead_to_pivoting(solver):
+    rng = np.random.default_rng(0)
+    B = rng.normal(size=(40, 40))
+    A = csc_array(B + B.T - np.diag(2 * np.diag(B)) + 1e-18 * np.eye(40))
+    x = rng.normal(size=40)
+    factor = Factor(A, solver=solver)
+    assert np.abs(factor.solve(A @ x) - x).max() < 1e-10
+    assert factor.solver == "pivoted"
+
+
+@pytest.mark.parametrize("solver", SOLVERS)
 def test_singular_is_refused(solver):
     L = stiffness(shapes.icosphere(2))
     with pytest.raises(SolveError, match="singular"):
@@ -147,6 +158,11 @@ def test_poisson_takes_the_mean_off_every_component(caplog):
         assert abs((weight * found)[part].sum()) < 1e-12
     assert found[n] == 0
     assert not caplog.records
+    source = x + 1.0
+    found = problem.solve(source)
+    for part in (slice(0, n), slice(n + 1, None)):
+        share = source[part].sum() / weight[part].sum()
+        assert np.abs((L @ found)[part] - (source - share * weight)[part]).max() < 1e-12
     problem.solve(np.ones(2 * n + 1))
     assert problem.imbalance == 1.0
     assert "does not sum to zero" in caplog.text
