@@ -287,3 +287,25 @@ def test_static_without_equilibrium_ends_with_exit_1(run, tmp_path):
     assert json.loads(result.stdout)["results"]["converged"] is False
     assert (tmp_path / "fall.vtkhdf.part").exists() and not (tmp_path / "fall.vtkhdf").exists()
     assert os.path.getsize(tmp_path / "fall.vtkhdf.part") > 0
+
+
+@pytest.mark.parametrize("kills", [2, pytest.param(25, marks=pytest.mark.slow)])
+def test_killed_and_resumed_again_and_again_it_ends_with_the_same_bits(run, tmp_path, kills):
+    path = scene(tmp_path, text=SCENE.replace("duration = 0.1", f"duration = {0.1 * kills}"))
+    whole, broken = tmp_path / "whole.vtkhdf", tmp_path / "broken.vtkhdf"
+    assert run("shell-sim", path, "-o", whole).exit_code == 0
+    rng = np.random.default_rng(kills)
+    done = 0
+    while not broken.exists():
+        part = tmp_path / "broken.vtkhdf.part"
+        again = ["--resume", part] if part.exists() else ["-o", broken]
+        child = ddgcli("shell-sim", path, *again, "-q", stdout=subprocess.DEVNULL)
+        if done < kills:
+            deadline = time.time() + 60
+            while not part.exists() and time.time() < deadline:
+                time.sleep(0.02)
+            time.sleep(1.5 * rng.random())
+            child.kill()
+            done += 1
+        child.wait(timeout=300)
+    assert_equal_bits(frames_of(whole), frames_of(broken))
