@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import functools
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Literal, Protocol, runtime_checkable
+from typing import Any, Literal, Protocol, TypeVar, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +20,7 @@ class Potential(Protocol):
     `name` is the effect's name. `stencil` (k, s) lists the vertices of each element; it is empty where the
     gradient is constant. `blocks` returns (k, 3s, 3s) Hessians of the elements, coordinates of a vertex
     together: `exact`, `projected` (positive semidefinite) or `material` (Gauss-Newton: the part that a rigid
-    motion does not feel).
+    motion does not feel); the next call may reuse the array.
     """
 
     @property
@@ -96,6 +98,26 @@ class DeadLoad:
 
     def blocks(self, x: NDArray, mode: Mode) -> NDArray[np.float64]:
         return np.zeros((0, 3, 3))
+
+
+Part = TypeVar("Part")
+
+
+def at_last_point(method: Callable[[Any, NDArray], Part]) -> Callable[[Any, NDArray], Part]:
+    """Remember a method's value at the last array of positions (the same object, which nobody writes to).
+
+    Energy, gradient and Hessian of a Newton iteration are asked for at one point; they share what is found.
+    """
+    name = f"_last_{method.__name__}"
+
+    @functools.wraps(method)
+    def remembered(self: Any, x: NDArray) -> Part:
+        last = self.__dict__.get(name)
+        if last is None or last[0] is not x:
+            last = self.__dict__[name] = (x, method(self, x))
+        return last[1]
+
+    return remembered
 
 
 def scattered(stencil: NDArray, values: NDArray, n: int) -> NDArray[np.float64]:

@@ -14,7 +14,7 @@ from pydantic import Field
 from scipy.sparse import coo_array, csr_array
 
 from ddgcli.evolve.effects import Effect
-from ddgcli.evolve.terms import Mode, Potential, scattered
+from ddgcli.evolve.terms import Mode, Potential, at_last_point, scattered
 from ddgcli.geometry.intrinsic import corner_cotan
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.models.scene import Section
@@ -49,23 +49,38 @@ class HingeBending:
     def __init__(self, stencil: NDArray, weight: NDArray, rest: NDArray) -> None:
         self.stencil, self.weight, self.rest = stencil, weight, rest
 
+    @at_last_point
+    def _frame(self, x: NDArray) -> hinge.HingeFrame:
+        return hinge.frame(x, self.stencil)
+
     def energy(self, x: NDArray) -> float:
-        bend = hinge.wrapped(hinge.frame(x, self.stencil).angle - self.rest)
+        bend = hinge.wrapped(self._frame(x).angle - self.rest)
         return float(np.sum(self.weight * bend**2))
 
     def gradient(self, x: NDArray) -> NDArray[np.float64]:
-        frame = hinge.frame(x, self.stencil)
+        frame = self._frame(x)
         moment = 2 * self.weight * hinge.wrapped(frame.angle - self.rest)
         return scattered(self.stencil, moment[:, None, None] * hinge.angle_gradient(frame), len(x))
 
     def blocks(self, x: NDArray, mode: Mode) -> NDArray[np.float64]:
-        frame = hinge.frame(x, self.stencil)
-        g = hinge.angle_gradient(frame).reshape(-1, 12)
-        block = (2 * self.weight)[:, None, None] * (g[:, :, None] * g[:, None, :])
-        if mode == "exact":
-            moment = 2 * self.weight * hinge.wrapped(frame.angle - self.rest)
-            block += moment[:, None, None] * hinge.angle_hessian(frame)
-        return block
+        frame = self._frame(x)
+        left, right, block = self._room
+        double = (2 * self.weight)[:, None]
+        right[:, 8] = hinge.angle_gradient(frame).reshape(-1, 12)
+        np.multiply(double, right[:, 8], out=left[:, 8])
+        if mode != "exact":
+            return np.matmul(left[:, 8:].transpose(0, 2, 1), right[:, 8:], out=block)
+        moment = double * hinge.wrapped(frame.angle - self.rest)[:, None]
+        hinge.hessian_factors(frame, right[:, 4:8], right[:, 0:4])
+        np.multiply(moment[:, :, None], right[:, 4:8], out=left[:, 0:4])
+        np.multiply(moment[:, :, None], right[:, 0:4], out=left[:, 4:8])
+        return np.matmul(left.transpose(0, 2, 1), right, out=block)
+
+    @cached_property
+    def _room(self) -> tuple[NDArray, NDArray, NDArray]:
+        """Arrays that every Hessian is written to: fresh memory costs more than the arithmetic."""
+        count = len(self.stencil)
+        return np.zeros((count, 9, 12)), np.zeros((count, 9, 12)), np.zeros((count, 12, 12))
 
 
 class QuadraticBending:
