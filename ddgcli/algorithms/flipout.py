@@ -10,7 +10,7 @@ from __future__ import annotations
 import heapq
 import logging
 from dataclasses import dataclass
-from math import pi
+from math import inf, pi
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,6 +42,7 @@ class PathStraightener:
 
     def __init__(self, mesh: FlippingMesh, halfedges: list[int], closed: bool) -> None:
         self.mesh, self.closed, self.flips = mesh, closed, 0
+        self.shortest_loop = inf
         n = len(halfedges)
         self.nodes = [_Node(h, i - 1, i + 1) for i, h in enumerate(halfedges)]
         if n:
@@ -97,10 +98,29 @@ class PathStraightener:
         wedge = left if on_left else right
         if min(left_angle, right_angle) >= pi - STRAIGHT:
             return True
+        if self.nodes[i].after == i:
+            return self._open_loop(i, on_left)
         if not self._flip_out(wedge):
             return False
         rim = [mesh.next[h] for h in wedge[:-1]]
         self._replace(i, [mesh.twin[h] for h in reversed(rim)] if on_left else rim)
+        return True
+
+    def _open_loop(self, i: int, on_left: bool) -> bool:
+        """A loop of one edge has no two edges to shorten: lead it round the far corner of a triangle first.
+
+        That triangle lies on the sharper side. False when the last such detour did not make the loop shorter.
+        """
+        mesh, h = self.mesh, self.nodes[i].halfedge
+        if mesh.length[h] >= self.shortest_loop * (1 - 1e-13):
+            return False
+        self.shortest_loop = mesh.length[h]
+        if on_left:
+            across = mesh.next[h]
+            self._replace(i, [mesh.twin[mesh.next[across]], mesh.twin[across]])
+        else:
+            across = mesh.next[mesh.twin[h]]
+            self._replace(i, [across, mesh.next[across]])
         return True
 
     def _flip_out(self, wedge: list[int]) -> bool:
@@ -115,10 +135,16 @@ class PathStraightener:
             h = wedge[k]
             if self.uses.get(mesh.edge(h), 0) or not mesh.can_flip(h):
                 return False
+            both_ends = mesh.tail[h] == mesh.tail[mesh.twin[h]]
+            in_rim = any(mesh.edge(mesh.next[spoke]) == mesh.edge(h) for spoke in wedge[:-1])
             mesh.flip(h)
             self.flips += 1
-            del wedge[k]
-            k = max(1, k - 1)
+            if both_ends or in_rim:  # a wedge that meets itself: the flip changed it elsewhere, too
+                wedge[:] = mesh.wedge(wedge[0], wedge[-1])[0]
+                k = 1
+            else:
+                del wedge[k]
+                k = max(1, k - 1)
         return not any(self.uses.get(mesh.edge(h), 0) for h in wedge[1:-1])
 
     def _replace(self, i: int, halfedges: list[int]) -> None:

@@ -61,6 +61,33 @@ def test_meridian_of_the_torus_stays_in_its_class():
         assert entry["length"] > 0.9 * polygon
 
 
+def windings(mesh, paths, major=1.0):
+    """How often a closed path on a torus goes round the long and the short way."""
+    p = surface_position(mesh, paths.face, paths.barycentric)
+    p = np.concatenate([p, p[:1]])
+    u = np.arctan2(p[:, 1], p[:, 0])
+    v = np.arctan2(p[:, 2], np.hypot(p[:, 0], p[:, 1]) - major)
+    turns = [np.sum((np.diff(a) + np.pi) % (2 * np.pi) - np.pi) / (2 * np.pi) for a in (u, v)]
+    return [round(t) for t in turns]
+
+
+@pytest.mark.parametrize("size", [(36, 18), (48, 24), (24, 48)])
+def test_loops_keep_their_windings(size):
+    nu, nv = size
+    mesh = shapes.torus(nu, nv)
+    around = [i * nv for i in range(0, nu, 4)]
+    short = list(range(0, nv, 3))
+    both = [(k % nu) * nv + (k * nv // nu) % nv for k in range(0, nu, 3)]
+    twice = [*around, *(i * nv + 5 for i in range(0, nu, 4))]
+    for stops, expected in ((around, [1, 0]), (short, [0, 1]), (both, [1, 1]), (twice, [2, 0])):
+        curves = straightened_curves(mesh, [stops], [True])
+        assert windings(mesh, curves.paths) == expected
+        assert curves.entries[0]["length"] <= curves.entries[0]["edge_path_length"]
+        if expected != [2, 0]:
+            assert curves.converged
+            check_geodesic(mesh, curves)
+
+
 def test_a_contractible_loop_shrinks_to_a_point():
     mesh = shapes.torus(NU, NV)
     curves = straightened_curves(mesh, [[0, 2, 2 * NV + 2, 2 * NV]], [True])
