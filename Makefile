@@ -75,3 +75,7 @@ accuracy: $(STAMP_TEST)  ## the atlas: docs/accuracy/, error against seconds on 
 
 accuracy-check: $(STAMP_TEST)  ## rerun the atlas's small meshes; fails if an error or a rate is worse
 	$(BIN)/python -m benchmarks.accuracy --check
+
+bench: $(STAMP_TEST)  ## time and memory beside peers, in one run; NAME=geodesic for one bench
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check pymeshlab mujoco
+	@for bench in benchmarks/bench_$(or $(NAME),*).py; do $(BIN)/python $$bench || exit 1; done
