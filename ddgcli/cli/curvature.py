@@ -18,8 +18,8 @@ SCHEMES = ("quadric", "corrected", "normal-cycle", "cotan")
 
 @click.command(
     "curvature",
-    epilog="Which scheme: quadric unless data are noisy; then corrected with --radius of a few edges; "
-    "cotan for sums and for other programs' numbers.",
+    epilog="Which scheme: quadric (noisy data: with --radius of three to five edges); corrected where speed "
+    "counts; cotan for sums and to compare with other programs.",
 )
 @options.mesh_arg
 @click.option(

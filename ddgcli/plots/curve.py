@@ -54,7 +54,7 @@ def draw_curves(
     start, stop, used = placed(start), placed(stop), placed(used)
     axes3 = view_axes(used, view, up)
     with page(path, width, height, dpi) as figure:
-        axes = figure.add_axes((0.01, 0.05, 0.86 if values is not None else 0.98, 0.87))
+        axes = figure.add_axes((0.01, 0.05, 0.84 if values is not None else 0.98, 0.87))
         box = axes.get_position()
         camera = fitted_camera(
             used, axes3, int(box.width * width * dpi), int(box.height * height * dpi), margin=0.05

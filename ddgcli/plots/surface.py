@@ -30,7 +30,7 @@ _SAMPLES = 2  # each way within a pixel
 
 
 def robust_limits(values: NDArray, signed: bool | None = None) -> tuple[float, float, bool]:
-    """Colour range of an array: its 1 % and 99 % quantiles, symmetric about zero for a signed one.
+    """Colour range of an array: its 2 % and 98 % quantiles, symmetric about zero for a signed one.
 
     Parameters
     ----------
@@ -47,7 +47,7 @@ def robust_limits(values: NDArray, signed: bool | None = None) -> tuple[float, f
     finite = values[np.isfinite(values)].astype(np.float64)
     if len(finite) == 0:
         return 0.0, 1.0, False
-    low, high = (float(q) for q in np.quantile(finite, [0.01, 0.99]))
+    low, high = (float(q) for q in np.quantile(finite, [0.02, 0.98]))
     if signed is None:
         signed = min(-low, high) > 0.05 * max(-low, high)
     if signed:
@@ -117,7 +117,7 @@ def draw_surface(
     placed = unit_box(frame)
     mesh, frame = mesh.moved(placed(mesh.points)), placed(frame)
     with page(path, width, height, dpi) as figure:
-        axes = figure.add_axes((0.01, 0.05, 0.86 if values is not None else 0.98, 0.87))
+        axes = figure.add_axes((0.01, 0.05, 0.84 if values is not None else 0.98, 0.87))
         box = axes.get_position()
         size = [int(round(s * dpi * _SAMPLES)) for s in (box.width * width, box.height * height)]
         camera = fitted_camera(frame, view_axes(frame, view, up), *size)
@@ -247,7 +247,7 @@ def _overlay(
 
 def colour_bar(figure: Any, mappable: Any, label: str, beyond: str = "neither") -> None:
     """A colour bar at the right of the page; arrow heads where values lie beyond its ends."""
-    place = figure.add_axes((0.885, 0.14, 0.022, 0.7))
+    place = figure.add_axes((0.865, 0.14, 0.022, 0.7))
     bar = figure.colorbar(mappable, cax=place, extend=beyond, label=label)
     bar.ax.tick_params(labelsize=8)
     bar.formatter.set_powerlimits((-3, 4))
