@@ -26,8 +26,6 @@ COMMANDS: dict[str, list[str]] = {
     "laplacian": ["--eigen", "2"],
     "hodge": [],
     "geodesic": ["--source", "VERTEX"],
-    "willmore-flow": ["--steps", "1"],
-    "fluid-sim": ["--vorticity", "5*z", "--steps", "1", "--dt", "0.01"],
     "shell-sim": ["--effect", "stretching", "--effect", "bending", "--steps", "2", "--dt", "1e-3"],
     "fluid-sim": ["--vorticity", "x+0.3*y*z", "--steps", "2", "--dt", "1e-3", "--integrator", "circulation"],
     "willmore-flow": ["--steps", "3"],
