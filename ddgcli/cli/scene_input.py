@@ -177,7 +177,7 @@ def _described(table: EffectTable, name: str, line: str) -> dict[str, Any]:
             "choices": next((b["enum"] for b in branches if "enum" in b), []),
             "default": entry.get("default"),
             "required": key in schema.get("required", []),
-            "description": entry.get("description", ""),
+            "description": next((b["description"] for b in branches if b.get("description")), ""),
         }
     return {"summary": line, "cost": effect.cost, "roles": list(effect.roles), "parameters": parameters}
 

@@ -6,7 +6,8 @@ exact; the new flow is the one whose circulations against all discrete flows agr
 
 The velocity between the centres of faces is reconstructed in two ways: continuous, which smooths as an upwind
 scheme does, and with a slope in each face, which is sharp but may grow. A step mixes in just as much of the
-first as keeps energy and enstrophy from rising. A step of length zero is the identity.
+first as keeps energy and enstrophy from rising (where the first alone does). A step of length zero is the
+identity.
 
 S. Elcott et al., "Stable, circulation-preserving, simplicial fluids", ACM Transactions on Graphics, 2007.
 """
@@ -42,12 +43,16 @@ class CirculationAdvection:
         middle = hinge + 0.5 * space.side.ravel()[side]
         self.near_part, self.far_part = middle - centre[self.left], far - middle
         self.share = self.transport.share.ravel()[side]
+        size = np.sqrt(0.5 * (space.area[self.left] + space.area[self.right]))
+        self.size = np.maximum(size, 0.5 * np.median(size)) if len(size) else size
 
     def deformation_rate(self, velocity: NDArray) -> float:
-        """Largest difference of the velocities on both sides of an edge, over the size of the two faces."""
+        """Largest difference of the velocities on both sides of an edge, over the size of the two faces.
+
+        Faces far smaller than most count as larger: what folds among them is lost in their neighbours.
+        """
         difference = np.abs(velocity[self.left] - self.turn * velocity[self.right])
-        size = np.sqrt(0.5 * (self.space.area[self.left] + self.space.area[self.right]))
-        return float((difference / size).max(initial=0.0))
+        return float((difference / self.size).max(initial=0.0))
 
     def edge_circulations(self, velocity: NDArray, dt: float) -> tuple[NDArray, NDArray]:
         """(e,) circulation along every dual edge carried back by dt, smooth and sharp; 0 on the boundary.
