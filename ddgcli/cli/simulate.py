@@ -248,8 +248,7 @@ def simulate(
         where = f"; go on with --resume {run.outputs[-1]}" if writer is not None and run.outputs else ""
         click.echo(f"Interrupted: {outcome.frames} whole frames{where}", err=True)
         click.get_current_context().exit(130)
-    if mesh_paths and outcome.last is not None:
-        _write_last(run, mesh, outcome.last, cell, mesh_paths)
+    _write_last(run, mesh, outcome, cell, mesh_paths)
     return outcome
 
 
@@ -301,15 +300,15 @@ def _provenance(run: Run) -> dict[str, Any]:
     return {"version": __version__, **{k: v for k, v in run.metadata.items() if k != "version"}}
 
 
-def _write_last(run: Run, mesh: Any, last: Frame, cell: dict[str, NDArray], paths: list[str]) -> None:
-    from ddgcli.io.mesh_file import write_mesh
-
+def _write_last(run: Run, mesh: Any, outcome: Outcome, cell: dict[str, NDArray], paths: list[str]) -> None:
+    """The last frame as a mesh, marked as not converged where the run broke off."""
+    last = outcome.last
+    if last is None:
+        return
     shown = mesh if last.points is None else mesh.moved(last.points)
-    annotated = AnnotatedMesh(shown, vertex=last.vertex, face=cell, metadata=run.metadata)
-    with run.timed("write"):
-        for path in paths:
-            write_mesh(path, annotated)
-            run.outputs.append(path)
+    annotated = AnnotatedMesh(shown, vertex=last.vertex, face=cell)
+    for path in paths:
+        run.write_file(path, annotated, converged=not outcome.failure)
 
 
 def draw(run: Run, outcome: Outcome, array: str) -> None:

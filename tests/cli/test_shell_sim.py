@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -309,3 +310,46 @@ def test_killed_and_resumed_again_and_again_it_ends_with_the_same_bits(run, tmp_
             done += 1
         child.wait(timeout=300)
     assert_equal_bits(frames_of(whole), frames_of(broken))
+
+
+SAMPLES = Path(__file__).parents[2] / "sample_scenes"
+
+
+@pytest.mark.parametrize("name", ["hat", "sheet_on_sphere", "leaf"])
+def test_sample_scenes_are_sound_and_start(run, tmp_path, name):
+    path = SAMPLES / f"{name}.toml"
+    assembled = json.loads(run("shell-sim", path, "--dry-run", "--json").stdout)["assembled"]
+    assert assembled["frames"] >= 20
+    result = run("shell-sim", path, "--steps", 2, "-o", tmp_path / "run.vtkhdf", "--json")
+    assert result.exit_code == 0, result.stderr
+    assert json.loads(result.stdout)["accuracy"]["max_strain"] < 0.01
+
+
+def test_h5_and_standard_output(run, tmp_path):
+    result = run(
+        "shell-sim",
+        scene(tmp_path),
+        "--steps",
+        2,
+        "-o",
+        tmp_path / "run.h5",
+        "-o",
+        "-",
+        "--output-format",
+        "ply",
+    )
+    assert result.exit_code == 0, result.stderr
+    assert result.stdout_bytes.startswith(b"ply")
+    with Trajectory(str(tmp_path / "run.h5")) as ours:
+        assert ours.n_frames == 2 or ours.n_frames == 3
+
+
+def test_the_mesh_of_a_scene_is_never_overwritten(run, tmp_path):
+    from ddgcli.io.mesh_file import write_mesh
+    from ddgcli.mesh.fields import AnnotatedMesh
+
+    mesh = tmp_path / "sheet.ply"
+    write_mesh(str(mesh), AnnotatedMesh(grid(2, 2)))
+    before = mesh.read_bytes()
+    assert run("shell-sim", mesh, "--effect", "gravity", "--steps", 1, "-o", mesh).exit_code == 2
+    assert mesh.read_bytes() == before
