@@ -28,7 +28,7 @@ _POWERS = [(a, b) for a in range(9) for b in range(9 - a)]
 _TABLE = np.array([[_POWERS.index((a + c, b + d)) for c, d in _TERMS] for a, b in _TERMS])
 
 _PENALTIES = (1e-6, 1e-4, 1e-2, 1.0, 1e2, 1e4)  # from a quartic fit to a quadratic one
-_JUDGES = 128  # vertices that choose among them
+_JUDGES = 96  # vertices that choose among them
 _FLOOR = 1e-12  # penalty of the low terms, so that three neighbours give an answer too
 _ENOUGH = 15  # neighbours below which a third ring is added
 _PAIRS = 40_000  # neighbours handled at once: the working arrays stay in the cache
@@ -232,13 +232,20 @@ def _judge(matrix: NDArray, right: NDArray, squared: NDArray, count: NDArray) ->
     scores = []
     for penalty in _PENALTIES:
         weight = np.diag(penalty * high + _FLOOR)
-        inverse = np.linalg.pinv(matrix + weight * count[:, None, None], hermitian=True)
+        inverse = _inverse(matrix + weight * count[:, None, None])
         fitted = inverse @ right
         explained = np.einsum("nij,nij->n", 2 * right - matrix @ fitted, fitted)
         degrees = np.einsum("nij,nji->n", inverse, matrix)
         rest = np.maximum(1.0 - explained / squared, 1e-26)
         scores.append(float(np.log(rest / (count - degrees) ** 2).mean()))
     return _PENALTIES[int(np.argmin(scores))]
+
+
+def _inverse(matrix: NDArray) -> NDArray[np.float64]:
+    try:
+        return np.linalg.inv(matrix)
+    except np.linalg.LinAlgError:  # a judge whose neighbours lie on a line
+        return np.linalg.pinv(matrix, hermitian=True)
 
 
 def _spread(columns: NDArray, regions: Regions) -> NDArray[np.float64]:
