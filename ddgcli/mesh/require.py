@@ -98,8 +98,6 @@ class Need:
         The same of the boundary of tetrahedra.
     area, every_area, volume : bool
         At least one face with area; every face with area; every tetrahedron with volume.
-    inside : bool
-        At least one vertex that neither lies on the boundary nor beside it.
     instead : str
         Why no mesh is taken at all, where that is so.
     """
@@ -109,7 +107,6 @@ class Need:
     boundary: dict[str, bool] = field(default_factory=dict)
     area: bool = False
     every_area: bool = False
-    inside: bool = False
     volume: bool = False
     instead: str = ""
 
@@ -127,7 +124,7 @@ NEEDS = {
     "geodesic": Need(surface={"sized": False}),
     "shell-sim": Need(every_area=True),
     "fluid-sim": Need(surface=_MANIFOLD, every_area=True),
-    "willmore-flow": Need(surface=_MANIFOLD, every_area=True, inside=True),
+    "willmore-flow": Need(surface=_MANIFOLD, every_area=True),
     "tradeoff": Need(),
     "frames": Need((), instead="it takes the trajectory of a simulation (.vtkhdf)"),
     "check": Need((), instead="it takes a stored summary (.json)"),
@@ -153,8 +150,6 @@ def why_not(mesh: TriangleMesh | TetMesh | CurveSet, verb: str) -> str | None:
                 _require_area(mesh)
             if need.every_area:
                 _require_every_area(mesh)
-            if need.inside:
-                _require_inside(mesh)
     except MeshError as error:
         return str(error)
     return None
@@ -173,15 +168,6 @@ def _require_every_area(mesh: TriangleMesh) -> None:
         raise MeshError(
             f"{len(flat)} faces have no area (first: face {flat[0]}); remove them, or mend their vertices"
         )
-
-
-def _require_inside(mesh: TriangleMesh) -> None:
-    topology = mesh.topology
-    fixed = topology.boundary_vertex.copy()
-    at_boundary = topology.boundary_vertex[topology.edges].any(axis=1)
-    fixed[topology.edges[at_boundary]] = True
-    if not (topology.referenced_vertex & ~fixed).any():
-        raise MeshError("no vertex can move: all lie on the boundary or beside it; refine the mesh")
 
 
 def _require_volume(mesh: TetMesh) -> None:
