@@ -1,13 +1,16 @@
 """Distances beside the peers: exact, heat, fast marching; set-up, solve, peak memory.
 
 `python benchmarks/bench_geodesic.py [--quick]` prints the tables of docs/geodesic.md. Ratios are the peer's
-seconds over ours, larger is better; each pair runs in turn in one process, one thread each.
+CPU seconds over ours, larger is better; each pair runs in turn in one process, one thread each. CPU rather
+than wall time, so that a busy machine does not blur the ratio.
 """
 
 from __future__ import annotations
 
 import sys
+import time
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
 
 import ladder
@@ -24,6 +27,14 @@ from ddgcli.mesh.triangle_mesh import TriangleMesh
 
 QUICK = "--quick" in sys.argv
 SOURCE = 0
+
+
+@dataclass(frozen=True)
+class Timing:
+    """CPU seconds and what the call returned."""
+
+    seconds: float
+    value: Any
 
 
 def fresh(mesh: TriangleMesh) -> TriangleMesh:
@@ -45,11 +56,23 @@ def meshes() -> dict[str, TriangleMesh]:
     return table
 
 
-def pair(
-    ours: Callable[[], Any], theirs: Callable[[], Any], repeat: int
-) -> tuple[measure.Timing, measure.Timing]:
-    both = measure.interleaved({"ours": ours, "theirs": theirs}, repeat=repeat)
-    return both["ours"], both["theirs"]
+def cpu_timed(call: Callable[[], Any], repeat: int) -> tuple[float, Any]:
+    """Least CPU seconds of `repeat` calls and the last value: both sides use one thread, others may be busy."""
+    seconds, value = [], None
+    for _ in range(repeat):
+        began = time.process_time()
+        value = call()
+        seconds.append(time.process_time() - began)
+    return min(seconds), value
+
+
+def pair(ours: Callable[[], Any], theirs: Callable[[], Any], repeat: int) -> tuple[Timing, Timing]:
+    """Both in turn, `repeat` times; the least of each."""
+    rounds = [(cpu_timed(ours, 1), cpu_timed(theirs, 1)) for _ in range(repeat)]
+    return (
+        Timing(min(a[0] for a, _ in rounds), rounds[-1][0][1]),
+        Timing(min(b[0] for _, b in rounds), rounds[-1][1][1]),
+    )
 
 
 def bench_exact() -> None:
@@ -69,11 +92,11 @@ def bench_exact() -> None:
             solver = pygeodesic.PyGeodesicAlgorithmExact(mesh.points, mesh.faces)
             found["theirs"] = solver.geodesicDistances(np.array([SOURCE]))[0]
 
-        repeat = 5 if mesh.n_faces < 30_000 else 1
+        repeat = 7 if mesh.n_faces < 30_000 else 2 if mesh.n_faces < 150_000 else 1
         a, b = pair(ours, theirs, repeat)
         difference = found["ours"].distance - found["theirs"]
         rows.append(
-            [name, mesh.n_faces, a.least, b.least, b.least / a.least, targets.get(name, "-"),
+            [name, mesh.n_faces, a.seconds, b.seconds, b.seconds / a.seconds, targets.get(name, "-"),
              found["ours"].windows / mesh.n_vertices, float(np.abs(difference).max() / found["theirs"].max()),
              measure.peak_mib(ours), measure.peak_mib(theirs)]
         )  # fmt: skip
@@ -107,8 +130,8 @@ def bench_heat() -> None:
             5,
         )
         rows.append(
-            [name, mesh.n_faces, a.median, b.median, b.median / a.median, solve.median, peer_solve.median,
-             peer_solve.median / solve.median, error(solve.value, truth), error(peer_solve.value, truth),
+            [name, mesh.n_faces, a.seconds, b.seconds, b.seconds / a.seconds, solve.seconds, peer_solve.seconds,
+             peer_solve.seconds / solve.seconds, error(solve.value, truth), error(peer_solve.value, truth),
              a.value._heat.solver, measure.peak_mib(ours), measure.peak_mib(theirs)]
         )  # fmt: skip
     measure.print_table(
@@ -138,10 +161,10 @@ def bench_fast_marching() -> None:
             repeat,
         )
         truth = exact_distance(mesh, SOURCE).distance if mesh.n_faces <= 100_000 else None
-        whole = (b.median + peer_solve.median) / (a.median + solve.median)
+        whole = (b.seconds + peer_solve.seconds) / (a.seconds + solve.seconds)
         rows.append(
-            [name, mesh.n_faces, a.median, b.median, solve.median, peer_solve.median,
-             peer_solve.median / solve.median, whole,
+            [name, mesh.n_faces, a.seconds, b.seconds, solve.seconds, peer_solve.seconds,
+             peer_solve.seconds / solve.seconds, whole,
              error(solve.value, truth) if truth is not None else "-",
              error(peer_solve.value, truth) if truth is not None else "-"]
         )  # fmt: skip
