@@ -57,7 +57,7 @@ def meshes() -> dict[str, TriangleMesh]:
 
 
 def cpu_timed(call: Callable[[], Any], repeat: int) -> tuple[float, Any]:
-    """Least CPU seconds of `repeat` calls and the last value: both sides use one thread, others may be busy."""
+    """Least CPU seconds of `repeat` calls and the last value; both sides use one thread."""
     seconds, value = [], None
     for _ in range(repeat):
         began = time.process_time()
@@ -130,7 +130,8 @@ def bench_heat() -> None:
             5,
         )
         rows.append(
-            [name, mesh.n_faces, a.seconds, b.seconds, b.seconds / a.seconds, solve.seconds, peer_solve.seconds,
+            [name, mesh.n_faces, a.seconds, b.seconds, b.seconds / a.seconds,
+             solve.seconds, peer_solve.seconds,
              peer_solve.seconds / solve.seconds, error(solve.value, truth), error(peer_solve.value, truth),
              a.value._heat.solver, measure.peak_mib(ours), measure.peak_mib(theirs)]
         )  # fmt: skip
