@@ -194,6 +194,8 @@ class Poisson:
         weight = self._sums(self.weight)
         total = self._sums((self.weight * x.T).T)
         mean = (total.T / np.where(weight > 0, weight, 1.0)).T
+        if self.count == 1 and len(self._floating) == len(x):
+            return x - mean[0]
         x = np.array(x, dtype=np.float64)
         x[self._floating] -= mean[self.label[self._floating]]
         return x

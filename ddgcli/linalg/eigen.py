@@ -139,7 +139,7 @@ class _BlockLanczos:
         limit = min(self.space, max(2 * k, k + 32 * BLOCK) + BLOCK)
         self.basis = np.empty((self.n, limit + BLOCK), order="F")
         self.projected = np.zeros((limit + BLOCK, limit + BLOCK))
-        self.used = 0
+        self.used = self.kept = 0
         complete = False
         block = self._orthonormal(self._random_block())
         for _ in range(MAX_RESTARTS):
@@ -169,7 +169,9 @@ class _BlockLanczos:
             start, self.used = self.used, self.used + block.shape[1]
             self.basis[:, start : self.used] = block
             image = self.problem.apply_inverse(self.M @ block)
-            image, coefficients = self._against_basis(image)
+            # by the recurrence, an image couples to the last two blocks; the first one, to all that was kept
+            near = 0 if start <= self.kept else start - BLOCK
+            image, coefficients = self._against_basis(image, near)
             self.projected[: self.used, start : self.used] = coefficients
             self.projected[start : self.used, : self.used] = coefficients.T
             block, coupling = self._orthonormal_with_factor(image)
@@ -188,20 +190,24 @@ class _BlockLanczos:
         self.basis[:, :keep] = self.basis[:, : len(S)] @ S
         self.projected[:] = 0.0
         self.projected[np.arange(keep), np.arange(keep)] = theta
-        self.used = keep
+        self.used = self.kept = keep
 
     def _random_block(self) -> NDArray:
         block = self.rng.normal(size=(self.n, BLOCK))
         return self.problem.apply_inverse(self.M @ block)
 
-    def _against_basis(self, block: NDArray) -> tuple[NDArray, NDArray]:
-        """The block without its parts along the basis, and their coefficients; two passes."""
-        Q = self.basis[:, : self.used]
+    def _against_basis(self, block: NDArray, since: int = 0) -> tuple[NDArray, NDArray]:
+        """The block without its parts along the basis, and their coefficients.
+
+        The first pass takes off what is large, the parts along the basis vectors from `since` on; the second
+        goes over the whole basis.
+        """
         total = np.zeros((self.used, block.shape[1]))
-        for _ in range(2):
+        for first in (since, 0):
+            Q = self.basis[:, first : self.used]
             coefficients = Q.T @ (self.M @ block)
             block = block - Q @ coefficients
-            total += coefficients
+            total[first:] += coefficients
         return block, total
 
     def _orthonormal(self, block: NDArray) -> NDArray:
