@@ -36,7 +36,7 @@ class LogMap:
     log_map : (n, 2) ndarray of float64
         Coordinates in the tangent plane of the source: its size is the distance, its angle that of the
         shortest path, counter-clockwise from the x axis. At a vertex surface angles are multiplied by
-        2 pi / total angle; on the boundary they are kept. nan where the source does not reach.
+        2 pi / total angle; on the boundary they are kept. inf where the source does not reach.
     axis : dict
         The x axis: towards a vertex (`towards_vertex`) or along side 0 of a face (`face`), and in space.
     miss : float
@@ -155,9 +155,12 @@ def log_map(mesh: SurfaceMesh, exact: ExactDistance, sources: Sources) -> LogMap
     if len(lost):
         _angles_of_paths(tracer, centre, exact, sources, lost, angle)
     angle = angle * centre.scale
-    distance = np.where(np.isfinite(exact.distance), exact.distance, np.nan)
-    angle = np.where(exact.distance == 0, 0.0, angle)
-    return LogMap(np.stack([distance * np.cos(angle), distance * np.sin(angle)], axis=1), centre.axis(), miss)
+    far = ~np.isfinite(exact.distance)
+    angle = np.where(far | (exact.distance == 0), 0.0, angle)
+    distance = np.where(far, 0.0, exact.distance)
+    mapped = np.stack([distance * np.cos(angle), distance * np.sin(angle)], axis=1)
+    mapped[far] = np.inf
+    return LogMap(mapped, centre.axis(), miss)
 
 
 def _walked_angles(

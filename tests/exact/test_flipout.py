@@ -88,6 +88,15 @@ def test_loops_keep_their_windings(size):
             check_geodesic(mesh, curves)
 
 
+def test_a_loop_that_shrinks_to_one_edge_goes_on_once_round():
+    mesh = shapes.torus(96, 48)
+    mesh = mesh.moved(mesh.points.astype(np.float32).astype(np.float64))  # no longer quite symmetric
+    curves = straightened_curves(mesh, [[0, 10, 20, 30]], [True])
+    assert curves.converged and windings(mesh, curves.paths) == [0, 1]
+    assert curves.entries[0]["length"] <= curves.entries[0]["edge_path_length"]
+    check_geodesic(mesh, curves)
+
+
 def test_a_contractible_loop_shrinks_to_a_point():
     mesh = shapes.torus(NU, NV)
     curves = straightened_curves(mesh, [[0, 2, 2 * NV + 2, 2 * NV]], [True])

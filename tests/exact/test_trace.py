@@ -156,6 +156,19 @@ def test_reflected_lines_fold_like_light_in_a_box():
     np.testing.assert_allclose(got[:2], folded, atol=1e-12)
 
 
+def test_lines_into_boundary_vertices_are_reflected_as_beside_them():
+    mesh = shapes.grid(10, 10)
+    start = np.array([0.3, 0.2, 0.0])
+    face = np.flatnonzero((np.linalg.norm(mesh.points[mesh.faces] - start, axis=2) < 1e-12).any(axis=1))[:1]
+    corner = (np.linalg.norm(mesh.points[mesh.faces[face]] - start, axis=2) < 1e-12).astype(float)
+    end = trace(mesh, face, corner, [[0.2, -0.2, 0]], [np.hypot(0.5, 0.5)], at_boundary="reflect")
+    np.testing.assert_allclose(surface_position(mesh, end.face, end.barycentric), [[0.8, 0.3, 0]], atol=1e-12)
+    steep = trace(mesh, face, corner, [[0.1, -0.2, 0]], [np.hypot(0.2, 0.4)], at_boundary="reflect")
+    np.testing.assert_allclose(
+        surface_position(mesh, steep.face, steep.barycentric), [[0.5, 0.2, 0]], atol=1e-12
+    )
+
+
 @pytest.mark.parametrize(
     "face, barycentric, direction, length, word",
     [

@@ -15,6 +15,7 @@ from ddgcli.geometry.surface_points import SurfacePoints
 from ddgcli.geometry.unfolding import vertex_fans
 from ddgcli.mesh import shapes
 from ddgcli.mesh.intrinsic_mesh import IntrinsicMesh
+from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.operators.connection import (
     connection_laplacian,
     edge_transport,
@@ -197,3 +198,13 @@ def test_log_map_round_a_hole_keeps_distance_and_needs_one_source(shared_meshes)
     np.testing.assert_allclose(np.linalg.norm(mapped.log_map, axis=1), exact.distance, rtol=1e-13)
     with pytest.raises(ParameterError, match="one source"):
         log_map(mesh, exact, Sources.at([1, 2]))
+
+
+def test_log_map_is_inf_where_the_source_does_not_reach():
+    a = shapes.icosphere(1)
+    two = TriangleMesh.from_arrays(
+        np.concatenate([a.points, a.points + 5]), np.concatenate([a.faces, a.faces + a.n_vertices])
+    )
+    sources = Sources.at([0])
+    mapped = log_map(two, exact_distance(two, sources), sources).log_map
+    assert np.isfinite(mapped[: a.n_vertices]).all() and np.isinf(mapped[a.n_vertices :]).all()
