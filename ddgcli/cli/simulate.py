@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -198,8 +198,9 @@ def simulate(
         raise ParameterError("one run writes one trajectory; give one .vtkhdf or .h5")
     target = trajectories[0] if trajectories else (resume or "").removesuffix(".part") or None
     cell = {"object_id": number, **(face or {})} if len(meshes) > 1 else dict(face or {})
-    outcome = Outcome()
-    frames: list[Frame] = []
+    outcome = Outcome(mesh=mesh)
+    shown = np.linspace(0, schedule.frames - 1, 4).round().astype(int) if run.common.plot else ()
+    keep = _Keeper(outcome, set(map(int, shown)))
     start = None
     writer = None
     if target is not None:
@@ -210,15 +211,12 @@ def simulate(
             with Trajectory(resume) as part:
                 start = (part.n_frames - 1, part.checkpoint())
                 account.restore(part.effects)
-                frames = [part.frame(k) for k in range(part.n_frames)]
+                keep.frames(part.frame(k) for k in range(part.n_frames))
             writer = TrajectoryWriter.resume(resume, target, header, schedule.frames)
         else:
             writer = TrajectoryWriter(target, header, schedule.frames)
     elif resume is not None:
         raise ParameterError(f"{resume}: cannot be resumed; its name must end in .part")
-    outcome.mesh = mesh
-    shown = np.linspace(0, schedule.frames - 1, 4).round().astype(int) if run.common.plot else ()
-    keep = _Keeper(outcome, frames, set(map(int, shown)))
     status = "failed"
     try:
         told = run.progress("frames")
@@ -263,10 +261,13 @@ def _all_rows(account: Account, models: Mapping[str, Model]) -> dict[str, tuple[
 class _Keeper:
     """Gathers the scalars of the frames for the summary; keeps two frames, not all."""
 
-    def __init__(self, outcome: Outcome, before: list[Frame], shown: set[int]) -> None:
+    def __init__(self, outcome: Outcome, shown: set[int]) -> None:
         self.outcome, self.rows, self.times = outcome, [], []  # type: ignore[var-annotated]
         self.shown = shown
-        for frame in before:
+
+    def frames(self, frames: Iterable[Frame]) -> None:
+        """Frames of an earlier part of the run."""
+        for frame in frames:
             self._note(frame)
 
     def _note(self, frame: Frame) -> None:

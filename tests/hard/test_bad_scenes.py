@@ -29,6 +29,12 @@ contact = { pairs = [["hat", "floor"]], friction = 0.5 }
 
 GRID = "grid = { size = [1, 1], cells = [2, 2] }"
 STVK = 'stretching = { model = "stvk" }'
+TWO_SHELLS = """role = "shell"
+box = {}
+[effects.pin]
+vertices = [0]
+[[object]]
+role = "obstacle\""""
 # (text to replace, replacement, line of the answer, words that must be in it)
 BAD = [
     ('format = "ddgcli-scene/1"', 'format = "ddgcli-scene/9"', 1, ["ddgcli-scene/1"]),
@@ -89,6 +95,7 @@ BAD = [
     ("contact = {", "pin = {} # contact = {", 22, ["vertices", "box"]),
     ("contact = {", "load = { vertices = [0] } # contact = {", 22, ["force, traction and moment"]),
     ("contact = {", "load = { moment = 1, edge = [0, 8] } # contact = {", 22, ["interior edge", "[0, 8]"]),
+    ('role = "obstacle"', TWO_SHELLS, 18, ["object", "hat"]),
     ("contact = {", "damping = {} # contact = {", 22, ["mass", "stiffness"]),
     ("contact = {", "contact = { pairs = 3 3 # {", 22, ["TOML"]),
     ("[effects]", "[effects", 18, ["TOML"]),

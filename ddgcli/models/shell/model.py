@@ -65,6 +65,11 @@ def parts_of(scene: Scene, context: ShellContext) -> list[Any]:
 
     def make(effect: Effect, parameters: Any, key: Key) -> list[Any]:
         wanted = getattr(parameters, "object", None)
+        shells = [o.name for o in scene.objects if o.role == "shell"]
+        if wanted is None and len(shells) > 1 and hasattr(parameters, "object"):
+            scene.refuse(
+                key, f'{effect.name}: several shells; say which by object = "..." ({", ".join(shells)})'
+            )
         if wanted is not None:
             scene.find(wanted, (*key, "object"), ("shell",))
             if wanted != context.shell.name:
