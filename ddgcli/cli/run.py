@@ -166,12 +166,14 @@ class Run:
                     f"{path}: holds {'a ' * (source.kind == 'curve')}{source.kind}; {self.command} takes "
                     f"{' or '.join(accept)}{mend.get(source.kind, '')}"
                 )
-            self.input = {"path": path, **describe(source.mesh)}
             self._inputs[path] = source.sha256
             self._input_vertex = source.input_vertex
             self._context.meta["ddgcli.input"] = path
         for note in source.notes:
             logging.getLogger("ddgcli").warning(note)
+        self.input = {"path": path, **describe(source.mesh)}
+        if self.input.get("faces") and self.input["genus"] is None:
+            logging.getLogger("ddgcli").warning("genus is null: the surface is not an orientable manifold")
         return source
 
     def note_input(self, path: str, sha256: str, **facts: Any) -> None:
@@ -254,6 +256,10 @@ class Run:
             self._progress.clear()
         if not converged:
             results = {**results, "converged": False}
+        if self.common.plot is not None and self.common.plot not in self.outputs:
+            logging.getLogger("ddgcli").warning(
+                f"{self.common.plot}: {self.command} has no picture to draw here"
+            )
         missing: list[str] = []
         body = {
             "command": self.command,
