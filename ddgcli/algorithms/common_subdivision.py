@@ -119,7 +119,7 @@ def common_subdivision(flipped: Flipped, base: Base) -> CommonSubdivision:
     twin = mesh.topology.side_twin
     every = crossings_of(flipped.crossings, twin)
     ends, steps = base_edge_ends(every, mesh.topology.side_tail)
-    base_side = sides_between(base.mesh, ends[every.across], ends)
+    base_side = _crossed_sides(base.mesh, every, ends)
     along, share, residual = _measure(mesh, base.mesh, every, base_side)
 
     real = base.real_side[base_side]
@@ -148,6 +148,16 @@ def common_subdivision(flipped: Flipped, base: Base) -> CommonSubdivision:
         edge_vertex=edge_vertex,
         length_residual=residual,
     )
+
+
+def _crossed_sides(mesh: TriangleMesh, c: Crossings, ends: NDArray) -> NDArray[np.int64]:
+    """The base side of each half-crossing, from the right of its side to the left."""
+    first = np.flatnonzero(np.arange(len(c.side)) < c.across)
+    other = c.across[first]
+    sides = np.empty(len(c.side), dtype=np.int64)
+    sides[first] = sides_between(mesh, ends[other], ends[first])
+    sides[other] = mesh.topology.side_twin.ravel()[sides[first]]
+    return sides
 
 
 def sides_between(mesh: TriangleMesh, tail: NDArray, head: NDArray) -> NDArray[np.int64]:
@@ -270,8 +280,13 @@ def _in_order(share: NDArray, base_side: NDArray, index: NDArray, base: Triangle
     total = np.bincount(edge, minlength=len(twin))[edge]
     along = np.where(forward, share, 1.0 - share)
     rank = np.where(forward, index, total - 1 - index)
-    by_rank, by_share = np.lexsort((rank, edge)), np.lexsort((along, edge))
-    along[by_rank] = along[by_share]
+    count = np.bincount(edge, minlength=len(twin))
+    place = (np.cumsum(count) - count)[edge] + rank  # every rank of an edge occurs once
+    owner, ordered = np.empty_like(edge), np.empty_like(along)
+    owner[place], ordered[place] = edge, along
+    if ((ordered[1:] < ordered[:-1]) & (owner[1:] == owner[:-1])).any():
+        ordered = ordered[np.lexsort((ordered, owner))]
+    along = ordered[place]
     return np.where(forward, along, 1.0 - along)
 
 
