@@ -17,7 +17,8 @@ from ddgcli.linalg.ordering import fill_reducing_ordering
 
 log = logging.getLogger("ddgcli")
 
-BLOCK = 4
+# vectors a step: few for few pairs (fewer solves), more for many (fewer passes over the basis)
+BLOCK, WIDEST = 4, 32
 # relative residual in the inverted spectrum; eigenvalues are accurate to its square
 TOLERANCE = 1e-11
 MAX_RESTARTS = 60
@@ -136,9 +137,10 @@ class _BlockLanczos:
 
     def run(self, k: int) -> tuple[NDArray, NDArray, bool]:
         """Eigenvalues (k,), vectors (n, k), and whether none was missed."""
-        limit = min(self.space, max(2 * k, k + 32 * BLOCK) + BLOCK)
-        self.basis = np.empty((self.n, limit + BLOCK), order="F")
-        self.projected = np.zeros((limit + BLOCK, limit + BLOCK))
+        self.width = min(max(BLOCK, k // 25), WIDEST)
+        limit = min(self.space, max(2 * k, k + 32 * self.width) + self.width)
+        self.basis = np.empty((self.n, limit + self.width), order="F")
+        self.projected = np.zeros((limit + self.width, limit + self.width))
         self.used = self.kept = 0
         complete = False
         block = self._orthonormal(self._random_block())
@@ -149,7 +151,7 @@ class _BlockLanczos:
             if done and self._none_missing(1.0 / theta[:k]):
                 complete = True
                 break
-            keep = k if done else min(len(theta) - BLOCK, k + (limit - k) // 3)
+            keep = k if done else min(len(theta) - self.width, k + (limit - k) // 3)
             self._restart(theta[:keep], S[:, :keep])
             if done:
                 log.info("eigenvalues are missing below the last one: the search goes on from random vectors")
@@ -170,13 +172,13 @@ class _BlockLanczos:
             self.basis[:, start : self.used] = block
             image = self.problem.apply_inverse(self.M @ block)
             # by the recurrence, an image couples to the last two blocks; the first one, to all that was kept
-            near = 0 if start <= self.kept else start - BLOCK
+            near = 0 if start <= self.kept else start - self.width
             image, coefficients = self._against_basis(image, near)
             self.projected[: self.used, start : self.used] = coefficients
             self.projected[start : self.used, : self.used] = coefficients.T
             block, coupling = self._orthonormal_with_factor(image)
-            full = self.used + BLOCK > limit
-            if full or self.used > check + max(3 * BLOCK, k // 10):
+            full = self.used + self.width > limit
+            if full or self.used > check + max(3 * self.width, k // 10):
                 check = self.used
                 T = self.projected[: self.used, : self.used]
                 theta, S = np.linalg.eigh(0.5 * (T + T.T))
@@ -193,7 +195,7 @@ class _BlockLanczos:
         self.used = self.kept = keep
 
     def _random_block(self) -> NDArray:
-        block = self.rng.normal(size=(self.n, BLOCK))
+        block = self.rng.normal(size=(self.n, self.width))
         return self.problem.apply_inverse(self.M @ block)
 
     def _against_basis(self, block: NDArray, since: int = 0) -> tuple[NDArray, NDArray]:
