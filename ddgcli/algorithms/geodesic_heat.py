@@ -93,7 +93,10 @@ class HeatSolver:
         self._held: Dirichlet | None = None
         frame = face_frame(mesh.side_length)
         edge = frame[:, PREVIOUS] - frame[:, NEXT]  # opposite corner k, from corner k + 1 to corner k + 2
-        self._hat = np.stack([-edge[..., 1], edge[..., 0]], axis=-1)  # twice the area times grad of hat k
+        # (3, m) parts of twice the area times the gradient of hat k, and the corners, each row contiguous
+        self._hat_x = np.ascontiguousarray(-edge[..., 1].T)
+        self._hat_y = np.ascontiguousarray(edge[..., 0].T)
+        self._corner = np.ascontiguousarray(mesh.faces.T)
 
     @property
     def poisson(self) -> Poisson:
@@ -111,12 +114,12 @@ class HeatSolver:
         sources = checked_sources(self.given_on, sources)
         start = self._start(sources)
         heat, level, stages, residual = self._diffuse(start)
-        direction, cold = self._direction(heat, level)
+        direction, cold = self._direction(heat, level if stages else None)
         direction *= -1.0
         near, spoke = self._near(sources)
         distance, poisson_residual = self._integrate(direction, near, spoke, len(sources))
         for _ in range(self.refine):
-            direction, _ = self._direction(distance, np.zeros(len(distance)))
+            direction, _ = self._direction(distance, None)
             distance, poisson_residual = self._integrate(direction, near, spoke, len(sources))
         distance = np.maximum(distance, 0.0)
         distance[near[spoke == 0]] = 0.0
@@ -167,18 +170,23 @@ class HeatSolver:
         value[~known] = 0.0
         return value, level, stages, residual
 
-    def _direction(self, value: NDArray, level: NDArray) -> tuple[NDArray, NDArray]:
-        """(m, 2) unit gradient of value * exp(level) in each face's frame, and where it has none."""
-        faces = self.mesh.faces
-        corner_level = level[faces]
-        lit = value[faces] * np.exp(corner_level - corner_level.max(axis=1, keepdims=True))
-        lit -= lit.mean(axis=1, keepdims=True)
-        size = np.abs(lit).max(axis=1, keepdims=True)
-        lit = np.divide(lit, size, out=np.zeros_like(lit), where=size > 0)
-        gradient = np.einsum("mk,mkd->md", lit, self._hat)
-        length = np.hypot(gradient[:, 0], gradient[:, 1])
+    def _direction(self, value: NDArray, level: NDArray | None) -> tuple[NDArray, NDArray]:
+        """(2, m) unit gradient of value * exp(level) in each face's frame, and where it has none."""
+        v = value[self._corner]
+        if level is not None:
+            corner_level = level[self._corner]
+            v *= np.exp(corner_level - corner_level.max(axis=0))
+        rise = v[1:] - v[0]  # the gradients of the three hats sum to zero
+        size = np.abs(rise).max(axis=0)
+        rise /= np.where(size > 0, size, 1.0)
+        gradient = np.empty((2, len(size)))
+        for axis, hat in enumerate((self._hat_x, self._hat_y)):
+            np.multiply(rise[0], hat[1], out=gradient[axis])
+            gradient[axis] += rise[1] * hat[2]
+        length = np.sqrt(gradient[0] ** 2 + gradient[1] ** 2)
         cold = ~(length > 0)
-        return np.divide(gradient, length[:, None], out=gradient, where=~cold[:, None]), cold
+        gradient /= np.where(cold, 1.0, length)
+        return gradient, cold
 
     # -- second system ------------------------------------------------------------------------------
 
@@ -209,10 +217,11 @@ class HeatSolver:
         self, direction: NDArray, near: NDArray, spoke: NDArray, n_sources: int
     ) -> tuple[NDArray, float]:
         """The function with gradient nearest to the field, fitted to the known values near the sources."""
-        flux = 0.5 * np.einsum("mkd,md->mk", self._hat, direction)
-        load = np.bincount(self.mesh.faces.ravel(), weights=flux.ravel(), minlength=self.mesh.n_vertices)
+        flux = self._hat_x * (0.5 * direction[0])
+        flux += self._hat_y * (0.5 * direction[1])
+        load = np.bincount(self._corner.ravel(), weights=flux.ravel(), minlength=self.mesh.n_vertices)
         if n_sources == 1:
-            distance = self.poisson.solve(load)
+            distance = self.poisson.solve(load, refine=False)
             ring = spoke > 0
             shift = (distance[near[ring]] - spoke[ring]).mean() if ring.any() else distance[near].min()
             return distance - shift, self.poisson.residual(distance, load)
