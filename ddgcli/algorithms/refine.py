@@ -15,6 +15,19 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ddgcli.algorithms.circumcentres import (
+    BEYOND_BOUNDARY,
+    INSIDE,
+    LEAST_SHARE,
+    ON_BOUNDARY,
+    Cavity,
+    Targets,
+    apex_of,
+    conflict_cavity,
+    pushed_inside,
+    seek_circumcentres,
+    triangle_share,
+)
 from ddgcli.algorithms.common_subdivision import Base, sides_between
 from ddgcli.algorithms.delaunay import Flipped, flip_to_delaunay, glue, length_scale, working_lengths
 from ddgcli.algorithms.flips import SideArrays, flip_until_delaunay
@@ -32,11 +45,8 @@ log = logging.getLogger("ddgcli")
 
 SHARP = np.pi / 3  # cones and boundary corners of a smaller total angle are left as they are
 NEAREST_TO_SHARP = 0.1  # no point comes nearer to them, relative to their shortest edge before refinement
-LONGEST_WALK = 1000
 FEWEST_TRIED, TRIED_FOR_EACH = 256, 24  # bad faces in a batch: at least, and for each point of the last one
-LEAST_SHARE = 1e-3  # least barycentric coordinate of a point in the intrinsic face that it cuts
 KEEP_OFF_EDGES = 0.01  # distance from input edges, relative to that from the nearest vertex
-INSIDE, BEYOND_BOUNDARY, ON_BOUNDARY, LOST = 0, 1, 2, 3
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,19 +131,6 @@ def refine(mesh: TriangleMesh, degrees: float, *, max_points: int | None = None)
         unreached_faces=unreached,
         reached=unreached == 0,
     )
-
-
-@dataclass(eq=False)
-class _Targets:
-    """Where circumcentres lie: in the face of `side`, laid out in the plane of complex numbers."""
-
-    status: NDArray[np.int64]
-    side: NDArray[np.int64]
-    corners: NDArray[np.complex128]  # (k, 3) tail, head and apex of the side
-    centre: NDArray[np.complex128]
-
-    def __getitem__(self, chosen: NDArray) -> _Targets:
-        return _Targets(self.status[chosen], self.side[chosen], self.corners[chosen], self.centre[chosen])
 
 
 @dataclass(eq=False)
@@ -254,7 +251,7 @@ class _Refinement:
     def _is_sharp(self, vertex: NDArray) -> NDArray:
         return (vertex < self.mesh.n_vertices) & self.sharp[np.minimum(vertex, self.mesh.n_vertices - 1)]
 
-    def _proposals(self, bad: NDArray) -> tuple[_Targets, _Cavity]:
+    def _proposals(self, bad: NDArray) -> tuple[Targets, Cavity]:
         """Points to insert for bad faces, worst first: circumcentres, or middles of boundary sides."""
         state = self.state
         targets = seek_circumcentres(state, bad)
@@ -278,9 +275,9 @@ class _Refinement:
         face = np.concatenate([around_splits.face, cavity.face[still]])
         wanted[split] = True
         rank = np.cumsum(wanted) - 1
-        return targets[np.flatnonzero(wanted)], _Cavity(rank[item], face, edge[wanted])
+        return targets[np.flatnonzero(wanted)], Cavity(rank[item], face, edge[wanted])
 
-    def _lay_out(self, targets: _Targets, split: NDArray) -> None:
+    def _lay_out(self, targets: Targets, split: NDArray) -> None:
         """Lay out the faces of boundary sides that are to be cut, and the places of the cuts."""
         side = targets.side[split]
         length = self.state.length[side]
@@ -288,7 +285,7 @@ class _Refinement:
         targets.corners[split] = corners
         targets.centre[split] = self._shell(side) * length
 
-    def _clear_of_sharp(self, targets: _Targets) -> NDArray[np.bool_]:
+    def _clear_of_sharp(self, targets: Targets) -> NDArray[np.bool_]:
         _, following, previous = around(targets.side)
         clear: NDArray[np.bool_] = np.ones(len(targets.side), dtype=bool)
         for k, side in enumerate((targets.side, following, previous)):
@@ -306,7 +303,7 @@ class _Refinement:
             self._is_sharp(vertex), self.keep_off[np.minimum(vertex, len(self.keep_off) - 1)], 0.0
         )
 
-    def _independent(self, targets: _Targets, cavity: _Cavity) -> _Targets:
+    def _independent(self, targets: Targets, cavity: Cavity) -> Targets:
         """Those whose cavities and the faces around them meet no earlier one's."""
         claim = self.state.claim
         order = np.argsort(-cavity.item, kind="stable")
@@ -381,7 +378,7 @@ class _Refinement:
 
     # circumcentres
 
-    def _insert(self, targets: _Targets) -> NDArray[np.int64]:
+    def _insert(self, targets: Targets) -> NDArray[np.int64]:
         """Insert points into their faces (a, b, c); returns the sides whose edges may need a flip."""
         state = self.state
         face, corner = targets.side // 3, targets.side % 3
@@ -481,112 +478,3 @@ class _Refinement:
     @property
     def direction(self) -> NDArray[np.float64]:
         return self.state.direction  # type: ignore[return-value]
-
-
-def triangle_share(corners: NDArray, point: NDArray) -> NDArray[np.float64]:
-    """(k, 3) barycentric coordinates of points in triangles (k, 3) of complex numbers."""
-    away = corners - point[:, None]
-    part = _cross(away[:, [1, 2, 0]], away[:, [2, 0, 1]])
-    return part / _cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])[:, None]
-
-
-def pushed_inside(corners: NDArray, point: NDArray) -> NDArray[np.complex128]:
-    """Points with no barycentric coordinate below LEAST_SHARE, so that no part of a cut face is flat."""
-    share = np.maximum(triangle_share(corners, point), LEAST_SHARE)
-    return (share * corners).sum(axis=1) / share.sum(axis=1)
-
-
-def apex_of(state: SideArrays, side: NDArray) -> NDArray[np.complex128]:
-    """The corner opposite each side, in the frame where the side runs from 0 to 1."""
-    _, following, previous = around(side)
-    t = state.tangent[following]
-    return (1 + 1j * t) ** 2 / (1 + t * t) * (state.length[previous] / state.length[side])
-
-
-def seek_circumcentres(state: SideArrays, face: NDArray) -> _Targets:
-    """Walk from Delaunay faces straight to their circumcentres.
-
-    The disk around a face is flat and holds no vertex, so the way across the longest side is the only one.
-    """
-    tangent = state.tangent.reshape(-1, 3)[face]
-    widest = tangent.argmax(axis=1)
-    side = 3 * face + widest
-    length = state.length[side]
-    t = tangent[np.arange(len(face)), widest]
-    centre = 0.5 * length * (1 + 0.5j * (1 / t - t))
-    corners = np.stack([np.zeros(len(face)), length, apex_of(state, side) * length], axis=1)
-    start = corners.mean(axis=1)
-    found = _Targets(np.full(len(face), INSIDE), side, corners, centre)
-    going = np.flatnonzero(t > 1.0)
-    for _ in range(LONGEST_WALK):
-        if len(going) == 0:
-            return found
-        entered = state.twin[found.side[going]]
-        closed = entered >= 0
-        found.status[going[~closed]] = BEYOND_BOUNDARY
-        going, entered = going[closed], entered[closed]
-        left, right = found.corners[going, 1], found.corners[going, 0]
-        apex = left + apex_of(state, entered) * (right - left)
-        found.side[going] = entered
-        found.corners[going] = np.stack([left, right, apex], axis=1)
-        aim = found.centre[going]
-        beyond = (_cross(apex - right, aim - right) < 0) | (_cross(left - apex, aim - apex) < 0)
-        going, left, right, apex, aim = going[beyond], left[beyond], right[beyond], apex[beyond], aim[beyond]
-        # found.corners holds tail and head of the side to leave by: the one that the line crosses
-        apex_is_left = _cross(aim - start[going], apex - start[going]) > 0
-        _, following, previous = around(found.side[going])
-        found.side[going] = np.where(apex_is_left, following, previous)
-        found.corners[going, 0] = np.where(apex_is_left, right, apex)
-        found.corners[going, 1] = np.where(apex_is_left, apex, left)
-        found.corners[going, 2] = np.where(apex_is_left, left, right)
-    found.status[going] = LOST
-    return found
-
-
-@dataclass(eq=False)
-class _Cavity:
-    """Faces whose circumdisks hold the points of targets, and those around them, in pairs (some repeated).
-
-    `encroached` is a boundary side whose diametral disk holds the point, -1 where there is none.
-    """
-
-    item: NDArray[np.int64]
-    face: NDArray[np.int64]
-    encroached: NDArray[np.int64]
-
-
-def conflict_cavity(state: SideArrays, targets: _Targets) -> _Cavity:
-    """Spread from the face that holds each target over the faces that its insertion would change."""
-    k = len(targets.side)
-    encroached = np.full(k, -1)
-    item, side, corners = np.arange(k), targets.side, targets.corners
-    items, faces = [item], [side // 3]
-    _, following, previous = around(side)
-    item = np.tile(item, 3)
-    side = np.concatenate([side, following, previous])
-    ends = np.concatenate([corners[:, [0, 1]], corners[:, [1, 2]], corners[:, [2, 0]]])
-    for _ in range(LONGEST_WALK):
-        tail, head = ends.T
-        twin, point = state.twin[side], targets.centre[item]
-        within = ((tail - point) * np.conj(head - point)).real < -1e-12 * np.abs(head - tail) ** 2
-        near = (twin < 0) & within
-        encroached[item[near]] = side[near]
-        inner = twin >= 0
-        item, twin, tail, head, point = item[inner], twin[inner], head[inner], tail[inner], point[inner]
-        items.append(item)
-        faces.append(twin // 3)
-        t = state.tangent[twin]
-        centre = tail + (head - tail) * (0.5 + 0.25j * (1 / t - t))
-        holds = np.abs(point - centre) < np.abs(tail - centre) * (1 - 1e-12)
-        item, twin, tail, head = item[holds], twin[holds], tail[holds], head[holds]
-        if len(item) == 0:
-            break
-        apex = tail + apex_of(state, twin) * (head - tail)
-        _, following, previous = around(twin)
-        item, side = np.tile(item, 2), np.concatenate([following, previous])
-        ends = np.stack([np.concatenate([head, apex]), np.concatenate([apex, tail])], axis=1)
-    return _Cavity(np.concatenate(items), np.concatenate(faces), encroached)
-
-
-def _cross(a: NDArray, b: NDArray) -> NDArray[np.float64]:
-    return (np.conj(a) * b).imag
