@@ -120,35 +120,6 @@ def check_radius(mesh: TriangleMesh, area: float, radius: float, unit: float) ->
         )
 
 
-class FaceBalls:
-    """Faces that meet the ball about each vertex and are joined to it through sides inside the ball.
-
-    Parameters
-    ----------
-    mesh : TriangleMesh
-    radius : float
-    """
-
-    def __init__(self, mesh: TriangleMesh, radius: float) -> None:
-        self.mesh, self.radius = mesh, radius
-        self._of_edge = _faces_of_edges(mesh.topology)
-        corner = np.argsort(mesh.faces.ravel(), kind="stable")
-        count = np.bincount(mesh.faces.ravel(), minlength=mesh.n_vertices)
-        self._of_vertex = np.concatenate([[0], np.cumsum(count)]), corner // 3
-
-    def of(self, begin: int, end: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        """Pairs of vertices begin..end (counted from begin) and faces, by vertex."""
-        mesh, m = self.mesh, np.int64(self.mesh.n_faces)
-        owner, face = _expand(np.arange(end - begin), np.arange(begin, end), self._of_vertex)
-        frontier = found = np.unique(owner * m + face)
-        while len(frontier):
-            owner, face = np.divmod(frontier, m)
-            row, side = np.nonzero(_sides_within(mesh, begin + owner, face, self.radius))
-            owner, beyond = _expand(owner[row], mesh.topology.side_edge[face[row], side], self._of_edge)
-            frontier, found = _new(owner * m + beyond, found)
-        return np.divmod(found, m)
-
-
 def vertex_balls(mesh: TriangleMesh, radius: float) -> Regions:
     """Vertices within a distance in space of each vertex, joined to it by edges that stay within it."""
     near = adjacency(mesh.topology)
@@ -158,7 +129,7 @@ def vertex_balls(mesh: TriangleMesh, radius: float) -> Regions:
         end = min(begin + _BALLS, mesh.n_vertices)
         frontier = found = np.arange(end - begin) * n + np.arange(begin, end)
         while len(frontier):
-            owner, reached = _expand(*np.divmod(frontier, n), lists)
+            owner, reached = expand(*np.divmod(frontier, n), lists)
             offset = mesh.points[reached] - mesh.points[begin + owner]
             inside = np.einsum("ij,ij->i", offset, offset) <= radius * radius
             frontier, found = _new((owner * n + reached)[inside], found)
@@ -180,12 +151,13 @@ def _member(keys: NDArray, sorted_keys: NDArray) -> NDArray[np.bool_]:
     return sorted_keys[place] == keys
 
 
-def _faces_of_edges(topology: Topology) -> tuple[NDArray, NDArray]:
-    order = np.argsort(topology.side_edge.ravel(), kind="stable")
-    return np.concatenate([[0], np.cumsum(topology.edge_face_count)]), order // 3
+def listed_by(key: NDArray, item: NDArray, n_keys: int) -> tuple[NDArray, NDArray]:
+    """Items by key: those of key k are `member[start[k]:start[k + 1]]` of the start and member returned."""
+    order = np.argsort(key, kind="stable")
+    return np.concatenate([[0], np.cumsum(np.bincount(key, minlength=n_keys))]), item[order]
 
 
-def _expand(owner: NDArray, item: NDArray, lists: tuple[NDArray, NDArray]) -> tuple[NDArray, NDArray]:
+def expand(owner: NDArray, item: NDArray, lists: tuple[NDArray, NDArray]) -> tuple[NDArray, NDArray]:
     """Each owner with every member of its item's list."""
     start, member = lists
     count = start[item + 1] - start[item]
@@ -194,20 +166,9 @@ def _expand(owner: NDArray, item: NDArray, lists: tuple[NDArray, NDArray]) -> tu
     return np.repeat(owner, count), member[place]
 
 
-def _sides_within(mesh: TriangleMesh, vertex: NDArray, face: NDArray, radius: float) -> NDArray[np.bool_]:
-    """(k, 3) which sides of faces come closer than the radius to vertices."""
-    side = mesh.side_vector[face]
-    offset = mesh.points[mesh.faces[face]] - mesh.points[vertex][:, None]
-    squared = np.einsum("fki,fki->fk", side, side)
-    along = -np.einsum("fki,fki->fk", offset, side)
-    share = np.clip(np.divide(along, squared, out=np.zeros_like(along), where=squared > 0), 0.0, 1.0)
-    nearest = offset + share[..., None] * side
-    return np.einsum("fki,fki->fk", nearest, nearest) < radius * radius
-
-
 def listed(regions: Regions, vertices: NDArray) -> Regions:
     """The regions of some vertices, in their order."""
-    _, member = _expand(np.arange(len(vertices)), vertices, (regions.start, regions.member))
+    _, member = expand(np.arange(len(vertices)), vertices, (regions.start, regions.member))
     return Regions(np.concatenate([[0], np.cumsum(regions.count[vertices])]), member)
 
 

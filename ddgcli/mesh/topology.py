@@ -156,13 +156,14 @@ class Topology:
     @cached_property
     def nonmanifold_vertices(self) -> NDArray[np.int64]:
         """Vertices whose faces form more than one fan around them (edges with 3+ faces join their fans)."""
-        fans = self._corner_fans()
+        fans = self.corner_fans
         vertex_of_fan = np.full(int(fans.max(initial=-1)) + 1, -1, dtype=np.int64)
         vertex_of_fan[fans.ravel()] = self.faces.ravel()
         count = np.bincount(vertex_of_fan, minlength=self.n_vertices)
         return frozen(np.flatnonzero(count > 1))
 
-    def _corner_fans(self) -> NDArray[np.int64]:
+    @cached_property
+    def corner_fans(self) -> NDArray[np.int64]:
         """(m, 3) number of the fan (corners joined across shared edges) that holds corner k."""
         side_edge = self.side_edge.ravel()
         n_corners = len(side_edge)
@@ -177,7 +178,7 @@ class Topology:
         rows = np.concatenate([low_corner[a], high_corner[a]])
         cols = np.concatenate([low_corner[b], high_corner[b]])
         graph = coo_array((np.ones(len(rows), dtype=np.int8), (rows, cols)), shape=(n_corners, n_corners))
-        return connected_components(graph, directed=False)[1].reshape(-1, 3)
+        return frozen(connected_components(graph, directed=False)[1].astype(np.int64).reshape(-1, 3))
 
     @cached_property
     def _vertex_components(self) -> tuple[int, NDArray[np.int64]]:

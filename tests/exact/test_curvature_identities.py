@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from ddgcli.algorithms import curvature as exact
-from ddgcli.algorithms.curvature_ball import clip_triangles
 from ddgcli.algorithms.curvature_faces import Faces
 from ddgcli.algorithms.curvature_measure import SCHEMES, measure
 from ddgcli.errors import MeshError, ParameterError
@@ -237,22 +236,6 @@ def test_needles_and_caps_keep_their_angles():
     assert measured.accuracy["force_balance_residual"] < 1e-13
     for name, values in measured.vertex.items():
         assert np.isfinite(values).all(), name
-
-
-def test_triangles_clipped_by_a_ball_against_sampling():
-    rng = np.random.default_rng(0)
-    corner = rng.normal(size=(40, 3, 3))
-    area, chord = clip_triangles(corner, 1.0)
-    u = rng.random((20_000, 2))
-    u[u.sum(axis=1) > 1] = 1 - u[u.sum(axis=1) > 1]
-    for k, (a, b, c) in enumerate(corner):
-        whole = 0.5 * np.linalg.norm(np.cross(b - a, c - a))
-        inside = np.linalg.norm(a + u[:, :1] * (b - a) + u[:, 1:] * (c - a), axis=1) <= 1
-        assert area[k] == pytest.approx(whole * inside.mean(), abs=0.02 * whole + 1e-12)
-        t = np.linspace(0, 1, 20_001)[:, None]
-        for j, (s, e) in enumerate(((a, b), (b, c), (c, a))):
-            share = (np.linalg.norm(s + t * (e - s), axis=1) <= 1).mean()
-            assert chord[k, j] == pytest.approx(share * np.linalg.norm(e - s), abs=1e-3)
 
 
 def test_a_ball_that_holds_all_measures_everything():

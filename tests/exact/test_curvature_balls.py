@@ -1,0 +1,165 @@
+"""Balls about vertices against a slow, plain reference: face by face, every side clipped on its own."""
+
+import numpy as np
+import pytest
+
+from ddgcli.algorithms.curvature_clip import FacePlanes
+from ddgcli.algorithms.curvature_face_balls import FaceBalls
+from ddgcli.mesh import shapes
+from ddgcli.mesh.triangle_mesh import TriangleMesh
+
+
+def crumpled():
+    mesh = shapes.torus(16, 8)
+    return mesh.moved(mesh.points + 0.1 * np.random.default_rng(3).normal(size=mesh.points.shape))
+
+
+def two_spheres_at_a_vertex():
+    one = shapes.random_sphere(60)
+    other = np.where(one.faces == 5, 5, one.faces + 60)
+    points = np.concatenate([one.points, 2 * one.points[5] - one.points])
+    return TriangleMesh.from_arrays(points, np.concatenate([one.faces, other[:, ::-1]]))
+
+
+def three_pages():
+    page = shapes.grid(4, 4).points
+    faces = shapes.grid(4, 4).faces
+    spine = page[:, 0] < 1e-9
+    pages, cells, n = [page], [faces], len(page)
+    for turn in (2.0, 4.0):
+        new = page @ np.array([[np.cos(turn), 0, np.sin(turn)], [0, 1, 0], [0, 0, 1]])
+        cells.append(np.where(spine, np.arange(n), np.arange(n) + n * len(pages))[faces])
+        pages.append(new)
+    return TriangleMesh.from_arrays(np.concatenate(pages), np.concatenate(cells))
+
+
+def with_a_flat_face():
+    mesh = shapes.random_sphere(80)
+    points = mesh.points.copy()
+    a, b, c = mesh.faces[0]
+    points[a] = (points[b] + points[c]) / 2
+    return mesh.moved(points)
+
+
+MESHES = {
+    "irregular": lambda: shapes.random_sphere(120),
+    "crumpled": crumpled,
+    "needles": lambda: shapes.torus(28, 5),
+    "open": lambda: shapes.grid(6, 5, pattern="alternating"),
+    "two fans": two_spheres_at_a_vertex,
+    "three pages": three_pages,
+    "flat face": with_a_flat_face,
+}
+
+
+def chord_of(a, b, radius):
+    """Length of the segment a b inside the ball about the origin."""
+    side = b - a
+    length = np.linalg.norm(side)
+    if length == 0:
+        return 0.0
+    middle = -(a @ side) / length
+    half = np.sqrt(max(radius**2 - a @ a + middle**2, 0.0))
+    return max(min(middle + half, length) - max(middle - half, 0.0), 0.0)
+
+
+def area_of(corners, radius):
+    """Area of a triangle inside the ball, by Gauss quadrature of its width between the events of height."""
+    a, b, c = corners
+    normal = np.cross(b - a, c - a)
+    size = np.linalg.norm(normal)
+    if size < 1e-14:
+        return 0.0
+    normal = normal / size
+    x = (b - a) / np.linalg.norm(b - a)
+    y = np.cross(normal, x)
+    flat = corners @ np.stack([x, y]).T
+    disc = np.sqrt(max(radius**2 - (a @ normal) ** 2, 0.0))
+    events = [*flat[:, 1], -disc, disc]
+    for p, q in zip(flat, np.roll(flat, -1, axis=0)):
+        d = q - p
+        roots = np.roots([d @ d, 2 * p @ d, p @ p - disc**2])
+        events += [p[1] + t.real * d[1] for t in roots if abs(t.imag) < 1e-12]
+    # the rim of the disc is vertical at its ends, so heights follow a sine in every interval
+    low, high = max(flat[:, 1].min(), -disc), min(flat[:, 1].max(), disc)
+    if low >= high:
+        return 0.0
+    cuts = sorted({e for e in events if low < e < high} | {low, high})
+    node, weight = np.polynomial.legendre.leggauss(40)
+    total = 0.0
+    for s, e in zip(cuts, cuts[1:]):
+        angle = np.arcsin(np.clip([s / disc, e / disc], -1, 1))
+        turn = 0.5 * (angle[1] - angle[0]) * node + 0.5 * angle.sum()
+        total += (
+            0.5
+            * (angle[1] - angle[0])
+            * sum(
+                w * disc * np.cos(t) * width_at(flat, disc * np.sin(t), disc * np.cos(t))
+                for w, t in zip(weight, turn)
+            )
+        )
+    return total
+
+
+def width_at(flat, height, half):
+    places = [
+        p[0] + (height - p[1]) / (q[1] - p[1]) * (q[0] - p[0])
+        for p, q in zip(flat, np.roll(flat, -1, axis=0))
+        if (p[1] - height) * (q[1] - height) < 0
+    ]
+    return max(min(max(places), half) - max(min(places), -half), 0.0) if len(places) == 2 else 0.0
+
+
+def plain_ball(mesh, vertex, radius):
+    """Chords of the sides of the faces in the ball, by a walk from face to face across sides inside."""
+    edges = mesh.topology.side_edge
+    waiting, found = [int(f) for f in np.flatnonzero((mesh.faces == vertex).any(axis=1))], {}
+    while waiting:
+        face = waiting.pop()
+        if face in found:
+            continue
+        corners = mesh.points[mesh.faces[face]] - mesh.points[vertex]
+        found[face] = np.array([chord_of(corners[j], corners[(j + 1) % 3], radius) for j in range(3)])
+        for j in np.flatnonzero(found[face] > 0):
+            waiting += [int(f) for f in np.flatnonzero((edges == edges[face, j]).any(axis=1))]
+    return found
+
+
+@pytest.mark.parametrize("reach", [0.45, 1.3, 2.3])
+@pytest.mark.parametrize("name", MESHES)
+def test_balls_hold_the_faces_and_chords_of_a_plain_walk(name, reach):
+    mesh = MESHES[name]()
+    radius = reach * mesh.side_length.mean()
+    length = mesh.side_length
+    balls, seen = FaceBalls(mesh, radius), 0
+    for ball in balls:
+        for k in range(ball.begin, ball.end):
+            wanted = plain_ball(mesh, k, radius)
+            row = ball.whole[[k - ball.begin]].tocoo()
+            found = {int(f): length[f] for f, one in zip(row.coords[1], row.data) if one}
+            for i in np.flatnonzero(ball.owner == k - ball.begin):
+                found[int(ball.face[i])] = ball.chord[:, i]
+            assert found.keys() == wanted.keys()
+            for face, chords in wanted.items():
+                assert found[face] == pytest.approx(chords, abs=1e-7 * radius)
+            inside = {
+                (int(balls.mesh.topology.corner_fans[f, j]))
+                for f in wanted
+                for j in range(3)
+                if np.linalg.norm(mesh.points[mesh.faces[f, j]] - mesh.points[k]) <= radius
+            }
+            assert set(ball.fans[[k - ball.begin]].indices.tolist()) == inside
+            seen += 1
+    assert seen == mesh.n_vertices
+
+
+def test_areas_inside_balls_against_quadrature():
+    rng = np.random.default_rng(0)
+    corner = np.concatenate([rng.normal(size=(60, 3, 3)), 3 * rng.normal(size=(60, 3, 3)) * [1, 1, 0.1]])
+    planes = FacePlanes.of(corner.transpose(1, 2, 0))
+    area, chord = planes.clip(np.arange(len(corner)), np.zeros((3, len(corner))), 1.0)
+    wanted = np.array([area_of(c, 1.0) for c in corner])
+    assert (wanted > 0).sum() > 60
+    assert area == pytest.approx(wanted, abs=1e-9)
+    sides = [[chord_of(c[j], c[(j + 1) % 3], 1.0) for c in corner] for j in range(3)]
+    assert chord == pytest.approx(np.array(sides), abs=1e-12)
