@@ -14,6 +14,8 @@ from scipy.sparse.csgraph import breadth_first_order
 LANDMARKS = 5
 SMOOTHING = 3
 LEAF = 16
+# cuts one below the other; parts shrink by a fifth at least
+MOST_LEVELS = 60
 # a bad cut has a separator longer than so many square roots of its part, or a half smaller than this share
 LONGEST_SEPARATOR, SMALLEST_SHARE = 5.0, 0.2
 # a part up to this size may stay whole; a bad cut of a larger one gives the whole dissection up
@@ -21,9 +23,10 @@ MAY_STAY_WHOLE = 2000
 
 
 def dissected(matrix: csc_array) -> NDArray[np.int64] | None:
-    """(n,) elimination order: leaves first, then separators from the smallest parts to the whole.
+    """(n,) elimination order: both halves of a part, then its separator, so that every subtree is contiguous.
 
-    None where a large part has no short separator (or the graph is not connected).
+    (In its symmetric mode SuperLU does not sort the tree itself; halves far apart in memory cost it twice the
+    time.) None where a large part has no short separator (or the graph is not connected).
     """
     n = matrix.shape[0]
     place = _landmark_distances(matrix)
@@ -33,22 +36,34 @@ def dissected(matrix: csc_array) -> NDArray[np.int64] | None:
     upper = column < matrix.indices
     tail, head = column[upper], matrix.indices[upper].astype(np.int32)
     depth = np.full(n, n, dtype=np.int32)  # of the cut that took the vertex out; n for leaves
+    last = np.zeros(n, dtype=np.uint64)  # where the part that held the vertex last ends, among the leaves
     vertex, part, n_parts, level = np.arange(n), np.zeros(n, dtype=np.int32), 1, 0
+    path = np.zeros(1, dtype=np.uint64)  # of each part: a bit a cut
     while len(vertex):
         size = np.bincount(part, minlength=n_parts)
         upper_half, separator, good = _cut(place, part, size, tail, head)
-        if (size[~good] > MAY_STAY_WHOLE).any():
+        if level == MOST_LEVELS or (size[~good] > MAY_STAY_WHOLE).any():
             return None
         separator &= good[part]
         depth[vertex[separator]] = level
+        last[vertex] = _end(path, level)[part]
         half = 2 * part + upper_half
         live = good[part] & ~separator
+        half_path = np.repeat(path * np.uint64(2), 2)
+        half_path[1::2] += np.uint64(1)
+        last[vertex[live]] = _end(half_path, level + 1)[half[live]]
         split_on = np.bincount(half[live], minlength=2 * n_parts) > LEAF
         number = np.cumsum(split_on, dtype=np.int32) - 1
         keep = live & split_on[half]
         vertex, place, part, tail, head = _kept(keep, number[half], vertex, place, tail, head)
-        n_parts, level = int(split_on.sum()), level + 1
-    return np.argsort(-depth, kind="stable")
+        path, n_parts, level = half_path[split_on], int(split_on.sum()), level + 1
+    return np.lexsort((-depth, last))
+
+
+def _end(path: NDArray, level: int) -> NDArray[np.uint64]:
+    """Where the interval of leaves below each part ends."""
+    shift = np.uint64(MOST_LEVELS + 1 - level)
+    return ((path + np.uint64(1)) << shift) - np.uint64(1)
 
 
 def _kept(
