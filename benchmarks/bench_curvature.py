@@ -134,6 +134,7 @@ SURFACES = {
     "irregular torus 20k": (lambda: truths.irregular_torus(160, 64), truths.torus_truth),
     "torus 40 x 500": (lambda: truths.irregular_torus(40, 500, jitter=0.0), truths.torus_truth),
     "torus 500 x 40": (lambda: truths.irregular_torus(500, 40, jitter=0.0), truths.torus_truth),
+    "sheared torus 20k": (lambda: ladder.sheared_torus(20_000), truths.torus_truth),
     "noisy ellipsoid 20k (1 % of an edge)": (
         lambda: noisy(truths.irregular_ellipsoid(10_000, AXES), 0.01),
         lambda p: truths.ellipsoid_truth(truths.irregular_ellipsoid(10_000, AXES).points, AXES),

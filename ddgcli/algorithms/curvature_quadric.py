@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 
 from ddgcli.algorithms.curvature_faces import Faces
 from ddgcli.algorithms.curvature_frames import Principal, eigen_2x2, tangent_frame
-from ddgcli.algorithms.curvature_region import Regions, chunks, larger, listed, two_rings, vertex_balls
+from ddgcli.algorithms.curvature_neighbours import neighbourhoods
+from ddgcli.algorithms.curvature_region import Regions, chunks, larger, listed, vertex_balls
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 
 # exponents of x and y; the penalised terms first, so that elimination leaves the system of the low ones
@@ -35,7 +36,7 @@ _PAIRS = 40_000  # neighbours handled at once: the working arrays stay in the ca
 
 
 def quadric(mesh: TriangleMesh, faces: Faces, normal: NDArray, radius: float | None = None) -> Principal:
-    """Principal curvatures of polynomial fits over two rings of neighbours, or over a ball.
+    """Principal curvatures of polynomial fits over rings of neighbours (`neighbourhoods`) or a ball.
 
     Parameters
     ----------
@@ -45,7 +46,7 @@ def quadric(mesh: TriangleMesh, faces: Faces, normal: NDArray, radius: float | N
     radius : float, optional
         Of the ball; a vertex whose ball holds fewer neighbours than its two rings keeps the rings.
     """
-    regions = two_rings(mesh.topology, _ENOUGH)
+    regions = neighbourhoods(mesh, faces, normal, _ENOUGH)
     if radius is not None:
         regions = larger(regions, vertex_balls(mesh, radius))
     columns = faces.points

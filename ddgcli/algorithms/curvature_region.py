@@ -174,9 +174,14 @@ def listed(regions: Regions, vertices: NDArray) -> Regions:
 
 def larger(one: Regions, other: Regions) -> Regions:
     """Each vertex's region from whichever of two lists gives it more members."""
+    return chosen(one, other, other.count > one.count)
+
+
+def chosen(one: Regions, other: Regions, takes_other: NDArray[np.bool_]) -> Regions:
+    """Each vertex's region from the one list or, where so told, from the other."""
     n = len(one.start) - 1
     both = Regions(
         np.concatenate([one.start, one.start[-1] + other.start[1:]]),
         np.concatenate([one.member, other.member]),
     )
-    return listed(both, np.where(other.count > one.count, np.arange(n) + n, np.arange(n)))
+    return listed(both, np.arange(n) + np.where(takes_other, n, 0))

@@ -3,8 +3,13 @@
 import numpy as np
 import pytest
 
+from ddgcli.algorithms.curvature_faces import Faces
+from ddgcli.algorithms.curvature_frames import area_normals
 from ddgcli.algorithms.curvature_measure import SCHEMES, measure
+from ddgcli.algorithms.curvature_neighbours import neighbourhoods
+from ddgcli.algorithms.curvature_region import two_rings
 from ddgcli.mesh import shapes
+from ddgcli.mesh.triangle_mesh import TriangleMesh
 from tests.curvature_truths import ellipsoid_truth, irregular_ellipsoid, irregular_torus, torus_truth
 
 AXES = (1.5, 1.0, 0.6)
@@ -137,3 +142,38 @@ def test_minimal_and_developable_surfaces(scheme):
 def test_the_default_scheme_measures_boundaries_too():
     v = measure(shapes.cylinder(96, 48)).vertex
     assert np.allclose(v["mean_curvature"], 0.5, atol=5e-4)  # a tenth of a per cent, one-sided
+
+
+def sheared(n, cells):
+    """Torus whose grid is sheared by so many cells that rings of neighbours follow the needles around it."""
+    u, v, faces = shapes.wrapped_grid(2 * n, n, wrap_u=True, wrap_v=True)
+    u, v = 2 * np.pi * u, 2 * np.pi * (v + cells * u)
+    r = 1 + 0.4 * np.cos(v)
+    points = np.stack([r * np.cos(u), r * np.sin(u), 0.4 * np.sin(v)], axis=1)
+    return TriangleMesh.from_arrays(points, faces)
+
+
+def test_fits_on_sheared_cells_take_their_neighbours_from_the_delaunay_triangulation():
+    found = []
+    for n in (24, 48):
+        mesh = sheared(n, 3)
+        found.append(errors(mesh, torus_truth(mesh.points), "quadric"))
+    assert found[0]["K"] < 0.05 and found[0]["H"] < 0.02
+    assert np.log2(found[0]["K"] / found[1]["K"]) > 3, "fourth order, as on other meshes"
+
+
+def test_cells_stretched_along_the_curvature_keep_their_own_rings():
+    mesh = shapes.random_sphere(1000)
+    mesh = mesh.moved(mesh.points * [1.0, 1.0, 8.0])
+    faces = Faces.of(mesh)
+    rings = two_rings(mesh.topology, 15)
+    found = neighbourhoods(mesh, faces, area_normals(faces), 15)
+    assert len(found.member) == len(rings.member) and (found.member == rings.member).all()
+
+
+def test_sheared_surfaces_that_cannot_be_flipped_are_measured_all_the_same():
+    mesh = sheared(16, 3)
+    page = np.append(mesh.faces, [[mesh.faces[0, 1], mesh.faces[0, 0], mesh.n_vertices]], axis=0)
+    points = np.append(mesh.points, [[2.0, 0.0, 1.0]], axis=0)
+    values = measure(TriangleMesh.from_arrays(points, page)).vertex["mean_curvature"]
+    assert np.isfinite(values).all()
