@@ -14,7 +14,12 @@ INTRINSIC_FORMATS = (".npz", ".vtkhdf")
 OVERLAY_FORMATS = (".npz", ".vtkhdf", ".ply", ".vtu", ".vtp", ".vtk", ".xdmf", ".obj", ".off", ".stl")
 
 
-@click.command("delaunay")
+@click.command(
+    "delaunay",
+    epilog="Which: flips alone (the default) are enough for Laplacians and distances; --refine 25 "
+    "where angles must be bounded, at ten to a hundred times the time. See docs/delaunay.md "
+    "and docs/accuracy/delaunay.md.",
+)
 @options.mesh_arg
 @click.option(
     "--refine",

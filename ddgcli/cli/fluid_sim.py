@@ -13,7 +13,11 @@ from ddgcli.cli.options import Common
 from ddgcli.cli.run import Run
 
 
-@click.command("fluid-sim")
+@click.command(
+    "fluid-sim",
+    epilog="Which: conservative for accuracy; circulation for steps many cells long. See "
+    "docs/fluid-sim.md and docs/accuracy/fluid-sim.md.",
+)
 @options.scene_arg
 @options.common
 @simulate.time_options
@@ -124,6 +128,7 @@ def _draw(path: str, meshes: list[Any], outcome: Any) -> None:
 
     mesh, _ = joined_mesh(meshes)
     last = outcome.last
+    reach = float(np.abs(last.vertex["vorticity"]).max(initial=0.0)) or 1.0  # vortices are small and count
     shown = np.flatnonzero(~wraps(meshes))
     draw_surface(
         path,
@@ -132,4 +137,5 @@ def _draw(path: str, meshes: list[Any], outcome: Any) -> None:
         label="vorticity [1/s]",
         title=f"t = {last.time:.4g} s",
         signed=True,
+        limits=(-reach, reach),
     )

@@ -24,10 +24,13 @@ from ddgcli.cli.geodesic_distance import (
 from ddgcli.cli.options import Common
 from ddgcli.cli.run import Run
 
-LISTS = ("--source", "--source-point", "--source-face", "--compare", "--path-to", "--trace")
 
-
-@click.command("geodesic", cls=options.listing(*LISTS))
+@click.command(
+    "geodesic",
+    epilog="Which: exact for one source; heat for many, a few per cent off; fast-marching for about one per "
+    "cent in a fraction of the time. ddgcli tradeoff geodesic shows it on your mesh. See docs/geodesic.md "
+    "and docs/accuracy/geodesic.md.",
+)
 @options.mesh_arg
 @distance_options
 @curve_options

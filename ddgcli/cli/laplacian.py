@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from ddgcli.cli import options
-from ddgcli.cli.options import Common, Real, Several, SpreadCommand
+from ddgcli.cli.options import Common, Real
 from ddgcli.cli.run import Run
 from ddgcli.errors import ParameterError
 
@@ -33,7 +33,12 @@ class FixedValue(click.ParamType):
         return int(vertex), Real().convert(number, param, ctx)
 
 
-@click.command("laplacian", cls=SpreadCommand)
+@click.command(
+    "laplacian",
+    epilog="Which: the default, intrinsic-delaunay with lumped mass, costs little more than cotan "
+    "and never suffers from obtuse triangles; galerkin bounds eigenvalues from above. See "
+    "docs/laplacian.md and docs/accuracy/laplacian.md.",
+)
 @options.mesh_arg
 @click.option(
     "--operator",
@@ -57,7 +62,7 @@ class FixedValue(click.ParamType):
 @click.option("--harmonic", is_flag=True, help="Interpolate the values of --fix harmonically.")
 @click.option(
     "--fix",
-    cls=Several,
+    multiple=True,
     type=FixedValue(),
     metavar="ID=VALUE...",
     help="Value at a vertex, for --harmonic and --poisson.",
@@ -76,7 +81,7 @@ class FixedValue(click.ParamType):
 )
 @click.option(
     "--hks",
-    cls=Several,
+    multiple=True,
     type=options.POSITIVE,
     metavar="T...",
     help="Heat kernel signatures at these times: hks_000, ...",

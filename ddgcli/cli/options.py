@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import functools
 import math
-import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -50,44 +49,6 @@ class Real(click.ParamType):
         if self.least is not None and x < self.least:
             self.fail(f"{value} is less than {self.least:g}", param, ctx)
         return x
-
-
-class Several(click.Option):
-    """An option that may be repeated, and that in a `SpreadCommand` takes several numbers in a row."""
-
-    def __init__(self, *args: Any, **kwargs: Any) -> None:
-        kwargs["multiple"] = True
-        super().__init__(*args, **kwargs)
-
-
-class SpreadCommand(click.Command):
-    """A command whose `Several` options take `--source 3 5 8` as well as `--source 3 --source 5`.
-
-    Words after the first value belong to the option as long as they are made like numbers (3, 0.5, 7=1e-3,
-    4:0.2,0.3,0.5); anything else ends it.
-    """
-
-    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
-        names = {name for param in self.params if isinstance(param, Several) for name in param.opts}
-        return super().parse_args(ctx, _spread(args, names))
-
-
-NUMBERS = re.compile(r"[-+]?[\d.][-+\d.eE,:=]*")
-
-
-def _spread(args: list[str], names: set[str]) -> list[str]:
-    spread: list[str] = []
-    current = None
-    for word in args:
-        if current is not None and len(spread) >= 2 and spread[-2] == current and NUMBERS.fullmatch(word):
-            spread += [current, word]
-            continue
-        if word in names:
-            current = word
-        elif not (spread and spread[-1] == current):
-            current = None
-        spread.append(word)
-    return spread
 
 
 class View(click.ParamType):
@@ -154,37 +115,3 @@ def common(command: Callable) -> Callable:
     for option in reversed(_COMMON):
         gathered = option(gathered)
     return gathered
-
-
-_VALUE = re.compile(r"-?[\d.][\d.,:eE+-]*")
-
-
-def listing(*names: str) -> type[click.Command]:
-    """A command class whose options `names` take several values after one another: --source 0 5 9.
-
-    A word that follows such an option's value belongs to it when it reads like numbers, or like one of the
-    choices of the option.
-    """
-
-    class Listing(click.Command):
-        def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
-            choices = {
-                name: tuple(getattr(parameter.type, "choices", ()))
-                for parameter in self.params
-                for name in parameter.opts
-            }
-            spelled: list[str] = []
-            current: str | None = None
-            for i, word in enumerate(args):
-                if word in names:
-                    current = word
-                elif word.startswith("--") or (i and args[i - 1] == current):
-                    current = current if i and args[i - 1] == current else None
-                elif current and (_VALUE.fullmatch(word) or word in choices.get(current, ())):
-                    spelled.append(current)
-                else:
-                    current = None
-                spelled.append(word)
-            return super().parse_args(ctx, spelled)
-
-    return Listing

@@ -11,7 +11,12 @@ from ddgcli.cli.options import Common
 from ddgcli.cli.run import Run
 
 
-@click.command("shell-sim")
+@click.command(
+    "shell-sim",
+    epilog="Which: newmark (second order) unless motion is stiff and detail unwanted, then "
+    "implicit-euler; verlet where its stable step is long enough. See docs/shell-sim.md and "
+    "docs/accuracy/shell-sim.md.",
+)
 @options.scene_arg
 @options.common
 @simulate.time_options

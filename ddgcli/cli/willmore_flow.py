@@ -14,7 +14,12 @@ from ddgcli.errors import ParameterError
 LATER = "is not available yet"
 
 
-@click.command("willmore-flow")
+@click.command(
+    "willmore-flow",
+    epilog="Which: no --dt for the shape of least energy; --dt and --duration for the flow in time; "
+    "sullivan unless you compare with other energies. See docs/willmore-flow.md and "
+    "docs/accuracy/willmore-flow.md.",
+)
 @options.mesh_arg
 @options.common
 @simulate.time_options
