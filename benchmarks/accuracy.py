@@ -11,19 +11,23 @@ from __future__ import annotations
 import argparse
 import csv
 import json
+import re
 import sys
+from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from benchmarks.accuracy_advice import ADVICE
+from benchmarks.accuracy_advice import ADVICE, theory
 from benchmarks.accuracy_peers import peers_of
-from benchmarks.families import STUDIES
-from ddgcli.mesh.triangle_mesh import TriangleMesh
+from benchmarks.accuracy_simulators import SIMULATED
+from benchmarks.accuracy_trial import Case, Trial
+from benchmarks.families import STUDIES, Ladder
 from ddgcli.plots.chart import draw_chart
-from ddgcli.tradeoff.candidates import Row
+from ddgcli.tradeoff.candidates import Candidate, Problem, Row
 from ddgcli.tradeoff.front import mark_front
 from ddgcli.tradeoff.measure import run_problem
 from ddgcli.tradeoff.problems.table import mesh_problem
@@ -36,16 +40,17 @@ SMALL = (0, 1)
 # an error may rise by this factor, a rate fall by this much, before the check fails
 ERROR_SLACK, RATE_SLACK = 1.05, 0.1
 # guess of the seconds above which the check leaves a configuration to the atlas
-CHEAP = 0.15
+CHEAP, CHEAP_RUN = 0.15, 0.05
 
 
-def measured(command: str, truth: str, mesh: TriangleMesh, *, repeat: int, peers: bool) -> list[Row]:
-    """Rows of one command on one mesh with a known truth; without peers, the cheap ones only (the check)."""
-    problem = mesh_problem(command, mesh, truth=parse_truth(truth, mesh.points))
-    if not peers:
-        problem = replace(problem, candidates=[c for c in problem.candidates if c.work <= CHEAP])
-    if peers:
-        problem = replace(problem, candidates=[*problem.candidates, *peers_of(command, mesh)])
+def measured(
+    problem: Problem, *, repeat: int, peers: Sequence[Candidate] | None, cheap: float = CHEAP
+) -> list[Row]:
+    """Rows of a problem with a known truth; without peers, the cheap ones only (the check)."""
+    if peers is None:
+        problem = replace(problem, candidates=[c for c in problem.candidates if c.work <= cheap])
+    else:
+        problem = replace(problem, candidates=[*problem.candidates, *peers])
     rows = run_problem(problem, repeat=repeat, budget=90.0).rows
     mark_front(rows)
     return rows
@@ -56,16 +61,35 @@ def study(
 ) -> list[dict[str, Any]]:
     """All rows of a command, as plain dictionaries."""
     found = []
-    for truth, ladders in STUDIES[command]:
-        for family, make in ladders.items():
-            for level in levels:
-                mesh = make(level)
-                head = {"truth": truth, "family": family, "level": level, "faces": mesh.n_faces}
-                head["h"] = float(mesh.side_length.mean())
-                for row in measured(command, truth, mesh, repeat=repeat, peers=peers):
-                    found.append(head | as_row(row))
-                print(f"{command} {truth} {family} {mesh.n_faces}", file=sys.stderr, flush=True)
+    for case in cases(command):
+        for level in levels:
+            trial = case.trial(level)
+            head = {"truth": case.truth, "family": case.family, "level": level, "faces": trial.faces}
+            head["h"] = trial.h
+            others = trial.peers() if peers else None
+            cheap = CHEAP_RUN if command in SIMULATED else CHEAP
+            rows = measured(trial.problem, repeat=repeat, peers=others, cheap=cheap)
+            found += [head | as_row(row) for row in rows]
+            print(f"{command} {case.truth} {case.family} {trial.faces}", file=sys.stderr, flush=True)
     return found
+
+
+def cases(command: str) -> list[Case]:
+    """Truths and families of a command, the ones shown in pictures first."""
+    if command in SIMULATED:
+        return SIMULATED[command]
+    return [
+        Case(truth, family, partial(mesh_trial, command, truth, make))
+        for truth, ladders in STUDIES[command]
+        for family, make in ladders.items()
+    ]
+
+
+def mesh_trial(command: str, truth: str, make: Ladder, level: int) -> Trial:
+    """A command on the mesh of one level."""
+    mesh = make(level)
+    problem = mesh_problem(command, mesh, truth=parse_truth(truth, mesh.points))
+    return Trial(mesh.n_faces, float(mesh.side_length.mean()), problem, lambda: list(peers_of(command, mesh)))
 
 
 def as_row(row: Row) -> dict[str, Any]:
@@ -104,20 +128,32 @@ def write(command: str, rows: list[dict[str, Any]]) -> None:
         writer.writerows(
             {k: f"{v:.4g}" if isinstance(v, float) else v for k, v in row.items()} for row in rows
         )
-    truth = STUDIES[command][0][0]
-    for family in STUDIES[command][0][1]:
-        picture(command, truth, family, [r for r in rows if r["truth"] == truth and r["family"] == family])
+    for case in drawn(command):
+        shown = [r for r in rows if (r["truth"], r["family"]) == (case.truth, case.family)]
+        picture(command, case, shown)
     (HERE / f"{command}.md").write_text(page(command, rows), encoding="utf-8")
 
 
-def picture(command: str, truth: str, family: str, rows: list[dict[str, Any]]) -> None:
-    """Error against seconds: a line a configuration, a point a mesh."""
+def drawn(command: str) -> list[Case]:
+    """Cases that have a picture: all of a simulator, the first truth of the others."""
+    found = cases(command)
+    return found if command in SIMULATED else [c for c in found if c.truth == found[0].truth]
+
+
+def picture_name(command: str, case: Case) -> str:
+    """File of a picture."""
+    words = [command, case.truth if command in SIMULATED else "", case.family]
+    return re.sub(r"[^a-z0-9]+", "-", " ".join(words).lower()) + ".png"
+
+
+def picture(command: str, case: Case, rows: list[dict[str, Any]]) -> None:
+    """Error against seconds: a line a configuration, a point a mesh (or a step)."""
     lines: dict[str, list[dict[str, Any]]] = {}
     for row in rows:
         lines.setdefault(row["configuration"], []).append(row)
     best = sorted(lines, key=lambda name: -sum(r["on_front"] for r in lines[name]))[:8]
     draw_chart(
-        str(HERE / f"{command}-{family}.png"),
+        str(HERE / picture_name(command, case)),
         {
             name: (
                 [r["setup_seconds"] + r["seconds"] for r in lines[name]],
@@ -129,8 +165,8 @@ def picture(command: str, truth: str, family: str, rows: list[dict[str, Any]]) -
         xlabel="seconds (set-up and one query)",
         ylabel="mean relative error",
         log="xy",
-        title=f"{command}: {truth}, {family} triangulations",
-        caption=f"One point a mesh of the ladder.\n{machine()}",
+        title=f"{command}: {case.truth}, {case.family}" + ("" if command in SIMULATED else " triangulations"),
+        caption=f"One point a {'step' if case.family == 'steps' else 'mesh'} of the ladder.\n{machine()}",
     )
 
 
@@ -138,23 +174,26 @@ def page(command: str, rows: list[dict[str, Any]]) -> str:
     """Tables of errors and rates, for every truth and family."""
     observed = rates(rows)
     text = [f"# {command}: error against seconds\n", ADVICE[command].strip(), ""]
-    text += [f"![{family}]({command}-{family}.png)" for family in STUDIES[command][0][1]]
-    for truth, ladders in STUDIES[command]:
-        for family in ladders:
-            group = [r for r in rows if r["truth"] == truth and r["family"] == family]
-            finest = max(r["level"] for r in group)
-            last = [r for r in group if r["level"] == finest]
-            text += [f"\n## {truth}, {family}: {last[0]['faces']} faces\n"]
-            text += ["| configuration | mean error | max error | rate | set-up s | query s | MiB | front |"]
-            text += ["| --- | --- | --- | --- | --- | --- | --- | --- |"]
-            for r in sorted(last, key=lambda r: r["setup_seconds"] + r["seconds"]):
-                rate = observed.get((truth, family, r["configuration"]))
-                text.append(
-                    f"| {r['configuration']} | {r['mean_error']:.1e} | {r['max_error']:.1e} | "
-                    f"{'-' if rate is None else f'{rate:.1f}'} | {r['setup_seconds']:.2g} | "
-                    f"{r['seconds']:.2g} | "
-                    f"{r['peak_mib']:.0f} | {'*' if r['on_front'] else ''} |"
-                )
+    text += [f"![{case.truth}, {case.family}]({picture_name(command, case)})" for case in drawn(command)]
+    for case in cases(command):
+        group = [r for r in rows if (r["truth"], r["family"]) == (case.truth, case.family)]
+        finest = max(r["level"] for r in group)
+        last = [r for r in group if r["level"] == finest]
+        step = f", step {last[0]['h']:.3g}" if case.family == "steps" else ""
+        text += [f"\n## {case.truth}, {case.family}: {last[0]['faces']} faces{step}\n"]
+        text += [
+            "| configuration | mean error | max error | rate | theory | set-up s | query s | MiB | front |"
+        ]
+        text += ["| --- | --- | --- | --- | --- | --- | --- | --- | --- |"]
+        for r in sorted(last, key=lambda r: r["setup_seconds"] + r["seconds"]):
+            rate = observed.get((case.truth, case.family, r["configuration"]))
+            text.append(
+                f"| {r['configuration']} | {r['mean_error']:.1e} | {r['max_error']:.1e} | "
+                f"{'-' if rate is None else f'{rate:.1f}'} | "
+                f"{theory(command, case.family, r['configuration'])} | "
+                f"{r['setup_seconds']:.2g} | {r['seconds']:.2g} | "
+                f"{r['peak_mib']:.0f} | {'*' if r['on_front'] else ''} |"
+            )
     return "\n".join([*text, "", f"{machine()}. `make accuracy` measures anew.", ""])
 
 
@@ -189,7 +228,7 @@ def worse(stored: dict[str, Any], found: dict[str, Any]) -> list[str]:
 def main() -> int:
     """Regenerate the atlas, or check against it."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("commands", nargs="*", default=list(STUDIES), help="commands (default: all)")
+    parser.add_argument("commands", nargs="*", default=[*STUDIES, *SIMULATED], help="commands (default: all)")
     parser.add_argument("--check", action="store_true", help="rerun the small meshes and compare")
     given = parser.parse_args()
     store = HERE / "check.json"
@@ -202,7 +241,7 @@ def main() -> int:
         print("\n".join(lines) or "accuracy: nothing has become worse")
         return 1 if lines else 0
     for command in given.commands:
-        rows = study(command, LEVELS)
+        rows = study(command, LEVELS, repeat=1 if command in SIMULATED else 3)
         write(command, rows)
         ours = [r for r in rows if not r["configuration"].startswith(PEER_NAMES)]
         again = study(command, SMALL, repeat=1, peers=False)

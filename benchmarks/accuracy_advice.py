@@ -1,5 +1,7 @@
 """What theory says of each command, and which method to take when, as the tables bear out."""
 
+from ddgcli.evolve.integrators import INTEGRATORS
+
 ADVICE = {
     "curvature": """
 Theory: on smooth surfaces a quadric fit converges at second order on any sampling; corrected measures in
@@ -15,4 +17,52 @@ Theory: eigenvalues converge at second order; from above for the Galerkin mass.
     "delaunay": """
 Theory: second order on every family; flips and refinement lower the constant where triangles are bad.
 """,
+    "willmore-flow": """
+Theory: `sullivan` and `cotan` are of second order where vertex stars are symmetric to leading order (geodesic
+spheres, grids of one diagonal); on irregular or alternating stars an error stays that refinement does not
+remove. `hinge` depends on the directions of the edges. Timed steps are of second order.
+
+Which: `sullivan` (the default) has the smaller error on the sphere and the ellipsoid, `cotan` on the torus.
+On irregular triangulations trust no energy as a number to better than a tenth, however fine the mesh: make
+the mesh regular first. A step of an eighth of a mode's life time costs `sullivan` next to no accuracy: there
+the mesh, not the step, makes the error.
+""",
+    "fluid-sim": """
+Theory: `conservative` is of second order in the mesh and of fourth (rk4) or second (midpoint) in the step;
+`circulation` is of first order in the step, and no rate in the mesh is known.
+
+Which: `conservative` (the default): its error is the mesh's at both steps, so take the long one (what its
+stability does not allow is divided). `midpoint` is as accurate, and cheaper where the flow is nearly steady.
+`circulation` mostly has ten times the error or more; at a fixed step it does not fall steadily as meshes get
+finer, and can grow. It pays with long steps on irregular meshes, whose smallest faces bind the step of
+rk4; that it is the more accurate there too is luck: its shorter step has ten times the error.
+""",
+    "shell-sim": """
+Theory: the column of cells that holds the cantilever is an error of first order; what is left is the plate
+that a hinge mesh is, which depends on the pattern and does not go away (docs/shell-sim.md), so the rate
+ends at zero (and is of no meaning where the error changes its sign on the way).
+
+Which: `alternating` or `right` grids, not `cross`, whose bending is off by more than an eighth at any size.
+On flat rests `quadratic` has the error of `hinge` in less time. For short free motion of a soft sheet
+`verlet` is the cheapest; `newmark` and `implicit-midpoint` have errors of its size at equal steps. The Euler
+schemes are never worth it for accuracy.
+""",
 }
+
+# rates of the smooth energies hold where vertex stars are symmetric to leading order
+SYMMETRIC = ("good", "right", "meshes", "steps")
+
+
+def theory(command: str, family: str, configuration: str) -> str:
+    """Rate that theory gives a simulator's configuration, "-" where it gives none."""
+    method = configuration.split(" dt=")[0]
+    if command == "willmore-flow":
+        return "2" if family in SYMMETRIC and method in ("sullivan", "cotan") else "-"
+    if command == "fluid-sim":
+        orders = {"conservative": "4", "conservative midpoint": "2", "circulation": "1"}
+        if family == "steps":
+            return orders[method]
+        return "2" if method.startswith("conservative") else "-"
+    if command == "shell-sim":
+        return str(INTEGRATORS[method].order) if family == "steps" else "1, then 0"
+    return "-"

@@ -55,7 +55,8 @@ def draw_chart(
         Join the points of a series by a line.
     """
     with page(path, width, height, dpi) as figure:
-        axes = figure.add_axes((0.11, 0.18, 0.64 if len(series) > 1 else 0.85, 0.73))
+        across = 0.85 if len(series) < 2 else 0.64 - 0.009 * max(0, max(map(len, series)) - 16)
+        axes = figure.add_axes((0.11, 0.18, max(across, 0.4), 0.73))
         kept = {name: _drawable(x, y, log) for name, (x, y) in series.items()}
         axes.set_xscale("log" if "x" in log else "linear")
         axes.set_yscale("log" if "y" in log else "linear")
@@ -73,10 +74,26 @@ def draw_chart(
         axes.set(xlabel=xlabel, ylabel=ylabel, title=title)
         axes.grid(True, which="major", color="0.85", linewidth=0.5)
         axes.set_axisbelow(True)
+        for name, axis in (("x", axes.xaxis), ("y", axes.yaxis)):
+            if name in log:
+                _label_few_decades(axis)
         axes.spines[["top", "right"]].set_visible(False)
         if len(series) > 1:
-            axes.legend(loc="center left", bbox_to_anchor=(1.02, 0.5), frameon=False, handlelength=3.2)
+            axes.legend(
+                loc="center left", bbox_to_anchor=(1.02, 0.5), frameon=False, handlelength=3.2, fontsize=8
+            )
         figure.text(0.02, 0.01, caption, ha="left", va="bottom", fontsize=7.5, color="0.35")
+
+
+def _label_few_decades(axis: Any) -> None:
+    """Labels at 1, 2, 5 where a logarithmic axis spans less than two decades: else they overlap or lack."""
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
+    low, high = axis.get_view_interval()
+    axis.set_minor_formatter(NullFormatter())
+    if high < 100 * low:
+        axis.set_major_locator(LogLocator(10, subs=(1, 2, 5)))
+        axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
 
 
 def _drawable(x: ArrayLike, y: ArrayLike, log: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
