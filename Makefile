@@ -61,7 +61,7 @@ fmt: $(STAMP_TEST)  ## format the code
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
 
-test: $(STAMP_TEST) lint  ## install what tests need and run lint and the suite
+test: $(STAMP_TEST) lint accuracy-check  ## install what tests need; run lint, the accuracy check and the suite
 	$(BIN)/python -m pytest -n 2 -m 'not slow'
 
 test-all: $(STAMP_TEST) lint  ## the slow tests too

@@ -35,9 +35,9 @@ class FixedValue(click.ParamType):
 
 @click.command(
     "laplacian",
-    epilog="Which: the default, intrinsic-delaunay with lumped mass, costs little more than cotan "
-    "and never suffers from obtuse triangles; galerkin bounds eigenvalues from above. See "
-    "docs/laplacian.md and docs/accuracy/laplacian.md.",
+    epilog="Which: the default, intrinsic-delaunay with lumped mass, costs little more than cotan and keeps "
+    "weights positive on any triangles; galerkin bounds eigenvalues from above. See docs/laplacian.md and "
+    "docs/accuracy/laplacian.md.",
 )
 @options.mesh_arg
 @click.option(
