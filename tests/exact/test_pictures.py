@@ -113,6 +113,9 @@ def test_unknown_values_and_odd_meshes_still_give_a_picture(tmp_path):
         draw_surface(str(tmp_path / "c.png"), flat_line.moved(flat_line.points * scale), dpi=50)
     empty = TriangleMesh.from_arrays(np.zeros((0, 3)), np.zeros((0, 3), dtype=int))
     draw_surface(str(tmp_path / "d.png"), empty, dpi=50)
+    for picture in tmp_path.iterdir():
+        assert picture.read_bytes().startswith(b"\x89PNG") and picture.stat().st_size > 500
+    assert len(list(tmp_path.iterdir())) == 4
 
 
 def test_a_picture_that_cannot_be_written_is_refused(tmp_path):

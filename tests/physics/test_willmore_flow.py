@@ -226,4 +226,5 @@ def test_sphere_json_is_strict(run, tmp_path):
     path = tmp_path / "s.ply"
     write_mesh(str(path), AnnotatedMesh(shapes.icosphere(2)))
     result = run("willmore-flow", path, "--json", "--dt", "1e-3", "--steps", "3")
-    json.loads(result.stdout, parse_constant=lambda c: pytest.fail(c))
+    summary = json.loads(result.stdout, parse_constant=lambda c: pytest.fail(c))
+    assert result.exit_code == 0 and len(summary["results"]["energy"]) == 4
