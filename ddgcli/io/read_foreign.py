@@ -11,7 +11,6 @@ import contextlib
 import io
 import warnings
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -200,8 +199,3 @@ def _block_kind(name: str, vtk_types: dict[str, int]) -> tuple[str, int | None]:
 def suffixes() -> set[str]:
     """Extensions that this module reads."""
     return set(MESHIO) | TRIMESH
-
-
-def is_meshio(path: str) -> bool:
-    """Whether meshio is the reader of this extension."""
-    return Path(path).suffix.lower() in MESHIO

@@ -31,12 +31,6 @@ def welded(mesh: TriangleMesh) -> tuple[TriangleMesh, NDArray[np.int64]]:
     return TriangleMesh.from_arrays(points, index[mesh.faces]), index
 
 
-def without_faces(mesh: TriangleMesh, drop: NDArray[np.bool_]) -> tuple[TriangleMesh, NDArray[np.int64]]:
-    """The mesh without some faces, over the same vertices, and the old number of each face that is left."""
-    kept = np.flatnonzero(~drop)
-    return TriangleMesh.from_arrays(mesh.points, mesh.faces[kept]), kept
-
-
 def without_unreferenced(mesh: TriangleMesh) -> tuple[TriangleMesh, NDArray[np.int64]]:
     """The mesh without vertices that no face uses, and the new number of each vertex (-1: dropped)."""
     used = mesh.topology.referenced_vertex
