@@ -1,4 +1,8 @@
-"""Time, memory and tables for benches: every row stands beside its peer, measured in the same run."""
+"""Time, memory and tables for benches: every row stands beside its peer, measured in the same run.
+
+Seconds are CPU seconds of this process and of the children it has waited for, so that what else the machine
+does blurs no ratio; with one thread each (OMP_NUM_THREADS=1) they are the seconds of a quiet machine.
+"""
 
 from __future__ import annotations
 
@@ -10,6 +14,12 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
+
+
+def cpu_seconds() -> float:
+    """CPU seconds so far of this process and of its finished children."""
+    children = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return time.process_time() + children.ru_utime + children.ru_stime
 
 
 @dataclass(frozen=True)
@@ -30,9 +40,9 @@ def timed(call: Callable[[], Any], repeat: int = 5, warm_up: bool = True) -> Tim
     value = call() if warm_up else None
     seconds = []
     for _ in range(repeat):
-        began = time.perf_counter()
+        began = cpu_seconds()
         value = call()
-        seconds.append(time.perf_counter() - began)
+        seconds.append(cpu_seconds() - began)
     return Timing(statistics.median(seconds), min(seconds), max(seconds), value)
 
 
@@ -42,9 +52,9 @@ def interleaved(calls: dict[str, Callable[[], Any]], repeat: int = 5) -> dict[st
     seconds: dict[str, list[float]] = {name: [] for name in calls}
     for _ in range(repeat):
         for name, call in calls.items():
-            began = time.perf_counter()
+            began = cpu_seconds()
             call()
-            seconds[name].append(time.perf_counter() - began)
+            seconds[name].append(cpu_seconds() - began)
     return {n: Timing(statistics.median(s), min(s), max(s), values[n]) for n, s in seconds.items()}
 
 
