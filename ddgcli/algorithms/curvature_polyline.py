@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,6 +12,8 @@ from numpy.typing import NDArray
 from ddgcli.errors import MeshError
 from ddgcli.mesh.curve import CurveSet
 from ddgcli.mesh.triangle_mesh import vector_length
+
+log = logging.getLogger("ddgcli")
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,6 +61,9 @@ def measure_curves(curves: CurveSet) -> MeasuredCurves:
     results |= {name: _range(vertex[name]) for name in names}
     if len(each) > 1:
         results["curves"] = each
+    if not residuals:
+        log.warning("turning_number is unknown: only a closed curve in the plane has one; %s",
+                    "this one is open" if planar else "this one is in space")  # fmt: skip
     return MeasuredCurves(vertex, results, {"turning_number_residual": max(residuals, default=None)})
 
 

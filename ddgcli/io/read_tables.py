@@ -15,11 +15,12 @@ from ddgcli.io.raw import RawMesh
 from ddgcli.io.text import rows
 from ddgcli.mesh.repair import merged_points
 
+ROUND_OFF = 1e-12  # of the extent: sin(2 pi) is not 0 in a file of 17 digits
 PLACES = {"points", "faces", "tetrahedra", "lines", "metadata", "edges"}
 
 
 def read_csv(data: bytes) -> RawMesh:
-    """Read 2 or 3 columns of numbers as one polyline, closed if the last row repeats the first.
+    """Read 2 or 3 columns of numbers as a polyline, closed if the last row repeats the first (to round-off).
 
     Separators are commas, semicolons or blanks; one line of column names and `#` comments are passed over.
     """
@@ -45,12 +46,16 @@ def read_csv(data: bytes) -> RawMesh:
         raise MeshFileError(f"line {where + 1}: {found} columns; a curve needs 2 or 3 in every row")
     table = values.reshape(-1, width)
     points = np.column_stack([table, np.zeros((len(table), 3 - width))])
-    if len(points) > 2 and (points[0] == points[-1]).all():
-        index = np.append(np.arange(len(points) - 1), 0)
-        lines_ = np.stack([index[:-1], index[1:]], axis=1)
-        return RawMesh(points[:-1], lines=lines_, input_vertex=index)
-    index = np.arange(len(points))
-    return RawMesh(points, lines=np.stack([index[:-1], index[1:]], axis=1))
+    gap = float(np.abs(points[0] - points[-1]).max())
+    closed = len(points) > 2 and gap <= ROUND_OFF * float(np.ptp(points, axis=0).max())
+    index = np.append(np.arange(len(points) - 1), 0) if closed else np.arange(len(points))
+    lines_ = np.stack([index[:-1], index[1:]], axis=1)
+    if not closed:
+        return RawMesh(points, lines=lines_)
+    raw = RawMesh(points[:-1], lines=lines_, input_vertex=index)
+    if gap > 0:
+        raw.notes.append(f"the last row repeats the first to round-off ({gap:.1e} off): the curve is closed")
+    return raw
 
 
 def read_wkt(data: bytes) -> RawMesh:

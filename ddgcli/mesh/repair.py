@@ -25,19 +25,6 @@ def merged_points(points: NDArray) -> tuple[NDArray[np.float64], NDArray[np.int6
     return points[np.sort(first)], rank[group]
 
 
-def welded(mesh: TriangleMesh) -> tuple[TriangleMesh, NDArray[np.int64]]:
-    """The mesh with vertices at equal positions merged, and the new number of each vertex."""
-    points, index = merged_points(mesh.points)
-    return TriangleMesh.from_arrays(points, index[mesh.faces]), index
-
-
-def without_unreferenced(mesh: TriangleMesh) -> tuple[TriangleMesh, NDArray[np.int64]]:
-    """The mesh without vertices that no face uses, and the new number of each vertex (-1: dropped)."""
-    used = mesh.topology.referenced_vertex
-    index = np.where(used, np.cumsum(used) - 1, -1)
-    return TriangleMesh.from_arrays(mesh.points[used], index[mesh.faces]), index
-
-
 def oriented(mesh: TriangleMesh) -> tuple[TriangleMesh, NDArray[np.bool_]]:
     """The mesh with consistently oriented faces, and which were turned over (the fewer of each piece).
 

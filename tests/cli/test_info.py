@@ -7,7 +7,7 @@ from ddgcli.algorithms import quality
 from ddgcli.io.mesh_file import read_mesh, write_mesh
 from ddgcli.mesh import shapes
 from ddgcli.mesh.fields import AnnotatedMesh
-from ddgcli.mesh.repair import oriented, welded, without_unreferenced
+from ddgcli.mesh.repair import oriented
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 
 
@@ -138,15 +138,3 @@ def test_curves_and_tetrahedra(tmp_path, summary):
     assert found["results"]["length"] == pytest.approx(4)
     assert found["results"]["accepts"]["curvature"] == "yes"
     assert found["results"]["accepts"]["geodesic"].startswith("no: ")
-
-
-def test_welding_and_dropping():
-    sphere = shapes.icosphere(1)
-    soup = TriangleMesh.from_arrays(sphere.points[sphere.faces].reshape(-1, 3), np.arange(240).reshape(-1, 3))
-    mesh, index = welded(soup)
-    assert mesh.n_vertices == 42 and mesh.topology.euler_characteristic == 2
-    np.testing.assert_array_equal(mesh.points[index], soup.points)
-    extra = TriangleMesh.from_arrays(np.concatenate([[[9.0, 9, 9]], sphere.points]), sphere.faces + 1)
-    kept, number = without_unreferenced(extra)
-    np.testing.assert_array_equal(kept.points, sphere.points)
-    assert number[0] == -1

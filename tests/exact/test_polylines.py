@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 
 from ddgcli.algorithms.curvature_polyline import measure_curve, measure_curves
 from ddgcli.errors import MeshError
+from ddgcli.io.read_tables import read_csv
 from ddgcli.mesh.curve import CurveSet
 
 
@@ -167,3 +168,20 @@ def test_curves_of_every_size_and_place(scale):
     assert moved.vertex["curvature"] * scale == pytest.approx(base.vertex["curvature"], rel=1e-6, abs=1e-9)
     assert moved.results["length"] == pytest.approx(scale * base.results["length"])
     assert moved.results["turning_number"] == 0
+
+
+def test_a_circle_of_full_precision_is_closed_and_a_short_gap_is_not(tmp_path):
+    angle = np.linspace(0, 2 * np.pi, 101)  # sin(2 pi) is -2.4e-16, not 0
+    for gap, closed in ((0.0, True), (1e-9, False)):
+        table = np.stack([np.cos(angle), np.sin(angle) + gap * (angle > 6.2)], axis=1)
+        np.savetxt(tmp_path / "circle.csv", table, delimiter=",")
+        raw = read_csv((tmp_path / "circle.csv").read_bytes())
+        assert (len(raw.points) == 100) is closed
+        assert bool(raw.notes) is closed
+
+
+def test_an_unknown_turning_number_is_told(caplog):
+    assert measure_curves(closed_curve(circle(20))).accuracy["turning_number_residual"] is not None
+    assert not caplog.records
+    assert measure_curves(open_curve(circle(20))).accuracy["turning_number_residual"] is None
+    assert "this one is open" in caplog.text
