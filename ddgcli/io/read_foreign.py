@@ -75,10 +75,15 @@ def read_trimesh(path: str, suffix: str) -> RawMesh:
         with _guarded():
             scene: Any = trimesh.load_scene(path, file_type=suffix[1:], process=False, maintain_order=True)
             parts = scene.dump() if scene.geometry else []
+    except ImportError as error:
+        raise MeshFileError(
+            f"{suffix} needs a package that is not here ({_in_a_line(error)}): "
+            "pip install lxml pycollada networkx"
+        ) from None
     except (Exception, SystemExit) as error:
         raise MeshFileError(
-            f"cannot be read as {suffix} ({_in_a_line(error)}); it is damaged, or its reader is not installed"
-        ) from error
+            f"cannot be read as {suffix} ({_in_a_line(error)}); the file is damaged"
+        ) from None
     meshes = [p for p in parts if hasattr(p, "faces")]
     if not meshes:
         raise MeshFileError("no triangles in the file; only surfaces are taken from this format")
@@ -87,6 +92,8 @@ def read_trimesh(path: str, suffix: str) -> RawMesh:
     raw.add_faces(np.concatenate([np.asarray(m.faces) + s for m, s in zip(meshes, shift)]))
     if len(meshes) > 1:
         raw.notes.append(f"{len(meshes)} parts of a scene put into one mesh; vertices are not merged")
+    if suffix == ".dae":
+        raw.notes.append("Collada numbers vertices by face corner: their order is that of first use")
     return raw
 
 
