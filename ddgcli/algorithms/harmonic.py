@@ -10,11 +10,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import block_array, csr_array, diags_array
-from scipy.sparse.linalg import cg
+from scipy.sparse import block_array, csr_array
 
 from ddgcli.algorithms.homology import Boundary, betti_numbers, closed_cochains
-from ddgcli.errors import SolveError
+from ddgcli.algorithms.solid_homology import solid_cochains
 from ddgcli.linalg.constrain import Dirichlet, floating_components
 from ddgcli.mesh.intrinsic_mesh import IntrinsicMesh
 from ddgcli.mesh.tet_mesh import TetMesh
@@ -151,32 +150,3 @@ def harmonic_residual(complex_: Complex, star1: csr_array, forms: NDArray, bound
     if boundary == "normal":
         divergence = divergence[~complex_.boundary_vertex]
     return float(max(curl, divergence.max(initial=0.0) / np.abs(flux).max()))
-
-
-def solid_cochains(complex_: Complex, count: int, boundary: Boundary, seed: int = 0) -> csr_array:
-    """Closed 1-forms of a solid in `count` independent classes: random forms less their coexact parts.
-
-    The coexact part c of w solves d' star2 d c = d' star2 d w, a consistent singular system, by conjugate
-    gradients.
-
-    Raises
-    ------
-    SolveError
-        When the iteration does not reach 1e-13.
-    """
-    n_edges = complex_.counts[1]
-    if count == 0:
-        return csr_array((n_edges, 0))
-    free = ~complex_.boundary_edge if boundary == "normal" else np.ones(n_edges, dtype=bool)
-    curl = complex_.derivatives[1].astype(np.float64)[:, np.flatnonzero(free)]
-    stiffness = (curl.T @ hodge_star(complex_, 2) @ curl).tocsr()
-    diagonal = stiffness.diagonal()
-    jacobi = diags_array(1.0 / np.where(diagonal > 0, diagonal, 1.0))
-    result = np.zeros((n_edges, count))
-    for column in range(count):
-        form = np.random.default_rng([seed, column]).normal(size=int(free.sum()))
-        coexact, failed = cg(stiffness, stiffness @ form, rtol=1e-13, maxiter=20_000, M=jacobi)
-        if failed:
-            raise SolveError("harmonic forms: conjugate gradients did not converge in 20000 steps")
-        result[free, column] = form - coexact
-    return csr_array(result)

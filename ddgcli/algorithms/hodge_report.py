@@ -18,7 +18,8 @@ from ddgcli.algorithms.hodge import (
     tangent_part,
     to_vertices,
 )
-from ddgcli.algorithms.homology import Boundary, betti_numbers, generator_loops, solid_generator_loops
+from ddgcli.algorithms.homology import Boundary, betti_numbers, generator_loops
+from ddgcli.algorithms.solid_homology import solid_generator_loops
 from ddgcli.errors import MeshError, ParameterError
 from ddgcli.mesh.fields import AnnotatedMesh
 from ddgcli.mesh.require import require

@@ -350,18 +350,6 @@ def _tree_integral(
     return total
 
 
-def solid_generator_loops(mesh: TetMesh) -> list[NDArray[np.int64]]:
-    """Closed edge loops that generate the first homology of a solid over the rationals."""
-    from ddgcli.algorithms.harmonic import solid_cochains
-    from ddgcli.operators.dec import complex_of
-
-    complex_ = complex_of(mesh)
-    forms = solid_cochains(complex_, betti_numbers(mesh).absolute[1], "tangential").toarray()
-    ends = mesh.points[complex_.edges]
-    length = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
-    return loops_with_periods(complex_.edges, length, forms, mesh.n_vertices)
-
-
 def _tree_loop(parent: NDArray, tail: int, head: int) -> NDArray[np.int64]:
     """Vertices of the loop that an edge closes with the tree."""
     up_tail, up_head = _climb(parent, tail), _climb(parent, head)

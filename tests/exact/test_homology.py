@@ -8,8 +8,8 @@ from ddgcli.algorithms.homology import (
     betti_numbers,
     closed_cochains,
     generator_loops,
-    solid_generator_loops,
 )
+from ddgcli.algorithms.solid_homology import solid_generator_loops
 from ddgcli.io.mesh_file import read_mesh
 from ddgcli.mesh import shapes
 from ddgcli.mesh.tet_mesh import TetMesh
