@@ -49,6 +49,31 @@ def planar(seed=0, n=300):
     return TriangleMesh.from_arrays(points, faces)
 
 
+def pinched():
+    """Two stretched spheres and a needle-shaped fan with a boundary that meet in one vertex."""
+    body, sheet = stretched(120), shapes.grid(4, 4)
+    flat = sheet.points * np.array([1.0, 0.05, 1.0])
+    parts = [
+        (body.points - body.points[0], body.faces),
+        (body.points[0] - body.points, body.faces[:, ::-1]),
+        (flat - flat[0], sheet.faces),
+    ]
+    start = np.cumsum([0] + [len(points) - 1 for points, _ in parts])
+    faces = np.concatenate([np.where(f == 0, 0, f + s) for (_, f), s in zip(parts, start)])
+    return TriangleMesh.from_arrays(np.concatenate([np.zeros((1, 3)), *(p[1:] for p, _ in parts)]), faces)
+
+
+def spoiled_sphere():
+    """A sphere with a collinear cap and a zero-length edge."""
+    mesh = shapes.icosphere(2)
+    points = mesh.points.copy()
+    a, b, c = mesh.faces[0]
+    points[a] = 0.5 * (points[b] + points[c])
+    d, e = mesh.faces[100, :2]
+    points[d] = points[e]
+    return mesh.moved(points)
+
+
 CASES = {
     "stretched": stretched,
     "needles": needles,

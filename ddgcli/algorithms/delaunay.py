@@ -14,18 +14,17 @@ from numpy.typing import NDArray
 
 from ddgcli.algorithms.flips import SideArrays, flip_until_delaunay
 from ddgcli.errors import MeshError
-from ddgcli.geometry.intrinsic import corner_cotan, half_angle_tangent, triangle_excess
+from ddgcli.geometry.intrinsic import corner_cotan, half_angle_tangent
 from ddgcli.mesh.intrinsic_mesh import IntrinsicMesh
 from ddgcli.mesh.require import require
 from ddgcli.mesh.topology import NEXT, Topology
 from ddgcli.mesh.triangle_mesh import TriangleMesh
+from ddgcli.operators.mollify import Mollified, mollified
 
 log = logging.getLogger("ddgcli")
 
 ANGLE_SLACK = 1e-9  # radians by which opposite angles may sum to more than pi and still count as Delaunay
 CAP = 1e-9  # excess relative to the longest side below which lengths are taken in extended precision
-FLAT = 4  # roundings of the longest side: an excess below has no shape left
-LIFT = 1e4  # roundings of the longest side: the excess that mollification gives the flattest triangle
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,8 +36,8 @@ class Flipped:
     mesh : IntrinsicMesh
         With gluing; vertices as in the input.
     flips, rounds : int
-    mollified : float
-        Length added to every side so that all triangles have an inside; 0 where none was needed.
+    mollified : Mollified
+        The lengths that the flips began with, and which faces had no inside.
     left : int
         Edges that rounding kept from being flipped although their angles exceed pi by more than 1e-9.
     crossings : (m, 3) ndarray of int64, optional
@@ -50,7 +49,7 @@ class Flipped:
     mesh: IntrinsicMesh
     flips: int
     rounds: int
-    mollified: float = 0.0
+    mollified: Mollified
     left: int = 0
     crossings: NDArray[np.int64] | None = None
     notes: tuple[str, ...] = ()
@@ -88,15 +87,10 @@ def flip_to_delaunay(
     in extended precision.
     """
     glued = glue(mesh)
-    length, mollified = working_lengths(mesh, glued)
-    notes = []
-    if mollified > 0:
-        notes.append(
-            "some triangles are flat or break the triangle inequality: "
-            f"every edge was lengthened by {mollified:.3g}"
-        )
-    scale = length_scale(length)
-    state = SideArrays.of(glued.faces, glued.topology.side_twin, length / scale)
+    begun = working_lengths(mesh, glued)
+    notes = [str(begun)] if len(begun.faces) else []
+    scale = length_scale(begun.length)
+    state = SideArrays.of(glued.faces, glued.topology.side_twin, begun.length / scale)
     if track:
         state.crossings = np.full(3 * glued.n_faces, -1, dtype=np.int64)
     flips, rounds, ended = flip_until_delaunay(state, most_rounds=most_rounds)
@@ -107,7 +101,7 @@ def flip_to_delaunay(
     for note in notes:
         log.warning(note)
     crossings = None if state.crossings is None else state.crossings.reshape(-1, 3)
-    return Flipped(result, flips, rounds, mollified, left, crossings, tuple(notes))
+    return Flipped(result, flips, rounds, begun, left, crossings, tuple(notes))
 
 
 def glue(mesh: TriangleMesh | IntrinsicMesh) -> IntrinsicMesh:
@@ -137,17 +131,20 @@ def _twins(mesh: TriangleMesh | IntrinsicMesh) -> NDArray[np.int64]:
     twin = np.full(len(key), -1, dtype=np.int64)
     twin[a], twin[b] = b, a
     if (same[1:] & same[:-1]).any() or (tail[a] != head[b]).any() or (tail == head).any():
-        _refuse(mesh)
+        require_surface(mesh, "the intrinsic Delaunay triangulation")
     return twin.reshape(-1, 3)
 
 
-def _refuse(mesh: TriangleMesh | IntrinsicMesh) -> None:
-    """Say why a mesh cannot be glued in pairs."""
+def require_surface(mesh: TriangleMesh | IntrinsicMesh, verb: str) -> None:
+    """MeshError where the faces of a mesh cannot be glued in pairs: why, where, and what works."""
     topology = mesh.topology
     twice = np.flatnonzero((topology.side_tail == topology.side_head).reshape(-1, 3).any(axis=1))
     if len(twice):
         raise MeshError(f"face {twice[0]} names a vertex twice ({len(twice)} such faces); remove it")
-    require(mesh, "the intrinsic Delaunay triangulation", manifold=True, oriented=True)  # type: ignore[arg-type]
+    try:
+        require(mesh, verb, sized=False, manifold_edges=True, oriented=True)  # type: ignore[arg-type]
+    except MeshError as error:
+        raise MeshError(f"{error}; for a Laplacian, laplacian --operator tufted takes it as it is") from None
 
 
 def _is_gluing(topology: Topology) -> bool:
@@ -161,39 +158,20 @@ def _is_gluing(topology: Topology) -> bool:
     )
 
 
-def working_lengths(mesh: TriangleMesh | IntrinsicMesh, glued: IntrinsicMesh) -> tuple[NDArray, float]:
-    """Side lengths to flip with, and what was added to all of them so that every triangle has an inside.
+def working_lengths(mesh: TriangleMesh | IntrinsicMesh, glued: IntrinsicMesh) -> Mollified:
+    """Side lengths to flip with: mollified where a triangle has no inside.
 
-    Returns
-    -------
-    length : (m, 3) ndarray
-        In extended precision where the mesh has positions and caps so flat that float64 lengths would lose
-        their heights (on platforms without such numbers: float64).
-    added : float
-
-    Notes
-    -----
-    Where a triangle is flat even so, every side grows by the least number that mends it, after Sharp and
-    Crane, "A Laplacian for Nonmanifold Triangle Meshes", 2020, section 4.5; sound slivers keep their shape.
+    In extended precision where the mesh has positions and caps so flat that float64 lengths would lose their
+    heights (on platforms without such numbers: float64).
     """
     length = glued.side_length
-    if isinstance(mesh, TriangleMesh) and len(_caps(length, CAP)):
+    if len(_caps(length, CAP)) == 0:
+        return Mollified(length, np.zeros(0, dtype=np.int64))
+    if isinstance(mesh, TriangleMesh):
         corners = mesh.points.astype(np.longdouble)[mesh.faces]
         scale = np.abs(corners).max() or 1.0
         length = scale * np.sqrt((((corners[:, NEXT] - corners) / scale) ** 2).sum(axis=2))
-    unit = float(np.finfo(length.dtype).eps)
-    suspect = _caps(length, 1e4 * unit)
-    longest = length[suspect].max(axis=1, initial=0.0)
-    least = triangle_excess(length[suspect]).min(axis=1) if len(suspect) else np.zeros(0)
-    flat = least <= FLAT * unit * longest
-    if not flat.any():
-        return length, 0.0
-    added = (LIFT * unit * longest - least)[flat].max()
-    if added <= 0.0:
-        added = LIFT * unit * length.mean()
-    if added == 0.0:
-        raise MeshError("all side lengths are zero: the surface has no extent")
-    return length + added, float(added)
+    return mollified(length, glued.topology.side_edge)
 
 
 def _caps(length: NDArray, least: float) -> NDArray[np.int64]:

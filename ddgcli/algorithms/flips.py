@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from ddgcli.algorithms.gluing import Gluing, around
 from ddgcli.algorithms.normal_coordinates import flipped_crossings
+from ddgcli.geometry.intrinsic import excess
 
 DELAUNAY_SLACK = 1e-13
 
@@ -93,13 +94,9 @@ def shape_of(a: NDArray, b: NDArray, c: NDArray) -> tuple[tuple[NDArray, NDArray
 
 
 def _half_excess(a: NDArray, b: NDArray, c: NDArray) -> NDArray:
-    """(b + c - a) / 2, with the difference taken first between the numbers that are close."""
-    excess = np.maximum(b, c)
-    excess -= a
-    excess += np.minimum(b, c)
-    np.maximum(excess, 0.0, out=excess)
-    excess *= 0.5
-    return excess
+    half = excess(a, b, c)
+    half *= 0.5
+    return half
 
 
 def flip(state: SideArrays, side: NDArray, *, force: bool = False) -> NDArray:

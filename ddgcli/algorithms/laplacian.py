@@ -23,7 +23,7 @@ from ddgcli.operators.laplacian import (
     uniform_stiffness,
     voronoi_mass,
 )
-from ddgcli.operators.mollify import mollified
+from ddgcli.operators.mollify import Mollified, mollified_mesh
 from ddgcli.operators.tufted import tufted_cover
 
 log = logging.getLogger("ddgcli")
@@ -90,35 +90,27 @@ def laplace_operator(
     if name == "intrinsic-delaunay":
         _require_surface(mesh)
     _tell_isolated(mesh)
-    mended = mollified(mesh)
-    facts: dict[str, Any] = {}
-    if len(mended.faces):
-        log.warning("%s", mended)
-        facts = {"mollified_faces": len(mended.faces), "mollified_edges": mended.edges}
-    if name == "uniform":
-        L, surface, share = uniform_stiffness(mesh), mended.mesh, 1.0
-    else:
-        surface, share, flips = _triangulation(name, mesh, mended.mesh)
-        facts |= flips
-        L = share * stiffness(surface)
+    surface, share, facts = _triangulation(name, mesh)
+    L = uniform_stiffness(mesh) if name == "uniform" else share * stiffness(surface)
     return LaplaceOperator(name, mass, csr_array(L), csr_array(share * MASSES[mass](surface)), surface, facts)
 
 
-def _triangulation(
-    name: str, mesh: TriangleMesh, mended: SurfaceMesh
-) -> tuple[SurfaceMesh, float, dict[str, Any]]:
-    """The triangulation to assemble on, the share of it that the mesh is, and what was flipped."""
-    if name == "cotan":
-        return mended, 1.0, {}
-    if name == "tufted":
-        cover = tufted_cover(mesh)
-        if mended is not mesh:
-            lengths = np.concatenate([mended.side_length, mended.side_length[:, ::-1]])
-            cover = type(cover)(cover.topology, lengths, cover.points)
-        flipped = flip_to_delaunay(cover)
-        return flipped.mesh, 0.5, {"flips": flipped.flips}
-    flipped = flip_to_delaunay(mended)
-    return flipped.mesh, 1.0, {"flips": flipped.flips}
+def _triangulation(name: str, mesh: TriangleMesh) -> tuple[SurfaceMesh, float, dict[str, Any]]:
+    """The triangulation to assemble on, the share of it that the mesh is, and what was mended and flipped."""
+    if name in ("cotan", "uniform"):
+        surface, mended = mollified_mesh(mesh)
+        if len(mended.faces):
+            log.warning("%s", mended)
+        return surface, 1.0, _mended(mended)
+    flipped = flip_to_delaunay(tufted_cover(mesh) if name == "tufted" else mesh)
+    facts = {"flips": flipped.flips} | _mended(flipped.mollified)
+    return flipped.mesh, 0.5 if name == "tufted" else 1.0, facts
+
+
+def _mended(mended: Mollified) -> dict[str, Any]:
+    if len(mended.faces) == 0:
+        return {}
+    return {"mollified_faces": len(mended.faces), "mollified_edges": mended.edges}
 
 
 def _default_operator(mesh: TriangleMesh) -> str:

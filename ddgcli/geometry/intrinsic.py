@@ -62,8 +62,9 @@ def cotan_and_area(side_length: NDArray) -> tuple[NDArray[np.float64], NDArray[n
 def half_angle_tangent(side_length: NDArray) -> NDArray[np.float64]:
     """(m, 3) tan(theta/2) of the angle at each corner: in [0, inf], inf at the flat corner of a cap."""
     sine, cosine = _half_angle(side_length)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        return np.where((sine == 0) & (cosine == 0), 1.0, sine / cosine)
+    with np.errstate(divide="ignore"):
+        tangent: NDArray[np.float64] = sine / cosine
+    return tangent
 
 
 def corner_angle(side_length: NDArray) -> NDArray[np.float64]:
@@ -74,30 +75,27 @@ def corner_angle(side_length: NDArray) -> NDArray[np.float64]:
 
 def triangle_excess(side_length: NDArray) -> NDArray[np.float64]:
     """(m, 3) sum of the other two sides minus side j, clipped at zero; Kahan's order of subtraction."""
-    excess = np.empty(side_length.shape)
+    result = np.empty(side_length.shape)
     for block, _, u, scale in _blocks(side_length):
         for j in range(3):
-            excess[block, j] = u[j] * scale
-    return excess
-
-
-def degenerate_faces(side_length: NDArray) -> NDArray[np.int64]:
-    """Numbers of the faces whose triangle inequality holds with no more than rounding to spare."""
-    found = [np.zeros(0, dtype=np.int64)]
-    for block, p, (u0, u1, u2), _ in _blocks(side_length):
-        least = np.minimum(np.minimum(u0, u1), u2)
-        found.append(np.flatnonzero(~(least > 4 * np.finfo(float).eps * p)) + block.start)
-    return np.concatenate(found)
+            result[block, j] = u[j] * scale
+    return result
 
 
 def _half_angle(side_length: NDArray) -> tuple[NDArray, NDArray]:
-    """(m, 3) multiples of sine and cosine of half the angle at each corner."""
+    """(m, 3) multiples of sine and cosine of half the angle at each corner.
+
+    Angles that the lengths leave undetermined (beside a side of length zero) count as right.
+    """
     sine, cosine = np.empty(side_length.shape), np.empty(side_length.shape)
     for block, p, u, _ in _blocks(side_length):
         for corner in range(3):
             a, b, c = (corner + 1) % 3, (corner + 2) % 3, corner
             sine[block, corner] = np.sqrt(u[b] * u[c])
             cosine[block, corner] = np.sqrt(p * u[a])
+    undetermined = cosine == 0
+    undetermined &= sine == 0
+    sine[undetermined] = cosine[undetermined] = 1.0
     return sine, cosine
 
 
@@ -109,10 +107,13 @@ def _blocks(side_length: NDArray) -> Iterator[tuple[slice, NDArray, list[NDArray
     for start in range(0, len(side_length), BLOCK):
         block = slice(start, min(start + BLOCK, len(side_length)))
         a, b, c = side_length[block].T.copy() if scale == 1.0 else side_length[block].T / scale
-        u = [_excess(a, b, c), _excess(b, c, a), _excess(c, a, b)]
+        u = [excess(a, b, c), excess(b, c, a), excess(c, a, b)]
         yield block, (a + b) + c, u, scale
 
 
-def _excess(a: NDArray, b: NDArray, c: NDArray) -> NDArray:
-    """b + c - a without loss of relative precision where it cancels."""
-    return np.maximum(np.minimum(b, c) + (np.maximum(b, c) - a), 0.0)
+def excess(a: NDArray, b: NDArray, c: NDArray) -> NDArray:
+    """max(b + c - a, 0) in the sides' own precision, without loss of relative precision where it cancels."""
+    result = np.maximum(b, c)
+    result -= a
+    result += np.minimum(b, c)
+    return np.maximum(result, 0.0, out=result)

@@ -229,10 +229,17 @@ def _first_corners(after: NDArray) -> tuple[NDArray, NDArray]:
 
 
 def face_corner_angle(mesh: SurfaceMesh) -> NDArray[np.float64]:
-    """(m, 3) corner angles: from positions where there are any (accurate on caps), else from lengths."""
+    """(m, 3) corner angles: from positions where there are any (accurate on caps), else from lengths.
+
+    Beside a side of length zero they count as right.
+    """
     if not isinstance(mesh, TriangleMesh):
         return corner_angle(mesh.side_length)
     scale = float(mesh.side_length.max(initial=0.0)) or 1.0
     vector = mesh.side_vector / scale
     doubled_area = vector_length(np.cross(vector[:, 0], vector[:, 1]))
-    return np.arctan2(doubled_area[:, None], -np.einsum("fjk,fjk->fj", vector, vector[:, PREVIOUS]))
+    inner = -np.einsum("fjk,fjk->fj", vector, vector[:, PREVIOUS])
+    angle = np.arctan2(doubled_area[:, None], inner)
+    flat = np.flatnonzero(doubled_area == 0)
+    angle[flat] = np.where(inner[flat] == 0, 0.5 * np.pi, angle[flat])
+    return angle

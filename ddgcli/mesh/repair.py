@@ -40,3 +40,22 @@ def oriented(mesh: TriangleMesh) -> tuple[TriangleMesh, NDArray[np.bool_]]:
         )
     faces = np.where(turn[:, None], mesh.faces[:, ::-1], mesh.faces)
     return TriangleMesh.from_arrays(mesh.points, faces), turn
+
+
+def one_vertex_a_fan(mesh: TriangleMesh) -> tuple[TriangleMesh, NDArray[np.int64]]:
+    """The mesh with a vertex of its own for every fan of faces, and the input vertex of each vertex.
+
+    The first fan of a vertex keeps its number; the others get new ones, behind all vertices.
+    """
+    n = mesh.n_vertices
+    if len(mesh.topology.nonmanifold_vertices) == 0:
+        return mesh, np.arange(n)
+    fan = mesh.topology.corner_fans.ravel()
+    vertex = np.empty(fan.max() + 1, dtype=np.int64)
+    vertex[fan] = mesh.faces.ravel()
+    order = np.argsort(vertex, kind="stable")
+    further = order[1:][vertex[order[1:]] == vertex[order[:-1]]]
+    number = vertex.copy()
+    number[further] = n + np.arange(len(further))
+    original = np.concatenate([np.arange(n), vertex[further]])
+    return TriangleMesh.from_arrays(mesh.points[original], number[fan].reshape(-1, 3)), original

@@ -65,7 +65,7 @@ def require(
         a, b = topology.edges[bad[0]]
         raise MeshError(
             f"{len(bad)} edges join faces of opposite orientation (first: vertices {a}-{b}); "
-            f"{verb} needs consistently oriented faces"
+            f"{verb} needs consistently oriented faces: {_how_to_orient(mesh)}"
         )
     if closed and not topology.is_closed:
         a, b = topology.edges[topology.boundary_edges[0]]
@@ -73,6 +73,13 @@ def require(
             f"the surface has {topology.boundary_loops} boundary loops (first edge: vertices {a}-{b}); "
             f"{verb} needs a closed surface: fill the holes"
         )
+
+
+def _how_to_orient(mesh: TriangleMesh) -> str:
+    turn = mesh.topology.face_turn
+    if turn is None:
+        return "this surface is one-sided and has none"
+    return f"turn over {int(turn.sum())} of them (first: face {int(np.argmax(turn))})"
 
 
 def _check_size(longest: float, in_range: bool) -> None:
@@ -118,7 +125,9 @@ NEEDS = {
         ("surface", "tetrahedra", "curve"), {"faces": False, "sized": False}, {"faces": False, "sized": False}
     ),
     "curvature": Need(("surface", "tetrahedra", "curve"), area=True),
-    "delaunay": Need(surface={"sized": False, "extent": True, "manifold_edges": True, "oriented": True}),
+    "delaunay": Need(
+        surface={"sized": False, "extent": True, "manifold_edges": True, "oriented": True}, area=True
+    ),
     "laplacian": Need(area=True),
     "hodge": Need(("surface", "tetrahedra"), _MANIFOLD, {"manifold": True}, volume=True),
     "geodesic": Need(surface={"sized": False}),

@@ -16,7 +16,7 @@ from ddgcli.geometry.intrinsic import corner_cotan, cotan_and_area, face_area
 from ddgcli.mesh.intrinsic_mesh import IntrinsicMesh
 from ddgcli.mesh.topology import NEXT, PREVIOUS
 from ddgcli.mesh.triangle_mesh import TriangleMesh
-from ddgcli.operators.mollify import mollified
+from ddgcli.operators.mollify import mollified_mesh
 
 SurfaceMesh = TriangleMesh | IntrinsicMesh
 
@@ -26,14 +26,14 @@ log = logging.getLogger("ddgcli")
 def stiffness(mesh: SurfaceMesh) -> csr_array:
     """(n, n) cotangent stiffness: off-diagonal entries -(cot + cot)/2, rows summing to zero.
 
-    Faces without area are mollified first (see `mollified`), with a warning; everything else is taken as it
+    Faces without area are mollified first (see `mollify`), with a warning; everything else is taken as it
     is. U. Pinkall, K. Polthier, "Computing discrete minimal surfaces and their conjugates", 1993.
     """
     cotan = corner_cotan(mesh.side_length)
     if not np.isfinite(cotan).all():
-        mended = mollified(mesh)
+        mesh, mended = mollified_mesh(mesh)
         log.warning("%s", mended)
-        cotan = corner_cotan(mended.mesh.side_length)
+        cotan = corner_cotan(mesh.side_length)
     return laplacian_of_sides(mesh, 0.5 * cotan[:, PREVIOUS])  # side j is opposite corner j+2
 
 

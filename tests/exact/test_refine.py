@@ -6,13 +6,14 @@ import pytest
 from ddgcli.algorithms.common_subdivision import CROSSING, STEINER_POINT, common_subdivision
 from ddgcli.algorithms.curvature import angle_defect
 from ddgcli.algorithms.delaunay import non_delaunay_edges
+from ddgcli.algorithms.delaunay_report import metric_residuals
 from ddgcli.algorithms.refine import refine
 from ddgcli.errors import MeshError, ParameterError
 from ddgcli.geometry.extrinsic import face_area_vector, face_normal
 from ddgcli.geometry.intrinsic import corner_angle, face_area
 from ddgcli.mesh import shapes
 from ddgcli.mesh.triangle_mesh import TriangleMesh
-from tests.delaunay_cases import planar, sheared_cylinder, stretched
+from tests.delaunay_cases import pinched, planar, sheared_cylinder, spoiled_sphere, stretched
 
 
 def thin_grid():
@@ -36,6 +37,7 @@ CASES = {
     "planar": lambda: planar(n=80),
     "sheared cylinder": sheared_cylinder,
     "thin grid": thin_grid,
+    "pinched": pinched,
     "tiny": lambda: (lambda m: m.moved(1e-8 * m.points))(stretched(200)),
     "huge": lambda: (lambda m: m.moved(1e8 * m.points))(stretched(200)),
 }
@@ -67,7 +69,8 @@ def test_overlay_after_refinement(case):
     mesh, refined = case
     cut = common_subdivision(refined.flipped, refined.base)
     topology = cut.mesh.topology
-    assert topology.is_manifold and topology.is_oriented
+    assert topology.is_manifold == mesh.topology.is_manifold and topology.is_oriented
+    assert np.array_equal(topology.nonmanifold_vertices, mesh.topology.nonmanifold_vertices)
     assert topology.euler_characteristic == mesh.topology.euler_characteristic
     assert (cut.vertex_kind == STEINER_POINT).sum() == len(refined.steiner)
     assert cut.length_residual < 1e-9
@@ -110,6 +113,17 @@ def test_a_sharp_corner_of_the_boundary_is_excepted():
     assert len(refined.steiner) < 500
 
 
+def test_coincident_vertices_are_excepted_and_counted(caplog):
+    mesh = spoiled_sphere()
+    refined = refine(mesh, 25)
+    assert refined.coincident_vertices == 2 and refined.sharp_vertices == 0
+    assert refined.reached and 0 < refined.excepted_faces < 20
+    assert "mollified" in caplog.text
+    change = metric_residuals(mesh, refined.flipped.mesh)
+    assert change["area_residual"] < 1e-8  # the cap gets a height of about 3e-8 of its sides
+    assert change["angle_defect_residual"] < 4 * 3e-8 / (2 * np.pi)
+
+
 def test_points_run_out():
     refined = refine(stretched(), 25, max_points=50)
     assert len(refined.steiner) == 50 and not refined.reached and refined.unreached_faces > 0
@@ -119,12 +133,12 @@ def test_points_run_out():
 def test_refusals():
     with pytest.raises(ParameterError, match="does not end"):
         refine(shapes.icosphere(1), 45)
-    bowtie = TriangleMesh.from_arrays(
-        np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [-1, 0, 0], [0, -1, 0.0]]),
-        np.array([[0, 1, 2], [0, 3, 4]]),
-    )
-    with pytest.raises(MeshError, match="several fans"):
-        refine(bowtie, 25)
+    points = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1.0]])
+    book = TriangleMesh.from_arrays(points, np.array([[0, 1, 2], [1, 0, 3], [0, 1, 4]]))
+    with pytest.raises(MeshError, match="more than two faces.*0-1.*tufted"):
+        refine(book, 25)
+    with pytest.raises(MeshError, match="face 1 names a vertex twice"):
+        refine(TriangleMesh.from_arrays(points, np.array([[0, 1, 2], [1, 1, 3]])), 25)
 
 
 def test_two_runs_are_equal():
