@@ -106,7 +106,7 @@ class Run:
 
             for path in common.outputs:
                 check_output(path, common.output_format, formats=formats)
-                self._promised.append(path)
+                self._promise(path)
         if common.plot is not None:
             self.will_write(common.plot, PICTURES)
             import importlib.util
@@ -126,6 +126,12 @@ class Run:
                 f"{path}: unknown format {suffix or '(no extension)'}; known here: {' '.join(formats)}"
             )
         check_place(path)
+        self._promise(path)
+
+    def _promise(self, path: str) -> None:
+        places = [Path(p).absolute() for p in self._promised]
+        if Path(path).absolute() in places:
+            raise OutputError(f"{path}: two results would go to this one place; give each its own")
         self._promised.append(path)
 
     @contextmanager

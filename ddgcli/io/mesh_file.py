@@ -124,6 +124,8 @@ def format_of(path: str, input_format: str | None = None) -> str:
         suffix = "." + input_format.lower().lstrip(".")
     elif path == "-":
         raise MeshFileError("-: standard input needs --input-format, such as --input-format ply")
+    elif Path(path).is_dir():
+        raise MeshFileError(f"{path}: is a folder; name a mesh file")
     else:
         suffix = Path(path).suffix.lower()
     if suffix not in READERS and suffix not in read_foreign.suffixes():
@@ -139,8 +141,6 @@ def _bytes(path: str) -> bytes:
         return Path(path).read_bytes()
     except FileNotFoundError:
         raise MeshFileError(f"{path}: no such file; check the path") from None
-    except IsADirectoryError:
-        raise MeshFileError(f"{path}: is a folder; name a mesh file") from None
     except (OSError, ValueError) as error:
         raise MeshFileError(f"{path}: cannot be opened ({getattr(error, 'strerror', error)})") from None
 

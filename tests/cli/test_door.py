@@ -250,6 +250,15 @@ def test_wrong_outputs_are_refused_before_reading(run, tmp_path):
     refused(run("info", nowhere, "--plot", tmp_path / "a.gif"), ".png")
     refused(run("info", nowhere, "-q", "-v"), "-q")
     refused(run("info", nowhere), "no such file")
+    refused(run("info", tmp_path), "is a folder")
+
+
+def test_two_results_never_go_to_one_place(run, torus, tmp_path):
+    one, same = tmp_path / "a.npz", f"{tmp_path}/./a.npz"
+    refused(run("delaunay", torus, "-o", one, "--overlay", same), "a.npz", "two results")
+    refused(run("laplacian", torus, "--matrix", one, "--mass-matrix", one), "a.npz", "two results")
+    refused(run("info", torus, "-o", one, "-o", same), "a.npz", "two results")
+    assert not one.exists()
 
 
 def test_plot_without_matplotlib_names_the_extra(run, torus, tmp_path, monkeypatch):
