@@ -61,7 +61,7 @@ def exact_distance(
     tolerance: float = 0.0,
     limit: float = np.inf,
     tables: WindowTables | None = None,
-    dominance_every: int = 3,
+    dominance_every: int = 10,
 ) -> ExactDistance:
     """Exact distance along the surface from every vertex to the nearest of `sources`.
 
@@ -111,8 +111,8 @@ def exact_distance(
         distance=front.distance * tables.scale,
         nearest_source=np.where(reached, front.origins.source[origin], -1),
         origin_vertex=np.where(reached, front.origins.vertex[origin], -1),
-        side=front.side,
-        crossing=front.crossing * tables.scale,
+        side=np.maximum(front.side, -1),
+        crossing=np.where(front.side >= 0, front.crossing * tables.scale, np.nan),
         windows=front.windows,
         rounds=front.rounds,
         patched=patched,

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from ddgcli.algorithms.window_dominance import EPS, dominate
 from ddgcli.algorithms.window_pool import NEVER, Origins, Pool
+from ddgcli.algorithms.window_shadow import shadow_of
 from ddgcli.algorithms.window_tables import BOUNDARY, WindowTables
 from ddgcli.errors import SolveError
 
@@ -35,7 +36,7 @@ class Front:
         Rounds between two prunes of windows on the same side; 0 never prunes (the distances are the same).
     """
 
-    def __init__(self, tables: WindowTables, *, slack: float = 0.0, dominance_every: int = 3) -> None:
+    def __init__(self, tables: WindowTables, *, slack: float = 0.0, dominance_every: int = 10) -> None:
         n = tables.n_vertices
         self.tables, self.slack, self.dominance_every = tables, slack, dominance_every
         self.bends = np.ones(n, dtype=bool) if slack > 0 else tables.bends
@@ -50,7 +51,7 @@ class Front:
         self.pending = np.zeros(0, dtype=np.int64)
         self.windows = 0
         self.rounds = 0
-        self.bucket = 2.0 * float(tables.shape[:, 0].mean()) if len(tables.shape) else 1.0
+        self.bucket = 3.0 * float(tables.shape[:, 0].mean()) if len(tables.shape) else 1.0
 
     # -- vertices -----------------------------------------------------------------------------------
 
@@ -62,7 +63,11 @@ class Front:
         side: NDArray | None = None,
         crossing: NDArray | None = None,
     ) -> None:
-        """Lower distances at vertices (entries may repeat), and note the way in; no side: by an edge."""
+        """Lower distances at vertices (entries may repeat), and note the way in.
+
+        `side` is the side opposite that the path crosses, at `crossing`; -2 - side where it comes along an
+        edge, through an end of that side; none: from a point in a face.
+        """
         better = (distance < self.distance.take(vertex)).nonzero()[0]
         if not len(better):
             return
@@ -81,33 +86,78 @@ class Front:
         self.distance[vertex] = 0.0
         self.origin[vertex] = origin
         self.spawned_at[vertex] = 0.0
-        self._spawn(vertex, origin)
+        self._spawn(vertex, origin, np.full(len(vertex), np.nan))
 
-    def _spawn(self, vertex: NDArray, origin: NDArray) -> None:
-        """Distances along the edges at each vertex, and windows on the sides opposite it."""
-        start, end = self.tables.around_start[vertex], self.tables.around_start[vertex + 1]
-        count = end - start
-        row = np.repeat(np.arange(len(vertex)), count)
-        offset = np.arange(len(row)) - np.repeat(np.cumsum(count) - count, count)
-        side = self.tables.around[start[row] + offset]
-        shape, ids = self.tables.shape.take(side, axis=0), self.tables.ids.take(side, axis=0)
-        row_origin = origin.take(row)
+    def _spawn(self, vertex: NDArray, origin: NDArray, incoming: NDArray) -> None:
+        """Distances along the edges at each vertex, and windows on the sides opposite it.
+
+        `incoming` is the direction back along the path at each vertex: its shadow gets windows (nan: all).
+        """
+        tables = self.tables
+        start = tables.around_start.take(vertex)
+        count = tables.around_start.take(vertex + 1) - start
+        row = np.arange(len(vertex)).repeat(count)
+        side = tables.around.take(np.arange(len(row)) + (start - count.cumsum() + count).take(row))
+        shape, ids, row_origin = (
+            tables.shape.take(side, axis=0),
+            tables.ids.take(side, axis=0),
+            origin.take(row),
+        )
         reach = shape[:, 3:] + self.origins.distance.take(row_origin)[:, None]
-        self.improve(ids[:, :2].ravel(), reach.ravel(), np.repeat(row_origin, 2))
-        self.launch(side, shape[:, 1], shape[:, 2], row_origin)
+        face = side // 3 * 3
+        way = np.stack([face + (side - face + 1) % 3, face + (side - face + 2) % 3], axis=1)
+        end = np.stack([shape[:, 4], np.zeros(len(side))], axis=1)
+        self.improve(
+            ids[:, :2].ravel(), reach.ravel(), np.repeat(row_origin, 2), -2 - way.ravel(), end.ravel()
+        )
+        begin, stop = shadow_of(
+            tables.turn.take(side), tables.angle.take(side), tables.total_angle.take(vertex.take(row)),
+            incoming.take(row),
+        )  # fmt: skip
+        lit = (begin < stop).nonzero()[0]
+        if len(lit):
+            self._fan(
+                side.take(lit), shape.take(lit, axis=0), row_origin.take(lit), begin.take(lit), stop.take(lit)
+            )
 
-    def launch(self, side: NDArray, x: NDArray, y: NDArray, origin: NDArray) -> None:
-        """Windows over whole sides, from points (x, y) above each side in its own frame, leaving its face."""
-        length, (end0, end1) = self.tables.shape[side, 0], self.distance.take(self.tables.ids[side, :2].T)
+    def _fan(self, side: NDArray, shape: NDArray, origin: NDArray, begin: NDArray, end: NDArray) -> None:
+        """Windows from the apex of each side, over the part of the side seen between two angles there."""
+        length, x, y, left, right = shape.T
+        angle = self.tables.angle.take(side)
+        ends = np.empty((2, len(side)))
+        for at, phi in zip(ends, (begin, end)):
+            from0, from1 = left * np.sin(phi), right * np.sin(angle - phi)
+            np.divide(from0, from0 + from1, out=at)
+            at *= length
+        self.launch(side, x, y, origin, ends)
+
+    def _incoming(self, vertex: NDArray) -> NDArray[np.float64]:
+        """Direction back along the path that reached each vertex, as an angle around it; nan: not known."""
+        side = self.side.take(vertex)
+        side = np.where(side < -1, -2 - side, side)
+        x, (_, ax, ay, _, _) = self.crossing.take(vertex), self.tables.shape.take(side, axis=0).T
+        angle = self.tables.turn.take(side) + np.arctan2(ay * x, ay * ay - ax * (x - ax))
+        angle[side < 0] = np.nan
+        return angle
+
+    def launch(
+        self, side: NDArray, x: NDArray, y: NDArray, origin: NDArray, ends: NDArray | None = None
+    ) -> None:
+        """Windows from points (x, y) above each side in its own frame, leaving its face.
+
+        They cover the part of the side between `ends` (2, k), or the whole side.
+        """
+        length, (d0, d1) = self.tables.shape[side, 0], self.distance.take(self.tables.ids[side, :2].T)
+        b0, b1 = (np.zeros(len(side)), length) if ends is None else ends
         base, code = self.origins.distance.take(origin), self._code(side)
         y = np.maximum(y, LIFT * length)
-        from0, from1 = x, length - x
-        r0, r1 = base + _norm(from0.copy(), y.copy()), base + _norm(from1.copy(), y.copy())
-        far = length + (EPS - self.slack * length)
-        keep = (code != BOUNDARY) & (length > EPS) & (r0 <= end1 + far) & (r1 <= end0 + far)
+        r0, r1 = base + _norm(x - b0, y.copy()), base + _norm(b1 - x, y.copy())
+        margin = EPS - self.slack * length
+        keep = (code != BOUNDARY) & (b1 - b0 > EPS)
+        keep &= (r0 <= d1 + (length - b0) + margin) & (r1 <= d0 + b1 + margin)
         kept = keep.nonzero()[0]
-        key = np.where((from0 > 0) & (from1 > 0), base + y, np.minimum(r0, r1))
-        lines = np.stack([np.zeros(len(side)), length, from1, -y])  # in the frame across, from v1 to v0
+        key = np.where((x > b0) & (x < b1), base + y, np.minimum(r0, r1))
+        lines = np.stack([length - b1, length - b0, length - x, -y])  # in the frame across, from v1 to v0
         self._enter(
             lines.take(kept, axis=1), code.take(kept), origin.take(kept), key.take(kept), side.take(kept)
         )
@@ -185,7 +235,8 @@ class Front:
         before = self.origin[vertex]
         self.spawned_at[vertex] = self.distance[vertex]
         origin = self.origins.add(vertex, self.origins.source[before], self.distance[vertex])
-        self._spawn(vertex, origin)
+        incoming = self._incoming(vertex) if self.slack == 0 else np.full(len(vertex), np.nan)
+        self._spawn(vertex, origin, incoming)
 
     def _once(self, vertex: NDArray) -> NDArray[np.int64]:
         """The vertices without repetitions."""

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import coo_array
 
+from ddgcli.algorithms.window_shadow import corner_turns
 from ddgcli.geometry.intrinsic import corner_angle, face_area
 from ddgcli.mesh.topology import NEXT, PREVIOUS, Topology
 from ddgcli.mesh.triangle_mesh import TriangleMesh, vector_length
@@ -40,6 +41,10 @@ class WindowTables:
         (start, sides) of each edge and the edge of each side, when some edge has three faces or more.
     bends : (n,) ndarray of bool
         Vertices that a shortest path may pass through: saddles, boundary, non-manifold, degenerate.
+    angle, turn : (3m,) ndarrays of float64
+        Angle at the apex of each side, and where it begins around the apex (counter-clockwise; nan: unknown).
+    total_angle : (n,) ndarray of float64
+        Angle around each vertex, inf where the faces around it leave a gap.
     around_start, around : ndarrays of int64
         Sides opposite vertex v: around[around_start[v] : around_start[v + 1]].
     scale : float
@@ -51,6 +56,9 @@ class WindowTables:
     mirrored: NDArray[np.bool_] | None
     edge_sides: tuple[NDArray, NDArray, NDArray, NDArray] | None
     bends: NDArray[np.bool_]
+    angle: NDArray[np.float64]
+    turn: NDArray[np.float64]
+    total_angle: NDArray[np.float64]
     around_start: NDArray[np.int64]
     around: NDArray[np.int64]
     scale: float
@@ -99,6 +107,11 @@ def window_tables(mesh: SurfaceMesh) -> WindowTables:
     ids[:, 3] = code[:, PREVIOUS].ravel()
     ids[:, 4] = code[:, NEXT].ravel()
     n = mesh.n_vertices
+    angle = corner_angle(shape[:, 0].reshape(-1, 3))
+    bends, blunt = _bends(topology, shape, angle)
+    turn, total = np.full(angle.shape, np.nan), np.full(n, np.inf)
+    if code is topology.side_twin:
+        turn, total = corner_turns(topology, angle, np.flatnonzero(bends & ~blunt))
     corner = np.arange(len(ids))
     around = coo_array((corner, (ids[:, 2], corner)), shape=(n, max(len(ids), 1))).tocsr()
     return WindowTables(
@@ -106,7 +119,10 @@ def window_tables(mesh: SurfaceMesh) -> WindowTables:
         ids,
         mirrored,
         edge_sides,
-        _bends(topology, shape),
+        bends,
+        angle[:, PREVIOUS].ravel(),
+        turn[:, PREVIOUS].ravel(),
+        total,
         around.indptr.astype(np.int64),
         around.data.astype(np.int64),
         scale,
@@ -185,19 +201,19 @@ def _repeated(topology: Topology) -> NDArray[np.bool_]:
     return repeated
 
 
-def _bends(topology: Topology, shape: NDArray) -> NDArray[np.bool_]:
-    faces, side_length = topology.faces, shape[:, 0].reshape(-1, 3)
-    total = np.bincount(
-        faces.ravel(), weights=corner_angle(side_length).ravel(), minlength=topology.n_vertices
-    )
+def _bends(topology: Topology, shape: NDArray, angle: NDArray) -> tuple[NDArray, NDArray]:
+    """(n,) vertices that a shortest path may pass through; those whose directions rounding may spoil."""
+    faces = topology.faces
+    total = np.bincount(faces.ravel(), weights=angle.ravel(), minlength=topology.n_vertices)
     bends = total > FLAT_ANGLE
     bends |= topology.boundary_vertex
     bends[topology.edges[topology.nonmanifold_edges]] = True
-    height = shape[:, 2].reshape(-1, 3).min(axis=1)
-    degenerate = ~(height > 1e-8 * side_length.max(axis=1))
-    bends[faces[degenerate]] = True
+    blunt = np.zeros(len(bends), dtype=bool)
+    height, longest = shape[:, 2].reshape(-1, 3).min(axis=1), shape[:, 0].reshape(-1, 3).max(axis=1)
+    blunt[faces[~(height > 1e-8 * longest)]] = True
+    bends |= blunt
     bends[_pinched(topology, np.flatnonzero(~bends & topology.referenced_vertex))] = True
-    return bends
+    return bends, blunt
 
 
 def _pinched(topology: Topology, suspects: NDArray) -> NDArray[np.int64]:

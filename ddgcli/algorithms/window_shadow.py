@@ -1,0 +1,76 @@
+"""Where shortest paths may leave a vertex that they bend around: at least pi away on both sides.
+
+A path through a vertex is shortest only if the angles on its two sides are pi or more (beside a boundary:
+the one angle that there is). So of all directions around the vertex only the shadow of the incoming one needs
+windows; what lies outside of it is reached by straight lines past the vertex.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ddgcli.mesh.topology import PREVIOUS, Topology
+
+MARGIN = 1e-4  # radians by which a shadow is taken wider than it is, for directions known to rounding only
+
+
+def corner_turns(topology: Topology, angle: NDArray, vertices: NDArray) -> tuple[NDArray, NDArray]:
+    """Angles around vertices, counter-clockwise from one corner of each, or from the boundary.
+
+    Parameters
+    ----------
+    topology : Topology
+        Oriented, no edge with three faces.
+    angle : (m, 3) ndarray of float64
+        Angles of the corners.
+    vertices : ndarray of int64
+        Where they are wanted; of a vertex with several fans one fan gets them.
+
+    Returns
+    -------
+    turn : (m, 3) ndarray of float64
+        Angle at which corner k begins; nan at other vertices and in other fans.
+    total : (n,) ndarray of float64
+        Angle of the fan; inf where it is open.
+    """
+    turn = np.full(topology.faces.size, np.nan)
+    total = np.full(topology.n_vertices, np.inf)
+    following = topology.side_twin[:, PREVIOUS].ravel()  # the next corner of the same vertex
+    angle = angle.ravel()
+    first = np.empty(topology.n_vertices, dtype=np.int64)
+    first[topology.faces.ravel()] = np.arange(len(turn))
+    start = np.flatnonzero(topology.side_twin.ravel() < 0)
+    first[topology.faces.ravel()[start]] = start
+    vertex, here = vertices, first[vertices]
+    end, sum_so_far = here, np.zeros(len(here))
+    while len(here):
+        turn[here] = sum_so_far
+        sum_so_far = sum_so_far + angle.take(here)
+        here = following.take(here)
+        closed = here == end
+        total[vertex[closed]] = sum_so_far[closed]
+        on = (~closed & (here >= 0)).nonzero()[0]
+        if len(on) < len(here):
+            vertex, here, end, sum_so_far = vertex[on], here[on], end[on], sum_so_far[on]
+    return turn.reshape(-1, 3), total
+
+
+def shadow_of(
+    turn: NDArray, angle: NDArray, total: NDArray, incoming: NDArray
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Part [begin, end] of each corner, in radians from where it begins, that lies in the shadow.
+
+    Parameters
+    ----------
+    turn, angle : (k,) ndarrays
+        Where the corners begin and how wide they are; turn nan: the whole corner.
+    total, incoming : (k,) ndarrays
+        Angle of each corner's fan (inf: open), and direction back along the path (nan: the whole corner).
+    """
+    after = turn - incoming
+    after = np.where((after < 0) & (total < np.inf), after + total, after)
+    before = after < 0  # beside a boundary: the corner comes before the path
+    begin = np.where(before, 0.0, np.pi - MARGIN - after)
+    end = np.where(before, MARGIN - np.pi, total + (MARGIN - np.pi)) - after
+    return np.fmax(begin, 0.0), np.fmin(end, angle)
