@@ -63,6 +63,18 @@ def pinched():
     return TriangleMesh.from_arrays(np.concatenate([np.zeros((1, 3)), *(p[1:] for p, _ in parts)]), faces)
 
 
+def sharp_cone(rim=8, degrees=20):
+    """A cone with one point of its rim near the apex: its Delaunay triangulation has a loop there."""
+    r = np.where(np.arange(rim) == 0, 1.0, 3.0)
+    turn, slope = 2 * np.pi * np.arange(rim) / rim, degrees / 360
+    points = np.stack(
+        [slope * r * np.cos(turn), slope * r * np.sin(turn), -r * np.sqrt(1 - slope**2)], axis=1
+    )
+    k = np.arange(rim)
+    faces = np.stack([k, (k + 1) % rim, np.full(rim, rim)], axis=1)
+    return TriangleMesh.from_arrays(np.concatenate([points, np.zeros((1, 3))]), faces)
+
+
 def spoiled_sphere():
     """A sphere with a collinear cap and a zero-length edge."""
     mesh = shapes.icosphere(2)

@@ -30,6 +30,7 @@ class Base:
 
     Parameters
     ----------
+    input : TriangleMesh
     mesh : TriangleMesh
         Its first vertices are the input's; every face lies in one input face.
     input_face : (m,) ndarray of int64
@@ -38,6 +39,7 @@ class Base:
         Values at its vertices from values at the input's.
     """
 
+    input: TriangleMesh
     mesh: TriangleMesh
     input_face: NDArray[np.int64]
     interpolation: csr_array
@@ -47,11 +49,7 @@ class Base:
         """The input without Steiner points."""
         from scipy.sparse import eye_array
 
-        return cls(mesh, np.arange(mesh.n_faces), csr_array(eye_array(mesh.n_vertices)))
-
-    @property
-    def n_input(self) -> int:
-        return self.interpolation.shape[1]
+        return cls(mesh, mesh, np.arange(mesh.n_faces), csr_array(eye_array(mesh.n_vertices)))
 
     @cached_property
     def real_side(self) -> NDArray[np.bool_]:
@@ -67,6 +65,8 @@ class CommonSubdivision:
 
     Parameters
     ----------
+    input : TriangleMesh
+    intrinsic : IntrinsicMesh
     mesh : TriangleMesh
         Input vertices first, then Steiner points, then crossings; convex pieces cut into fans.
     input_face, intrinsic_face : (t,) ndarray of int64
@@ -75,6 +75,11 @@ class CommonSubdivision:
         0 input vertex, 1 Steiner point, 2 crossing of an input edge with an intrinsic edge.
     from_input, from_intrinsic : (v, n) sparse arrays
         Values at the vertices from those at the vertices of either triangulation, linear on its faces.
+    corner : (t, 3) ndarray of int64
+        Where each triangle's corners lie in its intrinsic face: the flat number 3f+k of a corner of the face,
+        or 3m + h for half-crossing h.
+    half_side, half_along : (c,) ndarray
+        Intrinsic side of each half-crossing, and its share of the side's length from the tail.
     edge_start, edge_vertex : ndarray of int64
         Intrinsic edge e (as `topology.edges`) runs through edge_vertex[edge_start[e]:edge_start[e + 1]].
     length_residual : float
@@ -82,12 +87,17 @@ class CommonSubdivision:
         faces, relative to the length.
     """
 
+    input: TriangleMesh
+    intrinsic: IntrinsicMesh
     mesh: TriangleMesh
     input_face: NDArray[np.int64]
     intrinsic_face: NDArray[np.int64]
     vertex_kind: NDArray[np.int64]
     from_input: csr_array
     from_intrinsic: csr_array
+    corner: NDArray[np.int64]
+    half_side: NDArray[np.int64]
+    half_along: NDArray[np.float64]
     edge_start: NDArray[np.int64]
     edge_vertex: NDArray[np.int64]
     length_residual: float
@@ -130,20 +140,28 @@ def common_subdivision(flipped: Flipped, base: Base) -> CommonSubdivision:
     inside = base.input_face[base_side // 3][real]
     beyond = base.input_face[np.maximum(base.mesh.topology.side_twin.ravel(), 0)[base_side] // 3][real]
     n_crossings, number = _numbers(crossings)
-    pieces = cut_faces(mesh.faces, crossings, mesh.n_vertices + number, inside, beyond, holder)
+    pieces = cut_faces(crossings, inside, beyond, holder)
+    triangles = np.concatenate([mesh.faces.ravel(), mesh.n_vertices + number])[pieces.corner]
 
     first = np.flatnonzero(crossings.side < twin.ravel()[crossings.side])
     chosen = np.flatnonzero(real)[first]
     share = _in_order(share[chosen], base_side[chosen], steps[every.across[chosen]], base.mesh)
     vertices = _Vertices(mesh, base, base_side[chosen], share, crossings.side[first], along[chosen])
+    half_along = np.empty(len(number))
+    half_along[first], half_along[crossings.across[first]] = along[chosen], 1.0 - along[chosen]
     edge_start, edge_vertex = _edge_chains(mesh, crossings, number, n_crossings)
     return CommonSubdivision(
-        mesh=TriangleMesh.from_arrays(vertices.points(), pieces.triangles),
+        input=base.input,
+        intrinsic=mesh,
+        mesh=TriangleMesh.from_arrays(vertices.points(), triangles),
         input_face=pieces.input_face,
         intrinsic_face=pieces.face,
         vertex_kind=vertices.kind(),
         from_input=vertices.from_input(),
         from_intrinsic=vertices.from_intrinsic(),
+        corner=pieces.corner,
+        half_side=crossings.side,
+        half_along=half_along,
         edge_start=edge_start,
         edge_vertex=edge_vertex,
         length_residual=residual,
@@ -313,7 +331,8 @@ class _Vertices:
         return np.concatenate([points, tail + self.share[:, None] * (head - tail)])
 
     def kind(self) -> NDArray[np.int64]:
-        counts = [self.base.n_input, self.base.mesh.n_vertices - self.base.n_input, len(self.side)]
+        n_input = self.base.input.n_vertices
+        counts = [n_input, self.base.mesh.n_vertices - n_input, len(self.side)]
         return np.repeat([INPUT_VERTEX, STEINER_POINT, CROSSING], counts)
 
     def from_input(self) -> csr_array:

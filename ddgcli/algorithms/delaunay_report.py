@@ -37,6 +37,8 @@ class DelaunayReport:
     mesh : IntrinsicMesh
     results, accuracy : dict
         Blocks of the summary.
+    on_input : dict of str to ndarray
+        `input_face` and `input_barycentric` of the vertices of a refined triangulation.
     subdivision : CommonSubdivision, optional
         Where asked for.
     reached : bool
@@ -46,6 +48,7 @@ class DelaunayReport:
     mesh: IntrinsicMesh
     results: dict[str, Any]
     accuracy: dict[str, Any]
+    on_input: dict[str, NDArray]
     subdivision: CommonSubdivision | None = None
     reached: bool = True
 
@@ -81,15 +84,18 @@ def delaunay_report(
         "before": triangulation_statistics(mesh, condition=condition),
         "after": triangulation_statistics(flipped.mesh, condition=condition),
     }
+    on_input: dict[str, NDArray] = {}
     if refined is not None:
         results["refinement"] = refinement_counts(refined)
+        where = refined.steiner.behind_vertices(mesh)
+        on_input = {"input_face": where.face, "input_barycentric": where.barycentric}
     accuracy: dict[str, Any] = metric_residuals(mesh, flipped.mesh)
     cut = common_subdivision(flipped, base) if subdivide else None
     if cut is not None:
         results["overlay"] = subdivision_counts(cut)
         accuracy |= subdivision_residuals(cut, mesh)
     reached = (refined is None or refined.reached) and flipped.left == 0
-    return DelaunayReport(flipped.mesh, results, accuracy, cut, reached)
+    return DelaunayReport(flipped.mesh, results, accuracy, on_input, cut, reached)
 
 
 def refinement_counts(refined: Refined) -> dict[str, int]:
@@ -97,6 +103,7 @@ def refinement_counts(refined: Refined) -> dict[str, int]:
     return {
         "batches": refined.batches,
         "sharp_vertices": refined.sharp_vertices,
+        "coincident_vertices": refined.coincident_vertices,
         "excepted_faces": refined.excepted_faces,
         "unreached_faces": refined.unreached_faces,
     }

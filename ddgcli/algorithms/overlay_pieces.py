@@ -16,28 +16,24 @@ class Pieces:
 
     Parameters
     ----------
-    triangles : (t, 3) ndarray of int64
-        Vertices, oriented as the faces are.
+    corner : (t, 3) ndarray of int64
+        Where the corners lie, oriented as the faces are: the flat number 3f+k of a corner of the face that
+        was cut, or 3m + h for half-crossing h.
     face, input_face : (t,) ndarray of int64
         The face that was cut, and the input face that holds the piece.
     """
 
-    triangles: NDArray[np.int64]
+    corner: NDArray[np.int64]
     face: NDArray[np.int64]
     input_face: NDArray[np.int64]
 
 
-def cut_faces(
-    faces: NDArray, c: Crossings, vertex: NDArray, before: NDArray, beyond: NDArray, holder: NDArray
-) -> Pieces:
-    """Cut faces (m, 3) along their arcs into convex pieces, and those into fans of triangles.
+def cut_faces(c: Crossings, before: NDArray, beyond: NDArray, holder: NDArray) -> Pieces:
+    """Cut faces along their arcs into convex pieces, and those into fans of triangles.
 
     Parameters
     ----------
-    faces : (m, 3) ndarray of int64
     c : Crossings
-    vertex : (c,) ndarray of int64
-        Vertex at each half-crossing.
     before, beyond : (c,) ndarray of int64
         Input face on the side of the arc that a walk along the side leaves, and that it enters.
     holder : (m,) ndarray of int64
@@ -48,7 +44,7 @@ def cut_faces(
     Around a corner that arcs cut off lie a triangle and quadrilaterals. What is left is one polygon of at
     most six corners, or, where arcs leave a corner, a fan of pieces around it.
     """
-    cutter = _Cutter(faces, c, vertex, before, beyond)
+    cutter = _Cutter(c, before, beyond)
     parts = [
         cutter.corner_triangles(),
         cutter.corner_quads(),
@@ -81,11 +77,9 @@ Part = tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]
 class _Cutter:
     """The kinds of pieces; each method returns polygons (k, 6) padded with -1, faces and input faces."""
 
-    def __init__(
-        self, faces: NDArray, c: Crossings, vertex: NDArray, before: NDArray, beyond: NDArray
-    ) -> None:
-        self.faces, self.c = faces, c
-        self.vertex = np.append(vertex, -1)
+    def __init__(self, c: Crossings, before: NDArray, beyond: NDArray) -> None:
+        self.c = c
+        self.n_corners = len(c.count)
         self.before, self.beyond = np.append(before, -1), np.append(beyond, -1)
         self.cut, self.leaving = c.cut.ravel(), c.leaving.ravel()
 
@@ -94,6 +88,10 @@ class _Cutter:
 
     def _from_head(self, side: NDArray, place: NDArray) -> NDArray:
         return self.c.start[side] + self.c.count[side] - 1 - place
+
+    def _at(self, half: NDArray) -> NDArray:
+        """The name of half-crossings as corners of pieces."""
+        return self.n_corners + half
 
     def _part(self, columns: list[NDArray], corner: NDArray, input_face: NDArray) -> Part:
         polygon = np.full((len(corner), 6), -1, dtype=np.int64)
@@ -106,8 +104,7 @@ class _Cutter:
         corner = np.flatnonzero(self.cut > 0)
         x = self._from_tail(corner, np.zeros_like(corner))
         y = self._from_head(_previous(corner), np.zeros_like(corner))
-        tip = self.faces.ravel()[corner]
-        return self._part([tip, self.vertex[x], self.vertex[y]], corner, self.before[x])
+        return self._part([corner, self._at(x), self._at(y)], corner, self.before[x])
 
     def corner_quads(self) -> Part:
         """Between two arcs that cut off the same corner."""
@@ -117,16 +114,15 @@ class _Cutter:
         side, other = corner, _previous(corner)
         inner, outer = self._from_tail(side, place - 1), self._from_tail(side, place)
         far, near = self._from_head(other, place), self._from_head(other, place - 1)
-        columns = [self.vertex[x] for x in (inner, outer, far, near)]
+        columns = [self._at(x) for x in (inner, outer, far, near)]
         return self._part(columns, corner, self.before[outer])
 
     def _outermost(self, corner: NDArray) -> tuple[NDArray, NDArray]:
         """Where what is left of a face arrives at and leaves a corner: the last arc's ends, or the corner."""
         cut = self.cut[corner]
-        arriving = self.vertex[self._from_head(_previous(corner), np.maximum(cut, 1) - 1)]
-        leaving = self.vertex[self._from_tail(corner, np.maximum(cut, 1) - 1) * (cut > 0) - (cut == 0)]
-        tip = self.faces.ravel()[corner]
-        return np.where(cut > 0, arriving, tip), np.where(cut > 0, leaving, -1)
+        arriving = self._at(self._from_head(_previous(corner), cut - 1))
+        leaving = self._at(self._from_tail(corner, cut - 1))
+        return np.where(cut > 0, arriving, corner), np.where(cut > 0, leaving, -1)
 
     def middles(self, holder: NDArray) -> Part:
         """What cut-off corners leave of a face that no arc leaves a corner into."""
@@ -150,7 +146,7 @@ class _Cutter:
         corner, _, first = self._fan_corners()
         arriving, leaving = self._outermost(_following(corner))
         x = self._from_tail(_following(corner), first)
-        columns = [self.faces.ravel()[corner], arriving, leaving, self.vertex[x]]
+        columns = [corner, arriving, leaving, self._at(x)]
         return self._part(columns, corner, self.before[x])
 
     def fan_inner(self) -> Part:
@@ -160,7 +156,7 @@ class _Cutter:
         place = 1 + np.arange(more.sum()) - np.repeat(np.cumsum(more) - more, more)
         corner, first = np.repeat(corner, more), np.repeat(first, more)
         x = self._from_tail(_following(corner), first + place)
-        columns = [self.faces.ravel()[corner], self.vertex[x - 1], self.vertex[x]]
+        columns = [corner, self._at(x - 1), self._at(x)]
         return self._part(columns, corner, self.before[x])
 
     def fan_lasts(self) -> Part:
@@ -168,7 +164,7 @@ class _Cutter:
         corner, count, first = self._fan_corners()
         arriving, leaving = self._outermost(_previous(corner))
         x = self._from_tail(_following(corner), first + count - 1)
-        columns = [self.faces.ravel()[corner], self.vertex[x], arriving, leaving]
+        columns = [corner, self._at(x), arriving, leaving]
         return self._part(columns, corner, self.beyond[x])
 
 

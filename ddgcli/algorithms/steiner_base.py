@@ -14,6 +14,7 @@ from scipy.sparse import coo_array
 
 from ddgcli.algorithms.common_subdivision import Base
 from ddgcli.algorithms.gluing import Gluing, around
+from ddgcli.geometry.surface_points import SurfacePoints
 from ddgcli.geometry.unfolding import corner_position, unfold
 from ddgcli.mesh.topology import NEXT
 from ddgcli.mesh.triangle_mesh import TriangleMesh
@@ -43,6 +44,16 @@ class SteinerPoints:
     def __len__(self) -> int:
         return len(self.face)
 
+    def behind_vertices(self, mesh: TriangleMesh) -> SurfacePoints:
+        """The vertices of the input and then these points; face -1 at vertices that no face uses."""
+        face, barycentric = np.full(mesh.n_vertices, -1), np.zeros((mesh.n_vertices, 3))
+        corner = np.arange(3 * mesh.n_faces)[::-1]  # of several faces the first
+        face[mesh.faces.ravel()[corner]] = corner // 3
+        barycentric[mesh.faces.ravel()[corner]] = np.eye(3)[corner % 3]
+        return SurfacePoints(
+            np.concatenate([face, self.face]), np.concatenate([barycentric, self.barycentric])
+        )
+
 
 def with_steiner_points(mesh: TriangleMesh, steiner: SteinerPoints) -> Base:
     """The input with points inserted, input vertices first, every face inside one input face."""
@@ -57,7 +68,7 @@ def with_steiner_points(mesh: TriangleMesh, steiner: SteinerPoints) -> Base:
     position = np.einsum("ij,ijk->ik", steiner.barycentric, mesh.points[mesh.faces[steiner.face]])
     points = np.concatenate([mesh.points, position])
     refined = TriangleMesh.from_arrays(points, work.gluing.tail.reshape(-1, 3))
-    return Base(refined, work.input_face, interpolation)
+    return Base(mesh, refined, work.input_face, interpolation)
 
 
 class _Insertion:

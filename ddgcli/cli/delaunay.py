@@ -51,7 +51,8 @@ def command(
 ) -> None:
     """The intrinsic Delaunay triangulation of MESH: same vertices, same metric, better edges.
 
-    -o writes faces, face_edge_lengths, neighbors and points (.npz or .vtkhdf).
+    -o writes faces, face_edge_lengths, neighbors and points (.npz or .vtkhdf); with --refine also where the
+    points lie on the input: input_face and input_barycentric.
 
     \b
     Examples:
@@ -80,7 +81,7 @@ def command(
         subdivide=bool(overlay or common.plot),
         condition=condition,
     )
-    run.write(AnnotatedMesh(report.mesh), converged=report.reached)
+    run.write(AnnotatedMesh(report.mesh, vertex=report.on_input), converged=report.reached)
     if overlay and report.subdivision:
         run.write_file(overlay, overlay_mesh(report.subdivision), converged=report.reached)
     run.plot(lambda path: draw(path, source.mesh, report.subdivision))

@@ -77,6 +77,9 @@ def test_refinement(summary, stretched, tmp_path):
     assert results["overlay"]["steiner_points"] == results["steiner_points"]
     assert told["accuracy"]["overlay_length_residual"] < 1e-9
     assert set(read_mesh(str(overlay)).vertex["vertex_kind"]) == {0, 1, 2}
+    z, mesh = np.load(out), read_mesh(str(stretched)).mesh
+    where = np.einsum("kc,kcd->kd", z["input_barycentric"], mesh.points[mesh.faces[z["input_face"]]])
+    assert np.abs(where - z["points"]).max() < 1e-13 * np.abs(z["points"]).max()
 
 
 def test_points_run_out(summary, stretched, tmp_path):
