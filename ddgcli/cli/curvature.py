@@ -19,7 +19,8 @@ SCHEMES = ("quadric", "corrected", "normal-cycle", "cotan")
 @click.command(
     "curvature",
     epilog="Which scheme: quadric (noisy data: with --radius of three to five edges); corrected where speed "
-    "counts; cotan for sums and to compare with other programs.",
+    "counts; cotan for sums and to compare with other programs. See docs/curvature.md and "
+    "docs/accuracy/curvature.md.",
 )
 @options.mesh_arg
 @click.option(

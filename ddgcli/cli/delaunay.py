@@ -40,6 +40,7 @@ OVERLAY_FORMATS = (".npz", ".vtkhdf", ".ply", ".vtu", ".vtp", ".vtk", ".xdmf", "
     "(0 input vertex, 1 Steiner point, 2 crossing).",
 )
 @click.option("--condition", is_flag=True, help="Also measure the condition number of the Laplacian.")
+@options.subdivide
 @options.common
 def command(
     mesh_path: str,
@@ -47,6 +48,7 @@ def command(
     max_points: int | None,
     overlay: str | None,
     condition: bool,
+    subdivide: int,
     common: Common,
 ) -> None:
     """The intrinsic Delaunay triangulation of MESH: same vertices, same metric, better edges.
@@ -67,9 +69,10 @@ def command(
         max_points=max_points,
         overlay=overlay,
         condition=condition,
+        subdivide=subdivide,
     )
     run.will_write(overlay, OVERLAY_FORMATS)
-    source = run.read(mesh_path)
+    source = run.read(mesh_path, subdivide=subdivide)
 
     from ddgcli.algorithms.delaunay_report import delaunay_report, overlay_mesh
     from ddgcli.mesh.fields import AnnotatedMesh

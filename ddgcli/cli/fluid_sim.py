@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -55,11 +56,18 @@ def command(
         simulate.print_schema(KIND)
         return
     run = Run("fluid-sim", common, **overrides)
-    quick = {"vorticity": vorticity, "flow": flow}
-    lines = [f"initial {key}={json.dumps(value)}" for key, value in quick.items() if value is not None]
-    lines += [f"viscosity nu={_number(viscosity)}"] if viscosity is not None else []
-    document, recorded = simulate.scene_document(scene_path, "fluid", (*lines, *effect_lines), {}, resume)
+    quick = {"effect_lines": effect_lines, "vorticity": vorticity, "flow": flow, "viscosity": viscosity}
+    document, recorded = simulate.scene_document(scene_path, "fluid", *quick_lines(quick), resume)
     _run(run, document, scene_path, {**recorded, **overrides}, resume, dry_run)
+
+
+def quick_lines(given: Mapping[str, Any]) -> tuple[tuple[str, ...], dict[str, Any]]:
+    """Lines of effects that the options of the quick form mean; the object has no keys of its own there."""
+    flows = {key: given[key] for key in ("vorticity", "flow") if given.get(key) is not None}
+    lines = [f"initial {key}={json.dumps(value)}" for key, value in flows.items()]
+    if given.get("viscosity") is not None:
+        lines.append(f"viscosity nu={_number(given['viscosity'])}")
+    return (*lines, *given.get("effect_lines", ())), {}
 
 
 def _run(

@@ -34,8 +34,11 @@ from ddgcli.cli.run import Run
 @options.mesh_arg
 @distance_options
 @curve_options
+@options.subdivide
 @options.common
-def command(mesh_path: str, distance: DistanceChoice, curves: CurveOptions, common: Common) -> None:
+def command(
+    mesh_path: str, distance: DistanceChoice, curves: CurveOptions, subdivide: int, common: Common
+) -> None:
     """Measure distance along the surface of MESH from the sources, and draw curves on it.
 
     \b
@@ -44,8 +47,8 @@ def command(mesh_path: str, distance: DistanceChoice, curves: CurveOptions, comm
     """
     check_distance(distance)
     check_asked(curves, distance.any, distance.method, extra=distance.isolines is not None)
-    run = Run("geodesic", common, **distance.said(), **curves.said())
-    read = run.read(mesh_path)
+    run = Run("geodesic", common, subdivide=subdivide, **distance.said(), **curves.said())
+    read = run.read(mesh_path, subdivide=subdivide)
     mesh = read.mesh
     vertex, face, results, accuracy, converged, exact, made = {}, {}, {}, {}, True, None, None
     lines: list = []

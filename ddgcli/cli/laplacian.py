@@ -86,10 +86,11 @@ class FixedValue(click.ParamType):
     metavar="T...",
     help="Heat kernel signatures at these times: hks_000, ...",
 )
+@options.subdivide
 @options.common
 def command(
     mesh_path: str, matrix: str | None, mass_matrix: str | None, poisson: str | None, fix: tuple,
-    common: Common, **tasks: Any,
+    subdivide: int, common: Common, **tasks: Any,
 ) -> None:  # fmt: skip
     """Laplace matrices of MESH, and what they solve.
 
@@ -104,10 +105,11 @@ def command(
       ddgcli laplacian scan.ply --smooth 1e-4 -o smooth.ply
     """
     run = Run("laplacian", common, matrix=matrix, mass_matrix=mass_matrix, poisson=poisson,
-              fix=[f"{vertex}={value:.17g}" for vertex, value in fix], **tasks)  # fmt: skip
+              fix=[f"{vertex}={value:.17g}" for vertex, value in fix],
+              subdivide=subdivide, **tasks)  # fmt: skip
     run.will_write(matrix, MATRIX_FORMATS)
     run.will_write(mass_matrix, MATRIX_FORMATS)
-    source = run.read(mesh_path)
+    source = run.read(mesh_path, subdivide=subdivide)
 
     from ddgcli.algorithms.laplacian_report import Tasks, laplacian_report
 

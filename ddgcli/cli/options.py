@@ -87,6 +87,13 @@ POSITIVE = Real(above=0)
 NONNEGATIVE = Real(least=0)
 
 mesh_arg = click.argument("mesh_path", metavar="MESH", type=click.Path())
+subdivide = click.option(
+    "--subdivide",
+    type=click.IntRange(0, 6),
+    default=0,
+    metavar="N",
+    help="First split every face in four at its edge midpoints, N times: the same surface, more unknowns.",
+)
 scene_arg = click.argument("scene_path", metavar="SCENE", required=False, type=click.Path())
 
 _COMMON = (

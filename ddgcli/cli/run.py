@@ -134,6 +134,11 @@ class Run:
             raise OutputError(f"{path}: two results would go to this one place; give each its own")
         self._promised.append(path)
 
+    @property
+    def began(self) -> float:
+        """When the run began, by `time.perf_counter`."""
+        return self._began
+
     @contextmanager
     def timed(self, stage: str) -> Iterator[None]:
         """Add the time inside to `seconds[stage]` (read or write); all other time counts as compute."""
@@ -151,11 +156,13 @@ class Run:
         self._progress = Progress(label, None if not self.common.quiet else False, self.common.progress)
         return self._progress
 
-    def read(self, path: str, accept: Sequence[str] = ("surface",)) -> MeshInput:
+    def read(self, path: str, accept: Sequence[str] = ("surface",), *, subdivide: int = 0) -> MeshInput:
         """Read the input mesh and note it in the summary.
 
         Parameters
         ----------
+        subdivide : int
+            Times that every face is split in four; the input's vertices keep their numbers, its arrays go.
         accept : sequence of {'surface', 'tetrahedra', 'curve'}
             Kinds that the command takes; others are refused with the mend.
         """
@@ -177,6 +184,16 @@ class Run:
             self._context.meta["ddgcli.input"] = path
         for note in source.notes:
             logging.getLogger("ddgcli").warning(note)
+        if subdivide:
+            from ddgcli.mesh.shapes import midpoint_subdivided
+
+            dropped = sorted({*source.vertex, *source.face, *source.edge})
+            if dropped:
+                logging.getLogger("ddgcli").warning(
+                    f"--subdivide leaves behind the arrays {', '.join(dropped)}"
+                )
+            finer = midpoint_subdivided(source.mesh, subdivide)
+            source = replace(source, mesh=finer, vertex={}, face={}, edge={}, input_face=None)
         self.input = {"path": path, **describe(source.mesh)}
         if self.input.get("faces") and self.input["genus"] is None:
             logging.getLogger("ddgcli").warning("genus is null: the surface is not an orientable manifold")
@@ -253,8 +270,9 @@ class Run:
         *,
         converged: bool = True,
         text: list[str] | None = None,
+        exit_code: int = 1,
     ) -> None:
-        """Print the summary; exit 1 when the run did not reach what was asked.
+        """Print the summary; exit 1 (or `exit_code`) when the run did not reach what was asked.
 
         `text` takes the place of the results where people read them.
         """
@@ -286,7 +304,7 @@ class Run:
         body |= {"warnings": list(self._collector.warnings), "outputs": list(self.outputs)}
         print_summary(body, self.common.as_json, err="-" in self.outputs, text=text)
         if not converged:
-            self._context.exit(1)
+            self._context.exit(exit_code)
 
 
 def describe(mesh: Any) -> dict[str, Any]:

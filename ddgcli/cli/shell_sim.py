@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import click
@@ -58,10 +59,18 @@ def command(
         return
     run = Run("shell-sim", common, formats=simulate.formats(), **overrides)
     run.note_input(scene_path or resume or "", "")
-    lines = (*effect_lines, *([f"pin vertices={list(pinned)}"] if pinned else []))
-    extra = {**({"material": material} if material else {}), **simulate.toml_settings(settings)}
+    quick = {"effect_lines": effect_lines, "pinned": pinned, "material": material, "settings": settings}
+    lines, extra = quick_lines(quick)
     document, recorded = simulate.scene_document(scene_path, "shell", lines, extra, resume)
     _run(run, document, scene_path, {**recorded, **overrides}, resume, dry_run)
+
+
+def quick_lines(given: Mapping[str, Any]) -> tuple[tuple[str, ...], dict[str, Any]]:
+    """Lines of effects and keys of the object that the options of the quick form mean."""
+    pinned, material = given.get("pinned"), given.get("material")
+    lines = (*given.get("effect_lines", ()), *([f"pin vertices={list(pinned)}"] if pinned else []))
+    named = {"material": material} if material else {}
+    return lines, {**named, **simulate.toml_settings(given.get("settings", ()))}
 
 
 def _run(

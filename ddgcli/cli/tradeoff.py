@@ -3,21 +3,31 @@
 from __future__ import annotations
 
 import json
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from ddgcli.cli import options
 from ddgcli.cli.options import Common
 from ddgcli.cli.run import Run
+from ddgcli.cli.tradeoff_asked import SOURCES, Given, parse
 from ddgcli.errors import ParameterError
 
+if TYPE_CHECKING:
+    from ddgcli.tradeoff.candidates import Problem
+
 COMMANDS = ("curvature", "delaunay", "laplacian", "geodesic", "shell-sim", "fluid-sim", "willmore-flow")
+SIMULATORS = COMMANDS[-3:]
 
 
-@click.command("tradeoff")
+@click.command(
+    "tradeoff",
+    context_settings={"ignore_unknown_options": True},
+    epilog="Which: --within ERROR names the cheapest configuration; --norm mean where single vertices "
+    "(creases, say) would decide. See docs/tradeoff.md, and docs/accuracy/ for pictures on known truths.",
+)
 @click.argument("compared", metavar="COMMAND", type=click.Choice(COMMANDS))
-@click.argument("input_path", metavar="INPUT", type=click.Path())
+@click.argument("words", metavar="INPUT [OPTIONS OF COMMAND]", nargs=-1, type=click.UNPROCESSED)
 @click.option("--within", type=options.POSITIVE, metavar="ERROR", help="Name the cheapest row within.")
 @click.option(
     "--norm",
@@ -38,37 +48,35 @@ COMMANDS = ("curvature", "delaunay", "laplacian", "geodesic", "shell-sim", "flui
 @click.option(
     "--repeat", type=click.IntRange(min=1), default=5, show_default=True, help="Timed queries a row."
 )
-@click.option("--source", type=int, multiple=True, metavar="ID", help="geodesic: source vertex.")
-@click.option("--eigen", type=click.IntRange(min=1), metavar="K", help="laplacian: eigenvalues compared.")
-@click.option(
-    "--duration", type=options.POSITIVE, metavar="SECONDS", help="Simulators, willmore-flow: time simulated."
-)
 @options.common
 def command(
     compared: str,
-    input_path: str,
+    words: tuple[str, ...],
     within: float | None,
     norm: str,
     truth: str | None,
-    budget: float | None,
+    budget: float,
     repeat: int,
-    source: tuple[int, ...],
-    eigen: int | None,
-    duration: float | None,
     common: Common,
 ) -> None:
     """Show what accuracy costs in time: the methods of COMMAND on INPUT, error against seconds.
 
-    Every method runs with several settings of its dials against the most accurate one that is affordable, or
-    against a known truth. Rows marked * are beaten by no other in both time and error.
+    COMMAND is curvature, delaunay, laplacian, geodesic, shell-sim, fluid-sim or willmore-flow. Every method
+    runs with several settings of its dials against the most accurate one that is affordable, or against a
+    known truth. Rows marked * are beaten by no other in both time and error.
+
+    COMMAND's own options are given as they are to it. Those that make the question (--source, --eigen,
+    --duration, --effect, ...) hold in every row; one that names a method or a dial (--method heat,
+    --refine 20) leaves the rows that have it.
 
     \b
     Examples:
       ddgcli tradeoff geodesic bunny.ply --source 5 --within 1e-3
+      ddgcli tradeoff laplacian bunny.ply --eigen 20 --mass lumped -o rows.csv
       ddgcli tradeoff curvature sphere.ply --truth sphere:1 --plot tradeoff.png
-
-    See docs/tradeoff.md, and docs/accuracy/ for the same pictures on known truths.
+      ddgcli tradeoff shell-sim hat.toml --dt 1e-3 --integrator newmark --budget 120
     """
+    given = parse(compared, words)
     run = Run(
         "tradeoff",
         common,
@@ -79,70 +87,70 @@ def command(
         truth=truth,
         budget=budget,
         repeat=repeat,
-        source=list(source),
-        eigen=eigen,
-        duration=duration,
+        **given.asked,
     )
-    problem = _problem(run, compared, input_path, truth, source, eigen, duration)
+    problem = _problem(run, compared, given, truth)
 
     from ddgcli.tradeoff.front import give_verdicts
     from ddgcli.tradeoff.measure import run_problem
     from ddgcli.tradeoff.report import results_of, text_table
 
-    table = run_problem(problem, repeat=repeat, budget=budget, progress=run.progress("tradeoff"))
+    told = run.progress("tradeoff")
+    table = run_problem(problem, repeat=repeat, budget=budget, began=run.began, progress=told)
     chosen = give_verdicts(table, within, norm)
-    results = results_of(table, problem, compared, input_path, chosen=chosen, within=within, norm=norm)
+    call = (compared, given.path, given.kept)
+    results = results_of(table, problem, call, chosen=chosen, within=within, norm=norm)
     write(run, results)
-    run.plot(lambda path: draw(path, table, results, within))
+    if table.rows:
+        run.plot(lambda path: draw(path, table, results, within))
     run.finish(
         results,
         {"reference_uncertainty": results["reference_uncertainty"]},
-        converged=within is None or chosen is not None,
+        converged=not table.interrupted and (within is None or chosen is not None),
         text=text_table(table, problem, results),
+        exit_code=130 if table.interrupted else 1,
     )
-    if table.interrupted:
-        click.get_current_context().exit(130)
 
 
-def _problem(
-    run: Run,
-    compared: str,
-    path: str,
-    truth: str | None,
-    source: tuple[int, ...],
-    eigen: int | None,
-    duration: float | None,
-) -> Any:
+def _problem(run: Run, compared: str, given: Given, truth: str | None) -> Problem:
     """The question of a command, on a mesh or on a scene."""
+    if truth and compared in SIMULATORS:
+        raise ParameterError(f"--truth says nothing of {compared}; its reference is a small step")
     if compared in ("shell-sim", "fluid-sim"):
-        if truth:
-            raise ParameterError(f"--truth says nothing of {compared}; its reference is a small step")
-        return _scene_problem(run, compared, path, duration)
+        return _scene_problem(run, compared, given)
     from ddgcli.tradeoff.problems.table import mesh_problem
     from ddgcli.tradeoff.truths import parse_truth
 
-    mesh = run.read(path).mesh
+    mesh = run.read(given.path).mesh
     known = parse_truth(truth, mesh.points) if truth else None
-    return mesh_problem(compared, mesh, source=source, eigen=eigen, truth=known, duration=duration)
+    more: dict[str, Any] = {}
+    if compared == "geodesic" and any(name in given.asked for name in SOURCES):
+        from ddgcli.cli.geodesic_distance import DistanceChoice, read_sources
+
+        named = {name: given.asked[name] for name in SOURCES if name in given.asked}
+        more["sources"] = read_sources(mesh, DistanceChoice(**named))
+    return mesh_problem(compared, mesh, truth=known, asked=given.asked, **more)
 
 
-def _scene_problem(run: Run, compared: str, path: str, duration: float | None) -> Any:
+def _scene_problem(run: Run, compared: str, given: Given) -> Problem:
     from pathlib import Path
 
+    from ddgcli.cli.fluid_sim import quick_lines as fluid_lines
     from ddgcli.cli.scene_input import mesh_reader, scene_document
+    from ddgcli.cli.shell_sim import quick_lines as shell_lines
     from ddgcli.io.arrays import read_array
     from ddgcli.tradeoff.problems import simulate
 
+    asked = given.asked
     role = compared.removesuffix("-sim")
-    document, _ = scene_document(path, role, (), {}, None)
-    run.note_input(path, "")
+    lines, extra = (shell_lines if role == "shell" else fluid_lines)(asked)
+    document, _ = scene_document(given.path, role, lines, extra, None)
+    run.note_input(given.path, "")
     read = mesh_reader(run, document)
     if role == "shell":
-        return simulate.shell_problem(document, read, duration=duration)
+        return simulate.shell_problem(document, read, asked=asked)
     folder = Path(document.folder)
-    return simulate.fluid_problem(
-        document, read, lambda name: read_array(str(folder / name)), duration=duration
-    )
+    return simulate.fluid_problem(document, read, lambda name: read_array(str(folder / name)), asked=asked)
 
 
 def write(run: Run, results: dict[str, Any]) -> None:

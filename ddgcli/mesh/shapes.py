@@ -34,8 +34,14 @@ def mesh_on_sphere(mesh: TriangleMesh) -> TriangleMesh:
     return mesh.moved(_on_sphere(mesh.points))
 
 
-def midpoint_subdivided(mesh: TriangleMesh) -> TriangleMesh:
+def midpoint_subdivided(mesh: TriangleMesh, times: int = 1) -> TriangleMesh:
     """Every face split in four at its edge midpoints; original vertices keep their numbers."""
+    for _ in range(times):
+        mesh = _split_in_four(mesh)
+    return mesh
+
+
+def _split_in_four(mesh: TriangleMesh) -> TriangleMesh:
     topology = mesh.topology
     middle = topology.side_edge + mesh.n_vertices
     points = np.concatenate([mesh.points, mesh.points[topology.edges].mean(axis=1)])

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+# options of the command compared, by the names of its parameters, as far as they were given
+Asked = Mapping[str, Any]
+NOTHING: Asked = MappingProxyType({})
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,9 +30,11 @@ class Candidate:
     solve : callable
         One query: the answer, in the form that the problem's reference has.
     options : str
-        Options of the command that run this configuration.
+        Options of the command that run this configuration, as a shell takes them.
     work : float
         Guess of the seconds of set-up and one query; only ratios matter once one candidate has run.
+    program : str, optional
+        The command that runs it, where that is another than the one compared.
     """
 
     method: str
@@ -36,6 +43,7 @@ class Candidate:
     solve: Callable[[Any], NDArray]
     options: str
     work: float = 0.0
+    program: str = ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,15 +56,24 @@ class Reference:
         What it is: "known truth: ...", "exact polyhedral distance", "Richardson limit of ...".
     values : ndarray
     uncertainty : float
-        Bound or estimate of its own relative error, on the scale of the rows.
+        Bound or estimate of its own largest relative error, on the scale of the rows.
     known : bool
         True for an analytic truth.
+    mean_uncertainty : float, optional
+        The same for the mean error; by default that of the largest.
     """
 
     name: str
     values: NDArray
     uncertainty: float
     known: bool = False
+    mean_uncertainty: float | None = None
+
+    def within(self, norm: str = "max") -> float:
+        """Its own error, in a norm of the rows."""
+        if norm == "mean" and self.mean_uncertainty is not None:
+            return self.mean_uncertainty
+        return self.uncertainty
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,6 +107,12 @@ class Problem:
     left_out: tuple[tuple[str, str], ...] = ()
 
 
+def label_of(one: Candidate | Row) -> str:
+    """Method and dials in a few words."""
+    dials = " ".join(f"{k}={v:g}" if isinstance(v, float) else f"{k}={v}" for k, v in one.parameters.items())
+    return f"{one.method} {dials}".strip()
+
+
 @dataclass
 class Row:
     """Cost and error of one candidate, as measured."""
@@ -105,6 +128,7 @@ class Row:
     max_error_at: int
     mean_error: float
     options: str
+    program: str = ""
     on_front: bool = False
     verdict: str = ""
 
@@ -120,10 +144,7 @@ class Row:
     @property
     def label(self) -> str:
         """Method and dials in a few words."""
-        dials = " ".join(
-            f"{k}={v:g}" if isinstance(v, float) else f"{k}={v}" for k, v in self.parameters.items()
-        )
-        return f"{self.method} {dials}".strip()
+        return label_of(self)
 
 
 @dataclass

@@ -26,7 +26,7 @@ def give_verdicts(table: Table, within: float | None, norm: str = "max") -> Row 
     """Write every row's verdict; returns the cheapest row within the error asked for."""
     mark_front(table.rows, norm)
     chosen = cheapest_within(table.rows, within, norm) if within is not None else None
-    floor = table.reference.uncertainty if table.reference else 0.0
+    floor = table.reference.within(norm) if table.reference else 0.0
     for row in table.rows:
         if row is chosen:
             row.verdict = f"cheapest within {within:g}"

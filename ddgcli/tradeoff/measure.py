@@ -3,47 +3,87 @@
 from __future__ import annotations
 
 import logging
+import math
 import multiprocessing
+import signal
 import statistics
 import sys
+import threading
 import time
 import tracemalloc
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
 
-from ddgcli.errors import DdgError
-from ddgcli.tradeoff.candidates import Candidate, Problem, Reference, Row, Table
+from ddgcli.errors import DdgError, SolveError
+from ddgcli.tradeoff.candidates import Candidate, Problem, Reference, Row, Table, label_of
 
 log = logging.getLogger("ddgcli")
+
+Clock = Callable[[], float]
 
 # share of the budget that the reference may take
 REFERENCE_SHARE = 0.5
 
 
+class BudgetSpent(BaseException):
+    """What runs has used up its share of the budget, against its estimate."""
+
+
 class Purse:
     """The time budget: what is left, and how the guesses of work compare with this machine so far."""
 
-    def __init__(self, budget: float | None) -> None:
+    def __init__(self, budget: float | None, began: float | None = None) -> None:
         self.budget = budget
-        self._began = time.perf_counter()
-        self._ratios: dict[str, list[float]] = {}
+        self._began = time.perf_counter() if began is None else began
+        self._known: dict[str, list[tuple[float, float, float]]] = {}  # method: guess, set-up, solve
 
     def left(self) -> float:
         """Seconds left; infinite without a budget."""
         return float("inf") if self.budget is None else self.budget - (time.perf_counter() - self._began)
 
-    def learn(self, method: str, guess: float, seconds: float) -> None:
-        """Remember how a run's seconds compare with its guess."""
+    def learn(self, method: str, guess: float, setup: float, solve: float) -> None:
+        """Remember the seconds of a run beside its guess."""
         if guess > 0:
-            self._ratios.setdefault(method, []).append(seconds / guess)
+            self._known.setdefault(method, []).append((guess, setup, solve))
 
     def estimate(self, candidate: Candidate) -> float:
         """Seconds that one run of a candidate will take: by its own method's runs so far, else by all."""
-        own = self._ratios.get(candidate.method)
-        known = own[-2:] if own else [r for ratios in self._ratios.values() for r in ratios]
-        return candidate.work * (max(known) if own else statistics.median(known) if known else 1.0)
+        own = self._known.get(candidate.method, [])[-2:]
+        if own:
+            return max(setup + candidate.work * solve / guess for guess, setup, solve in own)
+        known = [(setup + solve) / guess for runs in self._known.values() for guess, setup, solve in runs]
+        return candidate.work * (statistics.median(known) if known else 1.0)
+
+    def estimate_like(self, candidate: Candidate, work: float) -> float:
+        """Seconds of other work, as one run of a candidate tells: its set-up, and solves in proportion."""
+        return self.estimate(replace(candidate, work=work))
+
+    @contextmanager
+    def stopping_after(self, seconds: float) -> Iterator[None]:
+        """Raise `BudgetSpent` in what runs longer than that (where the system has interval timers).
+
+        A long call into compiled code ends first.
+        """
+        here = threading.current_thread() is threading.main_thread() and hasattr(signal, "setitimer")
+        if self.budget is None or not here:
+            yield
+            return
+        before = signal.signal(signal.SIGALRM, _spent)
+        signal.setitimer(signal.ITIMER_REAL, max(seconds, 1e-3), 0.1)
+        try:
+            yield
+        finally:
+            signal.setitimer(signal.ITIMER_REAL, 0)
+            signal.signal(signal.SIGALRM, before)
+
+
+def _spent(*_: Any) -> None:
+    raise BudgetSpent
 
 
 def run_problem(
@@ -51,6 +91,8 @@ def run_problem(
     *,
     repeat: int = 5,
     budget: float | None = None,
+    began: float | None = None,
+    clock: Clock = time.perf_counter,
     progress: Callable[[int, int], Any] | None = None,
 ) -> Table:
     """Measure every candidate that the budget can pay, cheap ones first.
@@ -60,7 +102,12 @@ def run_problem(
     repeat : int
         Timed queries a candidate, after one warm-up; fewer where the budget is short, and told in the row.
     budget : float, optional
-        Seconds for everything, the reference included.
+        Seconds for everything, the reference included. What is estimated to exceed it is not begun; what
+        outruns its estimate is stopped.
+    began : float, optional
+        When the budget began to run, by `time.perf_counter`; by default now.
+    clock : callable, optional
+        What the seconds of the rows are read from; the budget always speaks of the wall's.
     progress : callable, optional
         Told (done, of).
 
@@ -68,14 +115,40 @@ def run_problem(
     -------
     Table
         Partial, with `interrupted` set, when the user interrupts.
+
+    Raises
+    ------
+    SolveError
+        When the budget pays for no reference.
     """
-    purse, table = Purse(budget), Table(left_out=list(problem.left_out))
+    purse, table = Purse(budget, began), Table(left_out=list(problem.left_out))
     try:
+        _calibrate(problem, purse)
         table.reference = reference = _reference(problem, purse, table)
-        _run_candidates(problem, table, reference, purse, repeat, progress)
+        _run_candidates(problem, table, reference, purse, repeat, clock, progress)
     except KeyboardInterrupt:
         table.interrupted = True
     return table
+
+
+def _calibrate(problem: Problem, purse: Purse) -> None:
+    """Learn from the cheapest candidate how guesses compare with this machine, where the choice needs it."""
+    if purse.budget is None or problem.references[0][0] == 0 or not problem.candidates:
+        return
+    cheapest = problem.candidates[0]
+    setup, solve = 0.0, purse.budget  # what is told where it takes too long to end
+    try:
+        with purse.stopping_after(REFERENCE_SHARE * purse.left()):
+            for _ in range(2):  # the first also pays for imports
+                state, setup = _timed(cheapest.setup, time.perf_counter)
+                solve = _timed(partial(cheapest.solve, state), time.perf_counter)[1]
+                if setup + solve > 0.1 * purse.left():
+                    break
+    except DdgError:  # told when its turn comes
+        return
+    except BudgetSpent:
+        pass
+    purse.learn(cheapest.method, cheapest.work, setup, solve)
 
 
 def _run_candidates(
@@ -84,59 +157,88 @@ def _run_candidates(
     reference: Reference,
     purse: Purse,
     repeat: int,
+    clock: Clock,
     progress: Callable[[int, int], Any] | None,
 ) -> None:
     for number, candidate in enumerate(problem.candidates):
         if progress is not None:
             progress(number, len(problem.candidates))
-        name = _name(candidate)
-        estimate = purse.estimate(candidate)
-        if estimate * 1.2 > purse.left():
-            table.left_out.append(
-                (name, f"estimated {estimate:.3g} s, {max(purse.left(), 0):.3g} s are left")
-            )
+        estimate, left, began = purse.estimate(candidate), purse.left(), time.perf_counter()
+        if estimate * 1.2 > left:
+            why = f"estimated {estimate:.3g} s, {max(left, 0):.3g} s are left"
+            table.left_out.append((label_of(candidate), why))
             continue
         try:
-            row = measure(candidate, problem, reference, purse, repeat)
+            with purse.stopping_after(left):
+                table.rows.append(measure(candidate, problem, reference, purse, repeat, clock))
         except DdgError as error:
-            table.left_out.append((name, str(error)))
-            continue
-        table.rows.append(row)
+            table.left_out.append((label_of(candidate), str(error)))
+        except BudgetSpent:
+            why = f"stopped after {time.perf_counter() - began:.3g} s, estimated {estimate:.3g} s"
+            table.left_out.append((label_of(candidate), why))
     if progress is not None:
         progress(len(problem.candidates), len(problem.candidates))
 
 
 def _reference(problem: Problem, purse: Purse, table: Table) -> Reference:
-    last = len(problem.references) - 1
-    for number, (work, make) in enumerate(problem.references):
-        affordable = purse.budget is None or work <= REFERENCE_SHARE * purse.budget
-        if affordable or number == last:
-            return make()
-        table.left_out.append(
-            ("a finer reference", f"estimated {work:.3g} s of the {purse.budget:g} s budget")
-        )
-    raise AssertionError("a problem without reference")
+    """The most accurate reference that its share of the budget can pay.
+
+    Raises
+    ------
+    DdgError
+        Where there is none: what the last one said, or that the budget is too short.
+    """
+    failure, needed = "", 0.0
+    for work, make in problem.references:
+        share = REFERENCE_SHARE * purse.left()
+        estimate = purse.estimate_like(problem.candidates[0], work) if work and problem.candidates else work
+        why = f"estimated {estimate:.3g} s of the {purse.budget or 0:g} s budget"
+        if estimate <= share:
+            try:
+                with purse.stopping_after(share):
+                    return make()
+            except BudgetSpent:
+                why = f"stopped after {share:.3g} s, {why}"
+            except SolveError as error:
+                why = failure = str(error)
+        needed = 3 * estimate if why != failure else needed
+        table.left_out.append(("a finer reference", why))
+    longer = f"; give --budget {math.ceil(needed)} or more" if needed else ""
+    raise SolveError((failure or f"no reference is affordable: the cheapest was {why}") + longer)
 
 
-def _name(candidate: Candidate) -> str:
-    dials = " ".join(f"{k}={v}" for k, v in candidate.parameters.items())
-    return f"{candidate.method} {dials}".strip()
+def measure(
+    candidate: Candidate,
+    problem: Problem,
+    reference: Reference,
+    purse: Purse,
+    repeat: int,
+    clock: Clock = time.perf_counter,
+) -> Row:
+    """One row: a warm-up that gives the answer, `repeat` timed queries, one run for the peak memory.
 
-
-def measure(candidate: Candidate, problem: Problem, reference: Reference, purse: Purse, repeat: int) -> Row:
-    """One row: a warm-up that gives the answer, `repeat` timed queries, one run for the peak memory."""
-    state, setup_seconds = _timed(candidate.setup)
-    answer, first = _timed(lambda: candidate.solve(state))
-    purse.learn(candidate.method, candidate.work, setup_seconds + first)
+    Raises
+    ------
+    SolveError
+        When the answer is not finite where the reference is.
+    """
+    began = time.perf_counter()
+    state, cold_setup = _timed(candidate.setup, clock)
+    ready = time.perf_counter()
+    answer, first = _timed(lambda: candidate.solve(state), clock)
+    purse.learn(candidate.method, candidate.work, ready - began, time.perf_counter() - ready)
     errors = np.asarray(problem.error(np.asarray(answer), reference.values), dtype=np.float64)
-    affordable = purse.left() / max(3 * first, 1e-9)
-    repeats = int(max(1, min(repeat, affordable)))
-    seconds = [_timed(lambda: candidate.solve(state))[1] for _ in range(repeats)]
-    setups = [setup_seconds]
-    if setup_seconds > 1e-4 and repeats > 1 and 3 * setup_seconds < purse.left():
-        setups += [_timed(candidate.setup)[1] for _ in range(min(2, repeats))]
-    affords_memory = 2 * (setup_seconds + first) < purse.left()
     worst = int(errors.argmax()) if len(errors) else 0
+    if len(errors) and not np.isfinite(errors[worst]):
+        raise SolveError(f"its answer is not finite at {problem.place} {worst}")
+    repeats = int(max(1, min(repeat, 0.15 * purse.left() / max(first, 1e-9))))
+    seconds = [_timed(lambda: candidate.solve(state), clock)[1] for _ in range(repeats)]
+    setups = [cold_setup]
+    if (
+        cold_setup > 1e-4 and cold_setup < 0.1 * purse.left()
+    ):  # what was imported on the way is paid once only
+        setups = [_timed(candidate.setup, clock)[1] for _ in range(min(3, repeats))]
+    affords_memory = cold_setup + first < 0.1 * purse.left()
     return Row(
         method=candidate.method,
         parameters=dict(candidate.parameters),
@@ -149,13 +251,14 @@ def measure(candidate: Candidate, problem: Problem, reference: Reference, purse:
         max_error_at=worst,
         mean_error=float(errors.mean()) if len(errors) else 0.0,
         options=candidate.options,
+        program=candidate.program,
     )
 
 
-def _timed(call: Callable[[], Any]) -> tuple[Any, float]:
-    began = time.perf_counter()
+def _timed(call: Callable[[], Any], clock: Clock) -> tuple[Any, float]:
+    began = clock()
     value = call()
-    return value, time.perf_counter() - began
+    return value, clock() - began
 
 
 def peak_mib(candidate: Candidate) -> float:
@@ -184,6 +287,9 @@ def _peak_of_child(call: Callable[[], Any]) -> float:
         return float(here.recv())
     except EOFError:
         return float("nan")
+    except BaseException:
+        child.kill()
+        raise
     finally:
         child.join()
 

@@ -6,6 +6,7 @@ import csv
 import io
 import math
 import platform
+import shlex
 from typing import Any
 
 from ddgcli.tradeoff.candidates import Problem, Row, Table
@@ -20,25 +21,24 @@ COLUMNS = (
 def results_of(
     table: Table,
     problem: Problem,
-    command: str,
-    source: str,
+    call: tuple[str, str, str],
     *,
     chosen: Row | None,
     within: float | None,
     norm: str,
 ) -> dict[str, Any]:
-    """The `results` block of the summary."""
+    """The `results` block of the summary; `call` is the command compared, its input, and the options kept."""
     reference = table.reference
     return {
-        "rows": [row_of(row, command, source) for row in table.rows],
+        "rows": [row_of(row, call) for row in table.rows],
         "reference": reference.name if reference else None,
-        "reference_uncertainty": reference.uncertainty if reference else None,
+        "reference_uncertainty": reference.within(norm) if reference else None,
         "error_scale": problem.error_scale,
         "error_place": problem.place,
         "query": problem.query,
         "norm": norm,
         "within": within,
-        "chosen": row_of(chosen, command, source) if chosen else None,
+        "chosen": row_of(chosen, call) if chosen else None,
         "break_even": break_even(table.rows, norm),
         "left_out": [{"row": name, "why": why} for name, why in table.left_out],
         "interrupted": table.interrupted,
@@ -46,9 +46,11 @@ def results_of(
     }
 
 
-def row_of(row: Row, command: str, source: str) -> dict[str, Any]:
+def row_of(row: Row, call: tuple[str, str, str]) -> dict[str, Any]:
     """One row as plain data; numbers that do not exist are None."""
     low, high = row.seconds_spread
+    command, source, kept = call
+    words = ("ddgcli", row.program or command, shlex.quote(source), kept, row.options)
     return {
         "method": row.method,
         "parameters": row.parameters,
@@ -58,12 +60,12 @@ def row_of(row: Row, command: str, source: str) -> dict[str, Any]:
         "seconds_high": high,
         "repeats": row.repeats,
         "peak_mib": row.peak_mib if math.isfinite(row.peak_mib) else None,
-        "max_error": row.max_error if math.isfinite(row.max_error) else None,
+        "max_error": row.max_error,
         "max_error_at": row.max_error_at,
-        "mean_error": row.mean_error if math.isfinite(row.mean_error) else None,
+        "mean_error": row.mean_error,
         "on_front": row.on_front,
         "verdict": row.verdict,
-        "command": f"ddgcli {command} {source} {row.options}".strip(),
+        "command": " ".join(word for word in words if word),
     }
 
 
@@ -125,11 +127,18 @@ def _remarks(results: dict[str, Any]) -> list[str]:
         f"pays off: {pair['row']} beats {pair['against']} from {pair['queries']} queries"
         for pair in results["break_even"]
     ]
-    lines += [f"left out: {one['row']}: {one['why']}" for one in results["left_out"]]
+    lines += _left_out(results["left_out"])
     if results["within"] is not None:
         chosen = results["chosen"]
         lines.append(f"run: {chosen['command']}" if chosen else f"no row is within {results['within']:g}")
     return lines
+
+
+def _left_out(left_out: list[dict[str, str]]) -> list[str]:
+    """A line each, and one for all rows that the budget could not pay."""
+    dear = [one["row"] for one in left_out if one["why"].startswith("estimated")]
+    lines = [f"left out: {one['row']}: {one['why']}" for one in left_out if one["row"] not in dear]
+    return lines + [f"left out, too dear for what was left of the budget: {', '.join(dear)}"] * bool(dear)
 
 
 def chart_of(rows: list[Row], norm: str, within: float | None, floor: float) -> dict[str, Any]:

@@ -59,7 +59,7 @@ def test_laplacian_errors_are_those_of_another_eigensolver(sphere, summary):
 def test_the_reference_covers_its_own_error_on_a_square():
     """Neumann eigenvalues pi^2 (m^2 + n^2), and a Poisson problem with a cubic solution."""
     mesh = shapes.grid(12, 12, pattern="alternating")
-    reference = laplacian.problem(mesh, eigen=8).references[0][1]()
+    reference = laplacian.problem(mesh, asked={"eigen": 8}).references[0][1]()
     known = np.sort([np.pi**2 * (m**2 + n**2) for m in range(4) for n in range(4)])[:8]
     error = np.abs(reference.values - known) / np.where(known == 0, 1, known)
     assert 0 < error.max() <= reference.uncertainty < 0.02

@@ -66,6 +66,7 @@ def test_within_never_names_a_row_above(within, norm):
 def test_an_answer_that_is_not_finite_is_never_within():
     bad = Candidate("nan", {}, lambda: None, lambda _: np.full(11, np.nan), "", 0.0)
     table = run_problem(problem(bad), repeat=1)
+    assert table.rows == [] and table.left_out == [("nan", "its answer is not finite at vertex 0")]
     assert cheapest_within(table.rows, 1e9) is None
 
 
@@ -122,10 +123,12 @@ def test_memory_of_a_run_is_seen():
 def test_csv_holds_every_row():
     table = run_problem(problem(planted("a", 0.1, 0.0), planted("b", 0.0, 0.001)), repeat=1)
     give_verdicts(table, None)
-    results = results_of(table, problem(), "geodesic", "m.ply", chosen=None, within=None, norm="max")
+    results = results_of(
+        table, problem(), ("geodesic", "m y.ply", "--source 3"), chosen=None, within=None, norm="max"
+    )
     lines = csv_of(results["rows"]).decode().splitlines()
     assert len(lines) == 3 and lines[0].startswith("method,parameters,setup_seconds")
-    assert results["rows"][0]["command"] == "ddgcli geodesic m.ply --method a"
+    assert results["rows"][0]["command"] == "ddgcli geodesic 'm y.ply' --source 3 --method a"
 
 
 def test_truths_are_checked_against_the_mesh():

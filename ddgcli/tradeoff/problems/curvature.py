@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from ddgcli.algorithms.curvature_measure import measure
 from ddgcli.errors import ParameterError
 from ddgcli.mesh.triangle_mesh import TriangleMesh
-from ddgcli.tradeoff.candidates import Candidate, Problem, Reference, relative_to_rms
+from ddgcli.tradeoff.candidates import NOTHING, Asked, Candidate, Problem, Reference, relative_to_rms
 from ddgcli.tradeoff.truths import Truth
 
 # radii in mean edge lengths, cheap ones first; None is the scheme's own region
@@ -20,8 +20,8 @@ RADII: dict[str, tuple[float | None, ...]] = {
 }
 
 
-def problem(mesh: TriangleMesh, *, truth: Truth | None = None, **_) -> Problem:
-    """Mean curvature at the inner vertices."""
+def problem(mesh: TriangleMesh, *, truth: Truth | None = None, asked: Asked = NOTHING) -> Problem:
+    """Mean curvature at the inner vertices; `asked` may hold `scheme` and `radius`."""
     if truth is not None and truth.mean_curvature is None:
         raise ParameterError(f"no mean curvature is known of the {truth.name}; drop --truth")
     inside = mesh.topology.referenced_vertex & ~mesh.topology.boundary_vertex
@@ -31,17 +31,25 @@ def problem(mesh: TriangleMesh, *, truth: Truth | None = None, **_) -> Problem:
         known = Reference(f"known truth: {truth.name}", values, 1e-15, known=True)
         references = [(0.0, lambda: known)]
     else:
-        references = [(_work(mesh, 3.0) * 2, lambda: _two_schemes(mesh, inside, edge))]
+        work = _work(mesh, None)
+        references = [
+            (work + _work(mesh, 2.0) + _work(mesh, 4.0), lambda: _compared(mesh, inside, edge, (2.0, 4.0))),
+            (work + _work(mesh, 2.0), lambda: _compared(mesh, inside, edge, (2.0,))),
+        ]
+    given = asked.get("radius")
     return Problem(
         candidates=[
-            _candidate(mesh, scheme, None if radius is None else radius * edge, radius)
+            _candidate(mesh, scheme, radius, edge)
             for scheme, radii in RADII.items()
-            for radius in radii
+            if asked.get("scheme", scheme) == scheme
+            for radius in (radii if given is None else (given / edge,))
+            if scheme != "cotan" or radius is None
         ],
         references=references,
         error=relative_to_rms,
         error_scale="the root mean square of the reference's mean curvature",
         query="mesh",
+        left_out=(("cotan with a radius", "it has none"),) if given is not None else (),
     )
 
 
@@ -50,11 +58,12 @@ def mean_curvature(mesh: TriangleMesh, scheme: str, radius: float | None) -> NDA
     return measure(mesh, scheme, radius).vertex["mean_curvature"]
 
 
-def _candidate(mesh: TriangleMesh, scheme: str, radius: float | None, dial: float | None) -> Candidate:
-    words = f"--scheme {scheme}" + (f" --radius {radius:.6g}" if radius is not None else "")
+def _candidate(mesh: TriangleMesh, scheme: str, dial: float | None, edge: float) -> Candidate:
+    radius = None if dial is None else dial * edge
+    words = f"--scheme {scheme}" + (f" --radius {radius!r}" if radius is not None else "")
     return Candidate(
         scheme,
-        {"radius": f"{dial:g} edges" if dial is not None else "own"},
+        {"radius": f"{dial:.3g} edges" if dial is not None else "own"},
         lambda: None,
         lambda _: mean_curvature(mesh, scheme, radius),
         words,
@@ -67,13 +76,24 @@ def _work(mesh: TriangleMesh, radius: float | None) -> float:
     return 2e-2 + mesh.n_faces * (1.5e-5 if radius is None else 6e-5 * radius**2)
 
 
-def _two_schemes(mesh: TriangleMesh, inside: NDArray, edge: float) -> Reference:
-    """A polyhedron has no pointwise curvature: the best scheme, trusted as far as an unrelated one agrees."""
+def _compared(mesh: TriangleMesh, inside: NDArray, edge: float, radii: tuple[float, ...]) -> Reference:
+    """A polyhedron has no pointwise curvature: the best scheme, trusted as far as an unrelated one agrees.
+
+    Corrected measures in balls err by the square of the radius, so two radii give their limit; how far it
+    lies from the smaller ball is what that limit may err itself.
+    """
     fitted = np.where(inside, mean_curvature(mesh, "quadric", None), np.nan)
-    other = mean_curvature(mesh, "corrected", 3.0 * edge)
-    gap = relative_to_rms(other, fitted)[inside]
+    balls = [mean_curvature(mesh, "corrected", radius * edge) for radius in radii]
+    if len(balls) == 1:
+        name, gap = f"balls of {radii[0]:g} edges", relative_to_rms(balls[0], fitted)
+    else:
+        limit = balls[0] + (balls[0] - balls[1]) / ((radii[1] / radii[0]) ** 2 - 1)
+        name = f"balls of {radii[0]:g} and {radii[1]:g} edges, extrapolated to none,"
+        scale = float(np.sqrt(np.nanmean(fitted**2))) or 1.0
+        gap = relative_to_rms(limit, fitted) + np.where(inside, np.abs(limit - balls[0]) / scale, 0.0)
     return Reference(
-        "quadric fits, as far as corrected measures in balls of 3 edges agree (root mean square)",
+        f"quadric fits, as far as corrected measures in {name} agree",
         fitted,
-        float(np.sqrt(np.mean(gap**2))) if len(gap) else 0.0,
+        float(gap.max(initial=0.0)),
+        mean_uncertainty=float(gap.mean()) if len(gap) else 0.0,
     )

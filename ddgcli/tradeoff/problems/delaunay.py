@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -10,26 +9,35 @@ from numpy.typing import NDArray
 
 from ddgcli.algorithms.delaunay import flip_to_delaunay
 from ddgcli.algorithms.refine import refine
-from ddgcli.errors import ParameterError
+from ddgcli.errors import ParameterError, SolveError
 from ddgcli.linalg.constrain import Poisson
 from ddgcli.mesh.shapes import midpoint_subdivided
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.operators.laplacian import lumped_mass, stiffness
-from ddgcli.tradeoff.candidates import Candidate, Problem, Reference, relative_to_largest
+from ddgcli.tradeoff.candidates import NOTHING, Asked, Candidate, Problem, Reference, relative_to_largest
 from ddgcli.tradeoff.richardson import richardson_limit
 from ddgcli.tradeoff.truths import Truth
 
 ANGLES = (15.0, 25.0, 30.0)
 
 
-def problem(mesh: TriangleMesh, *, truth: Truth | None = None, **_) -> Problem:
-    """Solution at the input's vertices of a Poisson problem whose load is linear in the position."""
+def problem(mesh: TriangleMesh, *, truth: Truth | None = None, asked: Asked = NOTHING) -> Problem:
+    """Solution at the input's vertices of a Poisson problem whose load is linear in the position.
+
+    `asked` may hold `refine`, `max_points` and `subdivide`.
+    """
     work = 1e-2 + 1e-5 * mesh.n_vertices
+    most = asked.get("max_points")
+    level = asked.get("subdivide")
+    angles = (asked["refine"],) if "refine" in asked else ANGLES
     return Problem(
         candidates=[
-            _candidate(mesh, "input as it is", {}, lambda: mesh, work),
-            _candidate(mesh, "flips", {}, lambda: flip_to_delaunay(mesh).mesh, 2 * work),
-            *(_refined_candidate(mesh, degrees, 10 * work) for degrees in ANGLES),
+            Candidate(
+                "input as it is", {}, lambda: mesh, lambda m: solution(m, mesh), "--operator cotan", work,
+                program="laplacian",
+            ),
+            *(_flipped(mesh, times, work) for times in ((0, 1) if level is None else (level,))),
+            *(_refined(mesh, degrees, most, level or 0, work) for degrees in angles),
         ],
         references=[(0.0, lambda: _known(mesh, truth))]
         if truth is not None
@@ -37,19 +45,39 @@ def problem(mesh: TriangleMesh, *, truth: Truth | None = None, **_) -> Problem:
         error=relative_to_largest,
         error_scale="the largest value of the reference solution",
         query="Poisson solve",
+    )  # fmt: skip
+
+
+def _flipped(mesh: TriangleMesh, times: int, work: float) -> Candidate:
+    return Candidate(
+        "flips",
+        {"subdivide": times} if times else {},
+        lambda: flip_to_delaunay(midpoint_subdivided(mesh, times)).mesh,
+        lambda m: solution(m, mesh),
+        f"--subdivide {times}" if times else "",
+        2 * work * 4**times,
     )
 
 
-def _candidate(
-    mesh: TriangleMesh, method: str, dials: dict[str, Any], make: Callable[[], Any], work: float
-) -> Candidate:
-    words = f"--refine {dials['degrees']:g}" if dials else ""
-    return Candidate(method, dials, make, lambda m: solution(m, mesh), words, work)
+def _refined(mesh: TriangleMesh, degrees: float, most: int | None, times: int, work: float) -> Candidate:
+    words = [f"--refine {degrees:.12g}"]
+    words += [f"--max-points {most}"] if most is not None else []
+    words += [f"--subdivide {times}"] if times else []
 
+    def setup() -> Any:
+        refined = refine(midpoint_subdivided(mesh, times), degrees, max_points=most)
+        if not refined.reached:
+            raise SolveError(f"{most} Steiner points are not enough for {degrees:g} degrees")
+        return refined.flipped.mesh
 
-def _refined_candidate(mesh: TriangleMesh, degrees: float, work: float) -> Candidate:
-    dials = {"degrees": degrees}
-    return _candidate(mesh, "refine", dials, lambda: refine(mesh, degrees).flipped.mesh, work)
+    return Candidate(
+        "refine",
+        {"degrees": degrees} | ({"subdivide": times} if times else {}),
+        setup,
+        lambda m: solution(m, mesh),
+        " ".join(words),
+        10 * work * 4**times,
+    )
 
 
 def load_function(mesh: TriangleMesh, points: NDArray) -> NDArray[np.float64]:
@@ -80,14 +108,14 @@ def _known(mesh: TriangleMesh, truth: Truth) -> Reference:
 
 
 def _reference(mesh: TriangleMesh, levels: int) -> Reference:
-    meshes = [mesh]
-    for _ in range(levels):
-        meshes.append(midpoint_subdivided(meshes[-1]))
-    found = [solution(flip_to_delaunay(m).mesh, mesh) for m in meshes]
+    found = [
+        solution(flip_to_delaunay(midpoint_subdivided(mesh, level)).mesh, mesh) for level in range(levels + 1)
+    ]
     scale = np.abs(found[-1]).max() or 1.0
     if levels == 1:
-        return Reference(
-            "one midpoint subdivision", found[1], float(np.abs(found[1] - found[0]).max() / scale)
-        )
-    limit, uncertainty = richardson_limit(*found)
-    return Reference("Richardson limit of two midpoint subdivisions", limit, float(uncertainty.max() / scale))
+        gap = np.abs(found[1] - found[0]) / scale
+        return Reference("one midpoint subdivision", found[1], float(gap.max()), False, float(gap.mean()))
+    limit, gap = richardson_limit(*found)
+    gap = gap / scale
+    name = "Richardson limit of two midpoint subdivisions"
+    return Reference(name, limit, float(gap.max()), False, float(gap.mean()))

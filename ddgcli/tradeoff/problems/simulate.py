@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from time import perf_counter
 from typing import Any
 
 import numpy as np
@@ -13,15 +12,17 @@ from numpy.typing import NDArray
 from ddgcli.evolve.account import Account
 from ddgcli.evolve.loop import evolve
 from ddgcli.models.scene import resolve
-from ddgcli.tradeoff.candidates import Candidate, Problem, Reference
+from ddgcli.tradeoff.candidates import NOTHING, Asked, Candidate, Problem, Reference
 
 # steps of the candidates, in the scene's own step; those of the reference
 COARSER = (4.0, 2.0, 1.0, 0.5)
 FINE, FINER = 1 / 4, 1 / 8
+TOLERANCES = (1e-3, 1e-5)
+TIMES = ("steps", "duration", "step", "tolerance", "integrator")
 MOST_STEPS = 16  # of the scene's own length: beyond, errors measure chaos more than schemes
 
 
-def shell_problem(document: Any, read: Callable[[str], Any], *, duration: float | None = None) -> Problem:
+def shell_problem(document: Any, read: Callable[[str], Any], *, asked: Asked = NOTHING) -> Problem:
     """Positions of a shell scene at the end."""
     from ddgcli.models.shell import model
     from ddgcli.models.shell.scene import KIND
@@ -36,11 +37,11 @@ def shell_problem(document: Any, read: Callable[[str], Any], *, duration: float 
         return setup
 
     names = [n for n in KIND.integrators if n != "static"]
-    return _problem(document, KIND, prepared, names, "newmark", duration, _displacement, "displacement")
+    return _problem(document, KIND, prepared, names, "newmark", asked, _displacement, "displacement")
 
 
 def fluid_problem(
-    document: Any, read: Callable[[str], Any], array: Callable[[str], Any], *, duration: float | None = None
+    document: Any, read: Callable[[str], Any], array: Callable[[str], Any], *, asked: Asked = NOTHING
 ) -> Problem:
     """Vorticity of a fluid scene at the end."""
     from ddgcli.models.fluid import model
@@ -57,7 +58,7 @@ def fluid_problem(
         return setup
 
     return _problem(
-        document, KIND, prepared, list(KIND.integrators), "conservative", duration, _vorticity, "vorticity"
+        document, KIND, prepared, list(KIND.integrators), "conservative", asked, _vorticity, "vorticity"
     )
 
 
@@ -76,52 +77,58 @@ def _problem(
     prepared: Callable[[Mapping[str, Any]], Callable[[], Any]],
     integrators: list[str],
     trusted: str,
-    duration: float | None,
+    asked: Asked,
     answer: Callable[[Any, Any], NDArray],
     noun: str,
 ) -> Problem:
-    time = resolve(document, kind, {}).time
-    step = time.step if time.step else time.duration / 50
-    span = duration or min(time.duration, MOST_STEPS * step)
+    """`asked` may hold `steps`, `duration`, `step` (the one that the ladder is built about), `integrator` and
+    `tolerance`."""
+    time = resolve(document, kind, {name: asked[name] for name in TIMES if name in asked}).time
+    step = asked.get("step") or time.step or time.duration / 50
+    wanted = asked["steps"] * step if "steps" in asked else asked.get("duration")
+    span = wanted or min(time.duration, MOST_STEPS * step)
     span = step * max(4, 4 * math.ceil(span / step / 4 - 1e-9))  # every step of the ladder divides it
+    chosen = [asked["integrator"]] if "integrator" in asked else integrators
+    tolerances = (asked["tolerance"],) if "tolerance" in asked else TOLERANCES
+    adaptive = chosen[0] if "integrator" in asked else trusted
 
     def solve(models_and_clock: Any) -> NDArray[np.float64]:
         models, schedule, account = models_and_clock
         shown = [snapshot.observations for snapshot in evolve(models, schedule, account)]
         return answer(shown[0], shown[-1])
 
-    def overrides(integrator: str, factor: float) -> dict[str, Any]:
-        return {"integrator": integrator, "step": step * factor, "duration": span, "frame_every": span}
+    def run(integrator: str, dial: Mapping[str, float]) -> Callable[[], Any]:
+        ends = {"duration": span, "frame_every": span}
+        return prepared({"integrator": integrator, **dial, **ends})
+
+    def candidate(integrator: str, option: str, value: float, work: float) -> Candidate:
+        dial = {{"dt": "step"}.get(option, option): value}
+        words = f"--integrator {integrator} --{option} {value!r} --duration {span!r} --frame-every {span!r}"
+        line = integrator + (" adaptive" if option == "tolerance" else "")
+        return Candidate(line, {option: value}, run(integrator, dial), solve, words, work)
 
     def reference(fine: float, finer: float) -> Reference:
-        found, limit = (solve(prepared(overrides(trusted, f))()) for f in (fine, finer))
-        gap = float(_relative(found, limit).max(initial=0.0))
-        return Reference(f"{trusted} with {finer:g} of the scene's step", limit, gap)
+        found, limit = (solve(run(trusted, {"step": step * f})()) for f in (fine, finer))
+        gap = _relative(found, limit)
+        name = f"{trusted} with {finer:g} of the scene's step, as far as {fine:g} agrees"
+        return Reference(name, limit, float(gap.max(initial=0.0)), False, float(gap.mean()))
 
-    began = perf_counter()
-    solve(prepared(overrides(trusted, COARSER[0]))())
-    unit = COARSER[0] * (perf_counter() - began)
+    steps = span / step
+    unit = 1e-2 * steps
     candidates = [
-        Candidate(
-            integrator,
-            {"dt": step * factor},
-            prepared(overrides(integrator, factor)),
-            solve,
-            f"--integrator {integrator} --dt {step * factor:g} --duration {span:g}",
-            unit / factor,
-        )
-        for factor in COARSER
-        for integrator in integrators
+        *(candidate(name, "dt", step * factor, unit / factor) for factor in COARSER for name in chosen),
+        *(candidate(adaptive, "tolerance", t, 3 * unit * (1e-3 / t) ** (1 / 3)) for t in tolerances),
     ]
     return Problem(
         candidates=candidates,
         references=[
             (unit * (1 / FINE + 1 / FINER), lambda: reference(FINE, FINER)),
             (unit * (1 + 1 / 0.5), lambda: reference(1.0, 0.5)),
+            (unit * (1 / 4 + 1 / 2), lambda: reference(4.0, 2.0)),
         ],
         error=_relative,
-        error_scale=f"the largest {noun} of the reference at t = {span:g} s",
-        query=f"run of {span:g} s",
+        error_scale=f"the largest {noun} of the reference at t = {span:.6g} s",
+        query=f"run of {span:.3g} s",
     )
 
 
