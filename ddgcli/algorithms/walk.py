@@ -10,15 +10,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.geometry.unfolding import APEX, EXIT_LENGTH, TURN, Fans, Unfolding, corner_position
+from ddgcli.algorithms.walk_record import Record
+from ddgcli.geometry.unfolding import APEX, TURN, TWIN, Fans, Unfolding, corner_position
 from ddgcli.mesh.topology import NEXT, PREVIOUS
 
 REACHED, AT_BOUNDARY, GAVE_UP = 0, 1, 2
+IDLE_SHARE = 1 / 16  # of the lines on the list may have ended
 SNAP = 1e-12  # a line this close to a vertex, relative to the side it crosses, goes through the vertex
 
 _log = logging.getLogger("ddgcli")
-_NEXT_SIDE = np.array([1, 1, -2])  # 3f+j -> 3f+(j+1)%3 by adding
-_PREVIOUS_SIDE = np.array([2, -1, -1])
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,19 +74,16 @@ class Walk:
     """Lines under way: each stands on `side` at `x` from its tail, with a unit `heading` into the face above.
 
     Headings are complex numbers in the frame of the side; `rest` is the length left to walk, `width` that of
-    the side. Lengths are in units of the longest side.
+    the side. Lengths are in units of the longest side. Lines that have ended stay on the list for some steps,
+    with infinite `rest`.
     """
 
     def __init__(
         self, unfolding: Unfolding, make_fans: Callable[[], Fans], start: Start, reflect: bool, record: bool
     ) -> None:
         self.unfolding, self.make_fans, self.start = unfolding, make_fans, start
-        self.reflect, self.record = reflect, record
-        self.table, self.exit_twin, self.length = (
-            unfolding.side,
-            unfolding.exit_twin.ravel(),
-            unfolding.length,
-        )
+        self.reflect = reflect
+        self.table, self.length = unfolding.side, unfolding.length
         self.along = unfolding.direction.reshape(-1, 2).view(np.complex128)[:, 0]
         k = len(start.face)
         self.end_face = start.face.copy()
@@ -95,11 +92,11 @@ class Walk:
         self.left_over = start.length / unfolding.scale
         self.status = np.zeros(k, dtype=np.int8)
         self.crossings = np.zeros(k, dtype=np.int64)
-        self.steps = 0
-        self.records: list[tuple[NDArray, NDArray, NDArray, int]] = []
+        self.steps, self.idle = 0, 0
+        self.record = Record() if record else None
         self.ended: list[tuple[NDArray, ...]] = []
         self.no_start = np.zeros(k, dtype=bool)  # started on a side or at a vertex, and so with a crossing
-        self.four = 4 * np.arange(k) + TURN
+        self.turn_at, self.twin_at = 4 * np.arange(k) + TURN, 8 * np.arange(k) + 2 * TWIN
         none = np.zeros(0, dtype=np.int64)
         empty = np.zeros(0)
         self._hold(none, none, empty, empty.astype(np.complex128), empty, empty)
@@ -109,6 +106,9 @@ class Walk:
     ) -> None:
         self.line, self.side, self.x, self.heading = line, side, x, heading
         self.rest, self.width = rest, width
+
+    def _state(self) -> tuple[NDArray, ...]:
+        return self.line, self.side, self.x, self.heading, self.rest, self.width
 
     # -- the first face ------------------------------------------------------------------------------------
 
@@ -144,6 +144,7 @@ class Walk:
         went_on = np.zeros(len(self.no_start), dtype=bool)
         went_on[self.line] = True
         self.no_start &= went_on
+        self._note()
 
     def _finish_in_first_face(
         self, line: NDArray, b: NDArray, side: NDArray, u: NDArray, distance: NDArray
@@ -197,48 +198,64 @@ class Walk:
         self.steps += 1
         x, heading, rest = self.x, self.heading, self.rest
         rows = self.table.take(self.side, axis=0)
-        apex, numbers = rows[:, APEX], rows.view(np.float64).ravel()
+        apex = rows[:, APEX]
         to_apex = apex.real - x
         right = heading.real * apex.imag > heading.imag * to_apex
         right |= x == 0.0  # from a vertex the exit is the side opposite
-        pick = self.four[: len(x)] + right
-        turn = rows.ravel().take(pick)
-        exit_length = numbers.take(2 * pick + (2 * EXIT_LENGTH - 2 * TURN) - right)
+        one = right.astype(np.int64)
+        turn = rows.ravel().take(self.turn_at[: len(x)] + one)
+        twin = rows.view(np.int64).ravel().take(self.twin_at[: len(x)] + one)
+        share = one.astype(np.float64)
         turned = heading * turn
-        k = (x + right * (self.width - 2.0 * x)) / turned.imag
+        sine = np.abs(turn.imag)
+        exit_length = self._exit_length(right) if self.unfolding.has_flat else apex.imag / sine
+        k = (x + share * (self.width - 2.0 * x)) / turned.imag
         u = k * heading.imag  # from the corner that entry and exit side share
-        distance = k * np.abs(turn.imag)
-        snap = SNAP * exit_length
-        plain = (u > snap) & (u < exit_length - snap) & (turned.imag > 0)
+        distance = k * sine
+        beyond_u = exit_length - u
+        plain = np.minimum(u, beyond_u) > SNAP * exit_length  # false where the heading leads nowhere
         if not plain.all():
             beyond = ~((u <= exit_length) & (turned.imag > 0))  # rounding beside the apex: through the apex
             distance[beyond] = np.hypot(to_apex[beyond], apex[beyond].imag)
             u[beyond] = exit_length[beyond]
-        done = rest <= distance
-        twin = self.exit_twin.take(2 * self.side + right)
+            beyond_u[beyond] = 0.0
+        left = rest - distance
+        done = left <= 0
         plain &= twin >= 0
-        plain &= ~done
-        state = (self.line, twin, u + right * (exit_length - 2.0 * u), turned, rest - distance, exit_length)
-        if plain.all():
+        state = (self.line, twin, u + share * (beyond_u - u), turned, left, exit_length)
+        all_plain = bool(plain.all())
+        if all_plain and not done.any():
             self._hold(*state)
-            self._note(*state[:3])
+            self._note()
             return
-        ended, odd, on = np.flatnonzero(done), np.flatnonzero(~(done | plain)), np.flatnonzero(plain)
-        if len(ended):
-            parts = (self.line, self.side, x, self.width, heading, rest, right, u, exit_length, distance)
-            self.ended.append((*(part.take(ended) for part in parts), np.full(len(ended), self.steps)))
+        ended = np.flatnonzero(done)
+        parts = (self.line, self.side, x, self.width, heading, rest, right, u, exit_length, distance)
+        self.ended.append((*(part.take(ended) for part in parts), np.full(len(ended), self.steps)))
+        left[ended] = np.inf
+        self.idle += len(ended)
+        if all_plain and self.idle <= IDLE_SHARE * len(x):  # let them run on: cheaper than to take them out
+            self._hold(*state)
+            self._note()
+            return
+        self.idle = 0
+        under_way = left < np.inf
+        odd, on = np.flatnonzero(under_way & ~plain), np.flatnonzero(under_way & plain)
         line, side, is_right = self.line[odd], self.side[odd], right[odd]
-        exit_side = side + np.where(is_right, _NEXT_SIDE[side % 3], _PREVIOUS_SIDE[side % 3])
-        from_tail = np.where(is_right, u[odd], exit_length[odd] - u[odd])
+        exit_side = np.where(is_right, _next(side), _previous(side))
+        from_tail = np.where(is_right, u[odd], beyond_u[odd])
         self._hold(*(part.take(on) for part in state))
-        self._note(self.line, self.side, self.x)
         if len(odd):
-            self._leave_odd(line, exit_side, from_tail, turned[odd], state[4][odd])
+            self._leave_odd(line, exit_side, from_tail, turned[odd], left[odd])
+        self._note()
+
+    def _exit_length(self, right: NDArray) -> NDArray[np.float64]:
+        """Lengths of the sides by which lines leave."""
+        return self.length.take(np.where(right, _next(self.side), _previous(self.side)))
 
     def _leave(self, line: NDArray, side: NDArray, u: NDArray, turned: NDArray, rest: NDArray) -> None:
         """Leave faces through `side` at `u` from its tail; `turned` is the heading in its twin's frame."""
         length = self.length[side]
-        twin = self.exit_twin[2 * (side + np.where(side % 3 == 2, -2, 1))]
+        twin = self.table.view(np.int64)[_next(side), 2 * TWIN]
         odd = (twin < 0) | (u <= SNAP * length) | (u >= length - SNAP * length)
         on = ~odd
         self._append(line[on], twin[on], (length - u)[on], turned[on], rest[on])
@@ -265,7 +282,7 @@ class Walk:
             return
         fans = self.make_fans()
         head = u > 0.5 * self.length[side]
-        corner = side + np.where(head, _NEXT_SIDE[side % 3], 0)
+        corner = np.where(head, _next(side), side)
         width = fans.corner_angle[corner]
         inward = np.maximum(turned.imag, 0.0)
         came = np.where(head, width - np.arctan2(inward, -turned.real), np.arctan2(inward, turned.real))
@@ -284,14 +301,16 @@ class Walk:
     # -- ends and notes ------------------------------------------------------------------------------------
 
     def _append(self, line: NDArray, side: NDArray, x: NDArray, heading: NDArray, rest: NDArray) -> None:
+        if not len(line):
+            return
         new = (line, side, x, heading, rest, self.length[side])
-        old = (self.line, self.side, self.x, self.heading, self.rest, self.width)
-        self._hold(*(np.concatenate(pair) for pair in zip(old, new, strict=True)))
-        self._note(line, side, x)
+        parts = [np.concatenate(pair) for pair in zip(self._state(), new, strict=True)]
+        order = np.argsort(parts[0], kind="stable")  # the notes are read by line
+        self._hold(*(part.take(order) for part in parts))
 
-    def _note(self, line: NDArray, side: NDArray, x: NDArray) -> None:
-        if self.record and len(line):
-            self.records.append((line, side, x, self.steps))
+    def _note(self) -> None:
+        if self.record is not None and len(self.line):
+            self.record.note(self.line, self.side, self.x, self.width)
 
     def finish(self) -> None:
         """Place the lines that ended inside faces, between entry and exit; kept until all have ended."""
@@ -300,7 +319,7 @@ class Walk:
         line, side, x, width, heading, rest, right, u, exit_length, distance, steps = (
             np.concatenate(parts) for parts in zip(*self.ended, strict=True)
         )
-        exit_side = side + np.where(right, _NEXT_SIDE[side % 3], _PREVIOUS_SIDE[side % 3])
+        exit_side = np.where(right, _next(side), _previous(side))
         share = u / exit_length
         leaving = _on_side(exit_side, np.where(right, share, 1.0 - share))
         s = np.divide(rest, distance, out=np.zeros(len(line)), where=distance > 0)[:, None]
@@ -331,8 +350,10 @@ class Walk:
 
     def abandon(self, max_crossings: int) -> None:
         """End what is still under way, and say so."""
-        if len(self.line):
+        on = np.flatnonzero(self.rest < np.inf)
+        if len(on):
             self.steps += 1
+            self._hold(*(part.take(on) for part in self._state()))
             share = np.nan_to_num(self.x / self.width)
             self._end(
                 self.line, self.side, self.heading, _on_side(self.side, share), self.rest, np.int8(GAVE_UP)
@@ -348,35 +369,23 @@ class Walk:
         scale = self.unfolding.scale
         walked = self.start.length - self.left_over * scale
         ends = (self.end_face, self.end_barycentric, self.end_direction, walked, self.status, self.crossings)
-        return Traces(*ends, *(self._paths() if self.record else ()))
+        return Traces(*ends, *(self._paths(self.record) if self.record is not None else ()))
 
-    def _paths(self) -> tuple[NDArray, NDArray, NDArray]:
-        """Start, crossings in order, end: one line after the other.
-
-        A line under way has one note a step, so the step of a note is its place in the line.
-        """
+    def _paths(self, record: Record) -> tuple[NDArray, NDArray, NDArray]:
+        """Start, crossings in order, end: one line after the other."""
+        start, face, barycentric = record.in_order(self.crossings, ~self.no_start)
         first = np.flatnonzero(~self.no_start)
-        start = np.concatenate([[0], np.cumsum(~self.no_start + self.crossings + 1)])
-        begin = start[:-1] + ~self.no_start
-        none = np.zeros(0, dtype=np.int64)
-        line, side, x = (
-            np.concatenate([empty, *(record[i] for record in self.records)])
-            for i, empty in enumerate((none, none, np.zeros(0)))
-        )
-        step = np.repeat([record[3] for record in self.records], [len(record[0]) for record in self.records])
-        place = begin[line] + step.astype(np.int64)
-        length = self.length[side]
-        share = np.divide(x, length, out=np.zeros(len(x)), where=length > 0)
-        face, barycentric = np.empty(start[-1], dtype=np.int64), np.zeros((start[-1], 3))
         face[start[first]], barycentric[start[first]] = self.start.face[first], self.start.barycentric[first]
         face[start[1:] - 1], barycentric[start[1:] - 1] = self.end_face, self.end_barycentric
-        quotient = side // 3
-        j = side - 3 * quotient
-        face[place] = quotient
-        flat, at = barycentric.reshape(-1), 3 * place
-        flat[at + j] = 1.0 - share
-        flat[at + NEXT.take(j)] = share
         return start, face, barycentric
+
+
+def _next(side: NDArray) -> NDArray[np.int64]:
+    return side + np.where(side % 3 == 2, -2, 1)
+
+
+def _previous(side: NDArray) -> NDArray[np.int64]:
+    return side + np.where(side % 3 == 0, 2, -1)
 
 
 def _on_side(side: NDArray, share: NDArray) -> NDArray[np.float64]:

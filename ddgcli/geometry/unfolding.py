@@ -21,7 +21,8 @@ from ddgcli.mesh.triangle_mesh import TriangleMesh, vector_length
 
 SurfaceMesh = TriangleMesh | IntrinsicMesh
 
-APEX, TURN, EXIT_LENGTH = 0, 1, 3  # columns of Unfolding.side
+APEX, TURN, TWIN = 0, 1, 3  # columns of Unfolding.side
+_CACHE_LINE = 64  # bytes; a row of Unfolding.side fills one
 
 # meshes are immutable, so what was computed of one stays true
 _UNFOLDED: WeakKeyDictionary[SurfaceMesh, Unfolding] = WeakKeyDictionary()
@@ -45,10 +46,10 @@ class Unfolding:
     side : (3m, 4) ndarray of complex128
         In the frame of the side, one cache line each: the apex (column APEX); -conj(unit direction) of the
         previous and of the next side (TURN, TURN + 1), by which a heading is multiplied to have it in the
-        frame of that side's twin; the lengths of those two sides (real and imaginary part of EXIT_LENGTH).
+        frame of that side's twin; the flat numbers of those twins, -1 for none (two int64 in column TWIN).
     length : (3m,) ndarray of float64
-    exit_twin : (3m, 2) ndarray of int64
-        Flat number of the side glued to the previous (column 0) and to the next side (column 1); -1: none.
+    has_flat : bool
+        Some faces have no height, so that no length can be had from it.
     direction : (m, 3, 2) ndarray of float64
         Unit direction of side j in the frame of its face.
     """
@@ -56,7 +57,7 @@ class Unfolding:
     scale: float
     side: NDArray[np.complex128]
     length: NDArray[np.float64]
-    exit_twin: NDArray[np.int64]
+    has_flat: bool
     direction: NDArray[np.float64]
 
 
@@ -87,14 +88,26 @@ def _laid_out(mesh: SurfaceMesh) -> Unfolding:
     x, y = np.where(flat, 0.0, x), np.where(flat, previous, y)
     next_cos, next_sin = _unit(x - length, y)
     prev_cos, prev_sin = _unit(-x, -y)
-    table = np.stack([x, y, -prev_cos, prev_sin, -next_cos, next_sin, previous, following], axis=2)
+    table = _cache_lines(length.size)
+    turns = (x, y, -prev_cos, prev_sin, -next_cos, next_sin)
+    for column, value in enumerate(turns):
+        table[:, column] = value.ravel()
     twin = mesh.topology.side_twin
-    exit_twin = np.stack([twin[:, PREVIOUS], twin[:, NEXT]], axis=2).reshape(-1, 2)
+    glued = table.view(np.int64)
+    glued[:, 2 * TWIN], glued[:, 2 * TWIN + 1] = twin[:, PREVIOUS].ravel(), twin[:, NEXT].ravel()
+    has_flat = bool(min(np.abs(prev_sin).min(initial=1.0), np.abs(next_sin).min(initial=1.0)) < 1e-150)
     direction = np.zeros((len(length), 3, 2))
     direction[:, 0, 0] = 1.0
     direction[:, 1, 0], direction[:, 1, 1] = next_cos[:, 0], next_sin[:, 0]
     direction[:, 2, 0], direction[:, 2, 1] = prev_cos[:, 0], prev_sin[:, 0]
-    return Unfolding(scale, table.view(np.complex128).reshape(-1, 4), length.ravel(), exit_twin, direction)
+    return Unfolding(scale, table.view(np.complex128), length.ravel(), has_flat, direction)
+
+
+def _cache_lines(n: int) -> NDArray[np.float64]:
+    """(n, 8) rows that begin where cache lines do: a row read at random is then one line, not two."""
+    room = np.empty(8 * n + 8)
+    skip = -room.ctypes.data % _CACHE_LINE // 8
+    return room[skip : skip + 8 * n].reshape(n, 8)
 
 
 def _area(mesh: SurfaceMesh, scale: float) -> NDArray[np.float64]:
