@@ -15,7 +15,7 @@ from scipy.sparse import coo_array, csr_array
 
 from ddgcli.algorithms.delaunay import Flipped
 from ddgcli.algorithms.gluing import around
-from ddgcli.algorithms.normal_coordinates import Crossings, base_edge_ends, crossings_of
+from ddgcli.algorithms.normal_coordinates import BaseEdges, Crossings, base_edges_of, crossings_of
 from ddgcli.algorithms.overlay_pieces import cut_faces
 from ddgcli.errors import MeshError, SolveError
 from ddgcli.mesh.intrinsic_mesh import IntrinsicMesh
@@ -128,8 +128,8 @@ def common_subdivision(flipped: Flipped, base: Base) -> CommonSubdivision:
     mesh = flipped.mesh
     twin = mesh.topology.side_twin
     every = crossings_of(flipped.crossings, twin)
-    ends, steps = base_edge_ends(every, mesh.topology.side_tail)
-    base_side = _crossed_sides(base.mesh, every, ends)
+    edges = base_edges_of(every, mesh.topology.side_tail)
+    base_side = _crossed_sides(base.mesh, edges)
     along, share, residual = _measure(mesh, base.mesh, every, base_side)
 
     real = base.real_side[base_side]
@@ -145,7 +145,7 @@ def common_subdivision(flipped: Flipped, base: Base) -> CommonSubdivision:
 
     first = np.flatnonzero(crossings.side < twin.ravel()[crossings.side])
     chosen = np.flatnonzero(real)[first]
-    share = _in_order(share[chosen], base_side[chosen], steps[every.across[chosen]], base.mesh)
+    share = _in_order(share[chosen], base_side[chosen], edges.step[every.across[chosen]], base.mesh)
     vertices = _Vertices(mesh, base, base_side[chosen], share, crossings.side[first], along[chosen])
     half_along = np.empty(len(number))
     half_along[first], half_along[crossings.across[first]] = along[chosen], 1.0 - along[chosen]
@@ -168,14 +168,13 @@ def common_subdivision(flipped: Flipped, base: Base) -> CommonSubdivision:
     )
 
 
-def _crossed_sides(mesh: TriangleMesh, c: Crossings, ends: NDArray) -> NDArray[np.int64]:
+def _crossed_sides(mesh: TriangleMesh, edges: BaseEdges) -> NDArray[np.int64]:
     """The base side of each half-crossing, from the right of its side to the left."""
-    first = np.flatnonzero(np.arange(len(c.side)) < c.across)
-    other = c.across[first]
-    sides = np.empty(len(c.side), dtype=np.int64)
-    sides[first] = sides_between(mesh, ends[other], ends[first])
-    sides[other] = mesh.topology.side_twin.ravel()[sides[first]]
-    return sides
+    one = np.flatnonzero(np.arange(len(edges.reverse)) < edges.reverse)
+    side = np.empty(len(edges.reverse), dtype=np.int64)
+    side[one] = sides_between(mesh, edges.tail[one], edges.head[one])
+    side[edges.reverse[one]] = mesh.topology.side_twin.ravel()[side[one]]
+    return side[edges.chain]
 
 
 def sides_between(mesh: TriangleMesh, tail: NDArray, head: NDArray) -> NDArray[np.int64]:
@@ -230,53 +229,64 @@ def _measure(
     along, share = np.full(len(c.side), np.nan), np.full(len(c.side), np.nan)
     if len(side) == 0:
         return along, share, 0.0
-    right, left = np.zeros(len(c.side), dtype=np.complex128), np.zeros(len(c.side), dtype=np.complex128)
     count, start = c.count[side], c.start[side]
-    end = _unfold(base, base_side, start, count, right, left)
+    right, left, end = _unfold(base, base_side, start, count)
 
-    owner = np.repeat(np.arange(len(side)), count)
-    mine = np.arange(len(owner)) + np.repeat(start - (np.cumsum(count) - count), count)
     straight = np.abs(end)
-    turn = np.where(straight > 0, np.conj(end) / np.where(straight > 0, straight, 1.0), 1.0)[owner]
-    q, p = turn * right[mine], turn * left[mine]
-    rise = p.imag - q.imag
-    part = np.where(rise > 0, -q.imag / np.where(rise > 0, rise, 1.0), 0.5)
-    share[mine] = np.clip(part, 0.0, 1.0)
-    position = (q + share[mine] * (p - q)).real / np.where(straight > 0, straight, 1.0)[owner]
-    along[mine] = np.clip(position, 0.0, 1.0)
+    unit = np.where(straight > 0, straight, 1.0)
+    turn = np.repeat(np.where(straight > 0, np.conj(end) / unit, 1.0), count)
+    right *= turn
+    left *= turn
+    rise = left.imag - right.imag
+    part = np.where(rise > 0, -right.imag / np.where(rise > 0, rise, 1.0), 0.5)
+    np.clip(part, 0.0, 1.0, out=part)
+    position = (right.real + part * (left.real - right.real)) / np.repeat(unit, count)
+    mine = np.arange(len(part)) + np.repeat(start - (np.cumsum(count) - count), count)
+    share[mine], along[mine] = part, np.clip(position, 0.0, 1.0)
     length = mesh.side_length.ravel()[side]
     return along, share, float((np.abs(straight - length) / length).max())
 
 
 def _unfold(
-    base: TriangleMesh, base_side: NDArray, start: NDArray, count: NDArray, right: NDArray, left: NDArray
-) -> NDArray[np.complex128]:
+    base: TriangleMesh, base_side: NDArray, start: NDArray, count: NDArray
+) -> tuple[NDArray[np.complex128], NDArray[np.complex128], NDArray[np.complex128]]:
     """Lay out the strips of faces under edges whose crossings begin at `start`, longest strips first.
 
-    The plane is that of complex numbers, with the tail of each edge at 0. Fills in the right and the left end
-    of every crossed side, and returns where the heads of the edges come to lie.
+    The plane is that of complex numbers, with the tail of each edge at 0.
+
+    Returns
+    -------
+    right, left : (c,) ndarray of complex128
+        Ends of the crossed sides, strip after strip.
+    end : (k,) ndarray of complex128
+        Heads of the edges.
     """
     apex, twin = _apex(base), base.topology.side_twin.ravel()
+    place = np.cumsum(count) - count
+    right, left = np.empty((2, int(count.sum())), dtype=np.complex128)
     here = base_side[start]
     length = base.side_length.ravel()[here]
-    right[start], left[start] = -apex[here] * length, (1.0 - apex[here]) * length
+    right[place], left[place] = -apex[here] * length, (1.0 - apex[here]) * length
     end = np.zeros(len(start), dtype=np.complex128)
     alive = len(start)
+    longer = alive - np.cumsum(np.bincount(count))  # strips of more crossings than so many
     for step in range(1, int(count[0]) + 1):
-        previous = start[:alive] + step - 1
-        entered = twin[base_side[previous]]
+        entered = twin[base_side[start[:alive] + step - 1]]
+        previous = place[:alive] + step - 1
         p, q = left[previous], right[previous]
         corner = p + apex[entered] * (q - p)
-        going = int(np.searchsorted(-count[:alive], -step, side="left"))
+        going = int(longer[step])
         end[going:alive] = corner[going:]
-        now, entered = start[:going] + step, entered[:going]
-        keeps_right = base_side[now] == around(entered)[1]
-        if not (keeps_right | (base_side[now] == around(entered)[2])).all():
+        now, entered = place[:going] + step, entered[:going]
+        crossed = base_side[start[:going] + step]
+        _, following, before = around(entered)
+        keeps_right = crossed == following
+        if not (keeps_right | (crossed == before)).all():
             raise SolveError("a chain of crossings leaves the strip of faces that it runs through")
         left[now] = np.where(keeps_right, corner[:going], p[:going])
         right[now] = np.where(keeps_right, q[:going], corner[:going])
         alive = going
-    return end
+    return right, left, end
 
 
 def _apex(mesh: TriangleMesh) -> NDArray[np.complex128]:

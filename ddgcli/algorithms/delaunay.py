@@ -17,7 +17,7 @@ from ddgcli.errors import MeshError
 from ddgcli.geometry.intrinsic import corner_cotan, half_angle_tangent
 from ddgcli.mesh.intrinsic_mesh import IntrinsicMesh
 from ddgcli.mesh.require import require
-from ddgcli.mesh.topology import NEXT, Topology
+from ddgcli.mesh.topology import NEXT, Topology, sorted_sides
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.operators.mollify import Mollified, mollified
 
@@ -114,9 +114,9 @@ def glue(mesh: TriangleMesh | IntrinsicMesh) -> IntrinsicMesh:
     elif not _is_gluing(topology):
         raise MeshError("the gluing does not pair sides that run from b to a with sides that run from a to b")
     length = mesh.side_length
-    bad = np.flatnonzero(~np.isfinite(length).all(axis=1) | (length < 0).any(axis=1))
-    if len(bad):
-        raise MeshError(f"face {bad[0]} has a side length that is no length ({length[bad[0]]}); mend it")
+    if not (length.min() >= 0 and length.max() < np.inf):
+        bad = np.flatnonzero(~(np.isfinite(length) & (length >= 0)).all(axis=1))[0]
+        raise MeshError(f"face {bad} has a side length that is no length ({length[bad]}); mend it")
     return IntrinsicMesh(topology, length, mesh.points)
 
 
@@ -124,9 +124,8 @@ def _twins(mesh: TriangleMesh | IntrinsicMesh) -> NDArray[np.int64]:
     """(m, 3) gluing of a simplicial mesh, in one sort; MeshError where it is not an oriented surface."""
     topology = mesh.topology
     tail, head = topology.side_tail, topology.side_head
-    key = np.minimum(tail, head) * np.int64(max(topology.n_vertices, 1)) + np.maximum(tail, head)
-    order = np.argsort(key)
-    same = key[order[1:]] == key[order[:-1]]
+    key, order = sorted_sides(np.minimum(tail, head), np.maximum(tail, head), topology.n_vertices)
+    same = key[1:] == key[:-1]
     a, b = order[:-1][same], order[1:][same]
     twin = np.full(len(key), -1, dtype=np.int64)
     twin[a], twin[b] = b, a
@@ -176,8 +175,9 @@ def working_lengths(mesh: TriangleMesh | IntrinsicMesh, glued: IntrinsicMesh) ->
 
 def _caps(length: NDArray, least: float) -> NDArray[np.int64]:
     """Faces whose two shorter sides exceed the longest by no more than a share of it."""
-    longest = length.max(axis=1)
-    return np.flatnonzero((length.sum(axis=1) - longest) - longest <= least * longest)
+    a, b, c = length.T
+    longest = np.maximum(np.maximum(a, b), c)
+    return np.flatnonzero(a + b + c <= (2.0 + least) * longest)
 
 
 def length_scale(length: NDArray) -> float:

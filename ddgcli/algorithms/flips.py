@@ -64,12 +64,12 @@ class SideArrays(Gluing):
     def grow(self, n_new: int) -> None:
         """Room for n_new further faces, unglued and without lengths."""
         super().grow(n_new)
-        nothing = np.full(3 * n_new, np.nan)
-        self.length, self.tangent = np.append(self.length, nothing), np.append(self.tangent, nothing)
-        self.cotan_sum = np.append(self.cotan_sum, nothing[:n_new])
+        self._lengthen("length", 3 * n_new, np.nan)
+        self._lengthen("tangent", 3 * n_new, np.nan)
+        self._lengthen("cotan_sum", n_new, np.nan)
         if self.direction is not None:
-            self.direction = np.append(self.direction, nothing)
-        self.claim = np.empty(len(self.tail) + 1, dtype=np.int64)
+            self._lengthen("direction", 3 * n_new, np.nan)
+        self._lengthen("claim", 3 * n_new, 0)
 
     def measure(self, face: NDArray) -> None:
         """Angles of faces whose lengths have changed."""
@@ -203,11 +203,13 @@ def _independent(state: SideArrays, side: NDArray, violation: NDArray) -> NDArra
     """Mask of edges no two of which share a face: each violates the condition most in both of its faces."""
     order = np.argsort(violation)
     side = side[order]
-    face = np.stack([side // 3, state.twin[side] // 3], axis=1)
+    one, other = side // 3, state.twin[side] // 3
     rank = np.arange(len(side))
     claim = state.claim
-    claim[face.ravel()] = np.repeat(rank, 2)  # of several claims on a face the last, the worst, stays
-    wins = (claim[face] == rank[:, None]).all(axis=1) & (face[:, 0] != face[:, 1])
+    claim[np.stack([one, other], axis=1).ravel()] = np.repeat(rank, 2)  # the last claim, the worst, stays
+    wins = claim[one] == rank
+    wins &= claim[other] == rank
+    wins &= one != other
     chosen = np.zeros(len(side), dtype=bool)
     chosen[order] = wins
     return chosen

@@ -35,6 +35,7 @@ class Gluing:
 
     def __post_init__(self) -> None:
         self.place = np.append(np.arange(len(self.tail)), -1)  # scratch: identity between batches
+        self._room: dict[str, NDArray] = {}  # what the arrays are views of, once they have grown
 
     @property
     def n_faces(self) -> int:
@@ -42,10 +43,22 @@ class Gluing:
 
     def grow(self, n_new: int) -> None:
         """Room for n_new further faces, unglued."""
-        more = np.full(3 * n_new, -1, dtype=np.int64)
-        self.tail = np.append(self.tail, more)
-        self.twin = np.append(self.twin, more)
-        self.place = np.append(np.arange(len(self.tail)), -1)
+        old = len(self.tail)
+        self._lengthen("tail", 3 * n_new, -1)
+        self._lengthen("twin", 3 * n_new, -1)
+        self._lengthen("place", 3 * n_new, -1)
+        self.place[old:-1] = np.arange(old, old + 3 * n_new)
+
+    def _lengthen(self, name: str, more: int, fill: float) -> None:
+        """Append to an array; where it must be copied, with room for half as much again."""
+        array = getattr(self, name)
+        room = self._room.get(name, array)
+        if len(room) < len(array) + more:
+            room = self._room[name] = np.empty(3 * (len(array) + more) // 2, dtype=array.dtype)
+            room[: len(array)] = array
+        longer = room[: len(array) + more]
+        longer[len(array) :] = fill
+        setattr(self, name, longer)
 
     def _move(self, old: NDArray, new: NDArray) -> None:
         """Sides change their places; their neighbours follow, those that move in the same batch too."""

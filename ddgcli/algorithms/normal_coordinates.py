@@ -74,8 +74,8 @@ class Crossings:
     ----------
     count, start : (3m,) ndarray of int64
         Half-crossings on a side and the number of its first.
-    side, place : (c,) ndarray of int64
-        Side of a half-crossing and its place from the side's tail.
+    side : (c,) ndarray of int64
+        Side of a half-crossing.
     across : (c,) ndarray of int64
         The same crossing on the twin side.
     cut : (m, 3) ndarray of int64
@@ -87,7 +87,6 @@ class Crossings:
     count: NDArray[np.int64]
     start: NDArray[np.int64]
     side: NDArray[np.int64]
-    place: NDArray[np.int64]
     across: NDArray[np.int64]
     cut: NDArray[np.int64]
     leaving: NDArray[np.int64]
@@ -99,12 +98,12 @@ def crossings_of(coordinate: NDArray, side_twin: NDArray) -> Crossings:
     flat = count.ravel()
     start = np.cumsum(flat) - flat
     side = np.repeat(np.arange(len(flat)), flat)
-    place = np.arange(len(side)) - start[side]
-    other = side_twin.ravel()[side]
-    across = start[other] + flat[side] - 1 - place
+    # what a half-crossing and its other half add up to is the same all along a side
+    across = np.repeat(start + start[side_twin.ravel()] + flat - 1, flat)
+    across -= np.arange(len(across))
     leaving, surplus = corner_arcs(count[:, [1, 2, 0]], count, count[:, [2, 0, 1]])
     cut = (surplus - leaving[:, [1, 2, 0]] - leaving[:, [2, 0, 1]]) // 2
-    return Crossings(flat, start, side, place, across, np.maximum(cut, 0), leaving)
+    return Crossings(flat, start, side, across, np.maximum(cut, 0), leaving)
 
 
 def arc_partner(c: Crossings) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
@@ -114,48 +113,69 @@ def arc_partner(c: Crossings) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     -------
     partner : (c,) ndarray of int64
         The half-crossing at its other end, -1 where it ends at a corner.
-    corner : (c,) ndarray of int64
-        The flat number of that corner, -1 elsewhere.
+    corner : (e,) ndarray of int64
+        The flat number of that corner, for the half-crossings whose arcs end at one, in their order.
     """
-    face, j = c.side // 3, c.side % 3
-    after, before = 3 * face + (j + 1) % 3, 3 * face + (j + 2) % 3
-    from_head = c.count[c.side] - 1 - c.place
-    near_tail = c.place < c.cut.ravel()[c.side]
-    near_head = from_head < c.cut.ravel()[after]
-    partner = np.where(near_tail, c.start[before] + c.count[before] - 1 - c.place, c.start[after] + from_head)
-    ends = ~(near_tail | near_head)
-    return np.where(ends, -1, partner), np.where(ends, before, -1)
+    m = len(c.cut)
+    after, before = np.array([1, 2, 0]), np.array([2, 0, 1])
+    start, count = c.start.reshape(m, 3), c.count.reshape(m, 3)
+    # along a side: arcs that cut off its tail, that end at the corner opposite, that cut off its head
+    parts = np.stack([c.cut, c.leaving[:, before], c.cut[:, after]], axis=2)
+    total = np.zeros((m, 3, 3), dtype=np.int64)  # of the two halves' numbers
+    total[..., 0] = start + start[:, before] + count[:, before] - 1
+    total[..., 2] = start + count - 1 + start[:, after]
+    partner = np.repeat(total.ravel(), parts.ravel())
+    partner -= np.arange(len(partner))
+    partner[np.repeat(np.tile([False, True, False], 3 * m), parts.ravel())] = -1
+    opposite = (3 * np.arange(m)[:, None] + before).ravel()
+    return partner, np.repeat(opposite, parts[..., 1].ravel())
 
 
-def base_edge_ends(c: Crossings, tail: NDArray) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """The vertex where the base edge of each half-crossing ends, followed into the side's face.
+@dataclass(frozen=True, eq=False)
+class BaseEdges:
+    """The base edges that are crossed, each twice: as the chain of its crossings from either end.
+
+    Parameters
+    ----------
+    tail, head : (k,) ndarray of int64
+        Vertices that a chain runs to and from: half-crossings look back to `head`.
+    reverse : (k,) ndarray of int64
+        The chain of the same edge from the other end.
+    chain, step : (c,) ndarray of int64
+        The chain whose head the base edge of a half-crossing ends at when it is followed into the side's
+        face, and the crossings passed on the way.
+    """
+
+    tail: NDArray[np.int64]
+    head: NDArray[np.int64]
+    reverse: NDArray[np.int64]
+    chain: NDArray[np.int64]
+    step: NDArray[np.int64]
+
+
+def base_edges_of(c: Crossings, tail: NDArray) -> BaseEdges:
+    """Follow the base edges from all of their ends at once, a crossing at a time.
 
     Parameters
     ----------
     c : Crossings
     tail : (3m,) ndarray of int64
         Vertex at each corner.
-
-    Returns
-    -------
-    end : (c,) ndarray of int64
-        Vertex.
-    steps : (c,) ndarray of int64
-        Crossings passed on the way.
-
-    Notes
-    -----
-    By pointer doubling: as many passes as the logarithm of the longest chain.
     """
     partner, corner = arc_partner(c)
-    here = np.arange(len(partner))
-    onward = np.where(partner < 0, here, c.across[partner]) if len(here) else here
-    steps = (partner >= 0).astype(np.int64)
-    open_ = np.flatnonzero(partner >= 0)
-    while len(open_):
-        jump = onward[open_]
-        ahead, further = onward[jump], steps[jump]
-        steps[open_] += further
-        onward[open_] = ahead
-        open_ = open_[ahead != jump]
-    return tail[corner[onward]], steps
+    onward = partner[c.across]
+    here = np.flatnonzero(partner < 0)
+    head = tail[corner]
+    name = np.arange(len(here))
+    chain, step = np.empty_like(partner), np.empty_like(partner)
+    last = here.copy()
+    passed = 0
+    while len(here):
+        chain[here], step[here] = name, passed
+        after = onward[here]
+        going = after >= 0
+        ended = ~going
+        last[name[ended]] = here[ended]
+        here, name, passed = after[going], name[going], passed + 1
+    reverse = chain[c.across[last]]
+    return BaseEdges(head[reverse], head, reverse, chain, step)

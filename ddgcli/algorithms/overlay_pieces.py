@@ -47,35 +47,22 @@ def cut_faces(c: Crossings, before: NDArray, beyond: NDArray, holder: NDArray) -
     cutter = _Cutter(c, before, beyond)
     parts = [
         cutter.corner_triangles(),
-        cutter.corner_quads(),
-        cutter.middles(holder),
-        cutter.fan_firsts(),
+        *cutter.corner_quads(),
+        *cutter.middles(holder),
+        *cutter.fan_firsts(),
         cutter.fan_inner(),
-        cutter.fan_lasts(),
+        *cutter.fan_lasts(),
     ]
-    polygons, face, input_face = (np.concatenate(p) for p in zip(*parts, strict=True))
+    corner, face, input_face = (np.concatenate(p) for p in zip(*parts, strict=True))
     order = np.argsort(face, kind="stable")
-    return _fans(polygons[order], face[order], input_face[order])
-
-
-def _fans(polygon: NDArray, face: NDArray, input_face: NDArray) -> Pieces:
-    """Triangles of polygons (k, 6) whose empty places hold -1."""
-    empty = polygon < 0
-    packed = np.take_along_axis(polygon, np.argsort(empty, axis=1, kind="stable"), axis=1)
-    count = 6 - empty.sum(axis=1)
-    corner = np.arange(1, 5)
-    kept = corner + 1 < count[:, None]
-    first = np.broadcast_to(packed[:, :1], kept.shape)
-    triangles = np.stack([first, packed[:, 1:5], packed[:, 2:6]], axis=2)[kept]
-    owner = np.broadcast_to(np.arange(len(polygon))[:, None], kept.shape)[kept]
-    return Pieces(triangles, face[owner], input_face[owner])
+    return Pieces(corner[order], face[order], input_face[order])
 
 
 Part = tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]
 
 
 class _Cutter:
-    """The kinds of pieces; each method returns polygons (k, 6) padded with -1, faces and input faces."""
+    """The kinds of pieces; methods return parts: triangles (k, 3), their faces and input faces."""
 
     def __init__(self, c: Crossings, before: NDArray, beyond: NDArray) -> None:
         self.c = c
@@ -93,29 +80,22 @@ class _Cutter:
         """The name of half-crossings as corners of pieces."""
         return self.n_corners + half
 
-    def _part(self, columns: list[NDArray], corner: NDArray, input_face: NDArray) -> Part:
-        polygon = np.full((len(corner), 6), -1, dtype=np.int64)
-        for k, column in enumerate(columns):
-            polygon[:, k] = column
-        return polygon, corner // 3, input_face
-
     def corner_triangles(self) -> Part:
         """The tip of each corner that is cut off."""
         corner = np.flatnonzero(self.cut > 0)
         x = self._from_tail(corner, np.zeros_like(corner))
         y = self._from_head(_previous(corner), np.zeros_like(corner))
-        return self._part([corner, self._at(x), self._at(y)], corner, self.before[x])
+        return _part((corner, self._at(x), self._at(y)), corner, self.before[x])
 
-    def corner_quads(self) -> Part:
+    def corner_quads(self) -> list[Part]:
         """Between two arcs that cut off the same corner."""
         count = np.maximum(self.cut - 1, 0)
         corner = np.repeat(np.arange(len(count)), count)
         place = 1 + np.arange(len(corner)) - np.repeat(np.cumsum(count) - count, count)
-        side, other = corner, _previous(corner)
-        inner, outer = self._from_tail(side, place - 1), self._from_tail(side, place)
-        far, near = self._from_head(other, place), self._from_head(other, place - 1)
-        columns = [self._at(x) for x in (inner, outer, far, near)]
-        return self._part(columns, corner, self.before[outer])
+        outer, far = self._from_tail(corner, place), self._from_head(_previous(corner), place)
+        a, b, c, d = (self._at(x) for x in (outer - 1, outer, far, far + 1))
+        held = self.before[outer]
+        return [_part((a, b, c), corner, held), _part((a, c, d), corner, held)]
 
     def _outermost(self, corner: NDArray) -> tuple[NDArray, NDArray]:
         """Where what is left of a face arrives at and leaves a corner: the last arc's ends, or the corner."""
@@ -124,30 +104,36 @@ class _Cutter:
         leaving = self._at(self._from_tail(corner, cut - 1))
         return np.where(cut > 0, arriving, corner), np.where(cut > 0, leaving, -1)
 
-    def middles(self, holder: NDArray) -> Part:
+    def middles(self, holder: NDArray) -> list[Part]:
         """What cut-off corners leave of a face that no arc leaves a corner into."""
         face = np.flatnonzero((self.c.leaving == 0).all(axis=1))
-        columns, input_face = [], holder[face]
+        arriving, leaving, input_face = [], [], holder[face]
         for k in range(3):
             corner = 3 * face + k
-            columns += list(self._outermost(corner))
+            into, out = self._outermost(corner)
+            arriving.append(into)
+            leaving.append(out)
             cut = self.cut[corner]
             x = np.where(cut > 0, self._from_tail(corner, cut - 1), -1)
             input_face = np.where(cut > 0, self.beyond[x], input_face)
-        return self._part(columns, 3 * face, input_face)
+        whole = _part(tuple(arriving), 3 * face, input_face)
+        ears = [(arriving[k], leaving[k], arriving[(k + 1) % 3]) for k in range(3)]
+        return [whole, *(_present(_part(ear, 3 * face, input_face)) for ear in ears)]
 
     def _fan_corners(self) -> tuple[NDArray, NDArray, NDArray]:
         """Corners that arcs leave, how many, and the place of the first on the opposite side."""
         corner = np.flatnonzero(self.leaving > 0)
         return corner, self.leaving[corner], self.cut[_following(corner)]
 
-    def fan_firsts(self) -> Part:
+    def fan_firsts(self) -> list[Part]:
         """Between the side that leaves the corner and the first arc."""
         corner, _, first = self._fan_corners()
         arriving, leaving = self._outermost(_following(corner))
         x = self._from_tail(_following(corner), first)
-        columns = [corner, arriving, leaving, self._at(x)]
-        return self._part(columns, corner, self.before[x])
+        held = self.before[x]
+        middle = np.where(leaving >= 0, leaving, arriving)
+        ear = _part((corner, arriving, leaving), corner, held)
+        return [_present(ear), _part((corner, middle, self._at(x)), corner, held)]
 
     def fan_inner(self) -> Part:
         """Between two arcs that leave the same corner."""
@@ -156,16 +142,27 @@ class _Cutter:
         place = 1 + np.arange(more.sum()) - np.repeat(np.cumsum(more) - more, more)
         corner, first = np.repeat(corner, more), np.repeat(first, more)
         x = self._from_tail(_following(corner), first + place)
-        columns = [corner, self._at(x - 1), self._at(x)]
-        return self._part(columns, corner, self.before[x])
+        return _part((corner, self._at(x - 1), self._at(x)), corner, self.before[x])
 
-    def fan_lasts(self) -> Part:
+    def fan_lasts(self) -> list[Part]:
         """Between the last arc and the side that arrives at the corner."""
         corner, count, first = self._fan_corners()
         arriving, leaving = self._outermost(_previous(corner))
         x = self._from_tail(_following(corner), first + count - 1)
-        columns = [corner, self._at(x), arriving, leaving]
-        return self._part(columns, corner, self.beyond[x])
+        held = self.beyond[x]
+        ear = _part((corner, arriving, leaving), corner, held)
+        return [_part((corner, self._at(x), arriving), corner, held), _present(ear)]
+
+
+def _part(corners: tuple[NDArray, ...], corner: NDArray, input_face: NDArray) -> Part:
+    return np.stack(corners, axis=1), corner // 3, input_face
+
+
+def _present(part: Part) -> Part:
+    """The triangles that no corner is missing from (-1)."""
+    triangles, face, input_face = part
+    there = np.flatnonzero(triangles.min(axis=1) >= 0)
+    return triangles[there], face[there], input_face[there]
 
 
 def _following(corner: NDArray) -> NDArray:

@@ -25,7 +25,7 @@ from ddgcli.mesh.triangle_mesh import TriangleMesh
 SHARP = np.pi / 3  # cones and boundary corners of a smaller total angle are left as they are
 COINCIDENT = 1e-7  # side of a face without area, relative to its longest, whose ends are one point
 NEAREST_TO_PINNED = 0.1  # no point comes nearer to either, relative to their shortest edge before refinement
-FEWEST_TRIED, TRIED_FOR_EACH = 256, 24  # bad faces in a batch: at least, and for each point of the last one
+FEWEST_TRIED, TRIED_FOR_EACH = 256, 8  # bad faces in a batch: at least, and for each point of the last one
 
 
 class Refinement:

@@ -71,7 +71,7 @@ class Topology:
         if self.gluing is not None:
             return self._glued_edges()
         tail, head = self.side_tail, self.side_head
-        key, order = _sorted_sides(np.minimum(tail, head), np.maximum(tail, head), self.n_vertices)
+        key, order = sorted_sides(np.minimum(tail, head), np.maximum(tail, head), self.n_vertices)
         first = np.ones(len(key), dtype=bool)
         np.not_equal(key[1:], key[:-1], out=first[1:])
         side_edge = np.zeros(len(key), dtype=np.int64)
@@ -121,7 +121,7 @@ class Topology:
         if self.gluing is not None:
             return self.gluing
         side_edge = self.side_edge.ravel()
-        order = _sorted_sides(np.zeros_like(side_edge), side_edge, self.n_edges)[1]
+        order = sorted_sides(np.zeros_like(side_edge), side_edge, self.n_edges)[1]
         start = np.concatenate([[0], np.cumsum(self.edge_face_count)])[:-1]
         pair = start[self.edge_face_count == 2]
         twin = np.full(len(side_edge), -1, dtype=np.int64)
@@ -284,7 +284,7 @@ class Topology:
         return (2 * self.n_components - self.boundary_loops - self.euler_characteristic) // 2
 
 
-def _sorted_sides(low: NDArray, high: NDArray, n_vertices: int) -> tuple[NDArray, NDArray]:
+def sorted_sides(low: NDArray, high: NDArray, n_vertices: int) -> tuple[NDArray, NDArray]:
     """Keys of the sides' end vertices in ascending order, and the sides in that order, stable.
 
     Key and side number are packed into one integer where 63 bits hold them: sorting values is several times
