@@ -8,6 +8,7 @@ will do. Lengths are divided by a power of two near the longest side: exact, and
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import reduce
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +23,7 @@ from ddgcli.operators.laplacian import SurfaceMesh
 BOUNDARY = (
     -1
 )  # crossing a side with this code leads nowhere; codes below it are -2 - side: several faces follow
+BLOCK = 8192  # faces
 FLAT_ANGLE = 2 * np.pi - 1e-9  # at a larger angle a shortest path may pass through the vertex
 
 
@@ -130,30 +132,38 @@ def window_tables(mesh: SurfaceMesh) -> WindowTables:
 
 
 def _side_shapes(mesh: SurfaceMesh, scale: float) -> NDArray[np.float64]:
-    """(3m, 5) rows of WindowTables.shape.
+    """(3m, 5) rows of WindowTables.shape, made in blocks of faces that stay in the cache.
 
     Heights come from cross products where the mesh has positions: lengths alone know the height of a cap only
     to the square root of rounding.
     """
-    length = mesh.side_length / scale
-    right, left = length[:, NEXT], length[:, PREVIOUS]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        if isinstance(mesh, TriangleMesh):
-            vector = mesh.side_vector / scale
-            double_area = vector_length(np.cross(vector[:, 0], vector[:, 1]))
-            x = -np.einsum("fjk,fjk->fj", vector, vector[:, PREVIOUS]) / length
-        else:
-            double_area = 2.0 * face_area(length)
-            x = 0.5 * (length + (left - right) * ((left + right) / length))
-        y = double_area[:, None] / length
-    flat = ~(length > 0)
-    shape = np.empty((length.size, 5))
-    shape[:, 0] = length.ravel()
-    shape[:, 1] = np.where(flat, 0.0, x).ravel()
-    shape[:, 2] = np.where(flat, left, y).ravel()
-    shape[:, 3] = left.ravel()
-    shape[:, 4] = right.ravel()
-    return shape
+    shape = np.empty((mesh.n_faces, 3, 5))
+    for start in range(0, mesh.n_faces, BLOCK):
+        block = slice(start, start + BLOCK)
+        length = mesh.side_length[block].T / scale
+        with np.errstate(divide="ignore", invalid="ignore"):
+            x, y = _apexes(mesh, block, length, scale)
+        flat = ~(length > 0)
+        right, left = length[NEXT], length[PREVIOUS]
+        np.copyto(x, 0.0, where=flat)
+        np.copyto(y, left, where=flat)
+        for column, value in enumerate((length, x, y, left, right)):
+            shape[block, :, column] = value.T
+    return shape.reshape(-1, 5)
+
+
+def _apexes(mesh: SurfaceMesh, block: slice, length: NDArray, scale: float) -> tuple[NDArray, NDArray]:
+    """(3, k) x and y of the apex over each side of a block of faces; not finite over sides without length."""
+    if not isinstance(mesh, TriangleMesh):
+        right, left = length[NEXT], length[PREVIOUS]
+        x = 0.5 * (length + (left - right) * ((left + right) / length))
+        return x, 2.0 * face_area(length.T) / length
+    corner = mesh.points.take(mesh.faces[block].T.ravel(), axis=0).reshape(3, -1, 3)
+    side = [np.ascontiguousarray((corner[(j + 1) % 3] - corner[j]).T) / scale for j in range(3)]
+    (ax, ay, az), (bx, by, bz) = side[:2]
+    normal = np.stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx])
+    dot = [-(side[j] * side[(j + 2) % 3]).sum(axis=0) for j in range(3)]
+    return np.stack(dot) / length, vector_length(normal.T) / length
 
 
 def _sides_across(topology: Topology) -> tuple[NDArray, NDArray | None, tuple | None]:
@@ -209,8 +219,9 @@ def _bends(topology: Topology, shape: NDArray, angle: NDArray) -> tuple[NDArray,
     bends |= topology.boundary_vertex
     bends[topology.edges[topology.nonmanifold_edges]] = True
     blunt = np.zeros(len(bends), dtype=bool)
-    height, longest = shape[:, 2].reshape(-1, 3).min(axis=1), shape[:, 0].reshape(-1, 3).max(axis=1)
-    blunt[faces[~(height > 1e-8 * longest)]] = True
+    length, height = shape[:, 0].reshape(-1, 3).T, shape[:, 2].reshape(-1, 3).T
+    low, long = (reduce(least, part) for least, part in ((np.minimum, height), (np.maximum, length)))
+    blunt[faces[~(low > 1e-8 * long)]] = True
     bends |= blunt
     bends[_pinched(topology, np.flatnonzero(~bends & topology.referenced_vertex))] = True
     return bends, blunt
