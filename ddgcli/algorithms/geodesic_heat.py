@@ -7,13 +7,13 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import csc_array, diags_array
+from scipy.sparse import csc_array, csr_array, diags_array
 
 from ddgcli.algorithms.geodesic_sources import Sources, checked_sources, face_frame
 from ddgcli.errors import ParameterError
 from ddgcli.linalg.constrain import Dirichlet, Poisson
 from ddgcli.linalg.factor import Factor
-from ddgcli.mesh.topology import NEXT, PREVIOUS
+from ddgcli.mesh.topology import NEXT
 from ddgcli.operators.laplacian import SurfaceMesh, lumped_vertex_area, stiffness
 
 log = logging.getLogger("ddgcli")
@@ -86,23 +86,20 @@ class HeatSolver:
         self.stiffness = stiffness(mesh)
         area = lumped_vertex_area(mesh)
         mass = np.where(area > 0, area, area.max(initial=0.0) or 1.0)
-        self._system = csc_array(diags_array(mass) + self.time * self.stiffness)
+        self._system = _with_diagonal(self.stiffness, self.time, mass)
         self._heat = Factor(self._system)
         self._area = area
         self._poisson: Poisson | None = None
         self._held: Dirichlet | None = None
-        frame = face_frame(mesh.side_length)
-        edge = frame[:, PREVIOUS] - frame[:, NEXT]  # opposite corner k, from corner k + 1 to corner k + 2
-        # (3, m) parts of twice the area times the gradient of hat k, and the corners, each row contiguous
-        self._hat_x = np.ascontiguousarray(-edge[..., 1].T)
-        self._hat_y = np.ascontiguousarray(edge[..., 0].T)
+        frame = face_frame(mesh.side_length)  # corners (0, 0), (base, 0), (x, y)
+        self._base, self._x, self._y = frame[:, 1, 0].copy(), frame[:, 2, 0].copy(), frame[:, 2, 1].copy()
         self._corner = np.ascontiguousarray(mesh.faces.T)
 
     @property
     def poisson(self) -> Poisson:
         """The second system, factored when first asked for."""
         if self._poisson is None:
-            self._poisson = Poisson(self.stiffness, self._area)
+            self._poisson = Poisson(self.stiffness, self._area, order=self._heat.order)
         return self._poisson
 
     def distance(self, sources: Sources | NDArray | list[int] | int) -> HeatDistance:
@@ -179,10 +176,10 @@ class HeatSolver:
         rise = v[1:] - v[0]  # the gradients of the three hats sum to zero
         size = np.abs(rise).max(axis=0)
         rise /= np.where(size > 0, size, 1.0)
-        gradient = np.empty((2, len(size)))
-        for axis, hat in enumerate((self._hat_x, self._hat_y)):
-            np.multiply(rise[0], hat[1], out=gradient[axis])
-            gradient[axis] += rise[1] * hat[2]
+        gradient = np.empty((2, len(size)))  # times twice the area
+        np.multiply(rise[0], self._y, out=gradient[0])
+        np.multiply(rise[1], self._base, out=gradient[1])
+        gradient[1] -= rise[0] * self._x
         length = np.sqrt(gradient[0] ** 2 + gradient[1] ** 2)
         cold = ~(length > 0)
         gradient /= np.where(cold, 1.0, length)
@@ -193,11 +190,12 @@ class HeatSolver:
     def _near(self, sources: Sources) -> tuple[NDArray, NDArray]:
         """Vertices at or next to a source, and their straight distance to it along side or face."""
         mesh = self.mesh
-        topology, points = mesh.topology, sources.points
+        points = sources.points
         is_source = np.zeros(mesh.n_vertices, dtype=bool)
         is_source[sources.vertex] = True
-        length = mesh.side_length.ravel()
-        tail, head = topology.side_tail, topology.side_head
+        beside = is_source[self._corner].any(axis=0)
+        length = mesh.side_length[beside].ravel()
+        tail, head = mesh.faces[beside].ravel(), mesh.faces[beside][:, NEXT].ravel()
         frame = face_frame(self.given_on.side_length[points.face])
         position = np.einsum("kc,kcd->kd", points.barycentric, frame)
         reach = np.linalg.norm(frame - position[:, None], axis=2)
@@ -217,8 +215,13 @@ class HeatSolver:
         self, direction: NDArray, near: NDArray, spoke: NDArray, n_sources: int
     ) -> tuple[NDArray, float]:
         """The function with gradient nearest to the field, fitted to the known values near the sources."""
-        flux = self._hat_x * (0.5 * direction[0])
-        flux += self._hat_y * (0.5 * direction[1])
+        along, across = 0.5 * direction
+        flux = np.empty(self._corner.shape)
+        np.multiply(along, self._y, out=flux[1])
+        flux[1] -= across * self._x
+        np.multiply(across, self._base, out=flux[2])
+        np.add(flux[1], flux[2], out=flux[0])
+        np.negative(flux[0], out=flux[0])
         load = np.bincount(self._corner.ravel(), weights=flux.ravel(), minlength=self.mesh.n_vertices)
         if n_sources == 1:
             distance = self.poisson.solve(load, refine=False)
@@ -229,7 +232,7 @@ class HeatSolver:
         value = np.zeros(len(held))
         value[np.searchsorted(held, near)] = spoke
         if self._held is None or not np.array_equal(self._held.fixed, held):
-            self._held = Dirichlet(self.stiffness, held)
+            self._held = Dirichlet(self.stiffness, held, order=self._heat.order)
         distance = self._held.solve(value, load)
         return distance, self._held.residual(distance, load)
 
@@ -239,3 +242,14 @@ class HeatSolver:
         first = np.unique(component, return_index=True)[1]
         other = first[~np.isin(component[first], component[near])]
         return np.concatenate([other, np.flatnonzero(component < 0)])
+
+
+def _with_diagonal(matrix: csr_array, factor: float, diagonal: NDArray) -> csc_array:
+    """factor * matrix + diagonal, for a symmetric matrix."""
+    row = np.repeat(np.arange(len(diagonal), dtype=matrix.indices.dtype), np.diff(matrix.indptr))
+    data = factor * matrix.data
+    at = np.flatnonzero(matrix.indices == row)
+    if len(at) < len(diagonal):  # vertices that no face uses
+        return csc_array(factor * matrix + diags_array(diagonal))
+    data[at] += diagonal[row[at]]
+    return csc_array((data, matrix.indices, matrix.indptr), shape=matrix.shape)

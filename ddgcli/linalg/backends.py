@@ -18,7 +18,7 @@ from scipy.sparse import csc_array
 from scipy.sparse.linalg import splu
 
 from ddgcli.errors import ParameterError, SolveError
-from ddgcli.linalg.ordering import fill_reducing_ordering
+from ddgcli.linalg.ordering import Ordering, fill_reducing_ordering
 
 log = logging.getLogger("ddgcli")
 
@@ -35,6 +35,10 @@ class Backend(Protocol):
     """One analysed pattern with the values of the last `refactor`."""
 
     name: str
+
+    @property
+    def order(self) -> NDArray[np.int64] | None:
+        """Unknown eliminated at each step, for other matrices of the same pattern; None where not kept."""
 
     def refactor(self, matrix: csc_array) -> None:
         """Factorise new values of the same pattern."""
@@ -66,11 +70,11 @@ def chosen_solver(solver: str | None, n: int, definite: bool) -> str:
     return name
 
 
-def make_backend(name: str, matrix: csc_array) -> Backend:
-    """Analyse and factorise with the named backend."""
-    kinds: dict[str, Callable[[csc_array], Backend]]
+def make_backend(name: str, matrix: csc_array, order: NDArray | None = None) -> Backend:
+    """Analyse and factorise with the named backend, in the given elimination order or its own."""
+    kinds: dict[str, Callable[[csc_array, NDArray | None], Backend]]
     kinds = {"superlu": SymmetricLU, "cholmod": Cholmod, "pivoted": PivotedLU}
-    return kinds[name](matrix)
+    return kinds[name](matrix, order)
 
 
 class SymmetricLU:
@@ -78,8 +82,8 @@ class SymmetricLU:
 
     name = "superlu"
 
-    def __init__(self, matrix: csc_array) -> None:
-        ordering = fill_reducing_ordering(matrix)
+    def __init__(self, matrix: csc_array, order: NDArray | None = None) -> None:
+        ordering = fill_reducing_ordering(matrix) if order is None else Ordering(order, final=True)
         self._order, self._final = ordering.order, ordering.final
         self._pattern: csc_array | None = None
         self._lu: Any = None
@@ -105,8 +109,11 @@ class SymmetricLU:
 
     def _keep_found_order(self) -> None:
         """Later factorisations of this pattern start from the order that minimum degree found."""
-        self._order = self._order[np.argsort(self._lu.perm_c)]
-        self._final, self._pattern = True, None
+        self._order, self._final, self._pattern = self.order, True, None
+
+    @property
+    def order(self) -> NDArray[np.int64]:
+        return self._order if self._final else self._order[np.argsort(self._lu.perm_c)]
 
     def solve(self, rhs: NDArray) -> NDArray:
         x = np.empty_like(rhs)
@@ -118,8 +125,9 @@ class PivotedLU:
     """SuperLU with partial pivoting on an equilibrated matrix; for indefinite symmetric systems."""
 
     name = "pivoted"
+    order = None  # depends on the values
 
-    def __init__(self, matrix: csc_array) -> None:
+    def __init__(self, matrix: csc_array, order: NDArray | None = None) -> None:
         self.refactor(matrix)
 
     def refactor(self, matrix: csc_array) -> None:
@@ -146,7 +154,7 @@ class Cholmod:
 
     name = "cholmod"
 
-    def __init__(self, matrix: csc_array) -> None:
+    def __init__(self, matrix: csc_array, order: NDArray | None = None) -> None:
         from cvxopt import cholmod, spmatrix
         from cvxopt import matrix as dense
 
@@ -157,8 +165,28 @@ class Cholmod:
         rows = matrix.indices[self._lower].astype(np.int64)
         values = dense(matrix.data[self._lower])
         self._matrix = spmatrix(values, dense(rows), dense(column[self._lower]), (n, n))
-        self._symbolic = cholmod.symbolic(self._matrix)
+        if order is None:
+            self._symbolic = cholmod.symbolic(self._matrix)
+        else:
+            self._symbolic = self._analysed(dense(order.astype(np.int64)))
         self._numeric()
+
+    def _analysed(self, order: Any) -> Any:
+        """Symbolic factorisation in the given order; CHOLMOD would try its own beside it."""
+        before = dict(self._cholmod.options)
+        self._cholmod.options["nmethods"] = 1
+        try:
+            return self._cholmod.symbolic(self._matrix, p=order)
+        finally:
+            self._cholmod.options.clear()
+            self._cholmod.options.update(before)
+
+    @property
+    def order(self) -> NDArray[np.int64]:
+        kind = np.complex128 if self._matrix.typecode == "z" else np.float64
+        numbers = self._dense(np.arange(self._matrix.size[0]).astype(kind))
+        self._cholmod.solve(self._symbolic, numbers, sys=7)  # the permutation alone
+        return np.array(numbers).ravel().real.astype(np.int64)
 
     def refactor(self, matrix: csc_array) -> None:
         self._matrix.V = self._dense(matrix.data[self._lower])

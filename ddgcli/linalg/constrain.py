@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,8 +21,10 @@ BALANCED = 1e-10
 
 def components(matrix: sparray) -> tuple[int, NDArray[np.int64]]:
     """Number of connected components of the non-zero pattern, and (n,) component of each unknown."""
-    graph = csc_array(matrix, copy=True)
-    graph.eliminate_zeros()
+    graph = csc_array(matrix).T  # the same graph by rows, which csgraph takes without a copy
+    if (graph.data == 0).any():
+        graph = graph.copy()
+        graph.eliminate_zeros()
     count, label = connected_components(graph, directed=False)
     return int(count), label.astype(np.int64)
 
@@ -48,17 +51,23 @@ class Dirichlet:
     matrix : (n, n) sparse array
     fixed : (k,) ndarray of int, or (n,) ndarray of bool
         Unknowns whose values are given. A component without one must be non-singular by itself.
+    order : (n,) ndarray of int64, optional
+        Elimination order of a matrix of the same pattern, held unknowns included.
     options
         Passed on to `Factor`.
     """
 
-    def __init__(self, matrix: sparray, fixed: NDArray, **options) -> None:
+    def __init__(
+        self, matrix: sparray, fixed: NDArray, *, order: NDArray | None = None, **options: Any
+    ) -> None:
         n = matrix.shape[0]
         held = np.zeros(n, dtype=bool)
         held[np.asarray(fixed)] = True
         self.fixed, self.free = np.flatnonzero(held), np.flatnonzero(~held)
         block = self._split(matrix)
-        self.factor = Factor(block, **options)
+        if order is not None:
+            order = (np.cumsum(~held) - 1)[order[~held[order]]]
+        self.factor = Factor(block, order=order, **options)
 
     def _split(self, matrix: sparray) -> csc_array:
         columns = csc_array(matrix)
@@ -112,7 +121,7 @@ class Poisson:
     mass : (n, n) sparse array or (n,) ndarray, optional
         Weights of the mean; default one each.
     options
-        Passed on to `Factor`.
+        Passed on to `Dirichlet`.
 
     Attributes
     ----------
@@ -122,7 +131,7 @@ class Poisson:
         side that has was solved instead.
     """
 
-    def __init__(self, stiffness: sparray, mass: sparray | NDArray | None = None, **options) -> None:
+    def __init__(self, stiffness: sparray, mass: sparray | NDArray | None = None, **options: Any) -> None:
         n = stiffness.shape[0]
         self.matrix = csc_array(stiffness)
         self.weight = _weights(mass, n)

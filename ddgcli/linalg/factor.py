@@ -32,6 +32,8 @@ class Factor:
     solver : {'auto', 'superlu', 'cholmod', 'pivoted'}, optional
         Default: the environment variable DDGCLI_SOLVER, else CHOLMOD where the extra `fast` is installed and
         the system is large, else SuperLU of scipy.
+    order : (n,) ndarray of int64, optional
+        `order` of a `Factor` with the same pattern, to save the search for a fill-reducing one.
 
     Attributes
     ----------
@@ -45,11 +47,18 @@ class Factor:
         When the matrix is not square, holds values that are not finite, or is singular.
     """
 
-    def __init__(self, matrix: sparray, *, definite: bool = True, solver: str | None = None) -> None:
+    def __init__(
+        self,
+        matrix: sparray,
+        *,
+        definite: bool = True,
+        solver: str | None = None,
+        order: NDArray | None = None,
+    ) -> None:
         self.matrix = _checked(matrix)
         if definite and not (self.matrix.diagonal().real > 0).all():
             definite = False
-        self._factorise(chosen_solver(solver, self.n, definite))
+        self._factorise(chosen_solver(solver, self.n, definite), order)
 
     @property
     def n(self) -> int:
@@ -59,10 +68,15 @@ class Factor:
     def solver(self) -> str:
         return self._backend.name
 
-    def _factorise(self, name: str) -> None:
+    @property
+    def order(self) -> NDArray[np.int64] | None:
+        """Unknown eliminated at each step; None where pivoting decides."""
+        return self._backend.order
+
+    def _factorise(self, name: str, order: NDArray | None = None) -> None:
         self._magnitude: csc_array | None = None
         try:
-            self._backend = make_backend(name, self.matrix)
+            self._backend = make_backend(name, self.matrix, order)
         except NotDefinite as error:
             log.info("%s: factorised with pivoting instead", error)
             self._backend = make_backend("pivoted", self.matrix)
