@@ -18,7 +18,7 @@ from scipy.sparse import csc_array
 from scipy.sparse.linalg import splu
 
 from ddgcli.errors import ParameterError, SolveError
-from ddgcli.linalg.ordering import Ordering, fill_reducing_ordering
+from ddgcli.linalg.ordering import Ordering, fill_reducing_ordering, postorder
 
 log = logging.getLogger("ddgcli")
 
@@ -113,7 +113,9 @@ class SymmetricLU:
 
     @property
     def order(self) -> NDArray[np.int64]:
-        return self._order if self._final else self._order[np.argsort(self._lu.perm_c)]
+        if self._final:
+            return self._order
+        return self._order[np.argsort(self._lu.perm_c)][postorder(self._lu)]
 
     def solve(self, rhs: NDArray) -> NDArray:
         x = np.empty_like(rhs)

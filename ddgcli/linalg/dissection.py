@@ -1,106 +1,105 @@
-"""Nested dissection of a graph by its own distances, all parts of a level at once.
+"""Nested dissection of a graph by its own distances.
 
 Coordinates are breadth-first distances from a few vertices far apart, so only the connectivity counts. Every
-part is cut at the median of its longest direction; the vertices on one side of the cut are its separator.
+part is halved at the median of its longest direction, all parts of a level at once; the separators come last,
+from the edges between the halves (`separators.py`).
+
+A. George, "Nested dissection of a regular finite element mesh", 1973.
 """
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import csc_array, csr_array
-from scipy.sparse.csgraph import breadth_first_order
+from scipy.sparse import coo_array, csc_array, csr_array
+from scipy.sparse.csgraph import breadth_first_order, connected_components
+
+from ddgcli.linalg.separators import separator_level
 
 LANDMARKS = 5
-SMOOTHING = 3
-LEAF = 16
-# cuts one below the other; parts shrink by a fifth at least
-MOST_LEVELS = 60
-# a bad cut has a separator longer than so many square roots of its part, or a half smaller than this share
-LONGEST_SEPARATOR, SMALLEST_SHARE = 5.0, 0.2
-# a part up to this size may stay whole; a bad cut of a larger one gives the whole dissection up
-MAY_STAY_WHOLE = 2000
+SMOOTHING = 5
+# vertices of a part that is not cut any more
+LEAF = 32
+# smaller components are dissected all together
+LARGE = 2000
+# levels in which every part has its own principal directions; below, half of them take their parent's
+OWN_DIRECTIONS = 8
+# across its longest direction a half has a quarter of the variance that its parent had
+HALVED = 0.25
 
 
 def dissected(matrix: csc_array) -> NDArray[np.int64] | None:
     """(n,) elimination order: both halves of a part, then its separator, so that every subtree is contiguous.
 
     (In its symmetric mode SuperLU does not sort the tree itself; halves far apart in memory cost it twice the
-    time.) None where a large part has no short separator (or the graph is not connected).
+    time.) Components are dissected one after the other. None where a large part has no short separator.
     """
     n = matrix.shape[0]
-    place = _landmark_distances(matrix)
-    if place is None:
+    graph = csr_array((np.ones(matrix.nnz), matrix.indices, matrix.indptr), shape=(n, n))
+    count, label = connected_components(graph, directed=False)
+    if count == 1:
+        return _dissected(graph)
+    large = np.bincount(label) >= LARGE
+    group = np.where(large, np.cumsum(large), 0)[label]
+    members = np.split(np.argsort(group, kind="stable"), np.cumsum(np.bincount(group))[:-1])
+    orders = []
+    for vertices in members:
+        if len(vertices):
+            order = _dissected(_strung_together(graph[vertices][:, vertices]))
+            if order is None:
+                return None
+            orders.append(vertices[order])
+    return np.concatenate(orders)
+
+
+def _dissected(graph: csr_array) -> NDArray[np.int64] | None:
+    """`dissected` for a connected graph."""
+    graph, number = _near_in_memory(graph)
+    levels = max(1, int(np.ceil(np.log2(graph.shape[0] / LEAF))))
+    path = _halved(_landmark_distances(graph), levels)
+    level = separator_level(path, levels, graph)
+    if level is None:
         return None
-    column = np.repeat(np.arange(n, dtype=np.int32), np.diff(matrix.indptr))
-    upper = column < matrix.indices
-    tail, head = column[upper], matrix.indices[upper].astype(np.int32)
-    depth = np.full(n, n, dtype=np.int32)  # of the cut that took the vertex out; n for leaves
-    last = np.zeros(n, dtype=np.uint64)  # where the part that held the vertex last ends, among the leaves
-    vertex, part, n_parts, level = np.arange(n), np.zeros(n, dtype=np.int32), 1, 0
-    path = np.zeros(1, dtype=np.uint64)  # of each part: a bit a cut
-    while len(vertex):
-        size = np.bincount(part, minlength=n_parts)
-        upper_half, separator, good = _cut(place, part, size, tail, head)
-        if level == MOST_LEVELS or (size[~good] > MAY_STAY_WHOLE).any():
-            return None
-        separator &= good[part]
-        depth[vertex[separator]] = level
-        last[vertex] = _end(path, level)[part]
-        half = 2 * part + upper_half
-        live = good[part] & ~separator
-        half_path = np.repeat(path * np.uint64(2), 2)
-        half_path[1::2] += np.uint64(1)
-        last[vertex[live]] = _end(half_path, level + 1)[half[live]]
-        split_on = np.bincount(half[live], minlength=2 * n_parts) > LEAF
-        number = np.cumsum(split_on, dtype=np.int32) - 1
-        keep = live & split_on[half]
-        vertex, place, part, tail, head = _kept(keep, number[half], vertex, place, tail, head)
-        path, n_parts, level = half_path[split_on], int(split_on.sum()), level + 1
-    return np.lexsort((-depth, last))
+    height = levels - level
+    last = (((path >> height) + 1) << height) - 1  # of the leaves below the part that the vertex separates
+    return number[np.argsort((last << 6) + height, kind="stable")]
 
 
-def _end(path: NDArray, level: int) -> NDArray[np.uint64]:
-    """Where the interval of leaves below each part ends."""
-    shift = np.uint64(MOST_LEVELS + 1 - level)
-    return ((path + np.uint64(1)) << shift) - np.uint64(1)
+def _strung_together(graph: csr_array) -> csr_array:
+    """The graph with an edge from each component to the next."""
+    n = graph.shape[0]
+    _, first = np.unique(connected_components(graph, directed=False)[1], return_index=True)
+    a, b = first[:-1], first[1:]
+    links = coo_array((np.ones(2 * len(a)), (np.append(a, b), np.append(b, a))), shape=(n, n))
+    return csr_array(graph + links)
 
 
-def _kept(
-    keep: NDArray, part: NDArray, vertex: NDArray, place: NDArray, tail: NDArray, head: NDArray
-) -> tuple[NDArray, NDArray, NDArray, NDArray, NDArray]:
-    """The arrays of the vertices that go on, and the edges inside their parts, renumbered."""
-    inside = keep[tail] & keep[head]
-    inside &= part[tail] == part[head]
-    number = np.cumsum(keep, dtype=np.int32) - 1
-    return vertex[keep], place[keep], part[keep], number[tail[inside]], number[head[inside]]
+def _near_in_memory(graph: csr_array) -> tuple[csr_array, NDArray[np.int64]]:
+    """The graph renumbered breadth first, and the old number of each vertex."""
+    order = breadth_first_order(graph, 0, return_predecessors=False).astype(np.int64)
+    return csr_array(graph[order][:, order]), order
 
 
-def _landmark_distances(matrix: csc_array) -> NDArray[np.float32] | None:
-    """(n, LANDMARKS) smoothed graph distances from vertices far apart; None if not connected."""
-    n = matrix.shape[0]
-    graph = csr_array((np.ones(matrix.nnz, dtype=np.float32), matrix.indices, matrix.indptr), shape=(n, n))
-    first = _distances(graph, 0)
-    if first is None:
-        return None
+def _landmark_distances(graph: csr_array) -> NDArray[np.float32]:
+    """(LANDMARKS, n) smoothed distances from vertices far apart, in a graph numbered breadth first."""
+    n = graph.shape[0]
     place = np.empty((n, LANDMARKS), dtype=np.float32)
-    nearest, source = np.full(n, np.inf, dtype=np.float32), int(np.argmax(first))
+    nearest, source = np.full(n, np.inf, dtype=np.float32), n - 1
     for j in range(LANDMARKS):
         place[:, j] = _distances(graph, source)
         nearest = np.minimum(nearest, place[:, j])
         source = int(np.argmax(nearest))
-    weight = (1.0 / np.diff(matrix.indptr)).astype(np.float32)[:, None]
+    weight = (1.0 / np.diff(graph.indptr)).astype(np.float32)[:, None]
+    mean = csr_array((np.ones(graph.nnz, dtype=np.float32), graph.indices, graph.indptr), shape=(n, n))
     for _ in range(SMOOTHING):
-        place = (graph @ place) * weight
-    return place
+        place = (mean @ place) * weight
+    return np.ascontiguousarray(place.T)
 
 
-def _distances(graph: csr_array, source: int) -> NDArray[np.float32] | None:
-    """(n,) number of edges to the source; None where some vertex is out of reach."""
+def _distances(graph: csr_array, source: int) -> NDArray[np.float32]:
+    """(n,) number of edges to the source."""
     n = graph.shape[0]
     order, before = breadth_first_order(graph, source)
-    if len(order) < n:
-        return None
     rank = np.empty(n, dtype=np.int32)
     rank[order] = np.arange(n, dtype=np.int32)
     parent = rank[before[order[1:]]]  # ascending, so each ring of vertices is found by bisection
@@ -112,41 +111,48 @@ def _distances(graph: csr_array, source: int) -> NDArray[np.float32] | None:
     return distance
 
 
-def _cut(
-    place: NDArray, part: NDArray, size: NDArray, tail: NDArray, head: NDArray
-) -> tuple[NDArray[np.bool_], NDArray[np.bool_], NDArray[np.bool_]]:
-    """Upper half and separator of every part, on vertices, and whether the part's cut is good."""
-    n_parts = len(size)
-    upper = _upper_half(place, part, size)
-    crossing = upper[tail] != upper[head]
-    a, b = tail[crossing], head[crossing]
-    touched = np.zeros(len(part), dtype=bool)
-    touched[a] = touched[b] = True
-    above, below = touched & upper, touched & ~upper
-    n_above = np.bincount(part[above], minlength=n_parts)
-    n_below = np.bincount(part[below], minlength=n_parts)
-    separator = np.where((n_above <= n_below)[part], above, below)
-    in_upper = np.bincount(part[upper], minlength=n_parts)
-    least = np.minimum(in_upper, size - in_upper)
-    good = np.minimum(n_above, n_below) <= LONGEST_SEPARATOR * np.sqrt(size)
-    return upper, separator, good & (least >= SMALLEST_SHARE * size)
+def _halved(place: NDArray[np.float32], levels: int) -> NDArray[np.int64]:
+    """(n,) path of each vertex through `levels` halvings, a bit each, the first one highest."""
+    k, n = place.shape
+    part, n_parts = np.zeros(n, dtype=np.int64), 1
+    for level in range(levels):
+        size = np.maximum(np.bincount(part, minlength=n_parts), 1)
+        if level < OWN_DIRECTIONS or level % 2 == 0:
+            offset, variance, direction = _principal_directions(place, part, size)
+            owner, chosen = np.arange(n_parts), np.full(n_parts, k - 1)
+        else:
+            owner = np.arange(n_parts) // 2
+            wide = variance[:, -2] > HALVED * variance[:, -1]
+            chosen = np.where(wide, k - 2, k - 1)[owner]
+        axis = direction[owner, :, chosen].astype(np.float32)
+        along = offset[0] * axis[part, 0]
+        for j in range(1, k):
+            along += offset[j] * axis[part, j]
+        part = 2 * part + _beyond_median(along, part, size, np.sqrt(variance[owner, chosen]))
+        n_parts *= 2
+    return part
 
 
-def _upper_half(place: NDArray, part: NDArray, size: NDArray) -> NDArray[np.bool_]:
-    """(n,) whether a vertex lies beyond the median of its part's longest direction (nearly the median)."""
-    n_parts, k = len(size), place.shape[1]
-    mean = np.stack([np.bincount(part, place[:, j], n_parts) for j in range(k)], axis=1) / size[:, None]
-    offset = place - mean[part].astype(np.float32)
-    spread = np.empty((n_parts, k, k))
+def _principal_directions(
+    place: NDArray, part: NDArray, size: NDArray
+) -> tuple[list[NDArray], NDArray, NDArray]:
+    """Coordinates from the centre of each part (k of (n,)), variances ascending (p, k), directions."""
+    k, p = len(place), len(size)
+    centre = [(np.bincount(part, x, p) / size).astype(np.float32) for x in place]
+    offset = [x - c[part] for x, c in zip(place, centre, strict=True)]
+    spread = np.empty((p, k, k))
     for i in range(k):
         for j in range(i, k):
-            product = np.bincount(part, offset[:, i] * offset[:, j], n_parts)
-            spread[:, i, j] = spread[:, j, i] = product
-    value, direction = np.linalg.eigh(spread)
-    along = np.einsum("ij,ij->i", offset, direction[:, :, -1].astype(np.float32)[part])
-    width = np.sqrt(np.maximum(value[:, -1], 0.0) / size)
-    median = np.zeros(n_parts)
-    for _ in range(3):
-        share = np.bincount(part, along > median[part], n_parts) / size
-        median += 3.0 * width * (share - 0.5)
-    return along > median[part]
+            spread[:, i, j] = spread[:, j, i] = np.bincount(part, offset[i] * offset[j], p)
+    value, direction = np.linalg.eigh(spread / size[:, None, None])
+    return offset, np.maximum(value, 0.0), direction
+
+
+def _beyond_median(along: NDArray, part: NDArray, size: NDArray, width: NDArray) -> NDArray[np.bool_]:
+    """(n,) whether a vertex lies beyond the median of its part, nearly: two corrections of the mean."""
+    p = len(size)
+    median = np.bincount(part, along, p) / size
+    for _ in range(2):
+        share = np.bincount(part[along > median.astype(np.float32)[part]], minlength=p) / size
+        median += 2.5 * width * (share - 0.5)  # a normal density has the height 1 / 2.5 at its median
+    return along > median.astype(np.float32)[part]

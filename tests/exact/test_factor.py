@@ -18,7 +18,8 @@ from ddgcli.linalg import backends, ordering
 from ddgcli.linalg.constrain import Dirichlet, Poisson, floating_components
 from ddgcli.linalg.dissection import dissected
 from ddgcli.linalg.factor import Factor
-from ddgcli.linalg.ordering import fill_reducing_ordering
+from ddgcli.linalg.ordering import fill_reducing_ordering, postorder
+from ddgcli.linalg.separators import _vertex_cover, separator_level
 from ddgcli.mesh import shapes
 from ddgcli.operators.laplacian import lumped_vertex_area, stiffness
 
@@ -221,8 +222,8 @@ def regular_grid_matrix(nu, nv):
 
 def fill(matrix, order):
     permuted = matrix[order][:, order].tocsc()
-    lu = splu(permuted, permc_spec="NATURAL", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
-    return lu.nnz
+    options = {"SymmetricMode": True}
+    return splu(permuted, permc_spec="NATURAL", diag_pivot_thresh=0.0, relax=1, options=options).nnz
 
 
 def test_dissection_is_a_permutation_with_little_fill():
@@ -251,14 +252,63 @@ def test_dissection_gives_up_where_no_cut_is_short():
     matrix = csc_array(random_graph + random_graph.T + diags_array(np.full(n, 100.0)))
     assert dissected(matrix) is None
     assert not fill_reducing_ordering(matrix).final
-    two_parts = csc_array(block_diag([regular_grid_matrix(50, 50)] * 2))
-    assert dissected(two_parts) is None
 
 
-def test_large_regular_systems_are_dissected_and_refactored(monkeypatch):
+def test_dissection_of_several_components_fills_no_more_than_one_by_one():
+    A = regular_grid_matrix(50, 50)
+    speck = diags_array(np.ones(7))
+    parts = csc_array(block_diag([A, speck, A, A]))
+    assert fill(parts, dissected(parts)) < 1.2 * 3 * fill(A, dissected(A))
+
+
+def test_separators_separate_and_are_short():
+    A = csr_array(regular_grid_matrix(64, 64))
+    x, y = np.divmod(np.arange(64 * 64), 64)
+    path = 2 * (x // 32) + y // 32  # a torus in quarters
+    level = separator_level(path, 2, A)
+    assert [(level == here).sum() for here in range(2)] == [2 * 64, 4 * 31]  # circles, then lines
+    rest = np.flatnonzero(level == 2)
+    tail, head = A[rest][:, rest].tocoo().coords
+    assert (path[rest][tail] == path[rest][head]).all()
+
+
+def test_vertex_cover_is_as_small_as_can_be():
+    rng = np.random.default_rng(0)
+    for _ in range(50):
+        edges = np.unique(rng.integers(0, 6, (rng.integers(1, 12), 2)), axis=0)
+        lower, upper = edges[:, 0], edges[:, 1] + 6
+        subsets = (np.arange(2**12)[:, None] >> np.arange(12)) & 1 == 1
+        least = subsets.sum(axis=1)[(subsets[:, lower] | subsets[:, upper]).all(axis=1)].min()
+        cover = _vertex_cover(lower, upper)
+        assert (np.isin(lower, cover) | np.isin(upper, cover)).all()
+        assert len(cover) == least
+
+
+def test_postorder_keeps_the_fill_and_makes_subtrees_contiguous():
+    A = regular_grid_matrix(30, 30)
+    options = {"diag_pivot_thresh": 0.0, "options": {"SymmetricMode": True}}
+    found = splu(A, permc_spec="MMD_AT_PLUS_A", **options)
+    order = np.argsort(found.perm_c)
+    L = splu(A[order][:, order].tocsc(), permc_spec="NATURAL", **options).L
+    after = postorder(found)
+    sorted_order = order[after]
+    assert fill(A, sorted_order) == fill(A, order)
+    parent = [min(L[:, [j]].nonzero()[0][L[:, [j]].nonzero()[0] > j], default=-1) for j in range(L.shape[0])]
+    place = np.argsort(after)
+    size = np.ones(len(parent), dtype=int)
+    first = place.copy()
+    for j, p in enumerate(parent):
+        if p >= 0:
+            size[p] += size[j]
+            first[p] = min(first[p], first[j])
+    assert np.array_equal(place - first + 1, size)
+
+
+def test_large_systems_are_dissected_and_refactored(monkeypatch):
     monkeypatch.setattr(ordering, "DISSECT_FROM", 1000)
     A = regular_grid_matrix(60, 50)
     assert fill_reducing_ordering(A).final
+    assert not fill_reducing_ordering(regular_grid_matrix(20, 20)).final
     x = np.random.default_rng(0).normal(size=A.shape[0])
     factor = Factor(A, solver="superlu")
     assert np.abs(factor.solve(A @ x) - x).max() < 1e-12
