@@ -8,7 +8,10 @@ from scipy.sparse import csc_array, csr_array
 
 
 class Assembly:
-    """Pattern of a Hessian over the free coordinates.
+    """Pattern of a symmetric Hessian over the free coordinates.
+
+    Element blocks are symmetric: only the (3, 3) blocks of vertex pairs i <= j are summed, and the matrix
+    takes both its halves from them.
 
     Parameters
     ----------
@@ -18,38 +21,67 @@ class Assembly:
     """
 
     def __init__(self, free: NDArray[np.bool_], stencils: list[NDArray]) -> None:
-        self.n = int(free.sum())
-        number = np.where(free.ravel(), np.cumsum(free.ravel()) - 1, -1)
-        rows, cols = [], []
+        own = np.arange(len(free))
+        low, high, triple, stride, size = [own], [own], [], [], 0
         for stencil in stencils:
-            dofs = number[(3 * stencil[:, :, None] + np.arange(3)).reshape(len(stencil), -1)]
-            rows.append(np.repeat(dofs, dofs.shape[1], axis=1).ravel())
-            cols.append(np.tile(dofs, (1, dofs.shape[1])).ravel())
-        own = np.arange(self.n)
-        row, col = np.concatenate([*rows, own]), np.concatenate([*cols, own])
-        count = len(row) - self.n
-        kept = np.flatnonzero((row >= 0) & (col >= 0))
-        keys, entry = np.unique(col[kept] * self.n + row[kept], return_inverse=True)
-        inner = kept < count
-        # a product with ones, row by row: every value of the matrix is the sum of its entries in the blocks
-        order = np.argsort(entry[inner], kind="stable")
-        ends = np.searchsorted(entry[inner][order], np.arange(len(keys) + 1))
-        self._gather = csr_array(
-            (np.ones(len(order)), kept[inner][order].astype(np.int32), ends.astype(np.int32)),
-            shape=(len(keys), count),
-        )
-        self._indices = (keys % max(self.n, 1)).astype(np.int32)
-        self._indptr = np.searchsorted(keys, np.arange(self.n + 1) * self.n).astype(np.int32)
-        self._diagonal = entry[~inner]
-        self._free = free
-        self._values = np.zeros(count)
+            k, s = stencil.shape
+            i, j = np.repeat(stencil, s, axis=1).ravel(), np.tile(stencil, (1, s)).ravel()
+            # number of the sub-block's first row, counted in rows of three numbers; the next are s further on
+            corner = (np.arange(k)[:, None, None] * 3 * s + np.arange(s)[:, None] * 3) * s + np.arange(s)
+            kept = i <= j
+            low.append(i[kept])
+            high.append(j[kept])
+            triple.append(size + corner.ravel()[kept])
+            stride.append(np.full(len(triple[-1]), s))
+            size += 3 * s * s * k
+        keys, pair = np.unique(np.concatenate(high) * len(free) + np.concatenate(low), return_inverse=True)
+        self._own, pair = pair[: len(free)], pair[len(free) :]
+        first, step = (np.concatenate(part or [own[:0]]) for part in (triple, stride))
+        self._gather = _row_sums(pair, first, step, len(keys), size)
+        self._values = np.zeros((size, 3))
+        self._layout = _layout(free, keys % len(free), keys // len(free))
 
     def matrix(self, blocks: list[NDArray], diagonal: NDArray) -> csc_array:
-        """Sum of (k, 3s, 3s) blocks, in the order of the stencils, plus an (n, 3) diagonal."""
-        end = 0
+        """Sum of (k, 3s, 3s) blocks, in the order of the stencils, plus (n,) numbers times the identity."""
+        flat, end = self._values.reshape(-1), 0
         for block in blocks:
             start, end = end, end + block.size
-            self._values[start:end] = block.ravel()
-        data = self._gather @ self._values
-        data[self._diagonal] += diagonal[self._free]
-        return csc_array((data, self._indices, self._indptr), shape=(self.n, self.n))
+            flat[start:end] = block.ravel()
+        sums = (self._gather @ self._values).reshape(-1, 9)
+        for axis in range(3):
+            sums[self._own, 4 * axis] += diagonal
+        layout = self._layout
+        return csc_array((sums.ravel()[layout.data], layout.indices, layout.indptr), shape=layout.shape)
+
+
+def _row_sums(pair: NDArray, first: NDArray, step: NDArray, pairs: int, size: int) -> csr_array:
+    """(3 pairs, size) matrix of ones that sums rows of sub-blocks to the rows of the pairs' (3, 3) blocks."""
+    order = np.argsort(pair, kind="stable")
+    first, step, count = first[order], step[order], np.bincount(pair, minlength=pairs)
+    begin = np.concatenate([[0], np.cumsum(count)])[:-1]
+    # the three rows of a pair stand behind each other: entry k of row a is at 3 begin + a count + k
+    place = 2 * np.repeat(begin, count) + np.arange(len(pair))
+    columns = np.empty(3 * len(pair), dtype=np.int32)
+    for row in range(3):
+        columns[place + row * np.repeat(count, count)] = first + row * step
+    ends = np.concatenate([[0], np.cumsum(np.repeat(count, 3))]).astype(np.int32)
+    return csr_array((np.ones(len(columns)), columns, ends), shape=(3 * pairs, size))
+
+
+def _layout(free: NDArray[np.bool_], low: NDArray, high: NDArray) -> csc_array:
+    """Matrix over the free coordinates whose entries are the numbers of the values that belong there."""
+    number = np.where(free.ravel(), np.cumsum(free.ravel()) - 1, -1)
+    axis = np.arange(3)
+    shape = (len(low), 3, 3)
+    row = np.broadcast_to(number[3 * low[:, None] + axis][:, :, None], shape)
+    column = np.broadcast_to(number[3 * high[:, None] + axis][:, None, :], shape)
+    value = np.arange(row.size).reshape(shape)
+    off = low < high
+    rows = np.concatenate([row.ravel(), column[off].ravel()])
+    columns = np.concatenate([column.ravel(), row[off].ravel()])
+    values = np.concatenate([value.ravel(), value[off].ravel()])
+    kept = (rows >= 0) & (columns >= 0)
+    n = int(free.sum())
+    layout = csc_array((values[kept], (rows[kept], columns[kept])), shape=(n, n))
+    layout.sort_indices()
+    return layout

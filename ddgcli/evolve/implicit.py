@@ -1,4 +1,4 @@
-"""Implicit steps as minimisations: projected Newton with line search on the shared solver layer.
+"""Implicit steps as minimisations: Newton with line search on the shared solver layer.
 
 Every scheme asks for the minimiser y of
 
@@ -20,6 +20,7 @@ from ddgcli.evolve.assembly import Assembly
 from ddgcli.evolve.loop import StepRejected
 from ddgcli.evolve.system import System
 from ddgcli.evolve.terms import Mode, Potential
+from ddgcli.linalg.conjugate import Move, truncated_conjugate_gradients
 from ddgcli.linalg.factor import Factor
 
 MOVE = 1e-9  # a Newton step below this fraction of the object's size ends the iteration
@@ -27,6 +28,9 @@ MOST = 40
 SHORTEST = 1e-10
 ARMIJO = 1e-4
 ROUNDING = 1e-14
+# rounds of conjugate gradients that cost about a factorisation; and what of a move may be missing at most
+ROUNDS = 15
+LOOSEST = 0.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,40 +58,54 @@ class Increment:
         return self.c * (y - self.origin)
 
 
+@dataclass(frozen=True, eq=False)
+class Point:
+    """A place of the iteration: positions, the function's value there, and the size of its summands."""
+
+    y: NDArray
+    value: float
+    scale: float
+
+
 class Newton:
-    """Projected Newton for one system; keeps its scatter pattern and the symbolic factorisation."""
+    """Newton's iteration for one system; keeps its scatter pattern and the symbolic factorisation.
+
+    A step factorises once, at its first guess; later moves are found by conjugate gradients with that
+    factorisation as preconditioner, as exactly as quadratic convergence needs, and factorise anew only where
+    that takes too many rounds. What a step finds depends on nothing but its arguments.
+    """
 
     def __init__(self, system: System) -> None:
         self.system = system
         self._assembly: Assembly | None = None
         self._factor: Factor | None = None
+        self._fresh = False  # whether the factorisation belongs to the step under way
         self._constant: dict[float, Factor] = {}
 
     # ------------------------------------------------------------ the function
 
-    def value(self, increment: Increment, y: NDArray) -> tuple[float, float]:
-        """(value, size of its summands): the second is the scale of rounding."""
+    def at(self, increment: Increment, y: NDArray) -> Point:
+        """The function at `y`."""
         system = self.system
         parts = list(system.energies(y).values())
         if increment.a:
-            parts.append(
-                0.5 * increment.a * float(np.sum(system.mass[:, None] * (y - increment.target) ** 2))
-            )
+            away = y - increment.target
+            parts.append(0.5 * increment.a * float(system.mass @ np.einsum("ni,ni->n", away, away)))
         for potential in increment.frozen:
             with system.account.within(potential.name):
                 parts.append(potential.energy(increment.velocity(y)) / increment.c)
-        return float(np.sum(parts)), float(np.sum(np.abs(parts)))
+        return Point(y, float(np.sum(parts)), float(np.sum(np.abs(parts))))
 
     def slope(self, increment: Increment, y: NDArray) -> NDArray:
         """(n, 3) gradient, zero where held."""
         system = self.system
         total = system.gradient(y)
         if increment.a:
-            total = total + increment.a * system.mass[:, None] * (y - increment.target)
+            total += (increment.a * system.mass)[:, None] * (y - increment.target)
         for potential in increment.frozen:
             with system.account.within(potential.name):
-                total = total + potential.gradient(increment.velocity(y))
-        return total if system.all_free else np.where(system.free, total, 0.0)
+                total += potential.gradient(increment.velocity(y))
+        return system.only_free(total)
 
     def matrix(self, increment: Increment, y: NDArray, mode: Mode, shift: float = 0.0) -> csc_array:
         """Hessian over the free coordinates."""
@@ -105,12 +123,20 @@ class Newton:
                 stencils = [p.stencil for p in system.potentials if len(p.stencil)]
                 stencils += [p.stencil for p in increment.frozen]
                 self._assembly = Assembly(system.free, stencils)
-            diagonal = np.repeat((increment.a + shift) * system.mass[:, None], 3, axis=1)
-            return self._assembly.matrix(blocks, diagonal)
+            return self._assembly.matrix(blocks, (increment.a + shift) * system.mass)
 
     # ------------------------------------------------------------ the iteration
 
-    def minimise(self, increment: Increment, guess: NDArray, most: int = MOST) -> tuple[NDArray, int]:
+    def start(self, increment: Increment, x: NDArray, guesses: tuple[NDArray, ...]) -> NDArray:
+        """The guess of least value among those that no barrier keeps from `x`; else `x`."""
+        found = []
+        for guess in guesses:
+            move = self.system.only_free(guess - x)
+            if self._reach(x, move) == 1.0:
+                found.append(self.at(increment, x + move))
+        return min(found, key=lambda point: point.value).y if found else x
+
+    def minimise(self, increment: Increment, guess: NDArray) -> tuple[NDArray, int]:
         """The minimiser near `guess`, which must be inside every barrier; and the iterations.
 
         Raises
@@ -119,44 +145,36 @@ class Newton:
             No convergence, with the vertex of the largest residual.
         """
         system = self.system
-        if system.linear and increment.a and not increment.frozen:
+        if system.linear and not increment.frozen:
             return self._linear(increment, guess), 1
-        y = guess
-        value, scale = self.value(increment, y)
-        exact_allowed = increment.a > 0
-        shift = 0.0 if increment.a else self._first_shift(increment, y)
-        before = np.inf
-        for iteration in range(1, most + 1):
-            g = self.slope(increment, y)
-            if not np.isfinite(value) or not np.isfinite(g).all():
-                raise StepRejected("not finite", _worst(g))
-            if increment.a and self._settled(increment, g):
-                return y, iteration - 1
-            move, exact_used = self._direction(increment, y, g, exact_allowed, shift)
-            exact_allowed = exact_used or (increment.a == 0 and shift == 0)
+        self._fresh = False
+        enough = MOVE * system.size
+        point, before = self.at(increment, guess), np.inf
+        for iteration in range(1, MOST + 1):
+            g = self.slope(increment, point.y)
+            if not np.isfinite(point.value) or not np.isfinite(g).all():
+                raise StepRejected("not finite", worst(g))
+            if self._settled(increment, g):
+                return point.y, iteration - 1
+            found = self._direction(increment, point.y, g, before)
+            move = self._spread(found.x)
+            t, point = self.search(increment, point, move, float(np.vdot(g, move)))
+            if t == 1.0 and not found.convex:
+                point = self._further(increment, point, move)
+            if t == 0.0:
+                found = self._projected_direction(increment, point.y, g)
+                move = self._spread(found.x)
+                t, point = self.search(increment, point, move, float(np.vdot(g, move)))
             size = float(np.abs(move).max())
-            t, y_new, value_new, scale_new = self._search(
-                increment, y, value, scale, move, float(np.vdot(g, move))
-            )
-            if t == 0.0 and size > MOVE * system.size:
-                if exact_used and increment.a:
-                    exact_allowed = False
-                    continue
-                if not increment.a and shift < 1e12 * (shift_unit := self._first_shift(increment, y)):
-                    shift, exact_allowed = max(10 * shift, shift_unit), False
-                    continue
-                raise StepRejected("line search", _worst(g), float(np.abs(g).max()))
-            y, value, scale = y_new, value_new, scale_new
-            if not increment.a:
-                shift = shift / 10 if t == 1.0 else shift * (1.0 if t > 0.1 else 4.0)
-                exact_allowed = shift < 1e-6 * self._first_shift(increment, y) * 1e3 and t == 1.0
+            if t == 0.0 and size > enough:
+                raise StepRejected("line search", worst(g), float(np.abs(g).max()))
             # the next move is to this one as this one to the last: near the end, Newton does better than that
-            quick = exact_used and t == 1.0 and size < before < np.inf
-            following = size * size / before if quick else size * max(t, 1e-3)
+            quick = found.convex and t == 1.0 and size < before < np.inf
+            following = max(size * size / before, found.left) if quick else size * max(t, 1e-3)
             before = size if t == 1.0 else np.inf
-            if following <= MOVE * system.size:
-                return y, iteration
-        raise StepRejected("newton", _worst(g), size)
+            if following <= enough:
+                return point.y, iteration
+        raise StepRejected("newton", worst(g), size)
 
     def _settled(self, increment: Increment, g: NDArray) -> bool:
         """Whether inertia alone already bounds the next move."""
@@ -164,65 +182,97 @@ class Newton:
             (np.abs(g) / (increment.a * self.system.mass[:, None])).max() <= 1e-3 * MOVE * self.system.size
         )
 
-    def _first_shift(self, increment: Increment, y: NDArray) -> float:
-        """Shift of an equilibrium's Hessian, per mass: a fraction of the system's own stiffness."""
-        if not hasattr(self, "_unit"):
-            matrix = self.matrix(increment, y, "projected")
-            total = 3 * float(self.system.mass.sum())
-            self._unit = 1e-6 * float(matrix.diagonal().sum()) / total
-        return self._unit
+    def _spread(self, step: NDArray) -> NDArray:
+        """(n, 3) move of a vector over the free coordinates."""
+        move = np.zeros((len(self.system.mass), 3))
+        move[self.system.free] = step
+        return move
 
-    def _direction(
-        self, increment: Increment, y: NDArray, g: NDArray, exact_allowed: bool, shift: float
-    ) -> tuple[NDArray, bool]:
-        """Descent direction: with the exact Hessian where that descends, else with the projected one."""
-        modes: tuple[Mode, ...] = ("exact", "projected") if exact_allowed else ("projected",)
-        for mode in modes:
-            matrix = self.matrix(increment, y, mode, shift)
-            with self.system.account.within("solver"):
-                try:
-                    step = self._solve(matrix, -g[self.system.free])
-                except SolveError as error:
-                    if mode == "exact":
-                        continue
-                    raise StepRejected("singular", _worst(g)) from error
-            move = np.zeros_like(g)
-            move[self.system.free] = step
-            downhill = float(np.vdot(g, move))
-            if np.isfinite(downhill) and downhill <= 0:
-                return move, mode == "exact"
-        raise StepRejected("no descent", _worst(g), float(np.abs(g).max()))
+    def _direction(self, increment: Increment, y: NDArray, g: NDArray, before: float) -> Move:
+        """Descent direction of the exact Hessian, by the factorisation at hand or by a new one."""
+        matrix, rhs = self.matrix(increment, y, "exact"), -g[self.system.free]
+        least = 0.1 * MOVE * self.system.size
+        if not self._fresh:
+            step = self._solved(matrix, rhs)
+            if step is not None:
+                return Move(step, 0.0, 0, True)
+            self._factorise_projected(increment, y, g)
+        with self.system.account.within("solver"):
+            found = truncated_conjugate_gradients(
+                matrix.__matmul__, self._precondition, rhs,
+                lambda first: max(min(LOOSEST, first / before) * first, least), ROUNDS,
+                # near the end a stationary point is a solution, whether or not it could buckle
+                through=lambda first: first < LOOSEST * before < np.inf,
+            )  # fmt: skip
+        if found is None:
+            return self._projected_direction(increment, y, g)
+        self._fresh = found.rounds < ROUNDS
+        return found
 
-    def _solve(self, matrix: csc_array, rhs: NDArray) -> NDArray:
+    def _projected_direction(self, increment: Increment, y: NDArray, g: NDArray) -> Move:
+        """Descent direction of the projected Hessian, which is positive definite."""
+        self._factorise_projected(increment, y, g)
+        with self.system.account.within("solver"):
+            return Move(self._precondition(-g[self.system.free]), 0.0, 0, False)
+
+    def _solved(self, matrix: csc_array, rhs: NDArray) -> NDArray | None:
+        """Solution with a new factorisation, or None where the matrix is not positive definite."""
+        with self.system.account.within("solver"):
+            try:
+                self._factorise(matrix)
+            except SolveError:
+                return None
+            step = self._precondition(rhs)
+            return step if float(rhs @ step) > 0 or not rhs.any() else None
+
+    def _factorise_projected(self, increment: Increment, y: NDArray, g: NDArray) -> None:
+        matrix = self.matrix(increment, y, "projected")
+        with self.system.account.within("solver"):
+            try:
+                self._factorise(matrix)
+            except SolveError as error:
+                raise StepRejected("singular", worst(g)) from error
+
+    def _factorise(self, matrix: csc_array) -> None:
+        self._fresh = False
         if self._factor is None:
             # factorised twice: what comes after must not depend on where a run was resumed
-            self._factor = Factor(matrix)
-        try:
-            self._factor.refactor(matrix)
-        except SolveError:
-            self._factor = None
-            raise
-        solution = self._factor.solve(rhs, refine=False)
-        if self._factor.solver == "pivoted":
-            self._factor = None
-        return solution
+            self._factor = Factor(matrix, pivot=False)
+        self._factor.refactor(matrix)
+        self._fresh = True
 
-    def _search(
-        self, increment: Increment, y: NDArray, value: float, scale: float, move: NDArray, downhill: float
-    ) -> tuple[float, NDArray, float, float]:
-        """Backtracking from the whole step, or from the barrier: (fraction, point, value, scale)."""
+    def _precondition(self, rhs: NDArray) -> NDArray:
+        return self._factor.solve(rhs, refine=False)  # type: ignore[union-attr]
+
+    def _reach(self, y: NDArray, move: NDArray) -> float:
+        """Largest fraction of a move that stays inside every barrier."""
         t = 1.0
         for barrier in self.system.bounded:
             with self.system.account.within(barrier.name):
                 t = min(t, barrier.longest(y, move))
+        return t
+
+    def search(
+        self, increment: Increment, point: Point, move: NDArray, downhill: float
+    ) -> tuple[float, Point]:
+        """Backtracking from the whole step, or from the barrier: the fraction taken and where it ends."""
+        t = self._reach(point.y, move)
         while t > SHORTEST:
-            trial = y + t * move
-            value_new, scale_new = self.value(increment, trial)
-            slack = ROUNDING * max(scale, scale_new) * np.sqrt(len(y))
-            if value_new <= value + ARMIJO * t * downhill + slack:
-                return t, trial, value_new, scale_new
+            trial = self.at(increment, point.y + t * move)
+            slack = ROUNDING * max(point.scale, trial.scale) * np.sqrt(len(move))
+            if trial.value <= point.value + ARMIJO * t * downhill + slack:
+                return t, trial
             t *= 0.5
-        return 0.0, y, value, scale
+        return 0.0, point
+
+    def _further(self, increment: Increment, point: Point, move: NDArray) -> Point:
+        """Along a move that curves downhill, as far as doubling it again and again gains."""
+        while self._reach(point.y, move) == 1.0:
+            trial = self.at(increment, point.y + move)
+            if not trial.value < point.value:
+                break
+            point, move = trial, 2 * move
+        return point
 
     # ------------------------------------------------------------ constant matrices
 
@@ -245,7 +295,7 @@ class Newton:
         return y
 
 
-def _worst(g: NDArray) -> str:
+def worst(g: NDArray) -> str:
     """The vertex of the largest residual."""
     with np.errstate(invalid="ignore"):
         size = np.abs(np.nan_to_num(g, nan=np.inf)).max(axis=1)

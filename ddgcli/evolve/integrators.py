@@ -67,13 +67,14 @@ def checked(system: System, motion: Motion) -> Motion:
     return motion
 
 
-def _begin(system: System, x: NDArray, guess: NDArray) -> NDArray:
-    """The guess, or the start of the step where the way to the guess meets a barrier."""
-    move = np.where(system.free, guess - x, 0.0)
-    for barrier in system.bounded:
-        if barrier.longest(x, move) < 1.0:
-            return x
-    return x + move
+def _swinging(system: System, increment: Any, motion: Motion) -> NDArray:
+    """First guess of the schemes that do not damp.
+
+    Motions slower than the step keep their acceleration, those faster change its sign from step to step; the
+    function itself tells which of the two is nearer.
+    """
+    change = motion.a / increment.a
+    return system.newton.start(increment, motion.x, (increment.target + change, increment.target - change))
 
 
 def _implicit_euler(system: System, motion: Motion, dt: float, parameters: Any) -> Motion:
@@ -81,7 +82,8 @@ def _implicit_euler(system: System, motion: Motion, dt: float, parameters: Any) 
 
     target = motion.x + dt * motion.v
     increment = Increment(1 / dt**2, target, 1 / dt, motion.x, system.frozen(motion.x, dt))
-    y, count = system.newton.minimise(increment, _begin(system, motion.x, target + dt**2 * motion.a))
+    guess = system.newton.start(increment, motion.x, (target + dt**2 * motion.a, target))
+    y, count = system.newton.minimise(increment, guess)
     v = (y - motion.x) / dt
     return checked(system, Motion(y, v, (v - motion.v) / dt, motion.newton + count))
 
@@ -92,8 +94,7 @@ def _implicit_midpoint(system: System, motion: Motion, dt: float, parameters: An
 
     target = motion.x + 0.5 * dt * motion.v
     increment = Increment(4 / dt**2, target, 2 / dt, motion.x, system.frozen(motion.x, dt))
-    guess = target + 0.25 * dt**2 * motion.a
-    middle, count = system.newton.minimise(increment, _begin(system, motion.x, guess))
+    middle, count = system.newton.minimise(increment, _swinging(system, increment, motion))
     x = 2 * middle - motion.x
     v = 2 * (x - motion.x) / dt - motion.v
     return checked(system, Motion(x, v, (v - motion.v) / dt, motion.newton + count))
@@ -112,7 +113,7 @@ def _newmark(system: System, motion: Motion, dt: float, parameters: Any) -> Moti
     c = gamma / (beta * dt)
     origin = target - (v + dt * (1 - gamma) * a) / c
     increment = Increment(1 / (beta * dt**2), target, c, origin, system.frozen(x, dt))
-    y, count = system.newton.minimise(increment, _begin(system, x, target + beta * dt**2 * a))
+    y, count = system.newton.minimise(increment, _swinging(system, increment, motion))
     new = (y - target) / (beta * dt**2)
     new = np.where(system.free, new, 0.0)
     return checked(system, Motion(y, v + dt * ((1 - gamma) * a + gamma * new), new, motion.newton + count))
@@ -120,10 +121,10 @@ def _newmark(system: System, motion: Motion, dt: float, parameters: Any) -> Moti
 
 def _static(system: System, motion: Motion, dt: float, parameters: Any) -> Motion:
     """One equilibrium: a stationary point of the potentials, reached downhill."""
-    from ddgcli.evolve.implicit import Increment
+    from ddgcli.evolve.equilibrium import Equilibrium
 
     try:
-        y, count = system.newton.minimise(Increment(0.0, motion.x), motion.x, most=2000)
+        y, count = Equilibrium(system.newton).find(motion.x)
     except StepRejected as rejected:
         raise SolveError(
             f"no equilibrium was found ({rejected}): hold the shell by pins or lessen the load"

@@ -64,6 +64,10 @@ class System:
         self.linear = by_vertex and all(len(p.stencil) == 0 or hasattr(p, "matrix") for p in self.potentials)
         self._newton: Any = None
 
+    def only_free(self, vectors: NDArray) -> NDArray[np.float64]:
+        """(n, 3) vectors with zeros where held."""
+        return vectors if self.all_free else np.where(self.free, vectors, 0.0)
+
     @property
     def newton(self) -> Any:
         """The Newton iteration of implicit steps; explicit runs never import it."""
@@ -87,7 +91,7 @@ class System:
         for potential in self.potentials:
             with self.account.within(potential.name):
                 total += potential.gradient(x)
-        return total if self.all_free else np.where(self.free, total, 0.0)
+        return self.only_free(total)
 
     def drag(self, x: NDArray, v: NDArray, dt: float) -> NDArray[np.float64]:
         """(n, 3) gradient of the dissipation in the velocities at (x, v)."""
@@ -95,7 +99,7 @@ class System:
         for dissipation in self.dissipations:
             with self.account.within(dissipation.name):
                 total += dissipation.frozen(x, dt).gradient(v)
-        return total if self.all_free else np.where(self.free, total, 0.0)
+        return self.only_free(total)
 
     def frozen(self, x: NDArray, dt: float) -> tuple[Potential, ...]:
         """Dissipation as potentials of the velocity, taken at `x`."""

@@ -29,6 +29,9 @@ class Factor:
     definite : bool
         False says beforehand that the matrix is indefinite (a saddle point) and goes straight to pivoting.
         An indefinite matrix given as definite still gets a right answer, after a failed attempt.
+    pivot : bool
+        False leaves that second attempt out: `NotDefinite` is raised (where the factorisation sees it;
+        SuperLU does not), for who has another matrix at hand.
     solver : {'auto', 'superlu', 'cholmod', 'pivoted'}, optional
         Default: the environment variable DDGCLI_SOLVER, else CHOLMOD where the extra `fast` is installed and
         the system is large, else SuperLU of scipy.
@@ -52,12 +55,13 @@ class Factor:
         matrix: sparray,
         *,
         definite: bool = True,
+        pivot: bool = True,
         solver: str | None = None,
         order: NDArray | None = None,
     ) -> None:
-        self.matrix = _checked(matrix)
+        self.matrix, self._pivot = _checked(matrix), pivot
         if definite and not (self.matrix.diagonal().real > 0).all():
-            definite = False
+            definite = self._give_up(NotDefinite("a diagonal entry is not positive"))
         self._factorise(chosen_solver(solver, self.n, definite), order)
 
     @property
@@ -78,8 +82,15 @@ class Factor:
         try:
             self._backend = make_backend(name, self.matrix, order)
         except NotDefinite as error:
-            log.info("%s: factorised with pivoting instead", error)
+            self._give_up(error)
             self._backend = make_backend("pivoted", self.matrix)
+
+    def _give_up(self, error: NotDefinite) -> bool:
+        """False: the matrix is not definite after all; or `error` itself where nobody wants pivoting."""
+        if not self._pivot:
+            raise error
+        log.info("%s: factorised with pivoting instead", error)
+        return False
 
     def refactor(self, matrix: sparray) -> Factor:
         """Factorise new values; ordering and symbolic analysis are kept when the pattern is the same."""
@@ -96,9 +107,11 @@ class Factor:
             self._factorise(self.solver)
             return self
         try:
+            if not self._pivot and not (matrix.diagonal().real > 0).all():
+                raise NotDefinite("a diagonal entry is not positive")
             self._backend.refactor(matrix)
         except NotDefinite as error:
-            log.info("%s: factorised with pivoting instead", error)
+            self._give_up(error)
             self._backend = make_backend("pivoted", matrix)
         return self
 

@@ -1,0 +1,99 @@
+"""Conjugate gradients for one Newton move: the factorisation of a nearby matrix is the preconditioner."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Operator = Callable[[NDArray], NDArray]
+
+
+@dataclass(frozen=True, eq=False)
+class Move:
+    """What `truncated_conjugate_gradients` found.
+
+    Parameters
+    ----------
+    x : (n,) ndarray
+    left : float
+        Largest entry of what is estimated to be missing.
+    rounds : int
+    convex : bool
+        No direction of negative curvature ended the search.
+    """
+
+    x: NDArray[np.float64]
+    left: float
+    rounds: int
+    convex: bool
+
+
+def truncated_conjugate_gradients(
+    apply: Operator,
+    precondition: Operator,
+    rhs: NDArray,
+    enough: Callable[[float], float],
+    most: int,
+    through: Callable[[float], bool] = lambda first: False,
+) -> Move | None:
+    """Approximate solution of a symmetric system; a descent direction for rhs = -gradient wherever it stops.
+
+    Parameters
+    ----------
+    apply, precondition : callables (n,) -> (n,)
+        The matrix, and the inverse of a positive definite one near it.
+    rhs : (n,) ndarray
+    enough : callable float -> float
+        From the largest entry of the first guess: how large the missing part may be.
+    most : int
+        Rounds.
+    through : callable float -> bool
+        From the same entry: whether to go on where the curvature is negative, to a stationary point of any
+        kind (as long as the way there descends).
+
+    Returns
+    -------
+    Move, or None where the preconditioner turns out not to be positive definite.
+
+    Notes
+    -----
+    Ends at the first direction of negative curvature, with what was found before it or with the first guess
+    (T. Steihaug, "The conjugate gradient method and trust regions in large scale optimization", 1983).
+    Where the preconditioner's own guess is about as long as it should be, it is taken whole before the
+    conjugate directions begin: then what is left has no part along vectors on which matrix and preconditioner
+    agree, such as translations, and their balance is kept to rounding.
+    """
+    x, r = np.zeros_like(rhs), rhs.copy()
+    z = precondition(r)
+    rz = float(r @ z)
+    first = float(np.abs(z).max(initial=0.0))
+    if not rz > 0:
+        return Move(x, 0.0, 0, True) if first == 0.0 else None
+    allowed = enough(first)
+    p, left, truncated = z, first, None
+    for k in range(1, most + 1):
+        ap = apply(p)
+        curvature = float(p @ ap)
+        if not curvature > 0 and truncated is None:
+            truncated = Move(x.copy() if k > 1 else z, left, k, False)
+            if not through(first) or curvature == 0.0:
+                return truncated
+        step = rz / curvature
+        whole = k == 1 and 0.5 < step < 2.0
+        step = 1.0 if whole else step
+        x += step * p
+        r -= step * ap
+        z = precondition(r)
+        left = max(float(np.abs(z).max()), abs(step) * float(np.abs(p).max()) if k > 1 else 0.0)
+        if left <= allowed:
+            break
+        before, rz = rz, float(r @ z)
+        if not rz > 0:
+            return truncated
+        p = z if whole else z + rz / before * p
+    if truncated is not None and not float(rhs @ x) > 0:
+        return truncated
+    return Move(x, left, k, True)
