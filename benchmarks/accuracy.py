@@ -11,6 +11,7 @@ from __future__ import annotations
 import argparse
 import csv
 import json
+import os
 import re
 import sys
 from collections.abc import Sequence
@@ -21,26 +22,34 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.accuracy_advice import ADVICE, theory
+from benchmarks.accuracy_advice import ADVICE
 from benchmarks.accuracy_peers import peers_of
 from benchmarks.accuracy_simulators import SIMULATED
+from benchmarks.accuracy_theory import SOURCES, theory
 from benchmarks.accuracy_trial import Case, Trial
 from benchmarks.families import STUDIES, Ladder
+from benchmarks.measure import cpu_seconds
 from ddgcli.plots.chart import draw_chart
-from ddgcli.tradeoff.candidates import Candidate, Problem, Row
+from ddgcli.tradeoff.candidates import Candidate, Problem, Row, label_of
 from ddgcli.tradeoff.front import mark_front
 from ddgcli.tradeoff.measure import run_problem
 from ddgcli.tradeoff.problems.table import mesh_problem
 from ddgcli.tradeoff.report import machine
 from ddgcli.tradeoff.truths import parse_truth
 
-HERE = Path(__file__).parent.parent / "docs" / "accuracy"
+HERE = Path(os.environ.get("ATLAS", Path(__file__).parent.parent / "docs" / "accuracy"))
 LEVELS = (0, 1, 2, 3)
 SMALL = (0, 1)
 # an error may rise by this factor, a rate fall by this much, before the check fails
 ERROR_SLACK, RATE_SLACK = 1.05, 0.1
 # guess of the seconds above which the check leaves a configuration to the atlas
 CHEAP, CHEAP_RUN = 0.15, 0.05
+# seconds that the methods of one mesh may take together: the slow ones are repeated less often
+BUDGET = 120.0
+MOST_LINES = 10
+# twice as dear as half the radius and never better
+SKIPPED = ("normal-cycle radius=4 edges",)
+PEER_NAMES = ("libigl", "potpourri3d", "pygeodesic", "robust_laplacian", "pymeshlab")
 
 
 def measured(
@@ -51,14 +60,16 @@ def measured(
         problem = replace(problem, candidates=[c for c in problem.candidates if c.work <= cheap])
     else:
         problem = replace(problem, candidates=[*problem.candidates, *peers])
-    rows = run_problem(problem, repeat=repeat, budget=90.0).rows
+    table = run_problem(problem, repeat=repeat, budget=BUDGET, clock=cpu_seconds)
+    for name, why in table.left_out:
+        if peers is not None:
+            print(f"left out: {name}: {why}", file=sys.stderr, flush=True)
+    rows = table.rows
     mark_front(rows)
     return rows
 
 
-def study(
-    command: str, levels: tuple[int, ...], *, repeat: int = 3, peers: bool = True
-) -> list[dict[str, Any]]:
+def study(command: str, levels: tuple[int, ...], *, peers: bool = True) -> list[dict[str, Any]]:
     """All rows of a command, as plain dictionaries."""
     found = []
     for case in cases(command):
@@ -68,10 +79,16 @@ def study(
             head["h"] = trial.h
             others = trial.peers() if peers else None
             cheap = CHEAP_RUN if command in SIMULATED else CHEAP
+            repeat = repeats(command, level) if peers else 0
             rows = measured(trial.problem, repeat=repeat, peers=others, cheap=cheap)
             found += [head | as_row(row) for row in rows]
             print(f"{command} {case.truth} {case.family} {trial.faces}", file=sys.stderr, flush=True)
     return found
+
+
+def repeats(command: str, level: int) -> int:
+    """Timed queries a row, after a warm-up; CPU seconds of what takes long spread little."""
+    return 1 if command in SIMULATED or level == LEVELS[-1] else 3
 
 
 def cases(command: str) -> list[Case]:
@@ -89,6 +106,8 @@ def mesh_trial(command: str, truth: str, make: Ladder, level: int) -> Trial:
     """A command on the mesh of one level."""
     mesh = make(level)
     problem = mesh_problem(command, mesh, truth=parse_truth(truth, mesh.points))
+    kept = [candidate for candidate in problem.candidates if label_of(candidate) not in SKIPPED]
+    problem = replace(problem, candidates=kept)
     return Trial(mesh.n_faces, float(mesh.side_length.mean()), problem, lambda: list(peers_of(command, mesh)))
 
 
@@ -151,29 +170,42 @@ def picture(command: str, case: Case, rows: list[dict[str, Any]]) -> None:
     lines: dict[str, list[dict[str, Any]]] = {}
     for row in rows:
         lines.setdefault(row["configuration"], []).append(row)
-    best = sorted(lines, key=lambda name: -sum(r["on_front"] for r in lines[name]))[:8]
+    ours = [name for name in lines if not name.startswith(PEER_NAMES)]
+    best = sorted(ours, key=lambda name: -sum(r["on_front"] for r in lines[name]))
+    best = best[: MOST_LINES - len(lines) + len(ours)]
+    shown = {name: points(line) for name, line in lines.items() if name in best or name not in ours}
     draw_chart(
         str(HERE / picture_name(command, case)),
-        {
-            name: (
-                [r["setup_seconds"] + r["seconds"] for r in lines[name]],
-                [max(r["mean_error"], 1e-15) for r in lines[name]],
-            )
-            for name in lines
-            if name in best
-        },
-        xlabel="seconds (set-up and one query)",
+        shown,
+        front=front_of(shown),
+        xlabel="CPU seconds (set-up and one query)",
         ylabel="mean relative error",
         log="xy",
         title=f"{command}: {case.truth}, {case.family}" + ("" if command in SIMULATED else " triangulations"),
-        caption=f"One point a {'step' if case.family == 'steps' else 'mesh'} of the ladder.\n{machine()}",
+        caption=f"One point a {'step' if case.family == 'steps' else 'mesh'} of the ladder. Grey: the front; "
+        f"no point is below and left of it. CPU seconds, one thread.\n{machine()}",
     )
+
+
+def points(line: list[dict[str, Any]]) -> tuple[list[float], list[float]]:
+    """Seconds and errors of a configuration."""
+    return [r["setup_seconds"] + r["seconds"] for r in line], [max(r["mean_error"], 1e-15) for r in line]
+
+
+def front_of(shown: dict[str, tuple[list[float], list[float]]]) -> tuple[list[float], list[float]]:
+    """The points of a picture that no other beats in both seconds and error."""
+    best: list[tuple[float, float]] = []
+    for x, y in sorted(pair for line in shown.values() for pair in zip(*line)):
+        if not best or y < best[-1][1]:
+            best.append((x, y))
+    return [x for x, _ in best], [y for _, y in best]
 
 
 def page(command: str, rows: list[dict[str, Any]]) -> str:
     """Tables of errors and rates, for every truth and family."""
     observed = rates(rows)
     text = [f"# {command}: error against seconds\n", ADVICE[command].strip(), ""]
+    text += ["Rates that theory gives:", SOURCES[command].strip(), ""]
     text += [f"![{case.truth}, {case.family}]({picture_name(command, case)})" for case in drawn(command)]
     for case in cases(command):
         group = [r for r in rows if (r["truth"], r["family"]) == (case.truth, case.family)]
@@ -192,9 +224,15 @@ def page(command: str, rows: list[dict[str, Any]]) -> str:
                 f"{'-' if rate is None else f'{rate:.1f}'} | "
                 f"{theory(command, case.family, r['configuration'])} | "
                 f"{r['setup_seconds']:.2g} | {r['seconds']:.2g} | "
-                f"{r['peak_mib']:.0f} | {'*' if r['on_front'] else ''} |"
+                f"{mib(r['peak_mib'])} | {'*' if r['on_front'] else ''} |"
             )
-    return "\n".join([*text, "", f"{machine()}. `make accuracy` measures anew.", ""])
+    note = "CPU seconds, one thread. `make accuracy` measures anew."
+    return "\n".join([*text, "", f"{machine()}. {note}", ""])
+
+
+def mib(size: float) -> str:
+    """Peak memory, where it was measured."""
+    return f"{size:.0f}" if np.isfinite(size) else "-"
 
 
 def summary_of(rows: list[dict[str, Any]]) -> dict[str, Any]:
@@ -229,6 +267,7 @@ def main() -> int:
     """Regenerate the atlas, or check against it."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("commands", nargs="*", default=[*STUDIES, *SIMULATED], help="commands (default: all)")
+    parser.add_argument("--levels", type=int, default=len(LEVELS), help="only the coarsest so many")
     parser.add_argument("--check", action="store_true", help="rerun the small meshes and compare")
     given = parser.parse_args()
     store = HERE / "check.json"
@@ -236,22 +275,20 @@ def main() -> int:
     if given.check:
         lines = []
         for command in given.commands:
-            found = summary_of(study(command, SMALL, repeat=1, peers=False))
+            found = summary_of(study(command, SMALL, peers=False))
             lines += [f"{command}: {line}" for line in worse(stored[command], found)]
         print("\n".join(lines) or "accuracy: nothing has become worse")
         return 1 if lines else 0
     for command in given.commands:
-        rows = study(command, LEVELS, repeat=1 if command in SIMULATED else 3)
+        rows = study(command, LEVELS[: given.levels])
         write(command, rows)
         ours = [r for r in rows if not r["configuration"].startswith(PEER_NAMES)]
-        again = study(command, SMALL, repeat=1, peers=False)
+        again = study(command, SMALL, peers=False)
         names = set(summary_of(again)["errors"])
         stored[command] = summary_of([r for r in ours if name_of(r) in names])
         store.write_text(json.dumps(stored, indent=1, sort_keys=True) + "\n")
     return 0
 
-
-PEER_NAMES = ("libigl", "potpourri3d", "pygeodesic", "robust_laplacian", "pymeshlab")
 
 if __name__ == "__main__":
     sys.exit(main())

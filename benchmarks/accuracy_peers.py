@@ -18,7 +18,11 @@ def _peer(name: str, setup: Callable[[], Any], solve: Callable[[Any], Any], **di
 
 
 def curvature(mesh: TriangleMesh) -> list[Candidate]:
-    """libigl's quadric fit over two rings, half the sum of its principal curvatures."""
+    """libigl's quadric fit over two rings; pymeshlab's quadric fit and its discrete (cotangent) curvature."""
+    return [*_available(_libigl_fit, mesh), *_available(_meshlab_curvature, mesh)]
+
+
+def _libigl_fit(mesh: TriangleMesh) -> list[Candidate]:
     import igl
 
     def fit(_: Any) -> np.ndarray:
@@ -28,8 +32,53 @@ def curvature(mesh: TriangleMesh) -> list[Candidate]:
     return [_peer("libigl", NOTHING, fit, radius="2 rings")]
 
 
+def _mesh_set(mesh: TriangleMesh) -> Any:
+    import pymeshlab
+
+    holder = pymeshlab.MeshSet()
+    holder.add_mesh(pymeshlab.Mesh(mesh.points, mesh.faces))
+    return holder
+
+
+def _meshlab_curvature(mesh: TriangleMesh) -> list[Candidate]:
+    import pymeshlab  # noqa: F401
+
+    def fit(holder: Any) -> np.ndarray:
+        holder.compute_curvature_principal_directions_per_vertex(
+            method="Quadric Fitting", curvcolormethod="Mean Curvature", autoclean=False
+        )
+        return holder.current_mesh().vertex_scalar_array()
+
+    def discrete(holder: Any) -> np.ndarray:
+        holder.compute_scalar_by_discrete_curvature_per_vertex(curvaturetype="Mean Curvature")
+        return holder.current_mesh().vertex_scalar_array()
+
+    return [
+        _peer("pymeshlab quadric", lambda: _mesh_set(mesh), fit),
+        _peer("pymeshlab discrete", lambda: _mesh_set(mesh), discrete),
+    ]
+
+
+def _meshlab_distance(mesh: TriangleMesh) -> list[Candidate]:
+    import pymeshlab
+
+    far = pymeshlab.PureValue(float(mesh.side_length.sum()))
+
+    def distance(holder: Any) -> np.ndarray:
+        holder.compute_scalar_by_geodesic_distance_from_given_point_per_vertex(
+            startpoint=mesh.points[0], maxdistance=far
+        )
+        return holder.current_mesh().vertex_scalar_array()
+
+    return [_peer("pymeshlab", lambda: _mesh_set(mesh), distance)]
+
+
 def geodesic(mesh: TriangleMesh) -> list[Candidate]:
-    """pygeodesic (exact), potpourri3d (heat on its robust Laplacian, fast marching)."""
+    """pygeodesic (exact), potpourri3d (heat, fast marching), pymeshlab (along edges and across faces)."""
+    return [*_available(_exact_and_heat, mesh), *_available(_meshlab_distance, mesh)]
+
+
+def _exact_and_heat(mesh: TriangleMesh) -> list[Candidate]:
     import potpourri3d as pp3d
     import pygeodesic.geodesic as exact
 
@@ -111,7 +160,11 @@ PEERS: dict[str, Callable[[TriangleMesh], list[Candidate]]] = {
 
 def peers_of(command: str, mesh: TriangleMesh) -> list[Candidate]:
     """Peers of a command; none where their packages are missing."""
+    return _available(PEERS[command], mesh)
+
+
+def _available(peers: Callable[[TriangleMesh], list[Candidate]], mesh: TriangleMesh) -> list[Candidate]:
     try:
-        return PEERS[command](mesh)
+        return peers(mesh)
     except ImportError:
         return []

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from benchmarks.accuracy_trial import Case, Trial, known_truth, last_frame
 from benchmarks.accuracy_willmore import WILLMORE
-from benchmarks.families import good, irregular
+from benchmarks.families import SPHERES, strips
 from ddgcli.evolve.account import Account
 from ddgcli.evolve.integrators import INTEGRATORS
 from ddgcli.io.scene_file import parse_scene
@@ -194,7 +194,7 @@ density = {density}
 thickness = "3 cm"
 young = 444.4444444444444
 poisson = 0.0
-grid = {{ size = [1, 0.2], cells = [{n}, {across}], pattern = "{pattern}" }}
+mesh = "given"
 [effects]
 stretching = {{}}
 bending = {{ model = "{model}" }}
@@ -225,21 +225,24 @@ bending = {{}}
 """
 
 
-def _shell(text: str) -> Any:
+def _shell(text: str, mesh: TriangleMesh | None = None) -> Any:
     scene = resolve(parse_scene(text), SHELL, {})
     account = Account()
-    contexts = {n: c for n, (c, _) in shell_model.contexts(scene, _no_file).items()}
+    contexts = {n: c for n, (c, _) in shell_model.contexts(scene, lambda _: _given(mesh)).items()}
     return shell_model.build(scene, contexts, account), scene.schedule(), account
 
 
-def _no_file(_: str) -> Any:
-    raise AssertionError("these scenes read no file")
-
-
 def _cantilever(weight: int, pattern: Pattern, level: int) -> Trial:
-    """Drop of the tip under its own weight."""
     n, across = 10 * 2**level, 2 * 2**level
-    rest = grid_mesh(Grid(size=[1, 0.2], cells=[n, across], pattern=pattern))
+    return _dropped(weight, grid_mesh(Grid(size=[1, 0.2], cells=[n, across], pattern=pattern)), n)
+
+
+def _cantilever_on(weight: int, strip: Callable[[int], TriangleMesh], level: int) -> Trial:
+    return _dropped(weight, strip(level), 10 * 2**level)
+
+
+def _dropped(weight: int, rest: TriangleMesh, n: int) -> Trial:
+    """Drop of the tip under its own weight; the first of n columns of cells is held."""
     tip = rest.points[:, 0] > 1 - 1e-9
 
     def drop(ready: Any) -> NDArray[np.float64]:
@@ -247,8 +250,7 @@ def _cantilever(weight: int, pattern: Pattern, level: int) -> Trial:
 
     def prepared(model: str) -> Any:
         density, clamp = weight * RIGIDITY / 9.81, 1.01 / n
-        words = {"density": density, "n": n, "across": across, "pattern": pattern, "clamp": clamp}
-        return _shell(CANTILEVER.format(**words, model=model))
+        return _shell(CANTILEVER.format(density=density, clamp=clamp, model=model), rest)
 
     candidates = [
         Candidate(
@@ -296,8 +298,8 @@ def _free_by_step(level: int) -> Trial:
 SIMULATED: dict[str, list[Case]] = {
     "willmore-flow": WILLMORE,
     "fluid-sim": [
-        Case("Rossby-Haurwitz speed", "good", partial(_haurwitz, good)),
-        Case("Rossby-Haurwitz speed", "irregular", partial(_haurwitz, irregular)),
+        *(Case("Rossby-Haurwitz speed", family, partial(_haurwitz, sphere))
+          for family, sphere in SPHERES.items()),
         Case("Taylor-Green decay", "alternating", partial(_taylor_green, "alternating")),
         Case("Taylor-Green decay", "right", partial(_taylor_green, "right")),
         Case("limit of small steps", "steps", _fluid_by_step),
@@ -305,6 +307,8 @@ SIMULATED: dict[str, list[Case]] = {
     "shell-sim": [
         *(Case(f"cantilever, weight {weight}", pattern, partial(_cantilever, weight, pattern))
           for weight in (2, 10) for pattern in ("alternating", "right", "cross")),
+        *(Case("cantilever, weight 2", family, partial(_cantilever_on, 2, strip))
+          for family, strip in strips().items()),
         Case("verlet with a small step", "steps", _free_by_step),
     ],
 }  # fmt: skip

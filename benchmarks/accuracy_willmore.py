@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.accuracy_trial import Case, Trial, known_truth, last_frame
-from benchmarks.families import good, irregular
+from benchmarks.families import ellipsoids
 from ddgcli.evolve.account import Account
 from ddgcli.mesh import shapes
 from ddgcli.mesh.triangle_mesh import TriangleMesh
@@ -39,14 +39,6 @@ def _energy_trial(make: Callable[[int], TriangleMesh], truth: float, level: int)
         for name, kind in ENERGIES.items()
     ]
     return known_truth(mesh.n_faces, float(mesh.side_length.mean()), truth, candidates)
-
-
-def _ellipsoid_energy(sphere: Callable[[int], TriangleMesh]) -> Callable[[int], Trial]:
-    def make(level: int) -> TriangleMesh:
-        mesh = sphere(level)
-        return mesh.moved(mesh.points * [1.0, 1.0, 2.0])
-
-    return partial(_energy_trial, make, ELLIPSOID_112)
 
 
 def _torus_energy(pattern: str) -> Callable[[int], Trial]:
@@ -125,8 +117,10 @@ def _mode_by_step(level: int) -> Trial:
 
 
 WILLMORE = [
-    Case("energy of the ellipsoid 1,1,2", "good", _ellipsoid_energy(good)),
-    Case("energy of the ellipsoid 1,1,2", "irregular", _ellipsoid_energy(irregular)),
+    *(
+        Case("energy of the ellipsoid 1,1,2", family, partial(_energy_trial, make, ELLIPSOID_112))
+        for family, make in ellipsoids((1.0, 1.0, 2.0)).items()
+    ),
     Case("energy of the torus 2,1", "alternating", _torus_energy("alternating")),
     Case("energy of the torus 2,1", "right", _torus_energy("right")),
     Case("rate of the sphere's mode l=2", "meshes", _mode_by_mesh),

@@ -12,8 +12,9 @@ from ddgcli.plots.page import page
 
 # Okabe and Ito's palette, dark ones first
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#000000", "#E69F00", "#56B4E9", "#8B6B00")
-MARKERS = ("o", "s", "^", "D", "v", "P", "X", "*")
-DASHES = ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)), (0, (1, 1)), (0, (8, 2)), (0, (3, 2)))
+MARKERS = ("o", "s", "^", "D", "v", "P", "X", "*", "<", "h", ">")
+# as many as colours less one: a ninth line has the first colour, but another marker and dash
+DASHES = ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)), (0, (1, 1)), (0, (8, 2)))
 
 Series = tuple[ArrayLike, ArrayLike]
 
@@ -30,6 +31,7 @@ def draw_chart(
     labels: Mapping[str, Sequence[str]] | None = None,
     slopes: Sequence[float] = (),
     ringed: Mapping[str, Sequence[int]] | None = None,
+    front: Series | None = None,
     join: bool = True,
     width: float = 7.0,
     height: float = 4.6,
@@ -51,6 +53,8 @@ def draw_chart(
         Grey reference lines y ~ x^p through the middle of the data, on two logarithmic axes.
     ringed : mapping of name to indices, optional
         Points to mark with a ring (those that no other beats, say).
+    front : (x, y), optional
+        A broad grey line behind the series: what no point lies below and left of.
     join : bool
         Join the points of a series by a line.
     """
@@ -60,6 +64,10 @@ def draw_chart(
         kept = {name: _drawable(x, y, log) for name, (x, y) in series.items()}
         axes.set_xscale("log" if "x" in log else "linear")
         axes.set_yscale("log" if "y" in log else "linear")
+        if front is not None:
+            x, y, shown = _drawable(*front, log)
+            axes.plot(x[shown], y[shown], color="0.85", linewidth=6, solid_capstyle="round", zorder=0.5,
+                      drawstyle="steps-post", label="front")  # fmt: skip
         for k, (name, (x, y, shown)) in enumerate(kept.items()):
             _draw_series(axes, k, name, x[shown], y[shown], join)
             for i in np.flatnonzero(shown).tolist():

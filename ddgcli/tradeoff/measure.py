@@ -101,6 +101,7 @@ def run_problem(
     ----------
     repeat : int
         Timed queries a candidate, after one warm-up; fewer where the budget is short, and told in the row.
+        0 for errors alone: the first query counts, memory is not measured.
     budget : float, optional
         Seconds for everything, the reference included. What is estimated to exceed it is not begun; what
         outruns its estimate is stopped.
@@ -231,22 +232,21 @@ def measure(
     worst = int(errors.argmax()) if len(errors) else 0
     if len(errors) and not np.isfinite(errors[worst]):
         raise SolveError(f"its answer is not finite at {problem.place} {worst}")
-    repeats = int(max(1, min(repeat, 0.15 * purse.left() / max(first, 1e-9))))
-    seconds = [_timed(lambda: candidate.solve(state), clock)[1] for _ in range(repeats)]
-    setups = [cold_setup]
-    if (
-        cold_setup > 1e-4 and cold_setup < 0.1 * purse.left()
-    ):  # what was imported on the way is paid once only
-        setups = [_timed(candidate.setup, clock)[1] for _ in range(min(3, repeats))]
-    affords_memory = cold_setup + first < 0.1 * purse.left()
+    seconds, setups, memory = [first], [cold_setup], False
+    if repeat:
+        repeats = int(max(1, min(repeat, 0.15 * purse.left() / max(first, 1e-9))))
+        seconds = [_timed(lambda: candidate.solve(state), clock)[1] for _ in range(repeats)]
+        memory = cold_setup + first < 0.1 * purse.left()
+        if 1e-4 < cold_setup < 0.1 * purse.left():  # the first also paid for imports
+            setups = [_timed(candidate.setup, clock)[1] for _ in range(min(3, repeats))]
     return Row(
         method=candidate.method,
         parameters=dict(candidate.parameters),
         setup_seconds=statistics.median(setups),
         seconds=statistics.median(seconds),
         seconds_spread=(min(seconds), max(seconds)),
-        repeats=repeats,
-        peak_mib=peak_mib(candidate) if affords_memory else float("nan"),
+        repeats=repeat and len(seconds),
+        peak_mib=peak_mib(candidate) if memory else float("nan"),
         max_error=float(errors[worst]) if len(errors) else 0.0,
         max_error_at=worst,
         mean_error=float(errors.mean()) if len(errors) else 0.0,

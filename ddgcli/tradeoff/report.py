@@ -158,7 +158,9 @@ def chart_of(rows: list[Row], norm: str, within: float | None, floor: float) -> 
         series[f"within {within:g}"] = ([min(seconds), max(seconds)], [within, within])
     labels = {name: [_dials(row) for row in line] for name, line in lines.items()}
     ringed = {name: [k for k, row in enumerate(line) if row.on_front] for name, line in lines.items()}
-    return {"series": series, "labels": labels, "ringed": ringed}
+    best = sorted((r.total_seconds, max(r.error(norm), floor)) for r in rows if r.on_front)
+    front = ([x for x, _ in best], [y for _, y in best])
+    return {"series": series, "labels": labels, "ringed": ringed, "front": front}
 
 
 def _dials(row: Row) -> str:
