@@ -11,14 +11,15 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_array, csr_array
+from scipy.sparse import csr_array, eye_array
 
 from ddgcli.algorithms.delaunay import Flipped
-from ddgcli.algorithms.gluing import around
 from ddgcli.algorithms.normal_coordinates import BaseEdges, Crossings, base_edges_of, crossings_of
+from ddgcli.algorithms.overlay_lines import in_order, lines_over
 from ddgcli.algorithms.overlay_pieces import cut_faces
 from ddgcli.errors import MeshError, SolveError
 from ddgcli.mesh.intrinsic_mesh import IntrinsicMesh
+from ddgcli.mesh.topology import sorted_sides
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 
 INPUT_VERTEX, STEINER_POINT, CROSSING = 0, 1, 2
@@ -47,8 +48,6 @@ class Base:
     @classmethod
     def itself(cls, mesh: TriangleMesh) -> Base:
         """The input without Steiner points."""
-        from scipy.sparse import eye_array
-
         return cls(mesh, mesh, np.arange(mesh.n_faces), csr_array(eye_array(mesh.n_vertices)))
 
     @cached_property
@@ -129,14 +128,15 @@ def common_subdivision(flipped: Flipped, base: Base) -> CommonSubdivision:
     twin = mesh.topology.side_twin
     every = crossings_of(flipped.crossings, twin)
     edges = base_edges_of(every, mesh.topology.side_tail)
-    base_side = _crossed_sides(base.mesh, edges)
-    along, share, residual = _measure(mesh, base.mesh, every, base_side)
+    table = SideTable(base.mesh)
+    base_side = _crossed_sides(base.mesh, table, edges)
+    along, share, residual = lines_over(mesh, base.mesh, every, base_side)
 
     real = base.real_side[base_side]
     counted = np.add.reduceat(np.append(real, False).astype(np.int64), np.append(every.start, len(real)))[:-1]
     counted = np.where(every.count > 0, counted, 0)
     crossings = crossings_of(counted.reshape(-1, 3), twin)
-    holder = _faces_without_arcs(flipped, base, every, base_side)
+    holder = _faces_without_arcs(flipped, base, table, every, base_side)
     inside = base.input_face[base_side // 3][real]
     beyond = base.input_face[np.maximum(base.mesh.topology.side_twin.ravel(), 0)[base_side] // 3][real]
     n_crossings, number = _numbers(crossings)
@@ -145,7 +145,7 @@ def common_subdivision(flipped: Flipped, base: Base) -> CommonSubdivision:
 
     first = np.flatnonzero(crossings.side < twin.ravel()[crossings.side])
     chosen = np.flatnonzero(real)[first]
-    share = _in_order(share[chosen], base_side[chosen], edges.step[every.across[chosen]], base.mesh)
+    share = in_order(share[chosen], base_side[chosen], edges.step[every.across[chosen]], base.mesh)
     vertices = _Vertices(mesh, base, base_side[chosen], share, crossings.side[first], along[chosen])
     half_along = np.empty(len(number))
     half_along[first], half_along[crossings.across[first]] = along[chosen], 1.0 - along[chosen]
@@ -168,25 +168,30 @@ def common_subdivision(flipped: Flipped, base: Base) -> CommonSubdivision:
     )
 
 
-def _crossed_sides(mesh: TriangleMesh, edges: BaseEdges) -> NDArray[np.int64]:
+def _crossed_sides(mesh: TriangleMesh, table: SideTable, edges: BaseEdges) -> NDArray[np.int64]:
     """The base side of each half-crossing, from the right of its side to the left."""
     one = np.flatnonzero(np.arange(len(edges.reverse)) < edges.reverse)
     side = np.empty(len(edges.reverse), dtype=np.int64)
-    side[one] = sides_between(mesh, edges.tail[one], edges.head[one])
+    side[one] = table.between(edges.tail[one], edges.head[one])
     side[edges.reverse[one]] = mesh.topology.side_twin.ravel()[side[one]]
     return side[edges.chain]
 
 
-def sides_between(mesh: TriangleMesh, tail: NDArray, head: NDArray) -> NDArray[np.int64]:
-    """The side that runs from each tail to each head."""
-    n = np.int64(mesh.n_vertices)
-    key = mesh.topology.side_tail * n + mesh.topology.side_head
-    order = np.argsort(key)
-    place = np.minimum(np.searchsorted(key[order], tail * n + head), len(key) - 1)
-    side = order[place]
-    if not np.array_equal(key[side], tail * n + head):
-        raise SolveError("a chain of crossings joins two vertices that no input edge joins")
-    return side
+class SideTable:
+    """The sides of a mesh by their ends."""
+
+    def __init__(self, mesh: TriangleMesh) -> None:
+        topology = mesh.topology
+        self.n = np.int64(max(topology.n_vertices, 1))
+        self.key, self.side = sorted_sides(topology.side_tail, topology.side_head, topology.n_vertices)
+
+    def between(self, tail: NDArray, head: NDArray) -> NDArray[np.int64]:
+        """The side that runs from each tail to each head."""
+        wanted = tail * self.n + head
+        place = np.minimum(np.searchsorted(self.key, wanted), len(self.key) - 1)
+        if not np.array_equal(self.key[place], wanted):
+            raise SolveError("a chain of crossings joins two vertices that no input edge joins")
+        return self.side[place]
 
 
 def _numbers(c: Crossings) -> tuple[int, NDArray[np.int64]]:
@@ -197,125 +202,16 @@ def _numbers(c: Crossings) -> tuple[int, NDArray[np.int64]]:
 
 
 def _faces_without_arcs(
-    flipped: Flipped, base: Base, every: Crossings, base_side: NDArray
+    flipped: Flipped, base: Base, table: SideTable, every: Crossings, base_side: NDArray
 ) -> NDArray[np.int64]:
     """(m,) input face of intrinsic faces that no input edge crosses; anything for the others."""
     mesh = flipped.mesh
     holder = np.full(mesh.n_faces, -1, dtype=np.int64)
     shared = np.flatnonzero(flipped.crossings.ravel() < 0)  # type: ignore[union-attr]
-    side = sides_between(base.mesh, mesh.topology.side_tail[shared], mesh.topology.side_head[shared])
+    side = table.between(mesh.topology.side_tail[shared], mesh.topology.side_head[shared])
     holder[shared // 3] = base.input_face[side // 3]
     holder[every.side // 3] = base.input_face[base_side // 3]
     return holder
-
-
-def _measure(
-    mesh: IntrinsicMesh, base: TriangleMesh, c: Crossings, base_side: NDArray
-) -> tuple[NDArray, NDArray, float]:
-    """Where crossings lie, by unfolding the strip of base faces under each edge.
-
-    Returns
-    -------
-    along : (c,) ndarray of float64
-        Share of the intrinsic side's length, from its tail; nan on one of the two sides.
-    share : (c,) ndarray of float64
-        Share of the base side's length, from its tail.
-    residual : float
-        Largest relative difference between an edge's length and its straight line's.
-    """
-    twin = mesh.topology.side_twin.ravel()
-    side = np.flatnonzero((c.count > 0) & (np.arange(len(twin)) < twin))
-    side = side[np.argsort(-c.count[side], kind="stable")]
-    along, share = np.full(len(c.side), np.nan), np.full(len(c.side), np.nan)
-    if len(side) == 0:
-        return along, share, 0.0
-    count, start = c.count[side], c.start[side]
-    right, left, end = _unfold(base, base_side, start, count)
-
-    straight = np.abs(end)
-    unit = np.where(straight > 0, straight, 1.0)
-    turn = np.repeat(np.where(straight > 0, np.conj(end) / unit, 1.0), count)
-    right *= turn
-    left *= turn
-    rise = left.imag - right.imag
-    part = np.where(rise > 0, -right.imag / np.where(rise > 0, rise, 1.0), 0.5)
-    np.clip(part, 0.0, 1.0, out=part)
-    position = (right.real + part * (left.real - right.real)) / np.repeat(unit, count)
-    mine = np.arange(len(part)) + np.repeat(start - (np.cumsum(count) - count), count)
-    share[mine], along[mine] = part, np.clip(position, 0.0, 1.0)
-    length = mesh.side_length.ravel()[side]
-    return along, share, float((np.abs(straight - length) / length).max())
-
-
-def _unfold(
-    base: TriangleMesh, base_side: NDArray, start: NDArray, count: NDArray
-) -> tuple[NDArray[np.complex128], NDArray[np.complex128], NDArray[np.complex128]]:
-    """Lay out the strips of faces under edges whose crossings begin at `start`, longest strips first.
-
-    The plane is that of complex numbers, with the tail of each edge at 0.
-
-    Returns
-    -------
-    right, left : (c,) ndarray of complex128
-        Ends of the crossed sides, strip after strip.
-    end : (k,) ndarray of complex128
-        Heads of the edges.
-    """
-    apex, twin = _apex(base), base.topology.side_twin.ravel()
-    place = np.cumsum(count) - count
-    right, left = np.empty((2, int(count.sum())), dtype=np.complex128)
-    here = base_side[start]
-    length = base.side_length.ravel()[here]
-    right[place], left[place] = -apex[here] * length, (1.0 - apex[here]) * length
-    end = np.zeros(len(start), dtype=np.complex128)
-    alive = len(start)
-    longer = alive - np.cumsum(np.bincount(count))  # strips of more crossings than so many
-    for step in range(1, int(count[0]) + 1):
-        entered = twin[base_side[start[:alive] + step - 1]]
-        previous = place[:alive] + step - 1
-        p, q = left[previous], right[previous]
-        corner = p + apex[entered] * (q - p)
-        going = int(longer[step])
-        end[going:alive] = corner[going:]
-        now, entered = place[:going] + step, entered[:going]
-        crossed = base_side[start[:going] + step]
-        _, following, before = around(entered)
-        keeps_right = crossed == following
-        if not (keeps_right | (crossed == before)).all():
-            raise SolveError("a chain of crossings leaves the strip of faces that it runs through")
-        left[now] = np.where(keeps_right, corner[:going], p[:going])
-        right[now] = np.where(keeps_right, q[:going], corner[:going])
-        alive = going
-    return right, left, end
-
-
-def _apex(mesh: TriangleMesh) -> NDArray[np.complex128]:
-    """(3m,) the corner opposite each side, in the frame where the side runs from 0 to 1."""
-    side = mesh.side_vector
-    to_apex = -side[:, [2, 0, 1]]
-    squared = np.einsum("fij,fij->fi", side, side)
-    squared[squared == 0.0] = 1.0
-    x = np.einsum("fij,fij->fi", side, to_apex) / squared
-    y = np.linalg.norm(np.cross(side[:, 0], to_apex[:, 0]), axis=1)[:, None] / squared
-    return (x + 1j * y).ravel()
-
-
-def _in_order(share: NDArray, base_side: NDArray, index: NDArray, base: TriangleMesh) -> NDArray[np.float64]:
-    """Shares along base sides, exchanged where rounding put them in another order than the integers say."""
-    twin = base.topology.side_twin.ravel()
-    forward = base_side < twin[base_side]
-    edge = np.where(forward, base_side, twin[base_side])
-    total = np.bincount(edge, minlength=len(twin))[edge]
-    along = np.where(forward, share, 1.0 - share)
-    rank = np.where(forward, index, total - 1 - index)
-    count = np.bincount(edge, minlength=len(twin))
-    place = (np.cumsum(count) - count)[edge] + rank  # every rank of an edge occurs once
-    owner, ordered = np.empty_like(edge), np.empty_like(along)
-    owner[place], ordered[place] = edge, along
-    if ((ordered[1:] < ordered[:-1]) & (owner[1:] == owner[:-1])).any():
-        ordered = ordered[np.lexsort((ordered, owner))]
-    along = ordered[place]
-    return np.where(forward, along, 1.0 - along)
 
 
 @dataclass(frozen=True, eq=False)
@@ -329,16 +225,13 @@ class _Vertices:
     side: NDArray[np.int64]
     along: NDArray[np.float64]
 
-    def _on_base(self) -> csr_array:
-        topology = self.base.mesh.topology
-        return _interpolation(
-            topology.side_tail, topology.side_head, self.base_side, self.share, topology.n_vertices
-        )
-
     def points(self) -> NDArray[np.float64]:
         topology, points = self.base.mesh.topology, self.base.mesh.points
         tail, head = points[topology.side_tail[self.base_side]], points[topology.side_head[self.base_side]]
-        return np.concatenate([points, tail + self.share[:, None] * (head - tail)])
+        head -= tail
+        head *= self.share[:, None]
+        head += tail
+        return np.concatenate([points, head])
 
     def kind(self) -> NDArray[np.int64]:
         n_input = self.base.input.n_vertices
@@ -346,22 +239,30 @@ class _Vertices:
         return np.repeat([INPUT_VERTEX, STEINER_POINT, CROSSING], counts)
 
     def from_input(self) -> csr_array:
-        return csr_array(self._on_base() @ self.base.interpolation)
+        """Crossings lie on inner edges of the input, which end at its vertices: no Steiner point does."""
+        topology = self.base.mesh.topology
+        return _followed(
+            self.base.interpolation, topology.side_tail, topology.side_head, self.base_side, self.share
+        )
 
     def from_intrinsic(self) -> csr_array:
         topology = self.mesh.topology
-        return _interpolation(
-            topology.side_tail, topology.side_head, self.side, self.along, topology.n_vertices
-        )
+        vertices = csr_array(eye_array(topology.n_vertices))
+        return _followed(vertices, topology.side_tail, topology.side_head, self.side, self.along)
 
 
-def _interpolation(tail: NDArray, head: NDArray, side: NDArray, share: NDArray, n: int) -> csr_array:
-    """(n + k, n) matrix: the vertices themselves, then points at a share of sides."""
-    k = len(side)
-    row = np.concatenate([np.arange(n), n + np.arange(k), n + np.arange(k)])
-    column = np.concatenate([np.arange(n), tail[side], head[side]])
-    value = np.concatenate([np.ones(n), 1.0 - share, share])
-    return coo_array((value, (row, column)), shape=(n + k, n)).tocsr()
+def _followed(first: csr_array, tail: NDArray, head: NDArray, side: NDArray, share: NDArray) -> csr_array:
+    """The rows of a matrix, and then those that interpolate at a share of sides."""
+    k, filled = len(side), len(first.data)
+    columns, values = np.empty((k, 2), dtype=first.indices.dtype), np.empty((k, 2))
+    columns[:, 0], columns[:, 1] = tail[side], head[side]
+    np.subtract(1.0, share, out=values[:, 0])
+    values[:, 1] = share
+    indptr = np.concatenate([first.indptr, filled + 2 * np.arange(1, k + 1)])
+    data, indices = np.append(first.data, values), np.append(first.indices, columns)
+    matrix = csr_array((data, indices, indptr), shape=(first.shape[0] + k, first.shape[1]))
+    matrix.sum_duplicates()  # a side from a vertex to itself
+    return matrix
 
 
 def _edge_chains(

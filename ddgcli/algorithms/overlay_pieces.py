@@ -53,16 +53,23 @@ def cut_faces(c: Crossings, before: NDArray, beyond: NDArray, holder: NDArray) -
         cutter.fan_inner(),
         *cutter.fan_lasts(),
     ]
-    corner, face, input_face = (np.concatenate(p) for p in zip(*parts, strict=True))
-    order = np.argsort(face, kind="stable")
-    return Pieces(corner[order], face[order], input_face[order])
+    total = sum(len(face) for _, face, _ in parts)
+    pieces = Pieces(*(np.empty(shape, dtype=np.int64) for shape in ((total, 3), total, total)))
+    filled = 0
+    for corners, corner, input_face in parts:
+        rows = slice(filled, filled + len(corner))
+        for k in range(3):
+            pieces.corner[rows, k] = corners[k]
+        pieces.face[rows], pieces.input_face[rows] = corner // 3, input_face
+        filled = rows.stop
+    return pieces
 
 
-Part = tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]
+Part = tuple[tuple[NDArray, NDArray, NDArray], NDArray[np.int64], NDArray[np.int64]]
 
 
 class _Cutter:
-    """The kinds of pieces; methods return parts: triangles (k, 3), their faces and input faces."""
+    """The kinds of pieces; methods return parts: triangles by corner, a corner of their face, input face."""
 
     def __init__(self, c: Crossings, before: NDArray, beyond: NDArray) -> None:
         self.c = c
@@ -85,7 +92,7 @@ class _Cutter:
         corner = np.flatnonzero(self.cut > 0)
         x = self._from_tail(corner, np.zeros_like(corner))
         y = self._from_head(_previous(corner), np.zeros_like(corner))
-        return _part((corner, self._at(x), self._at(y)), corner, self.before[x])
+        return (corner, self._at(x), self._at(y)), corner, self.before[x]
 
     def corner_quads(self) -> list[Part]:
         """Between two arcs that cut off the same corner."""
@@ -95,7 +102,7 @@ class _Cutter:
         outer, far = self._from_tail(corner, place), self._from_head(_previous(corner), place)
         a, b, c, d = (self._at(x) for x in (outer - 1, outer, far, far + 1))
         held = self.before[outer]
-        return [_part((a, b, c), corner, held), _part((a, c, d), corner, held)]
+        return [((a, b, c), corner, held), ((a, c, d), corner, held)]
 
     def _outermost(self, corner: NDArray) -> tuple[NDArray, NDArray]:
         """Where what is left of a face arrives at and leaves a corner: the last arc's ends, or the corner."""
@@ -116,9 +123,9 @@ class _Cutter:
             cut = self.cut[corner]
             x = np.where(cut > 0, self._from_tail(corner, cut - 1), -1)
             input_face = np.where(cut > 0, self.beyond[x], input_face)
-        whole = _part(tuple(arriving), 3 * face, input_face)
-        ears = [(arriving[k], leaving[k], arriving[(k + 1) % 3]) for k in range(3)]
-        return [whole, *(_present(_part(ear, 3 * face, input_face)) for ear in ears)]
+        a, b, c = arriving
+        ears = [(a, leaving[0], b), (b, leaving[1], c), (c, leaving[2], a)]
+        return [((a, b, c), 3 * face, input_face), *(_present((ear, 3 * face, input_face)) for ear in ears)]
 
     def _fan_corners(self) -> tuple[NDArray, NDArray, NDArray]:
         """Corners that arcs leave, how many, and the place of the first on the opposite side."""
@@ -132,8 +139,8 @@ class _Cutter:
         x = self._from_tail(_following(corner), first)
         held = self.before[x]
         middle = np.where(leaving >= 0, leaving, arriving)
-        ear = _part((corner, arriving, leaving), corner, held)
-        return [_present(ear), _part((corner, middle, self._at(x)), corner, held)]
+        ear = (corner, arriving, leaving), corner, held
+        return [_present(ear), ((corner, middle, self._at(x)), corner, held)]
 
     def fan_inner(self) -> Part:
         """Between two arcs that leave the same corner."""
@@ -142,7 +149,7 @@ class _Cutter:
         place = 1 + np.arange(more.sum()) - np.repeat(np.cumsum(more) - more, more)
         corner, first = np.repeat(corner, more), np.repeat(first, more)
         x = self._from_tail(_following(corner), first + place)
-        return _part((corner, self._at(x - 1), self._at(x)), corner, self.before[x])
+        return (corner, self._at(x - 1), self._at(x)), corner, self.before[x]
 
     def fan_lasts(self) -> list[Part]:
         """Between the last arc and the side that arrives at the corner."""
@@ -150,19 +157,15 @@ class _Cutter:
         arriving, leaving = self._outermost(_previous(corner))
         x = self._from_tail(_following(corner), first + count - 1)
         held = self.beyond[x]
-        ear = _part((corner, arriving, leaving), corner, held)
-        return [_part((corner, self._at(x), arriving), corner, held), _present(ear)]
-
-
-def _part(corners: tuple[NDArray, ...], corner: NDArray, input_face: NDArray) -> Part:
-    return np.stack(corners, axis=1), corner // 3, input_face
+        ear = (corner, arriving, leaving), corner, held
+        return [((corner, self._at(x), arriving), corner, held), _present(ear)]
 
 
 def _present(part: Part) -> Part:
     """The triangles that no corner is missing from (-1)."""
-    triangles, face, input_face = part
-    there = np.flatnonzero(triangles.min(axis=1) >= 0)
-    return triangles[there], face[there], input_face[there]
+    (a, b, c), corner, input_face = part
+    there = np.flatnonzero((b >= 0) & (c >= 0))
+    return (a[there], b[there], c[there]), corner[there], input_face[there]
 
 
 def _following(corner: NDArray) -> NDArray:

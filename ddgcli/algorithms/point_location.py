@@ -152,10 +152,11 @@ def _depth(point: NDArray, corner: NDArray) -> NDArray[np.float64]:
 def _share(point: NDArray, corner: NDArray) -> NDArray[np.float64]:
     """(k, 3) coordinates of points in triangles, both given by barycentric coordinates; not negative.
 
-    Solved twice: what rounding leaves over in a thin triangle is solved for again.
+    Measured from the nearest corner, and solved twice: what rounding leaves over in a thin triangle is solved
+    for again.
     """
     z, p = corner[..., 0] + 1j * corner[..., 1], point[:, 0] + 1j * point[:, 1]
-    share = np.full(point.shape, 1 / 3)
+    share = np.eye(3)[np.abs(z - p[:, None]).argmin(axis=1)]
     for _ in range(2):
         left = p - (share * z).sum(axis=1)
         e, f = z[:, 1] - z[:, 0], z[:, 2] - z[:, 0]

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.algorithms.circumcentres import LEAST_SHARE, triangle_share
-from ddgcli.algorithms.common_subdivision import sides_between
+from ddgcli.algorithms.common_subdivision import SideTable
 from ddgcli.algorithms.flips import SideArrays
 from ddgcli.algorithms.gluing import around
 from ddgcli.algorithms.steiner_base import SteinerPoints
@@ -69,6 +70,11 @@ class Places:
         self.edge = np.full(n, -1, dtype=np.int64)  # input side of boundary Steiner points
         self.edge_share = np.zeros(n)
 
+    @cached_property
+    def sides(self) -> SideTable:
+        """The input's sides by their ends."""
+        return SideTable(self.mesh)
+
     @property
     def n_steiner(self) -> int:
         return len(self.face) - self.mesh.n_vertices
@@ -111,7 +117,7 @@ class Places:
         tail, head = state.tail[side], state.tail[around(side)[1]]
         edge = np.where(self.edge[tail] >= 0, self.edge[tail], self.edge[head])
         whole = np.flatnonzero(edge < 0)  # both ends are input vertices
-        edge[whole] = sides_between(self.mesh, tail[whole], head[whole])
+        edge[whole] = self.sides.between(tail[whole], head[whole])
         low = np.where(self.edge[tail] >= 0, self.edge_share[tail], 0.0)
         high = np.where(self.edge[head] >= 0, self.edge_share[head], 1.0)
         return edge, low + share * (high - low)

@@ -113,7 +113,13 @@ def _blocks(side_length: NDArray) -> Iterator[tuple[slice, NDArray, list[NDArray
 
 def excess(a: NDArray, b: NDArray, c: NDArray) -> NDArray:
     """max(b + c - a, 0) in the sides' own precision, without loss of relative precision where it cancels."""
+    result = signed_excess(a, b, c)
+    return np.maximum(result, 0.0, out=result)
+
+
+def signed_excess(a: NDArray, b: NDArray, c: NDArray) -> NDArray:
+    """b + c - a, negative where the triangle inequality fails; the close numbers are subtracted first."""
     result = np.maximum(b, c)
     result -= a
     result += np.minimum(b, c)
-    return np.maximum(result, 0.0, out=result)
+    return result

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.errors import MeshError
-from ddgcli.geometry.intrinsic import excess
+from ddgcli.geometry.intrinsic import signed_excess
 from ddgcli.mesh.intrinsic_mesh import IntrinsicMesh
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 
@@ -48,12 +48,12 @@ class Mollified:
 def mollified(length: NDArray, side_edge: NDArray) -> Mollified:
     """Lengths grown as little as gives every triangle an inside.
 
-    A face whose sides satisfy the triangle inequality with no more than rounding to spare has its three edges
-    lengthened by the same amount: a cap (three corners on a line) until four digits of its height are known,
-    by about 1e-12 of its sides; a needle without a width until its angle is the square root of a rounding,
-    1e-8, so that lengths and cotangents both keep half of their digits. Neighbours that this would cost more
-    than half of their own excess follow. Where nothing is degenerate nothing changes. After N. Sharp,
-    K. Crane, "A Laplacian for nonmanifold triangle meshes", 2020, who lengthen every edge alike.
+    A face whose sides break the triangle inequality, or hold it with mere rounding to spare, has its three
+    edges lengthened by the same amount: a cap (three corners on a line) until four digits of its height are
+    known, by about 1e-12 of its sides; a needle without a width until its angle is the square root of a
+    rounding, 1e-8, so that lengths and cotangents both keep half of their digits. Neighbours that this would
+    cost more than half of their own excess follow. Where nothing is degenerate nothing changes. After
+    N. Sharp, K. Crane, "A Laplacian for nonmanifold triangle meshes", 2020, who lengthen every edge alike.
 
     Parameters
     ----------
@@ -95,7 +95,8 @@ def mollified_mesh(mesh: TriangleMesh | IntrinsicMesh) -> tuple[TriangleMesh | I
 def _excesses(length: NDArray) -> NDArray:
     """(m, 3) differences between two sides' sum and the third, least first."""
     a, b, c = length.T
-    return np.sort(np.stack([excess(a, b, c), excess(b, c, a), excess(c, a, b)], axis=1), axis=1)
+    excess = [signed_excess(a, b, c), signed_excess(b, c, a), signed_excess(c, a, b)]
+    return np.sort(np.stack(excess, axis=1), axis=1)
 
 
 def _mended_excess(length: NDArray, size: NDArray, unit: float) -> NDArray:
@@ -103,10 +104,10 @@ def _mended_excess(length: NDArray, size: NDArray, unit: float) -> NDArray:
 
     The product of the two lesser excesses, over the size squared, is about the least angle squared.
     """
-    least, middle, _ = _excesses(length).T
+    least, middle, _ = np.maximum(_excesses(length), 0.0).T
     narrow = np.sqrt(unit) * size
     added = 2.0 * narrow / (middle / narrow + np.sqrt((middle / narrow) ** 2 + 4.0))
-    return np.maximum(SPARE * unit * size, least + added)
+    return np.maximum(SPARE * unit * size, np.maximum(least, 0.0) + added)
 
 
 def _lengthened(edge_length: NDArray, side_edge: NDArray, wanted: NDArray) -> NDArray:
@@ -117,11 +118,13 @@ def _lengthened(edge_length: NDArray, side_edge: NDArray, wanted: NDArray) -> ND
     edge_length = edge_length.copy()
     for _ in range(MAX_ROUNDS):
         missing = wanted - _excesses(edge_length[side_edge])[:, 0]
+        # a little more than is missing, so that rounding does not ask for another round
+        missing[missing > 0] += 0.01 * wanted[missing > 0]
         short = np.flatnonzero(missing > 0)
         if len(short) == 0:
             return edge_length
         more = np.zeros_like(edge_length)
-        # a little more than is missing, so that rounding does not ask for another round
-        np.maximum.at(more, side_edge[short].ravel(), np.repeat(1.01 * missing[short], 3))
+        np.maximum.at(more, side_edge[short].ravel(), np.repeat(missing[short], 3))
         edge_length += more
-    return edge_length + missing.max()
+    missing = wanted - _excesses(edge_length[side_edge])[:, 0]
+    return edge_length + max(missing.max() + 0.01 * wanted.max(), 0.0)

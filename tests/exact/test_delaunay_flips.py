@@ -1,5 +1,7 @@
 """The intrinsic Delaunay triangulation: what must hold after flips, against scipy and libigl."""
 
+import hypothesis
+import hypothesis.strategies as st
 import numpy as np
 import pytest
 
@@ -154,6 +156,22 @@ def test_refusals_name_the_place():
     wrong = IntrinsicMesh(Topology(np.array([[0, 1, 2]]), 3), np.array([[1.0, np.nan, 1.0]]))
     with pytest.raises(MeshError, match="face 0"):
         flip_to_delaunay(wrong)
+
+
+@hypothesis.settings(max_examples=40, deadline=None)
+@hypothesis.given(seed=st.integers(0, 2**32 - 1), spread=st.floats(0.0, 8.0), none=st.floats(0.0, 0.1))
+def test_any_lengths_end_in_lengths(seed, spread, none):
+    """Lengths drawn at random break the triangle inequality nearly everywhere, or are zero."""
+    rng = np.random.default_rng(seed)
+    topology = shapes.icosphere(1).topology
+    edge = np.exp(spread * rng.normal(size=topology.n_edges)) * (rng.random(topology.n_edges) >= none)
+    edge[topology.side_edge[0]] = edge.max() or 1.0  # one face with an area
+    flipped = flip_to_delaunay(IntrinsicMesh(topology, edge[topology.side_edge]))
+    length = flipped.mesh.side_length
+    assert np.isfinite(length).all() and (length > 0).all()
+    assert non_delaunay_edges(flipped.mesh).sum() == flipped.left
+    assert flipped.mesh.topology.euler_characteristic == 2
+    assert (length[:, [1, 2, 0]] + length[:, [2, 0, 1]] >= length * (1 - 1e-15)).all()
 
 
 def test_flat_triangles_are_mollified_and_told(caplog):
