@@ -16,10 +16,12 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_array
 
 from ddgcli.algorithms.geodesic_sources import Sources, checked_sources, face_frame
-from ddgcli.algorithms.window_tables import BOUNDARY, WindowTables, window_tables
+from ddgcli.algorithms.window_tables import BOUNDARY, SideTables, side_tables
+from ddgcli.errors import MeshError
 from ddgcli.operators.laplacian import SurfaceMesh
 
 MOST_UNFOLDINGS = 30
+BUCKET = 1.5  # mean sides settled together
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,39 +67,44 @@ class MarchedDistance:
 
 
 def marching_stencils(mesh: SurfaceMesh) -> Stencils:
-    """Stencils of a surface: one for each acute corner, two for each obtuse one."""
-    tables = window_tables(mesh)
+    """Stencils of a surface: one for each acute corner, two for each obtuse one.
+
+    They are those of the intrinsic Delaunay triangulation where there is one: less obtuse and shorter, so
+    that few unfoldings are left and the error falls. On other surfaces (three faces on an edge, mixed
+    orientation) those of the mesh as it is.
+    """
+    tables = side_tables(_delaunay_if_surface(mesh))
     length, x, y, left, right = tables.shape.T
-    ids = tables.ids
     obtuse = np.flatnonzero(length**2 > (left**2 + right**2) * (1 + 1e-12))
-    a, b, c = ids[:, 0], ids[:, 1], ids[:, 2]
-    corner = [np.stack([a, b, c], axis=1)]
-    place = [np.stack([length, x, y, left, right], axis=1)]
-    base = np.arange(len(length))
     row, vertex, where = _unfolded(tables, obtuse)
-    if len(row):
-        side = obtuse[row]
-        apex = np.stack([x[side], y[side]], axis=1)
-        for start, end, p, q in (
-            (a[side], vertex, np.zeros_like(where), where),
-            (vertex, b[side], where, np.stack([length[side], np.zeros(len(side))], axis=1)),
-        ):
-            corner.append(np.stack([start, end, c[side]], axis=1))
-            place.append(_stencil_shape(p, q, apex))
-        keep = np.ones(len(length), dtype=bool)
-        keep[side] = False
-        base = np.flatnonzero(keep)
-        corner[0], place[0] = corner[0][base], place[0][base]
-    corners, shape = np.concatenate(corner), np.concatenate(place)
-    sound = (
-        (corners[:, 0] != corners[:, 1]) & (corners[:, 2] != corners[:, 0]) & (corners[:, 2] != corners[:, 1])
+    side = obtuse[row]
+    a, b, c = tables.ids[side, :3].T
+    apex = np.stack([x[side], y[side]], axis=1)
+    zero, end = np.zeros_like(where), np.stack([length[side], np.zeros(len(side))], axis=1)
+    keep = np.ones(len(length), dtype=bool)
+    keep[side] = False
+    corner = np.concatenate(
+        [tables.ids[keep, :3], np.stack([a, vertex, c], axis=1), np.stack([vertex, b, c], axis=1)]
     )
-    corners, shape = corners[sound], shape[sound]
-    k = np.arange(len(corners))
-    user = coo_array(
-        (np.tile(k, 2), (corners[:, :2].T.ravel(), np.tile(k, 2))), shape=(mesh.n_vertices, max(len(k), 1))
-    ).tocsr()
-    return Stencils(corners, shape, user.indptr.astype(np.int64), user.indices.astype(np.int64), tables.scale)
+    shape = np.concatenate(
+        [tables.shape[keep], _stencil_shape(zero, where, apex), _stencil_shape(where, end, apex)]
+    )
+    a, b, c = corner.T
+    sound = (a != b) & (b != c) & (c != a)
+    if not sound.all():
+        corner, shape = corner[sound], shape[sound]
+    k = np.tile(np.arange(len(corner)), 2)
+    user = coo_array((k, (corner[:, :2].T.ravel(), k)), shape=(mesh.n_vertices, max(len(corner), 1))).tocsr()
+    return Stencils(corner, shape, user.indptr.astype(np.int64), user.indices.astype(np.int64), tables.scale)
+
+
+def _delaunay_if_surface(mesh: SurfaceMesh) -> SurfaceMesh:
+    from ddgcli.algorithms.delaunay import flip_to_delaunay
+
+    try:
+        return flip_to_delaunay(mesh).mesh
+    except MeshError:
+        return mesh
 
 
 def _stencil_shape(p: NDArray, q: NDArray, apex: NDArray) -> NDArray[np.float64]:
@@ -111,7 +118,7 @@ def _stencil_shape(p: NDArray, q: NDArray, apex: NDArray) -> NDArray[np.float64]
     return np.stack([length, x, y, np.hypot(to[:, 0], to[:, 1]), np.hypot(far[:, 0], far[:, 1])], axis=1)
 
 
-def _unfolded(tables: WindowTables, obtuse: NDArray) -> tuple[NDArray, NDArray, NDArray]:
+def _unfolded(tables: SideTables, obtuse: NDArray) -> tuple[NDArray, NDArray, NDArray]:
     """For sides opposite obtuse corners: the vertex beyond that makes two acute halves, and its place.
 
     Returns (row of `obtuse`, vertex, (k, 2) place in the side's frame) where unfolding met one; it stops at
@@ -163,7 +170,7 @@ def _unfolded(tables: WindowTables, obtuse: NDArray) -> tuple[NDArray, NDArray, 
     return rows, vertices, places
 
 
-def _across(tables: WindowTables, side: NDArray) -> tuple[NDArray, NDArray]:
+def _across(tables: SideTables, side: NDArray) -> tuple[NDArray, NDArray]:
     """Side across each side (negative: none, or several), and whether it runs the same way."""
     face, j = np.divmod(side, 3)
     code = tables.ids[3 * face + (j + 1) % 3, 3]
@@ -214,72 +221,88 @@ class _March:
     """Distances so far, and the vertices whose change has not been handed on."""
 
     def __init__(self, stencils: Stencils, n: int, planar: bool) -> None:
-        self.stencils, self.planar = stencils, planar
+        self.stencils, self.wave = stencils, _plane if planar else _circle
         self.distance = np.full(n, np.inf)
         self.source = np.full(n, -1, dtype=np.int64)
         self.told = np.full(n, np.inf)  # the distance that was last handed on
         self.waiting = np.zeros(0, dtype=np.int64)
-        self.bucket = float(stencils.shape[:, 0].mean()) if len(stencils.shape) else 1.0
+        self.bucket = BUCKET * float(stencils.shape[:, 0].mean()) if len(stencils.shape) else 1.0
+        self._place = np.zeros(n, dtype=np.int64)
         self.rounds = self.updates = 0
 
-    def lower(self, vertex: NDArray, value: NDArray, source: NDArray) -> None:
+    def lower(self, vertex: NDArray, value: NDArray, source: NDArray | int) -> None:
         """Lower distances; those that fall by more than rounding wait to be handed on."""
-        better = np.flatnonzero(value < self.distance[vertex] * (1 - 1e-14))
-        vertex, value = vertex[better], value[better]
+        better = (value < self.distance.take(vertex) * (1 - 1e-14)).nonzero()[0]
+        vertex, value = vertex.take(better), value.take(better)
         np.minimum.at(self.distance, vertex, value)
-        won = value == self.distance[vertex]
-        vertex, better = vertex[won], better[won]
-        self.source[vertex] = source[better]
+        won = (value == self.distance.take(vertex)).nonzero()[0]
+        vertex = vertex.take(won)
+        self.source[vertex] = source.take(better.take(won)) if isinstance(source, np.ndarray) else source
         self.waiting = np.concatenate([self.waiting, vertex])
 
     def run(self) -> None:
         """Hand on, nearest bucket first, until nothing waits."""
+        several = self.source.max(initial=-1) > 0
         while len(self.waiting):
-            value = self.distance[self.waiting]
-            fresh = value < self.told[self.waiting]
-            self.waiting, value = self.waiting[fresh], value[fresh]
-            if not len(value):
+            value = self.distance.take(self.waiting)
+            fresh = (value < self.told.take(self.waiting)).nonzero()[0]
+            if not len(fresh):
                 return
-            bound = max(value.min() + self.bucket, np.nextafter(value.min(), np.inf))
-            now = value < bound
-            vertex = np.unique(self.waiting[now])
+            self.waiting, value = self.waiting.take(fresh), value.take(fresh)
+            least = value.min()
+            now = value < max(least + self.bucket, np.nextafter(least, np.inf))
+            vertex = self._once(self.waiting[now])
             self.waiting = self.waiting[~now]
-            self.told[vertex] = self.distance[vertex]
+            self.told[vertex] = self.distance.take(vertex)
             self.rounds += 1
-            self._hand_on(vertex)
+            self._hand_on(vertex, several)
 
-    def _hand_on(self, vertex: NDArray) -> None:
+    def _once(self, vertex: NDArray) -> NDArray[np.int64]:
+        """The vertices without repetitions."""
+        place = np.arange(len(vertex))
+        self._place[vertex] = place
+        return vertex[self._place.take(vertex) == place]
+
+    def _hand_on(self, vertex: NDArray, several: bool) -> None:
         stencils = self.stencils
-        start, count = stencils.start[vertex], stencils.start[vertex + 1] - stencils.start[vertex]
-        offset = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)
-        k = stencils.at[np.repeat(start, count) + offset]
+        start = stencils.start.take(vertex)
+        count = stencils.start.take(vertex + 1) - start
+        ahead = count.cumsum()
+        k = stencils.at.take(np.arange(ahead[-1]) + (start - ahead + count).repeat(count))
         corner = stencils.corner.take(k, axis=0)
-        length, x, y, left, right = stencils.shape.take(k, axis=0).T
-        da, db = self.distance.take(corner[:, 0]), self.distance.take(corner[:, 1])
-        source_a, source_b = self.source.take(corner[:, 0]), self.source.take(corner[:, 1])
-        by_a, by_b = da + left, db + right
-        source = np.where(by_a <= by_b, source_a, source_b)
-        value = np.minimum(by_a, by_b)
-        wave = self._plane(da, db, length, x, y) if self.planar else self._circle(da, db, length, x, y)
-        wave[source_a != source_b] = np.nan  # fronts of two sources make no common circle
+        da, db, dc = self.distance.take(corner).T
+        may = (dc > np.minimum(da, db)).nonzero()[0]  # others cannot fall
+        corner = corner.take(may, axis=0)
+        da, db = da.take(may), db.take(may)
+        shape = stencils.shape.take(k.take(may), axis=0).T
+        by_a, by_b = da + shape[3], db + shape[4]
+        value, wave = np.minimum(by_a, by_b), self.wave(da, db, *shape[:3])
+        source: NDArray | int = 0
+        if several:
+            source_a, source_b, _ = self.source.take(corner).T
+            source = np.where(by_a <= by_b, source_a, source_b)
+            wave[source_a != source_b] = np.nan  # fronts of two sources make no common circle
         np.fmin(value, wave, out=value)
-        self.updates += len(k)
+        self.updates += len(may)
         self.lower(corner[:, 2], value, source)
 
-    @staticmethod
-    def _circle(da: NDArray, db: NDArray, length: NDArray, x: NDArray, y: NDArray) -> NDArray:
-        """Distance of c from the point below ab at da from a and db from b; nan where its ray misses ab."""
-        sx = 0.5 * (length + (da - db) * ((da + db) / length))
-        depth = np.sqrt((da - sx) * (da + sx))
-        cross = sx + (x - sx) * (depth / (y + depth))
-        value = np.hypot(x - sx, y + depth)
-        return np.where((cross >= 0) & (cross <= length) & (value >= np.maximum(da, db)), value, np.nan)
 
-    @staticmethod
-    def _plane(da: NDArray, db: NDArray, length: NDArray, x: NDArray, y: NDArray) -> NDArray:
-        """Distance of c behind a straight front at a and b; nan where its normal through c misses ab."""
-        along = (db - da) / length
-        across = np.sqrt(1.0 - along * along)
-        cross = x - y * along / across
-        value = da + along * x + across * y
-        return np.where((cross >= 0) & (cross <= length) & (value >= np.maximum(da, db)), value, np.nan)
+def _circle(da: NDArray, db: NDArray, length: NDArray, x: NDArray, y: NDArray) -> NDArray[np.float64]:
+    """Distance of c from the point below ab at da from a and db from b; nan where its ray misses ab."""
+    sx = 0.5 * (length + (da - db) * ((da + db) / length))
+    depth = np.sqrt((da - sx) * (da + sx))
+    run, rise = x - sx, y + depth
+    cross = sx + run * (depth / rise)
+    value = np.sqrt(run * run + rise * rise)
+    value[~((cross >= 0) & (cross <= length) & (value >= da) & (value >= db))] = np.nan
+    return value
+
+
+def _plane(da: NDArray, db: NDArray, length: NDArray, x: NDArray, y: NDArray) -> NDArray[np.float64]:
+    """Distance of c behind a straight front at a and b; nan where its normal through c misses ab."""
+    along = (db - da) / length
+    across = np.sqrt(1.0 - along * along)
+    cross = x - y * along / across
+    value = da + along * x + across * y
+    value[~((cross >= 0) & (cross <= length) & (value >= da) & (value >= db))] = np.nan
+    return value

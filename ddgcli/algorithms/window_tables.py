@@ -28,7 +28,7 @@ FLAT_ANGLE = 2 * np.pi - 1e-9  # at a larger angle a shortest path may pass thro
 
 
 @dataclass(frozen=True, eq=False)
-class WindowTables:
+class SideTables:
     """Constants of the sides, packed by rows for one gather a window.
 
     Parameters
@@ -41,14 +41,8 @@ class WindowTables:
         True where the side across runs the same way (faces of opposite orientation); None where none does.
     edge_sides : tuple of two ndarrays and (3m,) ndarray, or None
         (start, sides) of each edge and the edge of each side, when some edge has three faces or more.
-    bends : (n,) ndarray of bool
-        Vertices that a shortest path may pass through: saddles, boundary, non-manifold, degenerate.
-    angle, turn : (3m,) ndarrays of float64
-        Angle at the apex of each side, and where it begins around the apex (counter-clockwise; nan: unknown).
-    total_angle : (n,) ndarray of float64
-        Angle around each vertex, inf where the faces around it leave a gap.
-    around_start, around : ndarrays of int64
-        Sides opposite vertex v: around[around_start[v] : around_start[v + 1]].
+    plain : bool
+        Every side has one side across that runs the other way, or none.
     scale : float
         A power of two; true length = scale * length here.
     """
@@ -57,17 +51,8 @@ class WindowTables:
     ids: NDArray[np.int64]
     mirrored: NDArray[np.bool_] | None
     edge_sides: tuple[NDArray, NDArray, NDArray, NDArray] | None
-    bends: NDArray[np.bool_]
-    angle: NDArray[np.float64]
-    turn: NDArray[np.float64]
-    total_angle: NDArray[np.float64]
-    around_start: NDArray[np.int64]
-    around: NDArray[np.int64]
+    plain: bool
     scale: float
-
-    @property
-    def n_vertices(self) -> int:
-        return len(self.bends)
 
     def across(self, side: int) -> list[tuple[int, bool]]:
         """Sides across `side`, each with whether it runs the same way."""
@@ -94,40 +79,73 @@ class WindowTables:
         return row, found, sign[found] == sign[sides[row]]
 
 
-def window_tables(mesh: SurfaceMesh) -> WindowTables:
-    """The tables of a surface of any topology: open, non-manifold, not oriented, with degenerate faces."""
+@dataclass(frozen=True, eq=False)
+class WindowTables(SideTables):
+    """What windows need beside the sides: the vertices that paths bend around, and the angles there.
+
+    Parameters
+    ----------
+    bends : (n,) ndarray of bool
+        Vertices that a shortest path may pass through: saddles, boundary, non-manifold, degenerate.
+    angle, turn : (3m,) ndarrays of float64
+        Angle at the apex of each side, and where it begins around the apex (counter-clockwise; nan: unknown).
+    total_angle : (n,) ndarray of float64
+        Angle around each vertex, inf where the faces around it leave a gap.
+    around_start, around : ndarrays of int64
+        Sides opposite vertex v: around[around_start[v] : around_start[v + 1]].
+    """
+
+    bends: NDArray[np.bool_]
+    angle: NDArray[np.float64]
+    turn: NDArray[np.float64]
+    total_angle: NDArray[np.float64]
+    around_start: NDArray[np.int64]
+    around: NDArray[np.int64]
+
+    @property
+    def n_vertices(self) -> int:
+        return len(self.bends)
+
+
+def side_tables(mesh: SurfaceMesh) -> SideTables:
+    """Shapes and neighbours of the sides, on any surface: open, non-manifold, not oriented, degenerate."""
     topology = mesh.topology
     longest = float(mesh.side_length.max(initial=0.0))
     scale = 2.0 ** np.frexp(longest)[1] if longest > 0 else 1.0
     shape = _side_shapes(mesh, scale)
     code, mirrored, edge_sides = _sides_across(topology)
-    ids = np.empty((3 * topology.n_faces, 5), dtype=np.int64)
     faces = topology.faces
-    ids[:, 0] = faces.ravel()
-    ids[:, 1] = faces[:, NEXT].ravel()
-    ids[:, 2] = faces[:, PREVIOUS].ravel()
-    ids[:, 3] = code[:, PREVIOUS].ravel()
-    ids[:, 4] = code[:, NEXT].ravel()
-    n = mesh.n_vertices
+    ids = np.empty((len(shape), 5), dtype=np.int64)
+    columns = faces, faces[:, NEXT], faces[:, PREVIOUS], code[:, PREVIOUS], code[:, NEXT]
+    for number, column in enumerate(columns):
+        ids[:, number] = column.ravel()
+    return SideTables(shape, ids, mirrored, edge_sides, code is topology.side_twin, scale)
+
+
+def window_tables(mesh: SurfaceMesh) -> WindowTables:
+    """The tables of a surface of any topology."""
+    sides, topology, n = side_tables(mesh), mesh.topology, mesh.n_vertices
+    shape, ids = sides.shape, sides.ids
     angle = corner_angle(shape[:, 0].reshape(-1, 3))
     bends, blunt = _bends(topology, shape, angle)
     turn, total = np.full(angle.shape, np.nan), np.full(n, np.inf)
-    if code is topology.side_twin:
+    if sides.plain:
         turn, total = corner_turns(topology, angle, np.flatnonzero(bends & ~blunt))
     corner = np.arange(len(ids))
     around = coo_array((corner, (ids[:, 2], corner)), shape=(n, max(len(ids), 1))).tocsr()
     return WindowTables(
         shape,
         ids,
-        mirrored,
-        edge_sides,
+        sides.mirrored,
+        sides.edge_sides,
+        sides.plain,
+        sides.scale,
         bends,
         angle[:, PREVIOUS].ravel(),
         turn[:, PREVIOUS].ravel(),
         total,
         around.indptr.astype(np.int64),
         around.data.astype(np.int64),
-        scale,
     )
 
 
