@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.algorithms.paths import SurfacePaths, describe_paths, joints
-from ddgcli.algorithms.trace import GAVE_UP, STATUS_TEXT, Tracer
+from ddgcli.algorithms.trace import GAVE_UP, STATUS_TEXT, Told, Tracer
 from ddgcli.geometry.face_frames import to_space
 from ddgcli.geometry.surface_points import SurfacePoints
 from ddgcli.geometry.unfolding import SurfaceMesh
@@ -72,12 +72,15 @@ def traced_curves(
     length: NDArray,
     *,
     at_boundary: str = "stop",
+    told: Told | None = None,
 ) -> Curves:
     """Straightest geodesics as curves; `accuracy.trace_angle_defect` is measured on the points that come out.
 
     Parameters are those of `ddgcli.algorithms.trace.trace`.
     """
-    lines = Tracer(mesh).trace(face, barycentric, direction, length, at_boundary=at_boundary, record=True)
+    lines = Tracer(mesh).trace(
+        face, barycentric, direction, length, at_boundary=at_boundary, record=True, told=told
+    )
     paths = SurfacePaths.of_traces(lines)
     kinds: list[dict[str, Any]] = []
     for i, status in enumerate(lines.status):

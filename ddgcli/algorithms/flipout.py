@@ -25,6 +25,7 @@ from ddgcli.mesh.topology import NEXT
 
 _log = logging.getLogger("ddgcli")
 STRAIGHT = 1e-10  # an angle this close below pi counts as straight
+MOST_STEPS = 1_000_000  # joints looked at, and flips, in one path before it is left as it is
 
 
 @dataclass
@@ -74,10 +75,12 @@ class PathStraightener:
         if angle < pi - STRAIGHT:
             heapq.heappush(self.queue, (angle, i, self.nodes[i].after))
 
-    def straighten(self, max_flips: int = 1_000_000) -> bool:
+    def straighten(self) -> bool:
         """Shorten until all angles are at least pi; False when it could not finish."""
         blocked: list[int] = []
-        while self.queue and self.flips < max_flips:
+        steps = 0
+        while self.queue and max(self.flips, steps) < MOST_STEPS:
+            steps += 1
             _, i, j = heapq.heappop(self.queue)
             if not (self.nodes[i].alive and self.nodes[j].alive and self.nodes[i].after == j):
                 continue
@@ -103,6 +106,9 @@ class PathStraightener:
         if not self._flip_out(wedge):
             return False
         rim = [mesh.next[h] for h in wedge[:-1]]
+        through = sum(mesh.length[self.nodes[k].halfedge] for k in {i, self.nodes[i].after})
+        if sum(mesh.length[h] for h in rim) > through * (1 + 1e-9):  # cannot be; it would go on for ever
+            return False
         self._replace(i, [mesh.twin[h] for h in reversed(rim)] if on_left else rim)
         return True
 
@@ -133,13 +139,14 @@ class PathStraightener:
                 k += 1
                 continue
             h = wedge[k]
-            if self.uses.get(mesh.edge(h), 0) or not mesh.can_flip(h):
+            if self.uses.get(mesh.edge(h), 0) or not mesh.can_flip(h) or self.flips >= MOST_STEPS:
                 return False
-            both_ends = mesh.tail[h] == mesh.tail[mesh.twin[h]]
-            in_rim = any(mesh.edge(mesh.next[spoke]) == mesh.edge(h) for spoke in wedge[:-1])
+            here, t = mesh.tail[h], mesh.twin[h]
+            around = (t, mesh.next[mesh.next[h]], mesh.next[mesh.next[t]])  # may begin at the same vertex
+            meets_itself = here in [mesh.tail[k] for k in around]
             mesh.flip(h)
             self.flips += 1
-            if both_ends or in_rim:  # a wedge that meets itself: the flip changed it elsewhere, too
+            if meets_itself:  # the flip may have changed the wedge elsewhere, too
                 wedge[:] = mesh.wedge(wedge[0], wedge[-1])[0]
                 k = 1
             else:
@@ -185,6 +192,46 @@ class PathStraightener:
         return out
 
 
+class Straightener:
+    """A mesh made ready for pulling paths straight, for many calls on the same mesh.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh or IntrinsicMesh
+        Consistently oriented.
+    """
+
+    def __init__(self, mesh: SurfaceMesh) -> None:
+        self.mesh, self.tracer, self.graph = mesh, Tracer(mesh), EdgeGraph(mesh)
+        self.flipping = FlippingMesh(self.tracer)
+
+    def curves(self, waypoints: list[list[int]], closed: list[bool]) -> Curves:
+        """As the function `straightened_curves`."""
+        mesh, flipping = self.mesh, self.flipping
+        parts, kinds, done = [], [], True
+        for stops, is_closed in zip(waypoints, closed, strict=True):
+            sides = edge_path(self.graph, stops, is_closed)
+            flipping.rewind()
+            before = sum(flipping.length[h] for h in sides)
+            path = PathStraightener(flipping, sides, is_closed)
+            finished = path.straighten()
+            done &= finished
+            if not finished:
+                _log.warning(f"the path through {stops[:5]} could not be pulled straight everywhere")
+            parts.append(laid_on_input(self.tracer, flipping, path.halfedges(), is_closed))
+            kind = {
+                "kind": "loop" if is_closed else "straightened",
+                "way_points": list(stops),
+                "flips": path.flips,
+            }
+            kinds.append(kind | {"edge_path_length": before})
+        paths = SurfacePaths.joined(parts)
+        joint = joints(mesh, paths, shortest=1e-6)
+        sharpest = float(np.nanmin(np.concatenate([joint.left, joint.right]), initial=np.pi))
+        accuracy = {"path_angle_deficit": np.pi - sharpest}
+        return Curves(paths, describe_paths(mesh, paths, kinds), accuracy, done)
+
+
 def straightened_curves(mesh: SurfaceMesh, waypoints: list[list[int]], closed: list[bool]) -> Curves:
     """Geodesics in the isotopy classes of edge paths and closed edge loops through way-points.
 
@@ -202,30 +249,7 @@ def straightened_curves(mesh: SurfaceMesh, waypoints: list[list[int]], closed: l
         Locally shortest, not always shortest. A loop that contracts to a point has no points and length 0.
         `accuracy.path_angle_deficit` is how far an angle beside the curves falls below pi at most.
     """
-    tracer, graph = Tracer(mesh), EdgeGraph(mesh)
-    flipping = FlippingMesh(tracer)
-    parts, kinds, done = [], [], True
-    for stops, is_closed in zip(waypoints, closed, strict=True):
-        sides = edge_path(graph, stops, is_closed)
-        flipping.rewind()
-        before = sum(flipping.length[h] for h in sides)
-        path = PathStraightener(flipping, sides, is_closed)
-        finished = path.straighten()
-        done &= finished
-        if not finished:
-            _log.warning(f"the path through {stops[:5]} could not be pulled straight everywhere")
-        parts.append(laid_on_input(tracer, flipping, path.halfedges(), is_closed))
-        kind = {
-            "kind": "loop" if is_closed else "straightened",
-            "way_points": list(stops),
-            "flips": path.flips,
-        }
-        kinds.append(kind | {"edge_path_length": before})
-    paths = SurfacePaths.joined(parts)
-    joint = joints(mesh, paths, shortest=1e-6)
-    sharpest = float(np.nanmin(np.concatenate([joint.left, joint.right]), initial=np.pi))
-    accuracy = {"path_angle_deficit": np.pi - sharpest}
-    return Curves(paths, describe_paths(mesh, paths, kinds), accuracy, done)
+    return Straightener(mesh).curves(waypoints, closed)
 
 
 def laid_on_input(tracer: Tracer, flipping: FlippingMesh, halfedges: list[int], closed: bool) -> SurfacePaths:

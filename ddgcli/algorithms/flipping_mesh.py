@@ -2,26 +2,39 @@
 
 from __future__ import annotations
 
-from math import atan2, cos, hypot, inf, sin
+from math import atan2, cos, hypot, inf, sin, sqrt
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ddgcli.algorithms.trace import Tracer
 from ddgcli.errors import MeshError, ParameterError
 from ddgcli.geometry.unfolding import SurfaceMesh
 
 
+class Local(dict[int, Any]):
+    """An array of which single entries change: those that were looked at, as plain numbers."""
+
+    def __init__(self, original: NDArray) -> None:
+        self.original = original
+
+    def __missing__(self, k: int) -> Any:
+        value = self[k] = self.original.item(k)
+        return value
+
+
 class FlippingMesh:
     """A triangulation that changes by flips, with the direction and length of every halfedge on the input.
 
-    Halfedges 0..3m-1 are the sides; beside each boundary side lies one more, without a face. Lists, not
-    arrays: the walk is sequential, and plain numbers are what it reads.
+    Halfedges 0..3m-1 are the sides; beside each boundary side lies one more, without a face. The walk is
+    sequential and stays near the path: it reads plain numbers, and only those near the path are made.
 
     Attributes
     ----------
-    next, twin, tail, fan : list of int
+    next, twin, tail, fan : Local of int
         `next` is -1 outside the surface; `fan` names the fan of corners at the tail.
-    length, angle, post : list of float
+    length, angle, post : Local of float
         Length; corner angle at the tail; direction at the tail, as an angle in its fan (a signpost).
     """
 
@@ -37,22 +50,19 @@ class FlippingMesh:
         at_end = fans.angle_before[head] + fans.corner_angle[head]
         length = mesh.side_length.ravel()
         self.sides = m
-        self.next = following.tolist() + [-1] * len(rim)
-        self.twin = np.concatenate([twin, rim]).tolist()
-        self.tail = np.concatenate([mesh.topology.side_tail, mesh.topology.side_tail[head]]).tolist()
-        self.fan = np.concatenate([fans.fan, fans.fan[head]]).tolist()
-        self.length = np.concatenate([length, length[rim]]).tolist()
-        self.angle = np.concatenate([fans.corner_angle, np.full(len(rim), inf)]).tolist()
-        self.post = np.concatenate([fans.angle_before, at_end]).tolist()
+        self.next = Local(np.concatenate([following, np.full(len(rim), -1)]))
+        self.twin = Local(np.concatenate([twin, rim]))
+        self.tail = Local(np.concatenate([mesh.topology.side_tail, mesh.topology.side_tail[head]]))
+        self.fan = Local(np.concatenate([fans.fan, fans.fan[head]]))
+        self.length = Local(np.concatenate([length, length[rim]]))
+        self.angle = Local(np.concatenate([fans.corner_angle, np.full(len(rim), inf)]))
+        self.post = Local(np.concatenate([fans.angle_before, at_end]))
         self.flipped: set[int] = set()
-        self._journal: list[tuple[int, int, int, int, float, float, float]] = []
 
     def rewind(self) -> None:
         """Undo all flips."""
-        for h, following, tail, fan, length, angle, post in reversed(self._journal):
-            self.next[h], self.tail[h], self.fan[h] = following, tail, fan
-            self.length[h], self.angle[h], self.post[h] = length, angle, post
-        self._journal.clear()
+        for local in (self.next, self.tail, self.fan, self.length, self.angle, self.post):
+            local.clear()
         self.flipped.clear()
 
     def edge(self, h: int) -> int:
@@ -82,39 +92,42 @@ class FlippingMesh:
 
     def flip(self, h: int) -> None:
         """Turn the edge of h; the two triangles must form a convex quadrilateral."""
+        following, tail, fan = self.next, self.tail, self.fan
+        length, angle, post = self.length, self.angle, self.post
         t = self.twin[h]
-        h1, t1 = self.next[h], self.next[t]  # b -> c, a -> d
-        h2, t2 = self.next[h1], self.next[t1]  # c -> a, d -> b
-        for k in (h, t, h1, h2, t1, t2):
-            kept = (self.next[k], self.tail[k], self.fan[k], self.length[k], self.angle[k], self.post[k])
-            self._journal.append((k, *kept))
-        apex = self.length[h2] * cos(self.angle[h]), self.length[h2] * sin(self.angle[h])
-        below = self.length[t1] * cos(self.angle[t1]), -self.length[t1] * sin(self.angle[t1])
-        self.length[h] = self.length[t] = hypot(apex[0] - below[0], apex[1] - below[1])
-        self.tail[h], self.tail[t] = self.tail[t2], self.tail[h2]
-        self.fan[h], self.fan[t] = self.fan[t2], self.fan[h2]
-        self.next[h], self.next[h2], self.next[t1] = h2, t1, h  # d -> c -> a
-        self.next[t], self.next[t2], self.next[h1] = t2, h1, t  # c -> d -> b
-        for a, b, c in ((h, h2, t1), (t, t2, h1)):
-            self._set_angles(a, b, c)
-        self.post[h] = self.post[t2] + self.angle[t2]
-        self.post[t] = self.post[h2] + self.angle[h2]
-        self.flipped.add(min(h, t))
-
-    def _set_angles(self, a: int, b: int, c: int) -> None:
-        """Angles of the triangle of halfedges a, b, c from their lengths."""
-        for one, opposite, before in ((a, b, c), (b, c, a), (c, a, b)):
-            self.angle[one] = _angle(self.length[one], self.length[before], self.length[opposite])
+        h1, t1 = following[h], following[t]  # b -> c, a -> d
+        h2, t2 = following[h1], following[t1]  # c -> a, d -> b
+        above, below = angle[h], angle[t1]
+        bc, ca, ad, db = length[h1], length[h2], length[t1], length[t2]
+        dc = hypot(ca * cos(above) - ad * cos(below), ca * sin(above) + ad * sin(below))
+        length[h] = length[t] = dc
+        tail[h], tail[t] = tail[t2], tail[h2]
+        fan[h], fan[t] = fan[t2], fan[h2]
+        following[h], following[h2], following[t1] = h2, t1, h  # d -> c -> a
+        following[t], following[t2], following[h1] = t2, h1, t  # c -> d -> b
+        angle[h], angle[h2], angle[t1] = _angles(dc, ca, ad)
+        angle[t], angle[t2], angle[h1] = _angles(dc, db, bc)
+        post[h] = post[t2] + angle[t2]
+        post[t] = post[h2] + angle[h2]
+        self.flipped.add(h if h < t else t)
 
 
-def _angle(x: float, y: float, opposite: float) -> float:
-    """Angle between sides x and y, from three lengths; differences between sorted numbers, after Kahan."""
-    large, small = (x, y) if x > y else (y, x)
-    gap = large - small
-    below = small - (opposite - large) if opposite > large else small + (large - opposite)
-    up = max(opposite + gap, 0.0) * max(opposite - gap, 0.0)
-    down = (large + (small + opposite)) * max(below, 0.0)
-    return 2.0 * atan2(up**0.5, down**0.5)
+def _angles(x: float, y: float, z: float) -> tuple[float, float, float]:
+    """Angles between the sides z and x, x and y, y and z, by half-angle formulas.
+
+    The larger of two sides is taken first from the third, which is exact where it matters (Kahan).
+    """
+    without_x = (y - x) + z if y > z else (z - x) + y
+    without_y = (x - y) + z if x > z else (z - y) + x
+    without_z = (x - z) + y if x > y else (y - z) + x
+    if without_x <= 0.0 or without_y <= 0.0 or without_z <= 0.0:  # no area
+        without_x, without_y, without_z = max(without_x, 0.0), max(without_y, 0.0), max(without_z, 0.0)
+    whole = x + y + z
+    return (
+        2.0 * atan2(sqrt(without_z * without_x), sqrt(whole * without_y)),
+        2.0 * atan2(sqrt(without_x * without_y), sqrt(whole * without_z)),
+        2.0 * atan2(sqrt(without_y * without_z), sqrt(whole * without_x)),
+    )
 
 
 class EdgeGraph:
@@ -129,7 +142,9 @@ class EdgeGraph:
         head = np.concatenate([topology.side_head, topology.side_tail[rim]])
         length = np.concatenate([mesh.side_length.ravel(), mesh.side_length.ravel()[rim]])
         key = tail * n + head
-        order = np.lexsort((length, key))
+        order = np.argsort(key, kind="stable")
+        if (np.diff(key[order]) == 0).any():  # several edges between two vertices
+            order = np.lexsort((length, key))
         key = key[order]
         first = np.concatenate([[True], key[1:] != key[:-1]])
         self.key, self.side = key[first], order[first]

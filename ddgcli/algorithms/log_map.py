@@ -17,7 +17,7 @@ from ddgcli.algorithms.geodesic_exact import ExactDistance
 from ddgcli.algorithms.geodesic_sources import Sources
 from ddgcli.algorithms.paths import SurfacePaths, seen_from, segment_vectors
 from ddgcli.algorithms.shortest_paths import shortest_paths, trace_back
-from ddgcli.algorithms.trace import Tracer
+from ddgcli.algorithms.trace import Told, Tracer
 from ddgcli.errors import ParameterError
 from ddgcli.geometry.face_frames import planar_difference
 from ddgcli.geometry.unfolding import SurfaceMesh
@@ -120,7 +120,7 @@ def _turn(e: NDArray, d: NDArray) -> NDArray[np.float64]:
     return np.arctan2(e[:, 0] * d[:, 1] - e[:, 1] * d[:, 0], e[:, 0] * d[:, 0] + e[:, 1] * d[:, 1])
 
 
-def log_map(mesh: SurfaceMesh, exact: ExactDistance, sources: Sources) -> LogMap:
+def log_map(mesh: SurfaceMesh, exact: ExactDistance, sources: Sources, told: Told | None = None) -> LogMap:
     """Logarithmic map of one source at all vertices.
 
     Parameters
@@ -131,6 +131,8 @@ def log_map(mesh: SurfaceMesh, exact: ExactDistance, sources: Sources) -> LogMap
         Of that source on this mesh.
     sources : Sources
         One vertex or surface point.
+    told : callable, optional
+        `told(done, total)` hears how much of the length of all paths has been walked.
 
     Returns
     -------
@@ -142,7 +144,7 @@ def log_map(mesh: SurfaceMesh, exact: ExactDistance, sources: Sources) -> LogMap
     reached = np.isfinite(exact.distance) & (exact.distance > 0)
     from_source = exact.origin_vertex == centre.vertex if centre.vertex >= 0 else exact.origin_vertex < 0
     miss = _walked_angles(
-        tracer, centre, exact, np.flatnonzero(reached & from_source & (exact.side >= 0)), angle
+        tracer, centre, exact, np.flatnonzero(reached & from_source & (exact.side >= 0)), angle, told
     )
     _adjacent_angles(tracer, centre, np.flatnonzero(reached & from_source & (exact.side < 0)), angle)
     for _ in range(mesh.n_vertices):  # beyond a bend: the direction of the path to the bend
@@ -164,7 +166,12 @@ def log_map(mesh: SurfaceMesh, exact: ExactDistance, sources: Sources) -> LogMap
 
 
 def _walked_angles(
-    tracer: Tracer, centre: _Centre, exact: ExactDistance, vertex: NDArray, angle: NDArray
+    tracer: Tracer,
+    centre: _Centre,
+    exact: ExactDistance,
+    vertex: NDArray,
+    angle: NDArray,
+    told: Told | None,
 ) -> float:
     """Angles at which lines walked back arrive (nan where one does not), and by how much they miss."""
     mesh = tracer.mesh
@@ -172,7 +179,8 @@ def _walked_angles(
         return 0.0
     around = ~np.isnan(centre.seen_in(np.arange(mesh.n_faces))[:, 0])
     near = _SHORT * float(mesh.side_length[around].min())
-    lines = trace_back(tracer, exact, vertex, shorten=near)
+    vertex = vertex[np.argsort(exact.distance[vertex], kind="stable")]  # side by side they share faces
+    lines = trace_back(tracer, exact, vertex, shorten=near, told=told)
     seen = centre.seen_in(lines.face)
     rest = planar_difference(tracer.unfolding, lines.face, lines.barycentric, np.nan_to_num(seen))
     size = np.hypot(rest[:, 0], rest[:, 1])

@@ -12,7 +12,7 @@ from ddgcli.algorithms.curves import Curves
 from ddgcli.algorithms.geodesic_exact import ExactDistance
 from ddgcli.algorithms.geodesic_sources import Sources
 from ddgcli.algorithms.paths import SurfacePaths, describe_paths, reversed_paths, seen_from
-from ddgcli.algorithms.trace import Tracer, Traces
+from ddgcli.algorithms.trace import Told, Tracer, Traces
 from ddgcli.errors import ParameterError
 from ddgcli.geometry.face_frames import planar_difference
 from ddgcli.geometry.unfolding import SurfaceMesh
@@ -105,7 +105,12 @@ def _pieces(tracer: Tracer, exact: ExactDistance, sources: Sources, targets: lis
 
 
 def trace_back(
-    tracer: Tracer, exact: ExactDistance, vertex: NDArray, shorten: float = 0.0, record: bool = False
+    tracer: Tracer,
+    exact: ExactDistance,
+    vertex: NDArray,
+    shorten: float = 0.0,
+    record: bool = False,
+    told: Told | None = None,
 ) -> Traces:
     """Lines from vertices with `side` >= 0 back along their shortest paths to the origins of those.
 
@@ -125,7 +130,7 @@ def trace_back(
     direction = planar_difference(tracer.unfolding, face, apex, crossing)
     origin = exact.origin_vertex[vertex]
     length = exact.distance[vertex] - np.where(origin >= 0, exact.distance[origin], 0.0)
-    return tracer.trace(face, apex, direction, np.maximum(length - shorten, 0.0), record=record)
+    return tracer.trace(face, apex, direction, np.maximum(length - shorten, 0.0), record=record, told=told)
 
 
 def _piece_in_face(mesh: SurfaceMesh, exact: ExactDistance, sources: Sources, v: int) -> _Piece:

@@ -7,6 +7,9 @@ Geodesics on Polyhedral Surfaces"). It exists and is unique for every start and 
 
 from __future__ import annotations
 
+import logging
+from collections.abc import Callable
+
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -19,6 +22,11 @@ from ddgcli.geometry.unfolding import Fans, SurfaceMesh, Unfolding, unfold, vert
 __all__ = ["AT_BOUNDARY", "GAVE_UP", "REACHED", "Tracer", "Traces", "check_start", "trace"]
 
 STATUS_TEXT = ("reached", "boundary", "gave up")
+LINES_AT_ONCE = 16_384  # what belongs to so many lines stays in the cache
+TELL_EVERY = 64  # crossings
+
+_log = logging.getLogger("ddgcli")
+Told = Callable[[float, float], None]  # done, of total
 
 
 class Tracer:
@@ -64,21 +72,36 @@ class Tracer:
         at_boundary: str = "stop",
         record: bool = False,
         max_crossings: int = 100_000,
+        told: Told | None = None,
     ) -> Traces:
-        """As the function `trace`."""
+        """As the function `trace`; `told(done, total)` hears how much length has been walked."""
         start = check_start(self.mesh, face, barycentric, direction, length)
         if at_boundary not in ("stop", "reflect"):
             raise ParameterError(f"at_boundary must be 'stop' or 'reflect', found {at_boundary!r}")
-        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-            walk = Walk(self.unfolding, lambda: self.fans, start, at_boundary == "reflect", record)
-            walk.begin()
-            for _ in range(max_crossings):
-                if not len(walk.line):
-                    break
-                walk.cross()
-            walk.finish()
-            walk.abandon(max_crossings)
-        return walk.result()
+        parts, done, total = [], 0.0, float(start.length.sum())
+        for first in range(0, max(len(start.face), 1), LINES_AT_ONCE):
+            some = start.part(first, first + LINES_AT_ONCE)
+            walk = Walk(self.unfolding, lambda: self.fans, some, at_boundary == "reflect", record)
+            with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+                walk.begin()
+                for crossing in range(max_crossings):
+                    if not len(walk.line):
+                        break
+                    walk.cross()
+                    if told is not None and crossing % TELL_EVERY == 0:
+                        told(done + walk.walked(), total)
+                walk.finish()
+                walk.abandon()
+            parts.append(walk.result())
+            done += float(some.length.sum())
+        lines = Traces.joined(parts)
+        stuck = np.flatnonzero(lines.status == GAVE_UP)
+        if len(stuck):
+            _log.warning(
+                f"{len(stuck)} lines were given up (first: line {stuck[0]}) after {max_crossings} crossings "
+                "or at a vertex without angles; they end short of their length"
+            )
+        return lines
 
 
 def trace(

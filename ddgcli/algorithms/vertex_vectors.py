@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from ddgcli.algorithms.geodesic_exact import ExactDistance
 from ddgcli.algorithms.geodesic_sources import Sources
 from ddgcli.algorithms.log_map import log_map
+from ddgcli.algorithms.trace import Told
 from ddgcli.errors import ParameterError
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 
@@ -34,9 +35,11 @@ def gathered(parts: list[VertexVectors]) -> VertexVectors:
     return whole
 
 
-def log_map_vectors(mesh: TriangleMesh, exact: ExactDistance, sources: Sources) -> VertexVectors:
+def log_map_vectors(
+    mesh: TriangleMesh, exact: ExactDistance, sources: Sources, told: Told | None = None
+) -> VertexVectors:
     """Array `log_map` (n, 2), and the axis it is counted from."""
-    mapped = log_map(mesh, exact, sources)
+    mapped = log_map(mesh, exact, sources, told)
     return VertexVectors(
         {"log_map": mapped.log_map}, {"log_map_axis": mapped.axis}, {"log_map_miss": mapped.miss}
     )

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
@@ -18,8 +17,6 @@ REACHED, AT_BOUNDARY, GAVE_UP = 0, 1, 2
 IDLE_SHARE = 1 / 16  # of the lines on the list may have ended
 SNAP = 1e-12  # a line this close to a vertex, relative to the side it crosses, goes through the vertex
 
-_log = logging.getLogger("ddgcli")
-
 
 @dataclass(frozen=True, eq=False)
 class Start:
@@ -29,6 +26,11 @@ class Start:
     barycentric: NDArray[np.float64]
     direction: NDArray[np.float64]
     length: NDArray[np.float64]
+
+    def part(self, first: int, last: int) -> Start:
+        """Lines first..last-1."""
+        some = slice(first, last)
+        return Start(self.face[some], self.barycentric[some], self.direction[some], self.length[some])
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,6 +70,25 @@ class Traces:
         """(face, barycentric) of the points of line i, start and end included."""
         part = slice(self.path_start[i], self.path_start[i + 1])
         return self.path_face[part], self.path_barycentric[part]
+
+    @classmethod
+    def joined(cls, parts: list[Traces]) -> Traces:
+        """The lines of several sets, in order."""
+        if len(parts) == 1:
+            return parts[0]
+        shift = np.cumsum([0, *(len(part.path_face) for part in parts)])
+        start = [part.path_start[1:] + before for part, before in zip(parts, shift, strict=False)]
+        return cls(
+            np.concatenate([part.face for part in parts]),
+            np.concatenate([part.barycentric for part in parts]),
+            np.concatenate([part.direction for part in parts]),
+            np.concatenate([part.length for part in parts]),
+            np.concatenate([part.status for part in parts]),
+            np.concatenate([part.crossings for part in parts]),
+            np.concatenate([np.zeros(1, dtype=np.int64), *start]),
+            np.concatenate([part.path_face for part in parts]),
+            np.concatenate([part.path_barycentric for part in parts]),
+        )
 
 
 class Walk:
@@ -348,8 +369,8 @@ class Walk:
         turned = heading * self.along[side]
         return (turned / np.abs(turned))[:, None].view(np.float64)
 
-    def abandon(self, max_crossings: int) -> None:
-        """End what is still under way, and say so."""
+    def abandon(self) -> None:
+        """End what is still under way."""
         on = np.flatnonzero(self.rest < np.inf)
         if len(on):
             self.steps += 1
@@ -358,12 +379,10 @@ class Walk:
             self._end(
                 self.line, self.side, self.heading, _on_side(self.side, share), self.rest, np.int8(GAVE_UP)
             )
-        stuck = np.flatnonzero(self.status == GAVE_UP)
-        if len(stuck):
-            _log.warning(
-                f"{len(stuck)} lines were given up (first: line {stuck[0]}) after {max_crossings} crossings "
-                "or at a vertex without angles; they end short of their length"
-            )
+
+    def walked(self) -> float:
+        """Length walked by all lines so far, in the mesh's length unit."""
+        return float(self.start.length.sum() - self.unfolding.scale * self.rest[self.rest < np.inf].sum())
 
     def result(self) -> Traces:
         scale = self.unfolding.scale

@@ -162,7 +162,13 @@ def compute_curves(
             face, barycentric, direction, length = (np.array(x) for x in zip(*asked.trace, strict=True))
             parts.append(
                 curves.traced_curves(
-                    mesh, face, barycentric, direction, length, at_boundary=asked.at_boundary
+                    mesh,
+                    face,
+                    barycentric,
+                    direction,
+                    length,
+                    at_boundary=asked.at_boundary,
+                    told=run.progress("traces"),
                 )
             )
         if asked.straighten or asked.loop:
@@ -202,7 +208,7 @@ def compute_vectors(
 
         parts = []
         if asked.log_map:
-            parts.append(vertex_vectors.log_map_vectors(mesh, exact, sources))
+            parts.append(vertex_vectors.log_map_vectors(mesh, exact, sources, run.progress("log map")))
         if asked.spread_vector:
             parts.append(vertex_vectors.spread_vectors(mesh, sources, asked.spread_vector))
         return vertex_vectors.gathered(parts)

@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from ddgcli.algorithms import flipout
 from ddgcli.algorithms.flipout import straightened_curves
 from ddgcli.algorithms.flipping_mesh import EdgeGraph, FlippingMesh, edge_path
 from ddgcli.algorithms.geodesic_exact import exact_distance
@@ -90,9 +91,10 @@ def test_loops_keep_their_windings(size):
             check_geodesic(mesh, curves)
 
 
-def test_a_loop_that_shrinks_to_one_edge_goes_on_once_round():
+def test_a_loop_that_shrinks_to_one_edge_goes_on_once_round(monkeypatch):
     from ddgcli.io.mesh_file import read_mesh
 
+    monkeypatch.setattr(flipout, "MOST_STEPS", 1000)  # a loop that is opened and closed for ever fails here
     mesh = read_mesh(str(Path(__file__).parents[2] / "sample_meshes" / "torus.ply")).mesh
     curves = straightened_curves(mesh, [[0, 10, 20, 30]], [True])
     assert curves.converged and windings(mesh, curves.paths) == [0, 1]
@@ -121,7 +123,8 @@ def test_flips_keep_lengths_angles_and_signposts():
             done += 1
     assert done > 500
     total = np.zeros(len(tracer.fans.vertex))
-    np.add.at(total, flipping.fan, flipping.angle)
+    sides = range(3 * mesh.n_faces)
+    np.add.at(total, [flipping.fan[h] for h in sides], [flipping.angle[h] for h in sides])
     np.testing.assert_allclose(total, tracer.fans.total_angle, atol=1e-11)
     h = np.array(sorted(flipping.flipped))
     fan = np.array([flipping.fan[k] for k in h])
@@ -143,7 +146,8 @@ def test_flips_keep_lengths_angles_and_signposts():
     flipping.rewind()
     fresh = FlippingMesh(tracer)
     for name in ("next", "twin", "tail", "fan", "length", "angle", "post"):
-        assert getattr(flipping, name) == getattr(fresh, name)
+        rewound, original = getattr(flipping, name), getattr(fresh, name)
+        assert [rewound[h] for h in sides] == [original[h] for h in sides]
 
 
 def test_paths_agree_with_potpourri3d():

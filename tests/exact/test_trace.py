@@ -238,3 +238,30 @@ def test_lines_on_the_sphere_follow_great_circles():
         got /= np.linalg.norm(got, axis=1, keepdims=True)
         errors.append(np.sqrt(np.mean(np.sum((got - truth) ** 2, axis=1))))
     assert errors[-1] < 2e-3 and errors[0] / errors[-1] > 2.5
+
+
+def test_lines_in_several_batches_are_those_of_one(monkeypatch):
+    mesh = shapes.random_sphere(300)
+    starts = (*random_starts(mesh, 50), np.random.default_rng(1).uniform(0, 4, 50))
+    once = trace(mesh, *starts, record=True)
+    monkeypatch.setattr("ddgcli.algorithms.trace.LINES_AT_ONCE", 7)
+    heard = []
+    parted = Tracer(mesh).trace(*starts, record=True, told=lambda done, total: heard.append(done / total))
+    for name in ("face", "barycentric", "direction", "length", "status", "crossings", "path_start"):
+        np.testing.assert_array_equal(getattr(parted, name), getattr(once, name))
+    np.testing.assert_array_equal(parted.path_face, once.path_face)
+    np.testing.assert_array_equal(parted.path_barycentric, once.path_barycentric)
+    assert len(heard) >= 8 and heard == sorted(heard) and heard[0] >= 0 and heard[-1] <= 1
+
+
+def test_lines_of_very_different_lengths_keep_their_own_points():
+    """Blocks of lines are turned round together; a long one among short ones must not lend them points."""
+    mesh = shapes.random_sphere(300)
+    face, barycentric, direction = random_starts(mesh, 40)
+    length = np.where(np.arange(40) % 9 == 4, 40.0, 0.3) * np.random.default_rng(2).uniform(0, 1, 40)
+    together = trace(mesh, face, barycentric, direction, length, record=True)
+    for i in range(40):
+        part = slice(i, i + 1)
+        alone = trace(mesh, face[part], barycentric[part], direction[part], length[part], record=True)
+        np.testing.assert_array_equal(together.path(i)[0], alone.path(0)[0])
+        np.testing.assert_array_equal(together.path(i)[1], alone.path(0)[1])
