@@ -175,7 +175,7 @@ def test_harmonic_flow_stays(scheme, name):
         return
     carry = CirculationAdvection(space)
     for _ in range(5):
-        omega, c = carry.step(omega, c, 0.02, True)
+        omega, c, *_ = carry.step(omega, c, 0.02, True)
     assert np.allclose(c, start, rtol=0.05)
 
 
@@ -230,39 +230,67 @@ def test_circulation_keeps_the_total_and_is_the_identity_for_no_time(name):
     space = space_of(SURFACES[name])
     omega, c = some_flow(space)
     carry = CirculationAdvection(space)
-    same, c_same = carry.step(omega, c, 0.0, True)
+    same, c_same, *_ = carry.step(omega, c, 0.0, True)
     assert np.abs(same - omega)[space.inside].max() < 1e-10 * np.abs(omega).max()
     assert np.allclose(c_same, c, rtol=0, atol=1e-11)
-    after, _ = carry.step(omega, c, 0.1, True)
+    after, _, *_ = carry.step(omega, c, 0.1, True)
     assert abs(after.sum() - omega.sum()) < 1e-12 * np.abs(omega).sum()
 
 
-@pytest.mark.parametrize("name", SURFACES)
+def needles():
+    """A sphere of random points squeezed to a tenth: triangles of every bad kind."""
+    mesh = shapes.random_sphere(800)
+    return mesh.moved(mesh.points * [1.0, 1.0, 0.1])
+
+
+@pytest.mark.parametrize("name", [*SURFACES, "needles"])
 def test_circulation_raises_neither_energy_nor_enstrophy(name):
-    space = space_of(SURFACES[name])
+    space = space_of(needles() if name == "needles" else SURFACES[name])
     omega, c = some_flow(space)
     carry = CirculationAdvection(space)
     energy, enstrophy = [], []
     for _ in range(20):
         energy.append(space.kinetic_energy(space.stream_function(omega), omega, c))
         enstrophy.append(space.enstrophy(omega))
-        omega, c = carry.step(omega, c, 0.02, True)
+        omega, c, *_ = carry.step(omega, c, 0.02, True)
     assert (np.diff(energy) <= 1e-12 * energy[0]).all()
-    assert np.isfinite(omega).all() and enstrophy[-1] < 1.001 * enstrophy[0]
+    assert (np.diff(enstrophy) <= 1e-12 * enstrophy[0]).all()
 
 
-def test_circulation_loses_little_on_a_sphere():
+def test_circulation_loses_less_on_finer_spheres():
     """What is lost does not grow with the number of steps, as it does where every step interpolates."""
-    space = space_of(shapes.icosphere(3))
-    left = []
-    for dt in (0.05, 0.0125):
+    lost = {}
+    for level, dt in ((3, 0.05), (3, 0.0125), (4, 0.025)):
+        space = space_of(shapes.icosphere(level))
         omega, c = some_flow(space)
         start = space.kinetic_energy(space.stream_function(omega), omega, c)
         carry = CirculationAdvection(space)
         for _ in range(round(1 / dt)):
-            omega, c = carry.step(omega, c, dt, True)
-        left.append(space.kinetic_energy(space.stream_function(omega), omega, c) / start)
-    assert min(left) > 0.99
+            omega, c, *_ = carry.step(omega, c, dt, True)
+        lost[level, dt] = 1 - space.kinetic_energy(space.stream_function(omega), omega, c) / start
+    assert max(lost[3, 0.0125], lost[3, 0.05]) < 5e-4 and lost[4, 0.025] < 0.3 * lost[3, 0.05]
+
+
+@pytest.mark.parametrize("pattern", ["right", "alternating"])
+def test_taylor_green_by_circulation(pattern):
+    """Second order where step and mesh go down together; settled where the mesh does alone."""
+
+    def error(n, dt, nu=0.05, time=1.0):
+        space = space_of(flat_torus(n, pattern=pattern), harmonic=False)
+        x, y = space.mesh.points[:, :2].T
+        omega = start = 2 * np.sin(x) * np.sin(y) * space.mass
+        carry, decay = CirculationAdvection(space), VorticityDiffusion(space, nu)
+        for _ in range(round(time / dt)):
+            omega, _ = decay.step(omega, NONE, dt / 2)
+            omega, *_ = carry.step(omega, NONE, dt, False)
+            omega, _ = decay.step(omega, NONE, dt / 2)
+        exact = np.exp(-2 * nu * time) * start
+        return np.sqrt(space.enstrophy(omega - exact) / space.enstrophy(exact))
+
+    together = [error(n, 1.6 / n) for n in (16, 32, 64)]
+    assert (np.log2(np.array(together[:-1]) / together[1:]) > 1.7).all() and together[-1] < 2e-3
+    alone = [error(n, 0.05) for n in (16, 64)]
+    assert alone[1] < 0.2 * alone[0] < 5e-3
 
 
 def test_circulation_follows_the_conservative_flow():
@@ -271,9 +299,9 @@ def test_circulation_follows_the_conservative_flow():
     carry = CirculationAdvection(space)
     other = omega
     for _ in range(32):
-        omega, c = carry.step(omega, c, 0.0125, True)
+        omega, c, *_ = carry.step(omega, c, 0.0125, True)
     for _ in range(40):
         other, *_ = runge_kutta(space, other, NONE, 0.01, False)
     moved = np.sqrt(space.enstrophy(other - some_flow(space)[0]) / space.enstrophy(other))
     apart = np.sqrt(space.enstrophy(omega - other) / space.enstrophy(other))
-    assert moved > 0.2 and apart < 0.05
+    assert moved > 0.2 and apart < 0.01

@@ -1,0 +1,121 @@
+"""Velocities at vertices from the fluxes through edges: of second order on irregular meshes too.
+
+The velocity of a face is exact to first order only (its error changes sign from a face to the next), so that
+slopes taken of it do not converge. At a vertex it is the slope of the quadratic stream function that fits the
+fluxes through the edges there best (Zhang and Naga, "A new finite element gradient recovery method", 2005).
+Where that is impossible or would amplify noise, the vertex takes the mean value of its neighbours, and at the
+boundary the mean of its faces. All of it is one sparse matrix, made once.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csr_array, diags_array
+
+from ddgcli.geometry.unfolding import Fans, vertex_fans
+from ddgcli.mesh.topology import NEXT
+from ddgcli.models.fluid.space import FlowSpace
+
+FEWEST = 5  # edges that determine a quadratic function but for its constant
+LARGEST_GAIN = 3.0  # of a fitted velocity over the velocities along the edges
+PASSES = 2  # from vertices with a fit to their neighbours without one, and to those behind these
+
+
+@dataclass(frozen=True, eq=False)
+class Recovery:
+    """Vertex velocities as a linear function of the side fluxes.
+
+    Parameters
+    ----------
+    matrix : (n, 3m) sparse array of complex
+        Side fluxes to vertex velocities, each in the frame of its vertex (angles stretched to a full turn,
+        from the first side of its fan on).
+    to_vertex : (m, 3) ndarray of complex
+        Turns from the frame of a face to the frames of its corners' vertices.
+    """
+
+    matrix: csr_array
+    to_vertex: NDArray[np.complex128]
+
+
+def recovery(space: FlowSpace) -> Recovery:
+    """The recovery of a surface."""
+    fans = vertex_fans(space.mesh)
+    stretch = np.where(fans.is_open, 1.0, 2.0 * np.pi / fans.total_angle)[fans.fan]
+    to_vertex = _frames(space, fans, stretch)
+    fitted, gain = _fits(space, fans, stretch)
+    fits = (gain > 0) & (gain <= LARGEST_GAIN)
+    lonely = space.inside & ~fits
+    fixed = diags_array(fits.astype(float)) @ fitted
+    means = diags_array((~fits).astype(float)) @ _face_means(space, fans, to_vertex)
+    matrix = fixed + means
+    if lonely.any():
+        fixed = fixed + diags_array((~fits & ~lonely).astype(float)) @ means
+        from_neighbours = diags_array(lonely.astype(float)) @ _mean_values(space, fans, stretch)
+        for _ in range(PASSES):
+            matrix = fixed + from_neighbours @ matrix
+    return Recovery(csr_array(matrix), to_vertex)
+
+
+def _frames(space: FlowSpace, fans: Fans, stretch: NDArray) -> NDArray[np.complex128]:
+    angle = fans.corner_angle
+    bisector = stretch * (fans.angle_before + 0.5 * angle)
+    along = np.exp(1j * np.angle(space.side).ravel()) * np.exp(0.5j * angle)
+    return (np.exp(1j * bisector) / along).reshape(-1, 3)
+
+
+def _fits(space: FlowSpace, fans: Fans, stretch: NDArray) -> tuple[csr_array, NDArray[np.float64]]:
+    """Velocity of the fitted quadratic at the vertices that have one, and its gain (n,), else 0."""
+    length = space.mesh.side_length.ravel()
+    count = np.diff(fans.start)
+    rows, columns, values = [], [], []
+    for k in np.unique(count[~fans.is_open & (count >= FEWEST)]):
+        here = np.flatnonzero((count == k) & ~fans.is_open)
+        corner = fans.corner[fans.start[here][:, None] + np.arange(k)]
+        reach = length[corner]
+        size = reach.mean(axis=1)[:, None]
+        place = reach / size * np.exp(1j * (fans.angle_before * stretch)[corner])
+        x, y = place.real, place.imag
+        weight = size / reach
+        terms = np.stack([x, y, 0.5 * x * x, x * y, 0.5 * y * y], axis=2) * weight[:, :, None]
+        slope = np.linalg.pinv(terms)[:, :2] * weight[:, None, :]
+        rows.append(np.repeat(fans.vertex[here], k))
+        columns.append(corner.ravel())
+        values.append(((slope[:, 1] - 1j * slope[:, 0]) / size).ravel())  # the slope turned clockwise
+    shape = (space.n, 3 * len(space.faces))
+    if not rows:
+        return csr_array(shape, dtype=np.complex128), np.zeros(space.n)
+    fitted = csr_array((np.concatenate(values), (np.concatenate(rows), np.concatenate(columns))), shape=shape)
+    return fitted, abs(fitted) @ length
+
+
+def _face_means(space: FlowSpace, fans: Fans, to_vertex: NDArray) -> csr_array:
+    """Mean of the velocities of a vertex's faces, by angle."""
+    vertex = space.faces.ravel()
+    angle = fans.corner_angle.reshape(-1, 3)
+    total = np.bincount(vertex, weights=angle.ravel(), minlength=space.n)
+    turned = to_vertex * angle / total[space.faces] / (2.0 * space.area[:, None])
+    first = 3 * np.repeat(np.arange(len(space.faces)), 3)
+    values = np.concatenate([(turned * space.side[:, [2]]).ravel(), (-turned * space.side[:, [0]]).ravel()])
+    columns = np.concatenate([first, first + 2])
+    return csr_array((values, (np.tile(vertex, 2), columns)), shape=(space.n, 3 * len(space.faces)))
+
+
+def _mean_values(space: FlowSpace, fans: Fans, stretch: NDArray) -> csr_array:
+    """(n, n) mean value coordinates of the vertices among their neighbours, with the turns between frames.
+
+    M. S. Floater, "Mean value coordinates", 2003: positive, and exact for linear functions.
+    """
+    twin = space.mesh.topology.side_twin.ravel()
+    other = np.maximum(twin, 0)
+    clockwise = other - other % 3 + NEXT[other % 3]  # the corner before, across the side that leaves this one
+    half = np.tan(np.minimum(0.5 * fans.corner_angle * stretch, 1.5))
+    weight = (half + np.where(twin >= 0, half[clockwise], 0.0)) / space.mesh.side_length.ravel()
+    vertex, head = space.faces.ravel(), space.faces[:, NEXT].ravel()
+    total = np.bincount(vertex, weights=weight, minlength=space.n)
+    angle = fans.angle_before * stretch
+    turn = np.exp(1j * (angle - angle[other] + np.pi))
+    return csr_array((weight / total[vertex] * turn, (vertex, head)), shape=(space.n, space.n))

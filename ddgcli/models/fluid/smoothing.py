@@ -1,0 +1,83 @@
+"""Just enough smoothing: takes from a flow what raised its enstrophy, where it is as fine as the mesh."""
+
+from __future__ import annotations
+
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csc_array, diags_array
+
+from ddgcli.linalg.factor import Factor
+from ddgcli.mesh.topology import NEXT, PREVIOUS
+from ddgcli.models.fluid.space import FlowSpace, sums
+from ddgcli.operators.dec import d0
+
+# (width, order) of the filters, tried in turn: one of order p and width w leaves a wave number k its part
+# 1 - (w k^2 h^2)^p where that is small, so the first touches only what is as fine as the mesh
+FILTERS = ((1.0, 3), (1.0, 1), (16.0, 1), (256.0, 1))
+
+
+class Smoothing:
+    """Filters 1 - (1 - F)^p, with F = (M + w h^2 L)^-1 M an implicit step of diffusion over w cells.
+
+    h^2 is the area of the cells nearby. They keep the total vorticity of every component, and lower the
+    enstrophy of whatever they change. A filter is made when a flow first needs it.
+    """
+
+    def __init__(self, space: FlowSpace) -> None:
+        self.space = space
+        self._factors: dict[float, Factor] = {}
+
+    def _factor(self, width: float) -> Factor:
+        if width not in self._factors:
+            mass = np.where(self.space.mass > 0, self.space.mass, 1.0)
+            self._factors[width] = Factor(csc_array(diags_array(mass) + width * self._diffusion))
+        return self._factors[width]
+
+    @cached_property
+    def _diffusion(self) -> csc_array:
+        """Stiffness weighted by the area of a vertex's cell."""
+        space = self.space
+        cell = space.mass[space.faces].mean(axis=1)
+        opposite = -(space.side[:, NEXT] * np.conj(space.side[:, PREVIOUS])).real  # at corner j+2
+        weight = 0.25 * (cell / space.area)[:, None] * opposite
+        derivative = d0(space.mesh.topology)
+        on_edge = sums(space.side_edge, weight, space.mesh.topology.n_edges)
+        return csc_array(derivative.T @ diags_array(on_edge) @ derivative)
+
+    def rough(self, vorticity: NDArray, width: float, order: int) -> NDArray[np.float64]:
+        """What the whole filter takes off: of zero sum on every component."""
+        space, factor = self.space, self._factor(width)
+        rest = vorticity
+        for _ in range(order):
+            rest = rest - space.mass * factor.solve(rest, refine=False)
+        label = space.mesh.topology.vertex_component
+        used = label >= 0
+        excess = space.component_vorticity(rest)
+        area = np.bincount(label[used], weights=space.mass[used], minlength=len(excess))
+        share = np.divide(excess, area, out=np.zeros_like(excess), where=area > 0)
+        return rest - np.where(used, space.mass * share[np.maximum(label, 0)], 0.0)
+
+    def without_rise(self, vorticity: NDArray, most: float) -> NDArray[np.float64]:
+        """The same array where its enstrophy is at most `most`; else filtered just enough."""
+        space = self.space
+        for width, order in FILTERS:
+            excess = space.enstrophy(vorticity) - most
+            if not excess > 0.0:
+                break
+            change = -self.rough(vorticity, width, order)
+            slope = float(vorticity @ (space.inverse_mass * change))
+            share = first_root(excess, slope, space.enstrophy(change))
+            vorticity = vorticity + share * change
+        return vorticity
+
+
+def first_root(constant: float, slope: float, curvature: float) -> float:
+    """Least t in [0, 1] at which constant + slope t + curvature t^2 is not positive; 1 if there is none."""
+    if constant <= 0.0:
+        return 0.0
+    inside = slope * slope - 4.0 * curvature * constant
+    if inside < 0.0 or slope >= 0.0:
+        return 1.0
+    return min(1.0, 2.0 * constant / (-slope + inside**0.5))
