@@ -44,10 +44,9 @@ on the directions of the edges (Grinspun et al. 2006). Steps: 2, a two-stage Ros
 Wanner 1996; docs/willmore-flow.md).
 """,
     "fluid-sim": """
-In the step: 4 for `conservative` (rk4), 2 for midpoint, 1 for `circulation`, whose points move with the
-velocity of one time. In the mesh: 2 for `conservative` (linear elements, Dziuk 1988); `circulation`: none
-known (Elcott et al. 2007 give none), and at a fixed step the errors of interpolation add up over more and
-more cells.
+In the step: 4 for `conservative` (rk4), 2 for midpoint, 2 for `circulation` (points move with the flow of
+mid-step, the step is made forth and back: Dupont and Liu 2003). In the mesh: 2 for `conservative` (linear
+elements, Dziuk 1988); `circulation`: 2 together with the step, by its fitted velocities (Zhang and Naga 2005).
 """,
     "shell-sim": """
 In the step: the order of each integrator (Hairer, Lubich, Wanner 2006; Newmark's with gamma = 1/2: 2). In
@@ -88,8 +87,8 @@ def _willmore(family: str, _: str, method: str) -> str:
 
 def _fluid(family: str, configuration: str, method: str) -> str:
     if family == "steps":
-        return {"conservative": "4", "conservative midpoint": "2", "circulation": "1"}[configuration]
-    return "2" if method == "conservative" else "none"
+        return {"conservative": "4", "conservative midpoint": "2", "circulation": "2"}[configuration]
+    return "2"
 
 
 def _shell(family: str, configuration: str, _: str) -> str:

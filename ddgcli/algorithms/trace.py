@@ -78,6 +78,15 @@ class Tracer:
         start = check_start(self.mesh, face, barycentric, direction, length)
         if at_boundary not in ("stop", "reflect"):
             raise ParameterError(f"at_boundary must be 'stop' or 'reflect', found {at_boundary!r}")
+        return self.walked(
+            start, at_boundary=at_boundary, record=record, max_crossings=max_crossings, told=told
+        )
+
+    def walked(
+        self, start: Start, *, at_boundary: str = "stop", record: bool = False, max_crossings: int = 100_000,
+        told: Told | None = None,
+    ) -> Traces:  # fmt: skip
+        """As `trace`, from starts known to be right (unit directions in the frames of the faces)."""
         parts, done, total = [], 0.0, float(start.length.sum())
         for first in range(0, max(len(start.face), 1), LINES_AT_ONCE):
             some = start.part(first, first + LINES_AT_ONCE)

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.algorithms.walk_record import Record
-from ddgcli.geometry.unfolding import APEX, TURN, TWIN, Fans, Unfolding, corner_position
+from ddgcli.geometry.unfolding import APEX, TURN, TWIN, Fans, Unfolding
 from ddgcli.mesh.topology import NEXT, PREVIOUS
 
 REACHED, AT_BOUNDARY, GAVE_UP = 0, 1, 2
@@ -139,27 +139,28 @@ class Walk:
         line = np.flatnonzero(self.left_over > 0)
         b, face = start.barycentric[line], start.face[line]
         d = start.direction[line].view(np.complex128)[:, 0]
-        corner = corner_position(self.unfolding, face) / self.unfolding.scale
         e = self.along.reshape(-1, 3)[face]
         turned = -d[:, None] * e.conj()  # in the frame of each side's twin
-        height = b[:, PREVIOUS] * self.table[:, APEX].imag.reshape(-1, 3)[face]
+        apex = self.table[:, APEX].reshape(-1, 3)[face]
         with np.errstate(divide="ignore", invalid="ignore"):
-            reach = np.where(turned.imag > 1e-15, height / turned.imag, np.inf)
-        j = np.argmin(reach, axis=1)
-        pick = np.arange(len(line)), j
-        distance = np.where(np.isfinite(reach[pick]), reach[pick], 0.0)
-        position = np.einsum("ij,ijk->ik", b, corner) - corner[pick]
-        at = position.view(np.complex128)[:, 0] + distance * d
+            reach = np.where(turned.imag > 1e-15, b[:, PREVIOUS] * apex.imag / turned.imag, np.inf)
+        j = _least(*reach.T)
+        pick = 3 * np.arange(len(line)) + j
+        distance, turned = reach.ravel()[pick], turned.ravel()[pick]
+        distance = np.where(np.isfinite(distance), distance, 0.0)
         side = 3 * face + j
         length = self.length[side]
-        u = np.clip((at * e[pick].conj()).real, 0.0, length)
-        at_vertex = (b > SNAP).sum(axis=1) == 1
+        by_head, by_apex = b.ravel()[pick - j + NEXT[j]], b.ravel()[pick - j + PREVIOUS[j]]
+        u = by_head * length + by_apex * apex.real.ravel()[pick] - distance * turned.real
+        u = np.clip(u, 0.0, length)
+        inside = b > SNAP
+        at_vertex = inside[:, 0].astype(np.int8) + inside[:, 1] + inside[:, 2] == 1
         rest = self.left_over[line] - distance
         done = np.flatnonzero((rest <= 0) & ~at_vertex)
         self._finish_in_first_face(line[done], b[done], side[done], u[done], distance[done])
         on = np.flatnonzero((rest > 0) & ~at_vertex)
         self.no_start[line[on]] = distance[on] <= 0
-        self._leave(line[on], side[on], u[on], turned[pick][on], rest[on])
+        self._leave(line[on], side[on], u[on], turned[on], rest[on])
         self.no_start[line[at_vertex]] = True
         self._leave_vertices(line[at_vertex], face[at_vertex], np.argmax(b[at_vertex], axis=1), d[at_vertex])
         went_on = np.zeros(len(self.no_start), dtype=bool)
@@ -405,6 +406,11 @@ def _next(side: NDArray) -> NDArray[np.int64]:
 
 def _previous(side: NDArray) -> NDArray[np.int64]:
     return side + np.where(side % 3 == 0, 2, -1)
+
+
+def _least(x: NDArray, y: NDArray, z: NDArray) -> NDArray[np.int64]:
+    """Which of three numbers is least, row by row (a reduction over so short an axis is slow)."""
+    return np.where(x <= y, np.where(x <= z, 0, 2), np.where(y <= z, 1, 2))
 
 
 def _on_side(side: NDArray, share: NDArray) -> NDArray[np.float64]:

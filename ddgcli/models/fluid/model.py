@@ -108,7 +108,7 @@ class FluidModel:
         self.viscosity = _one(made, parts.Viscosity)
         dye = _one(made, parts.Dye)
         try:
-            self.space = FlowSpace(context.mesh, self._harmonic_flows())
+            self.space = FlowSpace(context.mesh, self._harmonic_flows(), lambda: account.within("solver"))
             self._require_walls()
         except MeshError as error:
             scene.refuse(("object", number), f"object {context.name!r}: {error}")

@@ -48,10 +48,11 @@ class Smoothing:
 
     def rough(self, vorticity: NDArray, width: float, order: int) -> NDArray[np.float64]:
         """What the whole filter takes off: of zero sum on every component."""
-        space, factor = self.space, self._factor(width)
-        rest = vorticity
-        for _ in range(order):
-            rest = rest - space.mass * factor.solve(rest, refine=False)
+        space, rest = self.space, vorticity
+        with space.timer():
+            factor = self._factor(width)
+            for _ in range(order):
+                rest = rest - space.mass * factor.solve(rest, refine=False)
         label = space.mesh.topology.vertex_component
         used = label >= 0
         excess = space.component_vorticity(rest)

@@ -12,8 +12,11 @@ the topology and the side lengths are read.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,10 +46,13 @@ class FlowSpace:
         Oriented, manifold, every face with area.
     harmonic : (b, e) ndarray
         Orthonormal harmonic flows as fluxes; (0, e) where the scene has none.
+    timer : callable, optional
+        Makes the context manager in which a system is solved, for who keeps accounts.
     """
 
     mesh: SurfaceMesh
     harmonic: NDArray[np.float64]
+    timer: Callable[[], AbstractContextManager[Any]] = nullcontext
 
     def __post_init__(self) -> None:
         require_flow(self.mesh)
@@ -94,7 +100,8 @@ class FlowSpace:
         """(n,) phi of integrated vorticity (n,): zero on the boundary, of mean zero on closed components."""
         phi = np.zeros(self.n)
         if len(self.free):
-            phi[self.free] = self.factor.solve(vorticity[self.free], refine=False)
+            with self.timer():
+                phi[self.free] = self.factor.solve(vorticity[self.free], refine=False)
         return phi
 
     def side_flux(self, phi: NDArray, coefficients: NDArray) -> NDArray[np.float64]:

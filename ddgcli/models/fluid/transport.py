@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.algorithms.trace import Tracer
+from ddgcli.algorithms.walk import Start
 from ddgcli.mesh.topology import NEXT
 from ddgcli.models.fluid.recovery import recovery
 from ddgcli.models.fluid.space import FlowSpace
@@ -56,9 +57,8 @@ class Transport:
         speed = np.abs(velocity)
         away = -np.copysign(1.0, dt) * velocity
         direction = np.where(speed > 0, away / np.where(speed > 0, speed, 1.0), 1.0 + 0.0j)
-        ended = self.tracer.trace(
-            face, barycentric, np.stack([direction.real, direction.imag], axis=1), speed * abs(dt)
-        )
+        planar = direction.view(np.float64).reshape(-1, 2)
+        ended = self.tracer.walked(Start(face, barycentric, planar, speed * abs(dt)))
         end_direction = ended.direction[:, 0] + 1j * ended.direction[:, 1]
         shift = (ended.length * direction).astype(np.complex128)
         return Carried(ended.face, ended.barycentric, shift, direction * np.conj(end_direction))
