@@ -46,7 +46,7 @@ Wanner 1996; docs/willmore-flow.md).
     "fluid-sim": """
 In the step: 4 for `conservative` (rk4), 2 for midpoint, 2 for `circulation` (points move with the flow of
 mid-step, the step is made forth and back: Dupont and Liu 2003). In the mesh: 2 for `conservative` (linear
-elements, Dziuk 1988); `circulation`: 2 together with the step, by its fitted velocities (Zhang and Naga 2005).
+elements, Dziuk 1988); `circulation`: 2 together with the step, by fitted velocities (Zhang and Naga 2005).
 """,
     "shell-sim": """
 In the step: the order of each integrator (Hairer, Lubich, Wanner 2006; Newmark's with gamma = 1/2: 2). In
