@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from ddgcli.algorithms.geodesic_sources import Sources, checked_sources
 from ddgcli.errors import MeshError, ParameterError
+from ddgcli.geometry.surface_points import SurfacePoints
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.operators.laplacian import SurfaceMesh
 
@@ -80,39 +81,78 @@ class Measured:
 Solver = Callable[[Sources], Measured]
 
 
-def prepare(mesh: SurfaceMesh, method: str, options: DistanceOptions = DistanceOptions()) -> Solver:
+def prepare(
+    mesh: SurfaceMesh,
+    method: str,
+    options: DistanceOptions = DistanceOptions(),
+    *,
+    targets: SurfacePoints | None = None,
+    progress: Callable[[float, float], None] | None = None,
+) -> Solver:
     """A solver for one mesh and method; what does not depend on the sources is done here, once.
+
+    Parameters
+    ----------
+    targets : SurfacePoints, optional
+        exact: points on faces whose distance goes into `results["targets"]`.
+    progress : callable, optional
+        exact: told how many vertices of all are final.
 
     Raises
     ------
     ParameterError
-        On an unknown method or option.
+        On an unknown method or option, or targets for a method that does not take them.
     MeshError
         When the mesh has no faces, or the operator cannot be had on it.
     """
-    makers = {"exact": _exact, "heat": _heat, "fast-marching": _fast_marching, "dijkstra": _dijkstra}
-    if method not in makers:
+    makers = {"heat": _heat, "fast-marching": _fast_marching, "dijkstra": _dijkstra}
+    if method not in METHODS:
         raise ParameterError(f"method {method!r} is not one of {', '.join(METHODS)}")
     if mesh.n_faces == 0:
         raise MeshError("no triangles; a distance along the surface needs a surface")
+    targets = SurfacePoints.none() if targets is None else targets
+    if method == "exact":
+        return _exact(mesh, options, targets, progress)
+    if len(targets):
+        raise ParameterError(f"distance at points inside faces belongs to method exact, not to {method}")
     return makers[method](mesh, options)
 
 
-def _exact(mesh: SurfaceMesh, options: DistanceOptions) -> Solver:
+def _exact(
+    mesh: SurfaceMesh,
+    options: DistanceOptions,
+    targets: SurfacePoints,
+    progress: Callable[[float, float], None] | None,
+) -> Solver:
     from ddgcli.algorithms.geodesic_exact import exact_distance
     from ddgcli.algorithms.window_tables import window_tables
 
     tables = window_tables(mesh)
 
     def solve(sources: Sources) -> Measured:
-        exact = exact_distance(mesh, sources, tolerance=options.tolerance, tables=tables)
+        exact = exact_distance(
+            mesh, sources, tolerance=options.tolerance, targets=targets, tables=tables, progress=progress
+        )
         accuracy: dict[str, Any] = {}
         if options.tolerance > 0:
             accuracy["tolerance_error_estimate"] = _error_nearby(mesh, sources, exact.distance, tables)
-        results = {"windows": exact.windows}
+        results: dict[str, Any] = {"windows": exact.windows}
+        if len(targets):
+            results["targets"] = described_targets(mesh, targets, exact)
         return Measured(exact.distance, exact.nearest_source, results, accuracy, exact)
 
     return solve
+
+
+def described_targets(
+    mesh: SurfaceMesh, targets: SurfacePoints, exact: ExactDistance
+) -> list[dict[str, Any]]:
+    """Each target for the summary: where it is, its distance (None where no source reaches), its source."""
+    said = Sources.at([], targets).described(mesh)
+    for entry, distance, source in zip(said, exact.target_distance, exact.target_source, strict=True):
+        entry["distance"] = float(distance) if np.isfinite(distance) else None
+        entry["nearest_source"] = int(source)
+    return said
 
 
 def _error_nearby(mesh: SurfaceMesh, sources: Sources, distance: NDArray, tables: WindowTables) -> float:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,7 +12,9 @@ from numpy.typing import NDArray
 from ddgcli.algorithms.geodesic_sources import Sources, checked_sources
 from ddgcli.algorithms.window_front import Front
 from ddgcli.algorithms.window_tables import WindowTables, window_tables
+from ddgcli.algorithms.window_targets import Targets
 from ddgcli.errors import ParameterError
+from ddgcli.geometry.surface_points import SurfacePoints
 from ddgcli.operators.laplacian import SurfaceMesh
 
 log = logging.getLogger("ddgcli")
@@ -40,6 +43,10 @@ class ExactDistance:
         In length units; nan where `side` is -1.
     windows, rounds : int
         Work done.
+    target_distance : (k,) ndarray of float64
+        Of the points asked for; inf where no source reaches.
+    target_source : (k,) ndarray of int64
+        Number of their nearest source; -1 where none reaches.
     patched : int
         Vertices that only an edge path reached (0 but for extremely degenerate triangles); never too short.
     """
@@ -51,6 +58,8 @@ class ExactDistance:
     crossing: NDArray[np.float64]
     windows: int
     rounds: int
+    target_distance: NDArray[np.float64]
+    target_source: NDArray[np.int64]
     patched: int = 0
 
 
@@ -60,8 +69,10 @@ def exact_distance(
     *,
     tolerance: float = 0.0,
     limit: float = np.inf,
+    targets: SurfacePoints | None = None,
     tables: WindowTables | None = None,
     dominance_every: int = 10,
+    progress: Callable[[float, float], None] | None = None,
 ) -> ExactDistance:
     """Exact distance along the surface from every vertex to the nearest of `sources`.
 
@@ -77,10 +88,14 @@ def exact_distance(
         at most that much longer; the answer is still the length of a real path, never below the distance.
     limit : float
         Stop when all distances below it are final; vertices beyond it are inf or upper bounds.
+    targets : SurfacePoints, optional
+        Points on faces whose distance is wanted beside that of the vertices.
     tables : WindowTables, optional
         `window_tables(mesh)`, to share among calls.
     dominance_every : int
         Rounds between prunes; changes time, not distances.
+    progress : callable, optional
+        Called now and then with the number of vertices whose distance is final, and the number of all.
 
     Returns
     -------
@@ -99,24 +114,35 @@ def exact_distance(
         raise ParameterError(f"tolerance {tolerance} must be a number of side lengths, 0 or more")
     sources = checked_sources(mesh, sources)
     tables = tables or window_tables(mesh)
-    front = Front(tables, slack=tolerance, dominance_every=dominance_every)
+    points = SurfacePoints.none() if targets is None else targets
+    points = SurfacePoints.checked(points.face, points.barycentric, mesh.n_faces)
+    wanted = Targets(tables, points)
+    front = Front(
+        tables, slack=tolerance, dominance_every=dominance_every, targets=wanted if len(points) else None
+    )
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         _start(front, mesh, sources)
         n = tables.n_vertices
-        front.run(limit / tables.scale, most_windows=1e6 + 3000.0 * n + 60.0 * n**1.5)
+        front.run(limit / tables.scale, 1e6 + 3000.0 * n + 60.0 * n**1.5, progress)
     patched = _patch_unreached(front, mesh) if np.isinf(limit) else 0
-    reached = front.origin >= 0
-    origin = np.maximum(front.origin, 0)
+    wanted.finish(front.distance, front.origin)
     return ExactDistance(
         distance=front.distance * tables.scale,
-        nearest_source=np.where(reached, front.origins.source[origin], -1),
-        origin_vertex=np.where(reached, front.origins.vertex[origin], -1),
+        nearest_source=_told(front.origins.source, front.origin),
+        origin_vertex=_told(front.origins.vertex, front.origin),
         side=np.maximum(front.side, -1),
         crossing=np.where(front.side >= 0, front.crossing * tables.scale, np.nan),
         windows=front.windows,
         rounds=front.rounds,
+        target_distance=wanted.distance * tables.scale,
+        target_source=_told(front.origins.source, wanted.origin),
         patched=patched,
     )
+
+
+def _told(values: NDArray, origin: NDArray) -> NDArray[np.int64]:
+    """What the origins say, -1 where there is none."""
+    return np.where(origin >= 0, values[np.maximum(origin, 0)], -1)
 
 
 def _start(front: Front, mesh: SurfaceMesh, sources: Sources) -> None:
@@ -151,6 +177,8 @@ def _start_point(front: Front, source: int, face: int, weights: NDArray) -> None
             mirrored[i], mirrored[(i + 1) % 3] = (tail, head) if same_way else (head, tail)
             seen_from.append((g, mirrored))
     for g, w in seen_from:
+        if front.targets is not None:
+            front.targets.see(g, w, int(origin[0]))
         side = 3 * g + np.arange(3)
         length, ax, ay = tables.shape[side, :3].T
         apex = w[[2, 0, 1]]

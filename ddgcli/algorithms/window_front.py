@@ -11,6 +11,8 @@ S. Xin, G. Wang, Improving Chen and Han's algorithm, 2009 (the filter by vertex 
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -18,9 +20,11 @@ from ddgcli.algorithms.window_dominance import EPS, dominate
 from ddgcli.algorithms.window_pool import NEVER, Origins, Pool
 from ddgcli.algorithms.window_shadow import shadow_of
 from ddgcli.algorithms.window_tables import BOUNDARY, WindowTables
+from ddgcli.algorithms.window_targets import Targets
 from ddgcli.errors import SolveError
 
 LIFT = 1e-15  # of a side: least height of a source above it, so that one on the side itself still sees across
+TELL_EVERY = 16  # rounds between two looks at the progress
 SPAWN_EVERY = 3  # rounds between two launches of waiting vertices; fewer, fuller batches
 
 
@@ -34,10 +38,20 @@ class Front:
         0 for exact; tau > 0 drops windows that a vertex path matches within tau side lengths.
     dominance_every : int
         Rounds between two prunes of windows on the same side; 0 never prunes (the distances are the same).
+    targets : Targets, optional
+        Points in faces to measure on the way.
     """
 
-    def __init__(self, tables: WindowTables, *, slack: float = 0.0, dominance_every: int = 10) -> None:
+    def __init__(
+        self,
+        tables: WindowTables,
+        *,
+        slack: float = 0.0,
+        dominance_every: int = 10,
+        targets: Targets | None = None,
+    ) -> None:
         n = tables.n_vertices
+        self.targets = targets
         self.tables, self.slack, self.dominance_every = tables, slack, dominance_every
         self.bends = np.ones(n, dtype=bool) if slack > 0 else tables.bends
         self.distance = np.full(n, np.inf)
@@ -188,8 +202,15 @@ class Front:
         where[0], where[1] = code, origin
         self.pool.push(lines, where, key)
 
-    def run(self, limit: float = np.inf, most_windows: float = np.inf) -> None:
+    def run(
+        self,
+        limit: float = np.inf,
+        most_windows: float = np.inf,
+        progress: Callable[[float, float], None] | None = None,
+    ) -> None:
         """Propagate until nothing waits below `limit` (distances below it are then final).
+
+        `progress` is told now and then how many vertices of all are final.
 
         Raises
         ------
@@ -201,6 +222,8 @@ class Front:
             least = min(self.pool.least(), waiting)
             if not least < limit:
                 return
+            if progress is not None and self.rounds % TELL_EVERY == 0:
+                progress(float(np.count_nonzero(self.distance < least)), float(len(self.distance)))
             bound = max(least + self.bucket, np.nextafter(least, np.inf))
             if waiting < bound and (self.rounds % SPAWN_EVERY == 0 or waiting <= least):
                 self._spawn_below(bound)
@@ -216,6 +239,8 @@ class Front:
                     f"exact distance gave up after {self.windows} windows; the triangles are too degenerate: "
                     "use --method heat, or repair the mesh"
                 )
+            if self.targets is not None:
+                self.targets.light(lines, where, self.origins)
             self._propagate(lines, where)
 
     def _waiting(self) -> float:

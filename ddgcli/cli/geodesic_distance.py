@@ -22,6 +22,8 @@ class DistanceChoice:
     source: tuple[Any, ...] = ()
     source_point: tuple[Any, ...] = ()
     source_face: tuple[Any, ...] = ()
+    target_point: tuple[Any, ...] = ()
+    target_face: tuple[Any, ...] = ()
     method: str = "exact"
     tolerance: float | None = None
     operator: str | None = None
@@ -99,6 +101,10 @@ _OPTIONS = (
                  help="Source at the point of the surface nearest to this one."),
     click.option("--source-face", multiple=True, type=FacePoint(), metavar="F:b0,b1,b2...",
                  help="Source inside a face, by barycentric coordinates."),
+    click.option("--target-point", multiple=True, type=Numbers(3, "0.5,1,0"), metavar="X,Y,Z...",
+                 help="exact: also the distance at the point of the surface nearest to this one."),
+    click.option("--target-face", multiple=True, type=FacePoint(), metavar="F:b0,b1,b2...",
+                 help="exact: also the distance at a point inside a face, into results.targets."),
     click.option("--method", type=click.Choice(METHODS), default="exact", show_default=True,
                  help="exact: the polyhedral distance. heat: two linear solves, factored once; pays off for "
                       "many sources. fast-marching: first order. dijkstra: along edges."),
@@ -141,13 +147,20 @@ def check_distance(asked: DistanceChoice) -> None:
         raise ParameterError(
             f"--tolerance belongs to --method exact, not to {asked.method}; drop one of them"
         )
+    for name in ("target_point", "target_face"):
+        if getattr(asked, name) and asked.method != "exact":
+            option = "--" + name.replace("_", "-")
+            raise ParameterError(
+                f"{option} belongs to --method exact, not to {asked.method}; drop one of them"
+            )
     for name in ("operator", "heat_time", "heat_refine"):
         if getattr(asked, name) is not None and asked.method != "heat" and "heat" not in asked.compare:
             option = "--" + name.replace("_", "-")
             raise ParameterError(
                 f"{option} belongs to --method heat, not to {asked.method}; drop one of them"
             )
-    for name in ("each_source", "gradient", "isolines", "compare", "certify"):
+    needing = ("target_point", "target_face", "each_source", "gradient", "isolines", "compare", "certify")
+    for name in needing:
         if getattr(asked, name) and not asked.any:
             raise ParameterError(f"--{name.replace('_', '-')} needs a source, e.g. --source 0")
 
@@ -166,19 +179,25 @@ class DistanceMade:
 
 def read_sources(mesh: Any, asked: DistanceChoice) -> Any:  # -> Sources
     """The sources in the order vertices, points in space, points of faces; checked."""
+    from ddgcli.algorithms.geodesic_sources import Sources, checked_sources
+
+    points = read_points(mesh, asked.source_point, asked.source_face)
+    return checked_sources(mesh, Sources.at(asked.vertices, points))
+
+
+def read_points(mesh: Any, in_space: Any, on_faces: Any) -> Any:  # -> SurfacePoints
+    """Points of the surface: first those nearest to points in space, then those given on faces; checked."""
     import numpy as np
 
-    from ddgcli.algorithms.geodesic_sources import Sources, checked_sources
     from ddgcli.geometry.surface_points import SurfacePoints, nearest_points
 
-    near, _ = nearest_points(mesh, np.array(asked.source_point, dtype=float).reshape(-1, 3))
-    face = np.array([f for f, _ in asked.source_face], dtype=np.int64)
-    weights = np.array([w for _, w in asked.source_face], dtype=float).reshape(-1, 3)
+    near, _ = nearest_points(mesh, np.array(in_space, dtype=float).reshape(-1, 3))
+    face = np.array([f for f, _ in on_faces], dtype=np.int64)
+    weights = np.array([w for _, w in on_faces], dtype=float).reshape(-1, 3)
     given = SurfacePoints.checked(face, weights, mesh.n_faces)
-    points = SurfacePoints(
+    return SurfacePoints(
         np.concatenate([near.face, given.face]), np.concatenate([near.barycentric, given.barycentric])
     )
-    return checked_sources(mesh, Sources.at(asked.vertices, points))
 
 
 def compute_distance(run: Any, mesh: Any, asked: DistanceChoice, sources: Any) -> DistanceMade:
@@ -191,7 +210,13 @@ def compute_distance(run: Any, mesh: Any, asked: DistanceChoice, sources: Any) -
         heat_time=asked.heat_time or 1.0,
         heat_refine=asked.heat_refine or 0,
     )
-    solver = geodesic.prepare(mesh, asked.method, chosen)
+    solver = geodesic.prepare(
+        mesh,
+        asked.method,
+        chosen,
+        targets=read_points(mesh, asked.target_point, asked.target_face),
+        progress=run.progress("exact distance") if asked.method == "exact" else None,
+    )
     measured = geodesic.measure_distance(mesh, sources, asked.method, solver=solver)
     vertex, face, curves = dict(measured.arrays), {}, []
     accuracy = dict(measured.accuracy)

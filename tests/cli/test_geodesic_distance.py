@@ -56,6 +56,26 @@ def test_several_sources_in_every_spelling(square, summary, tmp_path, words):
     assert np.allclose(np.take_along_axis(each, nearest[None], axis=0)[0], arrays["geodesic_distance"])
 
 
+def test_target_points(square, summary):
+    targets = ["--target-point", "0.33,0.71,5", "--target-face", "0:0.2,0.3,0.5"]
+    said = summary("geodesic", square, "--source", 0, 120, *targets)
+    near, inside = said["results"]["targets"]
+    assert near["nearest_source"] == 1 and near["position"] == pytest.approx([0.33, 0.71, 0])
+    assert near["distance"] == pytest.approx(np.hypot(0.67, 0.29), abs=1e-12)
+    assert inside["face"] == 0
+    assert inside["distance"] == pytest.approx(np.linalg.norm(inside["position"]), abs=1e-12)
+
+
+def test_target_that_no_source_reaches_is_null(islands, summary):
+    said = summary("geodesic", islands, "--source", 0, "--target-face", "200:0.2,0.3,0.5")
+    assert said["results"]["targets"][0]["distance"] is None
+
+
+def test_progress_of_exact(square, run):
+    done = run("geodesic", square, "--source", 0, "--progress")
+    assert "exact distance [" in done.stderr and done.exit_code == 0
+
+
 def test_source_point_and_face(square, summary, tmp_path):
     out = tmp_path / "out.npz"
     said = summary("geodesic", square, "--source-point", "0.33,0.41,7", "-o", out)
@@ -156,6 +176,9 @@ def test_unreachable_components_are_named(islands, summary, tmp_path, method):
         (["--source", 0, "--tolerance", "-1"], "less than 0"),
         (["--source", 0, "--tolerance", "0.1", "--method", "heat"], "belongs to --method exact"),
         (["--source", 0, "--heat-time", "2"], "belongs to --method heat"),
+        (["--source", 0, "--target-point", "1,0,0", "--method", "heat"], "belongs to --method exact"),
+        (["--source", 0, "--target-face", "999:0.2,0.3,0.5"], "face 999"),
+        (["--target-face", "0:0.2,0.3,0.5"], "needs a source"),
         (["--source", 0, "--isolines", "0"], "isolines"),
         (["--source", 0, "--method", "magic"], "magic"),
         (["--certify"], "needs a source"),
