@@ -103,7 +103,8 @@ class Joints:
     ----------
     left, right : (p,) ndarray of float64
         Surface angle between the arriving and the leaving segment on either side, in radians; nan at the ends
-        of open paths, beside segments without length, and on the side that the boundary cuts off.
+        of open paths, beside segments without length, on the side that the boundary cuts off, and where the
+        curve goes from one fan of faces at a vertex to another.
     total : (p,) ndarray of float64
         Surface angle around the point: 2 pi but at vertices and on the boundary.
     vertex : (p,) ndarray of int64
@@ -243,6 +244,7 @@ def joints(mesh: SurfaceMesh, paths: SurfacePaths, shortest: float = 1e-13) -> J
         left = np.where(is_open, np.where(turn >= 0, turn, np.nan), turn % total)
         right = np.where(is_open, np.where(turn < 0, -turn, np.nan), total - left)
     short = np.minimum(np.hypot(*leaving.T), np.hypot(*backward.T)) <= shortest
+    short |= (count == 1) & (fans.fan[3 * into_face + np.argmax(into_b, axis=1)] != fan)  # from fan to fan
     result = {name: np.full(len(after), np.nan) for name in ("left", "right", "total")}
     result["left"][at], result["right"][at] = np.where(short, np.nan, left), np.where(short, np.nan, right)
     result["total"][at] = total

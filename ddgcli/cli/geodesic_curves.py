@@ -147,42 +147,54 @@ def compute_curves(
     run: Any, read: Any, asked: CurveOptions, sources: Any, exact: Any, more: Sequence[Any] = ()
 ) -> Any:  # -> Curves
     """All curves that the options ask for on the mesh read, in the order of the options in --help."""
-    mesh = read.mesh
     with run.timed("compute"):
         from ddgcli.algorithms import curves
+        from ddgcli.algorithms.oriented_cover import oriented_cover
 
-        parts = []
+        cover = oriented_cover(read.mesh)
+        mesh, parts = cover.mesh, []
         if asked.path_to:
             from ddgcli.algorithms.shortest_paths import shortest_paths
 
-            parts.append(shortest_paths(mesh, exact, sources, list(asked.path_to)))
-        if asked.trace:
-            import numpy as np
-
-            face, barycentric, direction, length = (np.array(x) for x in zip(*asked.trace, strict=True))
+            if len(sources.points):
+                cover.need_two_sides("--path-to from points inside faces")
             parts.append(
-                curves.traced_curves(
-                    mesh,
-                    face,
-                    barycentric,
-                    direction,
-                    length,
-                    at_boundary=asked.at_boundary,
-                    told=run.progress("traces"),
+                shortest_paths(
+                    mesh, cover.lifted_exact(exact), cover.lifted_sources(sources), list(asked.path_to)
                 )
             )
+        if asked.trace:
+            parts.append(_traced(run, cover, asked))
         if asked.straighten or asked.loop:
             from ddgcli.algorithms.flipout import straightened_curves
 
+            cover.need_two_sides("--straighten or --loop")
             closed = [False] * len(asked.straighten) + [True] * len(asked.loop)
             parts.append(straightened_curves(mesh, [*asked.straighten, *asked.loop], closed))
         if asked.field:
-            parts.append(_field_curves(run, read, asked, sources))
-        made = curves.gathered([*parts, *more])
-        return curves.with_transport(mesh, made) if asked.transport else made
+            parts.append(_field_curves(run, read, cover, asked, sources))
+        lifted = [] if cover.one_sided else [cover.lifted_curves(lines) for lines in more]
+        made = curves.gathered([*parts, *lifted])
+        made = cover.projected(curves.with_transport(mesh, made) if asked.transport else made)
+        return curves.gathered([made, *more]) if cover.one_sided else made
 
 
-def _field_curves(run: Any, read: Any, asked: CurveOptions, sources: Any) -> Any:  # -> Curves
+def _traced(run: Any, cover: Any, asked: CurveOptions) -> Any:  # -> Curves
+    """The traces, from points of the input's faces."""
+    import numpy as np
+
+    from ddgcli.algorithms.curves import traced_curves
+    from ddgcli.geometry.surface_points import SurfacePoints
+
+    face, barycentric, direction, length = (np.array(x) for x in zip(*asked.trace, strict=True))
+    start = cover.lifted_points(SurfacePoints.checked(face, barycentric, cover.base.n_faces))
+    return traced_curves(
+        cover.mesh, start.face, start.barycentric, direction, length,
+        at_boundary=asked.at_boundary, told=run.progress("traces"),
+    )  # fmt: skip
+
+
+def _field_curves(run: Any, read: Any, cover: Any, asked: CurveOptions, sources: Any) -> Any:  # -> Curves
     """Integral curves of the named field."""
     from ddgcli.algorithms.curves import field_curves
     from ddgcli.algorithms.integral_curves import random_starts, starts_at
@@ -190,12 +202,12 @@ def _field_curves(run: Any, read: Any, asked: CurveOptions, sources: Any) -> Any
 
     values, _ = given_array(read, asked.field or "")
     if sources is None:
-        starts = random_starts(read.mesh, asked.field_seeds or 16, run.common.seed)
+        starts = random_starts(cover.mesh, asked.field_seeds or 16, run.common.seed)
     else:
-        starts = starts_at(read.mesh, sources)
+        starts = starts_at(cover.mesh, cover.lifted_sources(sources))
     return field_curves(
-        read.mesh, values, starts, asked.field_time, order=int(asked.field_order), step=asked.field_step,
-        tolerance=asked.field_tolerance,
+        cover.mesh, cover.face_values(values), starts, asked.field_time, order=int(asked.field_order),
+        step=asked.field_step, tolerance=asked.field_tolerance,
     )  # fmt: skip
 
 
@@ -205,12 +217,16 @@ def compute_vectors(
     """The vectors at vertices that the options ask for."""
     with run.timed("compute"):
         from ddgcli.algorithms import vertex_vectors
+        from ddgcli.algorithms.oriented_cover import oriented_cover
 
-        parts = []
+        cover, parts = oriented_cover(mesh), []
+        cover.need_two_sides("--log-map or --spread-vector")
+        sources = cover.lifted_sources(sources)
         if asked.log_map:
-            parts.append(vertex_vectors.log_map_vectors(mesh, exact, sources, run.progress("log map")))
+            told = run.progress("log map")
+            parts.append(vertex_vectors.log_map_vectors(cover.mesh, cover.lifted_exact(exact), sources, told))
         if asked.spread_vector:
-            parts.append(vertex_vectors.spread_vectors(mesh, sources, asked.spread_vector))
+            parts.append(vertex_vectors.spread_vectors(cover.mesh, sources, asked.spread_vector))
         return vertex_vectors.gathered(parts)
 
 

@@ -226,8 +226,12 @@ def compute_distance(run: Any, mesh: Any, asked: DistanceChoice, sources: Any) -
         face["distance_gradient"] = geodesic.distance_gradient(mesh, measured.distance)
     if asked.isolines:
         from ddgcli.algorithms.isolines import isoline_curves
+        from ddgcli.algorithms.oriented_cover import oriented_cover
 
-        curves.append(isoline_curves(mesh, measured.distance, asked.isolines))
+        cover = oriented_cover(mesh)
+        on = mesh if cover.one_sided else cover.mesh
+        lines = isoline_curves(on, measured.distance, asked.isolines)
+        curves.append(lines if cover.one_sided else cover.projected(lines))
     if asked.compare:
         accuracy["compare"] = geodesic.compare(mesh, sources, measured.distance, list(asked.compare), chosen)
     if asked.certify:

@@ -3,9 +3,15 @@
 import numpy as np
 import pytest
 
+from ddgcli.algorithms.curves import traced_curves
+from ddgcli.algorithms.geodesic_exact import exact_distance
+from ddgcli.algorithms.geodesic_sources import Sources
+from ddgcli.algorithms.oriented_cover import oriented_cover
+from ddgcli.algorithms.shortest_paths import shortest_paths
 from ddgcli.algorithms.trace import GAVE_UP, Tracer, trace
 from ddgcli.errors import MeshError
 from ddgcli.geometry.face_frames import surface_position
+from ddgcli.geometry.surface_points import SurfacePoints
 from ddgcli.mesh import shapes
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 
@@ -83,8 +89,7 @@ def test_scales(scale):
     np.testing.assert_allclose(one.barycentric, other.barycentric, atol=1e-9)
 
 
-def test_a_moebius_strip_is_refused():
-    n = 12
+def moebius_strip(n=12):
     faces = []
     for i in range(n):
         a, b, c, d = 2 * i, 2 * i + 1, 2 * i + 2, 2 * i + 3
@@ -99,6 +104,60 @@ def test_a_moebius_strip_is_refused():
         )
         for s in (-0.3, 0.3)
     ]
-    mesh = TriangleMesh.from_arrays(np.stack(rim, axis=1).reshape(-1, 3), np.array(faces))
+    return TriangleMesh.from_arrays(np.stack(rim, axis=1).reshape(-1, 3), np.array(faces))
+
+
+def test_one_sided_and_mixed_faces_are_refused_by_the_tracer_itself():
     with pytest.raises(MeshError, match="consistently oriented"):
-        trace(mesh, [0], [[1, 0, 0]], [[1, 0, 0]], [1.0])
+        trace(moebius_strip(), [0], [[1, 0, 0]], [[1, 0, 0]], [1.0])
+
+
+def some_faces_turned(mesh, seed):
+    turn = np.random.default_rng(seed).random(mesh.n_faces) < 0.4
+    return mesh.from_arrays(mesh.points, np.where(turn[:, None], mesh.faces[:, ::-1], mesh.faces)), turn
+
+
+@pytest.mark.parametrize("mesh", [moebius_strip(), shapes.random_sphere(300)], ids=["moebius", "sphere"])
+def test_lines_do_not_depend_on_how_faces_are_turned(mesh):
+    rng = np.random.default_rng(3)
+    face, weights = rng.integers(0, mesh.n_faces, 20), rng.dirichlet([1, 1, 1], 20)
+    direction, drawn = rng.normal(size=(20, 3)), []
+    for seed in (0, 1):
+        mixed, turn = some_faces_turned(mesh, seed)
+        assert not mixed.topology.is_oriented
+        cover = oriented_cover(mixed)
+        own = np.where(turn[face][:, None], weights[:, ::-1], weights)
+        start = cover.lifted_points(SurfacePoints(face, own))
+        made = traced_curves(
+            cover.mesh, start.face, start.barycentric, direction, np.full(20, 9.0), at_boundary="reflect"
+        )
+        assert made.accuracy["trace_angle_defect"] < 1e-9
+        on_mesh = cover.projected(made)
+        drawn.append(surface_position(mixed, on_mesh.paths.face, on_mesh.paths.barycentric))
+        ends = surface_position(
+            mixed,
+            np.array([e["end"]["face"] for e in on_mesh.entries]),
+            np.array([e["end"]["barycentric"] for e in on_mesh.entries]),
+        )
+        np.testing.assert_array_equal(ends, drawn[-1][on_mesh.paths.start[1:] - 1])
+        assert on_mesh.paths.face.max() < mesh.n_faces
+    np.testing.assert_allclose(drawn[0], drawn[1], atol=1e-9)
+
+
+@pytest.mark.parametrize("mesh", [moebius_strip(), shapes.random_sphere(300)], ids=["moebius", "sphere"])
+def test_shortest_paths_on_faces_turned_at_random(mesh):
+    mixed, _ = some_faces_turned(mesh, 0)
+    cover, sources = oriented_cover(mixed), Sources.at([3])
+    exact = exact_distance(mixed, sources)
+    made = shortest_paths(cover.mesh, cover.lifted_exact(exact), sources, list(range(mesh.n_vertices)))
+    assert made.converged and made.accuracy["path_length_residual"] < 1e-12
+    p = cover.projected(made).paths
+    drawn = surface_position(mixed, p.face, p.barycentric)
+    for i in range(mesh.n_vertices):
+        step = np.diff(drawn[p.start[i] : p.start[i + 1]], axis=0)
+        assert np.linalg.norm(step, axis=1).sum() == pytest.approx(exact.distance[i], rel=1e-12)
+
+
+def test_what_needs_two_sides_says_so():
+    with pytest.raises(MeshError, match="one-sided"):
+        oriented_cover(moebius_strip()).need_two_sides("--log-map")
