@@ -11,11 +11,17 @@ import math
 import igl
 import ladder
 import measure
+import numpy as np
 import robust_laplacian
 
 from ddgcli.algorithms.common_subdivision import Base, common_subdivision
 from ddgcli.algorithms.delaunay import flip_to_delaunay
+from ddgcli.algorithms.point_location import PointMap
 from ddgcli.algorithms.refine import refine
+from ddgcli.errors import MeshError
+from ddgcli.geometry.intrinsic import corner_angle
+from ddgcli.geometry.surface_points import SurfacePoints
+from ddgcli.io.mesh_file import read_mesh
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.operators.laplacian import lumped_mass, stiffness
 
@@ -68,7 +74,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--sizes", nargs="+", default=["20k", "80k", "320k"])
     parser.add_argument("--repeat", type=int, default=5)
-    parser.add_argument("--only", choices=["flips", "overlay", "refine"])
+    parser.add_argument("--only", choices=["flips", "overlay", "refine", "shared"])
     options = parser.parse_args()
     sizes = [ladder.FACES[size] for size in options.sizes]
     print(measure.machine())
@@ -98,15 +104,67 @@ def main() -> None:
             header = ["faces", "faces of the overlay", "crossings", "seconds", "growth / n log n"]
             measure.print_table(f"Common subdivision, {family} (no peer binds it)", header, rows)
     if options.only in (None, "refine"):
-        rows = []
-        for size in sizes:
-            mesh = ladder.stretched(size)
-            timing = measure.timed(lambda: refine(mesh, 25.0), 1, warm_up=False)  # noqa: B023
-            after = timing.value.flipped.mesh
-            rows.append([mesh.n_faces, after.n_faces, timing.value.batches, timing.median])
+        refinement_tables(sizes)
+    if options.only in (None, "shared"):
+        shared_table()
+
+
+def shared_table() -> None:
+    """Refinement of every shared mesh that is an oriented surface, and the overlay after it."""
+    rows, refused = [], []
+    for path in sorted(ladder.SHARED.iterdir()):
+        if not path.is_file() or path.suffix in (".py", ".md"):
+            continue
+        source = read_mesh(str(path))
+        if source.kind != "surface":
+            continue
+        try:
+            timing = measure.timed(lambda: refine(source.mesh, 25.0), 1, warm_up=False)  # noqa: B023
+        except MeshError as error:
+            refused.append(f"{path.stem}: {error}")
+            continue
+        refined = timing.value
+        angle = math.degrees(corner_angle(refined.flipped.mesh.side_length).min())
+        cut = common_subdivision(refined.flipped, refined.base)
+        counts = [source.mesh.n_vertices, len(refined.steiner), refined.batches]
+        left = [refined.excepted_faces, refined.unreached_faces]
+        overlay = [cut.mesh.n_faces, cut.length_residual]
+        rows.append([path.stem, *counts, angle, *left, *overlay, timing.median])
+    header = ["mesh", "vertices", "Steiner points", "batches", "smallest angle", "excepted", "unreached"]
+    header += ["faces of the overlay", "length residual", "seconds"]
+    measure.print_table("Refinement to 25 degrees of the shared meshes", header, rows)
+    print("\n".join(refused))
+
+
+def refinement_tables(sizes: list[int]) -> None:
+    """Refinement, the overlay after it, and points carried to the refined triangulation and back."""
+    refining, cutting, carrying = [], [], []
+    for size in sizes:
+        mesh = ladder.stretched(size)
+        timing = measure.timed(lambda: refine(mesh, 25.0), 1, warm_up=False)  # noqa: B023
+        refined = timing.value
+        after = refined.flipped.mesh
+        refining.append([mesh.n_faces, after.n_faces, refined.batches, timing.median])
+        timing = measure.timed(
+            lambda: common_subdivision(refined.flipped, refined.base),  # noqa: B023
+            1,
+            warm_up=False,
+        )
+        cut = timing.value
+        cutting.append([mesh.n_faces, cut.mesh.n_faces, (cut.vertex_kind == 2).sum(), timing.median])
+        carry = PointMap(cut)
+        corner = np.random.default_rng(0).dirichlet([1, 1, 1], size=2 * mesh.n_faces)
+        points = SurfacePoints(np.repeat(np.arange(mesh.n_faces), 2), corner)
+        timing = measure.timed(lambda: carry.to_input(carry.to_intrinsic(points)), 1)  # noqa: B023
+        carrying.append([mesh.n_faces, len(points), timing.median])
+    for rows in (refining, cutting, carrying):
         growth(rows)
-        header = ["faces", "faces after", "batches", "seconds", "growth / n log n"]
-        measure.print_table("Refinement to 25 degrees, stretched sphere (no peer binds it)", header, rows)
+    header = ["faces", "faces after", "batches", "seconds", "growth / n log n"]
+    measure.print_table("Refinement to 25 degrees, stretched sphere (no peer binds it)", header, refining)
+    header = ["faces", "faces of the overlay", "crossings", "seconds", "growth / n log n"]
+    measure.print_table("Common subdivision after that refinement", header, cutting)
+    header = ["faces", "points", "seconds", "growth / n log n"]
+    measure.print_table("Points carried there and back", header, carrying)
 
 
 if __name__ == "__main__":

@@ -24,6 +24,7 @@ from ddgcli.mesh.fields import AnnotatedMesh
 from ddgcli.mesh.intrinsic_mesh import IntrinsicMesh
 from ddgcli.mesh.triangle_mesh import TriangleMesh, vector_length
 from ddgcli.operators.laplacian import stiffness
+from ddgcli.operators.mollify import mollified_mesh
 
 SurfaceMesh = TriangleMesh | IntrinsicMesh
 
@@ -154,7 +155,7 @@ def triangulation_statistics(mesh: SurfaceMesh, *, condition: bool = False) -> d
     angle = np.degrees(corner_angle(mesh.side_length))
     edges = np.sort(mesh.topology.edges, axis=1)
     loop = edges[:, 0] == edges[:, 1]
-    matrix = stiffness(mesh)
+    matrix = stiffness(mollified_mesh(mesh)[0])  # told by the flips
     statistics = {
         "non_delaunay_edges": int(non_delaunay_edges(mesh).sum()),
         "negative_cotan_edges": negative_cotan_edges(mesh),

@@ -16,11 +16,12 @@ from ddgcli.algorithms.circumcentres import (
     pushed_inside,
     seek_circumcentres,
 )
-from ddgcli.algorithms.delaunay import glue, length_scale, working_lengths
+from ddgcli.algorithms.delaunay import glue, length_scale
 from ddgcli.algorithms.flips import SideArrays, flip_until_delaunay
 from ddgcli.algorithms.gluing import around
 from ddgcli.algorithms.steiner_places import Places
 from ddgcli.mesh.triangle_mesh import TriangleMesh
+from ddgcli.operators.mollify import mollified
 
 SHARP = np.pi / 3  # cones and boundary corners of a smaller total angle are left as they are
 COINCIDENT = 1e-7  # side of a face without area, relative to its longest, whose ends are one point
@@ -45,12 +46,11 @@ class Refinement:
         self.limit, self.n_input = limit, mesh.n_vertices
         self.bound = np.tan(angle / 2)
         glued = glue(mesh)
-        begun = working_lengths(mesh, glued)
-        length = begun.length.astype(np.float64)
-        scale = length_scale(length)
+        begun = mollified(glued.side_length, glued.topology.side_edge)
+        scale = length_scale(begun.length)
         self.places = Places(mesh, scale)
         fans = self.places.fans
-        self.state = SideArrays.of(glued.faces, glued.topology.side_twin, length / scale)
+        self.state = SideArrays.of(glued.faces, glued.topology.side_twin, begun.length / scale)
         self.state.direction = fans.angle_before.copy()
         self.flips, self.batches = flip_until_delaunay(self.state)[0], 0
         self.exhausted = False

@@ -13,8 +13,8 @@ from ddgcli.mesh.intrinsic_mesh import IntrinsicMesh
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 
 FLAT = 4  # roundings of the perimeter: an excess below has no shape left
-SPARE = 1e4  # roundings of the mean side: the excess of a mended triangle, so that four digits are known
-MAX_ROUNDS = 50
+SPARE = 64  # roundings of the mean side: the excess of a mended triangle, well above FLAT
+MAX_ROUNDS = 1000
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,11 +49,11 @@ def mollified(length: NDArray, side_edge: NDArray) -> Mollified:
     """Lengths grown as little as gives every triangle an inside.
 
     A face whose sides break the triangle inequality, or hold it with mere rounding to spare, has its three
-    edges lengthened by the same amount: a cap (three corners on a line) until four digits of its height are
-    known, by about 1e-12 of its sides; a needle without a width until its angle is the square root of a
+    edges lengthened by the same amount: a cap (three corners on a line) until rounding cannot make it flat
+    again, by about 1e-14 of its sides; a needle without a width until its angle is the square root of a
     rounding, 1e-8, so that lengths and cotangents both keep half of their digits. Neighbours that this would
-    cost more than half of their own excess follow. Where nothing is degenerate nothing changes. After
-    N. Sharp, K. Crane, "A Laplacian for nonmanifold triangle meshes", 2020, who lengthen every edge alike.
+    cost more than half of their own excess are lengthened alike. Where nothing is degenerate nothing changes.
+    After N. Sharp, K. Crane, "A Laplacian for nonmanifold triangle meshes", 2020, who lengthen every edge.
 
     Parameters
     ----------
@@ -79,7 +79,9 @@ def mollified(length: NDArray, side_edge: NDArray) -> Mollified:
     mean = length.mean()
     wanted = 0.5 * least
     wanted[flat] = _mended_excess(length[flat], np.maximum(length[flat].mean(axis=1), unit * mean), unit)
-    grown = _lengthened(original, side_edge, wanted)
+    added = np.zeros_like(least)
+    added[flat] = np.maximum(wanted[flat] - least[flat], 0.0)
+    grown = _lengthened(original, side_edge, added, wanted)
     change = grown - original
     return Mollified(grown[side_edge], flat, int((change > 0).sum()), float(change.max() / mean))
 
@@ -110,21 +112,25 @@ def _mended_excess(length: NDArray, size: NDArray, unit: float) -> NDArray:
     return np.maximum(SPARE * unit * size, np.maximum(least, 0.0) + added)
 
 
-def _lengthened(edge_length: NDArray, side_edge: NDArray, wanted: NDArray) -> NDArray:
-    """(e,) edge lengths that give each face the excess wanted, in rounds over the faces still short of it.
+def _lengthened(edge_length: NDArray, side_edge: NDArray, added: NDArray, wanted: NDArray) -> NDArray:
+    """(e,) lengths of edges that all grow by the most that is added to one of their faces.
 
-    Where the rounds do not end, every edge grows by what the worst face lacks: that always suffices.
+    A face that its neighbours leave with less excess than wanted gets as much as the neighbour that has most:
+    then its own three edges grow alike. What is added only ever rises, to amounts given at the beginning; if
+    it takes too long, the largest is added to every face.
     """
-    edge_length = edge_length.copy()
-    for _ in range(MAX_ROUNDS):
-        missing = wanted - _excesses(edge_length[side_edge])[:, 0]
-        # a little more than is missing, so that rounding does not ask for another round
-        missing[missing > 0] += 0.01 * wanted[missing > 0]
-        short = np.flatnonzero(missing > 0)
-        if len(short) == 0:
-            return edge_length
-        more = np.zeros_like(edge_length)
-        np.maximum.at(more, side_edge[short].ravel(), np.repeat(missing[short], 3))
-        edge_length += more
-    missing = wanted - _excesses(edge_length[side_edge])[:, 0]
-    return edge_length + max(missing.max() + 0.01 * wanted.max(), 0.0)
+    added = added.copy()
+    for k in range(MAX_ROUNDS + 1):
+        growth = np.zeros_like(edge_length)
+        given = np.flatnonzero(added)
+        np.maximum.at(growth, side_edge[given].ravel(), np.repeat(added[given], 3))
+        grown = edge_length + growth
+        most = growth[side_edge].max(axis=1)
+        short = (added < most) & (_excesses(grown[side_edge])[:, 0] < wanted)
+        if not short.any():
+            break
+        if k < MAX_ROUNDS:
+            added[short] = most[short]
+        else:
+            grown = edge_length + most.max()
+    return grown
