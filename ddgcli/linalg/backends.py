@@ -118,9 +118,10 @@ class SymmetricLU:
         return self._order[np.argsort(self._lu.perm_c)][postorder(self._lu)]
 
     def solve(self, rhs: NDArray) -> NDArray:
-        x = np.empty_like(rhs)
-        x[self._order] = self._lu.solve(rhs[self._order])
-        return x
+        # by rows of the transpose, which lie together in memory
+        x = np.empty(rhs.shape[::-1], dtype=rhs.dtype)
+        x[..., self._order] = self._lu.solve(np.take(rhs.T, self._order, axis=-1).T).T
+        return x.T
 
 
 class PivotedLU:

@@ -186,11 +186,20 @@ class Poisson:
 
     def apply_inverse(self, rhs: NDArray) -> NDArray[np.float64]:
         """`solve` for inner iterations: balanced in silence, not refined."""
-        b = rhs - self._spread(self._sums(rhs))
-        x = np.zeros(b.shape)
+        return self.centred(self.pinned_solve(rhs - self._spread(self._sums(rhs))))
+
+    def pinned_solve(self, rhs: NDArray) -> NDArray[np.float64]:
+        """`apply_inverse` for a balanced (n, c) right-hand side, but zero at the pinned unknowns."""
         free = self._dirichlet.free
-        x[free] = self.factor.solve(b[free], refine=False)
-        return self.centred(x)
+        x = np.zeros(rhs.shape[::-1])
+        x[:, free] = self.factor.solve(np.take(rhs.T, free, axis=1).T, refine=False).T
+        return x.T
+
+    @property
+    def order(self) -> NDArray[np.int64] | None:
+        """Elimination order of all unknowns, the pinned ones last; None where pivoting decides."""
+        inner = self.factor.order
+        return None if inner is None else np.append(self._dirichlet.free[inner], self.pinned)
 
     def _spread(self, total: NDArray) -> NDArray:
         """(n, ...) multiple of the mass, with the given (count, ...) sum over each floating component."""

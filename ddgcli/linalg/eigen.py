@@ -13,15 +13,11 @@ from scipy.sparse.linalg import splu
 
 from ddgcli.errors import ParameterError
 from ddgcli.linalg.constrain import Poisson
+from ddgcli.linalg.lanczos import BlockLanczos
 from ddgcli.linalg.ordering import fill_reducing_ordering
 
 log = logging.getLogger("ddgcli")
 
-# vectors a step: few for few pairs (fewer solves), more for many (fewer passes over the basis)
-BLOCK, WIDEST = 4, 32
-# relative residual in the inverted spectrum; eigenvalues are accurate to its square
-TOLERANCE = 1e-11
-MAX_RESTARTS = 60
 # problems up to this size, or asked for more than a third of their spectrum, are solved densely
 DENSE = 400
 
@@ -81,7 +77,7 @@ def smallest_eigenpairs(stiffness: sparray, mass: sparray, k: int, *, seed: int 
     null = _null_vectors(problem)[:, :k]
     if null.shape[1] == k:
         return _finished(L, M, np.zeros(k), null, complete=True)
-    values, vectors, complete = _BlockLanczos(L, M, problem, seed).run(k - null.shape[1])
+    values, vectors, complete = _lanczos(L, M, problem, null, k - null.shape[1], seed)
     values = np.concatenate([np.zeros(null.shape[1]), values])
     return _finished(L, M, values, np.column_stack([null, vectors]), complete=complete)
 
@@ -119,128 +115,55 @@ def _finished(L: csr_array, M: csr_array, values: NDArray, X: NDArray, *, comple
     return Eigenpairs(values, X, norm(LX - MX * values, axis=0) / scale, complete)
 
 
-class _BlockLanczos:
-    """Block Lanczos for the inverse, self-adjoint in the M inner product, with thick restarts.
+def _lanczos(
+    L: csr_array, M: csr_array, problem: Poisson, null: NDArray, k: int, seed: int
+) -> tuple[NDArray, NDArray, bool]:
+    """The k smallest eigenpairs orthogonal to `null`, and whether none was missed.
 
-    Every new block is orthogonalised against the whole basis (twice), so the projected matrix is just the
-    coefficients, and no ghost copies appear. A block finds an eigenvalue as often as it is multiple, up to
-    the block's width; a count of inertia at the end tells whether that was enough.
-
-    K. Wu, H. Simon, "Thick-restart Lanczos method for large symmetric eigenvalue problems", 2000.
+    A diagonal mass is shared out to both sides, M^(1/2) L^-1 M^(1/2): then the inner product is the common
+    one.
     """
+    diagonal = M.diagonal() if M.nnz == M.shape[0] else np.zeros(1)
+    root = np.sqrt(diagonal) if (diagonal > 0).all() else None
 
-    def __init__(self, L: csr_array, M: csr_array, problem: Poisson, seed: int) -> None:
-        self.L, self.M, self.problem = L, M, problem
-        self.rng = np.random.default_rng(seed)
-        self.n = L.shape[0]
-        self.space = self.n - problem.count
+    def inverse(block: NDArray) -> NDArray:
+        if root is None:
+            return problem.pinned_solve(M @ block.T).T
+        return problem.pinned_solve((block * root).T).T * root
 
-    def run(self, k: int) -> tuple[NDArray, NDArray, bool]:
-        """Eigenvalues (k,), vectors (n, k), and whether none was missed."""
-        self.width = min(max(BLOCK, k // 25), WIDEST)
-        limit = min(self.space, max(2 * k, k + 32 * self.width) + self.width)
-        self.basis = np.empty((self.n, limit + self.width), order="F")
-        self.projected = np.zeros((limit + self.width, limit + self.width))
-        self.used = self.kept = 0
-        complete = False
-        block = self._orthonormal(self._random_block())
-        for _ in range(MAX_RESTARTS):
-            theta, S, coupling, block = self._expand(block, k, limit)
-            error = np.linalg.norm(coupling @ S[-coupling.shape[1] :], axis=0) / np.abs(theta)
-            done = bool((error[:k] < TOLERANCE).all())
-            if done and self._none_missing(1.0 / theta[:k]):
-                complete = True
-                break
-            keep = k if done else min(len(theta) - self.width, k + (limit - k) // 3)
-            self._restart(theta[:keep], S[:, :keep])
-            if done:
-                log.info("eigenvalues are missing below the last one: the search goes on from random vectors")
-                block = self._orthonormal(self._against_basis(self._random_block())[0])
-        if not complete:
-            log.warning("the eigenvalues below the last one could not all be found; take fewer or check them")
-        vectors = self.basis[:, : len(S)] @ S[:, :k]
-        return 1.0 / theta[:k], vectors, complete
-
-    def _expand(self, block: NDArray, k: int, limit: int) -> tuple[NDArray, NDArray, NDArray, NDArray]:
-        """Grow the basis until k pairs have converged or it is full.
-
-        Returns Ritz values (descending) and vectors, the coupling of the last block to the next, the next.
-        """
-        check = max(self.used, k)  # the projected problem costs its size cubed: look at it now and then
-        while True:
-            start, self.used = self.used, self.used + block.shape[1]
-            self.basis[:, start : self.used] = block
-            image = self.problem.apply_inverse(self.M @ block)
-            # by the recurrence, an image couples to the last two blocks; the first one, to all that was kept
-            near = 0 if start <= self.kept else start - self.width
-            image, coefficients = self._against_basis(image, near)
-            self.projected[: self.used, start : self.used] = coefficients
-            self.projected[start : self.used, : self.used] = coefficients.T
-            block, coupling = self._orthonormal_with_factor(image)
-            full = self.used + self.width > limit
-            if full or self.used > check + max(3 * self.width, k // 10):
-                check = self.used
-                T = self.projected[: self.used, : self.used]
-                theta, S = np.linalg.eigh(0.5 * (T + T.T))
-                theta, S = theta[::-1], S[:, ::-1]
-                error = np.linalg.norm(coupling @ S[-coupling.shape[1] :, :k], axis=0)
-                if full or (error < TOLERANCE * np.abs(theta[:k])).all():
-                    return theta, S, coupling, block
-
-    def _restart(self, theta: NDArray, S: NDArray) -> None:
-        keep = len(theta)
-        self.basis[:, :keep] = self.basis[:, : len(S)] @ S
-        self.projected[:] = 0.0
-        self.projected[np.arange(keep), np.arange(keep)] = theta
-        self.used = self.kept = keep
-
-    def _random_block(self) -> NDArray:
-        block = self.rng.normal(size=(self.n, self.width))
-        return self.problem.apply_inverse(self.M @ block)
-
-    def _against_basis(self, block: NDArray, since: int = 0) -> tuple[NDArray, NDArray]:
-        """The block without its parts along the basis, and their coefficients.
-
-        The first pass takes off what is large, the parts along the basis vectors from `since` on; the second
-        goes over the whole basis.
-        """
-        total = np.zeros((self.used, block.shape[1]))
-        for first in (since, 0):
-            Q = self.basis[:, first : self.used]
-            coefficients = Q.T @ (self.M @ block)
-            block = block - Q @ coefficients
-            total[first:] += coefficients
-        return block, total
-
-    def _orthonormal(self, block: NDArray) -> NDArray:
-        return self._orthonormal_with_factor(block)[0]
-
-    def _orthonormal_with_factor(self, block: NDArray) -> tuple[NDArray, NDArray]:
-        """M-orthonormal Q and R with block = Q R, from eigenvectors of the Gram matrix, twice."""
-        R = np.eye(block.shape[1])
-        for _ in range(2):
-            scale = np.sqrt(np.einsum("ij,ij->j", block, self.M @ block))
-            scale[scale == 0] = 1.0
-            block = block / scale
-            gram = block.T @ (self.M @ block)
-            w, V = np.linalg.eigh(gram)
-            w = np.maximum(w, 1e-14 * w[-1])
-            block = block @ (V / np.sqrt(w))
-            R = (np.sqrt(w)[:, None] * V.T) @ (scale[:, None] * R)
-        return block, R
-
-    def _none_missing(self, values: NDArray) -> bool:
-        """Whether inertia counts no more eigenvalues than ours below the cluster that holds the last one."""
-        last = values[-1]
-        smaller = values[values < last * (1 - 1e-6)]
-        shift = 0.5 * (last + (smaller[-1] if len(smaller) else 0.0))
-        return count_below(self.L, self.M, shift) <= len(smaller) + self.problem.count
+    known = null.T if root is None else null.T * root
+    search = BlockLanczos(inverse, M if root is None else None, known, seed)
+    order = problem.order
+    theta, vectors, complete = search.largest(
+        k, lambda theta: _none_missing(L, M, 1.0 / theta, problem.count, order)
+    )
+    if not complete:
+        log.warning("the eigenvalues below the last one could not all be found; take fewer or check them")
+    return 1.0 / theta, (vectors if root is None else vectors / root).T, complete
 
 
-def count_below(L: sparray, M: sparray, shift: float) -> int:
-    """Number of eigenvalues of L x = lambda M x below `shift`, by Sylvester's law of inertia."""
+def _none_missing(L: csr_array, M: csr_array, values: NDArray, zeros: int, order: NDArray | None) -> bool:
+    """Whether inertia counts no more eigenvalues than ours below the cluster that holds the last one."""
+    last = values[-1]
+    smaller = values[values < last * (1 - 1e-6)]
+    shift = 0.5 * (last + (smaller[-1] if len(smaller) else 0.0))
+    return count_below(L, M, shift, order) <= len(smaller) + zeros
+
+
+def count_below(L: sparray, M: sparray, shift: float, order: NDArray | None = None) -> int:
+    """Number of eigenvalues of L x = lambda M x below `shift`, by Sylvester's law of inertia.
+
+    `order` is an elimination order for the pattern of L, of use where M is diagonal.
+    """
     shifted = csc_array(L - shift * M)
-    order = fill_reducing_ordering(shifted).order
-    permuted = shifted[order][:, order].tocsc()
-    lu = splu(permuted, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
+    final = order is not None
+    if order is None:
+        ordering = fill_reducing_ordering(shifted)
+        order, final = ordering.order, ordering.final
+    lu = splu(
+        shifted[order][:, order].tocsc(),
+        permc_spec="NATURAL" if final else "MMD_AT_PLUS_A",
+        diag_pivot_thresh=0.0,
+        options={"SymmetricMode": True},
+    )
     return int((lu.U.diagonal() < 0).sum())
