@@ -158,12 +158,15 @@ def _series(run: Run, source: Any, output: str, chosen: list[int]) -> list[str]:
 
 
 def _shots(source: Any, chosen: list[int], wishes: dict[str, Any]) -> Iterator[Any]:
+    from ddgcli.cli.story import part_of
     from ddgcli.plots.motion import Shot
 
     name = _array_name(source, wishes)
+    hidden = source.face.get("wraps")  # faces of a periodic grid that would span the picture
+    shown = None if hidden is None else hidden == 0
     for k in chosen:
         values = _scalar_of(source.vertex(k)[name]) if name else None
-        yield Shot(float(source.times[k]), source.mesh.moved(source.points(k)), values)
+        yield Shot(float(source.times[k]), part_of(source.mesh.moved(source.points(k)), shown), values)
 
 
 def _array_name(source: Any, wishes: dict[str, Any]) -> str | None:
@@ -190,11 +193,10 @@ def _stage(source: Any, chosen: list[int], wishes: dict[str, Any]) -> Any:
 
 
 def _story(target: str, source: Any, chosen: list[int], wishes: dict[str, Any]) -> None:
+    from ddgcli.cli.story import energies
     from ddgcli.plots.motion import draw_motion
 
-    energies = {name: (source.times, v) for name, v in source.scalars.items() if name.startswith("energy")}
-    if not energies:
-        energies = {name: (source.times, v) for name, v in source.scalars.items() if v.ndim == 1}
+    series = energies(source.times, source.scalars)
     draw_motion(
-        target, list(_shots(source, chosen, wishes)), energies, _stage(source, chosen, wishes), "energy [J]"
+        target, list(_shots(source, chosen, wishes)), series, _stage(source, chosen, wishes), "energy"
     )

@@ -6,9 +6,10 @@ from typing import Any
 
 import click
 
-from ddgcli.cli import options, simulate
+from ddgcli.cli import options
 from ddgcli.cli.options import Common
 from ddgcli.cli.run import Run
+from ddgcli.cli.simulator_options import time_options
 from ddgcli.errors import ParameterError
 
 LATER = "is not available yet"
@@ -22,7 +23,7 @@ LATER = "is not available yet"
 )
 @options.mesh_arg
 @options.common
-@simulate.time_options
+@time_options
 @click.option("--flow", default="quadratic", show_default=True, help="quadratic | mean-curvature")
 @click.option("--energy", default="sullivan", show_default=True, help="sullivan | cotan | hinge")
 @click.option("--boundary", default="clamped", show_default=True, help="clamped | fixed")
@@ -57,27 +58,31 @@ def command(
     """
     run = Run("willmore-flow", common, **overrides, **{k: v for k, v in wishes.items() if v})
     source = run.read(mesh_path)
+    from ddgcli.cli.scene_input import fingerprint, refuse_changed
+    from ddgcli.cli.simulate import Job, simulate
+    from ddgcli.cli.story import Picture, draw_story
     from ddgcli.evolve.account import Account
     from ddgcli.models.willmore import report, setup
 
     chosen = _wishes(wishes, overrides)
     flow, model = setup.build(source.mesh, chosen)
     schedule = setup.schedule(flow, overrides)
-    resolved, digest = simulate.fingerprint(
+    resolved, digest = fingerprint(
         None, {"wishes": setup.described(chosen), "time": overrides}, {"mesh": source.sha256}
     )
-    simulate.refuse_changed(resume, resolved)
-    outcome = simulate.simulate(
-        run, {"surface": model}, [source.mesh], schedule, Account(), moving=True, resume=resume,
+    refuse_changed(resume, resolved)
+    job = Job(
+        {"surface": model}, [source.mesh], schedule, Account(), moving=True, resume=resume,
         attributes={"input_sha256": digest}, texts={"scene_source": "", "scene_resolved": resolved},
     )  # fmt: skip
+    outcome = simulate(run, job)
     results, accuracy = report.summary(
         outcome.series, flow.convention, schedule.steps, outcome.stopped, outcome.failure
     )
     if wishes["report_energy"]:
         last = source.mesh if outcome.last is None else source.mesh.moved(outcome.last.points)
         results["energies"] = report.every_energy(source.mesh, last)
-    run.plot(lambda path: _draw(path, source.mesh, outcome))
+    run.plot(lambda path: draw_story(path, outcome, Picture(edges=True, energy="energy")))
     run.finish(results, accuracy, converged=not outcome.failure)
 
 
@@ -100,12 +105,3 @@ def _wishes(wishes: dict[str, Any], overrides: dict[str, Any]) -> Any:
         wishes["energy"], wishes["flow"], wishes["boundary"], wishes["fix_area"], wishes["fix_volume"], timed,
         Stop(wishes["stop_gradient"] or stop.gradient, wishes["stop_energy"] or stop.fall, stop.mesh_error),
     )  # fmt: skip
-
-
-def _draw(path: str, mesh: Any, outcome: Any) -> None:
-    from ddgcli.plots.surface import draw_surface
-
-    energy = outcome.series["energy"]
-    draw_surface(
-        path, mesh.moved(outcome.last.points), title=f"energy {energy[0]:.5g} -> {energy[-1]:.5g}", edges=True
-    )

@@ -16,6 +16,8 @@ MARKERS = ("o", "s", "^", "D", "v", "P", "X", "*", "<", "h", ">")
 # as many as colours less one: a ninth line has the first colour, but another marker and dash
 DASHES = ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)), (0, (1, 1)), (0, (8, 2)))
 
+FLAT = 1e-5  # of the largest value
+
 Series = tuple[ArrayLike, ArrayLike]
 
 
@@ -79,6 +81,7 @@ def draw_chart(
                 if shown[i]:
                     axes.plot(x[i], y[i], "o", ms=12, mfc="none", mec="0.3", mew=0.9)
         _reference_slopes(axes, kept, slopes)
+        _widen(axes, kept, log)
         axes.set(xlabel=xlabel, ylabel=ylabel, title=title)
         axes.grid(True, which="major", color="0.85", linewidth=0.5)
         axes.set_axisbelow(True)
@@ -91,6 +94,17 @@ def draw_chart(
                 loc="center left", bbox_to_anchor=(1.02, 0.5), frameon=False, handlelength=3.2, fontsize=8
             )
         figure.text(0.02, 0.01, caption, ha="left", va="bottom", fontsize=7.5, color="0.35")
+
+
+def _widen(axes: Any, kept: Mapping[str, Any], log: str) -> None:
+    """Series that are constant to rounding are drawn as one: a chart does not magnify noise."""
+    values = [y[shown] for _, y, shown in kept.values() if shown.any()]
+    if "y" in log or not values:
+        return
+    low, high = min(v.min() for v in values), max(v.max() for v in values)
+    largest = max(abs(low), abs(high))
+    if high - low < FLAT * largest:
+        axes.set_ylim(low - 0.05 * largest, high + 0.05 * largest)
 
 
 def _label_few_decades(axis: Any) -> None:

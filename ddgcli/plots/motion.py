@@ -49,6 +49,8 @@ class Stage:
         Beside the colour bar.
     limits : (float, float), optional
     signed : bool
+    edges : bool
+        Draw the edges too.
     view : dict
         `view` and `up` of `draw_surface`.
     """
@@ -57,11 +59,19 @@ class Stage:
     label: str = ""
     limits: tuple[float, float] | None = None
     signed: bool = False
+    edges: bool = False
     view: Mapping[str, Any] | None = None
 
 
-def stage(shots: Iterable[Shot], label: str = "", view: Mapping[str, Any] | None = None) -> Stage:
-    """The frame and the colour limits that hold all the shots."""
+def stage(
+    shots: Iterable[Shot],
+    label: str = "",
+    view: Mapping[str, Any] | None = None,
+    *,
+    limits: tuple[float, float] | None = None,
+    edges: bool = False,
+) -> Stage:
+    """The frame and the colour limits that hold all the shots (robust limits where none are given)."""
     corners, values = [], []
     for shot in shots:
         corners.append(np.stack([shot.mesh.points.min(axis=0), shot.mesh.points.max(axis=0)]))
@@ -70,9 +80,11 @@ def stage(shots: Iterable[Shot], label: str = "", view: Mapping[str, Any] | None
     low, high = np.min(corners, axis=(0, 1)), np.max(corners, axis=(0, 1))
     fit = np.stack(np.meshgrid(*zip(low, high)), axis=-1).reshape(-1, 3)
     if not values:
-        return Stage(fit, view=view)
+        return Stage(fit, view=view, edges=edges)
+    if limits is not None:
+        return Stage(fit, label, limits, limits[0] < 0 < limits[1], edges, view)
     bottom, top, signed = robust_limits(np.concatenate(values))
-    return Stage(fit, label, (bottom, top), signed, view)
+    return Stage(fit, label, (bottom, top), signed, edges, view)
 
 
 def draw_shot(
@@ -83,7 +95,7 @@ def draw_shot(
     draw_surface(
         path, shot.mesh, shot.values, title=title, fit=on.fit,
         signed=on.signed if shot.values is not None else None, limits=on.limits,
-        width=width, height=height, dpi=dpi, **dict(on.view or {}),
+        edges=on.edges, width=width, height=height, dpi=dpi, **dict(on.view or {}),
     )  # fmt: skip
 
 

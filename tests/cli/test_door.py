@@ -355,3 +355,14 @@ def test_bar_appears_when_work_is_long(capsys):
     bar.clear()
     bar(2, 4)
     assert "50 %" not in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_help_imports_no_numpy(name):
+    code = (
+        "import sys\nfrom ddgcli.cli.main import main\n"
+        f"main([{name!r}, '--help'], standalone_mode=False)\n"
+        "sys.exit(str([m for m in ('numpy', 'scipy', 'pydantic', 'h5py') if m in sys.modules] or ''))"
+    )
+    told = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert told.stderr.strip() == "" and told.stdout.startswith("Usage:")

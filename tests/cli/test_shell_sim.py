@@ -353,3 +353,37 @@ def test_the_mesh_of_a_scene_is_never_overwritten(run, tmp_path):
     before = mesh.read_bytes()
     assert run("shell-sim", mesh, "--effect", "gravity", "--steps", 1, "-o", mesh).exit_code == 2
     assert mesh.read_bytes() == before
+
+
+def test_energy_that_no_force_can_give_is_told(summary):
+    """Implicit midpoint with steps far longer than the waves of a stiff shell that turns."""
+    leaf = Path(__file__).parents[2] / "sample_scenes" / "leaf.toml"
+    long = summary("shell-sim", leaf, "--dt", 4e-3)
+    assert any("energy grew" in warning for warning in long["warnings"])
+    short = summary("shell-sim", leaf, "--duration", 0.1)
+    assert short["warnings"] == [] and short["accuracy"]["energy_drift"] < 1e-2
+
+
+def test_picture_shows_chosen_frames_and_the_energies_of_all_three(run, tmp_path, monkeypatch):
+    from ddgcli.plots import motion
+
+    drawn = []
+
+    def noted(path, shots, series, on, ylabel):
+        Path(path).write_bytes(b"a picture")
+        drawn.append(([shot.time for shot in shots], {n: len(v) for n, (_, v) in series.items()}, on))
+
+    monkeypatch.setattr(motion, "draw_motion", noted)
+    ball = Path(__file__).parents[2] / "sample_meshes" / "sphere.ply"
+    for words in (
+        ["shell-sim", scene(tmp_path)],
+        ["fluid-sim", ball, "--vorticity", "5*z", "--steps", 8, "--dt", 0.02, "--frame-every", 0.02],
+        ["willmore-flow", ball, "--dt", 1e-4, "--steps", 8, "--frame-every", 1e-4],
+    ):
+        path = str(tmp_path / f"{words[0]}.png")
+        assert run(*words, "--plot", path).exit_code == 0
+        times, series, on = drawn[-1]
+        assert len(times) == 4 and times == sorted(times)
+        assert any("energy" in name for name in series) and min(series.values()) >= 9
+        assert (on.limits is None) == (words[0] == "willmore-flow")
+    assert drawn[1][2].limits == pytest.approx((-5, 5), rel=0.1)

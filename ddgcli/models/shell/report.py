@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from typing import Any
 
 import numpy as np
@@ -13,10 +14,10 @@ from ddgcli.models.scene import Scene
 from ddgcli.models.shell.context import ShellContext
 from ddgcli.models.shell.model import make_system
 
+GROWTH = 0.1  # of the energy at hand: more is told
 
-def summary(
-    outcome: Any, shells: dict[str, ShellContext], effects: list[str]
-) -> tuple[dict[str, Any], dict[str, Any]]:
+
+def summary(outcome: Any, shells: dict[str, ShellContext]) -> tuple[dict[str, Any], dict[str, Any]]:
     """(`results`, `accuracy`) of a run.
 
     Scales of the drifts: energy, the largest kinetic energy or change of a part of the energy; momentum, the
@@ -39,11 +40,11 @@ def summary(
         "energies": energies,
         "momentum": last.scalar["momentum"],
         "angular_momentum": last.scalar["angular_momentum"],
-        "effects": {},
     }
     if outcome.failure:
         results["stopped_because"] = outcome.failure
     mass = sum(float(c.mass.sum()) for c in shells.values())
+    _tell_growth(series)
     size = max(float(np.ptp(c.mesh.points, axis=0).max()) for c in shells.values())
     swing = [np.ptp(v) for name, v in series.items() if name.startswith("energy_")]
     energy_scale = max([float(np.abs(series["energy_kinetic"]).max()), *map(float, swing)])
@@ -55,6 +56,19 @@ def summary(
         "max_strain": outcome.largest.get("strain", 0.0),
     }
     return results, accuracy
+
+
+def _tell_growth(series: dict[str, np.ndarray]) -> None:
+    """Warn where the energy rises: no force of a shell gives any, so only the scheme can."""
+    inner = ("energy_kinetic", "energy_stretching", "energy_bending", "energy_contact")
+    at_start = sum(float(series[name][0]) for name in inner if name in series)
+    given = sum(float(np.ptp(v)) for n, v in series.items() if n.startswith("energy_") and n not in inner)
+    growth = float(np.max(series["energy"]) - series["energy"][0])
+    if at_start + given > 0 and growth > GROWTH * (at_start + given):
+        logging.getLogger("ddgcli").warning(
+            "the energy grew by %.3g of what there is to move, and no force can do that: the step is too "
+            "long for this scheme; shorten it, or take implicit-euler", growth / (at_start + given),
+        )  # fmt: skip
 
 
 def _drift(series: np.ndarray, scale: float) -> float:

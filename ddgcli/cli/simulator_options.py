@@ -1,0 +1,96 @@
+"""Options of the simulators: time, resuming, and those of scenes gathered in one argument.
+
+Nothing here imports numpy: help must be quick.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+import click
+
+from ddgcli.cli import options
+from ddgcli.cli.options import Common
+from ddgcli.errors import ParameterError
+
+_TIME = (
+    click.option(
+        "--steps", type=click.IntRange(min=1), help="Steps to take; overrides the scene's duration."
+    ),
+    click.option("--duration", type=options.POSITIVE, help="Length of the run [s]."),
+    click.option("--dt", "step", type=options.POSITIVE, help="Time step [s]."),
+    click.option("--frame-every", type=options.POSITIVE, help="Time between frames [s]."),
+    click.option("--tolerance", type=options.POSITIVE, help="Adaptive steps: largest error of a step."),
+    click.option("--integrator", metavar="NAME", help="Time scheme."),
+)
+_TIME_NAMES = ("steps", "duration", "step", "frame_every", "tolerance", "integrator")
+_RESUME = click.option(
+    "--resume", metavar="RUN.part", type=click.Path(), help="Go on from its last whole frame."
+)
+_SCENE = (
+    click.option("--effect", "effect_lines", multiple=True, metavar="'NAME KEY=VALUE ...'",
+                 help="Without a scene file: an effect, its parameters in TOML. Repeatable."),
+    click.option("--effects", "list_effects", is_flag=True, help="List the effects and their parameters."),
+    click.option("--schema", is_flag=True, help="Print the JSON Schema of scenes, for editors."),
+    click.option("--dry-run", is_flag=True, help="Check everything and print what would be assembled."),
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class SceneCall:
+    """What a simulator of scenes is told.
+
+    Parameters
+    ----------
+    path : str, optional
+        A scene (.toml) or the mesh of the quick form.
+    common : Common
+    overrides : dict
+        Keys of [time] given as options, and `steps`.
+    resume : str, optional
+        The .part to go on from.
+    effect_lines : tuple of str
+        Of the quick form.
+    list_effects, schema, dry_run : bool
+        What to print instead of running.
+    """
+
+    path: str | None
+    common: Common
+    overrides: dict[str, Any] = field(default_factory=dict)
+    resume: str | None = None
+    effect_lines: tuple[str, ...] = ()
+    list_effects: bool = False
+    schema: bool = False
+    dry_run: bool = False
+
+
+def time_options(command: Callable) -> Callable:
+    """--steps, --duration, --dt, ... gathered in one `overrides: dict`; and --resume."""
+
+    @functools.wraps(command)
+    def gathered(*args: Any, **kwargs: Any) -> Any:
+        overrides = {name: kwargs.pop(name) for name in _TIME_NAMES}
+        if overrides["steps"] and overrides["duration"]:
+            raise ParameterError("give either --steps or --duration")
+        return command(*args, overrides={k: v for k, v in overrides.items() if v is not None}, **kwargs)
+
+    for option in reversed((*_TIME, _RESUME)):
+        gathered = option(gathered)
+    return gathered
+
+
+def scene_options(command: Callable) -> Callable:
+    """The argument SCENE, the common options, those of time and scenes, in one `call: SceneCall`."""
+
+    @functools.wraps(command)
+    def gathered(scene_path: str | None, **kwargs: Any) -> Any:
+        told = {name: kwargs.pop(name) for name in SceneCall.__dataclass_fields__ if name != "path"}
+        return command(SceneCall(scene_path, **told), **kwargs)
+
+    for option in reversed(_SCENE):
+        gathered = option(gathered)
+    return options.scene_arg(options.common(time_options(gathered)))
