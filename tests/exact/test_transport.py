@@ -3,14 +3,17 @@
 import numpy as np
 import pytest
 
+from ddgcli.algorithms.delaunay import flip_to_delaunay
 from ddgcli.algorithms.geodesic_exact import exact_distance
 from ddgcli.algorithms.geodesic_sources import Sources
+from ddgcli.algorithms.intrinsic_frames import frame_turn
 from ddgcli.algorithms.log_map import log_map
 from ddgcli.algorithms.paths import SurfacePaths
-from ddgcli.algorithms.trace import trace
+from ddgcli.algorithms.trace import Tracer, trace
 from ddgcli.algorithms.transport import holonomy, transported_frame
 from ddgcli.algorithms.vector_heat import VectorHeat
 from ddgcli.errors import ParameterError
+from ddgcli.geometry.face_frames import surface_position
 from ddgcli.geometry.surface_points import SurfacePoints
 from ddgcli.geometry.unfolding import vertex_fans
 from ddgcli.mesh import shapes
@@ -128,6 +131,63 @@ def sphere_transport(mesh, source, vector):
     axis = np.cross(p, q)
     cosine = q @ p
     return vector + np.cross(axis, vector) + np.cross(axis, np.cross(axis, vector)) / (1 + cosine)[:, None]
+
+
+def test_vectors_reach_the_end_of_a_long_strip_and_do_not_mind_shear():
+    """Far beyond the smallest number of one diffusion step; and needles, where cotangents are negative."""
+    mesh = shapes.grid(1500, 2, 500.0, 0.6)
+    sheared = mesh.moved(mesh.points + mesh.points[:, 1:2] * [6.0, 0, 0])
+    for strip in (mesh, sheared):
+        constant = np.tile([0.6, -0.8, 0.0], (strip.n_vertices, 1))
+        planar = to_vertex_frames(strip, constant)
+        spread = VectorHeat(strip).transport(np.array([0]), planar[[0]])
+        np.testing.assert_allclose(from_vertex_frames(strip, spread), constant, atol=1e-7)
+
+
+def squeezed_sphere(n):
+    mesh = shapes.random_sphere(n)
+    points = mesh.points * [2.0, 1.0, 0.5]
+    return mesh.moved(points / np.linalg.norm(points, axis=1, keepdims=True))
+
+
+def test_vector_heat_on_the_intrinsic_delaunay_triangulation_stays_right_on_needles():
+    mesh = squeezed_sphere(10_000)
+    vector = np.cross(mesh.points[0], [0.3, 0.5, 0.8])
+    start = to_vertex_frames(mesh, np.tile(vector, (mesh.n_vertices, 1)))[[0]]
+    truth = sphere_transport(mesh, 0, vector)
+    near = mesh.points @ mesh.points[0] > 0
+    error = {}
+    for delaunay in (True, False):
+        heat = VectorHeat(mesh, intrinsic_delaunay=delaunay)
+        spread = from_vertex_frames(mesh, heat.transport(np.array([0]), start))[near]
+        turn = np.einsum("ij,ij->i", np.cross(truth[near], spread), mesh.points[near])
+        error[delaunay] = np.degrees(np.abs(np.arctan2(turn, np.einsum("ij,ij->i", truth[near], spread))))
+    assert error[True].mean() < 1.2 and error[False].mean() > 5  # degrees; plain gets no better with n
+
+
+def test_frames_of_the_delaunay_triangulation_turn_into_those_of_the_mesh():
+    """An intrinsic edge walked on the input, in its turned direction, ends at its other vertex."""
+    mesh = squeezed_sphere(400)
+    flipped = flip_to_delaunay(mesh, track=True)
+    assert flipped.flips > 100
+    turn, fans, own = frame_turn(mesh, flipped), vertex_fans(flipped.mesh), vertex_fans(mesh)
+    side = np.arange(3 * mesh.n_faces)
+    topology = flipped.mesh.topology
+    total = np.zeros(mesh.n_vertices)
+    total[own.vertex] = own.total_angle
+    tail, head = topology.side_tail, topology.side_head
+    scaled = fans.angle_before[side] * 2 * np.pi / total[tail] + np.angle(turn[tail])
+    angle = (scaled % (2 * np.pi)) * total[tail] / (2 * np.pi)
+    fan = np.argsort(own.vertex)[tail]
+    corner = own.locate(fan, angle)
+    e = Tracer(mesh).unfolding.direction.reshape(-1, 2)[corner].view(np.complex128)[:, 0]
+    direction = (e * np.exp(1j * (angle - own.angle_before[corner])))[:, None].view(np.float64)
+    lines = Tracer(mesh).trace(
+        corner // 3, np.eye(3)[corner % 3], direction, flipped.mesh.side_length.ravel()
+    )
+    ends = surface_position(mesh, lines.face, lines.barycentric)
+    gap = np.linalg.norm(ends - mesh.points[head], axis=1)
+    assert gap.max() < 1e-9
 
 
 def test_vector_heat_tends_to_parallel_transport_on_the_sphere():
