@@ -11,7 +11,6 @@ from __future__ import annotations
 import argparse
 import csv
 import json
-import os
 import re
 import sys
 from collections.abc import Sequence
@@ -25,6 +24,7 @@ import numpy as np
 from benchmarks.accuracy_advice import ADVICE
 from benchmarks.accuracy_peers import peers_of
 from benchmarks.accuracy_simulators import SIMULATED
+from benchmarks.accuracy_tables import rates
 from benchmarks.accuracy_theory import SOURCES, theory
 from benchmarks.accuracy_trial import Case, Trial
 from benchmarks.families import STUDIES, Ladder
@@ -37,7 +37,7 @@ from ddgcli.tradeoff.problems.table import mesh_problem
 from ddgcli.tradeoff.report import machine
 from ddgcli.tradeoff.truths import parse_truth
 
-HERE = Path(os.environ.get("ATLAS", Path(__file__).parent.parent / "docs" / "accuracy"))
+HERE = Path(__file__).parent.parent / "docs" / "accuracy"
 LEVELS = (0, 1, 2, 3)
 SMALL = (0, 1)
 # an error may rise by this factor, a rate fall by this much, before the check fails
@@ -122,20 +122,6 @@ def as_row(row: Row) -> dict[str, Any]:
         "mean_error": row.mean_error,
         "on_front": row.on_front,
     }
-
-
-def rates(rows: list[dict[str, Any]], error: str = "mean_error") -> dict[tuple[str, str, str], float]:
-    """Observed rate of each configuration: the slope of log error over log h on its finest three meshes."""
-    groups: dict[tuple[str, str, str], list[dict[str, Any]]] = {}
-    for row in rows:
-        groups.setdefault((row["truth"], row["family"], row["configuration"]), []).append(row)
-    found = {}
-    for key, group in groups.items():
-        finest = sorted(group, key=lambda r: r["h"])[:3]
-        errors = np.array([r[error] for r in finest])
-        if len(finest) > 1 and (errors > 1e-13).all():
-            found[key] = float(np.polyfit(np.log([r["h"] for r in finest]), np.log(errors), 1)[0])
-    return found
 
 
 def write(command: str, rows: list[dict[str, Any]]) -> None:

@@ -1,50 +1,302 @@
 """Which method to take when: sentences, and for each what the tables must show for it to stand."""
 
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from benchmarks.accuracy_tables import Finest
+
 ADVICE = {
     "curvature": """
-Which: `quadric` (the default): ten to a thousand times more accurate than all else on every family but the
-sphere, in a tenth of a second at 20,000 faces; observed rates are 2.5 to 4. `corrected` at the star takes a
-quarter of that time, is exact on spheres, a fifth of a per cent off on regular meshes and some per cent on
-irregular ones. `cotan` and `normal-cycle` at the star stay 7 to 67 % off on irregular triangulations however
-fine; balls (`--radius`) make them converge slowly, at five to twenty times the time.
+Which: `quadric` (the default): at least three times more accurate than everything else on every family of
+the ellipsoid, and mostly ten times; it costs two to four times as much as a fit of libigl or pymeshlab,
+and its rates are 2 to 4. `corrected` at the star is exact on spheres and takes a third of that time: a
+third of a per cent off on good meshes, some per cent on others. `cotan`, `normal-cycle` and pymeshlab's
+discrete curvature at the star stay more than 5 % off on irregular, noisy and stretched triangles however
+fine; balls (`--radius`) make them converge slowly, at several times the cost of `quadric`.
 """,
     "geodesic": """
-Which: `exact` for one source: a tenth of the error of anything else, for a few tenths of a second at 20,000
-faces; `--tolerance 0.1` halves that time at ten times the error. For many sources `heat`, where a further
-source costs a twentieth of an exact one: half a per cent off, one and a half on stretched triangles, where
-without Delaunay flips (`--operator plain`) it is a fifth off. Its error stays where it is as meshes get
-finer; with `--heat-refine 3` it falls, but not on stretched triangles. `fast-marching` keeps a tenth of a per
-cent on every family.
+Which: `exact` for one source: on every family nothing else that is not exact has a smaller error by more
+than a factor of three, and it converges at second order. For many sources `heat`, where a further source
+costs a twentieth of an exact one: one and a half per cent off or better, also on stretched triangles,
+where without Delaunay flips (`--operator plain`) it is a fifth off. `fast-marching` keeps two tenths of a
+per cent on every family.
 """,
     "laplacian": """
 Which: any: all are of second order on every family. The Galerkin mass errs two to three times more than a
-lumped one on good triangles, but on stretched ones with `intrinsic-delaunay` it has the smallest largest
-error. Flips do not improve eigenvalues here; they keep weights positive, which Poisson problems and flows
-need.
+lumped one on good, irregular and noisy triangles. Flips do not improve eigenvalues here; they keep
+weights positive, which Poisson problems and flows need. One `--subdivide` takes four times as long and
+does not come nearer to a smooth truth: the surface stays the same polyhedron.
 """,
     "delaunay": """
-Which: flips. On stretched triangles they more than halve the error of a Poisson solve for the price of half a
-solve; on good ones they change nothing and cost next to nothing. Refinement takes ten to a hundred times as
-long and does not lower this error (the surface, not the triangles, makes it): take it where angles must be
-bounded.
+Which: flips. On stretched triangles they more than halve the error of a Poisson solve for the price of
+half a solve; on good ones they change nothing. Refinement takes longer than the solve and does not lower
+this error (the surface, not the triangles, makes it): take it where angles must be bounded.
 """,
     "willmore-flow": """
-Which: `sullivan` (the default) has the smaller error on the sphere and the ellipsoid, `cotan` on the torus.
-On irregular triangulations trust no energy as a number to better than a tenth, however fine the mesh: make
-the mesh regular first. A step of an eighth of a mode's life time costs `sullivan` next to no accuracy: there
-the mesh, not the step, makes the error.
+Which: `sullivan` (the default) has the smaller error on the good ellipsoid and on the sphere's mode,
+`cotan` on the torus. On irregular, noisy and stretched triangulations trust no energy as a number to
+better than a twentieth, however fine the mesh: make the mesh regular first. Refined ones err by a twenty-
+fifth or less. A step of an eighth of a mode's life time costs `sullivan` next to no accuracy: there the
+mesh, not the step, makes the error.
 """,
     "fluid-sim": """
 Which: `conservative` (the default): its error is the mesh's at both steps, so take the long one (what its
-stability does not allow is divided). `midpoint` is as accurate, and cheaper where the flow is nearly steady.
-`circulation` mostly has ten times the error or more; at a fixed step it does not fall steadily as meshes get
-finer, and can grow. It pays with long steps on irregular meshes, whose smallest faces bind the step of
-rk4; that it is the more accurate there too is luck: its shorter step has ten times the error.
+stability does not allow is divided). `midpoint` is as accurate. Stretched triangles cost ten times the
+error of good ones. `circulation` has ten times the error or more on good meshes; at a fixed step it does
+not fall steadily as meshes get finer, and can grow.
 """,
     "shell-sim": """
-Which: `alternating` or `right` grids, not `cross`, whose bending is off by more than an eighth at any size.
-On flat rests `quadratic` has the error of `hinge` in less time. For short free motion of a soft sheet
-`verlet` is the cheapest; `newmark` and `implicit-midpoint` have errors of its size at equal steps. The Euler
-schemes are never worth it for accuracy.
+Which: `alternating` or `right` grids, not `cross`, whose bending is off by more than an eighth at any
+size, and not stretched, jittered or refined meshes, which stay at a twentieth or more: the constant of
+hinges is that of regular grids. On flat rests `quadratic` has the error of `hinge` in less time. For
+short free motion of a soft sheet `verlet` is the cheapest; `newmark` and `implicit-midpoint` have errors
+of its size at equal steps. The Euler schemes are never worth it for accuracy.
 """,
+}
+
+UNEVEN = ("irregular", "stretched", "noisy")
+OWN = ("cotan radius=own", "normal-cycle radius=own", "pymeshlab discrete")
+PEER_FITS = ("libigl radius=2 rings", "pymeshlab quadric")
+EXACT = "exact tolerance=0"
+SOLVERS = ("conservative dt=0.1", "conservative dt=0.025")
+SPEED, GREEN = "Rossby-Haurwitz speed", "Taylor-Green decay"
+HANGING, FREE = "cantilever, weight 2", "verlet with a small step"
+EGG, TORUS, MODE = "energy of the ellipsoid 1,1,2", "energy of the torus 2,1", "rate of the sphere's mode l=2"
+
+Claim = tuple[str, Callable[[Finest], bool]]
+
+
+def _fits_are_best(t: Finest, factor: float) -> list[bool]:
+    own = "quadric radius=own"
+    return [
+        all(row["mean_error"] > factor * t.error(own, f) for row in t.others(["quadric"], f))
+        for f in t.families
+    ]
+
+
+CLAIMS: dict[str, list[Claim]] = {
+    "curvature": [
+        ("at least three times more accurate than everything else", lambda t: all(_fits_are_best(t, 3.0))),
+        ("and mostly ten times", lambda t: sum(_fits_are_best(t, 10.0)) >= 3),
+        (
+            "two to four times as much as a fit of libigl or pymeshlab",
+            lambda t: all(
+                0.7 < t.seconds("quadric radius=own", f) / t.seconds(peer, f) < 4.0
+                for f in t.families
+                for peer in PEER_FITS
+            ),
+        ),
+        (
+            "its rates are 2 to 4",
+            lambda t: all(1.9 < t.rate("quadric radius=own", f) < 4.2 for f in t.families),
+        ),
+        ("exact on spheres", lambda t: t.error("corrected radius=own", "irregular", "sphere:1") < 1e-9),
+        (
+            "takes a third of that time",
+            lambda t: all(
+                t.seconds("corrected radius=own", f) < 0.45 * t.seconds("quadric radius=own", f)
+                for f in t.families
+            ),
+        ),
+        (
+            "a third of a per cent off on good meshes, some per cent on others",
+            lambda t: (
+                t.error("corrected radius=own", "good") < 3.5e-3
+                and all(0.01 < t.error("corrected radius=own", f) < 0.06 for f in UNEVEN)
+            ),
+        ),
+        (
+            "stay more than 5 % off on irregular, noisy and stretched triangles however fine",
+            lambda t: all(t.error(c, f) > 0.05 and t.rate(c, f) < 0.2 for c in OWN for f in UNEVEN),
+        ),
+        (
+            "converge slowly, at several times the cost of `quadric`",
+            lambda t: all(
+                t.rate("normal-cycle radius=2 edges", f) > 0.4
+                and t.seconds("normal-cycle radius=2 edges", f) > 2 * t.seconds("quadric radius=own", f)
+                for f in UNEVEN
+            ),
+        ),
+    ],
+    "geodesic": [
+        (
+            "nothing else that is not exact has a smaller error by more than a factor of three",
+            lambda t: all(
+                row["mean_error"] > t.error(EXACT, f) / 3
+                for f in t.families
+                for row in t.others(["exact", "pygeodesic"], f)
+            ),
+        ),
+        ("it converges at second order", lambda t: all(1.8 < t.rate(EXACT, f) < 2.3 for f in t.families)),
+        (
+            "a further source costs a twentieth of an exact one",
+            lambda t: all(t.query("heat", f) < t.query(EXACT, f) / 15 for f in t.families),
+        ),
+        (
+            "one and a half per cent off or better, also on stretched triangles",
+            lambda t: all(t.error("heat", f) < 0.017 for f in t.families),
+        ),
+        ("it is a fifth off", lambda t: 0.15 < t.error("heat operator=plain", "stretched") < 0.35),
+        (
+            "keeps two tenths of a per cent on every family",
+            lambda t: all(t.error("fast-marching", f) < 2.5e-3 for f in t.families),
+        ),
+    ],
+    "laplacian": [
+        (
+            "all are of second order on every family",
+            lambda t: all(
+                1.6 < t.rate(row["configuration"], f) < 2.5
+                for f in t.families
+                for row in t.others(["none"], f)
+            ),
+        ),
+        (
+            "two to three times more than a lumped one on good, irregular and noisy triangles",
+            lambda t: all(
+                1.9 < t.error(f"{op} mass=galerkin", f) / t.error(f"{op} mass=lumped", f) < 3.3
+                for f in ("good", "irregular", "noisy")
+                for op in ("cotan", "intrinsic-delaunay")
+            ),
+        ),
+        (
+            "Flips do not improve eigenvalues here",
+            lambda t: all(
+                t.error("intrinsic-delaunay mass=lumped", f) > 0.95 * t.error("cotan mass=lumped", f)
+                for f in t.families
+            ),
+        ),
+        (
+            "takes four times as long and does not come nearer",
+            lambda t: all(
+                t.seconds("intrinsic-delaunay mass=lumped subdivide=1", f)
+                > 2.5 * t.seconds("intrinsic-delaunay mass=lumped", f)
+                and t.error("intrinsic-delaunay mass=lumped subdivide=1", f)
+                > 0.6 * t.error("intrinsic-delaunay mass=lumped", f)
+                for f in t.families
+            ),
+        ),
+    ],
+    "delaunay": [
+        (
+            "they more than halve the error of a Poisson solve",
+            lambda t: t.error("flips", "stretched") < 0.5 * t.error("input as it is", "stretched"),
+        ),
+        (
+            "for the price of half a solve",
+            lambda t: t.row("flips", "stretched")["setup_seconds"] < 0.7 * t.query("flips", "stretched"),
+        ),
+        (
+            "on good ones they change nothing",
+            lambda t: abs(t.error("flips", "good") / t.error("input as it is", "good") - 1) < 1e-3,
+        ),
+        (
+            "takes longer than the solve and does not lower this error",
+            lambda t: all(
+                t.row("refine degrees=25", f)["setup_seconds"] > 2 * t.query("flips", f)
+                and t.error("refine degrees=25", f) > t.error("flips", f)
+                for f in UNEVEN
+            ),
+        ),
+    ],
+    "willmore-flow": [
+        (
+            "has the smaller error on the good ellipsoid and on the sphere's mode, `cotan` on the torus",
+            lambda t: (
+                t.error("sullivan", "good", EGG) < t.error("cotan", "good", EGG)
+                and t.error("sullivan dt=0.01", "meshes", MODE) < t.error("cotan dt=0.01", "meshes", MODE)
+                and all(
+                    t.error("cotan", pattern, TORUS) < t.error("sullivan", pattern, TORUS)
+                    for pattern in ("alternating", "right")
+                )
+            ),
+        ),
+        (
+            "trust no energy as a number to better than a twentieth",
+            lambda t: all(t.error(e, f, EGG) > 0.04 for e in ("sullivan", "cotan") for f in UNEVEN),
+        ),
+        (
+            "Refined ones err by a twenty-fifth or less",
+            lambda t: all(t.error(e, "refined", EGG) < 0.04 for e in ("sullivan", "cotan")),
+        ),
+        (
+            "costs `sullivan` next to no accuracy",
+            lambda t: (
+                t.error("sullivan dt=0.01", "meshes", MODE)
+                < 1.2 * t.error("sullivan dt=0.0013", "meshes", MODE)
+            ),
+        ),
+    ],
+    "fluid-sim": [
+        (
+            "its error is the mesh's at both steps",
+            lambda t: all(
+                abs(t.error(SOLVERS[0], f, SPEED) / t.error(SOLVERS[1], f, SPEED) - 1) < 0.05
+                for f in t.families
+            ),
+        ),
+        (
+            "`midpoint` is as accurate",
+            lambda t: all(
+                t.error("conservative midpoint dt=0.025", f, SPEED) < 1.2 * t.error(SOLVERS[0], f, SPEED)
+                for f in t.families
+            ),
+        ),
+        (
+            "Stretched triangles cost ten times the error of good ones",
+            lambda t: 6 < t.error(SOLVERS[0], "stretched", SPEED) / t.error(SOLVERS[0], "good", SPEED) < 40,
+        ),
+        (
+            "has ten times the error or more on good meshes",
+            lambda t: (
+                t.error("circulation dt=0.1", "good", SPEED) > 8 * t.error(SOLVERS[0], "good", SPEED)
+                and t.error("circulation dt=0.2", "right", GREEN)
+                > 10 * t.error("conservative dt=0.2", "right", GREEN)
+            ),
+        ),
+        (
+            "does not fall steadily as meshes get finer, and can grow",
+            lambda t: t.rate("circulation dt=0.05", "right", GREEN) < 0.5,
+        ),
+    ],
+    "shell-sim": [
+        (
+            "whose bending is off by more than an eighth at any size",
+            lambda t: all(t.error("hinge", "cross", f"cantilever, weight {w}") > 0.125 for w in (2, 10)),
+        ),
+        (
+            "which stay at a twentieth or more",
+            lambda t: all(t.error("hinge", f, HANGING) > 0.05 for f in ("stretched", "noisy", "refined")),
+        ),
+        (
+            "`quadratic` has the error of `hinge` in less time",
+            lambda t: all(
+                t.error("quadratic", f, HANGING) < 1.1 * t.error("hinge", f, HANGING)
+                and t.seconds("quadratic", f, HANGING) < 1.05 * t.seconds("hinge", f, HANGING)
+                for f in ("alternating", "right")
+            ),
+        ),
+        (
+            "`verlet` is the cheapest",
+            lambda t: all(
+                t.seconds("verlet", "steps", FREE) < 1.15 * t.seconds(name, "steps", FREE)
+                for name in ("newmark", "implicit-midpoint", "implicit-euler", "symplectic-euler")
+            ),
+        ),
+        (
+            "have errors of its size at equal steps",
+            lambda t: all(
+                t.error(name, "steps", FREE) < 3 * t.error("verlet", "steps", FREE)
+                for name in ("newmark", "implicit-midpoint")
+            ),
+        ),
+        (
+            "never worth it for accuracy",
+            lambda t: all(
+                t.error(name, "steps", FREE) > 30 * t.error("verlet", "steps", FREE)
+                for name in ("implicit-euler", "symplectic-euler")
+            ),
+        ),
+    ],
 }

@@ -123,10 +123,13 @@ def run_problem(
         When the budget pays for no reference.
     """
     purse, table = Purse(budget, began), Table(left_out=list(problem.left_out))
+    steps = len(problem.candidates) + 1  # the reference is the first
+    told = (lambda done: None) if progress is None else (lambda done: progress(done, steps))
     try:
+        told(0)
         _calibrate(problem, purse)
         table.reference = reference = _reference(problem, purse, table)
-        _run_candidates(problem, table, reference, purse, repeat, clock, progress)
+        _run_candidates(problem, table, reference, purse, repeat, clock, told)
     except KeyboardInterrupt:
         table.interrupted = True
     return table
@@ -159,11 +162,10 @@ def _run_candidates(
     purse: Purse,
     repeat: int,
     clock: Clock,
-    progress: Callable[[int, int], Any] | None,
+    told: Callable[[int], Any],
 ) -> None:
-    for number, candidate in enumerate(problem.candidates):
-        if progress is not None:
-            progress(number, len(problem.candidates))
+    for number, candidate in enumerate(problem.candidates, 1):
+        told(number)
         estimate, left, began = purse.estimate(candidate), purse.left(), time.perf_counter()
         if estimate * 1.2 > left:
             why = f"estimated {estimate:.3g} s, {max(left, 0):.3g} s are left"
@@ -177,8 +179,7 @@ def _run_candidates(
         except BudgetSpent:
             why = f"stopped after {time.perf_counter() - began:.3g} s, estimated {estimate:.3g} s"
             table.left_out.append((label_of(candidate), why))
-    if progress is not None:
-        progress(len(problem.candidates), len(problem.candidates))
+    told(len(problem.candidates) + 1)
 
 
 def _reference(problem: Problem, purse: Purse, table: Table) -> Reference:

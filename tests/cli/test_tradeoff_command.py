@@ -1,14 +1,25 @@
 """`ddgcli tradeoff`: errors re-derived independently, references that know their own error."""
 
 import json
+import os
+import signal
+import subprocess
+import sys
+import time
 
 import numpy as np
 import pytest
 
+from benchmarks.families import ellipsoids
+from ddgcli.algorithms.geodesic_sources import Sources
+from ddgcli.cli.tradeoff import COMMANDS
 from ddgcli.io.mesh_file import write_mesh
+from ddgcli.io.scene_file import parse_scene
 from ddgcli.mesh import shapes
 from ddgcli.mesh.fields import AnnotatedMesh
-from ddgcli.tradeoff.problems import delaunay, laplacian
+from ddgcli.tradeoff.candidates import relative_to_largest, relative_to_rms
+from ddgcli.tradeoff.problems import curvature, delaunay, geodesic, laplacian, simulate
+from ddgcli.tradeoff.truths import parse_truth
 
 
 @pytest.fixture
@@ -71,6 +82,48 @@ def test_the_reference_covers_its_own_error_on_a_square():
     known -= known.mean()
     error = np.abs(reference.values - known).max() / np.abs(known).max()
     assert error <= reference.uncertainty < 0.01
+
+
+@pytest.mark.parametrize("family", ["good", "irregular", "stretched", "noisy", "refined"])
+def test_the_curvature_reference_covers_its_own_error(family):
+    """Without a truth given: the fit is trusted as far as extrapolated balls agree, in both norms."""
+    mesh = ellipsoids((1.0, 1.5, 2.0))[family](1)
+    truth = parse_truth("ellipsoid:1,1.5,2", mesh.points).mean_curvature(mesh.points)
+    for _, make in curvature.problem(mesh).references:
+        reference = make()
+        error = relative_to_rms(reference.values, truth)
+        assert 0 < error.max() <= reference.within("max") < 1.5
+        assert error.mean() <= reference.within("mean") < 0.3
+
+
+def test_geodesic_references_cover_their_own_error():
+    """A square: its distances are Euclid's; every reference, down to the one for the smallest budget."""
+    mesh = shapes.grid(20, 20, pattern="alternating")
+    sources = Sources.at((0,))
+    known = np.linalg.norm(mesh.points - mesh.points[0], axis=1)
+    exact, slack, marched = (make() for _, make in geodesic.problem(mesh, sources=sources).references)
+    for reference, largest in ((exact, 1e-13), (slack, 0.02), (marched, 0.2)):
+        error = relative_to_largest(reference.values, known)
+        assert error.max() <= reference.within("max") < largest
+        assert error.mean() <= reference.within("mean")
+
+
+def test_the_references_of_the_simulators_cover_their_own_error(tmp_path, run):
+    """Against verlet with tiny steps, through the command; every reference of the ladder."""
+    scene = parse_scene(SHEET)
+    shell = simulate.shell_problem(scene, None)
+    out = tmp_path / "end.npz"
+    small = ["--integrator", "verlet", "--dt", 4e-3 / 512, "--frame-every", 0.04, "-o", out]
+    (tmp_path / "sheet.toml").write_text(SHEET)
+    assert run("shell-sim", tmp_path / "sheet.toml", *small, "-q").exit_code == 0
+    with np.load(out, allow_pickle=False) as arrays:
+        moved = arrays["points"] - shapes.grid(3, 3).points
+    assert "t = 0.04 s" in shell.error_scale
+    for _, make in shell.references:
+        reference = make()
+        error = shell.error(reference.values, moved)
+        assert 0 < error.max() <= reference.within("max") < 0.1
+        assert error.mean() <= reference.within("mean")
 
 
 def test_within_prints_the_command_and_misses_are_exit_1(sphere, run, summary):
@@ -167,3 +220,32 @@ def test_a_truth_means_nothing_to_a_simulator(tmp_path, run):
     path.write_text(SHEET)
     result = run("tradeoff", "shell-sim", path, "--truth", "sphere:1")
     assert result.exit_code == 2 and "--truth" in result.stderr
+
+
+def test_an_interrupt_leaves_whole_partial_tables(tmp_path):
+    """Ctrl-C after some rows: exit 130, the rows so far in the summary, the CSV and the JSON file."""
+    path, rows = tmp_path / "sphere.ply", tmp_path / "rows.csv"
+    write_mesh(str(path), AnnotatedMesh(shapes.random_sphere(3000)))
+    line = [sys.executable, "-m", "ddgcli", "tradeoff", "geodesic", str(path), "--json", "--repeat", "400"]
+    line += ["--progress", "--budget", "600", "-o", str(rows), "-o", str(tmp_path / "all.json")]
+    going = subprocess.Popen(line, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+    os.set_blocking(going.stderr.fileno(), False)
+    seen, began = "", time.monotonic()
+    while not any(f" {share} %" in seen for share in range(22, 100)):  # two rows of twelve are done
+        seen += (going.stderr.read() or b"").decode()
+        assert going.poll() is None and time.monotonic() - began < 120, seen
+        time.sleep(0.05)
+    going.send_signal(signal.SIGINT)
+    said, _ = going.communicate(timeout=60)
+    assert going.returncode == 130
+    results = json.loads(said)["results"]
+    assert results["interrupted"] and 2 <= len(results["rows"]) < 12
+    assert all(row["verdict"] for row in results["rows"]) and results["reference"]
+    assert len(rows.read_text().splitlines()) == len(results["rows"]) + 1
+    assert json.loads((tmp_path / "all.json").read_text())["rows"] == results["rows"]
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_every_help_ends_with_advice_and_where_it_comes_from(command, run):
+    end = " ".join(run(command, "--help").stdout.split("\n\n")[-1].replace("-\n  ", "-").split())
+    assert end.startswith("Which") and end.endswith(f"docs/accuracy/{command}.md.")

@@ -80,17 +80,20 @@ def _compared(mesh: TriangleMesh, inside: NDArray, edge: float, radii: tuple[flo
     """A polyhedron has no pointwise curvature: the best scheme, trusted as far as an unrelated one agrees.
 
     Corrected measures in balls err by the square of the radius, so two radii give their limit; how far it
-    lies from the smaller ball is what that limit may err itself.
+    lies from the smaller ball, there or on average, is what that limit may err itself.
     """
     fitted = np.where(inside, mean_curvature(mesh, "quadric", None), np.nan)
     balls = [mean_curvature(mesh, "corrected", radius * edge) for radius in radii]
     if len(balls) == 1:
         name, gap = f"balls of {radii[0]:g} edges", relative_to_rms(balls[0], fitted)
+        gap[inside] += gap[inside].mean() if inside.any() else 0.0
     else:
         limit = balls[0] + (balls[0] - balls[1]) / ((radii[1] / radii[0]) ** 2 - 1)
         name = f"balls of {radii[0]:g} and {radii[1]:g} edges, extrapolated to none,"
         scale = float(np.sqrt(np.nanmean(fitted**2))) or 1.0
-        gap = relative_to_rms(limit, fitted) + np.where(inside, np.abs(limit - balls[0]) / scale, 0.0)
+        moved = np.abs(limit - balls[0])[inside] / scale
+        gap = relative_to_rms(limit, fitted)
+        gap[inside] += np.maximum(moved, moved.mean() if len(moved) else 0.0)
     return Reference(
         f"quadric fits, as far as corrected measures in {name} agree",
         fitted,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -87,10 +86,13 @@ def _problem(
     step = asked.get("step") or time.step or time.duration / 50
     wanted = asked["steps"] * step if "steps" in asked else asked.get("duration")
     span = wanted or min(time.duration, MOST_STEPS * step)
-    span = step * max(4, 4 * math.ceil(span / step / 4 - 1e-9))  # every step of the ladder divides it
+    span = max(span, 2 * step)
+    counts = sorted({max(1, round(span / (step * factor))) for factor in COARSER})
     chosen = [asked["integrator"]] if "integrator" in asked else integrators
     tolerances = (asked["tolerance"],) if "tolerance" in asked else TOLERANCES
     adaptive = chosen[0] if "integrator" in asked else trusted
+
+    steps = span / step
 
     def solve(models_and_clock: Any) -> NDArray[np.float64]:
         models, schedule, account = models_and_clock
@@ -108,15 +110,16 @@ def _problem(
         return Candidate(line, {option: value}, run(integrator, dial), solve, words, work)
 
     def reference(fine: float, finer: float) -> Reference:
-        found, limit = (solve(run(trusted, {"step": step * f})()) for f in (fine, finer))
+        found, limit = (
+            solve(run(trusted, {"step": span / max(1, round(steps / f))})()) for f in (fine, finer)
+        )
         gap = _relative(found, limit)
         name = f"{trusted} with {finer:g} of the scene's step, as far as {fine:g} agrees"
         return Reference(name, limit, float(gap.max(initial=0.0)), False, float(gap.mean()))
 
-    steps = span / step
     unit = 1e-2 * steps
     candidates = [
-        *(candidate(name, "dt", step * factor, unit / factor) for factor in COARSER for name in chosen),
+        *(candidate(name, "dt", span / n, unit * n / steps) for n in counts for name in chosen),
         *(candidate(adaptive, "tolerance", t, 3 * unit * (1e-3 / t) ** (1 / 3)) for t in tolerances),
     ]
     return Problem(
