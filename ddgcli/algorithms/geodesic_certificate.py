@@ -11,10 +11,11 @@ from numpy.typing import NDArray
 from ddgcli.algorithms.geodesic_edges import edge_distance
 from ddgcli.algorithms.geodesic_sources import Sources, face_frame
 from ddgcli.mesh.topology import NEXT, PREVIOUS
-from ddgcli.mesh.triangle_mesh import TriangleMesh
+from ddgcli.mesh.triangle_mesh import TriangleMesh, vector_length
 from ddgcli.operators.laplacian import SurfaceMesh
 
 SLACK = 1e-9  # of the largest distance: what rounding may do without being counted as a violation
+FEW = 16
 
 
 def certificate(mesh: SurfaceMesh, sources: Sources, distance: NDArray) -> dict[str, Any]:
@@ -46,13 +47,20 @@ def certificate(mesh: SurfaceMesh, sources: Sources, distance: NDArray) -> dict[
 def _below_straight_line(mesh: SurfaceMesh, sources: Sources, distance: NDArray, slack: float) -> int | None:
     if not isinstance(mesh, TriangleMesh):
         return None
-    from scipy.spatial import cKDTree
-
     finite = np.flatnonzero(np.isfinite(distance))
     starts = np.concatenate([mesh.points[sources.vertex], sources.points.positions(mesh)])
     scale = float(np.abs(mesh.points).max(initial=0.0)) or 1.0  # squares of huge coordinates would overflow
-    straight = cKDTree(starts / scale).query(mesh.points[finite] / scale)[0] * scale
+    straight = _nearest(mesh.points[finite] / scale, starts / scale) * scale
     return int((distance[finite] < straight - slack).sum())
+
+
+def _nearest(points: NDArray, starts: NDArray) -> NDArray[np.float64]:
+    """(k,) distance of each point to the nearest start; the import of a tree costs more than a few starts."""
+    if len(starts) > FEW:
+        from scipy.spatial import cKDTree
+
+        return cKDTree(starts).query(points)[0]
+    return np.min([vector_length(points - start) for start in starts], axis=0)
 
 
 def _steep_edges(mesh: SurfaceMesh, distance: NDArray, slack: float) -> tuple[float, int]:

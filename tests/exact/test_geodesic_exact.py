@@ -8,6 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ddgcli.algorithms.delaunay import flip_to_delaunay
+from ddgcli.algorithms.geodesic_certificate import certificate
 from ddgcli.algorithms.geodesic_exact import exact_distance
 from ddgcli.algorithms.geodesic_sources import Sources
 from ddgcli.algorithms.window_tables import window_tables
@@ -414,3 +415,18 @@ def test_progress_grows_to_the_whole():
     told: list[float] = []
     exact_distance(noisy_torus(), 0, progress=lambda done, total: told.append(done / total))
     assert len(told) > 3 and told == sorted(told) and told[0] < 0.2 and 0.6 < told[-1] <= 1
+
+
+@pytest.mark.parametrize("count", [1, 20])
+def test_certificate_sees_what_is_wrong(count):
+    """Few and many sources are compared with straight lines in different ways."""
+    mesh = shapes.grid(12, 12)
+    sources = Sources.at(range(0, 8 * count, 8))
+    distance = exact_distance(mesh, sources).distance
+    away = int((distance > 0).sum())
+    right, short, long = (certificate(mesh, sources, factor * distance) for factor in (1.0, 0.99, 1.5))
+    counts = ("violations_straight_line", "violations_edge_distance", "violations_lipschitz")
+    assert [right[name] for name in counts] == [0, 0, 0]
+    assert short["violations_straight_line"] == away and short["violations_edge_distance"] == 0
+    assert long["violations_edge_distance"] > away / 4 and long["violations_lipschitz"] > away / 4
+    assert long["lipschitz_excess"] == pytest.approx(0.5, abs=1e-9)
