@@ -1,17 +1,26 @@
-"""Flips and overlay succeed on every manifold mesh of the shared collection; refinement on the small ones."""
+"""Flips, overlay and refinement of every shared mesh and every hard file: right, or refused with the mend.
+
+The large ones are slow tests; `benchmarks/bench_delaunay.py --only shared` counts what docs/delaunay.md says.
+"""
+
+import logging
 
 import numpy as np
 import pytest
 
-from ddgcli.algorithms.common_subdivision import Base, common_subdivision
+from ddgcli.algorithms.common_subdivision import STEINER_POINT, Base, common_subdivision
 from ddgcli.algorithms.delaunay import flip_to_delaunay, non_delaunay_edges
+from ddgcli.algorithms.delaunay_report import delaunay_report
 from ddgcli.algorithms.refine import refine
 from ddgcli.errors import DdgError, MeshError
 from ddgcli.geometry.intrinsic import corner_angle, face_area
 from ddgcli.io.mesh_file import read_mesh
+from ddgcli.mesh.require import why_not
+from tests.delaunay_cases import fan
 
 SMALL = 2_500  # vertices: refined
 QUICK = 10_000  # vertices: flipped and overlaid in `make test`
+MENDS = ("tufted", "remove it", "needs a surface", "mend", "check the coordinates")
 
 
 def surfaces(folder):
@@ -52,14 +61,83 @@ def test_flips_and_overlay_of_the_large_ones(shared_meshes):
     assert sum(done) >= 8
 
 
-def test_refinement_to_25_degrees(shared_meshes):
-    count = 0
-    for name, mesh in surfaces(shared_meshes):
-        if mesh.n_vertices > SMALL or not mesh.topology.is_manifold or not mesh.topology.is_oriented:
+def refined_and_right(name, mesh, degrees=25):
+    refined = refine(mesh, degrees)
+    bound = np.radians(degrees) * (1 - 1e-6)
+    small = (corner_angle(refined.flipped.mesh.side_length) < bound).any(axis=1)
+    assert refined.reached and small.sum() == refined.excepted_faces, name
+    cut = common_subdivision(refined.flipped, refined.base)
+    if len(refined.flipped.mollified.faces) == 0:
+        assert cut.length_residual < 1e-9, name
+    assert (cut.vertex_kind == STEINER_POINT).sum() == len(refined.steiner), name
+    assert cut.mesh.topology.euler_characteristic == mesh.topology.euler_characteristic, name
+    return refined
+
+
+def can_be_glued(mesh):
+    return not len(mesh.topology.nonmanifold_edges) and mesh.topology.is_oriented
+
+
+@pytest.mark.parametrize("degrees, most", [(25, SMALL), (30, 700)])
+def test_refinement(shared_meshes, degrees, most):
+    small = [(n, m) for n, m in surfaces(shared_meshes) if m.n_vertices <= most and can_be_glued(m)]
+    assert len(small) >= 3
+    for name, mesh in small:
+        refined_and_right(name, mesh, degrees)
+
+
+@pytest.mark.slow
+def test_refinement_of_the_large_ones(shared_meshes):
+    large = [(n, m) for n, m in surfaces(shared_meshes) if m.n_vertices > SMALL and can_be_glued(m)]
+    assert len(large) >= 18
+    for name, mesh in large:
+        refined_and_right(name, mesh)
+
+
+def test_hard_files_are_right_or_refused_with_the_mend(shared_meshes, monkeypatch):
+    monkeypatch.setattr(logging.getLogger("ddgcli"), "disabled", True)
+    taken, refused = [], []
+    for name, mesh in surfaces(shared_meshes / "hard"):
+        try:
+            report = delaunay_report(mesh, subdivide=True)
+        except MeshError as error:
+            assert not info_accepts(mesh), (name, error)
+            assert any(word in str(error) for word in MENDS), (name, error)
+            refused.append(name)
             continue
-        refined = refine(mesh, 25)
-        small = (corner_angle(refined.flipped.mesh.side_length) < np.radians(25) * (1 - 1e-6)).any(axis=1)
-        assert refined.reached and small.sum() == refined.excepted_faces, name
-        assert common_subdivision(refined.flipped, refined.base).length_residual < 1e-9, name
+        taken.append(name)
+        assert info_accepts(mesh) and report.reached, name
+        assert report.results["after"]["non_delaunay_edges"] == 0, name
+        assert report.accuracy["overlay_length_residual"] < 1e-7, name
+        assert report.accuracy["angle_defect_residual"] < 1e-8, name
+    assert len(taken) >= 35 and len(refused) >= 9
+
+
+def test_hard_files_refined(shared_meshes, monkeypatch):
+    monkeypatch.setattr(logging.getLogger("ddgcli"), "disabled", True)
+    count = 0
+    for name, mesh in surfaces(shared_meshes / "hard"):
+        longest = mesh.side_length.max(initial=0.0)
+        if not info_accepts(mesh) or not 1e-140 < longest < 1e140:
+            continue
+        refined = refine(mesh, 25, max_points=1500)
+        steiner = refined.steiner.barycentric
+        assert np.isfinite(steiner).all() and (steiner >= 0).all(), name
+        assert refined.reached or len(refined.steiner) == 1500, name
         count += 1
-    assert count >= 6
+    assert count >= 33
+
+
+def info_accepts(mesh):
+    return why_not(mesh, "delaunay") is None
+
+
+def test_a_fan_of_valence_5000_has_an_overlay():
+    mesh = fan(5000)
+    flipped = flip_to_delaunay(mesh, track=True)
+    cut = common_subdivision(flipped, Base.itself(mesh))
+    assert cut.length_residual < 1e-9 and flipped.crossings.max() > 500
+    assert face_area(cut.mesh.side_length).sum() == pytest.approx(
+        face_area(mesh.side_length).sum(), rel=1e-12
+    )
+    refined_and_right("fan", mesh)
