@@ -20,6 +20,8 @@ log = logging.getLogger("ddgcli")
 
 # problems up to this size, or asked for more than a third of their spectrum, are solved densely
 DENSE = 400
+# vectors a step where a solve takes right-hand sides together (SuperLU), or one by one (CHOLMOD by cvxopt)
+TOGETHER, ALONE = 4, 2
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,7 +110,7 @@ def _finished(L: csr_array, M: csr_array, values: NDArray, X: NDArray, *, comple
     k = len(values)
     largest = np.abs(X).max(axis=0)
     first = np.argmax(np.abs(X) >= (1 - 1e-6) * largest, axis=0)
-    X = X * np.where(X[first, np.arange(k)] < 0, -1.0, 1.0)
+    X = np.ascontiguousarray(X * np.where(X[first, np.arange(k)] < 0, -1.0, 1.0))
     LX, MX = L @ X, M @ X
     norm = np.linalg.norm
     scale = norm(abs(L) @ np.abs(X), axis=0) + values * norm(MX, axis=0)
@@ -132,7 +134,8 @@ def _lanczos(
         return problem.pinned_solve((block * root).T).T * root
 
     known = null.T if root is None else null.T * root
-    search = BlockLanczos(inverse, M if root is None else None, known, seed)
+    width = ALONE if problem.factor.solver == "cholmod" else TOGETHER
+    search = BlockLanczos(inverse, M if root is None else None, known, width, seed)
     order = problem.order
     theta, vectors, complete = search.largest(
         k, lambda theta: _none_missing(L, M, 1.0 / theta, problem.count, order)

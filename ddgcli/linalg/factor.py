@@ -134,11 +134,13 @@ class Factor:
         if not refine:
             return x
         x = self._refined(x, b)
-        if self._lost(x, b) and self.solver != "pivoted":
+        lost = self._lost(x, b)
+        if lost and self.solver != "pivoted":
             log.info("the solution by %s has no correct digit: factorised with pivoting", self.solver)
             self._backend = make_backend("pivoted", self.matrix)
             x = self._refined(self._backend.solve(b), b)
-        if self._lost(x, b):
+            lost = self._lost(x, b)
+        if lost:
             raise SolveError(
                 "the matrix is singular to working precision: no solution with a small residual was found; "
                 "fix an unknown of every component, or look for degenerate faces with `ddgcli info`"

@@ -11,12 +11,12 @@ from scipy.sparse import csr_array
 
 log = logging.getLogger("ddgcli")
 
-# vectors a step: few for few pairs (fewer solves), more for many (fewer passes over the basis)
-BLOCK, WIDEST = 4, 32
+# vectors a step at most: few for few pairs (fewer applications), more for many (fewer passes over the basis)
+WIDEST = 32
 # basis vectors that are held for the asking
 FEW = 200
-# relative residual; eigenvalues are accurate to its square
-TOLERANCE = 1e-11
+# relative residual before the last step; eigenvalues are accurate to its square
+TOLERANCE = 1e-10
 MAX_RESTARTS = 60
 
 
@@ -37,6 +37,8 @@ class BlockLanczos:
         The inner product; None is the common one.
     known : (c, n) ndarray
         Orthonormal vectors that are left out.
+    width : int
+        Vectors a step, for few pairs.
     seed : int
         Of the starting block.
     """
@@ -46,15 +48,16 @@ class BlockLanczos:
         apply: Callable[[NDArray], NDArray],
         mass: csr_array | None,
         known: NDArray,
+        width: int,
         seed: int,
     ) -> None:
-        self.apply, self.mass, self.known = apply, mass, known
+        self.apply, self.mass, self.known, self.width = apply, mass, known, width
         self.rng = np.random.default_rng(seed)
         self.n = known.shape[1]
 
     def largest(self, k: int, none_missing: Callable[[NDArray], bool]) -> tuple[NDArray, NDArray, bool]:
         """Eigenvalues (k,) descending, vectors (k, n), and whether none was missed in the end."""
-        self.width = min(max(BLOCK, k // 25), WIDEST)
+        self.width = min(max(self.width, k // 25), WIDEST)
         limit = min(self.n - len(self.known), max(2 * k, min(4 * k, FEW)) + 8 * self.width)
         self.basis = np.empty((limit + self.width, self.n))
         self.projected = np.zeros((limit + self.width, limit + self.width))
@@ -73,7 +76,9 @@ class BlockLanczos:
             if done:
                 log.info("eigenvalues are missing below the last one: the search goes on from random vectors")
                 block = self._random_block()
-        return theta[:k], S[:, :k].T @ self.basis[: len(S)], complete
+        # what an application would add is known already: a step of power iteration for nothing
+        added = (coupling @ S[-len(coupling) :, :k]) / theta[:k]
+        return theta[:k], S[:, :k].T @ self.basis[: len(S)] + added.T @ block, complete
 
     def _expand(self, block: NDArray, k: int, limit: int) -> tuple[NDArray, NDArray, NDArray, NDArray]:
         """Grow the basis until k pairs have converged or it is full.
