@@ -33,6 +33,8 @@ class Outcome:
     failure : str
         Why it broke off, or "".
     interrupted : bool
+    seconds : float
+        Of the loop, those before a `--resume` too.
     steps : int
     smallest_step : float
     events : int
@@ -52,6 +54,7 @@ class Outcome:
     stopped: str = ""
     failure: str = ""
     interrupted: bool = False
+    seconds: float = 0.0
     steps: int = 0
     smallest_step: float = np.inf
     events: int = 0

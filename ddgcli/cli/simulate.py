@@ -6,6 +6,7 @@ import logging
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from time import perf_counter
 from typing import Any
 
 import click
@@ -71,7 +72,7 @@ def simulate(run: Run, job: Job) -> Outcome:
     keep = Keeper(outcome, picture=bool(run.common.plot))
     paths = [p for p in run.common.outputs if Path(p).suffix.lower() in TRAJECTORIES]
     writer, start = _opened(run, job, paths, cell, keep)
-    status = "failed"
+    status, earlier, began = "failed", sum(job.account.seconds.values()), perf_counter()
     try:
         _march(run, job, keep, writer, start)
         status = "complete"
@@ -81,6 +82,7 @@ def simulate(run: Run, job: Job) -> Outcome:
     except KeyboardInterrupt:
         status, outcome.interrupted = "interrupted", True
     finally:
+        outcome.seconds = earlier + perf_counter() - began
         keep.finish()
         if writer is not None:
             with run.timed("write"):
@@ -150,18 +152,16 @@ def _write_last(run: Run, outcome: Outcome, cell: dict[str, NDArray], paths: lis
         run.write_file(path, annotated, converged=not outcome.failure)
 
 
-def shares(account: Account, effects: list[str]) -> tuple[dict[str, Any], dict[str, float]]:
-    """(`results.effects`, seconds of everything): calls, seconds and share of each effect that ran."""
-    total = sum(account.seconds.values()) or 1.0
+def shares(account: Account, effects: list[str], total: float) -> tuple[dict[str, Any], dict[str, float]]:
+    """(`results.effects`, `results.seconds_by_part`): who spent the seconds of the loop."""
+    booked = {name: account.seconds.get(name, 0.0) for name in (*effects, "solver", "integrator", "output")}
+    ran_first = sorted(effects, key=lambda name: not account.calls.get(name))
     found = {
         name: {
-            "seconds": account.seconds.get(name, 0.0),
-            "share": account.seconds.get(name, 0.0) / total,
+            "seconds": booked[name],
+            "share": booked[name] / (total or 1.0),
             "evaluations": account.calls.get(name, 0),
         }
-        for name in sorted(effects, key=lambda name: not account.calls.get(name))
+        for name in ran_first
     }
-    everything = {
-        name: account.seconds.get(name, 0.0) for name in (*effects, "solver", "integrator", "output")
-    }
-    return found, {**everything, "total": sum(account.seconds.values())}
+    return found, {**booked, "unaccounted": total - sum(booked.values()), "total": total}

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any, Literal, Protocol, TypeVar, runtime_checkable
 
@@ -118,6 +118,11 @@ def at_last_point(method: Callable[[Any, NDArray], Part]) -> Callable[[Any, NDAr
         return last[1]
 
     return remembered
+
+
+def parts(count: int, size: int = 512) -> Iterator[slice]:
+    """Slices of `size` elements: what is made of one of them stays in the cache until it is used."""
+    return (slice(start, min(start + size, count)) for start in range(0, count, size))
 
 
 def scattered(stencil: NDArray, values: NDArray, n: int) -> NDArray[np.float64]:

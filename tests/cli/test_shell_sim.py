@@ -64,6 +64,7 @@ def test_summary_holds_the_contract(summary, tmp_path):
     assert {"energy_drift", "momentum_drift", "angular_momentum_drift", "max_strain"} <= set(accuracy)
     parts = results["seconds_by_part"]
     assert sum(v for k, v in parts.items() if k != "total") == pytest.approx(parts["total"])
+    assert 0 <= parts["unaccounted"] <= 0.05 * parts["total"] <= 0.05 * out["seconds"]["compute"]
     assert out["outputs"] == [str(tmp_path / "run.vtkhdf"), str(tmp_path / "last.ply")]
     assert out["input"]["vertices"] == 36
     assert not (tmp_path / "run.vtkhdf.part").exists()

@@ -60,7 +60,7 @@ def check_whole(part):
         return run.n_frames
 
 
-@pytest.mark.parametrize("kills", [8, pytest.param(100, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("kills", [8, pytest.param(100, marks=[pytest.mark.slow, pytest.mark.timeout(1800)])])
 def test_every_frame_is_whole_after_kills(tmp_path, kills):
     rng = random.Random(kills)
     counts = []

@@ -14,7 +14,7 @@ from pydantic import Field
 from scipy.sparse import coo_array, csr_array
 
 from ddgcli.evolve.effects import Effect
-from ddgcli.evolve.terms import Mode, Potential, at_last_point, scattered
+from ddgcli.evolve.terms import Mode, Potential, at_last_point, parts, scattered
 from ddgcli.geometry.intrinsic import corner_cotan
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.models.scene import Section
@@ -63,24 +63,27 @@ class HingeBending:
         return scattered(self.stencil, moment[:, None, None] * hinge.angle_gradient(frame), len(x))
 
     def blocks(self, x: NDArray, mode: Mode) -> NDArray[np.float64]:
-        frame = self._frame(x)
-        left, right, block = self._room
-        double = (2 * self.weight)[:, None]
-        right[:, 8] = hinge.angle_gradient(frame).reshape(-1, 12)
-        np.multiply(double, right[:, 8], out=left[:, 8])
-        if mode != "exact":
-            return np.matmul(left[:, 8:].transpose(0, 2, 1), right[:, 8:], out=block)
-        moment = double * hinge.wrapped(frame.angle - self.rest)[:, None]
-        hinge.hessian_factors(frame, right[:, 4:8], right[:, 0:4])
-        np.multiply(moment[:, :, None], right[:, 4:8], out=left[:, 0:4])
-        np.multiply(moment[:, :, None], right[:, 0:4], out=left[:, 4:8])
-        return np.matmul(left.transpose(0, 2, 1), right, out=block)
+        frame, block = self._frame(x), self._block
+        moment = 2 * self.weight * hinge.wrapped(frame.angle - self.rest)
+        room = np.zeros((2, 512, 9, 12))
+        for part in parts(len(self.stencil), room.shape[1]):
+            piece, double = frame[part], 2 * self.weight[part, None]
+            left, right = room[:, : len(double)]
+            slope = hinge.angle_gradient(piece).reshape(-1, 12)
+            if mode != "exact":
+                np.multiply((double * slope)[:, :, None], slope[:, None, :], out=block[part])
+                continue
+            right[:, 8], left[:, 8] = slope, double * slope
+            hinge.hessian_factors(piece, right[:, 4:8], right[:, 0:4])
+            np.multiply(moment[part, None, None], right[:, 4:8], out=left[:, 0:4])
+            np.multiply(moment[part, None, None], right[:, 0:4], out=left[:, 4:8])
+            np.matmul(left.transpose(0, 2, 1), right, out=block[part])
+        return block
 
     @cached_property
-    def _room(self) -> tuple[NDArray, NDArray, NDArray]:
-        """Arrays that every Hessian is written to: fresh memory costs more than the arithmetic."""
-        count = len(self.stencil)
-        return np.zeros((count, 9, 12)), np.zeros((count, 9, 12)), np.zeros((count, 12, 12))
+    def _block(self) -> NDArray[np.float64]:
+        """Array that every Hessian is written to: fresh memory costs more than the arithmetic."""
+        return np.zeros((len(self.stencil), 12, 12))
 
 
 class QuadraticBending:

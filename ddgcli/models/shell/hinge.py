@@ -7,7 +7,7 @@ Tamstorf and Grinspun 2013, checked by finite differences.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,7 +31,10 @@ def hinges(topology: Topology) -> NDArray[np.int64]:
 
 @dataclass(frozen=True, eq=False)
 class HingeFrame:
-    """Geometry of every hinge: normals n, nt; heights h, ht; feet s, st; edge direction u; in-plane m, mt."""
+    """Geometry of every hinge: normals n, nt; heights h, ht; feet s, st; edge direction u; its length.
+
+    Vectors are (3, h): whole components lie together, which numpy works on four times as fast.
+    """
 
     n: NDArray
     nt: NDArray
@@ -43,27 +46,33 @@ class HingeFrame:
     length: NDArray
     angle: NDArray
 
+    def __getitem__(self, part: slice) -> HingeFrame:
+        """Some of the hinges."""
+        return HingeFrame(*(getattr(self, field.name)[..., part] for field in fields(self)))
+
 
 def frame(x: NDArray, stencil: NDArray) -> HingeFrame:
     """Geometry of the hinges at positions x."""
-    x0, x1, x2, x3 = (x[stencil[:, k]] for k in range(4))
+    x0, x1, x2, x3 = (np.ascontiguousarray(x[stencil[:, k]].T) for k in range(4))
     e, p, q = x1 - x0, x2 - x0, x3 - x0
-    length = np.sqrt(np.einsum("ei,ei->e", e, e))
-    u = e / length[:, None]
+    length = np.sqrt(_dot(e, e))
+    u = e / length
     n, nt = _cross(e, p), _cross(q, e)
-    double, double_t = np.linalg.norm(n, axis=1), np.linalg.norm(nt, axis=1)
-    n, nt = n / double[:, None], nt / double_t[:, None]
-    angle = np.arctan2(np.einsum("ei,ei->e", _cross(n, nt), u), np.einsum("ei,ei->e", n, nt))
-    s = np.einsum("ei,ei->e", p, u) / length
-    st = np.einsum("ei,ei->e", q, u) / length
+    double, double_t = np.sqrt(_dot(n, n)), np.sqrt(_dot(nt, nt))
+    n, nt = n / double, nt / double_t
+    angle = np.arctan2(_dot(_cross(n, nt), u), _dot(n, nt))
+    s, st = _dot(p, u) / length, _dot(q, u) / length
     return HingeFrame(n, nt, double / length, double_t / length, s, st, u, length, angle)
 
 
 def angle_gradient(f: HingeFrame) -> NDArray[np.float64]:
     """(h, 4, 3) gradient of the angle in the four vertices."""
-    a, at = f.n / f.h[:, None], f.nt / f.ht[:, None]
-    s, st = f.s[:, None], f.st[:, None]
-    return np.stack([(1 - s) * a + (1 - st) * at, s * a + st * at, -a, -at], axis=1)
+    a, at = f.n / f.h, f.nt / f.ht
+    head, head_t = f.s * a, f.st * at
+    gradient = np.empty((len(f.h), 4, 3))
+    for k, row in enumerate((a - head + at - head_t, head + head_t, -a, -at)):
+        gradient[:, k] = row.T
+    return gradient
 
 
 def angle_hessian(f: HingeFrame) -> NDArray[np.float64]:
@@ -80,29 +89,34 @@ def hessian_factors(f: HingeFrame, left: NDArray, right: NDArray) -> None:
     The published blocks factor: a face with heights' feet c = (1 - s, s, -1) on (tail, head, apex) and
     d = (1, -1, 0) gives c n/h x c m/h + (c u/h + d m/2L) x d n/L and the transpose.
     """
-    d = (1 / f.length)[:, None]
     for k, (n, h, s, apex, side) in enumerate(((f.n, f.h, f.s, 2, 1.0), (f.nt, f.ht, f.st, 3, -1.0))):
         m = side * _cross(n, f.u)
-        high, head = (1 / h)[:, None], s[:, None]
-        for row, vector in (
-            (left[:, 2 * k], n * high),
-            (right[:, 2 * k], m * high),
-            (left[:, 2 * k + 1], f.u * high),
-        ):
-            row[:, 3:6] = head * vector
-            row[:, 0:3] = vector - row[:, 3:6]
-            row[:, 3 * apex : 3 * apex + 3] = -vector
-        along = 0.5 * d * m
-        left[:, 2 * k + 1, 0:3] += along
-        left[:, 2 * k + 1, 3:6] -= along
-        right[:, 2 * k + 1, 0:3] = d * n
-        right[:, 2 * k + 1, 3:6] = -d * n
+        along, across = m / (2 * f.length), n / f.length
+        _write_feet(left[:, 2 * k], n / h, s, apex)
+        _write_feet(right[:, 2 * k], m / h, s, apex)
+        _write_feet(left[:, 2 * k + 1], f.u / h, s, apex, along)
+        right[:, 2 * k + 1, 0:3] = across.T
+        right[:, 2 * k + 1, 3:6] = -across.T
+
+
+def _write_feet(row: NDArray, vector: NDArray, s: NDArray, apex: int, along: NDArray | None = None) -> None:
+    """c times a (3, h) vector, plus d times another, into (h, 12) rows."""
+    head = s * vector
+    tail = vector - head
+    if along is not None:
+        tail += along
+        head -= along
+    row[:, 0:3], row[:, 3:6], row[:, 3 * apex : 3 * apex + 3] = tail.T, head.T, -vector.T
+
+
+def _dot(p: NDArray, q: NDArray) -> NDArray[np.float64]:
+    return p[0] * q[0] + p[1] * q[1] + p[2] * q[2]
 
 
 def _cross(p: NDArray, q: NDArray) -> NDArray[np.float64]:
-    """Cross products of (h, 3) vectors, without the overhead of numpy's."""
-    (a, b, c), (d, e, f) = p.T, q.T
-    return np.stack([b * f - c * e, c * d - a * f, a * e - b * d], axis=1)
+    """Cross products of (3, h) vectors."""
+    (a, b, c), (d, e, f) = p, q
+    return np.stack([b * f - c * e, c * d - a * f, a * e - b * d])
 
 
 def wrapped(angle: NDArray) -> NDArray[np.float64]:
