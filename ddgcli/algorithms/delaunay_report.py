@@ -61,6 +61,7 @@ def delaunay_report(
     max_points: int | None = None,
     subdivide: bool = False,
     condition: bool = False,
+    seed: int = 0,
 ) -> DelaunayReport:
     """The intrinsic Delaunay triangulation of a surface, refined where asked for, with its statistics.
 
@@ -73,11 +74,13 @@ def delaunay_report(
         Also make the common subdivision.
     condition : bool
         Also measure the condition numbers of the Laplacians.
+    seed : int
+        Of the choice among faces in refinement.
     """
     if degrees is None:
         flipped, base, refined = flip_to_delaunay(mesh, track=subdivide), Base.itself(mesh), None
     else:
-        refined = refine(mesh, degrees, max_points=max_points)
+        refined = refine(mesh, degrees, max_points=max_points, seed=seed)
         flipped, base = refined.flipped, refined.base
     results: dict[str, Any] = {
         "flips": flipped.flips if refined is None else refined.flips,

@@ -65,7 +65,7 @@ class Refined:
     reached: bool
 
 
-def refine(mesh: TriangleMesh, degrees: float, *, max_points: int | None = None) -> Refined:
+def refine(mesh: TriangleMesh, degrees: float, *, max_points: int | None = None, seed: int = 0) -> Refined:
     """Insert Steiner points until no intrinsic angle is smaller than `degrees`.
 
     Parameters
@@ -77,6 +77,8 @@ def refine(mesh: TriangleMesh, degrees: float, *, max_points: int | None = None)
         Above 0 and at most 33; up to 25 the batches end on every surface, up to 30 on nearly every one.
     max_points : int, optional
         At most so many Steiner points; by default ten for each vertex, and 100,000 at least.
+    seed : int
+        Of the choice of the faces that a batch tries, where there are more than it may try.
 
     Raises
     ------
@@ -90,7 +92,7 @@ def refine(mesh: TriangleMesh, degrees: float, *, max_points: int | None = None)
     require(mesh, "refinement", extent=True)
     limit = max(100_000, 10 * mesh.n_vertices) if max_points is None else max_points
     fanned, original = one_vertex_a_fan(mesh)
-    work = Refinement(fanned, np.radians(degrees), limit)
+    work = Refinement(fanned, np.radians(degrees), limit, seed)
     while work.advance():
         pass
     steiner = work.places.steiner()

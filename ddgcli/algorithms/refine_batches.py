@@ -40,9 +40,10 @@ class Refinement:
         That no angle shall be smaller than, in radians.
     limit : int
         At most so many Steiner points.
+    seed : int
     """
 
-    def __init__(self, mesh: TriangleMesh, angle: float, limit: int) -> None:
+    def __init__(self, mesh: TriangleMesh, angle: float, limit: int, seed: int = 0) -> None:
         self.limit, self.n_input = limit, mesh.n_vertices
         self.bound = np.tan(angle / 2)
         glued = glue(mesh)
@@ -54,7 +55,7 @@ class Refinement:
         self.state.direction = fans.angle_before.copy()
         self.flips, self.batches = flip_until_delaunay(self.state)[0], 0
         self.exhausted = False
-        self.random, self.crowd = np.random.default_rng(0), FEWEST_TRIED
+        self.random, self.crowd = np.random.default_rng(seed), FEWEST_TRIED
 
         self.sharp = np.zeros(self.n_input, dtype=bool)
         self.sharp[fans.vertex] = fans.total_angle < SHARP - 1e-9

@@ -9,6 +9,7 @@ import click
 from ddgcli.cli import options
 from ddgcli.cli.options import Common
 from ddgcli.cli.run import Run
+from ddgcli.errors import ParameterError
 
 INTRINSIC_FORMATS = (".npz", ".vtkhdf")
 OVERLAY_FORMATS = (".npz", ".vtkhdf", ".ply", ".vtu", ".vtp", ".vtk", ".xdmf", ".obj", ".off", ".stl")
@@ -25,13 +26,14 @@ OVERLAY_FORMATS = (".npz", ".vtkhdf", ".ply", ".vtu", ".vtp", ".vtk", ".xdmf", "
     "--refine",
     metavar="DEGREES",
     type=options.POSITIVE,
-    help="Insert Steiner points until no angle is smaller (25 always ends; at most 33).",
+    help="Insert Steiner points until no angle is smaller (25 is safe; at most 33).",
 )
 @click.option(
     "--max-points",
     metavar="N",
     type=click.IntRange(min=0),
-    help="At most N Steiner points (exit 1 when they run out)  [default: 10 a vertex, at least 100000].",
+    help="With --refine: at most N Steiner points (exit 1 when they run out)  "
+    "[default: 10 a vertex, at least 100000].",
 )
 @click.option(
     "--overlay",
@@ -71,6 +73,8 @@ def command(
         condition=condition,
         subdivide=subdivide,
     )
+    if max_points is not None and refine is None:
+        raise ParameterError("--max-points bounds the points of --refine; give both, or neither")
     run.will_write(overlay, OVERLAY_FORMATS)
     source = run.read(mesh_path, subdivide=subdivide)
 
@@ -83,6 +87,7 @@ def command(
         max_points=max_points,
         subdivide=bool(overlay or common.plot),
         condition=condition,
+        seed=common.seed,
     )
     run.write(AnnotatedMesh(report.mesh, vertex=report.on_input), converged=report.reached)
     if overlay and report.subdivision:

@@ -82,6 +82,22 @@ def test_refinement(summary, stretched, tmp_path):
     assert np.abs(where - z["points"]).max() < 1e-13 * np.abs(z["points"]).max()
 
 
+def test_points_need_refinement(run, stretched):
+    result = run("delaunay", stretched, "--max-points", 20)
+    assert result.exit_code == 2 and "--refine" in result.stderr
+
+
+def test_the_seed_chooses_among_faces(summary, tmp_path):
+    path = tmp_path / "big.ply"
+    mesh = shapes.random_sphere(3000, seed=1)
+    write_mesh(str(path), AnnotatedMesh(mesh.moved(mesh.points * np.array([10.0, 1.0, 0.1]))))
+    counts = [
+        summary("delaunay", path, "--refine", 25, "--seed", seed)["results"]["steiner_points"]
+        for seed in (0, 0, 1)
+    ]
+    assert counts[0] == counts[1] != counts[2]
+
+
 def test_points_run_out(summary, stretched, tmp_path):
     out = tmp_path / "some.npz"
     told = summary("delaunay", stretched, "--refine", 25, "--max-points", 20, "-o", out, code=1)
