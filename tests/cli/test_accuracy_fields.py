@@ -1,0 +1,317 @@
+"""No field of `accuracy` is a constant: an error planted in what it watches moves it, in every command."""
+
+import dataclasses
+import importlib
+
+import numpy as np
+import pytest
+
+from ddgcli.io.mesh_file import write_mesh
+from ddgcli.mesh import shapes
+from ddgcli.mesh.fields import AnnotatedMesh
+
+FLOW = ("willmore-flow", "ball", "--dt", 1e-4)
+FALL = ("--effect", "stretching", "--effect", "gravity acceleration=[0,0,-9.81]")
+SHELL = ("--material", "cotton", "--steps", 2, "--dt", 1e-4)
+# runs: the summary's `accuracy` of each is what must be shown to move
+RUNS = {
+    "curvature": ("curvature", "ball"),
+    "polyline": ("curvature", "ellipse"),
+    "delaunay": ("delaunay", "ball"),
+    "laplacian": ("laplacian", "cap", "--eigen", 3, "--poisson", "load"),
+    "harmonic": ("laplacian", "cap", "--harmonic", "--fix", "1=0", "--fix", "20=1"),
+    "flattened": ("laplacian", "cap", "--parameterize", "harmonic"),
+    "smoothed": ("laplacian", "cap", "--smooth", 1e-2, "--smooth-steps", 2),
+    "exact": ("geodesic", "ball", "--source", 1, "--certify"),
+    "slack": ("geodesic", "ball", "--source", 1, "--tolerance", 0.1),
+    "heat": ("geodesic", "ball", "--source", 1, "--method", "heat"),
+    "hodge": ("hodge", "cap", "--field", "wind"),
+    "ring": ("hodge", "ring", "--field", "wind"),
+    "shell": ("shell-sim", "cap", *FALL[:2], *SHELL),
+    "falling": ("shell-sim", "cap", *FALL, *SHELL),
+    "fluid": ("fluid-sim", "ball", "--vorticity", "3*z+x*y", "--steps", 3, "--dt", 0.01),
+    "willmore": (*FLOW, "--steps", 2, "--fix-area", "--fix-volume"),
+    "mean-curvature": (*FLOW, "--steps", 2, "--flow", "mean-curvature"),
+    "tradeoff": ("tradeoff", "willmore-flow", "ball", "--steps", 2, "--tolerance", 0.1, "--repeat", 1),
+}  # fmt: skip
+
+
+def surface(**corrupt):
+    """What curvature has measured, with one array wrong."""
+
+    def plant(sound):
+        return lambda given: sound(
+            dataclasses.replace(
+                given, **{name: wrong(getattr(given, name)) for name, wrong in corrupt.items()}
+            )
+        )
+
+    return plant
+
+
+def first_wrong(values):
+    values = np.array(values, dtype=float)
+    values.flat[0] += 0.01 * (np.abs(values).max() or 1.0)
+    return values
+
+
+def crooked(**changed):
+    """A function whose result has fields wrong."""
+
+    def plant(sound):
+        def wrong(*args, **kwargs):
+            found = sound(*args, **kwargs)
+            fields = {name: change(getattr(found, name)) for name, change in changed.items()}
+            return dataclasses.replace(found, **fields)
+
+        return wrong
+
+    return plant
+
+
+def unequal(distance):
+    """Each answer wrong by another factor, so that there and back differ."""
+    source = int(np.argmin(distance))
+    return distance * (1.0 + 0.1 * (source % 7))
+
+
+def rougher(sound):
+    """Whatever the slack, twice the distance where there is any."""
+
+    def wrong(*args, tolerance=0.0, **kwargs):
+        found = sound(*args, tolerance=tolerance, **kwargs)
+        return dataclasses.replace(found, distance=found.distance * (2.0 if tolerance else 1.0))
+
+    return wrong
+
+
+def crooked_turn(arrays):
+    return arrays | {"turning_angle": first_wrong(arrays["turning_angle"])}
+
+
+def mixed(parts):
+    return (parts[0] + parts[1], *parts[1:])
+
+
+def heavy(M):
+    M = M.tolil()
+    M[0, 0] += M.sum()
+    return M.tocsr()
+
+
+def eigenvectors(sound):
+    return lambda L, M, values, X, **how: sound(L, M, values, scattered(X), **how)
+
+
+def lopsided(L):
+    L = L.tolil()
+    L[0, 5] += 1.0
+    return L.tocsr()
+
+
+def stepping(change):
+    """The time loop with a model whose every step ends a little wrong."""
+
+    def plant(sound):
+        def wrong(models, *rest):
+            def bad(model):
+                return dataclasses.replace(model, advance=lambda *a: change(model.advance(*a)))
+
+            return sound({name: bad(model) for name, model in models.items()}, *rest)
+
+        return wrong
+
+    return plant
+
+
+def scattered(points, size=1e-2):
+    return points + size * np.random.default_rng(0).normal(size=np.shape(points))
+
+
+def motion(state):
+    return dataclasses.replace(state, x=scattered(state.x, 1e-3), v=scattered(state.v, 10.0))
+
+
+def spun(state):
+    return dataclasses.replace(state, vorticity=1.01 * state.vorticity + 1e-3)
+
+
+def bulged(state):
+    return dataclasses.replace(state, points=scattered(state.points))
+
+
+def returned(change):
+    return lambda sound: lambda *args, **kwargs: change(sound(*args, **kwargs))
+
+
+SOLVE = ("ddgcli.linalg.factor:Factor.solve", returned(lambda x: scattered(x, 1e-3 * np.abs(x).max())))
+WILD = (SOLVE[0], returned(lambda x: scattered(x, np.abs(x).max())))
+MEASURE = "ddgcli.algorithms.curvature_measure:_accuracy"
+EXACT = "ddgcli.algorithms.geodesic_exact:exact_distance"
+OPERATOR = "ddgcli.algorithms.laplacian_report:laplace_operator"
+EVOLVE = "ddgcli.cli.simulate:evolve"
+MEAN_STEP = "ddgcli.models.willmore.flow:mean_curvature_step"
+
+GROWING = iter(np.linspace(1.0, 9.0, 99))
+
+# run -> [(what is planted, fields that must move)]
+PLANTS = {
+    "curvature": [
+        (MEASURE, surface(defect=first_wrong), ["gauss_bonnet_residual"]),
+        (MEASURE, surface(area=first_wrong), ["vertex_area_residual"]),
+        (MEASURE, surface(vector=first_wrong), ["force_balance_residual"]),
+        (MEASURE, surface(dihedral=first_wrong), ["torque_balance_residual", "area_balance_residual"]),
+    ],
+    "delaunay": [
+        (
+            "ddgcli.algorithms.delaunay_report:flip_to_delaunay",
+            crooked(mesh=lambda m: type(m)(m.topology, 1.01 * first_wrong(m.side_length), m.points)),
+            ["area_residual", "angle_defect_residual"],
+        ),
+    ],
+    "laplacian": [
+        (
+            OPERATOR,
+            crooked(stiffness=lopsided),
+            ["symmetry_residual", "row_sum_residual", "negative_weights"],
+        ),
+        ("ddgcli.linalg.eigen:_finished", eigenvectors, ["eigen_residuals"]),
+        (OPERATOR, crooked(mass=heavy), ["poisson_imbalance"]),
+        (*SOLVE, ["poisson_residual"]),
+    ],
+    "harmonic": [(*WILD, ["harmonic_residual", "maximum_principle_violation"])],
+    "flattened": [(*SOLVE, ["parameterize_residual"])],
+    "smoothed": [(*WILD, ["smooth_residual", "smooth_area_increases"])],
+    "exact": [
+        (
+            EXACT,
+            crooked(distance=lambda d: 2.0 * d),
+            ["violations_edge_distance", "violations_lipschitz", "lipschitz_excess", "gradient_deviation"],
+        ),
+        (EXACT, crooked(distance=lambda d: 0.5 * d), ["violations_straight_line"]),
+        (EXACT, crooked(distance=unequal), ["symmetry_residual"]),
+        (EXACT, crooked(distance=lambda d: d**3), ["triangle_residual"]),
+    ],
+    "slack": [(EXACT, rougher, ["tolerance_error_estimate"])],
+    "polyline": [
+        (
+            "ddgcli.algorithms.curvature_polyline:_results",
+            lambda sound: lambda arrays, *rest: sound(crooked_turn(arrays), *rest),
+            ["turning_number_residual"],
+        ),
+    ],
+    "hodge": [
+        (*SOLVE, ["reconstruction_residual"]),
+        (
+            "ddgcli.algorithms.hodge:_assembled",
+            lambda sound: lambda inner, whole, parts, *rest: sound(inner, whole, mixed(parts), *rest),
+            ["orthogonality"],
+        ),
+    ],
+    "ring": [(*SOLVE, ["harmonic_residual"])],
+    "heat": [(*SOLVE, ["heat_residual", "poisson_residual"])],
+    "shell": [(EVOLVE, stepping(motion), ["momentum_drift", "angular_momentum_drift", "max_strain"])],
+    "falling": [(EVOLVE, stepping(motion), ["energy_drift"])],
+    "fluid": [
+        (
+            EVOLVE,
+            stepping(spun),
+            ["total_vorticity_drift", "energy_drift", "enstrophy_drift", "circulation_drift"],
+        ),
+        ("ddgcli.models.fluid.space:FlowSpace.side_flux", returned(first_wrong), ["divergence_max"]),
+    ],
+    "willmore": [(EVOLVE, stepping(bulged), ["constraint_residuals", "min_angle_degrees"])],
+    "mean-curvature": [
+        (
+            MEAN_STEP,
+            returned(lambda mesh: mesh.moved(scattered(1.1 * mesh.points))),
+            ["area_increases", "energy_increases"],
+        ),
+    ],
+    "tradeoff": [
+        (
+            "ddgcli.tradeoff.problems.willmore_flow:_energy",
+            returned(lambda energy: energy * next(GROWING)),
+            ["reference_uncertainty"],
+        ),
+    ],
+}  # fmt: skip
+
+# fields that count how much was looked at, or flags beside a number that is planted above
+COUNTS = {"sampled_pairs", "eigen_complete"}
+
+
+@pytest.fixture(scope="module")
+def inputs(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("fields")
+    ball = shapes.random_sphere(60)
+    cap = shapes.grid(5, 5, pattern="alternating")
+    cap = cap.moved(cap.points + np.stack([0 * cap.points[:, 0]] * 2 + [cap.points[:, 0] ** 2], axis=1))
+    wind = np.cross(cap.points[cap.faces].mean(axis=1), [0.3, 0.2, 1.0])
+    paths = {"ball": str(folder / "ball.npz"), "cap": str(folder / "cap.npz")}
+    write_mesh(paths["ball"], AnnotatedMesh(ball))
+    load = cap.points[:, 0] - cap.points[:, 0].mean()
+    write_mesh(paths["cap"], AnnotatedMesh(cap, vertex={"load": load}, face={"wind": wind}))
+    ring = shapes.torus(12, 6, 2.0, 1.0)
+    around = np.cross([0.0, 0.0, 1.0], ring.points[ring.faces].mean(axis=1))
+    paths["ring"] = str(folder / "ring.npz")
+    write_mesh(paths["ring"], AnnotatedMesh(ring, face={"wind": around}))
+    turn = np.linspace(0, 2 * np.pi, 25)
+    np.savetxt(folder / "ellipse.csv", np.stack([2 * np.cos(turn), np.sin(turn)], axis=1), delimiter=",")
+    return paths | {"ellipse": str(folder / "ellipse.csv")}
+
+
+@pytest.fixture(scope="module")
+def told(inputs):
+    kept = {}
+
+    def call(summary, name):
+        if name not in kept:
+            kept[name] = accuracy_of(summary, inputs, name)
+        return kept[name]
+
+    return call
+
+
+def accuracy_of(summary, inputs, name):
+    return summary(*[inputs.get(word, word) for word in RUNS[name]])["accuracy"]
+
+
+def test_every_field_has_its_plant(summary, told):
+    for name in RUNS:
+        planted = {field for *_, fields in PLANTS[name] for field in fields}
+        assert set(told(summary, name)) - planted - shared(name) <= COUNTS, name
+
+
+def shared(name):
+    """Fields that another run of the same command plants."""
+    command = RUNS[name][0]
+    others = [n for n, words in RUNS.items() if words[0] == command and n != name]
+    return {field for other in others for *_, fields in PLANTS[other] for field in fields}
+
+
+@pytest.mark.parametrize("name, plant", [(n, p) for n, plants in PLANTS.items() for p in plants])
+def test_a_planted_error_moves_the_field(name, plant, summary, inputs, told, monkeypatch, run):
+    where, make, fields = plant
+    before = told(summary, name)
+    module, _, attribute = where.partition(":")
+    owner = importlib.import_module(module)
+    *classes, function = attribute.split(".")
+    for part in classes:
+        owner = getattr(owner, part)
+    monkeypatch.setattr(owner, function, make(getattr(owner, function)))
+    result = run(*[inputs.get(word, word) for word in RUNS[name]], "--json")
+    assert result.exit_code in (0, 1), result.output + result.stderr
+    import json
+
+    after = json.loads(result.stdout)["accuracy"]
+    assert [f for f in fields if size(after[f]) <= 2 * size(before[f]) + 1e-9] == []
+
+
+def size(value):
+    """How large a field is: the largest of its numbers; a smallest angle counts by how far it is from 60."""
+    if isinstance(value, dict):
+        return max((size(v) for v in value.values()), default=0.0)
+    if isinstance(value, list):
+        return max((size(v) for v in value), default=0.0)
+    return abs(float(value or 0.0))
