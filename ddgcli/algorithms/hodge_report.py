@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -43,13 +44,24 @@ class HodgeReport:
 
 
 def hodge_report(
-    mesh: SpaceMesh, field: tuple[NDArray, str] | None, boundary: Boundary, with_basis: bool
+    mesh: SpaceMesh,
+    field: tuple[NDArray, str] | None,
+    boundary: Boundary,
+    with_basis: bool,
+    progress: Callable[[int, int], Any] = lambda done, total: None,
 ) -> HodgeReport:
-    """Decompose a field (array and place; see `field_place`), and count, list and write what surrounds it."""
+    """Decompose a field (array and place; see `field_place`), and count, list and write what surrounds it.
+
+    `progress` is told (parts done, parts): homology, basis and decomposition.
+    """
     check_mesh(mesh)
-    betti = betti_numbers(mesh)
-    basis = harmonic_basis(mesh, boundary) if with_basis else None
     place = field_place(mesh, *field) if field is not None else ("edge" if with_basis else "")
+    progress(0, 3)
+    betti = betti_numbers(mesh)
+    generators = [loop.tolist() for loop in _generators(mesh)]
+    progress(1, 3)
+    basis = harmonic_basis(mesh, boundary) if with_basis else None
+    progress(2, 3)
     split = _decomposed(mesh, field[0], place, boundary) if field is not None else None
     arrays = _arrays(mesh, split, basis, place)
     results = {
@@ -57,7 +69,7 @@ def hodge_report(
         "boundary": boundary,
         "field_on": place or None,
         "norms": split.norms if split else None,
-        "generators": [loop.tolist() for loop in _generators(mesh)],
+        "generators": generators,
     }
     accuracy = {
         "orthogonality": split.orthogonality if split else None,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -86,8 +86,11 @@ class Report:
         return name, values if values.ndim == 1 else np.linalg.norm(values, axis=1)
 
 
-def laplacian_report(mesh: TriangleMesh, tasks: Tasks) -> Report:
-    """Assemble the operator and do every task."""
+Told = Callable[[float, float], Any]
+
+
+def laplacian_report(mesh: TriangleMesh, tasks: Tasks, progress: Told | None = None) -> Report:
+    """Assemble the operator and do every task; `progress` is told (done, total)."""
     operator = laplace_operator(mesh, tasks.operator, tasks.mass)
     L = operator.stiffness
     area = operator.mass @ np.ones(mesh.n_vertices)
@@ -106,23 +109,35 @@ def laplacian_report(mesh: TriangleMesh, tasks: Tasks) -> Report:
         "symmetry_residual": symmetry_residual(L),
         "row_sum_residual": float(row_sum / (abs(L).max() or 1.0)),
     }
-    _eigen(report, tasks)
-    _poisson(report, tasks)
-    _harmonic(report, tasks)
-    _parameterize(report, tasks)
-    _smooth(report, tasks)
+    chores: list[tuple[Any, Callable[[Report, Tasks, Told], None]]] = [
+        (tasks.eigen or tasks.hks, _eigen),
+        (tasks.poisson is not None, _poisson),
+        (tasks.harmonic, _harmonic),
+        (tasks.parameterize, _parameterize),
+        (tasks.smooth, _smooth),
+    ]
+    asked = [chore for wanted, chore in chores if wanted]
+    for before, chore in enumerate(asked, start=1):
+        told = _share_of(progress, before, len(asked) + 1)
+        told(0, 1)
+        chore(report, tasks, told)
     return report
 
 
-def _eigen(report: Report, tasks: Tasks) -> None:
-    if tasks.eigen is None and not tasks.hks:
-        return
+def _share_of(progress: Told | None, before: int, parts: int) -> Told:
+    """What one of several parts of the work is told by, after so many of them."""
+    if progress is None:
+        return lambda done, total: None
+    return lambda done, total: progress(before + done / total, parts)
+
+
+def _eigen(report: Report, tasks: Tasks, told: Told) -> None:
     from ddgcli.algorithms.spectrum import heat_kernel_signature, signature_pairs, spectrum
 
     k = tasks.eigen or 0
     if tasks.hks:
         k = max(k, signature_pairs(report.operator, tasks.hks))
-    pairs = spectrum(report.operator, k, seed=tasks.seed)
+    pairs = spectrum(report.operator, k, seed=tasks.seed, progress=told)
     report.converged &= pairs.complete
     if tasks.eigen is not None:
         shown = slice(tasks.eigen)
@@ -138,7 +153,7 @@ def _eigen(report: Report, tasks: Tasks) -> None:
         report.accuracy["hks_truncation"] = signature.truncation.tolist()
 
 
-def _poisson(report: Report, tasks: Tasks) -> None:
+def _poisson(report: Report, tasks: Tasks, told: Told) -> None:
     if tasks.poisson is None:
         return
     from ddgcli.algorithms.poisson import poisson
@@ -150,9 +165,7 @@ def _poisson(report: Report, tasks: Tasks) -> None:
     report.accuracy["poisson_imbalance"] = solution.imbalance
 
 
-def _harmonic(report: Report, tasks: Tasks) -> None:
-    if not tasks.harmonic:
-        return
+def _harmonic(report: Report, tasks: Tasks, told: Told) -> None:
     from ddgcli.algorithms.poisson import harmonic
 
     solution = harmonic(report.operator, tasks.fixed)
@@ -169,7 +182,7 @@ def _summary(operator: LaplaceOperator, u: NDArray) -> dict[str, Any]:
     return {"min": float(u.min()), "max": float(u.max()), "dirichlet_energy": energy}
 
 
-def _parameterize(report: Report, tasks: Tasks) -> None:
+def _parameterize(report: Report, tasks: Tasks, told: Told) -> None:
     if tasks.parameterize is None:
         return
     from ddgcli.algorithms.parameterize import parameterize_conformal, parameterize_harmonic
@@ -188,14 +201,19 @@ def _parameterize(report: Report, tasks: Tasks) -> None:
     report.converged &= flat.converged
 
 
-def _smooth(report: Report, tasks: Tasks) -> None:
+def _smooth(report: Report, tasks: Tasks, told: Told) -> None:
     if tasks.smooth is None:
         return
     from ddgcli.algorithms.smooth import smooth
 
     before = report.mesh
     smoothed = smooth(
-        before, tasks.smooth, steps=tasks.smooth_steps, operator=tasks.operator, mass=tasks.mass
+        before,
+        tasks.smooth,
+        steps=tasks.smooth_steps,
+        operator=tasks.operator,
+        mass=tasks.mass,
+        progress=told,
     )
     report.mesh = smoothed.mesh
     report.vertex["displacement"] = smoothed.mesh.points - before.points

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import logging
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -44,6 +46,7 @@ def smooth(
     steps: int = 10,
     operator: str | None = None,
     mass: str = "lumped",
+    progress: Callable[[int, int], Any] | None = None,
 ) -> Smoothed:
     """Points after mean curvature flow dx/dt = (Laplacian of x) = -2 H n for `time`, in length squared.
 
@@ -56,7 +59,9 @@ def smooth(
     dt = time / steps
     area = [float(face_area(mesh.side_length).sum())]
     start, worst, reached = area[0], 0.0, 0.0
-    for _ in range(steps):
+    for step in range(steps):
+        if progress is not None:
+            progress(step, steps)
         try:
             moved, residual = _step(mesh, dt, operator, mass)
         except (SolveError, MeshError):

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from ddgcli.algorithms.laplacian import LaplaceOperator
 from ddgcli.errors import ParameterError
 from ddgcli.linalg.eigen import Eigenpairs, smallest_eigenpairs
+from ddgcli.linalg.lanczos import Progress
 
 log = logging.getLogger("ddgcli")
 
@@ -19,7 +20,7 @@ log = logging.getLogger("ddgcli")
 SIGNATURE_PAIRS, SIGNATURE_TAIL = 300, 1e-6
 
 
-def spectrum(operator: LaplaceOperator, k: int, *, seed: int = 0) -> Eigenpairs:
+def spectrum(operator: LaplaceOperator, k: int, *, seed: int = 0, progress: Progress = None) -> Eigenpairs:
     """The k smallest eigenpairs of L x = lambda M x; eigenvectors vanish on vertices without faces."""
     used = operator.used
     n = len(operator.mass.diagonal())
@@ -27,7 +28,8 @@ def spectrum(operator: LaplaceOperator, k: int, *, seed: int = 0) -> Eigenpairs:
         raise ParameterError(
             f"{k} eigenpairs asked for, but only {len(used)} vertices belong to faces; ask for fewer"
         )
-    pairs = smallest_eigenpairs(operator.stiffness[used][:, used], operator.mass[used][:, used], k, seed=seed)
+    L, M = (matrix[used][:, used] for matrix in (operator.stiffness, operator.mass))
+    pairs = smallest_eigenpairs(L, M, k, seed=seed, progress=progress)
     vectors = np.zeros((n, k))
     vectors[used] = pairs.vectors
     return Eigenpairs(pairs.values, vectors, pairs.residuals, pairs.complete)

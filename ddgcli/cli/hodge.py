@@ -47,7 +47,8 @@ def command(
     from ddgcli.algorithms.hodge_report import hodge_report, surface_of
     from ddgcli.io.arrays import given_field
 
-    report = hodge_report(source.mesh, given_field(source, field, field_file), boundary, basis)
+    given = given_field(source, field, field_file)
+    report = hodge_report(source.mesh, given, boundary, basis, run.progress("hodge"))
     run.write(report.annotated)
     run.plot(lambda path: draw(path, surface_of(source.mesh), report.shown))
     run.finish(report.results, report.accuracy)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +14,7 @@ from scipy.sparse.linalg import splu
 
 from ddgcli.errors import ParameterError
 from ddgcli.linalg.constrain import Poisson
-from ddgcli.linalg.lanczos import BlockLanczos
+from ddgcli.linalg.lanczos import BlockLanczos, Progress
 from ddgcli.linalg.ordering import fill_reducing_ordering
 
 log = logging.getLogger("ddgcli")
@@ -48,7 +49,9 @@ class Eigenpairs:
     complete: bool
 
 
-def smallest_eigenpairs(stiffness: sparray, mass: sparray, k: int, *, seed: int = 0, **options) -> Eigenpairs:
+def smallest_eigenpairs(
+    stiffness: sparray, mass: sparray, k: int, *, seed: int = 0, progress: Progress = None, **options: Any
+) -> Eigenpairs:
     """The k smallest eigenpairs of a semidefinite stiffness with a positive definite mass.
 
     Parameters
@@ -61,6 +64,8 @@ def smallest_eigenpairs(stiffness: sparray, mass: sparray, k: int, *, seed: int 
     k : int
     seed : int
         Of the starting block.
+    progress : callable, optional
+        Told (pairs found, k) now and then.
     options
         Passed on to `Factor`.
 
@@ -79,7 +84,7 @@ def smallest_eigenpairs(stiffness: sparray, mass: sparray, k: int, *, seed: int 
     null = _null_vectors(problem)[:, :k]
     if null.shape[1] == k:
         return _finished(L, M, np.zeros(k), null, complete=True)
-    values, vectors, complete = _lanczos(L, M, problem, null, k - null.shape[1], seed)
+    values, vectors, complete = _lanczos(L, M, problem, null, k - null.shape[1], seed, progress)
     values = np.concatenate([np.zeros(null.shape[1]), values])
     return _finished(L, M, values, np.column_stack([null, vectors]), complete=complete)
 
@@ -118,7 +123,7 @@ def _finished(L: csr_array, M: csr_array, values: NDArray, X: NDArray, *, comple
 
 
 def _lanczos(
-    L: csr_array, M: csr_array, problem: Poisson, null: NDArray, k: int, seed: int
+    L: csr_array, M: csr_array, problem: Poisson, null: NDArray, k: int, seed: int, progress: Progress
 ) -> tuple[NDArray, NDArray, bool]:
     """The k smallest eigenpairs orthogonal to `null`, and whether none was missed.
 
@@ -138,7 +143,7 @@ def _lanczos(
     search = BlockLanczos(inverse, M if root is None else None, known, width, seed)
     order = problem.order
     theta, vectors, complete = search.largest(
-        k, lambda theta: _none_missing(L, M, 1.0 / theta, problem.count, order)
+        k, lambda theta: _none_missing(L, M, 1.0 / theta, problem.count, order), progress
     )
     if not complete:
         log.warning("the eigenvalues below the last one could not all be found; take fewer or check them")

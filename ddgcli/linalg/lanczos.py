@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
 log = logging.getLogger("ddgcli")
+
+Progress = Callable[[float, float], Any] | None
 
 # vectors a step at most: few for few pairs (fewer applications), more for many (fewer passes over the basis)
 WIDEST = 32
@@ -55,8 +58,11 @@ class BlockLanczos:
         self.rng = np.random.default_rng(seed)
         self.n = known.shape[1]
 
-    def largest(self, k: int, none_missing: Callable[[NDArray], bool]) -> tuple[NDArray, NDArray, bool]:
+    def largest(
+        self, k: int, none_missing: Callable[[NDArray], bool], progress: Progress = None
+    ) -> tuple[NDArray, NDArray, bool]:
         """Eigenvalues (k,) descending, vectors (k, n), and whether none was missed in the end."""
+        self.progress, self.found = progress, 0
         self.width = min(max(self.width, k // 25), WIDEST)
         limit = min(self.n - len(self.known), max(2 * k, min(4 * k, FEW)) + 8 * self.width)
         self.basis = np.empty((limit + self.width, self.n))
@@ -102,7 +108,11 @@ class BlockLanczos:
                 theta, S = np.linalg.eigh(0.5 * (T + T.T))
                 theta, S = theta[::-1], S[:, ::-1]
                 error = np.linalg.norm(coupling @ S[-len(coupling) :, :k], axis=0)
-                if full or (error < TOLERANCE * np.abs(theta[:k])).all():
+                converged = error < TOLERANCE * np.abs(theta[:k])
+                if self.progress is not None:
+                    self.found = max(self.found, int(converged.sum()))  # late copies of a value push back
+                    self.progress(self.found, k)
+                if full or converged.all():
                     return theta, S, coupling, block
 
     def _restart(self, theta: NDArray, S: NDArray) -> None:

@@ -29,6 +29,15 @@ def test_the_door_knows_what_the_core_knows():
     assert door.MATRIX_FORMATS == matrix_file.MATRIX_FORMATS
 
 
+def test_a_bar_is_drawn_for_the_asking(mesh_file, run):
+    path = mesh_file(shapes.icosphere(3))
+    done = run("laplacian", path, "--eigen", 10, "--smooth", 0.01, "--progress")
+    shares = [int(text.split("%")[0]) for text in done.stderr.split("]")[1:]]
+    assert done.exit_code == 0 and "laplacian [" in done.stderr
+    assert shares == sorted(shares) and shares[0] == 33 and shares[-1] > 80
+    assert "[" not in run("laplacian", path, "--eigen", 10).stderr
+
+
 @pytest.mark.parametrize("operator", core.OPERATORS)
 @pytest.mark.parametrize("suffix", ["npz", "mtx"])
 def test_matrices_read_back(mesh_file, summary, tmp_path, operator, suffix):

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 from scipy.linalg import eigh
-from scipy.sparse import block_diag, csr_array, diags_array
+from scipy.sparse import block_diag, csc_array, csr_array, diags_array
+from scipy.sparse.linalg import eigsh
 
 from ddgcli.errors import ParameterError
 from ddgcli.linalg.eigen import count_below, smallest_eigenpairs
@@ -42,6 +43,22 @@ def test_multiplicities_wider_than_the_block_are_complete():
     assert found.values[48] > 2 * found.values[47]
     assert found.complete
     assert np.abs(found.vectors.T @ (M @ found.vectors) - np.eye(60)).max() < 1e-12
+
+
+def test_progress_grows_to_the_whole():
+    L, M = several_bodies(2, 3)
+    told = []
+    smallest_eigenpairs(L, M, 15, progress=lambda done, total: told.append(done / total))
+    assert told == sorted(told) and told[-1] == 1.0
+
+
+def test_residuals_beside_arpack():
+    L, M = several_bodies(1, 3)
+    found = smallest_eigenpairs(L, M, 25)
+    left = np.linalg.norm(L @ found.vectors - M @ found.vectors * found.values, axis=0)
+    assert left.max() < 1e-9
+    expected = eigsh(csc_array(L), 25, csc_array(M), sigma=-1e-8, return_eigenvectors=False)
+    assert np.abs(found.values - np.sort(expected)).max() < 1e-11
 
 
 def test_more_components_than_pairs_asked_for():
