@@ -18,6 +18,7 @@ from scipy.sparse import coo_array
 from ddgcli.algorithms.geodesic_sources import Sources, checked_sources, face_frame
 from ddgcli.algorithms.window_tables import BOUNDARY, SideTables, side_tables
 from ddgcli.errors import MeshError
+from ddgcli.mesh.topology import NEXT
 from ddgcli.operators.laplacian import SurfaceMesh
 
 MOST_UNFOLDINGS = 30
@@ -33,7 +34,8 @@ class Stencils:
     corner : (k, 3) ndarray of int64
         a, b, c.
     shape : (k, 5) ndarray of float64
-        length of ab, c's x and y (y > 0), lengths of ac and bc; divided by `scale`.
+        length of ab, c's x and y (y > 0), lengths of ac and bc; divided by `scale`. All zero but for the last
+        two where a = b: a straight path along an edge.
     start, at : ndarrays of int64
         Stencils that use vertex v as a or b: at[start[v] : start[v + 1]].
     scale : float
@@ -71,9 +73,11 @@ def marching_stencils(mesh: SurfaceMesh) -> Stencils:
 
     They are those of the intrinsic Delaunay triangulation where there is one: less obtuse and shorter, so
     that few unfoldings are left and the error falls. On other surfaces (three faces on an edge, mixed
-    orientation) those of the mesh as it is.
+    orientation) those of the mesh as it is. Edges that were flipped away still carry straight paths, so that
+    no distance is longer than a path along edges.
     """
-    tables = side_tables(_delaunay_if_surface(mesh))
+    triangulation = _delaunay_if_surface(mesh)
+    tables = side_tables(triangulation)
     length, x, y, left, right = tables.shape.T
     obtuse = np.flatnonzero(length**2 > (left**2 + right**2) * (1 + 1e-12))
     row, vertex, where = _unfolded(tables, obtuse)
@@ -93,8 +97,12 @@ def marching_stencils(mesh: SurfaceMesh) -> Stencils:
     sound = (a != b) & (b != c) & (c != a)
     if not sound.all():
         corner, shape = corner[sound], shape[sound]
-    k = np.tile(np.arange(len(corner)), 2)
-    user = coo_array((k, (corner[:, :2].T.ravel(), k)), shape=(mesh.n_vertices, max(len(corner), 1))).tocsr()
+    ends, length = _flipped_away(mesh, triangulation)
+    k = np.concatenate([np.arange(len(corner) + len(ends)), np.arange(len(corner))])
+    corner = np.concatenate([corner, ends[:, [0, 0, 1]]])
+    shape = np.concatenate([shape, length[:, None] / tables.scale * [0, 0, 0, 1, 1]])
+    vertex = np.concatenate([corner[:, 0], corner[: len(k) - len(corner), 1]])
+    user = coo_array((k, (vertex, k)), shape=(mesh.n_vertices, max(len(corner), 1))).tocsr()
     return Stencils(corner, shape, user.indptr.astype(np.int64), user.indices.astype(np.int64), tables.scale)
 
 
@@ -105,6 +113,17 @@ def _delaunay_if_surface(mesh: SurfaceMesh) -> SurfaceMesh:
         return flip_to_delaunay(mesh).mesh
     except MeshError:
         return mesh
+
+
+def _flipped_away(mesh: SurfaceMesh, now: SurfaceMesh) -> tuple[NDArray, NDArray]:
+    """(l, 2) ends and (l,) lengths of the sides of `mesh` between vertices that no side of `now` joins."""
+    changed = (mesh.faces != now.faces).any(axis=1).nonzero()[0]
+    before, after = (
+        np.stack([m.faces[changed].ravel(), m.faces[changed][:, NEXT].ravel()]) for m in (mesh, now)
+    )
+    keys = [ends.min(axis=0) * mesh.n_vertices + ends.max(axis=0) for ends in (before, after)]
+    lost = ~np.isin(*keys)
+    return before[:, lost].T, mesh.side_length[changed].ravel()[lost]
 
 
 def _stencil_shape(p: NDArray, q: NDArray, apex: NDArray) -> NDArray[np.float64]:
@@ -226,7 +245,7 @@ class _March:
         self.source = np.full(n, -1, dtype=np.int64)
         self.told = np.full(n, np.inf)  # the distance that was last handed on
         self.waiting = np.zeros(0, dtype=np.int64)
-        self.bucket = BUCKET * float(stencils.shape[:, 0].mean()) if len(stencils.shape) else 1.0
+        self.bucket = BUCKET * float(stencils.shape[:, 3].mean()) if len(stencils.shape) else 1.0
         self._place = np.zeros(n, dtype=np.int64)
         self.rounds = self.updates = 0
 

@@ -28,10 +28,13 @@ def certificate(mesh: SurfaceMesh, sources: Sources, distance: NDArray) -> dict[
         without positions); violations_edge_distance : vertices farther than along edges;
         violations_lipschitz : edges whose ends differ by more than their length, and lipschitz_excess, the
         largest such excess relative to the edge; gradient_deviation : quantiles of | |grad d| - 1 | by the
-        area of faces. Counts allow 1e-9 of the largest distance for rounding.
+        area of faces. Counts allow 1e-9 of the largest distance, and 8 units of rounding of the largest
+        coordinate.
     """
     finite = np.isfinite(distance)
     slack = SLACK * float(distance[finite].max(initial=0.0))
+    if isinstance(mesh, TriangleMesh):  # far from the origin rounding of positions is larger
+        slack += 8 * np.finfo(float).eps * float(np.abs(mesh.points).max(initial=0.0))
     bound = edge_distance(mesh, sources).distance
     longer = int((distance[finite] > bound[finite] + slack).sum())
     excess, steep = _steep_edges(mesh, distance, slack)
@@ -49,7 +52,8 @@ def _below_straight_line(mesh: SurfaceMesh, sources: Sources, distance: NDArray,
         return None
     finite = np.flatnonzero(np.isfinite(distance))
     starts = np.concatenate([mesh.points[sources.vertex], sources.points.positions(mesh)])
-    scale = float(np.abs(mesh.points).max(initial=0.0)) or 1.0  # squares of huge coordinates would overflow
+    largest = float(np.abs(mesh.points).max(initial=0.0))
+    scale = 2.0 ** np.frexp(largest)[1] if largest else 1.0  # squares of huge coordinates would overflow
     straight = _nearest(mesh.points[finite] / scale, starts / scale) * scale
     return int((distance[finite] < straight - slack).sum())
 

@@ -82,7 +82,10 @@ class HeatSolver:
         h = float(mesh.side_length.mean()) if mesh.n_faces else 1.0
         self.time = time_factor * h * h if time is None else time
         if not 0 < self.time < np.inf:
-            raise ParameterError(f"heat time {self.time} must be positive")
+            raise ParameterError(
+                f"heat time {self.time} must be positive and finite (mean side length {h:g}); give another "
+                "time, or scale the mesh"
+            )
         self.stiffness = stiffness(mesh)
         area = lumped_vertex_area(mesh)
         mass = np.where(area > 0, area, area.max(initial=0.0) or 1.0)

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.errors import ParameterError
+from ddgcli.errors import MeshError, ParameterError
 from ddgcli.geometry.surface_points import SurfacePoints
 from ddgcli.mesh.topology import frozen
 from ddgcli.mesh.triangle_mesh import TriangleMesh
@@ -78,12 +78,16 @@ def checked_sources(mesh: SurfaceMesh, sources: Sources | NDArray | list[int] | 
     ------
     ParameterError
         When there is no source, or one is out of range or on a vertex that no face uses.
+    MeshError
+        When the mesh has no triangles.
     """
     if not isinstance(sources, Sources):
         sources = Sources(np.asarray(sources))
     if len(sources) == 0:
         raise ParameterError("no source; give at least one vertex or surface point")
     n = mesh.n_vertices
+    if mesh.n_faces == 0:
+        raise MeshError("no triangles; a distance along the surface needs a surface")
     outside = np.flatnonzero((sources.vertex < 0) | (sources.vertex >= n))
     if len(outside):
         raise ParameterError(f"source vertex {sources.vertex[outside[0]]} is outside 0..{n - 1}")

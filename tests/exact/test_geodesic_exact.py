@@ -331,6 +331,15 @@ def test_distance_is_a_metric(seed):
     assert (rows >= straight - 1e-12 * table.max()).all()
 
 
+def test_certificate_far_from_the_origin():
+    """Rounding of large coordinates is no violation."""
+    mesh = shapes.grid(8, 8)
+    far = mesh.moved(mesh.points + [3e6, -1e7, 2e6])
+    distance = exact_distance(far, 0).distance
+    assert certificate(far, Sources.at([0]), distance)["violations_straight_line"] == 0
+    assert certificate(far, Sources.at([0]), 0.999 * distance)["violations_straight_line"] > 70
+
+
 @pytest.mark.parametrize("sources", [[], [-1], [25], [0, 99]])
 def test_bad_sources_are_refused(sources):
     with pytest.raises(ParameterError):
