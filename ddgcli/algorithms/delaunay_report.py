@@ -10,10 +10,13 @@ from numpy.typing import NDArray
 
 from ddgcli.algorithms.common_subdivision import Base, CommonSubdivision, common_subdivision
 from ddgcli.algorithms.delaunay import (
+    Flipped,
     flip_to_delaunay,
+    glue,
     length_scale,
     negative_cotan_edges,
     non_delaunay_edges,
+    working_lengths,
 )
 from ddgcli.algorithms.refine import Refined, refine
 from ddgcli.geometry.extrinsic import face_area_vector
@@ -85,7 +88,7 @@ def delaunay_report(
     results: dict[str, Any] = {
         "flips": flipped.flips if refined is None else refined.flips,
         "steiner_points": flipped.mesh.n_vertices - mesh.n_vertices,
-        "before": triangulation_statistics(mesh, condition=condition),
+        "before": triangulation_statistics(mesh, _metric(mesh, flipped), condition=condition),
         "after": triangulation_statistics(flipped.mesh, condition=condition),
     }
     on_input: dict[str, NDArray] = {}
@@ -100,6 +103,13 @@ def delaunay_report(
         accuracy |= subdivision_residuals(cut, mesh)
     reached = (refined is None or refined.reached) and flipped.left == 0
     return DelaunayReport(flipped.mesh, results, accuracy, on_input, cut, reached)
+
+
+def _metric(mesh: TriangleMesh, flipped: Flipped) -> SurfaceMesh:
+    """The input with the lengths that flips begin with, so that matrices before and after can be compared."""
+    if len(flipped.mollified.faces) == 0:
+        return mesh
+    return IntrinsicMesh(mesh.topology, working_lengths(mesh, glue(mesh)).length, mesh.points)
 
 
 def refinement_counts(refined: Refined) -> dict[str, int]:
@@ -144,8 +154,17 @@ def overlay_mesh(cut: CommonSubdivision) -> AnnotatedMesh:
     )
 
 
-def triangulation_statistics(mesh: SurfaceMesh, *, condition: bool = False) -> dict[str, Any]:
+def triangulation_statistics(
+    mesh: SurfaceMesh, mended: SurfaceMesh | None = None, *, condition: bool = False
+) -> dict[str, Any]:
     """Counts and angles of one triangulation.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh or IntrinsicMesh
+    mended : TriangleMesh or IntrinsicMesh, optional
+        The same without degenerate faces, for the matrix.
+    condition : bool
 
     Returns
     -------
@@ -158,7 +177,7 @@ def triangulation_statistics(mesh: SurfaceMesh, *, condition: bool = False) -> d
     angle = np.degrees(corner_angle(mesh.side_length))
     edges = np.sort(mesh.topology.edges, axis=1)
     loop = edges[:, 0] == edges[:, 1]
-    matrix = stiffness(mollified_mesh(mesh)[0])  # told by the flips
+    matrix = stiffness(mollified_mesh(mended or mesh)[0])  # told by the flips
     statistics = {
         "non_delaunay_edges": int(non_delaunay_edges(mesh).sum()),
         "negative_cotan_edges": negative_cotan_edges(mesh),

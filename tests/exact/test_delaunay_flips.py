@@ -14,6 +14,10 @@ from ddgcli.algorithms.delaunay import (
     unglue,
 )
 from ddgcli.algorithms.flips import SideArrays, flip, flip_until_delaunay
+from ddgcli.algorithms.geodesic import measure_distance
+from ddgcli.algorithms.geodesic_heat import HeatSolver
+from ddgcli.algorithms.geodesic_sources import Sources
+from ddgcli.algorithms.laplacian import laplace_operator
 from ddgcli.errors import MeshError
 from ddgcli.geometry.intrinsic import face_area, half_angle_tangent, triangle_excess
 from ddgcli.mesh import shapes
@@ -141,6 +145,15 @@ def test_glued_complexes_are_taken():
     assert not non_delaunay_edges(after).any()
     assert (after.topology.edges[:, 0] == after.topology.edges[:, 1]).sum() == 1
     assert flip_to_delaunay(after).flips == 0
+
+
+def test_laplacian_and_geodesic_use_this_triangulation():
+    mesh = stretched()
+    flipped = flip_to_delaunay(mesh).mesh
+    assert (laplace_operator(mesh).stiffness != stiffness(flipped)).nnz == 0
+    solver = HeatSolver(flipped, given_on=mesh)
+    expected = solver.distance(Sources.at([3])).distance
+    assert np.array_equal(measure_distance(mesh, Sources.at([3]), "heat").distance, expected)
 
 
 def test_refusals_name_the_place():
