@@ -95,12 +95,16 @@ def marching_stencils(mesh: SurfaceMesh) -> Stencils:
     )
     a, b, c = corner.T
     sound = (a != b) & (b != c) & (c != a)
-    if not sound.all():
-        corner, shape = corner[sound], shape[sound]
     ends, length = _flipped_away(mesh, triangulation)
+    length = length / tables.scale
+    if not sound.all():  # of a triangle that has a vertex twice only the edges are left
+        a, b, c = corner[~sound].T
+        ends = np.concatenate([ends, np.stack([a, c], axis=1), np.stack([b, c], axis=1)])
+        length = np.concatenate([length, shape[~sound, 3], shape[~sound, 4]])
+        corner, shape = corner[sound], shape[sound]
     k = np.concatenate([np.arange(len(corner) + len(ends)), np.arange(len(corner))])
     corner = np.concatenate([corner, ends[:, [0, 0, 1]]])
-    shape = np.concatenate([shape, length[:, None] / tables.scale * [0, 0, 0, 1, 1]])
+    shape = np.concatenate([shape, length[:, None] * [0, 0, 0, 1, 1]])
     vertex = np.concatenate([corner[:, 0], corner[: len(k) - len(corner), 1]])
     user = coo_array((k, (vertex, k)), shape=(mesh.n_vertices, max(len(corner), 1))).tocsr()
     return Stencils(corner, shape, user.indptr.astype(np.int64), user.indices.astype(np.int64), tables.scale)

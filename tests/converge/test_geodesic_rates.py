@@ -73,14 +73,16 @@ def test_fast_marching_takes_needles():
     assert np.abs(marched - truth).mean() < 1e-3 * truth.mean()
 
 
-@pytest.mark.parametrize("name", ["featuretype.STL", "hard/gen_concave_ngon.off"])
+@pytest.mark.parametrize(
+    "name", ["featuretype.STL", "hard/gen_concave_ngon.off", "hard/openscad-nonmanifold-crash.obj"]
+)
 def test_fast_marching_is_never_longer_than_paths_along_edges(shared_meshes, name):
     """Edges that the Delaunay flips took away still count."""
     mesh = read_mesh(str(shared_meshes / name)).mesh
     marched, along = marched_distance(mesh, 0).distance, edge_distance(mesh, 0).distance
     assert (marched <= along * (1 + 1e-12)).all()
-    truth = exact_distance(mesh, 0).distance
-    assert np.abs(marched - truth).mean() < 0.02 * truth.mean()
+    truth, reached = exact_distance(mesh, 0).distance, np.isfinite(along)
+    assert np.abs(marched[reached] - truth[reached]).mean() < 0.02 * truth[reached].mean()
 
 
 @pytest.mark.parametrize("mesh", [SPHERES[0], TORI[0]])
