@@ -76,7 +76,9 @@ def voronoi_vertex_area(mesh: SurfaceMesh) -> NDArray[np.float64]:
     with np.errstate(invalid="ignore"):
         part = (sides * cotan[:, PREVIOUS] + sides[:, PREVIOUS] * cotan[:, NEXT]) / 8.0
     obtuse = np.less(cotan, 0.0)
-    in_obtuse = np.asarray(obtuse.any(axis=1) | ~np.isfinite(part).all(axis=1))
+    # column by column: a reduction along rows of three costs more than all the rest
+    in_obtuse = obtuse[:, 0] | obtuse[:, 1] | obtuse[:, 2]
+    in_obtuse |= ~np.isfinite(part[:, 0] + part[:, 1] + part[:, 2])
     mixed = np.where(obtuse, 0.5, 0.25) * area[:, np.newaxis]
     return corner_sum(mesh, np.where(in_obtuse[:, np.newaxis], mixed, part).ravel())
 
