@@ -21,8 +21,6 @@ log = logging.getLogger("ddgcli")
 
 # problems up to this size, or asked for more than a third of their spectrum, are solved densely
 DENSE = 400
-# vectors a step where a solve takes right-hand sides together (SuperLU), or one by one (CHOLMOD by cvxopt)
-TOGETHER, ALONE = 4, 2
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,8 +137,7 @@ def _lanczos(
         return problem.pinned_solve((block * root).T).T * root
 
     known = null.T if root is None else null.T * root
-    width = ALONE if problem.factor.solver == "cholmod" else TOGETHER
-    search = BlockLanczos(inverse, M if root is None else None, known, width, seed)
+    search = BlockLanczos(inverse, M if root is None else None, known, seed)
     order = problem.order
     theta, vectors, complete = search.largest(
         k, lambda theta: _none_missing(L, M, 1.0 / theta, problem.count, order), progress

@@ -14,8 +14,8 @@ log = logging.getLogger("ddgcli")
 
 Progress = Callable[[float, float], Any] | None
 
-# vectors a step at most: few for few pairs (fewer applications), more for many (fewer passes over the basis)
-WIDEST = 32
+# vectors a step: few for few pairs (fewer applications), more for many (fewer passes over the basis)
+NARROWEST, WIDEST = 4, 32
 # basis vectors that are held for the asking
 FEW = 200
 # relative residual before the last step; eigenvalues are accurate to its square
@@ -40,8 +40,6 @@ class BlockLanczos:
         The inner product; None is the common one.
     known : (c, n) ndarray
         Orthonormal vectors that are left out.
-    width : int
-        Vectors a step, for few pairs.
     seed : int
         Of the starting block.
     """
@@ -51,10 +49,9 @@ class BlockLanczos:
         apply: Callable[[NDArray], NDArray],
         mass: csr_array | None,
         known: NDArray,
-        width: int,
         seed: int,
     ) -> None:
-        self.apply, self.mass, self.known, self.width = apply, mass, known, width
+        self.apply, self.mass, self.known = apply, mass, known
         self.rng = np.random.default_rng(seed)
         self.n = known.shape[1]
 
@@ -63,7 +60,7 @@ class BlockLanczos:
     ) -> tuple[NDArray, NDArray, bool]:
         """Eigenvalues (k,) descending, vectors (k, n), and whether none was missed in the end."""
         self.progress, self.found = progress, 0
-        self.width = min(max(self.width, k // 25), WIDEST)
+        self.width = min(max(NARROWEST, k // 25), WIDEST)
         limit = min(self.n - len(self.known), max(2 * k, min(4 * k, FEW)) + 8 * self.width)
         self.basis = np.empty((limit + self.width, self.n))
         self.projected = np.zeros((limit + self.width, limit + self.width))
