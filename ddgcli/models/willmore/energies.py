@@ -54,7 +54,9 @@ ENERGIES = {
     "sullivan": Kind(
         _vertex(True), f"{_SMOOTH}; sum over inner vertices of |dArea|^2 / (4 |dVolume|^2) * star area / 3"
     ),
-    "cotan": Kind(_vertex(False), f"{_SMOOTH}; sum over inner vertices of |L x|^2 / (4 M)"),
+    "cotan": Kind(
+        _vertex(False), f"{_SMOOTH}; sum over inner vertices of |L x|^2 / (4 M), M mixed Voronoi cells"
+    ),
     "hinge": Kind(
         _hinge,
         f"{_SMOOTH} on equilateral triangles only; sum over inner edges of |e|^2 theta^2 / (4 (A1 + A2)), "

@@ -1,8 +1,8 @@
 """Bending energies summed over vertices, with their exact gradients.
 
-Both energies are a function phi(F, N, S) of three first variations at a vertex p: the area gradient
-F = dArea/dp (the cotangent formula), the volume gradient N = dVolume/dp (a third of the star's area
-vectors) and S, a third of the star's area. Their gradient is one reverse pass over the faces.
+Both energies are a function phi(F, N, S) of three quantities at a vertex p: the area gradient F = dArea/dp
+(the cotangent formula), the volume gradient N = dVolume/dp (a third of the star's area vectors) and an area
+S: a third of the star, or the mixed Voronoi cell. Their gradient is one reverse pass over the faces.
 
 Convention: W = int H^2 dA with H = (k1 + k2) / 2; a round sphere has 4 pi.
 """
@@ -69,6 +69,37 @@ def _area_hessian_times(faces: Faces, y: NDArray) -> NDArray[np.float64]:
     return 0.5 * (np.cross(dn[:, None, :], e) + np.cross(nu[:, None, :], de))
 
 
+def _voronoi_weights(faces: Faces) -> tuple[NDArray, NDArray, NDArray]:
+    """(m, 3) squared sides opposite the corners, (m, 3) shares if the face is obtuse, (m,) whether it is."""
+    squared = np.einsum("fki,fki->fk", faces.opposite, faces.opposite)
+    obtuse = squared > squared[:, NEXT] + squared[:, PREVIOUS]
+    return squared, np.where(obtuse, 0.5, 0.25), obtuse.any(axis=1)
+
+
+def voronoi_cell(faces: Faces) -> NDArray[np.float64]:
+    """(m, 3) mixed Voronoi area of each corner (Meyer et al. 2003)."""
+    a, share, obtuse = _voronoi_weights(faces)
+    b, c = a[:, NEXT], a[:, PREVIOUS]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        cell = (c * (a + b - c) + b * (a + c - b)) / (32.0 * faces.area[:, None])
+    return np.where(obtuse[:, None], share * faces.area[:, None], cell)
+
+
+def voronoi_gradient(faces: Faces, weight: NDArray) -> NDArray[np.float64]:
+    """(m, 3, 3) derivative by the corners of the cells' sum with weights (m, 3)."""
+    a, share, obtuse = _voronoi_weights(faces)
+    b, c = a[:, NEXT], a[:, PREVIOUS]
+    w = weight / (32.0 * faces.area[:, None])
+    by_area = -(w * (c * (a + b - c) + b * (a + c - b))).sum(axis=1) / faces.area
+    by_area = np.where(obtuse, (weight * share).sum(axis=1), by_area)
+    # by the squared side opposite each corner: as its own, as the next and as the previous one of another
+    by_side = (
+        w * (b + c) + (w * (2.0 * c + a - 2.0 * b))[:, PREVIOUS] + (w * (2.0 * b + a - 2.0 * c))[:, NEXT]
+    )
+    pull = 2.0 * np.where(obtuse[:, None], 0.0, by_side)[:, :, None] * faces.opposite
+    return by_area[:, None, None] * area_gradient(faces) + pull[:, NEXT] - pull[:, PREVIOUS]
+
+
 @dataclass(frozen=True, eq=False)
 class VertexEnergy:
     """Sum over counted vertices of |F|^2 / (4 S) (`cotan`) or |F|^2 S / (4 |N|^2) (`sullivan`).
@@ -83,8 +114,9 @@ class VertexEnergy:
 
     Notes
     -----
-    J. M. Sullivan, "Curvatures of smooth and discrete surfaces", 2006, for F, N and their quotient;
-    `cotan` is |L x|^2 / (4 M) with the cotangent stiffness and the barycentric lumped mass.
+    J. M. Sullivan, "Curvatures of smooth and discrete surfaces", 2006, for F, N and their quotient.
+    `cotan` is |L x|^2 / (4 M), M the mixed Voronoi cell: on a surface inscribed in a sphere without obtuse
+    angles x . L x = 2 M exactly, so that a round sphere is at rest but for the tangential part of L x.
     """
 
     topology: Topology
@@ -95,10 +127,10 @@ class VertexEnergy:
         corners, n = self.topology.faces, self.topology.n_vertices
         faces = Faces.at(points, corners)
         first = scatter(corners, area_gradient(faces), n)
+        if not self.sullivan:
+            return faces, first, scatter(corners, voronoi_cell(faces), n), np.zeros(0)
         third = np.repeat(faces.area / 3.0, 3).reshape(-1, 3)
         star = scatter(corners, third, n)
-        if not self.sullivan:
-            return faces, first, star, np.zeros(0)
         volume = scatter(corners, np.repeat((third[:, 0, None] * faces.normal)[:, None], 3, axis=1), n)
         return faces, first, star, volume
 
@@ -132,8 +164,10 @@ class VertexEnergy:
             by_star = -value / safe_star
         by_first[~self.counted] = 0.0
         corner = _area_hessian_times(faces, by_first[corners])
-        corner += (by_star[corners].sum(axis=1) / 3.0)[:, None, None] * area_gradient(faces)
         if self.sullivan:
+            corner += (by_star[corners].sum(axis=1) / 3.0)[:, None, None] * area_gradient(faces)
             mean = by_volume[corners].sum(axis=1) / 3.0
             corner += 0.5 * np.cross(mean[:, None, :], faces.opposite)
+        else:
+            corner += voronoi_gradient(faces, by_star[corners])
         return float(value.sum()), scatter(corners, corner, n)
