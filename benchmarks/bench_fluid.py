@@ -7,21 +7,31 @@ Poisson factorisation, measured in the same run. Run: python benchmarks/bench_fl
 from __future__ import annotations
 
 import sys
+from functools import partial
 
 import numpy as np
 from measure import interleaved, machine, print_table
 
 from ddgcli.linalg.factor import Factor
 from ddgcli.mesh import shapes
-from ddgcli.models.fluid.circulation import CirculationAdvection
-from ddgcli.models.fluid.conservative import midpoint, runge_kutta
-from ddgcli.models.fluid.diffusion import VorticityDiffusion
+from ddgcli.models.fluid.circulation import CirculationAdvection, corner_of
+from ddgcli.models.fluid.conservative import RK4_LIMIT, advection_rate, midpoint, runge_kutta
+from ddgcli.models.fluid.diffusion import CURVATURE_SHARE, VelocityDiffusion, VorticityDiffusion
 from ddgcli.models.fluid.space import FlowSpace
+from ddgcli.models.fluid.transport import Transport
 from ddgcli.operators.laplacian import lumped_mass, stiffness
 
 # faces -> seconds of the survey: factorisation, P1 Jacobian RK4 step, backtraced step at CFL about 1
 SURVEY = {20_000: (0.031, 0.0037, 0.034), 80_000: (0.136, 0.035, 0.143), 50_000: (0.080, 0.019, 0.090)}
 SPHERES = {3_000: 1_502, 12_000: 6_002, 50_000: 25_002}
+
+
+def carried(transport: Transport, space: FlowSpace, omega: np.ndarray, dt: float) -> np.ndarray:
+    """Dye after a step."""
+    flux = space.side_flux(space.stream_function(omega), np.zeros(0))
+    face, corner = corner_of(space, np.arange(space.n))
+    moved = transport.backwards(transport.corners(flux), face, np.eye(3)[corner], dt)
+    return np.einsum("ij,ij->i", omega[space.faces[moved.face]], moved.barycentric)
 
 
 def rows(faces: int) -> list[list]:
@@ -34,17 +44,22 @@ def rows(faces: int) -> list[list]:
     matrix = (stiffness(mesh) + lumped_mass(mesh)).tocsc()
     speed = np.abs(space.face_velocity(space.side_flux(space.stream_function(omega), none)))
     dt = float(np.median(np.sqrt(space.area) / np.maximum(speed, 1e-12)))
+    # a longer step would be refused before it is made
+    stable = 0.9 * RK4_LIMIT / advection_rate(space, space.side_flux(space.stream_function(omega), none))
     carry = CirculationAdvection(space)
-    decay = VorticityDiffusion(space, 1e-3)
-    decay.step(omega, none, dt)
     calls = {
         "factorisation (once)": lambda: Factor(matrix),
-        "conservative, rk4": lambda: runge_kutta(space, omega, none, 0.2 * dt, False),
-        "conservative, midpoint": lambda: midpoint(space, omega, none, 0.2 * dt, False),
+        "set-up of circulation (once)": lambda: CirculationAdvection(space),
+        "conservative, rk4": lambda: runge_kutta(space, omega, none, stable, False),
+        "conservative, midpoint": lambda: midpoint(space, omega, none, stable, False),
         "circulation, CFL 1": lambda: carry.step(omega, none, dt, False),
         "circulation, CFL 5": lambda: carry.step(omega, none, 5 * dt, False),
-        "viscosity": lambda: decay.step(omega, none, dt),
+        "dye": partial(carried, carry.transport, space, omega, dt),
     }
+    for kind in CURVATURE_SHARE:
+        decay = VelocityDiffusion(space, 1e-3, kind)
+        calls[f"viscosity, {kind}, of the velocity"] = partial(decay.step, omega, none, dt)
+    calls["viscosity, hodge"] = partial(VorticityDiffusion(space, 1e-3).step, omega, none, dt)
     times = interleaved(calls, repeat=3)
     factor = times["factorisation (once)"].median
     base = _survey(mesh.n_faces)

@@ -1,11 +1,13 @@
 """Seconds a step of `willmore-flow` and steps to rest, beside the feasibility figures of a survey.
 
 The survey's true-gradient step (with CHOLMOD, another machine) is scaled by the time of one factorisation of
-the same fourth-order matrix, measured in the same run. Run: python benchmarks/bench_willmore.py
+the same fourth-order matrix, measured in the same run.
+Run: python benchmarks/bench_willmore.py [FACES...]
 """
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable
 from functools import partial
 from typing import Any
@@ -15,16 +17,26 @@ from measure import interleaved, machine, print_table, timed
 
 from ddgcli.evolve.account import Account
 from ddgcli.evolve.loop import evolve
+from ddgcli.geometry.extrinsic import enclosed_volume
 from ddgcli.mesh import shapes
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.models.willmore import setup
-from ddgcli.models.willmore.constraints import Constraints
-from ddgcli.models.willmore.descent import accurate_step, fourth_order, metric, robust_step, slope
+from ddgcli.models.willmore.constraints import Constraints, area
+from ddgcli.models.willmore.descent import (
+    accurate_step,
+    fourth_order,
+    mean_curvature_step,
+    metric,
+    robust_step,
+    slope,
+)
 from ddgcli.models.willmore.energies import ENERGIES
 from ddgcli.models.willmore.flow import DEFAULT_STOP
 from ddgcli.models.willmore.setup import Wishes
 
-SURVEY = {5_120: (0.019, 0.031), 20_480: (0.072, 0.140)}  # faces -> factorisation, whole step
+# faces -> factorisation, whole step by the true gradient (the last one an estimate of the survey's)
+SURVEY = {5_120: (0.019, 0.031), 20_480: (0.072, 0.140), 100_000: (0.5, 0.6)}
+TORI = {3_000: (56, 28), 12_000: (110, 55), 50_000: (224, 112)}
 
 
 def ellipsoid(level: int) -> TriangleMesh:
@@ -37,6 +49,11 @@ def calls(mesh: TriangleMesh) -> dict[str, Callable[[], Any]]:
     energies = {name: kind.build(mesh.topology) for name, kind in ENERGIES.items()}
     best = energies["sullivan"]
     at = slope(mesh, best, free, none)
+    held = Constraints(area(mesh), enclosed_volume(mesh))
+
+    def step(constraints: Constraints) -> TriangleMesh:
+        return robust_step(metric(slope(mesh, best, free, constraints), 0.05), 0.05, constraints)
+
     gradients = {
         f"gradient, {name}": partial(energy.value_and_gradient, mesh.points)
         for name, energy in energies.items()
@@ -44,20 +61,33 @@ def calls(mesh: TriangleMesh) -> dict[str, Callable[[], Any]]:
     return {
         "factorisation": lambda: fourth_order(at.mesh, free, 0.05),
         **gradients,
-        "step, first order": lambda: robust_step(metric(slope(mesh, best, free, none), 0.05), 0.05, none),
-        "step, second order": lambda: accurate_step(slope(mesh, best, free, none), 0.01, best, none),
+        "quadratic, to rest": lambda: step(none),
+        "quadratic, to rest, area and volume kept": lambda: step(held),
+        "quadratic, in time": lambda: accurate_step(slope(mesh, best, free, none), 0.01, best, none),
+        "mean-curvature": lambda: mean_curvature_step(mesh, free, 0.01),
     }
 
 
-def steps() -> list[list]:
+def survey(faces: int) -> tuple[float, float]:
+    """The survey's figures at a number of faces, interpolated between powers; in proportion below them."""
+    known = sorted(SURVEY)
+    factor, whole = (
+        float(np.exp(np.interp(np.log(faces), np.log(known), np.log([SURVEY[k][column] for k in known]))))
+        for column in range(2)
+    )
+    less = min(1.0, faces / known[0])
+    return factor * less, whole * less
+
+
+def steps(wanted: list[int]) -> list[list]:
     found = []
-    for level in (4, 5):
-        mesh = ellipsoid(level)
+    for size in wanted:
+        mesh = shapes.torus(*TORI[size], 2.0, 1.0)
         times = interleaved(calls(mesh), repeat=3)
-        factor, whole = SURVEY[mesh.n_faces]
+        factor, whole = survey(mesh.n_faces)
         scaled = whole / factor * times["factorisation"].median
         for name, timing in times.items():
-            beside = [scaled, timing.median / scaled] if name == "step, first order" else ["-", "-"]
+            beside = [scaled, timing.median / scaled] if name == "quadratic, to rest" else ["-", "-"]
             found.append([mesh.n_faces, name, timing.median, *beside])
     return found
 
@@ -81,8 +111,11 @@ def to_rest() -> list[list]:
 
 if __name__ == "__main__":
     print(machine())
+    sizes = [int(word) for word in sys.argv[1:]] or list(TORI)
     print_table(
-        "willmore-flow: seconds", ["faces", "part", "seconds", "survey, scaled", "ours / survey"], steps()
+        "willmore-flow: seconds a step, torus of aspect 2, one thread",
+        ["faces", "part", "seconds", "survey, scaled", "ours / survey"],
+        steps(sizes),
     )
     print_table(
         "To rest by default options",

@@ -25,10 +25,10 @@ def rate(
     """Time derivatives of vorticity (n,) and harmonic coefficients (b,), and the side fluxes (m, 3)."""
     phi = space.stream_function(vorticity)
     flux = space.side_flux(phi, coefficients)
-    omega = vorticity * space.inverse_mass
-    mean = omega[space.faces].mean(axis=1)
-    carried = (-0.5 * mean)[:, None] * flux[:, NEXT]  # side k+1 is opposite corner k
-    d_vorticity = sums(space.faces, carried, space.n)
+    first, second, third = (vorticity * space.inverse_mass).take(space.corners)
+    mean = (first + second + third) / 3.0
+    carried = (-0.5 * mean) * flux.T[NEXT]  # side k+1 is opposite corner k
+    d_vorticity = sums(space.corners, carried, space.n)
     d_coefficients = np.zeros_like(coefficients)
     if evolve_harmonic and len(coefficients):
         push = np.zeros_like(flux)

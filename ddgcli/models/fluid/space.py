@@ -58,6 +58,7 @@ class FlowSpace:
         require_flow(self.mesh)
         topology = self.mesh.topology
         self.faces = topology.faces
+        self.corners = np.ascontiguousarray(self.faces.T)  # (3, m): columns are read one by one
         self.n = topology.n_vertices
         self.mass = lumped_vertex_area(self.mesh)
         self.inverse_mass = np.divide(1.0, self.mass, out=np.zeros(self.n), where=self.mass > 0)
@@ -106,8 +107,8 @@ class FlowSpace:
 
     def side_flux(self, phi: NDArray, coefficients: NDArray) -> NDArray[np.float64]:
         """(m, 3) flux through side j, along which phi rises by it."""
-        corner = phi[self.faces]
-        flux = corner[:, NEXT] - corner
+        first, second, third = phi.take(self.corners)
+        flux = np.stack([second - first, third - second, first - third]).T
         if len(coefficients):
             flux += (coefficients @ self.harmonic)[self.side_edge] * self.side_sign
         return flux
