@@ -36,15 +36,16 @@ this error (the surface, not the triangles, makes it): take it where angles must
     "willmore-flow": """
 Which: `sullivan` (the default) has the smaller error on the good ellipsoid and on the sphere's mode,
 `cotan` on the torus. On irregular, noisy and stretched triangulations trust no energy as a number to
-better than a twentieth, however fine the mesh: make the mesh regular first. Refined ones err by a twenty-
+better than a thirtieth, however fine the mesh: make the mesh regular first. Refined ones err by a twenty-
 fifth or less. A step of an eighth of a mode's life time costs `sullivan` next to no accuracy: there the
 mesh, not the step, makes the error.
 """,
     "fluid-sim": """
 Which: `conservative` (the default): its error is the mesh's at both steps, so take the long one (what its
 stability does not allow is divided). `midpoint` is as accurate. Stretched triangles cost ten times the
-error of good ones. `circulation` has ten times the error or more on good meshes; at a fixed step it does
-not fall steadily as meshes get finer, and can grow.
+error of good ones. `circulation` takes steps of any length. On good meshes its error of the wave's speed is
+below that of `conservative`, that of Taylor-Green's decay above it; it falls as meshes get finer at a fixed
+step too.
 """,
     "shell-sim": """
 Which: `alternating` or `right` grids, not `cross`, whose bending is off by more than an eighth at any
@@ -213,8 +214,8 @@ CLAIMS: dict[str, list[Claim]] = {
             ),
         ),
         (
-            "trust no energy as a number to better than a twentieth",
-            lambda t: all(t.error(e, f, EGG) > 0.04 for e in ("sullivan", "cotan") for f in UNEVEN),
+            "trust no energy as a number to better than a thirtieth",
+            lambda t: all(t.error(e, f, EGG) > 0.033 for e in ("sullivan", "cotan") for f in UNEVEN),
         ),
         (
             "Refined ones err by a twenty-fifth or less",
@@ -248,16 +249,19 @@ CLAIMS: dict[str, list[Claim]] = {
             lambda t: 6 < t.error(SOLVERS[0], "stretched", SPEED) / t.error(SOLVERS[0], "good", SPEED) < 40,
         ),
         (
-            "has ten times the error or more on good meshes",
-            lambda t: (
-                t.error("circulation dt=0.1", "good", SPEED) > 8 * t.error(SOLVERS[0], "good", SPEED)
-                and t.error("circulation dt=0.2", "right", GREEN)
-                > 10 * t.error("conservative dt=0.2", "right", GREEN)
+            "wave's speed is below that of `conservative`",
+            lambda t: t.error("circulation dt=0.1", "good", SPEED) < t.error(SOLVERS[0], "good", SPEED),
+        ),
+        (
+            "that of Taylor-Green's decay above it",
+            lambda t: all(
+                t.error("circulation dt=0.05", f, GREEN) > t.error("conservative dt=0.05", f, GREEN)
+                for f in ("alternating", "right")
             ),
         ),
         (
-            "does not fall steadily as meshes get finer, and can grow",
-            lambda t: t.rate("circulation dt=0.05", "right", GREEN) < 0.5,
+            "falls as meshes get finer at a fixed step too",
+            lambda t: t.rate("circulation dt=0.05", "right", GREEN) > 1.4,
         ),
     ],
     "shell-sim": [
