@@ -115,7 +115,7 @@ class SymmetricLU:
     def order(self) -> NDArray[np.int64]:
         if self._final:
             return self._order
-        return self._order[np.argsort(self._lu.perm_c)][postorder(self._lu)]
+        return self._order[postorder(self._pattern, self._lu.perm_c)]
 
     def solve(self, rhs: NDArray) -> NDArray:
         # by rows of the transpose, which lie together in memory

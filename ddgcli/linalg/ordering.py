@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import csc_array, csr_array
-from scipy.sparse.csgraph import depth_first_order
+from scipy.sparse import coo_array, csc_array, csr_array
+from scipy.sparse.csgraph import depth_first_order, minimum_spanning_tree
 
 from ddgcli.linalg.dissection import dissected
 
@@ -47,18 +46,41 @@ def fill_reducing_ordering(matrix: csc_array) -> Ordering:
     return Ordering(np.random.default_rng(1).permutation(n), final=False)
 
 
-def postorder(factor: Any) -> NDArray[np.int64]:
-    """(n,) order of a SuperLU factor's columns in which every subtree of its elimination tree is contiguous.
+def postorder(matrix: csc_array, step: NDArray) -> NDArray[np.int64]:
+    """(n,) elimination order with the fill of a given one, every subtree of its elimination tree contiguous.
 
     SuperLU does not sort the tree itself in its symmetric mode; sorted, a factorisation is a third faster.
+    Only the pattern of the matrix counts, so the order does not depend on what was factorised before.
+
+    Parameters
+    ----------
+    matrix : (n, n) csc_array
+    step : (n,) ndarray of int
+        When each unknown is eliminated.
 
     J. W. H. Liu, "The role of elimination trees in sparse factorization", 1990.
     """
-    L = factor.L
-    n = L.shape[0]
-    column = np.repeat(np.arange(n), np.diff(L.indptr))
-    parent = np.full(n, n)
-    below = L.indices > column
-    np.minimum.at(parent, column[below], L.indices[below])
+    n = matrix.shape[0]
+    column = step[np.repeat(np.arange(n), np.diff(matrix.indptr))]
+    row = step[matrix.indices]
+    early = row < column
+    edges = csr_array((column[early] + 1.0, (row[early], column[early])), shape=(n, n))
+    parent = np.array(_elimination_tree(minimum_spanning_tree(edges).tocoo(), n))
     tree = csr_array((np.ones(n), (parent, np.arange(n))), shape=(n + 1, n + 1))
-    return depth_first_order(tree, n, return_predecessors=False)[:0:-1].astype(np.int64)
+    after = depth_first_order(tree, n, return_predecessors=False)[:0:-1]
+    return np.argsort(step)[after].astype(np.int64)
+
+
+def _elimination_tree(edges: coo_array, n: int) -> list[int]:
+    """Parent of each step, n for roots, from a spanning tree of least largest steps: one union each.
+
+    (What is left out of the spanning tree joins steps that are joined already.)
+    """
+    parent, root = [n] * n, list(range(n))
+    by_step = np.argsort(edges.col, kind="stable")
+    for early, late in zip(edges.row[by_step].tolist(), edges.col[by_step].tolist(), strict=True):
+        while root[early] != early:
+            root[early] = root[root[early]]
+            early = root[early]
+        parent[early] = root[early] = late
+    return parent
