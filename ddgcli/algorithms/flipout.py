@@ -212,7 +212,7 @@ class Straightener:
         for stops, is_closed in zip(waypoints, closed, strict=True):
             sides = edge_path(self.graph, stops, is_closed)
             flipping.rewind()
-            before = sum(flipping.length[h] for h in sides)
+            before = flipping.scale * sum(flipping.length[h] for h in sides)
             path = PathStraightener(flipping, sides, is_closed)
             finished = path.straighten()
             done &= finished
@@ -274,7 +274,7 @@ def laid_on_input(tracer: Tracer, flipping: FlippingMesh, halfedges: list[int], 
         ],
         axis=1,
     )
-    length = np.array([flipping.length[h] for h in halfedges])
+    length = flipping.scale * np.array([flipping.length[h] for h in halfedges])
     lines = tracer.trace(face, np.eye(3)[j], direction, length, record=True)
     recorded = SurfacePaths.of_traces(lines)
     step = np.nan_to_num(segment_vectors(mesh, recorded))

@@ -35,7 +35,8 @@ class FlippingMesh:
     next, twin, tail, fan : Local of int
         `next` is -1 outside the surface; `fan` names the fan of corners at the tail.
     length, angle, post : Local of float
-        Length; corner angle at the tail; direction at the tail, as an angle in its fan (a signpost).
+        Length in units of `scale`, the longest side; corner angle at the tail; direction at the tail, as an
+        angle in its fan (a signpost).
     """
 
     def __init__(self, tracer: Tracer) -> None:
@@ -48,7 +49,8 @@ class FlippingMesh:
         following = side + np.where(side % 3 == 2, -2, 1)
         head = following[rim]
         at_end = fans.angle_before[head] + fans.corner_angle[head]
-        length = mesh.side_length.ravel()
+        self.scale = tracer.unfolding.scale
+        length = mesh.side_length.ravel() / self.scale
         self.sides = m
         self.next = Local(np.concatenate([following, np.full(len(rim), -1)]))
         self.twin = Local(np.concatenate([twin, rim]))

@@ -139,7 +139,9 @@ def test_flips_keep_lengths_angles_and_signposts():
         ],
         1,
     )
-    ends = tracer.trace(corner // 3, np.eye(3)[corner % 3], direction, [flipping.length[k] for k in h])
+    ends = tracer.trace(
+        corner // 3, np.eye(3)[corner % 3], direction, [flipping.scale * flipping.length[k] for k in h]
+    )
     head = [flipping.tail[flipping.twin[k]] for k in h]
     gap = surface_position(mesh, ends.face, ends.barycentric) - mesh.points[head]
     assert np.linalg.norm(gap, axis=1).max() < 1e-9
@@ -159,6 +161,16 @@ def test_paths_agree_with_potpourri3d():
             theirs = np.linalg.norm(np.diff(solver.find_geodesic_path(a, b), axis=0), axis=1).sum()
             ours = straightened_curves(mesh, [[a, b]], [False]).entries[0]["length"]
             assert ours == pytest.approx(theirs, rel=1e-12)
+
+
+@pytest.mark.parametrize("scale", [1e-200, 1e200])
+def test_size_does_not_matter(scale):
+    mesh = shapes.random_sphere(200)
+    one, other = (
+        straightened_curves(m, [[0, 50, 90]], [False]) for m in (mesh, mesh.moved(scale * mesh.points))
+    )
+    assert other.entries[0]["length"] == pytest.approx(scale * one.entries[0]["length"], rel=1e-12)
+    assert other.entries[0]["edge_path_length"] == pytest.approx(scale * one.entries[0]["edge_path_length"])
 
 
 def test_bad_way_points():
