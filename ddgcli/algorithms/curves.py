@@ -116,6 +116,7 @@ def field_curves(
     order: int = 4,
     step: float | None = None,
     tolerance: float | None = None,
+    told: Told | None = None,
 ) -> Curves:
     """Integral curves of an array of vectors as curves; see `integral_curves`.
 
@@ -125,7 +126,9 @@ def field_curves(
 
     followed = field_of_array(mesh, values)
     duration = usual_duration(mesh, np.asarray(values)) if duration is None else duration
-    made = integral_curves(mesh, followed, starts, duration, order=order, step=step, tolerance=tolerance)
+    made = integral_curves(
+        mesh, followed, starts, duration, order=order, step=step, tolerance=tolerance, told=told
+    )
     kinds = [
         {
             "kind": "integral curve",

@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 
 from ddgcli.algorithms.geodesic_sources import Sources
 from ddgcli.algorithms.paths import SurfacePaths
-from ddgcli.algorithms.trace import AT_BOUNDARY, GAVE_UP, Tracer, Traces
+from ddgcli.algorithms.trace import AT_BOUNDARY, GAVE_UP, Told, Tracer, Traces
+from ddgcli.algorithms.walk import Start
 from ddgcli.errors import ParameterError
 from ddgcli.geometry.face_frames import surface_position, to_face_frame
 from ddgcli.geometry.intrinsic import face_area
@@ -46,9 +47,12 @@ def field_of_array(mesh: TriangleMesh, values: NDArray) -> Field:
     if not np.isfinite(values).all():
         bad = int(np.flatnonzero(~np.isfinite(values).all(axis=1))[0])
         raise ParameterError(f"the field's vector {bad} is not finite; repair the array")
-    if len(values) == mesh.n_vertices:
-        return lambda face, b: to_face_frame(mesh, face, np.einsum("ij,ijk->ik", b, values[mesh.faces[face]]))
-    return lambda face, b: to_face_frame(mesh, face, values[face])
+    face = np.arange(mesh.n_faces)
+    if len(values) == mesh.n_faces != mesh.n_vertices:
+        flat = to_face_frame(mesh, face, values)
+        return lambda face, b: flat[face]
+    corner = np.stack([to_face_frame(mesh, face, values[mesh.faces[:, k]]) for k in range(3)], axis=1)
+    return lambda face, b: np.einsum("ij,ijk->ik", b, corner[face])
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,7 +109,7 @@ def _walk(tracer: Tracer, at: _At, way: NDArray, record: bool = False) -> Traces
     length = np.abs(way)
     unit = np.where(length > 0, way / np.where(length > 0, length, 1.0), 1.0)
     direction = np.stack([unit.real, unit.imag], axis=1)
-    return tracer.trace(at.face, at.barycentric, direction, length, record=record)
+    return tracer.walked(Start(at.face, at.barycentric, direction, length), record=record)
 
 
 def _carried_back(tracer: Tracer, field: Field, at: _At, way: NDArray) -> NDArray[np.complex128]:
@@ -125,6 +129,7 @@ def integral_curves(
     step: float | None = None,
     tolerance: float | None = None,
     max_steps: int = 10_000,
+    told: Told | None = None,
 ) -> IntegralCurves:
     """Follow a tangent field from points of a surface.
 
@@ -145,6 +150,8 @@ def integral_curves(
         whose difference from it is its error. Default: a thousandth of the mean side length.
     max_steps : int
         Curves that need more are given up, with a warning.
+    told : callable, optional
+        `told(done, total)` hears how much time has been integrated.
 
     Returns
     -------
@@ -161,10 +168,10 @@ def integral_curves(
     tracer = Tracer(mesh)
     if step is None:
         allowed = tolerance or 1e-3 * float(mesh.side_length.mean())
-        run = _Run(tracer, field, starts, duration, order, max_steps)
+        run = _Run(tracer, field, starts, duration, order, max_steps, told)
         run.adaptively(allowed)
         return run.result()
-    run = _Run(tracer, field, starts, duration, order, max_steps)
+    run = _Run(tracer, field, starts, duration, order, max_steps, told)
     run.uniformly(step)
     rough = _Run(tracer, field, starts, duration, order, max_steps)
     rough.uniformly(2 * step)
@@ -182,10 +189,17 @@ class _Run:
     """Curves under way: where each stands, how far in time, and the lines that it has walked."""
 
     def __init__(
-        self, tracer: Tracer, field: Field, starts: SurfacePoints, duration: float, order: int, max_steps: int
+        self,
+        tracer: Tracer,
+        field: Field,
+        starts: SurfacePoints,
+        duration: float,
+        order: int,
+        max_steps: int,
+        told: Told | None = None,
     ) -> None:
         self.tracer, self.field, self.duration, self.order = tracer, field, duration, order
-        self.max_steps = max_steps
+        self.max_steps, self.told = max_steps, told
         self.at = _At(np.array(starts.face), np.array(starts.barycentric))
         self.starts = self.at
         k = len(starts)
@@ -201,6 +215,7 @@ class _Run:
             h = np.minimum(step, self.duration - self.time[going])
             lines = runge_kutta_step(self.tracer, self.field, self.at.take(going), h, self.order)
             self._accept(going, h, [lines])
+            self._tell()
 
     def adaptively(self, allowed: float) -> None:
         """Steps of a size that keeps the difference from two half steps below `allowed`."""
@@ -214,8 +229,11 @@ class _Run:
         while len(going := np.flatnonzero(self.why == "")):
             at = self.at.take(going)
             h = np.minimum(size[going], self.duration - self.time[going])
-            whole = runge_kutta_step(self.tracer, self.field, at, h, order)
-            first = runge_kutta_step(self.tracer, self.field, at, h / 2, order)
+            twice, k = np.tile(np.arange(len(going)), 2), len(going)
+            both = runge_kutta_step(
+                self.tracer, self.field, at.take(twice), np.concatenate([h, h / 2]), order
+            )
+            whole, first = _rows(both, np.arange(k)), _rows(both, np.arange(k, 2 * k))
             second = runge_kutta_step(self.tracer, self.field, _end(first), h / 2, order)
             error = _gap(mesh, _end(whole), _end(second))  # type: ignore[arg-type]
             factor = 0.9 * (allowed / np.maximum(error, 1e-300)) ** (1.0 / (order + 1))
@@ -226,6 +244,7 @@ class _Run:
             self._accept(going[rows], h[rows], [_rows(first, rows), _rows(second, rows)])
             self.steps[going[~good]] += 1
             self._give_up()
+            self._tell()
 
     def _accept(self, curves: NDArray, h: NDArray, parts: list[Traces]) -> None:
         """Move curves to the ends of the lines just walked."""
@@ -254,6 +273,11 @@ class _Run:
         v = np.abs(_complex(self.field(self.at.face[going], self.at.barycentric[going])))
         self.speed = max(self.speed, float(v.max(initial=0.0)))
         self.why[going[v <= 1e-12 * (self.speed or 1.0)]] = RESTED
+
+    def _tell(self) -> None:
+        if self.told is not None:
+            done = np.where(self.why == "", self.time, self.duration)
+            self.told(float(done.sum()), len(done) * self.duration)
 
     def _give_up(self) -> None:
         stuck = np.flatnonzero((self.why == "") & (self.steps >= self.max_steps))
