@@ -108,7 +108,9 @@ def _opened(
     target = paths[0] if paths else (job.resume or "").removesuffix(".part")
     if not target:
         return None, None
-    from ddgcli.io.trajectory import Header, Trajectory, TrajectoryWriter
+    from ddgcli.io.trajectory import Trajectory
+    from ddgcli.io.trajectory_layout import Header
+    from ddgcli.io.trajectory_writer import TrajectoryWriter
 
     provenance = {"version": __version__, **{k: v for k, v in run.metadata.items() if k != "version"}}
     header = Header(keep.outcome.mesh, job.moving, cell, {**provenance, **job.attributes}, dict(job.texts))

@@ -121,9 +121,9 @@ def test_resumed_run_has_the_same_bits(run, tmp_path, monkeypatch, integrator):
     whole = tmp_path / "whole.vtkhdf"
     assert run("shell-sim", path, "-o", whole).exit_code == 0
 
-    from ddgcli.io import trajectory
+    from ddgcli.io import trajectory_writer
 
-    append = trajectory.TrajectoryWriter.append
+    append = trajectory_writer.TrajectoryWriter.append
 
     def interrupted(self, frame, *rest):
         if frame.step == 8:
@@ -132,7 +132,7 @@ def test_resumed_run_has_the_same_bits(run, tmp_path, monkeypatch, integrator):
 
     broken = tmp_path / "broken.vtkhdf"
     with monkeypatch.context() as patch:
-        patch.setattr(trajectory.TrajectoryWriter, "append", interrupted)
+        patch.setattr(trajectory_writer.TrajectoryWriter, "append", interrupted)
         result = run("shell-sim", path, "-o", broken)
     assert result.exit_code == 130
     part = tmp_path / "broken.vtkhdf.part"
@@ -149,9 +149,9 @@ def test_resume_without_the_scene_and_with_overrides(run, tmp_path, monkeypatch)
     path = scene(tmp_path)
     whole, broken = tmp_path / "whole.vtkhdf", tmp_path / "broken.vtkhdf"
     assert run("shell-sim", path, "-o", whole, "--steps", 10).exit_code == 0
-    from ddgcli.io import trajectory
+    from ddgcli.io import trajectory_writer
 
-    append = trajectory.TrajectoryWriter.append
+    append = trajectory_writer.TrajectoryWriter.append
 
     def interrupted(self, frame, *rest):
         if frame.step == 6:
@@ -159,7 +159,7 @@ def test_resume_without_the_scene_and_with_overrides(run, tmp_path, monkeypatch)
         append(self, frame, *rest)
 
     with monkeypatch.context() as patch:
-        patch.setattr(trajectory.TrajectoryWriter, "append", interrupted)
+        patch.setattr(trajectory_writer.TrajectoryWriter, "append", interrupted)
         run("shell-sim", path, "-o", broken, "--steps", 10)
     assert run("shell-sim", "--resume", f"{broken}.part").exit_code == 0
     assert_equal_bits(frames_of(whole), frames_of(broken))
@@ -167,9 +167,9 @@ def test_resume_without_the_scene_and_with_overrides(run, tmp_path, monkeypatch)
 
 def test_resume_of_a_changed_scene_is_refused(run, tmp_path, monkeypatch):
     path = scene(tmp_path)
-    from ddgcli.io import trajectory
+    from ddgcli.io import trajectory_writer
 
-    append = trajectory.TrajectoryWriter.append
+    append = trajectory_writer.TrajectoryWriter.append
 
     def interrupted(self, frame, *rest):
         if frame.step == 8:
@@ -177,7 +177,7 @@ def test_resume_of_a_changed_scene_is_refused(run, tmp_path, monkeypatch):
         append(self, frame, *rest)
 
     with monkeypatch.context() as patch:
-        patch.setattr(trajectory.TrajectoryWriter, "append", interrupted)
+        patch.setattr(trajectory_writer.TrajectoryWriter, "append", interrupted)
         run("shell-sim", path, "-o", tmp_path / "run.vtkhdf")
     path.write_text(path.read_text().replace('material = "rubber"', 'material = "felt"'))
     before = (tmp_path / "run.vtkhdf.part").read_bytes()

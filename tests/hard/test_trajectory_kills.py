@@ -15,7 +15,8 @@ from ddgcli.io.trajectory import Trajectory
 WRITER = """
 import sys
 import numpy as np
-from ddgcli.io.trajectory import Header, TrajectoryWriter
+from ddgcli.io.trajectory_layout import Header
+from ddgcli.io.trajectory_writer import TrajectoryWriter
 from ddgcli.mesh.fields import Frame
 from ddgcli.mesh.shapes import grid
 mesh = grid(12, 12)
