@@ -58,14 +58,14 @@ def revolved(radius: np.ndarray, height: np.ndarray, around: int) -> TriangleMes
 
 def hat() -> TriangleMesh:
     """A hat in metres: crown of radius 0.09 and height 0.12, brim to radius 0.2; an open disk."""
-    s = np.linspace(0, 1, 13)[1:]
+    s = np.linspace(0, 1, 9)[1:]
     top = np.stack([0.075 * s, 0.12 + 0 * s], axis=1)
     bend = np.stack([0.075 + 0.015 * np.sin(np.pi / 2 * s), 0.105 + 0.015 * np.cos(np.pi / 2 * s)], axis=1)
     wall = np.stack([0.09 + 0 * s, 0.105 - 0.09 * s], axis=1)
     foot = np.stack([0.105 - 0.015 * np.cos(np.pi / 2 * s), 0.015 - 0.015 * np.sin(np.pi / 2 * s)], axis=1)
     brim = np.stack([0.105 + 0.095 * s, 0.01 * s**2], axis=1)
-    profile = np.concatenate([[[0, 0.12]], top, bend[::3], wall, foot[::3], brim])
-    return revolved(profile[:, 0], profile[:, 1], 64)
+    profile = np.concatenate([[[0, 0.12]], top, bend[1::2], wall, foot[1::2], brim])
+    return revolved(profile[:, 0], profile[:, 1], 40)
 
 
 def frame() -> TriangleMesh:
