@@ -129,8 +129,7 @@ class Run:
         self._promise(path)
 
     def _promise(self, path: str) -> None:
-        places = [Path(p).absolute() for p in self._promised]
-        if Path(path).absolute() in places:
+        if Path(path).resolve() in [Path(p).resolve() for p in self._promised]:
             raise OutputError(f"{path}: two results would go to this one place; give each its own")
         self._promised.append(path)
 

@@ -34,15 +34,18 @@ def dissected(matrix: csc_array) -> NDArray[np.int64] | None:
     (In its symmetric mode SuperLU does not sort the tree itself; halves far apart in memory cost it twice the
     time.) Components are dissected one after the other. None where a large part has no short separator.
     """
-    n = matrix.shape[0]
-    graph = csr_array((np.ones(matrix.nnz), matrix.indices, matrix.indptr), shape=(n, n))
+    graph = _both_ways(matrix)
     count, label = connected_components(graph, directed=False)
     if count == 1:
         return _dissected(graph)
-    large = np.bincount(label) >= LARGE
-    group = np.where(large, np.cumsum(large), 0)[label]
-    members = np.split(np.argsort(group, kind="stable"), np.cumsum(np.bincount(group))[:-1])
-    orders = []
+    size = np.bincount(label)
+    small = size <= LEAF
+    by_label = np.argsort(label, kind="stable")
+    orders = [by_label[small[label[by_label]]]]
+    large = size >= LARGE
+    rest = np.flatnonzero(~small[label])
+    group = np.where(large, np.cumsum(large), 0)[label[rest]]
+    members = np.split(rest[np.argsort(group, kind="stable")], np.cumsum(np.bincount(group))[:-1])
     for vertices in members:
         if len(vertices):
             order = _dissected(_strung_together(graph[vertices][:, vertices]))
@@ -50,6 +53,16 @@ def dissected(matrix: csc_array) -> NDArray[np.int64] | None:
                 return None
             orders.append(vertices[order])
     return np.concatenate(orders)
+
+
+def _both_ways(matrix: csc_array) -> csr_array:
+    """The graph of a symmetric matrix, of which a product may have dropped zeros on one side only."""
+    n = matrix.shape[0]
+    graph = csr_array((np.ones(matrix.nnz), matrix.indices, matrix.indptr), shape=(n, n))
+    other = matrix.tocsr()
+    if np.array_equal(other.indptr, graph.indptr) and np.array_equal(other.indices, graph.indices):
+        return graph
+    return csr_array(graph + graph.T)
 
 
 def _dissected(graph: csr_array) -> NDArray[np.int64] | None:
@@ -105,7 +118,7 @@ def _distances(graph: csr_array, source: int) -> NDArray[np.float32]:
     parent = rank[before[order[1:]]]  # ascending, so each ring of vertices is found by bisection
     ring = [0, 1]
     while ring[-1] < n:
-        ring.append(1 + int(np.searchsorted(parent, ring[-1])))
+        ring.append(1 + int(np.searchsorted(parent, np.int32(ring[-1]))))
     distance = np.empty(n, dtype=np.float32)
     distance[order] = np.repeat(np.arange(len(ring) - 1, dtype=np.float32), np.diff(ring))
     return distance

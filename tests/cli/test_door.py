@@ -258,6 +258,9 @@ def test_two_results_never_go_to_one_place(run, torus, tmp_path):
     refused(run("delaunay", torus, "-o", one, "--overlay", same), "a.npz", "two results")
     refused(run("laplacian", torus, "--matrix", one, "--mass-matrix", one), "a.npz", "two results")
     refused(run("info", torus, "-o", one, "-o", same), "a.npz", "two results")
+    link = tmp_path / "link.npz"
+    link.symlink_to(one)
+    refused(run("info", torus, "-o", one, "-o", link), "link.npz", "two results")
     assert not one.exists()
 
 

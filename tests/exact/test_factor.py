@@ -324,3 +324,18 @@ def test_large_systems_are_dissected_and_refactored(monkeypatch):
     factor = Factor(A, solver="superlu")
     assert np.abs(factor.solve(A @ x) - x).max() < 1e-12
     assert np.abs(factor.refactor(2 * A).solve(A @ x) - x / 2).max() < 1e-12
+
+
+def test_dissection_of_soups_strips_and_half_patterns():
+    soup = csc_array(block_diag([np.ones((3, 3))] * 4000))
+    order = dissected(soup)
+    assert np.array_equal(np.sort(order), np.arange(12_000))
+    assert (np.ptp(order.reshape(-1, 3) // 3, axis=1) == 0).all()  # triangles stay together: no fill
+    A = regular_grid_matrix(60, 50)
+    half = A.copy()
+    half.data[(half.indices > np.repeat(np.arange(3000), np.diff(half.indptr))) & (half.indices % 2 == 0)] = 0
+    half.eliminate_zeros()
+    assert half.nnz < A.nnz
+    assert np.array_equal(np.sort(dissected(half)), np.arange(3000))
+    assert fill(A, dissected(half)) == fill(A, dissected(A))
+    assert len(dissected(csc_array((0, 0)))) == 0
