@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from ddgcli.io.mesh_file import MeshInput
     from ddgcli.mesh.fields import AnnotatedMesh
 
+MOST_FACES = 20_000_000  # that --subdivide makes
 PICTURES = (".png", ".svg", ".pdf")
 
 
@@ -190,6 +191,12 @@ class Run:
             if dropped:
                 logging.getLogger("ddgcli").warning(
                     f"--subdivide leaves behind the arrays {', '.join(dropped)}"
+                )
+            finer_faces = len(source.mesh.faces) * 4**subdivide
+            if finer_faces > MOST_FACES:
+                raise ParameterError(
+                    f"--subdivide {subdivide} would make {finer_faces:,} faces; "
+                    f"{MOST_FACES:,} are the most: ask for less"
                 )
             finer = midpoint_subdivided(source.mesh, subdivide)
             source = replace(source, mesh=finer, vertex={}, face={}, edge={}, input_face=None)

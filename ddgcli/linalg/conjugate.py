@@ -64,7 +64,8 @@ def truncated_conjugate_gradients(
     (T. Steihaug, "The conjugate gradient method and trust regions in large scale optimization", 1983).
     Where the preconditioner's own guess is about as long as it should be, it is taken whole before the
     conjugate directions begin: then what is left has no part along vectors on which matrix and preconditioner
-    agree, such as translations, and their balance is kept to rounding.
+    agree, such as translations, and their balance is kept to rounding. (Later steps may then climb; where
+    they do, that guess is the answer.)
     """
     x, r = np.zeros_like(rhs), rhs.copy()
     z = precondition(r)
@@ -73,12 +74,12 @@ def truncated_conjugate_gradients(
     if not rz > 0:
         return Move(x, 0.0, 0, True) if first == 0.0 else None
     allowed = enough(first)
-    p, left, truncated = z, first, None
+    guess, p, left, truncated = z, z, first, None
     for k in range(1, most + 1):
         ap = apply(p)
         curvature = float(p @ ap)
         if not curvature > 0 and truncated is None:
-            truncated = Move(x.copy() if k > 1 else z, left, k, False)
+            truncated = Move(x.copy() if float(rhs @ x) > 0 else guess, left, k, False)
             if not through(first) or curvature == 0.0:
                 return truncated
         step = rz / curvature
@@ -94,6 +95,6 @@ def truncated_conjugate_gradients(
         if not rz > 0:
             return truncated
         p = z if whole else z + rz / before * p
-    if truncated is not None and not float(rhs @ x) > 0:
-        return truncated
+    if not float(rhs @ x) > 0:
+        return truncated or Move(guess, first, k, False)
     return Move(x, left, k, True)

@@ -253,6 +253,14 @@ def test_wrong_outputs_are_refused_before_reading(run, tmp_path):
     refused(run("info", tmp_path), "is a folder")
 
 
+def test_subdividing_beyond_what_fits_is_refused(run, tmp_path, monkeypatch):
+    monkeypatch.setattr("ddgcli.cli.run.MOST_FACES", 1000)
+    sphere = tmp_path / "sphere.ply"
+    write_mesh(str(sphere), AnnotatedMesh(shapes.icosphere(1)))
+    assert run("laplacian", sphere, "--subdivide", 1).exit_code == 0
+    refused(run("laplacian", sphere, "--subdivide", 2), "1,280 faces", "ask for less")
+
+
 def test_two_results_never_go_to_one_place(run, torus, tmp_path):
     one, same = tmp_path / "a.npz", f"{tmp_path}/./a.npz"
     refused(run("delaunay", torus, "-o", one, "--overlay", same), "a.npz", "two results")

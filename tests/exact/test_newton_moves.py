@@ -124,3 +124,19 @@ def test_a_step_of_the_hanging_cloth_costs_few_iterations_and_one_factorisation(
     iterations = np.diff(scalar(run, "newton_iterations"))
     assert iterations.mean() <= 5
     assert count[0] <= 1.5 * 30
+
+
+@pytest.mark.parametrize("through", [False, True])
+def test_a_move_always_descends(through):
+    rng = np.random.default_rng(5)
+    for _ in range(2000):
+        n = rng.integers(2, 8)
+        Q = np.linalg.qr(rng.normal(size=(n, n)))[0]
+        near = (Q * 10 ** rng.uniform(-1, 1, n)) @ Q.T
+        other = rng.normal(size=(n, n))
+        A = near * 10 ** rng.uniform(-0.3, 0.3) + (other + other.T) * 10 ** rng.uniform(-2, 1)
+        inverse, b = np.linalg.inv(near), rng.normal(size=n)
+        move = truncated_conjugate_gradients(
+            A.__matmul__, inverse.__matmul__, b, lambda f: 1e-2 * f, 15, through=lambda f: through
+        )
+        assert move is None or b @ move.x > 0
