@@ -89,7 +89,7 @@ def test_points_need_refinement(run, stretched):
 
 def test_the_seed_chooses_among_faces(summary, tmp_path):
     path = tmp_path / "big.ply"
-    mesh = shapes.random_sphere(3000, seed=1)
+    mesh = shapes.random_sphere(800, seed=1)
     write_mesh(str(path), AnnotatedMesh(mesh.moved(mesh.points * np.array([10.0, 1.0, 0.1]))))
     counts = [
         summary("delaunay", path, "--refine", 25, "--seed", seed)["results"]["steiner_points"]
