@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -193,20 +193,26 @@ def altitude(camera: Camera, points: NDArray, faces: NDArray) -> NDArray[np.floa
     return np.divide(doubled[:, None], length, out=np.zeros_like(length), where=length > 0)
 
 
-def visible_runs(camera: Camera, seen: Seen, curve: NDArray, closed: bool = False) -> list[NDArray]:
-    """The parts of a polyline on or before the surface, as (k, 2) arrays of pixel columns and rows."""
-    if closed:
-        curve = np.concatenate([curve, curve[:1]])
-    track = camera.project(curve)
-    steps = np.maximum(1, np.ceil(np.hypot(*np.diff(track[:, :2], axis=0).T)).astype(np.int64))
-    segment, k = _expanded(np.zeros_like(steps), steps)
-    t = (k / steps[segment])[:, None]
-    samples = np.concatenate([(1 - t) * track[segment] + t * track[segment + 1], track[-1:]])
+def visible_runs(camera: Camera, seen: Seen, curves: Sequence[NDArray]) -> list[NDArray]:
+    """The parts of polylines, of two points at least, on or before the surface: (k, 2) columns and rows."""
+    if not len(curves):
+        return []
+    track = camera.project(np.concatenate(curves))
+    count = np.array([len(curve) for curve in curves])
+    name = np.repeat(np.arange(len(curves)), count)
+    ahead = np.diff(track, axis=0, append=track[-1:])
+    ahead[np.cumsum(count) - 1] = 0.0  # the last point of a curve has nothing ahead
+    steps = np.maximum(1, np.ceil(np.hypot(*ahead[:, :2].T)).astype(np.int64))
+    point, k = _expanded(np.zeros_like(steps), steps)
+    samples = track[point] + (k / steps[point])[:, None] * ahead[point]
     column = np.clip(samples[:, 0].astype(np.int64), 1, camera.width - 2)
     row = np.clip(samples[:, 1].astype(np.int64), 1, camera.height - 2)
     # the farthest of the 3 x 3 pixels: a line in the surface is not eaten by the slope of its own face
     around = np.max([seen.depth[row + i, column + j] for i in (-1, 0, 1) for j in (-1, 0, 1)], axis=0)
     shown = samples[:, 2] <= around + 0.002 * max(camera.width, camera.height)
-    cuts = np.flatnonzero(np.diff(shown.astype(np.int8))) + 1
-    runs = zip(np.split(samples[:, :2], cuts), np.split(shown, cuts))
-    return [run for run, on in runs if on[0] and len(run) > 1]
+    owner = name[point]
+    cuts = np.flatnonzero((shown[1:] != shown[:-1]) | (owner[1:] != owner[:-1])) + 1
+    first, last = np.append(0, cuts), np.append(cuts, len(shown))
+    kept = np.flatnonzero(shown[first] & (last - first > 1))
+    flat = samples[:, :2]
+    return [flat[i:j] for i, j in zip(first[kept].tolist(), last[kept].tolist())]

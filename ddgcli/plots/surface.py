@@ -232,7 +232,7 @@ def _overlay(
 ) -> None:
     from matplotlib.collections import LineCollection
 
-    runs = [run for curve in curves if len(curve) > 1 for run in visible_runs(camera, seen, curve)]
+    runs = visible_runs(camera, seen, [curve for curve in curves if len(curve) > 1])
     if runs:
         for under, tint in ((1.2, "white"), (0.0, colour)):
             lines = LineCollection(runs, linewidths=width + under, colors=tint, capstyle="round")

@@ -62,7 +62,7 @@ def test_a_curve_behind_the_surface_is_not_drawn():
     x = np.linspace(-0.8, 0.8, 50)
     for side in (1, -1):
         curve = np.stack([x, 0 * x, side * np.sqrt(1 - x**2)], axis=1)
-        drawn = sum(np.ptp(run[:, 0]) for run in visible_runs(camera, seen, curve))
+        drawn = sum(np.ptp(run[:, 0]) for run in visible_runs(camera, seen, [curve]))
         assert drawn == pytest.approx(1.6 * camera.scale if side > 0 else 0.0, abs=2)
 
 
