@@ -1,8 +1,8 @@
 """Distances beside the peers: exact, heat, fast marching; set-up, solve, peak memory.
 
-`python benchmarks/bench_geodesic.py [--quick]` prints the tables of docs/geodesic.md. Ratios are the peer's
-CPU seconds over ours, larger is better; each pair runs in turn in one process, one thread each. CPU rather
-than wall time, so that a busy machine does not blur the ratio.
+`python benchmarks/bench_geodesic.py [--quick] [exact heat fast-marching errors]` prints the tables of
+docs/geodesic.md. Ratios are the peer's CPU seconds over ours, larger is better; each pair runs in turn in one
+process, one thread each. CPU rather than wall time, so that a busy machine does not blur the ratio.
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ from ddgcli.algorithms.delaunay import flip_to_delaunay
 from ddgcli.algorithms.fast_marching import marched_distance, marching_stencils
 from ddgcli.algorithms.geodesic_exact import exact_distance
 from ddgcli.algorithms.geodesic_heat import HeatSolver
+from ddgcli.mesh import shapes
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 
 QUICK = "--quick" in sys.argv
@@ -176,8 +177,56 @@ def bench_fast_marching() -> None:
     )  # fmt: skip
 
 
+def jittered_torus(faces: int) -> TriangleMesh:
+    """Torus R = 1, r = 0.4 from a grid whose points are moved by a quarter of a cell."""
+    nu = int(np.sqrt(faces))
+    u, v, cells = shapes.wrapped_grid(nu, nu // 2, wrap_u=True, wrap_v=True)
+    shift = np.random.default_rng(0).uniform(-0.25, 0.25, (2, len(u)))
+    u, v = 2 * np.pi * (u + shift[0] / nu), 2 * np.pi * (v + 2 * shift[1] / nu)
+    r = 1 + 0.4 * np.cos(v)
+    return TriangleMesh.from_arrays(np.stack([r * np.cos(u), r * np.sin(u), 0.4 * np.sin(v)], axis=1), cells)
+
+
+def heat(mesh: TriangleMesh, **options: Any) -> np.ndarray:
+    return HeatSolver(flip_to_delaunay(mesh).mesh, **options).distance(SOURCE).distance
+
+
+def bench_errors() -> None:
+    """Mean error over mean distance against the exact distance, as meshes get finer."""
+    methods = {
+        "fast marching (round fronts)": lambda m: marched_distance(m, SOURCE).distance,
+        "fast marching, straight fronts": lambda m: marched_distance(m, SOURCE, planar=True).distance,
+        "heat, as published (t = h^2)": heat,
+        "heat, `--heat-refine 1`": lambda m: heat(m, refine=1),
+        "heat, `--heat-refine 1 --heat-time 4`": lambda m: heat(m, refine=1, time_factor=4.0),
+        "potpourri3d, heat": lambda m: potpourri3d.MeshHeatMethodDistanceSolver(
+            m.points, m.faces, use_robust=True
+        ).compute_distance(SOURCE),
+        "potpourri3d, fast marching": lambda m: potpourri3d.MeshFastMarchingDistanceSolver(
+            m.points, m.faces
+        ).compute_distance([[(SOURCE, [])]]),
+    }
+    sizes = (5_000, 20_000) if QUICK else (5_000, 20_000, 80_000)
+    table = {f"sphere {n}": ladder.sphere(n) for n in sizes} | {
+        f"torus {n}": jittered_torus(n) for n in sizes
+    }
+    truths = {name: exact_distance(mesh, SOURCE).distance for name, mesh in table.items()}
+    rows = [
+        [label, *(f"{100 * error(np.asarray(method(m)), truths[name]):.2g} %" for name, m in table.items())]
+        for label, method in methods.items()
+    ]
+    measure.print_table("mean error over mean distance", ["method", *table], rows)
+
+
+TOPICS = {
+    "exact": bench_exact,
+    "heat": bench_heat,
+    "fast-marching": bench_fast_marching,
+    "errors": bench_errors,
+}
+
 if __name__ == "__main__":
     print(measure.machine())
-    chosen = [word for word in sys.argv[1:] if not word.startswith("-")] or ["exact", "heat", "fast-marching"]
+    chosen = [word for word in sys.argv[1:] if not word.startswith("-")] or list(TOPICS)
     for topic in chosen:
-        {"exact": bench_exact, "heat": bench_heat, "fast-marching": bench_fast_marching}[topic]()
+        TOPICS[topic]()
