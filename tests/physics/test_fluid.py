@@ -234,6 +234,50 @@ def test_no_slip_channel_decays_at_the_stokes_rate():
     assert error[1] < 0.05 and np.log2(error[0] / error[1]) > 1.8
 
 
+def moved_by_walls(shape, effects, time, nu, step):
+    text = WALLS.format(shape=shape, effects=effects, time=time, nu=nu, step=step)
+    scene = resolve(parse_scene(text), KIND, {})
+    fluids = {name: context for name, (context, _) in contexts(scene, None, None).items()}
+    models = {name: fluid.model() for name, fluid in build(scene, fluids, Account()).items()}
+    last = list(evolve(models, scene.schedule(), Account()))[-1]
+    return fluids["f"].points, last.observations["f"].vertex
+
+
+WALLS = """format = "ddgcli-scene/1"
+[time]
+duration = {time}
+step = {step}
+[[object]]
+name = "f"
+role = "fluid"
+grid = {{ {shape}, pattern = "right" }}
+[effects]
+viscosity = {{ nu = {nu} }}
+{effects}
+"""
+
+
+def test_moving_walls_drag_a_channel_to_couette_flow():
+    """Walls at speeds 0 and 1: in the end u = y, of vorticity -1, to the last digits."""
+    lid = 'harmonic = {}\nboundary = { kind = "no-slip", velocity = [1, 0.3, 0], where = "y > 0.99" }'
+    points, vertex = moved_by_walls('size = [1, 1], cells = [8, 8], periodic = "x"', lid, 3, 1.0, 0.05)
+    assert np.abs(vertex["vorticity"] + 1).max() < 1e-8
+    inner = (points[:, 1] > 0.01) & (points[:, 1] < 0.99)
+    assert np.abs(vertex["velocity"][inner] - np.outer(points[inner, 1], [1, 0, 0])).max() < 1e-8
+
+
+def test_lid_driven_cavity_at_reynolds_100():
+    """Against Ghia, Ghia and Shin (1982), whose figures are good to 0.005 at this Reynolds number."""
+    lid = 'boundary = { kind = "no-slip", velocity = ["where(y > 0.999, 1, 0)", 0, 0] }'
+    points, vertex = moved_by_walls("size = [1, 1], cells = [32, 32]", lid, 10, 0.01, 0.04)
+    middle = np.abs(points[:, 0] - 0.5) < 1e-9
+    order = np.argsort(points[middle, 1])
+    ghia = {0.8516: 0.23151, 0.5: -0.20581, 0.4531: -0.2109, 0.2813: -0.15662, 0.1016: -0.06434}
+    u = np.interp(list(ghia), points[middle, 1][order], vertex["velocity"][middle, 0][order])
+    assert np.abs(u - list(ghia.values())).max() < 0.008
+    assert np.abs(vertex["stream_function"]).max() == pytest.approx(0.103423, rel=0.03)
+
+
 @pytest.mark.parametrize("name", SURFACES)
 def test_circulation_keeps_the_total_and_is_the_identity_for_no_time(name):
     space = space_of(SURFACES[name])

@@ -26,6 +26,8 @@ from ddgcli.models.fluid.smoothing import Smoothing, first_root
 from ddgcli.models.fluid.space import FlowSpace
 from ddgcli.models.fluid.transport import Carried, Transport
 
+ROUNDING = 1e-12  # relative rise of the energy that counts as none
+SMALL = 0.02  # deformation below which a step is taken as it is: a shorter one would be no better
 Flow = tuple[NDArray[np.float64], NDArray[np.float64]]  # vorticity (n,), harmonic coefficients (b,)
 
 
@@ -115,8 +117,12 @@ class CirculationAdvection:
         after = self._pulled(back, mended, self._flux(mended), evolve_harmonic)
         energy = self._energy(start)
         after, reached = self._without_rise(back, start, flux, after, energy, evolve_harmonic)
-        limited = self.smoothing.without_rise(after[0], space.enstrophy(vorticity))
-        return limited, after[1], folded, reached / energy - 1.0 if energy > 0 else 0.0
+        rise = reached / energy - 1.0 if energy > 0 else 0.0
+        after = self.smoothing.without_rise(after[0], space.enstrophy(vorticity)), after[1]
+        reached = self._energy(after)
+        if reached > energy and (folded <= SMALL or rise <= ROUNDING):
+            after = self._scaled(after, reached, energy)
+        return *after, folded, rise
 
     def _energy(self, flow: Flow) -> float:
         return self.space.kinetic_energy(self.space.stream_function(flow[0]), *flow)
@@ -170,6 +176,16 @@ class CirculationAdvection:
         share = first_root(reached - energy, slope, curvature)
         mixed = after[0] + share * change, after[1] + share * turn
         return mixed, reached + share * (slope + share * curvature)
+
+    def _scaled(self, flow: Flow, reached: float, energy: float) -> Flow:
+        """The vorticity scaled to the energy wanted: a last resort on bad meshes."""
+        fixed = 0.5 * float(flow[1] @ flow[1])
+        if not reached > fixed:
+            return flow
+        share = (max(energy - fixed, 0.0) / (reached - fixed)) ** 0.5
+        scaled = np.where(self.space.inside, share * flow[0], flow[0])
+        self._keep_total(scaled, flow[0])
+        return scaled, flow[1]
 
     def _along_walls(self, pull: Pull, vorticity: NDArray) -> NDArray[np.float64]:
         """Vorticity of the cells at the boundary: carried along it, point by point."""

@@ -6,8 +6,8 @@ The weak form, for all discrete flows w, is
 
 K the Gaussian curvature and m = 0, 1, 2 for the Hodge, the Bochner and the deformation Laplacian (2 div Def,
 the physical one): a mode l of the unit sphere decays at nu l(l+1), nu (l(l+1) - 1), nu (l(l+1) - 2).
-On a no-slip wall the cell of a boundary vertex is closed by a wall without speed; on a free-slip wall the
-vorticity vanishes, which is the natural condition of the weak form.
+On a no-slip wall the cell of a boundary vertex is closed by the wall, at rest or in motion along itself; on a
+free-slip wall the vorticity vanishes, which is the natural condition of the weak form.
 """
 
 from __future__ import annotations
@@ -29,12 +29,13 @@ GAMMA = 1.0 - np.sqrt(0.5)
 
 @dataclass(eq=False)
 class Decay:
-    """x' = - G^-1 A x by the two-stage diagonally implicit method, L-stable and second order.
+    """x' = - G^-1 (A x + b) by the two-stage diagonally implicit method, L-stable and second order.
 
     Parameters
     ----------
     G, A : (k, k) sparse arrays
         Symmetric; G positive definite.
+    b : (k,) ndarray, or 0
 
     Notes
     -----
@@ -43,6 +44,7 @@ class Decay:
 
     G: csr_array
     A: csr_array
+    b: NDArray[np.float64] | float = 0.0
     _factors: dict[float, Factor] = field(default_factory=dict)
 
     def step(self, x: NDArray, dt: float) -> NDArray[np.float64]:
@@ -52,8 +54,8 @@ class Decay:
                 self._factors.clear()
             self._factors[dt] = Factor(csc_array(self.G + GAMMA * dt * self.A))
         factor = self._factors[dt]
-        first = factor.solve(-(self.A @ x), refine=False)
-        second = factor.solve(-(self.A @ (x + (1.0 - GAMMA) * dt * first)), refine=False)
+        first = factor.solve(-(self.A @ x + self.b), refine=False)
+        second = factor.solve(-(self.A @ (x + (1.0 - GAMMA) * dt * first) + self.b), refine=False)
         return x + dt * ((1.0 - GAMMA) * first + GAMMA * second)
 
 
@@ -75,10 +77,14 @@ class VorticityDiffusion:
 
 
 class VelocityDiffusion:
-    """Every kind, in the unknowns of the velocity: stream function and harmonic coefficients."""
+    """Every kind, in the unknowns of the velocity: stream function and harmonic coefficients.
 
-    def __init__(self, space: FlowSpace, nu: float, kind: str) -> None:
+    `moving` (n,) is what walls in motion add to the circulation around the cells of their vertices.
+    """
+
+    def __init__(self, space: FlowSpace, nu: float, kind: str, moving: NDArray | None = None) -> None:
         self.space = space
+        self.moving = np.zeros(space.n) if moving is None else moving
         flows = csr_array(space.harmonic.T)
         derivative = d0(space.mesh.topology).astype(np.float64)[:, space.free]
         basis = block_array([[derivative, flows]]).tocsr() if flows.shape[1] else derivative
@@ -91,13 +97,14 @@ class VelocityDiffusion:
         share = CURVATURE_SHARE[kind]
         if share:
             A = A - share * (basis.T @ diags_array(curvature_star(space)) @ basis)
-        self.decay = Decay(gram.tocsr(), (nu * A).tocsr())
+        drag = self.curl.T @ (space.inverse_mass * self.moving)
+        self.decay = Decay(gram.tocsr(), (nu * A).tocsr(), nu * drag)
 
     def step(self, vorticity: NDArray, coefficients: NDArray, dt: float) -> tuple[NDArray, NDArray]:
         space = self.space
         phi = space.factor.solve(vorticity[space.free], refine=False)
         after = self.decay.step(np.concatenate([phi, coefficients]), dt)
-        return self.curl @ after, after[len(space.free) :]
+        return self.curl @ after + self.moving, after[len(space.free) :]
 
 
 def curvature_star(space: FlowSpace) -> NDArray[np.float64]:

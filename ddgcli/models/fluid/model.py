@@ -24,7 +24,6 @@ log = logging.getLogger("ddgcli")
 
 FOLDED = 1.0  # change of the velocity along a side times dt over its length, beyond which loops fold
 RISE = 1e-6  # relative rise of the kinetic energy at which a step by circulation is shortened
-SMALL = 0.02  # of the number that FOLDED bounds: steps so short are taken as they are
 SETTLED = 1e-10  # relative change left by the iteration of the midpoint rule
 # most harmonic flows kept as a dense basis
 MOST_HARMONIC = 2_000
@@ -169,7 +168,8 @@ class FluidModel:
         no_slip = self.walls is not None and self.walls.no_slip
         if self.viscosity.kind == "hodge" and not no_slip:
             return VorticityDiffusion(self.space, self.viscosity.nu)
-        return VelocityDiffusion(self.space, self.viscosity.nu, self.viscosity.kind)
+        moving = None if self.walls is None else self.walls.moving
+        return VelocityDiffusion(self.space, self.viscosity.nu, self.viscosity.kind, moving)
 
     def _start(self, initial: list[Any], dye: Any) -> FluidState:
         space = self.space
@@ -243,6 +243,8 @@ class FluidModel:
         )
         if not folded <= FOLDED:
             raise StepRejected("loops fold", value=folded)
+        from ddgcli.models.fluid.circulation import SMALL
+
         if folded > SMALL and not rise <= RISE:
             raise StepRejected("energy rises", value=rise)
         return replace(state, vorticity=vorticity, coefficients=coefficients)

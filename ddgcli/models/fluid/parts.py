@@ -28,11 +28,12 @@ class Viscosity:
     kind: str
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Walls:
-    """What the fluid meets at the boundary."""
+    """What the fluid meets at the boundary; `moving` (n,): circulation that a moving wall adds to cells."""
 
     no_slip: bool
+    moving: NDArray[np.float64] | None = None
 
 
 @dataclass(frozen=True)
