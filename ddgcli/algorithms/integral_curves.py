@@ -147,7 +147,7 @@ def integral_curves(
         Fixed time step. The error is then estimated by a second run with doubled steps.
     tolerance : float, optional
         Without `step`: the error allowed in a step, in length units; every step is also made as two halves,
-        whose difference from it is its error. Default: a thousandth of the mean side length.
+        whose difference from it is its error. Default: a hundredth of the mean side length.
     max_steps : int
         Curves that need more are given up, with a warning.
     told : callable, optional
@@ -167,7 +167,7 @@ def integral_curves(
         raise ParameterError(f"the tolerance must be positive and finite, found {tolerance}")
     tracer = Tracer(mesh)
     if step is None:
-        allowed = tolerance or 1e-3 * float(mesh.side_length.mean())
+        allowed = tolerance or 1e-2 * float(mesh.side_length.mean())
         run = _Run(tracer, field, starts, duration, order, max_steps, told)
         run.adaptively(allowed)
         return run.result()

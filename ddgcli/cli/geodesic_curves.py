@@ -117,7 +117,7 @@ _OPTIONS = (
     click.option("--field-step", type=POSITIVE, metavar="H",
                  help="Fixed time step; by default steps adapt."),
     click.option("--field-tolerance", type=POSITIVE, metavar="LENGTH",
-                 help="Error allowed in an adapted step; by default a thousandth of the mean side."),
+                 help="Error allowed in an adapted step; by default a hundredth of the mean side."),
     click.option("--transport", is_flag=True,
                  help="Carry a tangent frame along the curves: transport_x, transport_y in --paths-output."),
     click.option("--paths-output", multiple=True, metavar="PATH",
