@@ -159,3 +159,17 @@ def with_transport(mesh: TriangleMesh, curves: Curves) -> Curves:
     ]
     arrays = curves.arrays | transported_frame(mesh, curves.paths)
     return replace(curves, entries=entries, arrays=arrays)
+
+
+def with_curvature(mesh: SurfaceMesh, curves: Curves) -> Curves:
+    """The curves with their discrete geodesic curvature: at each point in radians, and in all.
+
+    It is (2 pi / total)(total / 2 - left), positive where the curve turns left; 0 at open ends.
+    """
+    turning = np.nan_to_num(joints(mesh, curves.paths).geodesic_curvature)
+    total = np.bincount(curves.paths.of_point(), weights=turning, minlength=len(curves.paths))
+    entries = [
+        entry | {"total_geodesic_curvature": float(sum_)}
+        for entry, sum_ in zip(curves.entries, total, strict=True)
+    ]
+    return replace(curves, entries=entries, arrays=curves.arrays | {"geodesic_curvature": turning})

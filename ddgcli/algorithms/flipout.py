@@ -262,7 +262,8 @@ def laid_on_input(tracer: Tracer, flipping: FlippingMesh, halfedges: list[int], 
     fan = np.array([flipping.fan[h] for h in halfedges])
     total = fans.total_angle[fan]
     post = np.array([flipping.post[h] for h in halfedges])
-    post = np.where(fans.is_open[fan], np.clip(post, 0.0, total), post % total)
+    turn = np.where(total > 0, total, 1.0)
+    post = np.where(fans.is_open[fan], np.clip(post, 0.0, total), post % turn)
     corner = fans.locate(fan, post)
     face, j = np.divmod(corner, 3)
     local = post - fans.angle_before[corner]

@@ -110,7 +110,8 @@ class Walk:
         self.end_face = start.face.copy()
         self.end_barycentric = start.barycentric.copy()
         self.end_direction = start.direction.copy()
-        self.left_over = start.length / unfolding.scale
+        with np.errstate(over="ignore"):  # infinite is what marks lines that have ended
+            self.left_over = np.minimum(start.length / unfolding.scale, 1e300)
         self.status = np.zeros(k, dtype=np.int8)
         self.crossings = np.zeros(k, dtype=np.int64)
         self.steps, self.idle = 0, 0
@@ -387,7 +388,7 @@ class Walk:
 
     def result(self) -> Traces:
         scale = self.unfolding.scale
-        walked = self.start.length - self.left_over * scale
+        walked = np.maximum(self.start.length - self.left_over * scale, 0.0)
         ends = (self.end_face, self.end_barycentric, self.end_direction, walked, self.status, self.crossings)
         return Traces(*ends, *(self._paths(self.record) if self.record is not None else ()))
 

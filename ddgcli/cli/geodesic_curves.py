@@ -22,6 +22,7 @@ class CurveOptions:
     at_boundary: str = "stop"
     straighten: tuple[Any, ...] = ()
     loop: tuple[Any, ...] = ()
+    curve: tuple[Any, ...] = ()
     field: str | None = None
     field_seeds: int | None = None
     field_time: float | None = None
@@ -36,7 +37,7 @@ class CurveOptions:
     @property
     def any(self) -> bool:
         """Is any curve asked for?"""
-        return bool(self.path_to or self.trace or self.straighten or self.loop or self.field)
+        return bool(self.path_to or self.trace or self.straighten or self.loop or self.curve or self.field)
 
     @property
     def any_vectors(self) -> bool:
@@ -105,6 +106,9 @@ _OPTIONS = (
                  help="Geodesic in the isotopy class of the edge path through these vertices; repeatable."),
     click.option("--loop", multiple=True, type=VertexList(), metavar="ID,ID,...",
                  help="Closed geodesic in the class of the edge loop through these vertices; repeatable."),
+    click.option("--curve", multiple=True, type=VertexList(), metavar="ID,ID,...",
+                 help="The edge path through these vertices as it is (closed if the last is the first), and "
+                      "the geodesic curvature of all curves; repeatable."),
     click.option("--field", metavar="NAME",
                  help="Integral curves of a vector array of the input (on vertices or faces), or of a file; "
                       "from the sources, or from random points."),
@@ -171,10 +175,16 @@ def compute_curves(
             cover.need_two_sides("--straighten or --loop")
             closed = [False] * len(asked.straighten) + [True] * len(asked.loop)
             parts.append(straightened_curves(mesh, [*asked.straighten, *asked.loop], closed))
+        if asked.curve:
+            from ddgcli.algorithms.edge_curves import edge_curves
+
+            cover.need_two_sides("--curve")
+            parts.append(edge_curves(mesh, list(asked.curve)))
         if asked.field:
             parts.append(_field_curves(run, read, cover, asked, sources))
         lifted = [] if cover.one_sided else [cover.lifted_curves(lines) for lines in more]
         made = curves.gathered([*parts, *lifted])
+        made = curves.with_curvature(mesh, made) if asked.curve else made
         made = cover.projected(curves.with_transport(mesh, made) if asked.transport else made)
         return curves.gathered([made, *more]) if cover.one_sided else made
 

@@ -5,6 +5,7 @@ import json
 import numpy as np
 import pytest
 
+from ddgcli.geometry.unfolding import vertex_fans
 from ddgcli.io.mesh_file import write_mesh
 from ddgcli.mesh import shapes
 from ddgcli.mesh.fields import AnnotatedMesh
@@ -46,6 +47,32 @@ def test_all_curves_in_one_run(summary, sphere, tmp_path):
         assert z["log_map"].shape == (642, 2)
         np.testing.assert_allclose(np.linalg.norm(z["log_map"], axis=1), z["geodesic_distance"], rtol=1e-12)
         assert z["transported_vector"].shape == (642, 3)
+
+
+def test_a_given_curve_keeps_its_edges_and_tells_its_curvature_and_holonomy(summary, tmp_path):
+    mesh, file, out = shapes.box(3, 3, 3), tmp_path / "box.npz", tmp_path / "c.npz"
+    write_mesh(str(file), AnnotatedMesh(mesh))
+    corner = int(np.argmax(mesh.points.sum(axis=1)))
+    edges = mesh.topology.edges
+    link = set(edges[(edges == corner).any(axis=1)].ravel().tolist()) - {corner}
+    around = vertex_fans(mesh)
+    fan = int(np.flatnonzero(around.vertex == corner)[0])
+    corners = around.corner[around.start[fan] : around.start[fan + 1]]
+    ring = mesh.topology.side_head[corners].tolist()
+    assert set(ring) == link
+    said = summary(
+        "geodesic", file, "--curve", ",".join(map(str, [*ring, ring[0]])), "--curve", f"{ring[0]},{corner}",
+        "--transport", "--paths-output", out,
+    )  # fmt: skip
+    loop, spoke = said["results"]["paths"]
+    assert loop["closed"] and loop["points"] == len(ring)
+    assert loop["holonomy"] == pytest.approx(np.pi / 2, abs=1e-12)  # the angle defect of the corner
+    assert loop["total_geodesic_curvature"] == pytest.approx(2 * np.pi - np.pi / 2, abs=1e-12)  # Gauss-Bonnet
+    assert not spoke["closed"] and spoke["total_geodesic_curvature"] == 0
+    assert spoke["length"] == pytest.approx(np.linalg.norm(mesh.points[ring[0]] - mesh.points[corner]))
+    with np.load(out) as z:
+        first = z["geodesic_curvature"][z["path_id"] == 0][: len(ring)]
+        assert first.sum() == pytest.approx(1.5 * np.pi, abs=1e-12)
 
 
 @pytest.mark.slow

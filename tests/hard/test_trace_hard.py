@@ -89,6 +89,13 @@ def test_scales(scale):
     np.testing.assert_allclose(one.barycentric, other.barycentric, atol=1e-9)
 
 
+def test_lengths_beyond_all_numbers_of_sides_are_given_up():
+    mesh = shapes.icosphere(1)
+    tiny = mesh.moved(mesh.points * 1e-200)
+    line = trace(tiny, [0], [[0.2, 0.3, 0.5]], [[1.0, 0.2, 0.1]], [1e150], max_crossings=50)
+    assert line.status[0] == GAVE_UP and line.crossings[0] > 50
+
+
 def moebius_strip(n=12):
     faces = []
     for i in range(n):
