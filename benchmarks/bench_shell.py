@@ -169,37 +169,40 @@ def main() -> None:
         [[k, f"{v:.2f}", FIGURES[k], f"{FIGURES[k] * scale:.2f}", f"{v / FIGURES[k] / scale:.2f}"]
          for k, v in found.items()],
     )  # fmt: skip
-    rows = []
+    beside_mujoco({name: sizes[name] for name in ("3k", "12k")})
     for name, n in sizes.items():
+        rows = []
         for integrator, membrane, bending in (
             ("verlet", "edges", "quadratic"), ("verlet", "stvk", "quadratic"), ("verlet", "stvk", "hinge"),
             ("newmark", "stvk", "quadratic"), ("newmark", "stvk", "hinge"),
             ("implicit-midpoint", "stvk", "hinge"), ("implicit-euler", "stvk", "hinge"),
         ):  # fmt: skip
             row = steps(n, integrator, membrane, bending, count=3 if n < 100 else 2)
-            rows.append([name, integrator, membrane, bending, *(f"{v:.2f}" for v in row)])
-    print_table(
-        "milliseconds a step of the hanging cloth",
-        ["triangles", "integrator", "membrane", "hinges", "step", "newton", "a newton"]
-        + ["stretching", "bending", "solver", "rest"],
-        rows,
-    )  # fmt: skip
+            rows.append([integrator, membrane, bending, *(f"{v:.2f}" for v in row)])
+        print_table(
+            f"milliseconds a step of the hanging cloth, {name} triangles",
+            ["integrator", "membrane", "hinges", "step", "newton", "a newton"]
+            + ["stretching", "bending", "solver", "rest"],
+            rows,
+        )
+
+
+def beside_mujoco(sizes: dict[str, int]) -> None:
+    """Table of our steps beside MuJoCo's, a step for a step and for the same motion."""
     rows = []
-    for name in ("3k", "12k"):
-        theirs, n = mujoco_step(sizes[name]), sizes[name]
+    for name, n in sizes.items():
+        theirs = mujoco_step(n)
         for dt in (MUJOCO_STEP, 0.01):
             ours = steps(n, "newmark", "stvk", "hinge", dt)[0]
             motion = ours / dt / (theirs / MUJOCO_STEP)
-            rows.append(
-                [
-                    name,
-                    f"{theirs:.1f}",
-                    f"{1e3 * dt:g} ms",
-                    f"{ours:.1f}",
-                    f"{ours / theirs:.1f}",
-                    f"{motion:.1f}",
-                ]
-            )
+            row = [
+                f"{theirs:.1f}",
+                f"{1e3 * dt:g} ms",
+                f"{ours:.1f}",
+                f"{ours / theirs:.1f}",
+                f"{motion:.1f}",
+            ]
+            rows.append([name, *row])
     print_table(
         "MuJoCo, integrator discrete (CG), step 2 ms, beside our newmark with hinges; milliseconds a step",
         [
