@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from ddgcli.algorithms.curves import Curves
 from ddgcli.algorithms.geodesic_exact import ExactDistance
 from ddgcli.algorithms.geodesic_sources import Sources
-from ddgcli.algorithms.paths import SurfacePaths
+from ddgcli.algorithms.paths import ON_SIDE, SurfacePaths, seen_from
 from ddgcli.errors import MeshError
 from ddgcli.geometry.surface_points import SurfacePoints
 from ddgcli.mesh.repair import oriented
@@ -79,6 +79,37 @@ class OrientedCover:
         paths = curves.paths
         weights = self.weights(paths.face, paths.barycentric)
         return replace(curves, paths=SurfacePaths(paths.face, weights, paths.start, paths.closed))
+
+    def continued(self, paths: SurfacePaths) -> SurfacePaths:
+        """Open paths on the cover made of pieces, each lifted by itself, as one lift each.
+
+        A piece that leaves a vertex on the other sheet than the piece before arrived is moved over (face f to
+        face (f + m) % 2m), with all that follows; the first point is put on the first sheet.
+        """
+        if not self.one_sided or not len(paths.face):
+            return paths
+        topology, m = self.mesh.topology, self.base.n_faces
+        face, barycentric = paths.face, paths.barycentric
+        arriving = np.concatenate([face[:1], face[:-1]])
+        points = np.diff(paths.start)
+        first = paths.start[:-1][points > 0]
+        arriving[first] = face[first]
+        seen = seen_from(topology, face, barycentric, arriving)
+        j, i = np.argmax(barycentric, axis=1), np.argmax(seen, axis=1)
+        fans = topology.corner_fans
+        fan = fans[arriving, i]
+        other = (face + m) % (2 * m)
+        at_vertex = (barycentric > ON_SIDE).sum(axis=1) == 1
+        change = at_vertex & (fans[face, j] != fan) & (fans[other, 2 - j] == fan)
+        change[first] = face[first] >= m
+        count = np.cumsum(change)
+        count -= np.repeat((count - change)[first], points[points > 0])
+        move = count % 2 == 1
+        return replace(
+            paths,
+            face=np.where(move, other, face),
+            barycentric=np.where(move[:, None], barycentric[:, ::-1], barycentric),
+        )
 
     def face_values(self, values: NDArray) -> NDArray:
         """An array of the base as one of the cover: repeated where it is on faces."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -36,6 +37,7 @@ def shortest_paths(
     sources: Sources,
     targets: list[int],
     tracer: Tracer | None = None,
+    continued: Callable[[SurfacePaths], SurfacePaths] | None = None,
 ) -> Curves:
     """Shortest path from the nearest source to each target vertex.
 
@@ -50,6 +52,9 @@ def shortest_paths(
         Of these sources on this mesh.
     targets : list of int
         Vertices.
+    continued : callable, optional
+        What makes one lift of pieces lifted each by itself, where the mesh is a cover
+        (`OrientedCover.continued`).
 
     Returns
     -------
@@ -69,6 +74,7 @@ def shortest_paths(
     face = np.concatenate([np.zeros(0, dtype=np.int64), *(f for f, _ in backward)])
     barycentric = np.concatenate([np.zeros((0, 3)), *(b for _, b in backward)])
     paths = reversed_paths(mesh, SurfacePaths(face, barycentric, start, closed))
+    paths = continued(paths) if continued else paths
     kinds = [{"kind": "shortest", "target": int(t), "source": int(exact.nearest_source[t])} for t in targets]
     entries = describe_paths(mesh, paths, kinds)
     residual = 0.0

@@ -164,8 +164,12 @@ def compute_curves(
                 cover.need_two_sides("--path-to from points inside faces")
             parts.append(
                 shortest_paths(
-                    mesh, cover.lifted_exact(exact), cover.lifted_sources(sources), list(asked.path_to)
-                )
+                    mesh,
+                    cover.lifted_exact(exact),
+                    cover.lifted_sources(sources),
+                    list(asked.path_to),
+                    continued=cover.continued,
+                )  # fmt: skip
             )
         if asked.trace:
             parts.append(_traced(run, cover, asked))

@@ -108,6 +108,26 @@ def test_angles_at_vertices_are_reported(summary, sphere):
         assert vertex["left"] == pytest.approx(vertex["right"], abs=1e-9)
 
 
+def test_bends_on_a_one_sided_surface_have_both_angles(summary, tmp_path):
+    """A Moebius band of four strips, folded roughly: inner bends have left and right, no null."""
+    n, k = 16, 4
+    u, v = np.meshgrid(np.arange(n) * 2 * np.pi / n, np.linspace(-0.4, 0.4, k + 1), indexing="ij")
+    r = 1 + v * np.cos(u / 2)
+    points = np.stack([r * np.cos(u), r * np.sin(u), v * np.sin(u / 2)], axis=-1).reshape(-1, 3)
+    points += 0.15 * np.random.default_rng(0).normal(size=points.shape)
+    number = np.arange(n * (k + 1)).reshape(n, k + 1)
+    number = np.vstack([number, number[0, ::-1]])
+    a, b, c, d = (q.ravel() for q in (number[:-1, :-1], number[1:, :-1], number[1:, 1:], number[:-1, 1:]))
+    faces = np.concatenate([np.stack([a, b, c], axis=1), np.stack([a, c, d], axis=1)])
+    np.savez(tmp_path / "band.npz", points=points, faces=faces)
+    inner = set(np.arange(n * (k + 1)).reshape(n, k + 1)[:, 1:-1].ravel().tolist())
+    said = summary("geodesic", tmp_path / "band.npz", "--source", 33, "--path-to", *range(n * (k + 1)))
+    bends = [bend for path in said["results"]["paths"] for bend in path["vertices"]]
+    bends = [bend for bend in bends if bend["vertex"] in inner]
+    assert len(bends) > 20
+    assert all(bend["left"] and bend["right"] for bend in bends)
+
+
 @pytest.mark.parametrize(
     "words, reason",
     [

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from ddgcli.algorithms.curves import traced_curves
+from ddgcli.algorithms.curves import traced_curves, with_transport
 from ddgcli.algorithms.geodesic_exact import exact_distance
 from ddgcli.algorithms.geodesic_sources import Sources
 from ddgcli.algorithms.oriented_cover import oriented_cover
@@ -12,6 +12,7 @@ from ddgcli.algorithms.trace import GAVE_UP, Tracer, trace
 from ddgcli.errors import MeshError
 from ddgcli.geometry.face_frames import surface_position
 from ddgcli.geometry.surface_points import SurfacePoints
+from ddgcli.geometry.unfolding import face_corner_angle
 from ddgcli.mesh import shapes
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 
@@ -163,6 +164,42 @@ def test_shortest_paths_on_faces_turned_at_random(mesh):
     for i in range(mesh.n_vertices):
         step = np.diff(drawn[p.start[i] : p.start[i + 1]], axis=0)
         assert np.linalg.norm(step, axis=1).sum() == pytest.approx(exact.distance[i], rel=1e-12)
+
+
+def klein_bottle(n=10, k=8, noise=0.15):
+    """A rough Klein bottle: the first n rows of k are glued to the last by a reflection."""
+    u, v = np.meshgrid(np.arange(n) * 2 * np.pi / n, np.arange(k) * 2 * np.pi / k, indexing="ij")
+    r = 2 + np.cos(u / 2) * np.sin(v) - np.sin(u / 2) * np.sin(2 * v)
+    z = np.sin(u / 2) * np.sin(v) + np.cos(u / 2) * np.sin(2 * v)
+    points = np.stack([r * np.cos(u), r * np.sin(u), z], axis=-1).reshape(-1, 3)
+    number = np.arange(n * k).reshape(n, k)
+    number = np.vstack([number, number[0, -np.arange(k)]])
+    number = np.hstack([number, number[:, :1]])
+    a, b, c, d = (q.ravel() for q in (number[:-1, :-1], number[1:, :-1], number[1:, 1:], number[:-1, 1:]))
+    faces = np.concatenate([np.stack([a, b, c], axis=1), np.stack([a, c, d], axis=1)])
+    points += noise * np.random.default_rng(0).normal(size=points.shape)
+    return TriangleMesh.from_arrays(points, faces)
+
+
+def test_bent_paths_on_a_one_sided_surface_are_one_lift():
+    """Left and right make up the whole angle at every bend, and no face turned over changes the transport."""
+    mesh, ends = klein_bottle(), []
+    total = np.bincount(mesh.faces.ravel(), weights=face_corner_angle(mesh).ravel())
+    for turned in (mesh, some_faces_turned(mesh, 1)[0]):
+        cover, sources = oriented_cover(turned), Sources.at([35])
+        exact = cover.lifted_exact(exact_distance(turned, sources))
+        targets = [v for v in range(mesh.n_vertices) if v != 35]
+        made = shortest_paths(cover.mesh, exact, sources, targets, continued=cover.continued)
+        bends = [bend for entry in made.entries for bend in entry["vertices"]]
+        assert len(bends) > 40
+        for bend in bends:
+            assert bend["left"] + bend["right"] == pytest.approx(total[bend["vertex"]], rel=1e-12)
+        paths = made.paths
+        assert (paths.face[paths.start[:-1]] < mesh.n_faces).all()
+        length = [entry["length"] for entry in cover.projected(made).entries]
+        np.testing.assert_allclose(length, exact.distance[targets], rtol=1e-12)
+        ends.append(with_transport(cover.mesh, made).arrays["transport_x"][paths.start[1:] - 1])
+    np.testing.assert_allclose(ends[0], ends[1], atol=1e-6)
 
 
 def test_what_needs_two_sides_says_so():
