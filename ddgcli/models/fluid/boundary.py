@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import logging
 from typing import Literal
 
 import numpy as np
@@ -18,6 +19,8 @@ from ddgcli.models.fluid.parts import Walls
 from ddgcli.models.fluid.space import sums
 from ddgcli.models.scene import Section
 from ddgcli.models.scene_expression import evaluate
+
+log = logging.getLogger("ddgcli")
 
 
 class BoundarySection(Section):
@@ -68,6 +71,8 @@ def wall_circulation(context: FluidContext, velocity: list[str], where: str | No
     if not np.isfinite(speed).all():
         raise ValueError("the velocity of the wall is not finite everywhere on it")
     along = 0.5 * np.einsum("ij,ij->i", speed, side)
+    if not along.any():
+        log.warning("no part of the wall moves along itself: velocity or where is 0 at every boundary side")
     return sums(np.concatenate([tail, head]), np.tile(along, 2), mesh.n_vertices)
 
 
