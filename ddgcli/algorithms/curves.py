@@ -117,14 +117,15 @@ def field_curves(
     step: float | None = None,
     tolerance: float | None = None,
     told: Told | None = None,
+    place: str = "",
 ) -> Curves:
-    """Integral curves of an array of vectors as curves; see `integral_curves`.
+    """Integral curves of an array of vectors as curves; see `integral_curves`, for `place` `field_of_array`.
 
     `accuracy.field_error_estimate` is the largest estimated error of an end, in length units.
     """
     from ddgcli.algorithms.integral_curves import field_of_array, integral_curves, usual_duration
 
-    followed = field_of_array(mesh, values)
+    followed = field_of_array(mesh, values, place)
     duration = usual_duration(mesh, np.asarray(values)) if duration is None else duration
     made = integral_curves(
         mesh, followed, starts, duration, order=order, step=step, tolerance=tolerance, told=told

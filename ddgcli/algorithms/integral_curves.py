@@ -33,13 +33,16 @@ Field = Callable[[NDArray, NDArray], NDArray]
 ENDED, LEFT, RESTED, STALLED = "time", "boundary", "critical point", "gave up"
 
 
-def field_of_array(mesh: TriangleMesh, values: NDArray) -> Field:
+def field_of_array(mesh: TriangleMesh, values: NDArray, place: str = "") -> Field:
     """The field of an array of vectors in space, on faces (constant in each) or on vertices (linear in each).
 
-    Vectors are projected to the plane of the face in which they are asked for.
+    Vectors are projected to the plane of the face in which they are asked for. `place` is "vertex" or "face";
+    without it the length tells, and as many vectors as both vertices and faces are taken to be on vertices.
     """
     values = np.asarray(values, dtype=np.float64)
-    if values.shape not in ((mesh.n_faces, 3), (mesh.n_vertices, 3)):
+    shapes = {"vertex": (mesh.n_vertices, 3), "face": (mesh.n_faces, 3)}
+    place = place or ("vertex" if values.shape == shapes["vertex"] else "face")
+    if values.shape != shapes.get(place):
         raise ParameterError(
             f"the field has shape {values.shape}; give vectors on vertices ({mesh.n_vertices}, 3) "
             f"or on faces ({mesh.n_faces}, 3)"
@@ -48,7 +51,7 @@ def field_of_array(mesh: TriangleMesh, values: NDArray) -> Field:
         bad = int(np.flatnonzero(~np.isfinite(values).all(axis=1))[0])
         raise ParameterError(f"the field's vector {bad} is not finite; repair the array")
     face = np.arange(mesh.n_faces)
-    if len(values) == mesh.n_faces != mesh.n_vertices:
+    if place == "face":
         flat = to_face_frame(mesh, face, values)
         return lambda face, b: flat[face]
     corner = np.stack([to_face_frame(mesh, face, values[mesh.faces[:, k]]) for k in range(3)], axis=1)

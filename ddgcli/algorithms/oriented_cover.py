@@ -111,10 +111,16 @@ class OrientedCover:
             barycentric=np.where(move[:, None], barycentric[:, ::-1], barycentric),
         )
 
-    def face_values(self, values: NDArray) -> NDArray:
-        """An array of the base as one of the cover: repeated where it is on faces."""
-        on_faces = len(values) == self.base.n_faces != self.base.n_vertices
-        return np.concatenate([values, values]) if self.one_sided and on_faces else values
+    def lifted_values(self, values: NDArray, place: str = "") -> tuple[NDArray, str]:
+        """An array of the base as one of the cover (repeated where it is on faces), and where it is.
+
+        `place` is "vertex" or "face"; without it the length tells, vertices first.
+        """
+        if not place:
+            length = {self.base.n_faces: "face"} | {self.base.n_vertices: "vertex"}
+            place = length.get(len(values), "")
+        again = self.one_sided and place == "face"
+        return (np.concatenate([values, values]) if again else values), place
 
     def projected(self, curves: Curves) -> Curves:
         """Curves of the cover on the base."""

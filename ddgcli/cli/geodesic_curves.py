@@ -214,14 +214,14 @@ def _field_curves(run: Any, read: Any, cover: Any, asked: CurveOptions, sources:
     from ddgcli.algorithms.integral_curves import random_starts, starts_at
     from ddgcli.io.arrays import given_array
 
-    values, _ = given_array(read, asked.field or "")
+    values, place = cover.lifted_values(*given_array(read, asked.field or ""))
     if sources is None:
         starts = random_starts(cover.mesh, asked.field_seeds or 16, run.common.seed)
     else:
         starts = starts_at(cover.mesh, cover.lifted_sources(sources))
     return field_curves(
-        cover.mesh, cover.face_values(values), starts, asked.field_time, order=int(asked.field_order),
-        step=asked.field_step, tolerance=asked.field_tolerance, told=run.progress("integral curves"),
+        cover.mesh, values, starts, asked.field_time, order=int(asked.field_order),
+        step=asked.field_step, tolerance=asked.field_tolerance, told=run.progress("integral curves"), place=place,
     )  # fmt: skip
 
 

@@ -6,11 +6,12 @@ import pytest
 from ddgcli.algorithms.curves import traced_curves, with_transport
 from ddgcli.algorithms.geodesic_exact import exact_distance
 from ddgcli.algorithms.geodesic_sources import Sources
+from ddgcli.algorithms.integral_curves import field_of_array
 from ddgcli.algorithms.oriented_cover import oriented_cover
 from ddgcli.algorithms.shortest_paths import shortest_paths
 from ddgcli.algorithms.trace import GAVE_UP, Tracer, trace
-from ddgcli.errors import MeshError
-from ddgcli.geometry.face_frames import surface_position
+from ddgcli.errors import MeshError, ParameterError
+from ddgcli.geometry.face_frames import surface_position, to_face_frame
 from ddgcli.geometry.surface_points import SurfacePoints
 from ddgcli.geometry.unfolding import face_corner_angle
 from ddgcli.mesh import shapes
@@ -200,6 +201,21 @@ def test_bent_paths_on_a_one_sided_surface_are_one_lift():
         np.testing.assert_allclose(length, exact.distance[targets], rtol=1e-12)
         ends.append(with_transport(cover.mesh, made).arrays["transport_x"][paths.start[1:] - 1])
     np.testing.assert_allclose(ends[0], ends[1], atol=1e-6)
+
+
+def test_a_field_on_faces_stays_there_where_there_are_as_many_vertices():
+    mesh = moebius_strip()
+    assert mesh.n_vertices == mesh.n_faces
+    cover, values = oriented_cover(mesh), np.random.default_rng(0).normal(size=(mesh.n_faces, 3))
+    lifted, place = cover.lifted_values(values, "face")
+    field = field_of_array(cover.mesh, lifted, place)
+    face = np.arange(cover.mesh.n_faces)
+    ahead = field(face, np.full((len(face), 3), 1 / 3))
+    truth = to_face_frame(cover.mesh, face, values[face % mesh.n_faces])
+    np.testing.assert_allclose(ahead, truth, atol=1e-14)
+    assert cover.lifted_values(values, "vertex")[0] is values
+    with pytest.raises(ParameterError, match="give vectors on vertices"):
+        field_of_array(cover.mesh, values, "edge")
 
 
 def test_what_needs_two_sides_says_so():
