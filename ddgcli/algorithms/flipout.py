@@ -44,6 +44,7 @@ class PathStraightener:
     def __init__(self, mesh: FlippingMesh, halfedges: list[int], closed: bool) -> None:
         self.mesh, self.closed, self.flips = mesh, closed, 0
         self.shortest_loop = inf
+        self.in_its_own_way = False  # an edge to be flipped belongs to the path
         n = len(halfedges)
         self.nodes = [_Node(h, i - 1, i + 1) for i, h in enumerate(halfedges)]
         if n:
@@ -88,7 +89,7 @@ class PathStraightener:
                 for k in blocked:
                     if self.nodes[k].alive:
                         self._push(k)
-                blocked = []
+                blocked, self.in_its_own_way = [], False
             else:
                 blocked.append(i)
         return not blocked and not self.queue
@@ -139,7 +140,10 @@ class PathStraightener:
                 k += 1
                 continue
             h = wedge[k]
-            if self.uses.get(mesh.edge(h), 0) or not mesh.can_flip(h) or self.flips >= MOST_STEPS:
+            if self.uses.get(mesh.edge(h), 0):
+                self.in_its_own_way = True
+                return False
+            if not mesh.can_flip(h) or self.flips >= MOST_STEPS:
                 return False
             here, t = mesh.tail[h], mesh.twin[h]
             around = (t, mesh.next[mesh.next[h]], mesh.next[mesh.next[t]])  # may begin at the same vertex
@@ -152,7 +156,9 @@ class PathStraightener:
             else:
                 del wedge[k]
                 k = max(1, k - 1)
-        return not any(self.uses.get(mesh.edge(h), 0) for h in wedge[1:-1])
+        clear = not any(self.uses.get(mesh.edge(h), 0) for h in wedge[1:-1])
+        self.in_its_own_way |= not clear
+        return clear
 
     def _replace(self, i: int, halfedges: list[int]) -> None:
         """Put halfedges in the place of node i and the one behind it."""
@@ -217,7 +223,8 @@ class Straightener:
             finished = path.straighten()
             done &= finished
             if not finished:
-                _log.warning(f"the path through {stops[:5]} could not be pulled straight everywhere")
+                why = ": it runs over itself; other way-points may help" if path.in_its_own_way else ""
+                _log.warning(f"the path through {stops[:5]} could not be pulled straight everywhere{why}")
             parts.append(laid_on_input(self.tracer, flipping, path.halfedges(), is_closed))
             kind = {
                 "kind": "loop" if is_closed else "straightened",

@@ -221,7 +221,8 @@ def _field_curves(run: Any, read: Any, cover: Any, asked: CurveOptions, sources:
         starts = starts_at(cover.mesh, cover.lifted_sources(sources))
     return field_curves(
         cover.mesh, values, starts, asked.field_time, order=int(asked.field_order),
-        step=asked.field_step, tolerance=asked.field_tolerance, told=run.progress("integral curves"), place=place,
+        step=asked.field_step, tolerance=asked.field_tolerance,
+        told=run.progress("integral curves"), place=place,
     )  # fmt: skip
 
 

@@ -188,3 +188,12 @@ def test_boundary_paths_bend_around_holes():
     above = straightened_curves(mesh, [[41, 82, 48]], [False])
     assert below.entries[0]["length"] == pytest.approx(2 * np.sqrt(5) + 3, rel=1e-13)
     assert above.entries[0]["length"] == pytest.approx(2 * np.hypot(2, 2) + 3, rel=1e-13)
+
+
+def test_a_path_in_its_own_way_says_so(caplog):
+    mesh = shapes.grid(5, 5)
+    holes = TriangleMesh.from_arrays(mesh.points, np.delete(mesh.faces, [1, 12, 30, 34], axis=0))
+    made = straightened_curves(holes, [[21, 28, 12, 28]], [False])
+    assert made.converged or "runs over itself" in caplog.text
+    assert made.entries[0]["length"] <= made.entries[0]["edge_path_length"] * (1 + 1e-12)
+    assert made.converged == (made.accuracy["path_angle_deficit"] < 1e-6)
