@@ -25,6 +25,7 @@ from benchmarks.accuracy_advice import ADVICE
 from benchmarks.accuracy_peers import peers_of
 from benchmarks.accuracy_simulators import SIMULATED
 from benchmarks.accuracy_tables import rates
+from benchmarks.accuracy_tables import stored as read
 from benchmarks.accuracy_theory import SOURCES, theory
 from benchmarks.accuracy_trial import Case, Trial
 from benchmarks.families import STUDIES, Ladder
@@ -44,11 +45,13 @@ SMALL = (0, 1)
 ERROR_SLACK, RATE_SLACK = 1.05, 0.1
 # guess of the seconds above which the check leaves a configuration to the atlas
 CHEAP, CHEAP_RUN = 0.15, 0.05
-# seconds that the methods of one mesh may take together: the slow ones are repeated less often
-BUDGET = 120.0
 MOST_LINES = 10
-# twice as dear as half the radius and never better
-SKIPPED = ("normal-cycle radius=4 edges",)
+# dear and never better than what stands beside them
+SKIPPED = (
+    "normal-cycle radius=4 edges",
+    "intrinsic-delaunay mass=voronoi subdivide=1",
+    "intrinsic-delaunay mass=galerkin subdivide=1",
+)
 PEER_NAMES = ("libigl", "potpourri3d", "pygeodesic", "robust_laplacian", "pymeshlab")
 
 
@@ -60,7 +63,7 @@ def measured(
         problem = replace(problem, candidates=[c for c in problem.candidates if c.work <= cheap])
     else:
         problem = replace(problem, candidates=[*problem.candidates, *peers])
-    table = run_problem(problem, repeat=repeat, budget=BUDGET, clock=cpu_seconds)
+    table = run_problem(problem, repeat=repeat, clock=cpu_seconds)
     for name, why in table.left_out:
         if peers is not None:
             print(f"left out: {name}: {why}", file=sys.stderr, flush=True)
@@ -254,6 +257,9 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("commands", nargs="*", default=[*STUDIES, *SIMULATED], help="commands (default: all)")
     parser.add_argument("--levels", type=int, default=len(LEVELS), help="only the coarsest so many")
+    parser.add_argument(
+        "--pages", action="store_true", help="pages and pictures anew from the tables"
+    )
     parser.add_argument("--check", action="store_true", help="rerun the small meshes and compare")
     given = parser.parse_args()
     store = HERE / "check.json"
@@ -265,6 +271,10 @@ def main() -> int:
             lines += [f"{command}: {line}" for line in worse(stored[command], found)]
         print("\n".join(lines) or "accuracy: nothing has become worse")
         return 1 if lines else 0
+    if given.pages:
+        for command in given.commands:
+            write(command, read(HERE / f"{command}.csv"))
+        return 0
     for command in given.commands:
         rows = study(command, LEVELS[: given.levels])
         write(command, rows)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import csv
 from collections.abc import Iterable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -22,6 +24,20 @@ def rates(rows: list[Row], error: str = "mean_error") -> dict[tuple[str, str, st
         if len(finest) > 1 and (errors > 1e-13).all():
             found[key] = float(np.polyfit(np.log([r["h"] for r in finest]), np.log(errors), 1)[0])
     return found
+
+
+NUMBERS = ("h", "setup_seconds", "seconds", "peak_mib", "max_error", "mean_error")
+
+
+def stored(path: Path) -> list[Row]:
+    """The rows of a CSV of the atlas."""
+    with open(path, newline="", encoding="utf-8") as file:
+        return [
+            row
+            | {name: float(row[name]) for name in NUMBERS}
+            | {"level": int(row["level"]), "faces": int(row["faces"]), "on_front": row["on_front"] == "True"}
+            for row in csv.DictReader(file)
+        ]
 
 
 class Finest:
