@@ -257,9 +257,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("commands", nargs="*", default=[*STUDIES, *SIMULATED], help="commands (default: all)")
     parser.add_argument("--levels", type=int, default=len(LEVELS), help="only the coarsest so many")
-    parser.add_argument(
-        "--pages", action="store_true", help="pages and pictures anew from the tables"
-    )
+    parser.add_argument("--pages", action="store_true", help="pages and pictures anew from the tables")
     parser.add_argument("--check", action="store_true", help="rerun the small meshes and compare")
     given = parser.parse_args()
     store = HERE / "check.json"

@@ -16,17 +16,16 @@ star stay more than 5 % off on irregular, noisy and stretched triangles however 
 make them converge slowly, at several times the cost of `quadric`.
 """,
     "geodesic": """
-Which: `exact` for one source: on every family nothing else that is not exact has a smaller error by more
-than a factor of three, and it converges at second order. For many sources `heat`, where a further source
-costs a twentieth of an exact one: one and a half per cent off or better, also on stretched triangles,
-where without Delaunay flips (`--operator plain`) it is a fifth off. `fast-marching` keeps two tenths of a
-per cent on every family.
+Which: `exact` for one source: on every family nothing else that is not exact has a smaller error, and it
+converges at second order; `--tolerance 0.1` saves at most half of its time, smaller ones save nothing.
+For many sources `heat`, where a further source costs a fifteenth of an exact one or less: two per cent
+off or better, also on stretched triangles, where without Delaunay flips (`--operator plain`) it is a
+fifth off. `fast-marching` keeps a tenth of a per cent on every family, for a fifth to a half of the time.
 """,
     "laplacian": """
 Which: any: all are of second order on every family. The Galerkin mass errs two to three times more than a
 lumped one on good, irregular and noisy triangles. Flips do not improve eigenvalues here; they keep
-weights positive, which Poisson problems and flows need. One `--subdivide` takes four times as long and
-does not come nearer to a smooth truth: the surface stays the same polyhedron.
+weights positive, which Poisson problems and flows need.
 """,
     "delaunay": """
 Which: flips. On stretched triangles they more than halve the error of a Poisson solve for the price of a
@@ -37,8 +36,7 @@ triangles, makes it): take it where angles must be bounded.
     "willmore-flow": """
 Which: `sullivan` (the default) has the smaller error on the good ellipsoid and on the sphere's mode,
 `cotan` on the torus. On irregular, noisy and stretched triangulations trust no energy as a number to
-better than a thirtieth, however fine the mesh: make the mesh regular first. Refined ones err by a twenty-
-fifth or less. A step of an eighth of a mode's life time costs `sullivan` next to no accuracy: there the
+better than a thirtieth, however fine the mesh: make the mesh regular first. Refined ones err by a twentieth or less. A step of an eighth of a mode's life time costs `sullivan` next to no accuracy: there the
 mesh, not the step, makes the error.
 """,
     "fluid-sim": """
@@ -121,26 +119,38 @@ CLAIMS: dict[str, list[Claim]] = {
     ],
     "geodesic": [
         (
-            "nothing else that is not exact has a smaller error by more than a factor of three",
+            "nothing else that is not exact has a smaller error",
             lambda t: all(
-                row["mean_error"] > t.error(EXACT, f) / 3
+                row["mean_error"] > t.error(EXACT, f)
                 for f in t.families
                 for row in t.others(["exact", "pygeodesic"], f)
             ),
         ),
         ("it converges at second order", lambda t: all(1.8 < t.rate(EXACT, f) < 2.3 for f in t.families)),
         (
-            "a further source costs a twentieth of an exact one",
+            "`--tolerance 0.1` saves at most half of its time, smaller ones save nothing",
+            lambda t: all(
+                t.seconds("exact tolerance=0.1", f) > 0.5 * t.seconds(EXACT, f)
+                and t.seconds("exact tolerance=0.01", f) > t.seconds(EXACT, f)
+                for f in t.families
+            ),
+        ),
+        (
+            "a further source costs a fifteenth of an exact one or less",
             lambda t: all(t.query("heat", f) < t.query(EXACT, f) / 15 for f in t.families),
         ),
         (
-            "one and a half per cent off or better, also on stretched triangles",
-            lambda t: all(t.error("heat", f) < 0.017 for f in t.families),
+            "two per cent off or better, also on stretched triangles",
+            lambda t: all(t.error("heat", f) < 0.02 for f in t.families),
         ),
         ("it is a fifth off", lambda t: 0.15 < t.error("heat operator=plain", "stretched") < 0.35),
         (
-            "keeps two tenths of a per cent on every family",
-            lambda t: all(t.error("fast-marching", f) < 2.5e-3 for f in t.families),
+            "keeps a tenth of a per cent on every family, for a fifth to a half of the time",
+            lambda t: all(
+                t.error("fast-marching", f) < 1.2e-3
+                and 0.15 < t.seconds("fast-marching", f) / t.seconds(EXACT, f) < 0.55
+                for f in t.families
+            ),
         ),
     ],
     "laplacian": [
@@ -164,16 +174,6 @@ CLAIMS: dict[str, list[Claim]] = {
             "Flips do not improve eigenvalues here",
             lambda t: all(
                 t.error("intrinsic-delaunay mass=lumped", f) > 0.95 * t.error("cotan mass=lumped", f)
-                for f in t.families
-            ),
-        ),
-        (
-            "takes four times as long and does not come nearer",
-            lambda t: all(
-                t.seconds("intrinsic-delaunay mass=lumped subdivide=1", f)
-                > 2.5 * t.seconds("intrinsic-delaunay mass=lumped", f)
-                and t.error("intrinsic-delaunay mass=lumped subdivide=1", f)
-                > 0.6 * t.error("intrinsic-delaunay mass=lumped", f)
                 for f in t.families
             ),
         ),
@@ -217,7 +217,7 @@ CLAIMS: dict[str, list[Claim]] = {
             lambda t: all(t.error(e, f, EGG) > 0.033 for e in ("sullivan", "cotan") for f in UNEVEN),
         ),
         (
-            "Refined ones err by a twenty-fifth or less",
+            "Refined ones err by a twentieth or less",
             lambda t: all(t.error(e, "refined", EGG) < 0.04 for e in ("sullivan", "cotan")),
         ),
         (
@@ -233,14 +233,14 @@ CLAIMS: dict[str, list[Claim]] = {
             "its error is the mesh's at both steps",
             lambda t: all(
                 abs(t.error(SOLVERS[0], f, SPEED) / t.error(SOLVERS[1], f, SPEED) - 1) < 0.05
-                for f in t.families
+                for f in t.having(*SOLVERS)
             ),
         ),
         (
             "`midpoint` is as accurate",
             lambda t: all(
                 t.error("conservative midpoint dt=0.025", f, SPEED) < 1.2 * t.error(SOLVERS[0], f, SPEED)
-                for f in t.families
+                for f in t.having("conservative midpoint dt=0.025", SOLVERS[0])
             ),
         ),
         (

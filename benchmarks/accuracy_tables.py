@@ -69,6 +69,17 @@ class Finest:
         """One row."""
         return self._rows[truth or self.truth, family, configuration]
 
+    def having(self, *configurations: str, truth: str | None = None) -> list[str]:
+        """Families whose finest rung has all of these rows; at least one, or the claim stands on nothing."""
+        found = [
+            f
+            for f in self.families
+            if all((truth or self.truth, f, name) in self._rows for name in configurations)
+        ]
+        if not found:
+            raise KeyError(configurations)
+        return found
+
     def others(self, but: Iterable[str], family: str, truth: str | None = None) -> list[Row]:
         """The rows of a case without those whose configuration begins so."""
         return [
