@@ -36,8 +36,9 @@ triangles, makes it): take it where angles must be bounded.
     "willmore-flow": """
 Which: `sullivan` (the default) has the smaller error on the good ellipsoid and on the sphere's mode,
 `cotan` on the torus. On irregular, noisy and stretched triangulations trust no energy as a number to
-better than a thirtieth, however fine the mesh: make the mesh regular first. Refined ones err by a twentieth or less. A step of an eighth of a mode's life time costs `sullivan` next to no accuracy: there the
-mesh, not the step, makes the error.
+better than a thirtieth, however fine the mesh: make the mesh regular first. Refined ones err by a
+twentieth or less. A step of an eighth of a mode's life time costs `sullivan` next to no accuracy: there
+the mesh, not the step, makes the error.
 """,
     "fluid-sim": """
 Which: `conservative` (the default): its error is the mesh's at both steps, so take the long one (what its

@@ -58,12 +58,12 @@ def test_the_check_passes_and_goes_red_when_an_error_or_a_rate_was_better(check,
     assert check() == 0
 
     def error(stored):
-        stored["errors"]["sphere:1|refined|1|flips"][1] *= 0.9
+        stored["errors"]["sphere:1|good|1|flips"][1] *= 0.9
 
     def rate(stored):
         stored["rates"]["sphere:1|good|flips"] += 0.2
 
-    for change, what in ((error, "sphere:1|refined|1|flips: errors"), (rate, "sphere:1|good|flips: rate")):
+    for change, what in ((error, "sphere:1|good|1|flips: errors"), (rate, "sphere:1|good|flips: rate")):
         capsys.readouterr()
         assert check(change) == 1 and what in capsys.readouterr().out
 
