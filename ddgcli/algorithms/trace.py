@@ -13,11 +13,18 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ddgcli.algorithms.walk import AT_BOUNDARY, GAVE_UP, REACHED, Start, Traces, Walk
+from ddgcli.algorithms.walk import AT_BOUNDARY, GAVE_UP, REACHED, SNAP, Start, Traces, Walk
 from ddgcli.errors import MeshError, ParameterError
 from ddgcli.geometry.face_frames import to_face_frame
 from ddgcli.geometry.surface_points import SurfacePoints
-from ddgcli.geometry.unfolding import Fans, SurfaceMesh, Unfolding, unfold, vertex_fans
+from ddgcli.geometry.unfolding import (
+    Fans,
+    SurfaceMesh,
+    Unfolding,
+    corner_position,
+    unfold,
+    vertex_fans,
+)
 
 __all__ = ["AT_BOUNDARY", "GAVE_UP", "REACHED", "Tracer", "Traces", "check_start", "trace"]
 
@@ -154,7 +161,8 @@ def trace(
     ------
     MeshError, ParameterError
         On faces out of range, barycentric coordinates that do not sum to 1 or are negative, directions
-        without a part in the plane, negative lengths.
+        without a part in the plane, negative lengths; on starts within a face without area from which a
+        planar direction leads out of the line that the face is.
 
     Notes
     -----
@@ -162,10 +170,25 @@ def trace(
     side a line passes a vertex of non-zero curvature changes its end by a finite amount: such lines are
     ill-conditioned, on the polyhedron itself.
     """
-    return Tracer(mesh).trace(
+    tracer = Tracer(mesh)
+    start = check_start(mesh, face, barycentric, direction, length)
+    _refuse_flat_starts(tracer.unfolding, start)
+    return tracer.trace(
         face, barycentric, direction, length,
         at_boundary=at_boundary, record=record, max_crossings=max_crossings,
     )  # fmt: skip
+
+
+def _refuse_flat_starts(unfolding: Unfolding, start: Start) -> None:
+    """A face without area has no plane: off its corners only directions along it lead anywhere."""
+    flat = np.ptp(corner_position(unfolding, start.face)[:, :, 1], axis=1) <= 0
+    flat &= (np.abs(start.direction[:, 1]) > 1e-12) & ((start.barycentric > SNAP).sum(axis=1) > 1)
+    bad = np.flatnonzero(flat)
+    if len(bad):
+        raise ParameterError(
+            f"line {bad[0]} starts within face {start.face[bad[0]]}, which has no area, and leads out of it; "
+            "start in the face beside it, or at a vertex"
+        )
 
 
 def check_start(

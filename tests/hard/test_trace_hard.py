@@ -9,7 +9,7 @@ from ddgcli.algorithms.geodesic_sources import Sources
 from ddgcli.algorithms.integral_curves import field_of_array
 from ddgcli.algorithms.oriented_cover import oriented_cover
 from ddgcli.algorithms.shortest_paths import shortest_paths
-from ddgcli.algorithms.trace import GAVE_UP, Tracer, trace
+from ddgcli.algorithms.trace import GAVE_UP, REACHED, Tracer, trace
 from ddgcli.errors import MeshError, ParameterError
 from ddgcli.geometry.face_frames import surface_position, to_face_frame
 from ddgcli.geometry.surface_points import SurfacePoints
@@ -216,6 +216,21 @@ def test_a_field_on_faces_stays_there_where_there_are_as_many_vertices():
     assert cover.lifted_values(values, "vertex")[0] is values
     with pytest.raises(ParameterError, match="give vectors on vertices"):
         field_of_array(cover.mesh, values, "edge")
+
+
+def test_planar_directions_out_of_a_face_without_area_are_refused():
+    points = np.array([[0.0, 0, 0], [2, 0, 0], [1, 0, 0], [1, 1, 0], [1, -1, 0]])
+    mesh = TriangleMesh.from_arrays(points, np.array([[0, 1, 2], [0, 2, 3], [2, 1, 3], [1, 0, 4]]))
+    for direction in ([0.0, 1], [1, 0.5]):
+        with pytest.raises(ParameterError, match="face 0, which has no area"):
+            trace(mesh, [0], [[0.7, 0.3, 0]], [direction], [0.3])
+    for direction in ([1.0, 0], [1.0, 0, 0]):  # along it
+        lines = trace(mesh, [0], [[0.7, 0.3, 0]], [direction], [0.3])
+        np.testing.assert_allclose(
+            surface_position(mesh, lines.face, lines.barycentric), [[0.9, 0, 0]], atol=1e-15
+        )
+    beside = trace(mesh, [3], [[0.3, 0.7, 0]], [[0.0, 1, 0]], [0.3])  # across it, from the face below
+    assert beside.status[0] == REACHED
 
 
 def test_what_needs_two_sides_says_so():
