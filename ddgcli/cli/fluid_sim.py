@@ -97,6 +97,9 @@ class Fluids:
             energy="kinetic energy over density [m^4/s^2]",
         )  # fmt: skip
 
+    def doubt(self, outcome: Any) -> str:
+        return ""
+
     def summary(self, outcome: Any) -> tuple[dict[str, Any], dict[str, Any]]:
         from ddgcli.models.fluid import report
 

@@ -32,6 +32,8 @@ class Outcome:
         Why the model ended the run early, or "".
     failure : str
         Why it broke off, or "".
+    doubt : str
+        Why what came out is not to be trusted, or "".
     interrupted : bool
     seconds : float
         Of the loop, those before a `--resume` too.
@@ -53,6 +55,7 @@ class Outcome:
     largest: dict[str, float] = field(default_factory=dict)
     stopped: str = ""
     failure: str = ""
+    doubt: str = ""
     interrupted: bool = False
     seconds: float = 0.0
     steps: int = 0

@@ -42,6 +42,10 @@ class Physics(Protocol):
         ...
 
     def picture(self) -> Picture: ...
+    def doubt(self, outcome: Outcome) -> str:
+        """Why what came out is not to be trusted, or ""."""
+        ...
+
     def summary(self, outcome: Outcome) -> tuple[dict[str, Any], dict[str, Any]]:
         """(`results`, `accuracy`)."""
         ...
@@ -85,7 +89,7 @@ def run_scene(
     job = Job(
         models, meshes, schedule, account, made.moving, call.resume,
         {"input_sha256": digest, "overrides": overrides, "folder": document.folder},
-        {"scene_source": document.source, "scene_resolved": resolved}, made.face(),
+        {"scene_source": document.source, "scene_resolved": resolved}, made.face(), made.doubt,
     )  # fmt: skip
     _tell(run, scene, made, account, simulate(run, job))
 
@@ -96,7 +100,7 @@ def _tell(run: Run, scene: Scene, made: Physics, account: Account, outcome: Outc
     names = list(dict.fromkeys(effect.name for effect, _, _ in scene.effects))
     results["effects"], results["seconds_by_part"] = shares(account, names, outcome.seconds)
     run.plot(lambda path: draw_story(path, outcome, made.picture()))
-    run.finish(results, accuracy, converged=not outcome.failure)
+    run.finish(results, accuracy, converged=not (outcome.failure or outcome.doubt))
 
 
 def array_reader(document: Any) -> Any:

@@ -81,6 +81,11 @@ class Shells:
 
         return Picture("strain", "strain")
 
+    def doubt(self, outcome: Any) -> str:
+        from ddgcli.models.shell import report
+
+        return report.doubt(outcome.series)
+
     def summary(self, outcome: Any) -> tuple[dict[str, Any], dict[str, Any]]:
         from ddgcli.models.shell import report
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from time import perf_counter
@@ -44,6 +44,8 @@ class Job:
         For the group `ddgcli`.
     face : mapping of str to (m, ...) ndarray
         Constant arrays on faces of the joined mesh.
+    doubt : callable Outcome -> str
+        Why a run that came to its end is not to be trusted, or "".
     """
 
     models: Mapping[str, Model]
@@ -55,6 +57,7 @@ class Job:
     attributes: Mapping[str, Any] = field(default_factory=dict)
     texts: Mapping[str, str] = field(default_factory=dict)
     face: Mapping[str, NDArray] = field(default_factory=dict)
+    doubt: Callable[[Outcome], str] = lambda outcome: ""
 
 
 def formats() -> tuple[str, ...]:
@@ -93,6 +96,7 @@ def simulate(run: Run, job: Job) -> Outcome:
         where = f"; go on with --resume {run.outputs[-1]}" if writer is not None and run.outputs else ""
         click.echo(f"Interrupted: {outcome.frames} whole frames{where}", err=True)
         click.get_current_context().exit(130)
+    outcome.doubt = job.doubt(outcome)
     _write_last(run, outcome, cell, [p for p in run.common.outputs if p not in paths])
     return outcome
 
@@ -151,7 +155,7 @@ def _write_last(run: Run, outcome: Outcome, cell: dict[str, NDArray], paths: lis
     shown = outcome.mesh if last.points is None else outcome.mesh.moved(last.points)
     annotated = AnnotatedMesh(shown, vertex=last.vertex, face=cell)
     for path in paths:
-        run.write_file(path, annotated, converged=not outcome.failure)
+        run.write_file(path, annotated, converged=not (outcome.failure or outcome.doubt))
 
 
 def shares(account: Account, effects: list[str], total: float) -> tuple[dict[str, Any], dict[str, float]]:
