@@ -190,14 +190,19 @@ def rank_mod_2(matrix) -> int:
     return len(pivot)
 
 
+def shuffled(matrix):
+    """Rows in random order: the chains of columns with two entries stay short."""
+    return matrix.tocsr()[np.random.default_rng(0).permutation(matrix.shape[0])]
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("name", WITH_BETTI_NUMBERS)
 def test_betti_numbers_of_every_shared_mesh_are_the_ranks(shared_meshes, name):
     mesh = read_mesh(str(shared_meshes / name)).mesh
     c = complex_of(mesh)
     # columns with few entries: an edge has two ends, a side of a cell at most two cells
-    *lower, last = c.derivatives
-    ranks = [*(rank_mod_2(d.T) for d in lower), rank_mod_2(last)]
+    first, *between, last = c.derivatives
+    ranks = [rank_mod_2(shuffled(first.T)), *(rank_mod_2(d.T) for d in between), rank_mod_2(shuffled(last))]
     counts = [len(np.unique(c.corners)), *c.counts[1:]]
     padded = [0, *ranks, 0]
     found = tuple(counts[k] - padded[k] - padded[k + 1] for k in range(len(counts)))
