@@ -246,20 +246,26 @@ def draw_distance(run: Any, mesh: Any, vertex: dict[str, Any], sources: Any, pat
     if run.common.plot is None:
         return
     from ddgcli.algorithms.isolines import even_levels, isolines
-    from ddgcli.algorithms.paths import curve_set
     from ddgcli.plots.surface import draw_surface
 
     distance = vertex.get("geodesic_distance")
     points = None if distance is None else sources.positions(mesh)
-    if paths is None and distance is not None:
-        paths, _ = isolines(mesh, distance, even_levels(distance, 12))
-    drawn = curve_set(mesh, paths)
-    import numpy as np
-
-    curves = np.split(drawn.points, np.flatnonzero(np.diff(drawn.point_arrays["path_id"])) + 1)
+    bands = None if distance is None else isolines(mesh, distance, even_levels(distance, 12))[0]
     run.plot(
         lambda path: draw_surface(
-            path, mesh, distance, label="geodesic distance", signed=False, curves=curves, points=points,
-            curve_width=0.7,
+            path, mesh, distance, label="geodesic distance", signed=False, points=points,
+            curves=_polylines(mesh, paths), level_lines=_polylines(mesh, bands),
         )
     )  # fmt: skip
+
+
+def _polylines(mesh: Any, paths: Any) -> list[Any]:
+    """Points of each curve; none of None."""
+    import numpy as np
+
+    from ddgcli.algorithms.paths import curve_set
+
+    if paths is None:
+        return []
+    drawn = curve_set(mesh, paths)
+    return np.split(drawn.points, np.flatnonzero(np.diff(drawn.point_arrays["path_id"])) + 1)

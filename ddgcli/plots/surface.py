@@ -71,6 +71,7 @@ def draw_surface(
     signed: bool | None = None,
     limits: tuple[float, float] | None = None,
     curves: Sequence[NDArray] = (),
+    level_lines: Sequence[NDArray] = (),
     curve_colour: str = "black",
     curve_width: float = 1.4,
     points: NDArray | None = None,
@@ -99,6 +100,8 @@ def draw_surface(
         Ends of the colour bar; default `robust_limits`.
     curves : sequence of (k, 3) ndarray
         Polylines, drawn where the surface does not hide them.
+    level_lines : sequence of (k, 3) ndarray
+        The same, thin and without a halo, under the curves.
     points : (k, 3) ndarray, optional
         Places marked with a dot, where visible.
     edges : bool
@@ -127,6 +130,7 @@ def draw_surface(
         axes.imshow(image, extent=(0, size[0], size[1], 0), interpolation="none")
         axes.set_axis_off()
         dots = None if points is None or len(points) == 0 else placed(points)
+        _overlay(axes, camera, seen, [placed(c) for c in level_lines], None, "0.2", 0.6, 0.0)
         _overlay(axes, camera, seen, [placed(c) for c in curves], dots, curve_colour, curve_width)
         axes.set(xlim=(0, size[0]), ylim=(size[1], 0))
         if mappable is not None:
@@ -229,12 +233,13 @@ def _overlay(
     points: NDArray | None,
     colour: str,
     width: float,
+    halo: float = 1.2,
 ) -> None:
     from matplotlib.collections import LineCollection
 
     runs = visible_runs(camera, seen, [curve for curve in curves if len(curve) > 1])
     if runs:
-        for under, tint in ((1.2, "white"), (0.0, colour)):
+        for under, tint in ((halo, "white"), (0.0, colour)):
             lines = LineCollection(runs, linewidths=width + under, colors=tint, capstyle="round")
             axes.add_collection(lines)
     if points is not None:
