@@ -296,7 +296,8 @@ def test_static_without_equilibrium_ends_with_exit_1(run, tmp_path):
 def test_killed_and_resumed_again_and_again_it_ends_with_the_same_bits(run, tmp_path, kills):
     path = scene(tmp_path, text=SCENE.replace("duration = 0.1", f"duration = {0.1 * kills}"))
     whole, broken = tmp_path / "whole.vtkhdf", tmp_path / "broken.vtkhdf"
-    assert run("shell-sim", path, "-o", whole).exit_code == 0
+    # exit 1 where the rebounds of the long run are told to be livelier than they can be
+    assert run("shell-sim", path, "-o", whole).exit_code == (0 if kills == 2 else 1)
     rng = np.random.default_rng(kills)
     done = 0
     while not broken.exists():
