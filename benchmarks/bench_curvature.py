@@ -24,12 +24,12 @@ sys.path[:0] = [str(ROOT), str(ROOT / "benchmarks")]
 import ladder  # noqa: E402
 import measure  # noqa: E402
 
-from ddgcli.algorithms import curvature as exact  # noqa: E402
-from ddgcli.algorithms import curvature_star as star  # noqa: E402
-from ddgcli.algorithms.curvature_faces import Faces  # noqa: E402
-from ddgcli.algorithms.curvature_frames import area_normals, unit_normals  # noqa: E402
-from ddgcli.algorithms.curvature_measure import measure as measure_all  # noqa: E402
-from ddgcli.algorithms.curvature_quadric import quadric  # noqa: E402
+from ddgcli.algorithms.curvature import measures as exact  # noqa: E402
+from ddgcli.algorithms.curvature import star  # noqa: E402
+from ddgcli.algorithms.curvature.faces import Faces  # noqa: E402
+from ddgcli.algorithms.curvature.frames import area_normals, unit_normals  # noqa: E402
+from ddgcli.algorithms.curvature.quadric import quadric  # noqa: E402
+from ddgcli.algorithms.curvature.report import measure as measure_all  # noqa: E402
 from ddgcli.geometry.extrinsic import dihedral_angle  # noqa: E402
 from ddgcli.mesh import shapes  # noqa: E402
 from ddgcli.mesh.topology import Topology  # noqa: E402

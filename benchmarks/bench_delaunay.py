@@ -14,10 +14,10 @@ import measure
 import numpy as np
 import robust_laplacian
 
-from ddgcli.algorithms.common_subdivision import Base, common_subdivision
-from ddgcli.algorithms.delaunay import flip_to_delaunay
-from ddgcli.algorithms.point_location import PointMap
-from ddgcli.algorithms.refine import refine
+from ddgcli.algorithms.delaunay.common_subdivision import Base, common_subdivision
+from ddgcli.algorithms.delaunay.point_location import PointMap
+from ddgcli.algorithms.delaunay.refine import refine
+from ddgcli.algorithms.delaunay.triangulation import flip_to_delaunay
 from ddgcli.errors import MeshError
 from ddgcli.geometry.intrinsic import corner_angle
 from ddgcli.geometry.surface_points import SurfacePoints

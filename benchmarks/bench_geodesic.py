@@ -18,10 +18,10 @@ import numpy as np
 import potpourri3d
 from pygeodesic import geodesic as pygeodesic
 
-from ddgcli.algorithms.delaunay import flip_to_delaunay
-from ddgcli.algorithms.fast_marching import marched_distance, marching_stencils
-from ddgcli.algorithms.geodesic_exact import exact_distance
-from ddgcli.algorithms.geodesic_heat import HeatSolver
+from ddgcli.algorithms.delaunay.triangulation import flip_to_delaunay
+from ddgcli.algorithms.distance.exact import exact_distance
+from ddgcli.algorithms.distance.fast_marching import marched_distance, marching_stencils
+from ddgcli.algorithms.distance.heat import HeatSolver
 from ddgcli.mesh import shapes
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 

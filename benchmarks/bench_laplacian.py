@@ -19,7 +19,7 @@ import numpy as np
 import robust_laplacian
 from scipy.sparse.linalg import eigsh
 
-from ddgcli.algorithms.laplacian import laplace_operator
+from ddgcli.algorithms.laplacian.choice import laplace_operator
 from ddgcli.linalg.backends import cholmod_available
 from ddgcli.linalg.eigen import smallest_eigenpairs
 from ddgcli.mesh.triangle_mesh import TriangleMesh

@@ -13,12 +13,12 @@ import potpourri3d as pp3d
 from ladder import noisy, sphere, stretched
 from measure import interleaved, machine, peak_mib, print_table
 
-from ddgcli.algorithms.flipout import Straightener
-from ddgcli.algorithms.geodesic_exact import exact_distance
-from ddgcli.algorithms.geodesic_sources import Sources
-from ddgcli.algorithms.log_map import log_map
-from ddgcli.algorithms.trace import Tracer
-from ddgcli.algorithms.vector_heat import VectorHeat
+from ddgcli.algorithms.curves.flipout import Straightener
+from ddgcli.algorithms.curves.log_map import log_map
+from ddgcli.algorithms.curves.vector_heat import VectorHeat
+from ddgcli.algorithms.distance.exact import exact_distance
+from ddgcli.algorithms.distance.sources import Sources
+from ddgcli.algorithms.straightest.trace import Tracer
 from ddgcli.geometry.face_frames import surface_position, to_face_frame, to_space
 from ddgcli.geometry.unfolding import forget
 from ddgcli.operators.connection import from_vertex_frames, to_vertex_frames

@@ -24,6 +24,17 @@ MAY_IMPORT = {
     "plots": {"errors", "mesh", "geometry"},
     "cli": CORE | {"__init__", "io", "algorithms", "evolve", "models", "tradeoff", "plots"},
 }
+# packages of `algorithms`, and which of the others each may import
+TOPICS = {
+    "straightest": set(),
+    "hodge": set(),
+    "inspect": set(),
+    "delaunay": {"straightest"},
+    "curvature": {"delaunay"},
+    "laplacian": {"delaunay"},
+    "distance": {"delaunay"},
+    "curves": {"straightest", "delaunay", "distance"},
+}
 # third-party modules that live in one room only
 ONE_ROOM = {"click": {"cli"}, "meshio": {"io"}, "trimesh": {"io"}, "h5py": {"io"}, "matplotlib": {"plots"}}
 PEERS = {"igl", "potpourri3d", "pygeodesic", "robust_laplacian", "pymeshlab", "gpytoolbox"}
@@ -87,3 +98,22 @@ def test_arrows_point_one_way(path):
 )
 def test_a_wrong_arrow_is_seen(room, source):
     assert wrong_arrows(room, source)
+
+
+def wrong_topics(topic: str, source: str) -> list[str]:
+    """Names of other topics that a file of `topic` may not import."""
+    names = [name.split(".") for name in imported(source) if name.startswith("ddgcli.algorithms.")]
+    return [".".join(n) for n in names if n[2] != topic and n[2] not in TOPICS[topic]]
+
+
+@pytest.mark.parametrize("topic", sorted(TOPICS))
+def test_topics_of_algorithms_point_one_way(topic):
+    wrong = {
+        f.name: wrong_topics(topic, f.read_text()) for f in (PACKAGE / "algorithms" / topic).glob("*.py")
+    }
+    assert wrong and not any(wrong.values()), wrong
+
+
+def test_a_topic_that_reaches_up_is_seen():
+    assert {p.name for p in (PACKAGE / "algorithms").iterdir() if (p / "__init__.py").exists()} == set(TOPICS)
+    assert wrong_topics("delaunay", "from ddgcli.algorithms.curves.paths import seen_from") != []

@@ -54,7 +54,7 @@ def command(
     run.note_input(expected_path, hashlib.sha256(json.dumps(stored).encode()).hexdigest())
     words = tuple(words) or tuple(stored.get("run", ()))
     found, exit_code = summary_of(words)
-    from ddgcli.algorithms.compare_summaries import Tolerances, compare
+    from ddgcli.algorithms.inspect.compare_summaries import Tolerances, compare
 
     said = {**stored.get("tolerances", {}), **{k: v for k, v in tolerances.items() if v}}
     if update:

@@ -87,7 +87,7 @@ def _surface(
     show: str | None,
     view: dict[str, Any] | None,
 ) -> None:
-    from ddgcli.algorithms.curvature_measure import measure
+    from ddgcli.algorithms.curvature.report import measure
     from ddgcli.mesh.fields import AnnotatedMesh
 
     mesh = source.mesh.boundary if source.kind == "tetrahedra" else source.mesh
@@ -106,7 +106,7 @@ def _draw_surface(path: str, mesh: Any, name: str, values: Any, scheme: str, vie
 
 
 def _curves(run: Run, source: MeshInput, show: str | None, view: dict[str, Any] | None) -> None:
-    from ddgcli.algorithms.curvature_polyline import measure_curves
+    from ddgcli.algorithms.curvature.polyline import measure_curves
     from ddgcli.mesh.fields import AnnotatedMesh
 
     measured = measure_curves(source.mesh)

@@ -78,7 +78,7 @@ def command(
     run.will_write(overlay, OVERLAY_FORMATS)
     source = run.read(mesh_path, subdivide=subdivide)
 
-    from ddgcli.algorithms.delaunay_report import delaunay_report, overlay_mesh
+    from ddgcli.algorithms.delaunay.report import delaunay_report, overlay_mesh
     from ddgcli.mesh.fields import AnnotatedMesh
 
     report = delaunay_report(

@@ -152,13 +152,13 @@ def compute_curves(
 ) -> Any:  # -> Curves
     """All curves that the options ask for on the mesh read, in the order of the options in --help."""
     with run.timed("compute"):
-        from ddgcli.algorithms import curves
-        from ddgcli.algorithms.oriented_cover import oriented_cover
+        from ddgcli.algorithms.curves import surface_curves as curves
+        from ddgcli.algorithms.curves.oriented_cover import oriented_cover
 
         cover = oriented_cover(read.mesh)
         mesh, parts = cover.mesh, []
         if asked.path_to:
-            from ddgcli.algorithms.shortest_paths import shortest_paths
+            from ddgcli.algorithms.curves.shortest_paths import shortest_paths
 
             if len(sources.points):
                 cover.need_two_sides("--path-to from points inside faces")
@@ -174,13 +174,13 @@ def compute_curves(
         if asked.trace:
             parts.append(_traced(run, cover, asked))
         if asked.straighten or asked.loop:
-            from ddgcli.algorithms.flipout import straightened_curves
+            from ddgcli.algorithms.curves.flipout import straightened_curves
 
             cover.need_two_sides("--straighten or --loop")
             closed = [False] * len(asked.straighten) + [True] * len(asked.loop)
             parts.append(straightened_curves(mesh, [*asked.straighten, *asked.loop], closed))
         if asked.curve:
-            from ddgcli.algorithms.edge_curves import edge_curves
+            from ddgcli.algorithms.curves.edge_curves import edge_curves
 
             cover.need_two_sides("--curve")
             parts.append(edge_curves(mesh, list(asked.curve)))
@@ -197,7 +197,7 @@ def _traced(run: Any, cover: Any, asked: CurveOptions) -> Any:  # -> Curves
     """The traces, from points of the input's faces."""
     import numpy as np
 
-    from ddgcli.algorithms.curves import traced_curves
+    from ddgcli.algorithms.curves.surface_curves import traced_curves
     from ddgcli.geometry.surface_points import SurfacePoints
 
     face, barycentric, direction, length = (np.array(x) for x in zip(*asked.trace, strict=True))
@@ -210,8 +210,8 @@ def _traced(run: Any, cover: Any, asked: CurveOptions) -> Any:  # -> Curves
 
 def _field_curves(run: Any, read: Any, cover: Any, asked: CurveOptions, sources: Any) -> Any:  # -> Curves
     """Integral curves of the named field."""
-    from ddgcli.algorithms.curves import field_curves
-    from ddgcli.algorithms.integral_curves import random_starts, starts_at
+    from ddgcli.algorithms.curves.integral_curves import random_starts, starts_at
+    from ddgcli.algorithms.curves.surface_curves import field_curves
     from ddgcli.io.arrays import given_array
 
     values, place = cover.lifted_values(*given_array(read, asked.field or ""))
@@ -231,8 +231,8 @@ def compute_vectors(
 ) -> Any:  # -> VertexVectors
     """The vectors at vertices that the options ask for."""
     with run.timed("compute"):
-        from ddgcli.algorithms import vertex_vectors
-        from ddgcli.algorithms.oriented_cover import oriented_cover
+        from ddgcli.algorithms.curves import vertex_vectors
+        from ddgcli.algorithms.curves.oriented_cover import oriented_cover
 
         cover, parts = oriented_cover(mesh), []
         cover.need_two_sides("--log-map or --spread-vector")
@@ -249,7 +249,7 @@ def write_curves(run: Any, mesh: Any, made: Any, paths_output: tuple[str, ...]) 
     """Write the polylines of all curves to every --paths-output."""
     if not paths_output:
         return
-    from ddgcli.algorithms.paths import curve_set
+    from ddgcli.algorithms.curves.paths import curve_set
     from ddgcli.mesh.fields import AnnotatedMesh
 
     with run.timed("write"):

@@ -179,7 +179,7 @@ class DistanceMade:
 
 def read_sources(mesh: Any, asked: DistanceChoice) -> Any:  # -> Sources
     """The sources in the order vertices, points in space, points of faces; checked."""
-    from ddgcli.algorithms.geodesic_sources import Sources, checked_sources
+    from ddgcli.algorithms.distance.sources import Sources, checked_sources
 
     points = read_points(mesh, asked.source_point, asked.source_face)
     return checked_sources(mesh, Sources.at(asked.vertices, points))
@@ -202,7 +202,7 @@ def read_points(mesh: Any, in_space: Any, on_faces: Any) -> Any:  # -> SurfacePo
 
 def compute_distance(run: Any, mesh: Any, asked: DistanceChoice, sources: Any) -> DistanceMade:
     """Distance arrays, results and accuracy that the options ask for."""
-    from ddgcli.algorithms import geodesic
+    from ddgcli.algorithms.distance import methods as geodesic
 
     chosen = geodesic.DistanceOptions(
         tolerance=asked.tolerance or 0.0,
@@ -225,8 +225,8 @@ def compute_distance(run: Any, mesh: Any, asked: DistanceChoice, sources: Any) -
     if asked.gradient:
         face["distance_gradient"] = geodesic.distance_gradient(mesh, measured.distance)
     if asked.isolines:
-        from ddgcli.algorithms.isolines import isoline_curves
-        from ddgcli.algorithms.oriented_cover import oriented_cover
+        from ddgcli.algorithms.curves.isolines import isoline_curves
+        from ddgcli.algorithms.curves.oriented_cover import oriented_cover
 
         cover = oriented_cover(mesh)
         on = mesh if cover.one_sided else cover.mesh
@@ -235,7 +235,7 @@ def compute_distance(run: Any, mesh: Any, asked: DistanceChoice, sources: Any) -
     if asked.compare:
         accuracy["compare"] = geodesic.compare(mesh, sources, measured.distance, list(asked.compare), chosen)
     if asked.certify:
-        from ddgcli.algorithms.geodesic_certificate import symmetry
+        from ddgcli.algorithms.distance.certificate import symmetry
 
         accuracy |= symmetry(mesh, lambda s: solver(s).distance, seed=run.common.seed)
     return DistanceMade(vertex, face, measured.results, accuracy, measured.exact, curves)
@@ -245,7 +245,7 @@ def draw_distance(run: Any, mesh: Any, vertex: dict[str, Any], sources: Any, pat
     """Distance bands with the curves on the shaded surface, where --plot asks for a picture."""
     if run.common.plot is None:
         return
-    from ddgcli.algorithms.isolines import even_levels, isolines
+    from ddgcli.algorithms.curves.isolines import even_levels, isolines
     from ddgcli.plots.surface import draw_surface
 
     distance = vertex.get("geodesic_distance")
@@ -263,7 +263,7 @@ def _polylines(mesh: Any, paths: Any) -> list[Any]:
     """Points of each curve; none of None."""
     import numpy as np
 
-    from ddgcli.algorithms.paths import curve_set
+    from ddgcli.algorithms.curves.paths import curve_set
 
     if paths is None:
         return []

@@ -44,7 +44,7 @@ def command(
     run = Run("hodge", common, field=field or field_file, boundary=boundary, basis=basis)
     source = run.read(mesh_path, accept=("surface", "tetrahedra"))
 
-    from ddgcli.algorithms.hodge_report import hodge_report, surface_of
+    from ddgcli.algorithms.hodge.report import hodge_report, surface_of
     from ddgcli.io.arrays import given_field
 
     given = given_field(source, field, field_file)

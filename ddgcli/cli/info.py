@@ -30,7 +30,7 @@ def command(mesh_path: str, common: Common) -> None:
     """
     run = Run("info", common)
     source = run.read(mesh_path, accept=("surface", "tetrahedra", "curve"))
-    from ddgcli.algorithms.inspect_mesh import inspect_mesh
+    from ddgcli.algorithms.inspect.report import inspect_mesh
     from ddgcli.mesh.fields import AnnotatedMesh
 
     found = inspect_mesh(source.mesh)

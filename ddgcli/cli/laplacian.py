@@ -12,7 +12,7 @@ from ddgcli.cli.run import Run
 from ddgcli.errors import ParameterError
 
 if TYPE_CHECKING:
-    from ddgcli.algorithms.laplacian_report import Report
+    from ddgcli.algorithms.laplacian.report import Report
     from ddgcli.io.mesh_file import MeshInput
 
 # repeated from the core so that --help imports no numerics; a test compares them
@@ -111,7 +111,7 @@ def command(
     run.will_write(mass_matrix, MATRIX_FORMATS)
     source = run.read(mesh_path, subdivide=subdivide)
 
-    from ddgcli.algorithms.laplacian_report import Tasks, laplacian_report
+    from ddgcli.algorithms.laplacian.report import Tasks, laplacian_report
 
     asked = Tasks(poisson=source_term(source, poisson), fixed=fixed_values(fix), seed=common.seed, **tasks)
     report = laplacian_report(source.mesh, asked, run.progress("laplacian"))

@@ -146,9 +146,9 @@ def returned(change):
 
 SOLVE = ("ddgcli.linalg.factor:Factor.solve", returned(lambda x: scattered(x, 1e-3 * np.abs(x).max())))
 WILD = (SOLVE[0], returned(lambda x: scattered(x, np.abs(x).max())))
-MEASURE = "ddgcli.algorithms.curvature_measure:_accuracy"
-EXACT = "ddgcli.algorithms.geodesic_exact:exact_distance"
-OPERATOR = "ddgcli.algorithms.laplacian_report:laplace_operator"
+MEASURE = "ddgcli.algorithms.curvature.report:_accuracy"
+EXACT = "ddgcli.algorithms.distance.exact:exact_distance"
+OPERATOR = "ddgcli.algorithms.laplacian.report:laplace_operator"
 EVOLVE = "ddgcli.cli.simulate:evolve"
 MEAN_STEP = "ddgcli.models.willmore.flow:mean_curvature_step"
 
@@ -164,7 +164,7 @@ PLANTS = {
     ],
     "delaunay": [
         (
-            "ddgcli.algorithms.delaunay_report:flip_to_delaunay",
+            "ddgcli.algorithms.delaunay.report:flip_to_delaunay",
             crooked(mesh=lambda m: type(m)(m.topology, 1.01 * first_wrong(m.side_length), m.points)),
             ["area_residual", "angle_defect_residual"],
         ),
@@ -195,7 +195,7 @@ PLANTS = {
     "slack": [(EXACT, rougher, ["tolerance_error_estimate"])],
     "polyline": [
         (
-            "ddgcli.algorithms.curvature_polyline:_results",
+            "ddgcli.algorithms.curvature.polyline:_results",
             lambda sound: lambda arrays, *rest: sound(crooked_turn(arrays), *rest),
             ["turning_number_residual"],
         ),
@@ -203,7 +203,7 @@ PLANTS = {
     "hodge": [
         (*SOLVE, ["reconstruction_residual"]),
         (
-            "ddgcli.algorithms.hodge:_assembled",
+            "ddgcli.algorithms.hodge.decomposition:_assembled",
             lambda sound: lambda inner, whole, parts, *rest: sound(inner, whole, mixed(parts), *rest),
             ["orthogonality"],
         ),

@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from ddgcli.algorithms.curvature_measure import DEFAULT_SCHEME, PROMISE
+from ddgcli.algorithms.curvature.report import DEFAULT_SCHEME, PROMISE
 from ddgcli.io.mesh_file import read_mesh, write_mesh
 from ddgcli.mesh import shapes
 from ddgcli.mesh.fields import AnnotatedMesh

@@ -181,7 +181,7 @@ def test_errors_become_one_line_and_a_code(run, monkeypatch, torus, tmp_path, er
 
 def test_debug_shows_the_traceback(torus, tmp_path):
     script = (
-        "import ddgcli.algorithms.inspect_mesh as i\ndef bug(mesh): raise ZeroDivisionError('x')\n"
+        "import ddgcli.algorithms.inspect.report as i\ndef bug(mesh): raise ZeroDivisionError('x')\n"
         "i.inspect_mesh = bug\nfrom ddgcli.cli.main import main\nimport sys\nmain(sys.argv[1:])"
     )
     for words, expected in ((["info"], False), (["--debug", "info"], True)):

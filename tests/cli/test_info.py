@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from ddgcli.algorithms import quality
+from ddgcli.algorithms.inspect import quality
 from ddgcli.io.mesh_file import read_mesh, write_mesh
 from ddgcli.mesh import shapes
 from ddgcli.mesh.fields import AnnotatedMesh

@@ -5,7 +5,7 @@ import pytest
 import scipy.io
 import scipy.sparse
 
-from ddgcli.algorithms import laplacian as core
+from ddgcli.algorithms.laplacian import choice as core
 from ddgcli.cli import laplacian as door
 from ddgcli.io import matrix_file
 from ddgcli.io.mesh_file import write_mesh

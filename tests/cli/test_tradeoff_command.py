@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from benchmarks.families import ellipsoids
-from ddgcli.algorithms.geodesic_sources import Sources
+from ddgcli.algorithms.distance.sources import Sources
 from ddgcli.cli.tradeoff import COMMANDS
 from ddgcli.io.mesh_file import write_mesh
 from ddgcli.io.scene_file import parse_scene

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from ddgcli.algorithms.curvature_faces import Faces
-from ddgcli.algorithms.curvature_frames import area_normals
-from ddgcli.algorithms.curvature_measure import SCHEMES, measure
-from ddgcli.algorithms.curvature_neighbours import neighbourhoods
-from ddgcli.algorithms.curvature_region import two_rings
+from ddgcli.algorithms.curvature.faces import Faces
+from ddgcli.algorithms.curvature.frames import area_normals
+from ddgcli.algorithms.curvature.neighbours import neighbourhoods
+from ddgcli.algorithms.curvature.region import two_rings
+from ddgcli.algorithms.curvature.report import SCHEMES, measure
 from ddgcli.mesh import shapes
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from tests.curvature_truths import ellipsoid_truth, irregular_ellipsoid, irregular_torus, torus_truth

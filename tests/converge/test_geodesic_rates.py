@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from ddgcli.algorithms.delaunay import flip_to_delaunay
-from ddgcli.algorithms.fast_marching import marched_distance
-from ddgcli.algorithms.geodesic_edges import edge_distance
-from ddgcli.algorithms.geodesic_exact import exact_distance
-from ddgcli.algorithms.geodesic_heat import HeatSolver
+from ddgcli.algorithms.delaunay.triangulation import flip_to_delaunay
+from ddgcli.algorithms.distance.edges import edge_distance
+from ddgcli.algorithms.distance.exact import exact_distance
+from ddgcli.algorithms.distance.fast_marching import marched_distance
+from ddgcli.algorithms.distance.heat import HeatSolver
 from ddgcli.io.mesh_file import read_mesh
 from ddgcli.mesh import shapes
 from ddgcli.mesh.triangle_mesh import TriangleMesh

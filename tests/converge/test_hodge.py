@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 
-from ddgcli.algorithms.harmonic import harmonic_basis
-from ddgcli.algorithms.hodge import (
+from ddgcli.algorithms.hodge.decomposition import (
     decompose_cell_vectors,
     decompose_form,
     decompose_vertex_vectors,
     tangent_part,
 )
-from ddgcli.algorithms.homology import betti_numbers
+from ddgcli.algorithms.hodge.harmonic import harmonic_basis
+from ddgcli.algorithms.hodge.homology import betti_numbers
 from ddgcli.mesh import shapes
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.operators.dec import complex_of

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from ddgcli.algorithms.laplacian import laplace_operator
-from ddgcli.algorithms.parameterize import parameterize_conformal, parameterize_harmonic
-from ddgcli.algorithms.poisson import harmonic, poisson
-from ddgcli.algorithms.smooth import smooth
-from ddgcli.algorithms.spectrum import spectrum
+from ddgcli.algorithms.laplacian.choice import laplace_operator
+from ddgcli.algorithms.laplacian.parameterize import parameterize_conformal, parameterize_harmonic
+from ddgcli.algorithms.laplacian.poisson import harmonic, poisson
+from ddgcli.algorithms.laplacian.smooth import smooth
+from ddgcli.algorithms.laplacian.spectrum import spectrum
 from ddgcli.io.mesh_file import read_mesh
 from ddgcli.linalg.eigen import smallest_eigenpairs
 from ddgcli.mesh import shapes

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from ddgcli.algorithms.common_subdivision import CROSSING, Base, common_subdivision
-from ddgcli.algorithms.delaunay import flip_to_delaunay
-from ddgcli.algorithms.flips import SideArrays, _independent, _violating, flip
-from ddgcli.algorithms.gluing import around
-from ddgcli.algorithms.normal_coordinates import crossings_of, flipped_crossings
+from ddgcli.algorithms.delaunay.common_subdivision import CROSSING, Base, common_subdivision
+from ddgcli.algorithms.delaunay.flips import SideArrays, _independent, _violating, flip
+from ddgcli.algorithms.delaunay.gluing import around
+from ddgcli.algorithms.delaunay.normal_coordinates import crossings_of, flipped_crossings
+from ddgcli.algorithms.delaunay.triangulation import flip_to_delaunay
 from ddgcli.geometry.extrinsic import face_area_vector, face_normal
 from ddgcli.geometry.intrinsic import face_area
 from ddgcli.mesh import shapes

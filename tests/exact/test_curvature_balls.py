@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from ddgcli.algorithms.curvature_clip import FacePlanes
-from ddgcli.algorithms.curvature_face_balls import FaceBalls
+from ddgcli.algorithms.curvature.clip import FacePlanes
+from ddgcli.algorithms.curvature.face_balls import FaceBalls
 from ddgcli.mesh import shapes
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 

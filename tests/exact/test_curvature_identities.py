@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from ddgcli.algorithms import curvature as exact
-from ddgcli.algorithms.curvature_faces import Faces
-from ddgcli.algorithms.curvature_measure import SCHEMES, measure
+from ddgcli.algorithms.curvature import measures as exact
+from ddgcli.algorithms.curvature.faces import Faces
+from ddgcli.algorithms.curvature.report import SCHEMES, measure
 from ddgcli.errors import MeshError, ParameterError
 from ddgcli.mesh import shapes
 from ddgcli.mesh.intrinsic_mesh import IntrinsicMesh
@@ -61,7 +61,7 @@ def test_areas_and_balances_close(name):
 
 
 def test_a_broken_dihedral_angle_opens_the_balances():
-    from ddgcli.algorithms.curvature_totals import balances
+    from ddgcli.algorithms.curvature.totals import balances
     from ddgcli.geometry.extrinsic import dihedral_angle
 
     mesh = crumpled(shapes.icosphere(2))

@@ -5,19 +5,19 @@ import hypothesis.strategies as st
 import numpy as np
 import pytest
 
-from ddgcli.algorithms.curvature import angle_defect
-from ddgcli.algorithms.delaunay import (
+from ddgcli.algorithms.curvature.measures import angle_defect
+from ddgcli.algorithms.delaunay.flips import SideArrays, flip, flip_until_delaunay
+from ddgcli.algorithms.delaunay.triangulation import (
     flip_to_delaunay,
     glue,
     negative_cotan_edges,
     non_delaunay_edges,
     unglue,
 )
-from ddgcli.algorithms.flips import SideArrays, flip, flip_until_delaunay
-from ddgcli.algorithms.geodesic import measure_distance
-from ddgcli.algorithms.geodesic_heat import HeatSolver
-from ddgcli.algorithms.geodesic_sources import Sources
-from ddgcli.algorithms.laplacian import laplace_operator
+from ddgcli.algorithms.distance.heat import HeatSolver
+from ddgcli.algorithms.distance.methods import measure_distance
+from ddgcli.algorithms.distance.sources import Sources
+from ddgcli.algorithms.laplacian.choice import laplace_operator
 from ddgcli.errors import MeshError
 from ddgcli.geometry.intrinsic import face_area, half_angle_tangent, triangle_excess
 from ddgcli.mesh import shapes

@@ -5,12 +5,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ddgcli.algorithms import flipout
-from ddgcli.algorithms.flipout import straightened_curves
-from ddgcli.algorithms.flipping_mesh import EdgeGraph, FlippingMesh, edge_path
-from ddgcli.algorithms.geodesic_exact import exact_distance
-from ddgcli.algorithms.paths import joints
-from ddgcli.algorithms.trace import Tracer
+from ddgcli.algorithms.curves import flipout
+from ddgcli.algorithms.curves.flipout import straightened_curves
+from ddgcli.algorithms.curves.flipping_mesh import EdgeGraph, FlippingMesh, edge_path
+from ddgcli.algorithms.curves.paths import joints
+from ddgcli.algorithms.distance.exact import exact_distance
+from ddgcli.algorithms.straightest.trace import Tracer
 from ddgcli.errors import ParameterError
 from ddgcli.geometry.face_frames import surface_position
 from ddgcli.mesh import shapes

@@ -7,11 +7,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ddgcli.algorithms.delaunay import flip_to_delaunay
-from ddgcli.algorithms.geodesic_certificate import certificate
-from ddgcli.algorithms.geodesic_exact import exact_distance
-from ddgcli.algorithms.geodesic_sources import Sources
-from ddgcli.algorithms.window_tables import window_tables
+from ddgcli.algorithms.delaunay.triangulation import flip_to_delaunay
+from ddgcli.algorithms.distance.certificate import certificate
+from ddgcli.algorithms.distance.exact import exact_distance
+from ddgcli.algorithms.distance.sources import Sources
+from ddgcli.algorithms.distance.window_tables import window_tables
 from ddgcli.errors import ParameterError
 from ddgcli.geometry.surface_points import SurfacePoints
 from ddgcli.mesh import shapes

@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from ddgcli.algorithms.harmonic import solid_cochains
-from ddgcli.algorithms.homology import (
+from ddgcli.algorithms.hodge.harmonic import solid_cochains
+from ddgcli.algorithms.hodge.homology import (
     betti_numbers,
     closed_cochains,
     generator_loops,
 )
-from ddgcli.algorithms.solid_homology import solid_generator_loops
+from ddgcli.algorithms.hodge.solid_homology import solid_generator_loops
 from ddgcli.io.mesh_file import read_mesh
 from ddgcli.mesh import shapes
 from ddgcli.mesh.tet_mesh import TetMesh

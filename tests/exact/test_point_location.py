@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from ddgcli.algorithms.common_subdivision import Base, common_subdivision
-from ddgcli.algorithms.delaunay import flip_to_delaunay
-from ddgcli.algorithms.point_location import PointMap
-from ddgcli.algorithms.refine import refine
-from ddgcli.algorithms.trace import Tracer
+from ddgcli.algorithms.delaunay.common_subdivision import Base, common_subdivision
+from ddgcli.algorithms.delaunay.point_location import PointMap
+from ddgcli.algorithms.delaunay.refine import refine
+from ddgcli.algorithms.delaunay.triangulation import flip_to_delaunay
+from ddgcli.algorithms.straightest.trace import Tracer
 from ddgcli.errors import ParameterError
 from ddgcli.geometry.surface_points import SurfacePoints
 from ddgcli.geometry.unfolding import vertex_fans

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from ddgcli.algorithms.common_subdivision import CROSSING, STEINER_POINT, common_subdivision
-from ddgcli.algorithms.curvature import angle_defect
-from ddgcli.algorithms.delaunay import non_delaunay_edges
-from ddgcli.algorithms.delaunay_report import metric_residuals
-from ddgcli.algorithms.refine import refine
+from ddgcli.algorithms.curvature.measures import angle_defect
+from ddgcli.algorithms.delaunay.common_subdivision import CROSSING, STEINER_POINT, common_subdivision
+from ddgcli.algorithms.delaunay.refine import refine
+from ddgcli.algorithms.delaunay.report import metric_residuals
+from ddgcli.algorithms.delaunay.triangulation import non_delaunay_edges
 from ddgcli.errors import MeshError, ParameterError
 from ddgcli.geometry.extrinsic import face_area_vector, face_normal
 from ddgcli.geometry.intrinsic import corner_angle, face_area

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from ddgcli.algorithms.curvature import angle_defect
+from ddgcli.algorithms.curvature.measures import angle_defect
 from ddgcli.geometry.extrinsic import dihedral_angle, enclosed_volume
 from ddgcli.mesh import shapes
 

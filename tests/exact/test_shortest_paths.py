@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from ddgcli.algorithms.geodesic_exact import exact_distance
-from ddgcli.algorithms.geodesic_sources import Sources
-from ddgcli.algorithms.paths import SurfacePaths, joints
-from ddgcli.algorithms.shortest_paths import shortest_paths
+from ddgcli.algorithms.curves.paths import SurfacePaths, joints
+from ddgcli.algorithms.curves.shortest_paths import shortest_paths
+from ddgcli.algorithms.distance.exact import exact_distance
+from ddgcli.algorithms.distance.sources import Sources
 from ddgcli.errors import ParameterError
 from ddgcli.geometry.face_frames import surface_position
 from ddgcli.geometry.surface_points import SurfacePoints

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from ddgcli.algorithms.trace import AT_BOUNDARY, GAVE_UP, REACHED, Tracer, trace
+from ddgcli.algorithms.straightest.trace import AT_BOUNDARY, GAVE_UP, REACHED, Tracer, trace
 from ddgcli.errors import InputError
 from ddgcli.geometry.face_frames import surface_position, to_face_frame, to_space
 from ddgcli.geometry.unfolding import corner_position
@@ -244,7 +244,7 @@ def test_lines_in_several_batches_are_those_of_one(monkeypatch):
     mesh = shapes.random_sphere(300)
     starts = (*random_starts(mesh, 50), np.random.default_rng(1).uniform(0, 4, 50))
     once = trace(mesh, *starts, record=True)
-    monkeypatch.setattr("ddgcli.algorithms.trace.LINES_AT_ONCE", 7)
+    monkeypatch.setattr("ddgcli.algorithms.straightest.trace.LINES_AT_ONCE", 7)
     heard = []
     parted = Tracer(mesh).trace(*starts, record=True, told=lambda done, total: heard.append(done / total))
     for name in ("face", "barycentric", "direction", "length", "status", "crossings", "path_start"):

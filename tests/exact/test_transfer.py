@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from ddgcli.algorithms.common_subdivision import Base, common_subdivision
-from ddgcli.algorithms.delaunay import flip_to_delaunay
-from ddgcli.algorithms.refine import refine
-from ddgcli.algorithms.transfer import transfer
+from ddgcli.algorithms.delaunay.common_subdivision import Base, common_subdivision
+from ddgcli.algorithms.delaunay.refine import refine
+from ddgcli.algorithms.delaunay.transfer import transfer
+from ddgcli.algorithms.delaunay.triangulation import flip_to_delaunay
 from ddgcli.operators.laplacian import galerkin_mass
 from tests.delaunay_cases import planar, stretched
 

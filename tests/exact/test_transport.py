@@ -3,15 +3,15 @@
 import numpy as np
 import pytest
 
-from ddgcli.algorithms.delaunay import flip_to_delaunay
-from ddgcli.algorithms.geodesic_exact import exact_distance
-from ddgcli.algorithms.geodesic_sources import Sources
-from ddgcli.algorithms.intrinsic_frames import frame_turn
-from ddgcli.algorithms.log_map import log_map
-from ddgcli.algorithms.paths import SurfacePaths
-from ddgcli.algorithms.trace import Tracer, trace
-from ddgcli.algorithms.transport import holonomy, transported_frame
-from ddgcli.algorithms.vector_heat import VectorHeat
+from ddgcli.algorithms.curves.intrinsic_frames import frame_turn
+from ddgcli.algorithms.curves.log_map import log_map
+from ddgcli.algorithms.curves.paths import SurfacePaths
+from ddgcli.algorithms.curves.transport import holonomy, transported_frame
+from ddgcli.algorithms.curves.vector_heat import VectorHeat
+from ddgcli.algorithms.delaunay.triangulation import flip_to_delaunay
+from ddgcli.algorithms.distance.exact import exact_distance
+from ddgcli.algorithms.distance.sources import Sources
+from ddgcli.algorithms.straightest.trace import Tracer, trace
 from ddgcli.errors import ParameterError
 from ddgcli.geometry.face_frames import surface_position
 from ddgcli.geometry.surface_points import SurfacePoints
@@ -70,7 +70,7 @@ def test_frames_stay_parallel_in_the_plane_and_along_straight_lines():
         trace(sphere, [3], [[0.2, 0.3, 0.5]], [[1.0, 0.2, 0.1]], [2.0], record=True)
     )
     frame = transported_frame(sphere, line)
-    from ddgcli.algorithms.paths import tangents
+    from ddgcli.algorithms.curves.paths import tangents
 
     np.testing.assert_allclose(frame["transport_x"], tangents(sphere, line), atol=1e-9)
     assert np.abs(np.einsum("ij,ij->i", frame["transport_x"], frame["transport_y"])).max() < 1e-14

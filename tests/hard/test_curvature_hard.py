@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ddgcli.algorithms.curvature_measure import measure
+from ddgcli.algorithms.curvature.report import measure
 from ddgcli.mesh import shapes
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 

@@ -8,10 +8,10 @@ import logging
 import numpy as np
 import pytest
 
-from ddgcli.algorithms.common_subdivision import STEINER_POINT, Base, common_subdivision
-from ddgcli.algorithms.delaunay import flip_to_delaunay, non_delaunay_edges
-from ddgcli.algorithms.delaunay_report import delaunay_report
-from ddgcli.algorithms.refine import refine
+from ddgcli.algorithms.delaunay.common_subdivision import STEINER_POINT, Base, common_subdivision
+from ddgcli.algorithms.delaunay.refine import refine
+from ddgcli.algorithms.delaunay.report import delaunay_report
+from ddgcli.algorithms.delaunay.triangulation import flip_to_delaunay, non_delaunay_edges
 from ddgcli.errors import DdgError, MeshError
 from ddgcli.geometry.intrinsic import corner_angle, face_area
 from ddgcli.io.mesh_file import read_mesh

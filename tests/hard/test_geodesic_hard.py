@@ -5,11 +5,11 @@ import json
 import numpy as np
 import pytest
 
-from ddgcli.algorithms.geodesic import METHODS, DistanceOptions, measure_distance
-from ddgcli.algorithms.geodesic_edges import edge_distance
-from ddgcli.algorithms.geodesic_exact import exact_distance
-from ddgcli.algorithms.geodesic_heat import HeatSolver
-from ddgcli.algorithms.geodesic_sources import Sources
+from ddgcli.algorithms.distance.edges import edge_distance
+from ddgcli.algorithms.distance.exact import exact_distance
+from ddgcli.algorithms.distance.heat import HeatSolver
+from ddgcli.algorithms.distance.methods import METHODS, DistanceOptions, measure_distance
+from ddgcli.algorithms.distance.sources import Sources
 from ddgcli.errors import DdgError
 from ddgcli.mesh import shapes
 from ddgcli.mesh.triangle_mesh import TriangleMesh

@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from ddgcli.algorithms.curves import traced_curves, with_transport
-from ddgcli.algorithms.geodesic_exact import exact_distance
-from ddgcli.algorithms.geodesic_sources import Sources
-from ddgcli.algorithms.integral_curves import field_of_array
-from ddgcli.algorithms.oriented_cover import oriented_cover
-from ddgcli.algorithms.shortest_paths import shortest_paths
-from ddgcli.algorithms.trace import GAVE_UP, REACHED, Tracer, trace
+from ddgcli.algorithms.curves.integral_curves import field_of_array
+from ddgcli.algorithms.curves.oriented_cover import oriented_cover
+from ddgcli.algorithms.curves.shortest_paths import shortest_paths
+from ddgcli.algorithms.curves.surface_curves import traced_curves, with_transport
+from ddgcli.algorithms.distance.exact import exact_distance
+from ddgcli.algorithms.distance.sources import Sources
+from ddgcli.algorithms.straightest.trace import GAVE_UP, REACHED, Tracer, trace
 from ddgcli.errors import MeshError, ParameterError
 from ddgcli.geometry.face_frames import surface_position, to_face_frame
 from ddgcli.geometry.surface_points import SurfacePoints

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from ddgcli.algorithms.curvature import angle_defect, curvature_vector, vertex_area
-from ddgcli.algorithms.curvature_measure import measure
+from ddgcli.algorithms.curvature.measures import angle_defect, curvature_vector, vertex_area
+from ddgcli.algorithms.curvature.report import measure
 from ddgcli.mesh import shapes
 from tests.curvature_truths import ellipsoid_truth, irregular_ellipsoid
 

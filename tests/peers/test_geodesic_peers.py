@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from ddgcli.algorithms.fast_marching import marched_distance
-from ddgcli.algorithms.geodesic_exact import exact_distance
-from ddgcli.algorithms.geodesic_heat import HeatSolver
-from ddgcli.algorithms.geodesic_sources import Sources
-from ddgcli.algorithms.shortest_paths import shortest_paths
+from ddgcli.algorithms.curves.shortest_paths import shortest_paths
+from ddgcli.algorithms.distance.exact import exact_distance
+from ddgcli.algorithms.distance.fast_marching import marched_distance
+from ddgcli.algorithms.distance.heat import HeatSolver
+from ddgcli.algorithms.distance.sources import Sources
 from ddgcli.io.mesh_file import read_mesh
 from ddgcli.mesh import shapes
 

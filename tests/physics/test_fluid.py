@@ -5,7 +5,7 @@ from time import perf_counter
 import numpy as np
 import pytest
 
-from ddgcli.algorithms.harmonic import harmonic_basis
+from ddgcli.algorithms.hodge.harmonic import harmonic_basis
 from ddgcli.evolve.account import Account
 from ddgcli.evolve.loop import evolve
 from ddgcli.io.scene_file import parse_scene

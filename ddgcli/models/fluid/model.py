@@ -145,7 +145,7 @@ class FluidModel:
             raise MeshError(
                 f"the surface has {count} harmonic flows, more than {MOST_HARMONIC}; leave the effect out"
             )
-        from ddgcli.algorithms.harmonic import harmonic_basis
+        from ddgcli.algorithms.hodge.harmonic import harmonic_basis
 
         return harmonic_basis(self.context.mesh, "normal").forms
 

@@ -88,7 +88,7 @@ def generator_circulations(last: Frame | None, models: Mapping[str, FluidModel])
 
 
 def _loops(model: FluidModel, vorticity: NDArray, last: Frame) -> list[float]:
-    from ddgcli.algorithms.homology import generator_loops
+    from ddgcli.algorithms.hodge.homology import generator_loops
 
     space = model.space
     coefficients = last.scalar[f"harmonic_coefficients_{model.context.name}"]

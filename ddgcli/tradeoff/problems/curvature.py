@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.algorithms.curvature_measure import measure
+from ddgcli.algorithms.curvature.report import measure
 from ddgcli.errors import ParameterError
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.tradeoff.candidates import NOTHING, Asked, Candidate, Problem, Reference, relative_to_rms

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.algorithms.delaunay import flip_to_delaunay
-from ddgcli.algorithms.refine import refine
+from ddgcli.algorithms.delaunay.refine import refine
+from ddgcli.algorithms.delaunay.triangulation import flip_to_delaunay
 from ddgcli.errors import ParameterError, SolveError
 from ddgcli.linalg.constrain import Poisson
 from ddgcli.mesh.shapes import midpoint_subdivided

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.algorithms.laplacian import MASSES, LaplaceOperator, laplace_operator
+from ddgcli.algorithms.laplacian.choice import MASSES, LaplaceOperator, laplace_operator
 from ddgcli.errors import ParameterError
 from ddgcli.linalg.eigen import smallest_eigenpairs
 from ddgcli.mesh.shapes import midpoint_subdivided

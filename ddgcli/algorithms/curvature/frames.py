@@ -1,0 +1,111 @@
+"""Vertex normals, tangent frames and symmetric tensors in tangent planes, for all vertices at once."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ddgcli.algorithms.curvature.faces import Faces, dot, ratio
+from ddgcli.mesh.topology import PREVIOUS
+
+
+@dataclass(frozen=True, eq=False)
+class Principal:
+    """Pointwise curvature of a surface at its vertices; positive where convex with outward orientation.
+
+    Parameters
+    ----------
+    low, high : (n,) ndarray
+        Principal curvatures, low <= high, in 1/length.
+    low_direction, high_direction : (3, n) ndarray
+        Unit tangents, orthogonal; any pair where the two curvatures agree.
+    gaussian : (n,) ndarray
+        The scheme's own Gaussian curvature, in 1/length^2.
+    """
+
+    low: NDArray[np.float64]
+    high: NDArray[np.float64]
+    low_direction: NDArray[np.float64]
+    high_direction: NDArray[np.float64]
+    gaussian: NDArray[np.float64]
+
+    @property
+    def mean(self) -> NDArray[np.float64]:
+        """(n,) half the sum of the principal curvatures."""
+        return 0.5 * (self.low + self.high)
+
+
+def unit_normals(faces: Faces) -> NDArray[np.float64]:
+    """(3, n) vertex normals with Max's weights, exact on any mesh inscribed in a sphere; +z where undefined.
+
+    Notes
+    -----
+    N. Max, "Weights for Computing Vertex Normals from Facet Normals", 1999: each corner adds the cross
+    product of its two sides divided by the squares of both lengths.
+    """
+    squared = faces.squared_length
+    weight = np.stack([ratio(1.0, squared[k] * squared[PREVIOUS[k]]) for k in range(3)])
+    return _unit(faces.at_vertices(weight * faces.doubled[:, None, :]))
+
+
+def area_normals(faces: Faces) -> NDArray[np.float64]:
+    """(3, n) vertex normals weighted by area: coarser than Max's, but not led astray by tiny noisy faces."""
+    return _unit(faces.stars(faces.doubled))
+
+
+def _unit(total: NDArray) -> NDArray[np.float64]:
+    """Columns at unit length; +z for zero ones."""
+    length = np.sqrt(dot(total, total))
+    unit = ratio(total, length)
+    unit[2, length == 0] = 1.0
+    return unit
+
+
+def tangent_frame(normal: NDArray) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Two (3, n) unit tangents that make a right-handed frame with (3, n) unit normals.
+
+    Notes
+    -----
+    T. Duff et al., "Building an Orthonormal Basis, Revisited", 2017.
+    """
+    x, y, z = normal
+    sign = np.where(z >= 0, 1.0, -1.0)
+    a = -1.0 / (sign + z)
+    b = x * y * a
+    first = np.stack([1.0 + sign * x * x * a, sign * b, -sign * x])
+    return first, np.stack([b, sign + y * y * a, -y])
+
+
+def eigen_2x2(xx: NDArray, xy: NDArray, yy: NDArray) -> tuple[NDArray, NDArray, NDArray, NDArray]:
+    """Eigenvalues low <= high of symmetric 2 x 2 matrices, and cos and sin of the high one's direction."""
+    middle, half = 0.5 * (xx + yy), 0.5 * (xx - yy)
+    reach = np.hypot(half, xy)
+    angle = 0.5 * np.arctan2(xy, half)
+    return middle - reach, middle + reach, np.cos(angle), np.sin(angle)
+
+
+def in_tangent_plane(
+    tensor: NDArray, first: NDArray, second: NDArray
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Entries xx, xy, yy of (6, n) symmetric tensors (xx, yy, zz, yz, zx, xy) in tangent frames."""
+
+    def form(a: NDArray, b: NDArray) -> NDArray[np.float64]:
+        (ax, ay, az), (bx, by, bz) = a, b
+        t = tensor
+        return (
+            t[0] * ax * bx
+            + t[1] * ay * by
+            + t[2] * az * bz
+            + t[3] * (ay * bz + az * by)
+            + t[4] * (az * bx + ax * bz)
+            + t[5] * (ax * by + ay * bx)
+        )
+
+    return form(first, first), form(first, second), form(second, second)
+
+
+def turned(first: NDArray, second: NDArray, cos: NDArray, sin: NDArray) -> tuple[NDArray, NDArray]:
+    """Directions cos, sin and -sin, cos in (3, n) frames."""
+    return cos * first + sin * second, cos * second - sin * first

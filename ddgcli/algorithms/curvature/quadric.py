@@ -1,0 +1,284 @@
+"""Curvature by local fits: a height polynomial over the neighbours of every vertex, all at once.
+
+The polynomial has degree four. Its terms of degree three and four carry a penalty that is chosen once for the
+mesh by how well the fit predicts its own data, so that clean data get the accuracy of a quartic fit and
+noisy data the steadiness of a quadratic one. Coordinates are scaled along the neighbourhood's own axes, so
+that long thin cells are fitted as well as square ones. The normal equations are made of moments of the
+coordinates, which is less work than products of rows, and solved by elimination over thousands of vertices
+at a time.
+"""
+
+from __future__ import annotations
+
+import logging
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ddgcli.algorithms.curvature.faces import Faces
+from ddgcli.algorithms.curvature.frames import Principal, eigen_2x2, tangent_frame
+from ddgcli.algorithms.curvature.neighbours import neighbourhoods
+from ddgcli.algorithms.curvature.region import Regions, chunks, larger, listed, vertex_balls
+from ddgcli.mesh.triangle_mesh import TriangleMesh
+
+# exponents of x and y; the penalised terms first, so that elimination leaves the system of the low ones
+_HIGH = [(4, 0), (3, 1), (2, 2), (1, 3), (0, 4), (3, 0), (2, 1), (1, 2), (0, 3)]
+_LOW = [(2, 0), (1, 1), (0, 2), (1, 0), (0, 1), (0, 0)]
+_TERMS = _HIGH + _LOW
+_POWERS = [(a, b) for a in range(9) for b in range(9 - a)]
+_TABLE = np.array([[_POWERS.index((a + c, b + d)) for c, d in _TERMS] for a, b in _TERMS])
+
+_PENALTIES = (1e-6, 1e-4, 1e-2, 1.0, 1e2, 1e4)  # from a quartic fit to a quadratic one
+_JUDGES = 96  # vertices that choose among them
+_FLOOR = 1e-12  # penalty of the low terms, so that three neighbours give an answer too
+_ENOUGH = 15  # neighbours below which a third ring is added
+_PAIRS = 40_000  # neighbours handled at once: the working arrays stay in the cache
+
+
+def quadric(mesh: TriangleMesh, faces: Faces, normal: NDArray, radius: float | None = None) -> Principal:
+    """Principal curvatures of polynomial fits over rings of neighbours (`neighbourhoods`) or a ball.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+    normal : (3, n) ndarray
+        Approximate unit normals.
+    radius : float, optional
+        Of the ball; a vertex whose ball holds fewer neighbours than its two rings keeps the rings.
+    """
+    regions = neighbourhoods(mesh, faces, normal, _ENOUGH)
+    if radius is not None:
+        regions = larger(regions, vertex_balls(mesh, radius))
+    columns = faces.points
+    penalty = _chosen_penalty(columns, normal, regions)
+    logging.getLogger("ddgcli").info("quadric: penalty %g on the terms of degree three and four", penalty)
+    gradient, hessian = fit_forms(columns, normal, regions, penalty)
+    return principal_of_forms(gradient, hessian, normal)
+
+
+def fit_forms(
+    columns: NDArray, normal: NDArray, regions: Regions, penalty: float
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """First and second derivatives of the surface as heights over approximate tangent planes.
+
+    Parameters
+    ----------
+    columns : (3, n) ndarray
+        Coordinates.
+    normal : (3, n) ndarray
+        Unit normals; they need only be near the true ones.
+    regions : Regions
+        Neighbour vertices of each vertex, itself included.
+    penalty : float
+        Weight of the squared coefficients of degree three and four, a share of the number of neighbours.
+
+    Returns
+    -------
+    gradient : (2, n) ndarray
+        z_x and z_y in the frame of `tangent_frame(normal)`.
+    hessian : (3, n) ndarray
+        z_xx, z_xy and z_yy.
+    """
+    n = columns.shape[1]
+    gradient, hessian = np.zeros((2, n)), np.zeros((3, n))
+    frame = np.concatenate([*tangent_frame(normal), normal])
+    high, low = np.array([1.0] * len(_HIGH) + [0.0] * len(_LOW)), np.full(len(_TERMS), _FLOOR)
+    for begin, end in chunks(regions, _PAIRS):
+        start, member = _same_side(frame[6:9], begin, end, regions)
+        x, y, z = _local(columns, columns[:, begin:end], frame[:, begin:end], start, member)
+        x, y, axes = _scaled(x, y, start)
+        matrix, right = _normal_equations(x, y, z, start)
+        diagonal = np.arange(len(_TERMS))
+        count = np.diff(start)
+        # fewer data than terms: what the low terms can explain is theirs
+        share = np.where(count > len(_TERMS), penalty, np.maximum(penalty, 1.0))
+        matrix[diagonal, diagonal] += (high[:, None] * share + low[:, None]) * count
+        gradient[:, begin:end], hessian[:, begin:end] = _unscaled(_solve_low(matrix, right), axes)
+    return gradient, hessian
+
+
+def _local(
+    columns: NDArray, centre: NDArray, frame: NDArray, start: NDArray, member: NDArray
+) -> list[NDArray]:
+    """Coordinates x, y and heights z of the neighbours in the frame (9, c) of their vertex."""
+    count = np.diff(start)
+    offset = [np.take(c, member) - np.repeat(o, count) for c, o in zip(columns, centre)]
+    local = []
+    for axis in (frame[0:3], frame[3:6], frame[6:9]):
+        along = offset[0] * np.repeat(axis[0], count)
+        along += offset[1] * np.repeat(axis[1], count)
+        along += offset[2] * np.repeat(axis[2], count)
+        local.append(along)
+    return local
+
+
+def _same_side(normal: NDArray, begin: int, end: int, regions: Regions) -> tuple[NDArray, NDArray]:
+    """Neighbours whose normals are less than a right angle from their vertex's: heights are a function.
+
+    A vertex left with fewer than three, as the corners of a tetrahedron are, keeps those up to 120 degrees.
+    """
+    member = regions.member[regions.start[begin] : regions.start[end]]
+    start = regions.start[begin : end + 1] - regions.start[begin]
+    count = np.diff(start)
+    cosine = np.take(normal[0], member) * np.repeat(normal[0, begin:end], count)
+    cosine += np.take(normal[1], member) * np.repeat(normal[1, begin:end], count)
+    cosine += np.take(normal[2], member) * np.repeat(normal[2, begin:end], count)
+    keep = cosine > 0
+    if keep.all():
+        return start, member
+    kept = np.add.reduceat(keep, start[:-1], dtype=np.int64)
+    if kept.min() < 4:
+        keep |= np.repeat(kept < 4, count) & (cosine > -0.5)
+        kept = np.add.reduceat(keep, start[:-1], dtype=np.int64)
+    return np.concatenate([[0], np.cumsum(kept)]), member[keep]
+
+
+def _sum(values: NDArray, start: NDArray) -> NDArray[np.float64]:
+    return np.add.reduceat(values, start[:-1])
+
+
+def _scaled(x: NDArray, y: NDArray, start: NDArray) -> tuple[NDArray, NDArray, tuple[NDArray, ...]]:
+    """Coordinates along the axes of greatest and least spread, each spread made one; and these axes."""
+    count = np.diff(start)
+    xx, xy, yy = _sum(x * x, start), _sum(x * y, start), _sum(y * y, start)
+    small, large, cos, sin = eigen_2x2(xx, xy, yy)
+    large = np.where(large > 0, large, 1.0)
+    small = np.where(small > 1e-20 * large, small, large)
+    axes = (cos, sin, np.sqrt(count / large), np.sqrt(count / small))
+    c, s, sx, sy = (np.repeat(a, count) for a in axes)
+    return (c * x + s * y) * sx, (c * y - s * x) * sy, axes
+
+
+def _normal_equations(x: NDArray, y: NDArray, z: NDArray, start: NDArray) -> tuple[NDArray, NDArray]:
+    """(p, p, c) matrices and (p, c) right-hand sides of the least-squares fits."""
+    powers_x, powers_y = _powers(x), _powers(y)
+    moment = np.zeros((len(_POWERS), len(start) - 1))
+    right = np.zeros((len(_TERMS), len(start) - 1))
+    for k, (a, b) in enumerate(_POWERS):
+        if a + b == 0:
+            moment[k], right[_TERMS.index((0, 0))] = np.diff(start), _sum(z, start)
+            continue
+        term = powers_x[a] if b == 0 else powers_y[b] if a == 0 else powers_x[a] * powers_y[b]
+        moment[k] = _sum(term, start)
+        if (a, b) in _TERMS:
+            right[_TERMS.index((a, b))] = _sum(term * z, start)
+    return moment[_TABLE], right
+
+
+def _powers(x: NDArray) -> list[NDArray]:
+    powers = [x, x]
+    for _ in range(2, 9):
+        powers.append(powers[-1] * x)
+    return powers
+
+
+def _solve_low(matrix: NDArray, right: NDArray) -> NDArray[np.float64]:
+    """The low coefficients of many symmetric systems, by elimination of one unknown after another."""
+    p = len(matrix)
+    for j in range(p):
+        pivot = matrix[j, j]
+        inverse = np.divide(1.0, pivot, out=np.zeros_like(pivot), where=pivot > 0)
+        row = matrix[j, j + 1 :]
+        factor = row * inverse
+        matrix[j + 1 :, j + 1 :] -= factor[:, None] * row
+        right[j + 1 :] -= factor * right[j]
+        matrix[j, j + 1 :], right[j] = factor, right[j] * inverse
+    for j in range(p - 2, len(_HIGH) - 1, -1):
+        right[j] -= np.einsum("kn,kn->n", matrix[j, j + 1 :], right[j + 1 :])
+    return right[len(_HIGH) :]
+
+
+def _unscaled(low: NDArray, axes: tuple[NDArray, ...]) -> tuple[NDArray, NDArray]:
+    """Gradient (2, c) and Hessian (3, c) in the frame, from coefficients in scaled, turned coordinates."""
+    cos, sin, sx, sy = axes
+    xx, xy, yy, x, y = low[:5]
+    xx, xy, yy, x, y = 2 * xx * sx * sx, xy * sx * sy, 2 * yy * sy * sy, x * sx, y * sy
+    gradient = np.stack([cos * x - sin * y, sin * x + cos * y])
+    hessian = np.stack(
+        [
+            cos * cos * xx - 2 * cos * sin * xy + sin * sin * yy,
+            cos * sin * (xx - yy) + (cos * cos - sin * sin) * xy,
+            sin * sin * xx + 2 * cos * sin * xy + cos * cos * yy,
+        ]
+    )
+    return gradient, hessian
+
+
+def _chosen_penalty(columns: NDArray, normal: NDArray, regions: Regions) -> float:
+    """The penalty whose fits predict their data best, judged on vertices of small and large neighbourhoods.
+
+    Generalised cross-validation: the least of residual / (data - degrees of freedom)^2, in the mean of the
+    logarithms, so that a few creases do not decide for all. The judges are taken by the size of their
+    neighbourhood, not by number, so that a relabelled or moved mesh has the same ones.
+    """
+    count = regions.count
+    able = np.flatnonzero((count > len(_TERMS) + 3) & (count <= 400))
+    if len(able) == 0:
+        return _PENALTIES[-1]
+    if len(able) > _JUDGES:
+        size = _spread(columns, regions)[able]
+        able = able[np.argsort(size, kind="stable")][:: len(able) // _JUDGES]
+    some = listed(regions, able)
+    frame = np.concatenate([*tangent_frame(normal[:, able]), normal[:, able]])
+    x, y, z = _local(columns, columns[:, able], frame, some.start, some.member)
+    x, y, _ = _scaled(x, y, some.start)
+    matrix, right = _normal_equations(x, y, z, some.start)
+    return _judge(matrix.transpose(2, 0, 1), right.T[..., None], _sum(z * z, some.start), some.count)
+
+
+def _judge(matrix: NDArray, right: NDArray, squared: NDArray, count: NDArray) -> float:
+    high = (np.arange(len(_TERMS)) < len(_HIGH)).astype(np.float64)
+    flat = squared <= 0
+    squared = np.where(flat, 1.0, squared)
+    scores = []
+    for penalty in _PENALTIES:
+        weight = np.diag(penalty * high + _FLOOR)
+        inverse = _inverse(matrix + weight * count[:, None, None])
+        fitted = inverse @ right
+        explained = np.einsum("nij,nij->n", 2 * right - matrix @ fitted, fitted)
+        degrees = np.einsum("nij,nji->n", inverse, matrix)
+        rest = np.maximum(1.0 - explained / squared, 1e-26)
+        scores.append(float(np.log(rest / (count - degrees) ** 2).mean()))
+    return _PENALTIES[int(np.argmin(scores))]
+
+
+def _inverse(matrix: NDArray) -> NDArray[np.float64]:
+    try:
+        return np.linalg.inv(matrix)
+    except np.linalg.LinAlgError:  # a judge whose neighbours lie on a line
+        return np.linalg.pinv(matrix, hermitian=True)
+
+
+def _spread(columns: NDArray, regions: Regions) -> NDArray[np.float64]:
+    """(n,) squared distance from each vertex to the last of its neighbours' mean: a size, without frames."""
+    total = np.zeros(len(regions.start) - 1)
+    nonempty = regions.count > 0
+    for c in columns:
+        mean = np.zeros_like(total)
+        mean[nonempty] = np.add.reduceat(np.take(c, regions.member), regions.start[:-1][nonempty])
+        total += (mean / np.maximum(regions.count, 1) - c) ** 2
+    return total
+
+
+def principal_of_forms(gradient: NDArray, hessian: NDArray, normal: NDArray) -> Principal:
+    """Principal curvatures and directions of height fields over frames of `tangent_frame(normal)`."""
+    first, second = tangent_frame(normal)
+    gx, gy = gradient
+    stretch = np.sqrt(1 + gx * gx + gy * gy)
+    # Cholesky factor of the metric: the form in an orthonormal basis of the fitted tangent plane
+    l11 = np.sqrt(1 + gx * gx)
+    l21, l22 = gx * gy / l11, stretch / l11
+    xx, xy, yy = -hessian / stretch
+    ratio = l21 / l11
+    low, high, cos, sin = eigen_2x2(
+        xx / (l11 * l11),
+        (xy - ratio * xx) / (l11 * l22),
+        (yy - 2 * ratio * xy + ratio * ratio * xx) / (l22 * l22),
+    )
+
+    def lifted(c: NDArray, s: NDArray) -> NDArray[np.float64]:
+        v = s / l22
+        u = (c - l21 * v) / l11
+        return u * first + v * second + (u * gx + v * gy) * normal
+
+    return Principal(low, high, lifted(-sin, cos), lifted(cos, sin), low * high)

@@ -1,0 +1,148 @@
+"""Principal curvatures from the star of every vertex: `cotan`, `normal-cycle` and `corrected`."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ddgcli.algorithms.curvature.faces import Faces, cross, dot, ratio
+from ddgcli.algorithms.curvature.frames import Principal, eigen_2x2, in_tangent_plane, tangent_frame, turned
+from ddgcli.mesh.topology import NEXT, PREVIOUS
+
+
+def cotan(faces: Faces, normal: NDArray, area: NDArray, defect: NDArray, vector: NDArray) -> Principal:
+    """Meyer et al.: H from the area gradient, K from the angle defect, directions by least squares.
+
+    Parameters
+    ----------
+    normal : (3, n) ndarray
+        Unit vertex normals.
+    area, defect : (n,) ndarray
+        Mixed Voronoi areas and angle defects.
+    vector : (3, n) ndarray
+        Integrated mean curvature vectors (`vector_of`).
+
+    Notes
+    -----
+    M. Meyer, M. Desbrun, P. Schroder, A. Barr, "Discrete differential-geometry operators for triangulated
+    2-manifolds", 2003. kappa = H +- sqrt(H^2 - K), the root of a negative number taken as 0. The directions
+    fit the normal curvatures of the edges, weighted as in the Voronoi area, with trace 2 H.
+    """
+    length = np.sqrt(dot(vector, vector))
+    mean = ratio(np.where(dot(vector, normal) <= 0, length, -length), area)
+    gaussian = ratio(defect, area)
+    reach = np.sqrt(np.maximum(mean * mean - gaussian, 0.0))
+    first, second = tangent_frame(normal)
+    half_difference, off = _fitted_form(faces, normal, first, second, mean)
+    angle = 0.5 * np.arctan2(off, half_difference)
+    high, low = turned(first, second, np.cos(angle), np.sin(angle))
+    return Principal(mean - reach, mean + reach, low, high, gaussian)
+
+
+def _fitted_form(
+    faces: Faces, normal: NDArray, first: NDArray, second: NDArray, mean: NDArray
+) -> tuple[NDArray, NDArray]:
+    """Half the difference of the diagonal entries, and the other entry, of the fitted form of trace 2 H."""
+    sums, n = np.zeros((5, faces.n_vertices)), faces.n_vertices
+    frame = faces.at_corners(np.concatenate([normal, first, second, mean[None]]))
+    for j in range(3):
+        side, squared = faces.side[j], faces.squared_length[j]
+        weight = np.maximum(faces.cotan[PREVIOUS[j]] * squared, 0.0)
+        inverse = ratio(-2.0, squared)
+        for end, sign in ((j, 1.0), (NEXT[j], -1.0)):
+            at = frame[end]
+            curve = sign * dot(side, at[0:3]) * inverse
+            u, v = dot(side, at[3:6]), dot(side, at[6:9])
+            unit = ratio(1.0, u * u + v * v)
+            c, s = (u * u - v * v) * unit, 2.0 * u * v * unit
+            rest = weight * (curve - at[9])
+            wc = weight * c
+            for row, values in zip(sums, (wc * c, wc * s, weight * s * s, c * rest, s * rest)):
+                row += np.bincount(faces.corner[end], values, n)
+    cc, cs, ss, rc, rs = sums
+    determinant = cc * ss - cs * cs
+    regular = determinant > 1e-12 * (cc + ss) ** 2
+    safe = np.where(regular, determinant, 1.0)
+    half = np.where(regular, (ss * rc - cs * rs) / safe, rc)
+    off = np.where(regular, (cc * rs - cs * rc) / safe, rs)
+    return half, off
+
+
+def normal_cycle(
+    faces: Faces, edges: NDArray, normal: NDArray, area: NDArray, defect: NDArray, dihedral: NDArray
+) -> Principal:
+    """Cohen-Steiner and Morvan's tensor over the star: half of every incident edge, over the vertex area.
+
+    Notes
+    -----
+    D. Cohen-Steiner, J.-M. Morvan, "Restricted Delaunay triangulations and normal cycle", 2003. The sum of
+    |e| theta e e^T bends across edges, so the eigenvector of one curvature belongs to the other.
+    """
+    a, b = np.ascontiguousarray(edges.T)
+    x, y, z = (np.take(p, b) - np.take(p, a) for p in faces.points)
+    length = np.sqrt(x * x + y * y + z * z)
+    weight = 0.5 * ratio(dihedral, length)
+    wx, wy, wz = weight * x, weight * y, weight * z
+    entries, n = (wx * x, wy * y, wz * z, wy * z, wz * x, wx * y), faces.n_vertices
+    tensor = np.stack([np.bincount(a, e, n) + np.bincount(b, e, n) for e in entries])
+    return swapped_principal(ratio(tensor, area), normal, ratio(defect, area))
+
+
+def swapped_principal(tensor: NDArray, normal: NDArray, gaussian: NDArray) -> Principal:
+    """Principal curvatures of a normal-cycle tensor density, its directions put right."""
+    first, second = tangent_frame(normal)
+    low, high, cos, sin = eigen_2x2(*in_tangent_plane(tensor, first, second))
+    along_high_eigenvalue, across = turned(first, second, cos, sin)
+    return Principal(low, high, along_high_eigenvalue, across, gaussian)
+
+
+def corrected(faces: Faces, normal: NDArray) -> Principal:
+    """Interpolated corrected curvature measures of the star.
+
+    Notes
+    -----
+    J.-O. Lachaud, P. Romon, B. Thibert, "Corrected curvature measures", 2022; J.-O. Lachaud, P. Romon,
+    B. Thibert, D. Coeurjolly, "Interpolated corrected curvature measures for polygonal surfaces", 2020.
+    """
+    return corrected_principal(faces.stars(corrected_measures(faces, normal)), normal)
+
+
+def corrected_measures(faces: Faces, normal: NDArray) -> NDArray[np.float64]:
+    """(9, m) area, mean, Gaussian measure and the tensor (xx, yy, zz, yz, zx, xy) of every face.
+
+    The tensor is that of the second fundamental form, positive where convex.
+    """
+    a, b = faces.side[0], -faces.side[2]
+    u0, u1, u2 = faces.at_corners(normal)
+    middle = (u0 + u1 + u2) / 3.0
+    du, dv = 0.5 * (u1 - u0), 0.5 * (u2 - u0)
+    across_a, across_b = cross(a, middle), cross(b, middle)
+
+    def entry(i: int, j: int) -> NDArray[np.float64]:
+        return across_b[i] * du[j] - across_a[i] * dv[j]
+
+    return np.stack(
+        [
+            0.5 * dot(middle, faces.doubled),
+            dot(across_b, du) - dot(across_a, dv),
+            0.5 * dot(u0, cross(u1, u2)),
+            entry(0, 0),
+            entry(1, 1),
+            entry(2, 2),
+            0.5 * (entry(1, 2) + entry(2, 1)),
+            0.5 * (entry(2, 0) + entry(0, 2)),
+            0.5 * (entry(0, 1) + entry(1, 0)),
+        ]
+    )
+
+
+def corrected_principal(measures: NDArray, normal: NDArray) -> Principal:
+    """Densities of summed measures; the tensor's half-sum is set to the mean measure's."""
+    area = measures[0]
+    area = np.where(area > 1e-9 * np.abs(area).max(initial=0.0), area, 0.0)
+    density = ratio(measures[1:], area)
+    first, second = tangent_frame(normal)
+    low, high, cos, sin = eigen_2x2(*in_tangent_plane(density[2:], first, second))
+    shift = 0.5 * density[0] - 0.5 * (low + high)
+    high_direction, low_direction = turned(first, second, cos, sin)
+    return Principal(low + shift, high + shift, low_direction, high_direction, density[1])

@@ -1,0 +1,215 @@
+"""Integrals of curvature, Minkowski's volumes, and the balances that hold on every polyhedron."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ddgcli.algorithms.curvature.faces import Faces, cross, dot, ratio
+from ddgcli.algorithms.curvature.measures import link_integral
+from ddgcli.mesh.topology import NEXT, PREVIOUS, Topology
+
+
+def edge_length(faces: Faces, topology: Topology) -> NDArray[np.float64]:
+    """(e,) lengths of the edges."""
+    length = np.zeros(topology.n_edges)
+    length[topology.side_edge.T] = np.sqrt(faces.squared_length)
+    return length
+
+
+def filled_normals(faces: Faces, topology: Topology) -> NDArray[np.float64]:
+    """(3, m) unit normals where flat faces take that of the neighbour across their longest side.
+
+    Any unit vector square to a flat face's line keeps sums over edges of |e| theta and all balances exact;
+    the neighbour's makes the flat face invisible.
+    """
+    normal = faces.normal.copy()
+    open_faces = np.flatnonzero(faces.flat)
+    longest = np.argmax(faces.squared_length[:, open_faces], axis=0)
+    neighbour = topology.side_twin[open_faces, longest] // 3
+    for _ in range(8):
+        if len(open_faces) == 0:
+            return normal
+        found = (neighbour >= 0) & (dot(normal[:, neighbour], normal[:, neighbour]) > 0)
+        normal[:, open_faces[found]] = normal[:, neighbour[found]]
+        open_faces, neighbour = open_faces[~found], neighbour[~found]
+    side = faces.side[np.argmax(faces.squared_length[:, open_faces], axis=0), :, open_faces].T
+    axis = np.eye(3)[:, np.argmin(np.abs(side), axis=0)]
+    square = cross(side, axis)
+    normal[:, open_faces] = ratio(square, np.sqrt(dot(square, square)))
+    return normal
+
+
+def intrinsic_volumes(
+    euler: int, total_mean_curvature: float | None, area: float, volume: float | None
+) -> list[float | None]:
+    """[V0, V1, V2, V3] of the body inside (chapter 2, 5): chi/2, sum |e| theta / (2 pi), area/2, volume."""
+    mean_width = None if total_mean_curvature is None else total_mean_curvature / np.pi
+    return [euler / 2, mean_width, area / 2, volume]
+
+
+def steiner_polynomial(volumes: list[float | None]) -> list[float | None]:
+    """[c0..c3] with V(eps) = c0 + c1 eps + c2 eps^2 + c3 eps^3: V3, 2 V2, pi V1, 4 pi / 3 V0."""
+    ball = (4 * np.pi / 3, np.pi, 2.0, 1.0)
+    return [None if v is None else b * v for b, v in zip(ball[::-1], volumes[::-1])]
+
+
+def enclosed_volume(faces: Faces) -> float:
+    """Signed volume inside a closed surface, positive for outward orientation; about the points' origin."""
+    a, b, c = faces.at_corners(faces.points)
+    return float(dot(cross(a, b), c).sum() / 6.0)
+
+
+def vector_area(faces: Faces) -> NDArray[np.float64]:
+    """(3,) integral of the normal: half the integral of x cross dx over the boundary; zero when closed."""
+    return 0.5 * faces.doubled.sum(axis=1)
+
+
+def willmore_energies(
+    faces: Faces, topology: Topology, dihedral: NDArray, area: NDArray, vector: NDArray, defect: NDArray
+) -> dict[str, float | None]:
+    """Discrete integrals of H^2 with H half the sum of the principal curvatures, by name.
+
+    `cotan`: |integrated vector|^2 / vertex area. `sullivan`: (h_p / 2)^2 a third of the star, with
+    h_p = |grad Area| / |grad Vol| (chapter 3, 2.5). `hinge`: 3/4 theta^2 |e|^2 / (A1 + A2). Of H^2 - K:
+    `circle-angle`, half the sum of (sum of the angles between circumcircles - 2 pi), zero on every mesh
+    inscribed in a sphere (Bobenko), and `cotan-minus-gauss`, `cotan` less the angle defects; both over
+    interior vertices.
+    """
+    squared = dot(vector, vector)
+    inside = topology.referenced_vertex & ~topology.boundary_vertex
+    density = ratio(squared, area)
+    return {
+        "cotan": float(density.sum()),
+        "sullivan": _sullivan(faces, squared, inside),
+        "hinge": _hinge(faces, topology, dihedral),
+        "circle-angle": _circle_angle(faces, topology, inside),
+        "cotan-minus-gauss": float((density - defect)[inside].sum()),
+    }
+
+
+def _sullivan(faces: Faces, squared: NDArray, inside: NDArray) -> float | None:
+    third = faces.stars(faces.area[None] / 3)[0]
+    gradient = faces.stars(faces.doubled / 6)
+    volume_squared = dot(gradient, gradient)
+    usable = inside & (third > 0)
+    # a vertex between two coincident sheets has no volume gradient: the ratio is not defined
+    if (volume_squared[usable] <= 1e-24 * third[usable] ** 2).any():
+        return None
+    return float((ratio(squared, np.where(usable, volume_squared, 0.0)) * third).sum())
+
+
+def _hinge(faces: Faces, topology: Topology, dihedral: NDArray) -> float:
+    around = np.bincount(topology.side_edge.ravel(), np.repeat(faces.area, 3), topology.n_edges)
+    moment = dihedral * edge_length(faces, topology)
+    return float(0.75 * ratio(moment * moment, around).sum())
+
+
+def _circle_angle(faces: Faces, topology: Topology, inside: NDArray) -> float | None:
+    """Sum over interior vertices of (sum of circle angles - 2 pi) / 2; None where points coincide."""
+    twin = topology.side_twin.ravel()
+    side = np.flatnonzero((twin >= 0) & (np.arange(len(twin)) < twin))
+    other, corner = twin[side], topology.side_tail
+    i, j = corner[side], topology.side_head[side]
+    k, l = (corner[s // 3 * 3 + PREVIOUS[s % 3]] for s in (side, other))
+    a, b, c, d = (_between(faces.points, *ends) for ends in ((i, k), (k, j), (j, l), (l, i)))
+    # the angle between the circles through i, k, j and j, l, i, from the cross-ratio of quaternions
+    real = dot(a, c) * dot(b, d) - dot(a, b) * dot(c, d) - dot(b, c) * dot(d, a)
+    size = np.sqrt(dot(a, a)) * np.sqrt(dot(b, b)) * np.sqrt(dot(c, c)) * np.sqrt(dot(d, d))
+    if len(size) and size.min() <= 0:
+        return None
+    angle = np.arccos(np.clip(real / size, -1.0, 1.0))
+    total = np.bincount(i, angle, faces.n_vertices) + np.bincount(j, angle, faces.n_vertices)
+    return float(0.5 * (total[inside] - 2 * np.pi).sum())
+
+
+def _between(points: NDArray, tail: NDArray, head: NDArray) -> NDArray[np.float64]:
+    return np.stack([np.take(p, head) - np.take(p, tail) for p in points])
+
+
+def balances(
+    faces: Faces, topology: Topology, normal: NDArray, dihedral: NDArray, region: NDArray
+) -> dict[str, float]:
+    """How far force, torque and area balance are from closing around a region of faces (chapter 3, 1.4).
+
+    The outward conormal eta over the boundary of a region D and the mean curvature vector H nu (sum of the
+    principal curvatures) inside it obey, on polyhedra too: int eta = int H nu, int x cross eta =
+    int x cross H nu, int x . eta = int (H nu . x + 2). On an edge H nu integrates to 2 |e| sin(theta / 2)
+    against the mean of its two normals, which is computed here from the dihedral angle; the left sides come
+    from the faces beside the region's boundary.
+
+    Parameters
+    ----------
+    normal : (3, m) ndarray
+        Unit normals, of flat faces too (`filled_normals`).
+    dihedral : (e,) ndarray
+    region : (m,) ndarray of bool
+        Faces of the region D.
+
+    Returns
+    -------
+    dict
+        `force`, `torque`, `area`: relative to the sum of the absolute values of the terms.
+    """
+    twin = topology.side_twin.ravel()
+    owner = np.arange(len(twin)) // 3
+    inner = (twin >= 0) & region[owner] & region[np.maximum(twin, 0) // 3]
+    rim = np.flatnonzero(region[owner] & ~inner)
+    edge_side = np.flatnonzero(inner & (np.arange(len(twin)) < twin))
+    tail, head = topology.side_tail, topology.side_head
+
+    def middle_and_side(side: NDArray) -> tuple[NDArray, NDArray]:
+        vector = _between(faces.points, tail[side], head[side])
+        return faces.points[:, tail[side]] + vector / 2, vector
+
+    rim_middle, rim_vector = middle_and_side(rim)
+    conormal = cross(rim_vector, normal[:, rim // 3])
+    middle, vector = middle_and_side(edge_side)
+    bisector = normal[:, edge_side // 3] + normal[:, twin[edge_side] // 3]
+    bisector = ratio(bisector, np.sqrt(dot(bisector, bisector)))
+    half_angle = 0.5 * dihedral[topology.side_edge.ravel()[edge_side]]
+    force = -2.0 * np.sin(half_angle) * np.sqrt(dot(vector, vector)) * bisector
+    doubled = 2.0 * faces.area[region].sum()
+    return {
+        "force": _residual(conormal, -force),
+        "torque": _residual(cross(rim_middle, conormal), -cross(middle, force)),
+        "area": _residual(dot(rim_middle, conormal)[None], -dot(middle, force)[None], np.array([[-doubled]])),
+    }
+
+
+def _residual(*parts: NDArray) -> float:
+    """Largest component of the sum of all columns, relative to the sum of their absolute values."""
+    total = np.abs(sum(part.sum(axis=1) for part in parts)).max()
+    scale = np.abs(sum(np.abs(part).sum(axis=1) for part in parts)).max()
+    return float(total / scale) if scale > 0 else 0.0
+
+
+def nonconformality(faces: Faces, image: NDArray) -> dict[str, float]:
+    """Dirichlet energy minus area of the image of a map given at vertices, 0 for the identity (ch. 3, 2.6).
+
+    Parameters
+    ----------
+    image : (n, 2) or (n, 3) ndarray
+        Where each vertex goes.
+
+    Returns
+    -------
+    dict
+        `dirichlet_energy` = 1/4 sum (cot + cot) |f_i - f_j|^2, `map_area` and their difference
+        `nonconformality`, never negative but for rounding; in the image's length unit squared.
+    """
+    points = np.zeros((3, len(image)))
+    points[: image.shape[1]] = image.T
+    there = Faces(faces.corner, points)
+    dirichlet = float(
+        sum((0.25 * faces.cotan[PREVIOUS[j]] * there.squared_length[j]).sum() for j in range(3))
+    )
+    area = float(there.area.sum())
+    return {"dirichlet_energy": dirichlet, "map_area": area, "nonconformality": dirichlet - area}
+
+
+def star_balance(faces: Faces, vector: NDArray, inside: NDArray) -> float:
+    """Largest gap between the mean curvature vector of a star and the conormals of its link, relative."""
+    gap = 4 * vector - link_integral(faces)
+    link = faces.at_vertices(np.sqrt(faces.squared_length)[NEXT])
+    return float(ratio(np.sqrt(dot(gap, gap)), link)[inside].max(initial=0.0))

@@ -1,0 +1,137 @@
+"""Where circumcentres of intrinsic Delaunay faces lie, and which faces their insertion would change."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ddgcli.algorithms.delaunay.flips import SideArrays
+from ddgcli.algorithms.delaunay.gluing import around
+
+LONGEST_WALK = 1000
+LEAST_SHARE = 1e-3  # least barycentric coordinate of a point in the intrinsic face that it cuts
+INSIDE, BEYOND_BOUNDARY, ON_BOUNDARY, LOST = 0, 1, 2, 3
+
+
+@dataclass(eq=False)
+class Targets:
+    """Where circumcentres lie: in the face of `side`, laid out in the plane of complex numbers."""
+
+    status: NDArray[np.int64]
+    side: NDArray[np.int64]
+    corners: NDArray[np.complex128]  # (k, 3) tail, head and apex of the side
+    centre: NDArray[np.complex128]
+
+    def __getitem__(self, chosen: NDArray) -> Targets:
+        return Targets(self.status[chosen], self.side[chosen], self.corners[chosen], self.centre[chosen])
+
+
+def triangle_share(corners: NDArray, point: NDArray) -> NDArray[np.float64]:
+    """(k, 3) barycentric coordinates of points in triangles (k, 3) of complex numbers."""
+    away = corners - point[:, None]
+    part = cross(away[:, [1, 2, 0]], away[:, [2, 0, 1]])
+    return part / cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])[:, None]
+
+
+def pushed_inside(corners: NDArray, point: NDArray) -> NDArray[np.complex128]:
+    """Points with no barycentric coordinate below LEAST_SHARE, so that no part of a cut face is flat."""
+    share = np.maximum(triangle_share(corners, point), LEAST_SHARE)
+    return (share * corners).sum(axis=1) / share.sum(axis=1)
+
+
+def apex_of(state: SideArrays, side: NDArray) -> NDArray[np.complex128]:
+    """The corner opposite each side, in the frame where the side runs from 0 to 1."""
+    _, following, previous = around(side)
+    t = state.tangent[following]
+    return (1 + 1j * t) ** 2 / (1 + t * t) * (state.length[previous] / state.length[side])
+
+
+def seek_circumcentres(state: SideArrays, face: NDArray) -> Targets:
+    """Walk from Delaunay faces straight to their circumcentres.
+
+    The disk around a face is flat and holds no vertex, so the way across the longest side is the only one.
+    """
+    tangent = state.tangent.reshape(-1, 3)[face]
+    widest = tangent.argmax(axis=1)
+    side = 3 * face + widest
+    length = state.length[side]
+    t = tangent[np.arange(len(face)), widest]
+    centre = 0.5 * length * (1 + 0.5j * (1 / t - t))
+    corners = np.stack([np.zeros(len(face)), length, apex_of(state, side) * length], axis=1)
+    start = corners.mean(axis=1)
+    found = Targets(np.full(len(face), INSIDE), side, corners, centre)
+    going = np.flatnonzero(t > 1.0)
+    for _ in range(LONGEST_WALK):
+        if len(going) == 0:
+            return found
+        entered = state.twin[found.side[going]]
+        closed = entered >= 0
+        found.status[going[~closed]] = BEYOND_BOUNDARY
+        going, entered = going[closed], entered[closed]
+        left, right = found.corners[going, 1], found.corners[going, 0]
+        apex = left + apex_of(state, entered) * (right - left)
+        found.side[going] = entered
+        found.corners[going] = np.stack([left, right, apex], axis=1)
+        aim = found.centre[going]
+        beyond = (cross(apex - right, aim - right) < 0) | (cross(left - apex, aim - apex) < 0)
+        going, left, right, apex, aim = going[beyond], left[beyond], right[beyond], apex[beyond], aim[beyond]
+        # found.corners holds tail and head of the side to leave by: the one that the line crosses
+        apex_is_left = cross(aim - start[going], apex - start[going]) > 0
+        _, following, previous = around(found.side[going])
+        found.side[going] = np.where(apex_is_left, following, previous)
+        found.corners[going, 0] = np.where(apex_is_left, right, apex)
+        found.corners[going, 1] = np.where(apex_is_left, apex, left)
+        found.corners[going, 2] = np.where(apex_is_left, left, right)
+    found.status[going] = LOST
+    return found
+
+
+@dataclass(eq=False)
+class Cavity:
+    """Faces whose circumdisks hold the points of targets, and those around them, in pairs (some repeated).
+
+    `encroached` is a boundary side whose diametral disk holds the point, -1 where there is none.
+    """
+
+    item: NDArray[np.int64]
+    face: NDArray[np.int64]
+    encroached: NDArray[np.int64]
+
+
+def conflict_cavity(state: SideArrays, targets: Targets) -> Cavity:
+    """Spread from the face that holds each target over the faces that its insertion would change."""
+    k = len(targets.side)
+    encroached = np.full(k, -1)
+    item, side, corners = np.arange(k), targets.side, targets.corners
+    items, faces = [item], [side // 3]
+    _, following, previous = around(side)
+    item = np.tile(item, 3)
+    side = np.concatenate([side, following, previous])
+    ends = np.concatenate([corners[:, [0, 1]], corners[:, [1, 2]], corners[:, [2, 0]]])
+    for _ in range(LONGEST_WALK):
+        tail, head = ends.T
+        twin, point = state.twin[side], targets.centre[item]
+        within = ((tail - point) * np.conj(head - point)).real < -1e-12 * np.abs(head - tail) ** 2
+        near = (twin < 0) & within
+        encroached[item[near]] = side[near]
+        inner = twin >= 0
+        item, twin, tail, head, point = item[inner], twin[inner], head[inner], tail[inner], point[inner]
+        items.append(item)
+        faces.append(twin // 3)
+        t = state.tangent[twin]
+        centre = tail + (head - tail) * (0.5 + 0.25j * (1 / t - t))
+        holds = np.abs(point - centre) < np.abs(tail - centre) * (1 - 1e-12)
+        item, twin, tail, head = item[holds], twin[holds], tail[holds], head[holds]
+        if len(item) == 0:
+            break
+        apex = tail + apex_of(state, twin) * (head - tail)
+        _, following, previous = around(twin)
+        item, side = np.tile(item, 2), np.concatenate([following, previous])
+        ends = np.stack([np.concatenate([head, apex]), np.concatenate([apex, tail])], axis=1)
+    return Cavity(np.concatenate(items), np.concatenate(faces), encroached)
+
+
+def cross(a: NDArray, b: NDArray) -> NDArray[np.float64]:
+    return (np.conj(a) * b).imag

@@ -1,0 +1,222 @@
+"""Edge flips on a gluing map, in batches of edges that share no face.
+
+The work arrays are flat over sides (number 3f+j, side j from corner j to corner j+1). A batch costs a number
+of passes over its own edges and nothing proportional to the mesh.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ddgcli.algorithms.delaunay.gluing import Gluing, around
+from ddgcli.algorithms.delaunay.normal_coordinates import flipped_crossings
+from ddgcli.geometry.intrinsic import excess
+
+DELAUNAY_SLACK = 1e-13
+
+
+@dataclass(eq=False)
+class SideArrays(Gluing):
+    """The triangulation while it is being flipped; every array is changed in place.
+
+    Parameters
+    ----------
+    tail, twin
+        See `Gluing`.
+    length : (3m,) ndarray of float64
+    tangent : (3m,) ndarray of float64
+        tan(half the angle opposite the side).
+    cotan_sum : (m,) ndarray of float64
+        Sum of the three cotangents of a face. A flip that restores the Delaunay property lowers the sum over
+        its two faces (Musin 1997); that no flip may raise it rules out cycles by rounding.
+    crossings : (3m,) ndarray of int64, optional
+        Normal coordinate of the side: how often it crosses edges of the input; -1 where it is one.
+    direction : (3m,) ndarray of float64, optional
+        Angle of the side at its tail, counter-clockwise from the vertex's reference.
+    """
+
+    length: NDArray[np.float64]
+    tangent: NDArray[np.float64]
+    cotan_sum: NDArray[np.float64]
+    crossings: NDArray[np.int64] | None = None
+    direction: NDArray[np.float64] | None = None
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self.refused = 0  # flips that rounding forbade
+        self.claim = np.empty(len(self.tail) + 1, dtype=np.int64)  # scratch: anything
+
+    @classmethod
+    def of(cls, faces: NDArray, twin: NDArray, length: NDArray) -> SideArrays:
+        """Work arrays of faces (m, 3), their gluing (m, 3) and side lengths (m, 3)."""
+        tangent, cotan_sum = shape_of(*length.T)
+        return cls(
+            tail=faces.ravel().copy(),
+            twin=np.append(twin.ravel(), -1),
+            length=length.ravel().copy(),
+            tangent=np.stack(tangent, axis=1).ravel(),
+            cotan_sum=cotan_sum,
+        )
+
+    def grow(self, n_new: int) -> None:
+        """Room for n_new further faces, unglued and without lengths."""
+        super().grow(n_new)
+        self._lengthen("length", 3 * n_new, np.nan)
+        self._lengthen("tangent", 3 * n_new, np.nan)
+        self._lengthen("cotan_sum", n_new, np.nan)
+        if self.direction is not None:
+            self._lengthen("direction", 3 * n_new, np.nan)
+        self._lengthen("claim", 3 * n_new, 0)
+
+    def measure(self, face: NDArray) -> None:
+        """Angles of faces whose lengths have changed."""
+        tangent, cotan_sum = shape_of(*(self.length[3 * face + k] for k in range(3)))
+        for k in range(3):
+            self.tangent[3 * face + k] = tangent[k]
+        self.cotan_sum[face] = cotan_sum
+
+
+def shape_of(a: NDArray, b: NDArray, c: NDArray) -> tuple[tuple[NDArray, NDArray, NDArray], NDArray]:
+    """Half-angle tangents opposite each side, and the cotangents' sum, of triangles with sides a, b, c.
+
+    With x, y, z the halves of Kahan's differences (b + c - a and so on) and r the inradius, the tangent
+    opposite a is r / x. Degenerate triangles get an infinite or undefined cotangent sum.
+    """
+    x, y, z = _half_excess(a, b, c), _half_excess(b, c, a), _half_excess(c, a, b)
+    half_perimeter = x + y + z
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        inradius = np.sqrt(x * y * z / half_perimeter)
+        cotan_sum = (a * a + b * b + c * c) / (4.0 * inradius * half_perimeter)
+        return (inradius / x, inradius / y, inradius / z), cotan_sum
+
+
+def _half_excess(a: NDArray, b: NDArray, c: NDArray) -> NDArray:
+    half = excess(a, b, c)
+    half *= 0.5
+    return half
+
+
+def flip(state: SideArrays, side: NDArray, *, force: bool = False) -> NDArray:
+    """Flip the edges of `side`, no two of which share a face; returns the sides at which one happened.
+
+    Edge ij between the faces (i, j, k) and (j, i, l) becomes kl between (i, l, k) and (j, k, l). Side ij then
+    holds i->l, its old twin j->k, and the new edge stands where jk and il were. A flip that would not lower
+    the sum of cotangents (a tie, or worse by rounding) is left out unless forced.
+    """
+    length, tangent = state.length, state.tangent
+    h, g = side, state.twin[side]
+    f0, h1, h2 = around(h)
+    f1, g1, g2 = around(g)
+    jk, ki, il, lj = length[h1], length[h2], length[g1], length[g2]
+
+    # the new length, seen from the nearer of i and j: (p - q)^2 + 4 p q sin^2(angle / 2), a sum of squares
+    near_i = ki + il <= jk + lj
+    p, q = np.where(near_i, ki, jk), np.where(near_i, il, lj)
+    t0 = tangent[np.where(near_i, h1, h2)]
+    t1 = tangent[np.where(near_i, g2, g1)]
+    squared = (t0 + t1) ** 2 / ((1.0 + t0 * t0) * (1.0 + t1 * t1))
+    kl = np.sqrt((p - q) ** 2 + 4.0 * p * q * squared)
+
+    (k0, i0, l0), sum0 = shape_of(il, kl, ki)
+    (l1, j1, k1), sum1 = shape_of(jk, kl, lj)
+    if force:
+        better = np.isfinite(sum0) & np.isfinite(sum1)
+    else:
+        better = sum0 + sum1 < (state.cotan_sum[f0] + state.cotan_sum[f1]) * (1.0 - 1e-15)
+    if not better.all():
+        state.refused += int(len(better) - better.sum())
+        h, g, h1, h2, g1, g2, f0, f1 = (a[better] for a in (h, g, h1, h2, g1, g2, f0, f1))
+        jk, il, kl = jk[better], il[better], kl[better]
+        k0, i0, l0, l1, j1, k1 = (a[better] for a in (k0, i0, l0, l1, j1, k1))
+        sum0, sum1 = sum0[better], sum1[better]
+
+    if state.crossings is not None:
+        n = state.crossings
+        new = flipped_crossings(n[h], n[h1], n[h2], n[g1], n[g2])
+        n[h], n[g], n[h1], n[g1] = n[g1], n[h1], new, new
+    length[h], length[g], length[h1], length[g1] = il, jk, kl, kl
+    tangent[h], tangent[h1], tangent[h2] = k0, i0, l0
+    tangent[g], tangent[g1], tangent[g2] = l1, j1, k1
+    state.cotan_sum[f0], state.cotan_sum[f1] = sum0, sum1
+    if state.direction is not None:
+        # k->l turns from k->i by the angle at k of (i, l, k); at l alike
+        moved_il, moved_jk = state.direction[g1].copy(), state.direction[h1].copy()
+        at_k, at_l = state.direction[h2] + 2.0 * np.arctan(k0), state.direction[g2] + 2.0 * np.arctan(l1)
+        state.direction[h], state.direction[g] = moved_il, moved_jk
+        state.direction[h1], state.direction[g1] = at_l, at_k
+    state.flip_sides(h, g, h1, h2, g1, g2)
+    return h
+
+
+def flip_until_delaunay(
+    state: SideArrays, active: NDArray | None = None, *, most_rounds: int | None = None
+) -> tuple[int, int, bool]:
+    """Flip edges that are not locally Delaunay until none is left; returns flips, rounds, whether it ended.
+
+    Parameters
+    ----------
+    state : SideArrays
+    active : (k,) ndarray of int64, optional
+        Sides whose edges may be wrong; all by default.
+    most_rounds : int, optional
+        Bound on the batches; by default far above what any surface needs.
+
+    Notes
+    -----
+    A batch takes the edges that violate the condition more than the other edges of their two faces.
+    """
+    if active is None:
+        active = np.flatnonzero(state.twin[:-1] > np.arange(3 * state.n_faces))
+    if most_rounds is None:
+        most_rounds = 1000 + 10 * state.n_faces
+    flips = rounds = 0
+    while rounds < most_rounds:
+        active, violation = _violating(state, active)
+        if len(active) == 0:
+            return flips, rounds, True
+        chosen = _independent(state, active, violation)
+        flipped = flip(state, active[chosen])
+        flips += len(flipped)
+        rounds += 1
+        active = np.concatenate([active[~chosen], _rim(state, flipped)])
+    return flips, rounds, False
+
+
+def _violating(state: SideArrays, side: NDArray) -> tuple[NDArray, NDArray]:
+    """The sides, each edge once, whose opposite angles sum to more than pi, and tan tan of their halves."""
+    twin = state.twin[side]
+    product = state.tangent[side] * state.tangent[twin]
+    bad = product > 1.0 + DELAUNAY_SLACK
+    bad &= twin >= 0
+    side = np.minimum(side[bad], twin[bad])
+    product = product[bad]
+    claim = state.claim
+    claim[side] = np.arange(len(side))
+    once = claim[side] == np.arange(len(side))
+    return side[once], product[once]
+
+
+def _independent(state: SideArrays, side: NDArray, violation: NDArray) -> NDArray[np.bool_]:
+    """Mask of edges no two of which share a face: each violates the condition most in both of its faces."""
+    order = np.argsort(violation)
+    side = side[order]
+    one, other = side // 3, state.twin[side] // 3
+    rank = np.arange(len(side))
+    claim = state.claim
+    claim[np.stack([one, other], axis=1).ravel()] = np.repeat(rank, 2)  # the last claim, the worst, stays
+    wins = claim[one] == rank
+    wins &= claim[other] == rank
+    wins &= one != other
+    chosen = np.zeros(len(side), dtype=bool)
+    chosen[order] = wins
+    return chosen
+
+
+def _rim(state: SideArrays, flipped: NDArray) -> NDArray:
+    """The four outer sides of the quadrilaterals of flipped edges (numbered as `flip` left them)."""
+    _, new, h2 = around(flipped)
+    _, g2, g = around(state.twin[new])
+    return np.concatenate([flipped, h2, g, g2])

@@ -1,0 +1,261 @@
+"""Insertion of Steiner points into an intrinsic Delaunay triangulation, in batches that do not meet."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ddgcli.algorithms.delaunay.circumcentres import (
+    BEYOND_BOUNDARY,
+    INSIDE,
+    ON_BOUNDARY,
+    Cavity,
+    Targets,
+    apex_of,
+    conflict_cavity,
+    pushed_inside,
+    seek_circumcentres,
+)
+from ddgcli.algorithms.delaunay.flips import SideArrays, flip_until_delaunay
+from ddgcli.algorithms.delaunay.gluing import around
+from ddgcli.algorithms.delaunay.steiner_places import Places
+from ddgcli.algorithms.delaunay.triangulation import glue, length_scale
+from ddgcli.mesh.triangle_mesh import TriangleMesh
+from ddgcli.operators.mollify import mollified
+
+SHARP = np.pi / 3  # cones and boundary corners of a smaller total angle are left as they are
+COINCIDENT = 1e-7  # side of a face without area, relative to its longest, whose ends are one point
+NEAREST_TO_PINNED = 0.1  # no point comes nearer to either, relative to their shortest edge before refinement
+FEWEST_TRIED, TRIED_FOR_EACH = 256, 8  # bad faces in a batch: at least, and for each point of the last one
+
+
+class Refinement:
+    """The triangulation under refinement.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+        Manifold and oriented.
+    angle : float
+        That no angle shall be smaller than, in radians.
+    limit : int
+        At most so many Steiner points.
+    seed : int
+    """
+
+    def __init__(self, mesh: TriangleMesh, angle: float, limit: int, seed: int = 0) -> None:
+        self.limit, self.n_input = limit, mesh.n_vertices
+        self.bound = np.tan(angle / 2)
+        glued = glue(mesh)
+        begun = mollified(glued.side_length, glued.topology.side_edge)
+        scale = length_scale(begun.length)
+        self.places = Places(mesh, scale)
+        fans = self.places.fans
+        self.state = SideArrays.of(glued.faces, glued.topology.side_twin, begun.length / scale)
+        self.state.direction = fans.angle_before.copy()
+        self.flips, self.batches = flip_until_delaunay(self.state)[0], 0
+        self.exhausted = False
+        self.random, self.crowd = np.random.default_rng(seed), FEWEST_TRIED
+
+        self.sharp = np.zeros(self.n_input, dtype=bool)
+        self.sharp[fans.vertex] = fans.total_angle < SHARP - 1e-9
+        self.coincident = np.zeros(self.n_input, dtype=bool)
+        self.coincident[collapsed_ends(mesh, begun.faces)] = True
+        self.pinned = self.sharp | self.coincident
+        self.keep_off = self._keep_off()
+
+    def _keep_off(self) -> NDArray[np.float64]:
+        """(n,) distance from pinned vertices within which no point is inserted; 0 at the others."""
+        state = self.state
+        tail, head = state.tail, state.tail[around(np.arange(len(state.tail)))[1]]
+        apart = np.flatnonzero(~(self.coincident[tail] & self.coincident[head]))
+        nearest = np.full(self.n_input, np.inf)
+        for end in (tail, head):
+            np.minimum.at(nearest, end[apart], state.length[apart])
+        return np.where(self.pinned & np.isfinite(nearest), NEAREST_TO_PINNED * nearest, 0.0)
+
+    def advance(self) -> bool:
+        """One batch of insertions and the flips after it; False when there was nothing to insert."""
+        state = self.state
+        t = state.tangent
+        smallest = np.minimum(np.minimum(t[0::3], t[1::3]), t[2::3])
+        bad = np.flatnonzero(smallest < self.bound)
+        bad = bad[~np.any(self._is_pinned(state.tail.reshape(-1, 3)[bad]), axis=1)]
+        if len(bad) == 0:
+            return False
+        if self.places.n_steiner >= self.limit:
+            self.exhausted = True
+            return False
+        while True:
+            some = bad if len(bad) <= self.crowd else self.random.choice(bad, self.crowd, replace=False)
+            some = some[np.argsort(smallest[some])]
+            touched = self._insert_at(some)
+            if len(touched) or len(some) == len(bad):
+                break
+            self.crowd *= 8
+        if len(touched) == 0:
+            return False
+        self.flips += flip_until_delaunay(state, touched)[0]
+        self.batches += 1
+        return True
+
+    def _insert_at(self, bad: NDArray) -> NDArray[np.int64]:
+        """Insert points for bad faces, worst first; returns the sides whose edges may need a flip."""
+        targets = self._independent(*self._proposals(bad))
+        # where all points crowd into a few cavities, next time fewer are tried
+        self.crowd = max(FEWEST_TRIED, TRIED_FOR_EACH * len(targets.side))
+        on_boundary = targets.status == ON_BOUNDARY
+        inner = targets[np.flatnonzero(~on_boundary)]
+        return np.concatenate([self._split_boundary(targets.side[on_boundary]), self._insert(inner)])
+
+    def _is_pinned(self, vertex: NDArray) -> NDArray:
+        return (vertex < self.n_input) & self.pinned[np.minimum(vertex, self.n_input - 1)]
+
+    def _proposals(self, bad: NDArray) -> tuple[Targets, Cavity]:
+        """Points to insert for bad faces, worst first: circumcentres, or middles of boundary sides."""
+        state = self.state
+        targets = seek_circumcentres(state, bad)
+        inside = np.flatnonzero(targets.status == INSIDE)
+        cavity = conflict_cavity(state, targets[inside])
+        edge = np.full(len(bad), -1)
+        edge[inside] = cavity.encroached
+        beyond = targets.status == BEYOND_BOUNDARY
+        edge[beyond] = targets.side[beyond]
+        wanted = (targets.status == INSIDE) & (edge < 0)
+        wanted[wanted] = self._clear_of_pinned(targets[np.flatnonzero(wanted)])
+        split = np.flatnonzero(edge >= 0)
+        split = split[np.sort(np.unique(edge[split], return_index=True)[1])]
+        split = split[self._may_split(edge[split])]
+        targets.status[split], targets.side[split] = ON_BOUNDARY, edge[split]
+        self._lay_out(targets, split)
+        around_splits = conflict_cavity(state, targets[split])
+
+        still = wanted[inside[cavity.item]]
+        item = np.concatenate([split[around_splits.item], inside[cavity.item[still]]])
+        face = np.concatenate([around_splits.face, cavity.face[still]])
+        wanted[split] = True
+        rank = np.cumsum(wanted) - 1
+        return targets[np.flatnonzero(wanted)], Cavity(rank[item], face, edge[wanted])
+
+    def _lay_out(self, targets: Targets, split: NDArray) -> None:
+        """Lay out the faces of boundary sides that are to be cut, and the places of the cuts."""
+        side = targets.side[split]
+        length = self.state.length[side]
+        corners = np.stack([np.zeros(len(side)), length, apex_of(self.state, side) * length], axis=1)
+        targets.corners[split] = corners
+        targets.centre[split] = self._shell(side) * length
+
+    def _clear_of_pinned(self, targets: Targets) -> NDArray[np.bool_]:
+        _, following, previous = around(targets.side)
+        clear: NDArray[np.bool_] = np.ones(len(targets.side), dtype=bool)
+        for k, side in enumerate((targets.side, following, previous)):
+            reach = self._reach(self.state.tail[side])
+            clear &= np.abs(targets.centre - targets.corners[:, k]) >= reach
+        return clear
+
+    def _may_split(self, side: NDArray) -> NDArray:
+        reach = self._reach(self.state.tail[np.stack([side, around(side)[1]])])
+        return (0.35 * self.state.length[side] >= reach).all(axis=0)
+
+    def _reach(self, vertex: NDArray) -> NDArray[np.float64]:
+        """Distance to keep from vertices: 0 but for pinned ones."""
+        return np.where(
+            self._is_pinned(vertex), self.keep_off[np.minimum(vertex, len(self.keep_off) - 1)], 0.0
+        )
+
+    def _independent(self, targets: Targets, cavity: Cavity) -> Targets:
+        """Those whose cavities and the faces around them meet no earlier one's."""
+        claim = self.state.claim
+        order = np.argsort(-cavity.item, kind="stable")
+        claim[cavity.face[order]] = cavity.item[order]
+        lost = np.zeros(len(targets.side), dtype=bool)
+        lost[cavity.item[claim[cavity.face] != cavity.item]] = True
+        wins = ~lost & (np.cumsum(~lost) <= self.limit - self.places.n_steiner)
+        return targets[np.flatnonzero(wins)]
+
+    # boundary edges
+
+    def _split_boundary(self, side: NDArray) -> NDArray[np.int64]:
+        """Cut boundary sides ij of faces (i, j, k) at v; returns the sides whose edges may need a flip."""
+        state = self.state
+        if len(side) == 0:
+            return side
+        _, jk, ki = around(side)
+        share = self._shell(side)
+        edge, at = self.places.on_boundary(state, side, share)
+        vertex = self.places.add_on_boundary(edge, at)
+        whole, lengths_jk = state.length[side].copy(), state.length[jk].copy()
+        to_apex = np.abs(apex_of(state, side) - share) * whole
+        old_jk, old_ki = state.direction[jk].copy(), state.direction[ki].copy()  # type: ignore[index]
+        new = state.split_boundary(side, vertex)
+        p = 3 * new
+        state.length[side], state.length[jk] = share * whole, to_apex
+        state.length[p], state.length[p + 1], state.length[p + 2] = (1 - share) * whole, lengths_jk, to_apex
+        state.measure(np.concatenate([side // 3, new]))
+        direction = self.direction
+        direction[p] = self.places.edge_direction(edge)
+        direction[p + 1] = old_jk
+        direction[jk] = direction[p] + 2 * np.arctan(state.tangent[p + 1])
+        direction[p + 2] = old_ki + 2 * np.arctan(state.tangent[side])
+        return np.concatenate([side, jk, ki, p, p + 1, p + 2])
+
+    def _shell(self, side: NDArray) -> NDArray[np.float64]:
+        """Share at which to cut: the middle, or a power of two from a sharp corner (Ruppert's shells)."""
+        state = self.state
+        at_tail, at_head = self._is_pinned(state.tail[side]), self._is_pinned(state.tail[around(side)[1]])
+        length = state.length[side]
+        shell = np.exp2(np.rint(np.log2(0.5 * length))) / length
+        share = np.where(at_tail & ~at_head, shell, 0.5)
+        return np.where(at_head & ~at_tail, 1.0 - shell, share)
+
+    # circumcentres
+
+    def _insert(self, targets: Targets) -> NDArray[np.int64]:
+        """Insert points into their faces (a, b, c); returns the sides whose edges may need a flip."""
+        state = self.state
+        face, corner = targets.side // 3, targets.side % 3
+        if len(face) == 0:
+            return face
+        place = (np.arange(3) - corner[:, None]) % 3
+        corners = np.take_along_axis(targets.corners, place, axis=1)
+        point = targets.centre
+        point = pushed_inside(corners, point)
+        located = self.places.locate(state, face, corners, point)
+        for _ in range(3):  # towards the middle of the face where an input edge is too near
+            near = np.flatnonzero(~located.clear)
+            point[near] += 0.05 * (corners[near].mean(axis=1) - point[near])
+            located.replace(near, self.places.locate(state, face[near], corners[near], point[near]))
+        face, corners, located = face[located.sound], corners[located.sound], located[located.sound]
+        if len(face) == 0:
+            return face
+        distance = np.abs(corners - located.point[:, None])
+        from_point = located.turn + np.angle(corners[:, 0] - located.point)
+        vertex = self.places.add_inside(located)
+        new = state.split_faces(face, vertex)
+        a, b, c, p, q = 3 * face, 3 * face + 1, 3 * face + 2, 3 * new[0], 3 * new[1]
+        length, (da, db, dc) = state.length, distance.T
+        length[p], length[q] = length[b], length[c]
+        length[b], length[c] = db, da
+        length[p + 1], length[p + 2], length[q + 1], length[q + 2] = dc, db, da, dc
+        state.measure(np.concatenate([face, new[0], new[1]]))
+        angle, direction = 2 * np.arctan(state.tangent), self.direction
+        at_a, at_b, at_c = direction[a], direction[b].copy(), direction[c].copy()
+        direction[p], direction[q] = at_b, at_c
+        direction[q + 1] = at_a + angle[b]
+        direction[b] = at_b + angle[p + 1]
+        direction[p + 1] = at_c + angle[q + 1]
+        direction[c] = from_point
+        direction[p + 2] = from_point + angle[a]
+        direction[q + 2] = direction[p + 2] + angle[p]
+        return np.concatenate([a, b, c, p, p + 1, p + 2, q, q + 1, q + 2])
+
+    @property
+    def direction(self) -> NDArray[np.float64]:
+        return self.state.direction  # type: ignore[return-value]
+
+
+def collapsed_ends(mesh: TriangleMesh, flat: NDArray) -> NDArray[np.int64]:
+    """Vertices that lie at one point with another one of a face without area."""
+    length = mesh.side_length[flat]
+    side = (3 * flat[:, None] + np.arange(3))[length <= COINCIDENT * length.max(axis=1, keepdims=True)]
+    return np.concatenate([mesh.topology.side_tail[side], mesh.topology.side_head[side]])

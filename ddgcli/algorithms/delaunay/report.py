@@ -1,0 +1,269 @@
+"""What flips and refinement did to a triangulation, in numbers."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ddgcli.algorithms.delaunay.common_subdivision import Base, CommonSubdivision, common_subdivision
+from ddgcli.algorithms.delaunay.refine import Refined, refine
+from ddgcli.algorithms.delaunay.triangulation import (
+    Flipped,
+    flip_to_delaunay,
+    glue,
+    length_scale,
+    negative_cotan_edges,
+    non_delaunay_edges,
+    working_lengths,
+)
+from ddgcli.geometry.extrinsic import face_area_vector
+from ddgcli.geometry.intrinsic import corner_angle, face_area
+from ddgcli.geometry.unfolding import face_corner_angle
+from ddgcli.linalg.factor import Factor
+from ddgcli.mesh.fields import AnnotatedMesh
+from ddgcli.mesh.intrinsic_mesh import IntrinsicMesh
+from ddgcli.mesh.triangle_mesh import TriangleMesh, vector_length
+from ddgcli.operators.laplacian import stiffness
+from ddgcli.operators.mollify import mollified_mesh
+
+SurfaceMesh = TriangleMesh | IntrinsicMesh
+
+
+@dataclass(frozen=True, eq=False)
+class DelaunayReport:
+    """What the `delaunay` command writes and says.
+
+    Parameters
+    ----------
+    mesh : IntrinsicMesh
+    results, accuracy : dict
+        Blocks of the summary.
+    on_input : dict of str to ndarray
+        `input_face` and `input_barycentric` of the vertices of a refined triangulation.
+    subdivision : CommonSubdivision, optional
+        Where asked for.
+    reached : bool
+        False where refinement ran out of points, or rounding forbade a flip.
+    """
+
+    mesh: IntrinsicMesh
+    results: dict[str, Any]
+    accuracy: dict[str, Any]
+    on_input: dict[str, NDArray]
+    subdivision: CommonSubdivision | None = None
+    reached: bool = True
+
+
+def delaunay_report(
+    mesh: TriangleMesh,
+    *,
+    degrees: float | None = None,
+    max_points: int | None = None,
+    subdivide: bool = False,
+    condition: bool = False,
+    seed: int = 0,
+) -> DelaunayReport:
+    """The intrinsic Delaunay triangulation of a surface, refined where asked for, with its statistics.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+    degrees, max_points
+        See `refine`; None: no refinement.
+    subdivide : bool
+        Also make the common subdivision.
+    condition : bool
+        Also measure the condition numbers of the Laplacians.
+    seed : int
+        Of the choice among faces in refinement.
+    """
+    if degrees is None:
+        flipped, base, refined = flip_to_delaunay(mesh, track=subdivide), Base.itself(mesh), None
+    else:
+        refined = refine(mesh, degrees, max_points=max_points, seed=seed)
+        flipped, base = refined.flipped, refined.base
+    results: dict[str, Any] = {
+        "flips": flipped.flips if refined is None else refined.flips,
+        "steiner_points": flipped.mesh.n_vertices - mesh.n_vertices,
+        "before": triangulation_statistics(mesh, _metric(mesh, flipped), condition=condition),
+        "after": triangulation_statistics(flipped.mesh, condition=condition),
+    }
+    on_input: dict[str, NDArray] = {}
+    if refined is not None:
+        results["refinement"] = refinement_counts(refined)
+        where = refined.steiner.behind_vertices(mesh)
+        on_input = {"input_face": where.face, "input_barycentric": where.barycentric}
+    accuracy: dict[str, Any] = metric_residuals(mesh, flipped.mesh)
+    cut = common_subdivision(flipped, base) if subdivide else None
+    if cut is not None:
+        results["overlay"] = subdivision_counts(cut)
+        accuracy |= subdivision_residuals(cut, mesh)
+    reached = (refined is None or refined.reached) and flipped.left == 0
+    return DelaunayReport(flipped.mesh, results, accuracy, on_input, cut, reached)
+
+
+def _metric(mesh: TriangleMesh, flipped: Flipped) -> SurfaceMesh:
+    """The input with the lengths that flips begin with, so that matrices before and after can be compared."""
+    if len(flipped.mollified.faces) == 0:
+        return mesh
+    return IntrinsicMesh(mesh.topology, working_lengths(mesh, glue(mesh)).length, mesh.points)
+
+
+def refinement_counts(refined: Refined) -> dict[str, int]:
+    """How refinement went: batches, exceptions at sharp vertices, faces that it did not reach."""
+    return {
+        "batches": refined.batches,
+        "sharp_vertices": refined.sharp_vertices,
+        "coincident_vertices": refined.coincident_vertices,
+        "excepted_faces": refined.excepted_faces,
+        "unreached_faces": refined.unreached_faces,
+    }
+
+
+def subdivision_counts(cut: CommonSubdivision) -> dict[str, int]:
+    """Vertices by kind and triangles of a common subdivision."""
+    kinds = np.bincount(cut.vertex_kind, minlength=3)
+    names = ("input_vertices", "steiner_points", "crossings")
+    return {**{name: int(k) for name, k in zip(names, kinds)}, "faces": cut.mesh.n_faces}
+
+
+def subdivision_residuals(cut: CommonSubdivision, mesh: TriangleMesh) -> dict[str, float]:
+    """Errors of a common subdivision.
+
+    Returns
+    -------
+    dict
+        `overlay_area_residual`: change of the area, relative; `overlay_length_residual`: largest difference
+        between an intrinsic edge and its straight line over the input, relative to its length.
+    """
+    scale = length_scale(mesh.side_length)
+    area, cut_area = (face_area(m.side_length / scale).sum() for m in (mesh, cut.mesh))
+    change = float(abs(cut_area - area) / area) if area > 0 else float("nan")
+    return {"overlay_area_residual": change, "overlay_length_residual": cut.length_residual}
+
+
+def overlay_mesh(cut: CommonSubdivision) -> AnnotatedMesh:
+    """The common subdivision with its labels, as `--overlay` writes it."""
+    return AnnotatedMesh(
+        cut.mesh,
+        vertex={"vertex_kind": cut.vertex_kind},
+        face={"input_face": cut.input_face, "intrinsic_face": cut.intrinsic_face},
+    )
+
+
+def triangulation_statistics(
+    mesh: SurfaceMesh, mended: SurfaceMesh | None = None, *, condition: bool = False
+) -> dict[str, Any]:
+    """Counts and angles of one triangulation.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh or IntrinsicMesh
+    mended : TriangleMesh or IntrinsicMesh, optional
+        The same without degenerate faces, for the matrix.
+    condition : bool
+
+    Returns
+    -------
+    dict
+        `non_delaunay_edges` (interior, opposite angles above pi + 1e-9), `negative_cotan_edges` (boundary
+        edges included), `min_angle_degrees`, `max_angle_degrees`, `self_edges`, `multi_edges` (edges that
+        share both ends with another one), `dirichlet_energy` of the positions (None where there are none),
+        and `laplacian_condition` where asked for.
+    """
+    angle = np.degrees(corner_angle(mesh.side_length))
+    edges = np.sort(mesh.topology.edges, axis=1)
+    loop = edges[:, 0] == edges[:, 1]
+    matrix = stiffness(mollified_mesh(mended or mesh)[0])  # told by the flips
+    statistics = {
+        "non_delaunay_edges": int(non_delaunay_edges(mesh).sum()),
+        "negative_cotan_edges": negative_cotan_edges(mesh),
+        "min_angle_degrees": float(angle.min()),
+        "max_angle_degrees": float(angle.max()),
+        "self_edges": int(loop.sum()),
+        "multi_edges": _repeated(edges[~loop], mesh.n_vertices),
+        "dirichlet_energy": None if mesh.points is None else dirichlet_energy(matrix, mesh.points),
+    }
+    if condition:
+        statistics["laplacian_condition"] = laplacian_condition(matrix, mesh.topology.n_components)
+    return statistics
+
+
+def _repeated(edges: NDArray, n_vertices: int) -> int:
+    """Number of edges whose two ends are those of another edge."""
+    key = np.sort(edges[:, 0] * np.int64(n_vertices) + edges[:, 1])
+    same = key[1:] == key[:-1]
+    return int((np.append(same, False) | np.append(False, same)).sum())
+
+
+def dirichlet_energy(matrix: Any, values: NDArray) -> float:
+    """Half the Dirichlet integral of the interpolants of vertex values (n,) or (n, k), columns summed.
+
+    Of the positions on the input triangulation this is the area; every Delaunay flip lowers it (Rippa 1990).
+    """
+    values = values.reshape(len(values), -1)
+    values = values - values.mean(axis=0)
+    return float(0.5 * np.einsum("ik,ik->", values, matrix @ values))
+
+
+def laplacian_condition(matrix: Any, n_components: int) -> float | None:
+    """Largest over smallest non-zero eigenvalue of the stiffness matrix; None where it has too few."""
+    from scipy.sparse import eye_array
+    from scipy.sparse.linalg import LinearOperator, eigsh
+
+    used = np.flatnonzero(matrix.diagonal() != 0.0)
+    matrix = matrix[used][:, used]
+    n, wanted = matrix.shape[0], n_components + 1
+    if n < wanted + 1:
+        return None
+    if n <= 3 * wanted + 20:
+        values = np.linalg.eigvalsh(matrix.toarray())
+        return float(values[-1] / values[n_components])
+    start = np.random.default_rng(0).normal(size=n)
+    largest = eigsh(matrix, 1, which="LM", return_eigenvectors=False, v0=start, tol=1e-6)[0]
+    shift = 1e-9 * float(np.median(matrix.diagonal()))
+    factor = Factor(matrix + shift * eye_array(n))
+    inverse = LinearOperator((n, n), matvec=factor.solve, dtype=np.float64)
+    smallest = eigsh(
+        matrix, wanted, sigma=-shift, OPinv=inverse, return_eigenvectors=False, v0=start, tol=1e-6
+    ).max()
+    return float(largest / smallest)
+
+
+def metric_residuals(before: SurfaceMesh, after: SurfaceMesh) -> dict[str, float]:
+    """How far flips and insertions changed the metric.
+
+    Returns
+    -------
+    dict
+        `area_residual`: change of the area relative to it; `angle_defect_residual`: largest change of an
+        angle defect (inserted vertices must have none) relative to a full turn.
+    """
+    scale = length_scale(before.side_length)  # areas of tiny and huge surfaces leave the range of float64
+    area0, area1 = _area(before, scale), _area(after, scale)
+    change = _defect(after)
+    change[: before.n_vertices] -= _defect(before)
+    return {
+        "area_residual": float(abs(area1 - area0) / area0) if area0 > 0 else float("nan"),
+        "angle_defect_residual": float(np.abs(change).max(initial=0.0) / (2 * np.pi)),
+    }
+
+
+def _area(mesh: SurfaceMesh, scale: float) -> float:
+    """Area over scale squared, from positions where there are any: lengths lose the heights of caps."""
+    if isinstance(mesh, TriangleMesh):
+        return float(vector_length(face_area_vector(mesh.moved(mesh.points / scale))).sum())
+    return float(face_area(mesh.side_length / scale).sum())
+
+
+def _defect(mesh: SurfaceMesh) -> NDArray[np.float64]:
+    """(n,) angle defects, from positions where there are any."""
+    topology = mesh.topology
+    total = np.bincount(
+        mesh.faces.ravel(), weights=face_corner_angle(mesh).ravel(), minlength=mesh.n_vertices
+    )
+    full = np.where(topology.boundary_vertex, np.pi, 2 * np.pi)
+    return np.where(topology.referenced_vertex, full - total, 0.0)

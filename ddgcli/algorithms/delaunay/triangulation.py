@@ -1,0 +1,210 @@
+"""Intrinsic Delaunay triangulations: the same surface, vertices and metric, with better edges (chapter 10).
+
+A. Bobenko, B. Springborn, "A discrete Laplace-Beltrami operator for simplicial surfaces", 2007; M. Fisher
+et al., "An algorithm for the construction of intrinsic Delaunay triangulations", 2006.
+"""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ddgcli.algorithms.delaunay.flips import SideArrays, flip_until_delaunay
+from ddgcli.errors import MeshError
+from ddgcli.geometry.intrinsic import corner_cotan, half_angle_tangent
+from ddgcli.mesh.intrinsic_mesh import IntrinsicMesh
+from ddgcli.mesh.require import require
+from ddgcli.mesh.topology import NEXT, Topology, sorted_sides
+from ddgcli.mesh.triangle_mesh import TriangleMesh
+from ddgcli.operators.mollify import Mollified, mollified
+
+log = logging.getLogger("ddgcli")
+
+ANGLE_SLACK = 1e-9  # radians by which opposite angles may sum to more than pi and still count as Delaunay
+CAP = 1e-9  # excess relative to the longest side below which lengths are taken in extended precision
+
+
+@dataclass(frozen=True, eq=False)
+class Flipped:
+    """An intrinsic triangulation and how it was reached.
+
+    Parameters
+    ----------
+    mesh : IntrinsicMesh
+        With gluing; vertices as in the input.
+    flips, rounds : int
+    mollified : Mollified
+        The lengths that the flips began with, and which faces had no inside.
+    left : int
+        Edges that rounding kept from being flipped although their angles exceed pi by more than 1e-9.
+    crossings : (m, 3) ndarray of int64, optional
+        Normal coordinates of the sides (see `normal_coordinates`), where they were tracked.
+    notes : tuple of str
+        What was done to the input or decided by a tolerance.
+    """
+
+    mesh: IntrinsicMesh
+    flips: int
+    rounds: int
+    mollified: Mollified
+    left: int = 0
+    crossings: NDArray[np.int64] | None = None
+    notes: tuple[str, ...] = ()
+
+
+def flip_to_delaunay(
+    mesh: TriangleMesh | IntrinsicMesh, *, track: bool = False, most_rounds: int | None = None
+) -> Flipped:
+    """The intrinsic Delaunay triangulation of a surface, by edge flips.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh or IntrinsicMesh
+        An oriented surface without edges of three faces; vertices where several fans meet are taken. An
+        IntrinsicMesh with gluing may be any Delta-complex (self-edges, several edges between two vertices).
+    track : bool
+        Carry the normal coordinates along, as `common_subdivision` needs them.
+    most_rounds : int, optional
+        Bound on the batches of flips; by default far above what any surface needs.
+
+    Returns
+    -------
+    Flipped
+
+    Raises
+    ------
+    MeshError
+        For a non-manifold edge, faces of opposite orientation, or side lengths that are no lengths.
+
+    Notes
+    -----
+    Every interior edge ends with opposite angles summing to pi at most (up to 1e-9); boundary edges stay.
+    Angles are compared and lengths updated through half-angle tangents, which keep their relative precision
+    on slivers. Where positions are given and caps would lose their heights in float64 lengths, the flips work
+    in extended precision.
+    """
+    glued = glue(mesh)
+    begun = working_lengths(mesh, glued)
+    notes = [str(begun)] if len(begun.faces) else []
+    scale = length_scale(begun.length)
+    state = SideArrays.of(glued.faces, glued.topology.side_twin, begun.length / scale)
+    if track:
+        state.crossings = np.full(3 * glued.n_faces, -1, dtype=np.int64)
+    flips, rounds, ended = flip_until_delaunay(state, most_rounds=most_rounds)
+    result = unglue(state, glued, scale)
+    left = 0 if ended and not state.refused else int(non_delaunay_edges(result).sum())
+    if left:
+        notes.append(f"{left} edges of flat triangles stay as they are: rounding decides their Delaunay test")
+    for note in notes:
+        log.warning(note)
+    crossings = None if state.crossings is None else state.crossings.reshape(-1, 3)
+    return Flipped(result, flips, rounds, begun, left, crossings, tuple(notes))
+
+
+def glue(mesh: TriangleMesh | IntrinsicMesh) -> IntrinsicMesh:
+    """The mesh by its side lengths, with an explicit gluing; MeshError where faces do not pair up."""
+    topology = mesh.topology
+    if topology.n_faces == 0:
+        raise MeshError("no triangles; the intrinsic Delaunay triangulation needs a surface")
+    if topology.gluing is None:
+        topology = Topology(topology.faces, topology.n_vertices, _twins(mesh))
+    elif not _is_gluing(topology):
+        raise MeshError("the gluing does not pair sides that run from b to a with sides that run from a to b")
+    length = mesh.side_length
+    if not (length.min() >= 0 and length.max() < np.inf):
+        bad = np.flatnonzero(~(np.isfinite(length) & (length >= 0)).all(axis=1))[0]
+        raise MeshError(f"face {bad} has a side length that is no length ({length[bad]}); mend it")
+    return IntrinsicMesh(topology, length, mesh.points)
+
+
+def _twins(mesh: TriangleMesh | IntrinsicMesh) -> NDArray[np.int64]:
+    """(m, 3) gluing of a simplicial mesh, in one sort; MeshError where it is not an oriented surface."""
+    topology = mesh.topology
+    tail, head = topology.side_tail, topology.side_head
+    key, order = sorted_sides(np.minimum(tail, head), np.maximum(tail, head), topology.n_vertices)
+    same = key[1:] == key[:-1]
+    a, b = order[:-1][same], order[1:][same]
+    twin = np.full(len(key), -1, dtype=np.int64)
+    twin[a], twin[b] = b, a
+    if (same[1:] & same[:-1]).any() or (tail[a] != head[b]).any() or (tail == head).any():
+        require_surface(mesh, "the intrinsic Delaunay triangulation")
+    return twin.reshape(-1, 3)
+
+
+def require_surface(mesh: TriangleMesh | IntrinsicMesh, verb: str) -> None:
+    """MeshError where the faces of a mesh cannot be glued in pairs: why, where, and what works."""
+    topology = mesh.topology
+    twice = np.flatnonzero((topology.side_tail == topology.side_head).reshape(-1, 3).any(axis=1))
+    if len(twice):
+        raise MeshError(f"face {twice[0]} names a vertex twice ({len(twice)} such faces); remove it")
+    try:
+        require(mesh, verb, sized=False, manifold_edges=True, oriented=True)  # type: ignore[arg-type]
+    except MeshError as error:
+        raise MeshError(f"{error}; for a Laplacian, laplacian --operator tufted takes it as it is") from None
+
+
+def _is_gluing(topology: Topology) -> bool:
+    twin = topology.side_twin.ravel()
+    side = np.flatnonzero(twin >= 0)
+    partner = twin[side]
+    return bool(
+        (twin[partner] == side).all()
+        and (partner != side).all()
+        and (topology.side_tail[side] == topology.side_head[partner]).all()
+    )
+
+
+def working_lengths(mesh: TriangleMesh | IntrinsicMesh, glued: IntrinsicMesh) -> Mollified:
+    """Side lengths to flip with: mollified where a triangle has no inside.
+
+    In extended precision where the mesh has positions and caps so flat that float64 lengths would lose their
+    heights (on platforms without such numbers: float64).
+    """
+    length = glued.side_length
+    if len(_caps(length, CAP)) == 0:
+        return Mollified(length, np.zeros(0, dtype=np.int64))
+    if isinstance(mesh, TriangleMesh):
+        corners = mesh.points.astype(np.longdouble)[mesh.faces]
+        scale = np.abs(corners).max() or 1.0
+        length = scale * np.sqrt((((corners[:, NEXT] - corners) / scale) ** 2).sum(axis=2))
+    return mollified(length, glued.topology.side_edge)
+
+
+def _caps(length: NDArray, least: float) -> NDArray[np.int64]:
+    """Faces whose two shorter sides exceed the longest by no more than a share of it."""
+    a, b, c = length.T
+    longest = np.maximum(np.maximum(a, b), c)
+    return np.flatnonzero(a + b + c <= (2.0 + least) * longest)
+
+
+def length_scale(length: NDArray) -> float:
+    """A power of two near the mean length: dividing by it is exact and keeps products in range."""
+    mean = float(length.mean()) if length.size else 1.0
+    return float(2.0 ** np.round(np.log2(mean))) if mean > 0 else 1.0
+
+
+def unglue(state: SideArrays, mesh: IntrinsicMesh, scale: float) -> IntrinsicMesh:
+    """The mesh that the work arrays hold."""
+    topology = Topology(state.tail.reshape(-1, 3), mesh.n_vertices, state.twin[:-1].reshape(-1, 3))
+    return IntrinsicMesh(topology, scale * state.length.reshape(-1, 3), mesh.points)
+
+
+def non_delaunay_edges(mesh: TriangleMesh | IntrinsicMesh) -> NDArray[np.bool_]:
+    """(m, 3) True at one side of each interior edge whose opposite angles sum to more than pi + 1e-9."""
+    angle = 2.0 * np.arctan(half_angle_tangent(mesh.side_length))
+    opposite = angle[:, [2, 0, 1]].ravel()
+    twin = mesh.topology.side_twin.ravel()
+    first = twin > np.arange(len(twin))
+    total = opposite + opposite[np.maximum(twin, 0)]
+    return (first & (total > np.pi + ANGLE_SLACK)).reshape(-1, 3)
+
+
+def negative_cotan_edges(mesh: TriangleMesh | IntrinsicMesh) -> int:
+    """Edges, boundary ones included, of negative cotangent weight (beyond 1e-9 of its terms)."""
+    cotan = corner_cotan(mesh.side_length)[:, [2, 0, 1]].ravel()
+    edge = mesh.topology.side_edge.ravel()
+    weight, size = np.bincount(edge, cotan), np.bincount(edge, np.abs(cotan))
+    return int((weight < -ANGLE_SLACK * np.maximum(size, 1.0)).sum())

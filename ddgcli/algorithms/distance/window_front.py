@@ -1,0 +1,385 @@
+"""Windows on the march: batched propagation of unfolded distance across a surface.
+
+A window on side h enters the face of h. It stands for the straight lines from an unfolded source (sx, sy),
+sy < 0, through the interval [b0, b1] of the side; its distance at x is origin + |(x, 0) - (sx, sy)|.
+
+References
+----------
+J. Mitchell, D. Mount, C. Papadimitriou, The discrete geodesic problem, 1987 (windows);
+S. Xin, G. Wang, Improving Chen and Han's algorithm, 2009 (the filter by vertex distances).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ddgcli.algorithms.distance.window_dominance import EPS, dominate
+from ddgcli.algorithms.distance.window_pool import NEVER, Origins, Pool
+from ddgcli.algorithms.distance.window_shadow import shadow_of
+from ddgcli.algorithms.distance.window_tables import BOUNDARY, WindowTables
+from ddgcli.algorithms.distance.window_targets import Targets
+from ddgcli.errors import SolveError
+
+LIFT = 1e-15  # of a side: least height of a source above it, so that one on the side itself still sees across
+TELL_EVERY = 16  # rounds between two looks at the progress
+SPAWN_EVERY = 3  # rounds between two launches of waiting vertices; fewer, fuller batches
+
+
+class Front:
+    """State of one propagation: distances so far, how each was reached, windows and vertices that wait.
+
+    Parameters
+    ----------
+    tables : WindowTables
+    slack : float
+        0 for exact; tau > 0 drops windows that a vertex path matches within tau side lengths.
+    dominance_every : int
+        Rounds between two prunes of windows on the same side; 0 never prunes (the distances are the same).
+    targets : Targets, optional
+        Points in faces to measure on the way.
+    """
+
+    def __init__(
+        self,
+        tables: WindowTables,
+        *,
+        slack: float = 0.0,
+        dominance_every: int = 10,
+        targets: Targets | None = None,
+    ) -> None:
+        n = tables.n_vertices
+        self.targets = targets
+        self.tables, self.slack, self.dominance_every = tables, slack, dominance_every
+        self.bends = np.ones(n, dtype=bool) if slack > 0 else tables.bends
+        self.distance = np.full(n, np.inf)
+        self.origin = np.full(n, -1, dtype=np.int64)
+        self.side = np.full(n, -1, dtype=np.int64)
+        self.crossing = np.full(n, np.nan)
+        self.spawned_at = np.full(n, np.inf)
+        self._place = np.zeros(n, dtype=np.int64)
+        self.origins = Origins()
+        self.pool = Pool()
+        self.pending = np.zeros(0, dtype=np.int64)
+        self.windows = 0
+        self.rounds = 0
+        self.bucket = 3.0 * float(tables.shape[:, 0].mean()) if len(tables.shape) else 1.0
+
+    # -- vertices -----------------------------------------------------------------------------------
+
+    def improve(
+        self,
+        vertex: NDArray,
+        distance: NDArray,
+        origin: NDArray,
+        side: NDArray | None = None,
+        crossing: NDArray | None = None,
+    ) -> None:
+        """Lower distances at vertices (entries may repeat), and note the way in.
+
+        `side` is the side opposite that the path crosses, at `crossing`; -2 - side where it comes along an
+        edge, through an end of that side; none: from a point in a face.
+        """
+        better = (distance < self.distance.take(vertex)).nonzero()[0]
+        if not len(better):
+            return
+        vertex, distance = vertex.take(better), distance.take(better)
+        np.minimum.at(self.distance, vertex, distance)
+        won = distance == self.distance.take(vertex)
+        vertex, better = vertex[won], better[won]
+        self.origin[vertex] = origin.take(better)
+        self.side[vertex] = -1 if side is None else side.take(better)
+        self.crossing[vertex] = np.nan if crossing is None else crossing.take(better)
+        self.pending = np.concatenate([self.pending, vertex[self.bends[vertex]]])
+
+    def start_vertex(self, vertex: NDArray, source: NDArray) -> None:
+        """Sources at vertices, distance zero."""
+        origin = self.origins.add(vertex, source, np.zeros(len(vertex)))
+        self.distance[vertex] = 0.0
+        self.origin[vertex] = origin
+        self.spawned_at[vertex] = 0.0
+        self._spawn(vertex, origin, np.full(len(vertex), np.nan))
+
+    def _spawn(self, vertex: NDArray, origin: NDArray, incoming: NDArray) -> None:
+        """Distances along the edges at each vertex, and windows on the sides opposite it.
+
+        `incoming` is the direction back along the path at each vertex: its shadow gets windows (nan: all).
+        """
+        tables = self.tables
+        start = tables.around_start.take(vertex)
+        count = tables.around_start.take(vertex + 1) - start
+        row = np.arange(len(vertex)).repeat(count)
+        side = tables.around.take(np.arange(len(row)) + (start - count.cumsum() + count).take(row))
+        shape, ids, row_origin = (
+            tables.shape.take(side, axis=0),
+            tables.ids.take(side, axis=0),
+            origin.take(row),
+        )
+        reach = shape[:, 3:] + self.origins.distance.take(row_origin)[:, None]
+        face = side // 3 * 3
+        way = np.stack([face + (side - face + 1) % 3, face + (side - face + 2) % 3], axis=1)
+        end = np.stack([shape[:, 4], np.zeros(len(side))], axis=1)
+        self.improve(
+            ids[:, :2].ravel(), reach.ravel(), np.repeat(row_origin, 2), -2 - way.ravel(), end.ravel()
+        )
+        begin, stop = shadow_of(
+            tables.turn.take(side), tables.angle.take(side), tables.total_angle.take(vertex.take(row)),
+            incoming.take(row),
+        )  # fmt: skip
+        lit = (begin < stop).nonzero()[0]
+        if len(lit):
+            self._fan(
+                side.take(lit), shape.take(lit, axis=0), row_origin.take(lit), begin.take(lit), stop.take(lit)
+            )
+
+    def _fan(self, side: NDArray, shape: NDArray, origin: NDArray, begin: NDArray, end: NDArray) -> None:
+        """Windows from the apex of each side, over the part of the side seen between two angles there."""
+        length, x, y, left, right = shape.T
+        angle = self.tables.angle.take(side)
+        ends = np.empty((2, len(side)))
+        for at, phi in zip(ends, (begin, end)):
+            from0, from1 = left * np.sin(phi), right * np.sin(angle - phi)
+            np.divide(from0, from0 + from1, out=at)
+            at *= length
+        self.launch(side, x, y, origin, ends)
+
+    def _incoming(self, vertex: NDArray) -> NDArray[np.float64]:
+        """Direction back along the path that reached each vertex, as an angle around it; nan: not known."""
+        side = self.side.take(vertex)
+        side = np.where(side < -1, -2 - side, side)
+        x, (_, ax, ay, _, _) = self.crossing.take(vertex), self.tables.shape.take(side, axis=0).T
+        angle = self.tables.turn.take(side) + np.arctan2(ay * x, ay * ay - ax * (x - ax))
+        angle[side < 0] = np.nan
+        return angle
+
+    def launch(
+        self, side: NDArray, x: NDArray, y: NDArray, origin: NDArray, ends: NDArray | None = None
+    ) -> None:
+        """Windows from points (x, y) above each side in its own frame, leaving its face.
+
+        They cover the part of the side between `ends` (2, k), or the whole side.
+        """
+        length, (d0, d1) = self.tables.shape[side, 0], self.distance.take(self.tables.ids[side, :2].T)
+        b0, b1 = (np.zeros(len(side)), length) if ends is None else ends
+        base, code = self.origins.distance.take(origin), self._code(side)
+        y = np.maximum(y, LIFT * length)
+        r0, r1 = base + _norm(x - b0, y.copy()), base + _norm(b1 - x, y.copy())
+        margin = EPS - self.slack * length
+        keep = (code != BOUNDARY) & (b1 - b0 > EPS)
+        keep &= (r0 <= d1 + (length - b0) + margin) & (r1 <= d0 + b1 + margin)
+        kept = keep.nonzero()[0]
+        key = np.where((x > b0) & (x < b1), base + y, np.minimum(r0, r1))
+        lines = np.stack([length - b1, length - b0, length - x, -y])  # in the frame across, from v1 to v0
+        self._enter(
+            lines.take(kept, axis=1), code.take(kept), origin.take(kept), key.take(kept), side.take(kept)
+        )
+
+    def _code(self, side: NDArray) -> NDArray:
+        face, j = np.divmod(side, 3)
+        return self.tables.ids[3 * face + (j + 1) % 3, 3]
+
+    # -- windows ------------------------------------------------------------------------------------
+
+    def _enter(self, lines: NDArray, code: NDArray, origin: NDArray, key: NDArray, left_by: NDArray) -> None:
+        """Push windows into the faces across; `lines` are in the frame that runs against side `left_by`."""
+        tables = self.tables
+        if tables.edge_sides is not None and (code < BOUNDARY).any():
+            many = code < BOUNDARY
+            row, side, same_way = tables.across_many(left_by[many])
+            one = ~many
+            where_from = np.concatenate([np.flatnonzero(one), np.flatnonzero(many)[row]])
+            code = np.concatenate([code[one], side])
+            lines, origin, key = lines[:, where_from], origin[where_from], key[where_from]
+            flip = np.concatenate([np.zeros(int(one.sum()), dtype=bool), same_way])
+            if tables.mirrored is not None:
+                flip[: int(one.sum())] = tables.mirrored[left_by[one]]
+            _reflect(lines, flip, tables.shape[code, 0])
+        elif tables.mirrored is not None:
+            _reflect(lines, tables.mirrored[left_by], tables.shape[code, 0])
+        where = np.empty((2, len(code)), dtype=np.int64)
+        where[0], where[1] = code, origin
+        self.pool.push(lines, where, key)
+
+    def run(
+        self,
+        limit: float = np.inf,
+        most_windows: float = np.inf,
+        progress: Callable[[float, float], None] | None = None,
+    ) -> None:
+        """Propagate until nothing waits below `limit` (distances below it are then final).
+
+        `progress` is told now and then how many vertices of all are final.
+
+        Raises
+        ------
+        SolveError
+            After `most_windows` windows: the surface is too degenerate for this method.
+        """
+        while True:
+            waiting = self._waiting()
+            least = min(self.pool.least(), waiting)
+            if not least < limit:
+                return
+            if progress is not None and self.rounds % TELL_EVERY == 0:
+                progress(float(np.count_nonzero(self.distance < least)), float(len(self.distance)))
+            bound = max(least + self.bucket, np.nextafter(least, np.inf))
+            if waiting < bound and (self.rounds % SPAWN_EVERY == 0 or waiting <= least):
+                self._spawn_below(bound)
+            lines, where = self.pool.pop_below(bound)
+            self.rounds += 1
+            if where.shape[1] == 0:
+                continue
+            if self.dominance_every and self.rounds % self.dominance_every == 0:
+                lines, where = dominate(lines, where, self.tables.shape, self.origins.distance)
+            self.windows += where.shape[1]
+            if self.windows > most_windows:
+                raise SolveError(
+                    f"exact distance gave up after {self.windows} windows; the triangles are too degenerate: "
+                    "use --method heat, or repair the mesh"
+                )
+            if self.targets is not None:
+                self.targets.light(lines, where, self.origins)
+            self._propagate(lines, where)
+
+    def _waiting(self) -> float:
+        """Least distance of the vertices that wait to be origins; forgets those that need not."""
+        if not len(self.pending):
+            return NEVER
+        distance = self.distance[self.pending]
+        live = distance < self.spawned_at[self.pending]
+        self.pending = self.pending[live]
+        return float(distance[live].min(initial=NEVER))
+
+    def _spawn_below(self, bound: float) -> None:
+        distance = self.distance[self.pending]
+        now = distance < bound
+        vertex = self._once(self.pending[now])
+        self.pending = self.pending[~now]
+        before = self.origin[vertex]
+        self.spawned_at[vertex] = self.distance[vertex]
+        origin = self.origins.add(vertex, self.origins.source[before], self.distance[vertex])
+        incoming = self._incoming(vertex) if self.slack == 0 else np.full(len(vertex), np.nan)
+        self._spawn(vertex, origin, incoming)
+
+    def _once(self, vertex: NDArray) -> NDArray[np.int64]:
+        """The vertices without repetitions."""
+        place = np.arange(len(vertex))
+        self._place[vertex] = place
+        return vertex[self._place[vertex] == place]
+
+    def _propagate(self, lines: NDArray, where: NDArray) -> None:
+        """Carry windows across their faces: light the apex, then hand on what the filter keeps."""
+        side, origin = where
+        base = self.origins.distance.take(origin)
+        shape = np.ascontiguousarray(self.tables.shape.take(side, axis=0).T)
+        ids = np.ascontiguousarray(self.tables.ids.take(side, axis=0).T)
+        b0, b1, sx, sy = lines
+        dx, dy = shape[1] - sx, shape[2] - sy
+        at = sx - dx * sy / dy  # where the line to the apex crosses the side
+
+        lit = ((at >= b0 - EPS) & (at <= b1 + EPS)).nonzero()[0]
+        if len(lit):
+            reach = base.take(lit) + _norm(dx.take(lit), dy.take(lit))
+            self.improve(ids[2].take(lit), reach, origin.take(lit), side.take(lit), at.take(lit))
+
+        left, right = (at > b0).nonzero()[0], (at < b1).nonzero()[0]
+        parent, n_left = np.concatenate([left, right]), len(left)
+        kept, out, key = self._children(
+            n_left,
+            lines.take(parent, axis=1),
+            at.take(parent),
+            shape.take(parent, axis=1),
+            self.distance.take(ids[:3].take(parent, axis=1)),
+            base.take(parent),
+        )
+        k = int(np.searchsorted(kept, n_left))
+        source = parent.take(kept)
+        code = np.concatenate([ids[3].take(source[:k]), ids[4].take(source[k:])])
+        inner = (code != BOUNDARY).nonzero()[0]
+        if len(inner) < len(kept):
+            kept, out, key = kept.take(inner), out.take(inner, axis=1), key.take(inner)
+            code, source = code.take(inner), source.take(inner)
+        left_by = code[:0]  # needed only where crossings are not plain
+        if self.tables.mirrored is not None or self.tables.edge_sides is not None:
+            face, j = np.divmod(side.take(source), 3)
+            left_by = 3 * face + (j + np.where(kept < n_left, 2, 1)) % 3
+        self._enter(out, code, origin.take(source), key, left_by)
+
+    def _children(
+        self, n_left: int, lines: NDArray, cut: NDArray, shape: NDArray, corner: NDArray, base: NDArray
+    ) -> tuple[NDArray, NDArray, NDArray]:
+        """Windows on the two other sides of a face; the first `n_left` go out by (v0, apex).
+
+        All are seen in a frame that starts at their near vertex, v0 or mirrored v1, and runs along the old
+        side; `cut` is where the line to the apex ends a lit window. Overwrites its arguments.
+
+        Returns
+        -------
+        kept : ndarray of int64
+            Those that the filter keeps.
+        out, key : ndarrays
+            Their columns (b0, b1, sx, sy) in the frame across, and their least distances.
+        """
+        length, apex_x, apex_y, edge, other_edge = shape
+        near, far, x, y = lines
+        d_near, d_other, d_apex = corner
+        back = slice(n_left, None)
+        edge[back] = other_edge[back]
+        for coordinate in (near, far, x, apex_x, cut):
+            np.subtract(length[back], coordinate[back], out=coordinate[back])
+        near[back], far[back] = far[back], near[back].copy()
+        d_near[back], d_other[back] = d_other[back], d_near[back].copy()
+
+        ends = lines[:2]
+        cross = apex_x * y
+        cross -= apex_y * x
+        slope = ends * apex_y
+        slope += cross
+        fraction = ends * y  # along the side towards the apex, for both ends
+        fraction /= np.minimum(slope, -1e-300, out=slope)
+        np.minimum(fraction, 1.0, out=fraction)
+        np.copyto(fraction[1], 1.0, where=cut <= far)
+        u, v = fraction * apex_x, fraction * apex_y
+        detour = _norm(length - u[0], v[0].copy())
+        u -= x
+        v -= y
+        reach = _norm(u, v)
+        reach += base
+        r0, r1 = reach
+        fraction *= edge
+        s0, s1 = fraction
+        margin = EPS - self.slack * edge if self.slack > 0 else EPS
+        keep = s1 - s0 > EPS
+        keep &= r1 <= d_near + s1 + margin
+        keep &= r0 <= d_apex + (edge - s0) + margin
+        keep &= r0 <= d_other + detour + margin
+
+        kept = keep.nonzero()[0]
+        x *= apex_x
+        x += y * apex_y
+        x /= edge
+        cross /= edge
+        inside = (x > s0) & (x < s1)
+        key = np.where(inside, base - cross, np.minimum(r0, r1)).take(kept)
+        near[:], far[:], y[:] = s0, s1, cross
+        np.subtract(edge[back], s1[back], out=near[back])
+        np.subtract(edge[back], s0[back], out=far[back])
+        np.subtract(edge[back], x[back], out=x[back])
+        return kept, lines.take(kept, axis=1), key
+
+
+def _norm(x: NDArray, y: NDArray) -> NDArray[np.float64]:
+    """Length of (x, y); overwrites both. Lengths here are of order 1, so squares are safe."""
+    x *= x
+    y *= y
+    x += y
+    return np.sqrt(x, out=x)
+
+
+def _reflect(lines: NDArray, flip: NDArray, length: NDArray) -> None:
+    """Turn windows around where `flip`: x becomes length - x."""
+    i = np.flatnonzero(flip)
+    b0, b1, sx, _ = lines[:, i]
+    lines[:3, i] = length[i] - np.stack([b1, b0, sx])

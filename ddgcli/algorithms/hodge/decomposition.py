@@ -1,0 +1,276 @@
+"""Hodge decomposition of 1-forms and vector fields on surfaces and solids (chapter 7).
+
+Forms live on Whitney elements: exact parts are derivatives of vertex potentials, coexact parts star1^-1 d' of
+face copotentials, harmonic parts closed and divergence-free. Vectors constant on the faces of a surface split
+into gradients of conforming vertex functions, turned gradients of Crouzeix-Raviart edge functions, and the
+same harmonic fields (Polthier and Preuss 2003): both splittings are exactly orthogonal.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_array, csr_array, diags_array
+from scipy.sparse.linalg import cg
+
+from ddgcli.algorithms.hodge.harmonic import ClosedProjection, harmonic_residual
+from ddgcli.algorithms.hodge.homology import Boundary
+from ddgcli.errors import ParameterError
+from ddgcli.geometry.extrinsic import face_normal
+from ddgcli.linalg.constrain import Dirichlet, Poisson, floating_components
+from ddgcli.linalg.factor import Factor
+from ddgcli.mesh.tet_mesh import TetMesh
+from ddgcli.mesh.triangle_mesh import TriangleMesh
+from ddgcli.operators.dec import Complex, complex_of
+from ddgcli.operators.whitney import barycentric_gradients, sharp, whitney_load
+
+SpaceMesh = TriangleMesh | TetMesh
+
+
+@dataclass(frozen=True, eq=False)
+class HodgeDecomposition:
+    """The three parts of a field, in the form of the input, with their potentials and residuals.
+
+    Attributes
+    ----------
+    exact, coexact, harmonic : ndarray
+        Of the shape of the field.
+    potential : (n,) ndarray
+        exact = d potential (or its gradient).
+    copotential : ndarray or None
+        On faces for 1-forms, on edges for face vectors; None for vectors in tetrahedra.
+    norms : dict of str to float
+        L2 norms of `field`, `exact`, `coexact`, `harmonic`.
+    orthogonality : float
+        Largest |<a, b>| between two parts, relative to |field|^2.
+    reconstruction_residual : float
+        |field - sum of parts| / |field|; every part is computed by itself.
+    harmonic_residual : float
+        Largest curl or divergence left in the harmonic part, relative to the field.
+    """
+
+    exact: NDArray[np.float64]
+    coexact: NDArray[np.float64]
+    harmonic: NDArray[np.float64]
+    potential: NDArray[np.float64]
+    copotential: NDArray[np.float64] | None
+    norms: dict[str, float]
+    orthogonality: float
+    reconstruction_residual: float
+    harmonic_residual: float
+
+
+def decompose_form(mesh: SpaceMesh, form: NDArray, boundary: Boundary = "tangential") -> HodgeDecomposition:
+    """Split a 1-form (values on the edges of the complex) into exact, coexact and harmonic parts.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh or TetMesh
+        Manifold and oriented.
+    form : (e,) ndarray
+        Integrals along the edges.
+    boundary : {'tangential', 'normal'}
+        Boundary condition of the harmonic part.
+    """
+    projection = ClosedProjection(mesh, boundary)
+    form = _finite(form, projection.complex.counts[1], "edge")
+    star1 = projection.star1
+    load = star1 @ form
+    potential = projection.potential(load)
+    exact = projection.derivative @ potential
+    closed = projection.closed_part(load)
+    harmonic = closed - exact
+    flux = star1 @ (form - closed)
+    copotential = _copotential(projection.complex, flux, boundary)
+    coexact = _coexact(projection, copotential, flux, boundary)
+    return _assembled(
+        lambda a, b: float(a @ (star1 @ b)),
+        form, (exact, coexact, harmonic), potential, copotential,
+        _relative(harmonic_residual(projection.complex, star1, harmonic, boundary), harmonic, form),
+    )  # fmt: skip
+
+
+def decompose_cell_vectors(
+    mesh: SpaceMesh, vectors: NDArray, boundary: Boundary = "tangential"
+) -> HodgeDecomposition:
+    """Split a field of vectors constant on cells (faces, or tetrahedra) into its three parts.
+
+    On surfaces normal components must have been removed (`tangent_part`). In tetrahedra the coexact part is
+    what remains beside gradients and harmonic fields, and no copotential is given.
+    """
+    projection = ClosedProjection(mesh, boundary)
+    complex_ = projection.complex
+    vectors = _finite(vectors, len(complex_.corners), "cell")
+    load = whitney_load(mesh, vectors)
+    potential = projection.potential(load)
+    exact = sharp(mesh, projection.derivative @ potential)
+    form = projection.harmonic_part(load)
+    harmonic = sharp(mesh, form)
+    copotential = None
+    coexact = vectors - exact - harmonic
+    if isinstance(mesh, TriangleMesh):
+        copotential, coexact = _turned_gradient(mesh, complex_, vectors, boundary)
+    measure = complex_.metric.measure[:, None]
+    return _assembled(
+        lambda a, b: float((measure * a * b).sum()),
+        vectors, (exact, coexact, harmonic), potential, copotential,
+        _relative(harmonic_residual(complex_, projection.star1, form, boundary), harmonic, vectors),
+    )  # fmt: skip
+
+
+def decompose_vertex_vectors(
+    mesh: SpaceMesh, vectors: NDArray, boundary: Boundary = "tangential"
+) -> HodgeDecomposition:
+    """Split vectors on vertices: averaged to cells, split there, parts averaged back with areas.
+
+    The reconstruction residual tells what the two averages cost, O(h) for a smooth field.
+    """
+    vectors = _finite(vectors, mesh.n_vertices, "vertex")
+    corners = mesh.tetrahedra if isinstance(mesh, TetMesh) else mesh.faces
+    on_cells = vectors[corners].mean(axis=1)
+    if isinstance(mesh, TriangleMesh):
+        on_cells, _ = tangent_part(mesh, on_cells)
+    split = decompose_cell_vectors(mesh, on_cells, boundary)
+    parts = [to_vertices(mesh, part) for part in (split.exact, split.coexact, split.harmonic)]
+    weight = _vertex_measure(mesh)[:, None]
+    remainder = vectors - sum(parts)
+    whole = np.sqrt((weight * vectors**2).sum()) or 1.0
+    return replace(
+        split,
+        exact=parts[0],
+        coexact=parts[1],
+        harmonic=parts[2],
+        reconstruction_residual=float(np.sqrt((weight * remainder**2).sum()) / whole),
+    )
+
+
+def tangent_part(mesh: TriangleMesh, vectors: NDArray) -> tuple[NDArray[np.float64], float]:
+    """Face vectors without normal components, and the largest removed relative to the largest vector."""
+    normal = face_normal(mesh)
+    along = np.einsum("ij,ij->i", vectors, normal)
+    largest = np.abs(vectors).max(initial=0.0) or 1.0
+    return vectors - along[:, None] * normal, float(np.abs(along).max(initial=0.0) / largest)
+
+
+def to_vertices(mesh: SpaceMesh, on_cells: NDArray) -> NDArray[np.float64]:
+    """(n, d) mean over the cells around each vertex, weighted with their measures; zero without cells."""
+    corners, measure = _cells(mesh)
+    matrix = _corner_sums(corners, mesh.n_vertices)
+    total, weight = matrix @ (measure[:, None] * on_cells), matrix @ measure
+    return np.divide(total, weight[:, None], out=np.zeros_like(total), where=weight[:, None] > 0)
+
+
+def _cells(mesh: SpaceMesh) -> tuple[NDArray, NDArray]:
+    complex_ = complex_of(mesh)
+    return complex_.corners, complex_.metric.measure
+
+
+def _vertex_measure(mesh: SpaceMesh) -> NDArray[np.float64]:
+    corners, measure = _cells(mesh)
+    return _corner_sums(corners, mesh.n_vertices) @ measure / corners.shape[1]
+
+
+def _corner_sums(corners: NDArray, n: int) -> csr_array:
+    m, c = corners.shape
+    entries = (np.ones(m * c), (corners.ravel(), np.repeat(np.arange(m), c)))
+    return coo_array(entries, shape=(n, m)).tocsr()
+
+
+def _finite(values: NDArray, count: int, place: str) -> NDArray[np.float64]:
+    values = np.asarray(values, dtype=np.float64)
+    if len(values) != count:
+        raise ParameterError(f"the field has {len(values)} values where the mesh has {count} of {place}")
+    bad = np.flatnonzero(~np.isfinite(values.reshape(len(values), -1)).all(axis=1))
+    if len(bad):
+        raise ParameterError(f"the field is not finite at {place} {bad[0]} ({len(bad)} such values)")
+    return values
+
+
+def _copotential(complex_: Complex, flux: NDArray, boundary: Boundary) -> NDArray[np.float64]:
+    """Face values b with d1' b = flux; for `normal` only inner edges are asked, the boundary's being free."""
+    curl = complex_.derivatives[1].astype(np.float64)
+    if boundary == "normal":
+        kept = np.flatnonzero(~complex_.boundary_edge)
+        curl, flux = csr_array(curl[:, kept]), flux[kept]
+    system, load = (curl @ curl.T).tocsr(), curl @ flux
+    if complex_.dimension == 2:
+        return Poisson(system).solve(load)
+    return _conjugate_gradients(system, load)
+
+
+def _coexact(
+    projection: ClosedProjection, copotential: NDArray, flux: NDArray, boundary: Boundary
+) -> NDArray[np.float64]:
+    rotated = projection.complex.derivatives[1].T @ copotential
+    if boundary == "normal":
+        rim = projection.complex.boundary_edge
+        rotated[rim] = flux[rim]  # the boundary's own unknowns of the copotential
+    if projection.complex.dimension == 2:
+        return Factor(projection.star1).solve(rotated)
+    return _conjugate_gradients(projection.star1, rotated)
+
+
+def _conjugate_gradients(system: csr_array, load: NDArray) -> NDArray[np.float64]:
+    """Jacobi-preconditioned solve of a (consistent) system whose factor would be large: solids."""
+    diagonal = system.diagonal()
+    jacobi = diags_array(1.0 / np.where(diagonal > 0, diagonal, 1.0))
+    return cg(system, load, rtol=1e-13, maxiter=20_000, M=jacobi)[0]
+
+
+def _turned_gradient(
+    mesh: TriangleMesh, complex_: Complex, vectors: NDArray, boundary: Boundary
+) -> tuple[NDArray, NDArray]:
+    """Crouzeix-Raviart copotential (e,) and its turned gradient (m, 3); zero on the rim for `tangential`."""
+    gradient = -2.0 * barycentric_gradients(mesh)[:, [2, 0, 1]]  # of 1 - 2 lambda opposite each side
+    turned = np.cross(face_normal(mesh)[:, None], gradient)
+    area, n = complex_.metric.measure, complex_.counts[1]
+    local = area[:, None, None] * np.einsum("mid,mjd->mij", gradient, gradient)
+    index = complex_.cell_edge
+    rows, cols = np.repeat(index, 3, axis=1).ravel(), np.tile(index, (1, 3)).ravel()
+    system = coo_array((local.ravel(), (rows, cols)), shape=(n, n)).tocsr()
+    weights = area[:, None] * np.einsum("mid,md->mi", turned, vectors)
+    load = np.bincount(index.ravel(), weights=weights.ravel(), minlength=n)
+    if boundary == "tangential" and complex_.boundary_edge.any():
+        copotential = _zero_on_rim(system, load, complex_)
+    else:
+        copotential = Poisson(system).solve(load)
+    return copotential, np.einsum("mi,mid->md", copotential[index], turned)
+
+
+def _zero_on_rim(system: csr_array, load: NDArray, complex_: Complex) -> NDArray[np.float64]:
+    """Solve with zero on boundary edges; closed components keep one edge at zero."""
+    rim = complex_.boundary_edge.copy()
+    label = floating_components(system)
+    covered = np.zeros(int(label.max(initial=-1)) + 1, dtype=bool)
+    covered[label[rim & (label >= 0)]] = True
+    closed = np.flatnonzero((label >= 0) & ~covered[np.maximum(label, 0)])
+    rim[closed[np.unique(label[closed], return_index=True)[1]]] = True
+    return Dirichlet(system, rim).solve(np.zeros(()), load)
+
+
+def _relative(residual: float, part: NDArray, whole: NDArray) -> float:
+    """A residual relative to a part, made relative to the whole field."""
+    largest = np.abs(whole).max(initial=0.0)
+    return float(residual * np.abs(part).max(initial=0.0) / largest) if largest else 0.0
+
+
+def _assembled(inner, whole, parts, potential, copotential, residual) -> HodgeDecomposition:
+    exact, coexact, harmonic = parts
+    norm = {name: np.sqrt(max(inner(part, part), 0.0)) for name, part in zip(
+        ("field", "exact", "coexact", "harmonic"), (whole, *parts))}  # fmt: skip
+    scale = norm["field"] or 1.0
+    pairs = ((exact, coexact), (exact, harmonic), (coexact, harmonic))
+    remainder = whole - sum(parts)
+    return HodgeDecomposition(
+        exact=exact,
+        coexact=coexact,
+        harmonic=harmonic,
+        potential=potential,
+        copotential=copotential,
+        norms={name: float(value) for name, value in norm.items()},
+        orthogonality=max(abs(inner(a, b)) for a, b in pairs) / scale**2,
+        reconstruction_residual=float(np.sqrt(inner(remainder, remainder)) / scale),
+        harmonic_residual=residual,
+    )

@@ -1,0 +1,164 @@
+"""What `ddgcli hodge` answers: arrays, results and accuracy of one decomposition."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ddgcli.algorithms.hodge.decomposition import (
+    HodgeDecomposition,
+    decompose_cell_vectors,
+    decompose_form,
+    decompose_vertex_vectors,
+    tangent_part,
+    to_vertices,
+)
+from ddgcli.algorithms.hodge.harmonic import HarmonicBasis, harmonic_basis
+from ddgcli.algorithms.hodge.homology import Boundary, betti_numbers, generator_loops
+from ddgcli.algorithms.hodge.solid_homology import solid_generator_loops
+from ddgcli.errors import MeshError, ParameterError
+from ddgcli.mesh.fields import AnnotatedMesh
+from ddgcli.mesh.require import require
+from ddgcli.mesh.tet_mesh import TetMesh
+from ddgcli.mesh.triangle_mesh import TriangleMesh
+from ddgcli.operators.dec import complex_of
+from ddgcli.operators.whitney import sharp
+
+log = logging.getLogger("ddgcli")
+SpaceMesh = TriangleMesh | TetMesh
+
+
+@dataclass(frozen=True, eq=False)
+class HodgeReport:
+    """The annotated mesh, the summary's blocks, and the vectors that a picture shows."""
+
+    annotated: AnnotatedMesh
+    results: dict[str, Any]
+    accuracy: dict[str, Any]
+    shown: NDArray | None
+
+
+def hodge_report(
+    mesh: SpaceMesh,
+    field: tuple[NDArray, str] | None,
+    boundary: Boundary,
+    with_basis: bool,
+    progress: Callable[[int, int], Any] = lambda done, total: None,
+) -> HodgeReport:
+    """Decompose a field (array and place; see `field_place`), and count, list and write what surrounds it.
+
+    `progress` is told (parts done, parts): homology, basis and decomposition.
+    """
+    check_mesh(mesh)
+    place = field_place(mesh, *field) if field is not None else ("edge" if with_basis else "")
+    progress(0, 3)
+    betti = betti_numbers(mesh)
+    generators = [loop.tolist() for loop in _generators(mesh)]
+    progress(1, 3)
+    basis = harmonic_basis(mesh, boundary) if with_basis else None
+    progress(2, 3)
+    split = _decomposed(mesh, field[0], place, boundary) if field is not None else None
+    arrays = _arrays(mesh, split, basis, place)
+    results = {
+        "betti_numbers": {"absolute": list(betti.absolute), "relative": list(betti.relative)},
+        "boundary": boundary,
+        "field_on": place or None,
+        "norms": split.norms if split else None,
+        "generators": generators,
+    }
+    accuracy = {
+        "orthogonality": split.orthogonality if split else None,
+        "reconstruction_residual": split.reconstruction_residual if split else None,
+        "harmonic_residual": split.harmonic_residual if split else (basis.residual if basis else None),
+    }
+    return HodgeReport(AnnotatedMesh(mesh, **arrays), results, accuracy, split.potential if split else None)
+
+
+def check_mesh(mesh: SpaceMesh) -> None:
+    """Refuse what has no Hodge decomposition here: non-manifold, not oriented, open tetrahedral complexes."""
+    if isinstance(mesh, TetMesh):
+        if len(mesh.tetrahedra) == 0:
+            raise MeshError("no tetrahedra; hodge needs a surface or a mesh of tetrahedra")
+        require(mesh.boundary, "hodge (the boundary of the tetrahedra)", manifold=True)
+        return
+    if not isinstance(mesh, TriangleMesh):
+        raise MeshError("curves have no Hodge decomposition; give a surface or a mesh of tetrahedra")
+    require(mesh, "hodge", manifold=True, oriented=True)
+
+
+def field_place(mesh: SpaceMesh, array: NDArray, place: str) -> str:
+    """Where a field lives: 'vertex', 'cell' (both (k, 3)) or 'edge' ((e,)); told by its shape if not given.
+
+    Raises
+    ------
+    ParameterError
+        When the shape fits none, or two.
+    """
+    complex_ = complex_of(mesh)
+    counts = {"vertex": complex_.counts[0], "cell": len(complex_.corners), "edge": complex_.counts[1]}
+    vectors = array.ndim == 2 and array.shape[1] == 3
+    fits = [p for p in (("vertex", "cell") if vectors else ("edge",)) if counts[p] == len(array)]
+    wanted = {"face": "cell"}.get(place, place)
+    if wanted in fits:
+        return wanted
+    if len(fits) == 1 and not place and array.ndim <= 2:
+        return fits[0]
+    raise ParameterError(
+        f"a field of shape {array.shape} is neither vectors on {counts['vertex']} vertices or "
+        f"{counts['cell']} cells, nor numbers on {counts['edge']} edges; give one of these"
+    )
+
+
+def _decomposed(mesh: SpaceMesh, array: NDArray, place: str, boundary: Boundary) -> HodgeDecomposition:
+    if place == "edge":
+        return decompose_form(mesh, array, boundary)
+    if place == "vertex":
+        return decompose_vertex_vectors(mesh, array, boundary)
+    if isinstance(mesh, TriangleMesh):
+        array, removed = tangent_part(mesh, np.asarray(array, dtype=np.float64))
+        if removed > 1e-6:
+            log.warning("the field has normal components of up to %.2g of its size: only its tangent part "
+                        "is decomposed", removed)  # fmt: skip
+    return decompose_cell_vectors(mesh, array, boundary)
+
+
+def _arrays(
+    mesh: SpaceMesh, split: HodgeDecomposition | None, basis: HarmonicBasis | None, place: str
+) -> dict[str, dict[str, NDArray]]:
+    out: dict[str, dict[str, NDArray]] = {"vertex": {}, "face": {}, "edge": {}}
+    home = {"vertex": "vertex", "cell": "face", "edge": "edge"}.get(place, "edge")
+    if split is not None:
+        out[home] |= {"exact": split.exact, "coexact": split.coexact, "harmonic": split.harmonic}
+        out["vertex"]["potential"] = split.potential
+        if split.copotential is not None:
+            on_cells = place == "edge" and isinstance(mesh, TriangleMesh)
+            if on_cells or isinstance(mesh, TriangleMesh):
+                out["face" if on_cells else "edge"]["copotential"] = split.copotential
+            else:
+                log.info("the copotential of tetrahedra lives on inner faces, which no file array holds")
+    for number, form in enumerate(basis.forms if basis else ()):
+        out[home][f"harmonic_{number:03d}"] = _in_form_of(mesh, form, place)
+    if out["edge"]:
+        out["edge"]["edges"] = complex_of(mesh).edges
+    return out
+
+
+def _in_form_of(mesh: SpaceMesh, form: NDArray, place: str) -> NDArray[np.float64]:
+    if place == "edge":
+        return form
+    vectors = sharp(mesh, form)
+    return to_vertices(mesh, vectors) if place == "vertex" else vectors
+
+
+def _generators(mesh: SpaceMesh) -> list[NDArray]:
+    return solid_generator_loops(mesh) if isinstance(mesh, TetMesh) else generator_loops(mesh)
+
+
+def surface_of(mesh: SpaceMesh) -> TriangleMesh:
+    """The surface that a picture shows: the mesh, or the boundary of its tetrahedra."""
+    return mesh.boundary if isinstance(mesh, TetMesh) else mesh

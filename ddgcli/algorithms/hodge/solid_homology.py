@@ -1,0 +1,52 @@
+"""First (co)homology of solids: closed 1-forms in independent classes, loops that generate the homology."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csr_array, diags_array
+from scipy.sparse.linalg import cg
+
+from ddgcli.algorithms.hodge.homology import Boundary, betti_numbers, loops_with_periods
+from ddgcli.errors import SolveError
+from ddgcli.mesh.tet_mesh import TetMesh
+from ddgcli.operators.dec import Complex, complex_of
+from ddgcli.operators.stars import hodge_star
+
+
+def solid_cochains(complex_: Complex, count: int, boundary: Boundary, seed: int = 0) -> csr_array:
+    """Closed 1-forms of a solid in `count` independent classes: random forms less their coexact parts.
+
+    The coexact part c of w solves d' star2 d c = d' star2 d w, a consistent singular system, by conjugate
+    gradients.
+
+    Raises
+    ------
+    SolveError
+        When the iteration does not reach 1e-13.
+    """
+    n_edges = complex_.counts[1]
+    if count == 0:
+        return csr_array((n_edges, 0))
+    free = ~complex_.boundary_edge if boundary == "normal" else np.ones(n_edges, dtype=bool)
+    curl = complex_.derivatives[1].astype(np.float64)[:, np.flatnonzero(free)]
+    stiffness = (curl.T @ hodge_star(complex_, 2) @ curl).tocsr()
+    diagonal = stiffness.diagonal()
+    jacobi = diags_array(1.0 / np.where(diagonal > 0, diagonal, 1.0))
+    result = np.zeros((n_edges, count))
+    for column in range(count):
+        form = np.random.default_rng([seed, column]).normal(size=int(free.sum()))
+        coexact, failed = cg(stiffness, stiffness @ form, rtol=1e-13, maxiter=20_000, M=jacobi)
+        if failed:
+            raise SolveError("harmonic forms: conjugate gradients did not converge in 20000 steps")
+        result[free, column] = form - coexact
+    return csr_array(result)
+
+
+def solid_generator_loops(mesh: TetMesh) -> list[NDArray[np.int64]]:
+    """Closed edge loops that generate the first homology of a solid over the rationals."""
+    complex_ = complex_of(mesh)
+    forms = solid_cochains(complex_, betti_numbers(mesh).absolute[1], "tangential").toarray()
+    ends = mesh.points[complex_.edges]
+    length = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
+    return loops_with_periods(complex_.edges, length, forms, mesh.n_vertices)

@@ -1,0 +1,249 @@
+"""Flattening a surface with boundary: harmonic onto a disk, conformal with a free boundary."""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_array, csr_array, diags_array
+
+from ddgcli.algorithms.laplacian.choice import LaplaceOperator
+from ddgcli.errors import MeshError
+from ddgcli.geometry.intrinsic import corner_cotan, face_area
+from ddgcli.linalg.constrain import Dirichlet
+from ddgcli.linalg.factor import Factor
+from ddgcli.mesh.require import require
+from ddgcli.mesh.topology import NEXT, PREVIOUS
+from ddgcli.mesh.triangle_mesh import TriangleMesh
+from ddgcli.operators.laplacian import SurfaceMesh
+
+log = logging.getLogger("ddgcli")
+
+# shift of the conformal energy in its inverse iteration, relative to the boundary's mass; its size only
+# decides how fast the iteration is
+SHIFT = 1e-7
+MAX_ITERATIONS = 500
+
+
+@dataclass(frozen=True, eq=False)
+class Parameterization:
+    """A flattening and its quality.
+
+    Parameters
+    ----------
+    uv : (n, 2) ndarray of float64
+    flipped : int
+        Triangles of the operator's own triangulation with area of the wrong sign, beyond rounding.
+    flipped_input : int
+        Triangles of the input mesh likewise.
+    collapsed_input : int
+        Triangles of the input mesh whose area in the plane is lost in rounding (in long protrusions).
+    distortion_mean, distortion_max : float
+        Ratio of the singular values of the map on the input triangles (1 where conformal), area mean and max.
+    residual : float
+        Relative residual of the linear or eigenvalue problem.
+    converged : bool
+    """
+
+    uv: NDArray[np.float64]
+    flipped: int
+    flipped_input: int
+    collapsed_input: int
+    distortion_mean: float
+    distortion_max: float
+    residual: float
+    converged: bool = True
+
+
+def parameterize_harmonic(mesh: TriangleMesh, operator: LaplaceOperator) -> Parameterization:
+    """Harmonic map onto the unit disk, boundary on the circle by arc length.
+
+    Weights of an intrinsic Delaunay operator are not negative inside, so that no triangle of it is flipped
+    (W. Tutte 1963; M. Floater 2003). Where there are several boundary loops the longest goes to the circle
+    and the others bound fans that stand in for what is missing, so that the same holds.
+    """
+    loops = boundary_loops(mesh, "--parameterize harmonic")
+    loop = loops[0]
+    angle = _arc_length_angle(mesh.points[loop])
+    circle = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    order = np.argsort(loop)
+    used = operator.used
+    local = np.full(mesh.n_vertices, -1)
+    local[used] = np.arange(len(used))
+    filled = _with_fans(operator.stiffness[used][:, used], [local[hole] for hole in loops[1:]])
+    problem = Dirichlet(filled, local[loop])
+    inside = problem.solve(circle[order])
+    uv = np.zeros((mesh.n_vertices, 2))
+    uv[used] = inside[: len(used)]
+    return _judged(mesh, operator.surface, uv, problem.residual(inside), True)
+
+
+def parameterize_conformal(mesh: TriangleMesh, operator: LaplaceOperator) -> Parameterization:
+    """Conformal map with free boundary: the smallest conformal energy for given boundary size.
+
+    P. Mullen et al., "Spectral conformal parameterization", 2008. The result has the area of the surface, its
+    centre at the origin and its longer axis along u.
+    """
+    loops = boundary_loops(mesh, "--parameterize conformal")
+    used = operator.used
+    local = np.full(mesh.n_vertices, -1)
+    local[used] = np.arange(len(used))
+    H, B = _conformal_energy(mesh, operator.stiffness[used][:, used], loops, local)
+    z, residual, converged = _smallest_complex(H, B, local[loops[0]])
+    if not converged:
+        log.warning("the conformal map did not converge: residual %.2g", residual)
+    uv = np.zeros((mesh.n_vertices, 2))
+    uv[used] = _placed(z, operator.mass.diagonal()[used])
+    total = 0.5 * _signed_area(uv[mesh.faces]).sum()
+    uv *= np.sqrt(face_area(mesh.side_length).sum() / total) if total > 0 else 1.0
+    return _judged(mesh, operator.surface, uv, residual, converged)
+
+
+def boundary_loops(mesh: TriangleMesh, verb: str) -> list[NDArray[np.int64]]:
+    """Boundary loops, each in the order of its faces, longest first; MeshError for what no disk can be."""
+    require(mesh, verb, manifold=True, oriented=True)
+    topology = mesh.topology
+    if topology.n_components != 1:
+        raise MeshError(f"{topology.n_components} components; {verb} takes one: split the mesh")
+    if topology.is_closed:
+        raise MeshError(f"the surface is closed; {verb} needs a boundary: cut it open")
+    if topology.genus:
+        raise MeshError(f"the surface has genus {topology.genus}; {verb} needs genus 0: cut its handles open")
+    side = np.flatnonzero(topology.side_twin.ravel() < 0)
+    following = dict(zip(topology.side_tail[side].tolist(), topology.side_head[side].tolist()))
+    loops = []
+    while following:
+        start = min(following)
+        loop, vertex = [start], following.pop(start)
+        while vertex != start:
+            loop.append(vertex)
+            vertex = following.pop(vertex)
+        loops.append(np.array(loop))
+    if len(loops) > 1:
+        log.warning("the surface has %d boundary loops; the longest bounds the map", len(loops))
+    return sorted(loops, key=lambda loop: -_perimeter(mesh.points[loop]))
+
+
+def _with_fans(L: csr_array, holes: list[NDArray]) -> csr_array:
+    """The stiffness with one more unknown in each hole, joined to its k vertices as in a regular k-gon.
+
+    Weights along the holes become those of inner edges, and not negative.
+    """
+    if not holes:
+        return L
+    n = L.shape[0]
+    tails, heads, weights = [], [], []
+    for number, hole in enumerate(holes):
+        k, following = len(hole), np.roll(hole, -1)
+        along = -np.asarray(L[hole, following]).ravel()
+        filled = np.maximum(along + 0.5 * max(1.0 / np.tan(2 * np.pi / k), 0.0), 0.0)
+        tails += [hole, hole]
+        heads += [following, np.full(k, n + number)]
+        weights += [filled - along, np.full(k, np.tan(np.pi / k))]
+    i, j, w = np.concatenate(tails), np.concatenate(heads), np.concatenate(weights)
+    size = n + len(holes)
+    fans = coo_array(
+        (np.concatenate([-w, -w, w, w]), (np.r_[i, j, i, j], np.r_[j, i, i, j])), shape=(size, size)
+    )
+    padded = L.tocoo()
+    return csr_array(coo_array((padded.data, padded.coords), shape=(size, size)) + fans)
+
+
+def _perimeter(points: NDArray) -> float:
+    return float(np.linalg.norm(np.roll(points, -1, axis=0) - points, axis=1).sum())
+
+
+def _arc_length_angle(points: NDArray) -> NDArray[np.float64]:
+    step = np.linalg.norm(np.roll(points, -1, axis=0) - points, axis=1)
+    along = np.concatenate([[0.0], np.cumsum(step)])
+    return 2 * np.pi * along[:-1] / along[-1]
+
+
+def _conformal_energy(
+    mesh: TriangleMesh, L: csr_array, loops: list[NDArray], local: NDArray
+) -> tuple[csr_array, csr_array]:
+    """Hermitian H with z* H z = Dirichlet energy - area, and the boundary's mass B of sum one."""
+    n = L.shape[0]
+    tail = np.concatenate(loops)
+    head = np.concatenate([np.roll(loop, -1) for loop in loops])
+    length = np.linalg.norm(mesh.points[head] - mesh.points[tail], axis=1)
+    i, j = local[tail], local[head]
+    quarter = np.full(len(i), 0.25j)
+    area = coo_array((np.concatenate([-quarter, quarter]), (np.r_[i, j], np.r_[j, i])), shape=(n, n))
+    boundary = np.bincount(i, length, n) + np.bincount(j, length, n)
+    return csr_array(0.5 * L - area), csr_array(diags_array(boundary / boundary.sum()))
+
+
+def _smallest_complex(H: csr_array, B: csr_array, loop: NDArray) -> tuple[NDArray, float, bool]:
+    """Eigenvector of H z = lambda B z of smallest lambda beside the constants, by inverse iteration."""
+    factor = Factor(H + SHIFT * B)
+    b = B.diagonal()
+    z = np.zeros(len(b), dtype=complex)
+    z[loop] = np.exp(2j * np.pi * np.arange(len(loop)) / len(loop))
+    residual, size = np.inf, abs(H).max()
+    for _ in range(MAX_ITERATIONS):
+        z = factor.solve(b * z)
+        z -= (b * z).sum()
+        z /= np.sqrt((b * np.abs(z) ** 2).sum())
+        value = np.vdot(z, H @ z).real
+        before = residual
+        error = H @ z - value * (b * z)
+        residual = float(np.abs(error).max() / (size * np.abs(z).max()))
+        if residual < 1e-13 or (residual < 1e-10 and residual > 0.9 * before):
+            break
+    return z, residual, residual < 1e-8
+
+
+def _placed(z: NDArray, weight: NDArray) -> NDArray[np.float64]:
+    """(n, 2) real coordinates, centred, the longer axis along u."""
+    z = z - (weight * z).sum() / weight.sum()
+    moment = (weight * z * z).sum()
+    z = z * np.exp(-0.5j * np.angle(moment))
+    if z[np.argmax(np.abs(z) > 0.5 * np.abs(z).max())].real < 0:
+        z = -z
+    return np.stack([z.real, z.imag], axis=1)
+
+
+def _signed_area(corners: NDArray) -> NDArray[np.float64]:
+    """(m,) twice the signed area of (m, 3, 2) corners."""
+    a, b = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    return a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
+
+
+def _judged(
+    mesh: TriangleMesh, surface: SurfaceMesh, uv: NDArray, residual: float, converged: bool
+) -> Parameterization:
+    """The map with its flips and its distortion."""
+    flipped, _ = _flipped_and_collapsed(uv[surface.faces])
+    flipped_input, collapsed_input = _flipped_and_collapsed(uv[mesh.faces])
+    if collapsed_input:
+        log.warning(
+            "%d triangles of the mesh collapse in the plane: their area is lost in rounding", collapsed_input
+        )
+    if flipped_input:
+        log.warning("%d triangles of the mesh are flipped in the plane", flipped_input)
+    area, stretch = face_area(mesh.side_length), _distortion(mesh, uv)
+    good = np.isfinite(stretch)
+    mean = float((area * stretch)[good].sum() / area[good].sum()) if good.any() else float("inf")
+    largest = float(stretch[good].max(initial=1.0))
+    return Parameterization(uv, flipped, flipped_input, collapsed_input, mean, largest, residual, converged)
+
+
+def _flipped_and_collapsed(corners: NDArray) -> tuple[int, int]:
+    """Number of (m, 3, 2) triangles with negative area, and with none beside the rounding of uv."""
+    area = _signed_area(corners)
+    longest = np.abs(corners[:, NEXT] - corners).max(axis=(1, 2))
+    rounding = 8 * np.finfo(float).eps * np.abs(corners).max() * longest
+    return int((area < -rounding).sum()), int((np.abs(area) <= rounding).sum())
+
+
+def _distortion(mesh: TriangleMesh, uv: NDArray) -> NDArray[np.float64]:
+    """(m,) ratio of the singular values; from K + 1/K = 2 (Dirichlet energy) / area."""
+    corners = uv[mesh.faces]
+    squared = ((corners[:, NEXT] - corners) ** 2).sum(axis=2)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        energy = 0.25 * (corner_cotan(mesh.side_length)[:, PREVIOUS] * squared).sum(axis=1)
+        half = np.maximum(energy / (0.5 * np.abs(_signed_area(corners))), 1.0)
+        return half + np.sqrt(half * half - 1.0)

@@ -1,0 +1,102 @@
+"""Poisson and harmonic problems on a surface."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ddgcli.algorithms.laplacian.choice import LaplaceOperator
+from ddgcli.errors import ParameterError
+from ddgcli.linalg.constrain import Dirichlet, Poisson, components
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """A function on the vertices and how well it solves its equation.
+
+    Parameters
+    ----------
+    values : (n,) or (n, c) ndarray of float64
+    residual : float
+        Largest |L u - b| relative to the largest |b|, over the equations that were solved.
+    imbalance : float
+        Relative sum of the right-hand side over a component without fixed value (0 where the problem is
+        solvable): that much was taken off before solving.
+    """
+
+    values: NDArray[np.float64]
+    residual: float
+    imbalance: float = 0.0
+
+
+def poisson(operator: LaplaceOperator, source: NDArray, fixed: Mapping[int, float] | None = None) -> Solution:
+    """u with L u = M f: minus the Laplacian of u is f, in value per area.
+
+    Without fixed values the boundary is natural (Neumann, no flux), f loses its mean on every component (with
+    a warning where it has one) and u has mean zero there. With fixed values u takes them.
+
+    Parameters
+    ----------
+    source : (n,) or (n, c) ndarray
+        f at the vertices, not integrated.
+    fixed : mapping of vertex to value, optional
+    """
+    source = np.asarray(source, dtype=np.float64)
+    n = operator.stiffness.shape[0]
+    if source.shape[:1] != (n,) or source.ndim > 2:
+        raise ParameterError(f"the source has shape {source.shape}; the mesh has {n} vertices")
+    if not np.isfinite(source).all():
+        bad = np.flatnonzero(~np.isfinite(source.reshape(n, -1)).all(axis=1))
+        raise ParameterError(f"the source is not finite at vertex {bad[0]} ({len(bad)} such vertices)")
+    rhs = operator.mass @ source
+    if fixed:
+        return _with_fixed(operator, fixed, rhs)
+    problem = Poisson(operator.stiffness, operator.mass)
+    u = problem.solve(rhs)
+    imbalance = problem.imbalance
+    return Solution(u, problem.residual(u, rhs), imbalance)
+
+
+def harmonic(operator: LaplaceOperator, fixed: Mapping[int, float]) -> Solution:
+    """u with L u = 0 at every vertex but those of `fixed`, which keep their values."""
+    if not fixed:
+        raise ParameterError("a harmonic function needs fixed values: give --fix ID=VALUE for some vertices")
+    return _with_fixed(operator, fixed, None)
+
+
+def _with_fixed(operator: LaplaceOperator, fixed: Mapping[int, float], rhs: NDArray | None) -> Solution:
+    n = operator.stiffness.shape[0]
+    outside = [v for v in fixed if not 0 <= v < n]
+    if outside:
+        raise ParameterError(f"fixed vertex {outside[0]} does not exist; vertices are 0 to {n - 1}")
+    used = operator.used
+    _require_a_value_per_component(operator, fixed)
+    vertex = np.array(sorted(fixed))
+    values = np.array([fixed[v] for v in vertex], dtype=np.float64)
+    local = np.full(n, -1)
+    local[used] = np.arange(len(used))
+    inside = local[vertex] >= 0
+    problem = Dirichlet(operator.stiffness[used][:, used], local[vertex[inside]])
+    load = None if rhs is None else rhs[used]
+    given = values[inside] if rhs is None or rhs.ndim == 1 else np.tile(values[inside, None], rhs.shape[1])
+    part = problem.solve(given, load)
+    u = np.zeros((n, *part.shape[1:]))
+    u[used] = part
+    u[vertex[~inside]] = values[~inside] if u.ndim == 1 else values[~inside, None]
+    return Solution(u, problem.residual(part, load))
+
+
+def _require_a_value_per_component(operator: LaplaceOperator, fixed: Mapping[int, float]) -> None:
+    """Refuse a component where nothing is fixed: its values would be arbitrary."""
+    used = operator.used
+    _, label = components(operator.stiffness)
+    missing = np.setdiff1d(label[used], label[np.array(list(fixed))])
+    if len(missing):
+        first = used[label[used] == missing[0]][0]
+        raise ParameterError(
+            f"{len(missing)} components of the mesh have no fixed value (one holds vertex {first}); "
+            f"add --fix {first}=VALUE"
+        )

@@ -1,0 +1,79 @@
+"""Eigenfunctions of the Laplacian and what is read off them."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ddgcli.algorithms.laplacian.choice import LaplaceOperator
+from ddgcli.errors import ParameterError
+from ddgcli.linalg.eigen import Eigenpairs, smallest_eigenpairs
+from ddgcli.linalg.lanczos import Progress
+
+log = logging.getLogger("ddgcli")
+
+# most eigenpairs that a heat kernel signature computes of itself, and the weight of the first one left out
+SIGNATURE_PAIRS, SIGNATURE_TAIL = 300, 1e-6
+
+
+def spectrum(operator: LaplaceOperator, k: int, *, seed: int = 0, progress: Progress = None) -> Eigenpairs:
+    """The k smallest eigenpairs of L x = lambda M x; eigenvectors vanish on vertices without faces."""
+    used = operator.used
+    n = len(operator.mass.diagonal())
+    if k > len(used):
+        raise ParameterError(
+            f"{k} eigenpairs asked for, but only {len(used)} vertices belong to faces; ask for fewer"
+        )
+    L, M = (matrix[used][:, used] for matrix in (operator.stiffness, operator.mass))
+    pairs = smallest_eigenpairs(L, M, k, seed=seed, progress=progress)
+    vectors = np.zeros((n, k))
+    vectors[used] = pairs.vectors
+    return Eigenpairs(pairs.values, vectors, pairs.residuals, pairs.complete)
+
+
+@dataclass(frozen=True, eq=False)
+class HeatKernelSignature:
+    """Heat kernel signatures at several times.
+
+    Parameters
+    ----------
+    values : (n, t) ndarray of float64
+        sum over i of exp(-lambda_i t) phi_i(x)^2, in 1/area.
+    truncation : (t,) ndarray of float64
+        exp(-lambda_k t): the weight of the first eigenfunction that was left out, an estimate of the relative
+        error.
+    """
+
+    values: NDArray[np.float64]
+    truncation: NDArray[np.float64]
+
+
+def signature_pairs(operator: LaplaceOperator, times: Sequence[float]) -> int:
+    """Number of eigenpairs that resolves the heat kernel at the shortest time, by Weyl's law; at most 300."""
+    area = float(operator.mass.sum())
+    needed = -np.log(SIGNATURE_TAIL) * area / (4 * np.pi * min(times))
+    return int(min(np.ceil(needed) + 10, SIGNATURE_PAIRS, len(operator.used)))
+
+
+def heat_kernel_signature(pairs: Eigenpairs, times: NDArray) -> HeatKernelSignature:
+    """Heat left at each vertex after each time, of a unit put there; from the eigenpairs given.
+
+    J. Sun, M. Ovsjanikov, L. Guibas, "A concise and provably informative multi-scale signature based on heat
+    diffusion", 2009.
+    """
+    times = np.asarray(times, dtype=np.float64)
+    decay = np.exp(-np.outer(pairs.values, times))
+    truncation = decay[-1] if len(pairs.values) < len(pairs.vectors) else np.zeros(len(times))
+    if (truncation > 1e-3).any():
+        log.warning(
+            "%d eigenpairs do not resolve the heat kernel at time %g (the next one weighs %.2g): "
+            "ask for more with --eigen, or for longer times",
+            len(pairs.values),
+            times[truncation > 1e-3].min(),
+            truncation.max(),
+        )
+    return HeatKernelSignature(pairs.vectors**2 @ decay, truncation)
