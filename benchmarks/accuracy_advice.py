@@ -51,8 +51,8 @@ step too.
 Which: `alternating` or `right` grids, not `cross`, whose bending is off by more than an eighth at any
 size, and not stretched, jittered or refined meshes, which stay at a twentieth or more: the constant of
 hinges is that of regular grids. On flat rests `quadratic` has the error of `hinge` in less time. For
-short free motion of a soft sheet `verlet` is the cheapest; `newmark` and `implicit-midpoint` have errors
-of its size at equal steps. The Euler schemes are never worth it for accuracy.
+short free motion of a soft sheet `verlet` is the cheapest of second order: `newmark` and
+`implicit-midpoint` have errors of its size at equal steps. The Euler schemes are never worth it for accuracy.
 """,
 }
 
@@ -282,10 +282,10 @@ CLAIMS: dict[str, list[Claim]] = {
             ),
         ),
         (
-            "`verlet` is the cheapest",
+            "`verlet` is the cheapest of second order",
             lambda t: all(
-                t.seconds("verlet", "steps", FREE) < 1.15 * t.seconds(name, "steps", FREE)
-                for name in ("newmark", "implicit-midpoint", "implicit-euler", "symplectic-euler")
+                2 * t.seconds("verlet", "steps", FREE) < t.seconds(name, "steps", FREE)
+                for name in ("newmark", "implicit-midpoint")
             ),
         ),
         (
