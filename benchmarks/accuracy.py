@@ -163,6 +163,8 @@ def picture(command: str, case: Case, rows: list[dict[str, Any]]) -> None:
         lines.setdefault(row["configuration"], []).append(row)
     ours = [name for name in lines if not name.startswith(PEER_NAMES)]
     best = sorted(ours, key=lambda name: -sum(r["on_front"] for r in lines[name]))
+    heads = list({name.split()[0]: name for name in reversed(best)}.values())  # each method's best line first
+    best = sorted(best, key=lambda name: name not in heads)
     best = best[: MOST_LINES - len(lines) + len(ours)]
     shown = {name: points(line) for name, line in lines.items() if name in best or name not in ours}
     draw_chart(
