@@ -29,7 +29,8 @@ def test_the_door_knows_what_the_core_knows():
     assert door.MATRIX_FORMATS == matrix_file.MATRIX_FORMATS
 
 
-def test_a_bar_is_drawn_for_the_asking(mesh_file, run):
+def test_a_bar_is_drawn_for_the_asking(mesh_file, run, monkeypatch):
+    monkeypatch.setattr("ddgcli.cli.progress.PACE", 0.0)  # every word of progress is drawn
     path = mesh_file(shapes.icosphere(3))
     done = run("laplacian", path, "--eigen", 10, "--smooth", 0.01, "--progress")
     shares = [int(text.split("%")[0]) for text in done.stderr.split("]")[1:]]

@@ -38,8 +38,8 @@ def test_planted_candidates_are_ranked_where_they_belong():
         problem(
             planted("rough", 1e-1, 0.001),
             planted("good", 1e-4, 0.01),
-            planted("slow", 1e-4, 0.04),
-            planted("wrong", 1e-2, 0.04),
+            planted("slow", 1e-4, 0.3),
+            planted("wrong", 1e-2, 0.3),
         ),
         repeat=2,
     )
@@ -51,7 +51,7 @@ def test_planted_candidates_are_ranked_where_they_belong():
     assert rows["slow"].verdict.startswith("beaten by good")
     assert rows["good"].max_error == pytest.approx(1e-4) and rows["good"].max_error_at == 3
     assert rows["good"].mean_error == pytest.approx(1e-4 / 11)
-    assert rows["slow"].seconds > 3 * rows["good"].seconds
+    assert rows["slow"].seconds >= 0.3 > rows["good"].seconds
 
 
 @pytest.mark.parametrize("within", [1e-5, 2e-4, 0.05, 1.0])
