@@ -9,25 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.errors import MeshError
-from ddgcli.mesh.topology import frozen
-
-
-@dataclass(frozen=True, eq=False)
-class Polyline:
-    """One polyline.
-
-    Parameters
-    ----------
-    points : (n, d) ndarray of float64
-        d is 2 or 3; in order along the curve. The first point is not repeated when `closed`.
-    closed : bool
-    """
-
-    points: NDArray[np.float64]
-    closed: bool = False
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "points", frozen(np.asarray(self.points, dtype=np.float64)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,10 +73,6 @@ class CurveSet:
                 at = int(after[at])
             found.append((np.array(path, dtype=np.int64), at == start))
         return found
-
-    def polylines(self) -> list[Polyline]:
-        """Each curve by itself, in order; see `paths` for the numbers of its points."""
-        return [Polyline(self.points[path], closed) for path, closed in self.paths()]
 
     def describe(self) -> dict[str, Any]:
         """Counts for the summary."""
