@@ -125,7 +125,7 @@ _OPTIONS = (
     click.option("--transport", is_flag=True,
                  help="Carry a tangent frame along the curves: transport_x, transport_y in --paths-output."),
     click.option("--paths-output", multiple=True, metavar="PATH",
-                 help="Write all curves as polylines (.vtp, .vtu, .obj, .npz); repeatable."),
+                 help="Write all curves as polylines (.vtp, .vtu, .ply, .obj, .npz); repeatable."),
     click.option("--log-map", is_flag=True,
                  help="Array log_map: each vertex in the tangent plane of the one source."),
     click.option("--spread-vector", multiple=True, type=Vector(), metavar="dx,dy,dz",

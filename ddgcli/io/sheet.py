@@ -119,7 +119,7 @@ def without_arrays(sheet: Sheet, suffix: str) -> None:
 def surface_only(sheet: Sheet, suffix: str) -> Sheet:
     """A sheet of triangles for formats of surfaces: tetrahedra give their boundary, curves are refused."""
     if sheet.kind == "lines":
-        raise OutputError(f"{suffix} cannot hold curves; write .vtp, .vtu, .obj or .npz")
+        raise OutputError(f"{suffix} cannot hold curves; write .vtp, .vtu, .ply, .obj or .npz")
     if sheet.kind == "faces":
         return sheet
     boundary = TetMesh.from_arrays(sheet.points, sheet.cells).boundary

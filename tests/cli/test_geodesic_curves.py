@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from ddgcli.geometry.unfolding import vertex_fans
-from ddgcli.io.mesh_file import write_mesh
+from ddgcli.io.mesh_file import read_mesh, write_mesh
 from ddgcli.mesh import shapes
 from ddgcli.mesh.fields import AnnotatedMesh
 
@@ -82,20 +82,58 @@ def test_picture_of_curves(summary, sphere, tmp_path):
     assert picture.stat().st_size > 10_000
 
 
-@pytest.mark.parametrize("suffix", ["vtp", "vtu", "obj", "npz"])
-def test_every_format_of_paths(summary, sphere, tmp_path, suffix):
-    out = tmp_path / f"paths.{suffix}"
-    summary("geodesic", sphere, "--trace", TRACE, "--paths-output", out)
-    if suffix in ("vtp", "vtu"):
-        pyvista = pytest.importorskip("pyvista")
-        read = pyvista.read(out)
-        assert read.n_cells == read.n_points - 1
-        assert {"path_id", "face", "barycentric"} <= set(read.point_data)
-    elif suffix == "obj":
-        trimesh = pytest.importorskip("trimesh")
-        lines = out.read_text().splitlines()
-        assert any(line.startswith("l ") for line in lines)
-        assert len(trimesh.load(out).vertices) == sum(line.startswith("v ") for line in lines)
+def read_by_vtk(path):
+    """Points, polylines and point arrays as the readers see them that ParaView has."""
+    pytest.importorskip("vtk")
+    from vtkmodules.util.numpy_support import vtk_to_numpy
+    from vtkmodules.vtkIOGeometry import vtkOBJReader
+    from vtkmodules.vtkIOXML import vtkXMLPolyDataReader, vtkXMLUnstructuredGridReader
+
+    readers = {".vtp": vtkXMLPolyDataReader, ".vtu": vtkXMLUnstructuredGridReader, ".obj": vtkOBJReader}
+    reader = readers[path.suffix]()
+    reader.SetFileName(str(path))
+    reader.Update()
+    data = reader.GetOutput()
+    points, arrays = vtk_to_numpy(data.GetPoints().GetData()).copy(), data.GetPointData()
+    chains = []
+    for k in range(data.GetNumberOfCells()):
+        ids = data.GetCell(k).GetPointIds()
+        chains.append([ids.GetId(j) for j in range(ids.GetNumberOfIds())])
+    names = [arrays.GetArrayName(k) for k in range(arrays.GetNumberOfArrays())]
+    return points, chains, {name: vtk_to_numpy(arrays.GetArray(name)).copy() for name in names}
+
+
+def read_by_trimesh(path):
+    """Points and polylines as trimesh sees them; it keeps no arrays."""
+    trimesh = pytest.importorskip("trimesh")
+    path = trimesh.load(path, process=False)
+    return path.vertices, [entity.points for entity in path.entities], {}
+
+
+@pytest.mark.parametrize(
+    "suffix, read, kept",
+    [
+        ("vtp", read_by_vtk, True),
+        ("vtu", read_by_vtk, True),
+        ("obj", read_by_vtk, False),
+        ("ply", read_by_trimesh, False),
+    ],
+)
+def test_other_readers_open_the_paths(summary, sphere, tmp_path, suffix, read, kept):
+    """ParaView's readers and trimesh see the polylines and arrays that our own reader sees."""
+    ours, theirs = tmp_path / "paths.npz", tmp_path / f"paths.{suffix}"
+    words = ("--trace", TRACE, "--path-to", "30", "--source", "0", "--isolines", "3", "--transport")
+    summary("geodesic", sphere, *words, "--paths-output", ours, "--paths-output", theirs)
+    annotated = read_mesh(str(ours))
+    points, chains, arrays = read(theirs)
+    exact = 1e-6 if suffix == "obj" else 0.0  # VTK reads OBJ into float32
+    np.testing.assert_allclose(points, annotated.mesh.points, rtol=0, atol=exact)
+    segments = {tuple(sorted(pair)) for chain in chains for pair in zip(chain[:-1], chain[1:], strict=True)}
+    assert segments == {tuple(sorted(pair)) for pair in annotated.mesh.lines.tolist()}
+    assert {"path_id", "face", "barycentric", "transport_x", "transport_y", "level"} <= set(annotated.vertex)
+    if kept:
+        for name, value in annotated.vertex.items():
+            np.testing.assert_array_equal(arrays[name], value)
 
 
 def test_angles_at_vertices_are_reported(summary, sphere):
