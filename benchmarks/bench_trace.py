@@ -128,7 +128,7 @@ def bench_vectors(faces):
         "logarithmic map on the sphere (set-up not counted)", ["method", "faces", "s", "rms error"], rows
     )
     carried = truth_of_transport(mesh, vector)
-    ours = from_vertex_frames(mesh, t["spread"].value)
+    ours = from_vertex_frames(mesh, t["spread"].value.vector)
     two = t["spread pp3d"].value
     theirs = two[:, :1] * x + two[:, 1:] * y
     mine, peers = degrees(mesh, ours, carried, near), degrees(mesh, theirs, carried, near)

@@ -25,6 +25,13 @@ RUNS = {
     "exact": ("geodesic", "ball", "--source", 1, "--certify"),
     "slack": ("geodesic", "ball", "--source", 1, "--tolerance", 0.1),
     "heat": ("geodesic", "ball", "--source", 1, "--method", "heat"),
+    "traced": ("geodesic", "ball", "--trace", "5:0.2,0.3,0.5:1,0,0.2:2.5", "--transport"),
+    "path": ("geodesic", "ball", "--source", 1, "--path-to", 17),
+    "straightened": ("geodesic", "ball", "--straighten", "3,50"),
+    "followed": ("geodesic", "ball", "--field", "spin", "--field-time", 1),
+    "steps": ("geodesic", "ball", "--field", "spin", "--field-time", 1, "--field-step", 0.1),
+    "mapped": ("geodesic", "ball", "--source", 1, "--log-map"),
+    "spread": ("geodesic", "ball", "--source", 1, "--spread-vector", "1,0,0"),
     "hodge": ("hodge", "cap", "--field", "wind"),
     "ring": ("hodge", "ring", "--field", "wind"),
     "shell": ("shell-sim", "cap", *FALL[:2], *SHELL),
@@ -144,11 +151,39 @@ def returned(change):
     return lambda sound: lambda *args, **kwargs: change(sound(*args, **kwargs))
 
 
+def bent(lines):
+    """Recorded traces whose second point lies elsewhere on its side."""
+    b, i = lines.path_barycentric.copy(), lines.path_start[:-1] + 1
+    low, high = np.argsort(b[i], axis=1)[:, 1:].T
+    b[i, low], b[i, high] = 0.3 * b[i, low], b[i, high] + 0.7 * b[i, low]
+    return dataclasses.replace(lines, path_barycentric=b)
+
+
+def astray(radians):
+    """Lines that start in a direction that is wrong."""
+
+    def plant(sound):
+        def wrong(self, start, **how):
+            z = (start.direction @ [1, 1j]) * np.exp(1j * radians)
+            return sound(self, dataclasses.replace(start, direction=np.stack([z.real, z.imag], 1)), **how)
+
+        return wrong
+
+    return plant
+
+
+def rougher_steps(sound):
+    """Runge and Kutta's method with the weights of Euler's."""
+    return lambda tracer, field, at, h, order: sound(tracer, field, at, h, 1)
+
+
 SOLVE = ("ddgcli.linalg.factor:Factor.solve", returned(lambda x: scattered(x, 1e-3 * np.abs(x).max())))
 WILD = (SOLVE[0], returned(lambda x: scattered(x, np.abs(x).max())))
 MEASURE = "ddgcli.algorithms.curvature.report:_accuracy"
 EXACT = "ddgcli.algorithms.distance.exact:exact_distance"
 OPERATOR = "ddgcli.algorithms.laplacian.report:laplace_operator"
+WALKED = "ddgcli.algorithms.straightest.trace:Tracer.walked"
+STEP = "ddgcli.algorithms.curves.integral_curves:runge_kutta_step"
 EVOLVE = "ddgcli.cli.simulate:evolve"
 MEAN_STEP = "ddgcli.models.willmore.flow:mean_curvature_step"
 
@@ -193,6 +228,23 @@ PLANTS = {
         (EXACT, crooked(distance=lambda d: d**3), ["triangle_residual"]),
     ],
     "slack": [(EXACT, rougher, ["tolerance_error_estimate"])],
+    "traced": [(WALKED, returned(bent), ["trace_angle_defect"])],
+    "path": [
+        (WALKED, returned(bent), ["path_length_residual"]),
+        (EXACT, crooked(distance=lambda d: 1.001 * d), ["path_length_residual"]),
+    ],
+    "straightened": [
+        (
+            "ddgcli.algorithms.curves.flipout:PathStraightener.straighten",
+            lambda sound: lambda self: True,
+            ["path_angle_deficit"],
+        ),
+        (WALKED, returned(bent), ["path_angle_deficit"]),
+    ],
+    "followed": [(STEP, rougher_steps, ["field_error_estimate"])],
+    "steps": [(STEP, rougher_steps, ["field_error_estimate"])],
+    "mapped": [(WALKED, astray(1e-8), ["log_map_miss"]), (WALKED, astray(1e-3), ["log_map_miss"])],
+    "spread": [(*SOLVE, ["transport_residual"])],
     "polyline": [
         (
             "ddgcli.algorithms.curvature.polyline:_results",
@@ -249,7 +301,8 @@ def inputs(tmp_path_factory):
     cap = cap.moved(cap.points + np.stack([0 * cap.points[:, 0]] * 2 + [cap.points[:, 0] ** 2], axis=1))
     wind = np.cross(cap.points[cap.faces].mean(axis=1), [0.3, 0.2, 1.0])
     paths = {"ball": str(folder / "ball.npz"), "cap": str(folder / "cap.npz")}
-    write_mesh(paths["ball"], AnnotatedMesh(ball))
+    spin = np.cross([0.0, 0.0, 1.0], ball.points)
+    write_mesh(paths["ball"], AnnotatedMesh(ball, vertex={"spin": spin}))
     load = cap.points[:, 0] - cap.points[:, 0].mean()
     write_mesh(paths["cap"], AnnotatedMesh(cap, vertex={"load": load}, face={"wind": wind}))
     ring = shapes.torus(12, 6, 2.0, 1.0)

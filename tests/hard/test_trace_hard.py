@@ -1,5 +1,7 @@
 """Lines over bad triangles: needles, caps, faces without area, many faces round a vertex."""
 
+from functools import partial
+
 import numpy as np
 import pytest
 
@@ -218,18 +220,22 @@ def test_a_field_on_faces_stays_there_where_there_are_as_many_vertices():
         field_of_array(cover.mesh, values, "edge")
 
 
-def test_planar_directions_out_of_a_face_without_area_are_refused():
+@pytest.mark.parametrize("how", ["function", "tracer"])
+def test_directions_out_of_a_face_without_area_are_refused(how):
     points = np.array([[0.0, 0, 0], [2, 0, 0], [1, 0, 0], [1, 1, 0], [1, -1, 0]])
     mesh = TriangleMesh.from_arrays(points, np.array([[0, 1, 2], [0, 2, 3], [2, 1, 3], [1, 0, 4]]))
-    for direction in ([0.0, 1], [1, 0.5]):
-        with pytest.raises(ParameterError, match="face 0, which has no area"):
-            trace(mesh, [0], [[0.7, 0.3, 0]], [direction], [0.3])
-    for direction in ([1.0, 0], [1.0, 0, 0]):  # along it
-        lines = trace(mesh, [0], [[0.7, 0.3, 0]], [direction], [0.3])
+    call = partial(trace, mesh) if how == "function" else Tracer(mesh).trace
+    for direction in ([0.0, 1], [1, 0.5], [1.0, 1, 0], [1.0, 0, 0.1]):
+        with pytest.raises(ParameterError, match="line 1 starts in face 0, which has no area"):
+            call([3, 0], [[0.3, 0.7, 0], [0.7, 0.3, 0]], [direction], [0.3])
+    with pytest.raises(ParameterError, match="face 0"):  # at its corner a planar one is of the fan
+        call([0], [[1.0, 0, 0]], [[1.0, 1, 0]], [0.3])
+    for direction in ([1.0, 0], [1.0, 0, 0], [1e200, 0, 0], [1e-200, 0, 0]):  # along it
+        lines = call([0], [[0.7, 0.3, 0]], [direction], [0.3])
         np.testing.assert_allclose(
             surface_position(mesh, lines.face, lines.barycentric), [[0.9, 0, 0]], atol=1e-15
         )
-    beside = trace(mesh, [3], [[0.3, 0.7, 0]], [[0.0, 1, 0]], [0.3])  # across it, from the face below
+    beside = call([3], [[0.3, 0.7, 0]], [[0.0, 1, 0]], [0.3])  # across it, from the face below
     assert beside.status[0] == REACHED
 
 

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.algorithms.curves.paths import SurfacePaths, seen_from, segment_vectors
+from ddgcli.algorithms.curves.paths import seen_from, segment_vectors
 from ddgcli.algorithms.curves.shortest_paths import shortest_paths, trace_back
 from ddgcli.algorithms.distance.exact import ExactDistance
 from ddgcli.algorithms.distance.sources import Sources
@@ -40,7 +40,8 @@ class LogMap:
     axis : dict
         The x axis: towards a vertex (`towards_vertex`) or along side 0 of a face (`face`), and in space.
     miss : float
-        Largest distance at which a line walked back passes the source, relative to the largest distance.
+        Largest distance at which a line walked back passes the source, relative to the largest distance;
+        and of paths that had to be followed bend by bend, by what share their length is not the distance.
     """
 
     log_map: NDArray[np.float64]
@@ -155,7 +156,7 @@ def log_map(mesh: SurfaceMesh, exact: ExactDistance, sources: Sources, told: Tol
         angle[open_] = known
     lost = np.flatnonzero(reached & np.isnan(angle))
     if len(lost):
-        _angles_of_paths(tracer, centre, exact, sources, lost, angle)
+        miss = max(miss, _angles_of_paths(tracer, centre, exact, sources, lost, angle))
     angle = angle * centre.scale
     far = ~np.isfinite(exact.distance)
     angle = np.where(far | (exact.distance == 0), 0.0, angle)
@@ -207,10 +208,15 @@ def _adjacent_angles(tracer: Tracer, centre: _Centre, vertex: NDArray, angle: ND
 
 def _angles_of_paths(
     tracer: Tracer, centre: _Centre, exact: ExactDistance, sources: Sources, vertex: NDArray, angle: NDArray
-) -> None:
-    """The careful way, path by path: lines that graze saddles, and what lies behind those."""
-    paths: SurfacePaths = shortest_paths(tracer.mesh, exact, sources, vertex.tolist(), tracer).paths
+) -> float:
+    """The careful way, path by path: lines that graze saddles, and what lies behind those.
+
+    Returns the largest relative difference between the length of a path and the distance.
+    """
+    made = shortest_paths(tracer.mesh, exact, sources, vertex.tolist(), tracer)
+    paths = made.paths
     step = segment_vectors(tracer.mesh, paths)
     long_ = np.flatnonzero(np.hypot(step[:, 0], step[:, 1]) > 0)
     first = long_[np.searchsorted(long_, paths.start[:-1])]
     angle[vertex] = centre.angle(paths.face[first], step[first])
+    return float(made.accuracy["path_length_residual"])

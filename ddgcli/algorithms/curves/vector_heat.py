@@ -8,6 +8,7 @@ scalar diffusions.
 from __future__ import annotations
 
 import logging
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,6 +43,22 @@ def _delaunay_frames(mesh: SurfaceMesh) -> tuple[SurfaceMesh, NDArray[np.complex
     return as_it_is if turn is None else (flipped.mesh, turn)
 
 
+@dataclass(frozen=True, eq=False)
+class Spread:
+    """Vectors carried everywhere.
+
+    Parameters
+    ----------
+    vector : (n,) ndarray of complex128
+        In the vertices' frames.
+    residual : float
+        Relative residual of the solves that they come from, the largest.
+    """
+
+    vector: NDArray[np.complex128]
+    residual: float
+
+
 class VectorHeat:
     """Two factorisations of a mesh, many transports.
 
@@ -74,8 +91,8 @@ class VectorHeat:
         self.vector = csr_array(mass + t * connection_laplacian(mesh) + idle)
         self._scalar_factor, self._vector_factor = Factor(self.scalar), Factor(self.vector)
 
-    def transport(self, vertex: NDArray, value: NDArray) -> NDArray[np.complex128]:
-        """(n,) vectors everywhere, parallel to that of the nearest source vertex.
+    def transport(self, vertex: NDArray, value: NDArray) -> Spread:
+        """Vectors everywhere, parallel to that of the nearest source vertex.
 
         Parameters
         ----------
@@ -95,26 +112,28 @@ class VectorHeat:
         component = self.mesh.topology.vertex_component
         reached = np.isin(component, component[vertex]) & self.mesh.topology.referenced_vertex
         while True:
-            sizes = self._scalar_factor.solve(np.stack([size, count], axis=1))
+            start = np.stack([size, count], axis=1)
+            sizes = self._scalar_factor.solve(start)
             if not reached.any() or np.abs(sizes[reached, 1]).min() > FAINT or self.time > MOST_TIME:
                 break
             self._factorise(4.0 * self.time)
             _log.info(
                 f"vector heat: time raised to {self.time:g} squared sides, so that it reaches everywhere"
             )
-        spread = self._vector_factor.solve(self._source(vertex, value))
+        vectors = self._source(vertex, value)
+        spread = self._vector_factor.solve(vectors)
+        residual = max(_residual(self.scalar, sizes, start), _residual(self.vector, spread, vectors))
         length = np.divide(sizes[:, 0], sizes[:, 1], out=np.zeros(n), where=np.abs(sizes[:, 1]) > FAINT)
         amount = np.abs(spread)
         unit = np.divide(spread, amount, out=np.zeros_like(spread), where=amount > FAINT)
-        return unit * length * self.turn
+        return Spread(unit * length * self.turn, residual)
 
     def _source(self, vertex: NDArray, value: NDArray) -> NDArray[np.complex128]:
         start = np.zeros(self.mesh.n_vertices, dtype=np.complex128)
         np.add.at(start, vertex, value * self.turn[vertex].conj())
         return start
 
-    def residual(self, vertex: NDArray, value: NDArray) -> float:
-        """Relative residual of the vector solve."""
-        start = self._source(vertex, value)
-        x = self._vector_factor.solve(start)
-        return float(np.abs(self.vector @ x - start).max() / (np.abs(start).max() or 1.0))
+
+def _residual(matrix: csr_array, x: NDArray, b: NDArray) -> float:
+    """Largest |A x - b| relative to the largest |b|."""
+    return float(np.abs(matrix @ x - b).max(initial=0.0) / (np.abs(b).max(initial=0.0) or 1.0))

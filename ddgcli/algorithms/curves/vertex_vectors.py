@@ -72,10 +72,9 @@ def spread_vectors(mesh: TriangleMesh, sources: Sources, vectors: ArrayLike) -> 
             f"vector {vectors[bad[0]].tolist()} has no part along the surface at vertex "
             f"{sources.vertex[bad[0]]}; give one that is not normal to it"
         )
-    heat = VectorHeat(mesh)
-    spread = heat.transport(sources.vertex, start)
+    spread = VectorHeat(mesh).transport(sources.vertex, start)
     return VertexVectors(
-        {"transported_vector": from_vertex_frames(mesh, spread)},
+        {"transported_vector": from_vertex_frames(mesh, spread.vector)},
         {},
-        {"transport_residual": heat.residual(sources.vertex, start)},
+        {"transport_residual": spread.residual},
     )

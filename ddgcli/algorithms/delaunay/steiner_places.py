@@ -14,6 +14,7 @@ from ddgcli.algorithms.delaunay.flips import SideArrays
 from ddgcli.algorithms.delaunay.gluing import around
 from ddgcli.algorithms.delaunay.steiner_base import SteinerPoints
 from ddgcli.algorithms.straightest.trace import Tracer
+from ddgcli.algorithms.straightest.walk import Start
 from ddgcli.geometry.intrinsic import face_area
 from ddgcli.geometry.unfolding import corner_position, vertex_fans
 from ddgcli.mesh.topology import NEXT
@@ -132,7 +133,7 @@ class Places:
         turn = np.angle((point - start) / (following - start))
         where, barycentric, heading = self._start(state.tail[side], state.direction[side] + turn)  # type: ignore[index]
         planar = np.stack([np.cos(heading), np.sin(heading)], axis=1)
-        ends = self.tracer.trace(where, barycentric, planar, distance[k, near] * self.scale)
+        ends = self.tracer.walked(Start(where, barycentric, planar, distance[k, near] * self.scale))
         found = Located(
             sound=(ends.status == 0) & np.isfinite(ends.barycentric).all(axis=1),
             face=ends.face,

@@ -11,26 +11,21 @@ import logging
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from ddgcli.algorithms.straightest.walk import AT_BOUNDARY, GAVE_UP, REACHED, SNAP, Start, Traces, Walk
 from ddgcli.errors import MeshError, ParameterError
-from ddgcli.geometry.face_frames import to_face_frame
+from ddgcli.geometry.face_frames import to_face_frame, to_space
 from ddgcli.geometry.surface_points import SurfacePoints
-from ddgcli.geometry.unfolding import (
-    Fans,
-    SurfaceMesh,
-    Unfolding,
-    corner_position,
-    unfold,
-    vertex_fans,
-)
+from ddgcli.geometry.unfolding import APEX, Fans, SurfaceMesh, Unfolding, unfold, vertex_fans
+from ddgcli.mesh.triangle_mesh import vector_length
 
 __all__ = ["AT_BOUNDARY", "GAVE_UP", "REACHED", "Tracer", "Traces", "check_start", "trace"]
 
 STATUS_TEXT = ("reached", "boundary", "gave up")
 LINES_AT_ONCE = 16_384  # what belongs to so many lines stays in the cache
 TELL_EVERY = 64  # crossings
+ALONG = 1e-12  # of a unit direction: as much may point out of a face without area
 
 _log = logging.getLogger("ddgcli")
 Told = Callable[[float, float], None]  # done, of total
@@ -83,6 +78,7 @@ class Tracer:
     ) -> Traces:
         """As the function `trace`; `told(done, total)` hears how much length has been walked."""
         start = check_start(self.mesh, face, barycentric, direction, length)
+        _refuse_flat_starts(self, start, np.atleast_2d(np.asarray(direction, dtype=np.float64)))
         if at_boundary not in ("stop", "reflect"):
             raise ParameterError(f"at_boundary must be 'stop' or 'reflect', found {at_boundary!r}")
         return self.walked(
@@ -161,8 +157,8 @@ def trace(
     ------
     MeshError, ParameterError
         On faces out of range, barycentric coordinates that do not sum to 1 or are negative, directions
-        without a part in the plane, negative lengths; on starts within a face without area from which a
-        planar direction leads out of the line that the face is.
+        without a part in the plane, negative lengths; on starts within a face without area from which the
+        direction leads out of the line that the face is.
 
     Notes
     -----
@@ -170,24 +166,32 @@ def trace(
     side a line passes a vertex of non-zero curvature changes its end by a finite amount: such lines are
     ill-conditioned, on the polyhedron itself.
     """
-    tracer = Tracer(mesh)
-    start = check_start(mesh, face, barycentric, direction, length)
-    _refuse_flat_starts(tracer.unfolding, start)
-    return tracer.trace(
+    return Tracer(mesh).trace(
         face, barycentric, direction, length,
         at_boundary=at_boundary, record=record, max_crossings=max_crossings,
     )  # fmt: skip
 
 
-def _refuse_flat_starts(unfolding: Unfolding, start: Start) -> None:
-    """A face without area has no plane: off its corners only directions along it lead anywhere."""
-    flat = np.ptp(corner_position(unfolding, start.face)[:, :, 1], axis=1) <= 0
-    flat &= (np.abs(start.direction[:, 1]) > 1e-12) & ((start.barycentric > SNAP).sum(axis=1) > 1)
-    bad = np.flatnonzero(flat)
-    if len(bad):
+def _refuse_flat_starts(tracer: Tracer, start: Start, direction: NDArray) -> None:
+    """A face without area has no plane: only directions along it lead anywhere.
+
+    In its own frame a direction at a corner is one of the unfolded fan; in space it has no such meaning.
+    """
+    flat = np.flatnonzero(tracer.unfolding.side[3 * start.face, APEX].imag <= 0)
+    if not len(flat):
+        return
+    if direction.shape[1] == 2:
+        out = np.abs(start.direction[flat, 1]) > ALONG
+        out &= (start.barycentric[flat] > SNAP).sum(axis=1) > 1
+    else:
+        given = np.broadcast_to(direction, (len(start.face), 3))[flat]
+        along = to_space(tracer.mesh, start.face[flat], start.direction[flat])  # type: ignore[arg-type]
+        out = vector_length(np.cross(given, along)) > ALONG * vector_length(given)
+    if out.any():
+        bad = flat[out][0]
         raise ParameterError(
-            f"line {bad[0]} starts within face {start.face[bad[0]]}, which has no area, and leads out of it; "
-            "start in the face beside it, or at a vertex"
+            f"line {bad} starts in face {start.face[bad]}, which has no area, and leads out of it; "
+            "start in the face beside it"
         )
 
 
