@@ -77,6 +77,10 @@ accuracy: $(STAMP_TEST)  ## the atlas: docs/accuracy/, error against seconds on 
 accuracy-check: $(STAMP_TEST)  ## rerun the atlas's small meshes; fails if an error or a rate is worse
 	$(BIN)/python -m benchmarks.accuracy --check
 
+BENCH_NAMES = $(patsubst benchmarks/bench_%.py,%,$(wildcard benchmarks/bench_*.py))
+BENCHES = $(filter $(or $(NAME),%),$(BENCH_NAMES))
+
 bench: $(STAMP_TEST)  ## time and memory beside peers, in one run; NAME=geodesic for one bench
+	@test -n "$(BENCHES)" || { echo "no bench is called $(NAME); there are: $(BENCH_NAMES)"; exit 2; }
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check pymeshlab mujoco
-	@for bench in benchmarks/bench_$(or $(NAME),*).py; do $(BIN)/python $$bench || exit 1; done
+	@for bench in $(BENCHES); do OMP_NUM_THREADS=1 $(BIN)/python -m benchmarks.bench_$$bench || exit 1; done

@@ -1,6 +1,6 @@
 """How fast is curvature beside libigl and pymeshlab, and how close to the truth?
 
-    python benchmarks/bench_curvature.py [--quick]
+    python -m benchmarks.bench_curvature [--quick]
 
 Each call starts from arrays (ddgcli builds its topology too), as the peers do. `ratio` is ours /
 peer, `target` what it must not exceed. Errors are root mean squares relative to that of the truth.
@@ -8,33 +8,24 @@ peer, `target` what it must not exceed. Errors are root mean squares relative to
 
 from __future__ import annotations
 
-import subprocess
 import sys
-import tempfile
-import time
 from collections.abc import Callable
-from pathlib import Path
 
 import igl
 import numpy as np
 
-ROOT = Path(__file__).resolve().parent.parent
-sys.path[:0] = [str(ROOT), str(ROOT / "benchmarks")]
-
-import ladder  # noqa: E402
-import measure  # noqa: E402
-
-from ddgcli.algorithms.curvature import measures as exact  # noqa: E402
-from ddgcli.algorithms.curvature import star  # noqa: E402
-from ddgcli.algorithms.curvature.faces import Faces  # noqa: E402
-from ddgcli.algorithms.curvature.frames import area_normals, unit_normals  # noqa: E402
-from ddgcli.algorithms.curvature.quadric import quadric  # noqa: E402
-from ddgcli.algorithms.curvature.report import measure as measure_all  # noqa: E402
-from ddgcli.geometry.extrinsic import dihedral_angle  # noqa: E402
-from ddgcli.mesh import shapes  # noqa: E402
-from ddgcli.mesh.topology import Topology  # noqa: E402
-from ddgcli.mesh.triangle_mesh import TriangleMesh  # noqa: E402
-from tests import curvature_truths as truths  # noqa: E402
+from benchmarks import ladder, measure
+from ddgcli.algorithms.curvature import measures as exact
+from ddgcli.algorithms.curvature import star
+from ddgcli.algorithms.curvature.faces import Faces
+from ddgcli.algorithms.curvature.frames import area_normals, unit_normals
+from ddgcli.algorithms.curvature.quadric import quadric
+from ddgcli.algorithms.curvature.report import measure as measure_all
+from ddgcli.geometry.extrinsic import dihedral_angle
+from ddgcli.mesh import shapes
+from ddgcli.mesh.topology import Topology
+from ddgcli.mesh.triangle_mesh import TriangleMesh
+from tests import curvature_truths as truths
 
 
 def fresh(mesh: TriangleMesh) -> TriangleMesh:
@@ -191,13 +182,6 @@ def pymeshlab_speed() -> None:
     )
 
 
-TRIMESH = "import sys, trimesh; trimesh.load(sys.argv[1], process=False).export(sys.argv[2])"
-IN_PROCESS = (
-    "import sys, time, trimesh; t = time.perf_counter(); "
-    "trimesh.load(sys.argv[1], process=False).export(sys.argv[2]); print(time.perf_counter() - t)"
-)
-
-
 def balls() -> None:
     """Measures in balls; trimesh's are the angle defect and the mean curvature of whole or clipped edges."""
     from trimesh import Trimesh, curvature
@@ -222,46 +206,8 @@ def balls() -> None:
             least = found[scheme].least
             verdict = "met" if least <= peer else "MISSED"
             rows.append([mesh.n_faces, edges, scheme, least, peer, least / peer, 1.0, verdict])
-    header = [
-        "faces",
-        "radius / edge",
-        "scheme",
-        "ours s",
-        "trimesh s",
-        "ratio",
-        "target",
-        "",
-    ]
+    header = ["faces", "radius / edge", "scheme", "ours s", "trimesh s", "ratio", "target", ""]
     measure.print_table("Curvature in balls, whole measurement: time (least of the runs)", header, rows)
-
-
-def whole_command() -> None:
-    from ddgcli.io.mesh_file import write_mesh
-    from ddgcli.mesh.fields import AnnotatedMesh
-
-    rows = []
-    with tempfile.TemporaryDirectory() as folder:
-        source, target = f"{folder}/in.ply", f"{folder}/out.ply"
-        write_mesh(source, AnnotatedMesh(ladder.sphere(100_000)))
-        calls = {"trimesh load and export": [sys.executable, "-c", TRIMESH, source, target]}
-        for scheme in ("quadric", "corrected", "normal-cycle", "cotan"):
-            words = ["-m", "ddgcli", "curvature", source, "-o", target, "-q", "--scheme", scheme]
-            calls[f"ddgcli curvature --scheme {scheme}"] = [sys.executable, *words]
-        seconds: dict[str, list[float]] = {name: [] for name in calls}
-        for _ in range(4):
-            for name, call in calls.items():
-                began = time.perf_counter()
-                subprocess.run(call, check=True, capture_output=True, cwd=ROOT)
-                seconds[name].append(time.perf_counter() - began)
-        peer = min(seconds["trimesh load and export"])
-        for name, times in seconds.items():
-            verdict = "" if "trimesh" in name else "met" if min(times) < 2 * peer else "MISSED"
-            rows.append([name, min(times), min(times) / peer, "" if "trimesh" in name else 2.0, verdict])
-        inner = [sys.executable, "-c", IN_PROCESS, source, target]
-        text = subprocess.run(inner, check=True, capture_output=True, text=True).stdout
-        rows.append(["(trimesh without Python's start and its import)", float(text), "", "", ""])
-    header = ["whole process, 100k faces, binary PLY in and out", "s", "ratio", "target", ""]
-    measure.print_table("The whole command", header, rows)
 
 
 if __name__ == "__main__":
@@ -272,4 +218,3 @@ if __name__ == "__main__":
     accuracy()
     if not quick:
         pymeshlab_speed()
-    whole_command()

@@ -1,6 +1,6 @@
 """Intrinsic Delaunay triangulations beside libigl and robust_laplacian; overlay and refinement by size.
 
-OMP_NUM_THREADS=1 python benchmarks/bench_delaunay.py [--sizes 20k 80k 320k] [--repeat 5] [--only flips]
+OMP_NUM_THREADS=1 python -m benchmarks.bench_delaunay [--sizes 20k 80k 320k] [--repeat 5] [--only flips]
 """
 
 from __future__ import annotations
@@ -9,11 +9,10 @@ import argparse
 import math
 
 import igl
-import ladder
-import measure
 import numpy as np
 import robust_laplacian
 
+from benchmarks import ladder, measure
 from ddgcli.algorithms.delaunay.common_subdivision import Base, common_subdivision
 from ddgcli.algorithms.delaunay.point_location import PointMap
 from ddgcli.algorithms.delaunay.refine import refine

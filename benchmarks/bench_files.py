@@ -1,6 +1,6 @@
 """Reading and writing beside trimesh and meshio, and the whole command beside trimesh's load and export.
 
-Run alone: `python benchmarks/bench_files.py`. Target: the whole `curvature` command on 100k faces, binary PLY
+Run: `python -m benchmarks.bench_files`. Target: the whole `curvature` command on 100k faces, binary PLY
 in and out, under 2 times what trimesh takes to load and export the same file (processes of their own).
 """
 
@@ -13,13 +13,12 @@ from pathlib import Path
 
 import numpy as np
 
-sys.path[:0] = [str(Path(__file__).parents[1])]
-
-from benchmarks import ladder, measure  # noqa: E402
-from ddgcli.io.mesh_file import read_mesh, write_mesh  # noqa: E402
-from ddgcli.mesh.fields import AnnotatedMesh  # noqa: E402
+from benchmarks import ladder, measure
+from ddgcli.io.mesh_file import read_mesh, write_mesh
+from ddgcli.mesh.fields import AnnotatedMesh
 
 FACES = 100_000
+SCHEMES = ("quadric", "corrected", "normal-cycle", "cotan")
 
 
 def formats(folder: Path) -> list[list]:
@@ -61,20 +60,9 @@ def processes(folder: Path) -> list[list]:
     mesh = ladder.sphere(FACES)
     path, out = folder / "whole.ply", folder / "whole-out.ply"
     write_mesh(str(path), AnnotatedMesh(mesh.moved(mesh.points.astype(np.float32).astype(np.float64))))
-    ours = {
-        f"{command} {' '.join(words)}".strip(): [
-            sys.executable,
-            "-m",
-            "ddgcli",
-            command,
-            str(path),
-            *words,
-            "-q",
-            "-o",
-            str(out),
-        ]
-        for command, *words in (["info"], ["curvature"], ["curvature", "--scheme", "cotan"])
-    }
+    commands = [["info"], *(["curvature", "--scheme", scheme] for scheme in SCHEMES)]
+    where = [str(path), "-q", "-o", str(out)]
+    ours = {" ".join(words): [sys.executable, "-m", "ddgcli", *words, *where] for words in commands}
     script = f"import trimesh; trimesh.load({str(path)!r}).export({str(out)!r})"
     calls = {**ours, "trimesh": [sys.executable, "-c", script]}
     timing = measure.interleaved(

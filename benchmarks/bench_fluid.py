@@ -1,7 +1,7 @@
 """Seconds a step of `fluid-sim` by integrator and effect, beside the feasibility figures of a survey.
 
 The survey's figures were taken on another machine with CHOLMOD; they are scaled here by the time of one
-Poisson factorisation, measured in the same run. Run: python benchmarks/bench_fluid.py [FACES...]
+Poisson factorisation, measured in the same run. Run: python -m benchmarks.bench_fluid [FACES...]
 """
 
 from __future__ import annotations
@@ -10,8 +10,8 @@ import sys
 from functools import partial
 
 import numpy as np
-from measure import interleaved, machine, print_table
 
+from benchmarks.measure import interleaved, machine, print_table
 from ddgcli.linalg.factor import Factor
 from ddgcli.mesh import shapes
 from ddgcli.models.fluid.circulation import CirculationAdvection, corner_of

@@ -1,6 +1,6 @@
 """Distances beside the peers: exact, heat, fast marching; set-up, solve, peak memory.
 
-`python benchmarks/bench_geodesic.py [--quick] [exact heat fast-marching errors]` prints the tables of
+`python -m benchmarks.bench_geodesic [--quick] [exact heat fast-marching errors]` prints the tables of
 docs/geodesic.md. Ratios are the peer's CPU seconds over ours, larger is better; each pair runs in turn in one
 process, one thread each. CPU rather than wall time, so that a busy machine does not blur the ratio.
 """
@@ -12,12 +12,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-import ladder
-import measure
 import numpy as np
 import potpourri3d
 from pygeodesic import geodesic as pygeodesic
 
+from benchmarks import ladder, measure
 from ddgcli.algorithms.delaunay.triangulation import flip_to_delaunay
 from ddgcli.algorithms.distance.exact import exact_distance
 from ddgcli.algorithms.distance.fast_marching import marched_distance, marching_stencils

@@ -1,6 +1,6 @@
 """Assembly and spectra of Laplacians beside libigl, robust_laplacian and scipy.
 
-    python benchmarks/bench_laplacian.py [assembly] [eigen] [--full]
+    python -m benchmarks.bench_laplacian [assembly] [eigen] [--full]
 
 Targets: L and M from raw arrays no slower than libigl's cotmatrix + massmatrix and 3 times faster than
 robust_laplacian; 50 eigenpairs at 80k faces 1.6 times faster than eigsh(sigma) with its default factorisation
@@ -13,12 +13,11 @@ import sys
 
 import igl
 import igl.spectra
-import ladder
-import measure
 import numpy as np
 import robust_laplacian
 from scipy.sparse.linalg import eigsh
 
+from benchmarks import ladder, measure
 from ddgcli.algorithms.laplacian.choice import laplace_operator
 from ddgcli.linalg.backends import cholmod_available
 from ddgcli.linalg.eigen import smallest_eigenpairs

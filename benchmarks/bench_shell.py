@@ -1,6 +1,6 @@
 """Seconds a step of shell-sim, by effect and integrator, beside feasibility figures and MuJoCo.
 
-Run: `python benchmarks/bench_shell.py`. The feasibility figures are those of prototypes in numpy at 20 000
+Run: `python -m benchmarks.bench_shell`. The feasibility figures are those of prototypes in numpy at 20 000
 triangles on another machine; each is scaled by one sparse factorisation measured in the same run (the
 figure's own was 691 ms with SuperLU), so the ratio is meant to hold on any machine. A full Newton iteration
 there: Hessians, scatter, factorisation, solve. Steps are those of a cloth that has hung for 0.2 s and swings.
@@ -11,8 +11,8 @@ from __future__ import annotations
 from functools import cache
 
 import numpy as np
-from measure import cpu_seconds, machine, print_table
 
+from benchmarks.measure import cpu_seconds, machine, print_table
 from ddgcli.evolve.account import Account
 from ddgcli.evolve.integrators import INTEGRATORS
 from ddgcli.evolve.system import Motion

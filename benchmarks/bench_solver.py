@@ -1,6 +1,6 @@
 """Factor and solve one Poisson-like system beside cvxopt called directly and scipy's default.
 
-    python benchmarks/bench_solver.py [--full] [mesh ...]
+    python -m benchmarks.bench_solver [--full] [mesh ...]
 
 Targets: with the extra `fast` within 1.1 of its binding called directly; without it never slower than splu's
 default, and at most 15 s at 1.3M faces on a quiet machine (regular, irregular, sheared).
@@ -10,12 +10,11 @@ from __future__ import annotations
 
 import sys
 
-import ladder
-import measure
 import numpy as np
 from scipy.sparse import csc_array, diags_array
 from scipy.sparse.linalg import splu
 
+from benchmarks import ladder, measure
 from ddgcli.linalg.backends import cholmod_available
 from ddgcli.linalg.factor import Factor
 from ddgcli.mesh import shapes

@@ -1,6 +1,6 @@
 """Straightest lines, geodesics by flips, logarithmic map and vector transport beside potpourri3d.
 
-python benchmarks/bench_trace.py [faces ...]      default 20000 80000 320000
+python -m benchmarks.bench_trace [faces ...]      default 20000 80000 320000
 """
 
 from __future__ import annotations
@@ -10,9 +10,9 @@ from functools import partial
 
 import numpy as np
 import potpourri3d as pp3d
-from ladder import noisy, sphere, stretched
-from measure import interleaved, machine, peak_mib, print_table
 
+from benchmarks.ladder import noisy, sphere, stretched
+from benchmarks.measure import interleaved, machine, peak_mib, print_table
 from ddgcli.algorithms.curves.flipout import Straightener
 from ddgcli.algorithms.curves.log_map import log_map
 from ddgcli.algorithms.curves.vector_heat import VectorHeat

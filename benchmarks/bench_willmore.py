@@ -2,7 +2,7 @@
 
 The survey's true-gradient step (with CHOLMOD, another machine) is scaled by the time of one factorisation of
 the same fourth-order matrix, measured in the same run.
-Run: python benchmarks/bench_willmore.py [FACES...]
+Run: python -m benchmarks.bench_willmore [FACES...]
 """
 
 from __future__ import annotations
@@ -13,8 +13,8 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from measure import interleaved, machine, print_table, timed
 
+from benchmarks.measure import interleaved, machine, print_table, timed
 from ddgcli.evolve.account import Account
 from ddgcli.evolve.loop import evolve
 from ddgcli.geometry.extrinsic import enclosed_volume

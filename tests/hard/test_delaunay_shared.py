@@ -1,6 +1,7 @@
 """Flips, overlay and refinement of every shared mesh and every hard file: right, or refused with the mend.
 
-The large ones are slow tests; `benchmarks/bench_delaunay.py --only shared` counts what docs/delaunay.md says.
+The large ones are slow tests; what docs/delaunay.md says of them is counted by
+`python -m benchmarks.bench_delaunay --only shared`.
 """
 
 import logging
