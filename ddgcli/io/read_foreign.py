@@ -11,6 +11,7 @@ import contextlib
 import io
 import warnings
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -137,7 +138,17 @@ def _meshio_mesh(path: str, name: str) -> Any:
     if name in BINARY:
         with _BinaryFile(io.FileIO(path)) as data:
             return meshio.read(data, name)
+    if name == "tetgen":
+        _need_lines(Path(path).with_suffix(".node"), Path(path).with_suffix(".ele"))
     return meshio.read(path, name)
+
+
+def _need_lines(*paths: Path) -> None:
+    """A line that is neither blank nor a comment in each file: meshio's reader looks for one without end."""
+    for path in paths:
+        with path.open(encoding="utf-8", errors="replace") as text:
+            if all(line.strip()[:1] in ("", "#") for line in text):
+                raise _Endless
 
 
 @contextlib.contextmanager
