@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from benchmarks.accuracy_trial import Case, Trial, known_truth, last_frame
 from benchmarks.accuracy_willmore import WILLMORE
 from benchmarks.families import SPHERES, strips
+from benchmarks.scenes import CANTILEVER, FREE, RIGIDITY
 from ddgcli.evolve.account import Account
 from ddgcli.evolve.integrators import INTEGRATORS
 from ddgcli.io.scene_file import parse_scene
@@ -184,45 +185,7 @@ def _fluid_by_step(level: int) -> Trial:
 
 # --- shell-sim ---
 
-CANTILEVER = """
-[time]
-integrator = "static"
-[[object]]
-name = "s"
-role = "shell"
-density = {density}
-thickness = "3 cm"
-young = 444.4444444444444
-poisson = 0.0
-mesh = "given"
-[effects]
-stretching = {{}}
-bending = {{ model = "{model}" }}
-gravity = {{}}
-pin = {{ box = [[-1, -1, -1], [{clamp}, 1, 1]] }}
-"""
-RIGIDITY = 1e-3  # young thickness^3 / 12
 ELASTICA = {2: 0.238507, 10: 0.700200}  # weight length^3 / rigidity -> drop of the tip over length
-FREE = """
-[time]
-duration = 0.2
-step = {step}
-frame_every = 0.2
-integrator = "{integrator}"
-[[object]]
-name = "s"
-role = "shell"
-grid = {{ size = [1, 1], cells = [3, 3] }}
-density = 1.0
-young = 3e4
-thickness = "5 mm"
-poisson = 0.3
-velocity = [0.3, 0.1, -0.2]
-angular_velocity = [2.0, 1.0, 1.5]
-[effects]
-stretching = {{}}
-bending = {{}}
-"""
 
 
 def _shell(text: str, mesh: TriangleMesh | None = None) -> Any:
@@ -249,8 +212,9 @@ def _dropped(weight: int, rest: TriangleMesh, n: int) -> Trial:
         return np.array([-last_frame(ready).points[tip, 2].mean()])
 
     def prepared(model: str) -> Any:
-        density, clamp = weight * RIGIDITY / 9.81, 1.01 / n
-        return _shell(CANTILEVER.format(density=density, clamp=clamp, model=model), rest)
+        density, shape = weight * RIGIDITY / 9.81, 'mesh = "given"'
+        text = CANTILEVER.format(density=density, shape=shape, model=model, clamp=1.01 / n)
+        return _shell(text, rest)
 
     candidates = [
         Candidate(
@@ -266,8 +230,12 @@ def _dropped(weight: int, rest: TriangleMesh, n: int) -> Trial:
     return known_truth(rest.n_faces, 1 / n, ELASTICA[weight], candidates)
 
 
+def _free(integrator: str, step: float) -> Any:
+    return _shell(FREE.format(integrator=integrator, step=step, duration=0.2))
+
+
 def _free_end(integrator: str, step: float) -> NDArray[np.float64]:
-    return last_frame(_shell(FREE.format(integrator=integrator, step=step))).vertex["velocity"].ravel()
+    return last_frame(_free(integrator, step)).vertex["velocity"].ravel()
 
 
 @lru_cache
@@ -282,7 +250,7 @@ def _free_by_step(level: int) -> Trial:
         Candidate(
             name,
             {},
-            partial(_shell, FREE.format(integrator=name, step=step)),
+            partial(_free, name, step),
             lambda ready: last_frame(ready).vertex["velocity"].ravel(),
             f"--integrator {name} --dt {step:g}",
             0.2 / step * 5e-4,

@@ -20,6 +20,9 @@ from ddgcli.mesh.fields import AnnotatedMesh
 from ddgcli.tradeoff.candidates import relative_to_largest, relative_to_rms
 from ddgcli.tradeoff.problems import curvature, delaunay, geodesic, laplacian, simulate
 from ddgcli.tradeoff.truths import parse_truth
+from tests.simulate import HANGING_SHEET
+
+SHEET = HANGING_SHEET.format(cells=3)
 
 
 @pytest.fixture
@@ -173,23 +176,6 @@ def test_curvature_on_an_ellipsoid_ranks_the_fit_above_the_cotangent(tmp_path, s
     with np.load(out, allow_pickle=False) as arrays:
         error = np.abs(arrays["mean_curvature"] - known) / np.sqrt((known**2).mean())
     assert rows["cotan", "own"]["mean_error"] == pytest.approx(error.mean(), rel=1e-6)
-
-
-SHEET = """
-format = "ddgcli-scene/1"
-[time]
-duration = 0.04
-step = 4e-3
-[[object]]
-name = "sheet"
-role = "shell"
-grid = { size = [1, 1], cells = [3, 3] }
-material = "cotton"
-[effects]
-stretching = { model = "edges" }
-gravity = { acceleration = [0, 0, -9.81] }
-pin = { vertices = [0, 3] }
-"""
 
 
 def test_integrators_of_a_scene_stand_in_their_order(tmp_path, summary):

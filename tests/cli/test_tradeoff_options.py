@@ -10,21 +10,8 @@ from ddgcli.cli.tradeoff_asked import TAKES
 from ddgcli.io.mesh_file import write_mesh
 from ddgcli.mesh import shapes
 from ddgcli.mesh.fields import AnnotatedMesh
+from tests.simulate import HANGING_SHEET
 
-SHEET = """
-[time]
-duration = 0.04
-step = 4e-3
-[[object]]
-name = "sheet"
-role = "shell"
-grid = { size = [1, 1], cells = [2, 2] }
-material = "cotton"
-[effects]
-stretching = { model = "edges" }
-gravity = { acceleration = [0, 0, -9.81] }
-pin = { vertices = [0, 2] }
-"""
 SHELL = ["--effect", "stretching", "--effect", "gravity acceleration=[0,0,-9.81]", "--pin", 0]
 FLUID = ["--vorticity", "3*z+x*y"]
 SHELL_TIME = ["--dt", 4e-3, "--steps", 4, "--tolerance", 1e-2]
@@ -47,7 +34,7 @@ def inputs(tmp_path_factory):
         paths[name] = str(folder / f"{name} mesh.ply")  # a name that a shell must be given in quotes
         write_mesh(paths[name], AnnotatedMesh(mesh))
     scene = folder / "sheet.toml"
-    scene.write_text(SHEET)
+    scene.write_text(HANGING_SHEET.format(cells=2))
     return {
         "curvature": paths["sphere"],
         "delaunay": paths["sphere"],

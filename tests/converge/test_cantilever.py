@@ -4,26 +4,8 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_bvp
 
+from benchmarks.scenes import CANTILEVER, RIGIDITY
 from tests.simulate import shell_run
-
-SCENE = """
-[time]
-integrator = "static"
-[[object]]
-name = "s"
-role = "shell"
-density = {density}
-thickness = "3 cm"
-young = 444.4444444444444
-poisson = 0.0
-grid = {{ size = [1, {width}], cells = [{nx}, {ny}], pattern = "{pattern}" }}
-[effects]
-stretching = {{}}
-bending = {{ model = "{model}" }}
-gravity = {{}}
-pin = {{ box = [[-1, -1, -1], [{clamp}, 1, 1]] }}
-"""
-RIGIDITY = 1e-3  # young thickness^3 / 12
 
 
 def elastica_drop(gamma):
@@ -59,12 +41,9 @@ def chain_drop(gamma, n):
 
 
 def drop(gamma, nx=40, ny=2, width=0.05, pattern="right", model="hinge"):
-    text = SCENE.format(
+    text = CANTILEVER.format(
         density=gamma * RIGIDITY / 9.81,
-        nx=nx,
-        ny=ny,
-        width=width,
-        pattern=pattern,
+        shape=f'grid = {{ size = [1, {width}], cells = [{nx}, {ny}], pattern = "{pattern}" }}',
         model=model,
         clamp=1.01 / nx,
     )

@@ -5,6 +5,7 @@ from time import perf_counter, sleep
 import numpy as np
 import pytest
 
+from benchmarks.scenes import FREE
 from ddgcli.evolve.account import Account
 from ddgcli.evolve.integrators import INTEGRATORS
 from ddgcli.evolve.loop import evolve
@@ -15,26 +16,6 @@ from ddgcli.models.shell.scene import KIND
 from tests.simulate import scalar, shell_run
 
 DYNAMIC = [name for name in INTEGRATORS if name != "static"]
-FREE = """
-[time]
-duration = {duration}
-step = {step}
-frame_every = {duration}
-integrator = "{integrator}"
-[[object]]
-name = "s"
-role = "shell"
-grid = {{ size = [1, 1], cells = [3, 3] }}
-density = 1.0
-young = 3e4
-thickness = "5 mm"
-poisson = 0.3
-velocity = [0.3, 0.1, -0.2]
-angular_velocity = [2.0, 1.0, 1.5]
-[effects]
-stretching = {{}}
-bending = {{}}
-"""
 
 
 def end(integrator, step, duration=0.2):
