@@ -6,6 +6,7 @@ import click
 
 from ddgcli.cli import options
 from ddgcli.cli.geodesic_curves import (
+    CURVE_FORMATS,
     CurveOptions,
     check_asked,
     compute_curves,
@@ -48,6 +49,9 @@ def command(
     check_distance(distance)
     check_asked(curves, distance.any, distance.method, extra=distance.isolines is not None)
     run = Run("geodesic", common, subdivide=subdivide, **distance.said(), **curves.said())
+    for path in curves.paths_output:
+        run.will_write(path, CURVE_FORMATS)
+    run.also_reads(curves.field)
     read = run.read(mesh_path, subdivide=subdivide)
     mesh = read.mesh
     vertex, face, results, accuracy, converged, exact, made = {}, {}, {}, {}, True, None, None
@@ -62,7 +66,6 @@ def command(
             results, accuracy = measured.results, measured.accuracy
     if curves.any or lines:
         made = compute_curves(run, read, curves, sources, exact, more=lines)
-        write_curves(run, mesh, made, curves.paths_output)
         results, accuracy = results | {"paths": made.entries}, accuracy | made.accuracy
         converged = made.converged
     if curves.any_vectors:
@@ -72,6 +75,8 @@ def command(
             results | vectors.results,
             accuracy | vectors.accuracy,
         )
-    run.write(AnnotatedMesh(mesh, vertex=vertex, face=face))
+    run.write(AnnotatedMesh(mesh, vertex=vertex, face=face), converged=converged)
+    if made is not None:
+        write_curves(run, mesh, made, curves.paths_output, converged=converged)
     draw_distance(run, mesh, vertex, sources, made.paths if made else None)
     run.finish(results, accuracy, converged=converged)

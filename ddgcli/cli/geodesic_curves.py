@@ -12,6 +12,8 @@ import click
 from ddgcli.cli.options import POSITIVE, REAL
 from ddgcli.errors import ParameterError
 
+CURVE_FORMATS = (".vtp", ".vtu", ".ply", ".obj", ".npz", ".vtkhdf", ".vtk", ".xdmf")
+
 
 @dataclass(frozen=True)
 class CurveOptions:
@@ -245,7 +247,7 @@ def compute_vectors(
         return vertex_vectors.gathered(parts)
 
 
-def write_curves(run: Any, mesh: Any, made: Any, paths_output: tuple[str, ...]) -> None:
+def write_curves(run: Any, mesh: Any, made: Any, paths_output: tuple[str, ...], *, converged: bool) -> None:
     """Write the polylines of all curves to every --paths-output."""
     if not paths_output:
         return
@@ -255,7 +257,7 @@ def write_curves(run: Any, mesh: Any, made: Any, paths_output: tuple[str, ...]) 
     with run.timed("write"):
         annotated = AnnotatedMesh(curve_set(mesh, made.paths, **made.arrays))
     for path in paths_output:
-        run.write_file(path, annotated)
+        run.write_file(path, annotated, converged=converged)
 
 
 def check_asked(asked: CurveOptions, has_source: bool, method: str, *, extra: bool = False) -> None:

@@ -42,6 +42,7 @@ def command(
     (accuracy.reconstruction_residual tells how much). See docs/hodge.md.
     """
     run = Run("hodge", common, field=field or field_file, boundary=boundary, basis=basis)
+    run.also_reads(field_file)
     source = run.read(mesh_path, accept=("surface", "tetrahedra"))
 
     from ddgcli.algorithms.hodge.report import hodge_report, surface_of

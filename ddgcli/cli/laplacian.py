@@ -109,6 +109,7 @@ def command(
               subdivide=subdivide, **tasks)  # fmt: skip
     run.will_write(matrix, MATRIX_FORMATS)
     run.will_write(mass_matrix, MATRIX_FORMATS)
+    run.also_reads(poisson)
     source = run.read(mesh_path, subdivide=subdivide)
 
     from ddgcli.algorithms.laplacian.report import Tasks, laplacian_report

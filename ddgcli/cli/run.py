@@ -79,6 +79,7 @@ class Run:
         self.input: dict[str, Any] = {}
         self.outputs: list[str] = []
         self._inputs: dict[str, str] = {}  # path -> SHA-256
+        self._read_beside: list[str] = []
         self._input_vertex: Any = None
         self._promised: list[str] = []
         self._progress: Progress | None = None
@@ -134,6 +135,18 @@ class Run:
             raise OutputError(f"{path}: two results would go to this one place; give each its own")
         self._promised.append(path)
 
+    def also_reads(self, path: str | None) -> None:
+        """Name a further file that the run reads (an array, say), so that no output replaces it."""
+        if path is not None and Path(path).is_file():
+            self._read_beside.append(path)
+
+    def _spare_inputs(self, path: str) -> None:
+        """Refuse to write over an input: the last door of every output, promised beforehand or not."""
+        if path != "-":
+            from ddgcli.io.mesh_file import check_place
+
+            check_place(path, inputs=(*self._inputs, *self._read_beside))
+
     @property
     def began(self) -> float:
         """When the run began, by `time.perf_counter`."""
@@ -171,7 +184,7 @@ class Run:
 
             for output in self._promised:
                 if output != "-":
-                    check_place(output, inputs=(path,))
+                    check_place(output, inputs=(path, *self._read_beside))
             source = read_mesh(path, self.common.input_format)
             if source.kind not in accept:
                 mend = {"tetrahedra": f"; ddgcli info {path} -o surface.ply writes their boundary"}
@@ -242,6 +255,7 @@ class Run:
         with self.timed("write"):
             from ddgcli.io.mesh_file import write_mesh
 
+            self._spare_inputs(path)
             whole = annotated.whole
             if self._input_vertex is not None:
                 whole = {"input_vertex": self._input_vertex, **whole}
@@ -255,6 +269,7 @@ class Run:
         with self.timed("write"):
             from ddgcli.io.mesh_file import write_whole
 
+            self._spare_inputs(path)
             write_whole(path, data)
             self.outputs.append(path)
 
@@ -265,6 +280,7 @@ class Run:
         with self.timed("write"):
             from ddgcli.io.mesh_file import written_whole
 
+            self._spare_inputs(self.common.plot)
             with written_whole(self.common.plot) as partial:
                 draw(partial)
             self.outputs.append(self.common.plot)

@@ -266,6 +266,8 @@ def test_two_results_never_go_to_one_place(run, torus, tmp_path):
     refused(run("delaunay", torus, "-o", one, "--overlay", same), "a.npz", "two results")
     refused(run("laplacian", torus, "--matrix", one, "--mass-matrix", one), "a.npz", "two results")
     refused(run("info", torus, "-o", one, "-o", same), "a.npz", "two results")
+    lines = ("geodesic", torus, "--source", 0, "--isolines", 2)
+    refused(run(*lines, "-o", one, "--paths-output", same), "a.npz", "two results")
     link = tmp_path / "link.npz"
     link.symlink_to(one)
     refused(run("info", torus, "-o", one, "-o", link), "link.npz", "two results")
@@ -286,6 +288,27 @@ def test_the_input_is_never_overwritten(run, torus, tmp_path):
     link = tmp_path / "link.ply"
     link.symlink_to(torus)
     refused(run("info", torus, "-o", link), "input")
+    for place in (torus, link):  # outputs that are not -o
+        refused(run("geodesic", torus, "--source", 0, "--isolines", 2, "--paths-output", place), "input")
+        refused(run("delaunay", torus, "--overlay", place), "input")
+    assert torus.read_bytes() == before
+
+
+def test_an_array_that_is_read_is_never_overwritten(run, torus, tmp_path):
+    array = tmp_path / "array.npz"
+    np.savez(array, np.cross([0, 0, 1.0], read_mesh(str(torus)).mesh.points))
+    before = array.read_bytes()
+    refused(run("geodesic", torus, "--field", array, "--paths-output", array), "input")
+    refused(run("hodge", torus, "--field-file", array, "-o", array), "input")
+    refused(run("laplacian", torus, "--poisson", array, "--matrix", array), "input")
+    assert array.read_bytes() == before
+
+
+def test_the_last_door_spares_the_input_too(run, torus, monkeypatch):
+    """Whoever forgets to announce an output still cannot write it over the input."""
+    monkeypatch.setattr("ddgcli.cli.run.Run.will_write", lambda *words: None)
+    before = torus.read_bytes()
+    refused(run("geodesic", torus, "--source", 0, "--isolines", 2, "--paths-output", torus), "input")
     assert torus.read_bytes() == before
 
 

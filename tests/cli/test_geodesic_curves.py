@@ -200,10 +200,16 @@ def test_what_could_not_be_reached_is_exit_1(run, tmp_path):
     two = np.concatenate([a.points, a.points + 5]), np.concatenate([a.faces, a.faces + a.n_vertices])
     path = tmp_path / "two.npz"
     np.savez(path, points=two[0], faces=two[1])
-    result = run("geodesic", path, "--source", 0, "--path-to", 50, "--json", "-q")
+    written = tmp_path / "distance.vtu", tmp_path / "lines.vtp"
+    result = run(
+        "geodesic", path, "--source", 0, "--path-to", 1, 50, "--json", "-q", "-o", written[0],
+        "--paths-output", written[1],
+    )  # fmt: skip
     assert result.exit_code == 1
+    for output in written:
+        assert b'"converged": false' in output.read_bytes().replace(b"&quot;", b'"')
     said = json.loads(result.stdout)
-    assert said["results"]["converged"] is False and said["results"]["paths"][0]["length"] is None
+    assert said["results"]["converged"] is False and said["results"]["paths"][1]["length"] is None
 
 
 @pytest.mark.slow
