@@ -52,6 +52,27 @@ def test_no_edge_is_left_and_the_metric_stays(mesh):
     assert len(after.topology.boundary_edges) == len(mesh.topology.boundary_edges)
 
 
+def test_edges_that_are_not_gone_are_edges_still(mesh):
+    """Both sides of an edge stay or go; what stays joins the same vertices at the same length."""
+    flipped = flip_to_delaunay(mesh, tell_gone=True)
+    before, after = mesh.topology, flipped.mesh.topology
+    assert 0 < len(flipped.gone) <= 2 * flipped.flips
+    stays = np.ones(3 * mesh.n_faces, dtype=bool)
+    stays[flipped.gone] = False
+    edge_stays = np.zeros(before.n_edges, dtype=bool)
+    edge_stays[before.side_edge.ravel()[stays]] = True
+    assert not edge_stays[before.side_edge.ravel()[flipped.gone]].any()
+
+    def described(topology, length, rows):
+        low, high = np.sort(topology.edges, axis=1)[topology.side_edge.ravel()[rows]].T
+        return set(zip(low.tolist(), high.tolist(), length.ravel()[rows].tolist()))
+
+    begun = flipped.mollified.length.astype(float)  # what the flips began with
+    there = described(after, flipped.mesh.side_length, np.arange(3 * mesh.n_faces))
+    assert described(before, begun, np.flatnonzero(stays)) <= there
+    assert not described(before, begun, flipped.gone) & there
+
+
 @pytest.mark.parametrize("name", [name for name in CASES if name != "fan"])
 def test_matrix_is_that_of_libigl(name):
     igl = pytest.importorskip("igl")

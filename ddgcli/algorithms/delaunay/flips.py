@@ -34,6 +34,8 @@ class SideArrays(Gluing):
         its two faces (Musin 1997); that no flip may raise it rules out cycles by rounding.
     crossings : (3m,) ndarray of int64, optional
         Normal coordinate of the side: how often it crosses edges of the input; -1 where it is one.
+    given : (3m,) ndarray of int64, optional
+        Number of the side of the input that still stands here; -1 where a flip put a new edge.
     direction : (3m,) ndarray of float64, optional
         Angle of the side at its tail, counter-clockwise from the vertex's reference.
     """
@@ -42,6 +44,7 @@ class SideArrays(Gluing):
     tangent: NDArray[np.float64]
     cotan_sum: NDArray[np.float64]
     crossings: NDArray[np.int64] | None = None
+    given: NDArray[np.int64] | None = None
     direction: NDArray[np.float64] | None = None
 
     def __post_init__(self) -> None:
@@ -107,16 +110,16 @@ def flip(state: SideArrays, side: NDArray, *, force: bool = False) -> NDArray:
     the sum of cotangents (a tie, or worse by rounding) is left out unless forced.
     """
     length, tangent = state.length, state.tangent
-    h, g = side, state.twin[side]
+    h, g = side, state.twin.take(side)
     f0, h1, h2 = around(h)
     f1, g1, g2 = around(g)
-    jk, ki, il, lj = length[h1], length[h2], length[g1], length[g2]
+    jk, ki, il, lj = (length.take(outer) for outer in (h1, h2, g1, g2))
 
     # the new length, seen from the nearer of i and j: (p - q)^2 + 4 p q sin^2(angle / 2), a sum of squares
     near_i = ki + il <= jk + lj
     p, q = np.where(near_i, ki, jk), np.where(near_i, il, lj)
-    t0 = tangent[np.where(near_i, h1, h2)]
-    t1 = tangent[np.where(near_i, g2, g1)]
+    t0 = tangent.take(np.where(near_i, h1, h2))
+    t1 = tangent.take(np.where(near_i, g2, g1))
     squared = (t0 + t1) ** 2 / ((1.0 + t0 * t0) * (1.0 + t1 * t1))
     kl = np.sqrt((p - q) ** 2 + 4.0 * p * q * squared)
 
@@ -137,6 +140,9 @@ def flip(state: SideArrays, side: NDArray, *, force: bool = False) -> NDArray:
         n = state.crossings
         new = flipped_crossings(n[h], n[h1], n[h2], n[g1], n[g2])
         n[h], n[g], n[h1], n[g1] = n[g1], n[h1], new, new
+    if state.given is not None:
+        n = state.given
+        n[h], n[g], n[h1], n[g1] = n.take(g1), n.take(h1), -1, -1
     length[h], length[g], length[h1], length[g1] = il, jk, kl, kl
     tangent[h], tangent[h1], tangent[h2] = k0, i0, l0
     tangent[g], tangent[g1], tangent[g2] = l1, j1, k1
@@ -178,37 +184,38 @@ def flip_until_delaunay(
         if len(active) == 0:
             return flips, rounds, True
         chosen = _independent(state, active, violation)
-        flipped = flip(state, active[chosen])
+        flipped = flip(state, active.take(chosen.nonzero()[0]))
         flips += len(flipped)
         rounds += 1
-        active = np.concatenate([active[~chosen], _rim(state, flipped)])
+        active = np.concatenate([active.take((~chosen).nonzero()[0]), _rim(state, flipped)])
     return flips, rounds, False
 
 
 def _violating(state: SideArrays, side: NDArray) -> tuple[NDArray, NDArray]:
     """The sides, each edge once, whose opposite angles sum to more than pi, and tan tan of their halves."""
-    twin = state.twin[side]
-    product = state.tangent[side] * state.tangent[twin]
+    twin = state.twin.take(side)
+    product = state.tangent.take(side)
+    product *= state.tangent.take(twin)
     bad = product > 1.0 + DELAUNAY_SLACK
     bad &= twin >= 0
-    side = np.minimum(side[bad], twin[bad])
-    product = product[bad]
-    claim = state.claim
-    claim[side] = np.arange(len(side))
-    once = claim[side] == np.arange(len(side))
-    return side[once], product[once]
+    at = bad.nonzero()[0]
+    side, product = np.minimum(side.take(at), twin.take(at)), product.take(at)
+    number, claim = np.arange(len(side)), state.claim
+    claim[side] = number
+    once = (claim.take(side) == number).nonzero()[0]
+    return side.take(once), product.take(once)
 
 
 def _independent(state: SideArrays, side: NDArray, violation: NDArray) -> NDArray[np.bool_]:
     """Mask of edges no two of which share a face: each violates the condition most in both of its faces."""
     order = np.argsort(violation)
-    side = side[order]
-    one, other = side // 3, state.twin[side] // 3
+    side = side.take(order)
+    one, other = side // 3, state.twin.take(side) // 3
     rank = np.arange(len(side))
     claim = state.claim
     claim[np.stack([one, other], axis=1).ravel()] = np.repeat(rank, 2)  # the last claim, the worst, stays
-    wins = claim[one] == rank
-    wins &= claim[other] == rank
+    wins = claim.take(one) == rank
+    wins &= claim.take(other) == rank
     wins &= one != other
     chosen = np.zeros(len(side), dtype=bool)
     chosen[order] = wins
@@ -218,5 +225,5 @@ def _independent(state: SideArrays, side: NDArray, violation: NDArray) -> NDArra
 def _rim(state: SideArrays, flipped: NDArray) -> NDArray:
     """The four outer sides of the quadrilaterals of flipped edges (numbered as `flip` left them)."""
     _, new, h2 = around(flipped)
-    _, g2, g = around(state.twin[new])
+    _, g2, g = around(state.twin.take(new))
     return np.concatenate([flipped, h2, g, g2])

@@ -15,7 +15,7 @@ def around(side: NDArray) -> tuple[NDArray, NDArray, NDArray]:
     """Face of each side, and the next and the previous side in it."""
     face = side // 3
     corner = side - 3 * face
-    return face, side + NEXT_SIDE[corner], side + PREVIOUS_SIDE[corner]
+    return face, side + NEXT_SIDE.take(corner), side + PREVIOUS_SIDE.take(corner)
 
 
 @dataclass(eq=False)
@@ -63,7 +63,7 @@ class Gluing:
     def _move(self, old: NDArray, new: NDArray) -> None:
         """Sides change their places; their neighbours follow, those that move in the same batch too."""
         self.place[old] = new
-        neighbour = self.place[self.twin[old]]
+        neighbour = self.place.take(self.twin.take(old))
         self.place[old] = old
         self.twin[new] = neighbour
         self.twin[neighbour] = new
@@ -76,7 +76,7 @@ class Gluing:
         """Flip the edge h|g: h takes the side at g1, g that at h1; the new edge stands at h1 and g1."""
         self._move(np.concatenate([g1, h1]), np.concatenate([h, g]))
         self._join(h1, g1)
-        self.tail[h1], self.tail[g1] = self.tail[g2], self.tail[h2]
+        self.tail[h1], self.tail[g1] = self.tail.take(g2), self.tail.take(h2)
 
     def split_faces(self, face: NDArray, vertex: NDArray) -> NDArray[np.int64]:
         """Faces (a, b, c) cut in three around a new vertex v.

@@ -7,7 +7,7 @@ et al., "An algorithm for the construction of intrinsic Delaunay triangulations"
 from __future__ import annotations
 
 import logging
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,6 +42,8 @@ class Flipped:
         Edges that rounding kept from being flipped although their angles exceed pi by more than 1e-9.
     crossings : (m, 3) ndarray of int64, optional
         Normal coordinates of the sides (see `normal_coordinates`), where they were tracked.
+    gone : (k,) ndarray of int64
+        Sides of the input whose edge was flipped away; empty where nobody asked.
     notes : tuple of str
         What was done to the input or decided by a tolerance.
     """
@@ -52,11 +54,16 @@ class Flipped:
     mollified: Mollified
     left: int = 0
     crossings: NDArray[np.int64] | None = None
+    gone: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
     notes: tuple[str, ...] = ()
 
 
 def flip_to_delaunay(
-    mesh: TriangleMesh | IntrinsicMesh, *, track: bool = False, most_rounds: int | None = None
+    mesh: TriangleMesh | IntrinsicMesh,
+    *,
+    track: bool = False,
+    tell_gone: bool = False,
+    most_rounds: int | None = None,
 ) -> Flipped:
     """The intrinsic Delaunay triangulation of a surface, by edge flips.
 
@@ -67,6 +74,8 @@ def flip_to_delaunay(
         IntrinsicMesh with gluing may be any Delta-complex (self-edges, several edges between two vertices).
     track : bool
         Carry the normal coordinates along, as `common_subdivision` needs them.
+    tell_gone : bool
+        Say which edges were flipped away.
     most_rounds : int, optional
         Bound on the batches of flips; by default far above what any surface needs.
 
@@ -93,6 +102,8 @@ def flip_to_delaunay(
     state = SideArrays.of(glued.faces, glued.topology.side_twin, begun.length / scale)
     if track:
         state.crossings = np.full(3 * glued.n_faces, -1, dtype=np.int64)
+    if tell_gone:
+        state.given = np.arange(3 * glued.n_faces)
     flips, rounds, ended = flip_until_delaunay(state, most_rounds=most_rounds)
     result = unglue(state, glued, scale)
     left = 0 if ended and not state.refused else int(non_delaunay_edges(result).sum())
@@ -101,7 +112,15 @@ def flip_to_delaunay(
     for note in notes:
         log.warning(note)
     crossings = None if state.crossings is None else state.crossings.reshape(-1, 3)
-    return Flipped(result, flips, rounds, begun, left, crossings, tuple(notes))
+    gone = np.zeros(0, dtype=np.int64) if state.given is None else _missing(state.given)
+    return Flipped(result, flips, rounds, begun, left, crossings, gone, tuple(notes))
+
+
+def _missing(given: NDArray) -> NDArray[np.int64]:
+    """Numbers below len(given) that do not occur in it; -1 stands for none."""
+    missing = np.ones(len(given) + 1, dtype=bool)
+    missing[given] = False
+    return missing[:-1].nonzero()[0]
 
 
 def glue(mesh: TriangleMesh | IntrinsicMesh) -> IntrinsicMesh:
@@ -126,10 +145,11 @@ def _twins(mesh: TriangleMesh | IntrinsicMesh) -> NDArray[np.int64]:
     tail, head = topology.side_tail, topology.side_head
     key, order = sorted_sides(np.minimum(tail, head), np.maximum(tail, head), topology.n_vertices)
     same = key[1:] == key[:-1]
-    a, b = order[:-1][same], order[1:][same]
+    at = same.nonzero()[0]
+    a, b = order.take(at), order.take(at + 1)
     twin = np.full(len(key), -1, dtype=np.int64)
     twin[a], twin[b] = b, a
-    if (same[1:] & same[:-1]).any() or (tail[a] != head[b]).any() or (tail == head).any():
+    if (same[1:] & same[:-1]).any() or (tail.take(a) != head.take(b)).any() or (tail == head).any():
         require_surface(mesh, "the intrinsic Delaunay triangulation")
     return twin.reshape(-1, 3)
 

@@ -9,11 +9,12 @@ in it improves.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_array
+from scipy.sparse import csr_array
 
 from ddgcli.algorithms.distance.sources import Sources, checked_sources, face_frame
 from ddgcli.algorithms.distance.window_tables import BOUNDARY, SideTables, side_tables
@@ -31,20 +32,24 @@ class Stencils:
 
     Parameters
     ----------
-    corner : (k, 3) ndarray of int64
-        a, b, c.
+    base : (k, 2) ndarray of int64
+        a, b; the same twice for a straight path along an edge.
     shape : (k, 5) ndarray of float64
         length of ab, c's x and y (y > 0), lengths of ac and bc; divided by `scale`. All zero but for the last
-        two where a = b: a straight path along an edge.
-    start, at : ndarrays of int64
-        Stencils that use vertex v as a or b: at[start[v] : start[v + 1]].
+        two where a = b.
+    start, at, apex : ndarrays of int64
+        Stencils that use vertex v as a or b: at[start[v] : start[v + 1]], and the c of each of them.
+    mean_side : float
+        Of the triangulation, divided by `scale`.
     scale : float
     """
 
-    corner: NDArray[np.int64]
+    base: NDArray[np.int64]
     shape: NDArray[np.float64]
     start: NDArray[np.int64]
     at: NDArray[np.int64]
+    apex: NDArray[np.int64]
+    mean_side: float
     scale: float
 
 
@@ -76,120 +81,100 @@ def marching_stencils(mesh: SurfaceMesh) -> Stencils:
     orientation) those of the mesh as it is. Edges that were flipped away still carry straight paths, so that
     no distance is longer than a path along edges.
     """
-    triangulation = _delaunay_if_surface(mesh)
+    triangulation, gone = _delaunay_if_surface(mesh)
     tables = side_tables(triangulation)
-    length, x, y, left, right = tables.shape.T
-    obtuse = np.flatnonzero(length**2 > (left**2 + right**2) * (1 + 1e-12))
+    ids, (length, _, _, left, right) = tables.ids, tables.shape.T
+    obtuse = (length * length > (left * left + right * right) * (1 + 1e-12)).nonzero()[0]
     row, vertex, where = _unfolded(tables, obtuse)
-    side = obtuse[row]
-    a, b, c = tables.ids[side, :3].T
-    apex = np.stack([x[side], y[side]], axis=1)
-    zero, end = np.zeros_like(where), np.stack([length[side], np.zeros(len(side))], axis=1)
-    keep = np.ones(len(length), dtype=bool)
-    keep[side] = False
-    corner = np.concatenate(
-        [tables.ids[keep, :3], np.stack([a, vertex, c], axis=1), np.stack([vertex, b, c], axis=1)]
-    )
-    shape = np.concatenate(
-        [tables.shape[keep], _stencil_shape(zero, where, apex), _stencil_shape(where, end, apex)]
-    )
-    a, b, c = corner.T
-    sound = (a != b) & (b != c) & (c != a)
-    ends, length = _flipped_away(mesh, triangulation)
-    length = length / tables.scale
-    if not sound.all():  # of a triangle that has a vertex twice only the edges are left
-        a, b, c = corner[~sound].T
-        ends = np.concatenate([ends, np.stack([a, c], axis=1), np.stack([b, c], axis=1)])
-        length = np.concatenate([length, shape[~sound, 3], shape[~sound, 4]])
-        corner, shape = corner[sound], shape[sound]
-    k = np.concatenate([np.arange(len(corner) + len(ends)), np.arange(len(corner))])
-    corner = np.concatenate([corner, ends[:, [0, 0, 1]]])
-    shape = np.concatenate([shape, length[:, None] * [0, 0, 0, 1, 1]])
-    vertex = np.concatenate([corner[:, 0], corner[: len(k) - len(corner), 1]])
-    user = coo_array((k, (vertex, k)), shape=(mesh.n_vertices, max(len(corner), 1))).tocsr()
-    return Stencils(corner, shape, user.indptr.astype(np.int64), user.indices.astype(np.int64), tables.scale)
+    side = obtuse.take(row)
+    first, second = _halves(tables.shape.take(side, axis=0), where)
+    tail, head = (ends.ravel().take(gone) for ends in (mesh.faces, mesh.faces[:, NEXT]))
+    straight = np.zeros((len(gone), 5))
+    straight[:, 3:] = mesh.side_length.ravel().take(gone)[:, None] / tables.scale
+    # an obtuse corner is reached by two stencils: one in the place of its own, one more
+    pairs = np.stack([vertex, ids[:, 1].take(side)], axis=1), np.stack([tail, tail], axis=1)
+    base = np.concatenate([ids[:, :2], *pairs])
+    base[side, 1] = vertex
+    apex = np.concatenate([ids[:, 2], ids[:, 2].take(side), head])
+    shape = np.concatenate([tables.shape, second, straight])
+    shape[side] = first
+    a, b = base.T
+    # of a triangle that has a vertex twice only the edges are left
+    shape[(a == b) | (a == apex) | (b == apex), 1] = np.nan
+    start, at = _users(base, len(base) - len(gone), mesh.n_vertices)
+    return Stencils(base, shape, start, at, apex.take(at), float(length.mean()), tables.scale)
 
 
-def _delaunay_if_surface(mesh: SurfaceMesh) -> SurfaceMesh:
+def _users(base: NDArray, n_triangles: int, n_vertices: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Stencils that use vertex v: at[start[v] : start[v + 1]]; after the triangles come the straight ones."""
+    first = np.arange(len(base) + 1)
+    first += np.minimum(first, n_triangles)
+    vertex = np.empty(first[-1], dtype=np.int32 if first[-1] < 2**31 else np.int64)
+    vertex[: 2 * n_triangles], vertex[2 * n_triangles :] = base[:n_triangles].ravel(), base[n_triangles:, 0]
+    uses = np.ones(len(vertex), dtype=np.int8), vertex, first.astype(vertex.dtype)
+    users = csr_array(uses, shape=(len(base), n_vertices)).tocsc()
+    return users.indptr.astype(np.int64), users.indices.astype(np.int64)
+
+
+def _delaunay_if_surface(mesh: SurfaceMesh) -> tuple[SurfaceMesh, NDArray[np.int64]]:
+    """The triangulation to march on, and the sides of `mesh` whose edges it does not have."""
     from ddgcli.algorithms.delaunay.triangulation import flip_to_delaunay
 
     try:
-        return flip_to_delaunay(mesh).mesh
+        flipped = flip_to_delaunay(mesh, tell_gone=True)
     except MeshError:
-        return mesh
+        return mesh, np.zeros(0, dtype=np.int64)
+    return flipped.mesh, flipped.gone
 
 
-def _flipped_away(mesh: SurfaceMesh, now: SurfaceMesh) -> tuple[NDArray, NDArray]:
-    """(l, 2) ends and (l,) lengths of the sides of `mesh` between vertices that no side of `now` joins."""
-    changed = (mesh.faces != now.faces).any(axis=1).nonzero()[0]
-    before, after = (
-        np.stack([m.faces[changed].ravel(), m.faces[changed][:, NEXT].ravel()]) for m in (mesh, now)
-    )
-    keys = [ends.min(axis=0) * mesh.n_vertices + ends.max(axis=0) for ends in (before, after)]
-    lost = ~np.isin(*keys)
-    return before[:, lost].T, mesh.side_length[changed].ravel()[lost]
-
-
-def _stencil_shape(p: NDArray, q: NDArray, apex: NDArray) -> NDArray[np.float64]:
-    edge = q - p
-    length = np.hypot(edge[:, 0], edge[:, 1])
-    unit = edge / length[:, None]
-    to = apex - p
-    x = np.einsum("kd,kd->k", to, unit)
-    y = np.abs(unit[:, 0] * to[:, 1] - unit[:, 1] * to[:, 0])
-    far = apex - q
-    return np.stack([length, x, y, np.hypot(to[:, 0], to[:, 1]), np.hypot(far[:, 0], far[:, 1])], axis=1)
+def _halves(shape: NDArray, where: NDArray) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Shapes of the stencils (a, w, c) and (w, b, c), w at the places `where` in the frames of ab."""
+    length, x, y, left, right = shape.T
+    apex, middle = x + 1j * y, np.hypot(where.real - x, where.imag - y)
+    halves = []
+    for p, q, from_p, from_q in ((0.0, where, left, middle), (where, length, middle, right)):
+        size = np.abs(q - p)
+        to = (apex - p) * np.conj(q - p) / size
+        halves.append(np.stack([size, to.real, np.abs(to.imag), from_p, from_q], axis=1))
+    return halves[0], halves[1]
 
 
 def _unfolded(tables: SideTables, obtuse: NDArray) -> tuple[NDArray, NDArray, NDArray]:
     """For sides opposite obtuse corners: the vertex beyond that makes two acute halves, and its place.
 
-    Returns (row of `obtuse`, vertex, (k, 2) place in the side's frame) where unfolding met one; it stops at
-    the boundary, at edges of three faces, and after MOST_UNFOLDINGS faces.
+    Returns (row of `obtuse`, vertex, place in the side's frame as a complex number) where unfolding met one;
+    it stops at the boundary, at edges of three faces, and after MOST_UNFOLDINGS faces.
     """
-    length, ax, ay = tables.shape[obtuse, :3].T
-    apex = np.stack([ax, ay], axis=1)
+    length, x, y = tables.shape.take(obtuse, axis=0).T[:3]
+    apex = x + 1j * y
     # the sector beyond the side: at right angles or less to both arms, seen from the apex
-    arm_a, arm_b = -apex, np.stack([length - ax, -ay], axis=1)
-    row = np.arange(len(obtuse))
-    p, q = np.zeros((len(row), 2)), np.stack([length, np.zeros(len(row))], axis=1)
+    arm_a, arm_b = -apex, length - apex
+    row, p, q = np.arange(len(obtuse)), np.zeros(len(obtuse), dtype=complex), length + 0j
     code, mirrored = _across(tables, obtuse)
     found: list[tuple[NDArray, NDArray, NDArray]] = []
     for _ in range(MOST_UNFOLDINGS):
-        go = code > BOUNDARY
-        row, p, q, code, mirrored = row[go], p[go], q[go], code[go], mirrored[go]
+        go = (code > BOUNDARY).nonzero()[0]
+        row, p, q, code, mirrored = (part.take(go) for part in (row, p, q, code, mirrored))
         if not len(row):
             break
         # face of side `code` below the segment p -> q; its own frame runs q -> p, or p -> q where mirrored
-        size, x, y = tables.shape[code, :3].T
-        from_p = np.where(mirrored, x, size - x)
-        unit = (q - p) / np.hypot(*(q - p).T)[:, None]
-        place = p + from_p[:, None] * unit + y[:, None] * np.stack([unit[:, 1], -unit[:, 0]], axis=1)
-        to = place - apex[row]
-        near_a = np.einsum("kd,kd->k", to, arm_a[row]) >= 0
-        near_b = np.einsum("kd,kd->k", to, arm_b[row]) >= 0
-        inside = near_a & near_b & (y > 0)
-        vertex = tables.ids[code, 2]
-        found.append((row[inside], vertex[inside], place[inside]))
+        size, x, y = tables.shape.take(code, axis=0).T[:3]
+        place = p + (np.where(mirrored, x, size - x) - 1j * y) * (q - p) / size
+        to = place - apex.take(row)
+        a, b = arm_a.take(row), arm_b.take(row)
+        near_a = to.real * a.real + to.imag * a.imag >= 0
+        near_b = to.real * b.real + to.imag * b.imag >= 0
+        inside = (near_a & near_b & (y > 0)).nonzero()[0]
+        found.append((row.take(inside), tables.ids[:, 2].take(code.take(inside)), place.take(inside)))
         # too near the arm to a: the sector leaves by the side towards b, and the other way round
-        on = np.flatnonzero(~inside & (near_a | near_b) & (y > 0))
-        towards_q = near_a[on]
-        p, q = (
-            np.where(towards_q[:, None], place[on], p[on]),
-            np.where(towards_q[:, None], q[on], place[on]),
-        )
+        on = ((near_a ^ near_b) & (y > 0)).nonzero()[0]
+        row, code, flip, towards_q, place = (part.take(on) for part in (row, code, mirrored, near_a, place))
+        p, q = np.where(towards_q, place, p.take(on)), np.where(towards_q, q.take(on), place)
         # leaving (q -> p frame): towards q by (v0, apex), towards p by (apex, v1); the other way if mirrored
-        first = towards_q != mirrored[on]
-        face, j = np.divmod(code[on], 3)
-        left_by = 3 * face + (j + np.where(first, 2, 1)) % 3
-        flip = mirrored[on]
-        row = row[on]
-        code, mirrored = _across(tables, left_by)
+        face, j = np.divmod(code, 3)
+        code, mirrored = _across(tables, 3 * face + (j + np.where(towards_q != flip, 2, 1)) % 3)
         mirrored = mirrored ^ flip
-    if not found:
-        none = np.zeros(0, dtype=np.int64)
-        return none, none, np.zeros((0, 2))
-    rows, vertices, places = (np.concatenate(part) for part in zip(*found))
+    rows, vertices, places = (np.concatenate(part) for part in zip(*found)) if found else (row, row, p)
     return rows, vertices, places
 
 
@@ -222,11 +207,13 @@ def marched_distance(
     """
     sources = checked_sources(mesh, sources)
     stencils = stencils or marching_stencils(mesh)
-    march = _March(stencils, mesh.n_vertices, planar)
+    march = _March(stencils, mesh.n_vertices, several=len(sources) > 1, planar=planar)
     with np.errstate(divide="ignore", invalid="ignore"):
-        march.lower(*_first_values(mesh, sources, stencils.scale))
+        vertex, value, number = _first_values(mesh, sources, stencils.scale)
+        march.lower(vertex, value, number if len(sources) > 1 else None)
         march.run()
-    return MarchedDistance(march.distance * stencils.scale, march.source, march.rounds, march.updates)
+    nearest = np.where(np.isfinite(march.distance), march.source, -1)
+    return MarchedDistance(march.distance * stencils.scale, nearest, march.rounds, march.updates)
 
 
 def _first_values(mesh: SurfaceMesh, sources: Sources, scale: float) -> tuple[NDArray, NDArray, NDArray]:
@@ -243,89 +230,100 @@ def _first_values(mesh: SurfaceMesh, sources: Sources, scale: float) -> tuple[ND
 class _March:
     """Distances so far, and the vertices whose change has not been handed on."""
 
-    def __init__(self, stencils: Stencils, n: int, planar: bool) -> None:
+    def __init__(self, stencils: Stencils, n: int, *, several: bool, planar: bool) -> None:
         self.stencils, self.wave = stencils, _plane if planar else _circle
         self.distance = np.full(n, np.inf)
-        self.source = np.full(n, -1, dtype=np.int64)
-        self.told = np.full(n, np.inf)  # the distance that was last handed on
-        self.waiting = np.zeros(0, dtype=np.int64)
-        self.bucket = BUCKET * float(stencils.shape[:, 3].mean()) if len(stencils.shape) else 1.0
-        self._place = np.zeros(n, dtype=np.int64)
+        self.several, self.source = several, np.zeros(n, dtype=np.int64)
+        self.waiting = np.zeros(n, dtype=bool)
+        self.bucket = BUCKET * stencils.mean_side
+        self.stop, self.count = stencils.start[1:], np.diff(stencils.start)
+        self.number = np.arange(4096)
         self.rounds = self.updates = 0
 
-    def lower(self, vertex: NDArray, value: NDArray, source: NDArray | int) -> None:
-        """Lower distances; those that fall by more than rounding wait to be handed on."""
-        better = (value < self.distance.take(vertex) * (1 - 1e-14)).nonzero()[0]
-        vertex, value = vertex.take(better), value.take(better)
+    def lower(self, vertex: NDArray, value: NDArray, source: NDArray | None) -> None:
+        """Lower distances (and note the sources, where there are several); the vertices wait to hand on."""
         np.minimum.at(self.distance, vertex, value)
         won = (value == self.distance.take(vertex)).nonzero()[0]
         vertex = vertex.take(won)
-        self.source[vertex] = source.take(better.take(won)) if isinstance(source, np.ndarray) else source
-        self.waiting = np.concatenate([self.waiting, vertex])
+        if source is not None:
+            self.source[vertex] = source.take(won)
+        self.waiting[vertex] = True
 
     def run(self) -> None:
         """Hand on, nearest bucket first, until nothing waits."""
-        several = self.source.max(initial=-1) > 0
-        while len(self.waiting):
-            value = self.distance.take(self.waiting)
-            fresh = (value < self.told.take(self.waiting)).nonzero()[0]
-            if not len(fresh):
+        while True:
+            vertex = self.waiting.nonzero()[0]
+            if not len(vertex):
                 return
-            self.waiting, value = self.waiting.take(fresh), value.take(fresh)
-            least = value.min()
-            now = value < max(least + self.bucket, np.nextafter(least, np.inf))
-            vertex = self._once(self.waiting[now])
-            self.waiting = self.waiting[~now]
-            self.told[vertex] = self.distance.take(vertex)
+            value = self.distance.take(vertex)
+            least = float(value.min())
+            now = (value < max(least + self.bucket, math.nextafter(least, math.inf))).nonzero()[0]
+            vertex = vertex.take(now)
+            self.waiting[vertex] = False
             self.rounds += 1
-            self._hand_on(vertex, several)
+            self._hand_on(vertex, value.take(now))
 
-    def _once(self, vertex: NDArray) -> NDArray[np.int64]:
-        """The vertices without repetitions."""
-        place = np.arange(len(vertex))
-        self._place[vertex] = place
-        return vertex[self._place.take(vertex) == place]
-
-    def _hand_on(self, vertex: NDArray, several: bool) -> None:
-        stencils = self.stencils
-        start = stencils.start.take(vertex)
-        count = stencils.start.take(vertex + 1) - start
+    def _hand_on(self, vertex: NDArray, value: NDArray) -> None:
+        """Lower what lies beyond the vertices by the stencils they are in; what is nearer cannot fall."""
+        stencils, count = self.stencils, self.count.take(vertex)
         ahead = count.cumsum()
-        k = stencils.at.take(np.arange(ahead[-1]) + (start - ahead + count).repeat(count))
-        corner = stencils.corner.take(k, axis=0)
-        da, db, dc = self.distance.take(corner).T
-        may = (dc > np.minimum(da, db)).nonzero()[0]  # others cannot fall
-        corner = corner.take(may, axis=0)
-        da, db = da.take(may), db.take(may)
-        shape = stencils.shape.take(k.take(may), axis=0).T
-        by_a, by_b = da + shape[3], db + shape[4]
-        value, wave = np.minimum(by_a, by_b), self.wave(da, db, *shape[:3])
-        source: NDArray | int = 0
-        if several:
-            source_a, source_b, _ = self.source.take(corner).T
+        if ahead[-1] > len(self.number):
+            self.number = np.arange(2 * ahead[-1])
+        use = (self.stop.take(vertex) - ahead).repeat(count)
+        use += self.number[: ahead[-1]]
+        apex = stencils.apex.take(use)
+        dc = self.distance.take(apex)
+        may = (dc > value.repeat(count)).nonzero()[0]
+        k, apex, dc = stencils.at.take(use.take(may)), apex.take(may), dc.take(may)
+        base = stencils.base.take(k, axis=0)
+        da, db = self.distance.take(base).T
+        length, x, y, by_a, by_b = stencils.shape.take(k, axis=0).T
+        by_a, by_b = by_a + da, by_b + db
+        found = self.wave(da, db, length, x, y)
+        source = None
+        if self.several:
+            source_a, source_b = self.source.take(base).T
             source = np.where(by_a <= by_b, source_a, source_b)
-            wave[source_a != source_b] = np.nan  # fronts of two sources make no common circle
-        np.fmin(value, wave, out=value)
+            found[source_a != source_b] = np.inf  # fronts of two sources make no common circle
+        np.minimum(found, by_a, out=found)
+        np.minimum(found, by_b, out=found)
+        dc *= 1 - 1e-14  # less is rounding
+        better = (found < dc).nonzero()[0]
         self.updates += len(may)
-        self.lower(corner[:, 2], value, source)
+        self.lower(apex.take(better), found.take(better), None if source is None else source.take(better))
 
 
 def _circle(da: NDArray, db: NDArray, length: NDArray, x: NDArray, y: NDArray) -> NDArray[np.float64]:
-    """Distance of c from the point below ab at da from a and db from b; nan where its ray misses ab."""
-    sx = 0.5 * (length + (da - db) * ((da + db) / length))
-    depth = np.sqrt((da - sx) * (da + sx))
+    """Distance of c from the point below ab at da from a and db from b; inf where its ray misses ab."""
+    sx = da - db
+    sx *= da + db
+    sx /= length
+    sx += length
+    sx *= 0.5
+    depth = da - sx
+    depth *= da + sx
+    np.sqrt(depth, out=depth)
     run, rise = x - sx, y + depth
-    cross = sx + run * (depth / rise)
-    value = np.sqrt(run * run + rise * rise)
-    value[~((cross >= 0) & (cross <= length) & (value >= da) & (value >= db))] = np.nan
-    return value
+    depth /= rise
+    depth *= run
+    cross = np.add(depth, sx, out=depth)
+    run *= run
+    rise *= rise
+    run += rise
+    return _caused(np.sqrt(run, out=run), cross, da, db, length)
 
 
 def _plane(da: NDArray, db: NDArray, length: NDArray, x: NDArray, y: NDArray) -> NDArray[np.float64]:
-    """Distance of c behind a straight front at a and b; nan where its normal through c misses ab."""
+    """Distance of c behind a straight front at a and b; inf where its normal through c misses ab."""
     along = (db - da) / length
     across = np.sqrt(1.0 - along * along)
     cross = x - y * along / across
-    value = da + along * x + across * y
-    value[~((cross >= 0) & (cross <= length) & (value >= da) & (value >= db))] = np.nan
-    return value
+    return _caused(da + along * x + across * y, cross, da, db, length)
+
+
+def _caused(value: NDArray, cross: NDArray, da: NDArray, db: NDArray, length: NDArray) -> NDArray[np.float64]:
+    """The values, inf where the ray crosses beside ab or c would come before a or b."""
+    sound = cross >= 0
+    sound &= cross <= length
+    sound &= value >= np.maximum(da, db)
+    return np.where(sound, value, np.inf)
