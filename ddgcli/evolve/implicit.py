@@ -24,6 +24,8 @@ from ddgcli.linalg.conjugate import Move, truncated_conjugate_gradients
 from ddgcli.linalg.factor import Factor
 
 MOVE = 1e-9  # a Newton step below this fraction of the object's size ends the iteration
+SETTLED = 1e-8  # a first guess whose acceleration misses no more than this part needs no iteration
+EPSILON = 0.25 * float(np.finfo(float).eps)  # a move that changes no digit
 MOST = 40
 SHORTEST = 1e-10
 ARMIJO = 1e-4
@@ -154,10 +156,12 @@ class Newton:
             g = self.slope(increment, point.y)
             if not np.isfinite(point.value) or not np.isfinite(g).all():
                 raise StepRejected("not finite", worst(g))
-            if self._settled(increment, g):
+            if self._settled(increment, point.y, g):
                 return point.y, iteration - 1
             found = self._direction(increment, point.y, g, before)
             move = self._spread(found.x)
+            if found.convex and float(np.abs(move).max()) <= enough and self._reach(point.y, move) == 1.0:
+                return point.y + move, iteration  # too short for values to judge: they differ by rounding
             t, point = self.search(increment, point, move, float(np.vdot(g, move)))
             if t == 1.0 and not found.convex:
                 point = self._further(increment, point, move)
@@ -176,11 +180,15 @@ class Newton:
                 return point.y, iteration
         raise StepRejected("newton", worst(g), size)
 
-    def _settled(self, increment: Increment, g: NDArray) -> bool:
-        """Whether inertia alone already bounds the next move."""
-        return bool(
-            (np.abs(g) / (increment.a * self.system.mass[:, None])).max() <= 1e-3 * MOVE * self.system.size
-        )
+    def _settled(self, increment: Increment, y: NDArray, g: NDArray) -> bool:
+        """Whether inertia alone already bounds the next move.
+
+        What a step leaves undone is an error of the acceleration, so it is measured by what the acceleration
+        moves in the step: an absolute bound would add up to any error in enough short steps.
+        """
+        left = float((np.abs(g) / (increment.a * self.system.mass[:, None])).max())
+        moved = SETTLED * float(np.abs(self.system.only_free(y - increment.target)).max())
+        return left <= min(1e-3 * MOVE * self.system.size, max(moved, EPSILON * float(np.abs(y).max())))
 
     def _spread(self, step: NDArray) -> NDArray:
         """(n, 3) move of a vector over the free coordinates."""

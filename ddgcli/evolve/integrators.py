@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from ddgcli.errors import SolveError
 from ddgcli.evolve.loop import StepRejected
 from ddgcli.evolve.system import Motion, System
+from ddgcli.evolve.terms import scattered
 
 Step = Callable[[System, Motion, float, Any], Motion]
 
@@ -25,14 +26,14 @@ class Integrator:
     name : str
     order : int
     step : callable (system, motion, dt, parameters) -> Motion
-    explicit : bool
-        Stable only below 2 / (largest frequency).
+    reach : callable parameters -> float
+        Largest stable product of step and frequency.
     """
 
     name: str
     order: int
     step: Step
-    explicit: bool
+    reach: Callable[[Any], float]
 
 
 def _symplectic_euler(system: System, motion: Motion, dt: float, parameters: Any) -> Motion:
@@ -133,33 +134,62 @@ def _static(system: System, motion: Motion, dt: float, parameters: Any) -> Motio
     return checked(system, Motion(y, still, still, motion.newton + count))
 
 
+def _leaps(parameters: Any) -> float:
+    return 2.0
+
+
+def _any_step(parameters: Any) -> float:
+    return np.inf
+
+
+def _newmark_reach(parameters: Any) -> float:
+    """Where the scheme is not stable at any step (Hughes, The Finite Element Method, 1987, section 9.1)."""
+    lacking = 0.5 * parameters.gamma - parameters.beta
+    return lacking**-0.5 if lacking > 0 else np.inf
+
+
 INTEGRATORS: dict[str, Integrator] = {
-    "symplectic-euler": Integrator("symplectic-euler", 1, _symplectic_euler, True),
-    "verlet": Integrator("verlet", 2, _verlet, True),
-    "newmark": Integrator("newmark", 2, _newmark, False),
-    "implicit-midpoint": Integrator("implicit-midpoint", 2, _implicit_midpoint, False),
-    "implicit-euler": Integrator("implicit-euler", 1, _implicit_euler, False),
-    "static": Integrator("static", 0, _static, False),
+    "symplectic-euler": Integrator("symplectic-euler", 1, _symplectic_euler, _leaps),
+    "verlet": Integrator("verlet", 2, _verlet, _leaps),
+    "newmark": Integrator("newmark", 2, _newmark, _newmark_reach),
+    "implicit-midpoint": Integrator("implicit-midpoint", 2, _implicit_midpoint, _any_step),
+    "implicit-euler": Integrator("implicit-euler", 1, _implicit_euler, _any_step),
+    "static": Integrator("static", 0, _static, _any_step),
 }
 
 
-def stable_step(system: System, x: NDArray) -> float:
-    """Largest step of an explicit scheme, 0.9 * 2 / (largest frequency): power iteration on M^-1 K at `x`."""
-    elements = [(p.stencil, p.blocks(x, "material")) for p in system.potentials if len(p.stencil)]
-    if not elements:
-        return float("inf")
-    w = np.random.default_rng(0).normal(size=x.shape)
-    square = 0.0
-    for _ in range(60):
+def stable_step(system: System, x: NDArray, reach: float) -> float:
+    """Largest step of a scheme that is stable while step times frequency is below `reach`.
+
+    The frequency w is that of the elastic terms at `x` and of the barriers where they are expected stiffest.
+    Damping of rate c shortens the step: explicit schemes take the velocity from before.
+    """
+    if not np.isfinite(reach):
+        return np.inf
+    elastic = [(p.stencil, p.blocks(x, "material")) for p in system.potentials if len(p.stencil)]
+    barrier = sum((b.stiffest() for b in system.bounded), np.zeros(len(x)))
+    square = _largest_rate(system, elastic) + float((barrier / system.mass).max())
+    frozen = system.frozen(x, 0.0)
+    c = _largest_rate(system, [(p.stencil, p.blocks(np.zeros_like(x), "exact")) for p in frozen])
+    if not square + c > 0:
+        return np.inf
+    return 0.9 * 2 * reach / (c + np.sqrt(c * c + 4 * square))
+
+
+def _largest_rate(system: System, elements: list[tuple[NDArray, NDArray]]) -> float:
+    """Largest eigenvalue of M^-1 K by power iteration, K the sum of element blocks."""
+    w = np.random.default_rng(0).normal(size=(len(system.mass), 3))
+    largest = 0.0
+    for _ in range(60 if elements else 0):
         w = np.where(system.free, w, 0.0)
         norm = np.sqrt(np.sum(system.mass[:, None] * w**2))
         if not norm > 0:
-            return float("inf")
+            return 0.0
         w /= norm
         kw = np.zeros_like(w)
         for stencil, blocks in elements:
-            local = w[stencil].reshape(len(stencil), -1)
-            np.add.at(kw, stencil.ravel(), np.einsum("kij,kj->ki", blocks, local).reshape(-1, 3))
-        square = float(np.sum(w * kw))
+            local = np.einsum("kij,kj->ki", blocks, w[stencil].reshape(len(stencil), -1))
+            kw += scattered(stencil, local, len(w))
+        largest = float(np.sum(w * kw))
         w = kw / system.mass[:, None]
-    return 0.9 * 2 / np.sqrt(square) if square > 0 else float("inf")
+    return largest

@@ -46,6 +46,10 @@ class Bounded(Protocol):
         """First vertex that is outside and its gap, or None."""
         ...
 
+    def stiffest(self) -> NDArray[np.float64]:
+        """(n,) curvature that a vertex is expected to meet at most, in N/m: for explicit steps."""
+        ...
+
 
 @runtime_checkable
 class Dissipation(Protocol):

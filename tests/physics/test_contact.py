@@ -116,17 +116,44 @@ def test_failed_steps_are_shortened_and_told_or_stop():
         "position": [0, 0, 0.1],
         "velocity": [0, 0, -30],
         "step": 1e-3,
-        "duration": 0.1,
+        "duration": 0.02,
     }
-    snapshots, _, _ = run(**given)
+    soft = "0, stiffness = 1e4"  # too soft for such a fall
+    snapshots, _, _ = run(**given, friction=soft)
     events = [event for s in snapshots for event in s.events if event.kind == "barrier crossed"]
     assert events and events[0].place.startswith("vertex ") and events[0].value < 0
-    assert snapshots[-1].smallest_step < 1e-3
+    assert snapshots[-1].smallest_step < 1e-5
     text = SCENE.format(
-        frame=0.02, obstacle="plane = {}", gravity=[0, 0, -9.81], friction=0, **given
+        frame=0.02, obstacle="plane = {}", gravity=[0, 0, -9.81], friction=soft, **given
     ).replace("[[object]]", 'on_failure = "stop"\n[[object]]', 1)
     with pytest.raises(SolveError, match="barrier crossed at vertex"):
         shell_run(text)
+
+
+@pytest.mark.parametrize("integrator", ["verlet", "symplectic-euler", 'newmark"\nbeta = 0 #"'])
+def test_explicit_steps_are_short_enough_for_the_barrier(integrator, caplog):
+    """A sheet that falls, lands and leaps again: its energy stays, whatever step was asked for."""
+    text = SCENE.format(
+        duration=0.4, step=5e-3, frame=0.02, integrator=integrator, position=[0, 0, 0.01], velocity=[0, 0, 0],
+        obstacle="plane = {}", gravity=[0, 0, -9.81], friction="0, gap = 1e-3",
+    )  # fmt: skip
+    snapshots, _, _ = shell_run(text.replace("young = 1e6", "young = 1e4"))
+    assert [event.kind for s in snapshots for event in s.events] == ["stability"]
+    energy = np.array(scalar(snapshots, "energy"))
+    assert np.abs(energy - energy[0]).max() < 0.15 * np.ptp(scalar(snapshots, "energy_gravity"))
+    assert snapshots[-1].smallest_step > 5e-5  # and not much shorter than need be
+
+
+@pytest.mark.parametrize("integrator", ["verlet", "symplectic-euler"])
+@pytest.mark.parametrize("damping", ["stiffness = 1e-2", "mass = 1e3"])
+def test_explicit_steps_are_short_enough_for_damping(integrator, damping):
+    text = SCENE.format(
+        duration=0.1, step=5e-3, frame=0.01, integrator=integrator, position=[0, 0, 9], friction=0,
+        velocity=[0.1, 0, 0], obstacle="plane = {}", gravity=[0, 0, 0],
+    ).replace("velocity = ", "angular_velocity = [20, 5, 3]\nvelocity = ")  # fmt: skip
+    snapshots, _, _ = shell_run(text + f"damping = {{ {damping} }}\n")
+    energy = np.array(scalar(snapshots, "energy"))
+    assert (np.diff(energy) <= 1e-12 * energy[0]).all()
 
 
 def test_damping_slows_as_it_says():

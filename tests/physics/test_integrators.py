@@ -34,6 +34,13 @@ def test_integrator_has_its_order(name):
     assert errors[-1] < (0.05 if INTEGRATORS[name].order == 2 else 0.5) * np.abs(truth).max()
 
 
+@pytest.mark.parametrize("name", ["newmark", "implicit-midpoint"])
+def test_short_steps_do_not_add_up_what_the_solver_leaves(name):
+    """A thousand steps far shorter than the motion needs: as near to Verlet as their order says."""
+    apart = end(name, 1e-5, 0.01).vertex["velocity"] - end("verlet", 1e-5, 0.01).vertex["velocity"]
+    assert np.abs(apart).max() < 1e-8
+
+
 @pytest.mark.parametrize("name, linear, angular", [
     ("verlet", 1e-12, 1e-12),
     ("symplectic-euler", 1e-12, 1e-12),

@@ -17,6 +17,7 @@ from ddgcli.models.scene_units import quantity
 from ddgcli.models.shell.context import ShellContext
 
 STANDARD_GRAVITY = 9.81
+SPARE = 2.0  # waves may bring a vertex more than the energy of its own fall
 HALF_GAP = 2 * 0.5 * np.log(2) + 0.5  # slope of the barrier at half its range, in units of its stiffness
 
 
@@ -73,12 +74,18 @@ class SphereGap:
 
 
 class Barrier:
-    """Energy -k A (d - g)^2 ln(d / g) of every vertex nearer than g, A its area at rest."""
+    """Energy -k A (d - g)^2 ln(d / g) of every vertex nearer than g, A its area at rest.
+
+    `weight` (n,) is k A; `closest` the part of the gap that is left where the vertices have spent what energy
+    they bring.
+    """
 
     name = "contact"
 
-    def __init__(self, surface: PlaneGap | SphereGap, gap: float, weight: NDArray) -> None:
-        self.surface, self.range, self.weight = surface, gap, weight
+    def __init__(
+        self, surface: PlaneGap | SphereGap, gap: float, weight: NDArray, closest: float = 0.5
+    ) -> None:
+        self.surface, self.range, self.weight, self.closest = surface, gap, weight, closest
         self.stencil = np.arange(len(weight))[:, None]
 
     def _near(self, x: NDArray) -> tuple[NDArray, NDArray, NDArray, NDArray]:
@@ -107,8 +114,7 @@ class Barrier:
         block = np.zeros((len(x), 3, 3))
         if mode == "material":
             return block  # stiffness damping leaves contact alone
-        away = d - self.range
-        second = -self.weight[near] * (2 * np.log(d / self.range) + 4 * away / d - (away / d) ** 2)
+        second = self.weight[near] * _curvature(d / self.range)
         outer = normal[:, :, None] * normal[:, None, :]
         block[near] = second[:, None, None] * outer
         if mode == "exact":
@@ -123,6 +129,27 @@ class Barrier:
         d = self.surface.gap(x)[0]
         worst = int(np.argmin(d))
         return (worst, float(d[worst])) if not d[worst] > 0 else None
+
+    def stiffest(self) -> NDArray[np.float64]:
+        return self.weight * _curvature(self.closest)
+
+
+def _curvature(s: Any) -> Any:
+    """Second derivative of -(s - 1)^2 ln s."""
+    over = (1 - s) / s
+    return -2 * np.log(s) + 4 * over + over**2
+
+
+def _closest(energy: float) -> float:
+    """The s in (0, 1) where -(s - 1)^2 ln s has a value, by bisection in ln s; at least 0.05.
+
+    A barrier that is left less of its gap is too soft for the fall: steps that cross it are made shorter.
+    """
+    low, high = float(np.log(0.05)), 0.0
+    for _ in range(60):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if -(np.expm1(middle) ** 2) * middle > energy else (low, middle)
+    return float(np.exp(high))
 
 
 class Friction:
@@ -191,14 +218,17 @@ class Sliding:
 def build(parameters: Contact, context: ShellContext) -> list[Barrier | Friction]:
     key: Key = ("effects", "contact")
     shell = context.shell
-    gap = float(parameters.gap or shell.thickness or 0)
+    gap, density = float(parameters.gap or shell.thickness or 0), float(shell.density or 0)
     parts: list[Barrier | Friction] = []
     for pair in parameters.pairs:
         surface = _obstacle_of(pair, context, key)
         if surface is None:
             continue
-        pressure = float(parameters.stiffness or _impact_pressure(context, surface, gap))
-        barrier = Barrier(surface, gap, pressure / (HALF_GAP * gap) * context.vertex_area)
+        energy = density * _impact(context, surface)
+        pressure = float(parameters.stiffness or max(2 * energy / gap, 10 * STANDARD_GRAVITY * density))
+        stiffness = pressure / (HALF_GAP * gap)
+        closest = _closest(SPARE * energy / (stiffness * gap**2))
+        barrier = Barrier(surface, gap, stiffness * context.vertex_area, closest)
         inside = barrier.outside(np.asarray(context.mesh.points))
         if inside is not None:
             raise ValueError(
@@ -211,12 +241,10 @@ def build(parameters: Contact, context: ShellContext) -> list[Barrier | Friction
     return parts
 
 
-def _impact_pressure(context: ShellContext, surface: PlaneGap | SphereGap, gap: float) -> float:
-    """Pressure that stops the shell's first fall within the gap; at least ten times its weight."""
-    density, x = float(context.shell.density or 0), np.asarray(context.mesh.points)
-    height = float(np.clip(surface.gap(x)[0], 0, None).max())
-    energy = 0.5 * float(np.sum(np.square(context.shell.velocity))) + STANDARD_GRAVITY * height
-    return density * max(2 * energy / gap, 10 * STANDARD_GRAVITY)
+def _impact(context: ShellContext, surface: PlaneGap | SphereGap) -> float:
+    """Energy per mass of the shell's first fall."""
+    height = float(np.clip(surface.gap(np.asarray(context.mesh.points))[0], 0, None).max())
+    return 0.5 * float(np.sum(np.square(context.shell.velocity))) + STANDARD_GRAVITY * height
 
 
 def _other(pair: list[str], name: str) -> str:

@@ -117,7 +117,7 @@ def _model(scene: Scene, context: ShellContext, account: Account) -> Model[Motio
     def unpack(arrays: dict[str, NDArray]) -> Motion:
         return Motion(arrays["x"], arrays["v"], arrays["a"], int(arrays["newton"][0]))
 
-    limit = stable_step(system, x) if integrator.explicit else np.inf
+    limit = stable_step(system, x, integrator.reach(parameters))
     return Model(
         start, advance, observe, pack, unpack, limit,
         lambda a, b: float(np.abs(a.x - b.x).max()) / size, integrator.order,
