@@ -26,7 +26,7 @@ from ddgcli.linalg.factor import Factor
 MOVE = 1e-9  # a Newton step below this fraction of the object's size ends the iteration
 SETTLED = 1e-8  # a first guess whose acceleration misses no more than this part needs no iteration
 EPSILON = 0.25 * float(np.finfo(float).eps)  # a move that changes no digit
-MOST = 40
+MOST = 300  # a stiff sheet that has struck something needs many, and halves of the step no fewer
 SHORTEST = 1e-10
 ARMIJO = 1e-4
 ROUNDING = 1e-14
