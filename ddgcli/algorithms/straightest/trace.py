@@ -96,12 +96,10 @@ class Tracer:
             walk = Walk(self.unfolding, lambda: self.fans, some, at_boundary == "reflect", record)
             with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
                 walk.begin()
-                for crossing in range(max_crossings):
-                    if not len(walk.line):
-                        break
-                    walk.cross()
-                    if told is not None and crossing % TELL_EVERY == 0:
-                        told(done + walk.walked(), total)
+                while len(walk.line) and walk.steps < max_crossings:
+                    walk.advance(min(TELL_EVERY, max_crossings - walk.steps))
+                    if told is not None:
+                        told(min(done + walk.walked(), total), total)
                 walk.finish()
                 walk.abandon()
             parts.append(walk.result())

@@ -9,13 +9,23 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ddgcli.algorithms.straightest.crossing import (
+    SNAP,
+    crossed,
+    least,
+    leaves_right,
+    next_side,
+    on_side,
+    previous_side,
+    to_exit,
+)
 from ddgcli.algorithms.straightest.walk_record import Record
 from ddgcli.geometry.unfolding import APEX, TURN, TWIN, Fans, Unfolding
 from ddgcli.mesh.topology import NEXT, PREVIOUS
 
 REACHED, AT_BOUNDARY, GAVE_UP = 0, 1, 2
-IDLE_SHARE = 1 / 16  # of the lines on the list may have ended
-SNAP = 1e-12  # a line this close to a vertex, relative to the side it crosses, goes through the vertex
+IDLE_SHARE = 1 / 8  # of the lines on the list may have ended
+FEW = 8  # lines: fewer cost less one by one than as arrays
 
 
 @dataclass(frozen=True, eq=False)
@@ -145,7 +155,7 @@ class Walk:
         apex = self.table[:, APEX].reshape(-1, 3)[face]
         with np.errstate(divide="ignore", invalid="ignore"):
             reach = np.where(turned.imag > 1e-15, b[:, PREVIOUS] * apex.imag / turned.imag, np.inf)
-        j = _least(*reach.T)
+        j = least(*reach.T)
         pick = 3 * np.arange(len(line)) + j
         distance, turned = reach.ravel()[pick], turned.ravel()[pick]
         distance = np.where(np.isfinite(distance), distance, 0.0)
@@ -174,7 +184,7 @@ class Walk:
     ) -> None:
         """Lines that end before they leave their first face."""
         s = (self.left_over[line] / distance)[:, None]
-        self.end_barycentric[line] = (1 - s) * b + s * _on_side(side, u / self.length[side])
+        self.end_barycentric[line] = (1 - s) * b + s * on_side(side, u / self.length[side])
         self.left_over[line] = 0.0
 
     def _leave_vertices(self, line: NDArray, face: NDArray, corner: NDArray, d: NDArray) -> None:
@@ -212,73 +222,98 @@ class Walk:
 
     # -- one crossing --------------------------------------------------------------------------------------
 
-    def cross(self) -> None:
-        """Advance every line through one face.
+    def advance(self, most: int) -> None:
+        """Advance every line through `most` faces, or until all have ended."""
+        stop = self.steps + most
+        while len(self.line) and self.steps < stop:
+            if len(self.line) <= FEW and not self.idle:
+                self._cross_in_numbers(stop - self.steps)
+            if self.steps < stop:
+                self.cross()
 
-        A line leaves by the next or the previous side of the one it stands on; `right` says which, and picks
-        what belongs to it from the gathered rows (cheaper than a selection by mask, which mispredicts).
+    def _cross_in_numbers(self, most: int) -> None:
+        """Up to `most` steps of few lines as plain numbers, until one is not plain for some line."""
+        rows = self.table.view(np.uint8).data
+        state: list[Any] = list(zip(*(part.tolist() for part in self._state()[1:]), strict=True))
+        marks: list[complex] = []
+        for _ in range(most):
+            after: list[Any] = [crossed(rows, *line) for line in state]
+            if None in after:
+                break
+            self.steps += 1
+            state = after
+            marks += [complex(x / width, side) for side, x, _, _, width in state]
+        if self.record is not None and marks:
+            self.record.note_steps(self.line, marks)
+        self._hold(self.line, *(np.array(part) for part in zip(*state, strict=True)))
+
+    def _exits(self, side: NDArray, x: NDArray, heading: NDArray, width: NDArray) -> tuple[NDArray, ...]:
+        """How lines leave their faces: (right, twin, turned, exit_length, u, beyond_u, distance).
+
+        A line leaves by the next or the previous side of the one it stands on; `right` says which (1 or 0),
+        and picks what belongs to it from the gathered rows (cheaper than a selection by mask, which
+        mispredicts). The exit is `u` from the corner that both sides share and `beyond_u` from the apex.
         """
-        self.steps += 1
-        x, heading, rest = self.x, self.heading, self.rest
-        rows = self.table.take(self.side, axis=0)
+        rows = self.table.take(side, axis=0)
         apex = rows[:, APEX]
-        to_apex = apex.real - x
-        right = heading.real * apex.imag > heading.imag * to_apex
-        right |= x == 0.0  # from a vertex the exit is the side opposite
+        right = leaves_right(apex, x, heading)
         one = right.astype(np.int64)
         turn = rows.ravel().take(self.turn_at[: len(x)] + one)
         twin = rows.view(np.int64).ravel().take(self.twin_at[: len(x)] + one)
-        share = one.astype(np.float64)
         turned = heading * turn
         sine = np.abs(turn.imag)
-        exit_length = self._exit_length(right) if self.unfolding.has_flat else apex.imag / sine
-        k = (x + share * (self.width - 2.0 * x)) / turned.imag
-        u = k * heading.imag  # from the corner that entry and exit side share
-        distance = k * sine
-        beyond_u = exit_length - u
-        plain = np.minimum(u, beyond_u) > SNAP * exit_length  # false where the heading leads nowhere
-        if not plain.all():
+        exit_length = self._exit_length(side, right) if self.unfolding.has_flat else apex.imag / sine
+        share = one.astype(np.float64)
+        u, beyond_u, distance = to_exit(x, width, heading, turned, sine, exit_length, share)
+        if not (np.minimum(u, beyond_u) > 0).all():
             beyond = ~((u <= exit_length) & (turned.imag > 0))  # rounding beside the apex: through the apex
-            distance[beyond] = np.hypot(to_apex[beyond], apex[beyond].imag)
+            distance[beyond] = np.abs(apex[beyond] - x[beyond])
             u[beyond] = exit_length[beyond]
             beyond_u[beyond] = 0.0
-        left = rest - distance
+        return share, twin, turned, exit_length, u, beyond_u, distance
+
+    def cross(self) -> None:
+        """Advance every line through one face."""
+        self.steps += 1
+        right, twin, turned, exit_length, u, beyond_u, distance = self._exits(
+            self.side, self.x, self.heading, self.width
+        )
+        left = self.rest - distance
         done = left <= 0
-        plain &= twin >= 0
-        state = (self.line, twin, u + share * (beyond_u - u), turned, left, exit_length)
+        plain = (np.minimum(u, beyond_u) > SNAP * exit_length) & (twin >= 0)
+        state = (self.line, twin, u + right * (beyond_u - u), turned, left, exit_length)
         all_plain = bool(plain.all())
         if all_plain and not done.any():
             self._hold(*state)
             self._note()
             return
         ended = np.flatnonzero(done)
-        parts = (self.line, self.side, x, self.width, heading, rest, right, u, exit_length, distance)
-        self.ended.append((*(part.take(ended) for part in parts), np.full(len(ended), self.steps)))
+        self.ended.append((*(part.take(ended) for part in self._state()), np.full(len(ended), self.steps)))
         left[ended] = np.inf
         self.idle += len(ended)
-        if all_plain and self.idle <= IDLE_SHARE * len(x):  # let them run on: cheaper than to take them out
+        if all_plain and self.idle < IDLE_SHARE * len(left):  # let them run on: cheaper than to take them out
             self._hold(*state)
             self._note()
             return
         self.idle = 0
         under_way = left < np.inf
         odd, on = np.flatnonzero(under_way & ~plain), np.flatnonzero(under_way & plain)
-        line, side, is_right = self.line[odd], self.side[odd], right[odd]
-        exit_side = np.where(is_right, _next(side), _previous(side))
+        line, side, is_right = self.line[odd], self.side[odd], right[odd] > 0
+        exit_side = np.where(is_right, next_side(side), previous_side(side))
         from_tail = np.where(is_right, u[odd], beyond_u[odd])
         self._hold(*(part.take(on) for part in state))
         if len(odd):
             self._leave_odd(line, exit_side, from_tail, turned[odd], left[odd])
         self._note()
 
-    def _exit_length(self, right: NDArray) -> NDArray[np.float64]:
+    def _exit_length(self, side: NDArray, right: NDArray) -> NDArray[np.float64]:
         """Lengths of the sides by which lines leave."""
-        return self.length.take(np.where(right, _next(self.side), _previous(self.side)))
+        return self.length.take(np.where(right, next_side(side), previous_side(side)))
 
     def _leave(self, line: NDArray, side: NDArray, u: NDArray, turned: NDArray, rest: NDArray) -> None:
         """Leave faces through `side` at `u` from its tail; `turned` is the heading in its twin's frame."""
         length = self.length[side]
-        twin = self.table.view(np.int64)[_next(side), 2 * TWIN]
+        twin = self.table.view(np.int64)[next_side(side), 2 * TWIN]
         odd = (twin < 0) | (u <= SNAP * length) | (u >= length - SNAP * length)
         on = ~odd
         self._append(line[on], twin[on], (length - u)[on], turned[on], rest[on])
@@ -295,7 +330,7 @@ class Walk:
         if self.reflect:  # turned back into the same face; a side with three faces reflects too
             self._append(line, side, u, -turned.conj(), rest)
         else:
-            self._end(line, side, -turned, _on_side(side, u / self.length[side]), rest, np.int8(AT_BOUNDARY))
+            self._end(line, side, -turned, on_side(side, u / self.length[side]), rest, np.int8(AT_BOUNDARY))
 
     def _through_vertices(
         self, line: NDArray, side: NDArray, u: NDArray, turned: NDArray, rest: NDArray
@@ -305,7 +340,7 @@ class Walk:
             return
         fans = self.make_fans()
         head = u > 0.5 * self.length[side]
-        corner = np.where(head, _next(side), side)
+        corner = np.where(head, next_side(side), side)
         width = fans.corner_angle[corner]
         inward = np.maximum(turned.imag, 0.0)
         came = np.where(head, width - np.arctan2(inward, -turned.real), np.arctan2(inward, turned.real))
@@ -339,14 +374,15 @@ class Walk:
         """Place the lines that ended inside faces, between entry and exit; kept until all have ended."""
         if not self.ended:
             return
-        line, side, x, width, heading, rest, right, u, exit_length, distance, steps = (
+        line, side, x, heading, rest, width, steps = (
             np.concatenate(parts) for parts in zip(*self.ended, strict=True)
         )
-        exit_side = np.where(right, _next(side), _previous(side))
+        right, _, _, exit_length, u, _, distance = self._exits(side, x, heading, width)
+        exit_side = np.where(right, next_side(side), previous_side(side))
         share = u / exit_length
-        leaving = _on_side(exit_side, np.where(right, share, 1.0 - share))
+        leaving = on_side(exit_side, np.where(right, share, 1.0 - share))
         s = np.divide(rest, distance, out=np.zeros(len(line)), where=distance > 0)[:, None]
-        end = (1 - s) * _on_side(side, x / width) + s * leaving
+        end = (1 - s) * on_side(side, x / width) + s * leaving
         self._end(line, side, heading, end, 0.0, np.int8(REACHED))
         self.crossings[line] = steps
 
@@ -362,7 +398,7 @@ class Walk:
 
     def _end_at_corner(self, line: NDArray, corner: NDArray, rest: NDArray, status: Any) -> None:
         self.end_face[line] = corner // 3
-        self.end_barycentric[line] = _on_side(corner, np.zeros(len(corner)))
+        self.end_barycentric[line] = on_side(corner, np.zeros(len(corner)))
         self.left_over[line] = rest
         self.status[line] = status
         self.crossings[line] = self.steps
@@ -379,7 +415,7 @@ class Walk:
             self._hold(*(part.take(on) for part in self._state()))
             share = np.nan_to_num(self.x / self.width)
             self._end(
-                self.line, self.side, self.heading, _on_side(self.side, share), self.rest, np.int8(GAVE_UP)
+                self.line, self.side, self.heading, on_side(self.side, share), self.rest, np.int8(GAVE_UP)
             )
 
     def walked(self) -> float:
@@ -399,25 +435,3 @@ class Walk:
         face[start[first]], barycentric[start[first]] = self.start.face[first], self.start.barycentric[first]
         face[start[1:] - 1], barycentric[start[1:] - 1] = self.end_face, self.end_barycentric
         return start, face, barycentric
-
-
-def _next(side: NDArray) -> NDArray[np.int64]:
-    return side + np.where(side % 3 == 2, -2, 1)
-
-
-def _previous(side: NDArray) -> NDArray[np.int64]:
-    return side + np.where(side % 3 == 0, 2, -1)
-
-
-def _least(x: NDArray, y: NDArray, z: NDArray) -> NDArray[np.int64]:
-    """Which of three numbers is least, row by row (a reduction over so short an axis is slow)."""
-    return np.where(x <= y, np.where(x <= z, 0, 2), np.where(y <= z, 1, 2))
-
-
-def _on_side(side: NDArray, share: NDArray) -> NDArray[np.float64]:
-    """(k, 3) barycentric coordinates at `share` of the way along sides, in the face of the side."""
-    barycentric = np.zeros((len(side), 3))
-    rows, j = np.arange(len(side)), side % 3
-    barycentric[rows, j] = 1.0 - share
-    barycentric[rows, NEXT[j]] = share
-    return barycentric

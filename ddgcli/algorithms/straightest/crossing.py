@@ -1,0 +1,73 @@
+"""The arithmetic of a crossing, of arrays and of single numbers alike; places on sides."""
+
+from __future__ import annotations
+
+from struct import Struct
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ddgcli.mesh.topology import NEXT
+
+SNAP = 1e-12  # a line this close to a vertex, relative to the side it crosses, goes through the vertex
+FLAT = 1e-150  # sine of an angle from which no length can be had
+ROW = Struct("6d2q")  # of Unfolding.side
+
+
+def leaves_right(apex: Any, x: Any, heading: Any) -> Any:
+    """Does the line leave by the next side? From a vertex it does: the exit is the side opposite."""
+    return (heading.real * apex.imag > heading.imag * (apex.real - x)) | (x == 0.0)
+
+
+def to_exit(
+    x: Any, width: Any, heading: Any, turned: Any, sine: Any, exit_length: Any, share: Any
+) -> tuple[Any, Any, Any]:
+    """Where the exit is, from the corner that entry and exit side share and from the apex; and how far.
+
+    `turned` is the heading in the frame of the exit's twin, `sine` that of the angle between the two sides;
+    `share` is 1 where the line leaves by the next side, 0 where by the previous.
+    """
+    k = (x + share * (width - 2.0 * x)) / turned.imag
+    u = k * heading.imag
+    return u, exit_length - u, k * sine
+
+
+def crossed(
+    rows: memoryview, side: int, x: float, heading: complex, rest: float, width: float
+) -> tuple[int, float, complex, float, float] | None:
+    """State of one line behind the next face; None where that is no plain crossing."""
+    apex_x, apex_y, back_x, back_y, on_x, on_y, back, on = ROW.unpack_from(rows, ROW.size * side)
+    apex = complex(apex_x, apex_y)
+    right = leaves_right(apex, x, heading)
+    twin, turn = (on, complex(on_x, on_y)) if right else (back, complex(back_x, back_y))
+    turned, sine = heading * turn, abs(turn.imag)
+    if twin < 0 or turned.imag == 0.0 or sine < FLAT:
+        return None
+    exit_length = apex_y / sine
+    u, beyond_u, distance = to_exit(x, width, heading, turned, sine, exit_length, right)
+    if not (min(u, beyond_u) > SNAP * exit_length and distance < rest):
+        return None
+    return twin, u + right * (beyond_u - u), turned, rest - distance, exit_length
+
+
+def next_side(side: NDArray) -> NDArray[np.int64]:
+    return side + np.where(side % 3 == 2, -2, 1)
+
+
+def previous_side(side: NDArray) -> NDArray[np.int64]:
+    return side + np.where(side % 3 == 0, 2, -1)
+
+
+def least(x: NDArray, y: NDArray, z: NDArray) -> NDArray[np.int64]:
+    """Which of three numbers is least, row by row (a reduction over so short an axis is slow)."""
+    return np.where(x <= y, np.where(x <= z, 0, 2), np.where(y <= z, 1, 2))
+
+
+def on_side(side: NDArray, share: NDArray) -> NDArray[np.float64]:
+    """(k, 3) barycentric coordinates at `share` of the way along sides, in the face of the side."""
+    barycentric = np.zeros((len(side), 3))
+    rows, j = np.arange(len(side)), side % 3
+    barycentric[rows, j] = 1.0 - share
+    barycentric[rows, NEXT[j]] = share
+    return barycentric
