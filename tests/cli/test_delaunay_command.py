@@ -47,7 +47,6 @@ def test_summary_and_arrays(summary, stretched, tmp_path):
 
 
 def test_picture(run, stretched, tmp_path):
-    pytest.importorskip("matplotlib")
     picture = tmp_path / "edges.png"
     assert run("delaunay", stretched, "--plot", picture).exit_code == 0
     assert picture.stat().st_size > 10_000

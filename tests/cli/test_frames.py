@@ -57,7 +57,6 @@ def test_series_names_every_frame(summary, trajectory, tmp_path):
 
 
 def test_pictures_and_animation(summary, trajectory, tmp_path):
-    pytest.importorskip("matplotlib")
     out = summary("frames", trajectory, "-o", tmp_path / "p.png", "--to", 0.01)
     assert out["outputs"] == [str(tmp_path / f"p_000{k}.png") for k in (0, 1)]
     assert all((tmp_path / f"p_000{k}.png").read_bytes().startswith(b"\x89PNG") for k in (0, 1))

@@ -105,7 +105,8 @@ def read_by_vtk(path):
 
 def read_by_trimesh(path):
     """Points and polylines as trimesh sees them; it keeps no arrays."""
-    trimesh = pytest.importorskip("trimesh")
+    import trimesh
+
     path = trimesh.load(path, process=False)
     return path.vertices, [entity.points for entity in path.entities], {}
 

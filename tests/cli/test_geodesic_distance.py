@@ -207,7 +207,6 @@ def test_same_call_same_bits(square, summary, tmp_path):
 
 
 def test_picture(square, summary, tmp_path):
-    pytest.importorskip("matplotlib")
     picture = tmp_path / "bands.png"
     said = summary("geodesic", square, "--source", 0, "--plot", picture)
     assert picture.stat().st_size > 10_000 and str(picture) in said["outputs"]

@@ -126,7 +126,8 @@ def test_curves_are_refused_where_they_cannot_be(tmp_path, suffix):
 
 @pytest.mark.parametrize("suffix", [".vtu", ".vtk", ".xdmf"])
 def test_meshio_reads_what_we_write(tmp_path, suffix):
-    meshio = pytest.importorskip("meshio")
+    import meshio
+
     annotated = annotated_surface()
     path = str(tmp_path / f"a{suffix}")
     write_mesh(path, annotated)
@@ -139,7 +140,8 @@ def test_meshio_reads_what_we_write(tmp_path, suffix):
 
 @pytest.mark.parametrize("suffix", [".ply", ".obj", ".off"])
 def test_trimesh_reads_what_we_write(tmp_path, suffix):
-    trimesh = pytest.importorskip("trimesh")
+    import trimesh
+
     annotated = annotated_surface()
     path = str(tmp_path / f"a{suffix}")
     write_mesh(path, annotated)
@@ -187,7 +189,8 @@ def test_provenance_is_in_the_file(tmp_path, suffix):
         with np.load(path) as archive:
             text = str(archive["metadata"])
     elif suffix == ".vtkhdf":
-        h5py = pytest.importorskip("h5py")
+        import h5py
+
         with h5py.File(path) as file:
             text = file["ddgcli"].attrs["metadata"]
             assert file["ddgcli"].attrs["input_sha256"] == METADATA["input_sha256"]

@@ -6,9 +6,6 @@ import pytest
 from ddgcli.errors import OutputError
 from ddgcli.mesh import shapes
 from ddgcli.mesh.triangle_mesh import TriangleMesh
-
-pytest.importorskip("matplotlib")
-
 from ddgcli.plots.chart import draw_chart
 from ddgcli.plots.curve import draw_curves
 from ddgcli.plots.raster import fitted_camera, rasterise, view_axes, visible_runs
