@@ -1,0 +1,108 @@
+"""The pages and the program name the same options; their examples and links are right."""
+
+import re
+import shlex
+from pathlib import Path
+
+import click
+import pytest
+
+from ddgcli.cli.main import COMMANDS, main
+from ddgcli.cli.several import spread
+
+ROOT = Path(__file__).parents[2]
+PAGES = sorted([ROOT / "README.md", ROOT / "CONTRIBUTING.md", *(ROOT / "docs").rglob("*.md")])
+# command -> the pages that must name all of its own options
+PAGES_OF = {
+    "geodesic": ("geodesic", "geodesic-curves"),
+    "shell-sim": ("shell-sim", "scenes", "trajectory"),
+    "fluid-sim": ("fluid-sim", "scenes", "trajectory"),
+    "frames": ("trajectory",),
+    "check": ("pipelines",),
+}
+OPTION = re.compile(r"(?<![\w-])--?[a-zA-Z][a-z-]*")
+FENCE = re.compile(r"^```(\w*)\n(.*?)^```", re.M | re.S)
+
+
+def command_of(name: str) -> click.Command:
+    return main.get_command(click.Context(main), name)
+
+
+def options_of(name: str) -> list[click.Option]:
+    return [p for p in command_of(name).params if isinstance(p, click.Option) and not p.hidden]
+
+
+def shared() -> set[str]:
+    """Names of the parameters that every command has."""
+    return set.intersection(*({option.name for option in options_of(name)} for name in COMMANDS))
+
+
+def text_of(*pages: str) -> str:
+    return "\n".join((ROOT / "docs" / f"{page}.md").read_text(encoding="utf-8") for page in pages)
+
+
+def unnamed(options: list[click.Option], text: str) -> list[str]:
+    """Options that a text names by none of their names."""
+    named = set(OPTION.findall(text))
+    return [option.opts[0] for option in options if not named & {*option.opts, *option.secondary_opts}]
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_every_option_stands_on_its_page(name):
+    own = [option for option in options_of(name) if option.name not in shared()]
+    assert unnamed(own, text_of(*PAGES_OF.get(name, (name,)))) == []
+
+
+def test_every_shared_option_stands_among_the_files():
+    assert unnamed([o for o in options_of("info") if o.name in shared()], text_of("files", "pipelines")) == []
+
+
+def test_an_option_that_no_page_names_is_seen():
+    assert unnamed([click.Option(["--no-such", "-z"])], text_of("files")) == ["--no-such"]
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda p: p.relative_to(ROOT).as_posix())
+def test_no_page_names_an_option_that_is_not_there(page):
+    known = {
+        opt for name in COMMANDS for p in command_of(name).params for opt in (*p.opts, *p.secondary_opts)
+    }
+    known |= {"--help", "--debug", "--version"}
+    known |= {
+        word for bench in ROOT.glob("benchmarks/*.py") for word in OPTION.findall(bench.read_text("utf-8"))
+    }
+    named = {word for word in OPTION.findall(page.read_text("utf-8")) if word.startswith("--")}
+    assert named - known == set()
+
+
+def examples(page: Path) -> list[str]:
+    """Command lines in the page's blocks of code, continued lines joined, comments off."""
+    blocks = [body for _, body in FENCE.findall(page.read_text(encoding="utf-8"))]
+    lines = "\n".join(blocks).replace("\\\n", " ").splitlines()
+    return [
+        line for line in lines if line.startswith("ddgcli ") and not re.search(r"[\[|]|\.\.\.|[A-Z]{4}", line)
+    ]
+
+
+@pytest.mark.parametrize(
+    "page, line",
+    [(p, line) for p in PAGES for line in examples(p)],
+    ids=lambda v: v if isinstance(v, str) else "",
+)
+def test_every_example_is_a_call(page, line):
+    name, *words = shlex.split(line, comments=True)[1:]
+    command = command_of(name)
+    command.make_context(name, spread(command, words), parent=click.Context(main))
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda p: p.relative_to(ROOT).as_posix())
+def test_every_link_leads_somewhere(page):
+    for target in re.findall(r"\]\(([^)\s]+)\)", page.read_text(encoding="utf-8")):
+        if target.startswith("http"):
+            continue
+        path, _, anchor = target.partition("#")
+        there = (page.parent / path) if path else page
+        assert there.exists(), target
+        headings = re.findall(r"^#+ (.*)$", there.read_text(encoding="utf-8"), re.M) if anchor else []
+        assert not anchor or anchor in [
+            re.sub(r"[^\w -]", "", h).lower().replace(" ", "-") for h in headings
+        ], target
