@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import logging
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property, partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,8 +32,8 @@ class HeatDistance:
     ----------
     distance : (n,) ndarray of float64
         inf on components without a source.
-    heat_residual, poisson_residual : float
-        Largest |A x - b| of the two systems, relative to the largest |b|.
+    residuals : tuple of two callables
+        What `heat_residual` and `poisson_residual` ask, once.
     stages : int
         How often heat went on from a front because it had become too faint for float64; 0: never.
     cold_faces : int
@@ -39,10 +41,19 @@ class HeatDistance:
     """
 
     distance: NDArray[np.float64]
-    heat_residual: float
-    poisson_residual: float
+    residuals: tuple[Callable[[], float], Callable[[], float]]
     stages: int
     cold_faces: int
+
+    @cached_property
+    def heat_residual(self) -> float:
+        """Largest |A x - b| of the first system, relative to the largest |b|; measured when asked for."""
+        return self.residuals[0]()
+
+    @cached_property
+    def poisson_residual(self) -> float:
+        """The same of the second system, of its last solve."""
+        return self.residuals[1]()
 
 
 class HeatSolver:
@@ -113,7 +124,8 @@ class HeatSolver:
         """
         sources = checked_sources(self.given_on, sources)
         start = self._start(sources)
-        heat, level, stages, residual = self._diffuse(start)
+        reached = self._reached(start)
+        heat, level, stages, heat_residual = self._diffuse(start, reached)
         direction, cold = self._direction(heat, level if stages else None)
         direction *= -1.0
         near, spoke = self._near(sources)
@@ -123,12 +135,18 @@ class HeatSolver:
             distance, poisson_residual = self._integrate(direction, near, spoke, len(sources))
         distance = np.maximum(distance, 0.0)
         distance[near[spoke == 0]] = 0.0
-        component = self.mesh.topology.vertex_component
-        reached = np.isin(component, component[near]) & (component >= 0)
-        cold_faces = int((cold & reached[self.mesh.faces[:, 0]]).sum())
-        return HeatDistance(
-            np.where(reached, distance, np.inf), residual, poisson_residual, stages, cold_faces
-        )
+        cold_faces = int((cold & reached[self._corner[0]]).sum()) if cold.any() else 0
+        distance[~reached] = np.inf
+        return HeatDistance(distance, (heat_residual, poisson_residual), stages, cold_faces)
+
+    def _reached(self, start: NDArray) -> NDArray[np.bool_]:
+        """(n,) True on the components where heat starts."""
+        topology = self.mesh.topology
+        component = topology.vertex_component
+        lit = np.zeros(topology.n_components + 1, dtype=bool)
+        lit[component[start > 0]] = True
+        lit[-1] = False  # of vertices without a face
+        return lit.take(component)
 
     # -- first system -------------------------------------------------------------------------------
 
@@ -139,14 +157,12 @@ class HeatSolver:
         np.add.at(start, self.given_on.faces[sources.points.face], sources.points.barycentric)
         return start
 
-    def _diffuse(self, start: NDArray) -> tuple[NDArray, NDArray, int, float]:
+    def _diffuse(self, start: NDArray, inside: NDArray) -> tuple[NDArray, NDArray, int, Callable[[], float]]:
         """Heat as value * exp(level): where it is too faint it goes on from its front, brought back to 1."""
-        component = self.mesh.topology.vertex_component
-        inside = np.isin(component, component[start > 0]) & (component >= 0)
-        value = self._heat.solve(start, refine=False)
-        residual = self._heat.residual(value, start)
-        level = np.zeros(len(value))
-        value /= value.max(initial=0.0) or 1.0
+        solved = self._heat.solve(start, refine=False)
+        residual = partial(self._heat.residual, solved, start)
+        level = np.zeros(len(solved))
+        value = solved / (solved.max(initial=0.0) or 1.0)
         known = value > FAINT
         stages = 0
         while (inside & ~known).any() and stages < MOST_STAGES:
@@ -196,7 +212,7 @@ class HeatSolver:
         points = sources.points
         is_source = np.zeros(mesh.n_vertices, dtype=bool)
         is_source[sources.vertex] = True
-        beside = is_source[self._corner].any(axis=0)
+        beside = np.flatnonzero(np.isin(self._corner, sources.vertex).any(axis=0))
         length = mesh.side_length[beside].ravel()
         tail, head = mesh.faces[beside].ravel(), mesh.faces[beside][:, NEXT].ravel()
         frame = face_frame(self.given_on.side_length[points.face])
@@ -216,7 +232,7 @@ class HeatSolver:
 
     def _integrate(
         self, direction: NDArray, near: NDArray, spoke: NDArray, n_sources: int
-    ) -> tuple[NDArray, float]:
+    ) -> tuple[NDArray, Callable[[], float]]:
         """The function with gradient nearest to the field, fitted to the known values near the sources."""
         along, across = 0.5 * direction
         flux = np.empty(self._corner.shape)
@@ -227,17 +243,17 @@ class HeatSolver:
         np.negative(flux[0], out=flux[0])
         load = np.bincount(self._corner.ravel(), weights=flux.ravel(), minlength=self.mesh.n_vertices)
         if n_sources == 1:
-            distance = self.poisson.solve(load, refine=False)
+            distance = self.poisson.pinned_solve(load[:, None])[:, 0]
             ring = spoke > 0
             shift = (distance[near[ring]] - spoke[ring]).mean() if ring.any() else distance[near].min()
-            return distance - shift, self.poisson.residual(distance, load)
+            return distance - shift, partial(self.poisson.residual, distance, load)
         held = np.union1d(near, self._elsewhere(near))
         value = np.zeros(len(held))
         value[np.searchsorted(held, near)] = spoke
         if self._held is None or not np.array_equal(self._held.fixed, held):
             self._held = Dirichlet(self.stiffness, held, order=self._heat.order)
         distance = self._held.solve(value, load)
-        return distance, self._held.residual(distance, load)
+        return distance, partial(self._held.residual, distance, load)
 
     def _elsewhere(self, near: NDArray) -> NDArray[np.int64]:
         """Vertices to hold so that nothing is singular: unused ones, one of each component not reached."""
