@@ -75,6 +75,7 @@ def command(
             results | vectors.results,
             accuracy | vectors.accuracy,
         )
+        converged = converged and vectors.converged
     run.write(AnnotatedMesh(mesh, vertex=vertex, face=face), converged=converged)
     if made is not None:
         write_curves(run, mesh, made, curves.paths_output, converged=converged)

@@ -272,6 +272,10 @@ def check_asked(asked: CurveOptions, has_source: bool, method: str, *, extra: bo
     for name in ("field_seeds", "field_time", "field_step", "field_tolerance"):
         if getattr(asked, name) is not None and not asked.field:
             raise ParameterError(f"--{name.replace('_', '-')} belongs to --field NAME; give that too")
+    if asked.field_order != CurveOptions.field_order and not asked.field:
+        raise ParameterError("--field-order belongs to --field NAME; give that too")
+    if asked.at_boundary != CurveOptions.at_boundary and not asked.trace:
+        raise ParameterError("--at-boundary says what --trace does; give that too")
     if asked.field_step is not None and asked.field_tolerance is not None:
         raise ParameterError("--field-step fixes the step and --field-tolerance adapts it; give one of them")
     if asked.field_seeds is not None and has_source:

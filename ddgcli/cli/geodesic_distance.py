@@ -160,8 +160,10 @@ def check_distance(asked: DistanceChoice) -> None:
                 f"{option} belongs to --method heat, not to {asked.method}; drop one of them"
             )
     needing = ("target_point", "target_face", "each_source", "gradient", "isolines", "compare", "certify")
-    for name in needing:
-        if getattr(asked, name) and not asked.any:
+    given = {name: bool(getattr(asked, name)) for name in needing}
+    given |= {"tolerance": asked.tolerance is not None, "method": asked.method != DistanceChoice.method}
+    for name, wanted in given.items():
+        if wanted and not asked.any:
             raise ParameterError(f"--{name.replace('_', '-')} needs a source, e.g. --source 0")
 
 

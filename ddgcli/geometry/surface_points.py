@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.errors import ParameterError
+from ddgcli.errors import MeshError, ParameterError
 from ddgcli.mesh.topology import frozen
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 
@@ -122,13 +122,25 @@ def nearest_points(mesh: TriangleMesh, positions: NDArray) -> tuple[SurfacePoint
         Of several nearest faces the one with the lowest number.
     distance : (k,) ndarray of float64
         From each position to its point.
+
+    Raises
+    ------
+    MeshError
+        When the mesh has no faces.
     """
+    positions = np.asarray(positions, dtype=np.float64).reshape(-1, 3)
+    if len(positions) == 0:
+        return SurfacePoints.none(), np.zeros(0)
+    if mesh.n_faces == 0:
+        raise MeshError("no triangles; a point of the surface needs a surface")
     corners = mesh.points[mesh.faces]
     faces, weights, distances = [], [], []
-    for position in np.asarray(positions, dtype=np.float64).reshape(-1, 3):
-        barycentric, distance = nearest_on_triangle(position, corners)
+    for position in positions:
+        seen = corners - position
+        size = float(np.abs(seen).max()) or 1.0  # squares of lengths neither overflow nor vanish
+        barycentric, distance = nearest_on_triangle(np.zeros(3), seen / size)
         face = int(np.argmin(distance))
         faces.append(face)
         weights.append(barycentric[face])
-        distances.append(distance[face])
+        distances.append(distance[face] * size)
     return SurfacePoints(np.array(faces), np.array(weights)), np.array(distances)

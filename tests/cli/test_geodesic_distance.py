@@ -198,6 +198,14 @@ def test_source_on_an_isolated_vertex(islands, run):
     assert result.exit_code == 2 and "belongs to no face" in result.stderr
 
 
+@pytest.mark.parametrize(
+    "words", [["--source", 0], ["--source-point", "0,0,0"], ["--source-face", "0:1,0,0"]]
+)
+def test_a_file_without_faces_is_refused_in_one_line(run, shared_meshes, words):
+    result = run("geodesic", shared_meshes / "hard" / "gen_only_points.off", *words)
+    assert result.exit_code == 2 and result.stderr.startswith("Error: ") and result.stderr.count("\n") == 1
+
+
 def test_same_call_same_bits(square, summary, tmp_path):
     files = [tmp_path / "a.npz", tmp_path / "b.npz"]
     for path in files:

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from ddgcli.algorithms.curves.log_map import log_map
 from ddgcli.algorithms.curves.paths import SurfacePaths, joints
 from ddgcli.algorithms.curves.shortest_paths import shortest_paths
 from ddgcli.algorithms.distance.exact import exact_distance
@@ -63,6 +64,61 @@ def test_unreachable_and_unknown_targets():
     assert not curves.converged and curves.entries[1]["length"] is None
     with pytest.raises(ParameterError, match="target vertex 9999"):
         shortest_paths(two, exact_distance(two, sources), sources, [9999])
+
+
+def three_sheets(k=8):
+    """Three flat sheets on one line, x = 0; vertices of the first come first."""
+    sheet = shapes.grid(k, k)
+    rim, n = sheet.points[:, 0] == 0, sheet.n_vertices
+    points, faces = [], []
+    for copy, turn in enumerate((0.0, 2.0, 4.0)):
+        x, y = sheet.points[:, 0], sheet.points[:, 1]
+        points.append(np.stack([x * np.cos(turn), y, x * np.sin(turn)], axis=1))
+        faces.append(np.where(rim, np.arange(n), np.arange(n) + copy * n)[sheet.faces])
+    return TriangleMesh.from_arrays(np.concatenate(points), np.concatenate(faces))
+
+
+def test_paths_that_would_cross_an_edge_of_three_faces_are_told(caplog):
+    mesh, source = three_sheets(), Sources.at([40])
+    exact = exact_distance(mesh, source)
+    curves = shortest_paths(mesh, exact, source, [45, 81 + 20, 162 + 37])
+    own, *beyond = curves.entries
+    assert own["length"] == pytest.approx(np.linalg.norm(mesh.points[45] - mesh.points[40]), rel=1e-14)
+    for entry, target in zip(beyond, (81 + 20, 162 + 37), strict=True):
+        assert entry["length"] is None and entry["distance"] == exact.distance[target] < 2
+    assert not curves.converged and "2 vertices (first: 101)" in caplog.text
+    assert curves.accuracy["path_length_residual"] < 1e-13  # of the paths that there are
+
+
+def test_log_map_beyond_an_edge_of_three_faces_is_right_or_inf():
+    """Through a vertex of that edge paths go on; through its inside they are not walked."""
+    mesh, source = three_sheets(), Sources.at([40])
+    exact = exact_distance(mesh, source)
+    mapped = log_map(mesh, exact, source)
+    sheet = three_sheets().points[:81, :2]
+    unrolled = np.concatenate([sheet, sheet * [-1, 1], sheet * [-1, 1]])
+    known = np.isfinite(mapped.log_map[:, 0])
+    assert known[:81].all() and (~known & np.isfinite(exact.distance)).sum() == mapped.lost > 100
+    flat, truth = mapped.log_map[known] @ [1, 1j], (unrolled[known] - unrolled[40]) @ [1, 1j]
+    np.testing.assert_allclose(flat, flat[0] / truth[0] * truth, atol=1e-13)
+
+
+def test_a_source_on_an_edge_of_three_faces_has_paths_but_no_tangent_plane():
+    mesh = three_sheets()
+    on = np.flatnonzero((mesh.points[mesh.faces][:, :, 0] == 0).sum(axis=1) == 2)[:1]
+    weights = np.where(mesh.points[mesh.faces[on], 0] == 0, [0.3, 0.3, 0.7], 0.0)
+    weights /= weights.sum()
+    points = SurfacePoints(on, weights)
+    source = Sources.at([], points)
+    exact = exact_distance(mesh, source)
+    at = points.positions(mesh)[0]
+    reached = [v for v in range(mesh.n_vertices) if mesh.topology.referenced_vertex[v]]
+    curves = shortest_paths(mesh, exact, source, reached)
+    assert curves.converged
+    for entry, target in zip(curves.entries, reached, strict=True):
+        assert entry["length"] == pytest.approx(np.linalg.norm(mesh.points[target] - at), rel=1e-12)
+    with pytest.raises(ParameterError, match="edge of 3 faces"):
+        log_map(mesh, exact, source)
 
 
 @pytest.mark.parametrize("name", ["spot.obj", "goathead.obj", "plane_holes.obj", "menger_sponge3.off"])

@@ -36,17 +36,21 @@ class LogMap:
     log_map : (n, 2) ndarray of float64
         Coordinates in the tangent plane of the source: its size is the distance, its angle that of the
         shortest path, counter-clockwise from the x axis. At a vertex surface angles are multiplied by
-        2 pi / total angle; on the boundary they are kept. inf where the source does not reach.
+        2 pi / total angle; on the boundary they are kept. inf where the source does not reach, or only
+        across an edge of three or more faces.
     axis : dict
         The x axis: towards a vertex (`towards_vertex`) or along side 0 of a face (`face`), and in space.
     miss : float
         Largest distance at which a line walked back passes the source, relative to the largest distance;
         and of paths that had to be followed bend by bend, by what share their length is not the distance.
+    lost : int
+        Vertices with a distance but no direction: their shortest paths cross edges of three or more faces.
     """
 
     log_map: NDArray[np.float64]
     axis: dict[str, Any]
     miss: float
+    lost: int
 
 
 class _Centre:
@@ -62,6 +66,13 @@ class _Centre:
             self.face, self.barycentric = int(sources.points.face[0]), sources.points.barycentric[0]
             if self.barycentric.max() >= 1 - 1e-14:
                 self.vertex = int(mesh.faces[self.face, np.argmax(self.barycentric)])
+            elif self.barycentric.min() <= 1e-14:
+                edge = mesh.topology.side_edge[self.face, NEXT[np.argmin(self.barycentric)]]
+                if mesh.topology.edge_face_count[edge] > 2:
+                    raise ParameterError(
+                        f"the source lies on an edge of {mesh.topology.edge_face_count[edge]} faces and has "
+                        "no tangent plane there; take another source"
+                    )
         if self.vertex >= 0:
             fans = tracer.fans
             own = np.flatnonzero(fans.vertex == self.vertex)
@@ -157,13 +168,14 @@ def log_map(mesh: SurfaceMesh, exact: ExactDistance, sources: Sources, told: Tol
     lost = np.flatnonzero(reached & np.isnan(angle))
     if len(lost):
         miss = max(miss, _angles_of_paths(tracer, centre, exact, sources, lost, angle))
+    dark = reached & np.isnan(angle)
     angle = angle * centre.scale
-    far = ~np.isfinite(exact.distance)
+    far = ~np.isfinite(exact.distance) | dark
     angle = np.where(far | (exact.distance == 0), 0.0, angle)
     distance = np.where(far, 0.0, exact.distance)
     mapped = np.stack([distance * np.cos(angle), distance * np.sin(angle)], axis=1)
     mapped[far] = np.inf
-    return LogMap(mapped, centre.axis(), miss)
+    return LogMap(mapped, centre.axis(), miss, int(dark.sum()))
 
 
 def _walked_angles(
@@ -211,12 +223,14 @@ def _angles_of_paths(
 ) -> float:
     """The careful way, path by path: lines that graze saddles, and what lies behind those.
 
-    Returns the largest relative difference between the length of a path and the distance.
+    Targets whose path is not known (`shortest_paths` gives none) stay without an angle. Returns the largest
+    relative difference between the length of a path and the distance.
     """
     made = shortest_paths(tracer.mesh, exact, sources, vertex.tolist(), tracer)
     paths = made.paths
     step = segment_vectors(tracer.mesh, paths)
     long_ = np.flatnonzero(np.hypot(step[:, 0], step[:, 1]) > 0)
-    first = long_[np.searchsorted(long_, paths.start[:-1])]
-    angle[vertex] = centre.angle(paths.face[first], step[first])
+    drawn = np.diff(paths.start) > 0
+    first = long_[np.searchsorted(long_, paths.start[:-1][drawn])]
+    angle[vertex[drawn]] = centre.angle(paths.face[first], step[first])
     return float(made.accuracy["path_length_residual"])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -144,6 +145,15 @@ def seen_from(
     """
     out = np.full((len(face), 3), np.nan)
     out[face == other] = barycentric[face == other]
+    # an edge of three faces or more has no twins
+    for j, i in product(range(3), range(3)) if len(topology.nonmanifold_edges) else ():
+        hit = np.isnan(out[:, 0]) & (topology.side_edge[face, j] == topology.side_edge[other, i])
+        hit &= (topology.side_twin[face, j] < 0) & (barycentric[:, PREVIOUS[j]] <= tolerance)
+        rows = np.flatnonzero(hit)
+        same = topology.faces[face[rows], j] == topology.faces[other[rows], i]
+        out[rows] = 0.0
+        out[rows, i] = barycentric[rows, np.where(same, j, NEXT[j])]
+        out[rows, NEXT[i]] = barycentric[rows, np.where(same, NEXT[j], j)]
     for j in range(3):
         twin = topology.side_twin[face, j]
         hit = np.isnan(out[:, 0]) & (twin >= 0) & (twin // 3 == other)

@@ -13,18 +13,22 @@ from ddgcli.algorithms.curves.paths import SurfacePaths, describe_paths, reverse
 from ddgcli.algorithms.curves.surface_curves import Curves
 from ddgcli.algorithms.distance.exact import ExactDistance
 from ddgcli.algorithms.distance.sources import Sources
-from ddgcli.algorithms.straightest.trace import Told, Tracer, Traces
+from ddgcli.algorithms.straightest.trace import AT_BOUNDARY, Told, Tracer, Traces
 from ddgcli.errors import ParameterError
 from ddgcli.geometry.face_frames import planar_difference
 from ddgcli.geometry.unfolding import SurfaceMesh
 
 _log = logging.getLogger("ddgcli")
+_LOST = -2
 AGREE = 1e-9  # a walked path is right when its length is the distance, to this relative error
 
 
 @dataclass(frozen=True, eq=False)
 class _Piece:
-    """Points from a vertex back to where its straight line begins, that end left out; -1: a source point."""
+    """Points from a vertex back to where its straight line begins, that end left out.
+
+    It `goes_to` a vertex, or to -1, a source point, or to `_LOST`: the line ended before.
+    """
 
     face: NDArray[np.int64]
     barycentric: NDArray[np.float64]
@@ -60,7 +64,8 @@ def shortest_paths(
     -------
     Curves
         From source to target. `accuracy.path_length_residual` is the largest relative difference between the
-        length of a path and the distance. Targets that no source reaches have a path without points.
+        length of a path and the distance. Targets that no source reaches, or only across an edge of three or
+        more faces, have a path without points and `length` None.
     """
     bad = [t for t in targets if not 0 <= t < mesh.n_vertices]
     if bad:
@@ -77,18 +82,27 @@ def shortest_paths(
     paths = continued(paths) if continued else paths
     kinds = [{"kind": "shortest", "target": int(t), "source": int(exact.nearest_source[t])} for t in targets]
     entries = describe_paths(mesh, paths, kinds)
-    residual = 0.0
+    residual, lost = 0.0, []
     for entry, target in zip(entries, targets, strict=True):
         distance = float(exact.distance[target])
         if not np.isfinite(distance):
             entry["length"] = None
             _log.warning(f"no path to vertex {target}: no source lies on its component")
             continue
+        if not entry["points"]:
+            entry["length"], entry["distance"] = None, distance
+            lost.append(target)
+            continue
         entry["distance"] = distance
         residual = max(residual, abs(entry["length"] - distance) / (distance or 1.0))
+    if lost:
+        _log.warning(
+            f"no path to {len(lost)} vertices (first: {lost[0]}): walked back, it meets an edge of three or "
+            "more faces, where lines end; the distance stands"
+        )
     if residual > AGREE:
         _log.warning(f"a path differs from the exact distance by {residual:.3g} of it; look at its entry")
-    converged = residual <= AGREE and len(reached) == len(targets)
+    converged = residual <= AGREE and all(entry["length"] is not None for entry in entries)
     return Curves(paths, entries, {"path_length_residual": residual}, converged)
 
 
@@ -106,7 +120,7 @@ def _pieces(tracer: Tracer, exact: ExactDistance, sources: Sources, targets: lis
             lines = trace_back(tracer, exact, walked, record=True)
             for i, v in enumerate(walked):
                 pieces[int(v)] = _cut(tracer.mesh, exact, sources, lines, i, int(v))
-        wanted = {pieces[int(v)].goes_to for v in here} - set(pieces) - {-1}
+        wanted = {pieces[int(v)].goes_to for v in here} - set(pieces) - {-1, _LOST}
     return pieces
 
 
@@ -175,6 +189,8 @@ def _cut(mesh: SurfaceMesh, exact: ExactDistance, sources: Sources, lines: Trace
         b = np.repeat(sources.points.barycentric[[number]], len(face) - 1, axis=0)
         holds = ~np.isnan(seen_from(mesh.topology, f, b, face[:-1])[:, 0])
     keep = np.flatnonzero(holds)
+    if not len(keep) and lines.status[i] == AT_BOUNDARY:
+        return _Piece(face[:1], barycentric[:1], _LOST)
     last = keep[0] + 1 if len(keep) else len(face) - 1  # inside one face the straight way is the shortest
     return _Piece(face[:last], barycentric[:last], origin)
 
@@ -192,6 +208,8 @@ def _chain(
         faces.append(pieces[v].face)
         weights.append(pieces[v].barycentric)
         v = pieces[v].goes_to
+    if v == _LOST:
+        return np.zeros(0, dtype=np.int64), np.zeros((0, 3))
     if v >= 0:  # a source vertex
         face = faces[-1][-1:] if faces else np.flatnonzero((mesh.faces == v).any(axis=1))[:1]
         end = (mesh.faces[face] == v).astype(np.float64)

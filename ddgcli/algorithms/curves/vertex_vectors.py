@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -15,6 +16,8 @@ from ddgcli.algorithms.straightest.trace import Told
 from ddgcli.errors import ParameterError
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 
+_log = logging.getLogger("ddgcli")
+
 
 @dataclass(frozen=True, eq=False)
 class VertexVectors:
@@ -23,6 +26,7 @@ class VertexVectors:
     arrays: dict[str, NDArray] = field(default_factory=dict)
     results: dict[str, Any] = field(default_factory=dict)
     accuracy: dict[str, Any] = field(default_factory=dict)
+    converged: bool = True
 
 
 def gathered(parts: list[VertexVectors]) -> VertexVectors:
@@ -30,7 +34,10 @@ def gathered(parts: list[VertexVectors]) -> VertexVectors:
     whole = VertexVectors()
     for part in parts:
         whole = VertexVectors(
-            whole.arrays | part.arrays, whole.results | part.results, whole.accuracy | part.accuracy
+            whole.arrays | part.arrays,
+            whole.results | part.results,
+            whole.accuracy | part.accuracy,
+            whole.converged and part.converged,
         )
     return whole
 
@@ -40,8 +47,16 @@ def log_map_vectors(
 ) -> VertexVectors:
     """Array `log_map` (n, 2), and the axis it is counted from."""
     mapped = log_map(mesh, exact, sources, told)
+    if mapped.lost:
+        _log.warning(
+            f"log_map is inf at {mapped.lost} vertices whose shortest paths cross edges of three or more "
+            "faces"
+        )
     return VertexVectors(
-        {"log_map": mapped.log_map}, {"log_map_axis": mapped.axis}, {"log_map_miss": mapped.miss}
+        {"log_map": mapped.log_map},
+        {"log_map_axis": mapped.axis},
+        {"log_map_miss": mapped.miss},
+        not mapped.lost,
     )
 
 

@@ -1,0 +1,52 @@
+"""The point of a surface nearest to a point in space."""
+
+import numpy as np
+import pytest
+
+from ddgcli.errors import MeshError
+from ddgcli.geometry.surface_points import nearest_points
+from ddgcli.mesh import shapes
+from ddgcli.mesh.triangle_mesh import TriangleMesh
+
+
+def queries(mesh, k=200, seed=0):
+    low, high = mesh.points.min(axis=0), mesh.points.max(axis=0)
+    return np.random.default_rng(seed).uniform(low - (high - low) / 2, high + (high - low) / 2, (k, 3))
+
+
+@pytest.mark.parametrize("mesh", [shapes.random_sphere(300), shapes.torus(24, 12), shapes.box(2, 3, 4)])
+def test_it_is_the_one_that_libigl_finds(mesh):
+    igl = pytest.importorskip("igl")
+    points = queries(mesh)
+    found, distance = nearest_points(mesh, points)
+    squared, _, position = igl.point_mesh_squared_distance(points, mesh.points, mesh.faces)[:3]
+    np.testing.assert_allclose(distance, np.sqrt(squared), rtol=1e-12)
+    np.testing.assert_allclose(found.positions(mesh), position, atol=1e-7)  # ties: sqrt of rounding
+
+
+@pytest.mark.parametrize("scale", [1e-300, 1e-8, 1e8, 1e190])
+def test_size_does_not_matter(scale):
+    mesh = shapes.random_sphere(300)
+    points = queries(mesh)
+    once, distance = nearest_points(mesh, points)
+    found, scaled = nearest_points(mesh.moved(mesh.points * scale), points * scale)
+    np.testing.assert_allclose(scaled / scale, distance, rtol=1e-12)
+    np.testing.assert_allclose(found.positions(mesh), once.positions(mesh), atol=1e-12)
+
+
+def test_far_from_the_origin_it_is_as_near():
+    mesh = shapes.random_sphere(300)
+    points = queries(mesh)
+    once, _ = nearest_points(mesh, points)
+    away = np.array([1e8, -2e8, 3e8])
+    found, _ = nearest_points(mesh.moved(mesh.points + away), points + away)
+    np.testing.assert_allclose(
+        found.positions(mesh), once.positions(mesh), atol=1e-6
+    )  # 3e8 / 2**53 and slopes
+
+
+def test_no_faces_are_refused_and_no_points_are_none():
+    empty = TriangleMesh.from_arrays(np.zeros((3, 3)), np.zeros((0, 3), dtype=np.int64))
+    with pytest.raises(MeshError, match="no triangles"):
+        nearest_points(empty, [[0.0, 0, 0]])
+    assert len(nearest_points(empty, np.zeros((0, 3)))[0]) == 0
