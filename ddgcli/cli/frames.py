@@ -4,16 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from ddgcli.cli import options
 from ddgcli.cli.options import Common
-from ddgcli.cli.run import Run, describe
+from ddgcli.cli.run import PICTURES, Run, describe
 from ddgcli.errors import ParameterError
 
-PICTURES = (".png", ".svg", ".pdf")
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from ddgcli.io.trajectory import Trajectory
+    from ddgcli.mesh.fields import AnnotatedMesh
+    from ddgcli.plots.motion import Shot, Stage
 
 
 @click.command("frames")
@@ -53,9 +58,8 @@ def command(path: str, common: Common, **wishes: Any) -> None:
     with run_file as source:
         run.note_input(path, str(source.attributes.get("input_sha256", "")), **describe(source.mesh))
         chosen = _chosen(source, wishes)
-        exported: list[str] = []
         for output in common.outputs:
-            exported += _export(run, source, output, chosen, wishes)
+            _export(run, source, output, chosen, wishes)
         run.plot(lambda target: _story(target, source, chosen, wishes))
         results = {
             "frames": source.n_frames,
@@ -74,7 +78,7 @@ def _given(wishes: dict[str, Any]) -> dict[str, Any]:
     return {name: value for name, value in wishes.items() if value is not None}
 
 
-def _chosen(source: Any, wishes: dict[str, Any]) -> list[int]:
+def _chosen(source: Trajectory, wishes: dict[str, Any]) -> list[int]:
     """Numbers of the frames asked for."""
     times = source.times
     if wishes["time"] is not None:
@@ -92,16 +96,16 @@ def _chosen(source: Any, wishes: dict[str, Any]) -> list[int]:
     return inside[:: wishes["every"]]
 
 
-def _mismatch(source: Any, chosen: list[int], wishes: dict[str, Any]) -> float:
+def _mismatch(source: Trajectory, chosen: list[int], wishes: dict[str, Any]) -> float:
     """Distance of the exported frame from the time asked for."""
     return 0.0 if wishes["time"] is None else abs(float(source.times[chosen[0]]) - wishes["time"])
 
 
-def _export(run: Run, source: Any, output: str, chosen: list[int], wishes: dict[str, Any]) -> list[str]:
+def _export(run: Run, source: Trajectory, output: str, chosen: list[int], wishes: dict[str, Any]) -> None:
     suffix = Path(output).suffix.lower()
     if suffix == ".pvd":
-        return _series(run, source, output, chosen)
-    if suffix == ".gif":
+        _series(run, source, output, chosen)
+    elif suffix == ".gif":
         from ddgcli.plots import motion
 
         with run.timed("write"):
@@ -112,14 +116,13 @@ def _export(run: Run, source: Any, output: str, chosen: list[int], wishes: dict[
                     partial, _shots(source, chosen, wishes), _stage(source, chosen, wishes), wishes["fps"]
                 )
         run.outputs.append(output)
-        return [output]
-    if suffix in PICTURES:
-        return _pictures(run, source, output, chosen, wishes)
-    run.write_file(output, _annotated(source, chosen[-1]))
-    return [output]
+    elif suffix in PICTURES:
+        _pictures(run, source, output, chosen, wishes)
+    else:
+        run.write_file(output, _annotated(source, chosen[-1]))
 
 
-def _annotated(source: Any, k: int) -> Any:
+def _annotated(source: Trajectory, k: int) -> AnnotatedMesh:
     from ddgcli.mesh.fields import AnnotatedMesh
 
     metadata = {"trajectory": source.path, "frame": k, "time": float(source.times[k])}
@@ -128,7 +131,7 @@ def _annotated(source: Any, k: int) -> Any:
     )
 
 
-def _pictures(run: Run, source: Any, output: str, chosen: list[int], wishes: dict[str, Any]) -> list[str]:
+def _pictures(run: Run, source: Trajectory, output: str, chosen: list[int], wishes: dict[str, Any]) -> None:
     from ddgcli.plots import motion
 
     with run.timed("write"):
@@ -139,10 +142,9 @@ def _pictures(run: Run, source: Any, output: str, chosen: list[int], wishes: dic
         else:
             written = motion.draw_sequence(output, _shots(source, chosen, wishes), on)
     run.outputs += written
-    return written
 
 
-def _series(run: Run, source: Any, output: str, chosen: list[int]) -> list[str]:
+def _series(run: Run, source: Trajectory, output: str, chosen: list[int]) -> None:
     """A .pvd and, in a folder of its name, one .vtp for each frame."""
     folder = Path(output).with_suffix("")
     folder.mkdir(exist_ok=True)
@@ -154,10 +156,9 @@ def _series(run: Run, source: Any, output: str, chosen: list[int]) -> list[str]:
     from ddgcli.io.trajectory import pvd_text
 
     run.write_bytes(output, pvd_text(written).encode())
-    return [output]
 
 
-def _shots(source: Any, chosen: list[int], wishes: dict[str, Any]) -> Iterator[Any]:
+def _shots(source: Trajectory, chosen: list[int], wishes: dict[str, Any]) -> Iterator[Shot]:
     from ddgcli.cli.story import part_of
     from ddgcli.plots.motion import Shot
 
@@ -169,7 +170,7 @@ def _shots(source: Any, chosen: list[int], wishes: dict[str, Any]) -> Iterator[A
         yield Shot(float(source.times[k]), part_of(source.mesh.moved(source.points(k)), shown), values)
 
 
-def _array_name(source: Any, wishes: dict[str, Any]) -> str | None:
+def _array_name(source: Trajectory, wishes: dict[str, Any]) -> str | None:
     """The array that colours pictures: the one asked for, else the first that is a number."""
     arrays = source.vertex(0)
     if wishes["array"] in (None, "none"):
@@ -178,21 +179,21 @@ def _array_name(source: Any, wishes: dict[str, Any]) -> str | None:
     return wishes["array"] if wishes["array"] in arrays else options.chosen(arrays, wishes["array"])
 
 
-def _scalar_of(values: Any) -> Any:
+def _scalar_of(values: NDArray) -> NDArray:
     """Numbers as they are, vectors by their length."""
     import numpy as np
 
     return values if values.ndim == 1 else np.linalg.norm(values, axis=1)
 
 
-def _stage(source: Any, chosen: list[int], wishes: dict[str, Any]) -> Any:
+def _stage(source: Trajectory, chosen: list[int], wishes: dict[str, Any]) -> Stage:
     from ddgcli.plots.motion import stage
 
     name = _array_name(source, wishes)
     return stage(_shots(source, chosen, wishes), name or "", wishes["view"])
 
 
-def _story(target: str, source: Any, chosen: list[int], wishes: dict[str, Any]) -> None:
+def _story(target: str, source: Trajectory, chosen: list[int], wishes: dict[str, Any]) -> None:
     from ddgcli.cli.story import energies
     from ddgcli.plots.motion import draw_motion
 

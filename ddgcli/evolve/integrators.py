@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +13,9 @@ from ddgcli.errors import SolveError
 from ddgcli.evolve.loop import StepRejected
 from ddgcli.evolve.system import Motion, System
 from ddgcli.evolve.terms import scattered
+
+if TYPE_CHECKING:
+    from ddgcli.evolve.implicit import Increment
 
 Step = Callable[[System, Motion, float, Any], Motion]
 
@@ -68,7 +71,7 @@ def checked(system: System, motion: Motion) -> Motion:
     return motion
 
 
-def _swinging(system: System, increment: Any, motion: Motion) -> NDArray:
+def _swinging(system: System, increment: Increment, motion: Motion) -> NDArray:
     """First guess of the schemes that do not damp.
 
     Motions slower than the step keep their acceleration, those faster change its sign from step to step; the

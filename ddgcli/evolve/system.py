@@ -4,13 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.evolve.account import Account
 from ddgcli.evolve.terms import Bounded, Dissipation, Held, Potential
+
+if TYPE_CHECKING:
+    from ddgcli.evolve.implicit import Newton
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,14 +65,14 @@ class System:
         self.size = size
         by_vertex = bool((held.all(axis=1) == held.any(axis=1)).all())
         self.linear = by_vertex and all(len(p.stencil) == 0 or hasattr(p, "matrix") for p in self.potentials)
-        self._newton: Any = None
+        self._newton: Newton | None = None
 
     def only_free(self, vectors: NDArray) -> NDArray[np.float64]:
         """(n, 3) vectors with zeros where held."""
         return vectors if self.all_free else np.where(self.free, vectors, 0.0)
 
     @property
-    def newton(self) -> Any:
+    def newton(self) -> Newton:
         """The Newton iteration of implicit steps; explicit runs never import it."""
         if self._newton is None:
             from ddgcli.evolve.implicit import Newton

@@ -19,7 +19,6 @@ from ddgcli.mesh.triangle_mesh import TriangleMesh
 
 SCHEMA = "ddgcli-trajectory/1"
 TOPOLOGIES = ("Vertices", "Lines", "Polygons", "Strips")
-STATUSES = ("running", "complete", "interrupted", "failed")
 LOG_DTYPE = np.dtype(
     [("step", "i8"), ("time", "f8"), ("kind", "S24"), ("place", "S32"), ("value", "f8"), ("detail", "S160")]
 )

@@ -38,7 +38,6 @@ PROMISE = {
     "and stay about a third off on irregular ones",
 }
 SCHEMES = tuple(PROMISE)
-SIGNED = ("mean_curvature", "principal_curvature_min", "principal_curvature_max")
 
 
 @dataclass(frozen=True, eq=False)

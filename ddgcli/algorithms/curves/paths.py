@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from ddgcli.algorithms.straightest.walk import Traces
 from ddgcli.errors import ParameterError
-from ddgcli.geometry.face_frames import planar_difference, surface_position, to_space
+from ddgcli.geometry.face_frames import planar_difference, surface_position
 from ddgcli.geometry.surface_points import SurfacePoints
 from ddgcli.geometry.unfolding import SurfaceMesh, unfold, vertex_fans
 from ddgcli.mesh.curve import CurveSet
@@ -341,29 +341,3 @@ def _point(mesh: SurfaceMesh, paths: SurfacePaths, i: int) -> dict[str, Any]:
     if mesh.points is not None:
         point["point"] = surface_position(mesh, face, b)[0].tolist()
     return point
-
-
-def tangents(mesh: TriangleMesh, paths: SurfacePaths) -> NDArray[np.float64]:
-    """(p, 3) unit direction in space of the segment that leaves each point (at an open end, that arrives)."""
-    vector = _filled(paths, segment_vectors(mesh, paths))
-    space = to_space(mesh, _segment_face(paths), vector)
-    size = np.linalg.norm(space, axis=1, keepdims=True)
-    return np.divide(space, size, out=np.zeros_like(space), where=size > 0)
-
-
-def _segment_face(paths: SurfacePaths) -> NDArray[np.int64]:
-    """(p,) face of the segment that leaves each point, at open ends of the one that arrives."""
-    face = paths.face.copy()
-    last = np.flatnonzero(paths.following() < 0)
-    has_before = last > paths.start[paths.of_point()[last]]
-    face[last[has_before]] = face[last[has_before] - 1]
-    return face
-
-
-def _filled(paths: SurfacePaths, value: NDArray) -> NDArray:
-    """Values of segments on points: at open ends, that of the arriving segment."""
-    value = value.copy()
-    last = np.flatnonzero(paths.following() < 0)
-    has_before = last > paths.start[paths.of_point()[last]]
-    value[last[has_before]] = value[last[has_before] - 1]
-    return np.nan_to_num(value)

@@ -104,7 +104,7 @@ class TreeCotree:
     Attributes
     ----------
     generator_edges : (b,) ndarray of int64
-    vertex_parent, vertex_parent_edge : (n,) ndarray of int64
+    vertex_parent : (n,) ndarray of int64
         The tree; -1 at roots.
     face_parent, face_parent_edge : (m + outer,) ndarray of int64
         The dual tree over faces and, for tangential generators, one outer node a component with boundary.
@@ -116,7 +116,6 @@ class TreeCotree:
 
     generator_edges: NDArray[np.int64]
     vertex_parent: NDArray[np.int64]
-    vertex_parent_edge: NDArray[np.int64]
     face_parent: NDArray[np.int64]
     face_parent_edge: NDArray[np.int64]
     edge_face: NDArray[np.int64]
@@ -144,9 +143,7 @@ def tree_cotree(mesh: SurfaceMesh, boundary: Boundary = "tangential") -> TreeCot
     usable = allowed & ~in_tree
     face_parent, face_parent_edge = _spanning_forest(edge_face, -loop, usable)
     usable[face_parent_edge[face_parent_edge >= 0]] = False
-    return TreeCotree(
-        np.flatnonzero(usable), parent, parent_edge, face_parent, face_parent_edge, edge_face, sign
-    )
+    return TreeCotree(np.flatnonzero(usable), parent, face_parent, face_parent_edge, edge_face, sign)
 
 
 def _boundary_merged(topology: Topology) -> NDArray[np.int64]:

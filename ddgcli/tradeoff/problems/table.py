@@ -5,13 +5,11 @@ from __future__ import annotations
 import importlib
 from typing import Any
 
+from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.tradeoff.candidates import Problem
 
-MESH_COMMANDS = ("curvature", "delaunay", "geodesic", "laplacian", "willmore-flow")
-SCENE_COMMANDS = ("shell-sim", "fluid-sim")
 
-
-def mesh_problem(command: str, mesh: Any, **asked: Any) -> Problem:
+def mesh_problem(command: str, mesh: TriangleMesh, **asked: Any) -> Problem:
     """The problem of a command on a mesh; `asked` holds the command's own options that were given."""
     module = importlib.import_module(f"ddgcli.tradeoff.problems.{command.replace('-', '_')}")
     return module.problem(mesh, **asked)
