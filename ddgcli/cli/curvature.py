@@ -11,7 +11,11 @@ from ddgcli.cli.options import Common
 from ddgcli.cli.run import Run
 
 if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
     from ddgcli.io.mesh_file import MeshInput
+    from ddgcli.mesh.curve import CurveSet
+    from ddgcli.mesh.triangle_mesh import TriangleMesh
 
 SCHEMES = ("quadric", "corrected", "normal-cycle", "cotan")
 
@@ -99,7 +103,9 @@ def _surface(
     run.finish(measured.results, measured.accuracy)
 
 
-def _draw_surface(path: str, mesh: Any, name: str, values: Any, scheme: str, view: dict | None) -> None:
+def _draw_surface(
+    path: str, mesh: TriangleMesh, name: str, values: NDArray, scheme: str, view: dict | None
+) -> None:
     from ddgcli.plots.surface import draw_surface
 
     draw_surface(path, mesh, values, label=name, caption=f"scheme {scheme}", **(view or {}))
@@ -116,7 +122,7 @@ def _curves(run: Run, source: MeshInput, show: str | None, view: dict[str, Any] 
     run.finish(measured.results, measured.accuracy)
 
 
-def _draw_curves(path: str, curves: Any, name: str, values: Any, view: dict | None) -> None:
+def _draw_curves(path: str, curves: CurveSet, name: str, values: NDArray, view: dict | None) -> None:
     from ddgcli.plots.curve import draw_curves
 
     paths = curves.paths()

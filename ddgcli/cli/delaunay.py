@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING
 
 import click
 
@@ -10,6 +10,10 @@ from ddgcli.cli import options
 from ddgcli.cli.options import Common
 from ddgcli.cli.run import Run
 from ddgcli.errors import ParameterError
+
+if TYPE_CHECKING:
+    from ddgcli.algorithms.delaunay.common_subdivision import CommonSubdivision
+    from ddgcli.mesh.triangle_mesh import TriangleMesh
 
 INTRINSIC_FORMATS = (".npz", ".vtkhdf")
 OVERLAY_FORMATS = (".npz", ".vtkhdf", ".ply", ".vtu", ".vtp", ".vtk", ".xdmf", ".obj", ".off", ".stl")
@@ -96,8 +100,8 @@ def command(
     run.finish(report.results, report.accuracy, converged=report.reached)
 
 
-def draw(path: str, mesh: Any, subdivision: Any) -> None:
+def draw(path: str, mesh: TriangleMesh, subdivision: CommonSubdivision | None) -> None:
     """The intrinsic edges as geodesics over the shaded input surface."""
     from ddgcli.plots.surface import draw_surface
 
-    draw_surface(path, mesh, curves=subdivision.curves(), curve_width=0.6)
+    draw_surface(path, mesh, curves=subdivision.curves() if subdivision else (), curve_width=0.6)

@@ -68,7 +68,7 @@ def command(
         made = compute_curves(run, read, curves, sources, exact, more=lines)
         results, accuracy = results | {"paths": made.entries}, accuracy | made.accuracy
         converged = made.converged
-    if curves.any_vectors:
+    if curves.any_vectors and sources is not None:
         vectors = compute_vectors(run, mesh, curves, sources, exact)
         vertex, results, accuracy = (
             vertex | vectors.arrays,

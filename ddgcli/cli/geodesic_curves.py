@@ -2,15 +2,24 @@
 
 from __future__ import annotations
 
-import functools
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
-from ddgcli.cli.options import POSITIVE, REAL
+from ddgcli.cli.options import POSITIVE, REAL, FacePoint, Ids, Numbers, gathered
 from ddgcli.errors import ParameterError
+
+if TYPE_CHECKING:
+    from ddgcli.algorithms.curves.oriented_cover import OrientedCover
+    from ddgcli.algorithms.curves.surface_curves import Curves
+    from ddgcli.algorithms.curves.vertex_vectors import VertexVectors
+    from ddgcli.algorithms.distance.exact import ExactDistance
+    from ddgcli.algorithms.distance.sources import Sources
+    from ddgcli.cli.run import Run
+    from ddgcli.io.mesh_file import MeshInput
+    from ddgcli.mesh.triangle_mesh import TriangleMesh
 
 CURVE_FORMATS = (".vtp", ".vtu", ".ply", ".obj", ".npz", ".vtkhdf", ".vtk", ".xdmf")
 
@@ -62,39 +71,9 @@ class TraceStart(click.ParamType):
             self.fail(
                 f"{value!r} is not FACE:b0,b1,b2:dx,dy,dz:LENGTH, e.g. 0:0.3,0.3,0.4:1,0,0:2.5", param, ctx
             )
-        try:
-            face = int(parts[0])
-        except ValueError:
-            self.fail(f"{parts[0]!r} in {value!r} is not a face number", param, ctx)
-        barycentric = [REAL.convert(x, param, ctx) for x in parts[1].split(",")]
-        direction = [REAL.convert(x, param, ctx) for x in parts[2].split(",")]
-        if len(barycentric) != 3 or len(direction) != 3:
-            self.fail(f"{value!r} needs three barycentric coordinates and three of a direction", param, ctx)
+        face, barycentric = FacePoint().convert(f"{parts[0]}:{parts[1]}", param, ctx)
+        direction = Numbers(3, "1,0,0.5").convert(parts[2], param, ctx)
         return face, barycentric, direction, REAL.convert(parts[3], param, ctx)
-
-
-class Vector(click.ParamType):
-    """dx,dy,dz."""
-
-    name = "vector"
-
-    def convert(self, value: Any, param: Any, ctx: Any) -> Any:
-        parts = str(value).split(",")
-        if len(parts) != 3:
-            self.fail(f"{value!r} is not a vector such as 1,0,0.5", param, ctx)
-        return [REAL.convert(x, param, ctx) for x in parts]
-
-
-class VertexList(click.ParamType):
-    """ID,ID,..."""
-
-    name = "vertices"
-
-    def convert(self, value: Any, param: Any, ctx: Any) -> Any:
-        try:
-            return [int(x) for x in str(value).split(",")]
-        except ValueError:
-            self.fail(f"{value!r} is not a list of vertex numbers such as 3,17,42", param, ctx)
 
 
 _OPTIONS = (
@@ -104,11 +83,11 @@ _OPTIONS = (
                  help="Straightest geodesic from a point of a face; repeatable."),
     click.option("--at-boundary", type=click.Choice(["stop", "reflect"]), default="stop", show_default=True,
                  help="What traces do at the boundary."),
-    click.option("--straighten", multiple=True, type=VertexList(), metavar="ID,ID,...",
+    click.option("--straighten", multiple=True, type=Ids(), metavar="ID,ID,...",
                  help="Geodesic in the isotopy class of the edge path through these vertices; repeatable."),
-    click.option("--loop", multiple=True, type=VertexList(), metavar="ID,ID,...",
+    click.option("--loop", multiple=True, type=Ids(), metavar="ID,ID,...",
                  help="Closed geodesic in the class of the edge loop through these vertices; repeatable."),
-    click.option("--curve", multiple=True, type=VertexList(), metavar="ID,ID,...",
+    click.option("--curve", multiple=True, type=Ids(), metavar="ID,ID,...",
                  help="The edge path through these vertices as it is (closed if the last is the first), and "
                       "the geodesic curvature of all curves; repeatable."),
     click.option("--field", metavar="NAME",
@@ -130,28 +109,22 @@ _OPTIONS = (
                  help="Write all curves as polylines (.vtp, .vtu, .ply, .obj, .npz); repeatable."),
     click.option("--log-map", is_flag=True,
                  help="Array log_map: each vertex in the tangent plane of the one source."),
-    click.option("--spread-vector", multiple=True, type=Vector(), metavar="dx,dy,dz",
+    click.option("--spread-vector", multiple=True, type=Numbers(3, "1,0,0.5"), metavar="dx,dy,dz",
                  help="Array transported_vector: tangent vectors at the --source vertices, one each, spread "
                       "by parallel transport (vector heat)."),
 )  # fmt: skip
 
-
-def curve_options(command: Callable) -> Callable:
-    """Give a command the curve options, gathered in one `curves: CurveOptions` argument."""
-
-    @functools.wraps(command)
-    def with_curves(*args: Any, **kwargs: Any) -> Any:
-        taken = {name: kwargs.pop(name) for name in CurveOptions.__dataclass_fields__}
-        return command(*args, curves=CurveOptions(**taken), **kwargs)
-
-    for option in reversed(_OPTIONS):
-        with_curves = option(with_curves)
-    return with_curves
+curve_options = gathered("curves", CurveOptions, _OPTIONS)
 
 
 def compute_curves(
-    run: Any, read: Any, asked: CurveOptions, sources: Any, exact: Any, more: Sequence[Any] = ()
-) -> Any:  # -> Curves
+    run: Run,
+    read: MeshInput,
+    asked: CurveOptions,
+    sources: Sources | None,
+    exact: ExactDistance | None,
+    more: Sequence[Curves] = (),
+) -> Curves:
     """All curves that the options ask for on the mesh read, in the order of the options in --help."""
     with run.timed("compute"):
         from ddgcli.algorithms.curves import surface_curves as curves
@@ -159,7 +132,7 @@ def compute_curves(
 
         cover = oriented_cover(read.mesh)
         mesh, parts = cover.mesh, []
-        if asked.path_to:
+        if asked.path_to and sources is not None and exact is not None:
             from ddgcli.algorithms.curves.shortest_paths import shortest_paths
 
             if len(sources.points):
@@ -195,7 +168,7 @@ def compute_curves(
         return curves.gathered([made, *more]) if cover.one_sided else made
 
 
-def _traced(run: Any, cover: Any, asked: CurveOptions) -> Any:  # -> Curves
+def _traced(run: Run, cover: OrientedCover, asked: CurveOptions) -> Curves:
     """The traces, from points of the input's faces."""
     import numpy as np
 
@@ -210,7 +183,9 @@ def _traced(run: Any, cover: Any, asked: CurveOptions) -> Any:  # -> Curves
     )  # fmt: skip
 
 
-def _field_curves(run: Any, read: Any, cover: Any, asked: CurveOptions, sources: Any) -> Any:  # -> Curves
+def _field_curves(
+    run: Run, read: MeshInput, cover: OrientedCover, asked: CurveOptions, sources: Sources | None
+) -> Curves:
     """Integral curves of the named field."""
     from ddgcli.algorithms.curves.integral_curves import random_starts, starts_at
     from ddgcli.algorithms.curves.surface_curves import field_curves
@@ -229,8 +204,8 @@ def _field_curves(run: Any, read: Any, cover: Any, asked: CurveOptions, sources:
 
 
 def compute_vectors(
-    run: Any, mesh: Any, asked: CurveOptions, sources: Any, exact: Any
-) -> Any:  # -> VertexVectors
+    run: Run, mesh: TriangleMesh, asked: CurveOptions, sources: Sources, exact: ExactDistance | None
+) -> VertexVectors:
     """The vectors at vertices that the options ask for."""
     with run.timed("compute"):
         from ddgcli.algorithms.curves import vertex_vectors
@@ -239,7 +214,7 @@ def compute_vectors(
         cover, parts = oriented_cover(mesh), []
         cover.need_two_sides("--log-map or --spread-vector")
         sources = cover.lifted_sources(sources)
-        if asked.log_map:
+        if asked.log_map and exact is not None:
             told = run.progress("log map")
             parts.append(vertex_vectors.log_map_vectors(cover.mesh, cover.lifted_exact(exact), sources, told))
         if asked.spread_vector:
@@ -247,7 +222,9 @@ def compute_vectors(
         return vertex_vectors.gathered(parts)
 
 
-def write_curves(run: Any, mesh: Any, made: Any, paths_output: tuple[str, ...], *, converged: bool) -> None:
+def write_curves(
+    run: Run, mesh: TriangleMesh, made: Curves, paths_output: tuple[str, ...], *, converged: bool
+) -> None:
     """Write the polylines of all curves to every --paths-output."""
     if not paths_output:
         return

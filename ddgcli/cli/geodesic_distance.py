@@ -2,15 +2,26 @@
 
 from __future__ import annotations
 
-import functools
-from collections.abc import Callable
 from dataclasses import asdict, dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
-from ddgcli.cli.options import NONNEGATIVE, POSITIVE, REAL
+from ddgcli.cli.options import NONNEGATIVE, POSITIVE, FacePoint, Ids, Numbers, gathered
 from ddgcli.errors import ParameterError
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+    from ddgcli.algorithms.curves.paths import SurfacePaths
+    from ddgcli.algorithms.curves.surface_curves import Curves
+    from ddgcli.algorithms.distance.exact import ExactDistance
+    from ddgcli.algorithms.distance.sources import Sources
+    from ddgcli.cli.run import Run
+    from ddgcli.geometry.surface_points import SurfacePoints
+    from ddgcli.mesh.triangle_mesh import TriangleMesh
 
 METHODS = ("exact", "heat", "fast-marching", "dijkstra")
 
@@ -53,47 +64,6 @@ class DistanceChoice:
         return [vertex for group in self.source for vertex in group]
 
 
-class Ids(click.ParamType):
-    """ID or ID,ID,..."""
-
-    name = "ids"
-
-    def convert(self, value: Any, param: Any, ctx: Any) -> Any:
-        try:
-            return [int(x) for x in str(value).split(",")]
-        except ValueError:
-            self.fail(f"{value!r} is not a vertex number or a list such as 3,17,42", param, ctx)
-
-
-class Numbers(click.ParamType):
-    """A fixed count of finite numbers with commas between."""
-
-    name = "numbers"
-
-    def __init__(self, count: int, example: str) -> None:
-        self.count, self.example = count, example
-
-    def convert(self, value: Any, param: Any, ctx: Any) -> Any:
-        parts = str(value).split(",")
-        if len(parts) != self.count:
-            self.fail(f"{value!r} is not {self.count} numbers such as {self.example}", param, ctx)
-        return [REAL.convert(x, param, ctx) for x in parts]
-
-
-class FacePoint(click.ParamType):
-    """F:b0,b1,b2."""
-
-    name = "face point"
-
-    def convert(self, value: Any, param: Any, ctx: Any) -> Any:
-        head, _, tail = str(value).partition(":")
-        try:
-            face = int(head)
-        except ValueError:
-            self.fail(f"{head!r} in {value!r} is not a face number", param, ctx)
-        return face, Numbers(3, "0.2,0.3,0.5").convert(tail, param, ctx)
-
-
 _OPTIONS = (
     click.option("--source", multiple=True, type=Ids(), metavar="ID...",
                  help="Source vertex; several after one another, with commas, or by repeating the option."),
@@ -127,18 +97,7 @@ _OPTIONS = (
                  help="Also check symmetry and the triangle inequality on sampled pairs (4 more runs)."),
 )  # fmt: skip
 
-
-def distance_options(command: Callable) -> Callable:
-    """Give a command the distance options, gathered in one `distance: DistanceChoice` argument."""
-
-    @functools.wraps(command)
-    def with_distance(*args: Any, **kwargs: Any) -> Any:
-        taken = {name: kwargs.pop(name) for name in DistanceChoice.__dataclass_fields__}
-        return command(*args, distance=DistanceChoice(**taken), **kwargs)
-
-    for option in reversed(_OPTIONS):
-        with_distance = option(with_distance)
-    return with_distance
+distance_options = gathered("distance", DistanceChoice, _OPTIONS)
 
 
 def check_distance(asked: DistanceChoice) -> None:
@@ -171,15 +130,15 @@ def check_distance(asked: DistanceChoice) -> None:
 class DistanceMade:
     """What the distance options made."""
 
-    vertex: dict[str, Any]
-    face: dict[str, Any]
+    vertex: dict[str, NDArray]
+    face: dict[str, NDArray]
     results: dict[str, Any]
     accuracy: dict[str, Any]
-    exact: Any
-    curves: list[Any]
+    exact: ExactDistance | None
+    curves: list[Curves]
 
 
-def read_sources(mesh: Any, asked: DistanceChoice) -> Any:  # -> Sources
+def read_sources(mesh: TriangleMesh, asked: DistanceChoice) -> Sources:
     """The sources in the order vertices, points in space, points of faces; checked."""
     from ddgcli.algorithms.distance.sources import Sources, checked_sources
 
@@ -187,7 +146,9 @@ def read_sources(mesh: Any, asked: DistanceChoice) -> Any:  # -> Sources
     return checked_sources(mesh, Sources.at(asked.vertices, points))
 
 
-def read_points(mesh: Any, in_space: Any, on_faces: Any) -> Any:  # -> SurfacePoints
+def read_points(
+    mesh: TriangleMesh, in_space: Sequence[list[float]], on_faces: Sequence[tuple[int, list[float]]]
+) -> SurfacePoints:
     """Points of the surface: first those nearest to points in space, then those given on faces; checked."""
     import numpy as np
 
@@ -202,7 +163,7 @@ def read_points(mesh: Any, in_space: Any, on_faces: Any) -> Any:  # -> SurfacePo
     )
 
 
-def compute_distance(run: Any, mesh: Any, asked: DistanceChoice, sources: Any) -> DistanceMade:
+def compute_distance(run: Run, mesh: TriangleMesh, asked: DistanceChoice, sources: Sources) -> DistanceMade:
     """Distance arrays, results and accuracy that the options ask for."""
     from ddgcli.algorithms.distance import methods as geodesic
 
@@ -243,7 +204,13 @@ def compute_distance(run: Any, mesh: Any, asked: DistanceChoice, sources: Any) -
     return DistanceMade(vertex, face, measured.results, accuracy, measured.exact, curves)
 
 
-def draw_distance(run: Any, mesh: Any, vertex: dict[str, Any], sources: Any, paths: Any) -> None:
+def draw_distance(
+    run: Run,
+    mesh: TriangleMesh,
+    vertex: dict[str, NDArray],
+    sources: Sources | None,
+    paths: SurfacePaths | None,
+) -> None:
     """Distance bands with the curves on the shaded surface, where --plot asks for a picture."""
     if run.common.plot is None:
         return
@@ -251,7 +218,7 @@ def draw_distance(run: Any, mesh: Any, vertex: dict[str, Any], sources: Any, pat
     from ddgcli.plots.surface import draw_surface
 
     distance = vertex.get("geodesic_distance")
-    points = None if distance is None else sources.positions(mesh)
+    points = None if distance is None or sources is None else sources.positions(mesh)
     bands = None if distance is None else isolines(mesh, distance, even_levels(distance, 12))[0]
     run.plot(
         lambda path: draw_surface(
@@ -261,7 +228,7 @@ def draw_distance(run: Any, mesh: Any, vertex: dict[str, Any], sources: Any, pat
     )  # fmt: skip
 
 
-def _polylines(mesh: Any, paths: Any) -> list[Any]:
+def _polylines(mesh: TriangleMesh, paths: SurfacePaths | None) -> list[NDArray]:
     """Points of each curve; none of None."""
     import numpy as np
 

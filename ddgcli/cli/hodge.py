@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING
 
 import click
 
 from ddgcli.cli import options
 from ddgcli.cli.options import Common
 from ddgcli.cli.run import Run
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from ddgcli.algorithms.hodge.homology import Boundary
+    from ddgcli.mesh.triangle_mesh import TriangleMesh
 
 
 @click.command("hodge")
@@ -27,7 +33,7 @@ from ddgcli.cli.run import Run
 @click.option("--basis", is_flag=True, help="Write an orthonormal harmonic basis: harmonic_000, ...")
 @options.common
 def command(
-    mesh_path: str, field: str | None, field_file: str | None, boundary: Any, basis: bool, common: Common
+    mesh_path: str, field: str | None, field_file: str | None, boundary: Boundary, basis: bool, common: Common
 ) -> None:
     """Split a field on MESH into exact, coexact and harmonic parts.
 
@@ -55,7 +61,7 @@ def command(
     run.finish(report.results, report.accuracy)
 
 
-def draw(path: str, mesh: Any, potential: Any) -> None:
+def draw(path: str, mesh: TriangleMesh, potential: NDArray | None) -> None:
     """The surface, coloured by the potential of the exact part."""
     from ddgcli.plots.surface import draw_surface
 

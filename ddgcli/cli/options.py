@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, fields
 from typing import Any
 
 import click
@@ -49,6 +49,47 @@ class Real(click.ParamType):
         if self.least is not None and x < self.least:
             self.fail(f"{value} is less than {self.least:g}", param, ctx)
         return x
+
+
+class Ids(click.ParamType):
+    """ID or ID,ID,..."""
+
+    name = "ids"
+
+    def convert(self, value: Any, param: Any, ctx: Any) -> list[int]:
+        try:
+            return [int(x) for x in str(value).split(",")]
+        except ValueError:
+            self.fail(f"{value!r} is not a vertex number, or vertex numbers such as 3,17,42", param, ctx)
+
+
+class Numbers(click.ParamType):
+    """A fixed count of finite numbers with commas between."""
+
+    name = "numbers"
+
+    def __init__(self, count: int, example: str) -> None:
+        self.count, self.example = count, example
+
+    def convert(self, value: Any, param: Any, ctx: Any) -> list[float]:
+        parts = str(value).split(",")
+        if len(parts) != self.count:
+            self.fail(f"{value!r} is not {self.count} numbers such as {self.example}", param, ctx)
+        return [REAL.convert(x, param, ctx) for x in parts]
+
+
+class FacePoint(click.ParamType):
+    """F:b0,b1,b2."""
+
+    name = "face point"
+
+    def convert(self, value: Any, param: Any, ctx: Any) -> tuple[int, list[float]]:
+        head, _, tail = str(value).partition(":")
+        try:
+            face = int(head)
+        except ValueError:
+            self.fail(f"{head!r} in {value!r} is not a face number", param, ctx)
+        return face, Numbers(3, "0.2,0.3,0.5").convert(tail, param, ctx)
 
 
 class View(click.ParamType):
@@ -111,14 +152,30 @@ _COMMON = (
 )  # fmt: skip
 
 
-def common(command: Callable) -> Callable:
-    """Give a subcommand the common options, gathered in one `common: Common` argument."""
+def gathered(name: str, kind: type, declared: Sequence[Callable]) -> Callable[[Callable], Callable]:
+    """A decorator that gives a command options and hands them over as one argument.
 
-    @functools.wraps(command)
-    def gathered(*args: Any, **kwargs: Any) -> Any:
-        taken = {name: kwargs.pop(name) for name in Common.__dataclass_fields__}
-        return command(*args, common=Common(**taken), **kwargs)
+    Parameters
+    ----------
+    name : str
+        Of the argument.
+    kind : dataclass
+        Its fields are named as the parameters of the options.
+    declared : sequence of click.option(...)
+        In the order of --help.
+    """
 
-    for option in reversed(_COMMON):
-        gathered = option(gathered)
-    return gathered
+    def decorate(command: Callable) -> Callable:
+        @functools.wraps(command)
+        def call(*args: Any, **kwargs: Any) -> Any:
+            taken = {field.name: kwargs.pop(field.name) for field in fields(kind)}
+            return command(*args, **{name: kind(**taken)}, **kwargs)
+
+        for option in reversed(declared):
+            call = option(call)
+        return call
+
+    return decorate
+
+
+common = gathered("common", Common, _COMMON)

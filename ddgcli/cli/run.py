@@ -20,7 +20,7 @@ from ddgcli.errors import DdgError, MeshError, MissingExtraError, OutputError, P
 
 if TYPE_CHECKING:
     from ddgcli.io.mesh_file import MeshInput
-    from ddgcli.mesh.fields import AnnotatedMesh
+    from ddgcli.mesh.fields import AnnotatedMesh, AnyMesh
 
 MOST_FACES = 20_000_000  # that --subdivide makes
 PICTURES = (".png", ".svg", ".pdf")
@@ -329,12 +329,15 @@ class Run:
             self._context.exit(exit_code)
 
 
-def describe(mesh: Any) -> dict[str, Any]:
+def describe(mesh: AnyMesh) -> dict[str, Any]:
     """The `input` block of the summary; of tetrahedra, the topology is that of their boundary surface."""
-    if hasattr(mesh, "tetrahedra"):
+    from ddgcli.mesh.curve import CurveSet
+    from ddgcli.mesh.tet_mesh import TetMesh
+
+    if isinstance(mesh, TetMesh):
         facts = describe(mesh.boundary)
         return {**facts, "vertices": mesh.n_vertices, "tetrahedra": len(mesh.tetrahedra)}
-    if hasattr(mesh, "lines"):
+    if isinstance(mesh, CurveSet):
         return mesh.describe()
     topology = mesh.topology
     return {

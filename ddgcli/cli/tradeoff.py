@@ -14,7 +14,7 @@ from ddgcli.cli.tradeoff_asked import SOURCES, Given, parse
 from ddgcli.errors import ParameterError
 
 if TYPE_CHECKING:
-    from ddgcli.tradeoff.candidates import Problem
+    from ddgcli.tradeoff.candidates import Problem, Table
 
 COMMANDS = ("curvature", "delaunay", "laplacian", "geodesic", "shell-sim", "fluid-sim", "willmore-flow")
 SIMULATORS = COMMANDS[-3:]
@@ -164,7 +164,7 @@ def write(run: Run, results: dict[str, Any]) -> None:
         run.write_bytes(path, data)
 
 
-def draw(path: str, table: Any, results: dict[str, Any], within: float | None) -> None:
+def draw(path: str, table: Table, results: dict[str, Any], within: float | None) -> None:
     """Error against seconds, one line a method, dial values at the points, the front ringed."""
     from ddgcli.plots.chart import draw_chart
     from ddgcli.tradeoff.report import chart_of
