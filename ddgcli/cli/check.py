@@ -60,7 +60,7 @@ def command(
     if update:
         kept = {"tolerances": stored["tolerances"]} if "tolerances" in stored else {}
         text = json.dumps({"run": list(words), **kept, "summary": found}, indent=1, ensure_ascii=False)
-        run.write_bytes(expected_path, text.encode() + b"\n")
+        run.write_bytes(expected_path, text.encode() + b"\n", in_place=True)
         run.finish({"run": list(words), "run_exit_code": exit_code, "stored": True}, {})
         return
     moved, compared = compare(stored["summary"], found, Tolerances(**said))

@@ -264,12 +264,16 @@ class Run:
             write_mesh(path, replace(annotated, whole=whole, metadata=metadata), output_format=output_format)
             self.outputs.append(path)
 
-    def write_bytes(self, path: str, data: bytes) -> None:
-        """Write a table, a matrix or whatever else is bytes, whole or not at all."""
+    def write_bytes(self, path: str, data: bytes, *, in_place: bool = False) -> None:
+        """Write a table, a matrix or whatever else is bytes, whole or not at all.
+
+        `in_place`: the input itself is to be replaced, as the user asked.
+        """
         with self.timed("write"):
             from ddgcli.io.mesh_file import write_whole
 
-            self._spare_inputs(path)
+            if not in_place:
+                self._spare_inputs(path)
             write_whole(path, data)
             self.outputs.append(path)
 
