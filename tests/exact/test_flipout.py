@@ -152,6 +152,43 @@ def test_flips_keep_lengths_angles_and_signposts():
         assert [rewound[h] for h in sides] == [original[h] for h in sides]
 
 
+@pytest.mark.parametrize("mesh", [shapes.random_sphere(200), shapes.grid(8, 8)], ids=["closed", "boundary"])
+def test_signposts_tell_the_angles_of_wedges(mesh):
+    """On the input and after flips, at inner vertices and on the boundary, counter-clockwise and back."""
+    flipping = FlippingMesh(Tracer(mesh))
+    for h in np.random.default_rng(2).integers(0, 3 * mesh.n_faces, 600).tolist():
+        t, on = flipping.twin[h], flipping.next[h]
+        ends = ((h, flipping.next[t]), (t, on)) if flipping.next[t] >= 0 else ()
+        if ends and all(flipping.angle[a] + flipping.angle[b] < np.pi - 1e-3 for a, b in ends):
+            flipping.flip(h)
+    assert len(flipping.flipped) > 50
+    for first in range(3 * mesh.n_faces):
+        around = [first]
+        while flipping.next[around[-1]] >= 0 and len(around) < 4:
+            around.append(flipping.twin[flipping.next[flipping.next[around[-1]]]])
+        for last in around[1:]:
+            if last != first:
+                expected = flipping.wedge(first, last)[1], flipping.wedge(last, first)[1]
+                np.testing.assert_allclose(flipping.turns(first, last), expected, atol=1e-12)
+                np.testing.assert_allclose(flipping.turns(last, first), expected[::-1], atol=1e-12)
+
+
+@pytest.mark.parametrize("mesh", [shapes.random_sphere(400), shapes.cylinder(60, 4, 1.0, 0.5)])
+def test_edge_paths_are_shortest_whatever_was_searched_first(mesh):
+    """Near vertices, far ones, and vertices near in space with a long way round: a cylinder cut open."""
+    mesh = TriangleMesh.from_arrays(mesh.points, mesh.faces[np.abs(mesh.points[mesh.faces, 1]).min(1) > 0.01])
+    graph, rng, length = EdgeGraph(mesh), np.random.default_rng(0), FlippingMesh(Tracer(mesh)).length
+    from scipy.sparse.csgraph import dijkstra
+
+    distance, met, longest = dijkstra(graph.graph), set(), mesh.side_length.max()
+    for a, b in rng.integers(0, mesh.n_vertices, (60, 2)).tolist():
+        if a != b and np.isfinite(distance[a, b]):
+            sides = graph.joined(a, b)
+            assert sum(length[h] for h in sides) == pytest.approx(distance[a, b] / longest, rel=1e-12)
+            met.add(int(np.searchsorted(graph.limits(a, b), distance[a, b])))
+    assert {0, 1} <= met
+
+
 def test_paths_agree_with_potpourri3d():
     pp3d = pytest.importorskip("potpourri3d")
     mesh = shapes.random_sphere(800)

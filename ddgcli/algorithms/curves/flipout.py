@@ -19,6 +19,7 @@ from ddgcli.algorithms.curves.flipping_mesh import EdgeGraph, FlippingMesh, edge
 from ddgcli.algorithms.curves.paths import SurfacePaths, describe_paths, joints, segment_vectors
 from ddgcli.algorithms.curves.surface_curves import Curves
 from ddgcli.algorithms.straightest.trace import Tracer
+from ddgcli.algorithms.straightest.walk import Start
 from ddgcli.geometry.face_frames import planar_difference
 from ddgcli.geometry.unfolding import SurfaceMesh
 from ddgcli.mesh.topology import NEXT
@@ -28,7 +29,7 @@ STRAIGHT = 1e-10  # an angle this close below pi counts as straight
 MOST_STEPS = 1_000_000  # joints looked at, and flips, in one path before it is left as it is
 
 
-@dataclass
+@dataclass(slots=True)
 class _Node:
     """One halfedge of the path in a doubly linked list."""
 
@@ -59,20 +60,17 @@ class PathStraightener:
             self._push(i)
 
     def _use(self, h: int, count: int) -> None:
-        edge = self.mesh.edge(h)
-        self.uses[edge] = self.uses.get(edge, 0) + count
+        for side in (h, self.mesh.twin[h]):
+            self.uses[side] = self.uses.get(side, 0) + count
 
-    def _sides(self, i: int) -> tuple[tuple[list[int], float], tuple[list[int], float]]:
-        """Left and right wedge where node i ends."""
-        arriving = self.mesh.twin[self.nodes[i].halfedge]
-        leaving = self.nodes[self.nodes[i].after].halfedge
-        return self.mesh.wedge(leaving, arriving), self.mesh.wedge(arriving, leaving)
+    def _ends(self, i: int) -> tuple[int, int]:
+        """Halfedges that leave the vertex where node i ends: onward, and back along it."""
+        return self.nodes[self.nodes[i].after].halfedge, self.mesh.twin[self.nodes[i].halfedge]
 
     def _push(self, i: int) -> None:
         if i < 0 or self.nodes[i].after < 0:
             return
-        (_, left), (_, right) = self._sides(i)
-        angle = min(left, right)
+        angle = min(self.mesh.turns(*self._ends(i)))
         if angle < pi - STRAIGHT:
             heapq.heappush(self.queue, (angle, i, self.nodes[i].after))
 
@@ -97,18 +95,26 @@ class PathStraightener:
     def _shorten(self, i: int) -> bool:
         """Let the path run along the rim of the sharper wedge where node i ends; False when it cannot."""
         mesh = self.mesh
-        (left, left_angle), (right, right_angle) = self._sides(i)
-        on_left = left_angle <= right_angle
-        wedge = left if on_left else right
-        if min(left_angle, right_angle) >= pi - STRAIGHT:
+        onward, back = self._ends(i)
+        left, right = mesh.turns(onward, back)
+        if min(left, right) >= pi - STRAIGHT:
             return True
+        on_left = left <= right
         if self.nodes[i].after == i:
             return self._open_loop(i, on_left)
+        wedge, angle = mesh.wedge(onward, back) if on_left else mesh.wedge(back, onward)
+        if (
+            angle >= pi - STRAIGHT
+        ):  # next to nothing on the other side, which signposts do not tell from a turn
+            on_left = not on_left
+            wedge, angle = mesh.wedge(onward, back) if on_left else mesh.wedge(back, onward)
+            if angle >= pi - STRAIGHT:
+                return True
         if not self._flip_out(wedge):
             return False
         rim = [mesh.next[h] for h in wedge[:-1]]
-        through = sum(mesh.length[self.nodes[k].halfedge] for k in {i, self.nodes[i].after})
-        if sum(mesh.length[h] for h in rim) > through * (1 + 1e-9):  # cannot be; it would go on for ever
+        through = mesh.length[onward] + mesh.length[back]
+        if sum([mesh.length[h] for h in rim]) > through * (1 + 1e-9):  # cannot be; it would go on for ever
             return False
         self._replace(i, [mesh.twin[h] for h in reversed(rim)] if on_left else rim)
         return True
@@ -133,21 +139,21 @@ class PathStraightener:
     def _flip_out(self, wedge: list[int]) -> bool:
         """Flip inner edges of the wedge (removed from the list) until its rim bends outward everywhere."""
         mesh, k = self.mesh, 1
+        following, angle, tail = mesh.next, mesh.angle, mesh.tail
         while k < len(wedge) - 1:
-            before = mesh.next[mesh.next[wedge[k - 1]]]
-            rim_angle = mesh.angle[before] + mesh.angle[mesh.next[wedge[k]]]
-            if rim_angle >= pi - STRAIGHT:
+            h = wedge[k]
+            beyond, before = following[h], following[following[wedge[k - 1]]]
+            if angle[before] + angle[beyond] >= pi - STRAIGHT:
                 k += 1
                 continue
-            h = wedge[k]
-            if self.uses.get(mesh.edge(h), 0):
+            if self.uses.get(h, 0):
                 self.in_its_own_way = True
                 return False
             if not mesh.can_flip(h) or self.flips >= MOST_STEPS:
                 return False
-            here, t = mesh.tail[h], mesh.twin[h]
-            around = (t, mesh.next[mesh.next[h]], mesh.next[mesh.next[t]])  # may begin at the same vertex
-            meets_itself = here in [mesh.tail[k] for k in around]
+            here, t = tail[h], mesh.twin[h]
+            # these may begin at the same vertex
+            meets_itself = here in (tail[t], tail[following[beyond]], tail[following[following[t]]])
             mesh.flip(h)
             self.flips += 1
             if meets_itself:  # the flip may have changed the wedge elsewhere, too
@@ -156,7 +162,7 @@ class PathStraightener:
             else:
                 del wedge[k]
                 k = max(1, k - 1)
-        clear = not any(self.uses.get(mesh.edge(h), 0) for h in wedge[1:-1])
+        clear = not any(self.uses.get(h, 0) for h in wedge[1:-1])
         self.in_its_own_way |= not clear
         return clear
 
@@ -283,7 +289,7 @@ def laid_on_input(tracer: Tracer, flipping: FlippingMesh, halfedges: list[int], 
         axis=1,
     )
     length = flipping.scale * np.array([flipping.length[h] for h in halfedges])
-    lines = tracer.trace(face, np.eye(3)[j], direction, length, record=True)
+    lines = tracer.walked(Start(face, np.eye(3)[j], direction, length), record=True)
     recorded = SurfacePaths.of_traces(lines)
     step = np.nan_to_num(segment_vectors(mesh, recorded))
     walked = np.cumsum(np.hypot(step[:, 0], step[:, 1]))

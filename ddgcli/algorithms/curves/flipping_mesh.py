@@ -2,26 +2,30 @@
 
 from __future__ import annotations
 
-from math import atan2, cos, hypot, inf, sin, sqrt
+from collections.abc import Callable
+from math import atan2, cos, hypot, inf, sin
+from struct import Struct
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ddgcli.algorithms.straightest.trace import Tracer
 from ddgcli.errors import MeshError, ParameterError
 from ddgcli.geometry.unfolding import SurfaceMesh
+from ddgcli.mesh.triangle_mesh import vector_length
+
+_ROW = Struct("4q3d")  # a halfedge: next, twin, tail, fan, length, angle, post
 
 
 class Local(dict[int, Any]):
     """An array of which single entries change: those that were looked at, as plain numbers."""
 
-    def __init__(self, original: NDArray) -> None:
-        self.original = original
+    def __init__(self, load: Callable[[int], None]) -> None:
+        self.load = load
 
     def __missing__(self, k: int) -> Any:
-        value = self[k] = self.original.item(k)
-        return value
+        self.load(k)
+        return self[k]
 
 
 class FlippingMesh:
@@ -52,18 +56,31 @@ class FlippingMesh:
         self.scale = tracer.unfolding.scale
         length = mesh.side_length.ravel() / self.scale
         self.sides = m
-        self.next = Local(np.concatenate([following, np.full(len(rim), -1)]))
-        self.twin = Local(np.concatenate([twin, rim]))
-        self.tail = Local(np.concatenate([mesh.topology.side_tail, mesh.topology.side_tail[head]]))
-        self.fan = Local(np.concatenate([fans.fan, fans.fan[head]]))
-        self.length = Local(np.concatenate([length, length[rim]]))
-        self.angle = Local(np.concatenate([fans.corner_angle, np.full(len(rim), inf)]))
-        self.post = Local(np.concatenate([fans.angle_before, at_end]))
+        total = np.where(fans.total_angle > 0, fans.total_angle, 1.0)
+        self.total = np.where(fans.is_open, inf, total).tolist()
+        rows = np.empty(m + len(rim), dtype=[(name, "i8") for name in "ntvf"] + [(x, "f8") for x in "lap"])
+        rows["n"][:m], rows["n"][m:] = following, -1
+        rows["t"][:m], rows["t"][m:] = twin, rim
+        rows["v"][:m], rows["v"][m:] = mesh.topology.side_tail, mesh.topology.side_tail[head]
+        rows["f"][:m], rows["f"][m:] = fans.fan, fans.fan[head]
+        rows["l"][:m], rows["l"][m:] = length, length[rim]
+        rows["a"][:m], rows["a"][m:] = fans.corner_angle, inf
+        rows["p"][:m], rows["p"][m:] = fans.angle_before, at_end
+        self._rows = rows.view(np.uint8).data
+        self.next, self.twin, self.tail, self.fan = (Local(self._load) for _ in range(4))
+        self.length, self.angle, self.post = (Local(self._load) for _ in range(3))
         self.flipped: set[int] = set()
+
+    def _load(self, h: int) -> None:
+        """Take up a halfedge as it is on the input."""
+        (
+            self.next[h], self.twin[h], self.tail[h], self.fan[h],
+            self.length[h], self.angle[h], self.post[h],
+        ) = _ROW.unpack_from(self._rows, _ROW.size * h)  # fmt: skip
 
     def rewind(self) -> None:
         """Undo all flips."""
-        for local in (self.next, self.tail, self.fan, self.length, self.angle, self.post):
+        for local in (self.next, self.twin, self.tail, self.fan, self.length, self.angle, self.post):
             local.clear()
         self.flipped.clear()
 
@@ -71,17 +88,33 @@ class FlippingMesh:
         """The lower of the two halfedges."""
         return min(h, self.twin[h])
 
+    def turns(self, first: int, last: int) -> tuple[float, float]:
+        """Angles counter-clockwise from halfedge `first` to `last` of a vertex and back, by their signposts.
+
+        inf where the boundary lies between.
+        """
+        fan = self.fan[first]
+        if fan != self.fan[last]:
+            raise MeshError(f"halfedges {first} and {last} do not leave the same fan of a vertex")
+        turn, total = self.post[last] - self.post[first], self.total[fan]
+        if total == inf:
+            return (turn, inf) if turn >= 0.0 else (inf, -turn)
+        turn %= total
+        return turn, total - turn
+
     def wedge(self, first: int, last: int) -> tuple[list[int], float]:
         """Halfedges leaving a vertex counter-clockwise from `first` to `last`, and the angle between them.
 
         The angle is inf where the boundary lies between.
         """
+        following, twin, angle = self.next, self.twin, self.angle
         around, total, h = [first], 0.0, first
         while h != last:
-            if self.next[h] < 0:
+            on = following[h]
+            if on < 0:
                 return around, inf
-            total += self.angle[h]
-            h = self.twin[self.next[self.next[h]]]
+            total += angle[h]
+            h = twin[following[on]]
             around.append(h)
             if h == first:
                 raise MeshError(f"halfedges {first} and {last} do not leave the same fan of a vertex")
@@ -93,43 +126,31 @@ class FlippingMesh:
         return self.next[h] >= 0 and self.next[t] >= 0 and t not in (self.next[h], self.next[self.next[h]])
 
     def flip(self, h: int) -> None:
-        """Turn the edge of h; the two triangles must form a convex quadrilateral."""
+        """Turn the edge of h; the two triangles must form a convex quadrilateral.
+
+        The new edge splits the angles where it ends and joins those of the old one: their sums stay.
+        """
         following, tail, fan = self.next, self.tail, self.fan
         length, angle, post = self.length, self.angle, self.post
         t = self.twin[h]
         h1, t1 = following[h], following[t]  # b -> c, a -> d
         h2, t2 = following[h1], following[t1]  # c -> a, d -> b
-        above, below = angle[h], angle[t1]
-        bc, ca, ad, db = length[h1], length[h2], length[t1], length[t2]
-        dc = hypot(ca * cos(above) - ad * cos(below), ca * sin(above) + ad * sin(below))
-        length[h] = length[t] = dc
+        at_a, at_b, at_c, at_d = angle[h] + angle[t1], angle[t] + angle[h1], angle[h2], angle[t2]
+        ca, ad = length[h2], length[t1]
+        cosine, sine = cos(at_a), sin(at_a)
+        d_along, d_off, c_along = ca - ad * cosine, ad * sine, ad - ca * cosine
+        length[h] = length[t] = hypot(d_along, d_off)
         tail[h], tail[t] = tail[t2], tail[h2]
         fan[h], fan[t] = fan[t2], fan[h2]
         following[h], following[h2], following[t1] = h2, t1, h  # d -> c -> a
         following[t], following[t2], following[h1] = t2, h1, t  # c -> d -> b
-        angle[h], angle[h2], angle[t1] = _angles(dc, ca, ad)
-        angle[t], angle[t2], angle[h1] = _angles(dc, db, bc)
+        angle_c, angle_d = min(atan2(d_off, d_along), at_c), min(atan2(ca * sine, c_along), at_d)
+        angle[t1], angle[h1] = at_a, at_b
+        angle[h2], angle[t] = angle_c, at_c - angle_c
+        angle[h], angle[t2] = angle_d, at_d - angle_d
         post[h] = post[t2] + angle[t2]
-        post[t] = post[h2] + angle[h2]
+        post[t] = post[h2] + angle_c
         self.flipped.add(h if h < t else t)
-
-
-def _angles(x: float, y: float, z: float) -> tuple[float, float, float]:
-    """Angles between the sides z and x, x and y, y and z, by half-angle formulas.
-
-    The larger of two sides is taken first from the third, which is exact where it matters (Kahan).
-    """
-    without_x = (y - x) + z if y > z else (z - x) + y
-    without_y = (x - y) + z if x > z else (z - y) + x
-    without_z = (x - z) + y if x > y else (y - z) + x
-    if without_x <= 0.0 or without_y <= 0.0 or without_z <= 0.0:  # no area
-        without_x, without_y, without_z = max(without_x, 0.0), max(without_y, 0.0), max(without_z, 0.0)
-    whole = x + y + z
-    return (
-        2.0 * atan2(sqrt(without_z * without_x), sqrt(whole * without_y)),
-        2.0 * atan2(sqrt(without_x * without_y), sqrt(whole * without_z)),
-        2.0 * atan2(sqrt(without_y * without_z), sqrt(whole * without_x)),
-    )
 
 
 class EdgeGraph:
@@ -139,6 +160,7 @@ class EdgeGraph:
         from scipy.sparse import coo_array
 
         self.mesh, topology, n = mesh, mesh.topology, mesh.n_vertices
+        self.extent = 0.0 if mesh.points is None else float(vector_length(np.ptp(mesh.points, axis=0)))
         rim = np.flatnonzero(topology.side_twin.ravel() < 0)
         tail = np.concatenate([topology.side_tail, topology.side_head[rim]])
         head = np.concatenate([topology.side_head, topology.side_tail[rim]])
@@ -150,7 +172,7 @@ class EdgeGraph:
         key = key[order]
         first = np.concatenate([[True], key[1:] != key[:-1]])
         self.key, self.side = key[first], order[first]
-        ends = tail[self.side], head[self.side]
+        ends = tail[self.side].astype(np.int32), head[self.side].astype(np.int32)  # as Dijkstra wants them
         self.graph = coo_array((length[self.side], ends), shape=(n, n)).tocsr()
 
     def between(self, a: int, b: int) -> int:
@@ -159,6 +181,14 @@ class EdgeGraph:
         k = int(np.searchsorted(self.key, key))
         return int(self.side[k]) if k < len(self.key) and self.key[k] == key else -1
 
+    def limits(self, a: int, b: int) -> list[float]:
+        """Lengths up to which to look for an edge path, so that near vertices do not cost the whole mesh."""
+        points = self.mesh.points
+        if points is None:
+            return [inf]
+        chord = float(vector_length(points[a] - points[b]))
+        return [reach for reach in (1.3 * chord, 2.6 * chord) if reach < 0.5 * self.extent] + [inf]
+
     def joined(self, a: int, b: int) -> list[int]:
         """Halfedges of the shortest edge path from a to b."""
         from scipy.sparse.csgraph import dijkstra
@@ -166,16 +196,19 @@ class EdgeGraph:
         straight = self.between(a, b)
         if straight >= 0:
             return [straight]
-        distance, before = dijkstra(self.graph, indices=b, return_predecessors=True)
-        if not np.isfinite(distance[a]):
+        for limit in self.limits(a, b):
+            distance, before = dijkstra(self.graph, indices=b, return_predecessors=True, limit=limit)
+            if np.isfinite(distance[a]):
+                break
+        else:
             raise ParameterError(
                 f"no edge path leads from vertex {a} to vertex {b}; they lie on different components"
             )
-        sides = []
-        while a != b:
-            sides.append(self.between(a, int(before[a])))
-            a = int(before[a])
-        return sides
+        stops = [a]
+        while stops[-1] != b:
+            stops.append(int(before[stops[-1]]))
+        key = np.array(stops[:-1]) * self.mesh.n_vertices + stops[1:]
+        return self.side[np.searchsorted(self.key, key)].tolist()
 
 
 def edge_path(graph: EdgeGraph, waypoints: list[int], closed: bool) -> list[int]:
