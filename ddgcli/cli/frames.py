@@ -10,7 +10,7 @@ import click
 
 from ddgcli.cli import options
 from ddgcli.cli.options import Common
-from ddgcli.cli.run import PICTURES, Run, describe
+from ddgcli.cli.run import Run, describe
 from ddgcli.errors import ParameterError
 
 if TYPE_CHECKING:
@@ -51,8 +51,9 @@ def command(path: str, common: Common, **wishes: Any) -> None:
     """
     from ddgcli.io.mesh_file import WRITERS
     from ddgcli.io.trajectory import Trajectory
+    from ddgcli.plots.page import FORMATS
 
-    run = Run("frames", common, formats=(*WRITERS, *PICTURES, ".gif", ".pvd"), **_given(wishes))
+    run = Run("frames", common, formats=(*WRITERS, *FORMATS, ".gif", ".pvd"), **_given(wishes))
     with run.timed("read"):
         run_file = Trajectory(path)
     with run_file as source:
@@ -102,21 +103,18 @@ def _mismatch(source: Trajectory, chosen: list[int], wishes: dict[str, Any]) -> 
 
 
 def _export(run: Run, source: Trajectory, output: str, chosen: list[int], wishes: dict[str, Any]) -> None:
+    from ddgcli.plots.page import FORMATS
+
     suffix = Path(output).suffix.lower()
     if suffix == ".pvd":
         _series(run, source, output, chosen)
     elif suffix == ".gif":
-        from ddgcli.plots import motion
+        from ddgcli.plots.motion import draw_animation
 
-        with run.timed("write"):
-            from ddgcli.io.mesh_file import written_whole
-
-            with written_whole(output) as partial:
-                motion.draw_animation(
-                    partial, _shots(source, chosen, wishes), _stage(source, chosen, wishes), wishes["fps"]
-                )
-        run.outputs.append(output)
-    elif suffix in PICTURES:
+        with run.drawing(output) as partial:
+            on = _stage(source, chosen, wishes)
+            draw_animation(partial, _shots(source, chosen, wishes), on, wishes["fps"])
+    elif suffix in FORMATS:
         _pictures(run, source, output, chosen, wishes)
     else:
         run.write_file(output, _annotated(source, chosen[-1]))
@@ -132,16 +130,16 @@ def _annotated(source: Trajectory, k: int) -> AnnotatedMesh:
 
 
 def _pictures(run: Run, source: Trajectory, output: str, chosen: list[int], wishes: dict[str, Any]) -> None:
-    from ddgcli.plots import motion
+    """The frame of --at, or a numbered picture of each frame: name_0000.png, name_0001.png, ..."""
+    from ddgcli.plots.motion import draw_shot
 
     with run.timed("write"):
         on = _stage(source, chosen, wishes)
-        if wishes["time"] is not None:
-            motion.draw_shot(output, next(_shots(source, chosen, wishes)), on)
-            written = [output]
-        else:
-            written = motion.draw_sequence(output, _shots(source, chosen, wishes), on)
-    run.outputs += written
+    target = Path(output)
+    for k, shot in enumerate(_shots(source, chosen, wishes)):
+        numbered = target.with_name(f"{target.stem}_{k:04d}{target.suffix}")
+        with run.drawing(output if wishes["time"] is not None else str(numbered)) as partial:
+            draw_shot(partial, shot, on)
 
 
 def _series(run: Run, source: Trajectory, output: str, chosen: list[int]) -> None:

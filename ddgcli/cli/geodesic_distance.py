@@ -214,15 +214,18 @@ def draw_distance(
     """Distance bands with the curves on the shaded surface, where --plot asks for a picture."""
     if run.common.plot is None:
         return
+    import numpy as np
+
     from ddgcli.algorithms.curves.isolines import even_levels, isolines
     from ddgcli.plots.surface import draw_surface
 
     distance = vertex.get("geodesic_distance")
     points = None if distance is None or sources is None else sources.positions(mesh)
     bands = None if distance is None else isolines(mesh, distance, even_levels(distance, 12))[0]
+    far = 0.0 if distance is None else float(distance[np.isfinite(distance)].max(initial=0.0))
     run.plot(
         lambda path: draw_surface(
-            path, mesh, distance, label="geodesic distance", signed=False, points=points,
+            path, mesh, distance, label="geodesic distance", limits=(0.0, far or 1.0), points=points,
             curves=_polylines(mesh, paths), level_lines=_polylines(mesh, bands),
         )
     )  # fmt: skip

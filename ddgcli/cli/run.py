@@ -23,7 +23,6 @@ if TYPE_CHECKING:
     from ddgcli.mesh.fields import AnnotatedMesh, AnyMesh
 
 MOST_FACES = 20_000_000  # that --subdivide makes
-PICTURES = (".png", ".svg", ".pdf")
 
 
 class _Collector(logging.Handler):
@@ -110,11 +109,10 @@ class Run:
                 check_output(path, common.output_format, formats=formats)
                 self._promise(path)
         if common.plot is not None:
-            self.will_write(common.plot, PICTURES)
-            import importlib.util
+            from ddgcli.plots.page import FORMATS, need_matplotlib
 
-            if importlib.util.find_spec("matplotlib") is None:
-                raise MissingExtraError("--plot needs matplotlib; pip install 'ddgcli[plot]'")
+            self.will_write(common.plot, FORMATS)
+            need_matplotlib()
 
     def will_write(self, path: str | None, formats: Sequence[str]) -> None:
         """Check a further output (a matrix, curves, a picture) before any work; None is passed over."""
@@ -279,15 +277,20 @@ class Run:
 
     def plot(self, draw: Callable[[str], Any]) -> None:
         """Draw the picture that --plot asks for; `draw` gets a path to draw to, and is not called without."""
-        if self.common.plot is None:
-            return
+        if self.common.plot is not None:
+            with self.drawing(self.common.plot) as partial:
+                draw(partial)
+
+    @contextmanager
+    def drawing(self, path: str) -> Iterator[str]:
+        """A path to draw to; the picture takes its own place, and is listed, when the block ends well."""
         with self.timed("write"):
             from ddgcli.io.mesh_file import written_whole
 
-            self._spare_inputs(self.common.plot)
-            with written_whole(self.common.plot) as partial:
-                draw(partial)
-            self.outputs.append(self.common.plot)
+            self._spare_inputs(path)
+            with written_whole(path) as partial:
+                yield partial
+            self.outputs.append(path)
 
     def finish(
         self,

@@ -31,10 +31,8 @@ def draw_chart(
     title: str = "",
     caption: str = "",
     labels: Mapping[str, Sequence[str]] | None = None,
-    slopes: Sequence[float] = (),
     ringed: Mapping[str, Sequence[int]] | None = None,
     front: Series | None = None,
-    join: bool = True,
     width: float = 7.0,
     height: float = 4.6,
     dpi: int = 200,
@@ -51,14 +49,10 @@ def draw_chart(
         'x', 'y' or 'xy': which axes are logarithmic.
     labels : mapping of name to texts, optional
         A text beside each point of a series.
-    slopes : sequence of float
-        Grey reference lines y ~ x^p through the middle of the data, on two logarithmic axes.
     ringed : mapping of name to indices, optional
         Points to mark with a ring (those that no other beats, say).
     front : (x, y), optional
         A broad grey line behind the series: what no point lies below and left of.
-    join : bool
-        Join the points of a series by a line.
     """
     with page(path, width, height, dpi) as figure:
         across = 0.85 if len(series) < 2 else 0.64 - 0.009 * max(0, max(map(len, series)) - 16)
@@ -71,7 +65,7 @@ def draw_chart(
             axes.plot(x[shown], y[shown], color="0.85", linewidth=6, solid_capstyle="round", zorder=0.5,
                       drawstyle="steps-post", label="front")  # fmt: skip
         for k, (name, (x, y, shown)) in enumerate(kept.items()):
-            _draw_series(axes, k, name, x[shown], y[shown], join)
+            _draw_series(axes, k, name, x[shown], y[shown])
             for i in np.flatnonzero(shown).tolist():
                 if labels and name in labels:
                     axes.annotate(
@@ -80,7 +74,6 @@ def draw_chart(
             for i in (ringed or {}).get(name, ()):
                 if shown[i]:
                     axes.plot(x[i], y[i], "o", ms=12, mfc="none", mec="0.3", mew=0.9)
-        _reference_slopes(axes, kept, slopes)
         _widen(axes, kept, log)
         axes.set(xlabel=xlabel, ylabel=ylabel, title=title)
         axes.grid(True, which="major", color="0.85", linewidth=0.5)
@@ -126,32 +119,17 @@ def _drawable(x: ArrayLike, y: ArrayLike, log: str) -> tuple[np.ndarray, np.ndar
     return x, y, shown
 
 
-def _draw_series(axes: Any, k: int, name: str, x: np.ndarray, y: np.ndarray, join: bool) -> None:
+def _draw_series(axes: Any, k: int, name: str, x: np.ndarray, y: np.ndarray) -> None:
     axes.plot(
         x,
         y,
         label=name,
         color=COLOURS[k % len(COLOURS)],
         marker=MARKERS[k % len(MARKERS)],
-        linestyle=DASHES[k % len(DASHES)] if join else "none",
+        linestyle=DASHES[k % len(DASHES)],
         markevery=max(1, len(x) // 12),
         markersize=5,
         linewidth=1.4,
         markeredgecolor="white",
         markeredgewidth=0.5,
     )
-
-
-def _reference_slopes(axes: Any, kept: Mapping[str, Any], slopes: Sequence[float]) -> None:
-    points = [(x[shown], y[shown]) for x, y, shown in kept.values() if shown.any()]
-    if not slopes or not points:
-        return
-    x, y = (np.concatenate(part) for part in zip(*points))
-    ends = np.array([x.min(), x.max()])
-    middle = np.sqrt(ends.prod()), np.exp(np.log(y).mean())
-    limits = axes.get_ylim()
-    for p in slopes:
-        line = middle[1] * (ends / middle[0]) ** p
-        axes.plot(ends, line, color="0.6", linewidth=0.8, zorder=0)
-        axes.annotate(f"slope {p:g}", (ends[1], line[1]), fontsize=6.5, color="0.45", ha="right")
-    axes.set_ylim(limits)

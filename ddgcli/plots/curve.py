@@ -7,9 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.plots.page import colours, page
+from ddgcli.plots.colour import colour_bar, colours, robust_limits
+from ddgcli.plots.page import page, picture_axes
 from ddgcli.plots.raster import View, fitted_camera, unit_box, view_axes
-from ddgcli.plots.surface import colour_bar, robust_limits
 
 _PAPER, _RIM = (1.0, 1.0, 1.0, 1.0), (0.25, 0.25, 0.25, 1.0)
 
@@ -21,9 +21,6 @@ def draw_curves(
     *,
     closed: Sequence[bool] | bool = False,
     label: str = "",
-    title: str = "",
-    caption: str = "",
-    signed: bool | None = None,
     view: View = None,
     up: str = "z",
     width: float = 7.0,
@@ -40,7 +37,7 @@ def draw_curves(
     values : sequence of (k,) ndarray, optional
         One array of vertex values a curve.
     closed : bool, or one for each curve
-    label, title, caption, signed, view, up
+    label, view, up
         As for `draw_surface`.
     """
     from matplotlib.cm import ScalarMappable
@@ -54,7 +51,7 @@ def draw_curves(
     start, stop, used = placed(start), placed(stop), placed(used)
     axes3 = view_axes(used, view, up)
     with page(path, width, height, dpi) as figure:
-        axes = figure.add_axes((0.01, 0.05, 0.84 if values is not None else 0.98, 0.87))
+        axes = picture_axes(figure, coloured=values is not None)
         box = axes.get_position()
         camera = fitted_camera(
             used, axes3, int(box.width * width * dpi), int(box.height * height * dpi), margin=0.05
@@ -62,7 +59,7 @@ def draw_curves(
         a, b = camera.project(start), camera.project(stop)
         order = np.argsort(-(a[:, 2] + b[:, 2]), kind="stable")
         lines = np.stack([a, b], axis=1)[order, :, :2]
-        low, high, diverging = robust_limits(shade, signed)
+        low, high, diverging = robust_limits(shade)
         mappable = ScalarMappable(Normalize(low, high), colours(diverging))
         plain = np.tile([0.2, 0.4, 0.7, 1.0], (len(order), 1))
         tint = plain if values is None else mappable.to_rgba(shade[order])
@@ -82,8 +79,6 @@ def draw_curves(
         axes.set_axis_off()
         if values is not None:
             colour_bar(figure, mappable, label)
-        figure.text(0.44, 0.955, title, ha="center", va="center", fontsize=10)
-        figure.text(0.02, 0.02, caption, ha="left", va="center", fontsize=7.5, color="0.35")
 
 
 def _segments(

@@ -5,7 +5,6 @@ from __future__ import annotations
 import tempfile
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,8 +13,9 @@ from numpy.typing import NDArray
 from ddgcli.errors import OutputError
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.plots.chart import draw_chart
+from ddgcli.plots.colour import robust_limits
 from ddgcli.plots.page import page
-from ddgcli.plots.surface import draw_surface, robust_limits
+from ddgcli.plots.surface import draw_surface
 
 FRAMES_SHOWN = 4
 
@@ -122,17 +122,6 @@ def draw_motion(
             axes = figure.add_axes(box)
             axes.imshow(picture, interpolation="lanczos")
             axes.set_axis_off()
-
-
-def draw_sequence(path: str, shots: Iterable[Shot], on: Stage) -> list[str]:
-    """A numbered PNG of each frame beside `path`: name_0000.png, name_0001.png, ..."""
-    target = Path(path)
-    written = []
-    for k, shot in enumerate(shots):
-        name = str(target.with_name(f"{target.stem}_{k:04d}{target.suffix}"))
-        draw_shot(name, shot, on)
-        written.append(name)
-    return written
 
 
 def draw_animation(path: str, shots: Iterable[Shot], on: Stage, frames_per_second: float) -> None:

@@ -1,16 +1,14 @@
-"""Figures without a screen, and pictures written whole or not at all, the same bytes every time."""
+"""Figures without a screen: the same picture has the same bytes every time."""
 
 from __future__ import annotations
 
 import importlib.util
-import os
-import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from ddgcli.errors import MissingExtraError, OutputError
+from ddgcli.errors import MissingExtraError
 
 FORMATS = (".png", ".svg", ".pdf")
 # what would differ between two runs of the same picture is left out of the file
@@ -26,23 +24,10 @@ _STYLE = {
 }
 
 
-def check_picture_path(path: str) -> None:
-    """Refuse a picture that could not be written, before any work is done for it.
-
-    Raises
-    ------
-    OutputError
-        Unknown extension or missing folder.
-    MissingExtraError
-        matplotlib is not installed.
-    """
-    target = Path(path)
-    if target.suffix.lower() not in FORMATS:
-        raise OutputError(f"{path}: pictures are written as {', '.join(FORMATS)}; change the extension")
-    if not target.parent.is_dir():
-        raise OutputError(f"{path}: folder {target.parent} does not exist; create it")
+def need_matplotlib() -> None:
+    """MissingExtraError where matplotlib is not installed."""
     if importlib.util.find_spec("matplotlib") is None:
-        raise MissingExtraError("pictures need matplotlib; install it with: pip install 'ddgcli[plot]'")
+        raise MissingExtraError("pictures need matplotlib; pip install 'ddgcli[plot]'")
 
 
 @contextmanager
@@ -57,36 +42,28 @@ def page(path: str, width: float = 7.0, height: float = 5.25, dpi: int = 200) ->
         Inches.
     dpi : int
         Resolution of .png, and of raster parts of the others.
+
+    Raises
+    ------
+    MissingExtraError
+        matplotlib is not installed.
     """
-    check_picture_path(path)
+    need_matplotlib()
     import matplotlib
     from matplotlib.figure import Figure
 
     with matplotlib.rc_context(_STYLE):
         figure = Figure(figsize=(width, height), dpi=dpi)
         yield figure
-        _save(figure, Path(path), dpi)
+        figure.savefig(path, dpi=dpi, metadata=_NO_DATE[Path(path).suffix.lower()])
 
 
-def _save(figure: Any, target: Path, dpi: int) -> None:
-    suffix = target.suffix.lower()
-    try:
-        with tempfile.TemporaryDirectory(dir=target.parent, prefix=".ddgcli-") as folder:
-            partial = os.path.join(folder, "picture" + suffix)
-            figure.savefig(partial, dpi=dpi, metadata=_NO_DATE[suffix])
-            os.replace(partial, target)
-    except OSError as error:
-        raise OutputError(f"{target}: cannot be written ({error.strerror}); check the folder") from error
+def picture_axes(figure: Any, coloured: bool) -> Any:
+    """Where the picture stands on a page, with room for a colour bar if it is `coloured`."""
+    return figure.add_axes((0.01, 0.05, 0.84 if coloured else 0.98, 0.87))
 
 
-def colours(diverging: bool) -> Any:
-    """The colour map of signed values (blue, white, red) or of others (dark to light, readable in grey)."""
-    from matplotlib import colormaps
-    from matplotlib.colors import LinearSegmentedColormap
-
-    # the ends of RdBu are too dark to carry shading
-    ends = (0.08, 0.92) if diverging else (0.04, 1.0)
-    base = colormaps["RdBu_r" if diverging else "viridis"]
-    return LinearSegmentedColormap.from_list(
-        base.name, base([ends[0] + (ends[1] - ends[0]) * i / 32 for i in range(33)])
-    )
+def lettered(figure: Any, title: str, caption: str) -> None:
+    """The title above the picture and the caption below it."""
+    figure.text(0.44, 0.955, title, ha="center", va="center", fontsize=10)
+    figure.text(0.02, 0.02, caption, ha="left", va="center", fontsize=7.5, color="0.35")

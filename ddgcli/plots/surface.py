@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from ddgcli.geometry.extrinsic import face_area_vector, face_normal
 from ddgcli.mesh.triangle_mesh import TriangleMesh
-from ddgcli.plots.page import page
+from ddgcli.plots.colour import colour_bar, colours, robust_limits
+from ddgcli.plots.page import lettered, page, picture_axes
 from ddgcli.plots.raster import (
     Camera,
     Seen,
@@ -29,37 +30,6 @@ _LIGHT = np.array([-0.35, 0.45, 0.82]) / np.linalg.norm([-0.35, 0.45, 0.82])
 _SAMPLES = 2  # each way within a pixel
 
 
-def robust_limits(values: NDArray, signed: bool | None = None) -> tuple[float, float, bool]:
-    """Colour range of an array: its 2 % and 98 % quantiles, symmetric about zero for a signed one.
-
-    Parameters
-    ----------
-    values : (k,) ndarray
-        Values that are not finite do not count.
-    signed : bool, optional
-        None decides: signed where both sides of zero hold a twentieth of the range.
-
-    Returns
-    -------
-    low, high : float
-    signed : bool
-    """
-    finite = values[np.isfinite(values)].astype(np.float64)
-    if len(finite) == 0:
-        return 0.0, 1.0, False
-    low, high = (float(q) for q in np.quantile(finite, [0.02, 0.98]))
-    if signed is None:
-        signed = min(-low, high) > 0.05 * max(-low, high)
-    if signed:
-        reach = max(-low, high) or float(np.abs(finite).max()) or 1.0
-        return -reach, reach, True
-    if high - low <= 1e-6 * max(abs(low), abs(high)):
-        middle = (low + high) / 2
-        reach = 0.05 * abs(middle) or 1.0
-        return middle - reach, middle + reach, False
-    return low, high, False
-
-
 def draw_surface(
     path: str,
     mesh: TriangleMesh,
@@ -72,7 +42,6 @@ def draw_surface(
     limits: tuple[float, float] | None = None,
     curves: Sequence[NDArray] = (),
     level_lines: Sequence[NDArray] = (),
-    curve_colour: str = "black",
     curve_width: float = 1.4,
     points: NDArray | None = None,
     edges: bool = False,
@@ -99,7 +68,7 @@ def draw_surface(
     limits : (float, float), optional
         Ends of the colour bar; default `robust_limits`.
     curves : sequence of (k, 3) ndarray
-        Polylines, drawn where the surface does not hide them.
+        Polylines, drawn where the surface does not hide them, `curve_width` points wide.
     level_lines : sequence of (k, 3) ndarray
         The same, thin and without a halo, under the curves.
     points : (k, 3) ndarray, optional
@@ -113,14 +82,9 @@ def draw_surface(
     fit : (k, 3) ndarray, optional
         Points that the picture must hold (all frames of a motion, say); default the mesh's own.
     """
-    used = mesh.points[mesh.topology.referenced_vertex] if mesh.n_faces else mesh.points
-    frame = used if fit is None else np.asarray(fit, dtype=np.float64)
-    if len(frame) == 0:
-        frame = np.zeros((1, 3))
-    placed = unit_box(frame)
-    mesh, frame = mesh.moved(placed(mesh.points)), placed(frame)
+    mesh, frame, placed = _in_unit_box(mesh, fit)
     with page(path, width, height, dpi) as figure:
-        axes = figure.add_axes((0.01, 0.05, 0.84 if values is not None else 0.98, 0.87))
+        axes = picture_axes(figure, coloured=values is not None)
         box = axes.get_position()
         size = [int(round(s * dpi * _SAMPLES)) for s in (box.width * width, box.height * height)]
         camera = fitted_camera(frame, view_axes(frame, view, up), *size)
@@ -131,12 +95,21 @@ def draw_surface(
         axes.set_axis_off()
         dots = None if points is None or len(points) == 0 else placed(points)
         _overlay(axes, camera, seen, [placed(c) for c in level_lines], None, "0.2", 0.6, 0.0)
-        _overlay(axes, camera, seen, [placed(c) for c in curves], dots, curve_colour, curve_width)
+        _overlay(axes, camera, seen, [placed(c) for c in curves], dots, "black", curve_width)
         axes.set(xlim=(0, size[0]), ylim=(size[1], 0))
         if mappable is not None:
             colour_bar(figure, mappable, label, beyond)
-        figure.text(0.44, 0.955, title, ha="center", va="center", fontsize=10)
-        figure.text(0.02, 0.02, caption, ha="left", va="center", fontsize=7.5, color="0.35")
+        lettered(figure, title, caption)
+
+
+def _in_unit_box(mesh: TriangleMesh, fit: NDArray | None) -> tuple[TriangleMesh, NDArray, Callable]:
+    """The mesh and the (k, 3) points that the picture must hold, both in a unit box, and the map into it."""
+    used = mesh.points[mesh.topology.referenced_vertex] if mesh.n_faces else mesh.points
+    frame = used if fit is None else np.asarray(fit, dtype=np.float64)
+    if len(frame) == 0:
+        frame = np.zeros((1, 3))
+    placed = unit_box(frame)
+    return mesh.moved(placed(mesh.points)), placed(frame), placed
 
 
 def _colours(
@@ -151,8 +124,6 @@ def _colours(
         return np.broadcast_to(_PLAIN, (len(seen.pixel), 3)), None, "neither"
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize
-
-    from ddgcli.plots.page import colours
 
     values = np.asarray(values, dtype=np.float64)
     on_vertices = len(values) == mesh.n_vertices
@@ -248,13 +219,3 @@ def _overlay(
         row = np.clip(place[:, 1].astype(np.int64), 0, camera.height - 1)
         shown = place[:, 2] <= seen.depth[row, column] + 0.01 * max(camera.width, camera.height)
         axes.plot(*place[shown, :2].T, "o", ms=4, mfc=colour, mec="white", mew=0.7, ls="none")
-
-
-def colour_bar(figure: Any, mappable: Any, label: str, beyond: str = "neither") -> None:
-    """A colour bar at the right of the page; arrow heads where values lie beyond its ends."""
-    place = figure.add_axes((0.865, 0.14, 0.022, 0.7))
-    bar = figure.colorbar(mappable, cax=place, extend=beyond, label=label)
-    bar.ax.tick_params(labelsize=8)
-    bar.formatter.set_powerlimits((-3, 4))
-    bar.formatter.set_useMathText(True)
-    bar.outline.set_linewidth(0.5)

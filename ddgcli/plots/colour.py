@@ -1,0 +1,62 @@
+"""What colours mean: the range of an array, the maps, and the bar beside the picture."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+def robust_limits(values: NDArray, signed: bool | None = None) -> tuple[float, float, bool]:
+    """Colour range of an array: its 2 % and 98 % quantiles, symmetric about zero for a signed one.
+
+    Parameters
+    ----------
+    values : (k,) ndarray
+        Values that are not finite do not count.
+    signed : bool, optional
+        None decides: signed where both sides of zero hold a twentieth of the range.
+
+    Returns
+    -------
+    low, high : float
+    signed : bool
+    """
+    finite = values[np.isfinite(values)].astype(np.float64)
+    if len(finite) == 0:
+        return 0.0, 1.0, False
+    low, high = (float(q) for q in np.quantile(finite, [0.02, 0.98]))
+    if signed is None:
+        signed = min(-low, high) > 0.05 * max(-low, high)
+    if signed:
+        reach = max(-low, high) or float(np.abs(finite).max()) or 1.0
+        return -reach, reach, True
+    if high - low <= 1e-6 * max(abs(low), abs(high)):
+        middle = (low + high) / 2
+        reach = 0.05 * abs(middle) or 1.0
+        return middle - reach, middle + reach, False
+    return low, high, False
+
+
+def colours(diverging: bool) -> Any:
+    """The colour map of signed values (blue, white, red) or of others (dark to light, readable in grey)."""
+    from matplotlib import colormaps
+    from matplotlib.colors import LinearSegmentedColormap
+
+    # the ends of RdBu are too dark to carry shading
+    ends = (0.08, 0.92) if diverging else (0.04, 1.0)
+    base = colormaps["RdBu_r" if diverging else "viridis"]
+    return LinearSegmentedColormap.from_list(
+        base.name, base([ends[0] + (ends[1] - ends[0]) * i / 32 for i in range(33)])
+    )
+
+
+def colour_bar(figure: Any, mappable: Any, label: str, beyond: str = "neither") -> None:
+    """A colour bar at the right of the page; arrow heads where values lie beyond its ends."""
+    place = figure.add_axes((0.865, 0.14, 0.022, 0.7))
+    bar = figure.colorbar(mappable, cax=place, extend=beyond, label=label)
+    bar.ax.tick_params(labelsize=8)
+    bar.formatter.set_powerlimits((-3, 4))
+    bar.formatter.set_useMathText(True)
+    bar.outline.set_linewidth(0.5)
