@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import argparse
 import math
+from collections.abc import Callable
 
 import igl
 import numpy as np
@@ -16,11 +17,12 @@ from benchmarks import ladder, measure
 from ddgcli.algorithms.delaunay.common_subdivision import Base, common_subdivision
 from ddgcli.algorithms.delaunay.point_location import PointMap
 from ddgcli.algorithms.delaunay.refine import refine
-from ddgcli.algorithms.delaunay.triangulation import flip_to_delaunay
+from ddgcli.algorithms.delaunay.triangulation import Flipped, flip_to_delaunay
 from ddgcli.errors import MeshError
 from ddgcli.geometry.intrinsic import corner_angle
 from ddgcli.geometry.surface_points import SurfacePoints
 from ddgcli.io.mesh_file import read_mesh
+from ddgcli.mesh.topology import Topology
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.operators.laplacian import lumped_mass, stiffness
 
@@ -59,14 +61,52 @@ def flips_row(name: str, family: str, mesh: TriangleMesh, repeat: int) -> list:
     return [name, mesh.n_faces, *counts, own, behind, ahead, goals, difference]
 
 
-def growth(rows: list[list]) -> None:
-    """Add to each row the growth of the cost beside n log n, from the row above."""
-    for above, row in zip([None, *rows[:-1]], rows):
-        if above is None:
-            row.append("")
-            continue
-        n0, n1 = above[1], row[1]
-        row.append(round(row[-1] / above[-2] / (n1 * math.log(n1) / (n0 * math.log(n0))), 2))
+def growth(rows: list[list], column: int = -1, *, cost: Callable = lambda n: n * math.log(n)) -> None:
+    """Add to each row the growth of the seconds in a column since the first row, beside that of a cost.
+
+    Of the n in the second column; n log n unless said otherwise.
+    """
+    seconds = [row[column] for row in rows]
+    for row, spent in zip(rows, seconds):
+        row.append(round(spent / seconds[0] / (cost(row[1]) / cost(rows[0][1])), 2))
+
+
+def overlay_row(flipped: Flipped, base: Base, repeat: int) -> list:
+    """The common subdivision, as it is after the flips: with nothing kept from an earlier one.
+
+    Beside it a plain gather of as many numbers as it has faces, in random order: linear work, so that what
+    its cost grows by is the machine's.
+    """
+
+    def anew() -> tuple[Flipped, Base]:
+        topology = base.mesh.topology
+        mesh = TriangleMesh(base.mesh.points, Topology(topology.faces, topology.n_vertices, topology.gluing))
+        source = mesh if base.mesh is base.input else base.input
+        again = Base(source, mesh, base.input_face, base.interpolation)
+        return flip_to_delaunay(mesh, track=True), again
+
+    timing = measure.timed(common_subdivision, repeat, prepare=anew)
+    cut, values = timing.value, np.random.default_rng(0).random(timing.value.mesh.n_faces)
+    order = np.random.default_rng(1).permutation(len(values))
+    gather = measure.timed(lambda: values.take(order), repeat).median
+    counts = [flipped.mesh.n_faces, cut.mesh.n_faces, int((cut.vertex_kind == 2).sum())]
+    return [*counts, 1e9 * timing.median / counts[1], timing.median, gather]
+
+
+def overlay_table(title: str, rows: list[list]) -> None:
+    """Print rows of overlays with their growth and that of the plain gathers beside them."""
+    growth(rows, -2)
+    growth(rows, -2, cost=lambda n: n)
+    header = [
+        "faces",
+        "faces of the overlay",
+        "crossings",
+        "ns a face",
+        "seconds",
+        "gather",
+        "growth / n log n",
+    ]
+    measure.print_table(title, [*header, "gather: growth / n"], rows)
 
 
 def main() -> None:
@@ -93,17 +133,13 @@ def main() -> None:
     if options.only in (None, "overlay"):
         for family in ("stretched", "sheared torus"):
             rows = []
-            for size in sizes:
-                mesh = FAMILIES[family](size)
-                flipped, base = flip_to_delaunay(mesh, track=True), Base.itself(mesh)
-                timing = measure.timed(lambda: common_subdivision(flipped, base), options.repeat)  # noqa: B023
-                crossings = int((timing.value.vertex_kind == 2).sum())
-                rows.append([mesh.n_faces, timing.value.mesh.n_faces, crossings, timing.median])
-            growth(rows)
-            header = ["faces", "faces of the overlay", "crossings", "seconds", "growth / n log n"]
-            measure.print_table(f"Common subdivision, {family} (no peer binds it)", header, rows)
+            for mesh in map(FAMILIES[family], sizes):
+                rows.append(
+                    overlay_row(flip_to_delaunay(mesh, track=True), Base.itself(mesh), options.repeat)
+                )
+            overlay_table(f"Common subdivision, {family} (no peer binds it)", rows)
     if options.only in (None, "refine"):
-        refinement_tables(sizes)
+        refinement_tables(sizes, options.repeat)
     if options.only in (None, "shared"):
         shared_table()
 
@@ -135,7 +171,7 @@ def shared_table() -> None:
     print("\n".join(refused))
 
 
-def refinement_tables(sizes: list[int]) -> None:
+def refinement_tables(sizes: list[int], repeat: int) -> None:
     """Refinement, the overlay after it, and points carried to the refined triangulation and back."""
     refining, cutting, carrying = [], [], []
     for size in sizes:
@@ -144,24 +180,18 @@ def refinement_tables(sizes: list[int]) -> None:
         refined = timing.value
         after = refined.flipped.mesh
         refining.append([mesh.n_faces, after.n_faces, refined.batches, timing.median])
-        timing = measure.timed(
-            lambda: common_subdivision(refined.flipped, refined.base),  # noqa: B023
-            1,
-            warm_up=False,
-        )
-        cut = timing.value
-        cutting.append([mesh.n_faces, cut.mesh.n_faces, (cut.vertex_kind == 2).sum(), timing.median])
+        cutting.append(overlay_row(refined.flipped, refined.base, repeat))
+        cut = common_subdivision(refined.flipped, refined.base)
         carry = PointMap(cut)
         corner = np.random.default_rng(0).dirichlet([1, 1, 1], size=2 * mesh.n_faces)
         points = SurfacePoints(np.repeat(np.arange(mesh.n_faces), 2), corner)
         timing = measure.timed(lambda: carry.to_input(carry.to_intrinsic(points)), 1)  # noqa: B023
         carrying.append([mesh.n_faces, len(points), timing.median])
-    for rows in (refining, cutting, carrying):
+    for rows in (refining, carrying):
         growth(rows)
     header = ["faces", "faces after", "batches", "seconds", "growth / n log n"]
     measure.print_table("Refinement to 25 degrees, stretched sphere (no peer binds it)", header, refining)
-    header = ["faces", "faces of the overlay", "crossings", "seconds", "growth / n log n"]
-    measure.print_table("Common subdivision after that refinement", header, cutting)
+    overlay_table("Common subdivision after that refinement", cutting)
     header = ["faces", "points", "seconds", "growth / n log n"]
     measure.print_table("Points carried there and back", header, carrying)
 

@@ -38,13 +38,19 @@ class Timing:
         return f"{self.median:.4g} s ({self.least:.3g}..{self.most:.3g})"
 
 
-def timed(call: Callable[[], Any], repeat: int = 5, warm_up: bool = True) -> Timing:
-    """Time a call: one warm-up, then `repeat` runs."""
-    value = call() if warm_up else None
+def timed(
+    call: Callable[..., Any],
+    repeat: int = 5,
+    warm_up: bool = True,
+    prepare: Callable[[], tuple] = lambda: (),
+) -> Timing:
+    """Time a call: one warm-up, then `repeat` runs; what `prepare` makes anew for each is not counted."""
+    value = call(*prepare()) if warm_up else None
     seconds = []
     for _ in range(repeat):
+        given = prepare()
         began = cpu_seconds()
-        value = call()
+        value = call(*given)
         seconds.append(cpu_seconds() - began)
     return Timing(statistics.median(seconds), min(seconds), max(seconds), value)
 

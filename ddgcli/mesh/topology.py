@@ -120,11 +120,12 @@ class Topology:
         """(m, 3) flat number of the side glued to side j; -1 on the boundary and on edges with 3+ faces."""
         if self.gluing is not None:
             return self.gluing
-        side_edge = self.side_edge.ravel()
-        order = sorted_sides(np.zeros_like(side_edge), side_edge, self.n_edges)[1]
-        start = np.concatenate([[0], np.cumsum(self.edge_face_count)])[:-1]
-        pair = start[self.edge_face_count == 2]
-        twin = np.full(len(side_edge), -1, dtype=np.int64)
+        tail, head = self.side_tail, self.side_head
+        key, order = sorted_sides(np.minimum(tail, head), np.maximum(tail, head), self.n_vertices)
+        last = np.ones(len(key) + 1, dtype=bool)  # of the sides of an edge; and the place before them all
+        np.not_equal(key[1:], key[:-1], out=last[1:-1])
+        pair = np.flatnonzero(last[:-2] & ~last[1:-1] & last[2:])
+        twin = np.full(len(key), -1, dtype=np.int64)
         first, second = order[pair], order[pair + 1]
         twin[first], twin[second] = second, first
         return frozen(twin.reshape(-1, 3))

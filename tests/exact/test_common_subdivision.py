@@ -6,7 +6,8 @@ import pytest
 from ddgcli.algorithms.delaunay.common_subdivision import CROSSING, Base, common_subdivision
 from ddgcli.algorithms.delaunay.flips import SideArrays, _independent, _violating, flip
 from ddgcli.algorithms.delaunay.gluing import around
-from ddgcli.algorithms.delaunay.normal_coordinates import crossings_of, flipped_crossings
+from ddgcli.algorithms.delaunay.normal_coordinates import base_edges_of, crossings_of, flipped_crossings
+from ddgcli.algorithms.delaunay.overlay_lines import in_order
 from ddgcli.algorithms.delaunay.triangulation import flip_to_delaunay
 from ddgcli.geometry.extrinsic import face_area_vector, face_normal
 from ddgcli.geometry.intrinsic import face_area
@@ -56,8 +57,8 @@ def test_overlay_is_a_mesh_of_the_same_surface(case):
     assert topology.is_manifold and topology.is_oriented
     assert topology.euler_characteristic == mesh.topology.euler_characteristic
     crossings = crossings_of(flipped.crossings, flipped.mesh.topology.side_twin)
-    assert (cut.vertex_kind == CROSSING).sum() == len(crossings.side) // 2
-    assert cut.mesh.n_vertices == mesh.n_vertices + len(crossings.side) // 2
+    assert (cut.vertex_kind == CROSSING).sum() == crossings.total // 2
+    assert cut.mesh.n_vertices == mesh.n_vertices + crossings.total // 2
     area = face_area(mesh.side_length)
     loss = max(1e-12, 10 * rounding(mesh))
     assert face_area(cut.mesh.side_length).sum() == pytest.approx(area.sum(), rel=loss)
@@ -89,6 +90,21 @@ def test_intrinsic_edges_are_straight_and_of_their_length(case):
     length[topology.side_edge] = flipped.mesh.side_length
     assert np.abs(np.array(pieces) / length - 1).max() < max(1e-9, 10 * far)
     assert cut.length_residual < 1e-9
+
+
+def test_shares_that_rounding_put_out_of_order_are_exchanged(case):
+    mesh, flipped, cut = case
+    topology = flipped.mesh.topology
+    edges = base_edges_of(crossings_of(flipped.crossings, topology.side_twin), topology.side_tail)
+    side, share = cut.crossings.labels.crossed, cut.crossings.share
+    edge, along_edge = mesh.topology.side_edge.ravel()[side], mesh.topology.side_sign.ravel()[side] > 0
+    rough = np.random.default_rng(0).random(len(share))
+    mended = in_order(rough.copy(), edges.label, edges)
+    true, rough, mended = (np.where(along_edge, s, 1 - s) for s in (share, rough, mended))
+    order = np.lexsort((true, edge))
+    apart = np.append(np.diff(true[order]) > 1e-12, False)  # ties may go either way
+    assert (np.diff(mended[order])[(apart & (edge[order] == np.roll(edge[order], -1)))[:-1]] >= 0).all()
+    assert np.array_equal(mended[np.lexsort((mended, edge))], rough[np.lexsort((rough, edge))])
 
 
 def test_linear_functions_are_carried_exactly(case):

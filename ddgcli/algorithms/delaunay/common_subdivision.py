@@ -13,13 +13,20 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array, eye_array
 
-from ddgcli.algorithms.delaunay.normal_coordinates import BaseEdges, Crossings, base_edges_of, crossings_of
+from ddgcli.algorithms.delaunay.normal_coordinates import (
+    LABEL,
+    TOGETHER,
+    BaseEdges,
+    Crossings,
+    base_edges_of,
+    crossings_of,
+)
 from ddgcli.algorithms.delaunay.overlay_lines import in_order, lines_over
-from ddgcli.algorithms.delaunay.overlay_pieces import cut_faces
+from ddgcli.algorithms.delaunay.overlay_pieces import Labels, Names, cut_faces
 from ddgcli.algorithms.delaunay.triangulation import Flipped
 from ddgcli.errors import MeshError, SolveError
 from ddgcli.mesh.intrinsic_mesh import IntrinsicMesh
-from ddgcli.mesh.topology import sorted_sides
+from ddgcli.mesh.topology import Topology, sorted_sides
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 
 INPUT_VERTEX, STEINER_POINT, CROSSING = 0, 1, 2
@@ -51,11 +58,16 @@ class Base:
         return cls(mesh, mesh, np.arange(mesh.n_faces), csr_array(eye_array(mesh.n_vertices)))
 
     @cached_property
+    def beside(self) -> NDArray[np.int64]:
+        """(3m, 2) input face that holds the face of a side, and the one beyond (-1: the boundary)."""
+        mine = np.repeat(self.input_face, 3)
+        twin = self.mesh.topology.side_twin.ravel()
+        return np.stack([mine, np.where(twin < 0, -1, mine.take(twin, mode="wrap"))], axis=1)
+
+    @cached_property
     def real_side(self) -> NDArray[np.bool_]:
         """(3m,) True at sides that lie on input edges."""
-        twin = self.mesh.topology.side_twin.ravel()
-        mine, other = np.repeat(self.input_face, 3), self.input_face[np.maximum(twin, 0) // 3]
-        return (twin < 0) | (mine != other)
+        return self.beside[:, 0] != self.beside[:, 1]
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,18 +84,11 @@ class CommonSubdivision:
         Face of either triangulation that holds each triangle.
     vertex_kind : (v,) ndarray of int64
         0 input vertex, 1 Steiner point, 2 crossing of an input edge with an intrinsic edge.
-    from_input, from_intrinsic : (v, n) sparse arrays
-        Values at the vertices from those at the vertices of either triangulation, linear on its faces.
-    corner : (t, 3) ndarray of int64
-        Where each triangle's corners lie in its intrinsic face: the flat number 3f+k of a corner of the face,
-        or 3m + h for half-crossing h.
-    half_side, half_along : (c,) ndarray
-        Intrinsic side of each half-crossing, and its share of the side's length from the tail.
-    edge_start, edge_vertex : ndarray of int64
-        Intrinsic edge e (as `topology.edges`) runs through edge_vertex[edge_start[e]:edge_start[e + 1]].
     length_residual : float
         Largest difference between an intrinsic edge's length and that of its straight line over the input
         faces, relative to the length.
+    crossings : Placed
+        Where the edges cross; what follows is worked out from them when it is asked for.
     """
 
     input: TriangleMesh
@@ -92,18 +97,134 @@ class CommonSubdivision:
     input_face: NDArray[np.int64]
     intrinsic_face: NDArray[np.int64]
     vertex_kind: NDArray[np.int64]
-    from_input: csr_array
-    from_intrinsic: csr_array
-    corner: NDArray[np.int64]
-    half_side: NDArray[np.int64]
-    half_along: NDArray[np.float64]
-    edge_start: NDArray[np.int64]
-    edge_vertex: NDArray[np.int64]
     length_residual: float
+    crossings: Placed
+
+    @cached_property
+    def from_input(self) -> csr_array:
+        """(v, n) values at the vertices from those at the input's, linear on its faces."""
+        return self.crossings.from_input()
+
+    @cached_property
+    def from_intrinsic(self) -> csr_array:
+        """(v, n') values at the vertices from those at the intrinsic triangulation's, linear on its faces."""
+        return self.crossings.from_intrinsic()
+
+    @cached_property
+    def corner(self) -> NDArray[np.int64]:
+        """(t, 3) where each triangle's corners lie in its intrinsic face.
+
+        The flat number 3f+k of a corner of the face, or 3m + h for half-crossing h.
+        """
+        n = len(self.crossings.halves.count)
+        return cut_faces(self.crossings.halves, Names(np.arange(n), n, 0), self.crossings.labels).corner
+
+    @cached_property
+    def half_side(self) -> NDArray[np.int64]:
+        """(c,) intrinsic side of each half-crossing."""
+        side = self.crossings.side
+        return np.stack([side, self.intrinsic.topology.side_twin.ravel()[side]], axis=1).ravel()
+
+    @cached_property
+    def half_along(self) -> NDArray[np.float64]:
+        """(c,) share of the side's length at which a half-crossing lies, from the tail."""
+        along = self.crossings.along
+        return np.stack([along, 1.0 - along], axis=1).ravel()
+
+    @cached_property
+    def edge_start(self) -> NDArray[np.int64]:
+        """(e + 1,) where the vertices of each intrinsic edge (as `topology.edges`) begin in `edge_vertex`."""
+        number = self.crossings.halves.count[self._first_side] + 2
+        return np.concatenate([[0], np.cumsum(number)])
+
+    @cached_property
+    def edge_vertex(self) -> NDArray[np.int64]:
+        """Vertices that each intrinsic edge runs through, from end to end."""
+        topology, start = self.intrinsic.topology, self.edge_start
+        chain = np.full(start[-1], -1, dtype=np.int64)
+        chain[start[:-1]] = topology.side_tail[self._first_side]
+        chain[start[1:] - 1] = topology.side_head[self._first_side]
+        chain[chain < 0] = np.arange(self.crossings.n_before, self.mesh.n_vertices)
+        return chain
+
+    @property
+    def _first_side(self) -> NDArray[np.int64]:
+        """The first side of each intrinsic edge."""
+        twin = self.intrinsic.topology.side_twin.ravel()
+        return np.flatnonzero((twin < 0) | (np.arange(len(twin)) < twin))
 
     def curves(self) -> list[NDArray[np.float64]]:
         """Every intrinsic edge as a polyline (k, 3) on the input surface."""
         return np.split(self.mesh.points[self.edge_vertex], self.edge_start[1:-1])
+
+
+@dataclass(frozen=True, eq=False)
+class Placed:
+    """The crossings of intrinsic edges with input edges, in the order of the intrinsic sides.
+
+    Parameters
+    ----------
+    intrinsic : IntrinsicMesh
+    base : Base
+    halves : Crossings
+    labels : Labels
+        Of the crossings with input edges alone.
+    share, along : (x,) ndarray of float64
+        Where they lie: shares of the lengths of the base side (`labels.crossed`) and of the intrinsic side,
+        from their tails.
+    """
+
+    intrinsic: IntrinsicMesh
+    base: Base
+    halves: Crossings
+    labels: Labels
+    share: NDArray[np.float64]
+    along: NDArray[np.float64]
+
+    @property
+    def n_before(self) -> int:
+        """Vertices of the subdivision before the crossings."""
+        return self.base.mesh.n_vertices
+
+    @property
+    def side(self) -> NDArray[np.int64]:
+        """(x,) first side of each edge crossed."""
+        return np.repeat(self.halves.side, self.halves.count[self.halves.side])
+
+    def points(self) -> NDArray[np.float64]:
+        """(v, 3) vertices of the subdivision: those of the base, then the crossings."""
+        topology, corners = self.base.mesh.topology, self.base.mesh.points
+        points = np.empty((self.n_before + len(self.share), 3))
+        points[: self.n_before] = corners
+        for begin in range(0, len(self.share), TOGETHER):
+            part = slice(begin, begin + TOGETHER)
+            side = self.labels.crossed[part]
+            tail = corners.take(topology.side_tail.take(side), axis=0)
+            along = corners.take(topology.side_head.take(side), axis=0)
+            along -= tail
+            along *= self.share[part, None]
+            at = self.n_before + begin
+            np.add(tail, along, out=points[at : at + len(side)])
+        return points
+
+    def kind(self) -> NDArray[np.int64]:
+        """(v,) kinds of the vertices."""
+        n_input = self.base.input.n_vertices
+        counts = [n_input, self.n_before - n_input, len(self.share)]
+        return np.repeat([INPUT_VERTEX, STEINER_POINT, CROSSING], counts)
+
+    def from_input(self) -> csr_array:
+        """Crossings lie on inner edges of the input, which end at its vertices: no Steiner point does."""
+        topology = self.base.mesh.topology
+        return _followed(
+            self.base.interpolation, topology.side_tail, topology.side_head, self.labels.crossed, self.share
+        )
+
+    def from_intrinsic(self) -> csr_array:
+        """Values at the vertices from those at the intrinsic triangulation's."""
+        topology = self.intrinsic.topology
+        vertices = csr_array(eye_array(topology.n_vertices))
+        return _followed(vertices, topology.side_tail, topology.side_head, self.side, self.along)
 
 
 def common_subdivision(flipped: Flipped, base: Base) -> CommonSubdivision:
@@ -125,130 +246,80 @@ def common_subdivision(flipped: Flipped, base: Base) -> CommonSubdivision:
     if flipped.crossings is None:
         raise MeshError("the flips were not tracked; call flip_to_delaunay(..., track=True)")
     mesh = flipped.mesh
-    twin = mesh.topology.side_twin
-    every = crossings_of(flipped.crossings, twin)
-    edges = base_edges_of(every, mesh.topology.side_tail)
-    table = SideTable(base.mesh)
-    base_side = _crossed_sides(base.mesh, table, edges)
-    along, share, residual = lines_over(mesh, base.mesh, every, base_side)
-
-    real = base.real_side[base_side]
-    counted = np.add.reduceat(np.append(real, False).astype(np.int64), np.append(every.start, len(real)))[:-1]
-    counted = np.where(every.count > 0, counted, 0)
-    crossings = crossings_of(counted.reshape(-1, 3), twin)
-    holder = _faces_without_arcs(flipped, base, table, every, base_side)
-    inside = base.input_face[base_side // 3][real]
-    beyond = base.input_face[np.maximum(base.mesh.topology.side_twin.ravel(), 0)[base_side] // 3][real]
-    n_crossings, number = _numbers(crossings)
-    pieces = cut_faces(crossings, inside, beyond, holder)
-    triangles = np.concatenate([mesh.faces.ravel(), mesh.n_vertices + number])[pieces.corner]
-
-    first = np.flatnonzero(crossings.side < twin.ravel()[crossings.side])
-    chosen = np.flatnonzero(real)[first]
-    share = in_order(share[chosen], base_side[chosen], edges.step[every.across[chosen]], base.mesh)
-    vertices = _Vertices(mesh, base, base_side[chosen], share, crossings.side[first], along[chosen])
-    half_along = np.empty(len(number))
-    half_along[first], half_along[crossings.across[first]] = along[chosen], 1.0 - along[chosen]
-    edge_start, edge_vertex = _edge_chains(mesh, crossings, number, n_crossings)
+    placed, residual = _placed(flipped, base)
+    names = Names(mesh.faces.ravel(), placed.n_before, 1)
+    pieces = cut_faces(placed.halves, names, placed.labels)
+    points = placed.points()
     return CommonSubdivision(
         input=base.input,
         intrinsic=mesh,
-        mesh=TriangleMesh.from_arrays(vertices.points(), triangles),
+        mesh=TriangleMesh(points, Topology(pieces.corner, len(points))),
         input_face=pieces.input_face,
         intrinsic_face=pieces.face,
-        vertex_kind=vertices.kind(),
-        from_input=vertices.from_input(),
-        from_intrinsic=vertices.from_intrinsic(),
-        corner=pieces.corner,
-        half_side=crossings.side,
-        half_along=half_along,
-        edge_start=edge_start,
-        edge_vertex=edge_vertex,
+        vertex_kind=placed.kind(),
         length_residual=residual,
+        crossings=placed,
     )
 
 
-def _crossed_sides(mesh: TriangleMesh, table: SideTable, edges: BaseEdges) -> NDArray[np.int64]:
-    """The base side of each half-crossing, from the right of its side to the left."""
-    one = np.flatnonzero(np.arange(len(edges.reverse)) < edges.reverse)
-    side = np.empty(len(edges.reverse), dtype=np.int64)
-    side[one] = table.between(edges.tail[one], edges.head[one])
-    side[edges.reverse[one]] = mesh.topology.side_twin.ravel()[side[one]]
-    return side[edges.chain]
-
-
-class SideTable:
-    """The sides of a mesh by their ends."""
-
-    def __init__(self, mesh: TriangleMesh) -> None:
-        topology = mesh.topology
-        self.n = np.int64(max(topology.n_vertices, 1))
-        self.key, self.side = sorted_sides(topology.side_tail, topology.side_head, topology.n_vertices)
-
-    def between(self, tail: NDArray, head: NDArray) -> NDArray[np.int64]:
-        """The side that runs from each tail to each head."""
-        wanted = tail * self.n + head
-        place = np.minimum(np.searchsorted(self.key, wanted), len(self.key) - 1)
-        if not np.array_equal(self.key[place], wanted):
-            raise SolveError("a chain of crossings joins two vertices that no input edge joins")
-        return self.side[place]
-
-
-def _numbers(c: Crossings) -> tuple[int, NDArray[np.int64]]:
-    """Number of crossings, and the crossing that each half-crossing is a half of."""
-    first = np.arange(len(c.side)) < c.across
-    number = np.cumsum(first) - 1
-    return int(first.sum()), np.where(first, number, number[c.across])
-
-
-def _faces_without_arcs(
-    flipped: Flipped, base: Base, table: SideTable, every: Crossings, base_side: NDArray
-) -> NDArray[np.int64]:
-    """(m,) input face of intrinsic faces that no input edge crosses; anything for the others."""
+def _placed(flipped: Flipped, base: Base) -> tuple[Placed, float]:
+    """The crossings with input edges, and the residual of the lines that place them."""
     mesh = flipped.mesh
-    holder = np.full(mesh.n_faces, -1, dtype=np.int64)
+    twin = mesh.topology.side_twin.ravel()
+    halves = crossings_of(flipped.crossings, twin)  # type: ignore[arg-type]
+    edges = base_edges_of(halves, mesh.topology.side_tail)
     shared = np.flatnonzero(flipped.crossings.ravel() < 0)  # type: ignore[union-attr]
-    side = table.between(mesh.topology.side_tail[shared], mesh.topology.side_head[shared])
-    holder[shared // 3] = base.input_face[side // 3]
-    holder[every.side // 3] = base.input_face[base_side // 3]
-    return holder
+    chain_side, shared_side = _base_sides(mesh, base.mesh, edges, shared)
+    label, crossed = edges.label, np.empty_like(edges.label)
+    side_of_label = np.stack([chain_side, chain_side[edges.reverse]], axis=1).ravel()
+    for begin in range(0, len(label), TOGETHER):
+        part = slice(begin, begin + TOGETHER)
+        crossed[part] = side_of_label.take(label[part] >> LABEL)
+
+    side = halves.side
+    count = halves.count[side]
+    holder = np.full(mesh.n_faces, -1, dtype=np.int64)
+    holder[shared // 3] = base.input_face[shared_side // 3]
+    for faces, k in ((side // 3, 0), (twin[side] // 3, 1)):
+        holder[faces] = base.beside[crossed[np.cumsum(count) - count], k]
+
+    along, share, residual = lines_over(base.mesh, crossed, count, mesh.side_length.ravel()[side])
+    if not base.real_side.all():  # edges inside input faces carry no meaning of their own
+        real = np.flatnonzero(base.real_side.take(crossed))
+        crossed, label, along, share = (_moved_up(a, real) for a in (crossed, label, along, share))
+        bounds = np.searchsorted(real, np.concatenate([[0], np.cumsum(count)]))
+        kept = np.zeros(len(twin), dtype=np.int64)
+        kept[side] = kept[twin[side]] = np.diff(bounds)
+        halves = crossings_of(kept.reshape(-1, 3), twin)
+    share = in_order(share, label, edges)
+    return Placed(mesh, base, halves, Labels(crossed, base.beside, holder), share, along), residual
 
 
-@dataclass(frozen=True, eq=False)
-class _Vertices:
-    """Vertices of the subdivision: those of the base, then crossings at a share of a base and an own side."""
+def _moved_up(array: NDArray, kept: NDArray) -> NDArray:
+    """Elements of ascending numbers, in place."""
+    for begin in range(0, len(kept), TOGETHER):
+        part = slice(begin, begin + TOGETHER)
+        array[part][: len(kept[part])] = array.take(kept[part])
+    return array[: len(kept)]
 
-    mesh: IntrinsicMesh
-    base: Base
-    base_side: NDArray[np.int64]
-    share: NDArray[np.float64]
-    side: NDArray[np.int64]
-    along: NDArray[np.float64]
 
-    def points(self) -> NDArray[np.float64]:
-        topology, points = self.base.mesh.topology, self.base.mesh.points
-        tail, head = points[topology.side_tail[self.base_side]], points[topology.side_head[self.base_side]]
-        head -= tail
-        head *= self.share[:, None]
-        head += tail
-        return np.concatenate([points, head])
+def _base_sides(
+    mesh: IntrinsicMesh, base: TriangleMesh, edges: BaseEdges, shared: NDArray
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """The base side that each chain runs along, and the one that each shared side is.
 
-    def kind(self) -> NDArray[np.int64]:
-        n_input = self.base.input.n_vertices
-        counts = [n_input, self.base.mesh.n_vertices - n_input, len(self.side)]
-        return np.repeat([INPUT_VERTEX, STEINER_POINT, CROSSING], counts)
-
-    def from_input(self) -> csr_array:
-        """Crossings lie on inner edges of the input, which end at its vertices: no Steiner point does."""
-        topology = self.base.mesh.topology
-        return _followed(
-            self.base.interpolation, topology.side_tail, topology.side_head, self.base_side, self.share
-        )
-
-    def from_intrinsic(self) -> csr_array:
-        topology = self.mesh.topology
-        vertices = csr_array(eye_array(topology.n_vertices))
-        return _followed(vertices, topology.side_tail, topology.side_head, self.side, self.along)
+    Together they are all base sides, so that sorting both by their ends matches them.
+    """
+    topology = mesh.topology
+    tail = np.concatenate([edges.tail, topology.side_tail[shared]])
+    head = np.concatenate([edges.head, topology.side_head[shared]])
+    key, order = sorted_sides(tail, head, topology.n_vertices)
+    base_key, base_order = sorted_sides(base.topology.side_tail, base.topology.side_head, topology.n_vertices)
+    if not np.array_equal(key, base_key):
+        raise SolveError("a chain of crossings joins two vertices that no input edge joins")
+    side = np.empty_like(order)
+    side[order] = base_order
+    return side[: len(edges.tail)], side[len(edges.tail) :]
 
 
 def _followed(first: csr_array, tail: NDArray, head: NDArray, side: NDArray, share: NDArray) -> csr_array:
@@ -263,25 +334,3 @@ def _followed(first: csr_array, tail: NDArray, head: NDArray, side: NDArray, sha
     matrix = csr_array((data, indices, indptr), shape=(first.shape[0] + k, first.shape[1]))
     matrix.sum_duplicates()  # a side from a vertex to itself
     return matrix
-
-
-def _edge_chains(
-    mesh: IntrinsicMesh, c: Crossings, number: NDArray, n_crossings: int
-) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Vertices of the subdivision along every intrinsic edge, from end to end."""
-    topology = mesh.topology
-    twin = topology.side_twin.ravel()
-    side = np.flatnonzero((twin < 0) | (np.arange(len(twin)) < twin))  # in the order of topology.edges
-    count = c.count[side] + 2
-    start = np.concatenate([[0], np.cumsum(count)])
-    chain = np.empty(start[-1], dtype=np.int64)
-    chain[start[:-1]], chain[start[1:] - 1] = topology.side_tail[side], topology.side_head[side]
-    inner = np.repeat(start[:-1] + 1, c.count[side]) + _counted(c.count[side])
-    source = np.repeat(c.start[side], c.count[side]) + _counted(c.count[side])
-    chain[inner] = mesh.n_vertices + number[source]
-    return start, chain
-
-
-def _counted(count: NDArray) -> NDArray[np.int64]:
-    """0 .. count-1 for each count, one after the other."""
-    return np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)

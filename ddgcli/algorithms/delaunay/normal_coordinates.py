@@ -11,6 +11,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+LABEL = 32  # bits of the step in a label of a crossing
+STEP = (1 << LABEL) - 1
+TOGETHER = 1 << 16  # crossings looked at together, so that temporaries stay in cache
+
 
 def corner_arcs(opposite: NDArray, left: NDArray, right: NDArray) -> tuple[NDArray, NDArray]:
     """Arcs at the corner of a triangle that faces the side `opposite`.
@@ -65,70 +69,89 @@ def flipped_crossings(ij: NDArray, jk: NDArray, ki: NDArray, il: NDArray, lj: ND
 
 @dataclass(frozen=True, eq=False)
 class Crossings:
-    """Every crossing of a triangulation's edges with the edges of a base triangulation, seen from each side.
+    """Every crossing of a triangulation's edges with the edges of a base triangulation, seen from both sides.
 
-    A crossing of an edge is two half-crossings, one on each of its sides, numbered along the sides in order.
-    An arc is the part of a base edge inside a face; from a half-crossing it leads into the side's own face.
+    Crossings are numbered along the edges, in the order of their first sides. Crossing x is two
+    half-crossings: 2x on the first side of the edge, 2x+1 on the other. An arc is the part of a base edge
+    inside a face; from a half-crossing it leads into the side's own face. Along a side come the arcs that cut
+    off its tail, those that leave the corner opposite, those that cut off its head.
 
     Parameters
     ----------
-    count, start : (3m,) ndarray of int64
-        Half-crossings on a side and the number of its first.
-    side : (c,) ndarray of int64
-        Side of a half-crossing.
-    across : (c,) ndarray of int64
-        The same crossing on the twin side.
-    cut : (m, 3) ndarray of int64
-        Arcs that cut off corner k.
-    leaving : (m, 3) ndarray of int64
-        Arcs that end at corner k.
+    count : (3m,) ndarray of int64
+        Crossings of a side.
+    first : (3m,) ndarray of int64
+        The half-crossing of a side that is nearest its tail; anything where there is none.
+    cut, leaving : (3m,) ndarray of int64
+        Arcs that cut off a corner, and that end at it.
+    side : (k,) ndarray of int64
+        The first sides of the edges that are crossed.
     """
 
     count: NDArray[np.int64]
-    start: NDArray[np.int64]
-    side: NDArray[np.int64]
-    across: NDArray[np.int64]
+    first: NDArray[np.int64]
     cut: NDArray[np.int64]
     leaving: NDArray[np.int64]
+    side: NDArray[np.int64]
+
+    @property
+    def total(self) -> int:
+        """Number of half-crossings."""
+        return 2 * int(self.count[self.side].sum())
+
+    def at(self, side: NDArray, place: NDArray | int) -> NDArray[np.int64]:
+        """The half-crossings at places along sides, counted from the tail."""
+        return ahead(self.first[side], place)
+
+    def last(self, side: NDArray) -> NDArray[np.int64]:
+        """The half-crossings of sides that are nearest the head."""
+        return self.at(side, self.count[side] - 1)
+
+
+def ahead(half: NDArray, places: NDArray | int) -> NDArray[np.int64]:
+    """The half-crossings so many places nearer the head of the same side."""
+    return half + places * (2 - 4 * (half & 1))
 
 
 def crossings_of(coordinate: NDArray, side_twin: NDArray) -> Crossings:
     """Half-crossings and arcs of normal coordinates (m, 3) on a gluing (m, 3)."""
-    count = np.maximum(coordinate, 0)
+    count, twin = np.maximum(coordinate, 0), side_twin.ravel()
     flat = count.ravel()
-    start = np.cumsum(flat) - flat
-    side = np.repeat(np.arange(len(flat)), flat)
-    # what a half-crossing and its other half add up to is the same all along a side
-    across = np.repeat(start + start[side_twin.ravel()] + flat - 1, flat)
-    across -= np.arange(len(across))
-    leaving, surplus = corner_arcs(count[:, [1, 2, 0]], count, count[:, [2, 0, 1]])
-    cut = (surplus - leaving[:, [1, 2, 0]] - leaving[:, [2, 0, 1]]) // 2
-    return Crossings(flat, start, side, across, np.maximum(cut, 0), leaving)
+    side = np.flatnonzero((flat > 0) & (np.arange(len(flat)) < twin))
+    first, end = np.zeros_like(flat), 2 * np.cumsum(flat[side])
+    first[side], first[twin[side]] = end - 2 * flat[side], end - 1
+    cut, leaving = np.empty_like(count), np.empty_like(count)
+    for begin in range(0, len(count), TOGETHER // 4):
+        faces = slice(begin, begin + TOGETHER // 4)
+        a, b, c = np.ascontiguousarray(count[faces].T)  # a runs from corner 0 to corner 1
+        arcs = [corner_arcs(*sides) for sides in ((b, a, c), (c, b, a), (a, c, b))]
+        for k, (left, surplus) in enumerate(arcs):
+            leaving[faces, k] = left
+            cut[faces, k] = np.maximum((surplus - arcs[k - 1][0] - arcs[k - 2][0]) >> 1, 0)
+    return Crossings(flat, first, cut.ravel(), leaving.ravel(), side)
 
 
-def arc_partner(c: Crossings) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Where the arc of each half-crossing leads inside its face.
+def repeated(member: NDArray, count: NDArray) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Each member so many times, one after the other, and the place among its repetitions, from 0."""
+    first = np.cumsum(count) - count
+    return np.repeat(member, count), np.arange(int(count.sum())) - np.repeat(first, count)
 
-    Returns
-    -------
-    partner : (c,) ndarray of int64
-        The half-crossing at its other end, -1 where it ends at a corner.
-    corner : (e,) ndarray of int64
-        The flat number of that corner, for the half-crossings whose arcs end at one, in their order.
-    """
-    m = len(c.cut)
-    after, before = np.array([1, 2, 0]), np.array([2, 0, 1])
-    start, count = c.start.reshape(m, 3), c.count.reshape(m, 3)
-    # along a side: arcs that cut off its tail, that end at the corner opposite, that cut off its head
-    parts = np.stack([c.cut, c.leaving[:, before], c.cut[:, after]], axis=2)
-    total = np.zeros((m, 3, 3), dtype=np.int64)  # of the two halves' numbers
-    total[..., 0] = start + start[:, before] + count[:, before] - 1
-    total[..., 2] = start + count - 1 + start[:, after]
-    partner = np.repeat(total.ravel(), parts.ravel())
-    partner -= np.arange(len(partner))
-    partner[np.repeat(np.tile([False, True, False], 3 * m), parts.ravel())] = -1
-    opposite = (3 * np.arange(m)[:, None] + before).ravel()
-    return partner, np.repeat(opposite, parts[..., 1].ravel())
+
+def blocks(count: NDArray, together: int) -> list[slice]:
+    """Runs of members that hold about so many things together, for work whose temporaries stay in cache."""
+    part = (np.cumsum(count) - count) // together
+    bounds = np.concatenate([[0], np.flatnonzero(part[1:] != part[:-1]) + 1, [len(count)]])
+    return [slice(a, b) for a, b in zip(bounds[:-1].tolist(), bounds[1:].tolist()) if a < b]
+
+
+def following(side: NDArray) -> NDArray[np.int64]:
+    """The next side of the same face."""
+    return side + np.where(side % 3 == 2, -2, 1)
+
+
+def preceding(side: NDArray) -> NDArray[np.int64]:
+    """The side before in the same face."""
+    return side + np.where(side % 3 == 0, 2, -1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,23 +161,24 @@ class BaseEdges:
     Parameters
     ----------
     tail, head : (k,) ndarray of int64
-        Vertices that a chain runs to and from: half-crossings look back to `head`.
-    reverse : (k,) ndarray of int64
-        The chain of the same edge from the other end.
-    chain, step : (c,) ndarray of int64
-        The chain whose head the base edge of a half-crossing ends at when it is followed into the side's
-        face, and the crossings passed on the way.
+        Vertices that a chain runs to and from: seen from its half-crossings, it comes from `tail` and ends at
+        `head`.
+    reverse, length : (k,) ndarray of int64
+        The chain of the same edge from the other end, and the number of crossings.
+    label : (x,) ndarray of int64
+        One of the two chains through each crossing, times 2^33, plus 2^32 where its half-crossing is the one
+        on the second side, plus the number of crossings between the crossing and the chain's head.
     """
 
     tail: NDArray[np.int64]
     head: NDArray[np.int64]
     reverse: NDArray[np.int64]
-    chain: NDArray[np.int64]
-    step: NDArray[np.int64]
+    length: NDArray[np.int64]
+    label: NDArray[np.int64]
 
 
 def base_edges_of(c: Crossings, tail: NDArray) -> BaseEdges:
-    """Follow the base edges from all of their ends at once, a crossing at a time.
+    """Follow the base edges from both ends at once, a crossing at a time, until they meet.
 
     Parameters
     ----------
@@ -162,20 +186,55 @@ def base_edges_of(c: Crossings, tail: NDArray) -> BaseEdges:
     tail : (3m,) ndarray of int64
         Vertex at each corner.
     """
-    partner, corner = arc_partner(c)
-    onward = partner[c.across]
-    here = np.flatnonzero(partner < 0)
+    onward, here, corner = _arcs(c)
     head = tail[corner]
-    name = np.arange(len(here))
-    chain, step = np.empty_like(partner), np.empty_like(partner)
-    last = here.copy()
-    passed = 0
+    reverse, length = np.empty_like(here), np.empty_like(here)
+    label = np.full(len(onward) // 2, -1, dtype=np.int64)
+    name = np.arange(len(here)) << LABEL + 1
+    label[here >> 1] = name + ((here & 1) << LABEL)
+    here, passed = onward.take(here), 1
+    alone = np.flatnonzero(here < 0)  # a single crossing: both ends were there at once
+    reverse[alone], length[alone] = ~here[alone], 1
+    going = np.flatnonzero(here >= 0)
+    here, name = here[going], name[going]
     while len(here):
-        chain[here], step[here] = name, passed
-        after = onward[here]
-        going = after >= 0
-        ended = ~going
-        last[name[ended]] = here[ended]
-        here, name, passed = after[going], name[going], passed + 1
-    reverse = chain[c.across[last]]
-    return BaseEdges(head[reverse], head, reverse, chain, step)
+        x = here >> 1
+        found = label.take(x)
+        met = np.flatnonzero(found >= 0)
+        if len(met):
+            going = np.flatnonzero(found < 0)
+            chain, found = name.take(met) >> LABEL + 1, found.take(met)
+            reverse[chain] = found >> LABEL + 1
+            length[chain] = passed + 1 + (found & STEP)
+            here, x, name = here.take(going), x.take(going), name.take(going)
+        label[x] = name + (passed + ((here & 1) << LABEL))
+        here, passed = onward.take(here), passed + 1
+    return BaseEdges(head[reverse], head, reverse, length, label)
+
+
+def _arcs(c: Crossings) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
+    """How the arcs join half-crossings.
+
+    Returns
+    -------
+    onward : (c,) ndarray of int64
+        Where the arc that goes on from a half-crossing beyond its side leads; ~e where it is the e-th of
+        those that end at a corner.
+    end, corner : (e,) ndarray of int64
+        The half-crossing of each arc that ends at a corner, and the flat number of that corner.
+    """
+    onward = np.empty(c.total, dtype=np.int64)
+    cut = np.flatnonzero(c.cut)
+    for part in blocks(c.cut[cut], TOGETHER):
+        corner, before = cut[part], preceding(cut[part])
+        who, place = repeated(np.arange(len(corner)), c.cut[corner])
+        x = ahead(c.first[corner].take(who), place)  # the arc's ends on both sides of the corner
+        y = ahead(c.last(before).take(who), -place)
+        onward[x ^ 1] = y
+        onward[y ^ 1] = x
+    left = np.flatnonzero(c.leaving)
+    opposite = following(left)
+    which, place = repeated(np.arange(len(left)), c.leaving[left])
+    end = ahead(c.at(opposite, c.cut[opposite]).take(which), place)
+    onward[end ^ 1] = ~np.arange(len(end))
+    return onward, end, left.take(which)

@@ -5,140 +5,176 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.algorithms.delaunay.gluing import around
-from ddgcli.algorithms.delaunay.normal_coordinates import Crossings
+from ddgcli.algorithms.delaunay.normal_coordinates import LABEL, STEP, TOGETHER, BaseEdges, blocks
 from ddgcli.errors import SolveError
-from ddgcli.mesh.intrinsic_mesh import IntrinsicMesh
 from ddgcli.mesh.triangle_mesh import TriangleMesh
-
-TOGETHER = 1 << 17  # crossings unfolded at a time, so that temporaries stay in cache
 
 
 def lines_over(
-    mesh: IntrinsicMesh, base: TriangleMesh, c: Crossings, base_side: NDArray
+    base: TriangleMesh, base_side: NDArray, count: NDArray, length: NDArray
 ) -> tuple[NDArray, NDArray, float]:
-    """Where crossings lie, by unfolding the strip of base faces under each edge.
+    """Where edges cross a base triangulation, by unfolding the strip of base faces under each of them.
+
+    Parameters
+    ----------
+    base : TriangleMesh
+    base_side : (x,) ndarray of int64
+        The base sides crossed, from right to left, edge after edge.
+    count : (k,) ndarray of int64
+        Crossings of each edge, at least 1.
+    length : (k,) ndarray of float64
+        Lengths of the edges.
 
     Returns
     -------
-    along : (c,) ndarray of float64
-        Share of the intrinsic side's length, from its tail; nan on one of the two sides.
-    share : (c,) ndarray of float64
+    along : (x,) ndarray of float64
+        Share of the edge's length, from its tail.
+    share : (x,) ndarray of float64
         Share of the base side's length, from its tail.
     residual : float
         Largest relative difference between an edge's length and its straight line's.
     """
-    twin = mesh.topology.side_twin.ravel()
-    side = np.flatnonzero((c.count > 0) & (np.arange(len(twin)) < twin))
-    side = side[np.argsort(-c.count[side], kind="stable")]
-    along, share = np.full(len(c.side), np.nan), np.full(len(c.side), np.nan)
-    if len(side) == 0:
+    along, share = np.empty((2, len(base_side)))
+    if len(count) == 0:
         return along, share, 0.0
-    count, start = c.count[side], c.start[side]
-    strips = Strips(base, base_side)
-    straight = np.empty(len(side))
-    part = (np.cumsum(count) - count) // TOGETHER
-    for block in np.split(np.arange(len(side)), np.flatnonzero(part[1:] != part[:-1]) + 1):
-        n, first = count[block], start[block]
-        crossed, position, straight[block] = strips.lines(first, n)
-        mine = np.arange(len(crossed)) + np.repeat(first - (np.cumsum(n) - n), n)
-        share[mine], along[mine] = crossed, position
-    length = mesh.side_length.ravel()[side]
+    most = int(count.max())
+    longest_first = np.argsort((most - count).astype(np.min_scalar_type(most)), kind="stable")
+    count, start = count[longest_first], (np.cumsum(count) - count)[longest_first]
+    strips = Strips(base, base_side, along, share)
+    straight = np.concatenate([strips.draw(start[b], count[b]) for b in blocks(count, TOGETHER)])
+    length = length[longest_first]
     return along, share, float((np.abs(straight - length) / length).max())
 
 
 class Strips:
-    """Strips of base faces under straight lines, unfolded in the plane of complex numbers."""
+    """Strips of base faces under straight lines, unfolded in the plane of complex numbers.
 
-    def __init__(self, base: TriangleMesh, base_side: NDArray) -> None:
-        self.base_side = base_side
+    Parameters
+    ----------
+    base : TriangleMesh
+    base_side : (x,) ndarray of int64
+    along, share : (x,) ndarray of float64
+        Where crossings lie on the lines and on the base sides, from 0 to 1; filled as lines are drawn.
+    """
+
+    def __init__(self, base: TriangleMesh, base_side: NDArray, along: NDArray, share: NDArray) -> None:
+        self.base_side, self.along, self.share = base_side, along, share
         self.apex, self.twin = _apex(base), base.topology.side_twin.ravel()
         self.length = base.side_length.ravel()
 
-    def lines(self, start: NDArray, count: NDArray) -> tuple[NDArray, NDArray, NDArray]:
-        """Straight lines whose crossings begin at `start`, longest first.
-
-        Returns
-        -------
-        share, along : (c,) ndarray of float64
-            Where crossings lie on the base sides and on the lines, line after line; both from 0 to 1.
-        length : (k,) ndarray of float64
-            Of the lines.
-        """
-        right, left, end = self._unfolded(start, count)
+    def draw(self, start: NDArray, count: NDArray) -> NDArray[np.float64]:
+        """Lengths of the straight lines whose crossings begin at `start`, longest chains first."""
+        alive = len(count) - np.cumsum(np.bincount(count))[:-1]  # chains of more than 0, 1, ... crossings
+        right, left, end = self._unfolded(start, alive)
+        step = np.repeat(np.arange(len(alive)), alive)
+        line = np.arange(len(step)) - (np.cumsum(alive) - alive).take(step)
         length = np.abs(end)
         unit = np.where(length > 0, length, 1.0)
-        turn = np.repeat(np.where(length > 0, np.conj(end) / unit, 1.0), count)
+        turn = np.where(length > 0, np.conj(end) / unit, 1.0).take(line)
         right *= turn
         left *= turn
-        rise = left.imag - right.imag
-        share = np.where(rise > 0, -right.imag / np.where(rise > 0, rise, 1.0), 0.5)
+        left -= right
+        share = np.divide(-right.imag, left.imag, out=np.full(len(step), 0.5), where=left.imag > 0)
         np.clip(share, 0.0, 1.0, out=share)
-        along = (right.real + share * (left.real - right.real)) / np.repeat(unit, count)
-        return share, np.clip(along, 0.0, 1.0), length
+        place = start.take(line)
+        place += step
+        self.share[place] = share
+        share *= left.real
+        share += right.real
+        share /= unit.take(line)
+        self.along[place] = np.clip(share, 0.0, 1.0, out=share)
+        return length
 
-    def _unfolded(self, start: NDArray, count: NDArray) -> tuple[NDArray, NDArray, NDArray]:
+    def _unfolded(self, start: NDArray, alive: NDArray) -> tuple[NDArray, NDArray, NDArray]:
         """The strips laid out with the tails of the lines at 0.
 
         Returns
         -------
         right, left : (c,) ndarray of complex128
-            Ends of the crossed sides, line after line.
+            Ends of the crossed sides: the first ones of all lines, then the second ones, and so on.
         end : (k,) ndarray of complex128
             Heads of the lines.
         """
-        apex, twin, base_side = self.apex, self.twin, self.base_side
-        place = np.cumsum(count) - count
-        right, left = np.empty((2, int(count.sum())), dtype=np.complex128)
-        here = base_side[start]
-        length = self.length[here]
-        right[place], left[place] = -apex[here] * length, (1.0 - apex[here]) * length
-        end = np.zeros(len(start), dtype=np.complex128)
-        alive = len(start)
-        longer = alive - np.cumsum(np.bincount(count))  # strips of more crossings than so many
-        for step in range(1, int(count[0]) + 1):
-            entered = twin[base_side[start[:alive] + step - 1]]
-            previous = place[:alive] + step - 1
-            p, q = left[previous], right[previous]
-            corner = p + apex[entered] * (q - p)
-            going = int(longer[step])
-            end[going:alive] = corner[going:]
-            now, entered = place[:going] + step, entered[:going]
-            crossed = base_side[start[:going] + step]
-            _, following, before = around(entered)
-            keeps_right = crossed == following
-            if not (keeps_right | (crossed == before)).all():
+        right, left = np.empty((2, int(alive.sum())), dtype=np.complex128)
+        end = np.empty(len(start), dtype=np.complex128)
+        crossed = self.base_side.take(start)
+        length, apex = self.length.take(crossed), self.apex.take(crossed)
+        p, q = left[: len(start)], right[: len(start)]
+        np.multiply(1.0 - apex, length, out=p)
+        np.multiply(-apex, length, out=q)
+        filled = len(start)
+        for step, going in enumerate([*alive[1:].tolist(), 0], start=1):
+            entered = self.twin.take(crossed)
+            corner = q - p
+            corner *= self.apex.take(entered)
+            corner += p
+            end[going : len(corner)] = corner[going:]
+            p, q, corner, entered = p[:going], q[:going], corner[:going], entered[:going]
+            crossed = self.base_side.take(start[:going] + step)
+            onward = crossed - entered
+            if ((crossed // 3 != entered // 3) | (onward == 0)).any():
                 raise SolveError("a chain of crossings leaves the strip of faces that it runs through")
-            left[now] = np.where(keeps_right, corner[:going], p[:going])
-            right[now] = np.where(keeps_right, q[:going], corner[:going])
-            alive = going
+            keeps_right = (onward == 1) | (onward == -2)
+            rows = slice(filled, filled + going)
+            left[rows], right[rows] = np.where(keeps_right, corner, p), np.where(keeps_right, q, corner)
+            p, q, filled = left[rows], right[rows], rows.stop
         return right, left, end
 
 
 def _apex(mesh: TriangleMesh) -> NDArray[np.complex128]:
     """(3m,) the corner opposite each side, in the frame where the side runs from 0 to 1."""
-    side = mesh.side_vector
-    to_apex = -side[:, [2, 0, 1]]
-    squared = np.einsum("fij,fij->fi", side, side)
-    squared[squared == 0.0] = 1.0
-    x = np.einsum("fij,fij->fi", side, to_apex) / squared
-    y = np.linalg.norm(np.cross(side[:, 0], to_apex[:, 0]), axis=1)[:, None] / squared
-    return (x + 1j * y).ravel()
+    apex = np.empty((mesh.n_faces, 3), dtype=np.complex128)
+    for begin in range(0, mesh.n_faces, TOGETHER // 4):
+        faces = slice(begin, begin + TOGETHER // 4)
+        corners = [mesh.points.take(corner, axis=0) for corner in mesh.faces[faces].T]
+        side = [corners[k - 2] - corners[k] for k in range(3)]
+        doubled_area = np.linalg.norm(np.cross(side[0], side[2]), axis=1)
+        for k in range(3):
+            squared = np.einsum("fi,fi->f", side[k], side[k])
+            squared[squared == 0.0] = 1.0
+            apex.real[faces, k] = -np.einsum("fi,fi->f", side[k], side[k - 1]) / squared
+            apex.imag[faces, k] = doubled_area / squared
+    return apex.ravel()
 
 
-def in_order(share: NDArray, base_side: NDArray, index: NDArray, base: TriangleMesh) -> NDArray[np.float64]:
-    """Shares along base sides, exchanged where rounding put them in another order than the integers say."""
-    twin = base.topology.side_twin.ravel()
-    forward = base_side < twin[base_side]
-    edge = np.where(forward, base_side, twin[base_side])
-    total = np.bincount(edge, minlength=len(twin))[edge]
-    along = np.where(forward, share, 1.0 - share)
-    rank = np.where(forward, index, total - 1 - index)
-    count = np.bincount(edge, minlength=len(twin))
-    place = (np.cumsum(count) - count)[edge] + rank  # every rank of an edge occurs once
-    owner, ordered = np.empty_like(edge), np.empty_like(along)
-    owner[place], ordered[place] = edge, along
-    if ((ordered[1:] < ordered[:-1]) & (owner[1:] == owner[:-1])).any():
-        ordered = ordered[np.lexsort((ordered, owner))]
-    along = ordered[place]
-    return np.where(forward, along, 1.0 - along)
+def in_order(share: NDArray, label: NDArray, edges: BaseEdges) -> NDArray[np.float64]:
+    """Shares along base sides, exchanged where rounding put them in another order than the integers say.
+
+    Parameters
+    ----------
+    share : (x,) ndarray of float64
+        Of the base side that is crossed, seen from the first side of the edge.
+    label : (x,) ndarray of int64
+        Of all crossings of some base edges: see `BaseEdges.label`.
+    edges : BaseEdges
+    """
+    one = np.arange(len(edges.reverse)) < edges.reverse  # of the two chains of an edge
+    present = np.zeros(len(one), dtype=bool)
+    present[label >> LABEL + 1] = True
+    length = np.where(one & (present | present[edges.reverse]), edges.length, 0)
+    first = np.cumsum(length) - length
+    first = np.where(one, first + length - 1, ~first[edges.reverse])
+    parts = [slice(begin, begin + TOGETHER) for begin in range(0, len(label), TOGETHER)]
+
+    def places(part: slice) -> tuple[NDArray, NDArray]:
+        """Where crossings come from the tail of `one` on, and which of them see it run to their left."""
+        mark = label[part]
+        end = first.take(mark >> LABEL + 1)
+        along_one = end >= 0
+        step = mark & STEP
+        return np.where(along_one, end - step, ~end + step), along_one == ((mark >> LABEL) & 1 == 0)
+
+    ordered = np.empty_like(share)
+    for part in parts:
+        place, forward = places(part)
+        ordered[place] = np.where(forward, share[part], 1.0 - share[part])
+    falls = ordered[1:] < ordered[:-1]
+    falls[np.cumsum(length[length > 0])[:-1] - 1] = False
+    if not falls.any():
+        return share
+    ordered = ordered[np.lexsort((ordered, np.repeat(np.arange(len(length)), length)))]
+    for part in parts:
+        place, forward = places(part)
+        along = ordered.take(place)
+        share[part] = np.where(forward, along, 1.0 - along)
+    return share

@@ -7,7 +7,62 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.algorithms.delaunay.normal_coordinates import Crossings
+from ddgcli.algorithms.delaunay.normal_coordinates import (
+    TOGETHER,
+    Crossings,
+    ahead,
+    blocks,
+    following,
+    preceding,
+    repeated,
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Names:
+    """What the corners of faces and the half-crossings on their sides are called.
+
+    Parameters
+    ----------
+    corner : (3m,) ndarray of int64
+    offset, shift : int
+        A half-crossing is called offset + half / 2^shift.
+    """
+
+    corner: NDArray[np.int64]
+    offset: int
+    shift: int
+
+    def half(self, half: NDArray) -> NDArray[np.int64]:
+        """The names of half-crossings."""
+        return self.offset + (half >> self.shift)
+
+
+@dataclass(frozen=True, eq=False)
+class Labels:
+    """Which face of the input holds what.
+
+    Parameters
+    ----------
+    crossed : (x,) ndarray of int64
+        Base side of each crossing, as it is seen from the first side: from its right to its left.
+    beside : (b, 2) ndarray of int64
+        Input face that holds the face of a base side, and the one beyond.
+    holder : (m,) ndarray of int64
+        Input face of the faces that no arc crosses.
+    """
+
+    crossed: NDArray[np.int64]
+    beside: NDArray[np.int64]
+    holder: NDArray[np.int64]
+
+    def before(self, half: NDArray) -> NDArray[np.int64]:
+        """The input face at a half-crossing on the side of its arc that a walk along the side leaves."""
+        return self.beside.ravel().take(2 * self.crossed.take(half >> 1) + (half & 1))
+
+    def beyond(self, half: NDArray) -> NDArray[np.int64]:
+        """The input face at a half-crossing on the side of its arc that a walk along the side enters."""
+        return self.before(half ^ 1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -17,8 +72,7 @@ class Pieces:
     Parameters
     ----------
     corner : (t, 3) ndarray of int64
-        Where the corners lie, oriented as the faces are: the flat number 3f+k of a corner of the face that
-        was cut, or 3m + h for half-crossing h.
+        The names of their corners, oriented as the faces are.
     face, input_face : (t,) ndarray of int64
         The face that was cut, and the input face that holds the piece.
     """
@@ -28,40 +82,27 @@ class Pieces:
     input_face: NDArray[np.int64]
 
 
-def cut_faces(c: Crossings, before: NDArray, beyond: NDArray, holder: NDArray) -> Pieces:
+def cut_faces(c: Crossings, names: Names, labels: Labels) -> Pieces:
     """Cut faces along their arcs into convex pieces, and those into fans of triangles.
-
-    Parameters
-    ----------
-    c : Crossings
-    before, beyond : (c,) ndarray of int64
-        Input face on the side of the arc that a walk along the side leaves, and that it enters.
-    holder : (m,) ndarray of int64
-        Input face of the faces that no arc crosses.
 
     Notes
     -----
     Around a corner that arcs cut off lie a triangle and quadrilaterals. What is left is one polygon of at
-    most six corners, or, where arcs leave a corner, a fan of pieces around it.
+    most six corners, or, where arcs leave a corner, a fan of pieces around it. Every face and every
+    half-crossing adds one triangle.
     """
-    cutter = _Cutter(c, before, beyond)
-    parts = [
-        cutter.corner_triangles(),
-        *cutter.corner_quads(),
-        *cutter.middles(holder),
-        *cutter.fan_firsts(),
-        cutter.fan_inner(),
-        *cutter.fan_lasts(),
-    ]
-    total = sum(len(face) for _, face, _ in parts)
+    m = len(c.count) // 3
+    total = m + c.total
     pieces = Pieces(*(np.empty(shape, dtype=np.int64) for shape in ((total, 3), total, total)))
+    cutter = _Cutter(c, names, labels)
     filled = 0
-    for corners, corner, input_face in parts:
-        rows = slice(filled, filled + len(corner))
-        for k in range(3):
-            pieces.corner[rows, k] = corners[k]
-        pieces.face[rows], pieces.input_face[rows] = corner // 3, input_face
-        filled = rows.stop
+    for block in blocks(c.count.reshape(m, 3).sum(axis=1) + 1, TOGETHER):
+        for corners, face, input_face in cutter.parts(block):
+            rows = slice(filled, filled + len(face))
+            for k in range(3):
+                pieces.corner[rows, k] = corners[k]
+            pieces.face[rows], pieces.input_face[rows] = face, input_face
+            filled = rows.stop
     return pieces
 
 
@@ -69,108 +110,96 @@ Part = tuple[tuple[NDArray, NDArray, NDArray], NDArray[np.int64], NDArray[np.int
 
 
 class _Cutter:
-    """The kinds of pieces; methods return parts: triangles by corner, a corner of their face, input face."""
+    """The kinds of pieces; methods return parts: triangles by name, face, input face."""
 
-    def __init__(self, c: Crossings, before: NDArray, beyond: NDArray) -> None:
-        self.c = c
-        self.n_corners = len(c.count)
-        self.before, self.beyond = np.append(before, -1), np.append(beyond, -1)
-        self.cut, self.leaving = c.cut.ravel(), c.leaving.ravel()
+    def __init__(self, c: Crossings, names: Names, labels: Labels) -> None:
+        self.c, self.names, self.labels = c, names, labels
 
-    def _from_tail(self, side: NDArray, place: NDArray) -> NDArray:
-        return self.c.start[side] + place
+    def parts(self, block: slice) -> list[Part]:
+        """The pieces of a run of faces."""
+        sides = slice(3 * block.start, 3 * block.stop)
+        cut = 3 * block.start + np.flatnonzero(self.c.cut[sides])
+        left = 3 * block.start + np.flatnonzero(self.c.leaving[sides])
+        whole = np.ones(block.stop - block.start, dtype=bool)
+        whole[left // 3 - block.start] = False
+        parts = [self._tips(cut), *self._quads(cut), *self._middles(block.start + np.flatnonzero(whole))]
+        return [*parts, *self._fans(left)] if len(left) else parts
 
-    def _from_head(self, side: NDArray, place: NDArray) -> NDArray:
-        return self.c.start[side] + self.c.count[side] - 1 - place
-
-    def _at(self, half: NDArray) -> NDArray:
-        """The name of half-crossings as corners of pieces."""
-        return self.n_corners + half
-
-    def corner_triangles(self) -> Part:
+    def _tips(self, corner: NDArray) -> Part:
         """The tip of each corner that is cut off."""
-        corner = np.flatnonzero(self.cut > 0)
-        x = self._from_tail(corner, np.zeros_like(corner))
-        y = self._from_head(_previous(corner), np.zeros_like(corner))
-        return (corner, self._at(x), self._at(y)), corner, self.before[x]
+        x, y = self.c.first[corner], self.c.last(preceding(corner))
+        tip = self.names.corner[corner], self.names.half(x), self.names.half(y)
+        return tip, corner // 3, self.labels.before(x)
 
-    def corner_quads(self) -> list[Part]:
-        """Between two arcs that cut off the same corner."""
-        count = np.maximum(self.cut - 1, 0)
-        corner = np.repeat(np.arange(len(count)), count)
-        place = 1 + np.arange(len(corner)) - np.repeat(np.cumsum(count) - count, count)
-        outer, far = self._from_tail(corner, place), self._from_head(_previous(corner), place)
-        a, b, c, d = (self._at(x) for x in (outer - 1, outer, far, far + 1))
-        held = self.before[outer]
-        return [((a, b, c), corner, held), ((a, c, d), corner, held)]
+    def _quads(self, corner: NDArray) -> list[Part]:
+        """Between two arcs that cut off the same corner, each with the one before it."""
+        who, place = repeated(np.arange(len(corner)), self.c.cut[corner] - 1)
+        other = preceding(corner)
+        x = ahead(self.c.first[corner].take(who), place)
+        y = ahead(self.c.last(other).take(who), -place)
+        a, d = self.names.half(x), self.names.half(y)
+        x, y = ahead(x, 1), ahead(y, -1)
+        b, c = self.names.half(x), self.names.half(y)
+        face, held = (corner // 3).take(who), self.labels.before(x)
+        return [((a, b, c), face, held), ((a, c, d), face, held)]
 
-    def _outermost(self, corner: NDArray) -> tuple[NDArray, NDArray]:
-        """Where what is left of a face arrives at and leaves a corner: the last arc's ends, or the corner."""
-        cut = self.cut[corner]
-        arriving = self._at(self._from_head(_previous(corner), cut - 1))
-        leaving = self._at(self._from_tail(corner, cut - 1))
-        return np.where(cut > 0, arriving, corner), np.where(cut > 0, leaving, -1)
+    def _outermost(self, corner: NDArray) -> tuple[NDArray, NDArray, NDArray]:
+        """What is left of a face at a corner.
 
-    def middles(self, holder: NDArray) -> list[Part]:
-        """What cut-off corners leave of a face that no arc leaves a corner into."""
-        face = np.flatnonzero((self.c.leaving == 0).all(axis=1))
-        arriving, leaving, input_face = [], [], holder[face]
+        Returns
+        -------
+        arriving, leaving : (k,) ndarray of int64
+            Names of the ends of the last arc that cuts the corner off; of the corner itself and -1 where none
+            does.
+        half : (k,) ndarray of int64
+            The end of that arc on the side that leaves the corner.
+        """
+        last, other = self.c.cut[corner] - 1, preceding(corner)
+        x, y = self.c.at(corner, last), self.c.at(other, self.c.count[other] - 1 - last)
+        arriving = np.where(last >= 0, self.names.half(y), self.names.corner[corner])
+        return arriving, np.where(last >= 0, self.names.half(x), -1), x
+
+    def _middles(self, face: NDArray) -> list[Part]:
+        """What cut-off corners leave of faces that no arc leaves a corner of."""
+        arriving, leaving, held = [], [], self.labels.holder[face]
         for k in range(3):
-            corner = 3 * face + k
-            into, out = self._outermost(corner)
+            into, out, half = self._outermost(3 * face + k)
             arriving.append(into)
             leaving.append(out)
-            cut = self.cut[corner]
-            x = np.where(cut > 0, self._from_tail(corner, cut - 1), -1)
-            input_face = np.where(cut > 0, self.beyond[x], input_face)
+            off = np.flatnonzero(out >= 0)
+            held[off] = self.labels.beyond(half[off])
         a, b, c = arriving
         ears = [(a, leaving[0], b), (b, leaving[1], c), (c, leaving[2], a)]
-        return [((a, b, c), 3 * face, input_face), *(_present((ear, 3 * face, input_face)) for ear in ears)]
+        return [((a, b, c), face, held), *(_present((ear, face, held)) for ear in ears)]
 
-    def _fan_corners(self) -> tuple[NDArray, NDArray, NDArray]:
-        """Corners that arcs leave, how many, and the place of the first on the opposite side."""
-        corner = np.flatnonzero(self.leaving > 0)
-        return corner, self.leaving[corner], self.cut[_following(corner)]
-
-    def fan_firsts(self) -> list[Part]:
-        """Between the side that leaves the corner and the first arc."""
-        corner, _, first = self._fan_corners()
-        arriving, leaving = self._outermost(_following(corner))
-        x = self._from_tail(_following(corner), first)
-        held = self.before[x]
+    def _fans(self, corner: NDArray) -> list[Part]:
+        """The pieces around corners that arcs leave."""
+        count, opposite = self.c.leaving[corner], following(corner)
+        face, tip = corner // 3, self.names.corner[corner]
+        first = self.c.at(opposite, self.c.cut[opposite])
+        last = ahead(first, count - 1)
+        arriving, leaving, _ = self._outermost(opposite)
+        held = self.labels.before(first)
         middle = np.where(leaving >= 0, leaving, arriving)
-        ear = (corner, arriving, leaving), corner, held
-        return [_present(ear), ((corner, middle, self._at(x)), corner, held)]
-
-    def fan_inner(self) -> Part:
-        """Between two arcs that leave the same corner."""
-        corner, count, first = self._fan_corners()
-        more = count - 1
-        place = 1 + np.arange(more.sum()) - np.repeat(np.cumsum(more) - more, more)
-        corner, first = np.repeat(corner, more), np.repeat(first, more)
-        x = self._from_tail(_following(corner), first + place)
-        return (corner, self._at(x - 1), self._at(x)), corner, self.before[x]
-
-    def fan_lasts(self) -> list[Part]:
-        """Between the last arc and the side that arrives at the corner."""
-        corner, count, first = self._fan_corners()
-        arriving, leaving = self._outermost(_previous(corner))
-        x = self._from_tail(_following(corner), first + count - 1)
-        held = self.beyond[x]
-        ear = (corner, arriving, leaving), corner, held
-        return [((corner, self._at(x), arriving), corner, held), _present(ear)]
+        parts = [
+            _present(((tip, arriving, leaving), face, held)),
+            ((tip, middle, self.names.half(first)), face, held),
+        ]
+        arriving, leaving, _ = self._outermost(preceding(corner))
+        held = self.labels.beyond(last)
+        parts += [
+            ((tip, self.names.half(last), arriving), face, held),
+            _present(((tip, arriving, leaving), face, held)),
+        ]
+        who, place = repeated(np.arange(len(corner)), count - 1)
+        x = ahead(first.take(who), place)
+        after = ahead(x, 1)
+        between = tip.take(who), self.names.half(x), self.names.half(after)
+        return [*parts, (between, face.take(who), self.labels.before(after))]
 
 
 def _present(part: Part) -> Part:
     """The triangles that no corner is missing from (-1)."""
-    (a, b, c), corner, input_face = part
+    (a, b, c), face, input_face = part
     there = np.flatnonzero((b >= 0) & (c >= 0))
-    return (a[there], b[there], c[there]), corner[there], input_face[there]
-
-
-def _following(corner: NDArray) -> NDArray:
-    return corner + np.where(corner % 3 == 2, -2, 1)
-
-
-def _previous(corner: NDArray) -> NDArray:
-    return corner + np.where(corner % 3 == 0, 2, -1)
+    return (a[there], b[there], c[there]), face[there], input_face[there]

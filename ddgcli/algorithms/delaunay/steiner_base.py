@@ -16,7 +16,7 @@ from ddgcli.algorithms.delaunay.common_subdivision import Base
 from ddgcli.algorithms.delaunay.gluing import Gluing, around
 from ddgcli.geometry.surface_points import SurfacePoints
 from ddgcli.geometry.unfolding import corner_position, unfold
-from ddgcli.mesh.topology import NEXT
+from ddgcli.mesh.topology import NEXT, Topology
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 
 MOST_ROUNDS = 200  # of planar flips after one round of insertions
@@ -67,7 +67,8 @@ def with_steiner_points(mesh: TriangleMesh, steiner: SteinerPoints) -> Base:
     interpolation = coo_array((value, (row, column)), shape=(n + s, n)).tocsr()
     position = np.einsum("ij,ijk->ik", steiner.barycentric, mesh.points[mesh.faces[steiner.face]])
     points = np.concatenate([mesh.points, position])
-    refined = TriangleMesh.from_arrays(points, work.gluing.tail.reshape(-1, 3))
+    faces, twin = work.gluing.tail.reshape(-1, 3), work.gluing.twin[:-1].reshape(-1, 3)
+    refined = TriangleMesh(points, Topology(faces, len(points), twin))
     return Base(mesh, refined, work.input_face, interpolation)
 
 

@@ -9,15 +9,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.algorithms.delaunay.circumcentres import LEAST_SHARE, triangle_share
-from ddgcli.algorithms.delaunay.common_subdivision import SideTable
 from ddgcli.algorithms.delaunay.flips import SideArrays
 from ddgcli.algorithms.delaunay.gluing import around
 from ddgcli.algorithms.delaunay.steiner_base import SteinerPoints
 from ddgcli.algorithms.straightest.trace import Tracer
 from ddgcli.algorithms.straightest.walk import Start
+from ddgcli.errors import SolveError
 from ddgcli.geometry.intrinsic import face_area
 from ddgcli.geometry.unfolding import corner_position, vertex_fans
-from ddgcli.mesh.topology import NEXT
+from ddgcli.mesh.topology import NEXT, sorted_sides
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 
 KEEP_OFF_EDGES = 0.01  # distance from input edges, relative to that from the nearest vertex
@@ -44,6 +44,23 @@ class Located:
     def replace(self, place: NDArray, other: Located) -> None:
         for name, value in vars(other).items():
             getattr(self, name)[place] = value
+
+
+class SideTable:
+    """The sides of a mesh by their ends."""
+
+    def __init__(self, mesh: TriangleMesh) -> None:
+        topology = mesh.topology
+        self.n = np.int64(max(topology.n_vertices, 1))
+        self.key, self.side = sorted_sides(topology.side_tail, topology.side_head, topology.n_vertices)
+
+    def between(self, tail: NDArray, head: NDArray) -> NDArray[np.int64]:
+        """The side that runs from each tail to each head."""
+        wanted = tail * self.n + head
+        place = np.minimum(np.searchsorted(self.key, wanted), len(self.key) - 1)
+        if not np.array_equal(self.key[place], wanted):
+            raise SolveError("a boundary side joins two vertices that no input edge joins")
+        return self.side[place]
 
 
 class Places:
