@@ -37,11 +37,11 @@ class SceneDocument:
     folder: str = "."
 
     def line(self, key: Key) -> int | None:
-        """Line of the key, or of the nearest key that encloses it."""
+        """Line of the key, of the nearest key that encloses it, or of the first that it encloses."""
         for length in range(len(key), 0, -1):
             if key[:length] in self.lines:
                 return self.lines[key[:length]]
-        return None
+        return min((n for k, n in self.lines.items() if k[: len(key)] == key), default=None)
 
     @property
     def sha256(self) -> str:

@@ -5,6 +5,7 @@ Every refusal is one line: `FILE: line N: what is wrong; did you mean ...; what 
 
 from __future__ import annotations
 
+import logging
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -18,6 +19,8 @@ from ddgcli.evolve.loop import Schedule
 from ddgcli.models.scene_units import quantity
 
 FORMAT = "ddgcli-scene/1"
+MOST_STEPS = 1e9
+log = logging.getLogger("ddgcli")
 Key = tuple[str | int, ...]
 
 
@@ -198,7 +201,30 @@ def resolve(document: Document, kind: SceneKind, overrides: Mapping[str, Any] | 
         raise SceneError(
             located(document, ("format",), f"format {data['format']!r} is not known; write {FORMAT!r}")
         )
-    return Scene(kind, time, objects, effects, document)
+    scene = Scene(kind, time, objects, effects, document)
+    _check_clock(scene)
+    return scene
+
+
+def _check_clock(scene: Scene) -> None:
+    """Refuse runs without end; tell where the clock does not meet the times that the scene names."""
+    time = scene.time
+    each = (time.frame_every or time.duration / 50) if time.tolerance is not None else time.step
+    count = time.duration / each
+    if not count <= MOST_STEPS:
+        what = "step" if time.tolerance is None else "frame_every"
+        scene.refuse(("time", what), f"{what} = {each:g} s makes {count:.3g} of them; lengthen it")
+    schedule = scene.schedule()
+    if time.tolerance is not None or time.integrator == "static":
+        return
+    end, between = schedule.steps * schedule.dt, schedule.every * schedule.dt
+    if abs(end - time.duration) > 1e-6 * time.duration:
+        log.warning("duration %g s is no whole number of steps of %g s: the run ends at %g s",
+                    time.duration, schedule.dt, end)  # fmt: skip
+    wanted = min(time.frame_every or between, end)
+    if abs(min(between, end) - wanted) > 1e-6 * wanted:
+        log.warning("frame_every %g s is no whole number of steps of %g s: frames come every %g s",
+                    wanted, schedule.dt, between)  # fmt: skip
 
 
 def _check_top(document: Document) -> None:
@@ -229,11 +255,22 @@ def _time(document: Document, kind: SceneKind, overrides: dict[str, Any]) -> Any
         raise SceneError(located(document, ("time", "integrator"), message))
     if given.get("step") is None and given.get("tolerance") is None:
         given["step"] = kind.default_step
+    _leave_out_other_scheme(kind, str(written.get("integrator", kind.integrator)), name, given)
     model = time_model(kind, name)
     time = checked(document, ("time",), model, given, "[time]")
     if steps is not None:
         time = time.model_copy(update={"duration": steps * (time.step or kind.default_step)})
     return time
+
+
+def _leave_out_other_scheme(kind: SceneKind, written: str, name: str, given: dict[str, Any]) -> None:
+    """Parameters beside the scene's integrator go with it where the command line names another."""
+    if written == name or written not in kind.integrators:
+        return
+    for key in kind.integrators[written].model_fields:
+        if key in given and key not in kind.integrators[name].model_fields:
+            log.info("%s of %s is left out with it", key, written)
+            del given[key]
 
 
 def time_model(kind: SceneKind, integrator: str) -> type[Section]:
@@ -345,6 +382,10 @@ def _sentence(mistake: Any, loc: Key, model: type[BaseModel], where: str) -> str
         relation = {"greater_than": "greater than", "greater_than_equal": "at least",
                     "less_than": "less than", "less_than_equal": "at most"}[kind]  # fmt: skip
         return f"{name} of {where} must be {relation} {next(iter(context.values())):g}, found {value}"
+    if kind in ("too_short", "too_long"):
+        few = kind == "too_short"
+        count = context["min_length" if few else "max_length"]
+        return f"{name} of {where} must have at {'least' if few else 'most'} {count} entries, found {value!r}"
     wanted = {"int_type": "a whole number", "bool_type": "true or false", "string_type": "text",
               "list_type": "an array", "dict_type": "a table", "model_type": "a table",
               "int_from_float": "a whole number", "model_attributes_type": "a table"}.get(kind)  # fmt: skip

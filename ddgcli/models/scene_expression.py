@@ -64,6 +64,8 @@ def parse(text: str, variables: tuple[str, ...] = ("x", "y", "z")) -> ast.expr:
     """The checked syntax tree of an expression; ValueError names what is not allowed and the nearest name."""
     if len(text) > LONGEST:
         raise ValueError(f"the expression is longer than {LONGEST} characters")
+    if "#" in text:
+        raise ValueError(f"cannot read the expression {text!r}: it may not hold a comment")
     try:
         tree = ast.parse(text.strip().replace("^", "**"), mode="eval").body
     except (SyntaxError, ValueError, RecursionError, MemoryError) as error:

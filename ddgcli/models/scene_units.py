@@ -54,7 +54,7 @@ def parse_unit(text: str) -> tuple[float, Dimension]:
             if match is None:
                 raise ValueError(f"cannot read the unit {text!r}")
             unit, dimension = _simple_unit(match[1])
-            power = sign * int(match[2] or 1)
+            power = sign * int((match[2] or "1")[:6])
             factor *= unit**power
             total = [a + power * b for a, b in zip(total, dimension)]
     return factor, (total[0], total[1], total[2], total[3])
@@ -82,15 +82,21 @@ def parse_quantity(value: Any, unit: str) -> float:
             raise ValueError(f"expected a number{_or_string(unit)}, found {value!r}")
         number = float(match[1])
         if match[2]:
-            factor, dimension = parse_unit(match[2])
+            try:
+                factor, dimension = parse_unit(match[2])
+            except OverflowError as error:
+                raise ValueError(f"the unit of {value!r} is beyond the range of numbers") from error
             if dimension != parse_unit(unit)[1]:
                 wanted = f"a multiple of {unit}" if unit else "none"
                 raise ValueError(f"the unit of {value!r} does not fit: {wanted} is needed")
             number *= factor
     else:
-        number = float(value)
+        try:
+            number = float(value)
+        except OverflowError:
+            number = math.inf
     if not math.isfinite(number):
-        raise ValueError(f"{value} is not finite")
+        raise ValueError(f"{str(value)[:40]} is not finite")
     return number
 
 

@@ -163,6 +163,8 @@ def test_a_scene_pays_only_for_its_effects(summary, ball):
         ('initial = { flow = "storm" }', "vortex-pair"),
         ('initial = { vorticity = "z", flow = "rotation" }', "one of"),
         ('initial = { velocity = ["1", "2"] }', "three"),
+        ('initial = { flow = "vortex-pair", direction = [0, 0, 0] }', "direction"),
+        ('initial = { flow = "vortex-pair", center = [9, 0, 0] }', "both vortices"),
         ("viscosity = { nu = -1 }", "greater than 0"),
         ('viscosity = { nu = "1 kg" }', "unit"),
         ('viscosity = { nu = 1, kind = "stokes" }', "deformation"),
@@ -177,7 +179,8 @@ def test_refusals_are_one_line(run, tmp_path, effects, told):
     result = run("fluid-sim", scene(tmp_path / "s.toml", BALL, effects), "--json")
     assert result.exit_code == 2 and result.stdout == ""
     assert told in result.stderr, result.stderr
-    assert len(result.stderr.strip().splitlines()) == 1 and result.stderr.startswith("Error: ")
+    assert len(result.stderr.strip().splitlines()) == 1
+    assert result.stderr.startswith(f"Error: {tmp_path / 's.toml'}: line 10: ")
 
 
 def test_integrators_there_are(run, tmp_path):
@@ -195,7 +198,7 @@ def test_integrators_there_are(run, tmp_path):
 def test_walls_that_do_not_go_together(run, tmp_path, effects, told):
     shape = "grid = { size = [1, 1], cells = [6, 6] }"
     result = run("fluid-sim", scene(tmp_path / "s.toml", shape, effects))
-    assert result.exit_code == 2 and told in result.stderr
+    assert result.exit_code == 2 and told in result.stderr and "s.toml: line 10: " in result.stderr
 
 
 def test_lists(run):

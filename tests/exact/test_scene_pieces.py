@@ -28,7 +28,8 @@ def test_quantities(text, unit, value):
     ("1 s", "m", "does not fit"), ("1 mmm", "m", "unknown unit"), ("one", "m", "number"),
     (True, "m", "true/false"), ([1], "m", "array"), ("1 m", "", "none"), (float("inf"), "m", "finite"),
     ("1e999 m", "m", "finite"), ("", "m", "number"),
-    ("1 m^x", "m", "unit"),
+    ("1 m^x", "m", "unit"), ("1 km^400", "m", "range of numbers"), (10**400, "m", "finite"),
+    ("1 m^" + "9" * 5000, "m", "unit"),
 ])  # fmt: skip
 def test_wrong_quantities(text, unit, told):
     with pytest.raises(ValueError, match=told):
@@ -54,7 +55,9 @@ def test_expressions(text, value):
     "x; y",
     "", "sin", "sin(x, y)", "sin(x=1)", "f'{x}'", "x and y", "1 < x < 2", "9**9**9**9", "10**400", "1/0",
     "log(-1)", "-" * 3000 + "x", "x" * 3000, "a", "True", "'x'", "1j", "x @ y", "~x",
-    "x := 1",
+    "x := 1", "x # and nothing more", "x**0.5", "0/0", "1e400", "nan", "inf", "-" * 1900 + "x",
+    "(" * 400 + "x" + ")" * 400, "sin(*[x])", "x.real", "().__class__", "x[0]", "print(x)",
+    "x if 1 else 2", "9**9**9", "x//2",
 ])  # fmt: skip
 def test_expressions_that_are_refused(text):
     with pytest.raises(ValueError):
@@ -145,6 +148,44 @@ def test_periodic_grids_are_flat(pattern, periodic, euler):
     assert face_area(flat.side_length).sum() == pytest.approx(6.0)
     total = np.bincount(flat.faces.ravel(), weights=corner_angle(flat.side_length).ravel())
     assert np.allclose(total[~flat.topology.boundary_vertex], 2 * np.pi)
+
+
+def test_the_integrator_of_the_command_line_leaves_the_parameters_of_the_scene_s_behind():
+    from ddgcli.errors import SceneError
+    from ddgcli.models.scene import resolve
+    from ddgcli.models.shell.scene import KIND
+
+    text = """[time]
+integrator = "{}"
+gamma = 0.6
+[[object]]
+role = "shell"
+material = "felt"
+grid = {{ size = [1, 1], cells = [1, 1] }}
+"""
+    newmark = parse_scene(text.format("newmark"))
+    assert resolve(newmark, KIND, {"integrator": "newmark"}).time.gamma == 0.6
+    assert not hasattr(resolve(newmark, KIND, {"integrator": "verlet"}).time, "gamma")
+    with pytest.raises(SceneError, match="gamma"):
+        resolve(parse_scene(text.format("verlet")), KIND, {"integrator": "implicit-euler"})
+
+
+@pytest.mark.parametrize("time, told", [
+    ("duration = 1\nstep = 0.3", "ends at 0.9 s"),
+    ("duration = 0.1\nstep = 7", "ends at 7 s"),
+    ("duration = 1\nstep = 0.1\nframe_every = 0.25", "frames come every 0.2 s"),
+    ("duration = 1\nstep = 0.1\nframe_every = 0.01", "frames come every 0.1 s"),
+    ("duration = 1\nstep = 0.1\nframe_every = 5", ""),
+    ("duration = 0.7\nstep = 0.1\nframe_every = 0.3", ""),
+    ("duration = 1\ntolerance = 0.1\nframe_every = 0.3", ""),
+])  # fmt: skip
+def test_a_clock_that_does_not_meet_the_times_is_told(time, told, caplog):
+    from ddgcli.models.fluid.scene import KIND
+    from ddgcli.models.scene import resolve
+
+    resolve(parse_scene(f"[time]\n{time}\n[[object]]\nrole = 'fluid'\nsphere = {{}}\n"), KIND)
+    assert len(caplog.messages) == bool(told)
+    assert told in "".join(caplog.messages)
 
 
 def test_materials_fill_what_is_not_said():

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -69,12 +70,12 @@ class FluidContext:
             raise ValueError(f"{what} {source!r} has shape {values.shape}; one number a vertex is ({n},)")
         return _finite(values, what, source)
 
-    def face_vectors(self, source: str | list[str]) -> NDArray[np.float64]:
+    def face_vectors(self, source: str | list[Any]) -> NDArray[np.float64]:
         """(m, 3) velocities of an array (on faces or vertices), a `.npy` or three expressions."""
         mesh = self.mesh
         if not isinstance(source, str):
             x = self.face_points()
-            values = np.stack([evaluate(text, dict(zip("xyz", x.T))) for text in source], axis=1)
+            values = np.stack([evaluate(str(text), dict(zip("xyz", x.T))) for text in source], axis=1)
             return _finite(values, "velocity", str(source))
         if source.endswith(".npy"):
             values = np.asarray(self.load(source), dtype=np.float64)

@@ -30,6 +30,10 @@ def _pair(context: FluidContext, wishes: Any, apart: float) -> tuple[NDArray, ND
     if np.any(context.period > 0) or np.ptp(context.points[:, 2]) == 0:
         return context.distance(centre - half), context.distance(centre + half)
     first, second = (context.nearest_vertex(centre + s * half) for s in (-1, 1))
+    if np.array_equal(first, second):
+        raise ValueError(
+            f"both vortices fall on the vertex at {first.tolist()}; move center, direction or separation"
+        )
     return context.distance(first), context.distance(second)
 
 

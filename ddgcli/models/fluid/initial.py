@@ -28,8 +28,8 @@ class InitialSection(Section):
     vorticity: str | None = Field(
         None, description="vertex array of the mesh, .npy, or expression in x, y, z [1/s]"
     )
-    velocity: str | list[str] | None = Field(
-        None, description="array on faces or vertices, .npy, or three expressions [m/s]"
+    velocity: str | list[str | float] | None = Field(
+        None, description="array on faces or vertices, .npy, or three numbers or expressions [m/s]"
     )
     flow: str | None = Field(None, description=f"by name: {', '.join(FLOWS)}")
     strength: quantity("m/s", "speed of a named flow", gt=0) = 1.0
@@ -49,7 +49,9 @@ class InitialSection(Section):
         if self.flow is not None and self.flow not in FLOWS:
             raise ValueError(f"no flow {self.flow!r}; known: {', '.join(FLOWS)}")
         if isinstance(self.velocity, list) and len(self.velocity) != 3:
-            raise ValueError("velocity takes three expressions")
+            raise ValueError("velocity takes three numbers or expressions")
+        if self.direction is not None and not any(self.direction):
+            raise ValueError("the direction must not be zero")
         return self
 
 
@@ -64,6 +66,8 @@ def build(parameters: InitialSection, context: FluidContext) -> list[Initial]:
         return [Initial(of_velocity)]
     if parameters.flow is not None:
         omega = FLOWS[parameters.flow](context, parameters)
+        if not np.isfinite(omega).all():
+            raise ValueError(f"flow {parameters.flow!r} is not finite on this surface")
     else:
         omega = context.scalar(str(parameters.vorticity), "vorticity")
 

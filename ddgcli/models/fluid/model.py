@@ -108,9 +108,9 @@ class FluidModel:
         dye = _one(made, parts.Dye)
         try:
             self.space = FlowSpace(context.mesh, self._harmonic_flows(), lambda: account.within("solver"))
-            self._require_walls()
         except MeshError as error:
             scene.refuse(("object", number), f"object {context.name!r}: {error}")
+        self._require_walls(scene)
         self.evolve = self.harmonic is not None and self.harmonic.evolve
         self.diffusion = self._diffusion()
         self.transport: Any = None
@@ -126,6 +126,7 @@ class FluidModel:
             from ddgcli.models.fluid.transport import Transport
 
             self.transport = Transport(self.space)
+        self._require_coefficients(scene)
         self.start = self._start([p for p in made if isinstance(p, parts.Initial)], dye)
 
     # ------------------------------------------------------------------ assembly
@@ -149,15 +150,28 @@ class FluidModel:
 
         return harmonic_basis(self.context.mesh, "normal").forms
 
-    def _require_walls(self) -> None:
+    def _require_walls(self, scene: Scene) -> None:
         if self.walls is not None and self.walls.no_slip and self.viscosity is None:
-            raise MeshError("boundary kind no-slip needs the effect viscosity; without it there is free slip")
+            scene.refuse(
+                ("effects", "boundary"),
+                "boundary kind no-slip needs the effect viscosity; without it there is free slip",
+            )
         open_ = not self.context.mesh.topology.is_closed
         slips = self.walls is None or not self.walls.no_slip
         if self.viscosity is not None and open_ and slips and self.viscosity.kind != "hodge":
-            raise MeshError(
+            scene.refuse(
+                ("effects", "viscosity"),
                 f"viscosity kind {self.viscosity.kind} on a surface with boundary needs boundary no-slip; "
-                "with free slip there is kind hodge"
+                "with free slip there is kind hodge",
+            )
+
+    def _require_coefficients(self, scene: Scene) -> None:
+        given = None if self.harmonic is None else self.harmonic.coefficients
+        if given is not None and len(given) != len(self.space.harmonic):
+            scene.refuse(
+                ("effects", "harmonic"),
+                f"effect harmonic gives {len(given)} coefficients; the surface {self.context.name!r} has "
+                f"{len(self.space.harmonic)} harmonic flows",
             )
 
     def _diffusion(self) -> Any:
@@ -178,13 +192,7 @@ class FluidModel:
             more, harmonic = part.make(space)
             vorticity, coefficients = vorticity + more, coefficients + harmonic
         if self.harmonic is not None and self.harmonic.coefficients is not None:
-            given = self.harmonic.coefficients
-            if len(given) != len(coefficients):
-                raise MeshError(
-                    f"effect harmonic gives {len(given)} coefficients; the surface {self.context.name!r} has "
-                    f"{len(coefficients)} harmonic flows"
-                )
-            coefficients = coefficients + np.array(given)
+            coefficients = coefficients + np.array(self.harmonic.coefficients)
         return FluidState(vorticity, coefficients, np.zeros(0) if dye is None else dye.amount)
 
     def model(self) -> Model[FluidState]:

@@ -24,7 +24,7 @@ HALF_GAP = 2 * 0.5 * np.log(2) + 0.5  # slope of the barrier at half its range, 
 class Contact(Section):
     """A barrier between vertices and obstacles, zero beyond `gap`, infinite at the surface."""
 
-    pairs: list[list[str]] = Field(description='[["shell", "obstacle"], ...]')
+    pairs: list[list[str]] = Field(min_length=1, description='[["shell", "obstacle"], ...]')
     friction: quantity("", "coefficient of friction", ge=0) = 0.0
     gap: quantity("m", "distance at which contact begins; default: the thickness", gt=0) | None = None
     stiffness: quantity("Pa", "pressure at half the gap; default: what stops the first fall", gt=0) | None = (
@@ -221,13 +221,13 @@ def build(parameters: Contact, context: ShellContext) -> list[Barrier | Friction
     gap, density = float(parameters.gap or shell.thickness or 0), float(shell.density or 0)
     parts: list[Barrier | Friction] = []
     for pair in parameters.pairs:
-        surface = _obstacle_of(pair, context, key)
+        surface = _obstacle_of(pair, parameters.pairs, context, key)
         if surface is None:
             continue
         energy = density * _impact(context, surface)
         pressure = float(parameters.stiffness or max(2 * energy / gap, 10 * STANDARD_GRAVITY * density))
         stiffness = pressure / (HALF_GAP * gap)
-        closest = _closest(SPARE * energy / (stiffness * gap**2))
+        closest = _closest(SPARE * energy * HALF_GAP / (pressure * gap))
         barrier = Barrier(surface, gap, stiffness * context.vertex_area, closest)
         inside = barrier.outside(np.asarray(context.mesh.points))
         if inside is not None:
@@ -251,9 +251,13 @@ def _other(pair: list[str], name: str) -> str:
     return pair[1] if pair[0] == name else pair[0]
 
 
-def _obstacle_of(pair: list[str], context: ShellContext, key: Key) -> PlaneGap | SphereGap | None:
+def _obstacle_of(
+    pair: list[str], pairs: list[list[str]], context: ShellContext, key: Key
+) -> PlaneGap | SphereGap | None:
     """The surface that this shell meets in a pair, or None where the pair is not about it."""
     scene = context.scene
+    if [sorted(p) for p in pairs].count(sorted(pair)) > 1:
+        scene.refuse((*key, "pairs"), f"the pair {pair} stands more than once; leave one")
     if len(pair) != 2:
         scene.refuse(key, f"a pair of contact is two names, found {pair}")
     roles = sorted(scene.find(name, (*key, "pairs")).role for name in pair)

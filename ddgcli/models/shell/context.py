@@ -68,6 +68,8 @@ class ShellContext:
         n = self.mesh.n_vertices
         if (vertices is None) == (box is None):
             self.scene.refuse(key, "give either vertices = [...] or box = [[x, y, z], [x, y, z]]")
+        if vertices == []:
+            self.scene.refuse(key, "vertices = [] names no vertex")
         if vertices is not None:
             outside = [v for v in vertices if not 0 <= v < n]
             if outside:

@@ -37,7 +37,7 @@ class Shell(MovingObject):
     density: quantity("kg/m^2", "mass per area", gt=0) | None = None
     thickness: quantity("m", "thickness", gt=0) | None = None
     young: quantity("Pa", "Young's modulus", gt=0) | None = None
-    poisson: quantity("", "Poisson's ratio", ge=-1, le=0.5) | None = None
+    poisson: quantity("", "Poisson's ratio", gt=-1, le=0.5) | None = None
 
     @field_validator("material")
     @classmethod
