@@ -124,6 +124,7 @@ def _opened(
         start = (part.n_frames - 1, part.checkpoint())
         job.account.restore(part.effects)
         keep.frames(part.frame(k) for k in range(part.n_frames))
+        keep.outcome.events = part.log_rows - 1  # the first row tells of the start
     return TrajectoryWriter.resume(job.resume, target, header, job.schedule.frames), start
 
 

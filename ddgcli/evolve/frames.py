@@ -22,7 +22,10 @@ def joined_mesh(meshes: list[Any]) -> tuple[TriangleMesh, np.ndarray]:
 
 
 def joined_frame(snapshot: Snapshot) -> Frame:
-    """Points and arrays one behind the other, scalars added; `step_size` is the smallest step so far."""
+    """Points and arrays one behind the other, scalars added; `step_size` is the smallest step so far.
+
+    A vector of one number is a number, as it is in a file.
+    """
     parts = list(snapshot.observations.values())
     points = (
         None if parts[0].points is None else np.concatenate([p.points for p in parts if p.points is not None])
@@ -34,6 +37,7 @@ def joined_frame(snapshot: Snapshot) -> Frame:
         for name, value in part.scalar.items():
             scalar[name] = scalar[name] + value if name in scalar else value
     scalar["step_size"] = 0.0 if np.isinf(snapshot.smallest_step) else snapshot.smallest_step
+    scalar = {name: np.asarray(v).item() if np.size(v) == 1 else v for name, v in scalar.items()}
     return Frame(snapshot.step, snapshot.time, points, vertex, scalar)
 
 

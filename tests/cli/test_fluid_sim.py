@@ -102,16 +102,66 @@ def test_boundary_circulation_is_kept(summary, tmp_path):
     assert out["accuracy"]["energy_drift"] < 1e-7
 
 
-def test_trajectory_resume_and_arrays(run, ball, tmp_path, monkeypatch):
+START = 'initial = { vorticity = "x*y + z^3" }\ndye = { amount = "x > 0" }\n'
+TUBE = 'grid = { size = [2, 1], cells = [12, 6], periodic = "x" }'
+FLOWS = {
+    "conservative": ('mesh = "ball.ply"', "viscosity = { nu = 0.01 }", ""),
+    "midpoint": ('mesh = "ball.ply"', 'viscosity = { nu = 0.01, kind = "bochner" }', 'scheme = "midpoint"'),
+    "circulation": ('mesh = "ball.ply"', "", 'integrator = "circulation"'),
+    "adaptive": ('mesh = "ball.ply"', "viscosity = { nu = 0.01 }", "tolerance = 1e-5"),
+    "walls": (
+        TUBE,
+        'viscosity = { nu = 0.01 }\nharmonic = {}\nboundary = { kind = "no-slip", velocity = [1, 0, 0] }',
+        'integrator = "circulation"',
+    ),
+    "frozen": (TUBE, 'harmonic = { kind = "frozen", coefficients = [1] }', ""),
+}
+
+
+@pytest.fixture(params=FLOWS)
+def flow(request, ball, tmp_path):
+    shape, effects, time = FLOWS[request.param]
+    time = f"duration = 0.12\nstep = 0.02\nframe_every = 0.02\n{time}"
+    return scene(tmp_path / "s.toml", shape, START + effects, time)
+
+
+def test_trajectory_is_read_by_vtk(run, flow, tmp_path):
+    """VTK's own reader finds times, positions, triangles, arrays and scalars equal to the last bit."""
+    vtk = pytest.importorskip("vtk")
+    from vtk.util.numpy_support import vtk_to_numpy
+
+    from ddgcli.io.trajectory import Trajectory
+
+    assert run("fluid-sim", flow, "-o", tmp_path / "run.vtkhdf").exit_code == 0
+    reader = vtk.vtkHDFReader()
+    reader.SetFileName(str(tmp_path / "run.vtkhdf"))
+    reader.UpdateInformation()
+    with Trajectory(str(tmp_path / "run.vtkhdf")) as ours:
+        assert reader.GetNumberOfSteps() == ours.n_frames == 7
+        for k in range(ours.n_frames):
+            reader.SetStep(k)
+            reader.Update()
+            shown = reader.GetOutput()
+            assert reader.GetTimeValue() == ours.times[k] == pytest.approx(0.02 * k)
+            assert np.array_equal(vtk_to_numpy(shown.GetPoints().GetData()), ours.points(k))
+            triangles = vtk_to_numpy(shown.GetPolys().GetConnectivityArray()).reshape(-1, 3)
+            assert np.array_equal(triangles, ours.mesh.faces)
+            arrays = {name: vtk_to_numpy(shown.GetPointData().GetArray(name)) for name in ours.vertex(k)}
+            assert set(arrays) == {"vorticity", "stream_function", "velocity", "dye"}
+            assert all(np.array_equal(arrays[name], values) for name, values in ours.vertex(k).items())
+            assert {"kinetic_energy", "enstrophy", "total_vorticity", "step_size"} <= set(ours.scalars)
+            for name, values in ours.scalars.items():
+                field = vtk_to_numpy(shown.GetFieldData().GetArray(name))
+                assert np.array_equal(np.ravel(field), np.ravel(values[k])), name
+            wraps = shown.GetCellData().GetArray("wraps")
+            assert (wraps is not None) == ("periodic" in flow.read_text())
+
+
+def test_trajectory_resume_and_arrays(run, flow, tmp_path, monkeypatch):
     from ddgcli.io.trajectory import Trajectory
     from ddgcli.models.fluid.model import FluidModel
 
-    file = scene(
-        tmp_path / "s.toml",
-        'mesh = "ball.ply"',
-        'initial = { vorticity = "x*y + z^3" }\nviscosity = { nu = 0.01 }\ndye = { amount = "x > 0" }',
-        "duration = 0.12\nstep = 0.02\nframe_every = 0.02",
-    )
+    file = flow
     whole, cut = tmp_path / "whole.vtkhdf", tmp_path / "cut.vtkhdf"
     assert run("fluid-sim", file, "-o", whole).exit_code == 0
     advance, calls = FluidModel.advance, []
@@ -132,8 +182,11 @@ def test_trajectory_resume_and_arrays(run, ball, tmp_path, monkeypatch):
         for k in range(7):
             first, second = a.frame(k), b.frame(k)
             assert {"vorticity", "stream_function", "velocity", "dye"} <= set(first.vertex)
+            assert first.time == second.time
             for name in first.vertex:
                 assert np.array_equal(first.vertex[name], second.vertex[name]), name
+            for name in first.scalar:
+                assert np.array_equal(first.scalar[name], second.scalar[name]), name
         dye = a.frame(6).vertex["dye"]
         assert dye.min() >= 0 and dye.max() <= 1
 

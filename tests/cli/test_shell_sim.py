@@ -6,11 +6,13 @@ import signal
 import subprocess
 import sys
 import time
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from ddgcli.evolve.integrators import INTEGRATORS
 from ddgcli.io.trajectory import Trajectory
 from ddgcli.mesh.shapes import grid
 
@@ -115,33 +117,75 @@ def assert_equal_bits(a, b):
         assert all(np.array_equal(s[n], s2[n]) for n in s)
 
 
-@pytest.mark.parametrize("integrator", ["newmark", "verlet", "implicit-midpoint"])
-def test_resumed_run_has_the_same_bits(run, tmp_path, monkeypatch, integrator):
-    path = scene(tmp_path, integrator)
-    whole = tmp_path / "whole.vtkhdf"
-    assert run("shell-sim", path, "-o", whole).exit_code == 0
-
+@contextmanager
+def interrupted_after(monkeypatch, frames):
+    """A patch: the writer of trajectories is interrupted where it would add one frame more."""
     from ddgcli.io import trajectory_writer
 
-    append = trajectory_writer.TrajectoryWriter.append
+    append, written = trajectory_writer.TrajectoryWriter.append, []
 
     def interrupted(self, frame, *rest):
-        if frame.step == 8:
+        if len(written) == frames:
             raise KeyboardInterrupt
         append(self, frame, *rest)
+        written.append(frame.step)
 
-    broken = tmp_path / "broken.vtkhdf"
     with monkeypatch.context() as patch:
         patch.setattr(trajectory_writer.TrajectoryWriter, "append", interrupted)
+        yield
+
+
+HELD = """pin = {{ vertices = [0], axes = "xz" }}
+load = {{ force = [0, 0, 1], vertices = [35] }}
+"""
+
+
+@pytest.mark.parametrize("integrator", INTEGRATORS)
+def test_resumed_run_has_the_same_bits(run, tmp_path, monkeypatch, integrator):
+    """Contact with friction, damping, load and pins; an equilibrium, which has one frame to go."""
+    text = SCENE + HELD
+    frames = 4
+    if integrator == "static":
+        frames = 1
+        text = text.replace('[0], axes = "xz"', "[0, 5, 30], clamp = true")
+    resumed_as_whole(run, tmp_path, monkeypatch, scene(tmp_path, integrator, text), frames)
+
+
+@pytest.mark.parametrize("more", [
+    "tolerance = 1e-4", "beta = 0.3\ngamma = 0.7\nstep = 5e-3", "beta = 0\nstep = 5e-3"
+])  # fmt: skip
+def test_resumed_adaptive_and_damped_runs_have_the_same_bits(run, tmp_path, monkeypatch, more):
+    text = SCENE.replace("step = 5e-3", more)
+    resumed_as_whole(run, tmp_path, monkeypatch, scene(tmp_path, "newmark", text), 5)
+
+
+def but_for_seconds(told):
+    """Results and accuracy of a summary, without what a clock measured."""
+    summary = json.loads(told.stdout)
+    results = summary["results"]
+    del results["seconds_by_part"]
+    results["effects"] = {name: entry["evaluations"] for name, entry in results["effects"].items()}
+    return results, summary["accuracy"]
+
+
+def resumed_as_whole(run, tmp_path, monkeypatch, path, frames):
+    whole = tmp_path / "whole.vtkhdf"
+    told = run("shell-sim", path, "-o", whole, "--json")
+    assert told.exit_code == 0
+    broken = tmp_path / "broken.vtkhdf"
+    with interrupted_after(monkeypatch, frames):
         result = run("shell-sim", path, "-o", broken)
     assert result.exit_code == 130
     part = tmp_path / "broken.vtkhdf.part"
     assert part.exists() and not broken.exists()
     with Trajectory(str(part)) as left:
         assert left.attributes["status"] == "interrupted"
-        assert left.n_frames == 4
-    assert run("shell-sim", path, "--resume", part, "-q").exit_code == 0
+        assert left.n_frames == frames
+    again = run("shell-sim", path, "--resume", part, "-q", "--json")
+    assert again.exit_code == 0
     assert broken.exists() and not part.exists()
+    assert but_for_seconds(told) == but_for_seconds(again)
+    assert len(frames_of(whole)) > frames
     assert_equal_bits(frames_of(whole), frames_of(broken))
 
 
@@ -149,17 +193,7 @@ def test_resume_without_the_scene_and_with_overrides(run, tmp_path, monkeypatch)
     path = scene(tmp_path)
     whole, broken = tmp_path / "whole.vtkhdf", tmp_path / "broken.vtkhdf"
     assert run("shell-sim", path, "-o", whole, "--steps", 10).exit_code == 0
-    from ddgcli.io import trajectory_writer
-
-    append = trajectory_writer.TrajectoryWriter.append
-
-    def interrupted(self, frame, *rest):
-        if frame.step == 6:
-            raise KeyboardInterrupt
-        append(self, frame, *rest)
-
-    with monkeypatch.context() as patch:
-        patch.setattr(trajectory_writer.TrajectoryWriter, "append", interrupted)
+    with interrupted_after(monkeypatch, 3):
         run("shell-sim", path, "-o", broken, "--steps", 10)
     assert run("shell-sim", "--resume", f"{broken}.part").exit_code == 0
     assert_equal_bits(frames_of(whole), frames_of(broken))
@@ -167,17 +201,7 @@ def test_resume_without_the_scene_and_with_overrides(run, tmp_path, monkeypatch)
 
 def test_resume_of_a_changed_scene_is_refused(run, tmp_path, monkeypatch):
     path = scene(tmp_path)
-    from ddgcli.io import trajectory_writer
-
-    append = trajectory_writer.TrajectoryWriter.append
-
-    def interrupted(self, frame, *rest):
-        if frame.step == 8:
-            raise KeyboardInterrupt
-        append(self, frame, *rest)
-
-    with monkeypatch.context() as patch:
-        patch.setattr(trajectory_writer.TrajectoryWriter, "append", interrupted)
+    with interrupted_after(monkeypatch, 4):
         run("shell-sim", path, "-o", tmp_path / "run.vtkhdf")
     path.write_text(path.read_text().replace('material = "rubber"', 'material = "felt"'))
     before = (tmp_path / "run.vtkhdf.part").read_bytes()

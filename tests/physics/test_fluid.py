@@ -360,7 +360,38 @@ def test_circulation_follows_the_conservative_flow():
     assert moved > 0.2 and apart < 0.01
 
 
-@pytest.mark.parametrize("integrator", ["conservative", "circulation"])
+def test_a_fluid_that_is_not_coupled_changes_no_bit():
+    """Not even one whose steps are halved."""
+
+    def frames(*shapes_and_spins):
+        objects = "".join(
+            f'[[object]]\nname = "{name}"\nrole = "fluid"\n{shape}\n' for name, shape, _ in shapes_and_spins
+        )
+        effects = "".join(
+            f'[[effects.initial]]\nobject = "{name}"\nvorticity = "{spin}"\n'
+            for name, _, spin in shapes_and_spins
+        )
+        text = f"[time]\nduration = 0.1\nstep = 0.02\n{objects}{effects}[effects.harmonic]\n"
+        scene = resolve(parse_scene(text), KIND, {})
+        fluids = {name: context for name, (context, _) in contexts(scene, None, None).items()}
+        models = {name: fluid.model() for name, fluid in build(scene, fluids, Account()).items()}
+        return list(evolve(models, scene.schedule(), Account()))
+
+    ball = ("ball", "sphere = { subdivisions = 2 }", "z^3 + x")
+    tube = ("tube", 'grid = { size = [2, 1], cells = [12, 6], periodic = "x" }', "900*y*(1-y)")
+    alone, together = frames(ball), frames(ball, tube)
+    assert any(snapshot.events for snapshot in together) and not any(snapshot.events for snapshot in alone)
+    assert len(alone) == len(together) > 3
+    for before, after in zip(alone, together):
+        a, b = before.observations["ball"], after.observations["ball"]
+        assert all(np.array_equal(a.vertex[name], b.vertex[name]) for name in a.vertex)
+        assert all(np.array_equal(a.scalar[name], b.scalar[name]) for name in a.scalar)
+
+
+@pytest.mark.parametrize(
+    "integrator",
+    ["conservative", 'conservative"\nscheme = "midpoint', "circulation", 'circulation"\ntolerance = 1e-2 #'],
+)
 def test_every_second_is_booked_where_it_was_spent(monkeypatch, integrator):
     """Effects, solver, integrator and output add up to the clock's own time; solves are the solver's."""
     text = f"""format = "ddgcli-scene/1"
