@@ -79,5 +79,5 @@ def command(
     run.write(AnnotatedMesh(mesh, vertex=vertex, face=face), converged=converged)
     if made is not None:
         write_curves(run, mesh, made, curves.paths_output, converged=converged)
-    draw_distance(run, mesh, vertex, sources, made.paths if made else None)
+    draw_distance(run, mesh, distance, vertex, sources, made)
     run.finish(results, accuracy, converged=converged)

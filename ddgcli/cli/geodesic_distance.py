@@ -207,11 +207,15 @@ def compute_distance(run: Run, mesh: TriangleMesh, asked: DistanceChoice, source
 def draw_distance(
     run: Run,
     mesh: TriangleMesh,
+    asked: DistanceChoice,
     vertex: dict[str, NDArray],
     sources: Sources | None,
-    paths: SurfacePaths | None,
+    made: Curves | None,
 ) -> None:
-    """Distance bands with the curves on the shaded surface, where --plot asks for a picture."""
+    """Distance bands with the curves on the shaded surface, where --plot asks for a picture.
+
+    The thin level lines are those of --isolines, twelve where none are asked for.
+    """
     if run.common.plot is None:
         return
     import numpy as np
@@ -219,25 +223,31 @@ def draw_distance(
     from ddgcli.algorithms.curves.isolines import even_levels, isolines
     from ddgcli.plots.surface import draw_surface
 
+    curves = [] if made is None else _polylines(mesh, made.paths)
+    kinds = [] if made is None else [entry["kind"] for entry in made.entries]
+    heavy = [curve for curve, kind in zip(curves, kinds, strict=True) if kind != "isoline"]
+    thin = [curve for curve, kind in zip(curves, kinds, strict=True) if kind == "isoline"]
     distance = vertex.get("geodesic_distance")
     points = None if distance is None or sources is None else sources.positions(mesh)
-    bands = None if distance is None else isolines(mesh, distance, even_levels(distance, 12))[0]
     far = 0.0 if distance is None else float(distance[np.isfinite(distance)].max(initial=0.0))
+    if distance is not None and asked.isolines is None:
+        thin = _polylines(mesh, isolines(mesh, distance, even_levels(distance, 12))[0])
     run.plot(
         lambda path: draw_surface(
             path, mesh, distance, label="geodesic distance", limits=(0.0, far or 1.0), points=points,
-            curves=_polylines(mesh, paths), level_lines=_polylines(mesh, bands),
+            curves=heavy, level_lines=thin,
         )
     )  # fmt: skip
 
 
-def _polylines(mesh: TriangleMesh, paths: SurfacePaths | None) -> list[NDArray]:
-    """Points of each curve; none of None."""
+def _polylines(mesh: TriangleMesh, paths: SurfacePaths) -> list[NDArray]:
+    """Points of each path; none of a path without points."""
     import numpy as np
 
     from ddgcli.algorithms.curves.paths import curve_set
 
-    if paths is None:
+    if not len(paths):
         return []
     drawn = curve_set(mesh, paths)
-    return np.split(drawn.points, np.flatnonzero(np.diff(drawn.point_arrays["path_id"])) + 1)
+    path_id = drawn.point_arrays["path_id"]
+    return np.split(drawn.points, np.searchsorted(path_id, np.arange(1, len(paths))))

@@ -13,6 +13,7 @@ from ddgcli.mesh.topology import NEXT
 _FRAGMENTS = 2_000_000  # pixels of faces held in memory at once
 _NOTHING = np.iinfo(np.int64).max
 _DEPTH_STEPS = 2**30
+OUTLINE = 0.012  # a jump in depth, relative to the picture's size, that is an edge of what is seen
 
 View = str | tuple[float, float] | None
 # elevation and azimuth in degrees; the vertical axis of the page is z, or y for a look along z
@@ -207,9 +208,14 @@ def visible_runs(camera: Camera, seen: Seen, curves: Sequence[NDArray]) -> list[
     samples = track[point] + (k / steps[point])[:, None] * ahead[point]
     column = np.clip(samples[:, 0].astype(np.int64), 1, camera.width - 2)
     row = np.clip(samples[:, 1].astype(np.int64), 1, camera.height - 2)
-    # the farthest of the 3 x 3 pixels: a line in the surface is not eaten by the slope of its own face
-    around = np.max([seen.depth[row + i, column + j] for i in (-1, 0, 1) for j in (-1, 0, 1)], axis=0)
-    shown = samples[:, 2] <= around + 0.002 * max(camera.width, camera.height)
+    # the farthest of the 3 x 3 pixels: a line in the surface is not eaten by the slope of its own face; but
+    # not past an outline, behind which lines of the far side would show
+    size = max(camera.width, camera.height)
+    block = np.stack([seen.depth[row + i, column + j] for i in (-1, 0, 1) for j in (-1, 0, 1)])
+    finite = np.isfinite(block)
+    own = np.where(finite[4], block[4], np.where(finite, block, -np.inf).max(axis=0))
+    around = np.where(finite & (block <= own + OUTLINE * size), block, own).max(axis=0)
+    shown = samples[:, 2] <= around + 0.002 * size
     owner = name[point]
     cuts = np.flatnonzero((shown[1:] != shown[:-1]) | (owner[1:] != owner[:-1])) + 1
     first, last = np.append(0, cuts), np.append(cuts, len(shown))

@@ -13,6 +13,7 @@ from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.plots.colour import colour_bar, colours, robust_limits
 from ddgcli.plots.page import lettered, page, picture_axes
 from ddgcli.plots.raster import (
+    OUTLINE,
     Camera,
     Seen,
     View,
@@ -94,7 +95,7 @@ def draw_surface(
         axes.imshow(image, extent=(0, size[0], size[1], 0), interpolation="none")
         axes.set_axis_off()
         dots = None if points is None or len(points) == 0 else placed(points)
-        _overlay(axes, camera, seen, [placed(c) for c in level_lines], None, "0.2", 0.6, 0.0)
+        _overlay(axes, camera, seen, [placed(c) for c in level_lines], None, "0.15", 0.7, 0.0)
         _overlay(axes, camera, seen, [placed(c) for c in curves], dots, "black", curve_width)
         axes.set(xlim=(0, size[0]), ylim=(size[1], 0))
         if mappable is not None:
@@ -184,7 +185,7 @@ def _picture(camera: Camera, mesh: TriangleMesh, seen: Seen, colour: NDArray, ed
 
 def _outline(depth: NDArray) -> NDArray[np.bool_]:
     """Where something nearer ends: silhouettes, which print in grey as well as in colour."""
-    step = 0.012 * max(depth.shape)
+    step = OUTLINE * max(depth.shape)
     edge = np.zeros(depth.shape, dtype=bool)
     with np.errstate(invalid="ignore"):
         for axis in (0, 1):

@@ -1,5 +1,7 @@
 """`ddgcli geodesic`: sources, methods, arrays, certificate, refusals, as the contract has them."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -218,3 +220,24 @@ def test_picture(square, summary, tmp_path):
     picture = tmp_path / "bands.png"
     said = summary("geodesic", square, "--source", 0, "--plot", picture)
     assert picture.stat().st_size > 10_000 and str(picture) in said["outputs"]
+
+
+@pytest.mark.parametrize("words, lines", [(["--isolines", 4], 4), ([], 12)])
+def test_the_picture_has_the_level_lines_asked_for(square, summary, tmp_path, monkeypatch, words, lines):
+    pytest.importorskip("matplotlib")
+    from ddgcli.plots import surface
+
+    drawn = {}
+
+    def draw(path, mesh, values, **how):
+        Path(path).touch()
+        drawn.update(how)
+
+    monkeypatch.setattr(surface, "draw_surface", draw)
+    summary("geodesic", square, "--source", 0, "--path-to", 120, *words, "--plot", tmp_path / "a.png")
+    radius = [np.hypot(*line.T[:2]) for line in drawn["level_lines"]]
+    levels = np.sqrt(2) * np.arange(1, lines + 1) / (lines + 1)
+    found = np.sort([r.mean() for r in radius if len(r) > 4])
+    assert np.abs(found[:, None] - levels).min(axis=1).max() < 0.01 and len(radius) >= lines
+    (path,) = drawn["curves"]
+    assert np.ptp(path[:, 0] - path[:, 1]) < 1e-12 and drawn["limits"] == (0.0, pytest.approx(np.sqrt(2)))

@@ -63,6 +63,19 @@ def test_a_curve_behind_the_surface_is_not_drawn():
         assert drawn == pytest.approx(1.6 * camera.scale if side > 0 else 0.0, abs=2)
 
 
+def test_a_curve_of_the_far_side_does_not_show_along_the_outline():
+    mesh = shapes.icosphere(5)
+    camera = camera_on(mesh, "z", (1400, 1400))
+    seen = rasterise(camera, mesh.points, mesh.faces)
+    angle = np.linspace(0, 2 * np.pi, 500)
+    for side, least, most in ((1, 0.9, 1.01), (-1, 0.0, 0.02)):
+        z = 0.05 * side  # within a pixel of the outline
+        circle = np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=1) * np.sqrt(1 - z**2) + [0, 0, z]
+        runs = visible_runs(camera, seen, [circle])
+        drawn = sum(np.linalg.norm(np.diff(run, axis=0), axis=1).sum() for run in runs)
+        assert least <= drawn / (2 * np.pi * np.sqrt(1 - z**2) * camera.scale) <= most
+
+
 def test_the_colour_range_ignores_outliers_and_is_symmetric_for_signed_values():
     values = np.linspace(-1, 2, 1001)
     values[:3] = [1e9, -1e9, np.inf]
