@@ -6,17 +6,17 @@ does blurs no ratio; with one thread each (OMP_NUM_THREADS=1) they are the secon
 
 from __future__ import annotations
 
-import contextlib
-import ctypes
-import gc
-import multiprocessing
-import platform
 import resource
 import statistics
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
+
+from ddgcli.tradeoff.measure import peak_mib
+from ddgcli.tradeoff.report import machine
+
+__all__ = ["Timing", "cpu_seconds", "interleaved", "machine", "peak_mib", "print_table", "timed"]
 
 
 def cpu_seconds() -> float:
@@ -65,42 +65,6 @@ def interleaved(calls: dict[str, Callable[[], Any]], repeat: int = 5) -> dict[st
             call()
             seconds[name].append(cpu_seconds() - began)
     return {n: Timing(statistics.median(s), min(s), max(s), values[n]) for n, s in seconds.items()}
-
-
-def _peak_child(call: Callable[[], Any], pipe: Any) -> None:
-    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    call()
-    pipe.send((resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) / 1024)
-
-
-def peak_mib(call: Callable[[], Any]) -> float:
-    """Growth of the peak resident memory during a call, in MiB, measured in a forked child.
-
-    What earlier calls have freed goes back to the system first: a child that found it would not seem to grow.
-    """
-    gc.collect()
-    with contextlib.suppress(OSError, AttributeError):  # glibc alone has it
-        ctypes.CDLL(None).malloc_trim(0)
-    context = multiprocessing.get_context("fork")
-    here, there = context.Pipe()
-    child = context.Process(target=_peak_child, args=(call, there))
-    child.start()
-    there.close()
-    try:
-        return float(here.recv())
-    finally:
-        child.join()
-
-
-def machine() -> str:
-    """One line on machine and versions, for captions."""
-    import numpy
-    import scipy
-
-    return (
-        f"{platform.machine()}, {multiprocessing.cpu_count()} cores, Python {platform.python_version()}, "
-        f"numpy {numpy.__version__}, scipy {scipy.__version__}"
-    )
 
 
 def print_table(title: str, header: list[str], rows: list[list[Any]]) -> None:

@@ -69,6 +69,17 @@ class Reference:
     known: bool = False
     mean_uncertainty: float | None = None
 
+    @classmethod
+    def of_truth(cls, name: str, values: NDArray) -> Reference:
+        """An analytic answer, uncertain by rounding alone."""
+        return cls(f"known truth: {name}", values, 1e-15, known=True)
+
+    @classmethod
+    def as_far_as(cls, name: str, values: NDArray, gap: NDArray) -> Reference:
+        """An answer that is trusted as far as another agrees: (k,) relative differences of the two."""
+        mean = float(gap.mean()) if len(gap) else 0.0
+        return cls(name, values, float(gap.max(initial=0.0)), mean_uncertainty=mean)
+
     def within(self, norm: str = "max") -> float:
         """Its own error, in a norm of the rows."""
         if norm == "mean" and self.mean_uncertainty is not None:
@@ -159,21 +170,20 @@ class Table:
 
 def relative_to_largest(answer: NDArray, truth: NDArray) -> NDArray[np.float64]:
     """|answer - truth| over the largest |truth|, where that is finite; an answer that is not counts inf."""
-    finite = np.isfinite(truth)
-    scale = np.abs(truth[finite]).max(initial=0.0) or 1.0
-    error = np.zeros(len(truth))
-    with np.errstate(invalid="ignore"):
-        error[finite] = np.nan_to_num(np.abs(answer[finite] - truth[finite]) / scale, nan=np.inf)
-    return error
+    return _relative(answer, truth, np.abs(truth[np.isfinite(truth)]).max(initial=0.0))
 
 
 def relative_to_rms(answer: NDArray, truth: NDArray) -> NDArray[np.float64]:
     """|answer - truth| over the root mean square of the truth, leaving out entries without a truth."""
+    return _relative(answer, truth, float(np.sqrt(np.mean(truth[np.isfinite(truth)] ** 2))))
+
+
+def _relative(answer: NDArray, truth: NDArray, scale: float) -> NDArray[np.float64]:
     finite = np.isfinite(truth)
-    scale = float(np.sqrt(np.mean(truth[finite] ** 2))) or 1.0
     error = np.zeros(len(truth))
     with np.errstate(invalid="ignore"):
-        error[finite] = np.nan_to_num(np.abs(answer[finite] - truth[finite]) / scale, nan=np.inf)
+        difference = np.abs(answer[finite] - truth[finite]) / (scale or 1.0)
+    error[finite] = np.nan_to_num(difference, nan=np.inf)
     return error
 
 

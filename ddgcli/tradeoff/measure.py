@@ -247,7 +247,7 @@ def measure(
         seconds=statistics.median(seconds),
         seconds_spread=(min(seconds), max(seconds)),
         repeats=repeat and len(seconds),
-        peak_mib=peak_mib(candidate) if memory else float("nan"),
+        peak_mib=peak_mib(lambda: candidate.solve(candidate.setup())) if memory else float("nan"),
         max_error=float(errors[worst]) if len(errors) else 0.0,
         max_error_at=worst,
         mean_error=float(errors.mean()) if len(errors) else 0.0,
@@ -262,16 +262,16 @@ def _timed(call: Callable[[], Any], clock: Clock) -> tuple[Any, float]:
     return value, clock() - began
 
 
-def peak_mib(candidate: Candidate) -> float:
-    """Growth of the peak resident memory in a run of set-up and one query, in MiB.
+def peak_mib(call: Callable[[], Any]) -> float:
+    """Growth of the peak resident memory during a call, in MiB.
 
     Measured in a forked child, where factorisations count too; without fork, numpy's allocations alone.
     """
     if sys.platform == "linux":
-        return _peak_of_child(lambda: candidate.solve(candidate.setup()))
+        return _peak_of_child(call)
     tracemalloc.start()
     try:
-        candidate.solve(candidate.setup())
+        call()
         return tracemalloc.get_traced_memory()[1] / 2**20
     finally:
         tracemalloc.stop()

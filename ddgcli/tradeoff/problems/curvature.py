@@ -28,7 +28,7 @@ def problem(mesh: TriangleMesh, *, truth: Truth | None = None, asked: Asked = NO
     edge = float(mesh.side_length.mean())
     if truth is not None and truth.mean_curvature is not None:
         values = np.where(inside, truth.mean_curvature(mesh.points), np.nan)
-        known = Reference(f"known truth: {truth.name}", values, 1e-15, known=True)
+        known = Reference.of_truth(truth.name, values)
         references = [(0.0, lambda: known)]
     else:
         work = _work(mesh, None)
@@ -94,9 +94,4 @@ def _compared(mesh: TriangleMesh, inside: NDArray, edge: float, radii: tuple[flo
         moved = np.abs(limit - balls[0])[inside] / scale
         gap = relative_to_rms(limit, fitted)
         gap[inside] += np.maximum(moved, moved.mean() if len(moved) else 0.0)
-    return Reference(
-        f"quadric fits, as far as corrected measures in {name} agree",
-        fitted,
-        float(gap.max(initial=0.0)),
-        mean_uncertainty=float(gap.mean()) if len(gap) else 0.0,
-    )
+    return Reference.as_far_as(f"quadric fits, as far as corrected measures in {name} agree", fitted, gap)

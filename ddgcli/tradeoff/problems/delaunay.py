@@ -104,7 +104,7 @@ def _known(mesh: TriangleMesh, truth: Truth) -> Reference:
         raise ParameterError(f"no Poisson solution is known on the {truth.name}; drop --truth")
     values = load_function(mesh, mesh.points) / truth.linear_eigenvalue
     values = values - values[mesh.topology.referenced_vertex].mean()
-    return Reference(f"known truth: {truth.name}", values, 1e-15, known=True)
+    return Reference.of_truth(truth.name, values)
 
 
 def _reference(mesh: TriangleMesh, levels: int) -> Reference:
@@ -113,9 +113,6 @@ def _reference(mesh: TriangleMesh, levels: int) -> Reference:
     ]
     scale = np.abs(found[-1]).max() or 1.0
     if levels == 1:
-        gap = np.abs(found[1] - found[0]) / scale
-        return Reference("one midpoint subdivision", found[1], float(gap.max()), False, float(gap.mean()))
+        return Reference.as_far_as("one midpoint subdivision", found[1], np.abs(found[1] - found[0]) / scale)
     limit, gap = richardson_limit(*found)
-    gap = gap / scale
-    name = "Richardson limit of two midpoint subdivisions"
-    return Reference(name, limit, float(gap.max()), False, float(gap.mean()))
+    return Reference.as_far_as("Richardson limit of two midpoint subdivisions", limit, gap / scale)

@@ -37,7 +37,7 @@ def problem(
         )
     if truth is not None and truth.distance is not None:
         values = truth.distance(mesh.points, sources.positions(mesh)[0])
-        known = Reference(f"known truth: {truth.name}", values, 1e-15, known=True)
+        known = Reference.of_truth(truth.name, values)
         references = [(0.0, lambda: known)]
     else:
         references = [
@@ -91,7 +91,7 @@ def _approximate_reference(mesh: TriangleMesh, sources: Sources) -> Reference:
     coarse, fine = (exact_distance(mesh, sources, tables=tables, tolerance=t).distance for t in (0.3, 0.1))
     gap = relative_to_largest(coarse, np.minimum(coarse, fine))
     name = "exact method with --tolerance 0.1, as far as 0.3 agrees"
-    return Reference(name, np.minimum(coarse, fine), float(gap.max(initial=0.0)), False, float(gap.mean()))
+    return Reference.as_far_as(name, np.minimum(coarse, fine), gap)
 
 
 def _marched_reference(mesh: TriangleMesh, sources: Sources) -> Reference:
@@ -101,7 +101,7 @@ def _marched_reference(mesh: TriangleMesh, sources: Sources) -> Reference:
     )
     gap = relative_to_largest(edges, marched)
     name = "fast marching, as far as distance along edges agrees"
-    return Reference(name, marched, float(gap.max(initial=0.0)), False, float(gap.mean()))
+    return Reference.as_far_as(name, marched, gap)
 
 
 def _work(mesh: TriangleMesh, method: str, tolerance: float) -> float:

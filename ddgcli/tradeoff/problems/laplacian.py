@@ -28,7 +28,7 @@ def problem(mesh: TriangleMesh, *, truth: Truth | None = None, asked: Asked = NO
     if truth is not None and truth.eigenvalues is None:
         raise ParameterError(f"no eigenvalues are known of the {truth.name}; drop --truth")
     if truth is not None and truth.eigenvalues is not None:
-        known = Reference(f"known truth: {truth.name}", truth.eigenvalues(k), 1e-15, known=True)
+        known = Reference.of_truth(truth.name, truth.eigenvalues(k))
         references = [(0.0, lambda: known)]
     else:
         references = [
@@ -86,16 +86,12 @@ def _refined_reference(mesh: TriangleMesh, k: int, levels: int) -> Reference:
         for level in range(levels + 1)
     ]
     if levels == 1:
-        return Reference("one midpoint subdivision", found[1], *_gaps(found[1] - found[0], found[1]))
+        gap = relative_to_each(found[0], found[1])
+        return Reference.as_far_as("one midpoint subdivision", found[1], gap)
     limit, uncertainty = richardson_limit(*found)
-    return Reference("Richardson limit of two midpoint subdivisions", limit, *_gaps(uncertainty, limit))
+    gap = relative_to_each(limit + uncertainty, limit)
+    return Reference.as_far_as("Richardson limit of two midpoint subdivisions", limit, gap)
 
 
 def _sound(mesh: TriangleMesh) -> bool:
     return mesh.topology.is_oriented and not len(mesh.topology.nonmanifold_edges)
-
-
-def _gaps(difference: NDArray, values: NDArray) -> tuple[float, bool, float]:
-    """Largest and mean relative difference, as `Reference` takes them."""
-    gap = relative_to_each(values + difference, values)
-    return float(gap.max(initial=0.0)), False, float(gap.mean())

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ddgcli.evolve.account import Account
 from ddgcli.evolve.loop import evolve
-from ddgcli.models.scene import resolve
+from ddgcli.models.scene import Document, SceneKind, resolve
 from ddgcli.tradeoff.candidates import NOTHING, Asked, Candidate, Problem, Reference
 
 # steps of the candidates, in the scene's own step; those of the reference
@@ -21,7 +21,7 @@ TIMES = ("steps", "duration", "step", "tolerance", "integrator")
 MOST_STEPS = 16  # of the scene's own length: beyond, errors measure chaos more than schemes
 
 
-def shell_problem(document: Any, read: Callable[[str], Any], *, asked: Asked = NOTHING) -> Problem:
+def shell_problem(document: Document, read: Callable[[str], Any], *, asked: Asked = NOTHING) -> Problem:
     """Positions of a shell scene at the end."""
     from ddgcli.models.shell import model
     from ddgcli.models.shell.scene import KIND
@@ -40,7 +40,7 @@ def shell_problem(document: Any, read: Callable[[str], Any], *, asked: Asked = N
 
 
 def fluid_problem(
-    document: Any, read: Callable[[str], Any], array: Callable[[str], Any], *, asked: Asked = NOTHING
+    document: Document, read: Callable[[str], Any], array: Callable[[str], NDArray], *, asked: Asked = NOTHING
 ) -> Problem:
     """Vorticity of a fluid scene at the end."""
     from ddgcli.models.fluid import model
@@ -71,8 +71,8 @@ def _vorticity(first: Any, last: Any) -> NDArray[np.float64]:
 
 
 def _problem(
-    document: Any,
-    kind: Any,
+    document: Document,
+    kind: SceneKind,
     prepared: Callable[[Mapping[str, Any]], Callable[[], Any]],
     integrators: list[str],
     trusted: str,
@@ -115,7 +115,7 @@ def _problem(
         )
         gap = _relative(found, limit)
         name = f"{trusted} with {finer:g} of the scene's step, as far as {fine:g} agrees"
-        return Reference(name, limit, float(gap.max(initial=0.0)), False, float(gap.mean()))
+        return Reference.as_far_as(name, limit, gap)
 
     unit = 1e-2 * steps
     candidates = [
