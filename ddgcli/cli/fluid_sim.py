@@ -5,11 +5,19 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from ddgcli.cli.simulator_options import SceneCall, scene_options
+
+if TYPE_CHECKING:
+    from ddgcli.cli.scene_run import ReadArray, ReadMesh
+    from ddgcli.cli.story import Picture
+    from ddgcli.evolve.account import Account
+    from ddgcli.evolve.loop import Model, Schedule
+    from ddgcli.evolve.outcome import Outcome
+    from ddgcli.models.scene import Scene
 
 
 @click.command(
@@ -58,7 +66,7 @@ class Fluids:
 
     moving = False
 
-    def __init__(self, scene: Any, account: Any, read_mesh: Any, read_array: Any) -> None:
+    def __init__(self, scene: Scene, account: Account, read_mesh: ReadMesh, read_array: ReadArray) -> None:
         from ddgcli.models.fluid import model
 
         found = model.contexts(scene, read_mesh, read_array)
@@ -74,12 +82,12 @@ class Fluids:
 
         return model.build(self.scene, self.contexts, self.account)
 
-    def assembled(self, schedule: Any) -> dict[str, Any]:
+    def assembled(self, schedule: Schedule) -> dict[str, Any]:
         from ddgcli.models.fluid import report
 
         return report.assembled(self.scene, self.built, schedule, self.account)
 
-    def models(self) -> dict[str, Any]:
+    def models(self) -> dict[str, Model]:
         return {name: fluid.model() for name, fluid in self.built.items()}
 
     def face(self) -> dict[str, Any]:
@@ -87,7 +95,7 @@ class Fluids:
 
         return report.face_arrays(list(self.meshes.values()))
 
-    def picture(self) -> Any:
+    def picture(self) -> Picture:
         from ddgcli.cli.story import Picture
         from ddgcli.models.fluid.report import wraps
 
@@ -97,10 +105,10 @@ class Fluids:
             energy="kinetic energy over density [m^4/s^2]",
         )  # fmt: skip
 
-    def doubt(self, outcome: Any) -> str:
+    def doubt(self, outcome: Outcome) -> str:
         return ""
 
-    def summary(self, outcome: Any) -> tuple[dict[str, Any], dict[str, Any]]:
+    def summary(self, outcome: Outcome) -> tuple[dict[str, Any], dict[str, Any]]:
         from ddgcli.models.fluid import report
 
         self.largest = outcome.largest.get("vorticity", 0.0)

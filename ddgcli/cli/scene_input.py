@@ -8,7 +8,7 @@ import re
 import tomllib
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -16,6 +16,11 @@ from ddgcli.cli.run import Run, describe
 from ddgcli.errors import ParameterError, SceneError
 from ddgcli.evolve.effects import EffectTable
 from ddgcli.evolve.frames import joined_mesh
+
+if TYPE_CHECKING:
+    from ddgcli.io.mesh_file import MeshInput
+    from ddgcli.io.scene_file import SceneDocument
+    from ddgcli.models.scene import Document, Scene, SceneKind
 
 
 def quick_scene(mesh: str, role: str, lines: tuple[str, ...], extra: Mapping[str, Any] | None = None) -> str:
@@ -98,7 +103,7 @@ def _toml(value: Any) -> str:
 
 def scene_document(
     path: str | None, role: str, lines: tuple[str, ...], extra: Mapping[str, Any], resume: str | None
-) -> tuple[Any, dict[str, Any]]:
+) -> tuple[SceneDocument, dict[str, Any]]:
     """The document to run and the time options recorded by the run that is resumed.
 
     A `.toml` is a scene; anything else is a mesh for the quick form. With --resume and no path, the
@@ -133,10 +138,10 @@ def describe_input(run: Run, path: str, meshes: list[Any], sha256: str = "") -> 
     run.note_input(path, sha256, **describe(mesh))
 
 
-def mesh_reader(run: Run, document: Any) -> Callable[[str], Any]:
+def mesh_reader(run: Run, document: Document) -> Callable[[str], MeshInput]:
     """Read a mesh file relative to the scene."""
 
-    def read(name: str) -> Any:
+    def read(name: str) -> MeshInput:
         from ddgcli.io.mesh_file import check_place, read_mesh
 
         path = str(Path(document.folder) / name)
@@ -182,14 +187,14 @@ def _described(table: EffectTable, name: str, line: str) -> dict[str, Any]:
     return {"summary": line, "cost": effect.cost, "roles": list(effect.roles), "parameters": parameters}
 
 
-def print_schema(kind: Any) -> None:
+def print_schema(kind: SceneKind) -> None:
     """--schema: the JSON Schema of the simulator's scenes."""
     from ddgcli.models.scene_schema import json_schema
 
     click.echo(json.dumps(json_schema(kind), indent=2, ensure_ascii=False))
 
 
-def print_dry_run(run: Run, scene: Any, assembled: dict[str, Any]) -> None:
+def print_dry_run(run: Run, scene: Scene, assembled: dict[str, Any]) -> None:
     """--dry-run: the resolved scene and what would be assembled."""
     content = {"command": run.command, "dry_run": True, "scene": scene.resolved(), "assembled": assembled}
     if run.common.as_json:
@@ -202,7 +207,7 @@ def print_dry_run(run: Run, scene: Any, assembled: dict[str, Any]) -> None:
         click.echo(f"{name}: {value}")
 
 
-def fingerprint(document: Any, resolved: dict[str, Any], meshes: Mapping[str, str]) -> tuple[str, str]:
+def fingerprint(resolved: dict[str, Any], meshes: Mapping[str, str]) -> tuple[str, str]:
     """(resolved scene as JSON, SHA-256 of it with the mesh files): what must not change before --resume."""
     text = json.dumps({"scene": resolved, "mesh_sha256": dict(meshes)}, sort_keys=True, ensure_ascii=False)
     return text, hashlib.sha256(text.encode()).hexdigest()

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
-from ddgcli.cli.outcome import Outcome
 from ddgcli.cli.run import Run
 from ddgcli.cli.scene_input import (
     describe_input,
@@ -22,7 +22,16 @@ from ddgcli.cli.simulator_options import SceneCall
 from ddgcli.cli.story import Picture, draw_story
 from ddgcli.evolve.account import Account
 from ddgcli.evolve.loop import Model, Schedule
-from ddgcli.models.scene import Scene, SceneKind, resolve
+from ddgcli.evolve.outcome import Outcome
+from ddgcli.models.scene import Document, Scene, SceneKind, resolve
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from ddgcli.io.mesh_file import MeshInput
+
+ReadMesh = Callable[[str], "MeshInput"]
+ReadArray = Callable[[str], "NDArray"]
 
 
 class Physics(Protocol):
@@ -52,7 +61,11 @@ class Physics(Protocol):
 
 
 def run_scene(
-    call: SceneCall, kind: SceneKind, physics: Any, lines: tuple[str, ...], extra: dict[str, Any]
+    call: SceneCall,
+    kind: SceneKind,
+    physics: Callable[[Scene, Account, ReadMesh, ReadArray], Physics],
+    lines: tuple[str, ...],
+    extra: dict[str, Any],
 ) -> None:
     """Run, list or check what `call` asks for.
 
@@ -76,9 +89,9 @@ def run_scene(
     document, recorded = scene_document(call.path, role, lines, extra, call.resume)
     overrides = {**recorded, **call.overrides}
     scene, account = resolve(document, kind, overrides), Account()
-    made: Physics = physics(scene, account, mesh_reader(run, document), array_reader(document))
+    made = physics(scene, account, mesh_reader(run, document), array_reader(document))
     meshes, schedule = list(made.meshes.values()), scene.schedule()
-    resolved, digest = fingerprint(document, scene.resolved(), made.sha256)
+    resolved, digest = fingerprint(scene.resolved(), made.sha256)
     describe_input(run, call.path or "", meshes, digest)
     refuse_changed(call.resume, resolved)
     if call.dry_run:
@@ -103,10 +116,10 @@ def _tell(run: Run, scene: Scene, made: Physics, account: Account, outcome: Outc
     run.finish(results, accuracy, converged=not (outcome.failure or outcome.doubt))
 
 
-def array_reader(document: Any) -> Any:
+def array_reader(document: Document) -> ReadArray:
     """Read a .npy relative to the scene."""
 
-    def read(name: str) -> Any:
+    def read(name: str) -> NDArray:
         from ddgcli.io.arrays import read_array
 
         return read_array(str(Path(document.folder) / name))

@@ -3,11 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from ddgcli.cli.simulator_options import SceneCall, scene_options
+
+if TYPE_CHECKING:
+    from ddgcli.cli.scene_run import ReadArray, ReadMesh
+    from ddgcli.cli.story import Picture
+    from ddgcli.evolve.account import Account
+    from ddgcli.evolve.loop import Model, Schedule
+    from ddgcli.evolve.outcome import Outcome
+    from ddgcli.models.scene import Scene
 
 
 @click.command(
@@ -54,7 +62,7 @@ class Shells:
 
     moving = True
 
-    def __init__(self, scene: Any, account: Any, read_mesh: Any, read_array: Any) -> None:
+    def __init__(self, scene: Scene, account: Account, read_mesh: ReadMesh, read_array: ReadArray) -> None:
         from ddgcli.models.shell import model
 
         found = model.contexts(scene, read_mesh)
@@ -63,12 +71,12 @@ class Shells:
         self.meshes = {name: context.mesh for name, context in self.contexts.items()}
         self.sha256 = {name: sha for name, (_, sha) in found.items()}
 
-    def assembled(self, schedule: Any) -> dict[str, Any]:
+    def assembled(self, schedule: Schedule) -> dict[str, Any]:
         from ddgcli.models.shell import report
 
         return report.assembled(self.scene, self.contexts, schedule, self.account)
 
-    def models(self) -> dict[str, Any]:
+    def models(self) -> dict[str, Model]:
         from ddgcli.models.shell import model
 
         return model.build(self.scene, self.contexts, self.account)
@@ -76,17 +84,17 @@ class Shells:
     def face(self) -> dict[str, Any]:
         return {}
 
-    def picture(self) -> Any:
+    def picture(self) -> Picture:
         from ddgcli.cli.story import Picture
 
         return Picture("strain", "strain")
 
-    def doubt(self, outcome: Any) -> str:
+    def doubt(self, outcome: Outcome) -> str:
         from ddgcli.models.shell import report
 
         return report.doubt(outcome.series)
 
-    def summary(self, outcome: Any) -> tuple[dict[str, Any], dict[str, Any]]:
+    def summary(self, outcome: Outcome) -> tuple[dict[str, Any], dict[str, Any]]:
         from ddgcli.models.shell import report
 
         return report.summary(outcome, self.contexts)

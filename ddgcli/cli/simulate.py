@@ -13,12 +13,12 @@ import click
 from numpy.typing import NDArray
 
 from ddgcli import __version__
-from ddgcli.cli.outcome import Keeper, Outcome
 from ddgcli.cli.run import Run
 from ddgcli.errors import ParameterError, SolveError
 from ddgcli.evolve.account import Account
 from ddgcli.evolve.frames import joined_frame, joined_mesh
 from ddgcli.evolve.loop import Arrays, Model, Schedule, evolve
+from ddgcli.evolve.outcome import Keeper, Outcome
 from ddgcli.mesh.fields import AnnotatedMesh
 
 TRAJECTORIES = (".vtkhdf", ".h5")

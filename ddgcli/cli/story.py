@@ -8,7 +8,7 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from ddgcli.cli.outcome import Outcome
+from ddgcli.evolve.outcome import Outcome
 
 
 @dataclass(frozen=True, eq=False)

@@ -68,7 +68,7 @@ def command(
     flow, model = setup.build(source.mesh, chosen)
     schedule = setup.schedule(flow, overrides)
     resolved, digest = fingerprint(
-        None, {"wishes": setup.described(chosen), "time": overrides}, {"mesh": source.sha256}
+        {"wishes": setup.described(chosen), "time": overrides}, {"mesh": source.sha256}
     )
     refuse_changed(resume, resolved)
     job = Job(

@@ -10,6 +10,7 @@ import numpy as np
 from ddgcli.evolve.account import Account
 from ddgcli.evolve.integrators import INTEGRATORS
 from ddgcli.evolve.loop import Schedule
+from ddgcli.evolve.outcome import Outcome
 from ddgcli.models.scene import Scene
 from ddgcli.models.shell.context import ShellContext
 from ddgcli.models.shell.model import make_system
@@ -18,13 +19,13 @@ from ddgcli.models.shell.model import make_system
 GROWTH, BEYOND_TRUST = 0.1, 1.0
 
 
-def summary(outcome: Any, shells: dict[str, ShellContext]) -> tuple[dict[str, Any], dict[str, Any]]:
+def summary(outcome: Outcome, shells: dict[str, ShellContext]) -> tuple[dict[str, Any], dict[str, Any]]:
     """(`results`, `accuracy`) of a run.
 
     Scales of the drifts: energy, the largest kinetic energy or change of a part of the energy; momentum, the
     mass times the largest speed; angular momentum, that times the size of the shells.
     """
-    series, last = outcome.series, outcome.last
+    series, last = outcome.series, outcome.end
     energies = {
         name.removeprefix("energy_"): {"start": float(values[0]), "end": float(values[-1])}
         for name, values in series.items()

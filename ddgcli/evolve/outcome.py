@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ddgcli.errors import SolveError
 from ddgcli.evolve.loop import Snapshot
 from ddgcli.mesh.fields import Frame
 
@@ -22,7 +23,7 @@ class Outcome:
     Parameters
     ----------
     frames : int
-    first, last : Frame
+    last : Frame
     series : dict of str to (T, ...) ndarray
         Scalars of every frame.
     times : (T,) ndarray
@@ -48,7 +49,6 @@ class Outcome:
     """
 
     frames: int = 0
-    first: Frame | None = None
     last: Frame | None = None
     series: dict[str, NDArray] = field(default_factory=dict)
     times: NDArray = field(default_factory=lambda: np.zeros(0))
@@ -63,6 +63,19 @@ class Outcome:
     events: int = 0
     kept: list[Frame] = field(default_factory=list)
     mesh: Any = None
+
+    @property
+    def end(self) -> Frame:
+        """The last frame.
+
+        Raises
+        ------
+        SolveError
+            When there is none: the run broke off before its start was observed.
+        """
+        if self.last is None:
+            raise SolveError(self.failure or "the run broke off before its first frame")
+        return self.last
 
 
 class Keeper:
@@ -97,8 +110,6 @@ class Keeper:
 
     def _note(self, frame: Frame) -> None:
         outcome = self.outcome
-        if outcome.first is None:
-            outcome.first = frame
         outcome.last = frame
         if self.picture and outcome.frames % self.stride == 0:
             outcome.kept.append(frame)
