@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 from ddgcli.errors import MeshError
 from ddgcli.mesh.topology import NEXT, Topology, check_faces, frozen
 
+BLOCK = 1 << 14  # faces at a time, so that temporaries stay in cache
+
 
 def check_points(points: NDArray) -> NDArray[np.float64]:
     """Points as (n, 3) float64, finite, or MeshError naming the first culprit."""
@@ -77,8 +79,13 @@ class TriangleMesh:
 
         Scaled before squaring, so that coordinates near the limits of float64 neither overflow nor vanish.
         """
-        corners = np.take(self.points.T.copy(), self.faces.T.ravel(), axis=1).reshape(3, 3, -1)
-        return frozen(np.stack([_distance(corners[:, j], corners[:, (j + 1) % 3]) for j in range(3)], axis=1))
+        points, length = self.points.T.copy(), np.empty((self.n_faces, 3))
+        for begin in range(0, self.n_faces, BLOCK):
+            rows = slice(begin, begin + BLOCK)
+            corners = points.take(self.faces[rows].T.ravel(), axis=1).reshape(3, 3, -1)
+            for j in range(3):
+                length[rows, j] = _distance(corners[:, j], corners[:, (j + 1) % 3])
+        return frozen(length)
 
 
 def _distance(tail: NDArray, head: NDArray) -> NDArray[np.float64]:

@@ -18,6 +18,7 @@ RUNS = {
     "curvature": ("curvature", "ball"),
     "polyline": ("curvature", "ellipse"),
     "delaunay": ("delaunay", "ball"),
+    "overlay": ("delaunay", "egg", "--overlay", "cut"),
     "laplacian": ("laplacian", "cap", "--eigen", 3, "--poisson", "load"),
     "harmonic": ("laplacian", "cap", "--harmonic", "--fix", "1=0", "--fix", "20=1"),
     "flattened": ("laplacian", "cap", "--parameterize", "harmonic"),
@@ -204,6 +205,18 @@ PLANTS = {
             ["area_residual", "angle_defect_residual"],
         ),
     ],
+    "overlay": [
+        (
+            "ddgcli.algorithms.delaunay.report:common_subdivision",
+            crooked(mesh=lambda m: m.moved(scattered(m.points))),
+            ["overlay_area_residual"],
+        ),
+        (
+            "ddgcli.algorithms.delaunay.report:flip_to_delaunay",
+            crooked(mesh=lambda m: type(m)(m.topology, 1.01 * m.side_length, m.points)),
+            ["overlay_length_residual"],
+        ),
+    ],
     "laplacian": [
         (
             OPERATOR,
@@ -300,9 +313,10 @@ def inputs(tmp_path_factory):
     cap = shapes.grid(5, 5, pattern="alternating")
     cap = cap.moved(cap.points + np.stack([0 * cap.points[:, 0]] * 2 + [cap.points[:, 0] ** 2], axis=1))
     wind = np.cross(cap.points[cap.faces].mean(axis=1), [0.3, 0.2, 1.0])
-    paths = {"ball": str(folder / "ball.npz"), "cap": str(folder / "cap.npz")}
+    paths = {name: str(folder / f"{name}.npz") for name in ("ball", "cap", "egg", "cut")}
     spin = np.cross([0.0, 0.0, 1.0], ball.points)
     write_mesh(paths["ball"], AnnotatedMesh(ball, vertex={"spin": spin}))
+    write_mesh(paths["egg"], AnnotatedMesh(ball.moved(ball.points * [5.0, 1.0, 0.2])))
     load = cap.points[:, 0] - cap.points[:, 0].mean()
     write_mesh(paths["cap"], AnnotatedMesh(cap, vertex={"load": load}, face={"wind": wind}))
     ring = shapes.torus(12, 6, 2.0, 1.0)
