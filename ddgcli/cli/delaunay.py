@@ -45,6 +45,13 @@ OVERLAY_FORMATS = (".npz", ".vtkhdf", ".ply", ".vtu", ".vtp", ".vtk", ".xdmf", "
     help="Write the common subdivision with input as a mesh: arrays input_face, intrinsic_face, vertex_kind "
     "(0 input vertex, 1 Steiner point, 2 crossing).",
 )
+@click.option(
+    "--transfer",
+    metavar="ARRAY",
+    multiple=True,
+    help="Carry an array on the vertices of MESH to those of the triangulation: the values nearest in L2 "
+    "(in -o; on --overlay its interpolant). May be repeated.",
+)
 @click.option("--condition", is_flag=True, help="Also measure the condition number of the Laplacian.")
 @options.subdivide
 @options.common
@@ -53,6 +60,7 @@ def command(
     refine: float | None,
     max_points: int | None,
     overlay: str | None,
+    transfer: tuple[str, ...],
     condition: bool,
     subdivide: int,
     common: Common,
@@ -65,6 +73,7 @@ def command(
     \b
     Examples:
       ddgcli delaunay scan.ply -o scan-idt.npz --overlay common.ply --plot edges.png
+      ddgcli delaunay scan.ply --refine 25 --transfer temperature -o scan-idt.vtkhdf
       ddgcli delaunay part.stl --refine 25 -o part-idt.npz
     """
     run = Run(
@@ -74,6 +83,7 @@ def command(
         refine=refine,
         max_points=max_points,
         overlay=overlay,
+        transfer=list(transfer),
         condition=condition,
         subdivide=subdivide,
     )
@@ -90,12 +100,14 @@ def command(
         degrees=refine,
         max_points=max_points,
         subdivide=bool(overlay or common.plot),
+        transferred={name: options.chosen(source.vertex, name, "vertex array") for name in transfer},
         condition=condition,
         seed=common.seed,
     )
-    run.write(AnnotatedMesh(report.mesh, vertex=report.on_input), converged=report.reached)
+    run.write(AnnotatedMesh(report.mesh, vertex=report.vertex), converged=report.reached)
     if overlay and report.subdivision:
-        run.write_file(overlay, overlay_mesh(report.subdivision), converged=report.reached)
+        written = overlay_mesh(report.subdivision, report.transferred)
+        run.write_file(overlay, written, converged=report.reached)
     run.plot(lambda path: draw(path, source.mesh, report.subdivision))
     run.finish(report.results, report.accuracy, converged=report.reached)
 

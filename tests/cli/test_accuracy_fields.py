@@ -18,7 +18,7 @@ RUNS = {
     "curvature": ("curvature", "ball"),
     "polyline": ("curvature", "ellipse"),
     "delaunay": ("delaunay", "ball"),
-    "overlay": ("delaunay", "egg", "--overlay", "cut"),
+    "overlay": ("delaunay", "egg", "--overlay", "cut", "--transfer", "height"),
     "laplacian": ("laplacian", "cap", "--eigen", 3, "--poisson", "load"),
     "harmonic": ("laplacian", "cap", "--harmonic", "--fix", "1=0", "--fix", "20=1"),
     "flattened": ("laplacian", "cap", "--parameterize", "harmonic"),
@@ -216,6 +216,7 @@ PLANTS = {
             crooked(mesh=lambda m: type(m)(m.topology, 1.01 * m.side_length, m.points)),
             ["overlay_length_residual"],
         ),
+        (*SOLVE, ["transfer_integral_residual"]),
     ],
     "laplacian": [
         (
@@ -316,7 +317,10 @@ def inputs(tmp_path_factory):
     paths = {name: str(folder / f"{name}.npz") for name in ("ball", "cap", "egg", "cut")}
     spin = np.cross([0.0, 0.0, 1.0], ball.points)
     write_mesh(paths["ball"], AnnotatedMesh(ball, vertex={"spin": spin}))
-    write_mesh(paths["egg"], AnnotatedMesh(ball.moved(ball.points * [5.0, 1.0, 0.2])))
+    write_mesh(
+        paths["egg"],
+        AnnotatedMesh(ball.moved(ball.points * [5, 1, 0.2]), vertex={"height": ball.points[:, 2]}),
+    )
     load = cap.points[:, 0] - cap.points[:, 0].mean()
     write_mesh(paths["cap"], AnnotatedMesh(cap, vertex={"load": load}, face={"wind": wind}))
     ring = shapes.torus(12, 6, 2.0, 1.0)

@@ -6,6 +6,7 @@ import pytest
 from ddgcli.io.mesh_file import read_mesh, write_mesh
 from ddgcli.mesh import shapes
 from ddgcli.mesh.fields import AnnotatedMesh
+from tests.delaunay_cases import planar
 
 
 @pytest.fixture
@@ -79,6 +80,53 @@ def test_refinement(summary, stretched, tmp_path):
     z, mesh = np.load(out), read_mesh(str(stretched)).mesh
     where = np.einsum("kc,kcd->kd", z["input_barycentric"], mesh.points[mesh.faces[z["input_face"]]])
     assert np.abs(where - z["points"]).max() < 1e-13 * np.abs(z["points"]).max()
+
+
+@pytest.fixture
+def plane(tmp_path):
+    """A flat patch with needles, and on its vertices a linear and a rough function."""
+    mesh = planar()
+    height = mesh.points @ [2.0, -3.0, 0.0] + 1.0
+    arrays = {"height": height, "rough": np.random.default_rng(0).normal(size=(mesh.n_vertices, 2))}
+    path = tmp_path / "plane.npz"
+    write_mesh(str(path), AnnotatedMesh(mesh, vertex=arrays))
+    return path
+
+
+@pytest.mark.parametrize("refine", [(), ("--refine", 25)])
+def test_functions_are_carried_to_the_triangulation(summary, plane, tmp_path, refine):
+    out, overlay = tmp_path / "idt.npz", tmp_path / "overlay.npz"
+    carry = ("--transfer", "height", "--transfer", "rough")
+    told = summary("delaunay", plane, *refine, *carry, "-o", out, "--overlay", overlay)
+    z, cut, mesh = np.load(out), np.load(overlay), read_mesh(str(plane))
+    for found in (z, cut):  # linear functions of the plane arrive unchanged
+        assert np.abs(found["height"] - (found["points"] @ [2.0, -3.0, 0.0] + 1.0)).max() < 1e-9
+    change = {name: one["l2_change"] for name, one in told["results"]["transfer"].items()}
+    assert change["height"] < 1e-10 and change["rough"] > 0.01
+    assert told["accuracy"]["transfer_integral_residual"] < 1e-12
+
+    def integral(points, faces, values):
+        corner = points[faces]
+        area = np.linalg.norm(np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]), axis=1) / 2
+        return area @ values[faces].mean(axis=1)
+
+    given = integral(mesh.mesh.points, mesh.mesh.faces, mesh.vertex["rough"])
+    for found in (z, cut):
+        assert integral(found["points"], found["faces"], found["rough"]) == pytest.approx(given, abs=1e-12)
+
+
+@pytest.mark.parametrize(
+    "name, words", [("warmth", "height, rough"), ("input_face", "rename"), ("torn", "vertex 3")]
+)
+def test_functions_that_cannot_be_carried(run, tmp_path, name, words):
+    mesh = planar()
+    torn = np.where(np.arange(mesh.n_vertices) == 3, np.nan, 0.0)
+    arrays = {"height": 1 + torn, "rough": torn, "input_face": 0 * torn, "torn": torn}
+    if name == "warmth":
+        arrays = {"height": arrays["height"], "rough": arrays["rough"]}
+    write_mesh(str(tmp_path / "plane.npz"), AnnotatedMesh(mesh, vertex=arrays))
+    result = run("delaunay", tmp_path / "plane.npz", "--transfer", name)
+    assert result.exit_code == 2 and words in result.stderr and result.stderr.count("\n") == 1
 
 
 def test_points_need_refinement(run, stretched):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from ddgcli.algorithms.delaunay.common_subdivision import Base, CommonSubdivision, common_subdivision
 from ddgcli.algorithms.delaunay.refine import Refined, refine
+from ddgcli.algorithms.delaunay.transfer import Transferred, check_transferable, transfer_to_intrinsic
 from ddgcli.algorithms.delaunay.triangulation import (
     Flipped,
     flip_to_delaunay,
@@ -30,6 +31,16 @@ from ddgcli.operators.laplacian import stiffness
 from ddgcli.operators.mollify import mollified_mesh
 
 SurfaceMesh = TriangleMesh | IntrinsicMesh
+# names that the outputs give to arrays of their own
+OWN_ARRAYS = (
+    "points",
+    "faces",
+    "face_edge_lengths",
+    "neighbors",
+    "input_face",
+    "input_barycentric",
+    "vertex_kind",
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,8 +52,9 @@ class DelaunayReport:
     mesh : IntrinsicMesh
     results, accuracy : dict
         Blocks of the summary.
-    on_input : dict of str to ndarray
-        `input_face` and `input_barycentric` of the vertices of a refined triangulation.
+    vertex : dict of str to ndarray
+        Arrays on its vertices: `input_face` and `input_barycentric` after refinement, and what was carried.
+    transferred : dict of str to Transferred
     subdivision : CommonSubdivision, optional
         Where asked for.
     reached : bool
@@ -52,7 +64,8 @@ class DelaunayReport:
     mesh: IntrinsicMesh
     results: dict[str, Any]
     accuracy: dict[str, Any]
-    on_input: dict[str, NDArray]
+    vertex: dict[str, NDArray]
+    transferred: dict[str, Transferred] = field(default_factory=dict)
     subdivision: CommonSubdivision | None = None
     reached: bool = True
 
@@ -63,6 +76,7 @@ def delaunay_report(
     degrees: float | None = None,
     max_points: int | None = None,
     subdivide: bool = False,
+    transferred: dict[str, NDArray] | None = None,
     condition: bool = False,
     seed: int = 0,
 ) -> DelaunayReport:
@@ -75,11 +89,14 @@ def delaunay_report(
         See `refine`; None: no refinement.
     subdivide : bool
         Also make the common subdivision.
+    transferred : dict of str to ndarray, optional
+        Arrays on the input's vertices to carry over.
     condition : bool
         Also measure the condition numbers of the Laplacians.
     seed : int
         Of the choice among faces in refinement.
     """
+    check_transferable(transferred or {}, OWN_ARRAYS)
     if degrees is None:
         flipped, base, refined = flip_to_delaunay(mesh, track=subdivide), Base.itself(mesh), None
     else:
@@ -91,18 +108,24 @@ def delaunay_report(
         "before": triangulation_statistics(mesh, _metric(mesh, flipped), condition=condition),
         "after": triangulation_statistics(flipped.mesh, condition=condition),
     }
-    on_input: dict[str, NDArray] = {}
+    vertex: dict[str, NDArray] = {}
     if refined is not None:
         results["refinement"] = refinement_counts(refined)
         where = refined.steiner.behind_vertices(mesh)
-        on_input = {"input_face": where.face, "input_barycentric": where.barycentric}
+        vertex = {"input_face": where.face, "input_barycentric": where.barycentric}
     accuracy: dict[str, Any] = metric_residuals(mesh, flipped.mesh)
-    cut = common_subdivision(flipped, base) if subdivide else None
+    cut = common_subdivision(flipped, base) if subdivide or transferred else None
+    carried: dict[str, Transferred] = {}
     if cut is not None:
         results["overlay"] = subdivision_counts(cut)
         accuracy |= subdivision_residuals(cut, mesh)
+        if transferred:
+            carried = transfer_to_intrinsic(cut, transferred)
+            results["transfer"] = {name: {"l2_change": one.change} for name, one in carried.items()}
+            accuracy["transfer_integral_residual"] = max(one.integral_residual for one in carried.values())
+            vertex |= {name: one.carried for name, one in carried.items()}
     reached = (refined is None or refined.reached) and flipped.left == 0
-    return DelaunayReport(flipped.mesh, results, accuracy, on_input, cut, reached)
+    return DelaunayReport(flipped.mesh, results, accuracy, vertex, carried, cut, reached)
 
 
 def _metric(mesh: TriangleMesh, flipped: Flipped) -> SurfaceMesh:
@@ -145,11 +168,12 @@ def subdivision_residuals(cut: CommonSubdivision, mesh: TriangleMesh) -> dict[st
     return {"overlay_area_residual": change, "overlay_length_residual": cut.length_residual}
 
 
-def overlay_mesh(cut: CommonSubdivision) -> AnnotatedMesh:
-    """The common subdivision with its labels, as `--overlay` writes it."""
+def overlay_mesh(cut: CommonSubdivision, transferred: dict[str, Transferred]) -> AnnotatedMesh:
+    """The common subdivision with its labels and the functions of the input, as `--overlay` writes it."""
+    arrays = {name: cut.from_input @ one.given for name, one in transferred.items()}
     return AnnotatedMesh(
         cut.mesh,
-        vertex={"vertex_kind": cut.vertex_kind},
+        vertex={"vertex_kind": cut.vertex_kind, **arrays},
         face={"input_face": cut.input_face, "intrinsic_face": cut.intrinsic_face},
     )
 

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
 from ddgcli.algorithms.delaunay.common_subdivision import CommonSubdivision
 from ddgcli.errors import ParameterError
+from ddgcli.geometry.intrinsic import face_area
 from ddgcli.linalg.factor import Factor
-from ddgcli.operators.laplacian import galerkin_mass
+from ddgcli.operators.laplacian import galerkin_mass, lumped_vertex_area
 
 
 def transfer(cut: CommonSubdivision, values: NDArray, *, to: str) -> NDArray[np.float64]:
@@ -44,3 +48,68 @@ def transfer(cut: CommonSubdivision, values: NDArray, *, to: str) -> NDArray[np.
     carried = np.zeros((wanted.shape[1], *rhs.shape[1:]))
     carried[used] = Factor(normal[used][:, used]).solve(rhs[used])
     return carried
+
+
+@dataclass(frozen=True, eq=False)
+class Transferred:
+    """A function of the input's vertices on an intrinsic triangulation.
+
+    Parameters
+    ----------
+    given : (n, ...) ndarray
+    carried : (n', ...) ndarray of float64
+        The vertex values nearest in L2.
+    change : float
+        L2 norm of the difference of the two interpolants, relative to that of the given one.
+    integral_residual : float
+        Difference of the two integrals, each by its own triangulation's metric, relative to the L2 norm times
+        the square root of the area; the largest over components.
+    """
+
+    given: NDArray
+    carried: NDArray[np.float64]
+    change: float
+    integral_residual: float
+
+
+def check_transferable(arrays: dict[str, NDArray], reserved: Collection[str]) -> None:
+    """ParameterError for arrays of a reserved name, and for what holds anything but finite numbers."""
+    for name, values in arrays.items():
+        if name in reserved:
+            raise ParameterError(f"the array {name!r} cannot be carried: the output has its own; rename it")
+        if values.dtype.kind not in "fiub":
+            raise ParameterError(f"the array {name!r} holds {values.dtype}; only numbers can be carried")
+        bad = np.flatnonzero(~np.isfinite(values).reshape(len(values), -1).all(axis=1))
+        if len(bad):
+            raise ParameterError(
+                f"the array {name!r} is not finite at vertex {bad[0]} ({len(bad)} such vertices); mend it"
+            )
+
+
+def transfer_to_intrinsic(cut: CommonSubdivision, arrays: dict[str, NDArray]) -> dict[str, Transferred]:
+    """Carry arrays of the input's vertices to the intrinsic triangulation, by `transfer` in one solve."""
+    columns = {name: np.asarray(a, dtype=np.float64).reshape(len(a), -1) for name, a in arrays.items()}
+    whole = np.concatenate(list(columns.values()), axis=1)
+    moved = transfer(cut, whole, to="intrinsic")
+    bounds = np.cumsum([0, *(c.shape[1] for c in columns.values())])
+    result = {}
+    for (name, given), begin, end in zip(columns.items(), bounds[:-1], bounds[1:]):
+        carried = moved[:, begin:end]
+        size = _norm(cut, cut.from_input @ given)
+        change = _norm(cut, cut.from_intrinsic @ carried - cut.from_input @ given)
+        kept = lumped_vertex_area(cut.intrinsic) @ carried - lumped_vertex_area(cut.input) @ given
+        scale = size * np.sqrt(face_area(cut.input.side_length).sum()) or 1.0
+        result[name] = Transferred(
+            arrays[name],
+            carried.reshape(-1, *arrays[name].shape[1:]),
+            change / (size or 1.0),
+            float(np.abs(kept).max(initial=0.0) / scale),
+        )
+    return result
+
+
+def _norm(cut: CommonSubdivision, values: NDArray) -> float:
+    """L2 norm of the function that is linear on the pieces, from its values (v, k) at the corners."""
+    a, b, c = (values[corner] for corner in cut.mesh.faces.T)
+    products = a * a + b * b + c * c + a * b + b * c + c * a
+    return float(np.sqrt((face_area(cut.mesh.side_length) / 6.0) @ products.sum(axis=1)))
