@@ -12,7 +12,7 @@ DDGCLI ?= $(BIN)/ddgcli
 CURVATURE_OPTIONS ?=
 
 .DEFAULT_GOAL := help
-.PHONY: help demo pipeline test test-all lint fmt types bench accuracy accuracy-check samples docs clean
+.PHONY: help demo pipeline test test-all lint fmt bench accuracy accuracy-check samples clean
 
 help:  ## this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):[^#]*## /\1\t/' | expand -t 18
@@ -40,6 +40,10 @@ EXTENSIONS = ply obj off stl csv
 SOURCES = $(foreach e,$(EXTENSIONS),$(wildcard $(MESHES)/*.$(e)))
 RESULTS = $(patsubst $(MESHES)/%,$(BUILD)/%.curvature.vtu,$(basename $(SOURCES)))
 
+ifeq ($(RESULTS),)
+pipeline:
+	@echo "no mesh in $(MESHES)/ (looked for: $(EXTENSIONS)); name a folder: make pipeline MESHES=folder"; exit 2
+endif
 pipeline: $(RESULTS)  ## MESHES=folder: every mesh to BUILD/NAME.curvature.vtu and .png (try make -j2)
 
 define curvature_rule
