@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.mesh.triangle_mesh import TriangleMesh, vector_length
+from ddgcli.mesh.triangle_mesh import TriangleMesh, unit_vectors
 
 
 def face_area_vector(mesh: TriangleMesh) -> NDArray[np.float64]:
@@ -16,9 +16,7 @@ def face_area_vector(mesh: TriangleMesh) -> NDArray[np.float64]:
 
 def face_normal(mesh: TriangleMesh) -> NDArray[np.float64]:
     """(m, 3) unit normals; zero where a face has no area."""
-    area_vector = face_area_vector(mesh)
-    length = vector_length(area_vector)[:, None]
-    return np.divide(area_vector, length, out=np.zeros_like(area_vector), where=length > 0)
+    return unit_vectors(face_area_vector(mesh))
 
 
 def enclosed_volume(mesh: TriangleMesh) -> float:

@@ -6,21 +6,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.errors import ParameterError
-from ddgcli.geometry.unfolding import SurfaceMesh, Unfolding, corner_position
-from ddgcli.mesh.triangle_mesh import TriangleMesh, vector_length
+from ddgcli.geometry.unfolding import Unfolding, corner_position
+from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
+from ddgcli.mesh.triangle_mesh import TriangleMesh, unit_vectors
 
 
 def face_axes(mesh: TriangleMesh, face: NDArray) -> tuple[NDArray, NDArray]:
     """((k, 3), (k, 3)) unit axes in space of the planar frames of faces; zero where a face has no area."""
     scale = float(mesh.side_length.max(initial=0.0)) or 1.0
     side, back = mesh.side_vector[face, 0] / scale, mesh.side_vector[face, 2] / -scale
-    x = _unit(side)
-    return x, np.cross(_unit(np.cross(x, back)), x)
-
-
-def _unit(vector: NDArray) -> NDArray[np.float64]:
-    size = vector_length(vector)[:, None]
-    return np.divide(vector, size, out=np.zeros_like(vector), where=size > 0)
+    x = unit_vectors(side)
+    return x, np.cross(unit_vectors(np.cross(x, back)), x)
 
 
 def to_face_frame(mesh: SurfaceMesh, face: NDArray, vector: NDArray) -> NDArray[np.float64]:

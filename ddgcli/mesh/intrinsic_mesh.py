@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.mesh.topology import Topology, frozen
+from ddgcli.mesh.triangle_mesh import TriangleMesh
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,3 +45,6 @@ class IntrinsicMesh:
     @property
     def n_faces(self) -> int:
         return self.topology.n_faces
+
+
+SurfaceMesh = TriangleMesh | IntrinsicMesh  # whatever has a topology and side lengths

@@ -100,3 +100,9 @@ def vector_length(vectors: NDArray) -> NDArray[np.float64]:
         return np.sqrt(np.einsum("...i,...i->...", vectors, vectors))
     scaled = vectors / largest
     return largest * np.sqrt(np.einsum("...i,...i->...", scaled, scaled))
+
+
+def unit_vectors(vectors: NDArray) -> NDArray[np.float64]:
+    """(..., d) vectors at unit length; zero where they are zero."""
+    length = vector_length(vectors)[..., None]
+    return np.divide(vectors, length, out=np.zeros_like(vectors), where=length > 0)

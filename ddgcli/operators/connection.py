@@ -14,9 +14,10 @@ from scipy.sparse import coo_array, csr_array
 from ddgcli.errors import MeshError
 from ddgcli.geometry.extrinsic import face_area_vector
 from ddgcli.geometry.intrinsic import corner_cotan
-from ddgcli.geometry.unfolding import Fans, SurfaceMesh, vertex_fans
+from ddgcli.geometry.unfolding import Fans, vertex_fans
+from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
 from ddgcli.mesh.topology import NEXT
-from ddgcli.mesh.triangle_mesh import TriangleMesh
+from ddgcli.mesh.triangle_mesh import TriangleMesh, unit_vectors
 
 
 def angle_scale(fans: Fans) -> NDArray[np.float64]:
@@ -83,11 +84,11 @@ def vertex_axes(mesh: TriangleMesh) -> tuple[NDArray[np.float64], NDArray[np.flo
     fans = vertex_fans(mesh)
     normal = np.zeros((mesh.n_vertices, 3))
     np.add.at(normal, mesh.faces.ravel(), np.repeat(face_area_vector(mesh), 3, axis=0))
-    normal = _unit(normal)
+    normal = unit_vectors(normal)
     side = mesh.side_vector.reshape(-1, 3)
     first = np.zeros((mesh.n_vertices, 3))
     first[fans.vertex] = side[fans.corner[fans.start[:-1]]]
-    x = _unit(first - np.einsum("ij,ij->i", first, normal)[:, None] * normal)
+    x = unit_vectors(first - np.einsum("ij,ij->i", first, normal)[:, None] * normal)
     y = np.cross(normal, x)
     tail = mesh.topology.side_tail
     seen = np.einsum("ij,ij->i", side, x[tail]) + 1j * np.einsum("ij,ij->i", side, y[tail])
@@ -98,11 +99,6 @@ def vertex_axes(mesh: TriangleMesh) -> tuple[NDArray[np.float64], NDArray[np.flo
     mean /= np.where(np.abs(mean) > 0, np.abs(mean), 1.0)
     x, y = mean.real[:, None] * x + mean.imag[:, None] * y, mean.real[:, None] * y - mean.imag[:, None] * x
     return x, y
-
-
-def _unit(vector: NDArray) -> NDArray[np.float64]:
-    size = np.linalg.norm(vector, axis=1, keepdims=True)
-    return np.divide(vector, size, out=np.zeros_like(vector), where=size > 0)
 
 
 def to_vertex_frames(mesh: TriangleMesh, vector: NDArray) -> NDArray[np.complex128]:

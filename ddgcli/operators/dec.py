@@ -21,7 +21,7 @@ from ddgcli.mesh.tet_mesh import TET_FACES, TetMesh
 from ddgcli.mesh.topology import Topology
 from ddgcli.mesh.triangle_mesh import TriangleMesh, vector_length
 
-AnyMesh = TriangleMesh | IntrinsicMesh | TetMesh
+SimplicialMesh = TriangleMesh | IntrinsicMesh | TetMesh
 
 
 def d0(topology: Topology) -> csr_array:
@@ -100,7 +100,7 @@ class Complex:
         return mask
 
 
-def complex_of(mesh: AnyMesh) -> Complex:
+def complex_of(mesh: SimplicialMesh) -> Complex:
     """The complex of a triangle mesh, an intrinsic triangulation or a tetrahedral mesh."""
     return _tet_complex(mesh) if isinstance(mesh, TetMesh) else _surface_complex(mesh)
 

@@ -13,12 +13,9 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_array, csr_array, diags_array
 
 from ddgcli.geometry.intrinsic import corner_cotan, cotan_and_area, face_area
-from ddgcli.mesh.intrinsic_mesh import IntrinsicMesh
+from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
 from ddgcli.mesh.topology import NEXT, PREVIOUS
-from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.operators.mollify import mollified_mesh
-
-SurfaceMesh = TriangleMesh | IntrinsicMesh
 
 log = logging.getLogger("ddgcli")
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from ddgcli.errors import MeshError
 from ddgcli.mesh.intrinsic_mesh import IntrinsicMesh
 from ddgcli.mesh.topology import Topology
-from ddgcli.mesh.triangle_mesh import TriangleMesh, vector_length
+from ddgcli.mesh.triangle_mesh import TriangleMesh, unit_vectors
 
 # the back of a face has corners 0, 2, 1, so side j of the front is its side 2 - j
 BACK = [0, 2, 1]
@@ -76,9 +76,9 @@ def _dihedral_position(mesh: TriangleMesh, side: NDArray) -> NDArray[np.float64]
     edge = topology.side_edge.ravel()[side]
     tail, head = mesh.points[topology.edges[edge, 0]], mesh.points[topology.edges[edge, 1]]
     apex = mesh.points[mesh.faces.ravel()[(side // 3) * 3 + (side + 2) % 3]]
-    axis = _unit(head - tail)
+    axis = unit_vectors(head - tail)
     arm = apex - tail
-    arm = _unit(arm - _dot(arm, axis) * axis)
+    arm = unit_vectors(arm - _dot(arm, axis) * axis)
     _, first, group = np.unique(edge, return_index=True, return_inverse=True)
     zero = arm[first][group]
     return np.arctan2(_dot(np.cross(zero, arm), axis)[:, 0], _dot(zero, arm)[:, 0])
@@ -86,8 +86,3 @@ def _dihedral_position(mesh: TriangleMesh, side: NDArray) -> NDArray[np.float64]
 
 def _dot(a: NDArray, b: NDArray) -> NDArray[np.float64]:
     return np.einsum("ij,ij->i", a, b)[:, None]
-
-
-def _unit(vectors: NDArray) -> NDArray[np.float64]:
-    length = vector_length(vectors)[:, None]
-    return np.divide(vectors, length, out=np.zeros_like(vectors), where=length > 0)

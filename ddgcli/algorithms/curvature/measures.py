@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from ddgcli.algorithms.curvature.faces import Faces, cross, ratio
 from ddgcli.geometry.intrinsic import corner_angle, corner_cotan, face_area
+from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
 from ddgcli.mesh.topology import NEXT, PREVIOUS, Topology
 from ddgcli.mesh.triangle_mesh import TriangleMesh
-from ddgcli.operators.laplacian import SurfaceMesh
 
 
 def angle_defect(mesh: SurfaceMesh) -> NDArray[np.float64]:

@@ -9,7 +9,7 @@ import numpy as np
 from ddgcli.algorithms.curves.flipping_mesh import EdgeGraph, edge_path
 from ddgcli.algorithms.curves.paths import SurfacePaths, describe_paths
 from ddgcli.algorithms.curves.surface_curves import Curves
-from ddgcli.geometry.unfolding import SurfaceMesh
+from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
 from ddgcli.mesh.topology import NEXT
 
 

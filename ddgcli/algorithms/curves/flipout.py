@@ -21,7 +21,7 @@ from ddgcli.algorithms.curves.surface_curves import Curves
 from ddgcli.algorithms.straightest.trace import Tracer
 from ddgcli.algorithms.straightest.walk import Start
 from ddgcli.geometry.face_frames import planar_difference
-from ddgcli.geometry.unfolding import SurfaceMesh
+from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
 from ddgcli.mesh.topology import NEXT
 
 _log = logging.getLogger("ddgcli")

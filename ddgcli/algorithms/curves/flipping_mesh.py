@@ -11,7 +11,7 @@ import numpy as np
 
 from ddgcli.algorithms.straightest.trace import Tracer
 from ddgcli.errors import MeshError, ParameterError
-from ddgcli.geometry.unfolding import SurfaceMesh
+from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
 from ddgcli.mesh.triangle_mesh import vector_length
 
 _ROW = Struct("4q3d")  # a halfedge: next, twin, tail, fan, length, angle, post

@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from ddgcli.algorithms.delaunay.triangulation import Flipped
 from ddgcli.algorithms.straightest.trace import REACHED, Tracer
 from ddgcli.geometry.face_frames import planar_difference
-from ddgcli.geometry.unfolding import SurfaceMesh, vertex_fans
+from ddgcli.geometry.unfolding import vertex_fans
+from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
 from ddgcli.operators.connection import angle_scale
 
 _SHORT = 1e-4  # of an edge: traced edges are stopped so far before their head

@@ -7,8 +7,8 @@ from numpy.typing import NDArray
 
 from ddgcli.algorithms.curves.paths import SurfacePaths, path_lengths
 from ddgcli.algorithms.curves.surface_curves import Curves
+from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
 from ddgcli.mesh.topology import NEXT
-from ddgcli.operators.laplacian import SurfaceMesh
 
 
 def isoline_curves(mesh: SurfaceMesh, values: NDArray, count: int) -> Curves:

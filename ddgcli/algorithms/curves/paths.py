@@ -13,8 +13,9 @@ from ddgcli.algorithms.straightest.walk import Traces
 from ddgcli.errors import ParameterError
 from ddgcli.geometry.face_frames import planar_difference, surface_position
 from ddgcli.geometry.surface_points import SurfacePoints
-from ddgcli.geometry.unfolding import SurfaceMesh, unfold, vertex_fans
+from ddgcli.geometry.unfolding import unfold, vertex_fans
 from ddgcli.mesh.curve import CurveSet
+from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
 from ddgcli.mesh.topology import NEXT, PREVIOUS, Topology
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 

@@ -12,7 +12,7 @@ from ddgcli.algorithms.curves.paths import SurfacePaths, describe_paths, joints
 from ddgcli.algorithms.straightest.trace import GAVE_UP, STATUS_TEXT, Told, Tracer
 from ddgcli.geometry.face_frames import to_space
 from ddgcli.geometry.surface_points import SurfacePoints
-from ddgcli.geometry.unfolding import SurfaceMesh
+from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 
 

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from ddgcli.algorithms.curves.paths import SurfacePaths, joints, segment_vectors
 from ddgcli.geometry.face_frames import to_space
-from ddgcli.geometry.unfolding import SurfaceMesh
+from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 
 

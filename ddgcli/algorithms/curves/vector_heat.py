@@ -17,8 +17,8 @@ from scipy.sparse import csr_array
 from ddgcli.algorithms.curves.intrinsic_frames import frame_turn
 from ddgcli.algorithms.delaunay.triangulation import flip_to_delaunay
 from ddgcli.errors import ParameterError
-from ddgcli.geometry.unfolding import SurfaceMesh
 from ddgcli.linalg.factor import Factor
+from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
 from ddgcli.operators.connection import connection_laplacian, side_angles
 from ddgcli.operators.laplacian import lumped_mass, stiffness
 

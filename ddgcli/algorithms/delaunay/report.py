@@ -25,12 +25,11 @@ from ddgcli.geometry.intrinsic import corner_angle, face_area
 from ddgcli.geometry.unfolding import face_corner_angle
 from ddgcli.linalg.factor import Factor
 from ddgcli.mesh.fields import AnnotatedMesh
-from ddgcli.mesh.intrinsic_mesh import IntrinsicMesh
+from ddgcli.mesh.intrinsic_mesh import IntrinsicMesh, SurfaceMesh
 from ddgcli.mesh.triangle_mesh import TriangleMesh, vector_length
 from ddgcli.operators.laplacian import stiffness
 from ddgcli.operators.mollify import mollified_mesh
 
-SurfaceMesh = TriangleMesh | IntrinsicMesh
 # names that the outputs give to arrays of their own
 OWN_ARRAYS = (
     "points",

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from ddgcli.algorithms.distance.edges import edge_distance
 from ddgcli.algorithms.distance.sources import Sources, face_frame
+from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
 from ddgcli.mesh.topology import NEXT, PREVIOUS
 from ddgcli.mesh.triangle_mesh import TriangleMesh, vector_length
-from ddgcli.operators.laplacian import SurfaceMesh
 
 SLACK = 1e-9  # of the largest distance: what rounding may do without being counted as a violation
 FEW = 16

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_array, csr_array
 
 from ddgcli.algorithms.distance.sources import Sources, checked_sources, face_frame
-from ddgcli.operators.laplacian import SurfaceMesh
+from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
 
 
 @dataclass(frozen=True, eq=False)

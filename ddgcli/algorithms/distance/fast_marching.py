@@ -19,8 +19,8 @@ from scipy.sparse import csr_array
 from ddgcli.algorithms.distance.sources import Sources, checked_sources, face_frame
 from ddgcli.algorithms.distance.window_tables import BOUNDARY, SideTables, side_tables
 from ddgcli.errors import MeshError
+from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
 from ddgcli.mesh.topology import NEXT
-from ddgcli.operators.laplacian import SurfaceMesh
 
 MOST_UNFOLDINGS = 30
 BUCKET = 1.5  # mean sides settled together

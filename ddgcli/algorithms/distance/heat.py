@@ -15,8 +15,9 @@ from ddgcli.algorithms.distance.sources import Sources, checked_sources, face_fr
 from ddgcli.errors import ParameterError
 from ddgcli.linalg.constrain import Dirichlet, Poisson
 from ddgcli.linalg.factor import Factor
+from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
 from ddgcli.mesh.topology import NEXT
-from ddgcli.operators.laplacian import SurfaceMesh, lumped_vertex_area, stiffness
+from ddgcli.operators.laplacian import lumped_vertex_area, stiffness
 
 log = logging.getLogger("ddgcli")
 

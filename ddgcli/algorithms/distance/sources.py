@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from ddgcli.errors import MeshError, ParameterError
 from ddgcli.geometry.surface_points import SurfacePoints
+from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
 from ddgcli.mesh.topology import frozen
 from ddgcli.mesh.triangle_mesh import TriangleMesh
-from ddgcli.operators.laplacian import SurfaceMesh
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,13 +15,10 @@ from scipy.sparse import block_array, csr_array
 from ddgcli.algorithms.hodge.homology import Boundary, betti_numbers, closed_cochains
 from ddgcli.algorithms.hodge.solid_homology import solid_cochains
 from ddgcli.linalg.constrain import Dirichlet, floating_components
-from ddgcli.mesh.intrinsic_mesh import IntrinsicMesh
 from ddgcli.mesh.tet_mesh import TetMesh
-from ddgcli.mesh.triangle_mesh import TriangleMesh
-from ddgcli.operators.dec import Complex, complex_of
+from ddgcli.operators.dec import Complex, SimplicialMesh, complex_of
 from ddgcli.operators.stars import hodge_star
 
-AnyMesh = TriangleMesh | IntrinsicMesh | TetMesh
 ZERO = np.zeros(())
 
 
@@ -45,7 +42,7 @@ class ClosedProjection:
         Closed 1-forms, one a class of the cohomology.
     """
 
-    def __init__(self, mesh: AnyMesh, boundary: Boundary = "tangential") -> None:
+    def __init__(self, mesh: SimplicialMesh, boundary: Boundary = "tangential") -> None:
         self.complex = complex_of(mesh)
         self.star1 = hodge_star(self.complex, 1)
         self.cochains = self._cochains(mesh, boundary)
@@ -61,7 +58,7 @@ class ClosedProjection:
         system = block_array([[self.stiffness, coupling], [coupling.T, block]]).tocsr()
         self.closed_solver = Dirichlet(system, held)
 
-    def _cochains(self, mesh: AnyMesh, boundary: Boundary) -> csr_array:
+    def _cochains(self, mesh: SimplicialMesh, boundary: Boundary) -> csr_array:
         if isinstance(mesh, TetMesh):
             betti = betti_numbers(mesh)
             count = (betti.absolute if boundary == "tangential" else betti.relative)[1]
@@ -117,7 +114,7 @@ class HarmonicBasis:
     residual: float
 
 
-def harmonic_basis(mesh: AnyMesh, boundary: Boundary = "tangential") -> HarmonicBasis:
+def harmonic_basis(mesh: SimplicialMesh, boundary: Boundary = "tangential") -> HarmonicBasis:
     """Orthonormal basis of the harmonic 1-forms; its size is the first Betti number (relative for `normal`).
 
     Whitney forms, Galerkin star: closed exactly, divergence-free against every vertex function.

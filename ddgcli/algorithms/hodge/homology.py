@@ -20,13 +20,11 @@ from scipy.sparse.csgraph import (
     minimum_spanning_tree,
 )
 
-from ddgcli.mesh.intrinsic_mesh import IntrinsicMesh
+from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
 from ddgcli.mesh.tet_mesh import TetMesh
 from ddgcli.mesh.topology import Topology
-from ddgcli.mesh.triangle_mesh import TriangleMesh
 
 Boundary = Literal["tangential", "normal"]
-SurfaceMesh = TriangleMesh | IntrinsicMesh
 
 
 @dataclass(frozen=True)

@@ -14,10 +14,10 @@ from ddgcli.errors import MeshError
 from ddgcli.geometry.intrinsic import corner_cotan, face_area
 from ddgcli.linalg.constrain import Dirichlet
 from ddgcli.linalg.factor import Factor
+from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
 from ddgcli.mesh.require import require
 from ddgcli.mesh.topology import NEXT, PREVIOUS
 from ddgcli.mesh.triangle_mesh import TriangleMesh
-from ddgcli.operators.laplacian import SurfaceMesh
 
 log = logging.getLogger("ddgcli")
 

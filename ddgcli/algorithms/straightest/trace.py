@@ -17,7 +17,8 @@ from ddgcli.algorithms.straightest.walk import AT_BOUNDARY, GAVE_UP, REACHED, SN
 from ddgcli.errors import MeshError, ParameterError
 from ddgcli.geometry.face_frames import to_face_frame, to_space
 from ddgcli.geometry.surface_points import SurfacePoints
-from ddgcli.geometry.unfolding import APEX, Fans, SurfaceMesh, Unfolding, unfold, vertex_fans
+from ddgcli.geometry.unfolding import APEX, Fans, Unfolding, unfold, vertex_fans
+from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
 from ddgcli.mesh.triangle_mesh import vector_length
 
 __all__ = ["AT_BOUNDARY", "GAVE_UP", "REACHED", "Tracer", "Traces", "check_start", "trace"]

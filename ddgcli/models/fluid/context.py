@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.geometry.unfolding import SurfaceMesh
+from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.models.fluid.space import FlowSpace
 from ddgcli.models.scene_expression import evaluate

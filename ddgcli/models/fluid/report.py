@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from ddgcli.evolve.account import Account
 from ddgcli.evolve.loop import Schedule
-from ddgcli.geometry.unfolding import SurfaceMesh
 from ddgcli.mesh.fields import Frame
+from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
 from ddgcli.models.fluid.model import FluidModel
 from ddgcli.models.fluid.space import sums
 from ddgcli.models.scene import Scene

@@ -23,8 +23,9 @@ from numpy.typing import NDArray
 
 from ddgcli.errors import MeshError
 from ddgcli.geometry.intrinsic import face_area
-from ddgcli.geometry.unfolding import SurfaceMesh, corner_position, unfold
+from ddgcli.geometry.unfolding import corner_position, unfold
 from ddgcli.linalg.constrain import Dirichlet
+from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
 from ddgcli.mesh.topology import NEXT, PREVIOUS
 from ddgcli.operators.laplacian import lumped_vertex_area, stiffness
 
