@@ -137,6 +137,7 @@ def compute_curves(
 
             if len(sources.points):
                 cover.need_two_sides("--path-to from points inside faces")
+            run.progress("shortest paths")
             parts.append(
                 shortest_paths(
                     mesh,
@@ -152,6 +153,7 @@ def compute_curves(
             from ddgcli.algorithms.curves.flipout import straightened_curves
 
             cover.need_two_sides("--straighten or --loop")
+            run.progress("straightening")
             closed = [False] * len(asked.straighten) + [True] * len(asked.loop)
             parts.append(straightened_curves(mesh, [*asked.straighten, *asked.loop], closed))
         if asked.curve:

@@ -181,10 +181,11 @@ def compute_distance(run: Run, mesh: TriangleMesh, asked: DistanceChoice, source
         progress=run.progress("exact distance") if asked.method == "exact" else None,
     )
     measured = geodesic.measure_distance(mesh, sources, asked.method, solver=solver)
+    run.progress("geodesic")
     vertex, face, curves = dict(measured.arrays), {}, []
     accuracy = dict(measured.accuracy)
     if asked.each_source:
-        vertex |= geodesic.each_source(sources, solver)
+        vertex |= geodesic.each_source(sources, solver, run.progress("each source"))
     if asked.gradient:
         face["distance_gradient"] = geodesic.distance_gradient(mesh, measured.distance)
     if asked.isolines:
@@ -196,10 +197,12 @@ def compute_distance(run: Run, mesh: TriangleMesh, asked: DistanceChoice, source
         lines = isoline_curves(on, measured.distance, asked.isolines)
         curves.append(lines if cover.one_sided else cover.projected(lines))
     if asked.compare:
+        run.progress("comparison")
         accuracy["compare"] = geodesic.compare(mesh, sources, measured.distance, list(asked.compare), chosen)
     if asked.certify:
         from ddgcli.algorithms.distance.certificate import symmetry
 
+        run.progress("symmetry")
         accuracy |= symmetry(mesh, lambda s: solver(s).distance, seed=run.common.seed)
     return DistanceMade(vertex, face, measured.results, accuracy, measured.exact, curves)
 

@@ -81,10 +81,12 @@ class Run:
         self._read_beside: list[str] = []
         self._input_vertex: Any = None
         self._promised: list[str] = []
-        self._progress: Progress | None = None
+        self._progress = Progress(command, False, None)
         self._collector = _Collector(common.verbose, common.quiet)
         self._listen()
         self._check_outputs(formats)
+        self.progress(command)
+        self._context.call_on_close(lambda: self._progress.clear())
 
     def _listen(self) -> None:
         for name in ("ddgcli", "py.warnings"):
@@ -162,9 +164,9 @@ class Run:
 
     def progress(self, label: str) -> Callable[..., None]:
         """A callback for long work: `told(done, total)`; draws a bar on standard error if one is wanted."""
-        if self._progress is not None:
-            self._progress.clear()
-        self._progress = Progress(label, None if not self.common.quiet else False, self.common.progress)
+        self._progress.clear()
+        terminal = False if self.common.quiet else None
+        self._progress = Progress(label, terminal, self.common.progress, since=self._began)
         return self._progress
 
     def read(self, path: str, accept: Sequence[str] = ("surface",), *, subdivide: int = 0) -> MeshInput:
@@ -288,6 +290,7 @@ class Run:
             from ddgcli.io.mesh_file import written_whole
 
             self._spare_inputs(path)
+            self.progress("picture")
             with written_whole(path) as partial:
                 yield partial
             self.outputs.append(path)
@@ -305,8 +308,7 @@ class Run:
 
         `text` takes the place of the results where people read them.
         """
-        if self._progress is not None:
-            self._progress.clear()
+        self._progress.clear()
         if not converged:
             results = {**results, "converged": False}
         if self.common.plot is not None and self.common.plot not in self.outputs:

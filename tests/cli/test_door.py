@@ -391,6 +391,39 @@ def test_bar_appears_when_work_is_long(capsys):
     assert "50 %" not in capsys.readouterr().err
 
 
+def test_work_that_tells_nothing_shows_that_it_goes_on(capsys, monkeypatch):
+    monkeypatch.setattr("ddgcli.cli.progress.PULSE", 0.05)
+    bars = [Progress(name, True, None, since=time.perf_counter() - 10) for name in ("silent", "quarter")]
+    bars[1](1, 4)
+    seen, until = "", time.perf_counter() + 60
+    while time.perf_counter() < until and (seen.count("silent: 0 s") < 2 or seen.count("25 %") < 3):
+        time.sleep(0.02)
+        seen += capsys.readouterr().err
+    assert seen.count("silent: 0 s") >= 2 and seen.count("25 %") >= 3
+    for bar in bars:
+        bar.clear()
+    capsys.readouterr()
+    time.sleep(0.3)
+    assert capsys.readouterr().err == ""
+
+
+def test_no_command_is_silent_for_long_on_a_terminal(torus):
+    """Whatever it does, and without a word of the core: here reading, slowed."""
+    code = (
+        "import time\nfrom ddgcli.io import mesh_file\nfrom ddgcli.cli.main import main\n"
+        "read = mesh_file.read_mesh\n"
+        "mesh_file.read_mesh = lambda *words: (time.sleep(3), read(*words))[1]\n"
+        f"main(['info', {str(torus)!r}], standalone_mode=False)\n"
+    )
+    pty = pytest.importorskip("pty")
+    master, slave = pty.openpty()
+    run = subprocess.Popen([sys.executable, "-c", code], stderr=slave, stdout=subprocess.DEVNULL)
+    assert run.wait(timeout=300) == 0
+    said = os.read(master, 10_000).decode()
+    os.close(slave), os.close(master)
+    assert "info: " in said and " s" in said and said.endswith("\r")
+
+
 @pytest.mark.parametrize("name", COMMANDS)
 def test_help_imports_no_numpy(name):
     code = (

@@ -304,10 +304,17 @@ def compare(
     return table
 
 
-def each_source(sources: Sources, solver: Solver) -> dict[str, NDArray[np.float64]]:
-    """One array a source, named geodesic_distance_000 and so on."""
+def each_source(
+    sources: Sources, solver: Solver, told: Callable[[float, float], None] | None = None
+) -> dict[str, NDArray[np.float64]]:
+    """One array a source, named geodesic_distance_000 and so on; `told(done, of)` hears of each."""
     digits = max(3, len(str(len(sources) - 1)))
-    return {f"geodesic_distance_{i:0{digits}d}": solver(one).distance for i, one in enumerate(sources.each())}
+    arrays = {}
+    for i, one in enumerate(sources.each()):
+        if told is not None:
+            told(i, len(sources))
+        arrays[f"geodesic_distance_{i:0{digits}d}"] = solver(one).distance
+    return arrays
 
 
 def distance_gradient(mesh: TriangleMesh, distance: NDArray) -> NDArray[np.float64]:
