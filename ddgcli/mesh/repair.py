@@ -38,8 +38,13 @@ def oriented(mesh: TriangleMesh) -> tuple[TriangleMesh, NDArray[np.bool_]]:
         raise MeshError(
             "the surface is not orientable (a Moebius band is in it); it has no consistent orientation"
         )
+    return turned_over(mesh, turn), turn
+
+
+def turned_over(mesh: TriangleMesh, turn: NDArray) -> TriangleMesh:
+    """The mesh with the faces of an (m,) mask run along the other way."""
     faces = np.where(turn[:, None], mesh.faces[:, ::-1], mesh.faces)
-    return TriangleMesh.from_arrays(mesh.points, faces), turn
+    return TriangleMesh.from_arrays(mesh.points, faces)
 
 
 def one_vertex_a_fan(mesh: TriangleMesh) -> tuple[TriangleMesh, NDArray[np.int64]]:

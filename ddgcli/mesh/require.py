@@ -46,7 +46,7 @@ def require(
     if faces and topology.n_faces == 0:
         raise MeshError(f"no triangles; {verb} needs a surface")
     if (sized or extent) and topology.n_faces:
-        _check_size(float(mesh.side_length.max()), in_range=sized)
+        check_size(float(mesh.side_length.max()), in_range=sized)
     if (manifold or manifold_edges) and len(topology.nonmanifold_edges):
         bad = topology.nonmanifold_edges
         a, b = topology.edges[bad[0]]
@@ -82,7 +82,8 @@ def _how_to_orient(mesh: TriangleMesh) -> str:
     return f"turn over {int(turn.sum())} of them (first: face {int(np.argmax(turn))})"
 
 
-def _check_size(longest: float, in_range: bool) -> None:
+def check_size(longest: float, *, in_range: bool = True) -> None:
+    """Refuse a length that is zero or, with `in_range`, whose square leaves the range of numbers."""
     if longest == 0:
         raise MeshError("every vertex is at the same place: there is no surface; mend the coordinates")
     if in_range and not SIZES[0] < longest < SIZES[1]:

@@ -21,7 +21,8 @@ from ddgcli.algorithms.curvature.region import check_radius
 from ddgcli.algorithms.curvature.star import corrected, cotan, normal_cycle
 from ddgcli.errors import MeshError, ParameterError
 from ddgcli.geometry.extrinsic import dihedral_angle
-from ddgcli.mesh.require import require
+from ddgcli.mesh.repair import turned_over
+from ddgcli.mesh.require import check_size, require
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 
 _log = logging.getLogger("ddgcli")
@@ -127,12 +128,7 @@ def _prepared(mesh: TriangleMesh, scheme: str) -> _Surface:
     used = mesh.points[mesh.topology.referenced_vertex]
     middle = used.min(axis=0) / 2 + used.max(axis=0) / 2
     extent = float(np.abs(used - middle).max())
-    if extent == 0:
-        raise MeshError("every vertex is at the same place: there is no surface; mend the coordinates")
-    if not 1e-140 < extent < 1e140:
-        raise MeshError(
-            f"the surface's size, {extent:.3g}, squared leaves the range of numbers; rescale the coordinates"
-        )
+    check_size(extent)
     scale = 2.0 ** round(math.log2(extent))
     unit = mesh.moved((mesh.points - middle) / scale)
     turning = orientation(mesh.topology) if not mesh.topology.is_oriented else None
@@ -163,8 +159,7 @@ def _turned(mesh: TriangleMesh, turn: NDArray) -> TriangleMesh:
             turn.sum(),
             np.flatnonzero(turn)[0],
         )
-    faces = np.where(turn[:, None], mesh.faces[:, ::-1], mesh.faces)
-    return TriangleMesh.from_arrays(mesh.points, faces)
+    return turned_over(mesh, turn)
 
 
 def _tell_defects(mesh: TriangleMesh, faces: Faces, orientable: bool, scheme: str) -> None:
