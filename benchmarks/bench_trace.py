@@ -111,7 +111,7 @@ def bench_vectors(faces):
     start = to_vertex_frames(mesh, np.tile(vector, (mesh.n_vertices, 1)))[[0]]
     x, y, _ = peer.get_tangent_frames()
     calls = {
-        "log": lambda: log_map(mesh, exact_distance(mesh, sources), sources).log_map,
+        "log": lambda: log_map(mesh, exact_distance(mesh, sources, directions=True), sources).log_map,
         "log pp3d": lambda: peer.compute_log_map(0, strategy="AffineLocal"),
         "spread": lambda: heat.transport(np.array([0]), start),
         "spread pp3d": lambda: peer.transport_tangent_vector(0, [vector @ x[0], vector @ y[0]]),

@@ -61,7 +61,7 @@ def command(
 
         sources = read_sources(mesh, distance) if distance.any or not curves.any else None
         if sources is not None:
-            measured = compute_distance(run, mesh, distance, sources)
+            measured = compute_distance(run, mesh, distance, sources, directions=curves.log_map)
             vertex, face, lines, exact = measured.vertex, measured.face, measured.curves, measured.exact
             results, accuracy = measured.results, measured.accuracy
     if curves.any or lines:
@@ -75,7 +75,6 @@ def command(
             results | vectors.results,
             accuracy | vectors.accuracy,
         )
-        converged = converged and vectors.converged
     run.write(AnnotatedMesh(mesh, vertex=vertex, face=face), converged=converged)
     if made is not None:
         write_curves(run, mesh, made, curves.paths_output, converged=converged)

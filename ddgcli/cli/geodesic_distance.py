@@ -163,8 +163,10 @@ def read_points(
     )
 
 
-def compute_distance(run: Run, mesh: TriangleMesh, asked: DistanceChoice, sources: Sources) -> DistanceMade:
-    """Distance arrays, results and accuracy that the options ask for."""
+def compute_distance(
+    run: Run, mesh: TriangleMesh, asked: DistanceChoice, sources: Sources, *, directions: bool = False
+) -> DistanceMade:
+    """Distance arrays, results and accuracy that the options ask for; `directions` are for a log map."""
     from ddgcli.algorithms.distance import methods as geodesic
 
     chosen = geodesic.DistanceOptions(
@@ -172,6 +174,7 @@ def compute_distance(run: Run, mesh: TriangleMesh, asked: DistanceChoice, source
         operator=asked.operator,
         heat_time=asked.heat_time or 1.0,
         heat_refine=asked.heat_refine or 0,
+        directions=directions and mesh.topology.is_oriented,
     )
     solver = geodesic.prepare(
         mesh,

@@ -160,19 +160,6 @@ def bent(lines):
     return dataclasses.replace(lines, path_barycentric=b)
 
 
-def astray(radians):
-    """Lines that start in a direction that is wrong."""
-
-    def plant(sound):
-        def wrong(self, start, **how):
-            z = (start.direction @ [1, 1j]) * np.exp(1j * radians)
-            return sound(self, dataclasses.replace(start, direction=np.stack([z.real, z.imag], 1)), **how)
-
-        return wrong
-
-    return plant
-
-
 def rougher_steps(sound):
     """Runge and Kutta's method with the weights of Euler's."""
     return lambda tracer, field, at, h, order: sound(tracer, field, at, h, 1)
@@ -257,7 +244,10 @@ PLANTS = {
     ],
     "followed": [(STEP, rougher_steps, ["field_error_estimate"])],
     "steps": [(STEP, rougher_steps, ["field_error_estimate"])],
-    "mapped": [(WALKED, astray(1e-8), ["log_map_miss"]), (WALKED, astray(1e-3), ["log_map_miss"])],
+    "mapped": [
+        (EXACT, crooked(departure=lambda d: d + 1e-8), ["log_map_miss"]),
+        (EXACT, crooked(departure=lambda d: d + 1e-3), ["log_map_miss"]),
+    ],
     "spread": [(*SOLVE, ["transport_residual"])],
     "polyline": [
         (

@@ -90,17 +90,38 @@ def test_paths_that_would_cross_an_edge_of_three_faces_are_told(caplog):
     assert curves.accuracy["path_length_residual"] < 1e-13  # of the paths that there are
 
 
-def test_log_map_beyond_an_edge_of_three_faces_is_right_or_inf():
-    """Through a vertex of that edge paths go on; through its inside they are not walked."""
+@pytest.mark.parametrize("turned", [False, True])
+def test_log_map_beyond_an_edge_of_three_faces(turned):
+    """Every sheet is unrolled beside the first, whichever way its faces run."""
     mesh, source = three_sheets(), Sources.at([40])
-    exact = exact_distance(mesh, source)
-    mapped = log_map(mesh, exact, source)
+    if turned:  # the second sheet turned over
+        faces = np.where(
+            np.isin(mesh.faces, np.arange(81, 162)).any(1)[:, None], mesh.faces[:, ::-1], mesh.faces
+        )
+        mesh = TriangleMesh.from_arrays(mesh.points, faces)
+    mapped = log_map(mesh, exact_distance(mesh, source, directions=True), source)
     sheet = three_sheets().points[:81, :2]
     unrolled = np.concatenate([sheet, sheet * [-1, 1], sheet * [-1, 1]])
     known = np.isfinite(mapped.log_map[:, 0])
-    assert known[:81].all() and (~known & np.isfinite(exact.distance)).sum() == mapped.lost > 100
+    np.testing.assert_array_equal(known, mesh.topology.referenced_vertex)
     flat, truth = mapped.log_map[known] @ [1, 1j], (unrolled[known] - unrolled[40]) @ [1, 1j]
     np.testing.assert_allclose(flat, flat[0] / truth[0] * truth, atol=1e-13)
+    assert mapped.miss < 1e-13
+
+
+def test_log_map_beyond_an_edge_of_three_faces_from_the_tip_of_a_cone():
+    """Where the angle around the source is not 2 pi, 2 pi is not nothing: as without the third sheet."""
+    mesh, source = three_sheets(), Sources.at([40])
+    bumped = mesh.points.copy()
+    bumped[40, 2] += 0.1
+    mesh = TriangleMesh.from_arrays(bumped, mesh.faces)
+    second = np.isin(mesh.faces, np.arange(81, 162)).any(axis=1)
+    third = np.isin(mesh.faces, np.arange(162, 243)).any(axis=1)
+    two_sheets = np.where(second[:, None], mesh.faces[:, ::-1], mesh.faces)[~third]
+    plain = TriangleMesh.from_arrays(bumped, two_sheets)
+    maps = [log_map(m, exact_distance(m, source, directions=True), source).log_map for m in (mesh, plain)]
+    on_both = np.unique(two_sheets)
+    np.testing.assert_allclose(maps[0][on_both], maps[1][on_both], atol=1e-13)
 
 
 def test_a_source_on_an_edge_of_three_faces_has_paths_but_no_tangent_plane():

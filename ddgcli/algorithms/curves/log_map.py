@@ -1,8 +1,8 @@
 """The logarithmic map: for every vertex, in which direction and how far it lies from a source.
 
-Distance and direction are those of the exact shortest path on the polyhedron: the path is walked back from
-the vertex, and the direction in which it arrives is read at the source. No equation is solved, so the map
-has no smoothing error; it jumps across the cut locus, as the true one does.
+Distance and direction are those of the exact shortest path on the polyhedron: the windows that measure the
+distance know how they are turned against the source. No equation is solved, so the map has no smoothing
+error; it jumps across the cut locus, as the true one does.
 """
 
 from __future__ import annotations
@@ -13,18 +13,21 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.algorithms.curves.paths import seen_from, segment_vectors
-from ddgcli.algorithms.curves.shortest_paths import shortest_paths, trace_back
-from ddgcli.algorithms.distance.exact import ExactDistance
+from ddgcli.algorithms.curves.shortest_paths import last_piece
+from ddgcli.algorithms.distance.exact import ExactDistance, exact_distance
 from ddgcli.algorithms.distance.sources import Sources
-from ddgcli.algorithms.straightest.trace import Told, Tracer
+from ddgcli.algorithms.straightest.trace import REACHED, Told, Tracer, Traces
+from ddgcli.algorithms.straightest.walk import Start
 from ddgcli.errors import ParameterError
-from ddgcli.geometry.face_frames import planar_difference
+from ddgcli.geometry.face_frames import planar_difference, surface_position
 from ddgcli.geometry.unfolding import SurfaceMesh
 from ddgcli.mesh.topology import NEXT
 from ddgcli.mesh.triangle_mesh import TriangleMesh, vector_length
 
-_SHORT = 1e-6  # lines are stopped this fraction of the shortest side around the source before it
+CHECKED = 250  # vertices to which a line is sent from the source
+AT_VERTEX = (
+    1e-9  # lines that pass a vertex so closely, as a share of a side, are not judged: they may part there
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,25 +39,21 @@ class LogMap:
     log_map : (n, 2) ndarray of float64
         Coordinates in the tangent plane of the source: its size is the distance, its angle that of the
         shortest path, counter-clockwise from the x axis. At a vertex surface angles are multiplied by
-        2 pi / total angle; on the boundary they are kept. inf where the source does not reach, or only
-        across an edge of three or more faces.
+        2 pi / total angle; on the boundary they are kept. inf where the source does not reach.
     axis : dict
         The x axis: towards a vertex (`towards_vertex`) or along side 0 of a face (`face`), and in space.
     miss : float
-        Largest distance at which a line walked back passes the source, relative to the largest distance;
-        and of paths that had to be followed bend by bend, by what share their length is not the distance.
-    lost : int
-        Vertices with a distance but no direction: their shortest paths cross edges of three or more faces.
+        Largest distance between a vertex and the end of the straightest line that leaves the source as the
+        map says, relative to the largest distance; of 250 vertices at most, without those behind bends.
     """
 
     log_map: NDArray[np.float64]
     axis: dict[str, Any]
     miss: float
-    lost: int
 
 
 class _Centre:
-    """The source and its angles: where the x axis lies and what angle a direction in a face has."""
+    """The source: where its x axis lies, and lines that leave it."""
 
     def __init__(self, tracer: Tracer, sources: Sources) -> None:
         if len(sources) != 1:
@@ -99,37 +98,24 @@ class _Centre:
             said["x_axis"] = (vector / (float(vector_length(vector)) or 1.0)).tolist()
         return said
 
-    def seen_in(self, face: NDArray) -> NDArray[np.float64]:
-        """(k, 3) the source in faces; nan where they do not hold it."""
-        mesh = self.tracer.mesh
-        if self.vertex >= 0:
-            here = mesh.faces[face] == self.vertex
-            return np.where(here.any(axis=1)[:, None], np.eye(3)[np.argmax(here, axis=1)], np.nan)
-        k = len(face)
-        return seen_from(mesh.topology, np.full(k, self.face), np.tile(self.barycentric, (k, 1)), face)
-
-    def angle(self, face: NDArray, direction: NDArray) -> NDArray[np.float64]:
-        """Angles of directions in the planar frames of faces that hold the source, not yet scaled."""
-        unfolding, topology = self.tracer.unfolding, self.tracer.mesh.topology
-        if self.vertex >= 0:
-            corner = np.argmax(self.tracer.mesh.faces[face] == self.vertex, axis=1)
-            before = self.tracer.fans.angle_before[3 * face + corner]
-            return before + _turn(unfolding.direction[face, corner], direction)
-        angle = np.arctan2(direction[:, 1], direction[:, 0])
-        other = np.flatnonzero(face != self.face)
-        if len(other):  # the source lies on the side j across which the other face is unfolded
-            j = int(NEXT[np.argmin(self.barycentric)])
-            twin = int(topology.side_twin[self.face, j])
-            own = unfolding.direction[self.face, j]
-            turned = _turn(
-                np.tile(unfolding.direction[twin // 3, twin % 3], (len(other), 1)), direction[other]
-            )
-            angle[other] = np.arctan2(own[1], own[0]) + np.pi + turned
-        return angle
-
-
-def _turn(e: NDArray, d: NDArray) -> NDArray[np.float64]:
-    return np.arctan2(e[:, 0] * d[:, 1] - e[:, 1] * d[:, 0], e[:, 0] * d[:, 0] + e[:, 1] * d[:, 1])
+    def lines(self, angle: NDArray, length: NDArray) -> Traces:
+        """Straightest lines that leave the source at angles (not yet scaled)."""
+        k, unfolding = len(angle), self.tracer.unfolding
+        if self.vertex < 0:
+            face, barycentric = np.full(k, self.face), np.tile(self.barycentric, (k, 1))
+            z = np.exp(1j * angle)
+        else:
+            fans = self.tracer.fans
+            fan = np.full(k, self.fan)
+            total = fans.total_angle[self.fan]
+            angle = np.clip(angle, 0.0, total) if fans.is_open[self.fan] else angle % total
+            corner = fans.locate(fan, angle)
+            face, j = np.divmod(corner, 3)
+            barycentric = np.eye(3)[j]
+            z = unfolding.direction[face, j] @ [1, 1j] * np.exp(1j * (angle - fans.angle_before[corner]))
+        return self.tracer.walked(
+            Start(face, barycentric, np.stack([z.real, z.imag], axis=1), length), record=True
+        )
 
 
 def log_map(mesh: SurfaceMesh, exact: ExactDistance, sources: Sources, told: Told | None = None) -> LogMap:
@@ -140,97 +126,63 @@ def log_map(mesh: SurfaceMesh, exact: ExactDistance, sources: Sources, told: Tol
     mesh : TriangleMesh or IntrinsicMesh
         Consistently oriented.
     exact : ExactDistance
-        Of that source on this mesh.
+        Of that source on this mesh; measured anew where it comes without directions.
     sources : Sources
         One vertex or surface point.
     told : callable, optional
-        `told(done, total)` hears how much of the length of all paths has been walked.
+        Hears how many vertices of all are measured, where that is done here.
 
     Returns
     -------
     LogMap
     """
-    tracer = Tracer(mesh)
-    centre = _Centre(tracer, sources)
-    angle = np.full(mesh.n_vertices, np.nan)
-    reached = np.isfinite(exact.distance) & (exact.distance > 0)
-    from_source = exact.origin_vertex == centre.vertex if centre.vertex >= 0 else exact.origin_vertex < 0
-    miss = _walked_angles(
-        tracer, centre, exact, np.flatnonzero(reached & from_source & (exact.side >= 0)), angle, told
-    )
-    _adjacent_angles(tracer, centre, np.flatnonzero(reached & from_source & (exact.side < 0)), angle)
-    for _ in range(mesh.n_vertices):  # beyond a bend: the direction of the path to the bend
-        open_ = np.flatnonzero(reached & ~from_source & np.isnan(angle))
-        known = angle[exact.origin_vertex[open_]]
-        if not len(open_) or np.isnan(known).all():
-            break
-        angle[open_] = known
-    lost = np.flatnonzero(reached & np.isnan(angle))
-    if len(lost):
-        miss = max(miss, _angles_of_paths(tracer, centre, exact, sources, lost, angle))
-    dark = reached & np.isnan(angle)
-    angle = angle * centre.scale
-    far = ~np.isfinite(exact.distance) | dark
-    angle = np.where(far | (exact.distance == 0), 0.0, angle)
+    centre = _Centre(Tracer(mesh), sources)
+    if exact.departure is None:
+        exact = exact_distance(mesh, sources, directions=True, progress=told)
+    departure = np.asarray(exact.departure)
+    far, here = ~np.isfinite(exact.distance), exact.distance == 0
+    angle = np.where(far | here, 0.0, departure * centre.scale)
     distance = np.where(far, 0.0, exact.distance)
     mapped = np.stack([distance * np.cos(angle), distance * np.sin(angle)], axis=1)
     mapped[far] = np.inf
-    return LogMap(mapped, centre.axis(), miss, int(dark.sum()))
+    return LogMap(mapped, centre.axis(), _miss(centre, exact, departure))
 
 
-def _walked_angles(
-    tracer: Tracer,
-    centre: _Centre,
-    exact: ExactDistance,
-    vertex: NDArray,
-    angle: NDArray,
-    told: Told | None,
-) -> float:
-    """Angles at which lines walked back arrive (nan where one does not), and by how much they miss."""
-    mesh = tracer.mesh
-    if not len(vertex):
-        return 0.0
-    around = ~np.isnan(centre.seen_in(np.arange(mesh.n_faces))[:, 0])
-    near = _SHORT * float(mesh.side_length[around].min())
-    vertex = vertex[np.argsort(exact.distance[vertex], kind="stable")]  # side by side they share faces
-    lines = trace_back(tracer, exact, vertex, shorten=near, told=told)
-    seen = centre.seen_in(lines.face)
-    rest = planar_difference(tracer.unfolding, lines.face, lines.barycentric, np.nan_to_num(seen))
-    size = np.hypot(rest[:, 0], rest[:, 1])
-    arrived = ~np.isnan(seen[:, 0]) & (np.abs(size - near) <= 1e-3 * near) & (lines.status == 0)
-    angle[vertex[arrived]] = centre.angle(lines.face[arrived], -lines.direction[arrived])
-    beside = rest[:, 0] * lines.direction[:, 1] - rest[:, 1] * lines.direction[:, 0]
-    return float(np.abs(beside[arrived]).max(initial=0.0) / exact.distance[vertex].max())
+def _miss(centre: _Centre, exact: ExactDistance, departure: NDArray) -> float:
+    """By how much lines sent out as the map says miss their vertices, relative to the largest distance.
 
-
-def _adjacent_angles(tracer: Tracer, centre: _Centre, vertex: NDArray, angle: NDArray) -> None:
-    """Angles of vertices that share a face with the source and are reached inside it."""
-    mesh = tracer.mesh
-    faces = np.flatnonzero(~np.isnan(centre.seen_in(np.arange(mesh.n_faces))[:, 0]))
-    wanted = np.zeros(mesh.n_vertices, dtype=bool)
-    wanted[vertex] = True
-    for k in range(3):
-        face = faces[wanted[mesh.faces[faces, k]]]
-        v = mesh.faces[face, k]
-        corner = np.tile(np.eye(3)[k], (len(face), 1))
-        away = planar_difference(tracer.unfolding, face, centre.seen_in(face), corner)
-        ok = np.hypot(away[:, 0], away[:, 1]) > 0
-        angle[v[ok]] = centre.angle(face[ok], away[ok])
-
-
-def _angles_of_paths(
-    tracer: Tracer, centre: _Centre, exact: ExactDistance, sources: Sources, vertex: NDArray, angle: NDArray
-) -> float:
-    """The careful way, path by path: lines that graze saddles, and what lies behind those.
-
-    Targets whose path is not known (`shortest_paths` gives none) stay without an angle. Returns the largest
-    relative difference between the length of a path and the distance.
+    They are compared in the middle of their last face, where no vertex is near.
     """
-    made = shortest_paths(tracer.mesh, exact, sources, vertex.tolist(), tracer)
-    paths = made.paths
-    step = segment_vectors(tracer.mesh, paths)
-    long_ = np.flatnonzero(np.hypot(step[:, 0], step[:, 1]) > 0)
-    drawn = np.diff(paths.start) > 0
-    first = long_[np.searchsorted(long_, paths.start[:-1][drawn])]
-    angle[vertex[drawn]] = centre.angle(paths.face[first], step[first])
-    return float(made.accuracy["path_length_residual"])
+    mesh, unfolding = centre.tracer.mesh, centre.tracer.unfolding
+    straight = np.flatnonzero(np.isfinite(exact.distance) & (exact.side >= 0))
+    straight = straight[exact.origin_vertex[straight] == centre.vertex]
+    if not len(straight):
+        return 0.0
+    vertex = straight[np.linspace(0, len(straight) - 1, min(len(straight), CHECKED)).astype(np.int64)]
+    face, apex, crossing = last_piece(mesh, exact, vertex)
+    middle, last = 0.5 * (apex + crossing), planar_difference(unfolding, face, crossing, apex)
+    length = exact.distance[vertex] - 0.5 * np.hypot(last[:, 0], last[:, 1])
+    lines = centre.lines(departure[vertex], length)
+    if mesh.points is not None:
+        gap = surface_position(mesh, lines.face, lines.barycentric) - surface_position(mesh, face, middle)
+    else:
+        gap = planar_difference(unfolding, face, middle, lines.barycentric)
+    miss = vector_length(gap)
+    if mesh.points is None:
+        miss = np.where(lines.face == face, miss, length)
+    judged = ~_through_a_vertex(lines) & ~_stopped_at_three_faces(mesh, lines)
+    return float(miss[judged].max(initial=0.0) / exact.distance[straight].max())
+
+
+def _through_a_vertex(lines: Traces) -> NDArray[np.bool_]:
+    """(k,) lines that pass a vertex."""
+    met = lines.path_barycentric.max(axis=1) >= 1 - AT_VERTEX
+    met[lines.path_start[:-1]] = False
+    owner = np.repeat(np.arange(len(lines.face)), np.diff(lines.path_start))
+    return np.bincount(owner[met], minlength=len(lines.face)) > 0
+
+
+def _stopped_at_three_faces(mesh: SurfaceMesh, lines: Traces) -> NDArray[np.bool_]:
+    """(k,) lines that stopped at an edge of three or more faces, beyond which the path goes on."""
+    edge = mesh.topology.side_edge[lines.face, NEXT[np.argmin(lines.barycentric, axis=1)]]
+    return (lines.status != REACHED) & (mesh.topology.edge_face_count[edge] > 2)

@@ -13,7 +13,7 @@ from ddgcli.algorithms.curves.paths import SurfacePaths, describe_paths, reverse
 from ddgcli.algorithms.curves.surface_curves import Curves
 from ddgcli.algorithms.distance.exact import ExactDistance
 from ddgcli.algorithms.distance.sources import Sources
-from ddgcli.algorithms.straightest.trace import AT_BOUNDARY, Told, Tracer, Traces
+from ddgcli.algorithms.straightest.trace import AT_BOUNDARY, Tracer, Traces
 from ddgcli.errors import ParameterError
 from ddgcli.geometry.face_frames import planar_difference
 from ddgcli.geometry.unfolding import SurfaceMesh
@@ -117,40 +117,34 @@ def _pieces(tracer: Tracer, exact: ExactDistance, sources: Sources, targets: lis
             pieces[int(v)] = _piece_in_face(tracer.mesh, exact, sources, int(v))
         walked = here[exact.side[here] >= 0]
         if len(walked):
-            lines = trace_back(tracer, exact, walked, record=True)
+            lines = _traced_back(tracer, exact, walked)
             for i, v in enumerate(walked):
                 pieces[int(v)] = _cut(tracer.mesh, exact, sources, lines, i, int(v))
         wanted = {pieces[int(v)].goes_to for v in here} - set(pieces) - {-1, _LOST}
     return pieces
 
 
-def trace_back(
-    tracer: Tracer,
-    exact: ExactDistance,
-    vertex: NDArray,
-    shorten: float = 0.0,
-    record: bool = False,
-    told: Told | None = None,
-) -> Traces:
-    """Lines from vertices with `side` >= 0 back along their shortest paths to the origins of those.
-
-    Parameters
-    ----------
-    shorten : float
-        Length left out before the origin.
-    """
-    side = exact.side[vertex]
-    face, j = np.divmod(side, 3)
+def last_piece(
+    mesh: SurfaceMesh, exact: ExactDistance, vertex: NDArray
+) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
+    """Where shortest paths to vertices with `side` >= 0 end: the face, the vertex in it, and where they enter
+    it, both in barycentric coordinates."""
+    face, j = np.divmod(exact.side[vertex], 3)
     rows = np.arange(len(vertex))
-    apex = np.zeros((len(vertex), 3))
-    apex[rows, (j + 2) % 3] = 1.0
-    share = exact.crossing[vertex] / tracer.mesh.side_length[face, j]
+    apex = np.eye(3)[(j + 2) % 3]
+    share = exact.crossing[vertex] / mesh.side_length[face, j]
     crossing = np.zeros((len(vertex), 3))
     crossing[rows, j], crossing[rows, (j + 1) % 3] = 1.0 - share, share
+    return face, apex, crossing
+
+
+def _traced_back(tracer: Tracer, exact: ExactDistance, vertex: NDArray) -> Traces:
+    """Lines from vertices with `side` >= 0 back along their shortest paths to the origins of those."""
+    face, apex, crossing = last_piece(tracer.mesh, exact, vertex)
     direction = planar_difference(tracer.unfolding, face, apex, crossing)
     origin = exact.origin_vertex[vertex]
     length = exact.distance[vertex] - np.where(origin >= 0, exact.distance[origin], 0.0)
-    return tracer.trace(face, apex, direction, np.maximum(length - shorten, 0.0), record=record, told=told)
+    return tracer.trace(face, apex, direction, np.maximum(length, 0.0), record=True)
 
 
 def _piece_in_face(mesh: SurfaceMesh, exact: ExactDistance, sources: Sources, v: int) -> _Piece:

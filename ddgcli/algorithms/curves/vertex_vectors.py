@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -16,8 +15,6 @@ from ddgcli.algorithms.straightest.trace import Told
 from ddgcli.errors import ParameterError
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 
-_log = logging.getLogger("ddgcli")
-
 
 @dataclass(frozen=True, eq=False)
 class VertexVectors:
@@ -26,7 +23,6 @@ class VertexVectors:
     arrays: dict[str, NDArray] = field(default_factory=dict)
     results: dict[str, Any] = field(default_factory=dict)
     accuracy: dict[str, Any] = field(default_factory=dict)
-    converged: bool = True
 
 
 def gathered(parts: list[VertexVectors]) -> VertexVectors:
@@ -34,10 +30,7 @@ def gathered(parts: list[VertexVectors]) -> VertexVectors:
     whole = VertexVectors()
     for part in parts:
         whole = VertexVectors(
-            whole.arrays | part.arrays,
-            whole.results | part.results,
-            whole.accuracy | part.accuracy,
-            whole.converged and part.converged,
+            whole.arrays | part.arrays, whole.results | part.results, whole.accuracy | part.accuracy
         )
     return whole
 
@@ -47,16 +40,8 @@ def log_map_vectors(
 ) -> VertexVectors:
     """Array `log_map` (n, 2), and the axis it is counted from."""
     mapped = log_map(mesh, exact, sources, told)
-    if mapped.lost:
-        _log.warning(
-            f"log_map is inf at {mapped.lost} vertices whose shortest paths cross edges of three or more "
-            "faces"
-        )
     return VertexVectors(
-        {"log_map": mapped.log_map},
-        {"log_map_axis": mapped.axis},
-        {"log_map_miss": mapped.miss},
-        not mapped.lost,
+        {"log_map": mapped.log_map}, {"log_map_axis": mapped.axis}, {"log_map_miss": mapped.miss}
     )
 
 

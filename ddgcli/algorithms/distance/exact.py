@@ -13,8 +13,10 @@ from ddgcli.algorithms.distance.sources import Sources, checked_sources
 from ddgcli.algorithms.distance.window_front import Front
 from ddgcli.algorithms.distance.window_tables import WindowTables, window_tables
 from ddgcli.algorithms.distance.window_targets import Targets
-from ddgcli.errors import ParameterError
+from ddgcli.errors import MeshError, ParameterError
 from ddgcli.geometry.surface_points import SurfacePoints
+from ddgcli.geometry.unfolding import vertex_fans
+from ddgcli.mesh.topology import PREVIOUS
 from ddgcli.operators.laplacian import SurfaceMesh
 
 log = logging.getLogger("ddgcli")
@@ -47,6 +49,10 @@ class ExactDistance:
         Of the points asked for; inf where no source reaches.
     target_source : (k,) ndarray of int64
         Number of their nearest source; -1 where none reaches.
+    departure : (n,) ndarray of float64, or None
+        On request: angle at which the shortest path leaves the source, counter-clockwise; around a source
+        vertex from the first side of its fan (`vertex_fans`), in a face from side 0. nan at sources and where
+        none reaches.
     patched : int
         Vertices that only an edge path reached (0 but for extremely degenerate triangles); never too short.
     """
@@ -60,6 +66,7 @@ class ExactDistance:
     rounds: int
     target_distance: NDArray[np.float64]
     target_source: NDArray[np.int64]
+    departure: NDArray[np.float64] | None = None
     patched: int = 0
 
 
@@ -72,6 +79,7 @@ def exact_distance(
     targets: SurfacePoints | None = None,
     tables: WindowTables | None = None,
     dominance_every: int = 10,
+    directions: bool = False,
     progress: Callable[[float, float], None] | None = None,
 ) -> ExactDistance:
     """Exact distance along the surface from every vertex to the nearest of `sources`.
@@ -94,6 +102,8 @@ def exact_distance(
         `window_tables(mesh)`, to share among calls.
     dominance_every : int
         Rounds between prunes; changes time, not distances.
+    directions : bool
+        Find `departure` too; needs consistently oriented faces.
     progress : callable, optional
         Called now and then with the number of vertices whose distance is final, and the number of all.
 
@@ -103,8 +113,8 @@ def exact_distance(
 
     Raises
     ------
-    ParameterError
-        On a bad source or tolerance.
+    MeshError, ParameterError
+        On a bad source or tolerance; on directions where faces run against each other.
 
     References
     ----------
@@ -112,32 +122,49 @@ def exact_distance(
     """
     if not 0 <= tolerance < np.inf:
         raise ParameterError(f"tolerance {tolerance} must be a number of side lengths, 0 or more")
+    if directions and not mesh.topology.is_oriented:
+        raise MeshError(
+            "faces run against each other: directions have no sense of turning; turn those faces round"
+        )
     sources = checked_sources(mesh, sources)
     tables = tables or window_tables(mesh)
     points = SurfacePoints.none() if targets is None else targets
     points = SurfacePoints.checked(points.face, points.barycentric, mesh.n_faces)
     wanted = Targets(tables, points)
     front = Front(
-        tables, slack=tolerance, dominance_every=dominance_every, targets=wanted if len(points) else None
-    )
+        tables, slack=tolerance, dominance_every=dominance_every, targets=wanted if len(points) else None,
+        directions=directions,
+    )  # fmt: skip
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         _start(front, mesh, sources)
         n = tables.n_vertices
         front.run(limit / tables.scale, 1e6 + 3000.0 * n + 60.0 * n**1.5, progress)
     patched = _patch_unreached(front, mesh) if np.isinf(limit) else 0
     wanted.finish(front.distance, front.origin)
+    origin_vertex = _told(front.origins.vertex, front.origin)
     return ExactDistance(
         distance=front.distance * tables.scale,
         nearest_source=_told(front.origins.source, front.origin),
-        origin_vertex=_told(front.origins.vertex, front.origin),
+        origin_vertex=origin_vertex,
         side=np.maximum(front.side, -1),
         crossing=np.where(front.side >= 0, front.crossing * tables.scale, np.nan),
         windows=front.windows,
         rounds=front.rounds,
         target_distance=wanted.distance * tables.scale,
         target_source=_told(front.origins.source, wanted.origin),
+        departure=_beyond_bends(front.departure, origin_vertex) if directions else None,
         patched=patched,
     )
+
+
+def _beyond_bends(departure: NDArray, origin_vertex: NDArray) -> NDArray[np.float64]:
+    """Angles that straight lines left at; behind a bend that of the path to the bend."""
+    while True:
+        open_ = (np.isnan(departure) & (origin_vertex >= 0)).nonzero()[0]
+        known = departure[origin_vertex[open_]]
+        if np.isnan(known).all():
+            return departure
+        departure[open_] = known
 
 
 def _told(values: NDArray, origin: NDArray) -> NDArray[np.int64]:
@@ -159,7 +186,9 @@ def _start(front: Front, mesh: SurfaceMesh, sources: Sources) -> None:
     vertex, number = np.concatenate(vertices), np.concatenate(numbers)
     vertex, first = np.unique(vertex, return_index=True)
     if len(vertex):
-        front.start_vertex(vertex, number[first])
+        wanted = front.swing is not None
+        begin = vertex_fans(mesh).angle_before.reshape(-1, 3)[:, PREVIOUS].ravel() if wanted else None
+        front.start_vertex(vertex, number[first], begin)
     for number_of, inside, at in inner:
         _start_point(front, number_of, inside, at)
 
@@ -168,15 +197,17 @@ def _start_point(front: Front, source: int, face: int, weights: NDArray) -> None
     """Launch a source inside a face, or on a side and so in all faces of that edge."""
     tables = front.tables
     origin = front.origins.add(np.array([-1]), np.array([source]), np.zeros(1))
-    seen_from = [(face, weights)]
+    own = _side_angles(tables, face)
+    seen_from = [(face, weights, own)]
     for j in np.flatnonzero(weights[[2, 0, 1]] <= 1e-14):  # side j is opposite corner j + 2
         for other, same_way in tables.across(3 * face + int(j)):
             g, i = divmod(other, 3)
             tail, head = weights[j], weights[(j + 1) % 3]
             mirrored = np.zeros(3)
             mirrored[i], mirrored[(i + 1) % 3] = (tail, head) if same_way else (head, tail)
-            seen_from.append((g, mirrored))
-    for g, w in seen_from:
+            its = _side_angles(tables, g)
+            seen_from.append((g, mirrored, its + (own[j] + np.pi - its[i])))
+    for g, w, along in seen_from:
         if front.targets is not None:
             front.targets.see(g, w, int(origin[0]))
         side = 3 * g + np.arange(3)
@@ -187,8 +218,15 @@ def _start_point(front: Front, source: int, face: int, weights: NDArray) -> None
             tables.ids[side, 0],
             np.hypot(x, y),
             np.repeat(origin, 3),
+            departure=along + np.arctan2(-y, -x),
         )
-        front.launch(side, x, y, np.repeat(origin, 3))
+        front.launch(side, x, y, np.repeat(origin, 3), turn=along - np.pi)
+
+
+def _side_angles(tables: WindowTables, face: int) -> NDArray[np.float64]:
+    """(3,) directions of the sides of a face, in the frame of side 0."""
+    length, x, y = tables.shape[3 * face, :3]
+    return np.array([0.0, np.pi - np.arctan2(y, length - x), np.pi + np.arctan2(y, x)])
 
 
 def _patch_unreached(front: Front, mesh: SurfaceMesh) -> int:
@@ -212,7 +250,8 @@ def _patch_unreached(front: Front, mesh: SurfaceMesh) -> int:
         for tail, head in ((a, b), (b, a)):
             go = dark[head] & ~dark[tail] & np.isfinite(front.distance[tail])
             reach = front.distance[tail[go]] + front.tables.shape[go, 0]
-            front.improve(head[go], reach, front.origin[tail[go]])
+            by = None if front.swing is None else front.departure[tail[go]]
+            front.improve(head[go], reach, front.origin[tail[go]], departure=by)
         dark &= np.isinf(front.distance)
         if int(dark.sum()) == before:
             break

@@ -42,12 +42,15 @@ class DistanceOptions:
         heat: t in squares of the mean side length.
     heat_refine : int
         heat: further rounds of normalising and integrating the gradient.
+    directions : bool
+        exact: also at what angles paths leave their sources (oriented faces only).
     """
 
     tolerance: float = 0.0
     operator: str | None = None
     heat_time: float = 1.0
     heat_refine: int = 0
+    directions: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,8 +134,9 @@ def _exact(
 
     def solve(sources: Sources) -> Measured:
         exact = exact_distance(
-            mesh, sources, tolerance=options.tolerance, targets=targets, tables=tables, progress=progress
-        )
+            mesh, sources, tolerance=options.tolerance, targets=targets, tables=tables,
+            directions=options.directions, progress=progress,
+        )  # fmt: skip
         accuracy: dict[str, Any] = {}
         if options.tolerance > 0:
             accuracy["tolerance_error_estimate"] = _error_nearby(mesh, sources, exact.distance, tables)

@@ -3,6 +3,9 @@
 A window on side h enters the face of h. It stands for the straight lines from an unfolded source (sx, sy),
 sy < 0, through the interval [b0, b1] of the side; its distance at x is origin + |(x, 0) - (sx, sy)|.
 
+Where directions are wanted, a window also carries how its frame lies at the source: a line that goes through
+it at angle phi left the source at angle turn + phi (turn - phi where the frame is mirrored).
+
 References
 ----------
 J. Mitchell, D. Mount, C. Papadimitriou, The discrete geodesic problem, 1987 (windows);
@@ -40,6 +43,8 @@ class Front:
         Rounds between two prunes of windows on the same side; 0 never prunes (the distances are the same).
     targets : Targets, optional
         Points in faces to measure on the way.
+    directions : bool
+        Find at what angle the lines that reach vertices left their sources (`departure`; nan behind bends).
     """
 
     def __init__(
@@ -49,6 +54,7 @@ class Front:
         slack: float = 0.0,
         dominance_every: int = 10,
         targets: Targets | None = None,
+        directions: bool = False,
     ) -> None:
         n = tables.n_vertices
         self.targets = targets
@@ -61,7 +67,10 @@ class Front:
         self.spawned_at = np.full(n, np.inf)
         self._place = np.zeros(n, dtype=np.int64)
         self.origins = Origins()
-        self.pool = Pool()
+        self.columns = 4 + int(directions) * (1 if tables.plain else 2)  # b0, b1, sx, sy, turn, sign
+        self.swing = _swing(tables) if directions else None
+        self.departure = np.full(n if directions else 0, np.nan)
+        self.pool = Pool(self.columns)
         self.pending = np.zeros(0, dtype=np.int64)
         self.windows = 0
         self.rounds = 0
@@ -76,6 +85,7 @@ class Front:
         origin: NDArray,
         side: NDArray | None = None,
         crossing: NDArray | None = None,
+        departure: NDArray | None = None,
     ) -> None:
         """Lower distances at vertices (entries may repeat), and note the way in.
 
@@ -92,20 +102,26 @@ class Front:
         self.origin[vertex] = origin.take(better)
         self.side[vertex] = -1 if side is None else side.take(better)
         self.crossing[vertex] = np.nan if crossing is None else crossing.take(better)
+        if self.swing is not None:
+            self.departure[vertex] = np.nan if departure is None else departure.take(better)
         self.pending = np.concatenate([self.pending, vertex[self.bends[vertex]]])
 
-    def start_vertex(self, vertex: NDArray, source: NDArray) -> None:
-        """Sources at vertices, distance zero."""
+    def start_vertex(self, vertex: NDArray, source: NDArray, first: NDArray | None = None) -> None:
+        """Sources at vertices, distance zero; `first` is as in `_spawn`."""
         origin = self.origins.add(vertex, source, np.zeros(len(vertex)))
         self.distance[vertex] = 0.0
         self.origin[vertex] = origin
         self.spawned_at[vertex] = 0.0
-        self._spawn(vertex, origin, np.full(len(vertex), np.nan))
+        self._spawn(vertex, origin, np.full(len(vertex), np.nan), first)
 
-    def _spawn(self, vertex: NDArray, origin: NDArray, incoming: NDArray) -> None:
+    def _spawn(
+        self, vertex: NDArray, origin: NDArray, incoming: NDArray, first: NDArray | None = None
+    ) -> None:
         """Distances along the edges at each vertex, and windows on the sides opposite it.
 
         `incoming` is the direction back along the path at each vertex: its shadow gets windows (nan: all).
+        `first` (3m,) is the direction of the edge from the apex of each side to its first corner, at sources
+        whose directions are wanted.
         """
         tables = self.tables
         start = tables.around_start.take(vertex)
@@ -121,8 +137,10 @@ class Front:
         face = side // 3 * 3
         way = np.stack([face + (side - face + 1) % 3, face + (side - face + 2) % 3], axis=1)
         end = np.stack([shape[:, 4], np.zeros(len(side))], axis=1)
+        along = None if first is None else first.take(side)
+        edges = None if along is None else np.stack([along, along + tables.angle.take(side)], axis=1).ravel()
         self.improve(
-            ids[:, :2].ravel(), reach.ravel(), np.repeat(row_origin, 2), -2 - way.ravel(), end.ravel()
+            ids[:, :2].ravel(), reach.ravel(), np.repeat(row_origin, 2), -2 - way.ravel(), end.ravel(), edges
         )
         begin, stop = shadow_of(
             tables.turn.take(side), tables.angle.take(side), tables.total_angle.take(vertex.take(row)),
@@ -130,11 +148,16 @@ class Front:
         )  # fmt: skip
         lit = (begin < stop).nonzero()[0]
         if len(lit):
+            turn = None if along is None else (along - np.arctan2(shape[:, 2], shape[:, 1])).take(lit)
             self._fan(
-                side.take(lit), shape.take(lit, axis=0), row_origin.take(lit), begin.take(lit), stop.take(lit)
-            )
+                side.take(lit), shape.take(lit, axis=0), row_origin.take(lit), begin.take(lit),
+                stop.take(lit), turn,
+            )  # fmt: skip
 
-    def _fan(self, side: NDArray, shape: NDArray, origin: NDArray, begin: NDArray, end: NDArray) -> None:
+    def _fan(
+        self, side: NDArray, shape: NDArray, origin: NDArray, begin: NDArray, end: NDArray,
+        turn: NDArray | None,
+    ) -> None:  # fmt: skip
         """Windows from the apex of each side, over the part of the side seen between two angles there."""
         length, x, y, left, right = shape.T
         angle = self.tables.angle.take(side)
@@ -143,7 +166,7 @@ class Front:
             from0, from1 = left * np.sin(phi), right * np.sin(angle - phi)
             np.divide(from0, from0 + from1, out=at)
             at *= length
-        self.launch(side, x, y, origin, ends)
+        self.launch(side, x, y, origin, ends, turn)
 
     def _incoming(self, vertex: NDArray) -> NDArray[np.float64]:
         """Direction back along the path that reached each vertex, as an angle around it; nan: not known."""
@@ -155,11 +178,13 @@ class Front:
         return angle
 
     def launch(
-        self, side: NDArray, x: NDArray, y: NDArray, origin: NDArray, ends: NDArray | None = None
-    ) -> None:
+        self, side: NDArray, x: NDArray, y: NDArray, origin: NDArray, ends: NDArray | None = None,
+        turn: NDArray | None = None,
+    ) -> None:  # fmt: skip
         """Windows from points (x, y) above each side in its own frame, leaving its face.
 
-        They cover the part of the side between `ends` (2, k), or the whole side.
+        They cover the part of the side between `ends` (2, k), or the whole side; `turn` is that of the frame
+        across.
         """
         length, (d0, d1) = self.tables.shape[side, 0], self.distance.take(self.tables.ids[side, :2].T)
         b0, b1 = (np.zeros(len(side)), length) if ends is None else ends
@@ -171,7 +196,9 @@ class Front:
         keep &= (r0 <= d1 + (length - b0) + margin) & (r1 <= d0 + b1 + margin)
         kept = keep.nonzero()[0]
         key = np.where((x > b0) & (x < b1), base + y, np.minimum(r0, r1))
-        lines = np.stack([length - b1, length - b0, length - x, -y])  # in the frame across, from v1 to v0
+        lines = np.ones((self.columns, len(side)))  # in the frame across, from v1 to v0
+        lines[0], lines[1], lines[2], lines[3] = length - b1, length - b0, length - x, -y
+        lines[4:5] = np.nan if turn is None else turn
         self._enter(
             lines.take(kept, axis=1), code.take(kept), origin.take(kept), key.take(kept), side.take(kept)
         )
@@ -275,14 +302,15 @@ class Front:
         base = self.origins.distance.take(origin)
         shape = np.ascontiguousarray(self.tables.shape.take(side, axis=0).T)
         ids = np.ascontiguousarray(self.tables.ids.take(side, axis=0).T)
-        b0, b1, sx, sy = lines
+        b0, b1, sx, sy = lines[:4]
         dx, dy = shape[1] - sx, shape[2] - sy
         at = sx - dx * sy / dy  # where the line to the apex crosses the side
 
         lit = ((at >= b0 - EPS) & (at <= b1 + EPS)).nonzero()[0]
         if len(lit):
             reach = base.take(lit) + _norm(dx.take(lit), dy.take(lit))
-            self.improve(ids[2].take(lit), reach, origin.take(lit), side.take(lit), at.take(lit))
+            found = ids[2].take(lit), reach, origin.take(lit), side.take(lit), at.take(lit)
+            self.improve(*found, self._departed(lines, dx, dy, lit))
 
         left, right = (at > b0).nonzero()[0], (at < b1).nonzero()[0]
         parent, n_left = np.concatenate([left, right]), len(left)
@@ -296,6 +324,10 @@ class Front:
         )
         k = int(np.searchsorted(kept, n_left))
         source = parent.take(kept)
+        if self.swing is not None:
+            to = 2 * side.take(source)
+            to[k:] += 1
+            out[4] += self.swing.take(to) if len(out) == 5 else self.swing.take(to) * out[5]
         code = np.concatenate([ids[3].take(source[:k]), ids[4].take(source[k:])])
         inner = (code != BOUNDARY).nonzero()[0]
         if len(inner) < len(kept):
@@ -306,6 +338,13 @@ class Front:
             face, j = np.divmod(side.take(source), 3)
             left_by = 3 * face + (j + np.where(kept < n_left, 2, 1)) % 3
         self._enter(out, code, origin.take(source), key, left_by)
+
+    def _departed(self, lines: NDArray, dx: NDArray, dy: NDArray, lit: NDArray) -> NDArray | None:
+        """Angles at which lines in direction (dx, dy) through some windows left the source."""
+        if self.swing is None:
+            return None
+        angle = np.arctan2(dy.take(lit), dx.take(lit))
+        return lines[4].take(lit) + (angle if len(lines) == 5 else angle * lines[5].take(lit))
 
     def _children(
         self, n_left: int, lines: NDArray, cut: NDArray, shape: NDArray, corner: NDArray, base: NDArray
@@ -323,7 +362,7 @@ class Front:
             Their columns (b0, b1, sx, sy) in the frame across, and their least distances.
         """
         length, apex_x, apex_y, edge, other_edge = shape
-        near, far, x, y = lines
+        near, far, x, y = lines[:4]
         d_near, d_other, d_apex = corner
         back = slice(n_left, None)
         edge[back] = other_edge[back]
@@ -381,5 +420,14 @@ def _norm(x: NDArray, y: NDArray) -> NDArray[np.float64]:
 def _reflect(lines: NDArray, flip: NDArray, length: NDArray) -> None:
     """Turn windows around where `flip`: x becomes length - x."""
     i = np.flatnonzero(flip)
-    b0, b1, sx, _ = lines[:, i]
+    b0, b1, sx = lines[:3, i]
     lines[:3, i] = length[i] - np.stack([b1, b0, sx])
+    if len(lines) > 4:
+        lines[4, i] += np.pi * lines[5, i]
+        lines[5, i] *= -1.0
+
+
+def _swing(tables: WindowTables) -> NDArray[np.float64]:
+    """(6m,) turns from the frame of each side to those across (v0, apex) and across (apex, v1)."""
+    length, x, y = tables.shape[:, :3].T
+    return np.stack([np.arctan2(y, x), -np.arctan2(y, length - x)], axis=1).ravel()

@@ -9,10 +9,10 @@ NEVER = np.inf
 
 
 class Pool:
-    """Waiting windows: columns (b0, b1, sx, sy), (side, origin), and a key that is inf once popped."""
+    """Waiting windows: columns (b0, b1, sx, sy, ...), (side, origin), and a key that is inf once popped."""
 
-    def __init__(self, capacity: int = 4096) -> None:
-        self.lines = np.empty((4, capacity))
+    def __init__(self, columns: int = 4, capacity: int = 4096) -> None:
+        self.lines = np.empty((columns, capacity))
         self.where = np.empty((2, capacity), dtype=np.int64)
         self.key = np.empty(capacity)
         self.top = 0
@@ -52,7 +52,7 @@ class Pool:
         capacity = len(self.key)
         if self.top + more > capacity // 2:
             extra = self.top + more
-            self.lines = np.concatenate([self.lines, np.empty((4, extra))], axis=1)
+            self.lines = np.concatenate([self.lines, np.empty((len(self.lines), extra))], axis=1)
             self.where = np.concatenate([self.where, np.empty((2, extra), dtype=np.int64)], axis=1)
             self.key = np.concatenate([self.key, np.empty(extra)])
 
