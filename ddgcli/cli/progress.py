@@ -9,6 +9,7 @@ import time
 PATIENCE = 2.0  # seconds of a run before a bar appears by itself
 PACE = 0.1  # seconds between two drawings
 PULSE = 1.0  # seconds after which work that tells nothing shows that it goes on
+FORETOLD = 0.01  # share of the work after which the rest of the time is told
 WIDTH = 30
 
 
@@ -65,8 +66,8 @@ class Progress:
             text = f"{self.label}: {now - self.began:.0f} s"
             if self._share is not None:
                 bar = "#" * round(WIDTH * self._share)
-                left = (now - self.began) * (1 - self._share) / max(self._share, 1e-9)
-                eta = f", {left:.0f} s left" if left < 1e6 else ""
+                known = self._share >= FORETOLD
+                eta = f", {(now - self.began) * (1 / self._share - 1):.0f} s left" if known else ""
                 text = f"{self.label} [{bar:<{WIDTH}}] {100 * self._share:3.0f} %{eta}"
             sys.stderr.write("\r" + text.ljust(self.drawn))
             sys.stderr.flush()

@@ -391,6 +391,13 @@ def test_bar_appears_when_work_is_long(capsys):
     assert "50 %" not in capsys.readouterr().err
 
 
+def test_time_left_is_told_once_there_is_something_to_tell_it_from(capsys):
+    for done, told in ((0, False), (1e-9, False), (1e-3, False), (0.1, True), (1, True)):
+        bar = Progress("work", None, True)
+        bar(done)
+        assert ("s left" in capsys.readouterr().err) == told
+
+
 def test_work_that_tells_nothing_shows_that_it_goes_on(capsys, monkeypatch):
     monkeypatch.setattr("ddgcli.cli.progress.PULSE", 0.05)
     bars = [Progress(name, True, None, since=time.perf_counter() - 10) for name in ("silent", "quarter")]
