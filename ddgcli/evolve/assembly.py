@@ -22,7 +22,7 @@ class Assembly:
 
     def __init__(self, free: NDArray[np.bool_], stencils: list[NDArray]) -> None:
         own = np.arange(len(free))
-        low, high, triple, stride, size = [own], [own], [], [], 0
+        low, high, first = [own], [own], []
         for stencil in stencils:
             k, s = stencil.shape
             i, j = np.repeat(stencil, s, axis=1).ravel(), np.tile(stencil, (1, s)).ravel()
@@ -31,33 +31,32 @@ class Assembly:
             kept = i <= j
             low.append(i[kept])
             high.append(j[kept])
-            triple.append(size + corner.ravel()[kept])
-            stride.append(np.full(len(triple[-1]), s))
-            size += 3 * s * s * k
+            first.append(corner.ravel()[kept])
         keys, pair = np.unique(np.concatenate(high) * len(free) + np.concatenate(low), return_inverse=True)
-        self._own, pair = pair[: len(free)], pair[len(free) :]
-        first, step = (np.concatenate(part or [own[:0]]) for part in (triple, stride))
-        self._gather = _row_sums(pair, first, step, len(keys), size)
-        self._values = np.zeros((size, 3))
+        self._pairs = len(keys)
+        self._own, *pairs = np.split(pair, np.cumsum([len(part) for part in low])[:-1])
+        self._gathers = [
+            _row_sums(pair, row, stencil.shape[1], len(keys), 3 * stencil.size * stencil.shape[1])
+            for pair, row, stencil in zip(pairs, first, stencils)
+        ]
         self._layout = _layout(free, keys % len(free), keys // len(free))
 
     def matrix(self, blocks: list[NDArray], diagonal: NDArray) -> csc_array:
         """Sum of (k, 3s, 3s) blocks, in the order of the stencils, plus (n,) numbers times the identity."""
-        flat, end = self._values.reshape(-1), 0
-        for block in blocks:
-            start, end = end, end + block.size
-            flat[start:end] = block.ravel()
-        sums = (self._gather @ self._values).reshape(-1, 9)
+        sums = np.zeros((3 * self._pairs, 3))
+        for gather, block in zip(self._gathers, blocks):
+            sums += gather @ block.reshape(-1, 3)
+        sums = sums.reshape(-1, 9)
         for axis in range(3):
             sums[self._own, 4 * axis] += diagonal
         layout = self._layout
         return csc_array((sums.ravel()[layout.data], layout.indices, layout.indptr), shape=layout.shape)
 
 
-def _row_sums(pair: NDArray, first: NDArray, step: NDArray, pairs: int, size: int) -> csr_array:
+def _row_sums(pair: NDArray, first: NDArray, step: int, pairs: int, size: int) -> csr_array:
     """(3 pairs, size) matrix of ones that sums rows of sub-blocks to the rows of the pairs' (3, 3) blocks."""
     order = np.argsort(pair, kind="stable")
-    first, step, count = first[order], step[order], np.bincount(pair, minlength=pairs)
+    first, count = first[order], np.bincount(pair, minlength=pairs)
     begin = np.concatenate([[0], np.cumsum(count)])[:-1]
     # the three rows of a pair stand behind each other: entry k of row a is at 3 begin + a count + k
     place = 2 * np.repeat(begin, count) + np.arange(len(pair))
