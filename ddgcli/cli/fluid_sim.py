@@ -112,6 +112,6 @@ class Fluids:
         from ddgcli.models.fluid import report
 
         self.largest = outcome.largest.get("vorticity", 0.0)
-        results, accuracy = report.summary(outcome.series, outcome.last, self.built)
+        results, accuracy = report.summary(outcome, self.built)
         told = {"stopped_because": outcome.failure} if outcome.failure else {}
-        return {**results, "frames": outcome.frames, "steps": outcome.steps, **told}, accuracy
+        return {**results, **told}, accuracy

@@ -169,10 +169,11 @@ def _shots(source: Trajectory, chosen: list[int], wishes: dict[str, Any]) -> Ite
 
 
 def _array_name(source: Trajectory, wishes: dict[str, Any]) -> str | None:
-    """The array that colours pictures: the one asked for, else the first that is a number."""
+    """The array that colours pictures: the one asked for, else vorticity or the first that is a number."""
     arrays = source.vertex(0)
     if wishes["array"] in (None, "none"):
         plain = [name for name, values in arrays.items() if values.ndim == 1]
+        plain.sort(key=lambda name: name != "vorticity")
         return plain[0] if plain and wishes["array"] is None else None
     return wishes["array"] if wishes["array"] in arrays else options.chosen(arrays, wishes["array"])
 

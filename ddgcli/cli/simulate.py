@@ -130,14 +130,13 @@ def _opened(
 
 def _march(run: Run, job: Job, keep: Keeper, writer: Any, start: tuple[int, Arrays] | None) -> None:
     told = run.progress("frames")
-    for snapshot in evolve(job.models, job.schedule, job.account, start):
+    for snapshot in evolve(job.models, job.schedule, job.account, start, told):
         with job.account.within("output"):
             frame = joined_frame(snapshot)
             keep.add(frame, snapshot)
             if writer is not None:
                 log = [(e.step, e.time, e.kind, e.place, e.value, e.detail) for e in snapshot.events]
                 writer.append(frame, snapshot.checkpoint, _effect_rows(job.account), log)
-        told(snapshot.frame + 1, job.schedule.frames)
 
 
 def _effect_rows(account: Account) -> list[tuple[str, int, float]]:

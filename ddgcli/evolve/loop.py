@@ -20,6 +20,7 @@ from ddgcli.evolve.account import Account
 
 State = TypeVar("State")
 Arrays = dict[str, NDArray]
+log = logging.getLogger("ddgcli")
 DEEPEST_SHRINK = 12  # a step is halved at most so often: dt / 4096
 
 
@@ -158,6 +159,8 @@ class March:
     smallest: float = math.inf
     stopped: str = ""
     divided: bool = False
+    reached: float = 0.0  # in steps
+    tell: Callable[[], None] = field(default=lambda: None)
 
     def pack(self) -> Arrays:
         clock = np.array([self.next_dt, self.taken, self.smallest])
@@ -210,6 +213,7 @@ def evolve(
     schedule: Schedule,
     account: Account,
     resume: tuple[int, Arrays] | None = None,
+    told: Callable[[float, float], None] | None = None,
 ) -> Iterator[Snapshot]:
     """Yield a snapshot at the start, after every `schedule.every` steps and at the end.
 
@@ -222,6 +226,8 @@ def evolve(
         Books "integrator" for each advance and "output" for each observation; models book inside.
     resume : (frame, checkpoint), optional
         Go on after that frame, which is not yielded again.
+    told : callable (steps done, all steps), optional
+        Hears of every step, of parts of divided ones too.
 
     Raises
     ------
@@ -240,6 +246,10 @@ def evolve(
         for march in marches:
             march.restore(_part(checkpoint, march.name))
     last_frame = schedule.frames - 1
+    for march in marches:
+        march.reached = schedule.step_of_frame(frame)
+        if told is not None:
+            march.tell = lambda: told(sum(m.reached for m in marches) / len(marches), schedule.steps)
     while frame < last_frame:
         first, last = schedule.step_of_frame(frame), schedule.step_of_frame(frame + 1)
         for march in marches:
@@ -311,17 +321,21 @@ def _cross(
             march.divided = True
             detail = f"{march.name}: dt above the stability limit {model.largest_step:.3g} s is divided"
             events.append(Event(step, time, "stability", march.name, model.largest_step, detail))
-            logging.getLogger("ddgcli").warning(detail)
+            log.warning(detail)
         return _halves(march, schedule, step, time, dt, depth, events)
     try:
         state = model.advance(march.state, time, dt)
     except StepRejected as rejected:
         detail = f"{march.name}: step of {dt:.3g} s rejected: {rejected}"
         events.append(Event(step, time, rejected.cause, rejected.place, rejected.value, detail))
-        logging.getLogger("ddgcli").info("t = %.6g s, %s", time, detail)
         if schedule.on_failure == "stop" or depth >= DEEPEST_SHRINK:
             raise SolveError(f"t = {time:.6g} s, {detail}; try a smaller step") from rejected
+        say = log.info if march.divided else log.warning
+        say("t = %.6g s, %s; it is halved, and so are those after it where they must", time, detail)
+        march.divided = True
         return _halves(march, schedule, step, time, dt, depth, events)
+    march.reached = (time + dt) / schedule.dt
+    march.tell()
     march.taken += 1
     march.smallest = min(march.smallest, dt)
     return state
@@ -362,6 +376,8 @@ def _march_adaptive(march: March, schedule: Schedule, first: int, last: int, eve
             march.next_dt = dt * max(0.2, min(growth, 0.9))
             continue
         march.state = state
+        march.reached = (time + dt) / schedule.dt
+        march.tell()
         march.taken += 2
         march.smallest = min(march.smallest, dt / 2)
         time = end if pieces == 1 else time + dt

@@ -80,6 +80,25 @@ def test_harmonic_flow_on_a_torus_is_unchanged(summary, tmp_path, kind):
     assert len(results["circulation"]["generators"]) == 2
 
 
+def test_generators_have_their_circulation_without_harmonic_flows_too(summary, tmp_path):
+    path = tmp_path / "torus.ply"
+    write_mesh(str(path), AnnotatedMesh(shapes.torus(24, 12)))
+    initial = 'initial = { vorticity = "x + z*y + z" }'
+    alone, beside = (
+        summary("fluid-sim", scene(tmp_path / "s.toml", 'mesh = "torus.ply"', initial + more))["results"]
+        for more in ("", '\nharmonic = { kind = "frozen" }')
+    )
+    found = alone["circulation"]["generators"]
+    assert len(found) == 2 and np.abs(found).max() > 0.1
+    assert found == pytest.approx(beside["circulation"]["generators"], rel=1e-9)
+
+
+def test_divided_steps_are_told(summary, tmp_path):
+    out = summary("fluid-sim", scene(tmp_path / "s.toml", BALL, 'initial = { vorticity = "99*z" }'))
+    assert len(out["warnings"]) == 1 and "stability" in out["warnings"][0]
+    assert out["results"]["rejected_steps"] > 0 and out["results"]["smallest_step"] < 0.02
+
+
 def test_circulation_is_bounded_far_beyond_the_courant_limit(summary, tmp_path):
     """Steps of 50 edge lengths: they are divided where loops would fold, and the energy never rises."""
     edge = shapes.icosphere(3).side_length.mean()

@@ -197,6 +197,17 @@ plane = {}
         )
 
 
+def test_progress_hears_of_every_part_of_a_step():
+    scene = resolve(parse_scene(FREE.format(integrator="verlet", step=0.05, duration=0.2)), KIND, {})
+    contexts = {name: context for name, (context, _) in model.contexts(scene, None).items()}
+    heard = []
+    models = model.build(scene, contexts, Account())
+    list(evolve(models, scene.schedule(), Account(), told=lambda *done: heard.append(done)))
+    done, whole = np.array(heard).T
+    assert (whole == 4).all() and done[-1] == pytest.approx(4)
+    assert len(done) > 4 and np.allclose(np.diff(done), done[0])
+
+
 def test_unstable_steps_are_divided_and_told(caplog):
     text = FREE.format(integrator="verlet", step=0.05, duration=0.2)
     run, _, _ = shell_run(text)

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from ddgcli.evolve.account import Account
 from ddgcli.evolve.loop import Schedule
+from ddgcli.evolve.outcome import Outcome
 from ddgcli.mesh.fields import Frame
 from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
 from ddgcli.models.fluid.model import FluidModel
@@ -17,16 +18,19 @@ from ddgcli.models.fluid.space import sums
 from ddgcli.models.scene import Scene
 
 
-def summary(
-    series: Mapping[str, NDArray], last: Frame | None, models: Mapping[str, FluidModel]
-) -> tuple[dict[str, Any], dict[str, Any]]:
+def summary(outcome: Outcome, models: Mapping[str, FluidModel]) -> tuple[dict[str, Any], dict[str, Any]]:
     """(`results`, `accuracy`): values at the end, and the largest departures from the start.
 
     Drifts are relative: total vorticity and circulations to the total absolute vorticity at the start (or to
     their own largest size), energy to the energy at the start.
     """
-    names = list(models)
-    results: dict[str, Any] = {}
+    names, series, last = list(models), outcome.series, outcome.last
+    results: dict[str, Any] = {
+        "frames": outcome.frames,
+        "steps": outcome.steps,
+        **({"smallest_step": outcome.smallest_step} if outcome.steps else {}),
+        "rejected_steps": outcome.events,
+    }
     for name in ("kinetic_energy", "enstrophy", "total_vorticity"):
         results[name] = float(series[name][-1])
     results["kinetic_energy_start"] = float(series["kinetic_energy"][0])
@@ -81,7 +85,7 @@ def generator_circulations(last: Frame | None, models: Mapping[str, FluidModel])
         start += space.n
         topology = space.mesh.topology
         count = 2 * (topology.genus or 0) + max(0, topology.boundary_loops - topology.n_components)
-        if count == 0 or len(space.harmonic) == 0:
+        if count == 0:
             continue
         found += _loops(model, vorticity, last)
     return found
@@ -91,19 +95,20 @@ def _loops(model: FluidModel, vorticity: NDArray, last: Frame) -> list[float]:
     from ddgcli.algorithms.hodge.homology import generator_loops
 
     space = model.space
-    coefficients = last.scalar[f"harmonic_coefficients_{model.context.name}"]
+    coefficients = last.scalar.get(f"harmonic_coefficients_{model.context.name}", ())
     flux = space.side_flux(space.stream_function(vorticity), np.atleast_1d(coefficients))
     velocity = space.face_velocity(flux)
     along = (velocity[:, None] * np.conj(space.side)).real * space.side_sign
     topology = space.mesh.topology
     on_edge = sums(space.side_edge, along, topology.n_edges) / topology.edge_face_count
-    number = {(int(a), int(b)): k for k, (a, b) in enumerate(topology.edges)}
+    key = topology.edges[:, 0] * topology.n_vertices + topology.edges[:, 1]
+    order = np.argsort(key)
     found = []
     for loop in generator_loops(space.mesh):
-        total = 0.0
-        for a, b in zip(loop.tolist(), np.roll(loop, -1).tolist()):
-            total += on_edge[number[a, b]] if (a, b) in number else -on_edge[number[b, a]]
-        found.append(float(total))
+        tail, head = loop, np.roll(loop, -1)
+        wanted = np.minimum(tail, head) * topology.n_vertices + np.maximum(tail, head)
+        edge = order[np.searchsorted(key, wanted, sorter=order)]
+        found.append(float(np.sum(np.where(topology.edges[edge, 0] == tail, 1, -1) * on_edge[edge])))
     return found
 
 
