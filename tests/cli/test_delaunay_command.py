@@ -115,6 +115,15 @@ def test_functions_are_carried_to_the_triangulation(summary, plane, tmp_path, re
         assert integral(found["points"], found["faces"], found["rough"]) == pytest.approx(given, abs=1e-12)
 
 
+@pytest.mark.parametrize("refine", [(), ("--refine", 25)])
+def test_functions_are_carried_without_an_overlay(summary, plane, tmp_path, refine):
+    out, beside = tmp_path / "idt.npz", tmp_path / "beside.npz"
+    told = summary("delaunay", plane, *refine, "--transfer", "rough", "-o", out)
+    summary("delaunay", plane, *refine, "--transfer", "rough", "-o", beside, "--overlay", tmp_path / "o.npz")
+    assert told["results"]["transfer"]["rough"]["l2_change"] > 0.01
+    assert np.array_equal(np.load(out)["rough"], np.load(beside)["rough"])
+
+
 @pytest.mark.parametrize(
     "name, words", [("warmth", "height, rough"), ("input_face", "rename"), ("torn", "vertex 3")]
 )

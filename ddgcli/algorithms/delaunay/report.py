@@ -89,13 +89,14 @@ def delaunay_report(
     subdivide : bool
         Also make the common subdivision.
     transferred : dict of str to ndarray, optional
-        Arrays on the input's vertices to carry over.
+        Arrays on the input's vertices to carry over; asks for the common subdivision.
     condition : bool
         Also measure the condition numbers of the Laplacians.
     seed : int
         Of the choice among faces in refinement.
     """
     check_transferable(transferred or {}, OWN_ARRAYS)
+    subdivide = subdivide or bool(transferred)
     if degrees is None:
         flipped, base, refined = flip_to_delaunay(mesh, track=subdivide), Base.itself(mesh), None
     else:
@@ -113,7 +114,7 @@ def delaunay_report(
         where = refined.steiner.behind_vertices(mesh)
         vertex = {"input_face": where.face, "input_barycentric": where.barycentric}
     accuracy: dict[str, Any] = metric_residuals(mesh, flipped.mesh)
-    cut = common_subdivision(flipped, base) if subdivide or transferred else None
+    cut = common_subdivision(flipped, base) if subdivide else None
     carried: dict[str, Transferred] = {}
     if cut is not None:
         results["overlay"] = subdivision_counts(cut)
