@@ -6,16 +6,18 @@ import numpy as np
 import pytest
 
 from ddgcli.algorithms.curves.integral_curves import field_of_array
+from ddgcli.algorithms.curves.log_map import log_map
 from ddgcli.algorithms.curves.oriented_cover import oriented_cover
 from ddgcli.algorithms.curves.shortest_paths import shortest_paths
 from ddgcli.algorithms.curves.surface_curves import traced_curves, with_transport
 from ddgcli.algorithms.distance.exact import exact_distance
 from ddgcli.algorithms.distance.sources import Sources
 from ddgcli.algorithms.straightest.trace import GAVE_UP, REACHED, Tracer, trace
-from ddgcli.errors import MeshError, ParameterError
+from ddgcli.errors import InputError, MeshError, ParameterError
 from ddgcli.geometry.face_frames import surface_position, to_face_frame
 from ddgcli.geometry.surface_points import SurfacePoints
 from ddgcli.geometry.unfolding import face_corner_angle
+from ddgcli.io.mesh_file import read_mesh
 from ddgcli.mesh import shapes
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 
@@ -242,3 +244,29 @@ def test_directions_out_of_a_face_without_area_are_refused(how):
 def test_what_needs_two_sides_says_so():
     with pytest.raises(MeshError, match="one-sided"):
         oriented_cover(moebius_strip()).need_two_sides("--log-map")
+
+
+def test_log_maps_of_hard_meshes_have_no_nan_and_hit_their_vertices(shared_meshes):
+    """Out of the windows of the distance, which stays the same bit for bit."""
+    mapped = 0
+    for path in sorted((shared_meshes / "hard").iterdir()):
+        if path.suffix in (".json", ".md", ".msh", ".mesh") or path.stat().st_size > 100_000:
+            continue
+        try:
+            cover = oriented_cover(read_mesh(str(path)).mesh)
+            cover.need_two_sides("--log-map")
+        except InputError:  # no mesh, no triangles, or one side
+            continue
+        mesh, inside = cover.mesh, SurfacePoints(np.array([0]), np.array([[0.2, 0.3, 0.5]]))
+        if not mesh.n_faces:
+            continue
+        for source in (Sources.at([int(mesh.faces[0, 0])]), Sources.at([], inside)):
+            exact = exact_distance(mesh, source, directions=True)
+            np.testing.assert_array_equal(exact.distance, exact_distance(mesh, source).distance)
+            try:
+                made = log_map(mesh, exact, source)
+            except ParameterError:  # several fans at the vertex
+                continue
+            assert not np.isnan(made.log_map).any() and made.miss < 1e-9, path
+            mapped += 1
+    assert mapped > 80

@@ -163,13 +163,12 @@ def _miss(centre: _Centre, exact: ExactDistance, departure: NDArray) -> float:
     middle, last = 0.5 * (apex + crossing), planar_difference(unfolding, face, crossing, apex)
     length = exact.distance[vertex] - 0.5 * np.hypot(last[:, 0], last[:, 1])
     lines = centre.lines(departure[vertex], length)
+    gap = planar_difference(unfolding, face, middle, lines.barycentric)
+    away = length  # in another face: by so much at most
     if mesh.points is not None:
-        gap = surface_position(mesh, lines.face, lines.barycentric) - surface_position(mesh, face, middle)
-    else:
-        gap = planar_difference(unfolding, face, middle, lines.barycentric)
-    miss = vector_length(gap)
-    if mesh.points is None:
-        miss = np.where(lines.face == face, miss, length)
+        chord = surface_position(mesh, lines.face, lines.barycentric) - surface_position(mesh, face, middle)
+        away = vector_length(chord)
+    miss = np.where(lines.face == face, vector_length(gap), away)
     judged = ~_through_a_vertex(lines) & ~_stopped_at_three_faces(mesh, lines)
     return float(miss[judged].max(initial=0.0) / exact.distance[straight].max())
 
