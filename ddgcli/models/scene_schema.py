@@ -19,7 +19,11 @@ def json_schema(kind: SceneKind) -> dict[str, Any]:
     times = [
         _with_integrator(section(time_model(kind, name), f"time, {name}"), name) for name in kind.integrators
     ]
-    objects = [section(model, f"object of role {role}") for role, model in kind.roles.items()]
+    first = next(iter(kind.roles))
+    objects = [
+        _without(section(model, f"object of role {role}"), "name", *(["role"] if role == first else []))
+        for role, model in kind.roles.items()
+    ]
     effects = {}
     for name in kind.effects:
         effect = kind.effects.load(name)
@@ -43,5 +47,9 @@ def json_schema(kind: SceneKind) -> dict[str, Any]:
 
 def _with_integrator(schema: dict[str, Any], name: str) -> dict[str, Any]:
     schema["properties"]["integrator"] = {"const": name}
-    schema["required"] = [k for k in schema.get("required", []) if k != "integrator"]
-    return schema
+    return _without(schema, "integrator")
+
+
+def _without(schema: dict[str, Any], *names: str) -> dict[str, Any]:
+    """Keys that the scene fills in are not required."""
+    return {**schema, "required": [key for key in schema.get("required", []) if key not in names]}

@@ -130,9 +130,14 @@ def _vector(unit: str) -> Callable[[Any], tuple[float, float, float]]:
     return read
 
 
+_BOUNDS = {"gt": "exclusiveMinimum", "ge": "minimum", "lt": "exclusiveMaximum", "le": "maximum"}
+
+
 def quantity(unit: str, text: str = "", **bounds: Any) -> Any:
     """Annotated type of a scalar in `unit`, with a description and bounds (`gt`, `ge`, `lt`, `le`)."""
-    schema = {"unit": unit or "1", "anyOf": [{"type": "number"}, {"type": "string"}], "type": None}
+    number = {"type": "number", **{_BOUNDS[name]: bound for name, bound in bounds.items()}}
+    text_form = {"type": "string", "pattern": r"^\s*[-+]?(\d|\.\d)"}
+    schema = {"unit": unit or "1", "anyOf": [number, text_form]}
     return Annotated[
         float,
         BeforeValidator(_scalar(unit)),
@@ -151,7 +156,8 @@ def vector(unit: str, text: str = "") -> Any:
 
 def _swap(extra: dict[str, Any]) -> Callable[[dict[str, Any]], None]:
     def edit(schema: dict[str, Any]) -> None:
-        schema.update({k: v for k, v in extra.items() if v is not None})
-        schema.pop("type", None)
+        schema.update(extra)
+        for key in ("type", *_BOUNDS):  # of the number alone; a string is converted first
+            schema.pop(key, None)
 
     return edit

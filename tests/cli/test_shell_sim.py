@@ -302,6 +302,45 @@ def test_effects_and_schema_are_listed(run):
     assert "contact" in schema["properties"]["effects"]["properties"]
 
 
+def test_schema_says_what_the_scene_reader_says(run):
+    """Bounds and presets stand in the words of JSON Schema; what the reader fills in is not required."""
+    schema = json.loads(run("shell-sim", "--schema").stdout)
+    time = next(t for t in schema["properties"]["time"]["anyOf"] if "beta" in t["properties"])
+    number = time["properties"]["duration"]["anyOf"][0]
+    assert number == {"type": "number", "exclusiveMinimum": 0}
+    beta = json.dumps(time["properties"]["beta"])
+    assert '"minimum": 0' in beta and '"maximum": 0.5' in beta
+    shell, obstacle = schema["properties"]["object"]["items"]["anyOf"]
+    assert shell["required"] == [] and obstacle["required"] == ["role"]
+    assert {"felt", "steel"} <= set(shell["properties"]["material"]["enum"])
+    assert not any(f'"{word}":' in json.dumps(schema) for word in ("gt", "ge", "lt", "le"))
+
+
+def test_divided_and_rejected_steps_stand_in_the_log(run, tmp_path):
+    """Step, time, kind, place and value of each; with `stop` the first ends the run, its frames kept."""
+    soft = SCENE.replace("friction = 0.5", "stiffness = 600").replace("step = 5e-3", "step = 5e-3\nbeta = 0")
+    soft = soft.replace("0.02]", "0.02]\nvelocity = [0, 0, -3]")
+    path = scene(tmp_path, text=soft)
+    shrunk = run("shell-sim", path, "-o", tmp_path / "shrunk.vtkhdf", "--json", "--duration", 0.02)
+    events = json.loads(shrunk.stdout)["results"]["rejected_steps"]
+    with Trajectory(str(tmp_path / "shrunk.vtkhdf")) as ours:
+        rows = ours.log[: ours.log_rows]
+        kinds = [row["kind"].decode() for row in rows]
+        assert kinds[:2] == ["start", "stability"] and "barrier crossed" in kinds
+        assert len(rows) == events + 1
+        crossed = rows[kinds.index("barrier crossed")]
+        assert crossed["place"].startswith(b"vertex") and crossed["value"] < 0
+        assert 0 <= crossed["time"] <= 0.02 and b"rejected" in crossed["detail"]
+    path.write_text(path.read_text().replace("beta = 0", 'beta = 0\non_failure = "stop"'))
+    stopped = run("shell-sim", path, "-o", tmp_path / "stopped.vtkhdf", "--json")
+    assert (
+        stopped.exit_code == 1
+        and "barrier crossed" in json.loads(stopped.stdout)["results"]["stopped_because"]
+    )
+    with Trajectory(str(tmp_path / "stopped.vtkhdf.part")) as ours:
+        assert ours.attributes["status"] == "failed" and ours.n_frames >= 1
+
+
 def test_static_without_equilibrium_ends_with_exit_1(run, tmp_path):
     path = tmp_path / "fall.toml"
     path.write_text(

@@ -33,7 +33,11 @@ class Shell(MovingObject):
     """A thin elastic shell, at rest as drawn."""
 
     role: Literal["shell"]
-    material: str | None = Field(None, description=f"preset: {', '.join(MATERIALS)}")
+    material: str | None = Field(
+        None,
+        description=f"preset: {', '.join(MATERIALS)}",
+        json_schema_extra={"enum": [*MATERIALS, None]},
+    )
     density: quantity("kg/m^2", "mass per area", gt=0) | None = None
     thickness: quantity("m", "thickness", gt=0) | None = None
     young: quantity("Pa", "Young's modulus", gt=0) | None = None
