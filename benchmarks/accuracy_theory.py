@@ -23,10 +23,10 @@ area of their square that leaves no pointwise rate; the ball's own smoothing is 
 """,
     "geodesic": """
 `exact`, pygeodesic 2: the length metric of inscribed meshes with bounded angles (Hildebrandt, Polthier,
-Wardetzky 2006). With `--tolerance` TAU 1: the slack is a number of edge lengths. `fast-marching`,
-potpourri3d's 1 (Kimmel, Sethian 1998). `heat`: none proven at t = h^2 (Crane, Weischedel, Wardetzky 2013
-observe about 1). `dijkstra` 0: paths along edges keep their angle however fine the mesh. pymeshlab: none
-documented.
+Wardetzky 2006). With `--tolerance` TAU 1 where it is used: the slack is a number of edge lengths.
+`fast-marching`, potpourri3d's 1 (Kimmel, Sethian 1998). `heat`: none proven at t = h^2 (Crane, Weischedel,
+Wardetzky 2013 observe about 1). `dijkstra` 0: paths along edges keep their angle however fine the mesh.
+pymeshlab: none documented.
 """,
     "laplacian": """
 2 for linear elements on inscribed meshes, lumped or not (Dziuk 1988; Dodziuk, Patodi 1976; Strang, Fix

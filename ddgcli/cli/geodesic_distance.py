@@ -79,7 +79,7 @@ _OPTIONS = (
                  help="exact: the polyhedral distance. heat: two linear solves, factored once; pays off for "
                       "many sources. fast-marching: first order. dijkstra: along edges."),
     click.option("--tolerance", type=NONNEGATIVE, metavar="TAU",
-                 help="exact: slack in edge lengths; errs upwards only (useful: 0.03 to 0.3)."),
+                 help="exact: slack in edge lengths, used where it saves time; errs upwards only."),
     click.option("--operator", type=click.Choice(("intrinsic-delaunay", "plain", "tufted")),
                  help="heat: the Laplacian. [default: intrinsic-delaunay, tufted where non-manifold]"),
     click.option("--heat-time", type=POSITIVE, metavar="M",

@@ -76,9 +76,12 @@ class Reference:
 
     @classmethod
     def as_far_as(cls, name: str, values: NDArray, gap: NDArray) -> Reference:
-        """An answer that is trusted as far as another agrees: (k,) relative differences of the two."""
+        """An answer that is trusted as far as another agrees: (k,) relative differences of the two.
+
+        Where they agree altogether rounding is left.
+        """
         mean = float(gap.mean()) if len(gap) else 0.0
-        return cls(name, values, float(gap.max(initial=0.0)), mean_uncertainty=mean)
+        return cls(name, values, max(float(gap.max(initial=0.0)), 1e-14), mean_uncertainty=max(mean, 1e-14))
 
     def within(self, norm: str = "max") -> float:
         """Its own error, in a norm of the rows."""

@@ -19,7 +19,6 @@ from ddgcli.operators.laplacian import SurfaceMesh
 
 if TYPE_CHECKING:
     from ddgcli.algorithms.distance.exact import ExactDistance
-    from ddgcli.algorithms.distance.window_tables import WindowTables
 
 log = logging.getLogger("ddgcli")
 
@@ -139,7 +138,7 @@ def _exact(
         )  # fmt: skip
         accuracy: dict[str, Any] = {}
         if options.tolerance > 0:
-            accuracy["tolerance_error_estimate"] = _error_nearby(mesh, sources, exact.distance, tables)
+            accuracy["tolerance_error_estimate"] = exact.tolerance_error
         results: dict[str, Any] = {"windows": exact.windows}
         if len(targets):
             results["targets"] = described_targets(mesh, targets, exact)
@@ -157,18 +156,6 @@ def described_targets(
         entry["distance"] = float(distance) if np.isfinite(distance) else None
         entry["nearest_source"] = int(source)
     return said
-
-
-def _error_nearby(mesh: SurfaceMesh, sources: Sources, distance: NDArray, tables: WindowTables) -> float:
-    """Largest excess over the exact distance among the nearest vertices (a tenth, and 1000 at least),
-    relative to the radius they fill."""
-    from ddgcli.algorithms.distance.exact import exact_distance
-
-    finite = np.sort(distance[np.isfinite(distance)])
-    near = float(finite[min(len(finite) - 1, max(len(finite) // 10, 1000))])
-    truth = exact_distance(mesh, sources, limit=near * (1 + 1e-12), tables=tables).distance
-    inside = truth <= near
-    return float((distance - truth)[inside].max(initial=0.0)) / (near or 1.0)
 
 
 def _heat(mesh: SurfaceMesh, options: DistanceOptions) -> Solver:

@@ -21,13 +21,14 @@ from numpy.typing import NDArray
 
 from ddgcli.algorithms.distance.window_dominance import EPS, dominate
 from ddgcli.algorithms.distance.window_pool import NEVER, Origins, Pool
-from ddgcli.algorithms.distance.window_shadow import shadow_of
+from ddgcli.algorithms.distance.window_shadow import MARGIN, shadow_of
 from ddgcli.algorithms.distance.window_tables import BOUNDARY, WindowTables
 from ddgcli.algorithms.distance.window_targets import Targets
 from ddgcli.errors import SolveError
 
 LIFT = 1e-15  # of a side: least height of a source above it, so that one on the side itself still sees across
-TELL_EVERY = 16  # rounds between two looks at the progress
+TELL_EVERY = 4  # rounds between two looks at the progress
+FAN = 2.0  # times the root of the slack: radians on both sides of straight ahead that a vertex serves
 SPAWN_EVERY = 3  # rounds between two launches of waiting vertices; fewer, fuller batches
 
 
@@ -59,7 +60,9 @@ class Front:
         n = tables.n_vertices
         self.targets = targets
         self.tables, self.slack, self.dominance_every = tables, slack, dominance_every
-        self.bends = np.ones(n, dtype=bool) if slack > 0 else tables.bends
+        # a path that bends by slack turns at any vertex, by little: windows are narrow where slack drops them
+        self.margin = MARGIN + FAN * float(np.sqrt(slack))
+        self.bends = tables.bends if slack == 0 else tables.total_angle > 2 * (np.pi - self.margin)
         self.distance = np.full(n, np.inf)
         self.origin = np.full(n, -1, dtype=np.int64)
         self.side = np.full(n, -1, dtype=np.int64)
@@ -72,8 +75,7 @@ class Front:
         self.departure = np.full(n if directions else 0, np.nan)
         self.pool = Pool(self.columns)
         self.pending = np.zeros(0, dtype=np.int64)
-        self.windows = 0
-        self.rounds = 0
+        self.windows = self.rounds = self.final = 0
         self.bucket = 3.0 * float(tables.shape[:, 0].mean()) if len(tables.shape) else 1.0
 
     # -- vertices -----------------------------------------------------------------------------------
@@ -144,7 +146,7 @@ class Front:
         )
         begin, stop = shadow_of(
             tables.turn.take(side), tables.angle.take(side), tables.total_angle.take(vertex.take(row)),
-            incoming.take(row),
+            incoming.take(row), self.margin,
         )  # fmt: skip
         lit = (begin < stop).nonzero()[0]
         if len(lit):
@@ -234,10 +236,12 @@ class Front:
         limit: float = np.inf,
         most_windows: float = np.inf,
         progress: Callable[[float, float], None] | None = None,
+        enough: float = np.inf,
     ) -> None:
         """Propagate until nothing waits below `limit` (distances below it are then final).
 
-        `progress` is told now and then how many vertices of all are final.
+        `progress` is told now and then how many vertices of all are final; when they are `enough` it stops,
+        and may be called again to go on.
 
         Raises
         ------
@@ -249,8 +253,12 @@ class Front:
             least = min(self.pool.least(), waiting)
             if not least < limit:
                 return
-            if progress is not None and self.rounds % TELL_EVERY == 0:
-                progress(float(np.count_nonzero(self.distance < least)), float(len(self.distance)))
+            if self.rounds % TELL_EVERY == 0 and (progress is not None or enough < np.inf):
+                self.final = int(np.count_nonzero(self.distance < least))
+                if progress is not None:
+                    progress(float(self.final), float(len(self.distance)))
+                if self.final >= enough:
+                    return
             bound = max(least + self.bucket, np.nextafter(least, np.inf))
             if waiting < bound and (self.rounds % SPAWN_EVERY == 0 or waiting <= least):
                 self._spawn_below(bound)
@@ -287,8 +295,7 @@ class Front:
         before = self.origin[vertex]
         self.spawned_at[vertex] = self.distance[vertex]
         origin = self.origins.add(vertex, self.origins.source[before], self.distance[vertex])
-        incoming = self._incoming(vertex) if self.slack == 0 else np.full(len(vertex), np.nan)
-        self._spawn(vertex, origin, incoming)
+        self._spawn(vertex, origin, self._incoming(vertex))
 
     def _once(self, vertex: NDArray) -> NDArray[np.int64]:
         """The vertices without repetitions."""

@@ -57,7 +57,7 @@ def corner_turns(topology: Topology, angle: NDArray, vertices: NDArray) -> tuple
 
 
 def shadow_of(
-    turn: NDArray, angle: NDArray, total: NDArray, incoming: NDArray
+    turn: NDArray, angle: NDArray, total: NDArray, incoming: NDArray, margin: float = MARGIN
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Part [begin, end] of each corner, in radians from where it begins, that lies in the shadow.
 
@@ -67,10 +67,12 @@ def shadow_of(
         Where the corners begin and how wide they are; turn nan: the whole corner.
     total, incoming : (k,) ndarrays
         Angle of each corner's fan (inf: open), and direction back along the path (nan: the whole corner).
+    margin : float
+        Radians by which the shadow is taken wider on both sides.
     """
     after = turn - incoming
     after = np.where((after < 0) & (total < np.inf), after + total, after)
     before = after < 0  # beside a boundary: the corner comes before the path
-    begin = np.where(before, 0.0, np.pi - MARGIN - after)
-    end = np.where(before, MARGIN - np.pi, total + (MARGIN - np.pi)) - after
+    begin = np.where(before, 0.0, np.pi - margin - after)
+    end = np.where(before, margin - np.pi, total + (margin - np.pi)) - after
     return np.fmax(begin, 0.0), np.fmin(end, angle)

@@ -130,7 +130,7 @@ def window_tables(mesh: SurfaceMesh) -> WindowTables:
     bends, blunt = _bends(topology, shape, angle)
     turn, total = np.full(angle.shape, np.nan), np.full(n, np.inf)
     if sides.plain:
-        turn, total = corner_turns(topology, angle, np.flatnonzero(bends & ~blunt))
+        turn, total = corner_turns(topology, angle, np.flatnonzero(topology.referenced_vertex & ~blunt))
     corner = np.arange(len(ids))
     around = coo_array((corner, (ids[:, 2], corner)), shape=(n, max(len(ids), 1))).tocsr()
     return WindowTables(

@@ -86,7 +86,7 @@ def _exact_reference(mesh: TriangleMesh, sources: Sources) -> Reference:
 
 
 def _approximate_reference(mesh: TriangleMesh, sources: Sources) -> Reference:
-    """Two slacks: distances err upwards only, so the smaller of the two is nearer."""
+    """Two slacks: distances err upwards only, so the smaller is nearer; exact where slack costs more."""
     tables = window_tables(mesh)
     coarse, fine = (exact_distance(mesh, sources, tables=tables, tolerance=t).distance for t in (0.3, 0.1))
     gap = relative_to_largest(coarse, np.minimum(coarse, fine))
