@@ -13,6 +13,7 @@ from ddgcli.geometry.face_frames import surface_position
 from ddgcli.geometry.surface_points import SurfacePoints
 from ddgcli.mesh import shapes
 from ddgcli.mesh.triangle_mesh import TriangleMesh
+from tests.delaunay_cases import spoiled_sphere
 
 MESHES = {
     "sphere": shapes.random_sphere(600),
@@ -140,6 +141,20 @@ def test_a_source_on_an_edge_of_three_faces_has_paths_but_no_tangent_plane():
         assert entry["length"] == pytest.approx(np.linalg.norm(mesh.points[target] - at), rel=1e-12)
     with pytest.raises(ParameterError, match="edge of 3 faces"):
         log_map(mesh, exact, source)
+
+
+@pytest.mark.parametrize("source", [0, 34, 7, 91, 133])
+def test_on_faces_without_area_paths_are_right_or_told(source, caplog):
+    """A sphere with a flat cap (vertex 0) and two vertices at one place (34 and 115)."""
+    mesh, sources = spoiled_sphere(), Sources.at([source])
+    exact = exact_distance(mesh, sources)
+    curves = shortest_paths(mesh, exact, sources, list(range(mesh.n_vertices)))
+    lost = [entry["target"] for entry in curves.entries if entry["length"] is None]
+    assert set(lost) <= {0, 34, 115} and curves.converged == (not lost)
+    assert bool(lost) == ("without width" in caplog.text)
+    for target, entry in enumerate(curves.entries):
+        if target not in lost:
+            assert entry["length"] == pytest.approx(exact.distance[target], rel=1e-13, abs=1e-15)
 
 
 @pytest.mark.parametrize("name", ["spot.obj", "goathead.obj", "plane_holes.obj", "menger_sponge3.off"])

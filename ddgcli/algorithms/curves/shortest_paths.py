@@ -17,9 +17,11 @@ from ddgcli.algorithms.straightest.trace import AT_BOUNDARY, Tracer, Traces
 from ddgcli.errors import ParameterError
 from ddgcli.geometry.face_frames import planar_difference
 from ddgcli.geometry.unfolding import SurfaceMesh
+from ddgcli.mesh.topology import NEXT, PREVIOUS
 
 _log = logging.getLogger("ddgcli")
 _LOST = -2
+BLUNT = 1e-9  # of the longest side of its face: the last piece of a path gives no direction below
 AGREE = 1e-9  # a walked path is right when its length is the distance, to this relative error
 
 
@@ -98,7 +100,7 @@ def shortest_paths(
     if lost:
         _log.warning(
             f"no path to {len(lost)} vertices (first: {lost[0]}): walked back, it meets an edge of three or "
-            "more faces, where lines end; the distance stands"
+            "more faces, or a face without width; the distance stands"
         )
     if residual > AGREE:
         _log.warning(f"a path differs from the exact distance by {residual:.3g} of it; look at its entry")
@@ -116,6 +118,9 @@ def _pieces(tracer: Tracer, exact: ExactDistance, sources: Sources, targets: lis
         for v in inside:
             pieces[int(v)] = _piece_in_face(tracer.mesh, exact, sources, int(v))
         walked = here[exact.side[here] >= 0]
+        blunt = _without_direction(tracer, exact, walked)
+        pieces |= {int(v): _step_aside(tracer.mesh, exact, int(v)) for v in walked[blunt]}
+        walked = walked[~blunt]
         if len(walked):
             lines = _traced_back(tracer, exact, walked)
             for i, v in enumerate(walked):
@@ -145,6 +150,25 @@ def _traced_back(tracer: Tracer, exact: ExactDistance, vertex: NDArray) -> Trace
     origin = exact.origin_vertex[vertex]
     length = exact.distance[vertex] - np.where(origin >= 0, exact.distance[origin], 0.0)
     return tracer.trace(face, apex, direction, np.maximum(length, 0.0), record=True)
+
+
+def _without_direction(tracer: Tracer, exact: ExactDistance, vertex: NDArray) -> NDArray[np.bool_]:
+    """(k,) vertices with `side` >= 0 whose last straight piece is entered where they lie: in a face without
+    width, so that the piece has no length to take a direction from."""
+    face, apex, crossing = last_piece(tracer.mesh, exact, vertex)
+    last = planar_difference(tracer.unfolding, face, apex, crossing)
+    width = tracer.mesh.side_length[face].max(axis=1, initial=0.0)
+    blunt: NDArray[np.bool_] = np.hypot(last[:, 0], last[:, 1]) <= BLUNT * width
+    return blunt
+
+
+def _step_aside(mesh: SurfaceMesh, exact: ExactDistance, v: int) -> _Piece:
+    """The piece without length from a vertex to another one at its place, over a side of length zero; or lost."""
+    face, j = divmod(int(exact.side[v]), 3)
+    near = exact.crossing[v] <= 0.5 * mesh.side_length[face, j]
+    end, between = (j, PREVIOUS[j]) if near else (NEXT[j], NEXT[j])
+    goes_to = int(mesh.faces[face, end]) if mesh.side_length[face, between] == 0 else _LOST
+    return _Piece(np.array([face]), np.eye(3)[[PREVIOUS[j]]], goes_to)
 
 
 def _piece_in_face(mesh: SurfaceMesh, exact: ExactDistance, sources: Sources, v: int) -> _Piece:
@@ -185,6 +209,13 @@ def _cut(mesh: SurfaceMesh, exact: ExactDistance, sources: Sources, lines: Trace
     keep = np.flatnonzero(holds)
     if not len(keep) and lines.status[i] == AT_BOUNDARY:
         return _Piece(face[:1], barycentric[:1], _LOST)
+    if not len(keep) and origin >= 0:  # there, but across a face without area from those at the origin
+        around = np.flatnonzero((mesh.faces == origin).any(axis=1))
+        k = len(around)
+        seen = seen_from(mesh.topology, np.repeat(face[-1:], k), np.repeat(barycentric[-1:], k, axis=0), around)
+        also = np.flatnonzero(~np.isnan(seen[:, 0]))[:1]
+        face = np.concatenate([face[:-1], around[also]])
+        return _Piece(face, np.concatenate([barycentric[:-1], seen[also]]), origin)
     last = keep[0] + 1 if len(keep) else len(face) - 1  # inside one face the straight way is the shortest
     return _Piece(face[:last], barycentric[:last], origin)
 
@@ -202,7 +233,7 @@ def _chain(
         faces.append(pieces[v].face)
         weights.append(pieces[v].barycentric)
         v = pieces[v].goes_to
-    if v == _LOST:
+    if v == _LOST or v in pieces:  # or round and round among vertices at one place
         return np.zeros(0, dtype=np.int64), np.zeros((0, 3))
     if v >= 0:  # a source vertex
         face = faces[-1][-1:] if faces else np.flatnonzero((mesh.faces == v).any(axis=1))[:1]
