@@ -197,6 +197,11 @@ class Run:
             self._context.meta["ddgcli.input"] = path
         for note in source.notes:
             logging.getLogger("ddgcli").warning(note)
+        if {"face_edge_lengths", "neighbors"} <= set(source.face):
+            logging.getLogger("ddgcli").warning(
+                "the input is an intrinsic triangulation, whose faces are taken as straight in space here: "
+                "that is another surface; give the mesh that it was made from"
+            )
         if subdivide:
             from ddgcli.mesh.shapes import midpoint_subdivided
 

@@ -3,10 +3,15 @@
 import numpy as np
 import pytest
 
+from ddgcli.algorithms.delaunay.triangulation import flip_to_delaunay
 from ddgcli.io.mesh_file import read_mesh, write_mesh
 from ddgcli.mesh import shapes
 from ddgcli.mesh.fields import AnnotatedMesh
-from tests.delaunay_cases import planar
+from ddgcli.mesh.intrinsic_mesh import IntrinsicMesh
+from ddgcli.mesh.topology import Topology
+from ddgcli.operators.laplacian import stiffness
+from tests.delaunay_cases import planar, sharp_cone, spoiled_sphere
+from tests.delaunay_cases import stretched as stretched_sphere
 
 
 @pytest.fixture
@@ -45,6 +50,31 @@ def test_summary_and_arrays(summary, stretched, tmp_path):
     common = read_mesh(str(overlay))
     assert set(common.vertex["vertex_kind"]) == {0, 2}
     assert common.face["input_face"].max() == common.face["intrinsic_face"].max() == len(faces) - 1
+
+
+@pytest.mark.parametrize("name", ["stretched", "sharp cone"])
+def test_files_hold_the_whole_triangulation(summary, tmp_path, name):
+    """Faces, lengths and gluing read back give the very Laplacian; loops and all (the cone has one)."""
+    mesh = {"stretched": stretched_sphere, "sharp cone": sharp_cone}[name]()
+    path, files = tmp_path / "in.npz", [tmp_path / "idt.npz", tmp_path / "idt.vtkhdf"]
+    write_mesh(str(path), AnnotatedMesh(mesh))
+    summary("delaunay", path, "-o", files[0], "-o", files[1])
+    expected = stiffness(flip_to_delaunay(mesh).mesh)
+    for file in files:
+        source = read_mesh(str(file))
+        neighbors, length = source.face["neighbors"], source.face["face_edge_lengths"]
+        gluing = np.where(neighbors[..., 0] >= 0, 3 * neighbors[..., 0] + neighbors[..., 1], -1)
+        topology = Topology(source.mesh.faces, source.mesh.n_vertices, gluing.astype(np.int64))
+        assert (stiffness(IntrinsicMesh(topology, length)) != expected).nnz == 0
+        assert any("intrinsic triangulation" in word for word in summary("info", file)["warnings"])
+
+
+def test_a_condition_that_cannot_be_measured_is_null(summary, tmp_path):
+    path = tmp_path / "spoiled.npz"
+    write_mesh(str(path), AnnotatedMesh(spoiled_sphere()))
+    told = summary("delaunay", path, "--condition")
+    assert told["results"]["before"]["laplacian_condition"] is None
+    assert any("results.before.laplacian_condition" in warning for warning in told["warnings"])
 
 
 def test_picture(run, stretched, tmp_path):

@@ -7,6 +7,7 @@ import pytest
 
 from ddgcli.algorithms.curvature.measures import angle_defect
 from ddgcli.algorithms.delaunay.flips import SideArrays, flip, flip_until_delaunay
+from ddgcli.algorithms.delaunay.report import laplacian_condition
 from ddgcli.algorithms.delaunay.triangulation import (
     flip_to_delaunay,
     glue,
@@ -152,6 +153,21 @@ def test_dirichlet_energy_never_rises():
     ]
     assert (np.diff(energies, axis=0) <= 1e-12 * np.abs(energies[0])).all()
     assert energies[-1].sum() < 0.9 * energies[0].sum()
+
+
+def two_spheres_and_a_lone_vertex():
+    one, two = shapes.random_sphere(60, seed=2), shapes.icosphere(1)
+    points = np.concatenate([one.points * [3.0, 1, 0.5], two.points + 9, [[0, 0, 0]]])
+    return TriangleMesh.from_arrays(points, np.concatenate([one.faces, two.faces + one.n_vertices]))
+
+
+@pytest.mark.parametrize("make", [stretched, planar, two_spheres_and_a_lone_vertex])
+def test_condition_is_that_of_the_whole_matrix(make):
+    mesh = make()
+    matrix, used = stiffness(mesh), mesh.topology.referenced_vertex
+    values = np.linalg.eigvalsh(matrix.toarray()[used][:, used])
+    components = mesh.topology.n_components
+    assert laplacian_condition(matrix, components) == pytest.approx(values[-1] / values[components], rel=1e-6)
 
 
 def test_glued_complexes_are_taken():

@@ -324,14 +324,19 @@ def describe_paths(
                 "vertices": [
                     {
                         "vertex": int(joint.vertex[p]),
-                        "left": float(joint.left[p]),
-                        "right": float(joint.right[p]),
+                        "left": _known(joint.left[p]),
+                        "right": _known(joint.right[p]),
                     }
                     for p in passed
                 ],
             }
         )
     return entries
+
+
+def _known(angle: float) -> float | None:
+    """The angle; None on a side that the boundary cuts off, or where a path goes from fan to fan."""
+    return None if np.isnan(angle) else float(angle)
 
 
 def _point(mesh: SurfaceMesh, paths: SurfacePaths, i: int) -> dict[str, Any]:

@@ -163,7 +163,7 @@ def _without_direction(tracer: Tracer, exact: ExactDistance, vertex: NDArray) ->
 
 
 def _step_aside(mesh: SurfaceMesh, exact: ExactDistance, v: int) -> _Piece:
-    """The piece without length from a vertex to another one at its place, over a side of length zero; or lost."""
+    """The piece without length from a vertex to another one at its place, over a zero side; or lost."""
     face, j = divmod(int(exact.side[v]), 3)
     near = exact.crossing[v] <= 0.5 * mesh.side_length[face, j]
     end, between = (j, PREVIOUS[j]) if near else (NEXT[j], NEXT[j])
@@ -211,8 +211,8 @@ def _cut(mesh: SurfaceMesh, exact: ExactDistance, sources: Sources, lines: Trace
         return _Piece(face[:1], barycentric[:1], _LOST)
     if not len(keep) and origin >= 0:  # there, but across a face without area from those at the origin
         around = np.flatnonzero((mesh.faces == origin).any(axis=1))
-        k = len(around)
-        seen = seen_from(mesh.topology, np.repeat(face[-1:], k), np.repeat(barycentric[-1:], k, axis=0), around)
+        there, weights = np.full(len(around), face[-1]), np.tile(barycentric[-1], (len(around), 1))
+        seen = seen_from(mesh.topology, there, weights, around)
         also = np.flatnonzero(~np.isnan(seen[:, 0]))[:1]
         face = np.concatenate([face[:-1], around[also]])
         return _Piece(face, np.concatenate([barycentric[:-1], seen[also]]), origin)

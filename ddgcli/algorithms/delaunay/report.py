@@ -20,6 +20,7 @@ from ddgcli.algorithms.delaunay.triangulation import (
     non_delaunay_edges,
     working_lengths,
 )
+from ddgcli.errors import SolveError
 from ddgcli.geometry.extrinsic import face_area_vector
 from ddgcli.geometry.intrinsic import corner_angle, face_area
 from ddgcli.geometry.unfolding import face_corner_angle
@@ -234,9 +235,12 @@ def dirichlet_energy(matrix: Any, values: NDArray) -> float:
 
 
 def laplacian_condition(matrix: Any, n_components: int) -> float | None:
-    """Largest over smallest non-zero eigenvalue of the stiffness matrix; None where it has too few."""
+    """Largest over smallest non-zero eigenvalue of the stiffness matrix.
+
+    None where it has too few; nan where it is singular to working precision.
+    """
     from scipy.sparse import eye_array
-    from scipy.sparse.linalg import LinearOperator, eigsh
+    from scipy.sparse.linalg import ArpackError, LinearOperator, eigsh
 
     used = np.flatnonzero(matrix.diagonal() != 0.0)
     matrix = matrix[used][:, used]
@@ -247,13 +251,16 @@ def laplacian_condition(matrix: Any, n_components: int) -> float | None:
         values = np.linalg.eigvalsh(matrix.toarray())
         return float(values[-1] / values[n_components])
     start = np.random.default_rng(0).normal(size=n)
-    largest = eigsh(matrix, 1, which="LM", return_eigenvectors=False, v0=start, tol=1e-6)[0]
     shift = 1e-9 * float(np.median(matrix.diagonal()))
-    factor = Factor(matrix + shift * eye_array(n))
-    inverse = LinearOperator((n, n), matvec=factor.solve, dtype=np.float64)
-    smallest = eigsh(
-        matrix, wanted, sigma=-shift, OPinv=inverse, return_eigenvectors=False, v0=start, tol=1e-6
-    ).max()
+    try:
+        largest = eigsh(matrix, 1, which="LM", return_eigenvectors=False, v0=start, tol=1e-6)[0]
+        factor = Factor(matrix + shift * eye_array(n))
+        inverse = LinearOperator((n, n), matvec=factor.solve, dtype=np.float64)
+        smallest = eigsh(
+            matrix, wanted, sigma=-shift, OPinv=inverse, return_eigenvectors=False, v0=start, tol=1e-6
+        ).max()
+    except (SolveError, ArpackError):
+        return float("nan")
     return float(largest / smallest)
 
 
