@@ -7,7 +7,16 @@ import pytest
 
 from ddgcli.errors import ParameterError, SolveError
 from ddgcli.mesh import shapes
-from ddgcli.tradeoff.candidates import Candidate, Problem, Reference, relative_to_largest
+from ddgcli.tradeoff.candidates import (
+    Candidate,
+    Problem,
+    Reference,
+    Row,
+    Table,
+    relative_to_each,
+    relative_to_largest,
+    relative_to_rms,
+)
 from ddgcli.tradeoff.front import break_even, cheapest_within, give_verdicts
 from ddgcli.tradeoff.measure import run_problem
 from ddgcli.tradeoff.report import csv_of, results_of
@@ -77,6 +86,48 @@ def test_set_up_pays_off_after_the_right_number_of_queries():
     (pair,) = break_even(table.rows)
     assert pair["row"] == "factored" and pair["against"] == "direct"
     assert 2 <= pair["queries"] <= 5
+
+
+def test_errors_are_relative_to_what_they_say():
+    answer, truth = np.array([1.5, 0.5, -4.4, np.nan, 7.0]), np.array([1.0, 0.0, -4.0, 2.0, np.inf])
+    largest, rms = relative_to_largest(answer, truth), relative_to_rms(answer, truth)
+    assert largest == pytest.approx([0.125, 0.125, 0.1, np.inf, 0])
+    assert rms == pytest.approx(np.array([0.5, 0.5, 0.4, np.inf, 0]) / np.sqrt(21 / 4))
+    assert relative_to_each(answer[:4], truth[:4]) == pytest.approx([0.5, 0.5, 0.1, np.inf])
+
+
+def row(method: str, setup: float, seconds: float, error: float) -> Row:
+    return Row(method, {}, setup, seconds, (seconds, seconds), 1, 1.0, error, 0, error, f"--method {method}")
+
+
+@pytest.mark.parametrize(
+    "direct, factored, queries",
+    [
+        ((0.0, 3.0, 0.1), (10.0, 1.0, 0.1), 5),  # 10 / (3 - 1)
+        ((2.0, 3.0, 0.1), (10.0, 1.0, 0.1), 4),  # its own set-up counts
+        ((0.0, 3.0, 0.05), (10.0, 1.0, 0.1), 5),  # a rival may be more accurate,
+        ((0.0, 3.0, 0.2), (10.0, 1.0, 0.1), None),  # not less
+        ((0.0, 3.0, 0.1), (10.0, 3.0, 0.1), None),  # no query is faster
+        ((20.0, 3.0, 0.1), (10.0, 1.0, 0.1), None),  # better in both: no question
+        ((0.0, 3.0, 0.1), (0.5, 1.0, 0.1), None),  # a set-up below one query
+        ((0.0, 9.0, 0.1), (2.0, 1.0, 0.1), None),  # repaid within one query
+    ],
+)
+def test_break_even_by_hand(direct, factored, queries):
+    found = break_even([row("direct", *direct), row("factored", *factored)])
+    wanted = {"row": "factored", "against": "direct", "queries": queries}
+    assert found == ([wanted] if queries else [])
+
+
+def test_an_error_of_just_what_is_asked_for_is_within():
+    rows = [row("a", 0.0, 1.0, 0.1), row("b", 0.0, 2.0, 0.05)]
+    assert cheapest_within(rows, 0.1) is rows[0] and cheapest_within(rows, 0.099) is rows[1]
+
+
+def test_no_row_is_told_more_exact_than_the_reference():
+    table = Table([row("a", 0.0, 1.0, 0.1), row("b", 0.0, 2.0, 0.05)], Reference("r", TRUTH, 0.05))
+    give_verdicts(table, None)
+    assert [r.verdict.endswith("as exact as the reference can tell") for r in table.rows] == [False, True]
 
 
 def test_the_budget_leaves_out_what_it_cannot_pay():
