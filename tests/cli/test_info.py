@@ -8,6 +8,7 @@ from ddgcli.io.mesh_file import read_mesh, write_mesh
 from ddgcli.mesh import shapes
 from ddgcli.mesh.fields import AnnotatedMesh
 from ddgcli.mesh.repair import oriented
+from ddgcli.mesh.tet_mesh import TetMesh
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 
 
@@ -86,6 +87,56 @@ def test_angles_of_one_triangle(info):
     inradius = 1.0  # area 6 over half perimeter 6
     assert measured["aspect_ratio_max"] == pytest.approx(5 / (2 * np.sqrt(3) * inradius))
     assert sum(measured["angle_histogram"]) == 3
+
+
+def test_shapes_of_an_equilateral_an_obtuse_and_a_needle_triangle():
+    corners = [[[0, 0], [2, 0], [1, np.sqrt(3)]], [[0, 0], [4, 0], [1, 0.5]], [[0, 0], [1, 0], [1, 0.05]]]
+    points = np.column_stack([np.reshape(corners, (9, 2)), np.zeros(9)])
+    found = quality.triangle_quality(TriangleMesh.from_arrays(points, np.arange(9).reshape(3, 3)))
+    aspect = [1.0]
+    for triangle in np.array(corners[1:]):
+        length = np.linalg.norm(np.roll(triangle, -1, axis=0) - triangle, axis=1)
+        s = length.sum() / 2
+        aspect.append(length.max() / (2 * np.sqrt(3) * np.sqrt(np.prod(s - length) / s)))  # Heron
+    assert found["aspect_ratio_max"] == pytest.approx(max(aspect))
+    assert found["aspect_ratio_median"] == pytest.approx(np.median(aspect))
+    assert found["needle_ratio_max"] == pytest.approx(np.hypot(1, 0.05) / 0.05)
+    assert found["faces_below_5_degrees"] == found["faces_above_120_degrees"] == 1
+    assert found["mean_min_angle_degrees"] == pytest.approx(
+        np.degrees(np.pi / 3 + np.arctan(0.5 / 3) + np.arctan(0.05)) / 3
+    )
+
+
+def test_size_of_a_box_away_from_the_origin():
+    box = shapes.box(1, 1, 1, size=(1.0, 2.0, 3.0))
+    found = quality.surface_size(box.moved(box.points + [5.0, -7.0, 11.0]))
+    np.testing.assert_allclose(found["bounding_box"], [[5, -7, 11], [6, -5, 14]])
+    assert found["diagonal"] == pytest.approx(np.sqrt(14))
+    assert found["area"] == pytest.approx(22) and found["volume"] == pytest.approx(6)
+    assert found["min_edge"] == pytest.approx(1) and found["max_edge"] == pytest.approx(np.sqrt(13))
+    half = TriangleMesh.from_arrays(box.points, box.faces[1:])
+    turned = TriangleMesh.from_arrays(box.points, np.concatenate([box.faces[:1, ::-1], box.faces[1:]]))
+    assert "volume" not in quality.surface_size(half) and "volume" not in quality.surface_size(turned)
+
+
+def test_tetrahedra_about_one_face():
+    """Four cells on one face, the first of them regular and listed twice; and a flat cell, listed twice."""
+    points = np.array(
+        [[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1], [-3, -3, -3], [1, 1, -1.0], [1, 0, 0], [9, 9, 9]]
+    )
+    cells = np.array([[0, 1, 2, 3], [1, 2, 3, 4], [1, 2, 3, 5], [0, 1, 6, 5], [3, 2, 1, 0], [0, 1, 5, 6]])
+    mesh = TetMesh.from_arrays(points, cells)
+    found = quality.tetrahedra_quality(mesh)
+    sign = np.sign([np.linalg.det(points[c[1:]] - points[c[0]]) for c in cells])
+    assert found["inverted_tetrahedra"] == (sign < 0).sum() and found["flat_tetrahedra"] == 2
+    assert found["flat_tetrahedra_first"] == [3, 5] and found["duplicate_tetrahedra_first"] == [4, 5]
+    assert found["unreferenced_vertices_first"] == [7]
+    assert found["faces_with_three_or_more_cells"] == 1  # all others have two cells at most
+    regular = quality.dihedral_degrees(mesh)[0]
+    np.testing.assert_allclose(regular, np.degrees(np.arccos(1 / 3)))
+    only = quality.tetrahedra_quality(TetMesh.from_arrays(points * 1e-9, cells[:1]))
+    assert only["volume"] == pytest.approx(8 / 3 * 1e-27)
+    assert only["min_dihedral_degrees"] == pytest.approx(np.degrees(np.arccos(1 / 3)))
 
 
 @pytest.mark.parametrize("height", [1e-3, 1e-6, 1e-9])
