@@ -83,9 +83,9 @@ def _flattened(loop: NDArray) -> NDArray:
 def _ears(p: NDArray) -> NDArray:
     """(k-2, 3) corners of the triangles of a simple counter-clockwise polygon; ear clipping.
 
-    Where no ear is left (the polygon crosses itself), the corner that turns most is cut, so that the result
-    always has k - 2 triangles over all corners. Candidates are the corners next to the last cut and those not
-    yet tried, so the usual cost is a few vectorised tests a corner.
+    Where no ear is left (the polygon crosses itself), the corner at hand is cut, so that the result always
+    has k - 2 triangles over all corners. The corner before the last cut is tried next, then those that
+    follow it: usually a few vectorised tests a corner.
     """
     before, after = np.roll(np.arange(len(p)), 1), np.roll(np.arange(len(p)), -1)
     alive = np.ones(len(p), dtype=bool)

@@ -6,6 +6,7 @@ import pytest
 from ddgcli.algorithms.inspect import quality
 from ddgcli.io.mesh_file import read_mesh, write_mesh
 from ddgcli.mesh import shapes
+from ddgcli.mesh.curve import CurveSet
 from ddgcli.mesh.fields import AnnotatedMesh
 from ddgcli.mesh.repair import oriented
 from ddgcli.mesh.tet_mesh import TetMesh
@@ -189,3 +190,12 @@ def test_curves_and_tetrahedra(tmp_path, summary):
     assert found["results"]["length"] == pytest.approx(4)
     assert found["results"]["accepts"]["curvature"] == "yes"
     assert found["results"]["accepts"]["geodesic"].startswith("no: ")
+
+
+def test_marks_of_curves():
+    points = np.column_stack([np.arange(8.0), np.arange(8.0) ** 2, np.zeros(8)])
+    open_and_closed = CurveSet(points, np.array([[0, 1], [1, 2], [4, 5], [5, 6], [6, 4]]))
+    marks = quality.curve_marks(open_and_closed)
+    assert marks["component"].tolist() == [0, 0, 0, -1, 1, 1, 1, -1]
+    assert marks["boundary"].tolist() == [1, 0, 1, 0, 0, 0, 0, 0]
+    assert quality.curve_quality(open_and_closed)["unreferenced_vertices"] == 2

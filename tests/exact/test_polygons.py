@@ -38,19 +38,39 @@ POLYGONS = {
 
 @pytest.mark.parametrize("name", POLYGONS)
 @pytest.mark.parametrize("turned", [False, True])
-def test_area_is_kept_and_no_triangle_is_turned(name, turned):
+@pytest.mark.parametrize("shift", [0.0, 1e3])
+def test_area_is_kept_and_no_triangle_is_turned(name, turned, shift):
     polygon = POLYGONS[name]
     n = len(polygon)
     loop = np.arange(n)[::-1] if turned else np.arange(n)
     tilt = np.linalg.qr(np.random.default_rng(3).normal(size=(3, 3)))[0]
-    points = np.column_stack([polygon, np.zeros(n)]) @ tilt.T
+    points = np.column_stack([polygon, np.zeros(n)]) @ tilt.T + shift
     faces, owner = triangulated(points, loop, np.array([n]))
     assert faces.shape == (n - 2, 3) and (owner == 0).all()
     normal = tilt[:, 2] * (np.linalg.det(tilt)) * (-1 if turned else 1)
     p = points[faces]
     signed = 0.5 * np.cross(p[:, 1] - p[:, 0], p[:, 2] - p[:, 0]) @ normal
-    assert signed.min() > -1e-12
-    assert signed.sum() == pytest.approx(abs(shoelace(polygon)), rel=1e-12)
+    rounding = 1e-12 * (1 + shift)
+    assert signed.min() > -rounding
+    assert signed.sum() == pytest.approx(abs(shoelace(polygon)), rel=rounding)
+
+
+def test_no_flat_triangle_is_cut_where_a_corner_lies_on_a_diagonal():
+    notched = np.array([(0, 0, 0), (2, 0, 0), (2, 2, 0), (1, 1, 0), (0, 2, 0.0)])
+    for first in range(5):
+        faces, _ = triangulated(notched, np.roll(np.arange(5), first), np.array([5]))
+        p = notched[faces]
+        doubled = np.cross(p[:, 1] - p[:, 0], p[:, 2] - p[:, 0])[:, 2]
+        assert doubled.sum() == pytest.approx(6) and doubled.min() > 0.9
+
+
+def test_a_polygon_that_crosses_itself_still_gets_its_triangles():
+    angle = 4 * np.pi / 7 * np.arange(7)  # a star of seven points, drawn in one stroke
+    pentagram = np.column_stack([np.cos(angle), np.sin(angle), np.zeros(7)])
+    crossed = pentagram[[0, 2, 1, 3, 4, 5, 6]]
+    for points in (pentagram, crossed):
+        faces, owner = triangulated(points, np.arange(7), np.array([7]))
+        assert faces.shape == (5, 3) and set(faces.ravel()) == set(range(7)) and (owner == 0).all()
 
 
 def test_concave_quads_are_cut_at_the_reflex_corner():
@@ -73,6 +93,27 @@ def test_order_and_arrays_of_polygons(tmp_path):
     np.testing.assert_array_equal(found.face["number"], [7, 8, 8, 9])
     np.testing.assert_array_equal(found.input_face, [0, 1, 1, 2])
     assert "1 polygons" in found.notes[0] and "face 1" in found.notes[0]
+
+
+HEADS = {
+    "off": "OFF\n6 3 0\n",
+    "ply": "ply\nformat ascii 1.0\nelement vertex 6\nproperty float x\nproperty float y\nproperty float z\n"
+    "element face 3\nproperty list uchar int vertex_indices\nend_header\n",
+}
+
+
+@pytest.mark.parametrize("suffix", HEADS)
+def test_lists_of_different_lengths(tmp_path, suffix):
+    path, points = tmp_path / f"a.{suffix}", "0 0 0\n1 0 0\n2 0 0\n2 1 0\n1 1 0\n0 1 0\n"
+    path.write_text(HEADS[suffix] + points + "3 0 1 5\n4 1 2 3 4\n3 5 1 4\n")
+    found = read_mesh(str(path))
+    np.testing.assert_array_equal(found.input_face, [0, 1, 1, 2])
+    np.testing.assert_array_equal(found.mesh.faces[[0, 3]], [[0, 1, 5], [5, 1, 4]])
+    assert set(found.mesh.faces[1:3].ravel()) == {1, 2, 3, 4}
+    for wrong in ("3 0 1 0.5\n", "3 0 1 -1\n", "3 0 1 6\n", "3 0 1 1e300\n", "-3 0 1 5\n", "9 0 1 5\n"):
+        path.write_text(HEADS[suffix] + points + wrong + "4 1 2 3 4\n3 5 1 4\n")
+        with pytest.raises(InputError):
+            read_mesh(str(path))
 
 
 def test_gmsh_quads_and_second_order_cells(tmp_path):
