@@ -227,6 +227,20 @@ def test_boundary_paths_bend_around_holes():
     assert above.entries[0]["length"] == pytest.approx(2 * np.hypot(2, 2) + 3, rel=1e-13)
 
 
+def test_paths_through_a_vertex_where_surfaces_touch_are_held_there():
+    """Two spheres, or two sheets, that share one vertex: the geodesic is one of each, joined."""
+    for part in (shapes.random_sphere(60), shapes.grid(4, 4)):
+        n = part.n_vertices
+        points = np.concatenate([part.points, 2 * part.points[0] - part.points])
+        second = np.where(part.faces == 0, 0, part.faces + n)
+        mesh = TriangleMesh.from_arrays(points, np.concatenate([part.faces, second[:, ::-1]]))
+        far = n - 5
+        curves = straightened_curves(mesh, [[far, 0, far + n - 1], [far, 0]], [False, False])
+        through, half = (entry["length"] for entry in curves.entries)
+        other = straightened_curves(part, [[0, far - 1]], [False]).entries[0]["length"]
+        assert curves.converged and through == pytest.approx(half + other, rel=1e-12)
+
+
 def test_a_path_in_its_own_way_says_so(caplog):
     mesh = shapes.grid(5, 5)
     holes = TriangleMesh.from_arrays(mesh.points, np.delete(mesh.faces, [1, 12, 30, 34], axis=0))

@@ -91,11 +91,11 @@ class FlippingMesh:
     def turns(self, first: int, last: int) -> tuple[float, float]:
         """Angles counter-clockwise from halfedge `first` to `last` of a vertex and back, by their signposts.
 
-        inf where the boundary lies between.
+        inf where the boundary lies between, or nothing: the vertex may be all that two fans share.
         """
         fan = self.fan[first]
         if fan != self.fan[last]:
-            raise MeshError(f"halfedges {first} and {last} do not leave the same fan of a vertex")
+            return inf, inf
         turn, total = self.post[last] - self.post[first], self.total[fan]
         if total == inf:
             return (turn, inf) if turn >= 0.0 else (inf, -turn)
