@@ -10,9 +10,11 @@ from ddgcli.algorithms.curves.flipout import straightened_curves
 from ddgcli.algorithms.curves.flipping_mesh import EdgeGraph, FlippingMesh, edge_path
 from ddgcli.algorithms.curves.paths import joints
 from ddgcli.algorithms.distance.exact import exact_distance
+from ddgcli.algorithms.hodge.homology import generator_loops
 from ddgcli.algorithms.straightest.trace import Tracer
 from ddgcli.errors import ParameterError
 from ddgcli.geometry.face_frames import surface_position
+from ddgcli.io.mesh_file import read_mesh
 from ddgcli.mesh import shapes
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 
@@ -92,14 +94,27 @@ def test_loops_keep_their_windings(size):
 
 
 def test_a_loop_that_shrinks_to_one_edge_goes_on_once_round(monkeypatch):
-    from ddgcli.io.mesh_file import read_mesh
-
     monkeypatch.setattr(flipout, "MOST_STEPS", 1000)  # a loop that is opened and closed for ever fails here
     mesh = read_mesh(str(Path(__file__).parents[2] / "sample_meshes" / "torus.ply")).mesh
     curves = straightened_curves(mesh, [[0, 10, 20, 30]], [True])
     assert curves.converged and windings(mesh, curves.paths) == [0, 1]
     assert curves.entries[0]["length"] <= curves.entries[0]["edge_path_length"]
     check_geodesic(mesh, curves)
+
+
+@pytest.mark.parametrize(
+    "name, genus", [("boot.obj", 12), ("1002_tray_bottom.STL", 23), ("plate_holes.STL", 5)]
+)
+def test_generators_of_surfaces_of_high_genus_become_closed_geodesics(shared_meshes, name, genus):
+    """A loop of a homology basis bounds nothing, so none may shrink to a point."""
+    mesh = read_mesh(str(shared_meshes / name)).mesh
+    loops = [[int(v) for v in loop] for loop in generator_loops(mesh)]
+    assert len(loops) == 2 * genus
+    curves = straightened_curves(mesh, loops, [True] * len(loops))
+    assert curves.converged
+    check_geodesic(mesh, curves)
+    for entry in curves.entries:
+        assert 0 < entry["length"] <= entry["edge_path_length"] * (1 + 1e-12)
 
 
 def test_a_contractible_loop_shrinks_to_a_point():

@@ -13,6 +13,7 @@ from ddgcli.algorithms.distance.exact import exact_distance
 from ddgcli.algorithms.distance.sources import Sources
 from ddgcli.algorithms.straightest.trace import Tracer, trace
 from ddgcli.errors import ParameterError
+from ddgcli.geometry.extrinsic import face_normal
 from ddgcli.geometry.face_frames import surface_position
 from ddgcli.geometry.surface_points import SurfacePoints
 from ddgcli.geometry.unfolding import vertex_fans
@@ -225,6 +226,25 @@ def test_log_map_of_the_plane_is_the_difference(where):
     np.testing.assert_allclose(
         mapped.log_map[:, :1] * x + mapped.log_map[:, 1:] * y, mesh.points - at, atol=1e-12
     )
+
+
+@pytest.mark.parametrize("mesh", [shapes.random_sphere(400), shapes.torus(30, 15)])
+def test_lines_sent_out_as_the_log_map_says_end_at_the_vertices(mesh):
+    """The exponential map undoes the logarithmic one, but for paths that bend or graze a vertex."""
+    points = SurfacePoints(np.array([51]), np.array([[0.2, 0.3, 0.5]]))
+    sources = Sources.at([], points)
+    exact = exact_distance(mesh, sources)
+    mapped = log_map(mesh, exact, sources)
+    straight = (exact.origin_vertex < 0) & (exact.distance > 0)
+    x = np.array(mapped.axis["x_axis"])
+    y = np.cross(face_normal(mesh)[51], x)
+    way = mapped.log_map[straight] @ np.stack([x, y])
+    k = len(way)
+    lines = trace(mesh, np.full(k, 51), np.tile(points.barycentric, (k, 1)), way, np.linalg.norm(way, axis=1))
+    gap = np.linalg.norm(
+        surface_position(mesh, lines.face, lines.barycentric) - mesh.points[straight], axis=1
+    )
+    assert k > 0.5 * mesh.n_vertices and np.mean(gap < 1e-9) > 0.97
 
 
 def sphere_log_error(n):
