@@ -79,20 +79,21 @@ def can_be_glued(mesh):
     return not len(mesh.topology.nonmanifold_edges) and mesh.topology.is_oriented
 
 
-@pytest.mark.parametrize("degrees, most", [(25, SMALL), (30, 700)])
-def test_refinement(shared_meshes, degrees, most):
-    small = [(n, m) for n, m in surfaces(shared_meshes) if m.n_vertices <= most and can_be_glued(m)]
+@pytest.mark.parametrize("degrees", [25, 30])
+def test_refinement(shared_meshes, degrees):
+    small = [(n, m) for n, m in surfaces(shared_meshes) if m.n_vertices <= SMALL and can_be_glued(m)]
     assert len(small) >= 3
     for name, mesh in small:
         refined_and_right(name, mesh, degrees)
 
 
 @pytest.mark.slow
-def test_refinement_of_the_large_ones(shared_meshes):
+@pytest.mark.parametrize("degrees", [25, 30])
+def test_refinement_of_the_large_ones(shared_meshes, degrees):
     large = [(n, m) for n, m in surfaces(shared_meshes) if m.n_vertices > SMALL and can_be_glued(m)]
     assert len(large) >= 18
     for name, mesh in large:
-        refined_and_right(name, mesh)
+        refined_and_right(name, mesh, degrees)
 
 
 def test_hard_files_are_right_or_refused_with_the_mend(shared_meshes, monkeypatch):
