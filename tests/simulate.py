@@ -23,6 +23,39 @@ gravity = {{ acceleration = [0, 0, -9.81] }}
 pin = {{ vertices = [0, {cells}] }}
 """
 
+# a cloth that falls on a floor, with every kind of term
+FALLING_CLOTH = """\
+format = "ddgcli-scene/1"
+[time]
+duration = 0.1
+step = 5e-3
+frame_every = 0.01
+integrator = "{integrator}"
+[[object]]
+name = "cloth"
+role = "shell"
+grid = {{ size = [1, 1], cells = [5, 5] }}
+material = "rubber"
+position = [0, 0, 0.02]
+[[object]]
+name = "floor"
+role = "obstacle"
+plane = {{ point = [0, 0, 0], normal = [0, 0, 1] }}
+[effects]
+stretching = {{}}
+bending = {{}}
+gravity = {{}}
+damping = {{ mass = 1 }}
+contact = {{ pairs = [["cloth", "floor"]], friction = 0.5 }}
+"""
+
+
+def scene_file(folder, integrator="newmark", text=FALLING_CLOTH):
+    """The path of a scene, written to a folder."""
+    path = folder / "scene.toml"
+    path.write_text(text.format(integrator=integrator))
+    return path
+
 
 def shell_run(text, read=None, **overrides):
     """(snapshots, contexts, account) of a shell scene's text."""

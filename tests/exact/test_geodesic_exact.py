@@ -15,53 +15,8 @@ from ddgcli.algorithms.distance.window_tables import window_tables
 from ddgcli.errors import ParameterError
 from ddgcli.geometry.surface_points import SurfacePoints
 from ddgcli.mesh import shapes
-from ddgcli.mesh.intrinsic_mesh import IntrinsicMesh
-from ddgcli.mesh.topology import Topology
 from ddgcli.mesh.triangle_mesh import TriangleMesh
-
-
-def jittered(mesh: TriangleMesh, amount: float, seed: int = 0) -> TriangleMesh:
-    """Inner vertices moved in the plane."""
-    inside = ~mesh.topology.boundary_vertex[:, None] * np.array([1, 1, 0])
-    shift = np.random.default_rng(seed).uniform(-1, 1, (mesh.n_vertices, 3))
-    return mesh.moved(mesh.points + amount * inside * shift)
-
-
-def cone(angle: float, sectors: int, rings: int) -> tuple[IntrinsicMesh, np.ndarray, np.ndarray]:
-    """Flat sectors around an apex (vertex 0) of total angle `angle`; radii and angles of the vertices."""
-    radius = np.concatenate([[0.0], np.repeat(np.arange(1.0, rings + 1), sectors)])
-    phi = np.concatenate([[0.0], np.tile(np.arange(sectors) * angle / sectors, rings)])
-    ring = np.arange(rings - 1)[:, None] * sectors + 1
-    k = np.arange(sectors)[None, :]
-    a, b = (ring + k).ravel(), (ring + (k + 1) % sectors).ravel()
-    c, d = a + sectors, b + sectors
-    first = np.stack([np.zeros(sectors, int), 1 + k[0], 1 + (k[0] + 1) % sectors], axis=1)
-    faces = np.concatenate([first, np.stack([a, c, d], axis=1), np.stack([a, d, b], axis=1)])
-    mesh = IntrinsicMesh(Topology(faces, len(radius)), np.ones((len(faces), 3)))
-    i, j = faces, faces[:, [1, 2, 0]]
-    turn = np.abs(phi[i] - phi[j])
-    turn = np.where((i == 0) | (j == 0), 0.0, np.minimum(turn, angle - turn))
-    length = np.sqrt((radius[i] - radius[j]) ** 2 + 4 * radius[i] * radius[j] * np.sin(turn / 2) ** 2)
-    return IntrinsicMesh(mesh.topology, length), radius, phi
-
-
-def pillow(k: int) -> TriangleMesh:
-    """The double cover of the unit square: two grids with a common rim."""
-    sheet = shapes.grid(k, k, pattern="alternating")
-    n = sheet.n_vertices
-    number = np.arange(n)
-    inside = ~sheet.topology.boundary_vertex
-    back = np.where(inside, n + np.cumsum(inside) - 1, number)
-    points = np.concatenate([sheet.points, sheet.points[inside]])
-    return TriangleMesh.from_arrays(points, np.concatenate([sheet.faces, back[sheet.faces][:, ::-1]]))
-
-
-def on_pillow(mesh: TriangleMesh, k: int, source: int) -> np.ndarray:
-    """Distances on the pillow: the plane modulo (x, y) -> +-(x, y) + (2a, 2b); the back sheet is x < 0."""
-    plane = mesh.points[:, :2].copy()
-    plane[(k + 1) ** 2 :, 0] *= -1
-    images = [s * plane + 2 * np.array([a, b]) for s in (1, -1) for a in (-1, 0, 1) for b in (-1, 0, 1)]
-    return np.min([np.linalg.norm(image - plane[source], axis=1) for image in images], axis=0)
+from tests.geodesic_cases import cone, jittered, noisy_torus, on_pillow, pillow, with_holes
 
 
 @pytest.mark.parametrize(
@@ -179,18 +134,6 @@ def test_prunes_do_not_change_a_bit(shape, gain):
     assert runs[0].windows > gain * runs[1].windows  # it does prune
     for other in runs[1:]:
         assert np.array_equal(runs[0].distance, other.distance)
-
-
-def noisy_torus() -> TriangleMesh:
-    mesh = shapes.torus(40, 24)
-    return mesh.moved(mesh.points + 0.02 * np.random.default_rng(3).normal(size=mesh.points.shape))
-
-
-def with_holes() -> TriangleMesh:
-    mesh = noisy_torus()
-    return TriangleMesh.from_arrays(
-        mesh.points, np.delete(mesh.faces, np.arange(3, mesh.n_faces, 41), axis=0)
-    )
 
 
 @pytest.mark.parametrize("shape", [noisy_torus, with_holes, lambda: pillow(6)])
@@ -370,73 +313,6 @@ def test_source_on_an_unused_vertex_is_refused():
     lonely = TriangleMesh.from_arrays(np.concatenate([mesh.points, [[9, 9, 9]]]), mesh.faces)
     with pytest.raises(ParameterError, match="vertex 16 belongs to no face"):
         exact_distance(lonely, 16)
-
-
-def random_points(mesh, count: int, seed: int = 0) -> SurfacePoints:
-    """Inside faces, on sides and at corners."""
-    rng = np.random.default_rng(seed)
-    weights = rng.dirichlet([1, 1, 1], count)
-    weights[: count // 4, rng.integers(3)] = 0
-    weights[: count // 8] = np.eye(3)[rng.integers(0, 3, count // 8)]
-    weights /= weights.sum(axis=1, keepdims=True)
-    return SurfacePoints(rng.integers(0, mesh.n_faces, count), weights)
-
-
-@pytest.mark.parametrize("source", [0, 60])
-def test_points_inside_faces_of_the_plane(source):
-    mesh = jittered(shapes.grid(12, 12), 0.03)
-    targets = random_points(mesh, 200)
-    truth = np.linalg.norm(targets.positions(mesh) - mesh.points[source], axis=1)
-    assert np.abs(exact_distance(mesh, source, targets=targets).target_distance - truth).max() < 1e-12
-
-
-def test_centres_of_the_sides_of_a_cube():
-    mesh = shapes.box(1, 1, 1)
-    rows, diagonal = np.arange(mesh.n_faces), np.argmax(mesh.side_length, axis=1)
-    weights = np.zeros((mesh.n_faces, 3))
-    weights[rows, diagonal] = weights[rows, (diagonal + 1) % 3] = 0.5
-    centres = SurfacePoints(rows, weights)
-    beside = (centres.positions(mesh) == mesh.points[0]).any(axis=1)
-    truth = np.where(beside, np.sqrt(0.5), np.hypot(0.5, 1.5))
-    assert np.abs(exact_distance(mesh, 0, targets=centres).target_distance - truth).max() < 1e-14
-
-
-@pytest.mark.parametrize("shape", [noisy_torus, with_holes, lambda: pillow(5)])
-def test_distance_between_points_is_symmetric(shape):
-    mesh = shape()
-    points = random_points(mesh, 12, seed=2)
-    none = np.zeros(0, dtype=int)
-    table = np.stack(
-        [
-            exact_distance(
-                mesh, Sources(none, SurfacePoints(points.face[[i]], points.barycentric[[i]])), targets=points
-            ).target_distance
-            for i in range(12)
-        ]
-    )
-    assert np.abs(np.diag(table)).max() < 1e-14
-    assert np.abs(table - table.T).max() < 1e-13 * table.max()
-    assert (table[:, None, :] <= table[:, :, None] + table[None, :, :] + 1e-13).all()
-
-
-def test_points_at_corners_are_vertices_and_know_their_source():
-    mesh = noisy_torus()
-    sources = np.array([5, 300])
-    corner = SurfacePoints(np.arange(mesh.n_faces), np.tile([0.0, 1.0, 0.0], (mesh.n_faces, 1)))
-    measured = exact_distance(mesh, sources, targets=corner)
-    vertex = mesh.faces[:, 1]
-    assert np.abs(measured.target_distance - measured.distance[vertex]).max() < 1e-14
-    assert np.array_equal(measured.target_source, measured.nearest_source[vertex])
-
-
-def test_points_on_islands_are_not_reached():
-    one, two = shapes.icosphere(1), shapes.icosphere(1)
-    faces = np.concatenate([one.faces, two.faces + one.n_vertices])
-    mesh = TriangleMesh.from_arrays(np.concatenate([one.points, two.points]), faces)
-    targets = SurfacePoints(np.array([0, one.n_faces]), np.full((2, 3), 1 / 3))
-    measured = exact_distance(mesh, 0, targets=targets)
-    assert np.isfinite(measured.target_distance[0]) and np.isinf(measured.target_distance[1])
-    assert measured.target_source[1] == -1
 
 
 def test_progress_grows_to_the_whole():

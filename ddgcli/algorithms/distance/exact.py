@@ -18,8 +18,8 @@ from ddgcli.algorithms.distance.window_targets import Targets
 from ddgcli.errors import MeshError, ParameterError
 from ddgcli.geometry.surface_points import SurfacePoints
 from ddgcli.geometry.unfolding import vertex_fans
+from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
 from ddgcli.mesh.topology import PREVIOUS
-from ddgcli.operators.laplacian import SurfaceMesh
 
 log = logging.getLogger("ddgcli")
 
@@ -139,29 +139,51 @@ def exact_distance(
     points = SurfacePoints.checked(points.face, points.barycentric, mesh.n_faces)
     most_windows = 1e6 + 3000.0 * mesh.n_vertices + 60.0 * mesh.n_vertices**1.5
     start = partial(_started, mesh, sources, points, tables, dominance_every, directions)
-    error, near = 0.0, None
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        front, wanted = start(slack=0.0)
-        if tolerance > 0 and np.isinf(limit):
-            near = NearPart.measured(front, most_windows)
-            if near.slack_pays(tolerance, _reachable(mesh, front)):
-                front, wanted = start(slack=tolerance)
-        front.run(limit / tables.scale, most_windows, progress)
-        if near is not None and front.slack > 0:
-            error = near.error_of(front.distance)
-            front.windows, front.rounds = front.windows + near.windows, front.rounds + near.rounds
+        front, wanted, error = _propagated(
+            mesh, start, tolerance, limit / tables.scale, most_windows, progress
+        )
     patched = _patch_unreached(front, mesh) if np.isinf(limit) else 0
     wanted.finish(front.distance, front.origin)
+    return _answer(front, wanted, directions, error, patched)
+
+
+def _propagated(
+    mesh: SurfaceMesh,
+    start: Callable[..., tuple[Front, Targets]],
+    tolerance: float,
+    limit: float,
+    most_windows: float,
+    progress: Callable[[float, float], None] | None,
+) -> tuple[Front, Targets, float]:
+    """The front at its end, the targets that it lit, and the error that its slack is seen to make."""
+    front, wanted = start(slack=0.0)
+    near = None
+    if tolerance > 0 and np.isinf(limit):
+        near = NearPart.measured(front, most_windows)
+        if near.slack_pays(tolerance, _reachable(mesh, front)):
+            front, wanted = start(slack=tolerance)
+    front.run(limit, most_windows, progress)
+    if near is None or front.slack == 0:
+        return front, wanted, 0.0
+    error = near.error_of(front.distance)
+    front.windows, front.rounds = front.windows + near.windows, front.rounds + near.rounds
+    return front, wanted, error
+
+
+def _answer(front: Front, wanted: Targets, directions: bool, error: float, patched: int) -> ExactDistance:
+    """What a front that has come to its end knows, in the mesh's own unit."""
+    scale = front.tables.scale
     origin_vertex = _told(front.origins.vertex, front.origin)
     return ExactDistance(
-        distance=front.distance * tables.scale,
+        distance=front.distance * scale,
         nearest_source=_told(front.origins.source, front.origin),
         origin_vertex=origin_vertex,
         side=np.maximum(front.side, -1),
-        crossing=np.where(front.side >= 0, front.crossing * tables.scale, np.nan),
+        crossing=np.where(front.side >= 0, front.crossing * scale, np.nan),
         windows=front.windows,
         rounds=front.rounds,
-        target_distance=wanted.distance * tables.scale,
+        target_distance=wanted.distance * scale,
         target_source=_told(front.origins.source, wanted.origin),
         departure=_beyond_bends(front.departure, origin_vertex) if directions else None,
         tolerance_error=error,

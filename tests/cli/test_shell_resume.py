@@ -1,0 +1,172 @@
+"""`shell-sim --resume`: what is interrupted or killed ends with the same bits as an unbroken run."""
+
+import json
+import signal
+import subprocess
+import sys
+import time
+from contextlib import contextmanager
+
+import numpy as np
+import pytest
+
+from ddgcli.evolve.integrators import INTEGRATORS
+from ddgcli.io.trajectory import Trajectory
+from tests.simulate import FALLING_CLOTH as SCENE
+from tests.simulate import scene_file as scene
+
+
+def ddgcli(*words, **kwargs):
+    return subprocess.Popen([sys.executable, "-m", "ddgcli", *map(str, words)], **kwargs)
+
+
+def frames_of(path):
+    with Trajectory(str(path)) as run:
+        return [(run.times[k], run.points(k), run.vertex(k), {n: v[k] for n, v in run.scalars.items()})
+                for k in range(run.n_frames)]  # fmt: skip
+
+
+def assert_equal_bits(a, b):
+    assert len(a) == len(b)
+    for (t, x, v, s), (t2, x2, v2, s2) in zip(a, b):
+        assert t == t2
+        assert np.array_equal(x, x2)
+        assert all(np.array_equal(v[n], v2[n]) for n in v)
+        assert all(np.array_equal(s[n], s2[n]) for n in s)
+
+
+@contextmanager
+def interrupted_after(monkeypatch, frames):
+    """A patch: the writer of trajectories is interrupted where it would add one frame more."""
+    from ddgcli.io import trajectory_writer
+
+    append, written = trajectory_writer.TrajectoryWriter.append, []
+
+    def interrupted(self, frame, *rest):
+        if len(written) == frames:
+            raise KeyboardInterrupt
+        append(self, frame, *rest)
+        written.append(frame.step)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(trajectory_writer.TrajectoryWriter, "append", interrupted)
+        yield
+
+
+HELD = """pin = {{ vertices = [0], axes = "xz" }}
+load = {{ force = [0, 0, 1], vertices = [35] }}
+"""
+
+
+@pytest.mark.parametrize("integrator", INTEGRATORS)
+def test_resumed_run_has_the_same_bits(run, tmp_path, monkeypatch, integrator):
+    """Contact with friction, damping, load and pins; an equilibrium, which has one frame to go."""
+    text = SCENE + HELD
+    frames = 4
+    if integrator == "static":
+        frames = 1
+        text = text.replace('[0], axes = "xz"', "[0, 5, 30], clamp = true")
+    resumed_as_whole(run, tmp_path, monkeypatch, scene(tmp_path, integrator, text), frames)
+
+
+@pytest.mark.parametrize("more", [
+    "tolerance = 1e-4", "beta = 0.3\ngamma = 0.7\nstep = 5e-3", "beta = 0\nstep = 5e-3"
+])  # fmt: skip
+def test_resumed_adaptive_and_damped_runs_have_the_same_bits(run, tmp_path, monkeypatch, more):
+    text = SCENE.replace("step = 5e-3", more)
+    resumed_as_whole(run, tmp_path, monkeypatch, scene(tmp_path, "newmark", text), 5)
+
+
+def but_for_seconds(told):
+    """Results and accuracy of a summary, without what a clock measured."""
+    summary = json.loads(told.stdout)
+    results = summary["results"]
+    del results["seconds_by_part"]
+    results["effects"] = {name: entry["evaluations"] for name, entry in results["effects"].items()}
+    return results, summary["accuracy"]
+
+
+def resumed_as_whole(run, tmp_path, monkeypatch, path, frames):
+    whole = tmp_path / "whole.vtkhdf"
+    told = run("shell-sim", path, "-o", whole, "--json")
+    assert told.exit_code == 0
+    broken = tmp_path / "broken.vtkhdf"
+    with interrupted_after(monkeypatch, frames):
+        result = run("shell-sim", path, "-o", broken)
+    assert result.exit_code == 130
+    part = tmp_path / "broken.vtkhdf.part"
+    assert part.exists() and not broken.exists()
+    with Trajectory(str(part)) as left:
+        assert left.attributes["status"] == "interrupted"
+        assert left.n_frames == frames
+    again = run("shell-sim", path, "--resume", part, "-q", "--json")
+    assert again.exit_code == 0
+    assert broken.exists() and not part.exists()
+    assert but_for_seconds(told) == but_for_seconds(again)
+    assert len(frames_of(whole)) > frames
+    assert_equal_bits(frames_of(whole), frames_of(broken))
+
+
+def test_resume_without_the_scene_and_with_overrides(run, tmp_path, monkeypatch):
+    path = scene(tmp_path)
+    whole, broken = tmp_path / "whole.vtkhdf", tmp_path / "broken.vtkhdf"
+    assert run("shell-sim", path, "-o", whole, "--steps", 10).exit_code == 0
+    with interrupted_after(monkeypatch, 3):
+        run("shell-sim", path, "-o", broken, "--steps", 10)
+    assert run("shell-sim", "--resume", f"{broken}.part").exit_code == 0
+    assert_equal_bits(frames_of(whole), frames_of(broken))
+
+
+def test_resume_of_a_changed_scene_is_refused(run, tmp_path, monkeypatch):
+    path = scene(tmp_path)
+    with interrupted_after(monkeypatch, 4):
+        run("shell-sim", path, "-o", tmp_path / "run.vtkhdf")
+    path.write_text(path.read_text().replace('material = "rubber"', 'material = "felt"'))
+    before = (tmp_path / "run.vtkhdf.part").read_bytes()
+    result = run("shell-sim", path, "--resume", tmp_path / "run.vtkhdf.part")
+    assert result.exit_code == 2
+    assert "scene changed" in result.stderr and "density" in result.stderr
+    assert (tmp_path / "run.vtkhdf.part").read_bytes() == before
+
+
+@pytest.mark.parametrize("sign", [signal.SIGINT, signal.SIGKILL])
+def test_a_process_that_is_ended_leaves_whole_frames(tmp_path, sign):
+    path = scene(tmp_path, text=SCENE.replace("duration = 0.1", "duration = 100"))
+    child = ddgcli("shell-sim", path, "-o", tmp_path / "run.vtkhdf", stderr=subprocess.PIPE, text=True)
+    part = tmp_path / "run.vtkhdf.part"
+    deadline = time.time() + 60
+    while not part.exists() and time.time() < deadline:
+        time.sleep(0.02)
+    time.sleep(0.3)
+    child.send_signal(sign)
+    _, told = child.communicate(timeout=60)
+    assert child.returncode == (130 if sign == signal.SIGINT else -signal.SIGKILL)
+    if sign == signal.SIGINT:
+        assert "--resume" in told and "Traceback" not in told
+    with Trajectory(str(part)) as left:
+        assert left.n_frames >= 1
+        assert np.isfinite(left.points(left.n_frames - 1)).all()
+    assert [p.name for p in tmp_path.iterdir() if p.name.startswith(".")] == []
+
+
+@pytest.mark.parametrize("kills", [2, pytest.param(25, marks=pytest.mark.slow)])
+def test_killed_and_resumed_again_and_again_it_ends_with_the_same_bits(run, tmp_path, kills):
+    path = scene(tmp_path, text=SCENE.replace("duration = 0.1", f"duration = {0.1 * kills}"))
+    whole, broken = tmp_path / "whole.vtkhdf", tmp_path / "broken.vtkhdf"
+    # exit 1 where the rebounds of the long run are told to be livelier than they can be
+    assert run("shell-sim", path, "-o", whole).exit_code == (0 if kills == 2 else 1)
+    rng = np.random.default_rng(kills)
+    done = 0
+    while not broken.exists():
+        part = tmp_path / "broken.vtkhdf.part"
+        again = ["--resume", part] if part.exists() else ["-o", broken]
+        child = ddgcli("shell-sim", path, *again, "-q", stdout=subprocess.DEVNULL)
+        if done < kills:
+            deadline = time.time() + 60
+            while not part.exists() and time.time() < deadline:
+                time.sleep(0.02)
+            time.sleep(1.5 * rng.random())
+            child.kill()
+            done += 1
+        child.wait(timeout=300)
+    assert_equal_bits(frames_of(whole), frames_of(broken))
