@@ -200,6 +200,12 @@ def test_refusals(run, sphere, tmp_path, words, reason):
     assert not out.exists()
 
 
+@pytest.mark.parametrize("name", ["gen_denormal_scale.obj", "gen_overflow_scale.obj"])
+def test_vectors_on_surfaces_beyond_all_sizes_are_refused(run, shared_meshes, name):
+    result = run("geodesic", shared_meshes / "hard" / name, "--source", 0, "--spread-vector", "1,0.3,0.2")
+    assert result.exit_code == 2 and "rescale" in result.stderr and result.stderr.count("\n") == 1
+
+
 def test_what_could_not_be_reached_is_exit_1(run, tmp_path):
     a = shapes.icosphere(1)
     two = np.concatenate([a.points, a.points + 5]), np.concatenate([a.faces, a.faces + a.n_vertices])

@@ -13,6 +13,7 @@ from ddgcli.algorithms.distance.exact import ExactDistance
 from ddgcli.algorithms.distance.sources import Sources
 from ddgcli.algorithms.straightest.trace import Told
 from ddgcli.errors import ParameterError
+from ddgcli.mesh.require import require
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 
 
@@ -52,6 +53,8 @@ def spread_vectors(mesh: TriangleMesh, sources: Sources, vectors: ArrayLike) -> 
     ------
     ParameterError
         When there is not one vector a source vertex, or a source lies inside a face.
+    MeshError
+        When the squares of lengths vanish or overflow.
     """
     from ddgcli.algorithms.curves.vector_heat import VectorHeat
     from ddgcli.operators.connection import from_vertex_frames, to_vertex_frames
@@ -62,6 +65,7 @@ def spread_vectors(mesh: TriangleMesh, sources: Sources, vectors: ArrayLike) -> 
             f"{len(vectors)} vectors for {len(sources.vertex)} source vertices; give --spread-vector once "
             "for each --source vertex"
         )
+    require(mesh, "--spread-vector")
     in_space = np.zeros((mesh.n_vertices, 3))
     in_space[sources.vertex] = vectors
     start = to_vertex_frames(mesh, in_space)[sources.vertex]
