@@ -11,6 +11,7 @@ from ddgcli.algorithms.distance.heat import HeatSolver
 from ddgcli.algorithms.distance.methods import METHODS, DistanceOptions, measure_distance
 from ddgcli.algorithms.distance.sources import Sources
 from ddgcli.errors import DdgError
+from ddgcli.geometry.surface_points import SurfacePoints
 from ddgcli.mesh import shapes
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 
@@ -90,6 +91,17 @@ def test_scale_is_only_scale(method, scale):
     once = measure_distance(mesh, Sources.at([3]), method).distance
     scaled = measure_distance(mesh.moved(mesh.points * scale), Sources.at([3]), method).distance
     assert np.abs(scaled / scale - once).max() < 1e-9
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("method", ["exact", "fast-marching", "dijkstra"])
+@pytest.mark.parametrize("scale", [1e-300, 1e-160, 1e160, 1e300])
+def test_points_in_faces_at_scales_whose_squares_leave_the_range(method, scale):
+    mesh = shapes.random_sphere(200)
+    source = Sources.at([], SurfacePoints([7], [[0.2, 0.3, 0.5]]))
+    once = measure_distance(mesh, source, method).distance
+    scaled = measure_distance(mesh.moved(mesh.points * scale), source, method).distance
+    assert np.abs(scaled / scale - once).max() < 1e-12
 
 
 @pytest.mark.parametrize(

@@ -74,9 +74,11 @@ def edge_distance(
     n, points = mesh.n_vertices, sources.points
     graph = edge_graph(mesh) if graph is None else graph
     if len(points):
-        frame = face_frame(mesh.side_length[points.face])
+        length = mesh.side_length[points.face]
+        scale = float(length.max()) or 1.0  # squares of lengths leave the range before lengths do
+        frame = face_frame(length / scale)
         position = np.einsum("kc,kcd->kd", points.barycentric, frame)
-        reach = np.linalg.norm(frame - position[:, None], axis=2)
+        reach = scale * np.linalg.norm(frame - position[:, None], axis=2)
         size = n + len(points)
         rows = np.repeat(n + np.arange(len(points)), 3)
         spokes = coo_array((reach.ravel(), (rows, mesh.faces[points.face].ravel())), shape=(size, size))
