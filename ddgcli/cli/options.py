@@ -51,6 +51,14 @@ class Real(click.ParamType):
         return x
 
 
+def _number(text: str) -> int:
+    """A vertex or face number, no longer than arrays can hold; ValueError for anything else."""
+    number = int(text)
+    if abs(number) >= 2**63:
+        raise ValueError(text)
+    return number
+
+
 class Ids(click.ParamType):
     """ID or ID,ID,..."""
 
@@ -58,7 +66,7 @@ class Ids(click.ParamType):
 
     def convert(self, value: Any, param: Any, ctx: Any) -> list[int]:
         try:
-            return [int(x) for x in str(value).split(",")]
+            return [_number(x) for x in str(value).split(",")]
         except ValueError:
             self.fail(f"{value!r} is not a vertex number, or vertex numbers such as 3,17,42", param, ctx)
 
@@ -86,7 +94,7 @@ class FacePoint(click.ParamType):
     def convert(self, value: Any, param: Any, ctx: Any) -> tuple[int, list[float]]:
         head, _, tail = str(value).partition(":")
         try:
-            face = int(head)
+            face = _number(head)
         except ValueError:
             self.fail(f"{head!r} in {value!r} is not a face number", param, ctx)
         return face, Numbers(3, "0.2,0.3,0.5").convert(tail, param, ctx)

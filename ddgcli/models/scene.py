@@ -20,6 +20,7 @@ from ddgcli.models.scene_units import quantity
 
 FORMAT = "ddgcli-scene/1"
 MOST_STEPS = 1e9
+TIMES = (1e-150, 1e150)  # seconds, whose squares stay within the range of numbers
 log = logging.getLogger("ddgcli")
 Key = tuple[str | int, ...]
 
@@ -214,6 +215,10 @@ def _check_clock(scene: Scene) -> None:
     if not count <= MOST_STEPS:
         what = "step" if time.tolerance is None else "frame_every"
         scene.refuse(("time", what), f"{what} = {each:g} s makes {count:.3g} of them; lengthen it")
+    for what in ("step", "frame_every", "duration"):
+        span = getattr(time, what)
+        if span is not None and not TIMES[0] < span < TIMES[1]:
+            scene.refuse(("time", what), f"{what} = {span:g} s squared leaves the range of numbers")
     schedule = scene.schedule()
     if time.tolerance is not None or time.integrator == "static":
         return

@@ -175,6 +175,8 @@ def test_unreachable_components_are_named(islands, summary, tmp_path, method):
         ([], "no source"),
         (["--source", 121], "outside 0..120"),
         (["--source", -1], "outside 0..120"),
+        (["--source", 10**30], "not a vertex number"),
+        (["--source-face", f"{10**30}:1,0,0"], "not a face number"),
         (["--source", "one"], "not a vertex number"),
         (["--source-face", "999:0.2,0.3,0.5"], "face 999"),
         (["--source-face", "3:0.9,0.9,0.9"], "sum to 1"),

@@ -2,6 +2,10 @@
 
 import pytest
 
+from ddgcli.io.mesh_file import write_mesh
+from ddgcli.mesh import shapes
+from ddgcli.mesh.fields import AnnotatedMesh
+
 GOOD = """\
 format = "ddgcli-scene/1"
 [time]
@@ -51,6 +55,8 @@ BAD = [
     ("step = 1e-3", f"step = {10**400}", 4, ["not finite"]),
     ("step = 1e-3", "step = 1e-12", 4, ["1e+10", "lengthen"]),
     ("duration = 0.01", "duration = 1e300", 4, ["1e+303"]),
+    ("step = 1e-3", "step = 1e300", 4, ["1e+300", "range of numbers"]),
+    ("duration = 0.01\nstep = 1e-3", "duration = 1e-300\ntolerance = 1", 3, ["1e-300", "range of"]),
     ("[time]", "[[time]]", 2, ["table [time]"]),
     ("duration = 0.01", 'duration = "soon"', 3, ["'soon'", "number"]),
     ('integrator = "newmark"', 'integrator = "newmrak"', 6, ["'newmrak'", "'newmark'", "verlet"]),
@@ -155,3 +161,18 @@ def test_missing_and_binary_files(run, tmp_path):
     (tmp_path / "b.toml").write_bytes(b"\xff\xfe\x00")
     result = run("shell-sim", tmp_path / "b.toml")
     assert result.exit_code == 2 and "UTF-8" in result.stderr
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("shell-sim", "--effect", "gravity", "--steps", 3, "--dt", 1e300),
+        ("shell-sim", "--effect", "gravity", "--steps", 10**400),
+        ("willmore-flow", "--steps", 10**400),
+    ],
+)
+def test_times_and_counts_beyond_numbers(run, tmp_path, words):
+    path = tmp_path / "ball.ply"
+    write_mesh(str(path), AnnotatedMesh(shapes.icosphere(1)))
+    result = run(words[0], path, *words[1:])
+    assert result.exit_code == 2 and "range" in result.stderr and result.stderr.count("\n") == 1
