@@ -27,12 +27,13 @@ def cpu_seconds() -> float:
 
 @dataclass(frozen=True)
 class Timing:
-    """Median and spread of repeated calls, after one warm-up."""
+    """Median and spread of repeated calls, after one warm-up; `kernel`: what the system took (memory)."""
 
     median: float
     least: float
     most: float
     value: Any = None
+    kernel: float = 0.0
 
     def __str__(self) -> str:
         return f"{self.median:.4g} s ({self.least:.3g}..{self.most:.3g})"
@@ -46,13 +47,14 @@ def timed(
 ) -> Timing:
     """Time a call: one warm-up, then `repeat` runs; what `prepare` makes anew for each is not counted."""
     value = call(*prepare()) if warm_up else None
-    seconds = []
+    seconds, kernel = [], []
     for _ in range(repeat):
         given = prepare()
-        began = cpu_seconds()
+        began, supplied = cpu_seconds(), resource.getrusage(resource.RUSAGE_SELF).ru_stime
         value = call(*given)
         seconds.append(cpu_seconds() - began)
-    return Timing(statistics.median(seconds), min(seconds), max(seconds), value)
+        kernel.append(resource.getrusage(resource.RUSAGE_SELF).ru_stime - supplied)
+    return Timing(statistics.median(seconds), min(seconds), max(seconds), value, statistics.median(kernel))
 
 
 def interleaved(calls: dict[str, Callable[[], Any]], repeat: int = 5) -> dict[str, Timing]:
