@@ -104,11 +104,19 @@ MIXED = ("--source", 0, "--source-face", "150:0.2,0.3,0.5")
     "method, least, most",
     [("exact", 0, 1e-15), ("heat", 1e-4, 0.2), ("fast-marching", 1e-5, 0.02), ("dijkstra", 0.05, 0.45)],
 )
-def test_every_method_from_mixed_sources(square, summary, method, least, most):
-    said = summary("geodesic", square, *MIXED, "--method", method, "--compare", "exact", "dijkstra")
+def test_every_method_from_mixed_sources(square, summary, tmp_path, method, least, most):
+    out, truth = tmp_path / "out.npz", tmp_path / "truth.npz"
+    summary("geodesic", square, *MIXED, "-o", truth)
+    words = ("--method", method, "--compare", "exact", "dijkstra", "-o", out)
+    said = summary("geodesic", square, *MIXED, *words)
     table = said["accuracy"]["compare"]
     assert set(table) == {"exact", "dijkstra"}
     assert least <= table["exact"]["max_error"] <= most
+    arrays = [np.load(path)["geodesic_distance"] for path in (out, truth)]
+    error = np.abs(arrays[0] - arrays[1]) / arrays[1].max()
+    assert table["exact"]["max_error"] == pytest.approx(error.max(), rel=1e-12, abs=1e-15)
+    assert table["exact"]["mean_error"] == pytest.approx(error.mean(), rel=1e-9, abs=1e-15)
+    assert error[table["exact"]["max_error_at"]] == pytest.approx(error.max(), abs=1e-15)
     assert table["exact"]["seconds"] > 0
 
 
@@ -121,12 +129,20 @@ def test_heat_says_its_residuals(square, summary):
     assert 0 < said["accuracy"]["poisson_residual"] < 1e-9
 
 
-def test_gradient_has_length_one(square, summary, tmp_path):
+def test_gradient_is_that_of_the_linear_interpolant_and_zero_where_no_source_reaches(
+    islands, summary, tmp_path
+):
     out = tmp_path / "out.npz"
-    summary("geodesic", square, "--source", 0, "--gradient", "-o", out)
-    gradient = np.load(out)["distance_gradient"]
-    assert gradient.shape == (200, 3)
-    assert np.median(np.abs(np.linalg.norm(gradient, axis=1) - 1)) < 0.01
+    summary("geodesic", islands, "--source", 0, "--gradient", "-o", out)
+    arrays = np.load(out)
+    gradient, faces, distance = (arrays[k] for k in ("distance_gradient", "faces", "geodesic_distance"))
+    reached = np.isfinite(distance[faces]).all(axis=1)
+    assert (~reached).sum() == 320 and (gradient[~reached] == 0).all()
+    corner, value = arrays["points"][faces[reached]], distance[faces[reached]]
+    side, rise = np.roll(corner, -1, axis=1) - corner, np.roll(value, -1, axis=1) - value
+    assert np.abs(np.einsum("fd,fjd->fj", gradient[reached], side) - rise).max() < 1e-14
+    normal = np.cross(side[:, 0], side[:, 1])
+    assert np.abs((gradient[reached] * normal).sum(axis=1)).max() < 1e-14
 
 
 def test_isolines_are_circles(square, summary, tmp_path):
@@ -136,6 +152,12 @@ def test_isolines_are_circles(square, summary, tmp_path):
     radius = np.linalg.norm(arrays["points"], axis=1)
     assert np.abs(radius - arrays["level"]).max() < 0.01
     assert len(said["results"]["paths"]) == len(set(arrays["path_id"])) >= 4
+    ahead = np.diff(arrays["points"], axis=0)[np.diff(arrays["path_id"]) == 0]
+    middle = arrays["points"][:-1][np.diff(arrays["path_id"]) == 0] + ahead / 2
+    outwards = (np.cross([0, 0, 1.0], ahead) * middle).sum(axis=1)
+    assert (
+        outwards.min() > -1e-15 and outwards.sum() > 1
+    )  # farther on the left; through vertices in steps of 0
     first = said["results"]["paths"][0]
     assert first["kind"] == "isoline"
     assert first["length"] == pytest.approx(np.pi / 2 * first["level"], rel=0.01)
