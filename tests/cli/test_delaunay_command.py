@@ -4,11 +4,13 @@ import numpy as np
 import pytest
 
 from ddgcli.algorithms.delaunay.triangulation import flip_to_delaunay
+from ddgcli.geometry.intrinsic import face_area
 from ddgcli.io.mesh_file import read_mesh, write_mesh
 from ddgcli.mesh import shapes
 from ddgcli.mesh.fields import AnnotatedMesh
 from ddgcli.mesh.intrinsic_mesh import IntrinsicMesh
 from ddgcli.mesh.topology import Topology
+from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.operators.laplacian import stiffness
 from tests.delaunay_cases import planar, sharp_cone, spoiled_sphere
 from tests.delaunay_cases import stretched as stretched_sphere
@@ -50,6 +52,70 @@ def test_summary_and_arrays(summary, stretched, tmp_path):
     common = read_mesh(str(overlay))
     assert set(common.vertex["vertex_kind"]) == {0, 2}
     assert common.face["input_face"].max() == common.face["intrinsic_face"].max() == len(faces) - 1
+
+
+def statistics_of(faces, length, neighbors):
+    """Counts and angles of a triangulation, told from its file alone."""
+    longest = length.astype(np.longdouble)
+    a, b, c = longest, np.roll(longest, -1, axis=1), np.roll(longest, 1, axis=1)
+    angle = np.degrees(np.arccos((b**2 + c**2 - a**2) / (2 * b * c)))  # opposite side j
+    sides = [(f, j) for f in range(len(faces)) for j in range(3)]
+    other = {(f, j): tuple(int(x) for x in neighbors[f, j]) for f, j in sides}
+    edges = [side for side in sides if other[side][0] < 0 or side <= other[side]]
+    ends = [tuple(sorted((int(faces[f, j]), int(faces[f, (j + 1) % 3])))) for f, j in edges]
+    inner = [(angle[s] + angle[other[s]], s) for s in edges if other[s][0] >= 0]
+    return {
+        "non_delaunay_edges": sum(1 for total, _ in inner if total > 180 + 1e-7),
+        "negative_cotan_edges": sum(1 for total, _ in inner if total > 180 + 1e-7)
+        + sum(1 for s in edges if other[s][0] < 0 and angle[s] > 90 + 1e-7),
+        "min_angle_degrees": pytest.approx(float(angle.min()), rel=1e-9),
+        "max_angle_degrees": pytest.approx(float(angle.max()), rel=1e-9),
+        "self_edges": sum(1 for v, w in ends if v == w),
+        "multi_edges": sum(1 for pair in ends if pair[0] != pair[1] and ends.count(pair) > 1),
+    }
+
+
+@pytest.mark.parametrize("make", [lambda: stretched_sphere(150), sharp_cone, lambda: planar(n=60)])
+def test_statistics_are_those_of_the_file(summary, tmp_path, make):
+    mesh, path, out = make(), tmp_path / "in.npz", tmp_path / "out.npz"
+    write_mesh(str(path), AnnotatedMesh(mesh))
+    said = summary("delaunay", path, "-o", out)["results"]
+    z, twin = np.load(out), mesh.topology.side_twin.reshape(-1, 3)
+    gluing = np.stack([np.where(twin < 0, -1, twin // 3), np.where(twin < 0, -1, twin % 3)], axis=-1)
+    for told, parts in (
+        (said["before"], (mesh.faces, mesh.side_length, gluing)),
+        (said["after"], (z["faces"], z["face_edge_lengths"], z["neighbors"])),
+    ):
+        assert {name: told[name] for name in statistics_of(*parts)} == statistics_of(*parts)
+
+
+def test_three_kites_need_three_flips(summary, tmp_path):
+    kite = np.array([[0, 0, 0], [2, -0.3, 0], [4, 0, 0], [2, 0.3, 0]])
+    points = np.concatenate([kite + [0, 3 * k, 0] for k in range(3)])
+    faces = np.concatenate([np.array([[0, 1, 2], [0, 2, 3]]) + 4 * k for k in range(3)])
+    path = tmp_path / "kites.npz"
+    write_mesh(str(path), AnnotatedMesh(TriangleMesh.from_arrays(points, faces)))
+    said = summary("delaunay", path)["results"]
+    assert said["flips"] == said["before"]["non_delaunay_edges"] == 3
+
+
+@pytest.mark.parametrize("words", [(), ("--refine", 25)])
+def test_labels_in_the_overlay_file(summary, stretched, tmp_path, words):
+    out, overlay = tmp_path / "out.npz", tmp_path / "overlay.npz"
+    said = summary("delaunay", stretched, *words, "-o", out, "--overlay", overlay)["results"]
+    mesh, z, cut = read_mesh(str(stretched)).mesh, np.load(out), np.load(overlay)
+    whole = face_area(TriangleMesh.from_arrays(cut["points"], cut["faces"]).side_length)
+    for label, length in (("input_face", mesh.side_length), ("intrinsic_face", z["face_edge_lengths"])):
+        pieces = np.bincount(cut[label], whole, minlength=len(length))
+        np.testing.assert_allclose(pieces, face_area(length), atol=1e-9 * whole.sum())
+    n, steiner = mesh.n_vertices, len(z["points"]) - mesh.n_vertices
+    kind = cut["vertex_kind"]
+    counts = {"input_vertices": n, "steiner_points": steiner, "crossings": (kind == 2).sum()}
+    assert [(kind == k).sum() for k in (0, 1)] == [n, steiner]
+    assert said["overlay"] == counts | {"faces": len(cut["faces"])}
+    for k, expected in ((0, mesh.points), (1, z["points"][n:])):
+        found = cut["points"][kind == k]
+        np.testing.assert_allclose(found[np.lexsort(found.T)], expected[np.lexsort(expected.T)], atol=1e-14)
 
 
 @pytest.mark.parametrize("name", ["stretched", "sharp cone"])

@@ -68,6 +68,9 @@ def test_a_given_curve_keeps_its_edges_and_tells_its_curvature_and_holonomy(summ
     assert loop["closed"] and loop["points"] == len(ring)
     assert loop["holonomy"] == pytest.approx(np.pi / 2, abs=1e-12)  # the angle defect of the corner
     assert loop["total_geodesic_curvature"] == pytest.approx(2 * np.pi - np.pi / 2, abs=1e-12)  # Gauss-Bonnet
+    left = sum(np.pi - bend["left"] for bend in loop["vertices"])  # the corner lies on the left
+    right = sum(np.pi - bend["right"] for bend in loop["vertices"])
+    assert left == pytest.approx(1.5 * np.pi, abs=1e-12) and right < 0
     assert not spoke["closed"] and spoke["total_geodesic_curvature"] == 0
     assert spoke["length"] == pytest.approx(np.linalg.norm(mesh.points[ring[0]] - mesh.points[corner]))
     with np.load(out) as z:
