@@ -12,8 +12,11 @@ import numpy as np
 import pytest
 
 from ddgcli.errors import InputError
-from ddgcli.io.mesh_file import read_mesh
+from ddgcli.io.mesh_file import read_mesh, write_mesh
+from ddgcli.mesh import shapes
+from ddgcli.mesh.fields import AnnotatedMesh
 from ddgcli.mesh.require import NEEDS
+from ddgcli.mesh.triangle_mesh import TriangleMesh
 
 SHARED = Path(__file__).parents[3] / "shared" / "meshes"
 HARD = SHARED / "hard"
@@ -75,6 +78,54 @@ def words_of(command: str, path: Path) -> list[str]:
 @pytest.mark.parametrize("command", COMMANDS)
 def test_hard_file(run, tmp_path, command, path):
     output = tmp_path / "out.npz"
+    result = run(command, path, *words_of(command, path), "-o", output, "--json")
+    assert_honest(result, path, output)
+
+
+def of(points, faces) -> TriangleMesh:
+    return TriangleMesh.from_arrays(np.array(points, dtype=float), np.array(faces))
+
+
+def two(first: TriangleMesh, second: TriangleMesh) -> TriangleMesh:
+    """Two meshes as one."""
+    faces = np.concatenate([first.faces, second.faces + first.n_vertices])
+    return TriangleMesh.from_arrays(np.concatenate([first.points, second.points]), faces)
+
+
+def made() -> dict[str, TriangleMesh]:
+    """Hard cases that need no file: also where the shared meshes are missing, every command meets them."""
+    ball, sheet = shapes.icosphere(1), shapes.grid(4, 4)
+    corner = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [0, -1, 0]]
+    strip = np.array([[x, y, 0] for x in range(5) for y in (0, 1e-7)])
+    moebius = [[k, k + 1, k + 2] if k % 2 == 0 else [k + 1, k, k + 2] for k in range(8)] + [
+        [8, 9, 1],
+        [1, 9, 0],
+    ]
+    turned = np.concatenate([ball.faces[:40], ball.faces[40:, ::-1]])
+    return {
+        "one face": of(corner[:3], [[0, 1, 2]]),
+        "no area": of([[0, 0, 0], [1, 0, 0], [2, 0, 0]], [[0, 1, 2]]),
+        "one place": of(np.ones((3, 3)), [[0, 1, 2]]),
+        "a cap": of([[0, 0, 0], [1, 0, 0], [0.5, 1e-13, 0], [0.5, -1, 0]], [[0, 1, 2], [1, 0, 3]]),
+        "needles": of(strip, [f for k in range(0, 8, 2) for f in ([k, k + 2, k + 1], [k + 1, k + 2, k + 3])]),
+        "three faces on an edge": of(corner, [[0, 1, 2], [1, 0, 3], [0, 1, 4]]),
+        "a face twice": of(corner[:3], [[0, 1, 2], [0, 1, 2]]),
+        "a vertex twice": of(corner[:3], [[0, 1, 2], [0, 1, 1]]),
+        "a pinched vertex": of([*corner, [0, -1, 1]], [[0, 1, 2], [0, 4, 5]]),
+        "one-sided": of(np.random.default_rng(0).normal(size=(10, 3)), moebius),
+        "turned faces": TriangleMesh.from_arrays(ball.points, turned),
+        "an unused vertex": of([*corner[:4], [9, 9, 9]], [[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]]),
+        "two pieces far apart": two(ball, sheet.moved(sheet.points + 1e6)),
+        "tiny": ball.moved(ball.points * 1e-8),
+        "huge": ball.moved(ball.points * 1e8),
+    }
+
+
+@pytest.mark.parametrize("name", made())
+@pytest.mark.parametrize("command", COMMANDS)
+def test_made_mesh(run, tmp_path, command, name):
+    path, output = tmp_path / "mesh.ply", tmp_path / "out.npz"
+    write_mesh(str(path), AnnotatedMesh(made()[name]))
     result = run(command, path, *words_of(command, path), "-o", output, "--json")
     assert_honest(result, path, output)
 
