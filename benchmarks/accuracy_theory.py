@@ -38,8 +38,9 @@ Delaunay flips and covers are the same elements on another triangulation.
 the surface alone errs by this order, so flips and refinement can lower the constant but not raise the rate.
 """,
     "willmore-flow": """
-`sullivan`, `cotan` 2 where vertex stars are symmetric to leading order (as the pointwise curvature, Xu
-2006); else none, the limit depends on the triangulation (Wardetzky 2006). `hinge`: none, the limit depends
+`gauss-map`, `sullivan`, `cotan` 2 where vertex stars are symmetric to leading order (as the pointwise
+curvature, Xu 2006); else none, the limit depends on the triangulation (Wardetzky 2006). `gauss-map` errs
+in the difference of the principal curvatures alone: not at all on spheres. `hinge`: none, the limit depends
 on the directions of the edges (Grinspun et al. 2006). Steps: 2, a two-stage Rosenbrock method (Hairer,
 Wanner 1996; docs/willmore-flow.md).
 """,
@@ -82,7 +83,7 @@ def _geodesic(_: str, configuration: str, method: str) -> str:
 
 
 def _willmore(family: str, _: str, method: str) -> str:
-    return "2" if family in SYMMETRIC and method in ("sullivan", "cotan") else "none"
+    return "2" if family in SYMMETRIC and method in ("gauss-map", "sullivan", "cotan") else "none"
 
 
 def _fluid(family: str, configuration: str, method: str) -> str:

@@ -21,8 +21,8 @@ from ddgcli.tradeoff.candidates import Candidate
 
 ELLIPSOID_112 = 15.4516066443
 TORUS_2 = 22.7928750311
-RATE, SPAN, BUMP = 12.0, 0.5 / 12, 1e-3
-SMOOTH = ("sullivan", "cotan")
+RATE, SPAN, BUMP = 12.0, 0.5 / 12, 1e-4
+SMOOTH = ("gauss-map", "sullivan", "cotan")
 
 
 def _energy_trial(make: Callable[[int], TriangleMesh], truth: float, level: int) -> Trial:

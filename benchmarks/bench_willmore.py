@@ -24,13 +24,14 @@ from ddgcli.models.willmore import setup
 from ddgcli.models.willmore.constraints import Constraints, area
 from ddgcli.models.willmore.descent import (
     accurate_step,
+    descent,
+    followed,
     fourth_order,
     mean_curvature_step,
     metric,
-    robust_step,
     slope,
 )
-from ddgcli.models.willmore.energies import ENERGIES
+from ddgcli.models.willmore.energies import DEFAULT, ENERGIES
 from ddgcli.models.willmore.flow import DEFAULT_STOP
 from ddgcli.models.willmore.setup import Wishes
 
@@ -47,12 +48,16 @@ def ellipsoid(level: int) -> TriangleMesh:
 def calls(mesh: TriangleMesh) -> dict[str, Callable[[], Any]]:
     free, none = np.arange(mesh.n_vertices), Constraints()
     energies = {name: kind.build(mesh.topology) for name, kind in ENERGIES.items()}
-    best = energies["sullivan"]
+    best = energies[DEFAULT]
     at = slope(mesh, best, free, none)
     held = Constraints(area(mesh), enclosed_volume(mesh))
 
     def step(constraints: Constraints) -> TriangleMesh:
-        return robust_step(metric(slope(mesh, best, free, constraints), 0.05), 0.05, constraints)
+        ready = metric(slope(mesh, best, free, constraints), 0.05)
+        motion = descent(ready, 0.05, constraints)
+        moved = followed(ready, motion, 1.0, constraints)
+        best.value(moved.points)  # what decides whether the step is taken
+        return moved
 
     gradients = {
         f"gradient, {name}": partial(energy.value_and_gradient, mesh.points)
@@ -63,7 +68,9 @@ def calls(mesh: TriangleMesh) -> dict[str, Callable[[], Any]]:
         **gradients,
         "quadratic, to rest": lambda: step(none),
         "quadratic, to rest, area and volume kept": lambda: step(held),
-        "quadratic, in time": lambda: accurate_step(slope(mesh, best, free, none), 0.01, best, none),
+        "quadratic, in time": lambda: accurate_step(
+            metric(slope(mesh, best, free, none), 0.003), 0.01, best, none
+        ),
         "mean-curvature": lambda: mean_curvature_step(mesh, free, 0.01),
     }
 

@@ -18,14 +18,14 @@ LATER = "is not available yet"
 @click.command(
     "willmore-flow",
     epilog="Which: no --dt for the shape of least energy; --dt and --duration for the flow in time; "
-    "sullivan unless you compare with other energies. See docs/willmore-flow.md and "
+    "gauss-map, also on uneven triangles; the others to compare with. See docs/willmore-flow.md and "
     "docs/accuracy/willmore-flow.md.",
 )
 @options.mesh_arg
 @options.common
 @time_options
 @click.option("--flow", default="quadratic", show_default=True, help="quadratic | mean-curvature")
-@click.option("--energy", default="sullivan", show_default=True, help="sullivan | cotan | hinge")
+@click.option("--energy", default="gauss-map", show_default=True, help="gauss-map | sullivan | cotan | hinge")
 @click.option("--boundary", default="clamped", show_default=True, help="clamped | fixed")
 @click.option("--fix-area", is_flag=True, help="Keep the area.")
 @click.option("--fix-volume", is_flag=True, help="Keep the enclosed volume.")
@@ -81,7 +81,7 @@ def command(
     )
     if wishes["report_energy"]:
         last = source.mesh if outcome.last is None else source.mesh.moved(outcome.last.points)
-        results["energies"] = report.every_energy(source.mesh, last)
+        results["energies"] = report.every_energy(source.mesh, last, chosen.free_slope)
     run.plot(lambda path: draw_story(path, outcome, Picture(edges=True, energy="energy")))
     run.finish(results, accuracy, converged=not outcome.failure)
 

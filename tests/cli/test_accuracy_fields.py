@@ -39,7 +39,7 @@ RUNS = {
     "falling": ("shell-sim", "cap", *FALL, *SHELL),
     "fluid": ("fluid-sim", "ball", "--vorticity", "3*z+x*y", "--steps", 3, "--dt", 0.01),
     "willmore": (*FLOW, "--steps", 2, "--fix-area", "--fix-volume"),
-    "mean-curvature": (*FLOW, "--steps", 2, "--flow", "mean-curvature"),
+    "mean-curvature": (*FLOW, "--steps", 2, "--flow", "mean-curvature", "--energy", "cotan"),
     "tradeoff": ("tradeoff", "willmore-flow", "ball", "--steps", 2, "--tolerance", 0.1, "--repeat", 1),
 }  # fmt: skip
 

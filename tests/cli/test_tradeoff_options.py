@@ -328,7 +328,7 @@ WITHIN = {
     "geodesic": (0.04, ["--truth", "sphere:1"], None),
     "shell-sim": (0.02, [*SHELL, *SHELL_TIME], (SHELL, 32)),
     "fluid-sim": (1e-3, [*FLUID, *FLUID_TIME], (FLUID, 32)),
-    "willmore-flow": (1e-3, ["--tolerance", 1e-2], ([], 64)),
+    "willmore-flow": (1e-4, ["--tolerance", 1e-2], ([], 64)),
 }
 
 

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from benchmarks.families import SPHERES, ellipsoids
 from ddgcli.geometry.extrinsic import enclosed_volume
 from ddgcli.mesh import shapes
 from ddgcli.models.willmore.constraints import Constraints, area
@@ -10,7 +11,8 @@ from ddgcli.models.willmore.energies import ENERGIES
 
 ELLIPSOID_112 = 15.4516066443
 TORUS_2 = 4 * np.pi**2 / np.sqrt(3)
-SMOOTH = ("sullivan", "cotan")
+VERTEX = ("sullivan", "cotan")
+SMOOTH = ("gauss-map", *VERTEX)
 
 
 def rough(seed=0):
@@ -39,7 +41,7 @@ def test_gradient_matches_differences(name, mesh):
         assert np.sum(gradient * d) == pytest.approx(slope, rel=1e-6)
 
 
-@pytest.mark.parametrize("name", SMOOTH)
+@pytest.mark.parametrize("name", VERTEX)
 @pytest.mark.parametrize(
     "stretch, truth", [((1, 1, 1), 4 * np.pi), ((1, 1, 2), ELLIPSOID_112)], ids=["sphere", "ellipsoid"]
 )
@@ -54,7 +56,7 @@ def test_second_order(name, stretch, truth):
 
 def test_sullivan_and_cotan_bracket_the_torus():
     mesh = shapes.torus(96, 48, 2, 1)
-    above, below = (ENERGIES[name].build(mesh.topology).value(mesh.points) for name in SMOOTH)
+    above, below = (ENERGIES[name].build(mesh.topology).value(mesh.points) for name in VERTEX)
     assert below < TORUS_2 < above and above - below < 0.006 * TORUS_2
 
 
@@ -81,7 +83,81 @@ def test_invariant_under_similarity_and_relabelling(name, scale):
 @pytest.mark.parametrize("name", SMOOTH)
 def test_flat_sheet_has_no_energy(name):
     mesh = shapes.grid(8, 5, 2.0, 1.0)
-    assert ENERGIES[name].build(mesh.topology).value(mesh.points) < 1e-25
+    value = ENERGIES[name].build(mesh.topology).value(mesh.points)
+    # int K of a sheet is a difference of multiples of pi
+    assert abs(value) < (1e-12 if name == "gauss-map" else 1e-25)
+
+
+GAUSS_MAP = ENERGIES["gauss-map"].build
+
+
+@pytest.mark.parametrize("pattern", ["right", "alternating"])
+def test_gauss_map_is_of_second_order_on_the_torus(pattern):
+    error = []
+    for n in (24, 48, 96):
+        mesh = shapes.torus(2 * n, n, 2.0, 1.0, pattern=pattern)
+        error.append(abs(GAUSS_MAP(mesh.topology).value(mesh.points) / TORUS_2 - 1))
+    rates = np.log2(np.array(error[:-1]) / error[1:])
+    assert error[-1] < 2e-4 and (np.abs(rates - 2) < 0.1).all()
+
+
+@pytest.mark.parametrize("family", SPHERES)
+def test_every_inscribed_mesh_has_4_pi_and_no_gradient(family):
+    mesh = SPHERES[family](0)
+    value, gradient = GAUSS_MAP(mesh.topology).value_and_gradient(mesh.points)
+    assert value == pytest.approx(4 * np.pi, rel=1e-12)
+    # of the size that a move of the vertices by the same share of the radius would bring
+    bumpy = mesh.points * (1 + 1e-2 * np.cos(3 * mesh.points[:, :1]))
+    _, moved = GAUSS_MAP(mesh.topology).value_and_gradient(bumpy)
+    assert np.abs(gradient).max() < 1e-9 * np.abs(moved).max()
+
+
+@pytest.mark.parametrize("free_slope", [False, True])
+def test_caps_of_spheres(free_slope):
+    """Held at its rim, slope and all, an irregular cap is at rest; free to turn, it is not."""
+    ball = shapes.random_sphere(400)
+    faces = ball.faces[(ball.points[ball.faces][..., 2] > 0).all(axis=1)]
+    used, renamed = np.unique(faces, return_inverse=True)
+    cap = type(ball).from_arrays(ball.points[used], renamed.reshape(-1, 3))
+    value, gradient = GAUSS_MAP(cap.topology, free_slope).value_and_gradient(cap.points)
+    held = np.array(cap.topology.boundary_vertex)
+    held[cap.faces[held[cap.faces].any(axis=1)]] = True
+    rest = np.abs(gradient[~held]).max()
+    assert rest > 1e-3 if free_slope else rest < 1e-11
+    assert value == pytest.approx(area(cap), rel=0.35 if free_slope else 0.12)
+
+
+def test_gauss_map_is_least_on_spheres():
+    """Genus 0: never below 4 pi, however rough the mesh."""
+    mesh = shapes.icosphere(2)
+    for seed, size in enumerate((1e-3, 1e-2, 0.1, 1.0)):
+        noise = size * np.random.default_rng(seed).normal(size=mesh.points.shape)
+        assert GAUSS_MAP(mesh.topology).value(mesh.points + noise) > 4 * np.pi
+
+
+@pytest.mark.parametrize("family, within", [("irregular", 0.015), ("stretched", 0.06), ("refined", 0.006)])
+def test_gauss_map_on_uneven_triangles(family, within):
+    mesh = ellipsoids((1.0, 1.0, 2.0))[family](2)
+    error = {n: abs(ENERGIES[n].build(mesh.topology).value(mesh.points) / ELLIPSOID_112 - 1) for n in SMOOTH}
+    assert error["gauss-map"] < within
+    assert error["gauss-map"] < 0.8 * min(error["cotan"], error["sullivan"])
+
+
+def test_stripes_that_no_normal_sees_are_as_stiff_as_in_cotan():
+    sheet = shapes.grid(24, 24)
+    x, y = sheet.points[:, :2].T
+    equilateral = np.stack([x - 0.5 * y, np.sqrt(0.75) * y, 0 * x], axis=1)
+    corners = equilateral[sheet.faces]
+    sides = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)
+    assert np.ptp(sides) < 1e-12
+    row = np.rint(24 * y).astype(int)
+    equilateral[:, 2] = 1e-6 * (-1.0) ** row
+    topology = sheet.topology
+    inner = ~topology.boundary_vertex
+    per_vertex = ENERGIES["cotan"].build(topology).value(equilateral) / inner.sum()
+    per_face = GAUSS_MAP(topology, True).value(equilateral) / inner[sheet.faces].all(axis=1).sum()
+    # normals at the sheet's rim see a little of the stripes
+    assert 2 * per_face == pytest.approx(per_vertex, rel=1e-3)
 
 
 def test_constraint_gradients():

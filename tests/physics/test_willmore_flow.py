@@ -5,13 +5,15 @@ import json
 import numpy as np
 import pytest
 
+from benchmarks.families import SPHERES, ellipsoids
 from ddgcli.evolve.account import Account
 from ddgcli.evolve.loop import evolve
 from ddgcli.geometry.extrinsic import enclosed_volume
+from ddgcli.geometry.intrinsic import corner_angle
 from ddgcli.io.mesh_file import write_mesh
 from ddgcli.mesh import shapes
 from ddgcli.mesh.fields import AnnotatedMesh
-from ddgcli.models.willmore import setup
+from ddgcli.models.willmore import descent, flow, setup
 from ddgcli.models.willmore.constraints import area
 from ddgcli.models.willmore.flow import DEFAULT_STOP
 from ddgcli.models.willmore.setup import Wishes
@@ -22,8 +24,8 @@ def flowed(mesh, wishes=None, **given):
     """(all snapshots' observations, last surface)."""
     timed = any(k in given for k in ("step", "duration"))
     wishes = wishes or Wishes(timed=timed, stop=Wishes().stop if timed else DEFAULT_STOP)
-    flow, model = setup.build(mesh, wishes)
-    shots = list(evolve({"s": model}, setup.schedule(flow, given), Account()))
+    built, model = setup.build(mesh, wishes)
+    shots = list(evolve({"s": model}, setup.schedule(built, given), Account()))
     seen = [shot.observations["s"] for shot in shots]
     return seen, mesh.moved(seen[-1].points), shots
 
@@ -42,26 +44,41 @@ def ellipsoid(level=3):
     return mesh.moved(mesh.points * [1.0, 1.0, 2.0])
 
 
-@pytest.mark.parametrize("energy", ["sullivan", "cotan"])
-def test_sphere_stays_for_a_unit_of_time(energy):
+@pytest.mark.parametrize("family", ["good", "irregular", "stretched", "noisy", "refined"])
+def test_sphere_stays_for_a_unit_of_time(family):
+    """At every vertex, on every triangulation; the linear implicit step would have shrunk it to a point."""
+    mesh = SPHERES[family](1)
+    seen, end, _ = flowed(mesh, duration=1.0, step=0.02)
+    assert np.abs(end.points - mesh.points).max() < 1e-8  # asked for: 1e-4 off the radius
+    assert_falls(seen)
+
+
+@pytest.mark.parametrize("energy, most", [("sullivan", 1e-3), ("cotan", 3e-5)])
+def test_sphere_under_the_other_energies(energy, most):
     mesh = shapes.icosphere(4)
     seen, end, _ = flowed(mesh, Wishes(energy=energy, timed=True), duration=1.0, step=0.02)
     weight = lumped_vertex_area(mesh)
     off = np.linalg.norm(end.points, axis=1) - 1
-    # the linear implicit step would have shrunk it to a point at t = 1/16
     assert abs((weight * off).sum() / weight.sum()) < 1e-5 and np.sqrt((weight * off**2).sum()) < 4e-4
     slid = end.points - mesh.points
     slid -= (slid * mesh.points).sum(axis=1)[:, None] * mesh.points
     assert np.sqrt((weight[:, None] * slid**2).sum() / weight.sum()) < 2e-4
-    if energy == "cotan":
-        assert np.abs(off).max() < 3e-5  # at every vertex
-    else:  # the twelve vertices of valence five settle at once, then all stays
+    assert np.abs(off).max() < most
+    if energy == "sullivan":  # the twelve vertices of valence five settle at once, then all stays
         again = flowed(mesh, Wishes(energy=energy, timed=True), duration=0.2, step=0.02)[1]
         settled = np.linalg.norm(again.points, axis=1) - 1
         assert np.abs(off - settled).max() < 1e-5
-        five = np.bincount(mesh.faces.ravel()) == 5
-        assert np.abs(off[five]).max() < 1e-3 and np.sqrt(np.mean(off**2)) < 1e-4
+        assert np.sqrt(np.mean(off**2)) < 1e-4
     assert_falls(seen)
+
+
+def test_cap_stays_under_a_clamped_rim():
+    ball = shapes.random_sphere(400)
+    faces = ball.faces[(ball.points[ball.faces][..., 2] > 0).all(axis=1)]
+    used, renamed = np.unique(faces, return_inverse=True)
+    cap = type(ball).from_arrays(ball.points[used], renamed.reshape(-1, 3))
+    _, end, _ = flowed(cap, duration=0.2, step=0.02)
+    assert np.abs(end.points - cap.points).max() < 1e-8
 
 
 @pytest.mark.parametrize("l, rate, within", [(2, 12.0, 0.01), (3, 60.0, 0.01)])
@@ -82,35 +99,61 @@ def test_modes_of_the_sphere_decay_at_their_rates(l, rate, within):
     assert_falls(seen)
 
 
-def test_timed_steps_are_second_order():
+@pytest.mark.parametrize("gamma", descent.GAMMAS)
+def test_timed_steps_are_second_order(gamma, monkeypatch):
+    monkeypatch.setattr(flow, "GAMMAS", (gamma,))
     mesh = ellipsoid(2)
-    ends = [flowed(mesh, duration=1e-3, step=1e-3 / n)[1].points for n in (4, 8, 16, 64)]
+    coarse = 4 if gamma < 1 else 16
+    ends = [flowed(mesh, duration=1e-3, step=1e-3 / (coarse * n))[1].points for n in (1, 2, 4, 16)]
     error = [np.abs(e - ends[-1]).max() for e in ends[:-1]]
     rates = np.log2(np.array(error[:-1]) / error[1:])
     assert (rates > 1.7).all()
 
 
-def test_ellipsoid_becomes_a_sphere():
-    seen, end, shots = flowed(ellipsoid(4))
-    assert energies(seen)[-1] == pytest.approx(4 * np.pi, rel=0.005)
-    assert len(seen) < 60 and "mesh's own error" in shots[-1].stopped
+def test_a_step_too_stiff_for_the_first_method_is_taken_by_the_second(monkeypatch):
+    mesh = ellipsoids((1.0, 1.0, 2.0))["stretched"](0)
+    tried, step = [], flow.accurate_step
+
+    def counted(inner, dt, *rest):
+        tried.append(dt)
+        return step(inner, dt, *rest)
+
+    monkeypatch.setattr(flow, "accurate_step", counted)
+    seen, _, shots = flowed(mesh, duration=0.05, step=0.005)
+    assert len(tried) > 10 and len(set(tried)) == 1  # some twice, none shortened
     assert_falls(seen)
 
 
-def test_irregular_ellipsoid():
-    mesh = shapes.random_sphere(700)
-    seen, end, _ = flowed(mesh.moved(mesh.points * [1.0, 1.0, 2.0]), steps=150)
+@pytest.mark.parametrize(
+    "family, exact", [("good", 1e-5), ("noisy", 1e-4), ("refined", 1e-4), ("irregular", 1e-4)]
+)
+def test_ellipsoid_becomes_a_sphere(family, exact):
+    seen, end, shots = flowed(ellipsoids((1.0, 1.0, 2.0))[family](1))
+    assert energies(seen)[-1] == pytest.approx(4 * np.pi, rel=exact)  # asked for: 0.5 %
+    assert (energies(seen) > 4 * np.pi).all()
+    assert len(seen) < 120 and "energy fell" in shots[-1].stopped
     assert_falls(seen)
-    assert energies(seen)[-1] < 0.97 * energies(seen)[0]
-    assert np.isfinite(end.points).all()
 
 
-@pytest.mark.parametrize("energy", ["sullivan", "cotan"])
-def test_torus_becomes_clifford(energy):
+def test_few_factorisations_where_steps_must_be_shortened(monkeypatch):
+    """A shorter share of the same motion needs none; the cure for slivers had been one a halving."""
+    made, factorise = [], descent.fourth_order
+    monkeypatch.setattr(descent, "fourth_order", lambda *a: made.append(a) or factorise(*a))
+    mesh = ellipsoids((1.0, 1.0, 2.0))["stretched"](1)
+    assert np.degrees(corner_angle(mesh.side_length).min()) < 0.6
+    seen, _, _ = flowed(mesh, steps=10)
+    assert energies(seen)[-1] < energies(seen)[0] and len(made) < 3 * 10
+
+
+@pytest.mark.parametrize(
+    "energy, cells", [("gauss-map", 24), ("gauss-map", 40), ("sullivan", 40), ("cotan", 40)]
+)
+def test_torus_becomes_clifford(energy, cells):
     wishes = Wishes(energy=energy, stop=DEFAULT_STOP)
-    seen, end, shots = flowed(shapes.torus(80, 40, 2.0, 1.0), wishes)
+    seen, end, shots = flowed(shapes.torus(2 * cells, cells, 2.0, 1.0), wishes)
     assert energies(seen)[0] > 1.14 * 2 * np.pi**2
     assert energies(seen)[-1] == pytest.approx(2 * np.pi**2, rel=0.01)
+    assert "mesh's own error" in shots[-1].stopped
     r = np.hypot(*end.points[:, :2].T)
     assert (r.max() + r.min()) / (r.max() - r.min()) == pytest.approx(np.sqrt(2), rel=0.02)
     assert_falls(seen)

@@ -8,11 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csc_array, diags_array
 
-from ddgcli.geometry.extrinsic import face_area_vector
 from ddgcli.linalg.factor import Factor
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.models.willmore.constraints import Constraints
 from ddgcli.models.willmore.energies import Energy
+from ddgcli.models.willmore.gauss_map_energy import Normals
+from ddgcli.models.willmore.vertex_energies import Faces
 from ddgcli.operators.laplacian import lumped_vertex_area, stiffness
 
 
@@ -45,15 +46,11 @@ class Slope:
 
 
 def vertex_normals(mesh: TriangleMesh) -> NDArray[np.float64]:
-    """(n, 3) unit volume gradients; zero where they vanish."""
-    vector = np.zeros((mesh.n_vertices, 3))
-    per_face = face_area_vector(mesh)
-    for axis in range(3):
-        vector[:, axis] = np.bincount(
-            mesh.faces.ravel(), weights=np.repeat(per_face[:, axis], 3), minlength=mesh.n_vertices
-        )
-    length = np.sqrt(np.einsum("ij,ij->i", vector, vector))[:, None]
-    return np.divide(vector, length, out=np.zeros_like(vector), where=length > 0)
+    """(n, 3) unit normals, radial on meshes inscribed in spheres; zero where they vanish."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        sides = Faces.at(mesh.points, mesh.faces).opposite
+        normals = Normals.at(sides, mesh.faces, mesh.n_vertices)
+    return np.where(normals.length[:, None] > 0, normals.unit, 0.0)
 
 
 def slope(mesh: TriangleMesh, energy: Energy, free: NDArray, constraints: Constraints) -> Slope:
@@ -105,26 +102,34 @@ def metric(at: Slope, dt: float) -> Metric:
     return Metric(at, fourth_order(at.mesh, at.free, dt))
 
 
-def robust_step(metric: Metric, dt: float, constraints: Constraints) -> TriangleMesh:
-    """First-order step (M + dt/2 Q) dx = -dt grad E: descends for any dt small enough, damps rough modes."""
+def descent(metric: Metric, dt: float, constraints: Constraints) -> NDArray[np.float64]:
+    """Motion (k, 3) of the first-order step (M + dt/2 Q) dx = -dt grad E, tangent to the constraints."""
     at = metric.at
-    motion = constraints.tangent(at.mesh, at.free, metric.solve, -dt * metric.solve(at.gradient))
-    return constraints.restored(_shifted(at.mesh, at.free, motion), at.free, metric.solve)
+    return constraints.tangent(at.mesh, at.free, metric.solve, -dt * metric.solve(at.gradient))
 
 
-GAMMA = 1.0 - np.sqrt(0.5)
+def followed(metric: Metric, motion: NDArray, share: float, constraints: Constraints) -> TriangleMesh:
+    """The surface moved by a share of a motion, and back on the constraints."""
+    at = metric.at
+    return constraints.restored(_shifted(at.mesh, at.free, share * motion), at.free, metric.solve)
 
 
-def accurate_step(at: Slope, dt: float, energy: Energy, constraints: Constraints) -> TriangleMesh:
+# both are L-stable; the first errs a thirtieth of the second, which bears energies up to 6.8 times (the first
+# 1.17 times) as stiff as the preconditioner
+GAMMAS = (1.0 - np.sqrt(0.5), 1.0 + np.sqrt(0.5))
+
+
+def accurate_step(inner: Metric, dt: float, energy: Energy, constraints: Constraints) -> TriangleMesh:
     """Second-order step in time whatever the preconditioner: the two-stage W-method of Rosenbrock type.
+
+    `inner` is the metric for a step of gamma dt, gamma of GAMMAS.
 
     Notes
     -----
     J. G. Verwer et al., "A second-order Rosenbrock method applied to photochemical dispersion problems",
-    1999, with gamma = 1 - 1/sqrt(2).
+    1999.
     """
-    factor = fourth_order(at.mesh, at.free, GAMMA * dt)
-    inner = Metric(at, factor)
+    at = inner.at
     first = -inner.solve(at.gradient)
     ahead = slope(_shifted(at.mesh, at.free, dt * first), energy, at.free, constraints)
     mass = at.mass[:, None]

@@ -16,18 +16,25 @@ from ddgcli.mesh.topology import Topology
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.models.willmore.constraints import Constraints, area
 from ddgcli.models.willmore.descent import (
+    GAMMAS,
     Metric,
     Slope,
     accurate_step,
+    descent,
+    followed,
     mean_curvature_step,
     metric,
-    robust_step,
     slope,
 )
 from ddgcli.models.willmore.energies import Energy
 
 # steps of the descent, for a surface with the area of the unit sphere
 LONGEST, SHORTEST = 0.05, 1e-14
+SHARES = (1.0, 0.25, 0.0625)  # of a motion, tried before a shorter step is factorised
+ENOUGH = 0.01  # of the fall that the slope promises, for a step of the descent to be taken
+# a surface is near rest where steps above that share of the longest promise less than that of the energy
+UNHINDERED, NEAR = 0.01, 0.1
+VANISHED = 1e-12  # energy at which nothing is left to release
 HELD = 1e-13  # relative predicted fall of the energy below which rounding decides: the surface is kept
 COLLAPSED = 1e-3  # share of the area at the start below which a surface counts as gone
 ROUNDING = 1e-13  # relative rise of the energy that counts as one
@@ -44,7 +51,8 @@ class Stop:
     fall : float or None
         Relative fall of the energy in a step.
     mesh_error : bool
-        End where the gradient's part along the surface, made by the mesh alone, outweighs the part across.
+        End where no energy is left, and near rest where the gradient's part along the surface, made by the
+        mesh alone, outweighs the part across.
     """
 
     gradient: float | None = None
@@ -82,6 +90,11 @@ class FlowState:
     increases: int = 0
     area_increases: int = 0
     stopped: str = ""
+
+
+def longest_step(flow: Flow) -> float:
+    """First and longest step of the descent, at unit size."""
+    return LONGEST * (flow.area / (4.0 * math.pi)) ** 2
 
 
 @dataclass(eq=False)
@@ -147,9 +160,12 @@ class Flow:
         at = self._slope(state)
         if self.stop.gradient is not None and at.size <= self.stop.gradient:
             return f"gradient below {self.stop.gradient:g}"
-        if self.stop.mesh_error:
+        if self.stop.mesh_error and abs(at.energy) <= VANISHED:
+            return "the energy has vanished"
+        if self.stop.mesh_error and state.dt >= UNHINDERED * longest_step(self):
             across, along = self._metric(at, state.dt).descent_power()
-            if along >= across:
+            near = (across + along) * state.dt <= NEAR * abs(at.energy)
+            if near and along >= across:
                 return "what is left of the gradient is the mesh's own error"
         return ""
 
@@ -169,33 +185,34 @@ class Flow:
         return self._prepared[0]
 
     def _timed_step(self, state: FlowState, at: Slope, dt: float) -> FlowState:
-        unit_dt = dt / self.time_unit
-        moved = accurate_step(at, unit_dt, self.energy, self.constraints)
-        energy = self.energy.value(moved.points)
-        if energy <= at.energy:
-            return self._stepped(state, at, moved, energy, dt)
+        for gamma in GAMMAS:
+            unit_dt = dt / self.time_unit
+            moved = accurate_step(self._metric(at, gamma * unit_dt), unit_dt, self.energy, self.constraints)
+            energy = self.energy.value(moved.points)
+            if energy <= at.energy:
+                return self._stepped(state, at, moved, energy, dt)
         promised = float(np.sum(at.gradient * (at.mesh.points - moved.points)[self.free]))
         if abs(promised) <= HELD * abs(at.energy):
             return replace(state, time=state.time + dt, steps=state.steps + 1)
         raise StepRejected("energy rises", value=energy - at.energy)
 
     def _longest_step(self, state: FlowState, at: Slope) -> FlowState:
-        """Descent step, halved until the energy falls; the next one starts at twice the length that did."""
-        dt = state.dt
-        preconditioner = self._metric(at, dt)
-        while True:
-            moved = robust_step(preconditioner, dt, self.constraints)
-            energy = self.energy.value(moved.points)
-            if energy <= at.energy:
-                break
-            dt *= 0.25
-            if dt < SHORTEST:
-                return replace(state, stopped="no step lowers the energy")
-            preconditioner = metric(at, dt)
-        longest = LONGEST * (self.area / (4.0 * math.pi)) ** 2
-        longer = min(longest, 2.0 * dt if dt == state.dt else dt)
-        stepped = self._stepped(state, at, moved, energy, dt * self.time_unit)
-        return replace(stepped, dt=longer)
+        """Descent step, shortened until the energy falls enough; the next one starts at twice a length that
+        did at once. A shorter share of the same motion costs no factorisation, so that is tried first."""
+        dt, shrink = state.dt, 0.25
+        while dt >= SHORTEST:
+            preconditioner = self._metric(at, dt)
+            motion = descent(preconditioner, dt, self.constraints)
+            promised = -float(np.sum(at.gradient * motion))
+            for share in SHARES:
+                moved = followed(preconditioner, motion, share, self.constraints)
+                energy = self.energy.value(moved.points)
+                if energy <= at.energy - ENOUGH * share * promised:
+                    at_once = dt == state.dt and share == 1.0
+                    stepped = self._stepped(state, at, moved, energy, share * dt * self.time_unit)
+                    return replace(stepped, dt=min(longest_step(self), 2.0 * dt if at_once else dt))
+            dt, shrink = dt * shrink, 0.25 * shrink
+        return replace(state, stopped="no step lowers the energy")
 
     def _stepped(
         self, state: FlowState, at: Slope, moved: TriangleMesh, energy: float, dt: float

@@ -49,11 +49,13 @@ def summary(
     return results, accuracy
 
 
-def every_energy(first: TriangleMesh, last: TriangleMesh) -> dict[str, dict[str, Any]]:
+def every_energy(
+    first: TriangleMesh, last: TriangleMesh, free_slope: bool = False
+) -> dict[str, dict[str, Any]]:
     """All energies at start and end, with their conventions (--report-energy all)."""
     found = {}
     for name, kind in ENERGIES.items():
-        energy = kind.build(first.topology)
+        energy = kind.build(first.topology, free_slope)
         found[name] = {
             "start": energy.value(first.points),
             "end": energy.value(last.points),

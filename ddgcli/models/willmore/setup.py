@@ -16,8 +16,8 @@ from ddgcli.geometry.extrinsic import enclosed_volume
 from ddgcli.mesh.topology import Topology
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.models.willmore.constraints import Constraints, area
-from ddgcli.models.willmore.energies import ENERGIES
-from ddgcli.models.willmore.flow import LONGEST, Flow, FlowState, Stop
+from ddgcli.models.willmore.energies import DEFAULT, ENERGIES
+from ddgcli.models.willmore.flow import Flow, FlowState, Stop, longest_step
 from ddgcli.models.willmore.scaled import centred_at_unit_size
 
 FLOWS = ("quadratic", "mean-curvature")
@@ -43,13 +43,18 @@ class Wishes:
     stop : Stop
     """
 
-    energy: str = "sullivan"
+    energy: str = DEFAULT
     flow: str = "quadratic"
     boundary: str = "clamped"
     fix_area: bool = False
     fix_volume: bool = False
     timed: bool = False
     stop: Stop = Stop()
+
+    @property
+    def free_slope(self) -> bool:
+        """Whether the surface may turn about its boundary."""
+        return self.boundary == "fixed"
 
 
 def described(wishes: Wishes) -> dict[str, Any]:
@@ -93,7 +98,7 @@ def build(mesh: TriangleMesh, wishes: Wishes) -> tuple[Flow, Model]:
     )
     if constraints.volume is not None and abs(constraints.volume) < 1e-9:
         raise MeshError("the surface encloses no volume; --fix-volume has nothing to keep")
-    energy = ENERGIES[wishes.energy].build(topology)
+    energy = ENERGIES[wishes.energy].build(topology, wishes.free_slope)
     started = energy.value(unit.points)
     if not math.isfinite(started):
         raise MeshError(
@@ -112,11 +117,6 @@ def build(mesh: TriangleMesh, wishes: Wishes) -> tuple[Flow, Model]:
         stop=flow.reason, clock=lambda state: state.time,
     )  # fmt: skip
     return flow, model
-
-
-def longest_step(flow: Flow) -> float:
-    """First step of the descent, at unit size."""
-    return LONGEST * (flow.area / (4.0 * math.pi)) ** 2
 
 
 def schedule(flow: Flow, given: Mapping[str, Any]) -> Schedule:

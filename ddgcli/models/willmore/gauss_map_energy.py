@@ -1,0 +1,186 @@
+"""The bending energy of the Gauss map: how far the vertex normals are from those of a sphere, face by face.
+
+Convention: W = int H^2 dA with H = (k1 + k2) / 2; a round sphere has 4 pi.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ddgcli.mesh.topology import NEXT, PREVIOUS, Topology
+from ddgcli.models.willmore.vertex_energies import Faces, area_gradient, scatter
+
+# weight of the sides' S-shape at which, on equilateral triangles, stripes one edge wide (which no vertex
+# normal sees) are as stiff as in |L x|^2 / (4 M): (64 / 3) / (4 sqrt(3) / 2) = 8 sqrt(3) * weight
+S_SHAPE = 4.0 / 9.0
+
+
+@dataclass(frozen=True, eq=False)
+class Normals:
+    """Unit vertex normals that are radial on every mesh inscribed in a sphere, and what they are made of.
+
+    Parameters
+    ----------
+    ahead, behind : (m, 3, 3) ndarray
+        Sides from corner k to corners k+1 and k+2, divided by their squared lengths.
+    length : (n,) ndarray
+        Of the sums of ahead x behind at the vertices; zero where no face is.
+    unit : (n, 3) ndarray
+
+    Notes
+    -----
+    N. Max, "Weights for computing vertex normals from facet normals", 1999. The inversion x / |x|^2 about a
+    vertex takes a sphere through it to a plane; the sum is twice the area vector of the neighbours' polygon
+    there.
+    """
+
+    ahead: NDArray[np.float64]
+    behind: NDArray[np.float64]
+    length: NDArray[np.float64]
+    unit: NDArray[np.float64]
+
+    @classmethod
+    def at(cls, sides: NDArray, corners: NDArray, n: int) -> Normals:
+        """From the sides opposite the corners (m, 3, 3)."""
+        ahead, behind = sides[:, PREVIOUS], -sides[:, NEXT]
+        ahead = ahead / _dot(ahead, ahead)[..., None]
+        behind = behind / _dot(behind, behind)[..., None]
+        vector = scatter(corners, np.cross(ahead, behind), n)
+        length = np.sqrt(_dot(vector, vector))
+        return cls(ahead, behind, length, vector / length[:, None])
+
+    def pulled_back(self, by_unit: NDArray, corners: NDArray) -> NDArray[np.float64]:
+        """(m, 3, 3) derivative by the corners, given the one by the unit normals (n, 3)."""
+        with np.errstate(divide="ignore", invalid="ignore"):
+            by_vector = (by_unit - _dot(by_unit, self.unit)[:, None] * self.unit) / self.length[:, None]
+        by_vector = by_vector[corners]
+        by_ahead = _inverted(self.ahead, np.cross(self.behind, by_vector))
+        by_behind = _inverted(self.behind, np.cross(by_vector, self.ahead))
+        return by_ahead[:, PREVIOUS] + by_behind[:, NEXT] - by_ahead - by_behind
+
+
+def _dot(a: NDArray, b: NDArray) -> NDArray[np.float64]:
+    return np.einsum("...i,...i->...", a, b)
+
+
+def _inverted(q: NDArray, by_q: NDArray) -> NDArray[np.float64]:
+    """Derivative by e of a function of q = e / |e|^2."""
+    return _dot(q, q)[..., None] * by_q - 2.0 * _dot(q, by_q)[..., None] * q
+
+
+@dataclass(frozen=True, eq=False)
+class _Terms:
+    """What value and gradient share: at sides k (m, 3) and faces (m,)."""
+
+    faces: Faces
+    normals: Normals
+    squared: NDArray  # length of each side
+    corner_dot: NDArray  # of the two sides at each corner
+    fall: NDArray  # (m, 3, 3) difference of the normals at the ends of each side
+    bend: NDArray  # squared length of that
+    twice: NDArray  # (m, 3, 3) sum of the normals at the ends of each side
+    skew: NDArray  # its part along the side, over the side's length: S-shape
+    dirichlet: NDArray
+    image: NDArray  # (m, 3) twice the area vector of the normals' triangle
+    value: NDArray
+
+
+@dataclass(frozen=True, eq=False)
+class GaussMapEnergy:
+    """Sum over faces of (D -+ G) / 2 + 2 A / 9 sum over its sides of ((n_i + n_j) . e)^2 / |e|^4.
+
+    D is the Dirichlet energy of the vertex normals n, linear on the face (int (k1^2 + k2^2) / 2), G their
+    triangle's area along the face's normal (int k1 k2). D - G = int (k1 - k2)^2 / 2 is never negative, and
+    zero on meshes inscribed in spheres, as is the last term: there the gradient vanishes, exactly. Added is
+    int K, the sum of the inner vertices' angle defects (2 pi chi on closed surfaces). Faces with a boundary
+    vertex are left out. Where the slope at the boundary is free, int K is not fixed by it: there the sum is
+    of (D + G) / 2 = int H^2 instead, and nothing is added.
+
+    Parameters
+    ----------
+    topology : Topology
+    free_slope : bool
+        The surface may turn about its boundary.
+
+    Notes
+    -----
+    The last term is the S-shape of a cubic that has the vertex normals at the ends of a side: it is of
+    higher order, and stiffens the patterns that no vertex normal sees.
+    """
+
+    topology: Topology
+    free_slope: bool = False
+
+    @cached_property
+    def _weights(self) -> tuple[NDArray, NDArray, NDArray, float]:
+        """Of a face: whether it counts, and the same with the sign of G (m,); of the corners' angles in int K
+        (m, 3); and what is constant in int K."""
+        t = self.topology
+        at_boundary = t.boundary_vertex[t.faces]
+        counted = np.where(at_boundary.any(axis=1), 0.0, 1.0)
+        opened = np.bincount(t.vertex_component[t.boundary_vertex], minlength=t.n_components) > 0
+        turning = opened & self.free_slope
+        inner = t.referenced_vertex & ~t.boundary_vertex & ~turning[t.vertex_component]
+        # the angle defects of the inner vertices: 2 pi each, less pi for a face, its boundary corners back
+        sign = np.where(turning[t.face_component], 1.0, -1.0)
+        constant = np.pi * (2 * int(inner.sum()) - int((sign < 0).sum()))
+        return counted, sign * counted, at_boundary & (sign < 0)[:, None], constant
+
+    def _terms(self, points: NDArray) -> _Terms:
+        corners, n = self.topology.faces, self.topology.n_vertices
+        counted, sign, angled, _ = self._weights
+        faces = Faces.at(points, corners)
+        side = faces.opposite
+        with np.errstate(divide="ignore", invalid="ignore"):
+            normals = Normals.at(side, corners, n)
+            normal = normals.unit[corners]
+            fall, twice = normal[:, PREVIOUS] - normal[:, NEXT], normal[:, PREVIOUS] + normal[:, NEXT]
+            squared, bend = _dot(side, side), _dot(fall, fall)
+            corner_dot = 0.5 * (squared[:, NEXT] + squared[:, PREVIOUS] - squared)
+            skew = _dot(twice, side) / squared
+            dirichlet = (corner_dot * bend).sum(axis=1) / (8.0 * faces.area)
+            image = np.cross(fall[:, 0], fall[:, 1])
+            value = counted * (0.5 * dirichlet + 0.5 * S_SHAPE * faces.area * (skew**2).sum(axis=1))
+            value += 0.25 * sign * _dot(image, faces.normal)
+            value = np.where(counted > 0, value, 0.0)
+            value += np.where(angled, np.arctan2(2.0 * faces.area[:, None], corner_dot), 0.0).sum(axis=1)
+        return _Terms(faces, normals, squared, corner_dot, fall, bend, twice, skew, dirichlet, image, value)
+
+    def value(self, points: NDArray) -> float:
+        """Energy; not finite on a surface with a face without area, or where a vertex has no normal."""
+        return float(self._terms(points).value.sum()) + self._weights[3]
+
+    def value_and_gradient(self, points: NDArray) -> tuple[float, NDArray[np.float64]]:
+        """Energy and its exact gradient (n, 3)."""
+        corners, n = self.topology.faces, self.topology.n_vertices
+        counted, sign, angled, constant = self._weights
+        t = self._terms(points)
+        side, unit, area = t.faces.opposite, t.faces.normal, t.faces.area
+        # by the normals' differences and sums along the sides
+        share = (counted / area)[:, None]
+        by_fall = 0.125 * (share * t.corner_dot)[..., None] * t.fall
+        by_fall[:, 0] += 0.25 * sign[:, None] * np.cross(t.fall[:, 1], unit)
+        by_fall[:, 1] += 0.25 * sign[:, None] * np.cross(unit, t.fall[:, 0])
+        pull = (S_SHAPE * (counted * area)[:, None] * t.skew / t.squared)[..., None]
+        by_twice = pull * side
+        by_unit = scatter(corners, (by_twice + by_fall)[:, NEXT] + (by_twice - by_fall)[:, PREVIOUS], n)
+        # by the sides themselves: lengths and dot products, S-shape, the face's normal
+        spread = share * t.bend / 16.0
+        by_side = (spread[:, NEXT] + spread[:, PREVIOUS] - spread)[..., None] * side
+        by_side += pull * (t.twice - 2.0 * t.skew[..., None] * side)
+        turn = 0.25 * sign[:, None] * (t.image - _dot(t.image, unit)[:, None] * unit) / (2.0 * area[:, None])
+        by_side[:, 0] += np.cross(side[:, 1], turn)
+        by_side[:, 1] += np.cross(turn, side[:, 0])
+        by_area = counted * (0.5 * S_SHAPE * (t.skew**2).sum(axis=1) - 0.5 * t.dirichlet / area)
+        corner = by_area[:, None, None] * area_gradient(t.faces) + by_side[:, NEXT] - by_side[:, PREVIOUS]
+        corner += t.normals.pulled_back(by_unit, corners)
+        by_ahead, by_behind = (
+            angled[..., None] * np.cross(q, sense * unit[:, None])
+            for q, sense in ((t.normals.ahead, 1.0), (t.normals.behind, -1.0))
+        )
+        corner += by_ahead[:, PREVIOUS] + by_behind[:, NEXT] - by_ahead - by_behind
+        return float(t.value.sum()) + constant, scatter(corners, corner, n)
