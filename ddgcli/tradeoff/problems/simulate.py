@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -12,10 +13,11 @@ from ddgcli.evolve.account import Account
 from ddgcli.evolve.loop import evolve
 from ddgcli.models.scene import Document, SceneKind, resolve
 from ddgcli.tradeoff.candidates import NOTHING, Asked, Candidate, Problem, Reference
+from ddgcli.tradeoff.richardson import left_to_go
 
 # steps of the candidates, in the scene's own step; those of the reference
 COARSER = (4.0, 2.0, 1.0, 0.5)
-FINE, FINER = 1 / 4, 1 / 8
+FINEST = (1 / 8, 1 / 2, 2.0)
 TOLERANCES = (1e-3, 1e-5)
 TIMES = ("steps", "duration", "step", "tolerance", "integrator")
 MOST_STEPS = 16  # of the scene's own length: beyond, errors measure chaos more than schemes
@@ -109,13 +111,17 @@ def _problem(
         line = integrator + (" adaptive" if option == "tolerance" else "")
         return Candidate(line, {option: value}, run(integrator, dial), solve, words, work)
 
-    def reference(fine: float, finer: float) -> Reference:
-        found, limit = (
-            solve(run(trusted, {"step": span / max(1, round(steps / f))})()) for f in (fine, finer)
+    def reference(finest: float) -> Reference:
+        coarse, middle, limit = (
+            solve(run(trusted, {"step": span / max(1, round(steps / f))})())
+            for f in (4 * finest, 2 * finest, finest)
         )
-        gap = _relative(found, limit)
-        name = f"{trusted} with {finer:g} of the scene's step, as far as {fine:g} agrees"
-        return Reference.as_far_as(name, limit, gap)
+        first, second = _relative(coarse, middle), _relative(middle, limit)
+        name = f"{trusted} with {finest:g} of the scene's step"
+        name += f", as far as {2 * finest:g} and {4 * finest:g} agree"
+        largest = left_to_go(first.max(initial=0.0), second.max(initial=0.0))
+        mean = left_to_go(first.mean(), second.mean())
+        return Reference(name, limit, largest, mean_uncertainty=mean)
 
     unit = 1e-2 * steps
     candidates = [
@@ -124,11 +130,7 @@ def _problem(
     ]
     return Problem(
         candidates=candidates,
-        references=[
-            (unit * (1 / FINE + 1 / FINER), lambda: reference(FINE, FINER)),
-            (unit * (1 + 1 / 0.5), lambda: reference(1.0, 0.5)),
-            (unit * (1 / 4 + 1 / 2), lambda: reference(4.0, 2.0)),
-        ],
+        references=[(1.75 * unit / finest, partial(reference, finest)) for finest in FINEST],
         error=_relative,
         error_scale=f"the largest {noun} of the reference at t = {span:.6g} s",
         query=f"run of {span:.3g} s",

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -13,11 +15,12 @@ from ddgcli.geometry.intrinsic import face_area
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.models.willmore import setup
 from ddgcli.tradeoff.candidates import NOTHING, Asked, Candidate, Problem, Reference, relative_to_each
+from ddgcli.tradeoff.richardson import left_to_go
 
 WISHES = ("flow", "energy", "boundary", "fix_area", "fix_volume")
 STEPS = (2, 4, 8, 16)
 TOLERANCES = (1e-3, 1e-4, 1e-5)
-FINE, FINER = 32, 64
+FINEST = (64, 16, 4)  # steps of the references; half and a quarter of them tell how sure they are
 
 
 def problem(mesh: TriangleMesh, *, asked: Asked = NOTHING, **_: Any) -> Problem:
@@ -42,11 +45,7 @@ def problem(mesh: TriangleMesh, *, asked: Asked = NOTHING, **_: Any) -> Problem:
             *(_candidate(mesh, kept, span, {"step": span / n}, n * work) for n in counts),
             *(_candidate(mesh, kept, span, {"tolerance": t}, 4 * t**-0.3 * work) for t in tolerances),
         ],
-        references=[
-            ((FINE + FINER) * work, lambda: _reference(mesh, kept, span, FINE, FINER)),
-            (24 * work, lambda: _reference(mesh, kept, span, 8, 16)),
-            (6 * work, lambda: _reference(mesh, kept, span, 2, 4)),
-        ],
+        references=[(1.75 * steps * work, partial(_reference, mesh, kept, span, steps)) for steps in FINEST],
         error=relative_to_each,
         error_scale=f"the energy of the reference at t = {span:.6g}",
         place="energy",
@@ -82,7 +81,8 @@ def _candidate(
     )
 
 
-def _reference(mesh: TriangleMesh, kept: Asked, span: float, coarse: int, fine: int) -> Reference:
-    found, limit = (_energy(_prepared(mesh, kept, span, {"step": span / n})) for n in (coarse, fine))
-    gap = float(np.abs(limit - found).max() / np.abs(limit).max())
-    return Reference(f"{fine} steps, as far as {coarse} agree", limit, gap)
+def _reference(mesh: TriangleMesh, kept: Asked, span: float, steps: int) -> Reference:
+    runs = [_energy(_prepared(mesh, kept, span, {"step": span / n})) for n in (steps // 4, steps // 2, steps)]
+    first, second = (float(np.abs(b - a).max()) for a, b in itertools.pairwise(runs))
+    gap = left_to_go(first, second) / float(np.abs(runs[-1]).max())
+    return Reference(f"{steps} steps, as far as {steps // 2} and {steps // 4} agree", runs[-1], gap)
