@@ -142,7 +142,7 @@ def test_few_factorisations_where_steps_must_be_shortened(monkeypatch):
     mesh = ellipsoids((1.0, 1.0, 2.0))["stretched"](1)
     assert np.degrees(corner_angle(mesh.side_length).min()) < 0.6
     seen, _, _ = flowed(mesh, steps=10)
-    assert energies(seen)[-1] < energies(seen)[0] and len(made) < 3 * 10
+    assert energies(seen)[-1] < energies(seen)[0] and len(made) < 14  # 16 without shares
 
 
 @pytest.mark.parametrize(
