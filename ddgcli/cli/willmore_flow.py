@@ -25,7 +25,10 @@ LATER = "is not available yet"
 @options.common
 @time_options
 @click.option("--flow", default="quadratic", show_default=True, help="quadratic | mean-curvature")
-@click.option("--energy", default="gauss-map", show_default=True, help="gauss-map | sullivan | cotan | hinge")
+@click.option(
+    "--energy",
+    help="gauss-map | sullivan | cotan | hinge  [default: gauss-map; with --boundary fixed cotan]",
+)
 @click.option("--boundary", default="clamped", show_default=True, help="clamped | fixed")
 @click.option("--fix-area", is_flag=True, help="Keep the area.")
 @click.option("--fix-volume", is_flag=True, help="Keep the enclosed volume.")
@@ -79,9 +82,10 @@ def command(
     results, accuracy = report.summary(
         outcome.series, flow.convention, schedule.steps, outcome.stopped, outcome.failure
     )
+    last = source.mesh if outcome.last is None else source.mesh.moved(outcome.last.points)
+    report.tell_of_folds(source.mesh, last)
     if wishes["report_energy"]:
-        last = source.mesh if outcome.last is None else source.mesh.moved(outcome.last.points)
-        results["energies"] = report.every_energy(source.mesh, last, chosen.free_slope)
+        results["energies"] = report.every_energy(source.mesh, last)
     run.plot(lambda path: draw_story(path, outcome, Picture(edges=True, energy="energy")))
     run.finish(results, accuracy, converged=not outcome.failure)
 

@@ -112,19 +112,18 @@ def test_every_inscribed_mesh_has_4_pi_and_no_gradient(family):
     assert np.abs(gradient).max() < 1e-9 * np.abs(moved).max()
 
 
-@pytest.mark.parametrize("free_slope", [False, True])
-def test_caps_of_spheres(free_slope):
-    """Held at its rim, slope and all, an irregular cap is at rest; free to turn, it is not."""
+def test_caps_of_spheres():
+    """Held at its rim, slope and all, an irregular cap is at rest."""
     ball = shapes.random_sphere(400)
     faces = ball.faces[(ball.points[ball.faces][..., 2] > 0).all(axis=1)]
     used, renamed = np.unique(faces, return_inverse=True)
     cap = type(ball).from_arrays(ball.points[used], renamed.reshape(-1, 3))
-    value, gradient = GAUSS_MAP(cap.topology, free_slope).value_and_gradient(cap.points)
+    value, gradient = GAUSS_MAP(cap.topology).value_and_gradient(cap.points)
     held = np.array(cap.topology.boundary_vertex)
+    assert np.abs(gradient[held]).max() > 1e-3
     held[cap.faces[held[cap.faces].any(axis=1)]] = True
-    rest = np.abs(gradient[~held]).max()
-    assert rest > 1e-3 if free_slope else rest < 1e-11
-    assert value == pytest.approx(area(cap), rel=0.35 if free_slope else 0.12)
+    assert np.abs(gradient[~held]).max() < 1e-11
+    assert value == pytest.approx(area(cap), rel=0.12)
 
 
 def test_gauss_map_is_least_on_spheres():
@@ -150,14 +149,14 @@ def test_stripes_that_no_normal_sees_are_as_stiff_as_in_cotan():
     corners = equilateral[sheet.faces]
     sides = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)
     assert np.ptp(sides) < 1e-12
-    row = np.rint(24 * y).astype(int)
-    equilateral[:, 2] = 1e-6 * (-1.0) ** row
     topology = sheet.topology
-    inner = ~topology.boundary_vertex
-    per_vertex = ENERGIES["cotan"].build(topology).value(equilateral) / inner.sum()
-    per_face = GAUSS_MAP(topology, True).value(equilateral) / inner[sheet.faces].all(axis=1).sum()
-    # normals at the sheet's rim see a little of the stripes
-    assert 2 * per_face == pytest.approx(per_vertex, rel=1e-3)
+    flat = GAUSS_MAP(topology).value(equilateral)
+    row = np.rint(24 * y).astype(int)
+    striped = np.where((row > 3) & (row < 21) & (topology.boundary_vertex == 0), 1e-4 * (-1.0) ** row, 0.0)
+    lifted = equilateral + striped[:, None] * [0, 0, 1]
+    stiffness = (GAUSS_MAP(topology).value(lifted) - flat) / ENERGIES["cotan"].build(topology).value(lifted)
+    # the ends of the patch of stripes are seen by normals there
+    assert stiffness == pytest.approx(1, abs=0.02)
 
 
 def test_constraint_gradients():

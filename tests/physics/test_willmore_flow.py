@@ -13,9 +13,9 @@ from ddgcli.geometry.intrinsic import corner_angle
 from ddgcli.io.mesh_file import write_mesh
 from ddgcli.mesh import shapes
 from ddgcli.mesh.fields import AnnotatedMesh
-from ddgcli.models.willmore import descent, flow, setup
+from ddgcli.models.willmore import descent, flow, report, setup
 from ddgcli.models.willmore.constraints import area
-from ddgcli.models.willmore.flow import DEFAULT_STOP
+from ddgcli.models.willmore.flow import DEFAULT_STOP, Stop
 from ddgcli.models.willmore.setup import Wishes
 from ddgcli.operators.laplacian import lumped_vertex_area
 
@@ -157,6 +157,49 @@ def test_torus_becomes_clifford(energy, cells):
     r = np.hypot(*end.points[:, :2].T)
     assert (r.max() + r.min()) / (r.max() - r.min()) == pytest.approx(np.sqrt(2), rel=0.02)
     assert_falls(seen)
+
+
+def test_an_impossible_energy_is_not_followed():
+    """A coarse torus can be pinched, unseen by its few normals; no torus has less than 2 pi^2."""
+    squeezed = shapes.torus(36, 18, 2.0, 1.0)
+    squeezed = squeezed.moved(squeezed.points * [1.0, 1.0, 4.0])
+    wishes = Wishes(stop=Stop(1e-6, 1e-8))  # left alone, it goes on
+    seen, _, shots = flowed(squeezed, wishes, steps=400)
+    assert "least energy" in shots[-1].stopped
+    assert 0.9 * 2 * np.pi**2 <= energies(seen)[-1] < energies(seen)[0]
+    assert_falls(seen)
+
+
+def test_least_energies():
+    ball, ring, cap = shapes.icosphere(1), shapes.torus(12, 6), shapes.grid(3, 3)
+    for mesh, least in ((ball, 4 * np.pi), (ring, 2 * np.pi**2), (cap, 0.0)):
+        assert setup.least_energy(mesh.topology) == pytest.approx(least)
+    both = np.concatenate(
+        [ball.faces, ring.faces + ball.n_vertices, cap.faces + ball.n_vertices + ring.n_vertices]
+    )
+    together = type(ball).from_arrays(np.concatenate([ball.points, ring.points, cap.points]), both)
+    assert setup.least_energy(together.topology) == pytest.approx(4 * np.pi + 2 * np.pi**2)
+
+
+def test_where_the_slope_is_free_the_default_is_cotan(summary, run, tmp_path):
+    path = tmp_path / "bowl.ply"
+    write_mesh(str(path), AnnotatedMesh(bowl()))
+    fixed = summary("willmore-flow", path, "--boundary", "fixed", "--steps", 2)
+    clamped = summary("willmore-flow", path, "--steps", 2)
+    assert "mixed Voronoi" in fixed["results"]["energy_convention"]
+    assert "Dirichlet energy" in clamped["results"]["energy_convention"]
+    refused = run("willmore-flow", path, "--boundary", "fixed", "--energy", "gauss-map")
+    assert refused.exit_code == 2 and "--energy cotan" in refused.stderr
+
+
+def test_folded_faces_are_told(caplog):
+    ball = shapes.icosphere(2)
+    points = np.array(ball.points)
+    points[100] = -0.5 * points[100]
+    report.tell_of_folds(ball, ball)
+    assert caplog.text == ""
+    report.tell_of_folds(ball, ball.moved(points))
+    assert "folded over" in caplog.text and "(0 at the start)" in caplog.text
 
 
 @pytest.mark.parametrize("scale", [1e-9, 1e9])

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csc_array, diags_array
 
+from ddgcli.geometry.extrinsic import face_area_vector
 from ddgcli.linalg.factor import Factor
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.models.willmore.constraints import Constraints
@@ -51,6 +52,12 @@ def vertex_normals(mesh: TriangleMesh) -> NDArray[np.float64]:
         sides = Faces.at(mesh.points, mesh.faces).opposite
         normals = Normals.at(sides, mesh.faces, mesh.n_vertices)
     return np.where(normals.length[:, None] > 0, normals.unit, 0.0)
+
+
+def folded_faces(mesh: TriangleMesh) -> int:
+    """How many faces turn their back on the normal at one of their corners."""
+    normal = vertex_normals(mesh)[mesh.faces]
+    return int((np.einsum("fki,fi->fk", normal, face_area_vector(mesh)).min(axis=1) < 0.0).sum())
 
 
 def slope(mesh: TriangleMesh, energy: Energy, free: NDArray, constraints: Constraints) -> Slope:

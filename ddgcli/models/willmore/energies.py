@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -22,46 +23,41 @@ class Energy(Protocol):
     def value_and_gradient(self, points: NDArray) -> tuple[float, NDArray[np.float64]]: ...
 
 
-class Builder(Protocol):
-    """Makes an energy; free_slope: the surface may turn about its boundary."""
-
-    def __call__(self, topology: Topology, free_slope: bool = False) -> Energy: ...
-
-
 @dataclass(frozen=True)
 class Kind:
     """One row of the table.
 
     Parameters
     ----------
-    build : Builder
+    build : callable
+        Topology -> Energy.
     convention : str
         What the number stands for; the summary's `energy_convention`.
     """
 
-    build: Builder
+    build: Callable[[Topology], Energy]
     convention: str
 
 
-def _vertex(sullivan: bool) -> Builder:
-    def build(topology: Topology, free_slope: bool = False) -> Energy:
-        return VertexEnergy(topology, sullivan, topology.referenced_vertex & ~topology.boundary_vertex)
+def _vertex(sullivan: bool) -> Callable[[Topology], Energy]:
+    return lambda topology: VertexEnergy(
+        topology, sullivan, topology.referenced_vertex & ~topology.boundary_vertex
+    )
 
-    return build
 
-
-def _hinge(topology: Topology, free_slope: bool = False) -> Energy:
+def _hinge(topology: Topology) -> Energy:
     closed = topology.is_closed
     return HingeEnergy(topology, 4.0 * np.pi * topology.euler_characteristic / 3.0 if closed else 0.0)
 
 
-DEFAULT = "gauss-map"
+# where the slope at the boundary is free, faces there must count: `gauss-map` leaves them out
+DEFAULT, FREE_SLOPE = "gauss-map", "cotan"
 _SMOOTH = "int H^2 dA with H = (k1 + k2)/2 (a round sphere has 4 pi)"
 ENERGIES = {
     "gauss-map": Kind(
         GaussMapEnergy,
         f"{_SMOOTH}; int K + sum over faces of (D - G)/2 and the sides' S-shape, D Dirichlet energy and G "
-        "area of the vertex normals (where the slope at the boundary is free: of (D + G)/2, without int K)",
+        "area of the vertex normals",
     ),
     "sullivan": Kind(
         _vertex(True), f"{_SMOOTH}; sum over inner vertices of |dArea|^2 / (4 |dVolume|^2) * star area / 3"

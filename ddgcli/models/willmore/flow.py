@@ -34,6 +34,10 @@ SHARES = (1.0, 0.25, 0.0625)  # of a motion, tried before a shorter step is fact
 ENOUGH = 0.01  # of the fall that the slope promises, for a step of the descent to be taken
 # a surface is near rest where steps above that share of the longest promise less than that of the energy
 UNHINDERED, NEAR = 0.01, 0.1
+IMPOSSIBLE = 0.9  # of the least energy of its topology, below which only the mesh's error takes a surface
+TOO_UNEVEN = (
+    "the next step would go below the least energy of such surfaces: the mesh is too coarse or uneven"
+)
 VANISHED = 1e-12  # energy at which nothing is left to release
 HELD = 1e-13  # relative predicted fall of the energy below which rounding decides: the surface is kept
 COLLAPSED = 1e-3  # share of the area at the start below which a surface counts as gone
@@ -122,6 +126,8 @@ class Flow:
         At the start, at unit size.
     original : (n, 3) ndarray
         Positions at the start, as given.
+    least : float
+        Lower bound of the smooth energy, 0 where none is known.
     """
 
     topology: Topology
@@ -136,6 +142,7 @@ class Flow:
     scale: float
     area: float
     original: NDArray[np.float64]
+    least: float
     _kept: Slope | None = None
     _prepared: tuple[Metric, float] | None = None
 
@@ -208,6 +215,8 @@ class Flow:
                 moved = followed(preconditioner, motion, share, self.constraints)
                 energy = self.energy.value(moved.points)
                 if energy <= at.energy - ENOUGH * share * promised:
+                    if energy < IMPOSSIBLE * self.least:
+                        return replace(state, stopped=TOO_UNEVEN)
                     at_once = dt == state.dt and share == 1.0
                     stepped = self._stepped(state, at, moved, energy, share * dt * self.time_unit)
                     return replace(stepped, dt=min(longest_step(self), 2.0 * dt if at_once else dt))

@@ -91,20 +91,17 @@ class _Terms:
 
 @dataclass(frozen=True, eq=False)
 class GaussMapEnergy:
-    """Sum over faces of (D -+ G) / 2 + 2 A / 9 sum over its sides of ((n_i + n_j) . e)^2 / |e|^4.
+    """Sum over faces of (D - G) / 2 + 2 A / 9 sum over its sides of ((n_i + n_j) . e)^2 / |e|^4.
 
     D is the Dirichlet energy of the vertex normals n, linear on the face (int (k1^2 + k2^2) / 2), G their
     triangle's area along the face's normal (int k1 k2). D - G = int (k1 - k2)^2 / 2 is never negative, and
     zero on meshes inscribed in spheres, as is the last term: there the gradient vanishes, exactly. Added is
     int K, the sum of the inner vertices' angle defects (2 pi chi on closed surfaces). Faces with a boundary
-    vertex are left out. Where the slope at the boundary is free, int K is not fixed by it: there the sum is
-    of (D + G) / 2 = int H^2 instead, and nothing is added.
+    vertex are left out: the energy is for surfaces that are held there with their slope.
 
     Parameters
     ----------
     topology : Topology
-    free_slope : bool
-        The surface may turn about its boundary.
 
     Notes
     -----
@@ -113,26 +110,20 @@ class GaussMapEnergy:
     """
 
     topology: Topology
-    free_slope: bool = False
 
     @cached_property
-    def _weights(self) -> tuple[NDArray, NDArray, NDArray, float]:
-        """Of a face: whether it counts, and the same with the sign of G (m,); of the corners' angles in int K
-        (m, 3); and what is constant in int K."""
+    def _weights(self) -> tuple[NDArray, NDArray, float]:
+        """Whether a face counts (m,), the boundary corners (m, 3), and what is constant in int K."""
         t = self.topology
         at_boundary = t.boundary_vertex[t.faces]
         counted = np.where(at_boundary.any(axis=1), 0.0, 1.0)
-        opened = np.bincount(t.vertex_component[t.boundary_vertex], minlength=t.n_components) > 0
-        turning = opened & self.free_slope
-        inner = t.referenced_vertex & ~t.boundary_vertex & ~turning[t.vertex_component]
+        inner = int((t.referenced_vertex & ~t.boundary_vertex).sum())
         # the angle defects of the inner vertices: 2 pi each, less pi for a face, its boundary corners back
-        sign = np.where(turning[t.face_component], 1.0, -1.0)
-        constant = np.pi * (2 * int(inner.sum()) - int((sign < 0).sum()))
-        return counted, sign * counted, at_boundary & (sign < 0)[:, None], constant
+        return counted, at_boundary, np.pi * (2 * inner - t.n_faces)
 
     def _terms(self, points: NDArray) -> _Terms:
         corners, n = self.topology.faces, self.topology.n_vertices
-        counted, sign, angled, _ = self._weights
+        counted, angled, _ = self._weights
         faces = Faces.at(points, corners)
         side = faces.opposite
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -145,26 +136,26 @@ class GaussMapEnergy:
             dirichlet = (corner_dot * bend).sum(axis=1) / (8.0 * faces.area)
             image = np.cross(fall[:, 0], fall[:, 1])
             value = counted * (0.5 * dirichlet + 0.5 * S_SHAPE * faces.area * (skew**2).sum(axis=1))
-            value += 0.25 * sign * _dot(image, faces.normal)
+            value -= 0.25 * counted * _dot(image, faces.normal)
             value = np.where(counted > 0, value, 0.0)
             value += np.where(angled, np.arctan2(2.0 * faces.area[:, None], corner_dot), 0.0).sum(axis=1)
         return _Terms(faces, normals, squared, corner_dot, fall, bend, twice, skew, dirichlet, image, value)
 
     def value(self, points: NDArray) -> float:
         """Energy; not finite on a surface with a face without area, or where a vertex has no normal."""
-        return float(self._terms(points).value.sum()) + self._weights[3]
+        return float(self._terms(points).value.sum()) + self._weights[2]
 
     def value_and_gradient(self, points: NDArray) -> tuple[float, NDArray[np.float64]]:
         """Energy and its exact gradient (n, 3)."""
         corners, n = self.topology.faces, self.topology.n_vertices
-        counted, sign, angled, constant = self._weights
+        counted, angled, constant = self._weights
         t = self._terms(points)
         side, unit, area = t.faces.opposite, t.faces.normal, t.faces.area
         # by the normals' differences and sums along the sides
         share = (counted / area)[:, None]
         by_fall = 0.125 * (share * t.corner_dot)[..., None] * t.fall
-        by_fall[:, 0] += 0.25 * sign[:, None] * np.cross(t.fall[:, 1], unit)
-        by_fall[:, 1] += 0.25 * sign[:, None] * np.cross(unit, t.fall[:, 0])
+        by_fall[:, 0] -= 0.25 * counted[:, None] * np.cross(t.fall[:, 1], unit)
+        by_fall[:, 1] -= 0.25 * counted[:, None] * np.cross(unit, t.fall[:, 0])
         pull = (S_SHAPE * (counted * area)[:, None] * t.skew / t.squared)[..., None]
         by_twice = pull * side
         by_unit = scatter(corners, (by_twice + by_fall)[:, NEXT] + (by_twice - by_fall)[:, PREVIOUS], n)
@@ -172,7 +163,7 @@ class GaussMapEnergy:
         spread = share * t.bend / 16.0
         by_side = (spread[:, NEXT] + spread[:, PREVIOUS] - spread)[..., None] * side
         by_side += pull * (t.twice - 2.0 * t.skew[..., None] * side)
-        turn = 0.25 * sign[:, None] * (t.image - _dot(t.image, unit)[:, None] * unit) / (2.0 * area[:, None])
+        turn = (_dot(t.image, unit)[:, None] * unit - t.image) * (0.125 * share)
         by_side[:, 0] += np.cross(side[:, 1], turn)
         by_side[:, 1] += np.cross(turn, side[:, 0])
         by_area = counted * (0.5 * S_SHAPE * (t.skew**2).sum(axis=1) - 0.5 * t.dirichlet / area)

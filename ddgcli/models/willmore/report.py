@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Mapping
 from typing import Any
 
@@ -9,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.mesh.triangle_mesh import TriangleMesh
+from ddgcli.models.willmore.descent import folded_faces
 from ddgcli.models.willmore.energies import ENERGIES
 
 
@@ -49,16 +51,26 @@ def summary(
     return results, accuracy
 
 
-def every_energy(
-    first: TriangleMesh, last: TriangleMesh, free_slope: bool = False
-) -> dict[str, dict[str, Any]]:
+def every_energy(first: TriangleMesh, last: TriangleMesh) -> dict[str, dict[str, Any]]:
     """All energies at start and end, with their conventions (--report-energy all)."""
     found = {}
     for name, kind in ENERGIES.items():
-        energy = kind.build(first.topology, free_slope)
+        energy = kind.build(first.topology)
         found[name] = {
             "start": energy.value(first.points),
             "end": energy.value(last.points),
             "energy_convention": kind.convention,
         }
     return found
+
+
+def tell_of_folds(first: TriangleMesh, last: TriangleMesh) -> None:
+    """A warning where faces have folded over: energies of such a surface mean little."""
+    before, after = folded_faces(first), folded_faces(last)
+    if after > before:
+        logging.getLogger("ddgcli").warning(
+            "%d faces are folded over at the end (%d at the start): the energy means little there; begin "
+            "with a finer or more even mesh",
+            after,
+            before,
+        )

@@ -16,7 +16,7 @@ from ddgcli.geometry.extrinsic import enclosed_volume
 from ddgcli.mesh.topology import Topology
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.models.willmore.constraints import Constraints, area
-from ddgcli.models.willmore.energies import DEFAULT, ENERGIES
+from ddgcli.models.willmore.energies import DEFAULT, ENERGIES, FREE_SLOPE
 from ddgcli.models.willmore.flow import Flow, FlowState, Stop, longest_step
 from ddgcli.models.willmore.scaled import centred_at_unit_size
 
@@ -35,26 +35,23 @@ class Wishes:
 
     Parameters
     ----------
-    energy, flow, boundary : str
-        Of ENERGIES, FLOWS, BOUNDARIES.
+    energy : str or None
+        Of ENERGIES; None for the default, see `chosen_energy`.
+    flow, boundary : str
+        Of FLOWS, BOUNDARIES.
     fix_area, fix_volume : bool
     timed : bool
         Steps of a given length, second order in time; else the longest that descend.
     stop : Stop
     """
 
-    energy: str = DEFAULT
+    energy: str | None = None
     flow: str = "quadratic"
     boundary: str = "clamped"
     fix_area: bool = False
     fix_volume: bool = False
     timed: bool = False
     stop: Stop = Stop()
-
-    @property
-    def free_slope(self) -> bool:
-        """Whether the surface may turn about its boundary."""
-        return self.boundary == "fixed"
 
 
 def described(wishes: Wishes) -> dict[str, Any]:
@@ -70,6 +67,39 @@ def free_vertices(topology: Topology, boundary: str) -> NDArray[np.int64]:
     return np.flatnonzero(topology.referenced_vertex & ~held)
 
 
+def chosen_energy(topology: Topology, wishes: Wishes) -> str:
+    """The energy's name: as wished, or `gauss-map`, and `cotan` where the slope at a boundary is free.
+
+    Raises
+    ------
+    ParameterError
+        When `gauss-map` is wished where it does not hold.
+    """
+    free_slope = wishes.boundary == "fixed" and not topology.is_closed
+    if free_slope and wishes.energy == DEFAULT:
+        raise ParameterError(
+            f"energy {DEFAULT!r} leaves the faces at the boundary out, where the slope is free; use "
+            f"--energy {FREE_SLOPE} or --boundary clamped"
+        )
+    return wishes.energy or (FREE_SLOPE if free_slope else DEFAULT)
+
+
+def least_energy(topology: Topology) -> float:
+    """Least int H^2 that a surface in space of this topology has: 4 pi a sphere, 2 pi^2 any other closed one.
+
+    Notes
+    -----
+    T. J. Willmore, 1965; F. Marques, A. Neves, "Min-max theory and the Willmore conjecture", 2014.
+    """
+    n, component = topology.n_components, topology.vertex_component
+    opened = np.bincount(component[topology.boundary_vertex], minlength=n) > 0
+    vertices = np.bincount(component[topology.referenced_vertex], minlength=n)
+    faces = np.bincount(topology.face_component, minlength=n)
+    # a closed part has three sides a face, each shared by two
+    least = np.where(2 * vertices - faces == 4, 4.0 * np.pi, 2.0 * np.pi**2)
+    return float(least[~opened & (faces > 0)].sum())
+
+
 def build(mesh: TriangleMesh, wishes: Wishes) -> tuple[Flow, Model]:
     """The flow of a mesh, and the model that the time loop drives.
 
@@ -78,8 +108,9 @@ def build(mesh: TriangleMesh, wishes: Wishes) -> tuple[Flow, Model]:
     MeshError, ParameterError
         On a mesh or a wish that the flow cannot take.
     """
+    chosen = chosen_energy(mesh.topology, wishes)
     for value, known, what in (
-        (wishes.energy, tuple(ENERGIES), "energy"),
+        (chosen, tuple(ENERGIES), "energy"),
         (wishes.flow, FLOWS, "flow"),
         (wishes.boundary, BOUNDARIES, "boundary"),
     ):
@@ -98,17 +129,18 @@ def build(mesh: TriangleMesh, wishes: Wishes) -> tuple[Flow, Model]:
     )
     if constraints.volume is not None and abs(constraints.volume) < 1e-9:
         raise MeshError("the surface encloses no volume; --fix-volume has nothing to keep")
-    energy = ENERGIES[wishes.energy].build(topology, wishes.free_slope)
+    energy = ENERGIES[chosen].build(topology)
     started = energy.value(unit.points)
     if not math.isfinite(started):
         raise MeshError(
-            f"the {wishes.energy} energy is not finite here: at some vertex the faces' normals cancel; "
+            f"the {chosen} energy is not finite here: at some vertex the faces' normals cancel; "
             "unfold it or use --energy cotan"
         )
-    convention = ENERGIES[wishes.energy].convention
+    convention = ENERGIES[chosen].convention
     flow = Flow(
         topology, energy, convention, free, constraints, mean_curvature, wishes.timed, wishes.stop,
         centre, scale, area(unit), mesh.points,
+        0.0 if chosen == "hinge" else least_energy(topology),
     )  # fmt: skip
     start = FlowState(unit.points, started, 0.0, longest_step(flow), stopped="" if len(free) else HELD)
     model = Model(
