@@ -140,6 +140,28 @@ def test_other_readers_open_the_paths(summary, sphere, tmp_path, suffix, read, k
             np.testing.assert_array_equal(arrays[name], value)
 
 
+def test_traces_say_how_they_went_and_the_log_map_where_its_axis_lies(summary, tmp_path):
+    mesh, file, out = shapes.grid(8, 8), tmp_path / "square.npz", tmp_path / "log.npz"
+    write_mesh(str(file), AnnotatedMesh(mesh))
+    start = mesh.points[mesh.faces[20]].mean(axis=0)
+    third = "0.3333333333333333,0.3333333333333333,0.3333333333333334"
+    lines = f"20:{third}:3,4,0:0.1", f"20:{third}:-3,-4,0:9"
+    said = summary("geodesic", file, "--source", 40, "--log-map", "--trace", *lines, "-o", out)["results"]
+    short, long = said["paths"]
+    for path, status, direction in ((short, "reached", [0.6, 0.8, 0]), (long, "boundary", [-0.6, -0.8, 0])):
+        assert path["status"] == status and path["crossings"] == path["points"] - 2
+        np.testing.assert_allclose(path["end_direction"], direction, atol=1e-12)
+        walked = np.array(path["end"]["point"]) - start
+        np.testing.assert_allclose(walked, path["length"] * np.array(direction), atol=1e-12)
+    assert short["asked_length"] == 0.1 and short["length"] == pytest.approx(0.1, rel=1e-14)
+    assert long["length"] < long["asked_length"] == 9
+    axis = said["log_map_axis"]
+    ahead = mesh.points[axis["towards_vertex"]] - mesh.points[40]
+    np.testing.assert_allclose(axis["x_axis"], ahead / np.linalg.norm(ahead), atol=1e-15)
+    found = np.load(out)["log_map"][axis["towards_vertex"]]
+    np.testing.assert_allclose(found, [np.linalg.norm(ahead), 0], atol=1e-15)
+
+
 def test_angles_at_vertices_are_reported(summary, sphere):
     mesh = shapes.icosphere(3)
     ahead = mesh.points[mesh.faces[0, 1]] - mesh.points[mesh.faces[0, 0]]

@@ -37,6 +37,8 @@ def test_default_is_exact(square, summary, tmp_path):
     arrays = np.load(out)
     truth = np.linalg.norm(arrays["points"] - arrays["points"][0], axis=1)
     assert np.abs(arrays["geodesic_distance"] - truth).max() < 1e-12
+    assert said["results"]["max_distance"] == pytest.approx(truth.max(), rel=1e-12)
+    assert said["results"]["mean_distance"] == pytest.approx(truth.mean(), rel=1e-12)
     accuracy = said["accuracy"]
     assert accuracy["violations_straight_line"] == accuracy["violations_edge_distance"] == 0
     assert accuracy["violations_lipschitz"] == 0
