@@ -21,6 +21,8 @@ from ddgcli.evolve.account import Account
 State = TypeVar("State")
 Arrays = dict[str, NDArray]
 log = logging.getLogger("ddgcli")
+RECOVERY = 8.0  # of the shortest part of a step, what the next one tries first
+GROWTH = 1.1  # of the part tried, with each that succeeds
 DEEPEST_SHRINK = 12  # a step is halved at most so often: dt / 4096
 
 
@@ -159,6 +161,8 @@ class March:
     smallest: float = math.inf
     stopped: str = ""
     divided: bool = False
+    allowed: float = math.inf  # longest part of the step under way that is tried
+    shortest: float = math.inf  # taken of the step under way
     reached: float = 0.0  # in steps
     tell: Callable[[], None] = field(default=lambda: None)
 
@@ -297,7 +301,9 @@ def _march(march: March, schedule: Schedule, first: int, last: int, events: list
         _march_adaptive(march, schedule, first, last, events)
         return last
     for step in range(first, last):
+        march.allowed, march.shortest = RECOVERY * march.next_dt, math.inf
         march.state = _cross(march, schedule, step, step * schedule.dt, schedule.dt, 0, events)
+        march.next_dt = march.shortest
         if march.model.stop is not None:
             march.stopped = march.model.stop(march.state)
             if march.stopped:
@@ -309,7 +315,10 @@ def _march(march: March, schedule: Schedule, first: int, last: int, events: list
 def _cross(
     march: March, schedule: Schedule, step: int, time: float, dt: float, depth: int, events: list[Event]
 ) -> Any:
-    """State after `dt`: in one step, or in halves where that fails or would be unstable."""
+    """State after `dt`: in one step, or in halves where that fails or would be unstable.
+
+    What failed is tried again after some shorter parts, and the next step begins with a multiple of them.
+    """
     model = march.model
     if dt > model.largest_step:
         if depth >= DEEPEST_SHRINK:
@@ -323,6 +332,8 @@ def _cross(
             events.append(Event(step, time, "stability", march.name, model.largest_step, detail))
             log.warning(detail)
         return _halves(march, schedule, step, time, dt, depth, events)
+    if dt > march.allowed:
+        return _halves(march, schedule, step, time, dt, depth, events)
     try:
         state = model.advance(march.state, time, dt)
     except StepRejected as rejected:
@@ -332,12 +343,14 @@ def _cross(
             raise SolveError(f"t = {time:.6g} s, {detail}; try a smaller step") from rejected
         say = log.info if march.divided else log.warning
         say("t = %.6g s, %s; it is halved, and so are those after it where they must", time, detail)
-        march.divided = True
+        march.divided, march.allowed = True, 0.75 * dt
         return _halves(march, schedule, step, time, dt, depth, events)
     march.reached = (time + dt) / schedule.dt
     march.tell()
     march.taken += 1
     march.smallest = min(march.smallest, dt)
+    march.shortest = min(march.shortest, dt)
+    march.allowed *= GROWTH
     return state
 
 

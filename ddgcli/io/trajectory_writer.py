@@ -59,6 +59,7 @@ class TrajectoryWriter:
         self.n_frames = 0
         self._file: RowFile | None = None
         self._log: list[tuple] = [(0, 0.0, b"start", b"", math.nan, b"")]
+        self._logged = 0  # rows of it that the present file holds
         self._shapes: tuple = ()
 
     def append(
@@ -106,7 +107,8 @@ class TrajectoryWriter:
         for name, values in per_frame.items():
             width = n if name.startswith("VTKHDF/PointData/") or name == "VTKHDF/Points" else 1
             file.write(name, k * width, values)
-        file.write("ddgcli/log", 0, np.array(self._log, dtype=LOG_DTYPE))
+        file.write("ddgcli/log", self._logged, np.array(self._log[self._logged :], dtype=LOG_DTYPE))
+        self._logged = len(self._log)
         slot = f"ddgcli/checkpoint/slot_{k % 2}"
         for name, values in checkpoint.items():
             file.write(f"{slot}/{name.replace('/', '.')}", 0, np.atleast_1d(values))
@@ -142,6 +144,7 @@ class TrajectoryWriter:
             for name in set(rows) & set(old.rows if old else ()) - {"ddgcli/log", "ddgcli/effects"}:
                 if old is not None and old.rows[name].row_bytes == rows[name].row_bytes:
                     new.copy_rows(name, old, min(old.rows[name].count, rows[name].capacity))
+            self._logged = 0
             put()
             os.replace(temporary, self.part)
             new.path = self.part

@@ -133,6 +133,7 @@ FLOWS = {
         'viscosity = { nu = 0.01 }\nharmonic = {}\nboundary = { kind = "no-slip", velocity = [1, 0, 0] }',
         'integrator = "circulation"',
     ),
+    "divided": (TUBE, "harmonic = { coefficients = [40] }", ""),
     "frozen": (TUBE, 'harmonic = { kind = "frozen", coefficients = [1] }', ""),
 }
 
@@ -198,6 +199,8 @@ def test_trajectory_resume_and_arrays(run, flow, tmp_path, monkeypatch):
     assert resumed.exit_code == 0, resumed.output + resumed.stderr
     with Trajectory(str(whole)) as a, Trajectory(str(cut)) as b:
         assert a.n_frames == b.n_frames == 7
+        assert (a.log_rows > 1) == ("[40]" in file.read_text())
+        assert a.log[: a.log_rows].tobytes() == b.log[: b.log_rows].tobytes()
         for k in range(7):
             first, second = a.frame(k), b.frame(k)
             assert {"vorticity", "stream_function", "velocity", "dye"} <= set(first.vertex)

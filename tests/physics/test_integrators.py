@@ -197,6 +197,30 @@ plane = {}
         )
 
 
+@pytest.mark.parametrize("limit, later", [(0.011, 0.011), (0.011, 1.0), (0.2, 0.003)])
+def test_what_failed_is_not_tried_at_every_turn(limit, later):
+    """Steps of 1 s of a model that takes parts up to a limit, which changes half-way: the whole time is
+    marched, no part is much shorter than it must be, and few are tried in vain."""
+    from ddgcli.evolve.loop import Model, Observation, Schedule, StepRejected
+
+    def advance(state, time, dt):
+        if dt > (limit if time < 5 else later):
+            raise StepRejected("too long")
+        assert time == pytest.approx(state.sum(), abs=1e-9)
+        return np.append(state, dt)
+
+    shown = Observation(None)
+    model = Model(np.zeros(0), advance, lambda state: shown, lambda s: {"s": s}, lambda a: a["s"])
+    snapshots = list(evolve({"m": model}, Schedule(1.0, 10), Account()))
+    parts = snapshots[-1].checkpoint["m/s"]
+    tried = sum(len(snapshot.events) for snapshot in snapshots)
+    assert parts.sum() == pytest.approx(10)
+    when = np.cumsum(parts) - parts
+    for part, bound in ((parts[when < 5], limit), (parts[when >= 7], later)):
+        assert np.median(part) > bound / 4 and part.max() <= bound
+    assert tried < 0.35 * len(parts) + 40
+
+
 def test_progress_hears_of_every_part_of_a_step():
     scene = resolve(parse_scene(FREE.format(integrator="verlet", step=0.05, duration=0.2)), KIND, {})
     contexts = {name: context for name, (context, _) in model.contexts(scene, None).items()}

@@ -197,9 +197,10 @@ class FluidModel:
 
     def model(self) -> Model[FluidState]:
         """The joint to the time loop."""
+        fourth = self.diffusion is None and self.advect == self._by_runge_kutta
         return Model(
             self.start, self.advance, self.observe, self.pack, self.unpack,
-            distance=self.distance, order=2 if self.diffusion is not None else 4,
+            distance=self.distance, order=4 if fourth else 2,
         )  # fmt: skip
 
     # ------------------------------------------------------------------ steps
