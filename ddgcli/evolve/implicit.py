@@ -26,6 +26,7 @@ from ddgcli.linalg.factor import Factor
 MOVE = 1e-9  # a Newton step below this fraction of the object's size ends the iteration
 SETTLED = 1e-8  # a first guess whose acceleration misses no more than this part needs no iteration
 EPSILON = 0.25 * float(np.finfo(float).eps)  # a move that changes no digit
+CUT, MOST_CUT = 1e-3, 10  # moves of which the line search leaves less than that part, and how many may be
 MOST = 300  # a stiff sheet that has struck something needs many, and halves of the step no fewer
 LATE = 40  # a move longer than the object itself, after so many, is no approach
 SHORTEST = 1e-10
@@ -152,7 +153,7 @@ class Newton:
             return self._linear(increment, guess), 1
         self._fresh = False
         enough = MOVE * system.size
-        point, before = self.at(increment, guess), np.inf
+        point, before, cut = self.at(increment, guess), np.inf, 0
         for iteration in range(1, MOST + 1):
             g = self.slope(increment, point.y)
             if not np.isfinite(point.value) or not np.isfinite(g).all():
@@ -173,6 +174,9 @@ class Newton:
             size = float(np.abs(move).max())
             if t == 0.0 and size > enough:
                 raise StepRejected("line search", worst(g), float(np.abs(g).max()))
+            cut += t < CUT
+            if cut > MOST_CUT:
+                break
             # the next move is to this one as this one to the last: near the end, Newton does better than that
             quick = found.convex and t == 1.0 and size < before < np.inf
             following = max(size * size / before, found.left) if quick else size * max(t, 1e-3)
