@@ -200,6 +200,7 @@ def test_unreachable_components_are_named(islands, summary, tmp_path, method):
         (["--source", 121], "outside 0..120"),
         (["--source", -1], "outside 0..120"),
         (["--source", 10**30], "not a vertex number"),
+        (["--source", 0, "--method", "heat", "--heat-time", 1e17], "shorter --heat-time"),
         (["--source-face", f"{10**30}:1,0,0"], "not a face number"),
         (["--source", "one"], "not a vertex number"),
         (["--source-face", "999:0.2,0.3,0.5"], "face 999"),

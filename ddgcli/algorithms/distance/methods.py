@@ -22,6 +22,8 @@ if TYPE_CHECKING:
 
 log = logging.getLogger("ddgcli")
 
+LOST_HEAT = 1e-3  # residual of the heat's system, of which nothing is left to take a direction from
+
 METHODS = ("exact", "heat", "fast-marching", "dijkstra")
 OPERATORS = ("intrinsic-delaunay", "plain", "tufted")
 
@@ -166,6 +168,11 @@ def _heat(mesh: SurfaceMesh, options: DistanceOptions) -> Solver:
 
     def solve(sources: Sources) -> Measured:
         heat = solver.distance(sources)
+        if not heat.heat_residual <= LOST_HEAT:
+            raise ParameterError(
+                f"heat of time {solver.time:g} is lost to rounding (residual {heat.heat_residual:.2g}); give "
+                "a shorter --heat-time, or take --method exact"
+            )
         accuracy = {"heat_residual": heat.heat_residual, "poisson_residual": heat.poisson_residual}
         results = {"operator": operator, "heat_time": solver.time, "heat_stages": heat.stages}
         if heat.cold_faces:
