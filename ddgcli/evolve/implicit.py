@@ -28,7 +28,6 @@ SETTLED = 1e-8  # a first guess whose acceleration misses no more than this part
 EPSILON = 0.25 * float(np.finfo(float).eps)  # a move that changes no digit
 CUT, MOST_CUT = 1e-3, 10  # moves of which the line search leaves less than that part, and how many may be
 MOST = 300  # a stiff sheet that has struck something needs many, and halves of the step no fewer
-LATE = 40  # a move longer than the object itself, after so many, is no approach
 SHORTEST = 1e-10
 ARMIJO = 1e-4
 ROUNDING = 1e-14
@@ -183,8 +182,6 @@ class Newton:
             before = size if t == 1.0 else np.inf
             if following <= enough:
                 return point.y, iteration
-            if iteration >= LATE and size > system.size:
-                break
         raise StepRejected("newton", worst(g), size)
 
     def _settled(self, increment: Increment, y: NDArray, g: NDArray) -> bool:
