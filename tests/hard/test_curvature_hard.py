@@ -7,7 +7,10 @@ import numpy as np
 import pytest
 
 from ddgcli.algorithms.curvature.report import measure
+from ddgcli.geometry.intrinsic import face_area
+from ddgcli.io.mesh_file import write_mesh
 from ddgcli.mesh import shapes
+from ddgcli.mesh.fields import AnnotatedMesh
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 
 SHARED = Path(__file__).parent.parent.parent.parent / "shared" / "meshes"
@@ -101,3 +104,13 @@ def test_vertices_without_faces_and_tiny_meshes():
         assert np.abs(measure(one, scheme).vertex["mean_curvature"]).max() < 1e-12
         corners = measure(tetrahedron, scheme).vertex["mean_curvature"]
         assert corners == pytest.approx(np.full(4, corners[0]), rel=1e-6) and corners[0] > 0
+
+
+def test_a_volume_beyond_the_range_of_numbers_is_null_and_told(summary, tmp_path):
+    huge = shapes.icosphere(1)
+    path = tmp_path / "huge.ply"
+    write_mesh(str(path), AnnotatedMesh(huge.moved(1e130 * huge.points)))
+    told = summary("curvature", path)
+    assert told["results"]["volume"] is None and "results.volume" in told["warnings"][-1]
+    area = face_area(huge.side_length).sum()
+    assert told["results"]["area"] == pytest.approx(1e260 * area, rel=1e-12)

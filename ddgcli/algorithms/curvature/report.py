@@ -256,7 +256,7 @@ def _integrals(surface: _Surface, found: Principal) -> dict[str, Any]:
     boundary = topology.boundary_vertex
     area = float(faces.area.sum())
     two_sided_closed = topology.is_closed and surface.orientable
-    volume = totals.enclosed_volume(faces) * s**3 if two_sided_closed else None
+    volume = totals.enclosed_volume(faces) * s * s * s if two_sided_closed else None  # or inf
     lengths = totals.edge_length(faces, topology)
     mean = float((0.5 * lengths * surface.dihedral).sum()) * s if surface.orientable else None
     energies = totals.willmore_energies(
