@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import logging
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -76,6 +77,17 @@ def smallest_eigenpairs(
     n = L.shape[0]
     if not 1 <= k <= n:
         raise ParameterError(f"{k} eigenpairs asked for, but the matrix has {n} unknowns; ask for 1 to {n}")
+    # masses of about 1, by a power of 4 that costs no digit: squares of huge and tiny ones are no numbers
+    unit = 4.0 ** round(0.5 * math.log2(float(np.abs(M.data).max(initial=0.0)) or 1.0))
+    found = _of_unit_mass(L, M / unit, k, seed, progress, options)
+    return replace(found, values=found.values / unit, vectors=found.vectors / math.sqrt(unit))
+
+
+def _of_unit_mass(
+    L: csr_array, M: csr_array, k: int, seed: int, progress: Progress, options: dict[str, Any]
+) -> Eigenpairs:
+    """As `smallest_eigenpairs`, of masses about 1."""
+    n = L.shape[0]
     problem = Poisson(L, M @ np.ones(n), **options)
     if n <= DENSE or 3 * k > n:
         return _finished(L, M, *_dense(M, problem, k), complete=True)

@@ -96,3 +96,15 @@ def test_impossible_counts_are_refused():
     for k in (0, L.shape[0] + 1):
         with pytest.raises(ParameterError, match="eigenpairs asked for"):
             smallest_eigenpairs(L, M, k)
+
+
+@pytest.mark.parametrize("n", [200, 900])
+@pytest.mark.parametrize("size", [2.0**-440, 2.0**-400, 2.0**440])
+def test_size_changes_no_digit(n, size):
+    """Areas whose squares are no numbers; a power of two changes no digit of the input."""
+    mesh = shapes.random_sphere(n, seed=2)
+    other = mesh.moved(size * mesh.points)
+    one, scaled = (smallest_eigenpairs(stiffness(m), lumped_mass(m), 6) for m in (mesh, other))
+    np.testing.assert_allclose(scaled.values * size**2, one.values, rtol=1e-11)
+    np.testing.assert_allclose(scaled.vectors * size, one.vectors, atol=1e-8)
+    assert scaled.residuals.max() < 1e-12 and scaled.complete
