@@ -20,6 +20,8 @@ from ddgcli.linalg.factor import Factor
 from ddgcli.mesh import shapes
 from ddgcli.operators.laplacian import lumped_vertex_area, stiffness
 
+# small systems take milliseconds, of which the least is steady only over many runs
+REPEAT = {"20k": 20, "80k": 8, "320k": 3, "1.3M": 1}
 REGULAR = {"20k": 5, "80k": 6, "320k": 7, "1.3M": 8}
 
 
@@ -66,7 +68,7 @@ def bench(names: list[str], sizes: list[str]) -> None:
             if cholmod_available():
                 calls["fast"] = lambda A=A, b=b: Factor(A, solver="cholmod").solve(b)
                 calls["cvxopt"] = lambda A=A, b=b: cvxopt_directly(A, b)
-            t = measure.interleaved(calls, repeat=1 if size == "1.3M" else 3)
+            t = measure.interleaved(calls, repeat=REPEAT[size])
             s = {k: v.least for k, v in t.items()}
             factor = Factor(A, solver="superlu")
             again = measure.timed(lambda f=factor, A=A: f.refactor(A), repeat=1).least
