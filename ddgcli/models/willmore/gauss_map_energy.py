@@ -60,7 +60,12 @@ class Normals:
         by_vector = by_vector[corners]
         by_ahead = _inverted(self.ahead, np.cross(self.behind, by_vector))
         by_behind = _inverted(self.behind, np.cross(by_vector, self.ahead))
-        return by_ahead[:, PREVIOUS] + by_behind[:, NEXT] - by_ahead - by_behind
+        return _by_corners(by_ahead, by_behind)
+
+
+def _by_corners(by_ahead: NDArray, by_behind: NDArray) -> NDArray[np.float64]:
+    """(m, 3, 3) derivative by the corners, given those by their sides to the next and previous one."""
+    return by_ahead[:, PREVIOUS] + by_behind[:, NEXT] - by_ahead - by_behind
 
 
 def _dot(a: NDArray, b: NDArray) -> NDArray[np.float64]:
@@ -173,5 +178,5 @@ class GaussMapEnergy:
             angled[..., None] * np.cross(q, sense * unit[:, None])
             for q, sense in ((t.normals.ahead, 1.0), (t.normals.behind, -1.0))
         )
-        corner += by_ahead[:, PREVIOUS] + by_behind[:, NEXT] - by_ahead - by_behind
+        corner += _by_corners(by_ahead, by_behind)
         return float(t.value.sum()) + constant, scatter(corners, corner, n)
