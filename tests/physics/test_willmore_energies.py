@@ -5,8 +5,10 @@ import pytest
 
 from benchmarks.families import SPHERES, ellipsoids
 from ddgcli.geometry.extrinsic import enclosed_volume
+from ddgcli.geometry.intrinsic import corner_angle
 from ddgcli.mesh import shapes
 from ddgcli.models.willmore.constraints import Constraints, area
+from ddgcli.models.willmore.descent import folded_faces, vertex_normals
 from ddgcli.models.willmore.energies import ENERGIES
 
 ELLIPSOID_112 = 15.4516066443
@@ -110,6 +112,39 @@ def test_every_inscribed_mesh_has_4_pi_and_no_gradient(family):
     bumpy = mesh.points * (1 + 1e-2 * np.cos(3 * mesh.points[:, :1]))
     _, moved = GAUSS_MAP(mesh.topology).value_and_gradient(bumpy)
     assert np.abs(gradient).max() < 1e-9 * np.abs(moved).max()
+
+
+def folded_sphere():
+    """Inscribed; the edge most enclosed at one end is turned over, so that one face faces inward."""
+    mesh = shapes.random_sphere(200)
+    angle, twin = corner_angle(mesh.side_length), mesh.topology.side_twin.reshape(-1, 3)
+    enclosed = angle + angle[twin // 3, (twin % 3 + 1) % 3]
+    face, k = np.unravel_index(enclosed.argmax(), enclosed.shape)
+    other, j = divmod(twin[face, k], 3)
+    faces = np.array(mesh.faces)
+    (a, b, c), d = np.roll(faces[face], -k), faces[other, (j + 2) % 3]
+    faces[face], faces[other] = (a, d, c), (b, c, d)
+    return type(mesh).from_arrays(mesh.points, faces)
+
+
+def test_a_sphere_with_a_folded_face_is_not_at_rest():
+    """Its vertex normals are those of the sphere, and so are all terms but that of the leaning faces."""
+    mesh = folded_sphere()
+    assert folded_faces(mesh) == 1 and (np.sum(vertex_normals(mesh) * mesh.points, axis=1) > 0.999).all()
+    value, gradient = GAUSS_MAP(mesh.topology).value_and_gradient(mesh.points)
+    assert value > 1.1 * 4 * np.pi and np.abs(gradient).max() > 1
+
+
+def test_gradient_matches_differences_where_faces_are_folded():
+    """Near the sphere the other terms are small, and cannot hide an error of that of the folds."""
+    mesh = folded_sphere()
+    points = mesh.points + 0.01 * np.random.default_rng(4).normal(size=mesh.points.shape)
+    energy = GAUSS_MAP(mesh.topology)
+    gradient = energy.value_and_gradient(points)[1]
+    for seed in range(5):
+        d, h = np.random.default_rng(seed).normal(size=points.shape), 1e-6
+        slope = (energy.value(points + h * d) - energy.value(points - h * d)) / (2 * h)
+        assert np.sum(gradient * d) == pytest.approx(slope, rel=1e-6, abs=1e-6)
 
 
 def test_caps_of_spheres():

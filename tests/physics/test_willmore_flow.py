@@ -202,6 +202,18 @@ def test_folded_faces_are_told(caplog):
     assert "folded over" in caplog.text and "(0 at the start)" in caplog.text
 
 
+@pytest.mark.parametrize("seed, size", [(0, 0.15), (3, 0.25)])
+def test_a_crumpled_coarse_ball_comes_to_rest_unfolded(seed, size):
+    """Without the energy's part for leaning faces a fold is left, on the sphere, at 4 pi."""
+    ball = shapes.random_sphere(150, seed=seed)
+    noise = size * np.random.default_rng(seed).normal(size=ball.points.shape)
+    crumpled = ball.moved(ball.points + noise)
+    seen, end, _ = flowed(crumpled)
+    assert descent.folded_faces(crumpled) > 5 and descent.folded_faces(end) == 0
+    assert energies(seen)[-1] == pytest.approx(4 * np.pi, rel=1e-6)
+    assert_falls(seen)
+
+
 @pytest.mark.parametrize("scale", [1e-9, 1e9])
 def test_scale_covariance(scale):
     mesh = ellipsoid(2)

@@ -56,8 +56,8 @@ _SMOOTH = "int H^2 dA with H = (k1 + k2)/2 (a round sphere has 4 pi)"
 ENERGIES = {
     "gauss-map": Kind(
         GaussMapEnergy,
-        f"{_SMOOTH}; int K + sum over faces of (D - G)/2 and the sides' S-shape, D Dirichlet energy and G "
-        "area of the vertex normals",
+        f"{_SMOOTH}; int K + sum over faces of (D - G)/2, the sides' S-shape and the corners' lean, "
+        "D Dirichlet energy and G area of the vertex normals",
     ),
     "sullivan": Kind(
         _vertex(True), f"{_SMOOTH}; sum over inner vertices of |dArea|^2 / (4 |dVolume|^2) * star area / 3"

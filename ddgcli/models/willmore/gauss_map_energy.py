@@ -17,6 +17,9 @@ from ddgcli.models.willmore.vertex_energies import Faces, area_gradient, scatter
 # weight of the sides' S-shape at which, on equilateral triangles, stripes one edge wide (which no vertex
 # normal sees) are as stiff as in |L x|^2 / (4 M): (64 / 3) / (4 sqrt(3) / 2) = 8 sqrt(3) * weight
 S_SHAPE = 4.0 / 9.0
+# a face may lean from a vertex normal as far as in the regular tetrahedron; a corner turned over altogether
+# then costs 16 / 9, all corners of a folded face about the bending of the fold
+LEAST_COSINE = 1.0 / 3.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,16 +94,18 @@ class _Terms:
     skew: NDArray  # its part along the side, over the side's length: S-shape
     dirichlet: NDArray
     image: NDArray  # (m, 3) twice the area vector of the normals' triangle
+    lean: NDArray  # (m, 3) by how much the cosine of vertex and face normal falls short of LEAST_COSINE
     value: NDArray
 
 
 @dataclass(frozen=True, eq=False)
 class GaussMapEnergy:
-    """Sum over faces of (D - G) / 2 + 2 A / 9 sum over its sides of ((n_i + n_j) . e)^2 / |e|^4.
+    """Sum over faces of (D - G) / 2 + 2 A / 9 sum over its sides of ((n_i + n_j) . e)^2 / |e|^4, and over
+    corners of max(0, 1/3 - n . nu)^2.
 
     D is the Dirichlet energy of the vertex normals n, linear on the face (int (k1^2 + k2^2) / 2), G their
-    triangle's area along the face's normal (int k1 k2). D - G = int (k1 - k2)^2 / 2 is never negative, and
-    zero on meshes inscribed in spheres, as is the last term: there the gradient vanishes, exactly. Added is
+    triangle's area along the face's normal nu (int k1 k2). D - G = int (k1 - k2)^2 / 2 is never negative, and
+    zero on meshes inscribed in spheres, as is the sides' term: there the gradient vanishes, exactly. Added is
     int K, the sum of the inner vertices' angle defects (2 pi chi on closed surfaces). Faces with a boundary
     vertex are left out: the energy is for surfaces that are held there with their slope.
 
@@ -110,8 +115,10 @@ class GaussMapEnergy:
 
     Notes
     -----
-    The last term is the S-shape of a cubic that has the vertex normals at the ends of a side: it is of
-    higher order, and stiffens the patterns that no vertex normal sees.
+    The sides' term is the S-shape of a cubic that has the vertex normals at the ends of a side: it is of
+    higher order, and stiffens the patterns that no vertex normal sees. The corners' term is zero where no
+    face leans more than 70.5 degrees from its vertex normals. Without it a mesh that lies on a sphere with
+    some faces folded over would be at rest as well: its vertex normals are those of the sphere.
     """
 
     topology: Topology
@@ -142,9 +149,13 @@ class GaussMapEnergy:
             image = np.cross(fall[:, 0], fall[:, 1])
             value = counted * (0.5 * dirichlet + 0.5 * S_SHAPE * faces.area * (skew**2).sum(axis=1))
             value -= 0.25 * counted * _dot(image, faces.normal)
+            lean = np.maximum(LEAST_COSINE - _dot(normal, faces.normal[:, None]), 0.0)
+            value += counted * (lean**2).sum(axis=1)
             value = np.where(counted > 0, value, 0.0)
             value += np.where(angled, np.arctan2(2.0 * faces.area[:, None], corner_dot), 0.0).sum(axis=1)
-        return _Terms(faces, normals, squared, corner_dot, fall, bend, twice, skew, dirichlet, image, value)
+        return _Terms(
+            faces, normals, squared, corner_dot, fall, bend, twice, skew, dirichlet, image, lean, value
+        )
 
     def value(self, points: NDArray) -> float:
         """Energy; not finite on a surface with a face without area, or where a vertex has no normal."""
@@ -163,12 +174,15 @@ class GaussMapEnergy:
         by_fall[:, 1] -= 0.25 * counted[:, None] * np.cross(unit, t.fall[:, 0])
         pull = (S_SHAPE * (counted * area)[:, None] * t.skew / t.squared)[..., None]
         by_twice = pull * side
-        by_unit = scatter(corners, (by_twice + by_fall)[:, NEXT] + (by_twice - by_fall)[:, PREVIOUS], n)
+        by_cosine = (-2.0 * counted[:, None] * t.lean)[..., None]
+        by_corner = (by_twice + by_fall)[:, NEXT] + (by_twice - by_fall)[:, PREVIOUS]
+        by_unit = scatter(corners, by_corner + by_cosine * unit[:, None], n)
+        by_normal = (by_cosine * t.normals.unit[corners]).sum(axis=1) - 0.25 * counted[:, None] * t.image
         # by the sides themselves: lengths and dot products, S-shape, the face's normal
         spread = share * t.bend / 16.0
         by_side = (spread[:, NEXT] + spread[:, PREVIOUS] - spread)[..., None] * side
         by_side += pull * (t.twice - 2.0 * t.skew[..., None] * side)
-        turn = (_dot(t.image, unit)[:, None] * unit - t.image) * (0.125 * share)
+        turn = (by_normal - _dot(by_normal, unit)[:, None] * unit) / (2.0 * area)[:, None]
         by_side[:, 0] += np.cross(side[:, 1], turn)
         by_side[:, 1] += np.cross(turn, side[:, 0])
         by_area = counted * (0.5 * S_SHAPE * (t.skew**2).sum(axis=1) - 0.5 * t.dirichlet / area)
