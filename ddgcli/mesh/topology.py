@@ -310,11 +310,9 @@ def check_faces(faces: NDArray, n_vertices: int) -> NDArray[np.int64]:
         raise MeshError(f"faces must have shape (m, 3), found {faces.shape}")
     if not np.issubdtype(faces.dtype, np.integer):
         raise MeshError(f"face indices must be integers, found {faces.dtype}")
-    outside = (faces < 0) | (faces >= n_vertices)
-    bad = np.flatnonzero(outside.any(axis=1))
-    if len(bad):
-        culprit = faces[bad[0]][outside[bad[0]]][0]
-        raise MeshError(
-            f"face {bad[0]} names vertex {culprit}, outside 0..{n_vertices - 1}; mend the face list"
-        )
+    if faces.min() < 0 or faces.max() >= n_vertices:
+        outside = (faces < 0) | (faces >= n_vertices)
+        bad = int(np.argmax(outside.any(axis=1)))
+        culprit = faces[bad][outside[bad]][0]
+        raise MeshError(f"face {bad} names vertex {culprit}, outside 0..{n_vertices - 1}; mend the face list")
     return faces.astype(np.int64)

@@ -21,8 +21,9 @@ def check_points(points: NDArray) -> NDArray[np.float64]:
         raise MeshError(f"points must have shape (n, 3), found {points.shape}")
     if points.shape[1] == 2:
         points = np.column_stack([points, np.zeros(len(points))])
-    bad = np.flatnonzero(~np.isfinite(points).all(axis=1))
-    if len(bad):
+    finite = np.isfinite(points)
+    if not finite.all():
+        bad = np.flatnonzero(~finite.all(axis=1))
         raise MeshError(f"vertex {bad[0]} is not finite ({len(bad)} such vertices); remove or repair it")
     return points
 
@@ -90,7 +91,14 @@ class TriangleMesh:
 
 def _distance(tail: NDArray, head: NDArray) -> NDArray[np.float64]:
     """(k,) distance between the columns of two (3, k) arrays."""
-    return vector_length((head - tail).T)
+    step = head - tail
+    with np.errstate(over="ignore"):
+        square = step[0] * step[0]
+        square += step[1] * step[1]
+        square += step[2] * step[2]
+    if 1e-200 < square.max(initial=0.0) < 1e300:
+        return np.sqrt(square, out=square)
+    return vector_length(step.T)
 
 
 def vector_length(vectors: NDArray) -> NDArray[np.float64]:

@@ -55,7 +55,7 @@ class SideArrays(Gluing):
     @classmethod
     def of(cls, faces: NDArray, twin: NDArray, length: NDArray) -> SideArrays:
         """Work arrays of faces (m, 3), their gluing (m, 3) and side lengths (m, 3)."""
-        tangent, cotan_sum = shape_of(*length.T)
+        tangent, cotan_sum = shape_of(*length.T.copy())
         return cls(
             tail=faces.ravel().copy(),
             twin=np.append(twin.ravel(), -1),
@@ -85,21 +85,16 @@ class SideArrays(Gluing):
 def shape_of(a: NDArray, b: NDArray, c: NDArray) -> tuple[tuple[NDArray, NDArray, NDArray], NDArray]:
     """Half-angle tangents opposite each side, and the cotangents' sum, of triangles with sides a, b, c.
 
-    With x, y, z the halves of Kahan's differences (b + c - a and so on) and r the inradius, the tangent
-    opposite a is r / x. Degenerate triangles get an infinite or undefined cotangent sum.
+    With x, y, z Kahan's differences (b + c - a and so on) and r twice the inradius, the tangent opposite a is
+    r / x. Degenerate triangles get an infinite or undefined cotangent sum.
     """
-    x, y, z = _half_excess(a, b, c), _half_excess(b, c, a), _half_excess(c, a, b)
-    half_perimeter = x + y + z
+    x, y, z = excess(a, b, c), excess(b, c, a), excess(c, a, b)
+    perimeter = x + y
+    perimeter += z
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        inradius = np.sqrt(x * y * z / half_perimeter)
-        cotan_sum = (a * a + b * b + c * c) / (4.0 * inradius * half_perimeter)
-        return (inradius / x, inradius / y, inradius / z), cotan_sum
-
-
-def _half_excess(a: NDArray, b: NDArray, c: NDArray) -> NDArray:
-    half = excess(a, b, c)
-    half *= 0.5
-    return half
+        r = np.sqrt(x * y * z / perimeter)
+        cotan_sum = (a * a + b * b + c * c) / (r * perimeter)
+        return (r / x, r / y, r / z), cotan_sum
 
 
 def flip(state: SideArrays, side: NDArray, *, force: bool = False) -> NDArray:
@@ -109,52 +104,48 @@ def flip(state: SideArrays, side: NDArray, *, force: bool = False) -> NDArray:
     holds i->l, its old twin j->k, and the new edge stands where jk and il were. A flip that would not lower
     the sum of cotangents (a tie, or worse by rounding) is left out unless forced.
     """
-    length, tangent = state.length, state.tangent
-    h, g = side, state.twin.take(side)
-    f0, h1, h2 = around(h)
-    f1, g1, g2 = around(g)
-    jk, ki, il, lj = (length.take(outer) for outer in (h1, h2, g1, g2))
+    here = np.stack([side, state.twin.take(side)])  # (2, k): ij, ji; then jk, il and ki, lj
+    face, after, before = around(here)
+    across, beside = state.length.take(after[::-1]), state.length.take(before)
+    (il, jk), (ki, lj) = across, beside
 
     # the new length, seen from the nearer of i and j: (p - q)^2 + 4 p q sin^2(angle / 2), a sum of squares
     near_i = ki + il <= jk + lj
     p, q = np.where(near_i, ki, jk), np.where(near_i, il, lj)
-    t0 = tangent.take(np.where(near_i, h1, h2))
-    t1 = tangent.take(np.where(near_i, g2, g1))
+    t0 = state.tangent.take(np.where(near_i, after[0], before[0]))
+    t1 = state.tangent.take(np.where(near_i, before[1], after[1]))
     squared = (t0 + t1) ** 2 / ((1.0 + t0 * t0) * (1.0 + t1 * t1))
     kl = np.sqrt((p - q) ** 2 + 4.0 * p * q * squared)
 
-    (k0, i0, l0), sum0 = shape_of(il, kl, ki)
-    (l1, j1, k1), sum1 = shape_of(jk, kl, lj)
+    tangent, cotan_sum = shape_of(across, kl, beside)  # of (i, l, k) and (j, k, l): opposite il, kl, ki
     if force:
-        better = np.isfinite(sum0) & np.isfinite(sum1)
+        better = np.isfinite(cotan_sum).all(axis=0)
     else:
-        better = sum0 + sum1 < (state.cotan_sum[f0] + state.cotan_sum[f1]) * (1.0 - 1e-15)
+        old = state.cotan_sum.take(face)
+        better = cotan_sum[0] + cotan_sum[1] < (old[0] + old[1]) * (1.0 - 1e-15)
     if not better.all():
         state.refused += int(len(better) - better.sum())
-        h, g, h1, h2, g1, g2, f0, f1 = (a[better] for a in (h, g, h1, h2, g1, g2, f0, f1))
-        jk, il, kl = jk[better], il[better], kl[better]
-        k0, i0, l0, l1, j1, k1 = (a[better] for a in (k0, i0, l0, l1, j1, k1))
-        sum0, sum1 = sum0[better], sum1[better]
+        here, face, after, before = (a[:, better] for a in (here, face, after, before))
+        across, kl, cotan_sum = across[:, better], kl[better], cotan_sum[:, better]
+        tangent = tuple(a[:, better] for a in tangent)  # type: ignore[assignment]
 
     if state.crossings is not None:
-        n = state.crossings
+        n, (h, g), (h1, g1), (h2, g2) = state.crossings, here, after, before
         new = flipped_crossings(n[h], n[h1], n[h2], n[g1], n[g2])
-        n[h], n[g], n[h1], n[g1] = n[g1], n[h1], new, new
+        n[h], n[g], n[after] = n[g1], n[h1], new
     if state.given is not None:
-        n = state.given
-        n[h], n[g], n[h1], n[g1] = n.take(g1), n.take(h1), -1, -1
-    length[h], length[g], length[h1], length[g1] = il, jk, kl, kl
-    tangent[h], tangent[h1], tangent[h2] = k0, i0, l0
-    tangent[g], tangent[g1], tangent[g2] = l1, j1, k1
-    state.cotan_sum[f0], state.cotan_sum[f1] = sum0, sum1
+        state.given[here] = state.given.take(after[::-1])
+        state.given[after] = -1
+    state.length[here], state.length[after] = across, kl
+    state.tangent[here], state.tangent[after], state.tangent[before] = tangent
+    state.cotan_sum[face] = cotan_sum
     if state.direction is not None:
         # k->l turns from k->i by the angle at k of (i, l, k); at l alike
-        moved_il, moved_jk = state.direction[g1].copy(), state.direction[h1].copy()
-        at_k, at_l = state.direction[h2] + 2.0 * np.arctan(k0), state.direction[g2] + 2.0 * np.arctan(l1)
-        state.direction[h], state.direction[g] = moved_il, moved_jk
-        state.direction[h1], state.direction[g1] = at_l, at_k
-    state.flip_sides(h, g, h1, h2, g1, g2)
-    return h
+        turned = state.direction.take(before) + 2.0 * np.arctan(tangent[0])
+        state.direction[here] = state.direction.take(after[::-1])
+        state.direction[after] = turned[::-1]
+    state.flip_sides(here, after, before)
+    return here[0]
 
 
 def flip_until_delaunay(

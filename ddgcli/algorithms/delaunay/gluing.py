@@ -72,11 +72,14 @@ class Gluing:
     def _join(self, a: NDArray, b: NDArray) -> None:
         self.twin[a], self.twin[b] = b, a
 
-    def flip_sides(self, h: NDArray, g: NDArray, h1: NDArray, h2: NDArray, g1: NDArray, g2: NDArray) -> None:
-        """Flip the edge h|g: h takes the side at g1, g that at h1; the new edge stands at h1 and g1."""
-        self._move(np.concatenate([g1, h1]), np.concatenate([h, g]))
-        self._join(h1, g1)
-        self.tail[h1], self.tail[g1] = self.tail.take(g2), self.tail.take(h2)
+    def flip_sides(self, here: NDArray, after: NDArray, before: NDArray) -> None:
+        """Flip the edges between the sides here[0] and here[1]; all (2, k), with the next and previous sides.
+
+        here[0] takes the side at after[1], here[1] that at after[0]; the new edge stands at both `after`.
+        """
+        self._move(after[::-1].ravel(), here.ravel())
+        self._join(after[0], after[1])
+        self.tail[after] = self.tail.take(before[::-1])
 
     def split_faces(self, face: NDArray, vertex: NDArray) -> NDArray[np.int64]:
         """Faces (a, b, c) cut in three around a new vertex v.

@@ -151,17 +151,16 @@ class _Insertion:
             h = self._flippable(active)
             if len(h) == 0:
                 break
-            g = gluing.twin[h]
-            f0, h1, h2 = around(h)
-            f1, g1, g2 = around(g)
-            gluing.flip_sides(h, g, h1, h2, g1, g2)
-            corner[h1], corner[g1] = corner[g2], corner[h2]
+            here = np.stack([h, gluing.twin[h]])
+            pair, after, before = around(here)
+            gluing.flip_sides(here, after, before)
+            corner[after] = corner[before[::-1]]
             partner = np.full(gluing.n_faces, -1)
-            partner[f0], partner[f1] = f1, f0
+            partner[pair] = pair[::-1]
             torn = np.flatnonzero(partner[face] >= 0)
             pair = np.stack([face[torn], partner[face[torn]]], axis=1)
             face[torn] = self._deepest(waiting[torn], pair)
-            active = np.concatenate([h, h2, g, g2, active])
+            active = np.concatenate([here.ravel(), before.ravel(), active])
         return face
 
     def _flippable(self, side: NDArray) -> NDArray[np.int64]:

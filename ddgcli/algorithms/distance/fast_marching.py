@@ -17,10 +17,10 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
 from ddgcli.algorithms.distance.sources import Sources, checked_sources, face_frame
-from ddgcli.algorithms.distance.window_tables import BOUNDARY, SideTables, side_tables
+from ddgcli.algorithms.distance.window_tables import BOUNDARY, side_shapes, sides_across, table_scale
 from ddgcli.errors import MeshError
 from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
-from ddgcli.mesh.topology import NEXT
+from ddgcli.mesh.topology import NEXT, PREVIOUS
 
 MOST_UNFOLDINGS = 30
 BUCKET = 1.5  # mean sides settled together
@@ -32,19 +32,23 @@ class Stencils:
 
     Parameters
     ----------
-    base : (k, 2) ndarray of int64
-        a, b; the same twice for a straight path along an edge.
-    shape : (k, 5) ndarray of float64
-        length of ab, c's x and y (y > 0), lengths of ac and bc; divided by `scale`. All zero but for the last
-        two where a = b.
+    corner : (k, 3) ndarray of int64
+        a, b, c; a = b for a straight path along an edge.
+    shape : (k, 4) ndarray of float64
+        length of ab, c's x and y (y > 0), length of ac; divided by `scale`. A length of 0 stands for the path
+        from a to c alone.
     start, at, apex : ndarrays of int64
         Stencils that use vertex v as a or b: at[start[v] : start[v + 1]], and the c of each of them.
     mean_side : float
         Of the triangulation, divided by `scale`.
     scale : float
+
+    Notes
+    -----
+    Every edge carries a path both ways: from a to c in each stencil, the way against the sides of its face.
     """
 
-    base: NDArray[np.int64]
+    corner: NDArray[np.int64]
     shape: NDArray[np.float64]
     start: NDArray[np.int64]
     at: NDArray[np.int64]
@@ -82,37 +86,64 @@ def marching_stencils(mesh: SurfaceMesh) -> Stencils:
     no distance is longer than a path along edges.
     """
     triangulation, gone = _delaunay_if_surface(mesh)
-    tables = side_tables(triangulation)
-    ids, (length, _, _, left, right) = tables.ids, tables.shape.T
-    obtuse = (length * length > (left * left + right * right) * (1 + 1e-12)).nonzero()[0]
-    row, vertex, where = _unfolded(tables, obtuse)
-    side = obtuse.take(row)
-    first, second = _halves(tables.shape.take(side, axis=0), where)
-    tail, head = (ends.ravel().take(gone) for ends in (mesh.faces, mesh.faces[:, NEXT]))
-    straight = np.zeros((len(gone), 5))
-    straight[:, 3:] = mesh.side_length.ravel().take(gone)[:, None] / tables.scale
-    # an obtuse corner is reached by two stencils: one in the place of its own, one more
-    pairs = np.stack([vertex, ids[:, 1].take(side)], axis=1), np.stack([tail, tail], axis=1)
-    base = np.concatenate([ids[:, :2], *pairs])
-    base[side, 1] = vertex
-    apex = np.concatenate([ids[:, 2], ids[:, 2].take(side), head])
-    shape = np.concatenate([tables.shape, second, straight])
-    shape[side] = first
-    a, b = base.T
-    # of a triangle that has a vertex twice only the edges are left
-    shape[(a == b) | (a == apex) | (b == apex), 1] = np.nan
-    start, at = _users(base, len(base) - len(gone), mesh.n_vertices)
-    return Stencils(base, shape, start, at, apex.take(at), float(length.mean()), tables.scale)
+    scale, (across, mirrored, _) = table_scale(triangulation), sides_across(triangulation.topology)
+    code, faces = across.ravel(), triangulation.faces
+    # sides that no face runs along the other way: their own stencils lead only against them
+    lone = (code <= BOUNDARY if mirrored is None else (code <= BOUNDARY) | mirrored).nonzero()[0]
+    length = triangulation.side_length / scale
+    obtuse = _obtuse(length)
+    # rows: straight ones, one a side, and one more for each obtuse corner that unfolding serves
+    first, last = len(gone) + len(lone), len(gone) + len(lone) + length.size
+    corner = np.empty((last + len(obtuse), 3), dtype=np.int64)
+    shape = np.empty((last + len(obtuse), 4))
+    _straight(corner[: len(gone)], shape[: len(gone)], mesh, gone, scale)
+    _straight(corner[len(gone) : first], shape[len(gone) : first], triangulation, lone, scale)
+    of_sides, shapes = corner[first:last], shape[first:last]
+    for k, column in enumerate((faces, faces[:, NEXT], faces[:, PREVIOUS])):
+        of_sides.reshape(-1, 3, 3)[:, :, k] = column
+    side_shapes(triangulation, scale, shapes.reshape(-1, 3, 4))
+    row, vertex, where = _unfolded(of_sides, shapes, code, mirrored, obtuse)
+    side, rows = obtuse.take(row), last + len(row)
+    corner[last:rows] = of_sides.take(side, axis=0)
+    corner[last:rows, 0] = of_sides[side, 1] = vertex
+    shapes[side], shape[last:rows] = _halves(shapes.take(side, axis=0), where)
+    corner, shape = corner[:rows], shape[:rows]
+    shape[_collapsed(corner), 0] = 0.0
+    start, at = _users(corner, first, mesh.n_vertices)
+    return Stencils(corner, shape, start, at, corner[:, 2].take(at), float(length.mean()), scale)
 
 
-def _users(base: NDArray, n_triangles: int, n_vertices: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Stencils that use vertex v: at[start[v] : start[v + 1]]; after the triangles come the straight ones."""
-    first = np.arange(len(base) + 1)
-    first += np.minimum(first, n_triangles)
-    vertex = np.empty(first[-1], dtype=np.int32 if first[-1] < 2**31 else np.int64)
-    vertex[: 2 * n_triangles], vertex[2 * n_triangles :] = base[:n_triangles].ravel(), base[n_triangles:, 0]
-    uses = np.ones(len(vertex), dtype=np.int8), vertex, first.astype(vertex.dtype)
-    users = csr_array(uses, shape=(len(base), n_vertices)).tocsc()
+def _collapsed(corner: NDArray) -> NDArray[np.bool_]:
+    """Triangles that have a vertex twice: only their edges carry distance."""
+    a, b, c = corner.T
+    return (a == b) | (a == c) | (b == c)
+
+
+def _obtuse(length: NDArray) -> NDArray[np.int64]:
+    """Sides opposite obtuse corners."""
+    square = length * length
+    half = 0.5 * (1 + 1e-12) * (square[:, 0] + square[:, 1] + square[:, 2])
+    return (square > half[:, None]).ravel().nonzero()[0]
+
+
+def _straight(corner: NDArray, shape: NDArray, mesh: SurfaceMesh, side: NDArray, scale: float) -> None:
+    """Fill in stencils along sides of a mesh, from tail to head."""
+    corner[:, 0] = corner[:, 1] = mesh.faces.ravel().take(side)
+    corner[:, 2] = mesh.faces.ravel().take(side + np.where(side % 3 == 2, -2, 1))
+    shape[:, :3] = 0.0
+    np.divide(mesh.side_length.ravel().take(side), scale, out=shape[:, 3])
+
+
+def _users(corner: NDArray, n_straight: int, n_vertices: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Stencils that use vertex v: at[start[v] : start[v + 1]]; the first ones are straight, of one vertex."""
+    n = n_straight + 2 * (len(corner) - n_straight)
+    number = np.int32 if n < 2**31 else np.int64
+    vertex, first = np.empty(n, dtype=number), np.arange(-n_straight, n + 1, 2, dtype=number)
+    vertex[:n_straight] = corner[:n_straight, 0]
+    vertex[n_straight:].reshape(-1, 2)[:] = corner[n_straight:, :2]
+    first[:n_straight] = np.arange(n_straight)
+    uses = np.ones(n, dtype=np.int8), vertex, first
+    users = csr_array(uses, shape=(len(corner), n_vertices)).tocsc()
     return users.indptr.astype(np.int64), users.indices.astype(np.int64)
 
 
@@ -129,61 +160,57 @@ def _delaunay_if_surface(mesh: SurfaceMesh) -> tuple[SurfaceMesh, NDArray[np.int
 
 def _halves(shape: NDArray, where: NDArray) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Shapes of the stencils (a, w, c) and (w, b, c), w at the places `where` in the frames of ab."""
-    length, x, y, left, right = shape.T
-    apex, middle = x + 1j * y, np.hypot(where.real - x, where.imag - y)
+    length, x, y, left = shape.T
+    apex = x + 1j * y
     halves = []
-    for p, q, from_p, from_q in ((0.0, where, left, middle), (where, length, middle, right)):
+    for p, q, from_p in ((0.0, where, left), (where, length, np.abs(where - apex))):
         size = np.abs(q - p)
         to = (apex - p) * np.conj(q - p) / size
-        halves.append(np.stack([size, to.real, np.abs(to.imag), from_p, from_q], axis=1))
+        halves.append(np.stack([size, to.real, np.abs(to.imag), from_p], axis=1))
     return halves[0], halves[1]
 
 
-def _unfolded(tables: SideTables, obtuse: NDArray) -> tuple[NDArray, NDArray, NDArray]:
+def _unfolded(
+    corner: NDArray, shape: NDArray, across: NDArray, mirrored: NDArray | None, obtuse: NDArray
+) -> tuple[NDArray, NDArray, NDArray]:
     """For sides opposite obtuse corners: the vertex beyond that makes two acute halves, and its place.
 
     Returns (row of `obtuse`, vertex, place in the side's frame as a complex number) where unfolding met one;
     it stops at the boundary, at edges of three faces, and after MOST_UNFOLDINGS faces.
     """
-    length, x, y = tables.shape.take(obtuse, axis=0).T[:3]
+    length, x, y = shape.take(obtuse, axis=0).T[:3]
     apex = x + 1j * y
     # the sector beyond the side: at right angles or less to both arms, seen from the apex
     arm_a, arm_b = -apex, length - apex
     row, p, q = np.arange(len(obtuse)), np.zeros(len(obtuse), dtype=complex), length + 0j
-    code, mirrored = _across(tables, obtuse)
+    side, flip = obtuse, np.zeros(len(obtuse), dtype=bool)  # flip: the face was entered mirrored
     found: list[tuple[NDArray, NDArray, NDArray]] = []
     for _ in range(MOST_UNFOLDINGS):
+        code = across.take(side)
+        if mirrored is not None:
+            flip = flip ^ mirrored.take(side)
         go = (code > BOUNDARY).nonzero()[0]
-        row, p, q, code, mirrored = (part.take(go) for part in (row, p, q, code, mirrored))
+        row, p, q, code, flip = (part.take(go) for part in (row, p, q, code, flip))
         if not len(row):
             break
         # face of side `code` below the segment p -> q; its own frame runs q -> p, or p -> q where mirrored
-        size, x, y = tables.shape.take(code, axis=0).T[:3]
-        place = p + (np.where(mirrored, x, size - x) - 1j * y) * (q - p) / size
+        size, x, y = shape.take(code, axis=0).T[:3]
+        place = p + (np.where(flip, x, size - x) - 1j * y) * (q - p) / size
         to = place - apex.take(row)
         a, b = arm_a.take(row), arm_b.take(row)
         near_a = to.real * a.real + to.imag * a.imag >= 0
         near_b = to.real * b.real + to.imag * b.imag >= 0
         inside = (near_a & near_b & (y > 0)).nonzero()[0]
-        found.append((row.take(inside), tables.ids[:, 2].take(code.take(inside)), place.take(inside)))
+        found.append((row.take(inside), corner.take(code.take(inside), axis=0)[:, 2], place.take(inside)))
         # too near the arm to a: the sector leaves by the side towards b, and the other way round
         on = ((near_a ^ near_b) & (y > 0)).nonzero()[0]
-        row, code, flip, towards_q, place = (part.take(on) for part in (row, code, mirrored, near_a, place))
+        row, code, flip, towards_q, place = (part.take(on) for part in (row, code, flip, near_a, place))
         p, q = np.where(towards_q, place, p.take(on)), np.where(towards_q, q.take(on), place)
         # leaving (q -> p frame): towards q by (v0, apex), towards p by (apex, v1); the other way if mirrored
         face, j = np.divmod(code, 3)
-        code, mirrored = _across(tables, 3 * face + (j + np.where(towards_q != flip, 2, 1)) % 3)
-        mirrored = mirrored ^ flip
+        side = 3 * face + (j + np.where(towards_q != flip, 2, 1)) % 3
     rows, vertices, places = (np.concatenate(part) for part in zip(*found)) if found else (row, row, p)
     return rows, vertices, places
-
-
-def _across(tables: SideTables, side: NDArray) -> tuple[NDArray, NDArray]:
-    """Side across each side (negative: none, or several), and whether it runs the same way."""
-    face, j = np.divmod(side, 3)
-    code = tables.ids[3 * face + (j + 1) % 3, 3]
-    same = np.zeros(len(side), dtype=bool) if tables.mirrored is None else tables.mirrored[side]
-    return code, same
 
 
 def marched_distance(
@@ -243,11 +270,10 @@ class _March:
     def lower(self, vertex: NDArray, value: NDArray, source: NDArray | None) -> None:
         """Lower distances (and note the sources, where there are several); the vertices wait to hand on."""
         np.minimum.at(self.distance, vertex, value)
-        won = (value == self.distance.take(vertex)).nonzero()[0]
-        vertex = vertex.take(won)
-        if source is not None:
-            self.source[vertex] = source.take(won)
         self.waiting[vertex] = True
+        if source is not None:
+            won = (value == self.distance.take(vertex)).nonzero()[0]
+            self.source[vertex.take(won)] = source.take(won)
 
     def run(self) -> None:
         """Hand on, nearest bucket first, until nothing waits."""
@@ -256,7 +282,7 @@ class _March:
             if not len(vertex):
                 return
             value = self.distance.take(vertex)
-            least = float(value.min())
+            least = float(np.minimum.reduce(value))
             now = (value < max(least + self.bucket, math.nextafter(least, math.inf))).nonzero()[0]
             vertex = vertex.take(now)
             self.waiting[vertex] = False
@@ -271,30 +297,31 @@ class _March:
             self.number = np.arange(2 * ahead[-1])
         use = (self.stop.take(vertex) - ahead).repeat(count)
         use += self.number[: ahead[-1]]
-        apex = stencils.apex.take(use)
-        dc = self.distance.take(apex)
-        may = (dc > value.repeat(count)).nonzero()[0]
-        k, apex, dc = stencils.at.take(use.take(may)), apex.take(may), dc.take(may)
-        base = stencils.base.take(k, axis=0)
-        da, db = self.distance.take(base).T
-        length, x, y, by_a, by_b = stencils.shape.take(k, axis=0).T
-        by_a, by_b = by_a + da, by_b + db
-        found = self.wave(da, db, length, x, y)
+        reached = self.distance.take(stencils.apex.take(use))
+        may = (reached > value.repeat(count)).nonzero()[0]
+        k = stencils.at.take(use.take(may))
+        corner = stencils.corner.take(k, axis=0)
+        da, db, dc = self.distance.take(corner).T
+        length, x, y, by_a = stencils.shape.take(k, axis=0).T
+        found, cross = self.wave(da, db, length, x, y)
+        # the ray must cross between a and b, and c come after both
+        sound = cross >= 0
+        sound &= cross <= length
+        sound &= found >= np.maximum(da, db)
         source = None
         if self.several:
-            source_a, source_b = self.source.take(base).T
-            source = np.where(by_a <= by_b, source_a, source_b)
-            found[source_a != source_b] = np.inf  # fronts of two sources make no common circle
-        np.minimum(found, by_a, out=found)
-        np.minimum(found, by_b, out=found)
+            source, source_b = self.source.take(corner[:, :2]).T
+            sound &= source == source_b  # fronts of two sources make no common circle
+        found = np.where(sound, found, by_a + da)
         dc *= 1 - 1e-14  # less is rounding
         better = (found < dc).nonzero()[0]
         self.updates += len(may)
-        self.lower(apex.take(better), found.take(better), None if source is None else source.take(better))
+        source = None if source is None else source.take(better)
+        self.lower(corner[:, 2].take(better), found.take(better), source)
 
 
-def _circle(da: NDArray, db: NDArray, length: NDArray, x: NDArray, y: NDArray) -> NDArray[np.float64]:
-    """Distance of c from the point below ab at da from a and db from b; inf where its ray misses ab."""
+def _circle(da: NDArray, db: NDArray, length: NDArray, x: NDArray, y: NDArray) -> tuple[NDArray, NDArray]:
+    """Distance of c from the point below ab at da from a and db from b, and where on ab its ray crosses."""
     sx = da - db
     sx *= da + db
     sx /= length
@@ -310,20 +337,11 @@ def _circle(da: NDArray, db: NDArray, length: NDArray, x: NDArray, y: NDArray) -
     run *= run
     rise *= rise
     run += rise
-    return _caused(np.sqrt(run, out=run), cross, da, db, length)
+    return np.sqrt(run, out=run), cross
 
 
-def _plane(da: NDArray, db: NDArray, length: NDArray, x: NDArray, y: NDArray) -> NDArray[np.float64]:
-    """Distance of c behind a straight front at a and b; inf where its normal through c misses ab."""
+def _plane(da: NDArray, db: NDArray, length: NDArray, x: NDArray, y: NDArray) -> tuple[NDArray, NDArray]:
+    """Distance of c behind a straight front at a and b, and where on ab its normal through c crosses."""
     along = (db - da) / length
     across = np.sqrt(1.0 - along * along)
-    cross = x - y * along / across
-    return _caused(da + along * x + across * y, cross, da, db, length)
-
-
-def _caused(value: NDArray, cross: NDArray, da: NDArray, db: NDArray, length: NDArray) -> NDArray[np.float64]:
-    """The values, inf where the ray crosses beside ab or c would come before a or b."""
-    sound = cross >= 0
-    sound &= cross <= length
-    sound &= value >= np.maximum(da, db)
-    return np.where(sound, value, np.inf)
+    return da + along * x + across * y, x - y * along / across

@@ -110,10 +110,9 @@ class WindowTables(SideTables):
 def side_tables(mesh: SurfaceMesh) -> SideTables:
     """Shapes and neighbours of the sides, on any surface: open, non-manifold, not oriented, degenerate."""
     topology = mesh.topology
-    longest = float(mesh.side_length.max(initial=0.0))
-    scale = 2.0 ** np.frexp(longest)[1] if longest > 0 else 1.0
-    shape = _side_shapes(mesh, scale)
-    code, mirrored, edge_sides = _sides_across(topology)
+    scale = table_scale(mesh)
+    shape = side_shapes(mesh, scale, np.empty((mesh.n_faces, 3, 5)))
+    code, mirrored, edge_sides = sides_across(topology)
     faces = topology.faces
     ids = np.empty((len(shape), 5), dtype=np.int64)
     columns = faces, faces[:, NEXT], faces[:, PREVIOUS], code[:, PREVIOUS], code[:, NEXT]
@@ -149,13 +148,19 @@ def window_tables(mesh: SurfaceMesh) -> WindowTables:
     )
 
 
-def _side_shapes(mesh: SurfaceMesh, scale: float) -> NDArray[np.float64]:
-    """(3m, 5) rows of WindowTables.shape, made in blocks of faces that stay in the cache.
+def table_scale(mesh: SurfaceMesh) -> float:
+    """A power of two above the longest side and less than twice it; 1 where no side is longer than 0."""
+    longest = float(mesh.side_length.max(initial=0.0))
+    return float(2.0 ** np.frexp(longest)[1]) if longest > 0 else 1.0
 
+
+def side_shapes(mesh: SurfaceMesh, scale: float, shape: NDArray) -> NDArray[np.float64]:
+    """(3m, c) rows of SideTables.shape, its first c columns, written to `shape` (m, 3, c).
+
+    They are made in blocks of faces that stay in the cache.
     Heights come from cross products where the mesh has positions: lengths alone know the height of a cap only
     to the square root of rounding.
     """
-    shape = np.empty((mesh.n_faces, 3, 5))
     for start in range(0, mesh.n_faces, BLOCK):
         block = slice(start, start + BLOCK)
         length = mesh.side_length[block].T / scale
@@ -165,9 +170,9 @@ def _side_shapes(mesh: SurfaceMesh, scale: float) -> NDArray[np.float64]:
         right, left = length[NEXT], length[PREVIOUS]
         np.copyto(x, 0.0, where=flat)
         np.copyto(y, left, where=flat)
-        for column, value in enumerate((length, x, y, left, right)):
+        for column, value in zip(range(shape.shape[2]), (length, x, y, left, right)):
             shape[block, :, column] = value.T
-    return shape.reshape(-1, 5)
+    return shape.reshape(-1, shape.shape[2])
 
 
 def _apexes(mesh: SurfaceMesh, block: slice, length: NDArray, scale: float) -> tuple[NDArray, NDArray]:
@@ -184,7 +189,7 @@ def _apexes(mesh: SurfaceMesh, block: slice, length: NDArray, scale: float) -> t
     return np.stack(dot) / length, vector_length(normal.T) / length
 
 
-def _sides_across(topology: Topology) -> tuple[NDArray, NDArray | None, tuple | None]:
+def sides_across(topology: Topology) -> tuple[NDArray, NDArray | None, tuple | None]:
     """Code of the side across each side, sides that run the same way, and the sides of each edge.
 
     Faces that name a vertex twice have no inside: they are left out, so that their two equal sides do not
