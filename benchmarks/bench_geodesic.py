@@ -135,7 +135,7 @@ def bench_heat() -> None:
              a.value._heat.solver, measure.peak_mib(ours), measure.peak_mib(theirs)]
         )  # fmt: skip
     measure.print_table(
-        "heat, against potpourri3d's robust solver (targets: set-up 2 with CHOLMOD, 1 with SuperLU; solve 1)",
+        "heat, against potpourri3d's robust solver (targets: set-up 2 with CHOLMOD, 1 without; solve 1)",
         ["mesh", "faces", "our set-up s", "peer set-up s", "ratio", "our solve s", "peer solve s", "ratio",
          "our error", "peer error", "factored by", "our MiB", "peer MiB"],
         rows,

@@ -1,6 +1,7 @@
-"""The sparse factorisations behind `Factor`: SuperLU of scipy, and CHOLMOD where the extra `fast` brought it.
+"""The sparse factorisations behind `Factor`: our own, SuperLU of scipy, and CHOLMOD of the extra `fast`.
 
-Each backend takes a sorted CSC matrix, analyses it once, and takes new values of the same pattern.
+Each backend takes a sorted CSC matrix, analyses it once, and takes new values of the same pattern. `like` is
+a backend of another matrix of the same pattern, whose analysis serves again.
 """
 
 from __future__ import annotations
@@ -18,13 +19,17 @@ from scipy.sparse import csc_array
 from scipy.sparse.linalg import splu
 
 from ddgcli.errors import ParameterError, SolveError
+from ddgcli.linalg.dissection import Dissection, dissected
+from ddgcli.linalg.fronts import Stage, fronts
+from ddgcli.linalg.multifrontal import factored, solved
 from ddgcli.linalg.ordering import Ordering, fill_reducing_ordering, postorder
 
 log = logging.getLogger("ddgcli")
 
-SOLVERS = ("auto", "superlu", "cholmod", "pivoted")
-# below this many unknowns the import of the CHOLMOD wheel costs more than it saves
-CHOLMOD_FROM = 3000
+SOLVERS = ("auto", "multifrontal", "superlu", "cholmod", "pivoted")
+# below so many unknowns the import of the CHOLMOD wheel costs more than it saves, and dissection more than
+# minimum degree
+CHOLMOD_FROM, MULTIFRONTAL_FROM = 3000, 8000
 
 
 class NotDefinite(SolveError):
@@ -66,15 +71,55 @@ def chosen_solver(solver: str | None, n: int, definite: bool) -> str:
     if name == "pivoted" or not definite:
         return "pivoted"
     if name == "auto":
-        return "cholmod" if n >= CHOLMOD_FROM and cholmod_available() else "superlu"
+        if n >= CHOLMOD_FROM and cholmod_available():
+            return "cholmod"
+        return "multifrontal" if n >= MULTIFRONTAL_FROM else "superlu"
     return name
 
 
-def make_backend(name: str, matrix: csc_array, order: NDArray | None = None) -> Backend:
-    """Analyse and factorise with the named backend, in the given elimination order or its own."""
-    kinds: dict[str, Callable[[csc_array, NDArray | None], Backend]]
-    kinds = {"superlu": SymmetricLU, "cholmod": Cholmod, "pivoted": PivotedLU}
-    return kinds[name](matrix, order)
+def make_backend(name: str, matrix: csc_array, like: Backend | None = None) -> Backend:
+    """Analyse and factorise with the named backend."""
+    kinds: dict[str, Callable[[csc_array, Backend | None], Backend]]
+    kinds = {
+        "multifrontal": _multifrontal,
+        "superlu": SymmetricLU,
+        "cholmod": Cholmod,
+        "pivoted": PivotedLU,
+    }
+    return kinds[name](matrix, like)
+
+
+def _multifrontal(matrix: csc_array, like: Backend | None) -> Backend:
+    """Multifrontal, or SuperLU for graphs without short separators."""
+    if isinstance(like, Multifrontal):
+        return Multifrontal(matrix, like.dissection, like.stages)
+    found = None if isinstance(like, SymmetricLU) else dissected(matrix)
+    if found is None:
+        return SymmetricLU(matrix, like)
+    return Multifrontal(matrix, found, fronts(matrix, found))
+
+
+class Multifrontal:
+    """Cholesky factorisation in stacks of dense fronts, ordered by dissection; for definite matrices."""
+
+    name = "multifrontal"
+
+    def __init__(self, matrix: csc_array, dissection: Dissection, stages: list[Stage]) -> None:
+        self.dissection, self.stages = dissection, stages
+        self.refactor(matrix)
+
+    @property
+    def order(self) -> NDArray[np.int64]:
+        return self.dissection.order
+
+    def refactor(self, matrix: csc_array) -> None:
+        try:
+            self._groups = factored(self.stages, matrix.data)
+        except np.linalg.LinAlgError as error:
+            raise NotDefinite("the matrix is not positive definite") from error
+
+    def solve(self, rhs: NDArray) -> NDArray:
+        return solved(self._groups, rhs)
 
 
 class SymmetricLU:
@@ -82,7 +127,8 @@ class SymmetricLU:
 
     name = "superlu"
 
-    def __init__(self, matrix: csc_array, order: NDArray | None = None) -> None:
+    def __init__(self, matrix: csc_array, like: Backend | None = None) -> None:
+        order = like.order if like else None
         ordering = fill_reducing_ordering(matrix) if order is None else Ordering(order, final=True)
         self._order, self._final = ordering.order, ordering.final
         self._pattern: csc_array | None = None
@@ -130,7 +176,7 @@ class PivotedLU:
     name = "pivoted"
     order = None  # depends on the values
 
-    def __init__(self, matrix: csc_array, order: NDArray | None = None) -> None:
+    def __init__(self, matrix: csc_array, like: Backend | None = None) -> None:
         self.refactor(matrix)
 
     def refactor(self, matrix: csc_array) -> None:
@@ -157,7 +203,7 @@ class Cholmod:
 
     name = "cholmod"
 
-    def __init__(self, matrix: csc_array, order: NDArray | None = None) -> None:
+    def __init__(self, matrix: csc_array, like: Backend | None = None) -> None:
         from cvxopt import cholmod, spmatrix
         from cvxopt import matrix as dense
 
@@ -168,6 +214,7 @@ class Cholmod:
         rows = matrix.indices[self._lower].astype(np.int64)
         values = dense(matrix.data[self._lower])
         self._matrix = spmatrix(values, dense(rows), dense(column[self._lower]), (n, n))
+        order = like.order if like else None
         if order is None:
             self._symbolic = cholmod.symbolic(self._matrix)
         else:

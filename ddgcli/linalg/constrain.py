@@ -51,29 +51,26 @@ class Dirichlet:
     matrix : (n, n) sparse array
     fixed : (k,) ndarray of int, or (n,) ndarray of bool
         Unknowns whose values are given. A component without one must be non-singular by itself.
-    order : (n,) ndarray of int64, optional
-        Elimination order of a matrix of the same pattern, held unknowns included.
+    like : Factor, optional
+        Of a matrix of the same pattern, held unknowns included, whose analysis serves again: then these stay
+        in the system, coupled to nothing, instead of being left out.
     options
         Passed on to `Factor`.
     """
 
     def __init__(
-        self, matrix: sparray, fixed: NDArray, *, order: NDArray | None = None, **options: Any
+        self, matrix: sparray, fixed: NDArray, *, like: Factor | None = None, **options: Any
     ) -> None:
-        n = matrix.shape[0]
-        held = np.zeros(n, dtype=bool)
+        held = np.zeros(matrix.shape[0], dtype=bool)
         held[np.asarray(fixed)] = True
         self.fixed, self.free = np.flatnonzero(held), np.flatnonzero(~held)
-        block = self._split(matrix)
-        if order is not None:
-            order = (np.cumsum(~held) - 1)[order[~held[order]]]
-        self.factor = Factor(block, order=order, **options)
+        self._kept = like is not None and like.same_pattern(csc_array(matrix)) and _all_stored(matrix, held)
+        self.factor = Factor(self._split(matrix), like=like, **options)
 
     def _split(self, matrix: sparray) -> csc_array:
         columns = csc_array(matrix)
-        free_rows = columns[self.free]
-        self._coupling = free_rows[:, self.fixed]
-        return csc_array(free_rows[:, self.free])
+        self._coupling = columns[:, self.fixed]
+        return _decoupled(columns, self.fixed) if self._kept else csc_array(columns[self.free][:, self.free])
 
     def refactor(self, matrix: sparray) -> Dirichlet:
         """New values of the same pattern."""
@@ -90,22 +87,56 @@ class Dirichlet:
             Right-hand side; rows of fixed unknowns are not read. Default zero.
         """
         like = values if np.ndim(values) or rhs is None else rhs
-        shape = np.shape(like)[1:]
-        n = len(self.fixed) + len(self.free)
-        x = np.zeros((n, *shape), dtype=np.result_type(self.factor.matrix.dtype, np.asarray(values).dtype))
+        shape = (len(self.fixed), *np.shape(like)[1:])
+        kind = np.result_type(self.factor.matrix.dtype, np.asarray(values).dtype)
+        values = np.broadcast_to(np.asarray(values, dtype=kind), shape)
+        x = self.solve_held_at_zero(self._load(values, rhs), refine=refine)
         x[self.fixed] = values
-        load = -(self._coupling @ x[self.fixed])
-        if rhs is not None:
-            load = load + np.asarray(rhs)[self.free]
-        x[self.free] = self.factor.solve(load, refine=refine)
         return x
+
+    def solve_held_at_zero(self, rhs: NDArray, *, refine: bool = True) -> NDArray:
+        """(n,) or (n, c) solution that vanishes on the fixed unknowns, whose rows of `rhs` are not read."""
+        if self._kept:
+            b = np.array(rhs)
+            b[self.fixed] = 0.0
+            return self.factor.solve(b, refine=refine)
+        # by rows of the transpose, which lie together in memory
+        free = self.factor.solve(np.take(rhs.T, self.free, axis=-1).T, refine=refine)
+        x = np.zeros(rhs.shape[::-1], dtype=free.dtype)
+        x[..., self.free] = free.T
+        return x.T
 
     def residual(self, x: NDArray, rhs: NDArray | None = None) -> float:
         """Largest |A x - b| on the free rows, relative to the largest term of the right-hand side."""
-        load = -(self._coupling @ x[self.fixed])
-        if rhs is not None:
-            load = load + np.asarray(rhs)[self.free]
-        return self.factor.residual(x[self.free], load)
+        load = self._load(x[self.fixed], rhs)
+        left = x.copy()
+        if self._kept:
+            left[self.fixed] = load[self.fixed] = 0.0
+            return self.factor.residual(left, load)
+        return self.factor.residual(left[self.free], load[self.free])
+
+    def _load(self, values: NDArray, rhs: NDArray | None) -> NDArray:
+        """Right-hand side less what the fixed values cause."""
+        load = -(self._coupling @ values)
+        return load if rhs is None else load + np.asarray(rhs)
+
+
+def _all_stored(matrix: sparray, held: NDArray) -> bool:
+    """Whether the diagonal entries of the held unknowns are part of the pattern."""
+    columns = csc_array(matrix)
+    column = np.repeat(np.arange(len(held)), np.diff(columns.indptr))
+    return np.count_nonzero(held[column] & (columns.indices == column)) == np.count_nonzero(held)
+
+
+def _decoupled(matrix: csc_array, held: NDArray) -> csc_array:
+    """The same pattern, with nothing but the largest entry on the diagonal in held rows and columns."""
+    lost = np.zeros(matrix.shape[0], dtype=bool)
+    lost[held] = True
+    column = np.repeat(np.arange(matrix.shape[0], dtype=matrix.indices.dtype), np.diff(matrix.indptr))
+    clear = lost[matrix.indices] | lost[column]
+    data = np.where(clear, 0.0, matrix.data)
+    data[clear & (matrix.indices == column)] = np.abs(matrix.data).max(initial=0.0) or 1.0
+    return csc_array((data, matrix.indices, matrix.indptr), shape=matrix.shape)
 
 
 class Poisson:
@@ -189,17 +220,16 @@ class Poisson:
         return self.centred(self.pinned_solve(rhs - self._spread(self._sums(rhs))))
 
     def pinned_solve(self, rhs: NDArray) -> NDArray[np.float64]:
-        """`apply_inverse` for a balanced (n, c) right-hand side, but zero at the pinned unknowns."""
-        free = self._dirichlet.free
-        x = np.zeros(rhs.shape[::-1])
-        x[:, free] = self.factor.solve(np.take(rhs.T, free, axis=1).T, refine=False).T
-        return x.T
+        """`apply_inverse` for a balanced (n,) or (n, c) right-hand side, but zero at the pinned unknowns."""
+        return self._dirichlet.solve_held_at_zero(rhs, refine=False)
 
     @property
     def order(self) -> NDArray[np.int64] | None:
         """Elimination order of all unknowns, the pinned ones last; None where pivoting decides."""
         inner = self.factor.order
-        return None if inner is None else np.append(self._dirichlet.free[inner], self.pinned)
+        if inner is None or len(inner) == len(self.weight):
+            return inner
+        return np.append(self._dirichlet.free[inner], self.pinned)
 
     def _spread(self, total: NDArray) -> NDArray:
         """(n, ...) multiple of the mass, with the given (count, ...) sum over each floating component."""

@@ -9,6 +9,8 @@ A. George, "Nested dissection of a regular finite element mesh", 1973.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import coo_array, csc_array, csr_array
@@ -22,37 +24,71 @@ SMOOTHING = 5
 LEAF = 32
 # smaller components are dissected all together
 LARGE = 2000
-# levels in which every part has its own principal directions; below, half of them take their parent's
-OWN_DIRECTIONS = 8
-# across its longest direction a half has a quarter of the variance that its parent had
-HALVED = 0.25
+# vertices that direction and median come from, of each part and of all (samples of a regular mesh may lie
+# on one side); squarings of a covariance for its longest direction
+SAMPLE, SAMPLE_OF_ALL, SQUARINGS = 128, 8192, 4
 
 
-def dissected(matrix: csc_array) -> NDArray[np.int64] | None:
-    """(n,) elimination order: both halves of a part, then its separator, so that every subtree is contiguous.
+@dataclass(frozen=True, eq=False)
+class Dissection:
+    """Parts of a graph, halved again and again: a binary tree, or several.
 
-    (In its symmetric mode SuperLU does not sort the tree itself; halves far apart in memory cost it twice the
-    time.) Components are dissected one after the other. None where a large part has no short separator.
+    Parameters
+    ----------
+    leaf : (n,) ndarray of int64
+        Number of the smallest part that holds each vertex. The part of height h that holds it is `leaf >> h`,
+        unless its tree is lower than that.
+    height : (n,) ndarray of int64
+        Height of the part whose halves the vertex separates; 0 in leaves.
+    """
+
+    leaf: NDArray[np.int64]
+    height: NDArray[np.int64]
+
+    @property
+    def order(self) -> NDArray[np.int64]:
+        """(n,) elimination order: both halves of a part, then its separator.
+
+        Every subtree is contiguous: in its symmetric mode SuperLU does not sort the tree itself, and halves
+        far apart in memory cost it twice the time.
+        """
+        last = (((self.leaf >> self.height) + 1) << self.height) - 1  # leaf below the separated part
+        return np.argsort((last << 6) + self.height, kind="stable")
+
+
+def dissected(matrix: csc_array) -> Dissection | None:
+    """Nested dissection of the graph of a matrix; None where a large part has no short separator.
+
+    Components are dissected one after the other; small ones share leaves.
     """
     graph = _both_ways(matrix)
+    n = graph.shape[0]
     count, label = connected_components(graph, directed=False)
     if count == 1:
-        return _dissected(graph)
-    size = np.bincount(label)
+        found = _dissected(graph)
+        return found and found[0]
+    size = np.bincount(label, minlength=1)
+    leaf, height = np.zeros(n, dtype=np.int64), np.zeros(n, dtype=np.int64)
     small = size <= LEAF
-    by_label = np.argsort(label, kind="stable")
-    orders = [by_label[small[label[by_label]]]]
+    in_small = small[label]
+    leaf[in_small] = ((np.cumsum(size * small) - 1) // LEAF)[label[in_small]]
+    n_leaves = int(leaf.max(initial=-1)) + 1
     large = size >= LARGE
-    rest = np.flatnonzero(~small[label])
+    rest = np.flatnonzero(~in_small)
     group = np.where(large, np.cumsum(large), 0)[label[rest]]
-    members = np.split(rest[np.argsort(group, kind="stable")], np.cumsum(np.bincount(group))[:-1])
+    members = np.split(
+        rest[np.argsort(group, kind="stable")], np.cumsum(np.bincount(group, minlength=1))[:-1]
+    )
     for vertices in members:
         if len(vertices):
-            order = _dissected(_strung_together(graph[vertices][:, vertices]))
-            if order is None:
+            found = _dissected(_strung_together(graph[vertices][:, vertices]))
+            if found is None:
                 return None
-            orders.append(vertices[order])
-    return np.concatenate(orders)
+            part, levels = found
+            n_leaves = -(-n_leaves >> levels << levels)  # so that parts have numbers of their own
+            leaf[vertices], height[vertices] = n_leaves + part.leaf, part.height
+            n_leaves += 1 << levels
+    return Dissection(leaf, height)
 
 
 def _both_ways(matrix: csc_array) -> csr_array:
@@ -65,17 +101,17 @@ def _both_ways(matrix: csc_array) -> csr_array:
     return csr_array(graph + graph.T)
 
 
-def _dissected(graph: csr_array) -> NDArray[np.int64] | None:
-    """`dissected` for a connected graph."""
+def _dissected(graph: csr_array) -> tuple[Dissection, int] | None:
+    """`dissected` for a connected graph, and the height of its tree."""
     graph, number = _near_in_memory(graph)
     levels = max(1, int(np.ceil(np.log2(graph.shape[0] / LEAF))))
     path = _halved(_landmark_distances(graph), levels)
     level = separator_level(path, levels, graph)
     if level is None:
         return None
-    height = levels - level
-    last = (((path >> height) + 1) << height) - 1  # of the leaves below the part that the vertex separates
-    return number[np.argsort((last << 6) + height, kind="stable")]
+    leaf, height = np.empty_like(path), np.empty_like(path)
+    leaf[number], height[number] = path, levels - level
+    return Dissection(leaf, height), levels
 
 
 def _strung_together(graph: csr_array) -> csr_array:
@@ -126,46 +162,49 @@ def _distances(graph: csr_array, source: int) -> NDArray[np.float32]:
 
 def _halved(place: NDArray[np.float32], levels: int) -> NDArray[np.int64]:
     """(n,) path of each vertex through `levels` halvings, a bit each, the first one highest."""
-    k, n = place.shape
-    part, n_parts = np.zeros(n, dtype=np.int64), 1
+    n = place.shape[1]
+    part = np.zeros(n, dtype=np.int64)
     for level in range(levels):
-        size = np.maximum(np.bincount(part, minlength=n_parts), 1)
-        if level < OWN_DIRECTIONS or level % 2 == 0:
-            offset, variance, direction = _principal_directions(place, part, size)
-            owner, chosen = np.arange(n_parts), np.full(n_parts, k - 1)
-        else:
-            owner = np.arange(n_parts) // 2
-            wide = variance[:, -2] > HALVED * variance[:, -1]
-            chosen = np.where(wide, k - 2, k - 1)[owner]
-        axis = direction[owner, :, chosen].astype(np.float32)
-        along = offset[0] * axis[part, 0]
-        for j in range(1, k):
-            along += offset[j] * axis[part, j]
-        part = 2 * part + _beyond_median(along, part, size, np.sqrt(variance[owner, chosen]))
-        n_parts *= 2
+        some = slice(None, None, max(1, n // max(SAMPLE << level, SAMPLE_OF_ALL)))
+        axis, median = _median_planes(place[:, some], part[some], 1 << level)
+        along = -median[part]
+        for x, a in zip(place, axis, strict=True):
+            along += x * a[part]
+        part = 2 * part + (along > 0)
     return part
 
 
-def _principal_directions(
-    place: NDArray, part: NDArray, size: NDArray
-) -> tuple[list[NDArray], NDArray, NDArray]:
-    """Coordinates from the centre of each part (k of (n,)), variances ascending (p, k), directions."""
-    k, p = len(place), len(size)
-    centre = [(np.bincount(part, x, p) / size).astype(np.float32) for x in place]
+def _median_planes(place: NDArray, part: NDArray, n_parts: int) -> tuple[NDArray, NDArray]:
+    """Longest direction of each part (k, p), and where across it half of the part lies, nearly (p,)."""
+
+    def mean(values: NDArray) -> NDArray:
+        return np.bincount(part, values, n_parts) / size
+
+    k = len(place)
+    size = np.maximum(np.bincount(part, minlength=n_parts), 1)
+    centre = np.stack([mean(x) for x in place])
     offset = [x - c[part] for x, c in zip(place, centre, strict=True)]
-    spread = np.empty((p, k, k))
+    spread = np.empty((n_parts, k, k))
     for i in range(k):
         for j in range(i, k):
-            spread[:, i, j] = spread[:, j, i] = np.bincount(part, offset[i] * offset[j], p)
-    value, direction = np.linalg.eigh(spread / size[:, None, None])
-    return offset, np.maximum(value, 0.0), direction
-
-
-def _beyond_median(along: NDArray, part: NDArray, size: NDArray, width: NDArray) -> NDArray[np.bool_]:
-    """(n,) whether a vertex lies beyond the median of its part, nearly: two corrections of the mean."""
-    p = len(size)
-    median = np.bincount(part, along, p) / size
+            spread[:, i, j] = spread[:, j, i] = mean(offset[i] * offset[j])
+    axis = _longest_axis(spread)
+    along = sum(x * a[part] for x, a in zip(offset, axis, strict=True))
+    median, width = np.zeros(n_parts), np.sqrt(mean(along * along))
     for _ in range(2):
-        share = np.bincount(part[along > median.astype(np.float32)[part]], minlength=p) / size
+        share = np.bincount(part[along > median[part]], minlength=n_parts) / size
         median += 2.5 * width * (share - 0.5)  # a normal density has the height 1 / 2.5 at its median
-    return along > median.astype(np.float32)[part]
+    median += (centre * axis).sum(axis=0)
+    return axis.astype(np.float32), median.astype(np.float32)
+
+
+def _longest_axis(spread: NDArray) -> NDArray[np.float64]:
+    """(k, p) direction in which each (p, k, k) covariance is largest, nearly: by squaring."""
+    tiny = np.finfo(float).tiny
+    power = spread
+    for _ in range(SQUARINGS):
+        power = power / np.maximum(np.abs(power).max(axis=(1, 2), keepdims=True), tiny)
+        power = power @ power
+    column = np.einsum("pii->pi", power).argmax(axis=1)
+    axis = power[np.arange(len(power)), column]
+    return (axis / np.maximum(np.linalg.norm(axis, axis=1, keepdims=True), tiny)).T

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.sparse import csc_array, sparray
 
 from ddgcli.errors import SolveError
-from ddgcli.linalg.backends import NotDefinite, chosen_solver, make_backend
+from ddgcli.linalg.backends import Backend, NotDefinite, chosen_solver, make_backend
 
 log = logging.getLogger("ddgcli")
 
@@ -32,17 +32,18 @@ class Factor:
     pivot : bool
         False leaves that second attempt out: `NotDefinite` is raised (where the factorisation sees it;
         SuperLU does not), for who has another matrix at hand.
-    solver : {'auto', 'superlu', 'cholmod', 'pivoted'}, optional
-        Default: the environment variable DDGCLI_SOLVER, else CHOLMOD where the extra `fast` is installed and
-        the system is large, else SuperLU of scipy.
-    order : (n,) ndarray of int64, optional
-        `order` of a `Factor` with the same pattern, to save the search for a fill-reducing one.
+    solver : {'auto', 'multifrontal', 'superlu', 'cholmod', 'pivoted'}, optional
+        Default: the environment variable DDGCLI_SOLVER, else for large systems CHOLMOD where the extra
+        `fast` is installed, our multifrontal factorisation where not, and for small ones SuperLU of scipy.
+    like : Factor, optional
+        Of another matrix of the same pattern: its elimination order, and what else hangs on the pattern
+        alone, serve again.
 
     Attributes
     ----------
     matrix : csc_array
     solver : str
-        What factorised: 'superlu' or 'cholmod' (definite), 'pivoted' (anything).
+        What factorised: 'multifrontal', 'superlu' or 'cholmod' (definite), 'pivoted' (anything).
 
     Raises
     ------
@@ -57,12 +58,13 @@ class Factor:
         definite: bool = True,
         pivot: bool = True,
         solver: str | None = None,
-        order: NDArray | None = None,
+        like: Factor | None = None,
     ) -> None:
         self.matrix, self._pivot = _checked(matrix), pivot
+        analysed = like._backend if like and like.same_pattern(self.matrix) else None
         if definite and not (self.matrix.diagonal().real > 0).all():
             definite = self._give_up(NotDefinite("a diagonal entry is not positive"))
-        self._factorise(chosen_solver(solver, self.n, definite), order)
+        self._factorise(chosen_solver(solver, self.n, definite), analysed)
 
     @property
     def n(self) -> int:
@@ -77,10 +79,19 @@ class Factor:
         """Unknown eliminated at each step; None where pivoting decides."""
         return self._backend.order
 
-    def _factorise(self, name: str, order: NDArray | None = None) -> None:
+    def same_pattern(self, other: csc_array) -> bool:
+        """Whether another matrix stores the same entries in the same order."""
+        mine = self.matrix
+        return (
+            mine.shape == other.shape
+            and (mine.indptr is other.indptr or np.array_equal(mine.indptr, other.indptr))
+            and (mine.indices is other.indices or np.array_equal(mine.indices, other.indices))
+        )
+
+    def _factorise(self, name: str, like: Backend | None = None) -> None:
         self._magnitude: csc_array | None = None
         try:
-            self._backend = make_backend(name, self.matrix, order)
+            self._backend = make_backend(name, self.matrix, like)
         except NotDefinite as error:
             self._give_up(error)
             self._backend = make_backend("pivoted", self.matrix)
@@ -95,13 +106,7 @@ class Factor:
     def refactor(self, matrix: sparray) -> Factor:
         """Factorise new values; ordering and symbolic analysis are kept when the pattern is the same."""
         matrix = _checked(matrix)
-        old = self.matrix
-        same = (
-            matrix.shape == old.shape
-            and matrix.dtype == old.dtype
-            and np.array_equal(matrix.indptr, old.indptr)
-            and np.array_equal(matrix.indices, old.indices)
-        )
+        same = self.matrix.dtype == matrix.dtype and self.same_pattern(matrix)
         self.matrix, self._magnitude = matrix, None
         if not same:
             self._factorise(self.solver)

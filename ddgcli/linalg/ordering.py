@@ -40,9 +40,9 @@ def fill_reducing_ordering(matrix: csc_array) -> Ordering:
     """
     n = matrix.shape[0]
     if n >= DISSECT_FROM:
-        order = dissected(matrix)
-        if order is not None:
-            return Ordering(order, final=True)
+        found = dissected(matrix)
+        if found is not None:
+            return Ordering(found.order, final=True)
     return Ordering(np.random.default_rng(1).permutation(n), final=False)
 
 

@@ -114,7 +114,7 @@ class HeatSolver:
     def poisson(self) -> Poisson:
         """The second system, factored when first asked for."""
         if self._poisson is None:
-            self._poisson = Poisson(self.stiffness, self._area, order=self._heat.order)
+            self._poisson = Poisson(self.stiffness, self._area, like=self._heat)
         return self._poisson
 
     def distance(self, sources: Sources | NDArray | list[int] | int) -> HeatDistance:
@@ -244,7 +244,7 @@ class HeatSolver:
         np.negative(flux[0], out=flux[0])
         load = np.bincount(self._corner.ravel(), weights=flux.ravel(), minlength=self.mesh.n_vertices)
         if n_sources == 1:
-            distance = self.poisson.pinned_solve(load[:, None])[:, 0]
+            distance = self.poisson.pinned_solve(load)
             ring = spoke > 0
             shift = (distance[near[ring]] - spoke[ring]).mean() if ring.any() else distance[near].min()
             return distance - shift, partial(self.poisson.residual, distance, load)
@@ -252,7 +252,7 @@ class HeatSolver:
         value = np.zeros(len(held))
         value[np.searchsorted(held, near)] = spoke
         if self._held is None or not np.array_equal(self._held.fixed, held):
-            self._held = Dirichlet(self.stiffness, held, order=self._heat.order)
+            self._held = Dirichlet(self.stiffness, held, like=self._heat)
         distance = self._held.solve(value, load)
         return distance, partial(self._held.residual, distance, load)
 

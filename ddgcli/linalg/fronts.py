@@ -1,0 +1,240 @@
+"""Symbolic analysis for a multifrontal factorisation: the fronts of a dissected matrix, in stacks.
+
+A front holds the unknowns that one part eliminates (its pivots) and those of larger parts that they meet
+(its update). Fronts lie in stages, so that no front of a stage needs another one of it, and within a stage in
+groups of like size, each one dense stack in which the smaller ones are padded.
+
+I. Duff, J. Reid, "The multifrontal solution of indefinite sparse symmetric linear equations", 1983.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csc_array
+
+from ddgcli.linalg.dissection import Dissection
+
+# so many heights of the tree are eliminated together in parts of up to so many unknowns: larger fronts cost
+# arithmetic, which is cheap while they are small, and save passes over memory
+MERGED, MERGED_UP_TO = 2, 4000
+# cost in entries moved: of handling one more group, and entries that cost as much as one operation
+GROUP_COST, OPERATION_COST = 50_000.0, 0.03
+
+
+@dataclass(frozen=True, eq=False)
+class FrontGroup:
+    """A stack of g fronts of one stage with s pivots and u update rows each.
+
+    Parameters
+    ----------
+    pivot : (g, s) ndarray of int64
+        Unknown eliminated by each column; n pads.
+    update : (g, u) ndarray of int64
+        Unknown of each further row; n pads.
+    start : int
+        Where the stack of (g, s + u, s + u) entries begins in the memory of its stage.
+    row, column : (g, u) ndarrays of int64
+        Where the front above has each update unknown: the first entry of its row in the memory of the next
+        stage, and its column within a row.
+    """
+
+    pivot: NDArray[np.int64]
+    update: NDArray[np.int64]
+    start: int
+    row: NDArray[np.int64]
+    column: NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False)
+class Stage:
+    """Fronts that are eliminated side by side.
+
+    Parameters
+    ----------
+    groups : list of FrontGroup
+    size : int
+        Entries of all their fronts.
+    entry, place : (k,) ndarrays of int64
+        Entries of the matrix by number, and where they belong in the stage's memory; lower triangles only.
+    padding : (p,) ndarray of int64
+        Diagonal places of pivots that pad.
+    """
+
+    groups: list[FrontGroup]
+    size: int
+    entry: NDArray[np.int64]
+    place: NDArray[np.int64]
+    padding: NDArray[np.int64]
+
+
+def fronts(matrix: csc_array, dissection: Dissection) -> list[Stage]:
+    """Stages of a symmetric pattern (both triangles stored), from its dissection, leaves first."""
+    n = matrix.shape[0]
+    tops = _tops(dissection)
+    stage = np.searchsorted(tops, dissection.height)
+    node = dissection.leaf >> tops[stage]
+    order = np.lexsort((node, stage))
+    node, bounds = node[order], np.searchsorted(stage[order], np.arange(len(tops) + 1))
+    entry, row, column, entry_bounds = _lower_entries(matrix, order, bounds)
+    stages: list[Stage] = []
+    below = _Layout.empty(n)
+    for k, top in enumerate(tops):
+        at = slice(entry_bounds[k], entry_bounds[k + 1])
+        here = slice(bounds[k], bounds[k + 1])
+        shift = top - tops[k - 1] if k else 0
+        layout = _Layout(here, node[here], row[at], column[at], below.node >> shift, below.unknown, n)
+        if k:
+            stages.append(below.stage(order, *layout.of_children))
+        layout.entry = entry[at]
+        below = layout
+    nothing = np.zeros(0, dtype=np.int64)
+    stages.append(below.stage(order, nothing, nothing))
+    return stages
+
+
+def _tops(dissection: Dissection) -> NDArray[np.int64]:
+    """Largest height of each stage, ascending."""
+    highest = int(dissection.height.max(initial=0))
+    leaf_size = len(dissection.leaf) / (int(dissection.leaf.max(initial=0)) + 1)
+    tops = [0]
+    while tops[-1] < highest:
+        step = MERGED if leaf_size * 2.0 ** tops[-1] < MERGED_UP_TO else 1
+        tops.append(min(highest, tops[-1] + step))
+    return np.array(tops)
+
+
+def _lower_entries(
+    matrix: csc_array, order: NDArray, bounds: NDArray
+) -> tuple[NDArray, NDArray, NDArray, NDArray]:
+    """Entries on and below the diagonal once ordered: number, row, column, and where each stage begins."""
+    n = len(order)
+    rank = np.empty(n, dtype=np.int64)
+    rank[order] = np.arange(n)
+    column = np.repeat(rank, np.diff(matrix.indptr))
+    row = rank[matrix.indices]
+    entry = np.flatnonzero(row >= column)
+    stage = np.searchsorted(bounds[1:-1], column[entry], side="right").astype(np.int16)
+    entry = entry[np.argsort(stage, kind="stable")]
+    row, column = row[entry], column[entry]
+    count = np.bincount(stage, minlength=len(bounds) - 1)
+    return entry, row, column, np.append(0, np.cumsum(count))
+
+
+class _Layout:
+    """One stage while it is laid out: which front has which unknowns, and where.
+
+    Unknowns are numbered in elimination order; those of the stage are `here`, sorted by front.
+    """
+
+    entry: NDArray[np.int64]
+
+    def __init__(
+        self,
+        here: slice,
+        owner: NDArray,
+        row: NDArray,
+        column: NDArray,
+        child_node: NDArray,
+        child_unknown: NDArray,
+        n: int,
+    ) -> None:
+        self.here, self.n = here, n
+        front_of_entry = owner[column - here.start]
+        above, child_above = row >= here.stop, child_unknown >= here.stop
+        key = np.append(front_of_entry[above], child_node[child_above]) * n
+        key += np.append(row[above], child_unknown[child_above])
+        pairs, number = np.unique(key, return_inverse=True)
+        self.node, self.unknown = np.divmod(pairs, max(n, 1))
+        count = int(max(owner.max(initial=-1), self.node.max(initial=-1))) + 1
+        self.n_pivots, self.n_updates = (np.bincount(x, minlength=count) for x in (owner, self.node))
+        self._first_pivot = here.start + np.cumsum(self.n_pivots) - self.n_pivots
+        self._first_pair = np.cumsum(self.n_updates) - self.n_updates
+        self._place_fronts()
+        n_entries = int(above.sum())
+        self.place = self._base[front_of_entry] + column - self._first_pivot[front_of_entry]
+        self.place += self._width[front_of_entry] * self._local(
+            front_of_entry, row, above, number[:n_entries]
+        )
+        local = self._local(child_node, child_unknown, child_above, number[n_entries:])
+        self.of_children = self._base[child_node] + self._width[child_node] * local, local
+
+    @staticmethod
+    def empty(n: int) -> _Layout:
+        nothing = np.zeros(0, dtype=np.int64)
+        return _Layout(slice(0, 0), nothing, nothing, nothing, nothing, nothing, n)
+
+    def _local(self, front: NDArray, unknown: NDArray, above: NDArray, pair: NDArray) -> NDArray:
+        """Row of each unknown within its front; `pair` for those that are no pivots of the stage."""
+        local = unknown - self._first_pivot[front]
+        up = front[above]
+        local[above] = self._padded_pivots[up] + pair - self._first_pair[up]
+        return local
+
+    def _place_fronts(self) -> None:
+        """Groups of fronts, and base, width and number of pivots of each front, padding included."""
+        count = len(self.n_pivots)
+        self._base, self._width, self._padded_pivots = (np.zeros(count, dtype=np.int64) for _ in range(3))
+        self.groups: list[tuple[NDArray, int]] = []
+        self.size = 0
+        for members in _alike(self.n_pivots, self.n_updates):
+            s = self.n_pivots[members].max()
+            f = s + self.n_updates[members].max()
+            self._padded_pivots[members], self._width[members] = s, f
+            self._base[members] = self.size + f * f * np.arange(len(members))
+            self.groups.append((members, self.size))
+            self.size += int(f * f * len(members))
+
+    def stage(self, order: NDArray, row: NDArray, column: NDArray) -> Stage:
+        """The stage, once the one above has said where the update unknowns lie."""
+        unknown = np.append(order, self.n)
+        row, column = np.append(row, 0), np.append(column, 0)
+        groups, padding = [], []
+        for members, start in self.groups:
+            pivot = _padded(self._first_pivot[members], self.n_pivots[members], self.n)
+            pair = _padded(self._first_pair[members], self.n_updates[members], len(self.unknown))
+            update = unknown[np.append(self.unknown, self.n)[pair]]
+            groups.append(FrontGroup(unknown[pivot], update, start, row[pair], column[pair]))
+            front, pivot_place = np.nonzero(pivot == self.n)
+            padding.append(self._base[members][front] + pivot_place * (self._width[members][front] + 1))
+        return Stage(groups, self.size, self.entry, self.place, np.concatenate([*padding, np.zeros(0, int)]))
+
+
+def _padded(first: NDArray, count: NDArray, padding: int) -> NDArray[np.int64]:
+    """(g, largest count) runs first, first + 1, ... of the given lengths, then padding."""
+    offset = np.arange(int(count.max(initial=0)))
+    return np.where(offset < count[:, None], first[:, None] + offset, padding)
+
+
+def _alike(s: NDArray, u: NDArray) -> list[NDArray]:
+    """Fronts in groups of like size: splits that save more than a group costs. Empty fronts are left out."""
+    fronts = np.flatnonzero(s + u > 0)
+    fronts = fronts[np.argsort((s + u)[fronts], kind="stable")]
+    done, todo = [], [fronts] if len(fronts) else []
+    while todo:
+        members = todo.pop()
+        cut = _best_cut(s[members], u[members])
+        if cut:
+            todo += [members[cut:], members[:cut]]
+        else:
+            done.append(np.sort(members))
+    return done
+
+
+def _best_cut(s: NDArray, u: NDArray) -> int:
+    """Where to cut a group in two; 0 where that does not pay."""
+
+    def cost(count: NDArray, s: NDArray, u: NDArray) -> NDArray:
+        s, u = s.astype(float), u.astype(float)
+        return count * ((s + u) ** 2 + OPERATION_COST * s * (s * s / 2 + 2 * s * u + 2 * u * u))
+
+    g = len(s)
+    count = np.arange(1, g)
+    low = [np.maximum.accumulate(x) for x in (s, u)]
+    high = [np.maximum.accumulate(x[::-1])[::-1] for x in (s, u)]
+    whole = cost(np.array([g]), low[0][-1:], low[1][-1:])[0]
+    cuts = cost(count, low[0][:-1], low[1][:-1]) + cost(g - count, high[0][1:], high[1][1:])
+    best = int(np.argmin(cuts)) if g > 1 else 0
+    return best + 1 if g > 1 and cuts[best] + GROUP_COST < whole else 0

@@ -1,0 +1,162 @@
+"""The multifrontal factorisation: a Cholesky factor in truth, whatever the graph looks like."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.sparse import block_diag, coo_array, csc_array, diags_array
+
+from ddgcli.linalg import backends, dissection
+from ddgcli.linalg.backends import NotDefinite
+from ddgcli.linalg.dissection import dissected
+from ddgcli.linalg.factor import Factor
+from ddgcli.linalg.fronts import fronts
+from ddgcli.linalg.multifrontal import FactoredGroup, factored, inverted_triangles, solved
+from ddgcli.mesh import shapes
+from ddgcli.operators.laplacian import lumped_vertex_area, stiffness
+
+
+def sphere_matrix(subdivisions=4):
+    mesh = shapes.icosphere(subdivisions)
+    return csc_array(stiffness(mesh) + diags_array(lumped_vertex_area(mesh)))
+
+
+def analysed(matrix):
+    return fronts(matrix, dissected(matrix))
+
+
+def cholesky_factor(matrix, groups):
+    """(n, n) factor put together from its fronts, rows and columns as the matrix has them."""
+    n = matrix.shape[0]
+    L = np.zeros((n + 1, n + 1), dtype=matrix.dtype)
+    for group in groups:
+        for pivot, update, inverse, below in zip(
+            group.pivot, group.update, group.inverse, group.below, strict=True
+        ):
+            real = pivot < n
+            L[np.ix_(pivot[real], pivot[real])] = np.linalg.inv(inverse)[np.ix_(real, real)]
+            L[np.ix_(update, pivot[real])] = below[:, real]
+    return L[:n, :n]
+
+
+@pytest.mark.parametrize("kind", [float, complex])
+def test_factor_times_its_adjoint_is_the_matrix(kind):
+    A = sphere_matrix(3).astype(kind)
+    if kind is complex:
+        phase = np.exp(1j * np.random.default_rng(0).uniform(0, 6, A.shape[0]))
+        A = csc_array(diags_array(phase) @ A @ diags_array(phase.conj()))
+    L = cholesky_factor(A, factored(analysed(A), A.data))
+    assert np.abs(L @ L.conj().T - A.toarray()).max() < 1e-14
+
+
+def test_every_unknown_is_a_pivot_once_and_updates_come_later():
+    A = sphere_matrix(5)
+    n = A.shape[0]
+    when = np.full(n + 1, -1)
+    stages = analysed(A)
+    for k, stage in enumerate(stages):
+        for group in stage.groups:
+            pivot = group.pivot[group.pivot < n]
+            assert (when[pivot] == -1).all()
+            when[pivot] = k
+    assert (when[:n] >= 0).all()
+    when[n] = len(stages)
+    assert all((when[g.update] > k).all() for k, s in enumerate(stages) for g in s.groups)
+
+
+def test_every_entry_of_the_matrix_has_its_place():
+    A = sphere_matrix(4)
+    entries = np.concatenate([stage.entry for stage in analysed(A)])
+    assert len(np.unique(entries)) == len(entries) == (A.nnz + A.shape[0]) // 2
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.integers(0, 10**6), st.integers(1, 400), st.floats(0.3, 3.0))
+def test_random_graphs_of_several_components(seed, n, degree):
+    rng = np.random.default_rng(seed)
+    i, j = rng.integers(0, n, (2, int(degree * n / 2)))
+    value = rng.normal(size=len(i))
+    off = coo_array((value, (i, j)), shape=(n, n))
+    off = csc_array(off + off.T)
+    A = csc_array(off + diags_array(np.abs(off).sum(axis=0) + rng.uniform(0.01, 1, n)))
+    found = dissected(A)
+    x = rng.normal(size=(n, 3))
+    assert found is not None
+    groups = factored(fronts(A, found), A.data)
+    assert np.abs(solved(groups, A @ x) - x).max() < 1e-9
+    assert np.abs(solved(groups, A @ x[:, 0]) - x[:, 0]).max() < 1e-9
+
+
+def test_sparse_right_hand_sides_pass_over_fronts_and_change_nothing(monkeypatch):
+    A = sphere_matrix(5)
+    groups = factored(analysed(A), A.data)
+    visited = []
+    some = FactoredGroup.some
+    monkeypatch.setattr(FactoredGroup, "some", lambda g, lit: visited.append(len(lit)) or some(g, lit))
+    b = np.zeros(A.shape[0])
+    b[17] = 1.0
+    x = solved(groups, b)
+    assert np.abs(A @ x - b).max() < 1e-14
+    assert visited and max(visited) == 1  # one front a stage, from a leaf to the root
+    noise = 1e-30 * np.random.default_rng(0).normal(size=A.shape[0])  # as good as zero, but everywhere
+    visited.clear()
+    assert np.abs(solved(groups, b + noise) - x).max() <= 1e-13 * np.abs(x).max()
+    assert not visited
+
+
+def test_indefinite_matrices_are_seen():
+    A = sphere_matrix(4)
+    shifted = csc_array(A - 0.01 * diags_array(np.ones(A.shape[0])))
+    with pytest.raises(NotDefinite):
+        Factor(shifted, solver="multifrontal", pivot=False)
+    factor = Factor(shifted, solver="multifrontal")
+    assert factor.solver == "pivoted"
+    x = np.random.default_rng(0).normal(size=A.shape[0])
+    assert np.abs(factor.solve(shifted @ x) - x).max() < 1e-9
+
+
+def test_graphs_without_short_separators_go_to_superlu():
+    n = 6000
+    rng = np.random.default_rng(0)
+    i, j = rng.integers(0, n, (2, 2 * n))
+    graph = coo_array((np.ones(2 * n), (i, j)), shape=(n, n))
+    A = csc_array(graph + graph.T + diags_array(np.full(n, 50.0)))
+    factor = Factor(A, solver="multifrontal")
+    assert factor.solver == "superlu"
+    again = Factor(2 * A, solver="multifrontal", like=factor)
+    assert again.solver == "superlu" and np.array_equal(again.order, factor.order)
+
+
+def test_large_systems_of_the_base_install_are_multifrontal(monkeypatch):
+    monkeypatch.setattr(backends, "cholmod_available", lambda: False)
+    monkeypatch.delenv("DDGCLI_SOLVER", raising=False)
+    assert Factor(sphere_matrix(5)).solver == "multifrontal"
+    assert Factor(sphere_matrix(3)).solver == "superlu"
+
+
+def test_regular_surfaces_are_halved_however_large():
+    """Samples of a regular mesh, numbered breadth first, must not all lie on one side."""
+    for mesh in (shapes.icosphere(7), shapes.torus(600, 200)):
+        assert dissected(csc_array(stiffness(mesh))) is not None
+
+
+def test_leaves_hold_small_components_together():
+    triangle = csc_array(np.eye(3) * 2 + np.ones((3, 3)))
+    soup = csc_array(block_diag([triangle] * 500))
+    found = dissected(soup)
+    assert (found.height == 0).all()
+    assert len(np.unique(found.leaf)) <= 2 * 1500 // dissection.LEAF
+    assert (np.ptp(found.leaf.reshape(-1, 3), axis=1) == 0).all()
+    b = np.random.default_rng(0).normal(size=1500)
+    assert np.abs(soup @ solved(factored(fronts(soup, found), soup.data), b) - b).max() < 1e-13
+
+
+@pytest.mark.parametrize("g, s", [(200, 7), (3, 7), (60, 24), (2, 40), (1, 1)])
+@pytest.mark.parametrize("kind", [float, complex])
+def test_stacks_of_triangles_are_inverted(g, s, kind):
+    rng = np.random.default_rng(0)
+    lower = np.tril(rng.normal(size=(g, s, s)) * 0.1 + (1j if kind is complex else 0) * 0.1)
+    lower += np.eye(s)
+    inverse = inverted_triangles(lower)
+    assert np.abs(inverse @ lower - np.eye(s)).max() < 1e-12
+    assert (np.triu(inverse, 1) == 0).all()
