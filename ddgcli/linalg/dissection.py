@@ -19,14 +19,14 @@ from scipy.sparse.csgraph import breadth_first_order, connected_components
 from ddgcli.linalg.separators import separator_level
 
 LANDMARKS = 5
-SMOOTHING = 5
+SMOOTHING = 3
 # vertices of a part that is not cut any more
 LEAF = 32
 # smaller components are dissected all together
 LARGE = 2000
 # vertices that direction and median come from, of each part and of all (samples of a regular mesh may lie
 # on one side); squarings of a covariance for its longest direction
-SAMPLE, SAMPLE_OF_ALL, SQUARINGS = 128, 8192, 4
+SAMPLE, SAMPLE_OF_ALL, SQUARINGS = 128, 4096, 4
 
 
 @dataclass(frozen=True, eq=False)

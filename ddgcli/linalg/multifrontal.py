@@ -114,13 +114,16 @@ def solved(groups: list[FactoredGroup], rhs: NDArray) -> NDArray:
             continue
         if 2 * len(lit) < len(known):
             group, known = group.some(lit), known[lit]
-        found = x[group.pivot] = group.inverse @ known
+        reduced = x[group.pivot] = group.inverse @ known
         place = group.update.ravel() if k == 1 else (group.update[:, :, None] * k + np.arange(k)).ravel()
-        np.subtract.at(flat, place, (group.below @ found).ravel())
+        np.subtract.at(flat, place, (group.below @ reduced).ravel())
+    if np.iscomplexobj(x):
+        x = x.conj()  # once, instead of every block
     for group in reversed(groups):
-        known = x[group.pivot] - _adjoint(group.below) @ x[group.update]
-        x[group.pivot] = _adjoint(group.inverse) @ known
-    return x[:n].reshape(rhs.shape)
+        known = x[group.pivot] - group.below.swapaxes(1, 2) @ x[group.update]
+        x[group.pivot] = group.inverse.swapaxes(1, 2) @ known
+    found = x[:n].reshape(rhs.shape)
+    return found.conj() if np.iscomplexobj(found) else found
 
 
 def _adjoint(stack: NDArray) -> NDArray:

@@ -89,7 +89,8 @@ class VectorHeat:
         idle = csr_array((np.where(used, 0.0, 1.0), (np.arange(mesh.n_vertices),) * 2), shape=mass.shape)
         self.scalar = csr_array(mass + t * stiffness(mesh) + idle)
         self.vector = csr_array(mass + t * connection_laplacian(mesh) + idle)
-        self._scalar_factor, self._vector_factor = Factor(self.scalar), Factor(self.vector)
+        self._scalar_factor = Factor(self.scalar)
+        self._vector_factor = Factor(self.vector, like=self._scalar_factor)
 
     def transport(self, vertex: NDArray, value: NDArray) -> Spread:
         """Vectors everywhere, parallel to that of the nearest source vertex.

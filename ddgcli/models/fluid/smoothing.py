@@ -32,7 +32,8 @@ class Smoothing:
     def _factor(self, width: float) -> Factor:
         if width not in self._factors:
             mass = np.where(self.space.mass > 0, self.space.mass, 1.0)
-            self._factors[width] = Factor(csc_array(diags_array(mass) + width * self._diffusion))
+            like = next(iter(self._factors.values()), None)
+            self._factors[width] = Factor(csc_array(diags_array(mass) + width * self._diffusion), like=like)
         return self._factors[width]
 
     @cached_property
