@@ -11,6 +11,8 @@ from ddgcli.cli.options import Common
 from ddgcli.cli.run import Run
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from numpy.typing import NDArray
 
     from ddgcli.io.mesh_file import MeshInput
@@ -99,16 +101,28 @@ def _surface(
     measured = measure(mesh, scheme, radius, image=image)
     shown = options.chosen(measured.vertex, show or "mean_curvature")
     run.write(AnnotatedMesh(mesh, vertex=measured.vertex, edge=measured.edge))
-    run.plot(lambda path: _draw_surface(path, mesh, show or "mean_curvature", shown, scheme, view))
+    size = _size_of(show or "mean_curvature", measured.vertex)
+    run.plot(lambda path: _draw_surface(path, mesh, show or "mean_curvature", shown, size, scheme, view))
     run.finish(measured.results, measured.accuracy)
 
 
+def _size_of(name: str, vertex: Mapping[str, NDArray]) -> float:
+    """What a curvature is to be seen against: a minimal surface is not as coloured as a wave."""
+    import numpy as np
+
+    order = {"mean_curvature": 1, "principal_curvature_min": 1, "principal_curvature_max": 1}
+    order["gaussian_curvature"] = 2
+    ends = [np.abs(vertex[f"principal_curvature_{end}"]) for end in ("min", "max")]
+    return float(np.median(np.maximum(*ends))) ** order[name] if name in order else 0.0
+
+
 def _draw_surface(
-    path: str, mesh: TriangleMesh, name: str, values: NDArray, scheme: str, view: dict | None
+    path: str, mesh: TriangleMesh, name: str, values: NDArray, size: float, scheme: str, view: dict | None
 ) -> None:
     from ddgcli.plots.surface import draw_surface
 
-    draw_surface(path, mesh, values, label=name, caption=f"scheme {scheme}", **(view or {}))
+    caption = f"scheme {scheme}"
+    draw_surface(path, mesh, values, label=name, value_size=size, caption=caption, **(view or {}))
 
 
 def _curves(run: Run, source: MeshInput, show: str | None, view: dict[str, Any] | None) -> None:

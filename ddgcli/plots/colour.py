@@ -7,9 +7,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+NARROWEST = 0.05  # colour range, as a share of the values' size: less would magnify noise
 
-def robust_limits(values: NDArray, signed: bool | None = None) -> tuple[float, float, bool]:
+
+def robust_limits(
+    values: NDArray, signed: bool | None = None, size: float = 0.0
+) -> tuple[float, float, bool]:
     """Colour range of an array: its 2 % and 98 % quantiles, symmetric about zero for a signed one.
+
+    It is never narrower than a twentieth of the largest value (or of `size`), so that a constant looks
+    constant whatever its error.
 
     Parameters
     ----------
@@ -17,6 +24,8 @@ def robust_limits(values: NDArray, signed: bool | None = None) -> tuple[float, f
         Values that are not finite do not count.
     signed : bool, optional
         None decides: signed where both sides of zero hold a twentieth of the range.
+    size : float
+        What values are to be seen against where they cancel: of a mean curvature the principal curvatures.
 
     Returns
     -------
@@ -30,13 +39,19 @@ def robust_limits(values: NDArray, signed: bool | None = None) -> tuple[float, f
     if signed is None:
         signed = min(-low, high) > 0.05 * max(-low, high)
     if signed:
-        reach = max(-low, high) or float(np.abs(finite).max()) or 1.0
+        reach = max(-low, high, NARROWEST * size / 2) or float(np.abs(finite).max()) or 1.0
         return -reach, reach, True
-    if high - low <= 1e-6 * max(abs(low), abs(high)):
-        middle = (low + high) / 2
-        reach = 0.05 * abs(middle) or 1.0
-        return middle - reach, middle + reach, False
-    return low, high, False
+    narrowest = NARROWEST * max(abs(low), abs(high), size) or 2.0
+    widen = max(0.0, narrowest - (high - low)) / 2
+    return low - widen, high + widen, False
+
+
+def extremes(label: str, values: NDArray) -> str:
+    """What the caption says of an array: its least and largest value, of which the bar shows most only."""
+    finite = values[np.isfinite(values)]
+    if not label or len(finite) == 0:
+        return ""
+    return f"{label} from {finite.min():.6g} to {finite.max():.6g}"
 
 
 def colours(diverging: bool) -> Any:
@@ -57,6 +72,7 @@ def colour_bar(figure: Any, mappable: Any, label: str, beyond: str = "neither") 
     place = figure.add_axes((0.865, 0.14, 0.022, 0.7))
     bar = figure.colorbar(mappable, cax=place, extend=beyond, label=label)
     bar.ax.tick_params(labelsize=8)
+    bar.formatter.set_useOffset(False)  # 0.9999 + 1e-5 x is no number that one reads
     bar.formatter.set_powerlimits((-3, 4))
     bar.formatter.set_useMathText(True)
     bar.outline.set_linewidth(0.5)

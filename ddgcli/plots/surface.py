@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ddgcli.geometry.extrinsic import face_area_vector, face_normal
 from ddgcli.mesh.triangle_mesh import TriangleMesh
-from ddgcli.plots.colour import colour_bar, colours, robust_limits
+from ddgcli.plots.colour import colour_bar, colours, extremes, robust_limits
 from ddgcli.plots.page import lettered, page, picture_axes
 from ddgcli.plots.raster import (
     OUTLINE,
@@ -40,7 +40,8 @@ def draw_surface(
     title: str = "",
     caption: str = "",
     signed: bool | None = None,
-    limits: tuple[float, float] | None = None,
+    limits: Sequence[float] | None = None,
+    value_size: float = 0.0,
     curves: Sequence[NDArray] = (),
     level_lines: Sequence[NDArray] = (),
     curve_width: float = 1.4,
@@ -63,11 +64,13 @@ def draw_surface(
     values : (n,) or (m,) ndarray, optional
         Colours by vertex or by face; what is not finite is grey.
     label, title, caption : str
-        Beside the colour bar, above and below the picture.
+        Beside the colour bar, above and below the picture; the caption ends with the extremes of the values.
     signed : bool, optional
         True: diverging colours about zero. None decides by the values.
     limits : (float, float), optional
         Ends of the colour bar; default `robust_limits`.
+    value_size : float
+        What values are to be seen against: `size` of `robust_limits`.
     curves : sequence of (k, 3) ndarray
         Polylines, drawn where the surface does not hide them, `curve_width` points wide.
     level_lines : sequence of (k, 3) ndarray
@@ -90,7 +93,11 @@ def draw_surface(
         size = [int(round(s * dpi * _SAMPLES)) for s in (box.width * width, box.height * height)]
         camera = fitted_camera(frame, view_axes(frame, view, up), *size)
         seen = rasterise(camera, mesh.points, mesh.faces)
-        colour, mappable, beyond = _colours(mesh, seen, values, signed, limits)
+        known = None if values is None else _relevant(mesh, values)
+        if known is not None and limits is None:
+            low, high, signed = robust_limits(known, signed, value_size)
+            limits = low, high
+        colour, mappable = _colours(mesh, seen, values, signed, limits)
         image = _picture(camera, mesh, seen, colour, edges)
         axes.imshow(image, extent=(0, size[0], size[1], 0), interpolation="none")
         axes.set_axis_off()
@@ -98,8 +105,9 @@ def draw_surface(
         _overlay(axes, camera, seen, [placed(c) for c in level_lines], None, "0.15", 0.7, 0.0)
         _overlay(axes, camera, seen, [placed(c) for c in curves], dots, "black", curve_width)
         axes.set(xlim=(0, size[0]), ylim=(size[1], 0))
-        if mappable is not None:
-            colour_bar(figure, mappable, label, beyond)
+        if known is not None and limits is not None:
+            colour_bar(figure, mappable, label, _beyond(known, *limits))
+            caption = "; ".join(filter(None, [caption, extremes(label, known)]))
         lettered(figure, title, caption)
 
 
@@ -113,39 +121,45 @@ def _in_unit_box(mesh: TriangleMesh, fit: NDArray | None) -> tuple[TriangleMesh,
     return mesh.moved(placed(mesh.points)), placed(frame), placed
 
 
+def _relevant(mesh: TriangleMesh, values: NDArray) -> NDArray[np.float64]:
+    """The values of faces, or of the vertices that a face uses."""
+    values = np.asarray(values, dtype=np.float64)
+    return values[mesh.topology.referenced_vertex] if len(values) == mesh.n_vertices else values
+
+
 def _colours(
     mesh: TriangleMesh,
     seen: Seen,
     values: NDArray | None,
     signed: bool | None,
-    limits: tuple[float, float] | None,
-) -> tuple[NDArray, Any, str]:
-    """(k, 3) colour of each seen pixel, what the colour bar is made from, and where values lie beyond it."""
-    if values is None:
-        return np.broadcast_to(_PLAIN, (len(seen.pixel), 3)), None, "neither"
+    limits: Sequence[float] | None,
+) -> tuple[NDArray, Any]:
+    """(k, 3) colour of each seen pixel, and what the colour bar is made from."""
+    if values is None or limits is None:
+        return np.broadcast_to(_PLAIN, (len(seen.pixel), 3)), None
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize
 
     values = np.asarray(values, dtype=np.float64)
-    on_vertices = len(values) == mesh.n_vertices
-    relevant = values[mesh.topology.referenced_vertex] if on_vertices else values
-    low, high, diverging = robust_limits(relevant, signed)
-    if limits is not None:
-        (low, high), diverging = limits, bool(signed)
-    if on_vertices:
+    low, high = limits
+    if len(values) == mesh.n_vertices:
         shown = np.einsum("ij,ij->i", values[mesh.faces[seen.face]], seen.barycentric)
     else:
         shown = values[seen.face]
-    mappable: Any = ScalarMappable(Normalize(low, high), colours(diverging))
+    mappable: Any = ScalarMappable(Normalize(low, high), colours(bool(signed)))
     finite = np.isfinite(shown)
     table = mappable.cmap(np.linspace(0, 1, 1024))[:, :3]
     with np.errstate(over="ignore"):
         place = np.clip((np.where(finite, shown, low) - low) / (high - low), 0, 1)
-    colour = np.where(finite[:, None], table[(place * 1023).astype(np.int64)], _UNKNOWN)
-    known = relevant[np.isfinite(relevant)]
+    return np.where(finite[:, None], table[(place * 1023).astype(np.int64)], _UNKNOWN), mappable
+
+
+def _beyond(known: NDArray, low: float, high: float) -> str:
+    """At which ends of the colour bar values lie beyond it."""
+    known = known[np.isfinite(known)]
     slack = 1e-9 * (high - low)
     beyond = 2 * bool((known < low - slack).any()) + bool((known > high + slack).any())
-    return colour, mappable, ("neither", "max", "min", "both")[beyond]
+    return ("neither", "max", "min", "both")[beyond]
 
 
 def _corner_normals(mesh: TriangleMesh) -> NDArray[np.float64]:

@@ -87,6 +87,30 @@ def test_the_colour_range_ignores_outliers_and_is_symmetric_for_signed_values():
     assert high - low > 0.1
 
 
+def test_a_constant_looks_constant_whatever_its_error():
+    noise = np.linspace(-1e-4, 1e-4, 101)
+    for size, values in ((0.0, 1 + noise), (0.0, -300 * (1 + noise)), (1.0, noise), (1.0, noise + 1e-4)):
+        low, high, _ = robust_limits(values, size=size)
+        assert low <= values.min() and values.max() <= high
+        assert np.ptp(values) < 0.01 * (high - low)
+    low, high, _ = robust_limits(np.linspace(0.9, 1.0, 101))
+    assert (low, high) == pytest.approx((0.902, 0.998)), "a tenth is shown in full"
+
+
+def test_the_picture_of_a_sphere_s_curvature_has_one_colour(tmp_path):
+    """Unshaded hue: of the colours at equal brightness only the shade of the light may differ."""
+    from matplotlib.image import imread
+
+    sphere = shapes.icosphere(3)
+    wavy = 1 + 1e-4 * np.sin(5 * sphere.points[:, 0])
+    draw_surface(str(tmp_path / "a.png"), sphere, wavy, label="H", width=3, height=3, dpi=100)
+    disk = imread(tmp_path / "a.png")[100:200, 80:180, :3].reshape(-1, 3)
+    assert np.ptp(disk / disk.sum(axis=1, keepdims=True), axis=0).max() < 0.02
+    draw_surface(str(tmp_path / "a.svg"), sphere, wavy, label="H", caption="scheme", width=3, height=3)
+    text = (tmp_path / "a.svg").read_text()
+    assert f"scheme; H from {wavy.min():.6g} to {wavy.max():.6g}" in text
+
+
 def test_pixels_have_the_colour_of_their_values(tmp_path):
     from matplotlib.image import imread
 
