@@ -50,10 +50,9 @@ class Decay:
     def step(self, x: NDArray, dt: float) -> NDArray[np.float64]:
         """x after a time dt; one factorisation for each step length met."""
         if dt not in self._factors:
-            like = next(iter(self._factors.values()), None)
             if len(self._factors) > 3:
                 self._factors.clear()
-            self._factors[dt] = Factor(csc_array(self.G + GAMMA * dt * self.A), like=like)
+            self._factors[dt] = Factor(csc_array(self.G + GAMMA * dt * self.A))
         factor = self._factors[dt]
         first = factor.solve(-(self.A @ x + self.b), refine=False)
         second = factor.solve(-(self.A @ (x + (1.0 - GAMMA) * dt * first) + self.b), refine=False)

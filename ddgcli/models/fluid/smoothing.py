@@ -32,8 +32,7 @@ class Smoothing:
     def _factor(self, width: float) -> Factor:
         if width not in self._factors:
             mass = np.where(self.space.mass > 0, self.space.mass, 1.0)
-            like = next(iter(self._factors.values()), None)
-            self._factors[width] = Factor(csc_array(diags_array(mass) + width * self._diffusion), like=like)
+            self._factors[width] = Factor(csc_array(diags_array(mass) + width * self._diffusion))
         return self._factors[width]
 
     @cached_property
