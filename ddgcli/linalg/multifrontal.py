@@ -53,36 +53,47 @@ def factored(stages: list[Stage], data: NDArray) -> list[FactoredGroup]:
     numpy.linalg.LinAlgError
         When a pivot is not positive.
     """
-    found: list[FactoredGroup] = []
+    found = _unfilled([group for stage in stages for group in stage.groups], data.dtype)
+    to_fill = iter(found)
     memory = np.zeros(stages[0].size, dtype=data.dtype)
     for k, stage in enumerate(stages):
         memory[stage.place] += data[stage.entry]
         memory[stage.padding] = 1.0
         above = np.zeros(stages[k + 1].size if k + 1 < len(stages) else 0, dtype=data.dtype)
         for group in stage.groups:
-            found += _eliminated(group, memory, above)
+            _eliminate(group, memory, above, next(to_fill))
         memory = above
     return found
 
 
-def _eliminated(group: FrontGroup, memory: NDArray, above: NDArray) -> list[FactoredGroup]:
-    """The group eliminated, some fronts at a time, their updates added to the memory of the next stage."""
+def _unfilled(groups: list[FrontGroup], kind: np.dtype) -> list[FactoredGroup]:
+    """Room for the factor in one piece of memory, so that what is scratch in between leaves no holes."""
+    shapes = [(*group.pivot.shape, group.update.shape[1]) for group in groups]
+    room = np.empty(sum(g * s * (s + u) for g, s, u in shapes), dtype=kind)
+    found, begin = [], 0
+    for group, (g, s, u) in zip(groups, shapes, strict=True):
+        middle, end = begin + g * s * s, begin + g * s * (s + u)
+        inverse, below = room[begin:middle].reshape(g, s, s), room[middle:end].reshape(g, u, s)
+        found.append(FactoredGroup(group.pivot, group.update, inverse, below))
+        begin = end
+    return found
+
+
+def _eliminate(group: FrontGroup, memory: NDArray, above: NDArray, found: FactoredGroup) -> None:
+    """Eliminate a group, some fronts at a time, and add their updates to the memory of the next stage."""
     g, s = group.pivot.shape
     f = s + group.update.shape[1]
     stack = memory[group.start : group.start + g * f * f].reshape(g, f, f)
-    found = []
     step = max(1, CACHED // (f * f))
     for begin in range(0, g, step):
         some = slice(begin, begin + step)
-        front = stack[some]
-        inverse = inverted_triangles(np.linalg.cholesky(front[:, :s, :s]))
-        below = front[:, s:, :s] @ _adjoint(inverse)
-        found.append(FactoredGroup(group.pivot[some], group.update[some], inverse, below))
+        front, inverse, below = stack[some], found.inverse[some], found.below[some]
+        inverse[:] = inverted_triangles(np.linalg.cholesky(front[:, :s, :s]))
+        np.matmul(front[:, s:, :s], _adjoint(inverse), out=below)
         if f > s:
             update = front[:, s:, s:] - below @ _adjoint(below)
             place = group.row[some][:, :, None] + group.column[some][:, None, :]
             np.add.at(above, place.ravel(), update.ravel())
-    return found
 
 
 def inverted_triangles(lower: NDArray) -> NDArray:
