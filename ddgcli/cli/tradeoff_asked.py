@@ -28,7 +28,7 @@ TAKES: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     ),
     "shell-sim": (QUICK_SHELL, (*TIME, "integrator")),
     "fluid-sim": (QUICK_FLUID, (*TIME, "integrator")),
-    "willmore-flow": (WISHES, TIME),
+    "willmore-flow": (WISHES, (*TIME, "integrator")),
 }
 
 

@@ -397,3 +397,8 @@ def _march_adaptive(march: March, schedule: Schedule, first: int, last: int, eve
         grown = dt * max(0.2, min(growth, 2.0))
         cut_short = dt < 0.99 * march.next_dt
         march.next_dt = max(march.next_dt, grown) if cut_short and growth >= 1 else grown
+        if model.stop is not None:
+            march.stopped = model.stop(march.state)
+            if march.stopped:
+                events.append(Event(first, time, "stop", detail=march.stopped))
+                return

@@ -110,6 +110,16 @@ def test_timed_steps_are_second_order(gamma, monkeypatch):
     assert (rates > 1.7).all()
 
 
+def test_semi_implicit_steps_are_first_order():
+    mesh = ellipsoid(2)
+    wishes = Wishes(timed=True, integrator="semi-implicit")
+    ends = [flowed(mesh, wishes, duration=1e-3, step=1e-3 / n)[1].points for n in (8, 16, 32)]
+    exact = flowed(mesh, duration=1e-3, step=1e-3 / 256)[1].points
+    error = [np.abs(e - exact).max() for e in ends]
+    rates = np.log2(np.array(error[:-1]) / error[1:])
+    assert (np.abs(rates - 1) < 0.1).all()
+
+
 def test_a_step_too_stiff_for_the_first_method_is_taken_by_the_second(monkeypatch):
     mesh = ellipsoids((1.0, 1.0, 2.0))["stretched"](0)
     tried, step = [], flow.accurate_step
@@ -168,6 +178,30 @@ def test_an_impossible_energy_is_not_followed():
     assert "least energy" in shots[-1].stopped
     assert 0.9 * 2 * np.pi**2 <= energies(seen)[-1] < energies(seen)[0]
     assert_falls(seen)
+
+
+@pytest.mark.parametrize("given", [{"step": 0.01, "duration": 0.5}, {"tolerance": 1e-3, "duration": 0.5}])
+def test_a_timed_flow_stops_there_too(given):
+    coarse = shapes.torus(20, 8, 1.0, 0.4, pattern="alternating")
+    wishes = Wishes(timed=True)
+    seen, _, shots = flowed(coarse, wishes, frame_every=0.1, **given)
+    assert "least energy" in shots[-1].stopped and shots[-1].time < 0.5
+    assert 0.9 * 2 * np.pi**2 <= energies(seen)[-1] < energies(seen)[0]
+    assert_falls(seen)
+
+
+def test_what_stops_so_is_told_with_the_mend(run, tmp_path):
+    path, out, finer = tmp_path / "ring.ply", tmp_path / "end.vtu", tmp_path / "finer.npz"
+    write_mesh(str(path), AnnotatedMesh(shapes.torus(60, 4, pattern="alternating")))
+    for words in ([], ["--duration", 0.5]):
+        result = run("willmore-flow", path, *words, "-o", out, "--json")
+        told = json.loads(result.stdout)
+        assert result.exit_code == 1 and told["results"]["converged"] is False and out.exists()
+        assert "delaunay MESH --refine 25 -o finer.npz" in told["warnings"][-1]
+    assert run("delaunay", path, "--refine", 25, "-o", finer).exit_code == 0
+    result = run("willmore-flow", finer, "--json")
+    told = json.loads(result.stdout)["results"]
+    assert result.exit_code == 0 and told["energy"][-1] == pytest.approx(2 * np.pi**2, rel=0.03)
 
 
 def test_least_energies():
@@ -318,7 +352,9 @@ def test_resume_has_the_same_bits(run, ellipsoid_file, tmp_path, monkeypatch):
         (("--boundary", "free"), "clamped"),
         (("--spontaneous-curvature", "1"), "not available"),
         (("--region", "x"), "not available"),
-        (("--integrator", "verlet"), "--flow"),
+        (("--integrator", "semi-implicit"), "--dt"),
+        (("--integrator", "verlet", "--dt", "1e-3"), "rosenbrock or semi-implicit"),
+        (("--integrator", "rosenbrock", "--flow", "mean-curvature"), "choose semi-implicit"),
         (("--flow", "mean-curvature", "--fix-area"), "quadratic"),
         (("--frame-every", "1"), "--dt"),
         (("--tolerance", "1e-3"), "--duration"),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -38,6 +39,8 @@ IMPOSSIBLE = 0.9  # of the least energy of its topology, below which only the me
 TOO_UNEVEN = (
     "the next step would go below the least energy of such surfaces: the mesh is too coarse or uneven"
 )
+# time schemes of each flow, the default first; `semi-implicit` is of first order
+SCHEMES = {"quadratic": ("rosenbrock", "semi-implicit"), "mean-curvature": ("semi-implicit",)}
 VANISHED = 1e-12  # energy at which nothing is left to release
 HELD = 1e-13  # relative predicted fall of the energy below which rounding decides: the surface is kept
 COLLAPSED = 1e-3  # share of the area at the start below which a surface counts as gone
@@ -116,6 +119,8 @@ class Flow:
     constraints : Constraints
         At unit size.
     mean_curvature : bool
+    scheme : str
+        Of SCHEMES, for timed steps.
     timed : bool
         Steps have the length that the loop asks for (else each is as long as the descent allows).
     stop : Stop
@@ -136,6 +141,7 @@ class Flow:
     free: NDArray[np.int64]
     constraints: Constraints
     mean_curvature: bool
+    scheme: str
     timed: bool
     stop: Stop
     centre: NDArray[np.float64]
@@ -192,16 +198,25 @@ class Flow:
         return self._prepared[0]
 
     def _timed_step(self, state: FlowState, at: Slope, dt: float) -> FlowState:
-        for gamma in GAMMAS:
-            unit_dt = dt / self.time_unit
-            moved = accurate_step(self._metric(at, gamma * unit_dt), unit_dt, self.energy, self.constraints)
+        for moved in self._attempts(at, dt / self.time_unit):
             energy = self.energy.value(moved.points)
+            if energy < IMPOSSIBLE * self.least:
+                return replace(state, stopped=TOO_UNEVEN)
             if energy <= at.energy:
                 return self._stepped(state, at, moved, energy, dt)
         promised = float(np.sum(at.gradient * (at.mesh.points - moved.points)[self.free]))
         if abs(promised) <= HELD * abs(at.energy):
             return replace(state, time=state.time + dt, steps=state.steps + 1)
         raise StepRejected("energy rises", value=energy - at.energy)
+
+    def _attempts(self, at: Slope, dt: float) -> Iterator[TriangleMesh]:
+        """The surface after dt, by what is tried in turn."""
+        if self.scheme == "semi-implicit":
+            inner = self._metric(at, dt)
+            yield followed(inner, descent(inner, dt, self.constraints), 1.0, self.constraints)
+            return
+        for gamma in GAMMAS:
+            yield accurate_step(self._metric(at, gamma * dt), dt, self.energy, self.constraints)
 
     def _longest_step(self, state: FlowState, at: Slope) -> FlowState:
         """Descent step, shortened until the energy falls enough; the next one starts at twice a length that

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.models.willmore.descent import folded_faces
 from ddgcli.models.willmore.energies import ENERGIES
+from ddgcli.models.willmore.flow import TOO_UNEVEN
 
 
 def summary(
@@ -62,6 +63,15 @@ def every_energy(first: TriangleMesh, last: TriangleMesh) -> dict[str, dict[str,
             "energy_convention": kind.convention,
         }
     return found
+
+
+def doubt(stopped: str) -> str:
+    """Why the end is neither at rest nor on the flow, with the mend; or ""."""
+    if stopped != TOO_UNEVEN:
+        return ""
+    told = f"{stopped}; begin with a finer or more even one (`ddgcli delaunay MESH --refine 25 -o finer.npz`)"
+    logging.getLogger("ddgcli").warning(told)
+    return told
 
 
 def tell_of_folds(first: TriangleMesh, last: TriangleMesh) -> None:

@@ -17,10 +17,10 @@ from ddgcli.mesh.topology import Topology
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.models.willmore.constraints import Constraints, area
 from ddgcli.models.willmore.energies import DEFAULT, ENERGIES, FREE_SLOPE
-from ddgcli.models.willmore.flow import Flow, FlowState, Stop, longest_step
+from ddgcli.models.willmore.flow import SCHEMES, Flow, FlowState, Stop, longest_step
 from ddgcli.models.willmore.scaled import centred_at_unit_size
 
-FLOWS = ("quadratic", "mean-curvature")
+FLOWS = tuple(SCHEMES)
 BOUNDARIES = ("clamped", "fixed")
 HELD = "no vertex can move: all lie on the boundary or, if that is clamped, beside it"
 MOST_STEPS = 1000
@@ -41,7 +41,9 @@ class Wishes:
         Of FLOWS, BOUNDARIES.
     fix_area, fix_volume : bool
     timed : bool
-        Steps of a given length, second order in time; else the longest that descend.
+        Steps of a given length, by a time scheme; else the longest that descend.
+    integrator : str or None
+        Of SCHEMES of the flow; None for the default.
     stop : Stop
     """
 
@@ -51,6 +53,7 @@ class Wishes:
     fix_area: bool = False
     fix_volume: bool = False
     timed: bool = False
+    integrator: str | None = None
     stop: Stop = Stop()
 
 
@@ -84,6 +87,44 @@ def chosen_energy(topology: Topology, wishes: Wishes) -> str:
     return wishes.energy or (FREE_SLOPE if free_slope else DEFAULT)
 
 
+def _require_known(value: str, known: tuple[str, ...], what: str) -> None:
+    if value not in known:
+        raise ParameterError(f"{what} {value!r} is not available; choose one of {', '.join(known)}")
+
+
+def schemes_of(flow: str) -> tuple[str, ...]:
+    """Time schemes of a flow, the default first.
+
+    Raises
+    ------
+    ParameterError
+        When there is no such flow.
+    """
+    _require_known(flow, FLOWS, "flow")
+    return SCHEMES[flow]
+
+
+def chosen_scheme(wishes: Wishes) -> str:
+    """The time scheme's name: as wished, or the flow's default.
+
+    Raises
+    ------
+    ParameterError
+        When the flow has no such scheme, or follows no clock.
+    """
+    schemes = schemes_of(wishes.flow)
+    if wishes.integrator is None:
+        return schemes[0]
+    if wishes.integrator not in schemes:
+        raise ParameterError(
+            f"integrator {wishes.integrator!r} is not available with --flow {wishes.flow}; choose "
+            f"{' or '.join(schemes)}"
+        )
+    if not wishes.timed:
+        raise ParameterError("--integrator needs --dt or --duration: else steps descend, and follow no clock")
+    return wishes.integrator
+
+
 def least_energy(topology: Topology) -> float:
     """Least int H^2 that a surface in space of this topology has: 4 pi a sphere, 2 pi^2 any other closed one.
 
@@ -109,13 +150,9 @@ def build(mesh: TriangleMesh, wishes: Wishes) -> tuple[Flow, Model]:
         On a mesh or a wish that the flow cannot take.
     """
     chosen = chosen_energy(mesh.topology, wishes)
-    for value, known, what in (
-        (chosen, tuple(ENERGIES), "energy"),
-        (wishes.flow, FLOWS, "flow"),
-        (wishes.boundary, BOUNDARIES, "boundary"),
-    ):
-        if value not in known:
-            raise ParameterError(f"{what} {value!r} is not available; choose one of {', '.join(known)}")
+    _require_known(chosen, tuple(ENERGIES), "energy")
+    _require_known(wishes.boundary, BOUNDARIES, "boundary")
+    scheme = chosen_scheme(wishes)
     unit, centre, scale = centred_at_unit_size(mesh)
     topology = mesh.topology
     free = free_vertices(topology, wishes.boundary)
@@ -138,14 +175,14 @@ def build(mesh: TriangleMesh, wishes: Wishes) -> tuple[Flow, Model]:
         )
     convention = ENERGIES[chosen].convention
     flow = Flow(
-        topology, energy, convention, free, constraints, mean_curvature, wishes.timed, wishes.stop,
+        topology, energy, convention, free, constraints, mean_curvature, scheme, wishes.timed, wishes.stop,
         centre, scale, area(unit), mesh.points,
         0.0 if chosen == "hinge" else least_energy(topology),
     )  # fmt: skip
     start = FlowState(unit.points, started, 0.0, longest_step(flow), stopped="" if len(free) else HELD)
     model = Model(
         start, flow.advance, flow.observe, flow.pack, flow.unpack,
-        distance=flow.distance, order=1 if mean_curvature else 2,
+        distance=flow.distance, order=1 if scheme == "semi-implicit" else 2,
         stop=flow.reason, clock=lambda state: state.time,
     )  # fmt: skip
     return flow, model

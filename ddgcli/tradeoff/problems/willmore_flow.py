@@ -26,12 +26,13 @@ FINEST = (64, 16, 4)  # steps of the references; half and a quarter of them tell
 def problem(mesh: TriangleMesh, *, asked: Asked = NOTHING, **_: Any) -> Problem:
     """Energy after a fixed time, by default a thousandth of the fourth power of the surface's radius.
 
-    `asked` may hold `duration`, `steps`, `step`, `tolerance`, `flow`, `energy`, `boundary`, `fix_area`,
-    `fix_volume`.
+    `asked` may hold `duration`, `steps`, `step`, `tolerance`, `integrator`, `flow`, `energy`, `boundary`,
+    `fix_area`, `fix_volume`.
     """
     radius = float(np.sqrt(face_area(mesh.side_length).sum() / (4 * np.pi)))
     kept = {name: asked[name] for name in WISHES if name in asked}
-    curvature = kept.get("flow") == "mean-curvature"
+    flow = kept.get("flow", "quadratic")
+    curvature = flow == "mean-curvature"
     span = asked.get("duration") or (1e-2 * radius**2 if curvature else 1e-3 * radius**4)
     if "step" in asked:
         span = asked["step"] * asked["steps"] if "steps" in asked else asked.get("duration", span)
@@ -40,10 +41,15 @@ def problem(mesh: TriangleMesh, *, asked: Asked = NOTHING, **_: Any) -> Problem:
         counts = [asked["steps"]] if "steps" in asked else list(STEPS)
     tolerances = (asked["tolerance"],) if "tolerance" in asked else TOLERANCES
     work = 1e-2 + 1e-5 * mesh.n_faces
+    wished = setup.Wishes(flow=flow, timed=True, integrator=asked.get("integrator"))
+    schemes = (setup.chosen_scheme(wished),) if wished.integrator else setup.schemes_of(flow)
     return Problem(
         candidates=[
-            *(_candidate(mesh, kept, span, {"step": span / n}, n * work) for n in counts),
-            *(_candidate(mesh, kept, span, {"tolerance": t}, 4 * t**-0.3 * work) for t in tolerances),
+            *(_candidate(mesh, kept, span, s, {"step": span / n}, n * work) for n in counts for s in schemes),
+            *(
+                _candidate(mesh, kept, span, schemes[0], {"tolerance": t}, 4 * t**-0.3 * work)
+                for t in tolerances
+            ),
         ],
         references=[(1.75 * steps * work, partial(_reference, mesh, kept, span, steps)) for steps in FINEST],
         error=relative_to_each,
@@ -67,16 +73,16 @@ def _energy(prepared: Any) -> NDArray[np.float64]:
 
 
 def _candidate(
-    mesh: TriangleMesh, kept: Asked, span: float, dial: dict[str, float], work: float
+    mesh: TriangleMesh, kept: Asked, span: float, scheme: str, dial: dict[str, float], work: float
 ) -> Candidate:
     name, value = next(iter(dial.items()))
     option = {"step": "--dt", "tolerance": "--tolerance"}[name]
     return Candidate(
-        kept.get("flow", "quadratic") + (" adaptive" if name == "tolerance" else ""),
+        scheme + (" adaptive" if name == "tolerance" else ""),
         {option.removeprefix("--"): value},
-        lambda: _prepared(mesh, kept, span, dial),
+        lambda: _prepared(mesh, {**kept, "integrator": scheme}, span, dial),
         _energy,
-        f"{option} {value!r} --duration {span!r} --frame-every {span!r}",
+        f"--integrator {scheme} {option} {value!r} --duration {span!r} --frame-every {span!r}",
         work,
     )
 
