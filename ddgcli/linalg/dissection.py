@@ -24,8 +24,8 @@ SMOOTHING = 3
 LEAF = 32
 # smaller components are dissected all together
 LARGE = 2000
-# vertices that direction and median come from, of each part and of all (samples of a regular mesh may lie
-# on one side); squarings of a covariance for its longest direction
+# vertices that direction and median come from, of each part and of all; squarings of a covariance for its
+# longest direction
 SAMPLE, SAMPLE_OF_ALL, SQUARINGS = 128, 4096, 4
 
 
@@ -165,13 +165,22 @@ def _halved(place: NDArray[np.float32], levels: int) -> NDArray[np.int64]:
     n = place.shape[1]
     part = np.zeros(n, dtype=np.int64)
     for level in range(levels):
-        some = slice(None, None, max(1, n // max(SAMPLE << level, SAMPLE_OF_ALL)))
+        some = _sample(n, max(SAMPLE << level, SAMPLE_OF_ALL))
         axis, median = _median_planes(place[:, some], part[some], 1 << level)
         along = -median[part]
         for x, a in zip(place, axis, strict=True):
             along += x * a[part]
         part = 2 * part + (along > 0)
     return part
+
+
+def _sample(n: int, size: int) -> NDArray[np.int64] | slice:
+    """About `size` of n vertices, spread at random: every k-th of a regular mesh may lie on one side."""
+    stride = n // size
+    if stride < 2:
+        return slice(None)
+    begin = np.arange(0, n - stride + 1, stride)
+    return begin + np.random.default_rng(0).integers(0, stride, len(begin))
 
 
 def _median_planes(place: NDArray, part: NDArray, n_parts: int) -> tuple[NDArray, NDArray]:
