@@ -78,8 +78,10 @@ def command(
     """
     run = Run("curvature", common, scheme=scheme, radius=radius, map=map_name, show=show, view=view)
     source = run.read(mesh_path, accept=("surface", "tetrahedra", "curve"))
-    if source.kind == "curve":
-        _curves(run, source, show, view)
+    from ddgcli.mesh.curve import CurveSet
+
+    if isinstance(source.mesh, CurveSet):
+        _curves(run, source.mesh, show, view)
     else:
         _surface(run, source, scheme, radius, map_name, show, view)
 
@@ -96,7 +98,7 @@ def _surface(
     from ddgcli.algorithms.curvature.report import measure
     from ddgcli.mesh.fields import AnnotatedMesh
 
-    mesh = source.mesh.boundary if source.kind == "tetrahedra" else source.mesh
+    mesh = source.surface
     image = None if map_name is None else options.chosen(source.vertex, map_name, "vertex array")
     measured = measure(mesh, scheme, radius, image=image)
     shown = options.chosen(measured.vertex, show or "mean_curvature")
@@ -125,14 +127,14 @@ def _draw_surface(
     draw_surface(path, mesh, values, label=name, value_size=size, caption=caption, **(view or {}))
 
 
-def _curves(run: Run, source: MeshInput, show: str | None, view: dict[str, Any] | None) -> None:
+def _curves(run: Run, curves: CurveSet, show: str | None, view: dict[str, Any] | None) -> None:
     from ddgcli.algorithms.curvature.polyline import measure_curves
     from ddgcli.mesh.fields import AnnotatedMesh
 
-    measured = measure_curves(source.mesh)
+    measured = measure_curves(curves)
     shown = options.chosen(measured.vertex, show or "curvature")
-    run.write(AnnotatedMesh(source.mesh, vertex=measured.vertex))
-    run.plot(lambda path: _draw_curves(path, source.mesh, show or "curvature", shown, view))
+    run.write(AnnotatedMesh(curves, vertex=measured.vertex))
+    run.plot(lambda path: _draw_curves(path, curves, show or "curvature", shown, view))
     run.finish(measured.results, measured.accuracy)
 
 

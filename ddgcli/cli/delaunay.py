@@ -96,7 +96,7 @@ def command(
     from ddgcli.mesh.fields import AnnotatedMesh
 
     report = delaunay_report(
-        source.mesh,
+        source.surface,
         degrees=refine,
         max_points=max_points,
         subdivide=bool(overlay or common.plot),
@@ -108,7 +108,7 @@ def command(
     if overlay and report.subdivision:
         written = overlay_mesh(report.subdivision, report.transferred)
         run.write_file(overlay, written, converged=report.reached)
-    run.plot(lambda path: draw(path, source.mesh, report.subdivision))
+    run.plot(lambda path: draw(path, source.surface, report.subdivision))
     run.finish(report.results, report.accuracy, converged=report.reached)
 
 

@@ -53,7 +53,7 @@ def command(
         run.will_write(path, CURVE_FORMATS)
     run.also_reads(curves.field)
     read = run.read(mesh_path, subdivide=subdivide)
-    mesh = read.mesh
+    mesh = read.surface
     vertex, face, results, accuracy, converged, exact, made = {}, {}, {}, {}, True, None, None
     lines: list = []
     with run.timed("compute"):

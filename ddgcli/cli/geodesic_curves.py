@@ -130,7 +130,7 @@ def compute_curves(
         from ddgcli.algorithms.curves import surface_curves as curves
         from ddgcli.algorithms.curves.oriented_cover import oriented_cover
 
-        cover = oriented_cover(read.mesh)
+        cover = oriented_cover(read.surface)
         mesh, parts = cover.mesh, []
         if asked.path_to and sources is not None and exact is not None:
             from ddgcli.algorithms.curves.shortest_paths import shortest_paths

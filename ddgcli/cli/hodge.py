@@ -51,13 +51,15 @@ def command(
     run.also_reads(field_file)
     source = run.read(mesh_path, accept=("surface", "tetrahedra"))
 
-    from ddgcli.algorithms.hodge.report import hodge_report, surface_of
+    from ddgcli.algorithms.hodge.report import hodge_report
     from ddgcli.io.arrays import given_field
+    from ddgcli.mesh.tet_mesh import TetMesh
 
     given = given_field(source, field, field_file)
-    report = hodge_report(source.mesh, given, boundary, basis, run.progress("hodge"))
+    mesh = source.mesh if isinstance(source.mesh, TetMesh) else source.surface
+    report = hodge_report(mesh, given, boundary, basis, run.progress("hodge"))
     run.write(report.annotated)
-    run.plot(lambda path: draw(path, surface_of(source.mesh), report.shown))
+    run.plot(lambda path: draw(path, source.surface, report.shown))
     run.finish(report.results, report.accuracy)
 
 

@@ -41,5 +41,5 @@ def command(mesh_path: str, common: Common) -> None:
         from ddgcli.plots.surface import draw_surface
 
         shown = found.face["min_angle_degrees"]
-        run.plot(lambda path: draw_surface(path, source.mesh, shown, label="smallest angle [degrees]"))
+        run.plot(lambda path: draw_surface(path, source.surface, shown, label="smallest angle [degrees]"))
     run.finish(results, {})

@@ -115,7 +115,7 @@ def command(
     from ddgcli.algorithms.laplacian.report import Tasks, laplacian_report
 
     asked = Tasks(poisson=source_term(source, poisson), fixed=fixed_values(fix), seed=common.seed, **tasks)
-    report = laplacian_report(source.mesh, asked, run.progress("laplacian"))
+    report = laplacian_report(source.surface, asked, run.progress("laplacian"))
     write_matrices(run, report, matrix, mass_matrix)
     run.write(report.annotated, converged=report.converged)
     run.plot(lambda path: draw(path, report))

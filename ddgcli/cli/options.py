@@ -149,7 +149,11 @@ _COMMON = (
     click.option("-o", "--output", "outputs", multiple=True, metavar="PATH",
                  help="Write the result; the extension is the format. Repeatable; - is standard output."),
     click.option("--output-format", metavar="EXT", help="Format for -o -, as an extension."),
-    click.option("--input-format", metavar="EXT", help="Format of standard input when INPUT is -."),
+    click.option(
+        "--input-format",
+        metavar="EXT",
+        help="Format of the input where its name does not tell it (needed where it is -).",
+    ),
     click.option("--json", "as_json", is_flag=True, help="Print the summary as one JSON object."),
     click.option("--plot", metavar="PATH", help="Write a picture of the result (.png, .svg, .pdf)."),
     click.option("--progress/--no-progress", default=None, help="Progress bar on standard error."),

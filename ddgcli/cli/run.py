@@ -181,17 +181,14 @@ class Run:
         """
         with self.timed("read"):
             from ddgcli.io.mesh_file import check_place, read_mesh
+            from ddgcli.mesh.require import wrong_kind
 
             for output in self._promised:
                 if output != "-":
                     check_place(output, inputs=(path, *self._read_beside))
             source = read_mesh(path, self.common.input_format)
-            if source.kind not in accept:
-                mend = {"tetrahedra": f"; ddgcli info {path} -o surface.ply writes their boundary"}
-                raise MeshError(
-                    f"{path}: holds {'a ' * (source.kind == 'curve')}{source.kind}; {self.command} takes "
-                    f"{' or '.join(accept)}{mend.get(source.kind, '')}"
-                )
+            if told := wrong_kind(source.mesh, accept, self.command, path):
+                raise MeshError(f"{path}: {told}")
             self._inputs[path] = source.sha256
             self._input_vertex = source.input_vertex
             self._context.meta["ddgcli.input"] = path
@@ -210,13 +207,13 @@ class Run:
                 logging.getLogger("ddgcli").warning(
                     f"--subdivide leaves behind the arrays {', '.join(dropped)}"
                 )
-            finer_faces = len(source.mesh.faces) * 4**subdivide
+            finer_faces = source.surface.n_faces * 4**subdivide
             if finer_faces > MOST_FACES:
                 raise ParameterError(
                     f"--subdivide {subdivide} would make {finer_faces:,} faces; "
                     f"{MOST_FACES:,} are the most: ask for less"
                 )
-            finer = midpoint_subdivided(source.mesh, subdivide)
+            finer = midpoint_subdivided(source.surface, subdivide)
             source = replace(source, mesh=finer, vertex={}, face={}, edge={}, input_face=None)
         self.input = {"path": path, **describe(source.mesh)}
         if self.input.get("faces") and self.input["genus"] is None:

@@ -121,7 +121,7 @@ def _problem(run: Run, compared: str, given: Given, truth: str | None) -> Proble
     from ddgcli.tradeoff.problems.table import mesh_problem
     from ddgcli.tradeoff.truths import parse_truth
 
-    mesh = run.read(given.path).mesh
+    mesh = run.read(given.path).surface
     known = parse_truth(truth, mesh.points) if truth else None
     more: dict[str, Any] = {}
     if compared == "geodesic" and any(name in given.asked for name in SOURCES):

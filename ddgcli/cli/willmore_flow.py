@@ -70,14 +70,15 @@ def command(
     from ddgcli.models.willmore import report, setup
 
     chosen = _wishes(wishes, overrides)
-    flow, model = setup.build(source.mesh, chosen)
+    mesh = source.surface
+    flow, model = setup.build(mesh, chosen)
     schedule = setup.schedule(flow, overrides)
     resolved, digest = fingerprint(
         {"wishes": setup.described(chosen), "time": overrides}, {"mesh": source.sha256}
     )
     refuse_changed(resume, resolved)
     job = Job(
-        {"surface": model}, [source.mesh], schedule, Account(), moving=True, resume=resume,
+        {"surface": model}, [mesh], schedule, Account(), moving=True, resume=resume,
         attributes={"input_sha256": digest}, texts={"scene_source": "", "scene_resolved": resolved},
         doubt=lambda outcome: report.doubt(outcome.stopped),
     )  # fmt: skip
@@ -85,10 +86,10 @@ def command(
     results, accuracy = report.summary(
         outcome.series, flow.convention, schedule.steps, outcome.stopped, outcome.failure
     )
-    last = source.mesh if outcome.last is None else source.mesh.moved(outcome.last.points)
-    report.tell_of_folds(source.mesh, last)
+    last = mesh if outcome.last is None or outcome.last.points is None else mesh.moved(outcome.last.points)
+    report.tell_of_folds(mesh, last)
     if wishes["report_energy"]:
-        results["energies"] = report.every_energy(source.mesh, last)
+        results["energies"] = report.every_energy(mesh, last)
     run.plot(lambda path: draw_story(path, outcome, Picture(edges=True, energy="energy")))
     run.finish(results, accuracy, converged=not (outcome.failure or outcome.doubt))
 

@@ -16,16 +16,17 @@ import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 from numpy.typing import NDArray
 
-from ddgcli.errors import InputError, MeshFileError, OutputError
+from ddgcli.errors import InputError, MeshError, MeshFileError, OutputError
 from ddgcli.io.raw import RawMesh, assembled
 from ddgcli.mesh.curve import CurveSet
 from ddgcli.mesh.fields import AnnotatedMesh
 from ddgcli.mesh.intrinsic_mesh import IntrinsicMesh
+from ddgcli.mesh.require import kind_of, wrong_kind
 from ddgcli.mesh.tet_mesh import TetMesh
+from ddgcli.mesh.triangle_mesh import TriangleMesh
 
 # extension -> (module, function); modules are imported only when their format is met
 READERS = {
@@ -66,7 +67,7 @@ class MeshInput:
         What was done to the input: merged, triangulated, ...
     """
 
-    mesh: Any
+    mesh: TriangleMesh | TetMesh | CurveSet
     path: str
     sha256: str
     vertex: dict[str, NDArray] = field(default_factory=dict)
@@ -80,8 +81,16 @@ class MeshInput:
     @property
     def kind(self) -> str:
         """'surface', 'tetrahedra' or 'curve'."""
-        kinds = {TetMesh: "tetrahedra", CurveSet: "curve"}
-        return kinds.get(type(self.mesh), "surface")
+        return kind_of(self.mesh)
+
+    @property
+    def surface(self) -> TriangleMesh:
+        """The mesh of a surface, or the boundary of tetrahedra; MeshError for a curve."""
+        if isinstance(self.mesh, TetMesh):
+            return self.mesh.boundary
+        if isinstance(self.mesh, TriangleMesh):
+            return self.mesh
+        raise MeshError(f"{self.path}: {wrong_kind(self.mesh, ('surface',))}")
 
 
 def read_mesh(path: str, input_format: str | None = None) -> MeshInput:
@@ -101,11 +110,13 @@ def read_mesh(path: str, input_format: str | None = None) -> MeshInput:
     """
     suffix = format_of(path, input_format)
     data = _bytes(path)
+    if not data:
+        raise MeshFileError(f"{path}: the file is empty; see what should have written it")
     try:
         raw = _raw(path, data, suffix)
         mesh, cells, polygon = assembled(raw)
     except InputError as error:
-        raise type(error)(f"{path}: {error}") from error
+        raise type(error)(f"{path}: {error}{_told_apart(data, suffix)}") from error
     except (MemoryError, OverflowError, RecursionError) as error:
         raise MeshFileError(
             f"{path}: asks for more than can be held ({error}); the file is damaged"
@@ -130,8 +141,27 @@ def format_of(path: str, input_format: str | None = None) -> str:
         suffix = Path(path).suffix.lower()
     if suffix not in READERS and suffix not in read_foreign.suffixes():
         known = " ".join(sorted([*READERS, *read_foreign.suffixes()]))
-        raise MeshFileError(f"{path}: unknown format {suffix or '(no extension)'}; known: {known}")
+        raise MeshFileError(
+            f"{path}: unknown format {suffix or '(no extension)'}; name it by --input-format; known: {known}"
+        )
     return suffix
+
+
+# how files of a format begin that are met under another's name
+_BEGINNINGS = {
+    b"ply": ".ply", b"OFF": ".off", b"solid": ".stl", b"# vtk DataFile": ".vtk", b"\x89HDF": ".vtkhdf",
+    b"glTF": ".glb", b"$MeshFormat": ".msh", b"MeshVersionFormatted": ".mesh",
+}  # fmt: skip
+
+
+def _told_apart(data: bytes, suffix: str) -> str:
+    """What else a file that cannot be read seems to be, as the end of the message."""
+    if data[:2] == b"\x1f\x8b":
+        return "; it is compressed: unpack it (gunzip)"
+    likely = next((name for begin, name in _BEGINNINGS.items() if data.startswith(begin)), suffix)
+    for kind, name in ((b'type="UnstructuredGrid"', ".vtu"), (b'type="PolyData"', ".vtp")):
+        likely = name if kind in data[:400] else likely
+    return "" if likely == suffix else f"; it begins like a {likely} file: --input-format {likely[1:]}"
 
 
 def _bytes(path: str) -> bytes:

@@ -55,13 +55,15 @@ def read_meshio(path: str, suffix: str) -> RawMesh:
     reasons = []
     for name in MESHIO[suffix]:
         try:
-            with _guarded():
+            with _guarded() as said:
                 return _raw(_meshio_mesh(path, name))
         except MeshFileError:
             raise
         except _Endless:
             reasons.append("the file ends early")
-        except (Exception, SystemExit) as error:  # third-party readers raise whatever comes
+        except SystemExit:  # meshio prints what is wrong, and ends the program
+            reasons.append(" ".join(said.getvalue().split())[:120] or "its reader gave up")
+        except Exception as error:  # third-party readers raise whatever comes
             reasons.append(_in_a_line(error))
     raise MeshFileError(
         f"cannot be read as {suffix} ({'; '.join(reasons)}); it is cut, damaged or of another format"
@@ -152,12 +154,12 @@ def _need_lines(*paths: Path) -> None:
 
 
 @contextlib.contextmanager
-def _guarded() -> Iterator[None]:
-    """Third-party prints and warnings go nowhere."""
+def _guarded() -> Iterator[io.StringIO]:
+    """Third-party prints and warnings go into the text that is given."""
     sink = io.StringIO()
     with contextlib.redirect_stdout(sink), contextlib.redirect_stderr(sink), warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        yield
+        yield sink
 
 
 def _raw(mesh: Any) -> RawMesh:

@@ -48,7 +48,7 @@ def read_obj(data: bytes) -> RawMesh:
         element.before.append(n_vertices)
         n_vertices += element is vertices
     points = _points(vertices)
-    if not len(points) and not faces.lines and data.strip() and b"#" not in data:
+    if not len(points) and not faces.lines and re.search(rb"^\s*[^\s#]", data, re.M):
         raise MeshFileError("not an OBJ file: no vertices; check the extension")
     corners, sizes = _indices(faces, len(points), "face")
     along, path_sizes = _indices(paths, len(points), "polyline")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -141,14 +142,32 @@ NEEDS = {
 }
 
 
+_PHRASE = {"surface": "a surface", "tetrahedra": "tetrahedra", "curve": "a curve"}
+
+
+def kind_of(mesh: TriangleMesh | TetMesh | CurveSet) -> str:
+    """'surface', 'tetrahedra' or 'curve'."""
+    return "tetrahedra" if isinstance(mesh, TetMesh) else "curve" if isinstance(mesh, CurveSet) else "surface"
+
+
+def wrong_kind(
+    mesh: TriangleMesh | TetMesh | CurveSet, kinds: Sequence[str], verb: str = "it", path: str = "MESH"
+) -> str | None:
+    """Why a mesh is not of the `kinds` that `verb` takes, with the mend; None where it is."""
+    kind = kind_of(mesh)
+    if kind in kinds:
+        return None
+    mend = f"; ddgcli info {path} -o surface.ply writes their boundary" if kind == "tetrahedra" else ""
+    return f"holds {_PHRASE[kind]}; {verb} takes {' or '.join(_PHRASE[k] for k in kinds)}{mend}"
+
+
 def why_not(mesh: TriangleMesh | TetMesh | CurveSet, verb: str) -> str | None:
     """Why a command will not take the mesh, with the mend; None where it will."""
     need = NEEDS[verb]
     if need.instead:
         return need.instead
-    kind = {TetMesh: "tetrahedra", CurveSet: "curve"}.get(type(mesh), "surface")
-    if kind not in need.kinds:
-        return f"holds {'a ' * (kind == 'curve')}{kind}; it takes {' or '.join(need.kinds)}"
+    if told := wrong_kind(mesh, need.kinds):
+        return told
     try:
         if isinstance(mesh, TetMesh):
             require(mesh.boundary, "it", **need.boundary)

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from ddgcli.mesh.intrinsic_mesh import IntrinsicMesh
+from ddgcli.mesh.require import wrong_kind
 from ddgcli.mesh.shapes import box, icosphere, wrapped_grid
 from ddgcli.mesh.topology import NEXT, Topology
 from ddgcli.mesh.triangle_mesh import TriangleMesh, vector_length
@@ -176,10 +177,10 @@ def place(section: SurfaceObject, read: Callable[[str], Any]) -> Placed:
     if section.mesh is not None:
         source = read(section.mesh)
         for note in source.notes:
-            logging.getLogger("ddgcli").warning("%s: %s", section.mesh, note)
+            logging.getLogger("ddgcli").warning("object %s: %s", section.name, note)
         mesh, vertex, sha256, face = source.mesh, source.vertex, source.sha256, source.face
         if not isinstance(mesh, TriangleMesh):
-            raise ValueError(f"{section.mesh}: not a triangle surface; give a mesh of triangles")
+            raise ValueError(wrong_kind(mesh, ("surface",), path=section.mesh))
     else:
         mesh = made(section)
     return Placed(mesh.moved(_moved(section, np.asarray(mesh.points))), vertex, sha256, face)

@@ -176,3 +176,16 @@ def test_times_and_counts_beyond_numbers(run, tmp_path, words):
     write_mesh(str(path), AnnotatedMesh(shapes.icosphere(1)))
     result = run(words[0], path, *words[1:])
     assert result.exit_code == 2 and "range" in result.stderr and result.stderr.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    "command, words", [("fluid-sim", ["--flow", "rotation"]), ("shell-sim", ["--effect", "gravity"])]
+)
+def test_a_mesh_of_the_wrong_kind_is_refused_in_one_clear_line(run, tmp_path, command, words):
+    (tmp_path / "line.csv").write_text("0,0\n1,0\n1,1\n")
+    said = run(command, tmp_path / "line.csv", *words).stderr
+    assert said == f"Error: {tmp_path}/line.csv: object 'line': holds a curve; it takes a surface\n"
+    (tmp_path / "cloud.obj").write_text("v 0 0 0\nv 1 0 0\n")
+    said = run(command, tmp_path / "cloud.obj", *words).stderr
+    assert said.startswith(f"Error: {tmp_path}/cloud.obj: object 'cloud': no triangles")
+    assert said.count("cloud.obj") == 1

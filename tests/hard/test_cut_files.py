@@ -1,5 +1,6 @@
 """A file cut anywhere is refused, or read as less; never a hang, a traceback or made-up numbers."""
 
+import gzip
 import io
 
 import meshio
@@ -9,7 +10,7 @@ import trimesh
 
 from ddgcli.errors import InputError
 from ddgcli.io import read_foreign
-from ddgcli.io.mesh_file import WRITERS, read_mesh, write_mesh
+from ddgcli.io.mesh_file import READERS, WRITERS, read_mesh, write_mesh
 from ddgcli.mesh import shapes
 from ddgcli.mesh.fields import AnnotatedMesh
 from ddgcli.mesh.tet_mesh import TetMesh
@@ -187,3 +188,39 @@ def test_text_numbers_stay_exact(tmp_path):
     path = tmp_path / "a.obj"
     path.write_text(stream.getvalue() + "f 1 2 3\n")
     np.testing.assert_array_equal(read_mesh(str(path)).mesh.points, values)
+
+
+@pytest.mark.parametrize("suffix", [*READERS, ".vtk", ".msh", ".glb"])
+def test_an_empty_file_is_called_so(tmp_path, suffix):
+    path = tmp_path / f"a{suffix}"
+    path.write_bytes(b"")
+    with pytest.raises(InputError, match="the file is empty"):
+        read_mesh(str(path))
+
+
+@pytest.mark.parametrize("named", [".obj", ".off", ".stl", ".vtk"])
+@pytest.mark.parametrize("kind", [".ply", ".vtu", ".vtp", ".vtkhdf", ".vtk", ".off"])
+def test_a_file_under_another_format_s_name_is_told_apart(tmp_path, kind, named):
+    if kind == named:
+        return
+    path = tmp_path / f"a{named}"
+    write_mesh(str(tmp_path / f"b{kind}"), AnnotatedMesh(shapes.icosphere(1)))
+    path.write_bytes((tmp_path / f"b{kind}").read_bytes())
+    with pytest.raises(InputError, match=f"like a {kind} file: --input-format {kind[1:]}"):
+        read_mesh(str(path))
+    assert read_mesh(str(path), kind[1:]).mesh.n_faces == 80
+
+
+def test_a_compressed_file_is_called_so(tmp_path):
+    path = tmp_path / "a.ply"
+    path.write_bytes(gzip.compress(b"ply\n"))
+    with pytest.raises(InputError, match="compressed"):
+        read_mesh(str(path))
+
+
+def test_what_meshio_says_before_it_ends_the_program_is_told(tmp_path):
+    path = tmp_path / "a.vtk"
+    path.write_text("# vtk DataFile Version 7.9\na\nASCII\nDATASET FIELD\n")
+    with pytest.raises(InputError) as caught:
+        read_mesh(str(path))
+    assert "SystemExit" not in str(caught.value) and "supported" in str(caught.value)

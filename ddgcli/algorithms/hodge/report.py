@@ -157,8 +157,3 @@ def _in_form_of(mesh: SpaceMesh, form: NDArray, place: str) -> NDArray[np.float6
 
 def _generators(mesh: SpaceMesh) -> list[NDArray]:
     return solid_generator_loops(mesh) if isinstance(mesh, TetMesh) else generator_loops(mesh)
-
-
-def surface_of(mesh: SpaceMesh) -> TriangleMesh:
-    """The surface that a picture shows: the mesh, or the boundary of its tetrahedra."""
-    return mesh.boundary if isinstance(mesh, TetMesh) else mesh

@@ -57,10 +57,7 @@ def contexts(
             placed = place(section, read)
             require_flow(placed.mesh)
         except ValueError as error:
-            told = str(error)
-            if section.mesh is not None and section.mesh not in told:
-                told = f"{section.mesh}: {told}"
-            scene.refuse(("object", number), told if section.mesh else f"object {section.name!r}: {told}")
+            scene.refuse(("object", number), f"object {section.name!r}: {error}")
         period = np.zeros(3)
         if section.grid is not None:
             size = np.array(section.grid.size) * section.scale
