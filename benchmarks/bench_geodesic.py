@@ -1,6 +1,6 @@
 """Distances beside the peers: exact, heat, fast marching; set-up, solve, peak memory.
 
-`python -m benchmarks.bench_geodesic [--quick] [exact heat fast-marching errors]` prints the tables of
+`python -m benchmarks.bench_geodesic [--quick] [exact growth heat fast-marching errors]` prints the tables of
 docs/geodesic.md. Ratios are the peer's CPU seconds over ours, larger is better; each pair runs in turn in one
 process, one thread each. CPU rather than wall time, so that a busy machine does not blur the ratio.
 """
@@ -105,6 +105,46 @@ def bench_exact() -> None:
          "our MiB", "peer MiB"],
         rows,
     )  # fmt: skip
+
+
+def bench_growth() -> None:
+    """What exact distances take as meshes get finer, ours alone; the exponents are those of the last step."""
+    sizes = ("20k", "80k", "320k") if QUICK else ("20k", "80k", "320k", "1.3M")
+    kinds = {"sphere": ladder.sphere, "stretched": ladder.stretched, "noisy": ladder.noisy,
+             "sheared torus": ladder.sheared_torus}  # fmt: skip
+    rows = []
+    for kind, make in kinds.items():
+        last = None
+        for size in sizes if kind != "sheared torus" else sizes[:3]:
+            row = _growth(f"{kind} {size}", make(ladder.FACES[size]), last)
+            rows.append(row)
+            last = row
+        make.cache_clear()
+    last = None
+    for name in ("koala.obj", "koala_loop1.ply"):  # the same surface, about, with four times the faces
+        last = _growth(name, ladder.real(name), last)
+        rows.append(last)
+    rows.append(_growth("st_helens_terrain.ply", ladder.real("st_helens_terrain.ply"), None))
+    measure.print_table(
+        "exact, as meshes get finer (a bundle counts as one window)",
+        ["mesh", "faces", "windows/vertex", "seconds", "MiB", "exponent of seconds", "of windows"],
+        rows,
+    )
+
+
+def _growth(name: str, mesh: TriangleMesh, last: list[Any] | None) -> list[Any]:
+    mesh = fresh(mesh)
+    found = {}
+
+    def ours() -> None:
+        found["windows"] = exact_distance(fresh(mesh), SOURCE).windows
+
+    seconds, _ = cpu_timed(ours, 3 if mesh.n_faces < 100_000 else 1)
+    row = [name, mesh.n_faces, found["windows"] / mesh.n_vertices, seconds, measure.peak_mib(ours), "-", "-"]
+    if last is not None:
+        finer = np.log(mesh.n_faces / last[1])
+        row[5], row[6] = np.log(seconds / last[3]) / finer, 1 + np.log(row[2] / last[2]) / finer
+    return row
 
 
 def bench_heat() -> None:
@@ -219,6 +259,7 @@ def bench_errors() -> None:
 
 TOPICS = {
     "exact": bench_exact,
+    "growth": bench_growth,
     "heat": bench_heat,
     "fast-marching": bench_fast_marching,
     "errors": bench_errors,

@@ -46,7 +46,7 @@ class ExactDistance:
     crossing : (n,) ndarray of float64
         In length units; nan where `side` is -1.
     windows, rounds : int
-        Work done.
+        Work done: windows carried across a face, one by one or many in a bundle (which counts as one).
     target_distance : (k,) ndarray of float64
         Of the points asked for; inf where no source reaches.
     target_source : (k,) ndarray of int64

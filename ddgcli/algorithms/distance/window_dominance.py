@@ -21,7 +21,7 @@ def dominate(
     through the two sources meets the side; hence at most two roots, found by bracketing (the closed
     quadratic cancels when the sources nearly coincide).
     """
-    order = np.argsort(where[0] + 0.9999999 * lines[0] / shape[:, 0].take(where[0]))
+    order = np.argsort(where[0] + 0.9999999 * lines[0] / shape[where[0], 0])
     lines, where = lines.take(order, axis=1), where.take(order, axis=1)
     side = where[0]
     i = ((side[1:] == side[:-1]) & (lines[0, 1:] < lines[1, :-1])).nonzero()[0]

@@ -19,8 +19,10 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
+from ddgcli.algorithms.distance.window_bundle import Bundles
+from ddgcli.algorithms.distance.window_children import children, norm
 from ddgcli.algorithms.distance.window_dominance import EPS, dominate
-from ddgcli.algorithms.distance.window_pool import NEVER, Origins, Pool
+from ddgcli.algorithms.distance.window_pool import NEVER, Origins, Pool, ranges
 from ddgcli.algorithms.distance.window_shadow import MARGIN, shadow_of
 from ddgcli.algorithms.distance.window_tables import BOUNDARY, WindowTables
 from ddgcli.algorithms.distance.window_targets import Targets
@@ -74,6 +76,11 @@ class Front:
         self.swing = _swing(tables) if directions else None
         self.departure = np.full(n if directions else 0, np.nan)
         self.pool = Pool(self.columns)
+        self.bundles: Bundles | None = None
+        if tables.plain and slack == 0 and dominance_every:
+            self.bundles = Bundles(
+                tables, self.origins, self.distance, self.swing, None if targets is None else targets.faces
+            )
         self.pending = np.zeros(0, dtype=np.int64)
         self.windows = self.rounds = self.final = 0
         self.bucket = 3.0 * float(tables.shape[:, 0].mean()) if len(tables.shape) else 1.0
@@ -129,7 +136,7 @@ class Front:
         start = tables.around_start.take(vertex)
         count = tables.around_start.take(vertex + 1) - start
         row = np.arange(len(vertex)).repeat(count)
-        side = tables.around.take(np.arange(len(row)) + (start - count.cumsum() + count).take(row))
+        side = tables.around.take(ranges(start, count)[0])
         shape, ids, row_origin = (
             tables.shape.take(side, axis=0),
             tables.ids.take(side, axis=0),
@@ -192,7 +199,7 @@ class Front:
         b0, b1 = (np.zeros(len(side)), length) if ends is None else ends
         base, code = self.origins.distance.take(origin), self._code(side)
         y = np.maximum(y, LIFT * length)
-        r0, r1 = base + _norm(x - b0, y.copy()), base + _norm(b1 - x, y.copy())
+        r0, r1 = base + norm(x - b0, y.copy()), base + norm(b1 - x, y.copy())
         margin = EPS - self.slack * length
         keep = (code != BOUNDARY) & (b1 - b0 > EPS)
         keep &= (r0 <= d1 + (length - b0) + margin) & (r1 <= d0 + b1 + margin)
@@ -248,13 +255,16 @@ class Front:
         SolveError
             After `most_windows` windows: the surface is too degenerate for this method.
         """
+        bundles = self.bundles if limit == enough == np.inf else None
         while True:
             waiting = self._waiting()
             least = min(self.pool.least(), waiting)
+            if bundles is not None:
+                least = min(least, bundles.pool.least())
             if not least < limit:
                 return
             if self.rounds % TELL_EVERY == 0 and (progress is not None or enough < np.inf):
-                self.final = int(np.count_nonzero(self.distance < least))
+                self.final = max(self.final, int(np.count_nonzero(self.distance < least)))
                 if progress is not None:
                     progress(float(self.final), float(len(self.distance)))
                 if self.final >= enough:
@@ -262,21 +272,36 @@ class Front:
             bound = max(least + self.bucket, np.nextafter(least, np.inf))
             if waiting < bound and (self.rounds % SPAWN_EVERY == 0 or waiting <= least):
                 self._spawn_below(bound)
-            lines, where = self.pool.pop_below(bound)
             self.rounds += 1
-            if where.shape[1] == 0:
-                continue
-            if self.dominance_every and self.rounds % self.dominance_every == 0:
-                lines, where = dominate(lines, where, self.tables.shape, self.origins.distance)
+            lines, where = self._popped(bound, bundles)
             self.windows += where.shape[1]
             if self.windows > most_windows:
                 raise SolveError(
                     f"exact distance gave up after {self.windows} windows; the triangles are too degenerate: "
                     "use --method heat, or repair the mesh"
                 )
+            if where.shape[1] == 0:
+                continue
             if self.targets is not None:
                 self.targets.light(lines, where, self.origins)
             self._propagate(lines, where)
+
+    def _popped(self, bound: float, bundles: Bundles | None) -> tuple[NDArray, NDArray]:
+        """Windows to go on one by one; now and then all are pruned, and bound where that pays."""
+        bound_now = bundles is not None and len(bundles) > 0
+        every = self.dominance_every * (2 if bound_now else 1)
+        prune = bool(every) and self.rounds % every == 0
+        lines, where = self.pool.pop_below(np.inf if prune and bound_now else bound)
+        if bundles is not None and bound_now:
+            before = bundles.moves
+            free = bundles.dissolve() if prune else bundles.advance(bound)
+            self.windows += bundles.moves - before
+            lines, where = (np.concatenate(pair, axis=1) for pair in zip((lines, where), free))
+        if prune and where.shape[1]:
+            lines, where = dominate(lines, where, self.tables.shape, self.origins.distance)
+            if bundles is not None:
+                lines, where = bundles.bind(lines, where)
+        return lines, where
 
     def _waiting(self) -> float:
         """Least distance of the vertices that wait to be origins; forgets those that need not."""
@@ -315,19 +340,20 @@ class Front:
 
         lit = ((at >= b0 - EPS) & (at <= b1 + EPS)).nonzero()[0]
         if len(lit):
-            reach = base.take(lit) + _norm(dx.take(lit), dy.take(lit))
+            reach = base.take(lit) + norm(dx.take(lit), dy.take(lit))
             found = ids[2].take(lit), reach, origin.take(lit), side.take(lit), at.take(lit)
             self.improve(*found, self._departed(lines, dx, dy, lit))
 
         left, right = (at > b0).nonzero()[0], (at < b1).nonzero()[0]
         parent, n_left = np.concatenate([left, right]), len(left)
-        kept, out, key = self._children(
+        kept, out, key = children(
             n_left,
             lines.take(parent, axis=1),
             at.take(parent),
             shape.take(parent, axis=1),
             self.distance.take(ids[:3].take(parent, axis=1)),
             base.take(parent),
+            self.slack,
         )
         k = int(np.searchsorted(kept, n_left))
         source = parent.take(kept)
@@ -352,76 +378,6 @@ class Front:
             return None
         angle = np.arctan2(dy.take(lit), dx.take(lit))
         return lines[4].take(lit) + (angle if len(lines) == 5 else angle * lines[5].take(lit))
-
-    def _children(
-        self, n_left: int, lines: NDArray, cut: NDArray, shape: NDArray, corner: NDArray, base: NDArray
-    ) -> tuple[NDArray, NDArray, NDArray]:
-        """Windows on the two other sides of a face; the first `n_left` go out by (v0, apex).
-
-        All are seen in a frame that starts at their near vertex, v0 or mirrored v1, and runs along the old
-        side; `cut` is where the line to the apex ends a lit window. Overwrites its arguments.
-
-        Returns
-        -------
-        kept : ndarray of int64
-            Those that the filter keeps.
-        out, key : ndarrays
-            Their columns (b0, b1, sx, sy) in the frame across, and their least distances.
-        """
-        length, apex_x, apex_y, edge, other_edge = shape
-        near, far, x, y = lines[:4]
-        d_near, d_other, d_apex = corner
-        back = slice(n_left, None)
-        edge[back] = other_edge[back]
-        for coordinate in (near, far, x, apex_x, cut):
-            np.subtract(length[back], coordinate[back], out=coordinate[back])
-        near[back], far[back] = far[back], near[back].copy()
-        d_near[back], d_other[back] = d_other[back], d_near[back].copy()
-
-        ends = lines[:2]
-        cross = apex_x * y
-        cross -= apex_y * x
-        slope = ends * apex_y
-        slope += cross
-        fraction = ends * y  # along the side towards the apex, for both ends
-        fraction /= np.minimum(slope, -1e-300, out=slope)
-        np.minimum(fraction, 1.0, out=fraction)
-        np.copyto(fraction[1], 1.0, where=cut <= far)
-        u, v = fraction * apex_x, fraction * apex_y
-        detour = _norm(length - u[0], v[0].copy())
-        u -= x
-        v -= y
-        reach = _norm(u, v)
-        reach += base
-        r0, r1 = reach
-        fraction *= edge
-        s0, s1 = fraction
-        margin = EPS - self.slack * edge if self.slack > 0 else EPS
-        keep = s1 - s0 > EPS
-        keep &= r1 <= d_near + s1 + margin
-        keep &= r0 <= d_apex + (edge - s0) + margin
-        keep &= r0 <= d_other + detour + margin
-
-        kept = keep.nonzero()[0]
-        x *= apex_x
-        x += y * apex_y
-        x /= edge
-        cross /= edge
-        inside = (x > s0) & (x < s1)
-        key = np.where(inside, base - cross, np.minimum(r0, r1)).take(kept)
-        near[:], far[:], y[:] = s0, s1, cross
-        np.subtract(edge[back], s1[back], out=near[back])
-        np.subtract(edge[back], s0[back], out=far[back])
-        np.subtract(edge[back], x[back], out=x[back])
-        return kept, lines.take(kept, axis=1), key
-
-
-def _norm(x: NDArray, y: NDArray) -> NDArray[np.float64]:
-    """Length of (x, y); overwrites both. Lengths here are of order 1, so squares are safe."""
-    x *= x
-    y *= y
-    x += y
-    return np.sqrt(x, out=x)
 
 
 def _reflect(lines: NDArray, flip: NDArray, length: NDArray) -> None:

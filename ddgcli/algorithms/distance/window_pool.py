@@ -8,15 +8,25 @@ from numpy.typing import NDArray
 NEVER = np.inf
 
 
+def ranges(first: NDArray, count: NDArray) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """All numbers of the ranges [first, first + count), one after another, and where each range begins."""
+    end = count.cumsum()
+    begin = end - count
+    return np.arange(end[-1] if len(end) else 0) + (first - begin).repeat(count), begin
+
+
 class Pool:
     """Waiting windows: columns (b0, b1, sx, sy, ...), (side, origin), and a key that is inf once popped."""
 
-    def __init__(self, columns: int = 4, capacity: int = 4096) -> None:
+    def __init__(self, columns: int = 4, capacity: int = 4096, ints: int = 2) -> None:
         self.lines = np.empty((columns, capacity))
-        self.where = np.empty((2, capacity), dtype=np.int64)
+        self.where = np.empty((ints, capacity), dtype=np.int64)
         self.key = np.empty(capacity)
         self.top = 0
         self._popped = 0
+
+    def __len__(self) -> int:
+        return self.top - self._popped
 
     def least(self) -> float:
         return float(self.key[: self.top].min(initial=NEVER))
@@ -53,7 +63,9 @@ class Pool:
         if self.top + more > capacity // 2:
             extra = self.top + more
             self.lines = np.concatenate([self.lines, np.empty((len(self.lines), extra))], axis=1)
-            self.where = np.concatenate([self.where, np.empty((2, extra), dtype=np.int64)], axis=1)
+            self.where = np.concatenate(
+                [self.where, np.empty((len(self.where), extra), dtype=np.int64)], axis=1
+            )
             self.key = np.concatenate([self.key, np.empty(extra)])
 
 

@@ -18,6 +18,7 @@ from ddgcli.algorithms.distance.window_front import Front
 WINDOWS_A_LAUNCH, WINDOWS_A_ROUND = 15.0, 1800.0
 LAUNCHES = 1.25  # a vertex, under slack
 SHARE, AT_LEAST = 0.1, 1000  # of the vertices that are measured exactly first
+BUNDLED, ROOT = 40.0, 4.4  # windows that those of a vertex cost in bundles: so many, and times their root
 SAFE = 0.85  # of the cost of going on: what slack must promise to cost at most
 
 
@@ -78,6 +79,7 @@ class NearPart:
             return False
         middle, power = 0.625 * near, self.growth + 1.0
         rest = self.density * middle / power * ((n / middle) ** power - (near / middle) ** power)
+        rest = min(rest, BUNDLED * (n - near) + ROOT * np.sqrt(rest * (n - near)))
         rounds = self.rounds * np.sqrt(n / near)
         going_on = rest + WINDOWS_A_ROUND * (rounds - self.rounds)
         windows = 1.3 / (slack + 0.004) + WINDOWS_A_LAUNCH * LAUNCHES

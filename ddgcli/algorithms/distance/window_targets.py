@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.algorithms.distance.window_dominance import EPS
-from ddgcli.algorithms.distance.window_pool import Origins
+from ddgcli.algorithms.distance.window_pool import Origins, ranges
 from ddgcli.algorithms.distance.window_tables import SideTables
 from ddgcli.geometry.surface_points import SurfacePoints
 
@@ -27,6 +27,13 @@ class Targets:
         self.face = points.face[self.order]
         self.distance = np.full(len(points), np.inf)
         self.origin = np.full(len(points), -1, dtype=np.int64)
+
+    @property
+    def faces(self) -> NDArray[np.bool_]:
+        """(m,) True for faces with targets."""
+        with_targets = np.zeros(len(self.tables.shape) // 3, dtype=bool)
+        with_targets[self.face] = True
+        return with_targets
 
     def light(self, lines: NDArray, where: NDArray, origins: Origins) -> None:
         """Lower distances by windows about to cross their faces: columns as in `Pool`."""
@@ -63,8 +70,7 @@ class Targets:
         """(row of `face`, target) for every target in each face."""
         start = np.searchsorted(self.face, face)
         count = np.searchsorted(self.face, face, side="right") - start
-        row = np.arange(len(face)).repeat(count)
-        return row, self.order[np.arange(len(row)) + (start - count.cumsum() + count)[row]]
+        return np.arange(len(face)).repeat(count), self.order[ranges(start, count)[0]]
 
     def _place(self, side: NDArray, target: NDArray) -> tuple[NDArray, NDArray]:
         """Coordinates of each target in the frame of a side of its face."""

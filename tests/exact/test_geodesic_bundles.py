@@ -1,0 +1,117 @@
+"""Windows that go on in bundles: the same distances as one by one, and fewer of them as meshes get finer."""
+
+from contextlib import contextmanager
+
+import numpy as np
+import pytest
+
+from ddgcli.algorithms.distance import window_bundle, window_front
+from ddgcli.algorithms.distance.exact import exact_distance
+from ddgcli.algorithms.distance.sources import Sources
+from ddgcli.geometry.surface_points import SurfacePoints
+from ddgcli.mesh import shapes
+from tests.geodesic_cases import cone, jittered, noisy_torus, on_pillow, pillow, with_holes
+
+
+@contextmanager
+def bound():
+    """Bundles even where they do not pay, on small meshes, of few windows; gives those that were made."""
+    made = []
+
+    class Seen(window_bundle.Bundles):
+        def __init__(self, *args):
+            super().__init__(*args)
+            made.append(self)
+
+    with pytest.MonkeyPatch.context() as patch:
+        for cost in ("A_BUNDLE", "A_LOOK", "A_BINDING", "A_ROUND", "ENOUGH"):
+            patch.setattr(window_bundle, cost, 0.0)
+        patch.setattr(window_bundle, "RUN", 3)
+        patch.setattr(window_bundle, "PART", 2)
+        patch.setattr(window_front, "Bundles", Seen)
+        yield made
+    assert sum(bundles.moves for bundles in made) > 500
+
+
+def stretched():
+    sphere = shapes.random_sphere(3000)
+    return sphere.moved(sphere.points * [6, 1, 0.3])
+
+
+SHAPES = [
+    lambda: shapes.random_sphere(3000),
+    stretched,
+    noisy_torus,
+    with_holes,
+]
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+@pytest.mark.parametrize("every", [4, 10])
+def test_bundled_is_one_by_one(shape, every):
+    mesh = shape()
+    for source in (0, mesh.n_vertices // 2):
+        alone = exact_distance(mesh, source, directions=True)
+        with bound():
+            bundled = exact_distance(mesh, source, directions=True, dominance_every=every)
+        assert np.abs(alone.distance - bundled.distance).max() < 1e-14 * alone.distance.max()
+        assert np.array_equal(alone.nearest_source, bundled.nearest_source)
+        turned = np.abs(np.exp(1j * alone.departure) - np.exp(1j * bundled.departure))
+        assert not (turned > 1e-9).any()
+
+
+@pytest.mark.parametrize("angle", [1.0, 5.5, 9.0])
+def test_bundles_on_cones_and_saddles(angle):
+    mesh, radius, phi = cone(angle, 60, 24)
+    source = 200
+    turn = np.abs(phi - phi[source])
+    turn = np.minimum(turn, angle - turn)
+    r, bend = radius[source], np.minimum(turn, np.pi)
+    straight = np.sqrt((radius - r) ** 2 + 4 * radius * r * np.sin(bend / 2) ** 2)
+    truth = np.where((turn >= np.pi) | (radius == 0), radius + r, straight)
+    with bound():
+        found = exact_distance(mesh, source).distance
+    assert np.abs(found - truth).max() < 1e-12 * truth.max()
+
+
+@pytest.mark.parametrize("mesh", [shapes.grid(40, 40), jittered(shapes.grid(40, 40), 0.007)])
+def test_bundles_on_the_plane(mesh):
+    truth = np.linalg.norm(mesh.points - mesh.points[7], axis=1)
+    with bound():
+        found = exact_distance(mesh, 7).distance
+    assert np.abs(found - truth).max() < 1e-12
+
+
+def test_bundles_on_the_pillow():
+    mesh = pillow(24)
+    with bound():
+        found = exact_distance(mesh, 100).distance
+    assert np.abs(found - on_pillow(mesh, 24, 100)).max() < 1e-12
+
+
+def test_bundles_light_targets_and_serve_many_sources():
+    mesh = stretched()
+    rng = np.random.default_rng(0)
+    points = SurfacePoints(rng.integers(0, mesh.n_faces, 60), rng.dirichlet(np.ones(3), 60))
+    sources = Sources(np.array([5, 900]), SurfacePoints(np.array([77]), np.array([[0.2, 0.3, 0.5]])))
+    alone = exact_distance(mesh, sources, targets=points)
+    with bound():
+        bundled = exact_distance(mesh, sources, targets=points)
+    scale = alone.distance.max()
+    assert np.abs(alone.distance - bundled.distance).max() < 1e-14 * scale
+    assert np.abs(alone.target_distance - bundled.target_distance).max() < 1e-14 * scale
+    assert np.array_equal(alone.target_source, bundled.target_source)
+
+
+def test_windows_grow_slower_in_bundles(monkeypatch):
+    """One by one a vertex of a sphere takes the more windows the finer the mesh; in bundles hardly."""
+    monkeypatch.setattr(window_bundle, "A_ROUND", 0.0)  # as on meshes where rounds have many windows
+    monkeypatch.setattr(window_bundle, "ENOUGH", 1000.0)
+    sizes = 5_000, 20_000
+    spheres = [shapes.random_sphere(n) for n in sizes]
+    bundled = [exact_distance(mesh, 0).windows / mesh.n_vertices for mesh in spheres]
+    monkeypatch.setattr(window_bundle, "ENOUGH", np.inf)
+    alone = [exact_distance(mesh, 0).windows / mesh.n_vertices for mesh in spheres]
+    assert alone[1] > 1.5 * alone[0]
+    assert bundled[1] < 1.2 * bundled[0]
+    assert bundled[1] < 0.5 * alone[1]
