@@ -94,6 +94,8 @@ class Model(Generic[State]):
         Reason to end the run early, or "".
     clock : callable state -> float, optional
         Time of a state, for schemes that choose their own steps; else step times dt.
+    rescue : callable like `advance`, optional
+        Takes a step that `advance` rejects, before it is made shorter.
     """
 
     start: State
@@ -106,6 +108,7 @@ class Model(Generic[State]):
     order: int = 1
     stop: Callable[[State], str] | None = None
     clock: Callable[[State], float] | None = None
+    rescue: Callable[[State, float, float], State] | None = None
 
 
 @dataclass(frozen=True)
@@ -161,6 +164,7 @@ class March:
     smallest: float = math.inf
     stopped: str = ""
     divided: bool = False
+    rescued: bool = False
     allowed: float = math.inf  # longest part of the step under way that is tried
     shortest: float = math.inf  # taken of the step under way
     reached: float = 0.0  # in steps
@@ -176,7 +180,7 @@ class March:
             int(arrays["clock"][1]),
             float(arrays["clock"][2]),
         )
-        self.divided = True
+        self.divided = self.rescued = True
         self.state = self.model.unpack({k: v for k, v in arrays.items() if k != "clock"})
 
 
@@ -335,7 +339,7 @@ def _cross(
     if dt > march.allowed:
         return _halves(march, schedule, step, time, dt, depth, events)
     try:
-        state = model.advance(march.state, time, dt)
+        state = _advanced(march, schedule, march.state, step, time, dt, events)
     except StepRejected as rejected:
         detail = f"{march.name}: step of {dt:.3g} s rejected: {rejected}"
         events.append(Event(step, time, rejected.cause, rejected.place, rejected.value, detail))
@@ -352,6 +356,26 @@ def _cross(
     march.shortest = min(march.shortest, dt)
     march.allowed *= GROWTH
     return state
+
+
+def _advanced(
+    march: March, schedule: Schedule, state: Any, step: int, time: float, dt: float, events: list[Event]
+) -> Any:
+    """The state one step later, by the scheme or by what rescues its step; StepRejected where neither can."""
+    model = march.model
+    try:
+        return model.advance(state, time, dt)
+    except StepRejected as rejected:
+        if model.rescue is None or schedule.on_failure == "stop":
+            raise
+        cause = rejected
+    later = model.rescue(state, time, dt)
+    detail = f"{march.name}: step of {dt:.3g} s rejected: {cause}; taken by the composite scheme"
+    events.append(Event(step, time, cause.cause, cause.place, cause.value, detail))
+    say = log.info if march.rescued else log.warning
+    say("t = %.6g s, %s, and so are those after it that must", time, detail)
+    march.rescued = True
+    return later
 
 
 def _halves(
@@ -372,9 +396,9 @@ def _march_adaptive(march: March, schedule: Schedule, first: int, last: int, eve
         pieces = max(1, math.ceil((end - time) / min(march.next_dt, model.largest_step) - 1e-9))
         dt = (end - time) / pieces
         try:
-            whole = model.advance(march.state, time, dt)
-            half = model.advance(march.state, time, dt / 2)
-            state = model.advance(half, time + dt / 2, dt / 2)
+            whole = _advanced(march, schedule, march.state, first, time, dt, events)
+            half = _advanced(march, schedule, march.state, first, time, dt / 2, events)
+            state = _advanced(march, schedule, half, first, time + dt / 2, dt / 2, events)
             error = model.distance(whole, state)
         except StepRejected as rejected:
             detail = f"{march.name}: step of {dt:.3g} s rejected: {rejected}"

@@ -26,12 +26,15 @@ class Motion:
         Positions, velocities, accelerations (of schemes that keep them).
     newton : int
         Newton iterations since the start.
+    lifted : float
+        Joules by which the balance of energy stands above its lowest, where the scheme watches it.
     """
 
     x: NDArray[np.float64]
     v: NDArray[np.float64]
     a: NDArray[np.float64]
     newton: int = 0
+    lifted: float = 0.0
 
 
 class System:

@@ -153,8 +153,7 @@ def test_a_process_that_is_ended_leaves_whole_frames(tmp_path, sign):
 def test_killed_and_resumed_again_and_again_it_ends_with_the_same_bits(run, tmp_path, kills):
     path = scene(tmp_path, text=SCENE.replace("duration = 0.1", f"duration = {0.1 * kills}"))
     whole, broken = tmp_path / "whole.vtkhdf", tmp_path / "broken.vtkhdf"
-    # exit 1 where the rebounds of the long run are told to be livelier than they can be
-    assert run("shell-sim", path, "-o", whole).exit_code == (0 if kills == 2 else 1)
+    assert run("shell-sim", path, "-o", whole).exit_code == 0
     rng = np.random.default_rng(kills)
     done = 0
     while not broken.exists():

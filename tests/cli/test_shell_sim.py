@@ -231,9 +231,16 @@ def test_the_mesh_of_a_scene_is_never_overwritten(run, tmp_path):
     assert mesh.read_bytes() == before
 
 
-def test_energy_that_no_force_can_give_is_told(summary, run, tmp_path):
-    """Implicit midpoint with steps far longer than the waves of a stiff shell that turns."""
+def test_energy_that_no_force_can_give_is_told(summary, run, tmp_path, monkeypatch):
+    """Implicit midpoint with steps far longer than the waves of a stiff shell that turns: they are rejected,
+    and told; were they not, the run would be."""
+    from ddgcli.evolve import balance
+
     leaf = Path(__file__).parents[2] / "sample_scenes" / "leaf.toml"
+    held = summary("shell-sim", leaf, "--dt", 4e-3)
+    assert held["results"]["rejected_steps"] > 0 and held["accuracy"]["energy_drift"] < 1e-2
+    assert len(held["warnings"]) == 1 and "rejected: energy rises" in held["warnings"][0]
+    monkeypatch.setattr(balance, "RISE", np.inf)
     long = summary("shell-sim", leaf, "--dt", 4e-3)
     assert any("energy grew" in warning for warning in long["warnings"])
     blown = run("shell-sim", leaf, "--dt", 6e-3, "-o", tmp_path / "leaf.ply", "--json")

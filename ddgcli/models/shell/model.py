@@ -101,10 +101,13 @@ def _model(scene: Scene, context: ShellContext, account: Account) -> Model[Motio
     v = np.where(system.free, _initial_velocity(context), 0.0)
     with np.errstate(all="ignore"):
         start = Motion(x, v, system.acceleration(x, v, scene.schedule().dt))
-    size = system.size
+    size, reach = system.size, integrator.reach(parameters)
 
     def advance(motion: Motion, time: float, dt: float) -> Motion:
         return integrator.step(system, motion, dt, parameters)
+
+    def rescue(motion: Motion, time: float, dt: float) -> Motion:
+        return (integrator.rescue or integrator.step)(system, motion, dt, parameters)
 
     def observe(motion: Motion) -> Observation:
         return Observation(
@@ -112,15 +115,18 @@ def _model(scene: Scene, context: ShellContext, account: Account) -> Model[Motio
         )
 
     def pack(motion: Motion) -> dict[str, NDArray]:
-        return {"x": motion.x, "v": motion.v, "a": motion.a, "newton": np.array([motion.newton])}
+        count, lifted = np.array([motion.newton]), np.array([motion.lifted])
+        return {"x": motion.x, "v": motion.v, "a": motion.a, "newton": count, "lifted": lifted}
 
     def unpack(arrays: dict[str, NDArray]) -> Motion:
-        return Motion(arrays["x"], arrays["v"], arrays["a"], int(arrays["newton"][0]))
+        count, lifted = int(arrays["newton"][0]), float(arrays["lifted"][0])
+        return Motion(arrays["x"], arrays["v"], arrays["a"], count, lifted)
 
-    limit = stable_step(system, x, integrator.reach(parameters))
+    limit = stable_step(system, x, reach)
     return Model(
         start, advance, observe, pack, unpack, limit,
         lambda a, b: float(np.abs(a.x - b.x).max()) / size, integrator.order,
+        rescue=rescue if integrator.rescue is not None and np.isinf(reach) else None,
     )  # fmt: skip
 
 
