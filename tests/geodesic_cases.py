@@ -1,6 +1,7 @@
 """Surfaces whose distances are known, or whose windows meet bends and holes."""
 
 import numpy as np
+from scipy.spatial import Delaunay
 
 from ddgcli.mesh import shapes
 from ddgcli.mesh.intrinsic_mesh import IntrinsicMesh
@@ -62,3 +63,15 @@ def with_holes() -> TriangleMesh:
     return TriangleMesh.from_arrays(
         mesh.points, np.delete(mesh.faces, np.arange(3, mesh.n_faces, 41), axis=0)
     )
+
+
+def disk(n: int) -> TriangleMesh:
+    """Random points in the unit disk and on its rim, and their Delaunay triangulation."""
+    rng = np.random.default_rng(0)
+    r, t = np.sqrt(rng.uniform(0, 1, n)), rng.uniform(0, 2 * np.pi, n)
+    rim = np.exp(2j * np.pi * np.arange(k := int(2 * np.sqrt(np.pi * n))) / k)
+    z = np.concatenate([r * np.exp(1j * t), rim])
+    points = np.stack([z.real, z.imag, np.zeros(len(z))], axis=1)
+    mesh = TriangleMesh.from_arrays(points, Delaunay(points[:, :2]).simplices)
+    turned = np.cross(mesh.side_vector[:, 0], mesh.side_vector[:, 1])[:, 2] < 0
+    return TriangleMesh.from_arrays(points, np.where(turned[:, None], mesh.faces[:, ::-1], mesh.faces))

@@ -54,7 +54,7 @@ def command(
     run.also_reads(curves.field)
     read = run.read(mesh_path, subdivide=subdivide)
     mesh = read.surface
-    vertex, face, results, accuracy, converged, exact, made = {}, {}, {}, {}, True, None, None
+    vertex, face, results, accuracy, converged, measured, made = {}, {}, {}, {}, True, None, None
     lines: list = []
     with run.timed("compute"):
         from ddgcli.mesh.fields import AnnotatedMesh
@@ -62,14 +62,15 @@ def command(
         sources = read_sources(mesh, distance) if distance.any or not curves.any else None
         if sources is not None:
             measured = compute_distance(run, mesh, distance, sources, directions=curves.log_map)
-            vertex, face, lines, exact = measured.vertex, measured.face, measured.curves, measured.exact
+            vertex, face, lines = measured.vertex, measured.face, measured.curves
             results, accuracy = measured.results, measured.accuracy
     if curves.any or lines:
+        exact = None if measured is None else measured.exact
         made = compute_curves(run, read, curves, sources, exact, more=lines)
         results, accuracy = results | {"paths": made.entries}, accuracy | made.accuracy
         converged = made.converged
-    if curves.any_vectors and sources is not None:
-        vectors = compute_vectors(run, mesh, curves, sources, exact)
+    if curves.any_vectors and sources is not None and measured is not None:
+        vectors = compute_vectors(run, mesh, curves, sources, measured)
         vertex, results, accuracy = (
             vertex | vectors.arrays,
             results | vectors.results,

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from ddgcli.algorithms.curves.vertex_vectors import VertexVectors
     from ddgcli.algorithms.distance.exact import ExactDistance
     from ddgcli.algorithms.distance.sources import Sources
+    from ddgcli.cli.geodesic_distance import DistanceMade
     from ddgcli.cli.run import Run
     from ddgcli.io.mesh_file import MeshInput
     from ddgcli.mesh.triangle_mesh import TriangleMesh
@@ -108,7 +109,8 @@ _OPTIONS = (
     click.option("--paths-output", multiple=True, metavar="PATH",
                  help="Write all curves as polylines (.vtp, .vtu, .ply, .obj, .npz); repeatable."),
     click.option("--log-map", is_flag=True,
-                 help="Array log_map: each vertex in the tangent plane of the one source."),
+                 help="Array log_map: each vertex in the tangent plane of the one source; exact, or several "
+                      "times faster with --method fast-marching."),
     click.option("--spread-vector", multiple=True, type=Numbers(3, "1,0,0.5"), metavar="dx,dy,dz",
                  help="Array transported_vector: tangent vectors at the --source vertices, one each, spread "
                       "by parallel transport (vector heat)."),
@@ -206,7 +208,7 @@ def _field_curves(
 
 
 def compute_vectors(
-    run: Run, mesh: TriangleMesh, asked: CurveOptions, sources: Sources, exact: ExactDistance | None
+    run: Run, mesh: TriangleMesh, asked: CurveOptions, sources: Sources, measured: DistanceMade
 ) -> VertexVectors:
     """The vectors at vertices that the options ask for."""
     with run.timed("compute"):
@@ -216,9 +218,10 @@ def compute_vectors(
         cover, parts = oriented_cover(mesh), []
         cover.need_two_sides("--log-map or --spread-vector")
         sources = cover.lifted_sources(sources)
-        if asked.log_map and exact is not None:
+        arrived = measured.marched if measured.exact is None else cover.lifted_exact(measured.exact)
+        if asked.log_map and arrived is not None:
             told = run.progress("log map")
-            parts.append(vertex_vectors.log_map_vectors(cover.mesh, cover.lifted_exact(exact), sources, told))
+            parts.append(vertex_vectors.log_map_vectors(cover.mesh, arrived, sources, told))
         if asked.spread_vector:
             parts.append(vertex_vectors.spread_vectors(cover.mesh, sources, asked.spread_vector))
         return vertex_vectors.gathered(parts)
@@ -241,13 +244,14 @@ def write_curves(
 
 def check_asked(asked: CurveOptions, has_source: bool, method: str, *, extra: bool = False) -> None:
     """Refuse options that cannot be served together."""
-    for name, given in (("--path-to", bool(asked.path_to)), ("--log-map", asked.log_map)):
+    for name, given, methods in (
+        ("--path-to follows the exact distance", bool(asked.path_to), ("exact",)),
+        ("--log-map follows the exact distance or fast marching", asked.log_map, ("exact", "fast-marching")),
+    ):
         if given and not has_source:
-            raise ParameterError(f"{name} needs a source, e.g. --source 0")
-        if given and method != "exact":
-            raise ParameterError(
-                f"{name} follows the exact distance; leave --method out or give --method exact"
-            )
+            raise ParameterError(f"{name.split()[0]} needs a source, e.g. --source 0")
+        if given and method not in methods:
+            raise ParameterError(f"{name}, not --method {method}; give --method {' or '.join(methods)}")
     for name in ("field_seeds", "field_time", "field_step", "field_tolerance"):
         if getattr(asked, name) is not None and not asked.field:
             raise ParameterError(f"--{name.replace('_', '-')} belongs to --field NAME; give that too")

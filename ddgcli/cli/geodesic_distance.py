@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from ddgcli.algorithms.curves.paths import SurfacePaths
     from ddgcli.algorithms.curves.surface_curves import Curves
     from ddgcli.algorithms.distance.exact import ExactDistance
+    from ddgcli.algorithms.distance.fast_marching import MarchedDistance
     from ddgcli.algorithms.distance.sources import Sources
     from ddgcli.cli.run import Run
     from ddgcli.geometry.surface_points import SurfacePoints
@@ -135,6 +136,7 @@ class DistanceMade:
     results: dict[str, Any]
     accuracy: dict[str, Any]
     exact: ExactDistance | None
+    marched: MarchedDistance | None
     curves: list[Curves]
 
 
@@ -207,7 +209,7 @@ def compute_distance(
 
         run.progress("symmetry")
         accuracy |= symmetry(mesh, lambda s: solver(s).distance, seed=run.common.seed)
-    return DistanceMade(vertex, face, measured.results, accuracy, measured.exact, curves)
+    return DistanceMade(vertex, face, measured.results, accuracy, measured.exact, measured.marched, curves)
 
 
 def draw_distance(

@@ -32,6 +32,7 @@ RUNS = {
     "followed": ("geodesic", "ball", "--field", "spin", "--field-time", 1),
     "steps": ("geodesic", "ball", "--field", "spin", "--field-time", 1, "--field-step", 0.1),
     "mapped": ("geodesic", "ball", "--source", 1, "--log-map"),
+    "marched": ("geodesic", "fine ball", "--source", 1, "--log-map", "--method", "fast-marching"),
     "spread": ("geodesic", "ball", "--source", 1, "--spread-vector", "1,0,0"),
     "hodge": ("hodge", "cap", "--field", "wind"),
     "ring": ("hodge", "ring", "--field", "wind"),
@@ -251,6 +252,13 @@ PLANTS = {
     "mapped": [
         (EXACT, crooked(departure=lambda d: d + 1e-8), ["log_map_miss"]),
         (EXACT, crooked(departure=lambda d: d + 1e-3), ["log_map_miss"]),
+    ],
+    "marched": [
+        (
+            "ddgcli.algorithms.curves.polar_coordinates:_handed_on",
+            returned(lambda unit: unit * np.exp(1j * np.linspace(0, 30, len(unit)))),
+            ["log_map_skew"],
+        ),
     ],
     "spread": [(*SOLVE, ["transport_residual"])],
     "polyline": [

@@ -162,6 +162,21 @@ def test_traces_say_how_they_went_and_the_log_map_where_its_axis_lies(summary, t
     np.testing.assert_allclose(found, [np.linalg.norm(ahead), 0], atol=1e-15)
 
 
+def test_the_log_map_goes_by_the_method_of_the_distance(summary, sphere, tmp_path):
+    found = {}
+    for method, told in (("exact", "log_map_miss"), ("fast-marching", "log_map_skew")):
+        out = tmp_path / f"{method}.npz"
+        said = summary("geodesic", sphere, "--source", 3, "--log-map", "--method", method, "-o", out)
+        assert told in said["accuracy"] and len([k for k in said["accuracy"] if "log_map" in k]) == 1
+        with np.load(out) as z:
+            found[method] = z["log_map"], said["results"]["log_map_axis"]
+            size = np.linalg.norm(z["log_map"], axis=1)
+            np.testing.assert_allclose(size, z["geodesic_distance"], rtol=1e-12)
+    (exact, axis), (marched, same) = found.values()
+    assert axis == same and np.abs(marched - exact).max() / np.pi > 1e-4
+    assert np.median(np.linalg.norm(marched - exact, axis=1)) < 0.05
+
+
 def test_angles_at_vertices_are_reported(summary, sphere):
     mesh = shapes.icosphere(3)
     ahead = mesh.points[mesh.faces[0, 1]] - mesh.points[mesh.faces[0, 0]]
@@ -205,6 +220,8 @@ def test_bends_on_a_one_sided_surface_have_both_angles(summary, tmp_path):
         (["--source", "0", "--path-to", "99999"], "99999"),
         (["--source", "0", "--path-to", "3", "--method", "dijkstra"], "exact distance"),
         (["--source", "0", "1", "--log-map"], "one source"),
+        (["--source", "0", "1", "--log-map", "--method", "fast-marching"], "one source"),
+        (["--source", "0", "--log-map", "--method", "heat"], "exact or fast-marching"),
         (["--source", "0", "--paths-output", "x.vtp"], "no curves"),
         (["--field", "nothing"], "no array 'nothing'"),
         (["--field-time", "1", "--trace", TRACE], "belongs to --field"),

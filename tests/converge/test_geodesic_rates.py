@@ -4,13 +4,16 @@ import numpy as np
 import pytest
 
 from ddgcli.algorithms.delaunay.triangulation import flip_to_delaunay
+from ddgcli.algorithms.distance import fast_marching
 from ddgcli.algorithms.distance.edges import edge_distance
 from ddgcli.algorithms.distance.exact import exact_distance
 from ddgcli.algorithms.distance.fast_marching import marched_distance
 from ddgcli.algorithms.distance.heat import HeatSolver
+from ddgcli.errors import SolveError
 from ddgcli.io.mesh_file import read_mesh
 from ddgcli.mesh import shapes
 from ddgcli.mesh.triangle_mesh import TriangleMesh
+from tests.geodesic_cases import disk
 
 
 def jittered_torus(nu: int) -> TriangleMesh:
@@ -114,3 +117,17 @@ def test_flat_pieces_are_exact_for_round_fronts():
     mesh = shapes.grid(20, 20, pattern="alternating")
     truth = np.linalg.norm(mesh.points - mesh.points[0], axis=1)
     assert np.abs(marched_distance(mesh, 0).distance - truth).max() < 1e-12
+
+
+def test_round_fronts_are_exact_next_to_a_source_too():
+    """There the ends of the edge that a line crosses may lie beyond its own end."""
+    mesh = disk(4000)
+    for source in (0, 5, 14):
+        truth = np.linalg.norm(mesh.points - mesh.points[source], axis=1)
+        assert np.abs(marched_distance(mesh, source).distance - truth).max() < 1e-12
+
+
+def test_a_march_without_end_is_told(monkeypatch):
+    monkeypatch.setattr(fast_marching, "MOST_ROUNDS", 0)
+    with pytest.raises(SolveError, match="exact"):
+        marched_distance(SPHERES[0], 0)

@@ -8,9 +8,11 @@ import pytest
 from ddgcli.algorithms.curves.integral_curves import field_of_array
 from ddgcli.algorithms.curves.log_map import log_map
 from ddgcli.algorithms.curves.oriented_cover import oriented_cover
+from ddgcli.algorithms.curves.polar_coordinates import marched_log_map
 from ddgcli.algorithms.curves.shortest_paths import shortest_paths
 from ddgcli.algorithms.curves.surface_curves import traced_curves, with_transport
 from ddgcli.algorithms.distance.exact import exact_distance
+from ddgcli.algorithms.distance.fast_marching import marched_distance
 from ddgcli.algorithms.distance.sources import Sources
 from ddgcli.algorithms.straightest.trace import GAVE_UP, REACHED, Tracer, trace
 from ddgcli.errors import InputError, MeshError, ParameterError
@@ -247,7 +249,7 @@ def test_what_needs_two_sides_says_so():
 
 
 def test_log_maps_of_hard_meshes_have_no_nan_and_hit_their_vertices(shared_meshes):
-    """Out of the windows of the distance, which stays the same bit for bit."""
+    """Out of the windows of the distance, which stays the same bit for bit; and with the marched distance."""
     mapped = 0
     for path in sorted((shared_meshes / "hard").iterdir()):
         if path.suffix in (".json", ".md", ".msh", ".mesh") or path.stat().st_size > 100_000:
@@ -268,5 +270,8 @@ def test_log_maps_of_hard_meshes_have_no_nan_and_hit_their_vertices(shared_meshe
             except ParameterError:  # several fans at the vertex
                 continue
             assert not np.isnan(made.log_map).any() and made.miss < 1e-9, path
+            marched = marched_distance(mesh, source)
+            size = np.hypot(*marched_log_map(mesh, marched, source).log_map.T)
+            np.testing.assert_allclose(size, marched.distance, rtol=1e-12, err_msg=str(path))
             mapped += 1
     assert mapped > 80

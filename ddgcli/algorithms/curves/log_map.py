@@ -42,22 +42,30 @@ class LogMap:
         2 pi / total angle; on the boundary they are kept. inf where the source does not reach.
     axis : dict
         The x axis: towards a vertex (`towards_vertex`) or along side 0 of a face (`face`), and in space.
-    miss : float
+    miss : float, optional
         Largest distance between a vertex and the end of the straightest line that leaves the source as the
         map says, relative to the largest distance; of 250 vertices at most, without those behind bends.
+    skew : dict, optional
+        Quantiles by area of |cos| of the angle between the gradients of distance and direction on faces.
     """
 
     log_map: NDArray[np.float64]
     axis: dict[str, Any]
-    miss: float
+    miss: float | None = None
+    skew: dict[str, float] | None = None
 
 
-class _Centre:
+def one_source(sources: Sources) -> None:
+    """ParameterError where there are several."""
+    if len(sources) != 1:
+        raise ParameterError(f"--log-map is a map from one source; {len(sources)} were given")
+
+
+class Centre:
     """The source: where its x axis lies, and lines that leave it."""
 
     def __init__(self, tracer: Tracer, sources: Sources) -> None:
-        if len(sources) != 1:
-            raise ParameterError(f"--log-map is a map from one source; {len(sources)} were given")
+        one_source(sources)
         self.tracer, mesh = tracer, tracer.mesh
         self.vertex = int(sources.vertex[0]) if len(sources.vertex) else -1
         self.scale = 1.0
@@ -136,7 +144,7 @@ def log_map(mesh: SurfaceMesh, exact: ExactDistance, sources: Sources, told: Tol
     -------
     LogMap
     """
-    centre = _Centre(Tracer(mesh), sources)
+    centre = Centre(Tracer(mesh), sources)
     if exact.departure is None:
         exact = exact_distance(mesh, sources, directions=True, progress=told)
     departure = np.asarray(exact.departure)
@@ -145,10 +153,10 @@ def log_map(mesh: SurfaceMesh, exact: ExactDistance, sources: Sources, told: Tol
     distance = np.where(far, 0.0, exact.distance)
     mapped = np.stack([distance * np.cos(angle), distance * np.sin(angle)], axis=1)
     mapped[far] = np.inf
-    return LogMap(mapped, centre.axis(), _miss(centre, exact, departure))
+    return LogMap(mapped, centre.axis(), miss=_miss(centre, exact, departure))
 
 
-def _miss(centre: _Centre, exact: ExactDistance, departure: NDArray) -> float:
+def _miss(centre: Centre, exact: ExactDistance, departure: NDArray) -> float:
     """By how much lines sent out as the map says miss their vertices, relative to the largest distance.
 
     They are compared in the middle of their last face, where no vertex is near.

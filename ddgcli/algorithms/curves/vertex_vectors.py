@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ddgcli.algorithms.curves.log_map import log_map
 from ddgcli.algorithms.distance.exact import ExactDistance
+from ddgcli.algorithms.distance.fast_marching import MarchedDistance
 from ddgcli.algorithms.distance.sources import Sources
 from ddgcli.algorithms.straightest.trace import Told
 from ddgcli.errors import ParameterError
@@ -37,13 +38,21 @@ def gathered(parts: list[VertexVectors]) -> VertexVectors:
 
 
 def log_map_vectors(
-    mesh: TriangleMesh, exact: ExactDistance, sources: Sources, told: Told | None = None
+    mesh: TriangleMesh,
+    arrived: ExactDistance | MarchedDistance,
+    sources: Sources,
+    told: Told | None = None,
 ) -> VertexVectors:
-    """Array `log_map` (n, 2), and the axis it is counted from."""
-    mapped = log_map(mesh, exact, sources, told)
-    return VertexVectors(
-        {"log_map": mapped.log_map}, {"log_map_axis": mapped.axis}, {"log_map_miss": mapped.miss}
-    )
+    """Array `log_map` (n, 2) by the method of the distance, and the axis it is counted from."""
+    if isinstance(arrived, ExactDistance):
+        mapped = log_map(mesh, arrived, sources, told)
+        accuracy: dict[str, Any] = {"log_map_miss": mapped.miss}
+    else:
+        from ddgcli.algorithms.curves.polar_coordinates import marched_log_map
+
+        mapped = marched_log_map(mesh, arrived, sources)
+        accuracy = {"log_map_skew": mapped.skew}
+    return VertexVectors({"log_map": mapped.log_map}, {"log_map_axis": mapped.axis}, accuracy)
 
 
 def spread_vectors(mesh: TriangleMesh, sources: Sources, vectors: ArrayLike) -> VertexVectors:

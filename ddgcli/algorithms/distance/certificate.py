@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from ddgcli.algorithms.distance.edges import edge_distance
 from ddgcli.algorithms.distance.sources import Sources, face_frame
 from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
-from ddgcli.mesh.topology import NEXT, PREVIOUS
 from ddgcli.mesh.triangle_mesh import TriangleMesh, vector_length
 
 SLACK = 1e-9  # of the largest distance: what rounding may do without being counted as a violation
@@ -80,33 +79,43 @@ def _steep_edges(mesh: SurfaceMesh, distance: NDArray, slack: float) -> tuple[fl
 def _gradient_deviation(mesh: SurfaceMesh, distance: NDArray) -> dict[str, float] | None:
     norm, area = gradient_norm(mesh, distance)
     use = np.isfinite(norm) & (area > 0)
-    if not use.any():
-        return None
-    deviation = np.abs(norm[use] - 1.0)
-    order = np.argsort(deviation)
-    share = np.cumsum(area[use][order])
+    return shares_by_area(np.abs(norm[use] - 1.0), area[use]) if use.any() else None
+
+
+def shares_by_area(values: NDArray, area: NDArray) -> dict[str, float]:
+    """Quantiles of values on faces by the faces' area, and the largest."""
+    order = np.argsort(values)
+    share = np.cumsum(area[order])
     share /= share[-1]
     at = [min(int(np.searchsorted(share, q)), len(order) - 1) for q in (0.5, 0.9, 0.99)]
-    median, p90, p99 = (float(deviation[order[i]]) for i in at)
-    return {"median": median, "p90": p90, "p99": p99, "max": float(deviation.max())}
+    median, p90, p99 = (float(values[order[i]]) for i in at)
+    return {"median": median, "p90": p90, "p99": p99, "max": float(values.max())}
 
 
 def gradient_norm(mesh: SurfaceMesh, values: NDArray) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """(m,) length of a vertex function's gradient on faces, nan where it has none; (m,) relative areas.
+    """(m,) length of a vertex function's gradient on faces, nan where it has none; (m,) relative areas."""
+    x, y, area = face_gradient(mesh, values[mesh.faces])
+    norm = np.hypot(x, y)
+    return np.where(np.isfinite(norm), norm, np.nan), area
 
-    From lengths alone, scaled by the longest side so that no size of mesh overflows.
+
+def face_gradient(mesh: SurfaceMesh, corner: NDArray) -> tuple[NDArray, NDArray, NDArray]:
+    """Gradients of what is linear on faces with values `corner` (..., m, 3), in the faces' frames.
+
+    Returns
+    -------
+    x, y : (..., m) ndarrays of float64
+        Not finite on faces without area or with values that are not.
+    area : (m,) ndarray of float64
+        Relative. All from lengths alone, scaled by the longest side so that no size of mesh overflows.
     """
     scale = float(mesh.side_length.max(initial=0.0)) or 1.0
     frame = face_frame(mesh.side_length / scale)
-    corner = values[mesh.faces]
+    base, across, height = frame[:, 1, 0], frame[:, 2, 0], frame[:, 2, 1]
     with np.errstate(invalid="ignore", divide="ignore"):
-        corner = (corner - corner.min(axis=1, keepdims=True)) / scale
-        edge = frame[:, PREVIOUS] - frame[:, NEXT]
-        turned = np.stack([-edge[..., 1], edge[..., 0]], axis=-1)
-        area = 0.5 * frame[:, 1, 0] * frame[:, 2, 1]
-        gradient = np.einsum("mk,mkd->md", corner, turned) / (2 * area[:, None])
-        norm = np.hypot(gradient[:, 0], gradient[:, 1])
-    return np.where(np.isfinite(norm), norm, np.nan), area
+        x = (corner[..., 1] - corner[..., 0]) / scale / base
+        y = ((corner[..., 2] - corner[..., 0]) / scale - x * across) / height
+    return x, y, 0.5 * base * height
 
 
 def symmetry(

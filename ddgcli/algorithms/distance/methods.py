@@ -19,6 +19,7 @@ from ddgcli.operators.laplacian import SurfaceMesh
 
 if TYPE_CHECKING:
     from ddgcli.algorithms.distance.exact import ExactDistance
+    from ddgcli.algorithms.distance.fast_marching import MarchedDistance
 
 log = logging.getLogger("ddgcli")
 
@@ -68,6 +69,8 @@ class Measured:
         What the method tells of its work and of its error.
     exact : ExactDistance, optional
         How the shortest paths arrive, where the method knows.
+    marched : MarchedDistance, optional
+        By what stencils the distance was handed on, where it was.
     """
 
     distance: NDArray[np.float64]
@@ -75,6 +78,7 @@ class Measured:
     results: dict[str, Any] = field(default_factory=dict)
     accuracy: dict[str, Any] = field(default_factory=dict)
     exact: ExactDistance | None = None
+    marched: MarchedDistance | None = None
 
     @property
     def arrays(self) -> dict[str, NDArray]:
@@ -215,7 +219,8 @@ def _fast_marching(mesh: SurfaceMesh, options: DistanceOptions) -> Solver:
 
     def solve(sources: Sources) -> Measured:
         marched = marched_distance(mesh, sources, stencils=stencils)
-        return Measured(marched.distance, marched.nearest_source, {"updates": marched.updates})
+        work = {"updates": marched.updates}
+        return Measured(marched.distance, marched.nearest_source, work, marched=marched)
 
     return solve
 
