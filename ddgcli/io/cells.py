@@ -16,6 +16,7 @@ VTK_CELLS = {
     10: ("tetra", 4), 24: ("tetra", 4), 71: ("tetra", 4), 8: ("pixel", 4),
     1: ("skip", None), 2: ("skip", None), 0: ("skip", None),
 }  # fmt: skip
+VERTEX, LINE, STRIP, POLYGON = 1, 4, 6, 7  # VTK cell types of the four lists of PolyData
 NAMES = {11: "voxel", 12: "hexahedron", 13: "wedge", 14: "pyramid", 42: "polyhedron"}
 
 

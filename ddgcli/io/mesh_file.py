@@ -1,8 +1,8 @@
 """The door for mesh files: every format in, every format out, nothing half-written.
 
-Readers, and why these: OBJ, OFF, PLY, STL, VTU, VTP, CSV, NPZ and VTKHDF are read by our own short readers
-(each says why in its file: faithful order, guarded counts, arrays kept, speed); what finite elements write
-otherwise goes through meshio, what artists write through trimesh, both behind a guard (`read_foreign`).
+Readers, and why these: OBJ, OFF, PLY, STL, VTK, VTU, VTP, CSV, NPZ and VTKHDF are read by our own short
+readers (each says why in its file: faithful order, guarded counts, arrays kept, speed); what finite elements
+write otherwise goes through meshio, what artists write through trimesh, both behind a guard (`read_foreign`).
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ READERS = {
     ".stl": ("read_stl", "read_stl"), ".vtu": ("read_vtk_xml", "read_vtk_xml"),
     ".vtp": ("read_vtk_xml", "read_vtk_xml"), ".csv": ("read_tables", "read_csv"),
     ".txt": ("read_tables", "read_csv"), ".wkt": ("read_tables", "read_wkt"),
-    ".npz": ("read_tables", "read_npz"),
+    ".npz": ("read_tables", "read_npz"), ".vtk": ("read_vtk_legacy", "read_vtk_legacy"),
     ".vtkhdf": ("read_vtkhdf", "read_vtkhdf"), ".h5": ("read_vtkhdf", "read_vtkhdf"),
     ".hdf": ("read_vtkhdf", "read_vtkhdf"),
 }  # fmt: skip
@@ -140,7 +140,7 @@ def format_of(path: str, input_format: str | None = None) -> str:
     else:
         suffix = Path(path).suffix.lower()
     if suffix not in READERS and suffix not in read_foreign.suffixes():
-        known = " ".join(sorted([*READERS, *read_foreign.suffixes()]))
+        known = " ".join(sorted({*READERS, *read_foreign.suffixes()}))
         raise MeshFileError(
             f"{path}: unknown format {suffix or '(no extension)'}; name it by --input-format; known: {known}"
         )
@@ -176,8 +176,9 @@ def _bytes(path: str) -> bytes:
 
 
 def _raw(path: str, data: bytes, suffix: str) -> RawMesh:
-    if suffix in READERS:
-        return _function(READERS[suffix])(data)
+    raw = _function(READERS[suffix])(data) if suffix in READERS else None
+    if raw is not None:
+        return raw
     from ddgcli.io import read_foreign
 
     read = read_foreign.read_meshio if suffix in read_foreign.MESHIO else read_foreign.read_trimesh

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.errors import MeshFileError
-from ddgcli.io.cells import add_vtk_cells
+from ddgcli.io.cells import LINE, POLYGON, STRIP, VERTEX, add_vtk_cells
 from ddgcli.io.raw import RawMesh
 from ddgcli.io.text import numbers
 
@@ -25,8 +25,8 @@ TYPES = {
     "Float32": "f4", "Float64": "f8", "Int8": "i1", "Int16": "i2", "Int32": "i4", "Int64": "i8",
     "UInt8": "u1", "UInt16": "u2", "UInt32": "u4", "UInt64": "u8",
 }  # fmt: skip
-VERTEX, LINE, STRIP, POLYGON = 1, 4, 6, 7  # VTK cell types of the four lists of PolyData
-POLYDATA = (("Verts", VERTEX), ("Lines", LINE), ("Strips", STRIP), ("Polys", POLYGON))
+# in the order in which VTK numbers cells, which is not that of the file
+POLYDATA = (("Verts", VERTEX), ("Lines", LINE), ("Polys", POLYGON), ("Strips", STRIP))
 
 
 def read_vtk_xml(data: bytes) -> RawMesh:
