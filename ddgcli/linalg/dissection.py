@@ -24,6 +24,8 @@ SMOOTHING = 3
 LEAF = 32
 # smaller components are dissected all together
 LARGE = 2000
+# entries a row from which unknowns with the same neighbours are looked for and put together
+CONDENSED_FROM = 12
 # vertices that direction and median come from, of each part and of all; squarings of a covariance for its
 # longest direction
 SAMPLE, SAMPLE_OF_ALL, SQUARINGS = 128, 4096, 4
@@ -59,9 +61,32 @@ class Dissection:
 def dissected(matrix: csc_array) -> Dissection | None:
     """Nested dissection of the graph of a matrix; None where a large part has no short separator.
 
-    Components are dissected one after the other; small ones share leaves.
+    Unknowns with the same neighbours (the coordinates of one vertex) stay together. Components are dissected
+    one after the other; small ones share leaves.
     """
     graph = _both_ways(matrix)
+    if graph.nnz < CONDENSED_FROM * graph.shape[0]:
+        return _dissected_graph(graph)
+    alike = _indistinguishable(graph)
+    tail = np.repeat(alike, np.diff(graph.indptr))
+    count = int(alike.max(initial=-1)) + 1
+    condensed = coo_array((graph.data, (tail, alike[graph.indices])), shape=(count, count))
+    found = _dissected_graph(csr_array(condensed))
+    return found and Dissection(found.leaf[alike], found.height[alike])
+
+
+def _indistinguishable(graph: csr_array) -> NDArray[np.int64]:
+    """(n,) number of the set of unknowns with the same neighbours, themselves included, of each unknown."""
+    n = graph.shape[0]
+    weight = np.random.default_rng(0).integers(0, 1 << 62, n)
+    total = np.append(0, np.cumsum(weight[graph.indices]))  # wraps around
+    own = np.ones(n, dtype=bool)
+    own[graph.indices[graph.indices == np.repeat(np.arange(n), np.diff(graph.indptr))]] = False
+    return np.unique(np.diff(total[graph.indptr]) + own * weight, return_inverse=True)[1]
+
+
+def _dissected_graph(graph: csr_array) -> Dissection | None:
+    """`dissected` for a symmetric graph."""
     n = graph.shape[0]
     count, label = connected_components(graph, directed=False)
     if count == 1:

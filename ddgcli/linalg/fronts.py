@@ -19,7 +19,7 @@ from ddgcli.linalg.dissection import Dissection
 
 # so many heights of the tree are eliminated together in parts of up to so many unknowns: larger fronts cost
 # arithmetic, which is cheap while they are small, and save passes over memory
-MERGED, MERGED_UP_TO = 2, 4000
+MERGED, MERGED_UP_TO = 2, 500
 # cost in entries moved: of handling one more group, and entries that cost as much as one operation
 GROUP_COST, OPERATION_COST = 50_000.0, 0.03
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.sparse import block_diag, coo_array, csc_array, diags_array
+from scipy.sparse import block_diag, coo_array, csc_array, diags_array, kron
 
 from ddgcli.linalg import backends, dissection
 from ddgcli.linalg.backends import NotDefinite
@@ -160,3 +160,21 @@ def test_stacks_of_triangles_are_inverted(g, s, kind):
     inverse = inverted_triangles(lower)
     assert np.abs(inverse @ lower - np.eye(s)).max() < 1e-12
     assert (np.triu(inverse, 1) == 0).all()
+
+
+def test_coordinates_of_a_vertex_stay_together():
+    mesh = shapes.icosphere(4)
+    A = csc_array(kron(stiffness(mesh) + diags_array(lumped_vertex_area(mesh)), np.ones((3, 3)) + np.eye(3)))
+    found = dissected(A)
+    assert (np.ptp(found.leaf.reshape(-1, 3), axis=1) == 0).all()
+    assert (np.ptp(found.height.reshape(-1, 3), axis=1) == 0).all()
+    assert found.leaf.max() + 1 == dissected(sphere_matrix(4)).leaf.max() + 1  # as if they were one
+    order = np.random.default_rng(0).permutation(A.shape[0])
+    mixed = csc_array(A[order][:, order])
+    mixed.sort_indices()
+    place = np.empty_like(order)
+    place[order] = np.arange(len(order))
+    again = dissected(mixed).leaf[place].reshape(-1, 3)
+    assert (np.ptp(again, axis=1) == 0).all()
+    b = np.random.default_rng(1).normal(size=A.shape[0])
+    assert np.abs(mixed @ Factor(mixed, solver="multifrontal").solve(b) - b).max() < 1e-12
