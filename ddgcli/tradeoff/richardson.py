@@ -29,23 +29,39 @@ def richardson_limit(coarse: NDArray, middle: NDArray, fine: NDArray) -> tuple[N
 
 
 SLOWEST = 1.1  # ratio of successive differences below which a sequence counts as not yet converging
+UNSETTLED = (
+    5.0  # of the largest difference, where those of a scheme of known order do not fall as they should
+)
 
 
-def left_to_go(first: float, second: float) -> float:
-    """How far the last of three answers, each with half the step, may be from the limit of small steps.
+def left_to_go(*differences: float, order: float | None = None) -> float:
+    """How far the last of several answers, each with half the step, may be from the limit of small steps.
 
     Parameters
     ----------
-    first, second : float
-        Sizes of the successive differences, 0 or more.
+    *differences : float
+        Successive ones: of a number with their signs, else their sizes. The last two count, or all with
+        `order`.
+    order : float, optional
+        Of the scheme. Differences that change sign, or whose ratio is not 2^order but for a factor of two,
+        have not begun to fall (stiff modes that no step resolved so far).
 
     Returns
     -------
     float
         The larger difference (two answers may agree by accident), or what a geometric series of their ratio
-        still adds up to, if that is more; where they do not fall, ten times the last one. Where all agree,
-        rounding is left.
+        still adds up to, if that is more; where they do not fall, ten times the last one. Where the order
+        says that they have not begun to, five times the largest. Where all agree, rounding is left.
     """
+    first, second = (abs(d) for d in differences[-2:])
     if not (np.isfinite(first) and second > 0.0):
         return float(max(first, second, 1e-14))
+    if order is not None and not _settled(np.array(differences), 2.0**order):
+        return float(UNSETTLED * max(abs(d) for d in differences))
     return float(max(first, second, second / (max(first / second, SLOWEST) - 1.0), 1e-14))
+
+
+def _settled(differences: NDArray, ratio: float) -> bool:
+    with np.errstate(divide="ignore", invalid="ignore"):
+        found = differences[:-1] / differences[1:]
+    return bool(((found > 0.5 * ratio) & (found < 2.0 * ratio)).all())
