@@ -44,6 +44,16 @@ def test_scene_and_quick_form_are_the_same(summary, ball, tmp_path):
     assert by_text["kinetic_energy"] == pytest.approx(0.5 * 2.5**2 * 8 * np.pi / 3, rel=0.01)
 
 
+@pytest.mark.parametrize("velocity", ["[1, 2, 3]", '["y", "z", "x"]'])
+@pytest.mark.parametrize("scale", [1e-6, 1.0, 1e6])
+def test_rounding_of_the_mean_is_not_told(summary, tmp_path, velocity, scale):
+    """A velocity's vorticity has no mean; that of a gradient, as of a translation, is all rounding."""
+    path, ball = tmp_path / "ball.npz", shapes.random_sphere(500)
+    write_mesh(str(path), AnnotatedMesh(ball.moved(scale * (ball.points + 3.0))))
+    out = summary("fluid-sim", path, "--effect", f"initial velocity={velocity}", "--steps", 1, "--dt", 1e-3)
+    assert out["warnings"] == []
+
+
 def test_mean_is_subtracted_and_told(summary, ball):
     out = summary("fluid-sim", ball, "--vorticity", "5*z + 3", "--steps", 2, "--dt", 0.01)
     assert any("mean (3" in w and "subtracted" in w for w in out["warnings"])

@@ -11,15 +11,16 @@ from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from ddgcli.evolve.effects import Effect
+from ddgcli.mesh.topology import NEXT
 from ddgcli.models.fluid.context import FluidContext
 from ddgcli.models.fluid.flows import FLOWS
 from ddgcli.models.fluid.parts import Initial
-from ddgcli.models.fluid.space import FlowSpace
+from ddgcli.models.fluid.space import FlowSpace, sums
 from ddgcli.models.scene import Section
 from ddgcli.models.scene_units import quantity, vector
 
 log = logging.getLogger("ddgcli")
-BALANCED = 1e-10  # total vorticity over total absolute vorticity that counts as zero
+BALANCED = 1e-10  # total vorticity over the total of its terms that counts as zero
 
 
 class InitialSection(Section):
@@ -60,8 +61,11 @@ def build(parameters: InitialSection, context: FluidContext) -> list[Initial]:
         vectors = context.face_vectors(parameters.velocity)
 
         def of_velocity(space: FlowSpace) -> tuple[NDArray, NDArray]:
-            vorticity, coefficients = space.of_face_velocity(context.to_frames(space, vectors))
-            return balanced(space, vorticity), coefficients
+            velocity = context.to_frames(space, vectors)
+            vorticity, coefficients = space.of_face_velocity(velocity)
+            # its mean is rounding alone, of these terms
+            terms = 0.5 * sums(space.faces, np.abs(velocity)[:, None] * np.abs(space.side[:, NEXT]), space.n)
+            return balanced(space, vorticity, terms), coefficients
 
         return [Initial(of_velocity)]
     if parameters.flow is not None:
@@ -72,19 +76,23 @@ def build(parameters: InitialSection, context: FluidContext) -> list[Initial]:
         omega = context.scalar(str(parameters.vorticity), "vorticity")
 
     def of_vorticity(space: FlowSpace) -> tuple[NDArray, NDArray]:
-        return balanced(space, omega * space.mass), np.zeros(len(space.harmonic))
+        vorticity = omega * space.mass
+        return balanced(space, vorticity, np.abs(vorticity)), np.zeros(len(space.harmonic))
 
     return [Initial(of_vorticity)]
 
 
-def balanced(space: FlowSpace, vorticity: NDArray) -> NDArray[np.float64]:
-    """Integrated vorticity without its mean on every closed component; a warning tells."""
+def balanced(space: FlowSpace, vorticity: NDArray, terms: NDArray) -> NDArray[np.float64]:
+    """Integrated vorticity (n,) without its mean on every closed component.
+
+    A warning tells where the mean is more than rounding of `terms` (n,), sizes of what the vorticity sums.
+    """
     topology = space.mesh.topology
     label = topology.vertex_component
     closed = np.ones(topology.n_components, dtype=bool)
     closed[np.unique(label[topology.boundary_vertex])] = False
     total = space.component_vorticity(vorticity)
-    size = space.component_vorticity(np.abs(vorticity))
+    size = space.component_vorticity(terms)
     area = space.component_vorticity(space.mass)
     mean = np.where(closed, total / area, 0.0)
     if np.any(closed & (np.abs(total) > BALANCED * size)):
