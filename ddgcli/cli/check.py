@@ -14,7 +14,7 @@ import click
 from ddgcli.cli import options
 from ddgcli.cli.options import Common
 from ddgcli.cli.run import Run
-from ddgcli.errors import MeshFileError, ParameterError
+from ddgcli.errors import MeshFileError, OutputError, ParameterError
 
 
 @click.command("check", short_help="Compare a run's summary with a stored one (regression runs).")
@@ -50,6 +50,8 @@ def command(
       ddgcli check torus.json                         the command that --update stored
     """
     run = Run("check", common, formats=(".json",), update=update, **tolerances)
+    if update and Path(expected_path).suffix.lower() != ".json":
+        raise OutputError(f"{expected_path}: a summary is stored as .json; name it so")
     stored = read_expected(expected_path, may_miss=update)
     run.note_input(expected_path, hashlib.sha256(json.dumps(stored).encode()).hexdigest())
     words = tuple(words) or tuple(stored.get("run", ()))
@@ -79,7 +81,9 @@ def read_expected(path: str, *, may_miss: bool) -> dict[str, Any]:
             return {}
         raise MeshFileError(f"{path}: no such file; --update writes it") from None
     except (OSError, ValueError) as error:
-        raise MeshFileError(f"{path}: cannot be read as JSON ({error}); mend it or use --update") from None
+        raise MeshFileError(
+            f"{path}: no stored summary (not JSON: {error}); name the .json that --update wrote"
+        ) from None
     if not isinstance(stored, dict) or not ("summary" in stored or "results" in stored):
         raise MeshFileError(f"{path}: holds no summary; store one with --update or COMMAND --json")
     unknown = set(stored.get("tolerances", {})) - {"rtol", "atol", "accuracy_atol", "keys", "ignore"}

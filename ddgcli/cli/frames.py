@@ -189,7 +189,8 @@ def _stage(source: Trajectory, chosen: list[int], wishes: dict[str, Any]) -> Sta
     from ddgcli.plots.motion import stage
 
     name = _array_name(source, wishes)
-    return stage(_shots(source, chosen, wishes), name or "", wishes["view"])
+    unit = str(source.attributes.get("time_unit", "s"))
+    return stage(_shots(source, chosen, wishes), name or "", wishes["view"], time_unit=unit)
 
 
 def _story(target: str, source: Trajectory, chosen: list[int], wishes: dict[str, Any]) -> None:

@@ -2,11 +2,18 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import click
 
 from ddgcli.cli import options
 from ddgcli.cli.options import Common
 from ddgcli.cli.run import Run
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from ddgcli.io.mesh_file import MeshInput
 
 
 @click.command("info", short_help="What a file holds, how good it is, and which commands take it.")
@@ -37,9 +44,22 @@ def command(mesh_path: str, common: Common) -> None:
     arrays = {"vertex": source.vertex, "face": source.face, "edge": source.edge}
     results = {**found.results, "arrays": {place: sorted(names) for place, names in arrays.items() if names}}
     run.write(AnnotatedMesh(source.mesh, vertex=found.vertex, face=found.face))
-    if source.kind == "surface":
-        from ddgcli.plots.surface import draw_surface
-
-        shown = found.face["min_angle_degrees"]
-        run.plot(lambda path: draw_surface(path, source.surface, shown, label="smallest angle [degrees]"))
+    run.plot(lambda path: draw(path, source, found.face.get("min_angle_degrees")))
     run.finish(results, {})
+
+
+def draw(path: str, source: MeshInput, angle: NDArray | None) -> None:
+    """The surface (of tetrahedra the boundary, uncoloured) by its smallest angles, or the curves."""
+    from ddgcli.mesh.curve import CurveSet
+
+    if isinstance(source.mesh, CurveSet):
+        from ddgcli.plots.curve import draw_curves
+
+        paths = source.mesh.paths()
+        draw_curves(path, [source.mesh.points[p] for p, _ in paths], closed=[closed for _, closed in paths])
+        return
+    from ddgcli.plots.surface import draw_surface
+
+    mesh = source.surface
+    shown = angle if angle is not None and len(angle) == mesh.n_faces and source.kind == "surface" else None
+    draw_surface(path, mesh, shown, label="smallest angle [degrees]")

@@ -42,7 +42,8 @@ def print_summary(
 
 
 def _lines(summary: dict[str, Any], text: list[str] | None = None) -> list[str]:
-    lines = [f"{summary['command']} {summary['input'].get('path', '')}".rstrip()]
+    called = (summary["command"], summary["options"].get("compared"), summary["input"].get("path"))
+    lines = [" ".join(word for word in called if word)]
     for section in ("input", "results", "accuracy"):
         shown = {k: v for k, v in summary[section].items() if k != "path"}
         if section == "results" and text is not None:

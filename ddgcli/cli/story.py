@@ -27,8 +27,8 @@ class Picture:
         Draw the edges too.
     shown : (m,) ndarray of bool, optional
         Faces to draw.
-    energy : str
-        Label of the chart.
+    energy, time_unit : str
+        Labels of the chart.
     """
 
     array: str | None = None
@@ -37,6 +37,7 @@ class Picture:
     edges: bool = False
     shown: NDArray | None = None
     energy: str = "energy [J]"
+    time_unit: str = "s"
 
 
 def draw_story(path: str, outcome: Outcome, picture: Picture) -> None:
@@ -48,7 +49,7 @@ def draw_story(path: str, outcome: Outcome, picture: Picture) -> None:
         mesh = outcome.mesh if frame.points is None else outcome.mesh.moved(frame.points)
         values = None if picture.array is None else frame.vertex[picture.array]
         shots.append(Shot(frame.time, part_of(mesh, picture.shown), values))
-    on = stage(shots, picture.label, limits=picture.limits, edges=picture.edges)
+    on = stage(shots, picture.label, limits=picture.limits, edges=picture.edges, time_unit=picture.time_unit)
     draw_motion(path, shots, energies(outcome.times, outcome.series), on, picture.energy)
 
 

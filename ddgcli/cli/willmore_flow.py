@@ -77,9 +77,11 @@ def command(
         {"wishes": setup.described(chosen), "time": overrides}, {"mesh": source.sha256}
     )
     refuse_changed(resume, resolved)
+    unit = "L²" if wishes["flow"] == "mean-curvature" else "L⁴"  # L: the input's length unit
     job = Job(
         {"surface": model}, [mesh], schedule, Account(), moving=True, resume=resume,
-        attributes={"input_sha256": digest}, texts={"scene_source": "", "scene_resolved": resolved},
+        attributes={"input_sha256": digest, "time_unit": unit},
+        texts={"scene_source": "", "scene_resolved": resolved},
         doubt=lambda outcome: report.doubt(outcome.stopped),
     )  # fmt: skip
     outcome = simulate(run, job)
@@ -90,7 +92,7 @@ def command(
     report.tell_of_folds(mesh, last)
     if wishes["report_energy"]:
         results["energies"] = report.every_energy(mesh, last)
-    run.plot(lambda path: draw_story(path, outcome, Picture(edges=True, energy="energy")))
+    run.plot(lambda path: draw_story(path, outcome, Picture(edges=True, energy="energy", time_unit=unit)))
     run.finish(results, accuracy, converged=not (outcome.failure or outcome.doubt))
 
 

@@ -53,6 +53,7 @@ class Stage:
         Draw the edges too.
     view : dict
         `view` and `up` of `draw_surface`.
+    time_unit : str
     """
 
     fit: NDArray
@@ -61,6 +62,7 @@ class Stage:
     signed: bool = False
     edges: bool = False
     view: Mapping[str, Any] | None = None
+    time_unit: str = "s"
 
 
 def stage(
@@ -70,6 +72,7 @@ def stage(
     *,
     limits: tuple[float, float] | None = None,
     edges: bool = False,
+    time_unit: str = "s",
 ) -> Stage:
     """The frame and the colour limits that hold all the shots (robust limits where none are given)."""
     corners, values = [], []
@@ -80,18 +83,18 @@ def stage(
     low, high = np.min(corners, axis=(0, 1)), np.max(corners, axis=(0, 1))
     fit = np.stack(np.meshgrid(*zip(low, high)), axis=-1).reshape(-1, 3)
     if not values:
-        return Stage(fit, view=view, edges=edges)
+        return Stage(fit, view=view, edges=edges, time_unit=time_unit)
     if limits is not None:
-        return Stage(fit, label, limits, limits[0] < 0 < limits[1], edges, view)
+        return Stage(fit, label, limits, limits[0] < 0 < limits[1], edges, view, time_unit)
     bottom, top, signed = robust_limits(np.concatenate(values))
-    return Stage(fit, label, (bottom, top), signed, edges, view)
+    return Stage(fit, label, (bottom, top), signed, edges, view, time_unit)
 
 
 def draw_shot(
     path: str, shot: Shot, on: Stage, width: float = 7.0, height: float = 5.25, dpi: int = 200
 ) -> None:
     """One frame as a picture."""
-    title = f"t = {shot.time:.4g} s" + (f", {on.label}" if shot.values is not None else "")
+    title = f"t = {shot.time:.4g} {on.time_unit}" + (f", {on.label}" if shot.values is not None else "")
     draw_surface(
         path, shot.mesh, shot.values, title=title, fit=on.fit,
         signed=on.signed if shot.values is not None else None, limits=on.limits,
@@ -113,7 +116,8 @@ def draw_motion(
         for k, shot in enumerate(chosen):
             draw_shot(f"{folder}/{k}.png", shot, on, 4.5, 3.6)
             pictures.append(imread(f"{folder}/{k}.png"))
-        draw_chart(f"{folder}/chart.png", series, xlabel="time [s]", ylabel=ylabel, width=9.0, height=3.6)
+        xlabel = f"time [{on.time_unit}]"
+        draw_chart(f"{folder}/chart.png", series, xlabel=xlabel, ylabel=ylabel, width=9.0, height=3.6)
         pictures.append(imread(f"{folder}/chart.png"))
     with page(path, 9.0, 10.8) as figure:
         places = [(0.0, 0.667), (0.5, 0.667), (0.0, 0.333), (0.5, 0.333)][: len(chosen)]

@@ -100,3 +100,13 @@ def test_comparison():
     assert [m["key"] for m in moved] == ["results.b[1]", "results.c", "results.d", "results.e"]
     assert moved[0]["difference"] == 1
     assert compared == 7
+
+
+def test_nothing_but_json_is_stored_over(run, tmp_path):
+    mesh = tmp_path / "a.obj"
+    mesh.write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    before = mesh.read_bytes()
+    for words in (["--update"], []):
+        result = run("check", mesh, *words, "--", "info", mesh)
+        assert result.exit_code == 2 and ".json" in result.stderr
+    assert mesh.read_bytes() == before

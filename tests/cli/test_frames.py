@@ -3,8 +3,10 @@
 import numpy as np
 import pytest
 
-from ddgcli.io.mesh_file import read_mesh
+from ddgcli.io.mesh_file import read_mesh, write_mesh
 from ddgcli.io.trajectory import Trajectory
+from ddgcli.mesh import shapes
+from ddgcli.mesh.fields import AnnotatedMesh
 
 SCENE = """\
 [time]
@@ -84,3 +86,12 @@ def test_what_is_no_trajectory_is_refused(run, tmp_path):
     result = run("frames", tmp_path / "a.vtkhdf")
     assert result.exit_code == 2 and "not a ddgcli trajectory" in result.stderr
     assert run("frames", tmp_path / "b.vtkhdf").exit_code == 2
+
+
+@pytest.mark.parametrize("words, unit", [([], "L⁴"), (["--flow", "mean-curvature"], "L²")])
+def test_times_of_a_flow_are_no_seconds(summary, tmp_path, words, unit):
+    write_mesh(str(tmp_path / "a.ply"), AnnotatedMesh(shapes.icosphere(1)))
+    words = [*words, "--dt", 1e-3, "--steps", 2, "-o", tmp_path / "w.vtkhdf", "--plot", tmp_path / "a.svg"]
+    summary("willmore-flow", tmp_path / "a.ply", *words)
+    summary("frames", tmp_path / "w.vtkhdf", "--at", 0, "-o", tmp_path / "b.svg")
+    assert f"t = 0 {unit}" in (tmp_path / "b.svg").read_text(encoding="utf-8")

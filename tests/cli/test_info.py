@@ -1,5 +1,7 @@
 """`info` tells the truth about meshes whose truth is known."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -199,3 +201,9 @@ def test_marks_of_curves():
     assert marks["component"].tolist() == [0, 0, 0, -1, 1, 1, 1, -1]
     assert marks["boundary"].tolist() == [1, 0, 1, 0, 0, 0, 0, 0]
     assert quality.curve_quality(open_and_closed)["unreferenced_vertices"] == 2
+
+
+@pytest.mark.parametrize("name", ["ball.vtu", "ellipse.csv", "torus.ply"])
+def test_every_kind_has_a_picture(summary, tmp_path, name):
+    found = summary("info", Path(__file__).parents[2] / "sample_meshes" / name, "--plot", tmp_path / "a.png")
+    assert found["warnings"] == [] and (tmp_path / "a.png").stat().st_size > 1000

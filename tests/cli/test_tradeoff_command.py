@@ -182,6 +182,7 @@ def test_within_prints_the_command_and_misses_are_exit_1(sphere, run, summary):
     assert chosen["max_error"] <= 1e-2 and chosen["command"].startswith("ddgcli geodesic")
     miss = run("tradeoff", "laplacian", sphere, "--truth", "sphere:1", "--within", "1e-9", "--repeat", 1)
     assert miss.exit_code == 1 and "no row is within" in miss.stdout
+    assert miss.stdout.startswith("tradeoff laplacian ")
 
 
 def test_files_for_pipelines(sphere, tmp_path, summary):

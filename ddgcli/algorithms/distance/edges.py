@@ -8,26 +8,20 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import coo_array, csr_array
 
-from ddgcli.algorithms.distance.sources import Sources, checked_sources, face_frame
+from ddgcli.algorithms.distance.sources import Reached, Sources, checked_sources, face_frame
 from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
 
 
 @dataclass(frozen=True, eq=False)
-class EdgeDistance:
+class EdgeDistance(Reached):
     """Distances along edges.
 
     Parameters
     ----------
-    distance : (n,) ndarray of float64
-        inf where no source reaches.
-    nearest_source : (n,) ndarray of int64
-        -1 where no source reaches.
     predecessor : (n,) ndarray of int64
         Vertex before v on the shortest edge path; -1 at sources and where none reaches.
     """
 
-    distance: NDArray[np.float64]
-    nearest_source: NDArray[np.int64]
     predecessor: NDArray[np.int64]
 
 

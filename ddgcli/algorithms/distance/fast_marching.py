@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
-from ddgcli.algorithms.distance.sources import Sources, checked_sources, face_frame
+from ddgcli.algorithms.distance.sources import Reached, Sources, checked_sources, face_frame
 from ddgcli.algorithms.distance.window_tables import BOUNDARY, side_shapes, sides_across, table_scale
 from ddgcli.errors import MeshError, SolveError
 from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
@@ -60,23 +60,17 @@ class Stencils:
 
 
 @dataclass(frozen=True, eq=False)
-class MarchedDistance:
+class MarchedDistance(Reached):
     """Distances by fast marching.
 
     Parameters
     ----------
-    distance : (n,) ndarray of float64
-        inf where no source reaches.
-    nearest_source : (n,) ndarray of int64
-        -1 where no source reaches.
     rounds, updates : int
         Work done.
     stencils : Stencils
         By which it was handed on.
     """
 
-    distance: NDArray[np.float64]
-    nearest_source: NDArray[np.int64]
     rounds: int
     updates: int
     stencils: Stencils

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.algorithms.distance.sources import Sources, checked_sources
+from ddgcli.algorithms.distance.sources import Reached, Sources, checked_sources
 from ddgcli.errors import MeshError, ParameterError
 from ddgcli.geometry.surface_points import SurfacePoints
 from ddgcli.mesh.triangle_mesh import TriangleMesh
@@ -56,15 +56,11 @@ class DistanceOptions:
 
 
 @dataclass(frozen=True, eq=False)
-class Measured:
+class Measured(Reached):
     """Distances by one method.
 
     Parameters
     ----------
-    distance : (n,) ndarray of float64
-        inf where no source reaches.
-    nearest_source : (n,) ndarray of int64
-        Number of the nearest source, -1 where none reaches.
     results, accuracy : dict
         What the method tells of its work and of its error.
     exact : ExactDistance, optional
@@ -73,8 +69,6 @@ class Measured:
         By what stencils the distance was handed on, where it was.
     """
 
-    distance: NDArray[np.float64]
-    nearest_source: NDArray[np.int64]
     results: dict[str, Any] = field(default_factory=dict)
     accuracy: dict[str, Any] = field(default_factory=dict)
     exact: ExactDistance | None = None

@@ -71,6 +71,22 @@ class Sources:
         return singles
 
 
+@dataclass(frozen=True, eq=False)
+class Reached:
+    """Distances of all vertices to the nearest source, by any method.
+
+    Parameters
+    ----------
+    distance : (n,) ndarray of float64
+        inf where no source reaches.
+    nearest_source : (n,) ndarray of int64
+        Number of the nearest source (vertices first, then points); -1 where none reaches.
+    """
+
+    distance: NDArray[np.float64]
+    nearest_source: NDArray[np.int64]
+
+
 def checked_sources(mesh: SurfaceMesh, sources: Sources | NDArray | list[int] | int) -> Sources:
     """Sources on `mesh`: vertices in range and used by a face.
 
