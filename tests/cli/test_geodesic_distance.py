@@ -170,7 +170,7 @@ def test_tolerance_reports_its_error(square, summary, tmp_path):
     write_mesh(str(path), AnnotatedMesh(shapes.random_sphere(4000)))
     said = summary("geodesic", path, "--source", 40, "--tolerance", 1, "--compare", "exact")
     error = said["accuracy"]["compare"]["exact"]["max_error"]
-    assert 0.5 * error < said["accuracy"]["tolerance_error_estimate"] < 10 * error
+    assert error < said["accuracy"]["tolerance_error_estimate"] < 20 * error
     assert 0 < error < 0.3
     said = summary("geodesic", square, "--source", 40, "--tolerance", 0.3, "--compare", "exact")
     assert said["accuracy"]["compare"]["exact"]["max_error"] == 0  # 121 vertices: exact is the cheaper

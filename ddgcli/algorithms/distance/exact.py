@@ -56,8 +56,9 @@ class ExactDistance:
         vertex from the first side of its fan (`vertex_fans`), in a face from side 0. nan at sources and where
         none reaches.
     tolerance_error : float
-        Under a tolerance: largest excess over the exact distance among the nearest tenth of the vertices
-        (1000 at least), relative to the radius that they fill. 0 where the exact distance was the cheaper.
+        Under a tolerance: twice the largest excess over the exact distance among the nearest tenth of the
+        vertices (1000 at least), relative to the radius that they fill: an estimate of the largest error over
+        the largest distance, on the safe side. 0 where the exact distance was the cheaper.
     patched : int
         Vertices that only an edge path reached (0 but for extremely degenerate triangles); never too short.
     """

@@ -19,6 +19,7 @@ WINDOWS_A_LAUNCH, WINDOWS_A_ROUND = 15.0, 1800.0
 LAUNCHES = 1.25  # a vertex, under slack
 SHARE, AT_LEAST = 0.1, 1000  # of the vertices that are measured exactly first
 BUNDLED, ROOT = 40.0, 4.4  # windows that those of a vertex cost in bundles: so many, and times their root
+SPARE = 2.0  # of the error among the near ones for that of all: farther parts may be rougher
 SAFE = 0.85  # of the cost of going on: what slack must promise to cost at most
 
 
@@ -68,9 +69,9 @@ class NearPart:
         )  # fmt: skip
 
     def error_of(self, distance: NDArray) -> float:
-        """Largest excess of distances over these where they are final, relative to the radius."""
+        """Twice the largest excess of distances over these where they are final, relative to the radius."""
         inside = self.distance <= self.radius
-        return float((distance - self.distance)[inside].max(initial=0.0)) / (self.radius or 1.0)
+        return SPARE * float((distance - self.distance)[inside].max(initial=0.0)) / (self.radius or 1.0)
 
     def slack_pays(self, slack: float, reachable: int) -> bool:
         """Whether starting anew with slack costs less than going on without, to that many vertices."""
