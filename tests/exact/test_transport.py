@@ -151,6 +151,18 @@ def squeezed_sphere(n):
     return mesh.moved(points / np.linalg.norm(points, axis=1, keepdims=True))
 
 
+def test_each_source_gives_its_own_length_to_its_side():
+    mesh = shapes.grid(60, 6, 10.0, 1.0)
+    x = mesh.points[:, 0]
+    sources = np.array([np.argmin(np.abs(x - at) + np.abs(mesh.points[:, 1] - 0.5)) for at in (1.0, 9.0)])
+    vectors = np.zeros((mesh.n_vertices, 3))
+    vectors[sources] = [[1.0, 0.0, 0.0], [0.0, 3.0, 0.0]]
+    spread = VectorHeat(mesh).transport(sources, to_vertex_frames(mesh, vectors)[sources]).vector
+    found = from_vertex_frames(mesh, spread)
+    assert np.abs(found[x < 3] - vectors[sources[0]]).max() < 1e-3
+    assert np.abs(found[x > 7] - vectors[sources[1]]).max() < 1e-3
+
+
 def test_vector_heat_on_the_intrinsic_delaunay_triangulation_stays_right_on_needles():
     mesh = squeezed_sphere(10_000)
     vector = np.cross(mesh.points[0], [0.3, 0.5, 0.8])

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import csr_array
+from scipy.sparse import csc_array, csr_array
 
 from ddgcli.algorithms.curves.intrinsic_frames import frame_turn
 from ddgcli.algorithms.delaunay.triangulation import flip_to_delaunay
@@ -25,6 +25,7 @@ from ddgcli.operators.laplacian import lumped_mass, stiffness
 _log = logging.getLogger("ddgcli")
 FAINT = 1e-290  # what has diffused so far is counted as nothing
 MOST_TIME = 4.0**14
+REFINED_FROM = 1e-12  # residual above which a solution is refined
 
 
 def _delaunay_frames(mesh: SurfaceMesh) -> tuple[SurfaceMesh, NDArray[np.complex128]]:
@@ -85,12 +86,19 @@ class VectorHeat:
     def _factorise(self, time: float) -> None:
         self.time, mesh = time, self.mesh
         used = mesh.topology.referenced_vertex
-        mass, t = lumped_mass(mesh), time * float(np.mean(mesh.side_length)) ** 2
-        idle = csr_array((np.where(used, 0.0, 1.0), (np.arange(mesh.n_vertices),) * 2), shape=mass.shape)
-        self.scalar = csr_array(mass + t * stiffness(mesh) + idle)
-        self.vector = csr_array(mass + t * connection_laplacian(mesh) + idle)
-        self._scalar_factor = Factor(self.scalar)
-        self._vector_factor = Factor(self.vector, like=self._scalar_factor)
+        self._t = time * float(np.mean(mesh.side_length)) ** 2
+        idle = csr_array((np.where(used, 0.0, 1.0), (np.arange(mesh.n_vertices),) * 2))
+        self._mass = lumped_mass(mesh) + idle
+        self._vector = Factor(csc_array(self._mass + self._t * connection_laplacian(mesh)))
+        self._scalar: Factor | None = None
+
+    @property
+    def scalar(self) -> Factor:
+        """Diffusion of numbers, factorised when lengths or doubts first ask for it."""
+        if self._scalar is None:
+            matrix = csc_array(self._mass + self._t * stiffness(self.mesh))
+            self._scalar = Factor(matrix, like=self._vector)
+        return self._scalar
 
     def transport(self, vertex: NDArray, value: NDArray) -> Spread:
         """Vectors everywhere, parallel to that of the nearest source vertex.
@@ -106,28 +114,39 @@ class VectorHeat:
         What diffuses falls by e with each square root of the time; where it would fall below the smallest
         number, far from the sources, the time is raised for all.
         """
-        n = self.mesh.n_vertices
-        size, count = np.zeros(n), np.zeros(n)
-        np.add.at(size, vertex, np.abs(value))
-        np.add.at(count, vertex, 1.0)
         component = self.mesh.topology.vertex_component
         reached = np.isin(component, component[vertex]) & self.mesh.topology.referenced_vertex
-        while True:
-            start = np.stack([size, count], axis=1)
-            sizes = self._scalar_factor.solve(start)
-            if not reached.any() or np.abs(sizes[reached, 1]).min() > FAINT or self.time > MOST_TIME:
-                break
+        vectors = self._source(vertex, value)
+        spread, residual = _solved(self._vector, vectors)
+        while self._too_faint(spread, vertex, reached) and self.time <= MOST_TIME:
             self._factorise(4.0 * self.time)
+            spread, residual = _solved(self._vector, vectors)
             _log.info(
                 f"vector heat: time raised to {self.time:g} squared sides, so that it reaches everywhere"
             )
-        vectors = self._source(vertex, value)
-        spread = self._vector_factor.solve(vectors)
-        residual = max(_residual(self.scalar, sizes, start), _residual(self.vector, spread, vectors))
-        length = np.divide(sizes[:, 0], sizes[:, 1], out=np.zeros(n), where=np.abs(sizes[:, 1]) > FAINT)
+        size = np.abs(value)
+        length = np.where(reached, size.max(initial=0.0), 0.0)
+        if np.ptp(size) > 0:
+            length, scalar_residual = self._lengths(vertex, size)
+            residual = max(residual, scalar_residual)
         amount = np.abs(spread)
         unit = np.divide(spread, amount, out=np.zeros_like(spread), where=amount > FAINT)
         return Spread(unit * length * self.turn, residual)
+
+    def _too_faint(self, spread: NDArray, vertex: NDArray, reached: NDArray) -> bool:
+        """Whether some place holds less than any number; vectors that only cancel there are no sign of it."""
+        if np.abs(spread[reached]).min(initial=np.inf) > FAINT:
+            return False
+        count = _solved(self.scalar, np.bincount(vertex, minlength=len(spread)).astype(np.float64))[0]
+        return not np.abs(count[reached]).min(initial=np.inf) > FAINT
+
+    def _lengths(self, vertex: NDArray, size: NDArray) -> tuple[NDArray, float]:
+        """Diffused lengths over diffused ones, and the residual."""
+        n = self.mesh.n_vertices
+        start = np.stack([np.bincount(vertex, size, n), np.bincount(vertex, minlength=n)], axis=1)
+        sizes, residual = _solved(self.scalar, start)
+        faint = ~(np.abs(sizes[:, 1]) > FAINT)
+        return np.divide(sizes[:, 0], sizes[:, 1], out=np.zeros(n), where=~faint), residual
 
     def _source(self, vertex: NDArray, value: NDArray) -> NDArray[np.complex128]:
         start = np.zeros(self.mesh.n_vertices, dtype=np.complex128)
@@ -135,6 +154,11 @@ class VectorHeat:
         return start
 
 
-def _residual(matrix: csr_array, x: NDArray, b: NDArray) -> float:
-    """Largest |A x - b| relative to the largest |b|."""
-    return float(np.abs(matrix @ x - b).max(initial=0.0) / (np.abs(b).max(initial=0.0) or 1.0))
+def _solved(factor: Factor, b: NDArray) -> tuple[NDArray, float]:
+    """Solution and its largest |A x - b| relative to the largest |b|; refined where that is not small."""
+    x = factor.solve(b, refine=False)
+    residual = factor.residual(x, b)
+    if not residual < REFINED_FROM:
+        x = factor.solve(b)
+        residual = factor.residual(x, b)
+    return x, residual
