@@ -173,7 +173,8 @@ def draw(path: str, table: Table, results: dict[str, Any], within: float | None)
         path,
         **chart_of(table.rows, results["norm"], within, results["reference_uncertainty"]),
         xlabel="seconds (set-up and one query)",
-        ylabel=f"error, relative to {results['error_scale']}",
+        ylabel=f"{'largest' if results['norm'] == 'max' else 'mean'} error, relative",
         log="xy",
-        caption=f"Reference: {results['reference']}. Rings: no other row beats it.\n{results['machine']}",
+        caption=f"Errors relative to {results['error_scale']}. Reference: {results['reference']}. "
+        f"Rings: no other row beats it.\n{results['machine']}",
     )

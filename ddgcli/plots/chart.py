@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -56,7 +57,9 @@ def draw_chart(
     """
     with page(path, width, height, dpi) as figure:
         across = 0.85 if len(series) < 2 else 0.64 - 0.009 * max(0, max(map(len, series)) - 16)
-        axes = figure.add_axes((0.11, 0.18, max(across, 0.4), 0.73))
+        below = [part for line in caption.splitlines() for part in textwrap.wrap(line, int(16 * width))]
+        bottom = 0.18 + 0.03 * max(0, len(below) - 2)
+        axes = figure.add_axes((0.11, bottom, max(across, 0.4), 0.91 - bottom))
         kept = {name: _drawable(x, y, log) for name, (x, y) in series.items()}
         axes.set_xscale("log" if "x" in log else "linear")
         axes.set_yscale("log" if "y" in log else "linear")
@@ -86,7 +89,7 @@ def draw_chart(
             axes.legend(
                 loc="center left", bbox_to_anchor=(1.02, 0.5), frameon=False, handlelength=3.2, fontsize=8
             )
-        figure.text(0.02, 0.01, caption, ha="left", va="bottom", fontsize=7.5, color="0.35")
+        figure.text(0.02, 0.01, "\n".join(below), ha="left", va="bottom", fontsize=7.5, color="0.35")
 
 
 def _widen(axes: Any, kept: Mapping[str, Any], log: str) -> None:

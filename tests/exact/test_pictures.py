@@ -1,5 +1,7 @@
 """Pictures: the nearest face is seen, colours mean values, files are whole, and the same bytes come twice."""
 
+import re
+
 import numpy as np
 import pytest
 
@@ -150,3 +152,11 @@ def test_unknown_values_and_odd_meshes_still_give_a_picture(tmp_path):
     for picture in tmp_path.iterdir():
         assert picture.read_bytes().startswith(b"\x89PNG") and picture.stat().st_size > 500
     assert len(list(tmp_path.iterdir())) == 4
+
+
+def test_a_long_caption_stays_on_the_page(tmp_path):
+    words = [f"word{k}" for k in range(60)]
+    draw_chart(str(tmp_path / "a.svg"), {"x": ([1, 2], [3, 4])}, caption=" ".join(words))
+    lines = re.findall(r">([^<>]*word[^<>]*)<", (tmp_path / "a.svg").read_text())
+    assert len(lines) > 2 and max(map(len, lines)) < 115
+    assert " ".join(lines).split() == words
