@@ -175,7 +175,7 @@ class PathStraightener:
             self._use(self.nodes[k].halfedge, -1)
         if before == j or i == j:  # the whole loop
             before = after = -1
-        new = list(range(len(self.nodes), len(self.nodes) + len(halfedges)))
+        new = range(len(self.nodes), len(self.nodes) + len(halfedges))
         for k, h in zip(new, halfedges, strict=True):
             self.nodes.append(_Node(h, k - 1, k + 1))
             self._use(h, 1)
@@ -190,7 +190,9 @@ class PathStraightener:
             self.nodes[after].before = last
         if not self.nodes[self.first].alive:
             self.first = first
-        for k in sorted({before, *new} - {-1}):
+        if before not in new:
+            self._push(before)
+        for k in new:
             self._push(k)
 
     def halfedges(self) -> list[int]:

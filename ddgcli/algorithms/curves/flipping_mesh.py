@@ -2,43 +2,31 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from math import atan2, cos, hypot, inf, sin
-from struct import Struct
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ddgcli.algorithms.straightest.trace import Tracer
 from ddgcli.errors import MeshError, ParameterError
 from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
 from ddgcli.mesh.triangle_mesh import vector_length
 
-_ROW = Struct("4q3d")  # a halfedge: next, twin, tail, fan, length, angle, post
-
-
-class Local(dict[int, Any]):
-    """An array of which single entries change: those that were looked at, as plain numbers."""
-
-    def __init__(self, load: Callable[[int], None]) -> None:
-        self.load = load
-
-    def __missing__(self, k: int) -> Any:
-        self.load(k)
-        return self[k]
+DETOURS = (1.3, 2.0, inf)  # multiples of the straight line among which an edge path is looked for
 
 
 class FlippingMesh:
     """A triangulation that changes by flips, with the direction and length of every halfedge on the input.
 
     Halfedges 0..3m-1 are the sides; beside each boundary side lies one more, without a face. The walk is
-    sequential and stays near the path: it reads plain numbers, and only those near the path are made.
+    sequential: it reads and writes plain numbers, through views of the arrays.
 
     Attributes
     ----------
-    next, twin, tail, fan : Local of int
+    next, twin, tail, fan : memoryview of int64
         `next` is -1 outside the surface; `fan` names the fan of corners at the tail.
-    length, angle, post : Local of float
+    length, angle, post : memoryview of float64
         Length in units of `scale`, the longest side; corner angle at the tail; direction at the tail, as an
         angle in its fan (a signpost).
     """
@@ -57,32 +45,31 @@ class FlippingMesh:
         length = mesh.side_length.ravel() / self.scale
         self.sides = m
         total = np.where(fans.total_angle > 0, fans.total_angle, 1.0)
-        self.total = np.where(fans.is_open, inf, total).tolist()
-        rows = np.empty(m + len(rim), dtype=[(name, "i8") for name in "ntvf"] + [(x, "f8") for x in "lap"])
-        rows["n"][:m], rows["n"][m:] = following, -1
-        rows["t"][:m], rows["t"][m:] = twin, rim
-        rows["v"][:m], rows["v"][m:] = mesh.topology.side_tail, mesh.topology.side_tail[head]
-        rows["f"][:m], rows["f"][m:] = fans.fan, fans.fan[head]
-        rows["l"][:m], rows["l"][m:] = length, length[rim]
-        rows["a"][:m], rows["a"][m:] = fans.corner_angle, inf
-        rows["p"][:m], rows["p"][m:] = fans.angle_before, at_end
-        self._rows = rows.view(np.uint8).data
-        self.next, self.twin, self.tail, self.fan = (Local(self._load) for _ in range(4))
-        self.length, self.angle, self.post = (Local(self._load) for _ in range(3))
+        self.total = np.where(fans.is_open, inf, total).data
+        self.twin = np.concatenate([twin, rim]).data
+        self._given = {
+            "next": (following, np.full(len(rim), -1)),
+            "tail": (mesh.topology.side_tail, mesh.topology.side_tail[head]),
+            "fan": (fans.fan, fans.fan[head]),
+            "length": (length, length[rim]),
+            "angle": (fans.corner_angle, np.full(len(rim), inf)),
+            "post": (fans.angle_before, at_end),
+        }
+        self._now = {name: np.concatenate(parts) for name, parts in self._given.items()}
+        views: list[Any] = [array.data for array in self._now.values()]
+        self.next, self.tail, self.fan, self.length, self.angle, self.post = views
         self.flipped: set[int] = set()
-
-    def _load(self, h: int) -> None:
-        """Take up a halfedge as it is on the input."""
-        (
-            self.next[h], self.twin[h], self.tail[h], self.fan[h],
-            self.length[h], self.angle[h], self.post[h],
-        ) = _ROW.unpack_from(self._rows, _ROW.size * h)  # fmt: skip
+        self._touched: list[int] = []
 
     def rewind(self) -> None:
         """Undo all flips."""
-        for local in (self.next, self.twin, self.tail, self.fan, self.length, self.angle, self.post):
-            local.clear()
+        touched = np.unique(np.array(self._touched, dtype=np.int64))
+        inside, outside = np.split(touched, [np.searchsorted(touched, self.sides)])
+        for name, (sides, beyond) in self._given.items():
+            self._now[name][inside] = sides[inside]
+            self._now[name][outside] = beyond[outside - self.sides]
         self.flipped.clear()
+        self._touched.clear()
 
     def edge(self, h: int) -> int:
         """The lower of the two halfedges."""
@@ -144,13 +131,15 @@ class FlippingMesh:
         fan[h], fan[t] = fan[t2], fan[h2]
         following[h], following[h2], following[t1] = h2, t1, h  # d -> c -> a
         following[t], following[t2], following[h1] = t2, h1, t  # c -> d -> b
-        angle_c, angle_d = min(atan2(d_off, d_along), at_c), min(atan2(ca * sine, c_along), at_d)
+        angle_c, angle_d = atan2(d_off, d_along), atan2(ca * sine, c_along)
+        angle_c, angle_d = angle_c if angle_c < at_c else at_c, angle_d if angle_d < at_d else at_d
         angle[t1], angle[h1] = at_a, at_b
         angle[h2], angle[t] = angle_c, at_c - angle_c
         angle[h], angle[t2] = angle_d, at_d - angle_d
         post[h] = post[t2] + angle[t2]
         post[t] = post[h2] + angle_c
         self.flipped.add(h if h < t else t)
+        self._touched += (h, t, h1, t1, h2, t2)
 
 
 class EdgeGraph:
@@ -160,7 +149,6 @@ class EdgeGraph:
         from scipy.sparse import coo_array
 
         self.mesh, topology, n = mesh, mesh.topology, mesh.n_vertices
-        self.extent = 0.0 if mesh.points is None else float(vector_length(np.ptp(mesh.points, axis=0)))
         rim = np.flatnonzero(topology.side_twin.ravel() < 0)
         tail = np.concatenate([topology.side_tail, topology.side_head[rim]])
         head = np.concatenate([topology.side_head, topology.side_tail[rim]])
@@ -181,34 +169,48 @@ class EdgeGraph:
         k = int(np.searchsorted(self.key, key))
         return int(self.side[k]) if k < len(self.key) and self.key[k] == key else -1
 
-    def limits(self, a: int, b: int) -> list[float]:
-        """Lengths up to which to look for an edge path, so that near vertices do not cost the whole mesh."""
+    def detours(self, a: int, b: int) -> NDArray[np.float64]:
+        """(n,) how much longer than straight it is from a to b by way of each vertex, in space; 1 or more."""
         points = self.mesh.points
         if points is None:
-            return [inf]
-        chord = float(vector_length(points[a] - points[b]))
-        return [reach for reach in (1.3 * chord, 2.6 * chord) if reach < 0.5 * self.extent] + [inf]
+            return np.ones(self.mesh.n_vertices)
+        scale = float(vector_length(points[a] - points[b])) or 1.0
+        return vector_length((points - points[a]) / scale) + vector_length((points - points[b]) / scale)
 
     def joined(self, a: int, b: int) -> list[int]:
-        """Halfedges of the shortest edge path from a to b."""
+        """Halfedges of the shortest edge path from a to b.
+
+        First it is looked for among vertices by way of which it is little longer than straight: near vertices
+        do not cost the whole mesh.
+        """
         from scipy.sparse.csgraph import dijkstra
 
         straight = self.between(a, b)
         if straight >= 0:
             return [straight]
-        for limit in self.limits(a, b):
-            distance, before = dijkstra(self.graph, indices=b, return_predecessors=True, limit=limit)
-            if np.isfinite(distance[a]):
+        n, detour = self.mesh.n_vertices, self.detours(a, b)
+        for most in DETOURS:
+            inside = np.flatnonzero(detour <= most * (1 + 1e-9))
+            if 2 * len(inside) > n:  # as much work as the whole
+                inside, most = np.arange(n), inf
+            graph = self.graph if most == inf else self.graph[inside][:, inside]
+            start, end = np.searchsorted(inside, [a, b]).tolist()
+            distance, before = dijkstra(graph, indices=end, return_predecessors=True)
+            if most == inf or distance[start] <= most * self._chord(a, b):
                 break
-        else:
+        if not np.isfinite(distance[start]):
             raise ParameterError(
                 f"no edge path leads from vertex {a} to vertex {b}; they lie on different components"
             )
-        stops = [a]
-        while stops[-1] != b:
+        stops = [start]
+        while stops[-1] != end:
             stops.append(int(before[stops[-1]]))
-        key = np.array(stops[:-1]) * self.mesh.n_vertices + stops[1:]
-        return self.side[np.searchsorted(self.key, key)].tolist()
+        way = inside[stops]
+        return self.side[np.searchsorted(self.key, way[:-1] * n + way[1:])].tolist()
+
+    def _chord(self, a: int, b: int) -> float:
+        points = self.mesh.points
+        return 0.0 if points is None else float(vector_length(points[a] - points[b]))
 
 
 def edge_path(graph: EdgeGraph, waypoints: list[int], closed: bool) -> list[int]:
