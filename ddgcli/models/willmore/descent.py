@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -67,12 +68,13 @@ def slope(mesh: TriangleMesh, energy: Energy, free: NDArray, constraints: Constr
     return Slope(mesh, free, value, constraints.admissible(mesh, free, mass, gradient[free]), mass)
 
 
-def fourth_order(mesh: TriangleMesh, free: NDArray, dt: float) -> Factor:
-    """Factor of M + dt/2 Q with Q = L M^-1 L, on the free vertices: the implicit step of a plane."""
+def fourth_order(mesh: TriangleMesh, free: NDArray, dt: float) -> csc_array:
+    """M + dt/2 Q with Q = L M^-1 L, on the free vertices: the implicit step of a plane."""
     L, area = stiffness(mesh), lumped_vertex_area(mesh)
     inverse = np.divide(1.0, area, out=np.zeros_like(area), where=area > 0)
     Q = L @ diags_array(inverse) @ L
-    return Factor(csc_array((diags_array(area) + 0.5 * dt * Q).tocsc()[free][:, free]))
+    matrix = csc_array(diags_array(area) + 0.5 * dt * Q)
+    return matrix if len(free) == mesh.n_vertices else csc_array(matrix[free][:, free])
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,30 +91,41 @@ class Metric:
     at: Slope
     factor: Factor
 
+    @cached_property
+    def steepest(self) -> NDArray[np.float64]:
+        """(k, 3) motion of the gradient."""
+        return self.solve(self.at.gradient)
+
     def solve(self, covector: NDArray) -> NDArray[np.float64]:
         """The motion (k, 3) whose inner product with any other is the covector's value on it."""
         return self.factor.solve(covector, refine=False)
 
-    def descent_power(self) -> tuple[float, float]:
-        """Energy per time that the gradient's part across the surface, and its part along it, would release.
+    def descent_power(self) -> float:
+        """Energy per time that the gradient would release."""
+        return float(np.sum(self.at.gradient * self.steepest))
+
+    def powers(self) -> tuple[float, float]:
+        """The same of the gradient's part across the surface, and of its part along it.
 
         On a smooth surface the second is zero: it measures the error that the mesh brings.
         """
         g = self.at.gradient
         normal = vertex_normals(self.at.mesh)[self.at.free]
         across = np.einsum("ij,ij->i", g, normal)[:, None] * normal
-        both = self.factor.solve(np.concatenate([across, g - across], axis=1), refine=False)
-        return float(np.sum(across * both[:, :3])), float(np.sum((g - across) * both[:, 3:]))
+        moved = self.solve(across)
+        return float(np.sum(across * moved)), float(np.sum((g - across) * (self.steepest - moved)))
 
 
-def metric(at: Slope, dt: float) -> Metric:
-    return Metric(at, fourth_order(at.mesh, at.free, dt))
+def metric(at: Slope, dt: float, like: Factor | None = None) -> Metric:
+    """The preconditioner for a step; `like`, of the same mesh elsewhere, is used up: its analysis is kept."""
+    matrix = fourth_order(at.mesh, at.free, dt)
+    return Metric(at, Factor(matrix) if like is None else like.refactor(matrix))
 
 
 def descent(metric: Metric, dt: float, constraints: Constraints) -> NDArray[np.float64]:
     """Motion (k, 3) of the first-order step (M + dt/2 Q) dx = -dt grad E, tangent to the constraints."""
     at = metric.at
-    return constraints.tangent(at.mesh, at.free, metric.solve, -dt * metric.solve(at.gradient))
+    return constraints.tangent(at.mesh, at.free, metric.solve, -dt * metric.steepest)
 
 
 def followed(metric: Metric, motion: NDArray, share: float, constraints: Constraints) -> TriangleMesh:
@@ -137,7 +150,7 @@ def accurate_step(inner: Metric, dt: float, energy: Energy, constraints: Constra
     1999.
     """
     at = inner.at
-    first = -inner.solve(at.gradient)
+    first = -inner.steepest
     ahead = slope(_shifted(at.mesh, at.free, dt * first), energy, at.free, constraints)
     mass = at.mass[:, None]
     right = -ahead.gradient * (mass / ahead.mass[:, None]) - 2.0 * at.gradient - 2.0 * mass * first

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +14,7 @@ from ddgcli.errors import SolveError
 from ddgcli.evolve.loop import Observation, StepRejected
 from ddgcli.geometry.extrinsic import enclosed_volume
 from ddgcli.geometry.intrinsic import corner_angle
+from ddgcli.linalg.factor import Factor
 from ddgcli.mesh.topology import Topology
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.models.willmore.constraints import Constraints, area
@@ -23,6 +25,7 @@ from ddgcli.models.willmore.descent import (
     accurate_step,
     descent,
     followed,
+    fourth_order,
     mean_curvature_step,
     metric,
     slope,
@@ -176,10 +179,13 @@ class Flow:
         if self.stop.mesh_error and abs(at.energy) <= VANISHED:
             return "the energy has vanished"
         if self.stop.mesh_error and state.dt >= UNHINDERED * longest_step(self):
-            across, along = self._metric(at, state.dt).descent_power()
-            near = (across + along) * state.dt <= NEAR * abs(at.energy)
-            if near and along >= across:
-                return "what is left of the gradient is the mesh's own error"
+            preconditioner, least = self._metric(at, state.dt), NEAR * abs(at.energy) / state.dt
+            if (
+                preconditioner.descent_power() <= 2.0 * least
+            ):  # what the two parts release is half of it or more
+                across, along = preconditioner.powers()
+                if across + along <= least and along >= across:
+                    return "what is left of the gradient is the mesh's own error"
         return ""
 
     def mesh(self, state: FlowState) -> TriangleMesh:
@@ -194,8 +200,14 @@ class Flow:
     def _metric(self, at: Slope, dt: float) -> Metric:
         """Preconditioner for a step of length dt; the last one is kept, for `reason` and the step after."""
         if self._prepared is None or self._prepared[0].at is not at or self._prepared[1] != dt:
-            self._prepared = metric(at, dt), dt
+            self._prepared = metric(at, dt, self._factor), dt
         return self._prepared[0]
+
+    @cached_property
+    def _factor(self) -> Factor:
+        """Its order and analysis serve every preconditioner; of the start, also after --resume."""
+        start = TriangleMesh((self.original - self.centre) / self.scale, self.topology)
+        return Factor(fourth_order(start, self.free, longest_step(self)))
 
     def _timed_step(self, state: FlowState, at: Slope, dt: float) -> FlowState:
         for moved in self._attempts(at, dt / self.time_unit):

@@ -133,7 +133,20 @@ class GaussMapEnergy:
         # the angle defects of the inner vertices: 2 pi each, less pi for a face, its boundary corners back
         return counted, at_boundary, np.pi * (2 * inner - t.n_faces)
 
+    @cached_property
+    def _last(self) -> list[tuple[NDArray, _Terms]]:
+        """The points seen last and their terms: where a step is taken the gradient there is wanted next."""
+        return []
+
     def _terms(self, points: NDArray) -> _Terms:
+        if self._last and self._last[0][0] is points:
+            return self._last[0][1]
+        terms = self._made(points)
+        # an array that can be written to may hold other values next time
+        self._last[:] = [] if points.flags.writeable else [(points, terms)]
+        return terms
+
+    def _made(self, points: NDArray) -> _Terms:
         corners, n = self.topology.faces, self.topology.n_vertices
         counted, angled, _ = self._weights
         faces = Faces.at(points, corners)
@@ -152,7 +165,9 @@ class GaussMapEnergy:
             lean = np.maximum(LEAST_COSINE - _dot(normal, faces.normal[:, None]), 0.0)
             value += counted * (lean**2).sum(axis=1)
             value = np.where(counted > 0, value, 0.0)
-            value += np.where(angled, np.arctan2(2.0 * faces.area[:, None], corner_dot), 0.0).sum(axis=1)
+            if angled.any():
+                angle = np.arctan2(2.0 * faces.area[:, None], corner_dot)
+                value += np.where(angled, angle, 0.0).sum(axis=1)
         return _Terms(
             faces, normals, squared, corner_dot, fall, bend, twice, skew, dirichlet, image, lean, value
         )
@@ -188,9 +203,10 @@ class GaussMapEnergy:
         by_area = counted * (0.5 * S_SHAPE * (t.skew**2).sum(axis=1) - 0.5 * t.dirichlet / area)
         corner = by_area[:, None, None] * area_gradient(t.faces) + by_side[:, NEXT] - by_side[:, PREVIOUS]
         corner += t.normals.pulled_back(by_unit, corners)
-        by_ahead, by_behind = (
-            angled[..., None] * np.cross(q, sense * unit[:, None])
-            for q, sense in ((t.normals.ahead, 1.0), (t.normals.behind, -1.0))
-        )
-        corner += _by_corners(by_ahead, by_behind)
+        if angled.any():
+            by_ahead, by_behind = (
+                angled[..., None] * np.cross(q, sense * unit[:, None])
+                for q, sense in ((t.normals.ahead, 1.0), (t.normals.behind, -1.0))
+            )
+            corner += _by_corners(by_ahead, by_behind)
         return float(t.value.sum()) + constant, scatter(corners, corner, n)
