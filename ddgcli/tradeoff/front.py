@@ -35,7 +35,8 @@ def give_verdicts(table: Table, within: float | None, norm: str = "max") -> Row 
         elif row.on_front:
             row.verdict = "no other beats it"
         else:
-            row.verdict = f"beaten by {_beater(row, table.rows, norm).label}"
+            other = _beater(row, table.rows, norm)
+            row.verdict = f"{'level with' if _level(row, other, norm) else 'beaten by'} {other.label}"
         if row.error(norm) <= floor:
             row.verdict += "; as exact as the reference can tell"
     return chosen
@@ -48,6 +49,12 @@ def _beater(row: Row, rows: list[Row], norm: str) -> Row:
         if r is not row and r.total_seconds <= row.total_seconds and r.error(norm) <= row.error(norm)
     ]
     return min(better, key=lambda r: r.total_seconds)
+
+
+def _level(row: Row, other: Row, norm: str) -> bool:
+    """Whether two rows of the same error differ by less time than each run of theirs does from the next."""
+    spread = max(high - low for low, high in (row.seconds_spread, other.seconds_spread))
+    return row.error(norm) == other.error(norm) and abs(row.total_seconds - other.total_seconds) <= spread
 
 
 def break_even(rows: list[Row], norm: str = "max") -> list[dict[str, Any]]:

@@ -172,7 +172,7 @@ def _run_candidates(
             table.left_out.append((label_of(candidate), why))
             continue
         try:
-            with purse.stopping_after(left):
+            with purse.stopping_after(left), _speaking_of(label_of(candidate)):
                 table.rows.append(measure(candidate, problem, reference, purse, repeat, clock))
         except DdgError as error:
             table.left_out.append((label_of(candidate), str(error)))
@@ -180,6 +180,21 @@ def _run_candidates(
             why = f"stopped after {time.perf_counter() - began:.3g} s, estimated {estimate:.3g} s"
             table.left_out.append((label_of(candidate), why))
     told(len(problem.candidates) + 1)
+
+
+@contextmanager
+def _speaking_of(label: str) -> Iterator[None]:
+    """Warnings inside begin with the row that they are about."""
+
+    def prefixed(record: logging.LogRecord) -> bool:
+        record.msg, record.args = f"{label}: {record.getMessage()}", ()
+        return True
+
+    log.addFilter(prefixed)
+    try:
+        yield
+    finally:
+        log.removeFilter(prefixed)
 
 
 def _reference(problem: Problem, purse: Purse, table: Table) -> Reference:

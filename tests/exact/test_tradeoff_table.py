@@ -1,6 +1,8 @@
 """The table ranks planted candidates where they belong, and keeps its budget."""
 
+import logging
 import time
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -245,3 +247,25 @@ def test_ellipsoid_truth_has_the_sphere_as_its_round_case():
     assert ellipsoid(1, 1, 1).mean_curvature(mesh.points) == pytest.approx(1.0)
     pole = np.array([[0.0, 0.0, 2.0]])
     assert ellipsoid(1, 1, 2).mean_curvature(pole) == pytest.approx(2.0)  # principal curvatures c / a^2
+
+
+def test_rows_that_only_the_clock_tells_apart_are_level():
+    def timed(method: str, seconds: float, error: float) -> Row:
+        return replace(row(method, 0.0, seconds, error), seconds_spread=(0.9 * seconds, 1.2 * seconds))
+
+    table = Table([timed("a", 1.0, 0.0), timed("b", 1.1, 0.0), timed("c", 2.0, 0.0), timed("d", 1.1, 0.1)])
+    give_verdicts(table, None)
+    assert [r.verdict.split(";")[0] for r in table.rows] == [
+        "no other beats it", "level with a", "beaten by a", "beaten by a",
+    ]  # fmt: skip
+
+
+def test_warnings_name_the_row_that_they_are_about(caplog):
+    def solve(_):
+        logging.getLogger("ddgcli").warning("%d faces are flat", 3)
+        return TRUTH
+
+    with caplog.at_level(logging.WARNING, "ddgcli"):
+        run_problem(problem(Candidate("heat", {"refine": 3}, lambda: None, solve, "")), repeat=0)
+        logging.getLogger("ddgcli").warning("after")
+    assert caplog.messages == ["heat refine=3: 3 faces are flat", "after"]
