@@ -163,16 +163,18 @@ class Bundles:
             right &= ~halted
         chosen = [which.nonzero()[0] for which in (left, ~(left | right | halted), right, halted)]
         (left, met, right, halted) = ((bundle.take(i, axis=1), place.take(i, axis=1)) for i in chosen)
+        n_left = len(left[1][0])
         if len(chosen[1]):
-            met_left, between, met_right = self._parted(*met, x.take(chosen[1]), y.take(chosen[1]))
-            left, right, halted = _joined(left, met_left), _joined(met_right, right), _joined(between, halted)
-        self._hand_on(*_joined(left, right), len(left[1][0]))
+            met, between, n_met_left = self._parted(*met, x.take(chosen[1]), y.take(chosen[1]))
+            left, n_left, halted = _joined(left, met), n_left + n_met_left, _joined(between, halted)
+        self._hand_on(*_joined(left, right), n_left)
         return self._free(*halted)
 
     def _parted(
         self, bundle: NDArray, place: NDArray, x: NDArray, y: NDArray
-    ) -> tuple[tuple[NDArray, NDArray], ...]:
-        """Parts of bundles left of points (x, y), seen where they were bound; those between; those right."""
+    ) -> tuple[tuple[NDArray, NDArray], tuple[NDArray, NDArray], int]:
+        """Parts of bundles left of points (x, y), seen where they were bound, then those right of them; those
+        between; and the number of parts on the left."""
         side, first, count = place
         rows, local = ranges(first, count)
         end = local + count
@@ -186,23 +188,12 @@ class Bundles:
         begin = np.maximum(np.maximum(begin, local), stop)  # all from here pass on the right
         stop = np.where(stop - local >= PART, stop, local)
         begin = np.where(end - begin >= PART, begin, end)
-        return tuple(
-            self._part(bundle, place, here - local, there - here)
-            for here, there in ((local, stop), (stop, begin), (begin, end))
-        )
-
-    def _part(
-        self, bundle: NDArray, place: NDArray, skip: NDArray, count: NDArray
-    ) -> tuple[NDArray, NDArray]:
-        """Those of the parts of bundles that have windows: `count` of them, after the first `skip`."""
-        some = (count > 0).nonzero()[0]
-        bundle, place = bundle.take(some, axis=1), place.take(some, axis=1)
-        place[1] += skip.take(some)
-        place[2] = count.take(some)
-        if len(some):
-            rows, start = ranges(place[1], place[2])
-            bundle[LEFT : RIGHT_SLOPE + 1] = _hull(self.windows.lines[:4].take(rows, axis=1), start)
-        return bundle, place
+        left = _part(bundle, place, 0, stop - local)
+        bundles, places = _joined(left, _part(bundle, place, begin - local, end - begin))
+        if len(places[0]):
+            rows, start = ranges(places[1], places[2])
+            bundles[LEFT : RIGHT_SLOPE + 1] = _hull(self.windows.lines[:4].take(rows, axis=1), start)
+        return (bundles, places), _part(bundle, place, stop - local, begin - stop), len(left[1][0])
 
     def _hand_on(self, bundle: NDArray, place: NDArray, n_left: int) -> None:
         """Move bundles to the sides across: the first `n_left` by (v0, apex), the others by (apex, v1)."""
@@ -261,6 +252,13 @@ def _moved(motion: NDArray, x: NDArray, y: NDArray | float) -> tuple[NDArray, ND
 
 def _joined(a: tuple[NDArray, NDArray], b: tuple[NDArray, NDArray]) -> tuple[NDArray, NDArray]:
     return np.concatenate([a[0], b[0]], axis=1), np.concatenate([a[1], b[1]], axis=1)
+
+
+def _part(bundle: NDArray, place: NDArray, skip: NDArray | int, count: NDArray) -> tuple[NDArray, NDArray]:
+    """Bundles of `count` windows after the first `skip` of others, where there are any."""
+    some = (count > 0).nonzero()[0]
+    place = np.stack([place[0], place[1] + skip, count])
+    return bundle.take(some, axis=1), place.take(some, axis=1)
 
 
 def _hull(lines: NDArray, start: NDArray) -> tuple[NDArray, NDArray, NDArray, NDArray]:
