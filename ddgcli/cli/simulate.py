@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from time import perf_counter
@@ -17,7 +17,7 @@ from ddgcli.cli.run import Run
 from ddgcli.errors import ParameterError, SolveError
 from ddgcli.evolve.account import Account
 from ddgcli.evolve.frames import joined_frame, joined_mesh
-from ddgcli.evolve.loop import Arrays, Model, Schedule, evolve
+from ddgcli.evolve.loop import Arrays, Event, Model, RunBroken, Schedule, evolve
 from ddgcli.evolve.outcome import Keeper, Outcome
 from ddgcli.mesh.fields import AnnotatedMesh
 
@@ -76,11 +76,14 @@ def simulate(run: Run, job: Job) -> Outcome:
     paths = [p for p in run.common.outputs if Path(p).suffix.lower() in TRAJECTORIES]
     writer, start = _opened(run, job, paths, cell, keep)
     status, earlier, began = "failed", sum(job.account.seconds.values()), perf_counter()
+    since: tuple[Event, ...] = ()
     try:
         _march(run, job, keep, writer, start)
         status = "complete"
     except SolveError as error:
         outcome.failure = str(error)
+        since = error.events if isinstance(error, RunBroken) else ()
+        outcome.events += len(since)
         logging.getLogger("ddgcli").warning("%s", error)
     except KeyboardInterrupt:
         status, outcome.interrupted = "interrupted", True
@@ -89,7 +92,7 @@ def simulate(run: Run, job: Job) -> Outcome:
         keep.finish()
         if writer is not None:
             with run.timed("write"):
-                left = writer.close(status)
+                left = writer.close(status, _rows(since))
             if left is not None:
                 run.outputs.append(left)
     if outcome.interrupted:
@@ -135,8 +138,12 @@ def _march(run: Run, job: Job, keep: Keeper, writer: Any, start: tuple[int, Arra
             frame = joined_frame(snapshot)
             keep.add(frame, snapshot)
             if writer is not None:
-                log = [(e.step, e.time, e.kind, e.place, e.value, e.detail) for e in snapshot.events]
+                log = _rows(snapshot.events)
                 writer.append(frame, snapshot.checkpoint, _effect_rows(job.account), log)
+
+
+def _rows(events: Iterable[Event]) -> list[tuple]:
+    return [(e.step, e.time, e.kind, e.place, e.value, e.detail) for e in events]
 
 
 def _effect_rows(account: Account) -> list[tuple[str, int, float]]:

@@ -69,7 +69,7 @@ def balanced(
     least = left + ROUNDING * at_hand * np.sqrt(len(system.mass))
     above = max(0.0, before.lifted + lifted)
     if lifted > least and above > RISE * at_hand + least:
-        raise StepRejected("energy rises", value=above / at_hand)
+        raise StepRejected("energy rises", value=above / at_hand, solved=True)
     if lifted < -FALL * at_hand - least:
-        raise StepRejected("energy falls", value=lifted / at_hand)
+        raise StepRejected("energy falls", value=lifted / at_hand, solved=True)
     return Motion(after.x, after.v, after.a, after.newton, above)

@@ -27,6 +27,7 @@ MOVE = 1e-9  # a Newton step below this fraction of the object's size ends the i
 SETTLED = 1e-8  # a first guess whose acceleration misses no more than this part needs no iteration
 EPSILON = 0.25 * float(np.finfo(float).eps)  # a move that changes no digit
 CUT, MOST_CUT = 1e-3, 10  # moves of which the line search leaves less than that part, and how many may be
+MOST_NEAR = 4  # further moves for the balance of momentum, once moves are short enough
 MOST = 300  # a stiff sheet that has struck something needs many, and halves of the step no fewer
 SHORTEST = 1e-10
 ARMIJO = 1e-4
@@ -152,17 +153,23 @@ class Newton:
             return self._linear(increment, guess), 1
         self._fresh = False
         enough = MOVE * system.size
-        point, before, cut = self.at(increment, guess), np.inf, 0
+        point, before, cut, near = self.at(increment, guess), np.inf, 0, 0
         for iteration in range(1, MOST + 1):
             g = self.slope(increment, point.y)
             if not np.isfinite(point.value) or not np.isfinite(g).all():
                 raise StepRejected("not finite", worst(g))
-            if self._settled(increment, point.y, g):
+            if self._settled(increment, point.y, g) or (near and self._in_balance(increment, point.y, g)):
                 return point.y, iteration - 1
-            found = self._direction(increment, point.y, g, before)
+            if near > MOST_NEAR:
+                return point.y, iteration - 1
+            exact = 0.1 * (self._moved(increment, point.y) if near else enough)
+            found = self._direction(increment, point.y, g, before, exact)
             move = self._spread(found.x)
-            if found.convex and float(np.abs(move).max()) <= enough and self._reach(point.y, move) == 1.0:
-                return point.y + move, iteration  # too short for values to judge: they differ by rounding
+            short = found.convex and max(float(np.abs(move).max()), found.left) <= enough
+            if short and self._reach(point.y, move) == 1.0:
+                # too short for values to judge: they differ by rounding
+                point, near = self.at(increment, point.y + move), near + 1
+                continue
             t, point = self.search(increment, point, move, float(np.vdot(g, move)))
             if t == 1.0 and not found.convex:
                 point = self._further(increment, point, move)
@@ -180,8 +187,7 @@ class Newton:
             quick = found.convex and t == 1.0 and size < before < np.inf
             following = max(size * size / before, found.left) if quick else size * max(t, 1e-3)
             before = size if t == 1.0 else np.inf
-            if following <= enough:
-                return point.y, iteration
+            near = near + 1 if following <= enough else 0
         raise StepRejected("newton", worst(g), size)
 
     def _settled(self, increment: Increment, y: NDArray, g: NDArray) -> bool:
@@ -191,8 +197,21 @@ class Newton:
         moves in the step: an absolute bound would add up to any error in enough short steps.
         """
         left = float((np.abs(g) / (increment.a * self.system.mass[:, None])).max())
+        return left <= min(1e-3 * MOVE * self.system.size, self._moved(increment, y))
+
+    def _moved(self, increment: Increment, y: NDArray) -> float:
+        """The part that counts of what the acceleration moves in the step; at least rounding."""
         moved = SETTLED * float(np.abs(self.system.only_free(y - increment.target)).max())
-        return left <= min(1e-3 * MOVE * self.system.size, max(moved, EPSILON * float(np.abs(y).max())))
+        return max(moved, EPSILON * float(np.abs(y).max()))
+
+    def _in_balance(self, increment: Increment, y: NDArray, g: NDArray) -> bool:
+        """Whether the forces on all vertices together move their middle no more than that.
+
+        A Newton move keeps this balance wherever the solve is exact; where stiffness is 1e12 times inertia (a
+        strip of needles), a solve leaves a hundredth of it.
+        """
+        left = float(np.abs(g.sum(axis=0)).max()) / (increment.a * float(self.system.mass.sum()))
+        return left <= self._moved(increment, y)
 
     def _spread(self, step: NDArray) -> NDArray:
         """(n, 3) move of a vector over the free coordinates."""
@@ -200,10 +219,12 @@ class Newton:
         move[self.system.free] = step
         return move
 
-    def _direction(self, increment: Increment, y: NDArray, g: NDArray, before: float) -> Move:
-        """Descent direction of the exact Hessian, by the factorisation at hand or by a new one."""
+    def _direction(self, increment: Increment, y: NDArray, g: NDArray, before: float, least: float) -> Move:
+        """Descent direction of the exact Hessian, by the factorisation at hand or by a new one.
+
+        `before` is the length of the last move, `least` what may be missing of this one at any rate.
+        """
         matrix, rhs = self.matrix(increment, y, "exact"), -g[self.system.free]
-        least = 0.1 * MOVE * self.system.size
         if not self._fresh:
             step = self._solved(matrix, rhs)
             if step is not None:

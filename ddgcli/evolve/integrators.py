@@ -32,7 +32,7 @@ class Integrator:
     reach : callable parameters -> float
         Largest stable product of step and frequency.
     rescue : callable like `step`, optional
-        What takes a step that `step` rejects, before it is halved; where no step is unstable.
+        What takes a step that `step` solved and yet rejects, before it is halved; where no step is unstable.
     """
 
     name: str
@@ -70,7 +70,7 @@ def checked(system: System, motion: Motion) -> Motion:
     for barrier in system.bounded:
         crossed = barrier.outside(motion.x)
         if crossed is not None:
-            raise StepRejected("barrier crossed", f"vertex {crossed[0]}", crossed[1])
+            raise StepRejected("barrier crossed", f"vertex {crossed[0]}", crossed[1], solved=True)
     return motion
 
 

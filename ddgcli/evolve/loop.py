@@ -36,11 +36,13 @@ class StepRejected(Exception):
     place : str
         "vertex 12", "edge 3", or "".
     value : float
+    solved : bool
+        The scheme's equations were solved, what they say will not do: another scheme may take the step.
     """
 
-    def __init__(self, cause: str, place: str = "", value: float = math.nan) -> None:
+    def __init__(self, cause: str, place: str = "", value: float = math.nan, solved: bool = False) -> None:
         super().__init__(f"{cause}{' at ' + place if place else ''} ({value:.3g})")
-        self.cause, self.place, self.value = cause, place, value
+        self.cause, self.place, self.value, self.solved = cause, place, value, solved
 
 
 @dataclass(frozen=True)
@@ -53,6 +55,14 @@ class Event:
     place: str = ""
     value: float = math.nan
     detail: str = ""
+
+
+class RunBroken(SolveError):
+    """A step failed for good; `events` are those since the last snapshot."""
+
+    def __init__(self, message: str, events: tuple[Event, ...]) -> None:
+        super().__init__(message)
+        self.events = events
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,7 +105,7 @@ class Model(Generic[State]):
     clock : callable state -> float, optional
         Time of a state, for schemes that choose their own steps; else step times dt.
     rescue : callable like `advance`, optional
-        Takes a step that `advance` rejects, before it is made shorter.
+        Takes a step that `advance` solved and yet rejects, before it is made shorter.
     """
 
     start: State
@@ -239,7 +249,7 @@ def evolve(
 
     Raises
     ------
-    SolveError
+    RunBroken
         A step failed for good; the snapshots before it stand.
     """
     marches = [
@@ -261,8 +271,11 @@ def evolve(
     while frame < last_frame:
         first, last = schedule.step_of_frame(frame), schedule.step_of_frame(frame + 1)
         for march in marches:
-            with account.within("integrator"), np.errstate(all="ignore"):
-                reached = _march(march, schedule, first, last, events)
+            try:
+                with account.within("integrator"), np.errstate(all="ignore"):
+                    reached = _march(march, schedule, first, last, events)
+            except SolveError as error:
+                raise RunBroken(str(error), tuple(events)) from error
             last = min(last, reached) if len(marches) == 1 else last
         frame += 1
         snapshot = _snapshot(marches, schedule, frame, last, events, account)
@@ -366,10 +379,13 @@ def _advanced(
     try:
         return model.advance(state, time, dt)
     except StepRejected as rejected:
-        if model.rescue is None or schedule.on_failure == "stop":
+        if model.rescue is None or schedule.on_failure == "stop" or not rejected.solved:
             raise
         cause = rejected
-    later = model.rescue(state, time, dt)
+    try:
+        later = model.rescue(state, time, dt)
+    except StepRejected:
+        raise cause from None
     detail = f"{march.name}: step of {dt:.3g} s rejected: {cause}; taken by the composite scheme"
     events.append(Event(step, time, cause.cause, cause.place, cause.value, detail))
     say = log.info if march.rescued else log.warning

@@ -60,6 +60,7 @@ class TrajectoryWriter:
         self._file: RowFile | None = None
         self._log: list[tuple] = [(0, 0.0, b"start", b"", math.nan, b"")]
         self._logged = 0  # rows of it that the present file holds
+        self._whole = 1  # rows of it that belong to the last whole frame or an earlier one
         self._shapes: tuple = ()
 
     def append(
@@ -81,10 +82,8 @@ class TrajectoryWriter:
         """
         checkpoint = checkpoint or {}
         effect_rows = np.array([(n.encode()[:48], c, s) for n, c, s in effects], dtype=EFFECT_DTYPE)
-        self._log += [
-            (step, time, kind.encode()[:24], place.encode()[:32], value, detail.encode()[:160])
-            for step, time, kind, place, value, detail in log
-        ]
+        self._log += _log_rows(log)
+        self._whole = len(self._log)
         shapes = shapes_of(frame, checkpoint, effect_rows)
         if self._file is not None and shapes == self._shapes and self._room():
             self._put(frame, checkpoint, effect_rows)
@@ -107,15 +106,20 @@ class TrajectoryWriter:
         for name, values in per_frame.items():
             width = n if name.startswith("VTKHDF/PointData/") or name == "VTKHDF/Points" else 1
             file.write(name, k * width, values)
-        file.write("ddgcli/log", self._logged, np.array(self._log[self._logged :], dtype=LOG_DTYPE))
-        self._logged = len(self._log)
+        self._put_log()
         slot = f"ddgcli/checkpoint/slot_{k % 2}"
         for name, values in checkpoint.items():
             file.write(f"{slot}/{name.replace('/', '.')}", 0, np.atleast_1d(values))
-        file.write(f"{slot}/frame", 0, np.array([k, len(self._log)], dtype=np.int64))
+        file.write(f"{slot}/frame", 0, np.array([k, self._whole], dtype=np.int64))
         if len(effects):
             file.write("ddgcli/effects", 0, effects)
         self._show(k + 1)
+
+    def _put_log(self) -> None:
+        self._file.write(  # type: ignore[union-attr]
+            "ddgcli/log", self._logged, np.array(self._log[self._logged :], dtype=LOG_DTYPE)
+        )
+        self._logged = len(self._log)
 
     def _show(self, count: int) -> None:
         """Move every row count, and `NSteps` last: what counts is decided by one write of eight bytes."""
@@ -162,13 +166,23 @@ class TrajectoryWriter:
         os.chmod(name, 0o644)
         return name
 
-    def close(self, status: str) -> str | None:
-        """End the file with its status; a complete one takes its own name, which is returned."""
+    def close(self, status: str, log: Iterable[tuple] = ()) -> str | None:
+        """End the file with its status; a complete one takes its own name, which is returned.
+
+        `log` are rows of what came after the last frame: a resumed run drops them, and makes its own.
+        """
         if self._file is None:
             return None
         complete = status == "complete"
-        if complete and self._file.rows["ddgcli/time"].capacity != self.n_frames:
+        self._log += _log_rows(log)
+        room = self._file.rows
+        if len(self._log) > room["ddgcli/log"].capacity or (
+            complete and room["ddgcli/time"].capacity != self.n_frames
+        ):
             self._tighten()
+        elif len(self._log) > self._logged:
+            self._put_log()
+            self._file.show("ddgcli/log", self._logged)
         self._file.set_mark("status", _status_bytes(status))
         self._file.sync()
         self._file.close()
@@ -198,6 +212,7 @@ class TrajectoryWriter:
             first, checkpoint, effects = old.frame(0), old.checkpoint(), old.effect_rows
             last, room = old.n_frames - 1, max(frames, old.n_frames)
             writer._log = [tuple(row) for row in old.log[: old.log_rows]]
+            writer._whole = len(writer._log)
             writer._shapes = shapes_of(first, checkpoint, effects)
             rows = room_for(first, checkpoint, len(effects), room, 2 * len(writer._log) + 64, header)
 
@@ -209,6 +224,13 @@ class TrajectoryWriter:
         if os.path.abspath(part) != os.path.abspath(writer.part):
             os.unlink(part)
         return writer
+
+
+def _log_rows(rows: Iterable[tuple]) -> list[tuple]:
+    return [
+        (step, time, kind.encode()[:24], place.encode()[:32], value, detail.encode()[:160])
+        for step, time, kind, place, value, detail in rows
+    ]
 
 
 def _status_bytes(status: str) -> bytes:

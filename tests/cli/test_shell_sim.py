@@ -171,8 +171,16 @@ def test_divided_and_rejected_steps_stand_in_the_log(run, tmp_path):
         stopped.exit_code == 1
         and "barrier crossed" in json.loads(stopped.stdout)["results"]["stopped_because"]
     )
-    with Trajectory(str(tmp_path / "stopped.vtkhdf.part")) as ours:
-        assert ours.attributes["status"] == "failed" and ours.n_frames >= 1
+    assert json.loads(stopped.stdout)["results"]["rejected_steps"] == 2  # divided at the start, and crossed
+    part = tmp_path / "stopped.vtkhdf.part"
+    for _ in range(2):  # a resumed run fails again, and says so once
+        with Trajectory(str(part)) as ours:
+            assert ours.attributes["status"] == "failed" and ours.n_frames >= 1
+            kinds = list(ours.log["kind"])
+            assert kinds[-1] == b"barrier crossed" and kinds.count(b"barrier crossed") == 1
+            assert ours.log_rows < len(ours.log)  # what broke the run came after its last frame
+            assert ours.log["time"][-1] >= ours.times[-1]
+        assert run("shell-sim", path, "--resume", part, "-o", part.with_suffix("")).exit_code == 1
 
 
 def test_static_without_equilibrium_ends_with_exit_1(run, tmp_path):
