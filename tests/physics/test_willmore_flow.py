@@ -1,6 +1,7 @@
 """Flows: the sphere stays, modes decay at their rates, minima are reached, energies never rise."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -153,6 +154,18 @@ def test_few_factorisations_where_steps_must_be_shortened(monkeypatch):
     assert np.degrees(corner_angle(mesh.side_length).min()) < 0.6
     seen, _, _ = flowed(mesh, steps=10)
     assert energies(seen)[-1] < energies(seen)[0] and len(made) < 14  # 16 without shares
+
+
+def test_a_step_grows_back_after_a_hard_stretch():
+    """Where slivers let only shares of a motion pass, it stayed as short as it had once been."""
+    built, model = setup.build(ellipsoids((1.0, 1.0, 2.0))["stretched"](1), Wishes(stop=DEFAULT_STOP))
+    state = model.start
+    for _ in range(20):
+        state = model.advance(state, 0.0, 1.0)
+    state = replace(state, dt=flow.longest_step(built) / 64)
+    for _ in range(14):
+        state = model.advance(state, 0.0, 1.0)
+    assert state.dt == flow.longest_step(built)
 
 
 @pytest.mark.parametrize(

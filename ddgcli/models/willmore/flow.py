@@ -232,7 +232,8 @@ class Flow:
 
     def _longest_step(self, state: FlowState, at: Slope) -> FlowState:
         """Descent step, shortened until the energy falls enough; the next one starts at twice a length that
-        did at once. A shorter share of the same motion costs no factorisation, so that is tried first."""
+        did, whole or by its first share. A share of the same motion costs no factorisation, so that is tried
+        first."""
         dt, shrink = state.dt, 0.25
         while dt >= SHORTEST:
             preconditioner = self._metric(at, dt)
@@ -244,7 +245,7 @@ class Flow:
                 if energy <= at.energy - ENOUGH * share * promised:
                     if energy < IMPOSSIBLE * self.least:
                         return replace(state, stopped=TOO_UNEVEN)
-                    at_once = dt == state.dt and share == 1.0
+                    at_once = dt == state.dt and share >= SHARES[1]
                     stepped = self._stepped(state, at, moved, energy, share * dt * self.time_unit)
                     return replace(stepped, dt=min(longest_step(self), 2.0 * dt if at_once else dt))
             dt, shrink = dt * shrink, 0.25 * shrink
