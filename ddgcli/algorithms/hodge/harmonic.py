@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import solve_triangular
 from scipy.sparse import block_array, csr_array
 
 from ddgcli.algorithms.hodge.homology import Boundary, betti_numbers, closed_cochains
@@ -133,7 +134,7 @@ def _orthonormal(columns: NDArray, inner: csr_array) -> NDArray[np.float64]:
     """Columns made orthonormal by Cholesky, twice for full precision."""
     for _ in range(2 if columns.shape[1] else 0):
         gram = columns.T @ (inner @ columns)
-        columns = np.linalg.solve(np.linalg.cholesky(gram), columns.T).T
+        columns = solve_triangular(np.linalg.cholesky(gram), columns.T, lower=True).T
     return columns
 
 
