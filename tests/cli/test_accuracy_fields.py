@@ -298,8 +298,8 @@ PLANTS = {
     ],
     "tradeoff": [
         (
-            "ddgcli.tradeoff.problems.willmore_flow:_energy",
-            returned(lambda energy: energy * next(GROWING)),
+            "ddgcli.tradeoff.problems.willmore_flow:_answer",
+            returned(lambda answer: answer * next(GROWING)),
             ["reference_uncertainty"],
         ),
     ],
