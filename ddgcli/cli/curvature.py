@@ -9,6 +9,7 @@ import click
 from ddgcli.cli import options
 from ddgcli.cli.options import Common
 from ddgcli.cli.run import Run
+from ddgcli.errors import ParameterError
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -77,10 +78,15 @@ def command(
       ddgcli curvature scan.stl --radius 0.5 --json
     """
     run = Run("curvature", common, scheme=scheme, radius=radius, map=map_name, show=show, view=view)
+    if common.plot is None and (show or view):
+        raise ParameterError(f"--{'show' if show else 'view'} is for the picture of --plot; add that")
     source = run.read(mesh_path, accept=("surface", "tetrahedra", "curve"))
     from ddgcli.mesh.curve import CurveSet
 
     if isinstance(source.mesh, CurveSet):
+        options.refuse_given(
+            "is for surfaces, and this is a curve; leave it out", "scheme", "radius", "map_name"
+        )
         _curves(run, source.mesh, show, view)
     else:
         _surface(run, source, scheme, radius, map_name, show, view)

@@ -30,13 +30,16 @@ if TYPE_CHECKING:
 @click.option("--from", "start", type=options.REAL, help="First time of a sequence [s].")
 @click.option("--to", "end", type=options.REAL, help="Last time of a sequence [s].")
 @click.option(
-    "--every", type=click.IntRange(min=1), default=1, show_default=True, help="Take one frame in EVERY."
+    "--every",
+    type=click.IntRange(min=1),
+    metavar="N",
+    default=1,
+    show_default=True,
+    help="Take one frame in N.",
 )
 @click.option("--array", "array", metavar="NAME", help="Vertex array that colours pictures; 'none' for none.")
 @click.option("--view", type=options.View(), help="x, y, z, iso or ELEVATION,AZIMUTH, then :UP.")
-@click.option(
-    "--fps", type=options.POSITIVE, default=25.0, show_default=True, help="Frames a second of a .gif."
-)
+@click.option("--fps", type=options.POSITIVE, help="Frames a second of a .gif.  [default: 25]")
 def command(path: str, common: Common, **wishes: Any) -> None:
     """Export frames of a trajectory (complete, or a .part that still grows).
 
@@ -54,6 +57,7 @@ def command(path: str, common: Common, **wishes: Any) -> None:
     from ddgcli.plots.page import FORMATS
 
     run = Run("frames", common, formats=(*WRITERS, *FORMATS, ".gif", ".pvd"), **_given(wishes))
+    _refuse_idle(common, wishes)
     with run.timed("read"):
         run_file = Trajectory(path)
     with run_file as source:
@@ -73,6 +77,16 @@ def command(path: str, common: Common, **wishes: Any) -> None:
             "scalars": sorted(source.scalars),
         }
     run.finish(results, {"time_mismatch": _mismatch(source, chosen, wishes)})
+
+
+def _refuse_idle(common: Common, wishes: dict[str, Any]) -> None:
+    """ParameterError for wishes about pictures where none is drawn."""
+    from ddgcli.plots.page import FORMATS
+
+    kinds = {Path(output).suffix.lower() for output in (*common.outputs, common.plot or "")}
+    for name, of in (("fps", {".gif"}), ("view", {".gif", *FORMATS}), ("array", {".gif", *FORMATS})):
+        if wishes[name] is not None and not kinds & of:
+            raise ParameterError(f"--{name} is for {' '.join(sorted(of))}; write one with -o")
 
 
 def _given(wishes: dict[str, Any]) -> dict[str, Any]:
@@ -113,7 +127,7 @@ def _export(run: Run, source: Trajectory, output: str, chosen: list[int], wishes
 
         with run.drawing(output) as partial:
             on = _stage(source, chosen, wishes)
-            draw_animation(partial, _shots(source, chosen, wishes), on, wishes["fps"])
+            draw_animation(partial, _shots(source, chosen, wishes), on, wishes["fps"] or 25.0)
     elif suffix in FORMATS:
         _pictures(run, source, output, chosen, wishes)
     else:

@@ -73,7 +73,9 @@ class FixedValue(click.ParamType):
     metavar="TIME",
     help="Implicit mean curvature flow for TIME (length squared); the written mesh is smoothed.",
 )
-@click.option("--smooth-steps", type=click.IntRange(min=1), default=10, show_default=True, metavar="N")
+@click.option(
+    "--smooth-steps", type=click.IntRange(min=1), metavar="N", help="Steps of --smooth.  [default: 10]"
+)
 @click.option(
     "--parameterize",
     type=click.Choice(["harmonic", "conformal"]),

@@ -9,6 +9,7 @@ from dataclasses import dataclass, fields
 from typing import Any
 
 import click
+from click.core import ParameterSource
 
 from ddgcli.errors import ParameterError
 
@@ -160,7 +161,14 @@ _COMMON = (
     click.option("-v", "--verbose", count=True, help="Say more on standard error."),
     click.option("-q", "--quiet", is_flag=True, help="Only errors on standard error."),
     click.option("--units-note", metavar="TEXT", help="Recorded in the output."),
-    click.option("--seed", type=int, default=0, show_default=True, help="Seed of whatever is random."),
+    click.option(
+        "--seed",
+        type=click.IntRange(min=0),
+        metavar="N",
+        default=0,
+        show_default=True,
+        help="Seed of whatever is random.",
+    ),
 )  # fmt: skip
 
 
@@ -191,3 +199,12 @@ def gathered(name: str, kind: type, declared: Sequence[Callable]) -> Callable[[C
 
 
 common = gathered("common", Common, _COMMON)
+
+
+def refuse_given(why: str, *names: str) -> None:
+    """ParameterError for the first of these parameters that stands on the command line."""
+    context = click.get_current_context()
+    for parameter in context.command.params:
+        given = context.get_parameter_source(parameter.name or "") is ParameterSource.COMMANDLINE
+        if parameter.name in names and given:
+            raise ParameterError(f"{parameter.opts[0]} {why}")

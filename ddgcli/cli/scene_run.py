@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
@@ -60,6 +61,9 @@ class Physics(Protocol):
         ...
 
 
+log = logging.getLogger("ddgcli")
+
+
 def run_scene(
     call: SceneCall,
     kind: SceneKind,
@@ -89,6 +93,8 @@ def run_scene(
     document, recorded = scene_document(call.path, role, lines, extra, call.resume)
     overrides = {**recorded, **call.overrides}
     scene, account = resolve(document, kind, overrides), Account()
+    if not scene.effects:
+        log.warning("no effect is named, so that nothing acts; --effects lists what there is")
     made = physics(scene, account, mesh_reader(run, document), array_reader(document))
     meshes, schedule = list(made.meshes.values()), scene.schedule()
     resolved, digest = fingerprint(scene.resolved(), made.sha256)

@@ -18,7 +18,10 @@ from ddgcli.errors import ParameterError
 
 _TIME = (
     click.option(
-        "--steps", type=click.IntRange(1, 10**9), help="Steps to take; overrides the scene's duration."
+        "--steps",
+        type=click.IntRange(1, 10**9),
+        metavar="N",
+        help="Steps to take; overrides the scene's duration.",
     ),
     click.option("--duration", type=options.POSITIVE, help="Length of the run [s]."),
     click.option("--dt", "step", type=options.POSITIVE, help="Time step [s]."),

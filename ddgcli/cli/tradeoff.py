@@ -46,7 +46,12 @@ SIMULATORS = COMMANDS[-3:]
     help="Time for everything; what would exceed it is left out.",
 )
 @click.option(
-    "--repeat", type=click.IntRange(min=1), default=5, show_default=True, help="Timed queries a row."
+    "--repeat",
+    type=click.IntRange(min=1),
+    metavar="N",
+    default=5,
+    show_default=True,
+    help="Timed queries a row.",
 )
 @options.common
 def command(

@@ -108,6 +108,8 @@ def test_pictures(run, torus, tmp_path, extension):
         (("--radius", "0"), "greater than 0"),
         (("--radius", "1", "--scheme", "cotan"), "takes no radius"),
         (("--scheme", "best"), "quadric"),
+        (("--show", "boundary"), "--plot"),
+        (("--view", "iso"), "--plot"),
     ],
 )
 def test_refusals_are_one_line_and_leave_no_file(run, torus, tmp_path, monkeypatch, words, told):
@@ -117,6 +119,14 @@ def test_refusals_are_one_line_and_leave_no_file(run, torus, tmp_path, monkeypat
     assert result.exit_code == 2 and told in result.stderr
     assert result.stderr.startswith("Error: ") and result.stderr.count("\n") == 1
     assert sorted(tmp_path.iterdir()) == before
+
+
+@pytest.mark.parametrize("words", [("--scheme", "quadric"), ("--radius", 2), ("--map", "uv")])
+def test_options_of_surfaces_are_refused_for_curves(run, tmp_path, words):
+    (tmp_path / "a.csv").write_text("0,0\n1,0\n1,1\n")
+    result = run("curvature", tmp_path / "a.csv", *words)
+    assert result.exit_code == 2 and f"{words[0]} is for surfaces" in result.stderr
+    assert run("curvature", tmp_path / "a.csv").exit_code == 0
 
 
 def test_curves_are_taken_by_the_same_command(summary, tmp_path):

@@ -440,3 +440,15 @@ def test_help_imports_no_numpy(name):
     )
     told = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
     assert told.stderr.strip() == "" and told.stdout.startswith("Usage:")
+
+
+@pytest.mark.parametrize("words", [["--seed", -1], ["--seed", 1.5]])
+def test_a_seed_that_is_none_is_refused(run, torus, words):
+    result = run("laplacian", torus, "--eigen", 2, *words)
+    assert result.exit_code == 2 and "--seed" in result.stderr and result.stderr.count("\n") == 1
+
+
+@pytest.mark.parametrize("command", ["shell-sim", "fluid-sim"])
+def test_a_scene_in_which_nothing_acts_is_told(summary, torus, command):
+    found = summary(command, torus, "--steps", 1, "--dt", 1e-3)
+    assert any("nothing acts" in warning for warning in found["warnings"])

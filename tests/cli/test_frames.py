@@ -73,6 +73,9 @@ def test_pictures_and_animation(summary, trajectory, tmp_path):
     (["--from", 5], "no frame"),
     (["-o", "x.mp4"], "unknown format"),
     (["--array", "velocty", "-o", "x.png"], "velocity"),
+    (["--array", "velocity", "-o", "x.ply"], "--array is for"),
+    (["--view", "iso"], "--view is for"),
+    (["--fps", 3, "-o", "x.png"], "--fps is for .gif"),
 ])  # fmt: skip
 def test_wrong_wishes_are_refused(run, trajectory, tmp_path, words, told):
     words = [tmp_path / w if str(w).startswith("x.") else w for w in words]

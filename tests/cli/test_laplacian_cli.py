@@ -139,6 +139,7 @@ REFUSALS = {
     ("--harmonic", "--fix", "zero"): "ID=VALUE",
     ("--poisson", "nothing"): "no array 'nothing'",
     ("--smooth", -1): "--smooth",
+    ("--smooth-steps", 3): "belongs to --smooth",
     ("--parameterize", "harmonic"): "closed",
     ("--parameterize", "conformal"): "closed",
     ("--matrix", "L.txt"): "known here",

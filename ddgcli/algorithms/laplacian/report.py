@@ -36,7 +36,7 @@ class Tasks:
         Interpolate the fixed values.
     fixed : mapping of vertex to value
     smooth : float, optional
-        Time of mean curvature flow, in `smooth_steps` steps.
+        Time of mean curvature flow, in `smooth_steps` steps (10).
     parameterize : {'harmonic', 'conformal'}, optional
     hks : sequence of float
         Times of heat kernel signatures.
@@ -50,7 +50,7 @@ class Tasks:
     harmonic: bool = False
     fixed: Mapping[int, float] = field(default_factory=dict)
     smooth: float | None = None
-    smooth_steps: int = 10
+    smooth_steps: int | None = None
     parameterize: str | None = None
     hks: tuple[float, ...] = ()
     seed: int = 0
@@ -60,6 +60,8 @@ class Tasks:
             raise ParameterError("--harmonic interpolates fixed values; add --fix ID=VALUE")
         if self.fixed and not self.harmonic and self.poisson is None:
             raise ParameterError("--fix belongs to --harmonic or --poisson; add one of them")
+        if self.smooth_steps is not None and self.smooth is None:
+            raise ParameterError("--smooth-steps belongs to --smooth TIME; add that")
 
 
 @dataclass(eq=False)
@@ -210,7 +212,7 @@ def _smooth(report: Report, tasks: Tasks, told: Told) -> None:
     smoothed = smooth(
         before,
         tasks.smooth,
-        steps=tasks.smooth_steps,
+        steps=tasks.smooth_steps or 10,
         operator=tasks.operator,
         mass=tasks.mass,
         progress=told,
