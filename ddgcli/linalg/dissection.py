@@ -29,6 +29,8 @@ CONDENSED_FROM = 12
 # vertices that direction and median come from, of each part and of all; squarings of a covariance for its
 # longest direction
 SAMPLE, SAMPLE_OF_ALL, SQUARINGS = 128, 4096, 4
+# no half of a part is smaller than this share
+SMALLEST_SHARE = 0.2
 
 
 @dataclass(frozen=True, eq=False)
@@ -195,8 +197,22 @@ def _halved(place: NDArray[np.float32], levels: int) -> NDArray[np.int64]:
         along = -median[part]
         for x, a in zip(place, axis, strict=True):
             along += x * a[part]
-        part = 2 * part + (along > 0)
+        part = 2 * part + _evened(along > 0, along, part, 1 << level)
     return part
+
+
+def _evened(upper: NDArray, along: NDArray, part: NDArray, n_parts: int) -> NDArray[np.bool_]:
+    """(n,) whether in the upper half: as given, but uneven parts are halved in order along their direction.
+
+    Vertices at equal places (the ends of a star, the rim of a fan) follow their numbers.
+    """
+    size, above = np.bincount(part, minlength=n_parts), np.bincount(part[upper], minlength=n_parts)
+    uneven = np.minimum(above, size - above) < SMALLEST_SHARE * size
+    some = np.flatnonzero(uneven[part])
+    some = some[np.lexsort((along[some], part[some]))]
+    size[~uneven] = 0
+    upper[some] = np.arange(len(some)) >= np.repeat(np.cumsum(size) - size // 2, size)
+    return upper
 
 
 def _sample(n: int, size: int) -> NDArray[np.int64] | slice:

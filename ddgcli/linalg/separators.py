@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
-from scipy.sparse.csgraph import breadth_first_order, maximum_bipartite_matching
+from scipy.sparse.csgraph import breadth_first_order, maximum_flow
 
-# a bad cut has a separator longer than so many square roots of its part, or a half smaller than this share
-LONGEST_SEPARATOR, SMALLEST_SHARE = 12.0, 0.2
+# a bad cut has a separator longer than so many square roots of the entries of its part (surfaces: near 1)
+LONGEST_SEPARATOR = 3.0
 # parts up to this size may be cut badly
 MAY_BE_BAD = 2000
 
@@ -37,7 +37,9 @@ def separator_level(path: NDArray[np.int64], levels: int, graph: csr_array) -> N
         a, b = a[still], b[still]
         upper = (path[a] >> (levels - 1 - here)) & 1 == 1
         level[_vertex_cover(np.where(upper, b, a), np.where(upper, a, b))] = here
-        if n >> here > MAY_BE_BAD and not _all_good(path >> (levels - 1 - here), level == here):
+        if n >> here > MAY_BE_BAD and not _all_good(
+            path >> (levels - 1 - here), level == here, graph.nnz / n
+        ):
             return None
     return level
 
@@ -58,31 +60,29 @@ def _cut_edges(path: NDArray, levels: int, graph: csr_array) -> tuple[NDArray, N
 def _vertex_cover(lower: NDArray, upper: NDArray) -> NDArray:
     """Fewest vertices that touch every edge (lower[i], upper[i]) of a bipartite graph.
 
-    D. König, "Gráfok és mátrixok", 1931: from a largest matching, the vertices of one side that no
-    alternating path from its unmatched vertices reaches, and those of the other side that one does.
+    D. König, "Gráfok és mátrixok", 1931: of a largest flow from source to lower to upper to sink, the lower
+    vertices that the source cannot reach any more, and the upper ones that it can. (scipy's bipartite
+    matching would give the flow too, but takes exponential time where edges come in blocks, as in Hessians.)
     """
     if not len(lower):
         return lower
     left, i = np.unique(lower, return_inverse=True)
     right, j = np.unique(upper, return_inverse=True)
     a, b = len(left), len(right)
-    between = csr_array((np.ones(len(i)), (i, j)), shape=(a, b))
-    partner = maximum_bipartite_matching(between, perm_type="row")  # of each vertex on the right
-    matched = partner[j] == i
-    alone = np.setdiff1d(np.arange(a), partner)
-    start = a + b
-    source = np.concatenate([i[~matched], a + j[matched], np.full(len(alone), start)])
-    target = np.concatenate([a + j[~matched], i[matched], alone])
-    alternating = csr_array((np.ones(len(source)), (source, target)), shape=(start + 1, start + 1))
-    reached = np.zeros(start + 1, dtype=bool)
-    reached[breadth_first_order(alternating, start, return_predecessors=False)] = True
-    return np.append(left[~reached[:a]], right[reached[a:start]])
+    source, sink = a + b, a + b + 1
+    tail = np.concatenate([i, np.full(a, source), a + np.arange(b)])
+    head = np.concatenate([a + j, np.arange(a), np.full(b, sink)])
+    network = csr_array((np.ones(len(tail), dtype=np.int32), (tail, head)), shape=(sink + 1, sink + 1))
+    left_over = csr_array(network - maximum_flow(network, source, sink).flow)
+    left_over.eliminate_zeros()
+    reached = np.zeros(sink + 1, dtype=bool)
+    reached[breadth_first_order(left_over, source, return_predecessors=False)] = True
+    return np.append(left[~reached[:a]], right[reached[a:source]])
 
 
-def _all_good(half: NDArray, separator: NDArray) -> bool:
-    """Whether no large part has a long separator or a small half."""
-    size = np.bincount(half, minlength=2 * (int(half.max()) // 2 + 1)).reshape(-1, 2)
-    whole, least = size.sum(axis=1), size.min(axis=1)
+def _all_good(half: NDArray, separator: NDArray, row_length: float) -> bool:
+    """Whether no large part has a long separator, for rows of so many entries."""
+    whole = np.bincount(half // 2)
     length = np.bincount(half[separator] // 2, minlength=len(whole))
-    good = (length <= LONGEST_SEPARATOR * np.sqrt(whole)) & (least >= SMALLEST_SHARE * whole)
+    good = length <= LONGEST_SEPARATOR * np.sqrt(row_length * whole)
     return bool(good[whole > MAY_BE_BAD].all())
