@@ -27,9 +27,9 @@ from ddgcli.linalg.ordering import Ordering, fill_reducing_ordering, postorder
 log = logging.getLogger("ddgcli")
 
 SOLVERS = ("auto", "multifrontal", "superlu", "cholmod", "pivoted")
-# below so many unknowns the import of the CHOLMOD wheel costs more than it saves, and dissection more than
-# minimum degree
-CHOLMOD_FROM, MULTIFRONTAL_FROM = 3000, 8000
+# unknowns below which importing the CHOLMOD wheel costs more than it saves; entries below which dissection
+# costs more than minimum degree (8,600 vertices of a mesh, 350 of a shell)
+CHOLMOD_FROM, MULTIFRONTAL_FROM = 3000, 60_000
 
 
 class NotDefinite(SolveError):
@@ -61,8 +61,8 @@ def cholmod_available() -> bool:
     return found
 
 
-def chosen_solver(solver: str | None, n: int, definite: bool) -> str:
-    """Name of the backend for a system of n unknowns; `solver`, then DDGCLI_SOLVER, then what is there."""
+def chosen_solver(solver: str | None, matrix: csc_array, definite: bool) -> str:
+    """Name of the backend for a matrix; `solver`, then DDGCLI_SOLVER, then what is there."""
     name = solver or os.environ.get("DDGCLI_SOLVER") or "auto"
     if name not in SOLVERS:
         raise ParameterError(f"solver {name!r} is not one of {', '.join(SOLVERS)}; mend DDGCLI_SOLVER")
@@ -71,9 +71,9 @@ def chosen_solver(solver: str | None, n: int, definite: bool) -> str:
     if name == "pivoted" or not definite:
         return "pivoted"
     if name == "auto":
-        if n >= CHOLMOD_FROM and cholmod_available():
+        if matrix.shape[0] >= CHOLMOD_FROM and cholmod_available():
             return "cholmod"
-        return "multifrontal" if n >= MULTIFRONTAL_FROM else "superlu"
+        return "multifrontal" if matrix.nnz >= MULTIFRONTAL_FROM else "superlu"
     return name
 
 

@@ -64,7 +64,7 @@ class Factor:
         analysed = like._backend if like and like.same_pattern(self.matrix) else None
         if definite and not (self.matrix.diagonal().real > 0).all():
             definite = self._give_up(NotDefinite("a diagonal entry is not positive"))
-        self._factorise(chosen_solver(solver, self.n, definite), analysed)
+        self._factorise(chosen_solver(solver, self.matrix, definite), analysed)
 
     @property
     def n(self) -> int:

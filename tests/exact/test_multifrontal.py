@@ -131,7 +131,9 @@ def test_large_systems_of_the_base_install_are_multifrontal(monkeypatch):
     monkeypatch.setattr(backends, "cholmod_available", lambda: False)
     monkeypatch.delenv("DDGCLI_SOLVER", raising=False)
     assert Factor(sphere_matrix(5)).solver == "multifrontal"
-    assert Factor(sphere_matrix(3)).solver == "superlu"
+    assert Factor(sphere_matrix(4)).solver == "superlu"
+    bending = csc_array(kron(sphere_matrix(3) @ sphere_matrix(3), np.eye(3) + 0.1))  # few unknowns, long rows
+    assert Factor(bending).solver == "multifrontal"
 
 
 def test_regular_surfaces_are_halved_however_large():
