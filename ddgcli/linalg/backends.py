@@ -29,7 +29,7 @@ log = logging.getLogger("ddgcli")
 SOLVERS = ("auto", "multifrontal", "superlu", "cholmod", "pivoted")
 # unknowns below which importing the CHOLMOD wheel costs more than it saves; entries below which dissection
 # costs more than minimum degree (8,600 vertices of a mesh, 350 of a shell)
-CHOLMOD_FROM, MULTIFRONTAL_FROM = 3000, 60_000
+CHOLMOD_FROM, MULTIFRONTAL_FROM = 3000, 100_000
 
 
 class NotDefinite(SolveError):

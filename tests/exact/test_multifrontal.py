@@ -130,8 +130,8 @@ def test_graphs_without_short_separators_go_to_superlu():
 def test_large_systems_of_the_base_install_are_multifrontal(monkeypatch):
     monkeypatch.setattr(backends, "cholmod_available", lambda: False)
     monkeypatch.delenv("DDGCLI_SOLVER", raising=False)
-    assert Factor(sphere_matrix(5)).solver == "multifrontal"
-    assert Factor(sphere_matrix(4)).solver == "superlu"
+    assert Factor(sphere_matrix(6)).solver == "multifrontal"
+    assert Factor(sphere_matrix(5)).solver == "superlu"
     bending = csc_array(kron(sphere_matrix(3) @ sphere_matrix(3), np.eye(3) + 0.1))  # few unknowns, long rows
     assert Factor(bending).solver == "multifrontal"
 
