@@ -73,7 +73,7 @@ def dissected(matrix: csc_array) -> Dissection | None:
     tail = np.repeat(alike, np.diff(graph.indptr))
     count = int(alike.max(initial=-1)) + 1
     condensed = coo_array((graph.data, (tail, alike[graph.indices])), shape=(count, count))
-    found = _dissected_graph(csr_array(condensed))
+    found = _dissected_graph(csr_array(condensed), max(2, LEAF * count // max(len(alike), 1)))
     return found and Dissection(found.leaf[alike], found.height[alike])
 
 
@@ -87,18 +87,18 @@ def _indistinguishable(graph: csr_array) -> NDArray[np.int64]:
     return np.unique(np.diff(total[graph.indptr]) + own * weight, return_inverse=True)[1]
 
 
-def _dissected_graph(graph: csr_array) -> Dissection | None:
+def _dissected_graph(graph: csr_array, leaf_size: int = LEAF) -> Dissection | None:
     """`dissected` for a symmetric graph."""
     n = graph.shape[0]
     count, label = connected_components(graph, directed=False)
     if count == 1:
-        found = _dissected(graph)
+        found = _dissected(graph, leaf_size)
         return found and found[0]
     size = np.bincount(label, minlength=1)
     leaf, height = np.zeros(n, dtype=np.int64), np.zeros(n, dtype=np.int64)
-    small = size <= LEAF
+    small = size <= leaf_size
     in_small = small[label]
-    leaf[in_small] = ((np.cumsum(size * small) - 1) // LEAF)[label[in_small]]
+    leaf[in_small] = ((np.cumsum(size * small) - 1) // leaf_size)[label[in_small]]
     n_leaves = int(leaf.max(initial=-1)) + 1
     large = size >= LARGE
     rest = np.flatnonzero(~in_small)
@@ -108,7 +108,7 @@ def _dissected_graph(graph: csr_array) -> Dissection | None:
     )
     for vertices in members:
         if len(vertices):
-            found = _dissected(_strung_together(graph[vertices][:, vertices]))
+            found = _dissected(_strung_together(graph[vertices][:, vertices]), leaf_size)
             if found is None:
                 return None
             part, levels = found
@@ -128,10 +128,10 @@ def _both_ways(matrix: csc_array) -> csr_array:
     return csr_array(graph + graph.T)
 
 
-def _dissected(graph: csr_array) -> tuple[Dissection, int] | None:
+def _dissected(graph: csr_array, leaf_size: int) -> tuple[Dissection, int] | None:
     """`dissected` for a connected graph, and the height of its tree."""
     graph, number = _near_in_memory(graph)
-    levels = max(1, int(np.ceil(np.log2(graph.shape[0] / LEAF))))
+    levels = max(1, int(np.ceil(np.log2(graph.shape[0] / leaf_size))))
     path = _halved(_landmark_distances(graph), levels)
     level = separator_level(path, levels, graph)
     if level is None:

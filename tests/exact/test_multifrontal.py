@@ -169,7 +169,7 @@ def test_stars_and_fans_are_halved_though_all_their_ends_lie_equally_far(ends, r
 def test_separators_are_found_where_edges_come_in_blocks():
     """A Hessian of bending, coordinates apart: never ready with scipy's bipartite matching."""
     A = sphere_matrix(4)
-    found, _ = dissection._dissected(csr_array(kron(A @ A, np.ones((3, 3)))))
+    found, _ = dissection._dissected(csr_array(kron(A @ A, np.ones((3, 3)))), dissection.LEAF)
     assert np.count_nonzero(found.height == found.height.max()) < 4 * 3 * 64
 
 
@@ -211,7 +211,7 @@ def test_coordinates_of_a_vertex_stay_together():
     found = dissected(A)
     assert (np.ptp(found.leaf.reshape(-1, 3), axis=1) == 0).all()
     assert (np.ptp(found.height.reshape(-1, 3), axis=1) == 0).all()
-    assert found.leaf.max() + 1 == dissected(sphere_matrix(4)).leaf.max() + 1  # as if they were one
+    assert A.shape[0] / (found.leaf.max() + 1) <= dissection.LEAF  # unknowns, not vertices
     order = np.random.default_rng(0).permutation(A.shape[0])
     mixed = csc_array(A[order][:, order])
     mixed.sort_indices()
