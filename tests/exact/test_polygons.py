@@ -150,7 +150,14 @@ def test_csv_curves(tmp_path, text, closed, n):
 
 
 @pytest.mark.parametrize(
-    "text, says", [("", "no rows"), ("1,2\n3\n", "line 2"), ("1,2\nx,3\n", "'x'"), ("1,2,3,4\n", "4 columns")]
+    "text, says",
+    [
+        ("", "the file is empty"),
+        ("\n \n", "no rows"),
+        ("1,2\n3\n", "line 2"),
+        ("1,2\nx,3\n", "'x'"),
+        ("1,2,3,4\n", "4 columns"),
+    ],
 )
 def test_bad_csv_names_the_line(tmp_path, text, says):
     path = tmp_path / "a.csv"
