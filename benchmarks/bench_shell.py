@@ -90,7 +90,7 @@ def kernels(n: int) -> dict[str, float]:
     blocks = [stretching.blocks(x, "projected"), bending.blocks(x, "projected")]
     diagonal = 4e4 * s.mass
     matrix = assembly.matrix(blocks, diagonal)
-    factor = Factor(matrix, solver="multifrontal")
+    factor = Factor(matrix, solver="superlu")
     rhs = np.ones(matrix.shape[0])
     found = {
         "bending force": best(lambda: bending.gradient(x)),
