@@ -61,20 +61,20 @@ class Dirichlet:
     def __init__(
         self, matrix: sparray, fixed: NDArray, *, like: Factor | None = None, **options: Any
     ) -> None:
-        held = np.zeros(matrix.shape[0], dtype=bool)
+        columns = csc_array(matrix)
+        held = np.zeros(columns.shape[0], dtype=bool)
         held[np.asarray(fixed)] = True
         self.fixed, self.free = np.flatnonzero(held), np.flatnonzero(~held)
-        self._kept = like is not None and like.same_pattern(csc_array(matrix)) and _all_stored(matrix, held)
-        self.factor = Factor(self._split(matrix), like=like, **options)
+        self._kept = like is not None and like.same_pattern(columns) and _all_stored(columns, held)
+        self.factor = Factor(self._split(columns), like=like, **options)
 
-    def _split(self, matrix: sparray) -> csc_array:
-        columns = csc_array(matrix)
+    def _split(self, columns: csc_array) -> csc_array:
         self._coupling = columns[:, self.fixed]
         return _decoupled(columns, self.fixed) if self._kept else csc_array(columns[self.free][:, self.free])
 
     def refactor(self, matrix: sparray) -> Dirichlet:
         """New values of the same pattern."""
-        self.factor.refactor(self._split(matrix))
+        self.factor.refactor(self._split(csc_array(matrix)))
         return self
 
     def solve(self, values: NDArray, rhs: NDArray | None = None, *, refine: bool = True) -> NDArray:
@@ -121,9 +121,8 @@ class Dirichlet:
         return load if rhs is None else load + np.asarray(rhs)
 
 
-def _all_stored(matrix: sparray, held: NDArray) -> bool:
+def _all_stored(columns: csc_array, held: NDArray) -> bool:
     """Whether the diagonal entries of the held unknowns are part of the pattern."""
-    columns = csc_array(matrix)
     column = np.repeat(np.arange(len(held)), np.diff(columns.indptr))
     return np.count_nonzero(held[column] & (columns.indices == column)) == np.count_nonzero(held)
 

@@ -10,7 +10,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.algorithms.distance.sources import Sources, checked_sources
+from ddgcli.algorithms.distance.sources import Reached, Sources, checked_sources
 from ddgcli.algorithms.distance.window_front import Front
 from ddgcli.algorithms.distance.window_slack import NearPart
 from ddgcli.algorithms.distance.window_tables import WindowTables, window_tables
@@ -25,8 +25,8 @@ log = logging.getLogger("ddgcli")
 
 
 @dataclass(frozen=True, eq=False)
-class ExactDistance:
-    """Distances of all vertices to the nearest source, and how the shortest path arrives at each.
+class ExactDistance(Reached):
+    """Exact distances, and how the shortest path arrives at each vertex.
 
     The last straight piece of the shortest path to vertex v unfolds from an origin: a source, or a vertex
     that the path bends around. Where `side[v]` >= 0 it enters the face of that flat side number 3f + j,
@@ -36,10 +36,6 @@ class ExactDistance:
 
     Parameters
     ----------
-    distance : (n,) ndarray of float64
-        inf where no source reaches.
-    nearest_source : (n,) ndarray of int64
-        Number of the nearest source (vertices first, then points); -1 where none reaches.
     origin_vertex : (n,) ndarray of int64
         Vertex at which the last straight piece begins; -1 where it begins at a source point (or nowhere).
     side : (n,) ndarray of int64
@@ -63,8 +59,6 @@ class ExactDistance:
         Vertices that only an edge path reached (0 but for extremely degenerate triangles); never too short.
     """
 
-    distance: NDArray[np.float64]
-    nearest_source: NDArray[np.int64]
     origin_vertex: NDArray[np.int64]
     side: NDArray[np.int64]
     crossing: NDArray[np.float64]
