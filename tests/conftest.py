@@ -9,6 +9,9 @@ from typing import Any
 import pytest
 from click.testing import CliRunner, Result
 
+from ddgcli.cli.threads import set_thread_variables
+
+set_thread_variables()  # commands that run in this process get what a user's process gets
 ROOT = Path(__file__).parent.parent
 SHARED_MESHES = ROOT.parent / "shared" / "meshes"
 

@@ -13,6 +13,7 @@ import click
 
 from ddgcli import __version__
 from ddgcli.cli.several import spread
+from ddgcli.cli.threads import set_thread_variables
 from ddgcli.errors import DdgError
 
 # name -> (module below ddgcli.cli, one line for --help); a module is imported only when its command runs
@@ -61,6 +62,7 @@ class Door(click.Group):
 
     def make_context(self, info_name: str | None, args: list[str], *rest: Any, **extra: Any) -> click.Context:
         words = list(args)
+        set_thread_variables(words)
         try:
             context = super().make_context(info_name, args, *rest, **extra)
         except click.exceptions.NoArgsIsHelpError:

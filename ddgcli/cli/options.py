@@ -28,6 +28,7 @@ class Common:
     quiet: bool = False
     units_note: str | None = None
     seed: int = 0
+    threads: int | None = None
 
 
 class Real(click.ParamType):
@@ -169,6 +170,8 @@ _COMMON = (
         show_default=True,
         help="Seed of whatever is random.",
     ),
+    click.option("--threads", type=click.IntRange(min=1), metavar="N",
+                 help="Threads of the linear algebra.  [default: 1, or as OMP_NUM_THREADS says]"),
 )  # fmt: skip
 
 
