@@ -38,7 +38,7 @@ def set_thread_variables(
 
 
 def requested_threads(words: Sequence[str]) -> int | None:
-    """N of `--threads N` or `--threads=N`; None where it is missing or no positive number (click reports that)."""
+    """N of `--threads N` or `--threads=N`; None where it is missing or not a positive number."""
     for index, word in enumerate(words):
         name, equals, value = word.partition("=")
         if name == "--threads":
