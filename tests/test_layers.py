@@ -18,22 +18,25 @@ MAY_IMPORT = {
     "operators": {"errors", "mesh", "geometry", "linalg"},
     "linalg": {"errors"},
     "algorithms": CORE,
-    "evolve": {"errors", "mesh", "linalg"},
-    "models": CORE | {"algorithms", "evolve"},
-    "tradeoff": CORE | {"algorithms", "evolve", "models"},
+    "simulation": {"errors", "mesh", "linalg"},
+    "mechanics": {"errors", "linalg", "simulation"},
+    "scenes": {"errors", "mesh", "simulation"},
+    "models": CORE | {"algorithms", "simulation", "mechanics", "scenes"},
+    "tradeoff": CORE | {"algorithms", "simulation", "mechanics", "scenes", "models"},
     "plots": {"errors", "mesh", "geometry"},
-    "cli": CORE | {"__init__", "io", "algorithms", "evolve", "models", "tradeoff", "plots"},
+    "cli": CORE
+    | {"__init__", "io", "algorithms", "simulation", "mechanics", "scenes", "models", "tradeoff", "plots"},
 }
 # packages of `algorithms`, and which of the others each may import
 TOPICS = {
-    "straightest": set(),
+    "tracing": set(),
     "hodge": set(),
-    "inspect": set(),
-    "delaunay": {"straightest"},
+    "inspection": set(),
+    "delaunay": {"tracing"},
     "curvature": {"delaunay"},
     "laplacian": {"delaunay"},
-    "distance": {"delaunay"},
-    "curves": {"straightest", "delaunay", "distance"},
+    "geodesics": {"tracing", "delaunay"},
+    "tangent_fields": {"tracing", "delaunay", "geodesics"},
 }
 # third-party modules that live in one room only
 ONE_ROOM = {"click": {"cli"}, "meshio": {"io"}, "trimesh": {"io"}, "h5py": {"io"}, "matplotlib": {"plots"}}
@@ -109,11 +112,11 @@ def wrong_topics(topic: str, source: str) -> list[str]:
 @pytest.mark.parametrize("topic", sorted(TOPICS))
 def test_topics_of_algorithms_point_one_way(topic):
     wrong = {
-        f.name: wrong_topics(topic, f.read_text()) for f in (PACKAGE / "algorithms" / topic).glob("*.py")
+        f.name: wrong_topics(topic, f.read_text()) for f in (PACKAGE / "algorithms" / topic).rglob("*.py")
     }
     assert wrong and not any(wrong.values()), wrong
 
 
 def test_a_topic_that_reaches_up_is_seen():
     assert {p.name for p in (PACKAGE / "algorithms").iterdir() if (p / "__init__.py").exists()} == set(TOPICS)
-    assert wrong_topics("delaunay", "from ddgcli.algorithms.curves.paths import seen_from") != []
+    assert wrong_topics("delaunay", "from ddgcli.algorithms.geodesics.paths import seen_from") != []

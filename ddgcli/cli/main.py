@@ -12,11 +12,11 @@ from typing import Any
 import click
 
 from ddgcli import __version__
-from ddgcli.cli.several import spread
+from ddgcli.cli.multi_value import spread
 from ddgcli.cli.threads import set_thread_variables
 from ddgcli.errors import DdgError
 
-# name -> (module below ddgcli.cli, one line for --help); a module is imported only when its command runs
+# name -> (module of ddgcli.cli.commands, help line); a module is imported only when its command runs
 COMMANDS = {
     "info": ("info", "What a file holds, how good it is, and which commands take it."),
     "curvature": ("curvature", "Gaussian, mean and principal curvature of surfaces and curves."),
@@ -54,7 +54,7 @@ class Door(click.Group):
         if name not in COMMANDS:
             return None
         module, _ = COMMANDS[name]
-        return importlib.import_module(f"ddgcli.cli.{module}").command
+        return importlib.import_module(f"ddgcli.cli.commands.{module}").command
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         with formatter.section("Commands"):

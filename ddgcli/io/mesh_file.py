@@ -20,7 +20,7 @@ from pathlib import Path
 from numpy.typing import NDArray
 
 from ddgcli.errors import InputError, MeshError, MeshFileError, OutputError
-from ddgcli.io.raw import RawMesh, assembled
+from ddgcli.io.readers.raw_mesh import RawMesh, assembled
 from ddgcli.mesh.curve import CurveSet
 from ddgcli.mesh.fields import AnnotatedMesh
 from ddgcli.mesh.intrinsic_mesh import IntrinsicMesh
@@ -30,20 +30,21 @@ from ddgcli.mesh.triangle_mesh import TriangleMesh
 
 # extension -> (module, function); modules are imported only when their format is met
 READERS = {
-    ".obj": ("read_obj", "read_obj"), ".off": ("read_off", "read_off"), ".ply": ("read_ply", "read_ply"),
-    ".stl": ("read_stl", "read_stl"), ".vtu": ("read_vtk_xml", "read_vtk_xml"),
-    ".vtp": ("read_vtk_xml", "read_vtk_xml"), ".csv": ("read_tables", "read_csv"),
-    ".txt": ("read_tables", "read_csv"), ".wkt": ("read_tables", "read_wkt"),
-    ".npz": ("read_tables", "read_npz"), ".vtk": ("read_vtk_legacy", "read_vtk_legacy"),
-    ".vtkhdf": ("read_vtkhdf", "read_vtkhdf"), ".h5": ("read_vtkhdf", "read_vtkhdf"),
-    ".hdf": ("read_vtkhdf", "read_vtkhdf"),
+    ".obj": ("readers.obj", "read_obj"), ".off": ("readers.off", "read_off"),
+    ".ply": ("readers.ply", "read_ply"),
+    ".stl": ("readers.stl", "read_stl"), ".vtu": ("readers.vtk_xml", "read_vtk_xml"),
+    ".vtp": ("readers.vtk_xml", "read_vtk_xml"), ".csv": ("readers.tables", "read_csv"),
+    ".txt": ("readers.tables", "read_csv"), ".wkt": ("readers.tables", "read_wkt"),
+    ".npz": ("readers.tables", "read_npz"), ".vtk": ("readers.vtk_legacy", "read_vtk_legacy"),
+    ".vtkhdf": ("readers.vtkhdf", "read_vtkhdf"), ".h5": ("readers.vtkhdf", "read_vtkhdf"),
+    ".hdf": ("readers.vtkhdf", "read_vtkhdf"),
 }  # fmt: skip
 WRITERS = {
-    ".ply": ("write_text", "ply_bytes"), ".vtu": ("write_vtk", "vtu_bytes"),
-    ".vtk": ("write_vtk", "vtk_bytes"), ".vtp": ("write_vtk", "vtp_bytes"),
-    ".vtkhdf": ("write_arrays", "vtkhdf_bytes"), ".obj": ("write_text", "obj_bytes"),
-    ".off": ("write_text", "off_bytes"), ".stl": ("write_text", "stl_bytes"),
-    ".xdmf": ("write_vtk", "xdmf_bytes"), ".npz": ("write_arrays", "npz_bytes"),
+    ".ply": ("writers.text", "ply_bytes"), ".vtu": ("writers.vtk", "vtu_bytes"),
+    ".vtk": ("writers.vtk", "vtk_bytes"), ".vtp": ("writers.vtk", "vtp_bytes"),
+    ".vtkhdf": ("writers.arrays", "vtkhdf_bytes"), ".obj": ("writers.text", "obj_bytes"),
+    ".off": ("writers.text", "off_bytes"), ".stl": ("writers.text", "stl_bytes"),
+    ".xdmf": ("writers.vtk", "xdmf_bytes"), ".npz": ("writers.arrays", "npz_bytes"),
 }  # fmt: skip
 INTRINSIC_FORMATS = (".npz", ".vtkhdf")
 
@@ -129,7 +130,7 @@ def read_mesh(path: str, input_format: str | None = None) -> MeshInput:
 
 def format_of(path: str, input_format: str | None = None) -> str:
     """The extension that chooses the reader; refused when no reader knows it."""
-    from ddgcli.io import read_foreign
+    from ddgcli.io.readers import foreign as read_foreign
 
     if input_format:
         suffix = "." + input_format.lower().lstrip(".")
@@ -179,7 +180,7 @@ def _raw(path: str, data: bytes, suffix: str) -> RawMesh:
     raw = _function(READERS[suffix])(data) if suffix in READERS else None
     if raw is not None:
         return raw
-    from ddgcli.io import read_foreign
+    from ddgcli.io.readers import foreign as read_foreign
 
     read = read_foreign.read_meshio if suffix in read_foreign.MESHIO else read_foreign.read_trimesh
     if path != "-" and Path(path).suffix.lower() == suffix:
@@ -240,7 +241,7 @@ def write_mesh(path: str, annotated: AnnotatedMesh, *, output_format: str | None
     A `path` of `-` writes to standard output in `output_format`.
     """
     suffix = check_output(path, output_format)
-    from ddgcli.io.sheet import sheet_of
+    from ddgcli.io.writers.cell_data import sheet_of
 
     if isinstance(annotated.mesh, IntrinsicMesh) and suffix not in INTRINSIC_FORMATS:
         raise OutputError(f"{path}: {suffix} cannot hold an intrinsic triangulation; write .npz or .vtkhdf")

@@ -1,0 +1,55 @@
+"""The fixed meshes that every bench and study uses: regular, irregular, stretched, noisy, sheared, real."""
+
+from __future__ import annotations
+
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+
+from ddgcli.mesh import shapes
+from ddgcli.mesh.triangle_mesh import TriangleMesh
+
+SHARED = Path(__file__).parents[3] / "shared" / "meshes"
+FACES = {"20k": 20_000, "80k": 80_000, "320k": 320_000, "1.3M": 1_310_000}
+
+
+@cache
+def sphere(faces: int, seed: int = 0) -> TriangleMesh:
+    """Irregular unit sphere: hull of random points."""
+    return shapes.random_sphere(faces // 2 + 2, seed)
+
+
+@cache
+def stretched(faces: int, seed: int = 0) -> TriangleMesh:
+    """The irregular sphere scaled 10 : 1 : 0.1; strongly non-Delaunay."""
+    mesh = sphere(faces, seed)
+    return mesh.moved(mesh.points * np.array([10.0, 1.0, 0.1]))
+
+
+@cache
+def noisy(faces: int, seed: int = 0) -> TriangleMesh:
+    """The irregular sphere with radial noise of a tenth of the mean edge length."""
+    mesh = sphere(faces, seed)
+    noise = 0.1 * mesh.side_length.mean() * np.random.default_rng(seed).normal(size=(mesh.n_vertices, 1))
+    return mesh.moved(mesh.points * (1 + noise))
+
+
+@cache
+def sheared_torus(faces: int) -> TriangleMesh:
+    """Torus R = 1, r = 0.4 whose grid is sheared by many cells: needles, each edge needs several flips."""
+    nv = int(np.sqrt(faces / 4))
+    nu = faces // (2 * nv)
+    u, v, cells = shapes.wrapped_grid(nu, nv, wrap_u=True, wrap_v=True)
+    shear = max(1, int(round(6 * np.sqrt(faces / 20_000))))
+    u, v = 2 * np.pi * u, 2 * np.pi * (v + shear * u)
+    r = 1 + 0.4 * np.cos(v)
+    return TriangleMesh.from_arrays(np.stack([r * np.cos(u), r * np.sin(u), 0.4 * np.sin(v)], axis=1), cells)
+
+
+@cache
+def real(name: str) -> TriangleMesh:
+    """A shared real mesh by file name."""
+    from ddgcli.io.mesh_file import read_mesh
+
+    return read_mesh(str(SHARED / name)).mesh  # type: ignore[return-value]
