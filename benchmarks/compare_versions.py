@@ -2,8 +2,8 @@
 
 python -m benchmarks.compare_versions --base REVISION [--only WORD]
 
-Each call runs in a process of its own, in both checkouts; `ddgcli check`'s comparison decides. Use it before and
-after a change that must leave results as they are. Exit code 1 if a result differs.
+Each call runs in a process of its own, in both checkouts; the comparison of `ddgcli check` decides. Use it before
+and after a change that must leave results as they are. Exit code 1 if a result differs.
 """
 
 from __future__ import annotations
@@ -33,21 +33,32 @@ def calls() -> list[list[str]]:
     m = {name: str(SHARED / name) for name in ("spot.obj", "koala.obj", "beam-tet.vtk", "plane_holes.obj")}
     lines: list[list[str]] = []
     lines += [["info", s[n]] for n in ("torus.ply", "ball.vtu", "trefoil.obj", "saddle.obj", "cube.obj")]
-    lines += [["curvature", s[n], "--scheme", c] for n in CLOSED[:2]
-              for c in ("cotan", "normal-cycle", "corrected", "quadric")]
+    lines += [
+        ["curvature", s[n], "--scheme", c]
+        for n in CLOSED[:2]
+        for c in ("cotan", "normal-cycle", "corrected", "quadric")
+    ]
     lines += [["curvature", s[n]] for n in ("saddle.obj", "cube.obj", "ellipse.csv", "trefoil.obj")]
     lines += [["curvature", s["ellipsoid.ply"], "--radius", "0.3", "--scheme", "corrected"]]
     lines += [["delaunay", s[n]] for n in (*CLOSED, "saddle.obj", "frame.off")]
     lines += [["delaunay", s["bad_torus.ply"], "--refine", "25", "--condition"]]
-    lines += [["laplacian", s["torus.ply"], "--operator", o, "--eigen", "5"]
-              for o in ("cotan", "intrinsic-delaunay", "tufted", "uniform")]
+    lines += [
+        ["laplacian", s["torus.ply"], "--operator", o, "--eigen", "5"]
+        for o in ("cotan", "intrinsic-delaunay", "tufted", "uniform")
+    ]
     lines += [["laplacian", s["torus.ply"], "--mass", k, "--eigen", "3"] for k in ("voronoi", "galerkin")]
     lines += [["laplacian", s["saddle.obj"], "--parameterize", k] for k in ("harmonic", "conformal")]
     lines += [["laplacian", s["sphere.ply"], "--harmonic", "--fix", "0=0", "--fix", "5=1"]]
-    lines += [["laplacian", s["sphere.ply"], "--smooth", "0.01"], ["laplacian", s["sphere.ply"], "--hks", "0.5"]]
+    lines += [
+        ["laplacian", s["sphere.ply"], "--smooth", "0.01"],
+        ["laplacian", s["sphere.ply"], "--hks", "0.5"],
+    ]
     lines += [["hodge", s[n], "--basis"] for n in ("torus.ply", "frame.off", "ball.vtu")]
-    lines += [["geodesic", s[n], "--source", "0", "--method", k] for n in ("bad_torus.ply", "saddle.obj")
-              for k in ("exact", "heat", "fast-marching", "dijkstra")]
+    lines += [
+        ["geodesic", s[n], "--source", "0", "--method", k]
+        for n in ("bad_torus.ply", "saddle.obj")
+        for k in ("exact", "heat", "fast-marching", "dijkstra")
+    ]
     lines += [["geodesic", s["torus.ply"], "--source", "0", "7", "--each-source", "--certify"]]
     lines += [["geodesic", s["torus.ply"], "--source", "0", "--path-to", "100"]]
     lines += [["geodesic", s["torus.ply"], "--source", "0", "--isolines", "5"]]
@@ -55,22 +66,55 @@ def calls() -> list[list[str]]:
     lines += [["geodesic", s["torus.ply"], "--source", "0", "--log-map"]]
     lines += [["geodesic", s["bad_torus.ply"], "--source", "0", "--tolerance", "0.05"]]
     lines += [["geodesic", s["torus.ply"], "--source", "0", "--compare", "heat"]]
-    lines += [["shell-sim", s["saddle.obj"], "--effect", "stretching", "--effect", "bending", "--effect", "gravity",
-               "--pin", "0", "--steps", "4", "--dt", "1e-3", "--integrator", i]
-              for i in ("newmark", "implicit-euler", "verlet", "implicit-midpoint", "symplectic-euler")]
+    lines += [
+        [
+            "shell-sim",
+            s["saddle.obj"],
+            "--effect",
+            "stretching",
+            "--effect",
+            "bending",
+            "--effect",
+            "gravity",
+            "--pin",
+            "0",
+            "--steps",
+            "4",
+            "--dt",
+            "1e-3",
+            "--integrator",
+            i,
+        ]
+        for i in ("newmark", "implicit-euler", "verlet", "implicit-midpoint", "symplectic-euler")
+    ]
     lines += [["shell-sim", str(SCENES / "leaf.toml"), "--steps", "5"]]
     lines += [["fluid-sim", str(SCENES / "taylor_vortices.toml"), "--steps", "3"]]
-    lines += [["fluid-sim", s["torus.ply"], "--effect", "initial vorticity='x*z'", "--steps", "3", "--dt", "0.01",
-               "--integrator", i] for i in ("circulation", "conservative")]
-    lines += [["willmore-flow", s["ellipsoid.ply"], "--energy", e, "--steps", "3"]
-              for e in ("gauss-map", "cotan", "sullivan")]
+    lines += [
+        [
+            "fluid-sim",
+            s["torus.ply"],
+            "--effect",
+            "initial vorticity='x*z'",
+            "--steps",
+            "3",
+            "--dt",
+            "0.01",
+            "--integrator",
+            i,
+        ]
+        for i in ("circulation", "conservative")
+    ]
+    lines += [
+        ["willmore-flow", s["ellipsoid.ply"], "--energy", e, "--steps", "3"]
+        for e in ("gauss-map", "cotan", "sullivan")
+    ]
     lines += [["willmore-flow", s["sphere.ply"], "--flow", "mean-curvature", "--steps", "3", "--dt", "0.001"]]
     lines += [["tradeoff", "curvature", s["torus.ply"], "--truth", "torus:2,1", "--repeat", "1"]]
     lines += [["info", p] for p in m.values()]
     lines += [[c, m["spot.obj"]] for c in ("curvature", "delaunay")]
     lines += [["geodesic", m["spot.obj"], "--source", "0"], ["laplacian", m["spot.obj"], "--eigen", "6"]]
     lines += [["hodge", m["beam-tet.vtk"], "--basis"], ["curvature", m["plane_holes.obj"]]]
-    return [line for line in lines if all(Path(w).exists() for w in line if w.startswith("/"))]  # fmt: skip
+    return [line for line in lines if all(Path(w).exists() for w in line if w.startswith("/"))]
 
 
 def summary(checkout: Path, line: list[str], exported: dict[str, str] | None = None) -> dict[str, Any]:
