@@ -2,8 +2,8 @@
 
 python -m benchmarks.compare_versions --base REVISION [--only WORD]
 
-Each call runs in a process of its own, in both checkouts; the comparison of `ddgcli check` decides. Use it before
-and after a change that must leave results as they are. Exit code 1 if a result differs.
+Each call runs in a process of its own, in both checkouts; the comparison of `ddgcli check` decides. Use it
+before and after a change that must leave results as they are. Exit code 1 if a result differs.
 """
 
 from __future__ import annotations

@@ -26,7 +26,20 @@ class MeshError(InputError):
 
 
 class ParameterError(InputError):
-    """An option or argument out of range, of unknown name, or at odds with another."""
+    """A parameter out of range, of unknown name, or in conflict with another.
+
+    Parameters
+    ----------
+    message : str
+        Other parameters stand between back quotes, alone or with a value: `` `method=exact` ``; the command
+        line writes them as its options.
+    parameter : str, optional
+        Name of the parameter that is wrong, as in the function's signature.
+    """
+
+    def __init__(self, message: str, *, parameter: str | None = None) -> None:
+        super().__init__(message if parameter is None else f"{parameter}: {message}")
+        self.message, self.parameter = message, parameter
 
 
 class SceneError(InputError):

@@ -13,6 +13,7 @@ import click
 
 from ddgcli import __version__
 from ddgcli.cli.multi_value import spread
+from ddgcli.cli.parameters import option_names
 from ddgcli.cli.threads import set_thread_variables
 from ddgcli.errors import DdgError
 
@@ -79,6 +80,8 @@ class Door(click.Group):
             hint = f"did you mean {near[0]}?" if near else f"known: {', '.join(COMMANDS)}"
             raise click.UsageError(f"no such command {args[0]!r}; {hint}", ctx)
         name, command, words = super().resolve_command(ctx, args)
+        if command is not None:
+            ctx.meta["ddgcli.options"] = option_names(command)
         return name, command, spread(command, words) if command is not None else words
 
     def invoke(self, ctx: click.Context) -> Any:

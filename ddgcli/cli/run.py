@@ -14,6 +14,7 @@ import click
 
 from ddgcli import __version__
 from ddgcli.cli.options import Common
+from ddgcli.cli.parameters import error_text, option_names, with_option_names
 from ddgcli.cli.progress import Progress
 from ddgcli.cli.summary import plain, print_summary
 from ddgcli.errors import DdgError, MeshError, MissingExtraError, OutputError, ParameterError
@@ -28,13 +29,14 @@ MOST_FACES = 20_000_000  # that --subdivide makes
 class _Collector(logging.Handler):
     """Warnings of the core go into the summary; with -v its other messages go to standard error at once."""
 
-    def __init__(self, verbose: int, quiet: bool) -> None:
+    def __init__(self, verbose: int, quiet: bool, options: dict[str, str]) -> None:
         super().__init__(logging.DEBUG if verbose > 1 else logging.INFO if verbose else logging.WARNING)
         self.warnings: list[str] = []
+        self.options = options
         self.verbose, self.quiet = verbose, quiet
 
     def emit(self, record: logging.LogRecord) -> None:
-        message = record.getMessage()
+        message = with_option_names(record.getMessage(), self.options)
         if record.levelno >= logging.WARNING and record.name != "py.warnings":
             if message not in self.warnings:
                 self.warnings.append(message)
@@ -82,7 +84,7 @@ class Run:
         self._input_vertex: Any = None
         self._promised: list[str] = []
         self._progress = Progress(command, False, None)
-        self._collector = _Collector(common.verbose, common.quiet)
+        self._collector = _Collector(common.verbose, common.quiet, option_names(self._context.command))
         self._listen()
         self._check_outputs(formats)
         self.progress(command)
@@ -365,8 +367,8 @@ def describe(mesh: AnyMesh) -> dict[str, Any]:
 
 
 def refusal_of(error: DdgError, context: click.Context) -> str:
-    """The message with the input's name before it, where it has none of its own."""
-    message = str(error)
+    """The message with option names, after the input's name where it has none of its own."""
+    message = error_text(error, context.meta.get("ddgcli.options", {}))
     path = context.meta.get("ddgcli.input")
     if path and not isinstance(error, (OutputError, MissingExtraError)) and not message.startswith(path):
         return f"{path}: {message}"
