@@ -1,7 +1,7 @@
 """Option names for the messages of the core, which knows parameters only.
 
-The core writes a parameter between back quotes, alone or with a value: `` `heat_time` ``, `` `method=exact` ``.
-On the command line the same message reads `--heat-time` and `--method exact`.
+The core writes a parameter between back quotes, alone or with a value, such as `` `method=exact` ``; the
+command line writes `--method exact`.
 """
 
 from __future__ import annotations

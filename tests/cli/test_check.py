@@ -110,3 +110,27 @@ def test_nothing_but_json_is_stored_over(run, tmp_path):
         result = run("check", mesh, *words, "--", "info", mesh)
         assert result.exit_code == 2 and ".json" in result.stderr
     assert mesh.read_bytes() == before
+
+
+def test_seconds_of_a_simulation_are_not_compared(run, tmp_path):
+    mesh = tmp_path / "grid.ply"
+    write_mesh(str(mesh), AnnotatedMesh(shapes.grid(4, 4)))
+    words = (
+        "shell-sim",
+        mesh,
+        "--effect",
+        "stretching",
+        "--effect",
+        "gravity",
+        "--steps",
+        "2",
+        "--dt",
+        "1e-4",
+    )
+    stored = tmp_path / "stored.json"
+    assert run("check", stored, "--update", "--", *words).exit_code == 0
+    changed = json.loads(stored.read_text())
+    parts = changed["summary"]["results"]["seconds_by_part"]
+    changed["summary"]["results"]["seconds_by_part"] = {name: value + 1 for name, value in parts.items()}
+    stored.write_text(json.dumps(changed))
+    assert run("check", stored).exit_code == 0

@@ -12,8 +12,8 @@ RTOL, ATOL = 1e-6, 1e-12
 ACCURACY_ATOL = 1e-9  # residuals are rounding noise below this
 # what differs from run to run, or names files
 VOLATILE = (
-    "seconds", "seconds.*", "*.seconds", "*_seconds", "*.share", "*peak_mib", "version", "input.path",
-    "outputs", "outputs*", "tolerances*",
+    "seconds", "seconds.*", "*.seconds", "*_seconds", "*.seconds_by_part*", "*.share", "*peak_mib", "version",
+    "input.path", "outputs", "outputs*", "tolerances*",
 )  # fmt: skip
 
 
