@@ -76,15 +76,15 @@ clean:  ## remove build/ and caches
 
 accuracy: $(STAMP_TEST)  ## the atlas: docs/accuracy/, error against seconds on known truths (a quarter of an hour)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check pymeshlab
-	OMP_NUM_THREADS=1 $(BIN)/python -m benchmarks.accuracy $(NAME)
+	OMP_NUM_THREADS=1 $(BIN)/python -m benchmarks.atlas $(NAME)
 
 accuracy-check: $(STAMP_TEST)  ## rerun the atlas's small meshes; fails if an error or a rate is worse
-	$(BIN)/python -m benchmarks.accuracy --check
+	$(BIN)/python -m benchmarks.atlas --check
 
-BENCH_NAMES = $(patsubst benchmarks/bench_%.py,%,$(wildcard benchmarks/bench_*.py))
+BENCH_NAMES = $(patsubst benchmarks/peers/%.py,%,$(wildcard benchmarks/peers/[a-z]*.py))
 BENCHES = $(filter $(or $(NAME),%),$(BENCH_NAMES))
 
 bench: $(STAMP_TEST)  ## time and memory beside peers, in one run; NAME=geodesic for one bench
 	@test -n "$(BENCHES)" || { echo "no bench is called $(NAME); there are: $(BENCH_NAMES)"; exit 2; }
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check pymeshlab mujoco
-	@for bench in $(BENCHES); do OMP_NUM_THREADS=1 $(BIN)/python -m benchmarks.bench_$$bench || exit 1; done
+	@for bench in $(BENCHES); do OMP_NUM_THREADS=1 $(BIN)/python -m benchmarks.peers.$$bench || exit 1; done

@@ -1,11 +1,11 @@
 """Scenes of the tests, and runs of them without files."""
 
-from ddgcli.evolve.account import Account
-from ddgcli.evolve.loop import evolve
 from ddgcli.io.scene_file import parse_scene
-from ddgcli.models.scene import resolve
 from ddgcli.models.shell import model
 from ddgcli.models.shell.scene import KIND
+from ddgcli.scenes.scene import resolve
+from ddgcli.simulation.account import Account
+from ddgcli.simulation.time_loop import evolve
 
 # a square sheet that hangs by two corners, `cells` each way
 HANGING_SHEET = """

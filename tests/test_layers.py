@@ -116,4 +116,4 @@ def test_topics_of_algorithms_point_one_way(topic):
 
 def test_a_topic_that_reaches_up_is_seen():
     assert {p.name for p in (PACKAGE / "algorithms").iterdir() if (p / "__init__.py").exists()} == set(TOPICS)
-    assert wrong_topics("delaunay", "from ddgcli.algorithms.curves.paths import seen_from") != []
+    assert wrong_topics("delaunay", "from ddgcli.algorithms.geodesics.paths import seen_from") != []

@@ -12,7 +12,7 @@ from typing import Any
 import click
 
 from ddgcli import __version__
-from ddgcli.cli.several import spread
+from ddgcli.cli.multi_value import spread
 from ddgcli.errors import DdgError
 
 # name -> (module below ddgcli.cli, one line for --help); a module is imported only when its command runs

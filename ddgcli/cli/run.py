@@ -15,7 +15,7 @@ import click
 from ddgcli import __version__
 from ddgcli.cli.options import Common
 from ddgcli.cli.progress import Progress
-from ddgcli.cli.report import plain, print_summary
+from ddgcli.cli.summary import plain, print_summary
 from ddgcli.errors import DdgError, MeshError, MissingExtraError, OutputError, ParameterError
 
 if TYPE_CHECKING:

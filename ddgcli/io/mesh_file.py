@@ -20,7 +20,7 @@ from pathlib import Path
 from numpy.typing import NDArray
 
 from ddgcli.errors import InputError, MeshError, MeshFileError, OutputError
-from ddgcli.io.raw import RawMesh, assembled
+from ddgcli.io.readers.raw_mesh import RawMesh, assembled
 from ddgcli.mesh.curve import CurveSet
 from ddgcli.mesh.fields import AnnotatedMesh
 from ddgcli.mesh.intrinsic_mesh import IntrinsicMesh
@@ -129,7 +129,7 @@ def read_mesh(path: str, input_format: str | None = None) -> MeshInput:
 
 def format_of(path: str, input_format: str | None = None) -> str:
     """The extension that chooses the reader; refused when no reader knows it."""
-    from ddgcli.io import read_foreign
+    from ddgcli.io.readers import foreign as read_foreign
 
     if input_format:
         suffix = "." + input_format.lower().lstrip(".")
@@ -179,7 +179,7 @@ def _raw(path: str, data: bytes, suffix: str) -> RawMesh:
     raw = _function(READERS[suffix])(data) if suffix in READERS else None
     if raw is not None:
         return raw
-    from ddgcli.io import read_foreign
+    from ddgcli.io.readers import foreign as read_foreign
 
     read = read_foreign.read_meshio if suffix in read_foreign.MESHIO else read_foreign.read_trimesh
     if path != "-" and Path(path).suffix.lower() == suffix:
@@ -240,7 +240,7 @@ def write_mesh(path: str, annotated: AnnotatedMesh, *, output_format: str | None
     A `path` of `-` writes to standard output in `output_format`.
     """
     suffix = check_output(path, output_format)
-    from ddgcli.io.sheet import sheet_of
+    from ddgcli.io.writers.cell_data import sheet_of
 
     if isinstance(annotated.mesh, IntrinsicMesh) and suffix not in INTRINSIC_FORMATS:
         raise OutputError(f"{path}: {suffix} cannot hold an intrinsic triangulation; write .npz or .vtkhdf")

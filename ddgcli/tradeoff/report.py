@@ -10,7 +10,7 @@ import shlex
 from typing import Any
 
 from ddgcli.tradeoff.candidates import Problem, Row, Table
-from ddgcli.tradeoff.front import break_even
+from ddgcli.tradeoff.pareto import break_even
 
 COLUMNS = (
     "method", "parameters", "setup_seconds", "seconds", "seconds_low", "seconds_high", "repeats", "peak_mib",

@@ -171,11 +171,11 @@ SOLVE = ("ddgcli.linalg.factor:Factor.solve", returned(lambda x: scattered(x, 1e
 FAINT = (SOLVE[0], returned(lambda x: scattered(x, 1e-6 * np.abs(x).max())))  # below what is refused
 WILD = (SOLVE[0], returned(lambda x: scattered(x, np.abs(x).max())))
 MEASURE = "ddgcli.algorithms.curvature.report:_accuracy"
-EXACT = "ddgcli.algorithms.distance.exact:exact_distance"
+EXACT = "ddgcli.algorithms.geodesics.exact.exact_distance:exact_distance"
 OPERATOR = "ddgcli.algorithms.laplacian.report:laplace_operator"
-WALKED = "ddgcli.algorithms.straightest.trace:Tracer.walked"
-STEP = "ddgcli.algorithms.curves.integral_curves:runge_kutta_step"
-EVOLVE = "ddgcli.cli.simulate:evolve"
+WALKED = "ddgcli.algorithms.tracing.trace:Tracer.walked"
+STEP = "ddgcli.algorithms.tangent_fields.integral_curves:runge_kutta_step"
+EVOLVE = "ddgcli.cli.simulation.simulate:evolve"
 MEAN_STEP = "ddgcli.models.willmore.flow:mean_curvature_step"
 
 GROWING = iter(np.linspace(1.0, 9.0, 99))
@@ -232,7 +232,7 @@ PLANTS = {
         (EXACT, crooked(distance=lambda d: d**3), ["triangle_residual"]),
     ],
     "slack": [
-        ("ddgcli.algorithms.distance.window_front:Front.run", rougher, ["tolerance_error_estimate"])
+        ("ddgcli.algorithms.geodesics.exact.wavefront:Front.run", rougher, ["tolerance_error_estimate"])
     ],
     "traced": [(WALKED, returned(bent), ["trace_angle_defect"])],
     "path": [
@@ -241,7 +241,7 @@ PLANTS = {
     ],
     "straightened": [
         (
-            "ddgcli.algorithms.curves.flipout:PathStraightener.straighten",
+            "ddgcli.algorithms.geodesics.flipout:PathStraightener.straighten",
             lambda sound: lambda self: True,
             ["path_angle_deficit"],
         ),
@@ -255,7 +255,7 @@ PLANTS = {
     ],
     "marched": [
         (
-            "ddgcli.algorithms.curves.polar_coordinates:_handed_on",
+            "ddgcli.algorithms.tangent_fields.polar_coordinates:_handed_on",
             returned(lambda unit: unit * np.exp(1j * np.linspace(0, 30, len(unit)))),
             ["log_map_skew"],
         ),

@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from ddgcli.algorithms.inspect.compare_summaries import Tolerances, compare
+from ddgcli.algorithms.inspection.compare_summaries import Tolerances, compare
 from ddgcli.io.mesh_file import write_mesh
 from ddgcli.mesh import shapes
 from ddgcli.mesh.fields import AnnotatedMesh

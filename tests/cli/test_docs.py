@@ -8,7 +8,7 @@ import click
 import pytest
 
 from ddgcli.cli.main import COMMANDS, main
-from ddgcli.cli.several import spread
+from ddgcli.cli.multi_value import spread
 
 ROOT = Path(__file__).parents[2]
 PAGES = sorted([ROOT / "README.md", ROOT / "CONTRIBUTING.md", *(ROOT / "docs").rglob("*.md")])

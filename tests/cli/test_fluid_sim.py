@@ -160,7 +160,7 @@ def test_trajectory_is_read_by_vtk(run, flow, tmp_path):
     vtk = pytest.importorskip("vtk")
     from vtk.util.numpy_support import vtk_to_numpy
 
-    from ddgcli.io.trajectory import Trajectory
+    from ddgcli.io.trajectories.trajectory import Trajectory
 
     assert run("fluid-sim", flow, "-o", tmp_path / "run.vtkhdf").exit_code == 0
     reader = vtk.vtkHDFReader()
@@ -188,7 +188,7 @@ def test_trajectory_is_read_by_vtk(run, flow, tmp_path):
 
 
 def test_trajectory_resume_and_arrays(run, flow, tmp_path, monkeypatch):
-    from ddgcli.io.trajectory import Trajectory
+    from ddgcli.io.trajectories.trajectory import Trajectory
     from ddgcli.models.fluid.model import FluidModel
 
     file = flow

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from ddgcli.io.mesh_file import read_mesh, write_mesh
-from ddgcli.io.trajectory import Trajectory
+from ddgcli.io.trajectories.trajectory import Trajectory
 from ddgcli.mesh import shapes
 from ddgcli.mesh.fields import AnnotatedMesh
 

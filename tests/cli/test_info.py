@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ddgcli.algorithms.inspect import quality
+from ddgcli.algorithms.inspection import quality
 from ddgcli.io.mesh_file import read_mesh, write_mesh
 from ddgcli.mesh import shapes
 from ddgcli.mesh.curve import CurveSet

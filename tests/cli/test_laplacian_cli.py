@@ -6,7 +6,7 @@ import scipy.io
 import scipy.sparse
 
 from ddgcli.algorithms.laplacian import choice as core
-from ddgcli.cli import laplacian as door
+from ddgcli.cli.commands import laplacian as door
 from ddgcli.io import matrix_file
 from ddgcli.io.mesh_file import write_mesh
 from ddgcli.mesh import shapes

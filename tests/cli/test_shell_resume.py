@@ -10,8 +10,8 @@ from contextlib import contextmanager
 import numpy as np
 import pytest
 
-from ddgcli.evolve.integrators import INTEGRATORS
-from ddgcli.io.trajectory import Trajectory
+from ddgcli.io.trajectories.trajectory import Trajectory
+from ddgcli.mechanics.integrators import INTEGRATORS
 from tests.simulate import FALLING_CLOTH as SCENE
 from tests.simulate import scene_file as scene
 
@@ -38,7 +38,7 @@ def assert_equal_bits(a, b):
 @contextmanager
 def interrupted_after(monkeypatch, frames):
     """A patch: the writer of trajectories is interrupted where it would add one frame more."""
-    from ddgcli.io import trajectory_writer
+    from ddgcli.io.trajectories import writer as trajectory_writer
 
     append, written = trajectory_writer.TrajectoryWriter.append, []
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ddgcli.io.trajectory import Trajectory
+from ddgcli.io.trajectories.trajectory import Trajectory
 from ddgcli.mesh.shapes import grid
 from tests.simulate import FALLING_CLOTH as SCENE
 from tests.simulate import scene_file as scene
@@ -242,7 +242,7 @@ def test_the_mesh_of_a_scene_is_never_overwritten(run, tmp_path):
 def test_energy_that_no_force_can_give_is_told(summary, run, tmp_path, monkeypatch):
     """Implicit midpoint with steps far longer than the waves of a stiff shell that turns: they are rejected,
     and told; were they not, the run would be."""
-    from ddgcli.evolve import balance
+    from ddgcli.mechanics import energy_balance as balance
 
     leaf = Path(__file__).parents[2] / "sample_scenes" / "leaf.toml"
     held = summary("shell-sim", leaf, "--dt", 4e-3)

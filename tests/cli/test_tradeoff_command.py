@@ -10,16 +10,16 @@ import time
 import numpy as np
 import pytest
 
-from benchmarks.families import ellipsoids
-from ddgcli.algorithms.distance.sources import Sources
-from ddgcli.cli.tradeoff import COMMANDS
-from ddgcli.evolve.account import Account
-from ddgcli.evolve.loop import evolve
+from benchmarks.common.mesh_classes import ellipsoids
+from ddgcli.algorithms.geodesics.sources import Sources
+from ddgcli.cli.commands.tradeoff import COMMANDS
 from ddgcli.io.mesh_file import write_mesh
 from ddgcli.io.scene_file import parse_scene
 from ddgcli.mesh import shapes
 from ddgcli.mesh.fields import AnnotatedMesh
 from ddgcli.models.willmore import setup
+from ddgcli.simulation.account import Account
+from ddgcli.simulation.time_loop import evolve
 from ddgcli.tradeoff.candidates import relative_to_largest, relative_to_rms
 from ddgcli.tradeoff.problems import curvature, delaunay, geodesic, laplacian, simulate, willmore_flow
 from ddgcli.tradeoff.richardson import left_to_go

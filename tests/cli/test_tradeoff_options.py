@@ -6,7 +6,7 @@ import shlex
 import numpy as np
 import pytest
 
-from ddgcli.cli.tradeoff_asked import TAKES
+from ddgcli.cli.commands.tradeoff_options import TAKES
 from ddgcli.io.mesh_file import write_mesh
 from ddgcli.mesh import shapes
 from ddgcli.mesh.fields import AnnotatedMesh

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_bvp
 
-from benchmarks.scenes import CANTILEVER, RIGIDITY
+from benchmarks.common.scenes import CANTILEVER, RIGIDITY
 from tests.simulate import shell_run
 
 

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 from ddgcli.algorithms.delaunay.triangulation import flip_to_delaunay
-from ddgcli.algorithms.distance import fast_marching
-from ddgcli.algorithms.distance.edges import edge_distance
-from ddgcli.algorithms.distance.exact import exact_distance
-from ddgcli.algorithms.distance.fast_marching import marched_distance
-from ddgcli.algorithms.distance.heat import HeatSolver
+from ddgcli.algorithms.geodesics import fast_marching
+from ddgcli.algorithms.geodesics.edge_distance import edge_distance
+from ddgcli.algorithms.geodesics.exact.exact_distance import exact_distance
+from ddgcli.algorithms.geodesics.fast_marching import marched_distance
+from ddgcli.algorithms.geodesics.heat import HeatSolver
 from ddgcli.errors import SolveError
 from ddgcli.io.mesh_file import read_mesh
 from ddgcli.mesh import shapes

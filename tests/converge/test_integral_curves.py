@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from ddgcli.algorithms.curves.integral_curves import field_of_array, integral_curves, random_starts
-from ddgcli.algorithms.curves.paths import path_lengths
-from ddgcli.algorithms.curves.surface_curves import field_curves
+from ddgcli.algorithms.geodesics.paths import path_lengths
+from ddgcli.algorithms.geodesics.surface_curves import field_curves
+from ddgcli.algorithms.tangent_fields.integral_curves import field_of_array, integral_curves, random_starts
 from ddgcli.errors import ParameterError
 from ddgcli.geometry.face_frames import surface_position, to_face_frame
 from ddgcli.geometry.surface_points import SurfacePoints

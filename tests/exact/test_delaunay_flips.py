@@ -15,9 +15,9 @@ from ddgcli.algorithms.delaunay.triangulation import (
     non_delaunay_edges,
     unglue,
 )
-from ddgcli.algorithms.distance.heat import HeatSolver
-from ddgcli.algorithms.distance.methods import measure_distance
-from ddgcli.algorithms.distance.sources import Sources
+from ddgcli.algorithms.geodesics.distance import measure_distance
+from ddgcli.algorithms.geodesics.heat import HeatSolver
+from ddgcli.algorithms.geodesics.sources import Sources
 from ddgcli.algorithms.laplacian.choice import laplace_operator
 from ddgcli.errors import MeshError
 from ddgcli.geometry.intrinsic import face_area, half_angle_tangent, triangle_excess

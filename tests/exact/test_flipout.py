@@ -5,13 +5,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ddgcli.algorithms.curves import flipout
-from ddgcli.algorithms.curves.flipout import straightened_curves
-from ddgcli.algorithms.curves.flipping_mesh import DETOURS, EdgeGraph, FlippingMesh, edge_path
-from ddgcli.algorithms.curves.paths import joints
-from ddgcli.algorithms.distance.exact import exact_distance
+from ddgcli.algorithms.geodesics import flipout
+from ddgcli.algorithms.geodesics.exact.exact_distance import exact_distance
+from ddgcli.algorithms.geodesics.flipout import straightened_curves
+from ddgcli.algorithms.geodesics.flipping_mesh import DETOURS, EdgeGraph, FlippingMesh, edge_path
+from ddgcli.algorithms.geodesics.paths import joints
 from ddgcli.algorithms.hodge.homology import generator_loops
-from ddgcli.algorithms.straightest.trace import Tracer
+from ddgcli.algorithms.tracing.trace import Tracer
 from ddgcli.errors import ParameterError
 from ddgcli.geometry.face_frames import surface_position
 from ddgcli.io.mesh_file import read_mesh

@@ -5,9 +5,10 @@ from contextlib import contextmanager
 import numpy as np
 import pytest
 
-from ddgcli.algorithms.distance import window_bundle, window_front
-from ddgcli.algorithms.distance.exact import exact_distance
-from ddgcli.algorithms.distance.sources import Sources
+from ddgcli.algorithms.geodesics.exact import bundles as window_bundle
+from ddgcli.algorithms.geodesics.exact import wavefront as window_front
+from ddgcli.algorithms.geodesics.exact.exact_distance import exact_distance
+from ddgcli.algorithms.geodesics.sources import Sources
 from ddgcli.geometry.surface_points import SurfacePoints
 from ddgcli.mesh import shapes
 from tests.geodesic_cases import cone, jittered, noisy_torus, on_pillow, pillow, with_holes

@@ -8,11 +8,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ddgcli.algorithms.delaunay.triangulation import flip_to_delaunay
-from ddgcli.algorithms.distance import window_bundle
-from ddgcli.algorithms.distance.certificate import certificate
-from ddgcli.algorithms.distance.exact import exact_distance
-from ddgcli.algorithms.distance.sources import Sources
-from ddgcli.algorithms.distance.window_tables import window_tables
+from ddgcli.algorithms.geodesics.certificate import certificate
+from ddgcli.algorithms.geodesics.exact import bundles as window_bundle
+from ddgcli.algorithms.geodesics.exact.exact_distance import exact_distance
+from ddgcli.algorithms.geodesics.exact.tables import window_tables
+from ddgcli.algorithms.geodesics.sources import Sources
 from ddgcli.errors import ParameterError
 from ddgcli.geometry.surface_points import SurfacePoints
 from ddgcli.io.mesh_file import read_mesh

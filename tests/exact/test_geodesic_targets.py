@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from ddgcli.algorithms.distance.exact import exact_distance
-from ddgcli.algorithms.distance.sources import Sources
+from ddgcli.algorithms.geodesics.exact.exact_distance import exact_distance
+from ddgcli.algorithms.geodesics.sources import Sources
 from ddgcli.geometry.surface_points import SurfacePoints
 from ddgcli.mesh import shapes
 from ddgcli.mesh.triangle_mesh import TriangleMesh

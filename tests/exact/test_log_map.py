@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from ddgcli.algorithms.curves.log_map import log_map
-from ddgcli.algorithms.curves.oriented_cover import oriented_cover
-from ddgcli.algorithms.curves.paths import segment_vectors
-from ddgcli.algorithms.curves.shortest_paths import shortest_paths
-from ddgcli.algorithms.distance.exact import exact_distance
-from ddgcli.algorithms.distance.sources import Sources
-from ddgcli.algorithms.straightest.trace import Tracer
+from ddgcli.algorithms.geodesics.exact.exact_distance import exact_distance
+from ddgcli.algorithms.geodesics.oriented_cover import oriented_cover
+from ddgcli.algorithms.geodesics.paths import segment_vectors
+from ddgcli.algorithms.geodesics.shortest_paths import shortest_paths
+from ddgcli.algorithms.geodesics.sources import Sources
+from ddgcli.algorithms.tangent_fields.log_map import log_map
+from ddgcli.algorithms.tracing.trace import Tracer
 from ddgcli.errors import MeshError
 from ddgcli.geometry.surface_points import SurfacePoints
 from ddgcli.geometry.unfolding import vertex_fans

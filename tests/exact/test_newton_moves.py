@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from scipy.sparse import csc_array
 
-from ddgcli.evolve.assembly import Assembly
-from ddgcli.evolve.implicit import Newton
 from ddgcli.linalg.backends import NotDefinite
 from ddgcli.linalg.conjugate import truncated_conjugate_gradients
 from ddgcli.linalg.factor import Factor
+from ddgcli.mechanics.assembly import Assembly
+from ddgcli.mechanics.newton import Newton
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from tests.simulate import scalar, shell_run
 

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from ddgcli.algorithms.curves.paths import SurfacePaths, curve_set, joints, path_lengths, reversed_paths
-from ddgcli.algorithms.curves.surface_curves import largest_angle_defect
-from ddgcli.algorithms.straightest.trace import trace
+from ddgcli.algorithms.geodesics.paths import SurfacePaths, curve_set, joints, path_lengths, reversed_paths
+from ddgcli.algorithms.geodesics.surface_curves import largest_angle_defect
+from ddgcli.algorithms.tracing.trace import trace
 from ddgcli.errors import ParameterError
 from ddgcli.mesh import shapes
 from ddgcli.mesh.intrinsic_mesh import IntrinsicMesh

@@ -7,7 +7,7 @@ from ddgcli.algorithms.delaunay.common_subdivision import Base, common_subdivisi
 from ddgcli.algorithms.delaunay.point_location import PointMap
 from ddgcli.algorithms.delaunay.refine import refine
 from ddgcli.algorithms.delaunay.triangulation import flip_to_delaunay
-from ddgcli.algorithms.straightest.trace import Tracer
+from ddgcli.algorithms.tracing.trace import Tracer
 from ddgcli.errors import ParameterError
 from ddgcli.geometry.surface_points import SurfacePoints
 from ddgcli.geometry.unfolding import vertex_fans

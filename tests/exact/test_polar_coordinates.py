@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 from scipy.spatial import Delaunay
 
-from ddgcli.algorithms.curves.log_map import log_map
-from ddgcli.algorithms.curves.oriented_cover import oriented_cover
-from ddgcli.algorithms.curves.polar_coordinates import marched_log_map
 from ddgcli.algorithms.delaunay.triangulation import flip_to_delaunay
-from ddgcli.algorithms.distance.exact import exact_distance
-from ddgcli.algorithms.distance.fast_marching import marched_distance
-from ddgcli.algorithms.distance.sources import Sources
+from ddgcli.algorithms.geodesics.exact.exact_distance import exact_distance
+from ddgcli.algorithms.geodesics.fast_marching import marched_distance
+from ddgcli.algorithms.geodesics.oriented_cover import oriented_cover
+from ddgcli.algorithms.geodesics.sources import Sources
+from ddgcli.algorithms.tangent_fields.log_map import log_map
+from ddgcli.algorithms.tangent_fields.polar_coordinates import marched_log_map
 from ddgcli.errors import ParameterError
 from ddgcli.geometry.surface_points import SurfacePoints
 from ddgcli.mesh import shapes

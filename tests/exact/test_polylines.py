@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from ddgcli.algorithms.curvature.polyline import measure_curve, measure_curves
 from ddgcli.errors import MeshError
-from ddgcli.io.read_tables import read_csv
+from ddgcli.io.readers.tables import read_csv
 from ddgcli.mesh.curve import CurveSet
 
 

@@ -8,10 +8,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ddgcli.io.scene_file import parse_scene
-from ddgcli.models.scene_expression import evaluate, parse
-from ddgcli.models.scene_materials import MATERIALS, filled
-from ddgcli.models.scene_shapes import Grid, grid_mesh, periodic_grid, rotation_matrix
-from ddgcli.models.scene_units import parse_quantity
+from ddgcli.scenes.expressions import evaluate, parse
+from ddgcli.scenes.materials import MATERIALS, filled
+from ddgcli.scenes.shapes import Grid, grid_mesh, periodic_grid, rotation_matrix
+from ddgcli.scenes.units import parse_quantity
 
 
 @pytest.mark.parametrize("text, unit, value", [
@@ -152,8 +152,8 @@ def test_periodic_grids_are_flat(pattern, periodic, euler):
 
 def test_the_integrator_of_the_command_line_leaves_the_parameters_of_the_scene_s_behind():
     from ddgcli.errors import SceneError
-    from ddgcli.models.scene import resolve
     from ddgcli.models.shell.scene import KIND
+    from ddgcli.scenes.scene import resolve
 
     text = """[time]
 integrator = "{}"
@@ -181,7 +181,7 @@ grid = {{ size = [1, 1], cells = [1, 1] }}
 ])  # fmt: skip
 def test_a_clock_that_does_not_meet_the_times_is_told(time, told, caplog):
     from ddgcli.models.fluid.scene import KIND
-    from ddgcli.models.scene import resolve
+    from ddgcli.scenes.scene import resolve
 
     resolve(parse_scene(f"[time]\n{time}\n[[object]]\nrole = 'fluid'\nsphere = {{}}\n"), KIND)
     assert len(caplog.messages) == bool(told)

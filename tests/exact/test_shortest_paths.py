@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from ddgcli.algorithms.curves.log_map import log_map
-from ddgcli.algorithms.curves.paths import SurfacePaths, joints
-from ddgcli.algorithms.curves.shortest_paths import shortest_paths
-from ddgcli.algorithms.distance.exact import exact_distance
-from ddgcli.algorithms.distance.sources import Sources
+from ddgcli.algorithms.geodesics.exact.exact_distance import exact_distance
+from ddgcli.algorithms.geodesics.paths import SurfacePaths, joints
+from ddgcli.algorithms.geodesics.shortest_paths import shortest_paths
+from ddgcli.algorithms.geodesics.sources import Sources
+from ddgcli.algorithms.tangent_fields.log_map import log_map
 from ddgcli.errors import ParameterError
 from ddgcli.geometry.face_frames import surface_position
 from ddgcli.geometry.surface_points import SurfacePoints

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from ddgcli.algorithms.straightest.trace import AT_BOUNDARY, GAVE_UP, REACHED, Tracer, trace
+from ddgcli.algorithms.tracing.trace import AT_BOUNDARY, GAVE_UP, REACHED, Tracer, trace
 from ddgcli.errors import InputError
 from ddgcli.geometry.face_frames import surface_position, to_face_frame, to_space
 from ddgcli.geometry.unfolding import corner_position
@@ -244,7 +244,7 @@ def test_lines_in_several_batches_are_those_of_one(monkeypatch):
     mesh = shapes.random_sphere(300)
     starts = (*random_starts(mesh, 50), np.random.default_rng(1).uniform(0, 4, 50))
     once = trace(mesh, *starts, record=True)
-    monkeypatch.setattr("ddgcli.algorithms.straightest.trace.LINES_AT_ONCE", 7)
+    monkeypatch.setattr("ddgcli.algorithms.tracing.trace.LINES_AT_ONCE", 7)
     heard = []
     parted = Tracer(mesh).trace(*starts, record=True, told=lambda done, total: heard.append(done / total))
     for name in ("face", "status", "crossings", "path_start", "path_face"):
@@ -277,7 +277,7 @@ def test_few_lines_in_plain_numbers_are_those_walked_as_arrays(mesh, at_boundary
     starts = np.tile(face, 2), np.concatenate([barycentric, corners]), np.concatenate([direction, along])
     tracer, ways = Tracer(mesh), []
     for few in (0, 24):
-        monkeypatch.setattr("ddgcli.algorithms.straightest.walk.FEW", few)
+        monkeypatch.setattr("ddgcli.algorithms.tracing.batch.FEW", few)
         ways.append(tracer.trace(*starts, np.linspace(0, 9, 24), at_boundary=at_boundary, record=True))
     arrays, numbers = ways
     for name in ("status", "crossings", "path_start", "path_face"):

@@ -19,8 +19,8 @@ from ddgcli.tradeoff.candidates import (
     relative_to_largest,
     relative_to_rms,
 )
-from ddgcli.tradeoff.front import break_even, cheapest_within, give_verdicts
 from ddgcli.tradeoff.measure import run_problem
+from ddgcli.tradeoff.pareto import break_even, cheapest_within, give_verdicts
 from ddgcli.tradeoff.report import csv_of, results_of
 from ddgcli.tradeoff.truths import SHAPES, ellipsoid, parse_truth
 

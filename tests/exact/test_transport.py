@@ -3,15 +3,15 @@
 import numpy as np
 import pytest
 
-from ddgcli.algorithms.curves.intrinsic_frames import frame_turn
-from ddgcli.algorithms.curves.log_map import log_map
-from ddgcli.algorithms.curves.paths import SurfacePaths
-from ddgcli.algorithms.curves.transport import holonomy, transported_frame
-from ddgcli.algorithms.curves.vector_heat import VectorHeat
 from ddgcli.algorithms.delaunay.triangulation import flip_to_delaunay
-from ddgcli.algorithms.distance.exact import exact_distance
-from ddgcli.algorithms.distance.sources import Sources
-from ddgcli.algorithms.straightest.trace import Tracer, trace
+from ddgcli.algorithms.geodesics.exact.exact_distance import exact_distance
+from ddgcli.algorithms.geodesics.paths import SurfacePaths
+from ddgcli.algorithms.geodesics.sources import Sources
+from ddgcli.algorithms.tangent_fields.intrinsic_frames import frame_turn
+from ddgcli.algorithms.tangent_fields.log_map import log_map
+from ddgcli.algorithms.tangent_fields.transport import holonomy, transported_frame
+from ddgcli.algorithms.tangent_fields.vector_heat import VectorHeat
+from ddgcli.algorithms.tracing.trace import Tracer, trace
 from ddgcli.errors import ParameterError
 from ddgcli.geometry.extrinsic import face_normal
 from ddgcli.geometry.face_frames import surface_position

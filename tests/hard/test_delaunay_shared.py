@@ -1,7 +1,7 @@
 """Flips, overlay and refinement of every shared mesh and every hard file: right, or refused with the mend.
 
 The large ones are slow tests; what docs/delaunay.md says of them is counted by
-`python -m benchmarks.bench_delaunay --only shared`.
+`python -m benchmarks.peers.delaunay --only shared`.
 """
 
 import logging

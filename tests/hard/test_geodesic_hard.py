@@ -5,11 +5,11 @@ import json
 import numpy as np
 import pytest
 
-from ddgcli.algorithms.distance.edges import edge_distance
-from ddgcli.algorithms.distance.exact import exact_distance
-from ddgcli.algorithms.distance.heat import HeatSolver
-from ddgcli.algorithms.distance.methods import METHODS, DistanceOptions, measure_distance
-from ddgcli.algorithms.distance.sources import Sources
+from ddgcli.algorithms.geodesics.distance import METHODS, DistanceOptions, measure_distance
+from ddgcli.algorithms.geodesics.edge_distance import edge_distance
+from ddgcli.algorithms.geodesics.exact.exact_distance import exact_distance
+from ddgcli.algorithms.geodesics.heat import HeatSolver
+from ddgcli.algorithms.geodesics.sources import Sources
 from ddgcli.errors import DdgError
 from ddgcli.geometry.surface_points import SurfacePoints
 from ddgcli.mesh import shapes

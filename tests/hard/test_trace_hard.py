@@ -5,16 +5,16 @@ from functools import partial
 import numpy as np
 import pytest
 
-from ddgcli.algorithms.curves.integral_curves import field_of_array
-from ddgcli.algorithms.curves.log_map import log_map
-from ddgcli.algorithms.curves.oriented_cover import oriented_cover
-from ddgcli.algorithms.curves.polar_coordinates import marched_log_map
-from ddgcli.algorithms.curves.shortest_paths import shortest_paths
-from ddgcli.algorithms.curves.surface_curves import traced_curves, with_transport
-from ddgcli.algorithms.distance.exact import exact_distance
-from ddgcli.algorithms.distance.fast_marching import marched_distance
-from ddgcli.algorithms.distance.sources import Sources
-from ddgcli.algorithms.straightest.trace import GAVE_UP, REACHED, Tracer, trace
+from ddgcli.algorithms.geodesics.exact.exact_distance import exact_distance
+from ddgcli.algorithms.geodesics.fast_marching import marched_distance
+from ddgcli.algorithms.geodesics.oriented_cover import oriented_cover
+from ddgcli.algorithms.geodesics.shortest_paths import shortest_paths
+from ddgcli.algorithms.geodesics.sources import Sources
+from ddgcli.algorithms.geodesics.surface_curves import traced_curves, with_transport
+from ddgcli.algorithms.tangent_fields.integral_curves import field_of_array
+from ddgcli.algorithms.tangent_fields.log_map import log_map
+from ddgcli.algorithms.tangent_fields.polar_coordinates import marched_log_map
+from ddgcli.algorithms.tracing.trace import GAVE_UP, REACHED, Tracer, trace
 from ddgcli.errors import InputError, MeshError, ParameterError
 from ddgcli.geometry.face_frames import surface_position, to_face_frame
 from ddgcli.geometry.surface_points import SurfacePoints

@@ -10,13 +10,13 @@ import time
 import numpy as np
 import pytest
 
-from ddgcli.io.trajectory import Trajectory
+from ddgcli.io.trajectories.trajectory import Trajectory
 
 WRITER = """
 import sys
 import numpy as np
-from ddgcli.io.trajectory_layout import Header
-from ddgcli.io.trajectory_writer import TrajectoryWriter
+from ddgcli.io.trajectories.layout import Header
+from ddgcli.io.trajectories.writer import TrajectoryWriter
 from ddgcli.mesh.fields import Frame
 from ddgcli.mesh.shapes import grid
 mesh = grid(12, 12)

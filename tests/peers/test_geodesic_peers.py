@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from ddgcli.algorithms.curves.shortest_paths import shortest_paths
-from ddgcli.algorithms.distance.exact import exact_distance
-from ddgcli.algorithms.distance.fast_marching import marched_distance
-from ddgcli.algorithms.distance.heat import HeatSolver
-from ddgcli.algorithms.distance.sources import Sources
+from ddgcli.algorithms.geodesics.exact.exact_distance import exact_distance
+from ddgcli.algorithms.geodesics.fast_marching import marched_distance
+from ddgcli.algorithms.geodesics.heat import HeatSolver
+from ddgcli.algorithms.geodesics.shortest_paths import shortest_paths
+from ddgcli.algorithms.geodesics.sources import Sources
 from ddgcli.io.mesh_file import read_mesh
 from ddgcli.mesh import shapes
 from ddgcli.mesh.tet_mesh import TetMesh

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from ddgcli.algorithms.straightest.trace import trace
+from ddgcli.algorithms.tracing.trace import trace
 from ddgcli.geometry.face_frames import surface_position, to_face_frame, to_space
 from ddgcli.mesh import shapes
 

@@ -6,8 +6,6 @@ import numpy as np
 import pytest
 
 from ddgcli.algorithms.hodge.harmonic import harmonic_basis
-from ddgcli.evolve.account import Account
-from ddgcli.evolve.loop import evolve
 from ddgcli.io.scene_file import parse_scene
 from ddgcli.linalg.factor import Factor
 from ddgcli.mesh import shapes
@@ -17,8 +15,10 @@ from ddgcli.models.fluid.diffusion import VelocityDiffusion, VorticityDiffusion
 from ddgcli.models.fluid.model import build, contexts
 from ddgcli.models.fluid.scene import KIND
 from ddgcli.models.fluid.space import FlowSpace
-from ddgcli.models.scene import resolve
-from ddgcli.models.scene_shapes import Grid, periodic_grid
+from ddgcli.scenes.scene import resolve
+from ddgcli.scenes.shapes import Grid, periodic_grid
+from ddgcli.simulation.account import Account
+from ddgcli.simulation.time_loop import evolve
 
 NONE = np.zeros(0)
 

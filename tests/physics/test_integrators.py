@@ -7,14 +7,14 @@ from time import perf_counter, sleep
 import numpy as np
 import pytest
 
-from benchmarks.scenes import FREE
-from ddgcli.evolve.account import Account
-from ddgcli.evolve.integrators import INTEGRATORS
-from ddgcli.evolve.loop import evolve
+from benchmarks.common.scenes import FREE
 from ddgcli.io.scene_file import parse_scene
-from ddgcli.models.scene import resolve
+from ddgcli.mechanics.integrators import INTEGRATORS
 from ddgcli.models.shell import model
 from ddgcli.models.shell.scene import KIND
+from ddgcli.scenes.scene import resolve
+from ddgcli.simulation.account import Account
+from ddgcli.simulation.time_loop import evolve
 from tests.simulate import scalar, shell_run
 
 EXPLICIT = ("verlet", "symplectic-euler")
@@ -166,8 +166,8 @@ def test_parts_account_for_the_time(integrator, adaptive):
 
 def test_time_that_nobody_books_is_seen(monkeypatch):
     """A sleep in the loop outside every timer is missing from the sum; one in an effect is that effect's."""
-    from ddgcli.evolve.loop import Schedule
-    from ddgcli.evolve.terms import DeadLoad
+    from ddgcli.mechanics.terms import DeadLoad
+    from ddgcli.simulation.time_loop import Schedule
 
     asleep, gradient, step_of_frame = [0.0], DeadLoad.gradient, Schedule.step_of_frame
 
@@ -229,7 +229,7 @@ plane = {}
 def test_what_failed_is_not_tried_at_every_turn(limit, later):
     """Steps of 1 s of a model that takes parts up to a limit, which changes half-way: the whole time is
     marched, no part is much shorter than it must be, and few are tried in vain."""
-    from ddgcli.evolve.loop import Model, Observation, Schedule, StepRejected
+    from ddgcli.simulation.time_loop import Model, Observation, Schedule, StepRejected
 
     def advance(state, time, dt):
         if dt > (limit if time < 5 else later):

@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 
-from ddgcli.evolve.account import Account
-from ddgcli.evolve.terms import Dissipation, Potential
 from ddgcli.io.scene_file import parse_scene
+from ddgcli.mechanics.terms import Dissipation, Potential
 from ddgcli.mesh.shapes import icosphere
-from ddgcli.models.scene import resolve
-from ddgcli.models.scene_shapes import rotation_matrix
 from ddgcli.models.shell import model
 from ddgcli.models.shell.scene import EFFECTS, KIND
+from ddgcli.scenes.scene import resolve
+from ddgcli.scenes.shapes import rotation_matrix
+from ddgcli.simulation.account import Account
 
 OBSTACLE = """
 [[object]]

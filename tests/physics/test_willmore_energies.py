@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from benchmarks.families import SPHERES, ellipsoids
+from benchmarks.common.mesh_classes import SPHERES, ellipsoids
 from ddgcli.geometry.extrinsic import enclosed_volume
 from ddgcli.geometry.intrinsic import corner_angle
 from ddgcli.mesh import shapes

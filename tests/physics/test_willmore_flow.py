@@ -6,9 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmarks.families import SPHERES, ellipsoids
-from ddgcli.evolve.account import Account
-from ddgcli.evolve.loop import evolve
+from benchmarks.common.mesh_classes import SPHERES, ellipsoids
 from ddgcli.geometry.extrinsic import enclosed_volume
 from ddgcli.geometry.intrinsic import corner_angle
 from ddgcli.io.mesh_file import write_mesh
@@ -19,6 +17,8 @@ from ddgcli.models.willmore.constraints import area
 from ddgcli.models.willmore.flow import DEFAULT_STOP, Stop
 from ddgcli.models.willmore.setup import Wishes
 from ddgcli.operators.laplacian import lumped_vertex_area
+from ddgcli.simulation.account import Account
+from ddgcli.simulation.time_loop import evolve
 
 
 def flowed(mesh, wishes=None, **given):
@@ -329,7 +329,7 @@ def test_summary(summary, ellipsoid_file, tmp_path):
 
 
 def test_resume_has_the_same_bits(run, ellipsoid_file, tmp_path, monkeypatch):
-    from ddgcli.io.trajectory import Trajectory
+    from ddgcli.io.trajectories.trajectory import Trajectory
 
     whole = tmp_path / "whole.vtkhdf"
     words = ("--steps", 6)

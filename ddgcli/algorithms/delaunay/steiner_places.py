@@ -12,8 +12,8 @@ from ddgcli.algorithms.delaunay.circumcentres import LEAST_SHARE, triangle_share
 from ddgcli.algorithms.delaunay.flips import SideArrays
 from ddgcli.algorithms.delaunay.gluing import around
 from ddgcli.algorithms.delaunay.steiner_base import SteinerPoints
-from ddgcli.algorithms.straightest.trace import Tracer
-from ddgcli.algorithms.straightest.walk import Start
+from ddgcli.algorithms.tracing.batch import Start
+from ddgcli.algorithms.tracing.trace import Tracer
 from ddgcli.errors import SolveError
 from ddgcli.geometry.intrinsic import face_area
 from ddgcli.geometry.unfolding import corner_position, vertex_fans

@@ -12,13 +12,13 @@ from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from ddgcli.errors import MeshError
-from ddgcli.evolve.effects import Effect
 from ddgcli.mesh.topology import NEXT
 from ddgcli.models.fluid.context import FluidContext
 from ddgcli.models.fluid.parts import Walls
 from ddgcli.models.fluid.space import sums
-from ddgcli.models.scene import Section
-from ddgcli.models.scene_expression import evaluate
+from ddgcli.scenes.expressions import evaluate
+from ddgcli.scenes.scene import Section
+from ddgcli.simulation.effects import Effect
 
 log = logging.getLogger("ddgcli")
 

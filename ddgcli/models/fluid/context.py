@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.models.fluid.space import FlowSpace
-from ddgcli.models.scene_expression import evaluate
+from ddgcli.scenes.expressions import evaluate
 
 
 @dataclass(eq=False)

@@ -6,10 +6,10 @@ from __future__ import annotations
 
 from pydantic import Field
 
-from ddgcli.evolve.effects import Effect
 from ddgcli.models.fluid.context import FluidContext
 from ddgcli.models.fluid.parts import Dye
-from ddgcli.models.scene import Section
+from ddgcli.scenes.scene import Section
+from ddgcli.simulation.effects import Effect
 
 
 class DyeSection(Section):

@@ -10,14 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
-from ddgcli.evolve.effects import Effect
 from ddgcli.mesh.topology import NEXT
 from ddgcli.models.fluid.context import FluidContext
 from ddgcli.models.fluid.flows import FLOWS
 from ddgcli.models.fluid.parts import Initial
 from ddgcli.models.fluid.space import FlowSpace, sums
-from ddgcli.models.scene import Section
-from ddgcli.models.scene_units import quantity, vector
+from ddgcli.scenes.scene import Section
+from ddgcli.scenes.units import quantity, vector
+from ddgcli.simulation.effects import Effect
 
 log = logging.getLogger("ddgcli")
 BALANCED = 1e-10  # total vorticity over the total of its terms that counts as zero

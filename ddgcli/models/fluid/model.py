@@ -11,14 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.errors import MeshError
-from ddgcli.evolve.account import Account
-from ddgcli.evolve.effects import Effect
-from ddgcli.evolve.loop import Model, Observation, StepRejected
 from ddgcli.models.fluid import parts
 from ddgcli.models.fluid.context import FluidContext
 from ddgcli.models.fluid.space import FlowSpace, require_flow
-from ddgcli.models.scene import Key, Scene
-from ddgcli.models.scene_shapes import place
+from ddgcli.scenes.scene import Key, Scene
+from ddgcli.scenes.shapes import place
+from ddgcli.simulation.account import Account
+from ddgcli.simulation.effects import Effect
+from ddgcli.simulation.time_loop import Model, Observation, StepRejected
 
 log = logging.getLogger("ddgcli")
 

@@ -8,14 +8,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.evolve.account import Account
-from ddgcli.evolve.loop import Schedule
-from ddgcli.evolve.outcome import Outcome
 from ddgcli.mesh.fields import Frame
 from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
 from ddgcli.models.fluid.model import FluidModel
 from ddgcli.models.fluid.space import sums
-from ddgcli.models.scene import Scene
+from ddgcli.scenes.scene import Scene
+from ddgcli.simulation.account import Account
+from ddgcli.simulation.outcome import Outcome
+from ddgcli.simulation.time_loop import Schedule
 
 
 def summary(outcome: Outcome, models: Mapping[str, FluidModel]) -> tuple[dict[str, Any], dict[str, Any]]:

@@ -6,9 +6,9 @@ from typing import Literal
 
 from pydantic import Field
 
-from ddgcli.evolve.effects import EffectTable
-from ddgcli.models.scene import SceneKind, Section
-from ddgcli.models.scene_shapes import SurfaceObject
+from ddgcli.scenes.scene import SceneKind, Section
+from ddgcli.scenes.shapes import SurfaceObject
+from ddgcli.simulation.effects import EffectTable
 
 EFFECTS = EffectTable(
     "fluid-sim",

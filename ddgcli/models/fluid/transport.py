@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.algorithms.straightest.trace import Tracer
-from ddgcli.algorithms.straightest.walk import Start
+from ddgcli.algorithms.tracing.batch import Start
+from ddgcli.algorithms.tracing.trace import Tracer
 from ddgcli.mesh.topology import NEXT
 from ddgcli.models.fluid.recovery import recovery
 from ddgcli.models.fluid.space import FlowSpace

@@ -8,11 +8,11 @@ from typing import Literal
 
 from pydantic import Field
 
-from ddgcli.evolve.effects import Effect
 from ddgcli.models.fluid.context import FluidContext
 from ddgcli.models.fluid.parts import Viscosity
-from ddgcli.models.scene import Section
-from ddgcli.models.scene_units import quantity
+from ddgcli.scenes.scene import Section
+from ddgcli.scenes.units import quantity
+from ddgcli.simulation.effects import Effect
 
 
 class ViscositySection(Section):

@@ -13,14 +13,14 @@ from numpy.typing import NDArray
 from pydantic import Field
 from scipy.sparse import coo_array, csr_array
 
-from ddgcli.evolve.effects import Effect
-from ddgcli.evolve.terms import Mode, Potential, at_last_point, parts, scattered
 from ddgcli.geometry.intrinsic import corner_cotan
+from ddgcli.mechanics.terms import Mode, Potential, at_last_point, parts, scattered
 from ddgcli.mesh.triangle_mesh import TriangleMesh
-from ddgcli.models.scene import Section
-from ddgcli.models.scene_units import quantity
 from ddgcli.models.shell import hinge
 from ddgcli.models.shell.context import ShellContext
+from ddgcli.scenes.scene import Section
+from ddgcli.scenes.units import quantity
+from ddgcli.simulation.effects import Effect
 
 # Hinge constant K = D / PLATE. What plate a hinge mesh is depends on the mesh (docs/shell-sim.md): a strip
 # that is free to relax has B = 4.8 to 5 K on right and alternating grids, 5.4 K on equilateral and 5.6 K on

@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from ddgcli.evolve.effects import Effect
-from ddgcli.evolve.terms import Mode, Potential
-from ddgcli.models.scene import Key, Section
-from ddgcli.models.scene_units import quantity
+from ddgcli.mechanics.terms import Mode, Potential
 from ddgcli.models.shell.context import ShellContext
+from ddgcli.scenes.scene import Key, Section
+from ddgcli.scenes.units import quantity
+from ddgcli.simulation.effects import Effect
 
 STANDARD_GRAVITY = 9.81
 SPARE = 2.0  # waves may bring a vertex more than the energy of its own fall

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.mesh.triangle_mesh import TriangleMesh, vector_length
-from ddgcli.models.scene import Key, Scene
 from ddgcli.models.shell.scene import Shell
+from ddgcli.scenes.scene import Key, Scene
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,11 +9,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.evolve.effects import Effect
-from ddgcli.evolve.terms import Mode, Potential, scattered
-from ddgcli.models.scene import Section
-from ddgcli.models.scene_units import quantity
+from ddgcli.mechanics.terms import Mode, Potential, scattered
 from ddgcli.models.shell.context import ShellContext
+from ddgcli.scenes.scene import Section
+from ddgcli.scenes.units import quantity
+from ddgcli.simulation.effects import Effect
 
 
 class Damping(Section):

@@ -6,11 +6,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from ddgcli.evolve.effects import Effect
-from ddgcli.evolve.terms import DeadLoad
-from ddgcli.models.scene import Section
-from ddgcli.models.scene_units import vector
+from ddgcli.mechanics.terms import DeadLoad
 from ddgcli.models.shell.context import ShellContext
+from ddgcli.scenes.scene import Section
+from ddgcli.scenes.units import vector
+from ddgcli.simulation.effects import Effect
 
 
 class Gravity(Section):

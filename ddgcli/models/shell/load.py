@@ -8,12 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
-from ddgcli.evolve.effects import Effect
-from ddgcli.evolve.terms import DeadLoad, Mode, Potential, scattered
-from ddgcli.models.scene import Section
-from ddgcli.models.scene_units import quantity, vector
+from ddgcli.mechanics.terms import DeadLoad, Mode, Potential, scattered
 from ddgcli.models.shell import hinge
 from ddgcli.models.shell.context import ShellContext
+from ddgcli.scenes.scene import Section
+from ddgcli.scenes.units import quantity, vector
+from ddgcli.simulation.effects import Effect
 
 
 class Load(Section):

@@ -10,17 +10,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.evolve.account import Account
-from ddgcli.evolve.effects import Effect
-from ddgcli.evolve.integrators import INTEGRATORS, stable_step
-from ddgcli.evolve.loop import Model, Observation
-from ddgcli.evolve.system import Motion, System
-from ddgcli.evolve.terms import Held
+from ddgcli.mechanics.integrators import INTEGRATORS, stable_step
+from ddgcli.mechanics.system import Motion, System
+from ddgcli.mechanics.terms import Held
 from ddgcli.mesh.require import why_not
 from ddgcli.mesh.triangle_mesh import TriangleMesh
-from ddgcli.models.scene import Key, Scene
-from ddgcli.models.scene_shapes import place
 from ddgcli.models.shell.context import ShellContext
+from ddgcli.scenes.scene import Key, Scene
+from ddgcli.scenes.shapes import place
+from ddgcli.simulation.account import Account
+from ddgcli.simulation.effects import Effect
+from ddgcli.simulation.time_loop import Model, Observation
 
 
 def contexts(scene: Scene, read: Callable[[str], Any]) -> dict[str, tuple[ShellContext, str]]:

@@ -7,11 +7,11 @@ from __future__ import annotations
 import numpy as np
 from pydantic import Field, field_validator
 
-from ddgcli.evolve.effects import Effect
-from ddgcli.evolve.terms import Held
-from ddgcli.models.scene import Section
-from ddgcli.models.scene_units import vector
+from ddgcli.mechanics.terms import Held
 from ddgcli.models.shell.context import ShellContext
+from ddgcli.scenes.scene import Section
+from ddgcli.scenes.units import vector
+from ddgcli.simulation.effects import Effect
 
 
 class Pin(Section):

@@ -7,13 +7,13 @@ from typing import Any
 
 import numpy as np
 
-from ddgcli.evolve.account import Account
-from ddgcli.evolve.integrators import INTEGRATORS
-from ddgcli.evolve.loop import Schedule
-from ddgcli.evolve.outcome import Outcome
-from ddgcli.models.scene import Scene
+from ddgcli.mechanics.integrators import INTEGRATORS
 from ddgcli.models.shell.context import ShellContext
 from ddgcli.models.shell.model import make_system
+from ddgcli.scenes.scene import Scene
+from ddgcli.simulation.account import Account
+from ddgcli.simulation.outcome import Outcome
+from ddgcli.simulation.time_loop import Schedule
 
 # of the energy at hand: more is told; more is not to be trusted, exit 1
 GROWTH, BEYOND_TRUST = 0.1, 1.0

@@ -9,11 +9,11 @@ from typing import Literal
 
 from pydantic import Field, field_validator, model_validator
 
-from ddgcli.evolve.effects import EffectTable, nearest
-from ddgcli.models.scene import SceneKind, Section
-from ddgcli.models.scene_materials import DEFAULT, KEYS, MATERIALS, filled
-from ddgcli.models.scene_shapes import MovingObject, Obstacle
-from ddgcli.models.scene_units import quantity
+from ddgcli.scenes.materials import DEFAULT, KEYS, MATERIALS, filled
+from ddgcli.scenes.scene import SceneKind, Section
+from ddgcli.scenes.shapes import MovingObject, Obstacle
+from ddgcli.scenes.units import quantity
+from ddgcli.simulation.effects import EffectTable, nearest
 
 EFFECTS = EffectTable(
     "shell-sim",

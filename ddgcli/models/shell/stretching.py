@@ -10,12 +10,12 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.evolve.effects import Effect
-from ddgcli.evolve.terms import Mode, Potential, at_last_point, scattered
+from ddgcli.mechanics.terms import Mode, Potential, at_last_point, scattered
 from ddgcli.mesh.triangle_mesh import TriangleMesh
-from ddgcli.models.scene import Section
-from ddgcli.models.scene_units import quantity
 from ddgcli.models.shell.context import ShellContext
+from ddgcli.scenes.scene import Section
+from ddgcli.scenes.units import quantity
+from ddgcli.simulation.effects import Effect
 
 
 class Stretching(Section):

@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.errors import SolveError
-from ddgcli.evolve.loop import Observation, StepRejected
 from ddgcli.geometry.extrinsic import enclosed_volume
 from ddgcli.geometry.intrinsic import corner_angle
 from ddgcli.linalg.factor import Factor
@@ -31,6 +30,7 @@ from ddgcli.models.willmore.descent import (
     slope,
 )
 from ddgcli.models.willmore.energies import Energy
+from ddgcli.simulation.time_loop import Observation, StepRejected
 
 # steps of the descent, for a surface with the area of the unit sphere
 LONGEST, SHORTEST = 0.05, 1e-14

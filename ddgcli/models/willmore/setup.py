@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.errors import MeshError, ParameterError
-from ddgcli.evolve.loop import Model, Schedule
 from ddgcli.geometry.extrinsic import enclosed_volume
 from ddgcli.mesh.topology import Topology
 from ddgcli.mesh.triangle_mesh import TriangleMesh
@@ -19,6 +18,7 @@ from ddgcli.models.willmore.constraints import Constraints, area
 from ddgcli.models.willmore.energies import DEFAULT, ENERGIES, FREE_SLOPE
 from ddgcli.models.willmore.flow import SCHEMES, Flow, FlowState, Stop, longest_step
 from ddgcli.models.willmore.scaled import centred_at_unit_size
+from ddgcli.simulation.time_loop import Model, Schedule
 
 FLOWS = tuple(SCHEMES)
 BOUNDARIES = ("clamped", "fixed")

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.algorithms.distance.exact import exact_distance
-from ddgcli.algorithms.distance.methods import DistanceOptions, prepare
-from ddgcli.algorithms.distance.sources import Sources
-from ddgcli.algorithms.distance.window_tables import window_tables
+from ddgcli.algorithms.geodesics.distance import DistanceOptions, prepare
+from ddgcli.algorithms.geodesics.exact.exact_distance import exact_distance
+from ddgcli.algorithms.geodesics.exact.tables import window_tables
+from ddgcli.algorithms.geodesics.sources import Sources
 from ddgcli.errors import ParameterError
 from ddgcli.mesh.shapes import midpoint_subdivided
 from ddgcli.mesh.triangle_mesh import TriangleMesh

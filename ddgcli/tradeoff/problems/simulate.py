@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.evolve.account import Account
-from ddgcli.evolve.loop import evolve
-from ddgcli.models.scene import Document, SceneKind, resolve
+from ddgcli.scenes.scene import Document, SceneKind, resolve
+from ddgcli.simulation.account import Account
+from ddgcli.simulation.time_loop import evolve
 from ddgcli.tradeoff.candidates import NOTHING, Asked, Candidate, Problem, Reference
 from ddgcli.tradeoff.richardson import left_to_go
 

@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.errors import SolveError
-from ddgcli.evolve.account import Account
-from ddgcli.evolve.loop import evolve
 from ddgcli.geometry.intrinsic import face_area
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.models.willmore import setup
+from ddgcli.simulation.account import Account
+from ddgcli.simulation.time_loop import evolve
 from ddgcli.tradeoff.candidates import NOTHING, Asked, Candidate, Problem, Reference, relative_to_each
 from ddgcli.tradeoff.richardson import left_to_go
 

@@ -1,0 +1,223 @@
+"""Seconds a step of shell-sim, by effect and integrator, beside feasibility figures and MuJoCo.
+
+Run: `python -m benchmarks.peers.shell`. The feasibility figures are those of prototypes in numpy at 20 000
+triangles on another machine; each is scaled by one sparse factorisation measured in the same run (the
+figure's own was 691 ms with SuperLU), so the ratio is meant to hold on any machine. A full Newton iteration
+there: Hessians, scatter, factorisation, solve. Steps are those of a cloth that has hung for 0.2 s and swings.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+
+from benchmarks.common.measure import cpu_seconds, machine, print_table
+from ddgcli.io.scene_file import parse_scene
+from ddgcli.mechanics.integrators import INTEGRATORS
+from ddgcli.mechanics.system import Motion
+from ddgcli.models.shell import model
+from ddgcli.models.shell.scene import KIND
+from ddgcli.scenes.scene import resolve
+from ddgcli.simulation.account import Account
+
+# milliseconds at 20 000 triangles (29 800 hinges), of the prototypes
+FIGURES = {
+    "bending force": 9.1, "bending blocks": 17.0, "stretching force": 9.5, "stretching blocks": 55.0,
+    "edges force": 2.2, "quadratic force": 0.23, "scatter": 7.0, "factor": 691.0, "solve": 12.0,
+    "newton iteration": 17 + 55 + 7 + 691 + 12,
+}  # fmt: skip
+MUJOCO_STEP = 0.002  # its longest stable one on this cloth
+SCENE = """
+[time]
+step = 0.01
+integrator = "{integrator}"
+[[object]]
+name = "s"
+role = "shell"
+grid = {{ size = [1, 1], cells = [{n}, {n}] }}
+density = 0.2
+thickness = "1 mm"
+young = 1e5
+poisson = 0.3
+[effects]
+stretching = {{ model = "{membrane}" }}
+bending = {{ model = "{bending}" }}
+gravity = {{}}
+pin = {{ vertices = [0, {n}] }}
+"""
+
+
+def system(n: int, integrator: str = "newmark", membrane: str = "stvk", bending: str = "hinge"):
+    text = SCENE.format(n=n, integrator=integrator, membrane=membrane, bending=bending)
+    scene = resolve(parse_scene(text), KIND, {})
+    context, _ = model.contexts(scene, None)["s"]
+    account = Account()
+    return model.make_system(scene, context, account), np.array(context.mesh.points), scene.time, account
+
+
+@cache
+def swinging(n: int) -> Motion:
+    """The cloth after 0.2 s, found with long damping steps."""
+    s, x, parameters, _ = system(n, "implicit-euler")
+    motion = Motion(x, np.zeros_like(x), s.acceleration(x, 0 * x, 0.04))
+    for _ in range(5):
+        motion = INTEGRATORS["implicit-euler"].step(s, motion, 0.04, parameters)
+    return motion
+
+
+def best(call, repeat: int = 3) -> float:
+    """Least milliseconds of some calls: the figures are least times too."""
+    call()
+    least = np.inf
+    for _ in range(repeat):
+        began = cpu_seconds()
+        call()
+        least = min(least, cpu_seconds() - began)
+    return 1e3 * least
+
+
+def kernels(n: int) -> dict[str, float]:
+    """Milliseconds of the parts of one Newton iteration."""
+    from ddgcli.linalg.factor import Factor
+    from ddgcli.mechanics.assembly import Assembly
+
+    s, x, _, _ = system(n)
+    x = x + 1e-3 * np.random.default_rng(0).normal(size=x.shape)
+    stretching, bending = s.potentials[0], s.potentials[1]
+    edges = system(n, membrane="edges", bending="quadratic")[0].potentials
+    assembly = Assembly(s.free, [stretching.stencil, bending.stencil])
+    blocks = [stretching.blocks(x, "projected"), bending.blocks(x, "projected")]
+    diagonal = 4e4 * s.mass
+    matrix = assembly.matrix(blocks, diagonal)
+    factor = Factor(matrix, solver="superlu")
+    rhs = np.ones(matrix.shape[0])
+    found = {
+        "bending force": best(lambda: bending.gradient(x)),
+        "bending blocks": best(lambda: bending.blocks(x, "projected")),
+        "stretching force": best(lambda: stretching.gradient(x)),
+        "stretching blocks": best(lambda: stretching.blocks(x, "projected")),
+        "edges force": best(lambda: edges[0].gradient(x)),
+        "quadratic force": best(lambda: edges[1].gradient(x)),
+        "scatter": best(lambda: assembly.matrix(blocks, diagonal)),
+        "factor": best(lambda: factor.refactor(matrix), 2),
+        "solve": best(lambda: factor.solve(rhs, refine=False)),
+    }
+    names = ("bending blocks", "stretching blocks", "scatter", "factor", "solve")
+    found["newton iteration"] = sum(found[name] for name in names)
+    return found
+
+
+def steps(
+    n: int, integrator: str, membrane: str, bending: str, dt: float = 0.01, count: int = 3
+) -> list[float]:
+    """Milliseconds a step, by part, after one step that pays for patterns."""
+    s, _, parameters, account = system(n, integrator, membrane, bending)
+    scheme = INTEGRATORS[integrator]
+    dt = 1e-5 if np.isfinite(scheme.reach(parameters)) else dt
+    begin = swinging(n)
+    motion = Motion(begin.x, begin.v, s.acceleration(begin.x, begin.v, dt))
+    motion = scheme.step(s, motion, dt, parameters)
+    account.restore({})
+    before = motion.newton
+    began = cpu_seconds()
+    for _ in range(count):
+        with account.within("integrator"):
+            motion = scheme.step(s, motion, dt, parameters)
+    total = 1e3 * (cpu_seconds() - began) / count
+    booked = sum(account.seconds.values())  # by the clock on the wall; only the shares hold on a busy machine
+    parts = [
+        total * account.seconds.get(k, 0.0) / booked
+        for k in ("stretching", "bending", "solver", "integrator")
+    ]
+    newton = (motion.newton - before) / count
+    return [total, newton, total / newton if newton else total, *parts]
+
+
+def mujoco_step(n: int) -> float:
+    """Milliseconds a step of MuJoCo's implicit integrator on the same hanging cloth, or nan."""
+    try:
+        import mujoco
+    except ImportError:
+        return float("nan")
+    h = 1 / n
+    xml = f"""<mujoco><option timestep="{MUJOCO_STEP}" gravity="0 0 -9.81" integrator="discrete" solver="CG"/>
+    <worldbody><flexcomp name="c" type="grid" dim="2" count="{n + 1} {n + 1} 1" spacing="{h} {h} {h}"
+      mass="0.2" radius="0.0005" pos="0 0 1">
+      <elasticity young="1e5" poisson="0.3" thickness="1e-3" elastic2d="both"/>
+      <contact contype="0" conaffinity="0" selfcollide="none"/><pin id="0 {n}"/>
+    </flexcomp></worldbody></mujoco>"""
+    try:
+        compiled = mujoco.MjModel.from_xml_string(xml)
+    except Exception as error:
+        print("MuJoCo:", str(error).split("\n")[0])
+        return float("nan")
+    data = mujoco.MjData(compiled)
+    mujoco.mj_step(compiled, data)
+    began = cpu_seconds()
+    for _ in range(5):
+        mujoco.mj_step(compiled, data)
+    return 1e3 * (cpu_seconds() - began) / 5
+
+
+def main() -> None:
+    sizes = {"3k": 39, "12k": 78, "50k": 158}
+    print(machine())
+    found = kernels(100)
+    scale = found["factor"] / FIGURES["factor"]
+    print_table(
+        f"parts of a Newton iteration, 20 000 triangles [ms]; figures scaled by {scale:.2f}",
+        ["part", "ours", "figure", "scaled", "ours / scaled"],
+        [[k, f"{v:.2f}", FIGURES[k], f"{FIGURES[k] * scale:.2f}", f"{v / FIGURES[k] / scale:.2f}"]
+         for k, v in found.items()],
+    )  # fmt: skip
+    beside_mujoco({name: sizes[name] for name in ("3k", "12k")})
+    for name, n in sizes.items():
+        rows = []
+        for integrator, membrane, bending in (
+            ("verlet", "edges", "quadratic"), ("verlet", "stvk", "quadratic"), ("verlet", "stvk", "hinge"),
+            ("newmark", "stvk", "quadratic"), ("newmark", "stvk", "hinge"),
+            ("implicit-midpoint", "stvk", "hinge"), ("implicit-euler", "stvk", "hinge"),
+        ):  # fmt: skip
+            row = steps(n, integrator, membrane, bending, count=3 if n < 100 else 2)
+            rows.append([integrator, membrane, bending, *(f"{v:.2f}" for v in row)])
+        print_table(
+            f"milliseconds a step of the hanging cloth, {name} triangles",
+            ["integrator", "membrane", "hinges", "step", "newton", "a newton"]
+            + ["stretching", "bending", "solver", "rest"],
+            rows,
+        )
+
+
+def beside_mujoco(sizes: dict[str, int]) -> None:
+    """Table of our steps beside MuJoCo's, a step for a step and for the same motion."""
+    rows = []
+    for name, n in sizes.items():
+        theirs = mujoco_step(n)
+        for dt in (MUJOCO_STEP, 0.01):
+            ours = steps(n, "newmark", "stvk", "hinge", dt)[0]
+            motion = ours / dt / (theirs / MUJOCO_STEP)
+            row = [
+                f"{theirs:.1f}",
+                f"{1e3 * dt:g} ms",
+                f"{ours:.1f}",
+                f"{ours / theirs:.1f}",
+                f"{motion:.1f}",
+            ]
+            rows.append([name, *row])
+    print_table(
+        "MuJoCo, integrator discrete (CG), step 2 ms, beside our newmark with hinges; milliseconds a step",
+        [
+            "triangles",
+            "MuJoCo",
+            "our step",
+            "ours",
+            "a step: ours / MuJoCo",
+            "a second of motion: ours / MuJoCo",
+        ],
+        rows,
+    )
+
+
+if __name__ == "__main__":
+    main()

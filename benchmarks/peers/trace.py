@@ -1,0 +1,201 @@
+"""Straightest lines, geodesics by flips, logarithmic map and vector transport beside potpourri3d.
+
+python -m benchmarks.peers.trace [faces ...]      default 20000 80000 320000
+"""
+
+from __future__ import annotations
+
+import sys
+from functools import partial
+
+import numpy as np
+import potpourri3d as pp3d
+
+from benchmarks.common.measure import interleaved, machine, peak_mib, print_table
+from benchmarks.common.mesh_sequences import noisy, sphere, stretched
+from ddgcli.algorithms.geodesics.exact.exact_distance import exact_distance
+from ddgcli.algorithms.geodesics.fast_marching import marched_distance
+from ddgcli.algorithms.geodesics.flipout import Straightener
+from ddgcli.algorithms.geodesics.sources import Sources
+from ddgcli.algorithms.tangent_fields.log_map import log_map
+from ddgcli.algorithms.tangent_fields.polar_coordinates import marched_log_map
+from ddgcli.algorithms.tangent_fields.vector_heat import VectorHeat
+from ddgcli.algorithms.tracing.trace import Tracer
+from ddgcli.geometry.face_frames import surface_position, to_face_frame, to_space
+from ddgcli.geometry.unfolding import forget
+from ddgcli.operators.connection import from_vertex_frames, to_vertex_frames
+
+LINES = 10_000
+
+
+def starts(mesh, k=LINES, seed=0):
+    """Random faces, points, and unit directions in the planes of the faces."""
+    rng = np.random.default_rng(seed)
+    face, barycentric = rng.integers(0, mesh.n_faces, k), rng.dirichlet([1, 1, 1], k)
+    direction = to_space(mesh, face, to_face_frame(mesh, face, rng.normal(size=(k, 3))))
+    return face, barycentric, direction / np.linalg.norm(direction, axis=1, keepdims=True)
+
+
+def one_by_one(peer, starts):
+    return [peer.trace_geodesic_from_face(f, b, d) for f, b, d in starts]
+
+
+def bench_traces(faces):
+    rows = []
+    for name, make in (("sphere", sphere), ("stretched", stretched), ("noisy", noisy)):
+        mesh = make(faces)
+        face, barycentric, direction = starts(mesh)
+        length = np.full(LINES, 1.0)
+        tracer, peer = Tracer(mesh), pp3d.GeodesicTracer(mesh.points, mesh.faces)
+        pairs = list(zip(face.tolist(), barycentric, direction))
+
+        ours = partial(tracer.trace, face, barycentric, direction, length)
+        theirs = partial(one_by_one, peer, pairs)
+        t = interleaved({"ours": ours, "paths": partial(ours, record=True), "pp3d": theirs}, repeat=3)
+        ends = surface_position(mesh, t["ours"].value.face, t["ours"].value.barycentric)
+        gap = np.linalg.norm(ends - np.array([p[-1] for p in t["pp3d"].value]), axis=1)
+        a, b, c = t["ours"].median, t["paths"].median, t["pp3d"].median
+        rows.append(
+            [name, mesh.n_faces, float(t["ours"].value.crossings.mean()), a, b, c, c / a, c / b, ">= 5"]
+        )
+        rows[-1] += [float(np.median(gap)), float(np.mean(gap < 1e-6)), peak_mib(ours)]
+    header = [
+        "mesh",
+        "faces",
+        "crossings",
+        "ends s",
+        "with paths s",
+        "pp3d loop s",
+        "ratio",
+        "ratio with paths",
+    ]
+    header += ["target", "median gap", "within 1e-6", "MiB"]
+    print_table(f"{LINES} straightest lines of length 1", header, rows)
+
+
+def bench_set_up(faces):
+    mesh = sphere(faces)
+
+    def ours():
+        forget(mesh)
+        return Tracer(mesh).fans
+
+    t = interleaved({"ours": ours, "pp3d": lambda: pp3d.GeodesicTracer(mesh.points, mesh.faces)}, repeat=3)
+    ratio = t["pp3d"].median / t["ours"].median
+    row = [mesh.n_faces, t["ours"].median, t["pp3d"].median, ratio]
+    print_table("set-up of the tracer", ["faces", "ours s", "pp3d s", "ratio"], [row])
+
+
+def sphere_log(mesh, source):
+    """Truth on the unit sphere, as complex numbers in some frame, and the angle from the source."""
+    p = mesh.points[source]
+    e1 = np.cross(p, [0.3, 0.5, 0.8])
+    e1 /= np.linalg.norm(e1)
+    planar = mesh.points @ e1 + 1j * (mesh.points @ np.cross(p, e1))
+    angle = np.arccos(np.clip(mesh.points @ p, -1, 1))
+    return planar * angle / np.maximum(np.abs(planar), 1e-300), angle
+
+
+def rms_error(coordinates, truth, near):
+    z = coordinates[:, 0] + 1j * coordinates[:, 1]
+    z = z * np.exp(1j * np.angle(np.vdot(z[near], truth[near])))
+    return float(np.sqrt(np.mean(np.abs(z - truth)[near] ** 2)))
+
+
+def bench_vectors(faces):
+    mesh = sphere(faces)
+    truth, angle = sphere_log(mesh, 0)
+    near = angle < 2.5
+    sources = Sources.at([0])
+    peer = pp3d.MeshVectorHeatSolver(mesh.points, mesh.faces)
+    heat = VectorHeat(mesh)
+    vector = np.cross(mesh.points[0], [0.3, 0.5, 0.8])
+    start = to_vertex_frames(mesh, np.tile(vector, (mesh.n_vertices, 1)))[[0]]
+    x, y, _ = peer.get_tangent_frames()
+    calls = {
+        "log": lambda: log_map(mesh, exact_distance(mesh, sources, directions=True), sources).log_map,
+        "log marched": lambda: marched_log_map(mesh, marched_distance(mesh, sources), sources).log_map,
+        "log pp3d": lambda: peer.compute_log_map(0, strategy="AffineLocal"),
+        "spread": lambda: heat.transport(np.array([0]), start),
+        "spread pp3d": lambda: peer.transport_tangent_vector(0, [vector @ x[0], vector @ y[0]]),
+    }
+    if faces > 100_000:
+        calls.pop("log pp3d")  # a minute
+    t = interleaved(calls, repeat=3)
+    rows = [
+        [name, mesh.n_faces, t[name].median, rms_error(t[name].value, truth, near)]
+        for name in calls
+        if "log" in name
+    ]
+    print_table(
+        "logarithmic map on the sphere (set-up counted, the peer's not)",
+        ["method", "faces", "s", "rms error"],
+        rows,
+    )
+    carried = truth_of_transport(mesh, vector)
+    ours = from_vertex_frames(mesh, t["spread"].value.vector)
+    two = t["spread pp3d"].value
+    theirs = two[:, :1] * x + two[:, 1:] * y
+    mine, peers = degrees(mesh, ours, carried, near), degrees(mesh, theirs, carried, near)
+    rows = [["ours", mesh.n_faces, t["spread"].median, mine],
+            ["pp3d", mesh.n_faces, t["spread pp3d"].median, peers]]  # fmt: skip
+    print_table(
+        "one vector spread by vector heat (set-up not counted)",
+        ["", "faces", "s", "mean error degrees"],
+        rows,
+    )
+
+
+def truth_of_transport(mesh, vector):
+    p, q = mesh.points[0], mesh.points
+    axis = np.cross(p, q)
+    return (
+        vector
+        + np.cross(axis, vector)
+        + np.cross(axis, np.cross(axis, vector)) / (1 + q @ p + 1e-300)[:, None]
+    )
+
+
+def degrees(mesh, a, b, near):
+    """Mean angle between tangent vectors, seen along the normal of the sphere."""
+    turn = np.arctan2(np.einsum("ij,ij->i", np.cross(b, a), mesh.points), np.einsum("ij,ij->i", a, b))
+    return float(np.degrees(np.abs(turn[near])).mean())
+
+
+def bench_flips(faces):
+    mesh = sphere(faces)
+
+    def set_up():
+        forget(mesh)
+        return Straightener(mesh)
+
+    made = interleaved(
+        {"ours": set_up, "pp3d": lambda: pp3d.EdgeFlipGeodesicSolver(mesh.points, mesh.faces)}, repeat=3
+    )
+    own, peer = made["ours"].value, made["pp3d"].value
+    pairs = [(0, mesh.n_vertices // 2), (5, mesh.n_vertices // 3), (7, 100)]
+    calls = {
+        "ours": lambda: [own.curves([[a, b]], [False]).entries[0]["length"] for a, b in pairs],
+        "pp3d": lambda: [peer.find_geodesic_path(a, b) for a, b in pairs],
+    }
+    t = interleaved(calls, repeat=3)
+    theirs = [float(np.linalg.norm(np.diff(p, axis=0), axis=1).sum()) for p in t["pp3d"].value]
+    worst = max(abs(a / b - 1) for a, b in zip(t["ours"].value, theirs))
+    header = ["faces", "set-up ratio", "ours s", "pp3d s", "ratio", "largest length difference"]
+    set_ups = made["pp3d"].median / made["ours"].median
+    times = t["ours"].median, t["pp3d"].median
+    row = [mesh.n_faces, set_ups, *times, times[1] / times[0], worst]
+    print_table("three paths pulled straight", header, [row])
+
+
+def main():
+    print(machine())
+    for faces in [int(x) for x in sys.argv[1:]] or [20_000, 80_000, 320_000]:
+        bench_traces(faces)
+        bench_set_up(faces)
+        bench_vectors(faces)
+        bench_flips(faces)
+
+
+if __name__ == "__main__":
+    main()

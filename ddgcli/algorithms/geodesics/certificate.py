@@ -1,0 +1,152 @@
+"""What any distance must satisfy, checked on the distance at hand: a certificate that needs no truth."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ddgcli.algorithms.geodesics.edge_distance import edge_distance
+from ddgcli.algorithms.geodesics.sources import Sources, face_frame
+from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
+from ddgcli.mesh.triangle_mesh import TriangleMesh, vector_length
+
+SLACK = 1e-9  # of the largest distance: what rounding may do without being counted as a violation
+FEW = 16
+
+
+def certificate(mesh: SurfaceMesh, sources: Sources, distance: NDArray) -> dict[str, Any]:
+    """Violations of what holds for every true distance, and how far its gradient is from length 1.
+
+    Returns
+    -------
+    dict
+        violations_straight_line : vertices nearer to all sources than a straight line in space (None
+        without positions); violations_edge_distance : vertices farther than along edges;
+        violations_lipschitz : edges whose ends differ by more than their length, and lipschitz_excess, the
+        largest such excess relative to the edge; gradient_deviation : quantiles of | |grad d| - 1 | by the
+        area of faces. Counts allow 1e-9 of the largest distance, and 8 units of rounding of the largest
+        coordinate.
+    """
+    finite = np.isfinite(distance)
+    slack = SLACK * float(distance[finite].max(initial=0.0))
+    if isinstance(mesh, TriangleMesh):  # far from the origin rounding of positions is larger
+        slack += 8 * np.finfo(float).eps * float(np.abs(mesh.points).max(initial=0.0))
+    bound = edge_distance(mesh, sources).distance
+    longer = int((distance[finite] > bound[finite] + slack).sum())
+    excess, steep = _steep_edges(mesh, distance, slack)
+    return {
+        "violations_straight_line": _below_straight_line(mesh, sources, distance, slack),
+        "violations_edge_distance": longer,
+        "violations_lipschitz": steep,
+        "lipschitz_excess": excess,
+        "gradient_deviation": _gradient_deviation(mesh, distance),
+    }
+
+
+def _below_straight_line(mesh: SurfaceMesh, sources: Sources, distance: NDArray, slack: float) -> int | None:
+    if not isinstance(mesh, TriangleMesh):
+        return None
+    finite = np.flatnonzero(np.isfinite(distance))
+    starts = np.concatenate([mesh.points[sources.vertex], sources.points.positions(mesh)])
+    largest = float(np.abs(mesh.points).max(initial=0.0))
+    scale = 2.0 ** np.frexp(largest)[1] if largest else 1.0  # squares of huge coordinates would overflow
+    straight = _nearest(mesh.points[finite] / scale, starts / scale) * scale
+    return int((distance[finite] < straight - slack).sum())
+
+
+def _nearest(points: NDArray, starts: NDArray) -> NDArray[np.float64]:
+    """(k,) distance of each point to the nearest start; the import of a tree costs more than a few starts."""
+    if len(starts) > FEW:
+        from scipy.spatial import cKDTree
+
+        return cKDTree(starts).query(points)[0]
+    return np.min([vector_length(points - start) for start in starts], axis=0)
+
+
+def _steep_edges(mesh: SurfaceMesh, distance: NDArray, slack: float) -> tuple[float, int]:
+    tail, head, length = mesh.topology.side_tail, mesh.topology.side_head, mesh.side_length.ravel()
+    known = np.isfinite(distance[tail]) & np.isfinite(distance[head])
+    excess = np.abs(distance[tail[known]] - distance[head[known]]) - length[known]
+    over = excess > slack
+    edges = np.unique(mesh.topology.side_edge.ravel()[known][over])
+    relative = excess[over] / np.where(length[known][over] > 0, length[known][over], np.inf)
+    return float(relative.max(initial=0.0)), len(edges)
+
+
+def _gradient_deviation(mesh: SurfaceMesh, distance: NDArray) -> dict[str, float] | None:
+    norm, area = gradient_norm(mesh, distance)
+    use = np.isfinite(norm) & (area > 0)
+    return shares_by_area(np.abs(norm[use] - 1.0), area[use]) if use.any() else None
+
+
+def shares_by_area(values: NDArray, area: NDArray) -> dict[str, float]:
+    """Quantiles of values on faces by the faces' area, and the largest."""
+    order = np.argsort(values)
+    share = np.cumsum(area[order])
+    share /= share[-1]
+    at = [min(int(np.searchsorted(share, q)), len(order) - 1) for q in (0.5, 0.9, 0.99)]
+    median, p90, p99 = (float(values[order[i]]) for i in at)
+    return {"median": median, "p90": p90, "p99": p99, "max": float(values.max())}
+
+
+def gradient_norm(mesh: SurfaceMesh, values: NDArray) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """(m,) length of a vertex function's gradient on faces, nan where it has none; (m,) relative areas."""
+    x, y, area = face_gradient(mesh, values[mesh.faces])
+    norm = np.hypot(x, y)
+    return np.where(np.isfinite(norm), norm, np.nan), area
+
+
+def face_gradient(mesh: SurfaceMesh, corner: NDArray) -> tuple[NDArray, NDArray, NDArray]:
+    """Gradients of what is linear on faces with values `corner` (..., m, 3), in the faces' frames.
+
+    Returns
+    -------
+    x, y : (..., m) ndarrays of float64
+        Not finite on faces without area or with values that are not.
+    area : (m,) ndarray of float64
+        Relative. All from lengths alone, scaled by the longest side so that no size of mesh overflows.
+    """
+    scale = float(mesh.side_length.max(initial=0.0)) or 1.0
+    frame = face_frame(mesh.side_length / scale)
+    base, across, height = frame[:, 1, 0], frame[:, 2, 0], frame[:, 2, 1]
+    with np.errstate(invalid="ignore", divide="ignore"):
+        x = (corner[..., 1] - corner[..., 0]) / scale / base
+        y = ((corner[..., 2] - corner[..., 0]) / scale - x * across) / height
+    return x, y, 0.5 * base * height
+
+
+def symmetry(
+    mesh: SurfaceMesh, measure: Callable[[Sources], NDArray], *, samples: int = 4, seed: int = 0
+) -> dict[str, Any]:
+    """Distances between random vertices, both ways: their asymmetry and broken triangle inequalities.
+
+    Parameters
+    ----------
+    measure : callable
+        Distances of all vertices to the given sources.
+    samples : int
+        Vertices drawn; costs one distance computation each.
+
+    Returns
+    -------
+    dict
+        symmetry_residual : largest |d(a, b) - d(b, a)| relative to the largest of the distances;
+        triangle_residual : largest d(a, c) - d(a, b) - d(b, c), relative to the same; sampled_pairs.
+    """
+    used = np.flatnonzero(mesh.topology.referenced_vertex)
+    chosen = np.random.default_rng(seed).choice(used, size=min(samples, len(used)), replace=False)
+    table = np.stack([measure(Sources(np.array([v])))[chosen] for v in chosen])
+    finite = np.isfinite(table) & np.isfinite(table.T)
+    scale = float(table[finite].max(initial=0.0)) or 1.0
+    skew = np.abs(np.where(finite, table, 0.0) - np.where(finite, table, 0.0).T)
+    with np.errstate(invalid="ignore"):
+        detour = table[:, None, :] - table[:, :, None] - table[None, :, :]
+    broken = float(np.nan_to_num(detour, nan=0.0, posinf=0.0, neginf=0.0).max(initial=0.0))
+    return {
+        "symmetry_residual": float(skew.max(initial=0.0)) / scale,
+        "triangle_residual": max(broken, 0.0) / scale,
+        "sampled_pairs": int(np.triu(finite, 1).sum()),
+    }

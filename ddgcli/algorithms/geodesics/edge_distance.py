@@ -1,0 +1,91 @@
+"""Distance along edges: the cheapest bound from above, by Dijkstra's algorithm."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_array, csr_array
+
+from ddgcli.algorithms.geodesics.sources import Reached, Sources, checked_sources, face_frame
+from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
+
+
+@dataclass(frozen=True, eq=False)
+class EdgeDistance(Reached):
+    """Distances along edges.
+
+    Parameters
+    ----------
+    predecessor : (n,) ndarray of int64
+        Vertex before v on the shortest edge path; -1 at sources and where none reaches.
+    """
+
+    predecessor: NDArray[np.int64]
+
+
+def edge_graph(mesh: SurfaceMesh) -> csr_array:
+    """(n, n) symmetric graph of edge lengths; the shortest of several edges between two vertices.
+
+    Edges of length zero are stored, as csgraph wants them.
+    """
+    topology = mesh.topology
+    tail, head = topology.side_tail, topology.side_head
+    low, high, length = np.minimum(tail, head), np.maximum(tail, head), mesh.side_length.ravel()
+    n = np.int64(max(mesh.n_vertices, 1))
+    order = np.lexsort((length, low * n + high))
+    key = (low * n + high)[order]
+    first = order[np.concatenate([[True], key[1:] != key[:-1]])] if len(order) else order
+    first = first[low[first] != high[first]]
+    i, j, value = low[first], high[first], length[first]
+    graph = coo_array((np.tile(value, 2), (np.concatenate([i, j]), np.concatenate([j, i]))), shape=(n, n))
+    return graph.tocsr()
+
+
+def edge_distance(
+    mesh: SurfaceMesh, sources: Sources | NDArray | list[int] | int, *, graph: csr_array | None = None
+) -> EdgeDistance:
+    """Shortest distance along edges from each vertex to the nearest source.
+
+    A source inside a face joins the graph by straight lines to the face's corners.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh or IntrinsicMesh
+    sources : Sources, vertex number or array of vertex numbers
+    graph : csr_array, optional
+        `edge_graph(mesh)`, to share among calls.
+
+    Returns
+    -------
+    EdgeDistance
+        Never below the exact distance.
+    """
+    from scipy.sparse.csgraph import dijkstra
+
+    sources = checked_sources(mesh, sources)
+    n, points = mesh.n_vertices, sources.points
+    graph = edge_graph(mesh) if graph is None else graph
+    if len(points):
+        length = mesh.side_length[points.face]
+        scale = float(length.max()) or 1.0  # squares of lengths leave the range before lengths do
+        frame = face_frame(length / scale)
+        position = np.einsum("kc,kcd->kd", points.barycentric, frame)
+        reach = scale * np.linalg.norm(frame - position[:, None], axis=2)
+        size = n + len(points)
+        rows = np.repeat(n + np.arange(len(points)), 3)
+        spokes = coo_array((reach.ravel(), (rows, mesh.faces[points.face].ravel())), shape=(size, size))
+        wide = coo_array(graph)
+        value = np.concatenate([wide.data, spokes.data])
+        row, col = np.concatenate([wide.row, spokes.row]), np.concatenate([wide.col, spokes.col])
+        graph = coo_array((value, (row, col)), shape=(size, size)).tocsr()
+    start = np.concatenate([sources.vertex, n + np.arange(len(points))])
+    unique, first = np.unique(start, return_index=True)
+    distance, before, root = dijkstra(graph, indices=unique, return_predecessors=True, min_only=True)
+    number = np.full(graph.shape[0] + 1, -1)
+    number[unique] = first
+    reached = np.isfinite(distance[:n])
+    root = np.where(reached, root[:n], -1)
+    before = np.where((before[:n] >= 0) & (before[:n] < n), before[:n], -1).astype(np.int64)
+    return EdgeDistance(distance[:n], number[root], before)

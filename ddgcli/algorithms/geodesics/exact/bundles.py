@@ -1,0 +1,294 @@
+"""Bundles: neighbouring windows of one side that go on together, looked at one by one only when needed.
+
+Of all windows on a side only those that the line to the apex ahead meets change there; the others pass wholly
+on its left or on its right. A bundle keeps its windows as they were on the side where it was bound, and one
+motion from there to the side that it has come to. While the apex ahead lies outside of the hull of its rays,
+the whole bundle goes left or right by one composed motion. Where it lies inside, the bundle parts: windows on
+the left of the apex go on together, so do those on the right, and those between are set free, to light the
+apex, be cut and be filtered like any other window.
+
+On smooth surfaces the number of windows on a side grows with the root of the number of faces, that of bundles
+hardly.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ddgcli.algorithms.geodesics.exact.dominance import EPS
+from ddgcli.algorithms.geodesics.exact.pool import Origins, Pool, ranges
+from ddgcli.algorithms.geodesics.exact.tables import BOUNDARY, WindowTables
+
+RUN, PART = 8, 3  # windows that are bound; windows of a part that stay bound
+STEEP, APART = 8.0, 0.5  # slopes of rays against the normal of the side: the largest, that of neighbours
+# the cost, in windows carried across a face one by one: to carry a bundle, to look at a window of one that
+# parts, to bind a window and set it free again, and a round with any
+A_BUNDLE, A_LOOK, A_BINDING, A_ROUND = 4.0, 0.33, 1.0, 4000.0
+ENOUGH = 10_000.0  # windows that are worth binding
+AGAIN = 1.3  # times as many must there be before what did not pay is tried again
+
+# rows of a bundle: its motion (x, y) -> (COS x - SIN y + AWAY, SIN x + COS y + UP); its rays lie between
+# x = LEFT + LEFT_SLOPE y and x = RIGHT + RIGHT_SLOPE y; the least distance where it was bound; a window's
+# source and the distance of its origin; the angle by which frames turned (where directions are wanted)
+COS, SIN, AWAY, UP, LEFT, LEFT_SLOPE, RIGHT, RIGHT_SLOPE, LEAST, FROM_X, FROM_Y, FROM, TURNED = range(13)
+
+
+class Bundles:
+    """Windows that wait in bundles. Crossings must be plain: one side across, that runs the other way.
+
+    Parameters
+    ----------
+    tables : WindowTables
+    origins : Origins
+    distance : (n,) ndarray of float64
+        Distances of the vertices so far, which the front lowers.
+    swing : ndarray, optional
+        Turns of frames, where directions are wanted.
+    halt : (m,) ndarray of bool, optional
+        Faces that windows cross one by one.
+
+    Attributes
+    ----------
+    moves : int
+        Bundles carried across a face so far.
+    """
+
+    def __init__(
+        self,
+        tables: WindowTables,
+        origins: Origins,
+        distance: NDArray,
+        swing: NDArray | None = None,
+        halt: NDArray | None = None,
+    ) -> None:
+        self.tables, self.origins, self.distance, self.swing, self.halt = (
+            tables, origins, distance, swing, halt
+        )  # fmt: skip
+        self.columns = 4 + int(swing is not None)
+        self.windows = Pool(self.columns + 1)  # lines, distance of the origin; where they were bound
+        self.pool = Pool(
+            TURNED + self.columns - 4, 1024, ints=3
+        )  # bundles; side, first and number of windows
+        self.moves = 0
+        self._needed, self._saved = ENOUGH, 0.0
+
+    def __len__(self) -> int:
+        return len(self.pool)
+
+    # -- binding and setting free -------------------------------------------------------------------
+
+    def bind(self, lines: NDArray, where: NDArray) -> tuple[NDArray, NDArray]:
+        """Make bundles of runs among sorted windows, where that pays; returns the rest."""
+        start, count = _runs(lines, where[0])
+        rows, local = ranges(start, count)
+        if self._saved < 0:
+            self._needed = max(self._needed, AGAIN * len(rows))
+        self._saved = 0.0
+        if len(rows) < self._needed:
+            return lines, where
+        self._saved -= A_BINDING * len(rows)
+        base = self.origins.distance.take(where[1].take(rows))
+        bound = np.concatenate([lines.take(rows, axis=1), base[None]])
+        b0, b1, sx, sy = bound[:4]
+        reach = base + np.hypot(bound[:2] - sx, sy)
+        bundle = np.zeros((len(self.pool.lines), len(start)))
+        bundle[COS] = 1.0
+        bundle[LEFT : RIGHT_SLOPE + 1] = _hull(bound, local)
+        bundle[LEAST] = np.minimum.reduceat(0.5 * (reach[0] + reach[1] - (b1 - b0)), local)
+        middle = local + count // 2
+        bundle[FROM_X : FROM + 1] = sx.take(middle), sy.take(middle), base.take(middle)
+        self._reserve(len(rows))
+        place = np.stack([where[0].take(start), self.windows.top + local, count])
+        self.windows.push(bound, where.take(rows, axis=1), base)
+        self.pool.push(bundle, place, bundle[LEAST])
+        loose = np.ones(where.shape[1], dtype=bool)
+        loose[rows] = False
+        rest = loose.nonzero()[0]
+        return lines.take(rest, axis=1), where.take(rest, axis=1)
+
+    def _reserve(self, more: int) -> None:
+        """Make room for more windows; those whose bundles are gone are forgotten."""
+        if self.windows.top + more <= len(self.windows.key):
+            return
+        live = (self.pool.key[: self.pool.top] < np.inf).nonzero()[0]
+        rows, self.pool.where[1, live] = ranges(*self.pool.where[1:].take(live, axis=1))
+        kept = self.windows
+        self.windows = Pool(len(kept.lines), 2 * (len(rows) + more))
+        self.windows.push(kept.lines.take(rows, axis=1), kept.where.take(rows, axis=1), kept.key.take(rows))
+
+    def dissolve(self) -> tuple[NDArray, NDArray]:
+        """All windows of all bundles, each by itself."""
+        return self._free(*self.pool.pop_below(np.inf))
+
+    def _free(self, bundle: NDArray, place: NDArray) -> tuple[NDArray, NDArray]:
+        """The windows of bundles, in the frames of the sides that these have come to."""
+        side, first, count = place
+        rows, _ = ranges(first, count)
+        of = np.arange(len(first)).repeat(count)
+        window, side = self.windows.lines.take(rows, axis=1), side.take(of)
+        motion = bundle[:4].take(of, axis=1)
+        x, y = _moved(motion, window[2], window[3])
+        end_x, end_y = _moved(motion, window[:2], 0.0)
+        lines = np.empty((self.columns, len(rows)))
+        end_x -= x  # where the rays cross the side
+        end_x *= y / (y - end_y)
+        np.clip(x + end_x, 0.0, self.tables.shape[side, 0], out=lines[:2])
+        lines[2], lines[3] = x, y
+        if self.swing is not None:
+            lines[4] = window[4] + bundle[TURNED].take(of)
+        kept = (lines[1] - lines[0] > EPS).nonzero()[0]
+        where = np.stack([side, self.windows.where[1].take(rows)])
+        return lines.take(kept, axis=1), where.take(kept, axis=1)
+
+    # -- going on -----------------------------------------------------------------------------------
+
+    def advance(self, bound: float) -> tuple[NDArray, NDArray]:
+        """Carry the bundles below the bound across their faces; returns windows that are free now."""
+        bundle, place = self.pool.pop_below(bound)
+        self.moves += len(place[0])
+        self._saved -= A_ROUND + A_BUNDLE * len(place[0])
+        face_apex = self.tables.shape[place[0], 1:3].T - bundle[AWAY : UP + 1]
+        x = (
+            bundle[COS] * face_apex[0] + bundle[SIN] * face_apex[1]
+        )  # the apex ahead, where the bundle was bound
+        y = bundle[COS] * face_apex[1] - bundle[SIN] * face_apex[0]
+        before = y > 0
+        left = x > bundle[RIGHT] + np.where(before, bundle[RIGHT_SLOPE], bundle[LEFT_SLOPE]) * y + 2 * EPS
+        right = x < bundle[LEFT] + np.where(before, bundle[LEFT_SLOPE], bundle[RIGHT_SLOPE]) * y - 2 * EPS
+        halted = ~(left | right | before)
+        if self.halt is not None:
+            halted |= self.halt.take(place[0] // 3)
+            left &= ~halted
+            right &= ~halted
+        chosen = [which.nonzero()[0] for which in (left, ~(left | right | halted), right, halted)]
+        (left, met, right, halted) = ((bundle.take(i, axis=1), place.take(i, axis=1)) for i in chosen)
+        n_left = len(left[1][0])
+        if len(chosen[1]):
+            met, between, n_met_left = self._parted(*met, x.take(chosen[1]), y.take(chosen[1]))
+            left, n_left, halted = _joined(left, met), n_left + n_met_left, _joined(between, halted)
+        self._hand_on(*_joined(left, right), n_left)
+        return self._free(*halted)
+
+    def _parted(
+        self, bundle: NDArray, place: NDArray, x: NDArray, y: NDArray
+    ) -> tuple[tuple[NDArray, NDArray], tuple[NDArray, NDArray], int]:
+        """Parts of bundles left of points (x, y), seen where they were bound, then those right of them; those
+        between; and the number of parts on the left."""
+        side, first, count = place
+        rows, local = ranges(first, count)
+        end = local + count
+        self._saved -= A_LOOK * len(rows)
+        b0, b1, sx, sy = self.windows.lines[:4].take(rows, axis=1)
+        at = sx - (x.repeat(count) - sx) * sy / (y.repeat(count) - sy)  # as in Front._propagate
+        number = np.arange(len(rows))
+        stop = np.minimum.reduceat(np.where(at > b1 + 2 * EPS, len(rows), number), local)
+        stop = np.minimum(stop, end)  # all before pass on the left
+        begin = np.maximum.reduceat(np.where(at < b0 - 2 * EPS, -1, number), local) + 1
+        begin = np.maximum(np.maximum(begin, local), stop)  # all from here pass on the right
+        stop = np.where(stop - local >= PART, stop, local)
+        begin = np.where(end - begin >= PART, begin, end)
+        left = _part(bundle, place, 0, stop - local)
+        bundles, places = _joined(left, _part(bundle, place, begin - local, end - begin))
+        if len(places[0]):
+            rows, start = ranges(places[1], places[2])
+            bundles[LEFT : RIGHT_SLOPE + 1] = _hull(self.windows.lines[:4].take(rows, axis=1), start)
+        return (bundles, places), _part(bundle, place, stop - local, begin - stop), len(left[1][0])
+
+    def _hand_on(self, bundle: NDArray, place: NDArray, n_left: int) -> None:
+        """Move bundles to the sides across: the first `n_left` by (v0, apex), the others by (apex, v1)."""
+        side = place[0]
+        self._saved += float(place[2].sum())
+        shape = np.ascontiguousarray(self.tables.shape.take(side, axis=0).T)
+        ids = np.ascontiguousarray(self.tables.ids.take(side, axis=0).T)
+        length, x, y, edge, other_edge = shape
+        back = slice(n_left, None)
+        code = ids[3]
+        code[back], edge[back] = ids[4, back], other_edge[back]
+        cos, sin, away, up = bundle[:4]
+        away[back] -= x[back]
+        up[back] -= y[back]
+        x[back] -= length[back]
+        np.negative(x[back], out=x[back])
+        np.negative(y[back], out=y[back])
+        x /= edge
+        y /= edge
+        bundle[:4] = x * cos + y * sin, x * sin - y * cos, x * away + y * up, x * up - y * away
+        if self.swing is not None:
+            to = 2 * side
+            to[back] += 1
+            bundle[TURNED] += self.swing.take(to)
+        span = _crossings(bundle, edge)
+        from_x, from_y = _moved(bundle[:4], bundle[FROM_X], bundle[FROM_Y])
+        from_x -= np.minimum(np.maximum(from_x, span[0]), span[1])
+        key = bundle[FROM] + np.sqrt(from_x * from_x + from_y * from_y)
+
+        d_near, d_far, d_apex = self.distance.take(ids[:3])
+        d_near[back], d_far[:n_left] = d_apex[back], d_apex[:n_left]
+        least = _least(bundle, edge)
+        keep = (code != BOUNDARY) & (least <= d_near + span[1] + EPS)
+        keep &= least <= d_far + (edge - span[0]) + EPS
+        kept = keep.nonzero()[0]
+        place[0] = code
+        self.pool.push(bundle.take(kept, axis=1), place.take(kept, axis=1), key.take(kept))
+
+
+def _runs(lines: NDArray, side: NDArray) -> tuple[NDArray, NDArray]:
+    """First row and length of each long run of windows on one side with rays of much the same direction."""
+    slope = (lines[:2] - lines[2]) / -lines[3]
+    steep = ~(np.abs(slope) < STEEP).all(axis=0)
+    first = np.ones(len(side), dtype=bool)
+    first[1:] = (side[1:] != side[:-1]) | (np.abs(np.diff(slope[0])) > APART) | steep[1:] | steep[:-1]
+    start = first.nonzero()[0]
+    count = np.diff(start, append=len(side))
+    long = (count >= RUN).nonzero()[0]
+    return start.take(long), count.take(long)
+
+
+def _moved(motion: NDArray, x: NDArray, y: NDArray | float) -> tuple[NDArray, NDArray]:
+    cos, sin, away, up = motion
+    return cos * x - sin * y + away, sin * x + cos * y + up
+
+
+def _joined(a: tuple[NDArray, NDArray], b: tuple[NDArray, NDArray]) -> tuple[NDArray, NDArray]:
+    return np.concatenate([a[0], b[0]], axis=1), np.concatenate([a[1], b[1]], axis=1)
+
+
+def _part(bundle: NDArray, place: NDArray, skip: NDArray | int, count: NDArray) -> tuple[NDArray, NDArray]:
+    """Bundles of `count` windows after the first `skip` of others, where there are any."""
+    some = (count > 0).nonzero()[0]
+    place = np.stack([place[0], place[1] + skip, count])
+    return bundle.take(some, axis=1), place.take(some, axis=1)
+
+
+def _hull(lines: NDArray, start: NDArray) -> tuple[NDArray, NDArray, NDArray, NDArray]:
+    """LEFT, LEFT_SLOPE, RIGHT, RIGHT_SLOPE of runs of windows, which begin at `start`."""
+    b0, b1, sx, sy = lines[:4]
+    return (
+        np.minimum.reduceat(b0, start),
+        np.minimum.reduceat((b0 - sx) / -sy, start),
+        np.maximum.reduceat(b1, start),
+        np.maximum.reduceat((b1 - sx) / -sy, start),
+    )
+
+
+def _crossings(bundle: NDArray, edge: NDArray) -> NDArray[np.float64]:
+    """(2, k) first and last point of its side that each bundle reaches, at most."""
+    cos, sin = bundle[COS], bundle[SIN]
+    span = np.empty((2, len(edge)))
+    for out, row, whole in zip(span, (LEFT, RIGHT), (np.zeros(len(edge)), edge)):
+        at, slope = bundle[row : row + 2]
+        x, y = _moved(bundle[:4], at, 0.0)
+        rise = sin * slope + cos
+        np.clip(x - y * (cos * slope - sin) / rise, 0.0, edge, out=out)
+        np.copyto(out, whole, where=rise < 1e-3)
+    return span
+
+
+def _least(bundle: NDArray, edge: NDArray) -> NDArray[np.float64]:
+    """Lower bounds of the distances that bundles bring: the least where they were bound, and the way."""
+    cos, sin, away, up = bundle[:4]
+    height = sin * away - cos * up  # of the first end of the side over that where it was bound
+    height = np.maximum(np.minimum(height, height - sin * edge), 0.0)
+    slope = np.maximum(np.maximum(bundle[LEFT_SLOPE], -bundle[RIGHT_SLOPE]), 0.0)
+    return bundle[LEAST] + height * np.sqrt(1.0 + slope * slope)

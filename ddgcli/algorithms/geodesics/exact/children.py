@@ -1,0 +1,86 @@
+"""Windows handed on across a face: unfolded into the two faces beyond, cut at the apex, and filtered."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ddgcli.algorithms.geodesics.exact.dominance import EPS
+
+
+def children(
+    n_left: int,
+    lines: NDArray,
+    cut: NDArray,
+    shape: NDArray,
+    corner: NDArray,
+    base: NDArray,
+    slack: float,
+) -> tuple[NDArray, NDArray, NDArray]:
+    """Windows on the two other sides of a face; the first `n_left` go out by (v0, apex).
+
+    All are seen in a frame that starts at their near vertex, v0 or mirrored v1, and runs along the old
+    side; `cut` is where the line to the apex ends a lit window, `slack` that of the front. Overwrites its
+    arguments.
+
+    Returns
+    -------
+    kept : ndarray of int64
+        Those that the filter keeps.
+    out, key : ndarrays
+        Their columns (b0, b1, sx, sy) in the frame across, and their least distances.
+    """
+    length, apex_x, apex_y, edge, other_edge = shape
+    near, far, x, y = lines[:4]
+    d_near, d_other, d_apex = corner
+    back = slice(n_left, None)
+    edge[back] = other_edge[back]
+    for coordinate in (near, far, x, apex_x, cut):
+        np.subtract(length[back], coordinate[back], out=coordinate[back])
+    near[back], far[back] = far[back], near[back].copy()
+    d_near[back], d_other[back] = d_other[back], d_near[back].copy()
+
+    ends = lines[:2]
+    cross = apex_x * y
+    cross -= apex_y * x
+    slope = ends * apex_y
+    slope += cross
+    fraction = ends * y  # along the side towards the apex, for both ends
+    fraction /= np.minimum(slope, -1e-300, out=slope)
+    np.minimum(fraction, 1.0, out=fraction)
+    np.copyto(fraction[1], 1.0, where=cut <= far)
+    u, v = fraction * apex_x, fraction * apex_y
+    detour = norm(length - u[0], v[0].copy())
+    u -= x
+    v -= y
+    reach = norm(u, v)
+    reach += base
+    r0, r1 = reach
+    fraction *= edge
+    s0, s1 = fraction
+    margin = EPS - slack * edge if slack > 0 else EPS
+    keep = s1 - s0 > EPS
+    keep &= r1 <= d_near + s1 + margin
+    keep &= r0 <= d_apex + (edge - s0) + margin
+    keep &= r0 <= d_other + detour + margin
+
+    kept = keep.nonzero()[0]
+    x *= apex_x
+    x += y * apex_y
+    x /= edge
+    cross /= edge
+    inside = (x > s0) & (x < s1)
+    key = np.where(inside, base - cross, np.minimum(r0, r1)).take(kept)
+    near[:], far[:], y[:] = s0, s1, cross
+    np.subtract(edge[back], s1[back], out=near[back])
+    np.subtract(edge[back], s0[back], out=far[back])
+    np.subtract(edge[back], x[back], out=x[back])
+    return kept, lines.take(kept, axis=1), key
+
+
+def norm(x: NDArray, y: NDArray) -> NDArray[np.float64]:
+    """Length of (x, y); overwrites both. Lengths here are of order 1, so squares are safe."""
+    x *= x
+    y *= y
+    x += y
+    return np.sqrt(x, out=x)

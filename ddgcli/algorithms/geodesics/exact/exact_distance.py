@@ -1,0 +1,313 @@
+"""Exact geodesic distance on a polyhedral surface, by batched propagation of windows (chapter 6)."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ddgcli.algorithms.geodesics.exact.tables import WindowTables, window_tables
+from ddgcli.algorithms.geodesics.exact.targets import Targets
+from ddgcli.algorithms.geodesics.exact.tolerance import NearPart
+from ddgcli.algorithms.geodesics.exact.wavefront import Front
+from ddgcli.algorithms.geodesics.sources import Reached, Sources, checked_sources
+from ddgcli.errors import MeshError, ParameterError
+from ddgcli.geometry.surface_points import SurfacePoints
+from ddgcli.geometry.unfolding import vertex_fans
+from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
+from ddgcli.mesh.topology import PREVIOUS
+
+log = logging.getLogger("ddgcli")
+
+
+@dataclass(frozen=True, eq=False)
+class ExactDistance(Reached):
+    """Exact distances, and how the shortest path arrives at each vertex.
+
+    The last straight piece of the shortest path to vertex v unfolds from an origin: a source, or a vertex
+    that the path bends around. Where `side[v]` >= 0 it enters the face of that flat side number 3f + j,
+    opposite v, at `crossing[v]` from the side's first corner, and is straight all the way back to the
+    origin; where it is -1 it runs inside a face of v, from the origin vertex along an edge or from a source
+    point in that face.
+
+    Parameters
+    ----------
+    origin_vertex : (n,) ndarray of int64
+        Vertex at which the last straight piece begins; -1 where it begins at a source point (or nowhere).
+    side : (n,) ndarray of int64
+    crossing : (n,) ndarray of float64
+        In length units; nan where `side` is -1.
+    windows, rounds : int
+        Work done: windows carried across a face, one by one or many in a bundle (which counts as one).
+    target_distance : (k,) ndarray of float64
+        Of the points asked for; inf where no source reaches.
+    target_source : (k,) ndarray of int64
+        Number of their nearest source; -1 where none reaches.
+    departure : (n,) ndarray of float64, or None
+        On request: angle at which the shortest path leaves the source, counter-clockwise; around a source
+        vertex from the first side of its fan (`vertex_fans`), in a face from side 0. nan at sources and where
+        none reaches.
+    tolerance_error : float
+        Under a tolerance: twice the largest excess over the exact distance among the nearest tenth of the
+        vertices (1000 at least), relative to the radius that they fill: an estimate of the largest error over
+        the largest distance, on the safe side. 0 where the exact distance was the cheaper.
+    patched : int
+        Vertices that only an edge path reached (0 but for extremely degenerate triangles); never too short.
+    """
+
+    origin_vertex: NDArray[np.int64]
+    side: NDArray[np.int64]
+    crossing: NDArray[np.float64]
+    windows: int
+    rounds: int
+    target_distance: NDArray[np.float64]
+    target_source: NDArray[np.int64]
+    departure: NDArray[np.float64] | None = None
+    tolerance_error: float = 0.0
+    patched: int = 0
+
+
+def exact_distance(
+    mesh: SurfaceMesh,
+    sources: Sources | NDArray | list[int] | int,
+    *,
+    tolerance: float = 0.0,
+    limit: float = np.inf,
+    targets: SurfacePoints | None = None,
+    tables: WindowTables | None = None,
+    dominance_every: int = 10,
+    directions: bool = False,
+    progress: Callable[[float, float], None] | None = None,
+) -> ExactDistance:
+    """Exact distance along the surface from every vertex to the nearest of `sources`.
+
+    Works on any triangle complex: boundaries, saddles, non-manifold edges and vertices (lines go on into
+    every other face), faces of mixed orientation, Delta-complexes, degenerate faces.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh or IntrinsicMesh
+    sources : Sources, vertex number or array of vertex numbers
+    tolerance : float
+        Slack in side lengths: 0 is exact. Otherwise a path may be missed when one that bends at a vertex is
+        at most that much longer; the answer is still the length of a real path, never below the distance.
+        It is used where it saves time, as the nearest tenth of the vertices tells, and without `limit`.
+    limit : float
+        Stop when all distances below it are final; vertices beyond it are inf or upper bounds.
+    targets : SurfacePoints, optional
+        Points on faces whose distance is wanted beside that of the vertices.
+    tables : WindowTables, optional
+        `window_tables(mesh)`, to share among calls.
+    dominance_every : int
+        Rounds between prunes; changes time, not distances.
+    directions : bool
+        Find `departure` too; needs consistently oriented faces.
+    progress : callable, optional
+        Called now and then with the number of vertices whose distance is final, and the number of all.
+
+    Returns
+    -------
+    ExactDistance
+
+    Raises
+    ------
+    MeshError, ParameterError
+        On a bad source or tolerance; on directions where faces run against each other.
+
+    References
+    ----------
+    Mitchell, Mount, Papadimitriou 1987; Xin, Wang 2009; batching and dominance as in docs/geodesic.md.
+    """
+    if not 0 <= tolerance < np.inf:
+        raise ParameterError(f"tolerance {tolerance} must be a number of side lengths, 0 or more")
+    if directions and not mesh.topology.is_oriented:
+        raise MeshError(
+            "faces run against each other: directions have no sense of turning; turn those faces round"
+        )
+    sources = checked_sources(mesh, sources)
+    tables = tables or window_tables(mesh)
+    points = SurfacePoints.none() if targets is None else targets
+    points = SurfacePoints.checked(points.face, points.barycentric, mesh.n_faces)
+    most_windows = 1e6 + 3000.0 * mesh.n_vertices + 60.0 * mesh.n_vertices**1.5
+    start = partial(_started, mesh, sources, points, tables, dominance_every, directions)
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        front, wanted, error = _propagated(
+            mesh, start, tolerance, limit / tables.scale, most_windows, progress
+        )
+    patched = _patch_unreached(front, mesh) if np.isinf(limit) else 0
+    wanted.finish(front.distance, front.origin)
+    return _answer(front, wanted, directions, error, patched)
+
+
+def _propagated(
+    mesh: SurfaceMesh,
+    start: Callable[..., tuple[Front, Targets]],
+    tolerance: float,
+    limit: float,
+    most_windows: float,
+    progress: Callable[[float, float], None] | None,
+) -> tuple[Front, Targets, float]:
+    """The front at its end, the targets that it lit, and the error that its slack is seen to make."""
+    front, wanted = start(slack=0.0)
+    near = None
+    if tolerance > 0 and np.isinf(limit):
+        near = NearPart.measured(front, most_windows)
+        if near.slack_pays(tolerance, _reachable(mesh, front)):
+            front, wanted = start(slack=tolerance)
+    front.run(limit, most_windows, progress)
+    if near is None or front.slack == 0:
+        return front, wanted, 0.0
+    error = near.error_of(front.distance)
+    front.windows, front.rounds = front.windows + near.windows, front.rounds + near.rounds
+    return front, wanted, error
+
+
+def _answer(front: Front, wanted: Targets, directions: bool, error: float, patched: int) -> ExactDistance:
+    """What a front that has come to its end knows, in the mesh's own unit."""
+    scale = front.tables.scale
+    origin_vertex = _told(front.origins.vertex, front.origin)
+    return ExactDistance(
+        distance=front.distance * scale,
+        nearest_source=_told(front.origins.source, front.origin),
+        origin_vertex=origin_vertex,
+        side=np.maximum(front.side, -1),
+        crossing=np.where(front.side >= 0, front.crossing * scale, np.nan),
+        windows=front.windows,
+        rounds=front.rounds,
+        target_distance=wanted.distance * scale,
+        target_source=_told(front.origins.source, wanted.origin),
+        departure=_beyond_bends(front.departure, origin_vertex) if directions else None,
+        tolerance_error=error,
+        patched=patched,
+    )
+
+
+def _beyond_bends(departure: NDArray, origin_vertex: NDArray) -> NDArray[np.float64]:
+    """Angles that straight lines left at; behind a bend that of the path to the bend."""
+    while True:
+        open_ = (np.isnan(departure) & (origin_vertex >= 0)).nonzero()[0]
+        known = departure[origin_vertex[open_]]
+        if np.isnan(known).all():
+            return departure
+        departure[open_] = known
+
+
+def _started(
+    mesh: SurfaceMesh,
+    sources: Sources,
+    points: SurfacePoints,
+    tables: WindowTables,
+    dominance_every: int,
+    directions: bool,
+    *,
+    slack: float,
+) -> tuple[Front, Targets]:
+    """A front that has left the sources, and the targets that it lights."""
+    wanted = Targets(tables, points)
+    targets = wanted if len(points) else None
+    front = Front(
+        tables, slack=slack, dominance_every=dominance_every, targets=targets, directions=directions
+    )
+    _start(front, mesh, sources)
+    return front, wanted
+
+
+def _reachable(mesh: SurfaceMesh, front: Front) -> int:
+    """Number of vertices on the components that a front has reached."""
+    component = mesh.topology.vertex_component
+    return int(np.isin(component, component[np.isfinite(front.distance)]).sum())
+
+
+def _told(values: NDArray, origin: NDArray) -> NDArray[np.int64]:
+    """What the origins say, -1 where there is none."""
+    return np.where(origin >= 0, values[np.maximum(origin, 0)], -1)
+
+
+def _start(front: Front, mesh: SurfaceMesh, sources: Sources) -> None:
+    """Launch every source; a point at a corner of its face is that vertex."""
+    vertices, numbers = [sources.vertex], [np.arange(len(sources.vertex))]
+    inner = []
+    for i, (face, weights) in enumerate(zip(sources.points.face, sources.points.barycentric)):
+        source = len(sources.vertex) + i
+        if weights.max() >= 1 - 1e-14:
+            vertices.append(mesh.faces[face, [np.argmax(weights)]])
+            numbers.append(np.array([source]))
+        else:
+            inner.append((source, int(face), weights))
+    vertex, number = np.concatenate(vertices), np.concatenate(numbers)
+    vertex, first = np.unique(vertex, return_index=True)
+    if len(vertex):
+        wanted = front.swing is not None
+        begin = vertex_fans(mesh).angle_before.reshape(-1, 3)[:, PREVIOUS].ravel() if wanted else None
+        front.start_vertex(vertex, number[first], begin)
+    for number_of, inside, at in inner:
+        _start_point(front, number_of, inside, at)
+
+
+def _start_point(front: Front, source: int, face: int, weights: NDArray) -> None:
+    """Launch a source inside a face, or on a side and so in all faces of that edge."""
+    tables = front.tables
+    origin = front.origins.add(np.array([-1]), np.array([source]), np.zeros(1))
+    own = _side_angles(tables, face)
+    seen_from = [(face, weights, own)]
+    for j in np.flatnonzero(weights[[2, 0, 1]] <= 1e-14):  # side j is opposite corner j + 2
+        for other, same_way in tables.across(3 * face + int(j)):
+            g, i = divmod(other, 3)
+            tail, head = weights[j], weights[(j + 1) % 3]
+            mirrored = np.zeros(3)
+            mirrored[i], mirrored[(i + 1) % 3] = (tail, head) if same_way else (head, tail)
+            its = _side_angles(tables, g)
+            seen_from.append((g, mirrored, its + (own[j] + np.pi - its[i])))
+    for g, w, along in seen_from:
+        if front.targets is not None:
+            front.targets.see(g, w, int(origin[0]))
+        side = 3 * g + np.arange(3)
+        length, ax, ay = tables.shape[side, :3].T
+        apex = w[[2, 0, 1]]
+        x, y = w[[1, 2, 0]] * length + apex * ax, apex * ay
+        front.improve(
+            tables.ids[side, 0],
+            np.hypot(x, y),
+            np.repeat(origin, 3),
+            departure=along + np.arctan2(-y, -x),
+        )
+        front.launch(side, x, y, np.repeat(origin, 3), turn=along - np.pi)
+
+
+def _side_angles(tables: WindowTables, face: int) -> NDArray[np.float64]:
+    """(3,) directions of the sides of a face, in the frame of side 0."""
+    length, x, y = tables.shape[3 * face, :3]
+    return np.array([0.0, np.pi - np.arctan2(y, length - x), np.pi + np.arctan2(y, x)])
+
+
+def _patch_unreached(front: Front, mesh: SurfaceMesh) -> int:
+    """Edge paths to vertices that rounding left dark though edges lead there; returns how many."""
+    dark = np.isinf(front.distance) & mesh.topology.referenced_vertex
+    if not dark.any():
+        return 0
+    component = mesh.topology.vertex_component
+    lit = np.zeros(mesh.topology.n_components + 1, dtype=bool)
+    lit[component[np.isfinite(front.distance)]] = True
+    dark &= lit[component]
+    count = int(dark.sum())
+    if count:
+        log.warning(
+            f"{count} vertices (first: {np.flatnonzero(dark)[0]}) among degenerate triangles are reached by "
+            "edge paths only; their distance is an upper bound"
+        )
+    while dark.any():
+        before = int(dark.sum())
+        a, b = front.tables.ids[:, 0], front.tables.ids[:, 1]
+        for tail, head in ((a, b), (b, a)):
+            go = dark[head] & ~dark[tail] & np.isfinite(front.distance[tail])
+            reach = front.distance[tail[go]] + front.tables.shape[go, 0]
+            by = None if front.swing is None else front.departure[tail[go]]
+            front.improve(head[go], reach, front.origin[tail[go]], departure=by)
+        dark &= np.isinf(front.distance)
+        if int(dark.sum()) == before:
+            break
+    return count

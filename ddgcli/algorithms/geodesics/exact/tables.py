@@ -1,0 +1,269 @@
+"""What window propagation needs to know of a surface: constants of each side, and who lies across it.
+
+A side h = 3f + j is seen in its own frame: v0 at the origin, v1 at (length, 0), the face above, its third
+vertex (the apex) at (apex_x, apex_y) with apex_y >= 0. All comes from side lengths, so any intrinsic metric
+will do. Lengths are divided by a power of two near the longest side: exact, and safe at any scale.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import reduce
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_array
+
+from ddgcli.algorithms.geodesics.exact.shadow import corner_turns
+from ddgcli.geometry.intrinsic import corner_angle, face_area
+from ddgcli.mesh.topology import NEXT, PREVIOUS, Topology
+from ddgcli.mesh.triangle_mesh import TriangleMesh, vector_length
+from ddgcli.operators.laplacian import SurfaceMesh
+
+BOUNDARY = (
+    -1
+)  # crossing a side with this code leads nowhere; codes below it are -2 - side: several faces follow
+BLOCK = 8192  # faces
+FLAT_ANGLE = 2 * np.pi - 1e-9  # at a larger angle a shortest path may pass through the vertex
+
+
+@dataclass(frozen=True, eq=False)
+class SideTables:
+    """Constants of the sides, packed by rows for one gather a window.
+
+    Parameters
+    ----------
+    shape : (3m, 5) ndarray of float64
+        length, apex_x, apex_y, |v0 apex|, |v1 apex|; divided by `scale`.
+    ids : (3m, 5) ndarray of int64
+        v0, v1, apex, and the sides entered when leaving by (v0, apex) and by (apex, v1), or their codes.
+    mirrored : (3m,) ndarray of bool, or None
+        True where the side across runs the same way (faces of opposite orientation); None where none does.
+    edge_sides : tuple of two ndarrays and (3m,) ndarray, or None
+        (start, sides) of each edge and the edge of each side, when some edge has three faces or more.
+    plain : bool
+        Every side has one side across that runs the other way, or none.
+    scale : float
+        A power of two; true length = scale * length here.
+    """
+
+    shape: NDArray[np.float64]
+    ids: NDArray[np.int64]
+    mirrored: NDArray[np.bool_] | None
+    edge_sides: tuple[NDArray, NDArray, NDArray, NDArray] | None
+    plain: bool
+    scale: float
+
+    def across(self, side: int) -> list[tuple[int, bool]]:
+        """Sides across `side`, each with whether it runs the same way."""
+        h, j = divmod(side, 3)
+        code = int(self.ids[3 * h + (j + 1) % 3, 3])  # leaving by (v0, apex) of the next side is this side
+        if code == BOUNDARY:
+            return []
+        if code > BOUNDARY:
+            return [(code, bool(self.mirrored is not None and self.mirrored[side]))]
+        rows, sides, same = self.across_many(np.array([side]))
+        return [(int(s), bool(m)) for s, m in zip(sides, same)]
+
+    def across_many(self, sides: NDArray) -> tuple[NDArray, NDArray, NDArray]:
+        """(row, side, same way) for every side across each of `sides`, which lie on edges with 3+ faces."""
+        if self.edge_sides is None:
+            raise ValueError("no edge of this surface has three faces")
+        start, on_edge, edge, sign = self.edge_sides
+        count = start[edge[sides] + 1] - start[edge[sides]]
+        row = np.repeat(np.arange(len(sides)), count)
+        offset = np.arange(len(row)) - np.repeat(np.cumsum(count) - count, count)
+        found = on_edge[start[edge[sides[row]]] + offset]
+        other = found != sides[row]
+        row, found = row[other], found[other]
+        return row, found, sign[found] == sign[sides[row]]
+
+
+@dataclass(frozen=True, eq=False)
+class WindowTables(SideTables):
+    """What windows need beside the sides: the vertices that paths bend around, and the angles there.
+
+    Parameters
+    ----------
+    bends : (n,) ndarray of bool
+        Vertices that a shortest path may pass through: saddles, boundary, non-manifold, degenerate.
+    angle, turn : (3m,) ndarrays of float64
+        Angle at the apex of each side, and where it begins around the apex (counter-clockwise; nan: unknown).
+    total_angle : (n,) ndarray of float64
+        Angle around each vertex, inf where the faces around it leave a gap.
+    around_start, around : ndarrays of int64
+        Sides opposite vertex v: around[around_start[v] : around_start[v + 1]].
+    """
+
+    bends: NDArray[np.bool_]
+    angle: NDArray[np.float64]
+    turn: NDArray[np.float64]
+    total_angle: NDArray[np.float64]
+    around_start: NDArray[np.int64]
+    around: NDArray[np.int64]
+
+    @property
+    def n_vertices(self) -> int:
+        return len(self.bends)
+
+
+def side_tables(mesh: SurfaceMesh) -> SideTables:
+    """Shapes and neighbours of the sides, on any surface: open, non-manifold, not oriented, degenerate."""
+    topology = mesh.topology
+    scale = table_scale(mesh)
+    shape = side_shapes(mesh, scale, np.empty((mesh.n_faces, 3, 5)))
+    code, mirrored, edge_sides = sides_across(topology)
+    faces = topology.faces
+    ids = np.empty((len(shape), 5), dtype=np.int64)
+    columns = faces, faces[:, NEXT], faces[:, PREVIOUS], code[:, PREVIOUS], code[:, NEXT]
+    for number, column in enumerate(columns):
+        ids[:, number] = column.ravel()
+    return SideTables(shape, ids, mirrored, edge_sides, code is topology.side_twin, scale)
+
+
+def window_tables(mesh: SurfaceMesh) -> WindowTables:
+    """The tables of a surface of any topology."""
+    sides, topology, n = side_tables(mesh), mesh.topology, mesh.n_vertices
+    shape, ids = sides.shape, sides.ids
+    angle = corner_angle(shape[:, 0].reshape(-1, 3))
+    bends, blunt = _bends(topology, shape, angle)
+    turn, total = np.full(angle.shape, np.nan), np.full(n, np.inf)
+    if sides.plain:
+        turn, total = corner_turns(topology, angle, np.flatnonzero(topology.referenced_vertex & ~blunt))
+    corner = np.arange(len(ids))
+    around = coo_array((corner, (ids[:, 2], corner)), shape=(n, max(len(ids), 1))).tocsr()
+    return WindowTables(
+        shape,
+        ids,
+        sides.mirrored,
+        sides.edge_sides,
+        sides.plain,
+        sides.scale,
+        bends,
+        angle[:, PREVIOUS].ravel(),
+        turn[:, PREVIOUS].ravel(),
+        total,
+        around.indptr.astype(np.int64),
+        around.data.astype(np.int64),
+    )
+
+
+def table_scale(mesh: SurfaceMesh) -> float:
+    """A power of two above the longest side and less than twice it; 1 where no side is longer than 0."""
+    longest = float(mesh.side_length.max(initial=0.0))
+    return float(2.0 ** np.frexp(longest)[1]) if longest > 0 else 1.0
+
+
+def side_shapes(mesh: SurfaceMesh, scale: float, shape: NDArray) -> NDArray[np.float64]:
+    """(3m, c) rows of SideTables.shape, its first c columns, written to `shape` (m, 3, c).
+
+    They are made in blocks of faces that stay in the cache.
+    Heights come from cross products where the mesh has positions: lengths alone know the height of a cap only
+    to the square root of rounding.
+    """
+    for start in range(0, mesh.n_faces, BLOCK):
+        block = slice(start, start + BLOCK)
+        length = mesh.side_length[block].T / scale
+        with np.errstate(divide="ignore", invalid="ignore"):
+            x, y = _apexes(mesh, block, length, scale)
+        flat = ~(length > 0)
+        right, left = length[NEXT], length[PREVIOUS]
+        np.copyto(x, 0.0, where=flat)
+        np.copyto(y, left, where=flat)
+        for column, value in zip(range(shape.shape[2]), (length, x, y, left, right)):
+            shape[block, :, column] = value.T
+    return shape.reshape(-1, shape.shape[2])
+
+
+def _apexes(mesh: SurfaceMesh, block: slice, length: NDArray, scale: float) -> tuple[NDArray, NDArray]:
+    """(3, k) x and y of the apex over each side of a block of faces; not finite over sides without length."""
+    if not isinstance(mesh, TriangleMesh):
+        right, left = length[NEXT], length[PREVIOUS]
+        x = 0.5 * (length + (left - right) * ((left + right) / length))
+        return x, 2.0 * face_area(length.T) / length
+    corner = mesh.points.take(mesh.faces[block].T.ravel(), axis=0).reshape(3, -1, 3)
+    side = [np.ascontiguousarray((corner[(j + 1) % 3] - corner[j]).T) / scale for j in range(3)]
+    (ax, ay, az), (bx, by, bz) = side[:2]
+    normal = np.stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx])
+    dot = [-(side[j] * side[(j + 2) % 3]).sum(axis=0) for j in range(3)]
+    return np.stack(dot) / length, vector_length(normal.T) / length
+
+
+def sides_across(topology: Topology) -> tuple[NDArray, NDArray | None, tuple | None]:
+    """Code of the side across each side, sides that run the same way, and the sides of each edge.
+
+    Faces that name a vertex twice have no inside: they are left out, so that their two equal sides do not
+    make a fold of the surface; their edges still carry paths. One of several faces on three vertices will do.
+    """
+    if topology.gluing is not None:
+        return topology.gluing, None, None
+    faces = topology.faces
+    collapsed = (faces == faces[:, NEXT]).any(axis=1)
+    plain = topology.is_oriented and not len(topology.nonmanifold_edges) and not collapsed.any()
+    if plain:
+        return topology.side_twin, None, None
+    collapsed |= _repeated(topology)
+    edge, sign = topology.side_edge.ravel(), topology.side_sign.ravel()
+    sound = np.flatnonzero(np.repeat(~collapsed, 3))
+    order = sound[np.argsort(edge[sound], kind="stable")]
+    count = np.bincount(edge[sound], minlength=topology.n_edges)
+    start = np.concatenate([[0], np.cumsum(count)])
+    code = np.full(len(edge), BOUNDARY, dtype=np.int64)
+    pair = start[:-1][count == 2]
+    first, second = order[pair], order[pair + 1]
+    code[first], code[second] = second, first
+    many = sound[count[edge[sound]] > 2]
+    code[many] = -2 - many
+    mirrored = np.zeros(len(edge), dtype=bool)
+    twofold = np.flatnonzero(code >= 0)
+    mirrored[twofold] = sign[twofold] == sign[code[twofold]]
+    return (
+        code.reshape(-1, 3),
+        mirrored if mirrored.any() else None,
+        (start, order, edge, sign) if len(many) else None,
+    )
+
+
+def _repeated(topology: Topology) -> NDArray[np.bool_]:
+    """(m,) True for faces whose three vertices an earlier face has already."""
+    repeated = np.zeros(topology.n_faces, dtype=bool)
+    suspects = np.flatnonzero((topology.edge_face_count[topology.side_edge] > 1).all(axis=1))
+    _, first = np.unique(np.sort(topology.faces[suspects], axis=1), axis=0, return_index=True)
+    repeated[suspects] = True
+    repeated[suspects[first]] = False
+    return repeated
+
+
+def _bends(topology: Topology, shape: NDArray, angle: NDArray) -> tuple[NDArray, NDArray]:
+    """(n,) vertices that a shortest path may pass through; those whose directions rounding may spoil."""
+    faces = topology.faces
+    total = np.bincount(faces.ravel(), weights=angle.ravel(), minlength=topology.n_vertices)
+    bends = total > FLAT_ANGLE
+    bends |= topology.boundary_vertex
+    bends[topology.edges[topology.nonmanifold_edges]] = True
+    blunt = np.zeros(len(bends), dtype=bool)
+    length, height = shape[:, 0].reshape(-1, 3).T, shape[:, 2].reshape(-1, 3).T
+    low, long = (reduce(least, part) for least, part in ((np.minimum, height), (np.maximum, length)))
+    blunt[faces[~(low > 1e-8 * long)]] = True
+    bends |= blunt
+    bends[_pinched(topology, np.flatnonzero(~bends & topology.referenced_vertex))] = True
+    return bends, blunt
+
+
+def _pinched(topology: Topology, suspects: NDArray) -> NDArray[np.int64]:
+    """Those of the inner vertices `suspects` whose faces make several fans."""
+    if "nonmanifold_vertices" in vars(topology) or not topology.is_oriented:
+        return topology.nonmanifold_vertices
+    around = topology.side_twin[:, PREVIOUS].ravel()  # the next corner of the same vertex, counter-clockwise
+    corner = np.empty(topology.n_vertices, dtype=np.int64)
+    corner[topology.faces.ravel()] = np.arange(len(around))
+    left = np.bincount(topology.faces.ravel(), minlength=topology.n_vertices)[suspects]
+    first = here = corner[suspects]
+    found = [suspects[:0]]
+    while len(suspects):
+        here, left = around[here], left - 1
+        closed = here == first
+        found.append(suspects[closed & (left > 0)])
+        open_ = ~closed
+        suspects, first, here, left = suspects[open_], first[open_], here[open_], left[open_]
+    return np.concatenate(found)

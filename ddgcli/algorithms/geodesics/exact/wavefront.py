@@ -1,0 +1,396 @@
+"""Windows on the march: batched propagation of unfolded distance across a surface.
+
+A window on side h enters the face of h. It stands for the straight lines from an unfolded source (sx, sy),
+sy < 0, through the interval [b0, b1] of the side; its distance at x is origin + |(x, 0) - (sx, sy)|.
+
+Where directions are wanted, a window also carries how its frame lies at the source: a line that goes through
+it at angle phi left the source at angle turn + phi (turn - phi where the frame is mirrored).
+
+References
+----------
+J. Mitchell, D. Mount, C. Papadimitriou, The discrete geodesic problem, 1987 (windows);
+S. Xin, G. Wang, Improving Chen and Han's algorithm, 2009 (the filter by vertex distances).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ddgcli.algorithms.geodesics.exact.bundles import Bundles
+from ddgcli.algorithms.geodesics.exact.children import children, norm
+from ddgcli.algorithms.geodesics.exact.dominance import EPS, dominate
+from ddgcli.algorithms.geodesics.exact.pool import NEVER, Origins, Pool, ranges
+from ddgcli.algorithms.geodesics.exact.shadow import MARGIN, shadow_of
+from ddgcli.algorithms.geodesics.exact.tables import BOUNDARY, WindowTables
+from ddgcli.algorithms.geodesics.exact.targets import Targets
+from ddgcli.errors import SolveError
+
+LIFT = 1e-15  # of a side: least height of a source above it, so that one on the side itself still sees across
+TELL_EVERY = 4  # rounds between two looks at the progress
+FAN = 2.0  # times the root of the slack: radians on both sides of straight ahead that a vertex serves
+SPAWN_EVERY = 3  # rounds between two launches of waiting vertices; fewer, fuller batches
+
+
+class Front:
+    """State of one propagation: distances so far, how each was reached, windows and vertices that wait.
+
+    Parameters
+    ----------
+    tables : WindowTables
+    slack : float
+        0 for exact; tau > 0 drops windows that a vertex path matches within tau side lengths.
+    dominance_every : int
+        Rounds between two prunes of windows on the same side; 0 never prunes (the distances are the same).
+    targets : Targets, optional
+        Points in faces to measure on the way.
+    directions : bool
+        Find at what angle the lines that reach vertices left their sources (`departure`; nan behind bends).
+    """
+
+    def __init__(
+        self,
+        tables: WindowTables,
+        *,
+        slack: float = 0.0,
+        dominance_every: int = 10,
+        targets: Targets | None = None,
+        directions: bool = False,
+    ) -> None:
+        n = tables.n_vertices
+        self.targets = targets
+        self.tables, self.slack, self.dominance_every = tables, slack, dominance_every
+        # a path that bends by slack turns at any vertex, by little: windows are narrow where slack drops them
+        self.margin = MARGIN + FAN * float(np.sqrt(slack))
+        self.bends = tables.bends if slack == 0 else tables.total_angle > 2 * (np.pi - self.margin)
+        self.distance = np.full(n, np.inf)
+        self.origin = np.full(n, -1, dtype=np.int64)
+        self.side = np.full(n, -1, dtype=np.int64)
+        self.crossing = np.full(n, np.nan)
+        self.spawned_at = np.full(n, np.inf)
+        self._place = np.zeros(n, dtype=np.int64)
+        self.origins = Origins()
+        self.columns = 4 + int(directions) * (1 if tables.plain else 2)  # b0, b1, sx, sy, turn, sign
+        self.swing = _swing(tables) if directions else None
+        self.departure = np.full(n if directions else 0, np.nan)
+        self.pool = Pool(self.columns)
+        self.bundles: Bundles | None = None
+        if tables.plain and slack == 0 and dominance_every:
+            self.bundles = Bundles(
+                tables, self.origins, self.distance, self.swing, None if targets is None else targets.faces
+            )
+        self.pending = np.zeros(0, dtype=np.int64)
+        self.windows = self.rounds = self.final = 0
+        self.bucket = 3.0 * float(tables.shape[:, 0].mean()) if len(tables.shape) else 1.0
+
+    # -- vertices -----------------------------------------------------------------------------------
+
+    def improve(
+        self,
+        vertex: NDArray,
+        distance: NDArray,
+        origin: NDArray,
+        side: NDArray | None = None,
+        crossing: NDArray | None = None,
+        departure: NDArray | None = None,
+    ) -> None:
+        """Lower distances at vertices (entries may repeat), and note the way in.
+
+        `side` is the side opposite that the path crosses, at `crossing`; -2 - side where it comes along an
+        edge, through an end of that side; none: from a point in a face.
+        """
+        better = (distance < self.distance.take(vertex)).nonzero()[0]
+        if not len(better):
+            return
+        vertex, distance = vertex.take(better), distance.take(better)
+        np.minimum.at(self.distance, vertex, distance)
+        won = distance == self.distance.take(vertex)
+        vertex, better = vertex[won], better[won]
+        self.origin[vertex] = origin.take(better)
+        self.side[vertex] = -1 if side is None else side.take(better)
+        self.crossing[vertex] = np.nan if crossing is None else crossing.take(better)
+        if self.swing is not None:
+            self.departure[vertex] = np.nan if departure is None else departure.take(better)
+        self.pending = np.concatenate([self.pending, vertex[self.bends[vertex]]])
+
+    def start_vertex(self, vertex: NDArray, source: NDArray, first: NDArray | None = None) -> None:
+        """Sources at vertices, distance zero; `first` is as in `_spawn`."""
+        origin = self.origins.add(vertex, source, np.zeros(len(vertex)))
+        self.distance[vertex] = 0.0
+        self.origin[vertex] = origin
+        self.spawned_at[vertex] = 0.0
+        self._spawn(vertex, origin, np.full(len(vertex), np.nan), first)
+
+    def _spawn(
+        self, vertex: NDArray, origin: NDArray, incoming: NDArray, first: NDArray | None = None
+    ) -> None:
+        """Distances along the edges at each vertex, and windows on the sides opposite it.
+
+        `incoming` is the direction back along the path at each vertex: its shadow gets windows (nan: all).
+        `first` (3m,) is the direction of the edge from the apex of each side to its first corner, at sources
+        whose directions are wanted.
+        """
+        tables = self.tables
+        start = tables.around_start.take(vertex)
+        count = tables.around_start.take(vertex + 1) - start
+        row = np.arange(len(vertex)).repeat(count)
+        side = tables.around.take(ranges(start, count)[0])
+        shape, ids, row_origin = (
+            tables.shape.take(side, axis=0),
+            tables.ids.take(side, axis=0),
+            origin.take(row),
+        )
+        reach = shape[:, 3:] + self.origins.distance.take(row_origin)[:, None]
+        face = side // 3 * 3
+        way = np.stack([face + (side - face + 1) % 3, face + (side - face + 2) % 3], axis=1)
+        end = np.stack([shape[:, 4], np.zeros(len(side))], axis=1)
+        along = None if first is None else first.take(side)
+        edges = None if along is None else np.stack([along, along + tables.angle.take(side)], axis=1).ravel()
+        self.improve(
+            ids[:, :2].ravel(), reach.ravel(), np.repeat(row_origin, 2), -2 - way.ravel(), end.ravel(), edges
+        )
+        begin, stop = shadow_of(
+            tables.turn.take(side), tables.angle.take(side), tables.total_angle.take(vertex.take(row)),
+            incoming.take(row), self.margin,
+        )  # fmt: skip
+        lit = (begin < stop).nonzero()[0]
+        if len(lit):
+            turn = None if along is None else (along - np.arctan2(shape[:, 2], shape[:, 1])).take(lit)
+            self._fan(
+                side.take(lit), shape.take(lit, axis=0), row_origin.take(lit), begin.take(lit),
+                stop.take(lit), turn,
+            )  # fmt: skip
+
+    def _fan(
+        self, side: NDArray, shape: NDArray, origin: NDArray, begin: NDArray, end: NDArray,
+        turn: NDArray | None,
+    ) -> None:  # fmt: skip
+        """Windows from the apex of each side, over the part of the side seen between two angles there."""
+        length, x, y, left, right = shape.T
+        angle = self.tables.angle.take(side)
+        ends = np.empty((2, len(side)))
+        for at, phi in zip(ends, (begin, end)):
+            from0, from1 = left * np.sin(phi), right * np.sin(angle - phi)
+            np.divide(from0, from0 + from1, out=at)
+            at *= length
+        self.launch(side, x, y, origin, ends, turn)
+
+    def _incoming(self, vertex: NDArray) -> NDArray[np.float64]:
+        """Direction back along the path that reached each vertex, as an angle around it; nan: not known."""
+        side = self.side.take(vertex)
+        side = np.where(side < -1, -2 - side, side)
+        x, (_, ax, ay, _, _) = self.crossing.take(vertex), self.tables.shape.take(side, axis=0).T
+        angle = self.tables.turn.take(side) + np.arctan2(ay * x, ay * ay - ax * (x - ax))
+        angle[side < 0] = np.nan
+        return angle
+
+    def launch(
+        self, side: NDArray, x: NDArray, y: NDArray, origin: NDArray, ends: NDArray | None = None,
+        turn: NDArray | None = None,
+    ) -> None:  # fmt: skip
+        """Windows from points (x, y) above each side in its own frame, leaving its face.
+
+        They cover the part of the side between `ends` (2, k), or the whole side; `turn` is that of the frame
+        across.
+        """
+        length, (d0, d1) = self.tables.shape[side, 0], self.distance.take(self.tables.ids[side, :2].T)
+        b0, b1 = (np.zeros(len(side)), length) if ends is None else ends
+        base, code = self.origins.distance.take(origin), self._code(side)
+        y = np.maximum(y, LIFT * length)
+        r0, r1 = base + norm(x - b0, y.copy()), base + norm(b1 - x, y.copy())
+        margin = EPS - self.slack * length
+        keep = (code != BOUNDARY) & (b1 - b0 > EPS)
+        keep &= (r0 <= d1 + (length - b0) + margin) & (r1 <= d0 + b1 + margin)
+        kept = keep.nonzero()[0]
+        key = np.where((x > b0) & (x < b1), base + y, np.minimum(r0, r1))
+        lines = np.ones((self.columns, len(side)))  # in the frame across, from v1 to v0
+        lines[0], lines[1], lines[2], lines[3] = length - b1, length - b0, length - x, -y
+        lines[4:5] = np.nan if turn is None else turn
+        self._enter(
+            lines.take(kept, axis=1), code.take(kept), origin.take(kept), key.take(kept), side.take(kept)
+        )
+
+    def _code(self, side: NDArray) -> NDArray:
+        face, j = np.divmod(side, 3)
+        return self.tables.ids[3 * face + (j + 1) % 3, 3]
+
+    # -- windows ------------------------------------------------------------------------------------
+
+    def _enter(self, lines: NDArray, code: NDArray, origin: NDArray, key: NDArray, left_by: NDArray) -> None:
+        """Push windows into the faces across; `lines` are in the frame that runs against side `left_by`."""
+        tables = self.tables
+        if tables.edge_sides is not None and (code < BOUNDARY).any():
+            many = code < BOUNDARY
+            row, side, same_way = tables.across_many(left_by[many])
+            one = ~many
+            where_from = np.concatenate([np.flatnonzero(one), np.flatnonzero(many)[row]])
+            code = np.concatenate([code[one], side])
+            lines, origin, key = lines[:, where_from], origin[where_from], key[where_from]
+            flip = np.concatenate([np.zeros(int(one.sum()), dtype=bool), same_way])
+            if tables.mirrored is not None:
+                flip[: int(one.sum())] = tables.mirrored[left_by[one]]
+            _reflect(lines, flip, tables.shape[code, 0])
+        elif tables.mirrored is not None:
+            _reflect(lines, tables.mirrored[left_by], tables.shape[code, 0])
+        where = np.empty((2, len(code)), dtype=np.int64)
+        where[0], where[1] = code, origin
+        self.pool.push(lines, where, key)
+
+    def run(
+        self,
+        limit: float = np.inf,
+        most_windows: float = np.inf,
+        progress: Callable[[float, float], None] | None = None,
+        enough: float = np.inf,
+    ) -> None:
+        """Propagate until nothing waits below `limit` (distances below it are then final).
+
+        `progress` is told now and then how many vertices of all are final; when they are `enough` it stops,
+        and may be called again to go on.
+
+        Raises
+        ------
+        SolveError
+            After `most_windows` windows: the surface is too degenerate for this method.
+        """
+        bundles = self.bundles if limit == enough == np.inf else None
+        while True:
+            waiting = self._waiting()
+            least = min(self.pool.least(), waiting)
+            if bundles is not None:
+                least = min(least, bundles.pool.least())
+            if not least < limit:
+                return
+            if self.rounds % TELL_EVERY == 0 and (progress is not None or enough < np.inf):
+                self.final = max(self.final, int(np.count_nonzero(self.distance < least)))
+                if progress is not None:
+                    progress(float(self.final), float(len(self.distance)))
+                if self.final >= enough:
+                    return
+            bound = max(least + self.bucket, np.nextafter(least, np.inf))
+            if waiting < bound and (self.rounds % SPAWN_EVERY == 0 or waiting <= least):
+                self._spawn_below(bound)
+            self.rounds += 1
+            lines, where = self._popped(bound, bundles)
+            self.windows += where.shape[1]
+            if self.windows > most_windows:
+                raise SolveError(
+                    f"exact distance gave up after {self.windows} windows; the triangles are too degenerate: "
+                    "use --method heat, or repair the mesh"
+                )
+            if where.shape[1] == 0:
+                continue
+            if self.targets is not None:
+                self.targets.light(lines, where, self.origins)
+            self._propagate(lines, where)
+
+    def _popped(self, bound: float, bundles: Bundles | None) -> tuple[NDArray, NDArray]:
+        """Windows to go on one by one; now and then all are pruned, and bound where that pays."""
+        bound_now = bundles is not None and len(bundles) > 0
+        every = self.dominance_every * (2 if bound_now else 1)
+        prune = bool(every) and self.rounds % every == 0
+        lines, where = self.pool.pop_below(np.inf if prune and bound_now else bound)
+        if bundles is not None and bound_now:
+            before = bundles.moves
+            free = bundles.dissolve() if prune else bundles.advance(bound)
+            self.windows += bundles.moves - before
+            lines, where = (np.concatenate(pair, axis=1) for pair in zip((lines, where), free))
+        if prune and where.shape[1]:
+            lines, where = dominate(lines, where, self.tables.shape, self.origins.distance)
+            if bundles is not None:
+                lines, where = bundles.bind(lines, where)
+        return lines, where
+
+    def _waiting(self) -> float:
+        """Least distance of the vertices that wait to be origins; forgets those that need not."""
+        if not len(self.pending):
+            return NEVER
+        distance = self.distance[self.pending]
+        live = distance < self.spawned_at[self.pending]
+        self.pending = self.pending[live]
+        return float(distance[live].min(initial=NEVER))
+
+    def _spawn_below(self, bound: float) -> None:
+        distance = self.distance[self.pending]
+        now = distance < bound
+        vertex = self._once(self.pending[now])
+        self.pending = self.pending[~now]
+        before = self.origin[vertex]
+        self.spawned_at[vertex] = self.distance[vertex]
+        origin = self.origins.add(vertex, self.origins.source[before], self.distance[vertex])
+        self._spawn(vertex, origin, self._incoming(vertex))
+
+    def _once(self, vertex: NDArray) -> NDArray[np.int64]:
+        """The vertices without repetitions."""
+        place = np.arange(len(vertex))
+        self._place[vertex] = place
+        return vertex[self._place[vertex] == place]
+
+    def _propagate(self, lines: NDArray, where: NDArray) -> None:
+        """Carry windows across their faces: light the apex, then hand on what the filter keeps."""
+        side, origin = where
+        base = self.origins.distance.take(origin)
+        shape = np.ascontiguousarray(self.tables.shape.take(side, axis=0).T)
+        ids = np.ascontiguousarray(self.tables.ids.take(side, axis=0).T)
+        b0, b1, sx, sy = lines[:4]
+        dx, dy = shape[1] - sx, shape[2] - sy
+        at = sx - dx * sy / dy  # where the line to the apex crosses the side
+
+        lit = ((at >= b0 - EPS) & (at <= b1 + EPS)).nonzero()[0]
+        if len(lit):
+            reach = base.take(lit) + norm(dx.take(lit), dy.take(lit))
+            found = ids[2].take(lit), reach, origin.take(lit), side.take(lit), at.take(lit)
+            self.improve(*found, self._departed(lines, dx, dy, lit))
+
+        left, right = (at > b0).nonzero()[0], (at < b1).nonzero()[0]
+        parent, n_left = np.concatenate([left, right]), len(left)
+        kept, out, key = children(
+            n_left,
+            lines.take(parent, axis=1),
+            at.take(parent),
+            shape.take(parent, axis=1),
+            self.distance.take(ids[:3].take(parent, axis=1)),
+            base.take(parent),
+            self.slack,
+        )
+        k = int(np.searchsorted(kept, n_left))
+        source = parent.take(kept)
+        if self.swing is not None:
+            to = 2 * side.take(source)
+            to[k:] += 1
+            out[4] += self.swing.take(to) if len(out) == 5 else self.swing.take(to) * out[5]
+        code = np.concatenate([ids[3].take(source[:k]), ids[4].take(source[k:])])
+        inner = (code != BOUNDARY).nonzero()[0]
+        if len(inner) < len(kept):
+            kept, out, key = kept.take(inner), out.take(inner, axis=1), key.take(inner)
+            code, source = code.take(inner), source.take(inner)
+        left_by = code[:0]  # needed only where crossings are not plain
+        if self.tables.mirrored is not None or self.tables.edge_sides is not None:
+            face, j = np.divmod(side.take(source), 3)
+            left_by = 3 * face + (j + np.where(kept < n_left, 2, 1)) % 3
+        self._enter(out, code, origin.take(source), key, left_by)
+
+    def _departed(self, lines: NDArray, dx: NDArray, dy: NDArray, lit: NDArray) -> NDArray | None:
+        """Angles at which lines in direction (dx, dy) through some windows left the source."""
+        if self.swing is None:
+            return None
+        angle = np.arctan2(dy.take(lit), dx.take(lit))
+        return lines[4].take(lit) + (angle if len(lines) == 5 else angle * lines[5].take(lit))
+
+
+def _reflect(lines: NDArray, flip: NDArray, length: NDArray) -> None:
+    """Turn windows around where `flip`: x becomes length - x."""
+    i = np.flatnonzero(flip)
+    b0, b1, sx = lines[:3, i]
+    lines[:3, i] = length[i] - np.stack([b1, b0, sx])
+    if len(lines) > 4:
+        lines[4, i] += np.pi * lines[5, i]
+        lines[5, i] *= -1.0
+
+
+def _swing(tables: WindowTables) -> NDArray[np.float64]:
+    """(6m,) turns from the frame of each side to those across (v0, apex) and across (apex, v1)."""
+    length, x, y = tables.shape[:, :3].T
+    return np.stack([np.arctan2(y, x), -np.arctan2(y, length - x)], axis=1).ravel()

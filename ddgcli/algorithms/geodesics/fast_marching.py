@@ -1,0 +1,346 @@
+"""Fast marching on triangles, in batches: approximate distance that any triangulation can carry (chapter 6).
+
+A stencil is a triangle (a, b, c) that may hand the distances of a and b on to c. Where a face is obtuse at c
+no front can be handed on safely, so the faces beyond the opposite side are unfolded until a vertex falls into
+the sector in which both halves are acute (R. Kimmel, J. Sethian, "Computing geodesic paths on manifolds",
+1998). Vertices are settled in buckets of distance instead of one by one; each bucket runs until nothing
+in it improves. So c may come before a or b: next to a source it does, and on a flat piece what is found is
+then the straight line all the same (asking that c come last costs the first edges some percent).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csr_array
+
+from ddgcli.algorithms.geodesics.exact.tables import BOUNDARY, side_shapes, sides_across, table_scale
+from ddgcli.algorithms.geodesics.sources import Reached, Sources, checked_sources, face_frame
+from ddgcli.errors import MeshError, SolveError
+from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
+from ddgcli.mesh.topology import NEXT, PREVIOUS
+
+MOST_UNFOLDINGS = 30
+BUCKET = 1.5  # mean sides settled together
+MOST_ROUNDS = 20  # a vertex and more; no mesh we know takes one
+
+
+@dataclass(frozen=True, eq=False)
+class Stencils:
+    """Triangles (a, b, c) by which distance reaches c, seen with a at the origin and b at (length, 0).
+
+    Parameters
+    ----------
+    corner : (k, 3) ndarray of int64
+        a, b, c; a = b for a straight path along an edge.
+    shape : (k, 4) ndarray of float64
+        length of ab, c's x and y (y > 0), length of ac; divided by `scale`. A length of 0 stands for the path
+        from a to c alone.
+    start, at, apex : ndarrays of int64
+        Stencils that use vertex v as a or b: at[start[v] : start[v + 1]], and the c of each of them.
+    mean_side : float
+        Of the triangulation, divided by `scale`.
+    scale : float
+
+    Notes
+    -----
+    Every edge carries a path both ways: from a to c in each stencil, the way against the sides of its face.
+    """
+
+    corner: NDArray[np.int64]
+    shape: NDArray[np.float64]
+    start: NDArray[np.int64]
+    at: NDArray[np.int64]
+    apex: NDArray[np.int64]
+    mean_side: float
+    scale: float
+
+
+@dataclass(frozen=True, eq=False)
+class MarchedDistance(Reached):
+    """Distances by fast marching.
+
+    Parameters
+    ----------
+    rounds, updates : int
+        Work done.
+    stencils : Stencils
+        By which it was handed on.
+    """
+
+    rounds: int
+    updates: int
+    stencils: Stencils
+
+
+def marching_stencils(mesh: SurfaceMesh) -> Stencils:
+    """Stencils of a surface: one for each acute corner, two for each obtuse one.
+
+    They are those of the intrinsic Delaunay triangulation where there is one: less obtuse and shorter, so
+    that few unfoldings are left and the error falls. On other surfaces (three faces on an edge, mixed
+    orientation) those of the mesh as it is. Edges that were flipped away still carry straight paths, so that
+    no distance is longer than a path along edges.
+    """
+    triangulation, gone = _delaunay_if_surface(mesh)
+    scale, (across, mirrored, _) = table_scale(triangulation), sides_across(triangulation.topology)
+    code, faces = across.ravel(), triangulation.faces
+    # sides that no face runs along the other way: their own stencils lead only against them
+    lone = (code <= BOUNDARY if mirrored is None else (code <= BOUNDARY) | mirrored).nonzero()[0]
+    length = triangulation.side_length / scale
+    obtuse = _obtuse(length)
+    # rows: straight ones, one a side, and one more for each obtuse corner that unfolding serves
+    first, last = len(gone) + len(lone), len(gone) + len(lone) + length.size
+    corner = np.empty((last + len(obtuse), 3), dtype=np.int64)
+    shape = np.empty((last + len(obtuse), 4))
+    _straight(corner[: len(gone)], shape[: len(gone)], mesh, gone, scale)
+    _straight(corner[len(gone) : first], shape[len(gone) : first], triangulation, lone, scale)
+    of_sides, shapes = corner[first:last], shape[first:last]
+    for k, column in enumerate((faces, faces[:, NEXT], faces[:, PREVIOUS])):
+        of_sides.reshape(-1, 3, 3)[:, :, k] = column
+    side_shapes(triangulation, scale, shapes.reshape(-1, 3, 4))
+    row, vertex, where = _unfolded(of_sides, shapes, code, mirrored, obtuse)
+    side, rows = obtuse.take(row), last + len(row)
+    corner[last:rows] = of_sides.take(side, axis=0)
+    corner[last:rows, 0] = of_sides[side, 1] = vertex
+    shapes[side], shape[last:rows] = _halves(shapes.take(side, axis=0), where)
+    corner, shape = corner[:rows], shape[:rows]
+    shape[_collapsed(corner), 0] = 0.0
+    start, at = _users(corner, first, mesh.n_vertices)
+    return Stencils(corner, shape, start, at, corner[:, 2].take(at), float(length.mean()), scale)
+
+
+def _collapsed(corner: NDArray) -> NDArray[np.bool_]:
+    """Triangles that have a vertex twice: only their edges carry distance."""
+    a, b, c = corner.T
+    return (a == b) | (a == c) | (b == c)
+
+
+def _obtuse(length: NDArray) -> NDArray[np.int64]:
+    """Sides opposite obtuse corners."""
+    square = length * length
+    half = 0.5 * (1 + 1e-12) * (square[:, 0] + square[:, 1] + square[:, 2])
+    return (square > half[:, None]).ravel().nonzero()[0]
+
+
+def _straight(corner: NDArray, shape: NDArray, mesh: SurfaceMesh, side: NDArray, scale: float) -> None:
+    """Fill in stencils along sides of a mesh, from tail to head."""
+    corner[:, 0] = corner[:, 1] = mesh.faces.ravel().take(side)
+    corner[:, 2] = mesh.faces.ravel().take(side + np.where(side % 3 == 2, -2, 1))
+    shape[:, :3] = 0.0
+    np.divide(mesh.side_length.ravel().take(side), scale, out=shape[:, 3])
+
+
+def _users(corner: NDArray, n_straight: int, n_vertices: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Stencils that use vertex v: at[start[v] : start[v + 1]]; the first ones are straight, of one vertex."""
+    n = n_straight + 2 * (len(corner) - n_straight)
+    number = np.int32 if n < 2**31 else np.int64
+    vertex, first = np.empty(n, dtype=number), np.arange(-n_straight, n + 1, 2, dtype=number)
+    vertex[:n_straight] = corner[:n_straight, 0]
+    vertex[n_straight:].reshape(-1, 2)[:] = corner[n_straight:, :2]
+    first[:n_straight] = np.arange(n_straight)
+    uses = np.ones(n, dtype=np.int8), vertex, first
+    users = csr_array(uses, shape=(len(corner), n_vertices)).tocsc()
+    return users.indptr.astype(np.int64), users.indices.astype(np.int64)
+
+
+def _delaunay_if_surface(mesh: SurfaceMesh) -> tuple[SurfaceMesh, NDArray[np.int64]]:
+    """The triangulation to march on, and the sides of `mesh` whose edges it does not have."""
+    from ddgcli.algorithms.delaunay.triangulation import flip_to_delaunay
+
+    try:
+        flipped = flip_to_delaunay(mesh, tell_gone=True)
+    except MeshError:
+        return mesh, np.zeros(0, dtype=np.int64)
+    return flipped.mesh, flipped.gone
+
+
+def _halves(shape: NDArray, where: NDArray) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Shapes of the stencils (a, w, c) and (w, b, c), w at the places `where` in the frames of ab."""
+    length, x, y, left = shape.T
+    apex = x + 1j * y
+    halves = []
+    for p, q, from_p in ((0.0, where, left), (where, length, np.abs(where - apex))):
+        size = np.abs(q - p)
+        to = (apex - p) * np.conj(q - p) / size
+        halves.append(np.stack([size, to.real, np.abs(to.imag), from_p], axis=1))
+    return halves[0], halves[1]
+
+
+def _unfolded(
+    corner: NDArray, shape: NDArray, across: NDArray, mirrored: NDArray | None, obtuse: NDArray
+) -> tuple[NDArray, NDArray, NDArray]:
+    """For sides opposite obtuse corners: the vertex beyond that makes two acute halves, and its place.
+
+    Returns (row of `obtuse`, vertex, place in the side's frame as a complex number) where unfolding met one;
+    it stops at the boundary, at edges of three faces, and after MOST_UNFOLDINGS faces.
+    """
+    length, x, y = shape.take(obtuse, axis=0).T[:3]
+    apex = x + 1j * y
+    # the sector beyond the side: at right angles or less to both arms, seen from the apex
+    arm_a, arm_b = -apex, length - apex
+    row, p, q = np.arange(len(obtuse)), np.zeros(len(obtuse), dtype=complex), length + 0j
+    side, flip = obtuse, np.zeros(len(obtuse), dtype=bool)  # flip: the face was entered mirrored
+    found: list[tuple[NDArray, NDArray, NDArray]] = []
+    for _ in range(MOST_UNFOLDINGS):
+        code = across.take(side)
+        if mirrored is not None:
+            flip = flip ^ mirrored.take(side)
+        go = (code > BOUNDARY).nonzero()[0]
+        row, p, q, code, flip = (part.take(go) for part in (row, p, q, code, flip))
+        if not len(row):
+            break
+        # face of side `code` below the segment p -> q; its own frame runs q -> p, or p -> q where mirrored
+        size, x, y = shape.take(code, axis=0).T[:3]
+        place = p + (np.where(flip, x, size - x) - 1j * y) * (q - p) / size
+        to = place - apex.take(row)
+        a, b = arm_a.take(row), arm_b.take(row)
+        near_a = to.real * a.real + to.imag * a.imag >= 0
+        near_b = to.real * b.real + to.imag * b.imag >= 0
+        inside = (near_a & near_b & (y > 0)).nonzero()[0]
+        found.append((row.take(inside), corner.take(code.take(inside), axis=0)[:, 2], place.take(inside)))
+        # too near the arm to a: the sector leaves by the side towards b, and the other way round
+        on = ((near_a ^ near_b) & (y > 0)).nonzero()[0]
+        row, code, flip, towards_q, place = (part.take(on) for part in (row, code, flip, near_a, place))
+        p, q = np.where(towards_q, place, p.take(on)), np.where(towards_q, q.take(on), place)
+        # leaving (q -> p frame): towards q by (v0, apex), towards p by (apex, v1); the other way if mirrored
+        face, j = np.divmod(code, 3)
+        side = 3 * face + (j + np.where(towards_q != flip, 2, 1)) % 3
+    rows, vertices, places = (np.concatenate(part) for part in zip(*found)) if found else (row, row, p)
+    return rows, vertices, places
+
+
+def marched_distance(
+    mesh: SurfaceMesh,
+    sources: Sources | NDArray | list[int] | int,
+    *,
+    stencils: Stencils | None = None,
+    planar: bool = False,
+) -> MarchedDistance:
+    """Distance to the nearest source by fast marching.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh or IntrinsicMesh
+    sources : Sources, vertex number or array of vertex numbers
+    stencils : Stencils, optional
+        `marching_stencils(mesh)`, to share among calls.
+    planar : bool
+        Fronts are straight lines, as published (first order). Default: circles about an unfolded point
+        source, which are exact on flat pieces seen from the source.
+    """
+    sources = checked_sources(mesh, sources)
+    stencils = stencils or marching_stencils(mesh)
+    march = _March(stencils, mesh.n_vertices, several=len(sources) > 1, planar=planar)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        vertex, value, number = _first_values(mesh, sources, stencils.scale)
+        march.lower(vertex, value, number if len(sources) > 1 else None)
+        march.run()
+    nearest = np.where(np.isfinite(march.distance), march.source, -1)
+    return MarchedDistance(march.distance * stencils.scale, nearest, march.rounds, march.updates, stencils)
+
+
+def _first_values(mesh: SurfaceMesh, sources: Sources, scale: float) -> tuple[NDArray, NDArray, NDArray]:
+    """Vertices at and around the sources, their straight distances, and the numbers of the sources."""
+    points = sources.points
+    frame = face_frame(mesh.side_length[points.face] / scale)
+    reach = np.linalg.norm(frame - np.einsum("kc,kcd->kd", points.barycentric, frame)[:, None], axis=2)
+    vertex = np.concatenate([sources.vertex, mesh.faces[points.face].ravel()])
+    value = np.concatenate([np.zeros(len(sources.vertex)), reach.ravel()])
+    k = len(sources.vertex)
+    return vertex, value, np.concatenate([np.arange(k), np.repeat(k + np.arange(len(points)), 3)])
+
+
+class _March:
+    """Distances so far, and the vertices whose change has not been handed on."""
+
+    def __init__(self, stencils: Stencils, n: int, *, several: bool, planar: bool) -> None:
+        self.stencils, self.wave = stencils, _plane if planar else from_below
+        self.distance = np.full(n, np.inf)
+        self.several, self.source = several, np.zeros(n, dtype=np.int64)
+        self.waiting = np.zeros(n, dtype=bool)
+        self.bucket = BUCKET * stencils.mean_side
+        self.stop, self.count = stencils.start[1:], np.diff(stencils.start)
+        self.number = np.arange(4096)
+        self.rounds = self.updates = 0
+
+    def lower(self, vertex: NDArray, value: NDArray, source: NDArray | None) -> None:
+        """Lower distances (and note the sources, where there are several); the vertices wait to hand on."""
+        np.minimum.at(self.distance, vertex, value)
+        self.waiting[vertex] = True
+        if source is not None:
+            won = (value == self.distance.take(vertex)).nonzero()[0]
+            self.source[vertex.take(won)] = source.take(won)
+
+    def run(self) -> None:
+        """Hand on, nearest bucket first, until nothing waits."""
+        while True:
+            vertex = self.waiting.nonzero()[0]
+            if not len(vertex):
+                return
+            value = self.distance.take(vertex)
+            least = float(np.minimum.reduce(value))
+            now = (value < max(least + self.bucket, math.nextafter(least, math.inf))).nonzero()[0]
+            vertex = vertex.take(now)
+            self.waiting[vertex] = False
+            self.rounds += 1
+            if self.rounds > MOST_ROUNDS * (1000 + len(self.distance)):
+                raise SolveError("fast marching does not come to rest on this mesh; take --method exact")
+            self._hand_on(vertex, value.take(now))
+
+    def _hand_on(self, vertex: NDArray, value: NDArray) -> None:
+        """Lower what lies beyond the vertices by the stencils they are in; what is nearer cannot fall."""
+        stencils, count = self.stencils, self.count.take(vertex)
+        ahead = count.cumsum()
+        if ahead[-1] > len(self.number):
+            self.number = np.arange(2 * ahead[-1])
+        use = (self.stop.take(vertex) - ahead).repeat(count)
+        use += self.number[: ahead[-1]]
+        reached = self.distance.take(stencils.apex.take(use))
+        may = (reached > value.repeat(count)).nonzero()[0]
+        k = stencils.at.take(use.take(may))
+        corner = stencils.corner.take(k, axis=0)
+        da, db, dc = self.distance.take(corner).T
+        length, x, y, by_a = stencils.shape.take(k, axis=0).T
+        found, cross = self.wave(da, db, length, x, y)
+        sound = cross >= 0  # the ray must cross between a and b
+        sound &= cross <= length
+        source = None
+        if self.several:
+            source, source_b = self.source.take(corner[:, :2]).T
+            sound &= source == source_b  # fronts of two sources make no common circle
+        found = np.where(sound, found, by_a + da)
+        dc *= 1 - 1e-14  # less is rounding
+        better = (found < dc).nonzero()[0]
+        self.updates += len(may)
+        source = None if source is None else source.take(better)
+        self.lower(corner[:, 2].take(better), found.take(better), source)
+
+
+def from_below(da: NDArray, db: NDArray, length: NDArray, x: NDArray, y: NDArray) -> tuple[NDArray, NDArray]:
+    """Distance of c from the point below ab at da from a and db from b, and where on ab its ray crosses."""
+    sx = da - db
+    sx *= da + db
+    sx /= length
+    sx += length
+    sx *= 0.5
+    depth = da - sx
+    depth *= da + sx
+    np.sqrt(depth, out=depth)
+    run, rise = x - sx, y + depth
+    depth /= rise
+    depth *= run
+    cross = np.add(depth, sx, out=depth)
+    run *= run
+    rise *= rise
+    run += rise
+    return np.sqrt(run, out=run), cross
+
+
+def _plane(da: NDArray, db: NDArray, length: NDArray, x: NDArray, y: NDArray) -> tuple[NDArray, NDArray]:
+    """Distance of c behind a straight front at a and b, and where on ab its normal through c crosses."""
+    along = (db - da) / length
+    across = np.sqrt(1.0 - along * along)
+    return da + along * x + across * y, x - y * along / across

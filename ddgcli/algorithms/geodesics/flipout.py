@@ -1,0 +1,351 @@
+"""Edge paths and loops pulled straight by intrinsic flips, within their isotopy class.
+
+Sharp and Crane, "You Can Find Geodesic Paths in Triangle Meshes by Just Flipping Edges" (FlipOut), 2020: at a
+vertex where the path makes an angle below pi on one side, flip the edges of that wedge until its outer rim is
+locally shortest, and let the path run along the rim. Every step shortens the path.
+"""
+
+from __future__ import annotations
+
+import heapq
+import logging
+from dataclasses import dataclass
+from math import inf, pi
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ddgcli.algorithms.geodesics.flipping_mesh import EdgeGraph, FlippingMesh, edge_path
+from ddgcli.algorithms.geodesics.paths import SurfacePaths, describe_paths, joints, segment_vectors
+from ddgcli.algorithms.geodesics.surface_curves import Curves
+from ddgcli.algorithms.tracing.batch import Start
+from ddgcli.algorithms.tracing.trace import Tracer
+from ddgcli.geometry.face_frames import planar_difference
+from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
+from ddgcli.mesh.topology import NEXT
+
+_log = logging.getLogger("ddgcli")
+STRAIGHT = 1e-10  # an angle this close below pi counts as straight
+MOST_STEPS = 1_000_000  # joints looked at, and flips, in one path before it is left as it is
+
+
+@dataclass(slots=True)
+class _Node:
+    """One halfedge of the path in a doubly linked list."""
+
+    halfedge: int
+    before: int
+    after: int
+    alive: bool = True
+
+
+class PathStraightener:
+    """A path or loop of halfedges in a flipping mesh, shortened until every angle is at least pi."""
+
+    def __init__(self, mesh: FlippingMesh, halfedges: list[int], closed: bool) -> None:
+        self.mesh, self.closed, self.flips = mesh, closed, 0
+        self.shortest_loop = inf
+        self.in_its_own_way = False  # an edge to be flipped belongs to the path
+        n = len(halfedges)
+        self.nodes = [_Node(h, i - 1, i + 1) for i, h in enumerate(halfedges)]
+        if n:
+            self.nodes[0].before = n - 1 if closed else -1
+            self.nodes[-1].after = 0 if closed else -1
+        self.first = 0 if n else -1
+        self.uses: dict[int, int] = {}
+        for h in halfedges:
+            self._use(h, 1)
+        self.queue: list[tuple[float, int, int]] = []
+        for i in range(n):
+            self._push(i)
+
+    def _use(self, h: int, count: int) -> None:
+        for side in (h, self.mesh.twin[h]):
+            self.uses[side] = self.uses.get(side, 0) + count
+
+    def _ends(self, i: int) -> tuple[int, int]:
+        """Halfedges that leave the vertex where node i ends: onward, and back along it."""
+        return self.nodes[self.nodes[i].after].halfedge, self.mesh.twin[self.nodes[i].halfedge]
+
+    def _push(self, i: int) -> None:
+        if i < 0 or self.nodes[i].after < 0:
+            return
+        angle = min(self.mesh.turns(*self._ends(i)))
+        if angle < pi - STRAIGHT:
+            heapq.heappush(self.queue, (angle, i, self.nodes[i].after))
+
+    def straighten(self) -> bool:
+        """Shorten until all angles are at least pi; False when it could not finish."""
+        blocked: list[int] = []
+        steps = 0
+        while self.queue and max(self.flips, steps) < MOST_STEPS:
+            steps += 1
+            _, i, j = heapq.heappop(self.queue)
+            if not (self.nodes[i].alive and self.nodes[j].alive and self.nodes[i].after == j):
+                continue
+            if self._shorten(i):
+                for k in blocked:
+                    if self.nodes[k].alive:
+                        self._push(k)
+                blocked, self.in_its_own_way = [], False
+            else:
+                blocked.append(i)
+        return not blocked and not self.queue
+
+    def _shorten(self, i: int) -> bool:
+        """Let the path run along the rim of the sharper wedge where node i ends; False when it cannot."""
+        mesh = self.mesh
+        onward, back = self._ends(i)
+        left, right = mesh.turns(onward, back)
+        if min(left, right) >= pi - STRAIGHT:
+            return True
+        on_left = left <= right
+        if self.nodes[i].after == i:
+            return self._open_loop(i, on_left)
+        wedge, angle = mesh.wedge(onward, back) if on_left else mesh.wedge(back, onward)
+        if (
+            angle >= pi - STRAIGHT
+        ):  # next to nothing on the other side, which signposts do not tell from a turn
+            on_left = not on_left
+            wedge, angle = mesh.wedge(onward, back) if on_left else mesh.wedge(back, onward)
+            if angle >= pi - STRAIGHT:
+                return True
+        if not self._flip_out(wedge):
+            return False
+        rim = [mesh.next[h] for h in wedge[:-1]]
+        through = mesh.length[onward] + mesh.length[back]
+        if sum([mesh.length[h] for h in rim]) > through * (1 + 1e-9):  # cannot be; it would go on for ever
+            return False
+        self._replace(i, [mesh.twin[h] for h in reversed(rim)] if on_left else rim)
+        return True
+
+    def _open_loop(self, i: int, on_left: bool) -> bool:
+        """A loop of one edge has no two edges to shorten: lead it round the far corner of a triangle first.
+
+        That triangle lies on the sharper side. False when the last such detour did not make the loop shorter.
+        """
+        mesh, h = self.mesh, self.nodes[i].halfedge
+        if mesh.length[h] >= self.shortest_loop * (1 - 1e-13):
+            return False
+        self.shortest_loop = mesh.length[h]
+        if on_left:
+            across = mesh.next[h]
+            self._replace(i, [mesh.twin[mesh.next[across]], mesh.twin[across]])
+        else:
+            across = mesh.next[mesh.twin[h]]
+            self._replace(i, [across, mesh.next[across]])
+        return True
+
+    def _flip_out(self, wedge: list[int]) -> bool:
+        """Flip inner edges of the wedge (removed from the list) until its rim bends outward everywhere."""
+        mesh, k = self.mesh, 1
+        following, angle, tail = mesh.next, mesh.angle, mesh.tail
+        while k < len(wedge) - 1:
+            h = wedge[k]
+            beyond, before = following[h], following[following[wedge[k - 1]]]
+            if angle[before] + angle[beyond] >= pi - STRAIGHT:
+                k += 1
+                continue
+            if self.uses.get(h, 0):
+                self.in_its_own_way = True
+                return False
+            if not mesh.can_flip(h) or self.flips >= MOST_STEPS:
+                return False
+            here, t = tail[h], mesh.twin[h]
+            # these may begin at the same vertex
+            meets_itself = here in (tail[t], tail[following[beyond]], tail[following[following[t]]])
+            mesh.flip(h)
+            self.flips += 1
+            if meets_itself:  # the flip may have changed the wedge elsewhere, too
+                wedge[:] = mesh.wedge(wedge[0], wedge[-1])[0]
+                k = 1
+            else:
+                del wedge[k]
+                k = max(1, k - 1)
+        clear = not any(self.uses.get(h, 0) for h in wedge[1:-1])
+        self.in_its_own_way |= not clear
+        return clear
+
+    def _replace(self, i: int, halfedges: list[int]) -> None:
+        """Put halfedges in the place of node i and the one behind it."""
+        j = self.nodes[i].after
+        before, after = self.nodes[i].before, self.nodes[j].after
+        for k in {i, j}:
+            self.nodes[k].alive = False
+            self._use(self.nodes[k].halfedge, -1)
+        if before == j or i == j:  # the whole loop
+            before = after = -1
+        new = range(len(self.nodes), len(self.nodes) + len(halfedges))
+        for k, h in zip(new, halfedges, strict=True):
+            self.nodes.append(_Node(h, k - 1, k + 1))
+            self._use(h, 1)
+        if new and before < 0 and after < 0 and self.closed:
+            before, after = new[-1], new[0]
+        first, last = (new[0], new[-1]) if new else (after, before)
+        if new:
+            self.nodes[first].before, self.nodes[last].after = before, after
+        if before >= 0:
+            self.nodes[before].after = first
+        if after >= 0:
+            self.nodes[after].before = last
+        if not self.nodes[self.first].alive:
+            self.first = first
+        if before not in new:
+            self._push(before)
+        for k in new:
+            self._push(k)
+
+    def halfedges(self) -> list[int]:
+        """The path as it is now."""
+        out, k = [], self.first
+        while k >= 0:
+            out.append(self.nodes[k].halfedge)
+            k = self.nodes[k].after
+            if k == self.first:
+                break
+        return out
+
+
+class Straightener:
+    """A mesh made ready for pulling paths straight, for many calls on the same mesh.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh or IntrinsicMesh
+        Consistently oriented.
+    """
+
+    def __init__(self, mesh: SurfaceMesh) -> None:
+        self.mesh, self.tracer, self.graph = mesh, Tracer(mesh), EdgeGraph(mesh)
+        self.flipping = FlippingMesh(self.tracer)
+
+    def curves(self, waypoints: list[list[int]], closed: list[bool]) -> Curves:
+        """As the function `straightened_curves`."""
+        mesh, flipping = self.mesh, self.flipping
+        parts, kinds, done = [], [], True
+        for stops, is_closed in zip(waypoints, closed, strict=True):
+            sides = edge_path(self.graph, stops, is_closed)
+            flipping.rewind()
+            before = flipping.scale * sum(flipping.length[h] for h in sides)
+            path = PathStraightener(flipping, sides, is_closed)
+            finished = path.straighten()
+            done &= finished
+            if not finished:
+                why = ": it runs over itself; other way-points may help" if path.in_its_own_way else ""
+                _log.warning(f"the path through {stops[:5]} could not be pulled straight everywhere{why}")
+            parts.append(laid_on_input(self.tracer, flipping, path.halfedges(), is_closed))
+            kind = {
+                "kind": "loop" if is_closed else "straightened",
+                "way_points": list(stops),
+                "flips": path.flips,
+            }
+            kinds.append(kind | {"edge_path_length": before})
+        paths = SurfacePaths.joined(parts)
+        joint = joints(mesh, paths, shortest=1e-6)
+        sharpest = float(np.nanmin(np.concatenate([joint.left, joint.right]), initial=np.pi))
+        accuracy = {"path_angle_deficit": np.pi - sharpest}
+        return Curves(paths, describe_paths(mesh, paths, kinds), accuracy, done)
+
+
+def straightened_curves(mesh: SurfaceMesh, waypoints: list[list[int]], closed: list[bool]) -> Curves:
+    """Geodesics in the isotopy classes of edge paths and closed edge loops through way-points.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh or IntrinsicMesh
+        Consistently oriented.
+    waypoints : list of list of int
+        Vertices that fix the class; the geodesic need not pass them, but for the ends of open paths.
+    closed : list of bool
+
+    Returns
+    -------
+    Curves
+        Locally shortest, not always shortest. A loop that contracts to a point has no points and length 0.
+        `accuracy.path_angle_deficit` is how far an angle beside the curves falls below pi at most.
+    """
+    return Straightener(mesh).curves(waypoints, closed)
+
+
+def laid_on_input(tracer: Tracer, flipping: FlippingMesh, halfedges: list[int], closed: bool) -> SurfacePaths:
+    """A path of halfedges of the flipped triangulation as one surface path on the input mesh."""
+    mesh, fans = tracer.mesh, tracer.fans
+    if not halfedges:
+        return SurfacePaths(
+            np.zeros(0, dtype=np.int64), np.zeros((0, 3)), np.zeros(2, dtype=np.int64), np.array([closed])
+        )
+    fan = np.array([flipping.fan[h] for h in halfedges])
+    total = fans.total_angle[fan]
+    post = np.array([flipping.post[h] for h in halfedges])
+    turn = np.where(total > 0, total, 1.0)
+    post = np.where(fans.is_open[fan], np.clip(post, 0.0, total), post % turn)
+    corner = fans.locate(fan, post)
+    face, j = np.divmod(corner, 3)
+    local = post - fans.angle_before[corner]
+    e = tracer.unfolding.direction[face, j]
+    direction = np.stack(
+        [
+            e[:, 0] * np.cos(local) - e[:, 1] * np.sin(local),
+            e[:, 0] * np.sin(local) + e[:, 1] * np.cos(local),
+        ],
+        axis=1,
+    )
+    length = flipping.scale * np.array([flipping.length[h] for h in halfedges])
+    lines = tracer.walked(Start(face, np.eye(3)[j], direction, length), record=True)
+    recorded = SurfacePaths.of_traces(lines)
+    step = np.nan_to_num(segment_vectors(mesh, recorded))
+    walked = np.cumsum(np.hypot(step[:, 0], step[:, 1]))
+    faces, weights = [], []
+    for i, h in enumerate(halfedges):
+        f, b = _until_head(tracer, flipping, recorded, walked, i, h, length[i])
+        faces.append(f)
+        weights.append(b)
+    end = flipping.tail[flipping.twin[halfedges[-1]]]
+    if not closed:
+        last = faces[-1][-1:]
+        faces.append(last)
+        weights.append(_corner_of(mesh, last, end))
+    return SurfacePaths(
+        np.concatenate(faces), np.concatenate(weights),
+        np.array([0, sum(len(f) for f in faces)], dtype=np.int64), np.array([closed]),
+    )  # fmt: skip
+
+
+def _corner_of(mesh: SurfaceMesh, face: NDArray, vertex: int) -> NDArray[np.float64]:
+    return np.eye(3)[np.argmax(mesh.faces[face] == vertex, axis=1)]
+
+
+def _until_head(
+    tracer: Tracer,
+    flipping: FlippingMesh,
+    recorded: SurfacePaths,
+    walked: NDArray,
+    i: int,
+    h: int,
+    length: float,
+) -> tuple[NDArray, NDArray]:
+    """Points of a traced halfedge without its head: up to the face from which the rest leads to the head."""
+    mesh = tracer.mesh
+    head = flipping.tail[flipping.twin[h]]
+    if flipping.edge(h) not in flipping.flipped:  # an edge of the input
+        side = h if h < flipping.sides else flipping.twin[h]
+        face = np.array([side // 3])
+        j = side % 3 if h < flipping.sides else NEXT[side % 3]
+        return face, np.eye(3)[[j]]
+    a, b = recorded.start[i], recorded.start[i + 1]
+    face, barycentric = recorded.face[a : b - 1], recorded.barycentric[a : b - 1]
+    so_far = (
+        np.concatenate([[0.0], walked[a : b - 2] - (walked[a - 1] if a else 0.0)])
+        if b - a > 1
+        else np.zeros(0)
+    )
+    holds = np.flatnonzero((mesh.faces[face] == head).any(axis=1))
+    rest = planar_difference(
+        tracer.unfolding, face[holds], barycentric[holds], _corner_of(mesh, face[holds], head)
+    )
+    miss = np.abs(so_far[holds] + np.hypot(rest[:, 0], rest[:, 1]) - length)
+    if not len(holds) or miss.min() > 1e-6 * length:
+        _log.warning(f"a straightened edge to vertex {head} missed it when laid on the input mesh")
+        return face, barycentric
+    last = holds[miss <= miss.min() + 1e-9 * length][0]
+    return face[: last + 1], barycentric[: last + 1]

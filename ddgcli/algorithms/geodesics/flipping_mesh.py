@@ -1,0 +1,232 @@
+"""A triangulation that changes by single flips and remembers directions, and edge paths in it."""
+
+from __future__ import annotations
+
+from math import atan2, cos, hypot, inf, sin
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ddgcli.algorithms.tracing.trace import Tracer
+from ddgcli.errors import MeshError, ParameterError
+from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
+from ddgcli.mesh.triangle_mesh import vector_length
+
+DETOURS = (1.3, 2.0, inf)  # multiples of the straight line among which an edge path is looked for
+
+
+class FlippingMesh:
+    """A triangulation that changes by flips, with the direction and length of every halfedge on the input.
+
+    Halfedges 0..3m-1 are the sides; beside each boundary side lies one more, without a face. The walk is
+    sequential: it reads and writes plain numbers, through views of the arrays.
+
+    Attributes
+    ----------
+    next, twin, tail, fan : memoryview of int64
+        `next` is -1 outside the surface; `fan` names the fan of corners at the tail.
+    length, angle, post : memoryview of float64
+        Length in units of `scale`, the longest side; corner angle at the tail; direction at the tail, as an
+        angle in its fan (a signpost).
+    """
+
+    def __init__(self, tracer: Tracer) -> None:
+        mesh, fans = tracer.mesh, tracer.fans
+        m = 3 * mesh.n_faces
+        twin = mesh.topology.side_twin.ravel().copy()
+        rim = np.flatnonzero(twin < 0)
+        twin[rim] = m + np.arange(len(rim))
+        side = np.arange(m)
+        following = side + np.where(side % 3 == 2, -2, 1)
+        head = following[rim]
+        at_end = fans.angle_before[head] + fans.corner_angle[head]
+        self.scale = tracer.unfolding.scale
+        length = mesh.side_length.ravel() / self.scale
+        self.sides = m
+        total = np.where(fans.total_angle > 0, fans.total_angle, 1.0)
+        self.total = np.where(fans.is_open, inf, total).data
+        self.twin = np.concatenate([twin, rim]).data
+        self._given = {
+            "next": (following, np.full(len(rim), -1)),
+            "tail": (mesh.topology.side_tail, mesh.topology.side_tail[head]),
+            "fan": (fans.fan, fans.fan[head]),
+            "length": (length, length[rim]),
+            "angle": (fans.corner_angle, np.full(len(rim), inf)),
+            "post": (fans.angle_before, at_end),
+        }
+        self._now = {name: np.concatenate(parts) for name, parts in self._given.items()}
+        views: list[Any] = [array.data for array in self._now.values()]
+        self.next, self.tail, self.fan, self.length, self.angle, self.post = views
+        self.flipped: set[int] = set()
+        self._touched: list[int] = []
+
+    def rewind(self) -> None:
+        """Undo all flips."""
+        touched = np.unique(np.array(self._touched, dtype=np.int64))
+        inside, outside = np.split(touched, [np.searchsorted(touched, self.sides)])
+        for name, (sides, beyond) in self._given.items():
+            self._now[name][inside] = sides[inside]
+            self._now[name][outside] = beyond[outside - self.sides]
+        self.flipped.clear()
+        self._touched.clear()
+
+    def edge(self, h: int) -> int:
+        """The lower of the two halfedges."""
+        return min(h, self.twin[h])
+
+    def turns(self, first: int, last: int) -> tuple[float, float]:
+        """Angles counter-clockwise from halfedge `first` to `last` of a vertex and back, by their signposts.
+
+        inf where the boundary lies between, or nothing: the vertex may be all that two fans share.
+        """
+        fan = self.fan[first]
+        if fan != self.fan[last]:
+            return inf, inf
+        turn, total = self.post[last] - self.post[first], self.total[fan]
+        if total == inf:
+            return (turn, inf) if turn >= 0.0 else (inf, -turn)
+        turn %= total
+        return turn, total - turn
+
+    def wedge(self, first: int, last: int) -> tuple[list[int], float]:
+        """Halfedges leaving a vertex counter-clockwise from `first` to `last`, and the angle between them.
+
+        The angle is inf where the boundary lies between.
+        """
+        following, twin, angle = self.next, self.twin, self.angle
+        around, total, h = [first], 0.0, first
+        while h != last:
+            on = following[h]
+            if on < 0:
+                return around, inf
+            total += angle[h]
+            h = twin[following[on]]
+            around.append(h)
+            if h == first:
+                raise MeshError(f"halfedges {first} and {last} do not leave the same fan of a vertex")
+        return around, total
+
+    def can_flip(self, h: int) -> bool:
+        """Two faces, and not the same one."""
+        t = self.twin[h]
+        return self.next[h] >= 0 and self.next[t] >= 0 and t not in (self.next[h], self.next[self.next[h]])
+
+    def flip(self, h: int) -> None:
+        """Turn the edge of h; the two triangles must form a convex quadrilateral.
+
+        The new edge splits the angles where it ends and joins those of the old one: their sums stay.
+        """
+        following, tail, fan = self.next, self.tail, self.fan
+        length, angle, post = self.length, self.angle, self.post
+        t = self.twin[h]
+        h1, t1 = following[h], following[t]  # b -> c, a -> d
+        h2, t2 = following[h1], following[t1]  # c -> a, d -> b
+        at_a, at_b, at_c, at_d = angle[h] + angle[t1], angle[t] + angle[h1], angle[h2], angle[t2]
+        ca, ad = length[h2], length[t1]
+        cosine, sine = cos(at_a), sin(at_a)
+        d_along, d_off, c_along = ca - ad * cosine, ad * sine, ad - ca * cosine
+        length[h] = length[t] = hypot(d_along, d_off)
+        tail[h], tail[t] = tail[t2], tail[h2]
+        fan[h], fan[t] = fan[t2], fan[h2]
+        following[h], following[h2], following[t1] = h2, t1, h  # d -> c -> a
+        following[t], following[t2], following[h1] = t2, h1, t  # c -> d -> b
+        angle_c, angle_d = atan2(d_off, d_along), atan2(ca * sine, c_along)
+        angle_c, angle_d = angle_c if angle_c < at_c else at_c, angle_d if angle_d < at_d else at_d
+        angle[t1], angle[h1] = at_a, at_b
+        angle[h2], angle[t] = angle_c, at_c - angle_c
+        angle[h], angle[t2] = angle_d, at_d - angle_d
+        post[h] = post[t2] + angle[t2]
+        post[t] = post[h2] + angle_c
+        self.flipped.add(h if h < t else t)
+        self._touched += (h, t, h1, t1, h2, t2)
+
+
+class EdgeGraph:
+    """The edges as a graph, to join way-points: halfedges by their ends, shortest where there are several."""
+
+    def __init__(self, mesh: SurfaceMesh) -> None:
+        from scipy.sparse import coo_array
+
+        self.mesh, topology, n = mesh, mesh.topology, mesh.n_vertices
+        rim = np.flatnonzero(topology.side_twin.ravel() < 0)
+        tail = np.concatenate([topology.side_tail, topology.side_head[rim]])
+        head = np.concatenate([topology.side_head, topology.side_tail[rim]])
+        length = np.concatenate([mesh.side_length.ravel(), mesh.side_length.ravel()[rim]])
+        key = tail * n + head
+        order = np.argsort(key, kind="stable")
+        if (np.diff(key[order]) == 0).any():  # several edges between two vertices
+            order = np.lexsort((length, key))
+        key = key[order]
+        first = np.concatenate([[True], key[1:] != key[:-1]])
+        self.key, self.side = key[first], order[first]
+        ends = tail[self.side].astype(np.int32), head[self.side].astype(np.int32)  # as Dijkstra wants them
+        self.graph = coo_array((length[self.side], ends), shape=(n, n)).tocsr()
+
+    def between(self, a: int, b: int) -> int:
+        """Halfedge from a to b (3m + k outside the boundary), or -1."""
+        key = a * self.mesh.n_vertices + b
+        k = int(np.searchsorted(self.key, key))
+        return int(self.side[k]) if k < len(self.key) and self.key[k] == key else -1
+
+    def detours(self, a: int, b: int) -> NDArray[np.float64]:
+        """(n,) how much longer than straight it is from a to b by way of each vertex, in space; 1 or more."""
+        points = self.mesh.points
+        if points is None:
+            return np.ones(self.mesh.n_vertices)
+        scale = float(vector_length(points[a] - points[b])) or 1.0
+        return vector_length((points - points[a]) / scale) + vector_length((points - points[b]) / scale)
+
+    def joined(self, a: int, b: int) -> list[int]:
+        """Halfedges of the shortest edge path from a to b.
+
+        First it is looked for among vertices by way of which it is little longer than straight: near vertices
+        do not cost the whole mesh.
+        """
+        from scipy.sparse.csgraph import dijkstra
+
+        straight = self.between(a, b)
+        if straight >= 0:
+            return [straight]
+        n, detour = self.mesh.n_vertices, self.detours(a, b)
+        for most in DETOURS:
+            inside = np.flatnonzero(detour <= most * (1 + 1e-9))
+            if 2 * len(inside) > n:  # as much work as the whole
+                inside, most = np.arange(n), inf
+            graph = self.graph if most == inf else self.graph[inside][:, inside]
+            start, end = np.searchsorted(inside, [a, b]).tolist()
+            distance, before = dijkstra(graph, indices=end, return_predecessors=True)
+            if most == inf or distance[start] <= most * self._chord(a, b):
+                break
+        if not np.isfinite(distance[start]):
+            raise ParameterError(
+                f"no edge path leads from vertex {a} to vertex {b}; they lie on different components"
+            )
+        stops = [start]
+        while stops[-1] != end:
+            stops.append(int(before[stops[-1]]))
+        way = inside[stops]
+        return self.side[np.searchsorted(self.key, way[:-1] * n + way[1:])].tolist()
+
+    def _chord(self, a: int, b: int) -> float:
+        points = self.mesh.points
+        return 0.0 if points is None else float(vector_length(points[a] - points[b]))
+
+
+def edge_path(graph: EdgeGraph, waypoints: list[int], closed: bool) -> list[int]:
+    """Halfedges of an edge path through vertices; the shortest between those that are not neighbours.
+
+    Raises
+    ------
+    ParameterError
+        On vertices out of range, fewer than two, or without an edge path between them.
+    """
+    n = graph.mesh.n_vertices
+    bad = [v for v in waypoints if not 0 <= v < n]
+    if bad:
+        raise ParameterError(f"way-point {bad[0]} does not exist; vertices are 0..{n - 1}")
+    stops = [*waypoints, waypoints[0]] if closed and waypoints else list(waypoints)
+    stops = [v for k, v in enumerate(stops) if k == 0 or v != stops[k - 1]]
+    if len(stops) < 2:
+        raise ParameterError("a path needs two different way-points; give more vertices")
+    return [h for a, b in zip(stops[:-1], stops[1:], strict=True) for h in graph.joined(a, b)]

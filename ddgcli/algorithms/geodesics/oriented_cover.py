@@ -1,0 +1,184 @@
+"""A surface with consistently oriented faces over one that has them not, for what needs left and right.
+
+Faces that run against their neighbours are turned over. A one-sided surface has no such orientation, but its
+double cover has: every face twice, as it is and turned over. A line on the cover is a line on the surface.
+"""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ddgcli.algorithms.geodesics.exact.exact_distance import ExactDistance
+from ddgcli.algorithms.geodesics.paths import ON_SIDE, SurfacePaths, seen_from
+from ddgcli.algorithms.geodesics.sources import Sources
+from ddgcli.algorithms.geodesics.surface_curves import Curves
+from ddgcli.errors import MeshError
+from ddgcli.geometry.surface_points import SurfacePoints
+from ddgcli.mesh.repair import oriented
+from ddgcli.mesh.topology import Topology
+from ddgcli.mesh.triangle_mesh import TriangleMesh
+
+_log = logging.getLogger("ddgcli")
+
+
+@dataclass(frozen=True, eq=False)
+class OrientedCover:
+    """An oriented mesh over `base`; its vertices are those of the base.
+
+    Parameters
+    ----------
+    base, mesh : TriangleMesh
+        Face f of `mesh` lies over face f % m of `base`, and the first m faces over themselves.
+    turned : (m,) or (2m,) ndarray of bool
+        Faces of `mesh` whose corners run the other way: corner k is corner 2 - k of the base's face.
+    """
+
+    base: TriangleMesh
+    mesh: TriangleMesh
+    turned: NDArray[np.bool_]
+
+    @property
+    def one_sided(self) -> bool:
+        """Is every face there twice?"""
+        return self.mesh.n_faces > self.base.n_faces
+
+    def need_two_sides(self, what: str) -> None:
+        """Refuse what a one-sided surface does not have."""
+        if self.one_sided:
+            raise MeshError(
+                f"the surface is one-sided (a Moebius band is in it); {what} needs two sides: cut it open"
+            )
+
+    def weights(self, face: NDArray, barycentric: NDArray) -> NDArray[np.float64]:
+        """Barycentric coordinates in faces of the cover as those of the base, or the other way round."""
+        return np.where(self.turned[face][:, None], barycentric[:, ::-1], barycentric)
+
+    def lifted_points(self, points: SurfacePoints) -> SurfacePoints:
+        """Points of the base on the cover."""
+        return SurfacePoints(points.face, self.weights(points.face, points.barycentric))
+
+    def lifted_sources(self, sources: Sources) -> Sources:
+        """Sources on the base as sources on the cover."""
+        return Sources(sources.vertex, self.lifted_points(sources.points))
+
+    def lifted_exact(self, exact: ExactDistance) -> ExactDistance:
+        """How shortest paths arrive, told in the sides of the cover."""
+        face, j = np.divmod(exact.side, 3)
+        turn = (exact.side >= 0) & self.turned[np.maximum(face, 0)]
+        length = self.base.side_length.ravel()[exact.side]
+        side = np.where(turn, 3 * face + (1 - j) % 3, exact.side)
+        return replace(exact, side=side, crossing=np.where(turn, length - exact.crossing, exact.crossing))
+
+    def lifted_curves(self, curves: Curves) -> Curves:
+        """Curves of the base, of two sides, on the cover."""
+        paths = curves.paths
+        weights = self.weights(paths.face, paths.barycentric)
+        return replace(curves, paths=SurfacePaths(paths.face, weights, paths.start, paths.closed))
+
+    def continued(self, paths: SurfacePaths) -> SurfacePaths:
+        """Open paths on the cover made of pieces, each lifted by itself, as one lift each.
+
+        A piece that leaves a vertex on the other sheet than the piece before arrived is moved over (face f to
+        face (f + m) % 2m), with all that follows; the first point is put on the first sheet.
+        """
+        if not self.one_sided or not len(paths.face):
+            return paths
+        topology, m = self.mesh.topology, self.base.n_faces
+        face, barycentric = paths.face, paths.barycentric
+        arriving = np.concatenate([face[:1], face[:-1]])
+        points = np.diff(paths.start)
+        first = paths.start[:-1][points > 0]
+        arriving[first] = face[first]
+        seen = seen_from(topology, face, barycentric, arriving)
+        j, i = np.argmax(barycentric, axis=1), np.argmax(seen, axis=1)
+        fans = topology.corner_fans
+        fan = fans[arriving, i]
+        other = (face + m) % (2 * m)
+        at_vertex = (barycentric > ON_SIDE).sum(axis=1) == 1
+        change = at_vertex & (fans[face, j] != fan) & (fans[other, 2 - j] == fan)
+        change[first] = face[first] >= m
+        count = np.cumsum(change)
+        count -= np.repeat((count - change)[first], points[points > 0])
+        move = count % 2 == 1
+        return replace(
+            paths,
+            face=np.where(move, other, face),
+            barycentric=np.where(move[:, None], barycentric[:, ::-1], barycentric),
+        )
+
+    def lifted_values(self, values: NDArray, place: str = "") -> tuple[NDArray, str]:
+        """An array of the base as one of the cover (repeated where it is on faces), and where it is.
+
+        `place` is "vertex" or "face"; without it the length tells, vertices first.
+        """
+        if not place:
+            length = {self.base.n_faces: "face"} | {self.base.n_vertices: "vertex"}
+            place = length.get(len(values), "")
+        again = self.one_sided and place == "face"
+        return (np.concatenate([values, values]) if again else values), place
+
+    def projected(self, curves: Curves) -> Curves:
+        """Curves of the cover on the base."""
+        paths, m = curves.paths, self.base.n_faces
+        weights = self.weights(paths.face, paths.barycentric)
+        entries = [
+            entry | {end: self._projected_point(entry[end]) for end in ("start", "end") if entry.get(end)}
+            for entry in curves.entries
+        ]
+        projected = SurfacePaths(paths.face % m, weights, paths.start, paths.closed)
+        return replace(curves, paths=projected, entries=entries)
+
+    def _projected_point(self, point: dict[str, Any]) -> dict[str, Any]:
+        face, barycentric = point["face"], point["barycentric"]
+        if self.turned[face]:
+            barycentric = barycentric[::-1]
+        return point | {"face": face % self.base.n_faces, "barycentric": barycentric}
+
+
+def oriented_cover(mesh: TriangleMesh) -> OrientedCover:
+    """The mesh itself where its faces agree, else what its faces turned over make (told).
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+
+    Returns
+    -------
+    OrientedCover
+    """
+    topology = mesh.topology
+    if topology.is_oriented:
+        return OrientedCover(mesh, mesh, np.zeros(mesh.n_faces, dtype=bool))
+    if topology.face_turn is None:
+        _log.warning(
+            "the surface is one-sided (a Moebius band is in it): left and right of a curve are those where "
+            "it starts"
+        )
+        return _double_cover(mesh)
+    turned_over, turned = oriented(mesh)
+    _log.warning(
+        f"{int(turned.sum())} faces (first: face {int(np.argmax(turned))}) run against their neighbours; "
+        "curves see them turned over (left and right are those of the other faces), the mesh stays as it is"
+    )
+    return OrientedCover(mesh, turned_over, turned)
+
+
+def _double_cover(mesh: TriangleMesh) -> OrientedCover:
+    """Every face twice; sides are glued where they run against each other."""
+    topology, m = mesh.topology, mesh.n_faces
+    side = np.arange(3 * m)
+    over = 3 * (m + side // 3) + (1 - side % 3) % 3  # the same side in the face turned over
+    twin, sign = topology.side_twin.ravel(), topology.side_sign.ravel()
+    clash = sign == sign[twin]
+    beyond = over[twin]
+    gluing = np.full(6 * m, -1, dtype=np.int64)
+    gluing[side] = np.where(twin < 0, -1, np.where(clash, beyond, twin))
+    gluing[over] = np.where(twin < 0, -1, np.where(clash, twin, beyond))
+    faces = np.concatenate([mesh.faces, mesh.faces[:, ::-1]])
+    cover = Topology(faces, mesh.n_vertices, gluing.reshape(-1, 3))
+    return OrientedCover(mesh, TriangleMesh(mesh.points, cover), np.arange(2 * m) >= m)

@@ -1,0 +1,349 @@
+"""Curves on a surface, point by point: lengths, angles on both sides, geodesic curvature, holonomy."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import product
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ddgcli.algorithms.tracing.batch import Traces
+from ddgcli.errors import ParameterError
+from ddgcli.geometry.face_frames import planar_difference, surface_position
+from ddgcli.geometry.surface_points import SurfacePoints
+from ddgcli.geometry.unfolding import unfold, vertex_fans
+from ddgcli.mesh.curve import CurveSet
+from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
+from ddgcli.mesh.topology import NEXT, PREVIOUS, Topology
+from ddgcli.mesh.triangle_mesh import TriangleMesh
+
+ON_SIDE = 1e-12  # barycentric coordinates below this lie on the side or vertex
+
+
+@dataclass(frozen=True, eq=False)
+class SurfacePaths:
+    """Polylines on a surface, one after the other; consecutive points share a face.
+
+    Parameters
+    ----------
+    face : (p,) ndarray of int64
+        Face in which the segment that leaves the point lies; of the last point of an open path, the face of
+        the segment that arrives.
+    barycentric : (p, 3) ndarray of float64
+    start : (k+1,) ndarray of int64
+        Points of path i are start[i]:start[i+1].
+    closed : (k,) ndarray of bool
+        A closed path goes on from its last point to its first, which is not repeated.
+    """
+
+    face: NDArray[np.int64]
+    barycentric: NDArray[np.float64]
+    start: NDArray[np.int64]
+    closed: NDArray[np.bool_]
+
+    @classmethod
+    def of_traces(cls, traces: Traces) -> SurfacePaths:
+        """The recorded points of traces."""
+        closed = np.zeros(len(traces.path_start) - 1, dtype=bool)
+        return cls(traces.path_face, traces.path_barycentric, traces.path_start, closed)
+
+    @classmethod
+    def of_points(
+        cls, mesh: SurfaceMesh, paths: list[tuple[NDArray, NDArray]], closed: list[bool] | None = None
+    ) -> SurfacePaths:
+        """Paths given as (face, barycentric) of their points, checked."""
+        none = (np.zeros(0, dtype=np.int64), np.zeros((0, 3)))
+        points = [SurfacePoints.checked(f, b, mesh.n_faces) for f, b in paths]
+        checked = [(p.face, p.barycentric) for p in points]
+        start = np.concatenate([[0], np.cumsum([len(f) for f, _ in checked])]).astype(np.int64)
+        return cls(
+            np.concatenate([none[0], *(f for f, _ in checked)]),
+            np.concatenate([none[1], *(b for _, b in checked)]),
+            start,
+            np.array(closed if closed is not None else [False] * len(paths), dtype=bool),
+        )
+
+    @classmethod
+    def joined(cls, parts: list[SurfacePaths]) -> SurfacePaths:
+        """The paths of several sets, in order."""
+        shift = np.cumsum([0, *(len(p.face) for p in parts)])
+        return cls(
+            np.concatenate([np.zeros(0, dtype=np.int64), *(p.face for p in parts)]),
+            np.concatenate([np.zeros((0, 3)), *(p.barycentric for p in parts)]),
+            np.concatenate([np.zeros(1, dtype=np.int64), *(p.start[1:] + s for p, s in zip(parts, shift))]),
+            np.concatenate([np.zeros(0, dtype=bool), *(p.closed for p in parts)]),
+        )
+
+    def __len__(self) -> int:
+        return len(self.closed)
+
+    def path(self, i: int) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+        """(face, barycentric) of the points of path i."""
+        part = slice(self.start[i], self.start[i + 1])
+        return self.face[part], self.barycentric[part]
+
+    def following(self) -> NDArray[np.int64]:
+        """(p,) the next point of the same path; -1 behind the last of an open one."""
+        after = np.arange(1, len(self.face) + 1, dtype=np.int64)
+        filled = np.diff(self.start) > 0
+        last = self.start[1:][filled] - 1
+        after[last] = np.where(self.closed[filled], self.start[:-1][filled], -1)
+        return after
+
+    def of_point(self) -> NDArray[np.int64]:
+        """(p,) path of each point."""
+        return np.repeat(np.arange(len(self)), np.diff(self.start))
+
+
+@dataclass(frozen=True, eq=False)
+class Joints:
+    """What a curve does at each of its points.
+
+    Parameters
+    ----------
+    left, right : (p,) ndarray of float64
+        Surface angle between the arriving and the leaving segment on either side, in radians; nan at the ends
+        of open paths, beside segments without length, on the side that the boundary cuts off, and where the
+        curve goes from one fan of faces at a vertex to another.
+    total : (p,) ndarray of float64
+        Surface angle around the point: 2 pi but at vertices and on the boundary.
+    vertex : (p,) ndarray of int64
+        Vertex at the point, -1 where it is none.
+    """
+
+    left: NDArray[np.float64]
+    right: NDArray[np.float64]
+    total: NDArray[np.float64]
+    vertex: NDArray[np.int64]
+
+    @property
+    def geodesic_curvature(self) -> NDArray[np.float64]:
+        """(p,) (2 pi / total) (total / 2 - left), positive where the curve turns left; zero iff straightest.
+
+        Where the boundary cuts off one side, pi minus the angle on the other, with its sign.
+        """
+        both = 2 * np.pi * (0.5 - self.left / self.total)
+        one = np.where(np.isnan(self.left), self.right - np.pi, np.pi - self.left)
+        return np.where(np.isnan(self.left) | np.isnan(self.right), one, both)
+
+    @property
+    def angle_defect(self) -> NDArray[np.float64]:
+        """(p,) how far left and right are from equal: |left - right| / 2."""
+        return np.abs(self.left - self.right) / 2
+
+
+def seen_from(
+    topology: Topology, face: NDArray, barycentric: NDArray, other: NDArray, tolerance: float = 1e-9
+) -> NDArray[np.float64]:
+    """Barycentric coordinates of surface points in other faces that hold them too.
+
+    Returns
+    -------
+    (k, 3) ndarray of float64
+        nan where the point does not lie in the other face.
+    """
+    out = np.full((len(face), 3), np.nan)
+    out[face == other] = barycentric[face == other]
+    # an edge of three faces or more has no twins
+    for j, i in product(range(3), range(3)) if len(topology.nonmanifold_edges) else ():
+        hit = np.isnan(out[:, 0]) & (topology.side_edge[face, j] == topology.side_edge[other, i])
+        hit &= (topology.side_twin[face, j] < 0) & (barycentric[:, PREVIOUS[j]] <= tolerance)
+        rows = np.flatnonzero(hit)
+        same = topology.faces[face[rows], j] == topology.faces[other[rows], i]
+        out[rows] = 0.0
+        out[rows, i] = barycentric[rows, np.where(same, j, NEXT[j])]
+        out[rows, NEXT[i]] = barycentric[rows, np.where(same, NEXT[j], j)]
+    for j in range(3):
+        twin = topology.side_twin[face, j]
+        hit = np.isnan(out[:, 0]) & (twin >= 0) & (twin // 3 == other)
+        hit &= barycentric[:, PREVIOUS[j]] <= tolerance
+        rows, i = np.flatnonzero(hit), twin[hit] % 3
+        out[rows] = 0.0
+        out[rows, i] = barycentric[rows, NEXT[j]]
+        out[rows, NEXT[i]] = barycentric[rows, j]
+    rows = np.flatnonzero(np.isnan(out[:, 0]) & (barycentric.max(axis=1, initial=0.0) >= 1 - tolerance))
+    vertex = topology.faces[face[rows], np.argmax(barycentric[rows], axis=1)]
+    match = topology.faces[other[rows]] == vertex[:, None]
+    found = match.any(axis=1)
+    out[rows[found]] = 0.0
+    out[rows[found], np.argmax(match[found], axis=1)] = 1.0
+    return out
+
+
+def segment_vectors(mesh: SurfaceMesh, paths: SurfacePaths) -> NDArray[np.float64]:
+    """(p, 2) vector of the segment that leaves each point, in the planar frame of its face; nan at open ends.
+
+    Raises
+    ------
+    ParameterError
+        When two consecutive points do not share the face named by the first.
+    """
+    after = paths.following()
+    here = np.flatnonzero(after >= 0)
+    there = after[here]
+    target = seen_from(mesh.topology, paths.face[there], paths.barycentric[there], paths.face[here])
+    bad = np.flatnonzero(np.isnan(target[:, 0]))
+    if len(bad):
+        i = here[bad[0]]
+        raise ParameterError(
+            f"path {paths.of_point()[i]} leaves point {i - paths.start[paths.of_point()[i]]} in face "
+            f"{paths.face[i]}, which does not hold the next point; name a face that both points share"
+        )
+    vector = np.full((len(after), 2), np.nan)
+    vector[here] = planar_difference(unfold(mesh), paths.face[here], paths.barycentric[here], target)
+    return vector
+
+
+def path_lengths(mesh: SurfaceMesh, paths: SurfacePaths) -> NDArray[np.float64]:
+    """(k,) lengths of paths, from edge lengths alone."""
+    vector = segment_vectors(mesh, paths)
+    length = np.nan_to_num(np.hypot(vector[:, 0], vector[:, 1]))
+    return np.bincount(paths.of_point(), weights=length, minlength=len(paths)).astype(np.float64)
+
+
+def joints(mesh: SurfaceMesh, paths: SurfacePaths, shortest: float = 1e-13) -> Joints:
+    """Angles on both sides of curves at all their points.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh or IntrinsicMesh
+        Consistently oriented: left is left seen from outside.
+    paths : SurfacePaths
+    shortest : float
+        Segments shorter than this, relative to the longest side of the mesh, have no direction.
+
+    Returns
+    -------
+    Joints
+    """
+    topology, unfolding, fans = mesh.topology, unfold(mesh), vertex_fans(mesh)
+    after = paths.following()
+    before = np.full(len(after), -1)
+    before[after[after >= 0]] = np.flatnonzero(after >= 0)
+    at = np.flatnonzero((after >= 0) & (before >= 0))
+    face, b = paths.face[at], paths.barycentric[at]
+    into_face = paths.face[before[at]]
+    into_b = seen_from(topology, face, b, into_face)
+    ahead = seen_from(topology, paths.face[after[at]], paths.barycentric[after[at]], face)
+    leaving = planar_difference(unfolding, face, b, ahead) / unfolding.scale
+    backward = (
+        planar_difference(unfolding, into_face, into_b, paths.barycentric[before[at]]) / unfolding.scale
+    )
+
+    def angle(face: NDArray, b: NDArray, d: NDArray) -> NDArray:
+        """Angle of direction d in the tangent plane at the point: the fan's, the edge's or the face's."""
+        count = (b > ON_SIDE).sum(axis=1)
+        j = np.where(count == 1, np.argmax(b, axis=1), NEXT[np.argmin(b, axis=1)])
+        e = np.where((count == 3)[:, None], np.array([1.0, 0.0]), unfolding.direction[face, j])
+        local = np.arctan2(e[:, 0] * d[:, 1] - e[:, 1] * d[:, 0], np.einsum("ij,ij->i", d, e))
+        side = 3 * face + j
+        twin = topology.side_twin[face, j]
+        at_vertex = fans.angle_before[side] + np.clip(local, -1e-6, None)
+        on_edge = local + np.where((twin >= 0) & (twin < side), np.pi, 0.0)
+        return np.where(count == 1, at_vertex, np.where(count == 2, on_edge, local))
+
+    count = (b > ON_SIDE).sum(axis=1)
+    j = np.where(count == 1, np.argmax(b, axis=1), NEXT[np.argmin(b, axis=1)])
+    fan = fans.fan[3 * face + j]
+    edge_of_boundary = (count == 2) & (topology.side_twin[face, j] < 0)
+    total = np.where(count == 1, fans.total_angle[fan], np.where(edge_of_boundary, np.pi, 2 * np.pi))
+    is_open = np.where(count == 1, fans.is_open[fan], edge_of_boundary)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        turn = angle(into_face, into_b, backward) - angle(face, b, leaving)
+        left = np.where(is_open, np.where(turn >= 0, turn, np.nan), turn % total)
+        right = np.where(is_open, np.where(turn < 0, -turn, np.nan), total - left)
+    short = np.minimum(np.hypot(*leaving.T), np.hypot(*backward.T)) <= shortest
+    short |= (count == 1) & (fans.fan[3 * into_face + np.argmax(into_b, axis=1)] != fan)  # from fan to fan
+    result = {name: np.full(len(after), np.nan) for name in ("left", "right", "total")}
+    result["left"][at], result["right"][at] = np.where(short, np.nan, left), np.where(short, np.nan, right)
+    result["total"][at] = total
+    vertex = np.where(
+        paths.barycentric.max(axis=1, initial=0.0) >= 1 - ON_SIDE,
+        topology.faces[paths.face, np.argmax(paths.barycentric, axis=1)] if len(paths.face) else -1,
+        -1,
+    )
+    return Joints(result["left"], result["right"], result["total"], vertex)
+
+
+def reversed_paths(mesh: SurfaceMesh, paths: SurfacePaths) -> SurfacePaths:
+    """The same curves walked the other way (open paths)."""
+    if paths.closed.any():
+        raise ParameterError("only open paths are reversed")
+    order = np.concatenate(
+        [np.zeros(0, dtype=np.int64)]
+        + [np.arange(b - 1, a - 1, -1) for a, b in zip(paths.start[:-1], paths.start[1:], strict=True)]
+    )
+    face = paths.face[np.maximum(order - 1, 0)]
+    last = paths.start[1:][np.diff(paths.start) > 0] - 1
+    face[last] = paths.face[order[last]]
+    b = seen_from(mesh.topology, paths.face[order], paths.barycentric[order], face)
+    return SurfacePaths(face, b, paths.start, paths.closed)
+
+
+def curve_set(mesh: TriangleMesh, paths: SurfacePaths, **arrays: NDArray) -> CurveSet:
+    """Polylines in space with the arrays `path_id`, `face`, `barycentric` and those given; closed ones end
+    where they began."""
+    index = [
+        np.append(np.arange(a, b), [a] if closed and b > a else []).astype(np.int64)
+        for a, b, closed in zip(paths.start[:-1], paths.start[1:], paths.closed, strict=True)
+    ]
+    position = surface_position(mesh, paths.face, paths.barycentric)
+    arrays = {"face": paths.face, "barycentric": paths.barycentric, **arrays}
+    return CurveSet.from_paths(
+        [position[i] for i in index], **{name: [value[i] for i in index] for name, value in arrays.items()}
+    )
+
+
+def describe_paths(
+    mesh: SurfaceMesh, paths: SurfacePaths, kinds: list[dict[str, Any]]
+) -> list[dict[str, Any]]:
+    """One entry a path for the summary: what it is, length, both ends, angles at the vertices it passes.
+
+    Parameters
+    ----------
+    kinds : list of dict
+        What else to say of each path, put first: kind, source, target, ...
+    """
+    if not len(paths):
+        return []
+    length, joint = path_lengths(mesh, paths), joints(mesh, paths)
+    entries = []
+    for i, said in enumerate(kinds):
+        a, b = int(paths.start[i]), int(paths.start[i + 1])
+        passed = [p for p in range(a, b) if joint.vertex[p] >= 0 and not np.isnan(joint.total[p])]
+        entries.append(
+            {
+                **said,
+                "length": float(length[i]),
+                "closed": bool(paths.closed[i]),
+                "points": b - a,
+                "start": _point(mesh, paths, a) if b > a else None,
+                "end": _point(mesh, paths, a if paths.closed[i] else b - 1) if b > a else None,
+                "vertices": [
+                    {
+                        "vertex": int(joint.vertex[p]),
+                        "left": _known(joint.left[p]),
+                        "right": _known(joint.right[p]),
+                    }
+                    for p in passed
+                ],
+            }
+        )
+    return entries
+
+
+def _known(angle: float) -> float | None:
+    """The angle; None on a side that the boundary cuts off, or where a path goes from fan to fan."""
+    return None if np.isnan(angle) else float(angle)
+
+
+def _point(mesh: SurfaceMesh, paths: SurfacePaths, i: int) -> dict[str, Any]:
+    face, b = paths.face[i : i + 1], paths.barycentric[i : i + 1]
+    point: dict[str, Any] = {"face": int(face[0]), "barycentric": b[0].tolist()}
+    if b.max() >= 1 - ON_SIDE:
+        point["vertex"] = int(mesh.faces[face[0], np.argmax(b[0])])
+    if mesh.points is not None:
+        point["point"] = surface_position(mesh, face, b)[0].tolist()
+    return point

@@ -1,0 +1,180 @@
+"""Curves as results: surface paths with what is to be said of them, from every way of making them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ddgcli.algorithms.geodesics.paths import SurfacePaths, describe_paths, joints
+from ddgcli.algorithms.tracing.trace import GAVE_UP, STATUS_TEXT, Told, Tracer
+from ddgcli.geometry.face_frames import to_space
+from ddgcli.geometry.surface_points import SurfacePoints
+from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
+from ddgcli.mesh.triangle_mesh import TriangleMesh
+
+
+@dataclass(frozen=True, eq=False)
+class Curves:
+    """Paths, one dictionary a path (kind and what belongs to it), and what the run knows of its error.
+
+    Parameters
+    ----------
+    paths : SurfacePaths
+    entries : list of dict
+        For the summary's `paths`.
+    accuracy : dict
+    converged : bool
+        False when a curve did not get where it was asked to go.
+    arrays : dict of str to ndarray
+        On the points of the paths.
+    """
+
+    paths: SurfacePaths
+    entries: list[dict[str, Any]]
+    accuracy: dict[str, Any] = field(default_factory=dict)
+    converged: bool = True
+    arrays: dict[str, NDArray] = field(default_factory=dict)
+
+
+def gathered(parts: list[Curves]) -> Curves:
+    """All curves in order, their accuracies side by side."""
+    accuracy: dict[str, Any] = {}
+    for part in parts:
+        accuracy |= part.accuracy
+    return Curves(
+        SurfacePaths.joined([part.paths for part in parts]),
+        [entry for part in parts for entry in part.entries],
+        accuracy,
+        all(part.converged for part in parts),
+        _side_by_side(parts),
+    )
+
+
+def _side_by_side(parts: list[Curves]) -> dict[str, NDArray]:
+    """Arrays on the points of all curves; -1 where a curve does not have one."""
+    names = dict.fromkeys(name for part in parts for name in part.arrays)
+    joined = {}
+    for name in names:
+        like = next(part.arrays[name] for part in parts if name in part.arrays)
+        missing = [np.full((len(part.paths.face), *like.shape[1:]), -1.0) for part in parts]
+        joined[name] = np.concatenate([part.arrays.get(name, gap) for part, gap in zip(parts, missing)])
+    return joined
+
+
+def traced_curves(
+    mesh: SurfaceMesh,
+    face: NDArray,
+    barycentric: NDArray,
+    direction: NDArray,
+    length: NDArray,
+    *,
+    at_boundary: str = "stop",
+    told: Told | None = None,
+) -> Curves:
+    """Straightest geodesics as curves; `accuracy.trace_angle_defect` is measured on the points that come out.
+
+    Parameters are those of `ddgcli.algorithms.tracing.trace.trace`.
+    """
+    lines = Tracer(mesh).trace(
+        face, barycentric, direction, length, at_boundary=at_boundary, record=True, told=told
+    )
+    paths = SurfacePaths.of_traces(lines)
+    kinds: list[dict[str, Any]] = []
+    for i, status in enumerate(lines.status):
+        kind: dict[str, Any] = {
+            "kind": "trace",
+            "asked_length": float(np.broadcast_to(length, (len(paths),))[i]),
+        }
+        kind |= {"status": STATUS_TEXT[status], "crossings": int(lines.crossings[i])}
+        if isinstance(mesh, TriangleMesh):
+            end = to_space(mesh, lines.face[i : i + 1], lines.direction[i : i + 1])[0]
+            kind["end_direction"] = end.tolist()
+        kinds.append(kind)
+    accuracy = {"trace_angle_defect": largest_angle_defect(mesh, paths)}
+    return Curves(paths, describe_paths(mesh, paths, kinds), accuracy, bool((lines.status != GAVE_UP).all()))
+
+
+def largest_angle_defect(mesh: SurfaceMesh, paths: SurfacePaths) -> float:
+    """Largest |left - right| / 2 at the inner points of curves, in radians; 0 for a straightest geodesic.
+
+    A segment of length s knows its direction to about 1e-16 / s only: joints beside segments shorter than
+    1e-6 of the longest side of the mesh are left out.
+    """
+    defect = joints(mesh, paths, shortest=1e-6).angle_defect
+    return float(np.nanmax(defect, initial=0.0))
+
+
+def field_curves(
+    mesh: TriangleMesh,
+    values: NDArray,
+    starts: SurfacePoints,
+    duration: float | None = None,
+    *,
+    order: int = 4,
+    step: float | None = None,
+    tolerance: float | None = None,
+    told: Told | None = None,
+    place: str = "",
+) -> Curves:
+    """Integral curves of an array of vectors as curves; see `integral_curves`, for `place` `field_of_array`.
+
+    `accuracy.field_error_estimate` is the largest estimated error of an end, in length units.
+    """
+    from ddgcli.algorithms.tangent_fields.integral_curves import (
+        field_of_array,
+        integral_curves,
+        usual_duration,
+    )
+
+    followed = field_of_array(mesh, values, place)
+    duration = usual_duration(mesh, np.asarray(values)) if duration is None else duration
+    made = integral_curves(
+        mesh, followed, starts, duration, order=order, step=step, tolerance=tolerance, told=told
+    )
+    kinds = [
+        {
+            "kind": "integral curve",
+            "stopped_because": made.stopped_because[i],
+            "time": float(made.time[i]),
+            "steps": int(made.steps[i]),
+            "error_estimate": float(made.error_estimate[i]),
+        }
+        for i in range(len(starts))
+    ]
+    estimate = float(made.error_estimate.max(initial=0.0))
+    return Curves(
+        made.paths,
+        describe_paths(mesh, made.paths, kinds),
+        {"field_error_estimate": estimate},
+        "gave up" not in made.stopped_because,
+    )
+
+
+def with_transport(mesh: TriangleMesh, curves: Curves) -> Curves:
+    """The curves with a transported frame on their points, and the holonomy of closed ones."""
+    from ddgcli.algorithms.tangent_fields.transport import holonomy, transported_frame
+
+    turned = holonomy(mesh, curves.paths)
+    entries = [
+        entry | ({"holonomy": float(angle)} if np.isfinite(angle) else {})
+        for entry, angle in zip(curves.entries, turned, strict=True)
+    ]
+    arrays = curves.arrays | transported_frame(mesh, curves.paths)
+    return replace(curves, entries=entries, arrays=arrays)
+
+
+def with_curvature(mesh: SurfaceMesh, curves: Curves) -> Curves:
+    """The curves with their discrete geodesic curvature: at each point in radians, and in all.
+
+    It is (2 pi / total)(total / 2 - left), positive where the curve turns left; 0 at open ends.
+    """
+    turning = np.nan_to_num(joints(mesh, curves.paths).geodesic_curvature)
+    total = np.bincount(curves.paths.of_point(), weights=turning, minlength=len(curves.paths))
+    entries = [
+        entry | {"total_geodesic_curvature": float(sum_)}
+        for entry, sum_ in zip(curves.entries, total, strict=True)
+    ]
+    return replace(curves, entries=entries, arrays=curves.arrays | {"geodesic_curvature": turning})

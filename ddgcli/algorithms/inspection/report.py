@@ -1,0 +1,48 @@
+"""Everything `info` says of a mesh: defects, quality, size, who takes it, and arrays that show where."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+from numpy.typing import NDArray
+
+from ddgcli.algorithms.inspection import quality
+from ddgcli.mesh.curve import CurveSet
+from ddgcli.mesh.require import NEEDS, why_not
+from ddgcli.mesh.tet_mesh import TetMesh
+from ddgcli.mesh.triangle_mesh import TriangleMesh, vector_length
+
+
+@dataclass(frozen=True, eq=False)
+class Inspection:
+    """Results for the summary, and arrays for the annotated mesh."""
+
+    results: dict[str, Any]
+    vertex: dict[str, NDArray]
+    face: dict[str, NDArray] = field(default_factory=dict)
+
+
+def inspect_mesh(mesh: TriangleMesh | TetMesh | CurveSet) -> Inspection:
+    """Inspect a surface, tetrahedra or curves."""
+    if isinstance(mesh, TetMesh):
+        results = {**quality.tetrahedra_quality(mesh), "size": _tetrahedra_size(mesh)}
+        vertex, face = quality.tetrahedra_marks(mesh)
+    elif isinstance(mesh, CurveSet):
+        segment = mesh.points[mesh.lines]
+        length = vector_length(segment[:, 1] - segment[:, 0])
+        results = {**quality.curve_quality(mesh), "size": quality.size(mesh.points, length)}
+        vertex, face = quality.curve_marks(mesh), {}
+    else:
+        results = {**quality.surface_defects(mesh), "quality": quality.triangle_quality(mesh)}
+        results["size"] = quality.surface_size(mesh)
+        vertex, face = quality.surface_marks(mesh)
+    accepts = {verb: why_not(mesh, verb) for verb in NEEDS}
+    results["accepts"] = {verb: f"no: {why}" if why else "yes" for verb, why in accepts.items()}
+    return Inspection(results, vertex, face)
+
+
+def _tetrahedra_size(mesh: TetMesh) -> dict[str, Any]:
+    p = mesh.points[mesh.tetrahedra]
+    edges = p[:, [0, 0, 0, 1, 1, 2]] - p[:, [1, 2, 3, 2, 3, 3]]
+    return quality.size(mesh.points, vector_length(edges))

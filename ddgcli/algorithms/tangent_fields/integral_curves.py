@@ -1,0 +1,360 @@
+"""Integral curves of tangent fields by geodesic Runge-Kutta methods.
+
+Polthier and Schmies: the point y + h v of the plane becomes the point reached from y along the straightest
+geodesic in direction v after the length h |v|; values of the field found elsewhere are brought back to y by
+parallel translation along the geodesic that led there. Orders 1 (Euler), 2 (midpoint) and 4 (classical) hold
+where the field is smooth along the curve.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ddgcli.algorithms.geodesics.paths import SurfacePaths
+from ddgcli.algorithms.geodesics.sources import Sources
+from ddgcli.algorithms.tracing.batch import Start
+from ddgcli.algorithms.tracing.trace import AT_BOUNDARY, GAVE_UP, Told, Tracer, Traces
+from ddgcli.errors import ParameterError
+from ddgcli.geometry.face_frames import surface_position, to_face_frame
+from ddgcli.geometry.intrinsic import face_area
+from ddgcli.geometry.surface_points import SurfacePoints
+from ddgcli.mesh.triangle_mesh import TriangleMesh
+
+_log = logging.getLogger("ddgcli")
+
+# (face (k,), barycentric (k, 3)) -> (k, 2) vectors in the planar frames of the faces
+Field = Callable[[NDArray, NDArray], NDArray]
+
+ENDED, LEFT, RESTED, STALLED = "time", "boundary", "critical point", "gave up"
+
+
+def field_of_array(mesh: TriangleMesh, values: NDArray, place: str = "") -> Field:
+    """The field of an array of vectors in space, on faces (constant in each) or on vertices (linear in each).
+
+    Vectors are projected to the plane of the face in which they are asked for. `place` is "vertex" or "face";
+    without it the length tells, and as many vectors as both vertices and faces are taken to be on vertices.
+    """
+    values = np.asarray(values, dtype=np.float64)
+    shapes = {"vertex": (mesh.n_vertices, 3), "face": (mesh.n_faces, 3)}
+    place = place or ("vertex" if values.shape == shapes["vertex"] else "face")
+    if values.shape != shapes.get(place):
+        raise ParameterError(
+            f"the field has shape {values.shape}; give vectors on vertices ({mesh.n_vertices}, 3) "
+            f"or on faces ({mesh.n_faces}, 3)"
+        )
+    if not np.isfinite(values).all():
+        bad = int(np.flatnonzero(~np.isfinite(values).all(axis=1))[0])
+        raise ParameterError(f"the field's vector {bad} is not finite; repair the array")
+    face = np.arange(mesh.n_faces)
+    if place == "face":
+        flat = to_face_frame(mesh, face, values)
+        return lambda face, b: flat[face]
+    corner = np.stack([to_face_frame(mesh, face, values[mesh.faces[:, k]]) for k in range(3)], axis=1)
+    return lambda face, b: np.einsum("ij,ijk->ik", b, corner[face])
+
+
+@dataclass(frozen=True, eq=False)
+class IntegralCurves:
+    """Curves of a field from k starts.
+
+    Parameters
+    ----------
+    paths : SurfacePaths
+    time : (k,) ndarray of float64
+        Time integrated.
+    steps : (k,) ndarray of int64
+    stopped_because : list of str
+        'time', 'boundary', 'critical point' or 'gave up'.
+    error_estimate : (k,) ndarray of float64
+        Estimated distance of the end from that of the exact curve, in length units.
+    """
+
+    paths: SurfacePaths
+    time: NDArray[np.float64]
+    steps: NDArray[np.int64]
+    stopped_because: list[str]
+    error_estimate: NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class _At:
+    face: NDArray[np.int64]
+    barycentric: NDArray[np.float64]
+
+    def take(self, rows: NDArray) -> _At:
+        return _At(self.face[rows], self.barycentric[rows])
+
+
+def runge_kutta_step(tracer: Tracer, field: Field, at: _At, h: NDArray, order: int) -> Traces:
+    """One step of size h from each point; the lines walked, with their points recorded."""
+    v1 = _complex(field(at.face, at.barycentric))
+    if order == 1:
+        return _walk(tracer, at, h * v1, record=True)
+    v2 = _carried_back(tracer, field, at, 0.5 * h * v1)
+    if order == 2:
+        return _walk(tracer, at, h * v2, record=True)
+    v3 = _carried_back(tracer, field, at, 0.5 * h * v2)
+    v4 = _carried_back(tracer, field, at, h * v3)
+    return _walk(tracer, at, h * (v1 + 2 * v2 + 2 * v3 + v4) / 6, record=True)
+
+
+def _complex(planar: NDArray) -> NDArray[np.complex128]:
+    return planar[:, 0] + 1j * planar[:, 1]
+
+
+def _walk(tracer: Tracer, at: _At, way: NDArray, record: bool = False) -> Traces:
+    """Straight on from points by complex vectors of their faces' frames."""
+    length = np.abs(way)
+    unit = np.where(length > 0, way / np.where(length > 0, length, 1.0), 1.0)
+    direction = np.stack([unit.real, unit.imag], axis=1)
+    return tracer.walked(Start(at.face, at.barycentric, direction, length), record=record)
+
+
+def _carried_back(tracer: Tracer, field: Field, at: _At, way: NDArray) -> NDArray[np.complex128]:
+    """The field at the end of a straight line, parallel-translated back along it."""
+    end = _walk(tracer, at, way)
+    unit = np.where(np.abs(way) > 0, way / np.where(np.abs(way) > 0, np.abs(way), 1.0), 1.0)
+    return _complex(field(end.face, end.barycentric)) * _complex(end.direction).conj() * unit
+
+
+def integral_curves(
+    mesh: TriangleMesh,
+    field: Field,
+    starts: SurfacePoints,
+    duration: float,
+    *,
+    order: int = 4,
+    step: float | None = None,
+    tolerance: float | None = None,
+    max_steps: int = 10_000,
+    told: Told | None = None,
+) -> IntegralCurves:
+    """Follow a tangent field from points of a surface.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+        Consistently oriented.
+    field : Field
+        See `field_of_array`; any function of face and barycentric coordinates will do.
+    starts : SurfacePoints
+    duration : float
+        Positive time to integrate; the field is length per time.
+    order : {1, 2, 4}
+    step : float, optional
+        Fixed time step. The error is then estimated by a second run with doubled steps.
+    tolerance : float, optional
+        Without `step`: the error allowed in a step, in length units; every step is also made as two halves,
+        whose difference from it is its error. Default: a hundredth of the mean side length.
+    max_steps : int
+        Curves that need more are given up, with a warning.
+    told : callable, optional
+        `told(done, total)` hears how much time has been integrated.
+
+    Returns
+    -------
+    IntegralCurves
+    """
+    if order not in (1, 2, 4):
+        raise ParameterError(f"the order must be 1, 2 or 4, found {order}")
+    if not 0 < duration < np.inf:
+        raise ParameterError(f"the time to integrate must be positive and finite, found {duration}")
+    if step is not None and not 0 < step < np.inf:
+        raise ParameterError(f"the step must be positive and finite, found {step}")
+    if tolerance is not None and not 0 < tolerance < np.inf:
+        raise ParameterError(f"the tolerance must be positive and finite, found {tolerance}")
+    tracer = Tracer(mesh)
+    if step is None:
+        allowed = tolerance or 1e-2 * float(mesh.side_length.mean())
+        run = _Run(tracer, field, starts, duration, order, max_steps, told)
+        run.adaptively(allowed)
+        return run.result()
+    run = _Run(tracer, field, starts, duration, order, max_steps, told)
+    run.uniformly(step)
+    rough = _Run(tracer, field, starts, duration, order, max_steps)
+    rough.uniformly(2 * step)
+    run.error = _gap(mesh, run.at, rough.at)
+    return run.result()
+
+
+def _gap(mesh: TriangleMesh, a: _At, b: _At) -> NDArray[np.float64]:
+    """Distances in space between surface points."""
+    difference = surface_position(mesh, a.face, a.barycentric) - surface_position(mesh, b.face, b.barycentric)
+    return np.linalg.norm(difference, axis=1)
+
+
+class _Run:
+    """Curves under way: where each stands, how far in time, and the lines that it has walked."""
+
+    def __init__(
+        self,
+        tracer: Tracer,
+        field: Field,
+        starts: SurfacePoints,
+        duration: float,
+        order: int,
+        max_steps: int,
+        told: Told | None = None,
+    ) -> None:
+        self.tracer, self.field, self.duration, self.order = tracer, field, duration, order
+        self.max_steps, self.told = max_steps, told
+        self.at = _At(np.array(starts.face), np.array(starts.barycentric))
+        self.starts = self.at
+        k = len(starts)
+        self.time, self.steps, self.error = np.zeros(k), np.zeros(k, dtype=np.int64), np.zeros(k)
+        self.why = np.full(k, "", dtype=object)
+        self.walked: list[tuple[NDArray, Traces]] = []  # (curve of each line, lines)
+        self.speed = float(np.abs(_complex(field(self.at.face, self.at.barycentric))).max(initial=0.0))
+
+    def uniformly(self, step: float) -> None:
+        """Equal steps, the last one shortened to end on time."""
+        self._stop_at_rest()
+        while len(going := np.flatnonzero(self.why == "")):
+            h = np.minimum(step, self.duration - self.time[going])
+            lines = runge_kutta_step(self.tracer, self.field, self.at.take(going), h, self.order)
+            self._accept(going, h, [lines])
+            self._tell()
+
+    def adaptively(self, allowed: float) -> None:
+        """Steps of a size that keeps the difference from two half steps below `allowed`."""
+        mesh, order = self.tracer.mesh, self.order
+        self._stop_at_rest()
+        size = np.full(
+            len(self.time),
+            min(self.duration, float(self.tracer.mesh.side_length.mean()) / (self.speed or 1.0)),
+        )
+        least = 1e-7 * self.duration
+        while len(going := np.flatnonzero(self.why == "")):
+            at = self.at.take(going)
+            h = np.minimum(size[going], self.duration - self.time[going])
+            twice, k = np.tile(np.arange(len(going)), 2), len(going)
+            both = runge_kutta_step(
+                self.tracer, self.field, at.take(twice), np.concatenate([h, h / 2]), order
+            )
+            whole, first = _rows(both, np.arange(k)), _rows(both, np.arange(k, 2 * k))
+            second = runge_kutta_step(self.tracer, self.field, _end(first), h / 2, order)
+            error = _gap(mesh, _end(whole), _end(second))  # type: ignore[arg-type]
+            factor = 0.9 * (allowed / np.maximum(error, 1e-300)) ** (1.0 / (order + 1))
+            good = (error <= allowed) | (h <= least)
+            size[going] = np.maximum(h * np.clip(factor, 0.2, 4.0), least)
+            rows = np.flatnonzero(good)
+            self.error[going[rows]] += error[rows]
+            self._accept(going[rows], h[rows], [_rows(first, rows), _rows(second, rows)])
+            self.steps[going[~good]] += 1
+            self._give_up()
+            self._tell()
+
+    def _accept(self, curves: NDArray, h: NDArray, parts: list[Traces]) -> None:
+        """Move curves to the ends of the lines just walked."""
+        if not len(curves):
+            return
+        left = np.zeros(len(curves), dtype=bool)
+        stalled = np.zeros(len(curves), dtype=bool)
+        for lines in parts:  # a curve that left in the first half walks no second
+            rows = np.flatnonzero(~left)
+            part = _rows(lines, rows)
+            self.walked.append((curves[rows], part))
+            left[rows] |= part.status == AT_BOUNDARY
+            stalled[rows] |= part.status == GAVE_UP
+            self.at.face[curves[rows]] = part.face
+            self.at.barycentric[curves[rows]] = part.barycentric
+        self.time[curves] += h
+        self.steps[curves] += 1
+        self.why[curves[self.time[curves] >= self.duration * (1 - 1e-12)]] = ENDED
+        self.why[curves[left]] = LEFT
+        self.why[curves[stalled]] = STALLED
+        self._stop_at_rest()
+        self._give_up()
+
+    def _stop_at_rest(self) -> None:
+        going = np.flatnonzero(self.why == "")
+        v = np.abs(_complex(self.field(self.at.face[going], self.at.barycentric[going])))
+        self.speed = max(self.speed, float(v.max(initial=0.0)))
+        self.why[going[v <= 1e-12 * (self.speed or 1.0)]] = RESTED
+
+    def _tell(self) -> None:
+        if self.told is not None:
+            done = np.where(self.why == "", self.time, self.duration)
+            self.told(float(done.sum()), len(done) * self.duration)
+
+    def _give_up(self) -> None:
+        stuck = np.flatnonzero((self.why == "") & (self.steps >= self.max_steps))
+        self.why[stuck] = STALLED
+        if len(stuck):
+            _log.warning(
+                f"{len(stuck)} integral curves (first: {stuck[0]}) were given up after {self.max_steps} steps"
+            )
+
+    def result(self) -> IntegralCurves:
+        why = [str(w) for w in self.why]
+        return IntegralCurves(self._paths(), self.time, self.steps, why, self.error)
+
+    def _paths(self) -> SurfacePaths:
+        """All lines joined: the end of a line is left out where the curve goes on."""
+        k = len(self.time)
+        curve, face, barycentric, is_end = [np.arange(k)], [self.starts.face], [self.starts.barycentric], []
+        is_end.append(np.ones(k, dtype=bool))
+        for curves, lines in self.walked:
+            count = np.diff(lines.path_start)
+            curve.append(np.repeat(curves, count))
+            face.append(lines.path_face)
+            barycentric.append(lines.path_barycentric)
+            end = np.zeros(len(lines.path_face), dtype=bool)
+            end[lines.path_start[1:] - 1] = True
+            is_end.append(end)
+        owner, ends = np.concatenate(curve), np.concatenate(is_end)
+        order = np.argsort(owner, kind="stable")
+        last = np.ones(len(order), dtype=bool)
+        last[:-1] = owner[order][1:] != owner[order][:-1]
+        order = order[~ends[order] | last]
+        start = np.searchsorted(owner[order], np.arange(k + 1))
+        return SurfacePaths(
+            np.concatenate(face)[order], np.concatenate(barycentric)[order], start, np.zeros(k, dtype=bool)
+        )
+
+
+def random_starts(mesh: TriangleMesh, k: int, seed: int = 0) -> SurfacePoints:
+    """Points spread evenly at random over the area."""
+    rng = np.random.default_rng(seed)
+    area = face_area(mesh.side_length)
+    face = rng.choice(mesh.n_faces, size=k, p=area / area.sum())
+    return SurfacePoints(face, rng.dirichlet(np.ones(3), k))
+
+
+def starts_at(mesh: TriangleMesh, sources: Sources) -> SurfacePoints:
+    """Sources as surface points: vertices as corners of one of their faces."""
+    vertices = sources.vertex.tolist()
+    face = np.array([np.flatnonzero((mesh.faces == v).any(axis=1))[0] for v in vertices], dtype=np.int64)
+    corner = (mesh.faces[face] == sources.vertex[:, None]).astype(np.float64)
+    points = sources.points
+    return SurfacePoints(
+        np.concatenate([face, points.face]), np.concatenate([corner.reshape(-1, 3), points.barycentric])
+    )
+
+
+def usual_duration(mesh: TriangleMesh, values: NDArray) -> float:
+    """Time in which the root mean square speed crosses the bounding box."""
+    speed = float(np.sqrt(np.mean(np.einsum("ij,ij->i", values, values))))
+    if not speed > 0:
+        raise ParameterError("the field is zero everywhere; there is nothing to follow")
+    used = mesh.points[mesh.topology.referenced_vertex]
+    return float(np.linalg.norm(used.max(axis=0) - used.min(axis=0))) / speed
+
+
+def _end(lines: Traces) -> _At:
+    return _At(lines.face, lines.barycentric)
+
+
+def _rows(lines: Traces, rows: NDArray) -> Traces:
+    """Some of the lines, with their points."""
+    count = np.diff(lines.path_start)[rows]
+    start = np.concatenate([[0], np.cumsum(count)]).astype(np.int64)
+    index = np.arange(start[-1]) + np.repeat(lines.path_start[rows] - start[:-1], count)
+    ends = (lines.face[rows], lines.barycentric[rows], lines.direction[rows], lines.length[rows])
+    told = (lines.status[rows], lines.crossings[rows])
+    return Traces(*ends, *told, start, lines.path_face[index], lines.path_barycentric[index])

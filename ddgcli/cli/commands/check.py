@@ -1,0 +1,114 @@
+"""`ddgcli check`."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import click
+
+from ddgcli.cli import options
+from ddgcli.cli.options import Common
+from ddgcli.cli.run import Run
+from ddgcli.errors import MeshFileError, OutputError, ParameterError
+
+
+@click.command("check", short_help="Compare a run's summary with a stored one (regression runs).")
+@click.argument("expected_path", metavar="EXPECTED.json", type=click.Path())
+@click.argument("words", metavar="-- COMMAND ...", nargs=-1, type=click.UNPROCESSED)
+@click.option("--rtol", type=options.NONNEGATIVE, help="Relative tolerance.  [default: 1e-6]")
+@click.option("--atol", type=options.NONNEGATIVE, help="Absolute tolerance.  [default: 1e-12]")
+@click.option(
+    "--ignore", multiple=True, metavar="KEY", help="Leave out a dotted name; * matches. Repeatable."
+)
+@click.option("--update", is_flag=True, help="Store the run's summary in EXPECTED.json.")
+@options.common
+def command(
+    expected_path: str, words: tuple[str, ...], common: Common, update: bool, **tolerances: Any
+) -> None:
+    """Run COMMAND and compare its summary with the one in EXPECTED.json.
+
+    EXPECTED.json is what --update wrote, or the plain output of COMMAND --json. A number may move by
+    atol + rtol |expected|; under `accuracy` atol is at least 1e-9, for residuals are rounding noise below
+    that. Everything else must be equal. Seconds, versions and file names are left out. The file may state
+    its own tolerances, which options override:
+
+    \b
+      "tolerances": {"rtol": 1e-6, "atol": 0, "ignore": ["results.steps"],
+                     "keys": {"results.area": {"rtol": 1e-9}}}
+
+    Exit code: 0 nothing moved, 1 something did (each is listed), 2 the call or the input is wrong.
+
+    \b
+    Examples:
+      ddgcli check torus.json --update -- curvature torus.ply
+      ddgcli check torus.json -- curvature torus.ply
+      ddgcli check torus.json                         the command that --update stored
+    """
+    run = Run("check", common, formats=(".json",), update=update, **tolerances)
+    if update and Path(expected_path).suffix.lower() != ".json":
+        raise OutputError(f"{expected_path}: a summary is stored as .json; name it so")
+    stored = read_expected(expected_path, may_miss=update)
+    run.note_input(expected_path, hashlib.sha256(json.dumps(stored).encode()).hexdigest())
+    words = tuple(words) or tuple(stored.get("run", ()))
+    found, exit_code = summary_of(words)
+    from ddgcli.algorithms.inspection.compare_summaries import Tolerances, compare
+
+    said = {**stored.get("tolerances", {}), **{k: v for k, v in tolerances.items() if v}}
+    if update:
+        kept = {"tolerances": stored["tolerances"]} if "tolerances" in stored else {}
+        text = json.dumps({"run": list(words), **kept, "summary": found}, indent=1, ensure_ascii=False)
+        run.write_bytes(expected_path, text.encode() + b"\n", in_place=True)
+        run.finish({"run": list(words), "run_exit_code": exit_code, "stored": True}, {})
+        return
+    moved, compared = compare(stored["summary"], found, Tolerances(**said))
+    for path in common.outputs:
+        run.write_bytes(path, json.dumps(found, indent=1, ensure_ascii=False).encode() + b"\n")
+    results = {"run": list(words), "run_exit_code": exit_code, "compared": compared, "moved": moved}
+    run.finish(results, {}, converged=not moved)
+
+
+def read_expected(path: str, *, may_miss: bool) -> dict[str, Any]:
+    """The stored file as {summary, run, tolerances}; a plain summary is taken too."""
+    try:
+        stored = json.loads(Path(path).read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        if may_miss:
+            return {}
+        raise MeshFileError(f"{path}: no such file; --update writes it") from None
+    except (OSError, ValueError) as error:
+        raise MeshFileError(
+            f"{path}: no stored summary (not JSON: {error}); name the .json that --update wrote"
+        ) from None
+    if not isinstance(stored, dict) or not ("summary" in stored or "results" in stored):
+        raise MeshFileError(f"{path}: holds no summary; store one with --update or COMMAND --json")
+    unknown = set(stored.get("tolerances", {})) - {"rtol", "atol", "accuracy_atol", "keys", "ignore"}
+    if unknown:
+        raise MeshFileError(
+            f"{path}: unknown tolerance '{sorted(unknown)[0]}'; "
+            "known: rtol, atol, accuracy_atol, keys, ignore"
+        )
+    if "summary" not in stored:
+        return {"summary": stored, "tolerances": stored.get("tolerances", {})}
+    return stored
+
+
+def summary_of(words: tuple[str, ...]) -> tuple[dict[str, Any], int]:
+    """Run a command in a process of its own; its summary and exit code."""
+    words = words[1:] if words[:1] == ("ddgcli",) else words
+    if not words:
+        raise ParameterError(
+            "no command to run; write it after --: ddgcli check EXPECTED.json -- curvature a.ply"
+        )
+    call = [sys.executable, "-m", "ddgcli", *words, *([] if "--json" in words else ["--json"])]
+    done = subprocess.run(call, capture_output=True, encoding="utf-8")
+    if done.returncode not in (0, 1) or not done.stdout.strip():
+        last = (done.stderr.strip().splitlines() or ["no summary"])[-1]
+        raise ParameterError(
+            f"the command ended with exit code {done.returncode}: {last.removeprefix('Error: ')}"
+        )
+    return json.loads(done.stdout), done.returncode

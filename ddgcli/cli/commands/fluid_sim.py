@@ -1,0 +1,117 @@
+"""`ddgcli fluid-sim`."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from ddgcli.cli.simulation.options import SceneCall, scene_options
+
+if TYPE_CHECKING:
+    from ddgcli.cli.simulation.plot import Picture
+    from ddgcli.cli.simulation.scene_run import ReadArray, ReadMesh
+    from ddgcli.scenes.scene import Scene
+    from ddgcli.simulation.account import Account
+    from ddgcli.simulation.outcome import Outcome
+    from ddgcli.simulation.time_loop import Model, Schedule
+
+
+@click.command(
+    "fluid-sim",
+    epilog="Which: conservative for accuracy; circulation for steps many cells long. See "
+    "docs/fluid-sim.md and docs/accuracy/fluid-sim.md.",
+)
+@scene_options
+@click.option("--vorticity", metavar="ARRAY", help="Quick form: vertex array, .npy or expression in x, y, z.")
+@click.option("--flow", metavar="NAME", help="Quick form: an initial flow by name.")
+@click.option("--viscosity", metavar="NU", help="Quick form: kinematic viscosity [m^2/s].")
+def command(call: SceneCall, **quick: Any) -> None:
+    """Move an incompressible fluid on a surface: SCENE (.toml, or a mesh for the quick form) in.
+
+    \b
+    Examples:
+      ddgcli fluid-sim taylor_vortices.toml -o taylor.vtkhdf
+      ddgcli fluid-sim sphere.obj --vorticity '5*z' --duration 2 --dt 0.02 -o run.vtkhdf
+      ddgcli fluid-sim torus.ply --flow vortex-pair --effect harmonic --viscosity 1e-3
+    """
+    from ddgcli.cli.simulation.scene_run import run_scene
+    from ddgcli.models.fluid.scene import KIND
+
+    run_scene(call, KIND, Fluids, *quick_lines({"effect_lines": call.effect_lines, **quick}))
+
+
+def quick_lines(given: Mapping[str, Any]) -> tuple[tuple[str, ...], dict[str, Any]]:
+    """Lines of effects that the options of the quick form mean; the object has no keys of its own there."""
+    flows = {key: given[key] for key in ("vorticity", "flow") if given.get(key) is not None}
+    lines = [f"initial {key}={json.dumps(value)}" for key, value in flows.items()]
+    if given.get("viscosity") is not None:
+        lines.append(f"viscosity nu={_number(given['viscosity'])}")
+    return (*lines, *given.get("effect_lines", ())), {}
+
+
+def _number(text: str) -> str:
+    """A number as it is, anything else (a number with a unit) as a text of TOML."""
+    try:
+        return repr(float(text))
+    except ValueError:
+        return json.dumps(text)
+
+
+class Fluids:
+    """The fluids of a scene, as `cli.scene_run.Physics`."""
+
+    moving = False
+
+    def __init__(self, scene: Scene, account: Account, read_mesh: ReadMesh, read_array: ReadArray) -> None:
+        from ddgcli.models.fluid import model
+
+        found = model.contexts(scene, read_mesh, read_array)
+        self.scene, self.account = scene, account
+        self.contexts = {name: context for name, (context, _) in found.items()}
+        self.meshes = {name: context.mesh for name, context in self.contexts.items()}
+        self.sha256 = {name: sha for name, (_, sha) in found.items()}
+        self.largest = 0.0
+
+    @cached_property
+    def built(self) -> dict[str, Any]:
+        from ddgcli.models.fluid import model
+
+        return model.build(self.scene, self.contexts, self.account)
+
+    def assembled(self, schedule: Schedule) -> dict[str, Any]:
+        from ddgcli.models.fluid import report
+
+        return report.assembled(self.scene, self.built, schedule, self.account)
+
+    def models(self) -> dict[str, Model]:
+        return {name: fluid.model() for name, fluid in self.built.items()}
+
+    def face(self) -> dict[str, Any]:
+        from ddgcli.models.fluid import report
+
+        return report.face_arrays(list(self.meshes.values()))
+
+    def picture(self) -> Picture:
+        from ddgcli.cli.simulation.plot import Picture
+        from ddgcli.models.fluid.report import wraps
+
+        reach = self.largest or 1.0  # vortices are small and count: no robust limits
+        return Picture(
+            "vorticity", "vorticity [1/s]", (-reach, reach), shown=~wraps(list(self.meshes.values())),
+            energy="kinetic energy over density [m^4/s^2]",
+        )  # fmt: skip
+
+    def doubt(self, outcome: Outcome) -> str:
+        return ""
+
+    def summary(self, outcome: Outcome) -> tuple[dict[str, Any], dict[str, Any]]:
+        from ddgcli.models.fluid import report
+
+        self.largest = outcome.largest.get("vorticity", 0.0)
+        results, accuracy = report.summary(outcome, self.built)
+        told = {"stopped_because": outcome.failure} if outcome.failure else {}
+        return {**results, **told}, accuracy

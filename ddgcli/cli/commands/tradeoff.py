@@ -1,0 +1,185 @@
+"""`ddgcli tradeoff`."""
+
+from __future__ import annotations
+
+import json
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from ddgcli.cli import options
+from ddgcli.cli.commands.tradeoff_options import SOURCES, Given, parse
+from ddgcli.cli.options import Common
+from ddgcli.cli.run import Run
+from ddgcli.errors import ParameterError
+
+if TYPE_CHECKING:
+    from ddgcli.tradeoff.candidates import Problem, Table
+
+COMMANDS = ("curvature", "delaunay", "laplacian", "geodesic", "shell-sim", "fluid-sim", "willmore-flow")
+SIMULATORS = COMMANDS[-3:]
+
+
+@click.command(
+    "tradeoff",
+    context_settings={"ignore_unknown_options": True},
+    epilog="Which: --within ERROR names the cheapest configuration; --norm mean where single vertices "
+    "(creases, say) would decide. See docs/tradeoff.md, and docs/accuracy/ for pictures on known truths.",
+)
+@click.argument("compared", metavar="COMMAND", type=click.Choice(COMMANDS))
+@click.argument("words", metavar="INPUT [OPTIONS OF COMMAND]", nargs=-1, type=click.UNPROCESSED)
+@click.option("--within", type=options.POSITIVE, metavar="ERROR", help="Name the cheapest row within.")
+@click.option(
+    "--norm",
+    type=click.Choice(["max", "mean"]),
+    default="max",
+    show_default=True,
+    help="The error that --within and the front speak of.",
+)
+@click.option("--truth", metavar="SHAPE", help="Known truth: sphere:R, torus:R,r, ellipsoid:a,b,c ...")
+@click.option(
+    "--budget",
+    type=options.POSITIVE,
+    metavar="SECONDS",
+    default=60.0,
+    show_default=True,
+    help="Time for everything; what would exceed it is left out.",
+)
+@click.option(
+    "--repeat",
+    type=click.IntRange(min=1),
+    metavar="N",
+    default=5,
+    show_default=True,
+    help="Timed queries a row.",
+)
+@options.common
+def command(
+    compared: str,
+    words: tuple[str, ...],
+    within: float | None,
+    norm: str,
+    truth: str | None,
+    budget: float,
+    repeat: int,
+    common: Common,
+) -> None:
+    """Show what accuracy costs in time: the methods of COMMAND on INPUT, error against seconds.
+
+    COMMAND is curvature, delaunay, laplacian, geodesic, shell-sim, fluid-sim or willmore-flow. Every method
+    runs with several settings of its dials against the most accurate one that is affordable, or against a
+    known truth. Rows marked * are beaten by no other in both time and error.
+
+    COMMAND's own options are given as they are to it. Those that make the question (--source, --eigen,
+    --duration, --effect, ...) hold in every row; one that names a method or a dial (--method heat,
+    --refine 20) leaves the rows that have it.
+
+    \b
+    Examples:
+      ddgcli tradeoff geodesic bunny.ply --source 5 --within 1e-3
+      ddgcli tradeoff laplacian bunny.ply --eigen 20 --mass lumped -o rows.csv
+      ddgcli tradeoff curvature sphere.ply --truth sphere:1 --plot tradeoff.png
+      ddgcli tradeoff shell-sim hat.toml --dt 1e-3 --integrator newmark --budget 120
+    """
+    given = parse(compared, words)
+    run = Run(
+        "tradeoff",
+        common,
+        formats=(".csv", ".json"),
+        compared=compared,
+        within=within,
+        norm=norm,
+        truth=truth,
+        budget=budget,
+        repeat=repeat,
+        **given.asked,
+    )
+    problem = _problem(run, compared, given, truth)
+
+    from ddgcli.tradeoff.measure import run_problem
+    from ddgcli.tradeoff.pareto import give_verdicts
+    from ddgcli.tradeoff.report import results_of, text_table
+
+    told = run.progress("tradeoff")
+    table = run_problem(problem, repeat=repeat, budget=budget, began=run.began, progress=told)
+    chosen = give_verdicts(table, within, norm)
+    call = (compared, given.path, given.kept)
+    results = results_of(table, problem, call, chosen=chosen, within=within, norm=norm)
+    write(run, results)
+    if table.rows:
+        run.plot(lambda path: draw(path, table, results, within))
+    run.finish(
+        results,
+        {"reference_uncertainty": results["reference_uncertainty"]},
+        converged=not table.interrupted and (within is None or chosen is not None),
+        text=text_table(table, problem, results),
+        exit_code=130 if table.interrupted else 1,
+    )
+
+
+def _problem(run: Run, compared: str, given: Given, truth: str | None) -> Problem:
+    """The question of a command, on a mesh or on a scene."""
+    if truth and compared in SIMULATORS:
+        raise ParameterError(f"--truth says nothing of {compared}; its reference is a small step")
+    if compared in ("shell-sim", "fluid-sim"):
+        return _scene_problem(run, compared, given)
+    from ddgcli.tradeoff.problems.table import mesh_problem
+    from ddgcli.tradeoff.truths import parse_truth
+
+    mesh = run.read(given.path).surface
+    known = parse_truth(truth, mesh.points) if truth else None
+    more: dict[str, Any] = {}
+    if compared == "geodesic" and any(name in given.asked for name in SOURCES):
+        from ddgcli.cli.commands.geodesic_distance import DistanceChoice, read_sources
+
+        named = {name: given.asked[name] for name in SOURCES if name in given.asked}
+        more["sources"] = read_sources(mesh, DistanceChoice(**named))
+    return mesh_problem(compared, mesh, truth=known, asked=given.asked, **more)
+
+
+def _scene_problem(run: Run, compared: str, given: Given) -> Problem:
+    from pathlib import Path
+
+    from ddgcli.cli.commands.fluid_sim import quick_lines as fluid_lines
+    from ddgcli.cli.commands.shell_sim import quick_lines as shell_lines
+    from ddgcli.cli.simulation.scene_input import mesh_reader, scene_document
+    from ddgcli.io.arrays import read_array
+    from ddgcli.tradeoff.problems import simulate
+
+    asked = given.asked
+    role = compared.removesuffix("-sim")
+    lines, extra = (shell_lines if role == "shell" else fluid_lines)(asked)
+    document, _ = scene_document(given.path, role, lines, extra, None)
+    run.note_input(given.path, "")
+    read = mesh_reader(run, document)
+    if role == "shell":
+        return simulate.shell_problem(document, read, asked=asked)
+    folder = Path(document.folder)
+    return simulate.fluid_problem(document, read, lambda name: read_array(str(folder / name)), asked=asked)
+
+
+def write(run: Run, results: dict[str, Any]) -> None:
+    """The rows as CSV, or all results as JSON, to every -o."""
+    from ddgcli.cli.summary import plain
+    from ddgcli.tradeoff.report import csv_of
+
+    for path in run.common.outputs:
+        as_json = (run.common.output_format or path).endswith("json")
+        data = json.dumps(plain(results), indent=1).encode() + b"\n" if as_json else csv_of(results["rows"])
+        run.write_bytes(path, data)
+
+
+def draw(path: str, table: Table, results: dict[str, Any], within: float | None) -> None:
+    """Error against seconds, one line a method, dial values at the points, the front ringed."""
+    from ddgcli.plots.chart import draw_chart
+    from ddgcli.tradeoff.report import chart_of
+
+    draw_chart(
+        path,
+        **chart_of(table.rows, results["norm"], within, results["reference_uncertainty"]),
+        xlabel="seconds (set-up and one query)",
+        ylabel=f"{'largest' if results['norm'] == 'max' else 'mean'} error, relative",
+        log="xy",
+        caption=f"Errors relative to {results['error_scale']}. Reference: {results['reference']}. "
+        f"Rings: no other row beats it.\n{results['machine']}",
+    )

@@ -1,0 +1,116 @@
+"""`ddgcli willmore-flow`."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import click
+
+from ddgcli.cli import options
+from ddgcli.cli.options import Common
+from ddgcli.cli.run import Run
+from ddgcli.cli.simulation.options import time_options
+from ddgcli.errors import ParameterError
+
+LATER = "is not available yet"
+
+
+@click.command(
+    "willmore-flow",
+    epilog="Which: no --dt for the shape of least energy; --dt and --duration for the flow in time, with "
+    "--integrator rosenbrock (the default, of second order) or semi-implicit (of first order, a quarter "
+    "cheaper a step, the only one of mean-curvature); gauss-map, also on uneven triangles; the others to "
+    "compare with. See docs/willmore-flow.md and docs/accuracy/willmore-flow.md.",
+)
+@options.mesh_arg
+@options.common
+@time_options
+@click.option("--flow", default="quadratic", show_default=True, help="quadratic | mean-curvature")
+@click.option(
+    "--energy",
+    help="gauss-map | sullivan | cotan | hinge  [default: gauss-map; with --boundary fixed cotan]",
+)
+@click.option("--boundary", default="clamped", show_default=True, help="clamped | fixed")
+@click.option("--fix-area", is_flag=True, help="Keep the area.")
+@click.option("--fix-volume", is_flag=True, help="Keep the enclosed volume.")
+@click.option(
+    "--stop-gradient",
+    type=options.POSITIVE,
+    help="Stop when |gradient| area / energy is below this.  [default: 1e-6]",
+)
+@click.option(
+    "--stop-energy",
+    type=options.POSITIVE,
+    help="Stop when a step lowers the energy by less than this part of it.  [default: 1e-8]",
+)
+@click.option("--report-energy", help="all: every energy at start and end.")
+@click.option("--spontaneous-curvature", hidden=True)
+@click.option("--region", hidden=True)
+def command(
+    mesh_path: str, common: Common, overrides: dict[str, Any], resume: str | None, **wishes: Any
+) -> None:
+    """Flow MESH down its bending energy int H^2 (or its area).
+
+    Without --dt or --duration the steps are as long as the energy falls, and the flow stops at rest. With
+    them steps have the given length and follow the flow in time, in units of length^4 (mean-curvature:
+    length^2).
+
+    \b
+    Examples:
+      ddgcli willmore-flow torus.obj -o clifford.ply
+      ddgcli willmore-flow bumpy.obj --dt 1e-4 --duration 0.05 -o run.vtkhdf
+      ddgcli willmore-flow cap.off --boundary clamped --fix-area --report-energy all
+    """
+    run = Run("willmore-flow", common, **overrides, **{k: v for k, v in wishes.items() if v})
+    source = run.read(mesh_path)
+    from ddgcli.cli.simulation.plot import Picture, draw_story
+    from ddgcli.cli.simulation.scene_input import fingerprint, refuse_changed
+    from ddgcli.cli.simulation.simulate import Job, simulate
+    from ddgcli.models.willmore import report, setup
+    from ddgcli.simulation.account import Account
+
+    chosen = _wishes(wishes, overrides)
+    mesh = source.surface
+    flow, model = setup.build(mesh, chosen)
+    schedule = setup.schedule(flow, overrides)
+    resolved, digest = fingerprint(
+        {"wishes": setup.described(chosen), "time": overrides}, {"mesh": source.sha256}
+    )
+    refuse_changed(resume, resolved)
+    unit = "L²" if wishes["flow"] == "mean-curvature" else "L⁴"  # L: the input's length unit
+    job = Job(
+        {"surface": model}, [mesh], schedule, Account(), moving=True, resume=resume,
+        attributes={"input_sha256": digest, "time_unit": unit},
+        texts={"scene_source": "", "scene_resolved": resolved},
+        doubt=lambda outcome: report.doubt(outcome.stopped),
+    )  # fmt: skip
+    outcome = simulate(run, job)
+    results, accuracy = report.summary(
+        outcome.series, flow.convention, schedule.steps, outcome.stopped, outcome.failure
+    )
+    last = mesh if outcome.last is None or outcome.last.points is None else mesh.moved(outcome.last.points)
+    report.tell_of_folds(mesh, last)
+    if wishes["report_energy"]:
+        results["energies"] = report.every_energy(mesh, last)
+    run.plot(lambda path: draw_story(path, outcome, Picture(edges=True, energy="energy", time_unit=unit)))
+    run.finish(results, accuracy, converged=not (outcome.failure or outcome.doubt))
+
+
+def _wishes(wishes: dict[str, Any], overrides: dict[str, Any]) -> Any:
+    from ddgcli.models.willmore.flow import DEFAULT_STOP, Stop
+    from ddgcli.models.willmore.setup import Wishes
+
+    for name in ("spontaneous_curvature", "region"):
+        if wishes[name] is not None:
+            raise ParameterError(f"--{name.replace('_', '-')} {LATER}; there are --fix-area and --fix-volume")
+    if wishes["report_energy"] not in (None, "all"):
+        raise ParameterError(f"--report-energy {wishes['report_energy']!r}: write all")
+    timed = any(overrides.get(name) for name in ("step", "duration"))
+    timed = timed or wishes["flow"] == "mean-curvature"
+    bounded = any(overrides.get(name) for name in ("steps", "duration"))
+    stop = Stop() if timed and bounded else Stop(DEFAULT_STOP.gradient, DEFAULT_STOP.fall, not timed)
+    return Wishes(
+        wishes["energy"], wishes["flow"], wishes["boundary"], wishes["fix_area"], wishes["fix_volume"], timed,
+        overrides.get("integrator"),
+        Stop(wishes["stop_gradient"] or stop.gradient, wishes["stop_energy"] or stop.fall, stop.mesh_error),
+    )  # fmt: skip

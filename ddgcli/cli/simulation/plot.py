@@ -1,0 +1,70 @@
+"""--plot of the simulators: chosen frames, and the chart of energies."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from numpy.typing import NDArray
+
+from ddgcli.simulation.outcome import Outcome
+
+
+@dataclass(frozen=True, eq=False)
+class Picture:
+    """How the frames of a simulator are drawn.
+
+    Parameters
+    ----------
+    array : str, optional
+        Vertex array that colours them.
+    label : str
+        Beside the colour bar.
+    limits : (float, float), optional
+        Of the colours; default: robust ones over the frames.
+    edges : bool
+        Draw the edges too.
+    shown : (m,) ndarray of bool, optional
+        Faces to draw.
+    energy, time_unit : str
+        Labels of the chart.
+    """
+
+    array: str | None = None
+    label: str = ""
+    limits: tuple[float, float] | None = None
+    edges: bool = False
+    shown: NDArray | None = None
+    energy: str = "energy [J]"
+    time_unit: str = "s"
+
+
+def draw_story(path: str, outcome: Outcome, picture: Picture) -> None:
+    """Chosen frames above, the chart of energies below."""
+    from ddgcli.plots.motion import Shot, draw_motion, stage
+
+    shots = []
+    for frame in outcome.kept:
+        mesh = outcome.mesh if frame.points is None else outcome.mesh.moved(frame.points)
+        values = None if picture.array is None else frame.vertex[picture.array]
+        shots.append(Shot(frame.time, part_of(mesh, picture.shown), values))
+    on = stage(shots, picture.label, limits=picture.limits, edges=picture.edges, time_unit=picture.time_unit)
+    draw_motion(path, shots, energies(outcome.times, outcome.series), on, picture.energy)
+
+
+def part_of(mesh: Any, shown: NDArray | None) -> Any:
+    """The faces to draw."""
+    if shown is None or shown.all():
+        return mesh
+    from ddgcli.mesh.triangle_mesh import TriangleMesh
+
+    return TriangleMesh.from_arrays(mesh.points, mesh.faces[shown])
+
+
+def energies(times: NDArray, scalars: Mapping[str, NDArray]) -> dict[str, tuple[NDArray, NDArray]]:
+    """Series of the scalars that are energies, or of all numbers where none is."""
+    plain = {name: v for name, v in scalars.items() if v.ndim == 1}
+    found = [name for name in plain if name in ("energy", "kinetic_energy") or name.startswith("energy_")]
+    found = [name for name in found if name != "energy_increases"]
+    return {name: (times, plain[name]) for name in found or plain}

@@ -1,0 +1,241 @@
+"""Scenes at the door: from a file, from a mesh with options, from a trajectory; listings of effects."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import re
+import tomllib
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from ddgcli.cli.run import Run, describe
+from ddgcli.errors import ParameterError, SceneError
+from ddgcli.simulation.effects import EffectTable
+from ddgcli.simulation.frames import joined_mesh
+
+if TYPE_CHECKING:
+    from ddgcli.io.mesh_file import MeshInput
+    from ddgcli.io.scene_file import SceneDocument
+    from ddgcli.scenes.scene import Document, Scene, SceneKind
+
+
+def quick_scene(mesh: str, role: str, lines: tuple[str, ...], extra: Mapping[str, Any] | None = None) -> str:
+    """TOML of the scene that `COMMAND MESH --effect ...` means.
+
+    Parameters
+    ----------
+    mesh : str
+    role : str
+    lines : tuple of str
+        "NAME" or "NAME key=value key=value".
+    extra : mapping
+        More keys of the object.
+    """
+    text = [
+        'format = "ddgcli-scene/1"',
+        "",
+        "[[object]]",
+        f"name = {_toml(Path(mesh).stem)}",
+        f'role = "{role}"',
+    ]
+    text += [f"mesh = {_toml(str(Path(mesh).absolute()))}"]
+    text += [f"{key} = {_toml(value)}" for key, value in (extra or {}).items()]
+    repeated = [line.split(None, 1)[0] for line in lines if line.split()]
+    for line in lines:
+        if not line.split():
+            raise ParameterError("--effect needs the name of an effect")
+        name, _, rest = line.strip().partition(" ")
+        header = f"[[effects.{name}]]" if repeated.count(name) > 1 else f"[effects.{name}]"
+        text += ["", header, *_assignments(rest, line)]
+    return "\n".join(text) + "\n"
+
+
+def _assignments(rest: str, line: str) -> list[str]:
+    """`key = value` lines of "key=value key=value", split where a key begins outside brackets and quotes."""
+    starts, depth, quote = [], 0, ""
+    for k, c in enumerate(rest):
+        if quote:
+            quote = "" if c == quote else quote
+        elif c in "\"'":
+            quote = c
+        elif c in "[{":
+            depth += 1
+        elif c in "]}":
+            depth -= 1
+        elif depth == 0 and (k == 0 or rest[k - 1] in " ,\t") and re.match(r"[A-Za-z_]\w*\s*=", rest[k:]):
+            starts.append(k)
+    pieces = [rest[a:b].strip().rstrip(",") for a, b in zip(starts, [*starts[1:], len(rest)])]
+    if rest.strip() and (not starts or rest[: starts[0]].strip()):
+        raise ParameterError(
+            f"--effect {line!r}: after the name come key=value pairs; found {rest.strip()!r}"
+        )
+    for piece in pieces:
+        try:
+            tomllib.loads(piece)
+        except tomllib.TOMLDecodeError as error:
+            raise ParameterError(
+                f'--effect {line!r}: {piece!r} is not TOML; quote texts: key="text"'
+            ) from error
+    return pieces
+
+
+def toml_settings(settings: tuple[str, ...]) -> dict[str, Any]:
+    """Keys of --set KEY=VALUE; a value that is not TOML is taken as text."""
+    found: dict[str, Any] = {}
+    for setting in settings:
+        key, equals, value = setting.partition("=")
+        if not equals or not key.strip():
+            raise ParameterError(f"--set {setting!r}: write KEY=VALUE")
+        try:
+            found[key.strip()] = tomllib.loads(f"v = {value}")["v"]
+        except tomllib.TOMLDecodeError:
+            found[key.strip()] = value
+    return found
+
+
+def _toml(value: Any) -> str:
+    return json.dumps(value, ensure_ascii=False)
+
+
+def scene_document(
+    path: str | None, role: str, lines: tuple[str, ...], extra: Mapping[str, Any], resume: str | None
+) -> tuple[SceneDocument, dict[str, Any]]:
+    """The document to run and the time options recorded by the run that is resumed.
+
+    A `.toml` is a scene; anything else is a mesh for the quick form. With --resume and no path, the
+    scene that the trajectory holds.
+    """
+    from ddgcli.io.scene_file import parse_scene, read_scene
+
+    recorded: dict[str, Any] = {}
+    if resume is not None:
+        from ddgcli.io.trajectories.trajectory import Trajectory
+
+        with Trajectory(resume) as part:
+            recorded = json.loads(part.attributes.get("overrides", "{}"))
+            if path is None:
+                return parse_scene(
+                    part.text("scene_source"), "", part.attributes.get("folder", ".")
+                ), recorded
+    if path is None:
+        raise ParameterError("give a scene file or a mesh (or --effects, --schema)")
+    if path.endswith(".toml"):
+        if lines or extra:
+            raise ParameterError(
+                f"{path}: --effect, --pin and --set build a scene from a mesh; write them into the scene"
+            )
+        return read_scene(path), recorded
+    return parse_scene(quick_scene(path, role, lines, extra), "", "."), recorded
+
+
+def describe_input(run: Run, path: str, meshes: list[Any], sha256: str = "") -> None:
+    """The `input` block: all meshes of the scene as one."""
+    mesh, _ = joined_mesh(meshes)
+    run.note_input(path, sha256, **describe(mesh))
+
+
+def mesh_reader(run: Run, document: Document) -> Callable[[str], MeshInput]:
+    """Read a mesh file relative to the scene."""
+
+    def read(name: str) -> MeshInput:
+        from ddgcli.io.mesh_file import check_place, read_mesh
+
+        path = str(Path(document.folder) / name)
+        for output in run.common.outputs:
+            check_place(output, inputs=(path,))
+        with run.timed("read"):
+            return read_mesh(path)
+
+    return read
+
+
+def print_effects(table: EffectTable, as_json: bool) -> None:
+    """--effects: every effect, its parameters with units and defaults, its cost."""
+    listing = {name: _described(table, name, line) for name, (_, line) in table.entries.items()}
+    if as_json:
+        click.echo(json.dumps(listing, ensure_ascii=False))
+        return
+    for name, entry in listing.items():
+        click.echo(f"{name}: {entry['summary']}")
+        click.echo(f"    cost: {entry['cost']}; acts on: {', '.join(entry['roles'])}")
+        for key, p in entry["parameters"].items():
+            default = (
+                "needed" if p["default"] is None and p["required"] else f"default {json.dumps(p['default'])}"
+            )
+            unit = f" [{p['unit']}]" if p["unit"] else ""
+            choices = f" ({' | '.join(map(str, p['choices']))})" if p["choices"] else ""
+            click.echo(f"    {key}{unit}{choices}: {p['description'] or '-'}; {default}")
+
+
+def _described(table: EffectTable, name: str, line: str) -> dict[str, Any]:
+    effect = table.load(name)
+    schema = effect.parameters.model_json_schema()  # type: ignore[attr-defined]
+    parameters = {}
+    for key, entry in schema.get("properties", {}).items():
+        branches = [entry, *entry.get("anyOf", [])]
+        parameters[key] = {
+            "unit": next((b["unit"] for b in branches if "unit" in b), ""),
+            "choices": next((b["enum"] for b in branches if "enum" in b), []),
+            "default": entry.get("default"),
+            "required": key in schema.get("required", []),
+            "description": next((b["description"] for b in branches if b.get("description")), ""),
+        }
+    return {"summary": line, "cost": effect.cost, "roles": list(effect.roles), "parameters": parameters}
+
+
+def print_schema(kind: SceneKind) -> None:
+    """--schema: the JSON Schema of the simulator's scenes."""
+    from ddgcli.scenes.schema import json_schema
+
+    click.echo(json.dumps(json_schema(kind), indent=2, ensure_ascii=False))
+
+
+def print_dry_run(run: Run, scene: Scene, assembled: dict[str, Any]) -> None:
+    """--dry-run: the resolved scene and what would be assembled."""
+    content = {"command": run.command, "dry_run": True, "scene": scene.resolved(), "assembled": assembled}
+    if run.common.as_json:
+        from ddgcli.cli.summary import plain
+
+        click.echo(json.dumps(plain(content), ensure_ascii=False))
+        return
+    click.echo(json.dumps(content["scene"], indent=2, ensure_ascii=False))
+    for name, value in assembled.items():
+        click.echo(f"{name}: {value}")
+
+
+def fingerprint(resolved: dict[str, Any], meshes: Mapping[str, str]) -> tuple[str, str]:
+    """(resolved scene as JSON, SHA-256 of it with the mesh files): what must not change before --resume."""
+    text = json.dumps({"scene": resolved, "mesh_sha256": dict(meshes)}, sort_keys=True, ensure_ascii=False)
+    return text, hashlib.sha256(text.encode()).hexdigest()
+
+
+def refuse_changed(resume: str | None, resolved: str) -> None:
+    """SceneError when the trajectory to resume was made from another scene."""
+    if resume is None:
+        return
+    from ddgcli.io.trajectories.trajectory import Trajectory
+
+    with Trajectory(resume) as part:
+        before, now = json.loads(part.text("scene_resolved")), json.loads(resolved)
+    if before == now:
+        return
+    where = _first_difference(before, now)
+    raise SceneError(
+        f"{resume}: the scene changed since this run began ({where}); resume with the old scene or start anew"
+    )
+
+
+def _first_difference(a: Any, b: Any, path: str = "") -> str:
+    if isinstance(a, dict) and isinstance(b, dict):
+        for key in dict.fromkeys([*a, *b]):
+            if a.get(key) != b.get(key):
+                return _first_difference(a.get(key), b.get(key), f"{path}.{key}" if path else str(key))
+    if isinstance(a, list) and isinstance(b, list) and len(a) == len(b):
+        for k, (p, q) in enumerate(zip(a, b)):
+            if p != q:
+                return _first_difference(p, q, f"{path}[{k}]")
+    return f"{path}: {a!r} -> {b!r}"

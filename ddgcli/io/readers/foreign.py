@@ -1,0 +1,221 @@
+"""Formats left to meshio and trimesh, behind a guard.
+
+The guard is needed because these readers print, call `sys.exit`, renumber, or loop forever on files that end
+early. meshio takes what finite elements write (it keeps node order and arrays, and knows tetrahedra); trimesh
+takes what artists' tools write (glTF, 3MF, COLLADA, ...), asked neither to merge nor to process.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import warnings
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ddgcli.errors import MeshFileError
+from ddgcli.io.readers.cells import NAMES, VTK_CELLS
+from ddgcli.io.readers.raw_mesh import RawMesh
+
+MESHIO = {
+    ".msh": ("gmsh", "ansys"), ".mesh": ("medit",), ".meshb": ("medit",), ".vtk": ("vtk",),
+    ".xdmf": ("xdmf",), ".xmf": ("xdmf",), ".inp": ("abaqus",), ".bdf": ("nastran",),
+    ".nas": ("nastran",), ".fem": ("nastran",),
+    ".avs": ("avsucd",), ".cgns": ("cgns",), ".dat": ("tecplot",), ".tec": ("tecplot",), ".dato": ("permas",),
+    ".post": ("permas",), ".e": ("exodus",), ".ex2": ("exodus",), ".exo": ("exodus",), ".ele": ("tetgen",),
+    ".node": ("tetgen",), ".f3grid": ("flac3d",), ".h5m": ("h5m",), ".hmf": ("hmf",), ".mdpa": ("mdpa",),
+    ".med": ("med",), ".su2": ("su2",), ".ugrid": ("ugrid",), ".vol": ("netgen",),
+    ".xml": ("dolfin-xml",),
+}  # fmt: skip
+TRIMESH = {
+    ".glb",
+    ".gltf",
+    ".dae",
+    ".zae",
+    ".3mf",
+    ".3dxml",
+    ".xaml",
+    ".ctm",
+    ".dxf",
+    ".xyz",
+    ".stp",
+    ".step",
+    ".zip",
+}
+# formats whose meshio reader takes an open text file, in which an endless read at the end can be stopped
+TEXT = {"abaqus", "nastran", "avsucd", "tecplot", "permas", "su2", "netgen"}
+BINARY = {"mdpa", "ansys"}
+
+
+def read_meshio(path: str, suffix: str) -> RawMesh:
+    """Read through meshio."""
+    reasons = []
+    for name in MESHIO[suffix]:
+        try:
+            with _guarded() as said:
+                return _raw(_meshio_mesh(path, name))
+        except MeshFileError:
+            raise
+        except _Endless:
+            reasons.append("the file ends early")
+        except SystemExit:  # meshio prints what is wrong, and ends the program
+            reasons.append(" ".join(said.getvalue().split())[:120] or "its reader gave up")
+        except Exception as error:  # third-party readers raise whatever comes
+            reasons.append(_in_a_line(error))
+    raise MeshFileError(
+        f"cannot be read as {suffix} ({'; '.join(reasons)}); it is cut, damaged or of another format"
+    )
+
+
+def read_trimesh(path: str, suffix: str) -> RawMesh:
+    """Read through trimesh; the parts of a scene are put into one mesh, not merged."""
+    import trimesh
+
+    try:
+        with _guarded():
+            scene: Any = trimesh.load_scene(path, file_type=suffix[1:], process=False, maintain_order=True)
+            parts = scene.dump() if scene.geometry else []
+    except ImportError as error:
+        raise MeshFileError(
+            f"{suffix} needs a package that is not here ({_in_a_line(error)}): "
+            "pip install lxml pycollada networkx"
+        ) from None
+    except (Exception, SystemExit) as error:
+        raise MeshFileError(
+            f"cannot be read as {suffix} ({_in_a_line(error)}); the file is damaged"
+        ) from None
+    meshes = [p for p in parts if hasattr(p, "faces")]
+    if not meshes:
+        raise MeshFileError("no triangles in the file; only surfaces are taken from this format")
+    shift = np.cumsum([0] + [len(m.vertices) for m in meshes])
+    raw = RawMesh(np.concatenate([np.asarray(m.vertices, dtype=np.float64) for m in meshes]))
+    raw.add_faces(np.concatenate([np.asarray(m.faces) + s for m, s in zip(meshes, shift)]))
+    if len(meshes) > 1:
+        raw.notes.append(f"{len(meshes)} parts of a scene put into one mesh; vertices are not merged")
+    if suffix == ".dae":
+        raw.notes.append("Collada numbers vertices by face corner: their order is that of first use")
+    return raw
+
+
+def _in_a_line(error: BaseException) -> str:
+    """Kind and message of an exception, in one short line."""
+    message = " ".join(str(error).split())[:120]
+    return f"{type(error).__name__}: {message}" if message else type(error).__name__
+
+
+class _Endless(Exception):
+    """A reader went on reading at the end of a file."""
+
+
+class _EndWatch:
+    """Stops a reader that goes on asking a file for lines after its end."""
+
+    empty = 0
+
+    def readline(self, *args: Any) -> Any:
+        line = super().readline(*args)  # type: ignore[misc]
+        self.empty = 0 if line else self.empty + 1
+        if self.empty > 1000:
+            raise _Endless
+        return line
+
+
+class _TextFile(_EndWatch, io.TextIOWrapper):
+    pass
+
+
+class _BinaryFile(_EndWatch, io.BufferedReader):
+    pass
+
+
+def _meshio_mesh(path: str, name: str) -> Any:
+    import meshio
+
+    if name in TEXT:
+        with _TextFile(io.FileIO(path), encoding="utf-8", errors="replace") as text:
+            return meshio.read(text, name)
+    if name in BINARY:
+        with _BinaryFile(io.FileIO(path)) as data:
+            return meshio.read(data, name)
+    if name == "tetgen":
+        _need_lines(Path(path).with_suffix(".node"), Path(path).with_suffix(".ele"))
+    return meshio.read(path, name)
+
+
+def _need_lines(*paths: Path) -> None:
+    """A line that is neither blank nor a comment in each file: meshio's reader looks for one without end."""
+    for path in paths:
+        with path.open(encoding="utf-8", errors="replace") as text:
+            if all(line.strip()[:1] in ("", "#") for line in text):
+                raise _Endless
+
+
+@contextlib.contextmanager
+def _guarded() -> Iterator[io.StringIO]:
+    """Third-party prints and warnings go into the text that is given."""
+    sink = io.StringIO()
+    with contextlib.redirect_stdout(sink), contextlib.redirect_stderr(sink), warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        yield sink
+
+
+def _raw(mesh: Any) -> RawMesh:
+    from meshio._vtk_common import meshio_to_vtk_type
+
+    points = np.asarray(mesh.points, dtype=np.float64)
+    if points.ndim == 2 and points.shape[1] < 3:
+        points = np.column_stack([points, np.zeros((len(points), 3 - points.shape[1]))])
+    raw = RawMesh(points, vertex={n: np.asarray(v) for n, v in mesh.point_data.items()})
+    parts: dict[str, list[int]] = {"face": [], "tetra": [], "line": []}
+    for number, block in enumerate(mesh.cells):
+        kind, corners = _block_kind(block.type, meshio_to_vtk_type)
+        if kind == "skip":
+            continue
+        parts[kind].append(number)
+        data = block.data
+        if corners is None:
+            sizes = np.array([len(cell) for cell in data], dtype=np.int64)
+            flat = (
+                np.concatenate([np.asarray(cell, dtype=np.int64) for cell in data])
+                if len(data)
+                else np.zeros(0, int)
+            )
+            raw.corners, raw.sizes = np.append(raw.corners, flat), np.append(raw.sizes, sizes)
+            continue
+        data = np.asarray(data, dtype=np.int64).reshape(-1, np.shape(data)[1])
+        if data.shape[1] > corners:
+            raw.notes.append(f"{len(data)} cells '{block.type}' reduced to their corners")
+        data = data[:, :corners]
+        if kind == "face":
+            raw.add_faces(data)
+        elif kind == "tetra":
+            raw.tetrahedra = np.concatenate([raw.tetrahedra, data])
+        else:
+            raw.lines = np.concatenate([raw.lines, data])
+    for kind, place in (("face", raw.face), ("tetra", raw.cell), ("line", raw.line)):
+        for name, blocks in mesh.cell_data.items():
+            if parts[kind]:
+                place[name] = np.concatenate([np.asarray(blocks[number]) for number in parts[kind]])
+    if len(raw.tetrahedra):
+        raw.sizes, raw.corners = raw.sizes[:0], raw.corners[:0]  # finite element files list the boundary too
+    return raw
+
+
+def _block_kind(name: str, vtk_types: dict[str, int]) -> tuple[str, int | None]:
+    if name == "polygon" or name.startswith("VTK_LAGRANGE_CURVE"):
+        return ("face", None) if name == "polygon" else ("line", 2)
+    code = vtk_types.get(name, -1)
+    if code not in VTK_CELLS or VTK_CELLS[code][0] in ("strip", "path", "pixel"):
+        shown = NAMES.get(code, name)
+        raise MeshFileError(
+            f"cells of kind {shown}; only triangles, polygons, tetrahedra and lines are taken: convert them"
+        )
+    return VTK_CELLS[code]
+
+
+def suffixes() -> set[str]:
+    """Extensions that this module reads."""
+    return set(MESHIO) | TRIMESH

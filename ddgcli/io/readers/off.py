@@ -1,0 +1,135 @@
+"""Geomview OFF, text and binary, with colours and normals passed over.
+
+Our own reader: meshio's loops forever on a file cut in its header and takes triangles only; trimesh reads no
+binary OFF.
+"""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ddgcli.errors import MeshFileError
+from ddgcli.io.readers.raw_mesh import RawMesh
+from ddgcli.io.readers.text import ragged, rows, whole_numbers
+
+HEADER = re.compile(rb"(ST)?(C)?(N)?(4)?(n)?OFF$")
+
+
+def read_off(data: bytes) -> RawMesh:
+    """Read an OFF file."""
+    data = data.removeprefix(b"\xef\xbb\xbf")
+    first = data.lstrip()[:256].splitlines()[:1]
+    if first and first[0].split()[:2] == [b"OFF", b"BINARY"]:
+        return _binary(data)
+    lines, number = [], []
+    for count, line in enumerate(data.splitlines()):
+        line = line.partition(b"#")[0].strip()
+        if line:
+            lines.append(line)
+            number.append(count)
+    words = lines[0].split() if lines else []
+    header = HEADER.match(words[0]) if words else None
+    if header is None:
+        raise MeshFileError("not an OFF file: the first line must be OFF; check the file")
+    if header[4] or header[5]:
+        raise MeshFileError("OFF in other than three dimensions; export it as plain OFF")
+    n_vertices, n_faces, at = _counts(words, lines, number)
+    if at + n_vertices + n_faces > len(lines):
+        raise MeshFileError(
+            f"line {number[at - 1] + 1}: the header asks for {n_vertices} vertices and {n_faces} faces, "
+            f"but only {len(lines) - at} lines follow; the file is cut or the header wrong"
+        )
+    split = at + n_vertices
+    points = _points(lines[at:split], number[at:split])
+    corners, sizes = _faces(lines[split : split + n_faces], number[split : split + n_faces], len(points))
+    return RawMesh(points, corners, sizes)
+
+
+def _counts(words: list[bytes], lines: list[bytes], number: list[int]) -> tuple[int, int, int]:
+    """Vertices, faces, and the first line after the counts."""
+    at = 1
+    counts = words[1:]
+    if not counts:
+        counts, at = (lines[1].split() if len(lines) > 1 else []), 2
+    try:
+        n_vertices, n_faces = int(counts[0]), int(counts[1])
+    except (ValueError, IndexError):
+        where = number[min(at, len(lines)) - 1] + 1
+        raise MeshFileError(
+            f"line {where}: no counts of vertices and faces; the file is cut or damaged"
+        ) from None
+    if n_vertices < 0 or n_faces < 0:
+        raise MeshFileError(f"line {number[at - 1] + 1}: negative count; mend the header")
+    return n_vertices, n_faces, at
+
+
+def _points(lines: list[bytes], number: list[int]) -> NDArray[np.float64]:
+    values, count = rows(lines, number, "vertex")
+    short = np.flatnonzero(count < 3)
+    if len(short):
+        raise MeshFileError(f"line {number[short[0]] + 1}: a vertex needs three numbers")
+    if not lines:
+        return np.zeros((0, 3))
+    first = np.cumsum(count) - count
+    return values[first[:, None] + np.arange(3)]
+
+
+def _faces(lines: list[bytes], number: list[int], n_points: int) -> tuple[NDArray, NDArray]:
+    values, count = rows(lines, number, "face")
+    first = np.cumsum(count) - count
+    sizes = whole_numbers(values[first], "corner count")
+    short = np.flatnonzero((sizes < 0) | (count < sizes + 1))
+    if len(short):
+        raise MeshFileError(
+            f"line {number[short[0]] + 1}: a face of {sizes[short[0]]} corners has {count[short[0]] - 1} "
+            "numbers; the file is cut or damaged"
+        )
+    local = np.arange(sizes.sum()) - np.repeat(np.cumsum(sizes) - sizes, sizes)
+    index = values[np.repeat(first + 1, sizes) + local]
+    bad = np.flatnonzero(~((index >= 0) & (index < n_points)))
+    if len(bad):
+        face = int(np.repeat(np.arange(len(sizes)), sizes)[bad[0]])
+        raise MeshFileError(
+            f"line {number[face] + 1}: face {face} names vertex {index[bad[0]]:.17g}, outside "
+            f"0..{n_points - 1}; mend the index"
+        )
+    return whole_numbers(index, "vertex number"), sizes
+
+
+def _binary(data: bytes) -> RawMesh:
+    """OFF BINARY; the format says big-endian, common writers use their own order, so both are tried."""
+    start = data.find(b"\n") + 1
+    for order in "<>":
+        if len(data) < start + 12:
+            break
+        n_vertices, n_faces, _ = (int(x) for x in np.frombuffer(data, order + "i4", 3, start))
+        room = len(data) - start - 12
+        if min(n_vertices, n_faces) >= 0 and 12 * n_vertices + 4 * n_faces <= room:
+            points = np.frombuffer(data, order + "f4", 3 * n_vertices, start + 12).reshape(-1, 3)
+            tail = start + 12 + 12 * n_vertices
+            flat = np.frombuffer(data, order + "i4", (len(data) - tail) // 4, tail)
+            corners, sizes = _binary_faces(flat, n_faces)
+            return RawMesh(points.astype(np.float64), corners, sizes)
+    raise MeshFileError("binary OFF whose header asks for more than the file holds; it is cut or damaged")
+
+
+def _binary_faces(flat: NDArray, n_faces: int) -> tuple[NDArray, NDArray]:
+    try:  # pmp and others write no colour count after each face, Geomview does
+        corners, sizes, used = ragged(flat, n_faces, "face")
+        if used == len(flat):
+            return corners.astype(np.int64), sizes
+    except MeshFileError:
+        used = -1
+    with_colours = [(flat, 1)] if used != len(flat) else []
+    for values, extra in with_colours:
+        try:
+            corners_c, sizes_c, used_c = ragged(values, n_faces, "face", extra)
+            if used_c == len(values):
+                return corners_c.astype(np.int64), sizes_c
+        except MeshFileError:
+            continue
+    corners, sizes, _ = ragged(flat, n_faces, "face")
+    return corners.astype(np.int64), sizes

@@ -1,0 +1,106 @@
+"""What a reader finds in a file, before it becomes a mesh: points, polygons, tetrahedra, segments, arrays."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ddgcli.errors import MeshFileError
+from ddgcli.io.readers.triangulate import triangulated
+from ddgcli.mesh.curve import CurveSet
+from ddgcli.mesh.tet_mesh import TetMesh
+from ddgcli.mesh.topology import check_faces
+from ddgcli.mesh.triangle_mesh import TriangleMesh
+
+InputMesh = TriangleMesh | TetMesh | CurveSet
+
+
+@dataclass(eq=False)
+class RawMesh:
+    """Content of a file as read.
+
+    Parameters
+    ----------
+    points : (n, 3) ndarray of float64
+    corners : (c,) ndarray of int64
+        Vertices of the polygons, one polygon after the other.
+    sizes : (p,) ndarray of int64
+        Number of corners of each polygon.
+    tetrahedra : (k, 4), lines : (l, 2) ndarray of int64
+    vertex, face, cell, line, edge, whole : dict of str to ndarray
+        Arrays on points, polygons, tetrahedra, segments, edges of the surface, and the whole.
+    input_vertex : (c,) ndarray of int64, or None
+        Vertex of the mesh for each vertex of the file, where the format needed a merge.
+    notes : list of str
+        What was done to the input, for the summary's warnings.
+    """
+
+    points: NDArray
+    corners: NDArray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    sizes: NDArray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    tetrahedra: NDArray = field(default_factory=lambda: np.zeros((0, 4), dtype=np.int64))
+    lines: NDArray = field(default_factory=lambda: np.zeros((0, 2), dtype=np.int64))
+    vertex: dict[str, NDArray] = field(default_factory=dict)
+    face: dict[str, NDArray] = field(default_factory=dict)
+    cell: dict[str, NDArray] = field(default_factory=dict)
+    line: dict[str, NDArray] = field(default_factory=dict)
+    edge: dict[str, NDArray] = field(default_factory=dict)
+    whole: dict[str, NDArray] = field(default_factory=dict)
+    input_vertex: NDArray | None = None
+    notes: list[str] = field(default_factory=list)
+
+    def add_faces(self, faces: NDArray) -> None:
+        """Take (p, k) polygons of k corners each."""
+        self.corners = np.concatenate([self.corners, np.asarray(faces, dtype=np.int64).ravel()])
+        self.sizes = np.concatenate([self.sizes, np.full(len(faces), np.shape(faces)[1], dtype=np.int64)])
+
+
+def assembled(raw: RawMesh) -> tuple[InputMesh, dict[str, NDArray], NDArray | None]:
+    """The mesh of a raw content, its cell arrays, and the polygon of each triangle if any was split.
+
+    Tetrahedra win over polygons, polygons over segments; what is left out is noted.
+
+    Raises
+    ------
+    MeshError, MeshFileError
+        Non-finite points, indices out of range, nothing in the file.
+    """
+    if len(raw.tetrahedra):
+        if len(raw.sizes):
+            raw.notes.append(f"{len(raw.sizes)} surface cells beside the tetrahedra left out")
+        return TetMesh.from_arrays(raw.points, raw.tetrahedra), raw.cell, None
+    if len(raw.lines) and not len(raw.sizes):
+        check_lines(raw.lines, len(raw.points))
+        points = TriangleMesh.from_arrays(raw.points, np.zeros((0, 3), dtype=np.int64)).points
+        return CurveSet(points, raw.lines.astype(np.int64), dict(raw.vertex)), raw.line, None
+    if len(raw.lines):
+        raw.notes.append(f"{len(raw.lines)} line segments beside the faces left out")
+    return _surface(raw)
+
+
+def _surface(raw: RawMesh) -> tuple[TriangleMesh, dict[str, NDArray], NDArray | None]:
+    if (raw.sizes == 3).all():
+        return TriangleMesh.from_arrays(raw.points, raw.corners.reshape(-1, 3)), raw.face, None
+    check_faces(raw.corners[: len(raw.corners) // 3 * 3].reshape(-1, 3), len(raw.points))
+    check_faces(
+        raw.corners[-3:].reshape(-1, 3) if len(raw.corners) > 2 else np.zeros((0, 3)), len(raw.points)
+    )
+    faces, polygon = triangulated(np.asarray(raw.points, dtype=np.float64), raw.corners, raw.sizes)
+    large, small = np.flatnonzero(raw.sizes > 3), np.flatnonzero(raw.sizes < 3)
+    if len(large):
+        raw.notes.append(
+            f"{len(large)} polygons of more than three corners triangulated (first: face {large[0]})"
+        )
+    if len(small):
+        raw.notes.append(f"{len(small)} faces of fewer than three corners left out (first: face {small[0]})")
+    mesh = TriangleMesh.from_arrays(raw.points, faces)
+    return mesh, {name: value[polygon] for name, value in raw.face.items()}, polygon
+
+
+def check_lines(lines: NDArray, n_points: int) -> None:
+    """Refuse segments that name a point that is not there."""
+    bad = np.flatnonzero(((lines < 0) | (lines >= n_points)).any(axis=1))
+    if len(bad):
+        raise MeshFileError(f"segment {bad[0]} names a point outside 0..{n_points - 1}; mend the line list")

@@ -1,0 +1,144 @@
+"""Point lists (.csv, .txt) as curves, triangles in words (.wkt), NumPy archives (.npz) of our own layout."""
+
+from __future__ import annotations
+
+import io
+import re
+import zipfile
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ddgcli.errors import MeshFileError
+from ddgcli.io.readers.raw_mesh import RawMesh
+from ddgcli.io.readers.text import rows
+from ddgcli.mesh.repair import merged_points
+
+ROUND_OFF = 1e-12  # of the extent: sin(2 pi) is not 0 in a file of 17 digits
+PLACES = {"points", "faces", "tetrahedra", "lines", "metadata", "edges"}
+
+
+def read_csv(data: bytes) -> RawMesh:
+    """Read 2 or 3 columns of numbers as a polyline, closed if the last row repeats the first (to round-off).
+
+    Separators are commas, semicolons or blanks; one line of column names and `#` comments are passed over.
+    """
+    lines, number = [], []
+    for count, line in enumerate(data.removeprefix(b"\xef\xbb\xbf").splitlines()):
+        line = re.sub(rb"[,;\t]", b" ", line.partition(b"#")[0]).strip()
+        if line:
+            lines.append(line)
+            number.append(count)
+    if (
+        lines
+        and re.search(rb"[A-Za-z_]{2}|^[xyzXYZ] ", lines[0])
+        and not re.search(rb"(?i)nan|inf", lines[0])
+    ):
+        del lines[0], number[0]
+    if not lines:
+        raise MeshFileError("no rows; a curve needs 2 or 3 columns of numbers")
+    values, counts = rows(lines, number, "row")
+    width = int(counts[0])
+    odd = np.flatnonzero(counts != width)
+    if width not in (2, 3) or len(odd):
+        where, found = (number[odd[0]], counts[odd[0]]) if len(odd) else (number[0], width)
+        raise MeshFileError(f"line {where + 1}: {found} columns; a curve needs 2 or 3 in every row")
+    table = values.reshape(-1, width)
+    points = np.column_stack([table, np.zeros((len(table), 3 - width))])
+    gap = float(np.abs(points[0] - points[-1]).max())
+    closed = len(points) > 2 and gap <= ROUND_OFF * float(np.ptp(points, axis=0).max())
+    index = np.append(np.arange(len(points) - 1), 0) if closed else np.arange(len(points))
+    lines_ = np.stack([index[:-1], index[1:]], axis=1)
+    if not closed:
+        return RawMesh(points, lines=lines_)
+    raw = RawMesh(points[:-1], lines=lines_, input_vertex=index)
+    if gap > 0:
+        raw.notes.append(f"the last row repeats the first to round-off ({gap:.1e} off): the curve is closed")
+    return raw
+
+
+def read_wkt(data: bytes) -> RawMesh:
+    """Read `TIN (((x y z, x y z, x y z, x y z)), ...)`; equal positions are merged: WKT shares none.
+
+    Our own reader: the pattern that meshio matches takes for ever on a file that is cut.
+    """
+    text = b" ".join(data.split())
+    head = re.match(rb"TIN ?\(", text, re.IGNORECASE)
+    if head is None or text.count(b"(") != text.count(b")") or not text.endswith(b")"):
+        raise MeshFileError(
+            "not a TIN in WKT, or its brackets do not close; the file is cut or of another kind"
+        )
+    rings = re.findall(rb"\(\(([^()]*)\)\)", text[head.end() - 1 :][1:-1])
+    if any(ring.count(b",") != 3 for ring in rings):
+        raise MeshFileError("a triangle of the TIN has other than four points; mend it")
+    words = [point for ring in rings for point in ring.split(b",")]
+    values, counts = rows(words, [0] * len(words), "point")
+    if (counts != 3).any():
+        raise MeshFileError("a point of the TIN has other than three numbers; mend it")
+    points, index = merged_points(values.reshape(-1, 4, 3)[:, :3].reshape(-1, 3))
+    raw = RawMesh(points, input_vertex=index)
+    raw.notes.append(f"WKT cannot share vertices: {len(index)} corners merged to {len(points)} where equal")
+    raw.add_faces(index.reshape(-1, 3))
+    return raw
+
+
+def read_npz(data: bytes) -> RawMesh:
+    """Read a .npz with `points` and `faces`, `tetrahedra` or `lines`; the rest are arrays by their length."""
+    try:
+        with np.load(io.BytesIO(data), allow_pickle=False) as archive:
+            found: dict[str, Any] = {name: archive[name] for name in archive.files}
+    except (
+        ValueError,
+        OSError,
+        zipfile.BadZipFile,
+        EOFError,
+        KeyError,
+        NotImplementedError,
+        MemoryError,
+    ) as error:
+        raise MeshFileError(f"not a NumPy archive ({error}); it is cut or of another format") from None
+    except Exception as error:  # zlib.error, struct.error, tokenize errors of a damaged header
+        raise MeshFileError(f"the NumPy archive is damaged ({error})") from None
+    if "points" not in found:
+        raise MeshFileError(
+            "the archive has no array 'points'; a mesh needs points and faces, tetrahedra or lines"
+        )
+    return raw_of_arrays(found)
+
+
+def raw_of_arrays(found: dict[str, NDArray]) -> RawMesh:
+    """A raw mesh of named arrays; the others are put where their length fits: vertices first, then cells."""
+    points = np.asarray(found["points"])
+    if points.ndim != 2 or points.shape[1] not in (2, 3) or points.dtype.kind not in "fiu":
+        raise MeshFileError(f"'points' is {points.shape} {points.dtype}; it must be (n, 3) numbers")
+    raw = RawMesh(points.astype(np.float64))
+    cells = {
+        name: _cells(found, name, width) for name, width in (("faces", 3), ("tetrahedra", 4), ("lines", 2))
+    }
+    if cells["tetrahedra"] is not None:
+        raw.tetrahedra = cells["tetrahedra"]
+    elif cells["faces"] is not None:
+        raw.add_faces(cells["faces"])
+    elif cells["lines"] is not None:
+        raw.lines = cells["lines"]
+    n_edges = len(found["edges"]) if "edges" in found else -1
+    lengths = ((len(points), raw.vertex), (len(raw.tetrahedra), raw.cell), (len(raw.sizes), raw.face),
+               (len(raw.lines), raw.line), (n_edges, raw.edge))  # fmt: skip
+    for name, value in found.items():
+        if name in PLACES or value.dtype.kind not in "fiub" or value.ndim == 0:
+            continue
+        place = next((p for length, p in lengths if length == len(value)), raw.whole)
+        place[name] = value
+    if "edges" in found:
+        raw.edge["edges"] = found["edges"]
+    return raw
+
+
+def _cells(found: dict[str, NDArray], name: str, width: int) -> NDArray | None:
+    if name not in found:
+        return None
+    value = np.asarray(found[name])
+    if value.ndim != 2 or value.shape[1] != width or value.dtype.kind not in "iu":
+        raise MeshFileError(f"'{name}' is {value.shape} {value.dtype}; it must be (m, {width}) whole numbers")
+    return value.astype(np.int64)

@@ -1,0 +1,212 @@
+"""VTK XML: .vtu and .vtp; ascii, base64 and appended (base64 or raw) arrays, plain or zlib.
+
+Our own reader: no third-party one here reads .vtp, and meshio refuses text arrays in field data and drops
+damaged point data with a mere message.
+"""
+
+from __future__ import annotations
+
+import base64
+import binascii
+import re
+import zlib
+from typing import Any
+from xml.etree import ElementTree
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ddgcli.errors import MeshFileError
+from ddgcli.io.readers.cells import LINE, POLYGON, STRIP, VERTEX, add_vtk_cells
+from ddgcli.io.readers.raw_mesh import RawMesh
+from ddgcli.io.readers.text import numbers
+
+TYPES = {
+    "Float32": "f4", "Float64": "f8", "Int8": "i1", "Int16": "i2", "Int32": "i4", "Int64": "i8",
+    "UInt8": "u1", "UInt16": "u2", "UInt32": "u4", "UInt64": "u8",
+}  # fmt: skip
+# in the order in which VTK numbers cells, which is not that of the file
+POLYDATA = (("Verts", VERTEX), ("Lines", LINE), ("Polys", POLYGON), ("Strips", STRIP))
+
+
+def read_vtk_xml(data: bytes) -> RawMesh:
+    """Read a .vtu or .vtp file of one or more pieces."""
+    xml, appended = _split_raw_appended(data)
+    if b"<!ENTITY" in xml:
+        raise MeshFileError("XML with entities is not a VTK file; check the file")
+    try:
+        root = ElementTree.fromstring(xml)
+    except ElementTree.ParseError as error:
+        raise MeshFileError(f"not well-formed XML ({error}); the file is cut or damaged") from None
+    if root.tag != "VTKFile" or root.get("type") not in ("UnstructuredGrid", "PolyData"):
+        raise MeshFileError(
+            f"VTK XML of type {root.get('type')}; only UnstructuredGrid and PolyData hold surfaces"
+        )
+    arrays = _Arrays(root, appended)
+    try:
+        return _joined(
+            [_piece(piece, arrays, root.get("type") == "PolyData") for piece in root.iter("Piece")]
+        )
+    except (ValueError, KeyError, TypeError, IndexError, AttributeError, zlib.error, binascii.Error) as error:
+        if isinstance(error, MeshFileError):
+            raise
+        raise MeshFileError(
+            f"an array of the VTK file cannot be read ({error}); it is cut or damaged"
+        ) from None
+
+
+def _split_raw_appended(data: bytes) -> tuple[bytes, bytes | None]:
+    """The XML without its raw appended bytes, and those."""
+    mark = re.search(rb"<AppendedData[^>]*encoding\s*=\s*[\"']raw[\"'][^>]*>\s*_", data)
+    if mark is None:
+        return data, None
+    end = data.rfind(b"</AppendedData>")
+    if end < mark.end():
+        raise MeshFileError("the appended data do not end; the file is cut")
+    return data[: mark.end()] + data[end:], data[mark.end() : end]
+
+
+class _Arrays:
+    """Decodes DataArray elements of one file."""
+
+    def __init__(self, root: ElementTree.Element, appended: bytes | None) -> None:
+        self.order: Any = ">" if root.get("byte_order") == "BigEndian" else "<"
+        self.header = np.dtype(self.order + TYPES[root.get("header_type", "UInt32")])
+        self.compressor = root.get("compressor")
+        if self.compressor not in (None, "", "vtkZLibDataCompressor"):
+            raise MeshFileError(f"VTK arrays packed by {self.compressor}; export with zlib or none")
+        self.appended, self.encoded = appended, None
+        element = root.find("AppendedData")
+        if appended is None and element is not None:
+            self.encoded = (element.text or "").strip().removeprefix("_").encode()
+
+    def __call__(self, element: ElementTree.Element) -> NDArray:
+        kind = np.dtype(TYPES[element.attrib["type"]])
+        form = element.get("format", "ascii")
+        if form == "ascii":
+            values = numbers((element.text or "").encode()).astype(kind)
+        else:
+            values = np.frombuffer(self._bytes(element, form), kind.newbyteorder(self.order)).astype(kind)
+        width = int(element.get("NumberOfComponents") or 1)
+        return values.reshape(-1, width) if width > 1 else values
+
+    def _bytes(self, element: ElementTree.Element, form: str) -> bytes:
+        if form == "binary":
+            return self._base64("".join((element.text or "").split()).encode())
+        start = int(element.attrib["offset"])
+        if self.encoded is not None:
+            return self._base64(self.encoded[start:])
+        return self._raw((self.appended or b"")[start:])
+
+    def _raw(self, data: bytes) -> bytes:
+        size = self.header.itemsize
+        if not self.compressor:
+            length = int(np.frombuffer(data, self.header, 1)[0])
+            return _whole(data[size : size + length], length)
+        blocks, at = self._block_sizes(data)
+        parts = []
+        for length in blocks:
+            parts.append(zlib.decompress(_whole(data[at : at + length], length)))
+            at += length
+        return b"".join(parts)
+
+    def _block_sizes(self, data: bytes) -> tuple[list[int], int]:
+        """Compressed sizes of the blocks, and where the first begins."""
+        n_blocks = int(np.frombuffer(data, self.header, 1)[0])
+        if (3 + n_blocks) * self.header.itemsize > len(data):
+            raise MeshFileError("a compressed array is cut; the file is damaged")
+        table = np.frombuffer(data, self.header, 3 + n_blocks)
+        return [int(n) for n in table[3:]], (3 + n_blocks) * self.header.itemsize
+
+    def _base64(self, text: bytes) -> bytes:
+        """Header and body are coded together when plain, apart when compressed."""
+        size = self.header.itemsize
+        if not self.compressor:
+            length = int(np.frombuffer(_decoded(text, size), self.header, 1)[0])
+            return _whole(_decoded(text, size + length)[size:], length)
+        n_blocks = int(np.frombuffer(_decoded(text, size), self.header, 1)[0])
+        head = (3 + n_blocks) * size
+        blocks, _ = self._block_sizes(_decoded(text, head))
+        body = _decoded(text[-(-head // 3) * 4 :], sum(blocks))
+        parts, at = [], 0
+        for length in blocks:
+            parts.append(zlib.decompress(_whole(body[at : at + length], length)))
+            at += length
+        return b"".join(parts)
+
+
+def _decoded(text: bytes, length: int) -> bytes:
+    """The first `length` bytes that base64 text codes."""
+    chars = -(-length // 3) * 4
+    if chars > len(text):
+        raise MeshFileError("a base64 array is shorter than its header says; the file is cut")
+    return base64.b64decode(text[:chars])[:length]
+
+
+def _whole(data: bytes, length: int) -> bytes:
+    if len(data) != length:
+        raise MeshFileError("an array is shorter than its header says; the file is cut")
+    return data
+
+
+def _piece(piece: ElementTree.Element, arrays: _Arrays, polydata: bool) -> RawMesh:
+    n_points = int(piece.attrib["NumberOfPoints"])
+    points = arrays(piece.find("Points/DataArray")).reshape(-1, 3) if n_points else np.zeros((0, 3))  # type: ignore[arg-type]
+    if len(points) != n_points:
+        raise MeshFileError(f"the file says {n_points} points and holds {len(points)}; it is damaged")
+    raw = RawMesh(
+        np.asarray(points, dtype=np.float64), vertex=_named(piece.find("PointData"), arrays, n_points)
+    )
+    if polydata:
+        types, connectivity, sizes = _polydata_cells(piece, arrays)
+    else:
+        cells = {a.get("Name"): arrays(a).ravel().astype(np.int64) for a in piece.findall("Cells/DataArray")}
+        types, connectivity = cells["types"], cells["connectivity"]
+        sizes = np.diff(cells["offsets"], prepend=0)
+    add_vtk_cells(raw, types, connectivity, sizes, _named(piece.find("CellData"), arrays, len(types)))
+    return raw
+
+
+def _polydata_cells(piece: ElementTree.Element, arrays: _Arrays) -> tuple[NDArray, NDArray, NDArray]:
+    types, connectivity, sizes = [], [], []
+    for tag, kind in POLYDATA:
+        found = {a.get("Name"): arrays(a).ravel().astype(np.int64) for a in piece.findall(f"{tag}/DataArray")}
+        if found and len(found["offsets"]):
+            types.append(np.full(len(found["offsets"]), kind))
+            sizes.append(np.diff(found["offsets"], prepend=0))
+            connectivity.append(found["connectivity"])
+    if not types:
+        return np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64)
+    return np.concatenate(types), np.concatenate(connectivity), np.concatenate(sizes)
+
+
+def _named(element: ElementTree.Element | None, arrays: _Arrays, length: int) -> dict[str, NDArray]:
+    found: dict[str, NDArray] = {}
+    for child in element if element is not None else ():
+        if child.tag == "DataArray" and child.get("type") in TYPES:
+            value = arrays(child)
+            if len(value) != length:
+                raise MeshFileError(
+                    f"array {child.get('Name')} has {len(value)} entries, not {length}; it is damaged"
+                )
+            found[child.get("Name") or f"array_{len(found)}"] = value
+    return found
+
+
+def _joined(pieces: list[RawMesh]) -> RawMesh:
+    if not pieces:
+        raise MeshFileError("the VTK file holds no piece; it is empty or cut")
+    if len(pieces) == 1:
+        return pieces[0]
+    raw, shift = RawMesh(np.concatenate([p.points for p in pieces])), 0
+    for piece in pieces:
+        raw.corners = np.concatenate([raw.corners, piece.corners + shift])
+        raw.sizes = np.concatenate([raw.sizes, piece.sizes])
+        raw.tetrahedra = np.concatenate([raw.tetrahedra, piece.tetrahedra + shift])
+        raw.lines = np.concatenate([raw.lines, piece.lines + shift])
+        shift += len(piece.points)
+    for place in ("vertex", "face", "cell", "line"):
+        kept = set.intersection(*(set(getattr(p, place)) for p in pieces))
+        setattr(raw, place, {n: np.concatenate([getattr(p, place)[n] for p in pieces]) for n in sorted(kept)})
+    raw.notes.append(f"{len(pieces)} pieces put into one mesh; vertices are not merged between them")
+    return raw

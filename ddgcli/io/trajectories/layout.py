@@ -1,0 +1,149 @@
+"""The layout of a trajectory: one HDF5 file in the VTKHDF form (2.2, transient PolyData), and what is ours.
+
+Every growing dataset has rows for one frame, or for its vertices; everything else is written once.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass, field
+from typing import Any
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+from ddgcli.io.trajectories.row_file import Rows
+from ddgcli.mesh.fields import Frame
+from ddgcli.mesh.triangle_mesh import TriangleMesh
+
+SCHEMA = "ddgcli-trajectory/1"
+TOPOLOGIES = ("Vertices", "Lines", "Polygons", "Strips")
+LOG_DTYPE = np.dtype(
+    [("step", "i8"), ("time", "f8"), ("kind", "S24"), ("place", "S32"), ("value", "f8"), ("detail", "S160")]
+)
+EFFECT_DTYPE = np.dtype([("name", "S48"), ("calls", "i8"), ("seconds", "f8")])
+LARGEST_ROOM = 1 << 40  # bytes of holes in a file; beyond, the file is laid out again as it grows
+NSTEPS_MARK = 0x5E7_0F_57E95_C0DE  # replaced in place once the file is laid out
+STATUS_MARK = "@status@@@@"
+
+
+@dataclass(frozen=True, eq=False)
+class Header:
+    """What is known before the first frame.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+        Connectivity, and the points of a surface that does not move.
+    moving : bool
+        Whether frames carry points.
+    cell : dict of str to (m, ...) ndarray
+        Arrays on faces that do not change, such as `object_id`.
+    attributes : dict of str to str or number
+        `version`, `command_line`, `input_sha256`, ...
+    texts : dict of str to str
+        `scene_source`, `scene_resolved`, ...
+    """
+
+    mesh: TriangleMesh
+    moving: bool
+    cell: dict[str, NDArray] = field(default_factory=dict)
+    attributes: dict[str, Any] = field(default_factory=dict)
+    texts: dict[str, str] = field(default_factory=dict)
+
+
+def shapes_of(frame: Frame, checkpoint: dict[str, NDArray], effects: NDArray) -> tuple:
+    return (
+        tuple((name, np.shape(a)) for name, a in frame.vertex.items()),
+        tuple((name, np.shape(a)) for name, a in frame.scalar.items()),
+        tuple((name, np.shape(a), str(np.asarray(a).dtype)) for name, a in checkpoint.items()),
+        len(effects),
+    )
+
+
+def frame_rows(frame: Frame, header: Header, k: int) -> dict[str, NDArray]:
+    """Values of every growing dataset for frame k."""
+    n = header.mesh.n_vertices
+    one = np.array
+    rows: dict[str, NDArray] = {
+        "VTKHDF/Steps/Values": one([frame.time]),
+        "VTKHDF/Steps/PartOffsets": one([0]),
+        "VTKHDF/Steps/NumberOfParts": one([1]),
+        "VTKHDF/Steps/PointOffsets": one([k * n if header.moving else 0]),
+        "VTKHDF/Steps/CellOffsets": np.zeros((1, 4), dtype=np.int64),
+        "VTKHDF/Steps/ConnectivityIdOffsets": np.zeros((1, 4), dtype=np.int64),
+        "ddgcli/time": one([frame.time]),
+        "ddgcli/step": one([frame.step]),
+    }
+    if header.moving:
+        rows["VTKHDF/Points"] = frame.points  # type: ignore[assignment]
+    for name, values in frame.vertex.items():
+        rows[f"VTKHDF/PointData/{name}"] = values
+        rows[f"VTKHDF/Steps/PointDataOffsets/{name}"] = one([k * n])
+    for name in header.cell:
+        rows[f"VTKHDF/Steps/CellDataOffsets/{name}"] = one([0])
+    for name, value in frame.scalar.items():
+        row = np.atleast_1d(np.asarray(value, dtype=np.float64))
+        rows[f"VTKHDF/FieldData/{name}"] = row[None]
+        rows[f"VTKHDF/Steps/FieldDataOffsets/{name}"] = one([k])
+        rows[f"VTKHDF/Steps/FieldDataSizes/{name}"] = one([[len(row), 1]])
+    return rows
+
+
+def room_for(
+    frame: Frame, checkpoint: dict[str, NDArray], n_effects: int, frames: int, log: int, header: Header
+) -> dict[str, Rows]:
+    """Growing datasets with room for `frames` frames (fewer where that would be more than a disk)."""
+    n = header.mesh.n_vertices
+    sample = frame_rows(frame, header, 0)
+    bytes_each = sum(np.asarray(v).size * 8 for v in sample.values())
+    frames = max(1, min(frames, LARGEST_ROOM // max(bytes_each, 1)))
+    rows = {}
+    for name, values in sample.items():
+        values = np.asarray(values)
+        dtype = np.dtype(np.int64) if values.dtype.kind in "iub" else np.dtype(np.float64)
+        width = n if name.startswith("VTKHDF/PointData/") or name == "VTKHDF/Points" else 1
+        rows[name] = Rows(dtype, values.shape[1:], frames * width)
+    for slot in ("slot_0", "slot_1"):
+        for name, array in checkpoint.items():
+            array = np.atleast_1d(array)
+            rows[f"ddgcli/checkpoint/{slot}/{name.replace('/', '.')}"] = Rows(
+                array.dtype, array.shape[1:], max(len(array), 1)
+            )
+        rows[f"ddgcli/checkpoint/{slot}/frame"] = Rows(np.dtype(np.int64), (), 2)
+    rows["ddgcli/log"] = Rows(LOG_DTYPE, (), log)
+    if n_effects:
+        rows["ddgcli/effects"] = Rows(EFFECT_DTYPE, (), n_effects)
+    return rows
+
+
+def static(file: h5py.File, header: Header) -> None:
+    """Groups, attributes and everything that does not grow; the marks first, near the file's head."""
+    root = file.create_group("VTKHDF")
+    steps = root.create_group("Steps")
+    steps.attrs["NSteps"] = np.int64(NSTEPS_MARK)
+    ours = file.create_group("ddgcli")
+    ours.attrs["status"] = STATUS_MARK
+    root.attrs["Version"] = np.array([2, 2], dtype=np.int64)
+    root.attrs["Type"] = np.bytes_("PolyData")
+    ours.attrs["schema"] = SCHEMA
+    for name, value in header.attributes.items():
+        ours.attrs[name] = value if isinstance(value, (int, float, str)) else json.dumps(value)
+    for name, text in header.texts.items():
+        ours.create_dataset(name, data=text, dtype=h5py.string_dtype("utf-8"))
+    mesh = header.mesh
+    root.create_dataset("NumberOfPoints", data=np.array([mesh.n_vertices], dtype=np.int64))
+    if not header.moving:
+        root.create_dataset("Points", data=np.asarray(mesh.points))
+    for kind in TOPOLOGIES:
+        faces = mesh.faces if kind == "Polygons" else np.zeros((0, 3), dtype=np.int64)
+        group = root.create_group(kind)
+        group.create_dataset("NumberOfCells", data=np.array([len(faces)], dtype=np.int64))
+        group.create_dataset("NumberOfConnectivityIds", data=np.array([faces.size], dtype=np.int64))
+        group.create_dataset("Offsets", data=np.arange(0, faces.size + 1, 3, dtype=np.int64))
+        group.create_dataset("Connectivity", data=faces.ravel().astype(np.int64))
+    for kind in ("PointData", "CellData", "FieldData"):
+        root.create_group(kind)
+    for name, values in header.cell.items():
+        root["CellData"].create_dataset(name, data=values)

@@ -1,0 +1,146 @@
+"""Reading trajectories, complete or still growing."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+from xml.sax.saxutils import escape
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+from ddgcli.errors import MeshFileError
+from ddgcli.io.trajectories.layout import EFFECT_DTYPE
+from ddgcli.mesh.fields import Frame
+from ddgcli.mesh.triangle_mesh import TriangleMesh
+
+
+class Trajectory:
+    """A trajectory for reading, complete or still growing.
+
+    Parameters
+    ----------
+    path : str
+
+    Raises
+    ------
+    MeshFileError
+        Not a trajectory of ours, or without a frame.
+    """
+
+    def __init__(self, path: str) -> None:
+        if not Path(path).is_file():
+            raise MeshFileError(f"{path}: no such file; check the path")
+        try:
+            self._file = h5py.File(path, "r")
+            self._root, self._ours = self._file["VTKHDF"], self._file["ddgcli"]
+            self.n_frames = int(self._root["Steps"].attrs["NSteps"])
+            self.times: NDArray = self._ours["time"][: self.n_frames]
+            self.steps: NDArray = self._ours["step"][: self.n_frames]
+            faces = self._root["Polygons/Connectivity"][...].reshape(-1, 3)
+            self._n = int(self._root["NumberOfPoints"][0])
+        except (OSError, KeyError, ValueError) as error:
+            raise MeshFileError(
+                f"{path}: not a ddgcli trajectory ({error}); give a .vtkhdf of a simulator"
+            ) from error
+        self.path = path
+        self.moving = len(self._root["Points"]) > self._n or "PointOffsets" not in self._root["Steps"]
+        self.moving = self.moving or bool(np.any(self._root["Steps/PointOffsets"][: self.n_frames]))
+        self.mesh = TriangleMesh.from_arrays(self.points(0), faces)
+
+    def __enter__(self) -> Trajectory:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._file.close()
+
+    @property
+    def attributes(self) -> dict[str, Any]:
+        """Attributes of the group `ddgcli`."""
+        return {name: _plain(value) for name, value in self._ours.attrs.items()}
+
+    def text(self, name: str) -> str:
+        """A text such as `scene_resolved`."""
+        return self._ours[name][()].decode()
+
+    def points(self, k: int) -> NDArray[np.float64]:
+        """(n, 3) positions of frame k."""
+        start = int(self._root["Steps/PointOffsets"][k])
+        return self._root["Points"][start : start + self._n]
+
+    def vertex(self, k: int) -> dict[str, NDArray]:
+        """Arrays on vertices of frame k."""
+        data = self._root["PointData"]
+        return {name: data[name][k * self._n : (k + 1) * self._n] for name in data}
+
+    @property
+    def face(self) -> dict[str, NDArray]:
+        """Arrays on faces, the same in every frame."""
+        return {name: values[...] for name, values in self._root["CellData"].items()}
+
+    @property
+    def scalars(self) -> dict[str, NDArray]:
+        """(T, k) or (T,) numbers of every frame, by name."""
+        found = {name: values[: self.n_frames] for name, values in self._root["FieldData"].items()}
+        return {name: v[:, 0] if v.shape[1] == 1 else v for name, v in found.items()}
+
+    def frame(self, k: int) -> Frame:
+        """Frame k."""
+        scalar = {name: values[k] for name, values in self.scalars.items()}
+        return Frame(int(self.steps[k]), float(self.times[k]), self.points(k), self.vertex(k), scalar)
+
+    def frame_at(self, time: float) -> int:
+        """Number of the frame nearest to a time."""
+        return int(np.argmin(np.abs(self.times - time)))
+
+    @property
+    def effect_rows(self) -> NDArray:
+        """Rows of `EFFECT_DTYPE`."""
+        return self._ours["effects"][...] if "effects" in self._ours else np.zeros(0, dtype=EFFECT_DTYPE)
+
+    @property
+    def effects(self) -> dict[str, tuple[int, float]]:
+        """name -> (calls, seconds)."""
+        return {row["name"].decode(): (int(row["calls"]), float(row["seconds"])) for row in self.effect_rows}
+
+    @property
+    def log(self) -> NDArray:
+        """Rows of `LOG_DTYPE`."""
+        return self._ours["log"][...]
+
+    @property
+    def log_rows(self) -> int:
+        """Rows of the log that belong to the last whole frame or an earlier one."""
+        return int(self._slot()["frame"][1])
+
+    def _slot(self) -> h5py.Group:
+        last = self.n_frames - 1
+        slot = self._ours["checkpoint"][f"slot_{last % 2}"]
+        if int(slot["frame"][0]) != last:
+            raise MeshFileError(
+                f"{self.path}: the checkpoint of frame {last} is missing; start the run afresh"
+            )
+        return slot
+
+    def checkpoint(self) -> dict[str, NDArray]:
+        """State behind the last whole frame."""
+        return {
+            name.replace(".", "/", 1): values[...] for name, values in self._slot().items() if name != "frame"
+        }
+
+
+def pvd_text(files: list[tuple[float, str]]) -> str:
+    """A ParaView series of (time, file)."""
+    lines = [f'    <DataSet timestep="{time!r}" part="0" file="{escape(name)}"/>' for time, name in files]
+    head = '<?xml version="1.0"?>\n<VTKFile type="Collection" version="0.1">\n  <Collection>\n'
+    return head + "\n".join(lines) + "\n  </Collection>\n</VTKFile>\n"
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, bytes):
+        return value.decode().rstrip("\0")
+    return value.item() if isinstance(value, np.generic) else value

@@ -1,0 +1,237 @@
+"""Writing trajectories: a file that is whole at every moment, renamed when the run is complete.
+
+While the run lasts the file is `PATH.part`, readable by anyone at any moment (see `row_file`): a frame counts
+when `NSteps` is raised, the last write of the frame.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import os
+import tempfile
+from collections.abc import Callable, Iterable
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ddgcli.errors import OutputError
+from ddgcli.io.trajectories.layout import (
+    EFFECT_DTYPE,
+    LOG_DTYPE,
+    NSTEPS_MARK,
+    STATUS_MARK,
+    Header,
+    frame_rows,
+    room_for,
+    shapes_of,
+    static,
+)
+from ddgcli.io.trajectories.row_file import RowFile, Rows
+from ddgcli.io.trajectories.trajectory import Trajectory
+from ddgcli.mesh.fields import Frame
+
+
+def part_path(path: str) -> str:
+    """Where a trajectory is written while the run lasts."""
+    return path if path.endswith(".part") else path + ".part"
+
+
+class TrajectoryWriter:
+    """Writes frames to `PATH.part` and renames it when the run is complete.
+
+    Parameters
+    ----------
+    path : str
+        Of the complete trajectory.
+    header : Header
+    frames : int
+        How many are expected; more may come, fewer leave no gap.
+    """
+
+    def __init__(self, path: str, header: Header, frames: int) -> None:
+        folder = Path(path).parent
+        if not folder.is_dir():
+            raise OutputError(f"{path}: folder {folder} does not exist; create it")
+        self.path, self.part = path, part_path(path)
+        self.header, self.expected = header, max(frames, 1)
+        self.n_frames = 0
+        self._file: RowFile | None = None
+        self._log: list[tuple] = [(0, 0.0, b"start", b"", math.nan, b"")]
+        self._logged = 0  # rows of it that the present file holds
+        self._whole = 1  # rows of it that belong to the last whole frame or an earlier one
+        self._shapes: tuple = ()
+
+    def append(
+        self,
+        frame: Frame,
+        checkpoint: dict[str, NDArray] | None = None,
+        effects: Iterable[tuple[str, int, float]] = (),
+        log: Iterable[tuple] = (),
+    ) -> None:
+        """Add one frame; it counts, with its checkpoint, when this returns.
+
+        Parameters
+        ----------
+        frame : Frame
+            The names and shapes of its arrays are those of the first frame.
+        checkpoint : dict of str to ndarray
+        effects : rows (name, calls, seconds)
+        log : rows (step, time, kind, place, value, detail)
+        """
+        checkpoint = checkpoint or {}
+        effect_rows = np.array([(n.encode()[:48], c, s) for n, c, s in effects], dtype=EFFECT_DTYPE)
+        self._log += _log_rows(log)
+        self._whole = len(self._log)
+        shapes = shapes_of(frame, checkpoint, effect_rows)
+        if self._file is not None and shapes == self._shapes and self._room():
+            self._put(frame, checkpoint, effect_rows)
+            return
+        frames = self.expected if self._file is None else max(self.expected, 2 * self.n_frames + 16)
+        rows = room_for(frame, checkpoint, len(effect_rows), frames, 2 * len(self._log) + 64, self.header)
+        self._lay_out(rows, lambda: self._put(frame, checkpoint, effect_rows))
+        self._shapes = shapes
+
+    def _room(self) -> bool:
+        rows = self._file.rows  # type: ignore[union-attr]
+        return self.n_frames < rows["ddgcli/time"].capacity and len(self._log) <= rows["ddgcli/log"].capacity
+
+    def _put(self, frame: Frame, checkpoint: dict[str, NDArray], effects: NDArray) -> None:
+        file, k = self._file, self.n_frames
+        if file is None:
+            raise OutputError("the trajectory is closed")
+        n = self.header.mesh.n_vertices
+        per_frame = frame_rows(frame, self.header, k)
+        for name, values in per_frame.items():
+            width = n if name.startswith("VTKHDF/PointData/") or name == "VTKHDF/Points" else 1
+            file.write(name, k * width, values)
+        self._put_log()
+        slot = f"ddgcli/checkpoint/slot_{k % 2}"
+        for name, values in checkpoint.items():
+            file.write(f"{slot}/{name.replace('/', '.')}", 0, np.atleast_1d(values))
+        file.write(f"{slot}/frame", 0, np.array([k, self._whole], dtype=np.int64))
+        if len(effects):
+            file.write("ddgcli/effects", 0, effects)
+        self._show(k + 1)
+
+    def _put_log(self) -> None:
+        self._file.write(  # type: ignore[union-attr]
+            "ddgcli/log", self._logged, np.array(self._log[self._logged :], dtype=LOG_DTYPE)
+        )
+        self._logged = len(self._log)
+
+    def _show(self, count: int) -> None:
+        """Move every row count, and `NSteps` last: what counts is decided by one write of eight bytes."""
+        file = self._file
+        if file is None:
+            raise OutputError("the trajectory is closed")
+        for name, row in file.rows.items():
+            if name == "ddgcli/log":
+                file.show(name, len(self._log))
+            elif name in ("VTKHDF/Points",) or name.startswith("VTKHDF/PointData/"):
+                file.show(name, count * self.header.mesh.n_vertices)
+            elif name.startswith("ddgcli/checkpoint/") or name == "ddgcli/effects":
+                file.show(name, row.capacity)
+            else:
+                file.show(name, count)
+        file.set_mark("NSteps", np.int64(count).tobytes())
+        self.n_frames = count
+
+    def _lay_out(self, rows: dict[str, Rows], put: Callable[[], None]) -> None:
+        """A new file: the old one's rows, then what `put` adds; only then it takes the old one's place."""
+        old, temporary = self._file, self._temporary()
+        marks = {"NSteps": np.int64(NSTEPS_MARK).tobytes(), "status": STATUS_MARK.encode()}
+        try:
+            self._file = new = RowFile(temporary, rows, marks, lambda file: static(file, self.header))
+            new.set_mark("status", _status_bytes("running"))
+            for name in set(rows) & set(old.rows if old else ()) - {"ddgcli/log", "ddgcli/effects"}:
+                if old is not None and old.rows[name].row_bytes == rows[name].row_bytes:
+                    new.copy_rows(name, old, min(old.rows[name].count, rows[name].capacity))
+            self._logged = 0
+            put()
+            os.replace(temporary, self.part)
+            new.path = self.part
+        except BaseException:
+            with contextlib.suppress(FileNotFoundError):
+                os.unlink(temporary)
+            raise
+        if old is not None:
+            old.close()
+
+    def _temporary(self) -> str:
+        target = Path(self.part)
+        handle, name = tempfile.mkstemp(prefix=f".{target.name}-", dir=target.parent)
+        os.close(handle)
+        os.chmod(name, 0o644)
+        return name
+
+    def close(self, status: str, log: Iterable[tuple] = ()) -> str | None:
+        """End the file with its status; a complete one takes its own name, which is returned.
+
+        `log` are rows of what came after the last frame: a resumed run drops them, and makes its own.
+        """
+        if self._file is None:
+            return None
+        complete = status == "complete"
+        self._log += _log_rows(log)
+        room = self._file.rows
+        if len(self._log) > room["ddgcli/log"].capacity or (
+            complete and room["ddgcli/time"].capacity != self.n_frames
+        ):
+            self._tighten()
+        elif len(self._log) > self._logged:
+            self._put_log()
+            self._file.show("ddgcli/log", self._logged)
+        self._file.set_mark("status", _status_bytes(status))
+        self._file.sync()
+        self._file.close()
+        self._file = None
+        if complete:
+            os.replace(self.part, self.path)
+            return self.path
+        return self.part
+
+    def _tighten(self) -> None:
+        """Lay the file out again without the room that was not used."""
+        with Trajectory(self.part) as whole:
+            frame, checkpoint, effects = whole.frame(self.n_frames - 1), whole.checkpoint(), whole.effect_rows
+        rows = room_for(frame, checkpoint, len(effects), self.n_frames, len(self._log), self.header)
+
+        def put() -> None:
+            self.n_frames -= 1
+            self._put(frame, checkpoint, effects)
+
+        self._lay_out(rows, put)
+
+    @classmethod
+    def resume(cls, part: str, path: str, header: Header, frames: int) -> TrajectoryWriter:
+        """Go on behind the last whole frame of `part`; what stood behind it is dropped."""
+        writer = cls(path, header, frames)
+        with Trajectory(part) as old:
+            first, checkpoint, effects = old.frame(0), old.checkpoint(), old.effect_rows
+            last, room = old.n_frames - 1, max(frames, old.n_frames)
+            writer._log = [tuple(row) for row in old.log[: old.log_rows]]
+            writer._whole = len(writer._log)
+            writer._shapes = shapes_of(first, checkpoint, effects)
+            rows = room_for(first, checkpoint, len(effects), room, 2 * len(writer._log) + 64, header)
+
+            def put() -> None:
+                for k in range(last + 1):
+                    writer._put(old.frame(k), checkpoint if k == last else {}, effects)
+
+            writer._lay_out(rows, put)
+        if os.path.abspath(part) != os.path.abspath(writer.part):
+            os.unlink(part)
+        return writer
+
+
+def _log_rows(rows: Iterable[tuple]) -> list[tuple]:
+    return [
+        (step, time, kind.encode()[:24], place.encode()[:32], value, detail.encode()[:160])
+        for step, time, kind, place, value, detail in rows
+    ]
+
+
+def _status_bytes(status: str) -> bytes:
+    return status.encode().ljust(len(STATUS_MARK), b"\0")

@@ -1,0 +1,89 @@
+"""Bytes of .npz and .vtkhdf files: the formats that hold everything. Equal content gives equal bytes."""
+
+from __future__ import annotations
+
+import io
+from typing import Any
+
+import numpy as np
+
+from ddgcli.io.writers.cell_data import Sheet, two_dimensional
+
+
+def npz_bytes(sheet: Sheet) -> bytes:
+    """NumPy archive: points, cells, every array by its name, and `metadata` as JSON text."""
+    arrays: dict[str, Any] = {"points": sheet.points, sheet.kind: sheet.cells}
+    if sheet.kind == "tetrahedra":
+        arrays["faces"] = _boundary_faces(sheet)
+    for group in (sheet.vertex, sheet.cell, sheet.edge, sheet.whole):
+        arrays.update(group)
+    arrays["metadata"] = np.array(sheet.provenance)
+    out = io.BytesIO()
+    np.savez(out, **arrays)
+    return out.getvalue()
+
+
+def _boundary_faces(sheet: Sheet):
+    from ddgcli.mesh.tet_mesh import TetMesh
+
+    return TetMesh.from_arrays(sheet.points, sheet.cells).boundary.faces
+
+
+def vtkhdf_bytes(sheet: Sheet) -> bytes:
+    """VTKHDF 2.2: PolyData of triangles or lines, UnstructuredGrid of tetrahedra.
+
+    Edge arrays and what belongs to the whole stand in FieldData; provenance in the attributes of the sibling
+    group `ddgcli`.
+    """
+    import h5py
+
+    out = io.BytesIO()
+    with h5py.File(out, "w", libver=("earliest", "v110")) as file:
+        root = file.create_group("VTKHDF")
+        root.attrs["Version"] = np.array([2, 2], dtype=np.int64)
+        root.attrs["Type"] = np.bytes_(b"UnstructuredGrid" if sheet.kind == "tetrahedra" else b"PolyData")
+        root["NumberOfPoints"] = np.array([len(sheet.points)], dtype=np.int64)
+        root["Points"] = np.ascontiguousarray(sheet.points, dtype=np.float64)
+        if sheet.kind == "tetrahedra":
+            _connect(root, sheet.cells, 4)
+            root["Types"] = np.full(len(sheet.cells), 10, dtype=np.uint8)
+        else:
+            for name, kind, width in (
+                ("Vertices", "", 1),
+                ("Lines", "lines", 2),
+                ("Polygons", "faces", 3),
+                ("Strips", "", 3),
+            ):
+                cells = sheet.cells if sheet.kind == kind else np.zeros((0, width), dtype=np.int64)
+                _connect(root.create_group(name), cells, width)
+        for name, arrays in (
+            ("PointData", sheet.vertex),
+            ("CellData", sheet.cell),
+            ("FieldData", sheet.edge | sheet.whole),
+        ):
+            group = root.create_group(name)
+            for key, value in arrays.items():
+                group[_key(key)] = two_dimensional(np.atleast_1d(value))
+        own = file.create_group("ddgcli")
+        own.attrs["schema"] = "ddgcli-mesh/1"
+        own.attrs["metadata"] = sheet.provenance
+        for key, value in sheet.metadata.items():
+            own.attrs[key] = value if isinstance(value, (str, int, float)) else _json(value)
+    return out.getvalue()
+
+
+def _connect(group: Any, cells: Any, width: int) -> None:
+    group["NumberOfCells"] = np.array([len(cells)], dtype=np.int64)
+    group["NumberOfConnectivityIds"] = np.array([cells.size], dtype=np.int64)
+    group["Offsets"] = np.arange(len(cells) + 1, dtype=np.int64) * width
+    group["Connectivity"] = np.ascontiguousarray(cells, dtype=np.int64).ravel()
+
+
+def _key(name: str) -> str:
+    return name.replace("/", "_").replace(".", "_")
+
+
+def _json(value: Any) -> str:
+    import json
+
+    return json.dumps(value, default=str)

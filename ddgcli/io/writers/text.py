@@ -1,0 +1,126 @@
+"""Bytes of .ply, .obj, .off and .stl files. Equal content gives equal bytes."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ddgcli.io.writers.cell_data import Sheet, short_integers, surface_only, two_dimensional, without_arrays
+
+PLY_TYPES = {
+    "i1": "char",
+    "u1": "uchar",
+    "i2": "short",
+    "u2": "ushort",
+    "i4": "int",
+    "u4": "uint",
+    "f4": "float",
+    "f8": "double",
+}
+
+
+def ply_bytes(sheet: Sheet) -> bytes:
+    """Binary little-endian PLY; a vector array `a` becomes the properties `a_x`, `a_y`, `a_z`."""
+    if sheet.kind == "tetrahedra":
+        sheet = surface_only(sheet, ".ply")
+    vertices = [("x", sheet.points[:, 0]), ("y", sheet.points[:, 1]), ("z", sheet.points[:, 2])]
+    vertices += _columns(sheet.vertex)
+    header = ["ply", "format binary_little_endian 1.0", f"comment ddgcli {sheet.provenance}"]
+    header += [f"element vertex {len(sheet.points)}", *_properties(vertices)]
+    index = "<i4"
+    if sheet.kind == "faces":
+        columns = _columns(sheet.cell)
+        header += [
+            f"element face {len(sheet.cells)}",
+            "property list uchar int vertex_indices",
+            *_properties(columns),
+        ]
+        fields: list = [("count", "u1"), ("corners", index, (3,))]
+        table = np.zeros(
+            len(sheet.cells), dtype=fields + [(n, v.dtype.newbyteorder("<")) for n, v in columns]
+        )
+        table["count"], table["corners"] = 3, sheet.cells
+    else:
+        columns = [("vertex1", sheet.cells[:, 0].astype("<i4")), ("vertex2", sheet.cells[:, 1].astype("<i4"))]
+        columns += _columns(sheet.cell)
+        header += [f"element edge {len(sheet.cells)}", *_properties(columns)]
+        table = np.zeros(len(sheet.cells), dtype=[(n, v.dtype.newbyteorder("<")) for n, v in columns])
+    for name, value in columns:
+        table[name] = value
+    return "\n".join([*header, "end_header\n"]).encode("ascii") + _table(vertices).tobytes() + table.tobytes()
+
+
+def _table(columns: list[tuple[str, NDArray]]) -> NDArray:
+    table = np.zeros(len(columns[0][1]), dtype=[(n, v.dtype.newbyteorder("<")) for n, v in columns])
+    for name, value in columns:
+        table[name] = value
+    return table
+
+
+def _properties(columns: list[tuple[str, NDArray]]) -> list[str]:
+    return [f"property {PLY_TYPES[value.dtype.str[1:]]} {name}" for name, value in columns]
+
+
+def _columns(arrays: dict[str, NDArray]) -> list[tuple[str, NDArray]]:
+    """Scalar properties of arrays, in types that PLY has."""
+    columns = []
+    for name, value in arrays.items():
+        flat = short_integers(two_dimensional(value))
+        name = "_".join(name.split())
+        if flat.ndim == 1:
+            columns.append((name, flat))
+            continue
+        ends = "xyz" if flat.shape[1] == 3 else [str(k) for k in range(flat.shape[1])]
+        columns += [(f"{name}_{end}", flat[:, k]) for k, end in enumerate(ends)]
+    return columns
+
+
+def obj_bytes(sheet: Sheet) -> bytes:
+    """Wavefront OBJ; faces as `f`, curves as `l`, coordinates in the shortest form that reads back equal."""
+    if sheet.kind == "tetrahedra":
+        sheet = surface_only(sheet, ".obj")
+    without_arrays(sheet, ".obj")
+    lines = [f"# ddgcli {sheet.provenance}\n", _rows("v %r %r %r\n", sheet.points)]
+    if sheet.kind == "faces":
+        lines.append(_rows("f %d %d %d\n", sheet.cells + 1))
+    else:
+        lines += [f"l {' '.join(map(str, path + 1))}\n" for path in _paths(sheet.cells)]
+    return "".join(lines).encode()
+
+
+def _paths(segments: NDArray) -> list[NDArray]:
+    """Segments that follow one another joined to polylines."""
+    if len(segments) == 0:
+        return []
+    breaks = np.flatnonzero(segments[1:, 0] != segments[:-1, 1]) + 1
+    return [np.append(part[:, 0], part[-1, 1]) for part in np.split(segments, breaks)]
+
+
+def _rows(form: str, table: NDArray) -> str:
+    return (form * len(table)) % tuple(table.ravel().tolist())
+
+
+def off_bytes(sheet: Sheet) -> bytes:
+    """Geomview OFF, text."""
+    sheet = surface_only(sheet, ".off")
+    without_arrays(sheet, ".off")
+    head = f"OFF\n# ddgcli {sheet.provenance}\n{len(sheet.points)} {len(sheet.cells)} 0\n"
+    return (head + _rows("%r %r %r\n", sheet.points) + _rows("3 %d %d %d\n", sheet.cells)).encode()
+
+
+def stl_bytes(sheet: Sheet) -> bytes:
+    """Binary STL: float32 corners, no shared vertices; the header names program and version."""
+    sheet = surface_only(sheet, ".stl")
+    without_arrays(sheet, ".stl")
+    corner = sheet.points[sheet.cells]
+    normal = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
+    length = np.linalg.norm(normal, axis=1, keepdims=True)
+    table = np.zeros(
+        len(corner), dtype=[("normal", "<f4", 3), ("corner", "<f4", (3, 3)), ("attribute", "<u2")]
+    )
+    with np.errstate(over="ignore"):
+        table["corner"] = corner
+        table["normal"] = np.divide(normal, length, out=np.zeros_like(normal), where=length > 0)
+    sha = str(sheet.metadata.get("input_sha256", ""))[:16]
+    head = f"ddgcli {sheet.metadata.get('version', '')} input sha256 {sha}".encode()
+    return head[:80].ljust(80, b"\0") + np.uint32(len(corner)).astype("<u4").tobytes() + table.tobytes()

@@ -1,0 +1,86 @@
+"""Equilibria: stationary points of the potentials, reached downhill with a shifted Hessian."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ddgcli.errors import SolveError
+from ddgcli.linalg.factor import Factor
+from ddgcli.mechanics.newton import MOVE, Increment, Newton, worst
+from ddgcli.mechanics.terms import Mode
+from ddgcli.simulation.time_loop import StepRejected
+
+MOST = 2000
+
+
+class Equilibrium:
+    """Levenberg's iteration: the Hessian plus a multiple of the masses, less of it as the steps succeed."""
+
+    def __init__(self, newton: Newton) -> None:
+        self.newton, self.system = newton, newton.system
+        self._factor: Factor | None = None
+
+    def find(self, start: NDArray) -> tuple[NDArray, int]:
+        """The equilibrium downhill from `start`, and the iterations.
+
+        Raises
+        ------
+        StepRejected
+            No convergence, with the vertex of the largest residual.
+        """
+        newton, increment, enough = self.newton, Increment(0.0, start), MOVE * self.system.size
+        point, before = newton.at(increment, start), np.inf
+        unit = self._unit(increment, start)
+        shift, exact_allowed = unit, False
+        for iteration in range(1, MOST + 1):
+            g = newton.slope(increment, point.y)
+            if not np.isfinite(point.value) or not np.isfinite(g).all():
+                raise StepRejected("not finite", worst(g))
+            move, exact_used = self._direction(increment, point.y, g, exact_allowed, shift)
+            size = float(np.abs(move).max())
+            t, point = newton.search(increment, point, move, float(np.vdot(g, move)))
+            if t == 0.0 and size > enough:
+                if shift >= 1e12 * unit:
+                    raise StepRejected("line search", worst(g), float(np.abs(g).max()))
+                shift, exact_allowed = max(10 * shift, unit), False
+                continue
+            shift = shift / 10 if t == 1.0 else shift * (1.0 if t > 0.1 else 4.0)
+            exact_allowed = shift < 1e-3 * unit and t == 1.0
+            quick = exact_used and t == 1.0 and size < before < np.inf
+            following = size * size / before if quick else size * max(t, 1e-3)
+            before = size if t == 1.0 else np.inf
+            if following <= enough:
+                return point.y, iteration
+        raise StepRejected("newton", worst(g), size)
+
+    def _unit(self, increment: Increment, y: NDArray) -> float:
+        """First shift, per mass: a fraction of the system's own stiffness."""
+        matrix = self.newton.matrix(increment, y, "projected")
+        return 1e-6 * float(matrix.diagonal().sum()) / (3 * float(self.system.mass.sum()))
+
+    def _direction(
+        self, increment: Increment, y: NDArray, g: NDArray, exact_allowed: bool, shift: float
+    ) -> tuple[NDArray, bool]:
+        """Descent direction: with the exact Hessian where that descends, else with the projected one."""
+        modes: tuple[Mode, ...] = ("exact", "projected") if exact_allowed else ("projected",)
+        free = self.system.free
+        for mode in modes:
+            matrix = self.newton.matrix(increment, y, mode, shift)
+            with self.system.account.within("solver"):
+                try:
+                    if self._factor is None:
+                        self._factor = Factor(matrix, pivot=False)
+                    else:
+                        self._factor.refactor(matrix)
+                except SolveError as error:
+                    if mode == "exact":
+                        continue
+                    raise StepRejected("singular", worst(g)) from error
+                step = self._factor.solve(-g[free], refine=False)
+            move = np.zeros_like(g)
+            move[free] = step
+            downhill = float(np.vdot(g, move))
+            if np.isfinite(downhill) and downhill <= 0:
+                return move, mode == "exact"
+        raise StepRejected("no descent", worst(g), float(np.abs(g).max()))

@@ -1,0 +1,246 @@
+"""Time steps of mechanical systems: each states its order, and a test measures it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ddgcli.errors import SolveError
+from ddgcli.mechanics.system import Motion, System
+from ddgcli.mechanics.terms import scattered
+from ddgcli.simulation.time_loop import StepRejected
+
+if TYPE_CHECKING:
+    from ddgcli.mechanics.newton import Increment
+
+Step = Callable[[System, Motion, float, Any], Motion]
+
+
+@dataclass(frozen=True)
+class Integrator:
+    """A scheme.
+
+    Parameters
+    ----------
+    name : str
+    order : int
+    step : callable (system, motion, dt, parameters) -> Motion
+    reach : callable parameters -> float
+        Largest stable product of step and frequency.
+    rescue : callable like `step`, optional
+        What takes a step that `step` solved and yet rejects, before it is halved; where no step is unstable.
+    """
+
+    name: str
+    order: int
+    step: Step
+    reach: Callable[[Any], float]
+    rescue: Step | None = None
+
+
+def _symplectic_euler(system: System, motion: Motion, dt: float, parameters: Any) -> Motion:
+    a = system.acceleration(motion.x, motion.v, dt)
+    v = motion.v + dt * a
+    return checked(system, Motion(motion.x + dt * v, v, a, motion.newton))
+
+
+def _verlet(system: System, motion: Motion, dt: float, parameters: Any) -> Motion:
+    """Kick, drift, kick; with drag the second kick is corrected once, which keeps order 2."""
+    half = motion.v + 0.5 * dt * motion.a
+    x = motion.x + dt * half
+    checked(system, Motion(x, half, motion.a))
+    a = system.acceleration(x, half if not system.dissipations else motion.v + dt * motion.a, dt)
+    v = half + 0.5 * dt * a
+    if system.dissipations:
+        a = system.acceleration(x, v, dt)
+        v = half + 0.5 * dt * a
+    return checked(system, Motion(x, v, a, motion.newton))
+
+
+def checked(system: System, motion: Motion) -> Motion:
+    """The motion, or StepRejected where it is not finite or crossed a barrier."""
+    for array in (motion.x, motion.v):
+        bad = np.flatnonzero(~np.isfinite(array).all(axis=1))
+        if len(bad):
+            raise StepRejected("not finite", f"vertex {bad[0]}", float("nan"))
+    for barrier in system.bounded:
+        crossed = barrier.outside(motion.x)
+        if crossed is not None:
+            raise StepRejected("barrier crossed", f"vertex {crossed[0]}", crossed[1], solved=True)
+    return motion
+
+
+def _swinging(system: System, increment: Increment, motion: Motion) -> NDArray:
+    """First guess of the schemes that do not damp.
+
+    Motions slower than the step keep their acceleration, those faster change its sign from step to step; the
+    function itself tells which of the two is nearer.
+    """
+    change = motion.a / increment.a
+    return system.newton.start(increment, motion.x, (increment.target + change, increment.target - change))
+
+
+def _implicit_euler(system: System, motion: Motion, dt: float, parameters: Any) -> Motion:
+    from ddgcli.mechanics.newton import Increment
+
+    target = motion.x + dt * motion.v
+    increment = Increment(1 / dt**2, target, 1 / dt, motion.x, system.frozen(motion.x, dt))
+    guess = system.newton.start(increment, motion.x, (target + dt**2 * motion.a, target))
+    y, count = system.newton.minimise(increment, guess)
+    v = (y - motion.x) / dt
+    return checked(system, Motion(y, v, (v - motion.v) / dt, motion.newton + count))
+
+
+def _implicit_midpoint(system: System, motion: Motion, dt: float, parameters: Any) -> Motion:
+    """The unknown is the middle position; the end is its mirror image of the start."""
+    from ddgcli.mechanics.energy_balance import Stored, balanced
+    from ddgcli.mechanics.newton import Increment
+
+    start = None if system.linear else Stored.at(system, motion.x)  # first: it shares the last step's `end`
+    target = motion.x + 0.5 * dt * motion.v
+    increment = Increment(4 / dt**2, target, 2 / dt, motion.x, system.frozen(motion.x, dt))
+    middle, count = system.newton.minimise(increment, _swinging(system, increment, motion))
+    x = 2 * middle - motion.x
+    v = 2 * (x - motion.x) / dt - motion.v
+    after = checked(system, Motion(x, v, (v - motion.v) / dt, motion.newton + count))
+    if start is None:
+        return after
+    work = -float(np.vdot(Stored.at(system, middle).gradient, x - motion.x))
+    return balanced(system, motion, after, start, Stored.at(system, x), work, dt)
+
+
+def _newmark(system: System, motion: Motion, dt: float, parameters: Any) -> Motion:
+    beta, gamma = parameters.beta, parameters.gamma
+    x, v, a = motion.x, motion.v, motion.a
+    target = x + dt * v + dt**2 * (0.5 - beta) * a
+    if beta == 0:
+        checked(system, Motion(target, v, a))
+        new = system.acceleration(target, v + dt * a, dt)
+        return checked(system, Motion(target, v + dt * ((1 - gamma) * a + gamma * new), new, motion.newton))
+    if system.linear or np.isfinite(_newmark_reach(parameters)):
+        return _implicit_newmark(system, motion, dt, beta, gamma)
+    from ddgcli.mechanics.energy_balance import Stored, balanced, kinetic
+
+    start = Stored.at(system, x)  # first: it shares what the last step found there
+    after = _implicit_newmark(system, motion, dt, beta, gamma)
+    end = Stored.at(system, after.x)
+    path = after.x - x
+    work = -0.5 * float(np.vdot(start.gradient + end.gradient, path))
+    # the trapezoid of all forces is the kinetic energy's change where beta = 1/4 and gamma = 1/2
+    changed = kinetic(system, after.v) - kinetic(system, v)
+    work += changed - 0.5 * float(np.vdot(system.mass[:, None] * (a + after.a), path))
+    return balanced(system, motion, after, start, end, work, dt)
+
+
+def _implicit_newmark(system: System, motion: Motion, dt: float, beta: float, gamma: float) -> Motion:
+    from ddgcli.mechanics.newton import Increment
+
+    x, v, a = motion.x, motion.v, motion.a
+    target = x + dt * v + dt**2 * (0.5 - beta) * a
+    c = gamma / (beta * dt)
+    origin = target - (v + dt * (1 - gamma) * a) / c
+    increment = Increment(1 / (beta * dt**2), target, c, origin, system.frozen(x, dt))
+    y, count = system.newton.minimise(increment, _swinging(system, increment, motion))
+    new = (y - target) / (beta * dt**2)
+    new = np.where(system.free, new, 0.0)
+    return checked(system, Motion(y, v + dt * ((1 - gamma) * a + gamma * new), new, motion.newton + count))
+
+
+def _composite(system: System, motion: Motion, dt: float, parameters: Any) -> Motion:
+    """Half a step by the trapezoidal rule, half by backward differences over both: order 2, L-stable.
+
+    It takes the energy of waves faster than the step, and keeps what is slower [K.-J. Bathe, "Conserving
+    energy and momentum in nonlinear dynamics: a simple implicit time integration scheme", 2007].
+    """
+    from ddgcli.mechanics.newton import Increment
+
+    x, v = motion.x, motion.v
+    begin = Motion(x, v, system.acceleration(x, v, dt), motion.newton)
+    middle = _implicit_newmark(system, begin, 0.5 * dt, 0.25, 0.5)
+    target = (12 * middle.x - 3 * x + dt * (4 * middle.v - v)) / 9
+    increment = Increment(
+        9 / dt**2, target, 3 / dt, (4 * middle.x - x) / 3, system.frozen(middle.x, 0.5 * dt)
+    )
+    y, count = system.newton.minimise(increment, _swinging(system, increment, middle))
+    speed = (x - 4 * middle.x + 3 * y) / dt
+    a = np.where(system.free, (v - 4 * middle.v + 3 * speed) / dt, 0.0)
+    return checked(system, Motion(y, speed, a, middle.newton + count, motion.lifted))
+
+
+def _static(system: System, motion: Motion, dt: float, parameters: Any) -> Motion:
+    """One equilibrium: a stationary point of the potentials, reached downhill."""
+    from ddgcli.mechanics.equilibrium import Equilibrium
+
+    try:
+        y, count = Equilibrium(system.newton).find(motion.x)
+    except StepRejected as rejected:
+        raise SolveError(
+            f"no equilibrium was found ({rejected}): hold the shell by pins or lessen the load"
+        ) from rejected
+    still = np.zeros_like(y)
+    return checked(system, Motion(y, still, still, motion.newton + count))
+
+
+def _leaps(parameters: Any) -> float:
+    return 2.0
+
+
+def _any_step(parameters: Any) -> float:
+    return np.inf
+
+
+def _newmark_reach(parameters: Any) -> float:
+    """Where the scheme is not stable at any step (Hughes, The Finite Element Method, 1987, section 9.1)."""
+    lacking = 0.5 * parameters.gamma - parameters.beta
+    return lacking**-0.5 if lacking > 0 else np.inf
+
+
+INTEGRATORS: dict[str, Integrator] = {
+    "symplectic-euler": Integrator("symplectic-euler", 1, _symplectic_euler, _leaps),
+    "verlet": Integrator("verlet", 2, _verlet, _leaps),
+    "newmark": Integrator("newmark", 2, _newmark, _newmark_reach, _composite),
+    "implicit-midpoint": Integrator("implicit-midpoint", 2, _implicit_midpoint, _any_step, _composite),
+    "implicit-euler": Integrator("implicit-euler", 1, _implicit_euler, _any_step),
+    "static": Integrator("static", 0, _static, _any_step),
+}
+
+
+def stable_step(system: System, x: NDArray, reach: float) -> float:
+    """Largest step of a scheme that is stable while step times frequency is below `reach`.
+
+    The frequency w is that of the elastic terms at `x` and of the barriers where they are expected stiffest.
+    Damping of rate c shortens the step: explicit schemes take the velocity from before.
+    """
+    if not np.isfinite(reach):
+        return np.inf
+    elastic = [(p.stencil, p.blocks(x, "material")) for p in system.potentials if len(p.stencil)]
+    barrier = sum((b.stiffest() for b in system.bounded), np.zeros(len(x)))
+    square = _largest_rate(system, elastic) + float((barrier / system.mass).max())
+    frozen = system.frozen(x, 0.0)
+    c = _largest_rate(system, [(p.stencil, p.blocks(np.zeros_like(x), "exact")) for p in frozen])
+    if not square + c > 0:
+        return np.inf
+    return 0.9 * 2 * reach / (c + np.sqrt(c * c + 4 * square))
+
+
+def _largest_rate(system: System, elements: list[tuple[NDArray, NDArray]]) -> float:
+    """Largest eigenvalue of M^-1 K by power iteration, K the sum of element blocks."""
+    w = np.random.default_rng(0).normal(size=(len(system.mass), 3))
+    largest = 0.0
+    for _ in range(60 if elements else 0):
+        w = np.where(system.free, w, 0.0)
+        norm = np.sqrt(np.sum(system.mass[:, None] * w**2))
+        if not norm > 0:
+            return 0.0
+        w /= norm
+        kw = np.zeros_like(w)
+        for stencil, blocks in elements:
+            local = np.einsum("kij,kj->ki", blocks, w[stencil].reshape(len(stencil), -1))
+            kw += scattered(stencil, local, len(w))
+        largest = float(np.sum(w * kw))
+        w = kw / system.mass[:, None]
+    return largest

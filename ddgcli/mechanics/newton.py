@@ -1,0 +1,335 @@
+"""Implicit steps as minimisations: Newton with line search on the shared solver layer.
+
+Every scheme asks for the minimiser y of
+
+    a/2 |y - target|_M^2 + V(y) + R(c (y - origin)) / c,
+
+V the potentials and R the dissipation frozen at the start of the step: its stationarity is the equation.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csc_array, diags_array
+
+from ddgcli.errors import SolveError
+from ddgcli.linalg.conjugate import Move, truncated_conjugate_gradients
+from ddgcli.linalg.factor import Factor
+from ddgcli.mechanics.assembly import Assembly
+from ddgcli.mechanics.system import System
+from ddgcli.mechanics.terms import Mode, Potential
+from ddgcli.simulation.time_loop import StepRejected
+
+MOVE = 1e-9  # a Newton step below this fraction of the object's size ends the iteration
+SETTLED = 1e-8  # a first guess whose acceleration misses no more than this part needs no iteration
+EPSILON = 0.25 * float(np.finfo(float).eps)  # a move that changes no digit
+CUT, MOST_CUT = 1e-3, 10  # moves of which the line search leaves less than that part, and how many may be
+MOST_NEAR = 4  # further moves for the balance of momentum, once moves are short enough
+MOST = 300  # a stiff sheet that has struck something needs many, and halves of the step no fewer
+SHORTEST = 1e-10
+ARMIJO = 1e-4
+ROUNDING = 1e-14
+# rounds of conjugate gradients that cost about a factorisation; and what of a move may be missing at most
+ROUNDS = 15
+LOOSEST = 0.1
+
+
+@dataclass(frozen=True, eq=False)
+class Increment:
+    """The function that a step minimises.
+
+    Parameters
+    ----------
+    a : float
+        1/s^2; 0 for an equilibrium.
+    target, origin : (n, 3) ndarray
+    c : float
+        1/s: the velocity is c (y - origin).
+    frozen : tuple of Potential
+        Dissipation as potentials of the velocity.
+    """
+
+    a: float
+    target: NDArray
+    c: float = 1.0
+    origin: NDArray | None = None
+    frozen: tuple[Potential, ...] = ()
+
+    def velocity(self, y: NDArray) -> NDArray:
+        return self.c * (y - self.origin)
+
+
+@dataclass(frozen=True, eq=False)
+class Point:
+    """A place of the iteration: positions, the function's value there, and the size of its summands."""
+
+    y: NDArray
+    value: float
+    scale: float
+
+
+class Newton:
+    """Newton's iteration for one system; keeps its scatter pattern and the symbolic factorisation.
+
+    A step factorises once, at its first guess; later moves are found by conjugate gradients with that
+    factorisation as preconditioner, as exactly as quadratic convergence needs, and factorise anew only where
+    that takes too many rounds. What a step finds depends on nothing but its arguments.
+    """
+
+    def __init__(self, system: System) -> None:
+        self.system = system
+        self._assembly: Assembly | None = None
+        self._factor: Factor | None = None
+        self._fresh = False  # whether the factorisation belongs to the step under way
+        self._constant: dict[float, Factor] = {}
+
+    # ------------------------------------------------------------ the function
+
+    def at(self, increment: Increment, y: NDArray) -> Point:
+        """The function at `y`."""
+        system = self.system
+        parts = list(system.energies(y).values())
+        if increment.a:
+            away = y - increment.target
+            parts.append(0.5 * increment.a * float(system.mass @ np.einsum("ni,ni->n", away, away)))
+        for potential in increment.frozen:
+            with system.account.within(potential.name):
+                parts.append(potential.energy(increment.velocity(y)) / increment.c)
+        return Point(y, float(np.sum(parts)), float(np.sum(np.abs(parts))))
+
+    def slope(self, increment: Increment, y: NDArray) -> NDArray:
+        """(n, 3) gradient, zero where held."""
+        system = self.system
+        total = system.gradient(y)
+        if increment.a:
+            total += (increment.a * system.mass)[:, None] * (y - increment.target)
+        for potential in increment.frozen:
+            with system.account.within(potential.name):
+                total += potential.gradient(increment.velocity(y))
+        return system.only_free(total)
+
+    def matrix(self, increment: Increment, y: NDArray, mode: Mode, shift: float = 0.0) -> csc_array:
+        """Hessian over the free coordinates."""
+        system = self.system
+        blocks = []
+        for potential in system.potentials:
+            if len(potential.stencil):
+                with system.account.within(potential.name):
+                    blocks.append(potential.blocks(y, mode))
+        for potential in increment.frozen:
+            with system.account.within(potential.name):
+                blocks.append(increment.c * potential.blocks(increment.velocity(y), mode))
+        with system.account.within("solver"):
+            if self._assembly is None:
+                stencils = [p.stencil for p in system.potentials if len(p.stencil)]
+                stencils += [p.stencil for p in increment.frozen]
+                self._assembly = Assembly(system.free, stencils)
+            return self._assembly.matrix(blocks, (increment.a + shift) * system.mass)
+
+    # ------------------------------------------------------------ the iteration
+
+    def start(self, increment: Increment, x: NDArray, guesses: tuple[NDArray, ...]) -> NDArray:
+        """The guess of least value among those that no barrier keeps from `x`; else `x`."""
+        found = []
+        for guess in guesses:
+            move = self.system.only_free(guess - x)
+            if self._reach(x, move) == 1.0:
+                found.append(self.at(increment, x + move))
+        return min(found, key=lambda point: point.value).y if found else x
+
+    def minimise(self, increment: Increment, guess: NDArray) -> tuple[NDArray, int]:
+        """The minimiser near `guess`, which must be inside every barrier; and the iterations.
+
+        Raises
+        ------
+        StepRejected
+            No convergence, with the vertex of the largest residual.
+        """
+        system = self.system
+        if system.linear and not increment.frozen:
+            return self._linear(increment, guess), 1
+        self._fresh = False
+        enough = MOVE * system.size
+        point, before, cut, near = self.at(increment, guess), np.inf, 0, 0
+        for iteration in range(1, MOST + 1):
+            g = self.slope(increment, point.y)
+            if not np.isfinite(point.value) or not np.isfinite(g).all():
+                raise StepRejected("not finite", worst(g))
+            if self._settled(increment, point.y, g) or (near and self._in_balance(increment, point.y, g)):
+                return point.y, iteration - 1
+            if near > MOST_NEAR:
+                return point.y, iteration - 1
+            exact = 0.1 * (self._moved(increment, point.y) if near else enough)
+            found = self._direction(increment, point.y, g, before, exact)
+            move = self._spread(found.x)
+            short = found.convex and max(float(np.abs(move).max()), found.left) <= enough
+            if short and self._reach(point.y, move) == 1.0:
+                # too short for values to judge: they differ by rounding
+                point, near = self.at(increment, point.y + move), near + 1
+                continue
+            t, point = self.search(increment, point, move, float(np.vdot(g, move)))
+            if t == 1.0 and not found.convex:
+                point = self._further(increment, point, move)
+            if t == 0.0:
+                found = self._projected_direction(increment, point.y, g)
+                move = self._spread(found.x)
+                t, point = self.search(increment, point, move, float(np.vdot(g, move)))
+            size = float(np.abs(move).max())
+            if t == 0.0 and size > enough:
+                raise StepRejected("line search", worst(g), float(np.abs(g).max()))
+            cut += t < CUT
+            if cut > MOST_CUT:
+                break
+            # the next move is to this one as this one to the last: near the end, Newton does better than that
+            quick = found.convex and t == 1.0 and size < before < np.inf
+            following = max(size * size / before, found.left) if quick else size * max(t, 1e-3)
+            before = size if t == 1.0 else np.inf
+            near = near + 1 if following <= enough else 0
+        raise StepRejected("newton", worst(g), size)
+
+    def _settled(self, increment: Increment, y: NDArray, g: NDArray) -> bool:
+        """Whether inertia alone already bounds the next move.
+
+        What a step leaves undone is an error of the acceleration, so it is measured by what the acceleration
+        moves in the step: an absolute bound would add up to any error in enough short steps.
+        """
+        left = float((np.abs(g) / (increment.a * self.system.mass[:, None])).max())
+        return left <= min(1e-3 * MOVE * self.system.size, self._moved(increment, y))
+
+    def _moved(self, increment: Increment, y: NDArray) -> float:
+        """The part that counts of what the acceleration moves in the step; at least rounding."""
+        moved = SETTLED * float(np.abs(self.system.only_free(y - increment.target)).max())
+        return max(moved, EPSILON * float(np.abs(y).max()))
+
+    def _in_balance(self, increment: Increment, y: NDArray, g: NDArray) -> bool:
+        """Whether the forces on all vertices together move their middle no more than that.
+
+        A Newton move keeps this balance wherever the solve is exact; where stiffness is 1e12 times inertia (a
+        strip of needles), a solve leaves a hundredth of it.
+        """
+        left = float(np.abs(g.sum(axis=0)).max()) / (increment.a * float(self.system.mass.sum()))
+        return left <= self._moved(increment, y)
+
+    def _spread(self, step: NDArray) -> NDArray:
+        """(n, 3) move of a vector over the free coordinates."""
+        move = np.zeros((len(self.system.mass), 3))
+        move[self.system.free] = step
+        return move
+
+    def _direction(self, increment: Increment, y: NDArray, g: NDArray, before: float, least: float) -> Move:
+        """Descent direction of the exact Hessian, by the factorisation at hand or by a new one.
+
+        `before` is the length of the last move, `least` what may be missing of this one at any rate.
+        """
+        matrix, rhs = self.matrix(increment, y, "exact"), -g[self.system.free]
+        if not self._fresh:
+            step = self._solved(matrix, rhs)
+            if step is not None:
+                return Move(step, 0.0, 0, True)
+            self._factorise_projected(increment, y, g)
+        with self.system.account.within("solver"):
+            found = truncated_conjugate_gradients(
+                matrix.__matmul__, self._precondition, rhs,
+                lambda first: max(min(LOOSEST, first / before) * first, least), ROUNDS,
+                # near the end a stationary point is a solution, whether or not it could buckle
+                through=lambda first: first < LOOSEST * before < np.inf,
+            )  # fmt: skip
+        if found is None:
+            return self._projected_direction(increment, y, g)
+        self._fresh = found.rounds < ROUNDS
+        return found
+
+    def _projected_direction(self, increment: Increment, y: NDArray, g: NDArray) -> Move:
+        """Descent direction of the projected Hessian, which is positive definite."""
+        self._factorise_projected(increment, y, g)
+        with self.system.account.within("solver"):
+            return Move(self._precondition(-g[self.system.free]), 0.0, 0, False)
+
+    def _solved(self, matrix: csc_array, rhs: NDArray) -> NDArray | None:
+        """Solution with a new factorisation, or None where the matrix is not positive definite."""
+        with self.system.account.within("solver"):
+            try:
+                self._factorise(matrix)
+            except SolveError:
+                return None
+            step = self._precondition(rhs)
+            return step if float(rhs @ step) > 0 or not rhs.any() else None
+
+    def _factorise_projected(self, increment: Increment, y: NDArray, g: NDArray) -> None:
+        matrix = self.matrix(increment, y, "projected")
+        with self.system.account.within("solver"):
+            try:
+                self._factorise(matrix)
+            except SolveError as error:
+                raise StepRejected("singular", worst(g)) from error
+
+    def _factorise(self, matrix: csc_array) -> None:
+        self._fresh = False
+        if self._factor is None:
+            # factorised twice: what comes after must not depend on where a run was resumed
+            self._factor = Factor(matrix, pivot=False)
+        self._factor.refactor(matrix)
+        self._fresh = True
+
+    def _precondition(self, rhs: NDArray) -> NDArray:
+        return self._factor.solve(rhs, refine=False)  # type: ignore[union-attr]
+
+    def _reach(self, y: NDArray, move: NDArray) -> float:
+        """Largest fraction of a move that stays inside every barrier."""
+        t = 1.0
+        for barrier in self.system.bounded:
+            with self.system.account.within(barrier.name):
+                t = min(t, barrier.longest(y, move))
+        return t
+
+    def search(
+        self, increment: Increment, point: Point, move: NDArray, downhill: float
+    ) -> tuple[float, Point]:
+        """Backtracking from the whole step, or from the barrier: the fraction taken and where it ends."""
+        t = self._reach(point.y, move)
+        while t > SHORTEST:
+            trial = self.at(increment, point.y + t * move)
+            slack = ROUNDING * max(point.scale, trial.scale) * np.sqrt(len(move))
+            if trial.value <= point.value + ARMIJO * t * downhill + slack:
+                return t, trial
+            t *= 0.5
+        return 0.0, point
+
+    def _further(self, increment: Increment, point: Point, move: NDArray) -> Point:
+        """Along a move that curves downhill, as far as doubling it again and again gains."""
+        while self._reach(point.y, move) == 1.0:
+            trial = self.at(increment, point.y + move)
+            if not trial.value < point.value:
+                break
+            point, move = trial, 2 * move
+        return point
+
+    # ------------------------------------------------------------ constant matrices
+
+    def _linear(self, increment: Increment, guess: NDArray) -> NDArray:
+        """One solve with a matrix that never changes: every potential is quadratic, axis by axis."""
+        system = self.system
+        g = self.slope(increment, guess)
+        with system.account.within("solver"):
+            if increment.a not in self._constant:
+                if len(self._constant) > 8:
+                    self._constant.clear()
+                whole = diags_array(increment.a * system.mass).tocsr()
+                for potential in system.potentials:
+                    if len(potential.stencil):
+                        whole = whole + potential.matrix  # type: ignore[attr-defined]
+                rows = system.free[:, 0]
+                self._constant[increment.a] = Factor(csc_array(whole[rows][:, rows]))
+            y = guess.copy()
+            y[system.free[:, 0]] -= self._constant[increment.a].solve(g[system.free[:, 0]])
+        return y
+
+
+def worst(g: NDArray) -> str:
+    """The vertex of the largest residual."""
+    with np.errstate(invalid="ignore"):
+        size = np.abs(np.nan_to_num(g, nan=np.inf)).max(axis=1)
+    return f"vertex {int(np.argmax(size))}"

@@ -1,0 +1,418 @@
+"""Scenes: a document checked against the sections that a simulator, its objects and its effects contribute.
+
+Every refusal is one line: `FILE: line N: what is wrong; did you mean ...; what is allowed there`.
+"""
+
+from __future__ import annotations
+
+import logging
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any, Literal, NoReturn, Protocol
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, create_model
+
+from ddgcli.errors import SceneError
+from ddgcli.scenes.units import quantity
+from ddgcli.simulation.effects import Effect, EffectTable, nearest
+from ddgcli.simulation.time_loop import Schedule
+
+FORMAT = "ddgcli-scene/1"
+MOST_STEPS = 1e9
+TIMES = (1e-150, 1e150)  # seconds, whose squares stay within the range of numbers
+log = logging.getLogger("ddgcli")
+Key = tuple[str | int, ...]
+
+
+class Section(BaseModel):
+    """A table of a scene: every key declared, nothing else allowed, types as written."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
+
+
+class TimeSection(Section):
+    """[time]"""
+
+    duration: quantity("s", "length of the run", gt=0) = 1.0  # type: ignore[valid-type]
+    step: quantity("s", "time step", gt=0) | None = None  # type: ignore[valid-type]
+    tolerance: quantity("", "adaptive steps: largest error of a step", gt=0) | None = None  # type: ignore[valid-type]
+    frame_every: quantity("s", "time between frames", gt=0) | None = None  # type: ignore[valid-type]
+    integrator: str = Field(description="scheme; its own parameters stand beside it")
+    on_failure: Literal["shrink", "stop"] = Field("shrink", description="what to do with a step that fails")
+
+
+class ObjectSection(Section):
+    """Keys of every [[object]]."""
+
+    name: str = Field(description="name, unique in the scene")
+    role: str
+
+
+class Document(Protocol):
+    """What `io.scene_file` reads."""
+
+    @property
+    def data(self) -> dict[str, Any]: ...
+    @property
+    def path(self) -> str: ...
+    @property
+    def folder(self) -> str: ...
+    @property
+    def source(self) -> str: ...
+    def line(self, key: Key) -> int | None: ...
+
+
+@dataclass(frozen=True)
+class SceneKind:
+    """What one simulator's scenes may hold.
+
+    Parameters
+    ----------
+    command : str
+    roles : dict of str to ObjectSection type
+    integrators : dict of str to Section type
+        Each with the parameters that stand beside it in [time].
+    integrator : str
+        Where the scene names none.
+    effects : EffectTable
+    default_step : float
+        Seconds, where the scene gives neither step nor tolerance.
+    elsewhere : dict of str to str
+        Names of effects, roles or integrators of other simulators -> the command that has them.
+    """
+
+    command: str
+    roles: dict[str, type[ObjectSection]]
+    integrators: dict[str, type[Section]]
+    integrator: str
+    effects: EffectTable
+    default_step: float = 0.01
+    elsewhere: Mapping[str, str] | None = None
+
+
+@dataclass(frozen=True)
+class Scene:
+    """A checked scene, every default filled in.
+
+    Parameters
+    ----------
+    kind : SceneKind
+    time : TimeSection
+        Also carries the parameters of its integrator.
+    objects : tuple of ObjectSection
+    effects : tuple of (Effect, Section, Key)
+        In the order of the file, with the place of their parameters.
+    document : Document
+    """
+
+    kind: SceneKind
+    time: Any
+    objects: tuple[Any, ...]
+    effects: tuple[tuple[Effect, Any, Key], ...]
+    document: Document
+
+    def refuse(self, key: Key, message: str) -> NoReturn:
+        """Raise SceneError that points at a key."""
+        raise SceneError(located(self.document, key, message))
+
+    def find(self, name: str, key: Key, roles: tuple[str, ...] = ()) -> Any:
+        """The object of that name, or a refusal at `key`."""
+        names = [o.name for o in self.objects if not roles or o.role in roles]
+        if name not in names:
+            wanted = f"{' or '.join(roles)} " if roles else ""
+            self.refuse(
+                key, f"no {wanted}object {name!r}{nearest(name, names)} (there: {', '.join(names) or 'none'})"
+            )
+        return next(o for o in self.objects if o.name == name)
+
+    def schedule(self) -> Schedule:
+        """When to step and when to show."""
+        time = self.time
+        if time.integrator == "static":
+            return Schedule(1.0, 1, 1, None, time.on_failure)
+        if time.tolerance is not None:
+            frame = min(time.frame_every or time.duration / 50, time.duration)
+            count = math.ceil(time.duration / frame - 1e-9)
+            first = min(time.step or frame / 10, frame)
+            return Schedule(time.duration / count, count, 1, time.tolerance, time.on_failure, first)
+        steps = max(1, round(time.duration / time.step))
+        every = max(1, round(time.frame_every / time.step) if time.frame_every else math.ceil(steps / 50))
+        return Schedule(time.step, steps, every, None, time.on_failure)
+
+    def resolved(self) -> dict[str, Any]:
+        """The scene with every default filled in, as plain data."""
+        effects: dict[str, Any] = {}
+        for effect, parameters, key in self.effects:
+            values = parameters.model_dump(mode="json")
+            if len(key) > 2:
+                effects.setdefault(effect.name, []).append(values)
+            else:
+                effects[effect.name] = values
+        return {
+            "format": FORMAT,
+            "time": self.time.model_dump(mode="json"),
+            "object": [o.model_dump(mode="json", exclude_none=True) for o in self.objects],
+            "effects": effects,
+        }
+
+    def build(self, make: Callable[[Effect, Any, Key], Any]) -> list[Any]:
+        """`make` of every effect; a ValueError in it is told with the effect's line."""
+        made = []
+        for effect, parameters, key in self.effects:
+            try:
+                made.append(make(effect, parameters, key))
+            except SceneError:
+                raise
+            except ValueError as error:
+                self.refuse(key, f"{effect.name}: {error}")
+        return made
+
+
+def located(document: Document, key: Key, message: str) -> str:
+    """`FILE: line N: message`; the message alone for a scene that no file holds (the quick form)."""
+    if not document.path:
+        return message
+    line = document.line(key)
+    return f"{document.path}: {f'line {line}: ' if line else ''}{message}"
+
+
+def resolve(document: Document, kind: SceneKind, overrides: Mapping[str, Any] | None = None) -> Scene:
+    """Check a document and fill its defaults.
+
+    Parameters
+    ----------
+    document : Document
+    kind : SceneKind
+    overrides : mapping, optional
+        Keys of [time] given on the command line, and `steps`.
+
+    Raises
+    ------
+    SceneError
+        The first mistake, with its line.
+    """
+    data = document.data
+    _check_top(document)
+    time = _time(document, kind, dict(overrides or {}))
+    objects = _objects(document, kind)
+    roles = {o.role for o in objects}
+    effects = _effects(document, kind, roles)
+    if data.get("format", FORMAT) != FORMAT:
+        raise SceneError(
+            located(document, ("format",), f"format {data['format']!r} is not known; write {FORMAT!r}")
+        )
+    scene = Scene(kind, time, objects, effects, document)
+    _check_clock(scene)
+    return scene
+
+
+def _check_clock(scene: Scene) -> None:
+    """Refuse runs without end; tell where the clock does not meet the times that the scene names."""
+    time = scene.time
+    each = (time.frame_every or time.duration / 50) if time.tolerance is not None else time.step
+    count = time.duration / each
+    if not count <= MOST_STEPS:
+        what = "step" if time.tolerance is None else "frame_every"
+        scene.refuse(("time", what), f"{what} = {each:g} s makes {count:.3g} of them; lengthen it")
+    for what in ("step", "frame_every", "duration"):
+        span = getattr(time, what)
+        if span is not None and not TIMES[0] < span < TIMES[1]:
+            scene.refuse(("time", what), f"{what} = {span:g} s squared leaves the range of numbers")
+    schedule = scene.schedule()
+    if time.tolerance is not None or time.integrator == "static":
+        return
+    end, between = schedule.steps * schedule.dt, schedule.every * schedule.dt
+    if abs(end - time.duration) > 1e-6 * time.duration:
+        log.warning("duration %g s is no whole number of steps of %g s: the run ends at %g s",
+                    time.duration, schedule.dt, end)  # fmt: skip
+    wanted = min(time.frame_every or between, end)
+    if abs(min(between, end) - wanted) > 1e-6 * wanted:
+        log.warning("frame_every %g s is no whole number of steps of %g s: frames come every %g s",
+                    wanted, schedule.dt, between)  # fmt: skip
+
+
+def _check_top(document: Document) -> None:
+    allowed = {"format": str, "time": dict, "object": list, "effects": dict}
+    for name, value in document.data.items():
+        if name not in allowed:
+            hint = nearest(name, list(allowed))
+            message = f"unknown key {name!r}{hint}; a scene has format, [time], [[object]], [effects]"
+            raise SceneError(located(document, (name,), message))
+        if not isinstance(value, allowed[name]):
+            wanted = {dict: f"a table [{name}]", list: f"an array of tables [[{name}]]", str: "text"}[
+                allowed[name]
+            ]
+            raise SceneError(located(document, (name,), f"{name} must be {wanted}"))
+
+
+def _time(document: Document, kind: SceneKind, overrides: dict[str, Any]) -> Any:
+    written = dict(document.data.get("time", {}))
+    steps = overrides.pop("steps", None)
+    given = {**written, **{k: v for k, v in overrides.items() if v is not None}}
+    if overrides.get("step") is not None and overrides.get("tolerance") is None:
+        given.pop("tolerance", None)
+    given.setdefault("integrator", kind.integrator)
+    name = given["integrator"]
+    if not isinstance(name, str) or name not in kind.integrators:
+        hint = nearest(str(name), list(kind.integrators))
+        message = f"no integrator {name!r}{hint}; {kind.command} has {', '.join(kind.integrators)}"
+        raise SceneError(located(document, ("time", "integrator"), message))
+    if given.get("step") is None and given.get("tolerance") is None:
+        given["step"] = kind.default_step
+    _leave_out_other_scheme(kind, str(written.get("integrator", kind.integrator)), name, given)
+    model = time_model(kind, name)
+    time = checked(document, ("time",), model, given, "[time]")
+    if steps is not None:
+        time = time.model_copy(update={"duration": steps * (time.step or kind.default_step)})
+    return time
+
+
+def _leave_out_other_scheme(kind: SceneKind, written: str, name: str, given: dict[str, Any]) -> None:
+    """Parameters beside the scene's integrator go with it where the command line names another."""
+    if written == name or written not in kind.integrators:
+        return
+    for key in kind.integrators[written].model_fields:
+        if key in given and key not in kind.integrators[name].model_fields:
+            log.info("%s of %s is left out with it", key, written)
+            del given[key]
+
+
+def time_model(kind: SceneKind, integrator: str) -> type[Section]:
+    """[time] with the parameters of one integrator."""
+    own = kind.integrators[integrator]
+    fields = {name: (info.annotation, info) for name, info in own.model_fields.items()}
+    annotations = {name: (own.__annotations__.get(name, info[0]), info[1]) for name, info in fields.items()}
+    return create_model("Time", __base__=TimeSection, **annotations)  # type: ignore[call-overload]
+
+
+def _objects(document: Document, kind: SceneKind) -> tuple[Any, ...]:
+    written = document.data.get("object", [])
+    if not written:
+        raise SceneError(located(document, (), f"no [[object]]; a scene of {kind.command} needs one"))
+    objects: list[Any] = []
+    for k, table in enumerate(written):
+        key: Key = ("object", k)
+        if not isinstance(table, dict):
+            raise SceneError(located(document, key, "object must be an array of tables [[object]]"))
+        role = table.get("role", next(iter(kind.roles)))
+        if not isinstance(role, str) or role not in kind.roles:
+            other = (kind.elsewhere or {}).get(str(role))
+            hint = f"; {role!r} belongs to {other}" if other else nearest(str(role), list(kind.roles))
+            message = f"no role {role!r}{hint}; {kind.command} has {', '.join(kind.roles)}"
+            raise SceneError(located(document, (*key, "role"), message))
+        table = {"name": f"object{k}" if len(written) > 1 else role, **table, "role": role}
+        found = checked(document, key, kind.roles[role], table, f"[[object]] of role {role}")
+        if found.name in [o.name for o in objects]:
+            message = f"two objects are called {found.name!r}; give each its own name"
+            raise SceneError(located(document, (*key, "name"), message))
+        objects.append(found)
+    return tuple(objects)
+
+
+def _effects(document: Document, kind: SceneKind, roles: set[str]) -> tuple[tuple[Effect, Any, Key], ...]:
+    effects: list[tuple[Effect, Any, Key]] = []
+    for name, value in document.data.get("effects", {}).items():
+        key: Key = ("effects", name)
+        if name not in kind.effects.entries:
+            other = (kind.elsewhere or {}).get(name)
+            message = (
+                kind.effects.unknown(name)
+                if other is None
+                else (f"effect {name!r} belongs to {other}; {kind.command} has {', '.join(kind.effects)}")
+            )
+            raise SceneError(located(document, key, message))
+        effect = kind.effects.load(name)
+        if not roles & set(effect.roles):
+            message = (
+                f"effect {name!r} acts on objects of role {' or '.join(effect.roles)}, and the scene has none"
+            )
+            raise SceneError(located(document, key, message))
+        several = isinstance(value, list)
+        if several and not effect.repeatable:
+            message = f"effect {name!r} may stand only once, as one table"
+            raise SceneError(located(document, (*key, 0), message))
+        for k, table in enumerate(value if several else [value]):
+            place: Key = (*key, k) if several else key
+            if not isinstance(table, dict):
+                message = f"effect {name!r} must be a table such as {name} = {{ ... }}, found {table!r}"
+                raise SceneError(located(document, place, message))
+            effects.append(
+                (effect, checked(document, place, effect.parameters, table, f"effect {name!r}"), place)
+            )
+    return tuple(effects)
+
+
+def checked(document: Document, key: Key, model: type[Section], table: dict[str, Any], where: str) -> Any:
+    """The section of a table, or the first mistake in it as SceneError."""
+    try:
+        return model.model_validate(table)
+    except ValidationError as error:
+        mistakes = error.errors()
+        order = sorted(
+            range(len(mistakes)),
+            key=lambda i: (
+                mistakes[i]["type"] != "extra_forbidden",
+                document.line((*key, *mistakes[i]["loc"])) or 0,
+                i,
+            ),
+        )
+        mistake = mistakes[order[0]]
+        loc = tuple(p for p in mistake["loc"] if not _is_branch(p))
+        raise SceneError(located(document, (*key, *loc), _sentence(mistake, loc, model, where))) from error
+
+
+def _is_branch(part: str | int) -> bool:
+    """Whether pydantic named a branch of a union rather than a key."""
+    return isinstance(part, str) and ("[" in part or part in ("str", "int", "float", "bool", "none"))
+
+
+def _sentence(mistake: Any, loc: Key, model: type[BaseModel], where: str) -> str:
+    kind, value = mistake["type"], mistake.get("input")
+    name = ".".join(str(p) for p in loc) or where
+    context = mistake.get("ctx", {})
+    if kind == "extra_forbidden":
+        allowed = _keys_at(model, loc[:-1])
+        hint = nearest(str(loc[-1]), allowed)
+        return f"unknown key {loc[-1]!r} in {where}{hint}; allowed: {', '.join(allowed) or 'none'}"
+    if kind == "missing":
+        return f"{where} needs the key {name!r}; allowed: {', '.join(_keys_at(model, loc[:-1]))}"
+    if kind == "literal_error":
+        allowed = [p.strip("' ") for p in context["expected"].replace(" or ", ", ").split(",")]
+        hint = nearest(str(value), allowed)
+        return f"{name} = {value!r} is not known in {where}{hint}; allowed: {', '.join(allowed)}"
+    if kind == "value_error":
+        return f"{name} of {where}: {context['error']}" if loc else f"{where}: {context['error']}"
+    if kind in ("greater_than", "greater_than_equal", "less_than", "less_than_equal"):
+        relation = {"greater_than": "greater than", "greater_than_equal": "at least",
+                    "less_than": "less than", "less_than_equal": "at most"}[kind]  # fmt: skip
+        return f"{name} of {where} must be {relation} {next(iter(context.values())):g}, found {value}"
+    if kind in ("too_short", "too_long"):
+        few = kind == "too_short"
+        count = context["min_length" if few else "max_length"]
+        return f"{name} of {where} must have at {'least' if few else 'most'} {count} entries, found {value!r}"
+    wanted = {"int_type": "a whole number", "bool_type": "true or false", "string_type": "text",
+              "list_type": "an array", "dict_type": "a table", "model_type": "a table",
+              "int_from_float": "a whole number", "model_attributes_type": "a table"}.get(kind)  # fmt: skip
+    if wanted:
+        return f"{name} of {where} must be {wanted}, found {value!r}"
+    return f"{name} of {where}: {mistake['msg']}, found {value!r}"
+
+
+def _keys_at(model: type[BaseModel], loc: Key) -> list[str]:
+    """Keys that the table at `loc` may have."""
+    current: Any = model
+    for part in loc:
+        if isinstance(part, str) and part in getattr(current, "model_fields", {}):
+            current = _inner_model(current.model_fields[part].annotation)
+    return list(getattr(current, "model_fields", {}))
+
+
+def _inner_model(annotation: Any) -> Any:
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return annotation
+    for argument in getattr(annotation, "__args__", ()):
+        found = _inner_model(argument)
+        if found is not None:
+            return found
+    return None

@@ -1,0 +1,273 @@
+"""Objects of a scene and their shapes: a mesh file, or a grid, sphere or box made here; planes."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field, model_validator
+
+from ddgcli.mesh.intrinsic_mesh import IntrinsicMesh
+from ddgcli.mesh.require import wrong_kind
+from ddgcli.mesh.shapes import box, icosphere, wrapped_grid
+from ddgcli.mesh.topology import NEXT, Topology
+from ddgcli.mesh.triangle_mesh import TriangleMesh, vector_length
+from ddgcli.scenes.scene import ObjectSection, Section
+from ddgcli.scenes.units import quantity, vector
+
+# mypy reads the calls below as values; pydantic reads them as annotated types
+# mypy: disable-error-code="valid-type"
+
+SHAPES = ("mesh", "grid", "plane", "sphere", "box")
+
+
+class Grid(Section):
+    """A flat rectangle [0, width] x [0, height] in the plane z = 0, normal +z."""
+
+    size: list[quantity("m")] = Field(min_length=2, max_length=2, description="width and height")
+    cells: list[int] = Field(min_length=2, max_length=2, description="cells along them")
+    pattern: Literal["right", "left", "alternating", "cross", "equilateral"] = "alternating"
+    periodic: Literal["", "x", "y", "xy"] = ""
+
+    @model_validator(mode="after")
+    def _sound(self) -> Grid:
+        if min(self.size) <= 0:
+            raise ValueError("the size must be positive")
+        if min(self.cells) < 1 or max(self.cells) > 20000:
+            raise ValueError("the cells must be from 1 to 20000")
+        if self.periodic and self.pattern == "equilateral":
+            raise ValueError("a periodic grid takes the pattern right, left, alternating or cross")
+        few = [c for axis, c in zip("xy", self.cells) if axis in self.periodic and c < 3]
+        if few:
+            raise ValueError("a periodic direction needs at least 3 cells")
+        odd = [c for axis, c in zip("xy", self.cells) if axis in self.periodic and c % 2]
+        if odd and self.pattern == "alternating":
+            raise ValueError("alternating diagonals need an even number of cells in a periodic direction")
+        return self
+
+
+class Plane(Section):
+    """A half-space: the side to which the normal points is free."""
+
+    point: vector("m") = (0.0, 0.0, 0.0)
+    normal: vector("") = (0.0, 0.0, 1.0)
+
+    @model_validator(mode="after")
+    def _sound(self) -> Plane:
+        if not np.linalg.norm(self.normal) > 0:
+            raise ValueError("the normal of a plane must not be zero")
+        return self
+
+
+class Sphere(Section):
+    """A ball for obstacles; its surface, as a geodesic mesh, for shells and fluids."""
+
+    center: vector("m") = (0.0, 0.0, 0.0)
+    radius: quantity("m", "radius", gt=0) = 1.0
+    subdivisions: int = Field(3, ge=0, le=8, description="mesh: each splits every triangle in four")
+
+
+class Box(Section):
+    """A closed box from `corner`, `size` long."""
+
+    corner: vector("m") = (0.0, 0.0, 0.0)
+    size: vector("m") = (1.0, 1.0, 1.0)
+    cells: list[int] = Field(default=[4, 4, 4], min_length=3, max_length=3)
+
+    @model_validator(mode="after")
+    def _sound(self) -> Box:
+        if min(self.size) <= 0 or min(self.cells) < 1:
+            raise ValueError("size and cells of a box must be positive")
+        return self
+
+
+class Rotation(Section):
+    """A turn about an axis through the object's origin."""
+
+    axis: vector("") = (0.0, 0.0, 1.0)
+    degrees: quantity("") = 0.0
+
+    @model_validator(mode="after")
+    def _sound(self) -> Rotation:
+        if not np.linalg.norm(self.axis) > 0:
+            raise ValueError("the axis of a rotation must not be zero")
+        return self
+
+
+class SurfaceObject(ObjectSection):
+    """An object with a mesh: a shell or a fluid's surface."""
+
+    mesh: str | None = Field(None, description="mesh file, relative to the scene")
+    grid: Grid | None = None
+    sphere: Sphere | None = None
+    box: Box | None = None
+    position: vector("m", "where the object's origin goes") = (0.0, 0.0, 0.0)
+    rotation: Rotation | None = None
+    scale: quantity("", "factor on the mesh, before rotation", gt=0) = 1.0
+
+    @model_validator(mode="after")
+    def _one_shape(self) -> SurfaceObject:
+        _require_one_shape(self, ("mesh", "grid", "sphere", "box"))
+        return self
+
+
+class MovingObject(SurfaceObject):
+    """A surface with an initial motion."""
+
+    velocity: vector("m/s", "initial velocity") = (0.0, 0.0, 0.0)
+    angular_velocity: vector("rad/s", "initial turning about the centre of mass") = (0.0, 0.0, 0.0)
+
+
+class Obstacle(ObjectSection):
+    """A body that does not move."""
+
+    role: Literal["obstacle"]
+    plane: Plane | None = None
+    sphere: Sphere | None = None
+
+    @model_validator(mode="after")
+    def _one_shape(self) -> Obstacle:
+        _require_one_shape(self, ("plane", "sphere"))
+        return self
+
+
+def _require_one_shape(section: Any, shapes: tuple[str, ...]) -> None:
+    given = [s for s in shapes if getattr(section, s) is not None]
+    if len(given) != 1:
+        found = "none" if not given else " and ".join(given)
+        raise ValueError(f"exactly one shape is needed, found {found}; allowed: {', '.join(shapes)}")
+
+
+@dataclass(frozen=True, eq=False)
+class Placed:
+    """The mesh of an object where the scene puts it.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh or IntrinsicMesh
+        Intrinsic (with points for drawing) where the grid is periodic: a flat torus or cylinder.
+    vertex : dict of str to ndarray
+        Arrays that the mesh file carried.
+    sha256 : str
+        Of the mesh file; "" for a shape made here.
+    face : dict of str to ndarray
+        As `vertex`, on faces.
+    """
+
+    mesh: Any
+    vertex: dict[str, NDArray]
+    sha256: str = ""
+    face: dict[str, NDArray] = field(default_factory=dict)
+
+
+def place(section: SurfaceObject, read: Callable[[str], Any]) -> Placed:
+    """Mesh of an object, scaled, turned and moved; `read` opens a mesh file relative to the scene."""
+    if section.grid is not None and section.grid.periodic:
+        flat = periodic_grid(section.grid)
+        points = _moved(section, np.asarray(flat.points))
+        lengths = np.asarray(flat.side_length) * section.scale
+        return Placed(IntrinsicMesh(flat.topology, lengths, points), {})
+    vertex: dict[str, NDArray] = {}
+    face: dict[str, NDArray] = {}
+    sha256 = ""
+    if section.mesh is not None:
+        source = read(section.mesh)
+        for note in source.notes:
+            logging.getLogger("ddgcli").warning("object %s: %s", section.name, note)
+        mesh, vertex, sha256, face = source.mesh, source.vertex, source.sha256, source.face
+        if not isinstance(mesh, TriangleMesh):
+            raise ValueError(wrong_kind(mesh, ("surface",), path=section.mesh))
+    else:
+        mesh = made(section)
+    return Placed(mesh.moved(_moved(section, np.asarray(mesh.points))), vertex, sha256, face)
+
+
+def made(section: Any) -> TriangleMesh:
+    """Mesh of a grid, sphere or box."""
+    if section.grid is not None:
+        return grid_mesh(section.grid)
+    if section.sphere is not None:
+        ball = icosphere(section.sphere.subdivisions, section.sphere.radius)
+        return ball.moved(ball.points + np.array(section.sphere.center))
+    nx, ny, nz = section.box.cells
+    solid = box(nx, ny, nz, section.box.size)
+    return solid.moved(solid.points + np.array(section.box.corner))
+
+
+def grid_mesh(grid: Grid) -> TriangleMesh:
+    """Flat grid in the plane z = 0."""
+    if grid.pattern == "equilateral":
+        return _equilateral(grid)
+    u, v, faces = _cells(grid, False, False)
+    return TriangleMesh.from_arrays(np.stack([grid.size[0] * u, grid.size[1] * v, 0 * u], axis=1), faces)
+
+
+def _cells(grid: Grid, wrap_u: bool, wrap_v: bool) -> tuple[NDArray, NDArray, NDArray]:
+    """Parameters and triangles; `cross` puts a vertex in the middle of every cell."""
+    nx, ny = grid.cells
+    if grid.pattern != "cross":
+        return wrapped_grid(nx, ny, wrap_u, wrap_v, grid.pattern)
+    u, v, halves = wrapped_grid(nx, ny, wrap_u, wrap_v)
+    first, second = halves[0::2], halves[1::2]  # (p00, p10, p11) and (p00, p11, p01)
+    i, j = np.meshgrid(np.arange(nx), np.arange(ny), indexing="ij")
+    middle = len(u) + np.arange(nx * ny)
+    corner = [first[:, 0], first[:, 1], first[:, 2], second[:, 2]]
+    faces = np.stack([np.stack([corner[k], corner[(k + 1) % 4], middle], axis=1) for k in range(4)], axis=1)
+    u = np.concatenate([u, (i.ravel() + 0.5) / nx])
+    v = np.concatenate([v, (j.ravel() + 0.5) / ny])
+    return u, v, faces.reshape(-1, 3)
+
+
+def _equilateral(grid: Grid) -> TriangleMesh:
+    """Rows of near-equilateral triangles; half triangles at the ends of odd rows fill the rectangle."""
+    nx, ny = grid.cells
+    points: list[tuple[float, float, float]] = []
+    rows = []
+    for j in range(ny + 1):
+        inner = (np.arange(nx + 1) if j % 2 == 0 else np.concatenate([[0], np.arange(nx) + 0.5, [nx]])) / nx
+        rows.append(len(points) + np.arange(len(inner)))
+        points += [(grid.size[0] * x, grid.size[1] * j / ny, 0.0) for x in inner]
+    faces = []
+    for j in range(ny):
+        low, high = rows[j], rows[j + 1]
+        for k in range(nx):
+            if j % 2 == 0:
+                faces += [(low[k], low[k + 1], high[k + 1]), (low[k], high[k + 1], high[k])]
+            else:
+                faces += [(low[k], low[k + 1], high[k]), (low[k + 1], high[k + 1], high[k])]
+        if j % 2 == 0:
+            faces.append((low[nx], high[nx + 1], high[nx]))
+        else:
+            faces.append((low[nx], low[nx + 1], high[nx]))
+    return TriangleMesh.from_arrays(np.array(points), np.array(faces))
+
+
+def periodic_grid(grid: Grid) -> IntrinsicMesh:
+    """Flat torus (or cylinder): the sides that wrap have the lengths of the unwrapped rectangle."""
+    wrap_u, wrap_v = "x" in grid.periodic, "y" in grid.periodic
+    u, v, faces = _cells(grid, wrap_u, wrap_v)
+    uv = np.stack([u, v], axis=1)
+    step = uv[faces[:, NEXT]] - uv[faces]
+    wraps = np.array([wrap_u, wrap_v])
+    step = np.where(wraps, step - np.round(step), step)
+    length = vector_length(step * np.array(grid.size))
+    points = np.column_stack([uv * np.array(grid.size), np.zeros(len(u))])
+    return IntrinsicMesh(Topology(faces, len(u)), length, points)
+
+
+def _moved(section: SurfaceObject, points: NDArray) -> NDArray[np.float64]:
+    moved = points * section.scale
+    if section.rotation is not None:
+        moved = moved @ rotation_matrix(section.rotation.axis, np.radians(section.rotation.degrees)).T
+    return moved + np.array(section.position)
+
+
+def rotation_matrix(axis: Any, angle: float) -> NDArray[np.float64]:
+    """(3, 3) turn by `angle` about `axis` (Rodrigues)."""
+    x, y, z = np.asarray(axis, dtype=float) / np.linalg.norm(axis)
+    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    return np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross

@@ -1,0 +1,50 @@
+"""From snapshots to frames: models that march side by side become one surface."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from ddgcli.mesh.fields import Frame
+from ddgcli.mesh.topology import Topology
+from ddgcli.mesh.triangle_mesh import TriangleMesh
+from ddgcli.simulation.time_loop import Observation, Snapshot
+
+
+def joined_mesh(meshes: list[Any]) -> tuple[TriangleMesh, np.ndarray]:
+    """One mesh of several, vertices in order, and the (m,) number of the object of each face."""
+    sizes = np.cumsum([0, *(mesh.n_vertices for mesh in meshes)])
+    faces = np.concatenate([mesh.faces + start for mesh, start in zip(meshes, sizes)])
+    points = np.concatenate([mesh.points for mesh in meshes])
+    number = np.repeat(np.arange(len(meshes)), [mesh.n_faces for mesh in meshes])
+    return TriangleMesh(points, Topology(faces, len(points))), number
+
+
+def joined_frame(snapshot: Snapshot) -> Frame:
+    """Points and arrays one behind the other, scalars added; `step_size` is the smallest step so far.
+
+    A vector of one number is a number, as it is in a file.
+    """
+    parts = list(snapshot.observations.values())
+    points = (
+        None if parts[0].points is None else np.concatenate([p.points for p in parts if p.points is not None])
+    )
+    names = dict.fromkeys(name for part in parts for name in part.vertex)
+    vertex = {name: np.concatenate([_array(part, name, parts) for part in parts]) for name in names}
+    scalar: dict[str, Any] = {}
+    for part in parts:
+        for name, value in part.scalar.items():
+            scalar[name] = scalar[name] + value if name in scalar else value
+    scalar["step_size"] = 0.0 if np.isinf(snapshot.smallest_step) else snapshot.smallest_step
+    scalar = {name: np.asarray(v).item() if np.size(v) == 1 else v for name, v in scalar.items()}
+    return Frame(snapshot.step, snapshot.time, points, vertex, scalar)
+
+
+def _array(part: Observation, name: str, parts: list[Observation]) -> np.ndarray:
+    """The part's array, or zeros of the same kind where it has none."""
+    if name in part.vertex:
+        return part.vertex[name]
+    like = next(p.vertex[name] for p in parts if name in p.vertex)
+    count = len(next(iter(part.vertex.values()))) if part.points is None else len(part.points)
+    return np.zeros((count, *like.shape[1:]), dtype=like.dtype)

@@ -1,0 +1,444 @@
+"""The one time loop: models that do not meet march side by side from frame to frame.
+
+The loop knows neither physics nor files. It owns the clock (times are `k * dt`, never a running sum), the
+shortened and the adaptive steps, and the story of what went wrong (`Event`).
+"""
+
+from __future__ import annotations
+
+import logging
+import math
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import Any, Generic, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ddgcli.errors import ParameterError, SolveError
+from ddgcli.simulation.account import Account
+
+State = TypeVar("State")
+Arrays = dict[str, NDArray]
+log = logging.getLogger("ddgcli")
+RECOVERY = 8.0  # of the shortest part of a step, what the next one tries first
+GROWTH = 1.1  # of the part tried, with each that succeeds
+DEEPEST_SHRINK = 12  # a step is halved at most so often: dt / 4096
+
+
+class StepRejected(Exception):
+    """A step that did not succeed: the loop shortens it or stops, and tells.
+
+    Parameters
+    ----------
+    cause : str
+        "newton", "not finite", "inverted", ...
+    place : str
+        "vertex 12", "edge 3", or "".
+    value : float
+    solved : bool
+        The scheme's equations were solved, what they say will not do: another scheme may take the step.
+    """
+
+    def __init__(self, cause: str, place: str = "", value: float = math.nan, solved: bool = False) -> None:
+        super().__init__(f"{cause}{' at ' + place if place else ''} ({value:.3g})")
+        self.cause, self.place, self.value, self.solved = cause, place, value, solved
+
+
+@dataclass(frozen=True)
+class Event:
+    """One line of the log."""
+
+    step: int
+    time: float
+    kind: str
+    place: str = ""
+    value: float = math.nan
+    detail: str = ""
+
+
+class RunBroken(SolveError):
+    """A step failed for good; `events` are those since the last snapshot."""
+
+    def __init__(self, message: str, events: tuple[Event, ...]) -> None:
+        super().__init__(message)
+        self.events = events
+
+
+@dataclass(frozen=True, eq=False)
+class Observation:
+    """What a model shows of a state.
+
+    Parameters
+    ----------
+    points : (n, 3) ndarray, or None where the surface does not move
+    vertex : dict of str to ndarray of leading length n
+    scalar : dict of str to float or (k,) ndarray
+        Additive over models that march side by side (energies, momenta, counts).
+    """
+
+    points: NDArray | None
+    vertex: Arrays = field(default_factory=dict)
+    scalar: dict[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, eq=False)
+class Model(Generic[State]):
+    """One independent system.
+
+    Parameters
+    ----------
+    start : State
+    advance : callable (state, time, dt) -> state
+        One step; a pure function of its arguments (caches may only save work). Raises StepRejected.
+    observe : callable state -> Observation
+    pack, unpack : callables
+        State to named arrays of fixed shape and back, to the last bit: the checkpoint.
+    largest_step : float
+        Stability limit of the scheme, inf where it has none; longer steps are divided, and told.
+    distance : callable (state, state) -> float, optional
+        Error measure of adaptive steps, relative to the model's own scale.
+    order : int
+        Order of the scheme, for adaptive steps.
+    stop : callable state -> str, optional
+        Reason to end the run early, or "".
+    clock : callable state -> float, optional
+        Time of a state, for schemes that choose their own steps; else step times dt.
+    rescue : callable like `advance`, optional
+        Takes a step that `advance` solved and yet rejects, before it is made shorter.
+    """
+
+    start: State
+    advance: Callable[[State, float, float], State]
+    observe: Callable[[State], Observation]
+    pack: Callable[[State], Arrays]
+    unpack: Callable[[Arrays], State]
+    largest_step: float = math.inf
+    distance: Callable[[State, State], float] | None = None
+    order: int = 1
+    stop: Callable[[State], str] | None = None
+    clock: Callable[[State], float] | None = None
+    rescue: Callable[[State, float, float], State] | None = None
+
+
+@dataclass(frozen=True)
+class Schedule:
+    """When to step and when to show.
+
+    Parameters
+    ----------
+    dt : float
+        Seconds.
+    steps : int
+        Of length dt, to the end of the run.
+    every : int
+        Steps from frame to frame.
+    tolerance : float, optional
+        Adaptive steps: largest distance between one step and two half steps.
+    on_failure : {'shrink', 'stop'}
+    first_dt : float, optional
+        First guess of adaptive steps.
+    """
+
+    dt: float
+    steps: int
+    every: int = 1
+    tolerance: float | None = None
+    on_failure: str = "shrink"
+    first_dt: float | None = None
+
+    def __post_init__(self) -> None:
+        if not (math.isfinite(self.dt) and self.dt > 0):
+            raise ParameterError(f"the time step must be a positive number, found {self.dt}")
+        if self.steps < 0 or self.every < 1:
+            raise ParameterError("steps must be 0 or more, and the steps between frames 1 or more")
+
+    @property
+    def frames(self) -> int:
+        """Number of frames, the first at the start and the last at the end."""
+        return 1 + math.ceil(self.steps / self.every)
+
+    def step_of_frame(self, frame: int) -> int:
+        return min(frame * self.every, self.steps)
+
+
+@dataclass(eq=False)
+class March:
+    """One model under way."""
+
+    name: str
+    model: Model
+    state: Any
+    next_dt: float
+    taken: int = 0
+    smallest: float = math.inf
+    stopped: str = ""
+    divided: bool = False
+    rescued: bool = False
+    allowed: float = math.inf  # longest part of the step under way that is tried
+    shortest: float = math.inf  # taken of the step under way
+    reached: float = 0.0  # in steps
+    tell: Callable[[], None] = field(default=lambda: None)
+
+    def pack(self) -> Arrays:
+        clock = np.array([self.next_dt, self.taken, self.smallest])
+        return {"clock": clock, **self.model.pack(self.state)}
+
+    def restore(self, arrays: Arrays) -> None:
+        self.next_dt, self.taken, self.smallest = (
+            float(arrays["clock"][0]),
+            int(arrays["clock"][1]),
+            float(arrays["clock"][2]),
+        )
+        self.divided = self.rescued = True
+        self.state = self.model.unpack({k: v for k, v in arrays.items() if k != "clock"})
+
+
+@dataclass(frozen=True, eq=False)
+class Snapshot:
+    """One frame of a run and what is needed to go on from it.
+
+    Parameters
+    ----------
+    frame, step : int
+    time : float
+    observations : dict of str to Observation
+        By model.
+    checkpoint : dict of "model/array" to ndarray
+    events : tuple of Event
+        Since the frame before.
+    steps : int
+        Steps really taken so far, the most over the models.
+    smallest_step : float
+        Since the start; inf before the first.
+    stopped : str
+        Why the run ends here, or "".
+    """
+
+    frame: int
+    step: int
+    time: float
+    observations: dict[str, Observation]
+    checkpoint: Arrays
+    events: tuple[Event, ...]
+    steps: int
+    smallest_step: float
+    stopped: str = ""
+
+
+def evolve(
+    models: Mapping[str, Model],
+    schedule: Schedule,
+    account: Account,
+    resume: tuple[int, Arrays] | None = None,
+    told: Callable[[float, float], None] | None = None,
+) -> Iterator[Snapshot]:
+    """Yield a snapshot at the start, after every `schedule.every` steps and at the end.
+
+    Parameters
+    ----------
+    models : mapping of str to Model
+        Independent of one another: leaving one out changes no bit of the others.
+    schedule : Schedule
+    account : Account
+        Books "integrator" for each advance and "output" for each observation; models book inside.
+    resume : (frame, checkpoint), optional
+        Go on after that frame, which is not yielded again.
+    told : callable (steps done, all steps), optional
+        Hears of every step, of parts of divided ones too.
+
+    Raises
+    ------
+    RunBroken
+        A step failed for good; the snapshots before it stand.
+    """
+    marches = [
+        March(name, model, model.start, schedule.first_dt or schedule.dt) for name, model in models.items()
+    ]
+    events: list[Event] = []
+    frame = 0
+    if resume is None:
+        yield _snapshot(marches, schedule, 0, 0, events, account)
+    else:
+        frame, checkpoint = resume
+        for march in marches:
+            march.restore(_part(checkpoint, march.name))
+    last_frame = schedule.frames - 1
+    for march in marches:
+        march.reached = schedule.step_of_frame(frame)
+        if told is not None:
+            march.tell = lambda: told(sum(m.reached for m in marches) / len(marches), schedule.steps)
+    while frame < last_frame:
+        first, last = schedule.step_of_frame(frame), schedule.step_of_frame(frame + 1)
+        for march in marches:
+            try:
+                with account.within("integrator"), np.errstate(all="ignore"):
+                    reached = _march(march, schedule, first, last, events)
+            except SolveError as error:
+                raise RunBroken(str(error), tuple(events)) from error
+            last = min(last, reached) if len(marches) == 1 else last
+        frame += 1
+        snapshot = _snapshot(marches, schedule, frame, last, events, account)
+        events = []
+        yield snapshot
+        if snapshot.stopped:
+            return
+
+
+def _part(checkpoint: Arrays, name: str) -> Arrays:
+    return {k.split("/", 1)[1]: v for k, v in checkpoint.items() if k.split("/", 1)[0] == name}
+
+
+def _snapshot(
+    marches: list[March], schedule: Schedule, frame: int, step: int, events: list[Event], account: Account
+) -> Snapshot:
+    with account.within("output"):
+        observations = {march.name: march.model.observe(march.state) for march in marches}
+        checkpoint = {f"{m.name}/{key}": value for m in marches for key, value in m.pack().items()}
+        reasons = [march.stopped for march in marches]
+        clocks = [march.model.clock(march.state) for march in marches if march.model.clock is not None]
+        return Snapshot(
+            frame,
+            step,
+            max(clocks) if clocks else step * schedule.dt,
+            observations,
+            checkpoint,
+            tuple(events),
+            max((march.taken for march in marches), default=0),
+            min((march.smallest for march in marches), default=math.inf),
+            reasons[0] if reasons and all(reasons) else "",
+        )
+
+
+def _march(march: March, schedule: Schedule, first: int, last: int, events: list[Event]) -> int:
+    """Advance one model from step `first` to step `last`; the step that it reached."""
+    if march.stopped:
+        return last
+    if schedule.tolerance is not None:
+        _march_adaptive(march, schedule, first, last, events)
+        return last
+    for step in range(first, last):
+        march.allowed, march.shortest = RECOVERY * march.next_dt, math.inf
+        march.state = _cross(march, schedule, step, step * schedule.dt, schedule.dt, 0, events)
+        march.next_dt = march.shortest
+        if march.model.stop is not None:
+            march.stopped = march.model.stop(march.state)
+            if march.stopped:
+                events.append(Event(step + 1, (step + 1) * schedule.dt, "stop", detail=march.stopped))
+                return step + 1
+    return last
+
+
+def _cross(
+    march: March, schedule: Schedule, step: int, time: float, dt: float, depth: int, events: list[Event]
+) -> Any:
+    """State after `dt`: in one step, or in halves where that fails or would be unstable.
+
+    What failed is tried again after some shorter parts, and the next step begins with a multiple of them.
+    """
+    model = march.model
+    if dt > model.largest_step:
+        if depth >= DEEPEST_SHRINK:
+            raise SolveError(
+                f"{march.name}: the stability limit, {model.largest_step:.3g} s, is over "
+                f"{2**DEEPEST_SHRINK} times shorter than the step; shorten it, or take an implicit scheme"
+            )
+        if not march.divided:
+            march.divided = True
+            detail = f"{march.name}: dt above the stability limit {model.largest_step:.3g} s is divided"
+            events.append(Event(step, time, "stability", march.name, model.largest_step, detail))
+            log.warning(detail)
+        return _halves(march, schedule, step, time, dt, depth, events)
+    if dt > march.allowed:
+        return _halves(march, schedule, step, time, dt, depth, events)
+    try:
+        state = _advanced(march, schedule, march.state, step, time, dt, events)
+    except StepRejected as rejected:
+        detail = f"{march.name}: step of {dt:.3g} s rejected: {rejected}"
+        events.append(Event(step, time, rejected.cause, rejected.place, rejected.value, detail))
+        if schedule.on_failure == "stop" or depth >= DEEPEST_SHRINK:
+            raise SolveError(f"t = {time:.6g} s, {detail}; try a smaller step") from rejected
+        say = log.info if march.divided else log.warning
+        say("t = %.6g s, %s; it is halved, and so are those after it where they must", time, detail)
+        march.divided, march.allowed = True, 0.75 * dt
+        return _halves(march, schedule, step, time, dt, depth, events)
+    march.reached = (time + dt) / schedule.dt
+    march.tell()
+    march.taken += 1
+    march.smallest = min(march.smallest, dt)
+    march.shortest = min(march.shortest, dt)
+    march.allowed *= GROWTH
+    return state
+
+
+def _advanced(
+    march: March, schedule: Schedule, state: Any, step: int, time: float, dt: float, events: list[Event]
+) -> Any:
+    """The state one step later, by the scheme or by what rescues its step; StepRejected where neither can."""
+    model = march.model
+    try:
+        return model.advance(state, time, dt)
+    except StepRejected as rejected:
+        if model.rescue is None or schedule.on_failure == "stop" or not rejected.solved:
+            raise
+        cause = rejected
+    try:
+        later = model.rescue(state, time, dt)
+    except StepRejected:
+        raise cause from None
+    detail = f"{march.name}: step of {dt:.3g} s rejected: {cause}; taken by the composite scheme"
+    events.append(Event(step, time, cause.cause, cause.place, cause.value, detail))
+    say = log.info if march.rescued else log.warning
+    say("t = %.6g s, %s, and so are those after it that must", time, detail)
+    march.rescued = True
+    return later
+
+
+def _halves(
+    march: March, schedule: Schedule, step: int, time: float, dt: float, depth: int, events: list[Event]
+) -> Any:
+    march.state = _cross(march, schedule, step, time, dt / 2, depth + 1, events)
+    return _cross(march, schedule, step, time + dt / 2, dt / 2, depth + 1, events)
+
+
+def _march_adaptive(march: March, schedule: Schedule, first: int, last: int, events: list[Event]) -> None:
+    """Step doubling: accept two half steps where they differ from the whole one by at most the tolerance."""
+    model, tolerance = march.model, schedule.tolerance or 1.0
+    if model.distance is None:
+        raise ParameterError("this model has no error measure: give a step instead of a tolerance")
+    time, end = first * schedule.dt, last * schedule.dt
+    shortest = (end - time) * 0.5**40
+    while time < end:
+        pieces = max(1, math.ceil((end - time) / min(march.next_dt, model.largest_step) - 1e-9))
+        dt = (end - time) / pieces
+        try:
+            whole = _advanced(march, schedule, march.state, first, time, dt, events)
+            half = _advanced(march, schedule, march.state, first, time, dt / 2, events)
+            state = _advanced(march, schedule, half, first, time + dt / 2, dt / 2, events)
+            error = model.distance(whole, state)
+        except StepRejected as rejected:
+            detail = f"{march.name}: step of {dt:.3g} s rejected: {rejected}"
+            events.append(Event(first, time, rejected.cause, rejected.place, rejected.value, detail))
+            if schedule.on_failure == "stop" or dt < shortest:
+                raise SolveError(f"t = {time:.6g} s, {detail}; try a smaller step") from rejected
+            march.next_dt = dt / 4
+            continue
+        growth = 0.9 * (tolerance / max(error, 1e-300)) ** (1 / (model.order + 1))
+        if error > tolerance and dt > shortest:
+            events.append(Event(first, time, "tolerance", march.name, error, f"step of {dt:.3g} s too long"))
+            march.next_dt = dt * max(0.2, min(growth, 0.9))
+            continue
+        march.state = state
+        march.reached = (time + dt) / schedule.dt
+        march.tell()
+        march.taken += 2
+        march.smallest = min(march.smallest, dt / 2)
+        time = end if pieces == 1 else time + dt
+        grown = dt * max(0.2, min(growth, 2.0))
+        cut_short = dt < 0.99 * march.next_dt
+        march.next_dt = max(march.next_dt, grown) if cut_short and growth >= 1 else grown
+        if model.stop is not None:
+            march.stopped = model.stop(march.state)
+            if march.stopped:
+                events.append(Event(first, time, "stop", detail=march.stopped))
+                return

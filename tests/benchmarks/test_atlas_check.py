@@ -1,0 +1,114 @@
+"""The accuracy check goes red on a planted error and a planted rate, and only then."""
+
+import copy
+import json
+import sys
+
+import pytest
+
+from benchmarks.atlas import run as accuracy
+from benchmarks.atlas.advice import ADVICE, CLAIMS
+from benchmarks.atlas.run import HERE, PEER_NAMES, cases, summary_of, worse
+from benchmarks.atlas.tables import Finest, rates, stored
+from benchmarks.atlas.theory import SOURCES, theory
+from ddgcli.tradeoff.problems import delaunay
+
+
+def rows(factor: float = 1.0, rate: float = 2.0) -> list[dict]:
+    """Two meshes of one configuration whose error is factor h^rate."""
+    head = {"truth": "sphere:1", "family": "good", "configuration": "exact"}
+    return [
+        head | {"level": k, "h": h, "max_error": 2 * factor * h**rate, "mean_error": factor * h**rate}
+        for k, h in enumerate((0.2, 0.1))
+    ]
+
+
+def test_rates_are_slopes():
+    assert rates(rows(rate=1.5)) == {("sphere:1", "good", "exact"): pytest.approx(1.5)}
+
+
+def test_nothing_worse_is_silent_and_better_is_no_fault():
+    stored = summary_of(rows())
+    assert worse(stored, summary_of(rows())) == []
+    assert worse(stored, summary_of(rows(factor=0.5))) == []
+
+
+@pytest.mark.parametrize("planted", [rows(factor=1.2), rows(factor=0.05, rate=0.5), rows()[:1]])
+def test_a_planted_loss_is_seen(planted):
+    stored = summary_of(rows())
+    assert worse(stored, summary_of(copy.deepcopy(planted)))
+
+
+@pytest.fixture
+def check(monkeypatch, tmp_path):
+    """`make accuracy-check` of one command, against what the atlas stores or a changed copy of it."""
+
+    def call(change=lambda stored: None):
+        stored = json.loads((HERE / "check.json").read_text())
+        change(stored["delaunay"])
+        (tmp_path / "check.json").write_text(json.dumps(stored))
+        monkeypatch.setattr(accuracy, "HERE", tmp_path)
+        monkeypatch.setattr(sys, "argv", ["accuracy", "--check", "delaunay"])
+        return accuracy.main()
+
+    return call
+
+
+def test_the_check_passes_and_goes_red_when_an_error_or_a_rate_was_better(check, capsys):
+    assert check() == 0
+
+    def error(stored):
+        stored["errors"]["sphere:1|good|1|flips"][1] *= 0.9
+
+    def rate(stored):
+        stored["rates"]["sphere:1|good|flips"] += 0.2
+
+    for change, what in ((error, "sphere:1|good|1|flips: errors"), (rate, "sphere:1|good|flips: rate")):
+        capsys.readouterr()
+        assert check(change) == 1 and what in capsys.readouterr().out
+
+
+def test_the_check_goes_red_when_a_method_gets_worse(check, monkeypatch, capsys):
+    sound = delaunay.lumped_mass
+    monkeypatch.setattr(delaunay, "lumped_mass", lambda mesh: 1.02 * sound(mesh))
+    monkeypatch.setattr(delaunay, "stiffness", lambda mesh, s=delaunay.stiffness: 1.01 * s(mesh))
+    assert check() == 1
+    assert "sphere:1|good|1|flips: errors" in capsys.readouterr().out
+
+
+# ---------------------------------------------------------------- what stands in docs/accuracy
+
+
+def table(command):
+    return stored(HERE / f"{command}.csv")
+
+
+@pytest.mark.parametrize("command, sentence, holds", [(c, *claim) for c in CLAIMS for claim in CLAIMS[c]])
+def test_the_tables_bear_out_every_piece_of_advice(command, sentence, holds):
+    assert sentence in " ".join(ADVICE[command].split())
+    assert holds(Finest(table(command)))
+
+
+@pytest.mark.parametrize("command", ADVICE)
+def test_every_study_holds_what_the_atlas_promises(command):
+    rows = table(command)
+    families = {row["family"] for row in rows}
+    assert families >= {"stretched", "noisy", "refined"} and families & {"good", "right"}
+    configurations = {row["configuration"] for row in rows}
+    page = (HERE / f"{command}.md").read_text()
+    for row in rows:
+        given = theory(command, row["family"], row["configuration"])
+        assert given in ("none", "1, then 0") or float(given) >= 0
+    assert " ".join(SOURCES[command].split()) in " ".join(page.split())
+    assert all(accuracy.picture_name(command, case) in page for case in accuracy.drawn(command))
+    assert {case.family for case in cases(command)} == families
+    if command in PEERS:
+        assert {p for p in PEER_NAMES if any(c.startswith(p) for c in configurations)} >= PEERS[command]
+
+
+PEERS = {
+    "curvature": {"libigl", "pymeshlab"},
+    "geodesic": {"pygeodesic", "potpourri3d", "pymeshlab"},
+    "laplacian": {"robust_laplacian", "libigl"},
+    "delaunay": {"robust_laplacian"},
+}
