@@ -24,6 +24,7 @@ from ddgcli.geometry.extrinsic import face_area_vector
 from ddgcli.geometry.intrinsic import corner_angle, face_area
 from ddgcli.geometry.unfolding import face_corner_angle
 from ddgcli.linalg.condition import condition_number
+from ddgcli.linalg.residual_gate import within_residuals
 from ddgcli.mesh.fields import AnnotatedMesh
 from ddgcli.mesh.intrinsic_mesh import IntrinsicMesh, SurfaceMesh
 from ddgcli.mesh.triangle_mesh import TriangleMesh, vector_length
@@ -40,6 +41,10 @@ OWN_ARRAYS = (
     "input_barycentric",
     "vertex_kind",
 )
+
+
+# of the accuracy block, judged by `within_residuals`
+RESIDUALS = ("area_residual", "angle_defect_residual", "transfer_integral_residual")
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,6 +130,7 @@ def delaunay_report(
             accuracy["transfer_integral_residual"] = max(one.integral_residual for one in carried.values())
             vertex |= {name: one.carried for name, one in carried.items()}
     reached = (refined is None or refined.reached) and flipped.left == 0
+    reached &= within_residuals(accuracy, RESIDUALS, "rounding on degenerate faces; repair the mesh")
     return DelaunayReport(flipped.mesh, results, accuracy, vertex, carried, cut, reached)
 
 

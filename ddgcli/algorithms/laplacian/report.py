@@ -22,6 +22,7 @@ from ddgcli.mesh.triangle_mesh import TriangleMesh
 
 RESIDUALS = (
     "eigen_residuals", "poisson_residual", "harmonic_residual", "parameterize_residual", "smooth_residual",
+    "row_sum_residual", "symmetry_residual",
 )  # fmt: skip
 
 
