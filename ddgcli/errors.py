@@ -56,3 +56,14 @@ class MissingExtraError(InputError):
 
 class SolveError(DdgError, RuntimeError):
     """Sound input whose computation failed: divergence, no convergence, overflow."""
+
+
+MAX_BYTES = 16 * 2**30  # of one dense result: more is refused before it is allocated
+
+
+def check_memory(estimate: float, what: str, cure: str) -> None:
+    """Refuse what would take more than 16 GiB, with the estimate in bytes; ParameterError."""
+    if estimate > MAX_BYTES:
+        raise ParameterError(
+            f"{what} need about {estimate / 2**30:.3g} GiB, above {MAX_BYTES / 2**30:g} GiB; {cure}"
+        )

@@ -165,6 +165,8 @@ class Poisson:
         n = stiffness.shape[0]
         self.matrix = csc_array(stiffness)
         self.weight = _weights(mass, n)
+        # of means: weights of about 1, whose products with huge and tiny values stay numbers
+        self._unit_weight = self.weight / 2.0 ** np.frexp(np.abs(self.weight).max(initial=0.0))[1]
         self.label = floating_components(self.matrix)
         self.count = int(self.label.max(initial=-1)) + 1
         self._floating = np.flatnonzero(self.label >= 0)
@@ -238,8 +240,8 @@ class Poisson:
 
     def centred(self, x: NDArray) -> NDArray[np.float64]:
         """The values without their weighted mean on each floating component."""
-        weight = self._sums(self.weight)
-        total = self._sums((self.weight * x.T).T)
+        weight = self._sums(self._unit_weight)
+        total = self._sums((self._unit_weight * x.T).T)
         mean = (total.T / np.where(weight > 0, weight, 1.0)).T
         if self.count == 1 and len(self._floating) == len(x):
             return x - mean[0]

@@ -13,7 +13,7 @@ from scipy.linalg import cholesky, eigh, solve_triangular
 from scipy.sparse import csc_array, csr_array, sparray
 from scipy.sparse.linalg import splu
 
-from ddgcli.errors import ParameterError
+from ddgcli.errors import ParameterError, check_memory
 from ddgcli.linalg.constrain import Poisson
 from ddgcli.linalg.lanczos import BlockLanczos, Progress
 from ddgcli.linalg.ordering import fill_reducing_ordering
@@ -22,6 +22,7 @@ log = logging.getLogger("ddgcli")
 
 # problems up to this size, or asked for more than a third of their spectrum, are solved densely
 DENSE = 400
+VECTORS_PER_PAIR = 4  # that the search holds for each pair
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,6 +76,7 @@ def smallest_eigenpairs(
     """
     L, M = csr_array(stiffness), csr_array(mass)
     n = L.shape[0]
+    check_memory(8.0 * n * VECTORS_PER_PAIR * k, f"{k} eigenvectors of {n} unknowns", "ask for fewer")
     if not 1 <= k <= n:
         raise ParameterError(f"{k} eigenpairs asked for, but the matrix has {n} unknowns; ask for 1 to {n}")
     # masses of about 1, by a power of 4 that costs no digit: squares of huge and tiny ones are no numbers
@@ -91,7 +93,7 @@ def _of_unit_mass(
     problem = Poisson(L, M @ np.ones(n), **options)
     if n <= DENSE or 3 * k > n:
         return _finished(L, M, *_dense(M, problem, k), complete=True)
-    null = _null_vectors(problem)[:, :k]
+    null = _null_vectors(problem, k)
     if null.shape[1] == k:
         return _finished(L, M, np.zeros(k), null, complete=True)
     values, vectors, complete = _lanczos(L, M, problem, null, k - null.shape[1], seed, progress)
@@ -101,7 +103,7 @@ def _of_unit_mass(
 
 def _dense(M: csr_array, problem: Poisson, k: int) -> tuple[NDArray, NDArray]:
     """All eigenpairs of the inverse, whose largest are the smallest ones to full relative precision."""
-    null = _null_vectors(problem)[:, :k]
+    null = _null_vectors(problem, k)
     c = null.shape[1]
     R = cholesky(M.toarray())
     inverse = R @ problem.apply_inverse(np.asfortranarray(R.T))
@@ -110,10 +112,10 @@ def _dense(M: csr_array, problem: Poisson, k: int) -> tuple[NDArray, NDArray]:
     return np.concatenate([np.zeros(c), 1.0 / theta]), np.column_stack([null, solve_triangular(R, S)])
 
 
-def _null_vectors(problem: Poisson) -> NDArray[np.float64]:
-    """(n, c) normalised indicator of each component that has the constants as null space."""
-    vectors = np.zeros((len(problem.label), problem.count))
-    inside = np.flatnonzero(problem.label >= 0)
+def _null_vectors(problem: Poisson, k: int) -> NDArray[np.float64]:
+    """(n, min(c, k)) normalised indicators of components that have the constants as null space."""
+    vectors = np.zeros((len(problem.label), min(problem.count, k)))
+    inside = np.flatnonzero((problem.label >= 0) & (problem.label < k))
     label = problem.label[inside]
     size = np.bincount(label, weights=problem.weight[inside], minlength=problem.count)
     vectors[inside, label] = 1.0 / np.sqrt(size[label])

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from ddgcli.errors import MeshError
 from ddgcli.mesh.topology import NEXT, Topology, check_faces, frozen
 
+LARGEST_COORDINATE = 1e300  # lengths and sums of many of them stay numbers
 BLOCK = 1 << 14  # faces at a time, so that temporaries stay in cache
 
 
@@ -25,6 +26,12 @@ def check_points(points: NDArray) -> NDArray[np.float64]:
     if not finite.all():
         bad = np.flatnonzero(~finite.all(axis=1))
         raise MeshError(f"vertex {bad[0]} is not finite ({len(bad)} such vertices); remove or repair it")
+    if len(points) and np.abs(points).max() > LARGEST_COORDINATE:
+        bad = np.flatnonzero((np.abs(points) > LARGEST_COORDINATE).any(axis=1))
+        raise MeshError(
+            f"vertex {bad[0]} has a coordinate above {LARGEST_COORDINATE:g} ({len(bad)} such vertices), and "
+            "lengths leave the range of numbers; rescale the coordinates"
+        )
     return points
 
 

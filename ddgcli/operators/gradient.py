@@ -5,10 +5,9 @@ from __future__ import annotations
 import numpy as np
 from scipy.sparse import csr_array, diags_array
 
-from ddgcli.geometry.extrinsic import face_normal
 from ddgcli.geometry.intrinsic import face_area
 from ddgcli.mesh.topology import NEXT
-from ddgcli.mesh.triangle_mesh import TriangleMesh
+from ddgcli.mesh.triangle_mesh import TriangleMesh, unit_vectors
 
 
 def gradient(mesh: TriangleMesh) -> csr_array:
@@ -16,11 +15,15 @@ def gradient(mesh: TriangleMesh) -> csr_array:
 
     grad f = sum over corners k of f_k (normal x side opposite k) / (2 area).
     """
-    area = face_area(mesh.side_length)
-    opposite = mesh.side_vector[:, NEXT]
-    turned = np.cross(face_normal(mesh)[:, None, :], opposite)
+    longest = mesh.side_length.max(axis=1)  # areas of unit faces: those of tiny ones would vanish
+    unit = np.where(longest > 0, longest, 1.0)[:, None]
+    side = mesh.side_vector / unit[..., None]
+    area = face_area(mesh.side_length / unit)
+    normal = unit_vectors(np.cross(side[:, 0], -side[:, 2]))
     scale = np.divide(0.5, area, out=np.zeros_like(area), where=area > 0)
-    values = (turned * scale[:, None, None]).transpose(0, 2, 1)
+    values = (np.cross(normal[:, None, :], side[:, NEXT]) * scale[:, None, None] / unit[..., None]).transpose(
+        0, 2, 1
+    )
     m = mesh.n_faces
     columns = np.repeat(mesh.faces[:, None, :], 3, axis=1)
     pointers = np.arange(0, 9 * m + 1, 3)

@@ -1,5 +1,7 @@
 """The intrinsic Delaunay triangulation: what must hold after flips, against scipy and libigl."""
 
+import tracemalloc
+
 import hypothesis
 import hypothesis.strategies as st
 import numpy as np
@@ -7,7 +9,6 @@ import pytest
 
 from ddgcli.algorithms.curvature.measures import angle_defect
 from ddgcli.algorithms.delaunay.flips import SideArrays, flip, flip_until_delaunay
-from ddgcli.algorithms.delaunay.report import laplacian_condition
 from ddgcli.algorithms.delaunay.triangulation import (
     flip_to_delaunay,
     glue,
@@ -21,6 +22,7 @@ from ddgcli.algorithms.geodesics.sources import Sources
 from ddgcli.algorithms.laplacian.choice import laplace_operator
 from ddgcli.errors import MeshError
 from ddgcli.geometry.intrinsic import face_area, half_angle_tangent, triangle_excess
+from ddgcli.linalg.condition import condition_number
 from ddgcli.mesh import shapes
 from ddgcli.mesh.intrinsic_mesh import IntrinsicMesh
 from ddgcli.mesh.topology import Topology
@@ -167,7 +169,30 @@ def test_condition_is_that_of_the_whole_matrix(make):
     matrix, used = stiffness(mesh), mesh.topology.referenced_vertex
     values = np.linalg.eigvalsh(matrix.toarray()[used][:, used])
     components = mesh.topology.n_components
-    assert laplacian_condition(matrix, components) == pytest.approx(values[-1] / values[components], rel=1e-6)
+    assert condition_number(matrix) == pytest.approx(values[-1] / values[components], rel=1e-6)
+
+
+def test_condition_of_many_parts_is_that_of_one():
+    """The dense null space of 20,000 components asked for 24 GiB."""
+    one = shapes.random_sphere(30, seed=1)
+    copies = 5000
+    points = np.tile(one.points, (copies, 1))
+    faces = (one.faces + one.n_vertices * np.arange(copies)[:, None, None]).reshape(-1, 3)
+    many = TriangleMesh.from_arrays(points, faces)
+    tracemalloc.start()
+    found = condition_number(stiffness(many))
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert found == pytest.approx(condition_number(stiffness(one)), rel=1e-9)
+    assert peak < 3e8
+
+
+def test_condition_of_a_dense_upper_end():
+    """A cylinder of needles: the largest eigenvalues differ by 1e-5 of themselves."""
+    k = 600
+    matrix = stiffness(shapes.cylinder(k, 1))
+    values = np.linalg.eigvalsh(matrix.toarray()[: 2 * k, : 2 * k])
+    assert condition_number(matrix) == pytest.approx(values[-1] / values[1], rel=1e-5)
 
 
 def test_glued_complexes_are_taken():

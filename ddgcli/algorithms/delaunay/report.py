@@ -20,11 +20,11 @@ from ddgcli.algorithms.delaunay.triangulation import (
     non_delaunay_edges,
     working_lengths,
 )
-from ddgcli.errors import SolveError
 from ddgcli.geometry.extrinsic import face_area_vector
 from ddgcli.geometry.intrinsic import corner_angle, face_area
 from ddgcli.geometry.unfolding import face_corner_angle
-from ddgcli.linalg.factor import Factor
+from ddgcli.linalg.condition import condition_number
+from ddgcli.linalg.residual_gate import within_residuals
 from ddgcli.mesh.fields import AnnotatedMesh
 from ddgcli.mesh.intrinsic_mesh import IntrinsicMesh, SurfaceMesh
 from ddgcli.mesh.triangle_mesh import TriangleMesh, vector_length
@@ -41,6 +41,10 @@ OWN_ARRAYS = (
     "input_barycentric",
     "vertex_kind",
 )
+
+
+# of the accuracy block, judged by `within_residuals`
+RESIDUALS = ("area_residual", "angle_defect_residual", "transfer_integral_residual")
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,6 +130,7 @@ def delaunay_report(
             accuracy["transfer_integral_residual"] = max(one.integral_residual for one in carried.values())
             vertex |= {name: one.carried for name, one in carried.items()}
     reached = (refined is None or refined.reached) and flipped.left == 0
+    reached &= within_residuals(accuracy, RESIDUALS, "rounding on degenerate faces; repair the mesh")
     return DelaunayReport(flipped.mesh, results, accuracy, vertex, carried, cut, reached)
 
 
@@ -213,7 +218,7 @@ def triangulation_statistics(
         "dirichlet_energy": None if mesh.points is None else dirichlet_energy(matrix, mesh.points),
     }
     if condition:
-        statistics["laplacian_condition"] = laplacian_condition(matrix, mesh.topology.n_components)
+        statistics["laplacian_condition"] = condition_number(matrix)
     return statistics
 
 
@@ -232,36 +237,6 @@ def dirichlet_energy(matrix: Any, values: NDArray) -> float:
     values = values.reshape(len(values), -1)
     values = values - values.mean(axis=0)
     return float(0.5 * np.einsum("ik,ik->", values, matrix @ values))
-
-
-def laplacian_condition(matrix: Any, n_components: int) -> float | None:
-    """Largest over smallest non-zero eigenvalue of the stiffness matrix.
-
-    None where it has too few; nan where it is singular to working precision.
-    """
-    from scipy.sparse import eye_array
-    from scipy.sparse.linalg import ArpackError, LinearOperator, eigsh
-
-    used = np.flatnonzero(matrix.diagonal() != 0.0)
-    matrix = matrix[used][:, used]
-    n, wanted = matrix.shape[0], n_components + 1
-    if n < wanted + 1:
-        return None
-    if n <= 3 * wanted + 20:
-        values = np.linalg.eigvalsh(matrix.toarray())
-        return float(values[-1] / values[n_components])
-    start = np.random.default_rng(0).normal(size=n)
-    shift = 1e-9 * float(np.median(matrix.diagonal()))
-    try:
-        largest = eigsh(matrix, 1, which="LM", return_eigenvectors=False, v0=start, tol=1e-6)[0]
-        factor = Factor(matrix + shift * eye_array(n))
-        inverse = LinearOperator((n, n), matvec=factor.solve, dtype=np.float64)
-        smallest = eigsh(
-            matrix, wanted, sigma=-shift, OPinv=inverse, return_eigenvectors=False, v0=start, tol=1e-6
-        ).max()
-    except (SolveError, ArpackError):
-        return float("nan")
-    return float(largest / smallest)
 
 
 def metric_residuals(before: SurfaceMesh, after: SurfaceMesh) -> dict[str, float]:

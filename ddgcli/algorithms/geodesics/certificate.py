@@ -26,27 +26,33 @@ def certificate(mesh: SurfaceMesh, sources: Sources, distance: NDArray) -> dict[
         violations_straight_line : vertices nearer to all sources than a straight line in space (None
         without positions); violations_edge_distance : vertices farther than along edges;
         violations_lipschitz : edges whose ends differ by more than their length, and lipschitz_excess, the
-        largest such excess relative to the edge; gradient_deviation : quantiles of | |grad d| - 1 | by the
-        area of faces. Counts allow 1e-9 of the largest distance, and 8 units of rounding of the largest
-        coordinate.
+        largest such excess relative to the edge; certificate_excess : the largest amount by which any of the
+        three is violated, relative to the largest edge distance; gradient_deviation : quantiles of
+        | |grad d| - 1 | by the area of faces. Counts allow 1e-9 of the largest distance, and 8
+        units of rounding of the largest coordinate.
     """
     finite = np.isfinite(distance)
     slack = SLACK * float(distance[finite].max(initial=0.0))
     if isinstance(mesh, TriangleMesh):  # far from the origin rounding of positions is larger
         slack += 8 * np.finfo(float).eps * float(np.abs(mesh.points).max(initial=0.0))
     bound = edge_distance(mesh, sources).distance
-    longer = int((distance[finite] > bound[finite] + slack).sum())
-    excess, steep = _steep_edges(mesh, distance, slack)
+    over = distance[finite] - bound[finite]
+    under = _below_straight_line(mesh, sources, distance)
+    excess, steep, step = _steep_edges(mesh, distance, slack)
+    worst = max(float(over.max(initial=0.0)), 0.0 if under is None else float(under.max(initial=0.0)), step)
+    reach = float(bound[np.isfinite(bound)].max(initial=0.0))
     return {
-        "violations_straight_line": _below_straight_line(mesh, sources, distance, slack),
-        "violations_edge_distance": longer,
+        "violations_straight_line": None if under is None else int((under > slack).sum()),
+        "violations_edge_distance": int((over > slack).sum()),
         "violations_lipschitz": steep,
         "lipschitz_excess": excess,
+        "certificate_excess": worst / reach if worst > slack and reach > 0 else 0.0,
         "gradient_deviation": _gradient_deviation(mesh, distance),
     }
 
 
-def _below_straight_line(mesh: SurfaceMesh, sources: Sources, distance: NDArray, slack: float) -> int | None:
+def _below_straight_line(mesh: SurfaceMesh, sources: Sources, distance: NDArray) -> NDArray | None:
+    """Amounts by which finite distances fall short of the straight line; None without positions."""
     if not isinstance(mesh, TriangleMesh):
         return None
     finite = np.flatnonzero(np.isfinite(distance))
@@ -54,7 +60,7 @@ def _below_straight_line(mesh: SurfaceMesh, sources: Sources, distance: NDArray,
     largest = float(np.abs(mesh.points).max(initial=0.0))
     scale = 2.0 ** np.frexp(largest)[1] if largest else 1.0  # squares of huge coordinates would overflow
     straight = _nearest(mesh.points[finite] / scale, starts / scale) * scale
-    return int((distance[finite] < straight - slack).sum())
+    return np.asarray(straight - distance[finite])
 
 
 def _nearest(points: NDArray, starts: NDArray) -> NDArray[np.float64]:
@@ -66,14 +72,15 @@ def _nearest(points: NDArray, starts: NDArray) -> NDArray[np.float64]:
     return np.min([vector_length(points - start) for start in starts], axis=0)
 
 
-def _steep_edges(mesh: SurfaceMesh, distance: NDArray, slack: float) -> tuple[float, int]:
+def _steep_edges(mesh: SurfaceMesh, distance: NDArray, slack: float) -> tuple[float, int, float]:
+    """Largest excess relative to its edge, number of steep edges, and the largest excess."""
     tail, head, length = mesh.topology.side_tail, mesh.topology.side_head, mesh.side_length.ravel()
     known = np.isfinite(distance[tail]) & np.isfinite(distance[head])
     excess = np.abs(distance[tail[known]] - distance[head[known]]) - length[known]
     over = excess > slack
     edges = np.unique(mesh.topology.side_edge.ravel()[known][over])
     relative = excess[over] / np.where(length[known][over] > 0, length[known][over], np.inf)
-    return float(relative.max(initial=0.0)), len(edges)
+    return float(relative.max(initial=0.0)), len(edges), float(excess.max(initial=0.0))
 
 
 def _gradient_deviation(mesh: SurfaceMesh, distance: NDArray) -> dict[str, float] | None:

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from ddgcli.algorithms.geodesics.sources import Reached, Sources, checked_sources
 from ddgcli.errors import MeshError, ParameterError
 from ddgcli.geometry.surface_points import SurfacePoints
+from ddgcli.linalg.residual_gate import within_residuals
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.operators.laplacian import SurfaceMesh
 
@@ -23,6 +24,8 @@ if TYPE_CHECKING:
 
 log = logging.getLogger("ddgcli")
 
+# violation of the certificate over the largest edge distance; heat errs by two per cent on sound meshes
+WARNING_EXCESS, LARGEST_EXCESS = 0.05, 0.5
 LOST_HEAT = 1e-3  # residual of the heat's system, of which nothing is left to take a direction from
 
 METHODS = ("exact", "heat", "fast-marching", "dijkstra")
@@ -67,12 +70,15 @@ class Measured(Reached):
         How the shortest paths arrive, where the method knows.
     marched : MarchedDistance, optional
         By what stencils the distance was handed on, where it was.
+    converged : bool
+        False where the certificate or a residual is worse than the stated bounds.
     """
 
     results: dict[str, Any] = field(default_factory=dict)
     accuracy: dict[str, Any] = field(default_factory=dict)
     exact: ExactDistance | None = None
     marched: MarchedDistance | None = None
+    converged: bool = True
 
     @property
     def arrays(self) -> dict[str, NDArray]:
@@ -265,7 +271,17 @@ def measure_distance(
         "sources": sources.described(mesh),
     }
     accuracy = measured.accuracy | certificate(mesh, sources, measured.distance)
-    return replace(measured, results=results | measured.results, accuracy=accuracy)
+    sound = within_residuals(
+        accuracy,
+        ("certificate_excess",),
+        "bounds that every true distance satisfies are violated; use the exact method or repair the mesh",
+        warning=WARNING_EXCESS if method in ("heat", "fast-marching") else 0.0,
+        largest=LARGEST_EXCESS,
+    )
+    sound &= within_residuals(
+        accuracy, ("heat_residual", "poisson_residual"), "use the exact method or repair the mesh"
+    )
+    return replace(measured, results=results | measured.results, accuracy=accuracy, converged=sound)
 
 
 def compare(

@@ -70,8 +70,7 @@ def parameterize_harmonic(mesh: TriangleMesh, operator: LaplaceOperator) -> Para
     circle = np.stack([np.cos(angle), np.sin(angle)], axis=1)
     order = np.argsort(loop)
     used = operator.used
-    local = np.full(mesh.n_vertices, -1)
-    local[used] = np.arange(len(used))
+    local = _local_numbers(mesh.n_vertices, used, loops)
     filled = _with_fans(operator.stiffness[used][:, used], [local[hole] for hole in loops[1:]])
     problem = Dirichlet(filled, local[loop])
     inside = problem.solve(circle[order])
@@ -88,8 +87,7 @@ def parameterize_conformal(mesh: TriangleMesh, operator: LaplaceOperator) -> Par
     """
     loops = boundary_loops(mesh, "--parameterize conformal")
     used = operator.used
-    local = np.full(mesh.n_vertices, -1)
-    local[used] = np.arange(len(used))
+    local = _local_numbers(mesh.n_vertices, used, loops)
     H, B = _conformal_energy(mesh, operator.stiffness[used][:, used], loops, local)
     z, residual, converged = _smallest_complex(H, B, local[loops[0]])
     if not converged:
@@ -124,6 +122,19 @@ def boundary_loops(mesh: TriangleMesh, verb: str) -> list[NDArray[np.int64]]:
     if len(loops) > 1:
         log.warning("the surface has %d boundary loops; the longest bounds the map", len(loops))
     return sorted(loops, key=lambda loop: -_perimeter(mesh.points[loop]))
+
+
+def _local_numbers(n_vertices: int, used: NDArray, loops: list[NDArray]) -> NDArray[np.int64]:
+    """(n,) number of each vertex among those of the operator; MeshError where a boundary vertex has none."""
+    local = np.full(n_vertices, -1)
+    local[used] = np.arange(len(used))
+    lost = [int(v) for loop in loops for v in loop[local[loop] < 0]]
+    if lost:
+        raise MeshError(
+            f"{len(lost)} boundary vertices have only faces without area (first: vertex {lost[0]}); "
+            "remove those faces"
+        )
+    return local
 
 
 def _with_fans(L: csr_array, holes: list[NDArray]) -> csr_array:

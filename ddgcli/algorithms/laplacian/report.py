@@ -16,8 +16,14 @@ from ddgcli.algorithms.laplacian.choice import (
     symmetry_residual,
 )
 from ddgcli.errors import ParameterError
+from ddgcli.linalg.residual_gate import within_residuals
 from ddgcli.mesh.fields import AnnotatedMesh
 from ddgcli.mesh.triangle_mesh import TriangleMesh
+
+RESIDUALS = (
+    "eigen_residuals", "poisson_residual", "harmonic_residual", "parameterize_residual", "smooth_residual",
+    "row_sum_residual", "symmetry_residual",
+)  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,6 +129,9 @@ def laplacian_report(mesh: TriangleMesh, tasks: Tasks, progress: Told | None = N
         told = _share_of(progress, before, len(asked) + 1)
         told(0, 1)
         chore(report, tasks, told)
+    report.converged &= within_residuals(
+        report.accuracy, RESIDUALS, "the triangles leave the system too ill-conditioned; repair the mesh"
+    )
     return report
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.algorithms.laplacian.choice import LaplaceOperator
-from ddgcli.errors import ParameterError
+from ddgcli.errors import ParameterError, SolveError
 from ddgcli.linalg.eigen import Eigenpairs, smallest_eigenpairs
 from ddgcli.linalg.lanczos import Progress
 
@@ -76,4 +76,11 @@ def heat_kernel_signature(pairs: Eigenpairs, times: NDArray) -> HeatKernelSignat
             times[truncation > 1e-3].min(),
             truncation.max(),
         )
-    return HeatKernelSignature(pairs.vectors**2 @ decay, truncation)
+    with np.errstate(over="ignore", invalid="ignore"):
+        values = pairs.vectors**2 @ decay
+    if not np.isfinite(values).all():
+        raise SolveError(
+            f"the heat kernel leaves the range of numbers at {int((~np.isfinite(values)).any(axis=1).sum())} "
+            "vertices, whose areas are too small; rescale or repair the mesh"
+        )
+    return HeatKernelSignature(values, truncation)

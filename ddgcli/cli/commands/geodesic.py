@@ -63,12 +63,12 @@ def command(
         if sources is not None:
             measured = compute_distance(run, mesh, distance, sources, directions=curves.log_map)
             vertex, face, lines = measured.vertex, measured.face, measured.curves
-            results, accuracy = measured.results, measured.accuracy
+            results, accuracy, converged = measured.results, measured.accuracy, measured.converged
     if curves.any or lines:
         exact = None if measured is None else measured.exact
         made = compute_curves(run, read, curves, sources, exact, more=lines)
         results, accuracy = results | {"paths": made.entries}, accuracy | made.accuracy
-        converged = made.converged
+        converged &= made.converged
     if curves.any_vectors and sources is not None and measured is not None:
         vectors = compute_vectors(run, mesh, curves, sources, measured)
         vertex, results, accuracy = (

@@ -138,6 +138,7 @@ class DistanceMade:
     exact: ExactDistance | None
     marched: MarchedDistance | None
     curves: list[Curves]
+    converged: bool
 
 
 def read_sources(mesh: TriangleMesh, asked: DistanceChoice) -> Sources:
@@ -209,7 +210,9 @@ def compute_distance(
 
         run.progress("symmetry")
         accuracy |= symmetry(mesh, lambda s: solver(s).distance, seed=run.common.seed)
-    return DistanceMade(vertex, face, measured.results, accuracy, measured.exact, measured.marched, curves)
+    return DistanceMade(
+        vertex, face, measured.results, accuracy, measured.exact, measured.marched, curves, measured.converged
+    )
 
 
 def draw_distance(

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.algorithms.geodesics.exact.dominance import EPS
+from ddgcli.algorithms.geodesics.exact.tables import WindowTables
 
 
 def children(
@@ -84,3 +85,19 @@ def norm(x: NDArray, y: NDArray) -> NDArray[np.float64]:
     y *= y
     x += y
     return np.sqrt(x, out=x)
+
+
+def reflect(lines: NDArray, flip: NDArray, length: NDArray) -> None:
+    """Turn windows around where `flip`: x becomes length - x."""
+    i = np.flatnonzero(flip)
+    b0, b1, sx = lines[:3, i]
+    lines[:3, i] = length[i] - np.stack([b1, b0, sx])
+    if len(lines) > 4:
+        lines[4, i] += np.pi * lines[5, i]
+        lines[5, i] *= -1.0
+
+
+def swing_of(tables: WindowTables) -> NDArray[np.float64]:
+    """(6m,) turns from the frame of each side to those across (v0, apex) and across (apex, v1)."""
+    length, x, y = tables.shape[:, :3].T
+    return np.stack([np.arctan2(y, x), -np.arctan2(y, length - x)], axis=1).ravel()

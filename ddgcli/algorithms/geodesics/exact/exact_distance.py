@@ -15,13 +15,18 @@ from ddgcli.algorithms.geodesics.exact.targets import Targets
 from ddgcli.algorithms.geodesics.exact.tolerance import NearPart
 from ddgcli.algorithms.geodesics.exact.wavefront import Front
 from ddgcli.algorithms.geodesics.sources import Reached, Sources, checked_sources
-from ddgcli.errors import MeshError, ParameterError
+from ddgcli.errors import MeshError, ParameterError, SolveError
 from ddgcli.geometry.surface_points import SurfacePoints
 from ddgcli.geometry.unfolding import vertex_fans
 from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
 from ddgcli.mesh.topology import PREVIOUS
+from ddgcli.mesh.triangle_mesh import TriangleMesh
 
 log = logging.getLogger("ddgcli")
+
+# rounds after which a run without a bound on crossings starts anew with it, and after which that one gives up
+ROUNDS, ROUNDS_PER_FACE = 1000.0, 0.25
+BOUNDED_ROUNDS_PER_FACE = 16.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,10 +122,18 @@ def exact_distance(
     ------
     MeshError, ParameterError
         On a bad source or tolerance; on directions where faces run against each other.
+    SolveError
+        When the windows are too many for the number of vertices and faces.
 
     References
     ----------
     Mitchell, Mount, Papadimitriou 1987; Xin, Wang 2009; batching and dominance as in docs/geodesic.md.
+
+    Notes
+    -----
+    A shortest path in space crosses a face at most once, because the straight segment between two of its
+    points is the shortest path between them. Windows that have crossed more faces than the mesh has are
+    dropped. On needles and flat faces rounding hides from every other filter that they come too late.
     """
     if not 0 <= tolerance < np.inf:
         raise ParameterError(f"tolerance {tolerance} must be a number of side lengths, 0 or more")
@@ -135,12 +148,37 @@ def exact_distance(
     most_windows = 1e6 + 3000.0 * mesh.n_vertices + 60.0 * mesh.n_vertices**1.5
     start = partial(_started, mesh, sources, points, tables, dominance_every, directions)
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        front, wanted, error = _propagated(
-            mesh, start, tolerance, limit / tables.scale, most_windows, progress
-        )
+        front, wanted, error = _bounded(mesh, start, tolerance, limit / tables.scale, most_windows, progress)
     patched = _patch_unreached(front, mesh) if np.isinf(limit) else 0
     wanted.finish(front.distance, front.origin)
     return _answer(front, wanted, directions, error, patched)
+
+
+def _bounded(
+    mesh: SurfaceMesh,
+    start: Callable[..., tuple[Front, Targets]],
+    tolerance: float,
+    limit: float,
+    most_windows: float,
+    progress: Callable[[float, float], None] | None,
+) -> tuple[Front, Targets, float]:
+    """`_propagated`, with a bound on crossings where windows are too many without it.
+
+    Only a mesh in space has the bound: in an intrinsic face the straight segment may be a detour.
+    """
+    arguments = tolerance, limit, most_windows, progress
+    bounded = partial(
+        start, max_crossings=mesh.n_faces, max_rounds=ROUNDS + BOUNDED_ROUNDS_PER_FACE * mesh.n_faces
+    )
+    try:
+        return _propagated(
+            mesh, partial(start, max_rounds=ROUNDS + ROUNDS_PER_FACE * mesh.n_faces), *arguments
+        )
+    except SolveError:
+        if not isinstance(mesh, TriangleMesh):
+            raise
+    log.info("windows multiply on degenerate faces: starting anew with a bound on crossings")
+    return _propagated(mesh, bounded, *arguments)
 
 
 def _propagated(
@@ -205,13 +243,16 @@ def _started(
     directions: bool,
     *,
     slack: float,
+    max_crossings: int = 0,
+    max_rounds: float = np.inf,
 ) -> tuple[Front, Targets]:
     """A front that has left the sources, and the targets that it lights."""
     wanted = Targets(tables, points)
     targets = wanted if len(points) else None
     front = Front(
-        tables, slack=slack, dominance_every=dominance_every, targets=targets, directions=directions
-    )
+        tables, slack=slack, dominance_every=dominance_every, targets=targets, directions=directions,
+        max_crossings=max_crossings, max_rounds=max_rounds,
+    )  # fmt: skip
     _start(front, mesh, sources)
     return front, wanted
 

@@ -40,7 +40,7 @@ class Targets:
         row, target = self._inside(where[0] // 3)
         if not len(row):
             return
-        (b0, b1, sx, sy), (side, origin) = lines[:4].take(row, axis=1), where.take(row, axis=1)
+        (b0, b1, sx, sy), (side, origin) = lines[:4].take(row, axis=1), where[:2].take(row, axis=1)
         x, y = self._place(side, target)
         dx, dy = x - sx, y - sy
         at = sx - dx * sy / dy

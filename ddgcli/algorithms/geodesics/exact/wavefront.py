@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.algorithms.geodesics.exact.bundles import Bundles
-from ddgcli.algorithms.geodesics.exact.children import children, norm
+from ddgcli.algorithms.geodesics.exact.children import children, norm, reflect, swing_of
 from ddgcli.algorithms.geodesics.exact.dominance import EPS, dominate
 from ddgcli.algorithms.geodesics.exact.pool import NEVER, Origins, Pool, ranges
 from ddgcli.algorithms.geodesics.exact.shadow import MARGIN, shadow_of
@@ -48,6 +48,10 @@ class Front:
         Points in faces to measure on the way.
     directions : bool
         Find at what angle the lines that reach vertices left their sources (`departure`; nan behind bends).
+    max_crossings : int
+        Drop windows that have crossed more faces since their origin; 0: no such bound, and bundles are used.
+    max_rounds : float
+        Rounds after which `run` gives up.
     """
 
     def __init__(
@@ -58,8 +62,11 @@ class Front:
         dominance_every: int = 10,
         targets: Targets | None = None,
         directions: bool = False,
+        max_crossings: int = 0,
+        max_rounds: float = np.inf,
     ) -> None:
         n = tables.n_vertices
+        self.max_crossings, self.max_rounds = max_crossings, max_rounds
         self.targets = targets
         self.tables, self.slack, self.dominance_every = tables, slack, dominance_every
         # a path that bends by slack turns at any vertex, by little: windows are narrow where slack drops them
@@ -73,11 +80,11 @@ class Front:
         self._place = np.zeros(n, dtype=np.int64)
         self.origins = Origins()
         self.columns = 4 + int(directions) * (1 if tables.plain else 2)  # b0, b1, sx, sy, turn, sign
-        self.swing = _swing(tables) if directions else None
+        self.swing = swing_of(tables) if directions else None
         self.departure = np.full(n if directions else 0, np.nan)
-        self.pool = Pool(self.columns)
+        self.pool = Pool(self.columns, ints=3 if max_crossings else 2)
         self.bundles: Bundles | None = None
-        if tables.plain and slack == 0 and dominance_every:
+        if tables.plain and slack == 0 and dominance_every and not max_crossings:
             self.bundles = Bundles(
                 tables, self.origins, self.distance, self.swing, None if targets is None else targets.faces
             )
@@ -218,9 +225,16 @@ class Front:
 
     # -- windows ------------------------------------------------------------------------------------
 
-    def _enter(self, lines: NDArray, code: NDArray, origin: NDArray, key: NDArray, left_by: NDArray) -> None:
-        """Push windows into the faces across; `lines` are in the frame that runs against side `left_by`."""
+    def _enter(
+        self, lines: NDArray, code: NDArray, origin: NDArray, key: NDArray, left_by: NDArray,
+        crossings: NDArray | None = None,
+    ) -> None:  # fmt: skip
+        """Push windows into the faces across; `lines` are in the frame that runs against side `left_by`.
+
+        `crossings` is the number of faces that each has crossed since its origin (none: 0).
+        """
         tables = self.tables
+        crossings = np.zeros(len(code), dtype=np.int64) if crossings is None else crossings
         if tables.edge_sides is not None and (code < BOUNDARY).any():
             many = code < BOUNDARY
             row, side, same_way = tables.across_many(left_by[many])
@@ -228,14 +242,15 @@ class Front:
             where_from = np.concatenate([np.flatnonzero(one), np.flatnonzero(many)[row]])
             code = np.concatenate([code[one], side])
             lines, origin, key = lines[:, where_from], origin[where_from], key[where_from]
+            crossings = crossings[where_from]
             flip = np.concatenate([np.zeros(int(one.sum()), dtype=bool), same_way])
             if tables.mirrored is not None:
                 flip[: int(one.sum())] = tables.mirrored[left_by[one]]
-            _reflect(lines, flip, tables.shape[code, 0])
+            reflect(lines, flip, tables.shape[code, 0])
         elif tables.mirrored is not None:
-            _reflect(lines, tables.mirrored[left_by], tables.shape[code, 0])
-        where = np.empty((2, len(code)), dtype=np.int64)
-        where[0], where[1] = code, origin
+            reflect(lines, tables.mirrored[left_by], tables.shape[code, 0])
+        where = np.empty((len(self.pool.where), len(code)), dtype=np.int64)
+        where[0], where[1], where[2:] = code, origin, crossings
         self.pool.push(lines, where, key)
 
     def run(
@@ -253,7 +268,7 @@ class Front:
         Raises
         ------
         SolveError
-            After `most_windows` windows: the surface is too degenerate for this method.
+            After `most_windows` windows or `max_rounds` rounds: the surface is too degenerate.
         """
         bundles = self.bundles if limit == enough == np.inf else None
         while True:
@@ -275,10 +290,10 @@ class Front:
             self.rounds += 1
             lines, where = self._popped(bound, bundles)
             self.windows += where.shape[1]
-            if self.windows > most_windows:
+            if self.windows > most_windows or self.rounds > self.max_rounds:
                 raise SolveError(
-                    f"exact distance gave up after {self.windows} windows; the triangles are too degenerate: "
-                    "use --method heat, or repair the mesh"
+                    f"exact distance gave up after {self.windows} windows in {self.rounds} rounds; the "
+                    "triangles are too degenerate: use fast marching or edge distances, or repair the mesh"
                 )
             if where.shape[1] == 0:
                 continue
@@ -330,7 +345,7 @@ class Front:
 
     def _propagate(self, lines: NDArray, where: NDArray) -> None:
         """Carry windows across their faces: light the apex, then hand on what the filter keeps."""
-        side, origin = where
+        side, origin = where[:2]
         base = self.origins.distance.take(origin)
         shape = np.ascontiguousarray(self.tables.shape.take(side, axis=0).T)
         ids = np.ascontiguousarray(self.tables.ids.take(side, axis=0).T)
@@ -362,7 +377,13 @@ class Front:
             to[k:] += 1
             out[4] += self.swing.take(to) if len(out) == 5 else self.swing.take(to) * out[5]
         code = np.concatenate([ids[3].take(source[:k]), ids[4].take(source[k:])])
-        inner = (code != BOUNDARY).nonzero()[0]
+        inner = code != BOUNDARY
+        crossings = None
+        if self.max_crossings:
+            crossings = where[2].take(source) + 1
+            inner &= crossings < self.max_crossings
+            crossings = crossings[inner]
+        inner = inner.nonzero()[0]
         if len(inner) < len(kept):
             kept, out, key = kept.take(inner), out.take(inner, axis=1), key.take(inner)
             code, source = code.take(inner), source.take(inner)
@@ -370,7 +391,7 @@ class Front:
         if self.tables.mirrored is not None or self.tables.edge_sides is not None:
             face, j = np.divmod(side.take(source), 3)
             left_by = 3 * face + (j + np.where(kept < n_left, 2, 1)) % 3
-        self._enter(out, code, origin.take(source), key, left_by)
+        self._enter(out, code, origin.take(source), key, left_by, crossings)
 
     def _departed(self, lines: NDArray, dx: NDArray, dy: NDArray, lit: NDArray) -> NDArray | None:
         """Angles at which lines in direction (dx, dy) through some windows left the source."""
@@ -378,19 +399,3 @@ class Front:
             return None
         angle = np.arctan2(dy.take(lit), dx.take(lit))
         return lines[4].take(lit) + (angle if len(lines) == 5 else angle * lines[5].take(lit))
-
-
-def _reflect(lines: NDArray, flip: NDArray, length: NDArray) -> None:
-    """Turn windows around where `flip`: x becomes length - x."""
-    i = np.flatnonzero(flip)
-    b0, b1, sx = lines[:3, i]
-    lines[:3, i] = length[i] - np.stack([b1, b0, sx])
-    if len(lines) > 4:
-        lines[4, i] += np.pi * lines[5, i]
-        lines[5, i] *= -1.0
-
-
-def _swing(tables: WindowTables) -> NDArray[np.float64]:
-    """(6m,) turns from the frame of each side to those across (v0, apex) and across (apex, v1)."""
-    length, x, y = tables.shape[:, :3].T
-    return np.stack([np.arctan2(y, x), -np.arctan2(y, length - x)], axis=1).ravel()

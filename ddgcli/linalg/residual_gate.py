@@ -1,0 +1,47 @@
+"""Judgement of residuals: silent, a warning, or a result that does not count as converged."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+log = logging.getLogger("ddgcli")
+
+WARNING_RESIDUAL = 1e-6  # relative: half of the digits that a sound solution has are lost
+LARGEST_RESIDUAL = 1e-2  # relative: a larger one means that the answer is not a solution
+
+
+def within_residuals(
+    accuracy: Mapping[str, Any],
+    names: tuple[str, ...],
+    cure: str,
+    *,
+    warning: float = WARNING_RESIDUAL,
+    largest: float = LARGEST_RESIDUAL,
+) -> bool:
+    """Whether every relative residual is small enough for the results to count as converged.
+
+    Parameters
+    ----------
+    accuracy : mapping
+        Accuracy block of a summary; entries are numbers, sequences of numbers or None.
+    names : tuple of str
+        Entries to judge; missing ones and None are passed over.
+    cure : str
+        What the caller can do, for the warning.
+    warning, largest : float
+        Residuals above `warning` are reported; above `largest`, or not finite, the answer is False.
+    """
+    converged = True
+    for name in names:
+        values = np.atleast_1d(np.asarray(accuracy.get(name, ()), dtype=np.float64))
+        if accuracy.get(name) is None or not len(values):
+            continue
+        worst = float(values.max()) if np.isfinite(values).all() else np.inf
+        if worst > warning:
+            log.warning(f"{name} is {worst:.2g}, above {warning:g}: {cure}")
+        converged &= worst <= largest
+    return converged
