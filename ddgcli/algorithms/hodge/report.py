@@ -22,6 +22,7 @@ from ddgcli.algorithms.hodge.harmonic import HarmonicBasis, harmonic_basis
 from ddgcli.algorithms.hodge.homology import Boundary, betti_numbers, generator_loops
 from ddgcli.algorithms.hodge.solid_homology import solid_generator_loops
 from ddgcli.errors import MeshError, ParameterError
+from ddgcli.linalg.gate import residuals_hold
 from ddgcli.mesh.fields import AnnotatedMesh
 from ddgcli.mesh.require import require
 from ddgcli.mesh.tet_mesh import TetMesh
@@ -35,12 +36,13 @@ SpaceMesh = TriangleMesh | TetMesh
 
 @dataclass(frozen=True, eq=False)
 class HodgeReport:
-    """The annotated mesh, the summary's blocks, and the vectors that a picture shows."""
+    """The annotated mesh, the summary's blocks, the picture's potential, and whether the residuals hold."""
 
     annotated: AnnotatedMesh
     results: dict[str, Any]
     accuracy: dict[str, Any]
     shown: NDArray | None
+    converged: bool = True
 
 
 def hodge_report(
@@ -76,7 +78,11 @@ def hodge_report(
         "reconstruction_residual": split.reconstruction_residual if split else None,
         "harmonic_residual": split.harmonic_residual if split else (basis.residual if basis else None),
     }
-    return HodgeReport(AnnotatedMesh(mesh, **arrays), results, accuracy, split.potential if split else None)
+    # the parts of vectors on vertices are averaged once more, which leaves a remainder by construction
+    averaged = {"reconstruction_residual"} if place == "vertex" else set()
+    converged = residuals_hold({name: value for name, value in accuracy.items() if name not in averaged})
+    shown = split.potential if split else None
+    return HodgeReport(AnnotatedMesh(mesh, **arrays), results, accuracy, shown, converged)
 
 
 def check_mesh(mesh: SpaceMesh) -> None:

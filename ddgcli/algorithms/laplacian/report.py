@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,8 +17,14 @@ from ddgcli.algorithms.laplacian.choice import (
     symmetry_residual,
 )
 from ddgcli.errors import ParameterError
+from ddgcli.linalg.gate import residuals_hold
 from ddgcli.mesh.fields import AnnotatedMesh
 from ddgcli.mesh.triangle_mesh import TriangleMesh
+
+if TYPE_CHECKING:
+    from ddgcli.algorithms.laplacian.smooth import Smoothed
+
+log = logging.getLogger("ddgcli")
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,7 +43,7 @@ class Tasks:
         Interpolate the fixed values.
     fixed : mapping of vertex to value
     smooth : float, optional
-        Time of mean curvature flow, in `smooth_steps` steps (10).
+        Time of mean curvature flow, in `smooth_steps` steps (10), by `smooth_flow` ('mean-curvature').
     parameterize : {'harmonic', 'conformal'}, optional
     hks : sequence of float
         Times of heat kernel signatures.
@@ -51,6 +58,7 @@ class Tasks:
     fixed: Mapping[int, float] = field(default_factory=dict)
     smooth: float | None = None
     smooth_steps: int | None = None
+    smooth_flow: str | None = None
     parameterize: str | None = None
     hks: tuple[float, ...] = ()
     seed: int = 0
@@ -62,6 +70,8 @@ class Tasks:
             raise ParameterError("--fix belongs to --harmonic or --poisson; add one of them")
         if self.smooth_steps is not None and self.smooth is None:
             raise ParameterError("--smooth-steps belongs to --smooth TIME; add that")
+        if self.smooth_flow is not None and self.smooth is None:
+            raise ParameterError("--smooth-flow belongs to --smooth TIME; add that")
 
 
 @dataclass(eq=False)
@@ -141,6 +151,7 @@ def _eigen(report: Report, tasks: Tasks, told: Told) -> None:
         k = max(k, signature_pairs(report.operator, tasks.hks))
     pairs = spectrum(report.operator, k, seed=tasks.seed, progress=told)
     report.converged &= pairs.complete
+    report.converged &= residuals_hold({"eigen_residuals": float(pairs.residuals.max(initial=0.0))})
     if tasks.eigen is not None:
         shown = slice(tasks.eigen)
         report.vertex |= {f"eigenvector_{i:03d}": v for i, v in enumerate(pairs.vectors.T[shown])}
@@ -165,6 +176,7 @@ def _poisson(report: Report, tasks: Tasks, told: Told) -> None:
     report.results["poisson"] = _summary(report.operator, solution.values)
     report.accuracy["poisson_residual"] = solution.residual
     report.accuracy["poisson_imbalance"] = solution.imbalance
+    report.converged &= residuals_hold({"poisson_residual": solution.residual})
 
 
 def _harmonic(report: Report, tasks: Tasks, told: Told) -> None:
@@ -176,7 +188,12 @@ def _harmonic(report: Report, tasks: Tasks, told: Told) -> None:
     values = np.array(list(tasks.fixed.values()))
     beyond = max(solution.values.max() - values.max(), values.min() - solution.values.min(), 0.0)
     report.accuracy["harmonic_residual"] = solution.residual
-    report.accuracy["maximum_principle_violation"] = float(beyond / (np.ptp(values) or 1.0))
+    violation = float(beyond / (np.ptp(values) or np.abs(values).max() or 1.0))
+    report.accuracy["maximum_principle_violation"] = violation
+    certificates = {"harmonic_residual": solution.residual}
+    if report.accuracy["negative_weights"] == 0:
+        certificates["maximum_principle_violation"] = violation
+    report.converged &= residuals_hold(certificates)
 
 
 def _summary(operator: LaplaceOperator, u: NDArray) -> dict[str, Any]:
@@ -201,28 +218,61 @@ def _parameterize(report: Report, tasks: Tasks, told: Told) -> None:
     }
     report.accuracy["parameterize_residual"] = flat.residual
     report.converged &= flat.converged
+    report.converged &= residuals_hold({"parameterize_residual": flat.residual})
 
 
 def _smooth(report: Report, tasks: Tasks, told: Told) -> None:
     if tasks.smooth is None:
         return
-    from ddgcli.algorithms.laplacian.smooth import smooth
+    from ddgcli.algorithms.laplacian.smooth import FLOWS, sensible_times, smooth
 
     before = report.mesh
+    flow = tasks.smooth_flow or FLOWS[0]
     smoothed = smooth(
         before,
         tasks.smooth,
         steps=tasks.smooth_steps or 10,
+        flow=flow,
         operator=tasks.operator,
         mass=tasks.mass,
         progress=told,
     )
+    edge, shape = sensible_times(before)
     report.mesh = smoothed.mesh
     report.vertex["displacement"] = smoothed.mesh.points - before.points
     report.results |= {
+        "smooth_flow": flow,
         "smooth_time": smoothed.time,
+        "smooth_sensible_time": {"noise": edge, "shape": shape},
         "smooth_area": {"before": smoothed.area[0], "after": smoothed.area[-1]},
+        "smooth_collapsed_vertices": smoothed.collapsed,
     }
     report.accuracy["smooth_residual"] = smoothed.residual
     report.accuracy["smooth_area_increases"] = int((np.diff(smoothed.area) > 0).sum())
-    report.converged &= smoothed.time >= tasks.smooth * (1 - 1e-9)
+    report.accuracy["smooth_box_growth"] = smoothed.box_growth
+    report.converged &= residuals_hold({"smooth_residual": smoothed.residual})
+    report.converged &= smoothed.in_box and smoothed.time >= tasks.smooth * (1 - 1e-9)
+    _warn_of_smoothing(smoothed, tasks.smooth, f"{edge:.2g} removes noise, {shape:.2g} changes the shape")
+
+
+def _warn_of_smoothing(smoothed: Smoothed, time: float, advice: str) -> None:
+    """Report what smoothing did to the surface beside smoothing it."""
+    if smoothed.time < time * (1 - 1e-9):
+        log.warning(
+            "the surface vanished at time %g of %g: take a shorter time (%s)", smoothed.time, time, advice
+        )
+    elif smoothed.collapse_time is not None:
+        log.warning(
+            "thin parts with %d vertices shrank to lines or points after time %g: take a shorter time (%s), "
+            "or the flow 'conformalized', which seldom pinches",
+            smoothed.collapsed,
+            smoothed.collapse_time,
+            advice,
+        )
+    if not smoothed.in_box:
+        log.warning(
+            "the bounding box grew by %.2g of its diagonal, which mean curvature flow never does: the operator "
+            "has negative weights, or the mass matrix couples vertices; take the operator "
+            "'intrinsic-delaunay' or 'tufted' with mass 'lumped' or 'voronoi'",
+            smoothed.box_growth,
+        )

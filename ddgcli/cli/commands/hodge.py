@@ -58,9 +58,9 @@ def command(
     given = given_field(source, field, field_file)
     mesh = source.mesh if isinstance(source.mesh, TetMesh) else source.surface
     report = hodge_report(mesh, given, boundary, basis, run.progress("hodge"))
-    run.write(report.annotated)
+    run.write(report.annotated, converged=report.converged)
     run.plot(lambda path: draw(path, source.surface, report.shown))
-    run.finish(report.results, report.accuracy)
+    run.finish(report.results, report.accuracy, converged=report.converged)
 
 
 def draw(path: str, mesh: TriangleMesh, potential: NDArray | None) -> None:
