@@ -271,8 +271,8 @@ def _warn_of_smoothing(smoothed: Smoothed, time: float, advice: str) -> None:
         )
     if not smoothed.in_box:
         log.warning(
-            "the bounding box grew by %.2g of its diagonal, which mean curvature flow never does: the operator "
-            "has negative weights, or the mass matrix couples vertices; take the operator "
+            "the bounding box grew by %.2g of its diagonal, which mean curvature flow never does: the "
+            "operator has negative weights, or the mass matrix couples vertices; take the operator "
             "'intrinsic-delaunay' or 'tufted' with mass 'lumped' or 'voronoi'",
             smoothed.box_growth,
         )

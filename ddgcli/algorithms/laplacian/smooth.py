@@ -22,8 +22,8 @@ FLOWS = ("mean-curvature", "conformalized")
 # Bounds of the system M/dt + L, whose weights have no unit and are about 1. Without them a limb that has
 # shrunk to a line has weights of 1e13 around and masses of 1e-40, and no solver has a digit left.
 MAX_WEIGHT, MIN_MASS = 1e5, 1e-8
-# Batches of Delaunay flips in a step. Ordinary surfaces need some dozens; where a part has collapsed to a line
-# the flips follow rounding around it and take minutes. An edge left over loses its negative weight instead.
+# Batches of Delaunay flips in a step. Ordinary surfaces need some dozens; where a part has collapsed to a
+# line the flips follow rounding around it and take minutes. An edge left over loses its negative weight.
 MAX_FLIP_ROUNDS = 200
 # Share of the first area below which the surface counts as vanished.
 VANISHED_AREA = 1e-9
@@ -87,7 +87,8 @@ def smooth(
         With L and M of the surface at the start of each step (M. Desbrun et al., "Implicit fairing of
         irregular meshes using diffusion and curvature flow", 1999), which pinches thin parts off; or with the
         L of the first surface throughout and M of each step, which keeps angles and does not pinch
-        (M. Kazhdan, J. Solomon, M. Ben-Chen, "Can mean-curvature flow be modified to be non-singular?", 2012).
+        (M. Kazhdan, J. Solomon, M. Ben-Chen, "Can mean-curvature flow be modified to be
+        non-singular?", 2012).
     operator, mass : str
         See `laplace_operator`. With weights that are not negative and a diagonal mass (the defaults) each new
         point is a weighted mean of old ones.
@@ -183,6 +184,6 @@ def bounded_stiffness(laplace: LaplaceOperator) -> csr_array:
 
 
 def sensible_times(mesh: TriangleMesh) -> tuple[float, float]:
-    """Squared mean edge length, which removes noise, and a thousandth of the area, which changes the shape."""
+    """Squared mean edge length, which removes noise, and a thousandth of the area, which reshapes."""
     length = mesh.side_length
     return float(length.mean()) ** 2, 1e-3 * float(face_area(length).sum())

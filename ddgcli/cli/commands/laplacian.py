@@ -72,9 +72,9 @@ class FixedValue(click.ParamType):
     "--smooth",
     type=options.POSITIVE,
     metavar="TIME",
-    help="Implicit mean curvature flow for TIME (length squared); the written mesh is smoothed. The mean "
-    "edge length squared removes noise, a thousandth of the area changes the shape, and by a fiftieth of it a "
-    "sphere has vanished; results.smooth_sensible_time has the numbers of MESH.",
+    help="Implicit mean curvature flow for TIME (length squared); the written mesh is smoothed. The "
+    "mean edge length squared removes noise, a thousandth of the area changes the shape, and by a fiftieth "
+    "of it a sphere has vanished; results.smooth_sensible_time has the numbers of MESH.",
 )
 @click.option(
     "--smooth-flow",
