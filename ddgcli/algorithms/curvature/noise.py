@@ -1,7 +1,7 @@
 """Noise of a surface's vertices: how large it is, what it does to curvature, and which radius averages it.
 
-Heights over tangent planes are z = surface + noise of standard deviation s. A quadratic fit in a disk of radius
-R with one vertex per area A has a mean curvature whose standard deviation is 4 sqrt(3 A / pi) s / R^3 (from
+Heights over tangent planes are z = surface + noise of standard deviation s. A quadratic fit in a disk of
+radius R with one vertex per area A has a mean curvature whose standard deviation is 4 sqrt(3 A / pi) s / R^3 (from
 the variance of r^2 over the disk, R^4 / 12). Its bias is k (k R)^2 / 4 on a sphere of curvature k and less on
 surfaces that bend one way; half of that stands for all.
 """
@@ -56,7 +56,8 @@ class Noise:
     creased : bool
         Whether it consists of planes with creases between, whose residuals are not noise.
     error, error_at_radius : float
-        Predicted relative error of curvature: by noise at the default region, of any kind in balls of `radius`.
+        Predicted relative error of curvature: by noise at the default region, of any kind in balls of
+        `radius`.
     radius : float
         Radius with the least predicted error, in length units.
     """
@@ -78,7 +79,7 @@ class Noise:
 def estimate_noise(mesh: TriangleMesh, faces: Faces, dihedral: NDArray) -> Noise:
     """Noise of the vertices, from residuals of cubic fits over two rings.
 
-    The median over a sample of vertices stands for all, so that creases, which are few, do not count as noise.
+    The median over a sample of vertices stands for all, so that creases, which are few, do not count.
     """
     normal = area_normals(faces)
     regions = neighbourhoods(mesh, faces, normal, MIN_NEIGHBOURS)
