@@ -250,9 +250,12 @@ class Poisson:
         return x
 
     def residual(self, x: NDArray, rhs: NDArray) -> float:
-        """Largest |L x - b| relative to the largest |b|, for the balanced right-hand side b."""
+        """Largest |L x - b|, for the balanced right-hand side b, relative to the largest |rhs|.
+
+        The scale is that before balancing: of a constant, balancing leaves nothing but rounding.
+        """
         b = self.balanced(rhs)
-        return float(np.abs(self.matrix @ x - b).max(initial=0.0) / (np.abs(b).max(initial=0.0) or 1.0))
+        return float(np.abs(self.matrix @ x - b).max(initial=0.0) / (np.abs(rhs).max(initial=0.0) or 1.0))
 
 
 def _weights(mass: sparray | NDArray | None, n: int) -> NDArray[np.float64]:

@@ -11,7 +11,7 @@ import numpy as np
 log = logging.getLogger("ddgcli")
 
 WARNING_RESIDUAL = 1e-6  # relative: half of the digits that a sound solution has are lost
-LARGEST_RESIDUAL = 1e-2  # relative: a larger one means that the answer is not a solution
+LARGEST_RESIDUAL = 1e-3  # relative: a larger one means that the answer is not a solution
 
 
 def within_residuals(

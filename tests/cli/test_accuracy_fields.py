@@ -220,7 +220,7 @@ PLANTS = {
     ],
     "harmonic": [(*WILD, ["harmonic_residual", "maximum_principle_violation"])],
     "flattened": [(*SOLVE, ["parameterize_residual"])],
-    "smoothed": [(*WILD, ["smooth_residual", "smooth_area_increases"])],
+    "smoothed": [(*WILD, ["smooth_residual", "smooth_area_increases", "smooth_box_growth"])],
     "exact": [
         (
             EXACT,

@@ -6,6 +6,7 @@ import scipy.io
 import scipy.sparse
 
 from ddgcli.algorithms.laplacian import choice as core
+from ddgcli.algorithms.laplacian.smooth import FLOWS
 from ddgcli.cli.commands import laplacian as door
 from ddgcli.io import matrix_file
 from ddgcli.io.mesh_file import write_mesh
@@ -26,6 +27,7 @@ def mesh_file(tmp_path):
 def test_the_door_knows_what_the_core_knows():
     assert door.OPERATORS == core.OPERATORS
     assert tuple(core.MASSES) == door.MASSES
+    assert door.FLOWS == FLOWS
     assert door.MATRIX_FORMATS == matrix_file.MATRIX_FORMATS
 
 
@@ -140,6 +142,7 @@ REFUSALS = {
     ("--poisson", "nothing"): "no array 'nothing'",
     ("--smooth", -1): "--smooth",
     ("--smooth-steps", 3): "belongs to --smooth",
+    ("--smooth-flow", "conformalized"): "belongs to --smooth",
     ("--parameterize", "harmonic"): "closed",
     ("--parameterize", "conformal"): "closed",
     ("--matrix", "L.txt"): "known here",

@@ -208,22 +208,52 @@ def _chosen_penalty(columns: NDArray, normal: NDArray, regions: Regions) -> floa
     """The penalty whose fits predict their data best, judged on vertices of small and large neighbourhoods.
 
     Generalised cross-validation: the least of residual / (data - degrees of freedom)^2, in the mean of the
-    logarithms, so that a few creases do not decide for all. The judges are taken by the size of their
-    neighbourhood, not by number, so that a relabelled or moved mesh has the same ones.
+    logarithms, so that a few creases do not decide for all.
+    """
+    able = sampled_vertices(columns, regions, _JUDGES)
+    if len(able) == 0:
+        return _PENALTIES[-1]
+    return _judge(*_systems(columns, normal, regions, able))
+
+
+def sampled_vertices(columns: NDArray, regions: Regions, most: int) -> NDArray[np.int64]:
+    """About `most` vertices whose neighbourhoods can judge a fit, small and large ones alike.
+
+    They are taken by the size of their neighbourhood, so that a relabelled mesh has the same ones.
     """
     count = regions.count
     able = np.flatnonzero((count > len(_TERMS) + 3) & (count <= 400))
-    if len(able) == 0:
-        return _PENALTIES[-1]
-    if len(able) > _JUDGES:
+    if len(able) > most:
         size = _spread(columns, regions)[able]
-        able = able[np.argsort(size, kind="stable")][:: len(able) // _JUDGES]
-    some = listed(regions, able)
-    frame = np.concatenate([*tangent_frame(normal[:, able]), normal[:, able]])
-    x, y, z = _local(columns, columns[:, able], frame, some.start, some.member)
+        able = able[np.argsort(size, kind="stable")][:: len(able) // most]
+    return able
+
+
+def _systems(
+    columns: NDArray, normal: NDArray, regions: Regions, vertices: NDArray
+) -> tuple[NDArray, NDArray, NDArray, NDArray]:
+    """Normal equations (k, p, p), right-hand sides (k, p, 1), squared heights and counts of some vertices."""
+    some = listed(regions, vertices)
+    frame = np.concatenate([*tangent_frame(normal[:, vertices]), normal[:, vertices]])
+    x, y, z = _local(columns, columns[:, vertices], frame, some.start, some.member)
     x, y, _ = _scaled(x, y, some.start)
     matrix, right = _normal_equations(x, y, z, some.start)
-    return _judge(matrix.transpose(2, 0, 1), right.T[..., None], _sum(z * z, some.start), some.count)
+    return matrix.transpose(2, 0, 1), right.T[..., None], _sum(z * z, some.start), some.count
+
+
+def cubic_residuals(
+    columns: NDArray, normal: NDArray, regions: Regions, vertices: NDArray
+) -> NDArray[np.float64]:
+    """(k,) standard deviation of the heights around each of some vertices from their cubic fit.
+
+    An unbiased estimate of the noise of vertices along the normal, where the surface itself is smooth.
+    """
+    matrix, right, squared, count = _systems(columns, normal, regions, vertices)
+    low = np.array([k for k, (a, b) in enumerate(_TERMS) if a + b <= 3])
+    matrix, right = matrix[:, low[:, None], low], right[:, low]
+    fitted = _inverse(matrix + _FLOOR * count[:, None, None] * np.eye(len(low))) @ right
+    explained = np.einsum("nij,nij->n", right, fitted)
+    return np.sqrt(np.maximum(squared - explained, 0.0) / (count - len(low)))
 
 
 def _judge(matrix: NDArray, right: NDArray, squared: NDArray, count: NDArray) -> float:

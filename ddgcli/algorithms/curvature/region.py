@@ -99,6 +99,11 @@ def chunks(regions: Regions, members: int) -> Iterator[tuple[int, int]]:
 MOST_PAIRS = 2e8  # of vertices and members of their balls; more would take many minutes
 
 
+def largest_radius(mesh: TriangleMesh, area: float) -> float:
+    """Radius up to which balls around all vertices of a surface of this area are measured."""
+    return float(np.sqrt(MOST_PAIRS * area / np.pi / (float(mesh.n_vertices) * mesh.n_faces)))
+
+
 def check_radius(mesh: TriangleMesh, area: float, radius: float, unit: float) -> None:
     """Refuse a radius whose balls hold so much of the surface that measuring all would seem to hang.
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import math
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +15,7 @@ from ddgcli.algorithms.curvature import totals
 from ddgcli.algorithms.curvature.ball import corrected_in_balls, normal_cycle_in_balls
 from ddgcli.algorithms.curvature.faces import Faces, ratio
 from ddgcli.algorithms.curvature.frames import Principal, area_normals, unit_normals
+from ddgcli.algorithms.curvature.noise import Noise, estimate_noise
 from ddgcli.algorithms.curvature.orientation import orientation
 from ddgcli.algorithms.curvature.quadric import quadric
 from ddgcli.algorithms.curvature.region import check_radius
@@ -69,7 +70,7 @@ class _Surface:
 def measure(
     mesh: TriangleMesh,
     scheme: str = DEFAULT_SCHEME,
-    radius: float | None = None,
+    radius: float | Literal["auto"] | None = None,
     *,
     image: NDArray | None = None,
 ) -> Measured:
@@ -81,7 +82,8 @@ def measure(
         Any surface with area; what a defect of the mesh does to the numbers is said as a warning.
     scheme : {'quadric', 'corrected', 'normal-cycle', 'cotan'}
     radius : float, optional
-        Of the ball to measure in, in length units; default the vertex star (two rings for 'quadric').
+        Of the ball to measure in, in length units; default the vertex star (two rings for 'quadric'). 'auto'
+        takes the radius of `estimate_noise` where noise spoils the default, and the default elsewhere.
     image : (n, 2) or (n, 3) ndarray, optional
         A map whose non-conformality is to be measured.
 
@@ -105,6 +107,11 @@ def measure(
         )
     require(mesh, "curvature")
     surface = _prepared(mesh, scheme)
+    noise = estimate_noise(surface.mesh, surface.faces, surface.dihedral)
+    if radius == "auto":
+        radius = noise.radius * surface.scale if noise.spoils_curvature else None
+    elif radius is None and noise.spoils_curvature:
+        _warn_of_noise(noise, scheme, noise.radius * surface.scale)
     if radius is not None:
         check_radius(mesh, float(surface.faces.area.sum()), radius / surface.scale, surface.scale)
     found = _pointwise(surface, scheme, None if radius is None else radius / surface.scale)
@@ -116,11 +123,26 @@ def measure(
         "edge_mean_curvature": 0.5 * surface.scale * length * surface.dihedral,
     }
     results: dict[str, Any] = {"scheme": scheme, "promise": PROMISE[scheme]}
+    results |= {"radius": radius, "noise_estimate": noise.relative}
     results |= _integrals(surface, found)
     if image is not None:
         results |= _nonconformality(surface, image)
     results |= _statistics(vertex, edge, mesh)
     return Measured(vertex, edge, results, _accuracy(surface))
+
+
+def _warn_of_noise(noise: Noise, scheme: str, radius: float) -> None:
+    kind = "is a staircase of voxels" if noise.stepped else f"has noise of {noise.relative:.2g} of an edge"
+    cure = "take a scheme with balls and the" if scheme == "cotan" else "measure in balls of"
+    _log.warning(
+        "the surface %s, which at the default region costs about %.0f %% of the curvature: %s radius %.3g "
+        "(or 'auto'), which leaves about %.0f %%",
+        kind,
+        100 * noise.error,
+        cure,
+        radius,
+        100 * noise.error_at_radius,
+    )
 
 
 def _prepared(mesh: TriangleMesh, scheme: str) -> _Surface:

@@ -270,7 +270,7 @@ def _assembled(inner, whole, parts, potential, copotential, residual) -> HodgeDe
         potential=potential,
         copotential=copotential,
         norms={name: float(value) for name, value in norm.items()},
-        orthogonality=max(abs(inner(a, b)) for a, b in pairs) / scale**2,
+        orthogonality=max(abs(inner(a / scale, b / scale)) for a, b in pairs),
         reconstruction_residual=float(np.sqrt(inner(remainder, remainder)) / scale),
         harmonic_residual=residual,
     )

@@ -36,7 +36,7 @@ SpaceMesh = TriangleMesh | TetMesh
 
 @dataclass(frozen=True, eq=False)
 class HodgeReport:
-    """The annotated mesh, the summary's blocks, and the vectors that a picture shows."""
+    """The annotated mesh, the summary's blocks, the picture's potential, and whether the residuals hold."""
 
     annotated: AnnotatedMesh
     results: dict[str, Any]

@@ -61,7 +61,11 @@ class LaplaceOperator:
 
 
 def laplace_operator(
-    mesh: TriangleMesh, operator: str | None = None, mass: str = "lumped"
+    mesh: TriangleMesh,
+    operator: str | None = None,
+    mass: str = "lumped",
+    *,
+    most_rounds: int | None = None,
 ) -> LaplaceOperator:
     """Stiffness and mass of the chosen operator.
 
@@ -74,6 +78,8 @@ def laplace_operator(
         Default `intrinsic-delaunay`, and `tufted` where the mesh is not manifold or not oriented (told).
     mass : {'lumped', 'voronoi', 'galerkin'}
         Of the triangulation that the operator lives on.
+    most_rounds : int, optional
+        Bound on the batches of Delaunay flips (see `flip_to_delaunay`); past it weights may be negative.
 
     Raises
     ------
@@ -90,19 +96,21 @@ def laplace_operator(
     if name == "intrinsic-delaunay":
         _require_surface(mesh)
     _tell_isolated(mesh)
-    surface, share, facts = _triangulation(name, mesh)
+    surface, share, facts = _triangulation(name, mesh, most_rounds)
     L = uniform_stiffness(mesh) if name == "uniform" else share * stiffness(surface)
     return LaplaceOperator(name, mass, csr_array(L), csr_array(share * MASSES[mass](surface)), surface, facts)
 
 
-def _triangulation(name: str, mesh: TriangleMesh) -> tuple[SurfaceMesh, float, dict[str, Any]]:
+def _triangulation(
+    name: str, mesh: TriangleMesh, most_rounds: int | None
+) -> tuple[SurfaceMesh, float, dict[str, Any]]:
     """The triangulation to assemble on, the share of it that the mesh is, and what was mended and flipped."""
     if name in ("cotan", "uniform"):
         surface, mended = mollified_mesh(mesh)
         if len(mended.faces):
             log.warning("%s", mended)
         return surface, 1.0, _mended(mended)
-    flipped = flip_to_delaunay(tufted_cover(mesh) if name == "tufted" else mesh)
+    flipped = flip_to_delaunay(tufted_cover(mesh) if name == "tufted" else mesh, most_rounds=most_rounds)
     facts = {"flips": flipped.flips} | _mended(flipped.mollified)
     return flipped.mesh, 0.5 if name == "tufted" else 1.0, facts
 

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +21,10 @@ from ddgcli.linalg.residual_gate import within_residuals
 from ddgcli.mesh.fields import AnnotatedMesh
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 
+if TYPE_CHECKING:
+    from ddgcli.algorithms.laplacian.smooth import Smoothed
+
+log = logging.getLogger("ddgcli")
 RESIDUALS = (
     "eigen_residuals", "poisson_residual", "harmonic_residual", "parameterize_residual", "smooth_residual",
     "row_sum_residual", "symmetry_residual",
@@ -42,7 +47,7 @@ class Tasks:
         Interpolate the fixed values.
     fixed : mapping of vertex to value
     smooth : float, optional
-        Time of mean curvature flow, in `smooth_steps` steps (10).
+        Time of mean curvature flow, in `smooth_steps` steps (10), by `smooth_flow` ('mean-curvature').
     parameterize : {'harmonic', 'conformal'}, optional
     hks : sequence of float
         Times of heat kernel signatures.
@@ -57,6 +62,7 @@ class Tasks:
     fixed: Mapping[int, float] = field(default_factory=dict)
     smooth: float | None = None
     smooth_steps: int | None = None
+    smooth_flow: str | None = None
     parameterize: str | None = None
     hks: tuple[float, ...] = ()
     seed: int = 0
@@ -68,6 +74,8 @@ class Tasks:
             raise ParameterError("--fix belongs to --harmonic or --poisson; add one of them")
         if self.smooth_steps is not None and self.smooth is None:
             raise ParameterError("--smooth-steps belongs to --smooth TIME; add that")
+        if self.smooth_flow is not None and self.smooth is None:
+            raise ParameterError("--smooth-flow belongs to --smooth TIME; add that")
 
 
 @dataclass(eq=False)
@@ -129,8 +137,12 @@ def laplacian_report(mesh: TriangleMesh, tasks: Tasks, progress: Told | None = N
         told = _share_of(progress, before, len(asked) + 1)
         told(0, 1)
         chore(report, tasks, told)
+    # the maximum principle holds for non-negative weights only
+    principle = () if report.accuracy["negative_weights"] else ("maximum_principle_violation",)
     report.converged &= within_residuals(
-        report.accuracy, RESIDUALS, "the triangles leave the system too ill-conditioned; repair the mesh"
+        report.accuracy,
+        (*RESIDUALS, *principle),
+        "the triangles leave the system too ill-conditioned; repair the mesh",
     )
     return report
 
@@ -185,7 +197,8 @@ def _harmonic(report: Report, tasks: Tasks, told: Told) -> None:
     values = np.array(list(tasks.fixed.values()))
     beyond = max(solution.values.max() - values.max(), values.min() - solution.values.min(), 0.0)
     report.accuracy["harmonic_residual"] = solution.residual
-    report.accuracy["maximum_principle_violation"] = float(beyond / (np.ptp(values) or 1.0))
+    violation = float(beyond / (np.ptp(values) or np.abs(values).max() or 1.0))
+    report.accuracy["maximum_principle_violation"] = violation
 
 
 def _summary(operator: LaplaceOperator, u: NDArray) -> dict[str, Any]:
@@ -215,23 +228,54 @@ def _parameterize(report: Report, tasks: Tasks, told: Told) -> None:
 def _smooth(report: Report, tasks: Tasks, told: Told) -> None:
     if tasks.smooth is None:
         return
-    from ddgcli.algorithms.laplacian.smooth import smooth
+    from ddgcli.algorithms.laplacian.smooth import FLOWS, sensible_times, smooth
 
     before = report.mesh
+    flow = tasks.smooth_flow or FLOWS[0]
     smoothed = smooth(
         before,
         tasks.smooth,
         steps=tasks.smooth_steps or 10,
+        flow=flow,
         operator=tasks.operator,
         mass=tasks.mass,
         progress=told,
     )
+    edge, shape = sensible_times(before)
     report.mesh = smoothed.mesh
     report.vertex["displacement"] = smoothed.mesh.points - before.points
     report.results |= {
+        "smooth_flow": flow,
         "smooth_time": smoothed.time,
+        "smooth_sensible_time": {"noise": edge, "shape": shape},
         "smooth_area": {"before": smoothed.area[0], "after": smoothed.area[-1]},
+        "smooth_collapsed_vertices": smoothed.collapsed,
     }
     report.accuracy["smooth_residual"] = smoothed.residual
     report.accuracy["smooth_area_increases"] = int((np.diff(smoothed.area) > 0).sum())
-    report.converged &= smoothed.time >= tasks.smooth * (1 - 1e-9)
+    report.accuracy["smooth_box_growth"] = smoothed.box_growth
+    report.converged &= smoothed.in_box and smoothed.time >= tasks.smooth * (1 - 1e-9)
+    _warn_of_smoothing(smoothed, tasks.smooth, f"{edge:.2g} removes noise, {shape:.2g} changes the shape")
+
+
+def _warn_of_smoothing(smoothed: Smoothed, time: float, advice: str) -> None:
+    """Report what smoothing did to the surface beside smoothing it."""
+    if smoothed.time < time * (1 - 1e-9):
+        log.warning(
+            "the surface vanished at time %g of %g: take a shorter time (%s)", smoothed.time, time, advice
+        )
+    elif smoothed.collapse_time is not None:
+        log.warning(
+            "thin parts with %d vertices shrank to lines or points after time %g: take a shorter time (%s), "
+            "or the flow 'conformalized', which seldom pinches",
+            smoothed.collapsed,
+            smoothed.collapse_time,
+            advice,
+        )
+    if not smoothed.in_box:
+        log.warning(
+            "the bounding box grew by %.2g of its diagonal, which mean curvature flow never does: the "
+            "operator has negative weights, or the mass matrix couples vertices; take the operator "
+            "'intrinsic-delaunay' or 'tufted' with mass 'lumped' or 'voronoi'",
+            smoothed.box_growth,
+        )

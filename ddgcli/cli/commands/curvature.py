@@ -23,6 +23,15 @@ if TYPE_CHECKING:
 SCHEMES = ("quadric", "corrected", "normal-cycle", "cotan")
 
 
+class Radius(click.ParamType):
+    """A length, or auto."""
+
+    name = "radius"
+
+    def convert(self, value: Any, param: Any, ctx: Any) -> float | str:
+        return "auto" if value == "auto" else options.POSITIVE.convert(value, param, ctx)
+
+
 @click.command(
     "curvature",
     epilog="Which scheme: quadric (noisy data: with --radius of three to five edges); corrected where speed "
@@ -39,9 +48,10 @@ SCHEMES = ("quadric", "corrected", "normal-cycle", "cotan")
 )
 @click.option(
     "--radius",
-    type=options.POSITIVE,
-    metavar="R",
-    help="Measure in balls of this radius, in length units (default: the vertex star; quadric: two rings).",
+    type=Radius(),
+    metavar="R|auto",
+    help="Measure in balls of this radius, in length units (default: the vertex star; quadric: two rings). "
+    "auto: the radius that averages the noise of the vertices, where there is noise.",
 )
 @click.option(
     "--map",
@@ -60,7 +70,7 @@ SCHEMES = ("quadric", "corrected", "normal-cycle", "cotan")
 def command(
     mesh_path: str,
     scheme: str,
-    radius: float | None,
+    radius: Any,
     map_name: str | None,
     show: str | None,
     view: dict[str, Any] | None,
@@ -96,7 +106,7 @@ def _surface(
     run: Run,
     source: MeshInput,
     scheme: str,
-    radius: float | None,
+    radius: Any,
     map_name: str | None,
     show: str | None,
     view: dict[str, Any] | None,

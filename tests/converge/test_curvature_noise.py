@@ -1,0 +1,120 @@
+"""Noise of the vertices: estimated, reported with a radius, and averaged by that radius."""
+
+import numpy as np
+import pytest
+
+from ddgcli.algorithms.curvature.report import measure
+from ddgcli.io.mesh_file import read_mesh, write_mesh
+from ddgcli.mesh import shapes
+from ddgcli.mesh.fields import AnnotatedMesh
+from ddgcli.mesh.triangle_mesh import TriangleMesh
+from tests.conftest import ROOT
+from tests.curvature_truths import ellipsoid_truth, irregular_ellipsoid, irregular_torus, torus_truth
+
+AXES = (1.5, 1.0, 0.6)
+SURFACES = {
+    "sphere": (lambda: shapes.icosphere(3), ellipsoid_truth),
+    "irregular sphere": (lambda: shapes.random_sphere(2000), ellipsoid_truth),
+    "ellipsoid": (lambda: irregular_ellipsoid(2000), lambda p: ellipsoid_truth(p, AXES)),
+    "torus": (lambda: irregular_torus(70, 35), torus_truth),
+}
+BOXES = ("cube.obj", "frame.off")
+SAMPLES = (*BOXES, "bad_torus.ply", "catenoid.off", "cylinder.ply", "ellipsoid.ply", "hat.ply", "saddle.obj",
+           "sphere.ply", "torus.ply", "ball.vtu")  # fmt: skip
+
+
+def noisy(mesh, share, seed=0):
+    rng = np.random.default_rng(seed)
+    return mesh.moved(mesh.points + share * mesh.side_length.mean() * rng.standard_normal(mesh.points.shape))
+
+
+def voxel_sphere(radius):
+    """Boundary of the unit cubes whose centres lie within the radius, about the origin."""
+    grid = np.indices((2 * radius + 3,) * 3) - radius - 1
+    inside = (grid**2).sum(axis=0) <= radius**2
+    quads = []
+    for axis in range(3):
+        u, v = np.eye(3, dtype=int)[[(axis + 1) % 3, (axis + 2) % 3]]
+        step = np.roll(inside, -1, axis=axis)
+        for here, turned in ((inside & ~step, False), (~inside & step, True)):
+            corner = np.argwhere(here)
+            corner[:, axis] += 1
+            quad = np.stack([corner, corner + u, corner + u + v, corner + v], axis=1)
+            quads.append(quad[:, ::-1] if turned else quad)
+    corners = np.concatenate(quads)
+    points, index = np.unique(corners.reshape(-1, 3), axis=0, return_inverse=True)
+    quad = index.reshape(-1, 4)
+    points = points - points.min(axis=0) / 2 - points.max(axis=0) / 2
+    return TriangleMesh.from_arrays(points, np.concatenate([quad[:, [0, 1, 2]], quad[:, [0, 2, 3]]]))
+
+
+def error(mesh, truth, radius=None):
+    mean = measure(mesh, radius=radius).vertex["mean_curvature"]
+    return float(np.sqrt(np.mean((mean - truth) ** 2) / np.mean(truth**2)))
+
+
+@pytest.mark.parametrize("name", SURFACES)
+def test_clean_surfaces_have_no_noise(name, caplog):
+    mesh = SURFACES[name][0]()
+    results = measure(mesh).results
+    assert results["noise_estimate"] < 2e-3 and results["radius"] is None and not caplog.records
+    automatic = measure(mesh, radius="auto")
+    assert automatic.results["radius"] is None
+    assert np.array_equal(automatic.vertex["mean_curvature"], measure(mesh).vertex["mean_curvature"])
+
+
+@pytest.mark.parametrize("share", [0.01, 0.05, 0.1])
+@pytest.mark.parametrize("name", SURFACES)
+def test_noise_is_measured_and_the_radius_reduces_the_error(name, share, caplog):
+    build, truth_of = SURFACES[name]
+    clean = build()
+    mesh, truth = noisy(clean, share), truth_of(clean.points).mean
+    estimate = measure(mesh).results["noise_estimate"]
+    # the median over uneven meshes: edges differ from their mean
+    assert 0.5 * share < estimate < 1.2 * share
+    warned = "noise of" in caplog.text
+    default, automatic = error(mesh, truth), error(mesh, truth, "auto")
+    if share == 0.01:
+        assert default < 0.1 and not warned
+    else:
+        assert warned and "radius" in caplog.text
+        assert default > 0.1 and automatic < (0.9 if share == 0.05 else 0.75) * default
+
+
+@pytest.mark.parametrize("radius", [6, 10])
+def test_voxels_are_recognised_and_the_radius_reduces_the_error(radius, caplog):
+    mesh = voxel_sphere(radius)
+    truth = np.full(mesh.n_vertices, 1 / radius)
+    default, automatic = error(mesh, truth), error(mesh, truth, "auto")
+    assert "staircase of voxels" in caplog.text
+    assert default > 0.8 and automatic < 0.25
+
+
+@pytest.mark.parametrize("name", SAMPLES)
+def test_no_false_alarm_on_the_samples(name, caplog):
+    measure(read_mesh(str(ROOT / "sample_meshes" / name), None).surface)
+    assert "noise" not in caplog.text and "voxels" not in caplog.text
+
+
+def test_creases_are_not_noise(caplog):
+    stair = shapes.box()
+    for _ in range(3):
+        stair = shapes.midpoint_subdivided(stair)
+    measure(stair)
+    part = shapes.cylinder(64, 3)
+    measure(part)
+    assert not caplog.records
+
+
+def test_the_command_takes_auto(run, summary, tmp_path):
+    path = tmp_path / "noisy.npz"
+    write_mesh(str(path), AnnotatedMesh(noisy(shapes.icosphere(3), 0.1)))
+    warned = summary("curvature", path)
+    assert any("radius" in warning for warning in warned["warnings"])
+    assert 0.05 < warned["results"]["noise_estimate"] < 0.12
+    automatic = summary("curvature", path, "--radius", "auto")
+    assert automatic["results"]["radius"] > 0 and not automatic["warnings"]
+    spread = [s["results"]["mean_curvature"]["max"] for s in (warned, automatic)]
+    assert abs(spread[1] - 1) < 0.5 * abs(spread[0] - 1)
+    assert run("curvature", path, "--radius", "automatic").exit_code == 2
+    assert run("curvature", path, "--radius", "auto", "--scheme", "cotan").exit_code == 2

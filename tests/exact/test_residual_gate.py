@@ -1,0 +1,91 @@
+"""Residuals decide whether a run converged; zero and constant data have none."""
+
+import numpy as np
+import pytest
+
+from ddgcli.algorithms.hodge.report import hodge_report
+from ddgcli.algorithms.laplacian.report import Tasks, laplacian_report
+from ddgcli.linalg.constrain import Dirichlet, Poisson
+from ddgcli.linalg.residual_gate import within_residuals
+from ddgcli.mesh import shapes
+from ddgcli.mesh.triangle_mesh import TriangleMesh
+
+
+def test_residuals_warn_above_one_bound_and_fail_above_another(caplog):
+    def judge(**accuracy):
+        return within_residuals(accuracy, tuple(accuracy), "repair the mesh")
+
+    assert judge(a=1e-7, b=None, c=[0.0, 1e-9]) and not caplog.records
+    assert judge(small_residual=1e-5) and "small_residual" in caplog.text
+    assert not judge(big_residual=1e-2) and "big_residual" in caplog.text
+    assert not judge(a=float("nan"))
+
+
+@pytest.mark.parametrize(
+    "solver, tasks",
+    [
+        (Poisson, {"poisson": "height"}),
+        (Dirichlet, {"poisson": "height", "fixed": {0: 1.0}}),
+        (Dirichlet, {"harmonic": True, "fixed": {0: 0.0, 5: 1.0}}),
+    ],
+)
+def test_a_wrong_solution_is_not_converged(solver, tasks, monkeypatch):
+    mesh = shapes.icosphere(2)
+    if "poisson" in tasks:
+        tasks = tasks | {"poisson": mesh.points[:, 2]}
+    assert laplacian_report(mesh, Tasks(**tasks)).converged
+    right, noise = solver.solve, np.random.default_rng(0).standard_normal(mesh.n_vertices)
+    monkeypatch.setattr(solver, "solve", lambda *a, **k: right(*a, **k) + noise)
+    assert not laplacian_report(mesh, Tasks(**tasks)).converged
+
+
+@pytest.mark.parametrize("value", [0.0, 1.0, 1e100, 1e-200])
+def test_constant_sources_and_values_are_solved_exactly(value):
+    mesh = shapes.random_sphere(500)
+    poisson = laplacian_report(mesh, Tasks(poisson=np.full(mesh.n_vertices, value)))
+    assert poisson.converged and np.abs(poisson.vertex["poisson"]).max() <= 1e-12 * value
+    harmonic = laplacian_report(mesh, Tasks(harmonic=True, fixed={3: value, 9: value}))
+    assert harmonic.converged and np.allclose(harmonic.vertex["harmonic"], value, rtol=1e-12, atol=0)
+    assert harmonic.accuracy["maximum_principle_violation"] < 1e-12
+
+
+def test_one_element_and_everything_fixed():
+    triangle = TriangleMesh.from_arrays(np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0.0]]), [[0, 1, 2]])
+    fixed = {0: 1.0, 1: 2.0, 2: 3.0}
+    for tasks in (
+        Tasks(harmonic=True, fixed=fixed),
+        Tasks(poisson=np.zeros(3), fixed=fixed),
+        Tasks(smooth=1.0),
+        Tasks(smooth=1.0, smooth_flow="conformalized"),
+        Tasks(eigen=3, hks=(0.1,)),
+        Tasks(parameterize="harmonic"),
+        Tasks(parameterize="conformal"),
+    ):
+        report = laplacian_report(triangle, tasks)
+        assert report.converged and all(np.isfinite(a).all() for a in report.vertex.values())
+    assert np.array_equal(
+        laplacian_report(triangle, Tasks(harmonic=True, fixed=fixed)).vertex["harmonic"], [1, 2, 3]
+    )
+
+
+@pytest.mark.parametrize("size", [0.0, 1e-200, 1.0])
+def test_hodge_of_fields_of_any_size(size):
+    mesh = shapes.torus(12, 6, 2.0, 1.0)
+    field = np.cross([0.0, 0.0, size], mesh.points[mesh.faces].mean(axis=1))
+    report = hodge_report(mesh, (field, "face"), "tangential", False)
+    assert report.converged
+    assert all(0 <= value < 1e-9 for value in report.accuracy.values()), report.accuracy
+
+
+def test_a_hodge_part_that_is_wrong_is_not_converged(monkeypatch):
+    from ddgcli.algorithms.hodge import decomposition
+
+    mesh = shapes.torus(12, 6, 2.0, 1.0)
+    field = np.cross([0.0, 0.0, 1.0], mesh.points[mesh.faces].mean(axis=1))
+    right = decomposition.ClosedProjection.potential
+    monkeypatch.setattr(
+        decomposition.ClosedProjection,
+        "potential",
+        lambda self, load: right(self, load) + np.arange(mesh.n_vertices) / mesh.n_vertices,
+    )
+    assert not hodge_report(mesh, (field, "face"), "tangential", False).converged

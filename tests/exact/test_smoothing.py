@@ -1,0 +1,145 @@
+"""Implicit smoothing: exact laws, the maximum principle, thin parts, and gates on what went wrong."""
+
+import numpy as np
+import pytest
+from scipy.sparse import csr_array
+
+from ddgcli.algorithms.laplacian import report as report_module
+from ddgcli.algorithms.laplacian import smooth as smooth_module
+from ddgcli.algorithms.laplacian.report import Tasks, laplacian_report
+from ddgcli.algorithms.laplacian.smooth import (
+    BOX_TOLERANCE,
+    FLOWS,
+    MAX_WEIGHT,
+    MIN_MASS,
+    bounded_stiffness,
+    smooth,
+)
+from ddgcli.mesh import shapes
+from ddgcli.mesh.triangle_mesh import TriangleMesh
+
+
+def dumbbell(handle):
+    """Two unit balls on a handle of the given radius: mean curvature flow pinches it off."""
+    z, u = np.linspace(-1, 1, 81), np.linspace(0, 2 * np.pi, 25)[:-1]
+    height = 3.0 * z
+    ball = np.sqrt(np.maximum(1 - (np.abs(height) - 2) ** 2, 0))
+    radius = np.where(np.abs(height) < 2, np.maximum(ball, handle), ball)[1:-1]
+    ring = np.stack([np.cos(u), np.sin(u)], axis=1)
+    points = np.concatenate(
+        [np.column_stack([r * ring, np.full(24, h)]) for r, h in zip(radius, height[1:-1])]
+    )
+    points = np.concatenate([points, [[0, 0, -3], [0, 0, 3]]])
+    k, i = np.meshgrid(np.arange(len(radius) - 1), np.arange(24), indexing="ij")
+    a, b = 24 * k + i, 24 * k + (i + 1) % 24
+    side = np.stack([[a, b, a + 24], [b, b + 24, a + 24]]).transpose(2, 3, 0, 1).reshape(-1, 3)
+    i, last, n = np.arange(24), 24 * (len(radius) - 1), 24 * len(radius)
+    caps = [
+        np.stack([np.full(24, n), (i + 1) % 24, i], axis=1),
+        np.stack([np.full(24, n + 1), last + i, last + (i + 1) % 24], axis=1),
+    ]
+    return TriangleMesh.from_arrays(points, np.concatenate([side, *caps]))
+
+
+def folded_back(mesh, seed=0):
+    """Noise of half an edge: caps, needles and folds."""
+    rng = np.random.default_rng(seed)
+    return mesh.moved(mesh.points + 0.5 * mesh.side_length.mean() * rng.standard_normal(mesh.points.shape))
+
+
+@pytest.mark.parametrize("flow", FLOWS)
+def test_a_sphere_shrinks_by_its_law_at_first_order_in_the_step(flow):
+    mesh = shapes.icosphere(3)
+    errors = []
+    for steps in (4, 8, 16):
+        radius = np.linalg.norm(smooth(mesh, 0.1, steps=steps, flow=flow).mesh.points, axis=1).mean()
+        errors.append(abs(radius - np.sqrt(1 - 0.4)))
+    assert (np.log2(np.array(errors[:-1]) / errors[1:]) > 0.85).all()
+
+
+@pytest.mark.parametrize("flow", FLOWS)
+@pytest.mark.parametrize("time", [1e-2, 1e4])
+def test_no_point_leaves_the_box(flow, time):
+    for mesh in (folded_back(shapes.icosphere(2)), folded_back(shapes.catenoid(24, 12)), dumbbell(0.1)):
+        smoothed = smooth(mesh, time, steps=5, flow=flow)
+        assert smoothed.box_growth <= 1e-13 and smoothed.in_box
+        # rounding of MAX_WEIGHT against masses that are all MIN_MASS, with ten neighbours
+        assert smoothed.residual < 10 * 1.1e-16 * MAX_WEIGHT / MIN_MASS
+
+
+def test_thin_parts_leave_the_digits_of_the_rest():
+    # before: weights around the handle of 1e13 and masses of 1e-40, residuals of 1e-3, points outside
+    mesh = dumbbell(0.1)
+    pinched = smooth(mesh, 0.1)
+    assert pinched.collapsed > 100 and pinched.collapse_time > 0
+    assert pinched.residual < 1e-9 and pinched.time == 0.1
+    # the balls hardly notice the handle: the equator of each shrinks like a sphere of its own
+    ball = np.abs(np.abs(mesh.points[:, 2]) - 2) < 0.05
+    before, after = (np.hypot(*m.points[ball, :2].T).mean() for m in (mesh, pinched.mesh))
+    assert abs(after - np.sqrt(before**2 - 0.4)) < 0.05
+    assert smooth(mesh, 0.1, flow="conformalized").collapsed == 0
+
+
+def test_weights_are_bounded_and_not_negative():
+    mesh = folded_back(shapes.icosphere(2))
+    flat = mesh.points.copy()
+    flat[mesh.faces[0, 0]] = flat[mesh.faces[0, 1:]].mean(axis=0) + 1e-12
+    L = bounded_stiffness(smooth_module.laplace_operator(mesh.moved(flat)))
+    off = L - csr_array(np.diag(L.diagonal()))
+    assert off.max() <= 0 and off.min() >= -MAX_WEIGHT
+    assert np.abs(L @ np.ones(L.shape[0])).max() <= 1e-13 * L.diagonal().max()
+
+
+def test_the_bounds_leave_ordinary_meshes_alone():
+    laplace = smooth_module.laplace_operator(shapes.random_sphere(500))
+    assert abs(bounded_stiffness(laplace) - laplace.stiffness).max() < 1e-13
+
+
+def test_a_mesh_of_nothing_but_boundary_stays():
+    triangle = TriangleMesh.from_arrays(np.eye(3), [[0, 1, 2]])
+    for flow in FLOWS:
+        smoothed = smooth(triangle, 1.0, flow=flow)
+        assert np.array_equal(smoothed.mesh.points, triangle.points)
+        assert smoothed.time == 1.0 and smoothed.residual == 0.0
+
+
+def test_a_bad_residual_is_not_converged(monkeypatch, caplog):
+    mesh = shapes.icosphere(1)
+    assert laplacian_report(mesh, Tasks(smooth=0.01)).converged
+    right = smooth_module.Dirichlet.solve
+    monkeypatch.setattr(smooth_module.Dirichlet, "solve", lambda *a, **k: right(*a, **k) * (1 - 1e-2))
+    report = laplacian_report(mesh, Tasks(smooth=0.01))
+    assert not report.converged and "smooth_residual" in caplog.text
+
+
+def test_a_box_that_grows_is_not_converged(monkeypatch, caplog):
+    mesh = shapes.icosphere(1)
+    moved = smooth(mesh, 1e-9)
+
+    def grown(*args, **options):
+        return type(moved)(moved.mesh, moved.area, 0.0, 1e-9, box_growth=10 * BOX_TOLERANCE)
+
+    monkeypatch.setattr(smooth_module, "smooth", grown)
+    assert not laplacian_report(mesh, Tasks(smooth=1e-9)).converged
+    assert "bounding box grew" in caplog.text
+
+
+def test_operators_that_break_the_maximum_principle_are_caught():
+    # the consistent mass couples vertices, and short steps overshoot
+    mesh = shapes.random_sphere(200)
+    mesh = mesh.moved(mesh.points * [5, 1, 0.2])
+    wrong = laplacian_report(mesh, Tasks(mass="galerkin", smooth=1e-3, smooth_steps=1))
+    assert wrong.accuracy["smooth_box_growth"] > 1e-5 and not wrong.converged
+    right = laplacian_report(mesh, Tasks(smooth=1e-3, smooth_steps=1))
+    assert right.accuracy["smooth_box_growth"] == 0 and right.converged
+
+
+def test_the_sensible_times_are_those_of_the_mesh():
+    mesh = shapes.icosphere(3, radius=2.0)
+    times = laplacian_report(mesh, Tasks(smooth=1e-3)).results["smooth_sensible_time"]
+    assert np.isclose(times["noise"], mesh.side_length.mean() ** 2)
+    assert np.isclose(times["shape"], 16e-3 * np.pi, rtol=0.02)
+    noisy = folded_back(shapes.icosphere(3))
+    edge = report_module.laplacian_report(noisy, Tasks(smooth=1e-3)).results["smooth_sensible_time"]["noise"]
+    roughness = [np.std(np.linalg.norm(m.points, axis=1)) for m in (noisy, smooth(noisy, edge).mesh)]
+    assert roughness[1] < 0.3 * roughness[0]
