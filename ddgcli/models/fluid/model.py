@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from ddgcli.errors import MeshError
 from ddgcli.models.fluid import parts
 from ddgcli.models.fluid.context import FluidContext
-from ddgcli.models.fluid.space import FlowSpace, require_flow
+from ddgcli.models.fluid.space import FlowSpace, harmonic_count, require_flow
 from ddgcli.scenes.scene import Key, Scene
 from ddgcli.scenes.shapes import place
 from ddgcli.simulation.account import Account
@@ -129,9 +129,7 @@ class FluidModel:
     # ------------------------------------------------------------------ assembly
 
     def _harmonic_flows(self) -> NDArray[np.float64]:
-        topology = self.context.mesh.topology
-        loops = topology.boundary_loops
-        count = 2 * (topology.genus or 0) + max(0, loops - 1)
+        topology, count = self.context.mesh.topology, harmonic_count(self.context.mesh)
         if self.harmonic is None:
             if count:
                 log.info(
@@ -151,8 +149,16 @@ class FluidModel:
         if self.walls is not None and self.walls.no_slip and self.viscosity is None:
             scene.refuse(
                 ("effects", "boundary"),
-                "boundary kind no-slip needs the effect viscosity; without it there is free slip",
+                "boundary kind no-slip needs the effect viscosity with nu > 0; without it there is free slip",
             )
+        if self.walls is not None and self.walls.no_slip and self.harmonic is None:
+            count = harmonic_count(self.context.mesh)
+            if count:
+                log.warning(
+                    "%s has %d harmonic flows (round its handles and holes), which walls without slip drive; "
+                    "the scene leaves them out, and the flow is wrong: add the effect harmonic = {}",
+                    self.context.name, count,
+                )  # fmt: skip
         open_ = not self.context.mesh.topology.is_closed
         slips = self.walls is None or not self.walls.no_slip
         if self.viscosity is not None and open_ and slips and self.viscosity.kind != "hodge":
@@ -274,12 +280,13 @@ class FluidModel:
     # ------------------------------------------------------------------ what it shows
 
     def distance(self, a: FluidState, b: FluidState) -> float:
-        """L2 difference of the vorticities, relative to the start's."""
+        """L2 distance of the vorticities, relative to the start's (after rest to that of `b`)."""
         space = self.space
-        scale = np.sqrt(space.enstrophy(self.start.vorticity)) or 1.0
         apart = np.sqrt(space.enstrophy(a.vorticity - b.vorticity))
-        size = np.linalg.norm(self.start.coefficients) or 1.0
-        return float(apart / scale + np.linalg.norm(a.coefficients - b.coefficients) / size)
+        scale = np.sqrt(space.enstrophy(self.start.vorticity) or space.enstrophy(b.vorticity)) or 1.0
+        turned = np.linalg.norm(a.coefficients - b.coefficients)
+        size = np.linalg.norm(self.start.coefficients) or np.linalg.norm(b.coefficients) or 1.0
+        return float(apart / scale + turned / size)
 
     def observe(self, state: FluidState) -> Observation:
         """Vorticity, stream function, velocity, dye; energies and circulations."""

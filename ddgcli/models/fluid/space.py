@@ -176,6 +176,16 @@ class FlowSpace:
         """Half the integral of the squared vorticity."""
         return 0.5 * float(np.sum(vorticity**2 * self.inverse_mass))
 
+    def circulation_terms(self) -> tuple[float, float]:
+        """What a flow of kinetic energy 1/2 may at most add up to before it cancels in the vorticity.
+
+        The first number bounds the sum over the vertices of the absolute circulations along their dual edges
+        [1], the second the enstrophy of these sums without their signs [1/m^2].
+        """
+        star = np.abs(self.edge_inner)
+        at_vertex = sums(self.mesh.topology.edges, np.repeat(star[:, None], 2, axis=1), self.n)
+        return float(np.sqrt(2.0 * at_vertex.sum())), float((at_vertex * self.inverse_mass).max(initial=0.0))
+
     @cached_property
     def loops(self) -> tuple[int, NDArray[np.int64]]:
         """Number of boundary loops, and (n,) the loop of each vertex (-1 inside)."""
@@ -206,6 +216,12 @@ class FlowSpace:
         used = label >= 0
         count = self.mesh.topology.n_components
         return sums(label[used], vorticity[used], count)
+
+
+def harmonic_count(mesh: SurfaceMesh) -> int:
+    """Number of harmonic flows of a surface."""
+    topology = mesh.topology
+    return 2 * (topology.genus or 0) + max(0, topology.boundary_loops - 1)
 
 
 def require_flow(mesh: SurfaceMesh) -> None:
