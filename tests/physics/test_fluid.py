@@ -14,7 +14,7 @@ from ddgcli.models.fluid.conservative import midpoint, rate, runge_kutta
 from ddgcli.models.fluid.diffusion import VelocityDiffusion, VorticityDiffusion
 from ddgcli.models.fluid.model import build, contexts
 from ddgcli.models.fluid.scene import KIND
-from ddgcli.models.fluid.space import FlowSpace
+from ddgcli.models.fluid.surface_space import SurfaceSpace
 from ddgcli.scenes.scene import resolve
 from ddgcli.scenes.shapes import Grid, periodic_grid
 from ddgcli.simulation.account import Account
@@ -25,7 +25,7 @@ NONE = np.zeros(0)
 
 def space_of(mesh, harmonic=True):
     flows = harmonic_basis(mesh, "normal").forms if harmonic else np.zeros((0, mesh.topology.n_edges))
-    return FlowSpace(mesh, flows)
+    return SurfaceSpace(mesh, flows)
 
 
 def some_flow(space, seed=0):

@@ -14,7 +14,7 @@ from ddgcli.mesh.topology import NEXT
 from ddgcli.models.fluid.context import FluidContext
 from ddgcli.models.fluid.flows import FLOWS, KEYS
 from ddgcli.models.fluid.parts import Initial
-from ddgcli.models.fluid.space import FlowSpace, harmonic_count, sums
+from ddgcli.models.fluid.surface_space import SurfaceSpace, harmonic_count, sums
 from ddgcli.scenes.scene import Section
 from ddgcli.scenes.units import quantity, vector
 from ddgcli.simulation.effects import Effect
@@ -70,7 +70,7 @@ def build(parameters: InitialSection, context: FluidContext) -> list[Initial]:
     if parameters.velocity is not None:
         vectors = context.face_vectors(parameters.velocity)
 
-        def of_velocity(space: FlowSpace) -> tuple[NDArray, NDArray]:
+        def of_velocity(space: SurfaceSpace) -> tuple[NDArray, NDArray]:
             velocity = context.to_frames(space, vectors)
             vorticity, coefficients = space.of_face_velocity(velocity)
             # its mean is rounding alone, of these terms
@@ -87,7 +87,7 @@ def build(parameters: InitialSection, context: FluidContext) -> list[Initial]:
     else:
         omega = context.scalar(str(parameters.vorticity), "vorticity")
 
-    def of_vorticity(space: FlowSpace) -> tuple[NDArray, NDArray]:
+    def of_vorticity(space: SurfaceSpace) -> tuple[NDArray, NDArray]:
         vorticity = omega * space.mass
         return balanced(space, vorticity, np.abs(vorticity)), np.zeros(len(space.harmonic))
 
@@ -95,7 +95,7 @@ def build(parameters: InitialSection, context: FluidContext) -> list[Initial]:
 
 
 def _warn_of_lost_harmonic(
-    context: FluidContext, space: FlowSpace, velocity: NDArray, vorticity: NDArray
+    context: FluidContext, space: SurfaceSpace, velocity: NDArray, vorticity: NDArray
 ) -> None:
     """Report a velocity that is more than its vorticity where there are no harmonic flows for the rest."""
     if len(space.harmonic) or not harmonic_count(space.mesh):
@@ -110,7 +110,7 @@ def _warn_of_lost_harmonic(
         )  # fmt: skip
 
 
-def balanced(space: FlowSpace, vorticity: NDArray, terms: NDArray) -> NDArray[np.float64]:
+def balanced(space: SurfaceSpace, vorticity: NDArray, terms: NDArray) -> NDArray[np.float64]:
     """Integrated vorticity (n,) without its mean on every closed component.
 
     A warning tells where the mean is more than rounding of `terms` (n,), sizes of what the vorticity sums.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import math
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -12,12 +13,14 @@ from numpy.typing import NDArray
 from ddgcli.mesh.fields import Frame
 from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
 from ddgcli.models.fluid.model import FluidModel
-from ddgcli.models.fluid.space import sums
+from ddgcli.models.fluid.surface_space import sums
 from ddgcli.scenes.scene import Scene
 from ddgcli.simulation.account import Account
 from ddgcli.simulation.outcome import Outcome
 from ddgcli.simulation.time_loop import Schedule
 
+log = logging.getLogger("ddgcli")
+LARGE_LOSS = 0.05  # share of energy or enstrophy lost by the scheme, above which a run warns
 ROUNDING = 1e-12  # vorticity over the circulations that cancel in it, below which it counts as none
 
 
@@ -57,7 +60,27 @@ def summary(outcome: Outcome, models: Mapping[str, FluidModel]) -> tuple[dict[st
             or [_drift(series["total_vorticity"], circulation)]
         ),
     }
-    return results, accuracy
+    if "total_dye" in series:
+        accuracy["dye_drift"] = _drift(series["total_dye"], float(series["absolute_dye"][0]))
+    return results, {**accuracy, **_scheme_losses(series)}
+
+
+def _scheme_losses(series: Mapping[str, NDArray]) -> dict[str, float]:
+    """Shares of energy and enstrophy that the transport lost, where it books them; warn of large ones."""
+    found = {}
+    for name, total in (("energy", "kinetic_energy"), ("enstrophy", "enstrophy")):
+        if f"lost_{name}" not in series:
+            continue
+        lost = float(series[f"lost_{name}"][-1])
+        share = lost / (float(series[total].max()) or 1.0)
+        found[f"{name}_lost_by_scheme"] = share
+        if share > LARGE_LOSS:
+            log.warning(
+                "integrator circulation lost %.2g %% of the %s (warned of above %.0f %%): take integrator "
+                "conservative, or a finer or more regular mesh",
+                100.0 * share, name, 100.0 * LARGE_LOSS,
+            )  # fmt: skip
+    return found
 
 
 def _at_end(series: Mapping[str, NDArray], what: str, names: list[str]) -> list[float]:
@@ -142,10 +165,7 @@ def assembled(
         "frames": schedule.frames,
         "integrator": scene.time.integrator,
         "effects": [effect.name for effect, _, _ in scene.effects],
-        "fluids": {
-            name: {"vertices": model.space.n, "harmonic_flows": len(model.space.harmonic)}
-            for name, model in models.items()
-        },
+        "fluids": {name: model.space.assembled() for name, model in models.items()},
     }
 
 

@@ -10,7 +10,7 @@ from scipy.sparse import csc_array, diags_array
 
 from ddgcli.linalg.factor import Factor
 from ddgcli.mesh.topology import NEXT, PREVIOUS
-from ddgcli.models.fluid.space import FlowSpace, sums
+from ddgcli.models.fluid.surface_space import SurfaceSpace, sums
 from ddgcli.operators.dec import d0
 
 # (width, order) of the filters, tried in turn: one of order p and width w leaves a wave number k its part
@@ -25,7 +25,7 @@ class Smoothing:
     enstrophy of whatever they change. A filter is made when a flow first needs it.
     """
 
-    def __init__(self, space: FlowSpace) -> None:
+    def __init__(self, space: SurfaceSpace) -> None:
         self.space = space
         self._factors: dict[float, Factor] = {}
 
