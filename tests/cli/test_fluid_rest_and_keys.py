@@ -146,3 +146,40 @@ def test_an_initial_velocity_without_room_for_its_harmonic_part_is_reported(summ
     assert "100 % of the energy" in lost["warnings"][0] and "harmonic = {}" in lost["warnings"][0]
     swirl = 'initial = { velocity = ["sin(pi*y)", 0, 0] }'
     assert summary("fluid-sim", scene(tmp_path / "s.toml", TORUS, swirl))["warnings"] == []
+
+
+def test_dye_that_is_lost_shows_in_its_drift(summary, tmp_path, monkeypatch):
+    from ddgcli.models.fluid.tracer import Tracer
+
+    effects = 'initial = { vorticity = "z" }\ndye = { amount = "x" }'
+    path = scene(tmp_path / "s.toml", BALL, effects, steps=3)
+    assert summary("fluid-sim", path)["accuracy"]["dye_drift"] < 1e-14
+    advance = Tracer.advance
+    monkeypatch.setattr(Tracer, "advance", lambda *a: advance(*a) + 0.01)
+    assert 0.01 < summary("fluid-sim", path)["accuracy"]["dye_drift"] < 1
+
+
+def test_losses_of_circulation_are_reported_and_its_cure_has_none(summary, tmp_path):
+    """Waves of four cells, which no mesh resolves well; `conservative` keeps their energy."""
+    square = 'grid = { size = [6.283185307179586, 6.283185307179586], cells = [12, 12], periodic = "xy" }'
+    effects = 'initial = { vorticity = "8*sin(3*x)*sin(3*y) + 4*sin(x+2*y)" }'
+    path = scene(tmp_path / "s.toml", square, effects, INTEGRATORS["circulation"], steps=80, step=0.05)
+    out = summary("fluid-sim", path)
+    accuracy, results = out["accuracy"], out["results"]
+    for name, total in (("energy", "kinetic_energy"), ("enstrophy", "enstrophy")):
+        lost = 1 - results[total] / results[f"{total}_start"]
+        assert accuracy[f"{name}_lost_by_scheme"] == pytest.approx(lost, rel=1e-9, abs=1e-12)
+        warned = [w for w in out["warnings"] if f"of the {name}" in w and "conservative" in w]
+        assert bool(warned) == (lost > 0.05)
+    assert max(accuracy["energy_lost_by_scheme"], accuracy["enstrophy_lost_by_scheme"]) > 0.05
+    cured = summary("fluid-sim", path, "--integrator", "conservative", "--dt", 0.02)
+    assert max(cured["accuracy"]["energy_drift"], cured["accuracy"]["enstrophy_drift"]) < 0.01
+    assert not any("lost" in w for w in cured["warnings"])
+
+
+def test_friction_is_no_loss_of_the_scheme(summary, tmp_path):
+    effects = 'initial = { vorticity = "z" }\nviscosity = { nu = 0.5 }'
+    path = scene(tmp_path / "s.toml", BALL, effects, INTEGRATORS["circulation"], steps=10)
+    out = summary("fluid-sim", path)
+    assert out["accuracy"]["energy_drift"] > 0.1 and out["warnings"] == []
+    assert abs(out["accuracy"]["energy_lost_by_scheme"]) < 1e-3
