@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from ddgcli.mesh.topology import NEXT
 from ddgcli.models.fluid.conservative import rate
 from ddgcli.models.fluid.phases import FlowPhase, FluidSetting, Step
-from ddgcli.models.fluid.smoothing import Smoothing, first_root
+from ddgcli.models.fluid.smoothing import Smoothing, first_root, share_at_constant_energy
 from ddgcli.models.fluid.state import FluidState
 from ddgcli.models.fluid.surface_space import SurfaceSpace
 from ddgcli.models.fluid.transport import Carried, Transport, corner_of
@@ -124,7 +124,7 @@ class CirculationAdvection:
         energy = self._energy(start)
         after, reached = self._without_rise(back, start, flux, after, energy, evolve_harmonic)
         rise = reached / energy - 1.0 if energy > 0 else 0.0
-        after = self.smoothing.without_rise(after[0], space.enstrophy(vorticity)), after[1]
+        after = self._without_enstrophy_rise(after, space.enstrophy(vorticity))
         reached = self._energy(after)
         if reached > energy and (folded <= SMALL or rise <= ROUNDING):
             after = self._scaled(after, reached, energy)
@@ -182,6 +182,41 @@ class CirculationAdvection:
         share = first_root(reached - energy, slope, curvature)
         mixed = after[0] + share * change, after[1] + share * turn
         return mixed, reached + share * (slope + share * curvature)
+
+    def _without_enstrophy_rise(self, flow: Flow, most: float) -> Flow:
+        """Filtered until the enstrophy is at most `most`; the energy that the filter takes is put back.
+
+        What a filter takes of the energy is taken at every step, however short. Scaling the filtered flow
+        back to the energy before raises the enstrophy less than the filter lowered it, so a share of the
+        filter exists that does both, as in the anticipated potential vorticity method (R. Sadourny and
+        C. Basdevant, Journal of the Atmospheric Sciences, 1985).
+        """
+        space, vorticity = self.space, flow[0]
+        if not space.enstrophy(vorticity) > most:
+            return flow
+        phi = space.stream_function_change(vorticity)
+        change = self.smoothing.change(vorticity)
+        phi_change = space.stream_function_change(change)
+        enstrophy = (
+            space.enstrophy(vorticity),
+            float(vorticity @ (space.inverse_mass * change)),
+            space.enstrophy(change),
+        )
+        none = np.zeros(0)
+        energy = (
+            space.kinetic_energy(phi, vorticity, none),
+            float(phi @ (space.stiffness @ phi_change)),
+            space.kinetic_energy(phi_change, change, none),
+        )
+        if not energy[0] > ROUNDING * 0.5 * float(flow[1] @ flow[1]):  # vorticity that is rounding
+            return self.smoothing.without_rise(vorticity, most), flow[1]
+        share, gain = share_at_constant_energy(enstrophy, energy, most)
+        filtered = vorticity + share * change
+        scaled = np.where(space.inside, gain * filtered, filtered)
+        self._keep_total(scaled, filtered)
+        if space.enstrophy(scaled) > space.enstrophy(vorticity):
+            scaled = filtered
+        return self.smoothing.without_rise(scaled, most), flow[1]
 
     def _scaled(self, flow: Flow, reached: float, energy: float) -> Flow:
         """The vorticity scaled to the energy wanted: a last resort on bad meshes."""
