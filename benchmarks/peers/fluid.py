@@ -14,11 +14,11 @@ import numpy as np
 from benchmarks.common.measure import interleaved, machine, print_table
 from ddgcli.linalg.factor import Factor
 from ddgcli.mesh import shapes
-from ddgcli.models.fluid.circulation import CirculationAdvection, corner_of
+from ddgcli.models.fluid.circulation import CirculationAdvection
 from ddgcli.models.fluid.conservative import RK4_LIMIT, advection_rate, midpoint, runge_kutta
 from ddgcli.models.fluid.diffusion import CURVATURE_SHARE, VelocityDiffusion, VorticityDiffusion
-from ddgcli.models.fluid.space import FlowSpace
-from ddgcli.models.fluid.transport import Transport
+from ddgcli.models.fluid.surface_space import SurfaceSpace
+from ddgcli.models.fluid.tracer import Tracer
 from ddgcli.operators.laplacian import lumped_mass, stiffness
 
 # faces -> seconds of the survey: factorisation, P1 Jacobian RK4 step, backtraced step at CFL about 1
@@ -26,17 +26,14 @@ SURVEY = {20_000: (0.031, 0.0037, 0.034), 80_000: (0.136, 0.035, 0.143), 50_000:
 SPHERES = {3_000: 1_502, 12_000: 6_002, 50_000: 25_002}
 
 
-def carried(transport: Transport, space: FlowSpace, omega: np.ndarray, dt: float) -> np.ndarray:
+def carried(tracer: Tracer, space: SurfaceSpace, omega: np.ndarray, dt: float) -> np.ndarray:
     """Dye after a step."""
-    flux = space.side_flux(space.stream_function(omega), np.zeros(0))
-    face, corner = corner_of(space, np.arange(space.n))
-    moved = transport.backwards(transport.corners(flux), face, np.eye(3)[corner], dt)
-    return np.einsum("ij,ij->i", omega[space.faces[moved.face]], moved.barycentric)
+    return tracer.advance(omega, space.side_flux(space.stream_function(omega), np.zeros(0)), dt)
 
 
 def rows(faces: int) -> list[list]:
     mesh = shapes.random_sphere(SPHERES[faces])
-    space = FlowSpace(mesh, np.zeros((0, mesh.topology.n_edges)))
+    space = SurfaceSpace(mesh, np.zeros((0, mesh.topology.n_edges)))
     x, y, z = mesh.points.T
     omega = (5 * z + np.sin(3 * x) * y) * space.mass
     omega -= space.mass * omega.sum() / space.mass.sum()
@@ -54,7 +51,7 @@ def rows(faces: int) -> list[list]:
         "conservative, midpoint": lambda: midpoint(space, omega, none, stable, False),
         "circulation, CFL 1": lambda: carry.step(omega, none, dt, False),
         "circulation, CFL 5": lambda: carry.step(omega, none, 5 * dt, False),
-        "dye": partial(carried, carry.transport, space, omega, dt),
+        "dye": partial(carried, Tracer(space, carry.transport), space, omega, dt),
     }
     for kind in CURVATURE_SHARE:
         decay = VelocityDiffusion(space, 1e-3, kind)

@@ -143,7 +143,7 @@ def motion(state):
 
 
 def spun(state):
-    return dataclasses.replace(state, vorticity=1.01 * state.vorticity + 1e-3)
+    return state.replaced(vorticity=1.01 * state["vorticity"] + 1e-3)
 
 
 def bulged(state):
@@ -176,6 +176,7 @@ OPERATOR = "ddgcli.algorithms.laplacian.report:laplace_operator"
 WALKED = "ddgcli.algorithms.tracing.trace:Tracer.walked"
 STEP = "ddgcli.algorithms.tangent_fields.integral_curves:runge_kutta_step"
 EVOLVE = "ddgcli.cli.simulation.simulate:evolve"
+SIDE_FLUX = "ddgcli.models.fluid.surface_space:SurfaceSpace.side_flux"
 MEAN_STEP = "ddgcli.models.willmore.flow:mean_curvature_step"
 
 GROWING = iter(np.linspace(1.0, 9.0, 99))
@@ -286,7 +287,7 @@ PLANTS = {
             stepping(spun),
             ["total_vorticity_drift", "energy_drift", "enstrophy_drift", "circulation_drift"],
         ),
-        ("ddgcli.models.fluid.space:FlowSpace.side_flux", returned(first_wrong), ["divergence_max"]),
+        (SIDE_FLUX, returned(first_wrong), ["divergence_max"]),
     ],
     "willmore": [(EVOLVE, stepping(bulged), ["constraint_residuals", "min_angle_degrees"])],
     "mean-curvature": [

@@ -250,7 +250,7 @@ def test_a_scene_pays_only_for_its_effects(summary, ball):
         ('initial = { velocity = ["1", "2"] }', "three"),
         ('initial = { flow = "vortex-pair", direction = [0, 0, 0] }', "direction"),
         ('initial = { flow = "vortex-pair", center = [9, 0, 0] }', "both vortices"),
-        ("viscosity = { nu = -1 }", "greater than 0"),
+        ("viscosity = { nu = -1 }", "at least 0"),
         ('viscosity = { nu = "1 kg" }', "unit"),
         ('viscosity = { nu = 1, kind = "stokes" }', "deformation"),
         ('boundary = { kind = "free-slip" }', "no boundary"),

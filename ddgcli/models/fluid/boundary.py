@@ -15,7 +15,8 @@ from ddgcli.errors import MeshError
 from ddgcli.mesh.topology import NEXT
 from ddgcli.models.fluid.context import FluidContext
 from ddgcli.models.fluid.parts import Walls
-from ddgcli.models.fluid.space import sums
+from ddgcli.models.fluid.phases import Declared, FluidSetting
+from ddgcli.models.fluid.surface_space import harmonic_count, sums
 from ddgcli.scenes.expressions import evaluate
 from ddgcli.scenes.scene import Section
 from ddgcli.simulation.effects import Effect
@@ -46,13 +47,27 @@ class BoundarySection(Section):
         return self
 
 
-def build(parameters: BoundarySection, context: FluidContext) -> list[Walls]:
+def build(parameters: BoundarySection, context: FluidContext) -> list[Walls | Declared]:
     if context.mesh.topology.is_closed:
         raise MeshError("the surface has no boundary; take the effect out")
     moving = None
     if parameters.velocity is not None:
         moving = wall_circulation(context, [str(text) for text in parameters.velocity], parameters.where)
-    return [Walls(parameters.kind == "no-slip", moving)]
+    no_slip = parameters.kind == "no-slip"
+    return [Walls(no_slip, moving), *([Declared(require_friction)] if no_slip else [])]
+
+
+def require_friction(setting: FluidSetting) -> None:
+    """Refuse walls without slip in a fluid without friction; report harmonic flows that they would drive."""
+    if "viscosity" not in setting.effects:
+        raise ValueError("kind no-slip needs the effect viscosity with nu > 0; without it there is free slip")
+    count = harmonic_count(setting.space.mesh)
+    if count and not len(setting.space.harmonic):
+        log.warning(
+            "%s has %d harmonic flows (round its handles and holes), which walls without slip drive; the "
+            "scene leaves them out, and the flow is wrong: add the effect harmonic = {}",
+            setting.context.name, count,
+        )  # fmt: skip
 
 
 def wall_circulation(context: FluidContext, velocity: list[str], where: str | None) -> NDArray[np.float64]:

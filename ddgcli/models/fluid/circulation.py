@@ -16,16 +16,22 @@ S. Elcott et al., "Stable, circulation-preserving, simplicial fluids", ACM Trans
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.mesh.topology import NEXT
 from ddgcli.models.fluid.conservative import rate
-from ddgcli.models.fluid.smoothing import Smoothing, first_root
-from ddgcli.models.fluid.space import FlowSpace
-from ddgcli.models.fluid.transport import Carried, Transport
+from ddgcli.models.fluid.phases import FlowPhase, FluidSetting, Step
+from ddgcli.models.fluid.smoothing import Smoothing, first_root, share_at_constant_energy
+from ddgcli.models.fluid.state import FluidState
+from ddgcli.models.fluid.surface_space import SurfaceSpace
+from ddgcli.models.fluid.transport import Carried, Transport, corner_of
+from ddgcli.simulation.time_loop import Observation, StepRejected
 
+FOLDED = 1.0  # change of the velocity along a side times dt over its length, beyond which loops fold
+RISE = 1e-6  # relative rise of the kinetic energy at which a step is shortened
 ROUNDING = 1e-12  # relative rise of the energy that counts as none
 SMALL = 0.02  # deformation below which a step is taken as it is: a shorter one would be no better
 Flow = tuple[NDArray[np.float64], NDArray[np.float64]]  # vorticity (n,), harmonic coefficients (b,)
@@ -54,9 +60,9 @@ class Pull:
 class CirculationAdvection:
     """Dual edges of a surface, ready for steps of any length."""
 
-    def __init__(self, space: FlowSpace) -> None:
+    def __init__(self, space: SurfaceSpace, transport: Transport | None = None) -> None:
         self.space = space
-        self.transport = Transport(space)
+        self.transport = transport or Transport(space)
         self.smoothing = Smoothing(space)
         topology = space.mesh.topology
         twin = topology.side_twin.ravel()
@@ -105,7 +111,7 @@ class CirculationAdvection:
         space = self.space
         start = vorticity, coefficients
         d_vorticity, d_coefficients, flux = rate(space, vorticity, coefficients, evolve_harmonic)
-        change = space.side_flux(space.stream_function(d_vorticity), d_coefficients)
+        change = space.side_flux(space.stream_function_change(d_vorticity), d_coefficients)
         corner = self.transport.corners(flux + 0.5 * dt * change)
         folded = self.deformation(corner, dt)
         if not folded <= most:
@@ -118,7 +124,7 @@ class CirculationAdvection:
         energy = self._energy(start)
         after, reached = self._without_rise(back, start, flux, after, energy, evolve_harmonic)
         rise = reached / energy - 1.0 if energy > 0 else 0.0
-        after = self.smoothing.without_rise(after[0], space.enstrophy(vorticity)), after[1]
+        after = self._without_enstrophy_rise(after, space.enstrophy(vorticity))
         reached = self._energy(after)
         if reached > energy and (folded <= SMALL or rise <= ROUNDING):
             after = self._scaled(after, reached, energy)
@@ -170,12 +176,47 @@ class CirculationAdvection:
             return after, reached
         smooth = self._pulled(pull, start, flux, evolve, smooth=True)
         change, turn = smooth[0] - after[0], smooth[1] - after[1]
-        phi_change = space.stream_function(change)
+        phi_change = space.stream_function_change(change)
         slope = float(phi @ (space.stiffness @ phi_change) + after[1] @ turn)
         curvature = space.kinetic_energy(phi_change, change, turn)
         share = first_root(reached - energy, slope, curvature)
         mixed = after[0] + share * change, after[1] + share * turn
         return mixed, reached + share * (slope + share * curvature)
+
+    def _without_enstrophy_rise(self, flow: Flow, most: float) -> Flow:
+        """Filtered until the enstrophy is at most `most`; the energy that the filter takes is put back.
+
+        What a filter takes of the energy is taken at every step, however short. Scaling the filtered flow
+        back to the energy before raises the enstrophy less than the filter lowered it, so a share of the
+        filter exists that does both, as in the anticipated potential vorticity method (R. Sadourny and
+        C. Basdevant, Journal of the Atmospheric Sciences, 1985).
+        """
+        space, vorticity = self.space, flow[0]
+        if not space.enstrophy(vorticity) > most:
+            return flow
+        phi = space.stream_function_change(vorticity)
+        change = self.smoothing.change(vorticity)
+        phi_change = space.stream_function_change(change)
+        enstrophy = (
+            space.enstrophy(vorticity),
+            float(vorticity @ (space.inverse_mass * change)),
+            space.enstrophy(change),
+        )
+        none = np.zeros(0)
+        energy = (
+            space.kinetic_energy(phi, vorticity, none),
+            float(phi @ (space.stiffness @ phi_change)),
+            space.kinetic_energy(phi_change, change, none),
+        )
+        if not energy[0] > ROUNDING * 0.5 * float(flow[1] @ flow[1]):  # vorticity that is rounding
+            return self.smoothing.without_rise(vorticity, most), flow[1]
+        share, gain = share_at_constant_energy(enstrophy, energy, most)
+        filtered = vorticity + share * change
+        scaled = np.where(space.inside, gain * filtered, filtered)
+        self._keep_total(scaled, filtered)
+        if space.enstrophy(scaled) > space.enstrophy(vorticity):
+            scaled = filtered
+        return self.smoothing.without_rise(scaled, most), flow[1]
 
     def _scaled(self, flow: Flow, reached: float, energy: float) -> Flow:
         """The vorticity scaled to the energy wanted: a last resort on bad meshes."""
@@ -210,8 +251,37 @@ class CirculationAdvection:
         after[rim] += space.mass[rim] * share[label[rim]]
 
 
-def corner_of(space: FlowSpace, vertices: NDArray) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """(face, corner) of one face at each vertex."""
-    flat = np.full(space.n, -1, dtype=np.int64)
-    flat[space.faces.ravel()] = np.arange(space.faces.size)
-    return flat[vertices] // 3, flat[vertices] % 3
+class CirculationTransport(FlowPhase):
+    """Transport by loops that are carried backwards; its losses are booked in the state."""
+
+    stage = "transport"
+
+    def __init__(self, setting: FluidSetting) -> None:
+        self.evolve_harmonic = setting.evolve_harmonic
+        self.advection = CirculationAdvection(setting.space, setting.tracing)
+
+    def start(self) -> dict[str, NDArray]:
+        return {"loss": np.zeros(2)}
+
+    def advance(self, step: Step, state: FluidState) -> FluidState:
+        space, before = self.advection.space, (state["vorticity"], state["coefficients"])
+        vorticity, coefficients, folded, rise = self.advection.step(
+            *before, step.dt, self.evolve_harmonic, FOLDED
+        )
+        if not folded <= FOLDED:
+            raise StepRejected("loops fold", value=folded)
+        if folded > SMALL and not rise <= RISE:
+            raise StepRejected("energy rises", value=rise)
+        after = state.replaced(vorticity=vorticity, coefficients=coefficients)
+        lost = space.energy(state) - space.energy(after)
+        smoothed = space.enstrophy(before[0]) - space.enstrophy(vorticity)
+        return after.with_passive(loss=state["loss"] + np.array([lost, smoothed]))
+
+    def observed(self, state: FluidState) -> Observation:
+        energy, enstrophy = state["loss"]
+        return Observation(None, {}, {"lost_energy": float(energy), "lost_enstrophy": float(enstrophy)})
+
+
+def transport(setting: FluidSetting, parameters: Any) -> CirculationTransport:
+    """The phase that [time] asks for."""
+    return CirculationTransport(setting)

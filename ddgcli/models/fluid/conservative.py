@@ -9,18 +9,24 @@ circulation along every boundary loop, on any mesh.
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.mesh.topology import NEXT
-from ddgcli.models.fluid.space import FlowSpace, sums
+from ddgcli.models.fluid.phases import FlowPhase, FluidSetting, Step
+from ddgcli.models.fluid.state import FluidState
+from ddgcli.models.fluid.surface_space import SurfaceSpace, sums
+from ddgcli.simulation.time_loop import StepRejected
 
 RK4_LIMIT = 2.8  # on the imaginary axis
 LONGEST_PICARD = 60
+SETTLED = 1e-10  # relative change left by the iteration of the midpoint rule
 
 
 def rate(
-    space: FlowSpace, vorticity: NDArray, coefficients: NDArray, evolve_harmonic: bool
+    space: SurfaceSpace, vorticity: NDArray, coefficients: NDArray, evolve_harmonic: bool
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
     """Time derivatives of vorticity (n,) and harmonic coefficients (b,), and the side fluxes (m, 3)."""
     phi = space.stream_function(vorticity)
@@ -42,14 +48,14 @@ def rate(
     return d_vorticity, d_coefficients, flux
 
 
-def advection_rate(space: FlowSpace, flux: NDArray) -> float:
+def advection_rate(space: SurfaceSpace, flux: NDArray) -> float:
     """Bound on the spectral radius of the transport: the largest absolute row sum."""
     row = 0.5 * sums(space.faces, np.abs(flux[:, NEXT]), space.n)
     return float((row * space.inverse_mass).max(initial=0.0))
 
 
 def runge_kutta(
-    space: FlowSpace, vorticity: NDArray, coefficients: NDArray, dt: float, evolve_harmonic: bool
+    space: SurfaceSpace, vorticity: NDArray, coefficients: NDArray, dt: float, evolve_harmonic: bool
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
     """One classical fourth-order step; the third value is dt times `advection_rate` at its start."""
     k1, c1, flux = rate(space, vorticity, coefficients, evolve_harmonic)
@@ -69,7 +75,7 @@ def runge_kutta(
 
 
 def midpoint(
-    space: FlowSpace, vorticity: NDArray, coefficients: NDArray, dt: float, evolve_harmonic: bool
+    space: SurfaceSpace, vorticity: NDArray, coefficients: NDArray, dt: float, evolve_harmonic: bool
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
     """One step of the implicit midpoint rule, which keeps energy and enstrophy to the solver's tolerance.
 
@@ -106,3 +112,28 @@ def _mixed(images: list[NDArray], residuals: list[NDArray]) -> NDArray[np.float6
     difference = np.stack([last - r for r in residuals[:-1]], axis=1)
     share = np.linalg.lstsq(difference, last, rcond=1e-10)[0]
     return images[-1] - np.stack([images[-1] - i for i in images[:-1]], axis=1) @ share
+
+
+class ConservativeTransport(FlowPhase):
+    """Transport by an explicit Runge-Kutta step of order 4, or by the implicit midpoint rule."""
+
+    stage = "transport"
+
+    def __init__(self, setting: FluidSetting, scheme: str) -> None:
+        self.space, self.evolve_harmonic = setting.space, setting.evolve_harmonic
+        self.implicit = scheme == "midpoint"
+        self.order = 2 if self.implicit else 4
+
+    def advance(self, step: Step, state: FluidState) -> FluidState:
+        scheme = midpoint if self.implicit else runge_kutta
+        vorticity, coefficients, measure = scheme(
+            self.space, state["vorticity"], state["coefficients"], step.dt, self.evolve_harmonic
+        )
+        if not measure <= (SETTLED if self.implicit else RK4_LIMIT):
+            raise StepRejected("midpoint iteration" if self.implicit else "stability", value=measure)
+        return state.replaced(vorticity=vorticity, coefficients=coefficients)
+
+
+def transport(setting: FluidSetting, parameters: Any) -> ConservativeTransport:
+    """The phase that [time] asks for."""
+    return ConservativeTransport(setting, parameters.scheme)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
 from ddgcli.mesh.triangle_mesh import TriangleMesh
-from ddgcli.models.fluid.space import FlowSpace
+from ddgcli.models.fluid.surface_space import SurfaceSpace
 from ddgcli.scenes.expressions import evaluate
 
 
@@ -108,7 +108,7 @@ class FluidContext:
         """(n,) straight distance of the vertices from a point, the shortest on a periodic grid."""
         return np.linalg.norm(self.unwrapped(self.points - np.asarray(centre)), axis=1)
 
-    def to_frames(self, space: FlowSpace, vectors: NDArray) -> NDArray[np.complex128]:
+    def to_frames(self, space: SurfaceSpace, vectors: NDArray) -> NDArray[np.complex128]:
         """(m,) vectors in space (m, 3), projected to the faces, in their planar frames."""
         if isinstance(self.mesh, TriangleMesh):
             from ddgcli.geometry.face_frames import face_axes

@@ -20,7 +20,9 @@ from scipy.sparse import block_array, csc_array, csr_array, diags_array, eye_arr
 
 from ddgcli.geometry.intrinsic import corner_angle
 from ddgcli.linalg.factor import Factor
-from ddgcli.models.fluid.space import FlowSpace, sums
+from ddgcli.models.fluid.phases import FlowPhase, Step
+from ddgcli.models.fluid.state import FluidState
+from ddgcli.models.fluid.surface_space import SurfaceSpace, sums
 from ddgcli.operators.dec import d0
 
 CURVATURE_SHARE = {"hodge": 0.0, "bochner": 1.0, "deformation": 2.0}
@@ -62,7 +64,7 @@ class Decay:
 class VorticityDiffusion:
     """Hodge viscosity on closed surfaces and with free-slip walls: M omega' = - nu L omega."""
 
-    def __init__(self, space: FlowSpace, nu: float) -> None:
+    def __init__(self, space: SurfaceSpace, nu: float) -> None:
         self.space = space
         inside = self.inside = np.flatnonzero(space.inside)
         self.decay = Decay(
@@ -82,7 +84,7 @@ class VelocityDiffusion:
     `moving` (n,) is what walls in motion add to the circulation around the cells of their vertices.
     """
 
-    def __init__(self, space: FlowSpace, nu: float, kind: str, moving: NDArray | None = None) -> None:
+    def __init__(self, space: SurfaceSpace, nu: float, kind: str, moving: NDArray | None = None) -> None:
         self.space = space
         self.moving = np.zeros(space.n) if moving is None else moving
         flows = csr_array(space.harmonic.T)
@@ -107,7 +109,20 @@ class VelocityDiffusion:
         return self.curl @ after + self.moving, after[len(space.free) :]
 
 
-def curvature_star(space: FlowSpace) -> NDArray[np.float64]:
+class Diffusion(FlowPhase):
+    """The phase of viscosity."""
+
+    effect = "viscosity"
+
+    def __init__(self, scheme: VorticityDiffusion | VelocityDiffusion) -> None:
+        self.scheme = scheme
+
+    def advance(self, step: Step, state: FluidState) -> FluidState:
+        vorticity, coefficients = self.scheme.step(state["vorticity"], state["coefficients"], step.dt)
+        return state.replaced(vorticity=vorticity, coefficients=coefficients)
+
+
+def curvature_star(space: SurfaceSpace) -> NDArray[np.float64]:
     """(e,) star of the inner product weighted by Gaussian curvature, each vertex's spread over its faces."""
     angle = corner_angle(space.mesh.side_length)
     full = np.where(space.mesh.topology.boundary_vertex, np.pi, 2.0 * np.pi)

@@ -7,20 +7,27 @@ from __future__ import annotations
 from pydantic import Field
 
 from ddgcli.models.fluid.context import FluidContext
-from ddgcli.models.fluid.parts import Dye
+from ddgcli.models.fluid.phases import Declared, FluidSetting, Phase
 from ddgcli.scenes.scene import Section
 from ddgcli.simulation.effects import Effect
 
 
 class DyeSection(Section):
-    """Dye, followed backwards along the flow: it never leaves the bounds that it starts with."""
+    """Dye, followed backwards along the flow: its amount is kept, and it never leaves its bounds."""
 
     amount: str = Field(description="at the start: vertex array of the mesh, .npy, or expression in x, y, z")
     object: str | None = Field(None, description="fluid; by default all")
 
 
-def build(parameters: DyeSection, context: FluidContext) -> list[Dye]:
-    return [Dye(context.scalar(parameters.amount, "dye"))]
+def build(parameters: DyeSection, context: FluidContext) -> list[Declared]:
+    amount = context.scalar(parameters.amount, "dye")
+
+    def make(setting: FluidSetting) -> Phase:
+        from ddgcli.models.fluid.tracer import Tracer, TracerPhase
+
+        return TracerPhase("dye", amount, Tracer(setting.space, setting.tracing))
+
+    return [Declared(make)]
 
 
-EFFECT = Effect("dye", DyeSection, build, "two traces a vertex and step", ("fluid",))
+EFFECT = Effect("dye", DyeSection, build, "a trace a vertex and two solves a step", ("fluid",))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -73,9 +74,25 @@ def taylor_green(context: FluidContext, wishes: Any) -> NDArray[np.float64]:
     return wishes.strength * (kx**2 + ky**2) / ky * np.sin(kx * x) * np.sin(ky * y)
 
 
-FLOWS: dict[str, Callable[[FluidContext, Any], NDArray[np.float64]]] = {
-    "taylor-vortices": taylor_vortices,
-    "vortex-pair": vortex_pair,
-    "rotation": rotation,
-    "taylor-green": taylor_green,
+@dataclass(frozen=True)
+class NamedFlow:
+    """A flow with a name.
+
+    Parameters
+    ----------
+    vorticity : callable (context, options) -> (n,) ndarray
+    keys : tuple of str
+        Options that it reads beside `strength`.
+    """
+
+    vorticity: Callable[[FluidContext, Any], NDArray[np.float64]]
+    keys: tuple[str, ...] = ()
+
+
+KEYS = ("core", "separation", "center", "direction")
+FLOWS = {
+    "taylor-vortices": NamedFlow(taylor_vortices, KEYS),
+    "vortex-pair": NamedFlow(vortex_pair, KEYS),
+    "rotation": NamedFlow(rotation),
+    "taylor-green": NamedFlow(taylor_green),
 }

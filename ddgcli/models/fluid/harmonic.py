@@ -6,10 +6,13 @@ from __future__ import annotations
 
 from typing import Literal
 
+import numpy as np
+from numpy.typing import NDArray
 from pydantic import Field
 
 from ddgcli.models.fluid.context import FluidContext
-from ddgcli.models.fluid.parts import Harmonic
+from ddgcli.models.fluid.parts import Harmonic, Initial
+from ddgcli.models.fluid.surface_space import SurfaceSpace
 from ddgcli.scenes.scene import Section
 from ddgcli.scenes.units import quantity
 from ddgcli.simulation.effects import Effect
@@ -27,9 +30,21 @@ class HarmonicSection(Section):
     object: str | None = Field(None, description="fluid; by default all")
 
 
-def build(parameters: HarmonicSection, context: FluidContext) -> list[Harmonic]:
+def build(parameters: HarmonicSection, context: FluidContext) -> list[Harmonic | Initial]:
+    harmonic = Harmonic(parameters.kind == "evolved")
     given = parameters.coefficients
-    return [Harmonic(parameters.kind == "evolved", None if given is None else tuple(given))]
+    if given is None:
+        return [harmonic]
+
+    def start(space: SurfaceSpace) -> tuple[NDArray, NDArray]:
+        if len(given) != len(space.harmonic):
+            raise ValueError(
+                f"{len(given)} coefficients; the surface {context.name!r} has {len(space.harmonic)} "
+                "harmonic flows"
+            )
+        return np.zeros(space.n), np.array(given)
+
+    return [harmonic, Initial(start)]
 
 
 EFFECT = Effect(

@@ -12,14 +12,15 @@ from pydantic import Field, model_validator
 
 from ddgcli.mesh.topology import NEXT
 from ddgcli.models.fluid.context import FluidContext
-from ddgcli.models.fluid.flows import FLOWS
+from ddgcli.models.fluid.flows import FLOWS, KEYS
 from ddgcli.models.fluid.parts import Initial
-from ddgcli.models.fluid.space import FlowSpace, sums
+from ddgcli.models.fluid.surface_space import SurfaceSpace, harmonic_count, sums
 from ddgcli.scenes.scene import Section
 from ddgcli.scenes.units import quantity, vector
 from ddgcli.simulation.effects import Effect
 
 log = logging.getLogger("ddgcli")
+LOST = 0.01  # share of the energy of an initial velocity that no discrete flow holds
 BALANCED = 1e-10  # total vorticity over the total of its terms that counts as zero
 
 
@@ -33,7 +34,7 @@ class InitialSection(Section):
         None, description="array on faces or vertices, .npy, or three numbers or expressions [m/s]"
     )
     flow: str | None = Field(None, description=f"by name: {', '.join(FLOWS)}")
-    strength: quantity("m/s", "speed of a named flow", gt=0) = 1.0
+    strength: quantity("m/s", "speed of a named flow; negative turns it round") = 1.0
     core: quantity("m", "radius of its vortices", gt=0) | None = None
     separation: quantity("m", "distance of their centres", gt=0) | None = None
     center: vector("m", "between them; default the middle of the surface") | None = None
@@ -51,38 +52,65 @@ class InitialSection(Section):
             raise ValueError(f"no flow {self.flow!r}; known: {', '.join(FLOWS)}")
         if isinstance(self.velocity, list) and len(self.velocity) != 3:
             raise ValueError("velocity takes three numbers or expressions")
+        self._refuse_ignored()
         if self.direction is not None and not any(self.direction):
             raise ValueError("the direction must not be zero")
         return self
+
+    def _refuse_ignored(self) -> None:
+        known = FLOWS[self.flow].keys if self.flow is not None else ()
+        for key in (*KEYS, "strength"):
+            if key in self.model_fields_set and key not in (*known, *(("strength",) if self.flow else ())):
+                what = f"flow {self.flow!r}" if self.flow is not None else "vorticity or velocity"
+                takes = ", ".join(("strength", *known)) if self.flow is not None else "none of such keys"
+                raise ValueError(f"{key} has no effect on {what}, which takes {takes}; take it out")
 
 
 def build(parameters: InitialSection, context: FluidContext) -> list[Initial]:
     if parameters.velocity is not None:
         vectors = context.face_vectors(parameters.velocity)
 
-        def of_velocity(space: FlowSpace) -> tuple[NDArray, NDArray]:
+        def of_velocity(space: SurfaceSpace) -> tuple[NDArray, NDArray]:
             velocity = context.to_frames(space, vectors)
             vorticity, coefficients = space.of_face_velocity(velocity)
             # its mean is rounding alone, of these terms
             terms = 0.5 * sums(space.faces, np.abs(velocity)[:, None] * np.abs(space.side[:, NEXT]), space.n)
-            return balanced(space, vorticity, terms), coefficients
+            vorticity = balanced(space, vorticity, terms)
+            _warn_of_lost_harmonic(context, space, velocity, vorticity)
+            return vorticity, coefficients
 
         return [Initial(of_velocity)]
     if parameters.flow is not None:
-        omega = FLOWS[parameters.flow](context, parameters)
+        omega = FLOWS[parameters.flow].vorticity(context, parameters)
         if not np.isfinite(omega).all():
             raise ValueError(f"flow {parameters.flow!r} is not finite on this surface")
     else:
         omega = context.scalar(str(parameters.vorticity), "vorticity")
 
-    def of_vorticity(space: FlowSpace) -> tuple[NDArray, NDArray]:
+    def of_vorticity(space: SurfaceSpace) -> tuple[NDArray, NDArray]:
         vorticity = omega * space.mass
         return balanced(space, vorticity, np.abs(vorticity)), np.zeros(len(space.harmonic))
 
     return [Initial(of_vorticity)]
 
 
-def balanced(space: FlowSpace, vorticity: NDArray, terms: NDArray) -> NDArray[np.float64]:
+def _warn_of_lost_harmonic(
+    context: FluidContext, space: SurfaceSpace, velocity: NDArray, vorticity: NDArray
+) -> None:
+    """Report a velocity that is more than its vorticity where there are no harmonic flows for the rest."""
+    if len(space.harmonic) or not harmonic_count(space.mesh):
+        return
+    whole = 0.5 * float(np.sum(space.area * np.abs(velocity) ** 2))
+    kept = space.kinetic_energy(space.stream_function(vorticity), vorticity, np.zeros(0))
+    if whole - kept > LOST * whole:
+        log.warning(
+            "%.3g %% of the energy of the initial velocity of %s is left out: its gradient part, and its "
+            "harmonic part, which the effect harmonic = {} keeps",
+            100.0 * (whole - kept) / whole, context.name,
+        )  # fmt: skip
+
+
+def balanced(space: SurfaceSpace, vorticity: NDArray, terms: NDArray) -> NDArray[np.float64]:
     """Integrated vorticity (n,) without its mean on every closed component.
 
     A warning tells where the mean is more than rounding of `terms` (n,), sizes of what the vorticity sums.

@@ -1,4 +1,4 @@
-"""What the effects of a fluid are made of, for the model to put together."""
+"""What effects of a fluid say before its space is made; phases are `phases.Declared`."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.models.fluid.space import FlowSpace
+from ddgcli.models.fluid.surface_space import SurfaceSpace
 
-Start = Callable[[FlowSpace], tuple[NDArray[np.float64], NDArray[np.float64]]]
+Start = Callable[[SurfaceSpace], tuple[NDArray[np.float64], NDArray[np.float64]]]
 
 
 @dataclass(frozen=True)
@@ -18,14 +18,6 @@ class Initial:
     """A flow to begin with: integrated vorticity (n,) and harmonic coefficients (b,); several add up."""
 
     make: Start
-
-
-@dataclass(frozen=True)
-class Viscosity:
-    """Kinematic viscosity [m^2/s] and which Laplacian it stands before."""
-
-    nu: float
-    kind: str
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,11 +33,3 @@ class Harmonic:
     """The flows without vorticity that a surface with handles or several boundaries has."""
 
     evolve: bool
-    coefficients: tuple[float, ...] | None
-
-
-@dataclass(frozen=True, eq=False)
-class Dye:
-    """A passive amount on the vertices."""
-
-    amount: NDArray[np.float64]

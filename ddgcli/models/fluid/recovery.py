@@ -17,7 +17,7 @@ from scipy.sparse import csr_array, diags_array
 
 from ddgcli.geometry.unfolding import Fans, vertex_fans
 from ddgcli.mesh.topology import NEXT
-from ddgcli.models.fluid.space import FlowSpace
+from ddgcli.models.fluid.surface_space import SurfaceSpace
 
 FEWEST = 5  # edges that determine a quadratic function but for its constant
 LARGEST_GAIN = 3.0  # of a fitted velocity over the velocities along the edges
@@ -41,7 +41,7 @@ class Recovery:
     to_vertex: NDArray[np.complex128]
 
 
-def recovery(space: FlowSpace) -> Recovery:
+def recovery(space: SurfaceSpace) -> Recovery:
     """The recovery of a surface."""
     fans = vertex_fans(space.mesh)
     stretch = np.where(fans.is_open, 1.0, 2.0 * np.pi / fans.total_angle)[fans.fan]
@@ -60,14 +60,14 @@ def recovery(space: FlowSpace) -> Recovery:
     return Recovery(csr_array(matrix), to_vertex)
 
 
-def _frames(space: FlowSpace, fans: Fans, stretch: NDArray) -> NDArray[np.complex128]:
+def _frames(space: SurfaceSpace, fans: Fans, stretch: NDArray) -> NDArray[np.complex128]:
     angle = fans.corner_angle
     bisector = stretch * (fans.angle_before + 0.5 * angle)
     along = np.exp(1j * np.angle(space.side).ravel()) * np.exp(0.5j * angle)
     return (np.exp(1j * bisector) / along).reshape(-1, 3)
 
 
-def _fits(space: FlowSpace, fans: Fans, stretch: NDArray) -> tuple[csr_array, NDArray[np.float64]]:
+def _fits(space: SurfaceSpace, fans: Fans, stretch: NDArray) -> tuple[csr_array, NDArray[np.float64]]:
     """Velocity of the fitted quadratic at the vertices that have one, and its gain (n,), else 0."""
     length = space.mesh.side_length.ravel()
     count = np.diff(fans.start)
@@ -92,7 +92,7 @@ def _fits(space: FlowSpace, fans: Fans, stretch: NDArray) -> tuple[csr_array, ND
     return fitted, abs(fitted) @ length
 
 
-def _face_means(space: FlowSpace, fans: Fans, to_vertex: NDArray) -> csr_array:
+def _face_means(space: SurfaceSpace, fans: Fans, to_vertex: NDArray) -> csr_array:
     """Mean of the velocities of a vertex's faces, by angle."""
     vertex = space.faces.ravel()
     angle = fans.corner_angle.reshape(-1, 3)
@@ -104,7 +104,7 @@ def _face_means(space: FlowSpace, fans: Fans, to_vertex: NDArray) -> csr_array:
     return csr_array((values, (np.tile(vertex, 2), columns)), shape=(space.n, 3 * len(space.faces)))
 
 
-def _mean_values(space: FlowSpace, fans: Fans, stretch: NDArray) -> csr_array:
+def _mean_values(space: SurfaceSpace, fans: Fans, stretch: NDArray) -> csr_array:
     """(n, n) mean value coordinates of the vertices among their neighbours, with the turns between frames.
 
     M. S. Floater, "Mean value coordinates", 2003: positive, and exact for linear functions.

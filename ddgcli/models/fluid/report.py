@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import logging
+import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -11,18 +13,23 @@ from numpy.typing import NDArray
 from ddgcli.mesh.fields import Frame
 from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
 from ddgcli.models.fluid.model import FluidModel
-from ddgcli.models.fluid.space import sums
+from ddgcli.models.fluid.surface_space import sums
 from ddgcli.scenes.scene import Scene
 from ddgcli.simulation.account import Account
 from ddgcli.simulation.outcome import Outcome
 from ddgcli.simulation.time_loop import Schedule
 
+log = logging.getLogger("ddgcli")
+LARGE_LOSS = 0.05  # share of energy or enstrophy lost by the scheme, above which a run warns
+ROUNDING = 1e-12  # vorticity over the circulations that cancel in it, below which it counts as none
+
 
 def summary(outcome: Outcome, models: Mapping[str, FluidModel]) -> tuple[dict[str, Any], dict[str, Any]]:
     """(`results`, `accuracy`): values at the end, and the largest departures from the start.
 
-    Drifts are relative: total vorticity and circulations to the total absolute vorticity at the start (or to
-    their own largest size), energy to the energy at the start.
+    Drifts are relative: energy and enstrophy to their sizes at the start (or, from a start at rest, to their
+    largest), total vorticity and circulations to the total absolute vorticity at the start. Vorticity and
+    enstrophy that are the rounding of a flow without vorticity count as zero.
     """
     names, series, last = list(models), outcome.series, outcome.last
     results: dict[str, Any] = {
@@ -42,18 +49,38 @@ def summary(outcome: Outcome, models: Mapping[str, FluidModel]) -> tuple[dict[st
     results["harmonic_coefficients"] = _at_end(series, "harmonic_coefficients", names)
     if "total_dye" in series:
         results["total_dye"] = float(series["total_dye"][-1])
-    scale = float(series["absolute_vorticity"][0])
+    circulation, enstrophy = _scales(series, models)
     accuracy = {
         "divergence_max": float(series["divergence"].max()),
-        "total_vorticity_drift": _drift(series["total_vorticity"], scale),
+        "total_vorticity_drift": _drift(series["total_vorticity"], circulation),
         "energy_drift": _drift(series["kinetic_energy"], float(series["kinetic_energy"][0])),
-        "enstrophy_drift": _drift(series["enstrophy"], float(series["enstrophy"][0])),
+        "enstrophy_drift": _drift(series["enstrophy"], enstrophy),
         "circulation_drift": max(
-            [_drift(series[k], scale) for k in series if k.startswith("boundary_circulation")]
-            or [_drift(series["total_vorticity"], scale)]
+            [_drift(series[k], circulation) for k in series if k.startswith("boundary_circulation")]
+            or [_drift(series["total_vorticity"], circulation)]
         ),
     }
-    return results, accuracy
+    if "total_dye" in series:
+        accuracy["dye_drift"] = _drift(series["total_dye"], float(series["absolute_dye"][0]))
+    return results, {**accuracy, **_scheme_losses(series)}
+
+
+def _scheme_losses(series: Mapping[str, NDArray]) -> dict[str, float]:
+    """Shares of energy and enstrophy that the transport lost, where it books them; warn of large ones."""
+    found = {}
+    for name, total in (("energy", "kinetic_energy"), ("enstrophy", "enstrophy")):
+        if f"lost_{name}" not in series:
+            continue
+        lost = float(series[f"lost_{name}"][-1])
+        share = lost / (float(series[total].max()) or 1.0)
+        found[f"{name}_lost_by_scheme"] = share
+        if share > LARGE_LOSS:
+            log.warning(
+                "integrator circulation lost %.2g %% of the %s (warned of above %.0f %%): take integrator "
+                "conservative, or a finer or more regular mesh",
+                100.0 * share, name, 100.0 * LARGE_LOSS,
+            )  # fmt: skip
+    return found
 
 
 def _at_end(series: Mapping[str, NDArray], what: str, names: list[str]) -> list[float]:
@@ -62,6 +89,23 @@ def _at_end(series: Mapping[str, NDArray], what: str, names: list[str]) -> list[
         if f"{what}_{name}" in series:
             found += np.atleast_1d(series[f"{what}_{name}"][-1]).tolist()
     return found
+
+
+def _scales(series: Mapping[str, NDArray], models: Mapping[str, FluidModel]) -> tuple[float, float]:
+    """Sizes that drifts of circulations and of enstrophy are relative to.
+
+    Their own sizes at the start, 0 for a start whose vorticity is rounding; or, where that never exceeds the
+    rounding of the flow, what the terms that cancel in it amount to.
+    """
+    terms = [model.space.circulation_terms() for model in models.values()]
+    speed = math.sqrt(2.0 * float(series["kinetic_energy"].max()))
+    circulation, enstrophy = speed * sum(t for t, _ in terms), speed**2 * sum(t for _, t in terms)
+    vorticity = series["absolute_vorticity"]
+    if not float(vorticity.max()) > ROUNDING * circulation:
+        return circulation, enstrophy
+    if not float(vorticity[0]) > ROUNDING * circulation:
+        return 0.0, 0.0
+    return float(vorticity[0]), float(series["enstrophy"][0])
 
 
 def _drift(values: NDArray, scale: float) -> float:
@@ -121,10 +165,7 @@ def assembled(
         "frames": schedule.frames,
         "integrator": scene.time.integrator,
         "effects": [effect.name for effect, _, _ in scene.effects],
-        "fluids": {
-            name: {"vertices": model.space.n, "harmonic_flows": len(model.space.harmonic)}
-            for name, model in models.items()
-        },
+        "fluids": {name: model.space.assembled() for name, model in models.items()},
     }
 
 

@@ -22,6 +22,13 @@ EFFECTS = EffectTable(
 )
 
 
+# integrator -> dimension of the space -> module whose `transport(setting, parameters)` makes the phase
+TRANSPORTS = {
+    "circulation": {2: "ddgcli.models.fluid.circulation"},
+    "conservative": {2: "ddgcli.models.fluid.conservative"},
+}
+
+
 class Fluid(SurfaceObject):
     """An incompressible fluid on a surface, of unit density."""
 

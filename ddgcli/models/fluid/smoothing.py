@@ -10,7 +10,7 @@ from scipy.sparse import csc_array, diags_array
 
 from ddgcli.linalg.factor import Factor
 from ddgcli.mesh.topology import NEXT, PREVIOUS
-from ddgcli.models.fluid.space import FlowSpace, sums
+from ddgcli.models.fluid.surface_space import SurfaceSpace, sums
 from ddgcli.operators.dec import d0
 
 # (width, order) of the filters, tried in turn: one of order p and width w leaves a wave number k its part
@@ -25,7 +25,7 @@ class Smoothing:
     enstrophy of whatever they change. A filter is made when a flow first needs it.
     """
 
-    def __init__(self, space: FlowSpace) -> None:
+    def __init__(self, space: SurfaceSpace) -> None:
         self.space = space
         self._factors: dict[float, Factor] = {}
 
@@ -60,6 +60,10 @@ class Smoothing:
         share = np.divide(excess, area, out=np.zeros_like(excess), where=area > 0)
         return rest - np.where(used, space.mass * share[np.maximum(label, 0)], 0.0)
 
+    def change(self, vorticity: NDArray) -> NDArray[np.float64]:
+        """What the finest filter adds to a flow."""
+        return -self.rough(vorticity, *FILTERS[0])
+
     def without_rise(self, vorticity: NDArray, most: float) -> NDArray[np.float64]:
         """The same array where its enstrophy is at most `most`; else filtered just enough."""
         space = self.space
@@ -72,6 +76,33 @@ class Smoothing:
             share = first_root(excess, slope, space.enstrophy(change))
             vorticity = vorticity + share * change
         return vorticity
+
+
+def share_at_constant_energy(
+    enstrophy: tuple[float, float, float], energy: tuple[float, float, float], most: float
+) -> tuple[float, float]:
+    """Least share t in [0, 1] of a filter, and the factor that then restores the energy.
+
+    Both arguments are coefficients of 1, t, t^2. The factor scales the energy back to its value at t = 0; the
+    enstrophy, scaled with it, is `most` at t, or least where it nowhere falls to `most`.
+    """
+    t = np.linspace(0.0, 1.0, 65)
+
+    def scaled(t: NDArray) -> NDArray[np.float64]:
+        return np.polyval(enstrophy[::-1], t) * energy[0] / np.polyval(energy[::-1], t)
+
+    if not (energy[0] > 0.0 and (np.polyval(energy[::-1], t) > 0.0).all()):
+        return 0.0, 1.0
+    reached = np.flatnonzero(scaled(t) <= most)
+    last = int(reached[0]) if len(reached) else int(np.argmin(scaled(t)))
+    share = t[last]
+    if len(reached) and last > 0:  # bisection within the interval, down to rounding
+        low, high = t[last - 1], t[last]
+        for _ in range(50):
+            middle = 0.5 * (low + high)
+            low, high = (low, middle) if scaled(np.array(middle)) <= most else (middle, high)
+        share = high
+    return float(share), float(np.sqrt(energy[0] / np.polyval(energy[::-1], share)))
 
 
 def first_root(constant: float, slope: float, curvature: float) -> float:

@@ -1,228 +1,44 @@
-"""The discrete velocities of an incompressible flow on a surface, and what is read off them.
-
-A velocity is a flux U through every edge (from the left of the edge to its right), closed around every face:
-it is constant in each face and its divergence vanishes exactly. It is the derivative of a stream function phi
-(zero on the boundary) plus a combination of harmonic flows:
-
-    U = d phi + sum_j c_j h_j,      u = grad phi x n,      vorticity = - Laplacian phi,
-
-positive where the flow turns counter-clockwise seen from the tip of the normal. Everything is intrinsic: only
-the topology and the side lengths are read.
-"""
+"""What a space of discrete flows offers: the protocol behind which surfaces (and later volumes) stand."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from contextlib import AbstractContextManager, nullcontext
-from dataclasses import dataclass
-from functools import cached_property
-from typing import Any
+from collections.abc import Mapping
+from typing import Any, Protocol
 
-import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.errors import MeshError
-from ddgcli.geometry.intrinsic import face_area
-from ddgcli.geometry.unfolding import corner_position, unfold
-from ddgcli.linalg.constrain import Dirichlet
-from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
-from ddgcli.mesh.topology import NEXT, PREVIOUS
-from ddgcli.operators.laplacian import lumped_vertex_area, stiffness
-
-THINNEST = 1e-12  # area over the longest side squared, below which a face counts as flat
+from ddgcli.models.fluid.state import FluidState
+from ddgcli.simulation.time_loop import Observation
 
 
-def sums(index: NDArray, weights: NDArray, n: int) -> NDArray[np.float64]:
-    """(n,) sums of weights by index."""
-    return np.bincount(index.ravel(), weights=weights.ravel(), minlength=n).astype(np.float64, copy=False)
+class FlowSpace(Protocol):
+    """Divergence-free velocities on one mesh.
 
-
-@dataclass(eq=False)
-class FlowSpace:
-    """Velocities on one surface.
-
-    Parameters
-    ----------
-    mesh : TriangleMesh or IntrinsicMesh
-        Oriented, manifold, every face with area.
-    harmonic : (b, e) ndarray
-        Orthonormal harmonic flows as fluxes; (0, e) where the scene has none.
-    timer : callable, optional
-        Makes the context manager in which a system is solved, for who keeps accounts.
+    The arrays of a state that describe the flow are the space's own (`rest` names them); those of tracers and
+    of the accounts of a scheme belong to the phases that add them.
     """
 
-    mesh: SurfaceMesh
-    harmonic: NDArray[np.float64]
-    timer: Callable[[], AbstractContextManager[Any]] = nullcontext
+    dimension: int
 
-    def __post_init__(self) -> None:
-        require_flow(self.mesh)
-        topology = self.mesh.topology
-        self.faces = topology.faces
-        self.corners = np.ascontiguousarray(self.faces.T)  # (3, m): columns are read one by one
-        self.n = topology.n_vertices
-        self.mass = lumped_vertex_area(self.mesh)
-        self.inverse_mass = np.divide(1.0, self.mass, out=np.zeros(self.n), where=self.mass > 0)
-        self.inside = topology.referenced_vertex & ~topology.boundary_vertex
-        self.stiffness = stiffness(self.mesh)
-        solver = Dirichlet(self.stiffness, np.flatnonzero(~self.inside | self._pinned()))
-        self.free, self.factor = solver.free, solver.factor
-        corner = corner_position(unfold(self.mesh))
-        complex_corner = corner[..., 0] + 1j * corner[..., 1]
-        # planar frame of each face; side j runs from corner j to corner j+1
-        self.corner = complex_corner
-        self.side = complex_corner[:, NEXT] - complex_corner
-        self.area = face_area(self.mesh.side_length)
-        self.side_edge = topology.side_edge
-        self.side_sign = topology.side_sign.astype(np.float64)
+    @property
+    def mesh(self) -> Any: ...
 
-    def _pinned(self) -> NDArray[np.bool_]:
-        """One vertex of every component without boundary."""
-        topology = self.mesh.topology
-        label = topology.vertex_component
-        pinned = np.zeros(self.n, dtype=bool)
-        used = np.flatnonzero(label >= 0)
-        _, first = np.unique(label[used], return_index=True)
-        pinned[used[first]] = True
-        open_ = np.unique(label[topology.boundary_vertex])
-        pinned[np.isin(label, open_)] = False
-        return pinned
+    def rest(self) -> dict[str, NDArray]:
+        """Named arrays of a fluid at rest."""
+        ...
 
-    @cached_property
-    def edge_inner(self) -> NDArray[np.float64]:
-        """(e,) cotangent star: the inner product of closed fluxes is a' star b."""
-        opposite = -(self.side[:, NEXT] * np.conj(self.side[:, PREVIOUS])).real  # at corner j+2
-        cotan = opposite / (2.0 * self.area[:, None])
-        n_edges = self.mesh.topology.n_edges
-        return 0.5 * sums(self.side_edge, cotan, n_edges)
+    def energy(self, state: FluidState) -> float:
+        """Kinetic energy of unit density."""
+        ...
 
-    # ------------------------------------------------------------------ from vorticity to velocity
+    def distance(self, a: FluidState, b: FluidState, start: FluidState) -> float:
+        """Size of the difference of two flows, relative to the start's (after rest to that of `b`)."""
+        ...
 
-    def stream_function(self, vorticity: NDArray) -> NDArray[np.float64]:
-        """(n,) phi of integrated vorticity (n,): zero on the boundary, of mean zero on closed components."""
-        phi = np.zeros(self.n)
-        if len(self.free):
-            with self.timer():
-                phi[self.free] = self.factor.solve(vorticity[self.free], refine=False)
-        return phi
+    def observed(self, state: FluidState) -> Observation:
+        """Vertex arrays and scalars of a flow."""
+        ...
 
-    def side_flux(self, phi: NDArray, coefficients: NDArray) -> NDArray[np.float64]:
-        """(m, 3) flux through side j, along which phi rises by it."""
-        first, second, third = phi.take(self.corners)
-        flux = np.stack([second - first, third - second, first - third]).T
-        if len(coefficients):
-            flux += (coefficients @ self.harmonic)[self.side_edge] * self.side_sign
-        return flux
-
-    def edge_flux(self, phi: NDArray, coefficients: NDArray) -> NDArray[np.float64]:
-        """(e,) flux through every edge."""
-        ends = self.mesh.topology.edges
-        flux = phi[ends[:, 1]] - phi[ends[:, 0]]
-        return flux + coefficients @ self.harmonic if len(coefficients) else flux
-
-    def face_velocity(self, side_flux: NDArray) -> NDArray[np.complex128]:
-        """(m,) velocity in the planar frame of each face."""
-        first, last = side_flux[:, 0], side_flux[:, 2]
-        return (first * self.side[:, 2] - last * self.side[:, 0]) / (2.0 * self.area)
-
-    def centred(self, phi: NDArray) -> NDArray[np.float64]:
-        """phi with mean zero on every component without boundary."""
-        topology = self.mesh.topology
-        label = topology.vertex_component
-        count = topology.n_components
-        used = label >= 0
-        weight = np.bincount(label[used], weights=self.mass[used], minlength=count)
-        mean = np.bincount(label[used], weights=(self.mass * phi)[used], minlength=count) / weight
-        mean[np.unique(label[topology.boundary_vertex])] = 0.0
-        return np.where(used, phi - mean[np.maximum(label, 0)], 0.0)
-
-    # ------------------------------------------------------------------ from velocity to vorticity
-
-    def circulation_around(self, edge_circulation: NDArray) -> NDArray[np.float64]:
-        """(n,) sum of (e,) circulations along dual edges, counter-clockwise around every vertex."""
-        ends = self.mesh.topology.edges
-        head = sums(ends[:, 1], edge_circulation, self.n)
-        return head - sums(ends[:, 0], edge_circulation, self.n)
-
-    def of_face_velocity(self, velocity: NDArray) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Vorticity (n,) and harmonic coefficients of any face velocities (m,): the nearest flow has them.
-
-        At boundary vertices the cell is closed by the boundary edges.
-        """
-        along = (velocity[:, None] * np.conj(self.side)).real  # (m, 3)
-        around = 0.5 * sums(self.faces, along[:, NEXT], self.n)  # half of the side opposite the corner
-        twin = self.mesh.topology.side_twin
-        rim, k = np.nonzero(twin < 0)
-        for corner in (k, NEXT[k]):
-            around += 0.5 * sums(self.faces[rim, corner], along[rim, k], self.n)
-        return around, self.harmonic_part(velocity)
-
-    def harmonic_part(self, velocity: NDArray) -> NDArray[np.float64]:
-        """(b,) inner products of face velocities with the harmonic flows."""
-        count = len(self.harmonic)
-        found = np.zeros(count)
-        for j in range(count):
-            flow = self.face_velocity(self.harmonic[j][self.side_edge] * self.side_sign)
-            found[j] = np.sum(self.area * (velocity * np.conj(flow)).real)
-        return found
-
-    # ------------------------------------------------------------------ what is conserved
-
-    def kinetic_energy(self, phi: NDArray, vorticity: NDArray, coefficients: NDArray) -> float:
-        """Half the integral of |u|^2."""
-        return 0.5 * float(phi @ (self.stiffness @ phi) + coefficients @ coefficients)
-
-    def enstrophy(self, vorticity: NDArray) -> float:
-        """Half the integral of the squared vorticity."""
-        return 0.5 * float(np.sum(vorticity**2 * self.inverse_mass))
-
-    @cached_property
-    def loops(self) -> tuple[int, NDArray[np.int64]]:
-        """Number of boundary loops, and (n,) the loop of each vertex (-1 inside)."""
-        from scipy.sparse import coo_array
-        from scipy.sparse.csgraph import connected_components
-
-        topology = self.mesh.topology
-        ends = topology.edges[topology.boundary_edges]
-        graph = coo_array((np.ones(len(ends)), (ends[:, 0], ends[:, 1])), shape=(self.n, self.n))
-        _, label = connected_components(graph, directed=False)
-        loop = np.full(self.n, -1, dtype=np.int64)
-        rim = np.flatnonzero(topology.boundary_vertex)
-        names, loop[rim] = np.unique(label[rim], return_inverse=True)
-        return len(names), loop
-
-    def boundary_circulation(self, vorticity: NDArray, edge_flux: NDArray) -> NDArray[np.float64]:
-        """(loops,) circulation along every boundary loop, with the surface on the left."""
-        count, loop = self.loops
-        if count == 0:
-            return np.zeros(0)
-        rim = loop >= 0
-        around = vorticity - self.circulation_around(self.edge_inner * edge_flux)
-        return sums(loop[rim], around[rim], count)
-
-    def component_vorticity(self, vorticity: NDArray) -> NDArray[np.float64]:
-        """(components,) total vorticity of each component."""
-        label = self.mesh.topology.vertex_component
-        used = label >= 0
-        count = self.mesh.topology.n_components
-        return sums(label[used], vorticity[used], count)
-
-
-def require_flow(mesh: SurfaceMesh) -> None:
-    """MeshError where a mesh carries no flow: not a manifold, not oriented, faces without area."""
-    topology = mesh.topology
-    from ddgcli.mesh.require import require
-
-    require(mesh, "fluid-sim", manifold=True, oriented=True)  # type: ignore[arg-type]
-    longest = mesh.side_length.max(axis=1)
-    with np.errstate(all="ignore"):
-        thin = face_area(mesh.side_length / longest[:, None])
-    bad = np.flatnonzero(~(thin > THINNEST))
-    if len(bad):
-        raise MeshError(
-            f"{len(bad)} faces have no area (first: face {bad[0]}, vertices "
-            f"{', '.join(str(v) for v in topology.faces[bad[0]])}); remove or repair them"
-        )
-    size = float(longest.max())
-    if not 1e-60 < size < 1e60:
-        raise MeshError(f"the longest side measures {size:.3g}; fluid-sim takes 1e-60 to 1e60: rescale")
+    def assembled(self) -> Mapping[str, Any]:
+        """Counts for a dry run."""
+        ...

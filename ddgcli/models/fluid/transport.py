@@ -11,7 +11,7 @@ from ddgcli.algorithms.tracing.batch import Start
 from ddgcli.algorithms.tracing.trace import Tracer
 from ddgcli.mesh.topology import NEXT
 from ddgcli.models.fluid.recovery import recovery
-from ddgcli.models.fluid.space import FlowSpace
+from ddgcli.models.fluid.surface_space import SurfaceSpace
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,7 +37,7 @@ class Carried:
 class Transport:
     """A surface made ready for carrying points by velocities that are linear in every face."""
 
-    def __init__(self, space: FlowSpace) -> None:
+    def __init__(self, space: SurfaceSpace) -> None:
         self.space = space
         self.tracer = Tracer(space.mesh)
         found = recovery(space)
@@ -66,3 +66,10 @@ class Transport:
     def met(self, corner: NDArray, carried: Carried) -> NDArray[np.complex128]:
         """(k,) velocity at the ends, in the frames of the starts' faces."""
         return carried.turn * np.einsum("ij,ij->i", carried.barycentric, corner[carried.face])
+
+
+def corner_of(space: SurfaceSpace, vertices: NDArray) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """(face, corner) of one face at each vertex."""
+    flat = np.full(space.n, -1, dtype=np.int64)
+    flat[space.faces.ravel()] = np.arange(space.faces.size)
+    return flat[vertices] // 3, flat[vertices] % 3

@@ -9,7 +9,7 @@ from typing import Literal
 from pydantic import Field
 
 from ddgcli.models.fluid.context import FluidContext
-from ddgcli.models.fluid.parts import Viscosity
+from ddgcli.models.fluid.phases import Declared, FluidSetting, Phase
 from ddgcli.scenes.scene import Section
 from ddgcli.scenes.units import quantity
 from ddgcli.simulation.effects import Effect
@@ -18,15 +18,31 @@ from ddgcli.simulation.effects import Effect
 class ViscositySection(Section):
     """Friction within the fluid."""
 
-    nu: quantity("m^2/s", "kinematic viscosity", gt=0)
+    nu: quantity("m^2/s", "kinematic viscosity; 0 is no friction", ge=0)
     kind: Literal["hodge", "bochner", "deformation"] = Field(
         "hodge", description="Laplacian; on the unit sphere a rigid turn decays at 2 nu, nu, or not at all"
     )
     object: str | None = Field(None, description="fluid; by default all")
 
 
-def build(parameters: ViscositySection, context: FluidContext) -> list[Viscosity]:
-    return [Viscosity(parameters.nu, parameters.kind)]
+def build(parameters: ViscositySection, context: FluidContext) -> list[Declared]:
+    if parameters.nu == 0:
+        return []
+
+    def make(setting: FluidSetting) -> Phase:
+        from ddgcli.models.fluid.diffusion import Diffusion, VelocityDiffusion, VorticityDiffusion
+
+        space, nu, kind = setting.space, parameters.nu, parameters.kind
+        if kind == "hodge" and not setting.no_slip:
+            return Diffusion(VorticityDiffusion(space, nu))
+        if not space.mesh.topology.is_closed and not setting.no_slip:
+            raise ValueError(
+                f"kind {kind} on a surface with boundary needs boundary no-slip; with free slip there is "
+                "kind hodge"
+            )
+        return Diffusion(VelocityDiffusion(space, nu, kind, setting.wall_circulation))
+
+    return [Declared(make)]
 
 
 EFFECT = Effect(

@@ -1,0 +1,122 @@
+"""Phases of a step of a fluid: transport, sources (diffusion, forces) and tracers, with one signature.
+
+A step is symmetric, hence of second order: every source for half of the step, the transport of the flow,
+every tracer, and the sources in reverse for the other half.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Literal, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ddgcli.models.fluid.state import FluidState
+from ddgcli.simulation.time_loop import Observation
+
+if TYPE_CHECKING:
+    from ddgcli.models.fluid.context import FluidContext
+    from ddgcli.models.fluid.surface_space import SurfaceSpace
+    from ddgcli.models.fluid.transport import Transport
+
+
+@dataclass(frozen=True, eq=False)
+class Step:
+    """A span of time.
+
+    Parameters
+    ----------
+    time, dt : float
+        Start and length [s].
+    before : FluidState
+        At the start of the span; tracers read the flow there and in the state that they advance.
+    """
+
+    time: float
+    dt: float
+    before: FluidState
+
+
+class Phase(Protocol):
+    """One part of a step.
+
+    Attributes
+    ----------
+    effect : str
+        Name under which its seconds are booked; "" books them to the integrator.
+    stage : {'transport', 'source', 'tracer'}
+        Where it stands in a step.
+    order : int
+        Order in time.
+    """
+
+    effect: str
+    stage: Literal["transport", "source", "tracer"]
+    order: int
+
+    def start(self) -> dict[str, NDArray]:
+        """Arrays that it adds to the state, at the start."""
+        ...
+
+    def advance(self, step: Step, state: FluidState) -> FluidState:
+        """The state after the span; a pure function. Raises `StepRejected`."""
+        ...
+
+    def observed(self, state: FluidState) -> Observation:
+        """What it adds to a frame."""
+        ...
+
+
+class FlowPhase:
+    """Base of phases that change the flow and add nothing to the state or to the frames."""
+
+    effect = ""
+    stage: Literal["transport", "source", "tracer"] = "source"
+    order = 2
+
+    def start(self) -> dict[str, NDArray]:
+        return {}
+
+    def observed(self, state: FluidState) -> Observation:
+        return Observation(None)
+
+
+@dataclass(eq=False)
+class FluidSetting:
+    """What phases are made from.
+
+    Parameters
+    ----------
+    context : FluidContext
+    space : SurfaceSpace
+    effects : frozenset of str
+        Names of the effects that act on this fluid.
+    no_slip : bool
+    wall_circulation : (n,) ndarray, optional
+        What moving walls add to the circulation around the cells of their vertices.
+    evolve_harmonic : bool
+    """
+
+    context: FluidContext
+    space: SurfaceSpace
+    effects: frozenset[str]
+    no_slip: bool = False
+    wall_circulation: NDArray[np.float64] | None = None
+    evolve_harmonic: bool = False
+
+    @cached_property
+    def tracing(self) -> Transport:
+        """The surface ready for tracing points, shared by all phases that do."""
+        from ddgcli.models.fluid.transport import Transport
+
+        return Transport(self.space)
+
+
+@dataclass(frozen=True)
+class Declared:
+    """A phase that an effect asks for; `make` may return None (a check), or refuse by ValueError."""
+
+    make: Callable[[FluidSetting], Phase | None]

@@ -1,0 +1,35 @@
+"""State of a fluid: named arrays, so that a phase that needs another one adds it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+from numpy.typing import NDArray
+
+
+@dataclass(frozen=True, eq=False)
+class FluidState:
+    """A fluid at one time.
+
+    Parameters
+    ----------
+    arrays : dict of str to ndarray
+        Of shapes that do not change during a run: the checkpoint.
+    memo : dict
+        What was computed from these arrays; it saves work and holds nothing else.
+    """
+
+    arrays: dict[str, NDArray]
+    memo: dict[str, Any] = field(default_factory=dict)
+
+    def __getitem__(self, name: str) -> NDArray:
+        return self.arrays[name]
+
+    def with_passive(self, **arrays: NDArray) -> FluidState:
+        """The state with other values of arrays that the flow does not depend on."""
+        return FluidState({**self.arrays, **arrays}, self.memo)
+
+    def replaced(self, **arrays: NDArray) -> FluidState:
+        """The state with other values of some arrays."""
+        return FluidState({**self.arrays, **arrays})

@@ -1,0 +1,185 @@
+"""`ddgcli fluid-sim`: fluids at rest, keys without effect, and flows that need the harmonic part."""
+
+import numpy as np
+import pytest
+
+from ddgcli.io.mesh_file import write_mesh
+from ddgcli.mesh.fields import AnnotatedMesh
+from ddgcli.mesh.topology import Topology
+from ddgcli.mesh.triangle_mesh import TriangleMesh
+
+BALL = "sphere = { subdivisions = 2 }"
+TORUS = 'grid = { size = [2, 2], cells = [8, 8], periodic = "xy" }'
+CHANNEL = 'grid = { size = [2, 1], cells = [8, 4], periodic = "x" }'
+SQUARE = "grid = { size = [1, 1], cells = [6, 6] }"
+INTEGRATORS = {
+    "conservative": 'integrator = "conservative"',
+    "midpoint": 'integrator = "conservative"\nscheme = "midpoint"',
+    "circulation": 'integrator = "circulation"',
+}
+
+
+def scene(path, shape, effects, time="", steps=1, step=0.02):
+    text = f"[time]\nduration = {steps * step}\nstep = {step}\n{time}\n"
+    path.write_text(f'{text}[[object]]\nname = "f"\nrole = "fluid"\n{shape}\n[effects]\n{effects}\n')
+    return path
+
+
+@pytest.mark.parametrize("integrator", INTEGRATORS)
+@pytest.mark.parametrize(
+    "shape, effects",
+    [
+        (BALL, 'initial = { vorticity = "0" }'),
+        (BALL, 'initial = { velocity = [0, 0, 0] }\nviscosity = { nu = 0 }\ndye = { amount = "0" }'),
+        (TORUS, 'harmonic = {}\nviscosity = { nu = "0 m^2/s" }'),
+        (SQUARE, 'viscosity = { nu = 0.1 }\nboundary = { kind = "no-slip" }\ndye = { amount = "x" }'),
+        (BALL, 'initial = { flow = "rotation", strength = 0 }\nviscosity = { nu = 0.1 }'),
+    ],
+)
+def test_a_fluid_at_rest_stays_at_rest(summary, tmp_path, shape, effects, integrator):
+    out = summary("fluid-sim", scene(tmp_path / "s.toml", shape, effects, INTEGRATORS[integrator]))
+    assert out["warnings"] == [] and out["results"]["kinetic_energy"] == 0
+    assert set(out["accuracy"].values()) == {0.0}
+
+
+@pytest.mark.parametrize("integrator", INTEGRATORS)
+@pytest.mark.parametrize(
+    "shape, velocity", [(TORUS, "[1, 2, 0]"), (TORUS, "[1e-9, 0, 0]"), (CHANNEL, "[1, 0, 0]")]
+)
+def test_drifts_of_vorticity_that_is_rounding_are_rounding(summary, tmp_path, shape, velocity, integrator):
+    """A translation has no vorticity: what the sums leave is no scale for its drift."""
+    effects = f"initial = {{ velocity = {velocity} }}\nharmonic = {{}}"
+    out = summary("fluid-sim", scene(tmp_path / "s.toml", shape, effects, INTEGRATORS[integrator], steps=3))
+    assert out["warnings"] == [] and max(out["accuracy"].values()) < 1e-13
+
+
+def test_drift_after_a_start_without_vorticity_is_relative_to_what_came(summary, tmp_path):
+    effects = "initial = { velocity = [1, 0, 0] }\nharmonic = {}\nviscosity = { nu = 0.1 }\n"
+    effects += 'boundary = { kind = "no-slip", velocity = [1, 0, 0], where = "y > 0.9" }'
+    accuracy = summary("fluid-sim", scene(tmp_path / "s.toml", CHANNEL, effects, steps=5))["accuracy"]
+    assert 0.1 < accuracy["total_vorticity_drift"] < 1.01 and 0.1 < accuracy["enstrophy_drift"] < 1.01
+
+
+def test_adaptive_steps_from_rest_are_relative_too(summary, tmp_path):
+    """A cavity with a lid a million times slower takes the same steps in its own time."""
+    steps = {}
+    for speed in (1.0, 1e-6):
+        lid = f'boundary = {{ kind = "no-slip", velocity = [{speed}, 0, 0], where = "y > 0.99" }}'
+        effects = f"viscosity = {{ nu = {0.1 * speed} }}\n{lid}"
+        time = f"duration = {0.2 / speed}\ntolerance = 1e-4\nframe_every = {0.1 / speed}"
+        text = f'[time]\n{time}\n[[object]]\nname = "f"\nrole = "fluid"\n{SQUARE}\n[effects]\n{effects}\n'
+        (tmp_path / "s.toml").write_text(text)
+        steps[speed] = summary("fluid-sim", tmp_path / "s.toml")["results"]["steps"]
+    assert steps[1.0] == pytest.approx(steps[1e-6], rel=0.2) and steps[1.0] > 10
+
+
+@pytest.mark.parametrize(
+    "effects, key",
+    [
+        ('initial = { flow = "rotation", direction = [1, 0, 0] }', "direction"),
+        ('initial = { flow = "rotation", core = 0.1 }', "core"),
+        ('initial = { flow = "taylor-green", center = [0, 0, 0] }', "center"),
+        ('initial = { vorticity = "z", core = 0.1 }', "core"),
+        ('initial = { vorticity = "z", strength = 1 }', "strength"),
+        ("initial = { velocity = [1, 0, 0], separation = 1 }", "separation"),
+    ],
+)
+def test_a_key_without_effect_is_refused(run, tmp_path, effects, key):
+    path = scene(tmp_path / "s.toml", BALL, effects)
+    result = run("fluid-sim", path)
+    assert result.exit_code == 2 and result.stdout == ""
+    assert result.stderr.startswith(f"Error: {path}: line 10: ") and f"{key} has no effect" in result.stderr
+    cure = effects.split(f", {key}")[0] + " }"
+    assert run("fluid-sim", scene(tmp_path / "s.toml", BALL, cure)).exit_code == 0
+
+
+def test_negative_strength_turns_a_flow_round(run, tmp_path):
+    vorticity = {}
+    for sign in ("", "-"):
+        effects = f'initial = {{ flow = "vortex-pair", strength = {sign}0.5 }}'
+        path = scene(tmp_path / "s.toml", BALL, effects)
+        assert run("fluid-sim", path, "-o", tmp_path / "end.npz").exit_code == 0
+        vorticity[sign] = np.load(tmp_path / "end.npz")["vorticity"]
+    apart = np.abs(vorticity["-"] + vorticity[""]).max()
+    assert np.abs(vorticity[""]).max() > 1 and apart < 0.2 * np.abs(vorticity[""]).max()
+
+
+def annulus(inner, outer, around, across):
+    """A flat ring of triangles."""
+    angle = 2 * np.pi * np.arange(around) / around
+    radius = np.linspace(inner, outer, across + 1)
+    r, a = np.meshgrid(radius, angle, indexing="ij")
+    points = np.stack([r * np.cos(a), r * np.sin(a), 0 * r], axis=2).reshape(-1, 3)
+    i, j = np.meshgrid(np.arange(across), np.arange(around), indexing="ij")
+    a, b = (i * around + j).ravel(), (i * around + (j + 1) % around).ravel()
+    c, d = a + around, b + around
+    faces = np.concatenate([np.stack([a, c, d], axis=1), np.stack([a, d, b], axis=1)])
+    return TriangleMesh(points, Topology(faces, len(points)))
+
+
+def test_a_ring_with_a_moving_wall_needs_the_harmonic_flow(summary, tmp_path):
+    """Without it there is a warning, and the flow is wrong; its cure gives Couette's flow A r + B / r."""
+    mesh = annulus(1.0, 2.0, 48, 12)
+    write_mesh(str(tmp_path / "ring.npz"), AnnotatedMesh(mesh))
+    wall = 'boundary = { kind = "no-slip", velocity = ["-y", "x", 0], where = "x^2 + y^2 < 1.5" }'
+    radius = np.linalg.norm(mesh.points, axis=1)
+    inner = (radius > 1.01) & (radius < 1.99)
+    exact = (4 / radius - radius) / 3
+
+    def error(more):
+        path = scene(
+            tmp_path / "s.toml", 'mesh = "ring.npz"', f"viscosity = {{ nu = 1 }}\n{wall}{more}", "", 40, 0.05
+        )
+        warnings = summary("fluid-sim", path, "-o", tmp_path / "end.npz")["warnings"]
+        velocity = np.load(tmp_path / "end.npz")["velocity"]
+        around = (mesh.points[:, 0] * velocity[:, 1] - mesh.points[:, 1] * velocity[:, 0]) / radius
+        return np.abs(around - exact)[inner].max() / exact[inner].max(), warnings
+
+    wrong, warnings = error("")
+    assert wrong > 0.3 and len(warnings) == 1 and "add the effect harmonic = {}" in warnings[0]
+    right, warnings = error("\nharmonic = {}")
+    assert right < 0.02 and warnings == []
+
+
+def test_an_initial_velocity_without_room_for_its_harmonic_part_is_reported(summary, tmp_path):
+    lost = summary("fluid-sim", scene(tmp_path / "s.toml", TORUS, "initial = { velocity = [1, 2, 0] }"))
+    assert "100 % of the energy" in lost["warnings"][0] and "harmonic = {}" in lost["warnings"][0]
+    swirl = 'initial = { velocity = ["sin(pi*y)", 0, 0] }'
+    assert summary("fluid-sim", scene(tmp_path / "s.toml", TORUS, swirl))["warnings"] == []
+
+
+def test_dye_that_is_lost_shows_in_its_drift(summary, tmp_path, monkeypatch):
+    from ddgcli.models.fluid.tracer import Tracer
+
+    effects = 'initial = { vorticity = "z" }\ndye = { amount = "x" }'
+    path = scene(tmp_path / "s.toml", BALL, effects, steps=3)
+    assert summary("fluid-sim", path)["accuracy"]["dye_drift"] < 1e-14
+    advance = Tracer.advance
+    monkeypatch.setattr(Tracer, "advance", lambda *a: advance(*a) + 0.01)
+    assert 0.01 < summary("fluid-sim", path)["accuracy"]["dye_drift"] < 1
+
+
+def test_losses_of_circulation_are_reported_and_its_cure_has_none(summary, tmp_path):
+    """Waves of two and a half cells between walls, which 12 cells do not resolve."""
+    square = "grid = { size = [6.283185307179586, 6.283185307179586], cells = [12, 12] }"
+    effects = 'initial = { vorticity = "8*sin(5*x)*sin(4*y) + 6*sin(x+2*y)" }'
+    path = scene(tmp_path / "s.toml", square, effects, INTEGRATORS["circulation"], steps=30, step=0.1)
+    out = summary("fluid-sim", path)
+    accuracy, results = out["accuracy"], out["results"]
+    for name, total in (("energy", "kinetic_energy"), ("enstrophy", "enstrophy")):
+        lost = 1 - results[total] / results[f"{total}_start"]
+        assert accuracy[f"{name}_lost_by_scheme"] == pytest.approx(lost, rel=1e-9, abs=1e-12)
+        warned = [w for w in out["warnings"] if f"of the {name}" in w and "conservative" in w]
+        assert bool(warned) == (lost > 0.05)
+    assert max(accuracy["energy_lost_by_scheme"], accuracy["enstrophy_lost_by_scheme"]) > 0.05
+    cured = summary("fluid-sim", path, "--integrator", "conservative", "--dt", 0.02)
+    assert max(cured["accuracy"]["energy_drift"], cured["accuracy"]["enstrophy_drift"]) < 0.01
+    assert not any("lost" in w for w in cured["warnings"])
+
+
+def test_friction_is_no_loss_of_the_scheme(summary, tmp_path):
+    effects = 'initial = { vorticity = "z" }\nviscosity = { nu = 0.5 }'
+    path = scene(tmp_path / "s.toml", BALL, effects, INTEGRATORS["circulation"], steps=10)
+    out = summary("fluid-sim", path)
+    assert out["accuracy"]["energy_drift"] > 0.1 and out["warnings"] == []
+    assert abs(out["accuracy"]["energy_lost_by_scheme"]) < 1e-3

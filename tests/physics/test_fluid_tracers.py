@@ -1,0 +1,81 @@
+"""Dye in a solid-body rotation: its amount, its bounds, its peak, its order."""
+
+import numpy as np
+import pytest
+
+from ddgcli.mesh import shapes
+from ddgcli.mesh.topology import Topology
+from ddgcli.mesh.triangle_mesh import TriangleMesh
+from ddgcli.models.fluid.surface_space import SurfaceSpace
+from ddgcli.models.fluid.tracer import Tracer
+from ddgcli.models.fluid.transport import Transport
+
+SHAPES = {
+    "smooth": lambda x, y, z: 1 + 0.5 * x + 0.2 * x * y,
+    "peak": lambda x, y, z: np.exp(-8 * ((x - 1) ** 2 + y**2 + z**2)),
+    "step": lambda x, y, z: (x > 0.7) * 1.0,
+    "no sum": lambda x, y, z: x * y,
+}
+
+
+def revolved(mesh, amount, steps, turns=1.0):
+    """(space, start, end) of an amount that turns about the z axis at unit angular speed."""
+    space = SurfaceSpace(mesh, np.zeros((0, mesh.topology.n_edges)))
+    vorticity = 2 * mesh.points[:, 2] * space.mass
+    vorticity -= space.mass * vorticity.sum() / space.mass.sum()
+    flux = space.side_flux(space.stream_function(vorticity), np.zeros(0))
+    tracer = Tracer(space, Transport(space))
+    values = start = SHAPES[amount](*mesh.points.T)
+    for _ in range(steps):
+        values = tracer.advance(values, flux, 2 * np.pi * turns / steps)
+    return space, start, values
+
+
+def two_spheres():
+    ball, other = shapes.icosphere(2), shapes.random_sphere(200)
+    faces = np.concatenate([ball.faces, other.faces + ball.n_vertices])
+    points = np.concatenate([ball.points, other.points])
+    return TriangleMesh(points, Topology(faces, len(points)))
+
+
+MESHES = {
+    "regular": lambda: shapes.icosphere(3),
+    "irregular": lambda: shapes.random_sphere(500),
+    "two": two_spheres,
+}
+
+
+@pytest.mark.parametrize("mesh", MESHES)
+@pytest.mark.parametrize("amount", SHAPES)
+def test_amount_and_bounds_are_kept(mesh, amount):
+    space, start, end = revolved(MESHES[mesh](), amount, 30)
+    label = space.mesh.topology.vertex_component
+    for component in range(space.mesh.topology.n_components):
+        mass = np.where(label == component, space.mass, 0.0)
+        assert abs(mass @ (end - start)) < 1e-13 * (mass @ np.abs(start))
+    assert end.min() >= start.min() and end.max() <= start.max()
+    assert np.abs(end - start).max() > 1e-3
+
+
+def test_no_time_changes_no_dye_and_an_even_dye_stays():
+    mesh = shapes.random_sphere(300)
+    space, start, end = revolved(mesh, "step", 3, turns=0.0)
+    assert np.abs(end - start).max() < 1e-12
+    tracer = Tracer(space, Transport(space))
+    flux = np.random.default_rng(0).normal(size=(mesh.n_faces, 3))
+    flux -= flux.mean(axis=1, keepdims=True)
+    assert np.array_equal(tracer.advance(np.full(space.n, 0.3), flux, 0.01), np.full(space.n, 0.3))
+
+
+def test_smooth_dye_converges_at_second_order():
+    error = []
+    for level in (2, 3, 4):
+        space, start, end = revolved(shapes.icosphere(level), "smooth", 25 * 2 ** (level - 2))
+        error.append(np.sqrt(space.enstrophy((end - start) * space.mass)))
+    assert (np.log2(np.array(error[:-1]) / error[1:]) > 1.8).all()
+
+
+def test_a_peak_survives_a_revolution_of_5k_faces():
+    """Linear interpolation leaves a half of it."""
+    _, start, end = revolved(shapes.icosphere(4), "peak", 100)
+    assert start.max() == 1 and end.max() > 0.85
