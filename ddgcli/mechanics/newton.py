@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from scipy.sparse import csc_array, diags_array
 
 from ddgcli.errors import SolveError
+from ddgcli.evolve.rounding import sum_rounding
 from ddgcli.linalg.conjugate import Move, truncated_conjugate_gradients
 from ddgcli.linalg.factor import Factor
 from ddgcli.mechanics.assembly import Assembly
@@ -31,7 +32,6 @@ MOST_NEAR = 4  # further moves for the balance of momentum, once moves are short
 MOST = 300  # a stiff sheet that has struck something needs many, and halves of the step no fewer
 SHORTEST = 1e-10
 ARMIJO = 1e-4
-ROUNDING = 1e-14
 # rounds of conjugate gradients that cost about a factorisation; and what of a move may be missing at most
 ROUNDS = 15
 LOOSEST = 0.1
@@ -315,7 +315,7 @@ class Newton:
         t = self._reach(point.y, move)
         while t > SHORTEST:
             trial = self.at(increment, point.y + t * move)
-            slack = ROUNDING * max(point.scale, trial.scale) * np.sqrt(len(move))
+            slack = sum_rounding(max(point.scale, trial.scale), len(move))
             if trial.value <= point.value + ARMIJO * t * downhill + slack:
                 return t, trial
             t *= 0.5

@@ -57,7 +57,19 @@ def _require_sound(scene: Scene, number: int, context: ShellContext) -> None:
 
 def build(scene: Scene, shells: dict[str, ShellContext], account: Account) -> dict[str, Model]:
     """One model for each shell."""
-    return {name: _model(scene, context, account) for name, context in shells.items()}
+    return models(scene, shells, systems(scene, shells, account))
+
+
+def systems(scene: Scene, shells: dict[str, ShellContext], account: Account) -> dict[str, System]:
+    """Masses and terms of each shell."""
+    return {name: make_system(scene, context, account) for name, context in shells.items()}
+
+
+def models(
+    scene: Scene, shells: dict[str, ShellContext], systems: dict[str, System]
+) -> dict[str, Model[Motion]]:
+    """One model for each shell, of its system."""
+    return {name: _model(scene, context, systems[name]) for name, context in shells.items()}
 
 
 def parts_of(scene: Scene, context: ShellContext) -> list[Any]:
@@ -75,7 +87,7 @@ def parts_of(scene: Scene, context: ShellContext) -> list[Any]:
             if wanted != context.shell.name:
                 return []
         made = effect.build(parameters, context)
-        context.made[effect.name] = [*context.made.get(effect.name, []), *made]
+        context.made.setdefault(effect.name, []).extend(made)
         return made
 
     context.made.clear()
@@ -86,16 +98,14 @@ def parts_of(scene: Scene, context: ShellContext) -> list[Any]:
 
 def make_system(scene: Scene, context: ShellContext, account: Account) -> System:
     """Masses of a shell and what the scene's effects make for it."""
-    size = float(np.ptp(context.mesh.points, axis=0).max())
     parts = parts_of(scene, context)
     loose = ~context.mesh.topology.referenced_vertex
     if loose.any():
         parts.append(Held(np.repeat(loose[:, None], 3, axis=1)))
-    return System(context.mass, parts, account, size)
+    return System(context.mass, parts, account, np.asarray(context.mesh.points))
 
 
-def _model(scene: Scene, context: ShellContext, account: Account) -> Model[Motion]:
-    system = make_system(scene, context, account)
+def _model(scene: Scene, context: ShellContext, system: System) -> Model[Motion]:
     integrator, parameters = INTEGRATORS[scene.time.integrator], scene.time
     x = np.array(context.mesh.points)
     v = np.where(system.free, _initial_velocity(context), 0.0)
