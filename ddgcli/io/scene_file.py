@@ -159,6 +159,6 @@ def _inner(node: Any, key: Key, row_of: dict[str, int], first: int, lines: dict[
     items = node.items() if isinstance(node, dict) else enumerate(node) if isinstance(node, list) else ()
     for name, child in items:
         if isinstance(node, dict):
-            lines.setdefault((*key, name), row_of.get(name, first) + 1)
+            lines.setdefault((*key, name), row_of.get(str(name), first) + 1)
         if isinstance(child, (dict, list)):
             _inner(child, (*key, name), row_of, first, lines)

@@ -155,7 +155,8 @@ def _composite(system: System, motion: Motion, dt: float, parameters: Any) -> Mo
 
     It takes the energy of waves faster than the step, and keeps what is slower [K.-J. Bathe, "Conserving
     energy and momentum in nonlinear dynamics: a simple implicit time integration scheme", 2007]. Against a
-    barrier it can also give energy, so the balance judges its step: it may take a tenth of the kinetic energy.
+    barrier it can also give energy, so the balance judges its step: it may take a tenth of the kinetic
+    energy.
     """
     from ddgcli.mechanics.energy_balance import FALL, Stored, balanced, kinetic
     from ddgcli.mechanics.newton import Increment

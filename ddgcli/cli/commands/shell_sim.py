@@ -106,4 +106,4 @@ class Shells:
     def summary(self, outcome: Outcome) -> tuple[dict[str, Any], dict[str, Any]]:
         from ddgcli.models.shell import report
 
-        return report.summary(outcome, self.systems)
+        return report.summary(outcome, self.systems, self.scene.time.integrator == "static")

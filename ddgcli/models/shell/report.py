@@ -17,6 +17,7 @@ from ddgcli.scenes.scene import Scene
 from ddgcli.simulation.outcome import Outcome
 from ddgcli.simulation.time_loop import Schedule
 
+log = logging.getLogger("ddgcli")
 # of the energy at hand: more is told; more is not to be trusted, exit 1
 GROWTH, BEYOND_TRUST = 0.1, 1.0
 
@@ -50,12 +51,14 @@ def _split(points: Any, systems: dict[str, System]) -> dict[str, NDArray]:
     return dict(zip(systems, np.split(np.asarray(points), ends[:-1])))
 
 
-def summary(outcome: Outcome, systems: dict[str, System]) -> tuple[dict[str, Any], dict[str, Any]]:
+def summary(
+    outcome: Outcome, systems: dict[str, System], static: bool = False
+) -> tuple[dict[str, Any], dict[str, Any]]:
     """(`results`, `accuracy`) of a run.
 
     Scales of the drifts: energy, the largest kinetic energy or change of a part of the energy; momentum, the
     mass times the largest speed; angular momentum, that times the size of the shells. Within rounding a
-    drift is 0.
+    drift is 0. `static` asks for the stability of the equilibrium.
     """
     series, last = outcome.series, outcome.end
     energies = {
@@ -91,7 +94,28 @@ def summary(outcome: Outcome, systems: dict[str, System]) -> tuple[dict[str, Any
         ),
         "max_strain": outcome.largest.get("strain", 0.0),
     }
+    if static and not outcome.failure:
+        accuracy["negative_eigenvalues"] = _instability(_split(last.points, systems), systems)
     return results, accuracy
+
+
+def _instability(end: dict[str, NDArray], systems: dict[str, System]) -> int | None:
+    """Negative eigenvalues of the Hessians at all equilibria; a warning where there are some."""
+    from ddgcli.mechanics.equilibrium import unstable_directions
+
+    total: int | None = 0
+    for name, system in systems.items():
+        count = unstable_directions(system, end[name])
+        total = None if total is None or count is None else total + count
+        if count is None:
+            log.warning("object %s: no factorisation shows whether the equilibrium is stable", name)
+        elif count:
+            log.warning(
+                "object %s: the equilibrium is unstable, its Hessian has %d negative eigenvalue%s; give it a "
+                "small load in the direction in which it should buckle",
+                name, count, "s" * (count > 1),
+            )  # fmt: skip
+    return total
 
 
 def doubt(outcome: Outcome, least: RunRounding) -> str:
@@ -109,7 +133,7 @@ def doubt(outcome: Outcome, least: RunRounding) -> str:
         f"the energy grew by {growth / scale:.3g} of what there is to move, and no force can do "
         "that: the step is too long for this scheme; shorten it, or take implicit-euler"
     )
-    logging.getLogger("ddgcli").warning(message)
+    log.warning(message)
     return message if growth > BEYOND_TRUST * scale + least.energy else ""
 
 
