@@ -44,7 +44,8 @@ def test_a_body_at_rest_stays_at_rest(integrator, steps, summary, tmp_path):
     ball = random_sphere(60)
     write_mesh(str(tmp_path / "ball.ply"), AnnotatedMesh(ball.moved(ball.points + [3.0, -2.0, 5.0])))
     out = summary(
-        "shell-sim", tmp_path / "ball.ply", "--effect", "stretching", "--effect", "bending", "--material", "felt",
+        "shell-sim", tmp_path / "ball.ply", "--effect", "stretching", "--effect", "bending",
+        "--material", "felt",
         "--steps", steps, "--dt", 1e-4, "--integrator", integrator,
     )  # fmt: skip
     assert not any("grew" in warning for warning in out["warnings"])
@@ -67,7 +68,8 @@ def test_a_drift_above_rounding_is_still_seen(summary, tmp_path):
     ],
 )
 def test_what_cannot_act_is_reported(integrator, effects, message, summary, tmp_path):
-    out = summary("shell-sim", strip_scene(tmp_path, effects, integrator, 1e-3), "-o", tmp_path / "end.npz")
+    scene = strip_scene(tmp_path, effects, integrator, 1e-3)
+    out = summary("shell-sim", scene, "-o", tmp_path / "end.npz")
     assert sum(message in warning for warning in out["warnings"]) == 1
     assert out["accuracy"]["energy_drift"] == 0.0
 
