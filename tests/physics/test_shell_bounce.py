@@ -1,4 +1,4 @@
-"""A plate that falls on a floor: no scheme gives it energy, whatever takes the steps that fail."""
+"""A plate between floor and ceiling: no scheme gives it energy, whatever takes the steps that fail."""
 
 import numpy as np
 import pytest
@@ -9,7 +9,7 @@ from tests.simulate import scalar, shell_run
 
 PLATE = """
 [time]
-duration = 0.22
+duration = 0.06
 step = 1e-3
 frame_every = 1e-3
 integrator = "{integrator}"
@@ -21,35 +21,36 @@ density = 1
 thickness = "1 mm"
 young = 1e7
 poisson = 0
-position = [0, 0, 0.011]
+position = [0, 0, 0.0105]
+velocity = [0, 0, -1.4]
 [[object]]
 name = "floor"
 role = "obstacle"
 plane = {{ point = [0, 0, 0], normal = [0, 0, 1] }}
+[[object]]
+name = "ceiling"
+role = "obstacle"
+plane = {{ point = [0, 0, 0.02], normal = [0, 0, -1] }}
 [effects]
 gravity = {{}}
 stretching = {{}}
 bending = {{}}
-contact = {{ pairs = [["s", "floor"]], gap = "1 mm" }}
+contact = {{ pairs = [["s", "floor"], ["s", "ceiling"]], gap = "1 mm" }}
 """
 
 
-def peaks(height, floor=3e-3):
-    """Largest heights between the landings."""
-    up = np.flatnonzero(np.diff((height > floor).astype(int)))
-    return [float(part.max()) for part in np.split(height, up + 1) if part.max() > floor]
-
-
 @pytest.mark.parametrize("integrator", ["newmark", "implicit-midpoint"])
-def test_a_dropped_plate_bounces_lower_each_time(integrator):
+def test_a_plate_loses_energy_at_every_impact(integrator):
+    """Unjudged, the composite steps gave a fourth of the energy at the first impact."""
     run, _, _ = shell_run(PLATE.format(integrator=integrator))
-    details = [event.detail for snapshot in run for event in snapshot.events]
-    assert any("taken by the composite scheme" in detail for detail in details)
-    found = peaks(np.array([snapshot.observations["s"].points[:, 2].mean() for snapshot in run]))
-    assert len(found) >= 3 and all(later < earlier for earlier, later in zip(found, found[1:]))
+    assert any(event.kind in ("energy falls", "barrier crossed") for shot in run for event in shot.events)
+    height = np.array([snapshot.observations["s"].points[:, 2].mean() for snapshot in run])
+    turns = np.count_nonzero(np.diff(np.sign(np.diff(height))))
+    assert turns >= 3
     energy = np.array(scalar(run, "energy"))
-    lowest = (energy - np.array(scalar(run, "energy_kinetic"))).min()
-    assert energy.max() - energy[0] <= 0.01 * (energy[0] - lowest)
+    at_hand = energy[0] - (energy - np.array(scalar(run, "energy_kinetic"))).min()
+    assert (energy - np.minimum.accumulate(energy)).max() <= 0.02 * at_hand
+    assert energy[-1] > 0.2 * energy[0]
 
 
 def test_growth_is_measured_by_the_energy_of_the_start():
