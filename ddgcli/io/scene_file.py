@@ -5,7 +5,9 @@ from __future__ import annotations
 import hashlib
 import re
 import tomllib
+from bisect import bisect_right
 from dataclasses import dataclass, field
+from itertools import accumulate
 from pathlib import Path
 from typing import Any
 
@@ -76,6 +78,11 @@ def parse_scene(text: str, path: str = "", folder: str = ".") -> SceneDocument:
 
 _HEADER = re.compile(r"^\s*(\[\[?)\s*(.+?)\s*(\]\]?)\s*(?:#.*)?$")
 _INLINE_KEY = re.compile(r"([A-Za-z0-9_-]+)\s*=(?!=)")
+# what decides where a statement ends: strings, comments, brackets, ends of rows
+_TOKEN = re.compile(
+    r""""{3}(?:\\.|[^\\])*?"{3,5}|'{3}.*?'{3,5}|"(?:\\.|[^"\\\n])*"|'[^'\n]*'|\#[^\n]*|[\[\]{}\n]""",
+    re.DOTALL,
+)
 
 
 def key_lines(text: str) -> dict[Key, int]:
@@ -84,6 +91,7 @@ def key_lines(text: str) -> dict[Key, int]:
     counts: dict[Key, int] = {}
     table: Key = ()
     rows = text.split("\n")
+    start = [0, *accumulate(len(row) + 1 for row in rows)]
     k = 0
     while k < len(rows):
         header = _HEADER.match(rows[k])
@@ -91,7 +99,8 @@ def key_lines(text: str) -> dict[Key, int]:
             table = _enter(_split(header[2]), header[1] == "[[", counts)
             lines.setdefault(table, k + 1)
         elif rows[k].strip() and not rows[k].lstrip().startswith("#"):
-            k = _statement(rows, k, table, lines)
+            end = _statement_end(text, start[k])
+            k = _statement(rows, k, bisect_right(start, end) - 1, table, lines)
         k += 1
     return lines
 
@@ -112,33 +121,44 @@ def _enter(parts: list[str], is_array: bool, counts: dict[Key, int]) -> Key:
     return path
 
 
-def _statement(rows: list[str], first: int, table: Key, lines: dict[Key, int]) -> int:
-    """Note the keys of the statement that begins on row `first`; the row on which it ends."""
-    last = first
-    while True:
-        try:
-            value = tomllib.loads("\n".join(rows[first : last + 1]))
-            break
-        except tomllib.TOMLDecodeError:
-            last += 1
-            if last >= len(rows):
-                return first
+def _statement_end(text: str, start: int) -> int:
+    """Place of the end of the row on which the statement from `start` on ends."""
+    depth = 0
+    for token in _TOKEN.finditer(text, start):
+        if token[0] in ("[", "{"):
+            depth += 1
+        elif token[0] in ("]", "}"):
+            depth -= 1
+        elif token[0] == "\n" and depth <= 0:
+            return token.start()
+    return len(text)
+
+
+def _statement(rows: list[str], first: int, last: int, table: Key, lines: dict[Key, int]) -> int:
+    """Note the keys of the statement on the rows `first` to `last`; the row on which it ends."""
+    try:
+        value = tomllib.loads("\n".join(rows[first : last + 1]))
+    except tomllib.TOMLDecodeError:
+        return first
+    row_of: dict[str, int] = {}
+    for row in range(first, last + 1):
+        for name in _INLINE_KEY.findall(rows[row]):
+            row_of.setdefault(name, row)
     key: Key = table
     node: Any = value
     for part in _split(rows[first].split("=", 1)[0]):
         key = (*key, part)
         lines.setdefault(key, first + 1)
         node = node.get(part, {}) if isinstance(node, dict) else {}
-    _inner(node, key, rows, first, last, lines)
+    _inner(node, key, row_of, first, lines)
     return last
 
 
-def _inner(node: Any, key: Key, rows: list[str], first: int, last: int, lines: dict[Key, int]) -> None:
-    """Lines of the keys of inline tables, by looking for `name =` in the rows of the statement."""
+def _inner(node: Any, key: Key, row_of: dict[str, int], first: int, lines: dict[Key, int]) -> None:
+    """Lines of the keys of inline tables: the first row of the statement on which `name =` stands."""
     items = node.items() if isinstance(node, dict) else enumerate(node) if isinstance(node, list) else ()
     for name, child in items:
         if isinstance(node, dict):
-            found = [r for r in range(first, last + 1) if name in _INLINE_KEY.findall(rows[r])]
-            lines.setdefault((*key, name), (found[0] if found else first) + 1)
+            lines.setdefault((*key, name), row_of.get(str(name), first) + 1)
         if isinstance(child, (dict, list)):
-            _inner(child, (*key, name), rows, first, last, lines)
+            _inner(child, (*key, name), row_of, first, lines)

@@ -163,6 +163,12 @@ class SymmetricLU:
             return self._order
         return self._order[postorder(self._pattern, self._lu.perm_c)]
 
+    def negative_pivots(self) -> int | None:
+        """Number of negative pivots; None where they do not stand on the diagonal."""
+        if not np.array_equal(self._lu.perm_r, self._lu.perm_c):
+            return None
+        return int((self._lu.U.diagonal() < 0).sum())
+
     def solve(self, rhs: NDArray) -> NDArray:
         # by rows of the transpose, which lie together in memory
         x = np.empty(rhs.shape[::-1], dtype=rhs.dtype)

@@ -6,16 +6,18 @@ import logging
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import csc_array, sparray
+from scipy.sparse import csc_array, eye_array, sparray
 
 from ddgcli.errors import SolveError
-from ddgcli.linalg.backends import Backend, NotDefinite, chosen_solver, make_backend
+from ddgcli.linalg.backends import Backend, NotDefinite, SymmetricLU, chosen_solver, make_backend
 
 log = logging.getLogger("ddgcli")
 
 # componentwise backward error at which a solution needs no refinement; relative residual that is a failure
 GOOD, FAILED = 1e-13, 1e-2
 MAX_REFINEMENTS = 4
+# of an LDL^T whose pivots are counted: largest backward error; multiples of the shift that are tried
+INERTIA_BACKWARD_ERROR, INERTIA_SHIFTS = 1e-8, (1.0, 1.3, 0.7)
 
 
 class Factor:
@@ -206,6 +208,38 @@ class Factor:
     def residual(self, x: NDArray, rhs: NDArray) -> float:
         """Largest |A x - b| relative to the largest |b| (or 1 where b vanishes)."""
         return float(np.abs(self.matrix @ x - rhs).max(initial=0.0) / (np.abs(rhs).max(initial=0.0) or 1.0))
+
+
+def negative_eigenvalues(matrix: sparray, below: float = 0.0) -> int | None:
+    """Number of eigenvalues of a real symmetric matrix that are smaller than -below.
+
+    Sylvester's law of inertia: matrix + below I = L D L^T has as many negative eigenvalues as D negative
+    entries. The factorisation takes its pivots from the diagonal, and may be unstable where the matrix is
+    indefinite: a solution by it is checked, and another number close to `below` is tried.
+
+    Parameters
+    ----------
+    matrix : (n, n) sparse array
+    below : float
+        Eigenvalues within it count as zero.
+
+    Returns
+    -------
+    int, or None where every factorisation lost the matrix.
+    """
+    checked = _checked(matrix)
+    probe = np.random.default_rng(0).normal(size=checked.shape[0])
+    for factor in INERTIA_SHIFTS if checked.shape[0] else ():
+        shifted = _checked(checked + eye_array(checked.shape[0], format="csc") * (factor * below))
+        try:
+            lu = SymmetricLU(shifted)
+        except SolveError:
+            continue
+        x, negative = lu.solve(probe), lu.negative_pivots()
+        size = abs(shifted) @ np.abs(x) + np.abs(probe)
+        if negative is not None and (np.abs(shifted @ x - probe) <= INERTIA_BACKWARD_ERROR * size).all():
+            return negative
+    return None if checked.shape[0] else 0
 
 
 def _checked(matrix: sparray) -> csc_array:

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.mechanics.newton import MOVE, ROUNDING
+from ddgcli.evolve.rounding import sum_rounding
+from ddgcli.mechanics.newton import MOVE
 from ddgcli.mechanics.system import Motion, System
 from ddgcli.simulation.time_loop import StepRejected
 
@@ -38,7 +39,14 @@ def kinetic(system: System, v: NDArray) -> float:
 
 
 def balanced(
-    system: System, before: Motion, after: Motion, start: Stored, end: Stored, work: float, dt: float
+    system: System,
+    before: Motion,
+    after: Motion,
+    start: Stored,
+    end: Stored,
+    work: float,
+    dt: float,
+    fall: float | None = None,
 ) -> Motion:
     """The motion after a step, with what it adds to the balance of energy.
 
@@ -55,21 +63,23 @@ def balanced(
     work : float
         Of the forces of these potentials along the step, in J, as the scheme counts it.
     dt : float
+    fall : float, optional
+        Joules by which the step may drop the balance; default a tenth of the energy at hand.
 
     Raises
     ------
     StepRejected
         The balance would stand above its lowest by more than a hundredth of the energy at hand, or drop by
-        more than a tenth.
+        more than `fall`.
     """
     lifted = end.energy - start.energy + work
     at_hand = max(kinetic(system, before.v) + start.energy, kinetic(system, after.v) + end.energy)
     # what the iteration may leave, as speed; and rounding
     left = float(system.mass.sum()) * (MOVE * system.size / dt) ** 2
-    least = left + ROUNDING * at_hand * np.sqrt(len(system.mass))
+    least = left + system.rounding.energy(dt) + sum_rounding(at_hand, len(system.mass))
     above = max(0.0, before.lifted + lifted)
     if lifted > least and above > RISE * at_hand + least:
         raise StepRejected("energy rises", value=above / at_hand, solved=True)
-    if lifted < -FALL * at_hand - least:
+    if lifted < -(FALL * at_hand if fall is None else fall) - least:
         raise StepRejected("energy falls", value=lifted / at_hand, solved=True)
     return Motion(after.x, after.v, after.a, after.newton, above)

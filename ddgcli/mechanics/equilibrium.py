@@ -6,12 +6,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.errors import SolveError
-from ddgcli.linalg.factor import Factor
+from ddgcli.linalg.factor import Factor, negative_eigenvalues
 from ddgcli.mechanics.newton import MOVE, Increment, Newton, worst
+from ddgcli.mechanics.system import System
 from ddgcli.mechanics.terms import Mode
 from ddgcli.simulation.time_loop import StepRejected
 
 MOST = 2000
+INERTIA_ROUNDING = 16 * float(np.finfo(float).eps)  # of the Hessian's norm
 
 
 class Equilibrium:
@@ -84,3 +86,16 @@ class Equilibrium:
             if np.isfinite(downhill) and downhill <= 0:
                 return move, mode == "exact"
         raise StepRejected("no descent", worst(g), float(np.abs(g).max()))
+
+
+def unstable_directions(system: System, x: NDArray) -> int | None:
+    """Number of negative eigenvalues of the exact Hessian at an equilibrium (n, 3).
+
+    0 at a minimum; more at a saddle point, which a disturbance leaves. Rounding moves the forces by eps of
+    the stiffness, and the stress by eps max |x| over the length of an edge: eigenvalues within that count as
+    zero (the rigid motions of what nothing holds). None where the factorisation fails.
+    """
+    matrix = system.newton.matrix(Increment(0.0, x), x, "exact")
+    edges = np.sqrt(len(x)) * float(np.abs(x).max()) / system.size
+    norm = float(abs(matrix).sum(axis=0).max(initial=0.0))
+    return negative_eigenvalues(matrix, INERTIA_ROUNDING * norm * (1 + edges))

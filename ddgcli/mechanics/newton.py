@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from scipy.sparse import csc_array, diags_array
 
 from ddgcli.errors import SolveError
+from ddgcli.evolve.rounding import sum_rounding
 from ddgcli.linalg.conjugate import Move, truncated_conjugate_gradients
 from ddgcli.linalg.factor import Factor
 from ddgcli.mechanics.assembly import Assembly
@@ -31,7 +32,6 @@ MOST_NEAR = 4  # further moves for the balance of momentum, once moves are short
 MOST = 300  # a stiff sheet that has struck something needs many, and halves of the step no fewer
 SHORTEST = 1e-10
 ARMIJO = 1e-4
-ROUNDING = 1e-14
 # rounds of conjugate gradients that cost about a factorisation; and what of a move may be missing at most
 ROUNDS = 15
 LOOSEST = 0.1
@@ -158,6 +158,8 @@ class Newton:
             g = self.slope(increment, point.y)
             if not np.isfinite(point.value) or not np.isfinite(g).all():
                 raise StepRejected("not finite", worst(g))
+            if near:
+                point, g = self._translated(increment, point, g)
             if self._settled(increment, point.y, g) or (near and self._in_balance(increment, point.y, g)):
                 return point.y, iteration - 1
             if near > MOST_NEAR:
@@ -205,13 +207,34 @@ class Newton:
         return max(moved, EPSILON * float(np.abs(y).max()))
 
     def _in_balance(self, increment: Increment, y: NDArray, g: NDArray) -> bool:
-        """Whether the forces on all vertices together move their middle no more than that.
+        """Whether the forces on all vertices together move their middle no more than that."""
+        return float(np.abs(self._imbalance(increment, g)).max()) <= self._moved(increment, y)
 
-        A Newton move keeps this balance wherever the solve is exact; where stiffness is 1e12 times inertia (a
-        strip of needles), a solve leaves a hundredth of it.
+    def _imbalance(self, increment: Increment, g: NDArray) -> NDArray:
+        """(3,) translation that the sum of the forces asks of inertia alone; 0 along axes held everywhere."""
+        mass = self.system.mass @ self.system.free
+        return np.divide(-g.sum(axis=0), increment.a * mass, out=np.zeros(3), where=mass > 0)
+
+    def _translated(self, increment: Increment, point: Point, g: NDArray) -> tuple[Point, NDArray]:
+        """The point moved by the translation that balances the momentum, and the gradient there.
+
+        The Hessian along a translation is inertia alone unless something outside holds the object, but a
+        solve sees it beside the stiffness: where that is 1e12 times inertia (a strip of needles) rounding
+        leaves an arbitrary part of the imbalance, which depends on the processor. The sum of the gradient has
+        no such cancellation, because the forces of each element sum to zero up to their own rounding. A
+        translation that does not halve the imbalance (pins, contact) is not taken.
         """
-        left = float(np.abs(g.sum(axis=0)).max()) / (increment.a * float(self.system.mass.sum()))
-        return left <= self._moved(increment, y)
+        left = self._imbalance(increment, g)
+        if float(np.abs(left).max()) <= self._moved(increment, point.y):
+            return point, g
+        move = self.system.only_free(np.broadcast_to(left, point.y.shape))
+        if self._reach(point.y, move) < 1.0:
+            return point, g
+        moved = point.y + move
+        slope = self.slope(increment, moved)
+        if not np.abs(self._imbalance(increment, slope)).max() <= 0.5 * np.abs(left).max():
+            return point, g
+        return self.at(increment, moved), slope
 
     def _spread(self, step: NDArray) -> NDArray:
         """(n, 3) move of a vector over the free coordinates."""
@@ -292,7 +315,7 @@ class Newton:
         t = self._reach(point.y, move)
         while t > SHORTEST:
             trial = self.at(increment, point.y + t * move)
-            slack = ROUNDING * max(point.scale, trial.scale) * np.sqrt(len(move))
+            slack = sum_rounding(max(point.scale, trial.scale), len(move))
             if trial.value <= point.value + ARMIJO * t * downhill + slack:
                 return t, trial
             t *= 0.5

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ddgcli.evolve.rounding import Rounding
 from ddgcli.mechanics.terms import Bounded, Dissipation, Held, Potential
 from ddgcli.simulation.account import Account
 
@@ -45,16 +48,18 @@ class System:
     mass : (n,) ndarray
     parts : sequence of Potential, Dissipation and Held
     account : Account
-    size : float
-        Of the object, in metres: the scale of tolerances.
+    start : (n, 3) ndarray
+        Positions at the start of the run, also of a resumed one: the scale of tolerances and of rounding.
 
     Attributes
     ----------
+    size : float
+        Of the object, in metres.
     linear : bool
         Every potential is quadratic with a constant matrix, coordinate by coordinate.
     """
 
-    def __init__(self, mass: NDArray, parts: Sequence[Any], account: Account, size: float = 1.0) -> None:
+    def __init__(self, mass: NDArray, parts: Sequence[Any], account: Account, start: NDArray) -> None:
         self.mass, self.account = mass, account
         self.potentials: list[Potential] = [p for p in parts if isinstance(p, Potential)]
         self.dissipations: list[Dissipation] = [p for p in parts if isinstance(p, Dissipation)]
@@ -65,7 +70,7 @@ class System:
                 held |= part.mask
         self.free = ~held
         self.all_free = not held.any()
-        self.size = size
+        self.start, self.size = start, float(np.ptp(start, axis=0).max())
         by_vertex = bool((held.all(axis=1) == held.any(axis=1)).all())
         self.linear = by_vertex and all(len(p.stencil) == 0 or hasattr(p, "matrix") for p in self.potentials)
         self._newton: Newton | None = None
@@ -82,6 +87,11 @@ class System:
 
             self._newton = Newton(self)
         return self._newton
+
+    @cached_property
+    def rounding(self) -> Rounding:
+        """What rounding of the positions at the start does to energies and momenta."""
+        return Rounding.at(self, self.start)
 
     def energies(self, x: NDArray) -> dict[str, float]:
         """Energy of each potential by its effect's name."""
@@ -106,6 +116,19 @@ class System:
             with self.account.within(dissipation.name):
                 total += dissipation.frozen(x, dt).gradient(v)
         return self.only_free(total)
+
+    def external_work(self, path: Sequence[NDArray], dt: float) -> float:
+        """Joules that dead loads give less what dissipation takes along positions that are dt apart."""
+        work = 0.0
+        for potential in self.potentials:
+            if not len(potential.stencil):
+                with self.account.within(potential.name):
+                    work += potential.energy(path[0]) - potential.energy(path[-1])
+        if self.dissipations:
+            for before, after in pairwise(path):
+                move = after - before
+                work -= float(np.vdot(self.drag(before, move / dt, dt), move))
+        return work
 
     def frozen(self, x: NDArray, dt: float) -> tuple[Potential, ...]:
         """Dissipation as potentials of the velocity, taken at `x`."""

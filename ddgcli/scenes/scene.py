@@ -222,6 +222,12 @@ def _check_clock(scene: Scene) -> None:
     schedule = scene.schedule()
     if time.tolerance is not None or time.integrator == "static":
         return
+    if time.step > time.duration * (1 + 1e-6):
+        scene.refuse(
+            ("time", "step"),
+            f"step = {time.step:g} s is longer than the duration of {time.duration:g} s; "
+            f"write step = {time.duration:g} or less, or a longer duration",
+        )
     end, between = schedule.steps * schedule.dt, schedule.every * schedule.dt
     if abs(end - time.duration) > 1e-6 * time.duration:
         log.warning("duration %g s is no whole number of steps of %g s: the run ends at %g s",
@@ -258,13 +264,16 @@ def _time(document: Document, kind: SceneKind, overrides: dict[str, Any]) -> Any
         hint = nearest(str(name), list(kind.integrators))
         message = f"no integrator {name!r}{hint}; {kind.command} has {', '.join(kind.integrators)}"
         raise SceneError(located(document, ("time", "integrator"), message))
-    if given.get("step") is None and given.get("tolerance") is None:
+    default = given.get("step") is None and given.get("tolerance") is None
+    if default:
         given["step"] = kind.default_step
     _leave_out_other_scheme(kind, str(written.get("integrator", kind.integrator)), name, given)
     model = time_model(kind, name)
     time = checked(document, ("time",), model, given, "[time]")
     if steps is not None:
         time = time.model_copy(update={"duration": steps * (time.step or kind.default_step)})
+    elif default and time.step > time.duration:
+        time = time.model_copy(update={"step": time.duration})
     return time
 
 

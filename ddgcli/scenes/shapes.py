@@ -22,6 +22,7 @@ from ddgcli.scenes.units import quantity, vector
 # mypy reads the calls below as values; pydantic reads them as annotated types
 # mypy: disable-error-code="valid-type"
 
+HEIGHT_TOLERANCE = 1e-3  # relative: heights as they are written, with some digits
 SHAPES = ("mesh", "grid", "plane", "sphere", "box")
 
 
@@ -223,14 +224,23 @@ def _cells(grid: Grid, wrap_u: bool, wrap_v: bool) -> tuple[NDArray, NDArray, ND
 
 
 def _equilateral(grid: Grid) -> TriangleMesh:
-    """Rows of near-equilateral triangles; half triangles at the ends of odd rows fill the rectangle."""
+    """Rows of equilateral triangles; halves of them at the ends of the rows fill a rectangle.
+
+    The width and the cells decide: the height is that of the rows, and a warning says so where it is another.
+    """
     nx, ny = grid.cells
+    height = ny * np.sqrt(0.75) * grid.size[0] / nx
+    if abs(height - grid.size[1]) > HEIGHT_TOLERANCE * height:
+        logging.getLogger("ddgcli").warning(
+            "grid: %d rows of equilateral triangles with %d on a width of %g m are %.6g m high, not %g m",
+            ny, nx, grid.size[0], height, grid.size[1],
+        )  # fmt: skip
     points: list[tuple[float, float, float]] = []
     rows = []
     for j in range(ny + 1):
         inner = (np.arange(nx + 1) if j % 2 == 0 else np.concatenate([[0], np.arange(nx) + 0.5, [nx]])) / nx
         rows.append(len(points) + np.arange(len(inner)))
-        points += [(grid.size[0] * x, grid.size[1] * j / ny, 0.0) for x in inner]
+        points += [(grid.size[0] * x, height * j / ny, 0.0) for x in inner]
     faces = []
     for j in range(ny):
         low, high = rows[j], rows[j + 1]

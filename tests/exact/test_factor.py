@@ -344,3 +344,17 @@ def test_dissection_of_soups_strips_and_half_patterns():
     assert np.array_equal(np.sort(dissected(half).order), np.arange(3000))
     assert fill(A, dissected(half).order) == fill(A, dissected(A).order)
     assert len(dissected(csc_array((0, 0))).order) == 0
+
+
+@pytest.mark.parametrize("size", [1, 7, 60])
+def test_negative_eigenvalues_are_counted_by_inertia(size):
+    from ddgcli.linalg.factor import negative_eigenvalues
+
+    rng = np.random.default_rng(size)
+    for negative in sorted({0, 1, size // 3, size}):
+        q = np.linalg.qr(rng.normal(size=(size, size)))[0]
+        values = 10.0 ** rng.uniform(-6, 3, size) * np.where(np.arange(size) < negative, -1, 1)
+        matrix = csc_array((q * values) @ q.T)
+        assert negative_eigenvalues(csc_array(0.5 * (matrix + matrix.T))) == negative
+    assert negative_eigenvalues(csc_array(np.diag([-1e-9, 2.0, -3.0])), 1e-8) == 1
+    assert negative_eigenvalues(csc_array((0, 0))) == 0

@@ -127,13 +127,66 @@ b = 2
     assert ("fake",) not in lines and ("not", "a", "table") not in lines
 
 
+@pytest.mark.parametrize("pattern", ["right", "left", "alternating", "cross"])
+def test_grids_number_their_vertices_along_y_first(pattern):
+    mesh = grid_mesh(Grid(size=[3, 2], cells=[6, 5], pattern=pattern))
+    i, j = np.meshgrid(np.arange(7), np.arange(6), indexing="ij")
+    assert np.allclose(mesh.points[i * 6 + j], np.stack([i / 2, 0.4 * j, 0 * i], axis=2))
+    if pattern == "cross":
+        i, j = np.meshgrid(np.arange(6), np.arange(5), indexing="ij")
+        assert np.allclose(
+            mesh.points[42 + i * 5 + j], np.stack([i / 2 + 0.25, 0.4 * j + 0.2, 0 * i], axis=2)
+        )
+
+
+def test_equilateral_grids_are_equilateral(caplog):
+    """Whole triangles have angles of 60 degrees, those at the ends of the rows are halves of them."""
+    mesh = grid_mesh(Grid(size=[3, 2], cells=[6, 5], pattern="equilateral"))
+    height = 5 * 0.5 * np.sqrt(0.75)
+    assert f"{height:.6g} m high, not 2 m" in caplog.text
+    side = np.sort(mesh.side_length, axis=1)
+    half = np.abs(side[:, 0] - 0.25) < 1e-12
+    assert half.sum() == 10 and np.allclose(side[half], [0.25, 0.5 * np.sqrt(0.75), 0.5])
+    assert np.allclose(side[~half], 0.5)
+    assert 0.5 * np.linalg.norm(np.cross(mesh.side_vector[:, 0], mesh.side_vector[:, 1]), axis=1).sum() == (
+        pytest.approx(3 * height)
+    )
+    caplog.clear()
+    Grid(size=[3, height], cells=[6, 5], pattern="equilateral")
+    grid_mesh(Grid(size=[3, round(height, 3)], cells=[6, 5], pattern="equilateral"))
+    assert caplog.text == ""
+
+
+def test_the_work_of_locating_keys_grows_with_the_length_of_the_scene(monkeypatch):
+    """A value over thousands of rows is parsed once, not once a row."""
+    import tomllib
+
+    from ddgcli.io import scene_file
+
+    parsed = [0]
+
+    def counted(text, loads=tomllib.loads):
+        parsed[0] += len(text)
+        return loads(text)
+
+    monkeypatch.setattr(scene_file.tomllib, "loads", counted)
+    text = (
+        "[effects]\npin = { vertices = [\n" + "0, # [\n" * 2000 + '1] }\nload = """x [\n""""\ngravity = 1\n'
+    )
+    lines = scene_file.key_lines(text)
+    assert lines[("effects", "pin", "vertices")] == 2 and lines[("effects", "load")] == 2004
+    assert lines[("effects", "gravity")] == 2006
+    assert parsed[0] <= 2 * len(text)
+
+
 @pytest.mark.parametrize("pattern", ["right", "left", "alternating", "cross", "equilateral"])
 def test_grids_fill_their_rectangle(pattern):
-    mesh = grid_mesh(Grid(size=[3, 2], cells=[6, 5], pattern=pattern))
+    height = 5 * 0.5 * np.sqrt(0.75) if pattern == "equilateral" else 2
+    mesh = grid_mesh(Grid(size=[3, height], cells=[6, 5], pattern=pattern))
     corners = mesh.points[mesh.faces]
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     assert (normal[:, 2] > 0).all()
-    assert 0.5 * normal[:, 2].sum() == pytest.approx(6.0)
+    assert 0.5 * normal[:, 2].sum() == pytest.approx(3 * height)
     assert mesh.topology.is_manifold and mesh.topology.euler_characteristic == 1
     assert mesh.topology.referenced_vertex.all()
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -12,6 +13,7 @@ from ddgcli.cli.simulation.options import SceneCall, scene_options
 if TYPE_CHECKING:
     from ddgcli.cli.simulation.plot import Picture
     from ddgcli.cli.simulation.scene_run import ReadArray, ReadMesh
+    from ddgcli.mechanics.system import System
     from ddgcli.scenes.scene import Scene
     from ddgcli.simulation.account import Account
     from ddgcli.simulation.outcome import Outcome
@@ -71,15 +73,22 @@ class Shells:
         self.meshes = {name: context.mesh for name, context in self.contexts.items()}
         self.sha256 = {name: sha for name, (_, sha) in found.items()}
 
+    @cached_property
+    def systems(self) -> dict[str, System]:
+        """Masses and terms by shell."""
+        from ddgcli.models.shell import model
+
+        return model.systems(self.scene, self.contexts, self.account)
+
     def assembled(self, schedule: Schedule) -> dict[str, Any]:
         from ddgcli.models.shell import report
 
-        return report.assembled(self.scene, self.contexts, schedule, self.account)
+        return report.assembled(self.scene, self.contexts, self.systems, schedule)
 
     def models(self) -> dict[str, Model]:
         from ddgcli.models.shell import model
 
-        return model.build(self.scene, self.contexts, self.account)
+        return model.models(self.scene, self.contexts, self.systems)
 
     def face(self) -> dict[str, Any]:
         return {}
@@ -92,9 +101,9 @@ class Shells:
     def doubt(self, outcome: Outcome) -> str:
         from ddgcli.models.shell import report
 
-        return report.doubt(outcome.series)
+        return report.doubt(outcome, report.rounding(outcome, self.systems))
 
     def summary(self, outcome: Outcome) -> tuple[dict[str, Any], dict[str, Any]]:
         from ddgcli.models.shell import report
 
-        return report.summary(outcome, self.contexts)
+        return report.summary(outcome, self.systems, self.scene.time.integrator == "static")

@@ -40,6 +40,8 @@ class Load(Section):
             raise ValueError(f"give one of force, traction and moment, found {' and '.join(given) or 'none'}")
         if (self.moment is None) != (self.edge is None):
             raise ValueError("a moment needs edge = [a, b], and an edge needs a moment")
+        if self.moment is not None and (self.vertices is not None or self.box is not None):
+            raise ValueError("a moment acts on its edge: leave vertices and box out")
         return self
 
 

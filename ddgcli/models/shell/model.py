@@ -22,6 +22,8 @@ from ddgcli.simulation.account import Account
 from ddgcli.simulation.effects import Effect
 from ddgcli.simulation.time_loop import Model, Observation
 
+log = logging.getLogger("ddgcli")
+
 
 def contexts(scene: Scene, read: Callable[[str], Any]) -> dict[str, tuple[ShellContext, str]]:
     """Context of every shell and the SHA-256 of its mesh file, by name."""
@@ -52,12 +54,24 @@ def _require_sound(scene: Scene, number: int, context: ShellContext) -> None:
         scene.refuse(("object", number), f"object {context.shell.name!r}: {reason}")
     loose = int((~context.mesh.topology.referenced_vertex).sum())
     if loose:
-        logging.getLogger("ddgcli").warning("%d vertices belong to no face: they stay where they are", loose)
+        log.warning("%d vertices belong to no face: they stay where they are", loose)
 
 
 def build(scene: Scene, shells: dict[str, ShellContext], account: Account) -> dict[str, Model]:
     """One model for each shell."""
-    return {name: _model(scene, context, account) for name, context in shells.items()}
+    return models(scene, shells, systems(scene, shells, account))
+
+
+def systems(scene: Scene, shells: dict[str, ShellContext], account: Account) -> dict[str, System]:
+    """Masses and terms of each shell."""
+    return {name: make_system(scene, context, account) for name, context in shells.items()}
+
+
+def models(
+    scene: Scene, shells: dict[str, ShellContext], systems: dict[str, System]
+) -> dict[str, Model[Motion]]:
+    """One model for each shell, of its system."""
+    return {name: _model(scene, context, systems[name]) for name, context in shells.items()}
 
 
 def parts_of(scene: Scene, context: ShellContext) -> list[Any]:
@@ -75,7 +89,11 @@ def parts_of(scene: Scene, context: ShellContext) -> list[Any]:
             if wanted != context.shell.name:
                 return []
         made = effect.build(parameters, context)
-        context.made[effect.name] = [*context.made.get(effect.name, []), *made]
+        if made and not any(_strength(part) for part in made):
+            log.warning(
+                "effect %s on %s has no strength: it changes nothing", effect.name, context.shell.name
+            )
+        context.made.setdefault(effect.name, []).extend(made)
         return made
 
     context.made.clear()
@@ -84,18 +102,25 @@ def parts_of(scene: Scene, context: ShellContext) -> list[Any]:
     return [part for made in replace(scene, effects=tuple(ordered)).build(make) for part in made]
 
 
+def _strength(part: Any) -> bool:
+    """Whether a term can do anything: dead forces and moments may be zero."""
+    values = getattr(part, "force", getattr(part, "moment", None))
+    return values is None or bool(np.any(values))
+
+
 def make_system(scene: Scene, context: ShellContext, account: Account) -> System:
     """Masses of a shell and what the scene's effects make for it."""
-    size = float(np.ptp(context.mesh.points, axis=0).max())
     parts = parts_of(scene, context)
     loose = ~context.mesh.topology.referenced_vertex
     if loose.any():
         parts.append(Held(np.repeat(loose[:, None], 3, axis=1)))
-    return System(context.mass, parts, account, size)
+    system = System(context.mass, parts, account, np.asarray(context.mesh.points))
+    if not system.free.any():
+        log.warning("every vertex of %s is held: it does not move", context.shell.name)
+    return system
 
 
-def _model(scene: Scene, context: ShellContext, account: Account) -> Model[Motion]:
-    system = make_system(scene, context, account)
+def _model(scene: Scene, context: ShellContext, system: System) -> Model[Motion]:
     integrator, parameters = INTEGRATORS[scene.time.integrator], scene.time
     x = np.array(context.mesh.points)
     v = np.where(system.free, _initial_velocity(context), 0.0)

@@ -3,27 +3,62 @@
 from __future__ import annotations
 
 import logging
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
+from ddgcli.evolve.rounding import Rounding
 from ddgcli.mechanics.integrators import INTEGRATORS
+from ddgcli.mechanics.system import System
 from ddgcli.models.shell.context import ShellContext
-from ddgcli.models.shell.model import make_system
 from ddgcli.scenes.scene import Scene
-from ddgcli.simulation.account import Account
 from ddgcli.simulation.outcome import Outcome
 from ddgcli.simulation.time_loop import Schedule
 
+log = logging.getLogger("ddgcli")
 # of the energy at hand: more is told; more is not to be trusted, exit 1
 GROWTH, BEYOND_TRUST = 0.1, 1.0
 
 
-def summary(outcome: Outcome, shells: dict[str, ShellContext]) -> tuple[dict[str, Any], dict[str, Any]]:
+@dataclass(frozen=True)
+class RunRounding:
+    """What rounding can give to a run's energy (J), momentum (kg m/s) and angular momentum (kg m^2/s)."""
+
+    energy: float
+    momentum: float
+    angular_momentum: float
+
+
+def rounding(outcome: Outcome, systems: dict[str, System]) -> RunRounding:
+    """Rounding of a run over all shells: the larger of what it is at the start and at the end."""
+    steps, end = outcome.steps, _split(outcome.end.points, systems)
+    dt = outcome.smallest_step if steps else np.inf
+    energy = momentum = angular = 0.0
+    for name, system in systems.items():
+        scales = [system.rounding, Rounding.at(system, end[name])]
+        given = max(scale.momentum(dt, steps) for scale in scales)
+        energy += max(scale.energy(dt, steps) for scale in scales)
+        momentum += given
+        angular += given * float(np.abs(end[name]).max())
+    return RunRounding(energy, momentum, angular)
+
+
+def _split(points: Any, systems: dict[str, System]) -> dict[str, NDArray]:
+    """Vertices of each shell from those of all, which stand behind each other."""
+    ends = np.cumsum([len(system.mass) for system in systems.values()])
+    return dict(zip(systems, np.split(np.asarray(points), ends[:-1])))
+
+
+def summary(
+    outcome: Outcome, systems: dict[str, System], static: bool = False
+) -> tuple[dict[str, Any], dict[str, Any]]:
     """(`results`, `accuracy`) of a run.
 
     Scales of the drifts: energy, the largest kinetic energy or change of a part of the energy; momentum, the
-    mass times the largest speed; angular momentum, that times the size of the shells.
+    mass times the largest speed; angular momentum, that times the size of the shells. Within rounding a
+    drift is 0. `static` asks for the stability of the equilibrium.
     """
     series, last = outcome.series, outcome.end
     energies = {
@@ -45,47 +80,71 @@ def summary(outcome: Outcome, shells: dict[str, ShellContext]) -> tuple[dict[str
     }
     if outcome.failure:
         results["stopped_because"] = outcome.failure
-    mass = sum(float(c.mass.sum()) for c in shells.values())
-    size = max(float(np.ptp(c.mesh.points, axis=0).max()) for c in shells.values())
+    mass = sum(float(system.mass.sum()) for system in systems.values())
+    size = max(system.size for system in systems.values())
+    least = rounding(outcome, systems)
     swing = [np.ptp(v) for name, v in series.items() if name.startswith("energy_")]
     energy_scale = max([float(np.abs(series["energy_kinetic"]).max()), *map(float, swing)])
     momentum_scale = mass * outcome.largest.get("velocity", 0.0)
     accuracy = {
-        "energy_drift": _drift(series["energy"], energy_scale),
-        "momentum_drift": _drift(series["momentum"], momentum_scale),
-        "angular_momentum_drift": _drift(series["angular_momentum"], momentum_scale * size),
+        "energy_drift": _drift(series["energy"], energy_scale, least.energy),
+        "momentum_drift": _drift(series["momentum"], momentum_scale, least.momentum),
+        "angular_momentum_drift": _drift(
+            series["angular_momentum"], momentum_scale * size, least.angular_momentum
+        ),
         "max_strain": outcome.largest.get("strain", 0.0),
     }
+    if static and not outcome.failure:
+        accuracy["negative_eigenvalues"] = _instability(_split(last.points, systems), systems)
     return results, accuracy
 
 
-def doubt(series: dict[str, np.ndarray]) -> str:
+def _instability(end: dict[str, NDArray], systems: dict[str, System]) -> int | None:
+    """Negative eigenvalues of the Hessians at all equilibria; a warning where there are some."""
+    from ddgcli.mechanics.equilibrium import unstable_directions
+
+    total: int | None = 0
+    for name, system in systems.items():
+        count = unstable_directions(system, end[name])
+        total = None if total is None or count is None else total + count
+        if count is None:
+            log.warning("object %s: no factorisation shows whether the equilibrium is stable", name)
+        elif count:
+            log.warning(
+                "object %s: the equilibrium is unstable, its Hessian has %d negative eigenvalue%s; give it a "
+                "small load in the direction in which it should buckle",
+                name, count, "s" * (count > 1),
+            )  # fmt: skip
+    return total
+
+
+def doubt(outcome: Outcome, least: RunRounding) -> str:
     """Why the run is not to be trusted: its energy more than doubled. A smaller rise is a warning.
 
-    No force of a shell gives energy: what rises above the start comes from the scheme.
+    No force of a shell gives energy: what rises above the start comes from the scheme. The scale is
+    the energy at hand: that of the start above the lowest potential energy that the run reached.
     """
-    inner = ("energy_kinetic", "energy_stretching", "energy_bending", "energy_contact")
-    at_start = sum(float(series[name][0]) for name in inner if name in series)
-    given = sum(float(np.ptp(v)) for n, v in series.items() if n.startswith("energy_") and n not in inner)
-    growth = float(np.max(series["energy"]) - series["energy"][0])
-    if not at_start + given > 0 or growth <= GROWTH * (at_start + given):
+    energy, potential = outcome.series["energy"], outcome.series["energy"] - outcome.series["energy_kinetic"]
+    growth, at_hand = float(np.max(energy) - energy[0]), float(energy[0] - np.min(potential))
+    scale = max(at_hand, least.energy)
+    if not growth > GROWTH * scale + least.energy:
         return ""
-    told = (
-        f"the energy grew by {growth / (at_start + given):.3g} of what there is to move, and no force can do "
+    message = (
+        f"the energy grew by {growth / scale:.3g} of what there is to move, and no force can do "
         "that: the step is too long for this scheme; shorten it, or take implicit-euler"
     )
-    logging.getLogger("ddgcli").warning(told)
-    return told if growth > BEYOND_TRUST * (at_start + given) else ""
+    log.warning(message)
+    return message if growth > BEYOND_TRUST * scale + least.energy else ""
 
 
-def _drift(series: np.ndarray, scale: float) -> float:
-    """Largest |q - q0| over the frames by the scale; 0 where nothing moved."""
+def _drift(series: np.ndarray, scale: float, rounding: float) -> float:
+    """Largest |q - q0| over the frames by the scale; 0 where it is within rounding."""
     change = float(np.abs(series - series[0]).max())
-    return change / scale if scale > 0 else change
+    return change / max(scale, rounding) if change > rounding else 0.0
 
 
 def assembled(
-    scene: Scene, shells: dict[str, ShellContext], schedule: Schedule, account: Account
+    scene: Scene, shells: dict[str, ShellContext], systems: dict[str, System], schedule: Schedule
 ) -> dict[str, Any]:
     """What the scene would build: sizes, terms, steps."""
     told: dict[str, Any] = {
@@ -96,7 +155,7 @@ def assembled(
         "step": schedule.dt,
     }
     for name, context in shells.items():
-        system = make_system(scene, context, account)
+        system = systems[name]
         acting: list[Any] = [*system.potentials, *system.dissipations]
         terms = {p.name: f"{type(p).__name__}, {len(p.stencil)} elements" for p in acting}
         told[name] = {

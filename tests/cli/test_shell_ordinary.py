@@ -1,0 +1,119 @@
+"""`shell-sim` on ordinary scenes: bodies at rest, zero strengths, everything held, equilibria that buckle."""
+
+import json
+
+import numpy as np
+import pytest
+
+from ddgcli.io.mesh_file import write_mesh
+from ddgcli.mesh.fields import AnnotatedMesh
+from ddgcli.mesh.shapes import random_sphere
+
+SCHEMES = ["newmark", "implicit-euler", "implicit-midpoint", "symplectic-euler", "verlet", "static"]
+STRIP = """
+[time]
+integrator = "{integrator}"
+duration = {duration}
+step = {step}
+[[object]]
+name = "strip"
+role = "shell"
+grid = {{ size = [1, 0.1], cells = [20, 2], pattern = "right" }}
+density = 1
+thickness = "5 mm"
+young = 1e9
+poisson = 0
+[effects]
+stretching = {{}}
+bending = {{}}
+{effects}
+"""
+CLAMPED = "pin = [{ box = [[0, 0, 0], [0, 1, 0]], clamp = true }]\n"
+
+
+def strip_scene(folder, effects, integrator="newmark", duration=2e-3, step=1e-3):
+    path = folder / "strip.toml"
+    path.write_text(STRIP.format(effects=effects, integrator=integrator, duration=duration, step=step))
+    return path
+
+
+@pytest.mark.parametrize("integrator", SCHEMES)
+@pytest.mark.parametrize("steps", [1, 4])
+def test_a_body_at_rest_stays_at_rest(integrator, steps, summary, tmp_path):
+    """Its energies are rounding, far from the origin too; they may not be compared with each other."""
+    ball = random_sphere(60)
+    write_mesh(str(tmp_path / "ball.ply"), AnnotatedMesh(ball.moved(ball.points + [3.0, -2.0, 5.0])))
+    out = summary(
+        "shell-sim", tmp_path / "ball.ply", "--effect", "stretching", "--effect", "bending",
+        "--material", "felt",
+        "--steps", steps, "--dt", 1e-4, "--integrator", integrator,
+    )  # fmt: skip
+    assert not any("grew" in warning for warning in out["warnings"])
+    assert out["accuracy"]["energy_drift"] == out["accuracy"]["momentum_drift"] == 0.0
+    assert out["accuracy"]["angular_momentum_drift"] == 0.0
+
+
+def test_a_drift_above_rounding_is_still_seen(summary, tmp_path):
+    out = summary("shell-sim", strip_scene(tmp_path, "gravity = { acceleration = [0, 0, -1e-6] }"))
+    assert out["accuracy"]["momentum_drift"] == pytest.approx(1.0, rel=1e-6)
+
+
+@pytest.mark.parametrize("integrator", SCHEMES)
+@pytest.mark.parametrize(
+    "effects, message",
+    [
+        (CLAMPED + "gravity = { acceleration = [0, 0, 0] }", "effect gravity on strip has no strength"),
+        (CLAMPED + "load = { traction = [0, 0, 0] }", "effect load on strip has no strength"),
+        ("gravity = {}\npin = { box = [[0, 0, 0], [1, 1, 0]] }", "every vertex of strip is held"),
+    ],
+)
+def test_what_cannot_act_is_reported(integrator, effects, message, summary, tmp_path):
+    scene = strip_scene(tmp_path, effects, integrator, 1e-3)
+    out = summary("shell-sim", scene, "-o", tmp_path / "end.npz")
+    assert sum(message in warning for warning in out["warnings"]) == 1
+    assert out["accuracy"]["energy_drift"] == 0.0
+
+
+def test_a_moment_takes_no_vertices(run, tmp_path):
+    load = "load = { moment = 1, edge = [3, 4], vertices = [0] }"
+    refused = run("shell-sim", strip_scene(tmp_path, load))
+    assert refused.exit_code == 2 and "leave vertices and box out" in refused.stderr
+    mended = run("shell-sim", strip_scene(tmp_path, load.replace(", vertices = [0]", "")))
+    assert mended.exit_code == 0
+
+
+@pytest.mark.parametrize("share, negative", [(0.8, 0), (1.5, 1), (12.0, 2)])
+def test_static_reports_that_a_straight_strip_buckles(share, negative, summary, tmp_path):
+    """Cantilever column: Euler loads are (2k - 1)^2 pi^2 D w / 4 L^2, k = 1, 2, ..."""
+    force = share * 1e9 * 5e-3**3 / 12 * 0.1 * np.pi**2 / 4
+    load = CLAMPED + f"load = {{ force = [{-force!r}, 0, 0], box = [[1, 0, 0], [1, 1, 0]] }}"
+    out = summary("shell-sim", strip_scene(tmp_path, load, "static"))
+    assert out["accuracy"]["negative_eigenvalues"] == negative
+    assert any("the equilibrium is unstable" in w for w in out["warnings"]) == bool(negative)
+
+
+def test_the_advice_for_an_unstable_equilibrium_works(summary, tmp_path):
+    force = 1.5 * 1e9 * 5e-3**3 / 12 * 0.1 * np.pi**2 / 4
+    load = CLAMPED + f"load = {{ force = [{-force!r}, 0, {1e-3 * force!r}], box = [[1, 0, 0], [1, 1, 0]] }}"
+    out = summary("shell-sim", strip_scene(tmp_path, load, "static"), "-o", tmp_path / "end.npz")
+    assert out["accuracy"]["negative_eigenvalues"] == 0 and out["warnings"] == []
+    assert np.load(tmp_path / "end.npz")["points"][:, 2].max() > 0.3
+
+
+def test_a_step_longer_than_the_run_is_refused(run, tmp_path):
+    refused = run("shell-sim", strip_scene(tmp_path, "gravity = {}", duration=1, step=5))
+    assert refused.exit_code == 2 and refused.stderr.count("\n") == 1
+    assert "line 5: step = 5 s is longer than the duration of 1 s; write step = 1 or less" in refused.stderr
+    assert run("shell-sim", strip_scene(tmp_path, "gravity = {}", duration=1, step=1)).exit_code == 0
+    assert (
+        run("shell-sim", strip_scene(tmp_path, "gravity = {}", duration=1, step=5), "--dt", 1).exit_code == 0
+    )
+    short = run("shell-sim", strip_scene(tmp_path, "gravity = {}", duration=1e-3, step=5), "--dt", 5)
+    assert short.exit_code == 2
+
+
+def test_the_default_step_is_no_longer_than_the_run(run, tmp_path):
+    path = strip_scene(tmp_path, "gravity = {}", duration=1e-3)
+    path.write_text(path.read_text().replace("step = 0.001\n", ""))
+    done = run("shell-sim", path, "--json")
+    assert done.exit_code == 0 and json.loads(done.stdout)["results"]["time"] == 1e-3
