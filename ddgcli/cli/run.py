@@ -171,7 +171,14 @@ class Run:
         self._progress = Progress(label, terminal, self.common.progress, since=self._began)
         return self._progress
 
-    def read(self, path: str, accept: Sequence[str] = ("surface",), *, subdivide: int = 0) -> MeshInput:
+    def read(
+        self,
+        path: str,
+        accept: Sequence[str] = ("surface",),
+        *,
+        subdivide: int = 0,
+        flat_faces: bool = False,
+    ) -> MeshInput:
         """Read the input mesh and note it in the summary.
 
         Parameters
@@ -180,6 +187,8 @@ class Run:
             Times that every face is split in four; the input's vertices keep their numbers, its arrays go.
         accept : sequence of {'surface', 'tetrahedra', 'curve'}
             Kinds that the command takes; others are refused with the mend.
+        flat_faces : bool
+            An intrinsic triangulation may stand for the surface of flat faces between its points.
         """
         with self.timed("read"):
             from ddgcli.io.mesh_file import check_place, read_mesh
@@ -196,7 +205,7 @@ class Run:
             self._context.meta["ddgcli.input"] = path
         for note in source.notes:
             logging.getLogger("ddgcli").warning(note)
-        if {"face_edge_lengths", "neighbors"} <= set(source.face):
+        if {"face_edge_lengths", "neighbors"} <= set(source.face) and not flat_faces:
             logging.getLogger("ddgcli").warning(
                 "the input is an intrinsic triangulation, whose faces are taken as straight in space here: "
                 "that is another surface; give the mesh that it was made from"

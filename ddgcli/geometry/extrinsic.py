@@ -56,3 +56,32 @@ def dihedral_angle(mesh: TriangleMesh, normal: NDArray | None = None) -> NDArray
     angle = np.zeros(topology.n_edges)
     angle[topology.side_edge.ravel()[side]] = np.arctan2(sine, cosine)
     return angle
+
+
+def hinge_bending(
+    squared_length: NDArray, angle: NDArray, area: NDArray, euler_characteristic: int, closed: bool
+) -> tuple[NDArray[np.float64], float]:
+    """Terms |e|^2 theta^2 / (4 (A1 + A2)) of the hinge energy, and the constant that is added to their sum.
+
+    Parameters
+    ----------
+    squared_length, angle, area : (h,) ndarray
+        Of the inner edges: squared lengths, dihedral angles, areas of both faces together.
+    euler_characteristic : int
+    closed : bool
+
+    Returns
+    -------
+    (h,) ndarray
+        Zero where an edge has no area beside it.
+    float
+        4 pi chi / 3 on a closed surface, else 0. On equilateral triangles the terms sum to
+        int H^2 - (2/3) int K, so that the energy stands for int H^2 there, H = (k1 + k2)/2.
+
+    Notes
+    -----
+    E. Grinspun et al., "Discrete shells", 2003.
+    """
+    moment = squared_length * angle**2
+    terms = np.divide(moment, 4.0 * area, out=np.zeros_like(moment), where=area > 0)
+    return terms, 4.0 * np.pi * euler_characteristic / 3.0 if closed else 0.0

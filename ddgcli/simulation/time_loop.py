@@ -23,6 +23,7 @@ Arrays = dict[str, NDArray]
 log = logging.getLogger("ddgcli")
 RECOVERY = 8.0  # of the shortest part of a step, what the next one tries first
 GROWTH = 1.1  # of the part tried, with each that succeeds
+STOP_REASON_BYTES = 240  # of the reason to stop in a checkpoint, whose arrays keep their shapes
 DEEPEST_SHRINK = 12  # a step is halved at most so often: dt / 4096
 
 
@@ -182,7 +183,10 @@ class March:
 
     def pack(self) -> Arrays:
         clock = np.array([self.next_dt, self.taken, self.smallest])
-        return {"clock": clock, **self.model.pack(self.state)}
+        reason = np.zeros(STOP_REASON_BYTES, dtype=np.uint8)
+        text = self.stopped.encode()[:STOP_REASON_BYTES]
+        reason[: len(text)] = np.frombuffer(text, dtype=np.uint8)
+        return {"clock": clock, "stopped": reason, **self.model.pack(self.state)}
 
     def restore(self, arrays: Arrays) -> None:
         self.next_dt, self.taken, self.smallest = (
@@ -191,7 +195,24 @@ class March:
             float(arrays["clock"][2]),
         )
         self.divided = self.rescued = True
-        self.state = self.model.unpack({k: v for k, v in arrays.items() if k != "clock"})
+        self.stopped = _reason_text(arrays["stopped"])
+        self.state = self.model.unpack({k: v for k, v in arrays.items() if k not in ("clock", "stopped")})
+
+
+def _reason_text(packed: NDArray) -> str:
+    return np.asarray(packed, dtype=np.uint8).tobytes().rstrip(b"\0").decode(errors="ignore")
+
+
+def stop_reason(checkpoint: Arrays) -> str:
+    """Why the run had ended at a checkpoint, or "" if it had not.
+
+    Parameters
+    ----------
+    checkpoint : dict of "model/array" to ndarray
+        Of a Snapshot.
+    """
+    reasons = [_reason_text(v) for k, v in checkpoint.items() if k.endswith("/stopped")]
+    return reasons[0] if reasons and all(reasons) else ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -243,7 +264,7 @@ def evolve(
     account : Account
         Books "integrator" for each advance and "output" for each observation; models book inside.
     resume : (frame, checkpoint), optional
-        Go on after that frame, which is not yielded again.
+        Go on after that frame, which is not yielded again. Nothing is yielded if the run had ended there.
     told : callable (steps done, all steps), optional
         Hears of every step, of parts of divided ones too.
 
@@ -263,6 +284,8 @@ def evolve(
         frame, checkpoint = resume
         for march in marches:
             march.restore(_part(checkpoint, march.name))
+        if stop_reason(checkpoint):
+            return
     last_frame = schedule.frames - 1
     for march in marches:
         march.reached = schedule.step_of_frame(frame)

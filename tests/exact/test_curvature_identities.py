@@ -1,5 +1,7 @@
 """What holds exactly on polyhedra: Gauss-Bonnet, Steiner, balances, invariance, hand-made values."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -7,6 +9,7 @@ from ddgcli.algorithms.curvature import measures as exact
 from ddgcli.algorithms.curvature.faces import Faces
 from ddgcli.algorithms.curvature.report import SCHEMES, measure
 from ddgcli.errors import MeshError, ParameterError
+from ddgcli.io.mesh_file import read_mesh
 from ddgcli.mesh import shapes
 from ddgcli.mesh.intrinsic_mesh import IntrinsicMesh
 from ddgcli.mesh.triangle_mesh import TriangleMesh
@@ -259,3 +262,39 @@ def test_refusals_name_the_mend():
         measure(mesh.moved(mesh.points * [1.0, 0, 0]))
     with pytest.raises(MeshError, match="rescale"):
         measure(mesh.moved(mesh.points * 1e200))
+
+
+def circle_angle(mesh):
+    return measure(mesh).results["willmore_energies"]["circle-angle"]
+
+
+@pytest.mark.parametrize("centre", [(0.2, 0.1, 0.9), (5.0, -3.0, 2.0)])
+def test_circle_angle_is_moebius_invariant(centre):
+    """To rounding: the arccosine lost half the digits where circles nearly touch or coincide."""
+    torus = read_mesh(str(Path(__file__).parents[2] / "sample_meshes" / "torus.ply")).surface
+    moved = torus.points - np.array(centre)
+    inverted = torus.moved(moved / np.sum(moved**2, axis=1)[:, None])
+    assert circle_angle(torus) == pytest.approx(26.8915653296, abs=2e-10)
+    assert circle_angle(inverted) == pytest.approx(circle_angle(torus), abs=1e-10)
+    nearly_flat = shapes.grid(8, 8, pattern="right")  # squares: both circles of a diagonal coincide
+    assert abs(circle_angle(nearly_flat)) < 1e-12
+
+
+def test_circle_angle_counts_edges_that_are_not_delaunay():
+    """A flat quad with its longer diagonal inside: each end sees the other circle from within."""
+    sheet = shapes.grid(6, 6, pattern="right")
+    sheared = sheet.moved(sheet.points @ np.array([[1.0, 0, 0], [0.6, 1.0, 0], [0, 0, 1]]))
+    good, bad = (measure(m).results for m in (sheet, sheared))
+    assert good["non_delaunay_edges"] == 0 and bad["non_delaunay_edges"] > 0
+    assert bad["willmore_energies"]["circle-angle"] > 1
+
+
+def test_hinge_means_the_same_in_curvature_and_in_flows():
+    from ddgcli.models.willmore.energies import ENERGIES
+
+    for mesh in (shapes.torus(48, 24, 1.0, 0.4), crumpled(shapes.grid(8, 8)), shapes.icosphere(3)):
+        energies = measure(mesh).results["willmore_energies"]
+        for name in ("hinge", "cotan", "sullivan"):
+            if name == "hinge" or mesh.topology.is_closed:
+                flow = ENERGIES[name].build(mesh.topology).value(mesh.points)
+                assert energies[name] == pytest.approx(flow, rel=1e-11), name

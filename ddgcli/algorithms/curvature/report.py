@@ -20,6 +20,7 @@ from ddgcli.algorithms.curvature.orientation import orientation
 from ddgcli.algorithms.curvature.quadric import quadric
 from ddgcli.algorithms.curvature.region import check_radius
 from ddgcli.algorithms.curvature.star import corrected, cotan, normal_cycle
+from ddgcli.algorithms.delaunay.triangulation import non_delaunay_edges
 from ddgcli.errors import MeshError, ParameterError
 from ddgcli.geometry.extrinsic import dihedral_angle
 from ddgcli.mesh.repair import turned_over
@@ -284,6 +285,9 @@ def _integrals(surface: _Surface, found: Principal) -> dict[str, Any]:
     energies = totals.willmore_energies(
         faces, topology, surface.dihedral, surface.area, surface.vector, surface.defect
     )
+    skewed = int(non_delaunay_edges(mesh).sum())
+    if skewed:
+        _log.info("%d edges are not Delaunay: circle-angle counts each as bending, flat ones too", skewed)
     unknown = [name for name, energy in energies.items() if energy is None]
     if unknown:
         _log.warning("no Willmore energy %s: points coincide or sheets fold back", " and ".join(unknown))
@@ -297,6 +301,7 @@ def _integrals(surface: _Surface, found: Principal) -> dict[str, Any]:
         "total_mean_curvature": mean,
         "willmore_energy": float((found.mean**2 * surface.area).sum()),
         "willmore_energies": energies,
+        "non_delaunay_edges": skewed,
         "vector_area": totals.vector_area(faces) * s * s if surface.orientable else None,
         "intrinsic_volumes": volumes if two_sided_closed else [*volumes[:3], None],
         "steiner_polynomial": totals.steiner_polynomial(volumes) if two_sided_closed else None,

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from ddgcli.algorithms.curvature.faces import Faces, cross, dot, ratio
 from ddgcli.algorithms.curvature.measures import link_integral
+from ddgcli.geometry.extrinsic import hinge_bending
 from ddgcli.mesh.topology import NEXT, PREVIOUS, Topology
 
 
@@ -71,9 +72,10 @@ def willmore_energies(
     """Discrete integrals of H^2 with H half the sum of the principal curvatures, by name.
 
     `cotan`: |integrated vector|^2 / vertex area. `sullivan`: (h_p / 2)^2 a third of the star, with
-    h_p = |grad Area| / |grad Vol| (chapter 3, 2.5). `hinge`: 3/4 theta^2 |e|^2 / (A1 + A2). Of H^2 - K:
-    `circle-angle`, half the sum of (sum of the angles between circumcircles - 2 pi), zero on every mesh
-    inscribed in a sphere (Bobenko), and `cotan-minus-gauss`, `cotan` less the angle defects; both over
+    h_p = |grad Area| / |grad Vol| (chapter 3, 2.5). `hinge`: see `hinge_bending`. Of H^2 - K:
+    `circle-angle`, half the sum of (sum of the angles between circumcircles - 2 pi), Moebius invariant,
+    zero on Delaunay meshes inscribed in a sphere (Bobenko; an edge that is not Delaunay adds to it even
+    there), and `cotan-minus-gauss`, `cotan` less the angle defects; both over
     interior vertices.
     """
     squared = dot(vector, vector)
@@ -101,8 +103,10 @@ def _sullivan(faces: Faces, squared: NDArray, inside: NDArray) -> float | None:
 
 def _hinge(faces: Faces, topology: Topology, dihedral: NDArray) -> float:
     around = np.bincount(topology.side_edge.ravel(), np.repeat(faces.area, 3), topology.n_edges)
-    moment = dihedral * edge_length(faces, topology)
-    return float(0.75 * ratio(moment * moment, around).sum())
+    squared = edge_length(faces, topology) ** 2
+    euler, closed = topology.euler_characteristic, topology.is_closed
+    terms, constant = hinge_bending(squared, dihedral, around, euler, closed)
+    return float(terms.sum()) + constant
 
 
 def _circle_angle(faces: Faces, topology: Topology, inside: NDArray) -> float | None:
@@ -113,14 +117,22 @@ def _circle_angle(faces: Faces, topology: Topology, inside: NDArray) -> float | 
     i, j = corner[side], topology.side_head[side]
     k, l = (corner[s // 3 * 3 + PREVIOUS[s % 3]] for s in (side, other))
     a, b, c, d = (_between(faces.points, *ends) for ends in ((i, k), (k, j), (j, l), (l, i)))
-    # the angle between the circles through i, k, j and j, l, i, from the cross-ratio of quaternions
-    real = dot(a, c) * dot(b, d) - dot(a, b) * dot(c, d) - dot(b, c) * dot(d, a)
-    size = np.sqrt(dot(a, a)) * np.sqrt(dot(b, b)) * np.sqrt(dot(c, c)) * np.sqrt(dot(d, d))
-    if len(size) and size.min() <= 0:
+    if len(side) and min(dot(v, v).min() for v in (a, b, c, d)) <= 0:
         return None
-    angle = np.arccos(np.clip(real / size, -1.0, 1.0))
+    angle = _angle_between_circles(*(v / np.sqrt(dot(v, v)) for v in (a, b, c, d)))
     total = np.bincount(i, angle, faces.n_vertices) + np.bincount(j, angle, faces.n_vertices)
     return float(0.5 * (total[inside] - 2 * np.pi).sum())
+
+
+def _angle_between_circles(a: NDArray, b: NDArray, c: NDArray, d: NDArray) -> NDArray[np.float64]:
+    """(h,) angles in [0, pi] between both circles through the corners of quads; a, b, c, d unit sides (3, h).
+
+    It is pi less the argument of the product abcd of the sides as imaginary quaternions (Bobenko, Schroeder
+    2005), by the arctangent of both its parts: the arccosine of one loses half the digits near 0 and pi.
+    """
+    ab, cd, left, right = dot(a, b), dot(c, d), cross(a, b), cross(c, d)
+    imaginary = cross(left, right) - ab * right - cd * left
+    return np.arctan2(np.sqrt(dot(imaginary, imaginary)), dot(left, right) - ab * cd)
 
 
 def _between(points: NDArray, tail: NDArray, head: NDArray) -> NDArray[np.float64]:

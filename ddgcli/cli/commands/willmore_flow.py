@@ -9,7 +9,7 @@ import click
 from ddgcli.cli import options
 from ddgcli.cli.options import Common
 from ddgcli.cli.run import Run
-from ddgcli.cli.simulation.options import time_options
+from ddgcli.cli.simulation.options import flow_time_options
 from ddgcli.errors import ParameterError
 
 LATER = "is not available yet"
@@ -19,16 +19,16 @@ LATER = "is not available yet"
     "willmore-flow",
     epilog="Which: no --dt for the shape of least energy; --dt and --duration for the flow in time, with "
     "--integrator rosenbrock (the default, of second order) or semi-implicit (of first order, a quarter "
-    "cheaper a step, the only one of mean-curvature); gauss-map, also on uneven triangles; the others to "
-    "compare with. See docs/willmore-flow.md and docs/accuracy/willmore-flow.md.",
+    "cheaper a step, the only one of mean-curvature); gauss-map for closed surfaces, cotan for open "
+    "ones; the others to compare with. See docs/willmore-flow.md and docs/accuracy/willmore-flow.md.",
 )
 @options.mesh_arg
 @options.common
-@time_options
+@flow_time_options
 @click.option("--flow", default="quadratic", show_default=True, help="quadratic | mean-curvature")
 @click.option(
     "--energy",
-    help="gauss-map | sullivan | cotan | hinge  [default: gauss-map; with --boundary fixed cotan]",
+    help="gauss-map | sullivan | cotan | hinge  [default: gauss-map; with a boundary cotan]",
 )
 @click.option("--boundary", default="clamped", show_default=True, help="clamped | fixed")
 @click.option("--fix-area", is_flag=True, help="Keep the area.")
@@ -52,8 +52,8 @@ def command(
     """Flow MESH down its bending energy int H^2 (or its area).
 
     Without --dt or --duration the steps are as long as the energy falls, and the flow stops at rest. With
-    them steps have the given length and follow the flow in time, in units of length^4 (mean-curvature:
-    length^2).
+    them steps have the given length and follow the flow in time. Time is in length^4, length being the unit
+    of MESH; with --flow mean-curvature in length^2.
 
     \b
     Examples:
@@ -62,7 +62,7 @@ def command(
       ddgcli willmore-flow cap.off --boundary clamped --fix-area --report-energy all
     """
     run = Run("willmore-flow", common, **overrides, **{k: v for k, v in wishes.items() if v})
-    source = run.read(mesh_path)
+    source = run.read(mesh_path, flat_faces=True)
     from ddgcli.cli.simulation.plot import Picture, draw_story
     from ddgcli.cli.simulation.scene_input import fingerprint, refuse_changed
     from ddgcli.cli.simulation.simulate import Job, simulate
@@ -72,6 +72,7 @@ def command(
     chosen = _wishes(wishes, overrides)
     mesh = source.surface
     flow, model = setup.build(mesh, chosen)
+    energy = setup.chosen_energy(mesh.topology, chosen)
     schedule = setup.schedule(flow, overrides)
     resolved, digest = fingerprint(
         {"wishes": setup.described(chosen), "time": overrides}, {"mesh": source.sha256}
@@ -82,7 +83,7 @@ def command(
         {"surface": model}, [mesh], schedule, Account(), moving=True, resume=resume,
         attributes={"input_sha256": digest, "time_unit": unit},
         texts={"scene_source": "", "scene_resolved": resolved},
-        doubt=lambda outcome: report.doubt(outcome.stopped),
+        doubt=lambda outcome: report.doubt(outcome.stopped, mesh, energy),
     )  # fmt: skip
     outcome = simulate(run, job)
     results, accuracy = report.summary(
@@ -90,6 +91,7 @@ def command(
     )
     last = mesh if outcome.last is None or outcome.last.points is None else mesh.moved(outcome.last.points)
     report.tell_of_folds(mesh, last)
+    report.warn_of_disagreement(mesh, last, energy)
     if wishes["report_energy"]:
         results["energies"] = report.every_energy(mesh, last)
     run.plot(lambda path: draw_story(path, outcome, Picture(edges=True, energy="energy", time_unit=unit)))

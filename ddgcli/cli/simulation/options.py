@@ -16,19 +16,21 @@ from ddgcli.cli import options
 from ddgcli.cli.options import Common
 from ddgcli.errors import ParameterError
 
-_TIME = (
-    click.option(
-        "--steps",
-        type=click.IntRange(1, 10**9),
-        metavar="N",
-        help="Steps to take; overrides the scene's duration.",
-    ),
-    click.option("--duration", type=options.POSITIVE, help="Length of the run [s]."),
-    click.option("--dt", "step", type=options.POSITIVE, help="Time step [s]."),
-    click.option("--frame-every", type=options.POSITIVE, help="Time between frames [s]."),
-    click.option("--tolerance", type=options.POSITIVE, help="Adaptive steps: largest error of a step."),
-    click.option("--integrator", metavar="NAME", help="Time scheme."),
-)
+FLOW_TIME_UNIT = "length^4; mean-curvature: length^2"
+
+
+def _time(unit: str, steps: str) -> tuple[Callable, ...]:
+    """The options of time, in a unit."""
+    return (
+        click.option("--steps", type=click.IntRange(1, 10**9), metavar="N", help=steps),
+        click.option("--duration", type=options.POSITIVE, help=f"Length of the run [{unit}]."),
+        click.option("--dt", "step", type=options.POSITIVE, help=f"Time step [{unit}]."),
+        click.option("--frame-every", type=options.POSITIVE, help=f"Time between frames [{unit}]."),
+        click.option("--tolerance", type=options.POSITIVE, help="Adaptive steps: largest error of a step."),
+        click.option("--integrator", metavar="NAME", help="Time scheme."),
+    )
+
+
 _TIME_NAMES = ("steps", "duration", "step", "frame_every", "tolerance", "integrator")
 _RESUME = click.option(
     "--resume", metavar="RUN.part", type=click.Path(), help="Go on from its last whole frame."
@@ -73,6 +75,15 @@ class SceneCall:
 
 def time_options(command: Callable) -> Callable:
     """--steps, --duration, --dt, ... gathered in one `overrides: dict`; and --resume."""
+    return _with_time(command, _time("s", "Steps to take; overrides the scene's duration."))
+
+
+def flow_time_options(command: Callable) -> Callable:
+    """The same for flows, whose time is a power of a length."""
+    return _with_time(command, _time(FLOW_TIME_UNIT, "Steps to take."))
+
+
+def _with_time(command: Callable, time: tuple[Callable, ...]) -> Callable:
 
     @functools.wraps(command)
     def gathered(*args: Any, **kwargs: Any) -> Any:
@@ -81,7 +92,7 @@ def time_options(command: Callable) -> Callable:
             raise ParameterError("give either --steps or --duration")
         return command(*args, overrides={k: v for k, v in overrides.items() if v is not None}, **kwargs)
 
-    for option in reversed((*_TIME, _RESUME)):
+    for option in reversed((*time, _RESUME)):
         gathered = option(gathered)
     return gathered
 

@@ -19,7 +19,7 @@ from ddgcli.mesh.fields import AnnotatedMesh
 from ddgcli.simulation.account import Account
 from ddgcli.simulation.frames import joined_frame, joined_mesh
 from ddgcli.simulation.outcome import Keeper, Outcome
-from ddgcli.simulation.time_loop import Arrays, Event, Model, RunBroken, Schedule, evolve
+from ddgcli.simulation.time_loop import Arrays, Event, Model, RunBroken, Schedule, evolve, stop_reason
 
 TRAJECTORIES = (".vtkhdf", ".h5")
 
@@ -125,6 +125,7 @@ def _opened(
         return TrajectoryWriter(target, header, job.schedule.frames), None
     with Trajectory(job.resume) as part:
         start = (part.n_frames - 1, part.checkpoint())
+        keep.outcome.stopped = stop_reason(start[1])
         job.account.restore(part.effects)
         keep.frames(part.frame(k) for k in range(part.n_frames))
         keep.outcome.events = part.log_rows - 1  # the first row tells of the start

@@ -45,18 +45,14 @@ def _vertex(sullivan: bool) -> Callable[[Topology], Energy]:
     )
 
 
-def _hinge(topology: Topology) -> Energy:
-    closed = topology.is_closed
-    return HingeEnergy(topology, 4.0 * np.pi * topology.euler_characteristic / 3.0 if closed else 0.0)
-
-
-# where the slope at the boundary is free, faces there must count: `gauss-map` leaves them out
-DEFAULT, FREE_SLOPE = "gauss-map", "cotan"
+# on a surface with boundary `gauss-map` leaves the faces there out, and its int K makes it fall below zero
+DEFAULT, OPEN_DEFAULT = "gauss-map", "cotan"
+SECOND = "cotan"  # stiff where faces become slender: it rises where a fall of `gauss-map` is crumpling
 _SMOOTH = "int H^2 dA with H = (k1 + k2)/2 (a round sphere has 4 pi)"
 ENERGIES = {
     "gauss-map": Kind(
         GaussMapEnergy,
-        f"{_SMOOTH}; int K + sum over faces of (D - G)/2, the sides' S-shape and the corners' lean, "
+        f"{_SMOOTH}; int K + sum over faces of (D - G)/2, the S-shape and the corners' lean, "
         "D Dirichlet energy and G area of the vertex normals",
     ),
     "sullivan": Kind(
@@ -66,7 +62,7 @@ ENERGIES = {
         _vertex(False), f"{_SMOOTH}; sum over inner vertices of |L x|^2 / (4 M), M mixed Voronoi cells"
     ),
     "hinge": Kind(
-        _hinge,
+        HingeEnergy,
         f"{_SMOOTH} on equilateral triangles only; sum over inner edges of |e|^2 theta^2 / (4 (A1 + A2)), "
         "plus 4 pi chi / 3 on a closed surface",
     ),

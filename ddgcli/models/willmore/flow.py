@@ -42,9 +42,15 @@ IMPOSSIBLE = 0.9  # of the least energy of its topology, below which only the me
 TOO_UNEVEN = (
     "the next step would go below the least energy of such surfaces: the mesh is too coarse or uneven"
 )
+REACHED = 0.985  # of the least energy of its topology, above which a surface that is below it is at rest
+LEAST_REACHED = "the least energy of such surfaces is reached, and the next step would go far below it"
+CRUMPLING_RISE = 1.25  # of a second energy over its lowest value, at which the faces crumple
+CRUMPLED = f"a second energy rose by a factor of {CRUMPLING_RISE} while this one fell: the faces crumple"
+UNRESOLVED = (TOO_UNEVEN, CRUMPLED)
 # time schemes of each flow, the default first; `semi-implicit` is of first order
 SCHEMES = {"quadratic": ("rosenbrock", "semi-implicit"), "mean-curvature": ("semi-implicit",)}
 VANISHED = 1e-12  # energy at which nothing is left to release
+ENERGY_UNIT = 1.0  # energies are free of units; rounding of smaller ones is compared with this
 HELD = 1e-13  # relative predicted fall of the energy below which rounding decides: the surface is kept
 COLLAPSED = 1e-3  # share of the area at the start below which a surface counts as gone
 ROUNDING = 1e-13  # relative rise of the energy that counts as one
@@ -90,6 +96,8 @@ class FlowState:
     increases, area_increases : int
         Steps so far over which the energy, or the area, rose.
     stopped : str
+    lowest_second : float
+        Lowest value so far of the second energy.
     """
 
     points: NDArray[np.float64]
@@ -100,6 +108,12 @@ class FlowState:
     increases: int = 0
     area_increases: int = 0
     stopped: str = ""
+    lowest_second: float = math.inf
+
+
+def rounding_scale(energy: float) -> float:
+    """What the rounding of an energy is relative to."""
+    return max(abs(energy), ENERGY_UNIT)
 
 
 def longest_step(flow: Flow) -> float:
@@ -136,6 +150,8 @@ class Flow:
         Positions at the start, as given.
     least : float
         Lower bound of the smooth energy, 0 where none is known.
+    second_energy : Energy, optional
+        It shows bending that `energy` does not see: the flow ends where it rises by CRUMPLING_RISE.
     """
 
     topology: Topology
@@ -152,6 +168,7 @@ class Flow:
     area: float
     original: NDArray[np.float64]
     least: float
+    second_energy: Energy | None = None
     _kept: Slope | None = None
     _prepared: tuple[Metric, float] | None = None
 
@@ -164,6 +181,8 @@ class Flow:
         """One step; StepRejected where a timed step would raise the energy."""
         if state.stopped:
             return state
+        if state.steps == 0 and (rest := self.reason(state)):
+            return replace(state, stopped=rest)
         if self.mean_curvature:
             return self._curvature_step(state, dt)
         at = self._slope(state)
@@ -174,10 +193,10 @@ class Flow:
         if state.stopped or self.mean_curvature:
             return state.stopped
         at = self._slope(state)
-        if self.stop.gradient is not None and at.size <= self.stop.gradient:
-            return f"gradient below {self.stop.gradient:g}"
         if self.stop.mesh_error and abs(at.energy) <= VANISHED:
             return "the energy has vanished"
+        if self.stop.gradient is not None and at.size <= self.stop.gradient:
+            return f"gradient below {self.stop.gradient:g}"
         if self.stop.mesh_error and state.dt >= UNHINDERED * longest_step(self):
             preconditioner, least = self._metric(at, state.dt), NEAR * abs(at.energy) / state.dt
             if (
@@ -212,14 +231,17 @@ class Flow:
     def _timed_step(self, state: FlowState, at: Slope, dt: float) -> FlowState:
         for moved in self._attempts(at, dt / self.time_unit):
             energy = self.energy.value(moved.points)
-            if energy < IMPOSSIBLE * self.least:
+            if self._impossible(energy):
                 return replace(state, stopped=TOO_UNEVEN)
             if energy <= at.energy:
                 return self._stepped(state, at, moved, energy, dt)
         promised = float(np.sum(at.gradient * (at.mesh.points - moved.points)[self.free]))
-        if abs(promised) <= HELD * abs(at.energy):
+        if abs(promised) <= HELD * rounding_scale(at.energy):
             return replace(state, time=state.time + dt, steps=state.steps + 1)
         raise StepRejected("energy rises", value=energy - at.energy)
+
+    def _impossible(self, energy: float) -> bool:
+        return self.least > 0.0 and energy < IMPOSSIBLE * self.least
 
     def _attempts(self, at: Slope, dt: float) -> Iterator[TriangleMesh]:
         """The surface after dt, by what is tried in turn."""
@@ -243,8 +265,9 @@ class Flow:
                 moved = followed(preconditioner, motion, share, self.constraints)
                 energy = self.energy.value(moved.points)
                 if energy <= at.energy - ENOUGH * share * promised:
-                    if energy < IMPOSSIBLE * self.least:
-                        return replace(state, stopped=TOO_UNEVEN)
+                    if self._impossible(energy):
+                        reached = REACHED * self.least <= at.energy <= self.least
+                        return replace(state, stopped=LEAST_REACHED if reached else TOO_UNEVEN)
                     at_once = dt == state.dt and share >= SHARES[1]
                     stepped = self._stepped(state, at, moved, energy, share * dt * self.time_unit)
                     return replace(stepped, dt=min(longest_step(self), 2.0 * dt if at_once else dt))
@@ -257,10 +280,15 @@ class Flow:
         stopped = ""
         if self.stop.fall is not None and at.energy - energy < self.stop.fall * abs(energy):
             stopped = f"energy fell by less than {self.stop.fall:g} of itself in a step"
-        rose = energy - at.energy > ROUNDING * abs(at.energy)
+        lowest = state.lowest_second
+        if self.second_energy is not None:
+            second = self.second_energy.value(moved.points)
+            lowest = min(lowest, second)
+            stopped = CRUMPLED if second > CRUMPLING_RISE * lowest else stopped
+        rose = energy - at.energy > ROUNDING * rounding_scale(at.energy)
         return replace(
             state, points=moved.points, energy=energy, time=state.time + dt, steps=state.steps + 1,
-            increases=state.increases + rose, stopped=stopped,
+            increases=state.increases + rose, stopped=stopped, lowest_second=lowest,
         )  # fmt: skip
 
     def _curvature_step(self, state: FlowState, dt: float) -> FlowState:
@@ -279,7 +307,7 @@ class Flow:
         return replace(
             state, points=moved.points, energy=energy, time=state.time + dt, stopped=stopped,
             steps=state.steps + 1,
-            increases=state.increases + (energy - state.energy > ROUNDING * abs(state.energy)),
+            increases=state.increases + (energy - state.energy > ROUNDING * rounding_scale(state.energy)),
             area_increases=state.area_increases + (after > before * (1.0 + ROUNDING)),
         )  # fmt: skip
 
@@ -312,11 +340,12 @@ class Flow:
     def pack(self, state: FlowState) -> dict[str, NDArray]:
         """The state as arrays of fixed shape (why it stopped need not go on)."""
         numbers = [
-            state.energy, state.time, state.dt, state.steps, state.increases, state.area_increases
+            state.energy, state.time, state.dt, state.steps, state.increases, state.area_increases,
+            state.lowest_second,
         ]  # fmt: skip
         return {"points": state.points, "numbers": np.array(numbers, dtype=np.float64)}
 
     def unpack(self, arrays: dict[str, NDArray]) -> FlowState:
-        energy, time, dt, steps, increases, area_increases = (float(x) for x in arrays["numbers"])
+        energy, time, dt, steps, increases, area_increases, lowest = (float(x) for x in arrays["numbers"])
         counts = int(steps), int(increases), int(area_increases)
-        return FlowState(arrays["points"], energy, time, dt, *counts)
+        return FlowState(arrays["points"], energy, time, dt, *counts, lowest_second=lowest)

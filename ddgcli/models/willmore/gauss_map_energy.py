@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 from ddgcli.mesh.topology import NEXT, PREVIOUS, Topology
 from ddgcli.models.willmore.vertex_energies import Faces, area_gradient, scatter
 
-# weight of the sides' S-shape at which, on equilateral triangles, stripes one edge wide (which no vertex
-# normal sees) are as stiff as in |L x|^2 / (4 M): (64 / 3) / (4 sqrt(3) / 2) = 8 sqrt(3) * weight
-S_SHAPE = 4.0 / 9.0
+# weight of the S-shape at which, on equilateral triangles, stripes one edge wide (which no vertex normal
+# sees) are as stiff as in |L x|^2 / (4 M)
+S_SHAPE = 3.0**0.25 / 288.0
 # a face may lean from a vertex normal as far as in the regular tetrahedron; a corner turned over altogether
 # then costs 16 / 9, all corners of a folded face about the bending of the fold
 LEAST_COSINE = 1.0 / 3.0
@@ -80,6 +80,33 @@ def _inverted(q: NDArray, by_q: NDArray) -> NDArray[np.float64]:
     return _dot(q, q)[..., None] * by_q - 2.0 * _dot(q, by_q)[..., None] * q
 
 
+def _skewness(skew: NDArray, squared: NDArray, corner_dot: NDArray) -> NDArray[np.float64]:
+    """(m,) sum over the corners of (2 A)^2 |v|^2, v the vector whose products with both sides are `skew`."""
+    own = skew**2 * (squared[:, NEXT] + squared[:, PREVIOUS])
+    return (own + 2.0 * corner_dot * skew[:, NEXT] * skew[:, PREVIOUS]).sum(axis=1)
+
+
+def _s_shape(skew: NDArray, squared: NDArray, corner_dot: NDArray, area: NDArray) -> NDArray[np.float64]:
+    """(m,) S-shape of the faces: S_SHAPE * skewness / A^2 * sqrt(sum |e|^2 / A)."""
+    slenderness = squared.sum(axis=1) / area
+    return S_SHAPE * _skewness(skew, squared, corner_dot) * np.sqrt(slenderness) / area**2
+
+
+def _s_shape_gradient(
+    skew: NDArray, squared: NDArray, corner_dot: NDArray, area: NDArray
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """(m, 3) derivatives of `_s_shape` by the skew and by the squared length of each side, at fixed area."""
+    total = squared.sum(axis=1)
+    weight = (S_SHAPE * np.sqrt(total / area) / area**2)[:, None]
+    ahead, behind = skew[:, NEXT], skew[:, PREVIOUS]
+    own = skew * (squared[:, NEXT] + squared[:, PREVIOUS])
+    by_skew = 2.0 * (own + corner_dot[:, NEXT] * behind + corner_dot[:, PREVIOUS] * ahead)
+    product = ahead * behind
+    by_squared = ahead**2 + behind**2 + product[:, NEXT] + product[:, PREVIOUS] - product
+    by_squared += (0.5 * _skewness(skew, squared, corner_dot) / total)[:, None]
+    return weight * by_skew, weight * by_squared
+
+
 @dataclass(frozen=True, eq=False)
 class _Terms:
     """What value and gradient share: at sides k (m, 3) and faces (m,)."""
@@ -91,7 +118,8 @@ class _Terms:
     fall: NDArray  # (m, 3, 3) difference of the normals at the ends of each side
     bend: NDArray  # squared length of that
     twice: NDArray  # (m, 3, 3) sum of the normals at the ends of each side
-    skew: NDArray  # its part along the side, over the side's length: S-shape
+    skew: NDArray  # its product with the side: S-shape
+    s_shape: NDArray  # energy of that, of each face
     dirichlet: NDArray
     image: NDArray  # (m, 3) twice the area vector of the normals' triangle
     lean: NDArray  # (m, 3) by how much the cosine of vertex and face normal falls short of LEAST_COSINE
@@ -100,12 +128,11 @@ class _Terms:
 
 @dataclass(frozen=True, eq=False)
 class GaussMapEnergy:
-    """Sum over faces of (D - G) / 2 + 2 A / 9 sum over its sides of ((n_i + n_j) . e)^2 / |e|^4, and over
-    corners of max(0, 1/3 - n . nu)^2.
+    """Sum over faces of (D - G) / 2 + S, and over corners of max(0, 1/3 - n . nu)^2.
 
     D is the Dirichlet energy of the vertex normals n, linear on the face (int (k1^2 + k2^2) / 2), G their
     triangle's area along the face's normal nu (int k1 k2). D - G = int (k1 - k2)^2 / 2 is never negative, and
-    zero on meshes inscribed in spheres, as is the sides' term: there the gradient vanishes, exactly. Added is
+    zero on meshes inscribed in spheres, as is S: there the gradient vanishes, exactly. Added is
     int K, the sum of the inner vertices' angle defects (2 pi chi on closed surfaces). Faces with a boundary
     vertex are left out: the energy is for surfaces that are held there with their slope.
 
@@ -115,9 +142,12 @@ class GaussMapEnergy:
 
     Notes
     -----
-    The sides' term is the S-shape of a cubic that has the vertex normals at the ends of a side: it is of
-    higher order, and stiffens the patterns that no vertex normal sees. The corners' term is zero where no
-    face leans more than 70.5 degrees from its vertex normals. Without it a mesh that lies on a sphere with
+    S is the S-shape of the cubics that have the vertex normals at the ends of the sides e: with v_k the
+    vector in the face whose products with both sides at corner k are the sides' (n_i + n_j) . e,
+    S = (sqrt(3) / 36) sum |v_k|^2 * sqrt(sum |e|^2 / (4 sqrt(3) A)). It is of higher order, and stiffens the
+    patterns that no vertex normal sees. The square root, 1 on equilateral faces, keeps them stiff where faces
+    become slender: otherwise a flow crumples a surface while its energy falls. The corners' term is zero
+    where no face leans more than 70.5 degrees from its vertex normals. Without it a mesh on a sphere with
     some faces folded over would be at rest as well: its vertex normals are those of the sphere.
     """
 
@@ -157,10 +187,11 @@ class GaussMapEnergy:
             fall, twice = normal[:, PREVIOUS] - normal[:, NEXT], normal[:, PREVIOUS] + normal[:, NEXT]
             squared, bend = _dot(side, side), _dot(fall, fall)
             corner_dot = 0.5 * (squared[:, NEXT] + squared[:, PREVIOUS] - squared)
-            skew = _dot(twice, side) / squared
+            skew = _dot(twice, side)
             dirichlet = (corner_dot * bend).sum(axis=1) / (8.0 * faces.area)
             image = np.cross(fall[:, 0], fall[:, 1])
-            value = counted * (0.5 * dirichlet + 0.5 * S_SHAPE * faces.area * (skew**2).sum(axis=1))
+            s_shape = _s_shape(skew, squared, corner_dot, faces.area)
+            value = counted * (0.5 * dirichlet + s_shape)
             value -= 0.25 * counted * _dot(image, faces.normal)
             lean = np.maximum(LEAST_COSINE - _dot(normal, faces.normal[:, None]), 0.0)
             value += counted * (lean**2).sum(axis=1)
@@ -169,7 +200,19 @@ class GaussMapEnergy:
                 angle = np.arctan2(2.0 * faces.area[:, None], corner_dot)
                 value += np.where(angled, angle, 0.0).sum(axis=1)
         return _Terms(
-            faces, normals, squared, corner_dot, fall, bend, twice, skew, dirichlet, image, lean, value
+            faces,
+            normals,
+            squared,
+            corner_dot,
+            fall,
+            bend,
+            twice,
+            skew,
+            s_shape,
+            dirichlet,
+            image,
+            lean,
+            value,
         )
 
     def value(self, points: NDArray) -> float:
@@ -187,8 +230,9 @@ class GaussMapEnergy:
         by_fall = 0.125 * (share * t.corner_dot)[..., None] * t.fall
         by_fall[:, 0] -= 0.25 * counted[:, None] * np.cross(t.fall[:, 1], unit)
         by_fall[:, 1] -= 0.25 * counted[:, None] * np.cross(unit, t.fall[:, 0])
-        pull = (S_SHAPE * (counted * area)[:, None] * t.skew / t.squared)[..., None]
-        by_twice = pull * side
+        by_skew, by_squared = _s_shape_gradient(t.skew, t.squared, t.corner_dot, area)
+        by_skew, by_squared = (counted[:, None, None] * part[..., None] for part in (by_skew, by_squared))
+        by_twice = by_skew * side
         by_cosine = (-2.0 * counted[:, None] * t.lean)[..., None]
         by_corner = (by_twice + by_fall)[:, NEXT] + (by_twice - by_fall)[:, PREVIOUS]
         by_unit = scatter(corners, by_corner + by_cosine * unit[:, None], n)
@@ -196,11 +240,11 @@ class GaussMapEnergy:
         # by the sides themselves: lengths and dot products, S-shape, the face's normal
         spread = share * t.bend / 16.0
         by_side = (spread[:, NEXT] + spread[:, PREVIOUS] - spread)[..., None] * side
-        by_side += pull * (t.twice - 2.0 * t.skew[..., None] * side)
+        by_side += by_skew * t.twice + 2.0 * by_squared * side
         turn = (by_normal - _dot(by_normal, unit)[:, None] * unit) / (2.0 * area)[:, None]
         by_side[:, 0] += np.cross(side[:, 1], turn)
         by_side[:, 1] += np.cross(turn, side[:, 0])
-        by_area = counted * (0.5 * S_SHAPE * (t.skew**2).sum(axis=1) - 0.5 * t.dirichlet / area)
+        by_area = -counted * (2.5 * t.s_shape + 0.5 * t.dirichlet) / area
         corner = by_area[:, None, None] * area_gradient(t.faces) + by_side[:, NEXT] - by_side[:, PREVIOUS]
         corner += t.normals.pulled_back(by_unit, corners)
         if angled.any():

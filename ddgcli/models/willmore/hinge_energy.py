@@ -8,20 +8,18 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from ddgcli.geometry.extrinsic import hinge_bending
 from ddgcli.mesh.topology import Topology
 from ddgcli.models.willmore.vertex_energies import Faces, area_gradient, scatter
 
 
 @dataclass(frozen=True, eq=False)
 class HingeEnergy:
-    """Sum over inner edges of |e|^2 theta^2 / (4 (A1 + A2)), plus a constant.
+    """Sum over inner edges of |e|^2 theta^2 / (4 (A1 + A2)), plus a constant: `hinge_bending`.
 
     Parameters
     ----------
     topology : Topology
-    constant : float
-        4 pi chi / 3 on a closed surface: on equilateral triangles the sum stands for
-        int H^2 - (2/3) int K, so that the energy is comparable with int H^2.
 
     Notes
     -----
@@ -30,7 +28,6 @@ class HingeEnergy:
     """
 
     topology: Topology
-    constant: float
 
     @cached_property
     def _hinges(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
@@ -57,9 +54,13 @@ class HingeEnergy:
         faces = Faces.at(points, self.topology.faces)
         edge = points[vertex[:, 1]] - points[vertex[:, 0]]
         angle, squared = _angle(faces, face, edge), np.einsum("ij,ij->i", edge, edge)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            terms = squared * angle**2 / (4.0 * faces.area[face].sum(axis=1))
-        return float(terms.sum()) + self.constant
+        terms, constant = self._bending(squared, angle, faces.area[face].sum(axis=1))
+        return float(terms.sum()) + constant
+
+    def _bending(self, squared: NDArray, angle: NDArray, area: NDArray) -> tuple[NDArray[np.float64], float]:
+        return hinge_bending(
+            squared, angle, area, self.topology.euler_characteristic, self.topology.is_closed
+        )
 
     def value_and_gradient(self, points: NDArray) -> tuple[float, NDArray[np.float64]]:
         """Energy and its exact gradient (n, 3)."""
@@ -71,7 +72,7 @@ class HingeEnergy:
         angle, squared = _angle(faces, face, edge), np.einsum("ij,ij->i", edge, edge)
         area = faces.area[face]
         total = area.sum(axis=1)
-        terms = squared * angle**2 / (4.0 * total)
+        terms, constant = self._bending(squared, angle, total)
 
         # dtheta: each apex along its face's normal by 1/height; the ends balance force and moment
         length = np.sqrt(squared)
@@ -88,7 +89,7 @@ class HingeEnergy:
         gradient = scatter(vertex, local, n)
         by_area = np.bincount(face.ravel(), weights=np.repeat(-terms / total, 2), minlength=len(corners))
         gradient += scatter(corners, by_area[:, None, None] * area_gradient(faces), n)
-        return float(terms.sum()) + self.constant, gradient
+        return float(terms.sum()) + constant, gradient
 
 
 def _angle(faces: Faces, face: NDArray, edge: NDArray) -> NDArray[np.float64]:

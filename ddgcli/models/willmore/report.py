@@ -9,10 +9,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ddgcli.geometry.intrinsic import corner_angle
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.models.willmore.descent import folded_faces
-from ddgcli.models.willmore.energies import ENERGIES
-from ddgcli.models.willmore.flow import TOO_UNEVEN
+from ddgcli.models.willmore.energies import DEFAULT, ENERGIES, OPEN_DEFAULT, SECOND
+from ddgcli.models.willmore.flow import UNRESOLVED
+
+DISAGREEMENT = 1.2  # growth of the ratio of two energies at which a warning is due
+REFINED_DEGREES = 25  # smallest angle that the advice asks `delaunay --refine` for
 
 
 def summary(
@@ -65,13 +69,42 @@ def every_energy(first: TriangleMesh, last: TriangleMesh) -> dict[str, dict[str,
     return found
 
 
-def doubt(stopped: str) -> str:
-    """Why the end is neither at rest nor on the flow, with the mend; or ""."""
-    if stopped != TOO_UNEVEN:
+def doubt(stopped: str, start: TriangleMesh, energy: str) -> str:
+    """Why the end is neither at rest nor on the flow, with a cure; or "".
+
+    Parameters
+    ----------
+    stopped : str
+        Why the flow ended.
+    start : TriangleMesh
+    energy : str
+        Name of the energy.
+    """
+    if stopped not in UNRESOLVED:
         return ""
-    told = f"{stopped}; begin with a finer or more even one (`ddgcli delaunay MESH --refine 25 -o finer.npz`)"
-    logging.getLogger("ddgcli").warning(told)
-    return told
+    cure = "begin with a finer mesh"
+    if np.degrees(corner_angle(start.side_length).min()) < REFINED_DEGREES:
+        cure = (
+            f"begin with the mesh that `ddgcli delaunay MESH --refine {REFINED_DEGREES} -o finer.npz` writes"
+        )
+    elif energy != OPEN_DEFAULT:
+        cure = f"use --energy {OPEN_DEFAULT}, or begin with a finer mesh"
+    message = f"{stopped}; {cure}"
+    logging.getLogger("ddgcli").warning(message)
+    return message
+
+
+def warn_of_disagreement(first: TriangleMesh, last: TriangleMesh, energy: str) -> None:
+    """A warning where a second energy has grown over the first: the mesh does not resolve its surface."""
+    if energy != DEFAULT:
+        return
+    one, other = (ENERGIES[name].build(first.topology) for name in (DEFAULT, SECOND))
+    before, after = (other.value(mesh.points) / one.value(mesh.points) for mesh in (first, last))
+    if after > DISAGREEMENT * max(1.0, before):
+        logging.getLogger("ddgcli").warning(
+            "%s gives the last surface %.3g times the energy of %s (%.3g times at the start): its faces "
+            "are too slender to tell", SECOND, after, DEFAULT, before,
+        )  # fmt: skip
 
 
 def tell_of_folds(first: TriangleMesh, last: TriangleMesh) -> None:

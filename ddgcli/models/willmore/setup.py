@@ -15,7 +15,7 @@ from ddgcli.geometry.extrinsic import enclosed_volume
 from ddgcli.mesh.topology import Topology
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.models.willmore.constraints import Constraints, area
-from ddgcli.models.willmore.energies import DEFAULT, ENERGIES, FREE_SLOPE
+from ddgcli.models.willmore.energies import DEFAULT, ENERGIES, OPEN_DEFAULT, SECOND, Energy
 from ddgcli.models.willmore.flow import SCHEMES, Flow, FlowState, Stop, longest_step
 from ddgcli.models.willmore.scaled import centred_at_unit_size
 from ddgcli.simulation.time_loop import Model, Schedule
@@ -71,7 +71,7 @@ def free_vertices(topology: Topology, boundary: str) -> NDArray[np.int64]:
 
 
 def chosen_energy(topology: Topology, wishes: Wishes) -> str:
-    """The energy's name: as wished, or `gauss-map`, and `cotan` where the slope at a boundary is free.
+    """The energy's name: the one asked for, else `gauss-map` on closed surfaces and `cotan` on open ones.
 
     Raises
     ------
@@ -82,9 +82,9 @@ def chosen_energy(topology: Topology, wishes: Wishes) -> str:
     if free_slope and wishes.energy == DEFAULT:
         raise ParameterError(
             f"energy {DEFAULT!r} leaves the faces at the boundary out, where the slope is free; use "
-            f"--energy {FREE_SLOPE} or --boundary clamped"
+            f"--energy {OPEN_DEFAULT} or --boundary clamped"
         )
-    return wishes.energy or (FREE_SLOPE if free_slope else DEFAULT)
+    return wishes.energy or (DEFAULT if topology.is_closed else OPEN_DEFAULT)
 
 
 def _require_known(value: str, known: tuple[str, ...], what: str) -> None:
@@ -141,6 +141,18 @@ def least_energy(topology: Topology) -> float:
     return float(least[~opened & (faces > 0)].sum())
 
 
+def second_energy(chosen: str, topology: Topology, constraints: Constraints) -> Energy | None:
+    """A second energy to look at where `gauss-map` may fall by crumpling.
+
+    Where nothing is kept on closed parts of genus 0 it cannot: there it is never below 4 pi, and at 4 pi only
+    on round spheres.
+    """
+    round_only = topology.euler_characteristic == 2 * topology.n_components and not constraints.active
+    if chosen != DEFAULT or round_only or not topology.is_closed:
+        return None
+    return ENERGIES[SECOND].build(topology)
+
+
 def build(mesh: TriangleMesh, wishes: Wishes) -> tuple[Flow, Model]:
     """The flow of a mesh, and the model that the time loop drives.
 
@@ -178,6 +190,7 @@ def build(mesh: TriangleMesh, wishes: Wishes) -> tuple[Flow, Model]:
         topology, energy, convention, free, constraints, mean_curvature, scheme, wishes.timed, wishes.stop,
         centre, scale, area(unit), mesh.points,
         0.0 if chosen == "hinge" else least_energy(topology),
+        None if mean_curvature else second_energy(chosen, topology, constraints),
     )  # fmt: skip
     start = FlowState(unit.points, started, 0.0, longest_step(flow), stopped="" if len(free) else HELD)
     model = Model(
