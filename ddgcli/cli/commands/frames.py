@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -11,7 +12,7 @@ import click
 from ddgcli.cli import options
 from ddgcli.cli.options import Common
 from ddgcli.cli.run import Run, describe
-from ddgcli.errors import ParameterError
+from ddgcli.errors import OutputError, ParameterError
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -19,6 +20,9 @@ if TYPE_CHECKING:
     from ddgcli.io.trajectories.trajectory import Trajectory
     from ddgcli.mesh.fields import AnnotatedMesh
     from ddgcli.plots.motion import Shot, Stage
+
+
+NUMBER = re.compile(r"\{(?::0?\d*d?)?\}")  # the place of a frame's number in an output's name
 
 
 @click.command("frames")
@@ -43,12 +47,14 @@ if TYPE_CHECKING:
 def command(path: str, common: Common, **wishes: Any) -> None:
     """Export frames of a trajectory (complete, or a .part that still grows).
 
-    The extension of -o decides: a mesh format takes one frame (--at, else the last); .png, .svg and .pdf one
-    picture with --at, else a numbered sequence; .gif an animation; .pvd a series for ParaView.
+    The extension of -o decides: a mesh format takes the frame of --at, or all frames under a numbered name
+    such as f_{:04d}.ply; .png, .svg and .pdf one picture with --at, else a numbered sequence; .gif an
+    animation; .pvd a series for ParaView.
 
     \b
     Examples:
       ddgcli frames run.vtkhdf --at 1.5 -o f.ply
+      ddgcli frames run.vtkhdf --every 10 -o f_{:04d}.ply
       ddgcli frames run.vtkhdf -o movie.gif --view 15,40
       ddgcli frames run.vtkhdf --plot story.png
     """
@@ -64,6 +70,9 @@ def command(path: str, common: Common, **wishes: Any) -> None:
         run.note_input(path, str(source.attributes.get("input_sha256", "")), **describe(source.mesh))
         chosen = _chosen(source, wishes)
         for output in common.outputs:
+            _check_numbering(output, len(chosen))
+        exported = chosen if common.outputs else []
+        for output in common.outputs:
             _export(run, source, output, chosen, wishes)
         run.plot(lambda target: _story(target, source, chosen, wishes))
         results = {
@@ -71,8 +80,8 @@ def command(path: str, common: Common, **wishes: Any) -> None:
             "status": source.attributes.get("status"),
             "start": float(source.times[0]),
             "end": float(source.times[-1]),
-            "exported_frames": len(chosen),
-            "exported_times": [float(source.times[k]) for k in chosen],
+            "exported_frames": len(exported),
+            "exported_times": [float(source.times[k]) for k in exported],
             "arrays": sorted(source.vertex(0)),
             "scalars": sorted(source.scalars),
         }
@@ -131,7 +140,32 @@ def _export(run: Run, source: Trajectory, output: str, chosen: list[int], wishes
     elif suffix in FORMATS:
         _pictures(run, source, output, chosen, wishes)
     else:
-        run.write_file(output, _annotated(source, chosen[-1]))
+        for number, k in enumerate(chosen):
+            run.write_file(_numbered(output, number), _annotated(source, k))
+
+
+def _check_numbering(output: str, count: int) -> None:
+    """OutputError where several frames would go to one mesh, or a number has no right place in the name."""
+    from ddgcli.io.mesh_file import WRITERS
+    from ddgcli.plots.page import FORMATS
+
+    path = Path(output)
+    numbered = NUMBER.findall(output)
+    if "{" in output and (len(numbered) != 1 or path.suffix.lower() not in (*WRITERS, *FORMATS)):
+        raise OutputError(
+            f"{output}: a numbered name has its number once and a format of one frame a file, as f_{{:04d}}.ply has"
+        )
+    if count > 1 and not numbered and path.suffix.lower() not in (*FORMATS, ".gif", ".pvd"):
+        name = f"{path.stem}_{{:04d}}{path.suffix}" if output != "-" else "f_{:04d}.ply"
+        raise OutputError(
+            f"{output}: the file holds one frame, and {count} are chosen; number them with -o {name}, "
+            "or choose one with --at TIME"
+        )
+
+
+def _numbered(output: str, number: int) -> str:
+    """The name with the number in its place, where it has one."""
+    return output.format(number) if NUMBER.search(output) else output
 
 
 def _annotated(source: Trajectory, k: int) -> AnnotatedMesh:
@@ -151,8 +185,10 @@ def _pictures(run: Run, source: Trajectory, output: str, chosen: list[int], wish
         on = _stage(source, chosen, wishes)
     target = Path(output)
     for k, shot in enumerate(_shots(source, chosen, wishes)):
-        numbered = target.with_name(f"{target.stem}_{k:04d}{target.suffix}")
-        with run.drawing(output if wishes["time"] is not None else str(numbered)) as partial:
+        name = _numbered(output, k)
+        if name == output and wishes["time"] is None:
+            name = str(target.with_name(f"{target.stem}_{k:04d}{target.suffix}"))
+        with run.drawing(name) as partial:
             draw_shot(partial, shot, on)
 
 
