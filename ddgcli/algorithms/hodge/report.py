@@ -35,12 +35,12 @@ SpaceMesh = TriangleMesh | TetMesh
 
 @dataclass(frozen=True, eq=False)
 class HodgeReport:
-    """The annotated mesh, the summary's blocks, and the vectors that a picture shows."""
+    """The annotated mesh, the summary's blocks, and the vectors of the field (None for other fields)."""
 
     annotated: AnnotatedMesh
     results: dict[str, Any]
     accuracy: dict[str, Any]
-    shown: NDArray | None
+    vectors: NDArray | None
 
 
 def hodge_report(
@@ -78,7 +78,8 @@ def hodge_report(
         "reconstruction_residual": split.reconstruction_residual if split else None,
         "harmonic_residual": _harmonic_residual(split, basis) if harmonic_fields else None,
     }
-    return HodgeReport(AnnotatedMesh(mesh, **arrays), results, accuracy, split.potential if split else None)
+    vectors = field[0] if field is not None and place in ("vertex", "cell") else None
+    return HodgeReport(AnnotatedMesh(mesh, **arrays), results, accuracy, vectors)
 
 
 def check_mesh(mesh: SpaceMesh) -> None:

@@ -15,8 +15,6 @@ from ddgcli.cli.run import Run, describe
 from ddgcli.errors import OutputError, ParameterError
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from ddgcli.io.trajectories.trajectory import Trajectory
     from ddgcli.mesh.fields import AnnotatedMesh
     from ddgcli.plots.motion import Shot, Stage
@@ -41,8 +39,7 @@ NUMBER = re.compile(r"\{(?::0?\d*d?)?\}")  # the place of a frame's number in an
     show_default=True,
     help="Take one frame in N.",
 )
-@click.option("--array", "array", metavar="NAME", help="Vertex array that colours pictures; 'none' for none.")
-@click.option("--view", type=options.View(), help="x, y, z, iso or ELEVATION,AZIMUTH, then :UP.")
+@click.option("--array", metavar="NAME", help="The same as --show; 'none' for none.")
 @click.option("--fps", type=options.POSITIVE, help="Frames a second of a .gif.  [default: 25]")
 def command(path: str, common: Common, **wishes: Any) -> None:
     """Export frames of a trajectory (complete, or a .part that still grows).
@@ -62,7 +59,11 @@ def command(path: str, common: Common, **wishes: Any) -> None:
     from ddgcli.io.trajectories.trajectory import Trajectory
     from ddgcli.plots.page import FORMATS
 
-    run = Run("frames", common, formats=(*WRITERS, *FORMATS, ".gif", ".pvd"), **_given(wishes))
+    run = Run("frames", common, formats=(*WRITERS, *FORMATS, ".gif", ".pvd"), pictures="output",
+              **_given(wishes))  # fmt: skip
+    if common.show is not None and wishes["array"] is not None:
+        raise ParameterError("--show and --array name the same; give one")
+    wishes |= {"view": common.view, "size": common.size, "array": wishes["array"] or common.show}
     _refuse_idle(common, wishes)
     with run.timed("read"):
         run_file = Trajectory(path)
@@ -93,7 +94,12 @@ def _refuse_idle(common: Common, wishes: dict[str, Any]) -> None:
     from ddgcli.plots.page import FORMATS
 
     kinds = {Path(output).suffix.lower() for output in (*common.outputs, common.plot or "")}
-    for name, of in (("fps", {".gif"}), ("view", {".gif", *FORMATS}), ("array", {".gif", *FORMATS})):
+    for name, of in (
+        ("fps", {".gif"}),
+        ("view", {".gif", *FORMATS}),
+        ("size", {".gif", *FORMATS}),
+        ("array", {".gif", *FORMATS}),
+    ):
         if wishes[name] is not None and not kinds & of:
             raise ParameterError(f"--{name} is for {' '.join(sorted(of))}; write one with -o")
 
@@ -136,7 +142,7 @@ def _export(run: Run, source: Trajectory, output: str, chosen: list[int], wishes
 
         with run.drawing(output) as partial:
             on = _stage(source, chosen, wishes)
-            draw_animation(partial, _shots(source, chosen, wishes), on, wishes["fps"] or 25.0)
+            draw_animation(partial, _shots(source, chosen, wishes), on, wishes["fps"] or 25.0, wishes["size"])
     elif suffix in FORMATS:
         _pictures(run, source, output, chosen, wishes)
     else:
@@ -189,7 +195,7 @@ def _pictures(run: Run, source: Trajectory, output: str, chosen: list[int], wish
         if name == output and wishes["time"] is None:
             name = str(target.with_name(f"{target.stem}_{k:04d}{target.suffix}"))
         with run.drawing(name) as partial:
-            draw_shot(partial, shot, on)
+            draw_shot(partial, shot, on, **options.page_size(wishes["size"]))
 
 
 def _series(run: Run, source: Trajectory, output: str, chosen: list[int]) -> None:
@@ -207,14 +213,14 @@ def _series(run: Run, source: Trajectory, output: str, chosen: list[int]) -> Non
 
 
 def _shots(source: Trajectory, chosen: list[int], wishes: dict[str, Any]) -> Iterator[Shot]:
-    from ddgcli.cli.simulation.plot import part_of
+    from ddgcli.cli.simulation.plot import length_of, part_of
     from ddgcli.plots.motion import Shot
 
     name = _array_name(source, wishes)
     hidden = source.face.get("wraps")  # faces of a periodic grid that would span the picture
     shown = None if hidden is None else hidden == 0
     for k in chosen:
-        values = _scalar_of(source.vertex(k)[name]) if name else None
+        values = length_of(source.vertex(k)[name]) if name else None
         yield Shot(float(source.times[k]), part_of(source.mesh.moved(source.points(k)), shown), values)
 
 
@@ -226,13 +232,6 @@ def _array_name(source: Trajectory, wishes: dict[str, Any]) -> str | None:
         plain.sort(key=lambda name: name != "vorticity")
         return plain[0] if plain and wishes["array"] is None else None
     return wishes["array"] if wishes["array"] in arrays else options.chosen(arrays, wishes["array"])
-
-
-def _scalar_of(values: NDArray) -> NDArray:
-    """Numbers as they are, vectors by their length."""
-    import numpy as np
-
-    return values if values.ndim == 1 else np.linalg.norm(values, axis=1)
 
 
 def _stage(source: Trajectory, chosen: list[int], wishes: dict[str, Any]) -> Stage:
@@ -249,5 +248,10 @@ def _story(target: str, source: Trajectory, chosen: list[int], wishes: dict[str,
 
     series = energies(source.times, source.scalars)
     draw_motion(
-        target, list(_shots(source, chosen, wishes)), series, _stage(source, chosen, wishes), "energy"
+        target,
+        list(_shots(source, chosen, wishes)),
+        series,
+        _stage(source, chosen, wishes),
+        "energy",
+        **options.page_size(wishes["size"], 9.0),
     )
