@@ -147,7 +147,7 @@ MIN_PIXELS, MAX_PIXELS = 200, 8000
 PAGE_WIDTH = 7.0  # inches: letters keep their share of a picture of any size
 
 
-def page_size(size: tuple[int, int] | None, inches: float = PAGE_WIDTH) -> dict[str, float]:
+def page_size(size: tuple[int, int] | None, inches: float = PAGE_WIDTH) -> dict[str, Any]:
     """`width`, `height` and `dpi` of a drawing function for a size in pixels; nothing for None."""
     if size is None:
         return {}
@@ -192,7 +192,7 @@ _COMMON = (
         "--view",
         type=View(),
         metavar="VIEW",
-        help="Of a picture: x, y, z, iso or ELEVATION,AZIMUTH in degrees; an up axis may follow, as in iso:y.",
+        help="Of a picture: x, y, z, iso or ELEVATION,AZIMUTH (degrees); an up axis may follow: iso:y.",
     ),
     click.option("--show", metavar="ARRAY", help="Array that a picture shows."),
     click.option(

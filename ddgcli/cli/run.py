@@ -147,7 +147,7 @@ class Run:
     def shown(self, arrays: Mapping[str, Any], default: str) -> tuple[str, Any]:
         """Name and values of the array that --show names, else of the default (None where there is none)."""
         name = self.common.show
-        return (default, arrays.get(default)) if name is None else (name, chosen(arrays, name))
+        return (default, arrays.get(default)) if name is None else (name, chosen(dict(arrays), name))
 
     def will_write(self, path: str | None, formats: Sequence[str]) -> None:
         """Check a further output (a matrix, curves, a picture) before any work; None is passed over."""

@@ -1,4 +1,4 @@
-"""One entry point for pictures of an array: colours for numbers, arrows or stripes for vectors, squares for maps."""
+"""Pictures of an array: colours for numbers, arrows or stripes for vectors, squares for maps."""
 
 from __future__ import annotations
 

@@ -14,8 +14,9 @@ NARROWEST = 0.05  # colour range, as a share of the values' size: less would mag
 def robust_limits(
     values: NDArray, signed: bool | None = None, size: float = 0.0
 ) -> tuple[float, float, bool]:
-    """Colour range of an array: its 2 % and 98 % quantiles, symmetric about zero for a signed one (which reaches
-    to the values of half a per cent where the others are next to nothing).
+    """Colour range of an array: its 2 % and 98 % quantiles, symmetric about zero for a signed one.
+
+    The range of signed values reaches to those of half a per cent where the others are next to nothing.
 
     It is never narrower than a twentieth of the largest value (or of `size`), so that a constant looks
     constant whatever its error.

@@ -50,7 +50,7 @@ def thinned(camera: Camera, seen: Seen, glyphs: Glyphs) -> NDArray[np.int64]:
 
 
 def draw_glyphs(axes: Any, camera: Camera, seen: Seen, glyphs: Glyphs) -> None:
-    """Draw the thinned vectors; the longest, but for the longest two per cent, reach from square to square."""
+    """Draw the thinned vectors; all but the longest two per cent are no longer than a square."""
     from matplotlib.collections import LineCollection
 
     kept = thinned(camera, seen, glyphs)

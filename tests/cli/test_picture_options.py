@@ -1,4 +1,4 @@
-"""--view, --show and --size; vectors as arrows, signed colours, creases, the up axis and the side that is seen."""
+"""--view, --show and --size; vectors as arrows, signed colours, creases, up axis and side."""
 
 import struct
 

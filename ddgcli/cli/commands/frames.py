@@ -159,7 +159,7 @@ def _check_numbering(output: str, count: int) -> None:
     numbered = NUMBER.findall(output)
     if "{" in output and (len(numbered) != 1 or path.suffix.lower() not in (*WRITERS, *FORMATS)):
         raise OutputError(
-            f"{output}: a numbered name has its number once and a format of one frame a file, as f_{{:04d}}.ply has"
+            f"{output}: a numbered name has one number, and a format of a frame a file; write f_{{:04d}}.ply"
         )
     if count > 1 and not numbered and path.suffix.lower() not in (*FORMATS, ".gif", ".pvd"):
         name = f"{path.stem}_{{:04d}}{path.suffix}" if output != "-" else "f_{:04d}.ply"

@@ -172,7 +172,7 @@ def draw(path: str, report: Report, name: str, values: NDArray | None, look: dic
 
     layout = report.mesh.moved(np.column_stack([values, np.zeros(len(values))]))
     size = {key: look[key] for key in ("width", "height", "dpi") if key in look}
-    angle = {key: look[key] for key in ("view", "up") if key in look}
+    angle: dict[str, Any] = {key: look[key] for key in ("view", "up") if key in look}
     draw_beside(
         path,
         [(report.mesh, {"values": values, "title": "surface", **angle}),
