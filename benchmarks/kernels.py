@@ -54,7 +54,8 @@ PLATE = ("shell-sim", "saddle.obj", "--material", "cotton", "--dt", "1e-4", "--s
 CASES = {
     "info": Case(("info", "torus.ply"), {"quality.min_angle_degrees": SOLVED}),
     "curvature quadric": Case(
-        ("curvature", "ellipsoid.ply"), {"area": SOLVED, "willmore_energy": FITTED, "mean_curvature.max": FITTED}
+        ("curvature", "ellipsoid.ply"),
+        {"area": SOLVED, "willmore_energy": FITTED, "mean_curvature.max": FITTED},
     ),
     "curvature corrected": Case(
         ("curvature", "torus.ply", "--scheme", "corrected"), {"mean_curvature.max": FITTED, "volume": SOLVED}
