@@ -12,7 +12,7 @@ DDGCLI ?= $(BIN)/ddgcli
 CURVATURE_OPTIONS ?=
 
 .DEFAULT_GOAL := help
-.PHONY: help demo pipeline test test-all lint fmt bench accuracy accuracy-check samples clean
+.PHONY: help demo pipeline test test-all lint fmt bench accuracy accuracy-check samples kernels clean
 
 help:  ## this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):[^#]*## /\1\t/' | expand -t 18
@@ -80,6 +80,9 @@ accuracy: $(STAMP_TEST)  ## the atlas: docs/accuracy/, error against seconds on 
 
 accuracy-check: $(STAMP_TEST)  ## rerun the atlas's small meshes; fails if an error or a rate is worse
 	$(BIN)/python -m benchmarks.atlas --check
+
+kernels: $(STAMP_TEST)  ## results under OpenBLAS's Haswell, Sandybridge, SkylakeX kernels and without AVX agree
+	$(BIN)/python -m benchmarks.kernels
 
 BENCH_NAMES = $(patsubst benchmarks/peers/%.py,%,$(wildcard benchmarks/peers/[a-z]*.py))
 BENCHES = $(filter $(or $(NAME),%),$(BENCH_NAMES))

@@ -23,6 +23,9 @@ class Common:
     input_format: str | None = None
     as_json: bool = False
     plot: str | None = None
+    view: dict[str, Any] | None = None
+    show: str | None = None
+    size: tuple[int, int] | None = None
     progress: bool | None = None
     verbose: int = 0
     quiet: bool = False
@@ -125,6 +128,34 @@ class View(click.ParamType):
         return {"view": (elevation, azimuth), **given}
 
 
+class Size(click.ParamType):
+    """WIDTHxHEIGHT in pixels."""
+
+    name = "size"
+
+    def convert(self, value: Any, param: Any, ctx: Any) -> tuple[int, int]:
+        if isinstance(value, tuple):
+            return value
+        width, _, height = str(value).lower().partition("x")
+        if not (width.isdecimal() and height.isdecimal()):
+            self.fail(f"{value!r} is not WIDTHxHEIGHT in pixels, such as 1920x1080", param, ctx)
+        if not all(MIN_PIXELS <= int(side) <= MAX_PIXELS for side in (width, height)):
+            self.fail(f"{value!r}: each side has {MIN_PIXELS} to {MAX_PIXELS} pixels", param, ctx)
+        return int(width), int(height)
+
+
+MIN_PIXELS, MAX_PIXELS = 200, 8000
+PAGE_WIDTH = 7.0  # inches: letters keep their share of a picture of any size
+
+
+def page_size(size: tuple[int, int] | None, inches: float = PAGE_WIDTH) -> dict[str, Any]:
+    """`width`, `height` and `dpi` of a drawing function for a size in pixels; nothing for None."""
+    if size is None:
+        return {}
+    width, height = size
+    return {"width": inches, "height": inches * height / width, "dpi": width / inches}
+
+
 def chosen(arrays: dict[str, Any], name: str, what: str = "array") -> Any:
     """The array of a name, or a refusal that lists the names there are."""
     if name not in arrays:
@@ -158,6 +189,16 @@ _COMMON = (
     ),
     click.option("--json", "as_json", is_flag=True, help="Print the summary as one JSON object."),
     click.option("--plot", metavar="PATH", help="Write a picture of the result (.png, .svg, .pdf)."),
+    click.option(
+        "--view",
+        type=View(),
+        metavar="VIEW",
+        help="Of a picture: x, y, z, iso or ELEVATION,AZIMUTH (degrees); an up axis may follow: iso:y.",
+    ),
+    click.option("--show", metavar="ARRAY", help="Array that a picture shows."),
+    click.option(
+        "--size", type=Size(), metavar="WIDTHxHEIGHT", help="Pixels of a picture.  [default: 1400x1050]"
+    ),
     click.option("--progress/--no-progress", default=None, help="Progress bar on standard error."),
     click.option("-v", "--verbose", count=True, help="Say more on standard error."),
     click.option("-q", "--quiet", is_flag=True, help="Only errors on standard error."),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from ddgcli import __version__
-from ddgcli.cli.options import Common
+from ddgcli.cli.options import Common, chosen, page_size
 from ddgcli.cli.parameters import error_text, option_names, with_option_names
 from ddgcli.cli.progress import Progress
 from ddgcli.cli.summary import plain, print_summary
@@ -60,6 +60,8 @@ class Run:
     common : Common
     formats : sequence of str, optional
         Extensions that `-o` may have; by default those of meshes.
+    pictures : {'plot', 'output', 'chart'}
+        Where --view, --show and --size belong: to --plot, to -o too (the command checks), or nowhere.
     options : dict
         The subcommand's own options, for the summary and the provenance.
 
@@ -70,11 +72,19 @@ class Run:
     """
 
     def __init__(
-        self, command: str, common: Common, *, formats: Sequence[str] | None = None, **options: Any
+        self,
+        command: str,
+        common: Common,
+        *,
+        formats: Sequence[str] | None = None,
+        pictures: str = "plot",
+        **options: Any,
     ) -> None:
         self._context = click.get_current_context()
         self._began = self._context.meta.pop("ddgcli.began", time.perf_counter())
         self.command, self.common = command, common
+        picture = {name: getattr(common, name) for name in ("view", "show", "size")}
+        options |= {name: value for name, value in picture.items() if value is not None}
         self.options = {name: plain(value) for name, value in options.items()}
         self.seconds = {"read": 0.0, "write": 0.0}
         self.input: dict[str, Any] = {}
@@ -87,6 +97,7 @@ class Run:
         self._collector = _Collector(common.verbose, common.quiet, option_names(self._context.command))
         self._listen()
         self._check_outputs(formats)
+        self._check_picture(pictures)
         self.progress(command)
         self._context.call_on_close(lambda: self._progress.clear())
 
@@ -117,6 +128,28 @@ class Run:
 
             self.will_write(common.plot, FORMATS)
             need_matplotlib()
+
+    def _check_picture(self, pictures: str) -> None:
+        """Refuse --view, --show and --size where no picture takes them."""
+        for name in ("view", "show", "size"):
+            if getattr(self.common, name) is None or pictures == "output":
+                continue
+            if pictures == "chart" and name != "size":
+                raise ParameterError(
+                    f"--{name} is for pictures of surfaces, and {self.command} draws a chart"
+                )
+            if self.common.plot is None:
+                raise ParameterError(f"--{name} is for the picture of --plot; add that")
+
+    @property
+    def look(self) -> dict[str, Any]:
+        """`view`, `up`, `width`, `height` and `dpi` of drawing functions, where given."""
+        return {**(self.common.view or {}), **page_size(self.common.size)}
+
+    def shown(self, arrays: Mapping[str, Any], default: str) -> tuple[str, Any]:
+        """Name and values of the array that --show names, else of the default (None where there is none)."""
+        name = self.common.show
+        return (default, arrays.get(default)) if name is None else (name, chosen(dict(arrays), name))
 
     def will_write(self, path: str | None, formats: Sequence[str]) -> None:
         """Check a further output (a matrix, curves, a picture) before any work; None is passed over."""

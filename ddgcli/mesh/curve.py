@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 
 from ddgcli.errors import MeshError
 
+PLANARITY_TOLERANCE = 1e-6  # of the curve's size: coordinates in text files have six digits
+
 
 @dataclass(frozen=True, eq=False)
 class CurveSet:
@@ -35,8 +37,8 @@ class CurveSet:
 
     @property
     def planar(self) -> bool:
-        """Whether the curves lie in the plane z = 0."""
-        return bool((self.points[:, 2] == 0).all())
+        """Whether each curve lies in a plane."""
+        return all(plane_normal(self.points[path]) is not None for path, _ in self.paths())
 
     def paths(self) -> list[tuple[NDArray[np.int64], bool]]:
         """Vertices of each curve in order, and whether it is closed (its first vertex is not repeated).
@@ -96,3 +98,31 @@ class CurveSet:
         point_arrays = {"path_id": np.repeat(np.arange(len(paths)), sizes)}
         point_arrays |= {name: np.concatenate(parts) for name, parts in arrays.items() if parts}
         return cls(points, np.concatenate(lines) if lines else np.zeros((0, 2), dtype=np.int64), point_arrays)
+
+
+def plane_normal(points: NDArray) -> NDArray[np.float64] | None:
+    """Unit normal of the plane in which a curve lies, None for a space curve.
+
+    The plane is seen from the positive side of the axis nearest to the normal (of equally near ones z, else
+    y): for horizontal planes from above. The plane of a straight line is the one nearest to the horizontal.
+    """
+    size = float(np.abs(points - points[0]).max())
+    if size == 0 or (points[:, 2] == points[0, 2]).all():
+        return np.array([0.0, 0.0, 1.0])
+    centred = (points - points[0]) / size
+    centred = centred - centred.mean(axis=0)
+    _, axes = np.linalg.eigh(centred.T @ centred)
+    normal, along = axes[:, 0], axes[:, 2]
+    if np.abs(centred - np.outer(centred @ along, along)).max() <= PLANARITY_TOLERANCE:
+        start = np.array([0.0, 0.0, 1.0]) if abs(along[2]) < 0.9 else np.array([1.0, 0.0, 0.0])
+        normal = start - (start @ along) * along
+        normal = normal / np.linalg.norm(normal)
+    if np.abs(centred @ normal).max() > PLANARITY_TOLERANCE:
+        return None
+    return normal * np.sign(normal[nearest_axis(normal)])
+
+
+def nearest_axis(normal: NDArray) -> int:
+    """The last of the largest components: equal ones must not be told apart by rounding."""
+    size = np.abs(normal)
+    return int(np.flatnonzero(size >= (1 - PLANARITY_TOLERANCE) * size.max())[-1])

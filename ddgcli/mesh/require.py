@@ -27,6 +27,7 @@ def require(
     manifold: bool = False,
     manifold_edges: bool = False,
     oriented: bool = False,
+    one_sided: bool = False,
     closed: bool = False,
 ) -> None:
     """Raise MeshError naming the first culprit and the mend when `mesh` lacks a property.
@@ -42,6 +43,8 @@ def require(
     manifold, manifold_edges : bool
         No edge with three faces, and (`manifold`) no vertex with several fans.
     oriented, closed : bool
+    one_sided : bool
+        With `oriented`: components that have no orientation are accepted.
     """
     topology = mesh.topology
     if faces and topology.n_faces == 0:
@@ -61,12 +64,14 @@ def require(
             f"{len(bad)} vertices join several fans of faces (first: vertex {bad[0]}); "
             f"{verb} needs a manifold mesh: duplicate such vertices, one for each fan"
         )
-    if oriented and not topology.is_oriented:
-        bad = topology.misoriented_edges
+    bad = topology.misoriented_edges if oriented else topology.edges[:0, 0]
+    if one_sided and len(bad):
+        bad = bad[topology.orientable_component[topology.vertex_component[topology.edges[bad, 0]]]]
+    if len(bad):
         a, b = topology.edges[bad[0]]
         raise MeshError(
             f"{len(bad)} edges join faces of opposite orientation (first: vertices {a}-{b}); "
-            f"{verb} needs consistently oriented faces: {_how_to_orient(mesh)}"
+            f"{verb} needs consistently oriented faces: {_how_to_orient(mesh, one_sided)}"
         )
     if closed and not topology.is_closed:
         a, b = topology.edges[topology.boundary_edges[0]]
@@ -76,9 +81,9 @@ def require(
         )
 
 
-def _how_to_orient(mesh: TriangleMesh) -> str:
-    turn = mesh.topology.face_turn
-    if turn is None:
+def _how_to_orient(mesh: TriangleMesh, one_sided: bool = False) -> str:
+    turn = mesh.topology.faces_to_turn
+    if not one_sided and mesh.topology.one_sided_face.any():
         return "this surface is one-sided and has none"
     return f"turn over {int(turn.sum())} of them (first: face {int(np.argmax(turn))})"
 
@@ -131,7 +136,9 @@ NEEDS = {
         surface={"sized": False, "extent": True, "manifold_edges": True, "oriented": True}, area=True
     ),
     "laplacian": Need(area=True),
-    "hodge": Need(("surface", "tetrahedra"), _MANIFOLD, {"manifold": True}, volume=True),
+    "hodge": Need(
+        ("surface", "tetrahedra"), {**_MANIFOLD, "one_sided": True}, {"manifold": True}, volume=True
+    ),
     "geodesic": Need(surface={"sized": False}),
     "shell-sim": Need(every_area=True),
     "fluid-sim": Need(surface=_MANIFOLD, every_area=True),

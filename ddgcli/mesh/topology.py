@@ -250,11 +250,8 @@ class Topology:
         return len(self.misoriented_edges) == 0
 
     @cached_property
-    def face_turn(self) -> NDArray[np.bool_] | None:
-        """(m,) True at faces to turn over for a consistent orientation, None where there is none.
-
-        In each piece (faces joined through two-sided edges) the fewer faces are turned.
-        """
+    def _sheets(self) -> NDArray[np.int64]:
+        """(m, 2) component of the double cover in which each face lies, as it is and turned over."""
         twin = self.side_twin.ravel()
         side = np.flatnonzero((twin >= 0) & (np.arange(len(twin)) <= twin))
         a, b = side // 3, twin[side] // 3
@@ -264,13 +261,36 @@ class Topology:
         # the double cover: face f as it is (2f) and turned over (2f+1)
         rows, cols = np.concatenate([2 * a, 2 * a + 1]), np.concatenate([2 * b + clash, 2 * b + ~clash])
         graph = coo_array((np.ones(len(rows), dtype=np.int8), (rows, cols)), shape=(2 * self.n_faces,) * 2)
-        sheet = connected_components(graph, directed=False)[1].reshape(-1, 2)
-        if (sheet[:, 0] == sheet[:, 1]).any():
-            return None
+        return connected_components(graph, directed=False)[1].reshape(-1, 2)
+
+    @cached_property
+    def one_sided_face(self) -> NDArray[np.bool_]:
+        """(m,) True at faces of pieces (faces joined through two-sided edges) that have no orientation."""
+        return frozen(self._sheets[:, 0] == self._sheets[:, 1])
+
+    @cached_property
+    def orientable_component(self) -> NDArray[np.bool_]:
+        """(c,) whether each component can be oriented."""
+        result = np.ones(self.n_components, dtype=bool)
+        result[self.face_component[self.one_sided_face]] = False
+        return frozen(result)
+
+    @cached_property
+    def faces_to_turn(self) -> NDArray[np.bool_]:
+        """(m,) True at faces to turn over so that every orientable piece is oriented.
+
+        In each piece the fewer faces are turned; none in one-sided pieces.
+        """
+        sheet = self._sheets
         turned = sheet[:, 0] > sheet[:, 1]
         _, piece = np.unique(sheet.min(axis=1), return_inverse=True)
         share = np.bincount(piece, weights=turned) / np.maximum(np.bincount(piece), 1)
-        return frozen(turned ^ (share > 0.5)[piece])
+        return frozen((turned ^ (share > 0.5)[piece]) & ~self.one_sided_face)
+
+    @property
+    def face_turn(self) -> NDArray[np.bool_] | None:
+        """`faces_to_turn`, None where a piece has no orientation."""
+        return None if self.one_sided_face.any() else self.faces_to_turn
 
     @property
     def is_orientable(self) -> bool:

@@ -36,7 +36,7 @@ def draw_chart(
     front: Series | None = None,
     width: float = 7.0,
     height: float = 4.6,
-    dpi: int = 200,
+    dpi: float = 200,
 ) -> None:
     """Write a chart of several series.
 

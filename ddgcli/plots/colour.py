@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+ROUNDING_SHARE = 1e-10  # values below this share of the largest are rounding
 NARROWEST = 0.05  # colour range, as a share of the values' size: less would magnify noise
 
 
@@ -14,6 +15,8 @@ def robust_limits(
     values: NDArray, signed: bool | None = None, size: float = 0.0
 ) -> tuple[float, float, bool]:
     """Colour range of an array: its 2 % and 98 % quantiles, symmetric about zero for a signed one.
+
+    The range of signed values reaches to those of half a per cent where the others are next to nothing.
 
     It is never narrower than a twentieth of the largest value (or of `size`), so that a constant looks
     constant whatever its error.
@@ -23,7 +26,7 @@ def robust_limits(
     values : (k,) ndarray
         Values that are not finite do not count.
     signed : bool, optional
-        None decides: signed where both sides of zero hold a twentieth of the range.
+        None decides: signed where both sides of zero hold a twentieth of the range or of the extremes.
     size : float
         What values are to be seen against where they cancel: of a mean curvature the principal curvatures.
 
@@ -37,13 +40,22 @@ def robust_limits(
         return 0.0, 1.0, False
     low, high = (float(q) for q in np.quantile(finite, [0.02, 0.98]))
     if signed is None:
-        signed = min(-low, high) > 0.05 * max(-low, high)
+        ends = ((low, high), (float(finite.min()), float(finite.max())))
+        signed = any(min(-least, most) > 0.05 * max(-least, most) for least, most in ends)
     if signed:
-        reach = max(-low, high, NARROWEST * size / 2) or float(np.abs(finite).max()) or 1.0
+        reach = max(-low, high, NARROWEST * size / 2, _rare_reach(np.abs(finite))) or 1.0
         return -reach, reach, True
     narrowest = NARROWEST * max(abs(low), abs(high), size) or 2.0
     widen = max(0.0, narrowest - (high - low)) / 2
     return low - widen, high + widen, False
+
+
+def _rare_reach(sizes: NDArray) -> float:
+    """The size of values that few vertices have (creases of a part), where the others are next to nothing."""
+    common, rare, largest = (float(q) for q in np.quantile(sizes, [0.98, 0.995, 1.0]))
+    if rare > common / NARROWEST:
+        return rare
+    return largest if rare <= ROUNDING_SHARE * largest else 0.0
 
 
 def extremes(label: str, values: NDArray) -> str:

@@ -22,10 +22,10 @@ def draw_curves(
     closed: Sequence[bool] | bool = False,
     label: str = "",
     view: View = None,
-    up: str = "z",
+    up: str | None = None,
     width: float = 7.0,
     height: float = 5.25,
-    dpi: int = 200,
+    dpi: float = 200,
 ) -> None:
     """Write a picture of polylines; where one passes behind another, it is cut by a white edge.
 
@@ -49,7 +49,7 @@ def draw_curves(
     used = np.concatenate([start, stop]) if len(start) else np.zeros((1, 3))
     placed = unit_box(used)
     start, stop, used = placed(start), placed(stop), placed(used)
-    axes3 = view_axes(used, view, up)
+    axes3 = view_axes(used, view, up or "z")
     with page(path, width, height, dpi) as figure:
         axes = picture_axes(figure, coloured=values is not None)
         box = axes.get_position()
@@ -59,7 +59,7 @@ def draw_curves(
         a, b = camera.project(start), camera.project(stop)
         order = np.argsort(-(a[:, 2] + b[:, 2]), kind="stable")
         lines = np.stack([a, b], axis=1)[order, :, :2]
-        low, high, diverging = robust_limits(shade)
+        low, high, diverging = robust_limits(shade, True if label in ("torsion", "turning_angle") else None)
         mappable = ScalarMappable(Normalize(low, high), colours(diverging))
         plain = np.tile([0.2, 0.4, 0.7, 1.0], (len(order), 1))
         tint = plain if values is None else mappable.to_rgba(shade[order])

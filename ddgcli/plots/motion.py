@@ -91,7 +91,7 @@ def stage(
 
 
 def draw_shot(
-    path: str, shot: Shot, on: Stage, width: float = 7.0, height: float = 5.25, dpi: int = 200
+    path: str, shot: Shot, on: Stage, width: float = 7.0, height: float = 5.25, dpi: float = 200
 ) -> None:
     """One frame as a picture."""
     title = f"t = {shot.time:.4g} {on.time_unit}" + (f", {on.label}" if shot.values is not None else "")
@@ -103,7 +103,14 @@ def draw_shot(
 
 
 def draw_motion(
-    path: str, shots: Sequence[Shot], series: Mapping[str, tuple[NDArray, NDArray]], on: Stage, ylabel: str
+    path: str,
+    shots: Sequence[Shot],
+    series: Mapping[str, tuple[NDArray, NDArray]],
+    on: Stage,
+    ylabel: str,
+    width: float = 9.0,
+    height: float = 10.8,
+    dpi: float = 200,
 ) -> None:
     """Chosen frames above, the chart of the series below, on one page."""
     from matplotlib.image import imread
@@ -119,7 +126,7 @@ def draw_motion(
         xlabel = f"time [{on.time_unit}]"
         draw_chart(f"{folder}/chart.png", series, xlabel=xlabel, ylabel=ylabel, width=9.0, height=3.6)
         pictures.append(imread(f"{folder}/chart.png"))
-    with page(path, 9.0, 10.8) as figure:
+    with page(path, width, height, dpi) as figure:
         places = [(0.0, 0.667), (0.5, 0.667), (0.0, 0.333), (0.5, 0.333)][: len(chosen)]
         boxes = [(x, y, 0.5, 0.333) for x, y in places] + [(0.0, 0.0, 1.0, 0.333)]
         for picture, box in zip(pictures, boxes):
@@ -128,8 +135,11 @@ def draw_motion(
             axes.set_axis_off()
 
 
-def draw_animation(path: str, shots: Iterable[Shot], on: Stage, frames_per_second: float) -> None:
-    """An animated GIF, endless."""
+def draw_animation(
+    path: str, shots: Iterable[Shot], on: Stage, frames_per_second: float, size: tuple[int, int] | None = None
+) -> None:
+    """An animated GIF, endless, of 1280 x 960 pixels where no size is given."""
+    across, down = size or (1280, 960)
     try:
         from PIL import Image
     except ImportError as error:
@@ -137,7 +147,7 @@ def draw_animation(path: str, shots: Iterable[Shot], on: Stage, frames_per_secon
     with tempfile.TemporaryDirectory() as folder:
         images = []
         for k, shot in enumerate(shots):
-            draw_shot(f"{folder}/{k}.png", shot, on, 5.0, 3.75, 100)
+            draw_shot(f"{folder}/{k}.png", shot, on, 7.0, 7.0 * down / across, across / 7.0)
             with Image.open(f"{folder}/{k}.png") as picture:
                 images.append(picture.convert("RGB").convert("P", palette=Image.Palette.ADAPTIVE))
         images[0].save(

@@ -31,7 +31,7 @@ def need_matplotlib() -> None:
 
 
 @contextmanager
-def page(path: str, width: float = 7.0, height: float = 5.25, dpi: int = 200) -> Iterator[Any]:
+def page(path: str, width: float = 7.0, height: float = 5.25, dpi: float = 200) -> Iterator[Any]:
     """A matplotlib Figure that is saved to `path` when the block ends without an error.
 
     Parameters
@@ -53,17 +53,19 @@ def page(path: str, width: float = 7.0, height: float = 5.25, dpi: int = 200) ->
     from matplotlib.figure import Figure
 
     with matplotlib.rc_context(_STYLE):
-        figure = Figure(figsize=(width, height), dpi=dpi)
+        # a hundredth of a pixel more: the pixels are counted by cutting off
+        figure = Figure(figsize=(width + 0.01 / dpi, height + 0.01 / dpi), dpi=dpi)
         yield figure
         figure.savefig(path, dpi=dpi, metadata=_NO_DATE[Path(path).suffix.lower()])
 
 
-def picture_axes(figure: Any, coloured: bool) -> Any:
-    """Where the picture stands on a page, with room for a colour bar if it is `coloured`."""
-    return figure.add_axes((0.01, 0.05, 0.84 if coloured else 0.98, 0.87))
+def picture_axes(figure: Any, coloured: bool, part: tuple[float, float] = (0.0, 1.0)) -> Any:
+    """Where the picture stands on a part of a page, with room for a colour bar if it is `coloured`."""
+    left, width = part
+    return figure.add_axes((left + 0.01, 0.05, width * (0.84 if coloured else 0.98), 0.87))
 
 
-def lettered(figure: Any, title: str, caption: str) -> None:
+def lettered(figure: Any, title: str, caption: str, part: tuple[float, float] = (0.0, 1.0)) -> None:
     """The title above the picture and the caption below it."""
-    figure.text(0.44, 0.955, title, ha="center", va="center", fontsize=10)
-    figure.text(0.02, 0.02, caption, ha="left", va="center", fontsize=7.5, color="0.35")
+    figure.text(part[0] + 0.44 * part[1], 0.955, title, ha="center", va="center", fontsize=10)
+    figure.text(part[0] + 0.02, 0.02, caption, ha="left", va="center", fontsize=7.5, color="0.35")

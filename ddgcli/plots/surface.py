@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
 from ddgcli.geometry.extrinsic import face_area_vector, face_normal
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.plots.colour import colour_bar, colours, extremes, robust_limits
+from ddgcli.plots.glyphs import Glyphs, draw_glyphs
 from ddgcli.plots.page import lettered, page, picture_axes
 from ddgcli.plots.raster import (
     OUTLINE,
@@ -24,15 +28,93 @@ from ddgcli.plots.raster import (
     view_axes,
     visible_runs,
 )
+from ddgcli.plots.viewpoint import chosen_view, guessed_up
 
 _PLAIN = np.array([0.78, 0.81, 0.86])
 _UNKNOWN = np.array([0.62, 0.62, 0.62])
 _LIGHT = np.array([-0.35, 0.45, 0.82]) / np.linalg.norm([-0.35, 0.45, 0.82])
+_LIGHT_SQUARE, _DARK_SQUARE = np.array([0.93, 0.91, 0.85]), np.array([0.30, 0.48, 0.68])
+SQUARES = 24  # across the larger side of a flat layout
+CREASE = np.cos(np.radians(40.0))  # faces that turn by more are not shaded as one
 _SAMPLES = 2  # each way within a pixel
 
 
 def draw_surface(
     path: str,
+    mesh: TriangleMesh,
+    values: NDArray | None = None,
+    *,
+    width: float = 7.0,
+    height: float = 5.25,
+    dpi: float = 200,
+    **options: Any,
+) -> None:
+    """Write a picture of a surface.
+
+    Parameters
+    ----------
+    path : str
+        .png, .svg or .pdf (the surface is a raster in all; text, bar and curves are vectors in the last two).
+    mesh : TriangleMesh
+    values : (n,) or (m,) ndarray, or (n, 2), optional
+        Colours by vertex or by face; what is not finite is grey. Two flat coordinates by vertex: squares.
+    width, height : float
+        Inches.
+    dpi : float
+    label, title, caption : str
+        Beside the colour bar, above and below the picture; the caption ends with the extremes of the values.
+    signed : bool, optional
+        True: diverging colours about zero. None decides by the values.
+    limits : (float, float), optional
+        Ends of the colour bar; default `robust_limits`.
+    value_size : float
+        What values are to be seen against: `size` of `robust_limits`.
+    curves : sequence of (k, 3) ndarray
+        Polylines, drawn where the surface does not hide them, `curve_width` points wide on a white rim of
+        `curve_halo`.
+    level_lines : sequence of (k, 3) ndarray
+        The same, thin and without a halo, under the curves.
+    points : (k, 3) ndarray, optional
+        Places marked with a dot, where visible.
+    glyphs : Glyphs, optional
+        Vectors drawn where visible.
+    interest : (n,) or (m,) ndarray, optional
+        What `view` None turns towards; default the size of the values.
+    edges : bool
+        Draw the triangles' sides.
+    view : str or (elevation, azimuth), optional
+        'x', 'y', 'z', 'iso', or degrees; None looks straight at a flat surface and at others from
+        the side of 'iso' that shows most of what is drawn (with `fit`, always the first).
+    up : {'z', 'y', 'x'}, optional
+        Axis that points up on the page; None guesses by the shape (with `fit`: z).
+    fit : (k, 3) ndarray, optional
+        Points that the picture must hold (all frames of a motion, say); default the mesh's own.
+    """
+    with page(path, width, height, dpi) as figure:
+        _paint(figure, (0.0, 1.0), mesh, values, **options)
+
+
+def draw_beside(
+    path: str,
+    parts: Sequence[tuple[TriangleMesh, dict[str, Any]]],
+    *,
+    width: float = 7.0,
+    height: float = 5.25,
+    dpi: float = 200,
+    **options: Any,
+) -> None:
+    """Write pictures of surfaces side by side: of each its mesh and its own options of `draw_surface`.
+
+    `options` go to all of them. No colour bars.
+    """
+    with page(path, width, height, dpi) as figure:
+        for k, (mesh, own) in enumerate(parts):
+            _paint(figure, (k / len(parts), 1 / len(parts)), mesh, **{**options, **own})
+
+
+def _paint(
+    figure: Any,
+    part: tuple[float, float],
     mesh: TriangleMesh,
     values: NDArray | None = None,
     *,
@@ -45,70 +127,71 @@ def draw_surface(
     curves: Sequence[NDArray] = (),
     level_lines: Sequence[NDArray] = (),
     curve_width: float = 1.4,
+    curve_halo: float = 1.2,
     points: NDArray | None = None,
+    glyphs: Glyphs | None = None,
+    interest: NDArray | None = None,
     edges: bool = False,
     view: View = None,
-    up: str = "z",
+    up: str | None = None,
     fit: NDArray | None = None,
-    width: float = 7.0,
-    height: float = 5.25,
-    dpi: int = 200,
 ) -> None:
-    """Write a picture of a surface.
-
-    Parameters
-    ----------
-    path : str
-        .png, .svg or .pdf (the surface is a raster in all; text, bar and curves are vectors in the last two).
-    mesh : TriangleMesh
-    values : (n,) or (m,) ndarray, optional
-        Colours by vertex or by face; what is not finite is grey.
-    label, title, caption : str
-        Beside the colour bar, above and below the picture; the caption ends with the extremes of the values.
-    signed : bool, optional
-        True: diverging colours about zero. None decides by the values.
-    limits : (float, float), optional
-        Ends of the colour bar; default `robust_limits`.
-    value_size : float
-        What values are to be seen against: `size` of `robust_limits`.
-    curves : sequence of (k, 3) ndarray
-        Polylines, drawn where the surface does not hide them, `curve_width` points wide.
-    level_lines : sequence of (k, 3) ndarray
-        The same, thin and without a halo, under the curves.
-    points : (k, 3) ndarray, optional
-        Places marked with a dot, where visible.
-    edges : bool
-        Draw the triangles' sides.
-    view : str or (elevation, azimuth), optional
-        'x', 'y', 'z', 'iso', or degrees; None looks straight at a flat surface and 'iso' at others.
-    up : {'z', 'y', 'x'}
-        Axis that points up on the page.
-    fit : (k, 3) ndarray, optional
-        Points that the picture must hold (all frames of a motion, say); default the mesh's own.
-    """
+    """Paint a surface on a part of the page (its left end and its width, as shares of the page)."""
     mesh, frame, placed = _in_unit_box(mesh, fit)
-    with page(path, width, height, dpi) as figure:
-        axes = picture_axes(figure, coloured=values is not None)
-        box = axes.get_position()
-        size = [int(round(s * dpi * _SAMPLES)) for s in (box.width * width, box.height * height)]
-        camera = fitted_camera(frame, view_axes(frame, view, up), *size)
-        seen = rasterise(camera, mesh.points, mesh.faces)
-        known = None if values is None else _relevant(mesh, values)
-        if known is not None and limits is None:
-            low, high, signed = robust_limits(known, signed, value_size)
-            limits = low, high
+    axes = picture_axes(figure, values is not None and values.ndim == 1, part)
+    squares = values is not None and values.ndim == 2
+    known = None if values is None or squares else _relevant(mesh, values)
+    if known is not None and limits is None:
+        low, high, signed = robust_limits(known, signed, value_size)
+        limits = low, high
+    if fit is None:
+        up = up or guessed_up(frame)
+        if view is None:
+            view = chosen_view(mesh, _interest(interest, values, signed, limits), up)
+    box = axes.get_position()
+    size = [
+        int(round(share * inches * figure.dpi * _SAMPLES))
+        for share, inches in zip((box.width, box.height), figure.get_size_inches())
+    ]
+    camera = fitted_camera(frame, view_axes(frame, view, up or "z"), *size)
+    seen = rasterise(camera, mesh.points, mesh.faces)
+    if squares and values is not None:
+        colour, mappable = _squares(mesh, seen, values), None
+    else:
         colour, mappable = _colours(mesh, seen, values, signed, limits)
-        image = _picture(camera, mesh, seen, colour, edges)
-        axes.imshow(image, extent=(0, size[0], size[1], 0), interpolation="none")
-        axes.set_axis_off()
-        dots = None if points is None or len(points) == 0 else placed(points)
-        _overlay(axes, camera, seen, [placed(c) for c in level_lines], None, "0.15", 0.7, 0.0)
-        _overlay(axes, camera, seen, [placed(c) for c in curves], dots, "black", curve_width)
-        axes.set(xlim=(0, size[0]), ylim=(size[1], 0))
-        if known is not None and limits is not None:
-            colour_bar(figure, mappable, label, _beyond(known, *limits))
-            caption = "; ".join(filter(None, [caption, extremes(label, known)]))
-        lettered(figure, title, caption)
+    image = _picture(camera, mesh, seen, colour, edges)
+    axes.imshow(image, extent=(0, size[0], size[1], 0), interpolation="none")
+    axes.set_axis_off()
+    dots = None if points is None or len(points) == 0 else placed(points)
+    _overlay(axes, camera, seen, [placed(c) for c in level_lines], None, "0.15", 0.7, 0.0)
+    _overlay(axes, camera, seen, [placed(c) for c in curves], dots, "black", curve_width, curve_halo)
+    if glyphs is not None:
+        draw_glyphs(axes, camera, seen, replace(glyphs, places=placed(glyphs.places)))
+    axes.set(xlim=(0, size[0]), ylim=(size[1], 0))
+    if known is not None and limits is not None:
+        colour_bar(figure, mappable, label, _beyond(known, *limits))
+        caption = "; ".join(filter(None, [caption, extremes(label, known)]))
+    lettered(figure, title, caption, part)
+
+
+def _interest(
+    interest: NDArray | None, values: NDArray | None, signed: bool | None, limits: Sequence[float] | None
+) -> NDArray | None:
+    """What the picture turns towards: large values, of signed ones large sizes."""
+    if interest is not None or values is None or limits is None:
+        return interest
+    low, high = limits
+    size = np.abs(values) / high if signed else (values - low) / (high - low)
+    return np.clip(size, 0.0, 1.0)
+
+
+def _squares(mesh: TriangleMesh, seen: Seen, flat: NDArray) -> NDArray[np.float64]:
+    """(k, 3) colours of a chessboard over flat coordinates: squares stay squares where a map is conformal."""
+    used = flat[mesh.topology.referenced_vertex]
+    side = float(np.ptp(used, axis=0).max()) / SQUARES or 1.0
+    at = np.einsum("fki,fk->fi", flat[mesh.faces[seen.face]], seen.barycentric) / side
+    odd = np.floor(at - used.min(axis=0) / side).sum(axis=1) % 2 == 1
+    return np.where(odd[:, None], _DARK_SQUARE, _LIGHT_SQUARE)
 
 
 def _in_unit_box(mesh: TriangleMesh, fit: NDArray | None) -> tuple[TriangleMesh, NDArray, Callable]:
@@ -163,17 +246,23 @@ def _beyond(known: NDArray, low: float, high: float) -> str:
 
 
 def _corner_normals(mesh: TriangleMesh) -> NDArray[np.float64]:
-    """(m, 3, 3) normals to shade with: smooth across a vertex, but sharp where faces turn by 45 degrees."""
+    """(m, 3, 3) normals to shade with: the mean over the faces of a vertex that no crease parts."""
     area_vector = face_area_vector(mesh)
     area_vector = area_vector / (np.abs(area_vector).max(initial=0.0) or 1.0)
-    flat = face_normal(mesh)
+    flat, topology, n = face_normal(mesh), mesh.topology, 3 * mesh.n_faces
+    twin = topology.side_twin.ravel()
+    side = np.flatnonzero((twin >= 0) & (np.arange(n) < twin))
+    smooth = side[np.einsum("ij,ij->i", flat[side // 3], flat[twin[side] // 3]) > CREASE]
+    # corners of two faces that meet across a smooth side, at both of its ends
+    a, b = (np.stack([s, 3 * (s // 3) + (s % 3 + 1) % 3], axis=1) for s in (smooth, twin[smooth]))
     corner = mesh.faces.ravel()
-    total = np.stack(
-        [np.bincount(corner, np.repeat(area_vector[:, i], 3), mesh.n_vertices) for i in range(3)], axis=1
-    )
-    smooth = (total / np.maximum(np.linalg.norm(total, axis=1, keepdims=True), 1e-300))[mesh.faces]
-    near = np.einsum("fki,fi->fk", smooth, flat) > np.cos(np.pi / 4)
-    return np.where(near[..., None], smooth, flat[:, None, :])
+    b = np.where((corner[a[:, :1]] == corner[b[:, :1]]), b, b[:, ::-1])
+    graph = coo_array((np.ones(a.size, dtype=np.int8), (a.ravel(), b.ravel())), shape=(n, n))
+    count, group = connected_components(graph, directed=False)
+    total = np.stack([np.bincount(group, np.repeat(area_vector[:, i], 3), count) for i in range(3)], axis=1)
+    size = np.linalg.norm(total, axis=1, keepdims=True)
+    mean = (total / np.maximum(size, 1e-300))[group].reshape(-1, 3, 3)
+    return np.where((size[group] > 0).reshape(-1, 3, 1), mean, flat[:, None, :])
 
 
 def _picture(camera: Camera, mesh: TriangleMesh, seen: Seen, colour: NDArray, edges: bool) -> NDArray:

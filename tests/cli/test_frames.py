@@ -1,5 +1,7 @@
 """`frames`: one frame as a mesh, pictures, animations, series; and --plot of the simulators."""
 
+import re
+
 import numpy as np
 import pytest
 
@@ -43,10 +45,33 @@ def test_one_time_as_a_mesh(summary, trajectory, tmp_path):
             assert np.array_equal(arrays["velocity"], ours.vertex(2)["velocity"])
 
 
-def test_last_frame_without_a_time(summary, trajectory, tmp_path):
-    summary("frames", trajectory, "-o", tmp_path / "f.vtu")
+def test_all_frames_as_numbered_meshes(summary, trajectory, tmp_path):
+    out = summary("frames", trajectory, "-o", tmp_path / "f_{:03d}.vtu")
+    assert out["results"]["frames"] == out["results"]["exported_frames"] == 5
+    assert out["outputs"] == [str(tmp_path / f"f_00{k}.vtu") for k in range(5)]
     with Trajectory(str(trajectory)) as ours:
-        assert np.allclose(read_mesh(str(tmp_path / "f.vtu")).mesh.points, ours.points(4), atol=0)
+        for k in range(5):
+            mesh = read_mesh(str(tmp_path / f"f_00{k}.vtu")).mesh
+            assert np.array_equal(mesh.points, ours.points(k))
+    summary("frames", trajectory, "--every", 2, "-o", tmp_path / "p{}.png")
+    assert sorted(p.name for p in tmp_path.glob("p*")) == ["p0.png", "p1.png", "p2.png"]
+    assert summary("frames", trajectory)["results"]["exported_frames"] == 0
+
+
+def test_several_frames_for_one_mesh_are_refused_and_the_cure_works(run, trajectory, tmp_path):
+    result = run("frames", trajectory, "-o", tmp_path / "all.ply")
+    assert result.exit_code == 2 and "5 are chosen" in result.stderr and not list(tmp_path.glob("all*"))
+    name = re.search(r"-o (\S+),", result.stderr)[1]
+    assert run("frames", trajectory, "-o", tmp_path / name).exit_code == 0
+    assert len(list(tmp_path.glob("all_000?.ply"))) == 5
+    assert run("frames", trajectory, "--at", 0.04, "-o", tmp_path / "all.ply").exit_code == 0
+    assert (tmp_path / "all.ply").read_bytes()[:3] == b"ply"
+
+
+@pytest.mark.parametrize("name", ["f_{}_{}.ply", "f_{x}.ply", "f_{:s}.ply", "f_{0.real}.ply", "f_{}.gif"])
+def test_names_without_one_place_for_a_number_are_refused(run, trajectory, tmp_path, name):
+    result = run("frames", trajectory, "-o", tmp_path / name)
+    assert result.exit_code == 2 and "f_{:04d}.ply" in result.stderr and result.stderr.count("\n") == 1
 
 
 def test_series_names_every_frame(summary, trajectory, tmp_path):

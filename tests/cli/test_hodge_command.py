@@ -3,9 +3,13 @@
 import numpy as np
 import pytest
 
+from ddgcli.algorithms.hodge import decomposition
 from ddgcli.io.mesh_file import read_mesh, write_mesh
 from ddgcli.mesh import shapes
 from ddgcli.mesh.fields import AnnotatedMesh
+from ddgcli.mesh.triangle_mesh import TriangleMesh
+from tests.conftest import ROOT
+from tests.exact.test_homology import klein
 
 
 @pytest.fixture
@@ -87,6 +91,37 @@ def test_a_field_that_fits_nowhere_is_refused(torus, tmp_path, run):
     assert not (tmp_path / "out.npz").exists()
 
 
+def test_the_residual_of_tetrahedra_is_measured(tmp_path, summary, monkeypatch):
+    """It was zero by construction: now an error of a thousandth in the curl part shows."""
+    ball = ROOT / "sample_meshes" / "ball.vtu"
+    cells = len(read_mesh(str(ball)).mesh.tetrahedra)
+    np.save(tmp_path / "field.npy", np.random.default_rng(0).normal(size=(cells, 3)))
+    found = summary("hodge", ball, "--field-file", tmp_path / "field.npy")["accuracy"]
+    assert 0 < found["reconstruction_residual"] < 1e-9 and found["harmonic_residual"] is None
+    right = decomposition._tetrahedron_curl
+    monkeypatch.setattr(decomposition, "_tetrahedron_curl", lambda *given: 1.001 * right(*given))
+    found = summary("hodge", ball, "--field-file", tmp_path / "field.npy")["accuracy"]
+    assert found["reconstruction_residual"] > 1e-4 and found["orthogonality"] < 1e-9
+
+
+def test_a_klein_bottle_has_the_betti_numbers_of_the_page(tmp_path, summary, run):
+    mesh = klein(8)
+    path = tmp_path / "klein.npz"
+    write_mesh(str(path), AnnotatedMesh(mesh, face={"wind": np.ones((mesh.n_faces, 3))}))
+    found = summary("hodge", path, "--field", "wind", "--basis", "-o", tmp_path / "parts.npz")
+    assert found["results"]["betti_numbers"] == {"absolute": [1, 1, 0], "relative": [1, 1, 0]}
+    assert found["results"]["betti_numbers_modulo_2"] == {"absolute": [1, 2, 1], "relative": [1, 2, 1]}
+    assert len(found["results"]["generators"]) == 2
+    assert found["accuracy"]["reconstruction_residual"] < 1e-12
+    with np.load(tmp_path / "parts.npz") as arrays:
+        assert "harmonic_000" in arrays and "harmonic_001" not in arrays
+    faces = np.concatenate([shapes.torus(12, 8).faces[:1, ::-1], shapes.torus(12, 8).faces[1:]])
+    turned = TriangleMesh.from_arrays(shapes.torus(12, 8).points, faces)
+    write_mesh(str(path), AnnotatedMesh(turned))
+    result = run("hodge", path)
+    assert result.exit_code == 2 and "turn over 1 of them (first: face 0)" in result.stderr
+
+
 def test_tetrahedra(shared_meshes, tmp_path, summary):
     path = shared_meshes / "P1.msh"
     cells = len(read_mesh(str(path)).mesh.tetrahedra)
@@ -95,3 +130,4 @@ def test_tetrahedra(shared_meshes, tmp_path, summary):
     assert found["results"]["betti_numbers"]["absolute"] == [1, 11, 0, 0]
     assert len(found["results"]["generators"]) == 11
     assert found["accuracy"]["orthogonality"] < 1e-8
+    assert 0 < found["accuracy"]["reconstruction_residual"] < 1e-6  # with inverted and nearly flat cells

@@ -64,7 +64,8 @@ def test_moebius_band_is_not_orientable(info):
     assert found["results"]["orientable"] is False
     assert found["input"]["genus"] is None
     assert found["input"]["boundary_loops"] == 1
-    assert found["results"]["accepts"]["hodge"].startswith("no: ")
+    assert found["results"]["accepts"]["hodge"] == "yes"
+    assert found["results"]["accepts"]["fluid-sim"].startswith("no: ")
 
 
 def test_turned_faces_are_inconsistent_but_orientable_and_can_be_turned_back(info):

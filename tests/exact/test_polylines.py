@@ -138,7 +138,8 @@ def test_the_torsion_and_curvature_of_a_helix_converge():
 def test_a_plane_curve_with_an_inflection_has_no_torsion_in_space():
     t = np.linspace(-1, 1, 41)
     points = np.stack([t, t**3, np.full_like(t, 2.0)], axis=1)  # the plane z = 2
-    assert np.abs(measure_curves(open_curve(points)).vertex["torsion"]).max() < 1e-7
+    arrays, _ = measure_curve(points, False, None)  # as a space curve
+    assert np.abs(arrays["torsion"]).max() < 1e-7
 
 
 def test_repeated_points_change_nothing():
@@ -147,7 +148,7 @@ def test_repeated_points_change_nothing():
     plain, extra = measure_curves(closed_curve(points)), measure_curves(closed_curve(doubled))
     for name in ("length", "total_curvature", "turning_number"):
         assert extra.results[name] == pytest.approx(plain.results[name])
-    arrays, _ = measure_curve(np.column_stack([doubled, np.zeros(len(doubled))]), True, True)
+    arrays, _ = measure_curve(np.column_stack([doubled, np.zeros(len(doubled))]), True, np.eye(3)[2])
     assert np.sum(arrays["vertex_length"] > 0) == 9
 
 
@@ -185,3 +186,49 @@ def test_an_unknown_turning_number_is_told(caplog):
     assert not caplog.records
     assert measure_curves(open_curve(circle(20))).accuracy["turning_number_residual"] is None
     assert "this one is open" in caplog.text
+
+
+SQUARE = np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])
+
+
+@pytest.mark.parametrize("axis", [0, 1, 2])
+@pytest.mark.parametrize("height", [0.0, 1.0, -3.7])
+def test_a_square_in_any_axis_plane_turns_once_seen_from_the_positive_side(axis, height):
+    points = np.roll(SQUARE + [0, 0, height], axis + 1, axis=1)  # cyclic: left stays left
+    found = measure_curves(closed_curve(points))
+    assert found.results["planar"] and found.results["turning_number"] == 1
+    assert found.accuracy["turning_number_residual"] < 1e-12
+    assert np.allclose(found.vertex["gauss_angle"], np.pi / 2 * np.arange(1, 5))
+    assert measure_curves(closed_curve(points[::-1])).results["turning_number"] == -1
+
+
+def test_a_figure_eight_in_a_tilted_plane_and_a_bent_square():
+    t = 2 * np.pi * np.arange(60) / 60
+    tilt = np.linalg.qr(np.random.default_rng(5).normal(size=(3, 3)))[0]
+    circle = np.stack([np.cos(2 * t), np.sin(2 * t), 0 * t], axis=1)
+    eight = np.stack([np.sin(t), np.sin(2 * t), 0 * t], axis=1)
+    for points, number in ((circle[:30], 1), (circle, 2), (eight, 0)):
+        wound = points * (1 + 0.1 * np.cos(t[: len(points)]))[:, None]
+        found = measure_curves(closed_curve(1e3 * (wound @ tilt.T) + 7)).results
+        assert found["planar"] and abs(found["turning_number"]) == number
+    bent = SQUARE + np.array([[0, 0, 0], [0, 0, 0], [0, 0, 1e-3], [0, 0, 0]])
+    found = measure_curves(closed_curve(bent)).results
+    assert not found["planar"] and found["turning_number"] is None
+
+
+def test_curves_in_different_planes_each_have_a_turning_number():
+    squares = np.concatenate([SQUARE, SQUARE[:, [2, 0, 1]] + 5])
+    ring = np.array([[0, 1], [1, 2], [2, 3], [3, 0]])
+    found = measure_curves(CurveSet(squares, np.concatenate([ring, ring + 4]))).results
+    assert [one["turning_number"] for one in found["curves"]] == [1, 1] and found["turning_number"] == 2
+    space = np.concatenate([SQUARE, SQUARE + np.array([[0, 0, 0], [0, 0, 0], [0, 0, 1], [0, 0, 0]])])
+    found = measure_curves(CurveSet(space, np.concatenate([ring, ring + 4]))).results
+    assert [one["turning_number"] for one in found["curves"]] == [1, None]
+    assert found["turning_number"] is None and not found["planar"]
+
+
+def test_an_open_curve_in_space_is_neither_knotted_nor_unknotted():
+    t = np.linspace(0, 3, 20)
+    points = np.stack([np.cos(t), np.sin(t), t], axis=1)
+    lines = np.stack([np.arange(19), np.arange(1, 20)], axis=1)
+    assert measure_curves(CurveSet(points, lines)).results["unknotted_by_fary_milnor"] is None

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.errors import MeshError
-from ddgcli.mesh.curve import CurveSet
+from ddgcli.mesh.curve import CurveSet, nearest_axis, plane_normal
 from ddgcli.mesh.triangle_mesh import vector_length
 
 log = logging.getLogger("ddgcli")
@@ -28,7 +28,8 @@ class MeasuredCurves:
 def measure_curves(curves: CurveSet) -> MeasuredCurves:
     """Turning, curvature, torsion and their sums for each polyline of a set.
 
-    Curves with z = 0 everywhere are plane curves, whose turning has a sign; others are space curves.
+    The turning of a curve that lies in a plane (any plane; see `plane_normal`) has a sign; others are space
+    curves.
 
     Returns
     -------
@@ -41,14 +42,15 @@ def measure_curves(curves: CurveSet) -> MeasuredCurves:
     MeshError
         No segment of positive length.
     """
-    planar = curves.planar
+    normals = [plane_normal(curves.points[path]) for path, _ in curves.paths()]
+    planar = all(normal is not None for normal in normals)
     names = ["turning_angle", "curvature", "vertex_length", "torsion", "gauss_angle"]
     names = [name for name in names if name != ("torsion" if planar else "gauss_angle")]
     vertex = {name: np.zeros(curves.n_vertices) for name in names}
     vertex["gauss_map"] = np.zeros((curves.n_vertices, 3))
     each = []
-    for path, closed in curves.paths():
-        arrays, results = measure_curve(curves.points[path], closed, planar)
+    for (path, closed), normal in zip(curves.paths(), normals, strict=True):
+        arrays, results = measure_curve(curves.points[path], closed, normal)
         for name in vertex:
             vertex[name][path] = arrays[name]
         each.append(results)
@@ -71,11 +73,14 @@ def _together(each: list[dict[str, Any]]) -> dict[str, Any]:
     """Sums over the curves; a sum is unknown where one of its terms is."""
     if len(each) == 1:
         return dict(each[0])
-    total: dict[str, Any] = {"closed": all(r["closed"] for r in each), "planar": each[0]["planar"]}
-    for name in each[0]:
+    total: dict[str, Any] = {
+        "closed": all(r["closed"] for r in each),
+        "planar": all(r["planar"] for r in each),
+    }
+    for name in dict.fromkeys(name for r in each for name in r):
         if name in total or name == "unknotted_by_fary_milnor":
             continue
-        values = [r[name] for r in each]
+        values = [r.get(name, 0.0) for r in each]  # a plane curve has no torsion
         known = all(v is not None for v in values)
         combine = max if name in ("longest_segment", "turning_number_residual") else sum
         total[name] = combine(values) if known else None
@@ -86,7 +91,9 @@ def _range(values: NDArray) -> dict[str, float]:
     return {"min": float(values.min()), "max": float(values.max()), "mean": float(values.mean())}
 
 
-def measure_curve(points: NDArray, closed: bool, planar: bool) -> tuple[dict[str, NDArray], dict[str, Any]]:
+def measure_curve(
+    points: NDArray, closed: bool, normal: NDArray | None
+) -> tuple[dict[str, NDArray], dict[str, Any]]:
     """Arrays and results of one polyline.
 
     Parameters
@@ -94,8 +101,8 @@ def measure_curve(points: NDArray, closed: bool, planar: bool) -> tuple[dict[str
     points : (n, 3) ndarray
         In order; the first is not repeated.
     closed : bool
-    planar : bool
-        Whether all z are 0: turning to the left then counts positive, to the right negative.
+    normal : (3,) ndarray, optional
+        Of a plane curve: turning to the left, seen from where it points, counts positive.
 
     Returns
     -------
@@ -112,7 +119,7 @@ def measure_curve(points: NDArray, closed: bool, planar: bool) -> tuple[dict[str
     -----
     Points that repeat their predecessor are passed over: their values are 0.
     """
-    n = len(points)
+    n, planar = len(points), normal is not None
     following = np.roll(points, -1, axis=0) - points
     used = vector_length(following) > 0
     if not closed and n:
@@ -129,7 +136,7 @@ def measure_curve(points: NDArray, closed: bool, planar: bool) -> tuple[dict[str
     length = vector_length(segment)
     tangent = segment / length[:, None]
     before, after, at = _joints(len(segment), closed)
-    angle = _turning(tangent[before], tangent[after], planar)
+    angle = _turning(tangent[before], tangent[after], normal)
     arrays["turning_angle"][keep[at]] = angle
     half = np.zeros(len(keep))
     ends = (np.arange(len(segment)), (np.arange(len(segment)) + 1) % len(keep))
@@ -137,7 +144,7 @@ def measure_curve(points: NDArray, closed: bool, planar: bool) -> tuple[dict[str
         np.add.at(half, end, length / 2)
     arrays["vertex_length"][keep] = half
     arrays["curvature"][keep] = arrays["turning_angle"][keep] / half
-    _gauss_map(arrays, keep, tangent, closed, planar)
+    _gauss_map(arrays, keep, tangent, closed, normal)
     if not planar:
         _torsion(arrays, keep, tangent, length, closed)
     return arrays, _results(arrays, length, closed, planar)
@@ -152,23 +159,26 @@ def _joints(segments: int, closed: bool) -> tuple[NDArray, NDArray, NDArray]:
     return point - 1, point, point
 
 
-def _turning(before: NDArray, after: NDArray, planar: bool) -> NDArray[np.float64]:
+def _turning(before: NDArray, after: NDArray, normal: NDArray | None) -> NDArray[np.float64]:
     cosine = np.einsum("ij,ij->i", before, after)
-    if planar:
-        return np.arctan2(before[:, 0] * after[:, 1] - before[:, 1] * after[:, 0], cosine)
-    return np.arctan2(vector_length(np.cross(before, after)), cosine)
+    binormal = np.cross(before, after)
+    return np.arctan2(vector_length(binormal) if normal is None else binormal @ normal, cosine)
 
 
 def _gauss_map(
-    arrays: dict[str, NDArray], keep: NDArray, tangent: NDArray, closed: bool, planar: bool
+    arrays: dict[str, NDArray], keep: NDArray, tangent: NDArray, closed: bool, normal: NDArray | None
 ) -> None:
     leaving = tangent if closed else np.concatenate([tangent, tangent[-1:]])
-    if not planar:
+    if normal is None:
         arrays["gauss_map"][keep] = leaving
         return
-    arrays["gauss_map"][keep] = np.stack([-leaving[:, 1], leaving[:, 0], 0 * leaving[:, 0]], axis=1)
+    arrays["gauss_map"][keep] = left = np.cross(normal, leaving)
+    # axes of the plane: x and y in a horizontal one, and their cyclic images in the others
+    first = np.eye(3)[(nearest_axis(normal) + 1) % 3]
+    first = first - (first @ normal) * normal
+    second = np.cross(normal, first)
     turning = arrays["turning_angle"][keep]
-    start = np.arctan2(leaving[0, 0], -leaving[0, 1])
+    start = np.arctan2(left[0] @ second, left[0] @ first)
     arrays["gauss_angle"][keep] = start + np.concatenate([[0.0], np.cumsum(turning[1:])])
 
 
@@ -210,5 +220,5 @@ def _results(arrays: dict[str, NDArray], length: NDArray, closed: bool, planar: 
     if not planar:
         found["total_torsion"] = float((arrays["torsion"] * arrays["vertex_length"]).sum())
         # Fary and Milnor: a knotted closed curve has total curvature above 4 pi
-        found["unknotted_by_fary_milnor"] = closed and total <= 4 * np.pi
+        found["unknotted_by_fary_milnor"] = total <= 4 * np.pi if closed else None
     return found

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import coo_array, csr_array, diags_array
-from scipy.sparse.linalg import cg
+from scipy.sparse.linalg import cg, lsmr
 
 from ddgcli.algorithms.hodge.harmonic import ClosedProjection, harmonic_residual
 from ddgcli.algorithms.hodge.homology import Boundary
@@ -21,7 +21,7 @@ from ddgcli.errors import ParameterError
 from ddgcli.geometry.extrinsic import face_normal
 from ddgcli.linalg.constrain import Dirichlet, Poisson, floating_components
 from ddgcli.linalg.factor import Factor
-from ddgcli.mesh.tet_mesh import TetMesh
+from ddgcli.mesh.tet_mesh import TET_FACES, TetMesh
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.operators.dec import Complex, complex_of
 from ddgcli.operators.whitney import barycentric_gradients, sharp, whitney_load
@@ -68,7 +68,7 @@ def decompose_form(mesh: SpaceMesh, form: NDArray, boundary: Boundary = "tangent
     Parameters
     ----------
     mesh : TriangleMesh or TetMesh
-        Manifold and oriented.
+        Manifold; orientable components of a surface oriented.
     form : (e,) ndarray
         Integrals along the edges.
     boundary : {'tangential', 'normal'}
@@ -97,8 +97,8 @@ def decompose_cell_vectors(
 ) -> HodgeDecomposition:
     """Split a field of vectors constant on cells (faces, or tetrahedra) into its three parts.
 
-    On surfaces normal components must have been removed (`tangent_part`). In tetrahedra the coexact part is
-    what remains beside gradients and harmonic fields, and no copotential is given.
+    On surfaces normal components must have been removed (`tangent_part`). In tetrahedra the coexact part is a
+    curl of tangential vectors on the faces, which are not unique and not returned.
     """
     projection = ClosedProjection(mesh, boundary)
     complex_ = projection.complex
@@ -108,10 +108,10 @@ def decompose_cell_vectors(
     exact = sharp(mesh, projection.derivative @ potential)
     form = projection.harmonic_part(load)
     harmonic = sharp(mesh, form)
-    copotential = None
-    coexact = vectors - exact - harmonic
     if isinstance(mesh, TriangleMesh):
         copotential, coexact = _turned_gradient(mesh, complex_, vectors, boundary)
+    else:
+        copotential, coexact = None, _tetrahedron_curl(mesh, complex_, vectors, boundary)
     measure = complex_.metric.measure[:, None]
     return _assembled(
         lambda a, b: float((measure * a * b).sum()),
@@ -222,8 +222,13 @@ def _conjugate_gradients(system: csr_array, load: NDArray) -> NDArray[np.float64
 def _turned_gradient(
     mesh: TriangleMesh, complex_: Complex, vectors: NDArray, boundary: Boundary
 ) -> tuple[NDArray, NDArray]:
-    """Crouzeix-Raviart copotential (e,) and its turned gradient (m, 3); zero on the rim for `tangential`."""
+    """Crouzeix-Raviart copotential (e,) and its turned gradient (m, 3); zero on the rim for `tangential`.
+
+    Where two faces run the same way along an edge (one-sided surfaces) the copotential changes its sign over
+    it, as the normals do: the value of an edge is that seen from its first face.
+    """
     gradient = -2.0 * barycentric_gradients(mesh)[:, [2, 0, 1]]  # of 1 - 2 lambda opposite each side
+    gradient *= _copotential_sign(mesh)[..., None]
     turned = np.cross(face_normal(mesh)[:, None], gradient)
     area, n = complex_.metric.measure, complex_.counts[1]
     local = area[:, None, None] * np.einsum("mid,mjd->mij", gradient, gradient)
@@ -239,11 +244,56 @@ def _turned_gradient(
     return copotential, np.einsum("mi,mid->md", copotential[index], turned)
 
 
+def _copotential_sign(mesh: TriangleMesh) -> NDArray[np.float64]:
+    """(m, 3) -1 at sides whose face lies turned over against the edge's first face, else 1."""
+    topology = mesh.topology
+    twin, sign = topology.side_twin.ravel(), topology.side_sign.ravel()
+    turned = (twin >= 0) & (sign == sign[twin]) & (np.arange(len(twin)) > twin)
+    return np.where(turned, -1.0, 1.0).reshape(-1, 3)
+
+
+def _tetrahedron_curl(
+    mesh: TetMesh, complex_: Complex, vectors: NDArray, boundary: Boundary
+) -> NDArray[np.float64]:
+    """(t, 3) projection on curls of piecewise linear vector potentials with continuous mean tangents.
+
+    A tangential vector b on each face gives the field sum_F +-|F| b_F / |T| in the tetrahedra beside it. The
+    complement is the piecewise constant fields with continuous tangential parts: the closed Whitney forms.
+    For `tangential`, b is zero on the boundary.
+    """
+    n_faces = complex_.counts[2]
+    tets = np.arange(len(complex_.corners))
+    free = np.ones(n_faces, dtype=bool)
+    if boundary == "tangential":
+        free[complex_.boundary_faces] = False
+    face = complex_.cell_face.ravel()
+    first = np.empty(n_faces, dtype=np.int64)
+    first[face[::-1]] = np.arange(len(face))[::-1]
+    # not the sign of the volume: beside an inverted tetrahedron both cells lie on one side of the face
+    sign = np.where(first[face] == np.arange(len(face)), 1.0, -1.0)
+    a, b, c = np.moveaxis(mesh.points[mesh.tetrahedra[:, TET_FACES].reshape(-1, 3)[first]], 1, 0)
+    frame = np.swapaxes(np.linalg.qr(np.stack([b - a, c - a], axis=2))[0], 1, 2)  # (f, 2, 3)
+    kept = free[face]
+    cell, face, sign = np.repeat(tets, 4)[kept], face[kept], sign[kept]
+    # rows scaled with the square root of the volume, so that the inner product is the plain one
+    root = np.sqrt(complex_.metric.measure)
+    entry = (sign / root[cell])[:, None, None] * frame[face]  # (k, 2, 3); |F| is left to the column's scale
+    rows = np.broadcast_to(3 * cell[:, None, None] + np.arange(3), entry.shape)
+    cols = np.broadcast_to(2 * face[:, None, None] + np.arange(2)[:, None], entry.shape)
+    shape = (3 * len(tets), 2 * n_faces)
+    curl = coo_array((entry.ravel(), (rows.ravel(), cols.ravel())), shape=shape).tocsr()
+    scale = np.sqrt((curl**2).sum(axis=0))
+    curl = (curl @ diags_array(1.0 / np.where(scale > 0, scale, 1.0))).tocsr()
+    weighted = (root[:, None] * vectors).ravel()
+    solution = lsmr(curl, weighted, atol=1e-14, btol=1e-14, conlim=0, maxiter=20_000)[0]
+    return (curl @ solution).reshape(-1, 3) / root[:, None]
+
+
 def _zero_on_rim(system: csr_array, load: NDArray, complex_: Complex) -> NDArray[np.float64]:
     """Solve with zero on boundary edges; closed components keep one edge at zero."""
     rim = complex_.boundary_edge.copy()
     label = floating_components(system)
-    covered = np.zeros(int(label.max(initial=-1)) + 1, dtype=bool)
+    covered = np.zeros(int(label.max(initial=0)) + 1, dtype=bool)
     covered[label[rim & (label >= 0)]] = True
     closed = np.flatnonzero((label >= 0) & ~covered[np.maximum(label, 0)])
     rim[closed[np.unique(label[closed], return_index=True)[1]]] = True

@@ -29,47 +29,32 @@ Boundary = Literal["tangential", "normal"]
 
 @dataclass(frozen=True)
 class BettiNumbers:
-    """Ranks of homology over the rationals, by degree; `relative` to the boundary."""
+    """Ranks of homology over a field, by degree; `relative` to the boundary."""
 
     absolute: tuple[int, ...]
     relative: tuple[int, ...]
 
 
-def betti_numbers(mesh: SurfaceMesh | TetMesh) -> BettiNumbers:
-    """Betti numbers of a manifold surface (any orientation, with boundary) or of a solid of tetrahedra.
+def betti_numbers(mesh: SurfaceMesh | TetMesh, modulo_2: bool = False) -> BettiNumbers:
+    """Betti numbers, over the rationals or over the integers modulo 2, of a surface or a solid.
 
+    Surfaces are manifold (any orientation, with boundary), solids made of tetrahedra.
     Surfaces by counting components, closed components and the Euler characteristic. Solids by duality: each
-    boundary surface beyond the first of a component closes off one cavity (the solid lies in space).
+    boundary surface beyond the first of a component closes off one cavity (the solid lies in space). Both
+    fields give the same numbers but on surfaces that cannot be oriented, whose homology has torsion 2.
     """
-    return _solid_betti(mesh) if isinstance(mesh, TetMesh) else _surface_betti(mesh.topology)
+    return _solid_betti(mesh) if isinstance(mesh, TetMesh) else _surface_betti(mesh.topology, modulo_2)
 
 
-def _surface_betti(topology: Topology) -> BettiNumbers:
+def _surface_betti(topology: Topology, modulo_2: bool) -> BettiNumbers:
     count = topology.n_components
     open_component = np.zeros(count, dtype=bool)
     open_component[topology.vertex_component[topology.edges[topology.boundary_edges, 0]]] = True
-    orientable = orientable_components(topology)
+    orientable = topology.orientable_component | modulo_2
     closed, euler = int((~open_component).sum()), topology.euler_characteristic
     b2 = int((orientable & ~open_component).sum())
     relative2 = int(orientable.sum())
     return BettiNumbers((count, count + b2 - euler, b2), (closed, closed + relative2 - euler, relative2))
-
-
-def orientable_components(topology: Topology) -> NDArray[np.bool_]:
-    """(c,) whether each component can be oriented: its two-sheeted cover then falls in two pieces."""
-    m = topology.n_faces
-    side = np.flatnonzero(topology.side_twin.ravel() >= 0)
-    twin = topology.side_twin.ravel()[side]
-    sign = topology.side_sign.ravel()
-    swapped = (sign[side] == sign[twin]) * m  # same direction: the faces disagree, so the sheets are swapped
-    face, other = side // 3, twin // 3
-    rows = np.concatenate([face, face + m])
-    cols = np.concatenate([other + swapped, other + m - swapped])
-    graph = coo_array((np.ones(len(rows), dtype=np.int8), (rows, cols)), shape=(2 * m, 2 * m))
-    label = connected_components(graph, directed=False)[1]
-    result = np.ones(topology.n_components, dtype=bool)
-    result[topology.face_component[label[:m] == label[m:]]] = False
-    return result
 
 
 def _solid_betti(mesh: TetMesh) -> BettiNumbers:
@@ -161,6 +146,9 @@ def _dual_edges(topology: Topology, outer: bool) -> tuple[NDArray, NDArray]:
     sign = np.zeros((topology.n_edges, 2), dtype=np.int64)
     side_edge, side_sign = topology.side_edge.ravel(), topology.side_sign.ravel()
     column = (side_sign < 0).astype(np.int64)
+    twin = topology.side_twin.ravel()
+    clash = (twin >= 0) & (side_sign == side_sign[twin])  # on one-sided surfaces: the second side goes second
+    column[clash] = np.flatnonzero(clash) > twin[clash]
     edge_face[side_edge, column] = np.arange(len(side_edge)) // 3
     sign[side_edge, column] = side_sign
     if outer:
@@ -222,7 +210,9 @@ def _spanning_forest(ends: NDArray, weight: NDArray, usable: NDArray) -> tuple[N
     tree = minimum_spanning_tree(graph)
     label = connected_components(tree, directed=False)[1]
     parent = np.full(n, -1, dtype=np.int64)
-    for root in np.unique(label, return_index=True)[1]:
+    last = np.full(label.max(initial=-1) + 1, -1, dtype=np.int64)
+    np.maximum.at(last, label, np.arange(n))
+    for root in last:  # an outer node, where there is one: there nothing has to balance
         _, before = breadth_first_order(tree, root, directed=False)
         reached = before >= 0
         parent[reached] = before[reached]
@@ -230,49 +220,72 @@ def _spanning_forest(ends: NDArray, weight: NDArray, usable: NDArray) -> tuple[N
 
 
 def closed_cochains(mesh: SurfaceMesh, boundary: Boundary = "tangential") -> csr_array:
-    """Closed integer 1-forms that span the cohomology, one a generator.
+    """Closed integer 1-forms that span the rational cohomology, one a class.
 
     Returns
     -------
     (e, b) csr_array of float
-        Each column is +-1 on the edges that one dual loop crosses, so its sum around every face is zero.
-        For `tangential` dual loops may run through the boundary; for `normal` they may not, and the columns
-        vanish on boundary edges.
+        Integers on the edges that a dual loop crosses, so that the sum around every face is zero. For
+        `tangential` dual loops may run through the boundary; for `normal` they may not, and the columns
+        vanish on boundary edges. A dual loop that turns the orientation over closes up with a second one
+        only: a component without an orientation has one class fewer than generators.
     """
     trees = tree_cotree(mesh, boundary)
-    rows, values, columns = [], [], []
-    for column, edge in enumerate(trees.generator_edges):
-        crossed, sign = _dual_loop(trees, int(edge), mesh.n_faces)
-        rows.append(crossed)
-        values.append(sign)
-        columns.append(np.full(len(crossed), column))
-    shape = (mesh.topology.n_edges, len(trees.generator_edges))
-    if not rows:
+    columns: list[tuple[NDArray, NDArray]] = []
+    unbalanced: dict[int, tuple[NDArray, NDArray, int]] = {}
+    for edge in trees.generator_edges.tolist():
+        crossed, value, root, rest = _dual_cochain(trees, edge, mesh.n_faces)
+        if rest and root not in unbalanced:
+            unbalanced[root] = crossed, value, rest
+            continue
+        if rest:
+            other, its_value, its_rest = unbalanced[root]
+            share = -rest // its_rest  # both are 2 or -2
+            crossed, value = np.concatenate([crossed, other]), np.concatenate([value, share * its_value])
+        columns.append((crossed, value))
+    shape = (mesh.topology.n_edges, len(columns))
+    if not columns:
         return csr_array(shape)
-    entries = (np.concatenate(values).astype(float), (np.concatenate(rows), np.concatenate(columns)))
-    return csr_array(coo_array(entries, shape=shape))
+    rows, values = (np.concatenate([column[k] for column in columns]) for k in (0, 1))
+    number = np.repeat(np.arange(len(columns)), [len(crossed) for crossed, _ in columns])
+    matrix = csr_array(coo_array((values.astype(float), (rows, number)), shape=shape))
+    matrix.eliminate_zeros()
+    return matrix
 
 
-def _dual_loop(trees: TreeCotree, edge: int, n_faces: int) -> tuple[NDArray, NDArray]:
-    """Edges crossed by the dual loop through `edge`, with the sign of the face that is left.
+def _dual_cochain(trees: TreeCotree, edge: int, n_faces: int) -> tuple[NDArray, NDArray, int, int]:
+    """Values that balance around every face but the root, 1 on `edge`: it goes up the dual tree both ways.
 
-    A dual loop may pass an outer node, where nothing has to balance: there its direction is irrelevant.
+    Returns
+    -------
+    edges, values : (k,) ndarray of int64
+        An edge that both ways cross stands there twice.
+    root : int
+        Where the ways end.
+    rest : int
+        Sum around the root; 0 where the root is an outer node, at which nothing has to balance.
     """
-    start, end = trees.edge_face[edge]
-    up_start, up_end = _climb(trees.face_parent, start), _climb(trees.face_parent, end)
-    while len(up_start) > 1 and len(up_end) > 1 and up_start[-2] == up_end[-2]:
-        up_start.pop()
-        up_end.pop()
-    nodes = [*reversed(up_start), *up_end]  # from the meeting node down to start, over the edge, up again
-    down = [trees.face_parent_edge[f] for f in reversed(up_start[:-1])]
-    up = [trees.face_parent_edge[f] for f in up_end[:-1]]
-    crossed = np.array([*down, edge, *up], dtype=np.int64)
-    left = np.array(nodes[:-1])
-    column = np.where(trees.edge_face[crossed, 0] == left, 0, 1)
-    sign = np.where(
-        left < n_faces, trees.edge_face_sign[crossed, column], -trees.edge_face_sign[crossed, 1 - column]
-    )
-    return crossed, sign
+    edges, values, rest, root = [edge], [1], 0, -1
+    for column in (0, 1):
+        via, value, node = edge, 1, int(trees.edge_face[edge, column])
+        while True:
+            inward = value * _sign_at(trees, via, node)
+            if trees.face_parent[node] < 0:
+                break
+            via = int(trees.face_parent_edge[node])
+            value = -inward * _sign_at(trees, via, node)
+            edges.append(via)
+            values.append(value)
+            node = int(trees.face_parent[node])
+        root = node
+        rest += inward if node < n_faces else 0
+    return np.array(edges), np.array(values), root, rest
+
+
+def _sign_at(trees: TreeCotree, edge: int, node: int) -> int:
+    """How the face `node` runs along an edge; an outer node runs against the face beside it."""
+    column = 0 if trees.edge_face[edge, 0] == node else 1
+    return int(trees.edge_face_sign[edge, column] or -trees.edge_face_sign[edge, 1 - column])
 
 
 def _climb(parent: NDArray, node: int) -> list[int]:
@@ -283,7 +296,11 @@ def _climb(parent: NDArray, node: int) -> list[int]:
 
 
 def generator_loops(mesh: SurfaceMesh) -> list[NDArray[np.int64]]:
-    """Closed edge loops that generate the first homology: the vertices of each, start not repeated."""
+    """Closed edge loops that generate the first homology: the vertices of each, start not repeated.
+
+    On a closed component without an orientation one of them, or their sum, has finite order: they are one
+    more than the rational Betti number.
+    """
     trees = tree_cotree(mesh, "tangential")
     edges = mesh.topology.edges
     return [_tree_loop(trees.vertex_parent, *edges[edge]) for edge in trees.generator_edges]

@@ -36,12 +36,12 @@ SpaceMesh = TriangleMesh | TetMesh
 
 @dataclass(frozen=True, eq=False)
 class HodgeReport:
-    """The annotated mesh, the summary's blocks, the picture's potential, and whether the residuals hold."""
+    """Annotated mesh, blocks of the summary, vectors of the field (else None), and whether it converged."""
 
     annotated: AnnotatedMesh
     results: dict[str, Any]
     accuracy: dict[str, Any]
-    shown: NDArray | None
+    vectors: NDArray | None
     converged: bool
 
 
@@ -59,15 +59,17 @@ def hodge_report(
     check_mesh(mesh)
     place = field_place(mesh, *field) if field is not None else ("edge" if with_basis else "")
     progress(0, 3)
-    betti = betti_numbers(mesh)
+    betti, modulo_2 = betti_numbers(mesh), betti_numbers(mesh, modulo_2=True)
     generators = [loop.tolist() for loop in _generators(mesh)]
     progress(1, 3)
     basis = harmonic_basis(mesh, boundary) if with_basis else None
     progress(2, 3)
     split = _decomposed(mesh, field[0], place, boundary) if field is not None else None
     arrays = _arrays(mesh, split, basis, place)
+    harmonic_fields = (betti.absolute if boundary == "tangential" else betti.relative)[1]
     results = {
         "betti_numbers": {"absolute": list(betti.absolute), "relative": list(betti.relative)},
+        "betti_numbers_modulo_2": {"absolute": list(modulo_2.absolute), "relative": list(modulo_2.relative)},
         "boundary": boundary,
         "field_on": place or None,
         "norms": split.norms if split else None,
@@ -76,7 +78,7 @@ def hodge_report(
     accuracy = {
         "orthogonality": split.orthogonality if split else None,
         "reconstruction_residual": split.reconstruction_residual if split else None,
-        "harmonic_residual": split.harmonic_residual if split else (basis.residual if basis else None),
+        "harmonic_residual": _harmonic_residual(split, basis) if harmonic_fields else None,
     }
     # averages from vertices to cells and back are part of the method: their loss is no defect of the solution
     exact = ("orthogonality", "harmonic_residual") + (
@@ -85,12 +87,12 @@ def hodge_report(
     converged = within_residuals(
         accuracy, exact, "the cells leave the systems too ill-conditioned; repair the mesh"
     )
-    shown = split.potential if split else None
-    return HodgeReport(AnnotatedMesh(mesh, **arrays), results, accuracy, shown, converged)
+    vectors = field[0] if field is not None and place in ("vertex", "cell") else None
+    return HodgeReport(AnnotatedMesh(mesh, **arrays), results, accuracy, vectors, converged)
 
 
 def check_mesh(mesh: SpaceMesh) -> None:
-    """Refuse what has no Hodge decomposition here: non-manifold, not oriented, open tetrahedral complexes."""
+    """Refuse non-manifold meshes, and orientable components that are not oriented."""
     if isinstance(mesh, TetMesh):
         if len(mesh.tetrahedra) == 0:
             raise MeshError("no tetrahedra; hodge needs a surface or a mesh of tetrahedra")
@@ -98,7 +100,10 @@ def check_mesh(mesh: SpaceMesh) -> None:
         return
     if not isinstance(mesh, TriangleMesh):
         raise MeshError("curves have no Hodge decomposition; give a surface or a mesh of tetrahedra")
-    require(mesh, "hodge", manifold=True, oriented=True)
+    require(mesh, "hodge", manifold=True, oriented=True, one_sided=True)
+    if mesh.topology.one_sided_face.any():
+        log.warning("the surface is one-sided: copotentials change their sign with the orientation of the "
+                    "faces, and some generators have finite order")  # fmt: skip
 
 
 def field_place(mesh: SpaceMesh, array: NDArray, place: str) -> str:
@@ -135,6 +140,10 @@ def _decomposed(mesh: SpaceMesh, array: NDArray, place: str, boundary: Boundary)
             log.warning("the field has normal components of up to %.2g of its size: only its tangent part "
                         "is decomposed", removed)  # fmt: skip
     return decompose_cell_vectors(mesh, array, boundary)
+
+
+def _harmonic_residual(split: HodgeDecomposition | None, basis: HarmonicBasis | None) -> float | None:
+    return split.harmonic_residual if split else basis.residual if basis else None
 
 
 def _arrays(

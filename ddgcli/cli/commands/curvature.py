@@ -9,7 +9,6 @@ import click
 from ddgcli.cli import options
 from ddgcli.cli.options import Common
 from ddgcli.cli.run import Run
-from ddgcli.errors import ParameterError
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -59,21 +58,12 @@ class Radius(click.ParamType):
     metavar="ARRAY",
     help="Array of the input (n, 2) or (n, 3): its non-conformality, Dirichlet energy - area, is measured.",
 )
-@click.option("--show", metavar="ARRAY", help="Array that --plot draws (default: the mean curvature).")
-@click.option(
-    "--view",
-    type=options.View(),
-    metavar="VIEW",
-    help="Of --plot: x, y, z, iso or ELEVATION,AZIMUTH in degrees; an up axis may follow, as in iso:y.",
-)
 @options.common
 def command(
     mesh_path: str,
     scheme: str,
     radius: Any,
     map_name: str | None,
-    show: str | None,
-    view: dict[str, Any] | None,
     common: Common,
 ) -> None:
     """Measure the curvature of MESH: a triangle surface, the boundary of tetrahedra, or polylines.
@@ -87,9 +77,7 @@ def command(
       ddgcli curvature torus.ply -o torus.vtu --plot torus.png
       ddgcli curvature scan.stl --radius 0.5 --json
     """
-    run = Run("curvature", common, scheme=scheme, radius=radius, map=map_name, show=show, view=view)
-    if common.plot is None and (show or view):
-        raise ParameterError(f"--{'show' if show else 'view'} is for the picture of --plot; add that")
+    run = Run("curvature", common, scheme=scheme, radius=radius, map=map_name)
     source = run.read(mesh_path, accept=("surface", "tetrahedra", "curve"))
     from ddgcli.mesh.curve import CurveSet
 
@@ -97,9 +85,9 @@ def command(
         options.refuse_given(
             "is for surfaces, and this is a curve; leave it out", "scheme", "radius", "map_name"
         )
-        _curves(run, source.mesh, show, view)
+        _curves(run, source.mesh)
     else:
-        _surface(run, source, scheme, radius, map_name, show, view)
+        _surface(run, source, scheme, radius, map_name)
 
 
 def _surface(
@@ -108,8 +96,6 @@ def _surface(
     scheme: str,
     radius: Any,
     map_name: str | None,
-    show: str | None,
-    view: dict[str, Any] | None,
 ) -> None:
     from ddgcli.algorithms.curvature.report import measure
     from ddgcli.mesh.fields import AnnotatedMesh
@@ -117,10 +103,9 @@ def _surface(
     mesh = source.surface
     image = None if map_name is None else options.chosen(source.vertex, map_name, "vertex array")
     measured = measure(mesh, scheme, radius, image=image)
-    shown = options.chosen(measured.vertex, show or "mean_curvature")
+    name, values = run.shown(measured.vertex, "mean_curvature")
     run.write(AnnotatedMesh(mesh, vertex=measured.vertex, edge=measured.edge))
-    size = _size_of(show or "mean_curvature", measured.vertex)
-    run.plot(lambda path: _draw_surface(path, mesh, show or "mean_curvature", shown, size, scheme, view))
+    run.plot(lambda path: _draw_surface(path, mesh, name, values, measured.vertex, scheme, run.look))
     run.finish(measured.results, measured.accuracy)
 
 
@@ -135,26 +120,42 @@ def _size_of(name: str, vertex: Mapping[str, NDArray]) -> float:
 
 
 def _draw_surface(
-    path: str, mesh: TriangleMesh, name: str, values: NDArray, size: float, scheme: str, view: dict | None
+    path: str,
+    mesh: TriangleMesh,
+    name: str,
+    values: NDArray,
+    vertex: Mapping[str, NDArray],
+    scheme: str,
+    look: dict[str, Any],
 ) -> None:
+    """An array in colours; principal directions as stripes over their curvature."""
+    from ddgcli.plots.array import draw_array, glyphs_of
     from ddgcli.plots.surface import draw_surface
 
-    caption = f"scheme {scheme}"
-    draw_surface(path, mesh, values, label=name, value_size=size, caption=caption, **(view or {}))
+    given: dict[str, Any] = {"caption": f"scheme {scheme}", **look}
+    if name.startswith("principal_direction"):
+        glyphs, name = glyphs_of(mesh, name, values), name.replace("direction", "curvature")
+        size = _size_of(name, vertex)
+        draw_surface(
+            path, mesh, vertex[name], label=name, signed=True, glyphs=glyphs, value_size=size, **given
+        )
+        return
+    draw_array(path, mesh, name, values, value_size=_size_of(name, vertex), **given)
 
 
-def _curves(run: Run, curves: CurveSet, show: str | None, view: dict[str, Any] | None) -> None:
+def _curves(run: Run, curves: CurveSet) -> None:
     from ddgcli.algorithms.curvature.polyline import measure_curves
     from ddgcli.mesh.fields import AnnotatedMesh
 
     measured = measure_curves(curves)
-    shown = options.chosen(measured.vertex, show or "curvature")
+    scalars = {name: values for name, values in measured.vertex.items() if values.ndim == 1}
+    name, values = run.shown(scalars, "curvature")
     run.write(AnnotatedMesh(curves, vertex=measured.vertex))
-    run.plot(lambda path: _draw_curves(path, curves, show or "curvature", shown, view))
+    run.plot(lambda path: _draw_curves(path, curves, name, values, run.look))
     run.finish(measured.results, measured.accuracy)
 
 
-def _draw_curves(path: str, curves: CurveSet, name: str, values: NDArray, view: dict | None) -> None:
+def _draw_curves(path: str, curves: CurveSet, name: str, values: NDArray, look: dict[str, Any]) -> None:
     from ddgcli.plots.curve import draw_curves
 
     paths = curves.paths()
@@ -164,5 +165,5 @@ def _draw_curves(path: str, curves: CurveSet, name: str, values: NDArray, view: 
         [values[points] for points, _ in paths],
         closed=[closed for _, closed in paths],
         label=name,
-        **(view or {}),
+        **look,
     )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -104,16 +104,23 @@ def command(
         condition=condition,
         seed=common.seed,
     )
+    run.shown({}, "")
     run.write(AnnotatedMesh(report.mesh, vertex=report.vertex), converged=report.reached)
     if overlay and report.subdivision:
         written = overlay_mesh(report.subdivision, report.transferred)
         run.write_file(overlay, written, converged=report.reached)
-    run.plot(lambda path: draw(path, source.surface, report.subdivision))
+    run.plot(lambda path: draw(path, source.surface, report.subdivision, run.look))
     run.finish(report.results, report.accuracy, converged=report.reached)
 
 
-def draw(path: str, mesh: TriangleMesh, subdivision: CommonSubdivision | None) -> None:
-    """The intrinsic edges as geodesics over the shaded input surface."""
-    from ddgcli.plots.surface import draw_surface
+def draw(path: str, mesh: TriangleMesh, subdivision: CommonSubdivision | None, look: dict[str, Any]) -> None:
+    """The edges of the input beside the intrinsic ones, in thin lines over the shaded surface."""
+    from ddgcli.plots.surface import draw_beside
 
-    draw_surface(path, mesh, curves=subdivision.curves() if subdivision else (), curve_width=0.6)
+    curves = subdivision.curves() if subdivision else ()
+    draw_beside(
+        path,
+        [(mesh, {"curves": list(mesh.points[mesh.topology.edges]), "title": "input"}),
+         (mesh, {"curves": curves, "title": "intrinsic Delaunay"})],
+        curve_width=0.35, curve_halo=0.0, **look,
+    )  # fmt: skip

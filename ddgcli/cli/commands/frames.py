@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -11,14 +12,15 @@ import click
 from ddgcli.cli import options
 from ddgcli.cli.options import Common
 from ddgcli.cli.run import Run, describe
-from ddgcli.errors import ParameterError
+from ddgcli.errors import OutputError, ParameterError
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from ddgcli.io.trajectories.trajectory import Trajectory
     from ddgcli.mesh.fields import AnnotatedMesh
     from ddgcli.plots.motion import Shot, Stage
+
+
+NUMBER = re.compile(r"\{(?::0?\d*d?)?\}")  # the place of a frame's number in an output's name
 
 
 @click.command("frames")
@@ -37,18 +39,19 @@ if TYPE_CHECKING:
     show_default=True,
     help="Take one frame in N.",
 )
-@click.option("--array", "array", metavar="NAME", help="Vertex array that colours pictures; 'none' for none.")
-@click.option("--view", type=options.View(), help="x, y, z, iso or ELEVATION,AZIMUTH, then :UP.")
+@click.option("--array", metavar="NAME", help="The same as --show; 'none' for none.")
 @click.option("--fps", type=options.POSITIVE, help="Frames a second of a .gif.  [default: 25]")
 def command(path: str, common: Common, **wishes: Any) -> None:
     """Export frames of a trajectory (complete, or a .part that still grows).
 
-    The extension of -o decides: a mesh format takes one frame (--at, else the last); .png, .svg and .pdf one
-    picture with --at, else a numbered sequence; .gif an animation; .pvd a series for ParaView.
+    The extension of -o decides: a mesh format takes the frame of --at, or all frames under a numbered name
+    such as f_{:04d}.ply; .png, .svg and .pdf one picture with --at, else a numbered sequence; .gif an
+    animation; .pvd a series for ParaView.
 
     \b
     Examples:
       ddgcli frames run.vtkhdf --at 1.5 -o f.ply
+      ddgcli frames run.vtkhdf --every 10 -o f_{:04d}.ply
       ddgcli frames run.vtkhdf -o movie.gif --view 15,40
       ddgcli frames run.vtkhdf --plot story.png
     """
@@ -56,13 +59,20 @@ def command(path: str, common: Common, **wishes: Any) -> None:
     from ddgcli.io.trajectories.trajectory import Trajectory
     from ddgcli.plots.page import FORMATS
 
-    run = Run("frames", common, formats=(*WRITERS, *FORMATS, ".gif", ".pvd"), **_given(wishes))
+    run = Run("frames", common, formats=(*WRITERS, *FORMATS, ".gif", ".pvd"), pictures="output",
+              **_given(wishes))  # fmt: skip
+    if common.show is not None and wishes["array"] is not None:
+        raise ParameterError("--show and --array name the same; give one")
+    wishes |= {"view": common.view, "size": common.size, "array": wishes["array"] or common.show}
     _refuse_idle(common, wishes)
     with run.timed("read"):
         run_file = Trajectory(path)
     with run_file as source:
         run.note_input(path, str(source.attributes.get("input_sha256", "")), **describe(source.mesh))
         chosen = _chosen(source, wishes)
+        for output in common.outputs:
+            _check_numbering(output, len(chosen))
+        exported = chosen if common.outputs else []
         for output in common.outputs:
             _export(run, source, output, chosen, wishes)
         run.plot(lambda target: _story(target, source, chosen, wishes))
@@ -71,8 +81,8 @@ def command(path: str, common: Common, **wishes: Any) -> None:
             "status": source.attributes.get("status"),
             "start": float(source.times[0]),
             "end": float(source.times[-1]),
-            "exported_frames": len(chosen),
-            "exported_times": [float(source.times[k]) for k in chosen],
+            "exported_frames": len(exported),
+            "exported_times": [float(source.times[k]) for k in exported],
             "arrays": sorted(source.vertex(0)),
             "scalars": sorted(source.scalars),
         }
@@ -84,7 +94,12 @@ def _refuse_idle(common: Common, wishes: dict[str, Any]) -> None:
     from ddgcli.plots.page import FORMATS
 
     kinds = {Path(output).suffix.lower() for output in (*common.outputs, common.plot or "")}
-    for name, of in (("fps", {".gif"}), ("view", {".gif", *FORMATS}), ("array", {".gif", *FORMATS})):
+    for name, of in (
+        ("fps", {".gif"}),
+        ("view", {".gif", *FORMATS}),
+        ("size", {".gif", *FORMATS}),
+        ("array", {".gif", *FORMATS}),
+    ):
         if wishes[name] is not None and not kinds & of:
             raise ParameterError(f"--{name} is for {' '.join(sorted(of))}; write one with -o")
 
@@ -127,11 +142,36 @@ def _export(run: Run, source: Trajectory, output: str, chosen: list[int], wishes
 
         with run.drawing(output) as partial:
             on = _stage(source, chosen, wishes)
-            draw_animation(partial, _shots(source, chosen, wishes), on, wishes["fps"] or 25.0)
+            draw_animation(partial, _shots(source, chosen, wishes), on, wishes["fps"] or 25.0, wishes["size"])
     elif suffix in FORMATS:
         _pictures(run, source, output, chosen, wishes)
     else:
-        run.write_file(output, _annotated(source, chosen[-1]))
+        for number, k in enumerate(chosen):
+            run.write_file(_numbered(output, number), _annotated(source, k))
+
+
+def _check_numbering(output: str, count: int) -> None:
+    """OutputError where several frames would go to one mesh, or a number has no right place in the name."""
+    from ddgcli.io.mesh_file import WRITERS
+    from ddgcli.plots.page import FORMATS
+
+    path = Path(output)
+    numbered = NUMBER.findall(output)
+    if "{" in output and (len(numbered) != 1 or path.suffix.lower() not in (*WRITERS, *FORMATS)):
+        raise OutputError(
+            f"{output}: a numbered name has one number, and a format of a frame a file; write f_{{:04d}}.ply"
+        )
+    if count > 1 and not numbered and path.suffix.lower() not in (*FORMATS, ".gif", ".pvd"):
+        name = f"{path.stem}_{{:04d}}{path.suffix}" if output != "-" else "f_{:04d}.ply"
+        raise OutputError(
+            f"{output}: the file holds one frame, and {count} are chosen; number them with -o {name}, "
+            "or choose one with --at TIME"
+        )
+
+
+def _numbered(output: str, number: int) -> str:
+    """The name with the number in its place, where it has one."""
+    return output.format(number) if NUMBER.search(output) else output
 
 
 def _annotated(source: Trajectory, k: int) -> AnnotatedMesh:
@@ -151,9 +191,11 @@ def _pictures(run: Run, source: Trajectory, output: str, chosen: list[int], wish
         on = _stage(source, chosen, wishes)
     target = Path(output)
     for k, shot in enumerate(_shots(source, chosen, wishes)):
-        numbered = target.with_name(f"{target.stem}_{k:04d}{target.suffix}")
-        with run.drawing(output if wishes["time"] is not None else str(numbered)) as partial:
-            draw_shot(partial, shot, on)
+        name = _numbered(output, k)
+        if name == output and wishes["time"] is None:
+            name = str(target.with_name(f"{target.stem}_{k:04d}{target.suffix}"))
+        with run.drawing(name) as partial:
+            draw_shot(partial, shot, on, **options.page_size(wishes["size"]))
 
 
 def _series(run: Run, source: Trajectory, output: str, chosen: list[int]) -> None:
@@ -171,14 +213,14 @@ def _series(run: Run, source: Trajectory, output: str, chosen: list[int]) -> Non
 
 
 def _shots(source: Trajectory, chosen: list[int], wishes: dict[str, Any]) -> Iterator[Shot]:
-    from ddgcli.cli.simulation.plot import part_of
+    from ddgcli.cli.simulation.plot import length_of, part_of
     from ddgcli.plots.motion import Shot
 
     name = _array_name(source, wishes)
     hidden = source.face.get("wraps")  # faces of a periodic grid that would span the picture
     shown = None if hidden is None else hidden == 0
     for k in chosen:
-        values = _scalar_of(source.vertex(k)[name]) if name else None
+        values = length_of(source.vertex(k)[name]) if name else None
         yield Shot(float(source.times[k]), part_of(source.mesh.moved(source.points(k)), shown), values)
 
 
@@ -190,13 +232,6 @@ def _array_name(source: Trajectory, wishes: dict[str, Any]) -> str | None:
         plain.sort(key=lambda name: name != "vorticity")
         return plain[0] if plain and wishes["array"] is None else None
     return wishes["array"] if wishes["array"] in arrays else options.chosen(arrays, wishes["array"])
-
-
-def _scalar_of(values: NDArray) -> NDArray:
-    """Numbers as they are, vectors by their length."""
-    import numpy as np
-
-    return values if values.ndim == 1 else np.linalg.norm(values, axis=1)
 
 
 def _stage(source: Trajectory, chosen: list[int], wishes: dict[str, Any]) -> Stage:
@@ -213,5 +248,10 @@ def _story(target: str, source: Trajectory, chosen: list[int], wishes: dict[str,
 
     series = energies(source.times, source.scalars)
     draw_motion(
-        target, list(_shots(source, chosen, wishes)), series, _stage(source, chosen, wishes), "energy"
+        target,
+        list(_shots(source, chosen, wishes)),
+        series,
+        _stage(source, chosen, wishes),
+        "energy",
+        **options.page_size(wishes["size"], 9.0),
     )

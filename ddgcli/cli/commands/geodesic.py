@@ -76,8 +76,9 @@ def command(
             results | vectors.results,
             accuracy | vectors.accuracy,
         )
+    run.shown({**vertex, **face}, "geodesic_distance")
     run.write(AnnotatedMesh(mesh, vertex=vertex, face=face), converged=converged)
     if made is not None:
         write_curves(run, mesh, made, curves.paths_output, converged=converged)
-    draw_distance(run, mesh, distance, vertex, sources, made)
+    draw_distance(run, mesh, distance, vertex, face, sources, made)
     run.finish(results, accuracy, converged=converged)

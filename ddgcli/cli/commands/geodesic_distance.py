@@ -220,6 +220,7 @@ def draw_distance(
     mesh: TriangleMesh,
     asked: DistanceChoice,
     vertex: dict[str, NDArray],
+    face: dict[str, NDArray],
     sources: Sources | None,
     made: Curves | None,
 ) -> None:
@@ -232,7 +233,7 @@ def draw_distance(
     import numpy as np
 
     from ddgcli.algorithms.geodesics.isolines import even_levels, isolines
-    from ddgcli.plots.surface import draw_surface
+    from ddgcli.plots.array import draw_array
 
     curves = [] if made is None else _polylines(mesh, made.paths)
     kinds = [] if made is None else [entry["kind"] for entry in made.entries]
@@ -243,12 +244,13 @@ def draw_distance(
     far = 0.0 if distance is None else float(distance[np.isfinite(distance)].max(initial=0.0))
     if distance is not None and asked.isolines is None:
         thin = _polylines(mesh, isolines(mesh, distance, even_levels(distance, 12))[0])
-    run.plot(
-        lambda path: draw_surface(
-            path, mesh, distance, label="geodesic distance", limits=(0.0, far or 1.0), points=points,
-            curves=heavy, level_lines=thin,
-        )
-    )  # fmt: skip
+    name, values = run.shown({**vertex, **face}, "geodesic_distance")
+    given: dict[str, Any] = {"points": points, "curves": heavy, "level_lines": thin, **run.look}
+    if distance is not None:
+        given["interest"] = np.where(np.isfinite(distance), (1 - distance / (far or 1.0)) ** 2, 0.0)
+    if run.common.show is None:
+        given |= {"label": "geodesic distance", "limits": (0.0, far or 1.0)}
+    run.plot(lambda path: draw_array(path, mesh, name, values, **given))
 
 
 def _polylines(mesh: TriangleMesh, paths: SurfacePaths) -> list[NDArray]:

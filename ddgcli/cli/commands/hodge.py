@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -14,6 +14,8 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from ddgcli.algorithms.hodge.homology import Boundary
+    from ddgcli.algorithms.hodge.report import HodgeReport
+    from ddgcli.mesh.tet_mesh import TetMesh
     from ddgcli.mesh.triangle_mesh import TriangleMesh
 
 
@@ -54,17 +56,37 @@ def command(
     from ddgcli.algorithms.hodge.report import hodge_report
     from ddgcli.io.arrays import given_field
     from ddgcli.mesh.tet_mesh import TetMesh
+    from ddgcli.mesh.triangle_mesh import TriangleMesh
 
     given = given_field(source, field, field_file)
     mesh = source.mesh if isinstance(source.mesh, TetMesh) else source.surface
     report = hodge_report(mesh, given, boundary, basis, run.progress("hodge"))
+    arrays = {**report.annotated.vertex, **report.annotated.face}
+    name, values = run.shown(
+        arrays if isinstance(mesh, TriangleMesh) else report.annotated.vertex, "potential"
+    )
     run.write(report.annotated, converged=report.converged)
-    run.plot(lambda path: draw(path, source.surface, report.shown))
+    run.plot(lambda path: draw(path, source.surface, name, values, report, mesh, run.look))
     run.finish(report.results, report.accuracy, converged=report.converged)
 
 
-def draw(path: str, mesh: TriangleMesh, potential: NDArray | None) -> None:
-    """The surface, coloured by the potential of the exact part."""
-    from ddgcli.plots.surface import draw_surface
+def draw(
+    path: str,
+    surface: TriangleMesh,
+    name: str,
+    values: NDArray | None,
+    report: HodgeReport,
+    mesh: TriangleMesh | TetMesh,
+    look: dict[str, Any],
+) -> None:
+    """The surface by the potential, with the generators as curves and the vectors of the field as arrows."""
+    import numpy as np
 
-    draw_surface(path, mesh, potential, label="potential")
+    from ddgcli.plots.array import draw_array, glyphs_of
+
+    loops = [mesh.points[[*loop, loop[0]]] for loop in report.results["generators"]]
+    given: dict[str, Any] = {"curves": loops, **look}
+    field = report.vectors
+    if name == "potential" and field is not None and len(field) in (surface.n_vertices, surface.n_faces):
+        given["glyphs"] = glyphs_of(surface, "field", np.asarray(field))
+    draw_array(path, surface, name, values, **given)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -43,23 +43,25 @@ def command(mesh_path: str, common: Common) -> None:
     found = inspect_mesh(source.mesh)
     arrays = {"vertex": source.vertex, "face": source.face, "edge": source.edge}
     results = {**found.results, "arrays": {place: sorted(names) for place, names in arrays.items() if names}}
+    on_surface = source.kind == "surface"
+    shown = {**source.vertex, **source.face, **found.vertex, **found.face} if on_surface else {}
+    name, values = run.shown(shown, "min_angle_degrees")
     run.write(AnnotatedMesh(source.mesh, vertex=found.vertex, face=found.face))
-    run.plot(lambda path: draw(path, source, found.face.get("min_angle_degrees")))
+    run.plot(lambda path: draw(path, source, name, values, run.look))
     run.finish(results, {})
 
 
-def draw(path: str, source: MeshInput, angle: NDArray | None) -> None:
+def draw(path: str, source: MeshInput, name: str, values: NDArray | None, look: dict[str, Any]) -> None:
     """The surface (of tetrahedra the boundary, uncoloured) by its smallest angles, or the curves."""
     from ddgcli.mesh.curve import CurveSet
 
     if isinstance(source.mesh, CurveSet):
         from ddgcli.plots.curve import draw_curves
 
-        paths = source.mesh.paths()
-        draw_curves(path, [source.mesh.points[p] for p, _ in paths], closed=[closed for _, closed in paths])
+        paths, points = source.mesh.paths(), source.mesh.points
+        draw_curves(path, [points[p] for p, _ in paths], closed=[closed for _, closed in paths], **look)
         return
-    from ddgcli.plots.surface import draw_surface
+    from ddgcli.plots.array import draw_array
 
-    mesh = source.surface
-    shown = angle if angle is not None and len(angle) == mesh.n_faces and source.kind == "surface" else None
-    draw_surface(path, mesh, shown, label="smallest angle [degrees]")
+    label = {"label": "smallest angle [degrees]"} if name == "min_angle_degrees" else {}
+    draw_array(path, source.surface, name, values, **label, **look)

@@ -12,6 +12,8 @@ from ddgcli.cli.run import Run
 from ddgcli.errors import ParameterError
 
 if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
     from ddgcli.algorithms.laplacian.report import Report
     from ddgcli.io.mesh_file import MeshInput
 
@@ -127,9 +129,12 @@ def command(
 
     asked = Tasks(poisson=source_term(source, poisson), fixed=fixed_values(fix), seed=common.seed, **tasks)
     report = laplacian_report(source.surface, asked, run.progress("laplacian"))
+    name, values = report.shown
+    annotated = report.annotated
+    name, values = run.shown({name: values, **annotated.vertex, **annotated.face}, name)
     write_matrices(run, report, matrix, mass_matrix)
     run.write(report.annotated, converged=report.converged)
-    run.plot(lambda path: draw(path, report))
+    run.plot(lambda path: draw(path, report, name, values, run.look))
     run.finish(report.results, report.accuracy, converged=report.converged)
 
 
@@ -164,9 +169,22 @@ def write_matrices(run: Run, report: Report, matrix: str | None, mass_matrix: st
             run.write_bytes(path, matrix_bytes(path, content, run.command_line))
 
 
-def draw(path: str, report: Report) -> None:
-    """The surface, coloured by the first array that is more than a constant."""
-    from ddgcli.plots.surface import draw_surface
+def draw(path: str, report: Report, name: str, values: NDArray | None, look: dict[str, Any]) -> None:
+    """The surface by an array; flat coordinates as squares on the surface beside its flat layout."""
+    from ddgcli.plots.array import draw_array
+    from ddgcli.plots.surface import draw_beside
 
-    name, values = report.shown
-    draw_surface(path, report.mesh, values, label=name)
+    if values is None or values.ndim == 1 or values.shape[1] != 2:
+        draw_array(path, report.mesh, name, values, **look)
+        return
+    import numpy as np
+
+    layout = report.mesh.moved(np.column_stack([values, np.zeros(len(values))]))
+    size = {key: look[key] for key in ("width", "height", "dpi") if key in look}
+    angle: dict[str, Any] = {key: look[key] for key in ("view", "up") if key in look}
+    draw_beside(
+        path,
+        [(report.mesh, {"values": values, "title": "surface", **angle}),
+         (layout, {"values": values, "title": "flat layout", "view": "z", "up": "z"})],
+        **size,
+    )  # fmt: skip

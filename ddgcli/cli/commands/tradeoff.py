@@ -86,6 +86,7 @@ def command(
         "tradeoff",
         common,
         formats=(".csv", ".json"),
+        pictures="chart",
         compared=compared,
         within=within,
         norm=norm,
@@ -107,7 +108,7 @@ def command(
     results = results_of(table, problem, call, chosen=chosen, within=within, norm=norm)
     write(run, results)
     if table.rows:
-        run.plot(lambda path: draw(path, table, results, within))
+        run.plot(lambda path: draw(path, table, results, within, options.page_size(common.size)))
     run.finish(
         results,
         {"reference_uncertainty": results["reference_uncertainty"]},
@@ -169,7 +170,9 @@ def write(run: Run, results: dict[str, Any]) -> None:
         run.write_bytes(path, data)
 
 
-def draw(path: str, table: Table, results: dict[str, Any], within: float | None) -> None:
+def draw(
+    path: str, table: Table, results: dict[str, Any], within: float | None, size: dict[str, Any]
+) -> None:
     """Error against seconds, one line a method, dial values at the points, the front ringed."""
     from ddgcli.plots.chart import draw_chart
     from ddgcli.tradeoff.report import chart_of
@@ -177,6 +180,7 @@ def draw(path: str, table: Table, results: dict[str, Any], within: float | None)
     draw_chart(
         path,
         **chart_of(table.rows, results["norm"], within, results["reference_uncertainty"]),
+        **size,
         xlabel="seconds (set-up and one query)",
         ylabel=f"{'largest' if results['norm'] == 'max' else 'mean'} error, relative",
         log="xy",

@@ -94,7 +94,8 @@ def command(
     report.warn_of_disagreement(mesh, last, energy)
     if wishes["report_energy"]:
         results["energies"] = report.every_energy(mesh, last)
-    run.plot(lambda path: draw_story(path, outcome, Picture(edges=True, energy="energy", time_unit=unit)))
+    picture = Picture(edges=True, energy="energy", time_unit=unit)
+    run.plot(lambda path: draw_story(path, outcome, picture, common))
     run.finish(results, accuracy, converged=not (outcome.failure or outcome.doubt))
 
 

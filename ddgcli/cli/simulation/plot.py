@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from numpy.typing import NDArray
 
+from ddgcli.cli.options import Common, chosen, page_size
 from ddgcli.simulation.outcome import Outcome
 
 
@@ -40,17 +41,35 @@ class Picture:
     time_unit: str = "s"
 
 
-def draw_story(path: str, outcome: Outcome, picture: Picture) -> None:
+def draw_story(path: str, outcome: Outcome, picture: Picture, common: Common) -> None:
     """Chosen frames above, the chart of energies below."""
     from ddgcli.plots.motion import Shot, draw_motion, stage
 
+    if common.show is not None:
+        chosen(outcome.kept[0].vertex, common.show)
+        picture = replace(picture, array=common.show, label=common.show, limits=None)
     shots = []
     for frame in outcome.kept:
         mesh = outcome.mesh if frame.points is None else outcome.mesh.moved(frame.points)
-        values = None if picture.array is None else frame.vertex[picture.array]
+        values = None if picture.array is None else length_of(frame.vertex[picture.array])
         shots.append(Shot(frame.time, part_of(mesh, picture.shown), values))
-    on = stage(shots, picture.label, limits=picture.limits, edges=picture.edges, time_unit=picture.time_unit)
-    draw_motion(path, shots, energies(outcome.times, outcome.series), on, picture.energy)
+    on = stage(
+        shots,
+        picture.label,
+        common.view,
+        limits=picture.limits,
+        edges=picture.edges,
+        time_unit=picture.time_unit,
+    )
+    draw_motion(path, shots, energies(outcome.times, outcome.series), on, picture.energy,
+                **page_size(common.size, 9.0))  # fmt: skip
+
+
+def length_of(values: NDArray) -> NDArray:
+    """Numbers as they are, vectors by their length."""
+    import numpy as np
+
+    return values if values.ndim == 1 else np.linalg.norm(values, axis=1)
 
 
 def part_of(mesh: Any, shown: NDArray | None) -> Any:

@@ -118,7 +118,7 @@ def _tell(run: Run, scene: Scene, made: Physics, account: Account, outcome: Outc
     results, accuracy = made.summary(outcome)
     names = list(dict.fromkeys(effect.name for effect, _, _ in scene.effects))
     results["effects"], results["seconds_by_part"] = shares(account, names, outcome.seconds)
-    run.plot(lambda path: draw_story(path, outcome, made.picture()))
+    run.plot(lambda path: draw_story(path, outcome, made.picture(), run.common))
     run.finish(results, accuracy, converged=not (outcome.failure or outcome.doubt))
 
 

@@ -1,0 +1,73 @@
+"""Vector fields in pictures: arrows, or stripes where a direction has no sign, thinned to be readable."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ddgcli.plots.raster import Camera, Seen
+
+SPACING = 1 / 42  # of the picture's larger side: at most one glyph in a square of this size
+HEAD = 0.34  # of an arrow's length
+
+
+@dataclass(frozen=True, eq=False)
+class Glyphs:
+    """Vectors to draw at places.
+
+    Parameters
+    ----------
+    places, vectors : (k, 3) ndarray of float64
+    stripes : bool
+        Lines without heads, through their places: v and -v are the same direction.
+    """
+
+    places: NDArray[np.float64]
+    vectors: NDArray[np.float64]
+    stripes: bool = False
+
+
+def thinned(camera: Camera, seen: Seen, glyphs: Glyphs) -> NDArray[np.int64]:
+    """Numbers of the glyphs to draw: finite, not zero, visible, one in each square of the picture."""
+    size = max(camera.width, camera.height)
+    place = camera.project(glyphs.places)
+    column, row = (np.clip(place[:, i], 0, limit - 1).astype(np.int64) for i, limit in (
+        (0, camera.width), (1, camera.height)))  # fmt: skip
+    length = np.linalg.norm(glyphs.vectors, axis=1)
+    shown = np.isfinite(length) & (length > 1e-9 * np.nanmax(length, initial=0.0))
+    shown &= place[:, 2] <= seen.depth[row, column] + 0.01 * size
+    number = np.flatnonzero(shown)
+    cell = np.floor(place[number, :2] / (SPACING * size)).astype(np.int64)
+    off_centre = np.abs(place[number, :2] / (SPACING * size) - cell - 0.5).max(axis=1)
+    order = np.lexsort((number, np.round(off_centre, 6), cell[:, 1], cell[:, 0]))
+    cell, number = cell[order], number[order]
+    first = np.ones(len(number), dtype=bool)
+    first[1:] = (cell[1:] != cell[:-1]).any(axis=1)
+    return np.sort(number[first])
+
+
+def draw_glyphs(axes: Any, camera: Camera, seen: Seen, glyphs: Glyphs) -> None:
+    """Draw the thinned vectors; all but the longest two per cent are no longer than a square."""
+    from matplotlib.collections import LineCollection
+
+    kept = thinned(camera, seen, glyphs)
+    if len(kept) == 0:
+        return
+    vectors = glyphs.vectors[kept]
+    length = np.linalg.norm(vectors, axis=1)
+    scale = 1.05 * SPACING * max(camera.width, camera.height) / float(np.quantile(length, 0.98))
+    vectors = vectors * (scale * np.minimum(1.0, np.quantile(length, 0.98) / length))[:, None]
+    flat = (vectors @ camera.axes.T)[:, :2] * [1.0, -1.0]
+    middle = camera.project(glyphs.places[kept])[:, :2]
+    tail, tip = middle - flat / 2, middle + flat / 2
+    lines = [np.stack([tail, tip], axis=1)]
+    if not glyphs.stripes:
+        side = np.stack([-flat[:, 1], flat[:, 0]], axis=1)
+        for sign in (1, -1):
+            lines.append(np.stack([tip - HEAD * flat + sign * 0.5 * HEAD * side, tip], axis=1))
+    segments = np.concatenate(lines)
+    for width, colour in ((1.6, "white"), (0.8, "black")):
+        axes.add_collection(LineCollection(segments, linewidths=width, colors=colour, capstyle="round"))

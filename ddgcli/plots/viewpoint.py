@@ -1,0 +1,59 @@
+"""From where a picture looks: the up axis by the shape, the side by what is shown."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ddgcli.geometry.extrinsic import face_area_vector
+from ddgcli.mesh.triangle_mesh import TriangleMesh
+from ddgcli.plots.raster import VIEWS, View, view_axes
+
+BASE_LAYER = 0.02  # of the height: what of a shape stands on the ground
+CLEARLY_LARGER = 2.0
+BETTER_SIDE = 1.2
+AZIMUTHS = (-60.0, 30.0, 120.0, 210.0)
+
+
+def guessed_up(points: NDArray) -> str:
+    """'y' where a shape stands on a clearly larger base with y up than with z up, else 'z'.
+
+    The base is the bounding rectangle of the lowest fiftieth of the height.
+    """
+    if len(points) == 0:
+        return "z"
+    base = {axis: _base_area(points, "xyz".index(axis)) for axis in "yz"}
+    return "y" if base["y"] > CLEARLY_LARGER * base["z"] else "z"
+
+
+def _base_area(points: NDArray, axis: int) -> float:
+    height = points[:, axis]
+    layer = points[height <= height.min() + BASE_LAYER * np.ptp(height)]
+    across = [i for i in range(3) if i != axis]
+    return float(np.prod(np.ptp(layer[:, across], axis=0)))
+
+
+def chosen_view(mesh: TriangleMesh, interest: NDArray | None, up: str) -> View:
+    """None for a flat surface, else the side of 'iso' views on which most of the interest is seen.
+
+    Parameters
+    ----------
+    interest : (n,) or (m,) ndarray, optional
+        How much each vertex or face should be seen; not negative.
+    """
+    extent = np.ptp(mesh.points[mesh.topology.referenced_vertex], axis=0) if mesh.n_faces else np.zeros(3)
+    if interest is None or not np.isfinite(interest).any() or extent.min() < 1e-3 * extent.max():
+        return None
+    elevation = VIEWS["iso"][0]
+    weight = np.where(np.isfinite(interest), interest, 0.0)
+    on_face = weight[mesh.faces].mean(axis=1) if len(weight) == mesh.n_vertices else weight
+    area_vector = face_area_vector(mesh)
+    amount = [
+        float((on_face * np.maximum(area_vector @ view_axes(mesh.points, (e, azimuth), up)[2], 0.0)).sum())
+        for e in (elevation, -elevation)
+        for azimuth in AZIMUTHS
+    ]
+    best = int(np.argmax(amount))
+    if amount[best] <= BETTER_SIDE * amount[0]:
+        return None
+    return (elevation if best < len(AZIMUTHS) else -elevation, AZIMUTHS[best % len(AZIMUTHS)])

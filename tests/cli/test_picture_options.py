@@ -1,0 +1,131 @@
+"""--view, --show and --size; vectors as arrows, signed colours, creases, up axis and side."""
+
+import struct
+
+import numpy as np
+import pytest
+
+from ddgcli.io.mesh_file import write_mesh
+from ddgcli.mesh import shapes
+from ddgcli.mesh.fields import AnnotatedMesh
+from ddgcli.mesh.triangle_mesh import TriangleMesh
+from ddgcli.plots.colour import robust_limits
+from ddgcli.plots.glyphs import SPACING, Glyphs, thinned
+from ddgcli.plots.raster import fitted_camera, rasterise, view_axes
+from ddgcli.plots.surface import _corner_normals, _squares
+from ddgcli.plots.viewpoint import chosen_view, guessed_up
+
+
+@pytest.fixture
+def torus(tmp_path):
+    path = tmp_path / "torus.ply"
+    write_mesh(str(path), AnnotatedMesh(shapes.torus(16, 8)))
+    return path
+
+
+def pixels(path):
+    return struct.unpack(">II", path.read_bytes()[16:24])
+
+
+@pytest.mark.parametrize("array", ["principal_direction_max", "mean_curvature_normal", "angle_defect"])
+def test_every_array_of_curvature_has_a_picture_of_its_own(summary, torus, tmp_path, array):
+    words = ("--size", "320x240", "--plot")
+    summary("curvature", torus, *words, tmp_path / "plain.png")
+    out = summary("curvature", torus, "--show", array, *words, tmp_path / "a.png")
+    assert pixels(tmp_path / "a.png") == (320, 240)
+    assert out["options"]["show"] == array and out["options"]["size"] == [320, 240]
+    assert (tmp_path / "a.png").read_bytes() != (tmp_path / "plain.png").read_bytes()
+
+
+@pytest.mark.parametrize("words", [
+    ("curvature",), ("info",), ("hodge",), ("laplacian",), ("geodesic", "--source", "0"), ("delaunay",),
+])  # fmt: skip
+def test_every_command_turns_and_sizes_its_picture(run, summary, torus, tmp_path, words):
+    command, *more = words
+    for name, view in (("a", "iso"), ("b", "10,200:y")):
+        summary(
+            command, torus, *more, "--view", view, "--size", "300x201", "--plot", tmp_path / f"{name}.png"
+        )
+        assert pixels(tmp_path / f"{name}.png") == (300, 201)
+    assert (tmp_path / "a.png").read_bytes() != (tmp_path / "b.png").read_bytes()
+    for option, value in (("--view", "x"), ("--size", "300x300"), ("--show", "potential")):
+        result = run(command, torus, *more, option, value)
+        assert result.exit_code == 2 and f"{option} is for the picture of --plot" in result.stderr
+    result = run(
+        command, torus, *more, "--show", "nothing", "--plot", tmp_path / "c.png", "-o", tmp_path / "c.npz"
+    )
+    assert result.exit_code == 2 and "'nothing'" in result.stderr and not list(tmp_path.glob("c.*"))
+
+
+@pytest.mark.parametrize("value", ["300", "300x", "axb", "10x10", "300x99999", "-300x300"])
+def test_sizes_that_are_none_are_refused(run, torus, tmp_path, value):
+    result = run("info", torus, "--plot", tmp_path / "a.png", "--size", value)
+    assert result.exit_code == 2 and result.stderr.count("\n") == 1
+
+
+def test_pictures_have_1280_pixels_by_default(summary, torus, tmp_path):
+    summary("info", torus, "--plot", tmp_path / "a.png")
+    assert pixels(tmp_path / "a.png")[0] >= 1280
+
+
+def test_glyphs_are_visible_finite_and_one_a_square():
+    mesh = shapes.icosphere(4)
+    camera = fitted_camera(mesh.points, view_axes(mesh.points, "z"), 800, 600)
+    vectors = np.cross(mesh.points, [0.0, 0.0, 1.0])
+    vectors[:100] = np.nan
+    glyphs = Glyphs(mesh.points, vectors)
+    kept = thinned(camera, rasterise(camera, mesh.points, mesh.faces), glyphs)
+    assert 100 < len(kept) < mesh.n_vertices / 2 and np.isfinite(vectors[kept]).all()
+    assert mesh.points[kept, 2].min() > -0.2, "none of the far side"
+    cell = np.floor(camera.project(mesh.points[kept])[:, :2] / (SPACING * 800))
+    assert len(np.unique(cell, axis=0)) == len(kept)
+
+
+def test_few_values_beside_nothing_are_seen_about_zero():
+    """A part whose curvature is on one vertex in a hundred, from -0.78 to 0.54."""
+    values = 1e-13 * np.sin(np.arange(2000.0))
+    values[::200], values[100::200] = np.linspace(-0.78, -0.4, 10), np.linspace(0.2, 0.54, 10)
+    low, high, signed = robust_limits(values)
+    assert signed and low == -high and 0.4 < high <= 0.78
+
+
+def test_creases_are_not_smoothed_over_and_curves_are():
+    roof = TriangleMesh.from_arrays(
+        np.array(
+            [[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [2, 0, -1], [2, 1, -1]]
+        ),  # folds by 45 degrees
+        np.array([[0, 1, 2], [0, 2, 3], [1, 4, 5], [1, 5, 2]]),
+    )
+    normal = _corner_normals(roof)
+    assert np.allclose(normal[:2], [0, 0, 1]) and np.allclose(normal[2:], np.array([1, 0, 1]) / np.sqrt(2))
+    ball = shapes.icosphere(2)
+    assert np.abs(_corner_normals(ball) - ball.points[ball.faces]).max() < 0.05
+
+
+def test_the_up_axis_is_guessed_from_the_base():
+    standing = shapes.cylinder(24, 8)
+    lying = np.roll(standing.points, -1, axis=1)  # z becomes y
+    assert guessed_up(standing.points) == "z" and guessed_up(lying) == "y"
+    assert guessed_up(shapes.icosphere(3).points) == guessed_up(shapes.torus(24, 12).points) == "z"
+    hills = shapes.grid(20, 20).points.copy()
+    hills[:, 2] = 0.05 * np.sin(7 * hills[:, 0]) * np.cos(5 * hills[:, 1])
+    assert guessed_up(hills) == "z"
+
+
+@pytest.mark.parametrize("up", ["z", "y"])
+def test_the_picture_looks_at_the_side_of_the_values(up):
+    ball = shapes.icosphere(3)
+    for place in np.array([[1.0, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]]):
+        interest = np.exp(-10 * ((ball.points - place) ** 2).sum(axis=1))
+        towards = view_axes(ball.points, chosen_view(ball, interest, up), up)[2]
+        assert towards @ place > 0.2
+    assert chosen_view(ball, np.ones(ball.n_vertices), up) is None
+    assert chosen_view(shapes.grid(3, 3), np.arange(16.0), up) is None
+
+
+def test_squares_change_colour_across_the_flat_layout():
+    grid = shapes.grid(10, 10)
+    camera = fitted_camera(grid.points, view_axes(grid.points, "z"), 240, 240)
+    colour = _squares(grid, rasterise(camera, grid.points, grid.faces), grid.points[:, :2])
+    dark = colour[:, 0] < 0.5
+    assert 0.45 < dark.mean() < 0.55
