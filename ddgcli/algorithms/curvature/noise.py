@@ -2,7 +2,8 @@
 
 Heights over tangent planes are z = surface + noise of standard deviation s. A quadratic fit in a disk of
 radius R with one vertex per area A has a mean curvature whose standard deviation is
-4 sqrt(3 A / pi) s / R^3 (from the variance of r^2 over the disk, R^4 / 12). Its bias is k (k R)^2 / 4 on a sphere of curvature k and less on
+4 sqrt(3 A / pi) s / R^3 (from the variance of r^2 over the disk, R^4 / 12).
+Its bias is k (k R)^2 / 4 on a sphere of curvature k and less on
 surfaces that bend one way; half of that stands for all.
 """
 
