@@ -179,7 +179,7 @@ def bounded_stiffness(laplace: LaplaceOperator) -> csr_array:
     weight = np.clip(-off.data[inside], least, MAX_WEIGHT)
     row, col = off.row[inside], off.col[inside]
     n = off.shape[0]
-    degree: NDArray[np.float64] = np.bincount(row, weight, n)
+    degree: NDArray = np.bincount(row, weight, n)
     return csr_array(diags_array(degree, format="csr") - csr_array((weight, (row, col)), shape=(n, n)))
 
 
