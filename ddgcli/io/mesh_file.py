@@ -11,6 +11,7 @@ import contextlib
 import hashlib
 import importlib
 import os
+import stat
 import sys
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
@@ -19,7 +20,7 @@ from pathlib import Path
 
 from numpy.typing import NDArray
 
-from ddgcli.errors import InputError, MeshError, MeshFileError, OutputError
+from ddgcli.errors import InputError, MeshError, MeshFileError, OutputError, excerpt
 from ddgcli.io.readers.raw_mesh import RawMesh, assembled
 from ddgcli.mesh.curve import CurveSet
 from ddgcli.mesh.fields import AnnotatedMesh
@@ -119,7 +120,7 @@ def read_mesh(path: str, input_format: str | None = None) -> MeshInput:
         raise type(error)(f"{path}: {error}{_told_apart(data, suffix)}") from error
     except (MemoryError, OverflowError, RecursionError) as error:
         raise MeshFileError(
-            f"{path}: asks for more than can be held ({error}); the file is damaged"
+            f"{path}: asks for more than can be held ({excerpt(error)}); the file is damaged"
         ) from error
     return MeshInput(
         mesh, path, hashlib.sha256(data).hexdigest(), raw.vertex, cells, raw.edge, raw.whole,
@@ -142,7 +143,8 @@ def format_of(path: str, input_format: str | None = None) -> str:
     if suffix not in READERS and suffix not in read_foreign.suffixes():
         known = " ".join(sorted({*READERS, *read_foreign.suffixes()}))
         raise MeshFileError(
-            f"{path}: unknown format {suffix or '(no extension)'}; name it by --input-format; known: {known}"
+            f"{path}: unknown format {excerpt(suffix, 20) or '(no extension)'}; name it by --input-format; "
+            f"known: {known}"
         )
     return suffix
 
@@ -168,9 +170,14 @@ def _bytes(path: str) -> bytes:
     if path == "-":
         return sys.stdin.buffer.read()
     try:
+        mode = os.stat(path).st_mode
+        if stat.S_ISCHR(mode) or stat.S_ISBLK(mode):
+            raise MeshFileError(f"{path}: is a device, which may have no end; name a file, or - for input")
         return Path(path).read_bytes()
     except FileNotFoundError:
         raise MeshFileError(f"{path}: no such file; check the path") from None
+    except MeshFileError:
+        raise
     except (OSError, ValueError) as error:
         raise MeshFileError(f"{path}: cannot be opened ({getattr(error, 'strerror', error)})") from None
 

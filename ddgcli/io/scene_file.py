@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from ddgcli.errors import SceneError
+from ddgcli.errors import SceneError, excerpt
 
 Key = tuple[str | int, ...]
 
@@ -51,10 +51,12 @@ class SceneDocument:
 def read_scene(path: str) -> SceneDocument:
     """Read a scene file; SceneError with file and line where it is not TOML."""
     source = Path(path)
-    if not source.is_file():
-        raise SceneError(f"{path}: no such file; check the path")
     try:
+        if not source.is_file():
+            raise SceneError(f"{path}: no such file; check the path")
         text = source.read_bytes().decode("utf-8-sig")
+    except OSError as error:
+        raise SceneError(f"{path}: cannot be opened ({error.strerror}); check the path") from error
     except UnicodeDecodeError as error:
         raise SceneError(f"{path}: byte {error.start} is not UTF-8; save the scene as UTF-8 text") from error
     return parse_scene(text, path, str(source.parent))
@@ -66,11 +68,11 @@ def parse_scene(text: str, path: str = "", folder: str = ".") -> SceneDocument:
     prefix = f"{path}: " if path else ""
     try:
         data = tomllib.loads(text)
-    except (tomllib.TOMLDecodeError, RecursionError) as error:
+    except (ValueError, RecursionError) as error:  # of numbers of too many digits, too
         found = re.search(r"\(at line (\d+), column (\d+)\)", str(error))
         what = re.sub(r"\s*\(at .*\)", "", str(error)) or "nested too deeply"
         where = f"line {found[1]}: " if found else f"line {text.count(chr(10)) + 1}: "
-        raise SceneError(f"{prefix}{where}not TOML: {what}; mend that line") from error
+        raise SceneError(f"{prefix}{where}not TOML: {excerpt(what)}; mend that line") from error
     return SceneDocument(data, key_lines(text), text, path, folder)
 
 
@@ -114,15 +116,11 @@ def _enter(parts: list[str], is_array: bool, counts: dict[Key, int]) -> Key:
 
 def _statement(rows: list[str], first: int, table: Key, lines: dict[Key, int]) -> int:
     """Note the keys of the statement that begins on row `first`; the row on which it ends."""
-    last = first
-    while True:
-        try:
-            value = tomllib.loads("\n".join(rows[first : last + 1]))
-            break
-        except tomllib.TOMLDecodeError:
-            last += 1
-            if last >= len(rows):
-                return first
+    last = _last_row(rows, first)
+    try:
+        value = tomllib.loads("\n".join(rows[first : last + 1]))
+    except (ValueError, RecursionError):
+        return first
     key: Key = table
     node: Any = value
     for part in _split(rows[first].split("=", 1)[0]):
@@ -131,6 +129,33 @@ def _statement(rows: list[str], first: int, table: Key, lines: dict[Key, int]) -
         node = node.get(part, {}) if isinstance(node, dict) else {}
     _inner(node, key, rows, first, last, lines)
     return last
+
+
+_PIECE = re.compile(r'"""|\'\'\'|"(?:[^"\\]|\\.)*"|\'[^\']*\'|[#\[\]{}]')
+
+
+def _last_row(rows: list[str], first: int) -> int:
+    """The row on which all brackets and texts of the statement are closed; each row is seen once."""
+    depth, quotes = 0, ""
+    for number in range(first, len(rows)):
+        row, at = rows[number], 0
+        while True:
+            if quotes:
+                end = row.find(quotes, at)
+                while quotes == '"""' and end > 0 and row[end - 1] == "\\":
+                    end = row.find(quotes, end + 1)
+                if end < 0:
+                    break
+                at, quotes = end + 3, ""
+            piece = _PIECE.search(row, at)
+            if piece is None or piece[0] == "#":
+                break
+            at = piece.end()
+            quotes = piece[0] if piece[0] in ('"""', "'''") else ""
+            depth += (piece[0] in "[{") - (piece[0] in "]}")
+        if depth <= 0 and not quotes:
+            return number
+    return first
 
 
 def _inner(node: Any, key: Key, rows: list[str], first: int, last: int, lines: dict[Key, int]) -> None:
