@@ -2,7 +2,7 @@
 
 `python -m benchmarks.fuzz [--format NAME] [--seconds S] [--seed N]`: mutates sound files of a kind until the
 seconds are over; prints one line a kind (inputs tried, accepted, refused, the slowest) and every escape: an
-exception that is not ours, a message over two lines' length, or an input that took too long. Escapes are kept in
+exception that is not ours, a message over two lines' length, or an input that took too long. They are kept in
 `build/fuzz/`, and the exit code is 1.
 """
 
@@ -109,7 +109,7 @@ def fuzz(
     return account
 
 
-# -- the kinds: sound inputs, and how each is read ------------------------------------------------------------
+# -- the kinds: sound inputs, and how each is read --
 
 
 def mesh_seeds(suffix: str) -> list[bytes]:
@@ -123,15 +123,18 @@ def mesh_seeds(suffix: str) -> list[bytes]:
     annotated = AnnotatedMesh(ball, arrays, {"face": np.arange(20)})
     rows = "\n".join(" ".join(f"{x:.3g}" for x in p) for p in ball.points)
     faces = "\n".join("3 " + " ".join(map(str, f)) for f in ball.faces)
+    axes = "".join(f"property float {c}\n" for c in "xyz")
+    scalars = f"POINT_DATA 12\nSCALARS s int 1\nLOOKUP_TABLE default\n{'1 ' * 12}\n"
     texts = {
         ".csv": "x,y,z\n0,0,0\n1,0,0\n1,1,0\n0,0,0\n",
         ".wkt": "TIN (((0 0 0, 1 0 0, 0 1 0, 0 0 0)), ((1 0 0, 1 1 0, 0 1 0, 1 0 0)))",
         ".stl": "solid a\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\nendloop\n"
         "endfacet\nendsolid a\n",
-        ".ply": "ply\nformat ascii 1.0\nelement vertex 12\nproperty float x\nproperty float y\nproperty float z\n"
-        f"element face 20\nproperty list uchar int vertex_indices\nend_header\n{rows}\n{faces}\n",
+        ".ply": "ply\nformat ascii 1.0\nelement vertex 12\n"
+        + axes
+        + f"element face 20\nproperty list uchar int vertex_indices\nend_header\n{rows}\n{faces}\n",
         ".vtk": "# vtk DataFile Version 3.0\na\nASCII\nDATASET POLYDATA\nPOINTS 12 float\n"
-        f"{rows}\nPOLYGONS 20 80\n{faces}\nPOINT_DATA 12\nSCALARS s int 1\nLOOKUP_TABLE default\n{'1 ' * 12}\n",
+        f"{rows}\nPOLYGONS 20 80\n{faces}\n{scalars}",
     }
     found = [texts[suffix].encode()] if suffix in texts else []
     if suffix in WRITERS:
@@ -271,8 +274,8 @@ def main() -> int:
             continue
         account = fuzz(name, seeds(), reader(), asked.seconds, sys.maxsize, asked.seed)
         print(
-            f"{name:12s} {account.tried:7d} inputs, {account.accepted:6d} accepted, {account.refused:7d} refused, "
-            f"{len(account.escapes)} escapes, slowest {account.slowest:.2f} s",
+            f"{name:12s} {account.tried:7d} inputs, {account.accepted:6d} accepted, "
+            f"{account.refused:7d} refused, {len(account.escapes)} escapes, slowest {account.slowest:.2f} s",
             flush=True,
         )
         for number, (said, data) in enumerate(account.escapes):

@@ -230,8 +230,7 @@ def check_output(path: str, output_format: str | None = None, *, formats: Sequen
 def check_place(path: str, *, inputs: tuple[str, ...] = ()) -> None:
     """Refuse an output path in a folder that is not there, or that is one of the inputs."""
     target = Path(path)
-    if target.is_dir():
-        raise OutputError(f"{path}: is a folder; name a file in it")
+    _check_regular(path)
     if not target.parent.is_dir():
         raise OutputError(f"{path}: folder {target.parent} does not exist; create it")
     if not os.access(target.parent, os.W_OK):
@@ -239,6 +238,18 @@ def check_place(path: str, *, inputs: tuple[str, ...] = ()) -> None:
     for source in inputs:
         if target.exists() and os.path.exists(source) and os.path.samefile(target, source):
             raise OutputError(f"{path}: is the input itself; write to another file")
+
+
+def _check_regular(path: str) -> None:
+    """Refuse a pipe, socket or device: what is written whole takes the place of what is there."""
+    try:
+        mode = os.stat(path).st_mode
+    except (OSError, ValueError):  # nothing there, or not to be seen: writing will say so
+        return
+    if stat.S_ISDIR(mode):
+        raise OutputError(f"{path}: is a folder; name a file in it")
+    if not stat.S_ISREG(mode):
+        raise OutputError(f"{path}: is a pipe or device, not a file; name a file, or -o - for output")
 
 
 def write_mesh(path: str, annotated: AnnotatedMesh, *, output_format: str | None = None) -> None:
@@ -274,6 +285,7 @@ def written_whole(path: str) -> Iterator[str]:
 
     A link is written through; permissions of a file that is replaced stay. After an error nothing is left.
     """
+    _check_regular(path)
     target = Path(os.path.realpath(path))
     try:
         handle, partial = tempfile.mkstemp(dir=target.parent, prefix=f".{target.stem}-", suffix=target.suffix)

@@ -123,6 +123,14 @@ class RowFile:
         """Ask the system to put everything on the disk."""
         os.fsync(self._fd)
 
+    def is_at(self, path: str) -> bool:
+        """Whether this file is still the one at a path."""
+        try:
+            there, own = os.stat(path), os.fstat(self._fd)
+        except OSError:
+            return False
+        return (there.st_ino, there.st_dev) == (own.st_ino, own.st_dev)
+
     def close(self) -> None:
         if self._fd >= 0:
             os.close(self._fd)

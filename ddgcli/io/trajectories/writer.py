@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.errors import OutputError
+from ddgcli.errors import OutputError, excerpt
 from ddgcli.io.trajectories.layout import (
     EFFECT_DTYPE,
     LOG_DTYPE,
@@ -152,9 +152,12 @@ class TrajectoryWriter:
             put()
             os.replace(temporary, self.part)
             new.path = self.part
-        except BaseException:
+        except BaseException as error:
             with contextlib.suppress(FileNotFoundError):
                 os.unlink(temporary)
+            if isinstance(error, OSError):
+                why = os.strerror(error.errno) if error.errno else excerpt(error)
+                raise OutputError(f"{self.path}: cannot be written ({why}); free some room") from error
             raise
         if old is not None:
             old.close()
@@ -173,6 +176,8 @@ class TrajectoryWriter:
         """
         if self._file is None:
             return None
+        if not self._file.is_at(self.part):
+            raise OutputError(f"{self.part}: another run took this place; give each run its own output")
         complete = status == "complete"
         self._log += _log_rows(log)
         room = self._file.rows
