@@ -27,6 +27,7 @@ from ddgcli.io.trajectories.layout import (
     room_for,
     shapes_of,
     static,
+    static_bytes,
 )
 from ddgcli.io.trajectories.row_file import RowFile, Rows
 from ddgcli.io.trajectories.trajectory import Trajectory
@@ -143,7 +144,9 @@ class TrajectoryWriter:
         old, temporary = self._file, self._temporary()
         marks = {"NSteps": np.int64(NSTEPS_MARK).tobytes(), "status": STATUS_MARK.encode()}
         try:
-            self._file = new = RowFile(temporary, rows, marks, lambda file: static(file, self.header))
+            self._file = new = RowFile(
+                temporary, rows, marks, lambda file: static(file, self.header), static_bytes(self.header)
+            )
             new.set_mark("status", _status_bytes("running"))
             for name in set(rows) & set(old.rows if old else ()) - {"ddgcli/log", "ddgcli/effects"}:
                 if old is not None and old.rows[name].row_bytes == rows[name].row_bytes:
