@@ -388,3 +388,48 @@ def test_a_reader_that_crashes_is_a_refusal(tmp_path, monkeypatch):
     monkeypatch.setattr(meshio, "read", crash)
     (tmp_path / "a.su2").write_text("NDIME= 3\n")
     assert "its reader crashed" in refused(tmp_path / "a.su2")
+
+
+def test_many_rows_of_a_scene_cost_one_pass(monkeypatch):
+    """4,000 pins, one a row: the scene's text was parsed again for each row."""
+    from ddgcli.io import scene_file
+
+    rows, seen = 4000, []
+    loads = scene_file.tomllib.loads
+    monkeypatch.setattr(scene_file.tomllib, "loads", lambda text: (seen.append(len(text)), loads(text))[1])
+    text = "[effects]\npin = { vertices = [" + "0,\n" * rows + '], a = "]" } # [\nlater = 1\n'
+    lines = scene_file.key_lines(text)
+    assert lines["effects", "pin"] == 2 and lines["effects", "later"] == rows + 3
+    assert sum(seen) < 2 * len(text)
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [
+        lambda f: f.__delitem__("VTKHDF/Steps"),
+        lambda f: f["VTKHDF/Steps"].attrs.__setitem__("NSteps", 99),
+        lambda f: f["VTKHDF/Steps"].attrs.__setitem__("NSteps", 0),
+        lambda f: f["VTKHDF"].__setitem__("PointData/x", h5py.SoftLink("/VTKHDF")),
+        lambda f: f["VTKHDF"].__setitem__("PointData/x", h5py.ExternalLink("b.h5", "/a")),
+        lambda f: f["ddgcli"].attrs.__setitem__("overrides", "[]"),
+        lambda f: f["VTKHDF/NumberOfPoints"].__setitem__(0, -1),
+    ],
+)
+def test_a_damaged_trajectory_is_refused(tmp_path, damage):
+    from ddgcli.io.trajectories.layout import Header
+    from ddgcli.io.trajectories.trajectory import Trajectory
+    from ddgcli.io.trajectories.writer import TrajectoryWriter
+    from ddgcli.mesh.fields import Frame
+
+    mesh, path = shapes.icosphere(0), str(tmp_path / "o.vtkhdf")
+    writer = TrajectoryWriter(path, Header(mesh, True), 2)
+    for k in range(2):
+        writer.append(Frame(k, float(k), mesh.points, {"f": mesh.points[:, 0]}, {"e": 1.0}))
+    writer.close("complete")
+    with Trajectory(path) as whole:
+        assert whole.n_frames == 2
+    with h5py.File(path, "a") as file:
+        damage(file)
+    with pytest.raises(InputError, match="not a ddgcli trajectory") as caught:
+        Trajectory(path)
+    assert "\n" not in str(caught.value)
