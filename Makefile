@@ -12,7 +12,7 @@ DDGCLI ?= $(BIN)/ddgcli
 CURVATURE_OPTIONS ?=
 
 .DEFAULT_GOAL := help
-.PHONY: help demo pipeline test test-all lint fmt bench accuracy accuracy-check samples kernels clean
+.PHONY: help demo pipeline test test-all lint fmt bench accuracy accuracy-check samples kernels fuzz clean
 
 help:  ## this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):[^#]*## /\1\t/' | expand -t 18
@@ -83,6 +83,11 @@ accuracy-check: $(STAMP_TEST)  ## rerun the atlas's small meshes; fails if an er
 
 kernels: $(STAMP_TEST)  ## results under OpenBLAS's Haswell, Sandybridge, SkylakeX kernels and without AVX agree
 	$(BIN)/python -m benchmarks.kernels
+
+SECONDS ?= 60
+
+fuzz: $(STAMP_TEST)  ## mutated inputs, nothing but our own errors; FORMAT=ply SECONDS=3600
+	OMP_NUM_THREADS=1 $(BIN)/python -m benchmarks.fuzz --seconds $(SECONDS) $(if $(FORMAT),--format $(FORMAT))
 
 BENCH_NAMES = $(patsubst benchmarks/peers/%.py,%,$(wildcard benchmarks/peers/[a-z]*.py))
 BENCHES = $(filter $(or $(NAME),%),$(BENCH_NAMES))

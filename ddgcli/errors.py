@@ -4,6 +4,16 @@ An `InputError` is the caller's to mend (exit 2, no output file); a `SolveError`
 still could not be computed (exit 1). Messages name what was found, where, and what to do.
 """
 
+LONGEST_EXCERPT = 100  # characters of a file, or of another program's message, that a message repeats
+
+
+def excerpt(value: object, longest: int = LONGEST_EXCERPT) -> str:
+    """A piece of a file, or another program's message, as one short line of printable characters."""
+    text = value[: 4 * longest].decode("utf-8", "replace") if isinstance(value, bytes) else str(value)
+    text = " ".join(text[: 8 * longest].split())
+    text = "".join(letter if letter.isprintable() else "?" for letter in text[: longest + 1])
+    return text if len(text) <= longest else text[: longest - 3] + "..."
+
 
 class DdgError(Exception):
     """Base of all refusals; `exit_code` is what the command line ends with."""

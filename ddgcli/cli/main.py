@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+import contextlib
 import difflib
+import errno
 import importlib
 import os
+import signal
 import sys
+import threading
 import time
+from collections.abc import Iterator
 from typing import Any
 
 import click
@@ -15,7 +20,7 @@ from ddgcli import __version__
 from ddgcli.cli.multi_value import spread
 from ddgcli.cli.parameters import option_names
 from ddgcli.cli.threads import set_thread_variables
-from ddgcli.errors import DdgError
+from ddgcli.errors import DdgError, excerpt
 
 # name -> (module of ddgcli.cli.commands, help line); a module is imported only when its command runs
 COMMANDS = {
@@ -32,6 +37,9 @@ COMMANDS = {
     "frames": ("frames", "Export frames of a trajectory: meshes, pictures, animations."),
     "check": ("check", "Compare a run's summary with a stored one (regression runs)."),
 }
+
+
+NO_ROOM = (errno.ENOSPC, errno.EFBIG, errno.EIO, errno.EROFS)  # of standard output, too
 
 
 class Refusal(click.ClickException):
@@ -86,7 +94,8 @@ class Door(click.Group):
 
     def invoke(self, ctx: click.Context) -> Any:
         try:
-            return super().invoke(ctx)
+            with _ended_by_signals():
+                return super().invoke(ctx)
         except DdgError as error:
             raise Refusal(_refusal(error, ctx), error.exit_code) from error
         except click.UsageError as error:
@@ -97,15 +106,46 @@ class Door(click.Group):
         except KeyboardInterrupt:
             click.echo("Interrupted", err=True)
             ctx.exit(130)
+        except _Ended as error:
+            click.echo(f"Ended by {error.args[0].name}", err=True)
+            ctx.exit(128 + error.args[0])
         except MemoryError as error:
             raise Refusal(f"out of memory ({error}); take a smaller mesh or fewer outputs", 1) from error
         except (click.ClickException, click.exceptions.Exit, click.Abort):
             raise
+        except OSError as error:
+            if error.errno not in NO_ROOM or ctx.params.get("debug"):
+                raise _internal(error, ctx) from error
+            _quiet_end()
+            raise Refusal(
+                f"the output cannot be written ({os.strerror(error.errno)}); free some room", 1
+            ) from error
         except Exception as error:
-            if ctx.params.get("debug"):
-                raise
-            kind = type(error).__name__
-            raise Refusal(f"internal error: {kind}: {error}; run ddgcli --debug to see", 1) from error
+            raise _internal(error, ctx) from error
+
+
+class _Ended(BaseException):
+    """A signal asks this process to end; files that are half written are taken away on the way out."""
+
+
+@contextlib.contextmanager
+def _ended_by_signals() -> Iterator[None]:
+    """SIGTERM and SIGHUP end the run like an interrupt."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+
+    def end(number: int, frame: Any) -> None:
+        raise _Ended(signal.Signals(number))
+
+    kinds = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
+    # a signal that is ignored (nohup) stays so
+    before = {k: signal.signal(k, end) for k in kinds if signal.getsignal(k) == signal.SIG_DFL}
+    try:
+        yield
+    finally:
+        for kind, handler in before.items():
+            signal.signal(kind, handler)
 
 
 _imported = time.perf_counter()
@@ -122,6 +162,15 @@ def _refusal(error: DdgError, ctx: click.Context) -> str:
     from ddgcli.cli.run import refusal_of
 
     return refusal_of(error, ctx)
+
+
+def _internal(error: Exception, ctx: click.Context) -> Exception:
+    """What an error of ours in the code is told as; itself with --debug."""
+    if ctx.params.get("debug"):
+        return error
+    return Refusal(
+        f"internal error: {type(error).__name__}: {excerpt(error, 300)}; run ddgcli --debug to see", 1
+    )
 
 
 def _usage(error: click.UsageError) -> str:

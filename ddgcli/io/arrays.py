@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.errors import MeshFileError, ParameterError
+from ddgcli.errors import MeshFileError, ParameterError, excerpt
+from ddgcli.io.numpy_file import npy_array, npz_arrays, text_array
 
 PLACES = ("vertex", "face", "edge")
 
@@ -48,26 +49,30 @@ def read_array(path: str) -> NDArray:
     if reader is None:
         raise MeshFileError(f"{path}: arrays are read from {', '.join(READERS)} files")
     try:
-        array = np.asarray(reader(path))
-    except (ValueError, OSError, KeyError, EOFError) as error:
+        array = np.asarray(reader(Path(path).read_bytes()))
+    except MeshFileError as error:
+        raise MeshFileError(f"{path}: {error}") from None
+    except (OSError, MemoryError) as error:
         raise MeshFileError(f"{path}: no array can be read ({error}); write it with numpy.save") from error
     if array.dtype.kind not in "fiub":
-        raise MeshFileError(f"{path}: holds {array.dtype}, not numbers; write it with numpy.save")
+        raise MeshFileError(
+            f"{path}: holds {excerpt(array.dtype, 40)}, not real numbers; write them with numpy.save"
+        )
     return array
 
 
-def _read_npz(path: str) -> NDArray:
-    with np.load(path, allow_pickle=False) as archive:
-        if len(archive.files) != 1:
-            raise ValueError(f"it holds {len(archive.files)} arrays: {', '.join(archive.files)}")
-        return archive[archive.files[0]]
+def _read_npz(data: bytes) -> NDArray:
+    found, _ = npz_arrays(data)
+    if len(found) != 1:
+        raise MeshFileError(f"holds {len(found)} arrays ({excerpt(', '.join(found))}); store one")
+    return next(iter(found.values()))
 
 
 READERS: dict[str, Any] = {
-    ".npy": lambda path: np.load(path, allow_pickle=False),
+    ".npy": npy_array,
     ".npz": _read_npz,
-    ".csv": lambda path: np.loadtxt(path, delimiter=","),
-    ".txt": np.loadtxt,
+    ".csv": lambda data: text_array(data, ","),
+    ".txt": lambda data: text_array(data, None),
 }
 
 

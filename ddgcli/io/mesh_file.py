@@ -11,6 +11,7 @@ import contextlib
 import hashlib
 import importlib
 import os
+import stat
 import sys
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
@@ -19,7 +20,7 @@ from pathlib import Path
 
 from numpy.typing import NDArray
 
-from ddgcli.errors import InputError, MeshError, MeshFileError, OutputError
+from ddgcli.errors import InputError, MeshError, MeshFileError, OutputError, excerpt
 from ddgcli.io.readers.raw_mesh import RawMesh, assembled
 from ddgcli.mesh.curve import CurveSet
 from ddgcli.mesh.fields import AnnotatedMesh
@@ -120,7 +121,7 @@ def read_mesh(path: str, input_format: str | None = None) -> MeshInput:
         raise type(error)(f"{path}: {error}{_told_apart(data, suffix)}") from error
     except (MemoryError, OverflowError, RecursionError) as error:
         raise MeshFileError(
-            f"{path}: asks for more than can be held ({error}); the file is damaged"
+            f"{path}: asks for more than can be held ({excerpt(error)}); the file is damaged"
         ) from error
     return MeshInput(
         mesh, path, hashlib.sha256(data).hexdigest(), raw.vertex, cells, raw.edge, raw.whole,
@@ -143,7 +144,8 @@ def format_of(path: str, input_format: str | None = None) -> str:
     if suffix not in READERS and suffix not in read_foreign.suffixes():
         known = " ".join(sorted({*READERS, *read_foreign.suffixes()}))
         raise MeshFileError(
-            f"{path}: unknown format {suffix or '(no extension)'}; name it by --input-format; known: {known}"
+            f"{path}: unknown format {excerpt(suffix, 20) or '(no extension)'}; name it by --input-format; "
+            f"known: {known}"
         )
     return suffix
 
@@ -169,9 +171,14 @@ def _bytes(path: str) -> bytes:
     if path == "-":
         return sys.stdin.buffer.read()
     try:
+        mode = os.stat(path).st_mode
+        if stat.S_ISCHR(mode) or stat.S_ISBLK(mode):
+            raise MeshFileError(f"{path}: is a device, which may have no end; name a file, or - for input")
         return Path(path).read_bytes()
     except FileNotFoundError:
         raise MeshFileError(f"{path}: no such file; check the path") from None
+    except MeshFileError:
+        raise
     except (OSError, ValueError) as error:
         raise MeshFileError(f"{path}: cannot be opened ({getattr(error, 'strerror', error)})") from None
 
@@ -224,8 +231,7 @@ def check_output(path: str, output_format: str | None = None, *, formats: Sequen
 def check_place(path: str, *, inputs: tuple[str, ...] = ()) -> None:
     """Refuse an output path in a folder that is not there, or that is one of the inputs."""
     target = Path(path)
-    if target.is_dir():
-        raise OutputError(f"{path}: is a folder; name a file in it")
+    _check_regular(path)
     if not target.parent.is_dir():
         raise OutputError(f"{path}: folder {target.parent} does not exist; create it")
     if not os.access(target.parent, os.W_OK):
@@ -233,6 +239,18 @@ def check_place(path: str, *, inputs: tuple[str, ...] = ()) -> None:
     for source in inputs:
         if target.exists() and os.path.exists(source) and os.path.samefile(target, source):
             raise OutputError(f"{path}: is the input itself; write to another file")
+
+
+def _check_regular(path: str) -> None:
+    """Refuse a pipe, socket or device: what is written whole takes the place of what is there."""
+    try:
+        mode = os.stat(path).st_mode
+    except (OSError, ValueError):  # nothing there, or not to be seen: writing will say so
+        return
+    if stat.S_ISDIR(mode):
+        raise OutputError(f"{path}: is a folder; name a file in it")
+    if not stat.S_ISREG(mode):
+        raise OutputError(f"{path}: is a pipe or device, not a file; name a file, or -o - for output")
 
 
 def write_mesh(path: str, annotated: AnnotatedMesh, *, output_format: str | None = None) -> None:
@@ -268,6 +286,7 @@ def written_whole(path: str) -> Iterator[str]:
 
     A link is written through; permissions of a file that is replaced stay. After an error nothing is left.
     """
+    _check_regular(path)
     target = Path(os.path.realpath(path))
     try:
         handle, partial = tempfile.mkstemp(dir=target.parent, prefix=f".{target.stem}-", suffix=target.suffix)

@@ -138,7 +138,7 @@ def _statement(rows: list[str], first: int, last: int, table: Key, lines: dict[K
     """Note the keys of the statement on the rows `first` to `last`; the row on which it ends."""
     try:
         value = tomllib.loads("\n".join(rows[first : last + 1]))
-    except tomllib.TOMLDecodeError:
+    except (ValueError, RecursionError):
         return first
     row_of: dict[str, int] = {}
     for row in range(first, last + 1):

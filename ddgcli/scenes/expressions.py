@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import difflib
+import warnings
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -67,7 +68,9 @@ def parse(text: str, variables: tuple[str, ...] = ("x", "y", "z")) -> ast.expr:
     if "#" in text:
         raise ValueError(f"cannot read the expression {text!r}: it may not hold a comment")
     try:
-        tree = ast.parse(text.strip().replace("^", "**"), mode="eval").body
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # Python's opinion of the spelling, such as "1or 2"
+            tree = ast.parse(text.strip().replace("^", "**"), mode="eval").body
     except (SyntaxError, ValueError, RecursionError, MemoryError) as error:
         raise ValueError(f"cannot read the expression {text!r}") from error
     _check(tree, text, variables, 0)

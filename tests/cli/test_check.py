@@ -66,6 +66,22 @@ def test_a_plain_summary_is_taken(stored, run, tmp_path):
         ("{", "JSON"),
         ("[]", "summary"),
         ('{"summary": {}, "tolerances": {"rtl": 1}}', "rtl"),
+        ('{"summary": {}, "tolerances": {"rtol": "a"}}', "tolerance 'rtol' is"),
+        ('{"summary": {}, "tolerances": {"rtol": null}}', "tolerance 'rtol' is"),
+        ('{"summary": {}, "tolerances": {"atol": -1}}', "tolerance 'atol' is"),
+        ('{"summary": {}, "tolerances": {"atol": NaN}}', "tolerance 'atol' is"),
+        ('{"summary": {}, "tolerances": []}', "'tolerances' is no table"),
+        ('{"summary": {}, "tolerances": 3}', "'tolerances' is no table"),
+        ('{"summary": {}, "tolerances": {"ignore": 3}}', "tolerance 'ignore' is"),
+        ('{"summary": {}, "tolerances": {"ignore": [3]}}', "tolerance 'ignore' is"),
+        ('{"summary": {}, "tolerances": {"keys": {"a": 3}}}', "tolerance 'keys' is"),
+        ('{"summary": {}, "tolerances": {"keys": {"a": {"rtol": "b"}}}}', "tolerance 'keys' is"),
+        ('{"summary": [1]}', "'summary' is no table"),
+        ('{"summary": {}, "run": 3}', "'run' is no list of words"),
+        ('{"summary": {}, "run": [1]}', "'run' is no list of words"),
+        ('{"summary": {}, "run": ["a\\u0000b"]}', "'run' is no list of words"),
+        ("[" * 100000, "JSON"),
+        ('{"summary": {"a": ' + "[" * 900 + "]" * 900 + "}}", ""),
     ],
 )
 def test_a_bad_file_is_refused(tmp_path, run, content, says):
@@ -134,3 +150,17 @@ def test_seconds_of_a_simulation_are_not_compared(run, tmp_path):
     changed["summary"]["results"]["seconds_by_part"] = {name: value + 1 for name, value in parts.items()}
     stored.write_text(json.dumps(changed))
     assert run("check", stored).exit_code == 0
+
+
+@pytest.mark.parametrize("words", [["check"], ["ddgcli", "check"], ["--debug", "check"]])
+def test_a_stored_command_that_is_check_itself_is_refused(tmp_path, run, words):
+    path = tmp_path / "e.json"
+    path.write_text(json.dumps({"summary": {}, "run": [*words, str(path)]}))
+    result = run("check", path)
+    assert result.exit_code == 2
+    assert "check itself" in result.stderr and len(result.stderr.splitlines()) == 1
+
+
+def test_integers_beyond_doubles_are_compared(tmp_path):
+    moved, _ = compare({"results": {"a": 10**400, "b": 1}}, {"results": {"a": 1, "b": 10**400}}, Tolerances())
+    assert [m["key"] for m in moved] == ["results.a", "results.b"]

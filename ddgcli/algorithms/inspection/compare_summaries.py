@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import fnmatch
 import math
+import sys
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -85,6 +86,7 @@ def compare(
         entry = {"key": name, "expected": a, "found": b}
         if _number(a) and _number(b):
             rtol, atol = tolerances.of(name)
+            a, b = float(a), float(b)
             allowed = atol + rtol * abs(a)
             difference = abs(b - a)
             if not difference <= allowed:
@@ -95,4 +97,7 @@ def compare(
 
 
 def _number(value: Any) -> bool:
-    return isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)
+    """Whether a value is a number that a double can hold."""
+    if isinstance(value, bool) or not isinstance(value, (int, float)):
+        return False
+    return math.isfinite(value) if isinstance(value, float) else abs(value) <= sys.float_info.max

@@ -14,7 +14,7 @@ import click
 from ddgcli.cli import options
 from ddgcli.cli.options import Common
 from ddgcli.cli.run import Run
-from ddgcli.errors import MeshFileError, OutputError, ParameterError
+from ddgcli.errors import MeshFileError, OutputError, ParameterError, excerpt
 
 
 @click.command("check", short_help="Compare a run's summary with a stored one (regression runs).")
@@ -65,7 +65,10 @@ def command(
         run.write_bytes(expected_path, text.encode() + b"\n", in_place=True)
         run.finish({"run": list(words), "run_exit_code": exit_code, "stored": True}, {})
         return
-    moved, compared = compare(stored["summary"], found, Tolerances(**said))
+    try:
+        moved, compared = compare(stored["summary"], found, Tolerances(**said))
+    except RecursionError:
+        raise MeshFileError(f"{expected_path}: nested too deeply; store it anew with --update") from None
     for path in common.outputs:
         run.write_bytes(path, json.dumps(found, indent=1, ensure_ascii=False).encode() + b"\n")
     results = {"run": list(words), "run_exit_code": exit_code, "compared": compared, "moved": moved}
@@ -80,21 +83,62 @@ def read_expected(path: str, *, may_miss: bool) -> dict[str, Any]:
         if may_miss:
             return {}
         raise MeshFileError(f"{path}: no such file; --update writes it") from None
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, RecursionError) as error:
         raise MeshFileError(
-            f"{path}: no stored summary (not JSON: {error}); name the .json that --update wrote"
+            f"{path}: no stored summary (not JSON: {excerpt(error)}); name the .json that --update wrote"
         ) from None
     if not isinstance(stored, dict) or not ("summary" in stored or "results" in stored):
         raise MeshFileError(f"{path}: holds no summary; store one with --update or COMMAND --json")
-    unknown = set(stored.get("tolerances", {})) - {"rtol", "atol", "accuracy_atol", "keys", "ignore"}
-    if unknown:
-        raise MeshFileError(
-            f"{path}: unknown tolerance '{sorted(unknown)[0]}'; "
-            "known: rtol, atol, accuracy_atol, keys, ignore"
-        )
     if "summary" not in stored:
-        return {"summary": stored, "tolerances": stored.get("tolerances", {})}
+        stored = {"summary": stored, "tolerances": stored.get("tolerances", {})}
+    problem = _problem(stored)
+    if problem:
+        raise MeshFileError(f"{path}: {problem}; store it anew with --update")
     return stored
+
+
+def _problem(stored: dict[str, Any]) -> str | None:
+    """What is wrong with the parts of a stored file, if anything."""
+    if not isinstance(stored["summary"], dict):
+        return "'summary' is no table"
+    run = stored.get("run", [])
+    if not isinstance(run, list) or not all(isinstance(word, str) and "\0" not in word for word in run):
+        return "'run' is no list of words"
+    said = stored.get("tolerances", {})
+    if not isinstance(said, dict):
+        return "'tolerances' is no table"
+    for name, value in said.items():
+        if name not in TOLERANCES:
+            return f"unknown tolerance '{excerpt(name, 40)}' (known: {', '.join(TOLERANCES)})"
+        if not TOLERANCES[name](value):
+            return f"tolerance '{name}' is {excerpt(json.dumps(value), 40)}"
+    return None
+
+
+def _is_tolerance(value: Any) -> bool:
+    return (
+        isinstance(value, (int, float)) and not isinstance(value, bool) and 0 <= value <= sys.float_info.max
+    )
+
+
+def _is_table_of_tolerances(value: Any) -> bool:
+    return isinstance(value, dict) and all(
+        isinstance(stated, dict)
+        and set(stated) <= {"rtol", "atol"}
+        and all(_is_tolerance(v) for v in stated.values())
+        for stated in value.values()
+    )
+
+
+def _is_list_of_names(value: Any) -> bool:
+    return isinstance(value, list) and all(isinstance(name, str) for name in value)
+
+
+# what `tolerances` of a stored file may hold, and whether a value is one
+TOLERANCES = {
+    "rtol": _is_tolerance, "atol": _is_tolerance, "accuracy_atol": _is_tolerance,
+    "keys": _is_table_of_tolerances, "ignore": _is_list_of_names,
+}  # fmt: skip
 
 
 def summary_of(words: tuple[str, ...]) -> tuple[dict[str, Any], int]:
@@ -104,11 +148,20 @@ def summary_of(words: tuple[str, ...]) -> tuple[dict[str, Any], int]:
         raise ParameterError(
             "no command to run; write it after --: ddgcli check EXPECTED.json -- curvature a.ply"
         )
+    if next((word for word in words if not word.startswith("-")), "") == "check":
+        raise ParameterError("the command to run is check itself, which would never end; name another")
     call = [sys.executable, "-m", "ddgcli", *words, *([] if "--json" in words else ["--json"])]
-    done = subprocess.run(call, capture_output=True, encoding="utf-8")
-    if done.returncode not in (0, 1) or not done.stdout.strip():
+    try:
+        done = subprocess.run(call, capture_output=True, encoding="utf-8", errors="replace")
+    except (OSError, ValueError) as error:
+        raise ParameterError(f"the command cannot be run ({excerpt(error)}); mend its words") from error
+    try:
+        found = json.loads(done.stdout) if done.returncode in (0, 1) else None
+    except (ValueError, RecursionError):
+        found = None
+    if not isinstance(found, dict):
         last = (done.stderr.strip().splitlines() or ["no summary"])[-1]
         raise ParameterError(
             f"the command ended with exit code {done.returncode}: {last.removeprefix('Error: ')}"
         )
-    return json.loads(done.stdout), done.returncode
+    return found, done.returncode

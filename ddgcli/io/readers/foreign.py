@@ -1,8 +1,9 @@
 """Formats left to meshio and trimesh, behind a guard.
 
-The guard is needed because these readers print, call `sys.exit`, renumber, or loop forever on files that end
-early. meshio takes what finite elements write (it keeps node order and arrays, and knows tetrahedra); trimesh
-takes what artists' tools write (glTF, 3MF, COLLADA, ...), asked neither to merge nor to process.
+The guard is needed because these readers print, call `sys.exit`, renumber, follow references to any file, or
+loop forever on files that are damaged; they run in a process of their own (`guarded`). meshio
+takes what finite elements write (it keeps node order and arrays, and knows tetrahedra); trimesh takes what
+artists' tools write (glTF, 3MF, COLLADA, ...), asked neither to merge nor to process.
 """
 
 from __future__ import annotations
@@ -16,7 +17,9 @@ from typing import Any
 
 import numpy as np
 
-from ddgcli.errors import MeshFileError
+from ddgcli.errors import MeshFileError, excerpt
+from ddgcli.io.guarded import guarded
+from ddgcli.io.inflate import check_zip
 from ddgcli.io.readers.cells import NAMES, VTK_CELLS
 from ddgcli.io.readers.raw_mesh import RawMesh
 
@@ -48,21 +51,40 @@ TRIMESH = {
 # formats whose meshio reader takes an open text file, in which an endless read at the end can be stopped
 TEXT = {"abaqus", "nastran", "avsucd", "tecplot", "permas", "su2", "netgen"}
 BINARY = {"mdpa", "ansys"}
+HDF5 = {".xdmf", ".xmf", ".cgns", ".h5m", ".hmf", ".med", ".e", ".ex2", ".exo"}
 
 
 def read_meshio(path: str, suffix: str) -> RawMesh:
-    """Read through meshio."""
+    """Read through meshio, in a process of its own."""
+    needs = ("meshio", "h5py") if suffix in HDF5 else ("meshio",)
+    return guarded("read_foreign", "content_by_meshio", path, suffix, needs=needs, **_bounds(path))
+
+
+def read_trimesh(path: str, suffix: str) -> RawMesh:
+    """Read through trimesh, in a process of its own; the parts of a scene become one mesh, not merged."""
+    return guarded("read_foreign", "content_by_trimesh", path, suffix, needs=("trimesh",), **_bounds(path))
+
+
+def _bounds(path: str) -> dict[str, Any]:
+    """What the process that reads a file may take and see; a bomb is refused at once."""
+    data = Path(path).read_bytes()
+    check_zip(data)
+    return {"size": len(data), "folder": str(Path(path).resolve().parent)}
+
+
+def content_by_meshio(path: str, suffix: str) -> RawMesh:
+    """The same in this process, without a bound."""
     reasons = []
     for name in MESHIO[suffix]:
         try:
             with _guarded() as said:
                 return _raw(_meshio_mesh(path, name))
-        except MeshFileError:
+        except (MeshFileError, MemoryError):
             raise
         except _Endless:
             reasons.append("the file ends early")
         except SystemExit:  # meshio prints what is wrong, and ends the program
-            reasons.append(" ".join(said.getvalue().split())[:120] or "its reader gave up")
+            reasons.append(excerpt(said.getvalue(), 120) or "its reader gave up")
         except Exception as error:  # third-party readers raise whatever comes
             reasons.append(_in_a_line(error))
     raise MeshFileError(
@@ -70,14 +92,16 @@ def read_meshio(path: str, suffix: str) -> RawMesh:
     )
 
 
-def read_trimesh(path: str, suffix: str) -> RawMesh:
-    """Read through trimesh; the parts of a scene are put into one mesh, not merged."""
+def content_by_trimesh(path: str, suffix: str) -> RawMesh:
+    """The same in this process, without a bound."""
     import trimesh
 
     try:
         with _guarded():
             scene: Any = trimesh.load_scene(path, file_type=suffix[1:], process=False, maintain_order=True)
             parts = scene.dump() if scene.geometry else []
+    except (MeshFileError, MemoryError):
+        raise
     except ImportError as error:
         raise MeshFileError(
             f"{suffix} needs a package that is not here ({_in_a_line(error)}): "
@@ -102,7 +126,7 @@ def read_trimesh(path: str, suffix: str) -> RawMesh:
 
 def _in_a_line(error: BaseException) -> str:
     """Kind and message of an exception, in one short line."""
-    message = " ".join(str(error).split())[:120]
+    message = excerpt(error, 120)
     return f"{type(error).__name__}: {message}" if message else type(error).__name__
 
 

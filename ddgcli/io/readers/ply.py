@@ -11,15 +11,17 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.errors import MeshFileError
+from ddgcli.errors import MeshFileError, excerpt
 from ddgcli.io.readers.raw_mesh import RawMesh
-from ddgcli.io.readers.text import numbers, ragged, whole_numbers
+from ddgcli.io.readers.text import numbers, ragged, typed, whole_numbers
 
 TYPES = {
     "char": "i1", "int8": "i1", "uchar": "u1", "uint8": "u1", "short": "i2", "int16": "i2", "ushort": "u2",
     "uint16": "u2", "int": "i4", "int32": "i4", "uint": "u4", "uint32": "u4", "float": "f4", "float32": "f4",
     "double": "f8", "float64": "f8", "int64": "i8", "uint64": "u8",
 }  # fmt: skip
+
+COUNT_TYPES = {name: code for name, code in TYPES.items() if code[0] != "f"}  # of the length of a list
 
 
 @dataclass
@@ -77,12 +79,12 @@ def _header(data: bytes) -> tuple[str, list[_Element], int]:
                 if elements[-1].count < 0:
                     raise ValueError
             elif words[:2] == ["property", "list"]:
-                elements[-1].properties.append(_Property(words[4], TYPES[words[3]], TYPES[words[2]]))
+                elements[-1].properties.append(_Property(words[4], TYPES[words[3]], COUNT_TYPES[words[2]]))
             elif words[:1] == ["property"]:
                 elements[-1].properties.append(_Property(words[2], TYPES[words[1]]))
         except (KeyError, IndexError, ValueError):
             raise MeshFileError(
-                f"line {number}: {line.strip()[:60]!r} is no PLY header line; mend it"
+                f"line {number}: {excerpt(line, 60)!r} is no PLY header line; mend it"
             ) from None
     if order is None:
         raise MeshFileError("the PLY header has no format line; the file is damaged")
@@ -91,8 +93,8 @@ def _header(data: bytes) -> tuple[str, list[_Element], int]:
 
 def _short(element: _Element) -> MeshFileError:
     return MeshFileError(
-        f"the header asks for {element.count} elements '{element.name}', more than the file holds; it is "
-        "cut or the header wrong"
+        f"the header asks for {element.count:.6g} elements '{excerpt(element.name, 40)}', more than the file "
+        "holds; it is cut or the header wrong"
     )
 
 
@@ -105,9 +107,7 @@ class _Ascii:
             self.values = numbers(text)
         except ValueError:
             bad = next((w for w in text.split() if not _is_number(w)), b"")
-            raise MeshFileError(
-                f"{bad[:20].decode('utf-8', 'replace')!r} in the PLY body is not a number"
-            ) from None
+            raise MeshFileError(f"{excerpt(bad, 20)!r} in the PLY body is not a number; mend it") from None
 
     def take(self, element: _Element) -> Columns:
         rest, width = self.values[self.at :], len(element.properties)
@@ -116,7 +116,7 @@ class _Ascii:
         if not element.has_list:
             table = rest[: element.count * width].reshape(element.count, width)
             self.at += table.size
-            return {p.name: _typed(table[:, k], p.type) for k, p in enumerate(element.properties)}
+            return {p.name: _typed(table[:, k], p) for k, p in enumerate(element.properties)}
         if width == 1:
             members, sizes, used = ragged(rest, element.count, element.name)
             self.at += used
@@ -133,16 +133,21 @@ class _Ascii:
                 if self.at >= len(values):
                     raise _short(element)
                 if p.count_type:
-                    size = int(values[self.at])
-                    if size < 0 or self.at + 1 + size > len(values):
-                        raise _short(element)
+                    count = values[self.at]
+                    if not (0 <= count < len(values) - self.at and count == int(count)):
+                        raise MeshFileError(
+                            f"{count:.17g} is no count of a list of '{excerpt(element.name, 40)}' that the "
+                            "file holds; it is cut or damaged"
+                        )
+                    size = int(count)
                     found[p.name] += values[self.at + 1 : self.at + 1 + size]
                     sizes[p.name].append(size)
                     self.at += 1 + size
                 else:
                     found[p.name].append(values[self.at])
                     self.at += 1
-        return _columns(element, found, sizes)
+        exact = {p.name: _typed(np.array(found[p.name], dtype=np.float64), p) for p in element.properties}
+        return _columns(exact, sizes)
 
 
 class _Binary:
@@ -258,15 +263,15 @@ class _Binary:
         except struct.error:
             raise _short(element) from None
         self.at = at
-        return _columns(element, found, sizes)
+        return _columns({p.name: np.array(found[p.name], dtype=p.type) for p in element.properties}, sizes)
 
 
-def _columns(element: _Element, found: dict[str, list], sizes: dict[str, list[int]]) -> Columns:
-    columns: Columns = {}
-    for p in element.properties:
-        values = np.array(found[p.name], dtype=np.dtype(p.type))
-        columns[p.name] = (values, np.array(sizes[p.name], dtype=np.int64)) if p.count_type else values
-    return columns
+def _columns(values: dict[str, NDArray], sizes: dict[str, list[int]]) -> Columns:
+    """Lists get their sizes beside them."""
+    return {
+        name: (column, np.array(sizes[name], dtype=np.int64)) if name in sizes else column
+        for name, column in values.items()
+    }
 
 
 def _is_number(word: bytes) -> bool:
@@ -277,16 +282,17 @@ def _is_number(word: bytes) -> bool:
     return True
 
 
-def _typed(column: NDArray, code: str) -> NDArray:
-    if code[0] == "f":
-        return column
-    return whole_numbers(column, "value").astype(code) if np.isfinite(column).all() else column
+def _typed(column: NDArray, declared: _Property) -> NDArray:
+    """Floats of the text in the declared type; floats stay as exact as the text."""
+    return (
+        column if declared.type[0] == "f" else typed(column, declared.type, f"'{excerpt(declared.name, 40)}'")
+    )
 
 
 def _raw(columns: dict[str, Columns]) -> RawMesh:
     vertex = dict(columns.get("vertex", {}))
-    if vertex and not {"x", "y", "z"} <= vertex.keys():
-        raise MeshFileError("the PLY vertices have no x, y and z; check the file")
+    if vertex and any(isinstance(vertex.get(c, ()), tuple) for c in "xyz"):
+        raise MeshFileError("the PLY vertices have no numbers x, y and z; check the file")
     if vertex:
         points = np.stack([np.asarray(vertex.pop(c), dtype=np.float64) for c in "xyz"], axis=1)
     else:
@@ -294,6 +300,8 @@ def _raw(columns: dict[str, Columns]) -> RawMesh:
     raw = RawMesh(points, vertex=_scalars(vertex))
     face = dict(columns.get("face", {}))
     corners = next((face.pop(k) for k in ("vertex_indices", "vertex_index") if k in face), None)
+    if corners is not None and not isinstance(corners, tuple):
+        raise MeshFileError("'vertex_indices' of the PLY faces is no list; mend the header")
     if corners is not None:
         raw.corners, raw.sizes = whole_numbers(np.asarray(corners[0]), "vertex number"), corners[1]
         raw.face = _scalars(face)
@@ -301,7 +309,10 @@ def _raw(columns: dict[str, Columns]) -> RawMesh:
         raw.add_faces(_strips(whole_numbers(np.asarray(members), "vertex number")))
     edge = columns.get("edge", {})
     if {"vertex1", "vertex2"} <= edge.keys():
-        raw.lines = np.stack([np.asarray(edge[k], dtype=np.int64) for k in ("vertex1", "vertex2")], axis=1)
+        ends = [edge[k] for k in ("vertex1", "vertex2")]
+        if any(isinstance(end, tuple) for end in ends):
+            raise MeshFileError("'vertex1' and 'vertex2' of the PLY edges are lists; mend the header")
+        raw.lines = np.stack([whole_numbers(np.asarray(end), "vertex number") for end in ends], axis=1)
         raw.line = _scalars({k: v for k, v in edge.items() if k not in ("vertex1", "vertex2")})
     return raw
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.errors import MeshFileError
+from ddgcli.errors import MeshFileError, excerpt
 from ddgcli.io.readers.triangulate import triangulated
 from ddgcli.mesh.curve import CurveSet
 from ddgcli.mesh.tet_mesh import TetMesh
@@ -67,6 +67,9 @@ def assembled(raw: RawMesh) -> tuple[InputMesh, dict[str, NDArray], NDArray | No
     MeshError, MeshFileError
         Non-finite points, indices out of range, nothing in the file.
     """
+    if raw.points.ndim != 2 or raw.points.shape[1] != 3:
+        raise MeshFileError(f"points of shape {raw.points.shape}, not (n, 3); the file is damaged")
+    _keep_numbers(raw)
     if len(raw.tetrahedra):
         if len(raw.sizes):
             raw.notes.append(f"{len(raw.sizes)} surface cells beside the tetrahedra left out")
@@ -97,6 +100,56 @@ def _surface(raw: RawMesh) -> tuple[TriangleMesh, dict[str, NDArray], NDArray | 
         raw.notes.append(f"{len(small)} faces of fewer than three corners left out (first: face {small[0]})")
     mesh = TriangleMesh.from_arrays(raw.points, faces)
     return mesh, {name: value[polygon] for name, value in raw.face.items()}, polygon
+
+
+def _keep_numbers(raw: RawMesh) -> None:
+    """Arrays of real numbers, in the machine's byte order; the others are left out and noted."""
+    _check_edges(raw)
+    counts = {
+        "vertex": len(raw.points), "face": len(raw.sizes), "cell": len(raw.tetrahedra),
+        "line": len(raw.lines), "edge": len(raw.edge.get("edges", ())), "whole": None,
+    }  # fmt: skip
+    for place, count in counts.items():
+        kept = {}
+        for name, value in getattr(raw, place).items():
+            value = np.asarray(value)
+            if value.dtype.kind not in "fiub":
+                raw.notes.append(f"array '{excerpt(name, 40)}' holds {_content(value)}: it is left out")
+            elif count is not None and (value.ndim == 0 or len(value) != count):
+                raise MeshFileError(
+                    f"array '{excerpt(name, 40)}' has {value.size} entries where {count} are needed; "
+                    "the file is damaged"
+                )
+            elif value.ndim:
+                kept[name] = _native(value)
+        setattr(raw, place, kept)
+
+
+def _check_edges(raw: RawMesh) -> None:
+    """Arrays on edges need `edges`, the two vertices of each; without it they are left out and noted."""
+    if not raw.edge:
+        return
+    edges, n_points = np.asarray(raw.edge.get("edges")), len(raw.points)
+    whole = edges.dtype.kind in "iu" and edges.ndim == 2 and edges.shape[1] == 2
+    if not whole or ((edges < 0) | (edges >= n_points)).any():
+        raw.notes.append(
+            f"'edges' is not an (e, 2) array of vertex numbers below {n_points}: arrays on edges are left out"
+        )
+        raw.edge = {}
+
+
+def _content(value: NDArray) -> str:
+    names = {"c": "complex numbers", "M": "dates", "m": "times", "S": "text", "U": "text", "T": "text"}
+    return names.get(value.dtype.kind, "records") + ", not real numbers"
+
+
+def _native(value: NDArray) -> NDArray:
+    """The array in the machine's byte order; long doubles as doubles, half precision as single."""
+    kind = value.dtype.newbyteorder("=")
+    if kind.kind == "f":
+        kind = np.dtype({2: np.float32, 4: np.float32}.get(kind.itemsize, np.float64))
+    with np.errstate(over="ignore"):
+        return np.asarray(value).astype(kind, copy=False)
 
 
 def check_lines(lines: NDArray, n_points: int) -> None:

@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-import io
 import re
-import zipfile
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.errors import MeshFileError
+from ddgcli.errors import MeshFileError, excerpt
+from ddgcli.io.numpy_file import npz_arrays
 from ddgcli.io.readers.raw_mesh import RawMesh
-from ddgcli.io.readers.text import rows
+from ddgcli.io.readers.text import rows, whole_numbers
 from ddgcli.mesh.repair import merged_points
 
 ROUND_OFF = 1e-12  # of the extent: sin(2 pi) is not 0 in a file of 17 digits
@@ -85,26 +83,17 @@ def read_wkt(data: bytes) -> RawMesh:
 
 def read_npz(data: bytes) -> RawMesh:
     """Read a .npz with `points` and `faces`, `tetrahedra` or `lines`; the rest are arrays by their length."""
-    try:
-        with np.load(io.BytesIO(data), allow_pickle=False) as archive:
-            found: dict[str, Any] = {name: archive[name] for name in archive.files}
-    except (
-        ValueError,
-        OSError,
-        zipfile.BadZipFile,
-        EOFError,
-        KeyError,
-        NotImplementedError,
-        MemoryError,
-    ) as error:
-        raise MeshFileError(f"not a NumPy archive ({error}); it is cut or of another format") from None
-    except Exception as error:  # zlib.error, struct.error, tokenize errors of a damaged header
-        raise MeshFileError(f"the NumPy archive is damaged ({error})") from None
+    found, others = npz_arrays(data)
     if "points" not in found:
         raise MeshFileError(
             "the archive has no array 'points'; a mesh needs points and faces, tetrahedra or lines"
         )
-    return raw_of_arrays(found)
+    raw = raw_of_arrays(found)
+    if others:
+        raw.notes.append(
+            f"{len(others)} members of the archive are no arrays and left out: {excerpt(others[0], 40)}"
+        )
+    return raw
 
 
 def raw_of_arrays(found: dict[str, NDArray]) -> RawMesh:
@@ -122,11 +111,11 @@ def raw_of_arrays(found: dict[str, NDArray]) -> RawMesh:
         raw.add_faces(cells["faces"])
     elif cells["lines"] is not None:
         raw.lines = cells["lines"]
-    n_edges = len(found["edges"]) if "edges" in found else -1
+    n_edges = len(np.atleast_1d(found["edges"])) if "edges" in found else -1
     lengths = ((len(points), raw.vertex), (len(raw.tetrahedra), raw.cell), (len(raw.sizes), raw.face),
                (len(raw.lines), raw.line), (n_edges, raw.edge))  # fmt: skip
     for name, value in found.items():
-        if name in PLACES or value.dtype.kind not in "fiub" or value.ndim == 0:
+        if name in PLACES or value.ndim == 0:
             continue
         place = next((p for length, p in lengths if length == len(value)), raw.whole)
         place[name] = value
@@ -141,4 +130,4 @@ def _cells(found: dict[str, NDArray], name: str, width: int) -> NDArray | None:
     value = np.asarray(found[name])
     if value.ndim != 2 or value.shape[1] != width or value.dtype.kind not in "iu":
         raise MeshFileError(f"'{name}' is {value.shape} {value.dtype}; it must be (m, {width}) whole numbers")
-    return value.astype(np.int64)
+    return whole_numbers(value, f"entry of '{name}'")

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.errors import MeshFileError
+from ddgcli.errors import MeshFileError, excerpt
 
 
 def numbers(text: bytes) -> NDArray[np.float64]:
@@ -37,7 +38,7 @@ def rows(lines: Sequence[bytes], line_number: Sequence[int], what: str) -> tuple
             try:
                 float(word)
             except ValueError:
-                shown = word[:20].decode("utf-8", "replace")
+                shown = excerpt(word, 20)
                 raise MeshFileError(f"line {number + 1}: {shown!r} in a {what} is not a number") from None
     raise MeshFileError(f"the numbers of the {what} lines cannot be read; check the file")
 
@@ -47,8 +48,27 @@ def whole_numbers(values: NDArray, what: str) -> NDArray[np.int64]:
     with np.errstate(invalid="ignore"):
         bad = np.flatnonzero(~((values == np.rint(values)) & (np.abs(values) < 2**53)))
     if len(bad):
-        raise MeshFileError(f"{what} {values.ravel()[bad[0]]:.17g} is not a usable whole number; mend it")
+        raise MeshFileError(f"{what} {values.ravel()[bad[0]].item()} is not a usable whole number; mend it")
     return values.astype(np.int64)
+
+
+def typed(values: NDArray, dtype: Any, what: str) -> NDArray:
+    """Floats of a text in the type that the file declares.
+
+    Raises
+    ------
+    MeshFileError
+        A value of an integer type that is not a whole number, or that the type cannot hold.
+    """
+    dtype = np.dtype(dtype)
+    if dtype.kind == "f":
+        with np.errstate(over="ignore"):
+            return values.astype(dtype)
+    whole, room = whole_numbers(values, what), np.iinfo(dtype)
+    bad = np.flatnonzero((whole < room.min) | (whole > min(room.max, np.iinfo(np.int64).max)))
+    if len(bad):
+        raise MeshFileError(f"{what} {whole[bad[0]]} does not fit its type {dtype.name}; mend it")
+    return whole.astype(dtype)
 
 
 def ragged(flat: NDArray, n: int, what: str, extra: int = 0) -> tuple[NDArray, NDArray, int]:
@@ -64,15 +84,15 @@ def ragged(flat: NDArray, n: int, what: str, extra: int = 0) -> tuple[NDArray, N
     if n == 0:
         return flat[:0], np.zeros(0, dtype=np.int64), 0
     if len(flat):
-        width = int(flat[0]) + 1 + extra if 0 <= flat[0] < len(flat) else 0
-        if width > 0 and n * width <= len(flat):
+        width = _list_size(flat, 0) + 1 + extra
+        if width > extra and n * width <= len(flat):
             table = flat[: n * width].reshape(n, width)
             if (table[:, 0] == flat[0]).all():
                 size = width - 1 - extra
                 return table[:, 1 : 1 + size].ravel(), np.full(n, size, dtype=np.int64), n * width
     starts, sizes, at = [], [], 0
     for number in range(n):
-        size = int(flat[at]) if at < len(flat) else -1
+        size = _list_size(flat, at)
         if size < 0 or at + 1 + size + extra > len(flat):
             raise MeshFileError(
                 f"the file ends inside {what} {number} of {n}, or its count is wrong; it is cut or damaged"
@@ -83,3 +103,9 @@ def ragged(flat: NDArray, n: int, what: str, extra: int = 0) -> tuple[NDArray, N
     size_array = np.array(sizes, dtype=np.int64)
     local = np.arange(size_array.sum()) - np.repeat(np.cumsum(size_array) - size_array, size_array)
     return flat[np.repeat(np.array(starts), size_array) + local], size_array, at
+
+
+def _list_size(flat: NDArray, at: int) -> int:
+    """The whole number at a place that counts the members of a list; -1 where there is no such number."""
+    value = flat[at] if at < len(flat) else -1
+    return int(value) if 0 <= value < len(flat) and value == int(value) else -1

@@ -12,10 +12,10 @@ from urllib.parse import unquote
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.errors import MeshFileError
+from ddgcli.errors import MeshFileError, excerpt
 from ddgcli.io.readers.cells import LINE, POLYGON, STRIP, VERTEX, add_vtk_cells
 from ddgcli.io.readers.raw_mesh import RawMesh
-from ddgcli.io.readers.text import numbers
+from ddgcli.io.readers.text import numbers, typed
 
 TYPES = {
     "float": "f4", "double": "f8", "char": "i1", "signed_char": "i1", "unsigned_char": "u1", "short": "i2",
@@ -36,7 +36,7 @@ def read_vtk_legacy(data: bytes) -> RawMesh | None:
         raise MeshFileError("not a legacy VTK file: it does not begin with '# vtk DataFile'; check the file")
     kind = head[2].strip().upper()
     if kind not in (b"ASCII", b"BINARY"):
-        raise MeshFileError(f"line 3 must say ASCII or BINARY, found {head[2][:20]!r}; check the file")
+        raise MeshFileError(f"line 3 must say ASCII or BINARY, not {excerpt(head[2], 20)!r}; check the file")
     words = _Words(data, sum(len(line) + 1 for line in head[:3]), kind == b"BINARY")
     try:
         if words.next().upper() != "DATASET":
@@ -48,7 +48,7 @@ def read_vtk_legacy(data: bytes) -> RawMesh | None:
         if isinstance(error, MeshFileError):
             raise
         raise MeshFileError(
-            f"an array of the VTK file cannot be read ({error}); it is cut or damaged"
+            f"an array of the VTK file cannot be read ({excerpt(error)}); it is cut or damaged"
         ) from None
 
 
@@ -81,13 +81,13 @@ class _Words:
 
     def values(self, count: int, kind: str) -> NDArray:
         """The next `count` numbers of a VTK type."""
+        if kind.lower() not in TYPES:
+            raise MeshFileError(f"data type {excerpt(kind, 40)!r} is not one of VTK's; mend it")
+        if count < 0:
+            raise ValueError(f"a count of {count}")
         dtype = np.dtype(TYPES[kind.lower()])
         if not self.binary:
-            parts = self.data[self.at :].split(None, count)
-            if len(parts) < count:
-                raise ValueError(f"{len(parts)} numbers, {count} announced")
-            self.at = len(self.data) - (len(parts[count]) if len(parts) > count else 0)
-            return numbers(b" ".join(parts[:count])).astype(dtype)
+            return typed(numbers(self._text(count)), dtype, "the value")
         self.at = self.data.index(b"\n", self.at) + 1 if count else self.at
         size = count * dtype.itemsize
         block = self.data[self.at : self.at + size]
@@ -95,6 +95,21 @@ class _Words:
             raise ValueError(f"{len(block)} bytes, {size} announced")
         self.at += size
         return np.frombuffer(block, dtype.newbyteorder(">")).astype(dtype)
+
+    def _text(self, count: int) -> bytes:
+        """The next `count` words, from a window that grows: short arrays cost no copies of the file."""
+        room = 32 * count + 64
+        while True:
+            window = self.data[self.at : self.at + room]
+            parts = window.split(None, count)
+            at_end = self.at + len(window) == len(self.data)
+            if len(parts) > count or (at_end and len(parts) == count):
+                break
+            if at_end:
+                raise ValueError(f"{len(parts)} numbers, {count} announced")
+            room *= 4
+        self.at += len(window) - (len(parts[count]) if len(parts) > count else 0)
+        return b" ".join(parts[:count])
 
     def skip_paragraph(self) -> None:
         """Go to the next blank line."""
@@ -152,14 +167,14 @@ def _cells(words: _Words) -> tuple[NDArray, NDArray]:
         return words.values(second, words.next()).astype(np.int64), np.diff(offsets)
     words.at = before
     mixed = words.values(second, "int").astype(np.int64)  # first = cells; their sizes stand before them
-    if second == 4 * first and (mixed[::4] == 3).all():
+    if len(mixed) == 4 * first and (mixed[::4] == 3).all():
         return mixed.reshape(-1, 4)[:, 1:].ravel(), np.full(first, 3)
     starts, at = [], 0
     for _ in range(first):
+        if at >= second or mixed[at] < 0:
+            raise ValueError(f"a cell of negative size, or beyond the {second} numbers announced")
         starts.append(at)
         at += 1 + int(mixed[at])
-        if mixed[starts[-1]] < 0:
-            raise ValueError("a cell of negative size")
     if at != second:
         raise ValueError(f"cells of {at} numbers, {second} announced")
     return np.delete(mixed, starts), mixed[starts]
@@ -171,7 +186,7 @@ def _attribute(words: _Words, word: str, length: int, into: dict[str, NDArray]) 
         words.next()
         for _ in range(words.count()):
             name, width, rows, kind = words.next(), words.count(), words.count(), words.next()
-            if kind.lower() not in TYPES:
+            if kind.lower() not in TYPES:  # text, say
                 return False
             _put(into, name, words.values(width * rows, kind), width)
             _pass_metadata(words)
@@ -205,7 +220,10 @@ def _scalar_width(words: _Words) -> int:
         words.next()
     else:
         words.at = before
-    return int(said[0]) if said else 1
+    width = int(said[0]) if said else 1
+    if width < 1:
+        raise ValueError(f"{width} components")
+    return width
 
 
 def _pass_metadata(words: _Words) -> None:

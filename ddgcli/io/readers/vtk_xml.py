@@ -9,22 +9,24 @@ from __future__ import annotations
 import base64
 import binascii
 import re
-import zlib
-from typing import Any
+from typing import Any, TypeVar
 from xml.etree import ElementTree
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.errors import MeshFileError
+from ddgcli.errors import MeshFileError, excerpt
+from ddgcli.io.inflate import Budget
 from ddgcli.io.readers.cells import LINE, POLYGON, STRIP, VERTEX, add_vtk_cells
 from ddgcli.io.readers.raw_mesh import RawMesh
-from ddgcli.io.readers.text import numbers
+from ddgcli.io.readers.text import numbers, typed, whole_numbers
 
 TYPES = {
     "Float32": "f4", "Float64": "f8", "Int8": "i1", "Int16": "i2", "Int32": "i4", "Int64": "i8",
     "UInt8": "u1", "UInt16": "u2", "UInt32": "u4", "UInt64": "u8",
 }  # fmt: skip
+HEADER_TYPES = ("UInt32", "UInt64")
+Buffer = TypeVar("Buffer", bytes, memoryview)
 # in the order in which VTK numbers cells, which is not that of the file
 POLYDATA = (("Verts", VERTEX), ("Lines", LINE), ("Polys", POLYGON), ("Strips", STRIP))
 
@@ -37,27 +39,30 @@ def read_vtk_xml(data: bytes) -> RawMesh:
     try:
         root = ElementTree.fromstring(xml)
     except ElementTree.ParseError as error:
-        raise MeshFileError(f"not well-formed XML ({error}); the file is cut or damaged") from None
+        raise MeshFileError(f"not well-formed XML ({excerpt(error)}); the file is cut or damaged") from None
     if root.tag != "VTKFile" or root.get("type") not in ("UnstructuredGrid", "PolyData"):
         raise MeshFileError(
-            f"VTK XML of type {root.get('type')}; only UnstructuredGrid and PolyData hold surfaces"
+            f"VTK XML of type {excerpt(root.get('type'), 40)}; only UnstructuredGrid and PolyData hold "
+            "surfaces"
         )
-    arrays = _Arrays(root, appended)
     try:
+        arrays = _Arrays(root, appended, Budget(len(data)))
         return _joined(
             [_piece(piece, arrays, root.get("type") == "PolyData") for piece in root.iter("Piece")]
         )
-    except (ValueError, KeyError, TypeError, IndexError, AttributeError, zlib.error, binascii.Error) as error:
+    except (ValueError, OverflowError, binascii.Error) as error:
         if isinstance(error, MeshFileError):
             raise
         raise MeshFileError(
-            f"an array of the VTK file cannot be read ({error}); it is cut or damaged"
+            f"an array of the VTK file cannot be read ({excerpt(error)}); it is cut or damaged"
         ) from None
 
 
 def _split_raw_appended(data: bytes) -> tuple[bytes, bytes | None]:
     """The XML without its raw appended bytes, and those."""
-    mark = re.search(rb"<AppendedData[^>]*encoding\s*=\s*[\"']raw[\"'][^>]*>\s*_", data)
+    mark = re.search(
+        rb"<AppendedData[^>]{0,400}?encoding\s{0,9}=\s{0,9}[\"']raw[\"'][^>]{0,400}>\s{0,99}_", data
+    )
     if mark is None:
         return data, None
     end = data.rfind(b"</AppendedData>")
@@ -69,48 +74,66 @@ def _split_raw_appended(data: bytes) -> tuple[bytes, bytes | None]:
 class _Arrays:
     """Decodes DataArray elements of one file."""
 
-    def __init__(self, root: ElementTree.Element, appended: bytes | None) -> None:
+    def __init__(self, root: ElementTree.Element, appended: bytes | None, budget: Budget) -> None:
+        self.budget = budget
         self.order: Any = ">" if root.get("byte_order") == "BigEndian" else "<"
-        self.header = np.dtype(self.order + TYPES[root.get("header_type", "UInt32")])
+        kind = root.get("header_type", "UInt32")
+        if kind not in HEADER_TYPES:
+            raise MeshFileError(
+                f"header_type {excerpt(kind, 40)!r} is none of {', '.join(HEADER_TYPES)}; mend it"
+            )
+        self.header = np.dtype(self.order + TYPES[kind])
         self.compressor = root.get("compressor")
         if self.compressor not in (None, "", "vtkZLibDataCompressor"):
-            raise MeshFileError(f"VTK arrays packed by {self.compressor}; export with zlib or none")
-        self.appended, self.encoded = appended, None
+            raise MeshFileError(
+                f"VTK arrays packed by {excerpt(self.compressor, 40)}; export with zlib or none"
+            )
+        self.appended, self.encoded = memoryview(appended or b""), None
         element = root.find("AppendedData")
         if appended is None and element is not None:
-            self.encoded = (element.text or "").strip().removeprefix("_").encode()
+            self.encoded = memoryview((element.text or "").strip().removeprefix("_").encode())
 
     def __call__(self, element: ElementTree.Element) -> NDArray:
-        kind = np.dtype(TYPES[element.attrib["type"]])
-        form = element.get("format", "ascii")
+        name, form = element.get("type", ""), element.get("format", "ascii")
+        if name not in TYPES:
+            raise MeshFileError(f"data type {excerpt(name, 40)!r} is not one of VTK's; mend it")
+        kind = np.dtype(TYPES[name])
         if form == "ascii":
-            values = numbers((element.text or "").encode()).astype(kind)
+            values = typed(numbers((element.text or "").encode()), kind, "the value")
         else:
             values = np.frombuffer(self._bytes(element, form), kind.newbyteorder(self.order)).astype(kind)
-        width = int(element.get("NumberOfComponents") or 1)
+        width = _count(element, "NumberOfComponents") or 1
         return values.reshape(-1, width) if width > 1 else values
 
-    def _bytes(self, element: ElementTree.Element, form: str) -> bytes:
+    def _bytes(self, element: ElementTree.Element, form: str) -> bytes | memoryview:
         if form == "binary":
             return self._base64("".join((element.text or "").split()).encode())
-        start = int(element.attrib["offset"])
+        start = _count(element, "offset")
+        if start is None:
+            raise MeshFileError("an appended array states no offset; the file is damaged")
         if self.encoded is not None:
             return self._base64(self.encoded[start:])
-        return self._raw((self.appended or b"")[start:])
+        return self._raw(self.appended[start:])
 
-    def _raw(self, data: bytes) -> bytes:
+    def _raw(self, data: memoryview) -> bytes | memoryview:
         size = self.header.itemsize
         if not self.compressor:
             length = int(np.frombuffer(data, self.header, 1)[0])
+            self.budget.take(min(length, len(data)))
             return _whole(data[size : size + length], length)
         blocks, at = self._block_sizes(data)
-        parts = []
+        return self._unpacked(data[at:], blocks)
+
+    def _unpacked(self, data: bytes | memoryview, blocks: list[int]) -> bytes:
+        """Content of compressed blocks that lie one after the other."""
+        parts, at = [], 0
         for length in blocks:
-            parts.append(zlib.decompress(_whole(data[at : at + length], length)))
+            if length:
+                parts.append(self.budget.inflated(_whole(memoryview(data)[at : at + length], length)))
             at += length
         return b"".join(parts)
 
-    def _block_sizes(self, data: bytes) -> tuple[list[int], int]:
+    def _block_sizes(self, data: bytes | memoryview) -> tuple[list[int], int]:
         """Compressed sizes of the blocks, and where the first begins."""
         n_blocks = int(np.frombuffer(data, self.header, 1)[0])
         if (3 + n_blocks) * self.header.itemsize > len(data):
@@ -118,24 +141,35 @@ class _Arrays:
         table = np.frombuffer(data, self.header, 3 + n_blocks)
         return [int(n) for n in table[3:]], (3 + n_blocks) * self.header.itemsize
 
-    def _base64(self, text: bytes) -> bytes:
+    def _base64(self, text: bytes | memoryview) -> bytes:
         """Header and body are coded together when plain, apart when compressed."""
         size = self.header.itemsize
         if not self.compressor:
             length = int(np.frombuffer(_decoded(text, size), self.header, 1)[0])
+            self.budget.take(min(length, len(text)))
             return _whole(_decoded(text, size + length)[size:], length)
         n_blocks = int(np.frombuffer(_decoded(text, size), self.header, 1)[0])
         head = (3 + n_blocks) * size
         blocks, _ = self._block_sizes(_decoded(text, head))
         body = _decoded(text[-(-head // 3) * 4 :], sum(blocks))
-        parts, at = [], 0
-        for length in blocks:
-            parts.append(zlib.decompress(_whole(body[at : at + length], length)))
-            at += length
-        return b"".join(parts)
+        return self._unpacked(body, blocks)
 
 
-def _decoded(text: bytes, length: int) -> bytes:
+def _count(element: ElementTree.Element, name: str) -> int | None:
+    """An attribute that is a whole number, not negative; None where it is missing."""
+    said = element.get(name)
+    if not said:
+        return None
+    try:
+        number = int(said)
+    except ValueError:
+        number = -1
+    if number < 0:
+        raise MeshFileError(f"{name}={excerpt(said, 20)!r} is no count; mend it")
+    return number
+
+
+def _decoded(text: bytes | memoryview, length: int) -> bytes:
     """The first `length` bytes that base64 text codes."""
     chars = -(-length // 3) * 4
     if chars > len(text):
@@ -143,15 +177,18 @@ def _decoded(text: bytes, length: int) -> bytes:
     return base64.b64decode(text[:chars])[:length]
 
 
-def _whole(data: bytes, length: int) -> bytes:
+def _whole(data: Buffer, length: int) -> Buffer:
     if len(data) != length:
         raise MeshFileError("an array is shorter than its header says; the file is cut")
     return data
 
 
 def _piece(piece: ElementTree.Element, arrays: _Arrays, polydata: bool) -> RawMesh:
-    n_points = int(piece.attrib["NumberOfPoints"])
-    points = arrays(piece.find("Points/DataArray")).reshape(-1, 3) if n_points else np.zeros((0, 3))  # type: ignore[arg-type]
+    n_points, n_cells = _count(piece, "NumberOfPoints"), _count(piece, "NumberOfCells")
+    element = piece.find("Points/DataArray")
+    if n_points is None or (n_points and element is None):
+        raise MeshFileError("a piece of the VTK file has no points, or no count of them; it is damaged")
+    points = arrays(element).reshape(-1, 3) if n_points and element is not None else np.zeros((0, 3))
     if len(points) != n_points:
         raise MeshFileError(f"the file says {n_points} points and holds {len(points)}; it is damaged")
     raw = RawMesh(
@@ -160,9 +197,11 @@ def _piece(piece: ElementTree.Element, arrays: _Arrays, polydata: bool) -> RawMe
     if polydata:
         types, connectivity, sizes = _polydata_cells(piece, arrays)
     else:
-        cells = {a.get("Name"): arrays(a).ravel().astype(np.int64) for a in piece.findall("Cells/DataArray")}
+        cells = _lists(piece, "Cells", arrays, ("types", "connectivity", "offsets"))
         types, connectivity = cells["types"], cells["connectivity"]
         sizes = np.diff(cells["offsets"], prepend=0)
+        if n_cells is not None and len(types) != n_cells:
+            raise MeshFileError(f"the file says {n_cells} cells and holds {len(types)}; it is damaged")
     add_vtk_cells(raw, types, connectivity, sizes, _named(piece.find("CellData"), arrays, len(types)))
     return raw
 
@@ -170,14 +209,27 @@ def _piece(piece: ElementTree.Element, arrays: _Arrays, polydata: bool) -> RawMe
 def _polydata_cells(piece: ElementTree.Element, arrays: _Arrays) -> tuple[NDArray, NDArray, NDArray]:
     types, connectivity, sizes = [], [], []
     for tag, kind in POLYDATA:
-        found = {a.get("Name"): arrays(a).ravel().astype(np.int64) for a in piece.findall(f"{tag}/DataArray")}
-        if found and len(found["offsets"]):
+        if piece.find(f"{tag}/DataArray") is None:
+            continue
+        found = _lists(piece, tag, arrays, ("connectivity", "offsets"))
+        if len(found["offsets"]):
             types.append(np.full(len(found["offsets"]), kind))
             sizes.append(np.diff(found["offsets"], prepend=0))
             connectivity.append(found["connectivity"])
     if not types:
         return np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64)
     return np.concatenate(types), np.concatenate(connectivity), np.concatenate(sizes)
+
+
+def _lists(
+    piece: ElementTree.Element, tag: str, arrays: _Arrays, names: tuple[str, ...]
+) -> dict[str, NDArray]:
+    """The arrays of whole numbers that make up cells, by name."""
+    found = {a.get("Name"): a for a in piece.findall(f"{tag}/DataArray")}
+    missing = [name for name in names if name not in found]
+    if missing:
+        raise MeshFileError(f"the {tag} of the VTK file have no array '{missing[0]}'; it is damaged")
+    return {name: whole_numbers(arrays(found[name]).ravel(), f"entry of '{name}'") for name in names}
 
 
 def _named(element: ElementTree.Element | None, arrays: _Arrays, length: int) -> dict[str, NDArray]:
@@ -187,7 +239,8 @@ def _named(element: ElementTree.Element | None, arrays: _Arrays, length: int) ->
             value = arrays(child)
             if len(value) != length:
                 raise MeshFileError(
-                    f"array {child.get('Name')} has {len(value)} entries, not {length}; it is damaged"
+                    f"array {excerpt(child.get('Name'), 40)} has {len(value)} entries, not {length}; "
+                    "it is damaged"
                 )
             found[child.get("Name") or f"array_{len(found)}"] = value
     return found

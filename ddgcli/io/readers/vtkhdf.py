@@ -8,7 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.errors import MeshFileError
+from ddgcli.errors import MeshFileError, excerpt
+from ddgcli.io.guarded import guarded
+from ddgcli.io.hdf5_links import refuse_outside
 from ddgcli.io.readers.cells import add_vtk_cells
 from ddgcli.io.readers.raw_mesh import RawMesh
 
@@ -17,28 +19,43 @@ TOPOLOGIES = (("Vertices", 1), ("Lines", 4), ("Polygons", 7), ("Strips", 6))
 
 def read_vtkhdf(data: bytes) -> RawMesh:
     """Read one step (the last) of a VTKHDF file of one part a step."""
+    return guarded("read_vtkhdf", "content_of_vtkhdf", data, size=len(data), needs=("h5py",))
+
+
+def content_of_vtkhdf(data: bytes) -> RawMesh:
+    """The same in this process, without a bound on time and memory."""
     import h5py
 
+    if not data.startswith(b"\x89HDF"):
+        raise MeshFileError("not an HDF5 file: it does not begin like one; check the file")
     try:
         with h5py.File(io.BytesIO(data), "r") as file:
-            if "VTKHDF" not in file:
+            refuse_outside(file)
+            root = file.get("VTKHDF")
+            if not isinstance(root, h5py.Group):
                 raise MeshFileError("an HDF5 file without the group VTKHDF; check the file")
-            return _read(file["VTKHDF"])
-    except MeshFileError:
+            return _read(root)
+    except (MeshFileError, MemoryError):
         raise
-    except (OSError, KeyError, ValueError, TypeError, IndexError, RuntimeError) as error:
-        raise MeshFileError(f"the VTKHDF file cannot be read ({error}); it is cut or damaged") from None
+    except Exception as error:  # h5py raises whatever the damaged place leads to
+        raise MeshFileError(
+            f"the VTKHDF file cannot be read ({excerpt(error)}); it is cut or damaged"
+        ) from None
 
 
 def _read(root) -> RawMesh:
     kind = root.attrs["Type"]
     kind = kind.decode() if isinstance(kind, bytes) else str(kind)
     if kind not in ("PolyData", "UnstructuredGrid"):
-        raise MeshFileError(f"VTKHDF of type {kind}; only PolyData and UnstructuredGrid are meshes")
+        raise MeshFileError(
+            f"VTKHDF of type {excerpt(kind, 40)}; only PolyData and UnstructuredGrid are meshes"
+        )
     steps: Any = root.get("Steps")
     last = int(steps.attrs["NSteps"]) - 1 if steps is not None else -1
     part = int(steps["PartOffsets"][last]) if last >= 0 else 0
     n_points = int(root["NumberOfPoints"][part])
+    if n_points < 0 or len(root["Points"]) < n_points:
+        raise MeshFileError(f"the file says {n_points} points and holds {len(root['Points'])}; it is damaged")
     at = int(steps["PointOffsets"][last]) if last >= 0 else int(root["NumberOfPoints"][:part].sum())
     raw = RawMesh(np.asarray(root["Points"][at : at + n_points], dtype=np.float64))
     raw.vertex = _arrays(root, "PointData", steps, last, at, n_points)
@@ -49,13 +66,22 @@ def _read(root) -> RawMesh:
         types = root["Types"][: len(sizes)].astype(np.int64)
     cells = _arrays(root, "CellData", steps, last, 0, len(types))
     add_vtk_cells(raw, types, connectivity, sizes, cells)
-    whole = (
-        {name: dataset[()] for name, dataset in root.get("FieldData", {}).items()} if steps is None else {}
-    )
+    fields = {} if steps is not None else _datasets(root, "FieldData")
+    whole = {name: np.atleast_1d(dataset[()]) for name, dataset in fields.items()}
     n_edges = len(whole["edges"]) if "edges" in whole else -1
     raw.edge = {name: value for name, value in whole.items() if len(value) == n_edges}
     raw.whole = {name: value for name, value in whole.items() if name not in raw.edge}
     return raw
+
+
+def _datasets(root, name: str) -> dict[str, Any]:
+    """The arrays of a group by name; none where the group is missing."""
+    group = root.get(name)
+    if group is None:
+        return {}
+    if not hasattr(group, "items"):
+        raise MeshFileError(f"'{name}' of the VTKHDF file is no group; it is damaged")
+    return {key: value for key, value in group.items() if hasattr(value, "shape")}
 
 
 def _cells(root, group, part: int) -> tuple[NDArray, NDArray, NDArray]:
@@ -79,12 +105,14 @@ def _polydata_cells(root, part: int) -> tuple[NDArray, NDArray, NDArray]:
 
 def _arrays(root, group: str, steps, last: int, at: int, length: int) -> dict[str, NDArray]:
     found = {}
-    for name, dataset in root.get(group, {}).items():
+    for name, dataset in _datasets(root, group).items():
         start = at
         if last >= 0 and f"{group}Offsets" in steps and name in steps[f"{group}Offsets"]:
             start = int(steps[f"{group}Offsets"][name][last])
         value = dataset[start : start + length]
         if len(value) != length:
-            raise MeshFileError(f"array {name} has {len(value)} entries, not {length}; it is cut or damaged")
+            raise MeshFileError(
+                f"array {excerpt(name, 40)} has {len(value)} entries, not {length}; it is cut or damaged"
+            )
         found[name] = value
     return found

@@ -118,6 +118,13 @@ def room_for(
     return rows
 
 
+def static_bytes(header: Header) -> int:
+    """About how much `static` writes."""
+    arrays = (header.mesh.points, header.mesh.faces, *header.cell.values())
+    texts = (*header.texts.values(), *map(str, header.attributes.values()))
+    return sum(np.asarray(a).size * 8 for a in arrays) + sum(len(text) * 4 for text in texts)
+
+
 def static(file: h5py.File, header: Header) -> None:
     """Groups, attributes and everything that does not grow; the marks first, near the file's head."""
     root = file.create_group("VTKHDF")

@@ -26,6 +26,7 @@ from numpy.typing import NDArray
 from ddgcli.errors import OutputError
 
 _HEADER_PREFIX = 16  # bytes of a version 1 object header before its first message
+METADATA_BYTES = 1 << 20  # more than groups, headers and attributes take
 _DATASPACE, _LAYOUT = 0x0001, 0x0008
 
 
@@ -71,10 +72,20 @@ class RowFile:
         Sentinel values (int64, written as attributes by `fill`) that `set_mark` will overwrite in place.
     fill : callable (h5py.File) -> None
         Writes groups, attributes and static datasets.
+    static_bytes : int
+        About what `fill` writes; refused beforehand (OSError) where the disk has no room for it.
     """
 
-    def __init__(self, path: str | Path, rows: dict[str, Rows], marks: dict[str, bytes], fill: Any) -> None:
+    def __init__(
+        self,
+        path: str | Path,
+        rows: dict[str, Rows],
+        marks: dict[str, bytes],
+        fill: Any,
+        static_bytes: int = 0,
+    ) -> None:
         self.path, self.rows = str(path), rows
+        _need_room(path, static_bytes, sum(row.row_bytes * row.capacity for row in rows.values()))
         with h5py.File(path, "w", libver="earliest") as file:
             fill(file)
             addresses = {name: _allocate(file, name, row) for name, row in rows.items()}
@@ -123,10 +134,31 @@ class RowFile:
         """Ask the system to put everything on the disk."""
         os.fsync(self._fd)
 
+    def is_at(self, path: str) -> bool:
+        """Whether this file is still the one at a path."""
+        try:
+            there, own = os.stat(path), os.fstat(self._fd)
+        except OSError:
+            return False
+        return (there.st_ino, there.st_dev) == (own.st_ino, own.st_dev)
+
     def close(self) -> None:
         if self._fd >= 0:
             os.close(self._fd)
             self._fd = -1
+
+
+def _need_room(path: str | Path, static_bytes: int, row_bytes: int) -> None:
+    """OSError where the disk cannot take the file: HDF5 itself crashes when a write of its own fails."""
+    fd = os.open(path, os.O_RDWR | os.O_CREAT, 0o644)
+    try:
+        room = b"\1" * (1 << 20)
+        for at in range(0, static_bytes + METADATA_BYTES, len(room)):
+            _pwrite(fd, room, at, str(path))
+        os.ftruncate(fd, static_bytes + METADATA_BYTES + row_bytes)
+        os.ftruncate(fd, 0)
+    finally:
+        os.close(fd)
 
 
 def _allocate(file: h5py.File, name: str, row: Rows) -> int:

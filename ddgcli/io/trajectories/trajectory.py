@@ -11,8 +11,9 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.errors import MeshFileError
+from ddgcli.errors import MeshFileError, excerpt
 from ddgcli.io.trajectories.layout import EFFECT_DTYPE
+from ddgcli.io.trajectory_check import check_trajectory
 from ddgcli.mesh.fields import Frame
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 
@@ -33,6 +34,7 @@ class Trajectory:
     def __init__(self, path: str) -> None:
         if not Path(path).is_file():
             raise MeshFileError(f"{path}: no such file; check the path")
+        check_trajectory(path)
         try:
             self._file = h5py.File(path, "r")
             self._root, self._ours = self._file["VTKHDF"], self._file["ddgcli"]
@@ -43,7 +45,7 @@ class Trajectory:
             self._n = int(self._root["NumberOfPoints"][0])
         except (OSError, KeyError, ValueError) as error:
             raise MeshFileError(
-                f"{path}: not a ddgcli trajectory ({error}); give a .vtkhdf of a simulator"
+                f"{path}: not a ddgcli trajectory ({excerpt(error)}); give a .vtkhdf of a simulator"
             ) from error
         self.path = path
         self.moving = len(self._root["Points"]) > self._n or "PointOffsets" not in self._root["Steps"]
@@ -119,8 +121,9 @@ class Trajectory:
 
     def _slot(self) -> h5py.Group:
         last = self.n_frames - 1
-        slot = self._ours["checkpoint"][f"slot_{last % 2}"]
-        if int(slot["frame"][0]) != last:
+        slot = self._ours.get(f"checkpoint/slot_{last % 2}")
+        frame = None if slot is None else slot.get("frame")
+        if frame is None or getattr(frame, "shape", ()) != (2,) or int(frame[0]) != last:
             raise MeshFileError(
                 f"{self.path}: the checkpoint of frame {last} is missing; start the run afresh"
             )

@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.errors import OutputError
+from ddgcli.errors import OutputError, excerpt
 from ddgcli.io.trajectories.layout import (
     EFFECT_DTYPE,
     LOG_DTYPE,
@@ -27,6 +27,7 @@ from ddgcli.io.trajectories.layout import (
     room_for,
     shapes_of,
     static,
+    static_bytes,
 )
 from ddgcli.io.trajectories.row_file import RowFile, Rows
 from ddgcli.io.trajectories.trajectory import Trajectory
@@ -143,7 +144,9 @@ class TrajectoryWriter:
         old, temporary = self._file, self._temporary()
         marks = {"NSteps": np.int64(NSTEPS_MARK).tobytes(), "status": STATUS_MARK.encode()}
         try:
-            self._file = new = RowFile(temporary, rows, marks, lambda file: static(file, self.header))
+            self._file = new = RowFile(
+                temporary, rows, marks, lambda file: static(file, self.header), static_bytes(self.header)
+            )
             new.set_mark("status", _status_bytes("running"))
             for name in set(rows) & set(old.rows if old else ()) - {"ddgcli/log", "ddgcli/effects"}:
                 if old is not None and old.rows[name].row_bytes == rows[name].row_bytes:
@@ -152,9 +155,12 @@ class TrajectoryWriter:
             put()
             os.replace(temporary, self.part)
             new.path = self.part
-        except BaseException:
+        except BaseException as error:
             with contextlib.suppress(FileNotFoundError):
                 os.unlink(temporary)
+            if isinstance(error, OSError):
+                why = os.strerror(error.errno) if error.errno else excerpt(error)
+                raise OutputError(f"{self.path}: cannot be written ({why}); free some room") from error
             raise
         if old is not None:
             old.close()
@@ -173,6 +179,8 @@ class TrajectoryWriter:
         """
         if self._file is None:
             return None
+        if not self._file.is_at(self.part):
+            raise OutputError(f"{self.part}: another run took this place; give each run its own output")
         complete = status == "complete"
         self._log += _log_rows(log)
         room = self._file.rows

@@ -1,0 +1,244 @@
+"""Third-party readers in a process of their own: bounded time, memory and files.
+
+HDF5, meshio and trimesh can loop without end inside compiled code, ask for all memory, or follow a reference
+to any file of the user. A child process reads and sends back plain arrays. On Linux it is forked, which
+costs a few milliseconds; elsewhere a new interpreter starts (some tenths of a second).
+
+Bounds, by the size of the file: `cpu_seconds`, `memory_bytes`. The memory bound needs POSIX limits; on
+Windows only the time is bounded.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import importlib
+import os
+import pickle
+import select
+import signal
+import subprocess
+import sys
+import time
+import warnings
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from ddgcli.errors import MeshFileError, excerpt
+from ddgcli.io.inflate import largest_content
+
+LEAST_SECONDS = 5.0
+SECONDS_PER_MIB = 10.0
+LEAST_MEMORY = 1 << 30  # bytes beside what the process holds already
+LEAST_WALL = 10.0
+WALL_PER_CPU = 4.0  # a busy machine gives a process a fraction of its time
+_FORBIDDEN = ("socket.", "subprocess.", "os.system", "os.exec", "os.posix_spawn", "os.remove", "os.rename",
+              "os.fork", "urllib.", "shutil.")  # fmt: skip
+
+
+def cpu_seconds(size: int) -> float:
+    """Most processor time that a reader may take for a file of `size` bytes."""
+    return LEAST_SECONDS + SECONDS_PER_MIB * size / 2**20
+
+
+def memory_bytes(size: int) -> int:
+    """Most memory that a reader may take for a file of `size` bytes."""
+    return LEAST_MEMORY + largest_content(size)
+
+
+def guarded(
+    module: str, function: str, *args: Any, size: int, needs: tuple[str, ...], folder: str | None = None
+) -> Any:
+    """`ddgcli.io.MODULE.FUNCTION(*args)` in a process of its own.
+
+    Parameters
+    ----------
+    size : int
+        Of the file in bytes; sets the bounds.
+    needs : tuple of str
+        Packages that the function uses; imported before the process is confined, and before it is forked.
+    folder : str, optional
+        The only folder, beside Python's own, that the reader may open files in; None: no folder at all.
+
+    Raises
+    ------
+    MeshFileError
+        As the function does; or a bound was reached; or the reader crashed.
+    """
+    call = (module, function, args, size, needs, folder)
+    wall = LEAST_WALL + WALL_PER_CPU * cpu_seconds(size)
+    answer, code = (_forked if sys.platform == "linux" else _spawned)(call, wall)
+    if answer:
+        kind, value = pickle.loads(answer)
+        if kind == "result":
+            return value
+        raise MeshFileError(value)
+    if code is None or code == -getattr(signal, "SIGXCPU", 0):
+        raise MeshFileError(
+            f"its reader did not end within {cpu_seconds(size):.0f} s, the bound for {size:,} bytes; the "
+            "file is damaged"
+        )
+    raise MeshFileError(f"its reader crashed (code {code}); the file is damaged")
+
+
+def _forked(call: tuple, wall: float) -> tuple[bytes, int | None]:
+    """Answer and exit code of a forked child; None for one that was stopped after `wall` seconds."""
+    _function(call)
+    receive, send = os.pipe()
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of threads: those of the linear algebra, which readers do not use
+        child = os.fork()
+    if child == 0:
+        os.close(receive)
+        try:
+            with os.fdopen(send, "wb") as stream:
+                stream.write(_answer(call))
+        finally:
+            os._exit(0)
+    os.close(send)
+    try:
+        return _received(receive, wall, child)
+    finally:
+        os.close(receive)
+
+
+def _received(receive: int, wall: float, child: int) -> tuple[bytes, int | None]:
+    parts, end, whole = [], time.monotonic() + wall, False
+    try:
+        while select.select([receive], [], [], max(end - time.monotonic(), 0))[0]:
+            part = os.read(receive, 1 << 20)
+            if not part:
+                whole = True
+                break
+            parts.append(part)
+    finally:
+        if not whole:
+            os.kill(child, signal.SIGKILL)
+        _, status = os.waitpid(child, 0)
+    code = os.waitstatus_to_exitcode(status)
+    return (b"".join(parts), code) if whole and code == 0 else (b"", code if whole else None)
+
+
+def _spawned(call: tuple, wall: float) -> tuple[bytes, int | None]:
+    """The same in a new interpreter."""
+    package = str(Path(__file__).parents[2])
+    paths = [package, *filter(None, [os.environ.get("PYTHONPATH")])]
+    env = {**os.environ, "PYTHONPATH": os.pathsep.join(paths)}
+    try:
+        done = subprocess.run(
+            [sys.executable, "-P", "-m", "ddgcli.io.guarded"],
+            input=pickle.dumps(call), stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, timeout=wall,
+            env=env,
+        )  # fmt: skip
+    except subprocess.TimeoutExpired:
+        return b"", None
+    return done.stdout if done.returncode == 0 else b"", done.returncode
+
+
+def _function(call: tuple) -> Callable[..., Any]:
+    """The reader of a call, with the packages that it needs."""
+    module, function, _, _, needs, _ = call
+    for package in needs:
+        importlib.import_module(package)
+    return getattr(importlib.import_module(f"ddgcli.io.{module}"), function)
+
+
+def _answer(call: tuple) -> bytes:
+    """What the child sends: the result, or the message of a refusal."""
+    _, _, args, size, needs, folder = call
+    read = _function(call)
+    try:
+        _limit(size)
+        _confine(folder, hdf5="h5py" in needs)
+        return pickle.dumps(("result", read(*args)), protocol=5)
+    except MeshFileError as error:
+        message = str(error)
+    except MemoryError:
+        message = (
+            f"its reader asks for more than {memory_bytes(size) >> 20:,} MiB, the bound for {size:,} bytes; "
+            "the file is damaged"
+        )
+    except (Exception, SystemExit) as error:
+        message = f"its reader failed ({type(error).__name__}: {excerpt(error)}); the file is damaged"
+    return pickle.dumps(("refused", message))
+
+
+def _limit(size: int) -> None:
+    """Bound processor time and address space of this process."""
+    try:
+        import resource
+    except ImportError:  # Windows
+        return
+    seconds = int(cpu_seconds(size)) + 1
+    with contextlib.suppress(OSError, ValueError):
+        resource.setrlimit(resource.RLIMIT_CPU, (seconds, seconds + 5))
+        resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+    with contextlib.suppress(OSError, ValueError):
+        held = 0
+        with open("/proc/self/statm") as statm:
+            held = int(statm.read().split()[0]) * resource.getpagesize()
+        limit = held + memory_bytes(size)
+        hard = resource.getrlimit(resource.RLIMIT_AS)[1]
+        resource.setrlimit(
+            resource.RLIMIT_AS, (limit if hard == resource.RLIM_INFINITY else min(limit, hard), hard)
+        )
+
+
+def _confine(folder: str | None, *, hdf5: bool) -> None:
+    """From here on this process opens files of `folder` and of Python only, no sockets and no programs."""
+    own = {os.path.realpath(p) for p in (sys.prefix, sys.base_prefix, *sys.path) if p and os.path.isabs(p)}
+    own -= {os.path.realpath(p) for p in ("/", "/usr", os.path.expanduser("~"))}
+    inside = None if folder is None else os.path.realpath(folder)
+
+    def allow(path: Any) -> None:
+        if isinstance(path, int):
+            return
+        real = os.path.realpath(os.fsdecode(path))
+        if inside is not None and _below(real, inside):
+            return
+        if real != os.devnull and not any(_below(real, folder) for folder in own):
+            raise MeshFileError(
+                f"refers to {excerpt(os.fsdecode(path), 60)}, outside its own folder; such references are "
+                "not followed: copy what it needs beside it"
+            )
+
+    def watch(event: str, arguments: tuple) -> None:
+        if event == "open":
+            allow(arguments[0])
+        elif event.startswith(_FORBIDDEN):
+            raise MeshFileError(f"makes its reader use {event}; such files are not read")
+
+    sys.addaudithook(watch)
+    if hdf5 and inside is not None:  # HDF5 opens files without asking Python
+        _check_hdf5(allow)
+
+
+def _below(path: str, folder: str) -> bool:
+    return path == folder or path.startswith(folder.rstrip(os.sep) + os.sep)
+
+
+def _check_hdf5(allow: Callable[[Any], None]) -> None:
+    """Every HDF5 file that a third-party reader opens passes `refuse_outside`."""
+    import h5py
+
+    from ddgcli.io.hdf5_links import refuse_outside
+
+    begin = h5py.File.__init__
+
+    def checked(self: Any, name: Any, *args: Any, **kwargs: Any) -> None:
+        if isinstance(name, (str, bytes, os.PathLike)):
+            allow(os.fspath(name))
+        begin(self, name, *args, **kwargs)
+        refuse_outside(self)
+
+    h5py.File.__init__ = checked
+
+
+def main() -> None:
+    """The child where processes are not forked: a call on standard input, the answer on standard output."""
+    call = pickle.loads(sys.stdin.buffer.read())
+    sys.stdout.buffer.write(_answer(call))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,71 @@
+"""Compressed content with a bound: a small file must not become more than a machine can hold.
+
+deflate packs zeros 1,000 to 1; meshes pack 2 to 30 to 1. What a file unpacks to is therefore bounded by
+`largest_content` of its size, and a file beyond is refused before its content is held.
+"""
+
+from __future__ import annotations
+
+import io
+import zipfile
+import zlib
+
+from ddgcli.errors import MeshFileError
+
+ALWAYS_TAKEN = 1 << 26  # bytes: 64 MiB
+LARGEST_RATIO = 200  # of content to file
+
+
+def largest_content(file_size: int) -> int:
+    """Most bytes that a file of this size may unpack to: 64 MiB, or 200 times its size."""
+    return max(ALWAYS_TAKEN, LARGEST_RATIO * file_size)
+
+
+class Budget:
+    """Bytes that the arrays of one file may still unpack to."""
+
+    def __init__(self, file_size: int) -> None:
+        self.left = self.whole = largest_content(file_size)
+
+    def take(self, size: int) -> None:
+        """Count bytes of content; MeshFileError beyond the budget."""
+        self.left -= size
+        if self.left < 0:
+            raise MeshFileError(too_much(self.whole))
+
+    def inflated(self, packed: bytes | memoryview) -> bytes:
+        """What a zlib stream holds; MeshFileError beyond the budget or where the stream is damaged."""
+        stream = zlib.decompressobj()
+        try:
+            data = stream.decompress(packed, self.left + 1)
+        except zlib.error as error:
+            raise MeshFileError(f"a compressed array cannot be unpacked ({error}); it is damaged") from None
+        self.take(len(data))
+        if not stream.eof:
+            raise MeshFileError("a compressed array ends early; the file is cut")
+        return data
+
+
+def too_much(limit: int) -> str:
+    """The refusal of a file that unpacks to more than `limit` bytes."""
+    return (
+        f"unpacks to more than {limit / 2**20:.0f} MiB, far beyond what meshes are packed by; "
+        "if it is sound, store it without compression"
+    )
+
+
+def check_zip(data: bytes) -> None:
+    """Refuse a .zip whose members unpack to more than `largest_content`, by their stated sizes.
+
+    zipfile reads no more of a member than its stated size.
+    """
+    if not data.startswith(b"PK"):
+        return
+    try:
+        with zipfile.ZipFile(io.BytesIO(data)) as archive:
+            total = sum(member.file_size for member in archive.infolist())
+    except Exception:  # damaged: its reader says how
+        return
+    limit = largest_content(len(data))
+    if total > limit:
+        raise MeshFileError(too_much(limit))

@@ -1,0 +1,97 @@
+"""Whether a file is a trajectory of ours, by its structure; asked in a guarded process."""
+
+from __future__ import annotations
+
+import json
+import os
+from pathlib import Path
+from typing import Any
+
+from ddgcli.errors import MeshFileError, excerpt
+from ddgcli.io.guarded import guarded
+
+METADATA = 1 << 20  # bytes by which the check is bounded: it reads texts and shapes, no frames
+
+
+def check_trajectory(path: str) -> None:
+    """Refuse what is no trajectory, is damaged, or refers to other files.
+
+    Raises
+    ------
+    MeshFileError
+        One line that begins with the path.
+    """
+    size = min(os.path.getsize(path), METADATA)
+    folder = str(Path(path).resolve().parent)
+    try:
+        guarded("trajectory_check", "check_layout", path, size=size, needs=("h5py",), folder=folder)
+    except MeshFileError as error:
+        raise MeshFileError(
+            f"{path}: not a ddgcli trajectory ({error}); give a .vtkhdf of a simulator"
+        ) from None
+
+
+def check_layout(path: str) -> None:
+    """The same in this process, without a bound on time and memory."""
+    import h5py
+
+    try:
+        with h5py.File(path, "r") as file:
+            _check(file)
+    except (MeshFileError, MemoryError):
+        raise
+    except Exception as error:  # h5py raises whatever the damaged place leads to
+        raise MeshFileError(excerpt(error)) from None
+
+
+def _check(file: Any) -> None:
+    root, ours, steps = (_group(file, name) for name in ("VTKHDF", "ddgcli", "VTKHDF/Steps"))
+    count = int(steps.attrs["NSteps"])
+    if count < 1:
+        raise MeshFileError(f"it holds {count} frames")
+    for name in ("time", "step"):
+        _rows(ours, name, count, "fi")
+    n = int(_rows(root, "NumberOfPoints", 1, "iu")[0])
+    offsets = _rows(steps, "PointOffsets", count, "iu")[:count]
+    points = _rows(root, "Points", n, "f", (3,))
+    if n < 0 or (offsets < 0).any() or (offsets > len(points) - n).any():
+        raise MeshFileError("a frame's points are outside the file's")
+    corners = _rows(root, "Polygons/Connectivity", 0, "iu")
+    if len(corners) % 3:
+        raise MeshFileError("its faces are no triangles")
+    for name, length in (("PointData", count * n), ("CellData", len(corners) // 3), ("FieldData", count)):
+        for array in _group(root, name):
+            _rows(_group(root, name), array, length, "fiub", None)
+    for name in ours.attrs:
+        value = ours.attrs[name]
+        if isinstance(value, bytes):
+            value.decode()
+    if not isinstance(json.loads(ours.attrs.get("overrides", "{}")), dict):
+        raise MeshFileError("its recorded options are no table")
+    for name, value in ours.items():
+        if isinstance(value, type(points)) and value.dtype.kind == "O":
+            text = value[()]
+            if not isinstance(text, bytes):
+                raise MeshFileError(f"'{excerpt(name, 40)}' is no text")
+            text.decode()
+
+
+def _group(parent: Any, name: str) -> Any:
+    found = parent.get(name)
+    if found is None or not hasattr(found, "items"):
+        raise MeshFileError(f"no group '{name}'")
+    return found
+
+
+def _rows(parent: Any, name: str, count: int, kinds: str, shape: tuple[int, ...] | None = ()) -> Any:
+    """A dataset of numbers with at least `count` rows; `shape` that of a row (None: any)."""
+    found = parent.get(name)
+    if found is None or hasattr(found, "items") or found.ndim < 1:
+        raise MeshFileError(f"no array '{excerpt(name, 40)}'")
+    right = found.dtype.kind in kinds and (shape is None or found.shape[1:] == shape)
+    if not right or len(found) < count:
+        raise MeshFileError(
+            f"array '{excerpt(name, 40)}' is {found.shape} {excerpt(found.dtype, 20)}, with fewer or other "
+            "rows than its frames need"
+        )
+    return found

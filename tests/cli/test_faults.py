@@ -1,0 +1,156 @@
+"""Outputs that cannot be, ends at any moment: the file is whole or absent, and nothing is left beside it."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from ddgcli.io import mesh_file
+from ddgcli.io.mesh_file import read_mesh, write_mesh
+from ddgcli.mesh import shapes
+from ddgcli.mesh.fields import AnnotatedMesh
+
+ROOT = Path(__file__).parents[2]
+needs_posix = pytest.mark.skipif(os.name != "posix", reason="POSIX files, signals and limits")
+
+
+@pytest.fixture
+def ball(tmp_path):
+    path = tmp_path / "ball.ply"
+    write_mesh(str(path), AnnotatedMesh(shapes.icosphere(2)))
+    return path
+
+
+def start(*words, **more) -> subprocess.Popen:
+    env = {**os.environ, "PYTHONPATH": str(ROOT), "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+    call = [sys.executable, "-m", "ddgcli", *map(str, words)]
+    return subprocess.Popen(call, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=env, **more)
+
+
+def one_line(result, words: str) -> None:
+    assert result.exit_code == 2, result.stderr
+    assert words in result.stderr and result.stderr.count("\n") == 1
+
+
+@needs_posix
+@pytest.mark.parametrize("kind", ["folder", "fifo", "device", "link to a device"])
+@pytest.mark.parametrize("words", [["curvature"], ["shell-sim", "--effect", "bending", "--steps", "1"]])
+def test_an_output_that_is_no_file_is_left_as_it_is(run, ball, tmp_path, kind, words):
+    target = tmp_path / ("o.ply" if words[0] == "curvature" else "o.vtkhdf")
+    if kind == "folder":
+        target.mkdir()
+    elif kind == "fifo":
+        os.mkfifo(target)
+    elif kind == "device":
+        try:
+            os.mknod(target, 0o666 | 0o020000, os.makedev(1, 3))
+        except PermissionError:
+            pytest.skip("devices are made by root only")
+    else:
+        target.symlink_to(os.devnull)
+    before = os.lstat(target)
+    one_line(run(words[0], ball, *words[1:], "-o", target), "is a ")
+    assert (os.lstat(target).st_mode, os.lstat(target).st_ino) == (before.st_mode, before.st_ino)
+    assert {p.name for p in tmp_path.iterdir()} == {ball.name, target.name}
+
+
+def test_a_link_to_a_file_is_written_through(run, ball, tmp_path):
+    (tmp_path / "real.ply").write_bytes(b"old")
+    (tmp_path / "o.ply").symlink_to(tmp_path / "real.ply")
+    assert run("curvature", ball, "-o", tmp_path / "o.ply").exit_code == 0
+    assert (tmp_path / "o.ply").is_symlink()
+    assert read_mesh(str(tmp_path / "real.ply")).mesh.n_faces == 320
+
+
+def test_a_folder_that_vanishes_during_the_run(run, ball, tmp_path, monkeypatch):
+    folder = tmp_path / "out"
+    folder.mkdir()
+    monkeypatch.setattr(mesh_file, "_check_regular", lambda path: folder.exists() and folder.rmdir())
+    result = run("curvature", ball, "-o", folder / "o.ply")
+    assert result.exit_code == 2 and result.stderr.count("\n") == 1
+
+
+@needs_posix
+@pytest.mark.parametrize(
+    "words",
+    [["curvature", "-o", "o.ply"], ["shell-sim", "--effect", "bending", "--steps", "2", "-o", "o.vtkhdf"]],
+)
+def test_a_full_disk_leaves_nothing_but_one_line(ball, tmp_path, words):
+    import resource
+
+    def limit() -> None:  # as on a full disk, writing fails; the old file stays
+        resource.setrlimit(resource.RLIMIT_FSIZE, (8192, 8192))
+
+    (tmp_path / words[-1]).write_bytes(b"old")
+    process = start(words[0], ball, *words[1:], cwd=tmp_path, preexec_fn=limit)
+    _, said = process.communicate(timeout=120)
+    assert process.returncode == 2, said
+    assert "cannot be written (File too large)" in said and said.count("Error") == 1
+    assert (tmp_path / words[-1]).read_bytes() == b"old"
+    assert {p.name for p in tmp_path.iterdir()} == {ball.name, words[-1]}
+
+
+@pytest.mark.skipif(not os.path.exists("/dev/full"), reason="needs /dev/full")
+def test_a_full_standard_output_is_one_line(ball):
+    with open("/dev/full", "w") as full:
+        env = {**os.environ, "PYTHONPATH": str(ROOT)}
+        call = [sys.executable, "-m", "ddgcli", "info", str(ball)]
+        done = subprocess.run(call, stdout=full, stderr=subprocess.PIPE, text=True, env=env, timeout=120)
+    assert done.returncode == 1
+    assert "No space left" in done.stderr and done.stderr.count("\n") == 1
+
+
+@needs_posix
+@pytest.mark.parametrize("moment", ["before", "during"])
+def test_a_signal_at_the_write_leaves_nothing(ball, tmp_path, monkeypatch, run, moment):
+    """In this process, so that the moment is sure: SIGTERM just before, and in the middle of, the write."""
+    written = Path.write_bytes
+
+    def write(path, data):
+        if moment == "during":
+            written(path, data[: len(data) // 2])
+        os.kill(os.getpid(), signal.SIGTERM)
+        time.sleep(5)  # the signal ends it
+
+    monkeypatch.setattr(Path, "write_bytes", write)
+    result = run("curvature", ball, "-o", tmp_path / "o.ply")
+    assert result.exit_code == 128 + signal.SIGTERM
+    assert [p.name for p in tmp_path.iterdir()] == [ball.name]
+    assert signal.getsignal(signal.SIGTERM) == signal.SIG_DFL
+
+
+@needs_posix
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_signals_at_any_moment(ball, tmp_path, number):
+    out = tmp_path / "o.ply"
+    write_mesh(str(ball), AnnotatedMesh(shapes.icosphere(5)))
+    for delay in (0.3, 1.2):
+        process = start("curvature", ball, "-o", out)
+        time.sleep(delay)
+        process.send_signal(number)
+        process.communicate(timeout=120)
+        assert process.returncode in (0, 1, 128 + number, -number)
+        assert {p.name for p in tmp_path.iterdir()} <= {ball.name, out.name}
+        if out.exists():
+            assert read_mesh(str(out)).mesh.n_faces == 20480
+
+
+def test_two_runs_on_one_output(tmp_path, ball):
+    from ddgcli.errors import OutputError
+    from ddgcli.io.trajectories.layout import Header
+    from ddgcli.io.trajectories.writer import TrajectoryWriter
+    from ddgcli.mesh.fields import Frame
+
+    mesh = shapes.icosphere(1)
+    path = str(tmp_path / "o.vtkhdf")
+    writers = [TrajectoryWriter(path, Header(mesh, True), 2) for _ in range(2)]
+    for writer in writers:
+        writer.append(Frame(0, 0.0, mesh.points, {}, {}))
+    with pytest.raises(OutputError, match="another run took this place"):
+        writers[0].close("complete")
+    assert writers[1].close("complete") == path
+    assert {p.name for p in tmp_path.iterdir()} == {ball.name, "o.vtkhdf"}
