@@ -226,7 +226,8 @@ PLANTS = {
         (
             EXACT,
             crooked(distance=lambda d: 2.0 * d),
-            ["violations_edge_distance", "violations_lipschitz", "lipschitz_excess", "gradient_deviation"],
+            ["violations_edge_distance", "violations_lipschitz", "lipschitz_excess", "certificate_excess"]
+            + ["gradient_deviation"],
         ),
         (EXACT, crooked(distance=lambda d: 0.5 * d), ["violations_straight_line"]),
         (EXACT, crooked(distance=unequal), ["symmetry_residual"]),

@@ -44,7 +44,10 @@ OWN_ARRAYS = (
 
 
 # of the accuracy block, judged by `within_residuals`
-RESIDUALS = ("area_residual", "angle_defect_residual", "transfer_integral_residual")
+RESIDUALS = (
+    "area_residual", "angle_defect_residual", "overlay_area_residual", "overlay_length_residual",
+    "transfer_integral_residual",
+)  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
