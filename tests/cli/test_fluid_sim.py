@@ -288,7 +288,7 @@ def test_walls_that_do_not_go_together(run, tmp_path, effects, told):
 
 def test_lists(run):
     listing = json.loads(run("fluid-sim", "--effects", "--json").stdout)
-    assert set(listing) == {"initial", "viscosity", "harmonic", "boundary", "dye"}
+    assert set(listing) == {"initial", "viscosity", "harmonic", "boundary", "force", "rotation", "dye"}
     assert json.loads(run("fluid-sim", "--schema").stdout)
 
 

@@ -31,12 +31,19 @@ def rate(
     """Time derivatives of vorticity (n,) and harmonic coefficients (b,), and the side fluxes (m, 3)."""
     phi = space.stream_function(vorticity)
     flux = space.side_flux(phi, coefficients)
-    first, second, third = (vorticity * space.inverse_mass).take(space.corners)
+    return *turned(space, vorticity * space.inverse_mass, flux, evolve_harmonic), flux
+
+
+def turned(
+    space: SurfaceSpace, omega: NDArray, flux: NDArray, evolve_harmonic: bool
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Rates of vorticity (n,) and harmonic coefficients (b,) by the force - omega n x u, omega (n,)."""
+    first, second, third = omega.take(space.corners)
     mean = (first + second + third) / 3.0
     carried = (-0.5 * mean) * flux.T[NEXT]  # side k+1 is opposite corner k
     d_vorticity = sums(space.corners, carried, space.n)
-    d_coefficients = np.zeros_like(coefficients)
-    if evolve_harmonic and len(coefficients):
+    d_coefficients = np.zeros(len(space.harmonic))
+    if evolve_harmonic and len(d_coefficients):
         push = np.zeros_like(flux)
         push[:, 0], push[:, 2] = -0.5 * mean * flux[:, 2], 0.5 * mean * flux[:, 0]
         on_edge = np.bincount(
@@ -45,7 +52,7 @@ def rate(
             minlength=space.harmonic.shape[1],
         )
         d_coefficients = space.harmonic @ on_edge
-    return d_vorticity, d_coefficients, flux
+    return d_vorticity, d_coefficients
 
 
 def advection_rate(space: SurfaceSpace, flux: NDArray) -> float:

@@ -62,17 +62,20 @@ def summary(outcome: Outcome, models: Mapping[str, FluidModel]) -> tuple[dict[st
     }
     if "total_dye" in series:
         accuracy["dye_drift"] = _drift(series["total_dye"], float(series["absolute_dye"][0]))
-    return results, {**accuracy, **_scheme_losses(series)}
+    return results, {**accuracy, **_scheme_losses(series, enstrophy)}
 
 
-def _scheme_losses(series: Mapping[str, NDArray]) -> dict[str, float]:
+def _scheme_losses(series: Mapping[str, NDArray], least_enstrophy: float) -> dict[str, float]:
     """Shares of energy and enstrophy that the transport lost, where it books them; warn of large ones."""
     found = {}
-    for name, total in (("energy", "kinetic_energy"), ("enstrophy", "enstrophy")):
+    for name, total, least in (
+        ("energy", "kinetic_energy", 0.0),
+        ("enstrophy", "enstrophy", least_enstrophy),
+    ):
         if f"lost_{name}" not in series:
             continue
         lost = float(series[f"lost_{name}"][-1])
-        share = lost / (float(series[total].max()) or 1.0)
+        share = lost / (max(float(series[total].max()), least) or 1.0)
         found[f"{name}_lost_by_scheme"] = share
         if share > LARGE_LOSS:
             log.warning(

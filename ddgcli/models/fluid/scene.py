@@ -17,6 +17,8 @@ EFFECTS = EffectTable(
         "viscosity": ("ddgcli.models.fluid.viscosity", "Friction within the fluid."),
         "harmonic": ("ddgcli.models.fluid.harmonic", "Flows round handles and holes, without vorticity."),
         "boundary": ("ddgcli.models.fluid.boundary", "Slip or friction at the edge of the surface."),
+        "force": ("ddgcli.models.fluid.force", "An acceleration given by expressions in x, y, z, t."),
+        "rotation": ("ddgcli.models.fluid.rotation", "Coriolis force of a turning frame, with the latitude."),
         "dye": ("ddgcli.models.fluid.dye", "A passive amount carried by the flow."),
     },
 )

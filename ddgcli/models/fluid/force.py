@@ -1,0 +1,68 @@
+"""Effect `force`: an acceleration of the fluid, given in space and time."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field, field_validator
+
+from ddgcli.models.fluid.context import FluidContext
+from ddgcli.models.fluid.phases import Declared, FlowPhase, FluidSetting, Phase, Step
+from ddgcli.models.fluid.state import FluidState
+from ddgcli.scenes.expressions import evaluate
+from ddgcli.scenes.scene import Section
+from ddgcli.simulation.effects import Effect
+
+
+class ForceSection(Section):
+    """Force per mass; its part normal to the surface and its gradient part move nothing."""
+
+    acceleration: list[str | float] = Field(
+        description="three numbers or expressions in x, y, z, t [m/s^2]; along the surface"
+    )
+    object: str | None = Field(None, description="fluid; by default all")
+
+    @field_validator("acceleration")
+    @classmethod
+    def _three(cls, given: list[str | float]) -> list[str | float]:
+        if len(given) != 3:
+            raise ValueError("takes three numbers or expressions")
+        return given
+
+
+class ForcePhase(FlowPhase):
+    """Circulation of the force around the vertices' cells, and its share in the harmonic flows."""
+
+    effect = "force"
+
+    def __init__(self, setting: FluidSetting, acceleration: list[str]) -> None:
+        self.setting, self.acceleration = setting, acceleration
+        self.place = setting.context.face_points()
+        self.rates(0.0)  # refuses what cannot be evaluated
+
+    def rates(self, time: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Rates of vorticity (n,) and of harmonic coefficients (b,)."""
+        variables = {**dict(zip("xyz", self.place.T)), "t": np.full(len(self.place), time)}
+        vectors = np.stack([evaluate(text, variables) for text in self.acceleration], axis=1)
+        space, context = self.setting.space, self.setting.context
+        vorticity, coefficients = space.of_face_velocity(context.to_frames(space, vectors))
+        return vorticity, coefficients if self.setting.evolve_harmonic else np.zeros_like(coefficients)
+
+    def advance(self, step: Step, state: FluidState) -> FluidState:
+        vorticity, coefficients = self.rates(step.time + 0.5 * step.dt)
+        return state.replaced(
+            vorticity=state["vorticity"] + step.dt * vorticity,
+            coefficients=state["coefficients"] + step.dt * coefficients,
+        )
+
+
+def build(parameters: ForceSection, context: FluidContext) -> list[Declared]:
+    texts = [str(text) for text in parameters.acceleration]
+
+    def make(setting: FluidSetting) -> Phase:
+        return ForcePhase(setting, texts)
+
+    return [Declared(make)]
+
+
+EFFECT = Effect("force", ForceSection, build, "three expressions on the faces, twice a step", ("fluid",))

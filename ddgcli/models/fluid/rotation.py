@@ -1,0 +1,81 @@
+"""Effect `rotation`: the Coriolis force in a frame that turns with the surface.
+
+The force - f n x u with f = 2 Omega . n, n the unit normal: on a sphere that turns about its axis f grows
+with the sine of the latitude. It does no work. The centrifugal force is a gradient and moves nothing.
+"""
+
+# mypy: disable-error-code="valid-type"
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+
+from ddgcli.mesh.triangle_mesh import TriangleMesh
+from ddgcli.models.fluid.conservative import RK4_LIMIT, turned
+from ddgcli.models.fluid.context import FluidContext
+from ddgcli.models.fluid.phases import Declared, FlowPhase, FluidSetting, Phase, Step
+from ddgcli.models.fluid.state import FluidState
+from ddgcli.scenes.scene import Section
+from ddgcli.scenes.units import vector
+from ddgcli.simulation.effects import Effect
+from ddgcli.simulation.time_loop import StepRejected
+
+
+class RotationSection(Section):
+    """Turning of the frame in which the surface is at rest."""
+
+    angular_velocity: vector("rad/s", "of the frame, along its axis")
+    object: str | None = Field(None, description="fluid; by default all")
+
+
+class Coriolis(FlowPhase):
+    """A Runge-Kutta step of order 4 of the Coriolis force alone."""
+
+    effect = "rotation"
+
+    def __init__(self, setting: FluidSetting, angular_velocity: NDArray) -> None:
+        self.setting = setting
+        self.parameter = 2.0 * vertex_normals(setting.context) @ angular_velocity
+
+    def _rate(self, vorticity: NDArray, coefficients: NDArray) -> tuple[NDArray, NDArray]:
+        space = self.setting.space
+        flux = space.side_flux(space.stream_function(vorticity), coefficients)
+        return turned(space, self.parameter, flux, self.setting.evolve_harmonic)
+
+    def advance(self, step: Step, state: FluidState) -> FluidState:
+        dt, start = step.dt, (state["vorticity"], state["coefficients"])
+        fastest = dt * float(np.abs(self.parameter).max(initial=0.0))  # no wave turns faster than f
+        if not fastest <= RK4_LIMIT:
+            raise StepRejected("rotation", value=fastest)
+        slopes = [self._rate(*start)]
+        for part in (0.5, 0.5, 1.0):
+            slopes.append(self._rate(*(q + part * dt * k for q, k in zip(start, slopes[-1]))))
+        vorticity, coefficients = (
+            q + dt / 6.0 * (k1 + 2.0 * (k2 + k3) + k4) for q, k1, k2, k3, k4 in zip(start, *slopes)
+        )
+        return state.replaced(vorticity=vorticity, coefficients=coefficients)
+
+
+def vertex_normals(context: FluidContext) -> NDArray[np.float64]:
+    """(n, 3) unit normals: means of the faces' by area; the z axis on periodic grids."""
+    mesh = context.mesh
+    if not isinstance(mesh, TriangleMesh):
+        return np.tile([0.0, 0.0, 1.0], (mesh.n_vertices, 1))
+    side = mesh.side_vector
+    around = np.repeat(np.cross(side[:, 0], side[:, 1]), 3, axis=0)
+    vertex = mesh.faces.ravel()
+    summed = np.stack([np.bincount(vertex, weights=w, minlength=mesh.n_vertices) for w in around.T], axis=1)
+    length = np.linalg.norm(summed, axis=1, keepdims=True)
+    return np.divide(summed, length, out=np.zeros_like(summed), where=length > 0)
+
+
+def build(parameters: RotationSection, context: FluidContext) -> list[Declared]:
+    def make(setting: FluidSetting) -> Phase:
+        return Coriolis(setting, np.array(parameters.angular_velocity))
+
+    return [Declared(make)]
+
+
+EFFECT = Effect("rotation", RotationSection, build, "eight solves a step", ("fluid",))

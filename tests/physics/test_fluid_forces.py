@@ -1,0 +1,74 @@
+"""Forces on a fluid: Coriolis waves, accelerations in space and time."""
+
+import numpy as np
+import pytest
+
+from ddgcli.errors import SceneError
+from ddgcli.io.scene_file import parse_scene
+from ddgcli.models.fluid.model import build, contexts
+from ddgcli.models.fluid.scene import KIND
+from ddgcli.scenes.scene import resolve
+from ddgcli.simulation.account import Account
+from ddgcli.simulation.time_loop import evolve
+
+BALL = "sphere = {{ subdivisions = {} }}"
+TORUS = 'grid = { size = [2, 2], cells = [8, 8], periodic = "xy" }'
+
+
+def last_frame(shape, effects, duration=0.4, step=0.02, integrator="conservative"):
+    """(points, masses, first and last observation) of a run."""
+    time = f'[time]\nduration = {duration}\nstep = {step}\nintegrator = "{integrator}"\n'
+    text = f'{time}[[object]]\nname = "f"\nrole = "fluid"\n{shape}\n[effects]\n{effects}\n'
+    scene, account = resolve(parse_scene(text), KIND, {}), Account()
+    fluids = {name: context for name, (context, _) in contexts(scene, None, None).items()}
+    built = build(scene, fluids, account)
+    frames = list(evolve({n: m.model() for n, m in built.items()}, scene.schedule(), account))
+    first, last = (frame.observations["f"] for frame in (frames[0], frames[-1]))
+    return fluids["f"].points, built["f"].space.mass, first, last
+
+
+def test_rossby_haurwitz_waves_in_a_turning_frame():
+    """-w mu + P_l^m turns at w (1 - 2/(l(l+1))) - 2 Omega/(l(l+1)): 1/3 for l = 3, w = 1, Omega = 3."""
+    error = []
+    for level in (3, 4):
+        effects = (
+            'initial = { vorticity = "2*z + 2*(x^2 - y^2)*z" }\nrotation = { angular_velocity = [0, 0, 3] }'
+        )
+        points, mass, first, last = last_frame(BALL.format(level), effects)
+        x, y, z = points.T
+        omega = last.vertex["vorticity"] * mass
+        angle = np.arctan2(omega @ (2 * x * y * z), omega @ ((x**2 - y**2) * z)) / 2
+        error.append(abs(angle / 0.4 - 1 / 3))
+        assert last.scalar["kinetic_energy"] == pytest.approx(first.scalar["kinetic_energy"], rel=1e-6)
+        assert abs(last.scalar["total_vorticity"]) < 1e-12
+    assert error[1] < 0.02 and error[0] / error[1] > 3
+
+
+def test_a_frame_that_turns_too_fast_for_the_step_shortens_it():
+    effects = 'initial = { vorticity = "z" }\nrotation = { angular_velocity = [0, 0, 300] }'
+    *_, first, last = last_frame(BALL.format(1), effects, 0.02, 0.02)
+    assert last.scalar["kinetic_energy"] == pytest.approx(first.scalar["kinetic_energy"], rel=1e-3)
+
+
+@pytest.mark.parametrize("integrator", ["conservative", "circulation"])
+def test_a_force_that_swings_turns_a_ball_of_fluid_as_it_must(integrator):
+    """(-y, x, 0) cos t from rest: (-y, x, 0) sin t."""
+    effects = 'force = { acceleration = ["-y*cos(t)", "x*cos(t)", 0] }'
+    points, mass, _, last = last_frame(BALL.format(3), effects, 1.0, 0.05, integrator)
+    exact = 2 * points[:, 2] * np.sin(1.0)
+    assert np.sqrt(mass @ (last.vertex["vorticity"] - exact) ** 2 / (mass @ exact**2)) < 0.01
+    assert last.scalar["kinetic_energy"] == pytest.approx(
+        np.sin(1.0) ** 2 * 4 * np.pi / 3, rel=0.02
+    )  # inscribed
+
+
+def test_a_gradient_moves_nothing_and_a_mean_force_the_harmonic_flow():
+    *_, last = last_frame(BALL.format(2), "force = { acceleration = [1, 2, 3] }")
+    assert np.abs(last.vertex["vorticity"]).max() < 1e-12
+    *_, last = last_frame(TORUS, "force = { acceleration = [0.5, 0, 0] }\nharmonic = {}")
+    assert np.allclose(last.vertex["velocity"], [0.2, 0, 0], rtol=0, atol=1e-12)
+
+
+def test_a_force_with_an_unknown_name_is_refused():
+    with pytest.raises(SceneError, match="force: unknown name 'q'"):
+        last_frame(BALL.format(1), 'force = { acceleration = ["q", 0, 0] }')
