@@ -86,7 +86,7 @@ def summary(
     swing = [np.ptp(v) for name, v in series.items() if name.startswith("energy_")]
     energy_scale = max([float(np.abs(series["energy_kinetic"]).max()), *map(float, swing)])
     momentum_scale = mass * outcome.largest.get("velocity", 0.0)
-    accuracy = {
+    accuracy: dict[str, Any] = {
         "energy_drift": _drift(series["energy"], energy_scale, least.energy),
         "momentum_drift": _drift(series["momentum"], momentum_scale, least.momentum),
         "angular_momentum_drift": _drift(
