@@ -32,6 +32,7 @@ TOPICS = {
     "tracing": set(),
     "hodge": set(),
     "inspection": set(),
+    "repair": set(),
     "delaunay": {"tracing"},
     "curvature": {"delaunay"},
     "laplacian": {"delaunay"},

@@ -25,6 +25,7 @@ from ddgcli.errors import DdgError, excerpt
 # name -> (module of ddgcli.cli.commands, help line); a module is imported only when its command runs
 COMMANDS = {
     "info": ("info", "What a file holds, how good it is, and which commands take it."),
+    "repair": ("repair", "Weld, split, orient, fill, cut: each by its own flag."),
     "curvature": ("curvature", "Gaussian, mean and principal curvature of surfaces and curves."),
     "delaunay": ("delaunay", "Intrinsic Delaunay triangulation, refinement, common subdivision."),
     "laplacian": ("laplacian", "Laplace matrices, spectra, Poisson, smoothing, parameterization."),

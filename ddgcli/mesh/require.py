@@ -131,6 +131,7 @@ NEEDS = {
     "info": Need(
         ("surface", "tetrahedra", "curve"), {"faces": False, "sized": False}, {"faces": False, "sized": False}
     ),
+    "repair": Need(surface={"faces": False, "sized": False}),
     "curvature": Need(("surface", "tetrahedra", "curve"), area=True),
     "delaunay": Need(
         surface={"sized": False, "extent": True, "manifold_edges": True, "oriented": True}, area=True

@@ -1,0 +1,1 @@
+"""Repair of triangle meshes: weld, drop, split, orient, fill, keep, cut; each step with maps to the input."""

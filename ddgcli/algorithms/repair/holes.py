@@ -1,0 +1,84 @@
+"""Small holes filled with triangles of least area.
+
+The triangulation of a boundary loop is the one of least total area among all without new vertices, by dynamic
+programming over the loop [G. Barequet and M. Sharir, "Filling gaps in the boundary of a polyhedron", 1995].
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ddgcli.algorithms.repair.steps import RepairedMesh
+from ddgcli.mesh.triangle_mesh import TriangleMesh
+
+
+def boundary_loops(mesh: TriangleMesh) -> list[NDArray[np.int64]]:
+    """Boundary loops of an oriented manifold surface, each in the order of its faces."""
+    topology = mesh.topology
+    side = np.flatnonzero(topology.side_twin.ravel() < 0)
+    following = dict(zip(topology.side_tail[side].tolist(), topology.side_head[side].tolist()))
+    loops = []
+    while following:
+        start = min(following)
+        loop, vertex = [start], following.pop(start)
+        while vertex != start:
+            loop.append(vertex)
+            vertex = following.pop(vertex)
+        loops.append(np.array(loop))
+    return loops
+
+
+def fill_holes(repaired: RepairedMesh, most_edges: int) -> RepairedMesh:
+    """Fill every boundary loop of at most `most_edges` edges; `changes` counts the loops.
+
+    The surface must be an oriented manifold. A loop that cannot be closed without an edge that exists already
+    stays open.
+    """
+    mesh = repaired.mesh
+    both_on_boundary = mesh.topology.boundary_vertex[mesh.topology.edges].all(axis=1)
+    edges = {(a, b) for a, b in mesh.topology.edges[both_on_boundary].tolist()}
+    added, filled = [mesh.faces], 0
+    for loop in boundary_loops(mesh):
+        if len(loop) <= most_edges:
+            triangles = least_area_triangles(mesh.points, loop[::-1], edges)
+            filled += triangles is not None
+            added += [triangles] if triangles is not None else []
+    faces = np.concatenate(added)
+    source = np.concatenate([repaired.input_face, np.full(len(faces) - mesh.n_faces, -1)])
+    return RepairedMesh(TriangleMesh.from_arrays(mesh.points, faces), repaired.input_vertex, source, filled)
+
+
+def least_area_triangles(
+    points: NDArray, loop: NDArray, edges: set[tuple[int, int]]
+) -> NDArray[np.int64] | None:
+    """(k-2, 3) triangles of least total area over a loop of k vertices, in its order.
+
+    Diagonals that are among `edges` (lower number first) are not used; None where no triangulation is left.
+    """
+    k = len(loop)
+    corner = points[loop]
+    cost = np.full((k, k), np.inf)
+    apex = np.full((k, k), -1)
+    cost[np.arange(k - 1), np.arange(1, k)] = 0.0
+    for gap in range(2, k):
+        for i in range(k - gap):
+            j = i + gap
+            a, b = sorted((int(loop[i]), int(loop[j])))
+            if gap < k - 1 and (a, b) in edges:
+                continue
+            m = np.arange(i + 1, j)
+            area = np.linalg.norm(np.cross(corner[m] - corner[i], corner[j] - corner[i]), axis=1)
+            total = cost[i, m] + cost[m, j] + area
+            best = int(total.argmin())
+            cost[i, j], apex[i, j] = total[best], m[best]
+    if not np.isfinite(cost[0, k - 1]):
+        return None
+    triangles, intervals = [], [(0, k - 1)]
+    while intervals:
+        i, j = intervals.pop()
+        if j - i > 1:
+            middle = int(apex[i, j])
+            triangles.append((loop[i], loop[middle], loop[j]))
+            intervals += [(i, middle), (middle, j)]
+    return np.array(triangles, dtype=np.int64)

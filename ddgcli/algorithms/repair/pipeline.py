@@ -1,0 +1,117 @@
+"""Repairs in their fixed order, and those that a command needs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ddgcli.algorithms.repair import steps
+from ddgcli.algorithms.repair.holes import fill_holes
+from ddgcli.algorithms.repair.steps import RepairedMesh
+from ddgcli.errors import MeshError, ParameterError
+from ddgcli.mesh.require import NEEDS, require, why_not
+from ddgcli.mesh.triangle_mesh import TriangleMesh
+
+
+@dataclass(frozen=True)
+class RepairSteps:
+    """Which repairs to make; they run in the order of the fields.
+
+    Parameters
+    ----------
+    weld : float, optional
+        Merge vertices whose distance is at most this (length units; 0: equal positions).
+    drop_degenerate, drop_duplicates, largest, split_fans, orient : bool
+    fill_holes : int, optional
+        Fill boundary loops of at most so many edges.
+    cut_to_disk : bool
+    drop_unused : bool
+    """
+
+    weld: float | None = None
+    drop_degenerate: bool = False
+    drop_duplicates: bool = False
+    largest: bool = False
+    split_fans: bool = False
+    orient: bool = False
+    fill_holes: int | None = None
+    cut_to_disk: bool = False
+    drop_unused: bool = False
+
+
+def steps_for(command: str) -> RepairSteps:
+    """Steps that make a surface acceptable to a command, as far as repairs can."""
+    if command not in NEEDS or "surface" not in NEEDS[command].kinds:
+        known = ", ".join(name for name, need in NEEDS.items() if "surface" in need.kinds)
+        raise ParameterError(f"{command!r} takes no surface; known: {known}", parameter="for_command")
+    need = NEEDS[command]
+    manifold = need.surface.get("manifold", False) or need.surface.get("manifold_edges", False)
+    return RepairSteps(
+        weld=0.0,
+        drop_degenerate=need.every_area,
+        drop_duplicates=manifold,
+        split_fans=manifold,
+        orient=need.surface.get("oriented", False),
+    )
+
+
+def repair_mesh(mesh: TriangleMesh, chosen_steps: RepairSteps) -> tuple[RepairedMesh, dict[str, int]]:
+    """The repaired mesh, and the number of changes of each step by its name.
+
+    `input_vertex` of a vertex that was made by splitting names the vertex that it was split from.
+
+    Raises
+    ------
+    ParameterError
+        No step is chosen.
+    MeshError
+        A step needs what the mesh does not have: filling and cutting take oriented manifold surfaces.
+    """
+    plan: list[tuple[str, Any, Callable[[RepairedMesh], RepairedMesh]]] = [
+        ("weld", chosen_steps.weld is not None, lambda r: steps.weld(r, chosen_steps.weld or 0.0)),
+        ("drop_degenerate", chosen_steps.drop_degenerate, steps.drop_degenerate),
+        ("drop_duplicates", chosen_steps.drop_duplicates, steps.drop_duplicates),
+        ("largest", chosen_steps.largest, steps.keep_largest),
+        ("split_fans", chosen_steps.split_fans, steps.split_fans),
+        ("orient", chosen_steps.orient, steps.orient),
+        (
+            "fill_holes",
+            chosen_steps.fill_holes is not None,
+            lambda r: fill_holes(r, chosen_steps.fill_holes or 0),
+        ),
+        ("cut_to_disk", chosen_steps.cut_to_disk, steps.cut_to_disk),
+        ("drop_unused", chosen_steps.drop_unused, steps.drop_unused),
+    ]
+    if not any(chosen for _, chosen, _ in plan):
+        raise ParameterError("no repair is chosen; name one, such as `orient`, or a command by `for_command`")
+    repaired, changes = RepairedMesh.unchanged(mesh), {}
+    for name, chosen, step in plan:
+        if chosen:
+            if name in ("fill_holes", "cut_to_disk"):
+                _require_manifold(repaired.mesh, name)
+            repaired = step(repaired)
+            changes[name] = repaired.changes
+    if repaired.mesh.n_faces == 0 and mesh.n_faces:
+        raise MeshError("the repair leaves no face; choose fewer steps")
+    return repaired, changes
+
+
+def _require_manifold(mesh: TriangleMesh, parameter: str) -> None:
+    try:
+        require(mesh, "this step", manifold=True, oriented=True)
+    except MeshError as error:
+        raise MeshError(f"`{parameter}`: {error}; add `split_fans` and `orient`") from None
+
+
+def refusals(mesh: TriangleMesh) -> dict[str, str]:
+    """Why commands that take surfaces refuse the mesh, by command; empty where all accept it."""
+    reasons = {name: why_not(mesh, name) for name, need in NEEDS.items() if "surface" in need.kinds}
+    return {name: reason for name, reason in reasons.items() if reason is not None}
+
+
+def carried(values: np.ndarray, source: np.ndarray) -> np.ndarray | None:
+    """Array of the input at the repaired mesh's vertices or faces; None where the repair added some."""
+    return None if (source < 0).any() else values[source]

@@ -1,0 +1,224 @@
+"""Repair steps: each takes a mesh and returns the changed mesh with maps to it and the number of changes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components, dijkstra, minimum_spanning_tree
+from scipy.spatial import cKDTree
+
+from ddgcli.mesh.repair import merged_points, turned_over
+from ddgcli.mesh.require import FLAT
+from ddgcli.mesh.topology import NEXT
+from ddgcli.mesh.triangle_mesh import TriangleMesh
+
+
+@dataclass(frozen=True, eq=False)
+class RepairedMesh:
+    """A mesh and where its vertices and faces come from.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+    input_vertex : (n,) ndarray of int64
+        Vertex of the input; -1 for a vertex that the repair added.
+    input_face : (m,) ndarray of int64
+        Face of the input; -1 for a face that the repair added.
+    changes : int
+        Vertices or faces that the last step changed.
+    """
+
+    mesh: TriangleMesh
+    input_vertex: NDArray[np.int64]
+    input_face: NDArray[np.int64]
+    changes: int = 0
+
+    @classmethod
+    def unchanged(cls, mesh: TriangleMesh) -> RepairedMesh:
+        """The input itself."""
+        return cls(mesh, np.arange(mesh.n_vertices), np.arange(mesh.n_faces))
+
+
+def _of_faces(repaired: RepairedMesh, kept: NDArray[np.bool_]) -> RepairedMesh:
+    """The mesh with the faces of an (m,) mask; all vertices stay."""
+    mesh = TriangleMesh.from_arrays(repaired.mesh.points, repaired.mesh.faces[kept])
+    return RepairedMesh(mesh, repaired.input_vertex, repaired.input_face[kept], int((~kept).sum()))
+
+
+def weld(repaired: RepairedMesh, distance: float = 0.0) -> RepairedMesh:
+    """Merge vertices at the same place, or joined by gaps of at most `distance` (length units).
+
+    A merged vertex keeps the position of the one with the lowest number.
+    """
+    points = repaired.mesh.points
+    if distance == 0.0:
+        _, group = merged_points(points)
+    else:
+        pairs = cKDTree(points).query_pairs(distance, output_type="ndarray")
+        graph = coo_array((np.ones(len(pairs), dtype=np.int8), pairs.T), shape=(len(points),) * 2)
+        label = connected_components(graph, directed=False)[1]
+        _, first, group = np.unique(label, return_index=True, return_inverse=True)
+        group = np.argsort(np.argsort(first))[group]
+    first = np.full(int(group.max(initial=-1)) + 1, len(points))
+    np.minimum.at(first, group, np.arange(len(points)))
+    mesh = TriangleMesh.from_arrays(points[first], group[repaired.mesh.faces])
+    return RepairedMesh(mesh, repaired.input_vertex[first], repaired.input_face, len(points) - len(first))
+
+
+def drop_degenerate(repaired: RepairedMesh) -> RepairedMesh:
+    """Remove faces with a repeated vertex, or with an area below 1e-12 of the longest side squared."""
+    faces = repaired.mesh.faces
+    longest = np.maximum(repaired.mesh.side_length.max(axis=1), np.finfo(float).tiny)
+    side = repaired.mesh.side_vector / longest[:, None, None]
+    twice_area = np.linalg.norm(np.cross(side[:, 0], side[:, 1]), axis=1)
+    repeated = (faces == faces[:, NEXT]).any(axis=1)
+    return _of_faces(repaired, ~repeated & (twice_area > FLAT))
+
+
+def drop_duplicates(repaired: RepairedMesh) -> RepairedMesh:
+    """Remove faces whose three vertices an earlier face has."""
+    _, first = np.unique(np.sort(repaired.mesh.faces, axis=1), axis=0, return_index=True)
+    kept = np.zeros(repaired.mesh.n_faces, dtype=bool)
+    kept[first] = True
+    return _of_faces(repaired, kept)
+
+
+def drop_unused(repaired: RepairedMesh) -> RepairedMesh:
+    """Remove vertices that no face uses."""
+    used = repaired.mesh.topology.referenced_vertex
+    number = np.cumsum(used) - 1
+    mesh = TriangleMesh.from_arrays(repaired.mesh.points[used], number[repaired.mesh.faces])
+    return RepairedMesh(mesh, repaired.input_vertex[used], repaired.input_face, int((~used).sum()))
+
+
+def keep_largest(repaired: RepairedMesh) -> RepairedMesh:
+    """Keep the component with the largest area."""
+    mesh = repaired.mesh
+    if mesh.n_faces == 0:
+        return repaired
+    area = np.linalg.norm(np.cross(mesh.side_vector[:, 0], mesh.side_vector[:, 1]), axis=1)
+    component = mesh.topology.face_component
+    return _of_faces(repaired, component == np.bincount(component, weights=area).argmax())
+
+
+def orient(repaired: RepairedMesh) -> RepairedMesh:
+    """Turn over the fewer faces of each piece so that every orientable piece is consistently oriented."""
+    turn = repaired.mesh.topology.faces_to_turn
+    mesh = turned_over(repaired.mesh, turn)
+    return RepairedMesh(mesh, repaired.input_vertex, repaired.input_face, int(turn.sum()))
+
+
+def separated(repaired: RepairedMesh, joined: NDArray[np.bool_]) -> RepairedMesh:
+    """The mesh with one vertex for each set of corners that meet across edges of an (e,) mask.
+
+    The first set of a vertex keeps its number; the others follow behind all vertices. `changes` counts them.
+    """
+    mesh, topology = repaired.mesh, repaired.mesh.topology
+    side = np.flatnonzero((topology.side_twin.ravel() >= 0) & joined[topology.side_edge.ravel()])
+    twin = topology.side_twin.ravel()[side]
+    head = 3 * (np.arange(3 * mesh.n_faces) // 3) + NEXT[np.arange(3 * mesh.n_faces) % 3]
+    opposite = topology.side_tail[side] != topology.side_tail[twin]
+    rows = np.concatenate([side, head[side]])
+    cols = np.concatenate([np.where(opposite, head[twin], twin), np.where(opposite, twin, head[twin])])
+    graph = coo_array((np.ones(len(rows), dtype=np.int8), (rows, cols)), shape=(3 * mesh.n_faces,) * 2)
+    fan = connected_components(graph, directed=False)[1]
+    _, first = np.unique(fan, return_index=True)
+    vertex = mesh.faces.ravel()[first]
+    order = np.lexsort((first, vertex))
+    further = order[1:][vertex[order[1:]] == vertex[order[:-1]]]
+    number = vertex.copy()
+    number[further] = mesh.n_vertices + np.arange(len(further))
+    source = np.concatenate([np.arange(mesh.n_vertices), vertex[further]])
+    split = TriangleMesh.from_arrays(mesh.points[source], number[fan].reshape(-1, 3))
+    return RepairedMesh(split, repaired.input_vertex[source], repaired.input_face, len(further))
+
+
+def split_fans(repaired: RepairedMesh) -> RepairedMesh:
+    """Give every fan of faces its own vertices, so that no vertex joins two fans and no edge three faces.
+
+    Faces at an edge of three or more faces are parted there. An edge whose faces also meet around both of
+    its ends is parted by giving each face its own copy of one end.
+    """
+    changes = 0
+    while True:
+        two_faces = np.asarray(repaired.mesh.topology.edge_face_count == 2)
+        repaired = separated(repaired, two_faces)
+        changes += repaired.changes
+        topology = repaired.mesh.topology
+        if len(topology.nonmanifold_edges) == 0:
+            break
+        ends = np.zeros(repaired.mesh.n_vertices, dtype=bool)
+        ends[topology.edges[topology.nonmanifold_edges, 0]] = True
+        untouched: NDArray[np.bool_] = np.logical_not(ends[topology.edges]).all(axis=1)
+        repaired = separated(repaired, untouched)
+        changes += repaired.changes
+    return RepairedMesh(repaired.mesh, repaired.input_vertex, repaired.input_face, changes)
+
+
+def cut_to_disk(repaired: RepairedMesh) -> RepairedMesh:
+    """Cut every component of a manifold surface along short loops of edges so that it becomes a disk.
+
+    The cut graph is the tree-cotree decomposition [D. Eppstein, "Dynamic generators of topologically embedded
+    graphs", 2003] without its dead ends. A closed sphere is opened along two edges.
+    """
+    topology = repaired.mesh.topology
+    cut = _cut_graph(repaired.mesh)
+    closed = ~np.isin(np.arange(topology.n_components), topology.vertex_component[topology.boundary_vertex])
+    uncut = np.bincount(topology.vertex_component[topology.edges[cut, 0]], minlength=topology.n_components)
+    for component in np.flatnonzero(closed & (uncut == 0)):
+        middle = np.flatnonzero(topology.vertex_component == component)[0]
+        spokes = np.flatnonzero((topology.edges == middle).any(axis=1))
+        cut[spokes[[0, len(spokes) // 2]]] = True
+    return separated(repaired, ~cut)
+
+
+def _cut_graph(mesh: TriangleMesh) -> NDArray[np.bool_]:
+    """(e,) edges to cut so that what is left is a disk a component; none for closed spheres and disks."""
+    topology = mesh.topology
+    side = np.flatnonzero(topology.side_twin.ravel() > np.arange(3 * mesh.n_faces))
+    twin, edge = topology.side_twin.ravel()[side], topology.side_edge.ravel()[side]
+    # a spanning tree of the faces that crosses edges of the paths' forest last, so never
+    last = np.argsort(_shortest_forest(mesh)[edge], kind="stable")
+    rank = np.empty(len(edge))
+    rank[last] = 1.0 + np.arange(len(edge))  # positive: zero is no edge of a sparse graph
+    graph = coo_array((rank, (side // 3, twin // 3)), shape=(mesh.n_faces,) * 2)
+    crossed = np.isin(rank, minimum_spanning_tree(_simple(graph)).data)
+    cut = np.zeros(topology.n_edges, dtype=bool)
+    cut[edge[~crossed]] = True
+    while True:
+        kept = cut.copy()
+        kept[topology.boundary_edges] = True
+        degree = np.bincount(topology.edges[kept].ravel(), minlength=mesh.n_vertices)
+        dead_end = cut & (degree[topology.edges] == 1).any(axis=1)
+        if not dead_end.any():
+            return cut
+        cut &= ~dead_end
+
+
+def _shortest_forest(mesh: TriangleMesh) -> NDArray[np.bool_]:
+    """(e,) edges of shortest paths from the boundary, and from one vertex of each closed component."""
+    topology = mesh.topology
+    roots = topology.boundary_vertex.copy()
+    open_component = topology.vertex_component[roots]
+    component, first = np.unique(topology.vertex_component, return_index=True)
+    roots[first[(component >= 0) & ~np.isin(component, open_component)]] = True
+    low, high = topology.edges.T
+    length = np.linalg.norm(mesh.points[high] - mesh.points[low], axis=1) + np.finfo(float).tiny
+    graph = coo_array((length, (low, high)), shape=(mesh.n_vertices,) * 2).tocsr()
+    before = dijkstra(
+        graph, directed=False, indices=np.flatnonzero(roots), return_predecessors=True, min_only=True
+    )[1]
+    return (before[low] == high) | (before[high] == low)
+
+
+def _simple(graph: coo_array) -> coo_array:
+    """The graph with the lightest of several edges between two nodes."""
+    low, high = np.minimum(*graph.coords), np.maximum(*graph.coords)
+    order = np.lexsort((graph.data, high, low))
+    low, high, weight = low[order], high[order], graph.data[order]
+    first = np.ones(len(low), dtype=bool)
+    first[1:] = (low[1:] != low[:-1]) | (high[1:] != high[:-1])
+    return coo_array((weight[first], (low[first], high[first])), shape=graph.shape)

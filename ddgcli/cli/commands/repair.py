@@ -1,0 +1,85 @@
+"""`ddgcli repair`."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import click
+
+from ddgcli.cli import options
+from ddgcli.cli.options import Common
+from ddgcli.cli.run import Run, describe
+from ddgcli.errors import ParameterError
+
+
+@click.command("repair", short_help="Repair a surface: weld, split, orient, fill, cut.")
+@options.mesh_arg
+@click.option(
+    "--weld",
+    is_flag=False,
+    flag_value="0",
+    type=options.NONNEGATIVE,
+    metavar="[DISTANCE]",
+    help="Merge vertices at equal positions, or up to DISTANCE apart.",
+)
+@click.option("--orient", is_flag=True, help="Turn faces over so that neighbours agree.")
+@click.option(
+    "--split-fans",
+    is_flag=True,
+    help="One vertex for each fan of faces; edges of three or more faces are parted.",
+)
+@click.option("--drop-degenerate", is_flag=True, help="Remove faces without area.")
+@click.option("--drop-duplicates", is_flag=True, help="Remove faces that occur twice.")
+@click.option("--drop-unused", is_flag=True, help="Remove vertices that no face uses.")
+@click.option(
+    "--fill-holes",
+    type=click.IntRange(min=3),
+    metavar="EDGES",
+    help="Fill boundary loops of at most EDGES edges.",
+)
+@click.option("--largest", is_flag=True, help="Keep the component with the largest area.")
+@click.option("--cut-to-disk", is_flag=True, help="Cut every component open to a disk.")
+@click.option("--for", "for_command", metavar="COMMAND", help="The steps that COMMAND needs.")
+@options.common
+def command(mesh_path: str, common: Common, for_command: str | None, **chosen: Any) -> None:
+    """Repair the surface MESH and write it with maps to the input.
+
+    Every step has a flag; nothing else is changed. Steps run in this order: --weld, --drop-degenerate,
+    --drop-duplicates, --largest, --split-fans, --orient, --fill-holes, --cut-to-disk, --drop-unused.
+
+    The output holds `input_vertex` and `input_face` (-1 for faces that fill a hole). `results.changes` counts
+    what each step changed; `results.refused_by` names the commands that still refuse the surface, and why.
+
+    \b
+    Examples:
+      ddgcli repair scan.obj --for willmore-flow -o clean.ply
+      ddgcli repair part.stl --split-fans --orient --fill-holes 40 -o closed.ply
+      ddgcli repair torus.ply --cut-to-disk -o disk.obj
+    """
+    run = Run("repair", common, for_command=for_command, **chosen)
+    if for_command is not None and any(value not in (None, False) for value in chosen.values()):
+        raise ParameterError("--for names the steps by itself; leave the other flags out")
+    source = run.read(mesh_path)
+    from ddgcli.algorithms.repair.pipeline import RepairSteps, carried, refusals, repair_mesh, steps_for
+    from ddgcli.mesh.fields import AnnotatedMesh
+
+    mesh = source.surface
+    repaired, changes = repair_mesh(mesh, steps_for(for_command) if for_command else RepairSteps(**chosen))
+    vertex = {name: carried(values, repaired.input_vertex) for name, values in source.vertex.items()}
+    face = {name: carried(values, repaired.input_face) for name, values in source.face.items()}
+    vertex |= {"input_vertex": repaired.input_vertex}
+    face |= {"input_face": repaired.input_face}
+    annotated = AnnotatedMesh(
+        repaired.mesh,
+        vertex={name: values for name, values in vertex.items() if values is not None},
+        face={name: values for name, values in face.items() if values is not None},
+    )
+    reasons = refusals(repaired.mesh)
+    accepted = for_command is None or for_command not in reasons
+    run.write(annotated, converged=accepted)
+    name, values = run.shown({**annotated.vertex, **annotated.face}, "input_face")
+    from ddgcli.plots.array import draw_array
+
+    run.plot(lambda path: draw_array(path, repaired.mesh, name, values, **run.look))
+    results = {"changes": changes, "repaired": describe(repaired.mesh), "refused_by": reasons}
+    run.finish(results, {}, converged=accepted)

@@ -1,0 +1,79 @@
+"""`ddgcli repair`: flags, maps in the file, and what still refuses the result."""
+
+import numpy as np
+import pytest
+
+from ddgcli.io.mesh_file import read_mesh, write_mesh
+from ddgcli.mesh import shapes
+from ddgcli.mesh.fields import AnnotatedMesh
+from ddgcli.mesh.triangle_mesh import TriangleMesh
+
+
+@pytest.fixture
+def bad(tmp_path):
+    """A sphere with turned faces, a hole and a fin."""
+    sphere = shapes.icosphere(2)
+    faces = sphere.faces[1:].copy()
+    faces[::5] = faces[::5, ::-1]
+    points = np.concatenate([sphere.points, [[2.0, 0, 0]]])
+    a, b = faces[40, :2]
+    mesh = TriangleMesh.from_arrays(points, np.concatenate([faces, [[a, b, len(points) - 1]]]))
+    path = tmp_path / "bad.ply"
+    write_mesh(str(path), AnnotatedMesh(mesh, vertex={"height": points[:, 2]}))
+    return path
+
+
+def test_a_surface_that_a_command_refuses_is_accepted_after_repair(run, summary, bad, tmp_path):
+    assert run("delaunay", bad).exit_code == 2
+    out = tmp_path / "good.ply"
+    result = summary("repair", bad, "--for", "delaunay", "-o", out)
+    assert result["results"]["changes"]["orient"] > 0
+    assert "delaunay" not in result["results"]["refused_by"]
+    assert run("delaunay", out).exit_code == 0
+    repaired = read_mesh(str(out))
+    assert np.array_equal(repaired.vertex["height"], repaired.surface.points[:, 2])
+    original = read_mesh(str(bad)).surface
+    assert np.array_equal(repaired.surface.points, original.points[repaired.vertex["input_vertex"]])
+
+
+def test_filled_faces_are_marked(summary, bad, tmp_path):
+    out = tmp_path / "closed.npz"
+    words = ("--split-fans", "--orient", "--largest", "--fill-holes", "10", "--drop-unused")
+    result = summary("repair", bad, *words, "-o", out)
+    assert result["results"]["repaired"]["closed"] is True
+    assert (read_mesh(str(out)).face["input_face"] == -1).sum() == result["results"]["changes"]["fill_holes"]
+
+
+def test_a_command_that_repairs_cannot_satisfy_is_exit_1(summary, tmp_path):
+    band = shapes.grid(8, 1)
+    faces = band.faces.copy()
+    left, right = band.points[:, 0].min(), band.points[:, 0].max()
+    ends = {tuple(p[1:]): i for i, p in enumerate(band.points.tolist()) if p[0] == left}
+    top = band.points[:, 1].max() + band.points[:, 1].min()
+    glue = {i: ends[(top - p[1], p[2])] for i, p in enumerate(band.points.tolist()) if p[0] == right}
+    faces = np.vectorize(lambda v: glue.get(v, v))(faces)
+    path = tmp_path / "moebius.obj"
+    write_mesh(str(path), AnnotatedMesh(TriangleMesh.from_arrays(band.points, faces)))
+    result = summary("repair", path, "--for", "fluid-sim", code=1)
+    assert "one-sided" in result["results"]["refused_by"]["fluid-sim"]
+
+
+@pytest.mark.parametrize(
+    "words, text",
+    [
+        ((), "no repair is chosen; name one, such as --orient, or a command by --for"),
+        (("--for", "frames"), "--for: 'frames' takes no surface"),
+        (("--for", "delaunay", "--orient"), "leave the other flags out"),
+        (("--cut-to-disk",), "--cut-to-disk: "),
+        (("--fill-holes", "2"), "--fill-holes"),
+    ],
+)
+def test_wrong_calls_are_refused_in_one_line(run, bad, words, text):
+    result = run("repair", bad, *words)
+    assert result.exit_code == 2 and text in result.stderr
+    assert len(result.stderr.splitlines()) == 1
+
+
+def test_weld_takes_a_distance_or_none(summary, bad):
+    assert summary("repair", bad, "--weld")["results"]["changes"] == {"weld": 0}
+    assert summary("repair", bad, "--weld", "0.5")["results"]["changes"]["weld"] > 0

@@ -1,0 +1,167 @@
+"""Repairs: what each step changes, the maps to the input, and that a repaired mesh is accepted."""
+
+import numpy as np
+import pytest
+
+from ddgcli.algorithms.repair.pipeline import RepairSteps, repair_mesh, steps_for
+from ddgcli.errors import MeshError, ParameterError
+from ddgcli.mesh import shapes
+from ddgcli.mesh.require import why_not
+from ddgcli.mesh.triangle_mesh import TriangleMesh
+
+
+def area(mesh):
+    return np.linalg.norm(np.cross(mesh.side_vector[:, 0], mesh.side_vector[:, 1]), axis=1).sum() / 2
+
+
+def soup(mesh):
+    """Every face with vertices of its own."""
+    return TriangleMesh.from_arrays(
+        mesh.points[mesh.faces.ravel()], np.arange(3 * mesh.n_faces).reshape(-1, 3)
+    )
+
+
+def turned(mesh, every):
+    faces = mesh.faces.copy()
+    faces[::every] = faces[::every, ::-1]
+    return TriangleMesh.from_arrays(mesh.points, faces)
+
+
+def test_weld_joins_a_soup_into_the_sphere_it_was():
+    sphere = shapes.icosphere(2)
+    repaired, changes = repair_mesh(soup(sphere), RepairSteps(weld=0.0))
+    assert changes == {"weld": 3 * sphere.n_faces - sphere.n_vertices}
+    assert repaired.mesh.topology.is_closed and repaired.mesh.n_vertices == sphere.n_vertices
+    apart = soup(sphere)
+    noise = 1e-6 * np.random.default_rng(0).standard_normal(apart.points.shape)
+    near, _ = repair_mesh(apart.moved(apart.points + noise), RepairSteps(weld=1e-4))
+    assert near.mesh.topology.is_closed and near.mesh.n_vertices == sphere.n_vertices
+
+
+def test_maps_name_the_input_of_every_vertex_and_face():
+    mesh = turned(soup(shapes.torus(9, 7)), 3)
+    repaired, _ = repair_mesh(mesh, RepairSteps(weld=0.0, orient=True, cut_to_disk=True, drop_unused=True))
+    assert np.array_equal(repaired.mesh.points, mesh.points[repaired.input_vertex])
+    assert np.array_equal(repaired.input_face, np.arange(mesh.n_faces))
+    positions = np.sort(repaired.mesh.points[repaired.mesh.faces], axis=1)
+    assert np.array_equal(positions, np.sort(mesh.points[mesh.faces], axis=1))
+
+
+def test_orient_turns_the_fewer_faces():
+    mesh = turned(shapes.icosphere(2), 4)
+    repaired, changes = repair_mesh(mesh, RepairSteps(orient=True))
+    assert changes["orient"] == mesh.n_faces // 4 and repaired.mesh.topology.is_oriented
+
+
+def test_split_fans_parts_a_fin_from_a_sphere_and_two_cones_at_their_tip():
+    sphere = shapes.icosphere(1)
+    a, b = sphere.topology.edges[0]
+    fin = TriangleMesh.from_arrays(
+        np.concatenate([sphere.points, [[2.0, 0, 0]]]),
+        np.concatenate([sphere.faces, [[a, b, sphere.n_vertices]]]),
+    )
+    repaired, _ = repair_mesh(fin, RepairSteps(split_fans=True))
+    assert repaired.mesh.topology.is_manifold and repaired.mesh.topology.n_components == 2
+    first = int(sphere.points[:, 2].argmax())
+    other = np.where(sphere.faces == first, first, sphere.faces + sphere.n_vertices)
+    twins = TriangleMesh.from_arrays(
+        np.concatenate([sphere.points, [0, 0, 2 * sphere.points[first, 2]] - sphere.points * [1, 1, 1]]),
+        np.concatenate([sphere.faces, other]),
+    )
+    parted, changes = repair_mesh(twins, RepairSteps(split_fans=True, drop_unused=True))
+    assert changes == {"split_fans": 1, "drop_unused": 1} and parted.mesh.topology.n_components == 2
+
+
+def test_split_fans_ends_on_random_soups_of_few_vertices():
+    random = np.random.default_rng(3)
+    for _ in range(40):
+        n = int(random.integers(4, 9))
+        faces = np.array([random.permutation(n)[:3] for _ in range(int(random.integers(2, 30)))])
+        mesh = TriangleMesh.from_arrays(random.standard_normal((n, 3)), faces)
+        repaired, _ = repair_mesh(mesh, RepairSteps(split_fans=True, orient=True))
+        assert repaired.mesh.topology.is_manifold
+        assert np.isclose(area(repaired.mesh), area(mesh))
+
+
+def test_degenerate_duplicate_and_unused_parts_are_dropped():
+    sphere = shapes.icosphere(1)
+    points = np.concatenate([sphere.points, [sphere.points[0] + [0, 0, 1], [5.0, 5, 5]]])
+    n = sphere.n_vertices
+    line = [sphere.faces[0, 0], sphere.faces[0, 0], n]
+    faces = np.concatenate([sphere.faces, sphere.faces[:2, [1, 2, 0]], [line]])
+    repaired, changes = repair_mesh(
+        TriangleMesh.from_arrays(points, faces),
+        RepairSteps(drop_degenerate=True, drop_duplicates=True, drop_unused=True),
+    )
+    assert changes == {"drop_degenerate": 1, "drop_duplicates": 2, "drop_unused": 2}
+    assert repaired.mesh.topology.is_closed
+
+
+def test_a_filled_hole_closes_the_sphere_with_the_least_area():
+    sphere = shapes.icosphere(3)
+    hole = sphere.points[sphere.faces].mean(axis=1)[:, 2] > 0.9
+    open_sphere = TriangleMesh.from_arrays(sphere.points, sphere.faces[~hole])
+    repaired, changes = repair_mesh(open_sphere, RepairSteps(fill_holes=100, drop_unused=True))
+    assert changes["fill_holes"] == 1 and (repaired.input_face == -1).sum() > 3
+    assert repaired.mesh.topology.is_closed and repaired.mesh.topology.is_oriented
+    assert repaired.mesh.topology.genus == 0
+    lid = area(repaired.mesh) - area(open_sphere)
+    rim = np.pi * (1 - 0.9**2)
+    assert 0.7 * rim < lid < 1.1 * rim  # a nearly flat disk
+    kept, left = repair_mesh(open_sphere, RepairSteps(fill_holes=5))
+    assert left == {"fill_holes": 0} and not kept.mesh.topology.is_closed
+
+
+def test_a_square_hole_is_filled_by_its_shorter_diagonal():
+    grid = shapes.grid(3, 3)
+    middle = np.abs(grid.points[grid.faces].mean(axis=1)[:, :2] - grid.points[:, :2].mean(axis=0)).max(axis=1)
+    frame = TriangleMesh.from_arrays(grid.points, grid.faces[middle > middle.min() + 1e-9])
+    repaired, _ = repair_mesh(frame, RepairSteps(fill_holes=4))
+    assert np.isclose(area(repaired.mesh), area(grid))
+
+
+@pytest.mark.parametrize(
+    "mesh",
+    [shapes.icosphere(2), shapes.torus(12, 8), shapes.grid(5, 5), shapes.cylinder(9, 5)],
+    ids=["sphere", "torus", "disk", "annulus"],
+)
+def test_a_cut_surface_is_a_disk(mesh):
+    repaired, changes = repair_mesh(mesh, RepairSteps(cut_to_disk=True))
+    topology = repaired.mesh.topology
+    assert (topology.boundary_loops, topology.euler_characteristic, topology.genus) == (1, 1, 0)
+    assert topology.is_manifold and topology.is_oriented
+    assert (changes["cut_to_disk"] == 0) == (mesh.topology.euler_characteristic == 1)
+
+
+def test_the_largest_component_stays():
+    small, large = shapes.icosphere(1), shapes.icosphere(3)
+    both = TriangleMesh.from_arrays(
+        np.concatenate([small.points + 5, large.points]),
+        np.concatenate([small.faces, large.faces + small.n_vertices]),
+    )
+    repaired, _ = repair_mesh(both, RepairSteps(largest=True, drop_unused=True))
+    assert repaired.mesh.n_faces == large.n_faces and repaired.input_vertex.min() == small.n_vertices
+
+
+@pytest.mark.parametrize(
+    "command", ["delaunay", "hodge", "fluid-sim", "willmore-flow", "shell-sim", "curvature"]
+)
+def test_steps_for_a_command_make_it_accept_the_mesh(command):
+    sphere = turned(shapes.icosphere(2), 4)
+    a, b, c = sphere.faces[0]
+    bad = TriangleMesh.from_arrays(
+        np.concatenate([sphere.points, [[0, 0, 3.0]]]),
+        np.concatenate([sphere.faces, [[a, b, sphere.n_vertices], [a, a, b], [a, b, c]]]),
+    )
+    repaired, _ = repair_mesh(bad, steps_for(command))
+    assert why_not(repaired.mesh, command) is None
+
+
+def test_what_cannot_be_repaired_is_refused():
+    sphere = shapes.icosphere(1)
+    with pytest.raises(ParameterError, match="no repair is chosen"):
+        repair_mesh(sphere, RepairSteps())
+    with pytest.raises(ParameterError, match="takes no surface"):
+        steps_for("frames")
+    with pytest.raises(MeshError, match="split_fans"):
+        repair_mesh(turned(sphere, 3), RepairSteps(cut_to_disk=True))
