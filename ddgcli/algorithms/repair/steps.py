@@ -152,8 +152,8 @@ def split_fans(repaired: RepairedMesh) -> RepairedMesh:
             break
         ends = np.zeros(repaired.mesh.n_vertices, dtype=bool)
         ends[topology.edges[topology.nonmanifold_edges, 0]] = True
-        untouched: NDArray[np.bool_] = np.logical_not(ends[topology.edges]).all(axis=1)
-        repaired = separated(repaired, untouched)
+        low, high = topology.edges.T
+        repaired = separated(repaired, ~(ends[low] | ends[high]))
         changes += repaired.changes
     return RepairedMesh(repaired.mesh, repaired.input_vertex, repaired.input_face, changes)
 
