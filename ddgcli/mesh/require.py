@@ -146,6 +146,7 @@ NEEDS = {
     "willmore-flow": Need(surface=_MANIFOLD, every_area=True),
     "tradeoff": Need(),
     "frames": Need((), instead="it takes the trajectory of a simulation (.vtkhdf)"),
+    "examples": Need((), instead="it takes the folder to copy to"),
     "check": Need((), instead="it takes a stored summary (.json)"),
 }
 

@@ -1,0 +1,58 @@
+"""`ddgcli examples`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from ddgcli.cli import options
+from ddgcli.cli.options import Common
+from ddgcli.cli.run import Run
+from ddgcli.errors import OutputError
+
+FOLDERS = {"sample_meshes": "ddgcli.samples.meshes", "sample_scenes": "ddgcli.samples.scenes"}
+
+
+@click.command("examples", short_help="Copy the sample meshes and scenes into a folder.")
+@click.argument("folder", metavar="DIR", type=click.Path())
+@options.common
+def command(folder: str, common: Common) -> None:
+    """Copy the sample meshes and scenes to DIR/sample_meshes and DIR/sample_scenes.
+
+    The commands of the README run in DIR afterwards. Files that exist already are kept.
+
+    \b
+    Example:
+      ddgcli examples .
+    """
+    run = Run("examples", common, formats=())
+    run.input = {"path": folder}
+    copied: dict[str, int] = {}
+    with run.timed("write"):
+        for name in FOLDERS:
+            copied[name] = _copy(samples(name), Path(folder) / name)
+    run.finish({"copied": copied}, {})
+
+
+def _copy(sources: list[Path], target: Path) -> int:
+    """Copy files that are not there yet; the number of copies."""
+    try:
+        target.mkdir(parents=True, exist_ok=True)
+        missing = [source for source in sources if not (target / source.name).exists()]
+        for source in missing:
+            (target / source.name).write_bytes(source.read_bytes())
+    except OSError as error:
+        raise OutputError(f"{target}: {error.strerror}; name another folder") from error
+    return len(missing)
+
+
+def samples(name: str) -> list[Path]:
+    """Sample files of `sample_meshes` or `sample_scenes`: of the package, or of the source checkout."""
+    import importlib.resources
+
+    try:
+        folder = Path(str(importlib.resources.files(FOLDERS[name])))
+    except ModuleNotFoundError:
+        folder = Path(__file__).parents[3] / name
+    return sorted(path for path in folder.iterdir() if path.is_file() and path.suffix != ".py")
