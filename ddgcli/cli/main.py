@@ -29,6 +29,7 @@ COMMANDS = {
     "curvature": ("curvature", "Gaussian, mean and principal curvature of surfaces and curves."),
     "delaunay": ("delaunay", "Intrinsic Delaunay triangulation, refinement, common subdivision."),
     "laplacian": ("laplacian", "Laplace matrices, spectra, Poisson, smoothing, parameterization."),
+    "dec": ("dec", "Derivatives, Hodge stars, codifferentials and Laplacians as sparse matrices."),
     "hodge": ("hodge", "Split a vector field into exact, coexact and harmonic parts."),
     "geodesic": ("geodesic", "Distances, shortest paths, straightest lines, transport."),
     "shell-sim": ("shell_sim", "Move thin elastic shells: a scene in, a trajectory out."),

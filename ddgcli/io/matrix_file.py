@@ -10,8 +10,11 @@ from scipy.sparse import coo_array, csr_array, sparray
 MATRIX_FORMATS = (".npz", ".mtx")
 
 
-def matrix_bytes(path: str, matrix: sparray, comment: str = "") -> bytes:
-    """The file's content: `.npz` for `scipy.sparse.load_npz` (CSR), `.mtx` Matrix Market, all entries."""
+def matrix_bytes(path: str, matrix: sparray, comment: str = "", *, symmetric: bool = True) -> bytes:
+    """Content of a matrix file: `.npz` for `scipy.sparse.load_npz` (CSR), or `.mtx` (Matrix Market).
+
+    Integer matrices stay integer in `.mtx`; `symmetric` writes one triangle of the entries there.
+    """
     buffer = io.BytesIO()
     if Path(path).suffix.lower() == ".npz":
         from scipy.sparse import save_npz
@@ -20,5 +23,7 @@ def matrix_bytes(path: str, matrix: sparray, comment: str = "") -> bytes:
     else:
         from scipy.io import mmwrite
 
-        mmwrite(buffer, coo_array(matrix), comment=comment, field="real", precision=17, symmetry="symmetric")
+        symmetry = "symmetric" if symmetric else "general"
+        field = "integer" if matrix.dtype.kind == "i" else "real"
+        mmwrite(buffer, coo_array(matrix), comment=comment, field=field, precision=17, symmetry=symmetry)
     return buffer.getvalue()

@@ -140,6 +140,7 @@ NEEDS = {
     "hodge": Need(
         ("surface", "tetrahedra"), {**_MANIFOLD, "one_sided": True}, {"manifold": True}, volume=True
     ),
+    "dec": Need(("surface", "tetrahedra"), _MANIFOLD, {"faces": True}, every_area=True, volume=True),
     "geodesic": Need(surface={"sized": False}),
     "shell-sim": Need(every_area=True),
     "fluid-sim": Need(surface=_MANIFOLD, every_area=True),

@@ -60,6 +60,8 @@ class Complex:
         Vertices of the top cells.
     edges : (e, 2) ndarray of int64
         Tail and head of each edge.
+    faces : (f, 3) ndarray of int64
+        Vertices of each triangle in the order of its orientation; of tetrahedra ascending.
     cell_edge, cell_edge_sign : (m, 3 or 6) ndarray
         Edge of each local edge and +1 where the cell runs along it.
     cell_face, cell_face_sign : (m, 4) ndarray
@@ -74,6 +76,7 @@ class Complex:
     derivatives: tuple[csr_array, ...]
     corners: NDArray[np.int64]
     edges: NDArray[np.int64]
+    faces: NDArray[np.int64]
     cell_edge: NDArray[np.int64]
     cell_edge_sign: NDArray
     cell_face: NDArray[np.int64]
@@ -114,6 +117,7 @@ def _surface_complex(mesh: TriangleMesh | IntrinsicMesh) -> Complex:
         derivatives=(d0(topology), d1(topology)),
         corners=topology.faces,
         edges=topology.edges,
+        faces=topology.faces,
         cell_edge=topology.side_edge,
         cell_edge_sign=topology.side_sign.astype(float),
         cell_face=np.zeros((n_faces, 0), dtype=np.int64),
@@ -145,6 +149,7 @@ def _tet_complex(mesh: TetMesh) -> Complex:
         ),
         corners=tets,
         edges=edges,
+        faces=faces,
         cell_edge=cell_edge.reshape(-1, 6),
         cell_edge_sign=edge_sign.astype(float),
         cell_face=cell_face,

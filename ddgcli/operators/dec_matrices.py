@@ -1,0 +1,99 @@
+"""Every operator of discrete exterior calculus on a mesh as a sparse matrix, by name."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.sparse import csr_array, diags_array
+
+from ddgcli.errors import MeshError
+from ddgcli.operators.dec import Complex
+from ddgcli.operators.stars import Star, hodge_star
+
+LEAST_STAR_ENTRY = 1e-14  # of the largest entry: a smaller one has no inverse
+
+
+@dataclass(frozen=True, eq=False)
+class DecMatrices:
+    """Operators of a complex of dimension n.
+
+    Parameters
+    ----------
+    complex_ : Complex
+    star : {'circumcentric', 'barycentric', 'galerkin'}
+    matrices : dict of str to csr_array
+        `d0` … `d(n-1)` (integers), `star0` … `starn` (symmetric), `codifferential1` … `codifferentialn`
+        (k-forms to (k-1)-forms, star^-1 d' star) and `laplacian0` … `laplaciann` (symmetric, positive
+        semidefinite where the stars are: star (d delta + delta d)).
+    negative_entries : int
+        Negative entries on the diagonals of the stars.
+    """
+
+    complex_: Complex
+    star: Star
+    matrices: dict[str, csr_array]
+    negative_entries: int
+
+    def derivative_residual(self) -> int:
+        """Largest entry of d d, which is zero: a boundary has no boundary."""
+        d = self.complex_.derivatives
+        return max(int(abs(after.astype(int) @ before.astype(int)).max()) for before, after in zip(d, d[1:]))
+
+    def symmetry_residual(self) -> float:
+        """Largest difference of a Laplacian from its transpose, relative to its largest entry."""
+        laplacians = [m for name, m in self.matrices.items() if name.startswith("laplacian")]
+        return max(float(abs(m - m.T).max() / (abs(m).max() or 1.0)) for m in laplacians)
+
+    def constant_residual(self) -> float:
+        """Largest value of laplacian0 on the constant 1, relative to its largest entry."""
+        laplacian = self.matrices["laplacian0"]
+        value = np.abs(laplacian @ np.ones(laplacian.shape[0])).max(initial=0.0)
+        return float(value / (abs(laplacian).max() or 1.0))
+
+
+def dec_matrices(complex_: Complex, star: Star = "galerkin") -> DecMatrices:
+    """Derivatives, stars, codifferentials and Laplacians of every degree.
+
+    The codifferential of k-forms needs the inverse of the star of (k-1)-forms. That of a `galerkin` star is
+    dense, so the diagonal `barycentric` star is inverted in its place (mass lumping).
+
+    Raises
+    ------
+    MeshError
+        A circumcentric star has a zero entry, so that it has no inverse (right angles, co-circular pairs).
+    """
+    n = complex_.dimension
+    derivative = [d.tocsr().astype(np.int64) for d in complex_.derivatives]
+    stars = [hodge_star(complex_, k, star) for k in range(n + 1)]
+    inverse = [_inverse(complex_, k, star) for k in range(n)]
+    matrices = {f"d{k}": d for k, d in enumerate(derivative)}
+    matrices |= {f"star{k}": csr_array(matrix) for k, matrix in enumerate(stars)}
+    delta = [csr_array(inverse[k] @ derivative[k].T @ stars[k + 1]) for k in range(n)]
+    matrices |= {f"codifferential{k + 1}": matrix for k, matrix in enumerate(delta)}
+    for k in range(n + 1):
+        terms = []
+        if k < n:
+            terms.append(derivative[k].T @ stars[k + 1] @ derivative[k])
+        if k > 0:
+            weak = derivative[k - 1].T @ stars[k]
+            terms.append(weak.T @ inverse[k - 1] @ weak)
+        matrices[f"laplacian{k}"] = csr_array(sum(terms[1:], terms[0]))
+    negative = sum(int((matrix.diagonal() < 0).sum()) for matrix in stars)
+    return DecMatrices(complex_, star, matrices, negative)
+
+
+def _inverse(complex_: Complex, degree: int, star: Star) -> csr_array:
+    """Inverse of the star of a degree below the dimension; of `galerkin` that of the barycentric star."""
+    kind: Star = "barycentric" if star == "galerkin" else star
+    diagonal = hodge_star(complex_, degree, kind).diagonal()
+    simplices = (complex_.corners, complex_.cell_edge, complex_.cell_face)[degree]
+    used = np.bincount(simplices.ravel(), minlength=len(diagonal)) > 0
+    bad = np.flatnonzero(used & (np.abs(diagonal) <= LEAST_STAR_ENTRY * np.abs(diagonal).max(initial=0.0)))
+    if len(bad):
+        simplex = ("vertex", "edge", "face")[degree]
+        raise MeshError(
+            f"the {kind} star is zero at {len(bad)} simplices (first: {simplex} {bad[0]}) and has no "
+            "inverse: use `star=barycentric` or `star=galerkin`"
+        )
+    return csr_array(diags_array(np.divide(1.0, diagonal, out=np.zeros_like(diagonal), where=used)))

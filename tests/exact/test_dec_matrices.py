@@ -1,0 +1,88 @@
+"""Exported operators: adjointness, kernels, and agreement with the operators that apply themselves."""
+
+import numpy as np
+import pytest
+
+from ddgcli.errors import MeshError
+from ddgcli.mesh import shapes
+from ddgcli.mesh.tet_mesh import TetMesh
+from ddgcli.operators.dec import complex_of
+from ddgcli.operators.dec_matrices import dec_matrices
+from ddgcli.operators.laplacian import stiffness
+from ddgcli.operators.stars import laplace_de_rham
+
+STARS = ("circumcentric", "barycentric", "galerkin")
+
+
+def solid():
+    """Irregular tetrahedra."""
+    from scipy.spatial import Delaunay
+
+    points = np.random.default_rng(5).random((70, 3))
+    tetrahedra = Delaunay(points).simplices
+    edge = points[tetrahedra[:, 1:]] - points[tetrahedra[:, :1]]
+    return TetMesh.from_arrays(points, tetrahedra[np.abs(np.linalg.det(edge)) > 1e-4])
+
+
+def irregular_torus():
+    """A torus without co-circular pairs of triangles."""
+    torus = shapes.torus(15, 9)
+    return torus.moved(torus.points + 0.02 * np.random.default_rng(1).standard_normal(torus.points.shape))
+
+
+MESHES = {"torus": irregular_torus(), "sphere": shapes.random_sphere(200), "solid": solid()}
+
+
+@pytest.mark.parametrize("star", STARS)
+@pytest.mark.parametrize("name", MESHES)
+def test_codifferentials_are_adjoint_to_derivatives(name, star):
+    operators = dec_matrices(complex_of(MESHES[name]), star)
+    inverted = dec_matrices(operators.complex_, "barycentric" if star == "galerkin" else star)
+    assert operators.derivative_residual() == 0
+    random = np.random.default_rng(0)
+    for degree in range(1, operators.complex_.dimension + 1):
+        a, b = (random.standard_normal(operators.complex_.counts[k]) for k in (degree, degree - 1))
+        codifferential = operators.matrices[f"codifferential{degree}"] @ a
+        left = b @ inverted.matrices[f"star{degree - 1}"] @ codifferential
+        right = (operators.matrices[f"d{degree - 1}"] @ b) @ operators.matrices[f"star{degree}"] @ a
+        assert left == pytest.approx(right, rel=1e-9)
+
+
+@pytest.mark.parametrize("name", MESHES)
+def test_laplacians_are_those_that_apply_themselves(name):
+    complex_ = complex_of(MESHES[name])
+    operators = dec_matrices(complex_, "circumcentric")
+    for degree, count in enumerate(complex_.counts):
+        form = np.random.default_rng(degree).standard_normal(count)
+        expected = laplace_de_rham(complex_, degree, "circumcentric")(form)
+        assert np.allclose(
+            operators.matrices[f"laplacian{degree}"] @ form,
+            expected,
+            rtol=1e-9,
+            atol=1e-7 * abs(expected).max(),
+        )
+    assert operators.symmetry_residual() < 1e-12 and operators.constant_residual() < 1e-12
+
+
+def test_laplacian0_is_the_cotangent_matrix_and_laplacian1_has_two_harmonic_forms_on_a_torus():
+    torus = irregular_torus()
+    operators = dec_matrices(complex_of(torus), "barycentric")
+    values = np.linalg.eigvalsh(operators.matrices["laplacian1"].toarray())
+    assert (np.abs(values) < 1e-9 * values[-1]).sum() == 2
+    circumcentric = dec_matrices(complex_of(torus), "circumcentric")
+    assert abs(circumcentric.matrices["laplacian0"] - stiffness(torus)).max() < 1e-12
+
+
+def test_a_planted_sign_shows_in_the_derivative_residual():
+    complex_ = complex_of(shapes.torus(9, 7))
+    wrong = complex_.derivatives[1].copy()
+    wrong.data[0] *= -1
+    object.__setattr__(complex_, "derivatives", (complex_.derivatives[0], wrong))
+    assert dec_matrices(complex_, "barycentric").derivative_residual() == 2
+
+
+def test_a_star_that_vanishes_is_refused_with_another_star_as_cure():
+    grid = complex_of(shapes.grid(4, 4))
+    with pytest.raises(MeshError, match="star=barycentric"):
+        dec_matrices(grid, "circumcentric")
+    assert dec_matrices(grid, "barycentric").negative_entries == 0
