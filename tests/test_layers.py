@@ -17,6 +17,7 @@ MAY_IMPORT = {
     "geometry": {"errors", "mesh"},
     "operators": {"errors", "mesh", "geometry", "linalg"},
     "linalg": {"errors"},
+    "batch": {"errors"},
     "algorithms": CORE,
     "simulation": {"errors", "mesh", "linalg"},
     "mechanics": {"errors", "linalg", "simulation"},
@@ -25,7 +26,18 @@ MAY_IMPORT = {
     "tradeoff": CORE | {"algorithms", "simulation", "mechanics", "scenes", "models"},
     "plots": {"errors", "mesh", "geometry"},
     "cli": CORE
-    | {"__init__", "io", "algorithms", "simulation", "mechanics", "scenes", "models", "tradeoff", "plots"},
+    | {
+        "__init__",
+        "io",
+        "batch",
+        "algorithms",
+        "simulation",
+        "mechanics",
+        "scenes",
+        "models",
+        "tradeoff",
+        "plots",
+    },
 }
 # packages of `algorithms`, and which of the others each may import
 TOPICS = {

@@ -68,7 +68,9 @@ def test_no_page_names_an_option_that_is_not_there(page):
     }
     known |= {"--help", "--debug", "--version"}
     known |= {
-        word for bench in (ROOT / "benchmarks").rglob("*.py") for word in OPTION.findall(bench.read_text("utf-8"))
+        word
+        for bench in (ROOT / "benchmarks").rglob("*.py")
+        for word in OPTION.findall(bench.read_text("utf-8"))
     }
     named = {word for word in OPTION.findall(page.read_text("utf-8")) if word.startswith("--")}
     assert named - known == set()

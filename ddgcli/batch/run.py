@@ -1,0 +1,96 @@
+"""Run the tasks of a batch side by side, in this machine's processes or on a Dask cluster."""
+
+from __future__ import annotations
+
+import itertools
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
+from pathlib import Path
+from typing import Any
+
+from ddgcli.batch.process import Limits, Row, file_hash, run_task
+from ddgcli.batch.table import journal_line, journal_path, read_journal
+from ddgcli.batch.tasks import Task
+from ddgcli.errors import MissingExtraError
+
+
+def run_batch(
+    tasks: Sequence[Task],
+    limits: Limits,
+    *,
+    jobs: int = 1,
+    collect: Sequence[str] = (),
+    table: str | None = None,
+    resume: bool = False,
+    cluster: str | None = None,
+    progress: Callable[[float, float], Any] = lambda done, total: None,
+) -> list[Row]:
+    """Rows of all tasks in their order; a task that fails does not stop the others.
+
+    Parameters
+    ----------
+    jobs : int
+        Processes side by side.
+    table : str, optional
+        Path of the table; its journal `TABLE.part` gets a line when a task ends.
+    resume : bool
+        Keep the runs that the journal holds as done; the rest is run.
+    cluster : str, optional
+        Address of a Dask scheduler whose workers see the same files.
+    progress : callable (done, total)
+    """
+    rows: dict[int, Row] = {}
+    journal = journal_path(table) if table is not None else None
+    if journal is not None and resume:
+        hashes = {path: file_hash(path) for path in {task.input for task in tasks}}
+        rows = read_journal(journal, tasks, hashes)
+    elif journal is not None:
+        journal.unlink(missing_ok=True)
+    rest = [task for task in tasks if task.index not in rows]
+    results = _on_cluster(rest, limits, collect, cluster) if cluster else _here(rest, limits, collect, jobs)
+    for task, row in results:
+        rows[task.index] = row
+        if journal is not None:
+            _append(journal, journal_line(task, row))
+        progress(len(rows), len(tasks))
+    return [rows[task.index] for task in tasks]
+
+
+def _append(journal: Path, line: str) -> None:
+    """Add a line; one after a torn line begins a new one."""
+    torn = journal.exists() and not journal.read_bytes().endswith(b"\n") and journal.stat().st_size > 0
+    with open(journal, "a", encoding="utf-8") as file:
+        file.write(("\n" if torn else "") + line)
+
+
+def _here(
+    tasks: Sequence[Task], limits: Limits, collect: Sequence[str], jobs: int
+) -> Iterator[tuple[Task, Row]]:
+    stop = threading.Event()
+    waiting = iter(tasks)
+    running: dict[Future[Row], Task] = {}
+    with ThreadPoolExecutor(jobs) as pool:
+        try:
+            while True:
+                for task in itertools.islice(waiting, jobs - len(running)):
+                    running[pool.submit(run_task, task, limits, collect, stop)] = task
+                if not running:
+                    return
+                for ended in wait(running, return_when=FIRST_COMPLETED).done:
+                    yield running.pop(ended), ended.result()
+        finally:
+            stop.set()  # an interrupted batch leaves no process behind
+
+
+def _on_cluster(
+    tasks: Sequence[Task], limits: Limits, collect: Sequence[str], address: str
+) -> Iterator[tuple[Task, Row]]:
+    try:
+        from distributed import Client, as_completed
+    except ImportError as error:
+        raise MissingExtraError("a cluster needs Dask: pip install 'ddgcli[cluster]'") from error
+    with Client(address) as client:
+        futures = {client.submit(run_task, task, limits, tuple(collect), pure=False): task for task in tasks}
+        for future in as_completed(futures):
+            yield futures[future], future.result()

@@ -1,0 +1,130 @@
+"""`ddgcli batch`."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import asdict, replace
+from typing import Any
+
+import click
+
+from ddgcli.cli import options
+from ddgcli.cli.options import Common
+from ddgcli.cli.run import Run
+from ddgcli.errors import ParameterError
+
+NOT_IN_BATCHES = ("batch", "check", "examples")
+
+
+@click.command("batch", short_help="Run a command over many inputs and parameter values.")
+@click.argument("words", metavar="INPUTS... -- COMMAND OPTIONS", nargs=-1, type=click.UNPROCESSED)
+@click.option(
+    "--sweep", multiple=True, metavar="NAME=V1,V2", help="Run with each value of an option. Repeatable."
+)
+@click.option(
+    "--jobs",
+    type=click.IntRange(min=1),
+    default=1,
+    show_default=True,
+    metavar="N",
+    help="Processes side by side.",
+)
+@click.option("--timeout", type=options.POSITIVE, metavar="S", help="Seconds that a run may take.")
+@click.option("--memory", type=options.POSITIVE, metavar="MIB", help="Resident memory that a run may take.")
+@click.option("--shard", metavar="I/N", help="Only every N-th run, from the I-th: for job arrays.")
+@click.option("--cluster", metavar="ADDRESS", help="Run on the workers of this Dask scheduler.")
+@click.option("--resume", is_flag=True, help="Keep the runs that are done; needs --table.")
+@click.option("--table", metavar="PATH", help="Write the results as a table (.jsonl or .csv).")
+@click.option(
+    "--collect",
+    multiple=True,
+    metavar="KEY",
+    help="Put a value of the summaries into the table, such as results.area. Repeatable.",
+)
+@options.common
+def command(
+    words: tuple[str, ...], common: Common, table: str | None, resume: bool, shard: str | None,
+    cluster: str | None, sweep: tuple[str, ...], collect: tuple[str, ...], jobs: int, timeout: float | None,
+    memory: float | None,
+) -> None:  # fmt: skip
+    """Run COMMAND with OPTIONS on every input, and with every value of swept options.
+
+    INPUTS are files or quoted patterns. -o is a template with {stem}, {name}, {suffix}, {index} and swept
+    names. Each run is a process of its own; one that fails, hangs or takes too much memory does not stop the
+    rest. Exit code: 0 if all are done, else 1.
+
+    The table has a row a run: input, parameters, output, status (done, failed, timeout, memory, killed),
+    exit_code, seconds, peak_mib, sha256 of the input, message, collected values. TABLE.part has a line for
+    each run that ended until all are done: --resume goes on from it.
+
+    \b
+    Examples:
+      ddgcli batch 'meshes/*' -o 'out/{stem}.vtu' --table curvature.csv -- curvature
+      ddgcli batch a.ply b.ply --sweep radius=0.5,1 -o '{stem}.{radius}.vtu' -- curvature --scheme corrected
+      ddgcli batch 'scans/*.ply' --jobs 8 --timeout 60 --collect results.area --table t.jsonl -- curvature
+    """
+    from ddgcli.batch.process import Limits
+    from ddgcli.batch.run import run_batch
+    from ddgcli.batch.table import TABLE_FORMATS, journal_path, table_bytes
+    from ddgcli.batch.tasks import expanded_inputs, make_tasks, parsed_sweeps, shard_of
+
+    inputs, call = split_words(words)
+    if len(common.outputs) > 1:
+        raise ParameterError("one template is enough", parameter="output")
+    if resume and table is None:
+        raise ParameterError("needs `table`, whose journal tells what ended", parameter="resume")
+    template = common.outputs[0] if common.outputs else None
+    run = Run("batch", replace(common, outputs=()), formats=(), call=call, sweep=sweep, shard=shard)
+    run.will_write(table, TABLE_FORMATS)
+    sweeps = parsed_sweeps(sweep)
+    check_call(call, sweeps)
+    tasks = shard_of(make_tasks(expanded_inputs(inputs), sweeps, template, call), shard)
+    run.input = {"path": ", ".join(inputs), "runs": len(tasks)}
+    rows = run_batch(
+        tasks, Limits(timeout, memory), jobs=jobs, collect=collect, table=table, resume=resume,
+        cluster=cluster, progress=run.progress("batch"),
+    )  # fmt: skip
+    if table is not None:
+        run.write_bytes(table, table_bytes(table, rows))
+        if all(row.status == "done" for row in rows):
+            journal_path(table).unlink(missing_ok=True)
+    counts = Counter(row.status for row in rows)
+    failed = [row for row in rows if row.status != "done"]
+    results: dict[str, Any] = {
+        "runs": len(rows),
+        "status": dict(counts),
+        "rows": [asdict(row) for row in rows],
+    }
+    text = [f"runs    {len(rows)}", *(f"{status:<8}{count}" for status, count in counts.items())]
+    text += [f"{row.status}: {row.input} {row.message}".rstrip() for row in failed]
+    run.finish(results, {}, converged=not failed, text=text)
+
+
+def split_words(words: tuple[str, ...]) -> tuple[list[str], list[str]]:
+    """Inputs before `--` and the command with its options behind it."""
+    typed = click.get_current_context().find_root().meta.get("ddgcli.args", [])
+    behind = typed[typed.index("--") + 1 :] if "--" in typed else []
+    if not behind:
+        raise ParameterError(
+            "no command to run; put it behind --, as in: ddgcli batch 'meshes/*' -- curvature"
+        )
+    inputs = list(words[: len(words) - len(behind)])
+    if not inputs:
+        raise ParameterError("no inputs; name files or patterns before --")
+    return inputs, behind
+
+
+def check_call(call: list[str], sweeps: dict[str, list[str]]) -> None:
+    """Refuse a command that cannot run in a batch, and swept names that are none of its options."""
+    context = click.get_current_context().find_root()
+    group = context.command
+    if not isinstance(group, click.Group):
+        raise TypeError("batch runs below the command group")
+    usable = [name for name in group.list_commands(context) if name not in NOT_IN_BATCHES]
+    target = group.get_command(context, call[0]) if call[0] in usable else None
+    if target is None:
+        raise ParameterError(f"no command {call[0]!r} for a batch; there are: {', '.join(usable)}")
+    names = {word.lstrip("-") for option in target.params for word in option.opts}
+    unknown = [name for name in sweeps if name not in names]
+    if unknown:
+        raise ParameterError(f"{call[0]} has no option --{unknown[0]}", parameter="sweep")

@@ -1,0 +1,208 @@
+"""`ddgcli batch`: tasks, limits, tables, shards, and batches that are broken and resumed."""
+
+import csv
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from ddgcli.batch import process
+from ddgcli.batch.process import Limits
+from ddgcli.batch.run import run_batch
+from ddgcli.batch.tasks import make_tasks, parsed_sweeps, shard_of
+from ddgcli.errors import ParameterError
+from ddgcli.io.mesh_file import write_mesh
+from ddgcli.mesh import shapes
+from ddgcli.mesh.fields import AnnotatedMesh
+from tests.conftest import ROOT
+
+# a stand-in for the program: what it does depends on the input's name
+STUB = """
+import json, pathlib, sys, time
+words = sys.argv[1:]
+name = pathlib.Path(words[1]).name
+if "hang" in name:
+    time.sleep(60)
+if "greedy" in name:
+    data = bytearray(400 << 20)
+    time.sleep(60)
+if "bad" in name:
+    sys.exit("Error: bad input")
+if "-o" in words:
+    pathlib.Path(words[words.index("-o") + 1]).write_text("done")
+time.sleep(0.05)
+print(json.dumps({"results": {"words": words, "area": len(name)}}))
+"""
+
+
+@pytest.fixture
+def stub(monkeypatch):
+    monkeypatch.setattr(process, "PROGRAM", (sys.executable, "-c", STUB))
+
+
+@pytest.fixture
+def inputs(tmp_path):
+    folder = tmp_path / "in"
+    folder.mkdir()
+    for name in ("a.ply", "bad.ply", "c.ply", "hang.ply", "greedy.ply"):
+        (folder / name).write_text(name)
+    return folder
+
+
+def paths(folder, *names):
+    return [str(folder / name) for name in names]
+
+
+def test_tasks_are_inputs_times_swept_values_in_order():
+    tasks = make_tasks(
+        ["x/a.ply", "b.obj"], {"radius": ["1", "2"]}, "{stem}.{radius}.vtu", ["curvature", "-q"]
+    )
+    assert [task.output for task in tasks] == ["a.1.vtu", "a.2.vtu", "b.1.vtu", "b.2.vtu"]
+    assert tasks[1].words == ("curvature", "x/a.ply", "-q", "--radius", "2", "-o", "a.2.vtu")
+    shards = [shard_of(tasks, f"{i}/3") for i in (1, 2, 3)]
+    assert sorted(task.index for shard in shards for task in shard) == [0, 1, 2, 3]
+
+
+@pytest.mark.parametrize(
+    "template, sweeps, text",
+    [
+        ("{stem}.vtu", {}, "would both be written to a.vtu"),
+        ("{name}.vtu", {"radius": ["1", "2"]}, "one path"),
+        ("{radius}.vtu", {}, "unknown field {radius}"),
+        ("{stem.vtu", {}, "write a brace"),
+    ],
+)
+def test_templates_that_cannot_name_the_outputs_are_refused(template, sweeps, text):
+    with pytest.raises(ParameterError, match=text.replace("{", r"\{")):
+        make_tasks(["x/a.ply", "y/a.ply"] if "stem" in template else ["a.ply"], sweeps, template, ["info"])
+
+
+@pytest.mark.parametrize("sweep", ["radius", "=1", "radius=", "radius=1,,2"])
+def test_sweeps_need_a_name_and_values(sweep):
+    with pytest.raises(ParameterError, match="NAME=V1,V2"):
+        parsed_sweeps([sweep])
+
+
+def test_one_hanging_greedy_or_failing_run_does_not_stop_the_rest(stub, inputs):
+    names = ("a.ply", "bad.ply", "hang.ply", "greedy.ply", "c.ply")
+    tasks = make_tasks(paths(inputs, *names), {}, None, ["info"])
+    rows = run_batch(
+        tasks, Limits(seconds=5.0, mebibytes=200.0), jobs=3, collect=["results.area", "results.no"]
+    )
+    assert [row.status for row in rows] == ["done", "failed", "timeout", "memory", "done"]
+    assert rows[0].collected == {"results.area": 5, "results.no": None}
+    assert rows[1].message == "Error: bad input" and rows[1].exit_code == 1
+    assert rows[2].seconds < 20 and len({row.sha256 for row in rows}) == 5
+
+
+def test_a_resumed_batch_runs_only_what_is_missing(stub, inputs, tmp_path):
+    table = str(tmp_path / "t.jsonl")
+    outputs = str(tmp_path / "{stem}.out")
+    tasks = make_tasks(paths(inputs, "a.ply", "bad.ply", "c.ply"), {}, outputs, ["info"])
+    first = run_batch(tasks, Limits(), table=table)
+    journal = tmp_path / "t.jsonl.part"
+    lines = journal.read_text().splitlines()
+    assert len(lines) == 3
+    journal.write_text(lines[0] + "\n" + lines[2][:40])  # torn
+    started = []
+    resumed = run_batch(
+        tasks, Limits(), table=table, resume=True, progress=lambda done, total: started.append(done)
+    )
+    assert len(started) == 2
+    assert [(r.status, r.output, r.sha256) for r in resumed] == [
+        (r.status, r.output, r.sha256) for r in first
+    ]
+    (inputs / "a.ply").write_text("changed")
+    started.clear()
+    run_batch(tasks, Limits(), table=table, resume=True, progress=lambda done, total: started.append(done))
+    assert len(started) == 2  # the changed input, and the one that failed
+
+
+def test_an_interrupted_batch_leaves_no_process(inputs, tmp_path):
+    """SIGINT to the batch ends its running tasks too."""
+    code = (
+        "import sys\nfrom ddgcli.batch import process\n"
+        f"process.PROGRAM = (sys.executable, '-c', {STUB!r})\n"
+        "from ddgcli.cli.main import main\nmain()\n"
+    )
+    words = ["batch", str(inputs / "hang.ply"), "--", "info"]
+    running = subprocess.Popen([sys.executable, "-c", code, *words], cwd=ROOT, stderr=subprocess.PIPE)
+    marker = str(inputs / "hang.ply").encode()
+
+    def tasks():
+        found = []
+        for pid in filter(str.isdigit, os.listdir("/proc")):
+            try:
+                line = Path(f"/proc/{pid}/cmdline").read_bytes()
+            except OSError:
+                continue
+            found += [pid] if marker in line and int(pid) != running.pid else []
+        return found
+
+    for _ in range(600):
+        if tasks():
+            break
+        time.sleep(0.05)
+    assert tasks()
+    running.send_signal(signal.SIGINT)
+    assert running.wait(timeout=30) == 130
+    assert not tasks()
+
+
+def test_the_command_writes_outputs_and_a_table(run, tmp_path):
+    for index, mesh in enumerate((shapes.icosphere(1), shapes.torus(9, 7))):
+        write_mesh(str(tmp_path / f"m{index}.ply"), AnnotatedMesh(mesh))
+    (tmp_path / "m2.ply").write_text("ply\nnonsense")
+    table = tmp_path / "table.csv"
+    words = ("--sweep", "scheme=cotan,corrected", "-o", tmp_path / "out" / "{stem}.{scheme}.npz")
+    words += ("--table", table, "--collect", "results.area", "--jobs", "2")
+    done = run("batch", "--json", str(tmp_path / "m*.ply"), *words, "--", "curvature")
+    assert done.exit_code == 1
+    assert json.loads(done.stdout)["results"]["status"] == {"done": 4, "failed": 2}
+    rows = list(csv.DictReader(table.open()))
+    assert [row["scheme"] for row in rows] == ["cotan", "corrected"] * 3
+    assert float(rows[0]["results.area"]) == float(rows[1]["results.area"]) > 0
+    names = {f"m{i}.{scheme}.npz" for i in (0, 1) for scheme in ("corrected", "cotan")}
+    assert {path.name for path in (tmp_path / "out").iterdir()} == names
+    assert rows[4]["status"] == "failed" and "m2.ply" in rows[4]["message"]
+
+
+def test_json_lines_hold_whole_rows(stub, inputs, run, tmp_path):
+    table = tmp_path / "t.jsonl"
+    words = (inputs / "a.ply", inputs / "c.ply", "--table", table, "--", "info")
+    assert run("batch", *words).exit_code == 0
+    rows = [json.loads(line) for line in table.read_text().splitlines()]
+    assert [row["input"] for row in rows] == paths(inputs, "a.ply", "c.ply")
+    assert not (tmp_path / "t.jsonl.part").exists()
+
+
+def test_a_local_dask_cluster_gives_the_same_rows(stub, inputs):
+    distributed = pytest.importorskip("distributed")
+    tasks = make_tasks(paths(inputs, "a.ply", "bad.ply"), {}, None, ["info"])
+    with distributed.LocalCluster(n_workers=1, processes=False, dashboard_address=None) as cluster:
+        rows = run_batch(tasks, Limits(), cluster=cluster.scheduler_address)
+    assert [row.status for row in rows] == ["done", "failed"]
+
+
+@pytest.mark.parametrize(
+    "words, text",
+    [
+        (("a.ply",), "put it behind --"),
+        (("--", "info"), "no inputs"),
+        (("a.ply", "--", "check"), "no command 'check' for a batch"),
+        (("a.ply", "--sweep", "radios=1", "--", "curvature"), "curvature has no option --radios"),
+        (("nothing*.ply", "--", "info"), "no file matches"),
+        (("a.ply", "--resume", "--", "info"), "needs --table"),
+        (("a.ply", "--shard", "3/2", "--", "info"), "is not I/N"),
+        (("a.ply", "--table", "t.txt", "--", "info"), "unknown format .txt"),
+    ],
+)
+def test_wrong_calls_are_refused_in_one_line(run, words, text):
+    result = run("batch", *words)
+    assert result.exit_code == 2 and text in result.stderr, result.stderr
+    assert len(result.stderr.splitlines()) == 1
