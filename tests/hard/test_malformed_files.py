@@ -5,6 +5,8 @@ import json
 import os
 import signal
 import struct
+import subprocess
+import sys
 import zipfile
 import zlib
 
@@ -17,6 +19,7 @@ from ddgcli.io.mesh_file import read_mesh, write_mesh
 from ddgcli.io.readers import guarded, inflate
 from ddgcli.mesh import shapes
 from ddgcli.mesh.fields import AnnotatedMesh
+from tests.conftest import ROOT
 
 pytestmark = pytest.mark.timeout(60)
 TRIANGLE = "0 0 0\n1 0 0\n0 1 0\n"
@@ -433,3 +436,16 @@ def test_a_damaged_trajectory_is_refused(tmp_path, damage):
     with pytest.raises(InputError, match="not a ddgcli trajectory") as caught:
         Trajectory(path)
     assert "\n" not in str(caught.value)
+
+
+def test_the_confined_reader_may_import_this_package(tmp_path):
+    """An installation by a finder has no entry of `sys.path` for the package."""
+    code = (
+        "import sys\n"
+        "import ddgcli.io.readers.guarded as guarded\n"
+        "sys.path = [p for p in sys.path if not (p and guarded.SOURCE_FOLDER.samefile(p))]\n"
+        "guarded._confine(None, hdf5=False)\n"
+        "import ddgcli.io.readers.triangulate\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr

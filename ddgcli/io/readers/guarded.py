@@ -27,6 +27,7 @@ from typing import Any
 from ddgcli.errors import MeshFileError, excerpt
 from ddgcli.io.readers.inflate import largest_content
 
+SOURCE_FOLDER = Path(__file__).resolve().parents[3]  # that holds the package ddgcli
 LEAST_SECONDS = 5.0
 SECONDS_PER_MIB = 10.0
 LEAST_MEMORY = 1 << 30  # bytes beside what the process holds already
@@ -121,8 +122,7 @@ def _received(receive: int, wall: float, child: int) -> tuple[bytes, int | None]
 
 def _spawned(call: tuple, wall: float) -> tuple[bytes, int | None]:
     """The same in a new interpreter."""
-    package = str(Path(__file__).parents[2])
-    paths = [package, *filter(None, [os.environ.get("PYTHONPATH")])]
+    paths = [str(SOURCE_FOLDER), *filter(None, [os.environ.get("PYTHONPATH")])]
     env = {**os.environ, "PYTHONPATH": os.pathsep.join(paths)}
     try:
         done = subprocess.run(
@@ -186,7 +186,8 @@ def _limit(size: int) -> None:
 
 def _confine(folder: str | None, *, hdf5: bool) -> None:
     """From here on this process opens files of `folder` and of Python only, no sockets and no programs."""
-    own = {os.path.realpath(p) for p in (sys.prefix, sys.base_prefix, *sys.path) if p and os.path.isabs(p)}
+    places = (sys.prefix, sys.base_prefix, str(SOURCE_FOLDER / "ddgcli"), *sys.path)
+    own = {os.path.realpath(p) for p in places if p and os.path.isabs(p)}
     own -= {os.path.realpath(p) for p in ("/", "/usr", os.path.expanduser("~"))}
     inside = None if folder is None else os.path.realpath(folder)
 
