@@ -27,10 +27,10 @@ _NAMES: dict[str, tuple[str, ...]] = {
         "eigenpairs", "harmonic_interpolation", "heat_kernel_signature", "mean_curvature_flow",
         "parameterize", "poisson",
     ),
-    "geodesics": (
-        "DistanceSolver", "HeatSolver", "distance_gradient", "geodesic_distance", "isolines",
-        "measure_distance", "shortest_paths", "straighten_paths", "trace",
+    "distances": (
+        "DistanceSolver", "HeatSolver", "distance_gradient", "geodesic_distance", "measure_distance",
     ),
+    "curves": ("isolines", "shortest_paths", "straighten_paths", "trace"),
     "fields": ("integral_curves", "logarithmic_map", "parallel_transport"),
     "simulations": ("Simulation", "simulate"),
     "costs": ("tradeoff_table",),
@@ -45,11 +45,12 @@ if TYPE_CHECKING:
     from ddgcli import errors as errors
     from ddgcli.library.costs import *  # noqa: F403
     from ddgcli.library.curvatures import *  # noqa: F403
+    from ddgcli.library.curves import *  # noqa: F403
     from ddgcli.library.decomposition import *  # noqa: F403
+    from ddgcli.library.distances import *  # noqa: F403
     from ddgcli.library.equations import *  # noqa: F403
     from ddgcli.library.fields import *  # noqa: F403
     from ddgcli.library.files import *  # noqa: F403
-    from ddgcli.library.geodesics import *  # noqa: F403
     from ddgcli.library.meshes import *  # noqa: F403
     from ddgcli.library.operators import *  # noqa: F403
     from ddgcli.library.simulations import *  # noqa: F403

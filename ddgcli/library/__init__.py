@@ -8,11 +8,12 @@ Each module adapts one topic of the core to notebooks: pairs of arrays are accep
 __all__ = [
     "costs",
     "curvatures",
+    "curves",
     "decomposition",
+    "distances",
     "equations",
     "fields",
     "files",
-    "geodesics",
     "mesh_arguments",
     "meshes",
     "operators",

@@ -5,11 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any, Literal
 
-import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.algorithms.geodesics.sources import Sources, checked_sources
 from ddgcli.errors import ParameterError
+from ddgcli.library.distances import surface_sources
 from ddgcli.library.mesh_arguments import MeshLike, mesh_of_kind
 from ddgcli.tradeoff.candidates import Table
 from ddgcli.tradeoff.measure import run_problem
@@ -93,15 +92,20 @@ def tradeoff_table(
     unknown = [name for name in options if name not in known]
     if unknown:
         raise ParameterError(f"{question!r} has no option {unknown[0]!r}; its options: {', '.join(known)}")
+    if norm not in ("max", "mean"):
+        raise ParameterError(f"norm must be 'max' or 'mean', not {norm!r}")
+    if repeat < 1 or not budget > 0:
+        raise ParameterError(f"repeat and budget must be positive, not {repeat} and {budget}")
     if sources is not None and question != "geodesic":
         raise ParameterError(f"sources belong to 'geodesic', not to {question!r}")
     surface = mesh_of_kind(mesh, ("surface",), "tradeoff_table")
     more: dict[str, Any] = {}
     if sources is not None:
-        vertices = [int(v) for v in np.atleast_1d(sources)]
-        more["sources"] = checked_sources(surface, Sources.at(vertices))
+        more["sources"] = surface_sources(surface, sources)
     known_truth = None if truth is None else parse_truth(truth, surface.points)
     problem = mesh_problem(question, surface, truth=known_truth, asked=options, **more)
     table = run_problem(problem, repeat=repeat, budget=budget)
+    if not table.rows and not table.left_out:
+        raise ParameterError(f"no method of {question!r} has the options {options}")
     give_verdicts(table, within, norm)
     return table

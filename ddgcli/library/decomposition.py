@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -13,6 +13,7 @@ from ddgcli.algorithms.hodge.harmonic import HarmonicBasis
 from ddgcli.algorithms.hodge.harmonic import harmonic_basis as core_harmonic_basis
 from ddgcli.algorithms.hodge.homology import BettiNumbers, Boundary
 from ddgcli.algorithms.hodge.homology import betti_numbers as core_betti_numbers
+from ddgcli.errors import ParameterError
 from ddgcli.library.mesh_arguments import accepts_arrays
 
 __all__ = ["betti_numbers", "harmonic_basis", "hodge_decomposition", "homology_generators"]
@@ -67,8 +68,15 @@ def hodge_decomposition(
     True
     """
     values = np.asarray(field)
-    report.check_mesh(mesh)
+    _check(mesh, boundary)
     return report.decompose_field(mesh, values, report.field_place(mesh, values, place), boundary)
+
+
+def _check(mesh: report.SpaceMesh, boundary: str) -> None:
+    """Refuse meshes without a decomposition, and unknown boundary conditions."""
+    report.check_mesh(mesh)
+    if boundary not in get_args(Boundary):
+        raise ParameterError(f"unknown boundary {boundary!r}; choose one of {', '.join(get_args(Boundary))}")
 
 
 @accepts_arrays("surface", "tetrahedra")
@@ -135,7 +143,7 @@ def harmonic_basis(mesh: report.SpaceMesh, boundary: Boundary = "tangential") ->
     >>> len(basis.forms), bool(abs(ddg.d1(mesh) @ basis.forms.T).max() < 1e-10)
     (2, True)
     """
-    report.check_mesh(mesh)
+    _check(mesh, boundary)
     return core_harmonic_basis(mesh, boundary)
 
 

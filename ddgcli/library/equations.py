@@ -108,7 +108,7 @@ def heat_kernel_signature(
     (162, 2)
     """
     time = np.asarray(times, dtype=np.float64)
-    if time.ndim != 1 or not (np.isfinite(time) & (time > 0)).all():
+    if time.ndim != 1 or not len(time) or not (np.isfinite(time) & (time > 0)).all():
         raise ParameterError("times must be a list of positive numbers")
     chosen = laplace_operator(mesh, operator, mass)
     pairs = spectrum.spectrum(chosen, spectrum.signature_pairs(chosen, time.tolist()), seed=seed)

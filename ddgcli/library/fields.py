@@ -11,12 +11,12 @@ from numpy.typing import ArrayLike, NDArray
 from ddgcli.algorithms.geodesics.exact.exact_distance import exact_distance
 from ddgcli.algorithms.geodesics.fast_marching import marched_distance
 from ddgcli.algorithms.geodesics.oriented_cover import oriented_cover
-from ddgcli.algorithms.geodesics.sources import Sources, checked_sources
 from ddgcli.algorithms.tangent_fields.field_curves import field_curves
 from ddgcli.algorithms.tangent_fields.integral_curves import random_starts, starts_at
 from ddgcli.algorithms.tangent_fields.vertex_vectors import VertexVectors, log_map_vectors, spread_vectors
 from ddgcli.errors import ParameterError
-from ddgcli.library.geodesics import curve_measurement
+from ddgcli.library.curves import curve_measurement
+from ddgcli.library.distances import surface_sources
 from ddgcli.library.mesh_arguments import accepts_arrays
 from ddgcli.library.result import Measurement
 from ddgcli.mesh.triangle_mesh import TriangleMesh
@@ -65,7 +65,7 @@ def parallel_transport(
     """
     cover = oriented_cover(mesh)
     cover.need_two_sides("parallel transport")
-    at = checked_sources(mesh, Sources.at([int(v) for v in np.atleast_1d(sources)]))
+    at = surface_sources(mesh, sources)
     return _vertex_measurement(
         mesh, spread_vectors(cover.mesh, cover.lifted_sources(at), np.atleast_2d(vectors))
     )
@@ -115,7 +115,7 @@ def logarithmic_map(
         raise ParameterError(f"the logarithmic map follows 'exact' or 'fast-marching', not {method!r}")
     cover = oriented_cover(mesh)
     cover.need_two_sides("the logarithmic map")
-    at = checked_sources(mesh, Sources.at([int(source)]))
+    at = surface_sources(mesh, source)
     lifted = cover.lifted_sources(at)
     if method == "exact":
         arrived = cover.lifted_exact(exact_distance(mesh, at, directions=mesh.topology.is_oriented))
@@ -185,10 +185,12 @@ def integral_curves(
     """
     cover = oriented_cover(mesh)
     values, place = cover.lifted_values(np.asarray(vectors, dtype=np.float64))
+    if count < 1:
+        raise ParameterError(f"count must be at least 1, not {count}")
     if starts is None:
         points = random_starts(cover.mesh, count, seed)
     else:
-        at = checked_sources(mesh, Sources.at([int(v) for v in np.atleast_1d(starts)]))
+        at = surface_sources(mesh, starts)
         points = starts_at(cover.mesh, cover.lifted_sources(at))
     curves = field_curves(
         cover.mesh, values, points, duration, order=order, step=step, tolerance=tolerance, place=place

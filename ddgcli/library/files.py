@@ -112,6 +112,8 @@ def _checked(arrays: Mapping[str, ArrayLike] | None, count: int, place: str) -> 
     """Arrays with one entry for each of `count` places."""
     checked = {name: np.asarray(values) for name, values in (arrays or {}).items()}
     for name, values in checked.items():
+        if values.dtype.kind not in "biuf":
+            raise MeshError(f"the {place} array {name!r} holds {values.dtype}; write real numbers")
         if values.ndim == 0 or len(values) != count:
             raise MeshError(f"the {place} array {name!r} has shape {values.shape}; it needs {count} entries")
     return checked

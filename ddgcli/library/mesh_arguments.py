@@ -73,13 +73,12 @@ def as_mesh(mesh: MeshLike) -> AnyMesh:
     if isinstance(mesh, AnyMesh):
         return mesh
     if isinstance(mesh, (tuple, list)) and len(mesh) == 2:
-        points, cells = mesh
-        corners = np.shape(cells)[1] if np.ndim(cells) == 2 else 0
-        if corners == 4:
-            return TetMesh.from_arrays(points, cells)
-        if corners == 2:
-            return CurveSet.from_arrays(points, cells)
-        return TriangleMesh.from_arrays(points, cells)
+        try:
+            return _mesh_of_pair(*mesh)
+        except MeshError:
+            raise
+        except (TypeError, ValueError) as error:
+            raise MeshError(f"the pair (points, cells) holds no arrays of numbers: {error}") from error
     held = getattr(mesh, "mesh", None)
     if isinstance(held, AnyMesh):
         return held
@@ -87,6 +86,16 @@ def as_mesh(mesh: MeshLike) -> AnyMesh:
         f"{type(mesh).__name__} is no mesh; give a mesh, a pair (points, faces) of arrays, or what "
         "read_mesh returns"
     )
+
+
+def _mesh_of_pair(points: ArrayLike, cells: ArrayLike) -> AnyMesh:
+    """Mesh of the kind that the number of corners of a cell tells."""
+    corners = np.shape(cells)[1] if np.ndim(cells) == 2 else 0
+    if corners == 4:
+        return TetMesh.from_arrays(points, cells)
+    if corners == 2:
+        return CurveSet.from_arrays(points, cells)
+    return TriangleMesh.from_arrays(points, cells)
 
 
 def mesh_of_kind(mesh: MeshLike, kinds: tuple[str, ...], verb: str) -> Any:

@@ -56,4 +56,4 @@ class Measurement:
             return []
         number = self.mesh.point_arrays["path_id"]
         count = len(self.results["paths"])
-        return np.split(self.mesh.points, np.searchsorted(number, np.arange(1, count)))
+        return np.split(self.mesh.points, np.searchsorted(number, np.arange(1, count)))[:count]
