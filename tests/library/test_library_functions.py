@@ -163,8 +163,13 @@ def test_options_of_distance_change_it():
     plain = ddg.geodesic_distance(mesh, 0, "heat")
     for options in ({"heat_time": 4.0}, {"heat_refine": 2}, {"operator": "plain"}):
         assert np.abs(ddg.geodesic_distance(mesh, 0, "heat", **options) - plain).max() > 1e-6
-    from_above = ddg.geodesic_distance(SPHERE, source_points=[[0, 0, 2.0]])
-    assert from_above.min() > 0.1  # the nearest point lies inside a face or an edge
+
+
+def test_source_points_are_projected_to_the_surface():
+    distance = ddg.geodesic_distance(SQUARE, [15], source_points=[[0.4, 0.45, 2.0]])
+    from_point = np.hypot(*(SQUARE.points[:, :2] - [0.4, 0.45]).T)
+    from_vertex = np.hypot(*(SQUARE.points[:, :2] - [1.0, 1.0]).T)
+    np.testing.assert_allclose(distance, np.minimum(from_point, from_vertex), atol=1e-14)
 
 
 def test_one_heat_solver_answers_as_new_ones_do():
