@@ -39,7 +39,7 @@ CALLS = {
     "harmonic_interpolation": lambda m: ddg.harmonic_interpolation(m, {0: 0.0, 15: 1.0}).values,
     "heat_kernel_signature": lambda m: ddg.heat_kernel_signature(m, [1.0]).values,
     "HeatSolver": lambda m: ddg.HeatSolver(m).distance(0),
-    "hodge_decomposition": lambda m: ddg.hodge_decomposition(m, ddg.d0(SQUARE) @ X).potential,
+    "hodge_decomposition": lambda m: ddg.hodge_decomposition(m, ddg.d0(SQUARE) @ X).vertex["potential"],
     "hodge_star": lambda m: ddg.hodge_star(m, 1).toarray(),
     "homology_generators": lambda m: len(ddg.homology_generators(m)),
     "integral_curves": lambda m: ddg.integral_curves(m, [[1, 0, 0]] * 18, [5], duration=0.2).polylines[0],

@@ -58,11 +58,11 @@ def hodge_report(
     place = field_place(mesh, *field) if field is not None else ("edge" if with_basis else "")
     progress(0, 3)
     betti = betti_numbers(mesh)
-    generators = [loop.tolist() for loop in homology_generators(mesh)]
+    generators = [loop.tolist() for loop in _generators(mesh)]
     progress(1, 3)
     basis = harmonic_basis(mesh, boundary) if with_basis else None
     progress(2, 3)
-    split = decompose_field(mesh, field[0], place, boundary) if field is not None else None
+    split = _decomposed(mesh, field[0], place, boundary) if field is not None else None
     arrays = _arrays(mesh, split, basis, place)
     results = {
         "betti_numbers": {"absolute": list(betti.absolute), "relative": list(betti.relative)},
@@ -114,8 +114,7 @@ def field_place(mesh: SpaceMesh, array: NDArray, place: str) -> str:
     )
 
 
-def decompose_field(mesh: SpaceMesh, array: NDArray, place: str, boundary: Boundary) -> HodgeDecomposition:
-    """Decomposition of a field on the place that `field_place` names."""
+def _decomposed(mesh: SpaceMesh, array: NDArray, place: str, boundary: Boundary) -> HodgeDecomposition:
     if place == "edge":
         return decompose_form(mesh, array, boundary)
     if place == "vertex":
@@ -156,6 +155,5 @@ def _in_form_of(mesh: SpaceMesh, form: NDArray, place: str) -> NDArray[np.float6
     return to_vertices(mesh, vectors) if place == "vertex" else vectors
 
 
-def homology_generators(mesh: SpaceMesh) -> list[NDArray]:
-    """Closed edge loops that generate the first homology: the vertices of each, start not repeated."""
+def _generators(mesh: SpaceMesh) -> list[NDArray]:
     return solid_generator_loops(mesh) if isinstance(mesh, TetMesh) else generator_loops(mesh)
