@@ -129,15 +129,31 @@ def test_examples_are_correct(name, tmp_path, monkeypatch):
     assert result.attempted and not result.failed
 
 
-PACKAGES = sorted(p.parent for p in PACKAGE.rglob("__init__.py"))
+PACKAGES = sorted(p.parent for p in PACKAGE.rglob("__init__.py") if p.parent != PACKAGE)
 
 
-@pytest.mark.parametrize("folder", PACKAGES, ids=lambda p: str(p.relative_to(PACKAGE.parent)))
-def test_every_package_describes_itself_and_lists_its_modules(folder):
-    package = importlib.import_module(".".join(folder.relative_to(PACKAGE.parent).parts))
+def dotted(path: Path) -> str:
+    return ".".join(path.relative_to(PACKAGE.parent).with_suffix("").parts)
+
+
+def imported_from_outside(package: str, sources: dict[str, str]) -> set[str]:
+    """Modules and packages directly below `package` that a source outside of it imports."""
+    name = re.compile(rf"^\s*(?:from|import) {re.escape(package)}(?:\.| import )(\w+)", re.MULTILINE)
+    outside = (text for module, text in sources.items() if not module.startswith(package + "."))
+    return {found for text in outside for found in name.findall(text)}
+
+
+@pytest.mark.parametrize("folder", PACKAGES, ids=lambda p: str(p.relative_to(PACKAGE)))
+def test_every_package_describes_itself_and_lists_its_public_modules(folder):
+    package = importlib.import_module(dotted(folder))
     assert len((package.__doc__ or "").split()) >= 10, "say in a paragraph what the package holds"
-    assert len(set(package.__all__)) == len(package.__all__)
-    if folder == PACKAGE:
-        return
     modules = {p.stem for p in folder.glob("*.py")} | {p.parent.name for p in folder.glob("*/__init__.py")}
-    assert set(package.__all__) == {m for m in modules if not m.startswith("_")}
+    assert set(package.__all__) <= modules, "__all__ lists a module that is not there"
+    sources = {dotted(path): path.read_text(encoding="utf-8") for path in PACKAGE.rglob("*.py")}
+    missing = imported_from_outside(dotted(folder), sources) - set(package.__all__)
+    assert missing == set(), f"other packages import it: add it to __all__ of {dotted(folder)}"
+
+
+def test_a_public_module_that_is_not_listed_is_seen():
+    sources = {"a.b.c": "from x.y import z", "a.d": "from a.b.c import f\nfrom a.b import e"}
+    assert imported_from_outside("a.b", sources) == {"c", "e"}
