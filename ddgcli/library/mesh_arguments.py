@@ -89,7 +89,7 @@ def as_mesh(mesh: MeshLike) -> AnyMesh:
 
 
 def _mesh_of_pair(points: ArrayLike, cells: ArrayLike) -> AnyMesh:
-    """Mesh of the kind that the number of corners of a cell tells."""
+    """Mesh of the kind that follows from the number of corners of a cell."""
     corners = np.shape(cells)[1] if np.ndim(cells) == 2 else 0
     if corners == 4:
         return TetMesh.from_arrays(points, cells)

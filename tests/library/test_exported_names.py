@@ -140,7 +140,7 @@ def imported_from_outside(package: str, sources: dict[str, str]) -> set[str]:
     """Modules and packages directly below `package` that a source outside of it imports."""
     name = re.compile(rf"^\s*(?:from|import) {re.escape(package)}(?:\.| import )(\w+)", re.MULTILINE)
     outside = (text for module, text in sources.items() if not module.startswith(package + "."))
-    return {found for text in outside for found in name.findall(text)}
+    return {module for text in outside for module in name.findall(text)}
 
 
 @pytest.mark.parametrize("folder", PACKAGES, ids=lambda p: str(p.relative_to(PACKAGE)))
