@@ -7,5 +7,5 @@ SAMPLES = {"ddgcli.samples.meshes": "sample_meshes", "ddgcli.samples.scenes": "s
 setup(
     packages=[*find_packages(include=["ddgcli*"]), *SAMPLES],
     package_dir=SAMPLES,
-    package_data={name: ["*"] for name in SAMPLES},
+    package_data={"ddgcli": ["py.typed"]} | {name: ["*"] for name in SAMPLES},
 )

@@ -9,7 +9,7 @@ PACKAGE = Path(__file__).parent.parent / "ddgcli"
 
 CORE = {"errors", "mesh", "geometry", "operators", "linalg"}
 MAY_IMPORT = {
-    "__init__": set(),
+    "__init__": {"errors", "library"},
     "__main__": {"cli"},
     "errors": set(),
     "mesh": {"errors"},
@@ -25,6 +25,7 @@ MAY_IMPORT = {
     "models": CORE | {"algorithms", "simulation", "mechanics", "scenes"},
     "tradeoff": CORE | {"algorithms", "simulation", "mechanics", "scenes", "models"},
     "plots": {"errors", "mesh", "geometry"},
+    "library": CORE | {"io", "algorithms", "simulation", "scenes", "models", "tradeoff"},
     "cli": CORE
     | {
         "__init__",
@@ -110,6 +111,8 @@ def test_arrows_point_one_way(path):
         ("algorithms", "import click"),
         ("algorithms", "import igl"),
         ("cli", "import h5py"),
+        ("library", "from ddgcli.cli.run import Run"),
+        ("algorithms", "from ddgcli.library.meshes import as_mesh"),
     ],
 )
 def test_a_wrong_arrow_is_seen(room, source):

@@ -1,1 +1,5 @@
-"""Many runs of one command: tasks from inputs and sweeps, a process for each, a table of results."""
+"""Many runs of one command: tasks from inputs and swept parameters, a process for each task with bounded time and
+memory, the table of their results, and the journal from which an interrupted batch goes on.
+"""
+
+__all__ = ["process", "run", "table", "tasks"]

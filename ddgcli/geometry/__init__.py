@@ -1,0 +1,6 @@
+"""Formulas on arrays: lengths, angles, areas, normals, unfolding, points on surfaces.
+
+`intrinsic` reads side lengths alone, `extrinsic` positions in space; `unfolding` lays faces out in the plane.
+"""
+
+__all__ = ["cells", "extrinsic", "face_frames", "intrinsic", "surface_points", "unfolding"]

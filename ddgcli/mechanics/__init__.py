@@ -1,0 +1,16 @@
+"""Mechanical systems: masses, potentials, dissipation, constraints, and how they move.
+
+`system` and `terms` describe a system, `integrators` its time schemes, `newton` the implicit steps,
+`equilibrium` its static state. It knows no particular physics.
+"""
+
+__all__ = [
+    "assembly",
+    "energy_balance",
+    "equilibrium",
+    "integrators",
+    "newton",
+    "rounding",
+    "system",
+    "terms",
+]

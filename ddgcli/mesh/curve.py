@@ -1,4 +1,4 @@
-"""Polylines in the plane and in space: inputs of `curvature`, and every path that leaves the program."""
+"""Polylines in the plane and in space."""
 
 from __future__ import annotations
 
@@ -6,33 +6,73 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from ddgcli.errors import MeshError
+from ddgcli.mesh.triangle_mesh import check_points
 
 PLANARITY_TOLERANCE = 1e-6  # of the curve's size: coordinates in text files have six digits
 
 
 @dataclass(frozen=True, eq=False)
 class CurveSet:
-    """Several polylines over one array of points, with arrays on them.
+    """Polylines over one array of points, with arrays on them.
+
+    `from_arrays` checks its arguments; the constructor does not.
 
     Parameters
     ----------
     points : (n, 3) ndarray of float64
-        In order along each path.
+        Positions, in order along each path, in the input's length unit.
     lines : (k, 2) ndarray of int64
-        Segments.
+        Segments, from tail to head.
     point_arrays : dict of str to ndarray
         Arrays of length n: `path_id`, `face`, `barycentric`, ...
+
+    Examples
+    --------
+    >>> import ddgcli as ddg
+    >>> square = ddg.CurveSet.from_arrays([[0, 0], [1, 0], [1, 1], [0, 1]], [[0, 1], [1, 2], [2, 3], [3, 0]])
+    >>> square.n_vertices, square.planar
+    (4, True)
     """
 
     points: NDArray[np.float64]
     lines: NDArray[np.int64]
     point_arrays: dict[str, NDArray] = field(default_factory=dict)
 
+    @classmethod
+    def from_arrays(cls, points: ArrayLike, lines: ArrayLike) -> CurveSet:
+        """Curves from arrays.
+
+        Parameters
+        ----------
+        points : (n, 2) or (n, 3) array_like of float
+        lines : (k, 2) array_like of int
+            Segments, from tail to head.
+
+        Returns
+        -------
+        CurveSet
+
+        Raises
+        ------
+        MeshError
+            On a wrong shape, a point that is not finite, or a segment that names no point.
+        """
+        checked, segments = check_points(np.asarray(points)), np.asarray(lines)
+        if segments.ndim != 2 or segments.shape[1] != 2 or segments.dtype.kind not in "iu":
+            raise MeshError(
+                f"lines must be integers of shape (k, 2), not {segments.dtype} of shape {segments.shape}"
+            )
+        bad = np.flatnonzero(((segments < 0) | (segments >= len(checked))).any(axis=1))
+        if len(bad):
+            raise MeshError(f"segment {bad[0]} names a point outside 0..{len(checked) - 1}")
+        return cls(checked, segments.astype(np.int64))
+
     @property
     def n_vertices(self) -> int:
+        """Number of points."""
         return len(self.points)
 
     @property

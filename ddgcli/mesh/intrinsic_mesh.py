@@ -13,7 +13,7 @@ from ddgcli.mesh.triangle_mesh import TriangleMesh
 
 @dataclass(frozen=True, eq=False)
 class IntrinsicMesh:
-    """Triangulation with side lengths; the same duck as TriangleMesh for intrinsic operators.
+    """Triangulation known by its side lengths: intrinsic operators read it as they read a TriangleMesh.
 
     Parameters
     ----------
@@ -23,6 +23,13 @@ class IntrinsicMesh:
         Length of side j, from corner j to corner j+1; the two sides of an edge hold the same number.
     points : (n, 3) ndarray of float64, optional
         Positions of the vertices on the input surface, for output only; operators never read them.
+
+    Examples
+    --------
+    >>> import ddgcli as ddg
+    >>> intrinsic = ddg.intrinsic_delaunay(ddg.torus(12, 6))
+    >>> isinstance(intrinsic, ddg.IntrinsicMesh), intrinsic.side_length.shape
+    (True, (144, 3))
     """
 
     topology: Topology
@@ -36,14 +43,17 @@ class IntrinsicMesh:
 
     @property
     def faces(self) -> NDArray[np.int64]:
+        """(m, 3) corners of the faces."""
         return self.topology.faces
 
     @property
     def n_vertices(self) -> int:
+        """Number of vertices."""
         return self.topology.n_vertices
 
     @property
     def n_faces(self) -> int:
+        """Number of faces."""
         return self.topology.n_faces
 
 

@@ -8,7 +8,24 @@ from ddgcli.mesh.triangle_mesh import TriangleMesh
 
 
 def icosphere(subdivisions: int = 3, radius: float = 1.0) -> TriangleMesh:
-    """Geodesic sphere: the icosahedron, each face split in four `subdivisions` times, outward."""
+    """Geodesic sphere about the origin: the icosahedron, each face split in four, outward.
+
+    Parameters
+    ----------
+    subdivisions : int
+        Number of splits; there are 20 * 4^subdivisions faces.
+    radius : float
+
+    Returns
+    -------
+    TriangleMesh
+
+    Examples
+    --------
+    >>> import ddgcli as ddg
+    >>> ddg.icosphere(2).n_faces
+    320
+    """
     g = (1 + np.sqrt(5)) / 2
     points = np.array(
         [[-1, g, 0], [1, g, 0], [-1, -g, 0], [1, -g, 0], [0, -1, g], [0, 1, g],
@@ -101,7 +118,27 @@ def wrapped_grid(
 def grid(
     nx: int = 10, ny: int = 10, width: float = 1.0, height: float = 1.0, pattern: str = "right"
 ) -> TriangleMesh:
-    """Flat rectangle [0, width] x [0, height] in the plane z = 0, normal +z."""
+    """Flat rectangle [0, width] x [0, height] in the plane z = 0, normal +z.
+
+    Parameters
+    ----------
+    nx, ny : int
+        Cells along x and y, two triangles each.
+    width, height : float
+        In length units.
+    pattern : {'right', 'left', 'alternating'}
+        Which diagonal splits a cell.
+
+    Returns
+    -------
+    TriangleMesh
+
+    Examples
+    --------
+    >>> import ddgcli as ddg
+    >>> ddg.grid(4, 3).n_faces
+    24
+    """
     u, v, faces = wrapped_grid(nx, ny, pattern=pattern)
     return TriangleMesh.from_arrays(np.stack([width * u, height * v, 0 * u], axis=1), faces)
 
@@ -109,7 +146,27 @@ def grid(
 def torus(
     nu: int = 48, nv: int = 24, major: float = 1.0, minor: float = 0.4, pattern: str = "right"
 ) -> TriangleMesh:
-    """Torus of revolution about z, outward; nu cells along the major circle, nv along the minor one."""
+    """Torus of revolution about z, outward.
+
+    Parameters
+    ----------
+    nu, nv : int
+        Cells along the major and the minor circle, two triangles each.
+    major, minor : float
+        Radii of the two circles, in length units.
+    pattern : {'right', 'left', 'alternating'}
+        Which diagonal splits a cell.
+
+    Returns
+    -------
+    TriangleMesh
+
+    Examples
+    --------
+    >>> import ddgcli as ddg
+    >>> ddg.torus(16, 8).topology.genus
+    1
+    """
     u, v, faces = wrapped_grid(nu, nv, wrap_u=True, wrap_v=True, pattern=pattern)
     u, v = 2 * np.pi * u, 2 * np.pi * v
     radius = major + minor * np.cos(v)
@@ -119,7 +176,25 @@ def torus(
 
 
 def cylinder(nu: int = 32, nz: int = 16, radius: float = 1.0, height: float = 2.0) -> TriangleMesh:
-    """Open cylinder about z, outward, from z = 0 to `height`."""
+    """Open cylinder about z, outward, from z = 0 to `height`.
+
+    Parameters
+    ----------
+    nu, nz : int
+        Cells around and along the axis, two triangles each.
+    radius, height : float
+        In length units.
+
+    Returns
+    -------
+    TriangleMesh
+
+    Examples
+    --------
+    >>> import ddgcli as ddg
+    >>> ddg.cylinder(12, 4).topology.boundary_loops
+    2
+    """
     u, v, faces = wrapped_grid(nu, nz, wrap_u=True)
     points = np.stack([radius * np.cos(2 * np.pi * u), radius * np.sin(2 * np.pi * u), height * v], axis=1)
     return TriangleMesh.from_arrays(points, faces)
@@ -138,7 +213,25 @@ def catenoid(nu: int = 48, nz: int = 32, waist: float = 1.0, half_height: float 
 def box(
     nx: int = 4, ny: int = 4, nz: int = 4, size: tuple[float, float, float] = (1.0, 1.0, 1.0)
 ) -> TriangleMesh:
-    """Closed box [0, size], outward, nx x ny x nz cells on its sides."""
+    """Closed box with one corner at the origin, outward.
+
+    Parameters
+    ----------
+    nx, ny, nz : int
+        Cells along x, y and z, two triangles each.
+    size : (3,) tuple of float
+        Length along x, y and z.
+
+    Returns
+    -------
+    TriangleMesh
+
+    Examples
+    --------
+    >>> import ddgcli as ddg
+    >>> ddg.box(1, 1, 1).n_faces
+    12
+    """
     counts = np.array([nx, ny, nz])
     points, faces, start = [], [], 0
     for axis in range(3):

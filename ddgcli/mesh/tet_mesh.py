@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from ddgcli.errors import MeshError
 from ddgcli.mesh.topology import frozen
@@ -20,11 +20,21 @@ TET_FACES = np.array([[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]])
 class TetMesh:
     """Tetrahedral mesh.
 
+    `from_arrays` checks its arguments; the constructor does not.
+
     Parameters
     ----------
     points : (n, 3) ndarray of float64
+        Vertex positions, in the input's length unit; read-only.
     tetrahedra : (k, 4) ndarray of int64
-        Positively oriented when det(p1-p0, p2-p0, p3-p0) > 0.
+        Corners of the cells; positively oriented when det(p1-p0, p2-p0, p3-p0) > 0.
+
+    Examples
+    --------
+    >>> import ddgcli as ddg
+    >>> solid = ddg.TetMesh.from_arrays([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], [[0, 1, 2, 3]])
+    >>> round(float(solid.signed_volume.sum()), 6), solid.boundary.n_faces
+    (0.166667, 4)
     """
 
     points: NDArray[np.float64]
@@ -35,9 +45,24 @@ class TetMesh:
         object.__setattr__(self, "tetrahedra", frozen(self.tetrahedra))
 
     @classmethod
-    def from_arrays(cls, points: NDArray, tetrahedra: NDArray) -> TetMesh:
-        """The mesh of checked arrays; MeshError on a wrong shape, a non-finite point or a bad index."""
-        points = check_points(points)
+    def from_arrays(cls, points: ArrayLike, tetrahedra: ArrayLike) -> TetMesh:
+        """Tetrahedral mesh from arrays.
+
+        Parameters
+        ----------
+        points : (n, 3) array_like of float
+        tetrahedra : (k, 4) array_like of int
+
+        Returns
+        -------
+        TetMesh
+
+        Raises
+        ------
+        MeshError
+            On a wrong shape, a point that is not finite, or a corner that names no point.
+        """
+        points = check_points(np.asarray(points))
         tetrahedra = np.asarray(tetrahedra)
         if tetrahedra.ndim != 2 or tetrahedra.shape[1] != 4:
             raise MeshError(f"tetrahedra must have shape (k, 4), found {tetrahedra.shape}")
@@ -48,6 +73,7 @@ class TetMesh:
 
     @property
     def n_vertices(self) -> int:
+        """Number of vertices."""
         return len(self.points)
 
     @cached_property

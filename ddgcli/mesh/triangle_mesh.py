@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from ddgcli.errors import MeshError
 from ddgcli.mesh.topology import NEXT, Topology, check_faces, frozen
@@ -39,12 +39,21 @@ def check_points(points: NDArray) -> NDArray[np.float64]:
 class TriangleMesh:
     """Triangle mesh in space.
 
+    `from_arrays` checks its arguments; the constructor does not.
+
     Parameters
     ----------
     points : (n, 3) ndarray of float64
         Vertex positions, in the input's length unit; read-only.
     topology : Topology
-        Shared, not copied, by every mesh that `moved` makes.
+        Faces, edges and what follows from them; shared, not copied, by every mesh that `moved` returns.
+
+    Examples
+    --------
+    >>> import ddgcli as ddg
+    >>> mesh = ddg.TriangleMesh.from_arrays([[0, 0], [1, 0], [1, 1], [0, 1]], [[0, 1, 2], [0, 2, 3]])
+    >>> mesh.n_vertices, mesh.n_faces, mesh.topology.n_edges, mesh.topology.euler_characteristic
+    (4, 2, 5, 1)
     """
 
     points: NDArray[np.float64]
@@ -54,25 +63,45 @@ class TriangleMesh:
         object.__setattr__(self, "points", frozen(self.points))
 
     @classmethod
-    def from_arrays(cls, points: NDArray, faces: NDArray) -> TriangleMesh:
-        """The mesh of checked arrays; MeshError on a wrong shape, a non-finite point or a bad index."""
-        points = check_points(points)
-        return cls(points, Topology(check_faces(faces, len(points)), len(points)))
+    def from_arrays(cls, points: ArrayLike, faces: ArrayLike) -> TriangleMesh:
+        """Triangle mesh from arrays.
+
+        Parameters
+        ----------
+        points : (n, 2) or (n, 3) array_like of float
+            In the plane, z is 0.
+        faces : (m, 3) array_like of int
+            Corners, counter-clockwise seen from outside.
+
+        Returns
+        -------
+        TriangleMesh
+
+        Raises
+        ------
+        MeshError
+            On a wrong shape, a point that is not finite, or a corner that names no point.
+        """
+        points = check_points(np.asarray(points))
+        return cls(points, Topology(check_faces(np.asarray(faces), len(points)), len(points)))
 
     def moved(self, points: NDArray) -> TriangleMesh:
-        """The same connectivity at other positions."""
+        """The same connectivity at other positions (n, 3)."""
         return TriangleMesh(points, self.topology)
 
     @property
     def faces(self) -> NDArray[np.int64]:
+        """(m, 3) corners of the faces."""
         return self.topology.faces
 
     @property
     def n_vertices(self) -> int:
+        """Number of vertices."""
         return len(self.points)
 
     @property
     def n_faces(self) -> int:
+        """Number of faces."""
         return self.topology.n_faces
 
     @cached_property

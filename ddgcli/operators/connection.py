@@ -60,10 +60,36 @@ def edge_transport(mesh: SurfaceMesh) -> NDArray[np.complex128]:
 
 
 def connection_laplacian(mesh: SurfaceMesh) -> csr_array:
-    """(n, n) Hermitian Laplacian of tangent vectors: cotangent weights, transport along edges.
+    """Connection Laplacian of tangent vectors at vertices: cotangent weights, transport along edges.
 
-    Positive semidefinite where the cotangent weights are not negative; on a flat surface equal to the scalar
-    stiffness up to the choice of frames. Knöppel, Crane, Pinkall, Schröder 2013; Sharp, Soliman, Crane 2019.
+    Parameters
+    ----------
+    mesh : TriangleMesh or IntrinsicMesh
+        Consistently oriented, one fan of faces at each vertex.
+
+    Returns
+    -------
+    (n, n) csr_array of complex128
+        Hermitian, for complex tangent vectors in the vertices' frames. Positive semidefinite where the
+        cotangent weights are not negative; on a flat surface equal to the scalar stiffness up to the choice
+        of frames.
+
+    Raises
+    ------
+    MeshError
+        At vertices that join several fans of faces.
+
+    References
+    ----------
+    F. Knöppel, K. Crane, U. Pinkall, P. Schröder, "Globally optimal direction fields", 2013.
+    N. Sharp, Y. Soliman, K. Crane, "The vector heat method", 2019.
+
+    Examples
+    --------
+    >>> import ddgcli as ddg
+    >>> L = ddg.connection_laplacian(ddg.icosphere(1))
+    >>> bool(abs(L - L.conj().T).max() < 1e-12)
+    True
     """
     weight = 0.5 * corner_cotan(mesh.side_length)[:, [2, 0, 1]].ravel()
     carry = weight * edge_transport(mesh)

@@ -11,9 +11,26 @@ from ddgcli.mesh.triangle_mesh import TriangleMesh, unit_vectors
 
 
 def gradient(mesh: TriangleMesh) -> csr_array:
-    """(3m, n) gradient: rows 3f..3f+2 are the vector on face f, in value per length; zero without area.
+    """Gradient of piecewise linear functions.
 
     grad f = sum over corners k of f_k (normal x side opposite k) / (2 area).
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+
+    Returns
+    -------
+    (3m, n) csr_array of float64
+        Rows 3f..3f+2 are the vector on face f, in value per length; zero on faces without area.
+
+    Examples
+    --------
+    >>> import ddgcli as ddg
+    >>> square = ddg.grid(2, 2)
+    >>> slope = (ddg.gradient(square) @ (3 * square.points[:, 0])).reshape(-1, 3)
+    >>> slope[0].round(12).tolist()
+    [3.0, 0.0, 0.0]
     """
     longest = mesh.side_length.max(axis=1)  # areas of unit faces: those of tiny ones would vanish
     unit = np.where(longest > 0, longest, 1.0)[:, None]
@@ -33,6 +50,23 @@ def gradient(mesh: TriangleMesh) -> csr_array:
 
 
 def divergence(mesh: TriangleMesh) -> csr_array:
-    """(n, 3m) integrated divergence of face vectors, -gradient' area: stiffness = -divergence @ gradient."""
+    """Integrated divergence of vectors on faces, -gradient' area: stiffness = -divergence @ gradient.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+
+    Returns
+    -------
+    (n, 3m) csr_array of float64
+        From (m, 3) vectors, flattened, to integrals over the vertices' cells.
+
+    Examples
+    --------
+    >>> import ddgcli as ddg
+    >>> mesh = ddg.icosphere(1)
+    >>> bool(abs(ddg.divergence(mesh) @ ddg.gradient(mesh) + ddg.stiffness(mesh)).max() < 1e-12)
+    True
+    """
     area = np.repeat(face_area(mesh.side_length), 3)
     return csr_array(-(gradient(mesh).T @ diags_array(area)))

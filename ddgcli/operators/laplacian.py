@@ -21,10 +21,28 @@ log = logging.getLogger("ddgcli")
 
 
 def stiffness(mesh: SurfaceMesh) -> csr_array:
-    """(n, n) cotangent stiffness: off-diagonal entries -(cot + cot)/2, rows summing to zero.
+    """Cotangent stiffness matrix: off-diagonal entries -(cot + cot)/2, rows summing to zero.
 
-    Faces without area are mollified first (see `mollify`), with a warning; everything else is taken as it
-    is. U. Pinkall, K. Polthier, "Computing discrete minimal surfaces and their conjugates", 1993.
+    Parameters
+    ----------
+    mesh : TriangleMesh or IntrinsicMesh
+        Faces without area are mollified first, with a warning (see `operators.mollify`).
+
+    Returns
+    -------
+    (n, n) csr_array of float64
+        Symmetric, positive semidefinite, without unit.
+
+    References
+    ----------
+    U. Pinkall, K. Polthier, "Computing discrete minimal surfaces and their conjugates", 1993.
+
+    Examples
+    --------
+    >>> import ddgcli as ddg
+    >>> square = ddg.grid(1, 1)
+    >>> ddg.stiffness(square).toarray()[0].round(12).tolist()
+    [1.0, -0.5, -0.5, 0.0]
     """
     cotan = corner_cotan(mesh.side_length)
     if not np.isfinite(cotan).all():
@@ -46,7 +64,22 @@ def laplacian_of_sides(mesh: SurfaceMesh, weight: NDArray) -> csr_array:
 
 
 def uniform_stiffness(mesh: SurfaceMesh) -> csr_array:
-    """(n, n) graph Laplacian of the edges: degree on the diagonal, -1 for every edge between two vertices."""
+    """Graph Laplacian of the edges: degree on the diagonal, -1 for every edge between two vertices.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh or IntrinsicMesh
+
+    Returns
+    -------
+    (n, n) csr_array of float64
+
+    Examples
+    --------
+    >>> import ddgcli as ddg
+    >>> ddg.uniform_stiffness(ddg.grid(1, 1)).diagonal().tolist()
+    [3.0, 2.0, 2.0, 3.0]
+    """
     n = mesh.n_vertices
     tail, head = mesh.topology.edges.T
     between = tail != head
@@ -87,17 +120,71 @@ def corner_sum(mesh: SurfaceMesh, values: NDArray) -> NDArray[np.float64]:
 
 
 def lumped_mass(mesh: SurfaceMesh) -> csr_array:
-    """(n, n) diagonal mass matrix of `lumped_vertex_area`."""
+    """Diagonal mass matrix: a third of the area of each face at a vertex.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh or IntrinsicMesh
+
+    Returns
+    -------
+    (n, n) csr_array of float64
+        In length^2.
+
+    Examples
+    --------
+    >>> import ddgcli as ddg
+    >>> round(float(ddg.lumped_mass(ddg.grid(4, 4, width=2.0)).sum()), 12)
+    2.0
+    """
     return diags_array(lumped_vertex_area(mesh)).tocsr()
 
 
 def voronoi_mass(mesh: SurfaceMesh) -> csr_array:
-    """(n, n) diagonal mass matrix of `voronoi_vertex_area`."""
+    """Diagonal mass matrix of mixed Voronoi areas.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh or IntrinsicMesh
+
+    Returns
+    -------
+    (n, n) csr_array of float64
+        In length^2.
+
+    References
+    ----------
+    M. Meyer et al., "Discrete differential-geometry operators for triangulated 2-manifolds", 2003.
+
+    Examples
+    --------
+    >>> import ddgcli as ddg
+    >>> ddg.voronoi_mass(ddg.grid(1, 1)).diagonal().tolist()
+    [0.25, 0.25, 0.25, 0.25]
+    """
     return diags_array(voronoi_vertex_area(mesh)).tocsr()
 
 
 def galerkin_mass(mesh: SurfaceMesh) -> csr_array:
-    """(n, n) consistent mass of piecewise linear functions: area/6 on the diagonal, area/12 beside it."""
+    """Consistent mass matrix of piecewise linear functions: area/6 on the diagonal, area/12 beside it.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh or IntrinsicMesh
+
+    Returns
+    -------
+    (n, n) csr_array of float64
+        In length^2: u' M v is the integral of the product of the interpolants.
+
+    Examples
+    --------
+    >>> import ddgcli as ddg
+    >>> square = ddg.grid(3, 3)
+    >>> x = square.points[:, 0]
+    >>> round(float(x @ ddg.galerkin_mass(square) @ x), 12)  # the integral of x^2
+    0.333333333333
+    """
     n = mesh.n_vertices
     area = face_area(mesh.side_length)
     corner = mesh.faces.T

@@ -1,0 +1,22 @@
+"""Curvature of surfaces and polylines.
+
+`report.measure` is the entry point for surfaces, `polyline.measure_curves` for curves. The schemes are in
+`star` (vertex star), `ball` (balls of a radius) and `quadric`; `measures` and `totals` hold the integrals.
+"""
+
+__all__ = [
+    "ball",
+    "clip",
+    "face_balls",
+    "faces",
+    "frames",
+    "measures",
+    "neighbours",
+    "orientation",
+    "polyline",
+    "quadric",
+    "region",
+    "report",
+    "star",
+    "totals",
+]

@@ -1,0 +1,24 @@
+"""Intrinsic Delaunay triangulations of surfaces.
+
+Edge flips (`triangulation`, `flips`), refinement by Steiner points (`refine`), the common subdivision with
+the input (`common_subdivision`), and functions carried between the two (`transfer`). `report` runs all of
+it.
+"""
+
+__all__ = [
+    "circumcentres",
+    "common_subdivision",
+    "flips",
+    "gluing",
+    "normal_coordinates",
+    "overlay_lines",
+    "overlay_pieces",
+    "point_location",
+    "refine",
+    "refine_batches",
+    "report",
+    "steiner_base",
+    "steiner_places",
+    "transfer",
+    "triangulation",
+]

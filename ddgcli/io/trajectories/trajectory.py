@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -59,6 +60,9 @@ class Trajectory:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self._file.close()
+
+    def __iter__(self) -> Iterator[Frame]:
+        return (self.frame(k) for k in range(self.n_frames))
 
     @property
     def attributes(self) -> dict[str, Any]:

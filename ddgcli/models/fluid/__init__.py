@@ -1,0 +1,26 @@
+"""Incompressible flow on surfaces: vorticity, harmonic part, transport, viscosity.
+
+`scene` says what a scene may hold, `model` builds a flow from it, `report` measures a run; the other
+modules are transport schemes and effects.
+"""
+
+__all__ = [
+    "boundary",
+    "circulation",
+    "conservative",
+    "context",
+    "diffusion",
+    "dye",
+    "flows",
+    "harmonic",
+    "initial",
+    "model",
+    "parts",
+    "recovery",
+    "report",
+    "scene",
+    "smoothing",
+    "space",
+    "transport",
+    "viscosity",
+]

@@ -1,0 +1,20 @@
+"""Thin elastic shells: stretching, bending, gravity, loads, pins, damping, contact.
+
+`scene` says what a scene may hold, `model` builds the systems from it, `report` measures a run; each effect
+is one module.
+"""
+
+__all__ = [
+    "bending",
+    "contact",
+    "context",
+    "damping",
+    "gravity",
+    "hinge",
+    "load",
+    "model",
+    "pin",
+    "report",
+    "scene",
+    "stretching",
+]

@@ -1,0 +1,111 @@
+"""Accuracy against seconds: the methods of one question, measured on one mesh."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, Literal
+
+from numpy.typing import NDArray
+
+from ddgcli.errors import ParameterError
+from ddgcli.library.distances import surface_sources
+from ddgcli.library.mesh_arguments import MeshLike, mesh_of_kind
+from ddgcli.tradeoff.candidates import Table
+from ddgcli.tradeoff.measure import run_problem
+from ddgcli.tradeoff.pareto import give_verdicts
+from ddgcli.tradeoff.problems.geodesic import DIALS as GEODESIC_PARAMETERS
+from ddgcli.tradeoff.problems.table import mesh_problem
+from ddgcli.tradeoff.truths import parse_truth
+
+__all__ = ["tradeoff_table"]
+
+# options of each question: those of the command of the same name that are part of the question
+OPTIONS_OF_QUESTION = {
+    "curvature": ("scheme", "radius"),
+    "delaunay": ("refine", "max_points"),
+    "laplacian": ("eigen", "operator", "mass"),
+    "geodesic": ("method", *GEODESIC_PARAMETERS),
+    "willmore-flow": (
+        "flow", "energy", "boundary", "fix_area", "fix_volume", "duration", "steps", "step", "integrator",
+        "tolerance",
+    ),
+}  # fmt: skip
+
+
+def tradeoff_table(
+    question: Literal["curvature", "delaunay", "laplacian", "geodesic", "willmore-flow"],
+    mesh: MeshLike,
+    *,
+    sources: int | Sequence[int] | NDArray | None = None,
+    truth: str | None = None,
+    within: float | None = None,
+    norm: Literal["max", "mean"] = "max",
+    repeat: int = 5,
+    budget: float = 60.0,
+    **options: Any,
+) -> Table:
+    """Measure what accuracy costs in time: every method of a question, error against seconds.
+
+    Parameters
+    ----------
+    question : {'curvature', 'delaunay', 'laplacian', 'geodesic', 'willmore-flow'}
+    mesh : TriangleMesh or (points, faces) pair
+    sources : int or sequence of int, optional
+        'geodesic': source vertices; default vertex 0.
+    truth : str, optional
+        Shape that the mesh samples, such as "sphere:1" or "torus:1,0.4"; errors are then against analytic
+        values, else against the most accurate method that the budget pays.
+    within : float, optional
+        Relative error; the cheapest row within it gets a verdict.
+    norm : {'max', 'mean'}
+        Error that `within` and the Pareto front refer to.
+    repeat : int
+        Timed queries a row.
+    budget : float
+        Seconds for everything; what would exceed it is left out.
+    **options
+        Of the question, as those of the command: `eigen=20`, `method="heat"`, `refine=25`, ...
+
+    Returns
+    -------
+    Table
+        `rows`: `method`, `parameters`, `setup_seconds`, `seconds`, `peak_mib`, `max_error`, `mean_error`
+        (relative), `on_front`, `verdict`; `reference` with its `uncertainty`; `left_out` with reasons.
+
+    Raises
+    ------
+    ParameterError
+        On an unknown question, option or shape.
+    SolveError
+        When the budget pays for no reference.
+
+    Examples
+    --------
+    >>> import ddgcli as ddg
+    >>> table = ddg.tradeoff_table("geodesic", ddg.icosphere(2), method="dijkstra", repeat=1)
+    >>> [(row.method, row.max_error > 0) for row in table.rows]
+    [('dijkstra', True)]
+    """
+    if question not in OPTIONS_OF_QUESTION:
+        raise ParameterError(f"unknown question {question!r}; choose one of {', '.join(OPTIONS_OF_QUESTION)}")
+    known = OPTIONS_OF_QUESTION[question]
+    unknown = [name for name in options if name not in known]
+    if unknown:
+        raise ParameterError(f"{question!r} has no option {unknown[0]!r}; its options: {', '.join(known)}")
+    if norm not in ("max", "mean"):
+        raise ParameterError(f"norm must be 'max' or 'mean', not {norm!r}")
+    if repeat < 1 or not budget > 0:
+        raise ParameterError(f"repeat and budget must be positive, not {repeat} and {budget}")
+    if sources is not None and question != "geodesic":
+        raise ParameterError(f"sources belong to 'geodesic', not to {question!r}")
+    surface = mesh_of_kind(mesh, ("surface",), "tradeoff_table")
+    more: dict[str, Any] = {}
+    if sources is not None:
+        more["sources"] = surface_sources(surface, sources)
+    known_truth = None if truth is None else parse_truth(truth, surface.points)
+    problem = mesh_problem(question, surface, truth=known_truth, asked=options, **more)
+    table = run_problem(problem, repeat=repeat, budget=budget)
+    if not table.rows and not table.left_out:
+        raise ParameterError(f"no method of {question!r} has the options {options}")
+    give_verdicts(table, within, norm)
+    return table

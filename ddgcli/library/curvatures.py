@@ -1,0 +1,78 @@
+"""Curvature of surfaces and of curves."""
+
+from __future__ import annotations
+
+from ddgcli.algorithms.curvature.polyline import measure_curves
+from ddgcli.algorithms.curvature.report import DEFAULT_SCHEME, measure
+from ddgcli.errors import ParameterError
+from ddgcli.library.mesh_arguments import accepts_arrays
+from ddgcli.library.result import Measurement
+from ddgcli.mesh.curve import CurveSet
+from ddgcli.mesh.triangle_mesh import TriangleMesh
+
+__all__ = ["curvature"]
+
+
+@accepts_arrays("surface", "curve")
+def curvature(
+    mesh: TriangleMesh | CurveSet, scheme: str | None = None, radius: float | None = None
+) -> Measurement:
+    """Curvature of a surface by one scheme, or of polylines.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh, CurveSet or (points, cells) pair
+        Faces counter-clockwise seen from outside.
+    scheme : {'quadric', 'corrected', 'normal-cycle', 'cotan'}, optional
+        How mean and principal curvatures of a surface are measured; default 'quadric'.
+    radius : float, optional
+        Radius of the measuring ball, in length units; default the vertex star (two rings for 'quadric').
+        'cotan' has none.
+
+    Returns
+    -------
+    Measurement
+        Surfaces: `vertex` holds `mean_curvature` (1/length, positive where convex), `gaussian_curvature`
+        (1/length^2), `principal_curvature_min`, `principal_curvature_max`, `principal_direction_min`,
+        `principal_direction_max` (n, 3), `mean_curvature_normal` (n, 3), `angle_defect` (radians),
+        `vertex_area`, `geodesic_curvature`, `boundary`; `edge` holds `edges` (e, 2), `dihedral_angle`
+        (radians), `edge_mean_curvature`; `results` the integrals (`area`, `willmore_energy`, ...);
+        `accuracy` the residuals of identities (`gauss_bonnet_residual`, ...).
+        Curves: `vertex` holds `turning_angle`, `curvature`, `vertex_length`, in space `torsion`.
+
+    Raises
+    ------
+    MeshError
+        No face or segment with size, or a one-sided surface with a scheme that needs two sides.
+    ParameterError
+        Unknown scheme; a radius for 'cotan'; a scheme or radius for curves.
+
+    References
+    ----------
+    M. Meyer et al., "Discrete differential-geometry operators for triangulated 2-manifolds", 2003 (cotan).
+    D. Cohen-Steiner, J.-M. Morvan, "Restricted Delaunay triangulations and normal cycle", 2003.
+    J.-O. Lachaud et al., "Interpolated corrected curvature measures for polygonal surfaces", 2020.
+
+    Examples
+    --------
+    >>> import ddgcli as ddg
+    >>> sphere = ddg.icosphere(3, radius=2.0)
+    >>> measured = ddg.curvature(sphere)
+    >>> round(float(measured.vertex["mean_curvature"].mean()), 3)
+    0.5
+    >>> measured.accuracy["gauss_bonnet_residual"] < 1e-12
+    True
+    """
+    if isinstance(mesh, CurveSet):
+        if scheme is not None or radius is not None:
+            raise ParameterError("scheme and radius belong to surfaces; leave them out for curves")
+        curves = measure_curves(mesh)
+        return Measurement(mesh, vertex=curves.vertex, results=curves.results, accuracy=curves.accuracy)
+    measured = measure(mesh, DEFAULT_SCHEME if scheme is None else scheme, radius)
+    return Measurement(
+        mesh,
+        vertex=measured.vertex,
+        edge=measured.edge,
+        results=measured.results,
+        accuracy=measured.accuracy,
+    )

@@ -1,0 +1,261 @@
+"""Curves on surfaces: level lines, shortest, straightened and straightest paths."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ddgcli.algorithms.geodesics.exact.exact_distance import exact_distance
+from ddgcli.algorithms.geodesics.flipout import straightened_curves
+from ddgcli.algorithms.geodesics.isolines import isoline_curves
+from ddgcli.algorithms.geodesics.oriented_cover import OrientedCover, oriented_cover
+from ddgcli.algorithms.geodesics.paths import curve_set
+from ddgcli.algorithms.geodesics.shortest_paths import shortest_paths as core_shortest_paths
+from ddgcli.algorithms.geodesics.surface_curves import Curves, traced_curves
+from ddgcli.algorithms.tangent_fields.field_curves import with_transport
+from ddgcli.errors import ParameterError
+from ddgcli.geometry.surface_points import SurfacePoints
+from ddgcli.library.distances import surface_sources, vertex_numbers
+from ddgcli.library.mesh_arguments import accepts_arrays
+from ddgcli.library.result import Measurement
+from ddgcli.mesh.triangle_mesh import TriangleMesh
+
+__all__ = ["isolines", "shortest_paths", "straighten_paths", "trace"]
+
+
+@accepts_arrays("surface")
+def isolines(mesh: TriangleMesh, values: ArrayLike, count: int = 10) -> Measurement:
+    """Level lines of a function on vertices at even levels.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh or (points, faces) pair
+    values : (n,) array_like of float
+        Faces with a value that is not finite are left out.
+    count : int
+        Levels, which cut the range of the values into count + 1 equal parts.
+
+    Returns
+    -------
+    Measurement
+        `mesh` (CurveSet) and `polylines`, higher values on the left; `vertex` holds `level`;
+        `results["paths"]` one entry a line (`length`, `closed`, ...).
+
+    Examples
+    --------
+    >>> import ddgcli as ddg
+    >>> sphere = ddg.icosphere(3)
+    >>> circles = ddg.isolines(sphere, sphere.points[:, 2], 1)  # the equator
+    >>> len(circles.polylines), circles.results["paths"][0]["closed"]
+    (1, True)
+    """
+    function = np.asarray(values, dtype=np.float64)
+    if function.shape != (mesh.n_vertices,):
+        raise ParameterError(f"values have shape {function.shape}; they need one number for each vertex")
+    if count < 1:
+        raise ParameterError(f"count must be at least 1, not {count}")
+    cover = oriented_cover(mesh)
+    if cover.one_sided:
+        return curve_measurement(mesh, isoline_curves(mesh, function, count))
+    return curve_measurement(mesh, cover.projected(isoline_curves(cover.mesh, function, count)))
+
+
+@accepts_arrays("surface")
+def shortest_paths(
+    mesh: TriangleMesh,
+    sources: int | Sequence[int] | NDArray,
+    targets: int | Sequence[int] | NDArray,
+    *,
+    source_points: ArrayLike | None = None,
+    transport: bool = False,
+) -> Measurement:
+    """Shortest path from the nearest source to each target vertex, by the exact distance.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh or (points, faces) pair
+    sources, targets : int or sequence of int
+        Vertices.
+    source_points : (k, 3) array_like of float, optional
+        Further sources: the points of the surface nearest to these positions.
+    transport : bool
+        Also carry a tangent frame along each path: `transport_x`, `transport_y`.
+
+    Returns
+    -------
+    Measurement
+        `mesh` (CurveSet) and `polylines`, from source to target; `vertex` holds `path_id`, `face`,
+        `barycentric`; `results["paths"]` one entry a path (`length`, `source`, `target`, angles at vertices);
+        `accuracy["path_length_residual"]`, relative. A target that no source reaches has no points and the
+        length None.
+
+    Raises
+    ------
+    MeshError, ParameterError
+
+    References
+    ----------
+    J. Mitchell, D. Mount, C. Papadimitriou, "The discrete geodesic problem", 1987.
+
+    Examples
+    --------
+    >>> import ddgcli as ddg
+    >>> paths = ddg.shortest_paths(ddg.grid(8, 8), 0, [80, 8])
+    >>> [round(path["length"], 6) for path in paths.results["paths"]]
+    [1.414214, 1.0]
+    """
+    cover, checked = oriented_cover(mesh), surface_sources(mesh, sources, source_points)
+    if len(checked.points):
+        cover.need_two_sides("a path from points inside faces")
+    curves = core_shortest_paths(
+        cover.mesh,
+        cover.lifted_exact(exact_distance(mesh, checked)),
+        cover.lifted_sources(checked),
+        vertex_numbers(targets),
+        continued=cover.continued,
+    )
+    return _transported(cover, curves, transport)
+
+
+@accepts_arrays("surface")
+def straighten_paths(
+    mesh: TriangleMesh, paths: Sequence[Sequence[int]], *, closed: bool = False, transport: bool = False
+) -> Measurement:
+    """Geodesics in the isotopy classes of edge paths, by intrinsic edge flips.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh or (points, faces) pair
+        Orientable.
+    paths : sequence of sequence of int
+        Vertices that fix each class; a geodesic passes the ends of an open path only.
+    closed : bool
+        The paths are loops.
+    transport : bool
+        Also carry a tangent frame along each path, and the `holonomy` of loops.
+
+    Returns
+    -------
+    Measurement
+        As of `shortest_paths`; `accuracy["path_angle_deficit"]` is how far an angle beside a curve falls
+        below pi at most. A loop that contracts to a point has no points and length 0.
+
+    Raises
+    ------
+    MeshError, ParameterError
+
+    References
+    ----------
+    N. Sharp, K. Crane, "You can find geodesic paths in triangle meshes by just flipping edges", 2020.
+
+    Examples
+    --------
+    >>> import ddgcli as ddg
+    >>> mesh = ddg.cylinder(24, 6)
+    >>> loop = ddg.straighten_paths(mesh, [range(0, 168, 7)], closed=True)
+    >>> round(loop.results["paths"][0]["length"], 2)
+    6.27
+    """
+    cover = oriented_cover(mesh)
+    cover.need_two_sides("straightening")
+    waypoints = [vertex_numbers(path) for path in paths]
+    return _transported(
+        cover, straightened_curves(cover.mesh, waypoints, [closed] * len(waypoints)), transport
+    )
+
+
+@accepts_arrays("surface")
+def trace(
+    mesh: TriangleMesh,
+    face: ArrayLike,
+    barycentric: ArrayLike,
+    direction: ArrayLike,
+    length: ArrayLike,
+    *,
+    at_boundary: Literal["stop", "reflect"] = "stop",
+    transport: bool = False,
+) -> Measurement:
+    """Straightest geodesics from points of faces: the exponential map.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh or (points, faces) pair
+    face : int or (k,) array_like of int
+    barycentric : (3,) or (k, 3) array_like of float
+        Start points in the faces.
+    direction : (3,) or (k, 3) array_like of float
+        In space; projected to the plane of the face. Its size does not matter.
+    length : float or (k,) array_like of float
+        In length units.
+    at_boundary : {'stop', 'reflect'}
+    transport : bool
+        Also carry a tangent frame along each line.
+
+    Returns
+    -------
+    Measurement
+        As of `shortest_paths`; entries hold `status` ('reached', 'boundary' or 'gave up') and
+        `end_direction`; `accuracy["trace_angle_defect"]` in radians.
+
+    Raises
+    ------
+    MeshError, ParameterError
+
+    References
+    ----------
+    K. Polthier, M. Schmies, "Straightest geodesics on polyhedral surfaces", 1998.
+
+    Examples
+    --------
+    >>> import ddgcli as ddg
+    >>> line = ddg.trace(ddg.grid(8, 8), 0, [0.2, 0.4, 0.4], [1, 0.3, 0], 0.5)
+    >>> line.results["paths"][0]["status"], round(line.results["paths"][0]["length"], 12)
+    ('reached', 0.5)
+    """
+    try:
+        faces, lengths, weights, vectors = _broadcast(face, length, barycentric, direction)
+    except (TypeError, ValueError) as error:
+        raise ParameterError(
+            f"face, length, barycentric and direction do not fit together: {error}"
+        ) from error
+    cover = oriented_cover(mesh)
+    start = cover.lifted_points(SurfacePoints.checked(faces, weights, mesh.n_faces))
+    curves = traced_curves(
+        cover.mesh, start.face, start.barycentric, vectors, lengths, at_boundary=at_boundary
+    )
+    return _transported(cover, curves, transport)
+
+
+def _broadcast(face: ArrayLike, length: ArrayLike, *vectors: ArrayLike) -> tuple[NDArray, ...]:
+    """Numbers as (k,) and vectors as (k, 3), each repeated where it is given once."""
+    numbers = np.asarray(face), np.asarray(length, dtype=np.float64)
+    rows = [np.atleast_2d(np.asarray(v, dtype=np.float64)) for v in vectors]
+    (k,) = np.broadcast_shapes(*(a.shape for a in numbers), *(a.shape[:1] for a in rows), (1,))
+    return *(np.broadcast_to(a, (k,)) for a in numbers), *(np.broadcast_to(a, (k, 3)) for a in rows)
+
+
+def _transported(cover: OrientedCover, curves: Curves, transport: bool) -> Measurement:
+    """Curves of the cover as a measurement of the base, with a transported frame where required."""
+    moved = with_transport(cover.mesh, curves) if transport else curves
+    return curve_measurement(cover.base, cover.projected(moved))
+
+
+def curve_measurement(mesh: TriangleMesh, curves: Curves) -> Measurement:
+    """Curves on a surface as polylines in space with their arrays.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+    curves : Curves
+    """
+    polylines = curve_set(mesh, curves.paths, **curves.arrays)
+    return Measurement(
+        polylines,
+        vertex=dict(polylines.point_arrays),
+        results={"paths": curves.entries},
+        accuracy=curves.accuracy,
+        converged=curves.converged,
+    )

@@ -1,0 +1,298 @@
+"""Geodesic distance: solvers, distances with certificates, gradients."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ddgcli.algorithms.geodesics import distance as distances
+from ddgcli.algorithms.geodesics.sources import Sources, checked_sources
+from ddgcli.errors import ParameterError
+from ddgcli.geometry.surface_points import nearest_points
+from ddgcli.library.mesh_arguments import MeshLike, accepts_arrays, mesh_of_kind
+from ddgcli.library.result import Measurement
+from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
+from ddgcli.mesh.triangle_mesh import TriangleMesh
+
+__all__ = [
+    "DistanceSolver",
+    "HeatSolver",
+    "distance_gradient",
+    "geodesic_distance",
+    "measure_distance",
+]
+
+OPTIONS_OF_METHOD = {
+    "exact": ("tolerance",),
+    "heat": ("operator", "heat_time", "heat_refine"),
+    "fast-marching": (),
+    "dijkstra": (),
+}
+
+
+class DistanceSolver:
+    """Solver of geodesic distance on one mesh; what does not depend on the sources is done once.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh, IntrinsicMesh or (points, faces) pair
+    method : {'exact', 'heat', 'fast-marching', 'dijkstra'}
+        'exact': distance on the polyhedron. 'heat': two linear systems, factored here. 'fast-marching':
+        first order. 'dijkstra': along edges, never too short.
+    **options
+        'exact': `tolerance` (slack in edge lengths, 0; errs upwards only). 'heat': `operator`
+        ('intrinsic-delaunay', 'plain' or 'tufted'), `heat_time` (in squares of the mean edge length, 1),
+        `heat_refine` (further rounds of normalising and integrating the gradient, 0).
+
+    Raises
+    ------
+    MeshError
+        When the mesh has no faces, or cannot have the operator.
+    ParameterError
+        On an unknown method, or an option that the method does not have.
+
+    References
+    ----------
+    J. Mitchell, D. Mount, C. Papadimitriou, "The discrete geodesic problem", 1987 (exact).
+    K. Crane, C. Weischedel, M. Wardetzky, "Geodesics in heat", 2013.
+    R. Kimmel, J. Sethian, "Computing geodesic paths on manifolds", 1998 (fast marching).
+
+    Examples
+    --------
+    >>> import ddgcli as ddg
+    >>> solver = ddg.DistanceSolver(ddg.icosphere(2), "dijkstra")
+    >>> [round(float(solver.distance(v).max()), 1) for v in (0, 1)]
+    [3.3, 3.3]
+    """
+
+    def __init__(self, mesh: MeshLike, method: str = "exact", **options: Any) -> None:
+        self.mesh = mesh_of_kind(mesh, ("surface", "intrinsic"), "a geodesic distance")
+        self.method = method
+        self._solve = distances.prepare(self.mesh, method, _distance_options(method, options))
+
+    def distance(
+        self, sources: int | Sequence[int] | NDArray = (), *, source_points: ArrayLike | None = None
+    ) -> NDArray[np.float64]:
+        """(n,) distance from every vertex to the nearest source, in length units; inf where none reaches."""
+        return self._solve(surface_sources(self.mesh, sources, source_points)).distance
+
+    def measure(
+        self, sources: int | Sequence[int] | NDArray = (), *, source_points: ArrayLike | None = None
+    ) -> Measurement:
+        """Distance with nearest sources, results and certificate; see `measure_distance`."""
+        measured = distances.measure_distance(
+            self.mesh, surface_sources(self.mesh, sources, source_points), self.method, solver=self._solve
+        )
+        return Measurement(
+            self.mesh, vertex=measured.arrays, results=measured.results, accuracy=measured.accuracy
+        )
+
+
+def HeatSolver(
+    mesh: MeshLike, *, heat_time: float = 1.0, heat_refine: int = 0, operator: str | None = None
+) -> DistanceSolver:
+    """Solver of geodesic distance by the heat method, factored once for any number of sources.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh, IntrinsicMesh or (points, faces) pair
+    heat_time : float
+        Time step in squares of the mean edge length.
+    heat_refine : int
+        Further rounds of normalising and integrating the gradient.
+    operator : {'intrinsic-delaunay', 'plain', 'tufted'}, optional
+        Triangulation that carries the Laplacian; default 'intrinsic-delaunay', 'tufted' where the mesh is
+        not an oriented manifold.
+
+    Returns
+    -------
+    DistanceSolver
+        `distance(sources)` and `measure(sources)`.
+
+    Raises
+    ------
+    MeshError, ParameterError
+
+    References
+    ----------
+    K. Crane, C. Weischedel, M. Wardetzky, "Geodesics in heat", 2013.
+
+    Examples
+    --------
+    >>> import ddgcli as ddg
+    >>> solver = ddg.HeatSolver(ddg.icosphere(3))
+    >>> round(float(solver.distance([5]).max()), 1)  # half a great circle
+    3.1
+    """
+    return DistanceSolver(mesh, "heat", heat_time=heat_time, heat_refine=heat_refine, operator=operator)
+
+
+def geodesic_distance(
+    mesh: MeshLike,
+    sources: int | Sequence[int] | NDArray = (),
+    method: str = "exact",
+    *,
+    source_points: ArrayLike | None = None,
+    **options: Any,
+) -> NDArray[np.float64]:
+    """Distance along the surface from every vertex to the nearest source.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh, IntrinsicMesh or (points, faces) pair
+    sources : int or sequence of int
+        Source vertices.
+    method : {'exact', 'heat', 'fast-marching', 'dijkstra'}
+        See `DistanceSolver`, which saves the set-up when one mesh has many queries.
+    source_points : (k, 3) array_like of float, optional
+        Further sources: the points of the surface nearest to these positions.
+    **options
+        Of the method; see `DistanceSolver`.
+
+    Returns
+    -------
+    (n,) ndarray of float64
+        In length units; inf where no source reaches.
+
+    Raises
+    ------
+    MeshError, ParameterError
+
+    References
+    ----------
+    See `DistanceSolver`.
+
+    Examples
+    --------
+    >>> import ddgcli as ddg
+    >>> square = ddg.grid(8, 8)
+    >>> d = ddg.geodesic_distance(square, sources=[0])
+    >>> round(float(d[-1]), 12)  # the diagonal
+    1.414213562373
+    """
+    return DistanceSolver(mesh, method, **options).distance(sources, source_points=source_points)
+
+
+def measure_distance(
+    mesh: MeshLike,
+    sources: int | Sequence[int] | NDArray = (),
+    method: str = "exact",
+    *,
+    source_points: ArrayLike | None = None,
+    **options: Any,
+) -> Measurement:
+    """Geodesic distance with a certificate of its error.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh, IntrinsicMesh or (points, faces) pair
+    sources : int or sequence of int
+        Source vertices.
+    method : {'exact', 'heat', 'fast-marching', 'dijkstra'}
+        See `DistanceSolver`.
+    source_points : (k, 3) array_like of float, optional
+        Further sources: the points of the surface nearest to these positions.
+    **options
+        Of the method; see `DistanceSolver`.
+
+    Returns
+    -------
+    Measurement
+        `vertex` holds `geodesic_distance` (length units, inf where no source reaches) and `nearest_source`
+        (number of the source, vertices first, -1 where none reaches); `results` the largest and the mean
+        distance and the work done; `accuracy` the violations of the bounds that every distance obeys, and
+        the residuals of the method.
+
+    Raises
+    ------
+    MeshError, ParameterError
+
+    References
+    ----------
+    See `DistanceSolver`.
+
+    Examples
+    --------
+    >>> import ddgcli as ddg
+    >>> measured = ddg.measure_distance(ddg.icosphere(2), [0, 5])
+    >>> sorted(measured.vertex)
+    ['geodesic_distance', 'nearest_source']
+    """
+    return DistanceSolver(mesh, method, **options).measure(sources, source_points=source_points)
+
+
+def _distance_options(method: str, options: dict[str, Any]) -> distances.DistanceOptions:
+    """Options of a method, checked."""
+    own = OPTIONS_OF_METHOD.get(method, tuple(options))
+    for name, value in options.items():
+        if name not in own:
+            known = ", ".join(own) or "none"
+            raise ParameterError(f"method {method!r} has no option {name!r}; its options: {known}")
+        if name == "heat_time" and not (np.isfinite(value) and value > 0):
+            raise ParameterError(f"heat_time must be positive, not {value}")
+        if name == "heat_refine" and not (isinstance(value, (int, np.integer)) and value >= 0):
+            raise ParameterError(f"heat_refine must be a whole number of rounds, 0 or more, not {value}")
+        if name == "tolerance" and not (np.isfinite(value) and value >= 0):
+            raise ParameterError(f"tolerance must be 0 or more, not {value}")
+    return distances.DistanceOptions(**options)
+
+
+def surface_sources(
+    mesh: SurfaceMesh,
+    sources: int | Sequence[int] | NDArray,
+    source_points: ArrayLike | None = None,
+) -> Sources:
+    """Sources at vertices and at the points of the surface nearest to positions; checked.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh or IntrinsicMesh
+    sources : int or sequence of int
+    source_points : (k, 3) array_like of float, optional
+    """
+    points = None
+    if source_points is not None:
+        position = np.atleast_2d(np.asarray(source_points, dtype=np.float64))
+        if position.ndim != 2 or position.shape[1] != 3 or not np.isfinite(position).all():
+            raise ParameterError("source_points must be finite positions of shape (k, 3)")
+        points, _ = nearest_points(mesh_of_kind(mesh, ("surface",), "source_points"), position)
+    return checked_sources(mesh, Sources.at(vertex_numbers(sources), points))
+
+
+def vertex_numbers(vertices: int | Sequence[int] | NDArray) -> list[int]:
+    """Vertex numbers as a list; ParameterError for anything but whole numbers."""
+    numbers = np.atleast_1d(np.asarray(vertices))
+    if numbers.ndim != 1 or (numbers.dtype.kind not in "iu" and len(numbers)):
+        raise ParameterError("vertices must be whole numbers, such as [0, 5]")
+    return [int(v) for v in numbers]
+
+
+@accepts_arrays("surface")
+def distance_gradient(mesh: TriangleMesh, distance: ArrayLike) -> NDArray[np.float64]:
+    """Gradient of a distance on faces.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh or (points, faces) pair
+    distance : (n,) array_like of float
+        As `geodesic_distance` returns it.
+
+    Returns
+    -------
+    (m, 3) ndarray of float64
+        Without unit, of length about 1; zero where a corner is not reached or a face has no area.
+
+    Examples
+    --------
+    >>> import ddgcli as ddg
+    >>> square = ddg.grid(4, 4)
+    >>> ddg.distance_gradient(square, square.points[:, 0])[0].round(12).tolist()
+    [1.0, 0.0, 0.0]
+    """
+    values = np.asarray(distance, dtype=np.float64)
+    if values.shape != (mesh.n_vertices,):
+        raise ParameterError(f"distance has shape {values.shape}; it needs one number for each vertex")
+    return distances.distance_gradient(mesh, values)

@@ -1,0 +1,295 @@
+"""Equations of the Laplacian: eigenpairs, Poisson and harmonic problems, flattening, smoothing."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ddgcli.algorithms.laplacian import parameterize as maps
+from ddgcli.algorithms.laplacian import poisson as problems
+from ddgcli.algorithms.laplacian import smooth as smoothing
+from ddgcli.algorithms.laplacian import spectrum
+from ddgcli.algorithms.laplacian.choice import laplace_operator
+from ddgcli.errors import ParameterError
+from ddgcli.library.mesh_arguments import accepts_arrays
+from ddgcli.linalg.eigen import Eigenpairs
+from ddgcli.mesh.triangle_mesh import TriangleMesh
+
+__all__ = [
+    "eigenpairs",
+    "harmonic_interpolation",
+    "heat_kernel_signature",
+    "mean_curvature_flow",
+    "parameterize",
+    "poisson",
+]
+
+
+@accepts_arrays("surface")
+def eigenpairs(
+    mesh: TriangleMesh, k: int = 10, *, operator: str | None = None, mass: str = "lumped", seed: int = 0
+) -> Eigenpairs:
+    """Smallest eigenpairs of the Laplacian, L x = lambda M x.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh or (points, faces) pair
+    k : int
+        Number of pairs, from 1 to the number of vertices.
+    operator, mass : str, optional
+        See `laplace_operator`.
+    seed : int
+        Seed of the starting block.
+
+    Returns
+    -------
+    Eigenpairs
+        `values` (k,) ascending, in 1/length^2; `vectors` (n, k), M-orthonormal; `residuals` (k,) relative;
+        `complete`, whether a count by inertia found none missing.
+
+    Raises
+    ------
+    MeshError, ParameterError
+
+    Examples
+    --------
+    >>> import ddgcli as ddg
+    >>> pairs = ddg.eigenpairs(ddg.icosphere(3), 4)  # on the sphere: 0, 2, 2, 2
+    >>> pairs.values.round(1).tolist(), pairs.complete
+    ([0.0, 2.0, 2.0, 2.0], True)
+    """
+    return spectrum.spectrum(laplace_operator(mesh, operator, mass), k, seed=seed)
+
+
+@accepts_arrays("surface")
+def heat_kernel_signature(
+    mesh: TriangleMesh,
+    times: Sequence[float],
+    *,
+    operator: str | None = None,
+    mass: str = "lumped",
+    seed: int = 0,
+) -> spectrum.HeatKernelSignature:
+    """Heat left at each vertex after each time, of a unit put there.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh or (points, faces) pair
+    times : (t,) sequence of float
+        Positive, in length^2.
+    operator, mass : str, optional
+        See `laplace_operator`.
+    seed : int
+        Seed of the eigensolver.
+
+    Returns
+    -------
+    HeatKernelSignature
+        `values` (n, t) in 1/length^2; `truncation` (t,), an estimate of the relative error by the
+        eigenfunctions that were left out.
+
+    Raises
+    ------
+    MeshError, ParameterError
+
+    References
+    ----------
+    J. Sun, M. Ovsjanikov, L. Guibas, "A concise and provably informative multi-scale signature based on heat
+    diffusion", 2009.
+
+    Examples
+    --------
+    >>> import ddgcli as ddg
+    >>> signature = ddg.heat_kernel_signature(ddg.icosphere(2), [1.0, 5.0])
+    >>> signature.values.shape
+    (162, 2)
+    """
+    time = np.asarray(times, dtype=np.float64)
+    if time.ndim != 1 or not len(time) or not (np.isfinite(time) & (time > 0)).all():
+        raise ParameterError("times must be a list of positive numbers")
+    chosen = laplace_operator(mesh, operator, mass)
+    pairs = spectrum.spectrum(chosen, spectrum.signature_pairs(chosen, time.tolist()), seed=seed)
+    return spectrum.heat_kernel_signature(pairs, time)
+
+
+@accepts_arrays("surface")
+def poisson(
+    mesh: TriangleMesh,
+    source: ArrayLike,
+    fixed: Mapping[int, float] | None = None,
+    *,
+    operator: str | None = None,
+    mass: str = "lumped",
+) -> problems.Solution:
+    """Solution u of the Poisson problem L u = M f: minus the Laplacian of u is f.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh or (points, faces) pair
+    source : (n,) or (n, c) array_like of float
+        f at the vertices, not integrated.
+    fixed : mapping of vertex to value, optional
+        Dirichlet values. Without them the boundary is natural, f loses its mean on every component (with a
+        warning where it has one), and u has mean zero there.
+    operator, mass : str, optional
+        See `laplace_operator`.
+
+    Returns
+    -------
+    Solution
+        `values` in the shape of the source, in units of f times length^2; `residual`, relative; `imbalance`,
+        the share of f that was its mean.
+
+    Raises
+    ------
+    MeshError, ParameterError
+
+    Examples
+    --------
+    >>> import ddgcli as ddg
+    >>> sphere = ddg.icosphere(3)
+    >>> z = sphere.points[:, 2]  # an eigenfunction: minus the Laplacian of z is 2 z
+    >>> solution = ddg.poisson(sphere, z)
+    >>> float(abs(solution.values - z / 2).max()) < 0.01, solution.residual < 1e-10
+    (True, True)
+    """
+    values = np.asarray(source, dtype=np.float64)
+    if values.ndim not in (1, 2) or len(values) != mesh.n_vertices:
+        raise ParameterError(f"source has shape {values.shape}; it needs one entry for each vertex")
+    return problems.poisson(laplace_operator(mesh, operator, mass), values, fixed)
+
+
+@accepts_arrays("surface")
+def harmonic_interpolation(
+    mesh: TriangleMesh, fixed: Mapping[int, float], *, operator: str | None = None, mass: str = "lumped"
+) -> problems.Solution:
+    """Harmonic function with given values at some vertices: L u = 0 at all others.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh or (points, faces) pair
+    fixed : mapping of vertex to value
+        At least one vertex.
+    operator, mass : str, optional
+        See `laplace_operator`.
+
+    Returns
+    -------
+    Solution
+        `values` (n,) and the relative `residual`.
+
+    Raises
+    ------
+    MeshError, ParameterError
+
+    Examples
+    --------
+    >>> import ddgcli as ddg
+    >>> square = ddg.grid(4, 4)
+    >>> ends = {v: x for v, (x, _, _) in enumerate(square.points) if x in (0, 1)}
+    >>> linear = ddg.harmonic_interpolation(square, ends)
+    >>> bool(abs(linear.values - square.points[:, 0]).max() < 1e-12)
+    True
+    """
+    return problems.harmonic(laplace_operator(mesh, operator, mass), fixed)
+
+
+@accepts_arrays("surface")
+def parameterize(
+    mesh: TriangleMesh,
+    method: Literal["conformal", "harmonic"] = "conformal",
+    *,
+    operator: str | None = None,
+) -> maps.Parameterization:
+    """Map of a surface with boundary to the plane.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh or (points, faces) pair
+        One oriented component of genus 0 with boundary.
+    method : {'conformal', 'harmonic'}
+        'conformal': spectral, free boundary, area of the surface. 'harmonic': onto the unit disk, boundary by
+        arc length; no triangle of the intrinsic Delaunay triangulation is flipped.
+    operator : str, optional
+        See `laplace_operator`.
+
+    Returns
+    -------
+    Parameterization
+        `uv` (n, 2); `flipped_input`, `collapsed_input` (triangles); `distortion_mean`, `distortion_max`
+        (ratio of singular values, 1 where conformal); `residual`; `converged`.
+
+    Raises
+    ------
+    MeshError
+        When the surface is closed, in pieces, or has handles.
+    ParameterError
+        On an unknown method.
+
+    References
+    ----------
+    P. Mullen et al., "Spectral conformal parameterization", 2008.
+    M. Floater, "One-to-one piecewise linear mappings over triangulations", 2003.
+
+    Examples
+    --------
+    >>> import ddgcli as ddg
+    >>> flat = ddg.parameterize(ddg.grid(6, 6))
+    >>> round(flat.distortion_max, 6), flat.flipped_input
+    (1.0, 0)
+    """
+    methods = {"conformal": maps.parameterize_conformal, "harmonic": maps.parameterize_harmonic}
+    if method not in methods:
+        raise ParameterError(f"unknown method {method!r}; choose one of {', '.join(methods)}")
+    return methods[method](mesh, laplace_operator(mesh, operator))
+
+
+@accepts_arrays("surface")
+def mean_curvature_flow(
+    mesh: TriangleMesh,
+    time: float,
+    *,
+    steps: int = 10,
+    operator: str | None = None,
+    mass: str = "lumped",
+) -> smoothing.Smoothed:
+    """Surface after implicit mean curvature flow, dx/dt = -2 H n, for some time.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh or (points, faces) pair
+        Boundary vertices stay where they are.
+    time : float
+        In length^2.
+    steps : int
+        Backward Euler steps.
+    operator, mass : str, optional
+        See `laplace_operator`.
+
+    Returns
+    -------
+    Smoothed
+        `mesh`; `area` before and after every step, in length^2; `time` reached (shorter where the surface
+        vanished before); `residual`, relative.
+
+    Raises
+    ------
+    MeshError, ParameterError
+
+    References
+    ----------
+    M. Desbrun et al., "Implicit fairing of irregular meshes using diffusion and curvature flow", 1999.
+
+    Examples
+    --------
+    >>> import ddgcli as ddg
+    >>> flow = ddg.mean_curvature_flow(ddg.icosphere(2), 0.1, steps=20)  # r^2 = 1 - 4 t
+    >>> round(float((flow.mesh.points[0] ** 2).sum()), 1)
+    0.6
+    """
+    if not (np.isfinite(time) and time > 0 and steps >= 1):
+        raise ParameterError(f"time and steps must be positive, not {time} and {steps}")
+    return smoothing.smooth(mesh, time, steps=steps, operator=operator, mass=mass)

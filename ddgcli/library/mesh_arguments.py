@@ -1,0 +1,139 @@
+"""Conversion of the `mesh` argument of library functions."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable
+from typing import Any, Concatenate, ParamSpec, Protocol, TypeVar
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ddgcli.errors import MeshError
+from ddgcli.mesh.curve import CurveSet
+from ddgcli.mesh.fields import AnyMesh
+from ddgcli.mesh.intrinsic_mesh import IntrinsicMesh
+from ddgcli.mesh.tet_mesh import TetMesh
+from ddgcli.mesh.triangle_mesh import TriangleMesh
+
+P = ParamSpec("P")
+R = TypeVar("R")
+
+KIND_CLASS: dict[str, type] = {
+    "surface": TriangleMesh,
+    "intrinsic": IntrinsicMesh,
+    "tetrahedra": TetMesh,
+    "curve": CurveSet,
+}
+KIND_PHRASE = {
+    "surface": "a triangle surface in space",
+    "intrinsic": "an intrinsic triangulation",
+    "tetrahedra": "tetrahedra",
+    "curve": "curves",
+}
+
+
+class MeshHolder(Protocol):
+    """Object with an attribute `mesh`: the content of a mesh file, the result of a measurement."""
+
+    @property
+    def mesh(self) -> Any: ...
+
+
+MeshLike = AnyMesh | tuple[ArrayLike, ArrayLike] | MeshHolder
+
+
+def as_mesh(mesh: MeshLike) -> AnyMesh:
+    """Mesh of an argument that may be a pair of arrays.
+
+    Every function of the library passes its `mesh` argument through this conversion.
+
+    Parameters
+    ----------
+    mesh : mesh, (points, cells) pair, or object with an attribute `mesh`
+        A pair holds points (n, 2) or (n, 3) and cells (m, 3), (m, 4) or (m, 2): triangles, tetrahedra or
+        segments. A mesh that is used several times is better converted once, since it keeps its topology.
+
+    Returns
+    -------
+    TriangleMesh, TetMesh, CurveSet or IntrinsicMesh
+
+    Raises
+    ------
+    MeshError
+        When the argument is none of these, or the arrays do not make a mesh.
+
+    Examples
+    --------
+    >>> import ddgcli as ddg
+    >>> V, F = [[0, 0], [1, 0], [0, 1]], [[0, 1, 2]]
+    >>> ddg.as_mesh((V, F)).n_faces
+    1
+    """
+    if isinstance(mesh, AnyMesh):
+        return mesh
+    if isinstance(mesh, (tuple, list)) and len(mesh) == 2:
+        try:
+            return _mesh_of_pair(*mesh)
+        except MeshError:
+            raise
+        except (TypeError, ValueError) as error:
+            raise MeshError(f"the pair (points, cells) holds no arrays of numbers: {error}") from error
+    held = getattr(mesh, "mesh", None)
+    if isinstance(held, AnyMesh):
+        return held
+    raise MeshError(
+        f"{type(mesh).__name__} is no mesh; give a mesh, a pair (points, faces) of arrays, or what "
+        "read_mesh returns"
+    )
+
+
+def _mesh_of_pair(points: ArrayLike, cells: ArrayLike) -> AnyMesh:
+    """Mesh of the kind that follows from the number of corners of a cell."""
+    corners = np.shape(cells)[1] if np.ndim(cells) == 2 else 0
+    if corners == 4:
+        return TetMesh.from_arrays(points, cells)
+    if corners == 2:
+        return CurveSet.from_arrays(points, cells)
+    return TriangleMesh.from_arrays(points, cells)
+
+
+def mesh_of_kind(mesh: MeshLike, kinds: tuple[str, ...], verb: str) -> Any:
+    """Mesh of an argument, refused where it is not of one of the kinds.
+
+    Parameters
+    ----------
+    mesh : see `as_mesh`
+    kinds : tuple of str
+        Of KIND_CLASS.
+    verb : str
+        Subject of the message.
+    """
+    converted = as_mesh(mesh)
+    if isinstance(converted, tuple(KIND_CLASS[kind] for kind in kinds)):
+        return converted
+    kind = next(name for name, cls in KIND_CLASS.items() if isinstance(converted, cls))
+    cure = "; pass their boundary, mesh.boundary" if kind == "tetrahedra" and "surface" in kinds else ""
+    wanted = " or ".join(KIND_PHRASE[name] for name in kinds)
+    raise MeshError(f"{verb} takes {wanted}, not {KIND_PHRASE[kind]}{cure}")
+
+
+def accepts_arrays(
+    *kinds: str,
+) -> Callable[[Callable[Concatenate[Any, P], R]], Callable[Concatenate[MeshLike, P], R]]:
+    """Decorator: convert the first argument, `mesh`, by `as_mesh`, and refuse meshes of other kinds.
+
+    Parameters
+    ----------
+    *kinds : str
+        Of KIND_CLASS.
+    """
+
+    def decorate(function: Callable[Concatenate[Any, P], R]) -> Callable[Concatenate[MeshLike, P], R]:
+        @functools.wraps(function)
+        def call(mesh: MeshLike, *args: P.args, **kwargs: P.kwargs) -> R:
+            return function(mesh_of_kind(mesh, kinds, function.__name__), *args, **kwargs)
+
+        return call
+
+    return decorate

@@ -1,0 +1,344 @@
+"""Library functions: arrays in the place of meshes, the numbers of the command line, refusals."""
+
+from __future__ import annotations
+
+import inspect
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import ddgcli as ddg
+
+ROOT = Path(__file__).parents[2]
+SPHERE = ddg.icosphere(1)
+SQUARE = ddg.grid(3, 3)
+TET = ddg.TetMesh.from_arrays([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], [[0, 1, 2, 3]])
+X = SQUARE.points[:, 0]
+
+# one call of every exported function with a parameter `mesh`
+CALLS = {
+    "as_mesh": lambda m: ddg.as_mesh(m).faces,
+    "betti_numbers": lambda m: ddg.betti_numbers(m).absolute,
+    "connection_laplacian": lambda m: ddg.connection_laplacian(m).toarray(),
+    "curvature": lambda m: ddg.curvature(m).vertex["mean_curvature"],
+    "d0": lambda m: ddg.d0(m).toarray(),
+    "d1": lambda m: ddg.d1(m).toarray(),
+    "d2": lambda m: ddg.d2(TET if m is SQUARE else (TET.points, TET.tetrahedra)).toarray(),
+    "delaunay_refinement": lambda m: ddg.delaunay_refinement(m, 30).mesh.side_length,
+    "distance_gradient": lambda m: ddg.distance_gradient(m, X),
+    "divergence": lambda m: ddg.divergence(m).toarray(),
+    "DistanceSolver": lambda m: ddg.DistanceSolver(m).distance(0),
+    "eigenpairs": lambda m: ddg.eigenpairs(m, 3).values,
+    "galerkin_mass": lambda m: ddg.galerkin_mass(m).toarray(),
+    "geodesic_distance": lambda m: ddg.geodesic_distance(m, 0),
+    "gradient": lambda m: ddg.gradient(m).toarray(),
+    "harmonic_basis": lambda m: ddg.harmonic_basis(m, "normal").forms,
+    "harmonic_interpolation": lambda m: ddg.harmonic_interpolation(m, {0: 0.0, 15: 1.0}).values,
+    "heat_kernel_signature": lambda m: ddg.heat_kernel_signature(m, [1.0]).values,
+    "HeatSolver": lambda m: ddg.HeatSolver(m).distance(0),
+    "hodge_decomposition": lambda m: ddg.hodge_decomposition(m, ddg.d0(SQUARE) @ X).vertex["potential"],
+    "hodge_star": lambda m: ddg.hodge_star(m, 1).toarray(),
+    "homology_generators": lambda m: len(ddg.homology_generators(m)),
+    "integral_curves": lambda m: ddg.integral_curves(m, [[1, 0, 0]] * 18, [5], duration=0.2).polylines[0],
+    "intrinsic_delaunay": lambda m: ddg.intrinsic_delaunay(m).side_length,
+    "isolines": lambda m: ddg.isolines(m, X, 2).polylines[0],
+    "laplace_operator": lambda m: ddg.laplace_operator(m).stiffness.toarray(),
+    "logarithmic_map": lambda m: ddg.logarithmic_map(m, 5).vertex["log_map"],
+    "lumped_mass": lambda m: ddg.lumped_mass(m).toarray(),
+    "mean_curvature_flow": lambda m: ddg.mean_curvature_flow(m, 0.1).mesh.points,
+    "measure_distance": lambda m: ddg.measure_distance(m, 0).vertex["geodesic_distance"],
+    "parallel_transport": lambda m: ddg.parallel_transport(m, 0, [1, 0, 0]).vertex["transported_vector"],
+    "parameterize": lambda m: ddg.parameterize(m).uv,
+    "poisson": lambda m: ddg.poisson(m, X - X.mean()).values,
+    "shortest_paths": lambda m: ddg.shortest_paths(m, 0, 15).polylines[0],
+    "stiffness": lambda m: ddg.stiffness(m).toarray(),
+    "straighten_paths": lambda m: ddg.straighten_paths(m, [[0, 1, 2, 6]]).polylines[0],
+    "trace": lambda m: ddg.trace(m, 0, [0.4, 0.3, 0.3], [1, 0.2, 0], 0.3).polylines[0],
+    "tradeoff_table": lambda m: (
+        ddg.tradeoff_table("geodesic", m, method="dijkstra", repeat=1).rows[0].max_error
+    ),
+    "uniform_stiffness": lambda m: ddg.uniform_stiffness(m).toarray(),
+    "voronoi_mass": lambda m: ddg.voronoi_mass(m).toarray(),
+}
+WRITERS = {"write_mesh", "write_trajectory"}
+HOLDERS = {"Measurement", "Simulation"}  # their `mesh` is a result, not an argument
+
+
+def test_table_of_calls_holds_every_function_of_a_mesh():
+    exported = set(ddg.__all__) - {"__version__", "errors"}
+    takes_mesh = {n for n in exported if "mesh" in inspect.signature(getattr(ddg, n)).parameters}
+    assert takes_mesh - WRITERS - HOLDERS == set(CALLS)
+
+
+@pytest.mark.parametrize("name", sorted(CALLS))
+def test_pair_of_arrays_gives_what_the_mesh_gives(name):
+    pair = (SQUARE.points.tolist(), SQUARE.faces.tolist())
+    np.testing.assert_array_equal(CALLS[name](pair), CALLS[name](SQUARE))
+
+
+def test_what_read_mesh_returns_is_accepted_as_a_mesh(tmp_path):
+    ddg.write_mesh(tmp_path / "square.ply", (SQUARE.points, SQUARE.faces))
+    read = ddg.read_mesh(tmp_path / "square.ply")
+    assert abs(ddg.stiffness(read) - ddg.stiffness(SQUARE)).max() == 0
+
+
+@pytest.mark.parametrize(
+    "call, message",
+    [
+        (lambda: ddg.curvature(TET), "curvature takes a triangle surface in space or curves, not tetrahedra"),
+        (lambda: ddg.gradient(ddg.intrinsic_delaunay(SQUARE)), "not an intrinsic triangulation"),
+        (lambda: ddg.curvature("bunny.ply"), "str is no mesh; give a mesh, a pair"),
+        (lambda: ddg.stiffness((SQUARE.points, SQUARE.faces + 1)), "names vertex 16, outside 0..15"),
+        (lambda: ddg.stiffness((SQUARE.points, SQUARE.faces * 0.5)), "indices must be integers"),
+        (lambda: ddg.stiffness(([[0, 0], [1]], [[0, 1, 1]])), "holds no arrays of numbers"),
+        (lambda: ddg.curvature((SQUARE.points, [[0, 99]])), "segment 0 names a point outside 0..15"),
+        (lambda: ddg.write_mesh("x.vtu", SQUARE, vertex={"a": [1, 2]}), "'a' has shape .2,.; it needs 16"),
+        (lambda: ddg.write_mesh("x.vtu", SQUARE, face={"a": ["b"] * 18}), "write real numbers"),
+        (lambda: ddg.write_mesh("x.npz", TET, edge={"a": [1]}), "edge arrays belong to surfaces"),
+        (lambda: ddg.write_trajectory("x.vtkhdf", []), "pass it as mesh"),
+    ],
+)
+def test_wrong_meshes_and_arrays_are_refused(call, message, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(ddg.errors.MeshError, match=message):
+        call()
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_the_cure_for_tetrahedra_works():
+    with pytest.raises(ddg.errors.MeshError, match=r"pass their boundary, mesh\.boundary"):
+        ddg.stiffness(TET)
+    assert ddg.stiffness(TET.boundary).shape == (4, 4)
+
+
+@pytest.mark.parametrize(
+    "call, message",
+    [
+        (lambda: ddg.geodesic_distance(SPHERE), "no source"),
+        (lambda: ddg.geodesic_distance(SPHERE, [1.5]), "whole numbers"),
+        (lambda: ddg.geodesic_distance(SPHERE, 0, "heat", tolerance=1), "'heat' has no option 'tolerance'"),
+        (lambda: ddg.geodesic_distance(SPHERE, 0, tolerance=-1), "tolerance must be 0 or more"),
+        (lambda: ddg.geodesic_distance(SPHERE, source_points=[[0, 0]]), r"of shape \(k, 3\)"),
+        (lambda: ddg.HeatSolver(SPHERE, heat_time=float("nan")), "heat_time must be positive"),
+        (lambda: ddg.HeatSolver(SPHERE, heat_refine=1.5), "whole number of rounds"),
+        (lambda: ddg.curvature(SPHERE, "corrected", -1.0), "radius must be a positive length"),
+        (lambda: ddg.curvature((SQUARE.points, [[0, 1]]), radius=1.0), "belong to surfaces"),
+        (lambda: ddg.parameterize(SQUARE, "area"), "unknown method 'area'"),
+        (lambda: ddg.mean_curvature_flow(SQUARE, -1.0), "must be positive"),
+        (lambda: ddg.poisson(SPHERE, [1.0]), "one entry for each vertex"),
+        (lambda: ddg.heat_kernel_signature(SPHERE, []), "list of positive numbers"),
+        (lambda: ddg.hodge_decomposition(SPHERE, [1.0]), "neither vectors on 42 vertices"),
+        (lambda: ddg.hodge_decomposition(SPHERE, np.ones(120), "free"), "unknown boundary 'free'"),
+        (lambda: ddg.logarithmic_map(SPHERE, 0, "heat"), "not 'heat'"),
+        (lambda: ddg.isolines(SPHERE, SPHERE.points[:, 0], 0), "count must be at least 1"),
+        (lambda: ddg.trace(SPHERE, [0, 1], [1, 0, 0], [1, 0, 0], [1, 2, 3]), "do not fit together"),
+        (lambda: ddg.shortest_paths(SPHERE, 0, 1.5), "whole numbers"),
+        (lambda: ddg.tradeoff_table("geodesic", SPHERE, scheme="cotan"), "no option 'scheme'"),
+        (lambda: ddg.tradeoff_table("curvature", SPHERE, norm="sum"), "norm must be"),
+        (
+            lambda: ddg.tradeoff_table("curvature", SPHERE, scheme="none", repeat=1),
+            "no method of 'curvature'",
+        ),
+    ],
+)
+def test_wrong_parameters_are_refused(call, message):
+    with pytest.raises(ddg.errors.ParameterError, match=message):
+        call()
+
+
+@pytest.mark.parametrize("method", ["exact", "heat", "fast-marching", "dijkstra"])
+def test_distance_is_that_of_the_command(method, summary, tmp_path):
+    path = str(ROOT / "sample_meshes" / "torus.ply")
+    summary("geodesic", path, "--source", "3", "--method", method, "-o", tmp_path / "d.npz")
+    of_command = np.load(tmp_path / "d.npz")["geodesic_distance"]
+    np.testing.assert_array_equal(ddg.geodesic_distance(ddg.read_mesh(path), 3, method), of_command)
+
+
+def test_options_of_distance_change_it():
+    sphere = ddg.icosphere(2)
+    mesh = sphere.moved(sphere.points * [1, 1, 5])  # stretched: not Delaunay
+    plain = ddg.geodesic_distance(mesh, 0, "heat")
+    for options in ({"heat_time": 4.0}, {"heat_refine": 2}, {"operator": "plain"}):
+        assert np.abs(ddg.geodesic_distance(mesh, 0, "heat", **options) - plain).max() > 1e-6
+
+
+def test_source_points_are_projected_to_the_surface():
+    distance = ddg.geodesic_distance(SQUARE, [15], source_points=[[0.4, 0.45, 2.0]])
+    from_point = np.hypot(*(SQUARE.points[:, :2] - [0.4, 0.45]).T)
+    from_vertex = np.hypot(*(SQUARE.points[:, :2] - [1.0, 1.0]).T)
+    np.testing.assert_allclose(distance, np.minimum(from_point, from_vertex), atol=1e-14)
+
+
+def test_one_heat_solver_answers_as_new_ones_do():
+    solver = ddg.HeatSolver(SPHERE)
+    first, second = solver.distance(0), solver.distance([5])
+    np.testing.assert_array_equal(solver.distance(0), first)
+    np.testing.assert_array_equal(ddg.HeatSolver(SPHERE).distance([5]), second)
+
+
+@pytest.mark.parametrize("scheme", ["quadric", "corrected", "normal-cycle", "cotan"])
+def test_curvature_is_that_of_the_command(scheme, summary, tmp_path):
+    path = str(ROOT / "sample_meshes" / "ellipsoid.ply")
+    of_command = summary("curvature", path, "--scheme", scheme, "-o", tmp_path / "k.npz")
+    measured = ddg.curvature(ddg.read_mesh(path), scheme)
+    np.testing.assert_array_equal(
+        measured.vertex["mean_curvature"], np.load(tmp_path / "k.npz")["mean_curvature"]
+    )
+    assert measured.results["willmore_energy"] == of_command["results"]["willmore_energy"]
+
+
+def test_curvature_of_a_polygon_is_that_of_its_arrays():
+    angle = 2 * np.pi * np.arange(12) / 12
+    points = np.stack([2 * np.cos(angle), 2 * np.sin(angle)], axis=1)
+    measured = ddg.curvature((points, [[i, (i + 1) % 12] for i in range(12)]))
+    assert measured.results["turning_number"] == pytest.approx(1, abs=1e-12)
+    np.testing.assert_allclose(measured.vertex["turning_angle"], 2 * np.pi / 12, rtol=1e-12)
+
+
+def test_paths_and_transport_on_a_torus_agree_with_the_distance():
+    mesh = ddg.torus(24, 12)
+    paths = ddg.shortest_paths(mesh, [0], [50, 140], transport=True)
+    distance = ddg.geodesic_distance(mesh, 0)
+    lengths = [np.linalg.norm(np.diff(line, axis=0), axis=1).sum() for line in paths.polylines]
+    np.testing.assert_allclose(lengths, distance[[50, 140]], rtol=1e-10)
+    x, y = paths.vertex["transport_x"], paths.vertex["transport_y"]
+    np.testing.assert_allclose(np.einsum("ij,ij->i", x, y), 0, atol=1e-12)
+
+
+def test_a_target_that_no_source_reaches_has_an_empty_polyline():
+    two = (
+        np.concatenate([SQUARE.points, SQUARE.points + 5]),
+        np.concatenate([SQUARE.faces, SQUARE.faces + 16]),
+    )
+    paths = ddg.shortest_paths(two, 0, [31, 3])
+    assert [len(line) > 0 for line in paths.polylines] == [False, True]
+
+
+def test_results_are_written_with_their_arrays(tmp_path):
+    paths = ddg.shortest_paths(SQUARE, 0, [15])
+    ddg.write_mesh(tmp_path / "paths.vtp", paths)
+    assert {"path_id", "face", "barycentric"} <= set(ddg.read_mesh(tmp_path / "paths.vtp").vertex)
+    ddg.write_mesh(tmp_path / "k.npz", ddg.curvature(SPHERE), vertex={"height": SPHERE.points[:, 2]})
+    written = np.load(tmp_path / "k.npz")
+    assert {"height", "mean_curvature", "dihedral_angle"} <= set(written)
+
+
+def last_frame(path: Path) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+    with ddg.read_trajectory(path) as trajectory:
+        return trajectory.points(trajectory.n_frames - 1), trajectory.vertex(trajectory.n_frames - 1)
+
+
+FLOW = """
+[[object]]
+role = "fluid"
+grid = { size = [1, 1], cells = [12, 12], periodic = "xy" }
+
+[effects]
+initial = { flow = "taylor-vortices", strength = 1.0, core = 0.1, separation = 0.3 }
+"""
+
+
+@pytest.mark.parametrize("command, name", [("shell-sim", "strain"), ("fluid-sim", "vorticity")])
+def test_simulation_is_that_of_the_command(command, name, summary, tmp_path):
+    scene = ROOT / "sample_scenes" / "hat.toml"
+    if command == "fluid-sim":
+        scene = tmp_path / "flow.toml"
+        scene.write_text(FLOW)
+    summary(command, scene, "--steps", "2", "-o", tmp_path / "run.vtkhdf")
+    points, vertex = last_frame(tmp_path / "run.vtkhdf")
+    run = ddg.simulate(scene, steps=2)
+    *_, last = run
+    np.testing.assert_array_equal(last.vertex[name], vertex[name])
+    np.testing.assert_array_equal(run.mesh.points if last.points is None else last.points, points)
+
+
+SHEET = {"role": "shell", "grid": {"size": [1, 1], "cells": [2, 2]}, "material": "paper"}
+
+
+def falling(**options: Any) -> ddg.Simulation:
+    return ddg.simulate({"object": [SHEET], "effects": {"gravity": {}}}, **options)
+
+
+@pytest.mark.parametrize(
+    "options, times",
+    [
+        ({"steps": 2}, [0.0, 0.01, 0.02]),
+        ({"duration": 0.04, "step": 0.02}, [0.0, 0.02, 0.04]),
+        ({"duration": 0.04, "frame_every": 0.02}, [0.0, 0.02, 0.04]),
+        ({"duration": 0.04, "frame_every": 0.02, "tolerance": 1e-3}, [0.0, 0.02, 0.04]),
+    ],
+)
+def test_times_of_frames_follow_the_options(options, times):
+    run = falling(**options)
+    assert run.n_frames == len(times)
+    np.testing.assert_allclose([frame.time for frame in run], times, rtol=1e-12)
+
+
+def test_integrator_of_a_simulation_is_used():
+    *_, newmark = falling(steps=2)
+    *_, euler = falling(steps=2, integrator="implicit-euler")
+    assert newmark.points[0, 2] == pytest.approx(-9.81 * 0.02**2 / 2, rel=1e-9)
+    assert euler.points[0, 2] == pytest.approx(-9.81 * 0.01**2 * 3, rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    "scene, message",
+    [
+        ("missing.toml", "missing.toml: no such file"),
+        ({}, r"no \[\[object\]\]"),
+        ({"object": [SHEET], "effects": {"gravty": {}}}, "did you mean 'gravity'"),
+        ({"object": [{**SHEET, "role": "sheet"}]}, "no role 'sheet'"),
+        (
+            {"object": [{"role": "obstacle", "plane": {"point": [0, 0, 0], "normal": [0, 0, 1]}}]},
+            "no object moves",
+        ),
+    ],
+)
+def test_wrong_scenes_are_refused_before_the_first_frame(scene, message):
+    with pytest.raises(ddg.errors.SceneError, match=message):
+        ddg.simulate(scene)
+
+
+def mesh_of_sheet() -> ddg.TriangleMesh:
+    return falling().mesh
+
+
+def test_trajectory_gives_back_the_frames(tmp_path):
+    frames = list(falling(steps=3))
+    assert ddg.write_trajectory(tmp_path / "fall.vtkhdf", frames, mesh_of_sheet()) == 4
+    with ddg.read_trajectory(tmp_path / "fall.vtkhdf") as trajectory:
+        for frame, kept in zip(frames, trajectory, strict=True):
+            np.testing.assert_array_equal(kept.points, frame.points)
+            assert kept.time == frame.time
+
+
+def test_a_run_that_breaks_off_leaves_a_part(tmp_path):
+    def frames():
+        yield next(falling(steps=1))
+        raise ddg.errors.SolveError("a step failed")
+
+    with pytest.raises(ddg.errors.SolveError):
+        ddg.write_trajectory(tmp_path / "run.vtkhdf", frames(), mesh_of_sheet())
+    assert [p.name for p in tmp_path.iterdir()] == ["run.vtkhdf.part"]
+
+
+def test_tradeoff_judges_rows_against_a_known_truth():
+    table = ddg.tradeoff_table("geodesic", SQUARE, truth="plane", within=0.5, repeat=1)
+    assert table.reference is not None and table.reference.known
+    assert any(row.on_front for row in table.rows) and any(row.verdict for row in table.rows)
+    options = {"sources": [5], "method": "dijkstra", "norm": "mean", "repeat": 1}
+    mean = ddg.tradeoff_table("geodesic", SPHERE, **options)
+    assert [row.method for row in mean.rows] == ["dijkstra"]
+
+
+def test_summary_block_of_betti_numbers_agrees(summary):
+    path = str(ROOT / "sample_meshes" / "torus.ply")
+    of_command = summary("hodge", path)["results"]["betti_numbers"]
+    numbers = ddg.betti_numbers(ddg.read_mesh(path))
+    assert json.loads(json.dumps(of_command)) == {
+        "absolute": list(numbers.absolute),
+        "relative": list(numbers.relative),
+    }

@@ -1,0 +1,60 @@
+"""The recipes of docs/library.md run, and print what stands behind their lines."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import re
+import shutil
+from pathlib import Path
+
+import pytest
+
+import ddgcli as ddg
+
+ROOT = Path(__file__).parents[2]
+PAGE = (ROOT / "docs" / "library.md").read_text(encoding="utf-8")
+RECIPES = dict(
+    re.findall(r"^### ([^\n]+)\n(?:(?!^###).)*?^```python\n(.*?)^```", PAGE, re.MULTILINE | re.DOTALL)
+)
+PRINTED = re.compile(r"^print\(.*\)  # (.*)$", re.MULTILINE)
+
+
+def printed(code: str) -> list[str]:
+    """Lines that a recipe prints."""
+    output = io.StringIO()
+    with contextlib.redirect_stdout(output):
+        exec(compile(code, "docs/library.md", "exec"), {"__name__": "recipe"})
+    return output.getvalue().splitlines()
+
+
+@pytest.fixture
+def folder_with_samples(tmp_path, monkeypatch):
+    for name in ("sample_meshes", "sample_scenes"):
+        shutil.copytree(ROOT / name, tmp_path / name)
+    monkeypatch.chdir(tmp_path)
+
+
+@pytest.mark.parametrize("title", RECIPES)
+def test_recipe_prints_what_the_page_shows(title, folder_with_samples):
+    code = RECIPES[title]
+    if "import igl" in code:
+        pytest.importorskip("igl")
+    expected = PRINTED.findall(code)
+    assert expected and len(expected) == code.count("print(")
+    assert printed(code) == expected
+
+
+def test_page_has_at_least_eight_recipes_and_one_in_libigl():
+    assert len(RECIPES) >= 8 and PAGE.count("```python") == len(RECIPES) + 1
+    assert sum("import igl" in code for code in RECIPES.values()) == 1
+
+
+def test_first_example_of_the_page_runs(folder_with_samples):
+    assert printed(re.findall(r"^```python\n(.*?)^```", PAGE, re.MULTILINE | re.DOTALL)[0]) == []
+    assert Path("ellipsoid.vtu").is_file()
+
+
+def test_table_of_functions_names_all_that_is_exported():
+    table = PAGE[PAGE.index("## Functions") : PAGE.index("## Limits")]
+    assert set(re.findall(r"`(\w+)`", table)) == set(ddg.__all__) - {"__version__"}
