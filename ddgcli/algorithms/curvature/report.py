@@ -106,7 +106,7 @@ def measure(
         raise ParameterError(
             "cotan measures at the vertex star and takes no radius; use normal-cycle, corrected or quadric"
         )
-    if radius is not None and not (math.isfinite(radius) and radius > 0):
+    if isinstance(radius, (int, float)) and not (math.isfinite(radius) and radius > 0):
         raise ParameterError(f"the radius must be a positive length, not {radius}")
     require(mesh, "curvature")
     surface = _prepared(mesh, scheme)

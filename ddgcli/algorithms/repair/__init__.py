@@ -1,5 +1,5 @@
-"""Repair of triangle meshes: weld, drop, split, orient, fill, keep and cut, each step with maps from the vertices
-and faces of the result to those of the input.
+"""Repair of triangle meshes: weld, drop, split, orient, fill, keep and cut, each step with maps from the
+vertices and faces of the result to those of the input.
 """
 
 __all__ = ["pipeline"]
