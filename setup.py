@@ -7,5 +7,6 @@ SAMPLES = {"ddgcli.samples.meshes": "sample_meshes", "ddgcli.samples.scenes": "s
 setup(
     packages=[*find_packages(include=["ddgcli*"]), *SAMPLES],
     package_dir=SAMPLES,
-    package_data={"ddgcli": ["py.typed"]} | {name: ["*"] for name in SAMPLES},
+    package_data={"ddgcli": ["py.typed"], "ddgcli.plots": ["viewer.html"]}
+    | {name: ["*"] for name in SAMPLES},
 )

@@ -37,6 +37,7 @@ COMMANDS = {
     "willmore-flow": ("willmore_flow", "Flow a surface down its bending energy."),
     "tradeoff": ("tradeoff", "What accuracy costs in time, on your own input."),
     "frames": ("frames", "Export frames of a trajectory: meshes, pictures, animations."),
+    "view": ("view", "A page for the browser: rotate, read values, play."),
     "batch": ("batch", "Run a command over many inputs and parameter values."),
     "examples": ("examples", "Copy the sample meshes and scenes into a folder."),
     "check": ("check", "Compare a run's summary with a stored one (regression runs)."),

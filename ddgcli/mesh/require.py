@@ -147,6 +147,7 @@ NEEDS = {
     "willmore-flow": Need(surface=_MANIFOLD, every_area=True),
     "tradeoff": Need(),
     "frames": Need((), instead="it takes the trajectory of a simulation (.vtkhdf)"),
+    "view": Need(("surface", "tetrahedra", "curve"), {"faces": False, "sized": False}, {"faces": False}),
     "batch": Need((), instead="it takes inputs and, behind --, the command to run on them"),
     "examples": Need((), instead="it takes the folder to copy to"),
     "check": Need((), instead="it takes a stored summary (.json)"),

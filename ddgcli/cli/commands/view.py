@@ -1,0 +1,121 @@
+"""`ddgcli view`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from ddgcli.cli import options
+from ddgcli.cli.options import Common
+from ddgcli.cli.run import Run
+from ddgcli.errors import MeshFileError, ParameterError
+
+if TYPE_CHECKING:
+    from ddgcli.plots.web_page import ViewedObject
+
+TRAJECTORY_SUFFIXES = (".vtkhdf", ".h5", ".part")
+MAX_PAGE_MIB = 400  # a browser reads the page as one string
+
+
+@click.command("view", short_help="A page for the browser: rotate, read values, play.")
+@click.argument("paths", metavar="RESULT...", nargs=-1, required=True, type=click.Path())
+@click.option(
+    "--every",
+    type=click.IntRange(min=1),
+    default=1,
+    show_default=True,
+    metavar="N",
+    help="Show every N-th frame of a trajectory.",
+)
+@click.option("--array", metavar="NAME", help="Array to begin with.")
+@click.option(
+    "--up", type=click.Choice(["y", "z"]), default="z", show_default=True, help="Axis that points up."
+)
+@options.common
+def command(paths: tuple[str, ...], common: Common, every: int, array: str | None, up: str) -> None:
+    """Write one self-contained page that shows RESULTs: surfaces, curves, the trajectory of a simulation.
+
+    The page needs a browser with WebGL2 and no network. Drag to rotate, shift-drag to move, wheel to zoom;
+    click for the number and the value of a vertex or face; choose array, colour map, range and isolines; jump
+    to the smallest or largest value; play frames; switch inputs on and off to compare.
+
+    \b
+    Examples:
+      ddgcli view ellipsoid.vtu -o page.html
+      ddgcli view surface.ply paths.vtp -o page.html
+      ddgcli view hat.vtkhdf --every 2 -o hat.html
+    """
+    run = Run("view", common, formats=(".html",), every=every, array=array, up=up)
+    if not common.outputs:
+        raise ParameterError("the page needs a place; add -o page.html")
+    from ddgcli.plots.web_page import page_bytes
+
+    objects: list[ViewedObject] = []
+    times: list[float] = []
+    for path in paths:
+        frames = _trajectory(run, path, every)
+        if frames is not None and times:
+            raise ParameterError("two trajectories have two clocks; view one at a time")
+        viewed, seconds = frames or (_static(run, path), [])
+        objects.append(viewed)
+        times = seconds or times
+    names = sorted({name for viewed in objects for name in (*viewed.vertex, *viewed.face)})
+    if array is not None:
+        options.chosen(dict.fromkeys(names), array)
+    content = page_bytes(", ".join(Path(path).name for path in paths), objects, times, show=array, up=up)
+    if len(content) > MAX_PAGE_MIB << 20:
+        raise ParameterError(
+            f"the page would have {len(content) >> 20} MiB, {MAX_PAGE_MIB} are the most; show fewer frames",
+            parameter="every",
+        )
+    for output in common.outputs:
+        run.write_bytes(output, content)
+    run.finish({"objects": [viewed.name for viewed in objects], "arrays": names, "frames": len(times)}, {})
+
+
+def _static(run: Run, path: str) -> ViewedObject:
+    """A mesh or curve file with its arrays."""
+    source = run.read(path, accept=("surface", "tetrahedra", "curve"))
+    from ddgcli.mesh.curve import CurveSet
+    from ddgcli.plots.web_page import ViewedObject
+
+    name = Path(path).name
+    if isinstance(source.mesh, CurveSet):
+        return ViewedObject(name, [source.mesh.points], source.mesh.lines)
+    faces = source.face if source.kind == "surface" else {}
+    vertex = {key: [values] for key, values in source.vertex.items() if _drawable(values)}
+    face = {key: [values] for key, values in faces.items() if _drawable(values)}
+    return ViewedObject(name, [source.surface.points], source.surface.faces, vertex, face)
+
+
+def _drawable(values: Any) -> bool:
+    return values.dtype.kind in "fiub" and values.ndim <= 2
+
+
+def _trajectory(run: Run, path: str, every: int) -> tuple[ViewedObject, list[float]] | None:
+    """Frames of a trajectory of ours; None for any other file."""
+    if Path(path).suffix.lower() not in TRAJECTORY_SUFFIXES:
+        return None
+    from ddgcli.io.trajectories.trajectory import Trajectory
+    from ddgcli.plots.web_page import ViewedObject
+
+    try:
+        trajectory = Trajectory(path)
+    except MeshFileError:
+        return None
+    with run.timed("read"), trajectory:
+        run.note_input(path, str(trajectory.attributes.get("input_sha256", "")), frames=trajectory.n_frames)
+        numbers = range(0, trajectory.n_frames, every)
+        frames = [trajectory.frame(k) for k in numbers]
+        first = trajectory.mesh.points
+        points = [first if frame.points is None else frame.points for frame in frames]
+        points = points if trajectory.moving else points[:1]
+        vertex = {
+            name: [frame.vertex[name] for frame in frames]
+            for name, values in frames[0].vertex.items()
+            if _drawable(values)
+        }
+        viewed = ViewedObject(Path(path).name, points, trajectory.mesh.faces, vertex)
+        return viewed, [frame.time for frame in frames]

@@ -1,0 +1,92 @@
+"""A self-contained page for the browser: surfaces, curves and trajectories drawn by WebGL2."""
+
+from __future__ import annotations
+
+import base64
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from html import escape
+from importlib.resources import files
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ddgcli.plots.colour import robust_limits
+
+
+@dataclass(frozen=True, eq=False)
+class ViewedObject:
+    """What one input shows.
+
+    Parameters
+    ----------
+    name : str
+    points : sequence of (n, 3) ndarray
+        One entry, or one a frame.
+    cells : (m, 3) or (m, 2) ndarray of int64
+        Triangles or segments.
+    vertex, face : mapping of str to sequence of ndarray
+        One array, or one a frame; vectors are shown by their length.
+    """
+
+    name: str
+    points: Sequence[NDArray]
+    cells: NDArray[np.int64]
+    vertex: Mapping[str, Sequence[NDArray]] = field(default_factory=dict)
+    face: Mapping[str, Sequence[NDArray]] = field(default_factory=dict)
+
+
+def page_bytes(
+    title: str,
+    objects: Sequence[ViewedObject],
+    times: Sequence[float] = (),
+    *,
+    show: str | None = None,
+    up: str = "z",
+) -> bytes:
+    """The page, as UTF-8; equal content gives equal bytes.
+
+    Parameters
+    ----------
+    times : sequence of float
+        Of the frames, in seconds; empty where nothing moves.
+    show : str, optional
+        Array to begin with.
+    up : {'y', 'z'}
+    """
+    data = {
+        "objects": [_object(viewed) for viewed in objects],
+        "times": [float(time) for time in times],
+        "show": show,
+        "up": up,
+    }
+    text = json.dumps(data, allow_nan=False, ensure_ascii=False).replace("<", "\\u003c")
+    template = files("ddgcli.plots").joinpath("viewer.html").read_text("utf-8")
+    return template.replace("@TITLE@", escape(title)).replace("@DATA@", text).encode()
+
+
+def _object(viewed: ViewedObject) -> dict[str, Any]:
+    arrays = [_array(name, "vertex", frames) for name, frames in viewed.vertex.items()]
+    arrays += [_array(name, "face", frames) for name, frames in viewed.face.items()]
+    return {
+        "name": viewed.name,
+        "points": [_packed(points.ravel(), "f8") for points in viewed.points],
+        "faces": _packed(viewed.cells.ravel(), "u4"),
+        "corners": int(viewed.cells.shape[1]),
+        "arrays": arrays,
+    }
+
+
+def _array(name: str, place: str, frames: Sequence[NDArray]) -> dict[str, Any]:
+    values = [np.linalg.norm(v, axis=1) if v.ndim == 2 else v.astype(np.float64) for v in frames]
+    low, high, signed = robust_limits(np.concatenate(values) if values else np.zeros(0))
+    packed = [_packed(v, "f8") for v in values]
+    return {"name": name, "place": place, "low": low, "high": high, "signed": signed, "frames": packed}
+
+
+def _packed(values: NDArray, kind: str) -> dict[str, str]:
+    """Little-endian bytes of an array as base64."""
+    content = np.ascontiguousarray(values, dtype=f"<{kind}").tobytes()
+    return {"type": kind, "base64": base64.b64encode(content).decode("ascii")}

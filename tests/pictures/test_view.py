@@ -1,0 +1,144 @@
+"""`ddgcli view`: one page without a network; in a browser it draws, probes and plays."""
+
+import html
+import json
+import re
+import shutil
+import subprocess
+
+import numpy as np
+import pytest
+
+from ddgcli.io.mesh_file import write_mesh
+from ddgcli.mesh import shapes
+from ddgcli.mesh.curve import CurveSet
+from ddgcli.mesh.fields import AnnotatedMesh
+
+BROWSER = shutil.which("chromium") or shutil.which("google-chrome")
+ARGUMENTS = (
+    "--headless --no-sandbox --disable-quic --no-first-run --disable-background-networking --disable-sync "
+    "--disable-component-update --use-angle=swiftshader --enable-unsafe-swiftshader --window-size=900,700 "
+    "--virtual-time-budget=20000 --dump-dom"
+)
+
+
+@pytest.fixture
+def sphere(tmp_path):
+    """A sphere with its height on vertices, its face numbers on faces and a vector array."""
+    mesh = shapes.icosphere(3)
+    path = tmp_path / "sphere.vtu"
+    vertex = {"height": mesh.points[:, 2], "position": mesh.points}
+    write_mesh(str(path), AnnotatedMesh(mesh, vertex=vertex, face={"number": np.arange(mesh.n_faces) * 1.0}))
+    return path, mesh
+
+
+def evaluated(page, tmp_path, script):
+    """Value of a JavaScript expression in the page, as a browser without a network gives it."""
+    if BROWSER is None:
+        pytest.skip("no Chromium: the page is not tried in a browser")
+    copy = tmp_path / "probed.html"
+    tail = f"<script>document.body.dataset.result = JSON.stringify({script});</script></body>"
+    copy.write_text(page.read_text("utf-8").replace("</body>", tail), "utf-8")
+    command = [BROWSER, *ARGUMENTS.split(), f"--user-data-dir={tmp_path / 'profile'}", copy.as_uri()]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120)
+    return json.loads(html.unescape(re.search(r'data-result="([^"]*)"', done.stdout)[1]))
+
+
+PIXELS = """(() => { const g = viewer.gl, w = g.drawingBufferWidth, h = g.drawingBufferHeight;
+  const p = new Uint8Array(4 * w * h); g.readPixels(0, 0, w, h, g.RGBA, g.UNSIGNED_BYTE, p);
+  let n = 0, red = 0;
+  for (let i = 0; i < p.length; i += 4) { if (p[i] + p[i + 1] + p[i + 2] < 740) { n++; red += p[i]; } }
+  return [n / (w * h), red / Math.max(n, 1)]; })()"""
+
+
+def test_the_page_is_whole_small_and_the_same_each_time(summary, sphere, tmp_path):
+    path, _ = sphere
+    pages = [tmp_path / "a.html", tmp_path / "b.html"]
+    for page in pages:
+        result = summary("view", path, "-o", page)
+    assert pages[0].read_bytes() == pages[1].read_bytes()
+    text = pages[0].read_text("utf-8")
+    assert not re.findall(r"(?:src|href)\s*=|https?://|@import|fetch\(", text)
+    data = text.split('<script id="data"')[1].split("</script>")[0]
+    assert len(text) - len(data) < 1 << 20
+    assert result["results"]["arrays"] == ["height", "number", "position"]
+
+
+def test_the_browser_draws_and_reads_the_values_of_the_file(summary, sphere, tmp_path):
+    path, mesh = sphere
+    page = tmp_path / "page.html"
+    summary("view", path, "-o", page, "--array", "height")
+    script = f"""{{ lost: viewer.gl.isContextLost(), pixels: {PIXELS},
+      probe: viewer.probe(450, 350), outside: viewer.probe(880, 680), largest: viewer.jump(1),
+      least: viewer.jump(-1), face: (viewer.choose("number"), viewer.probe(450, 350)) }}"""
+    seen = evaluated(page, tmp_path, script)
+    assert seen["lost"] is False and 0.1 < seen["pixels"][0] < 0.9
+    assert seen["probe"]["value"] == mesh.points[seen["probe"]["vertex"], 2]
+    assert seen["probe"]["vertex"] in mesh.faces[seen["probe"]["face"]]
+    assert seen["outside"] is None
+    assert seen["largest"]["value"] == mesh.points[:, 2].max()
+    assert seen["least"]["value"] == mesh.points[:, 2].min()
+    assert seen["face"]["value"] == seen["face"]["face"]
+
+
+def test_range_map_isolines_and_visibility_change_the_picture(summary, sphere, tmp_path):
+    path, _ = sphere
+    page = tmp_path / "page.html"
+    summary("view", path, "-o", page, "--array", "height")
+    steps = ['set("map", "sequential", "change")', 'set("lines", 20, "input")', 'set("high", 5, "change")']
+    steps += ['document.querySelector("#objects input").click()']
+    pushes = "".join(f"{step}; out.push({PIXELS}); " for step in steps)
+    script = f"""(() => {{ const out = [{PIXELS}];
+      const set = (id, v, e) => {{ const x = document.getElementById(id); x.value = v;
+        x.dispatchEvent(new Event(e)); }};
+      {pushes} return out; }})()"""
+    seen = evaluated(page, tmp_path, script)
+    assert len({red for _, red in seen}) == 5 and seen[-1][0] == 0
+
+
+def test_curves_and_trajectories_are_shown(run, summary, sphere, tmp_path):
+    path, _ = sphere
+    ring = np.stack([np.cos(np.arange(20)), np.sin(np.arange(20)), np.zeros(20)], axis=1) * 1.2
+    curve = tmp_path / "ring.vtp"
+    write_mesh(str(curve), AnnotatedMesh(CurveSet.from_paths([ring])))
+    page = tmp_path / "both.html"
+    assert summary("view", path, curve, "-o", page)["results"]["objects"] == ["sphere.vtu", "ring.vtp"]
+    mesh = tmp_path / "grid.ply"
+    write_mesh(str(mesh), AnnotatedMesh(shapes.grid(4, 4)))
+    falling = tmp_path / "falling.vtkhdf"
+    words = ("--effect", "gravity", "--effect", "stretching", "--steps", "8", "--dt", "0.05")
+    assert run("shell-sim", mesh, *words, "--frame-every", "0.05", "-o", falling).exit_code == 0
+    moving = tmp_path / "moving.html"
+    result = summary("view", falling, "--every", "2", "-o", moving)
+    assert result["results"]["frames"] == 5
+    seen = evaluated(
+        moving, tmp_path, f"[{PIXELS}, (viewer.setFrame(4), {PIXELS}), viewer.data.times, viewer.state.frame]"
+    )
+    assert seen[0] != seen[1] and seen[3] == 4
+    assert seen[2] == pytest.approx(np.arange(0, 0.41, 0.1))
+
+
+@pytest.mark.parametrize(
+    "words, text",
+    [
+        ((), "add -o page.html"),
+        (("-o", "page.txt"), "unknown format .txt"),
+        (("-o", "page.html", "--array", "nothing"), "no array 'nothing'"),
+    ],
+)
+def test_wrong_calls_are_refused_in_one_line(run, sphere, tmp_path, monkeypatch, words, text):
+    monkeypatch.chdir(tmp_path)
+    result = run("view", sphere[0], *words)
+    assert result.exit_code == 2 and text in result.stderr
+    assert len(result.stderr.splitlines()) == 1 and not (tmp_path / "page.html").exists()
+
+
+def test_names_in_the_page_cannot_end_its_script(summary, tmp_path):
+    path = tmp_path / "a<b&.vtu"
+    mesh = shapes.icosphere(1)
+    write_mesh(str(path), AnnotatedMesh(mesh, vertex={"</script>": mesh.points[:, 0]}))
+    page = tmp_path / "page.html"
+    summary("view", path, "-o", page)
+    text = page.read_text("utf-8")
+    assert "a&lt;b&amp;.vtu" in text and "a<b" not in text
+    assert text.count("</script>") == 2
