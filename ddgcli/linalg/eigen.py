@@ -15,8 +15,9 @@ from scipy.sparse.linalg import splu
 
 from ddgcli.errors import ParameterError, check_memory
 from ddgcli.linalg.constrain import Poisson
-from ddgcli.linalg.lanczos import BlockLanczos, Progress
+from ddgcli.linalg.lanczos import BlockLanczos
 from ddgcli.linalg.ordering import fill_reducing_ordering
+from ddgcli.progress import ProgressCallback
 
 log = logging.getLogger("ddgcli")
 
@@ -50,7 +51,13 @@ class Eigenpairs:
 
 
 def smallest_eigenpairs(
-    stiffness: sparray, mass: sparray, k: int, *, seed: int = 0, progress: Progress = None, **options: Any
+    stiffness: sparray,
+    mass: sparray,
+    k: int,
+    *,
+    seed: int = 0,
+    progress: ProgressCallback | None = None,
+    **options: Any,
 ) -> Eigenpairs:
     """The k smallest eigenpairs of a semidefinite stiffness with a positive definite mass.
 
@@ -65,7 +72,7 @@ def smallest_eigenpairs(
     seed : int
         Of the starting block.
     progress : callable, optional
-        Told (pairs found, k) now and then.
+        Called with (converged pairs, k).
     options
         Passed on to `Factor`.
 
@@ -86,7 +93,7 @@ def smallest_eigenpairs(
 
 
 def _of_unit_mass(
-    L: csr_array, M: csr_array, k: int, seed: int, progress: Progress, options: dict[str, Any]
+    L: csr_array, M: csr_array, k: int, seed: int, progress: ProgressCallback | None, options: dict[str, Any]
 ) -> Eigenpairs:
     """As `smallest_eigenpairs`, of masses about 1."""
     n = L.shape[0]
@@ -135,7 +142,13 @@ def _finished(L: csr_array, M: csr_array, values: NDArray, X: NDArray, *, comple
 
 
 def _lanczos(
-    L: csr_array, M: csr_array, problem: Poisson, null: NDArray, k: int, seed: int, progress: Progress
+    L: csr_array,
+    M: csr_array,
+    problem: Poisson,
+    null: NDArray,
+    k: int,
+    seed: int,
+    progress: ProgressCallback | None,
 ) -> tuple[NDArray, NDArray, bool]:
     """The k smallest eigenpairs orthogonal to `null`, and whether none was missed.
 

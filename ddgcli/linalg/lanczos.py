@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
+from ddgcli.progress import ProgressCallback
+
 log = logging.getLogger("ddgcli")
 
-Progress = Callable[[float, float], Any] | None
 
 # vectors a step: few for few pairs (fewer applications), more for many (fewer passes over the basis)
 NARROWEST, WIDEST = 4, 32
@@ -56,7 +56,7 @@ class BlockLanczos:
         self.n = known.shape[1]
 
     def largest(
-        self, k: int, none_missing: Callable[[NDArray], bool], progress: Progress = None
+        self, k: int, none_missing: Callable[[NDArray], bool], progress: ProgressCallback | None = None
     ) -> tuple[NDArray, NDArray, bool]:
         """Eigenvalues (k,) descending, vectors (k, n), and whether none was missed in the end."""
         self.progress, self.found = progress, 0

@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 
 from ddgcli.errors import DdgError, SolveError
+from ddgcli.progress import ProgressCallback
 from ddgcli.tradeoff.candidates import Candidate, Problem, Reference, Row, Table, label_of
 
 log = logging.getLogger("ddgcli")
@@ -93,7 +94,7 @@ def run_problem(
     budget: float | None = None,
     began: float | None = None,
     clock: Clock = time.perf_counter,
-    progress: Callable[[int, int], Any] | None = None,
+    progress: ProgressCallback | None = None,
 ) -> Table:
     """Measure every candidate that the budget can pay, cheap ones first.
 
@@ -110,7 +111,7 @@ def run_problem(
     clock : callable, optional
         What the seconds of the rows are read from; the budget always speaks of the wall's.
     progress : callable, optional
-        Told (done, of).
+        Called with (done, total).
 
     Returns
     -------
@@ -124,12 +125,12 @@ def run_problem(
     """
     purse, table = Purse(budget, began), Table(left_out=list(problem.left_out))
     steps = len(problem.candidates) + 1  # the reference is the first
-    told = (lambda done: None) if progress is None else (lambda done: progress(done, steps))
+    report = (lambda done: None) if progress is None else (lambda done: progress(done, steps))
     try:
-        told(0)
+        report(0)
         _calibrate(problem, purse)
         table.reference = reference = _reference(problem, purse, table)
-        _run_candidates(problem, table, reference, purse, repeat, clock, told)
+        _run_candidates(problem, table, reference, purse, repeat, clock, report)
     except KeyboardInterrupt:
         table.interrupted = True
     return table
@@ -162,10 +163,10 @@ def _run_candidates(
     purse: Purse,
     repeat: int,
     clock: Clock,
-    told: Callable[[int], Any],
+    report: Callable[[int], Any],
 ) -> None:
     for number, candidate in enumerate(problem.candidates, 1):
-        told(number)
+        report(number)
         estimate, left, began = purse.estimate(candidate), purse.left(), time.perf_counter()
         if estimate * 1.2 > left:
             why = f"estimated {estimate:.3g} s, {max(left, 0):.3g} s are left"
@@ -179,7 +180,7 @@ def _run_candidates(
         except BudgetSpent:
             why = f"stopped after {time.perf_counter() - began:.3g} s, estimated {estimate:.3g} s"
             table.left_out.append((label_of(candidate), why))
-    told(len(problem.candidates) + 1)
+    report(len(problem.candidates) + 1)
 
 
 @contextmanager

@@ -246,7 +246,7 @@ def test_lines_in_several_batches_are_those_of_one(monkeypatch):
     once = trace(mesh, *starts, record=True)
     monkeypatch.setattr("ddgcli.algorithms.tracing.trace.LINES_AT_ONCE", 7)
     heard = []
-    parted = Tracer(mesh).trace(*starts, record=True, told=lambda done, total: heard.append(done / total))
+    parted = Tracer(mesh).trace(*starts, record=True, progress=lambda done, total: heard.append(done / total))
     for name in ("face", "status", "crossings", "path_start", "path_face"):
         np.testing.assert_array_equal(getattr(parted, name), getattr(once, name))
     for name in ("barycentric", "direction", "length", "path_barycentric"):  # few lines: other last bits

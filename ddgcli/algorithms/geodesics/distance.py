@@ -318,14 +318,14 @@ def compare(
 
 
 def each_source(
-    sources: Sources, solver: Solver, told: Callable[[float, float], None] | None = None
+    sources: Sources, solver: Solver, progress: Callable[[float, float], None] | None = None
 ) -> dict[str, NDArray[np.float64]]:
-    """One array a source, named geodesic_distance_000 and so on; `told(done, of)` hears of each."""
+    """One array a source, named geodesic_distance_000 and so on; `progress(done, of)` hears of each."""
     digits = max(3, len(str(len(sources) - 1)))
     arrays = {}
     for i, one in enumerate(sources.each()):
-        if told is not None:
-            told(i, len(sources))
+        if progress is not None:
+            progress(i, len(sources))
         arrays[f"geodesic_distance_{i:0{digits}d}"] = solver(one).distance
     return arrays
 

@@ -141,7 +141,7 @@ class OrientedCover:
 
 
 def oriented_cover(mesh: TriangleMesh) -> OrientedCover:
-    """The mesh itself where its faces agree, else what its faces turned over make (told).
+    """The mesh itself where its faces agree, else what its faces turned over make (with a warning).
 
     Parameters
     ----------

@@ -9,10 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.algorithms.geodesics.paths import SurfacePaths, describe_paths, joints
-from ddgcli.algorithms.tracing.trace import GAVE_UP, STATUS_TEXT, Told, Tracer
+from ddgcli.algorithms.tracing.trace import GAVE_UP, STATUS_TEXT, Tracer
 from ddgcli.geometry.face_frames import to_space
 from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
 from ddgcli.mesh.triangle_mesh import TriangleMesh
+from ddgcli.progress import ProgressCallback
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,14 +72,14 @@ def traced_curves(
     length: NDArray,
     *,
     at_boundary: str = "stop",
-    told: Told | None = None,
+    progress: ProgressCallback | None = None,
 ) -> Curves:
     """Straightest geodesics as curves; `accuracy.trace_angle_defect` is measured on the points that come out.
 
     Parameters are those of `ddgcli.algorithms.tracing.trace.trace`.
     """
     lines = Tracer(mesh).trace(
-        face, barycentric, direction, length, at_boundary=at_boundary, record=True, told=told
+        face, barycentric, direction, length, at_boundary=at_boundary, record=True, progress=progress
     )
     paths = SurfacePaths.of_traces(lines)
     kinds: list[dict[str, Any]] = []

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -29,6 +28,7 @@ from ddgcli.mesh.tet_mesh import TetMesh
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.operators.dec import complex_of
 from ddgcli.operators.whitney import sharp
+from ddgcli.progress import ProgressCallback
 
 log = logging.getLogger("ddgcli")
 SpaceMesh = TriangleMesh | TetMesh
@@ -50,7 +50,7 @@ def hodge_report(
     field: tuple[NDArray, str] | None,
     boundary: Boundary,
     with_basis: bool,
-    progress: Callable[[int, int], Any] = lambda done, total: None,
+    progress: ProgressCallback = lambda done, total: None,
 ) -> HodgeReport:
     """Decompose a field (array and place; see `field_place`), and count, list and write what surrounds it.
 

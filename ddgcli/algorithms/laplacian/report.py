@@ -20,6 +20,7 @@ from ddgcli.errors import ParameterError
 from ddgcli.linalg.residual_gate import within_residuals
 from ddgcli.mesh.fields import AnnotatedMesh
 from ddgcli.mesh.triangle_mesh import TriangleMesh
+from ddgcli.progress import ProgressCallback
 
 if TYPE_CHECKING:
     from ddgcli.algorithms.laplacian.smooth import Smoothed
@@ -102,11 +103,8 @@ class Report:
         return name, values if values.ndim == 1 else np.linalg.norm(values, axis=1)
 
 
-Told = Callable[[float, float], Any]
-
-
-def laplacian_report(mesh: TriangleMesh, tasks: Tasks, progress: Told | None = None) -> Report:
-    """Assemble the operator and do every task; `progress` is told (done, total)."""
+def laplacian_report(mesh: TriangleMesh, tasks: Tasks, progress: ProgressCallback | None = None) -> Report:
+    """Assemble the operator and do every task; `progress` is called with (done, total)."""
     operator = laplace_operator(mesh, tasks.operator, tasks.mass)
     L = operator.stiffness
     area = operator.mass @ np.ones(mesh.n_vertices)
@@ -125,7 +123,7 @@ def laplacian_report(mesh: TriangleMesh, tasks: Tasks, progress: Told | None = N
         "symmetry_residual": symmetry_residual(L),
         "row_sum_residual": float(row_sum / (abs(L).max() or 1.0)),
     }
-    chores: list[tuple[Any, Callable[[Report, Tasks, Told], None]]] = [
+    chores: list[tuple[Any, Callable[[Report, Tasks, ProgressCallback], None]]] = [
         (tasks.eigen or tasks.hks, _eigen),
         (tasks.poisson is not None, _poisson),
         (tasks.harmonic, _harmonic),
@@ -134,9 +132,9 @@ def laplacian_report(mesh: TriangleMesh, tasks: Tasks, progress: Told | None = N
     ]
     asked = [chore for wanted, chore in chores if wanted]
     for before, chore in enumerate(asked, start=1):
-        told = _share_of(progress, before, len(asked) + 1)
-        told(0, 1)
-        chore(report, tasks, told)
+        report_progress = _share_of(progress, before, len(asked) + 1)
+        report_progress(0, 1)
+        chore(report, tasks, report_progress)
     # the maximum principle holds for non-negative weights only
     principle = () if report.accuracy["negative_weights"] else ("maximum_principle_violation",)
     report.converged &= within_residuals(
@@ -147,20 +145,20 @@ def laplacian_report(mesh: TriangleMesh, tasks: Tasks, progress: Told | None = N
     return report
 
 
-def _share_of(progress: Told | None, before: int, parts: int) -> Told:
-    """What one of several parts of the work is told by, after so many of them."""
+def _share_of(progress: ProgressCallback | None, before: int, parts: int) -> ProgressCallback:
+    """Callback of one of several parts of the work, after `before` of them."""
     if progress is None:
         return lambda done, total: None
     return lambda done, total: progress(before + done / total, parts)
 
 
-def _eigen(report: Report, tasks: Tasks, told: Told) -> None:
+def _eigen(report: Report, tasks: Tasks, progress: ProgressCallback) -> None:
     from ddgcli.algorithms.laplacian.spectrum import heat_kernel_signature, signature_pairs, spectrum
 
     k = tasks.eigen or 0
     if tasks.hks:
         k = max(k, signature_pairs(report.operator, tasks.hks))
-    pairs = spectrum(report.operator, k, seed=tasks.seed, progress=told)
+    pairs = spectrum(report.operator, k, seed=tasks.seed, progress=progress)
     report.converged &= pairs.complete
     if tasks.eigen is not None:
         shown = slice(tasks.eigen)
@@ -176,7 +174,7 @@ def _eigen(report: Report, tasks: Tasks, told: Told) -> None:
         report.accuracy["hks_truncation"] = signature.truncation.tolist()
 
 
-def _poisson(report: Report, tasks: Tasks, told: Told) -> None:
+def _poisson(report: Report, tasks: Tasks, progress: ProgressCallback) -> None:
     if tasks.poisson is None:
         return
     from ddgcli.algorithms.laplacian.poisson import poisson
@@ -188,7 +186,7 @@ def _poisson(report: Report, tasks: Tasks, told: Told) -> None:
     report.accuracy["poisson_imbalance"] = solution.imbalance
 
 
-def _harmonic(report: Report, tasks: Tasks, told: Told) -> None:
+def _harmonic(report: Report, tasks: Tasks, progress: ProgressCallback) -> None:
     from ddgcli.algorithms.laplacian.poisson import harmonic
 
     solution = harmonic(report.operator, tasks.fixed)
@@ -206,7 +204,7 @@ def _summary(operator: LaplaceOperator, u: NDArray) -> dict[str, Any]:
     return {"min": float(u.min()), "max": float(u.max()), "dirichlet_energy": energy}
 
 
-def _parameterize(report: Report, tasks: Tasks, told: Told) -> None:
+def _parameterize(report: Report, tasks: Tasks, progress: ProgressCallback) -> None:
     if tasks.parameterize is None:
         return
     from ddgcli.algorithms.laplacian.parameterize import parameterize_conformal, parameterize_harmonic
@@ -225,7 +223,7 @@ def _parameterize(report: Report, tasks: Tasks, told: Told) -> None:
     report.converged &= flat.converged
 
 
-def _smooth(report: Report, tasks: Tasks, told: Told) -> None:
+def _smooth(report: Report, tasks: Tasks, progress: ProgressCallback) -> None:
     if tasks.smooth is None:
         return
     from ddgcli.algorithms.laplacian.smooth import FLOWS, sensible_times, smooth
@@ -239,7 +237,7 @@ def _smooth(report: Report, tasks: Tasks, told: Told) -> None:
         flow=flow,
         operator=tasks.operator,
         mass=tasks.mass,
-        progress=told,
+        progress=progress,
     )
     edge, shape = sensible_times(before)
     report.mesh = smoothed.mesh

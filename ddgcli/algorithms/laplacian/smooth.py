@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +14,7 @@ from ddgcli.geometry.intrinsic import face_area
 from ddgcli.linalg.constrain import Dirichlet
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.operators.mollify import mollified_mesh
+from ddgcli.progress import ProgressCallback
 
 FLOWS = ("mean-curvature", "conformalized")
 
@@ -75,7 +74,7 @@ def smooth(
     flow: str = "mean-curvature",
     operator: str | None = None,
     mass: str = "lumped",
-    progress: Callable[[int, int], Any] | None = None,
+    progress: ProgressCallback | None = None,
 ) -> Smoothed:
     """Points after mean curvature flow dx/dt = (Laplacian of x) = -2 H n for `time`, in length squared.
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from ddgcli.algorithms.laplacian.choice import LaplaceOperator
 from ddgcli.errors import ParameterError, SolveError
 from ddgcli.linalg.eigen import Eigenpairs, smallest_eigenpairs
-from ddgcli.linalg.lanczos import Progress
+from ddgcli.progress import ProgressCallback
 
 log = logging.getLogger("ddgcli")
 
@@ -20,7 +20,9 @@ log = logging.getLogger("ddgcli")
 SIGNATURE_PAIRS, SIGNATURE_TAIL = 300, 1e-6
 
 
-def spectrum(operator: LaplaceOperator, k: int, *, seed: int = 0, progress: Progress = None) -> Eigenpairs:
+def spectrum(
+    operator: LaplaceOperator, k: int, *, seed: int = 0, progress: ProgressCallback | None = None
+) -> Eigenpairs:
     """The k smallest eigenpairs of L x = lambda M x; eigenvectors vanish on vertices without faces."""
     used = operator.used
     n = len(operator.mass.diagonal())

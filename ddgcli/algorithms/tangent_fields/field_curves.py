@@ -11,9 +11,9 @@ from ddgcli.algorithms.geodesics.paths import describe_paths
 from ddgcli.algorithms.geodesics.surface_curves import Curves
 from ddgcli.algorithms.tangent_fields.integral_curves import field_of_array, integral_curves, usual_duration
 from ddgcli.algorithms.tangent_fields.transport import holonomy, transported_frame
-from ddgcli.algorithms.tracing.trace import Told
 from ddgcli.geometry.surface_points import SurfacePoints
 from ddgcli.mesh.triangle_mesh import TriangleMesh
+from ddgcli.progress import ProgressCallback
 
 
 def field_curves(
@@ -25,7 +25,7 @@ def field_curves(
     order: int = 4,
     step: float | None = None,
     tolerance: float | None = None,
-    told: Told | None = None,
+    progress: ProgressCallback | None = None,
     place: str = "",
 ) -> Curves:
     """Integral curves of an array of vectors as curves; see `integral_curves`, for `place` `field_of_array`.
@@ -35,7 +35,7 @@ def field_curves(
     followed = field_of_array(mesh, values, place)
     duration = usual_duration(mesh, np.asarray(values)) if duration is None else duration
     made = integral_curves(
-        mesh, followed, starts, duration, order=order, step=step, tolerance=tolerance, told=told
+        mesh, followed, starts, duration, order=order, step=step, tolerance=tolerance, progress=progress
     )
     kinds = [
         {

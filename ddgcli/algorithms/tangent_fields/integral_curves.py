@@ -18,12 +18,13 @@ from numpy.typing import NDArray
 from ddgcli.algorithms.geodesics.paths import SurfacePaths
 from ddgcli.algorithms.geodesics.sources import Sources
 from ddgcli.algorithms.tracing.batch import Start
-from ddgcli.algorithms.tracing.trace import AT_BOUNDARY, GAVE_UP, Told, Tracer, Traces
+from ddgcli.algorithms.tracing.trace import AT_BOUNDARY, GAVE_UP, Tracer, Traces
 from ddgcli.errors import ParameterError
 from ddgcli.geometry.face_frames import surface_position, to_face_frame
 from ddgcli.geometry.intrinsic import face_area
 from ddgcli.geometry.surface_points import SurfacePoints
 from ddgcli.mesh.triangle_mesh import TriangleMesh
+from ddgcli.progress import ProgressCallback
 
 _log = logging.getLogger("ddgcli")
 
@@ -132,7 +133,7 @@ def integral_curves(
     step: float | None = None,
     tolerance: float | None = None,
     max_steps: int = 10_000,
-    told: Told | None = None,
+    progress: ProgressCallback | None = None,
 ) -> IntegralCurves:
     """Follow a tangent field from points of a surface.
 
@@ -153,8 +154,8 @@ def integral_curves(
         whose difference from it is its error. Default: a hundredth of the mean side length.
     max_steps : int
         Curves that need more are given up, with a warning.
-    told : callable, optional
-        `told(done, total)` hears how much time has been integrated.
+    progress : callable, optional
+        `progress(done, total)` hears how much time has been integrated.
 
     Returns
     -------
@@ -171,10 +172,10 @@ def integral_curves(
     tracer = Tracer(mesh)
     if step is None:
         allowed = tolerance or 1e-2 * float(mesh.side_length.mean())
-        run = _Run(tracer, field, starts, duration, order, max_steps, told)
+        run = _Run(tracer, field, starts, duration, order, max_steps, progress)
         run.adaptively(allowed)
         return run.result()
-    run = _Run(tracer, field, starts, duration, order, max_steps, told)
+    run = _Run(tracer, field, starts, duration, order, max_steps, progress)
     run.uniformly(step)
     rough = _Run(tracer, field, starts, duration, order, max_steps)
     rough.uniformly(2 * step)
@@ -199,10 +200,10 @@ class _Run:
         duration: float,
         order: int,
         max_steps: int,
-        told: Told | None = None,
+        progress: ProgressCallback | None = None,
     ) -> None:
         self.tracer, self.field, self.duration, self.order = tracer, field, duration, order
-        self.max_steps, self.told = max_steps, told
+        self.max_steps, self.progress = max_steps, progress
         self.at = _At(np.array(starts.face), np.array(starts.barycentric))
         self.starts = self.at
         k = len(starts)
@@ -278,9 +279,9 @@ class _Run:
         self.why[going[v <= 1e-12 * (self.speed or 1.0)]] = RESTED
 
     def _tell(self) -> None:
-        if self.told is not None:
+        if self.progress is not None:
             done = np.where(self.why == "", self.time, self.duration)
-            self.told(float(done.sum()), len(done) * self.duration)
+            self.progress(float(done.sum()), len(done) * self.duration)
 
     def _give_up(self) -> None:
         stuck = np.flatnonzero((self.why == "") & (self.steps >= self.max_steps))
@@ -356,5 +357,5 @@ def _rows(lines: Traces, rows: NDArray) -> Traces:
     start = np.concatenate([[0], np.cumsum(count)]).astype(np.int64)
     index = np.arange(start[-1]) + np.repeat(lines.path_start[rows] - start[:-1], count)
     ends = (lines.face[rows], lines.barycentric[rows], lines.direction[rows], lines.length[rows])
-    told = (lines.status[rows], lines.crossings[rows])
+    progress = (lines.status[rows], lines.crossings[rows])
     return Traces(*ends, *told, start, lines.path_face[index], lines.path_barycentric[index])

@@ -17,12 +17,13 @@ from ddgcli.algorithms.geodesics.exact.exact_distance import ExactDistance, exac
 from ddgcli.algorithms.geodesics.shortest_paths import last_piece
 from ddgcli.algorithms.geodesics.sources import Sources
 from ddgcli.algorithms.tracing.batch import Start
-from ddgcli.algorithms.tracing.trace import REACHED, Told, Tracer, Traces
+from ddgcli.algorithms.tracing.trace import REACHED, Tracer, Traces
 from ddgcli.errors import ParameterError
 from ddgcli.geometry.face_frames import planar_difference, surface_position
 from ddgcli.geometry.unfolding import SurfaceMesh
 from ddgcli.mesh.topology import NEXT
 from ddgcli.mesh.triangle_mesh import TriangleMesh, vector_length
+from ddgcli.progress import ProgressCallback
 
 CHECKED = 250  # vertices to which a line is sent from the source
 AT_VERTEX = (
@@ -126,7 +127,9 @@ class Centre:
         )
 
 
-def log_map(mesh: SurfaceMesh, exact: ExactDistance, sources: Sources, told: Told | None = None) -> LogMap:
+def log_map(
+    mesh: SurfaceMesh, exact: ExactDistance, sources: Sources, progress: ProgressCallback | None = None
+) -> LogMap:
     """Logarithmic map of one source at all vertices.
 
     Parameters
@@ -137,7 +140,7 @@ def log_map(mesh: SurfaceMesh, exact: ExactDistance, sources: Sources, told: Tol
         Of that source on this mesh; measured anew where it comes without directions.
     sources : Sources
         One vertex or surface point.
-    told : callable, optional
+    progress : callable, optional
         Hears how many vertices of all are measured, where that is done here.
 
     Returns
@@ -146,7 +149,7 @@ def log_map(mesh: SurfaceMesh, exact: ExactDistance, sources: Sources, told: Tol
     """
     centre = Centre(Tracer(mesh), sources)
     if exact.departure is None:
-        exact = exact_distance(mesh, sources, directions=True, progress=told)
+        exact = exact_distance(mesh, sources, directions=True, progress=progress)
     departure = np.asarray(exact.departure)
     far, here = ~np.isfinite(exact.distance), exact.distance == 0
     angle = np.where(far | here, 0.0, departure * centre.scale)

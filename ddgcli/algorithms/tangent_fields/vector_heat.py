@@ -71,7 +71,7 @@ class VectorHeat:
         Diffusion time in units of the squared mean side length.
     intrinsic_delaunay : bool
         Diffuse on the intrinsic Delaunay triangulation, whose cotangent weights are not negative; values go
-        in and out in the frames of `mesh`. Where an edge has three faces, the mesh as it is (told).
+        in and out in the frames of `mesh`. Where an edge has three faces, the mesh as it is (with a warning).
     """
 
     def __init__(self, mesh: SurfaceMesh, time: float = 1.0, *, intrinsic_delaunay: bool = True) -> None:

@@ -12,10 +12,10 @@ from ddgcli.algorithms.geodesics.exact.exact_distance import ExactDistance
 from ddgcli.algorithms.geodesics.fast_marching import MarchedDistance
 from ddgcli.algorithms.geodesics.sources import Sources
 from ddgcli.algorithms.tangent_fields.log_map import log_map
-from ddgcli.algorithms.tracing.trace import Told
 from ddgcli.errors import ParameterError
 from ddgcli.mesh.require import require
 from ddgcli.mesh.triangle_mesh import TriangleMesh
+from ddgcli.progress import ProgressCallback
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,11 +41,11 @@ def log_map_vectors(
     mesh: TriangleMesh,
     arrived: ExactDistance | MarchedDistance,
     sources: Sources,
-    told: Told | None = None,
+    progress: ProgressCallback | None = None,
 ) -> VertexVectors:
     """Array `log_map` (n, 2) by the method of the distance, and the axis it is counted from."""
     if isinstance(arrived, ExactDistance):
-        mapped = log_map(mesh, arrived, sources, told)
+        mapped = log_map(mesh, arrived, sources, progress)
         accuracy: dict[str, Any] = {"log_map_miss": mapped.miss}
     else:
         from ddgcli.algorithms.tangent_fields.polar_coordinates import marched_log_map

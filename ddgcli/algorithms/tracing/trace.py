@@ -8,7 +8,6 @@ Geodesics on Polyhedral Surfaces"). It exists and is unique for every start and 
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -29,7 +28,6 @@ TELL_EVERY = 64  # crossings
 ALONG = 1e-12  # of a unit direction: as much may point out of a face without area
 
 _log = logging.getLogger("ddgcli")
-Told = Callable[[float, float], None]  # done, of total
 
 
 class Tracer:
@@ -75,20 +73,20 @@ class Tracer:
         at_boundary: str = "stop",
         record: bool = False,
         max_crossings: int = 100_000,
-        told: Told | None = None,
+        progress: ProgressCallback | None = None,
     ) -> Traces:
-        """As the function `trace`; `told(done, total)` hears how much length has been walked."""
+        """As the function `trace`; `progress(done, total)` hears how much length has been walked."""
         start = check_start(self.mesh, face, barycentric, direction, length)
         _refuse_flat_starts(self, start, np.atleast_2d(np.asarray(direction, dtype=np.float64)))
         if at_boundary not in ("stop", "reflect"):
             raise ParameterError(f"at_boundary must be 'stop' or 'reflect', found {at_boundary!r}")
         return self.walked(
-            start, at_boundary=at_boundary, record=record, max_crossings=max_crossings, told=told
+            start, at_boundary=at_boundary, record=record, max_crossings=max_crossings, progress=progress
         )
 
     def walked(
         self, start: Start, *, at_boundary: str = "stop", record: bool = False, max_crossings: int = 100_000,
-        told: Told | None = None,
+        progress: ProgressCallback | None = None,
     ) -> Traces:  # fmt: skip
         """As `trace`, from starts known to be right (unit directions in the frames of the faces)."""
         parts, done, total = [], 0.0, float(start.length.sum())
@@ -99,8 +97,8 @@ class Tracer:
                 walk.begin()
                 while len(walk.line) and walk.steps < max_crossings:
                     walk.advance(min(TELL_EVERY, max_crossings - walk.steps))
-                    if told is not None:
-                        told(min(done + walk.walked(), total), total)
+                    if progress is not None:
+                        progress(min(done + walk.walked(), total), total)
                 walk.finish()
                 walk.abandon()
             parts.append(walk.result())

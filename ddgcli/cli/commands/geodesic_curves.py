@@ -187,7 +187,7 @@ def _traced(run: Run, cover: OrientedCover, asked: CurveOptions) -> Curves:
     start = cover.lifted_points(SurfacePoints.checked(face, barycentric, cover.base.n_faces))
     return traced_curves(
         cover.mesh, start.face, start.barycentric, direction, length,
-        at_boundary=asked.at_boundary, told=run.progress("traces"),
+        at_boundary=asked.at_boundary, progress=run.progress("traces"),
     )  # fmt: skip
 
 
@@ -207,7 +207,7 @@ def _field_curves(
     return field_curves(
         cover.mesh, values, starts, asked.field_time, order=int(asked.field_order),
         step=asked.field_step, tolerance=asked.field_tolerance,
-        told=run.progress("integral curves"), place=place,
+        progress=run.progress("integral curves"), place=place,
     )  # fmt: skip
 
 
