@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 from scipy.sparse import csc_array, diags_array
 
 from ddgcli.errors import SolveError
-from ddgcli.evolve.rounding import sum_rounding
 from ddgcli.linalg.conjugate import Move, truncated_conjugate_gradients
 from ddgcli.linalg.factor import Factor
 from ddgcli.mechanics.assembly import Assembly
+from ddgcli.mechanics.rounding import sum_rounding
 from ddgcli.mechanics.system import System
 from ddgcli.mechanics.terms import Mode, Potential
 from ddgcli.simulation.time_loop import StepRejected
@@ -349,6 +349,13 @@ class Newton:
             y = guess.copy()
             y[system.free[:, 0]] -= self._constant[increment.a].solve(g[system.free[:, 0]])
         return y
+
+
+def newton_of(system: System) -> Newton:
+    """Newton solver of a system; one for all its steps, so that the factorisation is analysed once."""
+    if "newton" not in system.cache:
+        system.cache["newton"] = Newton(system)
+    return system.cache["newton"]
 
 
 def worst(g: NDArray) -> str:

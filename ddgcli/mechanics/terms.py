@@ -129,8 +129,4 @@ def parts(count: int, size: int = 512) -> Iterator[slice]:
     return (slice(start, min(start + size, count)) for start in range(0, count, size))
 
 
-def scattered(stencil: NDArray, values: NDArray, n: int) -> NDArray[np.float64]:
-    """(n, 3) sums of (k, s, 3) element contributions at the vertices of a (k, s) stencil."""
-    flat = stencil.ravel()
-    columns = values.reshape(-1, 3)
-    return np.stack([np.bincount(flat, weights=columns[:, c], minlength=n) for c in range(3)], axis=1)
+
