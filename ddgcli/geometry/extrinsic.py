@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.mesh.triangle_mesh import TriangleMesh, unit_vectors
+from ddgcli.mesh.triangle_mesh import TriangleMesh
+from ddgcli.mesh.vectors import cone_volume, unit_vectors
 
 
 def face_area_vector(mesh: TriangleMesh) -> NDArray[np.float64]:
@@ -21,8 +22,9 @@ def face_normal(mesh: TriangleMesh) -> NDArray[np.float64]:
 
 def enclosed_volume(mesh: TriangleMesh) -> float:
     """Signed volume of a closed surface, positive for outward orientation; measured from the centroid."""
-    corners = mesh.points[mesh.faces] - mesh.points.mean(axis=0)
-    return float(np.einsum("ij,ij->", np.cross(corners[:, 0], corners[:, 1]), corners[:, 2]) / 6.0)
+    columns = np.ascontiguousarray((mesh.points - mesh.points.mean(axis=0)).T)
+    corners = (columns.take(corner, axis=1) for corner in np.ascontiguousarray(mesh.faces.T))
+    return float(cone_volume(*corners).sum())
 
 
 def dihedral_angle(mesh: TriangleMesh, normal: NDArray | None = None) -> NDArray[np.float64]:
@@ -37,9 +39,8 @@ def dihedral_angle(mesh: TriangleMesh, normal: NDArray | None = None) -> NDArray
         Unit normals to use instead of `face_normal`, which is zero on faces without area.
     """
     topology = mesh.topology
-    twin = topology.side_twin.ravel()
-    side = np.flatnonzero((twin >= 0) & (np.arange(len(twin)) < twin))
-    other = twin[side]
+    side = topology.interior_sides
+    other = topology.side_twin.ravel()[side]
     sign = topology.side_sign.ravel()
     turned = np.where(sign[side] == sign[other], -1.0, 1.0)
     # column by column: gathering rows of three costs several times as much

@@ -8,7 +8,8 @@ from numpy.typing import NDArray
 from ddgcli.errors import ParameterError
 from ddgcli.geometry.unfolding import Unfolding, corner_position
 from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
-from ddgcli.mesh.triangle_mesh import TriangleMesh, unit_vectors
+from ddgcli.mesh.triangle_mesh import TriangleMesh
+from ddgcli.mesh.vectors import unit_vectors
 
 
 def face_axes(mesh: TriangleMesh, face: NDArray) -> tuple[NDArray, NDArray]:

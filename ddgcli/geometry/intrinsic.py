@@ -73,6 +73,72 @@ def corner_angle(side_length: NDArray) -> NDArray[np.float64]:
     return 2.0 * np.arctan2(sine, cosine)
 
 
+def mixed_voronoi_share(squared_length: NDArray, cotan: NDArray, area: NDArray) -> NDArray[np.float64]:
+    """Share of each corner in the area of its triangle: the Voronoi part where the triangle is acute.
+
+    An obtuse corner gets half of its triangle, the other two corners a quarter each.
+
+    Parameters
+    ----------
+    squared_length : (3, m) ndarray
+        Squares of the sides; side j runs from corner j to corner j+1.
+    cotan : (3, m) ndarray
+        Cotangents of the corner angles.
+    area : (m,) ndarray
+
+    Returns
+    -------
+    (3, m) ndarray
+        In length units squared; the shares of a triangle sum to its area.
+
+    Notes
+    -----
+    M. Meyer, M. Desbrun, P. Schroder, A. Barr, "Discrete differential-geometry operators for triangulated
+    2-manifolds", 2003.
+    """
+    # part of side j at each of its ends
+    half = np.stack([0.125 * squared_length[j] * cotan[(j + 2) % 3] for j in range(3)])
+    share = half + half[[2, 0, 1]]
+    least = np.minimum(np.minimum(cotan[0], cotan[1]), cotan[2])
+    obtuse = np.flatnonzero((least < 0) | ~np.isfinite(share[0] + share[1] + share[2]))
+    share[:, obtuse] = 0.25 * area[obtuse]
+    share[np.argmin(cotan[:, obtuse], axis=0), obtuse] *= 2.0
+    return share
+
+
+def mixed_voronoi_share(squared_length: NDArray, cotan: NDArray, area: NDArray) -> NDArray[np.float64]:
+    """Share of each corner in the area of its triangle: the Voronoi part where the triangle is acute.
+
+    An obtuse corner gets half of its triangle, the other two corners a quarter each.
+
+    Parameters
+    ----------
+    squared_length : (3, m) ndarray
+        Squares of the sides; side j runs from corner j to corner j+1.
+    cotan : (3, m) ndarray
+        Cotangents of the corner angles.
+    area : (m,) ndarray
+
+    Returns
+    -------
+    (3, m) ndarray
+        In length units squared; the shares of a triangle sum to its area.
+
+    Notes
+    -----
+    M. Meyer, M. Desbrun, P. Schroder, A. Barr, "Discrete differential-geometry operators for triangulated
+    2-manifolds", 2003.
+    """
+    # part of side j at each of its ends
+    half = np.stack([0.125 * squared_length[j] * cotan[(j + 2) % 3] for j in range(3)])
+    share = half + half[[2, 0, 1]]
+    least = np.minimum(np.minimum(cotan[0], cotan[1]), cotan[2])
+    obtuse = np.flatnonzero((least < 0) | ~np.isfinite(share[0] + share[1] + share[2]))
+    share[:, obtuse] = 0.25 * area[obtuse]
+    share[np.argmin(cotan[:, obtuse], axis=0), obtuse] *= 2.0
+    return share
+
+
 def triangle_excess(side_length: NDArray) -> NDArray[np.float64]:
     """(m, 3) sum of the other two sides minus side j, clipped at zero; Kahan's order of subtraction."""
     result = np.empty(side_length.shape)

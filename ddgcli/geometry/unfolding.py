@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 from ddgcli.geometry.intrinsic import corner_angle, face_area
 from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
 from ddgcli.mesh.topology import NEXT, PREVIOUS, Topology
-from ddgcli.mesh.triangle_mesh import TriangleMesh, vector_length
+from ddgcli.mesh.triangle_mesh import TriangleMesh
+from ddgcli.mesh.vectors import vector_length
 
 APEX, TURN, TWIN = 0, 1, 3  # columns of Unfolding.side
 _CACHE_LINE = 64  # bytes; a row of Unfolding.side fills one

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from ddgcli.errors import SolveError
 from ddgcli.mechanics.system import Motion, System
-from ddgcli.mechanics.terms import scattered
+from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.simulation.time_loop import StepRejected
 
 if TYPE_CHECKING:

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.errors import MeshError
+from ddgcli.mesh.ragged import list_starts
 
 PLANARITY_TOLERANCE = 1e-6  # of the curve's size: coordinates in text files have six digits
 
@@ -90,7 +91,7 @@ class CurveSet:
     def from_paths(cls, paths: list[NDArray], **arrays: list[NDArray]) -> CurveSet:
         """Paths, each (n_i, 3), put one after the other; `arrays` give one (n_i, ...) array a path each."""
         sizes = [len(p) for p in paths]
-        start = np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64)
+        start = list_starts(sizes)
         points = np.concatenate(paths) if paths else np.zeros((0, 3))
         lines = [
             np.stack([np.arange(a, b - 1), np.arange(a + 1, b)], axis=1) for a, b in zip(start, start[1:])

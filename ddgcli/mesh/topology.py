@@ -131,6 +131,18 @@ class Topology:
         return frozen(twin.reshape(-1, 3))
 
     @cached_property
+    def interior_sides(self) -> NDArray[np.int64]:
+        """(h,) flat number of the first side of each edge that has two sides."""
+        twin = self.side_twin.ravel()
+        return frozen(np.flatnonzero((twin >= 0) & (np.arange(len(twin)) < twin)))
+
+    @cached_property
+    def interior_sides(self) -> NDArray[np.int64]:
+        """(h,) flat number of the first side of each edge that has two sides."""
+        twin = self.side_twin.ravel()
+        return frozen(np.flatnonzero((twin >= 0) & (np.arange(len(twin)) < twin)))
+
+    @cached_property
     def boundary_edges(self) -> NDArray[np.int64]:
         """Numbers of the edges with one face."""
         return frozen(np.flatnonzero(self.edge_face_count == 1))

@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 
 from ddgcli.errors import MeshError
 from ddgcli.mesh.topology import NEXT, Topology, check_faces, frozen
+from ddgcli.mesh.vectors import vector_length
+from ddgcli.mesh.vectors import vector_length
 
 LARGEST_COORDINATE = 1e300  # lengths and sums of many of them stay numbers
 BLOCK = 1 << 14  # faces at a time, so that temporaries stay in cache
@@ -106,18 +108,3 @@ def _distance(tail: NDArray, head: NDArray) -> NDArray[np.float64]:
     if 1e-200 < square.max(initial=0.0) < 1e300:
         return np.sqrt(square, out=square)
     return vector_length(step.T)
-
-
-def vector_length(vectors: NDArray) -> NDArray[np.float64]:
-    """(...,) Euclidean length of (..., d) vectors, safe at 1e-160 and 1e160."""
-    largest = np.abs(vectors).max(initial=0.0)
-    if largest == 0.0 or 1e-100 < largest < 1e150:
-        return np.sqrt(np.einsum("...i,...i->...", vectors, vectors))
-    scaled = vectors / largest
-    return largest * np.sqrt(np.einsum("...i,...i->...", scaled, scaled))
-
-
-def unit_vectors(vectors: NDArray) -> NDArray[np.float64]:
-    """(..., d) vectors at unit length; zero where they are zero."""
-    length = vector_length(vectors)[..., None]
-    return np.divide(vectors, length, out=np.zeros_like(vectors), where=length > 0)

@@ -16,8 +16,10 @@ from ddgcli.geometry.extrinsic import face_area_vector
 from ddgcli.geometry.intrinsic import corner_cotan
 from ddgcli.geometry.unfolding import Fans, vertex_fans
 from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
+from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.topology import NEXT
-from ddgcli.mesh.triangle_mesh import TriangleMesh, unit_vectors
+from ddgcli.mesh.triangle_mesh import TriangleMesh
+from ddgcli.mesh.vectors import row_dot, unit_vectors
 
 
 def angle_scale(fans: Fans) -> NDArray[np.float64]:
@@ -82,20 +84,18 @@ def vertex_axes(mesh: TriangleMesh) -> tuple[NDArray[np.float64], NDArray[np.flo
     Zero where no face is.
     """
     fans = vertex_fans(mesh)
-    normal = np.zeros((mesh.n_vertices, 3))
-    np.add.at(normal, mesh.faces.ravel(), np.repeat(face_area_vector(mesh), 3, axis=0))
-    normal = unit_vectors(normal)
+    star = np.repeat(face_area_vector(mesh), 3, axis=0)
+    normal = unit_vectors(sum_by_index(mesh.faces.ravel(), star, mesh.n_vertices))
     side = mesh.side_vector.reshape(-1, 3)
     first = np.zeros((mesh.n_vertices, 3))
     first[fans.vertex] = side[fans.corner[fans.start[:-1]]]
-    x = unit_vectors(first - np.einsum("ij,ij->i", first, normal)[:, None] * normal)
+    x = unit_vectors(first - row_dot(first, normal)[:, None] * normal)
     y = np.cross(normal, x)
     tail = mesh.topology.side_tail
-    seen = np.einsum("ij,ij->i", side, x[tail]) + 1j * np.einsum("ij,ij->i", side, y[tail])
-    size = np.abs(seen)
-    turn = seen * np.exp(-1j * side_angles(mesh)[0]) / np.where(size > 0, size, 1.0)
-    mean = np.zeros(mesh.n_vertices, dtype=np.complex128)
-    np.add.at(mean, tail, turn)
+    projected = row_dot(side, x[tail]) + 1j * row_dot(side, y[tail])
+    size = np.abs(projected)
+    turn = projected * np.exp(-1j * side_angles(mesh)[0]) / np.where(size > 0, size, 1.0)
+    mean = sum_by_index(tail, turn, mesh.n_vertices)
     mean /= np.where(np.abs(mean) > 0, np.abs(mean), 1.0)
     x, y = mean.real[:, None] * x + mean.imag[:, None] * y, mean.real[:, None] * y - mean.imag[:, None] * x
     return x, y
@@ -104,7 +104,7 @@ def vertex_axes(mesh: TriangleMesh) -> tuple[NDArray[np.float64], NDArray[np.flo
 def to_vertex_frames(mesh: TriangleMesh, vector: NDArray) -> NDArray[np.complex128]:
     """(n,) complex tangent vectors of (n, 3) vectors in space, projected to the tangent planes."""
     x, y = vertex_axes(mesh)
-    return np.einsum("ij,ij->i", vector, x) + 1j * np.einsum("ij,ij->i", vector, y)
+    return row_dot(vector, x) + 1j * row_dot(vector, y)
 
 
 def from_vertex_frames(mesh: TriangleMesh, vector: NDArray) -> NDArray[np.float64]:

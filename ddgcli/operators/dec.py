@@ -19,7 +19,8 @@ from ddgcli.geometry.cells import TET_EDGES, CellMetric, tetrahedron_metric, tri
 from ddgcli.mesh.intrinsic_mesh import IntrinsicMesh
 from ddgcli.mesh.tet_mesh import TET_FACES, TetMesh
 from ddgcli.mesh.topology import Topology
-from ddgcli.mesh.triangle_mesh import TriangleMesh, vector_length
+from ddgcli.mesh.triangle_mesh import TriangleMesh
+from ddgcli.mesh.vectors import vector_length
 
 SimplicialMesh = TriangleMesh | IntrinsicMesh | TetMesh
 

@@ -7,7 +7,8 @@ from scipy.sparse import csr_array, diags_array
 
 from ddgcli.geometry.intrinsic import face_area
 from ddgcli.mesh.topology import NEXT
-from ddgcli.mesh.triangle_mesh import TriangleMesh, unit_vectors
+from ddgcli.mesh.triangle_mesh import TriangleMesh
+from ddgcli.mesh.vectors import unit_vectors
 
 
 def gradient(mesh: TriangleMesh) -> csr_array:

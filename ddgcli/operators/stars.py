@@ -17,6 +17,7 @@ from scipy.sparse import coo_array, csr_array, diags_array
 from ddgcli.errors import ParameterError, SolveError
 from ddgcli.geometry.cells import TET_EDGES, TRIANGLE_EDGES
 from ddgcli.linalg.factor import Factor
+from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.operators.dec import Complex
 
 Star = Literal["circumcentric", "barycentric", "galerkin"]
@@ -47,7 +48,7 @@ def hodge_star(complex_: Complex, degree: int, kind: Star = "galerkin") -> csr_a
         return _galerkin(complex_, degree)
     local = _DIAGONAL[complex_.dimension, degree](complex_, kind)
     index = (complex_.corners, complex_.cell_edge, complex_.cell_face)[degree]
-    diagonal = np.bincount(index.ravel(), weights=local.ravel(), minlength=complex_.counts[degree])
+    diagonal = sum_by_index(index, local, complex_.counts[degree])
     return diags_array(diagonal).tocsr()
 
 

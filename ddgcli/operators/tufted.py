@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from ddgcli.errors import MeshError
 from ddgcli.mesh.intrinsic_mesh import IntrinsicMesh
 from ddgcli.mesh.topology import Topology
-from ddgcli.mesh.triangle_mesh import TriangleMesh, unit_vectors
+from ddgcli.mesh.triangle_mesh import TriangleMesh
+from ddgcli.mesh.vectors import row_dot, unit_vectors
 
 # the back of a face has corners 0, 2, 1, so side j of the front is its side 2 - j
 BACK = [0, 2, 1]
@@ -78,11 +79,7 @@ def _dihedral_position(mesh: TriangleMesh, side: NDArray) -> NDArray[np.float64]
     apex = mesh.points[mesh.faces.ravel()[(side // 3) * 3 + (side + 2) % 3]]
     axis = unit_vectors(head - tail)
     arm = apex - tail
-    arm = unit_vectors(arm - _dot(arm, axis) * axis)
+    arm = unit_vectors(arm - row_dot(arm, axis)[:, None] * axis)
     _, first, group = np.unique(edge, return_index=True, return_inverse=True)
     zero = arm[first][group]
-    return np.arctan2(_dot(np.cross(zero, arm), axis)[:, 0], _dot(zero, arm)[:, 0])
-
-
-def _dot(a: NDArray, b: NDArray) -> NDArray[np.float64]:
-    return np.einsum("ij,ij->i", a, b)[:, None]
+    return np.arctan2(row_dot(np.cross(zero, arm), axis), row_dot(zero, arm))

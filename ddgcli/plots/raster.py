@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ddgcli.mesh.ragged import ranges
 from ddgcli.mesh.topology import NEXT
 
 _FRAGMENTS = 2_000_000  # pixels of faces held in memory at once
@@ -130,9 +131,7 @@ def rasterise(camera: Camera, points: NDArray, faces: NDArray) -> Seen:
 def _expanded(first: NDArray, stop: NDArray) -> tuple[NDArray, NDArray]:
     """For ranges first..stop: number of the range, and the integers, of every member."""
     count = np.maximum(stop - first, 0)
-    owner = np.repeat(np.arange(len(count)), count)
-    begin = np.cumsum(count) - count
-    return owner, np.arange(len(owner)) - np.repeat(begin - first, count)
+    return np.repeat(np.arange(len(count)), count), ranges(first, count)[0]
 
 
 def _fragments(corners: NDArray, width: int, height: int) -> tuple[NDArray, NDArray, NDArray]:

@@ -12,6 +12,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from ddgcli.geometry.extrinsic import face_area_vector, face_normal
+from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.plots.colour import colour_bar, colours, extremes, robust_limits
 from ddgcli.plots.glyphs import Glyphs, draw_glyphs
@@ -250,8 +251,7 @@ def _corner_normals(mesh: TriangleMesh) -> NDArray[np.float64]:
     area_vector = face_area_vector(mesh)
     area_vector = area_vector / (np.abs(area_vector).max(initial=0.0) or 1.0)
     flat, topology, n = face_normal(mesh), mesh.topology, 3 * mesh.n_faces
-    twin = topology.side_twin.ravel()
-    side = np.flatnonzero((twin >= 0) & (np.arange(n) < twin))
+    twin, side = topology.side_twin.ravel(), topology.interior_sides
     smooth = side[np.einsum("ij,ij->i", flat[side // 3], flat[twin[side] // 3]) > CREASE]
     # corners of two faces that meet across a smooth side, at both of its ends
     a, b = (np.stack([s, 3 * (s // 3) + (s % 3 + 1) % 3], axis=1) for s in (smooth, twin[smooth]))
@@ -259,7 +259,7 @@ def _corner_normals(mesh: TriangleMesh) -> NDArray[np.float64]:
     b = np.where((corner[a[:, :1]] == corner[b[:, :1]]), b, b[:, ::-1])
     graph = coo_array((np.ones(a.size, dtype=np.int8), (a.ravel(), b.ravel())), shape=(n, n))
     count, group = connected_components(graph, directed=False)
-    total = np.stack([np.bincount(group, np.repeat(area_vector[:, i], 3), count) for i in range(3)], axis=1)
+    total = sum_by_index(group, np.repeat(area_vector, 3, axis=0), count)
     size = np.linalg.norm(total, axis=1, keepdims=True)
     mean = (total / np.maximum(size, 1e-300))[group].reshape(-1, 3, 3)
     return np.where((size[group] > 0).reshape(-1, 3, 1), mean, flat[:, None, :])

@@ -15,7 +15,8 @@ from ddgcli.mesh.intrinsic_mesh import IntrinsicMesh
 from ddgcli.mesh.require import wrong_kind
 from ddgcli.mesh.shapes import box, icosphere, wrapped_grid
 from ddgcli.mesh.topology import NEXT, Topology
-from ddgcli.mesh.triangle_mesh import TriangleMesh, vector_length
+from ddgcli.mesh.triangle_mesh import TriangleMesh
+from ddgcli.mesh.vectors import vector_length
 from ddgcli.scenes.scene import ObjectSection, Section
 from ddgcli.scenes.units import quantity, vector
 

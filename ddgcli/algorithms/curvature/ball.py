@@ -11,10 +11,12 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
 from ddgcli.algorithms.curvature.face_balls import Ball, FaceBalls
-from ddgcli.algorithms.curvature.faces import Faces, ratio
+from ddgcli.algorithms.curvature.faces import Faces
 from ddgcli.algorithms.curvature.frames import Principal
 from ddgcli.algorithms.curvature.star import corrected_measures, corrected_principal, swapped_principal
+from ddgcli.mesh.ragged import list_starts
 from ddgcli.mesh.triangle_mesh import TriangleMesh
+from ddgcli.mesh.vectors import ratio
 
 
 def corrected_in_balls(mesh: TriangleMesh, faces: Faces, normal: NDArray, radius: float) -> Principal:
@@ -64,5 +66,5 @@ def _defect_of_fans(mesh: TriangleMesh, defect: NDArray, balls: FaceBalls) -> ND
 def _cut(ball: Ball, values: NDArray, n_faces: int) -> csr_array:
     """Values of the faces that the sphere cuts, as a matrix from faces to owners."""
     count = np.bincount(ball.owner, minlength=ball.end - ball.begin)
-    start = np.concatenate([[0], np.cumsum(count)])
+    start = list_starts(count)
     return csr_array((values, ball.face, start), shape=(ball.end - ball.begin, n_faces))

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.algorithms.curvature.faces import cross, dot, ratio
 from ddgcli.mesh.topology import NEXT
+from ddgcli.mesh.vectors import cross, dot, ratio
 
 _PAIRS = 8192  # clipped at once: the working arrays stay in the cache
 
@@ -35,13 +35,14 @@ class FacePlanes:
         side = corners[NEXT] - corners
         longest = np.argmax([dot(s, s) for s in side], axis=0)
         along, other = (np.take_along_axis(side, k[None, None], axis=0)[0] for k in (longest, NEXT[longest]))
-        along = _unit(along)
+        along = ratio(along, np.sqrt(dot(along, along)))
         across = _orthogonal(other, along)
         # a face without area takes any plane through its longest side
         least = np.eye(3)[np.argmin(np.abs(along), axis=0)].T
         across = np.where(dot(across, across) > 0, across, _orthogonal(least, along))
         # twice, since little may be left of the sides of a needle but rounding
-        across = _unit(_orthogonal(_unit(across), along))
+        across = _orthogonal(ratio(across, np.sqrt(dot(across, across))), along)
+        across = ratio(across, np.sqrt(dot(across, across)))
         normal = cross(along, across)
         doubled = cross(side[0], side[1])
         plane = np.stack([[dot(s, along), dot(s, across)] for s in side])
@@ -69,10 +70,6 @@ class FacePlanes:
             table = np.take(self.table, face[part], axis=1)
             area[part], chord[:, part] = _clipped(table, centre[:, part], radius)
         return np.clip(area, 0.0, self.area[face]), chord
-
-
-def _unit(vector: NDArray) -> NDArray[np.float64]:
-    return ratio(vector, np.sqrt(dot(vector, vector))[None])
 
 
 def _orthogonal(vector: NDArray, unit: NDArray) -> NDArray[np.float64]:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
 from ddgcli.algorithms.curvature.clip import FacePlanes
-from ddgcli.algorithms.curvature.region import expand, listed_by
+from ddgcli.mesh.ragged import expand_lists, group_by_key
 from ddgcli.mesh.topology import NEXT
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 
@@ -71,8 +71,8 @@ class FaceBalls:
         self.fan_vertex = np.zeros(n, dtype=np.int64)
         self.fan_vertex[fan.ravel()] = mesh.faces.ravel()
         self._fan_point = np.take(self._columns, self.fan_vertex, axis=1)
-        self._fans_of_vertex = listed_by(self.fan_vertex, np.arange(n), mesh.n_vertices)
-        self._faces_of_edge = listed_by(
+        self._fans_of_vertex = group_by_key(self.fan_vertex, np.arange(n), mesh.n_vertices)
+        self._faces_of_edge = group_by_key(
             mesh.topology.side_edge.ravel(), np.arange(fan.size) // 3, mesh.topology.n_edges
         )
         tail, head = fan.ravel(), fan[:, NEXT].ravel()
@@ -101,7 +101,7 @@ class FaceBalls:
 
     def _of(self, begin: int, end: int) -> Ball:
         self._state.fill(0)
-        owner, fan = expand(np.arange(end - begin), np.arange(begin, end), self._fans_of_vertex)
+        owner, fan = expand_lists(np.arange(end - begin), np.arange(begin, end), self._fans_of_vertex)
         self._state[owner * self.n_fans + fan] = _INSIDE
         owners, fans = [], []
         while True:
@@ -117,7 +117,7 @@ class FaceBalls:
         """The fans given and those that edges inside join to them, ring by ring."""
         while len(owner):
             yield owner, fan
-            owner, fan = expand(owner, fan, self._neighbours)
+            owner, fan = expand_lists(owner, fan, self._neighbours)
             key = owner * self.n_fans + fan
             unseen = np.flatnonzero(self._state[key] == 0)
             key = key[unseen]
@@ -171,7 +171,9 @@ class FaceBalls:
         """Faces without corners inside, across sides whose ends are outside but some part is not."""
         out = self._state[owner[:, None] * self.n_fans + self._fan[face]] != _INSIDE
         row, side = np.nonzero(out & out[:, NEXT] & (chord.T > 0))
-        owner, face = expand(owner[row], self.mesh.topology.side_edge[face[row], side], self._faces_of_edge)
+        owner, face = expand_lists(
+            owner[row], self.mesh.topology.side_edge[face[row], side], self._faces_of_edge
+        )
         unknown = (self._state[owner[:, None] * self.n_fans + self._fan[face]] != _INSIDE).all(axis=1)
         return np.unique(owner[unknown] * self.mesh.n_faces + face[unknown])
 

@@ -14,21 +14,7 @@ from numpy.typing import NDArray
 
 from ddgcli.mesh.topology import NEXT, PREVIOUS
 from ddgcli.mesh.triangle_mesh import TriangleMesh
-
-
-def cross(a: NDArray, b: NDArray) -> NDArray[np.float64]:
-    """(3, ...) cross products of (3, ...) arrays."""
-    return np.stack([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
-
-
-def dot(a: NDArray, b: NDArray) -> NDArray[np.float64]:
-    """(...) scalar products of (3, ...) arrays."""
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-
-
-def ratio(a: NDArray | float, b: NDArray) -> NDArray[np.float64]:
-    """a / b, and 0 where b is 0."""
-    return np.divide(a, b, out=np.zeros(np.broadcast_shapes(np.shape(a), b.shape)), where=b != 0)
+from ddgcli.mesh.vectors import cross, dot, ratio
 
 
 @dataclass(frozen=True, eq=False)

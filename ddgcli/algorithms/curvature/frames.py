@@ -7,8 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.algorithms.curvature.faces import Faces, dot, ratio
+from ddgcli.algorithms.curvature.faces import Faces
 from ddgcli.mesh.topology import PREVIOUS
+from ddgcli.mesh.vectors import dot, ratio
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,11 +9,14 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.algorithms.curvature.faces import Faces, cross, ratio
-from ddgcli.geometry.intrinsic import corner_angle, corner_cotan, face_area
+from ddgcli.algorithms.curvature.faces import Faces
+from ddgcli.geometry.intrinsic import corner_angle, mixed_voronoi_share
 from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
+from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.topology import NEXT, PREVIOUS, Topology
 from ddgcli.mesh.triangle_mesh import TriangleMesh
+from ddgcli.mesh.vectors import cross, ratio
+from ddgcli.operators.laplacian import voronoi_vertex_area
 
 
 def angle_defect(mesh: SurfaceMesh) -> NDArray[np.float64]:
@@ -24,7 +27,7 @@ def angle_defect(mesh: SurfaceMesh) -> NDArray[np.float64]:
     if isinstance(mesh, TriangleMesh):
         return defect_of(Faces.of(mesh), mesh.topology)
     angle = corner_angle(mesh.side_length).ravel()
-    return _defect(np.bincount(mesh.faces.ravel(), angle, mesh.n_vertices), mesh.topology)
+    return _defect(sum_by_index(mesh.faces.ravel(), angle, mesh.n_vertices), mesh.topology)
 
 
 def defect_of(faces: Faces, topology: Topology) -> NDArray[np.float64]:
@@ -62,8 +65,8 @@ def gauss_bonnet_total(mesh: SurfaceMesh) -> float:
     """
     topology = mesh.topology
     missing = 2 - topology.edge_face_count
-    at_vertex = np.zeros(mesh.n_vertices)
-    np.add.at(at_vertex, topology.edges[missing != 0].ravel(), np.repeat(missing[missing != 0], 2))
+    ends = topology.edges[missing != 0].ravel()
+    at_vertex = sum_by_index(ends, np.repeat(missing[missing != 0], 2), mesh.n_vertices)
     excess = np.where(topology.boundary_vertex, at_vertex - 2, at_vertex)
     return float(2 * np.pi * topology.euler_characteristic + np.pi / 2 * excess.sum())
 
@@ -76,28 +79,12 @@ def vertex_area(mesh: SurfaceMesh) -> NDArray[np.float64]:
     Meyer et al. 2003: the Voronoi part of acute triangles; half the triangle at an obtuse corner and a
     quarter at the other two.
     """
-    if isinstance(mesh, TriangleMesh):
-        return area_of(Faces.of(mesh))
-    length = mesh.side_length
-    with np.errstate(invalid="ignore"):
-        share = _mixed_area(length.T**2, corner_cotan(length).T, face_area(length))
-    return np.bincount(mesh.faces.ravel(), share.T.ravel(), mesh.n_vertices).astype(np.float64, copy=False)
+    return area_of(Faces.of(mesh)) if isinstance(mesh, TriangleMesh) else voronoi_vertex_area(mesh)
 
 
 def area_of(faces: Faces) -> NDArray[np.float64]:
     """`vertex_area` of faces at hand."""
-    return faces.at_vertices(_mixed_area(faces.squared_length, faces.cotan, faces.area))
-
-
-def _mixed_area(squared: NDArray, cotan: NDArray, area: NDArray) -> NDArray[np.float64]:
-    """(3, m) share of each corner in the area of its face."""
-    half = np.stack([0.125 * squared[j] * cotan[PREVIOUS[j]] for j in range(3)])  # of side j, for each end
-    share = half + half[PREVIOUS]
-    least = np.minimum(np.minimum(cotan[0], cotan[1]), cotan[2])
-    odd = np.flatnonzero((least < 0) | ~np.isfinite(share[0] + share[1]))
-    share[:, odd] = 0.25 * area[odd]
-    share[np.argmin(cotan[:, odd], axis=0), odd] *= 2.0
-    return share
+    return faces.at_vertices(mixed_voronoi_share(faces.squared_length, faces.cotan, faces.area))
 
 
 def boundary_length(mesh: SurfaceMesh) -> NDArray[np.float64]:
@@ -107,7 +94,7 @@ def boundary_length(mesh: SurfaceMesh) -> NDArray[np.float64]:
     length[topology.side_edge.ravel()] = mesh.side_length.ravel()
     edges = topology.edges[topology.boundary_edges]
     half = np.repeat(0.5 * length[topology.boundary_edges], 2)
-    return np.bincount(edges.ravel(), half, mesh.n_vertices).astype(np.float64)
+    return sum_by_index(edges.ravel(), half, mesh.n_vertices)
 
 
 def geodesic_curvature(mesh: SurfaceMesh, defect: NDArray | None = None) -> NDArray[np.float64]:

@@ -10,10 +10,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.algorithms.curvature.faces import Faces, dot
+from ddgcli.algorithms.curvature.faces import Faces
 from ddgcli.algorithms.curvature.region import Regions, chosen, chunks, two_rings
 from ddgcli.mesh.topology import PREVIOUS
 from ddgcli.mesh.triangle_mesh import TriangleMesh
+from ddgcli.mesh.vectors import dot
 
 _FAR = -0.5  # cotangents opposite an edge that sum to less: the edge is far from Delaunay
 _MANY = 0.1  # share of such edges from which the Delaunay triangulation is tried

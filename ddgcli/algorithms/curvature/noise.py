@@ -24,8 +24,9 @@ from ddgcli.algorithms.curvature.quadric import (
     sampled_vertices,
 )
 from ddgcli.algorithms.curvature.region import Regions, largest_radius
+from ddgcli.mesh.ragged import list_starts
 from ddgcli.mesh.triangle_mesh import TriangleMesh
-from ddgcli.mesh.triangle_mesh import unit_vectors as unit_rows
+from ddgcli.mesh.vectors import unit_vectors as unit_rows
 
 SAMPLE, JUDGES = 400, 100  # vertices whose residuals are taken, and whose curvature
 MIN_NEIGHBOURS = 15
@@ -137,7 +138,7 @@ def _bending(mesh: TriangleMesh, normal: NDArray, sample: NDArray, radius: float
     """Median of the larger principal curvature of quadratic fits in balls around a part of the sample."""
     few = sample[:: max(1, len(sample) // JUDGES)]
     lists = cKDTree(mesh.points).query_ball_point(mesh.points[few], radius)
-    start = np.concatenate([[0], np.cumsum([len(members) for members in lists])])
+    start = list_starts([len(members) for members in lists])
     member = np.concatenate([np.sort(members) for members in lists]).astype(np.int64)
     # the mean normal of the ball: single normals of noise and of voxels are far off
     around = np.take(normal, member, axis=1)

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from ddgcli.errors import MeshError
 from ddgcli.mesh.curve import CurveSet, nearest_axis, plane_normal
-from ddgcli.mesh.triangle_mesh import vector_length
+from ddgcli.mesh.scatter import sum_by_index
+from ddgcli.mesh.vectors import ratio, row_dot, vector_length
 
 log = logging.getLogger("ddgcli")
 
@@ -138,10 +139,9 @@ def measure_curve(
     before, after, at = _joints(len(segment), closed)
     angle = _turning(tangent[before], tangent[after], normal)
     arrays["turning_angle"][keep[at]] = angle
-    half = np.zeros(len(keep))
-    ends = (np.arange(len(segment)), (np.arange(len(segment)) + 1) % len(keep))
-    for end in ends:
-        np.add.at(half, end, length / 2)
+    first = np.arange(len(segment))
+    ends = np.concatenate([first, (first + 1) % len(keep)])
+    half = sum_by_index(ends, np.tile(length / 2, 2), len(keep))
     arrays["vertex_length"][keep] = half
     arrays["curvature"][keep] = arrays["turning_angle"][keep] / half
     _gauss_map(arrays, keep, tangent, closed, normal)
@@ -160,7 +160,7 @@ def _joints(segments: int, closed: bool) -> tuple[NDArray, NDArray, NDArray]:
 
 
 def _turning(before: NDArray, after: NDArray, normal: NDArray | None) -> NDArray[np.float64]:
-    cosine = np.einsum("ij,ij->i", before, after)
+    cosine = row_dot(before, after)
     binormal = np.cross(before, after)
     return np.arctan2(vector_length(binormal) if normal is None else binormal @ normal, cosine)
 
@@ -190,16 +190,15 @@ def _torsion(
     binormal[at] = np.cross(tangent[before], tangent[after])
     k = np.arange(len(tangent))
     here, there = binormal[k], binormal[(k + 1) % len(keep)]
-    sine = np.einsum("ij,ij->i", np.cross(here, there), tangent)
-    cosine = np.einsum("ij,ij->i", here, there)
+    sine = row_dot(np.cross(here, there), tangent)
+    cosine = row_dot(here, there)
     # planes, not binormals: at an inflection the binormal jumps by half a turn and the plane does not
     angle = np.arctan2(np.where(cosine < 0, -sine, sine), np.abs(cosine))
-    total, width = np.zeros(len(keep)), np.zeros(len(keep))
-    defined = (vector_length(here) > 0) & (vector_length(there) > 0)
-    for end in (k, (k + 1) % len(keep)):
-        np.add.at(total, end[defined], angle[defined])
-        np.add.at(width, end[defined], length[defined])
-    arrays["torsion"][keep] = np.divide(total, width, out=np.zeros_like(total), where=width > 0)
+    defined = np.flatnonzero((vector_length(here) > 0) & (vector_length(there) > 0))
+    ends = np.concatenate([defined, (defined + 1) % len(keep)])
+    total = sum_by_index(ends, np.tile(angle[defined], 2), len(keep))
+    width = sum_by_index(ends, np.tile(length[defined], 2), len(keep))
+    arrays["torsion"][keep] = ratio(total, width)
 
 
 def _results(arrays: dict[str, NDArray], length: NDArray, closed: bool, planar: bool) -> dict[str, Any]:

@@ -19,6 +19,7 @@ from ddgcli.algorithms.curvature.faces import Faces
 from ddgcli.algorithms.curvature.frames import Principal, eigen_2x2, tangent_frame
 from ddgcli.algorithms.curvature.neighbours import neighbourhoods
 from ddgcli.algorithms.curvature.region import Regions, chunks, larger, listed, vertex_balls
+from ddgcli.mesh.ragged import list_starts
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 
 # exponents of x and y; the penalised terms first, so that elimination leaves the system of the low ones
@@ -130,7 +131,7 @@ def _same_side(normal: NDArray, begin: int, end: int, regions: Regions) -> tuple
     if kept.min() < 4:
         keep |= np.repeat(kept < 4, count) & (cosine > -0.5)
         kept = np.add.reduceat(keep, start[:-1], dtype=np.int64)
-    return np.concatenate([[0], np.cumsum(kept)]), member[keep]
+    return list_starts(kept), member[keep]
 
 
 def _sum(values: NDArray, start: NDArray) -> NDArray[np.float64]:

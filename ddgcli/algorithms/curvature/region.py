@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array, eye_array
 
 from ddgcli.errors import ParameterError
+from ddgcli.mesh.ragged import expand_lists, list_starts
 from ddgcli.mesh.topology import Topology
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 
@@ -68,14 +69,14 @@ def _without_hubs(near: csr_array) -> csr_array:
         return near
     row = np.repeat(np.arange(len(count)), count)
     keep = ~hub[row] | (near.indices == row)
-    indptr = np.concatenate([[0], np.cumsum(np.bincount(row[keep], minlength=len(count)))])
+    indptr = list_starts(np.bincount(row[keep], minlength=len(count)))
     return csr_array((near.data[keep], near.indices[keep], indptr), shape=near.shape)
 
 
 def _replaced(ring: csr_array, rows: NDArray, wider: csr_array) -> Regions:
     count = np.diff(ring.indptr).astype(np.int64)
     count[rows] = np.diff(wider.indptr)
-    start = np.concatenate([[0], np.cumsum(count)])
+    start = list_starts(count)
     member = np.zeros(start[-1], dtype=np.int64)
     is_new = np.zeros(len(count), dtype=bool)
     is_new[rows] = True
@@ -134,14 +135,14 @@ def vertex_balls(mesh: TriangleMesh, radius: float) -> Regions:
         end = min(begin + _BALLS, mesh.n_vertices)
         frontier = found = np.arange(end - begin) * n + np.arange(begin, end)
         while len(frontier):
-            owner, reached = expand(*np.divmod(frontier, n), lists)
+            owner, reached = expand_lists(*np.divmod(frontier, n), lists)
             offset = mesh.points[reached] - mesh.points[begin + owner]
             inside = np.einsum("ij,ij->i", offset, offset) <= radius * radius
             frontier, found = _new((owner * n + reached)[inside], found)
         owner, vertex = np.divmod(found, n)
         counts.append(np.bincount(owner, minlength=end - begin))
         members.append(vertex)
-    return Regions(np.concatenate([[0], np.cumsum(np.concatenate(counts))]), np.concatenate(members))
+    return Regions(list_starts(np.concatenate(counts)), np.concatenate(members))
 
 
 def _new(keys: NDArray, found: NDArray) -> tuple[NDArray, NDArray]:
@@ -156,25 +157,10 @@ def _member(keys: NDArray, sorted_keys: NDArray) -> NDArray[np.bool_]:
     return sorted_keys[place] == keys
 
 
-def listed_by(key: NDArray, item: NDArray, n_keys: int) -> tuple[NDArray, NDArray]:
-    """Items by key: those of key k are `member[start[k]:start[k + 1]]` of the start and member returned."""
-    order = np.argsort(key, kind="stable")
-    return np.concatenate([[0], np.cumsum(np.bincount(key, minlength=n_keys))]), item[order]
-
-
-def expand(owner: NDArray, item: NDArray, lists: tuple[NDArray, NDArray]) -> tuple[NDArray, NDArray]:
-    """Each owner with every member of its item's list."""
-    start, member = lists
-    count = start[item + 1] - start[item]
-    first = np.cumsum(count) - count
-    place = np.arange(count.sum()) - np.repeat(first - start[item], count)
-    return np.repeat(owner, count), member[place]
-
-
 def listed(regions: Regions, vertices: NDArray) -> Regions:
     """The regions of some vertices, in their order."""
-    _, member = expand(np.arange(len(vertices)), vertices, (regions.start, regions.member))
-    return Regions(np.concatenate([[0], np.cumsum(regions.count[vertices])]), member)
+    _, member = expand_lists(vertices, vertices, (regions.start, regions.member))
+    return Regions(list_starts(regions.count[vertices]), member)
 
 
 def larger(one: Regions, other: Regions) -> Regions:

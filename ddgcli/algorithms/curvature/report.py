@@ -13,19 +13,19 @@ from numpy.typing import NDArray
 from ddgcli.algorithms.curvature import measures as exact
 from ddgcli.algorithms.curvature import totals
 from ddgcli.algorithms.curvature.ball import corrected_in_balls, normal_cycle_in_balls
-from ddgcli.algorithms.curvature.faces import Faces, ratio
+from ddgcli.algorithms.curvature.faces import Faces
 from ddgcli.algorithms.curvature.frames import Principal, area_normals, unit_normals
 from ddgcli.algorithms.curvature.noise import Noise, estimate_noise
-from ddgcli.algorithms.curvature.orientation import orientation
 from ddgcli.algorithms.curvature.quadric import quadric
 from ddgcli.algorithms.curvature.region import check_radius
 from ddgcli.algorithms.curvature.star import corrected, cotan, normal_cycle
 from ddgcli.algorithms.delaunay.triangulation import non_delaunay_edges
 from ddgcli.errors import MeshError, ParameterError
-from ddgcli.geometry.extrinsic import dihedral_angle
+from ddgcli.geometry.extrinsic import dihedral_angle, enclosed_volume
 from ddgcli.mesh.repair import turned_over
 from ddgcli.mesh.require import check_size, require
 from ddgcli.mesh.triangle_mesh import TriangleMesh
+from ddgcli.mesh.vectors import ratio
 
 _log = logging.getLogger("ddgcli")
 
@@ -154,10 +154,9 @@ def _prepared(mesh: TriangleMesh, scheme: str) -> _Surface:
     check_size(extent)
     scale = 2.0 ** round(math.log2(extent))
     unit = mesh.moved((mesh.points - middle) / scale)
-    turning = orientation(mesh.topology) if not mesh.topology.is_oriented else None
-    if turning is not None:
-        unit = _turned(unit, turning.turn)
-    orientable = turning is None or turning.orientable
+    orientable = mesh.topology.is_oriented or mesh.topology.is_orientable
+    if not mesh.topology.is_oriented:
+        unit = _turned(unit, mesh.topology.faces_to_turn)
     faces = Faces.of(unit)
     _tell_defects(unit, faces, orientable, scheme)
     normal = totals.filled_normals(faces, unit.topology)
@@ -212,7 +211,7 @@ def _tell_defects(mesh: TriangleMesh, faces: Faces, orientable: bool, scheme: st
     spare = int((~topology.referenced_vertex).sum())
     if spare:
         _log.warning("%d vertices belong to no face: all their values are 0", spare)
-    if orientable and topology.is_closed and totals.enclosed_volume(faces) < 0:
+    if orientable and topology.is_closed and enclosed_volume(mesh) < 0:
         _log.warning(
             "the faces point inward (negative volume): mean and principal curvatures have their sign"
         )
@@ -279,7 +278,7 @@ def _integrals(surface: _Surface, found: Principal) -> dict[str, Any]:
     boundary = topology.boundary_vertex
     area = float(faces.area.sum())
     two_sided_closed = topology.is_closed and surface.orientable
-    volume = totals.enclosed_volume(faces) * s * s * s if two_sided_closed else None  # or inf
+    volume = enclosed_volume(mesh) * s * s * s if two_sided_closed else None  # or inf
     lengths = totals.edge_length(faces, topology)
     mean = float((0.5 * lengths * surface.dihedral).sum()) * s if surface.orientable else None
     energies = totals.willmore_energies(

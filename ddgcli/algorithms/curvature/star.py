@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.algorithms.curvature.faces import Faces, cross, dot, ratio
+from ddgcli.algorithms.curvature.faces import Faces
 from ddgcli.algorithms.curvature.frames import Principal, eigen_2x2, in_tangent_plane, tangent_frame, turned
 from ddgcli.mesh.topology import NEXT, PREVIOUS
+from ddgcli.mesh.vectors import cross, dot, ratio
 
 
 def cotan(faces: Faces, normal: NDArray, area: NDArray, defect: NDArray, vector: NDArray) -> Principal:

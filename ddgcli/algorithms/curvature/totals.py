@@ -5,10 +5,12 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.algorithms.curvature.faces import Faces, cross, dot, ratio
+from ddgcli.algorithms.curvature.faces import Faces
 from ddgcli.algorithms.curvature.measures import link_integral
 from ddgcli.geometry.extrinsic import hinge_bending
+from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.topology import NEXT, PREVIOUS, Topology
+from ddgcli.mesh.vectors import cross, dot, ratio
 
 
 def edge_length(faces: Faces, topology: Topology) -> NDArray[np.float64]:
@@ -55,12 +57,6 @@ def steiner_polynomial(volumes: list[float | None]) -> list[float | None]:
     return [None if v is None else b * v for b, v in zip(ball[::-1], volumes[::-1])]
 
 
-def enclosed_volume(faces: Faces) -> float:
-    """Signed volume inside a closed surface, positive for outward orientation; about the points' origin."""
-    a, b, c = faces.at_corners(faces.points)
-    return float(dot(cross(a, b), c).sum() / 6.0)
-
-
 def vector_area(faces: Faces) -> NDArray[np.float64]:
     """(3,) integral of the normal: half the integral of x cross dx over the boundary; zero when closed."""
     return 0.5 * faces.doubled.sum(axis=1)
@@ -102,7 +98,7 @@ def _sullivan(faces: Faces, squared: NDArray, inside: NDArray) -> float | None:
 
 
 def _hinge(faces: Faces, topology: Topology, dihedral: NDArray) -> float:
-    around = np.bincount(topology.side_edge.ravel(), np.repeat(faces.area, 3), topology.n_edges)
+    around = sum_by_index(topology.side_edge.ravel(), np.repeat(faces.area, 3), topology.n_edges)
     squared = edge_length(faces, topology) ** 2
     euler, closed = topology.euler_characteristic, topology.is_closed
     terms, constant = hinge_bending(squared, dihedral, around, euler, closed)
@@ -111,16 +107,15 @@ def _hinge(faces: Faces, topology: Topology, dihedral: NDArray) -> float:
 
 def _circle_angle(faces: Faces, topology: Topology, inside: NDArray) -> float | None:
     """Sum over interior vertices of (sum of circle angles - 2 pi) / 2; None where points coincide."""
-    twin = topology.side_twin.ravel()
-    side = np.flatnonzero((twin >= 0) & (np.arange(len(twin)) < twin))
-    other, corner = twin[side], topology.side_tail
+    side, corner = topology.interior_sides, topology.side_tail
+    other = topology.side_twin.ravel()[side]
     i, j = corner[side], topology.side_head[side]
     k, l = (corner[s // 3 * 3 + PREVIOUS[s % 3]] for s in (side, other))
     a, b, c, d = (_between(faces.points, *ends) for ends in ((i, k), (k, j), (j, l), (l, i)))
     if len(side) and min(dot(v, v).min() for v in (a, b, c, d)) <= 0:
         return None
     angle = _angle_between_circles(*(v / np.sqrt(dot(v, v)) for v in (a, b, c, d)))
-    total = np.bincount(i, angle, faces.n_vertices) + np.bincount(j, angle, faces.n_vertices)
+    total = sum_by_index(i, angle, faces.n_vertices) + sum_by_index(j, angle, faces.n_vertices)
     return float(0.5 * (total[inside] - 2 * np.pi).sum())
 
 

@@ -26,6 +26,7 @@ from ddgcli.algorithms.delaunay.overlay_pieces import Labels, Names, cut_faces
 from ddgcli.algorithms.delaunay.triangulation import Flipped
 from ddgcli.errors import MeshError, SolveError
 from ddgcli.mesh.intrinsic_mesh import IntrinsicMesh
+from ddgcli.mesh.ragged import list_starts
 from ddgcli.mesh.topology import Topology, sorted_sides
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 
@@ -135,7 +136,7 @@ class CommonSubdivision:
     def edge_start(self) -> NDArray[np.int64]:
         """(e + 1,) where the vertices of each intrinsic edge (as `topology.edges`) begin in `edge_vertex`."""
         number = self.crossings.halves.count[self._first_side] + 2
-        return np.concatenate([[0], np.cumsum(number)])
+        return list_starts(number)
 
     @cached_property
     def edge_vertex(self) -> NDArray[np.int64]:

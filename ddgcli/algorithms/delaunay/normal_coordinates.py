@@ -11,6 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ddgcli.mesh.ragged import repeat_with_place
+
 LABEL = 32  # bits of the step in a label of a crossing
 STEP = (1 << LABEL) - 1
 TOGETHER = 1 << 16  # crossings looked at together, so that temporaries stay in cache
@@ -131,12 +133,6 @@ def crossings_of(coordinate: NDArray, side_twin: NDArray) -> Crossings:
     return Crossings(flat, first, cut.ravel(), leaving.ravel(), side)
 
 
-def repeated(member: NDArray, count: NDArray) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Each member so many times, one after the other, and the place among its repetitions, from 0."""
-    first = np.cumsum(count) - count
-    return np.repeat(member, count), np.arange(int(count.sum())) - np.repeat(first, count)
-
-
 def blocks(count: NDArray, together: int) -> list[slice]:
     """Runs of members that hold about so many things together, for work whose temporaries stay in cache."""
     part = (np.cumsum(count) - count) // together
@@ -227,14 +223,14 @@ def _arcs(c: Crossings) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[n
     cut = np.flatnonzero(c.cut)
     for part in blocks(c.cut[cut], TOGETHER):
         corner, before = cut[part], preceding(cut[part])
-        who, place = repeated(np.arange(len(corner)), c.cut[corner])
+        who, place = repeat_with_place(np.arange(len(corner)), c.cut[corner])
         x = ahead(c.first[corner].take(who), place)  # the arc's ends on both sides of the corner
         y = ahead(c.last(before).take(who), -place)
         onward[x ^ 1] = y
         onward[y ^ 1] = x
     left = np.flatnonzero(c.leaving)
     opposite = following(left)
-    which, place = repeated(np.arange(len(left)), c.leaving[left])
+    which, place = repeat_with_place(np.arange(len(left)), c.leaving[left])
     end = ahead(c.at(opposite, c.cut[opposite]).take(which), place)
     onward[end ^ 1] = ~np.arange(len(end))
     return onward, end, left.take(which)

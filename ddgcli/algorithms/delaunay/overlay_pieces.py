@@ -14,8 +14,8 @@ from ddgcli.algorithms.delaunay.normal_coordinates import (
     blocks,
     following,
     preceding,
-    repeated,
 )
+from ddgcli.mesh.ragged import repeat_with_place
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,7 +133,7 @@ class _Cutter:
 
     def _quads(self, corner: NDArray) -> list[Part]:
         """Between two arcs that cut off the same corner, each with the one before it."""
-        who, place = repeated(np.arange(len(corner)), self.c.cut[corner] - 1)
+        who, place = repeat_with_place(np.arange(len(corner)), self.c.cut[corner] - 1)
         other = preceding(corner)
         x = ahead(self.c.first[corner].take(who), place)
         y = ahead(self.c.last(other).take(who), -place)
@@ -191,7 +191,7 @@ class _Cutter:
             ((tip, self.names.half(last), arriving), face, held),
             _present(((tip, arriving, leaving), face, held)),
         ]
-        who, place = repeated(np.arange(len(corner)), count - 1)
+        who, place = repeat_with_place(np.arange(len(corner)), count - 1)
         x = ahead(first.take(who), place)
         after = ahead(x, 1)
         between = tip.take(who), self.names.half(x), self.names.half(after)

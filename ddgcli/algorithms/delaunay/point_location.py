@@ -14,6 +14,7 @@ from scipy.sparse import csr_array
 
 from ddgcli.algorithms.delaunay.common_subdivision import CommonSubdivision
 from ddgcli.geometry.surface_points import SurfacePoints
+from ddgcli.mesh.ragged import ranges, repeat_with_place
 
 PAIRS = 1 << 18  # points times pieces of their faces that are looked at together
 FLAT = 1e-14  # area of a piece, relative to its longest side squared, below which it is not searched
@@ -102,8 +103,7 @@ def _in_input_faces(cut: CommonSubdivision) -> NDArray[np.float64]:
 def _padded_rows(matrix: csr_array) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
     """(v, 3) columns and values of rows with at most three entries; -1 and 0 where there are fewer."""
     count = np.diff(matrix.indptr)
-    row = np.repeat(np.arange(len(count)), count)
-    place = np.arange(len(row)) - np.repeat(matrix.indptr[:-1], count)
+    row, place = repeat_with_place(np.arange(len(count)), count)
     column, value = np.full((len(count), 3), -1, dtype=np.int64), np.zeros((len(count), 3))
     column[row, place], value[row, place] = matrix.indices, matrix.data
     return column, value
@@ -124,9 +124,8 @@ def _holding(points: SurfacePoints, chart: _Chart) -> NDArray[np.int64]:
     found = np.empty(len(points), dtype=np.int64)
     for block in np.split(np.arange(len(points)), np.flatnonzero(part[1:] != part[:-1]) + 1):
         owner = np.repeat(np.arange(len(block)), count[block])
-        first = np.cumsum(count[block]) - count[block]
-        place = np.arange(len(owner)) - first[owner]
-        piece = chart.piece[chart.start[points.face[block]][owner] + place]
+        place, first = ranges(chart.start[points.face[block]], count[block])
+        piece = chart.piece[place]
         depth = _depth(points.barycentric[block][owner], chart.barycentric[piece])
         deepest = np.maximum.reduceat(depth, first) if len(block) else depth
         best = np.flatnonzero(depth == deepest[owner])

@@ -27,7 +27,9 @@ from ddgcli.linalg.condition import condition_number
 from ddgcli.linalg.residual_gate import within_residuals
 from ddgcli.mesh.fields import AnnotatedMesh
 from ddgcli.mesh.intrinsic_mesh import IntrinsicMesh, SurfaceMesh
-from ddgcli.mesh.triangle_mesh import TriangleMesh, vector_length
+from ddgcli.mesh.scatter import sum_by_index
+from ddgcli.mesh.triangle_mesh import TriangleMesh
+from ddgcli.mesh.vectors import vector_length
 from ddgcli.operators.laplacian import stiffness
 from ddgcli.operators.mollify import mollified_mesh
 
@@ -271,8 +273,6 @@ def _area(mesh: SurfaceMesh, scale: float) -> float:
 def _defect(mesh: SurfaceMesh) -> NDArray[np.float64]:
     """(n,) angle defects, from positions where there are any."""
     topology = mesh.topology
-    total = np.bincount(
-        mesh.faces.ravel(), weights=face_corner_angle(mesh).ravel(), minlength=mesh.n_vertices
-    )
+    total = sum_by_index(mesh.faces, face_corner_angle(mesh), mesh.n_vertices)
     full = np.where(topology.boundary_vertex, np.pi, 2 * np.pi)
     return np.where(topology.referenced_vertex, full - total, 0.0)

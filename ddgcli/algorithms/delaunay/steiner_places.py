@@ -12,7 +12,7 @@ from ddgcli.algorithms.delaunay.circumcentres import LEAST_SHARE, triangle_share
 from ddgcli.algorithms.delaunay.flips import SideArrays
 from ddgcli.algorithms.delaunay.gluing import around
 from ddgcli.algorithms.delaunay.steiner_base import SteinerPoints
-from ddgcli.algorithms.tracing.batch import Start
+from ddgcli.algorithms.tracing.lines import LineStart
 from ddgcli.algorithms.tracing.trace import Tracer
 from ddgcli.errors import SolveError
 from ddgcli.geometry.intrinsic import face_area
@@ -150,7 +150,7 @@ class Places:
         turn = np.angle((point - start) / (following - start))
         where, barycentric, heading = self._start(state.tail[side], state.direction[side] + turn)  # type: ignore[index]
         planar = np.stack([np.cos(heading), np.sin(heading)], axis=1)
-        ends = self.tracer.walked(Start(where, barycentric, planar, distance[k, near] * self.scale))
+        ends = self.tracer.trace_checked(LineStart(where, barycentric, planar, distance[k, near] * self.scale))
         found = Located(
             sound=(ends.status == 0) & np.isfinite(ends.barycentric).all(axis=1),
             face=ends.face,

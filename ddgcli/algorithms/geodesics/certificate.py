@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from ddgcli.algorithms.geodesics.edge_distance import edge_distance
 from ddgcli.algorithms.geodesics.sources import Sources, face_frame
 from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
-from ddgcli.mesh.triangle_mesh import TriangleMesh, vector_length
+from ddgcli.mesh.triangle_mesh import TriangleMesh
+from ddgcli.mesh.vectors import vector_length
 
 SLACK = 1e-9  # of the largest distance: what rounding may do without being counted as a violation
 FEW = 16

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.algorithms.geodesics.sources import Reached, Sources, checked_sources
+from ddgcli.algorithms.geodesics.sources import Sources, VertexDistances, check_sources
 from ddgcli.errors import MeshError, ParameterError
 from ddgcli.geometry.surface_points import SurfacePoints
 from ddgcli.linalg.residual_gate import within_residuals
@@ -20,7 +20,7 @@ from ddgcli.operators.laplacian import SurfaceMesh
 
 if TYPE_CHECKING:
     from ddgcli.algorithms.geodesics.exact.exact_distance import ExactDistance
-    from ddgcli.algorithms.geodesics.fast_marching import MarchedDistance
+    from ddgcli.algorithms.geodesics.fast_marching import FastMarchingDistance
 
 log = logging.getLogger("ddgcli")
 
@@ -59,7 +59,7 @@ class DistanceOptions:
 
 
 @dataclass(frozen=True, eq=False)
-class Measured(Reached):
+class DistanceResult(VertexDistances):
     """Distances by one method.
 
     Parameters
@@ -68,7 +68,7 @@ class Measured(Reached):
         What the method tells of its work and of its error.
     exact : ExactDistance, optional
         How the shortest paths arrive, where the method knows.
-    marched : MarchedDistance, optional
+    marched : FastMarchingDistance, optional
         By what stencils the distance was handed on, where it was.
     converged : bool
         False where the certificate or a residual is worse than the stated bounds.
@@ -77,7 +77,7 @@ class Measured(Reached):
     results: dict[str, Any] = field(default_factory=dict)
     accuracy: dict[str, Any] = field(default_factory=dict)
     exact: ExactDistance | None = None
-    marched: MarchedDistance | None = None
+    marched: FastMarchingDistance | None = None
     converged: bool = True
 
     @property
@@ -86,10 +86,10 @@ class Measured(Reached):
         return {"geodesic_distance": self.distance, "nearest_source": self.nearest_source}
 
 
-Solver = Callable[[Sources], Measured]
+Solver = Callable[[Sources], DistanceResult]
 
 
-def prepare(
+def prepare_solver(
     mesh: SurfaceMesh,
     method: str,
     options: DistanceOptions = DistanceOptions(),
@@ -137,7 +137,7 @@ def _exact(
 
     tables = window_tables(mesh)
 
-    def solve(sources: Sources) -> Measured:
+    def solve(sources: Sources) -> DistanceResult:
         exact = exact_distance(
             mesh, sources, tolerance=options.tolerance, targets=targets, tables=tables,
             directions=options.directions, progress=progress,
@@ -147,15 +147,13 @@ def _exact(
             accuracy["tolerance_error_estimate"] = exact.tolerance_error
         results: dict[str, Any] = {"windows": exact.windows}
         if len(targets):
-            results["targets"] = described_targets(mesh, targets, exact)
-        return Measured(exact.distance, exact.nearest_source, results, accuracy, exact)
+            results["targets"] = describe_targets(mesh, targets, exact)
+        return DistanceResult(exact.distance, exact.nearest_source, results, accuracy, exact)
 
     return solve
 
 
-def described_targets(
-    mesh: SurfaceMesh, targets: SurfacePoints, exact: ExactDistance
-) -> list[dict[str, Any]]:
+def describe_targets(mesh: SurfaceMesh, targets: SurfacePoints, exact: ExactDistance) -> list[dict[str, Any]]:
     """Each target for the summary: where it is, its distance (None where no source reaches), its source."""
     said = Sources.at([], targets).described(mesh)
     for entry, distance, source in zip(said, exact.target_distance, exact.target_source, strict=True):
@@ -168,9 +166,9 @@ def _heat(mesh: SurfaceMesh, options: DistanceOptions) -> Solver:
     from ddgcli.algorithms.geodesics.heat import HeatSolver
 
     operator, base = _heat_mesh(mesh, options.operator)
-    solver = HeatSolver(base, time_factor=options.heat_time, refine=options.heat_refine, given_on=mesh)
+    solver = HeatSolver(base, time_factor=options.heat_time, refine=options.heat_refine, source_mesh=mesh)
 
-    def solve(sources: Sources) -> Measured:
+    def solve(sources: Sources) -> DistanceResult:
         heat = solver.distance(sources)
         if not heat.heat_residual <= LOST_HEAT:
             raise ParameterError(
@@ -183,7 +181,7 @@ def _heat(mesh: SurfaceMesh, options: DistanceOptions) -> Solver:
             log.warning(
                 f"heat has no direction on {heat.cold_faces} faces; the distance is interpolated there"
             )
-        return Measured(heat.distance, downhill_source(mesh, heat.distance, sources), results, accuracy)
+        return DistanceResult(heat.distance, downhill_source(mesh, heat.distance, sources), results, accuracy)
 
     return solve
 
@@ -213,14 +211,14 @@ def _heat_mesh(mesh: SurfaceMesh, operator: str | None) -> tuple[str, SurfaceMes
 
 
 def _fast_marching(mesh: SurfaceMesh, options: DistanceOptions) -> Solver:
-    from ddgcli.algorithms.geodesics.fast_marching import marched_distance, marching_stencils
+    from ddgcli.algorithms.geodesics.fast_marching import fast_marching_distance, fast_marching_stencils
 
-    stencils = marching_stencils(mesh)
+    stencils = fast_marching_stencils(mesh)
 
-    def solve(sources: Sources) -> Measured:
-        marched = marched_distance(mesh, sources, stencils=stencils)
+    def solve(sources: Sources) -> DistanceResult:
+        marched = fast_marching_distance(mesh, sources, stencils=stencils)
         work = {"updates": marched.updates}
-        return Measured(marched.distance, marched.nearest_source, work, marched=marched)
+        return DistanceResult(marched.distance, marched.nearest_source, work, marched=marched)
 
     return solve
 
@@ -230,9 +228,9 @@ def _dijkstra(mesh: SurfaceMesh, options: DistanceOptions) -> Solver:
 
     graph = edge_graph(mesh)
 
-    def solve(sources: Sources) -> Measured:
+    def solve(sources: Sources) -> DistanceResult:
         edges = edge_distance(mesh, sources, graph=graph)
-        return Measured(edges.distance, edges.nearest_source)
+        return DistanceResult(edges.distance, edges.nearest_source)
 
     return solve
 
@@ -244,13 +242,13 @@ def measure_distance(
     options: DistanceOptions = DistanceOptions(),
     *,
     solver: Solver | None = None,
-) -> Measured:
+) -> DistanceResult:
     """Distance from every vertex to the nearest source, with its certificate; unreachable vertices reported.
 
     Parameters
     ----------
     solver : callable, optional
-        `prepare(mesh, method, options)`, to share among calls.
+        `prepare_solver(mesh, method, options)`, to share among calls.
 
     Raises
     ------
@@ -259,8 +257,8 @@ def measure_distance(
     """
     from ddgcli.algorithms.geodesics.certificate import certificate
 
-    sources = checked_sources(mesh, sources)
-    solver = solver or prepare(mesh, method, options)
+    sources = check_sources(mesh, sources)
+    solver = solver or prepare_solver(mesh, method, options)
     measured = solver(sources)
     finite = measured.distance[np.isfinite(measured.distance)]
     results = {
@@ -300,7 +298,7 @@ def compare(
     for method in methods:
         began = time.perf_counter()
         # against exact, the tolerance must not blur the reference
-        solver = prepare(mesh, method, replace(options, tolerance=0.0))
+        solver = prepare_solver(mesh, method, replace(options, tolerance=0.0))
         ready = time.perf_counter()
         other = solver(sources).distance
         done = time.perf_counter()

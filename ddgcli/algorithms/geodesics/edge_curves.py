@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from ddgcli.algorithms.geodesics.flipping_mesh import EdgeGraph, edge_path
+from ddgcli.algorithms.geodesics.flippable_mesh import EdgeGraph, edge_path
 from ddgcli.algorithms.geodesics.paths import SurfacePaths, describe_paths
 from ddgcli.algorithms.geodesics.surface_curves import Curves
 from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
@@ -34,7 +34,7 @@ def edge_curves(mesh: SurfaceMesh, waypoints: list[list[int]]) -> Curves:
         closed = len(stops) > 2 and stops[0] == stops[-1]
         parts.append(_along_edges(mesh, edge_path(graph, stops, False), closed))
         kinds.append({"kind": "edge path", "way_points": list(stops)})
-    paths = SurfacePaths.joined(parts)
+    paths = SurfacePaths.concatenate(parts)
     return Curves(paths, describe_paths(mesh, paths, kinds))
 
 

@@ -8,12 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import coo_array, csr_array
 
-from ddgcli.algorithms.geodesics.sources import Reached, Sources, checked_sources, face_frame
+from ddgcli.algorithms.geodesics.sources import Sources, VertexDistances, check_sources, face_frame
 from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
 
 
 @dataclass(frozen=True, eq=False)
-class EdgeDistance(Reached):
+class EdgeDistance(VertexDistances):
     """Distances along edges.
 
     Parameters
@@ -64,7 +64,7 @@ def edge_distance(
     """
     from scipy.sparse.csgraph import dijkstra
 
-    sources = checked_sources(mesh, sources)
+    sources = check_sources(mesh, sources)
     n, points = mesh.n_vertices, sources.points
     graph = edge_graph(mesh) if graph is None else graph
     if len(points):

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
 from ddgcli.algorithms.geodesics.exact.tables import BOUNDARY, side_shapes, sides_across, table_scale
-from ddgcli.algorithms.geodesics.sources import Reached, Sources, checked_sources, face_frame
+from ddgcli.algorithms.geodesics.sources import Sources, VertexDistances, check_sources, face_frame
 from ddgcli.errors import MeshError, SolveError
 from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
 from ddgcli.mesh.topology import NEXT, PREVIOUS
@@ -60,7 +60,7 @@ class Stencils:
 
 
 @dataclass(frozen=True, eq=False)
-class MarchedDistance(Reached):
+class FastMarchingDistance(VertexDistances):
     """Distances by fast marching.
 
     Parameters
@@ -76,7 +76,7 @@ class MarchedDistance(Reached):
     stencils: Stencils
 
 
-def marching_stencils(mesh: SurfaceMesh) -> Stencils:
+def fast_marching_stencils(mesh: SurfaceMesh) -> Stencils:
     """Stencils of a surface: one for each acute corner, two for each obtuse one.
 
     They are those of the intrinsic Delaunay triangulation where there is one: less obtuse and shorter, so
@@ -212,13 +212,13 @@ def _unfolded(
     return rows, vertices, places
 
 
-def marched_distance(
+def fast_marching_distance(
     mesh: SurfaceMesh,
     sources: Sources | NDArray | list[int] | int,
     *,
     stencils: Stencils | None = None,
     planar: bool = False,
-) -> MarchedDistance:
+) -> FastMarchingDistance:
     """Distance to the nearest source by fast marching.
 
     Parameters
@@ -226,20 +226,22 @@ def marched_distance(
     mesh : TriangleMesh or IntrinsicMesh
     sources : Sources, vertex number or array of vertex numbers
     stencils : Stencils, optional
-        `marching_stencils(mesh)`, to share among calls.
+        `fast_marching_stencils(mesh)`, to share among calls.
     planar : bool
         Fronts are straight lines, as published (first order). Default: circles about an unfolded point
         source, which are exact on flat pieces seen from the source.
     """
-    sources = checked_sources(mesh, sources)
-    stencils = stencils or marching_stencils(mesh)
+    sources = check_sources(mesh, sources)
+    stencils = stencils or fast_marching_stencils(mesh)
     march = _March(stencils, mesh.n_vertices, several=len(sources) > 1, planar=planar)
     with np.errstate(divide="ignore", invalid="ignore"):
         vertex, value, number = _first_values(mesh, sources, stencils.scale)
         march.lower(vertex, value, number if len(sources) > 1 else None)
         march.run()
     nearest = np.where(np.isfinite(march.distance), march.source, -1)
-    return MarchedDistance(march.distance * stencils.scale, nearest, march.rounds, march.updates, stencils)
+    return FastMarchingDistance(
+        march.distance * stencils.scale, nearest, march.rounds, march.updates, stencils
+    )
 
 
 def _first_values(mesh: SurfaceMesh, sources: Sources, scale: float) -> tuple[NDArray, NDArray, NDArray]:
@@ -257,7 +259,7 @@ class _March:
     """Distances so far, and the vertices whose change has not been handed on."""
 
     def __init__(self, stencils: Stencils, n: int, *, several: bool, planar: bool) -> None:
-        self.stencils, self.wave = stencils, _plane if planar else from_below
+        self.stencils, self.wave = stencils, _planar_update if planar else circular_update
         self.distance = np.full(n, np.inf)
         self.several, self.source = several, np.zeros(n, dtype=np.int64)
         self.waiting = np.zeros(n, dtype=bool)
@@ -319,7 +321,9 @@ class _March:
         self.lower(corner[:, 2].take(better), found.take(better), source)
 
 
-def from_below(da: NDArray, db: NDArray, length: NDArray, x: NDArray, y: NDArray) -> tuple[NDArray, NDArray]:
+def circular_update(
+    da: NDArray, db: NDArray, length: NDArray, x: NDArray, y: NDArray
+) -> tuple[NDArray, NDArray]:
     """Distance of c from the point below ab at da from a and db from b, and where on ab its ray crosses."""
     sx = da - db
     sx *= da + db
@@ -339,7 +343,9 @@ def from_below(da: NDArray, db: NDArray, length: NDArray, x: NDArray, y: NDArray
     return np.sqrt(run, out=run), cross
 
 
-def _plane(da: NDArray, db: NDArray, length: NDArray, x: NDArray, y: NDArray) -> tuple[NDArray, NDArray]:
+def _planar_update(
+    da: NDArray, db: NDArray, length: NDArray, x: NDArray, y: NDArray
+) -> tuple[NDArray, NDArray]:
     """Distance of c behind a straight front at a and b, and where on ab its normal through c crosses."""
     along = (db - da) / length
     across = np.sqrt(1.0 - along * along)

@@ -15,10 +15,10 @@ from math import inf, pi
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.algorithms.geodesics.flipping_mesh import EdgeGraph, FlippingMesh, edge_path
+from ddgcli.algorithms.geodesics.flippable_mesh import EdgeGraph, FlippableMesh, edge_path
 from ddgcli.algorithms.geodesics.paths import SurfacePaths, describe_paths, joints, segment_vectors
 from ddgcli.algorithms.geodesics.surface_curves import Curves
-from ddgcli.algorithms.tracing.batch import Start
+from ddgcli.algorithms.tracing.lines import LineStart
 from ddgcli.algorithms.tracing.trace import Tracer
 from ddgcli.geometry.face_frames import planar_difference
 from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
@@ -42,7 +42,7 @@ class _Node:
 class PathStraightener:
     """A path or loop of halfedges in a flipping mesh, shortened until every angle is at least pi."""
 
-    def __init__(self, mesh: FlippingMesh, halfedges: list[int], closed: bool) -> None:
+    def __init__(self, mesh: FlippableMesh, halfedges: list[int], closed: bool) -> None:
         self.mesh, self.closed, self.flips = mesh, closed, 0
         self.shortest_loop = inf
         self.in_its_own_way = False  # an edge to be flipped belongs to the path
@@ -217,10 +217,10 @@ class Straightener:
 
     def __init__(self, mesh: SurfaceMesh) -> None:
         self.mesh, self.tracer, self.graph = mesh, Tracer(mesh), EdgeGraph(mesh)
-        self.flipping = FlippingMesh(self.tracer)
+        self.flipping = FlippableMesh(self.tracer)
 
     def curves(self, waypoints: list[list[int]], closed: list[bool]) -> Curves:
-        """As the function `straightened_curves`."""
+        """As the function `straighten_curves`."""
         mesh, flipping = self.mesh, self.flipping
         parts, kinds, done = [], [], True
         for stops, is_closed in zip(waypoints, closed, strict=True):
@@ -233,21 +233,21 @@ class Straightener:
             if not finished:
                 why = ": it runs over itself; other way-points may help" if path.in_its_own_way else ""
                 _log.warning(f"the path through {stops[:5]} could not be pulled straight everywhere{why}")
-            parts.append(laid_on_input(self.tracer, flipping, path.halfedges(), is_closed))
+            parts.append(trace_on_input(self.tracer, flipping, path.halfedges(), is_closed))
             kind = {
                 "kind": "loop" if is_closed else "straightened",
                 "way_points": list(stops),
                 "flips": path.flips,
             }
             kinds.append(kind | {"edge_path_length": before})
-        paths = SurfacePaths.joined(parts)
+        paths = SurfacePaths.concatenate(parts)
         joint = joints(mesh, paths, shortest=1e-6)
         sharpest = float(np.nanmin(np.concatenate([joint.left, joint.right]), initial=np.pi))
         accuracy = {"path_angle_deficit": np.pi - sharpest}
         return Curves(paths, describe_paths(mesh, paths, kinds), accuracy, done)
 
 
-def straightened_curves(mesh: SurfaceMesh, waypoints: list[list[int]], closed: list[bool]) -> Curves:
+def straighten_curves(mesh: SurfaceMesh, waypoints: list[list[int]], closed: list[bool]) -> Curves:
     """Geodesics in the isotopy classes of edge paths and closed edge loops through way-points.
 
     Parameters
@@ -267,7 +267,9 @@ def straightened_curves(mesh: SurfaceMesh, waypoints: list[list[int]], closed: l
     return Straightener(mesh).curves(waypoints, closed)
 
 
-def laid_on_input(tracer: Tracer, flipping: FlippingMesh, halfedges: list[int], closed: bool) -> SurfacePaths:
+def trace_on_input(
+    tracer: Tracer, flipping: FlippableMesh, halfedges: list[int], closed: bool
+) -> SurfacePaths:
     """A path of halfedges of the flipped triangulation as one surface path on the input mesh."""
     mesh, fans = tracer.mesh, tracer.fans
     if not halfedges:
@@ -291,7 +293,7 @@ def laid_on_input(tracer: Tracer, flipping: FlippingMesh, halfedges: list[int], 
         axis=1,
     )
     length = flipping.scale * np.array([flipping.length[h] for h in halfedges])
-    lines = tracer.walked(Start(face, np.eye(3)[j], direction, length), record=True)
+    lines = tracer.trace_checked(LineStart(face, np.eye(3)[j], direction, length), record=True)
     recorded = SurfacePaths.of_traces(lines)
     step = np.nan_to_num(segment_vectors(mesh, recorded))
     walked = np.cumsum(np.hypot(step[:, 0], step[:, 1]))
@@ -317,7 +319,7 @@ def _corner_of(mesh: SurfaceMesh, face: NDArray, vertex: int) -> NDArray[np.floa
 
 def _until_head(
     tracer: Tracer,
-    flipping: FlippingMesh,
+    flipping: FlippableMesh,
     recorded: SurfacePaths,
     walked: NDArray,
     i: int,

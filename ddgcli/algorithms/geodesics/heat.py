@@ -11,11 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csc_array, csr_array, diags_array
 
-from ddgcli.algorithms.geodesics.sources import Sources, checked_sources, face_frame
+from ddgcli.algorithms.geodesics.sources import Sources, check_sources, face_frame
 from ddgcli.errors import ParameterError
 from ddgcli.linalg.constrain import Dirichlet, Poisson
 from ddgcli.linalg.factor import Factor
 from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
+from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.topology import NEXT
 from ddgcli.operators.laplacian import lumped_vertex_area, stiffness
 
@@ -73,7 +74,7 @@ class HeatSolver:
         published, whose error stops falling: t = h^2 is a fixed fraction of the decay length, so the
         direction of the heat's gradient keeps an error of the order of a percent. Each further round costs
         one solve and removes most of it.
-    given_on : TriangleMesh or IntrinsicMesh, optional
+    source_mesh : TriangleMesh or IntrinsicMesh, optional
         The mesh whose faces source points are given on; same vertices and metric. Default: `mesh`.
 
     References
@@ -88,9 +89,9 @@ class HeatSolver:
         time: float | None = None,
         time_factor: float = 1.0,
         refine: int = 0,
-        given_on: SurfaceMesh | None = None,
+        source_mesh: SurfaceMesh | None = None,
     ) -> None:
-        self.mesh, self.refine, self.given_on = mesh, refine, given_on or mesh
+        self.mesh, self.refine, self.source_mesh = mesh, refine, source_mesh or mesh
         h = float(mesh.side_length.mean()) if mesh.n_faces else 1.0
         self.time = time_factor * h * h if time is None else time
         if not 0 < self.time < np.inf:
@@ -123,7 +124,7 @@ class HeatSolver:
         One source reuses both factorisations; its additive constant makes the one-ring fit its spokes.
         Several sources are held at zero together, their one-rings at the spokes, in a system of their own.
         """
-        sources = checked_sources(self.given_on, sources)
+        sources = check_sources(self.source_mesh, sources)
         start = self._start(sources)
         reached = self._reached(start)
         heat, level, stages, heat_residual = self._diffuse(start, reached)
@@ -155,7 +156,7 @@ class HeatSolver:
         """Unit heat at each source, shared among the corners of its face for a point."""
         start = np.zeros(self.mesh.n_vertices)
         np.add.at(start, sources.vertex, 1.0)
-        np.add.at(start, self.given_on.faces[sources.points.face], sources.points.barycentric)
+        np.add.at(start, self.source_mesh.faces[sources.points.face], sources.points.barycentric)
         return start
 
     def _diffuse(self, start: NDArray, inside: NDArray) -> tuple[NDArray, NDArray, int, Callable[[], float]]:
@@ -216,10 +217,10 @@ class HeatSolver:
         beside = np.flatnonzero(np.isin(self._corner, sources.vertex).any(axis=0))
         length = mesh.side_length[beside].ravel()
         tail, head = mesh.faces[beside].ravel(), mesh.faces[beside][:, NEXT].ravel()
-        frame = face_frame(self.given_on.side_length[points.face])
+        frame = face_frame(self.source_mesh.side_length[points.face])
         position = np.einsum("kc,kcd->kd", points.barycentric, frame)
         reach = np.linalg.norm(frame - position[:, None], axis=2)
-        around = self.given_on.faces[points.face]
+        around = self.source_mesh.faces[points.face]
         vertex = np.concatenate(
             [sources.vertex, head[is_source[tail]], tail[is_source[head]], around.ravel()]
         )
@@ -242,7 +243,7 @@ class HeatSolver:
         np.multiply(across, self._base, out=flux[2])
         np.add(flux[1], flux[2], out=flux[0])
         np.negative(flux[0], out=flux[0])
-        load = np.bincount(self._corner.ravel(), weights=flux.ravel(), minlength=self.mesh.n_vertices)
+        load = sum_by_index(self._corner, flux, self.mesh.n_vertices)
         if n_sources == 1:
             distance = self.poisson.pinned_solve(load)
             ring = spoke > 0

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from ddgcli.algorithms.geodesics.paths import SurfacePaths, path_lengths
 from ddgcli.algorithms.geodesics.surface_curves import Curves
 from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
+from ddgcli.mesh.ragged import list_starts
 from ddgcli.mesh.topology import NEXT
 
 
@@ -53,7 +54,7 @@ def isolines(mesh: SurfaceMesh, values: NDArray, levels: NDArray) -> tuple[Surfa
         paths = _one_level(mesh, values, float(level))
         parts.append(paths)
         path_level += [float(level)] * len(paths)
-    return SurfacePaths.joined(parts), np.array(path_level, dtype=np.float64)
+    return SurfacePaths.concatenate(parts), np.array(path_level, dtype=np.float64)
 
 
 def _one_level(mesh: SurfaceMesh, values: NDArray, level: float) -> SurfacePaths:
@@ -80,7 +81,7 @@ def _one_level(mesh: SurfaceMesh, values: NDArray, level: float) -> SurfacePaths
     ends = slot[open_end] + 1
     out_face[ends], out_weights[ends] = face[order[open_end]], weights_out
     lengths = np.diff(start) + ~closed
-    return SurfacePaths(out_face, out_weights, np.concatenate([[0], np.cumsum(lengths)]), closed)
+    return SurfacePaths(out_face, out_weights, list_starts(lengths), closed)
 
 
 def _on_side(corner: NDArray, side: NDArray, level: float) -> NDArray[np.float64]:

@@ -43,13 +43,13 @@ class OrientedCover:
     turned: NDArray[np.bool_]
 
     @property
-    def one_sided(self) -> bool:
+    def is_one_sided(self) -> bool:
         """Is every face there twice?"""
         return self.mesh.n_faces > self.base.n_faces
 
-    def need_two_sides(self, what: str) -> None:
+    def require_two_sides(self, what: str) -> None:
         """Refuse what a one-sided surface does not have."""
-        if self.one_sided:
+        if self.is_one_sided:
             raise MeshError(
                 f"the surface is one-sided (a Moebius band is in it); {what} needs two sides: cut it open"
             )
@@ -58,15 +58,15 @@ class OrientedCover:
         """Barycentric coordinates in faces of the cover as those of the base, or the other way round."""
         return np.where(self.turned[face][:, None], barycentric[:, ::-1], barycentric)
 
-    def lifted_points(self, points: SurfacePoints) -> SurfacePoints:
+    def lift_points(self, points: SurfacePoints) -> SurfacePoints:
         """Points of the base on the cover."""
         return SurfacePoints(points.face, self.weights(points.face, points.barycentric))
 
-    def lifted_sources(self, sources: Sources) -> Sources:
+    def lift_sources(self, sources: Sources) -> Sources:
         """Sources on the base as sources on the cover."""
-        return Sources(sources.vertex, self.lifted_points(sources.points))
+        return Sources(sources.vertex, self.lift_points(sources.points))
 
-    def lifted_exact(self, exact: ExactDistance) -> ExactDistance:
+    def lift_exact(self, exact: ExactDistance) -> ExactDistance:
         """How shortest paths arrive, told in the sides of the cover."""
         face, j = np.divmod(exact.side, 3)
         turn = (exact.side >= 0) & self.turned[np.maximum(face, 0)]
@@ -74,7 +74,7 @@ class OrientedCover:
         side = np.where(turn, 3 * face + (1 - j) % 3, exact.side)
         return replace(exact, side=side, crossing=np.where(turn, length - exact.crossing, exact.crossing))
 
-    def lifted_curves(self, curves: Curves) -> Curves:
+    def lift_curves(self, curves: Curves) -> Curves:
         """Curves of the base, of two sides, on the cover."""
         paths = curves.paths
         weights = self.weights(paths.face, paths.barycentric)
@@ -86,7 +86,7 @@ class OrientedCover:
         A piece that leaves a vertex on the other sheet than the piece before arrived is moved over (face f to
         face (f + m) % 2m), with all that follows; the first point is put on the first sheet.
         """
-        if not self.one_sided or not len(paths.face):
+        if not self.is_one_sided or not len(paths.face):
             return paths
         topology, m = self.mesh.topology, self.base.n_faces
         face, barycentric = paths.face, paths.barycentric
@@ -111,7 +111,7 @@ class OrientedCover:
             barycentric=np.where(move[:, None], barycentric[:, ::-1], barycentric),
         )
 
-    def lifted_values(self, values: NDArray, place: str = "") -> tuple[NDArray, str]:
+    def lift_values(self, values: NDArray, place: str = "") -> tuple[NDArray, str]:
         """An array of the base as one of the cover (repeated where it is on faces), and where it is.
 
         `place` is "vertex" or "face"; without it the length tells, vertices first.
@@ -119,7 +119,7 @@ class OrientedCover:
         if not place:
             length = {self.base.n_faces: "face"} | {self.base.n_vertices: "vertex"}
             place = length.get(len(values), "")
-        again = self.one_sided and place == "face"
+        again = self.is_one_sided and place == "face"
         return (np.concatenate([values, values]) if again else values), place
 
     def projected(self, curves: Curves) -> Curves:

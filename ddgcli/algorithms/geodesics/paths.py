@@ -9,13 +9,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.algorithms.tracing.batch import Traces
+from ddgcli.algorithms.tracing.lines import Traces
 from ddgcli.errors import ParameterError
 from ddgcli.geometry.face_frames import planar_difference, surface_position
 from ddgcli.geometry.surface_points import SurfacePoints
 from ddgcli.geometry.unfolding import unfold, vertex_fans
 from ddgcli.mesh.curve import CurveSet
 from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
+from ddgcli.mesh.ragged import list_starts
+from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.topology import NEXT, PREVIOUS, Topology
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 
@@ -57,7 +59,7 @@ class SurfacePaths:
         none = (np.zeros(0, dtype=np.int64), np.zeros((0, 3)))
         points = [SurfacePoints.checked(f, b, mesh.n_faces) for f, b in paths]
         checked = [(p.face, p.barycentric) for p in points]
-        start = np.concatenate([[0], np.cumsum([len(f) for f, _ in checked])]).astype(np.int64)
+        start = list_starts([len(f) for f, _ in checked])
         return cls(
             np.concatenate([none[0], *(f for f, _ in checked)]),
             np.concatenate([none[1], *(b for _, b in checked)]),
@@ -66,7 +68,7 @@ class SurfacePaths:
         )
 
     @classmethod
-    def joined(cls, parts: list[SurfacePaths]) -> SurfacePaths:
+    def concatenate(cls, parts: list[SurfacePaths]) -> SurfacePaths:
         """The paths of several sets, in order."""
         shift = np.cumsum([0, *(len(p.face) for p in parts)])
         return cls(
@@ -200,7 +202,7 @@ def path_lengths(mesh: SurfaceMesh, paths: SurfacePaths) -> NDArray[np.float64]:
     """(k,) lengths of paths, from edge lengths alone."""
     vector = segment_vectors(mesh, paths)
     length = np.nan_to_num(np.hypot(vector[:, 0], vector[:, 1]))
-    return np.bincount(paths.of_point(), weights=length, minlength=len(paths)).astype(np.float64)
+    return sum_by_index(paths.of_point(), length, len(paths))
 
 
 def joints(mesh: SurfaceMesh, paths: SurfacePaths, shortest: float = 1e-13) -> Joints:

@@ -17,6 +17,7 @@ from ddgcli.algorithms.tracing.trace import AT_BOUNDARY, Tracer, Traces
 from ddgcli.errors import ParameterError
 from ddgcli.geometry.face_frames import planar_difference
 from ddgcli.geometry.unfolding import SurfaceMesh
+from ddgcli.mesh.ragged import list_starts
 from ddgcli.mesh.topology import NEXT, PREVIOUS
 
 _log = logging.getLogger("ddgcli")
@@ -66,8 +67,8 @@ def shortest_paths(
     -------
     Curves
         From source to target. `accuracy.path_length_residual` is the largest relative difference between the
-        length of a path and the distance. Targets that no source reaches, or only across an edge of three or
-        more faces, have a path without points and `length` None.
+        length of a path and the distance. WindowTargets that no source reaches, or only across an edge of
+        three or more faces, have a path without points and `length` None.
     """
     bad = [t for t in targets if not 0 <= t < mesh.n_vertices]
     if bad:
@@ -77,7 +78,7 @@ def shortest_paths(
     pieces = _pieces(tracer, exact, sources, reached)
     backward = [_chain(mesh, exact, sources, pieces, t) for t in targets]
     closed = np.zeros(len(targets), dtype=bool)
-    start = np.concatenate([[0], np.cumsum([len(f) for f, _ in backward])]).astype(np.int64)
+    start = list_starts([len(f) for f, _ in backward])
     face = np.concatenate([np.zeros(0, dtype=np.int64), *(f for f, _ in backward)])
     barycentric = np.concatenate([np.zeros((0, 3)), *(b for _, b in backward)])
     paths = reversed_paths(mesh, SurfacePaths(face, barycentric, start, closed))

@@ -72,7 +72,7 @@ class Sources:
 
 
 @dataclass(frozen=True, eq=False)
-class Reached:
+class VertexDistances:
     """Distances of all vertices to the nearest source, by any method.
 
     Parameters
@@ -87,7 +87,7 @@ class Reached:
     nearest_source: NDArray[np.int64]
 
 
-def checked_sources(mesh: SurfaceMesh, sources: Sources | NDArray | list[int] | int) -> Sources:
+def check_sources(mesh: SurfaceMesh, sources: Sources | NDArray | list[int] | int) -> Sources:
     """Sources on `mesh`: vertices in range and used by a face.
 
     Raises

@@ -45,7 +45,7 @@ def gathered(parts: list[Curves]) -> Curves:
     for part in parts:
         accuracy |= part.accuracy
     return Curves(
-        SurfacePaths.joined([part.paths for part in parts]),
+        SurfacePaths.concatenate([part.paths for part in parts]),
         [entry for part in parts for entry in part.entries],
         accuracy,
         all(part.converged for part in parts),
@@ -64,7 +64,7 @@ def _side_by_side(parts: list[Curves]) -> dict[str, NDArray]:
     return joined
 
 
-def traced_curves(
+def trace_curves(
     mesh: SurfaceMesh,
     face: NDArray,
     barycentric: NDArray,
@@ -107,7 +107,7 @@ def largest_angle_defect(mesh: SurfaceMesh, paths: SurfacePaths) -> float:
     return float(np.nanmax(defect, initial=0.0))
 
 
-def with_curvature(mesh: SurfaceMesh, curves: Curves) -> Curves:
+def add_geodesic_curvature(mesh: SurfaceMesh, curves: Curves) -> Curves:
     """The curves with their discrete geodesic curvature: at each point in radians, and in all.
 
     It is (2 pi / total)(total / 2 - left), positive where the curve turns left; 0 at open ends.

@@ -21,6 +21,7 @@ from ddgcli.errors import ParameterError
 from ddgcli.geometry.extrinsic import face_normal
 from ddgcli.linalg.constrain import Dirichlet, Poisson, floating_components
 from ddgcli.linalg.factor import Factor
+from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.tet_mesh import TET_FACES, TetMesh
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.operators.dec import Complex, complex_of
@@ -236,7 +237,7 @@ def _turned_gradient(
     rows, cols = np.repeat(index, 3, axis=1).ravel(), np.tile(index, (1, 3)).ravel()
     system = coo_array((local.ravel(), (rows, cols)), shape=(n, n)).tocsr()
     weights = area[:, None] * np.einsum("mid,md->mi", turned, vectors)
-    load = np.bincount(index.ravel(), weights=weights.ravel(), minlength=n)
+    load = sum_by_index(index, weights, n)
     if boundary == "tangential" and complex_.boundary_edge.any():
         copotential = _zero_on_rim(system, load, complex_)
     else:

@@ -11,8 +11,10 @@ from ddgcli.geometry.extrinsic import enclosed_volume
 from ddgcli.geometry.intrinsic import face_area
 from ddgcli.mesh.curve import CurveSet
 from ddgcli.mesh.repair import merged_points
+from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.tet_mesh import TET_FACES, TetMesh
-from ddgcli.mesh.triangle_mesh import TriangleMesh, vector_length
+from ddgcli.mesh.triangle_mesh import TriangleMesh
+from ddgcli.mesh.vectors import cone_volume, vector_length
 
 FIRST = 5  # culprits named of each defect
 NO_AREA = 1e-12  # a face whose area is below this share of its longest side squared is degenerate
@@ -104,13 +106,11 @@ def component_volume(mesh: TriangleMesh) -> NDArray[np.float64]:
     label = mesh.topology.face_component
     corners = mesh.points[mesh.faces] - mesh.points[mesh.faces].mean(axis=(0, 1))
     corners = corners / (np.abs(corners).max(initial=0.0) or 1.0)
-    count = np.bincount(label, minlength=mesh.topology.n_components)
-    centre = [
-        np.bincount(label, weights=corners[:, :, k].mean(axis=1)) / np.maximum(count, 1) for k in range(3)
-    ]
-    corners = corners - np.stack(centre, axis=1)[label][:, None, :]
-    volume = np.einsum("ij,ij->i", np.cross(corners[:, 0], corners[:, 1]), corners[:, 2]) / 6
-    return np.bincount(label, weights=volume).astype(np.float64)
+    n = mesh.topology.n_components
+    count = np.bincount(label, minlength=n)
+    centre = sum_by_index(label, corners.mean(axis=1), n) / np.maximum(count, 1)[:, None]
+    corners = corners - centre[label][:, None, :]
+    return sum_by_index(label, cone_volume(*corners.transpose(1, 2, 0)), n)
 
 
 def triangle_quality(mesh: TriangleMesh) -> dict[str, Any]:

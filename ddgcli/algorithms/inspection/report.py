@@ -11,7 +11,8 @@ from ddgcli.algorithms.inspection import quality
 from ddgcli.mesh.curve import CurveSet
 from ddgcli.mesh.require import NEEDS, why_not
 from ddgcli.mesh.tet_mesh import TetMesh
-from ddgcli.mesh.triangle_mesh import TriangleMesh, vector_length
+from ddgcli.mesh.triangle_mesh import TriangleMesh
+from ddgcli.mesh.vectors import vector_length
 
 
 @dataclass(frozen=True, eq=False)

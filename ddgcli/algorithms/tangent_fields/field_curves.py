@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from ddgcli.algorithms.geodesics.paths import describe_paths
 from ddgcli.algorithms.geodesics.surface_curves import Curves
-from ddgcli.algorithms.tangent_fields.integral_curves import field_of_array, integral_curves, usual_duration
+from ddgcli.algorithms.tangent_fields.integral_curves import default_duration, field_of_array, integral_curves
 from ddgcli.algorithms.tangent_fields.transport import holonomy, transported_frame
 from ddgcli.geometry.surface_points import SurfacePoints
 from ddgcli.mesh.triangle_mesh import TriangleMesh
@@ -33,7 +33,7 @@ def field_curves(
     `accuracy.field_error_estimate` is the largest estimated error of an end, in length units.
     """
     followed = field_of_array(mesh, values, place)
-    duration = usual_duration(mesh, np.asarray(values)) if duration is None else duration
+    duration = default_duration(mesh, np.asarray(values)) if duration is None else duration
     made = integral_curves(
         mesh, followed, starts, duration, order=order, step=step, tolerance=tolerance, progress=progress
     )
@@ -56,7 +56,7 @@ def field_curves(
     )
 
 
-def with_transport(mesh: TriangleMesh, curves: Curves) -> Curves:
+def add_transport(mesh: TriangleMesh, curves: Curves) -> Curves:
     """The curves with a transported frame on their points, and the holonomy of closed ones."""
     turned = holonomy(mesh, curves.paths)
     entries = [

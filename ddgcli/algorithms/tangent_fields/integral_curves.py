@@ -17,12 +17,13 @@ from numpy.typing import NDArray
 
 from ddgcli.algorithms.geodesics.paths import SurfacePaths
 from ddgcli.algorithms.geodesics.sources import Sources
-from ddgcli.algorithms.tracing.batch import Start
+from ddgcli.algorithms.tracing.lines import LineStart
 from ddgcli.algorithms.tracing.trace import AT_BOUNDARY, GAVE_UP, Tracer, Traces
 from ddgcli.errors import ParameterError
 from ddgcli.geometry.face_frames import surface_position, to_face_frame
 from ddgcli.geometry.intrinsic import face_area
 from ddgcli.geometry.surface_points import SurfacePoints
+from ddgcli.mesh.ragged import list_starts, ranges
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.progress import ProgressCallback
 
@@ -83,15 +84,15 @@ class IntegralCurves:
 
 
 @dataclass(frozen=True, eq=False)
-class _At:
+class _CurvePositions:
     face: NDArray[np.int64]
     barycentric: NDArray[np.float64]
 
-    def take(self, rows: NDArray) -> _At:
-        return _At(self.face[rows], self.barycentric[rows])
+    def take(self, rows: NDArray) -> _CurvePositions:
+        return _CurvePositions(self.face[rows], self.barycentric[rows])
 
 
-def runge_kutta_step(tracer: Tracer, field: Field, at: _At, h: NDArray, order: int) -> Traces:
+def runge_kutta_step(tracer: Tracer, field: Field, at: _CurvePositions, h: NDArray, order: int) -> Traces:
     """One step of size h from each point; the lines walked, with their points recorded."""
     v1 = _complex(field(at.face, at.barycentric))
     if order == 1:
@@ -108,15 +109,15 @@ def _complex(planar: NDArray) -> NDArray[np.complex128]:
     return planar[:, 0] + 1j * planar[:, 1]
 
 
-def _walk(tracer: Tracer, at: _At, way: NDArray, record: bool = False) -> Traces:
+def _walk(tracer: Tracer, at: _CurvePositions, way: NDArray, record: bool = False) -> Traces:
     """Straight on from points by complex vectors of their faces' frames."""
     length = np.abs(way)
     unit = np.where(length > 0, way / np.where(length > 0, length, 1.0), 1.0)
     direction = np.stack([unit.real, unit.imag], axis=1)
-    return tracer.walked(Start(at.face, at.barycentric, direction, length), record=record)
+    return tracer.trace_checked(LineStart(at.face, at.barycentric, direction, length), record=record)
 
 
-def _carried_back(tracer: Tracer, field: Field, at: _At, way: NDArray) -> NDArray[np.complex128]:
+def _carried_back(tracer: Tracer, field: Field, at: _CurvePositions, way: NDArray) -> NDArray[np.complex128]:
     """The field at the end of a straight line, parallel-translated back along it."""
     end = _walk(tracer, at, way)
     unit = np.where(np.abs(way) > 0, way / np.where(np.abs(way) > 0, np.abs(way), 1.0), 1.0)
@@ -172,24 +173,24 @@ def integral_curves(
     tracer = Tracer(mesh)
     if step is None:
         allowed = tolerance or 1e-2 * float(mesh.side_length.mean())
-        run = _Run(tracer, field, starts, duration, order, max_steps, progress)
+        run = _CurveIntegrator(tracer, field, starts, duration, order, max_steps, progress)
         run.adaptively(allowed)
         return run.result()
-    run = _Run(tracer, field, starts, duration, order, max_steps, progress)
+    run = _CurveIntegrator(tracer, field, starts, duration, order, max_steps, progress)
     run.uniformly(step)
-    rough = _Run(tracer, field, starts, duration, order, max_steps)
+    rough = _CurveIntegrator(tracer, field, starts, duration, order, max_steps)
     rough.uniformly(2 * step)
     run.error = _gap(mesh, run.at, rough.at)
     return run.result()
 
 
-def _gap(mesh: TriangleMesh, a: _At, b: _At) -> NDArray[np.float64]:
+def _gap(mesh: TriangleMesh, a: _CurvePositions, b: _CurvePositions) -> NDArray[np.float64]:
     """Distances in space between surface points."""
     difference = surface_position(mesh, a.face, a.barycentric) - surface_position(mesh, b.face, b.barycentric)
     return np.linalg.norm(difference, axis=1)
 
 
-class _Run:
+class _CurveIntegrator:
     """Curves under way: where each stands, how far in time, and the lines that it has walked."""
 
     def __init__(
@@ -204,7 +205,7 @@ class _Run:
     ) -> None:
         self.tracer, self.field, self.duration, self.order = tracer, field, duration, order
         self.max_steps, self.progress = max_steps, progress
-        self.at = _At(np.array(starts.face), np.array(starts.barycentric))
+        self.at = _CurvePositions(np.array(starts.face), np.array(starts.barycentric))
         self.starts = self.at
         k = len(starts)
         self.time, self.steps, self.error = np.zeros(k), np.zeros(k, dtype=np.int64), np.zeros(k)
@@ -338,7 +339,7 @@ def starts_at(mesh: TriangleMesh, sources: Sources) -> SurfacePoints:
     )
 
 
-def usual_duration(mesh: TriangleMesh, values: NDArray) -> float:
+def default_duration(mesh: TriangleMesh, values: NDArray) -> float:
     """Time in which the root mean square speed crosses the bounding box."""
     speed = float(np.sqrt(np.mean(np.einsum("ij,ij->i", values, values))))
     if not speed > 0:
@@ -347,15 +348,15 @@ def usual_duration(mesh: TriangleMesh, values: NDArray) -> float:
     return float(np.linalg.norm(used.max(axis=0) - used.min(axis=0))) / speed
 
 
-def _end(lines: Traces) -> _At:
-    return _At(lines.face, lines.barycentric)
+def _end(lines: Traces) -> _CurvePositions:
+    return _CurvePositions(lines.face, lines.barycentric)
 
 
 def _rows(lines: Traces, rows: NDArray) -> Traces:
     """Some of the lines, with their points."""
     count = np.diff(lines.path_start)[rows]
-    start = np.concatenate([[0], np.cumsum(count)]).astype(np.int64)
-    index = np.arange(start[-1]) + np.repeat(lines.path_start[rows] - start[:-1], count)
+    start = list_starts(count)
+    index = ranges(lines.path_start[rows], count)[0]
     ends = (lines.face[rows], lines.barycentric[rows], lines.direction[rows], lines.length[rows])
-    progress = (lines.status[rows], lines.crossings[rows])
-    return Traces(*ends, *told, start, lines.path_face[index], lines.path_barycentric[index])
+    counts = (lines.status[rows], lines.crossings[rows])
+    return Traces(*ends, *counts, start, lines.path_face[index], lines.path_barycentric[index])

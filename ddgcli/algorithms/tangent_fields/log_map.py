@@ -16,13 +16,14 @@ from numpy.typing import NDArray
 from ddgcli.algorithms.geodesics.exact.exact_distance import ExactDistance, exact_distance
 from ddgcli.algorithms.geodesics.shortest_paths import last_piece
 from ddgcli.algorithms.geodesics.sources import Sources
-from ddgcli.algorithms.tracing.batch import Start
+from ddgcli.algorithms.tracing.lines import LineStart
 from ddgcli.algorithms.tracing.trace import REACHED, Tracer, Traces
 from ddgcli.errors import ParameterError
 from ddgcli.geometry.face_frames import planar_difference, surface_position
 from ddgcli.geometry.unfolding import SurfaceMesh
 from ddgcli.mesh.topology import NEXT
-from ddgcli.mesh.triangle_mesh import TriangleMesh, vector_length
+from ddgcli.mesh.triangle_mesh import TriangleMesh
+from ddgcli.mesh.vectors import vector_length
 from ddgcli.progress import ProgressCallback
 
 CHECKED = 250  # vertices to which a line is sent from the source
@@ -56,17 +57,17 @@ class LogMap:
     skew: dict[str, float] | None = None
 
 
-def one_source(sources: Sources) -> None:
+def require_single_source(sources: Sources) -> None:
     """ParameterError where there are several."""
     if len(sources) != 1:
         raise ParameterError(f"--log-map is a map from one source; {len(sources)} were given")
 
 
-class Centre:
+class SourceFrame:
     """The source: where its x axis lies, and lines that leave it."""
 
     def __init__(self, tracer: Tracer, sources: Sources) -> None:
-        one_source(sources)
+        require_single_source(sources)
         self.tracer, mesh = tracer, tracer.mesh
         self.vertex = int(sources.vertex[0]) if len(sources.vertex) else -1
         self.scale = 1.0
@@ -122,8 +123,8 @@ class Centre:
             face, j = np.divmod(corner, 3)
             barycentric = np.eye(3)[j]
             z = unfolding.direction[face, j] @ [1, 1j] * np.exp(1j * (angle - fans.angle_before[corner]))
-        return self.tracer.walked(
-            Start(face, barycentric, np.stack([z.real, z.imag], axis=1), length), record=True
+        return self.tracer.trace_checked(
+            LineStart(face, barycentric, np.stack([z.real, z.imag], axis=1), length), record=True
         )
 
 
@@ -147,7 +148,7 @@ def log_map(
     -------
     LogMap
     """
-    centre = Centre(Tracer(mesh), sources)
+    centre = SourceFrame(Tracer(mesh), sources)
     if exact.departure is None:
         exact = exact_distance(mesh, sources, directions=True, progress=progress)
     departure = np.asarray(exact.departure)
@@ -159,7 +160,7 @@ def log_map(
     return LogMap(mapped, centre.axis(), miss=_miss(centre, exact, departure))
 
 
-def _miss(centre: Centre, exact: ExactDistance, departure: NDArray) -> float:
+def _miss(centre: SourceFrame, exact: ExactDistance, departure: NDArray) -> float:
     """By how much lines sent out as the map says miss their vertices, relative to the largest distance.
 
     They are compared in the middle of their last face, where no vertex is near.

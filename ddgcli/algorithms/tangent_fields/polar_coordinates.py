@@ -18,9 +18,9 @@ from scipy.sparse.linalg import spsolve_triangular
 
 from ddgcli.algorithms.geodesics.certificate import face_gradient, shares_by_area
 from ddgcli.algorithms.geodesics.exact.exact_distance import exact_distance
-from ddgcli.algorithms.geodesics.fast_marching import MarchedDistance, Stencils, from_below
+from ddgcli.algorithms.geodesics.fast_marching import FastMarchingDistance, Stencils, circular_update
 from ddgcli.algorithms.geodesics.sources import Sources
-from ddgcli.algorithms.tangent_fields.log_map import Centre, LogMap, one_source
+from ddgcli.algorithms.tangent_fields.log_map import LogMap, SourceFrame, require_single_source
 from ddgcli.algorithms.tracing.trace import Tracer
 from ddgcli.geometry.surface_points import SurfacePoints
 from ddgcli.mesh.intrinsic_mesh import IntrinsicMesh, SurfaceMesh
@@ -32,14 +32,14 @@ MARGIN = 1.2  # marched distances near the source are off by less
 SKEW = 0.1  # a source unfolded closer to ab than this share of its distance to a and b tells no directions
 
 
-def marched_log_map(mesh: SurfaceMesh, marched: MarchedDistance, sources: Sources) -> LogMap:
+def fast_marching_log_map(mesh: SurfaceMesh, marched: FastMarchingDistance, sources: Sources) -> LogMap:
     """Logarithmic map of one source at all vertices, by fast marching.
 
     Parameters
     ----------
     mesh : TriangleMesh or IntrinsicMesh
         Consistently oriented.
-    marched : MarchedDistance
+    marched : FastMarchingDistance
         From that source, on this mesh or one with the same vertices and metric.
     sources : Sources
         One vertex or surface point.
@@ -50,11 +50,11 @@ def marched_log_map(mesh: SurfaceMesh, marched: MarchedDistance, sources: Source
         Sizes are the marched distances. Without `miss`; `skew` tells how far the directions are from
         geodesic polar coordinates.
     """
-    one_source(sources)
+    require_single_source(sources)
     distance, far = marched.distance, ~np.isfinite(marched.distance)
     radius = _radius(marched, sources, mesh)
     face, near, at = _near_part(mesh, distance <= MARGIN * radius, sources)
-    centre = Centre(Tracer(near), at)
+    centre = SourceFrame(Tracer(near), at)
     exact = exact_distance(near, at, limit=radius, directions=True)
     known = np.flatnonzero((exact.distance > 0) & (exact.distance <= radius) & ~far)
     start = np.exp(1j * centre.scale * np.asarray(exact.departure)[known])
@@ -68,7 +68,7 @@ def marched_log_map(mesh: SurfaceMesh, marched: MarchedDistance, sources: Source
     return LogMap(coordinates, axis, skew=_skew(mesh, distance, unit))
 
 
-def _radius(marched: MarchedDistance, sources: Sources, mesh: SurfaceMesh) -> float:
+def _radius(marched: FastMarchingDistance, sources: Sources, mesh: SurfaceMesh) -> float:
     """Distance within which directions are to be exact: that of the NEAR-th vertex.
 
     More where the source's own edges reach farther: what comes from the source itself has no parents.
@@ -185,7 +185,7 @@ def _parents(stencils: Stencils, distance: NDArray, wanted: NDArray) -> tuple[_P
     da, db, dc = distance.take(corner).T
     length, x, y, along = stencils.shape.take(row, axis=0).T
     with np.errstate(divide="ignore", invalid="ignore"):
-        found, cross = from_below(da, db, length, x, y)
+        found, cross = circular_update(da, db, length, x, y)
         share = cross / length
         # of the line to c the part as far as ab
         depth = np.sqrt(np.maximum(da * da * (1 - share) + db * db * share - cross * (length - cross), 0.0))

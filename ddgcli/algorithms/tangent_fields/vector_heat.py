@@ -45,7 +45,7 @@ def _delaunay_frames(mesh: SurfaceMesh) -> tuple[SurfaceMesh, NDArray[np.complex
 
 
 @dataclass(frozen=True, eq=False)
-class Spread:
+class TransportedVectors:
     """Vectors carried everywhere.
 
     Parameters
@@ -100,7 +100,7 @@ class VectorHeat:
             self._scalar = Factor(matrix, like=self._vector)
         return self._scalar
 
-    def transport(self, vertex: NDArray, value: NDArray) -> Spread:
+    def transport(self, vertex: NDArray, value: NDArray) -> TransportedVectors:
         """Vectors everywhere, parallel to that of the nearest source vertex.
 
         Parameters
@@ -131,7 +131,7 @@ class VectorHeat:
             residual = max(residual, scalar_residual)
         amount = np.abs(spread)
         unit = np.divide(spread, amount, out=np.zeros_like(spread), where=amount > FAINT)
-        return Spread(unit * length * self.turn, residual)
+        return TransportedVectors(unit * length * self.turn, residual)
 
     def _too_faint(self, spread: NDArray, vertex: NDArray, reached: NDArray) -> bool:
         """Whether some place holds less than any number; vectors that only cancel there are no sign of it."""

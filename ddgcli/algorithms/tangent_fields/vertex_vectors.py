@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ddgcli.algorithms.geodesics.exact.exact_distance import ExactDistance
-from ddgcli.algorithms.geodesics.fast_marching import MarchedDistance
+from ddgcli.algorithms.geodesics.fast_marching import FastMarchingDistance
 from ddgcli.algorithms.geodesics.sources import Sources
 from ddgcli.algorithms.tangent_fields.log_map import log_map
 from ddgcli.errors import ParameterError
@@ -39,7 +39,7 @@ def gathered(parts: list[VertexVectors]) -> VertexVectors:
 
 def log_map_vectors(
     mesh: TriangleMesh,
-    arrived: ExactDistance | MarchedDistance,
+    arrived: ExactDistance | FastMarchingDistance,
     sources: Sources,
     progress: ProgressCallback | None = None,
 ) -> VertexVectors:
@@ -48,14 +48,14 @@ def log_map_vectors(
         mapped = log_map(mesh, arrived, sources, progress)
         accuracy: dict[str, Any] = {"log_map_miss": mapped.miss}
     else:
-        from ddgcli.algorithms.tangent_fields.polar_coordinates import marched_log_map
+        from ddgcli.algorithms.tangent_fields.polar_coordinates import fast_marching_log_map
 
-        mapped = marched_log_map(mesh, arrived, sources)
+        mapped = fast_marching_log_map(mesh, arrived, sources)
         accuracy = {"log_map_skew": mapped.skew}
     return VertexVectors({"log_map": mapped.log_map}, {"log_map_axis": mapped.axis}, accuracy)
 
 
-def spread_vectors(mesh: TriangleMesh, sources: Sources, vectors: ArrayLike) -> VertexVectors:
+def transport_vectors(mesh: TriangleMesh, sources: Sources, vectors: ArrayLike) -> VertexVectors:
     """Array `transported_vector` (n, 3): parallel to the vector of the nearest source vertex, by vector heat.
 
     Raises

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from ddgcli.errors import MeshFileError
 from ddgcli.io.readers.raw_mesh import RawMesh
+from ddgcli.mesh.ragged import repeat_with_place
 
 # VTK cell type -> (kind, corners kept; None: all). Higher order cells keep their corners.
 VTK_CELLS = {
@@ -88,8 +89,8 @@ def _nodes(
             nodes = nodes[:, [0, 1, 3, 2]]
         return nodes.ravel(), which, np.full(len(which), keep)
     count = sizes[which]
-    local = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)
-    nodes = connectivity[np.repeat(start[which], count) + local]
+    first, local = repeat_with_place(start[which], count)
+    nodes = connectivity[first + local]
     if kind == "face":
         return nodes, which, count
     reach = 1 if kind == "path" else 2

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from ddgcli.errors import MeshFileError
 from ddgcli.io.readers.raw_mesh import RawMesh
 from ddgcli.io.readers.text import ragged, rows, whole_numbers
+from ddgcli.mesh.ragged import ranges
 
 HEADER = re.compile(rb"(ST)?(C)?(N)?(4)?(n)?OFF$")
 
@@ -87,8 +88,7 @@ def _faces(lines: list[bytes], number: list[int], n_points: int) -> tuple[NDArra
             f"line {number[short[0]] + 1}: a face of {sizes[short[0]]} corners has {count[short[0]] - 1} "
             "numbers; the file is cut or damaged"
         )
-    local = np.arange(sizes.sum()) - np.repeat(np.cumsum(sizes) - sizes, sizes)
-    index = values[np.repeat(first + 1, sizes) + local]
+    index = values[ranges(first + 1, sizes)[0]]
     bad = np.flatnonzero(~((index >= 0) & (index < n_points)))
     if len(bad):
         face = int(np.repeat(np.arange(len(sizes)), sizes)[bad[0]])

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.errors import MeshFileError, excerpt
+from ddgcli.mesh.ragged import ranges
 
 
 def numbers(text: bytes) -> NDArray[np.float64]:
@@ -101,8 +102,7 @@ def ragged(flat: NDArray, n: int, what: str, extra: int = 0) -> tuple[NDArray, N
         sizes.append(size)
         at += 1 + size + extra
     size_array = np.array(sizes, dtype=np.int64)
-    local = np.arange(size_array.sum()) - np.repeat(np.cumsum(size_array) - size_array, size_array)
-    return flat[np.repeat(np.array(starts), size_array) + local], size_array, at
+    return flat[ranges(np.array(starts, dtype=np.int64), size_array)[0]], size_array, at
 
 
 def _list_size(flat: NDArray, at: int) -> int:

@@ -17,8 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.algorithms.geodesics.exact.dominance import EPS
-from ddgcli.algorithms.geodesics.exact.pool import Origins, Pool, ranges
+from ddgcli.algorithms.geodesics.exact.pool import WindowOrigins, WindowPool
 from ddgcli.algorithms.geodesics.exact.tables import BOUNDARY, WindowTables
+from ddgcli.mesh.ragged import ranges
 
 RUN, PART = 8, 3  # windows that are bound; windows of a part that stay bound
 STEEP, APART = 8.0, 0.5  # slopes of rays against the normal of the side: the largest, that of neighbours
@@ -40,10 +41,10 @@ class Bundles:
     Parameters
     ----------
     tables : WindowTables
-    origins : Origins
+    origins : WindowOrigins
     distance : (n,) ndarray of float64
-        Distances of the vertices so far, which the front lowers.
-    swing : ndarray, optional
+        Distances of the vertices so far, which the wavefront lowers.
+    side_turn : ndarray, optional
         Turns of frames, where directions are wanted.
     halt : (m,) ndarray of bool, optional
         Faces that windows cross one by one.
@@ -57,17 +58,17 @@ class Bundles:
     def __init__(
         self,
         tables: WindowTables,
-        origins: Origins,
+        origins: WindowOrigins,
         distance: NDArray,
-        swing: NDArray | None = None,
+        side_turn: NDArray | None = None,
         halt: NDArray | None = None,
     ) -> None:
-        self.tables, self.origins, self.distance, self.swing, self.halt = (
-            tables, origins, distance, swing, halt
+        self.tables, self.origins, self.distance, self.side_turn, self.halt = (
+            tables, origins, distance, side_turn, halt
         )  # fmt: skip
-        self.columns = 4 + int(swing is not None)
-        self.windows = Pool(self.columns + 1)  # lines, distance of the origin; where they were bound
-        self.pool = Pool(
+        self.columns = 4 + int(side_turn is not None)
+        self.windows = WindowPool(self.columns + 1)  # lines, distance of the origin; where they were bound
+        self.pool = WindowPool(
             TURNED + self.columns - 4, 1024, ints=3
         )  # bundles; side, first and number of windows
         self.moves = 0
@@ -114,7 +115,7 @@ class Bundles:
         live = (self.pool.key[: self.pool.top] < np.inf).nonzero()[0]
         rows, self.pool.where[1, live] = ranges(*self.pool.where[1:].take(live, axis=1))
         kept = self.windows
-        self.windows = Pool(len(kept.lines), 2 * (len(rows) + more))
+        self.windows = WindowPool(len(kept.lines), 2 * (len(rows) + more))
         self.windows.push(kept.lines.take(rows, axis=1), kept.where.take(rows, axis=1), kept.key.take(rows))
 
     def dissolve(self) -> tuple[NDArray, NDArray]:
@@ -135,7 +136,7 @@ class Bundles:
         end_x *= y / (y - end_y)
         np.clip(x + end_x, 0.0, self.tables.shape[side, 0], out=lines[:2])
         lines[2], lines[3] = x, y
-        if self.swing is not None:
+        if self.side_turn is not None:
             lines[4] = window[4] + bundle[TURNED].take(of)
         kept = (lines[1] - lines[0] > EPS).nonzero()[0]
         where = np.stack([side, self.windows.where[1].take(rows)])
@@ -180,7 +181,7 @@ class Bundles:
         end = local + count
         self._saved -= A_LOOK * len(rows)
         b0, b1, sx, sy = self.windows.lines[:4].take(rows, axis=1)
-        at = sx - (x.repeat(count) - sx) * sy / (y.repeat(count) - sy)  # as in Front._propagate
+        at = sx - (x.repeat(count) - sx) * sy / (y.repeat(count) - sy)  # as in Wavefront._propagate
         number = np.arange(len(rows))
         stop = np.minimum.reduceat(np.where(at > b1 + 2 * EPS, len(rows), number), local)
         stop = np.minimum(stop, end)  # all before pass on the left
@@ -214,10 +215,10 @@ class Bundles:
         x /= edge
         y /= edge
         bundle[:4] = x * cos + y * sin, x * sin - y * cos, x * away + y * up, x * up - y * away
-        if self.swing is not None:
+        if self.side_turn is not None:
             to = 2 * side
             to[back] += 1
-            bundle[TURNED] += self.swing.take(to)
+            bundle[TURNED] += self.side_turn.take(to)
         span = _crossings(bundle, edge)
         from_x, from_y = _moved(bundle[:4], bundle[FROM_X], bundle[FROM_Y])
         from_x -= np.minimum(np.maximum(from_x, span[0]), span[1])

@@ -21,8 +21,8 @@ def children(
     """Windows on the two other sides of a face; the first `n_left` go out by (v0, apex).
 
     All are seen in a frame that starts at their near vertex, v0 or mirrored v1, and runs along the old
-    side; `cut` is where the line to the apex ends a lit window, `slack` that of the front. Overwrites its
-    arguments.
+    side; `cut` is where the line to the apex ends a reached window, `slack` that of the wavefront.
+    Overwrites its arguments.
 
     Returns
     -------
@@ -97,7 +97,7 @@ def reflect(lines: NDArray, flip: NDArray, length: NDArray) -> None:
         lines[5, i] *= -1.0
 
 
-def swing_of(tables: WindowTables) -> NDArray[np.float64]:
+def side_turns(tables: WindowTables) -> NDArray[np.float64]:
     """(6m,) turns from the frame of each side to those across (v0, apex) and across (apex, v1)."""
     length, x, y = tables.shape[:, :3].T
     return np.stack([np.arctan2(y, x), -np.arctan2(y, length - x)], axis=1).ravel()

@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.algorithms.geodesics.exact.tables import WindowTables, window_tables
-from ddgcli.algorithms.geodesics.exact.targets import Targets
-from ddgcli.algorithms.geodesics.exact.tolerance import NearPart
-from ddgcli.algorithms.geodesics.exact.wavefront import Front
-from ddgcli.algorithms.geodesics.sources import Reached, Sources, checked_sources
+from ddgcli.algorithms.geodesics.exact.targets import WindowTargets
+from ddgcli.algorithms.geodesics.exact.tolerance import NearestVertices
+from ddgcli.algorithms.geodesics.exact.wavefront import Wavefront
+from ddgcli.algorithms.geodesics.sources import Sources, VertexDistances, check_sources
 from ddgcli.errors import MeshError, ParameterError, SolveError
 from ddgcli.geometry.surface_points import SurfacePoints
 from ddgcli.geometry.unfolding import vertex_fans
@@ -30,7 +30,7 @@ BOUNDED_ROUNDS_PER_FACE = 16.0
 
 
 @dataclass(frozen=True, eq=False)
-class ExactDistance(Reached):
+class ExactDistance(VertexDistances):
     """Exact distances, and how the shortest path arrives at each vertex.
 
     The last straight piece of the shortest path to vertex v unfolds from an origin: a source, or a vertex
@@ -141,27 +141,29 @@ def exact_distance(
         raise MeshError(
             "faces run against each other: directions have no sense of turning; turn those faces round"
         )
-    sources = checked_sources(mesh, sources)
+    sources = check_sources(mesh, sources)
     tables = tables or window_tables(mesh)
     points = SurfacePoints.none() if targets is None else targets
     points = SurfacePoints.checked(points.face, points.barycentric, mesh.n_faces)
     most_windows = 1e6 + 3000.0 * mesh.n_vertices + 60.0 * mesh.n_vertices**1.5
     start = partial(_started, mesh, sources, points, tables, dominance_every, directions)
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        front, wanted, error = _bounded(mesh, start, tolerance, limit / tables.scale, most_windows, progress)
-    patched = _patch_unreached(front, mesh) if np.isinf(limit) else 0
-    wanted.finish(front.distance, front.origin)
-    return _answer(front, wanted, directions, error, patched)
+        wavefront, wanted, error = _bounded(
+            mesh, start, tolerance, limit / tables.scale, most_windows, progress
+        )
+    patched = _patch_unreached(wavefront, mesh) if np.isinf(limit) else 0
+    wanted.finish(wavefront.distance, wavefront.origin)
+    return _answer(wavefront, wanted, directions, error, patched)
 
 
 def _bounded(
     mesh: SurfaceMesh,
-    start: Callable[..., tuple[Front, Targets]],
+    start: Callable[..., tuple[Wavefront, WindowTargets]],
     tolerance: float,
     limit: float,
     most_windows: float,
     progress: Callable[[float, float], None] | None,
-) -> tuple[Front, Targets, float]:
+) -> tuple[Wavefront, WindowTargets, float]:
     """`_propagated`, with a bound on crossings where windows are too many without it.
 
     Only a mesh in space has the bound: in an intrinsic face the straight segment may be a detour.
@@ -183,42 +185,44 @@ def _bounded(
 
 def _propagated(
     mesh: SurfaceMesh,
-    start: Callable[..., tuple[Front, Targets]],
+    start: Callable[..., tuple[Wavefront, WindowTargets]],
     tolerance: float,
     limit: float,
     most_windows: float,
     progress: Callable[[float, float], None] | None,
-) -> tuple[Front, Targets, float]:
-    """The front at its end, the targets that it lit, and the error that its slack is seen to make."""
-    front, wanted = start(slack=0.0)
+) -> tuple[Wavefront, WindowTargets, float]:
+    """The wavefront at its end, the targets that it reached, and the error that its slack is seen to make."""
+    wavefront, wanted = start(slack=0.0)
     near = None
     if tolerance > 0 and np.isinf(limit):
-        near = NearPart.measured(front, most_windows)
-        if near.slack_pays(tolerance, _reachable(mesh, front)):
-            front, wanted = start(slack=tolerance)
-    front.run(limit, most_windows, progress)
-    if near is None or front.slack == 0:
-        return front, wanted, 0.0
-    error = near.error_of(front.distance)
-    front.windows, front.rounds = front.windows + near.windows, front.rounds + near.rounds
-    return front, wanted, error
+        near = NearestVertices.measured(wavefront, most_windows)
+        if near.slack_pays(tolerance, _reachable(mesh, wavefront)):
+            wavefront, wanted = start(slack=tolerance)
+    wavefront.run(limit, most_windows, progress)
+    if near is None or wavefront.slack == 0:
+        return wavefront, wanted, 0.0
+    error = near.error_of(wavefront.distance)
+    wavefront.windows, wavefront.rounds = wavefront.windows + near.windows, wavefront.rounds + near.rounds
+    return wavefront, wanted, error
 
 
-def _answer(front: Front, wanted: Targets, directions: bool, error: float, patched: int) -> ExactDistance:
-    """What a front that has come to its end knows, in the mesh's own unit."""
-    scale = front.tables.scale
-    origin_vertex = _told(front.origins.vertex, front.origin)
+def _answer(
+    wavefront: Wavefront, wanted: WindowTargets, directions: bool, error: float, patched: int
+) -> ExactDistance:
+    """What a wavefront that has come to its end knows, in the mesh's own unit."""
+    scale = wavefront.tables.scale
+    origin_vertex = _told(wavefront.origins.vertex, wavefront.origin)
     return ExactDistance(
-        distance=front.distance * scale,
-        nearest_source=_told(front.origins.source, front.origin),
+        distance=wavefront.distance * scale,
+        nearest_source=_told(wavefront.origins.source, wavefront.origin),
         origin_vertex=origin_vertex,
-        side=np.maximum(front.side, -1),
-        crossing=np.where(front.side >= 0, front.crossing * scale, np.nan),
-        windows=front.windows,
-        rounds=front.rounds,
+        side=np.maximum(wavefront.side, -1),
+        crossing=np.where(wavefront.side >= 0, wavefront.crossing * scale, np.nan),
+        windows=wavefront.windows,
+        rounds=wavefront.rounds,
         target_distance=wanted.distance * scale,
-        target_source=_told(front.origins.source, wanted.origin),
-        departure=_beyond_bends(front.departure, origin_vertex) if directions else None,
+        target_source=_told(wavefront.origins.source, wanted.origin),
+        departure=_beyond_bends(wavefront.departure, origin_vertex) if directions else None,
         tolerance_error=error,
         patched=patched,
     )
@@ -245,22 +249,22 @@ def _started(
     slack: float,
     max_crossings: int = 0,
     max_rounds: float = np.inf,
-) -> tuple[Front, Targets]:
-    """A front that has left the sources, and the targets that it lights."""
-    wanted = Targets(tables, points)
+) -> tuple[Wavefront, WindowTargets]:
+    """A wavefront that has left the sources, and the targets that it lights."""
+    wanted = WindowTargets(tables, points)
     targets = wanted if len(points) else None
-    front = Front(
+    wavefront = Wavefront(
         tables, slack=slack, dominance_every=dominance_every, targets=targets, directions=directions,
         max_crossings=max_crossings, max_rounds=max_rounds,
     )  # fmt: skip
-    _start(front, mesh, sources)
-    return front, wanted
+    _start(wavefront, mesh, sources)
+    return wavefront, wanted
 
 
-def _reachable(mesh: SurfaceMesh, front: Front) -> int:
-    """Number of vertices on the components that a front has reached."""
+def _reachable(mesh: SurfaceMesh, wavefront: Wavefront) -> int:
+    """Number of vertices on the components that a wavefront has reached."""
     component = mesh.topology.vertex_component
-    return int(np.isin(component, component[np.isfinite(front.distance)]).sum())
+    return int(np.isin(component, component[np.isfinite(wavefront.distance)]).sum())
 
 
 def _told(values: NDArray, origin: NDArray) -> NDArray[np.int64]:
@@ -268,7 +272,7 @@ def _told(values: NDArray, origin: NDArray) -> NDArray[np.int64]:
     return np.where(origin >= 0, values[np.maximum(origin, 0)], -1)
 
 
-def _start(front: Front, mesh: SurfaceMesh, sources: Sources) -> None:
+def _start(wavefront: Wavefront, mesh: SurfaceMesh, sources: Sources) -> None:
     """Launch every source; a point at a corner of its face is that vertex."""
     vertices, numbers = [sources.vertex], [np.arange(len(sources.vertex))]
     inner = []
@@ -282,17 +286,17 @@ def _start(front: Front, mesh: SurfaceMesh, sources: Sources) -> None:
     vertex, number = np.concatenate(vertices), np.concatenate(numbers)
     vertex, first = np.unique(vertex, return_index=True)
     if len(vertex):
-        wanted = front.swing is not None
+        wanted = wavefront.side_turn is not None
         begin = vertex_fans(mesh).angle_before.reshape(-1, 3)[:, PREVIOUS].ravel() if wanted else None
-        front.start_vertex(vertex, number[first], begin)
+        wavefront.start_vertex(vertex, number[first], begin)
     for number_of, inside, at in inner:
-        _start_point(front, number_of, inside, at)
+        _start_point(wavefront, number_of, inside, at)
 
 
-def _start_point(front: Front, source: int, face: int, weights: NDArray) -> None:
+def _start_point(wavefront: Wavefront, source: int, face: int, weights: NDArray) -> None:
     """Launch a source inside a face, or on a side and so in all faces of that edge."""
-    tables = front.tables
-    origin = front.origins.add(np.array([-1]), np.array([source]), np.zeros(1))
+    tables = wavefront.tables
+    origin = wavefront.origins.add(np.array([-1]), np.array([source]), np.zeros(1))
     own = _side_angles(tables, face)
     seen_from = [(face, weights, own)]
     for j in np.flatnonzero(weights[[2, 0, 1]] <= 1e-14):  # side j is opposite corner j + 2
@@ -304,19 +308,19 @@ def _start_point(front: Front, source: int, face: int, weights: NDArray) -> None
             its = _side_angles(tables, g)
             seen_from.append((g, mirrored, its + (own[j] + np.pi - its[i])))
     for g, w, along in seen_from:
-        if front.targets is not None:
-            front.targets.see(g, w, int(origin[0]))
+        if wavefront.targets is not None:
+            wavefront.targets.see(g, w, int(origin[0]))
         side = 3 * g + np.arange(3)
         length, ax, ay = tables.shape[side, :3].T
         apex = w[[2, 0, 1]]
         x, y = w[[1, 2, 0]] * length + apex * ax, apex * ay
-        front.improve(
+        wavefront.improve(
             tables.ids[side, 0],
             np.hypot(x, y),
             np.repeat(origin, 3),
             departure=along + np.arctan2(-y, -x),
         )
-        front.launch(side, x, y, np.repeat(origin, 3), turn=along - np.pi)
+        wavefront.launch(side, x, y, np.repeat(origin, 3), turn=along - np.pi)
 
 
 def _side_angles(tables: WindowTables, face: int) -> NDArray[np.float64]:
@@ -325,15 +329,15 @@ def _side_angles(tables: WindowTables, face: int) -> NDArray[np.float64]:
     return np.array([0.0, np.pi - np.arctan2(y, length - x), np.pi + np.arctan2(y, x)])
 
 
-def _patch_unreached(front: Front, mesh: SurfaceMesh) -> int:
+def _patch_unreached(wavefront: Wavefront, mesh: SurfaceMesh) -> int:
     """Edge paths to vertices that rounding left dark though edges lead there; returns how many."""
-    dark = np.isinf(front.distance) & mesh.topology.referenced_vertex
+    dark = np.isinf(wavefront.distance) & mesh.topology.referenced_vertex
     if not dark.any():
         return 0
     component = mesh.topology.vertex_component
-    lit = np.zeros(mesh.topology.n_components + 1, dtype=bool)
-    lit[component[np.isfinite(front.distance)]] = True
-    dark &= lit[component]
+    reached = np.zeros(mesh.topology.n_components + 1, dtype=bool)
+    reached[component[np.isfinite(wavefront.distance)]] = True
+    dark &= reached[component]
     count = int(dark.sum())
     if count:
         log.warning(
@@ -342,13 +346,13 @@ def _patch_unreached(front: Front, mesh: SurfaceMesh) -> int:
         )
     while dark.any():
         before = int(dark.sum())
-        a, b = front.tables.ids[:, 0], front.tables.ids[:, 1]
+        a, b = wavefront.tables.ids[:, 0], wavefront.tables.ids[:, 1]
         for tail, head in ((a, b), (b, a)):
-            go = dark[head] & ~dark[tail] & np.isfinite(front.distance[tail])
-            reach = front.distance[tail[go]] + front.tables.shape[go, 0]
-            by = None if front.swing is None else front.departure[tail[go]]
-            front.improve(head[go], reach, front.origin[tail[go]], departure=by)
-        dark &= np.isinf(front.distance)
+            go = dark[head] & ~dark[tail] & np.isfinite(wavefront.distance[tail])
+            reach = wavefront.distance[tail[go]] + wavefront.tables.shape[go, 0]
+            by = None if wavefront.side_turn is None else wavefront.departure[tail[go]]
+            wavefront.improve(head[go], reach, wavefront.origin[tail[go]], departure=by)
+        dark &= np.isinf(wavefront.distance)
         if int(dark.sum()) == before:
             break
     return count

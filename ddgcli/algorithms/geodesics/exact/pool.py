@@ -8,14 +8,7 @@ from numpy.typing import NDArray
 NEVER = np.inf
 
 
-def ranges(first: NDArray, count: NDArray) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """All numbers of the ranges [first, first + count), one after another, and where each range begins."""
-    end = count.cumsum()
-    begin = end - count
-    return np.arange(end[-1] if len(end) else 0) + (first - begin).repeat(count), begin
-
-
-class Pool:
+class WindowPool:
     """Waiting windows: columns (b0, b1, sx, sy, ...), (side, origin), and a key that is inf once popped."""
 
     def __init__(self, columns: int = 4, capacity: int = 4096, ints: int = 2) -> None:
@@ -69,7 +62,7 @@ class Pool:
             self.key = np.concatenate([self.key, np.empty(extra)])
 
 
-class Origins:
+class WindowOrigins:
     """Points that windows unfold from: the sources, and vertices that a shortest path bends around."""
 
     def __init__(self) -> None:

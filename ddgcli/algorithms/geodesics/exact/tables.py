@@ -16,8 +16,11 @@ from scipy.sparse import coo_array
 
 from ddgcli.algorithms.geodesics.exact.shadow import corner_turns
 from ddgcli.geometry.intrinsic import corner_angle, face_area
+from ddgcli.mesh.ragged import list_starts, repeat_with_place
+from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.topology import NEXT, PREVIOUS, Topology
-from ddgcli.mesh.triangle_mesh import TriangleMesh, vector_length
+from ddgcli.mesh.triangle_mesh import TriangleMesh
+from ddgcli.mesh.vectors import vector_length
 from ddgcli.operators.laplacian import SurfaceMesh
 
 BOUNDARY = (
@@ -71,8 +74,7 @@ class SideTables:
             raise ValueError("no edge of this surface has three faces")
         start, on_edge, edge, sign = self.edge_sides
         count = start[edge[sides] + 1] - start[edge[sides]]
-        row = np.repeat(np.arange(len(sides)), count)
-        offset = np.arange(len(row)) - np.repeat(np.cumsum(count) - count, count)
+        row, offset = repeat_with_place(np.arange(len(sides)), count)
         found = on_edge[start[edge[sides[row]]] + offset]
         other = found != sides[row]
         row, found = row[other], found[other]
@@ -207,7 +209,7 @@ def sides_across(topology: Topology) -> tuple[NDArray, NDArray | None, tuple | N
     sound = np.flatnonzero(np.repeat(~collapsed, 3))
     order = sound[np.argsort(edge[sound], kind="stable")]
     count = np.bincount(edge[sound], minlength=topology.n_edges)
-    start = np.concatenate([[0], np.cumsum(count)])
+    start = list_starts(count)
     code = np.full(len(edge), BOUNDARY, dtype=np.int64)
     pair = start[:-1][count == 2]
     first, second = order[pair], order[pair + 1]
@@ -237,7 +239,7 @@ def _repeated(topology: Topology) -> NDArray[np.bool_]:
 def _bends(topology: Topology, shape: NDArray, angle: NDArray) -> tuple[NDArray, NDArray]:
     """(n,) vertices that a shortest path may pass through; those whose directions rounding may spoil."""
     faces = topology.faces
-    total = np.bincount(faces.ravel(), weights=angle.ravel(), minlength=topology.n_vertices)
+    total = sum_by_index(faces, angle, topology.n_vertices)
     bends = total > FLAT_ANGLE
     bends |= topology.boundary_vertex
     bends[topology.edges[topology.nonmanifold_edges]] = True

@@ -1,4 +1,4 @@
-"""Points inside faces whose distance is wanted: lit by the windows that cross their face."""
+"""Points inside faces whose distance is wanted: reached by the windows that cross their face."""
 
 from __future__ import annotations
 
@@ -6,12 +6,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.algorithms.geodesics.exact.dominance import EPS
-from ddgcli.algorithms.geodesics.exact.pool import Origins, ranges
+from ddgcli.algorithms.geodesics.exact.pool import WindowOrigins
 from ddgcli.algorithms.geodesics.exact.tables import SideTables
 from ddgcli.geometry.surface_points import SurfacePoints
+from ddgcli.mesh.ragged import ranges
 
 
-class Targets:
+class WindowTargets:
     """Distances so far of points on faces, in the scale of the tables.
 
     Parameters
@@ -35,8 +36,8 @@ class Targets:
         with_targets[self.face] = True
         return with_targets
 
-    def light(self, lines: NDArray, where: NDArray, origins: Origins) -> None:
-        """Lower distances by windows about to cross their faces: columns as in `Pool`."""
+    def light(self, lines: NDArray, where: NDArray, origins: WindowOrigins) -> None:
+        """Lower distances by windows about to cross their faces: columns as in `WindowPool`."""
         row, target = self._inside(where[0] // 3)
         if not len(row):
             return
@@ -44,9 +45,11 @@ class Targets:
         x, y = self._place(side, target)
         dx, dy = x - sx, y - sy
         at = sx - dx * sy / dy
-        lit = (at >= b0 - EPS) & (at <= b1 + EPS)
+        reached = (at >= b0 - EPS) & (at <= b1 + EPS)
         self._lower(
-            target[lit], (origins.distance.take(origin) + np.sqrt(dx * dx + dy * dy))[lit], origin[lit]
+            target[reached],
+            (origins.distance.take(origin) + np.sqrt(dx * dx + dy * dy))[reached],
+            origin[reached],
         )
 
     def see(self, face: int, weights: NDArray, origin: int) -> None:

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.algorithms.geodesics.exact.wavefront import Front
+from ddgcli.algorithms.geodesics.exact.wavefront import Wavefront
 
 # least squares over 66 runs of eleven meshes (3k to 100k faces), each within a quarter of its time
 WINDOWS_A_LAUNCH, WINDOWS_A_ROUND = 15.0, 1800.0
@@ -24,7 +24,7 @@ SAFE = 0.85  # of the cost of going on: what slack must promise to cost at most
 
 
 @dataclass(frozen=True, eq=False)
-class NearPart:
+class NearestVertices:
     """The nearest vertices, measured exactly.
 
     Parameters
@@ -50,22 +50,22 @@ class NearPart:
     rounds: int
 
     @classmethod
-    def measured(cls, front: Front, most_windows: float) -> NearPart:
-        """Run a front until a tenth of the vertices are final; it can go on from there."""
-        enough = max(SHARE * front.tables.n_vertices, AT_LEAST)
+    def measured(cls, wavefront: Wavefront, most_windows: float) -> NearestVertices:
+        """Run a wavefront until a tenth of the vertices are final; it can go on from there."""
+        enough = max(SHARE * wavefront.tables.n_vertices, AT_LEAST)
         final, work = [0], [0.0]
         for part in (0.25, 1.0):
-            front.run(most_windows=most_windows, enough=part * enough)
-            final.append(front.final)
-            work.append(front.windows + WINDOWS_A_LAUNCH * front.origins.count)
+            wavefront.run(most_windows=most_windows, enough=part * enough)
+            final.append(wavefront.final)
+            work.append(wavefront.windows + WINDOWS_A_LAUNCH * wavefront.origins.count)
         density = np.diff(work) / np.maximum(np.diff(final), 1)
         middle = (final[1] + final[2]) / max(final[1], 1)  # of the outer part over that of the inner
         growth = np.log(max(density[1], 1.0) / max(density[0], 1.0)) / np.log(max(middle, 2.0))
-        near = np.sort(front.distance)[: front.final]
+        near = np.sort(wavefront.distance)[: wavefront.final]
         radius = float(near[-1]) if len(near) else 0.0
         return cls(
-            front.distance.copy(), radius, front.final, float(density[1]), float(np.clip(growth, -0.5, 0.5)),
-            front.windows, front.rounds,
+            wavefront.distance.copy(), radius, wavefront.final, float(density[1]), float(np.clip(growth, -0.5, 0.5)),
+            wavefront.windows, wavefront.rounds,
         )  # fmt: skip
 
     def error_of(self, distance: NDArray) -> float:

@@ -20,13 +20,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.algorithms.geodesics.exact.bundles import Bundles
-from ddgcli.algorithms.geodesics.exact.children import children, norm, reflect, swing_of
+from ddgcli.algorithms.geodesics.exact.children import children, norm, reflect, side_turns
 from ddgcli.algorithms.geodesics.exact.dominance import EPS, dominate
-from ddgcli.algorithms.geodesics.exact.pool import NEVER, Origins, Pool, ranges
+from ddgcli.algorithms.geodesics.exact.pool import NEVER, WindowOrigins, WindowPool
 from ddgcli.algorithms.geodesics.exact.shadow import MARGIN, shadow_of
 from ddgcli.algorithms.geodesics.exact.tables import BOUNDARY, WindowTables
-from ddgcli.algorithms.geodesics.exact.targets import Targets
+from ddgcli.algorithms.geodesics.exact.targets import WindowTargets
 from ddgcli.errors import SolveError
+from ddgcli.mesh.ragged import ranges
 
 LIFT = 1e-15  # of a side: least height of a source above it, so that one on the side itself still sees across
 TELL_EVERY = 4  # rounds between two looks at the progress
@@ -34,7 +35,7 @@ FAN = 2.0  # times the root of the slack: radians on both sides of straight ahea
 SPAWN_EVERY = 3  # rounds between two launches of waiting vertices; fewer, fuller batches
 
 
-class Front:
+class Wavefront:
     """State of one propagation: distances so far, how each was reached, windows and vertices that wait.
 
     Parameters
@@ -44,7 +45,7 @@ class Front:
         0 for exact; tau > 0 drops windows that a vertex path matches within tau side lengths.
     dominance_every : int
         Rounds between two prunes of windows on the same side; 0 never prunes (the distances are the same).
-    targets : Targets, optional
+    targets : WindowTargets, optional
         Points in faces to measure on the way.
     directions : bool
         Find at what angle the lines that reach vertices left their sources (`departure`; nan behind bends).
@@ -60,7 +61,7 @@ class Front:
         *,
         slack: float = 0.0,
         dominance_every: int = 10,
-        targets: Targets | None = None,
+        targets: WindowTargets | None = None,
         directions: bool = False,
         max_crossings: int = 0,
         max_rounds: float = np.inf,
@@ -78,15 +79,19 @@ class Front:
         self.crossing = np.full(n, np.nan)
         self.spawned_at = np.full(n, np.inf)
         self._place = np.zeros(n, dtype=np.int64)
-        self.origins = Origins()
+        self.origins = WindowOrigins()
         self.columns = 4 + int(directions) * (1 if tables.plain else 2)  # b0, b1, sx, sy, turn, sign
-        self.swing = swing_of(tables) if directions else None
+        self.side_turn = side_turns(tables) if directions else None
         self.departure = np.full(n if directions else 0, np.nan)
-        self.pool = Pool(self.columns, ints=3 if max_crossings else 2)
+        self.pool = WindowPool(self.columns, ints=3 if max_crossings else 2)
         self.bundles: Bundles | None = None
         if tables.plain and slack == 0 and dominance_every and not max_crossings:
             self.bundles = Bundles(
-                tables, self.origins, self.distance, self.swing, None if targets is None else targets.faces
+                tables,
+                self.origins,
+                self.distance,
+                self.side_turn,
+                None if targets is None else targets.faces,
             )
         self.pending = np.zeros(0, dtype=np.int64)
         self.windows = self.rounds = self.final = 0
@@ -118,7 +123,7 @@ class Front:
         self.origin[vertex] = origin.take(better)
         self.side[vertex] = -1 if side is None else side.take(better)
         self.crossing[vertex] = np.nan if crossing is None else crossing.take(better)
-        if self.swing is not None:
+        if self.side_turn is not None:
             self.departure[vertex] = np.nan if departure is None else departure.take(better)
         self.pending = np.concatenate([self.pending, vertex[self.bends[vertex]]])
 
@@ -162,12 +167,12 @@ class Front:
             tables.turn.take(side), tables.angle.take(side), tables.total_angle.take(vertex.take(row)),
             incoming.take(row), self.margin,
         )  # fmt: skip
-        lit = (begin < stop).nonzero()[0]
-        if len(lit):
-            turn = None if along is None else (along - np.arctan2(shape[:, 2], shape[:, 1])).take(lit)
+        reached = (begin < stop).nonzero()[0]
+        if len(reached):
+            turn = None if along is None else (along - np.arctan2(shape[:, 2], shape[:, 1])).take(reached)
             self._fan(
-                side.take(lit), shape.take(lit, axis=0), row_origin.take(lit), begin.take(lit),
-                stop.take(lit), turn,
+                side.take(reached), shape.take(reached, axis=0), row_origin.take(reached), begin.take(reached),
+                stop.take(reached), turn,
             )  # fmt: skip
 
     def _fan(
@@ -353,11 +358,11 @@ class Front:
         dx, dy = shape[1] - sx, shape[2] - sy
         at = sx - dx * sy / dy  # where the line to the apex crosses the side
 
-        lit = ((at >= b0 - EPS) & (at <= b1 + EPS)).nonzero()[0]
-        if len(lit):
-            reach = base.take(lit) + norm(dx.take(lit), dy.take(lit))
-            found = ids[2].take(lit), reach, origin.take(lit), side.take(lit), at.take(lit)
-            self.improve(*found, self._departed(lines, dx, dy, lit))
+        reached = ((at >= b0 - EPS) & (at <= b1 + EPS)).nonzero()[0]
+        if len(reached):
+            reach = base.take(reached) + norm(dx.take(reached), dy.take(reached))
+            found = ids[2].take(reached), reach, origin.take(reached), side.take(reached), at.take(reached)
+            self.improve(*found, self._departed(lines, dx, dy, reached))
 
         left, right = (at > b0).nonzero()[0], (at < b1).nonzero()[0]
         parent, n_left = np.concatenate([left, right]), len(left)
@@ -372,10 +377,10 @@ class Front:
         )
         k = int(np.searchsorted(kept, n_left))
         source = parent.take(kept)
-        if self.swing is not None:
+        if self.side_turn is not None:
             to = 2 * side.take(source)
             to[k:] += 1
-            out[4] += self.swing.take(to) if len(out) == 5 else self.swing.take(to) * out[5]
+            out[4] += self.side_turn.take(to) if len(out) == 5 else self.side_turn.take(to) * out[5]
         code = np.concatenate([ids[3].take(source[:k]), ids[4].take(source[k:])])
         inner = code != BOUNDARY
         crossings = None
@@ -393,9 +398,9 @@ class Front:
             left_by = 3 * face + (j + np.where(kept < n_left, 2, 1)) % 3
         self._enter(out, code, origin.take(source), key, left_by, crossings)
 
-    def _departed(self, lines: NDArray, dx: NDArray, dy: NDArray, lit: NDArray) -> NDArray | None:
+    def _departed(self, lines: NDArray, dx: NDArray, dy: NDArray, reached: NDArray) -> NDArray | None:
         """Angles at which lines in direction (dx, dy) through some windows left the source."""
-        if self.swing is None:
+        if self.side_turn is None:
             return None
-        angle = np.arctan2(dy.take(lit), dx.take(lit))
-        return lines[4].take(lit) + (angle if len(lines) == 5 else angle * lines[5].take(lit))
+        angle = np.arctan2(dy.take(reached), dx.take(reached))
+        return lines[4].take(reached) + (angle if len(lines) == 5 else angle * lines[5].take(reached))

@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 from ddgcli.algorithms.tracing.trace import Tracer
 from ddgcli.errors import MeshError, ParameterError
 from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
-from ddgcli.mesh.triangle_mesh import vector_length
+from ddgcli.mesh.vectors import vector_length
 
 DETOURS = (1.3, 2.0, inf)  # multiples of the straight line among which an edge path is looked for
 
 
-class FlippingMesh:
+class FlippableMesh:
     """A triangulation that changes by flips, with the direction and length of every halfedge on the input.
 
     Halfedges 0..3m-1 are the sides; beside each boundary side lies one more, without a face. The walk is
@@ -177,7 +177,7 @@ class EdgeGraph:
         scale = float(vector_length(points[a] - points[b])) or 1.0
         return vector_length((points - points[a]) / scale) + vector_length((points - points[b]) / scale)
 
-    def joined(self, a: int, b: int) -> list[int]:
+    def shortest_path(self, a: int, b: int) -> list[int]:
         """Halfedges of the shortest edge path from a to b.
 
         First it is looked for among vertices by way of which it is little longer than straight: near vertices
@@ -229,4 +229,4 @@ def edge_path(graph: EdgeGraph, waypoints: list[int], closed: bool) -> list[int]
     stops = [v for k, v in enumerate(stops) if k == 0 or v != stops[k - 1]]
     if len(stops) < 2:
         raise ParameterError("a path needs two different way-points; give more vertices")
-    return [h for a, b in zip(stops[:-1], stops[1:], strict=True) for h in graph.joined(a, b)]
+    return [h for a, b in zip(stops[:-1], stops[1:], strict=True) for h in graph.shortest_path(a, b)]
