@@ -14,11 +14,11 @@ import potpourri3d as pp3d
 from benchmarks.common.measure import interleaved, machine, peak_mib, print_table
 from benchmarks.common.mesh_sequences import noisy, sphere, stretched
 from ddgcli.algorithms.geodesics.exact.exact_distance import exact_distance
-from ddgcli.algorithms.geodesics.fast_marching import marched_distance
+from ddgcli.algorithms.geodesics.fast_marching import fast_marching_distance
 from ddgcli.algorithms.geodesics.flipout import Straightener
 from ddgcli.algorithms.geodesics.sources import Sources
 from ddgcli.algorithms.tangent_fields.log_map import log_map
-from ddgcli.algorithms.tangent_fields.polar_coordinates import marched_log_map
+from ddgcli.algorithms.tangent_fields.polar_coordinates import fast_marching_log_map
 from ddgcli.algorithms.tangent_fields.vector_heat import VectorHeat
 from ddgcli.algorithms.tracing.trace import Tracer
 from ddgcli.geometry.face_frames import surface_position, to_face_frame, to_space
@@ -114,7 +114,9 @@ def bench_vectors(faces):
     x, y, _ = peer.get_tangent_frames()
     calls = {
         "log": lambda: log_map(mesh, exact_distance(mesh, sources, directions=True), sources).log_map,
-        "log marched": lambda: marched_log_map(mesh, marched_distance(mesh, sources), sources).log_map,
+        "log marched": lambda: (
+            fast_marching_log_map(mesh, fast_marching_distance(mesh, sources), sources).log_map
+        ),
         "log pp3d": lambda: peer.compute_log_map(0, strategy="AffineLocal"),
         "spread": lambda: heat.transport(np.array([0]), start),
         "spread pp3d": lambda: peer.transport_tangent_vector(0, [vector @ x[0], vector @ y[0]]),

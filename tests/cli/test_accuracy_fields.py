@@ -175,7 +175,7 @@ EXACT = "ddgcli.algorithms.geodesics.exact.exact_distance:exact_distance"
 OPERATOR = "ddgcli.algorithms.laplacian.report:laplace_operator"
 WALKED = "ddgcli.algorithms.tracing.trace:Tracer.walked"
 STEP = "ddgcli.algorithms.tangent_fields.integral_curves:runge_kutta_step"
-EVOLVE = "ddgcli.cli.simulation.simulate:evolve"
+EVOLVE = "ddgcli.simulation.recording:evolve"
 SIDE_FLUX = "ddgcli.models.fluid.surface_space:SurfaceSpace.side_flux"
 MEAN_STEP = "ddgcli.models.willmore.flow:mean_curvature_step"
 
@@ -234,7 +234,7 @@ PLANTS = {
         (EXACT, crooked(distance=lambda d: d**3), ["triangle_residual"]),
     ],
     "slack": [
-        ("ddgcli.algorithms.geodesics.exact.wavefront:Front.run", rougher, ["tolerance_error_estimate"])
+        ("ddgcli.algorithms.geodesics.exact.wavefront:Wavefront.run", rougher, ["tolerance_error_estimate"])
     ],
     "traced": [(WALKED, returned(bent), ["trace_angle_defect"])],
     "path": [

@@ -7,7 +7,7 @@ from ddgcli.algorithms.delaunay.triangulation import flip_to_delaunay
 from ddgcli.algorithms.geodesics import fast_marching
 from ddgcli.algorithms.geodesics.edge_distance import edge_distance
 from ddgcli.algorithms.geodesics.exact.exact_distance import exact_distance
-from ddgcli.algorithms.geodesics.fast_marching import marched_distance
+from ddgcli.algorithms.geodesics.fast_marching import fast_marching_distance
 from ddgcli.algorithms.geodesics.heat import HeatSolver
 from ddgcli.errors import SolveError
 from ddgcli.io.mesh_file import read_mesh
@@ -56,15 +56,15 @@ def test_polyhedral_distance_nears_great_circles_with_order_two():
 
 @pytest.mark.parametrize("meshes, least, last", [(SPHERES, 0.7, 3e-3), (TORI, 0.5, 2e-3)])
 def test_fast_marching_is_of_first_order(meshes, least, last):
-    errors = mean_errors(meshes, lambda mesh: marched_distance(mesh, 0).distance)
+    errors = mean_errors(meshes, lambda mesh: fast_marching_distance(mesh, 0).distance)
     assert rate(errors) > least
     assert errors[-1] < last
 
 
 @pytest.mark.parametrize("meshes", [SPHERES, TORI])
 def test_straight_fronts_are_of_first_order_with_a_larger_constant(meshes):
-    planar = mean_errors(meshes, lambda mesh: marched_distance(mesh, 0, planar=True).distance)
-    round_ = mean_errors(meshes, lambda mesh: marched_distance(mesh, 0).distance)
+    planar = mean_errors(meshes, lambda mesh: fast_marching_distance(mesh, 0, planar=True).distance)
+    round_ = mean_errors(meshes, lambda mesh: fast_marching_distance(mesh, 0).distance)
     assert rate(planar) > 0.5
     assert (planar > 3 * round_).all()
 
@@ -72,7 +72,7 @@ def test_straight_fronts_are_of_first_order_with_a_larger_constant(meshes):
 def test_fast_marching_takes_needles():
     """On the intrinsic Delaunay triangulation; stencils of the needles themselves err by 0.9 %."""
     mesh = SPHERES[1].moved(SPHERES[1].points * [10.0, 1.0, 0.1])
-    truth, marched = exact_distance(mesh, 0).distance, marched_distance(mesh, 0).distance
+    truth, marched = exact_distance(mesh, 0).distance, fast_marching_distance(mesh, 0).distance
     assert np.abs(marched - truth).mean() < 1e-3 * truth.mean()
 
 
@@ -82,7 +82,7 @@ def test_fast_marching_takes_needles():
 def test_fast_marching_is_never_longer_than_paths_along_edges(shared_meshes, name):
     """Edges that the Delaunay flips took away still count."""
     mesh = read_mesh(str(shared_meshes / name)).mesh
-    marched, along = marched_distance(mesh, 0).distance, edge_distance(mesh, 0).distance
+    marched, along = fast_marching_distance(mesh, 0).distance, edge_distance(mesh, 0).distance
     assert (marched <= along * (1 + 1e-12)).all()
     truth, reached = exact_distance(mesh, 0).distance, np.isfinite(along)
     assert np.abs(marched[reached] - truth[reached]).mean() < 0.02 * truth[reached].mean()
@@ -94,7 +94,7 @@ def test_fast_marching_takes_faces_turned_over(mesh):
     other = TriangleMesh.from_arrays(mesh.points, turned)
     assert not other.topology.is_oriented
     truth = exact_distance(mesh, 0).distance
-    assert np.abs(marched_distance(other, 0).distance - truth).mean() < 0.02 * truth.mean()
+    assert np.abs(fast_marching_distance(other, 0).distance - truth).mean() < 0.02 * truth.mean()
 
 
 def test_published_heat_stops_falling_on_the_sphere_and_the_refined_one_does_not():
@@ -116,7 +116,7 @@ def test_heat_falls_on_the_torus(options):
 def test_flat_pieces_are_exact_for_round_fronts():
     mesh = shapes.grid(20, 20, pattern="alternating")
     truth = np.linalg.norm(mesh.points - mesh.points[0], axis=1)
-    assert np.abs(marched_distance(mesh, 0).distance - truth).max() < 1e-12
+    assert np.abs(fast_marching_distance(mesh, 0).distance - truth).max() < 1e-12
 
 
 def test_round_fronts_are_exact_next_to_a_source_too():
@@ -124,10 +124,10 @@ def test_round_fronts_are_exact_next_to_a_source_too():
     mesh = disk(4000)
     for source in (0, 5, 14):
         truth = np.linalg.norm(mesh.points - mesh.points[source], axis=1)
-        assert np.abs(marched_distance(mesh, source).distance - truth).max() < 1e-12
+        assert np.abs(fast_marching_distance(mesh, source).distance - truth).max() < 1e-12
 
 
 def test_a_march_without_end_is_told(monkeypatch):
     monkeypatch.setattr(fast_marching, "MOST_ROUNDS", 0)
     with pytest.raises(SolveError, match="exact"):
-        marched_distance(SPHERES[0], 0)
+        fast_marching_distance(SPHERES[0], 0)

@@ -65,6 +65,6 @@ def test_log_map_knows_lengths_alone_and_faces_turned_over():
     with pytest.raises(MeshError, match="run against each other"):
         exact_distance(mixed, sources, directions=True)
     cover = oriented_cover(mixed)
-    over = log_map(cover.mesh, cover.lifted_exact(exact_distance(mixed, sources)), sources)
+    over = log_map(cover.mesh, cover.lift_exact(exact_distance(mixed, sources)), sources)
     flat, other = known.log_map @ [1, 1j], over.log_map @ [1, 1j]
     np.testing.assert_allclose(other, flat * (other[0] / flat[0]), atol=1e-10)

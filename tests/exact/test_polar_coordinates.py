@@ -6,11 +6,11 @@ from scipy.spatial import Delaunay
 
 from ddgcli.algorithms.delaunay.triangulation import flip_to_delaunay
 from ddgcli.algorithms.geodesics.exact.exact_distance import exact_distance
-from ddgcli.algorithms.geodesics.fast_marching import marched_distance
+from ddgcli.algorithms.geodesics.fast_marching import fast_marching_distance
 from ddgcli.algorithms.geodesics.oriented_cover import oriented_cover
 from ddgcli.algorithms.geodesics.sources import Sources
 from ddgcli.algorithms.tangent_fields.log_map import log_map
-from ddgcli.algorithms.tangent_fields.polar_coordinates import marched_log_map
+from ddgcli.algorithms.tangent_fields.polar_coordinates import fast_marching_log_map
 from ddgcli.errors import ParameterError
 from ddgcli.geometry.surface_points import SurfacePoints
 from ddgcli.mesh import shapes
@@ -20,7 +20,7 @@ from tests.geodesic_cases import disk
 
 
 def mapped(mesh, sources):
-    return marched_log_map(mesh, marched_distance(mesh, sources), sources)
+    return fast_marching_log_map(mesh, fast_marching_distance(mesh, sources), sources)
 
 
 def exactly(mesh, sources):
@@ -103,7 +103,7 @@ def test_it_knows_lengths_alone_gluings_and_faces_turned_over():
     turned = np.random.default_rng(0).random(mesh.n_faces) < 0.3
     mixed = TriangleMesh.from_arrays(mesh.points, np.where(turned[:, None], mesh.faces[:, ::-1], mesh.faces))
     cover = oriented_cover(mixed)
-    over = marched_log_map(cover.mesh, marched_distance(cover.mesh, sources), sources).log_map
+    over = fast_marching_log_map(cover.mesh, fast_marching_distance(cover.mesh, sources), sources).log_map
     flat, other = known.log_map @ [1, 1j], over @ [1, 1j]
     np.testing.assert_allclose(other, flat * (other[0] / flat[0]), atol=1e-9)
 

@@ -244,7 +244,7 @@ def test_lines_in_several_batches_are_those_of_one(monkeypatch):
     mesh = shapes.random_sphere(300)
     starts = (*random_starts(mesh, 50), np.random.default_rng(1).uniform(0, 4, 50))
     once = trace(mesh, *starts, record=True)
-    monkeypatch.setattr("ddgcli.algorithms.tracing.trace.LINES_AT_ONCE", 7)
+    monkeypatch.setattr("ddgcli.algorithms.tracing.trace.BATCH_SIZE", 7)
     heard = []
     parted = Tracer(mesh).trace(*starts, record=True, progress=lambda done, total: heard.append(done / total))
     for name in ("face", "status", "crossings", "path_start", "path_face"):
@@ -277,7 +277,7 @@ def test_few_lines_in_plain_numbers_are_those_walked_as_arrays(mesh, at_boundary
     starts = np.tile(face, 2), np.concatenate([barycentric, corners]), np.concatenate([direction, along])
     tracer, ways = Tracer(mesh), []
     for few in (0, 24):
-        monkeypatch.setattr("ddgcli.algorithms.tracing.batch.FEW", few)
+        monkeypatch.setattr("ddgcli.algorithms.tracing.batch.MAX_SCALAR_LINES", few)
         ways.append(tracer.trace(*starts, np.linspace(0, 9, 24), at_boundary=at_boundary, record=True))
     arrays, numbers = ways
     for name in ("status", "crossings", "path_start", "path_face"):

@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 
 from ddgcli.algorithms.geodesics.exact.exact_distance import exact_distance
-from ddgcli.algorithms.geodesics.fast_marching import marched_distance
+from ddgcli.algorithms.geodesics.fast_marching import fast_marching_distance
 from ddgcli.algorithms.geodesics.oriented_cover import oriented_cover
 from ddgcli.algorithms.geodesics.shortest_paths import shortest_paths
 from ddgcli.algorithms.geodesics.sources import Sources
-from ddgcli.algorithms.geodesics.surface_curves import traced_curves
-from ddgcli.algorithms.tangent_fields.field_curves import with_transport
+from ddgcli.algorithms.geodesics.surface_curves import trace_curves
+from ddgcli.algorithms.tangent_fields.field_curves import add_transport
 from ddgcli.algorithms.tangent_fields.integral_curves import field_of_array
 from ddgcli.algorithms.tangent_fields.log_map import log_map
-from ddgcli.algorithms.tangent_fields.polar_coordinates import marched_log_map
+from ddgcli.algorithms.tangent_fields.polar_coordinates import fast_marching_log_map
 from ddgcli.algorithms.tracing.trace import GAVE_UP, REACHED, Tracer, trace
 from ddgcli.errors import InputError, MeshError, ParameterError
 from ddgcli.geometry.face_frames import surface_position, to_face_frame
@@ -143,8 +143,8 @@ def test_lines_do_not_depend_on_how_faces_are_turned(mesh):
         assert not mixed.topology.is_oriented
         cover = oriented_cover(mixed)
         own = np.where(turn[face][:, None], weights[:, ::-1], weights)
-        start = cover.lifted_points(SurfacePoints(face, own))
-        made = traced_curves(
+        start = cover.lift_points(SurfacePoints(face, own))
+        made = trace_curves(
             cover.mesh, start.face, start.barycentric, direction, np.full(20, 9.0), at_boundary="reflect"
         )
         assert made.accuracy["trace_angle_defect"] < 1e-9
@@ -165,7 +165,7 @@ def test_shortest_paths_on_faces_turned_at_random(mesh):
     mixed, _ = some_faces_turned(mesh, 0)
     cover, sources = oriented_cover(mixed), Sources.at([3])
     exact = exact_distance(mixed, sources)
-    made = shortest_paths(cover.mesh, cover.lifted_exact(exact), sources, list(range(mesh.n_vertices)))
+    made = shortest_paths(cover.mesh, cover.lift_exact(exact), sources, list(range(mesh.n_vertices)))
     assert made.converged and made.accuracy["path_length_residual"] < 1e-12
     p = cover.projected(made).paths
     drawn = surface_position(mixed, p.face, p.barycentric)
@@ -195,7 +195,7 @@ def test_bent_paths_on_a_one_sided_surface_are_one_lift():
     total = np.bincount(mesh.faces.ravel(), weights=face_corner_angle(mesh).ravel())
     for turned in (mesh, some_faces_turned(mesh, 1)[0]):
         cover, sources = oriented_cover(turned), Sources.at([35])
-        exact = cover.lifted_exact(exact_distance(turned, sources))
+        exact = cover.lift_exact(exact_distance(turned, sources))
         targets = [v for v in range(mesh.n_vertices) if v != 35]
         made = shortest_paths(cover.mesh, exact, sources, targets, continued=cover.continued)
         bends = [bend for entry in made.entries for bend in entry["vertices"]]
@@ -206,7 +206,7 @@ def test_bent_paths_on_a_one_sided_surface_are_one_lift():
         assert (paths.face[paths.start[:-1]] < mesh.n_faces).all()
         length = [entry["length"] for entry in cover.projected(made).entries]
         np.testing.assert_allclose(length, exact.distance[targets], rtol=1e-12)
-        ends.append(with_transport(cover.mesh, made).arrays["transport_x"][paths.start[1:] - 1])
+        ends.append(add_transport(cover.mesh, made).arrays["transport_x"][paths.start[1:] - 1])
     np.testing.assert_allclose(ends[0], ends[1], atol=1e-6)
 
 
@@ -214,13 +214,13 @@ def test_a_field_on_faces_stays_there_where_there_are_as_many_vertices():
     mesh = moebius_strip()
     assert mesh.n_vertices == mesh.n_faces
     cover, values = oriented_cover(mesh), np.random.default_rng(0).normal(size=(mesh.n_faces, 3))
-    lifted, place = cover.lifted_values(values, "face")
+    lifted, place = cover.lift_values(values, "face")
     field = field_of_array(cover.mesh, lifted, place)
     face = np.arange(cover.mesh.n_faces)
     ahead = field(face, np.full((len(face), 3), 1 / 3))
     truth = to_face_frame(cover.mesh, face, values[face % mesh.n_faces])
     np.testing.assert_allclose(ahead, truth, atol=1e-14)
-    assert cover.lifted_values(values, "vertex")[0] is values
+    assert cover.lift_values(values, "vertex")[0] is values
     with pytest.raises(ParameterError, match="give vectors on vertices"):
         field_of_array(cover.mesh, values, "edge")
 
@@ -246,7 +246,7 @@ def test_directions_out_of_a_face_without_area_are_refused(how):
 
 def test_what_needs_two_sides_says_so():
     with pytest.raises(MeshError, match="one-sided"):
-        oriented_cover(moebius_strip()).need_two_sides("--log-map")
+        oriented_cover(moebius_strip()).require_two_sides("--log-map")
 
 
 def test_log_maps_of_hard_meshes_have_no_nan_and_hit_their_vertices(shared_meshes):
@@ -257,7 +257,7 @@ def test_log_maps_of_hard_meshes_have_no_nan_and_hit_their_vertices(shared_meshe
             continue
         try:
             cover = oriented_cover(read_mesh(str(path)).mesh)
-            cover.need_two_sides("--log-map")
+            cover.require_two_sides("--log-map")
         except InputError:  # no mesh, no triangles, or one side
             continue
         mesh, inside = cover.mesh, SurfacePoints(np.array([0]), np.array([[0.2, 0.3, 0.5]]))
@@ -271,8 +271,8 @@ def test_log_maps_of_hard_meshes_have_no_nan_and_hit_their_vertices(shared_meshe
             except ParameterError:  # several fans at the vertex
                 continue
             assert not np.isnan(made.log_map).any() and made.miss < 1e-9, path
-            marched = marched_distance(mesh, source)
-            size = np.hypot(*marched_log_map(mesh, marched, source).log_map.T)
+            marched = fast_marching_distance(mesh, source)
+            size = np.hypot(*fast_marching_log_map(mesh, marched, source).log_map.T)
             np.testing.assert_allclose(size, marched.distance, rtol=1e-12, err_msg=str(path))
             mapped += 1
     assert mapped > 80

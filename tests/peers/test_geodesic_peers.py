@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from ddgcli.algorithms.geodesics.exact.exact_distance import exact_distance
-from ddgcli.algorithms.geodesics.fast_marching import marched_distance
+from ddgcli.algorithms.geodesics.fast_marching import fast_marching_distance
 from ddgcli.algorithms.geodesics.heat import HeatSolver
 from ddgcli.algorithms.geodesics.shortest_paths import shortest_paths
 from ddgcli.algorithms.geodesics.sources import Sources
@@ -133,4 +133,4 @@ def test_fast_marching_is_nearer_than_potpourris():
     truth = exact_distance(mesh, 0).distance
     theirs = potpourri3d.MeshFastMarchingDistanceSolver(mesh.points, mesh.faces)
     their_error = np.abs(np.asarray(theirs.compute_distance([[(0, [])]])) - truth).mean()
-    assert np.abs(marched_distance(mesh, 0).distance - truth).mean() < 0.3 * their_error
+    assert np.abs(fast_marching_distance(mesh, 0).distance - truth).mean() < 0.3 * their_error

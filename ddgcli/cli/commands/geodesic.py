@@ -22,7 +22,7 @@ from ddgcli.cli.commands.geodesic_distance import (
     draw_distance,
     read_sources,
 )
-from ddgcli.cli.options import Common
+from ddgcli.cli.options import CommonOptions
 from ddgcli.cli.run import Run
 
 
@@ -38,7 +38,7 @@ from ddgcli.cli.run import Run
 @options.subdivide
 @options.common
 def command(
-    mesh_path: str, distance: DistanceChoice, curves: CurveOptions, subdivide: int, common: Common
+    mesh_path: str, distance: DistanceChoice, curves: CurveOptions, subdivide: int, common: CommonOptions
 ) -> None:
     """Measure distance along the surface of MESH from the sources, and draw curves on it.
 

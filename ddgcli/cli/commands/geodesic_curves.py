@@ -138,13 +138,13 @@ def compute_curves(
             from ddgcli.algorithms.geodesics.shortest_paths import shortest_paths
 
             if len(sources.points):
-                cover.need_two_sides("--path-to from points inside faces")
+                cover.require_two_sides("--path-to from points inside faces")
             run.progress("shortest paths")
             parts.append(
                 shortest_paths(
                     mesh,
-                    cover.lifted_exact(exact),
-                    cover.lifted_sources(sources),
+                    cover.lift_exact(exact),
+                    cover.lift_sources(sources),
                     list(asked.path_to),
                     continued=cover.continued,
                 )  # fmt: skip
@@ -152,40 +152,40 @@ def compute_curves(
         if asked.trace:
             parts.append(_traced(run, cover, asked))
         if asked.straighten or asked.loop:
-            from ddgcli.algorithms.geodesics.flipout import straightened_curves
+            from ddgcli.algorithms.geodesics.flipout import straighten_curves
 
-            cover.need_two_sides("--straighten or --loop")
+            cover.require_two_sides("--straighten or --loop")
             run.progress("straightening")
             closed = [False] * len(asked.straighten) + [True] * len(asked.loop)
-            parts.append(straightened_curves(mesh, [*asked.straighten, *asked.loop], closed))
+            parts.append(straighten_curves(mesh, [*asked.straighten, *asked.loop], closed))
         if asked.curve:
             from ddgcli.algorithms.geodesics.edge_curves import edge_curves
 
-            cover.need_two_sides("--curve")
+            cover.require_two_sides("--curve")
             parts.append(edge_curves(mesh, list(asked.curve)))
         if asked.field:
             parts.append(_field_curves(run, read, cover, asked, sources))
-        lifted = [] if cover.one_sided else [cover.lifted_curves(lines) for lines in more]
+        lifted = [] if cover.is_one_sided else [cover.lift_curves(lines) for lines in more]
         made = curves.gathered([*parts, *lifted])
-        made = curves.with_curvature(mesh, made) if asked.curve else made
+        made = curves.add_geodesic_curvature(mesh, made) if asked.curve else made
         if asked.transport:
-            from ddgcli.algorithms.tangent_fields.field_curves import with_transport
+            from ddgcli.algorithms.tangent_fields.field_curves import add_transport
 
-            made = with_transport(mesh, made)
+            made = add_transport(mesh, made)
         made = cover.projected(made)
-        return curves.gathered([made, *more]) if cover.one_sided else made
+        return curves.gathered([made, *more]) if cover.is_one_sided else made
 
 
 def _traced(run: Run, cover: OrientedCover, asked: CurveOptions) -> Curves:
     """The traces, from points of the input's faces."""
     import numpy as np
 
-    from ddgcli.algorithms.geodesics.surface_curves import traced_curves
+    from ddgcli.algorithms.geodesics.surface_curves import trace_curves
     from ddgcli.geometry.surface_points import SurfacePoints
 
     face, barycentric, direction, length = (np.array(x) for x in zip(*asked.trace, strict=True))
-    start = cover.lifted_points(SurfacePoints.checked(face, barycentric, cover.base.n_faces))
-    return traced_curves(
+    start = cover.lift_points(SurfacePoints.checked(face, barycentric, cover.base.n_faces))
+    return trace_curves(
         cover.mesh, start.face, start.barycentric, direction, length,
         at_boundary=asked.at_boundary, progress=run.progress("traces"),
     )  # fmt: skip
@@ -199,11 +199,11 @@ def _field_curves(
     from ddgcli.algorithms.tangent_fields.integral_curves import random_starts, starts_at
     from ddgcli.io.arrays import given_array
 
-    values, place = cover.lifted_values(*given_array(read, asked.field or ""))
+    values, place = cover.lift_values(*given_array(read, asked.field or ""))
     if sources is None:
         starts = random_starts(cover.mesh, asked.field_seeds or 16, run.common.seed)
     else:
-        starts = starts_at(cover.mesh, cover.lifted_sources(sources))
+        starts = starts_at(cover.mesh, cover.lift_sources(sources))
     return field_curves(
         cover.mesh, values, starts, asked.field_time, order=int(asked.field_order),
         step=asked.field_step, tolerance=asked.field_tolerance,
@@ -220,14 +220,14 @@ def compute_vectors(
         from ddgcli.algorithms.tangent_fields import vertex_vectors
 
         cover, parts = oriented_cover(mesh), []
-        cover.need_two_sides("--log-map or --spread-vector")
-        sources = cover.lifted_sources(sources)
-        arrived = measured.marched if measured.exact is None else cover.lifted_exact(measured.exact)
+        cover.require_two_sides("--log-map or --spread-vector")
+        sources = cover.lift_sources(sources)
+        arrived = measured.marched if measured.exact is None else cover.lift_exact(measured.exact)
         if asked.log_map and arrived is not None:
             told = run.progress("log map")
             parts.append(vertex_vectors.log_map_vectors(cover.mesh, arrived, sources, told))
         if asked.spread_vector:
-            parts.append(vertex_vectors.spread_vectors(cover.mesh, sources, asked.spread_vector))
+            parts.append(vertex_vectors.transport_vectors(cover.mesh, sources, asked.spread_vector))
         return vertex_vectors.gathered(parts)
 
 

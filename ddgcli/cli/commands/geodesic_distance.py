@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from ddgcli.algorithms.geodesics.exact.exact_distance import ExactDistance
-    from ddgcli.algorithms.geodesics.fast_marching import MarchedDistance
+    from ddgcli.algorithms.geodesics.fast_marching import FastMarchingDistance
     from ddgcli.algorithms.geodesics.paths import SurfacePaths
     from ddgcli.algorithms.geodesics.sources import Sources
     from ddgcli.algorithms.geodesics.surface_curves import Curves
@@ -136,17 +136,17 @@ class DistanceMade:
     results: dict[str, Any]
     accuracy: dict[str, Any]
     exact: ExactDistance | None
-    marched: MarchedDistance | None
+    marched: FastMarchingDistance | None
     curves: list[Curves]
     converged: bool
 
 
 def read_sources(mesh: TriangleMesh, asked: DistanceChoice) -> Sources:
     """The sources in the order vertices, points in space, points of faces; checked."""
-    from ddgcli.algorithms.geodesics.sources import Sources, checked_sources
+    from ddgcli.algorithms.geodesics.sources import Sources, check_sources
 
     points = read_points(mesh, asked.source_point, asked.source_face)
-    return checked_sources(mesh, Sources.at(asked.vertices, points))
+    return check_sources(mesh, Sources.at(asked.vertices, points))
 
 
 def read_points(
@@ -179,7 +179,7 @@ def compute_distance(
         heat_refine=asked.heat_refine or 0,
         directions=directions and mesh.topology.is_oriented,
     )
-    solver = geodesic.prepare(
+    solver = geodesic.prepare_solver(
         mesh,
         asked.method,
         chosen,
@@ -199,9 +199,9 @@ def compute_distance(
         from ddgcli.algorithms.geodesics.oriented_cover import oriented_cover
 
         cover = oriented_cover(mesh)
-        on = mesh if cover.one_sided else cover.mesh
+        on = mesh if cover.is_one_sided else cover.mesh
         lines = isoline_curves(on, measured.distance, asked.isolines)
-        curves.append(lines if cover.one_sided else cover.projected(lines))
+        curves.append(lines if cover.is_one_sided else cover.projected(lines))
     if asked.compare:
         run.progress("comparison")
         accuracy["compare"] = geodesic.compare(mesh, sources, measured.distance, list(asked.compare), chosen)
