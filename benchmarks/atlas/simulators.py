@@ -1,7 +1,7 @@
-"""Known truths of the simulators, for the atlas: ladders of meshes or of steps (the table is at the end).
+"""Known truths of the simulators, for the atlas: sequences of meshes or of steps (the table is at the end).
 
 Every trial is a problem whose candidates run as a user would run them: scenes through the one time loop. In
-the families named `steps` the mesh stays and the step falls; h of their rows is the step.
+the mesh classes named `steps` the mesh is fixed and the step decreases; h of their rows is the step.
 The cantilever on `right` and `alternating` grids tuned a default: the constant of the hinges. The other
 truths tuned none.
 """
@@ -56,7 +56,7 @@ HAURWITZ = "2*z + 2*(x**2 - y**2)*z"  # rigid rotation and a mode l = 3, m = 2
 HAURWITZ_SPEED, HAURWITZ_SPAN = 5 / 6, 0.4
 GREEN, NU, GREEN_SPAN = "2*sin(x)*sin(y)", 0.05, 1.0
 CIRCLE = 6.283185307179586
-# line in the picture -> what the scene's [time] says
+# line in the plot -> values of the scene's [time]
 FLUIDS = {
     "conservative": 'integrator = "conservative"',
     "conservative midpoint": 'integrator = "conservative"\nscheme = "midpoint"',
@@ -266,8 +266,8 @@ def _free_by_step(level: int) -> Trial:
 SIMULATED: dict[str, list[Case]] = {
     "willmore-flow": WILLMORE,
     "fluid-sim": [
-        *(Case("Rossby-Haurwitz speed", family, partial(_haurwitz, sphere))
-          for family, sphere in SPHERES.items()),
+        *(Case("Rossby-Haurwitz speed", mesh_class, partial(_haurwitz, sphere))
+          for mesh_class, sphere in SPHERES.items()),
         Case("Taylor-Green decay", "alternating", partial(_taylor_green, "alternating")),
         Case("Taylor-Green decay", "right", partial(_taylor_green, "right")),
         Case("limit of small steps", "steps", _fluid_by_step),
@@ -275,8 +275,8 @@ SIMULATED: dict[str, list[Case]] = {
     "shell-sim": [
         *(Case(f"cantilever, weight {weight}", pattern, partial(_cantilever, weight, pattern))
           for weight in (2, 10) for pattern in ("alternating", "right", "cross")),
-        *(Case("cantilever, weight 2", family, partial(_cantilever_on, 2, strip))
-          for family, strip in strips().items()),
+        *(Case("cantilever, weight 2", mesh_class, partial(_cantilever_on, 2, strip))
+          for mesh_class, strip in strips().items()),
         Case("verlet with a small step", "steps", _free_by_step),
     ],
 }  # fmt: skip

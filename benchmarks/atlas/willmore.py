@@ -55,8 +55,8 @@ def _bumpy(mesh: TriangleMesh) -> TriangleMesh:
 
 def _mode_flow(start: TriangleMesh, energy: str, steps: int) -> Any:
     flow, model = setup.build(start, setup.Wishes(energy=energy, timed=True))
-    given = {"step": SPAN / steps, "duration": SPAN, "frame_every": SPAN}
-    return {"s": model}, setup.schedule(flow, given), Account()
+    times = {"step": SPAN / steps, "duration": SPAN, "frame_every": SPAN}
+    return {"s": model}, setup.schedule(flow, times), Account()
 
 
 def _decay(mesh: TriangleMesh, start: TriangleMesh, ready: Any) -> NDArray[np.float64]:
@@ -118,8 +118,8 @@ def _mode_by_step(level: int) -> Trial:
 
 WILLMORE = [
     *(
-        Case("energy of the ellipsoid 1,1,2", family, partial(_energy_trial, make, ELLIPSOID_112))
-        for family, make in ellipsoids((1.0, 1.0, 2.0)).items()
+        Case("energy of the ellipsoid 1,1,2", mesh_class, partial(_energy_trial, make, ELLIPSOID_112))
+        for mesh_class, make in ellipsoids((1.0, 1.0, 2.0)).items()
     ),
     Case("energy of the torus 2,1", "alternating", _torus_energy("alternating")),
     Case("energy of the torus 2,1", "right", _torus_energy("right")),

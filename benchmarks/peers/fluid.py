@@ -11,7 +11,7 @@ from functools import partial
 
 import numpy as np
 
-from benchmarks.common.measure import interleaved, machine, print_table
+from benchmarks.common.measure import interleaved, machine, print_commands, print_table
 from ddgcli.linalg.factor import Factor
 from ddgcli.mesh import shapes
 from ddgcli.models.fluid.circulation import CirculationAdvection
@@ -81,6 +81,10 @@ def _survey(faces: int) -> tuple[float, ...]:
     )
 
 
+# whole commands, timed as a user starts them
+COMMANDS = ("fluid-sim sphere.ply --flow vortex-pair --steps 20 --dt 0.05 -o out.vtkhdf",)
+
+
 if __name__ == "__main__":
     print(machine())
     wanted = [int(word) for word in sys.argv[1:]] or list(SPHERES)
@@ -90,3 +94,4 @@ if __name__ == "__main__":
         ["faces", "part", "seconds", "survey, scaled", "ours / survey"],
         table,
     )
+    print_commands(*COMMANDS)

@@ -1,7 +1,6 @@
 """Distances beside the peers: exact, heat, fast marching; set-up, solve, peak memory.
 
-`python -m benchmarks.peers.geodesic [--quick] [exact growth heat fast-marching errors]` prints the tables of
-docs/geodesic.md. Ratios are the peer's CPU seconds over ours, larger is better; each pair runs in turn in one
+`python -m benchmarks.peers.geodesic [--quick] [exact growth heat fast-marching errors]` prints tables. Ratios are the peer's CPU seconds over ours, larger is better; each pair runs in turn in one
 process, one thread each. CPU rather than wall time, so that a busy machine does not blur the ratio.
 """
 
@@ -113,8 +112,8 @@ def bench_exact() -> None:
 def bench_growth() -> None:
     """What exact distances take as meshes get finer, ours alone; the exponents are those of the last step."""
     sizes = ("20k", "80k", "320k") if QUICK else ("20k", "80k", "320k", "1.3M")
-    kinds = {"sphere": mesh_sequences.sphere, "stretched": mesh_sequences.stretched, "noisy": mesh_sequences.noisy,
-             "sheared torus": mesh_sequences.sheared_torus}  # fmt: skip
+    names = ("sphere", "stretched", "noisy", "sheared_torus")
+    kinds = {name.replace("_", " "): getattr(mesh_sequences, name) for name in names}
     rows = []
     for kind, make in kinds.items():
         last = None
@@ -268,8 +267,16 @@ TOPICS = {
     "errors": bench_errors,
 }
 
+# whole commands, timed as a user starts them
+COMMANDS = (
+    "geodesic bad_torus.ply --source 0",
+    "geodesic bad_torus.ply --source 0 --method heat",
+)
+
+
 if __name__ == "__main__":
     print(measure.machine())
     chosen = [word for word in sys.argv[1:] if not word.startswith("-")] or list(TOPICS)
     for topic in chosen:
         TOPICS[topic]()
+    measure.print_commands(*COMMANDS)

@@ -12,7 +12,7 @@ from functools import cache
 
 import numpy as np
 
-from benchmarks.common.measure import cpu_seconds, machine, print_table
+from benchmarks.common.measure import cpu_seconds, machine, print_commands, print_table
 from ddgcli.io.scene_file import parse_scene
 from ddgcli.mechanics.integrators import INTEGRATORS
 from ddgcli.mechanics.system import Motion
@@ -219,5 +219,12 @@ def beside_mujoco(sizes: dict[str, int]) -> None:
     )
 
 
+# whole commands, timed as a user starts them
+COMMANDS = (
+    "shell-sim hat.ply --effect bending --effect stretching --effect gravity --pin 0 --steps 10 --dt 1e-3",
+)
+
+
 if __name__ == "__main__":
     main()
+    print_commands(*COMMANDS)

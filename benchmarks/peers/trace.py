@@ -11,7 +11,7 @@ from functools import partial
 import numpy as np
 import potpourri3d as pp3d
 
-from benchmarks.common.measure import interleaved, machine, peak_mib, print_table
+from benchmarks.common.measure import interleaved, machine, peak_mib, print_commands, print_table
 from benchmarks.common.mesh_sequences import noisy, sphere, stretched
 from ddgcli.algorithms.geodesics.exact.exact_distance import exact_distance
 from ddgcli.algorithms.geodesics.fast_marching import fast_marching_distance
@@ -199,5 +199,13 @@ def main():
         bench_flips(faces)
 
 
+# whole commands, timed as a user starts them
+COMMANDS = (
+    "geodesic bad_torus.ply --source 0 --log-map",
+    "geodesic bad_torus.ply --source 0 --path-to 100",
+)
+
+
 if __name__ == "__main__":
     main()
+    print_commands(*COMMANDS)

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.common.measure import interleaved, machine, print_table, timed
+from benchmarks.common.measure import interleaved, machine, print_commands, print_table, timed
 from ddgcli.geometry.extrinsic import enclosed_volume
 from ddgcli.linalg.factor import Factor
 from ddgcli.mesh import shapes
@@ -118,6 +118,10 @@ def to_rest() -> list[list]:
     return found
 
 
+# whole commands, timed as a user starts them
+COMMANDS = ("willmore-flow ellipsoid.ply --steps 10 --dt 1e-3 -o out.vtkhdf",)
+
+
 if __name__ == "__main__":
     print(machine())
     sizes = [int(word) for word in sys.argv[1:]] or list(TORI)
@@ -131,3 +135,4 @@ if __name__ == "__main__":
         ["surface", "faces", "steps", "seconds", "energy / least - 1"],
         to_rest(),
     )
+    print_commands(*COMMANDS)

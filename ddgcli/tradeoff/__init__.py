@@ -1,0 +1,1 @@
+"""Comparison of methods: candidates, time budget, references, measured rows, Pareto front, report."""

@@ -22,7 +22,7 @@ from ddgcli.simulation.account import Account
 from ddgcli.simulation.time_loop import evolve
 from ddgcli.tradeoff.candidates import relative_to_largest, relative_to_rms
 from ddgcli.tradeoff.problems import curvature, delaunay, geodesic, laplacian, simulate, willmore_flow
-from ddgcli.tradeoff.richardson import left_to_go
+from ddgcli.tradeoff.richardson import remaining_error
 from ddgcli.tradeoff.truths import parse_truth
 from tests.simulate import HANGING_SHEET
 
@@ -36,8 +36,8 @@ def sphere(tmp_path):
     return path
 
 
-def rows_of(found):
-    return {(r["method"], *r["parameters"].values()): r for r in found["results"]["rows"]}
+def rows_of(summary):
+    return {(r["method"], *r["parameters"].values()): r for r in summary["results"]["rows"]}
 
 
 def test_geodesic_errors_are_those_of_a_peer(sphere, tmp_path, summary):
@@ -77,7 +77,7 @@ def test_laplacian_errors_are_those_of_another_eigensolver(sphere, summary):
 def test_the_reference_covers_its_own_error_on_a_square():
     """Neumann eigenvalues pi^2 (m^2 + n^2), and a Poisson problem with a cubic solution."""
     mesh = shapes.grid(12, 12, pattern="alternating")
-    reference = laplacian.problem(mesh, asked={"eigen": 8}).references[0][1]()
+    reference = laplacian.problem(mesh, options={"eigen": 8}).references[0][1]()
     known = np.sort([np.pi**2 * (m**2 + n**2) for m in range(4) for n in range(4)])[:8]
     error = np.abs(reference.values - known) / np.where(known == 0, 1, known)
     assert 0 < error.max() <= reference.uncertainty < 0.02
@@ -151,7 +151,7 @@ def test_the_references_of_the_simulators_cover_their_own_error(command, tmp_pat
 def test_the_references_of_willmore_flow_cover_their_own_error(axes, family, flow, loosest):
     """Against 256 steps, every reference: on uneven triangles smaller steps resolve ever faster modes."""
     mesh = ellipsoids(axes)[family](0)
-    problem = willmore_flow.problem(mesh, asked={"flow": flow})
+    problem = willmore_flow.problem(mesh, options={"flow": flow})
     span = float(problem.error_scale.split("t = ")[1])
     built, model = setup.build(mesh, setup.Wishes(flow=flow, timed=True))
     schedule = setup.schedule(built, {"step": span / 256, "duration": span, "frame_every": span})
@@ -165,15 +165,15 @@ def test_the_references_of_willmore_flow_cover_their_own_error(axes, family, flo
         assert 0 < error.max() <= reference.within("max") < loosest
 
 
-def test_what_is_left_to_go():
+def test_remaining_error_of_planted_sequences():
     """Of a geometric series, and of answers that agree by accident or do not settle."""
-    assert left_to_go(4.0, 1.0) == 4.0 and left_to_go(1.5, 1.0) == 2.0
-    assert left_to_go(5.0, 1e-9) == 5.0 and left_to_go(5.0, 0.0) == 5.0
-    assert left_to_go(1.0, 1.0) == pytest.approx(10.0) == left_to_go(0.5, 1.0)
-    assert left_to_go(-16.0, -4.0, -1.0, order=2) == 4.0  # as a method of second order should
+    assert remaining_error(4.0, 1.0) == 4.0 and remaining_error(1.5, 1.0) == 2.0
+    assert remaining_error(5.0, 1e-9) == 5.0 and remaining_error(5.0, 0.0) == 5.0
+    assert remaining_error(1.0, 1.0) == pytest.approx(10.0) == remaining_error(0.5, 1.0)
+    assert remaining_error(-16.0, -4.0, -1.0, order=2) == 4.0  # as a method of second order should
     for unsettled in ((16.0, 4.0, -1.0), (1.5, 1.0, 0.25), (64.0, 2.0, 0.5), (4.0, 1.0, 0.9)):
-        assert left_to_go(*unsettled, order=2) == 5.0 * max(unsettled)
-    assert left_to_go(0.0, 0.0, 0.0, order=2) == 1e-14
+        assert remaining_error(*unsettled, order=2) == 5.0 * max(unsettled)
+    assert remaining_error(0.0, 0.0, 0.0, order=2) == 1e-14
 
 
 def test_within_prints_the_command_and_misses_are_exit_1(sphere, run, summary):
@@ -241,7 +241,7 @@ initial = { vorticity = "3*sin(6.283185*x)*cos(6.283185*y) + cos(12.56637*x)" }
 """
 
 
-def test_integrators_of_a_scene_stand_in_their_order(tmp_path, summary):
+def test_integrators_of_a_scene_have_errors_in_their_known_order(tmp_path, summary):
     """Second-order schemes gain four in accuracy with half the step, first-order ones two."""
     path = tmp_path / "sheet.toml"
     path.write_text(SHEET.replace("step =", 'integrator = "newmark"\nbeta = 0.25\nstep =', 1))
@@ -265,7 +265,7 @@ def test_willmore_energy_by_step(tmp_path, summary):
     assert found["accuracy"]["reference_uncertainty"] < 1e-3
 
 
-def test_a_truth_means_nothing_to_a_simulator(tmp_path, run):
+def test_truth_is_refused_for_simulators(tmp_path, run):
     path = tmp_path / "sheet.toml"
     path.write_text(SHEET)
     result = run("tradeoff", "shell-sim", path, "--truth", "sphere:1")
@@ -297,6 +297,6 @@ def test_an_interrupt_leaves_whole_partial_tables(tmp_path):
 
 
 @pytest.mark.parametrize("command", COMMANDS)
-def test_every_help_ends_with_advice_and_where_it_comes_from(command, run):
+def test_every_help_ends_with_advice_and_its_source(command, run):
     end = " ".join(run(command, "--help").stdout.split("\n\n")[-1].replace("-\n  ", "-").split())
     assert end.startswith("Which") and end.endswith(f"docs/accuracy/{command}.md.")

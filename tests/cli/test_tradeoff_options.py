@@ -6,7 +6,7 @@ import shlex
 import numpy as np
 import pytest
 
-from ddgcli.cli.commands.tradeoff_options import TAKES
+from ddgcli.cli.commands.tradeoff_options import COMPARABLE_OPTIONS
 from ddgcli.io.mesh_file import write_mesh
 from ddgcli.mesh import shapes
 from ddgcli.mesh.fields import AnnotatedMesh
@@ -157,42 +157,42 @@ def always(command, words):
 
 
 @pytest.fixture(scope="module")
-def told(inputs):
-    """Results of a comparison; kept, so that the plain ones run once."""
+def compare(inputs):
+    """Summary of a comparison; cached, so that calls without options run once."""
     from click.testing import CliRunner
 
     from ddgcli.cli.main import main
 
-    kept = {}
+    cache = {}
 
     def call(command, *words):
         key = (command, *map(str, words))
-        if key not in kept:
+        if key not in cache:
             line = ["tradeoff", command, inputs[command], *words, "--repeat", 1, "--json"]
             result = CliRunner().invoke(main, [str(w) for w in line], prog_name="ddgcli")
             assert result.exit_code == 0, result.output + result.stderr
-            kept[key] = json.loads(result.stdout)
-        return kept[key]
+            cache[key] = json.loads(result.stdout)
+        return cache[key]
 
     return call
 
 
-def test_every_option_that_is_taken_has_its_case():
-    assert {c: set(question) | set(dials) for c, (question, dials) in TAKES.items()} == {
+def test_every_comparable_option_has_a_case():
+    assert {c: {*of_problem, *of_method} for c, (of_problem, of_method) in COMPARABLE_OPTIONS.items()} == {
         c: set(cases) for c, cases in CASES.items()
     }
 
 
 @pytest.mark.parametrize("command, name", PAIRS)
-def test_an_option_makes_its_difference(command, name, told):
+def test_an_option_makes_its_difference(command, name, compare):
     words, holds = CASES[command][name]
-    plain = told(command, *ALWAYS.get(command, []))["results"]["rows"]
-    found = told(command, *always(command, words), *words)
-    rows = found["results"]["rows"]
+    plain = compare(command, *ALWAYS.get(command, []))["results"]["rows"]
+    summary = compare(command, *always(command, words), *words)
+    rows = summary["results"]["rows"]
     assert holds(rows) and not holds(plain)
-    assert name in found["options"]
-    shown = [(r["method"], r["parameters"], r["max_error"]) for r in rows]
-    assert name == "boundary" or shown != [(r["method"], r["parameters"], r["max_error"]) for r in plain]
+    assert name in summary["options"]
+    errors = [(r["method"], r["parameters"], r["max_error"]) for r in rows]
+    assert name == "boundary" or errors != [(r["method"], r["parameters"], r["max_error"]) for r in plain]
 
 
 @pytest.mark.parametrize(
@@ -202,14 +202,14 @@ def test_an_option_makes_its_difference(command, name, told):
         ("geodesic", ["--eigen", 3], "No such option '--eigen'"),
         ("laplacian", ["--source", 3], "No such option '--source'"),
         ("laplacian", ["--budgett", 3], "--budget"),
-        ("laplacian", ["--operator", "uniform"], "it knows no lengths"),
+        ("laplacian", ["--operator", "uniform"], "it uses no lengths"),
         ("geodesic", ["--source", 99999], "99999"),
-        ("shell-sim", ["--truth", "sphere:1"], "--truth says nothing"),
-        ("willmore-flow", ["--truth", "sphere:1"], "--truth says nothing"),
+        ("shell-sim", ["--truth", "sphere:1"], "--truth does not apply"),
+        ("willmore-flow", ["--truth", "sphere:1"], "--truth does not apply"),
         ("curvature", ["--budget", 0], "0"),
     ],
 )
-def test_what_is_not_taken_is_refused_in_a_line(command, words, part, inputs, run):
+def test_other_options_are_refused_in_one_line(command, words, part, inputs, run):
     result = run("tradeoff", command, inputs[command], *words)
     assert result.exit_code == 2 and part in result.stderr and result.stderr.count("\n") == 1
 
@@ -278,8 +278,8 @@ def delaunay_error(words, run, folder):
     return poisson_error(*matrices(folder / "answer.npz"))
 
 
-def test_every_delaunay_row_has_the_error_of_its_command(told, run, tmp_path):
-    for row in told("delaunay", "--truth", "sphere:1", *ALWAYS["delaunay"])["results"]["rows"]:
+def test_every_delaunay_row_has_the_error_of_its_command(compare, run, tmp_path):
+    for row in compare("delaunay", "--truth", "sphere:1", *ALWAYS["delaunay"])["results"]["rows"]:
         found = delaunay_error(shlex.split(row["command"]), run, tmp_path)
         assert found == pytest.approx(row["max_error"], rel=1e-6)
 
@@ -334,9 +334,9 @@ WITHIN = {
 
 
 @pytest.mark.parametrize("command", WITHIN)
-def test_the_command_that_within_prints_has_the_error_it_tells(command, inputs, run, told, tmp_path):
+def test_the_command_printed_for_within_reproduces_its_error(command, inputs, run, compare, tmp_path):
     within, words, small = WITHIN[command]
-    results = told(command, *words, "--within", within)["results"]
+    results = compare(command, *words, "--within", within)["results"]
     chosen = results["chosen"]
     good = [row for row in results["rows"] if row["max_error"] <= within]
     assert len(good) < len(results["rows"])  # or the bound asks for nothing
@@ -345,9 +345,9 @@ def test_the_command_that_within_prints_has_the_error_it_tells(command, inputs, 
     reference = None
     if small is not None:
         at = line.index("--duration")
-        question, steps = small
+        problem_options, steps = small
         step = repr(float(line[at + 1]) / steps)
-        reference = [command, inputs[command], *question, "--dt", step, *line[at : at + 4]]
+        reference = [command, inputs[command], *problem_options, "--dt", step, *line[at : at + 4]]
     found = error_of(command, line, reference, run, tmp_path)
     assert found == pytest.approx(chosen["max_error"], rel=1e-4, abs=1e-10)
     assert found <= within

@@ -1,1 +1,1 @@
-"""For each command: its question on a mesh, its methods and their dials, what they are measured against."""
+"""Problems of the compared commands: candidates, parameters and references, one module a command."""
