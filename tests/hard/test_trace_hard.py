@@ -148,7 +148,7 @@ def test_lines_do_not_depend_on_how_faces_are_turned(mesh):
             cover.mesh, start.face, start.barycentric, direction, np.full(20, 9.0), at_boundary="reflect"
         )
         assert made.accuracy["trace_angle_defect"] < 1e-9
-        on_mesh = cover.projected(made)
+        on_mesh = cover.project(made)
         drawn.append(surface_position(mixed, on_mesh.paths.face, on_mesh.paths.barycentric))
         ends = surface_position(
             mixed,
@@ -167,7 +167,7 @@ def test_shortest_paths_on_faces_turned_at_random(mesh):
     exact = exact_distance(mixed, sources)
     made = shortest_paths(cover.mesh, cover.lift_exact(exact), sources, list(range(mesh.n_vertices)))
     assert made.converged and made.accuracy["path_length_residual"] < 1e-12
-    p = cover.projected(made).paths
+    p = cover.project(made).paths
     drawn = surface_position(mixed, p.face, p.barycentric)
     for i in range(mesh.n_vertices):
         step = np.diff(drawn[p.start[i] : p.start[i + 1]], axis=0)
@@ -197,14 +197,14 @@ def test_bent_paths_on_a_one_sided_surface_are_one_lift():
         cover, sources = oriented_cover(turned), Sources.at([35])
         exact = cover.lift_exact(exact_distance(turned, sources))
         targets = [v for v in range(mesh.n_vertices) if v != 35]
-        made = shortest_paths(cover.mesh, exact, sources, targets, continued=cover.continued)
+        made = shortest_paths(cover.mesh, exact, sources, targets, join_lifts=cover.join_lifts)
         bends = [bend for entry in made.entries for bend in entry["vertices"]]
         assert len(bends) > 40
         for bend in bends:
             assert bend["left"] + bend["right"] == pytest.approx(total[bend["vertex"]], rel=1e-12)
         paths = made.paths
         assert (paths.face[paths.start[:-1]] < mesh.n_faces).all()
-        length = [entry["length"] for entry in cover.projected(made).entries]
+        length = [entry["length"] for entry in cover.project(made).entries]
         np.testing.assert_allclose(length, exact.distance[targets], rtol=1e-12)
         ends.append(add_transport(cover.mesh, made).arrays["transport_x"][paths.start[1:] - 1])
     np.testing.assert_allclose(ends[0], ends[1], atol=1e-6)

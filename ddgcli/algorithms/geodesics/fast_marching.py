@@ -151,7 +151,7 @@ def _delaunay_if_surface(mesh: SurfaceMesh) -> tuple[SurfaceMesh, NDArray[np.int
     from ddgcli.algorithms.delaunay.triangulation import flip_to_delaunay
 
     try:
-        flipped = flip_to_delaunay(mesh, tell_gone=True)
+        flipped = flip_to_delaunay(mesh, list_flipped=True)
     except MeshError:
         return mesh, np.zeros(0, dtype=np.int64)
     return flipped.mesh, flipped.gone

@@ -80,7 +80,7 @@ class OrientedCover:
         weights = self.weights(paths.face, paths.barycentric)
         return replace(curves, paths=SurfacePaths(paths.face, weights, paths.start, paths.closed))
 
-    def continued(self, paths: SurfacePaths) -> SurfacePaths:
+    def join_lifts(self, paths: SurfacePaths) -> SurfacePaths:
         """Open paths on the cover made of pieces, each lifted by itself, as one lift each.
 
         A piece that leaves a vertex on the other sheet than the piece before arrived is moved over (face f to
@@ -122,7 +122,7 @@ class OrientedCover:
         again = self.is_one_sided and place == "face"
         return (np.concatenate([values, values]) if again else values), place
 
-    def projected(self, curves: Curves) -> Curves:
+    def project(self, curves: Curves) -> Curves:
         """Curves of the cover on the base."""
         paths, m = curves.paths, self.base.n_faces
         weights = self.weights(paths.face, paths.barycentric)

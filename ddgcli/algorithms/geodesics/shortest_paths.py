@@ -44,7 +44,7 @@ def shortest_paths(
     sources: Sources,
     targets: list[int],
     tracer: Tracer | None = None,
-    continued: Callable[[SurfacePaths], SurfacePaths] | None = None,
+    join_lifts: Callable[[SurfacePaths], SurfacePaths] | None = None,
 ) -> Curves:
     """Shortest path from the nearest source to each target vertex.
 
@@ -59,9 +59,9 @@ def shortest_paths(
         Of these sources on this mesh.
     targets : list of int
         Vertices.
-    continued : callable, optional
+    join_lifts : callable, optional
         What makes one lift of pieces lifted each by itself, where the mesh is a cover
-        (`OrientedCover.continued`).
+        (`OrientedCover.join_lifts`).
 
     Returns
     -------
@@ -82,7 +82,7 @@ def shortest_paths(
     face = np.concatenate([np.zeros(0, dtype=np.int64), *(f for f, _ in backward)])
     barycentric = np.concatenate([np.zeros((0, 3)), *(b for _, b in backward)])
     paths = reversed_paths(mesh, SurfacePaths(face, barycentric, start, closed))
-    paths = continued(paths) if continued else paths
+    paths = join_lifts(paths) if join_lifts else paths
     kinds = [{"kind": "shortest", "target": int(t), "source": int(exact.nearest_source[t])} for t in targets]
     entries = describe_paths(mesh, paths, kinds)
     residual, lost = 0.0, []

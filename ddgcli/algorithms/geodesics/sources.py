@@ -51,7 +51,7 @@ class Sources:
         """(k, 3) positions in space."""
         return np.concatenate([mesh.points[self.vertex], self.points.positions(mesh)])
 
-    def described(self, mesh: SurfaceMesh) -> list[dict[str, Any]]:
+    def describe(self, mesh: SurfaceMesh) -> list[dict[str, Any]]:
         """Each source for the summary: its vertex, or face and barycentric coordinates; its position."""
         said: list[dict[str, Any]] = [{"vertex": int(v)} for v in self.vertex]
         for face, weights in zip(self.points.face, self.points.barycentric):

@@ -39,7 +39,7 @@ class Curves:
     arrays: dict[str, NDArray] = field(default_factory=dict)
 
 
-def gathered(parts: list[Curves]) -> Curves:
+def concatenate_curves(parts: list[Curves]) -> Curves:
     """All curves in order, their accuracies side by side."""
     accuracy: dict[str, Any] = {}
     for part in parts:

@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.algorithms.delaunay.triangulation import Flipped
+from ddgcli.algorithms.delaunay.triangulation import IntrinsicDelaunay
 from ddgcli.algorithms.tracing.trace import REACHED, Tracer
 from ddgcli.geometry.face_frames import planar_difference
 from ddgcli.geometry.unfolding import vertex_fans
@@ -20,14 +20,14 @@ from ddgcli.operators.connection import angle_scale
 _SHORT = 1e-4  # of an edge: traced edges are stopped so far before their head
 
 
-def frame_turn(mesh: SurfaceMesh, flipped: Flipped) -> NDArray[np.complex128] | None:
+def frame_turn(mesh: SurfaceMesh, flipped: IntrinsicDelaunay) -> NDArray[np.complex128] | None:
     """(n,) unit numbers that take tangent vectors from the intrinsic frames to those of the mesh.
 
     Parameters
     ----------
     mesh : TriangleMesh or IntrinsicMesh
         Consistently oriented, one fan a vertex.
-    flipped : Flipped
+    flipped : IntrinsicDelaunay
         Made from it, with its crossings tracked.
 
     Returns
@@ -50,7 +50,7 @@ def frame_turn(mesh: SurfaceMesh, flipped: Flipped) -> NDArray[np.complex128] | 
 
 
 def _from_kept_edges(
-    mesh: SurfaceMesh, flipped: Flipped, offset: NDArray, own_angle: NDArray, other_angle: NDArray
+    mesh: SurfaceMesh, flipped: IntrinsicDelaunay, offset: NDArray, own_angle: NDArray, other_angle: NDArray
 ) -> None:
     """Angles at the tails of edges that are edges of the input."""
     n = mesh.n_vertices
@@ -67,7 +67,7 @@ def _from_kept_edges(
     offset[tail[fresh]] = own_angle[side[fresh]] - other_angle[kept[fresh]]
 
 
-def _from_traced_edges(tracer: Tracer, flipped: Flipped, offset: NDArray) -> None:
+def _from_traced_edges(tracer: Tracer, flipped: IntrinsicDelaunay, offset: NDArray) -> None:
     """Angles at unknown heads of edges whose tails are known."""
     mesh, own, other = tracer.mesh, tracer.fans, vertex_fans(flipped.mesh)
     topology = flipped.mesh.topology

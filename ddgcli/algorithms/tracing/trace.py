@@ -88,7 +88,8 @@ class Tracer:
         )
 
     def trace_checked(
-        self, start: LineStart, *, at_boundary: str = "stop", record: bool = False, max_crossings: int = 100_000,
+        self, start: LineStart, *, at_boundary: str = "stop", record: bool = False,
+        max_crossings: int = 100_000,
         progress: ProgressCallback | None = None,
     ) -> Traces:  # fmt: skip
         """Trace lines from checked starts (unit directions in the planar frames of the faces)."""

@@ -139,10 +139,11 @@ def _problem(run: Run, compared: str, call: CommandCall, truth: str | None) -> P
     known = parse_truth(truth, mesh.points) if truth else None
     keywords: dict[str, Any] = {}
     if compared == "geodesic" and any(name in call.options for name in SOURCE_OPTIONS):
-        from ddgcli.cli.commands.geodesic_distance import DistanceChoice, read_sources
+        from ddgcli.algorithms.geodesics.distance_query import query_sources
+        from ddgcli.algorithms.geodesics.query import DistanceQuery
 
         named = {name: call.options[name] for name in SOURCE_OPTIONS if name in call.options}
-        keywords["sources"] = read_sources(mesh, DistanceChoice(**named))
+        keywords["sources"] = query_sources(mesh, DistanceQuery(**named))
     return mesh_problem(compared, mesh, truth=known, options=call.options, **keywords)
 
 
