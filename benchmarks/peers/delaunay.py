@@ -14,10 +14,10 @@ import numpy as np
 import robust_laplacian
 
 from benchmarks.common import measure, mesh_sequences
-from ddgcli.algorithms.delaunay.common_subdivision import Base, common_subdivision
+from ddgcli.algorithms.delaunay.common_subdivision import BaseTriangulation, common_subdivision
 from ddgcli.algorithms.delaunay.point_location import PointMap
 from ddgcli.algorithms.delaunay.refine import refine
-from ddgcli.algorithms.delaunay.triangulation import Flipped, flip_to_delaunay
+from ddgcli.algorithms.delaunay.triangulation import IntrinsicDelaunay, flip_to_delaunay
 from ddgcli.errors import MeshError
 from ddgcli.geometry.intrinsic import corner_angle
 from ddgcli.geometry.surface_points import SurfacePoints
@@ -75,18 +75,18 @@ def growth(rows: list[list], column: int = -1, *, cost: Callable = lambda n: n *
         row.append(round(spent / seconds[0] / (cost(row[1]) / cost(rows[0][1])), 2))
 
 
-def overlay_row(flipped: Flipped, base: Base, repeat: int) -> list:
+def overlay_row(flipped: IntrinsicDelaunay, base: BaseTriangulation, repeat: int) -> list:
     """The common subdivision, as it is after the flips: with nothing kept from an earlier one.
 
     Beside it a plain gather of as many numbers as it has faces, in random order: linear work, so that what
     its cost grows by is the machine's. And the seconds without those that the system hands out memory in.
     """
 
-    def anew() -> tuple[Flipped, Base]:
+    def anew() -> tuple[IntrinsicDelaunay, BaseTriangulation]:
         topology = base.mesh.topology
         mesh = TriangleMesh(base.mesh.points, Topology(topology.faces, topology.n_vertices, topology.gluing))
         source = mesh if base.mesh is base.input else base.input
-        again = Base(source, mesh, base.input_face, base.interpolation)
+        again = BaseTriangulation(source, mesh, base.input_face, base.interpolation)
         return flip_to_delaunay(mesh, track=True), again
 
     timing = measure.timed(common_subdivision, repeat, prepare=anew)
@@ -135,7 +135,7 @@ def main() -> None:
             rows = []
             for mesh in map(MESH_CLASSES[mesh_class], sizes):
                 rows.append(
-                    overlay_row(flip_to_delaunay(mesh, track=True), Base.itself(mesh), options.repeat)
+                    overlay_row(flip_to_delaunay(mesh, track=True), BaseTriangulation.itself(mesh), options.repeat)
                 )
             overlay_table(f"Common subdivision, {mesh_class} (no peer binds it)", rows)
     if options.only in (None, "refine"):

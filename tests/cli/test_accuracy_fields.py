@@ -170,9 +170,9 @@ def rougher_steps(sound):
 SOLVE = ("ddgcli.linalg.factor:Factor.solve", returned(lambda x: scattered(x, 1e-3 * np.abs(x).max())))
 FAINT = (SOLVE[0], returned(lambda x: scattered(x, 1e-6 * np.abs(x).max())))  # below what is refused
 WILD = (SOLVE[0], returned(lambda x: scattered(x, np.abs(x).max())))
-MEASURE = "ddgcli.algorithms.curvature.report:_accuracy"
+MEASURE = "ddgcli.algorithms.curvature.surface_curvature:_accuracy"
 EXACT = "ddgcli.algorithms.geodesics.exact.exact_distance:exact_distance"
-OPERATOR = "ddgcli.algorithms.laplacian.report:laplace_operator"
+OPERATOR = "ddgcli.algorithms.laplacian.tasks:laplace_operator"
 WALKED = "ddgcli.algorithms.tracing.trace:Tracer.walked"
 STEP = "ddgcli.algorithms.tangent_fields.integral_curves:runge_kutta_step"
 EVOLVE = "ddgcli.simulation.recording:evolve"
@@ -191,19 +191,19 @@ PLANTS = {
     ],
     "delaunay": [
         (
-            "ddgcli.algorithms.delaunay.report:flip_to_delaunay",
+            "ddgcli.algorithms.delaunay.intrinsic_delaunay:flip_to_delaunay",
             crooked(mesh=lambda m: type(m)(m.topology, 1.01 * first_wrong(m.side_length), m.points)),
             ["area_residual", "angle_defect_residual"],
         ),
     ],
     "overlay": [
         (
-            "ddgcli.algorithms.delaunay.report:common_subdivision",
+            "ddgcli.algorithms.delaunay.intrinsic_delaunay:common_subdivision",
             crooked(mesh=lambda m: m.moved(scattered(m.points))),
             ["overlay_area_residual"],
         ),
         (
-            "ddgcli.algorithms.delaunay.report:flip_to_delaunay",
+            "ddgcli.algorithms.delaunay.intrinsic_delaunay:flip_to_delaunay",
             crooked(mesh=lambda m: type(m)(m.topology, 1.01 * m.side_length, m.points)),
             ["overlay_length_residual"],
         ),

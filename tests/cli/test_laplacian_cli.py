@@ -32,7 +32,7 @@ def test_the_door_knows_what_the_core_knows():
 
 
 def test_a_bar_is_drawn_for_the_asking(mesh_file, run, monkeypatch):
-    monkeypatch.setattr("ddgcli.cli.progress.PACE", 0.0)  # every word of progress is drawn
+    monkeypatch.setattr("ddgcli.cli.progress.REDRAW_INTERVAL", 0.0)  # every word of progress is drawn
     path = mesh_file(shapes.icosphere(3))
     done = run("laplacian", path, "--eigen", 10, "--smooth", 0.01, "--progress")
     shares = [int(text.split("%")[0]) for text in done.stderr.split("]")[1:]]

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from ddgcli.algorithms.geodesics.query import CurveQuery, DistanceQuery
+from ddgcli.choices import TRACE_BOUNDARIES
 from ddgcli.cli.options import POSITIVE, REAL, FacePoint, Ids, Numbers, grouped_options
 from ddgcli.errors import ParameterError
 
@@ -55,7 +56,7 @@ _OPTIONS = (
                  help="Shortest path from the nearest source to this vertex; repeatable."),
     click.option("--trace", multiple=True, type=TraceStart(), metavar="FACE:b0,b1,b2:dx,dy,dz:LENGTH",
                  help="Straightest geodesic from a point of a face; repeatable."),
-    click.option("--at-boundary", type=click.Choice(["stop", "reflect"]), default="stop", show_default=True,
+    click.option("--at-boundary", type=click.Choice(TRACE_BOUNDARIES), default="stop", show_default=True,
                  help="What traces do at the boundary."),
     click.option("--straighten", multiple=True, type=Ids(), metavar="ID,ID,...",
                  help="Geodesic in the isotopy class of the edge path through these vertices; repeatable."),

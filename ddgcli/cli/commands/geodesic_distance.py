@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from ddgcli.algorithms.geodesics.query import METHODS, OPERATORS, DistanceQuery
+from ddgcli.algorithms.geodesics.query import DistanceQuery
+from ddgcli.choices import DISTANCE_METHODS, HEAT_OPERATORS
 from ddgcli.cli.options import NONNEGATIVE, POSITIVE, FacePoint, Ids, Numbers, grouped_options
 
 if TYPE_CHECKING:
@@ -29,12 +30,12 @@ _OPTIONS = (
                  help="exact: also the distance at the point of the surface nearest to this one."),
     click.option("--target-face", multiple=True, type=FacePoint(), metavar="F:b0,b1,b2...",
                  help="exact: also the distance at a point inside a face, into results.targets."),
-    click.option("--method", type=click.Choice(METHODS), default="exact", show_default=True,
+    click.option("--method", type=click.Choice(DISTANCE_METHODS), default="exact", show_default=True,
                  help="exact: the polyhedral distance. heat: two linear solves, factored once; pays off for "
                       "many sources. fast-marching: first order. dijkstra: along edges."),
     click.option("--tolerance", type=NONNEGATIVE, metavar="TAU",
                  help="exact: slack in edge lengths, used where it saves time; errs upwards only."),
-    click.option("--operator", type=click.Choice(OPERATORS),
+    click.option("--operator", type=click.Choice(HEAT_OPERATORS),
                  help="heat: the Laplacian. [default: intrinsic-delaunay, tufted where non-manifold]"),
     click.option("--heat-time", type=POSITIVE, metavar="M",
                  help="heat: time step in squares of the mean edge length. [default: 1]"),
@@ -45,7 +46,7 @@ _OPTIONS = (
     click.option("--gradient", is_flag=True, help="Also the face array distance_gradient."),
     click.option("--isolines", type=click.IntRange(1, 10_000), metavar="N",
                  help="Level lines of the distance at N even levels, into --paths-output."),
-    click.option("--compare", multiple=True, type=click.Choice(METHODS), metavar="METHOD...",
+    click.option("--compare", multiple=True, type=click.Choice(DISTANCE_METHODS), metavar="METHOD...",
                  help="Error against other methods, and their seconds."),
     click.option("--certify", is_flag=True,
                  help="Also check symmetry and the triangle inequality on sampled pairs (4 more runs)."),

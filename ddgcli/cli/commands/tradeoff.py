@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from ddgcli.choices import ERROR_NORMS
 from ddgcli.cli import options
 from ddgcli.cli.commands.tradeoff_options import COMPARABLE_OPTIONS, SOURCE_OPTIONS, CommandCall, parse
 from ddgcli.cli.options import CommonOptions
@@ -37,7 +38,7 @@ SIMULATORS = ("shell-sim", "fluid-sim", "willmore-flow")
 )
 @click.option(
     "--norm",
-    type=click.Choice(["max", "mean"]),
+    type=click.Choice(ERROR_NORMS),
     default="max",
     show_default=True,
     help="Error of --within and of the Pareto front.",
