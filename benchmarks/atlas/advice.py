@@ -8,7 +8,8 @@ from benchmarks.atlas.tables import Finest
 
 ADVICE = {
     "curvature": """
-Which: `quadric` (the default): at least ten times more accurate than every other scheme and peer on every
+Choosing a method:
+`quadric` (the default): at least ten times more accurate than every other scheme and peer on every
 mesh class of the ellipsoid, at about the cost of a fit of libigl or pymeshlab; its rates are 2.5 to 3.5.
 `corrected` at the star is exact on spheres and takes a third of that time: a third of a per cent off on
 good meshes, some per cent on others. `cotan`, `normal-cycle` and pymeshlab's discrete curvature at the
@@ -16,7 +17,8 @@ star stay more than 5 % off on irregular, noisy and stretched triangles however 
 make them converge slowly, at several times the cost of `quadric`.
 """,
     "geodesic": """
-Which: `exact` for one source: on every mesh class nothing else that is not exact has a smaller error, and it
+Choosing a method:
+`exact` for one source: on every mesh class nothing else that is not exact has a smaller error, and it
 converges at second order; no `--tolerance` takes longer, and 0.3 saves a sixth to two fifths of the time
 (smaller ones are answered exactly, or nearly, on meshes of this size).
 For many sources `heat`, where a further source costs a fifteenth of an exact one or less: two per cent
@@ -24,18 +26,21 @@ off or better, also on stretched triangles, where without Delaunay flips (`--ope
 fifth off. `fast-marching` keeps a tenth of a per cent on every mesh class, for a fifth of the time.
 """,
     "laplacian": """
-Which: any: all are of second order on every mesh class. The Galerkin mass errs two to three times more than a
+Choosing a method:
+any: all are of second order on every mesh class. The Galerkin mass errs two to three times more than a
 lumped one on good, irregular and noisy triangles. Flips do not improve eigenvalues here; they keep
 weights positive, which Poisson problems and flows need.
 """,
     "delaunay": """
-Which: flips. On stretched triangles they more than halve the error of a Poisson solve for the price of a
+Choosing a method:
+flips. On stretched triangles they more than halve the error of a Poisson solve for the price of a
 quarter of a solve; on good ones they change nothing. Refinement to 25 degrees takes longer than the solve
 and, on irregular, stretched and noisy triangles, does not lower this error (the surface, not the
 triangles, makes it): take it where angles must be bounded.
 """,
     "willmore-flow": """
-Which: `gauss-map` (the default): no other energy has a smaller error on any mesh class of the ellipsoid, and
+Choosing a method:
+`gauss-map` (the default): no other energy has a smaller error on any mesh class of the ellipsoid, and
 none that stands for int H^2 on the torus; it costs two to three times as much to evaluate, a step to rest
 little more. On irregular, noisy and refined triangulations it errs by a fiftieth or less, on stretched
 ones by a twentieth, however fine the mesh; `sullivan` and `cotan` by up to five times the energy itself.
@@ -43,14 +48,16 @@ The sphere's mode is within half a per cent from 5,000 faces, at steps of a sixt
 eighth, within two per cent.
 """,
     "fluid-sim": """
-Which: `conservative` (the default): its error is the mesh's at both steps, so take the long one (what its
+Choosing a method:
+`conservative` (the default): its error is the mesh's at both steps, so take the long one (what its
 stability does not allow is divided). `midpoint` is as accurate. Stretched triangles cost ten times the
 error of good ones. `circulation` takes steps of any length. On good meshes its error of the wave's speed is
 below that of `conservative`, that of Taylor-Green's decay above it; it falls as meshes get finer at a fixed
 step too.
 """,
     "shell-sim": """
-Which: `alternating` or `right` grids, not `cross`, whose bending is off by more than an eighth at any
+Choosing a method:
+`alternating` or `right` grids, not `cross`, whose bending is off by more than an eighth at any
 size, and not stretched, jittered or refined meshes, which stay at a twentieth or more: the constant of
 hinges is that of regular grids. On flat rests `quadratic` has the error of `hinge` in less time. For
 short free motion of a soft sheet `verlet` is the cheapest of second order: `newmark` and

@@ -20,7 +20,7 @@ from ddgcli.algorithms.curvature import star
 from ddgcli.algorithms.curvature.faces import Faces
 from ddgcli.algorithms.curvature.frames import area_normals, unit_normals
 from ddgcli.algorithms.curvature.quadric import quadric
-from ddgcli.algorithms.curvature.surface_curvature import measure as measure_all
+from ddgcli.algorithms.curvature.surface_curvature import measure_curvature as measure_all
 from ddgcli.geometry.extrinsic import dihedral_angle
 from ddgcli.mesh import shapes
 from ddgcli.mesh.topology import Topology

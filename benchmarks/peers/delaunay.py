@@ -135,7 +135,9 @@ def main() -> None:
             rows = []
             for mesh in map(MESH_CLASSES[mesh_class], sizes):
                 rows.append(
-                    overlay_row(flip_to_delaunay(mesh, track=True), BaseTriangulation.itself(mesh), options.repeat)
+                    overlay_row(
+                        flip_to_delaunay(mesh, track=True), BaseTriangulation.itself(mesh), options.repeat
+                    )
                 )
             overlay_table(f"Common subdivision, {mesh_class} (no peer binds it)", rows)
     if options.only in (None, "refine"):

@@ -1,7 +1,8 @@
 """Distances beside the peers: exact, heat, fast marching; set-up, solve, peak memory.
 
-`python -m benchmarks.peers.geodesic [--quick] [exact growth heat fast-marching errors]` prints tables. Ratios are the peer's CPU seconds over ours, larger is better; each pair runs in turn in one
-process, one thread each. CPU rather than wall time, so that a busy machine does not blur the ratio.
+`python -m benchmarks.peers.geodesic [--quick] [exact growth heat fast-marching errors]` prints tables.
+Ratios are the peer's CPU seconds over ours, larger is better; each pair runs in turn in one process, one
+thread each. CPU rather than wall time, so that a busy machine does not blur the ratio.
 """
 
 from __future__ import annotations

@@ -10,7 +10,7 @@ import pytest
 
 from benchmarks.common import measure
 from ddgcli.cli.main import main
-from ddgcli.cli.multi_value import spread
+from ddgcli.cli.multi_value import repeat_options
 from ddgcli.cli.threads import THREAD_VARIABLES
 
 BENCHES = sorted(p.stem for p in (Path(measure.__file__).parents[1] / "peers").glob("[a-z]*.py"))
@@ -32,7 +32,7 @@ def test_every_bench_times_whole_commands_that_parse(name):
     for call in bench.COMMANDS:
         command_name, *words = shlex.split(call)
         command = main.get_command(click.Context(main), command_name)
-        words = spread(command, [measure._sample_path(word) for word in words])
+        words = repeat_options(command, [measure._sample_path(word) for word in words])
         command.make_context(command_name, words, parent=click.Context(main))
 
 

@@ -8,7 +8,7 @@ import click
 import pytest
 
 from ddgcli.cli.main import COMMANDS, main
-from ddgcli.cli.multi_value import spread
+from ddgcli.cli.multi_value import repeat_options
 
 ROOT = Path(__file__).parents[2]
 PAGES = sorted([ROOT / "README.md", ROOT / "CONTRIBUTING.md", *(ROOT / "docs").rglob("*.md")])
@@ -91,7 +91,7 @@ def examples(page: Path) -> list[str]:
 def test_every_example_is_a_call(page, line):
     name, *words = shlex.split(line, comments=True)[1:]
     command = command_of(name)
-    command.make_context(name, spread(command, words), parent=click.Context(main))
+    command.make_context(name, repeat_options(command, words), parent=click.Context(main))
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda p: p.relative_to(ROOT).as_posix())

@@ -8,7 +8,7 @@ from typing import Any
 
 import click
 
-from ddgcli.cli.multi_value import spread
+from ddgcli.cli.multi_value import repeat_options
 from ddgcli.errors import ParameterError
 
 TIME_OPTIONS = ("steps", "duration", "step", "tolerance")
@@ -63,7 +63,7 @@ def parse(compared: str, words: tuple[str, ...]) -> CommandCall:
     context = click.get_current_context()
     group = context.find_root().command
     command = group.get_command(context, compared)  # type: ignore[attr-defined]
-    words_of_call = spread(command, list(words))
+    words_of_call = repeat_options(command, list(words))
     try:
         inner = command.make_context(compared, list(words_of_call), parent=context.parent)
     except click.MissingParameter as error:
