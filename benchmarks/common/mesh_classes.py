@@ -52,7 +52,7 @@ def refined(level: int) -> TriangleMesh:
 
 def delaunay_refined(mesh: TriangleMesh, onto: Callable[[Points], Points]) -> TriangleMesh:
     """The refined intrinsic triangulation with flat faces, all its vertices on the smooth shape."""
-    intrinsic = refine(mesh, REFINED_DEGREES).flipped.mesh
+    intrinsic = refine(mesh, REFINED_DEGREES).triangulation.mesh
     return TriangleMesh.from_arrays(onto(np.asarray(intrinsic.points)), np.asarray(intrinsic.faces))
 
 

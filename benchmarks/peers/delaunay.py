@@ -161,8 +161,8 @@ def shared_table() -> None:
             refused.append(f"{path.stem}: {error}")
             continue
         refined = timing.value
-        angle = math.degrees(corner_angle(refined.flipped.mesh.side_length).min())
-        cut = common_subdivision(refined.flipped, refined.base)
+        angle = math.degrees(corner_angle(refined.triangulation.mesh.side_length).min())
+        cut = common_subdivision(refined.triangulation, refined.base)
         counts = [source.mesh.n_vertices, len(refined.steiner), refined.batches]
         left = [refined.excepted_faces, refined.unreached_faces]
         overlay = [cut.mesh.n_faces, cut.length_residual]
@@ -180,10 +180,10 @@ def refinement_tables(sizes: list[int], repeat: int) -> None:
         mesh = mesh_sequences.stretched(size)
         timing = measure.timed(lambda: refine(mesh, 25.0), 1, warm_up=False)  # noqa: B023
         refined = timing.value
-        after = refined.flipped.mesh
+        after = refined.triangulation.mesh
         refining.append([mesh.n_faces, after.n_faces, refined.batches, timing.median])
-        cutting.append(overlay_row(refined.flipped, refined.base, repeat))
-        cut = common_subdivision(refined.flipped, refined.base)
+        cutting.append(overlay_row(refined.triangulation, refined.base, repeat))
+        cut = common_subdivision(refined.triangulation, refined.base)
         carry = PointMap(cut)
         corner = np.random.default_rng(0).dirichlet([1, 1, 1], size=2 * mesh.n_faces)
         points = SurfacePoints(np.repeat(np.arange(mesh.n_faces), 2), corner)

@@ -30,8 +30,8 @@ def enclosed_volume(mesh: TriangleMesh) -> float:
 def dihedral_angle(mesh: TriangleMesh, normal: NDArray | None = None) -> NDArray[np.float64]:
     """(e,) signed angle between the normals of an edge's two faces, in radians; positive where convex.
 
-    Zero on boundary and non-manifold edges. The reference direction is the edge as the first of its two
-    sides runs along it; where the second face is turned over relative to the first, so is its normal here.
+    Zero on boundary and non-manifold edges. The reference direction is that of the first of the edge's two
+    sides. If the second face is oriented against the first, its normal is reversed.
 
     Parameters
     ----------
@@ -62,12 +62,12 @@ def dihedral_angle(mesh: TriangleMesh, normal: NDArray | None = None) -> NDArray
 def hinge_bending(
     squared_length: NDArray, angle: NDArray, area: NDArray, euler_characteristic: int, closed: bool
 ) -> tuple[NDArray[np.float64], float]:
-    """Terms |e|^2 theta^2 / (4 (A1 + A2)) of the hinge energy, and the constant that is added to their sum.
+    """Terms |e|^2 theta^2 / (4 (A1 + A2)) of the hinge energy, and the constant to add to their sum.
 
     Parameters
     ----------
     squared_length, angle, area : (h,) ndarray
-        Of the inner edges: squared lengths, dihedral angles, areas of both faces together.
+        Of the interior edges: squared lengths, dihedral angles, total areas of both faces.
     euler_characteristic : int
     closed : bool
 
@@ -77,7 +77,7 @@ def hinge_bending(
         Zero where an edge has no area beside it.
     float
         4 pi chi / 3 on a closed surface, else 0. On equilateral triangles the terms sum to
-        int H^2 - (2/3) int K, so that the energy stands for int H^2 there, H = (k1 + k2)/2.
+        int H^2 - (2/3) int K, so that the energy approximates int H^2 there, H = (k1 + k2)/2.
 
     Notes
     -----

@@ -137,12 +137,6 @@ class Topology:
         return frozen(np.flatnonzero((twin >= 0) & (np.arange(len(twin)) < twin)))
 
     @cached_property
-    def interior_sides(self) -> NDArray[np.int64]:
-        """(h,) flat number of the first side of each edge that has two sides."""
-        twin = self.side_twin.ravel()
-        return frozen(np.flatnonzero((twin >= 0) & (np.arange(len(twin)) < twin)))
-
-    @cached_property
     def boundary_edges(self) -> NDArray[np.int64]:
         """Numbers of the edges with one face."""
         return frozen(np.flatnonzero(self.edge_face_count == 1))
@@ -346,5 +340,7 @@ def check_faces(faces: NDArray, n_vertices: int) -> NDArray[np.int64]:
         outside = (faces < 0) | (faces >= n_vertices)
         bad = int(np.argmax(outside.any(axis=1)))
         culprit = faces[bad][outside[bad]][0]
-        raise MeshError(f"face {bad} names vertex {culprit}, outside 0..{n_vertices - 1}; mend the face list")
+        raise MeshError(
+            f"face {bad} names vertex {culprit}, outside 0..{n_vertices - 1}; correct the face list"
+        )
     return faces.astype(np.int64)

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from ddgcli.errors import MeshError
 from ddgcli.mesh.topology import NEXT, Topology, check_faces, frozen
 from ddgcli.mesh.vectors import vector_length
-from ddgcli.mesh.vectors import vector_length
 
 LARGEST_COORDINATE = 1e300  # lengths and sums of many of them stay numbers
 BLOCK = 1 << 14  # faces at a time, so that temporaries stay in cache

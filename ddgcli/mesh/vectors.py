@@ -42,5 +42,5 @@ def ratio(a: NDArray | float, b: NDArray) -> NDArray[np.float64]:
 
 
 def cone_volume(a: NDArray, b: NDArray, c: NDArray) -> NDArray[np.float64]:
-    """(m,) signed volumes of the tetrahedra over triangles with corners a, b, c (3, m), apex at the origin."""
+    """(m,) signed volumes of tetrahedra over triangles with corners a, b, c (3, m), apex at the origin."""
     return dot(cross(a, b), c) / 6.0

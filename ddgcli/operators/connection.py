@@ -39,7 +39,7 @@ def side_angles(mesh: SurfaceMesh) -> tuple[NDArray[np.float64], NDArray[np.floa
     Raises
     ------
     MeshError
-        At vertices that join several fans of faces: they have no one tangent plane.
+        At vertices that join several fans of faces, which have no unique tangent plane.
     """
     fans = vertex_fans(mesh)
     count = np.bincount(fans.vertex, minlength=mesh.n_vertices)
@@ -56,7 +56,7 @@ def side_angles(mesh: SurfaceMesh) -> tuple[NDArray[np.float64], NDArray[np.floa
 
 
 def edge_transport(mesh: SurfaceMesh) -> NDArray[np.complex128]:
-    """(3m,) unit number that carries a vector from the tail of side 3f+j to its head: v_head = r v_tail."""
+    """(3m,) unit number r that transports a vector along side 3f+j: v_head = r v_tail."""
     at_tail, at_head = side_angles(mesh)
     return np.exp(1j * (at_head + np.pi - at_tail))
 
@@ -68,20 +68,20 @@ def connection_laplacian(mesh: SurfaceMesh) -> csr_array:
     stiffness up to the choice of frames. Knöppel, Crane, Pinkall, Schröder 2013; Sharp, Soliman, Crane 2019.
     """
     weight = 0.5 * corner_cotan(mesh.side_length)[:, [2, 0, 1]].ravel()
-    carry = weight * edge_transport(mesh)
+    transport = weight * edge_transport(mesh)
     i, j = mesh.topology.side_tail, mesh.topology.side_head
     n = mesh.n_vertices
     rows, cols = np.concatenate([j, i, i, j]), np.concatenate([i, j, i, j])
-    values = np.concatenate([-carry, -carry.conj(), weight, weight])
+    values = np.concatenate([-transport, -transport.conj(), weight, weight])
     return coo_array((values, (rows, cols)), shape=(n, n)).tocsr()
 
 
 def vertex_axes(mesh: TriangleMesh) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """((n, 3), (n, 3)) axes in space of the vertices' tangent frames.
 
-    They span the plane across the vertex normal (the area-weighted mean of the faces') and are turned in it
-    so that the projected sides lie at their intrinsic angles as well as they can, in the mean over the sides.
-    Zero where no face is.
+    They span the plane orthogonal to the vertex normal (the area-weighted mean of the face normals), rotated
+    so that the projected sides have their intrinsic angles in the mean over the sides. Zero at vertices
+    without faces.
     """
     fans = vertex_fans(mesh)
     star = np.repeat(face_area_vector(mesh), 3, axis=0)

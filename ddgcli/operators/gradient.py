@@ -16,7 +16,7 @@ def gradient(mesh: TriangleMesh) -> csr_array:
 
     grad f = sum over corners k of f_k (normal x side opposite k) / (2 area).
     """
-    longest = mesh.side_length.max(axis=1)  # areas of unit faces: those of tiny ones would vanish
+    longest = mesh.side_length.max(axis=1)  # faces scaled to unit size: areas of tiny ones would underflow
     unit = np.where(longest > 0, longest, 1.0)[:, None]
     side = mesh.side_vector / unit[..., None]
     area = face_area(mesh.side_length / unit)

@@ -16,7 +16,7 @@ from ddgcli.geometry.intrinsic import corner_cotan, cotan_and_area, face_area, m
 from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
 from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.topology import NEXT, PREVIOUS
-from ddgcli.operators.mollify import mollified_mesh
+from ddgcli.operators.mollify import mollify_mesh
 
 log = logging.getLogger("ddgcli")
 
@@ -24,13 +24,13 @@ log = logging.getLogger("ddgcli")
 def stiffness(mesh: SurfaceMesh) -> csr_array:
     """(n, n) cotangent stiffness: off-diagonal entries -(cot + cot)/2, rows summing to zero.
 
-    Faces without area are mollified first (see `mollify`), with a warning; everything else is taken as it
-    is. U. Pinkall, K. Polthier, "Computing discrete minimal surfaces and their conjugates", 1993.
+    Faces without area are mollified first (see `mollify`), with a warning.
+    U. Pinkall, K. Polthier, "Computing discrete minimal surfaces and their conjugates", 1993.
     """
     cotan = corner_cotan(mesh.side_length)
     if not np.isfinite(cotan).all():
-        mesh, mended = mollified_mesh(mesh)
-        log.warning("%s", mended)
+        mesh, mollification = mollify_mesh(mesh)
+        log.warning("%s", mollification)
         cotan = corner_cotan(mesh.side_length)
     return laplacian_of_sides(mesh, 0.5 * cotan[:, PREVIOUS])  # side j is opposite corner j+2
 

@@ -8,19 +8,19 @@ forms: sparse, positive definite, consistent on every mesh).
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import coo_array, csr_array, diags_array
 
+from ddgcli.choices import HODGE_STARS
 from ddgcli.errors import ParameterError, SolveError
 from ddgcli.geometry.cells import TET_EDGES, TRIANGLE_EDGES
 from ddgcli.linalg.factor import Factor
 from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.operators.dec import Complex
 
-Star = Literal["circumcentric", "barycentric", "galerkin"]
+Star = str  # one of HODGE_STARS
 
 
 def hodge_star(complex_: Complex, degree: int, kind: Star = "galerkin") -> csr_array:
@@ -40,8 +40,8 @@ def hodge_star(complex_: Complex, degree: int, kind: Star = "galerkin") -> csr_a
     """
     if not 0 <= degree <= complex_.dimension:
         raise ParameterError(f"degree {degree} is outside 0..{complex_.dimension}")
-    if kind not in get_args(Star):
-        raise ParameterError(f"unknown star {kind!r}; choose one of {', '.join(get_args(Star))}")
+    if kind not in HODGE_STARS:
+        raise ParameterError(f"{kind!r} is not one of {', '.join(HODGE_STARS)}", parameter="kind")
     if degree == complex_.dimension:
         return diags_array(1.0 / complex_.metric.measure).tocsr()
     if kind == "galerkin":

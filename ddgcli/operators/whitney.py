@@ -114,7 +114,7 @@ def wedge(complex_: Complex, a: NDArray, b: NDArray) -> NDArray[np.float64]:
     Parameters
     ----------
     a, b : ndarray
-        Degrees are told by length: (n,) vertex, (e,) edge or (m,) face values.
+        Their lengths determine the degrees: (n,) vertex, (e,) edge or (m,) face values.
 
     Returns
     -------
@@ -145,7 +145,7 @@ def _wedge_of_one_forms(complex_: Complex, a: NDArray, b: NDArray) -> NDArray[np
 
 
 def degree_of(complex_: Complex, form: NDArray) -> int:
-    """Degree of a form, told by its length.
+    """Degree of a form, determined by its length.
 
     Raises
     ------
@@ -163,8 +163,8 @@ def degree_of(complex_: Complex, form: NDArray) -> int:
 def interior_product(mesh: TriangleMesh, vectors: NDArray, form: NDArray) -> NDArray[np.float64]:
     """Interior product of cell vectors with a 1-form (to vertices) or a 2-form (to edges) on a surface.
 
-    Whitney-based: the pairing is exact in each face and is carried to the lower simplices by the mean over
-    the faces around them, weighted with area for vertices.
+    The pairing of Whitney forms is exact in each face; the mean over the faces around a lower simplex,
+    weighted with area for vertices, gives its value there.
 
     Parameters
     ----------
@@ -187,7 +187,7 @@ def interior_product(mesh: TriangleMesh, vectors: NDArray, form: NDArray) -> NDA
 
 
 def flat_of_cells(complex_: Complex, mesh: SpaceMesh, vectors: NDArray) -> NDArray[np.float64]:
-    """(e,) 1-form from cell vectors whatever their number; see `flat`."""
+    """(e,) 1-form from cell vectors, also where cells and vertices have the same number; see `flat`."""
     along = mesh.points[complex_.edges[:, 1]] - mesh.points[complex_.edges[:, 0]]
     return row_dot(_mean_over_cells(complex_, vectors), along)
 

@@ -173,7 +173,7 @@ WILD = (SOLVE[0], returned(lambda x: scattered(x, np.abs(x).max())))
 MEASURE = "ddgcli.algorithms.curvature.surface_curvature:_accuracy"
 EXACT = "ddgcli.algorithms.geodesics.exact.exact_distance:exact_distance"
 OPERATOR = "ddgcli.algorithms.laplacian.tasks:laplace_operator"
-WALKED = "ddgcli.algorithms.tracing.trace:Tracer.walked"
+WALKED = "ddgcli.algorithms.tracing.trace:Tracer.trace_checked"
 STEP = "ddgcli.algorithms.tangent_fields.integral_curves:runge_kutta_step"
 EVOLVE = "ddgcli.simulation.recording:evolve"
 SIDE_FLUX = "ddgcli.models.fluid.surface_space:SurfaceSpace.side_flux"
@@ -215,7 +215,7 @@ PLANTS = {
             crooked(stiffness=lopsided),
             ["symmetry_residual", "row_sum_residual", "negative_weights"],
         ),
-        ("ddgcli.linalg.eigen:_finished", eigenvectors, ["eigen_residuals"]),
+        ("ddgcli.linalg.eigen:_with_residuals", eigenvectors, ["eigen_residuals"]),
         (OPERATOR, crooked(mass=heavy), ["poisson_imbalance"]),
         (*SOLVE, ["poisson_residual"]),
     ],
@@ -257,7 +257,7 @@ PLANTS = {
     ],
     "marched": [
         (
-            "ddgcli.algorithms.tangent_fields.polar_coordinates:_handed_on",
+            "ddgcli.algorithms.tangent_fields.polar_coordinates:_propagate_directions",
             returned(lambda unit: unit * np.exp(1j * np.linspace(0, 30, len(unit)))),
             ["log_map_skew"],
         ),

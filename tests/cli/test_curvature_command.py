@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from ddgcli.algorithms.curvature.report import DEFAULT_SCHEME, PROMISE
+from ddgcli.algorithms.curvature.surface_curvature import DEFAULT_SCHEME, SCHEME_PROMISES
 from ddgcli.io.mesh_file import read_mesh, write_mesh
 from ddgcli.mesh import shapes
 from ddgcli.mesh.fields import AnnotatedMesh
@@ -37,7 +37,10 @@ def test_every_array_and_result_of_the_contract_is_there(summary, torus, tmp_pat
         "principal_direction_max",
     }
     assert set(s["accuracy"]) >= {"gauss_bonnet_residual", "force_balance_residual"}
-    assert s["results"]["scheme"] == DEFAULT_SCHEME and s["results"]["promise"] == PROMISE[DEFAULT_SCHEME]
+    assert (
+        s["results"]["scheme"] == DEFAULT_SCHEME
+        and s["results"]["promise"] == SCHEME_PROMISES[DEFAULT_SCHEME]
+    )
     with np.load(out) as arrays:
         assert set(arrays) >= VERTEX | EDGE | {"points", "faces"}
         assert arrays["principal_direction_min"].shape == (288, 3)
@@ -60,10 +63,10 @@ def test_arrays_keep_their_names_and_values_in_other_formats(run, torus, tmp_pat
 
 def test_schemes_differ_and_angle_defects_do_not(summary, torus, tmp_path):
     kept = {}
-    for scheme in PROMISE:
+    for scheme in SCHEME_PROMISES:
         out = str(tmp_path / f"{scheme}.npz")
         r = summary("curvature", torus, "--scheme", scheme, "-o", out)["results"]
-        assert r["scheme"] == scheme and r["promise"] == PROMISE[scheme]
+        assert r["scheme"] == scheme and r["promise"] == SCHEME_PROMISES[scheme]
         with np.load(out) as arrays:
             kept[scheme] = {name: arrays[name] for name in ("angle_defect", "mean_curvature", "vertex_area")}
     first = kept["cotan"]

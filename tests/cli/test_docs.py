@@ -106,3 +106,14 @@ def test_every_link_leads_somewhere(page):
         assert not anchor or anchor in [
             re.sub(r"[^\w -]", "", h).lower().replace(" ", "-") for h in headings
         ], target
+
+
+def test_the_readme_lists_every_command_with_its_page():
+    rows = re.findall(r"^\| \[`([\w-]+)`\]\(docs/([\w-]+)\.md\)", (ROOT / "README.md").read_text("utf-8"), re.M)
+    assert [name for name, _ in rows] == list(COMMANDS)
+    assert all(page in PAGES_OF.get(name, (name,)) for name, page in rows)
+
+
+def test_the_changelog_names_every_command():
+    text = (ROOT / "CHANGELOG.md").read_text("utf-8")
+    assert [name for name in COMMANDS if f"`{name}`" not in text] == []

@@ -257,7 +257,7 @@ def test_picture(square, summary, tmp_path):
 @pytest.mark.parametrize("words, lines", [(["--isolines", 4], 4), ([], 12)])
 def test_the_picture_has_the_level_lines_asked_for(square, summary, tmp_path, monkeypatch, words, lines):
     pytest.importorskip("matplotlib")
-    from ddgcli.plots import surface
+    from ddgcli.plots import array
 
     drawn = {}
 
@@ -265,7 +265,7 @@ def test_the_picture_has_the_level_lines_asked_for(square, summary, tmp_path, mo
         Path(path).touch()
         drawn.update(how)
 
-    monkeypatch.setattr(surface, "draw_surface", draw)
+    monkeypatch.setattr(array, "draw_surface", draw)
     summary("geodesic", square, "--source", 0, "--path-to", 120, *words, "--plot", tmp_path / "a.png")
     radius = [np.hypot(*line.T[:2]) for line in drawn["level_lines"]]
     levels = np.sqrt(2) * np.arange(1, lines + 1) / (lines + 1)

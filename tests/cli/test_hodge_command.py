@@ -119,7 +119,7 @@ def test_a_klein_bottle_has_the_betti_numbers_of_the_page(tmp_path, summary, run
     turned = TriangleMesh.from_arrays(shapes.torus(12, 8).points, faces)
     write_mesh(str(path), AnnotatedMesh(turned))
     result = run("hodge", path)
-    assert result.exit_code == 2 and "turn over 1 of them (first: face 0)" in result.stderr
+    assert result.exit_code == 2 and "reverse 1 of them (first: face 0)" in result.stderr
 
 
 def test_tetrahedra(shared_meshes, tmp_path, summary):

@@ -1,4 +1,4 @@
-"""The tutorial runs; paths on the architecture page exist; citations have entries; the navigation is complete."""
+"""The tutorial runs; paths on the architecture page and citations exist; the navigation is complete."""
 
 import re
 import shlex
@@ -45,6 +45,27 @@ def tutorial_summaries(folder):
 def test_every_command_of_the_tutorial_succeeds(line, tutorial_summaries):
     result = tutorial_summaries[line]
     assert result.exit_code == 0, result.stderr
+
+
+def readme_examples() -> list:
+    text = (ROOT / "README.md").read_text(encoding="utf-8").split("## Five examples")[1]
+    lines = re.findall(r"^ddgcli .*$", text, re.M)
+    slow = pytest.mark.slow
+    return [pytest.param(line, marks=slow if "shell-sim" in line else ()) for line in lines]
+
+
+@pytest.mark.parametrize("line", readme_examples())
+def test_every_example_of_the_readme_runs(line, folder, run, monkeypatch):
+    shutil.copytree(ROOT / "sample_scenes", folder / "sample_scenes", dirs_exist_ok=True)
+    monkeypatch.chdir(folder)
+    result = run(*shlex.split(line, comments=True)[1:])
+    assert result.exit_code == 0, result.stderr
+
+
+def test_the_readme_has_five_examples_and_two_pictures():
+    assert len(readme_examples()) == 5
+    pictures = re.findall(r"!\[[^]]+\]\(([^)]+)\)", (ROOT / "README.md").read_text(encoding="utf-8"))
+    assert len(pictures) == 2 and all((ROOT / path).exists() for path in pictures)
 
 
 @pytest.mark.parametrize(

@@ -299,4 +299,4 @@ def test_an_interrupt_leaves_whole_partial_tables(tmp_path):
 @pytest.mark.parametrize("command", COMMANDS)
 def test_every_help_ends_with_advice_and_its_source(command, run):
     end = " ".join(run(command, "--help").stdout.split("\n\n")[-1].replace("-\n  ", "-").split())
-    assert end.startswith("Which") and end.endswith(f"docs/accuracy/{command}.md.")
+    assert end.startswith(("Which", "Choosing")) and end.endswith(f"docs/accuracy/{command}.md.")

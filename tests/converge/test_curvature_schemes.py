@@ -6,8 +6,9 @@ import pytest
 from ddgcli.algorithms.curvature.faces import Faces
 from ddgcli.algorithms.curvature.frames import area_normals
 from ddgcli.algorithms.curvature.neighbours import neighbourhoods
-from ddgcli.algorithms.curvature.region import two_rings
-from ddgcli.algorithms.curvature.report import SCHEMES, measure
+from ddgcli.algorithms.curvature.regions import two_rings
+from ddgcli.algorithms.curvature.surface_curvature import measure_curvature
+from ddgcli.choices import CURVATURE_SCHEMES
 from ddgcli.mesh import shapes
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from tests.curvature_truths import ellipsoid_truth, irregular_ellipsoid, irregular_torus, torus_truth
@@ -46,7 +47,7 @@ def relative(values, truth):
 
 def errors(mesh, truth, scheme, radius=None):
     """Root mean square errors of H, K, k1, k2, relative; median angle of the direction, in degrees."""
-    v = measure(mesh, scheme, radius).vertex
+    v = measure_curvature(mesh, scheme, radius).vertex
     apart = truth.k_max - truth.k_min > 0.1 * np.abs(truth.k_max).max()
     cosine = np.abs(np.einsum("ij,ij->i", v["principal_direction_max"], truth.d_max))[apart]
     return {
@@ -126,12 +127,12 @@ def test_the_fit_turns_to_low_degree_when_data_are_noisy():
     assert far["H"] < 0.25 * near["H"], "a radius steadies noisy data"
 
 
-@pytest.mark.parametrize("scheme", SCHEMES)
+@pytest.mark.parametrize("scheme", CURVATURE_SCHEMES)
 def test_minimal_and_developable_surfaces(scheme):
     surface = shapes.catenoid(96, 64)
     inside = np.abs(surface.points[:, 2]) < 0.9  # normals at the boundary itself are one-sided
-    assert np.abs(measure(surface, scheme).vertex["mean_curvature"][inside]).max() < 2e-3
-    cylinder = measure(shapes.cylinder(96, 48), scheme).vertex
+    assert np.abs(measure_curvature(surface, scheme).vertex["mean_curvature"][inside]).max() < 2e-3
+    cylinder = measure_curvature(shapes.cylinder(96, 48), scheme).vertex
     assert (cylinder["boundary"].sum(), cylinder["boundary"].dtype) == (192, np.uint8)
     inside = cylinder["boundary"] == 0
     assert np.allclose(cylinder["mean_curvature"][inside], 0.5, atol=2e-3)
@@ -140,7 +141,7 @@ def test_minimal_and_developable_surfaces(scheme):
 
 
 def test_the_default_scheme_measures_boundaries_too():
-    v = measure(shapes.cylinder(96, 48)).vertex
+    v = measure_curvature(shapes.cylinder(96, 48)).vertex
     assert np.allclose(v["mean_curvature"], 0.5, atol=5e-4)  # a tenth of a per cent, one-sided
 
 
@@ -175,5 +176,5 @@ def test_sheared_surfaces_that_cannot_be_flipped_are_measured_all_the_same():
     mesh = sheared(16, 3)
     page = np.append(mesh.faces, [[mesh.faces[0, 1], mesh.faces[0, 0], mesh.n_vertices]], axis=0)
     points = np.append(mesh.points, [[2.0, 0.0, 1.0]], axis=0)
-    values = measure(TriangleMesh.from_arrays(points, page)).vertex["mean_curvature"]
+    values = measure_curvature(TriangleMesh.from_arrays(points, page)).vertex["mean_curvature"]
     assert np.isfinite(values).all()

@@ -128,6 +128,6 @@ def test_round_fronts_are_exact_next_to_a_source_too():
 
 
 def test_a_march_without_end_is_told(monkeypatch):
-    monkeypatch.setattr(fast_marching, "MOST_ROUNDS", 0)
+    monkeypatch.setattr(fast_marching, "MAX_ROUNDS_PER_VERTEX", 0)
     with pytest.raises(SolveError, match="exact"):
         fast_marching_distance(SPHERES[0], 0)

@@ -8,7 +8,7 @@ import pytest
 from ddgcli.algorithms.geodesics import flipout
 from ddgcli.algorithms.geodesics.exact.exact_distance import exact_distance
 from ddgcli.algorithms.geodesics.flipout import straighten_curves
-from ddgcli.algorithms.geodesics.flippable_mesh import DETOURS, EdgeGraph, FlippableMesh, edge_path
+from ddgcli.algorithms.geodesics.flippable_mesh import DETOUR_LIMITS, EdgeGraph, FlippableMesh, edge_path
 from ddgcli.algorithms.geodesics.paths import joints
 from ddgcli.algorithms.hodge.homology import generator_loops
 from ddgcli.algorithms.tracing.trace import Tracer
@@ -94,7 +94,7 @@ def test_loops_keep_their_windings(size):
 
 
 def test_a_loop_that_shrinks_to_one_edge_goes_on_once_round(monkeypatch):
-    monkeypatch.setattr(flipout, "MOST_STEPS", 1000)  # a loop that is opened and closed for ever fails here
+    monkeypatch.setattr(flipout, "MAX_STEPS", 1000)  # a loop that is opened and closed for ever fails here
     mesh = read_mesh(str(Path(__file__).parents[2] / "sample_meshes" / "torus.ply")).mesh
     curves = straighten_curves(mesh, [[0, 10, 20, 30]], [True])
     assert curves.converged and windings(mesh, curves.paths) == [0, 1]
@@ -201,7 +201,7 @@ def test_edge_paths_are_shortest_whatever_was_searched_first(mesh):
             sides = graph.joined(a, b)
             assert sum(length[h] for h in sides) == pytest.approx(distance[a, b] / longest, rel=1e-12)
             straight = np.linalg.norm(mesh.points[a] - mesh.points[b])
-            met.add(int(np.searchsorted(DETOURS, distance[a, b] / straight)))
+            met.add(int(np.searchsorted(DETOUR_LIMITS, distance[a, b] / straight)))
     assert {0, 1} <= met
 
 
@@ -219,7 +219,7 @@ def test_an_edge_path_round_a_wall_is_not_missed_for_one_over_it():
     sides = graph.joined(a, b)
     assert sum(length[h] for h in sides) == pytest.approx(truth / mesh.side_length.max(), rel=1e-12)
     tops = mesh.points[mesh.topology.side_tail[sides], 2]
-    assert DETOURS[0] < truth < DETOURS[1] and tops.max() == 0
+    assert DETOUR_LIMITS[0] < truth < DETOUR_LIMITS[1] and tops.max() == 0
 
 
 def test_paths_agree_with_potpourri3d():

@@ -25,10 +25,10 @@ def bound():
             made.append(self)
 
     with pytest.MonkeyPatch.context() as patch:
-        for cost in ("A_BUNDLE", "A_LOOK", "A_BINDING", "A_ROUND", "ENOUGH"):
+        for cost in ("BUNDLE_COST", "TEST_COST", "BINDING_COST", "ROUND_COST", "MIN_BOUND_WINDOWS"):
             patch.setattr(window_bundle, cost, 0.0)
-        patch.setattr(window_bundle, "RUN", 3)
-        patch.setattr(window_bundle, "PART", 2)
+        patch.setattr(window_bundle, "MIN_BUNDLE_SIZE", 3)
+        patch.setattr(window_bundle, "MIN_PART_SIZE", 2)
         patch.setattr(window_front, "Bundles", Seen)
         yield made
     assert sum(bundles.moves for bundles in made) > 500
@@ -106,12 +106,12 @@ def test_bundles_light_targets_and_serve_many_sources():
 
 def test_windows_grow_slower_in_bundles(monkeypatch):
     """One by one a vertex of a sphere takes the more windows the finer the mesh; in bundles hardly."""
-    monkeypatch.setattr(window_bundle, "A_ROUND", 0.0)  # as on meshes where rounds have many windows
-    monkeypatch.setattr(window_bundle, "ENOUGH", 1000.0)
+    monkeypatch.setattr(window_bundle, "ROUND_COST", 0.0)  # as on meshes where rounds have many windows
+    monkeypatch.setattr(window_bundle, "MIN_BOUND_WINDOWS", 1000.0)
     sizes = 5_000, 20_000
     spheres = [shapes.random_sphere(n) for n in sizes]
     bundled = [exact_distance(mesh, 0).windows / mesh.n_vertices for mesh in spheres]
-    monkeypatch.setattr(window_bundle, "ENOUGH", np.inf)
+    monkeypatch.setattr(window_bundle, "MIN_BOUND_WINDOWS", np.inf)
     alone = [exact_distance(mesh, 0).windows / mesh.n_vertices for mesh in spheres]
     assert alone[1] > 1.5 * alone[0]
     assert bundled[1] < 1.2 * bundled[0]

@@ -252,7 +252,7 @@ def test_limit_leaves_the_near_distances_exact():
 def fine_sphere():
     mesh = shapes.random_sphere(40_000)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(window_bundle, "ENOUGH", np.inf)  # windows are compared one by one
+        patch.setattr(window_bundle, "MIN_BOUND_WINDOWS", np.inf)  # windows are compared one by one
         return mesh, exact_distance(mesh, 0)
 
 

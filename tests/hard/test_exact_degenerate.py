@@ -58,7 +58,7 @@ def test_the_bound_on_crossings_changes_no_distance(monkeypatch):
     for mesh in (shapes.random_sphere(200, seed=3), shapes.torus(20, 9)):
         free = exact_distance(mesh, 5)
         with monkeypatch.context() as patch:
-            patch.setattr(module, "ROUNDS", 1.0)
+            patch.setattr(module, "MIN_ROUNDS", 1.0)
             patch.setattr(module, "ROUNDS_PER_FACE", 0.0)
             bounded = exact_distance(mesh, 5)
         np.testing.assert_allclose(bounded.distance, free.distance, rtol=1e-12)

@@ -5,11 +5,12 @@ import json
 import numpy as np
 import pytest
 
-from ddgcli.algorithms.geodesics.distance import METHODS, DistanceOptions, measure_distance
+from ddgcli.algorithms.geodesics.distance import DistanceOptions, measure_distance
 from ddgcli.algorithms.geodesics.edge_distance import edge_distance
 from ddgcli.algorithms.geodesics.exact.exact_distance import exact_distance
 from ddgcli.algorithms.geodesics.heat import HeatSolver
 from ddgcli.algorithms.geodesics.sources import Sources
+from ddgcli.choices import DISTANCE_METHODS
 from ddgcli.errors import DdgError
 from ddgcli.geometry.surface_points import SurfacePoints
 from ddgcli.mesh import shapes
@@ -47,7 +48,7 @@ def test_exact_lies_between_straight_lines_and_edge_paths(shared_meshes):
     assert seen >= 30
 
 
-@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("method", DISTANCE_METHODS)
 def test_no_method_gives_nan(shared_meshes, method):
     for name, mesh in readable(shared_meshes / "hard"):
         try:
@@ -84,7 +85,7 @@ def test_heat_on_two_components_with_one_source():
         assert measured.results["unreachable"] == two.n_vertices
 
 
-@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("method", DISTANCE_METHODS)
 @pytest.mark.parametrize("scale", [1e-8, 1e8])
 def test_scale_is_only_scale(method, scale):
     mesh = shapes.torus(24, 12)

@@ -12,7 +12,7 @@ import h5py
 import numpy as np
 import pytest
 
-from ddgcli.errors import LONGEST_EXCERPT, InputError
+from ddgcli.errors import MAX_EXCERPT_LENGTH, InputError
 from ddgcli.io import guarded, inflate
 from ddgcli.io.mesh_file import read_mesh, write_mesh
 from ddgcli.mesh import shapes
@@ -360,7 +360,7 @@ def test_messages_do_not_repeat_the_file(tmp_path, suffix):
     }
     (tmp_path / f"a{suffix}").write_text(texts[suffix], encoding="utf-8")
     message = refused(tmp_path / f"a{suffix}")
-    assert "\x1b" not in message and message.count("long") <= LONGEST_EXCERPT / 4 + 1
+    assert "\x1b" not in message and message.count("long") <= MAX_EXCERPT_LENGTH / 4 + 1
 
 
 def test_a_device_is_no_mesh_file():

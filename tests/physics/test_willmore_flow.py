@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from benchmarks.common.mesh_classes import SPHERES, ellipsoids
+from ddgcli.choices import WILLMORE_BOUNDARIES
 from ddgcli.geometry.extrinsic import enclosed_volume
 from ddgcli.geometry.intrinsic import corner_angle
 from ddgcli.io.mesh_file import write_mesh
@@ -321,7 +322,7 @@ def test_a_grown_second_energy_is_reported(caplog):
     assert "cotan gives the last surface" in caplog.text
 
 
-@pytest.mark.parametrize("boundary", setup.BOUNDARIES)
+@pytest.mark.parametrize("boundary", WILLMORE_BOUNDARIES)
 @pytest.mark.parametrize("energy", setup.ENERGIES)
 @pytest.mark.parametrize("mesh", [shapes.grid(6, 6), shapes.icosphere(2)], ids=["flat", "ball"])
 def test_at_rest_nothing_fails(mesh, energy, boundary):

@@ -1,7 +1,7 @@
-"""The part of a surface in the ball about every vertex: faces wholly inside, and faces that the sphere cuts.
+"""The part of a surface in the ball around every vertex: faces inside, and faces that the sphere cuts.
 
-The balls grow over vertices, joined by edges inside; the faces follow by sparse products. Only where the
-sphere cuts a side whose ends are both outside do they grow face by face.
+The balls grow over vertices along edges inside them; sparse products then give the faces. Balls grow face by
+face only where the sphere cuts a side with both ends outside.
 """
 
 from __future__ import annotations
@@ -18,14 +18,14 @@ from ddgcli.mesh.ragged import expand_lists, group_by_key
 from ddgcli.mesh.topology import NEXT
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 
-_CELLS = 4_000_000  # of the table of vertices and fans reached
-_PAIRS = 100_000  # of vertices and faces handled at once
-_OUTSIDE, _INSIDE = 1, 2  # what is known of a fan; 0 is nothing
+_MAX_TABLE_CELLS = 4_000_000  # entries of the table of vertices and fans
+_MAX_PAIRS = 100_000  # pairs of a vertex and a face handled at once
+_OUTSIDE, _INSIDE = 1, 2  # state of a fan; 0 is unknown
 
 
 @dataclass(frozen=True, eq=False)
 class Ball:
-    """What the balls about a range of vertices hold.
+    """Contents of the balls around a range of vertices.
 
     Parameters
     ----------
@@ -54,7 +54,7 @@ class Ball:
 
 
 class FaceBalls:
-    """Balls in space about the vertices, each restricted to what sides inside it join to its vertex.
+    """Balls in space around the vertices, each restricted to the part connected to its vertex inside it.
 
     Parameters
     ----------
@@ -64,7 +64,7 @@ class FaceBalls:
 
     def __init__(self, mesh: TriangleMesh, radius: float) -> None:
         self.mesh, self.radius = mesh, radius
-        # a vertex where several fans meet is inside once a fan: other fans do not count unless joined
+        # a vertex with several fans counts once for each fan: other fans count only where they are connected
         fan = mesh.topology.corner_fans
         self.n_fans = n = int(fan.max(initial=-1)) + 1
         self._fan, self._columns = fan, np.ascontiguousarray(mesh.points.T)
@@ -86,7 +86,7 @@ class FaceBalls:
         )
         self._planes = FacePlanes.of(self._columns[:, mesh.faces].transpose(2, 0, 1))
         self.face_area = self._planes.area
-        self._most = max(8, _CELLS // max(n, 1))
+        self._most = max(8, _MAX_TABLE_CELLS // max(n, 1))
         self._state = np.zeros(min(self._most, mesh.n_vertices) * n, dtype=np.int8)
         self._stamp = np.empty(len(self._state), dtype=np.int32)
 
@@ -96,7 +96,7 @@ class FaceBalls:
             end = min(begin + min(step, self._most), self.mesh.n_vertices)
             ball = self._of(begin, end)
             yield ball
-            step = max(1, int((end - begin) * _PAIRS / max(ball.whole.nnz + len(ball.face), 1)))
+            step = max(1, int((end - begin) * _MAX_PAIRS / max(ball.whole.nnz + len(ball.face), 1)))
             begin = end
 
     def _of(self, begin: int, end: int) -> Ball:
@@ -114,7 +114,7 @@ class FaceBalls:
                 return ball
 
     def _growth(self, begin: int, owner: NDArray, fan: NDArray) -> Iterator[tuple[NDArray, NDArray]]:
-        """The fans given and those that edges inside join to them, ring by ring."""
+        """Yield the starting fans and those connected to them by edges inside, ring by ring."""
         while len(owner):
             yield owner, fan
             owner, fan = expand_lists(owner, fan, self._neighbours)
@@ -136,7 +136,7 @@ class FaceBalls:
         return squared <= self.radius * self.radius
 
     def _faces(self, begin: int, end: int, owner: NDArray, fan: NDArray) -> tuple[Ball, NDArray, NDArray]:
-        """The balls with these fans inside, and fans that faces cut by the sphere join to them."""
+        """The balls with these fans inside, and further fans connected to them by cut faces."""
         ones = np.ones(len(fan), dtype=np.int32)
         fans = csr_array((ones, (owner, fan)), shape=(end - begin, self.n_fans))
         count = (fans @ self._faces_of_fan).tocsr()

@@ -1,7 +1,7 @@
-"""The faces of a surface with components first: every pass over them runs through contiguous memory.
+"""Faces of a surface with components first, so that every pass reads contiguous memory.
 
-Gathering rows of (n, 3) points costs ten times what gathering three columns does; all kernels of curvature
-read these arrays.
+Gathering rows of (n, 3) points costs ten times as much as gathering three columns; all curvature kernels read
+these arrays.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from ddgcli.mesh.vectors import cross, dot, ratio
 
 @dataclass(frozen=True, eq=False)
 class Faces:
-    """Corners and positions of a triangle surface, and what follows from them.
+    """Corners and positions of a triangle surface, with the quantities derived from them.
 
     Parameters
     ----------
@@ -76,7 +76,7 @@ class Faces:
 
     @cached_property
     def doubled(self) -> NDArray[np.float64]:
-        """(3, m) normal times twice the area; of needles from their two shortest sides: it rounds least."""
+        """(3, m) normal times twice the area; for needles from the two shortest sides, which rounds least."""
         product = cross(self.side[0], self.side[1])
         squared = self.squared_length
         longest = np.maximum(np.maximum(squared[0], squared[1]), squared[2])
@@ -115,7 +115,7 @@ class Faces:
 
     @cached_property
     def cotan(self) -> NDArray[np.float64]:
-        """(3, m) cotangent of the angle at corner k; 0 in flat faces, which then count for nothing."""
+        """(3, m) cotangent of the angle at corner k; 0 in flat faces, which then do not contribute."""
         area = np.where(self.flat, 0.0, self.doubled_area)
         return np.stack([ratio(d, area) for d in self.dot])
 

@@ -1,7 +1,6 @@
-"""Curvature measures of triangle surfaces (chapters 1 to 3 of the notes): what is exact on the polyhedron.
+"""Curvature measures that are exact on the polyhedron (chapters 1 to 3 of the notes).
 
-Angle defects and edge angles integrate curvature over the surface; nothing here is an estimate but for
-`mean_curvature_normal`, which divides by an area.
+Angle defects and dihedral angles integrate curvature over the surface.
 """
 
 from __future__ import annotations
@@ -31,7 +30,7 @@ def angle_defect(mesh: SurfaceMesh) -> NDArray[np.float64]:
 
 
 def defect_of(faces: Faces, topology: Topology) -> NDArray[np.float64]:
-    """`angle_defect` of faces at hand."""
+    """`angle_defect` from `Faces`."""
     total = faces.at_vertices(faces.angle)
     if "_edge_numbering" not in topology.__dict__ and _surely_closed(faces):
         return np.where(topology.referenced_vertex, 2 * np.pi - total, 0.0)
@@ -44,9 +43,9 @@ def _defect(total: NDArray, topology: Topology) -> NDArray[np.float64]:
 
 
 def _surely_closed(faces: Faces) -> bool:
-    """Whether around every vertex the neighbours ahead in faces are also those behind: no boundary edge.
+    """Whether the surface has no boundary edge: every neighbour of a vertex follows and precedes it in faces.
 
-    Told by random 40-bit labels, whose sums are exact: an eighth of the work of numbering the edges.
+    Compares sums of random 40-bit labels, which are exact, at an eighth of the cost of numbering the edges.
     """
     n = faces.n_vertices
     label = np.random.default_rng(0).integers(0, 1 << 40, n).astype(np.float64)
@@ -58,7 +57,7 @@ def _surely_closed(faces: Faces) -> bool:
 
 
 def gauss_bonnet_total(mesh: SurfaceMesh) -> float:
-    """What the angle defects of any complex sum to: 2 pi chi, and pi for each boundary corner too many.
+    """Sum of the angle defects of any complex: 2 pi chi, plus pi for each surplus boundary corner.
 
     At a vertex with k boundary edges the defect that makes the sum 2 pi chi is 2 pi - k pi / 2 - sum of
     angles; k is 0 or 2 on a manifold. Edges with three or more faces count as -(faces - 2) boundary edges.
@@ -83,7 +82,7 @@ def vertex_area(mesh: SurfaceMesh) -> NDArray[np.float64]:
 
 
 def area_of(faces: Faces) -> NDArray[np.float64]:
-    """`vertex_area` of faces at hand."""
+    """`vertex_area` from `Faces`."""
     return faces.at_vertices(mixed_voronoi_share(faces.squared_length, faces.cotan, faces.area))
 
 
@@ -105,7 +104,9 @@ def geodesic_curvature(mesh: SurfaceMesh, defect: NDArray | None = None) -> NDAr
 
 
 def combinatorial_curvature(mesh: SurfaceMesh) -> NDArray[np.float64]:
-    """(n,) the angle defect that equilateral triangles would have, in radians: pi/3 (6 - degree) inside.
+    """(n,) angle defect of equilateral triangles with the same connectivity, in radians.
+
+    pi/3 (6 - degree) inside.
 
     Chapter 3, 2.1. On the boundary pi - pi/3 for each face, that is pi/3 (4 - degree).
     """
@@ -118,15 +119,15 @@ def combinatorial_curvature(mesh: SurfaceMesh) -> NDArray[np.float64]:
 def curvature_vector(mesh: TriangleMesh) -> NDArray[np.float64]:
     """(n, 3) integrated mean curvature vector, minus half the area gradient: inward where convex.
 
-    Half of what chapter 3 calls H_p, for H is half the sum of the principal curvatures here. On the
-    boundary the tension along the boundary edges, which is no curvature of the surface, is taken off: the
-    sum over the edges with two faces stays. Flat faces add nothing.
+    Half of H_p in chapter 3, because H is half the sum of the principal curvatures here. On the boundary the
+    tension along the boundary edges, which is not curvature of the surface, is subtracted: the sum over the
+    edges with two faces remains. Flat faces add nothing.
     """
     return np.ascontiguousarray(vector_of(Faces.of(mesh), mesh.topology).T)
 
 
 def vector_of(faces: Faces, topology: Topology) -> NDArray[np.float64]:
-    """(3, n) `curvature_vector` of faces at hand."""
+    """(3, n) `curvature_vector` from `Faces`."""
     n = faces.n_vertices
     total = np.zeros((3, n))
     for k in range(3):

@@ -1,4 +1,4 @@
-"""Regions of measurement around every vertex: rings of neighbours, and balls connected along the surface."""
+"""Regions around every vertex: rings of neighbours, and balls connected along the surface."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from ddgcli.mesh.ragged import expand_lists, list_starts
 from ddgcli.mesh.topology import Topology
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 
-_BALLS = 1024  # vertices whose balls grow together
+_BALLS_PER_BLOCK = 1024  # vertices whose balls grow together
 HUB_VALENCE = 24  # rings do not grow through vertices with more neighbours: their fans would join everything
 
 
 @dataclass(frozen=True, eq=False)
 class Regions:
-    """Lists of members, one a vertex.
+    """One list of members for each vertex.
 
     Parameters
     ----------
@@ -97,16 +97,16 @@ def chunks(regions: Regions, members: int) -> Iterator[tuple[int, int]]:
         first = last
 
 
-MOST_PAIRS = 2e8  # of vertices and members of their balls; more would take many minutes
+MAX_BALL_PAIRS = 2e8  # pairs of a vertex and a member of its ball; more would take many minutes
 
 
 def largest_radius(mesh: TriangleMesh, area: float) -> float:
     """Radius up to which balls around all vertices of a surface of this area are measured."""
-    return float(np.sqrt(MOST_PAIRS * area / np.pi / (float(mesh.n_vertices) * mesh.n_faces)))
+    return float(np.sqrt(MAX_BALL_PAIRS * area / np.pi / (float(mesh.n_vertices) * mesh.n_faces)))
 
 
 def check_radius(mesh: TriangleMesh, area: float, radius: float, unit: float) -> None:
-    """Refuse a radius whose balls hold so much of the surface that measuring all would seem to hang.
+    """Refuse a radius whose balls hold so many faces that the measurement would take many minutes.
 
     Parameters
     ----------
@@ -114,42 +114,47 @@ def check_radius(mesh: TriangleMesh, area: float, radius: float, unit: float) ->
         Of the surface.
     radius : float
     unit : float
-        What one length unit here is in the input's, for the message.
+        The length unit of `mesh` in units of the input, for the message.
+
+    Raises
+    ------
+    ParameterError
     """
     share = min(1.0, np.pi * radius * radius / area)
     pairs = float(mesh.n_vertices) * mesh.n_faces * share
-    if pairs > MOST_PAIRS:
-        mend = radius * unit * np.sqrt(MOST_PAIRS / pairs)
+    if pairs > MAX_BALL_PAIRS:
+        largest = radius * unit * np.sqrt(MAX_BALL_PAIRS / pairs)
         raise ParameterError(
             f"balls of radius {radius * unit:g} would hold {pairs / mesh.n_vertices:.0f} faces each, too "
-            f"many for {mesh.n_vertices} vertices; use a radius below {mend:.3g}, or a coarser mesh"
+            f"many for {mesh.n_vertices} vertices; use a radius below {largest:.3g}, or a coarser mesh",
+            parameter="radius",
         )
 
 
 def vertex_balls(mesh: TriangleMesh, radius: float) -> Regions:
-    """Vertices within a distance in space of each vertex, joined to it by edges that stay within it."""
+    """Vertices within a distance in space of each vertex, connected to it by edges inside that ball."""
     near = adjacency(mesh.topology)
     lists = near.indptr.astype(np.int64), near.indices.astype(np.int64)
     n, counts, members = np.int64(mesh.n_vertices), [], []
-    for begin in range(0, mesh.n_vertices, _BALLS):
-        end = min(begin + _BALLS, mesh.n_vertices)
-        frontier = found = np.arange(end - begin) * n + np.arange(begin, end)
+    for begin in range(0, mesh.n_vertices, _BALLS_PER_BLOCK):
+        end = min(begin + _BALLS_PER_BLOCK, mesh.n_vertices)
+        frontier = members_key = np.arange(end - begin) * n + np.arange(begin, end)
         while len(frontier):
             owner, reached = expand_lists(*np.divmod(frontier, n), lists)
             offset = mesh.points[reached] - mesh.points[begin + owner]
             inside = np.einsum("ij,ij->i", offset, offset) <= radius * radius
-            frontier, found = _new((owner * n + reached)[inside], found)
-        owner, vertex = np.divmod(found, n)
+            frontier, members_key = _new((owner * n + reached)[inside], members_key)
+        owner, vertex = np.divmod(members_key, n)
         counts.append(np.bincount(owner, minlength=end - begin))
         members.append(vertex)
     return Regions(list_starts(np.concatenate(counts)), np.concatenate(members))
 
 
-def _new(keys: NDArray, found: NDArray) -> tuple[NDArray, NDArray]:
-    """The keys not yet found, each once, and all found with them; sorted."""
+def _new(keys: NDArray, known: NDArray) -> tuple[NDArray, NDArray]:
+    """The keys that are not known yet, each once, and their union with the known keys; sorted."""
     keys = np.unique(keys)
-    new = keys[~_member(keys, found)]
-    return new, np.sort(np.concatenate([found, new]), kind="stable")
+    new = keys[~_member(keys, known)]
+    return new, np.sort(np.concatenate([known, new]), kind="stable")
 
 
 def _member(keys: NDArray, sorted_keys: NDArray) -> NDArray[np.bool_]:
@@ -164,12 +169,12 @@ def listed(regions: Regions, vertices: NDArray) -> Regions:
 
 
 def larger(one: Regions, other: Regions) -> Regions:
-    """Each vertex's region from whichever of two lists gives it more members."""
+    """The region with more members for each vertex."""
     return chosen(one, other, other.count > one.count)
 
 
 def chosen(one: Regions, other: Regions, takes_other: NDArray[np.bool_]) -> Regions:
-    """Each vertex's region from the one list or, where so told, from the other."""
+    """The region of each vertex from `other` where `takes_other` is True, else from `one`."""
     n = len(one.start) - 1
     both = Regions(
         np.concatenate([one.start, one.start[-1] + other.start[1:]]),

@@ -1,4 +1,4 @@
-"""Integrals of curvature, Minkowski's volumes, and the balances that hold on every polyhedron."""
+"""Integrals of curvature, intrinsic volumes, and balance laws that hold on every polyhedron."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ def edge_length(faces: Faces, topology: Topology) -> NDArray[np.float64]:
 
 
 def filled_normals(faces: Faces, topology: Topology) -> NDArray[np.float64]:
-    """(3, m) unit normals where flat faces take that of the neighbour across their longest side.
+    """(3, m) unit normals; a flat face takes that of the neighbour across its longest side.
 
-    Any unit vector square to a flat face's line keeps sums over edges of |e| theta and all balances exact;
-    the neighbour's makes the flat face invisible.
+    Any unit vector orthogonal to a flat face's line keeps the sums of |e| theta over edges and all balance
+    laws exact; the neighbour's normal makes the flat face invisible.
     """
     normal = faces.normal.copy()
     open_faces = np.flatnonzero(faces.flat)
@@ -33,9 +33,9 @@ def filled_normals(faces: Faces, topology: Topology) -> NDArray[np.float64]:
     for _ in range(8):
         if len(open_faces) == 0:
             return normal
-        found = (neighbour >= 0) & (dot(normal[:, neighbour], normal[:, neighbour]) > 0)
-        normal[:, open_faces[found]] = normal[:, neighbour[found]]
-        open_faces, neighbour = open_faces[~found], neighbour[~found]
+        known = (neighbour >= 0) & (dot(normal[:, neighbour], normal[:, neighbour]) > 0)
+        normal[:, open_faces[known]] = normal[:, neighbour[known]]
+        open_faces, neighbour = open_faces[~known], neighbour[~known]
     side = faces.side[np.argmax(faces.squared_length[:, open_faces], axis=0), :, open_faces].T
     axis = np.eye(3)[:, np.argmin(np.abs(side), axis=0)]
     square = cross(side, axis)
@@ -137,7 +137,7 @@ def _between(points: NDArray, tail: NDArray, head: NDArray) -> NDArray[np.float6
 def balances(
     faces: Faces, topology: Topology, normal: NDArray, dihedral: NDArray, region: NDArray
 ) -> dict[str, float]:
-    """How far force, torque and area balance are from closing around a region of faces (chapter 3, 1.4).
+    """Residuals of force, torque and area balance around a region of faces (chapter 3, 1.4).
 
     The outward conormal eta over the boundary of a region D and the mean curvature vector H nu (sum of the
     principal curvatures) inside it obey, on polyhedra too: int eta = int H nu, int x cross eta =
@@ -197,21 +197,21 @@ def nonconformality(faces: Faces, image: NDArray) -> dict[str, float]:
     Parameters
     ----------
     image : (n, 2) or (n, 3) ndarray
-        Where each vertex goes.
+        Image of each vertex.
 
     Returns
     -------
     dict
         `dirichlet_energy` = 1/4 sum (cot + cot) |f_i - f_j|^2, `map_area` and their difference
-        `nonconformality`, never negative but for rounding; in the image's length unit squared.
+        `nonconformality`, not negative up to rounding; in the image's length unit squared.
     """
     points = np.zeros((3, len(image)))
     points[: image.shape[1]] = image.T
-    there = Faces(faces.corner, points)
+    mapped = Faces(faces.corner, points)
     dirichlet = float(
-        sum((0.25 * faces.cotan[PREVIOUS[j]] * there.squared_length[j]).sum() for j in range(3))
+        sum((0.25 * faces.cotan[PREVIOUS[j]] * mapped.squared_length[j]).sum() for j in range(3))
     )
-    area = float(there.area.sum())
+    area = float(mapped.area.sum())
     return {"dirichlet_energy": dirichlet, "map_area": area, "nonconformality": dirichlet - area}
 
 

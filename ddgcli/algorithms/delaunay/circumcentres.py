@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from ddgcli.algorithms.delaunay.flips import SideArrays
 from ddgcli.algorithms.delaunay.gluing import around
 
-LONGEST_WALK = 1000
-LEAST_SHARE = 1e-3  # least barycentric coordinate of a point in the intrinsic face that it cuts
+MAX_TRACE_STEPS = 1000
+MIN_BARYCENTRIC = 1e-3  # least barycentric coordinate of a point in the intrinsic face that it cuts
 INSIDE, BEYOND_BOUNDARY, ON_BOUNDARY, LOST = 0, 1, 2, 3
 
 
@@ -36,8 +36,8 @@ def triangle_share(corners: NDArray, point: NDArray) -> NDArray[np.float64]:
 
 
 def pushed_inside(corners: NDArray, point: NDArray) -> NDArray[np.complex128]:
-    """Points with no barycentric coordinate below LEAST_SHARE, so that no part of a cut face is flat."""
-    share = np.maximum(triangle_share(corners, point), LEAST_SHARE)
+    """Points with no barycentric coordinate below MIN_BARYCENTRIC, so that no part of a cut face is flat."""
+    share = np.maximum(triangle_share(corners, point), MIN_BARYCENTRIC)
     return (share * corners).sum(axis=1) / share.sum(axis=1)
 
 
@@ -63,7 +63,7 @@ def seek_circumcentres(state: SideArrays, face: NDArray) -> Targets:
     start = corners.mean(axis=1)
     found = Targets(np.full(len(face), INSIDE), side, corners, centre)
     going = np.flatnonzero(t > 1.0)
-    for _ in range(LONGEST_WALK):
+    for _ in range(MAX_TRACE_STEPS):
         if len(going) == 0:
             return found
         entered = state.twin[found.side[going]]
@@ -110,7 +110,7 @@ def conflict_cavity(state: SideArrays, targets: Targets) -> Cavity:
     item = np.tile(item, 3)
     side = np.concatenate([side, following, previous])
     ends = np.concatenate([corners[:, [0, 1]], corners[:, [1, 2]], corners[:, [2, 0]]])
-    for _ in range(LONGEST_WALK):
+    for _ in range(MAX_TRACE_STEPS):
         tail, head = ends.T
         twin, point = state.twin[side], targets.centre[item]
         within = ((tail - point) * np.conj(head - point)).real < -1e-12 * np.abs(head - tail) ** 2

@@ -15,7 +15,7 @@ from ddgcli.algorithms.delaunay.gluing import Gluing, around
 from ddgcli.algorithms.delaunay.normal_coordinates import flipped_crossings
 from ddgcli.geometry.intrinsic import excess
 
-DELAUNAY_SLACK = 1e-13
+DELAUNAY_TOLERANCE = 1e-13
 
 
 @dataclass(eq=False)
@@ -34,7 +34,7 @@ class SideArrays(Gluing):
         its two faces (Musin 1997); that no flip may raise it rules out cycles by rounding.
     crossings : (3m,) ndarray of int64, optional
         Normal coordinate of the side: how often it crosses edges of the input; -1 where it is one.
-    given : (3m,) ndarray of int64, optional
+    input_side : (3m,) ndarray of int64, optional
         Number of the side of the input that still stands here; -1 where a flip put a new edge.
     direction : (3m,) ndarray of float64, optional
         Angle of the side at its tail, counter-clockwise from the vertex's reference.
@@ -44,7 +44,7 @@ class SideArrays(Gluing):
     tangent: NDArray[np.float64]
     cotan_sum: NDArray[np.float64]
     crossings: NDArray[np.int64] | None = None
-    given: NDArray[np.int64] | None = None
+    input_side: NDArray[np.int64] | None = None
     direction: NDArray[np.float64] | None = None
 
     def __post_init__(self) -> None:
@@ -133,9 +133,9 @@ def flip(state: SideArrays, side: NDArray, *, force: bool = False) -> NDArray:
         n, (h, g), (h1, g1), (h2, g2) = state.crossings, here, after, before
         new = flipped_crossings(n[h], n[h1], n[h2], n[g1], n[g2])
         n[h], n[g], n[after] = n[g1], n[h1], new
-    if state.given is not None:
-        state.given[here] = state.given.take(after[::-1])
-        state.given[after] = -1
+    if state.input_side is not None:
+        state.input_side[here] = state.input_side.take(after[::-1])
+        state.input_side[after] = -1
     state.length[here], state.length[after] = across, kl
     state.tangent[here], state.tangent[after], state.tangent[before] = tangent
     state.cotan_sum[face] = cotan_sum
@@ -149,7 +149,7 @@ def flip(state: SideArrays, side: NDArray, *, force: bool = False) -> NDArray:
 
 
 def flip_until_delaunay(
-    state: SideArrays, active: NDArray | None = None, *, most_rounds: int | None = None
+    state: SideArrays, active: NDArray | None = None, *, max_rounds: int | None = None
 ) -> tuple[int, int, bool]:
     """Flip edges that are not locally Delaunay until none is left; returns flips, rounds, whether it ended.
 
@@ -158,7 +158,7 @@ def flip_until_delaunay(
     state : SideArrays
     active : (k,) ndarray of int64, optional
         Sides whose edges may be wrong; all by default.
-    most_rounds : int, optional
+    max_rounds : int, optional
         Bound on the batches; by default far above what any surface needs.
 
     Notes
@@ -167,10 +167,10 @@ def flip_until_delaunay(
     """
     if active is None:
         active = np.flatnonzero(state.twin[:-1] > np.arange(3 * state.n_faces))
-    if most_rounds is None:
-        most_rounds = 1000 + 10 * state.n_faces
+    if max_rounds is None:
+        max_rounds = 1000 + 10 * state.n_faces
     flips = rounds = 0
-    while rounds < most_rounds:
+    while rounds < max_rounds:
         active, violation = _violating(state, active)
         if len(active) == 0:
             return flips, rounds, True
@@ -187,7 +187,7 @@ def _violating(state: SideArrays, side: NDArray) -> tuple[NDArray, NDArray]:
     twin = state.twin.take(side)
     product = state.tangent.take(side)
     product *= state.tangent.take(twin)
-    bad = product > 1.0 + DELAUNAY_SLACK
+    bad = product > 1.0 + DELAUNAY_TOLERANCE
     bad &= twin >= 0
     at = bad.nonzero()[0]
     side, product = np.minimum(side.take(at), twin.take(at)), product.take(at)

@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 
 from ddgcli.mesh.ragged import repeat_with_place
 
-LABEL = 32  # bits of the step in a label of a crossing
-STEP = (1 << LABEL) - 1
-TOGETHER = 1 << 16  # crossings looked at together, so that temporaries stay in cache
+STEP_BITS = 32  # bits of the step in a label of a crossing
+STEP_MASK = (1 << STEP_BITS) - 1
+BLOCK_SIZE = 1 << 16  # crossings looked at together, so that temporaries stay in cache
 
 
 def corner_arcs(opposite: NDArray, left: NDArray, right: NDArray) -> tuple[NDArray, NDArray]:
@@ -123,8 +123,8 @@ def crossings_of(coordinate: NDArray, side_twin: NDArray) -> Crossings:
     first, end = np.zeros_like(flat), 2 * np.cumsum(flat[side])
     first[side], first[twin[side]] = end - 2 * flat[side], end - 1
     cut, leaving = np.empty_like(count), np.empty_like(count)
-    for begin in range(0, len(count), TOGETHER // 4):
-        faces = slice(begin, begin + TOGETHER // 4)
+    for begin in range(0, len(count), BLOCK_SIZE // 4):
+        faces = slice(begin, begin + BLOCK_SIZE // 4)
         a, b, c = np.ascontiguousarray(count[faces].T)  # a runs from corner 0 to corner 1
         arcs = [corner_arcs(*sides) for sides in ((b, a, c), (c, b, a), (a, c, b))]
         for k, (left, surplus) in enumerate(arcs):
@@ -186,8 +186,8 @@ def base_edges_of(c: Crossings, tail: NDArray) -> BaseEdges:
     head = tail[corner]
     reverse, length = np.empty_like(here), np.empty_like(here)
     label = np.full(len(onward) // 2, -1, dtype=np.int64)
-    name = np.arange(len(here)) << LABEL + 1
-    label[here >> 1] = name + ((here & 1) << LABEL)
+    name = np.arange(len(here)) << STEP_BITS + 1
+    label[here >> 1] = name + ((here & 1) << STEP_BITS)
     here, passed = onward.take(here), 1
     alone = np.flatnonzero(here < 0)  # a single crossing: both ends were there at once
     reverse[alone], length[alone] = ~here[alone], 1
@@ -199,11 +199,11 @@ def base_edges_of(c: Crossings, tail: NDArray) -> BaseEdges:
         met = np.flatnonzero(found >= 0)
         if len(met):
             going = np.flatnonzero(found < 0)
-            chain, found = name.take(met) >> LABEL + 1, found.take(met)
-            reverse[chain] = found >> LABEL + 1
-            length[chain] = passed + 1 + (found & STEP)
+            chain, found = name.take(met) >> STEP_BITS + 1, found.take(met)
+            reverse[chain] = found >> STEP_BITS + 1
+            length[chain] = passed + 1 + (found & STEP_MASK)
             here, x, name = here.take(going), x.take(going), name.take(going)
-        label[x] = name + (passed + ((here & 1) << LABEL))
+        label[x] = name + (passed + ((here & 1) << STEP_BITS))
         here, passed = onward.take(here), passed + 1
     return BaseEdges(head[reverse], head, reverse, length, label)
 
@@ -221,7 +221,7 @@ def _arcs(c: Crossings) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[n
     """
     onward = np.empty(c.total, dtype=np.int64)
     cut = np.flatnonzero(c.cut)
-    for part in blocks(c.cut[cut], TOGETHER):
+    for part in blocks(c.cut[cut], BLOCK_SIZE):
         corner, before = cut[part], preceding(cut[part])
         who, place = repeat_with_place(np.arange(len(corner)), c.cut[corner])
         x = ahead(c.first[corner].take(who), place)  # the arc's ends on both sides of the corner

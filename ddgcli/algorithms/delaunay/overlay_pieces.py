@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.algorithms.delaunay.normal_coordinates import (
-    TOGETHER,
+    BLOCK_SIZE,
     Crossings,
     ahead,
     blocks,
@@ -96,7 +96,7 @@ def cut_faces(c: Crossings, names: Names, labels: Labels) -> Pieces:
     pieces = Pieces(*(np.empty(shape, dtype=np.int64) for shape in ((total, 3), total, total)))
     cutter = _Cutter(c, names, labels)
     filled = 0
-    for block in blocks(c.count.reshape(m, 3).sum(axis=1) + 1, TOGETHER):
+    for block in blocks(c.count.reshape(m, 3).sum(axis=1) + 1, BLOCK_SIZE):
         for corners, face, input_face in cutter.parts(block):
             rows = slice(filled, filled + len(face))
             for k in range(3):

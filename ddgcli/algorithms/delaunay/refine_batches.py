@@ -21,12 +21,17 @@ from ddgcli.algorithms.delaunay.gluing import around
 from ddgcli.algorithms.delaunay.steiner_places import Places
 from ddgcli.algorithms.delaunay.triangulation import glue, length_scale
 from ddgcli.mesh.triangle_mesh import TriangleMesh
-from ddgcli.operators.mollify import mollified
+from ddgcli.operators.mollify import mollify_lengths
 
-SHARP = np.pi / 3  # cones and boundary corners of a smaller total angle are left as they are
-COINCIDENT = 1e-7  # side of a face without area, relative to its longest, whose ends are one point
-NEAREST_TO_PINNED = 0.1  # no point comes nearer to either, relative to their shortest edge before refinement
-FEWEST_TRIED, TRIED_FOR_EACH = 256, 8  # bad faces in a batch: at least, and for each point of the last one
+SHARP_ANGLE = np.pi / 3  # cones and boundary corners of a smaller total angle are left as they are
+COINCIDENCE_TOLERANCE = 1e-7  # side of a face without area, relative to its longest, whose ends are one point
+MIN_PINNED_DISTANCE = (
+    0.1  # no point comes nearer to either, relative to their shortest edge before refinement
+)
+MIN_BATCH_FACES, BATCH_FACES_PER_POINT = (
+    256,
+    8,
+)  # bad faces in a batch: at least, and for each point of the last one
 
 
 class Refinement:
@@ -47,7 +52,7 @@ class Refinement:
         self.limit, self.n_input = limit, mesh.n_vertices
         self.bound = np.tan(angle / 2)
         glued = glue(mesh)
-        begun = mollified(glued.side_length, glued.topology.side_edge)
+        begun = mollify_lengths(glued.side_length, glued.topology.side_edge)
         scale = length_scale(begun.length)
         self.places = Places(mesh, scale)
         fans = self.places.fans
@@ -55,10 +60,10 @@ class Refinement:
         self.state.direction = fans.angle_before.copy()
         self.flips, self.batches = flip_until_delaunay(self.state)[0], 0
         self.exhausted = False
-        self.random, self.crowd = np.random.default_rng(seed), FEWEST_TRIED
+        self.random, self.crowd = np.random.default_rng(seed), MIN_BATCH_FACES
 
         self.sharp = np.zeros(self.n_input, dtype=bool)
-        self.sharp[fans.vertex] = fans.total_angle < SHARP - 1e-9
+        self.sharp[fans.vertex] = fans.total_angle < SHARP_ANGLE - 1e-9
         self.coincident = np.zeros(self.n_input, dtype=bool)
         self.coincident[collapsed_ends(mesh, begun.faces)] = True
         self.pinned = self.sharp | self.coincident
@@ -72,7 +77,7 @@ class Refinement:
         nearest = np.full(self.n_input, np.inf)
         for end in (tail, head):
             np.minimum.at(nearest, end[apart], state.length[apart])
-        return np.where(self.pinned & np.isfinite(nearest), NEAREST_TO_PINNED * nearest, 0.0)
+        return np.where(self.pinned & np.isfinite(nearest), MIN_PINNED_DISTANCE * nearest, 0.0)
 
     def advance(self) -> bool:
         """One batch of insertions and the flips after it; False when there was nothing to insert."""
@@ -103,7 +108,7 @@ class Refinement:
         """Insert points for bad faces, worst first; returns the sides whose edges may need a flip."""
         targets = self._independent(*self._proposals(bad))
         # where all points crowd into a few cavities, next time fewer are tried
-        self.crowd = max(FEWEST_TRIED, TRIED_FOR_EACH * len(targets.side))
+        self.crowd = max(MIN_BATCH_FACES, BATCH_FACES_PER_POINT * len(targets.side))
         on_boundary = targets.status == ON_BOUNDARY
         inner = targets[np.flatnonzero(~on_boundary)]
         return np.concatenate([self._split_boundary(targets.side[on_boundary]), self._insert(inner)])
@@ -257,5 +262,7 @@ class Refinement:
 def collapsed_ends(mesh: TriangleMesh, flat: NDArray) -> NDArray[np.int64]:
     """Vertices that lie at one point with another one of a face without area."""
     length = mesh.side_length[flat]
-    side = (3 * flat[:, None] + np.arange(3))[length <= COINCIDENT * length.max(axis=1, keepdims=True)]
+    side = (3 * flat[:, None] + np.arange(3))[
+        length <= COINCIDENCE_TOLERANCE * length.max(axis=1, keepdims=True)
+    ]
     return np.concatenate([mesh.topology.side_tail[side], mesh.topology.side_head[side]])

@@ -12,14 +12,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import coo_array
 
-from ddgcli.algorithms.delaunay.common_subdivision import Base
+from ddgcli.algorithms.delaunay.common_subdivision import BaseTriangulation
 from ddgcli.algorithms.delaunay.gluing import Gluing, around
 from ddgcli.geometry.surface_points import SurfacePoints
 from ddgcli.geometry.unfolding import corner_position, unfold
 from ddgcli.mesh.topology import NEXT, Topology
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 
-MOST_ROUNDS = 200  # of planar flips after one round of insertions
+MAX_FLIP_ROUNDS = 200  # of planar flips after one round of insertions
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,7 +55,7 @@ class SteinerPoints:
         )
 
 
-def with_steiner_points(mesh: TriangleMesh, steiner: SteinerPoints) -> Base:
+def with_steiner_points(mesh: TriangleMesh, steiner: SteinerPoints) -> BaseTriangulation:
     """The input with points inserted, input vertices first, every face inside one input face."""
     work = _Insertion(mesh, steiner)
     work.cut_boundary()
@@ -69,7 +69,7 @@ def with_steiner_points(mesh: TriangleMesh, steiner: SteinerPoints) -> Base:
     points = np.concatenate([mesh.points, position])
     faces, twin = work.gluing.tail.reshape(-1, 3), work.gluing.twin[:-1].reshape(-1, 3)
     refined = TriangleMesh(points, Topology(faces, len(points), twin))
-    return Base(mesh, refined, work.input_face, interpolation)
+    return BaseTriangulation(mesh, refined, work.input_face, interpolation)
 
 
 class _Insertion:
@@ -147,7 +147,7 @@ class _Insertion:
     def _flip(self, active: NDArray, waiting: NDArray, face: NDArray) -> NDArray[np.int64]:
         """Flip auxiliary edges that are not Delaunay; returns the faces that now hold the waiting points."""
         gluing, corner = self.gluing, self.corner
-        for _ in range(MOST_ROUNDS):
+        for _ in range(MAX_FLIP_ROUNDS):
             h = self._flippable(active)
             if len(h) == 0:
                 break

@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.algorithms.delaunay.circumcentres import LEAST_SHARE, triangle_share
+from ddgcli.algorithms.delaunay.circumcentres import MIN_BARYCENTRIC, triangle_share
 from ddgcli.algorithms.delaunay.flips import SideArrays
 from ddgcli.algorithms.delaunay.gluing import around
 from ddgcli.algorithms.delaunay.steiner_base import SteinerPoints
@@ -20,11 +20,11 @@ from ddgcli.geometry.unfolding import corner_position, vertex_fans
 from ddgcli.mesh.topology import NEXT, sorted_sides
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 
-KEEP_OFF_EDGES = 0.01  # distance from input edges, relative to that from the nearest vertex
+MIN_EDGE_DISTANCE = 0.01  # distance from input edges, relative to that from the nearest vertex
 
 
 @dataclass(eq=False)
-class Located:
+class SurfaceLocations:
     """Points of laid-out intrinsic faces and where they lie on the input.
 
     `turn` is the angle from the layout to the planar frame of the input face; `sound` is False where the line
@@ -38,10 +38,10 @@ class Located:
     turn: NDArray[np.float64]
     clear: NDArray[np.bool_]
 
-    def __getitem__(self, chosen: NDArray) -> Located:
-        return Located(**{name: value[chosen] for name, value in vars(self).items()})
+    def __getitem__(self, chosen: NDArray) -> SurfaceLocations:
+        return SurfaceLocations(**{name: value[chosen] for name, value in vars(self).items()})
 
-    def replace(self, place: NDArray, other: Located) -> None:
+    def replace(self, place: NDArray, other: SurfaceLocations) -> None:
         for name, value in vars(other).items():
             getattr(self, name)[place] = value
 
@@ -102,7 +102,7 @@ class Places:
         n = self.mesh.n_vertices
         return SteinerPoints(self.face[n:], self.barycentric[n:], self.edge[n:], self.edge_share[n:])
 
-    def add_inside(self, located: Located) -> NDArray[np.int64]:
+    def add_inside(self, located: SurfaceLocations) -> NDArray[np.int64]:
         """New vertices inside input faces; returns their numbers."""
         k = len(located.face)
         return self._add(located.face, located.barycentric, np.full(k, -1), np.zeros(k))
@@ -140,7 +140,7 @@ class Places:
         high = np.where(self.edge[head] >= 0, self.edge_share[head], 1.0)
         return edge, low + share * (high - low)
 
-    def locate(self, state: SideArrays, face: NDArray, corners: NDArray, point: NDArray) -> Located:
+    def locate(self, state: SideArrays, face: NDArray, corners: NDArray, point: NDArray) -> SurfaceLocations:
         """Find points of intrinsic faces, laid out with their corners, on the input."""
         k = np.arange(len(face))
         distance = np.abs(corners - point[:, None])
@@ -150,8 +150,10 @@ class Places:
         turn = np.angle((point - start) / (following - start))
         where, barycentric, heading = self._start(state.tail[side], state.direction[side] + turn)  # type: ignore[index]
         planar = np.stack([np.cos(heading), np.sin(heading)], axis=1)
-        ends = self.tracer.trace_checked(LineStart(where, barycentric, planar, distance[k, near] * self.scale))
-        found = Located(
+        ends = self.tracer.trace_checked(
+            LineStart(where, barycentric, planar, distance[k, near] * self.scale)
+        )
+        found = SurfaceLocations(
             sound=(ends.status == 0) & np.isfinite(ends.barycentric).all(axis=1),
             face=ends.face,
             barycentric=np.nan_to_num(ends.barycentric, nan=1 / 3),  # in a face without area
@@ -159,9 +161,9 @@ class Places:
             turn=np.arctan2(ends.direction[:, 1], ends.direction[:, 0]) - np.angle(point - start),
             clear=np.ones(len(face), dtype=bool),
         )
-        return self._off_input_edges(found, corners, KEEP_OFF_EDGES * distance[k, near])
+        return self._off_input_edges(found, corners, MIN_EDGE_DISTANCE * distance[k, near])
 
-    def _off_input_edges(self, found: Located, corners: NDArray, reach: NDArray) -> Located:
+    def _off_input_edges(self, found: SurfaceLocations, corners: NDArray, reach: NDArray) -> SurfaceLocations:
         """Points moved to a distance from the input edges, where they stay inside their intrinsic faces."""
         layout = corner_position(self.tracer.unfolding, found.face) / self.scale
         places = layout[..., 0] + 1j * layout[..., 1]
@@ -172,8 +174,8 @@ class Places:
         barycentric /= barycentric.sum(axis=1, keepdims=True)
         shift = ((barycentric - found.barycentric) * places).sum(axis=1)
         point = found.point + shift * np.exp(-1j * found.turn)
-        moved = triangle_share(corners, point).min(axis=1) > 0.5 * LEAST_SHARE
-        return Located(
+        moved = triangle_share(corners, point).min(axis=1) > 0.5 * MIN_BARYCENTRIC
+        return SurfaceLocations(
             found.sound,
             found.face,
             np.where(moved[:, None], barycentric, found.barycentric),

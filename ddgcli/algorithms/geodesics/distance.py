@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.algorithms.geodesics.query import METHODS, OPERATORS
 from ddgcli.algorithms.geodesics.sources import Sources, VertexDistances, check_sources
+from ddgcli.choices import DISTANCE_METHODS, HEAT_OPERATORS
 from ddgcli.errors import MeshError, ParameterError
 from ddgcli.geometry.surface_points import SurfacePoints
 from ddgcli.linalg.residual_gate import within_residuals
@@ -112,8 +112,8 @@ def prepare_solver(
         When the mesh has no faces, or the operator does not exist on it.
     """
     makers = {"heat": _heat, "fast-marching": _fast_marching, "dijkstra": _dijkstra}
-    if method not in METHODS:
-        raise ParameterError(f"{method!r} is not one of {', '.join(METHODS)}", parameter="method")
+    if method not in DISTANCE_METHODS:
+        raise ParameterError(f"{method!r} is not one of {', '.join(DISTANCE_METHODS)}", parameter="method")
     if mesh.n_faces == 0:
         raise MeshError("no triangles; a distance along the surface needs a surface")
     targets = SurfacePoints.none() if targets is None else targets
@@ -186,8 +186,8 @@ def _heat(mesh: SurfaceMesh, options: DistanceOptions) -> Solver:
 
 def _heat_mesh(mesh: SurfaceMesh, operator: str | None) -> tuple[str, SurfaceMesh]:
     """Name of the operator and its triangulation."""
-    if operator is not None and operator not in OPERATORS:
-        raise ParameterError(f"{operator!r} is not one of {', '.join(OPERATORS)}", parameter="operator")
+    if operator is not None and operator not in HEAT_OPERATORS:
+        raise ParameterError(f"{operator!r} is not one of {', '.join(HEAT_OPERATORS)}", parameter="operator")
     topology = mesh.topology
     is_surface = topology.is_oriented and not len(topology.nonmanifold_edges)
     if operator is None:

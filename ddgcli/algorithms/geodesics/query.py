@@ -10,9 +10,6 @@ from typing import Any
 
 from ddgcli.errors import ParameterError
 
-METHODS = ("exact", "heat", "fast-marching", "dijkstra")
-OPERATORS = ("intrinsic-delaunay", "plain", "tufted")
-
 
 @dataclass(frozen=True)
 class DistanceQuery:

@@ -47,7 +47,7 @@ class HodgeDecomposition:
     orthogonality : float
         Largest |<a, b>| between two parts, relative to |field|^2.
     reconstruction_residual : float
-        |field - sum of parts| / |field|; every part is computed by itself.
+        |field - sum of parts| / |field|; every part is computed independently.
     harmonic_residual : float
         Largest curl or divergence left in the harmonic part, relative to the field.
     """
@@ -124,9 +124,9 @@ def decompose_cell_vectors(
 def decompose_vertex_vectors(
     mesh: SpaceMesh, vectors: NDArray, boundary: Boundary = "tangential"
 ) -> HodgeDecomposition:
-    """Split vectors on vertices: averaged to cells, split there, parts averaged back with areas.
+    """Split vectors on vertices: average to cells, split there, average the parts back with areas.
 
-    The reconstruction residual tells what the two averages cost, O(h) for a smooth field.
+    The reconstruction residual measures the loss of the two averages, O(h) for a smooth field.
     """
     vectors = _finite(vectors, mesh.n_vertices, "vertex")
     corners = mesh.tetrahedra if isinstance(mesh, TetMesh) else mesh.faces
@@ -182,15 +182,17 @@ def _corner_sums(corners: NDArray, n: int) -> csr_array:
 def _finite(values: NDArray, count: int, place: str) -> NDArray[np.float64]:
     values = np.asarray(values, dtype=np.float64)
     if len(values) != count:
-        raise ParameterError(f"the field has {len(values)} values where the mesh has {count} of {place}")
+        raise ParameterError(
+            f"an array of {len(values)} values; the mesh has {count} at kind {place}", parameter="field"
+        )
     bad = np.flatnonzero(~np.isfinite(values.reshape(len(values), -1)).all(axis=1))
     if len(bad):
-        raise ParameterError(f"the field is not finite at {place} {bad[0]} ({len(bad)} such values)")
+        raise ParameterError(f"not finite at {place} {bad[0]} ({len(bad)} such values)", parameter="field")
     return values
 
 
 def _copotential(complex_: Complex, flux: NDArray, boundary: Boundary) -> NDArray[np.float64]:
-    """Face values b with d1' b = flux; for `normal` only inner edges are asked, the boundary's being free."""
+    """Face values b with d1' b = flux; for `normal` at interior edges only, boundary edges are free."""
     curl = complex_.derivatives[1].astype(np.float64)
     if boundary == "normal":
         kept = np.flatnonzero(~complex_.boundary_edge)
@@ -207,14 +209,14 @@ def _coexact(
     rotated = projection.complex.derivatives[1].T @ copotential
     if boundary == "normal":
         rim = projection.complex.boundary_edge
-        rotated[rim] = flux[rim]  # the boundary's own unknowns of the copotential
+        rotated[rim] = flux[rim]  # unknowns of the copotential on the boundary
     if projection.complex.dimension == 2:
         return Factor(projection.star1).solve(rotated)
     return _conjugate_gradients(projection.star1, rotated)
 
 
 def _conjugate_gradients(system: csr_array, load: NDArray) -> NDArray[np.float64]:
-    """Jacobi-preconditioned solve of a (consistent) system whose factor would be large: solids."""
+    """Jacobi-preconditioned solve of a consistent system whose factor would be large (solids)."""
     diagonal = system.diagonal()
     jacobi = diags_array(1.0 / np.where(diagonal > 0, diagonal, 1.0))
     return cg(system, load, rtol=1e-13, maxiter=20_000, M=jacobi)[0]
@@ -270,7 +272,7 @@ def _tetrahedron_curl(
     face = complex_.cell_face.ravel()
     first = np.empty(n_faces, dtype=np.int64)
     first[face[::-1]] = np.arange(len(face))[::-1]
-    # not the sign of the volume: beside an inverted tetrahedron both cells lie on one side of the face
+    # not the sign of the volume: at an inverted tetrahedron both cells lie on the same side of the face
     sign = np.where(first[face] == np.arange(len(face)), 1.0, -1.0)
     a, b, c = np.moveaxis(mesh.points[mesh.tetrahedra[:, TET_FACES].reshape(-1, 3)[first]], 1, 0)
     frame = np.swapaxes(np.linalg.qr(np.stack([b - a, c - a], axis=2))[0], 1, 2)  # (f, 2, 3)

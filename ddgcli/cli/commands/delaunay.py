@@ -88,7 +88,9 @@ def command(
         subdivide=subdivide,
     )
     if max_points is not None and refine is None:
-        raise ParameterError("bounds the points of `refine`; add `refine`, or leave it out", parameter="max_points")
+        raise ParameterError(
+            "bounds the points of `refine`; add `refine`, or leave it out", parameter="max_points"
+        )
     run.plan_output(overlay, OVERLAY_FORMATS)
     source = run.read(mesh_path, subdivide=subdivide)
 

@@ -60,12 +60,12 @@ def command(
     source = run.read(mesh_path, accept=("surface", "tetrahedra"))
 
     from ddgcli.algorithms.hodge.hodge_analysis import hodge_analysis
-    from ddgcli.io.arrays import given_field
+    from ddgcli.io.arrays import input_field
     from ddgcli.mesh.tet_mesh import TetMesh
     from ddgcli.mesh.triangle_mesh import TriangleMesh
 
     mesh = source.mesh if isinstance(source.mesh, TetMesh) else source.surface
-    array = given_field(source, field, field_file)
+    array = input_field(source, field, field_file)
     analysis = hodge_analysis(mesh, array, boundary, basis, run.progress("hodge"))
     annotated = analysis.annotated
     arrays = {**annotated.vertex, **(annotated.face if isinstance(mesh, TriangleMesh) else {})}

@@ -153,11 +153,13 @@ def source_term(source: MeshInput, name: str | None) -> Any:
     """The vertex array of --poisson."""
     if name is None:
         return None
-    from ddgcli.io.arrays import given_array
+    from ddgcli.io.arrays import input_array
 
-    array, place = given_array(source, name)
+    array, place = input_array(source, name)
     if place not in ("vertex", ""):
-        raise ParameterError(f"needs values on vertices; {name!r} has values on {place}s", parameter="poisson")
+        raise ParameterError(
+            f"needs values on vertices; {name!r} has values on {place}s", parameter="poisson"
+        )
     return array
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.algorithms.curvature.surface_curvature import measure
+from ddgcli.algorithms.curvature.surface_curvature import measure_curvature
 from ddgcli.errors import ParameterError
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.tradeoff.candidates import (
@@ -64,7 +64,7 @@ def problem(
 
 def mean_curvature(mesh: TriangleMesh, scheme: str, radius: float | None) -> NDArray[np.float64]:
     """(n,) mean curvature by a scheme."""
-    return measure(mesh, scheme, radius).vertex["mean_curvature"]
+    return measure_curvature(mesh, scheme, radius).vertex["mean_curvature"]
 
 
 def _candidate(mesh: TriangleMesh, scheme: str, in_edges: float | None, edge: float) -> Candidate:

@@ -77,9 +77,9 @@ def _refined(
 
     def setup() -> Any:
         refined = refine(midpoint_subdivided(mesh, times), degrees, max_points=max_points)
-        if not refined.reached:
+        if not refined.converged:
             raise SolveError(f"{max_points} Steiner points are not enough for {degrees:g} degrees")
-        return refined.flipped.mesh
+        return refined.triangulation.mesh
 
     return Candidate(
         "refine",
