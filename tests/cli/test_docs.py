@@ -68,7 +68,7 @@ def test_no_page_names_an_option_that_is_not_there(page):
     }
     known |= {"--help", "--debug", "--version"}
     known |= {
-        word for bench in ROOT.glob("benchmarks/*.py") for word in OPTION.findall(bench.read_text("utf-8"))
+        word for bench in ROOT.glob("benchmarks/**/*.py") for word in OPTION.findall(bench.read_text("utf-8"))
     }
     named = {word for word in OPTION.findall(page.read_text("utf-8")) if word.startswith("--")}
     assert named - known == set()
@@ -109,7 +109,9 @@ def test_every_link_leads_somewhere(page):
 
 
 def test_the_readme_lists_every_command_with_its_page():
-    rows = re.findall(r"^\| \[`([\w-]+)`\]\(docs/([\w-]+)\.md\)", (ROOT / "README.md").read_text("utf-8"), re.M)
+    rows = re.findall(
+        r"^\| \[`([\w-]+)`\]\(docs/([\w-]+)\.md\)", (ROOT / "README.md").read_text("utf-8"), re.M
+    )
     assert [name for name, _ in rows] == list(COMMANDS)
     assert all(page in PAGES_OF.get(name, (name,)) for name, page in rows)
 
