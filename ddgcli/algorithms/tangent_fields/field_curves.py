@@ -28,40 +28,40 @@ def field_curves(
     progress: ProgressCallback | None = None,
     place: str = "",
 ) -> Curves:
-    """Integral curves of an array of vectors as curves; see `integral_curves`, for `place` `field_of_array`.
+    """Integral curves of an array of vectors, as curves; see `integral_curves` and `field_of_array`.
 
     `accuracy.field_error_estimate` is the largest estimated error of an end, in length units.
     """
-    followed = field_of_array(mesh, values, place)
+    tangent_field = field_of_array(mesh, values, place)
     duration = default_duration(mesh, np.asarray(values)) if duration is None else duration
-    made = integral_curves(
-        mesh, followed, starts, duration, order=order, step=step, tolerance=tolerance, progress=progress
+    integrated = integral_curves(
+        mesh, tangent_field, starts, duration, order=order, step=step, tolerance=tolerance, progress=progress
     )
     kinds = [
         {
             "kind": "integral curve",
-            "stopped_because": made.stopped_because[i],
-            "time": float(made.time[i]),
-            "steps": int(made.steps[i]),
-            "error_estimate": float(made.error_estimate[i]),
+            "stopped_because": integrated.stopped_because[i],
+            "time": float(integrated.time[i]),
+            "steps": int(integrated.steps[i]),
+            "error_estimate": float(integrated.error_estimate[i]),
         }
         for i in range(len(starts))
     ]
-    estimate = float(made.error_estimate.max(initial=0.0))
+    estimate = float(integrated.error_estimate.max(initial=0.0))
     return Curves(
-        made.paths,
-        describe_paths(mesh, made.paths, kinds),
+        integrated.paths,
+        describe_paths(mesh, integrated.paths, kinds),
         {"field_error_estimate": estimate},
-        "gave up" not in made.stopped_because,
+        "gave up" not in integrated.stopped_because,
     )
 
 
 def add_transport(mesh: TriangleMesh, curves: Curves) -> Curves:
-    """The curves with a transported frame on their points, and the holonomy of closed ones."""
-    turned = holonomy(mesh, curves.paths)
+    """Add a transported frame to the points of curves, and the holonomy to closed curves."""
+    angles = holonomy(mesh, curves.paths)
     entries = [
         entry | ({"holonomy": float(angle)} if np.isfinite(angle) else {})
-        for entry, angle in zip(curves.entries, turned, strict=True)
+        for entry, angle in zip(curves.entries, angles, strict=True)
     ]
     arrays = curves.arrays | transported_frame(mesh, curves.paths)
     return replace(curves, entries=entries, arrays=arrays)

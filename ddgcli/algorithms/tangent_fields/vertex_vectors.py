@@ -71,8 +71,8 @@ def transport_vectors(mesh: TriangleMesh, sources: Sources, vectors: ArrayLike) 
     vectors = np.asarray(vectors, dtype=np.float64)
     if len(sources.points) or len(vectors) != len(sources.vertex):
         raise ParameterError(
-            f"{len(vectors)} vectors for {len(sources.vertex)} source vertices; give `spread_vector` once for "
-            "each source vertex"
+            f"{len(vectors)} vectors for {len(sources.vertex)} source vertices; give `spread_vector` once "
+            "for each source vertex"
         )
     require(mesh, "`spread_vector`")
     in_space = np.zeros((mesh.n_vertices, 3))

@@ -1,2 +1,1 @@
-"""Straightest geodesics: `trace.trace` and `trace.Tracer` follow thousands of lines at once across a
-surface."""
+"""Straightest geodesics: `trace.trace` and `trace.Tracer` trace thousands of lines at once."""

@@ -1,0 +1,1 @@
+"""Exact geodesic distance by batched window propagation; the entry point is `exact_distance`."""

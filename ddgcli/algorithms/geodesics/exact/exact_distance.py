@@ -24,20 +24,19 @@ from ddgcli.mesh.triangle_mesh import TriangleMesh
 
 log = logging.getLogger("ddgcli")
 
-# rounds after which a run without a bound on crossings starts anew with it, and after which that one gives up
-ROUNDS, ROUNDS_PER_FACE = 1000.0, 0.25
-BOUNDED_ROUNDS_PER_FACE = 16.0
+# Rounds after which a run restarts with a bound on crossings: constant, and per face.
+MIN_ROUNDS, ROUNDS_PER_FACE = 1000.0, 0.25
+BOUNDED_ROUNDS_PER_FACE = 16.0  # rounds after which the bounded run raises SolveError
 
 
 @dataclass(frozen=True, eq=False)
 class ExactDistance(VertexDistances):
-    """Exact distances, and how the shortest path arrives at each vertex.
+    """Exact distances, and the last segment of the shortest path to each vertex.
 
     The last straight piece of the shortest path to vertex v unfolds from an origin: a source, or a vertex
     that the path bends around. Where `side[v]` >= 0 it enters the face of that flat side number 3f + j,
-    opposite v, at `crossing[v]` from the side's first corner, and is straight all the way back to the
-    origin; where it is -1 it runs inside a face of v, from the origin vertex along an edge or from a source
-    point in that face.
+    opposite v, at `crossing[v]` from the side's first corner, and is straight back to the origin; where it is
+    -1 it runs inside a face of v, from the origin vertex along an edge or from a source point in that face.
 
     Parameters
     ----------
@@ -47,21 +46,21 @@ class ExactDistance(VertexDistances):
     crossing : (n,) ndarray of float64
         In length units; nan where `side` is -1.
     windows, rounds : int
-        Work done: windows carried across a face, one by one or many in a bundle (which counts as one).
+        Number of windows propagated across a face (a bundle counts as one), and of rounds.
     target_distance : (k,) ndarray of float64
-        Of the points asked for; inf where no source reaches.
+        Distances of the targets; inf where no source reaches.
     target_source : (k,) ndarray of int64
         Number of their nearest source; -1 where none reaches.
     departure : (n,) ndarray of float64, or None
-        On request: angle at which the shortest path leaves the source, counter-clockwise; around a source
-        vertex from the first side of its fan (`vertex_fans`), in a face from side 0. nan at sources and where
-        none reaches.
+        With `directions`: angle at which the shortest path leaves the source, counter-clockwise; around a
+        source vertex from the first side of its fan (`vertex_fans`), in a face from side 0. nan at sources
+        and where none reaches.
     tolerance_error : float
         Under a tolerance: twice the largest excess over the exact distance among the nearest tenth of the
         vertices (1000 at least), relative to the radius that they fill: an estimate of the largest error over
-        the largest distance, on the safe side. 0 where the exact distance was the cheaper.
+        the largest distance, on the safe side. 0 if the exact distance was cheaper.
     patched : int
-        Vertices that only an edge path reached (0 but for extremely degenerate triangles); never too short.
+        Vertices reached only by an edge path (0 except on extremely degenerate triangles); upper bounds.
     """
 
     origin_vertex: NDArray[np.int64]
@@ -90,7 +89,7 @@ def exact_distance(
 ) -> ExactDistance:
     """Exact distance along the surface from every vertex to the nearest of `sources`.
 
-    Works on any triangle complex: boundaries, saddles, non-manifold edges and vertices (lines go on into
+    Any triangle complex is valid: boundaries, saddles, non-manifold edges and vertices (lines continue into
     every other face), faces of mixed orientation, Delta-complexes, degenerate faces.
 
     Parameters
@@ -98,21 +97,21 @@ def exact_distance(
     mesh : TriangleMesh or IntrinsicMesh
     sources : Sources, vertex number or array of vertex numbers
     tolerance : float
-        Slack in side lengths: 0 is exact. Otherwise a path may be missed when one that bends at a vertex is
-        at most that much longer; the answer is still the length of a real path, never below the distance.
-        It is used where it saves time, as the nearest tenth of the vertices tells, and without `limit`.
+        In side lengths; 0 is exact. Otherwise a path may be missed if one that bends at a vertex is at most
+        that much longer. The result is the length of a real path, never below the distance. It is used only
+        without `limit`, and where it saves time (predicted from the nearest tenth of the vertices).
     limit : float
         Stop when all distances below it are final; vertices beyond it are inf or upper bounds.
     targets : SurfacePoints, optional
-        Points on faces whose distance is wanted beside that of the vertices.
+        Points on faces whose distances are also computed.
     tables : WindowTables, optional
-        `window_tables(mesh)`, to share among calls.
+        `window_tables(mesh)`, shared by several calls.
     dominance_every : int
-        Rounds between prunes; changes time, not distances.
+        Rounds between prunings; changes the time, not the distances.
     directions : bool
-        Find `departure` too; needs consistently oriented faces.
+        Also compute `departure`; needs consistently oriented faces.
     progress : callable, optional
-        Called now and then with the number of vertices whose distance is final, and the number of all.
+        Called with the number of final vertices and of all vertices.
 
     Returns
     -------
@@ -133,22 +132,24 @@ def exact_distance(
     -----
     A shortest path in space crosses a face at most once, because the straight segment between two of its
     points is the shortest path between them. Windows that have crossed more faces than the mesh has are
-    dropped. On needles and flat faces rounding hides from every other filter that they come too late.
+    dropped. On needles and flat faces rounding prevents the other filters from dropping them.
     """
     if not 0 <= tolerance < np.inf:
-        raise ParameterError(f"tolerance {tolerance} must be a number of side lengths, 0 or more")
+        raise ParameterError(
+            f"{tolerance} must be a number of side lengths, 0 or more", parameter="tolerance"
+        )
     if directions and not mesh.topology.is_oriented:
         raise MeshError(
-            "faces run against each other: directions have no sense of turning; turn those faces round"
+            "neighbouring faces have opposite orientation: directions have no sign; reorient those faces"
         )
     sources = check_sources(mesh, sources)
     tables = tables or window_tables(mesh)
     points = SurfacePoints.none() if targets is None else targets
     points = SurfacePoints.checked(points.face, points.barycentric, mesh.n_faces)
     most_windows = 1e6 + 3000.0 * mesh.n_vertices + 60.0 * mesh.n_vertices**1.5
-    start = partial(_started, mesh, sources, points, tables, dominance_every, directions)
+    start = partial(_start_wavefront, mesh, sources, points, tables, dominance_every, directions)
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        wavefront, wanted, error = _bounded(
+        wavefront, wanted, error = _propagate_bounded(
             mesh, start, tolerance, limit / tables.scale, most_windows, progress
         )
     patched = _patch_unreached(wavefront, mesh) if np.isinf(limit) else 0
@@ -156,7 +157,7 @@ def exact_distance(
     return _answer(wavefront, wanted, directions, error, patched)
 
 
-def _bounded(
+def _propagate_bounded(
     mesh: SurfaceMesh,
     start: Callable[..., tuple[Wavefront, WindowTargets]],
     tolerance: float,
@@ -164,26 +165,26 @@ def _bounded(
     most_windows: float,
     progress: Callable[[float, float], None] | None,
 ) -> tuple[Wavefront, WindowTargets, float]:
-    """`_propagated`, with a bound on crossings where windows are too many without it.
+    """Run `_propagate`, with a bound on crossings if there are too many windows without it.
 
     Only a mesh in space has the bound: in an intrinsic face the straight segment may be a detour.
     """
     arguments = tolerance, limit, most_windows, progress
     bounded = partial(
-        start, max_crossings=mesh.n_faces, max_rounds=ROUNDS + BOUNDED_ROUNDS_PER_FACE * mesh.n_faces
+        start, max_crossings=mesh.n_faces, max_rounds=MIN_ROUNDS + BOUNDED_ROUNDS_PER_FACE * mesh.n_faces
     )
     try:
-        return _propagated(
-            mesh, partial(start, max_rounds=ROUNDS + ROUNDS_PER_FACE * mesh.n_faces), *arguments
+        return _propagate(
+            mesh, partial(start, max_rounds=MIN_ROUNDS + ROUNDS_PER_FACE * mesh.n_faces), *arguments
         )
     except SolveError:
         if not isinstance(mesh, TriangleMesh):
             raise
-    log.info("windows multiply on degenerate faces: starting anew with a bound on crossings")
-    return _propagated(mesh, bounded, *arguments)
+    log.info("windows multiply on degenerate faces: restarting with a bound on crossings")
+    return _propagate(mesh, bounded, *arguments)
 
 
-def _propagated(
+def _propagate(
     mesh: SurfaceMesh,
     start: Callable[..., tuple[Wavefront, WindowTargets]],
     tolerance: float,
@@ -191,11 +192,11 @@ def _propagated(
     most_windows: float,
     progress: Callable[[float, float], None] | None,
 ) -> tuple[Wavefront, WindowTargets, float]:
-    """The wavefront at its end, the targets that it reached, and the error that its slack is seen to make."""
+    """Run a wavefront; return it with its targets and the estimated error of its slack."""
     wavefront, wanted = start(slack=0.0)
     near = None
     if tolerance > 0 and np.isinf(limit):
-        near = NearestVertices.measured(wavefront, most_windows)
+        near = NearestVertices.measure(wavefront, most_windows)
         if near.slack_pays(tolerance, _reachable(mesh, wavefront)):
             wavefront, wanted = start(slack=tolerance)
     wavefront.run(limit, most_windows, progress)
@@ -209,19 +210,19 @@ def _propagated(
 def _answer(
     wavefront: Wavefront, wanted: WindowTargets, directions: bool, error: float, patched: int
 ) -> ExactDistance:
-    """What a wavefront that has come to its end knows, in the mesh's own unit."""
+    """Result of a finished wavefront, in the mesh's length unit."""
     scale = wavefront.tables.scale
-    origin_vertex = _told(wavefront.origins.vertex, wavefront.origin)
+    origin_vertex = _origin_values(wavefront.origins.vertex, wavefront.origin)
     return ExactDistance(
         distance=wavefront.distance * scale,
-        nearest_source=_told(wavefront.origins.source, wavefront.origin),
+        nearest_source=_origin_values(wavefront.origins.source, wavefront.origin),
         origin_vertex=origin_vertex,
         side=np.maximum(wavefront.side, -1),
         crossing=np.where(wavefront.side >= 0, wavefront.crossing * scale, np.nan),
         windows=wavefront.windows,
         rounds=wavefront.rounds,
         target_distance=wanted.distance * scale,
-        target_source=_told(wavefront.origins.source, wanted.origin),
+        target_source=_origin_values(wavefront.origins.source, wanted.origin),
         departure=_beyond_bends(wavefront.departure, origin_vertex) if directions else None,
         tolerance_error=error,
         patched=patched,
@@ -229,7 +230,7 @@ def _answer(
 
 
 def _beyond_bends(departure: NDArray, origin_vertex: NDArray) -> NDArray[np.float64]:
-    """Angles that straight lines left at; behind a bend that of the path to the bend."""
+    """Departure angles; behind a bend, the angle of the path to the bend."""
     while True:
         open_ = (np.isnan(departure) & (origin_vertex >= 0)).nonzero()[0]
         known = departure[origin_vertex[open_]]
@@ -238,7 +239,7 @@ def _beyond_bends(departure: NDArray, origin_vertex: NDArray) -> NDArray[np.floa
         departure[open_] = known
 
 
-def _started(
+def _start_wavefront(
     mesh: SurfaceMesh,
     sources: Sources,
     points: SurfacePoints,
@@ -250,7 +251,7 @@ def _started(
     max_crossings: int = 0,
     max_rounds: float = np.inf,
 ) -> tuple[Wavefront, WindowTargets]:
-    """A wavefront that has left the sources, and the targets that it lights."""
+    """Create a wavefront that has left the sources, and its targets."""
     wanted = WindowTargets(tables, points)
     targets = wanted if len(points) else None
     wavefront = Wavefront(
@@ -267,8 +268,8 @@ def _reachable(mesh: SurfaceMesh, wavefront: Wavefront) -> int:
     return int(np.isin(component, component[np.isfinite(wavefront.distance)]).sum())
 
 
-def _told(values: NDArray, origin: NDArray) -> NDArray[np.int64]:
-    """What the origins say, -1 where there is none."""
+def _origin_values(values: NDArray, origin: NDArray) -> NDArray[np.int64]:
+    """Values of the origins; -1 where there is no origin."""
     return np.where(origin >= 0, values[np.maximum(origin, 0)], -1)
 
 
@@ -309,7 +310,7 @@ def _start_point(wavefront: Wavefront, source: int, face: int, weights: NDArray)
             seen_from.append((g, mirrored, its + (own[j] + np.pi - its[i])))
     for g, w, along in seen_from:
         if wavefront.targets is not None:
-            wavefront.targets.see(g, w, int(origin[0]))
+            wavefront.targets.update_from_point(g, w, int(origin[0]))
         side = 3 * g + np.arange(3)
         length, ax, ay = tables.shape[side, :3].T
         apex = w[[2, 0, 1]]
@@ -330,29 +331,30 @@ def _side_angles(tables: WindowTables, face: int) -> NDArray[np.float64]:
 
 
 def _patch_unreached(wavefront: Wavefront, mesh: SurfaceMesh) -> int:
-    """Edge paths to vertices that rounding left dark though edges lead there; returns how many."""
-    dark = np.isinf(wavefront.distance) & mesh.topology.referenced_vertex
-    if not dark.any():
+    """Add edge paths to vertices that rounding left unreached although they are connected; return their
+    number."""
+    unreached = np.isinf(wavefront.distance) & mesh.topology.referenced_vertex
+    if not unreached.any():
         return 0
     component = mesh.topology.vertex_component
     reached = np.zeros(mesh.topology.n_components + 1, dtype=bool)
     reached[component[np.isfinite(wavefront.distance)]] = True
-    dark &= reached[component]
-    count = int(dark.sum())
+    unreached &= reached[component]
+    count = int(unreached.sum())
     if count:
         log.warning(
-            f"{count} vertices (first: {np.flatnonzero(dark)[0]}) among degenerate triangles are reached by "
-            "edge paths only; their distance is an upper bound"
+            f"{count} vertices (first: {np.flatnonzero(unreached)[0]}) among degenerate triangles are "
+            "reached by edge paths only; their distance is an upper bound"
         )
-    while dark.any():
-        before = int(dark.sum())
+    while unreached.any():
+        before = int(unreached.sum())
         a, b = wavefront.tables.ids[:, 0], wavefront.tables.ids[:, 1]
         for tail, head in ((a, b), (b, a)):
-            go = dark[head] & ~dark[tail] & np.isfinite(wavefront.distance[tail])
+            go = unreached[head] & ~unreached[tail] & np.isfinite(wavefront.distance[tail])
             reach = wavefront.distance[tail[go]] + wavefront.tables.shape[go, 0]
             by = None if wavefront.side_turn is None else wavefront.departure[tail[go]]
             wavefront.improve(head[go], reach, wavefront.origin[tail[go]], departure=by)
-        dark &= np.isinf(wavefront.distance)
-        if int(dark.sum()) == before:
+        unreached &= np.isinf(wavefront.distance)
+        if int(unreached.sum()) == before:
             break
     return count

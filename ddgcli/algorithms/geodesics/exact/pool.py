@@ -1,4 +1,4 @@
-"""Windows in waiting, and the points they unfold from: arrays that grow."""
+"""Queue of windows and list of their origins, in growing arrays."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ NEVER = np.inf
 
 
 class WindowPool:
-    """Waiting windows: columns (b0, b1, sx, sy, ...), (side, origin), and a key that is inf once popped."""
+    """Queue of windows: columns (b0, b1, sx, sy, ...), (side, origin), and a key that is inf once popped."""
 
     def __init__(self, columns: int = 4, capacity: int = 4096, ints: int = 2) -> None:
         self.lines = np.empty((columns, capacity))
@@ -63,7 +63,7 @@ class WindowPool:
 
 
 class WindowOrigins:
-    """Points that windows unfold from: the sources, and vertices that a shortest path bends around."""
+    """Points from which windows unfold: the sources, and vertices around which shortest paths bend."""
 
     def __init__(self) -> None:
         self.count = 0

@@ -1,8 +1,8 @@
-"""What window propagation needs to know of a surface: constants of each side, and who lies across it.
+"""Constants of the sides of a surface for window propagation, and the sides across them.
 
-A side h = 3f + j is seen in its own frame: v0 at the origin, v1 at (length, 0), the face above, its third
-vertex (the apex) at (apex_x, apex_y) with apex_y >= 0. All comes from side lengths, so any intrinsic metric
-will do. Lengths are divided by a power of two near the longest side: exact, and safe at any scale.
+A side h = 3f + j has its own frame: v0 at the origin, v1 at (length, 0), the face above, its third
+vertex (the apex) at (apex_x, apex_y) with apex_y >= 0. All values come from side lengths, so any intrinsic
+metric is valid. Lengths are divided by a power of two near the longest side: exact, and safe at any scale.
 """
 
 from __future__ import annotations
@@ -57,10 +57,14 @@ class SideTables:
     plain: bool
     scale: float
 
+    def code(self, side: NDArray) -> NDArray[np.int64]:
+        """Side across each side, or its code: column (v0, apex) of the next side of the face."""
+        face, j = np.divmod(side, 3)
+        return self.ids[3 * face + (j + 1) % 3, 3]
+
     def across(self, side: int) -> list[tuple[int, bool]]:
         """Sides across `side`, each with whether it runs the same way."""
-        h, j = divmod(side, 3)
-        code = int(self.ids[3 * h + (j + 1) % 3, 3])  # leaving by (v0, apex) of the next side is this side
+        code = int(self.code(np.array([side]))[0])
         if code == BOUNDARY:
             return []
         if code > BOUNDARY:
@@ -75,15 +79,15 @@ class SideTables:
         start, on_edge, edge, sign = self.edge_sides
         count = start[edge[sides] + 1] - start[edge[sides]]
         row, offset = repeat_with_place(np.arange(len(sides)), count)
-        found = on_edge[start[edge[sides[row]]] + offset]
-        other = found != sides[row]
-        row, found = row[other], found[other]
-        return row, found, sign[found] == sign[sides[row]]
+        neighbour = on_edge[start[edge[sides[row]]] + offset]
+        other = neighbour != sides[row]
+        row, neighbour = row[other], neighbour[other]
+        return row, neighbour, sign[neighbour] == sign[sides[row]]
 
 
 @dataclass(frozen=True, eq=False)
 class WindowTables(SideTables):
-    """What windows need beside the sides: the vertices that paths bend around, and the angles there.
+    """Side tables, with the vertices around which paths may bend and the angles there.
 
     Parameters
     ----------
@@ -124,14 +128,14 @@ def side_tables(mesh: SurfaceMesh) -> SideTables:
 
 
 def window_tables(mesh: SurfaceMesh) -> WindowTables:
-    """The tables of a surface of any topology."""
+    """Window tables of a surface of any topology."""
     sides, topology, n = side_tables(mesh), mesh.topology, mesh.n_vertices
     shape, ids = sides.shape, sides.ids
     angle = corner_angle(shape[:, 0].reshape(-1, 3))
-    bends, blunt = _bends(topology, shape, angle)
+    bends, inaccurate = _bends(topology, shape, angle)
     turn, total = np.full(angle.shape, np.nan), np.full(n, np.inf)
     if sides.plain:
-        turn, total = corner_turns(topology, angle, np.flatnonzero(topology.referenced_vertex & ~blunt))
+        turn, total = corner_turns(topology, angle, np.flatnonzero(topology.referenced_vertex & ~inaccurate))
     corner = np.arange(len(ids))
     around = coo_array((corner, (ids[:, 2], corner)), shape=(n, max(len(ids), 1))).tocsr()
     return WindowTables(
@@ -150,6 +154,18 @@ def window_tables(mesh: SurfaceMesh) -> WindowTables:
     )
 
 
+def incoming_directions(tables: WindowTables, side: NDArray, crossing: NDArray) -> NDArray[np.float64]:
+    """(k,) directions back along paths that reach apexes, as angles around them; nan if unknown.
+
+    `side` and `crossing` are those of `Wavefront.improve`.
+    """
+    side = np.where(side < -1, -2 - side, side)
+    _, ax, ay, _, _ = tables.shape.take(side, axis=0).T
+    angle = tables.turn.take(side) + np.arctan2(ay * crossing, ay * ay - ax * (crossing - ax))
+    angle[side < 0] = np.nan
+    return angle
+
+
 def table_scale(mesh: SurfaceMesh) -> float:
     """A power of two above the longest side and less than twice it; 1 where no side is longer than 0."""
     longest = float(mesh.side_length.max(initial=0.0))
@@ -159,7 +175,7 @@ def table_scale(mesh: SurfaceMesh) -> float:
 def side_shapes(mesh: SurfaceMesh, scale: float, shape: NDArray) -> NDArray[np.float64]:
     """(3m, c) rows of SideTables.shape, its first c columns, written to `shape` (m, 3, c).
 
-    They are made in blocks of faces that stay in the cache.
+    They are computed in blocks of faces that fit in the cache.
     Heights come from cross products where the mesh has positions: lengths alone know the height of a cap only
     to the square root of rounding.
     """
@@ -194,8 +210,8 @@ def _apexes(mesh: SurfaceMesh, block: slice, length: NDArray, scale: float) -> t
 def sides_across(topology: Topology) -> tuple[NDArray, NDArray | None, tuple | None]:
     """Code of the side across each side, sides that run the same way, and the sides of each edge.
 
-    Faces that name a vertex twice have no inside: they are left out, so that their two equal sides do not
-    make a fold of the surface; their edges still carry paths. One of several faces on three vertices will do.
+    Faces with a repeated vertex have no interior: they are left out, so that their two equal sides do not
+    fold the surface; their edges still carry paths. Of several faces on the same vertices only one is used.
     """
     if topology.gluing is not None:
         return topology.gluing, None, None
@@ -237,23 +253,23 @@ def _repeated(topology: Topology) -> NDArray[np.bool_]:
 
 
 def _bends(topology: Topology, shape: NDArray, angle: NDArray) -> tuple[NDArray, NDArray]:
-    """(n,) vertices that a shortest path may pass through; those whose directions rounding may spoil."""
+    """(n,) vertices that shortest paths may pass through, and vertices whose angles are inaccurate."""
     faces = topology.faces
     total = sum_by_index(faces, angle, topology.n_vertices)
     bends = total > FLAT_ANGLE
     bends |= topology.boundary_vertex
     bends[topology.edges[topology.nonmanifold_edges]] = True
-    blunt = np.zeros(len(bends), dtype=bool)
+    inaccurate = np.zeros(len(bends), dtype=bool)
     length, height = shape[:, 0].reshape(-1, 3).T, shape[:, 2].reshape(-1, 3).T
     low, long = (reduce(least, part) for least, part in ((np.minimum, height), (np.maximum, length)))
-    blunt[faces[~(low > 1e-8 * long)]] = True
-    bends |= blunt
+    inaccurate[faces[~(low > 1e-8 * long)]] = True
+    bends |= inaccurate
     bends[_pinched(topology, np.flatnonzero(~bends & topology.referenced_vertex))] = True
-    return bends, blunt
+    return bends, inaccurate
 
 
 def _pinched(topology: Topology, suspects: NDArray) -> NDArray[np.int64]:
-    """Those of the inner vertices `suspects` whose faces make several fans."""
+    """Inner vertices among `suspects` whose faces form several fans."""
     if "nonmanifold_vertices" in vars(topology) or not topology.is_oriented:
         return topology.nonmanifold_vertices
     around = topology.side_twin[:, PREVIOUS].ravel()  # the next corner of the same vertex, counter-clockwise
