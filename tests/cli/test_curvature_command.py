@@ -45,9 +45,9 @@ def test_every_array_and_result_of_the_contract_is_there(summary, torus, tmp_pat
         assert set(arrays) >= VERTEX | EDGE | {"points", "faces"}
         assert arrays["principal_direction_min"].shape == (288, 3)
         assert len(arrays["edges"]) == len(arrays["dihedral_angle"]) == 864
-        found = arrays["mean_curvature"]
+        mean_curvature = arrays["mean_curvature"]
     assert s["results"]["mean_curvature"] == pytest.approx(
-        {"min": found.min(), "max": found.max(), "mean": found.mean()}
+        {"min": mean_curvature.min(), "max": values_of.max(), "mean": values_of.mean()}
     )
 
 
@@ -115,11 +115,11 @@ def test_pictures(run, torus, tmp_path, extension):
         (("--view", "iso"), "--plot"),
     ],
 )
-def test_refusals_are_one_line_and_leave_no_file(run, torus, tmp_path, monkeypatch, words, told):
+def test_refusals_are_one_line_and_leave_no_file(run, torus, tmp_path, monkeypatch, words, message):
     monkeypatch.chdir(tmp_path)
     before = sorted(tmp_path.iterdir())
     result = run("curvature", torus, "-o", "out.npz", *words)
-    assert result.exit_code == 2 and told in result.stderr
+    assert result.exit_code == 2 and message in result.stderr
     assert result.stderr.startswith("Error: ") and result.stderr.count("\n") == 1
     assert sorted(tmp_path.iterdir()) == before
 

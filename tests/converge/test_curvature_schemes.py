@@ -80,8 +80,8 @@ def test_the_default_scheme_converges_pointwise_at_second_order_or_better(name):
 def test_the_default_scheme_holds_on_long_thin_cells(cells, jitter):
     # two-ring quadratic fits are 30 to 90 % off in K here
     mesh = irregular_torus(*cells, jitter=jitter)
-    found = errors(mesh, torus_truth(mesh.points), "quadric")
-    assert found["H"] < 0.02 and found["K"] < 0.02 and found["direction"] < 0.05
+    error = errors(mesh, torus_truth(mesh.points), "quadric")
+    assert error["H"] < 0.02 and error["K"] < 0.02 and error["direction"] < 0.05
 
 
 @pytest.mark.parametrize("scheme", ["cotan", "normal-cycle", "corrected"])
@@ -102,18 +102,18 @@ def test_what_the_star_schemes_do_not_promise_they_do_not_keep(scheme):
 
 def test_corrected_is_exact_on_any_mesh_inscribed_in_a_sphere():
     for n in (50, 2000):
-        found = on("irregular sphere", n, "corrected")
-        assert found["H"] < 1e-10 and found["K"] < 1e-10
+        error = on("irregular sphere", n, "corrected")
+        assert error["H"] < 1e-10 and error["K"] < 1e-10
         assert on("irregular sphere", n, "corrected", 0.4)["H"] < 1e-10
 
 
 @pytest.mark.parametrize("scheme", ["normal-cycle", "corrected"])
 def test_balls_that_shrink_more_slowly_than_the_edges_converge_on_irregular_meshes(scheme):
-    found = []
+    error = []
     for n in (250, 2000):
         edge = np.sqrt(8 * np.pi / (np.sqrt(3) * n))
-        found.append(on("irregular sphere", n, scheme, 1.1 * edge**0.5)["H"])
-    assert found[1] < max(0.6 * found[0], 1e-10)
+        error.append(on("irregular sphere", n, scheme, 1.1 * edge**0.5)["H"])
+    assert error[1] < max(0.6 * error[0], 1e-10)
 
 
 def test_the_fit_turns_to_low_degree_when_data_are_noisy():
@@ -155,12 +155,12 @@ def sheared(n, cells):
 
 
 def test_fits_on_sheared_cells_take_their_neighbours_from_the_delaunay_triangulation():
-    found = []
+    error = []
     for n in (24, 48):
         mesh = sheared(n, 3)
-        found.append(errors(mesh, torus_truth(mesh.points), "quadric"))
-    assert found[0]["K"] < 0.05 and found[0]["H"] < 0.02
-    assert np.log2(found[0]["K"] / found[1]["K"]) > 3, "fourth order, as on other meshes"
+        error.append(errors(mesh, torus_truth(mesh.points), "quadric"))
+    assert error[0]["K"] < 0.05 and error[0]["H"] < 0.02
+    assert np.log2(error[0]["K"] / error[1]["K"]) > 3, "fourth order, as on other meshes"
 
 
 def test_cells_stretched_along_the_curvature_keep_their_own_rings():
@@ -168,8 +168,8 @@ def test_cells_stretched_along_the_curvature_keep_their_own_rings():
     mesh = mesh.moved(mesh.points * [1.0, 1.0, 8.0])
     faces = Faces.of(mesh)
     rings = two_rings(mesh.topology, 15)
-    found = neighbourhoods(mesh, faces, area_normals(faces), 15)
-    assert len(found.member) == len(rings.member) and (found.member == rings.member).all()
+    error = neighbourhoods(mesh, faces, area_normals(faces), 15)
+    assert len(error.member) == len(rings.member) and (error.member == rings.member).all()
 
 
 def test_sheared_surfaces_that_cannot_be_flipped_are_measured_all_the_same():

@@ -180,10 +180,10 @@ def test_condition_of_many_parts_is_that_of_one():
     faces = (one.faces + one.n_vertices * np.arange(copies)[:, None, None]).reshape(-1, 3)
     many = TriangleMesh.from_arrays(points, faces)
     tracemalloc.start()
-    found = condition_number(stiffness(many))
+    computed = condition_number(stiffness(many))
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
-    assert found == pytest.approx(condition_number(stiffness(one)), rel=1e-9)
+    assert computed == pytest.approx(condition_number(stiffness(one)), rel=1e-9)
     assert peak < 3e8
 
 

@@ -147,12 +147,12 @@ class FaceBalls:
         pieces = [(owner, face, *self._clip(begin, owner, face))]
         few = np.flatnonzero(count.data[cut] == 1)
         front = owner[few], face[few], pieces[0][3][:, few]
-        found = np.zeros(0, dtype=np.int64)
+        visited = np.zeros(0, dtype=np.int64)
         while True:
-            beyond = np.setdiff1d(self._beyond(*front), found)
+            beyond = np.setdiff1d(self._beyond(*front), visited)
             if not len(beyond):
                 break
-            found = np.union1d(found, beyond)
+            visited = np.union1d(visited, beyond)
             owner, face = np.divmod(beyond, self.mesh.n_faces)
             corner = self._fan[face]
             inside = self._within(np.repeat(begin + owner, 3), corner.ravel()).reshape(-1, 3)
@@ -162,7 +162,7 @@ class FaceBalls:
                 return self._ball(begin, end, fans, whole, pieces), *np.divmod(key, self.n_fans)
             pieces.append((owner, face, *self._clip(begin, owner, face)))
             front = owner, face, pieces[-1][3]
-        return self._ball(begin, end, fans, whole, pieces), found[:0], found[:0]
+        return self._ball(begin, end, fans, whole, pieces), visited[:0], visited[:0]
 
     def _clip(self, begin: int, owner: NDArray, face: NDArray) -> tuple[NDArray, NDArray]:
         return self._planes.clip(face, np.take(self._columns, begin + owner, axis=1), self.radius)

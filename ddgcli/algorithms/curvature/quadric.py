@@ -143,7 +143,7 @@ def _sum(values: NDArray, start: NDArray) -> NDArray[np.float64]:
 
 
 def _scaled(x: NDArray, y: NDArray, start: NDArray) -> tuple[NDArray, NDArray, tuple[NDArray, ...]]:
-    """Coordinates along the axes of greatest and least spread, each spread made one; and these axes."""
+    """Coordinates along the axes of greatest and least spread, scaled to spread one, and these axes."""
     count = np.diff(start)
     xx, xy, yy = _sum(x * x, start), _sum(x * y, start), _sum(y * y, start)
     small, large, cos, sin = eigen_2x2(xx, xy, yy)

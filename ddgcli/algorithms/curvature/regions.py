@@ -80,9 +80,9 @@ def _replaced(ring: csr_array, rows: NDArray, wider: csr_array) -> Regions:
     member = np.zeros(start[-1], dtype=np.int64)
     is_new = np.zeros(len(count), dtype=bool)
     is_new[rows] = True
-    taken = np.repeat(is_new, count)
-    member[~taken] = ring.indices[np.repeat(~is_new, np.diff(ring.indptr))]
-    member[taken] = wider.indices
+    replaced = np.repeat(is_new, count)
+    member[~replaced] = ring.indices[np.repeat(~is_new, np.diff(ring.indptr))]
+    member[replaced] = wider.indices
     return Regions(start, member)
 
 

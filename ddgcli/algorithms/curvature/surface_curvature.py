@@ -23,7 +23,7 @@ from ddgcli.algorithms.delaunay.triangulation import non_delaunay_edges
 from ddgcli.choices import CURVATURE_SCHEMES
 from ddgcli.errors import MeshError, ParameterError
 from ddgcli.geometry.extrinsic import dihedral_angle, enclosed_volume
-from ddgcli.mesh.repair import turned_over
+from ddgcli.mesh.repair import reverse_faces
 from ddgcli.mesh.require import check_size, require
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.mesh.vectors import ratio
@@ -183,7 +183,7 @@ def _oriented(mesh: TriangleMesh, turn: NDArray) -> TriangleMesh:
             turn.sum(),
             np.flatnonzero(turn)[0],
         )
-    return turned_over(mesh, turn)
+    return reverse_faces(mesh, turn)
 
 
 def _warn_of_defects(mesh: TriangleMesh, faces: Faces, orientable: bool, scheme: str) -> None:

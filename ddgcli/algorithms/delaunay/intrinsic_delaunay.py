@@ -139,18 +139,18 @@ def intrinsic_delaunay(
         vertex = {"input_face": where.face, "input_barycentric": where.barycentric}
     accuracy: dict[str, Any] = metric_residuals(mesh, flipped.mesh)
     cut = common_subdivision(flipped, base) if subdivide else None
-    carried: dict[str, TransferResult] = {}
+    transfers: dict[str, TransferResult] = {}
     if cut is not None:
         results["overlay"] = subdivision_counts(cut)
         accuracy |= subdivision_residuals(cut, mesh)
         if transferred:
-            carried = transfer_to_intrinsic(cut, transferred)
-            results["transfer"] = {name: {"l2_change": one.change} for name, one in carried.items()}
-            accuracy["transfer_integral_residual"] = max(one.integral_residual for one in carried.values())
-            vertex |= {name: one.values for name, one in carried.items()}
+            transfers = transfer_to_intrinsic(cut, transferred)
+            results["transfer"] = {name: {"l2_change": one.change} for name, one in transfers.items()}
+            accuracy["transfer_integral_residual"] = max(one.integral_residual for one in transfers.values())
+            vertex |= {name: one.values for name, one in transfers.items()}
     converged = (refined is None or refined.converged) and flipped.remaining_edges == 0
     converged &= within_residuals(accuracy, RESIDUALS, "rounding on degenerate faces; repair the mesh")
-    return DelaunayResult(flipped.mesh, results, accuracy, vertex, carried, cut, converged)
+    return DelaunayResult(flipped.mesh, results, accuracy, vertex, transfers, cut, converged)
 
 
 def _metric(mesh: TriangleMesh, flipped: IntrinsicDelaunay) -> SurfaceMesh:

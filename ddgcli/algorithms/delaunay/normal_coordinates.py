@@ -1,6 +1,7 @@
-"""Normal coordinates: how often each edge of a triangulation crosses the edges of the input, as integers.
+"""Normal coordinates: the number of crossings of each edge of a triangulation with edges of the input.
 
-An edge that is an input edge has coordinate -1. No geometry enters, so none can break the correspondence.
+An edge of the input has coordinate -1. The coordinates are integers without geometry, so that rounding cannot
+break the correspondence.
 After Gillespie, Sharp, Crane, "Integer Coordinates for Intrinsic Geometry Processing", 2021.
 """
 
@@ -71,7 +72,7 @@ def flipped_crossings(ij: NDArray, jk: NDArray, ki: NDArray, il: NDArray, lj: ND
 
 @dataclass(frozen=True, eq=False)
 class Crossings:
-    """Every crossing of a triangulation's edges with the edges of a base triangulation, seen from both sides.
+    """Crossings of a triangulation's edges with those of a base triangulation, on both sides of each edge.
 
     Crossings are numbered along the edges, in the order of their first sides. Crossing x is two
     half-crossings: 2x on the first side of the edge, 2x+1 on the other. An arc is the part of a base edge
@@ -83,7 +84,7 @@ class Crossings:
     count : (3m,) ndarray of int64
         Crossings of a side.
     first : (3m,) ndarray of int64
-        The half-crossing of a side that is nearest its tail; anything where there is none.
+        The half-crossing of a side that is nearest its tail; undefined on sides without crossings.
     cut, leaving : (3m,) ndarray of int64
         Arcs that cut off a corner, and that end at it.
     side : (k,) ndarray of int64
@@ -111,7 +112,7 @@ class Crossings:
 
 
 def ahead(half: NDArray, places: NDArray | int) -> NDArray[np.int64]:
-    """The half-crossings so many places nearer the head of the same side."""
+    """The half-crossings a number of places nearer the head of the same side."""
     return half + places * (2 - 4 * (half & 1))
 
 
@@ -134,7 +135,7 @@ def crossings_of(coordinate: NDArray, side_twin: NDArray) -> Crossings:
 
 
 def blocks(count: NDArray, together: int) -> list[slice]:
-    """Runs of members that hold about so many things together, for work whose temporaries stay in cache."""
+    """Slices of lists with about `together` members in total, so that temporaries stay in cache."""
     part = (np.cumsum(count) - count) // together
     bounds = np.concatenate([[0], np.flatnonzero(part[1:] != part[:-1]) + 1, [len(count)]])
     return [slice(a, b) for a, b in zip(bounds[:-1].tolist(), bounds[1:].tolist()) if a < b]
@@ -152,7 +153,7 @@ def preceding(side: NDArray) -> NDArray[np.int64]:
 
 @dataclass(frozen=True, eq=False)
 class BaseEdges:
-    """The base edges that are crossed, each twice: as the chain of its crossings from either end.
+    """Crossed base edges, each as two chains of its crossings, one from each end.
 
     Parameters
     ----------
@@ -195,13 +196,13 @@ def base_edges_of(c: Crossings, tail: NDArray) -> BaseEdges:
     here, name = here[going], name[going]
     while len(here):
         x = here >> 1
-        found = label.take(x)
-        met = np.flatnonzero(found >= 0)
+        other = label.take(x)
+        met = np.flatnonzero(other >= 0)
         if len(met):
-            going = np.flatnonzero(found < 0)
-            chain, found = name.take(met) >> STEP_BITS + 1, found.take(met)
-            reverse[chain] = found >> STEP_BITS + 1
-            length[chain] = passed + 1 + (found & STEP_MASK)
+            going = np.flatnonzero(other < 0)
+            chain, other = name.take(met) >> STEP_BITS + 1, other.take(met)
+            reverse[chain] = other >> STEP_BITS + 1
+            length[chain] = passed + 1 + (other & STEP_MASK)
             here, x, name = here.take(going), x.take(going), name.take(going)
         label[x] = name + (passed + ((here & 1) << STEP_BITS))
         here, passed = onward.take(here), passed + 1
@@ -209,13 +210,13 @@ def base_edges_of(c: Crossings, tail: NDArray) -> BaseEdges:
 
 
 def _arcs(c: Crossings) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
-    """How the arcs join half-crossings.
+    """Connections of half-crossings by arcs.
 
     Returns
     -------
     onward : (c,) ndarray of int64
-        Where the arc that goes on from a half-crossing beyond its side leads; ~e where it is the e-th of
-        those that end at a corner.
+        End of the arc that continues from a half-crossing beyond its side; ~e for the e-th arc that ends at a
+        corner.
     end, corner : (e,) ndarray of int64
         The half-crossing of each arc that ends at a corner, and the flat number of that corner.
     """
@@ -223,9 +224,9 @@ def _arcs(c: Crossings) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[n
     cut = np.flatnonzero(c.cut)
     for part in blocks(c.cut[cut], BLOCK_SIZE):
         corner, before = cut[part], preceding(cut[part])
-        who, place = repeat_with_place(np.arange(len(corner)), c.cut[corner])
-        x = ahead(c.first[corner].take(who), place)  # the arc's ends on both sides of the corner
-        y = ahead(c.last(before).take(who), -place)
+        index, place = repeat_with_place(np.arange(len(corner)), c.cut[corner])
+        x = ahead(c.first[corner].take(index), place)  # the arc's ends on both sides of the corner
+        y = ahead(c.last(before).take(index), -place)
         onward[x ^ 1] = y
         onward[y ^ 1] = x
     left = np.flatnonzero(c.leaving)

@@ -1,4 +1,4 @@
-"""Where straight lines over a triangulation cross its edges, measured in unfolded strips of faces."""
+"""Crossings of straight lines over a triangulation with its edges, computed in unfolded strips of faces."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from ddgcli.mesh.triangle_mesh import TriangleMesh
 def lines_over(
     base: TriangleMesh, base_side: NDArray, count: NDArray, length: NDArray
 ) -> tuple[NDArray, NDArray, float]:
-    """Where edges cross a base triangulation, by unfolding the strip of base faces under each of them.
+    """Positions where edges cross a base triangulation, from the unfolded strip of base faces under each.
 
     Parameters
     ----------
@@ -54,7 +54,7 @@ class Strips:
     base : TriangleMesh
     base_side : (x,) ndarray of int64
     along, share : (x,) ndarray of float64
-        Where crossings lie on the lines and on the base sides, from 0 to 1; filled as lines are drawn.
+        Positions of crossings on the lines and on the base sides, from 0 to 1; `draw` fills them.
     """
 
     def __init__(self, base: TriangleMesh, base_side: NDArray, along: NDArray, share: NDArray) -> None:
@@ -138,7 +138,7 @@ def _apex(mesh: TriangleMesh) -> NDArray[np.complex128]:
 
 
 def in_order(share: NDArray, label: NDArray, edges: BaseEdges) -> NDArray[np.float64]:
-    """Shares along base sides, exchanged where rounding put them in another order than the integers say.
+    """Shares along base sides, sorted where rounding contradicts the order of the integers.
 
     Parameters
     ----------
@@ -157,7 +157,7 @@ def in_order(share: NDArray, label: NDArray, edges: BaseEdges) -> NDArray[np.flo
     parts = [slice(begin, begin + BLOCK_SIZE) for begin in range(0, len(label), BLOCK_SIZE)]
 
     def places(part: slice) -> tuple[NDArray, NDArray]:
-        """Where crossings come from the tail of `one` on, and which of them see it run to their left."""
+        """Positions of crossings from the tail of `one` on, and True where it runs to their left."""
         mark = label[part]
         end = first.take(mark >> STEP_BITS + 1)
         along_one = end >= 0

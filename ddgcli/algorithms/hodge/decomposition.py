@@ -304,7 +304,7 @@ def _zero_on_rim(system: csr_array, load: NDArray, complex_: Complex) -> NDArray
 
 
 def _relative(residual: float, part: NDArray, whole: NDArray) -> float:
-    """A residual relative to a part, made relative to the whole field."""
+    """Convert a residual relative to a part to one relative to the whole field."""
     largest = np.abs(whole).max(initial=0.0)
     return float(residual * np.abs(part).max(initial=0.0) / largest) if largest else 0.0
 

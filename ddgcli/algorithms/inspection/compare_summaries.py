@@ -20,7 +20,7 @@ VOLATILE = (
 
 @dataclass(frozen=True)
 class Tolerances:
-    """Largest allowed change of a number: |found - expected| <= atol + rtol |expected|.
+    """Largest allowed change of a number: |actual - expected| <= atol + rtol |expected|.
 
     Parameters
     ----------
@@ -67,7 +67,7 @@ def flat(value: Any, name: str = "") -> Iterator[tuple[str, Any]]:
 
 
 def compare(
-    expected: dict[str, Any], found: dict[str, Any], tolerances: Tolerances
+    expected: dict[str, Any], actual: dict[str, Any], tolerances: Tolerances
 ) -> tuple[list[dict[str, Any]], int]:
     """Compare every leaf of two summaries.
 
@@ -78,7 +78,7 @@ def compare(
         that only the other summary has.
     compared : int
     """
-    before, after = dict(flat(expected)), dict(flat(found))
+    before, after = dict(flat(expected)), dict(flat(actual))
     names = [name for name in {**before, **after} if not tolerances.leaves_out(name)]
     moved = []
     for name in names:

@@ -85,8 +85,10 @@ def _with_fixed(operator: LaplaceOperator, fixed: Mapping[int, float], rhs: NDAr
     inside = local[vertex] >= 0
     problem = Dirichlet(operator.stiffness[used][:, used], local[vertex[inside]])
     load = None if rhs is None else rhs[used]
-    given = values[inside] if rhs is None or rhs.ndim == 1 else np.tile(values[inside, None], rhs.shape[1])
-    part = problem.solve(given, load)
+    boundary_values = (
+        values[inside] if rhs is None or rhs.ndim == 1 else np.tile(values[inside, None], rhs.shape[1])
+    )
+    part = problem.solve(boundary_values, load)
     u = np.zeros((n, *part.shape[1:]))
     u[used] = part
     u[vertex[~inside]] = values[~inside] if u.ndim == 1 else values[~inside, None]

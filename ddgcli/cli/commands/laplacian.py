@@ -164,7 +164,7 @@ def source_term(source: MeshInput, name: str | None) -> Any:
 
 
 def write_matrices(run: Run, result: LaplacianResult, matrix: str | None, mass_matrix: str | None) -> None:
-    """Write the stiffness and the mass matrix, where paths are given."""
+    """Write the stiffness and the mass matrix, if they have paths."""
     from ddgcli.io.matrix_file import matrix_bytes
 
     for path, content in ((matrix, result.operator.stiffness), (mass_matrix, result.operator.mass)):
