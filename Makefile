@@ -13,7 +13,7 @@ DDGCLI ?= $(BIN)/ddgcli
 CURVATURE_OPTIONS ?=
 
 .DEFAULT_GOAL := help
-.PHONY: help demo pipeline test test-all lint fmt bench accuracy accuracy-check samples kernels fuzz mutants docs clean
+.PHONY: help demo pipeline test test-all lint fmt bench accuracy accuracy-check samples kernels fuzz mutants bench-page docs clean
 
 help:  ## this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):[^#]*## /\1\t/' | expand -t 18
@@ -100,6 +100,10 @@ SECONDS ?= 60
 
 fuzz: $(STAMP_TEST)  ## mutated inputs cause only our own errors; FORMAT=ply SECONDS=3600
 	OMP_NUM_THREADS=1 $(BIN)/python -m benchmarks.fuzz --seconds $(SECONDS) $(if $(FORMAT),--format $(FORMAT))
+
+bench-page: $(STAMP_TEST)  ## write docs/benchmarks/NAME.md from a bench; NAME=trace
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check pymeshlab mujoco
+	$(BIN)/python -m benchmarks.pages $(NAME)
 
 BENCH_NAMES = $(patsubst benchmarks/peers/%.py,%,$(wildcard benchmarks/peers/[a-z]*.py))
 BENCHES = $(filter $(or $(NAME),%),$(BENCH_NAMES))

@@ -18,7 +18,7 @@ MUTANTS = (
     # geometry
     Mutant("ddgcli/geometry/intrinsic.py", "area[block] = 0.25 * np.sqrt(p", "area[block] = 0.5 * np.sqrt(p", "tests/exact/test_intrinsic.py"),
     Mutant("ddgcli/geometry/intrinsic.py", "(pu - uu) * factor", "(pu + uu) * factor", "tests/exact/test_laplacian.py"),
-    Mutant("ddgcli/geometry/extrinsic.py", "0.5 * np.cross(side[:, 0], -side[:, 2])", "0.5 * np.cross(side[:, 0], side[:, 2])", "tests/exact/test_sample_meshes.py"),
+    Mutant("ddgcli/geometry/extrinsic.py", "0.5 * np.cross(side[:, 0], -side[:, 2])", "0.5 * np.cross(side[:, 0], side[:, 2])", "tests/exact/test_curvature_identities.py"),
     # mesh
     Mutant("ddgcli/mesh/vectors.py", "dot(cross(a, b), c) / 6.0", "dot(cross(a, b), c) / 3.0", "tests/exact/test_sample_meshes.py"),
     Mutant("ddgcli/mesh/topology.py", "sign = np.where(tail <= head, 1, -1)", "sign = np.where(tail <= head, 1, 1)", "tests/exact/test_dec.py"),

@@ -96,9 +96,9 @@ def speed(sizes: list[str]) -> None:
         mesh = mesh_sequences.sphere(mesh_sequences.FACES[size])
         ours, peers = our_calls(mesh), peer_calls(mesh)
         calls = {f"ours {n}": c for n, c in ours.items()} | {f"igl {n}": c for n, c in peers.items()}
-        found = measure.interleaved(calls, repeat=5 if size == "20k" else 3)
+        timings = measure.interleaved(calls, repeat=5 if size == "20k" else 3)
         for name, peer, target in PAIRS:
-            a, b = found[f"ours {name}"].lowest, found[f"igl {peer}"].lowest
+            a, b = timings[f"ours {name}"].lowest, timings[f"igl {peer}"].lowest
             memory = measure.peak_mib(ours[name]), measure.peak_mib(peers[peer])
             verdict = "met" if a / b <= target else "MISSED"
             rows.append([size, name, f"igl {peer}", a, b, a / b, target, verdict, *memory])
@@ -175,8 +175,8 @@ def pymeshlab_speed() -> None:
         meshes.add_mesh(pymeshlab.Mesh(mesh.points, mesh.faces))
         meshes.compute_curvature_principal_directions_per_vertex(method="Quadric Fitting")
 
-    found = measure.interleaved({"ours": ours, "peer": theirs}, repeat=3)
-    a, b = found["ours"].lowest, found["peer"].lowest
+    timings = measure.interleaved({"ours": ours, "peer": theirs}, repeat=3)
+    a, b = timings["ours"].lowest, timings["peer"].lowest
     measure.print_table(
         "Beside pymeshlab's quadric fitting, 80k faces", ["ours s", "peer s", "ratio"], [[a, b, a / b]]
     )
@@ -200,10 +200,10 @@ def balls() -> None:
             scheme: lambda scheme=scheme, mesh=mesh, radius=radius: measure_all(fresh(mesh), scheme, radius)
             for scheme in ("corrected", "normal-cycle")
         }
-        found = measure.interleaved({"trimesh": theirs} | calls, repeat=3)
-        peer = found["trimesh"].lowest
+        timings = measure.interleaved({"trimesh": theirs} | calls, repeat=3)
+        peer = timings["trimesh"].lowest
         for scheme in calls:
-            least = found[scheme].lowest
+            least = timings[scheme].lowest
             verdict = "met" if least <= peer else "MISSED"
             rows.append([mesh.n_faces, edges, scheme, least, peer, least / peer, 1.0, verdict])
     header = ["faces", "radius / edge", "scheme", "ours s", "trimesh s", "ratio", "target", ""]

@@ -171,10 +171,10 @@ def bench_flips(faces):
         forget(mesh)
         return Straightener(mesh)
 
-    made = interleaved(
+    timings = interleaved(
         {"ours": set_up, "pp3d": lambda: pp3d.EdgeFlipGeodesicSolver(mesh.points, mesh.faces)}, repeat=3
     )
-    own, peer = made["ours"].value, made["pp3d"].value
+    own, peer = timings["ours"].value, timings["pp3d"].value
     pairs = [(0, mesh.n_vertices // 2), (5, mesh.n_vertices // 3), (7, 100)]
     calls = {
         "ours": lambda: [own.curves([[a, b]], [False]).entries[0]["length"] for a, b in pairs],
@@ -184,7 +184,7 @@ def bench_flips(faces):
     theirs = [float(np.linalg.norm(np.diff(p, axis=0), axis=1).sum()) for p in t["pp3d"].value]
     worst = max(abs(a / b - 1) for a, b in zip(t["ours"].value, theirs))
     header = ["faces", "set-up ratio", "ours s", "pp3d s", "ratio", "largest length difference"]
-    set_ups = made["pp3d"].median / made["ours"].median
+    set_ups = timings["pp3d"].median / timings["ours"].median
     times = t["ours"].median, t["pp3d"].median
     row = [mesh.n_faces, set_ups, *times, times[1] / times[0], worst]
     print_table("three paths pulled straight", header, [row])

@@ -103,7 +103,7 @@ def test_every_package_is_on_the_architecture_page():
 
 def test_every_page_is_in_the_navigation():
     nav = (ROOT / "mkdocs.yml").read_text(encoding="utf-8").split("\nnav:\n")[1]
-    listed = set(re.findall(r":\s*([\w/.-]+\.md)", nav))
+    listed = set(re.findall(r"[:-]\s*([\w/.-]+\.md)", nav))
     assert {page.relative_to(DOCS).as_posix() for page in PAGES} - listed == set()
 
 
