@@ -39,7 +39,7 @@ def hodge_star(complex_: Complex, degree: int, kind: Star = "galerkin") -> csr_a
         Diagonal for the first two kinds: dual measure / primal measure, in length^(dimension - 2 degree).
     """
     if not 0 <= degree <= complex_.dimension:
-        raise ParameterError(f"degree {degree} is outside 0..{complex_.dimension}")
+        raise ParameterError(f"{degree} is outside 0..{complex_.dimension}", parameter="degree")
     if kind not in HODGE_STARS:
         raise ParameterError(f"{kind!r} is not one of {', '.join(HODGE_STARS)}", parameter="kind")
     if degree == complex_.dimension:
@@ -230,7 +230,7 @@ def codifferential(complex_: Complex, degree: int, kind: Star = "galerkin") -> C
     positive Laplacian of f; the boundary term is dropped (natural conditions).
     """
     if degree < 1:
-        raise ParameterError("the codifferential of a 0-form is zero: it needs a degree of at least 1")
+        raise ParameterError("must be at least 1: the codifferential of a 0-form is zero", parameter="degree")
     solve = inverse_star(complex_, degree - 1, kind)
     weak = (complex_.derivatives[degree - 1].T @ hodge_star(complex_, degree, kind)).tocsr()
     return lambda form: solve(weak @ form)

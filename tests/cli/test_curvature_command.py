@@ -104,7 +104,7 @@ def test_pictures(run, torus, tmp_path, extension):
 
 
 @pytest.mark.parametrize(
-    ("words", "told"),
+    ("words", "message"),
     [
         (("--show", "nothing", "--plot", "a.png"), "mean_curvature"),
         (("--view", "sideways"), "ELEVATION"),

@@ -191,7 +191,7 @@ def plane(tmp_path):
 
 
 @pytest.mark.parametrize("refine", [(), ("--refine", 25)])
-def test_functions_are_carried_to_the_triangulation(summary, plane, tmp_path, refine):
+def test_functions_are_transferred_to_the_triangulation(summary, plane, tmp_path, refine):
     out, overlay = tmp_path / "idt.npz", tmp_path / "overlay.npz"
     carry = ("--transfer", "height", "--transfer", "rough")
     report = summary("delaunay", plane, *refine, *carry, "-o", out, "--overlay", overlay)
@@ -213,7 +213,7 @@ def test_functions_are_carried_to_the_triangulation(summary, plane, tmp_path, re
 
 
 @pytest.mark.parametrize("refine", [(), ("--refine", 25)])
-def test_functions_are_carried_without_an_overlay(summary, plane, tmp_path, refine):
+def test_functions_are_transferred_without_an_overlay(summary, plane, tmp_path, refine):
     out, beside = tmp_path / "idt.npz", tmp_path / "beside.npz"
     report = summary("delaunay", plane, *refine, "--transfer", "rough", "-o", out)
     summary("delaunay", plane, *refine, "--transfer", "rough", "-o", beside, "--overlay", tmp_path / "o.npz")
@@ -224,7 +224,7 @@ def test_functions_are_carried_without_an_overlay(summary, plane, tmp_path, refi
 @pytest.mark.parametrize(
     "name, words", [("warmth", "height, rough"), ("input_face", "rename"), ("torn", "vertex 3")]
 )
-def test_functions_that_cannot_be_carried(run, tmp_path, name, words):
+def test_functions_that_cannot_be_transferred_are_refused(run, tmp_path, name, words):
     mesh = planar()
     torn = np.where(np.arange(mesh.n_vertices) == 3, np.nan, 0.0)
     arrays = {"height": 1 + torn, "rough": torn, "input_face": 0 * torn, "torn": torn}

@@ -43,7 +43,7 @@ def test_parts_come_in_the_form_of_the_input(torus, tmp_path, summary, place):
             assert arrays["exact"] + arrays["coexact"] + arrays["harmonic"] == pytest.approx(field)
 
 
-def test_a_field_carried_by_the_input_is_named(tmp_path, summary):
+def test_a_field_of_the_input_is_chosen_by_name(tmp_path, summary):
     mesh = shapes.torus(12, 8)
     path = tmp_path / "torus.vtu"
     write_mesh(str(path), AnnotatedMesh(mesh, vertex={"wind": np.cross(mesh.points, [0.0, 0.0, 1.0])}))

@@ -28,7 +28,7 @@ def test_the_command_accepts_every_matrix_format_of_the_writer():
     assert MATRIX_FORMATS == matrix_file.MATRIX_FORMATS
 
 
-def test_a_bar_is_drawn_for_the_asking(mesh_file, run, monkeypatch):
+def test_progress_draws_a_progress_bar(mesh_file, run, monkeypatch):
     monkeypatch.setattr("ddgcli.cli.progress.REDRAW_INTERVAL", 0.0)  # every word of progress is drawn
     path = mesh_file(shapes.icosphere(3))
     done = run("laplacian", path, "--eigen", 10, "--smooth", 0.01, "--progress")
@@ -170,7 +170,7 @@ def test_operator_that_a_mesh_cannot_have_names_one_that_it_can(shared_meshes, r
     assert any("tufted" in warning for warning in out["warnings"])
 
 
-def test_isolated_vertices_are_told_and_stay_zero(shared_meshes, summary, tmp_path):
+def test_isolated_vertices_stay_zero_with_a_warning(shared_meshes, summary, tmp_path):
     path = shared_meshes / "hard" / "gen_unreferenced.ply"
     result = tmp_path / "r.npz"
     out = summary("laplacian", path, "--eigen", 4, "-o", result)
@@ -178,7 +178,7 @@ def test_isolated_vertices_are_told_and_stay_zero(shared_meshes, summary, tmp_pa
     assert np.isfinite(np.load(result)["eigenvector_003"]).all()
 
 
-def test_mollification_is_told(shared_meshes, summary):
+def test_mollification_causes_a_warning(shared_meshes, summary):
     out = summary("laplacian", shared_meshes / "hard" / "gen_zero_area.off", "--eigen", 4)
     assert out["results"]["mollified_faces"] > 0
     assert any("mollified" in warning for warning in out["warnings"])

@@ -94,7 +94,7 @@ def test_star_schemes_converge_on_regular_meshes(scheme):
 
 
 @pytest.mark.parametrize("scheme", ["cotan", "normal-cycle"])
-def test_what_the_star_schemes_do_not_promise_they_do_not_keep(scheme):
+def test_star_schemes_converge_only_as_their_promise_states(scheme):
     # the reason for the default; if this fails, the docs are wrong
     fine = on("irregular ellipsoid", 10240, scheme)
     assert 0.2 < fine["H"] < 0.6 and 0.2 < fine["K"] < 0.6
@@ -154,7 +154,7 @@ def sheared(n, cells):
     return TriangleMesh.from_arrays(points, faces)
 
 
-def test_fits_on_sheared_cells_take_their_neighbours_from_the_delaunay_triangulation():
+def test_fits_on_sheared_cells_use_neighbours_of_the_delaunay_triangulation():
     error = []
     for n in (24, 48):
         mesh = sheared(n, 3)
@@ -172,7 +172,7 @@ def test_cells_stretched_along_the_curvature_keep_their_own_rings():
     assert len(error.member) == len(rings.member) and (error.member == rings.member).all()
 
 
-def test_sheared_surfaces_that_cannot_be_flipped_are_measured_all_the_same():
+def test_sheared_surfaces_that_cannot_be_flipped_are_measured():
     mesh = sheared(16, 3)
     page = np.append(mesh.faces, [[mesh.faces[0, 1], mesh.faces[0, 0], mesh.n_vertices]], axis=0)
     points = np.append(mesh.points, [[2.0, 0.0, 1.0]], axis=0)

@@ -107,7 +107,7 @@ def test_shares_that_rounding_put_out_of_order_are_exchanged(case):
     assert np.array_equal(mended[np.lexsort((mended, edge))], rough[np.lexsort((rough, edge))])
 
 
-def test_linear_functions_are_carried_exactly(case):
+def test_linear_functions_are_transferred_exactly(case):
     mesh, _, cut = case
     assert np.abs(cut.from_input @ mesh.points - cut.mesh.points).max() <= 1e-14 * np.abs(mesh.points).max()
     ones = np.ones(mesh.n_vertices)

@@ -127,7 +127,7 @@ def plain_ball(mesh, vertex, radius):
 
 @pytest.mark.parametrize("reach", [0.45, 1.3, 2.3])
 @pytest.mark.parametrize("name", MESHES)
-def test_balls_hold_the_faces_and_chords_of_a_plain_walk(name, reach):
+def test_balls_hold_the_faces_and_chords_of_a_direct_search(name, reach):
     mesh = MESHES[name]()
     radius = reach * mesh.side_length.mean()
     length = mesh.side_length

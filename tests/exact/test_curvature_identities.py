@@ -254,7 +254,7 @@ def test_a_ball_that_holds_all_measures_everything():
     assert v["gaussian_curvature"] == pytest.approx(np.full(60, 4 * np.pi / r["area"]))
 
 
-def test_refusals_name_the_mend():
+def test_refusals_name_a_cure():
     mesh = shapes.icosphere(1)
     with pytest.raises(ParameterError, match="quadric"):
         measure_curvature(mesh, "fancy")

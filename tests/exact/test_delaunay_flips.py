@@ -150,7 +150,7 @@ def test_dirichlet_energy_never_rises():
     mesh = stretched()
     values = np.random.default_rng(0).normal(size=(mesh.n_vertices, 4))
     energies = [
-        np.einsum("ik,ik->k", values, stiffness(flip_to_delaunay(mesh, most_rounds=r).mesh) @ values)
+        np.einsum("ik,ik->k", values, stiffness(flip_to_delaunay(mesh, max_rounds=r).mesh) @ values)
         for r in range(12)
     ]
     assert (np.diff(energies, axis=0) <= 1e-12 * np.abs(energies[0])).all()
@@ -213,7 +213,7 @@ def test_laplacian_and_geodesic_use_this_triangulation():
     mesh = stretched()
     flipped = flip_to_delaunay(mesh).mesh
     assert (laplace_operator(mesh).stiffness != stiffness(flipped)).nnz == 0
-    solver = HeatSolver(flipped, given_on=mesh)
+    solver = HeatSolver(flipped, source_mesh=mesh)
     expected = solver.distance(Sources.at([3])).distance
     assert np.array_equal(measure_distance(mesh, Sources.at([3]), "heat").distance, expected)
 
@@ -249,7 +249,7 @@ def test_any_lengths_end_in_lengths(seed, spread, none):
     assert (length[:, [1, 2, 0]] + length[:, [2, 0, 1]] >= length * (1 - 1e-15)).all()
 
 
-def test_flat_triangles_are_mollified_and_told(caplog):
+def test_flat_triangles_are_mollified_with_a_warning(caplog):
     points = np.array([[0, 0, 0], [1, 0, 0], [2, 0, 0], [1, 1, 0.0], [1, -1, 0]])
     faces = np.array([[0, 1, 3], [1, 2, 3], [0, 2, 1], [2, 0, 4]])  # face 2 is flat
     flipped = flip_to_delaunay(TriangleMesh.from_arrays(points, faces))

@@ -87,7 +87,7 @@ def test_uniform_counts_neighbours():
     assert np.abs(L @ np.ones(mesh.n_vertices)).max() == 0
 
 
-def test_degenerate_faces_are_mollified_and_told(caplog):
+def test_degenerate_faces_are_mollified_with_a_warning(caplog):
     mesh = spoiled_sphere()
     _, mended = mollify_mesh(mesh)
     assert len(mended.faces) == 3

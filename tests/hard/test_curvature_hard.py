@@ -49,7 +49,7 @@ def test_identities_hold_on_real_meshes(summary, shared_meshes, name):
         assert measured["accuracy"][f"{balance}_balance_residual"] < 1e-12
 
 
-def test_turned_faces_are_turned_back_and_told(caplog):
+def test_misoriented_faces_are_turned_over_with_a_warning(caplog):
     mesh = shapes.torus(16, 8)
     some = np.random.default_rng(0).random(mesh.n_faces) < 0.3
     faces = np.where(some[:, None], mesh.faces[:, ::-1], mesh.faces)
@@ -83,7 +83,7 @@ def test_a_moebius_strip_has_curvature_but_no_total_mean_curvature(caplog, run):
         measure_curvature(mesh, "normal-cycle")
 
 
-def test_inward_faces_are_told(caplog):
+def test_inward_faces_cause_a_warning(caplog):
     mesh = shapes.icosphere(1)
     measure_curvature(TriangleMesh.from_arrays(mesh.points, mesh.faces[:, ::-1]))
     assert "inward" in caplog.text
@@ -106,7 +106,7 @@ def test_vertices_without_faces_and_tiny_meshes():
         assert corners == pytest.approx(np.full(4, corners[0]), rel=1e-6) and corners[0] > 0
 
 
-def test_a_volume_beyond_the_range_of_numbers_is_null_and_told(summary, tmp_path):
+def test_a_volume_beyond_the_range_of_numbers_is_null_with_a_warning(summary, tmp_path):
     huge = shapes.icosphere(1)
     path = tmp_path / "huge.ply"
     write_mesh(str(path), AnnotatedMesh(huge.moved(1e130 * huge.points)))

@@ -96,7 +96,7 @@ def test_refinement_of_the_large_ones(shared_meshes, degrees):
         refined_and_right(name, mesh, degrees)
 
 
-def test_hard_files_are_right_or_refused_with_the_mend(shared_meshes, monkeypatch):
+def test_hard_files_are_right_or_refused_with_a_cure(shared_meshes, monkeypatch):
     monkeypatch.setattr(logging.getLogger("ddgcli"), "disabled", True)
     taken, refused = [], []
     for name, mesh in surfaces(shared_meshes / "hard"):

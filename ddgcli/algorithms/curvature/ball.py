@@ -15,6 +15,7 @@ from ddgcli.algorithms.curvature.faces import Faces
 from ddgcli.algorithms.curvature.frames import PrincipalCurvatures
 from ddgcli.algorithms.curvature.star import corrected_measures, corrected_principal, swapped_principal
 from ddgcli.mesh.ragged import list_starts
+from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.mesh.vectors import ratio
 
@@ -53,7 +54,7 @@ def normal_cycle_in_balls(
         tensor[part], area[part] = whole[:, :6], whole[:, 6]
         for chord, values in zip(ball.chord, np.moveaxis(of_side, 1, 0)):
             tensor[part] += _cut(ball, chord, mesh.n_faces) @ np.ascontiguousarray(values)
-        area[part] += np.bincount(ball.owner, ball.area, ball.end - ball.begin)
+        area[part] += sum_by_index(ball.owner, ball.area, ball.end - ball.begin)
         gauss[part] = ball.fans @ of_fan
     return swapped_principal(ratio(np.ascontiguousarray(tensor.T), area), normal, ratio(gauss, area))
 

@@ -12,6 +12,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.topology import NEXT, PREVIOUS
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.mesh.vectors import cross, dot, ratio
@@ -50,13 +51,13 @@ class Faces:
         total = np.zeros((len(rows), n))
         for sums, row in zip(total, rows):
             for c, value in zip(self.corner, row):
-                sums += np.bincount(c, value, n)
+                sums += sum_by_index(c, value, n)
         return total.reshape(*values.shape[:-2], n)
 
     def stars(self, values: NDArray) -> NDArray[np.float64]:
         """(d, n) sums over the stars of vertices of (d, m) face values."""
         n = self.n_vertices
-        return np.stack([sum(np.bincount(c, value, n) for c in self.corner) for value in values])
+        return np.stack([sum(sum_by_index(c, value, n) for c in self.corner) for value in values])
 
     @cached_property
     def side(self) -> NDArray[np.float64]:

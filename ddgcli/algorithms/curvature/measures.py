@@ -52,7 +52,7 @@ def _surely_closed(faces: Faces) -> bool:
     a, b, c = (np.take(label, corner) for corner in faces.corner)
     total = np.zeros(n)
     for corner, ahead, behind in zip(faces.corner, (b, c, a), (c, a, b)):
-        total += np.bincount(corner, ahead - behind, n)
+        total += sum_by_index(corner, ahead - behind, n)
     return not total.any()
 
 
@@ -134,14 +134,14 @@ def vector_of(faces: Faces, topology: Topology) -> NDArray[np.float64]:
         leaving, arriving = 0.25 * faces.cotan[PREVIOUS[k]], 0.25 * faces.cotan[NEXT[k]]
         for i in range(3):
             pull = leaving * faces.side[k, i] - arriving * faces.side[PREVIOUS[k], i]
-            total[i] += np.bincount(faces.corner[k], pull, n)
+            total[i] += sum_by_index(faces.corner[k], pull, n)
     rim = np.flatnonzero(topology.edge_face_count[topology.side_edge.ravel()] == 1)
     if len(rim):
         face, j = np.divmod(rim, 3)
         side = faces.side[j, :, face].T
         tension = 0.25 * cross(side, faces.normal[:, face])
         for ends in (faces.corner[j, face], faces.corner[NEXT[j], face]):
-            total += np.array([np.bincount(ends, row, n) for row in tension])
+            total += sum_by_index(ends, tension.T, n).T
     return total
 
 

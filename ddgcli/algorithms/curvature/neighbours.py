@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from ddgcli.algorithms.curvature.faces import Faces
 from ddgcli.algorithms.curvature.regions import Regions, chosen, chunks, two_rings
+from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.topology import PREVIOUS
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.mesh.vectors import dot
@@ -48,7 +49,7 @@ def _sheared(mesh: TriangleMesh, faces: Faces) -> bool:
     topology = mesh.topology
     opposite = np.zeros(topology.n_edges)
     for side, cotan in zip(topology.side_edge.T, faces.cotan[PREVIOUS]):
-        opposite += np.bincount(side, cotan, topology.n_edges)
+        opposite += sum_by_index(side, cotan, topology.n_edges)
     far = (opposite < _NON_DELAUNAY_COTAN_SUM) & (topology.edge_face_count == 2)
     if far.sum() <= _MIN_NON_DELAUNAY_SHARE * topology.n_edges:
         return False

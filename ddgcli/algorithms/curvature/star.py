@@ -13,6 +13,7 @@ from ddgcli.algorithms.curvature.frames import (
     tangent_frame,
     turned,
 )
+from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.topology import NEXT, PREVIOUS
 from ddgcli.mesh.vectors import cross, dot, ratio
 
@@ -67,7 +68,7 @@ def _fitted_form(
             rest = weight * (curve - at[9])
             wc = weight * c
             for row, values in zip(sums, (wc * c, wc * s, weight * s * s, c * rest, s * rest)):
-                row += np.bincount(faces.corner[end], values, n)
+                row += sum_by_index(faces.corner[end], values, n)
     cc, cs, ss, rc, rs = sums
     determinant = cc * ss - cs * cs
     regular = determinant > 1e-12 * (cc + ss) ** 2
@@ -93,7 +94,7 @@ def normal_cycle(
     weight = 0.5 * ratio(dihedral, length)
     wx, wy, wz = weight * x, weight * y, weight * z
     entries, n = (wx * x, wy * y, wz * z, wy * z, wz * x, wx * y), faces.n_vertices
-    tensor = np.stack([np.bincount(a, e, n) + np.bincount(b, e, n) for e in entries])
+    tensor = np.stack([sum_by_index(a, e, n) + sum_by_index(b, e, n) for e in entries])
     return swapped_principal(ratio(tensor, area), normal, ratio(defect, area))
 
 

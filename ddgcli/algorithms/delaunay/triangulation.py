@@ -17,6 +17,7 @@ from ddgcli.errors import MeshError
 from ddgcli.geometry.intrinsic import corner_cotan, half_angle_tangent
 from ddgcli.mesh.intrinsic_mesh import IntrinsicMesh
 from ddgcli.mesh.require import require
+from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.topology import NEXT, Topology, sorted_sides
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.operators.mollify import Mollification, mollify_lengths
@@ -232,5 +233,5 @@ def negative_cotan_edges(mesh: TriangleMesh | IntrinsicMesh) -> int:
     """Edges, boundary ones included, of negative cotangent weight (beyond 1e-9 of its terms)."""
     cotan = corner_cotan(mesh.side_length)[:, [2, 0, 1]].ravel()
     edge = mesh.topology.side_edge.ravel()
-    weight, size = np.bincount(edge, cotan), np.bincount(edge, np.abs(cotan))
+    weight, size = (sum_by_index(edge, c, mesh.topology.n_edges) for c in (cotan, np.abs(cotan)))
     return int((weight < -ANGLE_TOLERANCE * np.maximum(size, 1.0)).sum())

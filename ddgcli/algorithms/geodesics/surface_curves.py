@@ -12,6 +12,7 @@ from ddgcli.algorithms.geodesics.paths import SurfacePaths, describe_paths, join
 from ddgcli.algorithms.tracing.trace import GAVE_UP, STATUS_TEXT, Tracer
 from ddgcli.geometry.face_frames import to_space
 from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
+from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.progress import ProgressCallback
 
@@ -114,7 +115,7 @@ def add_geodesic_curvature(mesh: SurfaceMesh, curves: Curves) -> Curves:
     It is (2 pi / total)(total / 2 - left), positive where the curve turns left; 0 at open ends.
     """
     turning = np.nan_to_num(joints(mesh, curves.paths).geodesic_curvature)
-    total = np.bincount(curves.paths.of_point(), weights=turning, minlength=len(curves.paths))
+    total = sum_by_index(curves.paths.of_point(), turning, len(curves.paths))
     entries = [
         entry | {"total_geodesic_curvature": float(sum_)}
         for entry, sum_ in zip(curves.entries, total, strict=True)

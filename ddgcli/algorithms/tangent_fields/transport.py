@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from ddgcli.algorithms.geodesics.paths import SurfacePaths, joints, segment_vectors
 from ddgcli.geometry.face_frames import to_space
 from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
+from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 
 
@@ -66,6 +67,6 @@ def holonomy(mesh: SurfaceMesh, paths: SurfacePaths) -> NDArray[np.float64]:
     open paths.
     """
     turning = np.nan_to_num(joints(mesh, paths).geodesic_curvature)
-    total = np.bincount(paths.of_point(), weights=turning, minlength=len(paths))
+    total = sum_by_index(paths.of_point(), turning, len(paths))
     turned = np.pi - (np.pi + total) % (2 * np.pi)
     return np.where(paths.closed & (np.diff(paths.start) > 0), turned, np.nan)
