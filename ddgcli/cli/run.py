@@ -94,10 +94,10 @@ class Run:
                 check_output(path, common.output_format, formats=formats)
                 self._plan_output(path)
         if common.plot is not None:
-            from ddgcli.plots.page import FORMATS, need_matplotlib
+            from ddgcli.plots.page import FORMATS, require_matplotlib
 
             self.plan_output(common.plot, FORMATS)
-            need_matplotlib()
+            require_matplotlib()
 
     def _check_picture(self, pictures: str) -> None:
         """Refuse --view, --show and --size if no picture uses them."""
@@ -196,13 +196,13 @@ class Run:
         """
         with self.timed("read"):
             from ddgcli.io.mesh_file import check_place, read_mesh
-            from ddgcli.mesh.require import wrong_kind
+            from ddgcli.mesh.require import kind_error
 
             for output in self._planned_outputs:
                 if output != "-":
                     check_place(output, inputs=(path, *self._further_inputs))
             source = read_mesh(path, self.common.input_format)
-            if message := wrong_kind(source.mesh, accept, self.command, path):
+            if message := kind_error(source.mesh, accept, self.command, path):
                 raise MeshError(f"{path}: {message}")
             self._inputs[path] = source.sha256
             self._input_vertex = source.input_vertex
@@ -273,11 +273,11 @@ class Run:
         `in_place`: the file may be the input itself.
         """
         with self.timed("write"):
-            from ddgcli.io.mesh_file import write_whole
+            from ddgcli.io.mesh_file import write_atomically
 
             if not in_place:
                 self._protect_inputs(path)
-            write_whole(path, data)
+            write_atomically(path, data)
             self.outputs.append(path)
 
     def plot(self, draw: Callable[[str], Any]) -> None:
@@ -290,11 +290,11 @@ class Run:
     def drawing(self, path: str) -> Iterator[str]:
         """Temporary path to draw to; without an error the picture then replaces `path` and is listed."""
         with self.timed("write"):
-            from ddgcli.io.mesh_file import written_whole
+            from ddgcli.io.mesh_file import atomic_output
 
             self._protect_inputs(path)
             self.progress("picture")
-            with written_whole(path) as partial:
+            with atomic_output(path) as partial:
                 yield partial
             self.outputs.append(path)
 

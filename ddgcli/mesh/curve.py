@@ -1,4 +1,4 @@
-"""Polylines in the plane and in space: inputs of `curvature`, and every path that leaves the program."""
+"""Polylines in the plane and in space."""
 
 from __future__ import annotations
 
@@ -64,18 +64,18 @@ class CurveSet:
         is_start = np.zeros(n, dtype=bool)
         is_start[tail] = True
         is_start[head] = False
-        seen = np.zeros(n, dtype=bool)
-        found = []
+        visited = np.zeros(n, dtype=bool)
+        paths = []
         for start in [*np.flatnonzero(is_start), *np.sort(tail)]:
-            if seen[start]:
+            if visited[start]:
                 continue
             path, at = [], int(start)
-            while at >= 0 and not seen[at]:
-                seen[at] = True
+            while at >= 0 and not visited[at]:
+                visited[at] = True
                 path.append(at)
                 at = int(after[at])
-            found.append((np.array(path, dtype=np.int64), at == start))
-        return found
+            paths.append((np.array(path, dtype=np.int64), at == start))
+        return paths
 
     def describe(self) -> dict[str, Any]:
         """Counts for the summary."""
@@ -104,7 +104,7 @@ class CurveSet:
 def plane_normal(points: NDArray) -> NDArray[np.float64] | None:
     """Unit normal of the plane in which a curve lies, None for a space curve.
 
-    The plane is seen from the positive side of the axis nearest to the normal (of equally near ones z, else
+    The plane is viewed from the positive side of the axis nearest to the normal (of equally near ones z, else
     y): for horizontal planes from above. The plane of a straight line is the one nearest to the horizontal.
     """
     size = float(np.abs(points - points[0]).max())
@@ -124,6 +124,6 @@ def plane_normal(points: NDArray) -> NDArray[np.float64] | None:
 
 
 def nearest_axis(normal: NDArray) -> int:
-    """The last of the largest components: equal ones must not be told apart by rounding."""
+    """The last of the largest components: rounding must not decide between equal ones."""
     size = np.abs(normal)
     return int(np.flatnonzero(size >= (1 - PLANARITY_TOLERANCE) * size.max())[-1])

@@ -97,8 +97,8 @@ class OrientedCover:
         points = np.diff(paths.start)
         first = paths.start[:-1][points > 0]
         arriving[first] = face[first]
-        seen = seen_from(topology, face, barycentric, arriving)
-        j, i = np.argmax(barycentric, axis=1), np.argmax(seen, axis=1)
+        arriving_weights = seen_from(topology, face, barycentric, arriving)
+        j, i = np.argmax(barycentric, axis=1), np.argmax(arriving_weights, axis=1)
         fans = topology.corner_fans
         fan = fans[arriving, i]
         other = (face + m) % (2 * m)

@@ -45,10 +45,10 @@ def command(
     mesh = read.surface
     with run.timed("compute"):
         from ddgcli.algorithms.tangent_fields.geodesic_query import geodesic_query
-        from ddgcli.io.arrays import given_array
+        from ddgcli.io.arrays import input_array
         from ddgcli.mesh.fields import AnnotatedMesh
 
-        field = given_array(read, curves.field) if curves.field else None
+        field = input_array(read, curves.field) if curves.field else None
         result = geodesic_query(
             mesh, distance, curves, field=field, seed=common.seed, stage_progress=run.progress
         )

@@ -24,7 +24,7 @@ NAMES = {11: "voxel", 12: "hexahedron", 13: "wedge", 14: "pyramid", 42: "polyhed
 def add_vtk_cells(
     raw: RawMesh, types: NDArray, connectivity: NDArray, sizes: NDArray, arrays: dict[str, NDArray]
 ) -> None:
-    """Put cells into `raw`, with the arrays of the kind that `assembled` will keep.
+    """Add cells to `raw`, with the arrays of the kind that `assembled` keeps.
 
     Parameters
     ----------
@@ -72,7 +72,7 @@ def _kind(code: int) -> tuple[str, int | None]:
     if code not in VTK_CELLS:
         name = NAMES.get(code, f"VTK type {code}")
         raise MeshFileError(
-            f"cells of kind {name}; only triangles, polygons, tetrahedra and lines are taken: convert them"
+            f"cells of kind {name}; only triangles, polygons, tetrahedra and lines can be read: convert them"
         )
     return VTK_CELLS[code]
 
