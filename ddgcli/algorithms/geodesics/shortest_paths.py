@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,12 +31,12 @@ LENGTH_TOLERANCE = 1e-9  # relative difference between the length of a path and 
 class _Segment:
     """Points from a vertex back to where its straight line begins, without that end.
 
-    It `goes_to` a vertex, or to -1, a source point, or to `_NO_PATH` if the line ends before.
+    `next_vertex` is the vertex at that end, -1 for a source point, or `_NO_PATH` if the line ends before.
     """
 
     face: NDArray[np.int64]
     barycentric: NDArray[np.float64]
-    goes_to: int
+    next_vertex: int
 
 
 def shortest_paths(
@@ -67,7 +68,7 @@ def shortest_paths(
     -------
     Curves
         From source to target. `accuracy.path_length_residual` is the largest relative difference between the
-        length of a path and the distance. WindowTargets that no source reaches, or only across an edge of
+        length of a path and the distance. Targets that no source reaches, or only across an edge with
         three or more faces, have a path without points and `length` None.
     """
     bad = [t for t in targets if not 0 <= t < mesh.n_vertices]
@@ -85,6 +86,16 @@ def shortest_paths(
     paths = join_lifts(paths) if join_lifts else paths
     kinds = [{"kind": "shortest", "target": int(t), "source": int(exact.nearest_source[t])} for t in targets]
     entries = describe_paths(mesh, paths, kinds)
+    residual = _add_distances(entries, exact, targets)
+    converged = residual <= LENGTH_TOLERANCE and all(entry["length"] is not None for entry in entries)
+    return Curves(paths, entries, {"path_length_residual": residual}, converged)
+
+
+def _add_distances(entries: list[dict[str, Any]], exact: ExactDistance, targets: list[int]) -> float:
+    """Add the exact distances to the entries of paths; return the largest relative difference to the lengths.
+
+    Warnings name missing paths and a residual above `LENGTH_TOLERANCE`.
+    """
     residual, missing = 0.0, []
     for entry, target in zip(entries, targets, strict=True):
         distance = float(exact.distance[target])
@@ -107,8 +118,7 @@ def shortest_paths(
         _log.warning(
             f"a path differs from the exact distance by {residual:.3g} of it; see its entry in the results"
         )
-    converged = residual <= LENGTH_TOLERANCE and all(entry["length"] is not None for entry in entries)
-    return Curves(paths, entries, {"path_length_residual": residual}, converged)
+    return residual
 
 
 def _segments(
@@ -130,7 +140,7 @@ def _segments(
             lines = _trace_back(tracer, exact, traced)
             for i, v in enumerate(traced):
                 segments[int(v)] = _cut(tracer.mesh, exact, sources, lines, i, int(v))
-        ends = {segments[int(v)].goes_to for v in here} - set(segments) - {-1, _NO_PATH}
+        ends = {segments[int(v)].next_vertex for v in here} - set(segments) - {-1, _NO_PATH}
     return segments
 
 
@@ -171,8 +181,8 @@ def _segment_of_zero_length(mesh: SurfaceMesh, exact: ExactDistance, v: int) -> 
     face, j = divmod(int(exact.side[v]), 3)
     near = exact.crossing[v] <= 0.5 * mesh.side_length[face, j]
     end, between = (j, PREVIOUS[j]) if near else (NEXT[j], NEXT[j])
-    goes_to = int(mesh.faces[face, end]) if mesh.side_length[face, between] == 0 else _NO_PATH
-    return _Segment(np.array([face]), np.eye(3)[[PREVIOUS[j]]], goes_to)
+    next_vertex = int(mesh.faces[face, end]) if mesh.side_length[face, between] == 0 else _NO_PATH
+    return _Segment(np.array([face]), np.eye(3)[[PREVIOUS[j]]], next_vertex)
 
 
 def _segment_in_face(mesh: SurfaceMesh, exact: ExactDistance, sources: Sources, v: int) -> _Segment:
@@ -218,10 +228,10 @@ def _cut(
     if not len(keep) and origin >= 0:  # the end is at the origin, but across a face without area
         around = np.flatnonzero((mesh.faces == origin).any(axis=1))
         there, weights = np.full(len(around), face[-1]), np.tile(barycentric[-1], (len(around), 1))
-        seen = seen_from(mesh.topology, there, weights, around)
-        also = np.flatnonzero(~np.isnan(seen[:, 0]))[:1]
+        at_origin = seen_from(mesh.topology, there, weights, around)
+        also = np.flatnonzero(~np.isnan(at_origin[:, 0]))[:1]
         face = np.concatenate([face[:-1], around[also]])
-        return _Segment(face, np.concatenate([barycentric[:-1], seen[also]]), origin)
+        return _Segment(face, np.concatenate([barycentric[:-1], at_origin[also]]), origin)
     last = keep[0] + 1 if len(keep) else len(face) - 1  # inside one face the straight line is the shortest
     return _Segment(face[:last], barycentric[:last], origin)
 
@@ -238,7 +248,7 @@ def _chain(
             break
         faces.append(segments[v].face)
         weights.append(segments[v].barycentric)
-        v = segments[v].goes_to
+        v = segments[v].next_vertex
     if v == _NO_PATH or v in segments:  # or a cycle among vertices at one position
         return np.zeros(0, dtype=np.int64), np.zeros((0, 3))
     if v >= 0:  # a source vertex

@@ -72,7 +72,8 @@ def geodesic_query(
         A distance is computed if it has sources, or if `curve_query` asks for no curves.
     curve_query : CurveQuery
     field : (ndarray, str), optional
-        The vectors of `curve_query.field` and their place: 'vertex', 'face', or '' to tell it by the length.
+        The vectors of `curve_query.field` and their place: 'vertex', 'face', or '' to infer it from the
+        length.
     seed : int
         Of random starts and of sampled vertices.
     stage_progress : callable, optional

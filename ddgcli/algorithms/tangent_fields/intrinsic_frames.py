@@ -28,7 +28,7 @@ def frame_turn(mesh: SurfaceMesh, flipped: IntrinsicDelaunay) -> NDArray[np.comp
     mesh : TriangleMesh or IntrinsicMesh
         Consistently oriented, one fan a vertex.
     flipped : IntrinsicDelaunay
-        Made from it, with its crossings tracked.
+        Intrinsic Delaunay triangulation of `mesh`, with tracked crossings.
 
     Returns
     -------

@@ -194,6 +194,6 @@ def _through_a_vertex(lines: Traces) -> NDArray[np.bool_]:
 
 
 def _stopped_at_three_faces(mesh: SurfaceMesh, lines: Traces) -> NDArray[np.bool_]:
-    """(k,) lines that stopped at an edge of three or more faces, beyond which the path goes on."""
+    """(k,) lines that stopped at an edge of three or more faces, beyond which the path continues."""
     edge = mesh.topology.side_edge[lines.face, NEXT[np.argmin(lines.barycentric, axis=1)]]
     return (lines.status != REACHED) & (mesh.topology.edge_face_count[edge] > 2)

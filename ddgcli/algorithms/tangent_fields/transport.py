@@ -1,4 +1,4 @@
-"""Parallel transport along curves, and the holonomy of closed ones."""
+"""Parallel transport along curves, and the holonomy of closed curves."""
 
 from __future__ import annotations
 

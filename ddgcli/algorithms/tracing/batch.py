@@ -123,8 +123,7 @@ class TraceBatch:
         self.left_over[line] = 0.0
 
     def _leave_vertices(self, line: NDArray, face: NDArray, corner: NDArray, d: NDArray) -> None:
-        """LineStart at a vertex: the direction, read in the plane of `face`, is looked up in the unfolded
-        fan."""
+        """Start lines at vertices: turn directions in the plane of `face` into angles in the unfolded fan."""
         if not len(line):
             return
         side = 3 * face + corner

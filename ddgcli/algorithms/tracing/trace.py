@@ -82,7 +82,7 @@ class Tracer:
         start = check_start(self.mesh, face, barycentric, direction, length)
         _refuse_flat_starts(self, start, np.atleast_2d(np.asarray(direction, dtype=np.float64)))
         if at_boundary not in ("stop", "reflect"):
-            raise ParameterError(f"at_boundary must be 'stop' or 'reflect', found {at_boundary!r}")
+            raise ParameterError(f"at_boundary must be 'stop' or 'reflect', got {at_boundary!r}")
         return self.trace_checked(
             start, at_boundary=at_boundary, record=record, max_crossings=max_crossings, progress=progress
         )
@@ -128,7 +128,7 @@ def trace(
     record: bool = False,
     max_crossings: int = 100_000,
 ) -> Traces:
-    """TraceBatch straight on from points of a surface.
+    """Trace straightest geodesics from many starting points.
 
     Parameters
     ----------
@@ -216,7 +216,7 @@ def check_start(
         )
     direction = np.atleast_2d(np.asarray(direction, dtype=np.float64))
     if direction.ndim != 2 or direction.shape[1] not in (2, 3) or len(direction) not in (1, k):
-        raise ParameterError(f"directions must have shape ({k}, 3) or ({k}, 2), found {direction.shape}")
+        raise ParameterError(f"directions must have shape ({k}, 3) or ({k}, 2), got {direction.shape}")
     direction = np.broadcast_to(direction, (k, direction.shape[1]))
     if not np.isfinite(direction).all():
         bad = np.flatnonzero(~np.isfinite(direction).all(axis=1))

@@ -177,8 +177,8 @@ class Bundles:
     def _parted(
         self, bundle: NDArray, place: NDArray, x: NDArray, y: NDArray
     ) -> tuple[tuple[NDArray, NDArray], tuple[NDArray, NDArray], int]:
-        """Parts of bundles left of points (x, y), seen where they were bound, then those right of them; those
-        between; and the number of parts on the left."""
+        """Parts of bundles left of points (x, y), in the frames of the bundles, then those right of them;
+        those between; and the number of parts on the left."""
         side, first, count = place
         rows, local = ranges(first, count)
         end = local + count

@@ -124,10 +124,6 @@ def exact_distance(
     SolveError
         When the windows are too many for the number of vertices and faces.
 
-    References
-    ----------
-    Mitchell, Mount, Papadimitriou 1987; Xin, Wang 2009; batching and dominance as in docs/geodesic.md.
-
     Notes
     -----
     A shortest path in space crosses a face at most once, because the straight segment between two of its
@@ -149,12 +145,12 @@ def exact_distance(
     most_windows = 1e6 + 3000.0 * mesh.n_vertices + 60.0 * mesh.n_vertices**1.5
     start = partial(_start_wavefront, mesh, sources, points, tables, dominance_every, directions)
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        wavefront, wanted, error = _propagate_bounded(
+        wavefront, window_targets, error = _propagate_bounded(
             mesh, start, tolerance, limit / tables.scale, most_windows, progress
         )
     patched = _patch_unreached(wavefront, mesh) if np.isinf(limit) else 0
-    wanted.finish(wavefront.distance, wavefront.origin)
-    return _answer(wavefront, wanted, directions, error, patched)
+    window_targets.finish(wavefront.distance, wavefront.origin)
+    return _result(wavefront, window_targets, directions, error, patched)
 
 
 def _propagate_bounded(
@@ -193,22 +189,22 @@ def _propagate(
     progress: Callable[[float, float], None] | None,
 ) -> tuple[Wavefront, WindowTargets, float]:
     """Run a wavefront; return it with its targets and the estimated error of its slack."""
-    wavefront, wanted = start(slack=0.0)
+    wavefront, window_targets = start(slack=0.0)
     near = None
     if tolerance > 0 and np.isinf(limit):
         near = NearestVertices.measure(wavefront, most_windows)
         if near.slack_pays(tolerance, _reachable(mesh, wavefront)):
-            wavefront, wanted = start(slack=tolerance)
+            wavefront, window_targets = start(slack=tolerance)
     wavefront.run(limit, most_windows, progress)
     if near is None or wavefront.slack == 0:
-        return wavefront, wanted, 0.0
+        return wavefront, window_targets, 0.0
     error = near.error_of(wavefront.distance)
     wavefront.windows, wavefront.rounds = wavefront.windows + near.windows, wavefront.rounds + near.rounds
-    return wavefront, wanted, error
+    return wavefront, window_targets, error
 
 
-def _answer(
-    wavefront: Wavefront, wanted: WindowTargets, directions: bool, error: float, patched: int
+def _result(
+    wavefront: Wavefront, window_targets: WindowTargets, directions: bool, error: float, patched: int
 ) -> ExactDistance:
     """Result of a finished wavefront, in the mesh's length unit."""
     scale = wavefront.tables.scale
@@ -221,8 +217,8 @@ def _answer(
         crossing=np.where(wavefront.side >= 0, wavefront.crossing * scale, np.nan),
         windows=wavefront.windows,
         rounds=wavefront.rounds,
-        target_distance=wanted.distance * scale,
-        target_source=_origin_values(wavefront.origins.source, wanted.origin),
+        target_distance=window_targets.distance * scale,
+        target_source=_origin_values(wavefront.origins.source, window_targets.origin),
         departure=_beyond_bends(wavefront.departure, origin_vertex) if directions else None,
         tolerance_error=error,
         patched=patched,
@@ -252,14 +248,14 @@ def _start_wavefront(
     max_rounds: float = np.inf,
 ) -> tuple[Wavefront, WindowTargets]:
     """Create a wavefront that has left the sources, and its targets."""
-    wanted = WindowTargets(tables, points)
-    targets = wanted if len(points) else None
+    targets = WindowTargets(tables, points)
     wavefront = Wavefront(
-        tables, slack=slack, dominance_every=dominance_every, targets=targets, directions=directions,
+        tables, slack=slack, dominance_every=dominance_every,
+        targets=targets if len(points) else None, directions=directions,
         max_crossings=max_crossings, max_rounds=max_rounds,
     )  # fmt: skip
     _start(wavefront, mesh, sources)
-    return wavefront, wanted
+    return wavefront, targets
 
 
 def _reachable(mesh: SurfaceMesh, wavefront: Wavefront) -> int:
@@ -287,8 +283,9 @@ def _start(wavefront: Wavefront, mesh: SurfaceMesh, sources: Sources) -> None:
     vertex, number = np.concatenate(vertices), np.concatenate(numbers)
     vertex, first = np.unique(vertex, return_index=True)
     if len(vertex):
-        wanted = wavefront.side_turn is not None
-        begin = vertex_fans(mesh).angle_before.reshape(-1, 3)[:, PREVIOUS].ravel() if wanted else None
+        begin = None
+        if wavefront.side_turn is not None:
+            begin = vertex_fans(mesh).angle_before.reshape(-1, 3)[:, PREVIOUS].ravel()
         wavefront.start_vertex(vertex, number[first], begin)
     for number_of, inside, at in inner:
         _start_point(wavefront, number_of, inside, at)

@@ -222,15 +222,15 @@ def sides_across(topology: Topology) -> tuple[NDArray, NDArray | None, tuple | N
         return topology.side_twin, None, None
     collapsed |= _repeated(topology)
     edge, sign = topology.side_edge.ravel(), topology.side_sign.ravel()
-    sound = np.flatnonzero(np.repeat(~collapsed, 3))
-    order = sound[np.argsort(edge[sound], kind="stable")]
-    count = np.bincount(edge[sound], minlength=topology.n_edges)
+    valid_sides = np.flatnonzero(np.repeat(~collapsed, 3))
+    order = valid_sides[np.argsort(edge[valid_sides], kind="stable")]
+    count = np.bincount(edge[valid_sides], minlength=topology.n_edges)
     start = list_starts(count)
     code = np.full(len(edge), BOUNDARY, dtype=np.int64)
     pair = start[:-1][count == 2]
     first, second = order[pair], order[pair + 1]
     code[first], code[second] = second, first
-    many = sound[count[edge[sound]] > 2]
+    many = valid_sides[count[edge[valid_sides]] > 2]
     code[many] = -2 - many
     mirrored = np.zeros(len(edge), dtype=bool)
     twofold = np.flatnonzero(code >= 0)
@@ -277,11 +277,11 @@ def _pinched(topology: Topology, suspects: NDArray) -> NDArray[np.int64]:
     corner[topology.faces.ravel()] = np.arange(len(around))
     left = np.bincount(topology.faces.ravel(), minlength=topology.n_vertices)[suspects]
     first = here = corner[suspects]
-    found = [suspects[:0]]
+    pinched = [suspects[:0]]
     while len(suspects):
         here, left = around[here], left - 1
         closed = here == first
-        found.append(suspects[closed & (left > 0)])
+        pinched.append(suspects[closed & (left > 0)])
         open_ = ~closed
         suspects, first, here, left = suspects[open_], first[open_], here[open_], left[open_]
-    return np.concatenate(found)
+    return np.concatenate(pinched)
