@@ -1,0 +1,7 @@
+"""File formats in and out: meshes, arrays, matrices, scenes and trajectories.
+
+`mesh_file` reads and writes every mesh format through the modules of `readers` and `writers`; `trajectories`
+holds the HDF5 layout of simulations. Files are written completely or not at all.
+"""
+
+__all__ = ["arrays", "matrix_file", "mesh_file", "readers", "scene_file", "trajectories", "writers"]

@@ -1,0 +1,19 @@
+"""Linear algebra that knows no mesh: factorisation, ordering, eigenpairs, constrained solves.
+
+`factor` is the only place where matrices are factorised; `backends` holds the solvers behind it, `eigen`
+smallest eigenpairs, `constrain` Dirichlet problems, `conjugate` conjugate gradients.
+"""
+
+__all__ = [
+    "assembly_tree",
+    "backends",
+    "conjugate",
+    "constrain",
+    "dissection",
+    "eigen",
+    "factor",
+    "lanczos",
+    "multifrontal",
+    "ordering",
+    "separators",
+]

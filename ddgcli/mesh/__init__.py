@@ -1,0 +1,17 @@
+"""Meshes: immutable positions over a topology, with checks, repair, shapes and annotation.
+
+`TriangleMesh`, `TetMesh`, `IntrinsicMesh` and `CurveSet` are the mesh classes, each in a module of its name;
+`topology` holds connectivity, `require` the demands of commands, `fields` meshes with arrays.
+"""
+
+__all__ = [
+    "curve",
+    "fields",
+    "intrinsic_mesh",
+    "repair",
+    "require",
+    "shapes",
+    "tet_mesh",
+    "topology",
+    "triangle_mesh",
+]

@@ -1,0 +1,6 @@
+"""Pictures of results: shaded surfaces, curves, charts, and the motion of simulations.
+
+The only place that imports matplotlib. `page` lays out a figure, `raster` draws large meshes as pixels.
+"""
+
+__all__ = ["chart", "colour", "curve", "motion", "page", "raster", "surface"]
