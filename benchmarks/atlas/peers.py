@@ -14,7 +14,7 @@ NO_SETUP: Callable[[], Any] = lambda: None  # noqa: E731
 
 
 def _peer(name: str, setup: Callable[[], Any], solve: Callable[[Any], Any], **parameters: Any) -> Candidate:
-    return Candidate(name, parameters, setup, solve, "")
+    return Candidate(name, parameters, setup, solve, {})
 
 
 def curvature(mesh: TriangleMesh) -> list[Candidate]:

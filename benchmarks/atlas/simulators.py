@@ -102,7 +102,7 @@ def _haurwitz(sphere: Callable[[int], TriangleMesh], level: int) -> Trial:
             {"dt": step},
             _fluid(name, mesh, step=step, duration=HAURWITZ_SPAN, vorticity=HAURWITZ),
             speed,
-            f"--integrator {name} --dt {step:g}",
+            {"integrator": name, "dt": f"{step:g}"},
             _fluid_work(name, mesh.n_faces, HAURWITZ_SPAN / step),
         )
         for name in FLUIDS
@@ -132,7 +132,7 @@ def _taylor_green(pattern: Pattern, level: int) -> Trial:
             {"dt": step},
             _fluid(name, None, step=step, **words),
             lambda ready: last_frame(ready).vertex["vorticity"],
-            f"--integrator {name} --dt {step:g}",
+            {"integrator": name, "dt": f"{step:g}"},
             _fluid_work(name, mesh.n_faces, GREEN_SPAN / step),
         )
         for name in FLUIDS
@@ -175,7 +175,7 @@ def _fluid_by_step(level: int) -> Trial:
             {},
             _by_step_setup(name, step),
             partial(end, name),
-            f"--integrator {name} --dt {step:g}",
+            {"integrator": name, "dt": f"{step:g}"},
             _fluid_work(name, 320, STEPS_SPAN / step),
         )
         for name in FLUIDS
@@ -222,7 +222,7 @@ def _dropped(weight: int, rest: TriangleMesh, n: int) -> Trial:
             {},
             partial(prepared, model),
             drop,
-            f"--effect 'bending model={model}'",
+            {"effect": f"'bending model={model}'"},
             0.02 + 4e-4 * rest.n_faces,
         )
         for model in ("hinge", "quadratic")
@@ -252,7 +252,7 @@ def _free_by_step(level: int) -> Trial:
             {},
             partial(_free, name, step),
             lambda ready: last_frame(ready).vertex["velocity"].ravel(),
-            f"--integrator {name} --dt {step:g}",
+            {"integrator": name, "dt": f"{step:g}"},
             0.2 / step * 5e-4,
         )
         for name in INTEGRATORS

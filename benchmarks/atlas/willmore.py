@@ -33,7 +33,7 @@ def _energy_trial(make: Callable[[int], TriangleMesh], truth: float, level: int)
             {},
             partial(kind.build, mesh.topology),
             lambda energy: np.array([energy.value(mesh.points)]),
-            f"--energy {name}",
+            {"energy": name},
             1e-6 * mesh.n_faces,
         )
         for name, kind in ENERGIES.items()
@@ -78,7 +78,7 @@ def _mode_by_mesh(level: int) -> Trial:
             {"dt": float(f"{SPAN / steps:.2g}")},
             partial(_mode_flow, start, energy, steps),
             partial(_decay, mesh, start),
-            f"--energy {energy} --dt {SPAN / steps:.3g}",
+            {"energy": energy, "dt": f"{SPAN / steps:.3g}"},
             steps * (4e-3 + 8e-6 * mesh.n_faces),
         )
         for energy in SMOOTH
@@ -108,7 +108,7 @@ def _mode_by_step(level: int) -> Trial:
             {},
             partial(_mode_flow, start, energy, steps),
             partial(rate, energy),
-            f"--energy {energy} --dt {SPAN / steps:.3g}",
+            {"energy": energy, "dt": f"{SPAN / steps:.3g}"},
             steps * 6e-3,
         )
         for energy in SMOOTH

@@ -114,7 +114,7 @@ def bench_vectors(faces):
     x, y, _ = peer.get_tangent_frames()
     calls = {
         "log": lambda: log_map(mesh, exact_distance(mesh, sources, directions=True), sources).log_map,
-        "log marched": lambda: (
+        "log fast marching": lambda: (
             fast_marching_log_map(mesh, fast_marching_distance(mesh, sources), sources).log_map
         ),
         "log pp3d": lambda: peer.compute_log_map(0, strategy="AffineLocal"),

@@ -29,8 +29,8 @@ class Candidate:
         The set-up, which runs once; `solve` gets its result.
     solve : callable
         One query: the answer, in the form that the problem's reference has.
-    arguments : str
-        Options of the command that run this configuration, quoted for a shell.
+    arguments : dict
+        Parameters of the command that runs this configuration, and their values as text.
     work : float
         Estimated seconds of set-up and one query; only ratios matter once one candidate has run.
     program : str, optional
@@ -41,7 +41,7 @@ class Candidate:
     parameters: dict[str, Any]
     setup: Callable[[], Any]
     solve: Callable[[Any], NDArray]
-    arguments: str
+    arguments: Mapping[str, str]
     work: float = 0.0
     program: str = ""
 
@@ -144,7 +144,7 @@ class Row:
     max_error: float
     max_error_at: int
     mean_error: float
-    arguments: str
+    arguments: Mapping[str, str]
     program: str = ""
     on_front: bool = False
     verdict: str = ""

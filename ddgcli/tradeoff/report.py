@@ -6,7 +6,7 @@ import csv
 import io
 import math
 import platform
-import shlex
+from collections.abc import Callable
 from typing import Any
 
 from ddgcli.tradeoff.candidates import Problem, Row, Table
@@ -21,16 +21,16 @@ COLUMNS = (
 def results_of(
     table: Table,
     problem: Problem,
-    call: tuple[str, str, str],
+    command_of: Callable[[Row], str],
     *,
     chosen: Row | None,
     within: float | None,
     norm: str,
 ) -> dict[str, Any]:
-    """Results block of the summary; `call` is the compared command, its input, and its fixed options."""
+    """Results block of the summary; `command_of` returns the command that runs a row."""
     reference = table.reference
     return {
-        "rows": [row_of(row, call) for row in table.rows],
+        "rows": [row_of(row, command_of) for row in table.rows],
         "reference": reference.name if reference else None,
         "reference_uncertainty": reference.error_bound(norm) if reference else None,
         "error_scale": problem.error_scale,
@@ -38,7 +38,7 @@ def results_of(
         "query": problem.query,
         "norm": norm,
         "within": within,
-        "chosen": row_of(chosen, call) if chosen else None,
+        "chosen": row_of(chosen, command_of) if chosen else None,
         "break_even": break_even(table.rows, norm),
         "left_out": [{"row": name, "why": why} for name, why in table.left_out],
         "interrupted": table.interrupted,
@@ -46,11 +46,9 @@ def results_of(
     }
 
 
-def row_of(row: Row, call: tuple[str, str, str]) -> dict[str, Any]:
+def row_of(row: Row, command_of: Callable[[Row], str]) -> dict[str, Any]:
     """One row as plain data; missing numbers are None."""
     low, high = row.seconds_spread
-    command, source, question_options = call
-    words = ("ddgcli", row.program or command, shlex.quote(source), question_options, row.arguments)
     return {
         "method": row.method,
         "parameters": row.parameters,
@@ -65,7 +63,7 @@ def row_of(row: Row, call: tuple[str, str, str]) -> dict[str, Any]:
         "mean_error": row.mean_error,
         "on_front": row.on_front,
         "verdict": row.verdict,
-        "command": " ".join(word for word in words if word),
+        "command": command_of(row),
     }
 
 

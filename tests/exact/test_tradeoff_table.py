@@ -3,10 +3,13 @@
 import logging
 import time
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
 
+from ddgcli.cli.commands.tradeoff import row_command
+from ddgcli.cli.commands.tradeoff_options import CommandCall
 from ddgcli.errors import ParameterError, SolveError
 from ddgcli.mesh import shapes
 from ddgcli.tradeoff.candidates import (
@@ -36,7 +39,7 @@ def planted(name: str, error: float, seconds: float, setup: float = 0.0, work: f
         answer[3] += error * TRUTH.max()
         return answer
 
-    return Candidate(name, {}, lambda: time.sleep(setup), solve, f"--method {name}", work)
+    return Candidate(name, {}, lambda: time.sleep(setup), solve, {"method": name}, work)
 
 
 def problem(*candidates: Candidate) -> Problem:
@@ -75,7 +78,7 @@ def test_within_never_names_a_row_above(within, norm):
 
 
 def test_an_answer_that_is_not_finite_is_never_within():
-    bad = Candidate("nan", {}, lambda: None, lambda _: np.full(11, np.nan), "", 0.0)
+    bad = Candidate("nan", {}, lambda: None, lambda _: np.full(11, np.nan), {}, 0.0)
     table = run_problem(problem(bad), repeat=1)
     assert table.rows == [] and table.left_out == [("nan", "its answer is not finite at vertex 0")]
     assert cheapest_within(table.rows, 1e9) is None
@@ -99,7 +102,7 @@ def test_errors_are_relative_to_the_largest_or_rms_truth():
 
 
 def row(method: str, setup: float, seconds: float, error: float) -> Row:
-    return Row(method, {}, setup, seconds, (seconds, seconds), 1, 1.0, error, 0, error, f"--method {method}")
+    return Row(method, {}, setup, seconds, (seconds, seconds), 1, 1.0, error, 0, error, {"method": method})
 
 
 @pytest.mark.parametrize(
@@ -149,7 +152,7 @@ def busy(_):
 @pytest.mark.parametrize("solve", [lambda _: time.sleep(300), busy])
 def test_a_run_that_exceeds_the_budget_is_stopped(solve):
     """A slow method whose estimate is far too low would never return."""
-    liar = Candidate("liar", {}, lambda: None, solve, "", 1e-3)
+    liar = Candidate("liar", {}, lambda: None, solve, {}, 1e-3)
     table = run_problem(problem(planted("a", 0.1, 0.0, work=1e-3), liar), budget=1.0, repeat=1)
     assert [row.method for row in table.rows] == ["a"]
     assert table.left_out[0][0] == "liar" and "stopped after" in table.left_out[0][1]
@@ -184,7 +187,7 @@ def test_zero_repeats_measure_errors_only():
 
 def test_verdicts_and_pareto_front_use_the_chosen_norm():
     spiky = planted("spiky", 1e-2, 0.001)  # one entry off by much
-    even = Candidate("even", {}, lambda: None, lambda _: TRUTH * 1.005, "", 0.0)
+    even = Candidate("even", {}, lambda: None, lambda _: TRUTH * 1.005, {}, 0.0)
     table = run_problem(problem(spiky, even), repeat=1)
     for norm, best in (("max", "even"), ("mean", "spiky")):
         assign_verdicts(table, None, norm)
@@ -196,7 +199,7 @@ def test_a_failed_candidate_is_left_out_with_its_error():
     def fail(_):
         raise SolveError("did not converge")
 
-    table = run_problem(problem(Candidate("x", {}, lambda: None, fail, ""), planted("a", 0.0, 0.0)), repeat=1)
+    table = run_problem(problem(Candidate("x", {}, lambda: None, fail, {}), planted("a", 0.0, 0.0)), repeat=1)
     assert table.left_out == [("x", "did not converge")]
     assert [row.method for row in table.rows] == ["a"]
 
@@ -206,7 +209,7 @@ def test_an_interrupt_keeps_the_rows_so_far():
         raise KeyboardInterrupt
 
     table = run_problem(
-        problem(planted("a", 0.0, 0.0), Candidate("b", {}, lambda: None, interrupt, "")), repeat=1
+        problem(planted("a", 0.0, 0.0), Candidate("b", {}, lambda: None, interrupt, {})), repeat=1
     )
     assert table.interrupted and [row.method for row in table.rows] == ["a"]
 
@@ -218,15 +221,20 @@ def test_peak_memory_of_a_run_is_measured():
         block = np.ones(size // 8)
         return TRUTH + 0 * block[0]
 
-    table = run_problem(problem(Candidate("hungry", {}, lambda: None, hungry, "")), repeat=1)
+    table = run_problem(problem(Candidate("hungry", {}, lambda: None, hungry, {})), repeat=1)
     assert 25 < table.rows[0].peak_mib < 60
 
 
-def test_csv_holds_every_row():
+def test_csv_holds_every_row_with_its_command_quoted_for_a_shell():
     table = run_problem(problem(planted("a", 0.1, 0.0), planted("b", 0.0, 0.001)), repeat=1)
     assign_verdicts(table, None)
     results = results_of(
-        table, problem(), ("geodesic", "m y.ply", "--source 3"), chosen=None, within=None, norm="max"
+        table,
+        problem(),
+        partial(row_command, "geodesic", CommandCall("m y.ply", {}, "--source 3")),
+        chosen=None,
+        within=None,
+        norm="max",
     )
     lines = csv_of(results["rows"]).decode().splitlines()
     assert len(lines) == 3 and lines[0].startswith("method,parameters,setup_seconds")
@@ -266,6 +274,6 @@ def test_warnings_begin_with_the_label_of_their_row(caplog):
         return TRUTH
 
     with caplog.at_level(logging.WARNING, "ddgcli"):
-        run_problem(problem(Candidate("heat", {"refine": 3}, lambda: None, solve, "")), repeat=0)
+        run_problem(problem(Candidate("heat", {"refine": 3}, lambda: None, solve, {})), repeat=0)
         logging.getLogger("ddgcli").warning("after")
     assert caplog.messages == ["heat refine=3: 3 faces are flat", "after"]

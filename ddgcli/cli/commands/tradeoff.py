@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import shlex
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -15,7 +17,7 @@ from ddgcli.cli.run import Run
 from ddgcli.errors import ParameterError
 
 if TYPE_CHECKING:
-    from ddgcli.tradeoff.candidates import Problem, Table
+    from ddgcli.tradeoff.candidates import Problem, Row, Table
 
 COMMANDS = tuple(COMPARABLE_OPTIONS)
 SIMULATORS = ("shell-sim", "fluid-sim", "willmore-flow")
@@ -111,8 +113,9 @@ def command(
     progress = run.progress("tradeoff")
     table = run_problem(problem, repeat=repeat, budget=budget, began=run.began, progress=progress)
     chosen = assign_verdicts(table, within, norm)
-    command_line = (compared, call.path, call.problem_arguments)
-    results = results_of(table, problem, command_line, chosen=chosen, within=within, norm=norm)
+    results = results_of(
+        table, problem, partial(row_command, compared, call), chosen=chosen, within=within, norm=norm
+    )
     write(run, results)
     if table.rows:
         run.plot(lambda path: draw(path, table, results, within, options.page_size(common.size)))
@@ -169,6 +172,13 @@ def _scene_problem(run: Run, compared: str, call: CommandCall) -> Problem:
     return simulate.fluid_problem(
         document, read, lambda name: read_array(str(folder / name)), options=scene_options
     )
+
+
+def row_command(compared: str, call: CommandCall, row: Row) -> str:
+    """Command that runs a row, quoted for a shell."""
+    arguments = [f"--{name.replace('_', '-')} {text}" for name, text in row.arguments.items()]
+    words = ("ddgcli", row.program or compared, shlex.quote(call.path), call.problem_arguments, *arguments)
+    return " ".join(word for word in words if word)
 
 
 def write(run: Run, results: dict[str, Any]) -> None:

@@ -69,13 +69,13 @@ def mean_curvature(mesh: TriangleMesh, scheme: str, radius: float | None) -> NDA
 
 def _candidate(mesh: TriangleMesh, scheme: str, in_edges: float | None, edge: float) -> Candidate:
     radius = None if in_edges is None else in_edges * edge
-    words = f"--scheme {scheme}" + (f" --radius {radius!r}" if radius is not None else "")
+    arguments = {"scheme": scheme} | ({"radius": repr(radius)} if radius is not None else {})
     return Candidate(
         scheme,
         {"radius": f"{in_edges:.3g} edges" if in_edges is not None else "own"},
         lambda: None,
         lambda _: mean_curvature(mesh, scheme, radius),
-        words,
+        arguments,
         _work(mesh, in_edges),
     )
 

@@ -42,7 +42,7 @@ def problem(
     return Problem(
         candidates=[
             Candidate(
-                "input as it is", {}, lambda: mesh, lambda m: solution(m, mesh), "--operator cotan", work,
+                "input as it is", {}, lambda: mesh, lambda m: solution(m, mesh), {"operator": "cotan"}, work,
                 program="laplacian",
             ),
             *(_flipped(mesh, times, work) for times in ((0, 1) if level is None else (level,))),
@@ -63,7 +63,7 @@ def _flipped(mesh: TriangleMesh, times: int, work: float) -> Candidate:
         {"subdivide": times} if times else {},
         lambda: flip_to_delaunay(midpoint_subdivided(mesh, times)).mesh,
         lambda m: solution(m, mesh),
-        f"--subdivide {times}" if times else "",
+        {"subdivide": str(times)} if times else {},
         2 * work * 4**times,
     )
 
@@ -71,9 +71,9 @@ def _flipped(mesh: TriangleMesh, times: int, work: float) -> Candidate:
 def _refined(
     mesh: TriangleMesh, degrees: float, max_points: int | None, times: int, work: float
 ) -> Candidate:
-    words = [f"--refine {degrees:.12g}"]
-    words += [f"--max-points {max_points}"] if max_points is not None else []
-    words += [f"--subdivide {times}"] if times else []
+    arguments = {"refine": f"{degrees:.12g}"}
+    arguments |= {"max_points": str(max_points)} if max_points is not None else {}
+    arguments |= {"subdivide": str(times)} if times else {}
 
     def setup() -> Any:
         refined = refine(midpoint_subdivided(mesh, times), degrees, max_points=max_points)
@@ -86,7 +86,7 @@ def _refined(
         {"degrees": degrees} | ({"subdivide": times} if times else {}),
         setup,
         lambda m: solution(m, mesh),
-        " ".join(words),
+        arguments,
         10 * work * 4**times,
     )
 

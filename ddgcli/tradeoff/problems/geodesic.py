@@ -56,10 +56,10 @@ def problem(
             (_work(mesh, "exact", 0.1) * 2, lambda: _approximate_reference(mesh, sources)),
             (_work(mesh, "fast-marching", 0.0) * 2, lambda: _fast_marching_reference(mesh, sources)),
         ]
-    prefix = "--source 0 " if first_vertex else ""
+    source_arguments = {"source": "0"} if first_vertex else {}
     return Problem(
         candidates=[
-            _candidate(mesh, sources, prefix, method, parameters)
+            _candidate(mesh, sources, source_arguments, method, parameters)
             for method, parameters in _method_parameters(options)
         ],
         references=references,
@@ -129,17 +129,20 @@ def _work(mesh: TriangleMesh, method: str, tolerance: float) -> float:
 
 
 def _candidate(
-    mesh: TriangleMesh, sources: Sources, prefix: str, method: str, parameters: dict[str, Any]
+    mesh: TriangleMesh,
+    sources: Sources,
+    source_arguments: dict[str, str],
+    method: str,
+    parameters: dict[str, Any],
 ) -> Candidate:
     """Method with its parameters; its preparation is the set-up."""
     method_options = {name: value for name, value in parameters.items() if name in METHOD_PARAMETERS}
     level = parameters.get("subdivide", 0)
     nonzero = {name: value for name, value in parameters.items() if value != 0.0}
-    words = [f"--method {method}"] if method != "exact" else []
-    words += [
-        f"--{name.replace('_', '-')} {f'{value:.12g}' if isinstance(value, float) else value}"
-        for name, value in nonzero.items()
-    ]
+    arguments = source_arguments | ({"method": method} if method != "exact" else {})
+    arguments |= {
+        name: f"{value:.12g}" if isinstance(value, float) else str(value) for name, value in nonzero.items()
+    }
     options = DistanceOptions(**method_options)
 
     def setup() -> Callable[[Sources], NDArray]:
@@ -152,7 +155,7 @@ def _candidate(
         parameters,
         setup,
         lambda solve: solve(sources)[: mesh.n_vertices],
-        prefix + " ".join(words),
+        arguments,
         _work(mesh, method, options.tolerance) * (4**level if method != "exact" else 8**level),
     )
 

@@ -76,13 +76,13 @@ def _work(mesh: TriangleMesh, k: int) -> float:
 
 
 def _candidate(mesh: TriangleMesh, k: int, operator: str, kind: str, level: int) -> Candidate:
-    words = f"--operator {operator} --mass {kind} --eigen {k}"
+    arguments = {"operator": operator, "mass": kind, "eigen": str(k)}
     return Candidate(
         operator,
         {"mass": kind} | ({"subdivide": level} if level else {}),
         lambda: laplace_operator(midpoint_subdivided(mesh, level), operator, kind),
         lambda laplacian: eigenvalues(laplacian, k),
-        words + (f" --subdivide {level}" if level else ""),
+        arguments | ({"subdivide": str(level)} if level else {}),
         _work(mesh, k) * 4**level,
     )
 

@@ -115,9 +115,14 @@ def _problem(
 
     def candidate(integrator: str, option: str, value: float, work: float) -> Candidate:
         parameters = {{"dt": "step"}.get(option, option): value}
-        words = f"--integrator {integrator} --{option} {value!r} --duration {span!r} --frame-every {span!r}"
+        arguments = {
+            "integrator": integrator,
+            option: repr(value),
+            "duration": repr(span),
+            "frame_every": repr(span),
+        }
         line = integrator + (" adaptive" if option == "tolerance" else "")
-        return Candidate(line, {option: value}, run(integrator, parameters), solve, words, work)
+        return Candidate(line, {option: value}, run(integrator, parameters), solve, arguments, work)
 
     def reference(finest: float) -> Reference:
         coarse, middle, limit = (

@@ -104,13 +104,14 @@ def _candidate(
     work: float,
 ) -> Candidate:
     name, value = next(iter(parameters.items()))
-    option = {"step": "--dt", "tolerance": "--tolerance"}[name]
+    option = {"step": "dt"}.get(name, name)
+    times = {option: repr(value), "duration": repr(span), "frame_every": repr(span)}
     return Candidate(
         scheme + (" adaptive" if name == "tolerance" else ""),
-        {option.removeprefix("--"): value},
+        {option: value},
         lambda: _setup(mesh, {**fixed_options, "integrator": scheme}, span, parameters),
         _answer,
-        f"--integrator {scheme} {option} {value!r} --duration {span!r} --frame-every {span!r}",
+        {"integrator": scheme, **times},
         work,
     )
 
