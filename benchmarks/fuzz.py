@@ -2,7 +2,7 @@
 
 `python -m benchmarks.fuzz [--format NAME] [--seconds S] [--seed N]`: mutates valid files of a kind until the
 seconds are over; prints one line a kind (inputs tried, accepted, refused, the slowest) and every escape: an
-exception that is not ours, a message over two lines' length, or an input that took too long. They are kept in
+exception that is not ours, a message over two lines' length, or an input that takes too long. They are in
 `build/fuzz/`, and the exit code is 1.
 """
 

@@ -40,7 +40,7 @@ class Case:
     Parameters
     ----------
     words : tuple of str
-        Arguments; names of samples are found in sample_meshes/.
+        Arguments; names of samples are completed to paths in sample_meshes/.
     fields : dict of str to float
         Dotted path below `results`, or array:NAME of the written mesh, and the tolerance of the largest
         difference relative to the largest number.

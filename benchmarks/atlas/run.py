@@ -97,7 +97,7 @@ def repeats(command: str, level: int) -> int:
 
 
 def cases(command: str) -> list[Case]:
-    """Truths and mesh classes of a command, the ones shown in pictures first."""
+    """Truths and mesh classes of a command, the plotted ones first."""
     if command in SIMULATED:
         return SIMULATED[command]
     return [

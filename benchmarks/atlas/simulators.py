@@ -205,7 +205,7 @@ def _cantilever_on(weight: int, strip: Callable[[int], TriangleMesh], level: int
 
 
 def _dropped(weight: int, rest: TriangleMesh, n: int) -> Trial:
-    """Drop of the tip under its own weight; the first of n columns of cells is held."""
+    """Drop of the tip under its own weight; the first of n columns of cells is clamped."""
     tip = rest.points[:, 0] > 1 - 1e-9
 
     def drop(ready: Any) -> NDArray[np.float64]:

@@ -51,7 +51,7 @@ elements, Dziuk 1988); `circulation`: 2 together with the step, by fitted veloci
 """,
     "shell-sim": """
 In the step: the order of each integrator (Hairer, Lubich, Wanner 2006; Newmark's with gamma = 1/2: 2). In
-the mesh: "1, then 0": the held column of cells is an error of first order, and the plate that a hinge mesh
+the mesh: "1, then 0": the clamped column of cells is an error of first order, and the plate that a hinge mesh
 converges to is not the isotropic one but depends on the pattern (docs/shell-sim.md), so an error stays.
 """,
 }

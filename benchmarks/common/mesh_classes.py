@@ -125,7 +125,7 @@ def strips() -> dict[str, MeshSequence]:
 # a second closed shape for curvature, which shows that no scheme is tuned to the first
 FEW_SPHERES = {name: SPHERES[name] for name in ("good", "irregular", "refined")}
 
-# command -> (truth, sequences); the first is shown in the picture
+# command -> (truth, sequences); the first one is plotted
 STUDIES: dict[str, list[tuple[str, dict[str, MeshSequence]]]] = {
     "curvature": [
         ("ellipsoid:1,1.5,2", ellipsoids((1.0, 1.5, 2.0))),

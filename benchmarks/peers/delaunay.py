@@ -41,7 +41,9 @@ def flips_row(name: str, mesh_class: str, mesh: TriangleMesh, repeat: int) -> li
     """Flips and assembly from arrays to matrices, ours and the peers' in turn."""
 
     def ours():
-        fresh = TriangleMesh.from_arrays(mesh.points, mesh.faces)  # no topology kept from an earlier call
+        fresh = TriangleMesh.from_arrays(
+            mesh.points, mesh.faces
+        )  # without the cached topology of an earlier call
         flipped = flip_to_delaunay(fresh)
         return stiffness(flipped.mesh), lumped_mass(flipped.mesh), flipped
 
@@ -68,7 +70,7 @@ def flips_row(name: str, mesh_class: str, mesh: TriangleMesh, repeat: int) -> li
 def growth(rows: list[list], column: int = -1, *, cost: Callable = lambda n: n * math.log(n)) -> None:
     """Add to each row the growth of the seconds in a column since the first row, beside that of a cost.
 
-    Of the n in the second column; n log n unless said otherwise.
+    Of the n in the second column; n log n by default.
     """
     seconds = [row[column] for row in rows]
     for row, spent in zip(rows, seconds):
@@ -76,7 +78,7 @@ def growth(rows: list[list], column: int = -1, *, cost: Callable = lambda n: n *
 
 
 def overlay_row(flipped: IntrinsicDelaunay, base: BaseTriangulation, repeat: int) -> list:
-    """The common subdivision, as it is after the flips: with nothing kept from an earlier one.
+    """The common subdivision, computed after the flips without the caches of an earlier one.
 
     Beside it a plain gather of as many numbers as it has faces, in random order: linear work, so that what
     its cost grows by is the machine's. And the seconds without those that the system hands out memory in.

@@ -41,8 +41,8 @@ def fresh(mesh: TriangleMesh) -> TriangleMesh:
     return TriangleMesh.from_arrays(mesh.points, mesh.faces)
 
 
-def error(found: np.ndarray, truth: np.ndarray) -> float:
-    return float(np.abs(found - truth).mean() / truth.mean())
+def error(distance: np.ndarray, truth: np.ndarray) -> float:
+    return float(np.abs(distance - truth).mean() / truth.mean())
 
 
 def meshes() -> dict[str, TriangleMesh]:
@@ -85,21 +85,22 @@ def bench_exact() -> None:
                "st_helens_terrain.ply": 3}  # fmt: skip
     rows = []
     for name, mesh in (table | meshes()).items():
-        found = {}
+        results = {}
 
-        def ours(mesh: TriangleMesh = mesh, found: dict = found) -> None:
-            found["ours"] = exact_distance(fresh(mesh), SOURCE)
+        def ours(mesh: TriangleMesh = mesh, results: dict = results) -> None:
+            results["ours"] = exact_distance(fresh(mesh), SOURCE)
 
-        def theirs(mesh: TriangleMesh = mesh, found: dict = found) -> None:
+        def theirs(mesh: TriangleMesh = mesh, results: dict = results) -> None:
             solver = pygeodesic.PyGeodesicAlgorithmExact(mesh.points, mesh.faces)
-            found["theirs"] = solver.geodesicDistances(np.array([SOURCE]))[0]
+            results["theirs"] = solver.geodesicDistances(np.array([SOURCE]))[0]
 
         repeat = 7 if mesh.n_faces < 30_000 else 2 if mesh.n_faces < 150_000 else 1
         a, b = pair(ours, theirs, repeat)
-        difference = found["ours"].distance - found["theirs"]
+        peer = results["theirs"]
+        difference = float(np.abs(results["ours"].distance - peer).max() / peer.max())
         rows.append(
             [name, mesh.n_faces, a.seconds, b.seconds, b.seconds / a.seconds, targets.get(name, "-"),
-             found["ours"].windows / mesh.n_vertices, float(np.abs(difference).max() / found["theirs"].max()),
+             results["ours"].windows / mesh.n_vertices, difference,
              measure.peak_mib(ours), measure.peak_mib(theirs)]
         )  # fmt: skip
     measure.print_table(
@@ -137,13 +138,21 @@ def bench_growth() -> None:
 
 def _growth(name: str, mesh: TriangleMesh, last: list[Any] | None) -> list[Any]:
     mesh = fresh(mesh)
-    found = {}
+    results = {}
 
     def ours() -> None:
-        found["windows"] = exact_distance(fresh(mesh), SOURCE).windows
+        results["windows"] = exact_distance(fresh(mesh), SOURCE).windows
 
     seconds, _ = cpu_timed(ours, 3 if mesh.n_faces < 100_000 else 1)
-    row = [name, mesh.n_faces, found["windows"] / mesh.n_vertices, seconds, measure.peak_mib(ours), "-", "-"]
+    row = [
+        name,
+        mesh.n_faces,
+        results["windows"] / mesh.n_vertices,
+        seconds,
+        measure.peak_mib(ours),
+        "-",
+        "-",
+    ]
     if last is not None:
         finer = np.log(mesh.n_faces / last[1])
         row[5], row[6] = np.log(seconds / last[3]) / finer, 1 + np.log(row[2] / last[2]) / finer

@@ -58,7 +58,7 @@ def system(n: int, integrator: str = "newmark", membrane: str = "stvk", bending:
 
 @cache
 def swinging(n: int) -> Motion:
-    """The cloth after 0.2 s, found with long damping steps."""
+    """The cloth after 0.2 s, computed with long damping steps."""
     s, x, parameters, _ = system(n, "implicit-euler")
     motion = Motion(x, np.zeros_like(x), s.acceleration(x, 0 * x, 0.04))
     for _ in range(5):

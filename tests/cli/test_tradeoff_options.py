@@ -1,4 +1,4 @@
-"""`ddgcli tradeoff` takes every option that it names, and the command it prints has the error it tells."""
+"""`ddgcli tradeoff` takes every option that it names, and the command it prints reproduces the error."""
 
 import json
 import shlex
@@ -31,7 +31,7 @@ def inputs(tmp_path_factory):
     }
     paths = {}
     for name, mesh in meshes.items():
-        paths[name] = str(folder / f"{name} mesh.ply")  # a name that a shell must be given in quotes
+        paths[name] = str(folder / f"{name} mesh.ply")  # a name that needs quotes in a shell
         write_mesh(paths[name], AnnotatedMesh(mesh))
     scene = folder / "sheet.toml"
     scene.write_text(HANGING_SHEET.format(cells=2))
@@ -46,7 +46,7 @@ def inputs(tmp_path_factory):
     }
 
 
-# command -> what is always given
+# command -> words of every call
 ALWAYS = {
     "shell-sim": [*SHELL, *SHELL_TIME],
     "fluid-sim": [*FLUID, *FLUID_TIME],
@@ -146,14 +146,14 @@ PAIRS = [(command, name) for command, cases in CASES.items() for name in cases]
 
 def always(command, words):
     """The words of every call, without what this call replaces."""
-    kept = list(ALWAYS.get(command, []))
+    words_of_call = list(ALWAYS.get(command, []))
     replaced = {"--duration": ["--steps"], "--flow": ["--vorticity"] if command == "fluid-sim" else []}
     for option in [w for w in words if str(w).startswith("--") and w != "--effect"]:
         for name in (option, *replaced.get(option, [])):
-            while name in kept:
-                at = kept.index(name)
-                del kept[at : at + 2]
-    return kept
+            while name in words_of_call:
+                at = words_of_call.index(name)
+                del words_of_call[at : at + 2]
+    return words_of_call
 
 
 @pytest.fixture(scope="module")
@@ -280,8 +280,8 @@ def delaunay_error(words, run, folder):
 
 def test_every_delaunay_row_has_the_error_of_its_command(compare, run, tmp_path):
     for row in compare("delaunay", "--truth", "sphere:1", *ALWAYS["delaunay"])["results"]["rows"]:
-        found = delaunay_error(shlex.split(row["command"]), run, tmp_path)
-        assert found == pytest.approx(row["max_error"], rel=1e-6)
+        error = delaunay_error(shlex.split(row["command"]), run, tmp_path)
+        assert error == pytest.approx(row["max_error"], rel=1e-6)
 
 
 def error_of(command, words, reference, run, folder):
@@ -296,7 +296,7 @@ def error_of(command, words, reference, run, folder):
 
     if command == "delaunay":
         return delaunay_error(words, run, folder)
-    found = results(words[1:])
+    answer = results(words[1:])
     sphere = shapes.random_sphere(80)
     if command == "geodesic":
         known = np.arccos(np.clip(sphere.points @ sphere.points[0], -1, 1))
@@ -305,10 +305,10 @@ def error_of(command, words, reference, run, folder):
         return np.abs(from_npz(out, "mean_curvature") - 1).max()
     if command == "laplacian":
         known = np.array([0, 2, 2, 2, 6, 6, 6, 6.0])
-        return (np.abs(np.array(found["eigenvalues"]) - known) / np.maximum(known, 1)).max()
+        return (np.abs(np.array(answer["eigenvalues"]) - known) / np.maximum(known, 1)).max()
     if command == "willmore-flow":
         small = results(reference)["energy"][-1]
-        return abs(found["energy"][-1] - small) / small
+        return abs(answer["energy"][-1] - small) / small
     if command == "fluid-sim":
         answer = from_npz(out, "vorticity")
         results(reference)
@@ -321,7 +321,7 @@ def error_of(command, words, reference, run, folder):
     return np.linalg.norm(answer - known, axis=1).max() / moved
 
 
-# command -> (error asked for, words; of a run: the question's words, and the steps of the reference)
+# command -> (error bound, words; of a run: the words of the problem, and the steps of the reference)
 WITHIN = {
     "curvature": (0.25, ["--truth", "sphere:1"], None),
     "delaunay": (0.07, ["--truth", "sphere:1", *ALWAYS["delaunay"]], None),
@@ -348,6 +348,6 @@ def test_the_command_printed_for_within_reproduces_its_error(command, inputs, ru
         problem_options, steps = small
         step = repr(float(line[at + 1]) / steps)
         reference = [command, inputs[command], *problem_options, "--dt", step, *line[at : at + 4]]
-    found = error_of(command, line, reference, run, tmp_path)
-    assert found == pytest.approx(chosen["max_error"], rel=1e-4, abs=1e-10)
-    assert found <= within
+    error = error_of(command, line, reference, run, tmp_path)
+    assert error == pytest.approx(chosen["max_error"], rel=1e-4, abs=1e-10)
+    assert error <= within

@@ -152,10 +152,10 @@ def busy(_):
 @pytest.mark.parametrize("solve", [lambda _: time.sleep(300), busy])
 def test_a_run_that_exceeds_the_budget_is_stopped(solve):
     """A slow method whose estimate is far too low would never return."""
-    liar = Candidate("liar", {}, lambda: None, solve, {}, 1e-3)
-    table = run_problem(problem(planted("a", 0.1, 0.0, work=1e-3), liar), budget=1.0, repeat=1)
+    endless = Candidate("endless", {}, lambda: None, solve, {}, 1e-3)
+    table = run_problem(problem(planted("a", 0.1, 0.0, work=1e-3), endless), budget=1.0, repeat=1)
     assert [row.method for row in table.rows] == ["a"]
-    assert table.left_out[0][0] == "liar" and "stopped after" in table.left_out[0][1]
+    assert table.left_out[0][0] == "endless" and "stopped after" in table.left_out[0][1]
 
 
 def run_with_references(*references, budget):
