@@ -1,18 +1,19 @@
-# The only list of commands a developer must know; `make` prints it.
+# All commands of a developer; `make` prints the list.
 PYTHON ?= python3
 VENV ?= .venv
 BIN = $(VENV)/bin
 STAMP_RUN = $(VENV)/.installed-run
 STAMP_TEST = $(VENV)/.installed-test
+STAMP_DOCS = $(VENV)/.installed-docs
 
-# batch work: every mesh of the folder MESHES becomes BUILD/NAME.curvature.vtu and .png
+# batch: every mesh of the folder MESHES becomes BUILD/NAME.curvature.vtu and .png
 MESHES ?= sample_meshes
 BUILD ?= build
 DDGCLI ?= $(BIN)/ddgcli
 CURVATURE_OPTIONS ?=
 
 .DEFAULT_GOAL := help
-.PHONY: help demo pipeline test test-all lint fmt bench accuracy accuracy-check samples kernels fuzz clean
+.PHONY: help demo pipeline test test-all lint fmt bench accuracy accuracy-check samples kernels fuzz mutants bench-page docs clean
 
 help:  ## this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):[^#]*## /\1\t/' | expand -t 18
@@ -30,12 +31,16 @@ $(STAMP_TEST): pyproject.toml | $(VENV)/bin/python
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[plot,fast,test]'
 	@touch $@ $(STAMP_RUN)
 
+$(STAMP_DOCS): pyproject.toml | $(VENV)/bin/python
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[plot,docs]'
+	@touch $@ $(STAMP_RUN)
+
 demo: $(STAMP_RUN)  ## install into .venv, measure sample_meshes/, leave meshes and pictures in build/
 	$(MAKE) --no-print-directory pipeline
 	$(DDGCLI) info $(MESHES)/ball.vtu -o $(BUILD)/ball.info.vtu
 	@echo; echo "Annotated meshes (.vtu, for ParaView or PyVista) and pictures are in $(BUILD)/:"; ls $(BUILD)
 
-# -- batch: what is newer than its result is done again, nothing else; works with -j --
+# -- batch: only meshes newer than their results are processed; works with -j --
 EXTENSIONS = ply obj off stl csv
 SOURCES = $(foreach e,$(EXTENSIONS),$(wildcard $(MESHES)/*.$(e)))
 RESULTS = $(patsubst $(MESHES)/%,$(BUILD)/%.curvature.vtu,$(basename $(SOURCES)))
@@ -84,10 +89,21 @@ accuracy-check: $(STAMP_TEST)  ## rerun the atlas's small meshes; fails if an er
 kernels: $(STAMP_TEST)  ## results under OpenBLAS's Haswell, Sandybridge, SkylakeX kernels and without AVX agree
 	$(BIN)/python -m benchmarks.kernels
 
+docs: $(STAMP_DOCS)  ## build the site into build/site (warnings are errors); make missing pictures
+	$(BIN)/python docs/make_pictures.py --missing
+	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --strict
+
+mutants: $(STAMP_TEST)  ## thirty deliberate one-line faults in a copy; each must fail its test; NAME=... for some
+	OMP_NUM_THREADS=1 $(BIN)/python -m benchmarks.mutants $(NAME)
+
 SECONDS ?= 60
 
-fuzz: $(STAMP_TEST)  ## mutated inputs, nothing but our own errors; FORMAT=ply SECONDS=3600
+fuzz: $(STAMP_TEST)  ## mutated inputs cause only our own errors; FORMAT=ply SECONDS=3600
 	OMP_NUM_THREADS=1 $(BIN)/python -m benchmarks.fuzz --seconds $(SECONDS) $(if $(FORMAT),--format $(FORMAT))
+
+bench-page: $(STAMP_TEST)  ## write docs/benchmarks/NAME.md from a bench; NAME=trace
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check pymeshlab mujoco
+	$(BIN)/python -m benchmarks.pages $(NAME)
 
 BENCH_NAMES = $(patsubst benchmarks/peers/%.py,%,$(wildcard benchmarks/peers/[a-z]*.py))
 BENCHES = $(filter $(or $(NAME),%),$(BENCH_NAMES))

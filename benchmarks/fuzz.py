@@ -1,8 +1,8 @@
 """Mutated inputs of every kind we read ourselves: nothing but our own errors, within time and memory.
 
-`python -m benchmarks.fuzz [--format NAME] [--seconds S] [--seed N]`: mutates sound files of a kind until the
+`python -m benchmarks.fuzz [--format NAME] [--seconds S] [--seed N]`: mutates valid files of a kind until the
 seconds are over; prints one line a kind (inputs tried, accepted, refused, the slowest) and every escape: an
-exception that is not ours, a message over two lines' length, or an input that took too long. They are kept in
+exception that is not ours, a message over two lines' length, or an input that takes too long. They are in
 `build/fuzz/`, and the exit code is 1.
 """
 
@@ -32,36 +32,36 @@ WORDS = [
 
 
 def mutated(data: bytes, rng: random.Random, others: list[bytes]) -> bytes:
-    """A few random changes: bytes, numbers, words, pieces moved, doubled, cut or taken from another file."""
-    found = bytearray(data)
+    """Random changes: bytes, numbers, words; pieces moved, doubled, cut, or copied from another file."""
+    changed = bytearray(data)
     for _ in range(rng.choice((1, 1, 1, 2, 3, 8))):
-        at = rng.randrange(len(found) + 1)
-        end = min(len(found), at + rng.choice((1, 1, 2, 4, 8, 40, 400)))
+        at = rng.randrange(len(changed) + 1)
+        end = min(len(changed), at + rng.choice((1, 1, 2, 4, 8, 40, 400)))
         kind = rng.randrange(8)
-        if kind == 0 and found:
-            found[min(at, len(found) - 1)] = rng.choice((0, 1, 127, 128, 255, rng.randrange(256)))
+        if kind == 0 and changed:
+            changed[min(at, len(changed) - 1)] = rng.choice((0, 1, 127, 128, 255, rng.randrange(256)))
         elif kind == 1:
-            found[at:end] = rng.choice(WORDS)
+            changed[at:end] = rng.choice(WORDS)
         elif kind == 2:
-            del found[at:end]
+            del changed[at:end]
         elif kind == 3:
-            found[at:at] = found[at:end]
+            changed[at:at] = changed[at:end]
         elif kind == 4:
             other = rng.choice(others)
             start = rng.randrange(len(other) + 1)
-            found[at:end] = other[start : start + rng.choice((1, 8, 100))]
+            changed[at:end] = other[start : start + rng.choice((1, 8, 100))]
         elif kind == 5 and end - at >= 4:
             value = rng.choice((0, 1, -1, 2**31 - 1, -(2**31), rng.randrange(2**31)))
-            found[at : at + 4] = value.to_bytes(4, rng.choice(("little", "big")), signed=True)
+            changed[at : at + 4] = value.to_bytes(4, rng.choice(("little", "big")), signed=True)
         elif kind == 6:
-            text = bytes(found)
+            text = bytes(changed)
             digits = [k for k, letter in enumerate(text[:20000]) if 48 <= letter < 58]
             if digits:
                 place = rng.choice(digits)
-                found[place : place + 1] = rng.choice(WORDS)
+                changed[place : place + 1] = rng.choice(WORDS)
         else:
-            found = found[:at] if rng.random() < 0.3 else found
-    return bytes(found)
+            changed = changed[:at] if rng.random() < 0.3 else changed
+    return bytes(changed)
 
 
 @dataclass
@@ -76,19 +76,19 @@ class Account:
 
 
 def outcome(read: Callable[[bytes], object], data: bytes) -> tuple[str, str]:
-    """('accepted' | 'refused' | 'escape', what was said)."""
+    """('accepted' | 'refused' | 'escape', message)."""
     began = time.process_time()
     try:
         read(data)
-        kind, said = "accepted", ""
+        kind, message = "accepted", ""
     except DdgError as error:
-        said = str(error)
-        kind = "refused" if len(said) <= LONGEST_MESSAGE else "escape"
+        message = str(error)
+        kind = "refused" if len(message) <= LONGEST_MESSAGE else "escape"
     except Exception as error:
-        kind, said = "escape", f"{type(error).__name__}: {error}"
+        kind, message = "escape", f"{type(error).__name__}: {error}"
     if time.process_time() - began > SECONDS_FOR_ONE:
-        kind, said = "escape", f"took {time.process_time() - began:.0f} s"
-    return kind, said
+        kind, message = "escape", f"took {time.process_time() - began:.0f} s"
+    return kind, message
 
 
 def fuzz(
@@ -99,21 +99,21 @@ def fuzz(
     while account.tried < count and time.monotonic() < end:
         data = mutated(rng.choice(seeds), rng, seeds)
         began = time.monotonic()
-        kind, said = outcome(read, data)
+        kind, message = outcome(read, data)
         account.tried += 1
         account.accepted += kind == "accepted"
         account.refused += kind == "refused"
         account.slowest = max(account.slowest, time.monotonic() - began)
         if kind == "escape" and len(account.escapes) < 20:
-            account.escapes.append((said[:300], data))
+            account.escapes.append((message[:300], data))
     return account
 
 
-# -- the kinds: sound inputs, and how each is read --
+# -- the kinds: valid inputs, and how each is read --
 
 
 def mesh_seeds(suffix: str) -> list[bytes]:
-    """Small sound files of a format, as we write them, with arrays."""
+    """Small valid files of a format, as we write them, with arrays."""
     from ddgcli.io.mesh_file import WRITERS, write_mesh
     from ddgcli.mesh import shapes
     from ddgcli.mesh.fields import AnnotatedMesh
@@ -136,13 +136,13 @@ def mesh_seeds(suffix: str) -> list[bytes]:
         ".vtk": "# vtk DataFile Version 3.0\na\nASCII\nDATASET POLYDATA\nPOINTS 12 float\n"
         f"{rows}\nPOLYGONS 20 80\n{faces}\n{scalars}",
     }
-    found = [texts[suffix].encode()] if suffix in texts else []
+    inputs = [texts[suffix].encode()] if suffix in texts else []
     if suffix in WRITERS:
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder) / f"a{suffix}"
             write_mesh(str(path), annotated)
-            found.append(path.read_bytes())
-    return found
+            inputs.append(path.read_bytes())
+    return inputs
 
 
 def read_mesh_bytes(suffix: str) -> Callable[[bytes], object]:
@@ -210,12 +210,12 @@ def _ended(command: str, data: bytes, name: str) -> object:
         path = Path(folder) / name
         path.write_bytes(data)
         done = CliRunner().invoke(command_line, [command, str(path), "--json"])
-        said = done.stderr.strip().replace(folder, "")
+        message = done.stderr.strip().replace(folder, "")
     if done.exit_code == 0:
         return done
-    if "internal error" in said or done.exit_code not in (1, 2):
-        raise RuntimeError(said or repr(done.exception))
-    raise DdgError(said)
+    if "internal error" in message or done.exit_code not in (1, 2):
+        raise RuntimeError(message or repr(done.exception))
+    raise DdgError(message)
 
 
 def array_seeds(suffix: str) -> list[bytes]:
@@ -253,13 +253,13 @@ ARRAYS = [".npy", ".npz", ".csv", ".txt"]
 
 
 def kinds() -> dict[str, tuple[Callable[[], list[bytes]], Callable[[], Callable[[bytes], object]]]]:
-    """name -> (sound inputs, reader), each made when it is asked for."""
-    found: dict = {s[1:]: (lambda s=s: mesh_seeds(s), lambda s=s: read_mesh_bytes(s)) for s in MESHES}
-    found |= {f"array{s}": (lambda s=s: array_seeds(s), lambda s=s: read_array_bytes(s)) for s in ARRAYS}
-    found["scene"] = (lambda: [SCENE], lambda: read_scene_bytes)
-    found["expression"] = (lambda: EXPRESSIONS, lambda: read_expression)
-    found["expected"] = (lambda: [EXPECTED], lambda: read_expected)
-    return found
+    """name -> (valid inputs, reader), each computed on demand."""
+    formats: dict = {s[1:]: (lambda s=s: mesh_seeds(s), lambda s=s: read_mesh_bytes(s)) for s in MESHES}
+    formats |= {f"array{s}": (lambda s=s: array_seeds(s), lambda s=s: read_array_bytes(s)) for s in ARRAYS}
+    formats["scene"] = (lambda: [SCENE], lambda: read_scene_bytes)
+    formats["expression"] = (lambda: EXPRESSIONS, lambda: read_expression)
+    formats["expected"] = (lambda: [EXPECTED], lambda: read_expected)
+    return formats
 
 
 def main() -> int:
@@ -267,22 +267,22 @@ def main() -> int:
     parser.add_argument("--format", choices=list(kinds()), help="one kind only")
     parser.add_argument("--seconds", type=float, default=5.0, help="for each kind")
     parser.add_argument("--seed", type=int, default=0)
-    asked = parser.parse_args()
+    options = parser.parse_args()
     bad = 0
     for name, (seeds, reader) in kinds().items():
-        if asked.format not in (None, name):
+        if options.format not in (None, name):
             continue
-        account = fuzz(name, seeds(), reader(), asked.seconds, sys.maxsize, asked.seed)
+        account = fuzz(name, seeds(), reader(), options.seconds, sys.maxsize, options.seed)
         print(
             f"{name:12s} {account.tried:7d} inputs, {account.accepted:6d} accepted, "
             f"{account.refused:7d} refused, {len(account.escapes)} escapes, slowest {account.slowest:.2f} s",
             flush=True,
         )
-        for number, (said, data) in enumerate(account.escapes):
+        for number, (message, data) in enumerate(account.escapes):
             folder = Path("build/fuzz")
             folder.mkdir(parents=True, exist_ok=True)
             (folder / f"{name.replace('.', '_')}_{number}").write_bytes(data)
-            print(f"  escape {number}: {said}")
+            print(f"  escape {number}: {message}")
             bad += 1
     return 1 if bad else 0
 

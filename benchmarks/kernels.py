@@ -40,7 +40,7 @@ class Case:
     Parameters
     ----------
     words : tuple of str
-        Arguments; names of samples are found in sample_meshes/.
+        Arguments; names of samples are completed to paths in sample_meshes/.
     fields : dict of str to float
         Dotted path below `results`, or array:NAME of the written mesh, and the tolerance of the largest
         difference relative to the largest number.
@@ -125,11 +125,11 @@ def results_of(case: Case, variables: dict[str, str]) -> dict[str, Any]:
 
 
 def _run(words: tuple[str, ...], variables: dict[str, str]) -> dict[str, Any]:
-    given = [str(SAMPLES / word) if (SAMPLES / word).is_file() else word for word in words]
+    arguments = [str(SAMPLES / word) if (SAMPLES / word).is_file() else word for word in words]
     environment = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", **os.environ, **variables}
     environment["PYTHONPATH"] = str(ROOT)
     run = subprocess.run(
-        [sys.executable, "-m", "ddgcli", *given, "--json"],
+        [sys.executable, "-m", "ddgcli", *arguments, "--json"],
         capture_output=True, text=True, timeout=SECONDS, env=environment, check=False,
     )  # fmt: skip
     if run.returncode:
@@ -185,9 +185,10 @@ def compare_all(chosen: list[str], planted: float = 0.0) -> tuple[list[Row], lis
             except RuntimeError as error:
                 rows.append(Row(environment, name, str(error), math.inf, 0.0))
                 continue
-            made = compare(name, CASES[name], reference[name], environment, other)
+            rows_of_case = compare(name, CASES[name], reference[name], environment, other)
             rows += [
-                Row(*(r.environment, r.case, r.field), r.difference + planted, r.tolerance) for r in made
+                Row(*(r.environment, r.case, r.field), r.difference + planted, r.tolerance)
+                for r in rows_of_case
             ]
     return rows, notes
 

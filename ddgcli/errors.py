@@ -1,38 +1,38 @@
-"""Every way to say no, and the exit code that it means.
+"""Exceptions of the project, and their exit codes.
 
-An `InputError` is the caller's to mend (exit 2, no output file); a `SolveError` says that sound input
-still could not be computed (exit 1). Messages name what was found, where, and what to do.
+An `InputError` is caused by the call or the input (exit 2, no output file); a `SolveError` is a failed
+computation with valid input (exit 1). Messages say what is wrong, where, and what to do.
 """
 
-LONGEST_EXCERPT = 100  # characters of a file, or of another program's message, that a message repeats
+MAX_EXCERPT_LENGTH = 100  # characters of a file, or of another program's message, in a message
 
 
-def excerpt(value: object, longest: int = LONGEST_EXCERPT) -> str:
-    """A piece of a file, or another program's message, as one short line of printable characters."""
-    text = value[: 4 * longest].decode("utf-8", "replace") if isinstance(value, bytes) else str(value)
-    text = " ".join(text[: 8 * longest].split())
-    text = "".join(letter if letter.isprintable() else "?" for letter in text[: longest + 1])
-    return text if len(text) <= longest else text[: longest - 3] + "..."
+def excerpt(value: object, max_length: int = MAX_EXCERPT_LENGTH) -> str:
+    """Part of a file, or of another program's message, as one short line of printable characters."""
+    text = value[: 4 * max_length].decode("utf-8", "replace") if isinstance(value, bytes) else str(value)
+    text = " ".join(text[: 8 * max_length].split())
+    text = "".join(letter if letter.isprintable() else "?" for letter in text[: max_length + 1])
+    return text if len(text) <= max_length else text[: max_length - 3] + "..."
 
 
 class DdgError(Exception):
-    """Base of all refusals; `exit_code` is what the command line ends with."""
+    """Base of all exceptions of the project; the command line exits with `exit_code`."""
 
     exit_code = 1
 
 
 class InputError(DdgError, ValueError):
-    """The call or the input is wrong and the caller can mend it."""
+    """The call or the input is wrong, and the caller can correct it."""
 
     exit_code = 2
 
 
 class MeshFileError(InputError):
-    """A file that is missing, unreadable, of unknown format or without the cells asked for."""
+    """A file that is missing, unreadable, of unknown format or without the required cells."""
 
 
 class MeshError(InputError):
-    """A mesh that breaks what an algorithm needs: shape, index range, manifold, orientation, ..."""
+    """A mesh without a required property: shape, index range, manifold, orientation, ..."""
 
 
 class ParameterError(InputError):
@@ -41,10 +41,10 @@ class ParameterError(InputError):
     Parameters
     ----------
     message : str
-        Other parameters stand between back quotes, alone or with a value: `` `method=exact` ``; the command
-        line writes them as its options.
+        Other parameters are in back quotes, alone or with a value: `` `method=exact` ``; the command line
+        writes them as its options.
     parameter : str, optional
-        Name of the parameter that is wrong, as in the function's signature.
+        Name of the wrong parameter, as in the signature of the function.
     """
 
     def __init__(self, message: str, *, parameter: str | None = None) -> None:
@@ -65,14 +65,14 @@ class MissingExtraError(InputError):
 
 
 class SolveError(DdgError, RuntimeError):
-    """Sound input whose computation failed: divergence, no convergence, overflow."""
+    """A computation with valid input failed: divergence, no convergence, overflow."""
 
 
-MAX_BYTES = 16 * 2**30  # of one dense result: more is refused before it is allocated
+MAX_BYTES = 16 * 2**30  # of one dense result, checked before it is allocated
 
 
 def check_memory(estimate: float, what: str, cure: str) -> None:
-    """Refuse what would take more than 16 GiB, with the estimate in bytes; ParameterError."""
+    """Raise ParameterError if the estimated bytes of a result exceed MAX_BYTES."""
     if estimate > MAX_BYTES:
         raise ParameterError(
             f"{what} need about {estimate / 2**30:.3g} GiB, above {MAX_BYTES / 2**30:g} GiB; {cure}"

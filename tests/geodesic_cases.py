@@ -1,4 +1,4 @@
-"""Surfaces whose distances are known, or whose windows meet bends and holes."""
+"""Surfaces with known distances, or with saddles and holes."""
 
 import numpy as np
 from scipy.spatial import Delaunay

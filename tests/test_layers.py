@@ -1,44 +1,39 @@
-"""Arrows point one way: each room imports only the rooms below it."""
+"""Imports point one way: packages import only packages below them, and modules form no cycle."""
 
 import ast
+import graphlib
+from collections.abc import Mapping
 from pathlib import Path
 
 import pytest
 
 PACKAGE = Path(__file__).parent.parent / "ddgcli"
 
-CORE = {"errors", "mesh", "geometry", "operators", "linalg"}
+BASE = {"errors", "choices", "progress"}
+CORE = BASE | {"mesh", "geometry", "operators", "linalg"}
+SIMULATORS = CORE | {"algorithms", "simulation", "mechanics", "scenes"}
+# package or module of ddgcli -> the others that it may import, inside functions too
 MAY_IMPORT = {
     "__init__": {"errors", "library"},
     "__main__": {"cli"},
     "errors": set(),
-    "mesh": {"errors"},
-    "io": {"errors", "mesh"},
-    "geometry": {"errors", "mesh"},
-    "operators": {"errors", "mesh", "geometry", "linalg"},
-    "linalg": {"errors"},
     "batch": {"errors"},
+    "choices": set(),
+    "progress": set(),
+    "mesh": BASE,
+    "io": BASE | {"mesh"},
+    "geometry": BASE | {"mesh"},
+    "linalg": BASE,
+    "operators": CORE,
     "algorithms": CORE,
-    "simulation": {"errors", "mesh", "linalg"},
-    "mechanics": {"errors", "linalg", "simulation"},
-    "scenes": {"errors", "mesh", "simulation"},
-    "models": CORE | {"algorithms", "simulation", "mechanics", "scenes"},
-    "tradeoff": CORE | {"algorithms", "simulation", "mechanics", "scenes", "models"},
-    "plots": {"errors", "mesh", "geometry"},
-    "library": CORE | {"io", "algorithms", "simulation", "scenes", "models", "tradeoff"},
-    "cli": CORE
-    | {
-        "__init__",
-        "io",
-        "batch",
-        "algorithms",
-        "simulation",
-        "mechanics",
-        "scenes",
-        "models",
-        "tradeoff",
-        "plots",
-    },
+    "simulation": BASE | {"mesh", "linalg"},
+    "mechanics": BASE | {"mesh", "geometry", "linalg", "simulation"},
+    "scenes": BASE | {"mesh", "simulation"},
+    "models": SIMULATORS,
+    "tradeoff": SIMULATORS | {"models"},
+    "plots": BASE | {"mesh", "geometry"},
+    "library": SIMULATORS | {"io", "models", "tradeoff"},
+    "cli": SIMULATORS | {"__init__", "batch", "io", "models", "tradeoff", "plots"},
 }
 # packages of `algorithms`, and which of the others each may import
 TOPICS = {
@@ -52,13 +47,14 @@ TOPICS = {
     "geodesics": {"tracing", "delaunay"},
     "tangent_fields": {"tracing", "delaunay", "geodesics"},
 }
-# third-party modules that live in one room only
-ONE_ROOM = {"click": {"cli"}, "meshio": {"io"}, "trimesh": {"io"}, "h5py": {"io"}, "matplotlib": {"plots"}}
+MODELS = {"shell", "fluid", "willmore"}
+# third-party modules that one package alone imports
+ONE_PACKAGE = {"click": "cli", "meshio": "io", "trimesh": "io", "h5py": "io", "matplotlib": "plots"}
 PEERS = {"igl", "potpourri3d", "pygeodesic", "robust_laplacian", "pymeshlab", "gpytoolbox"}
 
 
-def imported(source: str) -> list[str]:
-    """Dotted names that a source imports, wherever the statement stands."""
+def imported_names(source: str) -> list[str]:
+    """Dotted names that a source imports, at its top or inside functions."""
     names: list[str] = []
     for node in ast.walk(ast.parse(source)):
         if isinstance(node, ast.Import):
@@ -69,22 +65,44 @@ def imported(source: str) -> list[str]:
     return names
 
 
-def wrong_arrows(room: str, source: str) -> list[str]:
-    """Names that a file of `room` may not import."""
-    wrong = []
-    for name in imported(source):
+def forbidden_imports(package: str, source: str) -> list[str]:
+    """Names that a file of `package` may not import."""
+    forbidden = []
+    for name in imported_names(source):
         top, *rest = name.split(".")
         if top == "ddgcli" and rest and rest[0] in MAY_IMPORT:
-            if rest[0] != room and rest[0] not in MAY_IMPORT[room]:
-                wrong.append(name)
-        elif top in PEERS or (top in ONE_ROOM and room not in ONE_ROOM[top]):
-            wrong.append(name)
-    return wrong
+            if rest[0] != package and rest[0] not in MAY_IMPORT[package]:
+                forbidden.append(name)
+        elif top in PEERS or ONE_PACKAGE.get(top, package) != package:
+            forbidden.append(name)
+    return forbidden
 
 
-def wing_of(path: Path) -> str | None:
-    parts = path.relative_to(PACKAGE).parts
-    return parts[1] if parts[0] == "models" and len(parts) > 2 else None
+def forbidden_siblings(parent: str, package: str, allowed: set[str], source: str) -> list[str]:
+    """Names of other packages of `ddgcli.parent` that a file of `package` may not import."""
+    names = [name.split(".") for name in imported_names(source) if name.startswith(f"ddgcli.{parent}.")]
+    return [".".join(n) for n in names if n[2] != package and n[2] not in allowed]
+
+
+def module_name(path: Path) -> str:
+    parts = path.relative_to(PACKAGE.parent).with_suffix("").parts
+    return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
+
+
+def import_cycle(sources: Mapping[str, str]) -> list[str]:
+    """Modules of one import cycle, first and last the same; empty where there is none.
+
+    `sources` maps dotted module names to their text.
+    """
+    imports: dict[str, set[str]] = {}
+    for module, source in sources.items():
+        targets = {n if n in sources else n.rpartition(".")[0] for n in imported_names(source)}
+        imports[module] = {t for t in targets if t in sources and t != module}
+    try:
+        graphlib.TopologicalSorter(imports).prepare()
+    except graphlib.CycleError as error:
+        return error.args[1]
+    return []
 
 
 def files() -> list[Path]:
@@ -92,18 +110,13 @@ def files() -> list[Path]:
 
 
 @pytest.mark.parametrize("path", files(), ids=lambda p: str(p.relative_to(PACKAGE)))
-def test_arrows_point_one_way(path):
-    room = path.relative_to(PACKAGE).parts[0].removesuffix(".py")
-    source = path.read_text(encoding="utf-8")
-    assert wrong_arrows(room, source) == []
-    wing = wing_of(path)
-    if wing:
-        others = [n for n in imported(source) if n.startswith("ddgcli.models.") and n.split(".")[2] != wing]
-        assert [n for n in others if n.split(".")[2] in {"shell", "fluid", "willmore"}] == []
+def test_a_file_imports_only_packages_below_its_own(path):
+    package = path.relative_to(PACKAGE).parts[0].removesuffix(".py")
+    assert forbidden_imports(package, path.read_text(encoding="utf-8")) == []
 
 
 @pytest.mark.parametrize(
-    "room, source",
+    "package, source",
     [
         ("geometry", "import ddgcli.cli.main"),
         ("geometry", "from ddgcli import io"),
@@ -115,24 +128,49 @@ def test_arrows_point_one_way(path):
         ("algorithms", "from ddgcli.library.meshes import as_mesh"),
     ],
 )
-def test_a_wrong_arrow_is_seen(room, source):
-    assert wrong_arrows(room, source)
+def test_a_forbidden_import_is_detected(package, source):
+    assert forbidden_imports(package, source)
 
 
-def wrong_topics(topic: str, source: str) -> list[str]:
-    """Names of other topics that a file of `topic` may not import."""
-    names = [name.split(".") for name in imported(source) if name.startswith("ddgcli.algorithms.")]
-    return [".".join(n) for n in names if n[2] != topic and n[2] not in TOPICS[topic]]
+@pytest.mark.parametrize("model", sorted(MODELS))
+def test_models_do_not_import_each_other(model):
+    sources = {f.name: f.read_text() for f in (PACKAGE / "models" / model).rglob("*.py")}
+    allowed = {f.stem for f in (PACKAGE / "models").glob("*.py")}
+    forbidden = {name: forbidden_siblings("models", model, allowed, text) for name, text in sources.items()}
+    assert forbidden and not any(forbidden.values()), forbidden
 
 
 @pytest.mark.parametrize("topic", sorted(TOPICS))
-def test_topics_of_algorithms_point_one_way(topic):
-    wrong = {
-        f.name: wrong_topics(topic, f.read_text()) for f in (PACKAGE / "algorithms" / topic).rglob("*.py")
+def test_topics_of_algorithms_import_only_topics_below(topic):
+    sources = {f.name: f.read_text() for f in (PACKAGE / "algorithms" / topic).rglob("*.py")}
+    forbidden = {n: forbidden_siblings("algorithms", topic, TOPICS[topic], s) for n, s in sources.items()}
+    assert forbidden and not any(forbidden.values()), forbidden
+
+
+def test_an_import_of_a_higher_topic_is_detected():
+    source = "from ddgcli.algorithms.geodesics.paths import a"
+    assert forbidden_siblings("algorithms", "delaunay", TOPICS["delaunay"], source)
+    assert forbidden_siblings("models", "fluid", set(), "import ddgcli.models.shell.hinge")
+
+
+def test_every_package_has_a_row_in_the_tables():
+    assert {p.name.removesuffix(".py") for p in PACKAGE.iterdir() if p.name[0] != "."} - {
+        "__pycache__",
+        "py.typed",
+    } <= set(MAY_IMPORT)
+    for parent, table in (("algorithms", TOPICS), ("models", MODELS)):
+        assert {p.parent.name for p in (PACKAGE / parent).glob("*/__init__.py")} == set(table)
+
+
+def test_no_modules_import_each_other_in_a_cycle():
+    assert import_cycle({module_name(f): f.read_text(encoding="utf-8") for f in files()}) == []
+
+
+def test_an_import_cycle_is_detected_inside_functions_too():
+    sources = {
+        "ddgcli.a": "from ddgcli.b import f",
+        "ddgcli.b": "from ddgcli import c",
+        "ddgcli.c": "def g():\n    from ddgcli.a import h",
     }
-    assert wrong and not any(wrong.values()), wrong
-
-
-def test_a_topic_that_reaches_up_is_seen():
-    assert {p.name for p in (PACKAGE / "algorithms").iterdir() if (p / "__init__.py").exists()} == set(TOPICS)
-    assert wrong_topics("delaunay", "from ddgcli.algorithms.geodesics.paths import seen_from") != []
+    assert len(import_cycle(sources)) == 4
+    assert import_cycle(sources | {"ddgcli.c": ""}) == []

@@ -1,4 +1,4 @@
-"""Which method to take when: sentences, and for each what the tables must show for it to stand."""
+"""Advice on methods: sentences, and for each the condition on the tables that supports it."""
 
 from __future__ import annotations
 
@@ -8,34 +8,39 @@ from benchmarks.atlas.tables import Finest
 
 ADVICE = {
     "curvature": """
-Which: `quadric` (the default): at least ten times more accurate than every other scheme and peer on every
-family of the ellipsoid, at about the cost of a fit of libigl or pymeshlab; its rates are 2.5 to 3.5.
+Choosing a method:
+`quadric` (the default): at least ten times more accurate than every other scheme and peer on every
+mesh class of the ellipsoid, at about the cost of a fit of libigl or pymeshlab; its rates are 2.5 to 3.5.
 `corrected` at the star is exact on spheres and takes a third of that time: a third of a per cent off on
 good meshes, some per cent on others. `cotan`, `normal-cycle` and pymeshlab's discrete curvature at the
 star stay more than 5 % off on irregular, noisy and stretched triangles however fine; balls (`--radius`)
 make them converge slowly, at several times the cost of `quadric`.
 """,
     "geodesic": """
-Which: `exact` for one source: on every family nothing else that is not exact has a smaller error, and it
+Choosing a method:
+`exact` for one source: on every mesh class nothing else that is not exact has a smaller error, and it
 converges at second order; no `--tolerance` takes longer, and 0.3 saves a sixth to two fifths of the time
 (smaller ones are answered exactly, or nearly, on meshes of this size).
 For many sources `heat`, where a further source costs a fifteenth of an exact one or less: two per cent
 off or better, also on stretched triangles, where without Delaunay flips (`--operator plain`) it is a
-fifth off. `fast-marching` keeps a tenth of a per cent on every family, for a fifth of the time.
+fifth off. `fast-marching` keeps a tenth of a per cent on every mesh class, for a fifth of the time.
 """,
     "laplacian": """
-Which: any: all are of second order on every family. The Galerkin mass errs two to three times more than a
+Choosing a method:
+any: all are of second order on every mesh class. The Galerkin mass errs two to three times more than a
 lumped one on good, irregular and noisy triangles. Flips do not improve eigenvalues here; they keep
 weights positive, which Poisson problems and flows need.
 """,
     "delaunay": """
-Which: flips. On stretched triangles they more than halve the error of a Poisson solve for the price of a
+Choosing a method:
+flips. On stretched triangles they more than halve the error of a Poisson solve for the price of a
 quarter of a solve; on good ones they change nothing. Refinement to 25 degrees takes longer than the solve
 and, on irregular, stretched and noisy triangles, does not lower this error (the surface, not the
 triangles, makes it): take it where angles must be bounded.
 """,
     "willmore-flow": """
-Which: `gauss-map` (the default): no other energy has a smaller error on any family of the ellipsoid, and
+Choosing a method:
+`gauss-map` (the default): no other energy has a smaller error on any mesh class of the ellipsoid, and
 none that stands for int H^2 on the torus; it costs two to three times as much to evaluate, a step to rest
 little more. On irregular, noisy and refined triangulations it errs by a fiftieth or less, on stretched
 ones by a twentieth, however fine the mesh; `sullivan` and `cotan` by up to five times the energy itself.
@@ -43,14 +48,16 @@ The sphere's mode is within half a per cent from 5,000 faces, at steps of a sixt
 eighth, within two per cent.
 """,
     "fluid-sim": """
-Which: `conservative` (the default): its error is the mesh's at both steps, so take the long one (what its
+Choosing a method:
+`conservative` (the default): its error is the mesh's at both steps, so take the long one (what its
 stability does not allow is divided). `midpoint` is as accurate. Stretched triangles cost ten times the
 error of good ones. `circulation` takes steps of any length. On good meshes its error of the wave's speed is
 below that of `conservative`, that of Taylor-Green's decay above it; it falls as meshes get finer at a fixed
 step too.
 """,
     "shell-sim": """
-Which: `alternating` or `right` grids, not `cross`, whose bending is off by more than an eighth at any
+Choosing a method:
+`alternating` or `right` grids, not `cross`, whose bending is off by more than an eighth at any
 size, and not stretched, jittered or refined meshes, which stay at a twentieth or more: the constant of
 hinges is that of regular grids. On flat rests `quadratic` has the error of `hinge` in less time. For
 short free motion of a soft sheet `verlet` is the cheapest of second order: `newmark` and
@@ -76,7 +83,7 @@ CLAIMS: dict[str, list[Claim]] = {
             "at least ten times more accurate than every other scheme and peer",
             lambda t: all(
                 row["mean_error"] > 10 * t.error("quadric radius=own", f)
-                for f in t.families
+                for f in t.mesh_classes
                 for row in t.others(["quadric"], f)
             ),
         ),
@@ -84,20 +91,20 @@ CLAIMS: dict[str, list[Claim]] = {
             "about the cost of a fit of libigl or pymeshlab",
             lambda t: all(
                 0.6 < t.seconds("quadric radius=own", f) / t.seconds(peer, f) < 1.6
-                for f in t.families
+                for f in t.mesh_classes
                 for peer in PEER_FITS
             ),
         ),
         (
             "its rates are 2.5 to 3.5",
-            lambda t: all(2.4 < t.rate("quadric radius=own", f) < 3.6 for f in t.families),
+            lambda t: all(2.4 < t.rate("quadric radius=own", f) < 3.6 for f in t.mesh_classes),
         ),
         ("exact on spheres", lambda t: t.error("corrected radius=own", "irregular", "sphere:1") < 1e-9),
         (
             "takes a third of that time",
             lambda t: all(
                 t.seconds("corrected radius=own", f) < 0.45 * t.seconds("quadric radius=own", f)
-                for f in t.families
+                for f in t.mesh_classes
             ),
         ),
         (
@@ -125,57 +132,58 @@ CLAIMS: dict[str, list[Claim]] = {
             "nothing else that is not exact has a smaller error",
             lambda t: all(
                 row["mean_error"] > t.error(EXACT, f)
-                for f in t.families
+                for f in t.mesh_classes
                 for row in t.others(["exact", "pygeodesic"], f)
             ),
         ),
-        ("it converges at second order", lambda t: all(1.8 < t.rate(EXACT, f) < 2.3 for f in t.families)),
+        ("it converges at second order", lambda t: all(1.8 < t.rate(EXACT, f) < 2.3 for f in t.mesh_classes)),
         (
             "no `--tolerance` takes longer",
             lambda t: all(
                 t.seconds(f"exact tolerance={slack}", f) < 1.1 * t.seconds(EXACT, f)
-                for f in t.families
+                for f in t.mesh_classes
                 for slack in (0.01, 0.03, 0.1, 0.3)
             ),
         ),
         (
             "0.3 saves a sixth to two fifths of the time",
             lambda t: all(
-                0.55 < t.seconds("exact tolerance=0.3", f) / t.seconds(EXACT, f) < 0.88 for f in t.families
+                0.55 < t.seconds("exact tolerance=0.3", f) / t.seconds(EXACT, f) < 0.88
+                for f in t.mesh_classes
             ),
         ),
         (
             "smaller ones are answered exactly, or nearly, on meshes of this size",
             lambda t: all(
                 t.error(f"exact tolerance={slack}", f) < 1e-3
-                for f in t.families
+                for f in t.mesh_classes
                 for slack in (0.01, 0.03, 0.1)
             ),
         ),
         (
             "a further source costs a fifteenth of an exact one or less",
-            lambda t: all(t.query("heat", f) < t.query(EXACT, f) / 15 for f in t.families),
+            lambda t: all(t.query("heat", f) < t.query(EXACT, f) / 15 for f in t.mesh_classes),
         ),
         (
             "two per cent off or better, also on stretched triangles",
-            lambda t: all(t.error("heat", f) < 0.02 for f in t.families),
+            lambda t: all(t.error("heat", f) < 0.02 for f in t.mesh_classes),
         ),
         ("it is a fifth off", lambda t: 0.15 < t.error("heat operator=plain", "stretched") < 0.35),
         (
-            "keeps a tenth of a per cent on every family, for a fifth of the time",
+            "keeps a tenth of a per cent on every mesh class, for a fifth of the time",
             lambda t: all(
                 t.error("fast-marching", f) < 1.2e-3
                 and 0.14 < t.seconds("fast-marching", f) / t.seconds(EXACT, f) < 0.26
-                for f in t.families
+                for f in t.mesh_classes
             ),
         ),
     ],
     "laplacian": [
         (
-            "all are of second order on every family",
+            "all are of second order on every mesh class",
             lambda t: all(
                 1.6 < t.rate(row["configuration"], f) < 2.5
-                for f in t.families
+                for f in t.mesh_classes
                 for row in t.others(["none"], f)
             ),
         ),
@@ -191,7 +199,7 @@ CLAIMS: dict[str, list[Claim]] = {
             "Flips do not improve eigenvalues here",
             lambda t: all(
                 t.error("intrinsic-delaunay mass=lumped", f) > 0.95 * t.error("cotan mass=lumped", f)
-                for f in t.families
+                for f in t.mesh_classes
             ),
         ),
     ],
@@ -219,7 +227,7 @@ CLAIMS: dict[str, list[Claim]] = {
     ],
     "willmore-flow": [
         (
-            "no other energy has a smaller error on any family of the ellipsoid",
+            "no other energy has a smaller error on any mesh class of the ellipsoid",
             lambda t: all(
                 t.error("gauss-map", f, EGG) <= t.error(e, f, EGG)
                 for f in ("good", "refined", *UNEVEN)

@@ -10,11 +10,11 @@ import numpy as np
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.tradeoff.candidates import Candidate
 
-NOTHING: Callable[[], Any] = lambda: None  # noqa: E731
+NO_SETUP: Callable[[], Any] = lambda: None  # noqa: E731
 
 
-def _peer(name: str, setup: Callable[[], Any], solve: Callable[[Any], Any], **dials: Any) -> Candidate:
-    return Candidate(name, dials, setup, solve, "")
+def _peer(name: str, setup: Callable[[], Any], solve: Callable[[Any], Any], **parameters: Any) -> Candidate:
+    return Candidate(name, parameters, setup, solve, {})
 
 
 def curvature(mesh: TriangleMesh) -> list[Candidate]:
@@ -26,10 +26,10 @@ def _libigl_fit(mesh: TriangleMesh) -> list[Candidate]:
     import igl
 
     def fit(_: Any) -> np.ndarray:
-        found = igl.principal_curvature(mesh.points, mesh.faces, 2)
-        return 0.5 * (found[2] + found[3])
+        directions_and_values = igl.principal_curvature(mesh.points, mesh.faces, 2)
+        return 0.5 * (directions_and_values[2] + directions_and_values[3])
 
-    return [_peer("libigl", NOTHING, fit, radius="2 rings")]
+    return [_peer("libigl", NO_SETUP, fit, radius="2 rings")]
 
 
 def _mesh_set(mesh: TriangleMesh) -> Any:

@@ -1,6 +1,6 @@
 """The atlas: error against seconds on known truths, with observed rates (`make accuracy`).
 
-For every command and family of triangulations: each method with its dials, and peers, on a ladder of meshes.
+For every command and mesh class: each method with its parameters, and peers, on a sequence of meshes.
 Writes docs/accuracy/COMMAND.csv (all rows), .png (the picture) and .md (rates and errors), and check.json,
 which `make accuracy-check` (a part of `make test`) compares a rerun of the small meshes with: errors and
 rates only, never seconds.
@@ -29,11 +29,11 @@ from benchmarks.atlas.tables import stored as read
 from benchmarks.atlas.theory import SOURCES, theory
 from benchmarks.atlas.trial import Case, Trial
 from benchmarks.common.measure import cpu_seconds
-from benchmarks.common.mesh_classes import STUDIES, Ladder
+from benchmarks.common.mesh_classes import STUDIES, MeshSequence
 from ddgcli.plots.chart import draw_chart
 from ddgcli.tradeoff.candidates import Candidate, Problem, Row, label_of
 from ddgcli.tradeoff.measure import run_problem
-from ddgcli.tradeoff.pareto import mark_front
+from ddgcli.tradeoff.pareto import mark_pareto_front
 from ddgcli.tradeoff.problems.table import mesh_problem
 from ddgcli.tradeoff.report import machine
 from ddgcli.tradeoff.truths import parse_truth
@@ -47,8 +47,8 @@ ERROR_SLACK, RATE_SLACK = 1.05, 0.1
 REFINED_SLACK, REFINED_RATE_SLACK = 1.5, 0.5
 # guess of the seconds above which the check leaves a configuration to the atlas
 CHEAP, CHEAP_RUN = 0.15, 0.05
-MOST_LINES = 10
-# dear and never better than what stands beside them
+MAX_LINES = 10
+# slow, and never better than other rows
 SKIPPED = (
     "normal-cycle radius=4 edges",
     "intrinsic-delaunay mass=voronoi subdivide=1",
@@ -70,25 +70,25 @@ def measured(
         if peers is not None:
             print(f"left out: {name}: {why}", file=sys.stderr, flush=True)
     rows = table.rows
-    mark_front(rows)
+    mark_pareto_front(rows)
     return rows
 
 
 def study(command: str, levels: tuple[int, ...], *, peers: bool = True) -> list[dict[str, Any]]:
     """All rows of a command, as plain dictionaries."""
-    found = []
+    rows_of_command = []
     for case in cases(command):
         for level in levels:
             trial = case.trial(level)
-            head = {"truth": case.truth, "family": case.family, "level": level, "faces": trial.faces}
+            head = {"truth": case.truth, "mesh_class": case.mesh_class, "level": level, "faces": trial.faces}
             head["h"] = trial.h
             others = trial.peers() if peers else None
             cheap = CHEAP_RUN if command in SIMULATED else CHEAP
             repeat = repeats(command, level) if peers else 0
             rows = measured(trial.problem, repeat=repeat, peers=others, cheap=cheap)
-            found += [head | as_row(row) for row in rows]
-            print(f"{command} {case.truth} {case.family} {trial.faces}", file=sys.stderr, flush=True)
-    return found
+            rows_of_command += [head | as_row(row) for row in rows]
+            print(f"{command} {case.truth} {case.mesh_class} {trial.faces}", file=sys.stderr, flush=True)
+    return rows_of_command
 
 
 def repeats(command: str, level: int) -> int:
@@ -97,27 +97,27 @@ def repeats(command: str, level: int) -> int:
 
 
 def cases(command: str) -> list[Case]:
-    """Truths and families of a command, the ones shown in pictures first."""
+    """Truths and mesh classes of a command, the plotted ones first."""
     if command in SIMULATED:
         return SIMULATED[command]
     return [
-        Case(truth, family, partial(mesh_trial, command, truth, make))
-        for truth, ladders in STUDIES[command]
-        for family, make in ladders.items()
+        Case(truth, mesh_class, partial(mesh_trial, command, truth, make))
+        for truth, sequences in STUDIES[command]
+        for mesh_class, make in sequences.items()
     ]
 
 
-def mesh_trial(command: str, truth: str, make: Ladder, level: int) -> Trial:
+def mesh_trial(command: str, truth: str, make: MeshSequence, level: int) -> Trial:
     """A command on the mesh of one level."""
     mesh = make(level)
     problem = mesh_problem(command, mesh, truth=parse_truth(truth, mesh.points))
-    kept = [candidate for candidate in problem.candidates if label_of(candidate) not in SKIPPED]
-    problem = replace(problem, candidates=kept)
+    candidates = [candidate for candidate in problem.candidates if label_of(candidate) not in SKIPPED]
+    problem = replace(problem, candidates=candidates)
     return Trial(mesh.n_faces, float(mesh.side_length.mean()), problem, lambda: list(peers_of(command, mesh)))
 
 
 def as_row(row: Row) -> dict[str, Any]:
-    """What is kept of a row."""
+    """Columns of a row in the table."""
     return {
         "configuration": row.label,
         "setup_seconds": row.setup_seconds,
@@ -139,20 +139,20 @@ def write(command: str, rows: list[dict[str, Any]]) -> None:
             {k: f"{v:.4g}" if isinstance(v, float) else v for k, v in row.items()} for row in rows
         )
     for case in drawn(command):
-        shown = [r for r in rows if (r["truth"], r["family"]) == (case.truth, case.family)]
-        picture(command, case, shown)
+        rows_of_case = [r for r in rows if (r["truth"], r["mesh_class"]) == (case.truth, case.mesh_class)]
+        picture(command, case, rows_of_case)
     (HERE / f"{command}.md").write_text(page(command, rows), encoding="utf-8")
 
 
 def drawn(command: str) -> list[Case]:
     """Cases that have a picture: all of a simulator, the first truth of the others."""
-    found = cases(command)
-    return found if command in SIMULATED else [c for c in found if c.truth == found[0].truth]
+    all_cases = cases(command)
+    return all_cases if command in SIMULATED else [c for c in all_cases if c.truth == all_cases[0].truth]
 
 
 def picture_name(command: str, case: Case) -> str:
     """File of a picture."""
-    words = [command, case.truth if command in SIMULATED else "", case.family]
+    words = [command, case.truth if command in SIMULATED else "", case.mesh_class]
     return re.sub(r"[^a-z0-9]+", "-", " ".join(words).lower()) + ".png"
 
 
@@ -165,18 +165,19 @@ def picture(command: str, case: Case, rows: list[dict[str, Any]]) -> None:
     best = sorted(ours, key=lambda name: -sum(r["on_front"] for r in lines[name]))
     heads = list({name.split()[0]: name for name in reversed(best)}.values())  # each method's best line first
     best = sorted(best, key=lambda name: name not in heads)
-    best = best[: MOST_LINES - len(lines) + len(ours)]
-    shown = {name: points(line) for name, line in lines.items() if name in best or name not in ours}
+    best = best[: MAX_LINES - len(lines) + len(ours)]
+    drawn_lines = {name: points(line) for name, line in lines.items() if name in best or name not in ours}
     draw_chart(
         str(HERE / picture_name(command, case)),
-        shown,
-        front=front_of(shown),
+        drawn_lines,
+        front=pareto_front(drawn_lines),
         xlabel="CPU seconds (set-up and one query)",
         ylabel="mean relative error",
         log="xy",
-        title=f"{command}: {case.truth}, {case.family}" + ("" if command in SIMULATED else " triangulations"),
-        caption=f"One point a {'step' if case.family == 'steps' else 'mesh'} of the ladder. Grey: the front; "
-        f"no point is below and left of it. CPU seconds, one thread.\n{machine()}",
+        title=f"{command}: {case.truth}, {case.mesh_class}"
+        + ("" if command in SIMULATED else " triangulations"),
+        caption=f"One point a {'step' if case.mesh_class == 'steps' else 'mesh'} of the sequence. "
+        f"Grey: Pareto front. CPU seconds, one thread.\n{machine()}",
     )
 
 
@@ -185,37 +186,37 @@ def points(line: list[dict[str, Any]]) -> tuple[list[float], list[float]]:
     return [r["setup_seconds"] + r["seconds"] for r in line], [max(r["mean_error"], 1e-15) for r in line]
 
 
-def front_of(shown: dict[str, tuple[list[float], list[float]]]) -> tuple[list[float], list[float]]:
-    """The points of a picture that no other beats in both seconds and error."""
+def pareto_front(lines: dict[str, tuple[list[float], list[float]]]) -> tuple[list[float], list[float]]:
+    """Pareto front of the points of a plot in seconds and error."""
     best: list[tuple[float, float]] = []
-    for x, y in sorted(pair for line in shown.values() for pair in zip(*line)):
+    for x, y in sorted(pair for line in lines.values() for pair in zip(*line)):
         if not best or y < best[-1][1]:
             best.append((x, y))
     return [x for x, _ in best], [y for _, y in best]
 
 
 def page(command: str, rows: list[dict[str, Any]]) -> str:
-    """Tables of errors and rates, for every truth and family."""
+    """Tables of errors and rates, for every truth and mesh class."""
     observed = rates(rows)
     text = [f"# {command}: error against seconds\n", ADVICE[command].strip(), ""]
     text += ["Rates that theory gives:", SOURCES[command].strip(), ""]
-    text += [f"![{case.truth}, {case.family}]({picture_name(command, case)})" for case in drawn(command)]
+    text += [f"![{case.truth}, {case.mesh_class}]({picture_name(command, case)})" for case in drawn(command)]
     for case in cases(command):
-        group = [r for r in rows if (r["truth"], r["family"]) == (case.truth, case.family)]
+        group = [r for r in rows if (r["truth"], r["mesh_class"]) == (case.truth, case.mesh_class)]
         finest = max(r["level"] for r in group)
         last = [r for r in group if r["level"] == finest]
-        step = f", step {last[0]['h']:.3g}" if case.family == "steps" else ""
-        text += [f"\n## {case.truth}, {case.family}: {last[0]['faces']} faces{step}\n"]
+        step = f", step {last[0]['h']:.3g}" if case.mesh_class == "steps" else ""
+        text += [f"\n## {case.truth}, {case.mesh_class}: {last[0]['faces']} faces{step}\n"]
         text += [
             "| configuration | mean error | max error | rate | theory | set-up s | query s | MiB | front |"
         ]
         text += ["| --- | --- | --- | --- | --- | --- | --- | --- | --- |"]
         for r in sorted(last, key=lambda r: r["setup_seconds"] + r["seconds"]):
-            rate = observed.get((case.truth, case.family, r["configuration"]))
+            rate = observed.get((case.truth, case.mesh_class, r["configuration"]))
             text.append(
                 f"| {r['configuration']} | {r['mean_error']:.1e} | {r['max_error']:.1e} | "
                 f"{'-' if rate is None else f'{rate:.1f}'} | "
-                f"{theory(command, case.family, r['configuration'])} | "
+                f"{theory(command, case.mesh_class, r['configuration'])} | "
                 f"{r['setup_seconds']:.2g} | {r['seconds']:.2g} | "
                 f"{mib(r['peak_mib'])} | {'*' if r['on_front'] else ''} |"
             )
@@ -230,28 +231,28 @@ def mib(size: float) -> str:
 
 def summary_of(rows: list[dict[str, Any]]) -> dict[str, Any]:
     """What the check compares: errors of ours on the small meshes, and their rates."""
-    kept = [r for r in rows if r["level"] in SMALL]
-    errors = {name_of(r): [r["max_error"], r["mean_error"]] for r in kept}
-    return {"errors": errors, "rates": {"|".join(k): v for k, v in rates(kept).items()}}
+    small = [r for r in rows if r["level"] in SMALL]
+    errors = {name_of(r): [r["max_error"], r["mean_error"]] for r in small}
+    return {"errors": errors, "rates": {"|".join(k): v for k, v in rates(small).items()}}
 
 
 def name_of(row: dict[str, Any]) -> str:
-    """Truth, family, level and configuration in one key."""
-    return "|".join((row["truth"], row["family"], str(row["level"]), row["configuration"]))
+    """Truth, mesh class, level and configuration in one key."""
+    return "|".join((row["truth"], row["mesh_class"], str(row["level"]), row["configuration"]))
 
 
-def worse(stored: dict[str, Any], found: dict[str, Any]) -> list[str]:
-    """What has become worse, a line each."""
+def worse(stored: dict[str, Any], current: dict[str, Any]) -> list[str]:
+    """One line for each error or rate that is worse than the stored one."""
     lines = []
     for name, errors in stored["errors"].items():
-        now = found["errors"].get(name)
+        now = current["errors"].get(name)
         slack = REFINED_SLACK if "|refined|" in name else ERROR_SLACK
         if now is None:
             lines.append(f"{name}: no longer measured")
         elif any(b > a * slack + 1e-11 for a, b in zip(errors, now)):
             lines.append(f"{name}: errors {errors} -> {now}")
     for name, rate in stored["rates"].items():
-        now = found["rates"].get(name)
+        now = current["rates"].get(name)
         slack = REFINED_RATE_SLACK if "|refined|" in name else RATE_SLACK
         if now is not None and now < rate - slack:
             lines.append(f"{name}: rate {rate:.2f} -> {now:.2f}")
@@ -265,22 +266,22 @@ def main() -> int:
     parser.add_argument("--levels", type=int, default=len(LEVELS), help="only the coarsest so many")
     parser.add_argument("--pages", action="store_true", help="pages and pictures anew from the tables")
     parser.add_argument("--check", action="store_true", help="rerun the small meshes and compare")
-    given = parser.parse_args()
+    options = parser.parse_args()
     store = HERE / "check.json"
     stored = json.loads(store.read_text()) if store.exists() else {}
-    if given.check:
+    if options.check:
         lines = []
-        for command in given.commands:
-            found = summary_of(study(command, SMALL, peers=False))
-            lines += [f"{command}: {line}" for line in worse(stored[command], found)]
+        for command in options.commands:
+            summary = summary_of(study(command, SMALL, peers=False))
+            lines += [f"{command}: {line}" for line in worse(stored[command], summary)]
         print("\n".join(lines) or "accuracy: nothing has become worse")
         return 1 if lines else 0
-    if given.pages:
-        for command in given.commands:
+    if options.pages:
+        for command in options.commands:
             write(command, read(HERE / f"{command}.csv"))
         return 0
-    for command in given.commands:
-        rows = study(command, LEVELS[: given.levels])
+    for command in options.commands:
+        rows = study(command, LEVELS[: options.levels])
         write(command, rows)
         ours = [r for r in rows if not r["configuration"].startswith(PEER_NAMES)]
         again = study(command, SMALL, peers=False)

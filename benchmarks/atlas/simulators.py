@@ -1,7 +1,7 @@
-"""Known truths of the simulators, for the atlas: ladders of meshes or of steps (the table is at the end).
+"""Known truths of the simulators, for the atlas: sequences of meshes or of steps (the table is at the end).
 
 Every trial is a problem whose candidates run as a user would run them: scenes through the one time loop. In
-the families named `steps` the mesh stays and the step falls; h of their rows is the step.
+the mesh classes named `steps` the mesh is fixed and the step decreases; h of their rows is the step.
 The cantilever on `right` and `alternating` grids tuned a default: the constant of the hinges. The other
 truths tuned none.
 """
@@ -56,7 +56,7 @@ HAURWITZ = "2*z + 2*(x**2 - y**2)*z"  # rigid rotation and a mode l = 3, m = 2
 HAURWITZ_SPEED, HAURWITZ_SPAN = 5 / 6, 0.4
 GREEN, NU, GREEN_SPAN = "2*sin(x)*sin(y)", 0.05, 1.0
 CIRCLE = 6.283185307179586
-# line in the picture -> what the scene's [time] says
+# line in the plot -> values of the scene's [time]
 FLUIDS = {
     "conservative": 'integrator = "conservative"',
     "conservative midpoint": 'integrator = "conservative"\nscheme = "midpoint"',
@@ -102,7 +102,7 @@ def _haurwitz(sphere: Callable[[int], TriangleMesh], level: int) -> Trial:
             {"dt": step},
             _fluid(name, mesh, step=step, duration=HAURWITZ_SPAN, vorticity=HAURWITZ),
             speed,
-            f"--integrator {name} --dt {step:g}",
+            {"integrator": name, "dt": f"{step:g}"},
             _fluid_work(name, mesh.n_faces, HAURWITZ_SPAN / step),
         )
         for name in FLUIDS
@@ -132,7 +132,7 @@ def _taylor_green(pattern: Pattern, level: int) -> Trial:
             {"dt": step},
             _fluid(name, None, step=step, **words),
             lambda ready: last_frame(ready).vertex["vorticity"],
-            f"--integrator {name} --dt {step:g}",
+            {"integrator": name, "dt": f"{step:g}"},
             _fluid_work(name, mesh.n_faces, GREEN_SPAN / step),
         )
         for name in FLUIDS
@@ -175,7 +175,7 @@ def _fluid_by_step(level: int) -> Trial:
             {},
             _by_step_setup(name, step),
             partial(end, name),
-            f"--integrator {name} --dt {step:g}",
+            {"integrator": name, "dt": f"{step:g}"},
             _fluid_work(name, 320, STEPS_SPAN / step),
         )
         for name in FLUIDS
@@ -205,7 +205,7 @@ def _cantilever_on(weight: int, strip: Callable[[int], TriangleMesh], level: int
 
 
 def _dropped(weight: int, rest: TriangleMesh, n: int) -> Trial:
-    """Drop of the tip under its own weight; the first of n columns of cells is held."""
+    """Drop of the tip under its own weight; the first of n columns of cells is clamped."""
     tip = rest.points[:, 0] > 1 - 1e-9
 
     def drop(ready: Any) -> NDArray[np.float64]:
@@ -222,7 +222,7 @@ def _dropped(weight: int, rest: TriangleMesh, n: int) -> Trial:
             {},
             partial(prepared, model),
             drop,
-            f"--effect 'bending model={model}'",
+            {"effect": f"'bending model={model}'"},
             0.02 + 4e-4 * rest.n_faces,
         )
         for model in ("hinge", "quadratic")
@@ -252,7 +252,7 @@ def _free_by_step(level: int) -> Trial:
             {},
             partial(_free, name, step),
             lambda ready: last_frame(ready).vertex["velocity"].ravel(),
-            f"--integrator {name} --dt {step:g}",
+            {"integrator": name, "dt": f"{step:g}"},
             0.2 / step * 5e-4,
         )
         for name in INTEGRATORS
@@ -266,8 +266,8 @@ def _free_by_step(level: int) -> Trial:
 SIMULATED: dict[str, list[Case]] = {
     "willmore-flow": WILLMORE,
     "fluid-sim": [
-        *(Case("Rossby-Haurwitz speed", family, partial(_haurwitz, sphere))
-          for family, sphere in SPHERES.items()),
+        *(Case("Rossby-Haurwitz speed", mesh_class, partial(_haurwitz, sphere))
+          for mesh_class, sphere in SPHERES.items()),
         Case("Taylor-Green decay", "alternating", partial(_taylor_green, "alternating")),
         Case("Taylor-Green decay", "right", partial(_taylor_green, "right")),
         Case("limit of small steps", "steps", _fluid_by_step),
@@ -275,8 +275,8 @@ SIMULATED: dict[str, list[Case]] = {
     "shell-sim": [
         *(Case(f"cantilever, weight {weight}", pattern, partial(_cantilever, weight, pattern))
           for weight in (2, 10) for pattern in ("alternating", "right", "cross")),
-        *(Case("cantilever, weight 2", family, partial(_cantilever_on, 2, strip))
-          for family, strip in strips().items()),
+        *(Case("cantilever, weight 2", mesh_class, partial(_cantilever_on, 2, strip))
+          for mesh_class, strip in strips().items()),
         Case("verlet with a small step", "steps", _free_by_step),
     ],
 }  # fmt: skip

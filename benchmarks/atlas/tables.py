@@ -1,4 +1,4 @@
-"""Reading the atlas's tables: observed rates, and the finest rows that pieces of advice speak of."""
+"""Tables of the atlas: observed rates, and the rows of the finest meshes."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ def rates(rows: list[Row], error: str = "mean_error") -> dict[tuple[str, str, st
     """Observed rate of each configuration: the slope of log error over log h on its finest three meshes."""
     groups: dict[tuple[str, str, str], list[Row]] = {}
     for row in rows:
-        groups.setdefault((row["truth"], row["family"], row["configuration"]), []).append(row)
-    found = {}
+        groups.setdefault((row["truth"], row["mesh_class"], row["configuration"]), []).append(row)
+    observed = {}
     for key, group in groups.items():
         finest = sorted(group, key=lambda r: r["h"])[:3]
         errors = np.array([r[error] for r in finest])
         if len(finest) > 1 and (errors > 1e-13).all():
-            found[key] = float(np.polyfit(np.log([r["h"] for r in finest]), np.log(errors), 1)[0])
-    return found
+            observed[key] = float(np.polyfit(np.log([r["h"] for r in finest]), np.log(errors), 1)[0])
+    return observed
 
 
 NUMBERS = ("h", "setup_seconds", "seconds", "peak_mib", "max_error", "mean_error")
@@ -41,13 +41,13 @@ def stored(path: Path) -> list[Row]:
 
 
 class Finest:
-    """The finest rung of every ladder of a command's table.
+    """The finest level of every mesh sequence of a command's table.
 
     Attributes
     ----------
     truth : str
-        That of the pictures: what the methods speak of unless told otherwise.
-    families : list of str
+        Truth of the plots; the default of all methods.
+    mesh_classes : list of str
         Of that truth.
     """
 
@@ -55,52 +55,54 @@ class Finest:
         self._rates = rates(rows)
         last: dict[tuple[str, str], float] = {}
         for row in rows:
-            key = (row["truth"], row["family"])
+            key = (row["truth"], row["mesh_class"])
             last[key] = max(last.get(key, 0), row["level"])
         self._rows = {
-            (r["truth"], r["family"], r["configuration"]): r
+            (r["truth"], r["mesh_class"], r["configuration"]): r
             for r in rows
-            if r["level"] == last[r["truth"], r["family"]]
+            if r["level"] == last[r["truth"], r["mesh_class"]]
         }
         self.truth = rows[0]["truth"]
-        self.families = list(dict.fromkeys(family for truth, family, _ in self._rows if truth == self.truth))
+        self.mesh_classes = list(
+            dict.fromkeys(mesh_class for truth, mesh_class, _ in self._rows if truth == self.truth)
+        )
 
-    def row(self, configuration: str, family: str, truth: str | None = None) -> Row:
+    def row(self, configuration: str, mesh_class: str, truth: str | None = None) -> Row:
         """One row."""
-        return self._rows[truth or self.truth, family, configuration]
+        return self._rows[truth or self.truth, mesh_class, configuration]
 
     def having(self, *configurations: str, truth: str | None = None) -> list[str]:
-        """Families whose finest rung has all of these rows; at least one, or the claim stands on nothing."""
-        found = [
+        """Mesh classes whose finest level has all of these rows; KeyError if there is none."""
+        classes = [
             f
-            for f in self.families
+            for f in self.mesh_classes
             if all((truth or self.truth, f, name) in self._rows for name in configurations)
         ]
-        if not found:
+        if not classes:
             raise KeyError(configurations)
-        return found
+        return classes
 
-    def others(self, but: Iterable[str], family: str, truth: str | None = None) -> list[Row]:
+    def others(self, but: Iterable[str], mesh_class: str, truth: str | None = None) -> list[Row]:
         """The rows of a case without those whose configuration begins so."""
         return [
             row
             for (t, f, name), row in self._rows.items()
-            if (t, f) == (truth or self.truth, family) and not name.startswith(tuple(but))
+            if (t, f) == (truth or self.truth, mesh_class) and not name.startswith(tuple(but))
         ]
 
-    def error(self, configuration: str, family: str, truth: str | None = None) -> float:
+    def error(self, configuration: str, mesh_class: str, truth: str | None = None) -> float:
         """Mean error."""
-        return self.row(configuration, family, truth)["mean_error"]
+        return self.row(configuration, mesh_class, truth)["mean_error"]
 
-    def seconds(self, configuration: str, family: str, truth: str | None = None) -> float:
+    def seconds(self, configuration: str, mesh_class: str, truth: str | None = None) -> float:
         """Set-up and one query."""
-        row = self.row(configuration, family, truth)
+        row = self.row(configuration, mesh_class, truth)
         return row["setup_seconds"] + row["seconds"]
 
-    def query(self, configuration: str, family: str, truth: str | None = None) -> float:
+    def query(self, configuration: str, mesh_class: str, truth: str | None = None) -> float:
         """One further query."""
-        return self.row(configuration, family, truth)["seconds"]
+        return self.row(configuration, mesh_class, truth)["seconds"]
 
-    def rate(self, configuration: str, family: str, truth: str | None = None) -> float:
+    def rate(self, configuration: str, mesh_class: str, truth: str | None = None) -> float:
         """Observed rate of the mean error."""
-        return self._rates[truth or self.truth, family, configuration]
+        return self._rates[truth or self.truth, mesh_class, configuration]

@@ -1,7 +1,7 @@
 """Convergence rates that theory gives, beside the observed ones, with their sources.
 
-A rate is the power of the mesh size (family `steps`: of the step) with which the mean error falls.
-"none" stands where no theorem is known to us, or where a counterexample is; the source says which.
+A rate is the power of the mesh size (mesh class `steps`: of the step) with which the mean error falls.
+"none": no theorem is known to us, or there is a counterexample; the source says which.
 """
 
 from __future__ import annotations
@@ -51,19 +51,19 @@ elements, Dziuk 1988); `circulation`: 2 together with the step, by fitted veloci
 """,
     "shell-sim": """
 In the step: the order of each integrator (Hairer, Lubich, Wanner 2006; Newmark's with gamma = 1/2: 2). In
-the mesh: "1, then 0": the held column of cells is an error of first order, and the plate that a hinge mesh
+the mesh: "1, then 0": the clamped column of cells is an error of first order, and the plate that a hinge mesh
 converges to is not the isotropic one but depends on the pattern (docs/shell-sim.md), so an error stays.
 """,
 }
 
 
-def theory(command: str, family: str, configuration: str) -> str:
+def theory(command: str, mesh_class: str, configuration: str) -> str:
     """Rate that theory gives a configuration, "none" where it gives none."""
-    return _RULES[command](family, configuration, configuration.split(" dt=")[0].split(" ")[0])
+    return _RULES[command](mesh_class, configuration, configuration.split(" dt=")[0].split(" ")[0])
 
 
-def _curvature(family: str, configuration: str, method: str) -> str:
-    even = family in SYMMETRIC
+def _curvature(mesh_class: str, configuration: str, method: str) -> str:
+    even = mesh_class in SYMMETRIC
     if configuration.startswith("pymeshlab discrete"):
         return "2" if even else "none"
     if method in ("libigl", "pymeshlab"):
@@ -82,18 +82,18 @@ def _geodesic(_: str, configuration: str, method: str) -> str:
     return "1" if configuration == "potpourri3d fast marching" else rates.get(method, "none")
 
 
-def _willmore(family: str, _: str, method: str) -> str:
-    return "2" if family in SYMMETRIC and method in ("gauss-map", "sullivan", "cotan") else "none"
+def _willmore(mesh_class: str, _: str, method: str) -> str:
+    return "2" if mesh_class in SYMMETRIC and method in ("gauss-map", "sullivan", "cotan") else "none"
 
 
-def _fluid(family: str, configuration: str, method: str) -> str:
-    if family == "steps":
+def _fluid(mesh_class: str, configuration: str, method: str) -> str:
+    if mesh_class == "steps":
         return {"conservative": "4", "conservative midpoint": "2", "circulation": "2"}[configuration]
     return "2"
 
 
-def _shell(family: str, configuration: str, _: str) -> str:
-    return str(INTEGRATORS[configuration].order) if family == "steps" else "1, then 0"
+def _shell(mesh_class: str, configuration: str, _: str) -> str:
+    return str(INTEGRATORS[configuration].order) if mesh_class == "steps" else "1, then 0"
 
 
 _RULES = {

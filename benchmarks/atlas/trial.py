@@ -1,4 +1,4 @@
-"""What the atlas measures: a truth, a family, and a problem at every rung of a ladder."""
+"""Cases of the atlas: a truth, a mesh class, and a problem at every level of the sequence."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from ddgcli.tradeoff.candidates import Candidate, Problem, Reference, relative_t
 
 @dataclass(frozen=True, eq=False)
 class Trial:
-    """One rung: its faces, its mesh size (in a ladder of steps: the step), its problem, and peers to it."""
+    """One level: faces, mesh size (for `steps` the step), problem, and peers."""
 
     faces: int
     h: float
@@ -24,10 +24,10 @@ class Trial:
 
 @dataclass(frozen=True, eq=False)
 class Case:
-    """A truth, a family of meshes or steps, and the trial at every level."""
+    """A truth, a mesh class of meshes or steps, and the trial at every level."""
 
     truth: str
-    family: str
+    mesh_class: str
     trial: Callable[[int], Trial]
 
 
@@ -43,7 +43,7 @@ def known_truth(
 def last_frame(prepared: Any) -> Any:
     """The last frame of a run, of its only object."""
     models, schedule, account = prepared
-    shown = None
+    last = None
     for snapshot in evolve(models, schedule, account):
-        shown = next(iter(snapshot.observations.values()))
-    return shown
+        last = next(iter(snapshot.observations.values()))
+    return last

@@ -33,7 +33,7 @@ def _energy_trial(make: Callable[[int], TriangleMesh], truth: float, level: int)
             {},
             partial(kind.build, mesh.topology),
             lambda energy: np.array([energy.value(mesh.points)]),
-            f"--energy {name}",
+            {"energy": name},
             1e-6 * mesh.n_faces,
         )
         for name, kind in ENERGIES.items()
@@ -55,8 +55,8 @@ def _bumpy(mesh: TriangleMesh) -> TriangleMesh:
 
 def _mode_flow(start: TriangleMesh, energy: str, steps: int) -> Any:
     flow, model = setup.build(start, setup.Wishes(energy=energy, timed=True))
-    given = {"step": SPAN / steps, "duration": SPAN, "frame_every": SPAN}
-    return {"s": model}, setup.schedule(flow, given), Account()
+    times = {"step": SPAN / steps, "duration": SPAN, "frame_every": SPAN}
+    return {"s": model}, setup.schedule(flow, times), Account()
 
 
 def _decay(mesh: TriangleMesh, start: TriangleMesh, ready: Any) -> NDArray[np.float64]:
@@ -78,7 +78,7 @@ def _mode_by_mesh(level: int) -> Trial:
             {"dt": float(f"{SPAN / steps:.2g}")},
             partial(_mode_flow, start, energy, steps),
             partial(_decay, mesh, start),
-            f"--energy {energy} --dt {SPAN / steps:.3g}",
+            {"energy": energy, "dt": f"{SPAN / steps:.3g}"},
             steps * (4e-3 + 8e-6 * mesh.n_faces),
         )
         for energy in SMOOTH
@@ -108,7 +108,7 @@ def _mode_by_step(level: int) -> Trial:
             {},
             partial(_mode_flow, start, energy, steps),
             partial(rate, energy),
-            f"--energy {energy} --dt {SPAN / steps:.3g}",
+            {"energy": energy, "dt": f"{SPAN / steps:.3g}"},
             steps * 6e-3,
         )
         for energy in SMOOTH
@@ -118,8 +118,8 @@ def _mode_by_step(level: int) -> Trial:
 
 WILLMORE = [
     *(
-        Case("energy of the ellipsoid 1,1,2", family, partial(_energy_trial, make, ELLIPSOID_112))
-        for family, make in ellipsoids((1.0, 1.0, 2.0)).items()
+        Case("energy of the ellipsoid 1,1,2", mesh_class, partial(_energy_trial, make, ELLIPSOID_112))
+        for mesh_class, make in ellipsoids((1.0, 1.0, 2.0)).items()
     ),
     Case("energy of the torus 2,1", "alternating", _torus_energy("alternating")),
     Case("energy of the torus 2,1", "right", _torus_energy("right")),

@@ -1,22 +1,39 @@
-"""Time, memory and tables for benches: every row stands beside its peer, measured in the same run.
+"""Time, memory and tables for benches: a row and its peer are measured in the same run.
 
-Seconds are CPU seconds of this process and of the children it has waited for, so that what else the machine
-does blurs no ratio; with one thread each (OMP_NUM_THREADS=1) they are the seconds of a quiet machine.
+Seconds are CPU seconds of this process and of the children it has waited for, so that other load on the
+machine does not blur the ratios; with one thread (OMP_NUM_THREADS=1) they are the seconds of a quiet machine.
+`print_commands` times whole commands as a user starts them: default environment, no thread variables.
 """
 
 from __future__ import annotations
 
+import os
 import resource
 import statistics
+import subprocess
+import sys
+import tempfile
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
+from ddgcli.cli.threads import THREAD_VARIABLES
 from ddgcli.tradeoff.measure import peak_mib
 from ddgcli.tradeoff.report import machine
 
-__all__ = ["Timing", "cpu_seconds", "interleaved", "machine", "peak_mib", "print_table", "timed"]
+__all__ = [
+    "Timing",
+    "cpu_seconds",
+    "command_seconds",
+    "interleaved",
+    "machine",
+    "peak_mib",
+    "print_commands",
+    "print_table",
+    "timed",
+]
 
 
 def cpu_seconds() -> float:
@@ -27,16 +44,16 @@ def cpu_seconds() -> float:
 
 @dataclass(frozen=True)
 class Timing:
-    """Median and spread of repeated calls, after one warm-up; `kernel`: what the system took (memory)."""
+    """Median and range of repeated calls, after one warm-up; `kernel`: seconds in the operating system."""
 
     median: float
-    least: float
-    most: float
+    lowest: float
+    highest: float
     value: Any = None
     kernel: float = 0.0
 
     def __str__(self) -> str:
-        return f"{self.median:.4g} s ({self.least:.3g}..{self.most:.3g})"
+        return f"{self.median:.4g} s ({self.lowest:.3g}..{self.highest:.3g})"
 
 
 def timed(
@@ -45,13 +62,13 @@ def timed(
     warm_up: bool = True,
     prepare: Callable[[], tuple] = lambda: (),
 ) -> Timing:
-    """Time a call: one warm-up, then `repeat` runs; what `prepare` makes anew for each is not counted."""
+    """Time a call: one warm-up, then `repeat` runs; `prepare` makes their arguments and is not timed."""
     value = call(*prepare()) if warm_up else None
     seconds, kernel = [], []
     for _ in range(repeat):
-        given = prepare()
+        arguments = prepare()
         began, supplied = cpu_seconds(), resource.getrusage(resource.RUSAGE_SELF).ru_stime
-        value = call(*given)
+        value = call(*arguments)
         seconds.append(cpu_seconds() - began)
         kernel.append(resource.getrusage(resource.RUSAGE_SELF).ru_stime - supplied)
     return Timing(statistics.median(seconds), min(seconds), max(seconds), value, statistics.median(kernel))
@@ -77,3 +94,52 @@ def print_table(title: str, header: list[str], rows: list[list[Any]]) -> None:
     for row in rows:
         print("| " + " | ".join(f"{c:.4g}" if isinstance(c, float) else str(c) for c in row) + " |")
     print(flush=True)
+
+
+ROOT = Path(__file__).parents[2]
+
+
+@dataclass(frozen=True)
+class CommandSeconds:
+    """CPU and wall-clock seconds of one process, and its exit code."""
+
+    cpu: float
+    wall: float
+    exit_code: int
+
+
+def command_seconds(*words: str) -> CommandSeconds:
+    """Run `python -m ddgcli WORDS` as a user starts it and time the whole process, start-up included.
+
+    The environment is that of this process without the variables that set a number of threads. Names of
+    files in sample_meshes/ and sample_scenes/ become their paths; the process runs in an empty folder.
+    """
+    environment = {name: value for name, value in os.environ.items() if name not in THREAD_VARIABLES}
+    environment["PYTHONPATH"] = str(ROOT)
+    command = [sys.executable, "-m", "ddgcli", *map(_sample_path, words)]
+    with tempfile.TemporaryDirectory() as folder:
+        began = time.perf_counter()
+        process = subprocess.Popen(
+            command, cwd=folder, env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+        )
+        _, status, usage = os.wait4(process.pid, 0)
+        wall = time.perf_counter() - began
+    process.returncode = os.waitstatus_to_exitcode(status)
+    return CommandSeconds(usage.ru_utime + usage.ru_stime, wall, process.returncode)
+
+
+def _sample_path(word: str) -> str:
+    paths = [ROOT / folder / word for folder in ("sample_meshes", "sample_scenes")]
+    return next((str(path) for path in paths if path.is_file()), word)
+
+
+def print_commands(*calls: str, repeat: int = 3) -> None:
+    """Print CPU and wall-clock seconds (medians) of whole commands; a call is the words after `ddgcli`."""
+    rows: list[list[Any]] = []
+    for call in calls:
+        runs = [command_seconds(*call.split()) for _ in range(repeat)]
+        cpu, wall = (statistics.median(getattr(run, name) for run in runs) for name in ("cpu", "wall"))
+        rows.append([f"`ddgcli {call}`", cpu, wall, max(run.exit_code for run in runs)])
+    print_table(
+        "Whole commands in the default environment", ["command", "CPU s", "wall s", "exit code"], rows
+    )

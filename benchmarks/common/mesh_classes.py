@@ -1,6 +1,6 @@
-"""Families of triangulations of shapes with known truths: each a ladder of meshes of falling size.
+"""Mesh classes: sequences of triangulations, ever finer, of shapes with known truths.
 
-Truths that tuned a default: the torus (the curvature fit); the sphere and the ellipsoid did not.
+Shapes on which a default was tuned: the torus (the curvature fit); the sphere and the ellipsoid did not.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from ddgcli.algorithms.delaunay.refine import refine
 from ddgcli.mesh import shapes
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 
-Ladder = Callable[[int], TriangleMesh]
+MeshSequence = Callable[[int], TriangleMesh]
 Points = NDArray[np.float64]
 REFINED_DEGREES = 25.0
 
@@ -52,7 +52,7 @@ def refined(level: int) -> TriangleMesh:
 
 def delaunay_refined(mesh: TriangleMesh, onto: Callable[[Points], Points]) -> TriangleMesh:
     """The refined intrinsic triangulation with flat faces, all its vertices on the smooth shape."""
-    intrinsic = refine(mesh, REFINED_DEGREES).flipped.mesh
+    intrinsic = refine(mesh, REFINED_DEGREES).triangulation.mesh
     return TriangleMesh.from_arrays(onto(np.asarray(intrinsic.points)), np.asarray(intrinsic.faces))
 
 
@@ -64,7 +64,7 @@ def _scaled(mesh: TriangleMesh, axes: tuple[float, float, float]) -> TriangleMes
     return mesh.moved(mesh.points * np.array(axes))
 
 
-SPHERES: dict[str, Ladder] = {
+SPHERES: dict[str, MeshSequence] = {
     "good": good,
     "irregular": irregular,
     "stretched": stretched,
@@ -73,18 +73,18 @@ SPHERES: dict[str, Ladder] = {
 }
 
 
-def ellipsoids(axes: tuple[float, float, float]) -> dict[str, Ladder]:
-    """The same families on an ellipsoid; refined there, where its own edges are."""
-    ladders = {name: lambda level, m=make: _scaled(m(level), axes) for name, make in SPHERES.items()}
+def ellipsoids(axes: tuple[float, float, float]) -> dict[str, MeshSequence]:
+    """The same mesh classes on an ellipsoid; refined there, where its own edges are."""
+    sequences = {name: lambda level, m=make: _scaled(m(level), axes) for name, make in SPHERES.items()}
 
     def refined_ellipsoid(level: int) -> TriangleMesh:
         coarse = _scaled(_stretched(shapes.random_sphere(4 ** (level + 3), seed=level)), axes)
         return delaunay_refined(coarse, lambda p: _unit(p / np.array(axes)) * np.array(axes))
 
-    return ladders | {"refined": refined_ellipsoid}
+    return sequences | {"refined": refined_ellipsoid}
 
 
-def tori() -> dict[str, Ladder]:
+def tori() -> dict[str, MeshSequence]:
     """Torus R = 1, r = 0.4: a regular grid, needles of aspect ten, and these after `refine`."""
 
     def needles(level: int, around: int = 60, across: int = 4) -> TriangleMesh:
@@ -102,7 +102,7 @@ def tori() -> dict[str, Ladder]:
     }
 
 
-def strips() -> dict[str, Ladder]:
+def strips() -> dict[str, MeshSequence]:
     """Strips 1 x 0.2 of 10 x 2 cells and finer: stretched four times, jittered by a quarter cell, refined."""
 
     def stretched_strip(level: int) -> TriangleMesh:
@@ -112,8 +112,8 @@ def strips() -> dict[str, Ladder]:
         n = 10 * 2**level
         mesh = shapes.grid(n, n // 5, width=1.0, height=0.2, pattern="right")
         move = np.random.default_rng(level).uniform(-1, 1, (mesh.n_vertices, 3)) / (4 * n) * [1, 1, 0]
-        held = mesh.topology.boundary_vertex | (mesh.points[:, 0] < 1.5 / n)
-        return mesh.moved(mesh.points + np.where(held[:, None], 0.0, move))
+        fixed = mesh.topology.boundary_vertex | (mesh.points[:, 0] < 1.5 / n)
+        return mesh.moved(mesh.points + np.where(fixed[:, None], 0.0, move))
 
     return {
         "stretched": stretched_strip,
@@ -122,15 +122,15 @@ def strips() -> dict[str, Ladder]:
     }
 
 
-# curvature's second closed truth, only to show that no scheme leans on the first
-BRIEF = {name: SPHERES[name] for name in ("good", "irregular", "refined")}
+# a second closed shape for curvature, which shows that no scheme is tuned to the first
+FEW_SPHERES = {name: SPHERES[name] for name in ("good", "irregular", "refined")}
 
-# command -> (truth, ladders); the first is shown in the picture
-STUDIES: dict[str, list[tuple[str, dict[str, Ladder]]]] = {
+# command -> (truth, sequences); the first one is plotted
+STUDIES: dict[str, list[tuple[str, dict[str, MeshSequence]]]] = {
     "curvature": [
         ("ellipsoid:1,1.5,2", ellipsoids((1.0, 1.5, 2.0))),
         ("torus:1,0.4", tori()),
-        ("sphere:1", BRIEF),
+        ("sphere:1", FEW_SPHERES),
     ],
     "geodesic": [("sphere:1", SPHERES)],
     "laplacian": [("sphere:1", SPHERES)],

@@ -1,4 +1,4 @@
-"""The fixed meshes that every bench and study uses: regular, irregular, stretched, noisy, sheared, real."""
+"""Meshes of the benches: irregular, stretched, noisy, sheared and real, by number of faces."""
 
 from __future__ import annotations
 

@@ -22,7 +22,7 @@ stretching = {{}}
 bending = {{}}
 """
 
-# a strip along x of length 1, its first columns of cells held, under its own weight
+# a strip along x of length 1, its first columns of cells clamped, under its own weight
 CANTILEVER = """
 [time]
 integrator = "static"

@@ -14,14 +14,13 @@ from collections.abc import Callable
 import igl
 import numpy as np
 
-from benchmarks.common import measure
-from benchmarks.common import mesh_sequences as ladder
+from benchmarks.common import measure, mesh_sequences
 from ddgcli.algorithms.curvature import measures as exact
 from ddgcli.algorithms.curvature import star
 from ddgcli.algorithms.curvature.faces import Faces
 from ddgcli.algorithms.curvature.frames import area_normals, unit_normals
 from ddgcli.algorithms.curvature.quadric import quadric
-from ddgcli.algorithms.curvature.report import measure as measure_all
+from ddgcli.algorithms.curvature.surface_curvature import measure_curvature as measure_all
 from ddgcli.geometry.extrinsic import dihedral_angle
 from ddgcli.mesh import shapes
 from ddgcli.mesh.topology import Topology
@@ -94,12 +93,12 @@ PAIRS = [
 def speed(sizes: list[str]) -> None:
     rows = []
     for size in sizes:
-        mesh = ladder.sphere(ladder.FACES[size])
+        mesh = mesh_sequences.sphere(mesh_sequences.FACES[size])
         ours, peers = our_calls(mesh), peer_calls(mesh)
         calls = {f"ours {n}": c for n, c in ours.items()} | {f"igl {n}": c for n, c in peers.items()}
-        found = measure.interleaved(calls, repeat=5 if size == "20k" else 3)
+        timings = measure.interleaved(calls, repeat=5 if size == "20k" else 3)
         for name, peer, target in PAIRS:
-            a, b = found[f"ours {name}"].least, found[f"igl {peer}"].least
+            a, b = timings[f"ours {name}"].lowest, timings[f"igl {peer}"].lowest
             memory = measure.peak_mib(ours[name]), measure.peak_mib(peers[peer])
             verdict = "met" if a / b <= target else "MISSED"
             rows.append([size, name, f"igl {peer}", a, b, a / b, target, verdict, *memory])
@@ -126,7 +125,7 @@ SURFACES = {
     "irregular torus 20k": (lambda: truths.irregular_torus(160, 64), truths.torus_truth),
     "torus 40 x 500": (lambda: truths.irregular_torus(40, 500, jitter=0.0), truths.torus_truth),
     "torus 500 x 40": (lambda: truths.irregular_torus(500, 40, jitter=0.0), truths.torus_truth),
-    "sheared torus 20k": (lambda: ladder.sheared_torus(20_000), truths.torus_truth),
+    "sheared torus 20k": (lambda: mesh_sequences.sheared_torus(20_000), truths.torus_truth),
     "noisy ellipsoid 20k (1 % of an edge)": (
         lambda: noisy(truths.irregular_ellipsoid(10_000, AXES), 0.01),
         lambda p: truths.ellipsoid_truth(truths.irregular_ellipsoid(10_000, AXES).points, AXES),
@@ -168,7 +167,7 @@ def pymeshlab_speed() -> None:
         import pymeshlab
     except ImportError:
         return
-    mesh = ladder.sphere(ladder.FACES["80k"])
+    mesh = mesh_sequences.sphere(mesh_sequences.FACES["80k"])
     ours = our_calls(mesh)["quadric"]
 
     def theirs():
@@ -176,8 +175,8 @@ def pymeshlab_speed() -> None:
         meshes.add_mesh(pymeshlab.Mesh(mesh.points, mesh.faces))
         meshes.compute_curvature_principal_directions_per_vertex(method="Quadric Fitting")
 
-    found = measure.interleaved({"ours": ours, "peer": theirs}, repeat=3)
-    a, b = found["ours"].least, found["peer"].least
+    timings = measure.interleaved({"ours": ours, "peer": theirs}, repeat=3)
+    a, b = timings["ours"].lowest, timings["peer"].lowest
     measure.print_table(
         "Beside pymeshlab's quadric fitting, 80k faces", ["ours s", "peer s", "ratio"], [[a, b, a / b]]
     )
@@ -201,14 +200,21 @@ def balls() -> None:
             scheme: lambda scheme=scheme, mesh=mesh, radius=radius: measure_all(fresh(mesh), scheme, radius)
             for scheme in ("corrected", "normal-cycle")
         }
-        found = measure.interleaved({"trimesh": theirs} | calls, repeat=3)
-        peer = found["trimesh"].least
+        timings = measure.interleaved({"trimesh": theirs} | calls, repeat=3)
+        peer = timings["trimesh"].lowest
         for scheme in calls:
-            least = found[scheme].least
+            least = timings[scheme].lowest
             verdict = "met" if least <= peer else "MISSED"
             rows.append([mesh.n_faces, edges, scheme, least, peer, least / peer, 1.0, verdict])
     header = ["faces", "radius / edge", "scheme", "ours s", "trimesh s", "ratio", "target", ""]
     measure.print_table("Curvature in balls, whole measurement: time (least of the runs)", header, rows)
+
+
+# whole commands, timed as a user starts them
+COMMANDS = (
+    "curvature ellipsoid.ply",
+    "curvature frame.off --scheme corrected",
+)
 
 
 if __name__ == "__main__":
@@ -219,3 +225,4 @@ if __name__ == "__main__":
     accuracy()
     if not quick:
         pymeshlab_speed()
+    measure.print_commands(*COMMANDS)

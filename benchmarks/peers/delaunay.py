@@ -13,12 +13,11 @@ import igl
 import numpy as np
 import robust_laplacian
 
-from benchmarks.common import measure
-from benchmarks.common import mesh_sequences as ladder
-from ddgcli.algorithms.delaunay.common_subdivision import Base, common_subdivision
+from benchmarks.common import measure, mesh_sequences
+from ddgcli.algorithms.delaunay.common_subdivision import BaseTriangulation, common_subdivision
 from ddgcli.algorithms.delaunay.point_location import PointMap
 from ddgcli.algorithms.delaunay.refine import refine
-from ddgcli.algorithms.delaunay.triangulation import Flipped, flip_to_delaunay
+from ddgcli.algorithms.delaunay.triangulation import IntrinsicDelaunay, flip_to_delaunay
 from ddgcli.errors import MeshError
 from ddgcli.geometry.intrinsic import corner_angle
 from ddgcli.geometry.surface_points import SurfacePoints
@@ -28,17 +27,23 @@ from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.operators.laplacian import lumped_mass, stiffness
 
 REAL = ("spot.obj", "boot.obj", "nefertiti-lowres.obj", "counter.unitsmm.STL", "koala.obj", "koala_loop1.ply")
-FAMILIES = {"stretched": ladder.stretched, "sheared torus": ladder.sheared_torus, "irregular": ladder.sphere}
+MESH_CLASSES = {
+    "stretched": mesh_sequences.stretched,
+    "sheared torus": mesh_sequences.sheared_torus,
+    "irregular": mesh_sequences.sphere,
+}
 # ours over libigl must not exceed this; robust_laplacian over ours must reach LEAD from 80k faces
 TARGETS = {"stretched": 1.6, "sheared torus": 3.0, "irregular": 1.0, "real": 1.0}
 LEAD = 2.5
 
 
-def flips_row(name: str, family: str, mesh: TriangleMesh, repeat: int) -> list:
+def flips_row(name: str, mesh_class: str, mesh: TriangleMesh, repeat: int) -> list:
     """Flips and assembly from arrays to matrices, ours and the peers' in turn."""
 
     def ours():
-        fresh = TriangleMesh.from_arrays(mesh.points, mesh.faces)  # no topology kept from an earlier call
+        fresh = TriangleMesh.from_arrays(
+            mesh.points, mesh.faces
+        )  # without the cached topology of an earlier call
         flipped = flip_to_delaunay(fresh)
         return stiffness(flipped.mesh), lumped_mass(flipped.mesh), flipped
 
@@ -57,33 +62,33 @@ def flips_row(name: str, family: str, mesh: TriangleMesh, repeat: int) -> list:
     own = seconds["ours"].median
     behind, ahead = own / seconds["igl"].median, seconds["robust"].median / own
     counts = [flipped.flips, flipped.rounds]
-    led = family in ("real", "stretched") and mesh.n_faces >= 80_000
-    goals = f"<= {TARGETS[family]:g}" + (f", >= {LEAD:g}" if led else "")
+    led = mesh_class in ("real", "stretched") and mesh.n_faces >= 80_000
+    goals = f"<= {TARGETS[mesh_class]:g}" + (f", >= {LEAD:g}" if led else "")
     return [name, mesh.n_faces, *counts, own, behind, ahead, goals, difference]
 
 
 def growth(rows: list[list], column: int = -1, *, cost: Callable = lambda n: n * math.log(n)) -> None:
     """Add to each row the growth of the seconds in a column since the first row, beside that of a cost.
 
-    Of the n in the second column; n log n unless said otherwise.
+    Of the n in the second column; n log n by default.
     """
     seconds = [row[column] for row in rows]
     for row, spent in zip(rows, seconds):
         row.append(round(spent / seconds[0] / (cost(row[1]) / cost(rows[0][1])), 2))
 
 
-def overlay_row(flipped: Flipped, base: Base, repeat: int) -> list:
-    """The common subdivision, as it is after the flips: with nothing kept from an earlier one.
+def overlay_row(flipped: IntrinsicDelaunay, base: BaseTriangulation, repeat: int) -> list:
+    """The common subdivision, computed after the flips without the caches of an earlier one.
 
     Beside it a plain gather of as many numbers as it has faces, in random order: linear work, so that what
     its cost grows by is the machine's. And the seconds without those that the system hands out memory in.
     """
 
-    def anew() -> tuple[Flipped, Base]:
+    def anew() -> tuple[IntrinsicDelaunay, BaseTriangulation]:
         topology = base.mesh.topology
         mesh = TriangleMesh(base.mesh.points, Topology(topology.faces, topology.n_vertices, topology.gluing))
         source = mesh if base.mesh is base.input else base.input
-        again = Base(source, mesh, base.input_face, base.interpolation)
+        again = BaseTriangulation(source, mesh, base.input_face, base.interpolation)
         return flip_to_delaunay(mesh, track=True), again
 
     timing = measure.timed(common_subdivision, repeat, prepare=anew)
@@ -112,29 +117,31 @@ def main() -> None:
     parser.add_argument("--repeat", type=int, default=5)
     parser.add_argument("--only", choices=["flips", "overlay", "refine", "shared"])
     options = parser.parse_args()
-    sizes = [ladder.FACES[size] for size in options.sizes]
+    sizes = [mesh_sequences.FACES[size] for size in options.sizes]
     print(measure.machine())
 
     if options.only in (None, "flips"):
         rows = [
-            flips_row(f"{family} {size}", family, make(ladder.FACES[size]), options.repeat)
-            for family, make in FAMILIES.items()
+            flips_row(f"{mesh_class} {size}", mesh_class, make(mesh_sequences.FACES[size]), options.repeat)
+            for mesh_class, make in MESH_CLASSES.items()
             for size in options.sizes
         ]
-        rows += [flips_row(name, "real", ladder.real(name), options.repeat) for name in REAL]
+        rows += [flips_row(name, "real", mesh_sequences.real(name), options.repeat) for name in REAL]
         measure.print_table(
             "Flips and assembly (seconds; ours over libigl; robust_laplacian over ours)",
             ["mesh", "faces", "flips", "batches", "ours", "/ libigl", "robust /", "target", "difference"],
             rows,
         )
     if options.only in (None, "overlay"):
-        for family in ("stretched", "sheared torus"):
+        for mesh_class in ("stretched", "sheared torus"):
             rows = []
-            for mesh in map(FAMILIES[family], sizes):
+            for mesh in map(MESH_CLASSES[mesh_class], sizes):
                 rows.append(
-                    overlay_row(flip_to_delaunay(mesh, track=True), Base.itself(mesh), options.repeat)
+                    overlay_row(
+                        flip_to_delaunay(mesh, track=True), BaseTriangulation.itself(mesh), options.repeat
+                    )
                 )
-            overlay_table(f"Common subdivision, {family} (no peer binds it)", rows)
+            overlay_table(f"Common subdivision, {mesh_class} (no peer binds it)", rows)
     if options.only in (None, "refine"):
         refinement_tables(sizes, options.repeat)
     if options.only in (None, "shared"):
@@ -144,7 +151,7 @@ def main() -> None:
 def shared_table() -> None:
     """Refinement of every shared mesh that is an oriented surface, and the overlay after it."""
     rows, refused = [], []
-    for path in sorted(ladder.SHARED.iterdir()):
+    for path in sorted(mesh_sequences.SHARED.iterdir()):
         if not path.is_file() or path.suffix in (".py", ".md"):
             continue
         source = read_mesh(str(path))
@@ -156,8 +163,8 @@ def shared_table() -> None:
             refused.append(f"{path.stem}: {error}")
             continue
         refined = timing.value
-        angle = math.degrees(corner_angle(refined.flipped.mesh.side_length).min())
-        cut = common_subdivision(refined.flipped, refined.base)
+        angle = math.degrees(corner_angle(refined.triangulation.mesh.side_length).min())
+        cut = common_subdivision(refined.triangulation, refined.base)
         counts = [source.mesh.n_vertices, len(refined.steiner), refined.batches]
         left = [refined.excepted_faces, refined.unreached_faces]
         overlay = [cut.mesh.n_faces, cut.length_residual]
@@ -172,13 +179,13 @@ def refinement_tables(sizes: list[int], repeat: int) -> None:
     """Refinement, the overlay after it, and points carried to the refined triangulation and back."""
     refining, cutting, carrying = [], [], []
     for size in sizes:
-        mesh = ladder.stretched(size)
+        mesh = mesh_sequences.stretched(size)
         timing = measure.timed(lambda: refine(mesh, 25.0), 1, warm_up=False)  # noqa: B023
         refined = timing.value
-        after = refined.flipped.mesh
+        after = refined.triangulation.mesh
         refining.append([mesh.n_faces, after.n_faces, refined.batches, timing.median])
-        cutting.append(overlay_row(refined.flipped, refined.base, repeat))
-        cut = common_subdivision(refined.flipped, refined.base)
+        cutting.append(overlay_row(refined.triangulation, refined.base, repeat))
+        cut = common_subdivision(refined.triangulation, refined.base)
         carry = PointMap(cut)
         corner = np.random.default_rng(0).dirichlet([1, 1, 1], size=2 * mesh.n_faces)
         points = SurfacePoints(np.repeat(np.arange(mesh.n_faces), 2), corner)
@@ -193,5 +200,13 @@ def refinement_tables(sizes: list[int], repeat: int) -> None:
     measure.print_table("Points carried there and back", header, carrying)
 
 
+# whole commands, timed as a user starts them
+COMMANDS = (
+    "delaunay bad_torus.ply",
+    "delaunay bad_torus.ply --refine 25",
+)
+
+
 if __name__ == "__main__":
     main()
+    measure.print_commands(*COMMANDS)

@@ -11,7 +11,7 @@ from functools import partial
 
 import numpy as np
 
-from benchmarks.common.measure import interleaved, machine, print_table
+from benchmarks.common.measure import interleaved, machine, print_commands, print_table
 from ddgcli.linalg.factor import Factor
 from ddgcli.mesh import shapes
 from ddgcli.models.fluid.circulation import CirculationAdvection
@@ -60,14 +60,14 @@ def rows(faces: int) -> list[list]:
     times = interleaved(calls, repeat=3)
     factor = times["factorisation (once)"].median
     base = _survey(mesh.n_faces)
-    found = []
+    table_rows = []
     for name, timing in times.items():
         column = {"conservative, rk4": 1, "circulation, CFL 1": 2}.get(name)
         scaled = base[column] / base[0] * factor if column else None
-        found.append(
+        table_rows.append(
             [mesh.n_faces, name, timing.median, scaled or "-", timing.median / scaled if scaled else "-"]
         )
-    return found
+    return table_rows
 
 
 def _survey(faces: int) -> tuple[float, ...]:
@@ -81,12 +81,17 @@ def _survey(faces: int) -> tuple[float, ...]:
     )
 
 
+# whole commands, timed as a user starts them
+COMMANDS = ("fluid-sim sphere.ply --flow vortex-pair --steps 20 --dt 0.05 -o out.vtkhdf",)
+
+
 if __name__ == "__main__":
     print(machine())
-    wanted = [int(word) for word in sys.argv[1:]] or list(SPHERES)
-    table = [row for faces in wanted for row in rows(faces)]
+    sizes = [int(word) for word in sys.argv[1:]] or list(SPHERES)
+    table = [row for faces in sizes for row in rows(faces)]
     print_table(
         "fluid-sim: seconds a step, irregular sphere, one thread",
         ["faces", "part", "seconds", "survey, scaled", "ours / survey"],
         table,
     )
+    print_commands(*COMMANDS)

@@ -1,8 +1,8 @@
 """Distances beside the peers: exact, heat, fast marching; set-up, solve, peak memory.
 
-`python -m benchmarks.peers.geodesic [--quick] [exact growth heat fast-marching errors]` prints the tables of
-docs/geodesic.md. Ratios are the peer's CPU seconds over ours, larger is better; each pair runs in turn in one
-process, one thread each. CPU rather than wall time, so that a busy machine does not blur the ratio.
+`python -m benchmarks.peers.geodesic [--quick] [exact growth heat fast-marching errors]` prints tables.
+Ratios are the peer's CPU seconds over ours, larger is better; each pair runs in turn in one process, one
+thread each. CPU rather than wall time, so that a busy machine does not blur the ratio.
 """
 
 from __future__ import annotations
@@ -16,11 +16,10 @@ import numpy as np
 import potpourri3d
 from pygeodesic import geodesic as pygeodesic
 
-from benchmarks.common import measure
-from benchmarks.common import mesh_sequences as ladder
+from benchmarks.common import measure, mesh_sequences
 from ddgcli.algorithms.delaunay.triangulation import flip_to_delaunay
 from ddgcli.algorithms.geodesics.exact.exact_distance import exact_distance
-from ddgcli.algorithms.geodesics.fast_marching import marched_distance, marching_stencils
+from ddgcli.algorithms.geodesics.fast_marching import fast_marching_distance, fast_marching_stencils
 from ddgcli.algorithms.geodesics.heat import HeatSolver
 from ddgcli.mesh import shapes
 from ddgcli.mesh.triangle_mesh import TriangleMesh
@@ -42,17 +41,20 @@ def fresh(mesh: TriangleMesh) -> TriangleMesh:
     return TriangleMesh.from_arrays(mesh.points, mesh.faces)
 
 
-def error(found: np.ndarray, truth: np.ndarray) -> float:
-    return float(np.abs(found - truth).mean() / truth.mean())
+def error(distance: np.ndarray, truth: np.ndarray) -> float:
+    return float(np.abs(distance - truth).mean() / truth.mean())
 
 
 def meshes() -> dict[str, TriangleMesh]:
     sizes = ("20k", "80k") if QUICK else ("20k", "80k", "320k")
     table = {}
     for size in sizes:
-        n = ladder.FACES[size]
-        table |= {f"sphere {size}": ladder.sphere(n), f"stretched {size}": ladder.stretched(n)}
-        table[f"noisy {size}"] = ladder.noisy(n)
+        n = mesh_sequences.FACES[size]
+        table |= {
+            f"sphere {size}": mesh_sequences.sphere(n),
+            f"stretched {size}": mesh_sequences.stretched(n),
+        }
+        table[f"noisy {size}"] = mesh_sequences.noisy(n)
     return table
 
 
@@ -76,28 +78,29 @@ def pair(ours: Callable[[], Any], theirs: Callable[[], Any], repeat: int) -> tup
 
 
 def bench_exact() -> None:
-    table = {name: ladder.real(name) for name in ("spot.obj", "goathead.obj", "koala.obj")}
+    table = {name: mesh_sequences.real(name) for name in ("spot.obj", "goathead.obj", "koala.obj")}
     if not QUICK:
-        table["st_helens_terrain.ply"] = ladder.real("st_helens_terrain.ply")
+        table["st_helens_terrain.ply"] = mesh_sequences.real("st_helens_terrain.ply")
     targets = {"spot.obj": 1, "goathead.obj": 1, "sphere 80k": 5, "sphere 320k": 10, "koala.obj": 3,
                "st_helens_terrain.ply": 3}  # fmt: skip
     rows = []
     for name, mesh in (table | meshes()).items():
-        found = {}
+        results = {}
 
-        def ours(mesh: TriangleMesh = mesh, found: dict = found) -> None:
-            found["ours"] = exact_distance(fresh(mesh), SOURCE)
+        def ours(mesh: TriangleMesh = mesh, results: dict = results) -> None:
+            results["ours"] = exact_distance(fresh(mesh), SOURCE)
 
-        def theirs(mesh: TriangleMesh = mesh, found: dict = found) -> None:
+        def theirs(mesh: TriangleMesh = mesh, results: dict = results) -> None:
             solver = pygeodesic.PyGeodesicAlgorithmExact(mesh.points, mesh.faces)
-            found["theirs"] = solver.geodesicDistances(np.array([SOURCE]))[0]
+            results["theirs"] = solver.geodesicDistances(np.array([SOURCE]))[0]
 
         repeat = 7 if mesh.n_faces < 30_000 else 2 if mesh.n_faces < 150_000 else 1
         a, b = pair(ours, theirs, repeat)
-        difference = found["ours"].distance - found["theirs"]
+        peer = results["theirs"]
+        difference = float(np.abs(results["ours"].distance - peer).max() / peer.max())
         rows.append(
             [name, mesh.n_faces, a.seconds, b.seconds, b.seconds / a.seconds, targets.get(name, "-"),
-             found["ours"].windows / mesh.n_vertices, float(np.abs(difference).max() / found["theirs"].max()),
+             results["ours"].windows / mesh.n_vertices, difference,
              measure.peak_mib(ours), measure.peak_mib(theirs)]
         )  # fmt: skip
     measure.print_table(
@@ -111,21 +114,21 @@ def bench_exact() -> None:
 def bench_growth() -> None:
     """What exact distances take as meshes get finer, ours alone; the exponents are those of the last step."""
     sizes = ("20k", "80k", "320k") if QUICK else ("20k", "80k", "320k", "1.3M")
-    kinds = {"sphere": ladder.sphere, "stretched": ladder.stretched, "noisy": ladder.noisy,
-             "sheared torus": ladder.sheared_torus}  # fmt: skip
+    names = ("sphere", "stretched", "noisy", "sheared_torus")
+    kinds = {name.replace("_", " "): getattr(mesh_sequences, name) for name in names}
     rows = []
     for kind, make in kinds.items():
         last = None
         for size in sizes if kind != "sheared torus" else sizes[:3]:
-            row = _growth(f"{kind} {size}", make(ladder.FACES[size]), last)
+            row = _growth(f"{kind} {size}", make(mesh_sequences.FACES[size]), last)
             rows.append(row)
             last = row
         make.cache_clear()
     last = None
     for name in ("koala.obj", "koala_loop1.ply"):  # the same surface, about, with four times the faces
-        last = _growth(name, ladder.real(name), last)
+        last = _growth(name, mesh_sequences.real(name), last)
         rows.append(last)
-    rows.append(_growth("st_helens_terrain.ply", ladder.real("st_helens_terrain.ply"), None))
+    rows.append(_growth("st_helens_terrain.ply", mesh_sequences.real("st_helens_terrain.ply"), None))
     measure.print_table(
         "exact, as meshes get finer (a bundle counts as one window)",
         ["mesh", "faces", "windows/vertex", "seconds", "MiB", "exponent of seconds", "of windows"],
@@ -135,13 +138,21 @@ def bench_growth() -> None:
 
 def _growth(name: str, mesh: TriangleMesh, last: list[Any] | None) -> list[Any]:
     mesh = fresh(mesh)
-    found = {}
+    results = {}
 
     def ours() -> None:
-        found["windows"] = exact_distance(fresh(mesh), SOURCE).windows
+        results["windows"] = exact_distance(fresh(mesh), SOURCE).windows
 
     seconds, _ = cpu_timed(ours, 3 if mesh.n_faces < 100_000 else 1)
-    row = [name, mesh.n_faces, found["windows"] / mesh.n_vertices, seconds, measure.peak_mib(ours), "-", "-"]
+    row = [
+        name,
+        mesh.n_faces,
+        results["windows"] / mesh.n_vertices,
+        seconds,
+        measure.peak_mib(ours),
+        "-",
+        "-",
+    ]
     if last is not None:
         finer = np.log(mesh.n_faces / last[1])
         row[5], row[6] = np.log(seconds / last[3]) / finer, 1 + np.log(row[2] / last[2]) / finer
@@ -163,7 +174,7 @@ def bench_heat() -> None:
             return potpourri3d.MeshHeatMethodDistanceSolver(mesh.points, mesh.faces, use_robust=True)
 
         a, b = pair(ours, theirs, 3)
-        truth = marched_distance(mesh, SOURCE).distance
+        truth = fast_marching_distance(mesh, SOURCE).distance
         solve, peer_solve = pair(
             lambda s=a.value: s.distance(SOURCE).distance,
             lambda s=b.value: np.asarray(s.compute_distance(SOURCE)),
@@ -185,11 +196,11 @@ def bench_heat() -> None:
 
 def bench_fast_marching() -> None:
     rows = []
-    table = {name: ladder.real(name) for name in ("spot.obj", "koala.obj")} | meshes()
+    table = {name: mesh_sequences.real(name) for name in ("spot.obj", "koala.obj")} | meshes()
     for name, mesh in table.items():
 
         def ours(mesh: TriangleMesh = mesh) -> Any:
-            return marching_stencils(fresh(mesh))
+            return fast_marching_stencils(fresh(mesh))
 
         def theirs(mesh: TriangleMesh = mesh) -> Any:
             return potpourri3d.MeshFastMarchingDistanceSolver(mesh.points, mesh.faces)
@@ -197,7 +208,7 @@ def bench_fast_marching() -> None:
         repeat = 5 if mesh.n_faces < 100_000 else 3
         a, b = pair(ours, theirs, repeat)
         solve, peer_solve = pair(
-            lambda m=mesh, s=a.value: marched_distance(m, SOURCE, stencils=s).distance,
+            lambda m=mesh, s=a.value: fast_marching_distance(m, SOURCE, stencils=s).distance,
             lambda s=b.value: np.asarray(s.compute_distance([[(SOURCE, [])]])),
             repeat,
         )
@@ -234,8 +245,8 @@ def heat(mesh: TriangleMesh, **options: Any) -> np.ndarray:
 def bench_errors() -> None:
     """Mean error over mean distance against the exact distance, as meshes get finer."""
     methods = {
-        "fast marching (round fronts)": lambda m: marched_distance(m, SOURCE).distance,
-        "fast marching, straight fronts": lambda m: marched_distance(m, SOURCE, planar=True).distance,
+        "fast marching (round fronts)": lambda m: fast_marching_distance(m, SOURCE).distance,
+        "fast marching, straight fronts": lambda m: fast_marching_distance(m, SOURCE, planar=True).distance,
         "heat, as published (t = h^2)": heat,
         "heat, `--heat-refine 1`": lambda m: heat(m, refine=1),
         "heat, `--heat-refine 1 --heat-time 4`": lambda m: heat(m, refine=1, time_factor=4.0),
@@ -247,7 +258,7 @@ def bench_errors() -> None:
         ).compute_distance([[(SOURCE, [])]]),
     }
     sizes = (5_000, 20_000) if QUICK else (5_000, 20_000, 80_000)
-    table = {f"sphere {n}": ladder.sphere(n) for n in sizes} | {
+    table = {f"sphere {n}": mesh_sequences.sphere(n) for n in sizes} | {
         f"torus {n}": jittered_torus(n) for n in sizes
     }
     truths = {name: exact_distance(mesh, SOURCE).distance for name, mesh in table.items()}
@@ -266,8 +277,16 @@ TOPICS = {
     "errors": bench_errors,
 }
 
+# whole commands, timed as a user starts them
+COMMANDS = (
+    "geodesic bad_torus.ply --source 0",
+    "geodesic bad_torus.ply --source 0 --method heat",
+)
+
+
 if __name__ == "__main__":
     print(measure.machine())
     chosen = [word for word in sys.argv[1:] if not word.startswith("-")] or list(TOPICS)
     for topic in chosen:
         TOPICS[topic]()
+    measure.print_commands(*COMMANDS)

@@ -11,14 +11,14 @@ from functools import partial
 import numpy as np
 import potpourri3d as pp3d
 
-from benchmarks.common.measure import interleaved, machine, peak_mib, print_table
+from benchmarks.common.measure import interleaved, machine, peak_mib, print_commands, print_table
 from benchmarks.common.mesh_sequences import noisy, sphere, stretched
 from ddgcli.algorithms.geodesics.exact.exact_distance import exact_distance
-from ddgcli.algorithms.geodesics.fast_marching import marched_distance
+from ddgcli.algorithms.geodesics.fast_marching import fast_marching_distance
 from ddgcli.algorithms.geodesics.flipout import Straightener
 from ddgcli.algorithms.geodesics.sources import Sources
 from ddgcli.algorithms.tangent_fields.log_map import log_map
-from ddgcli.algorithms.tangent_fields.polar_coordinates import marched_log_map
+from ddgcli.algorithms.tangent_fields.polar_coordinates import fast_marching_log_map
 from ddgcli.algorithms.tangent_fields.vector_heat import VectorHeat
 from ddgcli.algorithms.tracing.trace import Tracer
 from ddgcli.geometry.face_frames import surface_position, to_face_frame, to_space
@@ -114,7 +114,9 @@ def bench_vectors(faces):
     x, y, _ = peer.get_tangent_frames()
     calls = {
         "log": lambda: log_map(mesh, exact_distance(mesh, sources, directions=True), sources).log_map,
-        "log marched": lambda: marched_log_map(mesh, marched_distance(mesh, sources), sources).log_map,
+        "log fast marching": lambda: (
+            fast_marching_log_map(mesh, fast_marching_distance(mesh, sources), sources).log_map
+        ),
         "log pp3d": lambda: peer.compute_log_map(0, strategy="AffineLocal"),
         "spread": lambda: heat.transport(np.array([0]), start),
         "spread pp3d": lambda: peer.transport_tangent_vector(0, [vector @ x[0], vector @ y[0]]),
@@ -169,10 +171,10 @@ def bench_flips(faces):
         forget(mesh)
         return Straightener(mesh)
 
-    made = interleaved(
+    timings = interleaved(
         {"ours": set_up, "pp3d": lambda: pp3d.EdgeFlipGeodesicSolver(mesh.points, mesh.faces)}, repeat=3
     )
-    own, peer = made["ours"].value, made["pp3d"].value
+    own, peer = timings["ours"].value, timings["pp3d"].value
     pairs = [(0, mesh.n_vertices // 2), (5, mesh.n_vertices // 3), (7, 100)]
     calls = {
         "ours": lambda: [own.curves([[a, b]], [False]).entries[0]["length"] for a, b in pairs],
@@ -182,7 +184,7 @@ def bench_flips(faces):
     theirs = [float(np.linalg.norm(np.diff(p, axis=0), axis=1).sum()) for p in t["pp3d"].value]
     worst = max(abs(a / b - 1) for a, b in zip(t["ours"].value, theirs))
     header = ["faces", "set-up ratio", "ours s", "pp3d s", "ratio", "largest length difference"]
-    set_ups = made["pp3d"].median / made["ours"].median
+    set_ups = timings["pp3d"].median / timings["ours"].median
     times = t["ours"].median, t["pp3d"].median
     row = [mesh.n_faces, set_ups, *times, times[1] / times[0], worst]
     print_table("three paths pulled straight", header, [row])
@@ -197,5 +199,13 @@ def main():
         bench_flips(faces)
 
 
+# whole commands, timed as a user starts them
+COMMANDS = (
+    "geodesic bad_torus.ply --source 0 --log-map",
+    "geodesic bad_torus.ply --source 0 --path-to 100",
+)
+
+
 if __name__ == "__main__":
     main()
+    print_commands(*COMMANDS)

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.common.measure import interleaved, machine, print_table, timed
+from benchmarks.common.measure import interleaved, machine, print_commands, print_table, timed
 from ddgcli.geometry.extrinsic import enclosed_volume
 from ddgcli.linalg.factor import Factor
 from ddgcli.mesh import shapes
@@ -50,9 +50,9 @@ def calls(mesh: TriangleMesh) -> dict[str, Callable[[], Any]]:
     energies = {name: kind.build(mesh.topology) for name, kind in ENERGIES.items()}
     best = energies[DEFAULT]
     at = slope(mesh, best, free, none)
-    held = Constraints(area(mesh), enclosed_volume(mesh))
+    constrained = Constraints(area(mesh), enclosed_volume(mesh))
     like = Factor(fourth_order(at.mesh, free, 0.05))
-    reached = {none: mesh, held: mesh}
+    reached = {none: mesh, constrained: mesh}
 
     def step(constraints: Constraints) -> None:
         ready = metric(slope(reached[constraints], best, free, constraints), 0.05, like)
@@ -69,7 +69,7 @@ def calls(mesh: TriangleMesh) -> dict[str, Callable[[], Any]]:
         "factorisation": lambda: Factor(fourth_order(at.mesh, free, 0.05)),
         **gradients,
         "quadratic, to rest": lambda: step(none),
-        "quadratic, to rest, area and volume kept": lambda: step(held),
+        "quadratic, to rest, area and volume kept": lambda: step(constrained),
         "quadratic, in time": lambda: accurate_step(
             metric(slope(mesh, best, free, none), 0.003, like), 0.01, best, none
         ),
@@ -88,21 +88,21 @@ def survey(faces: int) -> tuple[float, float]:
     return factor * less, whole * less
 
 
-def steps(wanted: list[int]) -> list[list]:
-    found = []
-    for size in wanted:
+def steps(sizes: list[int]) -> list[list]:
+    table_rows = []
+    for size in sizes:
         mesh = shapes.torus(*TORI[size], 2.0, 1.0)
         times = interleaved(calls(mesh), repeat=3)
         factor, whole = survey(mesh.n_faces)
         scaled = whole / factor * times["factorisation"].median
         for name, timing in times.items():
             beside = [scaled, timing.median / scaled] if name == "quadratic, to rest" else ["-", "-"]
-            found.append([mesh.n_faces, name, timing.median, *beside])
-    return found
+            table_rows.append([mesh.n_faces, name, timing.median, *beside])
+    return table_rows
 
 
 def to_rest() -> list[list]:
-    found = []
+    table_rows = []
     for name, mesh, least in (
         ("ellipsoid (1, 1, 2)", ellipsoid(4), 4 * np.pi),
         ("torus of aspect 2", shapes.torus(96, 48, 2.0, 1.0), 2 * np.pi**2),
@@ -114,8 +114,12 @@ def to_rest() -> list[list]:
 
         timing = timed(run, repeat=1, warm_up=False)
         energy = timing.value[-1].observations["s"].scalar["energy"]
-        found.append([name, mesh.n_faces, len(timing.value) - 1, timing.median, energy / least - 1])
-    return found
+        table_rows.append([name, mesh.n_faces, len(timing.value) - 1, timing.median, energy / least - 1])
+    return table_rows
+
+
+# whole commands, timed as a user starts them
+COMMANDS = ("willmore-flow ellipsoid.ply --steps 10 --dt 1e-3 -o out.vtkhdf",)
 
 
 if __name__ == "__main__":
@@ -131,3 +135,4 @@ if __name__ == "__main__":
         ["surface", "faces", "steps", "seconds", "energy / least - 1"],
         to_rest(),
     )
+    print_commands(*COMMANDS)

@@ -6,7 +6,9 @@ command is one thin file in `commands`; what simulators share is in `simulation`
 
 __all__ = [
     "commands",
+    "input_facts",
     "main",
+    "messages",
     "multi_value",
     "options",
     "progress",

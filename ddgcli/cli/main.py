@@ -1,4 +1,4 @@
-"""The roof: the table of subcommands and the one place where refusals become exit codes."""
+"""Command-line entry point: the command table, and the mapping from exceptions to exit codes."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ from typing import Any
 import click
 
 from ddgcli import __version__
-from ddgcli.cli.multi_value import spread
+from ddgcli.cli.multi_value import repeat_options
 from ddgcli.cli.parameters import option_names
 from ddgcli.cli.threads import set_thread_variables
 from ddgcli.errors import DdgError, excerpt
 
 # name -> (module of ddgcli.cli.commands, help line); a module is imported only when its command runs
 COMMANDS = {
-    "info": ("info", "What a file holds, how good it is, and which commands take it."),
+    "info": ("info", "Contents and quality of a mesh file, and which commands take it."),
     "repair": ("repair", "Weld, split, orient, fill, cut: each by its own flag."),
     "curvature": ("curvature", "Gaussian, mean and principal curvature of surfaces and curves."),
     "delaunay": ("delaunay", "Intrinsic Delaunay triangulation, refinement, common subdivision."),
@@ -44,11 +44,11 @@ COMMANDS = {
 }
 
 
-NO_ROOM = (errno.ENOSPC, errno.EFBIG, errno.EIO, errno.EROFS)  # of standard output, too
+OUTPUT_ERRNOS = (errno.ENOSPC, errno.EFBIG, errno.EIO, errno.EROFS)  # disk full, read-only, ...
 
 
-class Refusal(click.ClickException):
-    """One line on standard error and an exit code."""
+class CommandError(click.ClickException):
+    """Error with one line on standard error and an exit code."""
 
     def __init__(self, message: str, exit_code: int) -> None:
         super().__init__(" ".join(message.split()))
@@ -58,8 +58,8 @@ class Refusal(click.ClickException):
         click.echo(f"Error: {self.message}", err=True)
 
 
-class Door(click.Group):
-    """Subcommands imported on demand; errors turned into one line and an exit code."""
+class CommandGroup(click.Group):
+    """Group of subcommands that are imported on demand; errors become one line and an exit code."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         return list(COMMANDS)
@@ -82,70 +82,70 @@ class Door(click.Group):
         except click.exceptions.NoArgsIsHelpError:
             raise
         except click.UsageError as error:
-            raise Refusal(_usage(error), 2) from error
+            raise CommandError(_usage(error), 2) from error
         context.meta["ddgcli.args"] = words
-        context.meta["ddgcli.began"] = _start()
+        context.meta["ddgcli.began"] = _start_time()
         return context
 
     def resolve_command(self, ctx: click.Context, args: list[str]) -> Any:
         if args and args[0] not in COMMANDS and not args[0].startswith("-"):
-            near = difflib.get_close_matches(args[0], COMMANDS, n=1)
-            hint = f"did you mean {near[0]}?" if near else f"known: {', '.join(COMMANDS)}"
+            similar = difflib.get_close_matches(args[0], COMMANDS, n=1)
+            hint = f"did you mean {similar[0]}?" if similar else f"known: {', '.join(COMMANDS)}"
             raise click.UsageError(f"no such command {args[0]!r}; {hint}", ctx)
         name, command, words = super().resolve_command(ctx, args)
         if command is not None:
             ctx.meta["ddgcli.options"] = option_names(command)
-        return name, command, spread(command, words) if command is not None else words
+        return name, command, repeat_options(command, words) if command is not None else words
 
     def invoke(self, ctx: click.Context) -> Any:
         try:
-            with _ended_by_signals():
+            with _signals_as_exceptions():
                 return super().invoke(ctx)
         except DdgError as error:
-            raise Refusal(_refusal(error, ctx), error.exit_code) from error
+            raise CommandError(_error_line(error, ctx), error.exit_code) from error
         except click.UsageError as error:
-            raise Refusal(_usage(error), 2) from error
+            raise CommandError(_usage(error), 2) from error
         except BrokenPipeError:
-            _quiet_end()
+            _discard_output()
             ctx.exit(0)
         except KeyboardInterrupt:
             click.echo("Interrupted", err=True)
             ctx.exit(130)
-        except _Ended as error:
+        except _Terminated as error:
             click.echo(f"Ended by {error.args[0].name}", err=True)
             ctx.exit(128 + error.args[0])
         except MemoryError as error:
-            raise Refusal(f"out of memory ({error}); take a smaller mesh or fewer outputs", 1) from error
+            raise CommandError(f"out of memory ({error}); use a smaller mesh or fewer outputs", 1) from error
         except (click.ClickException, click.exceptions.Exit, click.Abort):
             raise
         except OSError as error:
-            if error.errno not in NO_ROOM or ctx.params.get("debug"):
+            if error.errno not in OUTPUT_ERRNOS or ctx.params.get("debug"):
                 raise _internal(error, ctx) from error
-            _quiet_end()
-            raise Refusal(
-                f"the output cannot be written ({os.strerror(error.errno)}); free some room", 1
+            _discard_output()
+            raise CommandError(
+                f"the output cannot be written ({os.strerror(error.errno)}); free some disk space", 1
             ) from error
         except Exception as error:
             raise _internal(error, ctx) from error
 
 
-class _Ended(BaseException):
-    """A signal asks this process to end; files that are half written are taken away on the way out."""
+class _Terminated(BaseException):
+    """A signal ends this process; unlike a plain exit, the exception removes half-written files."""
 
 
 @contextlib.contextmanager
-def _ended_by_signals() -> Iterator[None]:
-    """SIGTERM and SIGHUP end the run like an interrupt."""
+def _signals_as_exceptions() -> Iterator[None]:
+    """Turn SIGTERM and SIGHUP into exceptions."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
 
-    def end(number: int, frame: Any) -> None:
-        raise _Ended(signal.Signals(number))
+    def terminate(number: int, frame: Any) -> None:
+        raise _Terminated(signal.Signals(number))
 
     kinds = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
-    # a signal that is ignored (nohup) stays so
-    before = {k: signal.signal(k, end) for k in kinds if signal.getsignal(k) == signal.SIG_DFL}
+    # nohup ignores SIGHUP: leave ignored signals alone
+    before = {k: signal.signal(k, terminate) for k in kinds if signal.getsignal(k) == signal.SIG_DFL}
     try:
         yield
     finally:
@@ -153,43 +153,46 @@ def _ended_by_signals() -> Iterator[None]:
             signal.signal(kind, handler)
 
 
-_imported = time.perf_counter()
+_import_time = time.perf_counter()
 
 
-def _start() -> float:
-    """When this run began: the import of this module for the first run of a process, now for later ones."""
-    global _imported
-    began, _imported = _imported, 0.0
+def _start_time() -> float:
+    """Start of this run: the import of this module for the first run of a process, else now."""
+    global _import_time
+    began, _import_time = _import_time, 0.0
     return began or time.perf_counter()
 
 
-def _refusal(error: DdgError, ctx: click.Context) -> str:
-    from ddgcli.cli.run import refusal_of
+def _error_line(error: DdgError, ctx: click.Context) -> str:
+    from ddgcli.cli.messages import error_line
 
-    return refusal_of(error, ctx)
+    return error_line(error, ctx)
 
 
 def _internal(error: Exception, ctx: click.Context) -> Exception:
-    """What an error of ours in the code is told as; itself with --debug."""
+    """Error to raise for an exception that no code handles: itself with --debug, else one line."""
     if ctx.params.get("debug"):
         return error
-    return Refusal(
-        f"internal error: {type(error).__name__}: {excerpt(error, 300)}; run ddgcli --debug to see", 1
+    return CommandError(
+        f"internal error: {type(error).__name__}: {excerpt(error, 300)}; ddgcli --debug shows the traceback",
+        1,
     )
 
 
 def _usage(error: click.UsageError) -> str:
-    """The message of a wrong call, and where to look."""
+    """Message of a wrong call, with the command for help."""
     where = f"; see {error.ctx.command_path} --help" if error.ctx is not None else ""
     return error.format_message().rstrip(".") + where
 
 
-def _quiet_end() -> None:
-    """Let the interpreter's last flush go nowhere."""
+def _discard_output() -> None:
+    """Send standard output to nowhere, so that the interpreter's last flush cannot fail."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
-@click.group(cls=Door, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
+@click.group(
+    cls=CommandGroup, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100}
+)
 @click.version_option(__version__, prog_name="ddgcli")
 @click.option("--debug", is_flag=True, help="Show the traceback of an internal error.")
 def main(debug: bool) -> None:

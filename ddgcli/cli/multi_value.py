@@ -10,11 +10,11 @@ _NUMBER = re.compile(r"[-+]?(\d|\.\d)")
 _SEPARATORS = ",:="
 
 
-def spread(command: click.Command, words: list[str]) -> list[str]:
-    """The words of a call with the option repeated before each further value of a repeatable option.
+def repeat_options(command: click.Command, words: list[str]) -> list[str]:
+    """Words of a call with a repeatable option repeated before each of its values.
 
-    A word counts as a further value when it is no option, the option's type takes it, and (for text) it has
-    the separators of the value before it: a file name after `--source 0` stays the argument that it is.
+    A word is a further value if it is no option, the option's type accepts it, and (for text) it has the
+    separators of the value before it: a file name after `--source 0` remains an argument.
     """
     repeatable = {
         name: option

@@ -1,4 +1,4 @@
-"""Arguments, options and types worn by more than one subcommand: declared once, same name, same meaning."""
+"""Arguments, options and parameter types that several subcommands share."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from ddgcli.errors import ParameterError
 
 
 @dataclass(frozen=True)
-class Common:
-    """What every subcommand is told."""
+class CommonOptions:
+    """Values of the options of every subcommand."""
 
     outputs: tuple[str, ...] = ()
     output_format: str | None = None
@@ -35,7 +35,7 @@ class Common:
 
 
 class Real(click.ParamType):
-    """A finite number, optionally above a bound (click's FloatRange lets nan and inf through)."""
+    """A finite number, optionally above a bound; click's FloatRange accepts nan and inf."""
 
     name = "number"
 
@@ -77,7 +77,7 @@ class Ids(click.ParamType):
 
 
 class Numbers(click.ParamType):
-    """A fixed count of finite numbers with commas between."""
+    """A fixed count of finite numbers, separated by commas."""
 
     name = "numbers"
 
@@ -106,7 +106,7 @@ class FacePoint(click.ParamType):
 
 
 class View(click.ParamType):
-    """Where a picture looks from: a name or elevation,azimuth in degrees, and after a colon the up axis."""
+    """View direction: a name or elevation,azimuth in degrees, and after a colon the up axis."""
 
     name = "view"
 
@@ -116,16 +116,16 @@ class View(click.ParamType):
         place, _, up = str(value).partition(":")
         if up not in ("", "x", "y", "z"):
             self.fail(f"{up!r} is not an up axis: x, y or z", param, ctx)
-        given: dict[str, Any] = {"up": up} if up else {}
+        up_axis: dict[str, Any] = {"up": up} if up else {}
         if place in ("x", "y", "z", "iso"):
-            return {"view": place, **given}
+            return {"view": place, **up_axis}
         try:
             elevation, azimuth = (float(part) for part in place.split(","))
         except ValueError:
             self.fail(f"{value!r} is not x, y, z, iso or ELEVATION,AZIMUTH (then :UP)", param, ctx)
         if not (math.isfinite(elevation) and math.isfinite(azimuth)):
             self.fail(f"{value!r} is not finite", param, ctx)
-        return {"view": (elevation, azimuth), **given}
+        return {"view": (elevation, azimuth), **up_axis}
 
 
 class Size(click.ParamType):
@@ -145,7 +145,7 @@ class Size(click.ParamType):
 
 
 MIN_PIXELS, MAX_PIXELS = 200, 8000
-PAGE_WIDTH = 7.0  # inches: letters keep their share of a picture of any size
+PAGE_WIDTH = 7.0  # inches: the text scales with the picture
 
 
 def page_size(size: tuple[int, int] | None, inches: float = PAGE_WIDTH) -> dict[str, Any]:
@@ -156,11 +156,11 @@ def page_size(size: tuple[int, int] | None, inches: float = PAGE_WIDTH) -> dict[
     return {"width": inches, "height": inches * height / width, "dpi": width / inches}
 
 
-def chosen(arrays: dict[str, Any], name: str, what: str = "array") -> Any:
-    """The array of a name, or a refusal that lists the names there are."""
+def named_array(arrays: dict[str, Any], name: str, what: str = "array") -> Any:
+    """Array of a name; raise ParameterError that lists the names if it is missing."""
     if name not in arrays:
         known = ", ".join(sorted(arrays)) or "none"
-        raise ParameterError(f"no {what} {name!r}; there are: {known}")
+        raise ParameterError(f"no {what} {name!r}; choose one of: {known}")
     return arrays[name]
 
 
@@ -185,7 +185,7 @@ _COMMON = (
     click.option(
         "--input-format",
         metavar="EXT",
-        help="Format of the input where its name does not tell it (needed where it is -).",
+        help="Format of the input if its name has no known extension; needed for -.",
     ),
     click.option("--json", "as_json", is_flag=True, help="Print the summary as one JSON object."),
     click.option("--plot", metavar="PATH", help="Write a picture of the result (.png, .svg, .pdf)."),
@@ -200,7 +200,7 @@ _COMMON = (
         "--size", type=Size(), metavar="WIDTHxHEIGHT", help="Pixels of a picture.  [default: 1400x1050]"
     ),
     click.option("--progress/--no-progress", default=None, help="Progress bar on standard error."),
-    click.option("-v", "--verbose", count=True, help="Say more on standard error."),
+    click.option("-v", "--verbose", count=True, help="Print more on standard error."),
     click.option("-q", "--quiet", is_flag=True, help="Only errors on standard error."),
     click.option("--units-note", metavar="TEXT", help="Recorded in the output."),
     click.option(
@@ -209,46 +209,48 @@ _COMMON = (
         metavar="N",
         default=0,
         show_default=True,
-        help="Seed of whatever is random.",
+        help="Seed of random numbers.",
     ),
     click.option("--threads", type=click.IntRange(min=1), metavar="N",
-                 help="Threads of the linear algebra.  [default: 1, or as OMP_NUM_THREADS says]"),
+                 help="Threads of the linear algebra.  [default: 1, or OMP_NUM_THREADS]"),
 )  # fmt: skip
 
 
-def gathered(name: str, kind: type, declared: Sequence[Callable]) -> Callable[[Callable], Callable]:
-    """A decorator that gives a command options and hands them over as one argument.
+def grouped_options(
+    name: str, kind: type, declarations: Sequence[Callable]
+) -> Callable[[Callable], Callable]:
+    """Decorator that adds options to a command and passes their values as one argument.
 
     Parameters
     ----------
     name : str
-        Of the argument.
+        Name of the argument.
     kind : dataclass
         Its fields are named as the parameters of the options.
-    declared : sequence of click.option(...)
+    declarations : sequence of click.option(...)
         In the order of --help.
     """
 
     def decorate(command: Callable) -> Callable:
         @functools.wraps(command)
         def call(*args: Any, **kwargs: Any) -> Any:
-            taken = {field.name: kwargs.pop(field.name) for field in fields(kind)}
-            return command(*args, **{name: kind(**taken)}, **kwargs)
+            values = {field.name: kwargs.pop(field.name) for field in fields(kind)}
+            return command(*args, **{name: kind(**values)}, **kwargs)
 
-        for option in reversed(declared):
+        for option in reversed(declarations):
             call = option(call)
         return call
 
     return decorate
 
 
-common = gathered("common", Common, _COMMON)
+common = grouped_options("common", CommonOptions, _COMMON)
 
 
-def refuse_given(why: str, *names: str) -> None:
-    """ParameterError for the first of these parameters that stands on the command line."""
+def refuse_options(reason: str, *names: str) -> None:
+    """Raise ParameterError for the first of these parameters that is on the command line."""
     context = click.get_current_context()
     for parameter in context.command.params:
-        given = context.get_parameter_source(parameter.name or "") is ParameterSource.COMMANDLINE
-        if parameter.name in names and given:
-            raise ParameterError(f"{parameter.opts[0]} {why}")
+        source = context.get_parameter_source(parameter.name or "")
+        if parameter.name in names and source is ParameterSource.COMMANDLINE:
+            raise ParameterError(f"{parameter.opts[0]} {reason}")

@@ -1,4 +1,4 @@
-"""The summary on standard output: text for people, or one strict JSON object."""
+"""Print the summary: text for people, or one strict JSON object."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ import click
 
 
 def plain(value: Any, missing: list[str] | None = None, name: str = "") -> Any:
-    """Numbers, lists and dicts that strict JSON can hold; what is not finite becomes null.
+    """Value as numbers, lists and dicts of strict JSON; numbers that are not finite become null.
 
-    `missing` collects the dotted names of what became null.
+    `missing` collects the dotted names of the nulls.
     """
     if hasattr(value, "tolist"):  # numpy scalars and arrays, without importing numpy here
         value = value.tolist()
@@ -34,7 +34,7 @@ def plain(value: Any, missing: list[str] | None = None, name: str = "") -> Any:
 def print_summary(
     summary: dict[str, Any], as_json: bool, err: bool = False, text: list[str] | None = None
 ) -> None:
-    """Print the summary on standard output, or on standard error where the result itself took that place."""
+    """Print the summary on standard output, or with `err` on standard error."""
     if as_json:
         click.echo(json.dumps(summary, allow_nan=False, ensure_ascii=False))
         return

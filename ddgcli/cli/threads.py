@@ -1,7 +1,8 @@
 """Threads of the linear algebra libraries: one by default, so that many runs share a machine.
 
-OpenBLAS, MKL and their kin read these variables when numpy loads them. Their own default, a thread for each
-core, costs ten times the work on the small dense blocks of sparse solvers and starves other processes.
+OpenBLAS, MKL and similar libraries read these variables when numpy loads them. Their own default, a thread
+for each core, takes ten times the work on the small dense blocks of sparse solvers and blocks other
+processes.
 """
 
 from __future__ import annotations
@@ -26,8 +27,8 @@ def set_thread_variables(
     Parameters
     ----------
     words : sequence of str
-        Command line; `--threads N` in it wins. Without it, variables that the caller exported are kept, and
-        where there are none every library gets one thread.
+        Command line; `--threads N` in it wins. Without it, exported variables are kept; if there
+        are none, every library gets one thread.
     environment : mutable mapping
         Changed in place.
     """

@@ -18,7 +18,7 @@ TET_EDGES = np.array([[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]])
 
 @dataclass(frozen=True, eq=False)
 class CellMetric:
-    """What the stars need to know of each cell.
+    """Measures, distances and gradient products of cells, as the Hodge stars need them.
 
     Attributes
     ----------
@@ -75,7 +75,7 @@ def tetrahedron_metric(edge_length: NDArray) -> CellMetric:
     Raises
     ------
     MeshError
-        When a tetrahedron has no volume, or its lengths belong to none.
+        When a tetrahedron has no volume, or no tetrahedron has its lengths.
     """
     squared = np.zeros((len(edge_length), 4, 4))
     for j, (a, b) in enumerate(TET_EDGES):

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.mesh.triangle_mesh import TriangleMesh, unit_vectors
+from ddgcli.mesh.triangle_mesh import TriangleMesh
+from ddgcli.mesh.vectors import cone_volume, unit_vectors
 
 
 def face_area_vector(mesh: TriangleMesh) -> NDArray[np.float64]:
@@ -21,15 +22,16 @@ def face_normal(mesh: TriangleMesh) -> NDArray[np.float64]:
 
 def enclosed_volume(mesh: TriangleMesh) -> float:
     """Signed volume of a closed surface, positive for outward orientation; measured from the centroid."""
-    corners = mesh.points[mesh.faces] - mesh.points.mean(axis=0)
-    return float(np.einsum("ij,ij->", np.cross(corners[:, 0], corners[:, 1]), corners[:, 2]) / 6.0)
+    columns = np.ascontiguousarray((mesh.points - mesh.points.mean(axis=0)).T)
+    corners = (columns.take(corner, axis=1) for corner in np.ascontiguousarray(mesh.faces.T))
+    return float(cone_volume(*corners).sum())
 
 
 def dihedral_angle(mesh: TriangleMesh, normal: NDArray | None = None) -> NDArray[np.float64]:
     """(e,) signed angle between the normals of an edge's two faces, in radians; positive where convex.
 
-    Zero on boundary and non-manifold edges. The reference direction is the edge as the first of its two
-    sides runs along it; where the second face is turned over relative to the first, so is its normal here.
+    Zero on boundary and non-manifold edges. The reference direction is that of the first of the edge's two
+    sides. If the second face is oriented against the first, its normal is reversed.
 
     Parameters
     ----------
@@ -37,9 +39,8 @@ def dihedral_angle(mesh: TriangleMesh, normal: NDArray | None = None) -> NDArray
         Unit normals to use instead of `face_normal`, which is zero on faces without area.
     """
     topology = mesh.topology
-    twin = topology.side_twin.ravel()
-    side = np.flatnonzero((twin >= 0) & (np.arange(len(twin)) < twin))
-    other = twin[side]
+    side = topology.interior_sides
+    other = topology.side_twin.ravel()[side]
     sign = topology.side_sign.ravel()
     turned = np.where(sign[side] == sign[other], -1.0, 1.0)
     # column by column: gathering rows of three costs several times as much
@@ -61,12 +62,12 @@ def dihedral_angle(mesh: TriangleMesh, normal: NDArray | None = None) -> NDArray
 def hinge_bending(
     squared_length: NDArray, angle: NDArray, area: NDArray, euler_characteristic: int, closed: bool
 ) -> tuple[NDArray[np.float64], float]:
-    """Terms |e|^2 theta^2 / (4 (A1 + A2)) of the hinge energy, and the constant that is added to their sum.
+    """Terms |e|^2 theta^2 / (4 (A1 + A2)) of the hinge energy, and the constant to add to their sum.
 
     Parameters
     ----------
     squared_length, angle, area : (h,) ndarray
-        Of the inner edges: squared lengths, dihedral angles, areas of both faces together.
+        Of the interior edges: squared lengths, dihedral angles, total areas of both faces.
     euler_characteristic : int
     closed : bool
 
@@ -76,7 +77,7 @@ def hinge_bending(
         Zero where an edge has no area beside it.
     float
         4 pi chi / 3 on a closed surface, else 0. On equilateral triangles the terms sum to
-        int H^2 - (2/3) int K, so that the energy stands for int H^2 there, H = (k1 + k2)/2.
+        int H^2 - (2/3) int K, so that the energy approximates int H^2 there, H = (k1 + k2)/2.
 
     Notes
     -----

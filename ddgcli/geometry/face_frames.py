@@ -1,4 +1,4 @@
-"""Directions in the planar frames of faces, and the way from them to space and back."""
+"""Directions in the planar frames of faces, and their conversion to and from space."""
 
 from __future__ import annotations
 
@@ -8,7 +8,8 @@ from numpy.typing import NDArray
 from ddgcli.errors import ParameterError
 from ddgcli.geometry.unfolding import Unfolding, corner_position
 from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
-from ddgcli.mesh.triangle_mesh import TriangleMesh, unit_vectors
+from ddgcli.mesh.triangle_mesh import TriangleMesh
+from ddgcli.mesh.vectors import unit_vectors
 
 
 def face_axes(mesh: TriangleMesh, face: NDArray) -> tuple[NDArray, NDArray]:
@@ -23,7 +24,7 @@ def to_face_frame(mesh: SurfaceMesh, face: NDArray, vector: NDArray) -> NDArray[
     """(k, 2) vectors in space, projected to the planar frames of faces."""
     if not isinstance(mesh, TriangleMesh):
         raise ParameterError(
-            "a mesh of lengths has no space; give directions as 2 numbers in the face's frame"
+            "a mesh without positions has no directions in space; use 2 numbers in the frame of the face"
         )
     x, y = face_axes(mesh, face)
     return np.stack([np.einsum("ij,ij->i", vector, x), np.einsum("ij,ij->i", vector, y)], axis=1)

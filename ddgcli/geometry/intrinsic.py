@@ -3,8 +3,8 @@
 All functions take `side_length` (m, 3), side j from corner j to corner j+1, and return values on corners:
 corner k lies opposite side k+1.
 
-Everything is made of the perimeter p and the excesses u_j = (sum of the other two sides) - side j, taken in
-Kahan's order so that each has full relative precision even on needles:
+All formulas use the perimeter p and the excesses u_j = (sum of the other two sides) - side j. Kahan's order
+of subtraction gives each full relative precision even on needles:
 
     16 area^2 = p u_a u_b u_c,   tan^2(A/2) = u_b u_c / (p u_a),   cot A = (p u_a - u_b u_c) / (8 area).
 
@@ -18,10 +18,10 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-# faces handled at a time, so that the temporaries stay in cache
-BLOCK = 8192
+# faces handled at once, so that the temporaries stay in cache
+BLOCK_FACES = 8192
 # lengths outside this range are scaled first: their fourth powers leave the range of float64
-SMALLEST, LARGEST = 1e-70, 1e70
+MIN_UNSCALED_LENGTH, MAX_UNSCALED_LENGTH = 1e-70, 1e70
 
 
 def face_area(side_length: NDArray) -> NDArray[np.float64]:
@@ -35,8 +35,8 @@ def face_area(side_length: NDArray) -> NDArray[np.float64]:
 def corner_cotan(side_length: NDArray) -> NDArray[np.float64]:
     """(m, 3) cotangent of the angle at each corner.
 
-    In a triangle without area the cotangents of angles 0 and pi are plus and minus infinity; angles that the
-    lengths leave undetermined (beside a side of length zero) count as right, with cotangent zero. Never NaN.
+    In a triangle without area the cotangents of the angles 0 and pi are plus and minus infinity. Angles that
+    the lengths do not determine (at a side of length zero) count as right, with cotangent zero. Never NaN.
     """
     return cotan_and_area(side_length)[0]
 
@@ -73,6 +73,39 @@ def corner_angle(side_length: NDArray) -> NDArray[np.float64]:
     return 2.0 * np.arctan2(sine, cosine)
 
 
+def mixed_voronoi_share(squared_length: NDArray, cotan: NDArray, area: NDArray) -> NDArray[np.float64]:
+    """Share of each corner in the area of its triangle: the Voronoi part where the triangle is acute.
+
+    An obtuse corner gets half of its triangle, the other two corners a quarter each.
+
+    Parameters
+    ----------
+    squared_length : (3, m) ndarray
+        Squares of the sides; side j runs from corner j to corner j+1.
+    cotan : (3, m) ndarray
+        Cotangents of the corner angles.
+    area : (m,) ndarray
+
+    Returns
+    -------
+    (3, m) ndarray
+        In length units squared; the shares of a triangle sum to its area.
+
+    Notes
+    -----
+    M. Meyer, M. Desbrun, P. Schroder, A. Barr, "Discrete differential-geometry operators for triangulated
+    2-manifolds", 2003.
+    """
+    # part of side j at each of its ends
+    half = np.stack([0.125 * squared_length[j] * cotan[(j + 2) % 3] for j in range(3)])
+    share = half + half[[2, 0, 1]]
+    least = np.minimum(np.minimum(cotan[0], cotan[1]), cotan[2])
+    obtuse = np.flatnonzero((least < 0) | ~np.isfinite(share[0] + share[1] + share[2]))
+    share[:, obtuse] = 0.25 * area[obtuse]
+    share[np.argmin(cotan[:, obtuse], axis=0), obtuse] *= 2.0
+    return share
+
+
 def triangle_excess(side_length: NDArray) -> NDArray[np.float64]:
     """(m, 3) sum of the other two sides minus side j, clipped at zero; Kahan's order of subtraction."""
     result = np.empty(side_length.shape)
@@ -85,7 +118,7 @@ def triangle_excess(side_length: NDArray) -> NDArray[np.float64]:
 def _half_angle(side_length: NDArray) -> tuple[NDArray, NDArray]:
     """(m, 3) multiples of sine and cosine of half the angle at each corner.
 
-    Angles that the lengths leave undetermined (beside a side of length zero) count as right.
+    Angles that the lengths do not determine (at a side of length zero) count as right.
     """
     sine, cosine = np.empty(side_length.shape), np.empty(side_length.shape)
     for block, p, u, _ in _blocks(side_length):
@@ -100,12 +133,16 @@ def _half_angle(side_length: NDArray) -> tuple[NDArray, NDArray]:
 
 
 def _blocks(side_length: NDArray) -> Iterator[tuple[slice, NDArray, list[NDArray], float]]:
-    """Blocks of faces: where, perimeter, the three excesses, and the scale both were divided by."""
+    """Blocks of faces: rows, perimeter, the three excesses, and the scale that divides both."""
     side_length = np.asarray(side_length, dtype=np.float64)
     largest = side_length.max(initial=0.0)
-    scale = 1.0 if SMALLEST < largest < LARGEST or largest == 0 else float(2.0 ** np.frexp(largest)[1])
-    for start in range(0, len(side_length), BLOCK):
-        block = slice(start, min(start + BLOCK, len(side_length)))
+    scale = (
+        1.0
+        if MIN_UNSCALED_LENGTH < largest < MAX_UNSCALED_LENGTH or largest == 0
+        else float(2.0 ** np.frexp(largest)[1])
+    )
+    for start in range(0, len(side_length), BLOCK_FACES):
+        block = slice(start, min(start + BLOCK_FACES, len(side_length)))
         a, b, c = side_length[block].T.copy() if scale == 1.0 else side_length[block].T / scale
         u = [excess(a, b, c), excess(b, c, a), excess(c, a, b)]
         yield block, (a + b) + c, u, scale

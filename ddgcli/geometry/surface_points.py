@@ -46,7 +46,7 @@ class SurfacePoints:
         Raises
         ------
         ParameterError
-            Naming the first culprit.
+            For the first point that is wrong.
         """
         points = cls(face, barycentric)
         outside = np.flatnonzero((points.face < 0) | (points.face >= n_faces))
@@ -83,7 +83,7 @@ def nearest_on_triangle(point: NDArray, corners: NDArray) -> tuple[NDArray[np.fl
     Notes
     -----
     The nearest of the foot of the perpendicular (where it falls inside) and of the nearest points of the
-    three sides; degenerate triangles are met by their sides alone.
+    three sides; degenerate triangles are represented by their sides alone.
     """
     side = np.roll(corners, -1, axis=1) - corners
     offset = point - corners
@@ -132,13 +132,13 @@ def nearest_points(mesh: TriangleMesh, positions: NDArray) -> tuple[SurfacePoint
     if len(positions) == 0:
         return SurfacePoints.none(), np.zeros(0)
     if mesh.n_faces == 0:
-        raise MeshError("no triangles; a point of the surface needs a surface")
+        raise MeshError("no triangles; a surface point needs a surface")
     corners = mesh.points[mesh.faces]
     faces, weights, distances = [], [], []
     for position in positions:
-        seen = corners - position
-        size = float(np.abs(seen).max()) or 1.0  # squares of lengths neither overflow nor vanish
-        barycentric, distance = nearest_on_triangle(np.zeros(3), seen / size)
+        relative = corners - position
+        size = float(np.abs(relative).max()) or 1.0  # squares of lengths neither overflow nor underflow
+        barycentric, distance = nearest_on_triangle(np.zeros(3), relative / size)
         face = int(np.argmin(distance))
         faces.append(face)
         weights.append(barycentric[face])

@@ -1,4 +1,4 @@
-"""Faces laid out in the plane, and the angles around vertices: what walking on a surface needs.
+"""Faces laid out in the plane, and the angles around vertices, for tracing lines on a surface.
 
 Two planar frames, both from lengths alone:
 
@@ -17,25 +17,26 @@ from numpy.typing import NDArray
 from ddgcli.geometry.intrinsic import corner_angle, face_area
 from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
 from ddgcli.mesh.topology import NEXT, PREVIOUS, Topology
-from ddgcli.mesh.triangle_mesh import TriangleMesh, vector_length
+from ddgcli.mesh.triangle_mesh import TriangleMesh
+from ddgcli.mesh.vectors import vector_length
 
 APEX, TURN, TWIN = 0, 1, 3  # columns of Unfolding.side
 _CACHE_LINE = 64  # bytes; a row of Unfolding.side fills one
 
-# meshes are immutable, so what was computed of one stays true
+# meshes are immutable, so that cached layouts stay valid
 _UNFOLDED: WeakKeyDictionary[SurfaceMesh, Unfolding] = WeakKeyDictionary()
 _FANS: WeakKeyDictionary[SurfaceMesh, Fans] = WeakKeyDictionary()
 
 
 def forget(mesh: SurfaceMesh) -> None:
-    """Drop what is kept of a mesh (benches time the set-up with it)."""
+    """Drop the cached layout of a mesh, so that benchmarks can time the set-up."""
     _UNFOLDED.pop(mesh, None)
     _FANS.pop(mesh, None)
 
 
 @dataclass(frozen=True, eq=False)
 class Unfolding:
-    """Every face in the plane, seen from each of its sides; lengths divided by `scale`.
+    """Every face in the plane, in the frame of each of its sides; lengths divided by `scale`.
 
     Parameters
     ----------
@@ -47,7 +48,7 @@ class Unfolding:
         frame of that side's twin; the flat numbers of those twins, -1 for none (two int64 in column TWIN).
     length : (3m,) ndarray of float64
     has_flat : bool
-        Some faces have no height, so that no length can be had from it.
+        Some faces have no height, so that lengths cannot be computed from it.
     direction : (m, 3, 2) ndarray of float64
         Unit direction of side j in the frame of its face.
     """
@@ -60,17 +61,17 @@ class Unfolding:
 
 
 def unfold(mesh: SurfaceMesh) -> Unfolding:
-    """Every face laid out in the plane; kept as long as the mesh lives.
+    """Lay every face out in the plane; cached as long as the mesh exists.
 
     Heights come from cross products where the mesh has positions (accurate on caps), from Kahan's ordering of
     Heron's formula where it has only lengths.
     """
     if mesh not in _UNFOLDED:
-        _UNFOLDED[mesh] = _laid_out(mesh)
+        _UNFOLDED[mesh] = _layout(mesh)
     return _UNFOLDED[mesh]
 
 
-def _laid_out(mesh: SurfaceMesh) -> Unfolding:
+def _layout(mesh: SurfaceMesh) -> Unfolding:
     length = mesh.side_length
     scale = float(length.max(initial=0.0)) or 1.0
     length = length / scale
@@ -102,7 +103,7 @@ def _laid_out(mesh: SurfaceMesh) -> Unfolding:
 
 
 def _cache_lines(n: int) -> NDArray[np.float64]:
-    """(n, 8) rows that begin where cache lines do: a row read at random is then one line, not two."""
+    """(n, 8) rows aligned to cache lines, so that a random row lies in one line instead of two."""
     room = np.empty(8 * n + 8)
     skip = -room.ctypes.data % _CACHE_LINE // 8
     return room[skip : skip + 8 * n].reshape(n, 8)
@@ -179,12 +180,12 @@ class Fans:
 
 
 def counterclockwise_corner(topology: Topology) -> NDArray[np.int64]:
-    """(3m,) the next corner around the same vertex, -1 behind the last; needs oriented faces."""
+    """(3m,) next corner counter-clockwise around the same vertex, -1 after the last; for oriented faces."""
     return topology.side_twin[:, PREVIOUS].ravel()
 
 
 def vertex_fans(mesh: SurfaceMesh) -> Fans:
-    """The corners in order around every vertex of an oriented mesh; kept as long as the mesh lives."""
+    """Order the corners around every vertex of an oriented mesh; cached as long as the mesh exists."""
     if mesh not in _FANS:
         _FANS[mesh] = _ordered_fans(mesh)
     return _FANS[mesh]
@@ -219,7 +220,7 @@ def _first_corners(after: NDArray) -> tuple[NDArray, NDArray]:
     """First corner of each fan (clockwise end of an open fan, lowest of a closed one); is it open."""
     n = len(after)
     has_before = np.zeros(n + 1, dtype=bool)
-    has_before[after] = True  # -1 lands in the spare place
+    has_before[after] = True  # -1 writes to the last, unused entry
     beginning = np.flatnonzero(~has_before[:n])
     least = np.arange(n)
     jump = np.where(after >= 0, after, np.arange(n))

@@ -1,4 +1,4 @@
-"""Arrays that a call names: carried by the input mesh, or in a file of their own."""
+"""Arrays by name: of the input mesh, or of a file."""
 
 from __future__ import annotations
 
@@ -11,32 +11,32 @@ from numpy.typing import NDArray
 from ddgcli.errors import MeshFileError, ParameterError, excerpt
 from ddgcli.io.readers.numpy_file import npy_array, npz_arrays, text_array
 
-PLACES = ("vertex", "face", "edge")
+ELEMENTS = ("vertex", "face", "edge")
 
 
-def given_array(source: Any, name: str) -> tuple[NDArray, str]:
+def input_array(source: Any, name: str) -> tuple[NDArray, str]:
     """Array of the input by its name, or of a file by its path.
 
     Parameters
     ----------
     source : MeshInput
     name : str
-        An array that the input carries, or a file (`.npy`, `.npz` with one array, `.csv`, `.txt`).
+        An array of the input, or a file (`.npy`, `.npz` with one array, `.csv`, `.txt`).
 
     Returns
     -------
     array : ndarray
     place : {'vertex', 'face', 'edge', ''}
-        Where the input carries it; empty for a file, whose length must tell.
+        Elements of the array; empty for a file, whose length decides.
     """
-    for place in PLACES:
+    for place in ELEMENTS:
         if name in getattr(source, place):
             return np.asarray(getattr(source, place)[name]), place
     if Path(name).suffix.lower() in READERS:
         return read_array(name), ""
-    known = [f"{array} ({place})" for place in PLACES for array in getattr(source, place)]
+    known = [f"{array} ({place})" for place in ELEMENTS for array in getattr(source, place)]
     raise ParameterError(
-        f"no array {name!r} in the input (it carries: {', '.join(known) or 'none'}), and no such file; "
+        f"no array {name!r} in the input (its arrays: {', '.join(known) or 'none'}), and no such file; "
         f"name one of these, or a {', '.join(READERS)} file"
     )
 
@@ -62,10 +62,10 @@ def read_array(path: str) -> NDArray:
 
 
 def _read_npz(data: bytes) -> NDArray:
-    found, _ = npz_arrays(data)
-    if len(found) != 1:
-        raise MeshFileError(f"holds {len(found)} arrays ({excerpt(', '.join(found))}); store one")
-    return next(iter(found.values()))
+    arrays, _ = npz_arrays(data)
+    if len(arrays) != 1:
+        raise MeshFileError(f"holds {len(arrays)} arrays ({excerpt(', '.join(arrays))}); store one")
+    return next(iter(arrays.values()))
 
 
 READERS: dict[str, Any] = {
@@ -92,23 +92,23 @@ def aligned_edge_values(edges: NDArray, file_edges: NDArray, values: NDArray) ->
     low, high = file_edges.min(axis=1), file_edges.max(axis=1)
     order = np.argsort(key)
     place = np.searchsorted(key[order], low * n + high).clip(max=max(len(key) - 1, 0))
-    found = order[place]
-    if len(file_edges) != len(edges) or (key[found] != low * n + high).any():
+    edge = order[place]
+    if len(file_edges) != len(edges) or (key[edge] != low * n + high).any():
         raise ParameterError("the array `edges` of the input does not list the edges of its faces; drop it")
     result = np.zeros(len(edges))
-    result[found] = np.where(file_edges[:, 0] <= file_edges[:, 1], values, -np.asarray(values))
+    result[edge] = np.where(file_edges[:, 0] <= file_edges[:, 1], values, -np.asarray(values))
     return result
 
 
-def given_field(source: Any, name: str | None, path: str | None) -> tuple[NDArray, str] | None:
-    """The field that `--field` or `--field-file` names, edge values in the mesh's order; None for neither."""
+def input_field(source: Any, name: str | None, path: str | None) -> tuple[NDArray, str] | None:
+    """The field of an array `name` or of a file `path`, edge values in mesh order; None for neither."""
     if name is not None and path is not None:
-        raise ParameterError("--field and --field-file name two fields; give one")
+        raise ParameterError("`field` and `field_file` exclude each other; give one")
     if name is None and path is None:
         return None
     if path is not None:
         return read_array(path), ""
-    array, place = given_array(source, str(name))
+    array, place = input_array(source, str(name))
     if place == "edge" and "edges" in source.edge:
         array = aligned_edge_values(source.mesh.topology.edges, source.edge["edges"], array)
     return array, place

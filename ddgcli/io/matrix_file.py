@@ -1,4 +1,4 @@
-"""Sparse matrices out, in the formats that scipy and everybody else read."""
+"""Write sparse matrices in formats of scipy and Matrix Market."""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
-"""The door for mesh files: every format in, every format out, nothing half-written.
+"""Read and write mesh files of all formats; outputs are written whole or not at all.
 
-Readers, and why these: OBJ, OFF, PLY, STL, VTK, VTU, VTP, CSV, NPZ and VTKHDF are read by our own short
-readers (each says why in its file: faithful order, guarded counts, arrays kept, speed); what finite elements
-write otherwise goes through meshio, what artists write through trimesh, both behind a guard (`read_foreign`).
+OBJ, OFF, PLY, STL, VTK, VTU, VTP, CSV, NPZ and VTKHDF have readers of their own, which keep the order and the
+arrays of the file, check counts, and are fast. Other formats of finite element programs are read by meshio,
+those of 3D graphics by trimesh, both in a guarded process (`readers.foreign`).
 """
 
 from __future__ import annotations
@@ -25,11 +25,11 @@ from ddgcli.io.readers.raw_mesh import RawMesh, assembled
 from ddgcli.mesh.curve import CurveSet
 from ddgcli.mesh.fields import AnnotatedMesh
 from ddgcli.mesh.intrinsic_mesh import IntrinsicMesh
-from ddgcli.mesh.require import kind_of, wrong_kind
+from ddgcli.mesh.require import kind_error, kind_of
 from ddgcli.mesh.tet_mesh import TetMesh
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 
-# extension -> (module, function); modules are imported only when their format is met
+# extension -> (module, function); modules are imported on demand
 READERS = {
     ".obj": ("readers.obj", "read_obj"), ".off": ("readers.off", "read_off"),
     ".ply": ("readers.ply", "read_ply"),
@@ -52,21 +52,21 @@ INTRINSIC_FORMATS = (".npz", ".vtkhdf")
 
 @dataclass(frozen=True, eq=False)
 class MeshInput:
-    """A mesh as read, with the arrays and the story of its file.
+    """A mesh with the arrays of its file and notes about the reading.
 
     Parameters
     ----------
     mesh : TriangleMesh, TetMesh or CurveSet
     path, sha256 : str
     vertex, face, edge, whole : dict of str to ndarray
-        Arrays the file carried; `face` those on cells (tetrahedra, segments), repeated where polygons were
+        Arrays of the file; `face` those on cells (tetrahedra, segments), repeated where polygons were
         split; `edge` in the order of the file's own `edges`.
     input_vertex : (k,) ndarray of int64, or None
         Vertex of the mesh for each vertex of the file, where the format needed a merge.
     input_face : (m,) ndarray of int64, or None
         Polygon of the file for each triangle, where polygons were split.
     notes : tuple of str
-        What was done to the input: merged, triangulated, ...
+        Changes to the input: merged, triangulated, ...
     """
 
     mesh: TriangleMesh | TetMesh | CurveSet
@@ -92,7 +92,7 @@ class MeshInput:
             return self.mesh.boundary
         if isinstance(self.mesh, TriangleMesh):
             return self.mesh
-        raise MeshError(f"{self.path}: {wrong_kind(self.mesh, ('surface',))}")
+        raise MeshError(f"{self.path}: {kind_error(self.mesh, ('surface',))}")
 
 
 def read_mesh(path: str, input_format: str | None = None) -> MeshInput:
@@ -103,7 +103,7 @@ def read_mesh(path: str, input_format: str | None = None) -> MeshInput:
     path : str
         `-` is standard input, which needs `input_format`.
     input_format : str, optional
-        An extension that outranks the path's own.
+        An extension, used instead of that of the path.
 
     Raises
     ------
@@ -113,15 +113,15 @@ def read_mesh(path: str, input_format: str | None = None) -> MeshInput:
     suffix = format_of(path, input_format)
     data = _bytes(path)
     if not data:
-        raise MeshFileError(f"{path}: the file is empty; see what should have written it")
+        raise MeshFileError(f"{path}: the file is empty; write it again")
     try:
         raw = _raw(path, data, suffix)
         mesh, cells, polygon = assembled(raw)
     except InputError as error:
-        raise type(error)(f"{path}: {error}{_told_apart(data, suffix)}") from error
+        raise type(error)(f"{path}: {error}{_format_hint(data, suffix)}") from error
     except (MemoryError, OverflowError, RecursionError) as error:
         raise MeshFileError(
-            f"{path}: asks for more than can be held ({excerpt(error)}); the file is damaged"
+            f"{path}: needs more memory than there is ({excerpt(error)}); the file is damaged"
         ) from error
     return MeshInput(
         mesh, path, hashlib.sha256(data).hexdigest(), raw.vertex, cells, raw.edge, raw.whole,
@@ -130,41 +130,41 @@ def read_mesh(path: str, input_format: str | None = None) -> MeshInput:
 
 
 def format_of(path: str, input_format: str | None = None) -> str:
-    """The extension that chooses the reader; refused when no reader knows it."""
-    from ddgcli.io.readers import foreign as read_foreign
+    """The extension that chooses the reader; MeshFileError if no reader knows it."""
+    from ddgcli.io.readers import foreign
 
     if input_format:
         suffix = "." + input_format.lower().lstrip(".")
     elif path == "-":
-        raise MeshFileError("-: standard input needs --input-format, such as --input-format ply")
+        raise MeshFileError("-: standard input needs `input_format`, such as `input_format=ply`")
     elif Path(path).is_dir():
         raise MeshFileError(f"{path}: is a folder; name a mesh file")
     else:
         suffix = Path(path).suffix.lower()
-    if suffix not in READERS and suffix not in read_foreign.suffixes():
-        known = " ".join(sorted({*READERS, *read_foreign.suffixes()}))
+    if suffix not in READERS and suffix not in foreign.suffixes():
+        known = " ".join(sorted({*READERS, *foreign.suffixes()}))
         raise MeshFileError(
-            f"{path}: unknown format {excerpt(suffix, 20) or '(no extension)'}; name it by --input-format; "
+            f"{path}: unknown format {excerpt(suffix, 20) or '(no extension)'}; set `input_format`; "
             f"known: {known}"
         )
     return suffix
 
 
-# how files of a format begin that are met under another's name
+# first bytes of formats, for files with a wrong extension
 _BEGINNINGS = {
     b"ply": ".ply", b"OFF": ".off", b"solid": ".stl", b"# vtk DataFile": ".vtk", b"\x89HDF": ".vtkhdf",
     b"glTF": ".glb", b"$MeshFormat": ".msh", b"MeshVersionFormatted": ".mesh",
 }  # fmt: skip
 
 
-def _told_apart(data: bytes, suffix: str) -> str:
-    """What else a file that cannot be read seems to be, as the end of the message."""
+def _format_hint(data: bytes, suffix: str) -> str:
+    """Likely format of a file that cannot be read, as the end of the message."""
     if data[:2] == b"\x1f\x8b":
         return "; it is compressed: unpack it (gunzip)"
     likely = next((name for begin, name in _BEGINNINGS.items() if data.startswith(begin)), suffix)
     for kind, name in ((b'type="UnstructuredGrid"', ".vtu"), (b'type="PolyData"', ".vtp")):
         likely = name if kind in data[:400] else likely
-    return "" if likely == suffix else f"; it begins like a {likely} file: --input-format {likely[1:]}"
+    return "" if likely == suffix else f"; it begins like a {likely} file: use `input_format={likely[1:]}`"
 
 
 def _bytes(path: str) -> bytes:
@@ -187,9 +187,9 @@ def _raw(path: str, data: bytes, suffix: str) -> RawMesh:
     raw = _function(READERS[suffix])(data) if suffix in READERS else None
     if raw is not None:
         return raw
-    from ddgcli.io.readers import foreign as read_foreign
+    from ddgcli.io.readers import foreign
 
-    read = read_foreign.read_meshio if suffix in read_foreign.MESHIO else read_foreign.read_trimesh
+    read = foreign.read_meshio if suffix in foreign.MESHIO else foreign.read_trimesh
     if path != "-" and Path(path).suffix.lower() == suffix:
         return read(path, suffix)
     with tempfile.TemporaryDirectory() as folder:
@@ -204,7 +204,7 @@ def _function(entry: tuple[str, str]) -> Callable:
 
 
 def check_output(path: str, output_format: str | None = None, *, formats: Sequence[str] | None = None) -> str:
-    """The format of an output, checked before any work; `formats` are those allowed, by default the meshes'.
+    """Format of an output, checked before any work; `formats`: the allowed ones, by default those of meshes.
 
     Raises
     ------
@@ -217,7 +217,7 @@ def check_output(path: str, output_format: str | None = None, *, formats: Sequen
         else Path(path).suffix.lower()
     )
     if path == "-" and not output_format:
-        raise OutputError("-o - needs --output-format, such as --output-format ply")
+        raise OutputError("standard output (-) needs `output_format`, such as `output_format=ply`")
     known = tuple(WRITERS) if formats is None else tuple(formats)
     if suffix not in known:
         raise OutputError(
@@ -229,7 +229,7 @@ def check_output(path: str, output_format: str | None = None, *, formats: Sequen
 
 
 def check_place(path: str, *, inputs: tuple[str, ...] = ()) -> None:
-    """Refuse an output path in a folder that is not there, or that is one of the inputs."""
+    """Raise OutputError for an output in a missing folder, or that is one of the inputs."""
     target = Path(path)
     _check_regular(path)
     if not target.parent.is_dir():
@@ -242,15 +242,15 @@ def check_place(path: str, *, inputs: tuple[str, ...] = ()) -> None:
 
 
 def _check_regular(path: str) -> None:
-    """Refuse a pipe, socket or device: what is written whole takes the place of what is there."""
+    """Raise OutputError for a pipe, socket or device, which an atomic write would replace by a file."""
     try:
         mode = os.stat(path).st_mode
-    except (OSError, ValueError):  # nothing there, or not to be seen: writing will say so
+    except (OSError, ValueError):  # missing or not accessible: writing reports it
         return
     if stat.S_ISDIR(mode):
         raise OutputError(f"{path}: is a folder; name a file in it")
     if not stat.S_ISREG(mode):
-        raise OutputError(f"{path}: is a pipe or device, not a file; name a file, or -o - for output")
+        raise OutputError(f"{path}: is a pipe or device, not a file; name a file, or - for standard output")
 
 
 def write_mesh(path: str, annotated: AnnotatedMesh, *, output_format: str | None = None) -> None:
@@ -259,32 +259,32 @@ def write_mesh(path: str, annotated: AnnotatedMesh, *, output_format: str | None
     A `path` of `-` writes to standard output in `output_format`.
     """
     suffix = check_output(path, output_format)
-    from ddgcli.io.writers.cell_data import sheet_of
+    from ddgcli.io.writers.cell_data import cell_data_of
 
     if isinstance(annotated.mesh, IntrinsicMesh) and suffix not in INTRINSIC_FORMATS:
         raise OutputError(f"{path}: {suffix} cannot hold an intrinsic triangulation; write .npz or .vtkhdf")
     try:
-        data = _function(WRITERS[suffix])(sheet_of(annotated))
+        data = _function(WRITERS[suffix])(cell_data_of(annotated))
     except OutputError as error:
         raise OutputError(f"{path}: {error}") from error
     if path == "-":
         sys.stdout.buffer.write(data)
         sys.stdout.buffer.flush()
         return
-    write_whole(path, data)
+    write_atomically(path, data)
 
 
-def write_whole(path: str, data: bytes) -> None:
-    """Put bytes at a path, whole or not at all."""
-    with written_whole(path) as partial:
+def write_atomically(path: str, data: bytes) -> None:
+    """Write bytes to a path, all or nothing."""
+    with atomic_output(path) as partial:
         Path(partial).write_bytes(data)
 
 
 @contextlib.contextmanager
-def written_whole(path: str) -> Iterator[str]:
-    """A temporary path beside `path` (same extension) that is renamed to it when the block ends well.
+def atomic_output(path: str) -> Iterator[str]:
+    """A temporary path beside `path` (same extension) that is renamed to it if the block raises nothing.
 
-    A link is written through; permissions of a file that is replaced stay. After an error nothing is left.
+    A link is followed; the permissions of a replaced file are kept. After an error no file remains.
     """
     _check_regular(path)
     target = Path(os.path.realpath(path))
@@ -305,7 +305,7 @@ def written_whole(path: str) -> Iterator[str]:
 
 
 def _mode(target: Path) -> int:
-    """Permissions of the file that is replaced, or what the user's mask gives a new one."""
+    """Permissions of the replaced file, or of a new one by the umask."""
     if target.exists():
         return target.stat().st_mode & 0o777
     mask = os.umask(0)

@@ -1,4 +1,4 @@
-"""Scene files: TOML to a plain dict, with the line on which every key stands."""
+"""Scene files: TOML as a plain dict, with the line of every key."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ Key = tuple[str | int, ...]
 
 @dataclass(frozen=True)
 class SceneDocument:
-    """A scene as written.
+    """Content of a scene file.
 
     Parameters
     ----------
@@ -27,7 +27,7 @@ class SceneDocument:
         Line (from 1) of each table and key; array-of-table entries are numbered.
     source : str
     path : str
-        As the user named it; "" for a scene made from options.
+        Path of the call; "" for a scene from options.
     folder : str
         Where relative mesh paths start.
     """
@@ -69,16 +69,16 @@ def parse_scene(text: str, path: str = "", folder: str = ".") -> SceneDocument:
     try:
         data = tomllib.loads(text)
     except (tomllib.TOMLDecodeError, RecursionError) as error:
-        found = re.search(r"\(at line (\d+), column (\d+)\)", str(error))
+        match = re.search(r"\(at line (\d+), column (\d+)\)", str(error))
         what = re.sub(r"\s*\(at .*\)", "", str(error)) or "nested too deeply"
-        where = f"line {found[1]}: " if found else f"line {text.count(chr(10)) + 1}: "
-        raise SceneError(f"{prefix}{where}not TOML: {what}; mend that line") from error
+        where = f"line {match[1]}: " if match else f"line {text.count(chr(10)) + 1}: "
+        raise SceneError(f"{prefix}{where}not TOML: {what}; correct that line") from error
     return SceneDocument(data, key_lines(text), text, path, folder)
 
 
 _HEADER = re.compile(r"^\s*(\[\[?)\s*(.+?)\s*(\]\]?)\s*(?:#.*)?$")
 _INLINE_KEY = re.compile(r"([A-Za-z0-9_-]+)\s*=(?!=)")
-# what decides where a statement ends: strings, comments, brackets, ends of rows
+# tokens that determine the end of a statement: strings, comments, brackets, ends of rows
 _TOKEN = re.compile(
     r""""{3}(?:\\.|[^\\])*?"{3,5}|'{3}.*?'{3,5}|"(?:\\.|[^"\\\n])*"|'[^'\n]*'|\#[^\n]*|[\[\]{}\n]""",
     re.DOTALL,
@@ -86,7 +86,7 @@ _TOKEN = re.compile(
 
 
 def key_lines(text: str) -> dict[Key, int]:
-    """Line of every table header and key of a valid TOML text (tomllib tells lines only of errors)."""
+    """Line of every table header and key of a valid TOML text (tomllib reports lines of errors only)."""
     lines: dict[Key, int] = {}
     counts: dict[Key, int] = {}
     table: Key = ()

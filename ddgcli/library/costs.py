@@ -12,8 +12,8 @@ from ddgcli.library.distances import surface_sources
 from ddgcli.library.mesh_arguments import MeshLike, mesh_of_kind
 from ddgcli.tradeoff.candidates import Table
 from ddgcli.tradeoff.measure import run_problem
-from ddgcli.tradeoff.pareto import give_verdicts
-from ddgcli.tradeoff.problems.geodesic import DIALS as GEODESIC_PARAMETERS
+from ddgcli.tradeoff.pareto import assign_verdicts
+from ddgcli.tradeoff.problems.geodesic import METHOD_PARAMETERS as GEODESIC_PARAMETERS
 from ddgcli.tradeoff.problems.table import mesh_problem
 from ddgcli.tradeoff.truths import parse_truth
 
@@ -107,5 +107,5 @@ def tradeoff_table(
     table = run_problem(problem, repeat=repeat, budget=budget)
     if not table.rows and not table.left_out:
         raise ParameterError(f"no method of {question!r} has the options {options}")
-    give_verdicts(table, within, norm)
+    assign_verdicts(table, within, norm)
     return table

@@ -9,13 +9,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ddgcli.algorithms.geodesics.exact.exact_distance import exact_distance
-from ddgcli.algorithms.geodesics.flipout import straightened_curves
+from ddgcli.algorithms.geodesics.flipout import straighten_curves
 from ddgcli.algorithms.geodesics.isolines import isoline_curves
 from ddgcli.algorithms.geodesics.oriented_cover import OrientedCover, oriented_cover
 from ddgcli.algorithms.geodesics.paths import curve_set
 from ddgcli.algorithms.geodesics.shortest_paths import shortest_paths as core_shortest_paths
-from ddgcli.algorithms.geodesics.surface_curves import Curves, traced_curves
-from ddgcli.algorithms.tangent_fields.field_curves import with_transport
+from ddgcli.algorithms.geodesics.surface_curves import Curves, trace_curves
+from ddgcli.algorithms.tangent_fields.field_curves import add_transport
 from ddgcli.errors import ParameterError
 from ddgcli.geometry.surface_points import SurfacePoints
 from ddgcli.library.distances import surface_sources, vertex_numbers
@@ -58,9 +58,9 @@ def isolines(mesh: TriangleMesh, values: ArrayLike, count: int = 10) -> Measurem
     if count < 1:
         raise ParameterError(f"count must be at least 1, not {count}")
     cover = oriented_cover(mesh)
-    if cover.one_sided:
+    if cover.is_one_sided:
         return curve_measurement(mesh, isoline_curves(mesh, function, count))
-    return curve_measurement(mesh, cover.projected(isoline_curves(cover.mesh, function, count)))
+    return curve_measurement(mesh, cover.project(isoline_curves(cover.mesh, function, count)))
 
 
 @accepts_arrays("surface")
@@ -109,13 +109,13 @@ def shortest_paths(
     """
     cover, checked = oriented_cover(mesh), surface_sources(mesh, sources, source_points)
     if len(checked.points):
-        cover.need_two_sides("a path from points inside faces")
+        cover.require_two_sides("a path from points inside faces")
     curves = core_shortest_paths(
         cover.mesh,
-        cover.lifted_exact(exact_distance(mesh, checked)),
-        cover.lifted_sources(checked),
+        cover.lift_exact(exact_distance(mesh, checked)),
+        cover.lift_sources(checked),
         vertex_numbers(targets),
-        continued=cover.continued,
+        join_lifts=cover.join_lifts,
     )
     return _transported(cover, curves, transport)
 
@@ -160,11 +160,9 @@ def straighten_paths(
     6.27
     """
     cover = oriented_cover(mesh)
-    cover.need_two_sides("straightening")
+    cover.require_two_sides("straightening")
     waypoints = [vertex_numbers(path) for path in paths]
-    return _transported(
-        cover, straightened_curves(cover.mesh, waypoints, [closed] * len(waypoints)), transport
-    )
+    return _transported(cover, straighten_curves(cover.mesh, waypoints, [closed] * len(waypoints)), transport)
 
 
 @accepts_arrays("surface")
@@ -222,8 +220,8 @@ def trace(
             f"face, length, barycentric and direction do not fit together: {error}"
         ) from error
     cover = oriented_cover(mesh)
-    start = cover.lifted_points(SurfacePoints.checked(faces, weights, mesh.n_faces))
-    curves = traced_curves(
+    start = cover.lift_points(SurfacePoints.checked(faces, weights, mesh.n_faces))
+    curves = trace_curves(
         cover.mesh, start.face, start.barycentric, vectors, lengths, at_boundary=at_boundary
     )
     return _transported(cover, curves, transport)
@@ -239,8 +237,8 @@ def _broadcast(face: ArrayLike, length: ArrayLike, *vectors: ArrayLike) -> tuple
 
 def _transported(cover: OrientedCover, curves: Curves, transport: bool) -> Measurement:
     """Curves of the cover as a measurement of the base, with a transported frame where required."""
-    moved = with_transport(cover.mesh, curves) if transport else curves
-    return curve_measurement(cover.base, cover.projected(moved))
+    moved = add_transport(cover.mesh, curves) if transport else curves
+    return curve_measurement(cover.base, cover.project(moved))
 
 
 def curve_measurement(mesh: TriangleMesh, curves: Curves) -> Measurement:

@@ -7,7 +7,7 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ddgcli.algorithms.hodge import report
+from ddgcli.algorithms.hodge import hodge_analysis as analysis
 from ddgcli.algorithms.hodge.harmonic import HarmonicBasis
 from ddgcli.algorithms.hodge.harmonic import harmonic_basis as core_harmonic_basis
 from ddgcli.algorithms.hodge.homology import BettiNumbers, Boundary
@@ -21,7 +21,7 @@ __all__ = ["betti_numbers", "harmonic_basis", "hodge_decomposition", "homology_g
 
 @accepts_arrays("surface", "tetrahedra")
 def hodge_decomposition(
-    mesh: report.SpaceMesh,
+    mesh: analysis.SpaceMesh,
     field: ArrayLike,
     boundary: Boundary = "tangential",
     *,
@@ -70,7 +70,7 @@ def hodge_decomposition(
     True
     """
     _check(mesh, boundary)
-    measured = report.hodge_report(mesh, (np.asarray(field), place), boundary, False)
+    measured = analysis.hodge_analysis(mesh, (np.asarray(field), place), boundary, False)
     arrays = measured.annotated
     return Measurement(
         mesh,
@@ -83,15 +83,15 @@ def hodge_decomposition(
     )
 
 
-def _check(mesh: report.SpaceMesh, boundary: str) -> None:
+def _check(mesh: analysis.SpaceMesh, boundary: str) -> None:
     """Refuse meshes without a decomposition, and unknown boundary conditions."""
-    report.check_mesh(mesh)
+    analysis.check_mesh(mesh)
     if boundary not in get_args(Boundary):
         raise ParameterError(f"unknown boundary {boundary!r}; choose one of {', '.join(get_args(Boundary))}")
 
 
 @accepts_arrays("surface", "tetrahedra")
-def betti_numbers(mesh: report.SpaceMesh) -> BettiNumbers:
+def betti_numbers(mesh: analysis.SpaceMesh) -> BettiNumbers:
     """Ranks of the homology of a surface or a solid.
 
     Parameters
@@ -115,12 +115,12 @@ def betti_numbers(mesh: report.SpaceMesh) -> BettiNumbers:
     >>> ddg.betti_numbers(ddg.torus(12, 6)).absolute
     (1, 2, 1)
     """
-    report.check_mesh(mesh)
+    analysis.check_mesh(mesh)
     return core_betti_numbers(mesh)
 
 
 @accepts_arrays("surface", "tetrahedra")
-def harmonic_basis(mesh: report.SpaceMesh, boundary: Boundary = "tangential") -> HarmonicBasis:
+def harmonic_basis(mesh: analysis.SpaceMesh, boundary: Boundary = "tangential") -> HarmonicBasis:
     """Orthonormal basis of the harmonic 1-forms.
 
     Parameters
@@ -159,7 +159,7 @@ def harmonic_basis(mesh: report.SpaceMesh, boundary: Boundary = "tangential") ->
 
 
 @accepts_arrays("surface", "tetrahedra")
-def homology_generators(mesh: report.SpaceMesh) -> list[NDArray[np.int64]]:
+def homology_generators(mesh: analysis.SpaceMesh) -> list[NDArray[np.int64]]:
     """Closed edge loops that generate the first homology, short ones first.
 
     Parameters
@@ -187,5 +187,5 @@ def homology_generators(mesh: report.SpaceMesh) -> list[NDArray[np.int64]]:
     >>> len(ddg.homology_generators(ddg.torus(12, 6)))
     2
     """
-    loops = report.hodge_report(mesh, None, "tangential", False).results["generators"]
+    loops = analysis.hodge_analysis(mesh, None, "tangential", False).results["generators"]
     return [np.array(loop, dtype=np.int64) for loop in loops]

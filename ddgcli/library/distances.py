@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ddgcli.algorithms.geodesics import distance as distances
-from ddgcli.algorithms.geodesics.sources import Sources, checked_sources
+from ddgcli.algorithms.geodesics.sources import Sources, check_sources
 from ddgcli.errors import ParameterError
 from ddgcli.geometry.surface_points import nearest_points
 from ddgcli.library.mesh_arguments import MeshLike, accepts_arrays, mesh_of_kind
@@ -71,7 +71,7 @@ class DistanceSolver:
     def __init__(self, mesh: MeshLike, method: str = "exact", **options: Any) -> None:
         self.mesh = mesh_of_kind(mesh, ("surface", "intrinsic"), "a geodesic distance")
         self.method = method
-        self._solve = distances.prepare(self.mesh, method, _distance_options(method, options))
+        self._solve = distances.prepare_solver(self.mesh, method, _distance_options(method, options))
 
     def distance(
         self, sources: int | Sequence[int] | NDArray = (), *, source_points: ArrayLike | None = None
@@ -259,7 +259,7 @@ def surface_sources(
         if position.ndim != 2 or position.shape[1] != 3 or not np.isfinite(position).all():
             raise ParameterError("source_points must be finite positions of shape (k, 3)")
         points, _ = nearest_points(mesh_of_kind(mesh, ("surface",), "source_points"), position)
-    return checked_sources(mesh, Sources.at(vertex_numbers(sources), points))
+    return check_sources(mesh, Sources.at(vertex_numbers(sources), points))
 
 
 def vertex_numbers(vertices: int | Sequence[int] | NDArray) -> list[int]:

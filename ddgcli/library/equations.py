@@ -255,7 +255,7 @@ def mean_curvature_flow(
     steps: int = 10,
     operator: str | None = None,
     mass: str = "lumped",
-) -> smoothing.Smoothed:
+) -> smoothing.SmoothingResult:
     """Surface after implicit mean curvature flow, dx/dt = -2 H n, for some time.
 
     Parameters

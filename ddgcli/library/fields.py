@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ddgcli.algorithms.geodesics.exact.exact_distance import exact_distance
-from ddgcli.algorithms.geodesics.fast_marching import marched_distance
+from ddgcli.algorithms.geodesics.fast_marching import fast_marching_distance
 from ddgcli.algorithms.geodesics.oriented_cover import oriented_cover
 from ddgcli.algorithms.tangent_fields.field_curves import field_curves
 from ddgcli.algorithms.tangent_fields.integral_curves import random_starts, starts_at
-from ddgcli.algorithms.tangent_fields.vertex_vectors import VertexVectors, log_map_vectors, spread_vectors
+from ddgcli.algorithms.tangent_fields.vertex_vectors import VertexVectors, log_map_vectors, transport_vectors
 from ddgcli.errors import ParameterError
 from ddgcli.library.curves import curve_measurement
 from ddgcli.library.distances import surface_sources
@@ -64,10 +64,10 @@ def parallel_transport(
     True
     """
     cover = oriented_cover(mesh)
-    cover.need_two_sides("parallel transport")
+    cover.require_two_sides("parallel transport")
     at = surface_sources(mesh, sources)
     return _vertex_measurement(
-        mesh, spread_vectors(cover.mesh, cover.lifted_sources(at), np.atleast_2d(vectors))
+        mesh, transport_vectors(cover.mesh, cover.lift_sources(at), np.atleast_2d(vectors))
     )
 
 
@@ -114,13 +114,13 @@ def logarithmic_map(
     if method not in ("exact", "fast-marching"):
         raise ParameterError(f"the logarithmic map follows 'exact' or 'fast-marching', not {method!r}")
     cover = oriented_cover(mesh)
-    cover.need_two_sides("the logarithmic map")
+    cover.require_two_sides("the logarithmic map")
     at = surface_sources(mesh, source)
-    lifted = cover.lifted_sources(at)
+    lifted = cover.lift_sources(at)
     if method == "exact":
-        arrived = cover.lifted_exact(exact_distance(mesh, at, directions=mesh.topology.is_oriented))
+        arrived = cover.lift_exact(exact_distance(mesh, at, directions=mesh.topology.is_oriented))
         return _vertex_measurement(mesh, log_map_vectors(cover.mesh, arrived, lifted))
-    return _vertex_measurement(mesh, log_map_vectors(cover.mesh, marched_distance(mesh, at), lifted))
+    return _vertex_measurement(mesh, log_map_vectors(cover.mesh, fast_marching_distance(mesh, at), lifted))
 
 
 def _vertex_measurement(mesh: TriangleMesh, vectors: VertexVectors) -> Measurement:
@@ -184,15 +184,15 @@ def integral_curves(
     [0.75, 0.5, 0.0]
     """
     cover = oriented_cover(mesh)
-    values, place = cover.lifted_values(np.asarray(vectors, dtype=np.float64))
+    values, place = cover.lift_values(np.asarray(vectors, dtype=np.float64))
     if count < 1:
         raise ParameterError(f"count must be at least 1, not {count}")
     if starts is None:
         points = random_starts(cover.mesh, count, seed)
     else:
         at = surface_sources(mesh, starts)
-        points = starts_at(cover.mesh, cover.lifted_sources(at))
+        points = starts_at(cover.mesh, cover.lift_sources(at))
     curves = field_curves(
         cover.mesh, values, points, duration, order=order, step=step, tolerance=tolerance, place=place
     )
-    return curve_measurement(mesh, cover.projected(curves))
+    return curve_measurement(mesh, cover.project(curves))

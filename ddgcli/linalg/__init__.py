@@ -5,6 +5,7 @@ smallest eigenpairs, `constrain` Dirichlet problems, `conjugate` conjugate gradi
 """
 
 __all__ = [
+    "assembly_tree",
     "backends",
     "condition",
     "conjugate",
@@ -12,7 +13,6 @@ __all__ = [
     "dissection",
     "eigen",
     "factor",
-    "fronts",
     "lanczos",
     "multifrontal",
     "ordering",

@@ -1,7 +1,7 @@
-"""The sparse factorisations behind `Factor`: our own, SuperLU of scipy, and CHOLMOD of the extra `fast`.
+"""Sparse factorisations behind `Factor`: our own, SuperLU of scipy, and CHOLMOD of the extra `fast`.
 
-Each backend takes a sorted CSC matrix, analyses it once, and takes new values of the same pattern. `like` is
-a backend of another matrix of the same pattern, whose analysis serves again.
+Each backend analyses a sorted CSC matrix once and factorises new values of the same pattern. `like` is a
+backend of another matrix of the same pattern, whose analysis is used again.
 """
 
 from __future__ import annotations
@@ -19,21 +19,22 @@ from scipy.sparse import csc_array
 from scipy.sparse.linalg import splu
 
 from ddgcli.errors import ParameterError, SolveError
-from ddgcli.linalg.dissection import Dissection, dissected
-from ddgcli.linalg.fronts import Stage, fronts
-from ddgcli.linalg.multifrontal import factored, solved
+from ddgcli.linalg.assembly_tree import AssemblyLevel, assembly_levels
+from ddgcli.linalg.dissection import Dissection, nested_dissection
+from ddgcli.linalg.multifrontal import cholesky_groups, cholesky_solve
 from ddgcli.linalg.ordering import Ordering, fill_reducing_ordering, postorder
 
 log = logging.getLogger("ddgcli")
 
 SOLVERS = ("auto", "multifrontal", "superlu", "cholmod", "pivoted")
-# unknowns below which importing the CHOLMOD wheel costs more than it saves; entries below which dissection
-# costs more than minimum degree (8,600 vertices of a mesh, 350 of a shell)
-CHOLMOD_FROM, MULTIFRONTAL_FROM = 3000, 100_000
+# unknowns below which importing the CHOLMOD wheel costs more than it saves
+MIN_CHOLMOD_UNKNOWNS = 3000
+# entries below which dissection costs more than minimum degree (8,600 vertices of a mesh, 350 of a shell)
+MIN_MULTIFRONTAL_ENTRIES = 100_000
 
 
-class NotDefinite(SolveError):
-    """A Cholesky pivot was not positive: the caller goes on with pivoting."""
+class NotPositiveDefinite(SolveError):
+    """A Cholesky pivot is not positive; the caller factorises with pivoting instead."""
 
 
 class Backend(Protocol):
@@ -43,7 +44,7 @@ class Backend(Protocol):
 
     @property
     def order(self) -> NDArray[np.int64] | None:
-        """Unknown eliminated at each step, for other matrices of the same pattern; None where not kept."""
+        """Unknown eliminated at each step, for other matrices of the same pattern; None if not kept."""
 
     def refactor(self, matrix: csc_array) -> None:
         """Factorise new values of the same pattern."""
@@ -54,26 +55,26 @@ class Backend(Protocol):
 
 @cache
 def cholmod_available() -> bool:
-    """Whether the CHOLMOD wheel of the extra `fast` can be imported; said once with -v."""
-    found = importlib.util.find_spec("cvxopt") is not None
-    if found:
+    """Whether the CHOLMOD wheel of the extra `fast` can be imported; reported once at level INFO."""
+    available = importlib.util.find_spec("cvxopt") is not None
+    if available:
         log.info("CHOLMOD (cvxopt, GPL-3) is installed and used for large systems")
-    return found
+    return available
 
 
-def chosen_solver(solver: str | None, matrix: csc_array, definite: bool) -> str:
-    """Name of the backend for a matrix; `solver`, then DDGCLI_SOLVER, then what is there."""
+def solver_name(solver: str | None, matrix: csc_array, definite: bool) -> str:
+    """Name of the backend for a matrix: `solver`, else DDGCLI_SOLVER, else by size and installed packages."""
     name = solver or os.environ.get("DDGCLI_SOLVER") or "auto"
     if name not in SOLVERS:
-        raise ParameterError(f"solver {name!r} is not one of {', '.join(SOLVERS)}; mend DDGCLI_SOLVER")
+        raise ParameterError(f"solver {name!r} is not one of {', '.join(SOLVERS)}; change DDGCLI_SOLVER")
     if name == "cholmod" and not cholmod_available():
         raise ParameterError("solver 'cholmod' is not installed; install ddgcli[fast] or use 'superlu'")
     if name == "pivoted" or not definite:
         return "pivoted"
     if name == "auto":
-        if matrix.shape[0] >= CHOLMOD_FROM and cholmod_available():
+        if matrix.shape[0] >= MIN_CHOLMOD_UNKNOWNS and cholmod_available():
             return "cholmod"
-        return "multifrontal" if matrix.nnz >= MULTIFRONTAL_FROM else "superlu"
+        return "multifrontal" if matrix.nnz >= MIN_MULTIFRONTAL_ENTRIES else "superlu"
     return name
 
 
@@ -92,20 +93,20 @@ def make_backend(name: str, matrix: csc_array, like: Backend | None = None) -> B
 def _multifrontal(matrix: csc_array, like: Backend | None) -> Backend:
     """Multifrontal, or SuperLU for graphs without short separators."""
     if isinstance(like, Multifrontal):
-        return Multifrontal(matrix, like.dissection, like.stages)
-    found = None if isinstance(like, SymmetricLU) else dissected(matrix)
-    if found is None:
+        return Multifrontal(matrix, like.dissection, like.levels)
+    dissection = None if isinstance(like, SymmetricLU) else nested_dissection(matrix)
+    if dissection is None:
         return SymmetricLU(matrix, like)
-    return Multifrontal(matrix, found, fronts(matrix, found))
+    return Multifrontal(matrix, dissection, assembly_levels(matrix, dissection))
 
 
 class Multifrontal:
-    """Cholesky factorisation in stacks of dense fronts, ordered by dissection; for definite matrices."""
+    """Multifrontal Cholesky factorisation ordered by nested dissection; for definite matrices."""
 
     name = "multifrontal"
 
-    def __init__(self, matrix: csc_array, dissection: Dissection, stages: list[Stage]) -> None:
-        self.dissection, self.stages = dissection, stages
+    def __init__(self, matrix: csc_array, dissection: Dissection, levels: list[AssemblyLevel]) -> None:
+        self.dissection, self.levels = dissection, levels
         self.refactor(matrix)
 
     @property
@@ -114,12 +115,12 @@ class Multifrontal:
 
     def refactor(self, matrix: csc_array) -> None:
         try:
-            self._groups = factored(self.stages, matrix.data)
+            self._groups = cholesky_groups(self.levels, matrix.data)
         except np.linalg.LinAlgError as error:
-            raise NotDefinite("the matrix is not positive definite") from error
+            raise NotPositiveDefinite("the matrix is not positive definite") from error
 
     def solve(self, rhs: NDArray) -> NDArray:
-        return solved(self._groups, rhs)
+        return cholesky_solve(self._groups, rhs)
 
 
 class SymmetricLU:
@@ -137,7 +138,7 @@ class SymmetricLU:
 
     def refactor(self, matrix: csc_array) -> None:
         if self._lu is not None and not self._final:
-            self._keep_found_order()
+            self._keep_order()
         if self._pattern is None:
             numbered = csc_array((np.arange(matrix.nnz), matrix.indices, matrix.indptr), shape=matrix.shape)
             self._pattern = _permuted(numbered, self._order)
@@ -153,8 +154,8 @@ class SymmetricLU:
         except RuntimeError as error:
             raise SolveError(f"the matrix is singular: {error}") from error
 
-    def _keep_found_order(self) -> None:
-        """Later factorisations of this pattern start from the order that minimum degree found."""
+    def _keep_order(self) -> None:
+        """Use the order of minimum degree in later factorisations of this pattern."""
         self._order, self._final, self._pattern = self.order, True, None
 
     @property
@@ -164,7 +165,7 @@ class SymmetricLU:
         return self._order[postorder(self._pattern, self._lu.perm_c)]
 
     def negative_pivots(self) -> int | None:
-        """Number of negative pivots; None where they do not stand on the diagonal."""
+        """Number of negative pivots; None where pivots are off the diagonal."""
         if not np.array_equal(self._lu.perm_r, self._lu.perm_c):
             return None
         return int((self._lu.U.diagonal() < 0).sum())
@@ -224,11 +225,11 @@ class Cholmod:
         if order is None:
             self._symbolic = cholmod.symbolic(self._matrix)
         else:
-            self._symbolic = self._analysed(dense(order.astype(np.int64)))
+            self._symbolic = self._symbolic_factorisation(dense(order.astype(np.int64)))
         self._numeric()
 
-    def _analysed(self, order: Any) -> Any:
-        """Symbolic factorisation in the given order; CHOLMOD would try its own beside it."""
+    def _symbolic_factorisation(self, order: Any) -> Any:
+        """Symbolic factorisation in `order` only; by default CHOLMOD also tries its own orders."""
         before = dict(self._cholmod.options)
         self._cholmod.options["nmethods"] = 1
         try:
@@ -252,7 +253,7 @@ class Cholmod:
         try:
             self._cholmod.numeric(self._matrix, self._symbolic)
         except ArithmeticError as error:
-            raise NotDefinite(f"the matrix is not positive definite (column {error})") from error
+            raise NotPositiveDefinite(f"the matrix is not positive definite (column {error})") from error
 
     def solve(self, rhs: NDArray) -> NDArray:
         x = self._dense(rhs)
@@ -261,7 +262,7 @@ class Cholmod:
 
 
 def _permuted(matrix: csc_array, order: NDArray) -> csc_array:
-    """Rows and columns in the given order, indices sorted."""
+    """Matrix with rows and columns in `order` and sorted indices."""
     permuted = matrix[order][:, order].tocsc()
     permuted.sort_indices()
     return permuted

@@ -12,14 +12,14 @@ Operator = Callable[[NDArray], NDArray]
 
 
 @dataclass(frozen=True, eq=False)
-class Move:
-    """What `truncated_conjugate_gradients` found.
+class NewtonStep:
+    """Result of `truncated_conjugate_gradients`.
 
     Parameters
     ----------
     x : (n,) ndarray
     left : float
-        Largest entry of what is estimated to be missing.
+        Estimate of the largest entry of the error.
     rounds : int
     convex : bool
         No direction of negative curvature ended the search.
@@ -38,7 +38,7 @@ def truncated_conjugate_gradients(
     enough: Callable[[float], float],
     most: int,
     through: Callable[[float], bool] = lambda first: False,
-) -> Move | None:
+) -> NewtonStep | None:
     """Approximate solution of a symmetric system; a descent direction for rhs = -gradient wherever it stops.
 
     Parameters
@@ -56,7 +56,7 @@ def truncated_conjugate_gradients(
 
     Returns
     -------
-    Move, or None where the preconditioner turns out not to be positive definite.
+    NewtonStep, or None where the preconditioner turns out not to be positive definite.
 
     Notes
     -----
@@ -72,14 +72,14 @@ def truncated_conjugate_gradients(
     rz = float(r @ z)
     first = float(np.abs(z).max(initial=0.0))
     if not rz > 0:
-        return Move(x, 0.0, 0, True) if first == 0.0 else None
+        return NewtonStep(x, 0.0, 0, True) if first == 0.0 else None
     allowed = enough(first)
     guess, p, left, truncated = z, z, first, None
     for k in range(1, most + 1):
         ap = apply(p)
         curvature = float(p @ ap)
         if not curvature > 0 and truncated is None:
-            truncated = Move(x.copy() if float(rhs @ x) > 0 else guess, left, k, False)
+            truncated = NewtonStep(x.copy() if float(rhs @ x) > 0 else guess, left, k, False)
             if not through(first) or curvature == 0.0:
                 return truncated
         step = rz / curvature
@@ -96,5 +96,5 @@ def truncated_conjugate_gradients(
             return truncated
         p = z if whole else z + rz / before * p
     if not float(rhs @ x) > 0:
-        return truncated or Move(guess, first, k, False)
-    return Move(x, left, k, True)
+        return truncated or NewtonStep(guess, first, k, False)
+    return NewtonStep(x, left, k, True)

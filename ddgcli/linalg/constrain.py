@@ -15,8 +15,7 @@ from ddgcli.linalg.factor import Factor
 
 log = logging.getLogger("ddgcli")
 
-# relative sum of a right-hand side over a component below which it counts as balanced
-BALANCED = 1e-10
+BALANCE_TOLERANCE = 1e-10  # relative sum of a right-hand side over a component
 
 
 def components(matrix: sparray) -> tuple[int, NDArray[np.int64]]:
@@ -44,16 +43,16 @@ def floating_components(matrix: sparray) -> NDArray[np.int64]:
 
 
 class Dirichlet:
-    """Factorisation of a symmetric matrix with some unknowns held at given values.
+    """Factorisation of a symmetric matrix with some fixed unknowns.
 
     Parameters
     ----------
     matrix : (n, n) sparse array
     fixed : (k,) ndarray of int, or (n,) ndarray of bool
-        Unknowns whose values are given. A component without one must be non-singular by itself.
+        Fixed unknowns. A component without one must be non-singular.
     like : Factor, optional
-        Of a matrix of the same pattern, held unknowns included, whose analysis serves again: then these stay
-        in the system, coupled to nothing, instead of being left out.
+        Of a matrix of the same pattern with the fixed unknowns, whose analysis is used again: then these
+        remain in the system, decoupled, instead of being removed.
     options
         Passed on to `Factor`.
     """
@@ -189,7 +188,7 @@ class Poisson:
         return self._indicator @ values
 
     def balanced(self, rhs: NDArray) -> NDArray:
-        """The right-hand side without its mean on each component (a multiple of the mass is taken off)."""
+        """The right-hand side without its mean on each component (a multiple of the mass is subtracted)."""
         rhs = np.array(rhs, dtype=np.float64)
         if not np.isfinite(rhs).all():
             raise SolveError("the right-hand side holds values that are not finite")
@@ -203,21 +202,21 @@ class Poisson:
     def solve(self, rhs: NDArray, *, refine: bool = True) -> NDArray[np.float64]:
         """Solution of mean zero per component, for integrated (n,) or (n, c) right-hand sides.
 
-        A right-hand side whose sum over a component is not zero has no solution: its mean is taken off first,
-        and a warning says by how much.
+        With a sum other than zero over a component there is no solution: the mean is subtracted first, and a
+        warning reports its size.
         """
         b = self.balanced(rhs)
-        if self.imbalance > BALANCED:
+        if self.imbalance > BALANCE_TOLERANCE:
             log.warning(
                 "the right-hand side does not sum to zero on every component (%.2g of its size): "
-                "its mean was taken off, since the Laplacian reaches only such right-hand sides",
+                "its mean was subtracted, because the Laplacian has no solution otherwise",
                 self.imbalance,
             )
         x = self._dirichlet.solve(np.zeros((len(self.pinned), *b.shape[1:])), b, refine=refine)
         return self.centred(x)
 
     def apply_inverse(self, rhs: NDArray) -> NDArray[np.float64]:
-        """`solve` for inner iterations: balanced in silence, not refined."""
+        """`solve` for inner iterations: balanced without a warning, not refined."""
         return self.centred(self.pinned_solve(rhs - self._spread(self._sums(rhs))))
 
     def pinned_solve(self, rhs: NDArray) -> NDArray[np.float64]:
@@ -233,7 +232,7 @@ class Poisson:
         return np.append(self._dirichlet.free[inner], self.pinned)
 
     def _spread(self, total: NDArray) -> NDArray:
-        """(n, ...) multiple of the mass, with the given (count, ...) sum over each floating component."""
+        """(n, ...) multiple of the mass, with the (count, ...) sum `total` over each floating component."""
         weight = self._sums(self.weight)
         share = total.T / np.where(weight > 0, weight, 1.0)
         return (self.weight * (share @ self._indicator)).T

@@ -1,8 +1,8 @@
 """Nested dissection of a graph by its own distances.
 
-Coordinates are breadth-first distances from a few vertices far apart, so only the connectivity counts. Every
-part is halved at the median of its longest direction, all parts of a level at once; the separators come last,
-from the edges between the halves (`separators.py`).
+Coordinates are breadth-first distances from a few vertices far apart, so that only the connectivity is used.
+Every part is halved at the median of its longest direction, all parts of a level at once; the separators are
+computed last from the edges between the halves (`separators.py`).
 
 A. George, "Nested dissection of a regular finite element mesh", 1973.
 """
@@ -18,30 +18,26 @@ from scipy.sparse.csgraph import breadth_first_order, connected_components
 
 from ddgcli.linalg.separators import separator_level
 
-LANDMARKS = 5
-SMOOTHING = 3
-# vertices of a part that is not cut any more
-LEAF = 32
-# smaller components are dissected all together
-LARGE = 2000
-# entries a row from which unknowns with the same neighbours are looked for and put together
-CONDENSED_FROM = 12
-# vertices that direction and median come from, of each part and of all; squarings of a covariance for its
-# longest direction
-SAMPLE, SAMPLE_OF_ALL, SQUARINGS = 128, 4096, 4
-# no half of a part is smaller than this share
-SMALLEST_SHARE = 0.2
+N_LANDMARKS = 5
+N_SMOOTHING_STEPS = 3
+LEAF_SIZE = 32  # vertices of a part that is not divided
+MIN_COMPONENT_SIZE = 2000  # smaller components are dissected as one graph
+MIN_CONDENSED_ROW = 12  # entries a row from which unknowns with the same neighbours are merged
+# vertices that determine direction and median, of each part and of all parts
+SAMPLE_SIZE, TOTAL_SAMPLE_SIZE = 128, 4096
+N_SQUARINGS = 4  # of a covariance, for its longest direction
+MIN_HALF_SHARE = 0.2  # of a part
 
 
 @dataclass(frozen=True, eq=False)
 class Dissection:
-    """Parts of a graph, halved again and again: a binary tree, or several.
+    """Recursive halving of a graph: a binary tree of parts, or several.
 
     Parameters
     ----------
     leaf : (n,) ndarray of int64
-        Number of the smallest part that holds each vertex. The part of height h that holds it is `leaf >> h`,
-        unless its tree is lower than that.
+        Number of the smallest part that contains each vertex. Its part of height h is `leaf >> h`, unless
+        its tree is lower than h.
     height : (n,) ndarray of int64
         Height of the part whose halves the vertex separates; 0 in leaves.
     """
@@ -60,21 +56,21 @@ class Dissection:
         return np.argsort((last << 6) + self.height, kind="stable")
 
 
-def dissected(matrix: csc_array) -> Dissection | None:
+def nested_dissection(matrix: csc_array) -> Dissection | None:
     """Nested dissection of the graph of a matrix; None where a large part has no short separator.
 
-    Unknowns with the same neighbours (the coordinates of one vertex) stay together. Components are dissected
-    one after the other; small ones share leaves.
+    Unknowns with the same neighbours (the coordinates of one vertex) stay together. Components are
+    dissected one after the other; small ones share leaves.
     """
-    graph = _both_ways(matrix)
-    if graph.nnz < CONDENSED_FROM * graph.shape[0]:
-        return _dissected_graph(graph)
+    graph = _symmetric_graph(matrix)
+    if graph.nnz < MIN_CONDENSED_ROW * graph.shape[0]:
+        return _graph_dissection(graph)
     alike = _indistinguishable(graph)
     tail = np.repeat(alike, np.diff(graph.indptr))
     count = int(alike.max(initial=-1)) + 1
     condensed = coo_array((graph.data, (tail, alike[graph.indices])), shape=(count, count))
-    found = _dissected_graph(csr_array(condensed), max(2, LEAF * count // max(len(alike), 1)))
-    return found and Dissection(found.leaf[alike], found.height[alike])
+    dissection = _graph_dissection(csr_array(condensed), max(2, LEAF_SIZE * count // max(len(alike), 1)))
+    return dissection and Dissection(dissection.leaf[alike], dissection.height[alike])
 
 
 def _indistinguishable(graph: csr_array) -> NDArray[np.int64]:
@@ -87,20 +83,20 @@ def _indistinguishable(graph: csr_array) -> NDArray[np.int64]:
     return np.unique(np.diff(total[graph.indptr]) + own * weight, return_inverse=True)[1]
 
 
-def _dissected_graph(graph: csr_array, leaf_size: int = LEAF) -> Dissection | None:
-    """`dissected` for a symmetric graph."""
+def _graph_dissection(graph: csr_array, leaf_size: int = LEAF_SIZE) -> Dissection | None:
+    """Nested dissection of a symmetric graph."""
     n = graph.shape[0]
     count, label = connected_components(graph, directed=False)
     if count == 1:
-        found = _dissected(graph, leaf_size)
-        return found and found[0]
+        result = _component_dissection(graph, leaf_size)
+        return result and result[0]
     size = np.bincount(label, minlength=1)
     leaf, height = np.zeros(n, dtype=np.int64), np.zeros(n, dtype=np.int64)
     small = size <= leaf_size
     in_small = small[label]
     leaf[in_small] = ((np.cumsum(size * small) - 1) // leaf_size)[label[in_small]]
     n_leaves = int(leaf.max(initial=-1)) + 1
-    large = size >= LARGE
+    large = size >= MIN_COMPONENT_SIZE
     rest = np.flatnonzero(~in_small)
     group = np.where(large, np.cumsum(large), 0)[label[rest]]
     members = np.split(
@@ -108,18 +104,18 @@ def _dissected_graph(graph: csr_array, leaf_size: int = LEAF) -> Dissection | No
     )
     for vertices in members:
         if len(vertices):
-            found = _dissected(_strung_together(graph[vertices][:, vertices]), leaf_size)
-            if found is None:
+            result = _component_dissection(_connected(graph[vertices][:, vertices]), leaf_size)
+            if result is None:
                 return None
-            part, levels = found
-            n_leaves = -(-n_leaves >> levels << levels)  # so that parts have numbers of their own
+            part, levels = result
+            n_leaves = -(-n_leaves >> levels << levels)  # so that part numbers are unique
             leaf[vertices], height[vertices] = n_leaves + part.leaf, part.height
             n_leaves += 1 << levels
     return Dissection(leaf, height)
 
 
-def _both_ways(matrix: csc_array) -> csr_array:
-    """The graph of a symmetric matrix, of which a product may have dropped zeros on one side only."""
+def _symmetric_graph(matrix: csc_array) -> csr_array:
+    """Graph of a symmetric matrix, whose zeros a product may have dropped in one triangle only."""
     n = matrix.shape[0]
     graph = csr_array((np.ones(matrix.nnz), matrix.indices, matrix.indptr), shape=(n, n))
     other = matrix.tocsr()
@@ -128,11 +124,11 @@ def _both_ways(matrix: csc_array) -> csr_array:
     return csr_array(graph + graph.T)
 
 
-def _dissected(graph: csr_array, leaf_size: int) -> tuple[Dissection, int] | None:
-    """`dissected` for a connected graph, and the height of its tree."""
-    graph, number = _near_in_memory(graph)
+def _component_dissection(graph: csr_array, leaf_size: int) -> tuple[Dissection, int] | None:
+    """Nested dissection of a connected graph, and the height of its tree."""
+    graph, number = _breadth_first(graph)
     levels = max(1, int(np.ceil(np.log2(graph.shape[0] / leaf_size))))
-    path = _halved(_landmark_distances(graph), levels)
+    path = _halving_paths(_landmark_distances(graph), levels)
     level = separator_level(path, levels, graph)
     if level is None:
         return None
@@ -141,7 +137,7 @@ def _dissected(graph: csr_array, leaf_size: int) -> tuple[Dissection, int] | Non
     return Dissection(leaf, height), levels
 
 
-def _strung_together(graph: csr_array) -> csr_array:
+def _connected(graph: csr_array) -> csr_array:
     """The graph with an edge from each component to the next."""
     n = graph.shape[0]
     _, first = np.unique(connected_components(graph, directed=False)[1], return_index=True)
@@ -150,24 +146,24 @@ def _strung_together(graph: csr_array) -> csr_array:
     return csr_array(graph + links)
 
 
-def _near_in_memory(graph: csr_array) -> tuple[csr_array, NDArray[np.int64]]:
+def _breadth_first(graph: csr_array) -> tuple[csr_array, NDArray[np.int64]]:
     """The graph renumbered breadth first, and the old number of each vertex."""
     order = breadth_first_order(graph, 0, return_predecessors=False).astype(np.int64)
     return csr_array(graph[order][:, order]), order
 
 
 def _landmark_distances(graph: csr_array) -> NDArray[np.float32]:
-    """(LANDMARKS, n) smoothed distances from vertices far apart, in a graph numbered breadth first."""
+    """(N_LANDMARKS, n) smoothed distances from vertices far apart, in a graph numbered breadth first."""
     n = graph.shape[0]
-    place = np.empty((n, LANDMARKS), dtype=np.float32)
+    place = np.empty((n, N_LANDMARKS), dtype=np.float32)
     nearest, source = np.full(n, np.inf, dtype=np.float32), n - 1
-    for j in range(LANDMARKS):
+    for j in range(N_LANDMARKS):
         place[:, j] = _distances(graph, source)
         nearest = np.minimum(nearest, place[:, j])
         source = int(np.argmax(nearest))
     weight = (1.0 / np.diff(graph.indptr)).astype(np.float32)[:, None]
     mean = csr_array((np.ones(graph.nnz, dtype=np.float32), graph.indices, graph.indptr), shape=(n, n))
-    for _ in range(SMOOTHING):
+    for _ in range(N_SMOOTHING_STEPS):
         place = (mean @ place) * weight
     return np.ascontiguousarray(place.T)
 
@@ -187,27 +183,27 @@ def _distances(graph: csr_array, source: int) -> NDArray[np.float32]:
     return distance
 
 
-def _halved(place: NDArray[np.float32], levels: int) -> NDArray[np.int64]:
+def _halving_paths(place: NDArray[np.float32], levels: int) -> NDArray[np.int64]:
     """(n,) path of each vertex through `levels` halvings, a bit each, the first one highest."""
     n = place.shape[1]
     part = np.zeros(n, dtype=np.int64)
     for level in range(levels):
-        some = _sample(n, max(SAMPLE << level, SAMPLE_OF_ALL))
+        some = _sample(n, max(SAMPLE_SIZE << level, TOTAL_SAMPLE_SIZE))
         axis, median = _median_planes(place[:, some], part[some], 1 << level)
         along = -median[part]
         for x, a in zip(place, axis, strict=True):
             along += x * a[part]
-        part = 2 * part + _evened(along > 0, along, part, 1 << level)
+        part = 2 * part + _balanced_halves(along > 0, along, part, 1 << level)
     return part
 
 
-def _evened(upper: NDArray, along: NDArray, part: NDArray, n_parts: int) -> NDArray[np.bool_]:
-    """(n,) whether in the upper half: as given, but uneven parts are halved in order along their direction.
+def _balanced_halves(upper: NDArray, along: NDArray, part: NDArray, n_parts: int) -> NDArray[np.bool_]:
+    """(n,) whether in the upper half; uneven parts are halved in order along their direction.
 
-    Vertices at equal places (the ends of a star, the rim of a fan) follow their numbers.
+    Vertices with equal coordinates (the ends of a star, the rim of a fan) are ordered by number.
     """
     size, above = np.bincount(part, minlength=n_parts), np.bincount(part[upper], minlength=n_parts)
-    uneven = np.minimum(above, size - above) < SMALLEST_SHARE * size
+    uneven = np.minimum(above, size - above) < MIN_HALF_SHARE * size
     some = np.flatnonzero(uneven[part])
     some = some[np.lexsort((along[some], part[some]))]
     size[~uneven] = 0
@@ -216,7 +212,7 @@ def _evened(upper: NDArray, along: NDArray, part: NDArray, n_parts: int) -> NDAr
 
 
 def _sample(n: int, size: int) -> NDArray[np.int64] | slice:
-    """About `size` of n vertices, spread at random: every k-th of a regular mesh may lie on one side."""
+    """About `size` of n vertices at random: every k-th vertex of a regular mesh may lie on one side."""
     stride = n // size
     if stride < 2:
         return slice(None)
@@ -225,7 +221,7 @@ def _sample(n: int, size: int) -> NDArray[np.int64] | slice:
 
 
 def _median_planes(place: NDArray, part: NDArray, n_parts: int) -> tuple[NDArray, NDArray]:
-    """Longest direction of each part (k, p), and where across it half of the part lies, nearly (p,)."""
+    """Longest direction of each part (k, p), and its approximate median along that direction (p,)."""
 
     def mean(values: NDArray) -> NDArray:
         return np.bincount(part, values, n_parts) / size
@@ -249,10 +245,10 @@ def _median_planes(place: NDArray, part: NDArray, n_parts: int) -> tuple[NDArray
 
 
 def _longest_axis(spread: NDArray) -> NDArray[np.float64]:
-    """(k, p) direction in which each (p, k, k) covariance is largest, nearly: by squaring."""
+    """(k, p) approximate direction of the largest variance of each (p, k, k) covariance, by squaring."""
     tiny = np.finfo(float).tiny
     power = spread
-    for _ in range(SQUARINGS):
+    for _ in range(N_SQUARINGS):
         power = power / np.maximum(np.abs(power).max(axis=(1, 2), keepdims=True), tiny)
         power = power @ power
     column = np.einsum("pii->pi", power).argmax(axis=1)

@@ -15,14 +15,14 @@ from scipy.sparse.linalg import splu
 
 from ddgcli.errors import ParameterError, check_memory
 from ddgcli.linalg.constrain import Poisson
-from ddgcli.linalg.lanczos import BlockLanczos, Progress
+from ddgcli.linalg.lanczos import BlockLanczos
 from ddgcli.linalg.ordering import fill_reducing_ordering
+from ddgcli.progress import ProgressCallback
 
 log = logging.getLogger("ddgcli")
 
-# problems up to this size, or asked for more than a third of their spectrum, are solved densely
-DENSE = 400
-VECTORS_PER_PAIR = 4  # that the search holds for each pair
+MAX_DENSE_SIZE = 400  # unknowns; larger problems are dense only for more than a third of the spectrum
+VECTORS_PER_PAIR = 4  # in memory
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,8 +39,8 @@ class Eigenpairs:
         Norm of L x - lambda M x relative to that of |L| |x|, the terms that L x is summed from, plus that of
         lambda M x: the relative change of L that would make the pair exact.
     complete : bool
-        Whether a count by inertia found no eigenvalue missing below the last one (of which, where it is
-        multiple, only the copies that k leaves room for are returned).
+        Whether a count by inertia finds no eigenvalue missing below the last one. Of a multiple last
+        eigenvalue only as many copies are returned as k allows.
     """
 
     values: NDArray[np.float64]
@@ -50,7 +50,13 @@ class Eigenpairs:
 
 
 def smallest_eigenpairs(
-    stiffness: sparray, mass: sparray, k: int, *, seed: int = 0, progress: Progress = None, **options: Any
+    stiffness: sparray,
+    mass: sparray,
+    k: int,
+    *,
+    seed: int = 0,
+    progress: ProgressCallback | None = None,
+    **options: Any,
 ) -> Eigenpairs:
     """The k smallest eigenpairs of a semidefinite stiffness with a positive definite mass.
 
@@ -58,47 +64,47 @@ def smallest_eigenpairs(
     ----------
     stiffness : (n, n) sparse array
         Symmetric positive semidefinite; its null space is the constants of the components whose rows sum to
-        zero. These pairs are exact; all others are found in their complement, so that no shift is needed.
+        zero. These pairs are exact; the others are computed in their complement, so that no shift is needed.
     mass : (n, n) sparse array
         Symmetric positive definite.
     k : int
     seed : int
         Of the starting block.
     progress : callable, optional
-        Told (pairs found, k) now and then.
+        Called with (converged pairs, k).
     options
         Passed on to `Factor`.
 
     Raises
     ------
     ParameterError
-        When k is not between 1 and n.
+        k is not between 1 and n.
     """
     L, M = csr_array(stiffness), csr_array(mass)
     n = L.shape[0]
-    check_memory(8.0 * n * VECTORS_PER_PAIR * k, f"{k} eigenvectors of {n} unknowns", "ask for fewer")
+    check_memory(8.0 * n * VECTORS_PER_PAIR * k, f"{k} eigenvectors of {n} unknowns", "compute fewer")
     if not 1 <= k <= n:
-        raise ParameterError(f"{k} eigenpairs asked for, but the matrix has {n} unknowns; ask for 1 to {n}")
-    # masses of about 1, by a power of 4 that costs no digit: squares of huge and tiny ones are no numbers
+        raise ParameterError(f"{k} eigenpairs of a matrix with {n} unknowns; compute 1 to {n}")
+    # masses near 1, by a power of 4 without rounding: squares of huge and tiny masses over- or underflow
     unit = 4.0 ** round(0.5 * math.log2(float(np.abs(M.data).max(initial=0.0)) or 1.0))
-    found = _of_unit_mass(L, M / unit, k, seed, progress, options)
-    return replace(found, values=found.values / unit, vectors=found.vectors / math.sqrt(unit))
+    pairs = _scaled_eigenpairs(L, M / unit, k, seed, progress, options)
+    return replace(pairs, values=pairs.values / unit, vectors=pairs.vectors / math.sqrt(unit))
 
 
-def _of_unit_mass(
-    L: csr_array, M: csr_array, k: int, seed: int, progress: Progress, options: dict[str, Any]
+def _scaled_eigenpairs(
+    L: csr_array, M: csr_array, k: int, seed: int, progress: ProgressCallback | None, options: dict[str, Any]
 ) -> Eigenpairs:
-    """As `smallest_eigenpairs`, of masses about 1."""
+    """`smallest_eigenpairs` for masses near 1."""
     n = L.shape[0]
     problem = Poisson(L, M @ np.ones(n), **options)
-    if n <= DENSE or 3 * k > n:
-        return _finished(L, M, *_dense(M, problem, k), complete=True)
+    if n <= MAX_DENSE_SIZE or 3 * k > n:
+        return _with_residuals(L, M, *_dense(M, problem, k), complete=True)
     null = _null_vectors(problem, k)
     if null.shape[1] == k:
-        return _finished(L, M, np.zeros(k), null, complete=True)
+        return _with_residuals(L, M, np.zeros(k), null, complete=True)
     values, vectors, complete = _lanczos(L, M, problem, null, k - null.shape[1], seed, progress)
     values = np.concatenate([np.zeros(null.shape[1]), values])
-    return _finished(L, M, values, np.column_stack([null, vectors]), complete=complete)
+    return _with_residuals(L, M, values, np.column_stack([null, vectors]), complete=complete)
 
 
 def _dense(M: csr_array, problem: Poisson, k: int) -> tuple[NDArray, NDArray]:
@@ -122,8 +128,8 @@ def _null_vectors(problem: Poisson, k: int) -> NDArray[np.float64]:
     return vectors
 
 
-def _finished(L: csr_array, M: csr_array, values: NDArray, X: NDArray, *, complete: bool) -> Eigenpairs:
-    """Pairs with definite signs and their residuals."""
+def _with_residuals(L: csr_array, M: csr_array, values: NDArray, X: NDArray, *, complete: bool) -> Eigenpairs:
+    """Eigenpairs with unique signs and their residuals."""
     k = len(values)
     largest = np.abs(X).max(axis=0)
     first = np.argmax(np.abs(X) >= (1 - 1e-6) * largest, axis=0)
@@ -135,12 +141,17 @@ def _finished(L: csr_array, M: csr_array, values: NDArray, X: NDArray, *, comple
 
 
 def _lanczos(
-    L: csr_array, M: csr_array, problem: Poisson, null: NDArray, k: int, seed: int, progress: Progress
+    L: csr_array,
+    M: csr_array,
+    problem: Poisson,
+    null: NDArray,
+    k: int,
+    seed: int,
+    progress: ProgressCallback | None,
 ) -> tuple[NDArray, NDArray, bool]:
-    """The k smallest eigenpairs orthogonal to `null`, and whether none was missed.
+    """The k smallest eigenpairs orthogonal to `null`, and whether none is missing.
 
-    A diagonal mass is shared out to both sides, M^(1/2) L^-1 M^(1/2): then the inner product is the common
-    one.
+    A diagonal mass is applied on both sides, M^(1/2) L^-1 M^(1/2), so that the inner product is Euclidean.
     """
     diagonal = M.diagonal() if M.nnz == M.shape[0] else np.zeros(1)
     root = np.sqrt(diagonal) if (diagonal > 0).all() else None
@@ -150,19 +161,19 @@ def _lanczos(
             return problem.pinned_solve(M @ block.T).T
         return problem.pinned_solve((block * root).T).T * root
 
-    known = null.T if root is None else null.T * root
-    search = BlockLanczos(inverse, M if root is None else None, known, seed)
+    excluded = null.T if root is None else null.T * root
+    search = BlockLanczos(inverse, M if root is None else None, excluded, seed)
     order = problem.order
     theta, vectors, complete = search.largest(
         k, lambda theta: _none_missing(L, M, 1.0 / theta, problem.count, order), progress
     )
     if not complete:
-        log.warning("the eigenvalues below the last one could not all be found; take fewer or check them")
+        log.warning("eigenvalues below the last one are missing; compute fewer, or check the list")
     return 1.0 / theta, (vectors if root is None else vectors / root).T, complete
 
 
 def _none_missing(L: csr_array, M: csr_array, values: NDArray, zeros: int, order: NDArray | None) -> bool:
-    """Whether inertia counts no more eigenvalues than ours below the cluster that holds the last one."""
+    """Whether inertia counts no more eigenvalues than `values` below the cluster of the last one."""
     last = values[-1]
     smaller = values[values < last * (1 - 1e-6)]
     shift = 0.5 * (last + (smaller[-1] if len(smaller) else 0.0))
@@ -172,7 +183,7 @@ def _none_missing(L: csr_array, M: csr_array, values: NDArray, zeros: int, order
 def count_below(L: sparray, M: sparray, shift: float, order: NDArray | None = None) -> int:
     """Number of eigenvalues of L x = lambda M x below `shift`, by Sylvester's law of inertia.
 
-    `order` is an elimination order for the pattern of L, of use where M is diagonal.
+    `order` is an elimination order for the pattern of L, valid if M is diagonal.
     """
     shifted = csc_array(L - shift * M)
     final = order is not None

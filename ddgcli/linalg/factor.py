@@ -1,4 +1,4 @@
-"""The one solver layer: every symmetric system of the project is factorised here and nowhere else."""
+"""Factorisation of symmetric systems: the only solver of sparse linear systems in the project."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ from numpy.typing import NDArray
 from scipy.sparse import csc_array, eye_array, sparray
 
 from ddgcli.errors import SolveError
-from ddgcli.linalg.backends import Backend, NotDefinite, SymmetricLU, chosen_solver, make_backend
+from ddgcli.linalg.backends import Backend, NotPositiveDefinite, SymmetricLU, make_backend, solver_name
 
 log = logging.getLogger("ddgcli")
 
-# componentwise backward error at which a solution needs no refinement; relative residual that is a failure
-GOOD, FAILED = 1e-13, 1e-2
+REFINEMENT_TOLERANCE = 1e-13  # componentwise backward error at which a solution needs no refinement
+FAILURE_RESIDUAL = 1e-2  # relative residual at which a solution has no correct digit
 MAX_REFINEMENTS = 4
-# of an LDL^T whose pivots are counted: largest backward error; multiples of the shift that are tried
+# of an LDL^T whose pivots are counted: largest backward error, and multiples of the shift to try
 INERTIA_BACKWARD_ERROR, INERTIA_SHIFTS = 1e-8, (1.0, 1.3, 0.7)
 
 
@@ -29,28 +29,27 @@ class Factor:
         Non-singular; both triangles stored. For a Laplacian with its null space see `Poisson`, for fixed
         unknowns `Dirichlet`.
     definite : bool
-        False says beforehand that the matrix is indefinite (a saddle point) and goes straight to pivoting.
-        An indefinite matrix given as definite still gets a right answer, after a failed attempt.
+        False: the matrix is indefinite (a saddle point) and is factorised with pivoting at once. With True an
+        indefinite matrix is factorised with pivoting after a failed attempt.
     pivot : bool
-        False leaves that second attempt out: `NotDefinite` is raised (where the factorisation sees it;
-        SuperLU does not), for who has another matrix at hand.
+        False raises `NotPositiveDefinite` instead of the second attempt, where the factorisation detects it;
+        SuperLU does not.
     solver : {'auto', 'multifrontal', 'superlu', 'cholmod', 'pivoted'}, optional
         Default: the environment variable DDGCLI_SOLVER, else for large systems CHOLMOD where the extra
-        `fast` is installed, our multifrontal factorisation where not, and for small ones SuperLU of scipy.
+        `fast` is installed, otherwise our multifrontal factorisation, and for small ones SuperLU of scipy.
     like : Factor, optional
-        Of another matrix of the same pattern: its elimination order, and what else hangs on the pattern
-        alone, serve again.
+        Of another matrix of the same pattern: its elimination order and symbolic analysis are used again.
 
     Attributes
     ----------
     matrix : csc_array
     solver : str
-        What factorised: 'multifrontal', 'superlu' or 'cholmod' (definite), 'pivoted' (anything).
+        Name of the backend: 'multifrontal', 'superlu' or 'cholmod' (definite), 'pivoted' (anything).
 
     Raises
     ------
     SolveError
-        When the matrix is not square, holds values that are not finite, or is singular.
+        The matrix is not square, holds values that are not finite, or is singular.
     """
 
     def __init__(
@@ -63,10 +62,10 @@ class Factor:
         like: Factor | None = None,
     ) -> None:
         self.matrix, self._pivot = _checked(matrix), pivot
-        analysed = like._backend if like and like.same_pattern(self.matrix) else None
+        analysis = like._backend if like and like.same_pattern(self.matrix) else None
         if definite and not (self.matrix.diagonal().real > 0).all():
-            definite = self._give_up(NotDefinite("a diagonal entry is not positive"))
-        self._factorise(chosen_solver(solver, self.matrix, definite), analysed)
+            definite = self._reject_definite(NotPositiveDefinite("a diagonal entry is not positive"))
+        self._factorise(solver_name(solver, self.matrix, definite), analysis)
 
     @property
     def n(self) -> int:
@@ -94,12 +93,12 @@ class Factor:
         self._magnitude: csc_array | None = None
         try:
             self._backend = make_backend(name, self.matrix, like)
-        except NotDefinite as error:
-            self._give_up(error)
+        except NotPositiveDefinite as error:
+            self._reject_definite(error)
             self._backend = make_backend("pivoted", self.matrix)
 
-    def _give_up(self, error: NotDefinite) -> bool:
-        """False: the matrix is not definite after all; or `error` itself where nobody wants pivoting."""
+    def _reject_definite(self, error: NotPositiveDefinite) -> bool:
+        """Return False, the new value of `definite`; raise `error` if pivoting is not allowed."""
         if not self._pivot:
             raise error
         log.info("%s: factorised with pivoting instead", error)
@@ -115,10 +114,10 @@ class Factor:
             return self
         try:
             if not self._pivot and not (matrix.diagonal().real > 0).all():
-                raise NotDefinite("a diagonal entry is not positive")
+                raise NotPositiveDefinite("a diagonal entry is not positive")
             self._backend.refactor(matrix)
-        except NotDefinite as error:
-            self._give_up(error)
+        except NotPositiveDefinite as error:
+            self._reject_definite(error)
             self._backend = make_backend("pivoted", matrix)
         return self
 
@@ -126,12 +125,12 @@ class Factor:
         """Solution of matrix @ x = rhs for (n,) or (n, k) right-hand sides.
 
         Iterative refinement runs until the componentwise backward error is at rounding level; `refine=False`
-        leaves out the check and the refinement (inner solves of an iteration that measures its own residual).
+        omits the check and the refinement, for inner solves of an iteration that measures its own residual.
 
         Raises
         ------
         SolveError
-            When the right-hand side is not finite, or the matrix is singular to working precision and no
+            The right-hand side is not finite, or the matrix is singular to working precision and no
             solution with a small residual exists.
         """
         b = self._checked_rhs(rhs)
@@ -141,26 +140,26 @@ class Factor:
         if not refine:
             return x
         x = self._refined(x, b)
-        lost = self._lost(x, b)
-        if lost and self.solver != "pivoted":
+        failed = self._has_failed(x, b)
+        if failed and self.solver != "pivoted":
             log.info("the solution by %s has no correct digit: factorised with pivoting", self.solver)
             self._backend = make_backend("pivoted", self.matrix)
             x = self._refined(self._backend.solve(b), b)
-            lost = self._lost(x, b)
-        if lost:
+            failed = self._has_failed(x, b)
+        if failed:
             raise SolveError(
                 "the matrix is singular to working precision: no solution with a small residual was found; "
-                "fix an unknown of every component, or look for degenerate faces with `ddgcli info`"
+                "fix an unknown of every component, or remove degenerate faces"
             )
         return x
 
-    def _lost(self, x: NDArray, b: NDArray) -> bool:
-        """Whether the residual, each row scaled by its diagonal, is not small beside the right-hand side."""
+    def _has_failed(self, x: NDArray, b: NDArray) -> bool:
+        """Whether the residual, rows scaled by the diagonal, is not small relative to the right-hand side."""
         diagonal = np.abs(self.matrix.diagonal())
         scale = 1.0 / np.sqrt(np.where(diagonal > 0, diagonal, diagonal.max(initial=0.0) or 1.0))
         scale = scale if b.ndim == 1 else scale[:, None]
-        left = np.abs(scale * (self.matrix @ x - b)).max()
-        return not left <= FAILED * np.abs(scale * b).max()
+        residual = np.abs(scale * (self.matrix @ x - b)).max()
+        return not residual <= FAILURE_RESIDUAL * np.abs(scale * b).max()
 
     def _checked_rhs(self, rhs: NDArray) -> NDArray:
         rhs = np.asarray(rhs)
@@ -177,7 +176,7 @@ class Factor:
         """Solution after at most MAX_REFINEMENTS corrections, as long as each halves the backward error."""
         error = self.backward_error(x, b)
         for _ in range(MAX_REFINEMENTS):
-            if error <= GOOD or not np.isfinite(error):
+            if error <= REFINEMENT_TOLERANCE or not np.isfinite(error):
                 break
             candidate = x + self._backend.solve(np.asfortranarray(b - self.matrix @ x))
             new_error = self.backward_error(candidate, b)
@@ -201,7 +200,7 @@ class Factor:
             self._magnitude = csc_array((np.abs(A.data), A.indices, A.indptr), shape=A.shape)
         numerator = np.abs(self.matrix @ x - rhs)
         denominator = self._magnitude @ np.abs(x) + np.abs(rhs)
-        # rows whose terms all vanish beside the largest carry no information
+        # rows whose terms are all negligible carry no information
         denominator = np.maximum(denominator, np.finfo(float).tiny / np.finfo(float).eps)
         return float((numerator / denominator).max(initial=0.0))
 
@@ -215,7 +214,7 @@ def negative_eigenvalues(matrix: sparray, below: float = 0.0) -> int | None:
 
     Sylvester's law of inertia: matrix + below I = L D L^T has as many negative eigenvalues as D negative
     entries. The factorisation takes its pivots from the diagonal, and may be unstable where the matrix is
-    indefinite: a solution by it is checked, and another number close to `below` is tried.
+    indefinite: a solution by it is checked, and if it fails a number close to `below` is tried.
 
     Parameters
     ----------
@@ -225,7 +224,7 @@ def negative_eigenvalues(matrix: sparray, below: float = 0.0) -> int | None:
 
     Returns
     -------
-    int, or None where every factorisation lost the matrix.
+    int, or None if every factorisation failed the check.
     """
     checked = _checked(matrix)
     probe = np.random.default_rng(0).normal(size=checked.shape[0])

@@ -4,31 +4,29 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
+from ddgcli.progress import ProgressCallback
+
 log = logging.getLogger("ddgcli")
 
-Progress = Callable[[float, float], Any] | None
 
 # vectors a step: few for few pairs (fewer applications), more for many (fewer passes over the basis)
-NARROWEST, WIDEST = 4, 32
-# basis vectors that are held for the asking
-FEW = 200
-# relative residual before the last step; eigenvalues are accurate to its square
-TOLERANCE = 1e-10
+MIN_BLOCK_WIDTH, MAX_BLOCK_WIDTH = 4, 32
+MIN_BASIS_SIZE = 200  # vectors
+RESIDUAL_TOLERANCE = 1e-10  # relative, before the last step; eigenvalues are accurate to its square
 MAX_RESTARTS = 60
 
 
 class BlockLanczos:
     """Block Lanczos, with vectors as rows.
 
-    Every new block is orthogonalised against the whole basis, so the projected matrix is just the
-    coefficients, and no ghost copies appear. A block finds an eigenvalue as often as it is multiple, up to
-    the block's width; the caller's count at the end tells whether that was enough.
+    Every new block is orthogonalised against the whole basis, so that the projected matrix consists of the
+    coefficients and no ghost copies appear. A block finds as many copies of a multiple eigenvalue as it has
+    vectors; the caller counts whether that is enough.
 
     K. Wu, H. Simon, "Thick-restart Lanczos method for large symmetric eigenvalue problems", 2000.
 
@@ -37,9 +35,9 @@ class BlockLanczos:
     apply : callable
         (w, n) rows to their images; self-adjoint and positive semidefinite in the inner product.
     mass : (n, n) csr_array or None
-        The inner product; None is the common one.
-    known : (c, n) ndarray
-        Orthonormal vectors that are left out.
+        The inner product; None is Euclidean.
+    excluded : (c, n) ndarray
+        Orthonormal vectors; the search is in their complement.
     seed : int
         Of the starting block.
     """
@@ -48,38 +46,40 @@ class BlockLanczos:
         self,
         apply: Callable[[NDArray], NDArray],
         mass: csr_array | None,
-        known: NDArray,
+        excluded: NDArray,
         seed: int,
     ) -> None:
-        self.apply, self.mass, self.known = apply, mass, known
+        self.apply, self.mass, self.excluded = apply, mass, excluded
         self.rng = np.random.default_rng(seed)
-        self.n = known.shape[1]
+        self.n = excluded.shape[1]
 
     def largest(
-        self, k: int, none_missing: Callable[[NDArray], bool], progress: Progress = None
+        self, k: int, none_missing: Callable[[NDArray], bool], progress: ProgressCallback | None = None
     ) -> tuple[NDArray, NDArray, bool]:
-        """Eigenvalues (k,) descending, vectors (k, n), and whether none was missed in the end."""
-        self.progress, self.found = progress, 0
-        self.width = min(max(NARROWEST, k // 25), WIDEST)
-        limit = min(self.n - len(self.known), max(2 * k, min(4 * k, FEW)) + 8 * self.width)
+        """Eigenvalues (k,) descending, vectors (k, n), and whether none is missing at the end."""
+        self.progress, self.n_converged = progress, 0
+        self.width = min(max(MIN_BLOCK_WIDTH, k // 25), MAX_BLOCK_WIDTH)
+        limit = min(self.n - len(self.excluded), max(2 * k, min(4 * k, MIN_BASIS_SIZE)) + 8 * self.width)
         self.basis = np.empty((limit + self.width, self.n))
         self.projected = np.zeros((limit + self.width, limit + self.width))
-        self.used = self.kept = 0
+        self.used = self.n_restart = 0
         complete = False
         block = self._random_block()
         for _ in range(MAX_RESTARTS):
             theta, S, coupling, block = self._expand(block, k, limit)
             error = np.linalg.norm(coupling @ S[-len(coupling) :], axis=0) / np.abs(theta)
-            done = bool((error[:k] < TOLERANCE).all())
+            done = bool((error[:k] < RESIDUAL_TOLERANCE).all())
             if done and none_missing(theta[:k]):
                 complete = True
                 break
             keep = k if done else min(len(theta) - self.width, k + (limit - k) // 3)
             self._restart(theta[:keep], S[:, :keep])
             if done:
-                log.info("eigenvalues are missing below the last one: the search goes on from random vectors")
+                log.info(
+                    "eigenvalues are missing below the last one: the search continues from random vectors"
+                )
                 block = self._random_block()
-        # what an application would add is known already: a step of power iteration for nothing
+        # the product with the next block is already known: one step of power iteration at no cost
         added = (coupling @ S[-len(coupling) :, :k]) / theta[:k]
         return theta[:k], S[:, :k].T @ self.basis[: len(S)] + added.T @ block, complete
 
@@ -88,12 +88,12 @@ class BlockLanczos:
 
         Returns Ritz values (descending) and vectors, the coupling of the last block to the next, the next.
         """
-        check = max(self.used, k)  # the projected problem costs its size cubed: look at it now and then
+        check = max(self.used, k)  # the projected problem costs its size cubed: solve it rarely
         while True:
             start, self.used = self.used, self.used + len(block)
             self.basis[start : self.used] = block
-            # by the recurrence, an image couples to the last two blocks; the first one, to all that was kept
-            near = 0 if start <= self.kept else start - self.width
+            # by the recurrence, an image couples to the last two blocks, the first one to the restart basis
+            near = 0 if start <= self.n_restart else start - self.width
             image, coefficients = self._against_basis(self.apply(block), near)
             self.projected[: self.used, start : self.used] = coefficients
             self.projected[start : self.used, : self.used] = coefficients.T
@@ -105,10 +105,12 @@ class BlockLanczos:
                 theta, S = np.linalg.eigh(0.5 * (T + T.T))
                 theta, S = theta[::-1], S[:, ::-1]
                 error = np.linalg.norm(coupling @ S[-len(coupling) :, :k], axis=0)
-                converged = error < TOLERANCE * np.abs(theta[:k])
+                converged = error < RESIDUAL_TOLERANCE * np.abs(theta[:k])
                 if self.progress is not None:
-                    self.found = max(self.found, int(converged.sum()))  # late copies of a value push back
-                    self.progress(self.found, k)
+                    self.n_converged = max(
+                        self.n_converged, int(converged.sum())
+                    )  # later copies of an eigenvalue can lower the count
+                    self.progress(self.n_converged, k)
                 if full or converged.all():
                     return theta, S, coupling, block
 
@@ -117,7 +119,7 @@ class BlockLanczos:
         self.basis[:keep] = S.T @ self.basis[: len(S)]
         self.projected[:] = 0.0
         self.projected[np.arange(keep), np.arange(keep)] = theta
-        self.used = self.kept = keep
+        self.used = self.n_restart = keep
 
     def _random_block(self) -> NDArray:
         image = self.apply(self.rng.normal(size=(self.width, self.n)))
@@ -129,12 +131,12 @@ class BlockLanczos:
     def _against_basis(self, block: NDArray, since: int = 0) -> tuple[NDArray, NDArray]:
         """The block without its parts along the basis, and their coefficients (used, w).
 
-        The first pass takes off what is large, the parts along the basis vectors from `since` on; the second
-        goes over the whole basis.
+        The first pass removes the large parts, along the basis vectors from `since` on; the second pass
+        covers the whole basis.
         """
         total = np.zeros((self.used, len(block)))
         for first in (since, 0):
-            block = block - (self._weighted(block) @ self.known.T) @ self.known
+            block = block - (self._weighted(block) @ self.excluded.T) @ self.excluded
             Q = self.basis[first : self.used]
             coefficients = self._weighted(block) @ Q.T
             block -= coefficients @ Q

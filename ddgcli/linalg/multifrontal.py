@@ -1,4 +1,4 @@
-"""Multifrontal Cholesky factorisation in stacks of dense fronts: numpy's own loops do the work.
+"""Multifrontal Cholesky factorisation in stacks of dense frontal matrices, vectorised with numpy.
 
 I. Duff, J. Reid, "The multifrontal solution of indefinite sparse symmetric linear equations", 1983.
 """
@@ -11,17 +11,17 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import get_lapack_funcs
 
-from ddgcli.linalg.fronts import FrontGroup, Stage
+from ddgcli.linalg.assembly_tree import AssemblyLevel, FrontalGroup
 
-# entries of the fronts that are factorised together, so that they stay in the cache
-CACHED = 1 << 17
-# triangles up to this size are inverted in stacks
-SMALL_TRIANGLE = 24
+# entries of the frontal matrices that are factorised together, so that they stay in the cache
+MAX_CACHED_ENTRIES = 1 << 17
+# triangular matrices up to this size are inverted in stacks
+MAX_STACKED_TRIANGLE = 24
 
 
 @dataclass(frozen=True, eq=False)
-class FactoredGroup:
-    """Eliminated fronts.
+class CholeskyGroup:
+    """Cholesky factors of a group of frontal matrices.
 
     Parameters
     ----------
@@ -38,72 +38,72 @@ class FactoredGroup:
     inverse: NDArray
     below: NDArray
 
-    def some(self, fronts: NDArray) -> FactoredGroup:
-        """Some of the fronts."""
-        return FactoredGroup(
-            self.pivot[fronts], self.update[fronts], self.inverse[fronts], self.below[fronts]
+    def subset(self, members: NDArray) -> CholeskyGroup:
+        """Factors of some frontal matrices of the group."""
+        return CholeskyGroup(
+            self.pivot[members], self.update[members], self.inverse[members], self.below[members]
         )
 
 
-def factored(stages: list[Stage], data: NDArray) -> list[FactoredGroup]:
-    """Cholesky factor of a matrix with the given entries, stage by stage.
+def cholesky_groups(levels: list[AssemblyLevel], data: NDArray) -> list[CholeskyGroup]:
+    """Cholesky factor of a matrix with the entries `data`, level by level.
 
     Raises
     ------
     numpy.linalg.LinAlgError
-        When a pivot is not positive.
+        A pivot is not positive.
     """
-    found = _unfilled([group for stage in stages for group in stage.groups], data.dtype)
-    to_fill = iter(found)
-    memory = np.zeros(stages[0].size, dtype=data.dtype)
-    for k, stage in enumerate(stages):
-        memory[stage.place] += data[stage.entry]
-        memory[stage.padding] = 1.0
-        above = np.zeros(stages[k + 1].size if k + 1 < len(stages) else 0, dtype=data.dtype)
-        for group in stage.groups:
-            _eliminate(group, memory, above, next(to_fill))
+    factors = _empty_factors([group for level in levels for group in level.groups], data.dtype)
+    next_factor = iter(factors)
+    memory = np.zeros(levels[0].size, dtype=data.dtype)
+    for k, level in enumerate(levels):
+        memory[level.place] += data[level.entry]
+        memory[level.padding] = 1.0
+        above = np.zeros(levels[k + 1].size if k + 1 < len(levels) else 0, dtype=data.dtype)
+        for group in level.groups:
+            _eliminate(group, memory, above, next(next_factor))
         memory = above
-    return found
+    return factors
 
 
-def _unfilled(groups: list[FrontGroup], kind: np.dtype) -> list[FactoredGroup]:
-    """Room for the factor in one piece of memory, so that what is scratch in between leaves no holes."""
+def _empty_factors(groups: list[FrontalGroup], kind: np.dtype) -> list[CholeskyGroup]:
+    """Uninitialised factors in one array, so that temporary arrays do not fragment the memory."""
     shapes = [(*group.pivot.shape, group.update.shape[1]) for group in groups]
-    room = np.empty(sum(g * s * (s + u) for g, s, u in shapes), dtype=kind)
-    found, begin = [], 0
+    storage = np.empty(sum(g * s * (s + u) for g, s, u in shapes), dtype=kind)
+    factors, begin = [], 0
     for group, (g, s, u) in zip(groups, shapes, strict=True):
         middle, end = begin + g * s * s, begin + g * s * (s + u)
-        inverse, below = room[begin:middle].reshape(g, s, s), room[middle:end].reshape(g, u, s)
-        found.append(FactoredGroup(group.pivot, group.update, inverse, below))
+        inverse, below = storage[begin:middle].reshape(g, s, s), storage[middle:end].reshape(g, u, s)
+        factors.append(CholeskyGroup(group.pivot, group.update, inverse, below))
         begin = end
-    return found
+    return factors
 
 
-def _eliminate(group: FrontGroup, memory: NDArray, above: NDArray, found: FactoredGroup) -> None:
-    """Eliminate a group, some fronts at a time, and add their updates to the memory of the next stage."""
+def _eliminate(group: FrontalGroup, memory: NDArray, above: NDArray, factor: CholeskyGroup) -> None:
+    """Eliminate a group in chunks that fit in the cache; add the updates to the memory of the next level."""
     g, s = group.pivot.shape
     f = s + group.update.shape[1]
     stack = memory[group.start : group.start + g * f * f].reshape(g, f, f)
-    step = max(1, CACHED // (f * f))
+    step = max(1, MAX_CACHED_ENTRIES // (f * f))
     for begin in range(0, g, step):
-        some = slice(begin, begin + step)
-        front, inverse, below = stack[some], found.inverse[some], found.below[some]
-        inverse[:] = inverted_triangles(np.linalg.cholesky(front[:, :s, :s]))
+        chunk = slice(begin, begin + step)
+        front, inverse, below = stack[chunk], factor.inverse[chunk], factor.below[chunk]
+        inverse[:] = inverse_triangles(np.linalg.cholesky(front[:, :s, :s]))
         np.matmul(front[:, s:, :s], _adjoint(inverse), out=below)
         if f > s:
             update = front[:, s:, s:] - below @ _adjoint(below)
-            place = group.row[some][:, :, None] + group.column[some][:, None, :]
+            place = group.row[chunk][:, :, None] + group.column[chunk][:, None, :]
             np.add.at(above, place.ravel(), update.ravel())
 
 
-def inverted_triangles(lower: NDArray) -> NDArray:
-    """(g, s, s) inverses of lower triangular matrices: many small ones row by row, others one by one."""
+def inverse_triangles(lower: NDArray) -> NDArray:
+    """(g, s, s) inverses of lower triangular matrices: stacked by rows if small, else one after the other."""
     g, s = lower.shape[:2]
     inverse = np.zeros_like(lower)
-    if s > SMALL_TRIANGLE or g < 2 * s:
+    if s > MAX_STACKED_TRIANGLE or g < 2 * s:
         (invert,) = get_lapack_funcs(("trtri",), (lower,))
-        for one, found in zip(lower, inverse, strict=True):
-            found[:] = invert(one.T, lower=0)[0].T
+        for triangle, result in zip(lower, inverse, strict=True):
+            result[:] = invert(triangle.T, lower=0)[0].T
         return inverse
     pivot = 1.0 / np.einsum("gii->gi", lower)
     for i in range(s):
@@ -112,19 +112,19 @@ def inverted_triangles(lower: NDArray) -> NDArray:
     return inverse
 
 
-def solved(groups: list[FactoredGroup], rhs: NDArray) -> NDArray:
-    """Solution for (n,) or (n, k) right-hand sides; what a sparse one does not reach is passed over."""
+def cholesky_solve(groups: list[CholeskyGroup], rhs: NDArray) -> NDArray:
+    """Solution for (n,) or (n, k) right-hand sides; skips frontal matrices without a non-zero entry."""
     n, k = len(rhs), 1 if rhs.ndim == 1 else rhs.shape[1]
-    x = np.zeros((n + 1, k), dtype=rhs.dtype)  # the last row is for what pads
+    x = np.zeros((n + 1, k), dtype=rhs.dtype)  # the last row is padding
     x[:n] = rhs.reshape(n, k)
     flat = x.reshape(-1)
     for group in groups:
         known = x[group.pivot]
-        lit = np.flatnonzero(known.any(axis=(1, 2)))
-        if not len(lit):
+        reached = np.flatnonzero(known.any(axis=(1, 2)))
+        if not len(reached):
             continue
-        if 2 * len(lit) < len(known):
-            group, known = group.some(lit), known[lit]
+        if 2 * len(reached) < len(known):
+            group, known = group.subset(reached), known[reached]
         reduced = x[group.pivot] = group.inverse @ known
         place = group.update.ravel() if k == 1 else (group.update[:, :, None] * k + np.arange(k)).ravel()
         np.subtract.at(flat, place, (group.below @ reduced).ravel())
@@ -133,8 +133,8 @@ def solved(groups: list[FactoredGroup], rhs: NDArray) -> NDArray:
     for group in reversed(groups):
         known = x[group.pivot] - group.below.swapaxes(1, 2) @ x[group.update]
         x[group.pivot] = group.inverse.swapaxes(1, 2) @ known
-    found = x[:n].reshape(rhs.shape)
-    return found.conj() if np.iscomplexobj(found) else found
+    solution = x[:n].reshape(rhs.shape)
+    return solution.conj() if np.iscomplexobj(solution) else solution
 
 
 def _adjoint(stack: NDArray) -> NDArray:

@@ -1,4 +1,4 @@
-"""Fill-reducing orders of symmetric sparse matrices that never blow up."""
+"""Fill-reducing elimination orders of symmetric sparse matrices."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_array, csc_array, csr_array
 from scipy.sparse.csgraph import depth_first_order, minimum_spanning_tree
 
-from ddgcli.linalg.dissection import dissected
+from ddgcli.linalg.dissection import nested_dissection
 
-# below this many unknowns minimum degree has the less fill, and on regular meshes not much more
-DISSECT_FROM = 20_000
+# below this number of unknowns minimum degree has less fill than dissection, or not much more
+MIN_DISSECTION_UNKNOWNS = 20_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,7 +24,7 @@ class Ordering:
     order : (n,) ndarray of int64
         Unknown to eliminate at each step.
     final : bool
-        Whether the order is to be kept; False asks for minimum degree on the relabelled matrix.
+        Whether the order is final; False: apply minimum degree to the matrix in this order.
     """
 
     order: NDArray[np.int64]
@@ -32,31 +32,31 @@ class Ordering:
 
 
 def fill_reducing_ordering(matrix: csc_array) -> Ordering:
-    """Nested dissection of large matrices, random relabelling before minimum degree for small ones.
+    """Nested dissection for large matrices; random relabelling before minimum degree for small ones.
 
     Minimum degree breaks ties by number. In the natural order of a regular mesh that gives fill of another
     order of growth (over 100 s instead of 10 at 1.3M faces); relabelling first costs little and never meets
-    that case. Nested dissection that meets a bad separator gives way to minimum degree.
+    that case. Minimum degree also replaces nested dissection with long separators.
     """
     n = matrix.shape[0]
-    if n >= DISSECT_FROM:
-        found = dissected(matrix)
-        if found is not None:
-            return Ordering(found.order, final=True)
+    if n >= MIN_DISSECTION_UNKNOWNS:
+        dissection = nested_dissection(matrix)
+        if dissection is not None:
+            return Ordering(dissection.order, final=True)
     return Ordering(np.random.default_rng(1).permutation(n), final=False)
 
 
 def postorder(matrix: csc_array, step: NDArray) -> NDArray[np.int64]:
-    """(n,) elimination order with the fill of a given one, every subtree of its elimination tree contiguous.
+    """(n,) elimination order with the same fill and every subtree of the elimination tree contiguous.
 
     SuperLU does not sort the tree itself in its symmetric mode; sorted, a factorisation is a third faster.
-    Only the pattern of the matrix counts, so the order does not depend on what was factorised before.
+    The order depends on the pattern only, not on earlier factorisations.
 
     Parameters
     ----------
     matrix : (n, n) csc_array
     step : (n,) ndarray of int
-        When each unknown is eliminated.
+        Step that eliminates each unknown.
 
     J. W. H. Liu, "The role of elimination trees in sparse factorization", 1990.
     """
@@ -74,7 +74,7 @@ def postorder(matrix: csc_array, step: NDArray) -> NDArray[np.int64]:
 def _elimination_tree(edges: coo_array, n: int) -> list[int]:
     """Parent of each step, n for roots, from a spanning tree of least largest steps: one union each.
 
-    (What is left out of the spanning tree joins steps that are joined already.)
+    Edges outside the spanning tree join steps of one subtree.
     """
     parent, root = [n] * n, list(range(n))
     by_step = np.argsort(edges.col, kind="stable")

@@ -1,4 +1,4 @@
-"""Judgement of residuals: silent, a warning, or a result that does not count as converged."""
+"""Check of residuals: no message, a warning, or a result that has not converged."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 
 log = logging.getLogger("ddgcli")
 
-WARNING_RESIDUAL = 1e-6  # relative: half of the digits that a sound solution has are lost
+WARNING_RESIDUAL = 1e-6  # relative: half of the digits of a good solution are lost
 LARGEST_RESIDUAL = 1e-3  # relative: a larger one means that the answer is not a solution
 
 
@@ -29,7 +29,7 @@ def within_residuals(
     accuracy : mapping
         Accuracy block of a summary; entries are numbers, sequences of numbers or None.
     names : tuple of str
-        Entries to judge; missing ones and None are passed over.
+        Entries to check; missing ones and None are skipped.
     cure : str
         What the caller can do, for the warning.
     warning, largest : float

@@ -1,4 +1,4 @@
-"""Vertex separators of a graph that is halved again and again, from the edges between the halves."""
+"""Vertex separators of a recursively halved graph, from the edges between the halves."""
 
 from __future__ import annotations
 
@@ -7,37 +7,35 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import breadth_first_order, maximum_flow
 
-# a bad cut has a separator longer than so many square roots of the entries of its part (surfaces: near 1)
-LONGEST_SEPARATOR = 3.0
-# parts up to this size may be cut badly
-MAY_BE_BAD = 2000
+MAX_SEPARATOR_RATIO = 3.0  # length over the square root of the entries of the part (surfaces: near 1)
+MIN_CHECKED_SIZE = 2000  # parts up to this size may have longer separators
 
 
 def separator_level(path: NDArray[np.int64], levels: int, graph: csr_array) -> NDArray[np.int64] | None:
-    """(n,) level at which each vertex separates the halves of its part; `levels` for those of no separator.
+    """(n,) level at which each vertex separates the halves of its part; `levels` for other vertices.
 
     Parameters
     ----------
     path : (n,) ndarray of int64
-        Half that holds the vertex at each level, a bit each, the first level highest.
+        Half that contains the vertex at each level, a bit each, the first level highest.
     levels : int
     graph : (n, n) csr_array
         Symmetric pattern.
 
     Returns
     -------
-    (n,) ndarray of int64, or None where a large part is cut badly.
+    (n,) ndarray of int64, or None if the separator of a large part is too long.
     """
     n = len(path)
     level = np.full(n, levels, dtype=np.int64)
     tail, head, since = _cut_edges(path, levels, graph)
     for here in range(levels):
         a, b = tail[since[here] : since[here + 1]], head[since[here] : since[here + 1]]
-        still = (level[a] == levels) & (level[b] == levels)
-        a, b = a[still], b[still]
+        remaining = (level[a] == levels) & (level[b] == levels)
+        a, b = a[remaining], b[remaining]
         upper = (path[a] >> (levels - 1 - here)) & 1 == 1
         level[_vertex_cover(np.where(upper, b, a), np.where(upper, a, b))] = here
-        if n >> here > MAY_BE_BAD and not _all_good(
+        if n >> here > MIN_CHECKED_SIZE and not _are_short(
             path >> (levels - 1 - here), level == here, graph.nnz / n
         ):
             return None
@@ -60,9 +58,9 @@ def _cut_edges(path: NDArray, levels: int, graph: csr_array) -> tuple[NDArray, N
 def _vertex_cover(lower: NDArray, upper: NDArray) -> NDArray:
     """Fewest vertices that touch every edge (lower[i], upper[i]) of a bipartite graph.
 
-    D. König, "Gráfok és mátrixok", 1931: of a largest flow from source to lower to upper to sink, the lower
-    vertices that the source cannot reach any more, and the upper ones that it can. (scipy's bipartite
-    matching would give the flow too, but takes exponential time where edges come in blocks, as in Hessians.)
+    D. König, "Gráfok és mátrixok", 1931: the lower vertices that the source cannot reach in the residual of a
+    maximum flow from source to lower to upper to sink, and the upper vertices that it can. (The bipartite
+    matching of scipy gives the flow too, but takes exponential time for edges in blocks, as in Hessians.)
     """
     if not len(lower):
         return lower
@@ -73,16 +71,16 @@ def _vertex_cover(lower: NDArray, upper: NDArray) -> NDArray:
     tail = np.concatenate([i, np.full(a, source), a + np.arange(b)])
     head = np.concatenate([a + j, np.arange(a), np.full(b, sink)])
     network = csr_array((np.ones(len(tail), dtype=np.int32), (tail, head)), shape=(sink + 1, sink + 1))
-    left_over = csr_array(network - maximum_flow(network, source, sink).flow)
-    left_over.eliminate_zeros()
+    residual = csr_array(network - maximum_flow(network, source, sink).flow)
+    residual.eliminate_zeros()
     reached = np.zeros(sink + 1, dtype=bool)
-    reached[breadth_first_order(left_over, source, return_predecessors=False)] = True
+    reached[breadth_first_order(residual, source, return_predecessors=False)] = True
     return np.append(left[~reached[:a]], right[reached[a:source]])
 
 
-def _all_good(half: NDArray, separator: NDArray, row_length: float) -> bool:
-    """Whether no large part has a long separator, for rows of so many entries."""
+def _are_short(half: NDArray, separator: NDArray, row_length: float) -> bool:
+    """Whether no large part has a long separator; `row_length`: mean entries a row."""
     whole = np.bincount(half // 2)
     length = np.bincount(half[separator] // 2, minlength=len(whole))
-    good = length <= LONGEST_SEPARATOR * np.sqrt(row_length * whole)
-    return bool(good[whole > MAY_BE_BAD].all())
+    good = length <= MAX_SEPARATOR_RATIO * np.sqrt(row_length * whole)
+    return bool(good[whole > MIN_CHECKED_SIZE].all())

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from ddgcli.errors import SolveError
 from ddgcli.linalg.factor import Factor, negative_eigenvalues
-from ddgcli.mechanics.newton import MOVE, Increment, Newton, worst
+from ddgcli.mechanics.newton import MOVE, Increment, Newton, newton_of, worst
 from ddgcli.mechanics.system import System
 from ddgcli.mechanics.terms import Mode
 from ddgcli.simulation.time_loop import StepRejected
@@ -95,7 +95,7 @@ def unstable_directions(system: System, x: NDArray) -> int | None:
     the stiffness, and the stress by eps max |x| over the length of an edge: eigenvalues within that count as
     zero (the rigid motions of what nothing holds). None where the factorisation fails.
     """
-    matrix = system.newton.matrix(Increment(0.0, x), x, "exact")
+    matrix = newton_of(system).matrix(Increment(0.0, x), x, "exact")
     edges = np.sqrt(len(x)) * float(np.abs(x).max()) / system.size
     norm = float(abs(matrix).sum(axis=0).max(initial=0.0))
     return negative_eigenvalues(matrix, INERTIA_ROUNDING * norm * (1 + edges))

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from ddgcli.errors import SolveError
 from ddgcli.mechanics.system import Motion, System
-from ddgcli.mechanics.terms import scattered
+from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.simulation.time_loop import StepRejected
 
 if TYPE_CHECKING:
@@ -80,17 +80,21 @@ def _swinging(system: System, increment: Increment, motion: Motion) -> NDArray:
     Motions slower than the step keep their acceleration, those faster change its sign from step to step; the
     function itself tells which of the two is nearer.
     """
+    from ddgcli.mechanics.newton import newton_of
+
     change = motion.a / increment.a
-    return system.newton.start(increment, motion.x, (increment.target + change, increment.target - change))
+    guesses = increment.target + change, increment.target - change
+    return newton_of(system).start(increment, motion.x, guesses)
 
 
 def _implicit_euler(system: System, motion: Motion, dt: float, parameters: Any) -> Motion:
-    from ddgcli.mechanics.newton import Increment
+    from ddgcli.mechanics.newton import Increment, newton_of
 
     target = motion.x + dt * motion.v
     increment = Increment(1 / dt**2, target, 1 / dt, motion.x, system.frozen(motion.x, dt))
-    guess = system.newton.start(increment, motion.x, (target + dt**2 * motion.a, target))
-    y, count = system.newton.minimise(increment, guess)
+    newton = newton_of(system)
+    guess = newton.start(increment, motion.x, (target + dt**2 * motion.a, target))
+    y, count = newton.minimise(increment, guess)
     v = (y - motion.x) / dt
     return checked(system, Motion(y, v, (v - motion.v) / dt, motion.newton + count))
 
@@ -98,12 +102,12 @@ def _implicit_euler(system: System, motion: Motion, dt: float, parameters: Any) 
 def _implicit_midpoint(system: System, motion: Motion, dt: float, parameters: Any) -> Motion:
     """The unknown is the middle position; the end is its mirror image of the start."""
     from ddgcli.mechanics.energy_balance import Stored, balanced
-    from ddgcli.mechanics.newton import Increment
+    from ddgcli.mechanics.newton import Increment, newton_of
 
     start = None if system.linear else Stored.at(system, motion.x)  # first: it shares the last step's `end`
     target = motion.x + 0.5 * dt * motion.v
     increment = Increment(4 / dt**2, target, 2 / dt, motion.x, system.frozen(motion.x, dt))
-    middle, count = system.newton.minimise(increment, _swinging(system, increment, motion))
+    middle, count = newton_of(system).minimise(increment, _swinging(system, increment, motion))
     x = 2 * middle - motion.x
     v = 2 * (x - motion.x) / dt - motion.v
     after = checked(system, Motion(x, v, (v - motion.v) / dt, motion.newton + count))
@@ -137,14 +141,14 @@ def _newmark(system: System, motion: Motion, dt: float, parameters: Any) -> Moti
 
 
 def _implicit_newmark(system: System, motion: Motion, dt: float, beta: float, gamma: float) -> Motion:
-    from ddgcli.mechanics.newton import Increment
+    from ddgcli.mechanics.newton import Increment, newton_of
 
     x, v, a = motion.x, motion.v, motion.a
     target = x + dt * v + dt**2 * (0.5 - beta) * a
     c = gamma / (beta * dt)
     origin = target - (v + dt * (1 - gamma) * a) / c
     increment = Increment(1 / (beta * dt**2), target, c, origin, system.frozen(x, dt))
-    y, count = system.newton.minimise(increment, _swinging(system, increment, motion))
+    y, count = newton_of(system).minimise(increment, _swinging(system, increment, motion))
     new = (y - target) / (beta * dt**2)
     new = np.where(system.free, new, 0.0)
     return checked(system, Motion(y, v + dt * ((1 - gamma) * a + gamma * new), new, motion.newton + count))
@@ -159,7 +163,7 @@ def _composite(system: System, motion: Motion, dt: float, parameters: Any) -> Mo
     energy.
     """
     from ddgcli.mechanics.energy_balance import FALL, Stored, balanced, kinetic
-    from ddgcli.mechanics.newton import Increment
+    from ddgcli.mechanics.newton import Increment, newton_of
 
     x, v = motion.x, motion.v
     start = Stored.at(system, x)
@@ -169,7 +173,7 @@ def _composite(system: System, motion: Motion, dt: float, parameters: Any) -> Mo
     increment = Increment(
         9 / dt**2, target, 3 / dt, (4 * middle.x - x) / 3, system.frozen(middle.x, 0.5 * dt)
     )
-    y, count = system.newton.minimise(increment, _swinging(system, increment, middle))
+    y, count = newton_of(system).minimise(increment, _swinging(system, increment, middle))
     speed = (x - 4 * middle.x + 3 * y) / dt
     a = np.where(system.free, (v - 4 * middle.v + 3 * speed) / dt, 0.0)
     after = checked(system, Motion(y, speed, a, middle.newton + count, motion.lifted))
@@ -185,9 +189,10 @@ def _composite(system: System, motion: Motion, dt: float, parameters: Any) -> Mo
 def _static(system: System, motion: Motion, dt: float, parameters: Any) -> Motion:
     """One equilibrium: a stationary point of the potentials, reached downhill."""
     from ddgcli.mechanics.equilibrium import Equilibrium
+    from ddgcli.mechanics.newton import newton_of
 
     try:
-        y, count = Equilibrium(system.newton).find(motion.x)
+        y, count = Equilibrium(newton_of(system)).find(motion.x)
     except StepRejected as rejected:
         raise SolveError(
             f"no equilibrium was found ({rejected}): hold the shell by pins or lessen the load"
@@ -251,7 +256,7 @@ def _largest_rate(system: System, elements: list[tuple[NDArray, NDArray]]) -> fl
         kw = np.zeros_like(w)
         for stencil, blocks in elements:
             local = np.einsum("kij,kj->ki", blocks, w[stencil].reshape(len(stencil), -1))
-            kw += scattered(stencil, local, len(w))
+            kw += sum_by_index(stencil, local, len(w))
         largest = float(np.sum(w * kw))
         w = kw / system.mass[:, None]
     return largest

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.sparse import csc_array, diags_array
 
 from ddgcli.errors import SolveError
-from ddgcli.linalg.conjugate import Move, truncated_conjugate_gradients
+from ddgcli.linalg.conjugate import NewtonStep, truncated_conjugate_gradients
 from ddgcli.linalg.factor import Factor
 from ddgcli.mechanics.assembly import Assembly
 from ddgcli.mechanics.rounding import sum_rounding
@@ -242,7 +242,9 @@ class Newton:
         move[self.system.free] = step
         return move
 
-    def _direction(self, increment: Increment, y: NDArray, g: NDArray, before: float, least: float) -> Move:
+    def _direction(
+        self, increment: Increment, y: NDArray, g: NDArray, before: float, least: float
+    ) -> NewtonStep:
         """Descent direction of the exact Hessian, by the factorisation at hand or by a new one.
 
         `before` is the length of the last move, `least` what may be missing of this one at any rate.
@@ -251,7 +253,7 @@ class Newton:
         if not self._fresh:
             step = self._solved(matrix, rhs)
             if step is not None:
-                return Move(step, 0.0, 0, True)
+                return NewtonStep(step, 0.0, 0, True)
             self._factorise_projected(increment, y, g)
         with self.system.account.within("solver"):
             found = truncated_conjugate_gradients(
@@ -265,11 +267,11 @@ class Newton:
         self._fresh = found.rounds < ROUNDS
         return found
 
-    def _projected_direction(self, increment: Increment, y: NDArray, g: NDArray) -> Move:
+    def _projected_direction(self, increment: Increment, y: NDArray, g: NDArray) -> NewtonStep:
         """Descent direction of the projected Hessian, which is positive definite."""
         self._factorise_projected(increment, y, g)
         with self.system.account.within("solver"):
-            return Move(self._precondition(-g[self.system.free]), 0.0, 0, False)
+            return NewtonStep(self._precondition(-g[self.system.free]), 0.0, 0, False)
 
     def _solved(self, matrix: csc_array, rhs: NDArray) -> NDArray | None:
         """Solution with a new factorisation, or None where the matrix is not positive definite."""
@@ -349,6 +351,13 @@ class Newton:
             y = guess.copy()
             y[system.free[:, 0]] -= self._constant[increment.a].solve(g[system.free[:, 0]])
         return y
+
+
+def newton_of(system: System) -> Newton:
+    """Newton solver of a system; one for all its steps, so that the factorisation is analysed once."""
+    if "newton" not in system.cache:
+        system.cache["newton"] = Newton(system)
+    return system.cache["newton"]
 
 
 def worst(g: NDArray) -> str:

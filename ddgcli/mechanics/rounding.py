@@ -1,15 +1,14 @@
-"""Rounding scales of a mechanical system: differences of energies and momenta below them mean nothing."""
+"""Rounding scales of energies and momenta: smaller differences are not significant."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-if TYPE_CHECKING:
-    from ddgcli.mechanics.system import System
+from ddgcli.mechanics.terms import Potential
 
 # relative rounding of a sum of n terms of about fifty operations each, divided by the root of n
 SUM_ROUNDING = 1e-14
@@ -17,7 +16,7 @@ SUM_ROUNDING = 1e-14
 
 @dataclass(frozen=True)
 class Rounding:
-    """What rounding of the positions alone does to a system.
+    """Effect of rounded positions on the energy and the momentum of a system.
 
     A position is stored to `length` = eps max |x|. That moves an elastic energy by f . d + d' K d / 2, with
     |d| <= `length` for every coordinate: at most `force` times `length` in the first order, and
@@ -41,28 +40,26 @@ class Rounding:
     force: float
 
     @classmethod
-    def at(cls, system: System, x: NDArray) -> Rounding:
-        """Scales of a system at the positions x (n, 3)."""
+    def at(cls, potentials: Sequence[Potential], mass: NDArray, x: NDArray) -> Rounding:
+        """Scales of potentials and (n,) masses at the positions x (n, 3)."""
         force = stiffness = 0.0
-        for potential in system.potentials:
+        for potential in potentials:
             force += float(np.abs(potential.gradient(x)).sum())
             if len(potential.stencil):
                 blocks = potential.blocks(x, "material")
                 stiffness += float(np.einsum("kii->", blocks))
-        return cls(
-            float(np.finfo(float).eps * np.abs(x).max()), 3 * float(system.mass.sum()), stiffness, force
-        )
+        return cls(float(np.finfo(float).eps * np.abs(x).max()), 3 * float(mass.sum()), stiffness, force)
 
     def energy(self, dt: float = np.inf, steps: int = 0) -> float:
-        """Energy in J that rounding can give over a run of steps of length dt; of one state by default.
+        """Energy in J that rounding adds at most in a run of steps of length dt; by default in one state.
 
-        Rounding may repeat itself: then momenta add up over the steps, and energies with the square.
+        Rounding errors may be alike in every step: then momenta add up, and energies grow with the square.
         """
         second = 2 * self.length**2 * (self.stiffness + self.mass / dt**2)
         return (1 + steps) * self.force * self.length + (1 + steps) ** 2 * second
 
     def momentum(self, dt: float = np.inf, steps: int = 0) -> float:
-        """Momentum in kg m/s that rounding can give over a run of steps of length dt."""
+        """Momentum in kg m/s that rounding adds at most in a run of steps of length dt."""
         return (1 + steps) * self.length * (self.mass / dt + 2 * np.sqrt(self.mass * self.stiffness))
 
 

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,9 +14,6 @@ from numpy.typing import NDArray
 from ddgcli.mechanics.rounding import Rounding
 from ddgcli.mechanics.terms import Bounded, Dissipation, Held, Potential
 from ddgcli.simulation.account import Account
-
-if TYPE_CHECKING:
-    from ddgcli.mechanics.newton import Newton
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,6 +54,8 @@ class System:
         Of the object, in metres.
     linear : bool
         Every potential is quadratic with a constant matrix, coordinate by coordinate.
+    cache : dict
+        What solvers keep between the steps, by their names.
     """
 
     def __init__(self, mass: NDArray, parts: Sequence[Any], account: Account, start: NDArray) -> None:
@@ -73,25 +72,16 @@ class System:
         self.start, self.size = start, float(np.ptp(start, axis=0).max())
         by_vertex = bool((held.all(axis=1) == held.any(axis=1)).all())
         self.linear = by_vertex and all(len(p.stencil) == 0 or hasattr(p, "matrix") for p in self.potentials)
-        self._newton: Newton | None = None
+        self.cache: dict[str, Any] = {}
 
     def only_free(self, vectors: NDArray) -> NDArray[np.float64]:
         """(n, 3) vectors with zeros where held."""
         return vectors if self.all_free else np.where(self.free, vectors, 0.0)
 
-    @property
-    def newton(self) -> Newton:
-        """The Newton iteration of implicit steps; explicit runs never import it."""
-        if self._newton is None:
-            from ddgcli.mechanics.newton import Newton
-
-            self._newton = Newton(self)
-        return self._newton
-
     @cached_property
     def rounding(self) -> Rounding:
         """What rounding of the positions at the start does to energies and momenta."""
-        return Rounding.at(self, self.start)
+        return Rounding.at(self.potentials, self.mass, self.start)
 
     def energies(self, x: NDArray) -> dict[str, float]:
         """Energy of each potential by its effect's name."""

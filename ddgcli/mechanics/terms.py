@@ -127,10 +127,3 @@ def at_last_point(method: Callable[[Any, NDArray], Part]) -> Callable[[Any, NDAr
 def parts(count: int, size: int = 512) -> Iterator[slice]:
     """Slices of `size` elements: what is made of one of them stays in the cache until it is used."""
     return (slice(start, min(start + size, count)) for start in range(0, count, size))
-
-
-def scattered(stencil: NDArray, values: NDArray, n: int) -> NDArray[np.float64]:
-    """(n, 3) sums of (k, s, 3) element contributions at the vertices of a (k, s) stencil."""
-    flat = stencil.ravel()
-    columns = values.reshape(-1, 3)
-    return np.stack([np.bincount(flat, weights=columns[:, c], minlength=n) for c in range(3)], axis=1)

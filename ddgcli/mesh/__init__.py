@@ -8,10 +8,13 @@ __all__ = [
     "curve",
     "fields",
     "intrinsic_mesh",
+    "ragged",
     "repair",
     "require",
+    "scatter",
     "shapes",
     "tet_mesh",
     "topology",
     "triangle_mesh",
+    "vectors",
 ]

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ddgcli.errors import MeshError
+from ddgcli.mesh.ragged import list_starts
 from ddgcli.mesh.triangle_mesh import check_points
 
 PLANARITY_TOLERANCE = 1e-6  # of the curve's size: coordinates in text files have six digits
@@ -103,18 +104,18 @@ class CurveSet:
         is_start = np.zeros(n, dtype=bool)
         is_start[tail] = True
         is_start[head] = False
-        seen = np.zeros(n, dtype=bool)
-        found = []
+        visited = np.zeros(n, dtype=bool)
+        paths = []
         for start in [*np.flatnonzero(is_start), *np.sort(tail)]:
-            if seen[start]:
+            if visited[start]:
                 continue
             path, at = [], int(start)
-            while at >= 0 and not seen[at]:
-                seen[at] = True
+            while at >= 0 and not visited[at]:
+                visited[at] = True
                 path.append(at)
                 at = int(after[at])
-            found.append((np.array(path, dtype=np.int64), at == start))
-        return found
+            paths.append((np.array(path, dtype=np.int64), at == start))
+        return paths
 
     def describe(self) -> dict[str, Any]:
         """Counts for the summary."""
@@ -130,7 +131,7 @@ class CurveSet:
     def from_paths(cls, paths: list[NDArray], **arrays: list[NDArray]) -> CurveSet:
         """Paths, each (n_i, 3), put one after the other; `arrays` give one (n_i, ...) array a path each."""
         sizes = [len(p) for p in paths]
-        start = np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64)
+        start = list_starts(sizes)
         points = np.concatenate(paths) if paths else np.zeros((0, 3))
         lines = [
             np.stack([np.arange(a, b - 1), np.arange(a + 1, b)], axis=1) for a, b in zip(start, start[1:])
@@ -143,7 +144,7 @@ class CurveSet:
 def plane_normal(points: NDArray) -> NDArray[np.float64] | None:
     """Unit normal of the plane in which a curve lies, None for a space curve.
 
-    The plane is seen from the positive side of the axis nearest to the normal (of equally near ones z, else
+    The plane is viewed from the positive side of the axis nearest to the normal (of equally near ones z, else
     y): for horizontal planes from above. The plane of a straight line is the one nearest to the horizontal.
     """
     size = float(np.abs(points - points[0]).max())
@@ -163,6 +164,6 @@ def plane_normal(points: NDArray) -> NDArray[np.float64] | None:
 
 
 def nearest_axis(normal: NDArray) -> int:
-    """The last of the largest components: equal ones must not be told apart by rounding."""
+    """The last of the largest components: rounding must not decide between equal ones."""
     size = np.abs(normal)
     return int(np.flatnonzero(size >= (1 - PLANARITY_TOLERANCE) * size.max())[-1])

@@ -1,4 +1,4 @@
-"""Results on their way out: a mesh with named arrays, and one frame of a motion."""
+"""Results: a mesh with named arrays, and a frame of a trajectory."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ AnyMesh = TriangleMesh | TetMesh | IntrinsicMesh | CurveSet
 
 @dataclass(frozen=True, eq=False)
 class AnnotatedMesh:
-    """A mesh and the arrays to write with it; names in files are the names here.
+    """A mesh and its named arrays; files use the same names.
 
     Parameters
     ----------
@@ -40,7 +40,7 @@ class AnnotatedMesh:
 
 @dataclass(frozen=True, eq=False)
 class Frame:
-    """One output of a motion.
+    """One frame of a trajectory.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""A surface known by its edge lengths alone: what every intrinsic operator reads."""
+"""Intrinsic triangulation: a surface given by its edge lengths."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from ddgcli.mesh.triangle_mesh import TriangleMesh
 
 @dataclass(frozen=True, eq=False)
 class IntrinsicMesh:
-    """Triangulation known by its side lengths: intrinsic operators read it as they read a TriangleMesh.
+    """Triangulation with side lengths; intrinsic operators accept it like a TriangleMesh.
 
     Parameters
     ----------
@@ -57,4 +57,4 @@ class IntrinsicMesh:
         return self.topology.n_faces
 
 
-SurfaceMesh = TriangleMesh | IntrinsicMesh  # whatever has a topology and side lengths
+SurfaceMesh = TriangleMesh | IntrinsicMesh  # meshes with a topology and side lengths

@@ -1,4 +1,4 @@
-"""Mends that a caller asks for by name; each returns the mended mesh and what it changed."""
+"""Repairs of meshes; each returns the new mesh and the changed elements."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from ddgcli.mesh.triangle_mesh import TriangleMesh
 
 
 def merged_points(points: NDArray) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Unique positions in order of first appearance, and the number in them of each point."""
+    """Unique positions in order of first appearance, and the unique position of each point."""
     points = np.asarray(points, dtype=np.float64) + 0.0  # -0 becomes 0
     if len(points) == 0:
         return points, np.zeros(0, dtype=np.int64)
@@ -26,7 +26,7 @@ def merged_points(points: NDArray) -> tuple[NDArray[np.float64], NDArray[np.int6
 
 
 def oriented(mesh: TriangleMesh) -> tuple[TriangleMesh, NDArray[np.bool_]]:
-    """The mesh with consistently oriented faces, and which were turned over (the fewer of each piece).
+    """The mesh with consistently oriented faces, and the mask of the reversed ones (the fewer of each piece).
 
     Raises
     ------
@@ -36,21 +36,21 @@ def oriented(mesh: TriangleMesh) -> tuple[TriangleMesh, NDArray[np.bool_]]:
     turn = mesh.topology.face_turn
     if turn is None:
         raise MeshError(
-            "the surface is not orientable (a Moebius band is in it); it has no consistent orientation"
+            "the surface is not orientable (it contains a Moebius band); repair the faces or cut it open"
         )
-    return turned_over(mesh, turn), turn
+    return reverse_faces(mesh, turn), turn
 
 
-def turned_over(mesh: TriangleMesh, turn: NDArray) -> TriangleMesh:
-    """The mesh with the faces of an (m,) mask run along the other way."""
+def reverse_faces(mesh: TriangleMesh, turn: NDArray) -> TriangleMesh:
+    """The mesh with the faces of an (m,) mask reversed."""
     faces = np.where(turn[:, None], mesh.faces[:, ::-1], mesh.faces)
     return TriangleMesh.from_arrays(mesh.points, faces)
 
 
 def one_vertex_a_fan(mesh: TriangleMesh) -> tuple[TriangleMesh, NDArray[np.int64]]:
-    """The mesh with a vertex of its own for every fan of faces, and the input vertex of each vertex.
+    """The mesh with a separate vertex for every fan of faces, and the input vertex of each vertex.
 
-    The first fan of a vertex keeps its number; the others get new ones, behind all vertices.
+    The first fan of a vertex keeps its number; the others get new numbers after all vertices.
     """
     n = mesh.n_vertices
     if len(mesh.topology.nonmanifold_vertices) == 0:

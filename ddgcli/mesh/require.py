@@ -1,4 +1,4 @@
-"""Each verb states its needs; a mesh that breaks one is refused in a sentence with the mend."""
+"""Requirements of the commands on their meshes, and errors for meshes that do not meet them."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from ddgcli.mesh.curve import CurveSet
 from ddgcli.mesh.tet_mesh import TetMesh
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 
-FLAT = 1e-12  # area below this share of the longest side squared
-THIN = 1e-8  # the same of a volume that is known from edge lengths only: their rounding squared
-SIZES = (1e-140, 1e140)  # lengths whose squares, and sums of them, stay numbers
+FLAT_AREA_TOLERANCE = 1e-12  # of the longest side squared
+FLAT_VOLUME_TOLERANCE = 1e-8  # of the longest edge cubed; rounding of volumes from edge lengths
+LENGTH_RANGE = (1e-140, 1e140)  # lengths whose squares, and sums of them, do not overflow
 
 
 def require(
@@ -30,16 +30,16 @@ def require(
     one_sided: bool = False,
     closed: bool = False,
 ) -> None:
-    """Raise MeshError naming the first culprit and the mend when `mesh` lacks a property.
+    """Raise MeshError if `mesh` lacks a property; name the first bad element and a cure.
 
     Parameters
     ----------
     verb : str
-        The subject of the message.
+        Subject of the message, such as the name of a command.
     faces : bool
         At least one triangle.
     sized, extent : bool
-        Sides whose squares neither vanish nor overflow; at least one side longer than zero.
+        No side whose square underflows or overflows; at least one side longer than zero.
     manifold, manifold_edges : bool
         No edge with three faces, and (`manifold`) no vertex with several fans.
     oriented, closed : bool
@@ -71,7 +71,7 @@ def require(
         a, b = topology.edges[bad[0]]
         raise MeshError(
             f"{len(bad)} edges join faces of opposite orientation (first: vertices {a}-{b}); "
-            f"{verb} needs consistently oriented faces: {_how_to_orient(mesh, one_sided)}"
+            f"{verb} needs consistently oriented faces: {_orientation_cure(mesh, one_sided)}"
         )
     if closed and not topology.is_closed:
         a, b = topology.edges[topology.boundary_edges[0]]
@@ -81,39 +81,40 @@ def require(
         )
 
 
-def _how_to_orient(mesh: TriangleMesh, one_sided: bool = False) -> str:
+def _orientation_cure(mesh: TriangleMesh, one_sided: bool = False) -> str:
+    """Part of the message: how to orient the faces."""
     turn = mesh.topology.faces_to_turn
     if not one_sided and mesh.topology.one_sided_face.any():
-        return "this surface is one-sided and has none"
-    return f"turn over {int(turn.sum())} of them (first: face {int(np.argmax(turn))})"
+        return "this surface is one-sided and has no orientation"
+    return f"reverse {int(turn.sum())} of them (first: face {int(np.argmax(turn))})"
 
 
 def check_size(longest: float, *, in_range: bool = True) -> None:
-    """Refuse a length that is zero or, with `in_range`, whose square leaves the range of numbers."""
+    """Raise MeshError for a zero length or, with `in_range`, one whose square underflows or overflows."""
     if longest == 0:
-        raise MeshError("every vertex is at the same place: there is no surface; mend the coordinates")
-    if in_range and not SIZES[0] < longest < SIZES[1]:
+        raise MeshError("every vertex is at the same place: there is no surface; correct the coordinates")
+    if in_range and not LENGTH_RANGE[0] < longest < LENGTH_RANGE[1]:
         raise MeshError(
-            f"the surface's size, {longest:.3g}, squared leaves the range of numbers; rescale the coordinates"
+            f"the size of the surface, {longest:.3g}, over- or underflows if squared; rescale the mesh"
         )
 
 
 @dataclass(frozen=True)
-class Need:
-    """What a command asks of its mesh.
+class Requirement:
+    """Properties that a command requires of its mesh.
 
     Parameters
     ----------
     kinds : tuple of str
         Of 'surface', 'tetrahedra', 'curve'.
     surface : dict
-        What `require` is told of a surface.
+        Arguments of `require` for a surface.
     boundary : dict
-        The same of the boundary of tetrahedra.
+        Arguments of `require` for the boundary of tetrahedra.
     area, every_area, volume : bool
         At least one face with area; every face with area; every tetrahedron with volume.
     instead : str
-        Why no mesh is taken at all, where that is so.
+        Why the command takes no mesh, or "".
     """
 
     kinds: tuple[str, ...] = ("surface",)
@@ -126,31 +127,33 @@ class Need:
 
 
 _MANIFOLD = {"manifold": True, "oriented": True}
-# what `info` answers under `accepts`; tests hold each row against what the command does
-NEEDS = {
-    "info": Need(
+# `info` reports them under `accepts`; tests compare each row with the command
+REQUIREMENTS = {
+    "info": Requirement(
         ("surface", "tetrahedra", "curve"), {"faces": False, "sized": False}, {"faces": False, "sized": False}
     ),
-    "repair": Need(surface={"faces": False, "sized": False}),
-    "curvature": Need(("surface", "tetrahedra", "curve"), area=True),
-    "delaunay": Need(
+    "repair": Requirement(surface={"faces": False, "sized": False}),
+    "curvature": Requirement(("surface", "tetrahedra", "curve"), area=True),
+    "delaunay": Requirement(
         surface={"sized": False, "extent": True, "manifold_edges": True, "oriented": True}, area=True
     ),
-    "laplacian": Need(area=True),
-    "hodge": Need(
+    "laplacian": Requirement(area=True),
+    "hodge": Requirement(
         ("surface", "tetrahedra"), {**_MANIFOLD, "one_sided": True}, {"manifold": True}, volume=True
     ),
-    "dec": Need(("surface", "tetrahedra"), _MANIFOLD, {"faces": True}, every_area=True, volume=True),
-    "geodesic": Need(surface={"sized": False}),
-    "shell-sim": Need(every_area=True),
-    "fluid-sim": Need(surface=_MANIFOLD, every_area=True),
-    "willmore-flow": Need(surface=_MANIFOLD, every_area=True),
-    "tradeoff": Need(),
-    "frames": Need((), instead="it takes the trajectory of a simulation (.vtkhdf)"),
-    "view": Need(("surface", "tetrahedra", "curve"), {"faces": False, "sized": False}, {"faces": False}),
-    "batch": Need((), instead="it takes inputs and, behind --, the command to run on them"),
-    "examples": Need((), instead="it takes the folder to copy to"),
-    "check": Need((), instead="it takes a stored summary (.json)"),
+    "dec": Requirement(("surface", "tetrahedra"), _MANIFOLD, {"faces": True}, every_area=True, volume=True),
+    "geodesic": Requirement(surface={"sized": False}),
+    "shell-sim": Requirement(every_area=True),
+    "fluid-sim": Requirement(surface=_MANIFOLD, every_area=True),
+    "willmore-flow": Requirement(surface=_MANIFOLD, every_area=True),
+    "tradeoff": Requirement(),
+    "frames": Requirement((), instead="it takes the trajectory of a simulation (.vtkhdf)"),
+    "view": Requirement(
+        ("surface", "tetrahedra", "curve"), {"faces": False, "sized": False}, {"faces": False}
+    ),
+    "batch": Requirement((), instead="it takes inputs and, behind --, the command to run on them"),
+    "examples": Requirement((), instead="it takes the folder to copy to"),
+    "check": Requirement((), instead="it takes a stored summary (.json)"),
 }
 
 
@@ -162,34 +165,34 @@ def kind_of(mesh: TriangleMesh | TetMesh | CurveSet) -> str:
     return "tetrahedra" if isinstance(mesh, TetMesh) else "curve" if isinstance(mesh, CurveSet) else "surface"
 
 
-def wrong_kind(
+def kind_error(
     mesh: TriangleMesh | TetMesh | CurveSet, kinds: Sequence[str], verb: str = "it", path: str = "MESH"
 ) -> str | None:
-    """Why a mesh is not of the `kinds` that `verb` takes, with the mend; None where it is."""
+    """Why a mesh has none of the `kinds` that `verb` takes, with a cure; None if it has."""
     kind = kind_of(mesh)
     if kind in kinds:
         return None
-    mend = f"; ddgcli info {path} -o surface.ply writes their boundary" if kind == "tetrahedra" else ""
-    return f"holds {_PHRASE[kind]}; {verb} takes {' or '.join(_PHRASE[k] for k in kinds)}{mend}"
+    cure = f"; ddgcli info {path} -o surface.ply writes their boundary" if kind == "tetrahedra" else ""
+    return f"holds {_PHRASE[kind]}; {verb} takes {' or '.join(_PHRASE[k] for k in kinds)}{cure}"
 
 
-def why_not(mesh: TriangleMesh | TetMesh | CurveSet, verb: str) -> str | None:
-    """Why a command will not take the mesh, with the mend; None where it will."""
-    need = NEEDS[verb]
-    if need.instead:
-        return need.instead
-    if told := wrong_kind(mesh, need.kinds):
-        return told
+def unmet_need(mesh: TriangleMesh | TetMesh | CurveSet, verb: str) -> str | None:
+    """First requirement of a command that the mesh does not meet, with a cure; None if it meets all."""
+    requirement = REQUIREMENTS[verb]
+    if requirement.instead:
+        return requirement.instead
+    if message := kind_error(mesh, requirement.kinds):
+        return message
     try:
         if isinstance(mesh, TetMesh):
-            require(mesh.boundary, "it", **need.boundary)
-            if need.volume:
+            require(mesh.boundary, "it", **requirement.boundary)
+            if requirement.volume:
                 _require_volume(mesh)
         elif isinstance(mesh, TriangleMesh):
-            require(mesh, "it", **need.surface)
-            if need.area:
+            require(mesh, "it", **requirement.surface)
+            if requirement.area:
                 _require_area(mesh)
-            if need.every_area:
+            if requirement.every_area:
                 _require_every_area(mesh)
     except MeshError as error:
         return str(error)
@@ -198,22 +201,23 @@ def why_not(mesh: TriangleMesh | TetMesh | CurveSet, verb: str) -> str | None:
 
 def _require_area(mesh: TriangleMesh) -> None:
     side = mesh.side_vector / mesh.side_length.max()
-    if (np.abs(np.cross(side[:, 0], side[:, 1])) <= FLAT).all():
+    if (np.abs(np.cross(side[:, 0], side[:, 1])) <= FLAT_AREA_TOLERANCE).all():
         raise MeshError(f"none of the {mesh.n_faces} faces has an area; check the coordinates")
 
 
 def _require_every_area(mesh: TriangleMesh) -> None:
     side = mesh.side_vector / np.maximum(mesh.side_length.max(axis=1), 1e-300)[:, None, None]
-    flat = np.flatnonzero(~(np.linalg.norm(np.cross(side[:, 0], side[:, 1]), axis=1) > FLAT))
+    flat = np.flatnonzero(~(np.linalg.norm(np.cross(side[:, 0], side[:, 1]), axis=1) > FLAT_AREA_TOLERANCE))
     if len(flat):
         raise MeshError(
-            f"{len(flat)} faces have no area (first: face {flat[0]}); remove them, or mend their vertices"
+            f"{len(flat)} faces have no area (first: face {flat[0]}); remove them, or correct their vertices"
         )
 
 
 def _require_volume(mesh: TetMesh) -> None:
     edge = mesh.points[mesh.tetrahedra[:, 1:]] - mesh.points[mesh.tetrahedra[:, :1]]
-    flat = np.flatnonzero(np.abs(mesh.signed_volume) <= THIN * np.abs(edge).max(axis=(1, 2)) ** 3)
+    smallest = FLAT_VOLUME_TOLERANCE * np.abs(edge).max(axis=(1, 2)) ** 3
+    flat = np.flatnonzero(np.abs(mesh.signed_volume) <= smallest)
     if len(flat):
         raise MeshError(
             f"{len(flat)} tetrahedra have no volume (first: tetrahedron {flat[0]}); remove or repair them"

@@ -1,4 +1,4 @@
-"""Shapes with known geometry: for tests, samples, scenes and studies. All are functions to TriangleMesh."""
+"""Meshes of shapes with known geometry."""
 
 from __future__ import annotations
 

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from ddgcli.errors import MeshError
 from ddgcli.mesh.topology import frozen
 from ddgcli.mesh.triangle_mesh import TriangleMesh, check_points
+from ddgcli.mesh.vectors import cone_volume
 
 # faces of a positively oriented tetrahedron, outward; face i is opposite corner i
 TET_FACES = np.array([[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]])
@@ -81,7 +82,7 @@ class TetMesh:
         """(k,) signed volume of each tetrahedron."""
         p = self.points[self.tetrahedra]
         a, b, c = p[:, 1] - p[:, 0], p[:, 2] - p[:, 0], p[:, 3] - p[:, 0]
-        return frozen(np.einsum("ij,ij->i", np.cross(a, b), c) / 6.0)
+        return frozen(cone_volume(a.T, b.T, c.T))
 
     @cached_property
     def boundary(self) -> TriangleMesh:

@@ -1,4 +1,4 @@
-"""Who touches whom in a triangle mesh, by number, with no positions and no lengths.
+"""Connectivity of a triangle mesh, without positions and lengths.
 
 Side conventions, the same everywhere from kernel to file: side `j` of face `f` runs from corner `j` to
 corner `j+1 (mod 3)` and is opposite corner `j+2 (mod 3)`. A side's flat number is `3*f + j` (a halfedge).
@@ -131,6 +131,12 @@ class Topology:
         return frozen(twin.reshape(-1, 3))
 
     @cached_property
+    def interior_sides(self) -> NDArray[np.int64]:
+        """(h,) flat number of the first side of each edge that has two sides."""
+        twin = self.side_twin.ravel()
+        return frozen(np.flatnonzero((twin >= 0) & (np.arange(len(twin)) < twin)))
+
+    @cached_property
     def boundary_edges(self) -> NDArray[np.int64]:
         """Numbers of the edges with one face."""
         return frozen(np.flatnonzero(self.edge_face_count == 1))
@@ -251,14 +257,14 @@ class Topology:
 
     @cached_property
     def _sheets(self) -> NDArray[np.int64]:
-        """(m, 2) component of the double cover in which each face lies, as it is and turned over."""
+        """(m, 2) component of the double cover in which each face lies, as it is and reversed."""
         twin = self.side_twin.ravel()
         side = np.flatnonzero((twin >= 0) & (np.arange(len(twin)) <= twin))
         a, b = side // 3, twin[side] // 3
         sign = self.side_sign.ravel()
         along = self.side_tail[side] == self.side_tail[twin[side]]
         clash = (sign[side] == sign[twin[side]]) if self.gluing is None else along
-        # the double cover: face f as it is (2f) and turned over (2f+1)
+        # the double cover: face f as it is (2f) and reversed (2f+1)
         rows, cols = np.concatenate([2 * a, 2 * a + 1]), np.concatenate([2 * b + clash, 2 * b + ~clash])
         graph = coo_array((np.ones(len(rows), dtype=np.int8), (rows, cols)), shape=(2 * self.n_faces,) * 2)
         return connected_components(graph, directed=False)[1].reshape(-1, 2)
@@ -277,7 +283,7 @@ class Topology:
 
     @cached_property
     def faces_to_turn(self) -> NDArray[np.bool_]:
-        """(m,) True at faces to turn over so that every orientable piece is oriented.
+        """(m,) True at faces to reverse so that every orientable piece is oriented.
 
         In each piece the fewer faces are turned; none in one-sided pieces.
         """
@@ -294,7 +300,7 @@ class Topology:
 
     @property
     def is_orientable(self) -> bool:
-        """Whether faces can be turned over so that every two-sided edge is traversed in both directions."""
+        """Whether faces can be reversed so that every two-sided edge is traversed in both directions."""
         return self.face_turn is not None
 
     @property
@@ -322,7 +328,7 @@ def sorted_sides(low: NDArray, high: NDArray, n_vertices: int) -> tuple[NDArray,
 
 
 def check_faces(faces: NDArray, n_vertices: int) -> NDArray[np.int64]:
-    """Faces as (m, 3) int64 with every index in range, or MeshError naming the first culprit."""
+    """Faces as (m, 3) int64 with every index in range, or MeshError naming the first bad one."""
     faces = np.asarray(faces)
     if faces.size == 0:
         return np.zeros((0, 3), dtype=np.int64)
@@ -334,5 +340,7 @@ def check_faces(faces: NDArray, n_vertices: int) -> NDArray[np.int64]:
         outside = (faces < 0) | (faces >= n_vertices)
         bad = int(np.argmax(outside.any(axis=1)))
         culprit = faces[bad][outside[bad]][0]
-        raise MeshError(f"face {bad} names vertex {culprit}, outside 0..{n_vertices - 1}; mend the face list")
+        raise MeshError(
+            f"face {bad} names vertex {culprit}, outside 0..{n_vertices - 1}; correct the face list"
+        )
     return faces.astype(np.int64)

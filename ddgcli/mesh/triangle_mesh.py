@@ -10,13 +10,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from ddgcli.errors import MeshError
 from ddgcli.mesh.topology import NEXT, Topology, check_faces, frozen
+from ddgcli.mesh.vectors import vector_length
 
-LARGEST_COORDINATE = 1e300  # lengths and sums of many of them stay numbers
-BLOCK = 1 << 14  # faces at a time, so that temporaries stay in cache
+MAX_COORDINATE = 1e300  # sums of lengths do not overflow
+BLOCK_SIZE = 1 << 14  # faces at a time, so that temporaries stay in cache
 
 
 def check_points(points: NDArray) -> NDArray[np.float64]:
-    """Points as (n, 3) float64, finite, or MeshError naming the first culprit."""
+    """Points as (n, 3) float64, finite, or MeshError naming the first bad one."""
     points = np.asarray(points, dtype=np.float64)
     if points.ndim != 2 or points.shape[1] not in (2, 3):
         raise MeshError(f"points must have shape (n, 3), found {points.shape}")
@@ -26,10 +27,10 @@ def check_points(points: NDArray) -> NDArray[np.float64]:
     if not finite.all():
         bad = np.flatnonzero(~finite.all(axis=1))
         raise MeshError(f"vertex {bad[0]} is not finite ({len(bad)} such vertices); remove or repair it")
-    if len(points) and np.abs(points).max() > LARGEST_COORDINATE:
-        bad = np.flatnonzero((np.abs(points) > LARGEST_COORDINATE).any(axis=1))
+    if len(points) and np.abs(points).max() > MAX_COORDINATE:
+        bad = np.flatnonzero((np.abs(points) > MAX_COORDINATE).any(axis=1))
         raise MeshError(
-            f"vertex {bad[0]} has a coordinate above {LARGEST_COORDINATE:g} ({len(bad)} such vertices), and "
+            f"vertex {bad[0]} has a coordinate above {MAX_COORDINATE:g} ({len(bad)} such vertices), and "
             "lengths leave the range of numbers; rescale the coordinates"
         )
     return points
@@ -117,8 +118,8 @@ class TriangleMesh:
         Scaled before squaring, so that coordinates near the limits of float64 neither overflow nor vanish.
         """
         points, length = self.points.T.copy(), np.empty((self.n_faces, 3))
-        for begin in range(0, self.n_faces, BLOCK):
-            rows = slice(begin, begin + BLOCK)
+        for begin in range(0, self.n_faces, BLOCK_SIZE):
+            rows = slice(begin, begin + BLOCK_SIZE)
             corners = points.take(self.faces[rows].T.ravel(), axis=1).reshape(3, 3, -1)
             for j in range(3):
                 length[rows, j] = _distance(corners[:, j], corners[:, (j + 1) % 3])
@@ -135,18 +136,3 @@ def _distance(tail: NDArray, head: NDArray) -> NDArray[np.float64]:
     if 1e-200 < square.max(initial=0.0) < 1e300:
         return np.sqrt(square, out=square)
     return vector_length(step.T)
-
-
-def vector_length(vectors: NDArray) -> NDArray[np.float64]:
-    """(...,) Euclidean length of (..., d) vectors, safe at 1e-160 and 1e160."""
-    largest = np.abs(vectors).max(initial=0.0)
-    if largest == 0.0 or 1e-100 < largest < 1e150:
-        return np.sqrt(np.einsum("...i,...i->...", vectors, vectors))
-    scaled = vectors / largest
-    return largest * np.sqrt(np.einsum("...i,...i->...", scaled, scaled))
-
-
-def unit_vectors(vectors: NDArray) -> NDArray[np.float64]:
-    """(..., d) vectors at unit length; zero where they are zero."""
-    length = vector_length(vectors)[..., None]
-    return np.divide(vectors, length, out=np.zeros_like(vectors), where=length > 0)

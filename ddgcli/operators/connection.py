@@ -16,8 +16,10 @@ from ddgcli.geometry.extrinsic import face_area_vector
 from ddgcli.geometry.intrinsic import corner_cotan
 from ddgcli.geometry.unfolding import Fans, vertex_fans
 from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
+from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.topology import NEXT
-from ddgcli.mesh.triangle_mesh import TriangleMesh, unit_vectors
+from ddgcli.mesh.triangle_mesh import TriangleMesh
+from ddgcli.mesh.vectors import row_dot, unit_vectors
 
 
 def angle_scale(fans: Fans) -> NDArray[np.float64]:
@@ -37,7 +39,7 @@ def side_angles(mesh: SurfaceMesh) -> tuple[NDArray[np.float64], NDArray[np.floa
     Raises
     ------
     MeshError
-        At vertices that join several fans of faces: they have no one tangent plane.
+        At vertices that join several fans of faces, which have no unique tangent plane.
     """
     fans = vertex_fans(mesh)
     count = np.bincount(fans.vertex, minlength=mesh.n_vertices)
@@ -54,7 +56,7 @@ def side_angles(mesh: SurfaceMesh) -> tuple[NDArray[np.float64], NDArray[np.floa
 
 
 def edge_transport(mesh: SurfaceMesh) -> NDArray[np.complex128]:
-    """(3m,) unit number that carries a vector from the tail of side 3f+j to its head: v_head = r v_tail."""
+    """(3m,) unit number r that transports a vector along side 3f+j: v_head = r v_tail."""
     at_tail, at_head = side_angles(mesh)
     return np.exp(1j * (at_head + np.pi - at_tail))
 
@@ -92,36 +94,34 @@ def connection_laplacian(mesh: SurfaceMesh) -> csr_array:
     True
     """
     weight = 0.5 * corner_cotan(mesh.side_length)[:, [2, 0, 1]].ravel()
-    carry = weight * edge_transport(mesh)
+    transport = weight * edge_transport(mesh)
     i, j = mesh.topology.side_tail, mesh.topology.side_head
     n = mesh.n_vertices
     rows, cols = np.concatenate([j, i, i, j]), np.concatenate([i, j, i, j])
-    values = np.concatenate([-carry, -carry.conj(), weight, weight])
+    values = np.concatenate([-transport, -transport.conj(), weight, weight])
     return coo_array((values, (rows, cols)), shape=(n, n)).tocsr()
 
 
 def vertex_axes(mesh: TriangleMesh) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """((n, 3), (n, 3)) axes in space of the vertices' tangent frames.
 
-    They span the plane across the vertex normal (the area-weighted mean of the faces') and are turned in it
-    so that the projected sides lie at their intrinsic angles as well as they can, in the mean over the sides.
-    Zero where no face is.
+    They span the plane orthogonal to the vertex normal (the area-weighted mean of the face normals), rotated
+    so that the projected sides have their intrinsic angles in the mean over the sides. Zero at vertices
+    without faces.
     """
     fans = vertex_fans(mesh)
-    normal = np.zeros((mesh.n_vertices, 3))
-    np.add.at(normal, mesh.faces.ravel(), np.repeat(face_area_vector(mesh), 3, axis=0))
-    normal = unit_vectors(normal)
+    star = np.repeat(face_area_vector(mesh), 3, axis=0)
+    normal = unit_vectors(sum_by_index(mesh.faces.ravel(), star, mesh.n_vertices))
     side = mesh.side_vector.reshape(-1, 3)
     first = np.zeros((mesh.n_vertices, 3))
     first[fans.vertex] = side[fans.corner[fans.start[:-1]]]
-    x = unit_vectors(first - np.einsum("ij,ij->i", first, normal)[:, None] * normal)
+    x = unit_vectors(first - row_dot(first, normal)[:, None] * normal)
     y = np.cross(normal, x)
     tail = mesh.topology.side_tail
-    seen = np.einsum("ij,ij->i", side, x[tail]) + 1j * np.einsum("ij,ij->i", side, y[tail])
-    size = np.abs(seen)
-    turn = seen * np.exp(-1j * side_angles(mesh)[0]) / np.where(size > 0, size, 1.0)
-    mean = np.zeros(mesh.n_vertices, dtype=np.complex128)
-    np.add.at(mean, tail, turn)
+    projected = row_dot(side, x[tail]) + 1j * row_dot(side, y[tail])
+    size = np.abs(projected)
+    turn = projected * np.exp(-1j * side_angles(mesh)[0]) / np.where(size > 0, size, 1.0)
+    mean = sum_by_index(tail, turn, mesh.n_vertices)
     mean /= np.where(np.abs(mean) > 0, np.abs(mean), 1.0)
     x, y = mean.real[:, None] * x + mean.imag[:, None] * y, mean.real[:, None] * y - mean.imag[:, None] * x
     return x, y
@@ -130,7 +130,7 @@ def vertex_axes(mesh: TriangleMesh) -> tuple[NDArray[np.float64], NDArray[np.flo
 def to_vertex_frames(mesh: TriangleMesh, vector: NDArray) -> NDArray[np.complex128]:
     """(n,) complex tangent vectors of (n, 3) vectors in space, projected to the tangent planes."""
     x, y = vertex_axes(mesh)
-    return np.einsum("ij,ij->i", vector, x) + 1j * np.einsum("ij,ij->i", vector, y)
+    return row_dot(vector, x) + 1j * row_dot(vector, y)
 
 
 def from_vertex_frames(mesh: TriangleMesh, vector: NDArray) -> NDArray[np.float64]:

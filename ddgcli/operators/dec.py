@@ -1,8 +1,8 @@
 """Discrete exterior calculus on triangles and tetrahedra: complexes and exterior derivatives.
 
 A k-form is a number on each oriented k-simplex: the integral of the form over it. Derivatives are integer, so
-that d d = 0 exactly; metric enters through the Hodge stars alone (`operators.stars`), and those read only the
-lengths of the cells' edges: a mesh in space and an intrinsic triangulation pass through the same code.
+that d d = 0 exactly. The metric enters through the Hodge stars alone (`operators.stars`), which read only
+edge lengths: the same code serves meshes in space and intrinsic triangulations.
 Chapters 7 and 8 of the notes.
 """
 
@@ -19,7 +19,8 @@ from ddgcli.geometry.cells import TET_EDGES, CellMetric, tetrahedron_metric, tri
 from ddgcli.mesh.intrinsic_mesh import IntrinsicMesh
 from ddgcli.mesh.tet_mesh import TET_FACES, TetMesh
 from ddgcli.mesh.topology import Topology
-from ddgcli.mesh.triangle_mesh import TriangleMesh, vector_length
+from ddgcli.mesh.triangle_mesh import TriangleMesh
+from ddgcli.mesh.vectors import vector_length
 
 SimplicialMesh = TriangleMesh | IntrinsicMesh | TetMesh
 
@@ -35,7 +36,7 @@ def d1(topology: Topology) -> csr_array:
 
 
 def _incidence(index: NDArray, sign: NDArray, n_columns: int) -> csr_array:
-    """Row i holds sign[i] at columns index[i]; entries that meet (self-edges) are summed."""
+    """Matrix with row i holding sign[i] at columns index[i]; entries in one place (self-edges) add up."""
     rows, per_row = index.shape
     values = np.broadcast_to(sign, index.shape).astype(np.int8).ravel()
     start = np.arange(0, rows * per_row + 1, per_row)

@@ -7,7 +7,8 @@ from scipy.sparse import csr_array, diags_array
 
 from ddgcli.geometry.intrinsic import face_area
 from ddgcli.mesh.topology import NEXT
-from ddgcli.mesh.triangle_mesh import TriangleMesh, unit_vectors
+from ddgcli.mesh.triangle_mesh import TriangleMesh
+from ddgcli.mesh.vectors import unit_vectors
 
 
 def gradient(mesh: TriangleMesh) -> csr_array:
@@ -32,7 +33,7 @@ def gradient(mesh: TriangleMesh) -> csr_array:
     >>> slope[0].round(12).tolist()
     [3.0, 0.0, 0.0]
     """
-    longest = mesh.side_length.max(axis=1)  # areas of unit faces: those of tiny ones would vanish
+    longest = mesh.side_length.max(axis=1)  # faces scaled to unit size: areas of tiny ones would underflow
     unit = np.where(longest > 0, longest, 1.0)[:, None]
     side = mesh.side_vector / unit[..., None]
     area = face_area(mesh.side_length / unit)

@@ -12,10 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import coo_array, csr_array, diags_array
 
-from ddgcli.geometry.intrinsic import corner_cotan, cotan_and_area, face_area
+from ddgcli.geometry.intrinsic import corner_cotan, cotan_and_area, face_area, mixed_voronoi_share
 from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
+from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.topology import NEXT, PREVIOUS
-from ddgcli.operators.mollify import mollified_mesh
+from ddgcli.operators.mollify import mollify_mesh
 
 log = logging.getLogger("ddgcli")
 
@@ -46,8 +47,8 @@ def stiffness(mesh: SurfaceMesh) -> csr_array:
     """
     cotan = corner_cotan(mesh.side_length)
     if not np.isfinite(cotan).all():
-        mesh, mended = mollified_mesh(mesh)
-        log.warning("%s", mended)
+        mesh, mollification = mollify_mesh(mesh)
+        log.warning("%s", mollification)
         cotan = corner_cotan(mesh.side_length)
     return laplacian_of_sides(mesh, 0.5 * cotan[:, PREVIOUS])  # side j is opposite corner j+2
 
@@ -96,27 +97,16 @@ def lumped_vertex_area(mesh: SurfaceMesh) -> NDArray[np.float64]:
 
 
 def voronoi_vertex_area(mesh: SurfaceMesh) -> NDArray[np.float64]:
-    """(n,) mixed Voronoi area; sums to the area of the surface.
-
-    Where a face is obtuse its obtuse corner gets half of it and the others a quarter. M. Meyer et al.,
-    "Discrete differential-geometry operators for triangulated 2-manifolds", 2003.
-    """
+    """(n,) mixed Voronoi areas (`mixed_voronoi_share`); they sum to the area of the surface."""
     cotan, area = cotan_and_area(mesh.side_length)
-    sides = mesh.side_length**2
     with np.errstate(invalid="ignore"):
-        part = (sides * cotan[:, PREVIOUS] + sides[:, PREVIOUS] * cotan[:, NEXT]) / 8.0
-    obtuse = np.less(cotan, 0.0)
-    # column by column: a reduction along rows of three costs more than all the rest
-    in_obtuse = obtuse[:, 0] | obtuse[:, 1] | obtuse[:, 2]
-    in_obtuse |= ~np.isfinite(part[:, 0] + part[:, 1] + part[:, 2])
-    mixed = np.where(obtuse, 0.5, 0.25) * area[:, np.newaxis]
-    return corner_sum(mesh, np.where(in_obtuse[:, np.newaxis], mixed, part).ravel())
+        share = mixed_voronoi_share(mesh.side_length.T**2, cotan.T, area)
+    return corner_sum(mesh, share.T)
 
 
 def corner_sum(mesh: SurfaceMesh, values: NDArray) -> NDArray[np.float64]:
     """(n,) sum over the corners at each vertex, of (3m,) or (m, 3) values on corners."""
-    total = np.bincount(mesh.faces.ravel(), weights=values.ravel(), minlength=mesh.n_vertices)
-    return total.astype(np.float64)
+    return sum_by_index(mesh.faces.ravel(), values.ravel(), mesh.n_vertices)
 
 
 def lumped_mass(mesh: SurfaceMesh) -> csr_array:

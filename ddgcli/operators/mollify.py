@@ -1,4 +1,4 @@
-"""Lengths mended where a triangle has no area, so that angles and cotangents exist."""
+"""Intrinsic mollification: lengthen sides of triangles without area, so that angles and cotangents exist."""
 
 from __future__ import annotations
 
@@ -12,19 +12,19 @@ from ddgcli.geometry.intrinsic import signed_excess
 from ddgcli.mesh.intrinsic_mesh import IntrinsicMesh
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 
-FLAT = 4  # roundings of the perimeter: an excess below has no shape left
-SPARE = 64  # roundings of the mean side: the excess of a mended triangle, well above FLAT
+FLAT_EXCESS = 4  # in roundings of the perimeter: a triangle with a smaller excess is degenerate
+MOLLIFIED_EXCESS = 64  # in roundings of the mean side: excess of a mollified triangle, well above FLAT_EXCESS
 MAX_ROUNDS = 1000
 
 
 @dataclass(frozen=True, eq=False)
-class Mollified:
-    """Side lengths whose triangles all have an inside.
+class Mollification:
+    """Side lengths that satisfy the strict triangle inequality.
 
     Parameters
     ----------
     length : (m, 3) ndarray
-        The input itself where nothing had to be mended.
+        The input itself if no face is degenerate.
     faces : (k,) ndarray of int64
         Degenerate faces of the input.
     edges : int
@@ -45,15 +45,17 @@ class Mollified:
         )
 
 
-def mollified(length: NDArray, side_edge: NDArray) -> Mollified:
-    """Lengths grown as little as gives every triangle an inside.
+def mollify_lengths(length: NDArray, side_edge: NDArray) -> Mollification:
+    """Lengthen sides by the least amount that gives every triangle an area.
 
-    A face whose sides break the triangle inequality, or hold it with mere rounding to spare, has its three
-    edges lengthened by the same amount: a cap (three corners on a line) until rounding cannot make it flat
-    again, by about 1e-14 of its sides; a needle without a width until its angle is the square root of a
-    rounding, 1e-8, so that lengths and cotangents both keep half of their digits. Neighbours that this would
-    cost more than half of their own excess are lengthened alike. Where nothing is degenerate nothing changes.
-    After N. Sharp, K. Crane, "A Laplacian for nonmanifold triangle meshes", 2020, who lengthen every edge.
+    If the sides of a face violate the triangle inequality, or satisfy it only up to rounding, its three edges
+    are lengthened by the same amount: by about 1e-14 of its sides for a cap (three corners on a line), so
+    that rounding cannot flatten it again; for a needle without width until its angle is the square root of
+    the rounding unit, 1e-8, so that lengths and cotangents both keep half of their digits. A neighbour that
+    would lose more than half of its own excess is lengthened equally. Meshes without degenerate faces do not
+    change.
+    After N. Sharp, K. Crane, "A Laplacian for nonmanifold triangle meshes", 2020, where every edge is
+    lengthened.
 
     Parameters
     ----------
@@ -65,68 +67,68 @@ def mollified(length: NDArray, side_edge: NDArray) -> Mollified:
     Raises
     ------
     MeshError
-        When no face has an inside: there is no surface to speak of.
+        When no face has an area.
     """
     unit = float(np.finfo(length.dtype).eps)
     least = _excesses(length)[:, 0]
-    flat = np.flatnonzero(~(least > FLAT * unit * length.sum(axis=1)))
+    flat = np.flatnonzero(~(least > FLAT_EXCESS * unit * length.sum(axis=1)))
     if len(flat) == 0:
-        return Mollified(length, flat)
+        return Mollification(length, flat)
     if len(flat) == len(length):
         raise MeshError(f"none of the {len(length)} faces has an area; check the coordinates")
     original = np.zeros(side_edge.max() + 1, dtype=length.dtype)
     original[side_edge] = length
     mean = length.mean()
-    wanted = 0.5 * least
-    wanted[flat] = _mended_excess(length[flat], np.maximum(length[flat].mean(axis=1), unit * mean), unit)
+    required = 0.5 * least
+    required[flat] = _mollified_excess(length[flat], np.maximum(length[flat].mean(axis=1), unit * mean), unit)
     added = np.zeros_like(least)
-    added[flat] = np.maximum(wanted[flat] - least[flat], 0.0)
-    grown = _lengthened(original, side_edge, added, wanted)
+    added[flat] = np.maximum(required[flat] - least[flat], 0.0)
+    grown = _lengthen(original, side_edge, added, required)
     change = grown - original
-    return Mollified(grown[side_edge], flat, int((change > 0).sum()), float(change.max() / mean))
+    return Mollification(grown[side_edge], flat, int((change > 0).sum()), float(change.max() / mean))
 
 
-def mollified_mesh(mesh: TriangleMesh | IntrinsicMesh) -> tuple[TriangleMesh | IntrinsicMesh, Mollified]:
-    """The mesh with mollified lengths (itself where nothing was degenerate), and what was done."""
-    mended = mollified(mesh.side_length, mesh.topology.side_edge)
-    if len(mended.faces) == 0:
-        return mesh, mended
-    return IntrinsicMesh(mesh.topology, mended.length, mesh.points), mended
+def mollify_mesh(mesh: TriangleMesh | IntrinsicMesh) -> tuple[TriangleMesh | IntrinsicMesh, Mollification]:
+    """The mesh with mollified lengths (the mesh itself if no face is degenerate), and the mollification."""
+    mollification = mollify_lengths(mesh.side_length, mesh.topology.side_edge)
+    if len(mollification.faces) == 0:
+        return mesh, mollification
+    return IntrinsicMesh(mesh.topology, mollification.length, mesh.points), mollification
 
 
 def _excesses(length: NDArray) -> NDArray:
-    """(m, 3) differences between two sides' sum and the third, least first."""
+    """(m, 3) sum of two sides minus the third, in ascending order."""
     a, b, c = length.T
     excess = [signed_excess(a, b, c), signed_excess(b, c, a), signed_excess(c, a, b)]
     return np.sort(np.stack(excess, axis=1), axis=1)
 
 
-def _mended_excess(length: NDArray, size: NDArray, unit: float) -> NDArray:
-    """(k,) least excess that flat faces of a mean side `size` are to have.
+def _mollified_excess(length: NDArray, size: NDArray, unit: float) -> NDArray:
+    """(k,) required least excess of degenerate faces with mean side `size`.
 
     The product of the two lesser excesses, over the size squared, is about the least angle squared.
     """
     least, middle, _ = np.maximum(_excesses(length), 0.0).T
     narrow = np.sqrt(unit) * size
     added = 2.0 * narrow / (middle / narrow + np.sqrt((middle / narrow) ** 2 + 4.0))
-    return np.maximum(SPARE * unit * size, np.maximum(least, 0.0) + added)
+    return np.maximum(MOLLIFIED_EXCESS * unit * size, np.maximum(least, 0.0) + added)
 
 
-def _lengthened(edge_length: NDArray, side_edge: NDArray, added: NDArray, wanted: NDArray) -> NDArray:
-    """(e,) lengths of edges that all grow by the most that is added to one of their faces.
+def _lengthen(edge_length: NDArray, side_edge: NDArray, added: NDArray, required: NDArray) -> NDArray:
+    """(e,) edge lengths plus the largest amount that one of their faces adds.
 
-    A face that its neighbours leave with less excess than wanted gets as much as the neighbour that has most:
-    then its own three edges grow alike. What is added only ever rises, to amounts given at the beginning; if
-    it takes too long, the largest is added to every face.
+    A face whose neighbours leave it less than the required excess takes the largest amount among them, so
+    that its three edges grow equally. Amounts only increase, up to the largest initial one; after MAX_ROUNDS
+    every face takes that one.
     """
     added = added.copy()
     for k in range(MAX_ROUNDS + 1):
         growth = np.zeros_like(edge_length)
-        given = np.flatnonzero(added)
-        np.maximum.at(growth, side_edge[given].ravel(), np.repeat(added[given], 3))
+        growing = np.flatnonzero(added)
+        np.maximum.at(growth, side_edge[growing].ravel(), np.repeat(added[growing], 3))
         grown = edge_length + growth
         most = growth[side_edge].max(axis=1)
-        short = (added < most) & (_excesses(grown[side_edge])[:, 0] < wanted)
+        short = (added < most) & (_excesses(grown[side_edge])[:, 0] < required)
         if not short.any():
             break
         if k < MAX_ROUNDS:

@@ -8,18 +8,19 @@ forms: sparse, positive definite, consistent on every mesh).
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import coo_array, csr_array, diags_array
 
+from ddgcli.choices import HODGE_STARS
 from ddgcli.errors import ParameterError, SolveError
 from ddgcli.geometry.cells import TET_EDGES, TRIANGLE_EDGES
 from ddgcli.linalg.factor import Factor
+from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.operators.dec import Complex
 
-Star = Literal["circumcentric", "barycentric", "galerkin"]
+Star = str  # one of HODGE_STARS
 
 
 def hodge_star(complex_: Complex, degree: int, kind: Star = "galerkin") -> csr_array:
@@ -38,16 +39,16 @@ def hodge_star(complex_: Complex, degree: int, kind: Star = "galerkin") -> csr_a
         Diagonal for the first two kinds: dual measure / primal measure, in length^(dimension - 2 degree).
     """
     if not 0 <= degree <= complex_.dimension:
-        raise ParameterError(f"degree {degree} is outside 0..{complex_.dimension}")
-    if kind not in get_args(Star):
-        raise ParameterError(f"unknown star {kind!r}; choose one of {', '.join(get_args(Star))}")
+        raise ParameterError(f"{degree} is outside 0..{complex_.dimension}", parameter="degree")
+    if kind not in HODGE_STARS:
+        raise ParameterError(f"{kind!r} is not one of {', '.join(HODGE_STARS)}", parameter="kind")
     if degree == complex_.dimension:
         return diags_array(1.0 / complex_.metric.measure).tocsr()
     if kind == "galerkin":
         return _galerkin(complex_, degree)
     local = _DIAGONAL[complex_.dimension, degree](complex_, kind)
     index = (complex_.corners, complex_.cell_edge, complex_.cell_face)[degree]
-    diagonal = np.bincount(index.ravel(), weights=local.ravel(), minlength=complex_.counts[degree])
+    diagonal = sum_by_index(index, local, complex_.counts[degree])
     return diags_array(diagonal).tocsr()
 
 
@@ -229,7 +230,7 @@ def codifferential(complex_: Complex, degree: int, kind: Star = "galerkin") -> C
     positive Laplacian of f; the boundary term is dropped (natural conditions).
     """
     if degree < 1:
-        raise ParameterError("the codifferential of a 0-form is zero: it needs a degree of at least 1")
+        raise ParameterError("must be at least 1: the codifferential of a 0-form is zero", parameter="degree")
     solve = inverse_star(complex_, degree - 1, kind)
     weak = (complex_.derivatives[degree - 1].T @ hodge_star(complex_, degree, kind)).tocsr()
     return lambda form: solve(weak @ form)

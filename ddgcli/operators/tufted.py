@@ -1,4 +1,4 @@
-"""The tufted cover: a closed, oriented double of any triangle mesh, however its faces meet.
+"""The tufted cover: a closed, oriented double cover of any triangle mesh, manifold or not.
 
 N. Sharp, K. Crane, "A Laplacian for Nonmanifold Triangle Meshes", 2020.
 """
@@ -11,10 +11,11 @@ from numpy.typing import NDArray
 from ddgcli.errors import MeshError
 from ddgcli.mesh.intrinsic_mesh import IntrinsicMesh
 from ddgcli.mesh.topology import Topology
-from ddgcli.mesh.triangle_mesh import TriangleMesh, unit_vectors
+from ddgcli.mesh.triangle_mesh import TriangleMesh
+from ddgcli.mesh.vectors import row_dot, unit_vectors
 
 # the back of a face has corners 0, 2, 1, so side j of the front is its side 2 - j
-BACK = [0, 2, 1]
+BACK_CORNERS = [0, 2, 1]
 
 
 def tufted_cover(mesh: TriangleMesh | IntrinsicMesh) -> IntrinsicMesh:
@@ -28,13 +29,14 @@ def tufted_cover(mesh: TriangleMesh | IntrinsicMesh) -> IntrinsicMesh:
     Raises
     ------
     MeshError
-        When a face names a vertex twice, or three faces meet in an edge and no positions say in which order.
+        When a face names a vertex twice, or three faces meet in an edge of a mesh without positions, which
+        determine their order.
     """
     twice = np.flatnonzero((mesh.topology.side_tail == mesh.topology.side_head).reshape(-1, 3).any(axis=1))
     if mesh.topology.gluing is None and len(twice):
         raise MeshError(f"face {twice[0]} names a vertex twice ({len(twice)} such faces); remove it")
     m = mesh.n_faces
-    faces = np.concatenate([mesh.faces, mesh.faces[:, BACK]])
+    faces = np.concatenate([mesh.faces, mesh.faces[:, BACK_CORNERS]])
     length = np.concatenate([mesh.side_length, mesh.side_length[:, ::-1]])
     this, following = _consecutive_sides(mesh)
     forward = mesh.topology.side_sign.ravel() > 0
@@ -78,11 +80,7 @@ def _dihedral_position(mesh: TriangleMesh, side: NDArray) -> NDArray[np.float64]
     apex = mesh.points[mesh.faces.ravel()[(side // 3) * 3 + (side + 2) % 3]]
     axis = unit_vectors(head - tail)
     arm = apex - tail
-    arm = unit_vectors(arm - _dot(arm, axis) * axis)
+    arm = unit_vectors(arm - row_dot(arm, axis)[:, None] * axis)
     _, first, group = np.unique(edge, return_index=True, return_inverse=True)
     zero = arm[first][group]
-    return np.arctan2(_dot(np.cross(zero, arm), axis)[:, 0], _dot(zero, arm)[:, 0])
-
-
-def _dot(a: NDArray, b: NDArray) -> NDArray[np.float64]:
-    return np.einsum("ij,ij->i", a, b)[:, None]
+    return np.arctan2(row_dot(np.cross(zero, arm), axis), row_dot(zero, arm))

@@ -11,8 +11,10 @@ from numpy.typing import NDArray
 
 from ddgcli.errors import ParameterError
 from ddgcli.geometry.cells import TET_EDGES, TRIANGLE_EDGES
+from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.tet_mesh import TetMesh
 from ddgcli.mesh.triangle_mesh import TriangleMesh
+from ddgcli.mesh.vectors import ratio, row_dot
 from ddgcli.operators.dec import Complex, complex_of
 
 SpaceMesh = TriangleMesh | TetMesh
@@ -80,20 +82,14 @@ def flat(mesh: SpaceMesh, vectors: NDArray) -> NDArray[np.float64]:
             f"{len(vectors)} vectors fit neither the {complex_.counts[0]} vertices nor the "
             f"{len(complex_.corners)} cells"
         )
-    return np.asarray(np.einsum("ij,ij->i", mean, along))
+    return row_dot(mean, along)
 
 
 def _mean_over_cells(complex_: Complex, vectors: NDArray) -> NDArray[np.float64]:
     per_cell = complex_.cell_edge.shape[1]
     index = complex_.cell_edge.ravel()
     count = np.bincount(index, minlength=complex_.counts[1])
-    total = np.stack(
-        [
-            np.bincount(index, weights=np.repeat(vectors[:, axis], per_cell), minlength=complex_.counts[1])
-            for axis in range(3)
-        ],
-        axis=1,
-    )
+    total = sum_by_index(index, np.repeat(vectors, per_cell, axis=0), complex_.counts[1])
     return total / np.maximum(count, 1)[:, None]
 
 
@@ -104,8 +100,7 @@ def whitney_load(mesh: SpaceMesh, vectors: NDArray) -> NDArray:
     gradient = barycentric_gradients(mesh)
     mean = (gradient[:, head] - gradient[:, tail]) / complex_.corners.shape[1]
     value = np.einsum("mjd,md->mj", mean, vectors) * complex_.metric.measure[:, None]
-    weights = (value * complex_.cell_edge_sign).ravel()
-    return np.bincount(complex_.cell_edge.ravel(), weights=weights, minlength=complex_.counts[1])
+    return sum_by_index(complex_.cell_edge, value * complex_.cell_edge_sign, complex_.counts[1])
 
 
 def local_edges(complex_: Complex) -> NDArray:
@@ -119,7 +114,7 @@ def wedge(complex_: Complex, a: NDArray, b: NDArray) -> NDArray[np.float64]:
     Parameters
     ----------
     a, b : ndarray
-        Degrees are told by length: (n,) vertex, (e,) edge or (m,) face values.
+        Their lengths determine the degrees: (n,) vertex, (e,) edge or (m,) face values.
 
     Returns
     -------
@@ -150,7 +145,7 @@ def _wedge_of_one_forms(complex_: Complex, a: NDArray, b: NDArray) -> NDArray[np
 
 
 def degree_of(complex_: Complex, form: NDArray) -> int:
-    """Degree of a form, told by its length.
+    """Degree of a form, determined by its length.
 
     Raises
     ------
@@ -168,8 +163,8 @@ def degree_of(complex_: Complex, form: NDArray) -> int:
 def interior_product(mesh: TriangleMesh, vectors: NDArray, form: NDArray) -> NDArray[np.float64]:
     """Interior product of cell vectors with a 1-form (to vertices) or a 2-form (to edges) on a surface.
 
-    Whitney-based: the pairing is exact in each face and is carried to the lower simplices by the mean over
-    the faces around them, weighted with area for vertices.
+    The pairing of Whitney forms is exact in each face; the mean over the faces around a lower simplex,
+    weighted with area for vertices, gives its value there.
 
     Parameters
     ----------
@@ -179,12 +174,12 @@ def interior_product(mesh: TriangleMesh, vectors: NDArray, form: NDArray) -> NDA
     """
     complex_ = complex_of(mesh)
     if degree_of(complex_, form) == 1:
-        pairing = np.einsum("ij,ij->i", sharp(mesh, form), vectors) * complex_.metric.measure
+        pairing = row_dot(sharp(mesh, form), vectors) * complex_.metric.measure
         weights = np.repeat(complex_.metric.measure, 3)
         corner = complex_.corners.ravel()
-        total = np.bincount(corner, weights=np.repeat(pairing, 3), minlength=complex_.counts[0])
-        area = np.bincount(corner, weights=weights, minlength=complex_.counts[0])
-        return np.divide(total, area, out=np.zeros_like(total), where=area > 0)
+        total = sum_by_index(corner, np.repeat(pairing, 3), complex_.counts[0])
+        area = sum_by_index(corner, weights, complex_.counts[0])
+        return ratio(total, area)
     normal = np.cross(mesh.side_vector[:, 0], mesh.side_vector[:, 1])
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)
     density = form / complex_.metric.measure
@@ -192,9 +187,9 @@ def interior_product(mesh: TriangleMesh, vectors: NDArray, form: NDArray) -> NDA
 
 
 def flat_of_cells(complex_: Complex, mesh: SpaceMesh, vectors: NDArray) -> NDArray[np.float64]:
-    """(e,) 1-form from cell vectors whatever their number; see `flat`."""
+    """(e,) 1-form from cell vectors, also where cells and vertices have the same number; see `flat`."""
     along = mesh.points[complex_.edges[:, 1]] - mesh.points[complex_.edges[:, 0]]
-    return np.einsum("ij,ij->i", _mean_over_cells(complex_, vectors), along)
+    return row_dot(_mean_over_cells(complex_, vectors), along)
 
 
 def lie_derivative(mesh: TriangleMesh, vectors: NDArray, form: NDArray) -> NDArray[np.float64]:

@@ -12,17 +12,17 @@ from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.plots.glyphs import Glyphs
 from ddgcli.plots.surface import draw_surface
 
-# quantities whose sign means something: their colours diverge about zero whatever the values
+# quantities with a sign: their colours diverge about zero
 SIGNED = (
     "angle_defect", "gaussian_curvature", "geodesic_curvature", "mean_curvature", "principal_curvature_min",
     "principal_curvature_max", "dihedral_angle", "torsion", "vorticity", "potential", "copotential",
     "stream_function",
 )  # fmt: skip
-CONSTANT_LENGTH = 1e-3  # spread of the lengths of vectors below which they say nothing
+CONSTANT_LENGTH_TOLERANCE = 1e-3  # relative spread of vector lengths
 
 
 def is_signed(name: str) -> bool | None:
-    """True for quantities with a sign; None leaves it to the values."""
+    """True for quantities with a sign; None if the values decide."""
     return True if name in SIGNED or name.startswith("eigenvector_") else None
 
 
@@ -39,7 +39,7 @@ def draw_array(path: str, mesh: TriangleMesh, name: str, values: NDArray | None,
     Parameters
     ----------
     name : str
-        Label of the colour bar, and what tells signed quantities and directions without sign.
+        Name of the array: label of the colour bar; signed quantities and directions are known by name.
     values : (k,), (k, 2) or (k, 3) ndarray, optional
         Numbers are colours, flat coordinates a pattern of squares, vectors arrows over the colours of their
         lengths.
@@ -61,7 +61,7 @@ def draw_array(path: str, mesh: TriangleMesh, name: str, values: NDArray | None,
         return
     length = np.linalg.norm(values, axis=1)
     finite = length[np.isfinite(length)]
-    constant = np.ptp(finite) <= CONSTANT_LENGTH * finite.max(initial=0.0) if len(finite) else True
+    constant = np.ptp(finite) <= CONSTANT_LENGTH_TOLERANCE * finite.max(initial=0.0) if len(finite) else True
     label = "" if constant else f"|{name}|"
     plain = {"title": name} if constant else {}
     glyphs = glyphs_of(mesh, name, values)

@@ -1,4 +1,4 @@
-"""Line charts that colour-blind readers and grey printers can read: colour, marker and dash all differ."""
+"""Line charts whose series differ in colour, marker and dash, to be read without colours too."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ MARKERS = ("o", "s", "^", "D", "v", "P", "X", "*", "<", "h", ">")
 # as many as colours less one: a ninth line has the first colour, but another marker and dash
 DASHES = ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)), (0, (1, 1)), (0, (8, 2)))
 
-FLAT = 1e-5  # of the largest value
+MIN_AXIS_RANGE = 1e-5  # of the largest value
 
 Series = tuple[ArrayLike, ArrayLike]
 
@@ -45,29 +45,29 @@ def draw_chart(
     path : str
         .png, .svg or .pdf.
     series : mapping of name to (x, y)
-        Points that are not finite (or not positive on a logarithmic axis) are left out.
+        Points that are not finite (or not positive on a logarithmic axis) are omitted.
     log : str
         'x', 'y' or 'xy': which axes are logarithmic.
     labels : mapping of name to texts, optional
         A text beside each point of a series.
     ringed : mapping of name to indices, optional
-        Points to mark with a ring (those that no other beats, say).
+        Points to mark with a ring, such as those of the Pareto front.
     front : (x, y), optional
-        A broad grey line behind the series: what no point lies below and left of.
+        Pareto front, drawn as a broad grey line behind the series.
     """
     with page(path, width, height, dpi) as figure:
         across = 0.85 if len(series) < 2 else 0.64 - 0.009 * max(0, max(map(len, series)) - 16)
         below = [part for line in caption.splitlines() for part in textwrap.wrap(line, int(16 * width))]
         bottom = 0.18 + 0.03 * max(0, len(below) - 2)
         axes = figure.add_axes((0.11, bottom, max(across, 0.4), 0.91 - bottom))
-        kept = {name: _drawable(x, y, log) for name, (x, y) in series.items()}
+        drawable = {name: _drawable(x, y, log) for name, (x, y) in series.items()}
         axes.set_xscale("log" if "x" in log else "linear")
         axes.set_yscale("log" if "y" in log else "linear")
         if front is not None:
             x, y, shown = _drawable(*front, log)
             axes.plot(x[shown], y[shown], color="0.85", linewidth=6, solid_capstyle="round", zorder=0.5,
                       drawstyle="steps-post", label="front")  # fmt: skip
-        for k, (name, (x, y, shown)) in enumerate(kept.items()):
+        for k, (name, (x, y, shown)) in enumerate(drawable.items()):
             _draw_series(axes, k, name, x[shown], y[shown])
             for i in np.flatnonzero(shown).tolist():
                 if labels and name in labels:
@@ -77,7 +77,7 @@ def draw_chart(
             for i in (ringed or {}).get(name, ()):
                 if shown[i]:
                     axes.plot(x[i], y[i], "o", ms=12, mfc="none", mec="0.3", mew=0.9)
-        _widen(axes, kept, log)
+        _widen(axes, drawable, log)
         axes.set(xlabel=xlabel, ylabel=ylabel, title=title)
         axes.grid(True, which="major", color="0.85", linewidth=0.5)
         axes.set_axisbelow(True)
@@ -92,19 +92,19 @@ def draw_chart(
         figure.text(0.02, 0.01, "\n".join(below), ha="left", va="bottom", fontsize=7.5, color="0.35")
 
 
-def _widen(axes: Any, kept: Mapping[str, Any], log: str) -> None:
-    """Series that are constant to rounding are drawn as one: a chart does not magnify noise."""
-    values = [y[shown] for _, y, shown in kept.values() if shown.any()]
+def _widen(axes: Any, drawable: Mapping[str, Any], log: str) -> None:
+    """Widen the axis of series that are constant up to rounding, so that the chart does not magnify noise."""
+    values = [y[shown] for _, y, shown in drawable.values() if shown.any()]
     if "y" in log or not values:
         return
     low, high = min(v.min() for v in values), max(v.max() for v in values)
     largest = max(abs(low), abs(high))
-    if high - low < FLAT * largest:
+    if high - low < MIN_AXIS_RANGE * largest:
         axes.set_ylim(low - 0.05 * largest, high + 0.05 * largest)
 
 
 def _label_few_decades(axis: Any) -> None:
-    """Labels at 1, 2, 5 where a logarithmic axis spans less than two decades: else they overlap or lack."""
+    """Label 1, 2 and 5 on a logarithmic axis of less than two decades, where decades alone are too few."""
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
     low, high = axis.get_view_interval()

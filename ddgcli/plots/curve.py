@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.plots.colour import colour_bar, colours, extremes, robust_limits
-from ddgcli.plots.page import lettered, page, picture_axes
+from ddgcli.plots.page import draw_texts, page, picture_axes
 from ddgcli.plots.raster import View, fitted_camera, unit_box, view_axes
 
 _PAPER, _RIM = (1.0, 1.0, 1.0, 1.0), (0.25, 0.25, 0.25, 1.0)
@@ -79,7 +79,7 @@ def draw_curves(
         axes.set_axis_off()
         if values is not None:
             colour_bar(figure, mappable, label)
-            lettered(figure, "", extremes(label, np.concatenate(values)))
+            draw_texts(figure, "", extremes(label, np.concatenate(values)))
 
 
 def _segments(

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.plots.raster import Camera, Seen
+from ddgcli.plots.raster import Camera, PixelFaces
 
 SPACING = 1 / 42  # of the picture's larger side: at most one glyph in a square of this size
 HEAD = 0.34  # of an arrow's length
@@ -16,7 +16,7 @@ HEAD = 0.34  # of an arrow's length
 
 @dataclass(frozen=True, eq=False)
 class Glyphs:
-    """Vectors to draw at places.
+    """Vectors to draw at points.
 
     Parameters
     ----------
@@ -30,16 +30,16 @@ class Glyphs:
     stripes: bool = False
 
 
-def thinned(camera: Camera, seen: Seen, glyphs: Glyphs) -> NDArray[np.int64]:
+def thin_glyphs(camera: Camera, visible: PixelFaces, glyphs: Glyphs) -> NDArray[np.int64]:
     """Numbers of the glyphs to draw: finite, not zero, visible, one in each square of the picture."""
     size = max(camera.width, camera.height)
     place = camera.project(glyphs.places)
     column, row = (np.clip(place[:, i], 0, limit - 1).astype(np.int64) for i, limit in (
         (0, camera.width), (1, camera.height)))  # fmt: skip
     length = np.linalg.norm(glyphs.vectors, axis=1)
-    shown = np.isfinite(length) & (length > 1e-9 * np.nanmax(length, initial=0.0))
-    shown &= place[:, 2] <= seen.depth[row, column] + 0.01 * size
-    number = np.flatnonzero(shown)
+    drawable = np.isfinite(length) & (length > 1e-9 * np.nanmax(length, initial=0.0))
+    drawable &= place[:, 2] <= visible.depth[row, column] + 0.01 * size
+    number = np.flatnonzero(drawable)
     cell = np.floor(place[number, :2] / (SPACING * size)).astype(np.int64)
     off_centre = np.abs(place[number, :2] / (SPACING * size) - cell - 0.5).max(axis=1)
     order = np.lexsort((number, np.round(off_centre, 6), cell[:, 1], cell[:, 0]))
@@ -49,19 +49,19 @@ def thinned(camera: Camera, seen: Seen, glyphs: Glyphs) -> NDArray[np.int64]:
     return np.sort(number[first])
 
 
-def draw_glyphs(axes: Any, camera: Camera, seen: Seen, glyphs: Glyphs) -> None:
+def draw_glyphs(axes: Any, camera: Camera, visible: PixelFaces, glyphs: Glyphs) -> None:
     """Draw the thinned vectors; all but the longest two per cent are no longer than a square."""
     from matplotlib.collections import LineCollection
 
-    kept = thinned(camera, seen, glyphs)
-    if len(kept) == 0:
+    chosen = thin_glyphs(camera, visible, glyphs)
+    if len(chosen) == 0:
         return
-    vectors = glyphs.vectors[kept]
+    vectors = glyphs.vectors[chosen]
     length = np.linalg.norm(vectors, axis=1)
     scale = 1.05 * SPACING * max(camera.width, camera.height) / float(np.quantile(length, 0.98))
     vectors = vectors * (scale * np.minimum(1.0, np.quantile(length, 0.98) / length))[:, None]
     flat = (vectors @ camera.axes.T)[:, :2] * [1.0, -1.0]
-    middle = camera.project(glyphs.places[kept])[:, :2]
+    middle = camera.project(glyphs.places[chosen])[:, :2]
     tail, tip = middle - flat / 2, middle + flat / 2
     lines = [np.stack([tail, tip], axis=1)]
     if not glyphs.stripes:

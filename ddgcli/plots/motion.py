@@ -1,4 +1,4 @@
-"""Pictures of a motion: chosen frames beside the chart of energies, sequences, animations."""
+"""Pictures of a motion: a few frames with the chart of energies, sequences, animations."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from ddgcli.plots.colour import robust_limits
 from ddgcli.plots.page import page
 from ddgcli.plots.surface import draw_surface
 
-FRAMES_SHOWN = 4
+MAX_PICTURE_FRAMES = 4
 
 
 @dataclass(frozen=True, eq=False)
-class Shot:
-    """One frame to draw.
+class PlotFrame:
+    """One trajectory frame to draw.
 
     Parameters
     ----------
@@ -38,13 +38,13 @@ class Shot:
 
 
 @dataclass(frozen=True, eq=False)
-class Stage:
-    """What all pictures of a motion share, so that they can be compared.
+class SequenceStyle:
+    """View, colours and labels that all pictures of a motion share.
 
     Parameters
     ----------
     fit : (k, 3) ndarray
-        Points that every picture holds.
+        Points inside every picture.
     label : str
         Beside the colour bar.
     limits : (float, float), optional
@@ -65,65 +65,72 @@ class Stage:
     time_unit: str = "s"
 
 
-def stage(
-    shots: Iterable[Shot],
+def sequence_style(
+    frames: Iterable[PlotFrame],
     label: str = "",
     view: Mapping[str, Any] | None = None,
     *,
     limits: tuple[float, float] | None = None,
     edges: bool = False,
     time_unit: str = "s",
-) -> Stage:
-    """The frame and the colour limits that hold all the shots (robust limits where none are given)."""
+) -> SequenceStyle:
+    """Common view and colour limits of frames; robust limits over all frames by default."""
     corners, values = [], []
-    for shot in shots:
-        corners.append(np.stack([shot.mesh.points.min(axis=0), shot.mesh.points.max(axis=0)]))
-        if shot.values is not None:
-            values.append(shot.values)
+    for frame in frames:
+        corners.append(np.stack([frame.mesh.points.min(axis=0), frame.mesh.points.max(axis=0)]))
+        if frame.values is not None:
+            values.append(frame.values)
     low, high = np.min(corners, axis=(0, 1)), np.max(corners, axis=(0, 1))
     fit = np.stack(np.meshgrid(*zip(low, high)), axis=-1).reshape(-1, 3)
     if not values:
-        return Stage(fit, view=view, edges=edges, time_unit=time_unit)
+        return SequenceStyle(fit, view=view, edges=edges, time_unit=time_unit)
     if limits is not None:
-        return Stage(fit, label, limits, limits[0] < 0 < limits[1], edges, view, time_unit)
+        return SequenceStyle(fit, label, limits, limits[0] < 0 < limits[1], edges, view, time_unit)
     bottom, top, signed = robust_limits(np.concatenate(values))
-    return Stage(fit, label, (bottom, top), signed, edges, view, time_unit)
+    return SequenceStyle(fit, label, (bottom, top), signed, edges, view, time_unit)
 
 
-def draw_shot(
-    path: str, shot: Shot, on: Stage, width: float = 7.0, height: float = 5.25, dpi: float = 200
+def draw_frame(
+    path: str,
+    frame: PlotFrame,
+    style: SequenceStyle,
+    width: float = 7.0,
+    height: float = 5.25,
+    dpi: float = 200,
 ) -> None:
-    """One frame as a picture."""
-    title = f"t = {shot.time:.4g} {on.time_unit}" + (f", {on.label}" if shot.values is not None else "")
+    """Draw one frame."""
+    title = f"t = {frame.time:.4g} {style.time_unit}" + (
+        f", {style.label}" if frame.values is not None else ""
+    )
     draw_surface(
-        path, shot.mesh, shot.values, title=title, fit=on.fit,
-        signed=on.signed if shot.values is not None else None, limits=on.limits,
-        edges=on.edges, width=width, height=height, dpi=dpi, **dict(on.view or {}),
+        path, frame.mesh, frame.values, title=title, fit=style.fit,
+        signed=style.signed if frame.values is not None else None, limits=style.limits,
+        edges=style.edges, width=width, height=height, dpi=dpi, **dict(style.view or {}),
     )  # fmt: skip
 
 
 def draw_motion(
     path: str,
-    shots: Sequence[Shot],
+    frames: Sequence[PlotFrame],
     series: Mapping[str, tuple[NDArray, NDArray]],
-    on: Stage,
+    style: SequenceStyle,
     ylabel: str,
     width: float = 9.0,
     height: float = 10.8,
     dpi: float = 200,
 ) -> None:
-    """Chosen frames above, the chart of the series below, on one page."""
+    """Draw a few frames above the chart of the series, on one page."""
     from matplotlib.image import imread
 
-    chosen = shots if len(shots) <= FRAMES_SHOWN else [
-        shots[k] for k in np.linspace(0, len(shots) - 1, FRAMES_SHOWN).round().astype(int)
+    chosen = frames if len(frames) <= MAX_PICTURE_FRAMES else [
+        frames[k] for k in np.linspace(0, len(frames) - 1, MAX_PICTURE_FRAMES).round().astype(int)
     ]  # fmt: skip
     with tempfile.TemporaryDirectory() as folder:
         pictures = []
-        for k, shot in enumerate(chosen):
-            draw_shot(f"{folder}/{k}.png", shot, on, 4.5, 3.6)
+        for k, frame in enumerate(chosen):
+            draw_frame(f"{folder}/{k}.png", frame, style, 4.5, 3.6)
             pictures.append(imread(f"{folder}/{k}.png"))
-        xlabel = f"time [{on.time_unit}]"
+        xlabel = f"time [{style.time_unit}]"
         draw_chart(f"{folder}/chart.png", series, xlabel=xlabel, ylabel=ylabel, width=9.0, height=3.6)
         pictures.append(imread(f"{folder}/chart.png"))
     with page(path, width, height, dpi) as figure:
@@ -136,9 +143,13 @@ def draw_motion(
 
 
 def draw_animation(
-    path: str, shots: Iterable[Shot], on: Stage, frames_per_second: float, size: tuple[int, int] | None = None
+    path: str,
+    frames: Iterable[PlotFrame],
+    style: SequenceStyle,
+    frames_per_second: float,
+    size: tuple[int, int] | None = None,
 ) -> None:
-    """An animated GIF, endless, of 1280 x 960 pixels where no size is given."""
+    """Write a looping animated GIF, by default of 1280 x 960 pixels."""
     across, down = size or (1280, 960)
     try:
         from PIL import Image
@@ -146,8 +157,8 @@ def draw_animation(
         raise OutputError(f"{path}: animations need pillow; pip install 'ddgcli[plot]'") from error
     with tempfile.TemporaryDirectory() as folder:
         images = []
-        for k, shot in enumerate(shots):
-            draw_shot(f"{folder}/{k}.png", shot, on, 7.0, 7.0 * down / across, across / 7.0)
+        for k, frame in enumerate(frames):
+            draw_frame(f"{folder}/{k}.png", frame, style, 7.0, 7.0 * down / across, across / 7.0)
             with Image.open(f"{folder}/{k}.png") as picture:
                 images.append(picture.convert("RGB").convert("P", palette=Image.Palette.ADAPTIVE))
         images[0].save(

@@ -1,4 +1,4 @@
-"""Figures without a screen: the same picture has the same bytes every time."""
+"""Figures without a screen; equal pictures are equal files."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from typing import Any
 from ddgcli.errors import MissingExtraError
 
 FORMATS = (".png", ".svg", ".pdf")
-# what would differ between two runs of the same picture is left out of the file
+# dates and versions are omitted, because they differ between equal pictures
 _NO_DATE = {".png": {"Software": None}, ".svg": {"Date": None}, ".pdf": {"CreationDate": None}}
 _STYLE = {
     "svg.hashsalt": "ddgcli",
@@ -24,15 +24,15 @@ _STYLE = {
 }
 
 
-def need_matplotlib() -> None:
-    """MissingExtraError where matplotlib is not installed."""
+def require_matplotlib() -> None:
+    """Raise MissingExtraError if matplotlib is not installed."""
     if importlib.util.find_spec("matplotlib") is None:
         raise MissingExtraError("pictures need matplotlib; pip install 'ddgcli[plot]'")
 
 
 @contextmanager
 def page(path: str, width: float = 7.0, height: float = 5.25, dpi: float = 200) -> Iterator[Any]:
-    """A matplotlib Figure that is saved to `path` when the block ends without an error.
+    """Matplotlib figure that is saved to `path` if the block raises nothing.
 
     Parameters
     ----------
@@ -48,24 +48,24 @@ def page(path: str, width: float = 7.0, height: float = 5.25, dpi: float = 200) 
     MissingExtraError
         matplotlib is not installed.
     """
-    need_matplotlib()
+    require_matplotlib()
     import matplotlib
     from matplotlib.figure import Figure
 
     with matplotlib.rc_context(_STYLE):
-        # a hundredth of a pixel more: the pixels are counted by cutting off
+        # a hundredth of a pixel more, because the number of pixels is rounded down
         figure = Figure(figsize=(width + 0.01 / dpi, height + 0.01 / dpi), dpi=dpi)
         yield figure
         figure.savefig(path, dpi=dpi, metadata=_NO_DATE[Path(path).suffix.lower()])
 
 
 def picture_axes(figure: Any, coloured: bool, part: tuple[float, float] = (0.0, 1.0)) -> Any:
-    """Where the picture stands on a part of a page, with room for a colour bar if it is `coloured`."""
+    """Axes of a picture on a part of a page, with space for a colour bar if it is `coloured`."""
     left, width = part
     return figure.add_axes((left + 0.01, 0.05, width * (0.84 if coloured else 0.98), 0.87))
 
 
-def lettered(figure: Any, title: str, caption: str, part: tuple[float, float] = (0.0, 1.0)) -> None:
-    """The title above the picture and the caption below it."""
+def draw_texts(figure: Any, title: str, caption: str, part: tuple[float, float] = (0.0, 1.0)) -> None:
+    """Draw the title above the picture and the caption below it."""
     figure.text(part[0] + 0.44 * part[1], 0.955, title, ha="center", va="center", fontsize=10)
     figure.text(part[0] + 0.02, 0.02, caption, ha="left", va="center", fontsize=7.5, color="0.35")

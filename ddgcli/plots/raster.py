@@ -1,4 +1,4 @@
-"""An orthographic camera and a z-buffer in numpy: which face is seen at which pixel, and where on it."""
+"""Orthographic camera and z-buffer: the visible face of each pixel, and the position on it."""
 
 from __future__ import annotations
 
@@ -8,12 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ddgcli.mesh.ragged import ranges
 from ddgcli.mesh.topology import NEXT
 
-_FRAGMENTS = 2_000_000  # pixels of faces held in memory at once
-_NOTHING = np.iinfo(np.int64).max
+_MAX_FRAGMENTS = 2_000_000  # pixels of faces in memory at once
+_EMPTY_PIXEL = np.iinfo(np.int64).max
 _DEPTH_STEPS = 2**30
-OUTLINE = 0.012  # a jump in depth, relative to the picture's size, that is an edge of what is seen
+OUTLINE_DEPTH_STEP = 0.012  # relative to the size of the picture
 
 View = str | tuple[float, float] | None
 # elevation and azimuth in degrees; the vertical axis of the page is z, or y for a look along z
@@ -29,7 +30,7 @@ class Camera:
     axes : (3, 3) ndarray of float64
         Rows: to the right, up, towards the viewer.
     centre : (3,) ndarray of float64
-        Point seen at the middle of the picture.
+        Point at the middle of the picture.
     scale : float
         Pixels a length unit.
     """
@@ -42,16 +43,16 @@ class Camera:
 
     def project(self, points: NDArray) -> NDArray[np.float64]:
         """(..., 3) pixel column, pixel row and depth in pixels (smaller is nearer) of points."""
-        seen = ((points - self.centre) * self.scale) @ self.axes.T
-        seen *= np.array([1.0, -1.0, -1.0])
-        return seen + np.array([self.width / 2, self.height / 2, 0.0])
+        projected = ((points - self.centre) * self.scale) @ self.axes.T
+        projected *= np.array([1.0, -1.0, -1.0])
+        return projected + np.array([self.width / 2, self.height / 2, 0.0])
 
 
 def view_axes(points: NDArray, view: View = None, up: str = "z") -> NDArray[np.float64]:
-    """(3, 3) camera axes for a named view, (elevation, azimuth) in degrees, or a choice by shape.
+    """(3, 3) camera axes for a named view, (elevation, azimuth) in degrees, or a default.
 
-    None looks straight at a flat surface and from above and the side at any other. `up` is the axis of the
-    points that points up on the page.
+    None looks along the normal of a flat surface, and from above and the side at other surfaces. `up` is the
+    coordinate axis that points up on the page.
     """
     turn = {"z": np.eye(3), "y": np.eye(3)[[2, 0, 1]], "x": np.eye(3)[[1, 2, 0]]}[up]
     if view is None:
@@ -67,9 +68,9 @@ def view_axes(points: NDArray, view: View = None, up: str = "z") -> NDArray[np.f
 
 
 def fitted_camera(points: NDArray, axes: NDArray, width: int, height: int, margin: float = 0.03) -> Camera:
-    """The camera along `axes` whose picture the points just fill."""
-    seen = points @ axes.T
-    low, high = seen.min(axis=0), seen.max(axis=0)
+    """Camera along `axes` whose picture contains all points with a margin."""
+    projected = points @ axes.T
+    low, high = projected.min(axis=0), projected.max(axis=0)
     extent = (high - low)[:2]
     extent = np.maximum(extent, 1e-9 * (float(extent.max()) or 1.0))
     inner = (1 - 2 * margin) * np.array([width, height])
@@ -84,19 +85,19 @@ def unit_box(points: NDArray) -> Callable[[NDArray], NDArray[np.float64]]:
 
 
 @dataclass(frozen=True, eq=False)
-class Seen:
-    """What a z-buffer knows.
+class PixelFaces:
+    """Visible faces of a picture.
 
     Parameters
     ----------
     pixel : (k,) ndarray of int64
         Flat numbers of the pixels that show a face.
     face : (k,) ndarray of int64
-        The face shown there.
+        Visible face of each pixel.
     barycentric : (k, 3) ndarray of float64
-        Where on it.
+        Position on the face.
     depth : (height, width) ndarray of float64
-        Depth in pixels; inf where nothing is seen.
+        Depth in pixels; inf where no face is visible.
     """
 
     pixel: NDArray[np.int64]
@@ -105,34 +106,32 @@ class Seen:
     depth: NDArray[np.float64]
 
 
-def rasterise(camera: Camera, points: NDArray, faces: NDArray) -> Seen:
+def rasterise(camera: Camera, points: NDArray, faces: NDArray) -> PixelFaces:
     """The nearest face at every pixel's centre."""
     corners = camera.project(points)[faces]
     low, high = corners[..., 2].min(initial=0.0), corners[..., 2].max(initial=1.0)
     to_step = _DEPTH_STEPS / max(high - low, 1e-300)
-    nearest = np.full(camera.width * camera.height, _NOTHING, dtype=np.int64)
+    nearest = np.full(camera.width * camera.height, _EMPTY_PIXEL, dtype=np.int64)
     area = np.ptp(corners[..., 0], axis=1) * np.ptp(corners[..., 1], axis=1) + 1
-    chunk = (np.cumsum(area) // _FRAGMENTS).astype(np.int64)
+    chunk = (np.cumsum(area) // _MAX_FRAGMENTS).astype(np.int64)
     last = chunk[-1:] + 1
     bounds = np.flatnonzero(np.diff(np.concatenate([[-1], chunk, last])))
     for start, stop in zip(bounds[:-1], bounds[1:]):
         pixel, face, depth = _fragments(corners[start:stop], camera.width, camera.height)
         key = ((depth - low) * to_step).astype(np.int64) << 32
         np.minimum.at(nearest, pixel, key | (face + start))
-    pixel = np.flatnonzero(nearest != _NOTHING)
+    pixel = np.flatnonzero(nearest != _EMPTY_PIXEL)
     face = nearest[pixel] & 0xFFFFFFFF
     weights = _barycentric(corners, face, pixel, camera.width)
     depth_image = np.full(camera.width * camera.height, np.inf)
     depth_image[pixel] = np.einsum("ij,ij->i", weights, corners[face, :, 2])
-    return Seen(pixel, face, weights, depth_image.reshape(camera.height, camera.width))
+    return PixelFaces(pixel, face, weights, depth_image.reshape(camera.height, camera.width))
 
 
 def _expanded(first: NDArray, stop: NDArray) -> tuple[NDArray, NDArray]:
     """For ranges first..stop: number of the range, and the integers, of every member."""
     count = np.maximum(stop - first, 0)
-    owner = np.repeat(np.arange(len(count)), count)
-    begin = np.cumsum(count) - count
-    return owner, np.arange(len(owner)) - np.repeat(begin - first, count)
+    return np.repeat(np.arange(len(count)), count), ranges(first, count)[0]
 
 
 def _fragments(corners: NDArray, width: int, height: int) -> tuple[NDArray, NDArray, NDArray]:
@@ -194,7 +193,7 @@ def altitude(camera: Camera, points: NDArray, faces: NDArray) -> NDArray[np.floa
     return np.divide(doubled[:, None], length, out=np.zeros_like(length), where=length > 0)
 
 
-def visible_runs(camera: Camera, seen: Seen, curves: Sequence[NDArray]) -> list[NDArray]:
+def visible_runs(camera: Camera, visible: PixelFaces, curves: Sequence[NDArray]) -> list[NDArray]:
     """The parts of polylines, of two points at least, on or before the surface: (k, 2) columns and rows."""
     if not len(curves):
         return []
@@ -202,19 +201,19 @@ def visible_runs(camera: Camera, seen: Seen, curves: Sequence[NDArray]) -> list[
     count = np.array([len(curve) for curve in curves])
     name = np.repeat(np.arange(len(curves)), count)
     ahead = np.diff(track, axis=0, append=track[-1:])
-    ahead[np.cumsum(count) - 1] = 0.0  # the last point of a curve has nothing ahead
+    ahead[np.cumsum(count) - 1] = 0.0  # the last point of a curve has no successor
     steps = np.maximum(1, np.ceil(np.hypot(*ahead[:, :2].T)).astype(np.int64))
     point, k = _expanded(np.zeros_like(steps), steps)
     samples = track[point] + (k / steps[point])[:, None] * ahead[point]
     column = np.clip(samples[:, 0].astype(np.int64), 1, camera.width - 2)
     row = np.clip(samples[:, 1].astype(np.int64), 1, camera.height - 2)
-    # the farthest of the 3 x 3 pixels: a line in the surface is not eaten by the slope of its own face; but
-    # not past an outline, behind which lines of the far side would show
+    # largest depth of 3 x 3 pixels, so that the slope of its own face does not hide a line in the surface;
+    # but not across an outline, which would show lines of the far side
     size = max(camera.width, camera.height)
-    block = np.stack([seen.depth[row + i, column + j] for i in (-1, 0, 1) for j in (-1, 0, 1)])
+    block = np.stack([visible.depth[row + i, column + j] for i in (-1, 0, 1) for j in (-1, 0, 1)])
     finite = np.isfinite(block)
     own = np.where(finite[4], block[4], np.where(finite, block, -np.inf).max(axis=0))
-    around = np.where(finite & (block <= own + OUTLINE * size), block, own).max(axis=0)
+    around = np.where(finite & (block <= own + OUTLINE_DEPTH_STEP * size), block, own).max(axis=0)
     shown = samples[:, 2] <= around + 0.002 * size
     owner = name[point]
     cuts = np.flatnonzero((shown[1:] != shown[:-1]) | (owner[1:] != owner[:-1])) + 1

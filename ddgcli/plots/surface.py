@@ -1,4 +1,4 @@
-"""Pictures of surfaces coloured by an array: shaded, with a colour bar, good enough to print."""
+"""Shaded pictures of surfaces, coloured by an array, with a colour bar."""
 
 from __future__ import annotations
 
@@ -12,14 +12,15 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from ddgcli.geometry.extrinsic import face_area_vector, face_normal
+from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.plots.colour import colour_bar, colours, extremes, robust_limits
 from ddgcli.plots.glyphs import Glyphs, draw_glyphs
-from ddgcli.plots.page import lettered, page, picture_axes
+from ddgcli.plots.page import draw_texts, page, picture_axes
 from ddgcli.plots.raster import (
-    OUTLINE,
+    OUTLINE_DEPTH_STEP,
     Camera,
-    Seen,
+    PixelFaces,
     View,
     altitude,
     fitted_camera,
@@ -28,14 +29,14 @@ from ddgcli.plots.raster import (
     view_axes,
     visible_runs,
 )
-from ddgcli.plots.viewpoint import chosen_view, guessed_up
+from ddgcli.plots.viewpoint import best_view, up_axis_of
 
 _PLAIN = np.array([0.78, 0.81, 0.86])
 _UNKNOWN = np.array([0.62, 0.62, 0.62])
 _LIGHT = np.array([-0.35, 0.45, 0.82]) / np.linalg.norm([-0.35, 0.45, 0.82])
 _LIGHT_SQUARE, _DARK_SQUARE = np.array([0.93, 0.91, 0.85]), np.array([0.30, 0.48, 0.68])
-SQUARES = 24  # across the larger side of a flat layout
-CREASE = np.cos(np.radians(40.0))  # faces that turn by more are not shaded as one
+N_SQUARES = 24  # along the larger side of a flat layout
+CREASE_COSINE = np.cos(np.radians(40.0))  # faces with a larger angle are shaded separately
 _SAMPLES = 2  # each way within a pixel
 
 
@@ -57,7 +58,7 @@ def draw_surface(
         .png, .svg or .pdf (the surface is a raster in all; text, bar and curves are vectors in the last two).
     mesh : TriangleMesh
     values : (n,) or (m,) ndarray, or (n, 2), optional
-        Colours by vertex or by face; what is not finite is grey. Two flat coordinates by vertex: squares.
+        Colours by vertex or by face; grey if not finite. Two flat coordinates by vertex: squares.
     width, height : float
         Inches.
     dpi : float
@@ -68,27 +69,27 @@ def draw_surface(
     limits : (float, float), optional
         Ends of the colour bar; default `robust_limits`.
     value_size : float
-        What values are to be seen against: `size` of `robust_limits`.
+        `size` of `robust_limits`.
     curves : sequence of (k, 3) ndarray
         Polylines, drawn where the surface does not hide them, `curve_width` points wide on a white rim of
         `curve_halo`.
     level_lines : sequence of (k, 3) ndarray
         The same, thin and without a halo, under the curves.
     points : (k, 3) ndarray, optional
-        Places marked with a dot, where visible.
+        Points marked with a dot, where visible.
     glyphs : Glyphs, optional
         Vectors drawn where visible.
     interest : (n,) or (m,) ndarray, optional
-        What `view` None turns towards; default the size of the values.
+        Weights for the choice of a view with `view` None; default the size of the values.
     edges : bool
         Draw the triangles' sides.
     view : str or (elevation, azimuth), optional
-        'x', 'y', 'z', 'iso', or degrees; None looks straight at a flat surface and at others from
-        the side of 'iso' that shows most of what is drawn (with `fit`, always the first).
+        'x', 'y', 'z', 'iso', or degrees; None: along the normal of a flat surface, else the 'iso'
+        view that shows most of the interest (with `fit`, always the first).
     up : {'z', 'y', 'x'}, optional
-        Axis that points up on the page; None guesses by the shape (with `fit`: z).
+        Axis that points up on the page; None: by the shape (with `fit`: z).
     fit : (k, 3) ndarray, optional
-        Points that the picture must hold (all frames of a motion, say); default the mesh's own.
+        Points inside the picture, such as all frames of a motion; default those of the mesh.
     """
     with page(path, width, height, dpi) as figure:
         _paint(figure, (0.0, 1.0), mesh, values, **options)
@@ -103,9 +104,9 @@ def draw_beside(
     dpi: float = 200,
     **options: Any,
 ) -> None:
-    """Write pictures of surfaces side by side: of each its mesh and its own options of `draw_surface`.
+    """Write pictures of surfaces side by side, from meshes and their options of `draw_surface`.
 
-    `options` go to all of them. No colour bars.
+    `options` apply to all of them. No colour bars.
     """
     with page(path, width, height, dpi) as figure:
         for k, (mesh, own) in enumerate(parts):
@@ -145,39 +146,39 @@ def _paint(
         low, high, signed = robust_limits(known, signed, value_size)
         limits = low, high
     if fit is None:
-        up = up or guessed_up(frame)
+        up = up or up_axis_of(frame)
         if view is None:
-            view = chosen_view(mesh, _interest(interest, values, signed, limits), up)
+            view = best_view(mesh, _interest(interest, values, signed, limits), up)
     box = axes.get_position()
     size = [
         int(round(share * inches * figure.dpi * _SAMPLES))
         for share, inches in zip((box.width, box.height), figure.get_size_inches())
     ]
     camera = fitted_camera(frame, view_axes(frame, view, up or "z"), *size)
-    seen = rasterise(camera, mesh.points, mesh.faces)
+    visible = rasterise(camera, mesh.points, mesh.faces)
     if squares and values is not None:
-        colour, mappable = _squares(mesh, seen, values), None
+        colour, mappable = _squares(mesh, visible, values), None
     else:
-        colour, mappable = _colours(mesh, seen, values, signed, limits)
-    image = _picture(camera, mesh, seen, colour, edges)
+        colour, mappable = _colours(mesh, visible, values, signed, limits)
+    image = _picture(camera, mesh, visible, colour, edges)
     axes.imshow(image, extent=(0, size[0], size[1], 0), interpolation="none")
     axes.set_axis_off()
     dots = None if points is None or len(points) == 0 else placed(points)
-    _overlay(axes, camera, seen, [placed(c) for c in level_lines], None, "0.15", 0.7, 0.0)
-    _overlay(axes, camera, seen, [placed(c) for c in curves], dots, "black", curve_width, curve_halo)
+    _overlay(axes, camera, visible, [placed(c) for c in level_lines], None, "0.15", 0.7, 0.0)
+    _overlay(axes, camera, visible, [placed(c) for c in curves], dots, "black", curve_width, curve_halo)
     if glyphs is not None:
-        draw_glyphs(axes, camera, seen, replace(glyphs, places=placed(glyphs.places)))
+        draw_glyphs(axes, camera, visible, replace(glyphs, places=placed(glyphs.places)))
     axes.set(xlim=(0, size[0]), ylim=(size[1], 0))
     if known is not None and limits is not None:
         colour_bar(figure, mappable, label, _beyond(known, *limits))
         caption = "; ".join(filter(None, [caption, extremes(label, known)]))
-    lettered(figure, title, caption, part)
+    draw_texts(figure, title, caption, part)
 
 
 def _interest(
     interest: NDArray | None, values: NDArray | None, signed: bool | None, limits: Sequence[float] | None
 ) -> NDArray | None:
-    """What the picture turns towards: large values, of signed ones large sizes."""
+    """Weights for the choice of a view: the values, or the sizes of signed ones."""
     if interest is not None or values is None or limits is None:
         return interest
     low, high = limits
@@ -185,17 +186,17 @@ def _interest(
     return np.clip(size, 0.0, 1.0)
 
 
-def _squares(mesh: TriangleMesh, seen: Seen, flat: NDArray) -> NDArray[np.float64]:
-    """(k, 3) colours of a chessboard over flat coordinates: squares stay squares where a map is conformal."""
+def _squares(mesh: TriangleMesh, visible: PixelFaces, flat: NDArray) -> NDArray[np.float64]:
+    """(k, 3) colours of a chessboard over flat coordinates; conformal maps preserve the squares."""
     used = flat[mesh.topology.referenced_vertex]
-    side = float(np.ptp(used, axis=0).max()) / SQUARES or 1.0
-    at = np.einsum("fki,fk->fi", flat[mesh.faces[seen.face]], seen.barycentric) / side
+    side = float(np.ptp(used, axis=0).max()) / N_SQUARES or 1.0
+    at = np.einsum("fki,fk->fi", flat[mesh.faces[visible.face]], visible.barycentric) / side
     odd = np.floor(at - used.min(axis=0) / side).sum(axis=1) % 2 == 1
     return np.where(odd[:, None], _DARK_SQUARE, _LIGHT_SQUARE)
 
 
 def _in_unit_box(mesh: TriangleMesh, fit: NDArray | None) -> tuple[TriangleMesh, NDArray, Callable]:
-    """The mesh and the (k, 3) points that the picture must hold, both in a unit box, and the map into it."""
+    """Mesh and (k, 3) points inside the picture, both in a unit box, and the map into it."""
     used = mesh.points[mesh.topology.referenced_vertex] if mesh.n_faces else mesh.points
     frame = used if fit is None else np.asarray(fit, dtype=np.float64)
     if len(frame) == 0:
@@ -212,23 +213,23 @@ def _relevant(mesh: TriangleMesh, values: NDArray) -> NDArray[np.float64]:
 
 def _colours(
     mesh: TriangleMesh,
-    seen: Seen,
+    visible: PixelFaces,
     values: NDArray | None,
     signed: bool | None,
     limits: Sequence[float] | None,
 ) -> tuple[NDArray, Any]:
-    """(k, 3) colour of each seen pixel, and what the colour bar is made from."""
+    """(k, 3) colour of each visible pixel, and the mappable of the colour bar."""
     if values is None or limits is None:
-        return np.broadcast_to(_PLAIN, (len(seen.pixel), 3)), None
+        return np.broadcast_to(_PLAIN, (len(visible.pixel), 3)), None
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize
 
     values = np.asarray(values, dtype=np.float64)
     low, high = limits
     if len(values) == mesh.n_vertices:
-        shown = np.einsum("ij,ij->i", values[mesh.faces[seen.face]], seen.barycentric)
+        shown = np.einsum("ij,ij->i", values[mesh.faces[visible.face]], visible.barycentric)
     else:
-        shown = values[seen.face]
+        shown = values[visible.face]
     mappable: Any = ScalarMappable(Normalize(low, high), colours(bool(signed)))
     finite = np.isfinite(shown)
     table = mappable.cmap(np.linspace(0, 1, 1024))[:, :3]
@@ -238,7 +239,7 @@ def _colours(
 
 
 def _beyond(known: NDArray, low: float, high: float) -> str:
-    """At which ends of the colour bar values lie beyond it."""
+    """Ends of the colour bar that values exceed."""
     known = known[np.isfinite(known)]
     slack = 1e-9 * (high - low)
     beyond = 2 * bool((known < low - slack).any()) + bool((known > high + slack).any())
@@ -246,28 +247,29 @@ def _beyond(known: NDArray, low: float, high: float) -> str:
 
 
 def _corner_normals(mesh: TriangleMesh) -> NDArray[np.float64]:
-    """(m, 3, 3) normals to shade with: the mean over the faces of a vertex that no crease parts."""
+    """(m, 3, 3) normals for shading: mean over the faces of a vertex between creases."""
     area_vector = face_area_vector(mesh)
     area_vector = area_vector / (np.abs(area_vector).max(initial=0.0) or 1.0)
     flat, topology, n = face_normal(mesh), mesh.topology, 3 * mesh.n_faces
-    twin = topology.side_twin.ravel()
-    side = np.flatnonzero((twin >= 0) & (np.arange(n) < twin))
-    smooth = side[np.einsum("ij,ij->i", flat[side // 3], flat[twin[side] // 3]) > CREASE]
+    twin, side = topology.side_twin.ravel(), topology.interior_sides
+    smooth = side[np.einsum("ij,ij->i", flat[side // 3], flat[twin[side] // 3]) > CREASE_COSINE]
     # corners of two faces that meet across a smooth side, at both of its ends
     a, b = (np.stack([s, 3 * (s // 3) + (s % 3 + 1) % 3], axis=1) for s in (smooth, twin[smooth]))
     corner = mesh.faces.ravel()
     b = np.where((corner[a[:, :1]] == corner[b[:, :1]]), b, b[:, ::-1])
     graph = coo_array((np.ones(a.size, dtype=np.int8), (a.ravel(), b.ravel())), shape=(n, n))
     count, group = connected_components(graph, directed=False)
-    total = np.stack([np.bincount(group, np.repeat(area_vector[:, i], 3), count) for i in range(3)], axis=1)
+    total = sum_by_index(group, np.repeat(area_vector, 3, axis=0), count)
     size = np.linalg.norm(total, axis=1, keepdims=True)
     mean = (total / np.maximum(size, 1e-300))[group].reshape(-1, 3, 3)
     return np.where((size[group] > 0).reshape(-1, 3, 1), mean, flat[:, None, :])
 
 
-def _picture(camera: Camera, mesh: TriangleMesh, seen: Seen, colour: NDArray, edges: bool) -> NDArray:
+def _picture(
+    camera: Camera, mesh: TriangleMesh, visible: PixelFaces, colour: NDArray, edges: bool
+) -> NDArray:
     """(h, w, 3) shaded picture, averaged over the samples of each pixel, as bytes."""
-    normal = np.einsum("ij,ijk->ik", seen.barycentric, _corner_normals(mesh)[seen.face]) @ camera.axes.T
+    normal = np.einsum("ij,ijk->ik", visible.barycentric, _corner_normals(mesh)[visible.face]) @ camera.axes.T
     normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-300)
     behind = normal[:, 2] < 0
     normal[behind] *= -1
@@ -275,20 +277,20 @@ def _picture(camera: Camera, mesh: TriangleMesh, seen: Seen, colour: NDArray, ed
     if not mesh.topology.is_closed:
         shade[behind] *= 0.8
     if edges:
-        reach = (seen.barycentric * altitude(camera, mesh.points, mesh.faces)[seen.face]).min(axis=1)
+        reach = (visible.barycentric * altitude(camera, mesh.points, mesh.faces)[visible.face]).min(axis=1)
         shade *= 0.45 + 0.55 * np.clip(reach / (0.6 * _SAMPLES), 0, 1)
     flat_image = np.ones((camera.height * camera.width, 3))
-    flat_image[seen.pixel] = np.clip(colour * shade[:, None], 0, 1)
+    flat_image[visible.pixel] = np.clip(colour * shade[:, None], 0, 1)
     image = flat_image.reshape(camera.height, camera.width, 3)
-    image[_outline(seen.depth)] *= 0.35
+    image[_outline(visible.depth)] *= 0.35
     h, w = camera.height // _SAMPLES, camera.width // _SAMPLES
     blocks = image[: h * _SAMPLES, : w * _SAMPLES].reshape(h, _SAMPLES, w, _SAMPLES, 3)
     return np.rint(255 * blocks.mean(axis=(1, 3))).astype(np.uint8)
 
 
 def _outline(depth: NDArray) -> NDArray[np.bool_]:
-    """Where something nearer ends: silhouettes, which print in grey as well as in colour."""
-    step = OUTLINE * max(depth.shape)
+    """Mask of the outlines, where the depth jumps."""
+    step = OUTLINE_DEPTH_STEP * max(depth.shape)
     edge = np.zeros(depth.shape, dtype=bool)
     with np.errstate(invalid="ignore"):
         for axis in (0, 1):
@@ -303,7 +305,7 @@ def _outline(depth: NDArray) -> NDArray[np.bool_]:
 def _overlay(
     axes: Any,
     camera: Camera,
-    seen: Seen,
+    visible: PixelFaces,
     curves: Sequence[NDArray],
     points: NDArray | None,
     colour: str,
@@ -312,7 +314,7 @@ def _overlay(
 ) -> None:
     from matplotlib.collections import LineCollection
 
-    runs = visible_runs(camera, seen, [curve for curve in curves if len(curve) > 1])
+    runs = visible_runs(camera, visible, [curve for curve in curves if len(curve) > 1])
     if runs:
         for under, tint in ((halo, "white"), (0.0, colour)):
             lines = LineCollection(runs, linewidths=width + under, colors=tint, capstyle="round")
@@ -321,5 +323,5 @@ def _overlay(
         place = camera.project(points)
         column = np.clip(place[:, 0].astype(np.int64), 0, camera.width - 1)
         row = np.clip(place[:, 1].astype(np.int64), 0, camera.height - 1)
-        shown = place[:, 2] <= seen.depth[row, column] + 0.01 * max(camera.width, camera.height)
+        shown = place[:, 2] <= visible.depth[row, column] + 0.01 * max(camera.width, camera.height)
         axes.plot(*place[shown, :2].T, "o", ms=4, mfc=colour, mec="white", mew=0.7, ls="none")

@@ -1,4 +1,4 @@
-"""From where a picture looks: the up axis by the shape, the side by what is shown."""
+"""Viewpoint of a picture: up axis and side."""
 
 from __future__ import annotations
 
@@ -9,21 +9,21 @@ from ddgcli.geometry.extrinsic import face_area_vector
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.plots.raster import VIEWS, View, view_axes
 
-BASE_LAYER = 0.02  # of the height: what of a shape stands on the ground
-CLEARLY_LARGER = 2.0
-BETTER_SIDE = 1.2
+BASE_LAYER = 0.02  # of the height: points of the base of a shape
+MIN_BASE_RATIO = 2.0  # of base areas, for y as up axis
+MIN_VIEW_GAIN = 1.2  # of the visible interest, for another side than the default
 AZIMUTHS = (-60.0, 30.0, 120.0, 210.0)
 
 
-def guessed_up(points: NDArray) -> str:
-    """'y' where a shape stands on a clearly larger base with y up than with z up, else 'z'.
+def up_axis_of(points: NDArray) -> str:
+    """Up axis of a shape: 'y' if its base is much larger with y up than with z up, else 'z'.
 
     The base is the bounding rectangle of the lowest fiftieth of the height.
     """
     if len(points) == 0:
         return "z"
     base = {axis: _base_area(points, "xyz".index(axis)) for axis in "yz"}
-    return "y" if base["y"] > CLEARLY_LARGER * base["z"] else "z"
+    return "y" if base["y"] > MIN_BASE_RATIO * base["z"] else "z"
 
 
 def _base_area(points: NDArray, axis: int) -> float:
@@ -33,13 +33,13 @@ def _base_area(points: NDArray, axis: int) -> float:
     return float(np.prod(np.ptp(layer[:, across], axis=0)))
 
 
-def chosen_view(mesh: TriangleMesh, interest: NDArray | None, up: str) -> View:
-    """None for a flat surface, else the side of 'iso' views on which most of the interest is seen.
+def best_view(mesh: TriangleMesh, interest: NDArray | None, up: str) -> View:
+    """View of a surface: None if it is flat, else the 'iso' view that shows most of the interest.
 
     Parameters
     ----------
     interest : (n,) or (m,) ndarray, optional
-        How much each vertex or face should be seen; not negative.
+        Weight of each vertex or face; not negative.
     """
     extent = np.ptp(mesh.points[mesh.topology.referenced_vertex], axis=0) if mesh.n_faces else np.zeros(3)
     if interest is None or not np.isfinite(interest).any() or extent.min() < 1e-3 * extent.max():
@@ -54,6 +54,6 @@ def chosen_view(mesh: TriangleMesh, interest: NDArray | None, up: str) -> View:
         for azimuth in AZIMUTHS
     ]
     best = int(np.argmax(amount))
-    if amount[best] <= BETTER_SIDE * amount[0]:
+    if amount[best] <= MIN_VIEW_GAIN * amount[0]:
         return None
     return (elevation if best < len(AZIMUTHS) else -elevation, AZIMUTHS[best % len(AZIMUTHS)])

@@ -12,10 +12,11 @@ from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from ddgcli.mesh.intrinsic_mesh import IntrinsicMesh
-from ddgcli.mesh.require import wrong_kind
+from ddgcli.mesh.require import kind_error
 from ddgcli.mesh.shapes import box, icosphere, wrapped_grid
 from ddgcli.mesh.topology import NEXT, Topology
-from ddgcli.mesh.triangle_mesh import TriangleMesh, vector_length
+from ddgcli.mesh.triangle_mesh import TriangleMesh
+from ddgcli.mesh.vectors import vector_length
 from ddgcli.scenes.scene import ObjectSection, Section
 from ddgcli.scenes.units import quantity, vector
 
@@ -181,7 +182,7 @@ def place(section: SurfaceObject, read: Callable[[str], Any]) -> Placed:
             logging.getLogger("ddgcli").warning("object %s: %s", section.name, note)
         mesh, vertex, sha256, face = source.mesh, source.vertex, source.sha256, source.face
         if not isinstance(mesh, TriangleMesh):
-            raise ValueError(wrong_kind(mesh, ("surface",), path=section.mesh))
+            raise ValueError(kind_error(mesh, ("surface",), path=section.mesh))
     else:
         mesh = made(section)
     return Placed(mesh.moved(_moved(section, np.asarray(mesh.points))), vertex, sha256, face)

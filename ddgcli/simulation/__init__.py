@@ -4,4 +4,4 @@
 joins models into one surface, `outcome` gathers what a run leaves behind.
 """
 
-__all__ = ["account", "effects", "frames", "outcome", "time_loop"]
+__all__ = ["account", "effects", "frames", "outcome", "recording", "time_loop"]

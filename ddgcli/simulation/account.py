@@ -1,4 +1,4 @@
-"""Who spent the time: calls and seconds of every effect, of the solver, the integrator and the output."""
+"""Calls and seconds of every effect, of the solver, the integrator and the output."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from time import perf_counter
 
 
 class Account:
-    """Exclusive time by name: a timer inside another stops the outer one, so the parts add up to the whole.
+    """Exclusive time by name: an inner timer stops the outer one, so that the parts add up to the whole.
 
     `with account.within("bending"): ...` counts one call and its seconds.
     """
@@ -35,6 +35,38 @@ class Account:
         """Go on from the rows of an earlier part of the run."""
         self.calls = {name: calls for name, (calls, _) in rows.items()}
         self.seconds = {name: seconds for name, (_, seconds) in rows.items()}
+
+
+def time_shares(
+    account: Account, effects: list[str], total: float
+) -> tuple[dict[str, dict[str, float]], dict[str, float]]:
+    """Seconds of the time loop by effect and by part.
+
+    Parameters
+    ----------
+    account : Account
+    effects : list of str
+        Names of the effects.
+    total : float
+        Seconds of the loop.
+
+    Returns
+    -------
+    by_effect : dict
+        Effect -> seconds, share of the total and number of evaluations; those never evaluated come last.
+    by_part : dict of str to float
+        Seconds of the effects, "solver", "integrator", "output", "unaccounted" and "total".
+    """
+    seconds = {name: account.seconds.get(name, 0.0) for name in (*effects, "solver", "integrator", "output")}
+    by_effect: dict[str, dict[str, float]] = {
+        name: {
+            "seconds": seconds[name],
+            "share": seconds[name] / (total or 1.0),
+            "evaluations": account.calls.get(name, 0),
+        }
+        for name in sorted(effects, key=lambda name: not account.calls.get(name))
+    }
+    return by_effect, {**seconds, "unaccounted": total - sum(seconds.values()), "total": total}
 
 
 class _Timer:

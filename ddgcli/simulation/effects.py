@@ -25,7 +25,7 @@ class Effect:
         `build(parameters, context)` makes what the simulator's models are made of; what `context` and the
         result are is the simulator's affair (docs/effects.md).
     cost : str
-        One line for --effects: what it costs a step.
+        Cost of a step, in one line.
     roles : tuple of str
         Roles of the objects that it acts on; a scene without such an object is refused.
     repeatable : bool

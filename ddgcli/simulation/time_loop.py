@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.errors import ParameterError, SolveError
+from ddgcli.progress import ProgressCallback
 from ddgcli.simulation.account import Account
 
 State = TypeVar("State")
@@ -252,7 +253,7 @@ def evolve(
     schedule: Schedule,
     account: Account,
     resume: tuple[int, Arrays] | None = None,
-    told: Callable[[float, float], None] | None = None,
+    progress: ProgressCallback | None = None,
 ) -> Iterator[Snapshot]:
     """Yield a snapshot at the start, after every `schedule.every` steps and at the end.
 
@@ -265,8 +266,8 @@ def evolve(
         Books "integrator" for each advance and "output" for each observation; models book inside.
     resume : (frame, checkpoint), optional
         Go on after that frame, which is not yielded again. Nothing is yielded if the run had ended there.
-    told : callable (steps done, all steps), optional
-        Hears of every step, of parts of divided ones too.
+    progress : callable, optional
+        Called with (steps done, all steps) after every step, and after parts of divided steps.
 
     Raises
     ------
@@ -289,8 +290,8 @@ def evolve(
     last_frame = schedule.frames - 1
     for march in marches:
         march.reached = schedule.step_of_frame(frame)
-        if told is not None:
-            march.tell = lambda: told(sum(m.reached for m in marches) / len(marches), schedule.steps)
+        if progress is not None:
+            march.tell = lambda: progress(sum(m.reached for m in marches) / len(marches), schedule.steps)
     while frame < last_frame:
         first, last = schedule.step_of_frame(frame), schedule.step_of_frame(frame + 1)
         for march in marches:

@@ -1,7 +1,3 @@
-"""Accuracy against seconds: candidates, references, measurement, Pareto front.
+"""Comparison of methods: candidates, time budget, references, measured rows, Pareto front, report."""
 
-`problems` asks the question of each command; `measure` runs the candidates within a time budget, `pareto`
-judges the rows, `truths` holds analytic answers.
-"""
-
-__all__ = ["candidates", "measure", "pareto", "problems", "report", "richardson", "truths"]
+__all__ = ["candidates", "measure", "pareto", "problems", "report", "truths"]

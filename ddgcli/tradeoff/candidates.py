@@ -1,4 +1,4 @@
-"""What is compared: candidates with dials, references with their uncertainty, and the rows that come out."""
+"""Candidates, references with their uncertainty, problems, and the rows of a comparison."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-# options of the command compared, by the names of its parameters, as far as they were given
-Asked = Mapping[str, Any]
-NOTHING: Asked = MappingProxyType({})
+# options of the compared command that its caller set, by parameter name
+CommandOptions = Mapping[str, Any]
+NO_OPTIONS: CommandOptions = MappingProxyType({})
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,39 +24,39 @@ class Candidate:
     method : str
         Line in the picture.
     parameters : dict
-        Values of its dials.
+        Its parameters and their values.
     setup : callable
-        What is paid once; its result is handed to `solve`.
+        The set-up, which runs once; `solve` gets its result.
     solve : callable
         One query: the answer, in the form that the problem's reference has.
-    options : str
-        Options of the command that run this configuration, as a shell takes them.
+    arguments : dict
+        Parameters of the command that runs this configuration, and their values as text.
     work : float
-        Guess of the seconds of set-up and one query; only ratios matter once one candidate has run.
+        Estimated seconds of set-up and one query; only ratios matter once one candidate has run.
     program : str, optional
-        The command that runs it, where that is another than the one compared.
+        The command that runs it, if it is not the compared one.
     """
 
     method: str
     parameters: dict[str, Any]
     setup: Callable[[], Any]
     solve: Callable[[Any], NDArray]
-    options: str
+    arguments: Mapping[str, str]
     work: float = 0.0
     program: str = ""
 
 
 @dataclass(frozen=True, eq=False)
 class Reference:
-    """The answer that errors are measured against.
+    """The answer from which errors are measured.
 
     Attributes
     ----------
     name : str
-        What it is: "known truth: ...", "exact polyhedral distance", "Richardson limit of ...".
+        Its origin: "known truth: ...", "exact polyhedral distance", "Richardson limit of ...".
     values : ndarray
     uncertainty : float
-        Bound or estimate of its own largest relative error, on the scale of the rows.
+        Bound or estimate of its own largest relative error, in the scale of the rows' errors.
     known : bool
         True for an analytic truth.
     mean_uncertainty : float, optional
@@ -70,21 +70,24 @@ class Reference:
     mean_uncertainty: float | None = None
 
     @classmethod
-    def of_truth(cls, name: str, values: NDArray) -> Reference:
-        """An analytic answer, uncertain by rounding alone."""
+    def from_truth(cls, name: str, values: NDArray) -> Reference:
+        """Analytic answer; its uncertainty is rounding."""
         return cls(f"known truth: {name}", values, 1e-15, known=True)
 
     @classmethod
-    def as_far_as(cls, name: str, values: NDArray, gap: NDArray) -> Reference:
-        """An answer that is trusted as far as another agrees: (k,) relative differences of the two.
+    def from_agreement(cls, name: str, values: NDArray, gap: NDArray) -> Reference:
+        """Answer whose uncertainty is its difference from a second answer.
 
-        Where they agree altogether rounding is left.
+        Parameters
+        ----------
+        gap : (k,) ndarray
+            Relative differences of the two answers; rounding is the least uncertainty.
         """
         mean = float(gap.mean()) if len(gap) else 0.0
         return cls(name, values, max(float(gap.max(initial=0.0)), 1e-14), mean_uncertainty=max(mean, 1e-14))
 
-    def within(self, norm: str = "max") -> float:
-        """Its own error, in a norm of the rows."""
+    def error_bound(self, norm: str = "max") -> float:
+        """Uncertainty in a norm (`max` or `mean`) of the errors."""
         if norm == "mean" and self.mean_uncertainty is not None:
             return self.mean_uncertainty
         return self.uncertainty
@@ -92,24 +95,24 @@ class Reference:
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """One question, several ways to answer it.
+    """One computation and the configurations that can do it.
 
     Attributes
     ----------
     candidates : sequence of Candidate
         Cheap ones first.
     references : sequence of (work, callable)
-        From the most accurate to the cheapest; the first that the budget can pay is taken.
+        From the most accurate to the cheapest; the first within the time budget is used.
     error : callable
         (answer, reference values) -> (k,) relative errors, one a vertex, eigenvalue, ...
     error_scale : str
-        What errors are relative to.
+        The quantity that errors are divided by.
     place : str
-        What the index of the largest error counts ("vertex", "eigenvalue").
+        Kind of entry that the index of the largest error refers to ("vertex", "eigenvalue").
     query : str
-        What one `seconds` pays for ("source", "run", "step").
+        Unit of work of one `seconds` ("source", "run", "step").
     left_out : tuple of (str, str)
-        Configurations that cannot run on this input, and why.
+        Configurations that cannot run on this input, and the reasons.
     """
 
     candidates: Sequence[Candidate]
@@ -122,9 +125,9 @@ class Problem:
 
 
 def label_of(one: Candidate | Row) -> str:
-    """Method and dials in a few words."""
-    dials = " ".join(f"{k}={v:g}" if isinstance(v, float) else f"{k}={v}" for k, v in one.parameters.items())
-    return f"{one.method} {dials}".strip()
+    """Short label: method and parameters."""
+    values = " ".join(f"{k}={v:g}" if isinstance(v, float) else f"{k}={v}" for k, v in one.parameters.items())
+    return f"{one.method} {values}".strip()
 
 
 @dataclass
@@ -141,7 +144,7 @@ class Row:
     max_error: float
     max_error_at: int
     mean_error: float
-    options: str
+    arguments: Mapping[str, str]
     program: str = ""
     on_front: bool = False
     verdict: str = ""
@@ -152,18 +155,18 @@ class Row:
         return self.setup_seconds + self.seconds
 
     def error(self, norm: str = "max") -> float:
-        """The error that `--within` speaks of."""
+        """Largest or mean error."""
         return self.max_error if norm == "max" else self.mean_error
 
     @property
     def label(self) -> str:
-        """Method and dials in a few words."""
+        """Short label: method and parameters."""
         return label_of(self)
 
 
 @dataclass
 class Table:
-    """All rows of a problem and what is to be said of them."""
+    """Rows of a problem, its reference, and the configurations left out."""
 
     rows: list[Row] = field(default_factory=list)
     reference: Reference | None = None
@@ -172,12 +175,12 @@ class Table:
 
 
 def relative_to_largest(answer: NDArray, truth: NDArray) -> NDArray[np.float64]:
-    """|answer - truth| over the largest |truth|, where that is finite; an answer that is not counts inf."""
+    """|answer - truth| over the largest finite |truth|; infinite where an answer is not finite."""
     return _relative(answer, truth, np.abs(truth[np.isfinite(truth)]).max(initial=0.0))
 
 
 def relative_to_rms(answer: NDArray, truth: NDArray) -> NDArray[np.float64]:
-    """|answer - truth| over the root mean square of the truth, leaving out entries without a truth."""
+    """|answer - truth| over the root mean square of the truth; zero where there is no truth."""
     return _relative(answer, truth, float(np.sqrt(np.mean(truth[np.isfinite(truth)] ** 2))))
 
 
@@ -191,7 +194,7 @@ def _relative(answer: NDArray, truth: NDArray, scale: float) -> NDArray[np.float
 
 
 def relative_to_each(answer: NDArray, truth: NDArray) -> NDArray[np.float64]:
-    """|answer - truth| over |truth|, entry by entry; entries whose truth is zero count absolutely."""
+    """|answer - truth| over |truth|, entry by entry; absolute where the truth is zero."""
     scale = np.where(truth == 0, 1.0, np.abs(truth))
     with np.errstate(invalid="ignore"):
         return np.nan_to_num(np.abs(answer - truth) / scale, nan=np.inf)

@@ -1,4 +1,4 @@
-"""Run candidates within a budget: median seconds, peak memory, errors against the reference."""
+"""Run candidates within a time budget: median seconds, peak memory, errors against the reference."""
 
 from __future__ import annotations
 
@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 
 from ddgcli.errors import DdgError, SolveError
+from ddgcli.progress import ProgressCallback
 from ddgcli.tradeoff.candidates import Candidate, Problem, Reference, Row, Table, label_of
 
 log = logging.getLogger("ddgcli")
@@ -30,50 +31,50 @@ Clock = Callable[[], float]
 REFERENCE_SHARE = 0.5
 
 
-class BudgetSpent(BaseException):
-    """What runs has used up its share of the budget, against its estimate."""
+class BudgetExceeded(BaseException):
+    """Raised in a run that exceeds its share of the time budget."""
 
 
-class Purse:
-    """The time budget: what is left, and how the guesses of work compare with this machine so far."""
+class TimeBudget:
+    """Time budget: seconds left, and seconds of a candidate predicted from the runs so far."""
 
-    def __init__(self, budget: float | None, began: float | None = None) -> None:
-        self.budget = budget
+    def __init__(self, seconds: float | None, began: float | None = None) -> None:
+        self.seconds = seconds
         self._began = time.perf_counter() if began is None else began
-        self._known: dict[str, list[tuple[float, float, float]]] = {}  # method: guess, set-up, solve
+        self._runs: dict[str, list[tuple[float, float, float]]] = {}  # method: work, set-up, solve
 
     def left(self) -> float:
         """Seconds left; infinite without a budget."""
-        return float("inf") if self.budget is None else self.budget - (time.perf_counter() - self._began)
+        return float("inf") if self.seconds is None else self.seconds - (time.perf_counter() - self._began)
 
-    def learn(self, method: str, guess: float, setup: float, solve: float) -> None:
-        """Remember the seconds of a run beside its guess."""
-        if guess > 0:
-            self._known.setdefault(method, []).append((guess, setup, solve))
+    def record(self, method: str, work: float, setup: float, solve: float) -> None:
+        """Store the seconds of a run with its estimated work."""
+        if work > 0:
+            self._runs.setdefault(method, []).append((work, setup, solve))
 
     def estimate(self, candidate: Candidate) -> float:
-        """Seconds that one run of a candidate will take: by its own method's runs so far, else by all."""
-        own = self._known.get(candidate.method, [])[-2:]
+        """Predict the seconds of one run from the last runs of its method, else from all runs."""
+        own = self._runs.get(candidate.method, [])[-2:]
         if own:
-            return max(setup + candidate.work * solve / guess for guess, setup, solve in own)
-        known = [(setup + solve) / guess for runs in self._known.values() for guess, setup, solve in runs]
-        return candidate.work * (statistics.median(known) if known else 1.0)
+            return max(setup + candidate.work * solve / work for work, setup, solve in own)
+        rates = [(setup + solve) / work for runs in self._runs.values() for work, setup, solve in runs]
+        return candidate.work * (statistics.median(rates) if rates else 1.0)
 
     def estimate_like(self, candidate: Candidate, work: float) -> float:
-        """Seconds of other work, as one run of a candidate tells: its set-up, and solves in proportion."""
+        """Predict the seconds of other work with the set-up of a candidate."""
         return self.estimate(replace(candidate, work=work))
 
     @contextmanager
-    def stopping_after(self, seconds: float) -> Iterator[None]:
-        """Raise `BudgetSpent` in what runs longer than that (where the system has interval timers).
+    def limit_time(self, seconds: float) -> Iterator[None]:
+        """Raise `BudgetExceeded` in the body after some seconds (where the system has interval timers).
 
-        A long call into compiled code ends first.
+        A call into compiled code is not interrupted.
         """
         here = threading.current_thread() is threading.main_thread() and hasattr(signal, "setitimer")
-        if self.budget is None or not here:
+        if self.seconds is None or not here:
             yield
             return
-        before = signal.signal(signal.SIGALRM, _spent)
+        before = signal.signal(signal.SIGALRM, _raise_budget_exceeded)
         signal.setitimer(signal.ITIMER_REAL, max(seconds, 1e-3), 0.1)
         try:
             yield
@@ -82,8 +83,8 @@ class Purse:
             signal.signal(signal.SIGALRM, before)
 
 
-def _spent(*_: Any) -> None:
-    raise BudgetSpent
+def _raise_budget_exceeded(*_: Any) -> None:
+    raise BudgetExceeded
 
 
 def run_problem(
@@ -93,24 +94,24 @@ def run_problem(
     budget: float | None = None,
     began: float | None = None,
     clock: Clock = time.perf_counter,
-    progress: Callable[[int, int], Any] | None = None,
+    progress: ProgressCallback | None = None,
 ) -> Table:
-    """Measure every candidate that the budget can pay, cheap ones first.
+    """Measure every candidate that fits the time budget, cheap ones first.
 
     Parameters
     ----------
     repeat : int
-        Timed queries a candidate, after one warm-up; fewer where the budget is short, and told in the row.
-        0 for errors alone: the first query counts, memory is not measured.
+        Timed queries a candidate, after one warm-up; fewer if the budget is short (`Row.repeats`).
+        With 0 the first query counts and memory is not measured.
     budget : float, optional
-        Seconds for everything, the reference included. What is estimated to exceed it is not begun; what
-        outruns its estimate is stopped.
+        Seconds for everything, the reference included. Runs that are estimated to exceed it do not start;
+        runs that exceed it are stopped.
     began : float, optional
-        When the budget began to run, by `time.perf_counter`; by default now.
+        Start of the budget by `time.perf_counter`; now by default.
     clock : callable, optional
-        What the seconds of the rows are read from; the budget always speaks of the wall's.
+        Clock of the rows' seconds; the budget counts wall-clock seconds.
     progress : callable, optional
-        Told (done, of).
+        Called with (done, total).
 
     Returns
     -------
@@ -120,71 +121,73 @@ def run_problem(
     Raises
     ------
     SolveError
-        When the budget pays for no reference.
+        If no reference fits the budget.
     """
-    purse, table = Purse(budget, began), Table(left_out=list(problem.left_out))
+    time_budget, table = TimeBudget(budget, began), Table(left_out=list(problem.left_out))
     steps = len(problem.candidates) + 1  # the reference is the first
-    told = (lambda done: None) if progress is None else (lambda done: progress(done, steps))
+    report_progress = (lambda done: None) if progress is None else (lambda done: progress(done, steps))
     try:
-        told(0)
-        _calibrate(problem, purse)
-        table.reference = reference = _reference(problem, purse, table)
-        _run_candidates(problem, table, reference, purse, repeat, clock, told)
+        report_progress(0)
+        _calibrate(problem, time_budget)
+        table.reference = reference = _reference(problem, time_budget, table)
+        _run_candidates(problem, table, reference, time_budget, repeat, clock, report_progress)
     except KeyboardInterrupt:
         table.interrupted = True
     return table
 
 
-def _calibrate(problem: Problem, purse: Purse) -> None:
-    """Learn from the cheapest candidate how guesses compare with this machine, where the choice needs it."""
-    if purse.budget is None or problem.references[0][0] == 0 or not problem.candidates:
+def _calibrate(problem: Problem, time_budget: TimeBudget) -> None:
+    """Time the cheapest candidate, if the choice of a reference depends on predicted seconds."""
+    if time_budget.seconds is None or problem.references[0][0] == 0 or not problem.candidates:
         return
     cheapest = problem.candidates[0]
-    setup, solve = 0.0, purse.budget  # what is told where it takes too long to end
+    setup, solve = 0.0, time_budget.seconds  # recorded if the run is stopped
     try:
-        with purse.stopping_after(REFERENCE_SHARE * purse.left()):
+        with time_budget.limit_time(REFERENCE_SHARE * time_budget.left()):
             for _ in range(2):  # the first also pays for imports
                 state, setup = _timed(cheapest.setup, time.perf_counter)
                 solve = _timed(partial(cheapest.solve, state), time.perf_counter)[1]
-                if setup + solve > 0.1 * purse.left():
+                if setup + solve > 0.1 * time_budget.left():
                     break
-    except DdgError:  # told when its turn comes
+    except DdgError:  # reported with its row
         return
-    except BudgetSpent:
+    except BudgetExceeded:
         pass
-    purse.learn(cheapest.method, cheapest.work, setup, solve)
+    time_budget.record(cheapest.method, cheapest.work, setup, solve)
 
 
 def _run_candidates(
     problem: Problem,
     table: Table,
     reference: Reference,
-    purse: Purse,
+    time_budget: TimeBudget,
     repeat: int,
     clock: Clock,
-    told: Callable[[int], Any],
+    report_progress: Callable[[int], Any],
 ) -> None:
     for number, candidate in enumerate(problem.candidates, 1):
-        told(number)
-        estimate, left, began = purse.estimate(candidate), purse.left(), time.perf_counter()
+        report_progress(number)
+        estimate, left, began = time_budget.estimate(candidate), time_budget.left(), time.perf_counter()
         if estimate * 1.2 > left:
             why = f"estimated {estimate:.3g} s, {max(left, 0):.3g} s are left"
             table.left_out.append((label_of(candidate), why))
             continue
         try:
-            with purse.stopping_after(left), _speaking_of(label_of(candidate)):
-                table.rows.append(measure(candidate, problem, reference, purse, repeat, clock))
+            with time_budget.limit_time(left), _prefix_warnings(label_of(candidate)):
+                table.rows.append(
+                    measure_candidate(candidate, problem, reference, time_budget, repeat, clock)
+                )
         except DdgError as error:
             table.left_out.append((label_of(candidate), str(error)))
-        except BudgetSpent:
+        except BudgetExceeded:
             why = f"stopped after {time.perf_counter() - began:.3g} s, estimated {estimate:.3g} s"
             table.left_out.append((label_of(candidate), why))
-    told(len(problem.candidates) + 1)
+    report_progress(len(problem.candidates) + 1)
 
 
 @contextmanager
-def _speaking_of(label: str) -> Iterator[None]:
-    """Warnings inside begin with the row that they are about."""
+def _prefix_warnings(label: str) -> Iterator[None]:
+    """Prefix warnings with the label of their row."""
 
     def prefixed(record: logging.LogRecord) -> bool:
         record.msg, record.args = f"{label}: {record.getMessage()}", ()
@@ -197,63 +200,65 @@ def _speaking_of(label: str) -> Iterator[None]:
         log.removeFilter(prefixed)
 
 
-def _reference(problem: Problem, purse: Purse, table: Table) -> Reference:
-    """The most accurate reference that its share of the budget can pay.
+def _reference(problem: Problem, time_budget: TimeBudget, table: Table) -> Reference:
+    """Most accurate reference within its share of the budget.
 
     Raises
     ------
     DdgError
-        Where there is none: what the last one said, or that the budget is too short.
+        If there is none: the error of the last one, or that the budget is too short.
     """
     failure, needed = "", 0.0
-    for work, make in problem.references:
-        share = REFERENCE_SHARE * purse.left()
-        estimate = purse.estimate_like(problem.candidates[0], work) if work and problem.candidates else work
-        why = f"estimated {estimate:.3g} s of the {purse.budget or 0:g} s budget"
+    for work, compute in problem.references:
+        share = REFERENCE_SHARE * time_budget.left()
+        estimate = (
+            time_budget.estimate_like(problem.candidates[0], work) if work and problem.candidates else work
+        )
+        why = f"estimated {estimate:.3g} s of the {time_budget.seconds or 0:g} s budget"
         if estimate <= share:
             try:
-                with purse.stopping_after(share):
-                    return make()
-            except BudgetSpent:
+                with time_budget.limit_time(share):
+                    return compute()
+            except BudgetExceeded:
                 why = f"stopped after {share:.3g} s, {why}"
             except SolveError as error:
                 why = failure = str(error)
         needed = 3 * estimate if why != failure else needed
         table.left_out.append(("a finer reference", why))
-    longer = f"; give --budget {math.ceil(needed)} or more" if needed else ""
+    longer = f"; use `budget={math.ceil(needed)}` or more" if needed else ""
     raise SolveError((failure or f"no reference is affordable: the cheapest was {why}") + longer)
 
 
-def measure(
+def measure_candidate(
     candidate: Candidate,
     problem: Problem,
     reference: Reference,
-    purse: Purse,
+    time_budget: TimeBudget,
     repeat: int,
     clock: Clock = time.perf_counter,
 ) -> Row:
-    """One row: a warm-up that gives the answer, `repeat` timed queries, one run for the peak memory.
+    """Measure one row: a warm-up for the answer, `repeat` timed queries, one run for the peak memory.
 
     Raises
     ------
     SolveError
-        When the answer is not finite where the reference is.
+        If the answer is not finite where the reference is.
     """
     began = time.perf_counter()
     state, cold_setup = _timed(candidate.setup, clock)
     ready = time.perf_counter()
     answer, first = _timed(lambda: candidate.solve(state), clock)
-    purse.learn(candidate.method, candidate.work, ready - began, time.perf_counter() - ready)
+    time_budget.record(candidate.method, candidate.work, ready - began, time.perf_counter() - ready)
     errors = np.asarray(problem.error(np.asarray(answer), reference.values), dtype=np.float64)
     worst = int(errors.argmax()) if len(errors) else 0
     if len(errors) and not np.isfinite(errors[worst]):
         raise SolveError(f"its answer is not finite at {problem.place} {worst}")
     seconds, setups, memory = [first], [cold_setup], False
     if repeat:
-        repeats = int(max(1, min(repeat, 0.15 * purse.left() / max(first, 1e-9))))
+        repeats = int(max(1, min(repeat, 0.15 * time_budget.left() / max(first, 1e-9))))
         seconds = [_timed(lambda: candidate.solve(state), clock)[1] for _ in range(repeats)]
-        memory = cold_setup + first < 0.1 * purse.left()
-        if 1e-4 < cold_setup < 0.1 * purse.left():  # the first also paid for imports
+        memory = cold_setup + first < 0.1 * time_budget.left()
+        if 1e-4 < cold_setup < 0.1 * time_budget.left():  # the first also paid for imports
             setups = [_timed(candidate.setup, clock)[1] for _ in range(min(3, repeats))]
     return Row(
         method=candidate.method,
@@ -266,7 +271,7 @@ def measure(
         max_error=float(errors[worst]) if len(errors) else 0.0,
         max_error_at=worst,
         mean_error=float(errors.mean()) if len(errors) else 0.0,
-        options=candidate.options,
+        arguments=candidate.arguments,
         program=candidate.program,
     )
 
@@ -280,10 +285,10 @@ def _timed(call: Callable[[], Any], clock: Clock) -> tuple[Any, float]:
 def peak_mib(call: Callable[[], Any]) -> float:
     """Growth of the peak resident memory during a call, in MiB.
 
-    Measured in a forked child, where factorisations count too; without fork, numpy's allocations alone.
+    A forked child measures it, factorisations included; without fork only numpy's allocations count.
     """
     if sys.platform == "linux":
-        return _peak_of_child(call)
+        return _peak_of_forked_child(call)
     tracemalloc.start()
     try:
         call()
@@ -292,11 +297,11 @@ def peak_mib(call: Callable[[], Any]) -> float:
         tracemalloc.stop()
 
 
-def _peak_of_child(call: Callable[[], Any]) -> float:
-    _give_back_free_memory()
+def _peak_of_forked_child(call: Callable[[], Any]) -> float:
+    _trim_heap()
     context = multiprocessing.get_context("fork")
     here, there = context.Pipe(duplex=False)
-    child = context.Process(target=_child, args=(call, there), daemon=True)
+    child = context.Process(target=_run_in_child, args=(call, there), daemon=True)
     child.start()
     there.close()
     try:
@@ -310,17 +315,17 @@ def _peak_of_child(call: Callable[[], Any]) -> float:
         child.join()
 
 
-def _give_back_free_memory() -> None:
-    """Return what malloc keeps of freed blocks: a child would fill it again unseen."""
+def _trim_heap() -> None:
+    """Return freed blocks to the system: a child would reuse them and its peak would not grow."""
     import ctypes
 
     try:
         ctypes.CDLL("libc.so.6").malloc_trim(0)
     except (OSError, AttributeError):
-        log.debug("malloc_trim is not to be had: peak memory may be told too low")
+        log.debug("malloc_trim is missing: peak memory may be reported too low")
 
 
-def _child(call: Callable[[], Any], pipe: Any) -> None:
+def _run_in_child(call: Callable[[], Any], pipe: Any) -> None:
     import resource
 
     logging.getLogger("ddgcli").handlers[:] = [logging.NullHandler()]

@@ -1,4 +1,4 @@
-"""What a table says: which rows no other beats, the cheapest within an error, where a set-up pays off."""
+"""Pareto front, cheapest row within an error, verdicts, and where a set-up pays off."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from typing import Any
 from ddgcli.tradeoff.candidates import Row, Table
 
 
-def mark_front(rows: list[Row], norm: str = "max") -> None:
-    """Set `on_front` of the rows that no other row beats in both total seconds and error."""
+def mark_pareto_front(rows: list[Row], norm: str = "max") -> None:
+    """Set `on_front` of the rows on the Pareto front of total seconds and error."""
     best = math.inf
     for row in sorted(rows, key=lambda r: (r.total_seconds, r.error(norm))):
         row.on_front = row.error(norm) < best
@@ -22,11 +22,11 @@ def cheapest_within(rows: list[Row], within: float, norm: str = "max") -> Row | 
     return min(good, key=lambda r: r.total_seconds) if good else None
 
 
-def give_verdicts(table: Table, within: float | None, norm: str = "max") -> Row | None:
-    """Write every row's verdict; returns the cheapest row within the error asked for."""
-    mark_front(table.rows, norm)
+def assign_verdicts(table: Table, within: float | None, norm: str = "max") -> Row | None:
+    """Set the verdict of every row; return the cheapest row whose error is at most `within`."""
+    mark_pareto_front(table.rows, norm)
     chosen = cheapest_within(table.rows, within, norm) if within is not None else None
-    floor = table.reference.within(norm) if table.reference else 0.0
+    uncertainty = table.reference.error_bound(norm) if table.reference else 0.0
     for row in table.rows:
         if row is chosen:
             row.verdict = f"cheapest within {within:g}"
@@ -35,14 +35,15 @@ def give_verdicts(table: Table, within: float | None, norm: str = "max") -> Row 
         elif row.on_front:
             row.verdict = "no other beats it"
         else:
-            other = _beater(row, table.rows, norm)
-            row.verdict = f"{'level with' if _level(row, other, norm) else 'beaten by'} {other.label}"
-        if row.error(norm) <= floor:
+            other = _dominating_row(row, table.rows, norm)
+            relation = "level with" if _equal_up_to_noise(row, other, norm) else "beaten by"
+            row.verdict = f"{relation} {other.label}"
+        if row.error(norm) <= uncertainty:
             row.verdict += "; as exact as the reference can tell"
     return chosen
 
 
-def _beater(row: Row, rows: list[Row], norm: str) -> Row:
+def _dominating_row(row: Row, rows: list[Row], norm: str) -> Row:
     better = [
         r
         for r in rows
@@ -51,15 +52,15 @@ def _beater(row: Row, rows: list[Row], norm: str) -> Row:
     return min(better, key=lambda r: r.total_seconds)
 
 
-def _level(row: Row, other: Row, norm: str) -> bool:
-    """Whether two rows of the same error differ by less time than each run of theirs does from the next."""
+def _equal_up_to_noise(row: Row, other: Row, norm: str) -> bool:
+    """Whether two rows of the same error differ by less than the spread of their seconds."""
     spread = max(high - low for low, high in (row.seconds_spread, other.seconds_spread))
     return row.error(norm) == other.error(norm) and abs(row.total_seconds - other.total_seconds) <= spread
 
 
 def break_even(rows: list[Row], norm: str = "max") -> list[dict[str, Any]]:
-    """From how many queries a set-up pays off, against a row of less set-up that is as accurate."""
-    found = []
+    """Number of queries from which a set-up pays off against an equally accurate row of less set-up."""
+    pairs = []
     for row in rows:
         rivals = [
             r
@@ -68,10 +69,10 @@ def break_even(rows: list[Row], norm: str = "max") -> list[dict[str, Any]]:
             and r.setup_seconds < row.setup_seconds
             and r.seconds > row.seconds
         ]
-        if not rivals or row.setup_seconds < row.seconds:  # a set-up below one query is soon forgotten
+        if not rivals or row.setup_seconds < row.seconds:  # a set-up below one query does not matter
             continue
         rival = min(rivals, key=lambda r: r.seconds)
         count = math.ceil((row.setup_seconds - rival.setup_seconds) / (rival.seconds - row.seconds))
-        if count > 1:  # below, the set-up costs nothing worth a remark
-            found.append({"row": row.label, "against": rival.label, "queries": count})
-    return found
+        if count > 1:  # else the set-up pays off within one query
+            pairs.append({"row": row.label, "against": rival.label, "queries": count})
+    return pairs

@@ -1,4 +1,4 @@
-"""The table as results, as CSV, and as the series of its picture."""
+"""Report of a comparison: results, CSV, text table, and the series of its plot."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import csv
 import io
 import math
 import platform
-import shlex
+from collections.abc import Callable
 from typing import Any
 
 from ddgcli.tradeoff.candidates import Problem, Row, Table
@@ -21,24 +21,24 @@ COLUMNS = (
 def results_of(
     table: Table,
     problem: Problem,
-    call: tuple[str, str, str],
+    command_of: Callable[[Row], str],
     *,
     chosen: Row | None,
     within: float | None,
     norm: str,
 ) -> dict[str, Any]:
-    """The `results` block of the summary; `call` is the command compared, its input, and the options kept."""
+    """Results block of the summary; `command_of` returns the command that runs a row."""
     reference = table.reference
     return {
-        "rows": [row_of(row, call) for row in table.rows],
+        "rows": [row_of(row, command_of) for row in table.rows],
         "reference": reference.name if reference else None,
-        "reference_uncertainty": reference.within(norm) if reference else None,
+        "reference_uncertainty": reference.error_bound(norm) if reference else None,
         "error_scale": problem.error_scale,
         "error_place": problem.place,
         "query": problem.query,
         "norm": norm,
         "within": within,
-        "chosen": row_of(chosen, call) if chosen else None,
+        "chosen": row_of(chosen, command_of) if chosen else None,
         "break_even": break_even(table.rows, norm),
         "left_out": [{"row": name, "why": why} for name, why in table.left_out],
         "interrupted": table.interrupted,
@@ -46,11 +46,9 @@ def results_of(
     }
 
 
-def row_of(row: Row, call: tuple[str, str, str]) -> dict[str, Any]:
-    """One row as plain data; numbers that do not exist are None."""
+def row_of(row: Row, command_of: Callable[[Row], str]) -> dict[str, Any]:
+    """One row as plain data; missing numbers are None."""
     low, high = row.seconds_spread
-    command, source, kept = call
-    words = ("ddgcli", row.program or command, shlex.quote(source), kept, row.options)
     return {
         "method": row.method,
         "parameters": row.parameters,
@@ -65,23 +63,23 @@ def row_of(row: Row, call: tuple[str, str, str]) -> dict[str, Any]:
         "mean_error": row.mean_error,
         "on_front": row.on_front,
         "verdict": row.verdict,
-        "command": " ".join(word for word in words if word),
+        "command": command_of(row),
     }
 
 
 def csv_of(rows: list[dict[str, Any]]) -> bytes:
-    """The rows as CSV, one line each; dials as `name=value` joined by spaces."""
+    """The rows as CSV, one line each; parameters as `name=value` joined by spaces."""
     text = io.StringIO()
     writer = csv.DictWriter(text, COLUMNS, lineterminator="\n")
     writer.writeheader()
     for row in rows:
-        dials = " ".join(f"{k}={v}" for k, v in row["parameters"].items())
-        writer.writerow({**row, "parameters": dials})
+        parameters = " ".join(f"{k}={v}" for k, v in row["parameters"].items())
+        writer.writerow({**row, "parameters": parameters})
     return text.getvalue().encode()
 
 
 def machine() -> str:
-    """Machine and versions in a line, for captions."""
+    """One line with machine and versions, for captions."""
     import os
 
     import numpy
@@ -96,7 +94,7 @@ def machine() -> str:
 
 
 def text_table(table: Table, problem: Problem, results: dict[str, Any]) -> list[str]:
-    """The rows for people, cheapest first, and what is to be said below them; `*` marks the front."""
+    """Text table, cheapest row first, `*` on the Pareto front; remarks below it."""
     header = ("", "method", "set-up", f"each {problem.query}", "max error", "mean error", "memory", "verdict")
     body = [header, *map(_cells, sorted(table.rows, key=lambda r: r.total_seconds))]
     widths = [max(len(line[k]) for line in body) for k in range(len(header))]
@@ -121,7 +119,7 @@ def _cells(row: Row) -> tuple[str, ...]:
 def _remarks(results: dict[str, Any]) -> list[str]:
     lines = [
         f"errors relative to {results['error_scale']}",
-        f"reference: {results['reference']}, itself within {results['reference_uncertainty'] or 0:.1e}",
+        f"reference: {results['reference']}, uncertainty {results['reference_uncertainty'] or 0:.1e}",
     ]
     lines += [
         f"pays off: {pair['row']} beats {pair['against']} from {pair['queries']} queries"
@@ -135,14 +133,16 @@ def _remarks(results: dict[str, Any]) -> list[str]:
 
 
 def _left_out(left_out: list[dict[str, str]]) -> list[str]:
-    """A line each, and one for all rows that the budget could not pay."""
-    dear = [one["row"] for one in left_out if one["why"].startswith("estimated")]
-    lines = [f"left out: {one['row']}: {one['why']}" for one in left_out if one["row"] not in dear]
-    return lines + [f"left out, too dear for what was left of the budget: {', '.join(dear)}"] * bool(dear)
+    """One line for each configuration left out, and one for all that exceed the budget."""
+    expensive = [one["row"] for one in left_out if one["why"].startswith("estimated")]
+    lines = [f"left out: {one['row']}: {one['why']}" for one in left_out if one["row"] not in expensive]
+    return lines + [f"left out, estimated above the rest of the budget: {', '.join(expensive)}"] * bool(
+        expensive
+    )
 
 
 def chart_of(rows: list[Row], norm: str, within: float | None, floor: float) -> dict[str, Any]:
-    """What `draw_chart` needs: a series a method, its dials as labels, the front ringed.
+    """What `draw_chart` needs: a series a method, its parameters as labels, the front ringed.
 
     Errors below `floor`, the uncertainty of the reference, are drawn there.
     """
@@ -156,12 +156,12 @@ def chart_of(rows: list[Row], norm: str, within: float | None, floor: float) -> 
     }
     if within is not None and seconds:
         series[f"within {within:g}"] = ([min(seconds), max(seconds)], [within, within])
-    labels = {name: [_dials(row) for row in line] for name, line in lines.items()}
+    labels = {name: [_parameter_values(row) for row in line] for name, line in lines.items()}
     ringed = {name: [k for k, row in enumerate(line) if row.on_front] for name, line in lines.items()}
     best = sorted((r.total_seconds, max(r.error(norm), floor)) for r in rows if r.on_front)
     front = ([x for x, _ in best], [y for _, y in best])
     return {"series": series, "labels": labels, "ringed": ringed, "front": front}
 
 
-def _dials(row: Row) -> str:
+def _parameter_values(row: Row) -> str:
     return " ".join(f"{v:g}" if isinstance(v, float) else str(v) for v in row.parameters.values())

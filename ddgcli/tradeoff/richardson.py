@@ -1,4 +1,4 @@
-"""Limits of refined answers, with the uncertainty that the refinements themselves show."""
+"""Limits of sequences of refined answers, with uncertainties estimated from the sequences."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ def richardson_limit(coarse: NDArray, middle: NDArray, fine: NDArray) -> tuple[N
     Returns
     -------
     limit : (k,) ndarray
-        Aitken's extrapolation with each entry's own observed rate, held between 0.5 and 4 powers of h.
+        Aitken's extrapolation with each entry's observed rate, clipped to 0.5 .. 4 powers of h.
     uncertainty : (k,) ndarray
-        How far the limit lies from the finest answer: the extrapolation itself is not trusted beyond.
+        Distance of the limit from the finest answer.
     """
     first, second = middle - coarse, fine - middle
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -28,40 +28,42 @@ def richardson_limit(coarse: NDArray, middle: NDArray, fine: NDArray) -> tuple[N
     return limit, np.abs(limit - fine)
 
 
-SLOWEST = 1.1  # ratio of successive differences below which a sequence counts as not yet converging
-UNSETTLED = (
+MIN_DIFFERENCE_RATIO = (
+    1.1  # ratio of successive differences below which a sequence counts as not yet converging
+)
+UNSETTLED_FACTOR = (
     5.0  # of the largest difference, where those of a scheme of known order do not fall as they should
 )
 
 
-def left_to_go(*differences: float, order: float | None = None) -> float:
-    """How far the last of several answers, each with half the step, may be from the limit of small steps.
+def remaining_error(*differences: float, order: float | None = None) -> float:
+    """Estimate the distance of the last answer, each with half the step, from the limit of small steps.
 
     Parameters
     ----------
     *differences : float
-        Successive ones: of a number with their signs, else their sizes. The last two count, or all with
-        `order`.
+        Differences of successive answers: signed for numbers, else norms. Only the last two count unless
+        `order` is set.
     order : float, optional
-        Of the scheme. Differences that change sign, or whose ratio is not 2^order but for a factor of two,
-        have not begun to fall (stiff modes that no step resolved so far).
+        Order of the scheme. If differences change sign, or their ratio is off 2^order by more than a factor
+        of two, the sequence has not begun to converge (no step resolves the stiff modes).
 
     Returns
     -------
     float
-        The larger difference (two answers may agree by accident), or what a geometric series of their ratio
-        still adds up to, if that is more; where they do not fall, ten times the last one. Where the order
-        says that they have not begun to, five times the largest. Where all agree, rounding is left.
+        The larger difference (two answers may agree by accident), or the remainder of the geometric series of
+        their ratio, if that is larger; ten times the last difference if they do not fall; five times the
+        largest if `order` shows that the sequence has not begun to converge; at least rounding.
     """
     first, second = (abs(d) for d in differences[-2:])
     if not (np.isfinite(first) and second > 0.0):
         return float(max(first, second, 1e-14))
-    if order is not None and not _settled(np.array(differences), 2.0**order):
-        return float(UNSETTLED * max(abs(d) for d in differences))
-    return float(max(first, second, second / (max(first / second, SLOWEST) - 1.0), 1e-14))
+    if order is not None and not _differences_fall(np.array(differences), 2.0**order):
+        return float(UNSETTLED_FACTOR * max(abs(d) for d in differences))
+    return float(max(first, second, second / (max(first / second, MIN_DIFFERENCE_RATIO) - 1.0), 1e-14))
 
 
-def _settled(differences: NDArray, ratio: float) -> bool:
+def _differences_fall(differences: NDArray, ratio: float) -> bool:
     with np.errstate(divide="ignore", invalid="ignore"):
-        found = differences[:-1] / differences[1:]
-    return bool(((found > 0.5 * ratio) & (found < 2.0 * ratio)).all())
+        ratios = differences[:-1] / differences[1:]
+    return bool(((ratios > 0.5 * ratio) & (ratios < 2.0 * ratio)).all())

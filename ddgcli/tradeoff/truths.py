@@ -1,4 +1,4 @@
-"""Known truths: analytic answers on shapes that a mesh is said to sample (`--truth sphere:1`).
+"""Known truths: analytic answers on the shapes that a mesh samples (`truth="sphere:1"`).
 
 The shape is centred at the origin in its usual position: z is the axis of a torus and of a cylinder.
 """
@@ -16,13 +16,13 @@ from ddgcli.errors import ParameterError
 
 @dataclass(frozen=True)
 class Truth:
-    """A shape and what is known of it.
+    """A shape and its analytic quantities.
 
     Attributes
     ----------
     name : str
     residual : callable
-        (n, 3) points -> (n,) distance from the shape, relative to its size: tells a wrong truth.
+        (n, 3) points -> (n,) distance from the shape, relative to its size: detects a wrong truth.
     mean_curvature : callable, optional
         (n, 3) points -> (n,), outward normals.
     distance : callable, optional
@@ -109,7 +109,7 @@ def cylinder(radius: float) -> Truth:
 
 
 def plane() -> Truth:
-    """A convex piece of a plane: distance is Euclid's."""
+    """Convex piece of a plane: distances are Euclidean."""
 
     def residual(points: NDArray) -> NDArray:
         centred = points - points.mean(axis=0)
@@ -134,7 +134,7 @@ SHAPES: dict[str, tuple[Callable[..., Truth], int]] = {
 
 
 def parse_truth(text: str, points: NDArray) -> Truth:
-    """The truth of `NAME:R,r,...`, checked against the vertices that it is claimed for.
+    """Parse a truth `NAME:R,r,...` and check that the vertices lie on its shape.
 
     Raises
     ------
@@ -143,23 +143,25 @@ def parse_truth(text: str, points: NDArray) -> Truth:
     """
     name, _, numbers = text.partition(":")
     if name not in SHAPES:
-        raise ParameterError(f"--truth {text!r}: unknown shape; known: {', '.join(_forms())}")
-    make, count = SHAPES[name]
+        raise ParameterError(f"{text!r}: unknown shape; known: {', '.join(_forms())}", parameter="truth")
+    shape, count = SHAPES[name]
     try:
         radii = [float(x) for x in numbers.split(",")] if numbers else []
     except ValueError:
         radii = []
     if len(radii) != count or not all(np.isfinite(r) and r > 0 for r in radii):
         raise ParameterError(
-            f"--truth {text!r}: {name} takes {count} positive numbers; known: {', '.join(_forms())}"
+            f"{text!r}: {name} takes {count} positive numbers; known: {', '.join(_forms())}",
+            parameter="truth",
         )
-    truth = make(*radii)
+    truth = shape(*radii)
     off = truth.residual(points)
     worst = int(off.argmax())
     if off[worst] > 0.05:
         raise ParameterError(
-            f"--truth {text!r}: vertex {worst} lies {off[worst]:.2g} of its size off the {truth.name}; "
-            "give the right shape, or none"
+            f"{text!r}: vertex {worst} lies {off[worst]:.2g} of its size off the {truth.name}; "
+            "use the right shape, or none",
+            parameter="truth",
         )
     return truth
 

@@ -1,4 +1,4 @@
-"""The accuracy check goes red on a planted error and a planted rate, and only then."""
+"""The accuracy check fails on a planted error and a planted rate, and only then."""
 
 import copy
 import json
@@ -16,7 +16,7 @@ from ddgcli.tradeoff.problems import delaunay
 
 def rows(factor: float = 1.0, rate: float = 2.0) -> list[dict]:
     """Two meshes of one configuration whose error is factor h^rate."""
-    head = {"truth": "sphere:1", "family": "good", "configuration": "exact"}
+    head = {"truth": "sphere:1", "mesh_class": "good", "configuration": "exact"}
     return [
         head | {"level": k, "h": h, "max_error": 2 * factor * h**rate, "mean_error": factor * h**rate}
         for k, h in enumerate((0.2, 0.1))
@@ -27,14 +27,14 @@ def test_rates_are_slopes():
     assert rates(rows(rate=1.5)) == {("sphere:1", "good", "exact"): pytest.approx(1.5)}
 
 
-def test_nothing_worse_is_silent_and_better_is_no_fault():
+def test_equal_and_smaller_errors_pass():
     stored = summary_of(rows())
     assert worse(stored, summary_of(rows())) == []
     assert worse(stored, summary_of(rows(factor=0.5))) == []
 
 
 @pytest.mark.parametrize("planted", [rows(factor=1.2), rows(factor=0.05, rate=0.5), rows()[:1]])
-def test_a_planted_loss_is_seen(planted):
+def test_planted_worse_errors_rates_and_missing_rows_are_reported(planted):
     stored = summary_of(rows())
     assert worse(stored, summary_of(copy.deepcopy(planted)))
 
@@ -54,7 +54,7 @@ def check(monkeypatch, tmp_path):
     return call
 
 
-def test_the_check_passes_and_goes_red_when_an_error_or_a_rate_was_better(check, capsys):
+def test_the_check_passes_and_fails_if_a_stored_error_or_rate_was_better(check, capsys):
     assert check() == 0
 
     def error(stored):
@@ -68,7 +68,7 @@ def test_the_check_passes_and_goes_red_when_an_error_or_a_rate_was_better(check,
         assert check(change) == 1 and what in capsys.readouterr().out
 
 
-def test_the_check_goes_red_when_a_method_gets_worse(check, monkeypatch, capsys):
+def test_the_check_fails_if_a_method_gets_worse(check, monkeypatch, capsys):
     sound = delaunay.lumped_mass
     monkeypatch.setattr(delaunay, "lumped_mass", lambda mesh: 1.02 * sound(mesh))
     monkeypatch.setattr(delaunay, "stiffness", lambda mesh, s=delaunay.stiffness: 1.01 * s(mesh))
@@ -76,7 +76,7 @@ def test_the_check_goes_red_when_a_method_gets_worse(check, monkeypatch, capsys)
     assert "sphere:1|good|1|flips: errors" in capsys.readouterr().out
 
 
-# ---------------------------------------------------------------- what stands in docs/accuracy
+# ---------------------------------------------------------------- pages in docs/accuracy
 
 
 def table(command):
@@ -84,24 +84,24 @@ def table(command):
 
 
 @pytest.mark.parametrize("command, sentence, holds", [(c, *claim) for c in CLAIMS for claim in CLAIMS[c]])
-def test_the_tables_bear_out_every_piece_of_advice(command, sentence, holds):
+def test_every_piece_of_advice_follows_from_the_tables(command, sentence, holds):
     assert sentence in " ".join(ADVICE[command].split())
     assert holds(Finest(table(command)))
 
 
 @pytest.mark.parametrize("command", ADVICE)
-def test_every_study_holds_what_the_atlas_promises(command):
+def test_every_study_contains_its_mesh_classes_peers_theory_and_plots(command):
     rows = table(command)
-    families = {row["family"] for row in rows}
-    assert families >= {"stretched", "noisy", "refined"} and families & {"good", "right"}
+    mesh_classes = {row["mesh_class"] for row in rows}
+    assert mesh_classes >= {"stretched", "noisy", "refined"} and mesh_classes & {"good", "right"}
     configurations = {row["configuration"] for row in rows}
     page = (HERE / f"{command}.md").read_text()
     for row in rows:
-        given = theory(command, row["family"], row["configuration"])
-        assert given in ("none", "1, then 0") or float(given) >= 0
+        rate = theory(command, row["mesh_class"], row["configuration"])
+        assert rate in ("none", "1, then 0") or float(rate) >= 0
     assert " ".join(SOURCES[command].split()) in " ".join(page.split())
     assert all(accuracy.picture_name(command, case) in page for case in accuracy.drawn(command))
-    assert {case.family for case in cases(command)} == families
+    assert {case.mesh_class for case in cases(command)} == mesh_classes
     if command in PEERS:
         assert {p for p in PEER_NAMES if any(c.startswith(p) for c in configurations)} >= PEERS[command]
 

@@ -170,12 +170,12 @@ def rougher_steps(sound):
 SOLVE = ("ddgcli.linalg.factor:Factor.solve", returned(lambda x: scattered(x, 1e-3 * np.abs(x).max())))
 FAINT = (SOLVE[0], returned(lambda x: scattered(x, 1e-6 * np.abs(x).max())))  # below what is refused
 WILD = (SOLVE[0], returned(lambda x: scattered(x, np.abs(x).max())))
-MEASURE = "ddgcli.algorithms.curvature.report:_accuracy"
+MEASURE = "ddgcli.algorithms.curvature.surface_curvature:_accuracy"
 EXACT = "ddgcli.algorithms.geodesics.exact.exact_distance:exact_distance"
-OPERATOR = "ddgcli.algorithms.laplacian.report:laplace_operator"
-WALKED = "ddgcli.algorithms.tracing.trace:Tracer.walked"
+OPERATOR = "ddgcli.algorithms.laplacian.tasks:laplace_operator"
+WALKED = "ddgcli.algorithms.tracing.trace:Tracer.trace_checked"
 STEP = "ddgcli.algorithms.tangent_fields.integral_curves:runge_kutta_step"
-EVOLVE = "ddgcli.cli.simulation.simulate:evolve"
+EVOLVE = "ddgcli.simulation.recording:evolve"
 SIDE_FLUX = "ddgcli.models.fluid.surface_space:SurfaceSpace.side_flux"
 MEAN_STEP = "ddgcli.models.willmore.flow:mean_curvature_step"
 
@@ -191,19 +191,19 @@ PLANTS = {
     ],
     "delaunay": [
         (
-            "ddgcli.algorithms.delaunay.report:flip_to_delaunay",
+            "ddgcli.algorithms.delaunay.intrinsic_delaunay:flip_to_delaunay",
             crooked(mesh=lambda m: type(m)(m.topology, 1.01 * first_wrong(m.side_length), m.points)),
             ["area_residual", "angle_defect_residual"],
         ),
     ],
     "overlay": [
         (
-            "ddgcli.algorithms.delaunay.report:common_subdivision",
+            "ddgcli.algorithms.delaunay.intrinsic_delaunay:common_subdivision",
             crooked(mesh=lambda m: m.moved(scattered(m.points))),
             ["overlay_area_residual"],
         ),
         (
-            "ddgcli.algorithms.delaunay.report:flip_to_delaunay",
+            "ddgcli.algorithms.delaunay.intrinsic_delaunay:flip_to_delaunay",
             crooked(mesh=lambda m: type(m)(m.topology, 1.01 * m.side_length, m.points)),
             ["overlay_length_residual"],
         ),
@@ -215,7 +215,7 @@ PLANTS = {
             crooked(stiffness=lopsided),
             ["symmetry_residual", "row_sum_residual", "negative_weights"],
         ),
-        ("ddgcli.linalg.eigen:_finished", eigenvectors, ["eigen_residuals"]),
+        ("ddgcli.linalg.eigen:_with_residuals", eigenvectors, ["eigen_residuals"]),
         (OPERATOR, crooked(mass=heavy), ["poisson_imbalance"]),
         (*SOLVE, ["poisson_residual"]),
     ],
@@ -234,7 +234,7 @@ PLANTS = {
         (EXACT, crooked(distance=lambda d: d**3), ["triangle_residual"]),
     ],
     "slack": [
-        ("ddgcli.algorithms.geodesics.exact.wavefront:Front.run", rougher, ["tolerance_error_estimate"])
+        ("ddgcli.algorithms.geodesics.exact.wavefront:Wavefront.run", rougher, ["tolerance_error_estimate"])
     ],
     "traced": [(WALKED, returned(bent), ["trace_angle_defect"])],
     "path": [
@@ -257,7 +257,7 @@ PLANTS = {
     ],
     "marched": [
         (
-            "ddgcli.algorithms.tangent_fields.polar_coordinates:_handed_on",
+            "ddgcli.algorithms.tangent_fields.polar_coordinates:_propagate_directions",
             returned(lambda unit: unit * np.exp(1j * np.linspace(0, 30, len(unit)))),
             ["log_map_skew"],
         ),

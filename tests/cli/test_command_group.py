@@ -1,4 +1,4 @@
-"""The command line keeps its promises: streams, exit codes, one-line refusals, atomic outputs, fast start."""
+"""Command group: streams, exit codes, one-line errors, atomic outputs, fast start."""
 
 import json
 import logging
@@ -160,15 +160,15 @@ def test_not_converged_is_exit_1_with_outputs_marked(run, monkeypatch, torus, tm
     [
         (MeshError("vertex 3 is bad; mend it"), 2, "Error: {path}: vertex 3 is bad; mend it"),
         (SolveError("no convergence\nat step 2"), 1, "Error: {path}: no convergence at step 2"),
-        (ZeroDivisionError("x"), 1, "Error: internal error: ZeroDivisionError: x; run ddgcli --debug to see"),
+        (ZeroDivisionError("x"), 1, "Error: internal error: ZeroDivisionError: x; ddgcli --debug shows the traceback"),
         (KeyboardInterrupt(), 130, "Interrupted"),
-        (MemoryError("too much"), 1, "Error: out of memory (too much); take a smaller mesh or fewer outputs"),
+        (MemoryError("too much"), 1, "Error: out of memory (too much); use a smaller mesh or fewer outputs"),
     ],
 )  # fmt: skip
 def test_errors_become_one_line_and_a_code(run, monkeypatch, torus, tmp_path, error, code, says):
     def body(r, path):
         r.read(path)
-        logging.getLogger("ddgcli").warning("a warning that a refused run keeps to itself")
+        logging.getLogger("ddgcli").warning("a warning that a run with an error does not print")
         raise error
 
     output = tmp_path / "out.vtu"
@@ -181,7 +181,7 @@ def test_errors_become_one_line_and_a_code(run, monkeypatch, torus, tmp_path, er
 
 def test_debug_shows_the_traceback(torus, tmp_path):
     script = (
-        "import ddgcli.algorithms.inspection.report as i\ndef bug(mesh): raise ZeroDivisionError('x')\n"
+        "import ddgcli.algorithms.inspection.inspect_mesh as i\ndef bug(mesh): raise ZeroDivisionError('x')\n"
         "i.inspect_mesh = bug\nfrom ddgcli.cli.main import main\nimport sys\nmain(sys.argv[1:])"
     )
     for words, expected in ((["info"], False), (["--debug", "info"], True)):
@@ -253,24 +253,24 @@ def test_wrong_outputs_are_refused_before_reading(run, tmp_path):
     refused(run("info", tmp_path), "is a folder")
 
 
-def test_subdividing_beyond_what_fits_is_refused(run, tmp_path, monkeypatch):
-    monkeypatch.setattr("ddgcli.cli.run.MOST_FACES", 1000)
+def test_too_many_subdivided_faces_are_an_error(run, tmp_path, monkeypatch):
+    monkeypatch.setattr("ddgcli.cli.run.MAX_SUBDIVIDED_FACES", 1000)
     sphere = tmp_path / "sphere.ply"
     write_mesh(str(sphere), AnnotatedMesh(shapes.icosphere(1)))
     assert run("laplacian", sphere, "--subdivide", 1).exit_code == 0
-    refused(run("laplacian", sphere, "--subdivide", 2), "1,280 faces", "ask for less")
+    refused(run("laplacian", sphere, "--subdivide", 2), "1,280 faces", "use a smaller number")
 
 
-def test_two_results_never_go_to_one_place(run, torus, tmp_path):
+def test_two_outputs_with_one_name_are_an_error(run, torus, tmp_path):
     one, same = tmp_path / "a.npz", f"{tmp_path}/./a.npz"
-    refused(run("delaunay", torus, "-o", one, "--overlay", same), "a.npz", "two results")
-    refused(run("laplacian", torus, "--matrix", one, "--mass-matrix", one), "a.npz", "two results")
-    refused(run("info", torus, "-o", one, "-o", same), "a.npz", "two results")
+    refused(run("delaunay", torus, "-o", one, "--overlay", same), "a.npz", "two outputs")
+    refused(run("laplacian", torus, "--matrix", one, "--mass-matrix", one), "a.npz", "two outputs")
+    refused(run("info", torus, "-o", one, "-o", same), "a.npz", "two outputs")
     lines = ("geodesic", torus, "--source", 0, "--isolines", 2)
-    refused(run(*lines, "-o", one, "--paths-output", same), "a.npz", "two results")
+    refused(run(*lines, "-o", one, "--paths-output", same), "a.npz", "two outputs")
     link = tmp_path / "link.npz"
     link.symlink_to(one)
-    refused(run("info", torus, "-o", one, "-o", link), "link.npz", "two results")
+    refused(run("info", torus, "-o", one, "-o", link), "link.npz", "two outputs")
     assert not one.exists()
 
 
@@ -304,9 +304,9 @@ def test_an_array_that_is_read_is_never_overwritten(run, torus, tmp_path):
     assert array.read_bytes() == before
 
 
-def test_the_last_door_spares_the_input_too(run, torus, monkeypatch):
-    """Whoever forgets to announce an output still cannot write it over the input."""
-    monkeypatch.setattr("ddgcli.cli.run.Run.will_write", lambda *words: None)
+def test_an_unplanned_output_cannot_overwrite_the_input(run, torus, monkeypatch):
+    """A command that does not plan an output cannot write it over the input either."""
+    monkeypatch.setattr("ddgcli.cli.run.Run.plan_output", lambda *words: None)
     before = torus.read_bytes()
     refused(run("geodesic", torus, "--source", 0, "--isolines", 2, "--paths-output", torus), "input")
     assert torus.read_bytes() == before
@@ -399,7 +399,7 @@ def test_time_left_is_told_once_there_is_something_to_tell_it_from(capsys):
 
 
 def test_work_that_tells_nothing_shows_that_it_goes_on(capsys, monkeypatch):
-    monkeypatch.setattr("ddgcli.cli.progress.PULSE", 0.05)
+    monkeypatch.setattr("ddgcli.cli.progress.IDLE_INTERVAL", 0.05)
     bars = [Progress(name, True, None, since=time.perf_counter() - 10) for name in ("silent", "quarter")]
     bars[1](1, 4)
     seen, until = "", time.perf_counter() + 60
@@ -438,12 +438,12 @@ def test_help_imports_no_numpy(name):
         f"main([{name!r}, '--help'], standalone_mode=False)\n"
         "sys.exit(str([m for m in ('numpy', 'scipy', 'pydantic', 'h5py') if m in sys.modules] or ''))"
     )
-    told = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
-    assert told.stderr.strip() == "" and told.stdout.startswith("Usage:")
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert done.stderr.strip() == "" and done.stdout.startswith("Usage:")
 
 
 @pytest.mark.parametrize("words", [["--seed", -1], ["--seed", 1.5]])
-def test_a_seed_that_is_none_is_refused(run, torus, words):
+def test_an_invalid_seed_is_an_error(run, torus, words):
     result = run("laplacian", torus, "--eigen", 2, *words)
     assert result.exit_code == 2 and "--seed" in result.stderr and result.stderr.count("\n") == 1
 

@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from ddgcli.algorithms.curvature.report import DEFAULT_SCHEME, PROMISE
+from ddgcli.algorithms.curvature.surface_curvature import DEFAULT_SCHEME, SCHEME_PROMISES
 from ddgcli.io.mesh_file import read_mesh, write_mesh
 from ddgcli.mesh import shapes
 from ddgcli.mesh.fields import AnnotatedMesh
@@ -37,14 +37,17 @@ def test_every_array_and_result_of_the_contract_is_there(summary, torus, tmp_pat
         "principal_direction_max",
     }
     assert set(s["accuracy"]) >= {"gauss_bonnet_residual", "force_balance_residual"}
-    assert s["results"]["scheme"] == DEFAULT_SCHEME and s["results"]["promise"] == PROMISE[DEFAULT_SCHEME]
+    assert (
+        s["results"]["scheme"] == DEFAULT_SCHEME
+        and s["results"]["promise"] == SCHEME_PROMISES[DEFAULT_SCHEME]
+    )
     with np.load(out) as arrays:
         assert set(arrays) >= VERTEX | EDGE | {"points", "faces"}
         assert arrays["principal_direction_min"].shape == (288, 3)
         assert len(arrays["edges"]) == len(arrays["dihedral_angle"]) == 864
-        found = arrays["mean_curvature"]
+        mean_curvature = arrays["mean_curvature"]
     assert s["results"]["mean_curvature"] == pytest.approx(
-        {"min": found.min(), "max": found.max(), "mean": found.mean()}
+        {"min": mean_curvature.min(), "max": values_of.max(), "mean": values_of.mean()}
     )
 
 
@@ -60,10 +63,10 @@ def test_arrays_keep_their_names_and_values_in_other_formats(run, torus, tmp_pat
 
 def test_schemes_differ_and_angle_defects_do_not(summary, torus, tmp_path):
     kept = {}
-    for scheme in PROMISE:
+    for scheme in SCHEME_PROMISES:
         out = str(tmp_path / f"{scheme}.npz")
         r = summary("curvature", torus, "--scheme", scheme, "-o", out)["results"]
-        assert r["scheme"] == scheme and r["promise"] == PROMISE[scheme]
+        assert r["scheme"] == scheme and r["promise"] == SCHEME_PROMISES[scheme]
         with np.load(out) as arrays:
             kept[scheme] = {name: arrays[name] for name in ("angle_defect", "mean_curvature", "vertex_area")}
     first = kept["cotan"]
@@ -101,7 +104,7 @@ def test_pictures(run, torus, tmp_path, extension):
 
 
 @pytest.mark.parametrize(
-    ("words", "told"),
+    ("words", "message"),
     [
         (("--show", "nothing", "--plot", "a.png"), "mean_curvature"),
         (("--view", "sideways"), "ELEVATION"),
@@ -112,11 +115,11 @@ def test_pictures(run, torus, tmp_path, extension):
         (("--view", "iso"), "--plot"),
     ],
 )
-def test_refusals_are_one_line_and_leave_no_file(run, torus, tmp_path, monkeypatch, words, told):
+def test_refusals_are_one_line_and_leave_no_file(run, torus, tmp_path, monkeypatch, words, message):
     monkeypatch.chdir(tmp_path)
     before = sorted(tmp_path.iterdir())
     result = run("curvature", torus, "-o", "out.npz", *words)
-    assert result.exit_code == 2 and told in result.stderr
+    assert result.exit_code == 2 and message in result.stderr
     assert result.stderr.startswith("Error: ") and result.stderr.count("\n") == 1
     assert sorted(tmp_path.iterdir()) == before
 

@@ -26,18 +26,18 @@ def stretched(tmp_path):
 
 def test_summary_and_arrays(summary, stretched, tmp_path):
     out, overlay = tmp_path / "idt.npz", tmp_path / "overlay.ply"
-    told = summary("delaunay", stretched, "-o", out, "--overlay", overlay, "--condition")
-    before, after = told["results"]["before"], told["results"]["after"]
-    assert told["results"]["flips"] > 0 and told["results"]["steiner_points"] == 0
+    report = summary("delaunay", stretched, "-o", out, "--overlay", overlay, "--condition")
+    before, after = report["results"]["before"], report["results"]["after"]
+    assert report["results"]["flips"] > 0 and report["results"]["steiner_points"] == 0
     assert before["non_delaunay_edges"] > 0 and after["non_delaunay_edges"] == 0
     assert before["negative_cotan_edges"] == before["non_delaunay_edges"]  # closed
     assert after["negative_cotan_edges"] == 0
     assert after["min_angle_degrees"] >= before["min_angle_degrees"]
     assert after["laplacian_condition"] < before["laplacian_condition"]
     assert after["dirichlet_energy"] < before["dirichlet_energy"]
-    assert told["accuracy"]["area_residual"] < 1e-12
-    assert told["accuracy"]["angle_defect_residual"] < 1e-11
-    assert told["outputs"] == [str(out), str(overlay)]
+    assert report["accuracy"]["area_residual"] < 1e-12
+    assert report["accuracy"]["angle_defect_residual"] < 1e-11
+    assert report["outputs"] == [str(out), str(overlay)]
 
     z = np.load(out)
     faces, length, neighbors = z["faces"], z["face_edge_lengths"], z["neighbors"]
@@ -55,7 +55,7 @@ def test_summary_and_arrays(summary, stretched, tmp_path):
 
 
 def statistics_of(faces, length, neighbors):
-    """Counts and angles of a triangulation, told from its file alone."""
+    """Counts and angles of a triangulation, report from its file alone."""
     longest = length.astype(np.longdouble)
     a, b, c = longest, np.roll(longest, -1, axis=1), np.roll(longest, 1, axis=1)
     angle = np.degrees(np.arccos((b**2 + c**2 - a**2) / (2 * b * c)))  # opposite side j
@@ -79,14 +79,14 @@ def statistics_of(faces, length, neighbors):
 def test_statistics_are_those_of_the_file(summary, tmp_path, make):
     mesh, path, out = make(), tmp_path / "in.npz", tmp_path / "out.npz"
     write_mesh(str(path), AnnotatedMesh(mesh))
-    said = summary("delaunay", path, "-o", out)["results"]
+    results = summary("delaunay", path, "-o", out)["results"]
     z, twin = np.load(out), mesh.topology.side_twin.reshape(-1, 3)
     gluing = np.stack([np.where(twin < 0, -1, twin // 3), np.where(twin < 0, -1, twin % 3)], axis=-1)
-    for told, parts in (
-        (said["before"], (mesh.faces, mesh.side_length, gluing)),
-        (said["after"], (z["faces"], z["face_edge_lengths"], z["neighbors"])),
+    for report, parts in (
+        (results["before"], (mesh.faces, mesh.side_length, gluing)),
+        (results["after"], (z["faces"], z["face_edge_lengths"], z["neighbors"])),
     ):
-        assert {name: told[name] for name in statistics_of(*parts)} == statistics_of(*parts)
+        assert {name: report[name] for name in statistics_of(*parts)} == statistics_of(*parts)
 
 
 def test_three_kites_need_three_flips(summary, tmp_path):
@@ -95,14 +95,14 @@ def test_three_kites_need_three_flips(summary, tmp_path):
     faces = np.concatenate([np.array([[0, 1, 2], [0, 2, 3]]) + 4 * k for k in range(3)])
     path = tmp_path / "kites.npz"
     write_mesh(str(path), AnnotatedMesh(TriangleMesh.from_arrays(points, faces)))
-    said = summary("delaunay", path)["results"]
-    assert said["flips"] == said["before"]["non_delaunay_edges"] == 3
+    results = summary("delaunay", path)["results"]
+    assert results["flips"] == results_block["before"]["non_delaunay_edges"] == 3
 
 
 @pytest.mark.parametrize("words", [(), ("--refine", 25)])
 def test_labels_in_the_overlay_file(summary, stretched, tmp_path, words):
     out, overlay = tmp_path / "out.npz", tmp_path / "overlay.npz"
-    said = summary("delaunay", stretched, *words, "-o", out, "--overlay", overlay)["results"]
+    results = summary("delaunay", stretched, *words, "-o", out, "--overlay", overlay)["results"]
     mesh, z, cut = read_mesh(str(stretched)).mesh, np.load(out), np.load(overlay)
     whole = face_area(TriangleMesh.from_arrays(cut["points"], cut["faces"]).side_length)
     for label, length in (("input_face", mesh.side_length), ("intrinsic_face", z["face_edge_lengths"])):
@@ -112,10 +112,10 @@ def test_labels_in_the_overlay_file(summary, stretched, tmp_path, words):
     kind = cut["vertex_kind"]
     counts = {"input_vertices": n, "steiner_points": steiner, "crossings": (kind == 2).sum()}
     assert [(kind == k).sum() for k in (0, 1)] == [n, steiner]
-    assert said["overlay"] == counts | {"faces": len(cut["faces"])}
+    assert results["overlay"] == counts | {"faces": len(cut["faces"])}
     for k, expected in ((0, mesh.points), (1, z["points"][n:])):
-        found = cut["points"][kind == k]
-        np.testing.assert_allclose(found[np.lexsort(found.T)], expected[np.lexsort(expected.T)], atol=1e-14)
+        arrays = cut["points"][kind == k]
+        np.testing.assert_allclose(arrays[np.lexsort(arrays.T)], expected[np.lexsort(expected.T)], atol=1e-14)
 
 
 @pytest.mark.parametrize("name", ["stretched", "sharp cone"])
@@ -139,9 +139,9 @@ def test_a_condition_that_cannot_be_measured_is_null(summary, tmp_path):
     path = tmp_path / "needle.npz"  # the eigenvalues of a needle of aspect 1e9 differ by 1e18
     points = np.array([[0, 0, 0], [1, 0, 0], [0, 1e-9, 0]])
     write_mesh(str(path), AnnotatedMesh(TriangleMesh.from_arrays(points, np.array([[0, 1, 2]]))))
-    told = summary("delaunay", path, "--condition")
-    assert told["results"]["before"]["laplacian_condition"] is None
-    assert any("results.before.laplacian_condition" in warning for warning in told["warnings"])
+    report = summary("delaunay", path, "--condition")
+    assert report["results"]["before"]["laplacian_condition"] is None
+    assert any("results.before.laplacian_condition" in warning for warning in report["warnings"])
 
 
 def test_picture(run, stretched, tmp_path):
@@ -167,12 +167,12 @@ def test_a_format_that_cannot_hold_it_is_refused_before_any_work(run, stretched,
 
 def test_refinement(summary, stretched, tmp_path):
     out, overlay = tmp_path / "fine.npz", tmp_path / "overlay.vtu"
-    told = summary("delaunay", stretched, "--refine", 25, "-o", out, "--overlay", overlay)
-    results = told["results"]
+    report = summary("delaunay", stretched, "--refine", 25, "-o", out, "--overlay", overlay)
+    results = report["results"]
     assert results["steiner_points"] == len(np.load(out)["points"]) - 200 > 0
     assert results["after"]["min_angle_degrees"] > 24.999
     assert results["overlay"]["steiner_points"] == results["steiner_points"]
-    assert told["accuracy"]["overlay_length_residual"] < 1e-9
+    assert report["accuracy"]["overlay_length_residual"] < 1e-9
     assert set(read_mesh(str(overlay)).vertex["vertex_kind"]) == {0, 1, 2}
     z, mesh = np.load(out), read_mesh(str(stretched)).mesh
     where = np.einsum("kc,kcd->kd", z["input_barycentric"], mesh.points[mesh.faces[z["input_face"]]])
@@ -191,16 +191,16 @@ def plane(tmp_path):
 
 
 @pytest.mark.parametrize("refine", [(), ("--refine", 25)])
-def test_functions_are_carried_to_the_triangulation(summary, plane, tmp_path, refine):
+def test_functions_are_transferred_to_the_triangulation(summary, plane, tmp_path, refine):
     out, overlay = tmp_path / "idt.npz", tmp_path / "overlay.npz"
     carry = ("--transfer", "height", "--transfer", "rough")
-    told = summary("delaunay", plane, *refine, *carry, "-o", out, "--overlay", overlay)
+    report = summary("delaunay", plane, *refine, *carry, "-o", out, "--overlay", overlay)
     z, cut, mesh = np.load(out), np.load(overlay), read_mesh(str(plane))
-    for found in (z, cut):  # linear functions of the plane arrive unchanged
-        assert np.abs(found["height"] - (found["points"] @ [2.0, -3.0, 0.0] + 1.0)).max() < 1e-9
-    change = {name: one["l2_change"] for name, one in told["results"]["transfer"].items()}
+    for arrays in (z, cut):  # linear functions of the plane arrive unchanged
+        assert np.abs(arrays["height"] - (arrays["points"] @ [2.0, -3.0, 0.0] + 1.0)).max() < 1e-9
+    change = {name: one["l2_change"] for name, one in report["results"]["transfer"].items()}
     assert change["height"] < 1e-10 and change["rough"] > 0.01
-    assert told["accuracy"]["transfer_integral_residual"] < 1e-12
+    assert report["accuracy"]["transfer_integral_residual"] < 1e-12
 
     def integral(points, faces, values):
         corner = points[faces]
@@ -208,23 +208,23 @@ def test_functions_are_carried_to_the_triangulation(summary, plane, tmp_path, re
         return area @ values[faces].mean(axis=1)
 
     given = integral(mesh.mesh.points, mesh.mesh.faces, mesh.vertex["rough"])
-    for found in (z, cut):
-        assert integral(found["points"], found["faces"], found["rough"]) == pytest.approx(given, abs=1e-12)
+    for arrays in (z, cut):
+        assert integral(arrays["points"], arrays["faces"], arrays["rough"]) == pytest.approx(given, abs=1e-12)
 
 
 @pytest.mark.parametrize("refine", [(), ("--refine", 25)])
-def test_functions_are_carried_without_an_overlay(summary, plane, tmp_path, refine):
+def test_functions_are_transferred_without_an_overlay(summary, plane, tmp_path, refine):
     out, beside = tmp_path / "idt.npz", tmp_path / "beside.npz"
-    told = summary("delaunay", plane, *refine, "--transfer", "rough", "-o", out)
+    report = summary("delaunay", plane, *refine, "--transfer", "rough", "-o", out)
     summary("delaunay", plane, *refine, "--transfer", "rough", "-o", beside, "--overlay", tmp_path / "o.npz")
-    assert told["results"]["transfer"]["rough"]["l2_change"] > 0.01
+    assert report["results"]["transfer"]["rough"]["l2_change"] > 0.01
     assert np.array_equal(np.load(out)["rough"], np.load(beside)["rough"])
 
 
 @pytest.mark.parametrize(
     "name, words", [("warmth", "height, rough"), ("input_face", "rename"), ("torn", "vertex 3")]
 )
-def test_functions_that_cannot_be_carried(run, tmp_path, name, words):
+def test_functions_that_cannot_be_transferred_are_refused(run, tmp_path, name, words):
     mesh = planar()
     torn = np.where(np.arange(mesh.n_vertices) == 3, np.nan, 0.0)
     arrays = {"height": 1 + torn, "rough": torn, "input_face": 0 * torn, "torn": torn}
@@ -253,7 +253,7 @@ def test_the_seed_chooses_among_faces(summary, tmp_path):
 
 def test_points_run_out(summary, stretched, tmp_path):
     out = tmp_path / "some.npz"
-    told = summary("delaunay", stretched, "--refine", 25, "--max-points", 20, "-o", out, code=1)
-    assert told["results"]["converged"] is False and told["results"]["steiner_points"] == 20
-    assert any("--max-points" in warning for warning in told["warnings"])
+    report = summary("delaunay", stretched, "--refine", 25, "--max-points", 20, "-o", out, code=1)
+    assert report["results"]["converged"] is False and report["results"]["steiner_points"] == 20
+    assert any("--max-points" in warning for warning in report["warnings"])
     assert len(np.load(out)["points"]) == 220

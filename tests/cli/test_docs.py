@@ -8,7 +8,7 @@ import click
 import pytest
 
 from ddgcli.cli.main import COMMANDS, main
-from ddgcli.cli.multi_value import spread
+from ddgcli.cli.multi_value import repeat_options
 
 ROOT = Path(__file__).parents[2]
 PAGES = sorted([ROOT / "README.md", ROOT / "CONTRIBUTING.md", *(ROOT / "docs").rglob("*.md")])
@@ -93,7 +93,7 @@ def examples(page: Path) -> list[str]:
 def test_every_example_is_a_call(page, line):
     name, *words = shlex.split(line, comments=True)[1:]
     command = command_of(name)
-    command.make_context(name, spread(command, words), parent=click.Context(main))
+    command.make_context(name, repeat_options(command, words), parent=click.Context(main))
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda p: p.relative_to(ROOT).as_posix())
@@ -108,3 +108,16 @@ def test_every_link_leads_somewhere(page):
         assert not anchor or anchor in [
             re.sub(r"[^\w -]", "", h).lower().replace(" ", "-") for h in headings
         ], target
+
+
+def test_the_readme_lists_every_command_with_its_page():
+    rows = re.findall(
+        r"^\| \[`([\w-]+)`\]\(docs/([\w-]+)\.md\)", (ROOT / "README.md").read_text("utf-8"), re.M
+    )
+    assert [name for name, _ in rows] == list(COMMANDS)
+    assert all(page in PAGES_OF.get(name, (name,)) for name, page in rows)
+
+
+def test_the_changelog_names_every_command():
+    text = (ROOT / "CHANGELOG.md").read_text("utf-8")
+    assert [name for name in COMMANDS if f"`{name}`" not in text] == []

@@ -60,7 +60,7 @@ def test_all_frames_as_numbered_meshes(summary, trajectory, tmp_path):
 
 def test_several_frames_for_one_mesh_are_refused_and_the_cure_works(run, trajectory, tmp_path):
     result = run("frames", trajectory, "-o", tmp_path / "all.ply")
-    assert result.exit_code == 2 and "5 are chosen" in result.stderr and not list(tmp_path.glob("all*"))
+    assert result.exit_code == 2 and "5 are selected" in result.stderr and not list(tmp_path.glob("all*"))
     name = re.search(r"-o (\S+),", result.stderr)[1]
     assert run("frames", trajectory, "-o", tmp_path / name).exit_code == 0
     assert len(list(tmp_path.glob("all_000?.ply"))) == 5
@@ -69,7 +69,7 @@ def test_several_frames_for_one_mesh_are_refused_and_the_cure_works(run, traject
 
 
 @pytest.mark.parametrize("name", ["f_{}_{}.ply", "f_{x}.ply", "f_{:s}.ply", "f_{0.real}.ply", "f_{}.gif"])
-def test_names_without_one_place_for_a_number_are_refused(run, trajectory, tmp_path, name):
+def test_names_with_a_wrong_frame_number_are_an_error(run, trajectory, tmp_path, name):
     result = run("frames", trajectory, "-o", tmp_path / name)
     assert result.exit_code == 2 and "f_{:04d}.ply" in result.stderr and result.stderr.count("\n") == 1
 
@@ -102,14 +102,14 @@ def test_pictures_and_animation(summary, trajectory, tmp_path):
     (["--view", "iso"], "--view is for"),
     (["--fps", 3, "-o", "x.png"], "--fps is for .gif"),
 ])  # fmt: skip
-def test_wrong_wishes_are_refused(run, trajectory, tmp_path, words, told):
+def test_wrong_options_are_an_error(run, trajectory, tmp_path, words, told):
     words = [tmp_path / w if str(w).startswith("x.") else w for w in words]
     result = run("frames", trajectory, *words)
     assert result.exit_code == 2
     assert told in result.stderr and result.stderr.count("\n") == 1
 
 
-def test_what_is_no_trajectory_is_refused(run, tmp_path):
+def test_a_file_that_is_no_trajectory_is_an_error(run, tmp_path):
     (tmp_path / "a.vtkhdf").write_bytes(b"not hdf")
     result = run("frames", tmp_path / "a.vtkhdf")
     assert result.exit_code == 2 and "not a ddgcli trajectory" in result.stderr
@@ -117,7 +117,7 @@ def test_what_is_no_trajectory_is_refused(run, tmp_path):
 
 
 @pytest.mark.parametrize("words, unit", [([], "L⁴"), (["--flow", "mean-curvature"], "L²")])
-def test_times_of_a_flow_are_no_seconds(summary, tmp_path, words, unit):
+def test_times_of_a_flow_have_the_unit_of_a_length_power(summary, tmp_path, words, unit):
     write_mesh(str(tmp_path / "a.ply"), AnnotatedMesh(shapes.icosphere(1)))
     words = [*words, "--dt", 1e-3, "--steps", 2, "-o", tmp_path / "w.vtkhdf", "--plot", tmp_path / "a.svg"]
     summary("willmore-flow", tmp_path / "a.ply", *words)

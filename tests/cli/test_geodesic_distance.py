@@ -1,4 +1,4 @@
-"""`ddgcli geodesic`: sources, methods, arrays, certificate, refusals, as the contract has them."""
+"""`ddgcli geodesic`: sources, methods, arrays, certificate and errors of the contract."""
 
 from pathlib import Path
 
@@ -29,17 +29,17 @@ def islands(tmp_path):
     return path
 
 
-def test_default_is_exact(square, summary, tmp_path):
+def test_the_default_method_is_exact(square, summary, tmp_path):
     out = tmp_path / "out.npz"
-    said = summary("geodesic", square, "--source", 0, "-o", out)
-    assert said["results"]["method"] == "exact"
-    assert said["results"]["windows"] > 0 and said["results"]["unreachable"] == 0
+    report = summary("geodesic", square, "--source", 0, "-o", out)
+    assert report["results"]["method"] == "exact"
+    assert report["results"]["windows"] > 0 and report["results"]["unreachable"] == 0
     arrays = np.load(out)
     truth = np.linalg.norm(arrays["points"] - arrays["points"][0], axis=1)
     assert np.abs(arrays["geodesic_distance"] - truth).max() < 1e-12
-    assert said["results"]["max_distance"] == pytest.approx(truth.max(), rel=1e-12)
-    assert said["results"]["mean_distance"] == pytest.approx(truth.mean(), rel=1e-12)
-    accuracy = said["accuracy"]
+    assert report["results"]["max_distance"] == pytest.approx(truth.max(), rel=1e-12)
+    assert report["results"]["mean_distance"] == pytest.approx(truth.mean(), rel=1e-12)
+    accuracy = report["accuracy"]
     assert accuracy["violations_straight_line"] == accuracy["violations_edge_distance"] == 0
     assert accuracy["violations_lipschitz"] == 0
     assert accuracy["gradient_deviation"]["median"] < 0.05
@@ -48,11 +48,11 @@ def test_default_is_exact(square, summary, tmp_path):
 @pytest.mark.parametrize(
     "words", [["--source", 0, 5, 120], ["--source", "0,5", "--source", 120], ["--source", "0,5,120"]]
 )
-def test_several_sources_in_every_spelling(square, summary, tmp_path, words):
+def test_all_spellings_of_several_sources_agree(square, summary, tmp_path, words):
     out = tmp_path / "out.npz"
-    said = summary("geodesic", square, *words, "--each-source", "-o", out)
-    assert said["options"]["source"] == [0, 5, 120]
-    assert [entry["vertex"] for entry in said["results"]["sources"]] == [0, 5, 120]
+    report = summary("geodesic", square, *words, "--each-source", "-o", out)
+    assert report["options"]["source"] == [0, 5, 120]
+    assert [entry["vertex"] for entry in report["results"]["sources"]] == [0, 5, 120]
     arrays = np.load(out)
     each = np.stack([arrays[f"geodesic_distance_{i:03d}"] for i in range(3)])
     assert np.allclose(arrays["geodesic_distance"], each.min(axis=0), atol=1e-14)
@@ -60,30 +60,30 @@ def test_several_sources_in_every_spelling(square, summary, tmp_path, words):
     assert np.allclose(np.take_along_axis(each, nearest[None], axis=0)[0], arrays["geodesic_distance"])
 
 
-def test_target_points(square, summary):
+def test_target_points_have_the_distance_of_the_plane(square, summary):
     targets = ["--target-point", "0.33,0.71,5", "--target-face", "0:0.2,0.3,0.5"]
-    said = summary("geodesic", square, "--source", 0, 120, *targets)
-    near, inside = said["results"]["targets"]
+    report = summary("geodesic", square, "--source", 0, 120, *targets)
+    near, inside = report["results"]["targets"]
     assert near["nearest_source"] == 1 and near["position"] == pytest.approx([0.33, 0.71, 0])
     assert near["distance"] == pytest.approx(np.hypot(0.67, 0.29), abs=1e-12)
     assert inside["face"] == 0
     assert inside["distance"] == pytest.approx(np.linalg.norm(inside["position"]), abs=1e-12)
 
 
-def test_target_that_no_source_reaches_is_null(islands, summary):
-    said = summary("geodesic", islands, "--source", 0, "--target-face", "200:0.2,0.3,0.5")
-    assert said["results"]["targets"][0]["distance"] is None
+def test_an_unreached_target_has_null_distance(islands, summary):
+    report = summary("geodesic", islands, "--source", 0, "--target-face", "200:0.2,0.3,0.5")
+    assert report["results"]["targets"][0]["distance"] is None
 
 
-def test_progress_of_exact(square, run):
+def test_exact_draws_a_progress_bar(square, run):
     done = run("geodesic", square, "--source", 0, "--progress")
     assert "exact distance [" in done.stderr and done.exit_code == 0
 
 
-def test_source_point_and_face(square, summary, tmp_path):
+def test_source_point_and_source_face_agree(square, summary, tmp_path):
     out = tmp_path / "out.npz"
-    said = summary("geodesic", square, "--source-point", "0.33,0.41,7", "-o", out)
-    entry = said["results"]["sources"][0]
+    report = summary("geodesic", square, "--source-point", "0.33,0.41,7", "-o", out)
+    entry = report["results"]["sources"][0]
     assert np.allclose(entry["position"], [0.33, 0.41, 0])
     arrays = np.load(out)
     truth = np.linalg.norm(arrays["points"] - [0.33, 0.41, 0], axis=1)
@@ -95,8 +95,8 @@ def test_source_point_and_face(square, summary, tmp_path):
 
 
 def test_negative_coordinates_are_not_options(square, summary):
-    said = summary("geodesic", square, "--source-point", "-1,-1,0", "0.5,0.5,0")
-    assert len(said["results"]["sources"]) == 2
+    report = summary("geodesic", square, "--source-point", "-1,-1,0", "0.5,0.5,0")
+    assert len(report["results"]["sources"]) == 2
 
 
 MIXED = ("--source", 0, "--source-face", "150:0.2,0.3,0.5")
@@ -106,12 +106,12 @@ MIXED = ("--source", 0, "--source-face", "150:0.2,0.3,0.5")
     "method, least, most",
     [("exact", 0, 1e-15), ("heat", 1e-4, 0.2), ("fast-marching", 1e-5, 0.02), ("dijkstra", 0.05, 0.45)],
 )
-def test_every_method_from_mixed_sources(square, summary, tmp_path, method, least, most):
+def test_every_method_accepts_mixed_sources(square, summary, tmp_path, method, least, most):
     out, truth = tmp_path / "out.npz", tmp_path / "truth.npz"
     summary("geodesic", square, *MIXED, "-o", truth)
     words = ("--method", method, "--compare", "exact", "dijkstra", "-o", out)
-    said = summary("geodesic", square, *MIXED, *words)
-    table = said["accuracy"]["compare"]
+    report = summary("geodesic", square, *MIXED, *words)
+    table = report["accuracy"]["compare"]
     assert set(table) == {"exact", "dijkstra"}
     assert least <= table["exact"]["max_error"] <= most
     arrays = [np.load(path)["geodesic_distance"] for path in (out, truth)]
@@ -122,18 +122,16 @@ def test_every_method_from_mixed_sources(square, summary, tmp_path, method, leas
     assert table["exact"]["seconds"] > 0
 
 
-def test_heat_says_its_residuals(square, summary):
-    said = summary(
+def test_heat_reports_its_residuals(square, summary):
+    report = summary(
         "geodesic", square, "--source", 0, "--method", "heat", "--heat-time", 4, "--heat-refine", 1
     )
-    assert said["results"]["operator"] == "intrinsic-delaunay"
-    assert 0 < said["accuracy"]["heat_residual"] < 1e-12
-    assert 0 < said["accuracy"]["poisson_residual"] < 1e-9
+    assert report["results"]["operator"] == "intrinsic-delaunay"
+    assert 0 < report["accuracy"]["heat_residual"] < 1e-12
+    assert 0 < report["accuracy"]["poisson_residual"] < 1e-9
 
 
-def test_gradient_is_that_of_the_linear_interpolant_and_zero_where_no_source_reaches(
-    islands, summary, tmp_path
-):
+def test_gradient_is_that_of_the_linear_interpolant_and_zero_on_unreached_faces(islands, summary, tmp_path):
     out = tmp_path / "out.npz"
     summary("geodesic", islands, "--source", 0, "--gradient", "-o", out)
     arrays = np.load(out)
@@ -149,18 +147,18 @@ def test_gradient_is_that_of_the_linear_interpolant_and_zero_where_no_source_rea
 
 def test_isolines_are_circles(square, summary, tmp_path):
     lines = tmp_path / "lines.npz"
-    said = summary("geodesic", square, "--source", 0, "--isolines", 4, "--paths-output", lines)
+    report = summary("geodesic", square, "--source", 0, "--isolines", 4, "--paths-output", lines)
     arrays = np.load(lines)
     radius = np.linalg.norm(arrays["points"], axis=1)
     assert np.abs(radius - arrays["level"]).max() < 0.01
-    assert len(said["results"]["paths"]) == len(set(arrays["path_id"])) >= 4
+    assert len(report["results"]["paths"]) == len(set(arrays["path_id"])) >= 4
     ahead = np.diff(arrays["points"], axis=0)[np.diff(arrays["path_id"]) == 0]
     middle = arrays["points"][:-1][np.diff(arrays["path_id"]) == 0] + ahead / 2
     outwards = (np.cross([0, 0, 1.0], ahead) * middle).sum(axis=1)
     assert (
         outwards.min() > -1e-15 and outwards.sum() > 1
     )  # farther on the left; through vertices in steps of 0
-    first = said["results"]["paths"][0]
+    first = report["results"]["paths"][0]
     assert first["kind"] == "isoline"
     assert first["length"] == pytest.approx(np.pi / 2 * first["level"], rel=0.01)
 
@@ -168,28 +166,28 @@ def test_isolines_are_circles(square, summary, tmp_path):
 def test_tolerance_reports_its_error(square, summary, tmp_path):
     path = tmp_path / "sphere.ply"
     write_mesh(str(path), AnnotatedMesh(shapes.random_sphere(4000)))
-    said = summary("geodesic", path, "--source", 40, "--tolerance", 1, "--compare", "exact")
-    error = said["accuracy"]["compare"]["exact"]["max_error"]
-    assert error < said["accuracy"]["tolerance_error_estimate"] < 20 * error
+    report = summary("geodesic", path, "--source", 40, "--tolerance", 1, "--compare", "exact")
+    error = report["accuracy"]["compare"]["exact"]["max_error"]
+    assert error < report["accuracy"]["tolerance_error_estimate"] < 20 * error
     assert 0 < error < 0.3
-    said = summary("geodesic", square, "--source", 40, "--tolerance", 0.3, "--compare", "exact")
-    assert said["accuracy"]["compare"]["exact"]["max_error"] == 0  # 121 vertices: exact is the cheaper
-    assert said["accuracy"]["tolerance_error_estimate"] == 0
+    report = summary("geodesic", square, "--source", 40, "--tolerance", 0.3, "--compare", "exact")
+    assert report["accuracy"]["compare"]["exact"]["max_error"] == 0  # 121 vertices: exact is the cheaper
+    assert report["accuracy"]["tolerance_error_estimate"] == 0
 
 
-def test_certify(square, summary):
-    said = summary("geodesic", square, "--source", 0, "--certify")
-    assert said["accuracy"]["symmetry_residual"] < 1e-12
-    assert said["accuracy"]["triangle_residual"] < 1e-12
-    assert said["accuracy"]["sampled_pairs"] == 6
+def test_certify_reports_symmetry_and_triangle_residuals(square, summary):
+    report = summary("geodesic", square, "--source", 0, "--certify")
+    assert report["accuracy"]["symmetry_residual"] < 1e-12
+    assert report["accuracy"]["triangle_residual"] < 1e-12
+    assert report["accuracy"]["sampled_pairs"] == 6
 
 
 @pytest.mark.parametrize("method", ["exact", "heat", "fast-marching", "dijkstra"])
 def test_unreachable_components_are_named(islands, summary, tmp_path, method):
     out = tmp_path / "out.npz"
-    said = summary("geodesic", islands, "--source", 0, "--method", method, "-o", out)
-    assert said["results"]["unreachable"] == 163
-    assert any("component 1 (162 vertices" in warning for warning in said["warnings"])
+    report = summary("geodesic", islands, "--source", 0, "--method", method, "-o", out)
+    assert report["results"]["unreachable"] == 163
+    assert any("component 1 (162 vertices" in warning for warning in report["warnings"])
     assert np.isinf(np.load(out)["geodesic_distance"]).sum() == 163
 
 
@@ -227,7 +225,7 @@ def test_refusals_are_one_line_and_exit_2(square, run, tmp_path, words, message)
     assert not out.exists()
 
 
-def test_source_on_an_isolated_vertex(islands, run):
+def test_a_source_on_an_isolated_vertex_is_refused(islands, run):
     result = run("geodesic", islands, "--source", 204)
     assert result.exit_code == 2 and "belongs to no face" in result.stderr
 
@@ -240,7 +238,7 @@ def test_a_file_without_faces_is_refused_in_one_line(run, shared_meshes, words):
     assert result.exit_code == 2 and result.stderr.startswith("Error: ") and result.stderr.count("\n") == 1
 
 
-def test_same_call_same_bits(square, summary, tmp_path):
+def test_repeated_calls_give_the_same_bits(square, summary, tmp_path):
     files = [tmp_path / "a.npz", tmp_path / "b.npz"]
     for path in files:
         summary("geodesic", square, "--source", 7, 90, "-o", path)
@@ -248,14 +246,14 @@ def test_same_call_same_bits(square, summary, tmp_path):
     assert np.array_equal(a, b)
 
 
-def test_picture(square, summary, tmp_path):
+def test_the_picture_is_written(square, summary, tmp_path):
     picture = tmp_path / "bands.png"
-    said = summary("geodesic", square, "--source", 0, "--plot", picture)
-    assert picture.stat().st_size > 10_000 and str(picture) in said["outputs"]
+    report = summary("geodesic", square, "--source", 0, "--plot", picture)
+    assert picture.stat().st_size > 10_000 and str(picture) in report["outputs"]
 
 
 @pytest.mark.parametrize("words, lines", [(["--isolines", 4], 4), ([], 12)])
-def test_the_picture_has_the_level_lines_asked_for(square, summary, tmp_path, monkeypatch, words, lines):
+def test_the_picture_has_the_requested_level_lines(square, summary, tmp_path, monkeypatch, words, lines):
     pytest.importorskip("matplotlib")
     from ddgcli.plots import array
 
@@ -269,7 +267,7 @@ def test_the_picture_has_the_level_lines_asked_for(square, summary, tmp_path, mo
     summary("geodesic", square, "--source", 0, "--path-to", 120, *words, "--plot", tmp_path / "a.png")
     radius = [np.hypot(*line.T[:2]) for line in drawn["level_lines"]]
     levels = np.sqrt(2) * np.arange(1, lines + 1) / (lines + 1)
-    found = np.sort([r.mean() for r in radius if len(r) > 4])
-    assert np.abs(found[:, None] - levels).min(axis=1).max() < 0.01 and len(radius) >= lines
+    radii = np.sort([r.mean() for r in radius if len(r) > 4])
+    assert np.abs(radii[:, None] - levels).min(axis=1).max() < 0.01 and len(radius) >= lines
     (path,) = drawn["curves"]
     assert np.ptp(path[:, 0] - path[:, 1]) < 1e-12 and drawn["limits"] == (0.0, pytest.approx(np.sqrt(2)))

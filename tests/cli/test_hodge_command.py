@@ -28,11 +28,11 @@ def torus(tmp_path):
 @pytest.mark.parametrize("place", ["vertex", "face", "edge"])
 def test_parts_come_in_the_form_of_the_input(torus, tmp_path, summary, place):
     out = tmp_path / "parts.npz"
-    found = summary("hodge", torus, "--field-file", tmp_path / f"{place}.npy", "--basis", "-o", out)
-    assert found["results"]["betti_numbers"] == {"absolute": [1, 2, 1], "relative": [1, 2, 1]}
-    assert len(found["results"]["generators"]) == 2
-    assert found["accuracy"]["orthogonality"] < 1e-12
-    assert found["accuracy"]["harmonic_residual"] < 1e-10
+    report = summary("hodge", torus, "--field-file", tmp_path / f"{place}.npy", "--basis", "-o", out)
+    assert report["results"]["betti_numbers"] == {"absolute": [1, 2, 1], "relative": [1, 2, 1]}
+    assert len(report["results"]["generators"]) == 2
+    assert report["accuracy"]["orthogonality"] < 1e-12
+    assert report["accuracy"]["harmonic_residual"] < 1e-10
     with np.load(out, allow_pickle=False) as arrays:
         field = np.load(tmp_path / f"{place}.npy")
         for part in ("exact", "coexact", "harmonic", "harmonic_000", "harmonic_001"):
@@ -43,12 +43,12 @@ def test_parts_come_in_the_form_of_the_input(torus, tmp_path, summary, place):
             assert arrays["exact"] + arrays["coexact"] + arrays["harmonic"] == pytest.approx(field)
 
 
-def test_a_field_carried_by_the_input_is_named(tmp_path, summary):
+def test_a_field_of_the_input_is_chosen_by_name(tmp_path, summary):
     mesh = shapes.torus(12, 8)
     path = tmp_path / "torus.vtu"
     write_mesh(str(path), AnnotatedMesh(mesh, vertex={"wind": np.cross(mesh.points, [0.0, 0.0, 1.0])}))
-    found = summary("hodge", path, "--field", "wind")
-    assert found["results"]["field_on"] == "vertex"
+    report = summary("hodge", path, "--field", "wind")
+    assert report["results"]["field_on"] == "vertex"
 
 
 def test_edges_of_the_input_may_be_turned(tmp_path, summary):
@@ -96,38 +96,38 @@ def test_the_residual_of_tetrahedra_is_measured(tmp_path, summary, monkeypatch):
     ball = ROOT / "sample_meshes" / "ball.vtu"
     cells = len(read_mesh(str(ball)).mesh.tetrahedra)
     np.save(tmp_path / "field.npy", np.random.default_rng(0).normal(size=(cells, 3)))
-    found = summary("hodge", ball, "--field-file", tmp_path / "field.npy")["accuracy"]
-    assert 0 < found["reconstruction_residual"] < 1e-9 and found["harmonic_residual"] is None
+    report = summary("hodge", ball, "--field-file", tmp_path / "field.npy")["accuracy"]
+    assert 0 < report["reconstruction_residual"] < 1e-9 and report["harmonic_residual"] is None
     right = decomposition._tetrahedron_curl
     monkeypatch.setattr(decomposition, "_tetrahedron_curl", lambda *given: 1.001 * right(*given))
-    found = summary("hodge", ball, "--field-file", tmp_path / "field.npy")["accuracy"]
-    assert found["reconstruction_residual"] > 1e-4 and found["orthogonality"] < 1e-9
+    report = summary("hodge", ball, "--field-file", tmp_path / "field.npy")["accuracy"]
+    assert report["reconstruction_residual"] > 1e-4 and report["orthogonality"] < 1e-9
 
 
 def test_a_klein_bottle_has_the_betti_numbers_of_the_page(tmp_path, summary, run):
     mesh = klein(8)
     path = tmp_path / "klein.npz"
     write_mesh(str(path), AnnotatedMesh(mesh, face={"wind": np.ones((mesh.n_faces, 3))}))
-    found = summary("hodge", path, "--field", "wind", "--basis", "-o", tmp_path / "parts.npz")
-    assert found["results"]["betti_numbers"] == {"absolute": [1, 1, 0], "relative": [1, 1, 0]}
-    assert found["results"]["betti_numbers_modulo_2"] == {"absolute": [1, 2, 1], "relative": [1, 2, 1]}
-    assert len(found["results"]["generators"]) == 2
-    assert found["accuracy"]["reconstruction_residual"] < 1e-12
+    report = summary("hodge", path, "--field", "wind", "--basis", "-o", tmp_path / "parts.npz")
+    assert report["results"]["betti_numbers"] == {"absolute": [1, 1, 0], "relative": [1, 1, 0]}
+    assert report["results"]["betti_numbers_modulo_2"] == {"absolute": [1, 2, 1], "relative": [1, 2, 1]}
+    assert len(report["results"]["generators"]) == 2
+    assert report["accuracy"]["reconstruction_residual"] < 1e-12
     with np.load(tmp_path / "parts.npz") as arrays:
         assert "harmonic_000" in arrays and "harmonic_001" not in arrays
     faces = np.concatenate([shapes.torus(12, 8).faces[:1, ::-1], shapes.torus(12, 8).faces[1:]])
     turned = TriangleMesh.from_arrays(shapes.torus(12, 8).points, faces)
     write_mesh(str(path), AnnotatedMesh(turned))
     result = run("hodge", path)
-    assert result.exit_code == 2 and "turn over 1 of them (first: face 0)" in result.stderr
+    assert result.exit_code == 2 and "reverse 1 of them (first: face 0)" in result.stderr
 
 
 def test_tetrahedra(shared_meshes, tmp_path, summary):
     path = shared_meshes / "P1.msh"
     cells = len(read_mesh(str(path)).mesh.tetrahedra)
     np.save(tmp_path / "field.npy", np.random.default_rng(0).normal(size=(cells, 3)))
-    found = summary("hodge", path, "--field-file", tmp_path / "field.npy")
-    assert found["results"]["betti_numbers"]["absolute"] == [1, 11, 0, 0]
-    assert len(found["results"]["generators"]) == 11
-    assert found["accuracy"]["orthogonality"] < 1e-8
-    assert 0 < found["accuracy"]["reconstruction_residual"] < 1e-6  # with inverted and nearly flat cells
+    report = summary("hodge", path, "--field-file", tmp_path / "field.npy")
+    assert report["results"]["betti_numbers"]["absolute"] == [1, 11, 0, 0]
+    assert len(report["results"]["generators"]) == 11
+    assert report["accuracy"]["orthogonality"] < 1e-8
+    assert 0 < report["accuracy"]["reconstruction_residual"] < 1e-6  # with inverted and nearly flat cells

@@ -3,7 +3,7 @@
 import click
 import pytest
 
-from ddgcli.cli.multi_value import spread
+from ddgcli.cli.multi_value import repeat_options
 
 
 @click.command()
@@ -34,4 +34,4 @@ def command(**_):
     ],
 )  # fmt: skip
 def test_words_are_spread(given, meant):
-    assert spread(command, given.split()) == meant.split()
+    assert repeat_options(command, given.split()) == meant.split()

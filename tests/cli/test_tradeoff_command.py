@@ -22,7 +22,7 @@ from ddgcli.simulation.account import Account
 from ddgcli.simulation.time_loop import evolve
 from ddgcli.tradeoff.candidates import relative_to_largest, relative_to_rms
 from ddgcli.tradeoff.problems import curvature, delaunay, geodesic, laplacian, simulate, willmore_flow
-from ddgcli.tradeoff.richardson import left_to_go
+from ddgcli.tradeoff.richardson import remaining_error
 from ddgcli.tradeoff.truths import parse_truth
 from tests.simulate import HANGING_SHEET
 
@@ -36,18 +36,18 @@ def sphere(tmp_path):
     return path
 
 
-def rows_of(found):
-    return {(r["method"], *r["parameters"].values()): r for r in found["results"]["rows"]}
+def rows_of(summary):
+    return {(r["method"], *r["parameters"].values()): r for r in summary["results"]["rows"]}
 
 
 def test_geodesic_errors_are_those_of_a_peer(sphere, tmp_path, summary):
     pygeodesic = pytest.importorskip("pygeodesic.geodesic")
-    found = summary("tradeoff", "geodesic", sphere, "--source", 7, "--repeat", 1)
+    report = summary("tradeoff", "geodesic", sphere, "--source", 7, "--repeat", 1)
     mesh = shapes.random_sphere(300)
     algorithm = pygeodesic.PyGeodesicAlgorithmExact(mesh.points, mesh.faces.astype(np.int32))
     exact, _ = algorithm.geodesicDistances(np.array([7]), None)
     out = tmp_path / "d.npz"
-    rows = rows_of(found)
+    rows = rows_of(report)
     for key, words in (
         (("dijkstra",), ["--method", "dijkstra"]),
         (("exact", 0.0), []),
@@ -64,12 +64,12 @@ def test_laplacian_errors_are_those_of_another_eigensolver(sphere, summary):
 
     from ddgcli.operators.laplacian import lumped_mass, stiffness
 
-    found = summary("tradeoff", "laplacian", sphere, "--truth", "sphere:1", "--eigen", 9, "--repeat", 1)
+    report = summary("tradeoff", "laplacian", sphere, "--truth", "sphere:1", "--eigen", 9, "--repeat", 1)
     mesh = shapes.random_sphere(300)
     values = eigsh(stiffness(mesh), 9, lumped_mass(mesh), sigma=-0.1, return_eigenvectors=False)
     known = np.array([0, 2, 2, 2, 6, 6, 6, 6, 6.0])
     error = np.abs(np.sort(values) - known) / np.where(known == 0, 1, known)
-    row = rows_of(found)["cotan", "lumped"]
+    row = rows_of(report)["cotan", "lumped"]
     assert row["max_error"] == pytest.approx(error.max(), rel=1e-6)
     assert row["max_error_at"] == int(error.argmax())
 
@@ -77,7 +77,7 @@ def test_laplacian_errors_are_those_of_another_eigensolver(sphere, summary):
 def test_the_reference_covers_its_own_error_on_a_square():
     """Neumann eigenvalues pi^2 (m^2 + n^2), and a Poisson problem with a cubic solution."""
     mesh = shapes.grid(12, 12, pattern="alternating")
-    reference = laplacian.problem(mesh, asked={"eigen": 8}).references[0][1]()
+    reference = laplacian.problem(mesh, options={"eigen": 8}).references[0][1]()
     known = np.sort([np.pi**2 * (m**2 + n**2) for m in range(4) for n in range(4)])[:8]
     error = np.abs(reference.values - known) / np.where(known == 0, 1, known)
     assert 0 < error.max() <= reference.uncertainty < 0.02
@@ -93,7 +93,7 @@ def test_the_reference_covers_its_own_error_on_a_square():
 
 @pytest.mark.parametrize("family", ["good", "irregular", "stretched", "noisy", "refined"])
 def test_the_curvature_reference_covers_its_own_error(family):
-    """Without a truth given: the fit is trusted as far as extrapolated balls agree, in both norms."""
+    """Without a truth the uncertainty of the fit covers its error, in both norms."""
     mesh = ellipsoids((1.0, 1.5, 2.0))[family](1)
     truth = parse_truth("ellipsoid:1,1.5,2", mesh.points).mean_curvature(mesh.points)
     for _, make in curvature.problem(mesh).references:
@@ -151,7 +151,7 @@ def test_the_references_of_the_simulators_cover_their_own_error(command, tmp_pat
 def test_the_references_of_willmore_flow_cover_their_own_error(axes, family, flow, loosest):
     """Against 256 steps, every reference: on uneven triangles smaller steps resolve ever faster modes."""
     mesh = ellipsoids(axes)[family](0)
-    problem = willmore_flow.problem(mesh, asked={"flow": flow})
+    problem = willmore_flow.problem(mesh, options={"flow": flow})
     span = float(problem.error_scale.split("t = ")[1])
     built, model = setup.build(mesh, setup.Wishes(flow=flow, timed=True))
     schedule = setup.schedule(built, {"step": span / 256, "duration": span, "frame_every": span})
@@ -165,20 +165,20 @@ def test_the_references_of_willmore_flow_cover_their_own_error(axes, family, flo
         assert 0 < error.max() <= reference.within("max") < loosest
 
 
-def test_what_is_left_to_go():
+def test_remaining_error_of_planted_sequences():
     """Of a geometric series, and of answers that agree by accident or do not settle."""
-    assert left_to_go(4.0, 1.0) == 4.0 and left_to_go(1.5, 1.0) == 2.0
-    assert left_to_go(5.0, 1e-9) == 5.0 and left_to_go(5.0, 0.0) == 5.0
-    assert left_to_go(1.0, 1.0) == pytest.approx(10.0) == left_to_go(0.5, 1.0)
-    assert left_to_go(-16.0, -4.0, -1.0, order=2) == 4.0  # as a method of second order should
+    assert remaining_error(4.0, 1.0) == 4.0 and remaining_error(1.5, 1.0) == 2.0
+    assert remaining_error(5.0, 1e-9) == 5.0 and remaining_error(5.0, 0.0) == 5.0
+    assert remaining_error(1.0, 1.0) == pytest.approx(10.0) == remaining_error(0.5, 1.0)
+    assert remaining_error(-16.0, -4.0, -1.0, order=2) == 4.0  # as a method of second order should
     for unsettled in ((16.0, 4.0, -1.0), (1.5, 1.0, 0.25), (64.0, 2.0, 0.5), (4.0, 1.0, 0.9)):
-        assert left_to_go(*unsettled, order=2) == 5.0 * max(unsettled)
-    assert left_to_go(0.0, 0.0, 0.0, order=2) == 1e-14
+        assert remaining_error(*unsettled, order=2) == 5.0 * max(unsettled)
+    assert remaining_error(0.0, 0.0, 0.0, order=2) == 1e-14
 
 
 def test_within_prints_the_command_and_misses_are_exit_1(sphere, run, summary):
-    found = summary("tradeoff", "geodesic", sphere, "--within", "1e-2", "--repeat", 1)
-    chosen = found["results"]["chosen"]
+    report = summary("tradeoff", "geodesic", sphere, "--within", "1e-2", "--repeat", 1)
+    chosen = report["results"]["chosen"]
     assert chosen["max_error"] <= 1e-2 and chosen["command"].startswith("ddgcli geodesic")
     miss = run("tradeoff", "laplacian", sphere, "--truth", "sphere:1", "--within", "1e-9", "--repeat", 1)
     assert miss.exit_code == 1 and "no row is within" in miss.stdout
@@ -213,8 +213,8 @@ def test_curvature_on_an_ellipsoid_ranks_the_fit_above_the_cotangent(tmp_path, s
     path, out = tmp_path / "ellipsoid.ply", tmp_path / "h.npz"
     write_mesh(str(path), AnnotatedMesh(mesh))
     truth = "ellipsoid:1,1.5,2"
-    found = summary("tradeoff", "curvature", path, "--truth", truth, "--repeat", 1, "--norm", "mean")
-    rows = rows_of(found)
+    report = summary("tradeoff", "curvature", path, "--truth", truth, "--repeat", 1, "--norm", "mean")
+    rows = rows_of(report)
     assert rows["quadric", "own"]["mean_error"] < 0.1 * rows["cotan", "own"]["mean_error"]
     assert rows["quadric", "own"]["on_front"]
     summary("curvature", path, "--scheme", "cotan", "-o", out)
@@ -241,31 +241,31 @@ initial = { vorticity = "3*sin(6.283185*x)*cos(6.283185*y) + cos(12.56637*x)" }
 """
 
 
-def test_integrators_of_a_scene_stand_in_their_order(tmp_path, summary):
+def test_integrators_of_a_scene_have_errors_in_their_known_order(tmp_path, summary):
     """Second-order schemes gain four in accuracy with half the step, first-order ones two."""
     path = tmp_path / "sheet.toml"
     path.write_text(SHEET.replace("step =", 'integrator = "newmark"\nbeta = 0.25\nstep =', 1))
-    found = summary("tradeoff", "shell-sim", path, "--repeat", 1, "--budget", 100)
-    rows = rows_of(found)
+    report = summary("tradeoff", "shell-sim", path, "--repeat", 1, "--budget", 100)
+    rows = rows_of(report)
     assert {name for name, _ in rows} >= {"verlet", "implicit-midpoint", "implicit-euler", "newmark"}
     assert rows["newmark", 0.008]["max_error"] / rows["newmark", 0.004]["max_error"] > 3
     first = rows["implicit-euler", 0.008]["max_error"] / rows["implicit-euler", 0.004]["max_error"]
     assert 1.6 < first < 2.6
-    assert found["results"]["rows"][0]["command"].startswith("ddgcli shell-sim")
-    assert "--integrator" in found["results"]["rows"][0]["command"]
+    assert report["results"]["rows"][0]["command"].startswith("ddgcli shell-sim")
+    assert "--integrator" in report["results"]["rows"][0]["command"]
 
 
 def test_willmore_energy_by_step(tmp_path, summary):
     path = tmp_path / "ellipsoid.ply"
     mesh = shapes.icosphere(2)
     write_mesh(str(path), AnnotatedMesh(mesh.moved(mesh.points * [1.0, 1.0, 1.3])))
-    found = summary("tradeoff", "willmore-flow", path, "--repeat", 1)
-    errors = [row["max_error"] for row in found["results"]["rows"]]
+    report = summary("tradeoff", "willmore-flow", path, "--repeat", 1)
+    errors = [row["max_error"] for row in report["results"]["rows"]]
     assert errors[-1] < errors[0] and errors[-1] < 1e-3
-    assert found["accuracy"]["reference_uncertainty"] < 1e-3
+    assert report["accuracy"]["reference_uncertainty"] < 1e-3
 
 
-def test_a_truth_means_nothing_to_a_simulator(tmp_path, run):
+def test_truth_is_refused_for_simulators(tmp_path, run):
     path = tmp_path / "sheet.toml"
     path.write_text(SHEET)
     result = run("tradeoff", "shell-sim", path, "--truth", "sphere:1")
@@ -278,17 +278,17 @@ def test_an_interrupt_leaves_whole_partial_tables(tmp_path):
     write_mesh(str(path), AnnotatedMesh(shapes.random_sphere(3000)))
     line = [sys.executable, "-m", "ddgcli", "tradeoff", "geodesic", str(path), "--json", "--repeat", "400"]
     line += ["--progress", "--budget", "600", "-o", str(rows), "-o", str(tmp_path / "all.json")]
-    going = subprocess.Popen(line, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
-    os.set_blocking(going.stderr.fileno(), False)
+    process = subprocess.Popen(line, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+    os.set_blocking(process.stderr.fileno(), False)
     seen, began = "", time.monotonic()
     while not any(f" {share} %" in seen for share in range(30, 100)):  # three rows of twelve are done
-        seen += (going.stderr.read() or b"").decode()
-        assert going.poll() is None and time.monotonic() - began < 120, seen
+        seen += (process.stderr.read() or b"").decode()
+        assert process.poll() is None and time.monotonic() - began < 120, seen
         time.sleep(0.05)
-    going.send_signal(signal.SIGINT)
-    said, _ = going.communicate(timeout=60)
-    assert going.returncode == 130
-    results = json.loads(said)["results"]
+    process.send_signal(signal.SIGINT)
+    output, _ = process.communicate(timeout=60)
+    assert process.returncode == 130
+    results = json.loads(output)["results"]
     assert results["interrupted"]
     assert 2 <= len(results["rows"]) < 12, results["left_out"]
     assert all(row["verdict"] for row in results["rows"]) and results["reference"]
@@ -297,6 +297,6 @@ def test_an_interrupt_leaves_whole_partial_tables(tmp_path):
 
 
 @pytest.mark.parametrize("command", COMMANDS)
-def test_every_help_ends_with_advice_and_where_it_comes_from(command, run):
+def test_every_help_ends_with_advice_and_its_source(command, run):
     end = " ".join(run(command, "--help").stdout.split("\n\n")[-1].replace("-\n  ", "-").split())
-    assert end.startswith("Which") and end.endswith(f"docs/accuracy/{command}.md.")
+    assert end.startswith(("Which", "Choosing")) and end.endswith(f"docs/accuracy/{command}.md.")

@@ -1,4 +1,4 @@
-"""`ddgcli tradeoff` takes every option that it names, and the command it prints has the error it tells."""
+"""`ddgcli tradeoff` takes every option that it names, and the command it prints reproduces the error."""
 
 import json
 import shlex
@@ -6,7 +6,7 @@ import shlex
 import numpy as np
 import pytest
 
-from ddgcli.cli.commands.tradeoff_options import TAKES
+from ddgcli.cli.commands.tradeoff_options import COMPARABLE_OPTIONS
 from ddgcli.io.mesh_file import write_mesh
 from ddgcli.mesh import shapes
 from ddgcli.mesh.fields import AnnotatedMesh
@@ -31,7 +31,7 @@ def inputs(tmp_path_factory):
     }
     paths = {}
     for name, mesh in meshes.items():
-        paths[name] = str(folder / f"{name} mesh.ply")  # a name that a shell must be given in quotes
+        paths[name] = str(folder / f"{name} mesh.ply")  # a name that needs quotes in a shell
         write_mesh(paths[name], AnnotatedMesh(mesh))
     scene = folder / "sheet.toml"
     scene.write_text(HANGING_SHEET.format(cells=2))
@@ -46,7 +46,7 @@ def inputs(tmp_path_factory):
     }
 
 
-# command -> what is always given
+# command -> words of every call
 ALWAYS = {
     "shell-sim": [*SHELL, *SHELL_TIME],
     "fluid-sim": [*FLUID, *FLUID_TIME],
@@ -146,53 +146,53 @@ PAIRS = [(command, name) for command, cases in CASES.items() for name in cases]
 
 def always(command, words):
     """The words of every call, without what this call replaces."""
-    kept = list(ALWAYS.get(command, []))
+    words_of_call = list(ALWAYS.get(command, []))
     replaced = {"--duration": ["--steps"], "--flow": ["--vorticity"] if command == "fluid-sim" else []}
     for option in [w for w in words if str(w).startswith("--") and w != "--effect"]:
         for name in (option, *replaced.get(option, [])):
-            while name in kept:
-                at = kept.index(name)
-                del kept[at : at + 2]
-    return kept
+            while name in words_of_call:
+                at = words_of_call.index(name)
+                del words_of_call[at : at + 2]
+    return words_of_call
 
 
 @pytest.fixture(scope="module")
-def told(inputs):
-    """Results of a comparison; kept, so that the plain ones run once."""
+def compare(inputs):
+    """Summary of a comparison; cached, so that calls without options run once."""
     from click.testing import CliRunner
 
     from ddgcli.cli.main import main
 
-    kept = {}
+    cache = {}
 
     def call(command, *words):
         key = (command, *map(str, words))
-        if key not in kept:
+        if key not in cache:
             line = ["tradeoff", command, inputs[command], *words, "--repeat", 1, "--json"]
             result = CliRunner().invoke(main, [str(w) for w in line], prog_name="ddgcli")
             assert result.exit_code == 0, result.output + result.stderr
-            kept[key] = json.loads(result.stdout)
-        return kept[key]
+            cache[key] = json.loads(result.stdout)
+        return cache[key]
 
     return call
 
 
-def test_every_option_that_is_taken_has_its_case():
-    assert {c: set(question) | set(dials) for c, (question, dials) in TAKES.items()} == {
+def test_every_comparable_option_has_a_case():
+    assert {c: {*of_problem, *of_method} for c, (of_problem, of_method) in COMPARABLE_OPTIONS.items()} == {
         c: set(cases) for c, cases in CASES.items()
     }
 
 
 @pytest.mark.parametrize("command, name", PAIRS)
-def test_an_option_makes_its_difference(command, name, told):
+def test_an_option_makes_its_difference(command, name, compare):
     words, holds = CASES[command][name]
-    plain = told(command, *ALWAYS.get(command, []))["results"]["rows"]
-    found = told(command, *always(command, words), *words)
-    rows = found["results"]["rows"]
+    plain = compare(command, *ALWAYS.get(command, []))["results"]["rows"]
+    summary = compare(command, *always(command, words), *words)
+    rows = summary["results"]["rows"]
     assert holds(rows) and not holds(plain)
-    assert name in found["options"]
-    shown = [(r["method"], r["parameters"], r["max_error"]) for r in rows]
-    assert name == "boundary" or shown != [(r["method"], r["parameters"], r["max_error"]) for r in plain]
+    assert name in summary["options"]
+    errors = [(r["method"], r["parameters"], r["max_error"]) for r in rows]
+    assert name == "boundary" or errors != [(r["method"], r["parameters"], r["max_error"]) for r in plain]
 
 
 @pytest.mark.parametrize(
@@ -202,14 +202,14 @@ def test_an_option_makes_its_difference(command, name, told):
         ("geodesic", ["--eigen", 3], "No such option '--eigen'"),
         ("laplacian", ["--source", 3], "No such option '--source'"),
         ("laplacian", ["--budgett", 3], "--budget"),
-        ("laplacian", ["--operator", "uniform"], "it knows no lengths"),
+        ("laplacian", ["--operator", "uniform"], "it uses no lengths"),
         ("geodesic", ["--source", 99999], "99999"),
-        ("shell-sim", ["--truth", "sphere:1"], "--truth says nothing"),
-        ("willmore-flow", ["--truth", "sphere:1"], "--truth says nothing"),
+        ("shell-sim", ["--truth", "sphere:1"], "--truth does not apply"),
+        ("willmore-flow", ["--truth", "sphere:1"], "--truth does not apply"),
         ("curvature", ["--budget", 0], "0"),
     ],
 )
-def test_what_is_not_taken_is_refused_in_a_line(command, words, part, inputs, run):
+def test_other_options_are_refused_in_one_line(command, words, part, inputs, run):
     result = run("tradeoff", command, inputs[command], *words)
     assert result.exit_code == 2 and part in result.stderr and result.stderr.count("\n") == 1
 
@@ -278,10 +278,10 @@ def delaunay_error(words, run, folder):
     return poisson_error(*matrices(folder / "answer.npz"))
 
 
-def test_every_delaunay_row_has_the_error_of_its_command(told, run, tmp_path):
-    for row in told("delaunay", "--truth", "sphere:1", *ALWAYS["delaunay"])["results"]["rows"]:
-        found = delaunay_error(shlex.split(row["command"]), run, tmp_path)
-        assert found == pytest.approx(row["max_error"], rel=1e-6)
+def test_every_delaunay_row_has_the_error_of_its_command(compare, run, tmp_path):
+    for row in compare("delaunay", "--truth", "sphere:1", *ALWAYS["delaunay"])["results"]["rows"]:
+        error = delaunay_error(shlex.split(row["command"]), run, tmp_path)
+        assert error == pytest.approx(row["max_error"], rel=1e-6)
 
 
 def error_of(command, words, reference, run, folder):
@@ -296,7 +296,7 @@ def error_of(command, words, reference, run, folder):
 
     if command == "delaunay":
         return delaunay_error(words, run, folder)
-    found = results(words[1:])
+    answer = results(words[1:])
     sphere = shapes.random_sphere(80)
     if command == "geodesic":
         known = np.arccos(np.clip(sphere.points @ sphere.points[0], -1, 1))
@@ -305,10 +305,10 @@ def error_of(command, words, reference, run, folder):
         return np.abs(from_npz(out, "mean_curvature") - 1).max()
     if command == "laplacian":
         known = np.array([0, 2, 2, 2, 6, 6, 6, 6.0])
-        return (np.abs(np.array(found["eigenvalues"]) - known) / np.maximum(known, 1)).max()
+        return (np.abs(np.array(answer["eigenvalues"]) - known) / np.maximum(known, 1)).max()
     if command == "willmore-flow":
         small = results(reference)["energy"][-1]
-        return abs(found["energy"][-1] - small) / small
+        return abs(answer["energy"][-1] - small) / small
     if command == "fluid-sim":
         answer = from_npz(out, "vorticity")
         results(reference)
@@ -321,7 +321,7 @@ def error_of(command, words, reference, run, folder):
     return np.linalg.norm(answer - known, axis=1).max() / moved
 
 
-# command -> (error asked for, words; of a run: the question's words, and the steps of the reference)
+# command -> (error bound, words; of a run: the words of the problem, and the steps of the reference)
 WITHIN = {
     "curvature": (0.25, ["--truth", "sphere:1"], None),
     "delaunay": (0.07, ["--truth", "sphere:1", *ALWAYS["delaunay"]], None),
@@ -334,9 +334,9 @@ WITHIN = {
 
 
 @pytest.mark.parametrize("command", WITHIN)
-def test_the_command_that_within_prints_has_the_error_it_tells(command, inputs, run, told, tmp_path):
+def test_the_command_printed_for_within_reproduces_its_error(command, inputs, run, compare, tmp_path):
     within, words, small = WITHIN[command]
-    results = told(command, *words, "--within", within)["results"]
+    results = compare(command, *words, "--within", within)["results"]
     chosen = results["chosen"]
     good = [row for row in results["rows"] if row["max_error"] <= within]
     assert len(good) < len(results["rows"])  # or the bound asks for nothing
@@ -345,9 +345,9 @@ def test_the_command_that_within_prints_has_the_error_it_tells(command, inputs, 
     reference = None
     if small is not None:
         at = line.index("--duration")
-        question, steps = small
+        problem_options, steps = small
         step = repr(float(line[at + 1]) / steps)
-        reference = [command, inputs[command], *question, "--dt", step, *line[at : at + 4]]
-    found = error_of(command, line, reference, run, tmp_path)
-    assert found == pytest.approx(chosen["max_error"], rel=1e-4, abs=1e-10)
-    assert found <= within
+        reference = [command, inputs[command], *problem_options, "--dt", step, *line[at : at + 4]]
+    error = error_of(command, line, reference, run, tmp_path)
+    assert error == pytest.approx(chosen["max_error"], rel=1e-4, abs=1e-10)
+    assert error <= within

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from ddgcli.algorithms.curvature.report import measure
+from ddgcli.algorithms.curvature.surface_curvature import measure_curvature
 from ddgcli.io.mesh_file import read_mesh, write_mesh
 from ddgcli.mesh import shapes
 from ddgcli.mesh.fields import AnnotatedMesh
@@ -49,18 +49,20 @@ def voxel_sphere(radius):
 
 
 def error(mesh, truth, radius=None):
-    mean = measure(mesh, radius=radius).vertex["mean_curvature"]
+    mean = measure_curvature(mesh, radius=radius).vertex["mean_curvature"]
     return float(np.sqrt(np.mean((mean - truth) ** 2) / np.mean(truth**2)))
 
 
 @pytest.mark.parametrize("name", SURFACES)
 def test_clean_surfaces_have_no_noise(name, caplog):
     mesh = SURFACES[name][0]()
-    results = measure(mesh).results
+    results = measure_curvature(mesh).results
     assert results["noise_estimate"] < 2e-3 and results["radius"] is None and not caplog.records
-    automatic = measure(mesh, radius="auto")
+    automatic = measure_curvature(mesh, radius="auto")
     assert automatic.results["radius"] is None
-    assert np.array_equal(automatic.vertex["mean_curvature"], measure(mesh).vertex["mean_curvature"])
+    assert np.array_equal(
+        automatic.vertex["mean_curvature"], measure_curvature(mesh).vertex["mean_curvature"]
+    )
 
 
 @pytest.mark.parametrize("share", [0.01, 0.05, 0.1])
@@ -69,7 +71,7 @@ def test_noise_is_measured_and_the_radius_reduces_the_error(name, share, caplog)
     build, truth_of = SURFACES[name]
     clean = build()
     mesh, truth = noisy(clean, share), truth_of(clean.points).mean
-    estimate = measure(mesh).results["noise_estimate"]
+    estimate = measure_curvature(mesh).results["noise_estimate"]
     # the median over uneven meshes: edges differ from their mean
     assert 0.5 * share < estimate < 1.2 * share
     warned = "noise of" in caplog.text
@@ -92,7 +94,7 @@ def test_voxels_are_recognised_and_the_radius_reduces_the_error(radius, caplog):
 
 @pytest.mark.parametrize("name", SAMPLES)
 def test_no_false_alarm_on_the_samples(name, caplog):
-    measure(read_mesh(str(ROOT / "sample_meshes" / name), None).surface)
+    measure_curvature(read_mesh(str(ROOT / "sample_meshes" / name), None).surface)
     assert "noise" not in caplog.text and "voxels" not in caplog.text
 
 
@@ -100,9 +102,9 @@ def test_creases_are_not_noise(caplog):
     stair = shapes.box()
     for _ in range(3):
         stair = shapes.midpoint_subdivided(stair)
-    measure(stair)
+    measure_curvature(stair)
     part = shapes.cylinder(64, 3)
-    measure(part)
+    measure_curvature(part)
     assert not caplog.records
 
 

@@ -6,8 +6,9 @@ import pytest
 from ddgcli.algorithms.curvature.faces import Faces
 from ddgcli.algorithms.curvature.frames import area_normals
 from ddgcli.algorithms.curvature.neighbours import neighbourhoods
-from ddgcli.algorithms.curvature.region import two_rings
-from ddgcli.algorithms.curvature.report import SCHEMES, measure
+from ddgcli.algorithms.curvature.regions import two_rings
+from ddgcli.algorithms.curvature.surface_curvature import measure_curvature
+from ddgcli.choices import CURVATURE_SCHEMES
 from ddgcli.mesh import shapes
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from tests.curvature_truths import ellipsoid_truth, irregular_ellipsoid, irregular_torus, torus_truth
@@ -46,7 +47,7 @@ def relative(values, truth):
 
 def errors(mesh, truth, scheme, radius=None):
     """Root mean square errors of H, K, k1, k2, relative; median angle of the direction, in degrees."""
-    v = measure(mesh, scheme, radius).vertex
+    v = measure_curvature(mesh, scheme, radius).vertex
     apart = truth.k_max - truth.k_min > 0.1 * np.abs(truth.k_max).max()
     cosine = np.abs(np.einsum("ij,ij->i", v["principal_direction_max"], truth.d_max))[apart]
     return {
@@ -79,8 +80,8 @@ def test_the_default_scheme_converges_pointwise_at_second_order_or_better(name):
 def test_the_default_scheme_holds_on_long_thin_cells(cells, jitter):
     # two-ring quadratic fits are 30 to 90 % off in K here
     mesh = irregular_torus(*cells, jitter=jitter)
-    found = errors(mesh, torus_truth(mesh.points), "quadric")
-    assert found["H"] < 0.02 and found["K"] < 0.02 and found["direction"] < 0.05
+    error = errors(mesh, torus_truth(mesh.points), "quadric")
+    assert error["H"] < 0.02 and error["K"] < 0.02 and error["direction"] < 0.05
 
 
 @pytest.mark.parametrize("scheme", ["cotan", "normal-cycle", "corrected"])
@@ -93,7 +94,7 @@ def test_star_schemes_converge_on_regular_meshes(scheme):
 
 
 @pytest.mark.parametrize("scheme", ["cotan", "normal-cycle"])
-def test_what_the_star_schemes_do_not_promise_they_do_not_keep(scheme):
+def test_star_schemes_converge_only_as_their_promise_states(scheme):
     # the reason for the default; if this fails, the docs are wrong
     fine = on("irregular ellipsoid", 10240, scheme)
     assert 0.2 < fine["H"] < 0.6 and 0.2 < fine["K"] < 0.6
@@ -101,18 +102,18 @@ def test_what_the_star_schemes_do_not_promise_they_do_not_keep(scheme):
 
 def test_corrected_is_exact_on_any_mesh_inscribed_in_a_sphere():
     for n in (50, 2000):
-        found = on("irregular sphere", n, "corrected")
-        assert found["H"] < 1e-10 and found["K"] < 1e-10
+        error = on("irregular sphere", n, "corrected")
+        assert error["H"] < 1e-10 and error["K"] < 1e-10
         assert on("irregular sphere", n, "corrected", 0.4)["H"] < 1e-10
 
 
 @pytest.mark.parametrize("scheme", ["normal-cycle", "corrected"])
 def test_balls_that_shrink_more_slowly_than_the_edges_converge_on_irregular_meshes(scheme):
-    found = []
+    error = []
     for n in (250, 2000):
         edge = np.sqrt(8 * np.pi / (np.sqrt(3) * n))
-        found.append(on("irregular sphere", n, scheme, 1.1 * edge**0.5)["H"])
-    assert found[1] < max(0.6 * found[0], 1e-10)
+        error.append(on("irregular sphere", n, scheme, 1.1 * edge**0.5)["H"])
+    assert error[1] < max(0.6 * error[0], 1e-10)
 
 
 def test_the_fit_turns_to_low_degree_when_data_are_noisy():
@@ -126,12 +127,12 @@ def test_the_fit_turns_to_low_degree_when_data_are_noisy():
     assert far["H"] < 0.25 * near["H"], "a radius steadies noisy data"
 
 
-@pytest.mark.parametrize("scheme", SCHEMES)
+@pytest.mark.parametrize("scheme", CURVATURE_SCHEMES)
 def test_minimal_and_developable_surfaces(scheme):
     surface = shapes.catenoid(96, 64)
     inside = np.abs(surface.points[:, 2]) < 0.9  # normals at the boundary itself are one-sided
-    assert np.abs(measure(surface, scheme).vertex["mean_curvature"][inside]).max() < 2e-3
-    cylinder = measure(shapes.cylinder(96, 48), scheme).vertex
+    assert np.abs(measure_curvature(surface, scheme).vertex["mean_curvature"][inside]).max() < 2e-3
+    cylinder = measure_curvature(shapes.cylinder(96, 48), scheme).vertex
     assert (cylinder["boundary"].sum(), cylinder["boundary"].dtype) == (192, np.uint8)
     inside = cylinder["boundary"] == 0
     assert np.allclose(cylinder["mean_curvature"][inside], 0.5, atol=2e-3)
@@ -140,7 +141,7 @@ def test_minimal_and_developable_surfaces(scheme):
 
 
 def test_the_default_scheme_measures_boundaries_too():
-    v = measure(shapes.cylinder(96, 48)).vertex
+    v = measure_curvature(shapes.cylinder(96, 48)).vertex
     assert np.allclose(v["mean_curvature"], 0.5, atol=5e-4)  # a tenth of a per cent, one-sided
 
 
@@ -153,13 +154,13 @@ def sheared(n, cells):
     return TriangleMesh.from_arrays(points, faces)
 
 
-def test_fits_on_sheared_cells_take_their_neighbours_from_the_delaunay_triangulation():
-    found = []
+def test_fits_on_sheared_cells_use_neighbours_of_the_delaunay_triangulation():
+    error = []
     for n in (24, 48):
         mesh = sheared(n, 3)
-        found.append(errors(mesh, torus_truth(mesh.points), "quadric"))
-    assert found[0]["K"] < 0.05 and found[0]["H"] < 0.02
-    assert np.log2(found[0]["K"] / found[1]["K"]) > 3, "fourth order, as on other meshes"
+        error.append(errors(mesh, torus_truth(mesh.points), "quadric"))
+    assert error[0]["K"] < 0.05 and error[0]["H"] < 0.02
+    assert np.log2(error[0]["K"] / error[1]["K"]) > 3, "fourth order, as on other meshes"
 
 
 def test_cells_stretched_along_the_curvature_keep_their_own_rings():
@@ -167,13 +168,13 @@ def test_cells_stretched_along_the_curvature_keep_their_own_rings():
     mesh = mesh.moved(mesh.points * [1.0, 1.0, 8.0])
     faces = Faces.of(mesh)
     rings = two_rings(mesh.topology, 15)
-    found = neighbourhoods(mesh, faces, area_normals(faces), 15)
-    assert len(found.member) == len(rings.member) and (found.member == rings.member).all()
+    error = neighbourhoods(mesh, faces, area_normals(faces), 15)
+    assert len(error.member) == len(rings.member) and (error.member == rings.member).all()
 
 
-def test_sheared_surfaces_that_cannot_be_flipped_are_measured_all_the_same():
+def test_sheared_surfaces_that_cannot_be_flipped_are_measured():
     mesh = sheared(16, 3)
     page = np.append(mesh.faces, [[mesh.faces[0, 1], mesh.faces[0, 0], mesh.n_vertices]], axis=0)
     points = np.append(mesh.points, [[2.0, 0.0, 1.0]], axis=0)
-    values = measure(TriangleMesh.from_arrays(points, page)).vertex["mean_curvature"]
+    values = measure_curvature(TriangleMesh.from_arrays(points, page)).vertex["mean_curvature"]
     assert np.isfinite(values).all()

@@ -1,4 +1,4 @@
-"""How fast each distance falls to the truth: great circles, and the exact polyhedral distance."""
+"""Convergence rates of the distances to great circles and to the exact polyhedral distance."""
 
 import numpy as np
 import pytest
@@ -7,7 +7,7 @@ from ddgcli.algorithms.delaunay.triangulation import flip_to_delaunay
 from ddgcli.algorithms.geodesics import fast_marching
 from ddgcli.algorithms.geodesics.edge_distance import edge_distance
 from ddgcli.algorithms.geodesics.exact.exact_distance import exact_distance
-from ddgcli.algorithms.geodesics.fast_marching import marched_distance
+from ddgcli.algorithms.geodesics.fast_marching import fast_marching_distance
 from ddgcli.algorithms.geodesics.heat import HeatSolver
 from ddgcli.errors import SolveError
 from ddgcli.io.mesh_file import read_mesh
@@ -45,7 +45,7 @@ def heat(**options):
     return lambda mesh: HeatSolver(flip_to_delaunay(mesh).mesh, **options).distance(0).distance
 
 
-def test_polyhedral_distance_nears_great_circles_with_order_two():
+def test_exact_distance_converges_to_great_circles_with_order_two():
     errors = []
     for level in (2, 3, 4):
         mesh = shapes.icosphere(level)
@@ -56,23 +56,23 @@ def test_polyhedral_distance_nears_great_circles_with_order_two():
 
 @pytest.mark.parametrize("meshes, least, last", [(SPHERES, 0.7, 3e-3), (TORI, 0.5, 2e-3)])
 def test_fast_marching_is_of_first_order(meshes, least, last):
-    errors = mean_errors(meshes, lambda mesh: marched_distance(mesh, 0).distance)
+    errors = mean_errors(meshes, lambda mesh: fast_marching_distance(mesh, 0).distance)
     assert rate(errors) > least
     assert errors[-1] < last
 
 
 @pytest.mark.parametrize("meshes", [SPHERES, TORI])
-def test_straight_fronts_are_of_first_order_with_a_larger_constant(meshes):
-    planar = mean_errors(meshes, lambda mesh: marched_distance(mesh, 0, planar=True).distance)
-    round_ = mean_errors(meshes, lambda mesh: marched_distance(mesh, 0).distance)
+def test_straight_wavefronts_are_of_first_order_with_a_larger_constant(meshes):
+    planar = mean_errors(meshes, lambda mesh: fast_marching_distance(mesh, 0, planar=True).distance)
+    round_ = mean_errors(meshes, lambda mesh: fast_marching_distance(mesh, 0).distance)
     assert rate(planar) > 0.5
     assert (planar > 3 * round_).all()
 
 
-def test_fast_marching_takes_needles():
-    """On the intrinsic Delaunay triangulation; stencils of the needles themselves err by 0.9 %."""
+def test_fast_marching_is_accurate_on_needles():
+    """On the intrinsic Delaunay triangulation; stencils of the needles themselves have an error of 0.9 %."""
     mesh = SPHERES[1].moved(SPHERES[1].points * [10.0, 1.0, 0.1])
-    truth, marched = exact_distance(mesh, 0).distance, marched_distance(mesh, 0).distance
+    truth, marched = exact_distance(mesh, 0).distance, fast_marching_distance(mesh, 0).distance
     assert np.abs(marched - truth).mean() < 1e-3 * truth.mean()
 
 
@@ -80,24 +80,24 @@ def test_fast_marching_takes_needles():
     "name", ["featuretype.STL", "hard/gen_concave_ngon.off", "hard/openscad-nonmanifold-crash.obj"]
 )
 def test_fast_marching_is_never_longer_than_paths_along_edges(shared_meshes, name):
-    """Edges that the Delaunay flips took away still count."""
+    """Flipped edges still carry paths."""
     mesh = read_mesh(str(shared_meshes / name)).mesh
-    marched, along = marched_distance(mesh, 0).distance, edge_distance(mesh, 0).distance
+    marched, along = fast_marching_distance(mesh, 0).distance, edge_distance(mesh, 0).distance
     assert (marched <= along * (1 + 1e-12)).all()
     truth, reached = exact_distance(mesh, 0).distance, np.isfinite(along)
     assert np.abs(marched[reached] - truth[reached]).mean() < 0.02 * truth[reached].mean()
 
 
 @pytest.mark.parametrize("mesh", [SPHERES[0], TORI[0]])
-def test_fast_marching_takes_faces_turned_over(mesh):
+def test_fast_marching_is_invariant_under_face_orientation(mesh):
     turned = np.where(np.arange(mesh.n_faces)[:, None] % 3 == 0, mesh.faces[:, ::-1], mesh.faces)
     other = TriangleMesh.from_arrays(mesh.points, turned)
     assert not other.topology.is_oriented
     truth = exact_distance(mesh, 0).distance
-    assert np.abs(marched_distance(other, 0).distance - truth).mean() < 0.02 * truth.mean()
+    assert np.abs(fast_marching_distance(other, 0).distance - truth).mean() < 0.02 * truth.mean()
 
 
-def test_published_heat_stops_falling_on_the_sphere_and_the_refined_one_does_not():
+def test_refined_heat_converges_on_the_sphere_and_published_heat_does_not():
     published = mean_errors(SPHERES, heat())
     refined = mean_errors(SPHERES, heat(refine=1, time_factor=4.0))
     assert rate(published) < 0.3
@@ -106,28 +106,28 @@ def test_published_heat_stops_falling_on_the_sphere_and_the_refined_one_does_not
 
 
 @pytest.mark.parametrize("options", [{}, {"refine": 1, "time_factor": 4.0}])
-def test_heat_falls_on_the_torus(options):
-    """A long cut locus: both smear it over sqrt(t), so the error falls slower than h."""
+def test_heat_error_decreases_on_the_torus(options):
+    """The cut locus is long: both smooth it over sqrt(t), so the error decreases more slowly than h."""
     errors = mean_errors(TORI, heat(**options))
     assert rate(errors) > 0.35
     assert errors[-1] < 0.03
 
 
-def test_flat_pieces_are_exact_for_round_fronts():
+def test_circular_wavefronts_are_exact_on_flat_pieces():
     mesh = shapes.grid(20, 20, pattern="alternating")
     truth = np.linalg.norm(mesh.points - mesh.points[0], axis=1)
-    assert np.abs(marched_distance(mesh, 0).distance - truth).max() < 1e-12
+    assert np.abs(fast_marching_distance(mesh, 0).distance - truth).max() < 1e-12
 
 
-def test_round_fronts_are_exact_next_to_a_source_too():
+def test_circular_wavefronts_are_exact_next_to_a_source():
     """There the ends of the edge that a line crosses may lie beyond its own end."""
     mesh = disk(4000)
     for source in (0, 5, 14):
         truth = np.linalg.norm(mesh.points - mesh.points[source], axis=1)
-        assert np.abs(marched_distance(mesh, source).distance - truth).max() < 1e-12
+        assert np.abs(fast_marching_distance(mesh, source).distance - truth).max() < 1e-12
 
 
-def test_a_march_without_end_is_told(monkeypatch):
-    monkeypatch.setattr(fast_marching, "MOST_ROUNDS", 0)
+def test_fast_marching_without_convergence_is_an_error(monkeypatch):
+    monkeypatch.setattr(fast_marching, "MAX_ROUNDS_PER_VERTEX", 0)
     with pytest.raises(SolveError, match="exact"):
-        marched_distance(SPHERES[0], 0)
+        fast_marching_distance(SPHERES[0], 0)

@@ -50,7 +50,7 @@ def test_parts_are_orthogonal_and_sum_to_the_field(name, boundary):
         assert squares == pytest.approx(found.norms["field"] ** 2, rel=1e-10)
 
 
-def test_known_parts_of_a_form_are_found_again():
+def test_known_parts_of_a_form_are_recovered():
     mesh = MESHES["torus"]
     c = complex_of(mesh)
     rng = np.random.default_rng(5)

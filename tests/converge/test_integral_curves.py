@@ -1,4 +1,4 @@
-"""Geodesic Runge-Kutta: its orders on flat and developable meshes, steps that control the error."""
+"""Geodesic Runge-Kutta methods: orders on flat and developable meshes, and error control."""
 
 import numpy as np
 import pytest
@@ -71,7 +71,7 @@ def prism():
 
 @pytest.mark.parametrize("case", [plane, prism])
 @pytest.mark.parametrize("order", [1, 2, 4])
-def test_orders(case, order):
+def test_runge_kutta_orders_are_1_2_and_4(case, order):
     mesh, field, starts, truth = case()
     errors = []
     for n in (10, 20, 40):
@@ -85,17 +85,17 @@ def test_orders(case, order):
 
 @pytest.mark.parametrize("mesh", [shapes.random_sphere(300), shapes.torus(24, 12)])
 def test_on_other_polyhedra_every_order_falls_with_the_step(mesh):
-    """There a field is smooth only piece by piece: first order for all, with far smaller constants."""
+    """There a field is only piecewise smooth: all methods have first order, with much smaller constants."""
     field = field_of_array(mesh, np.cross([0.2, -0.1, 1.0], mesh.points))
     starts = random_starts(mesh, 12, seed=1)
 
-    def found(order, n):
+    def ends(order, n):
         return ends(mesh, integral_curves(mesh, field, starts, 1.0, order=order, step=1 / n))
 
-    truth = found(4, 400)
+    truth = ends(4, 400)
     steps = np.array([8, 16, 32])
     error = {
-        order: np.array([np.sqrt(np.mean((found(order, n) - truth) ** 2)) for n in steps])
+        order: np.array([np.sqrt(np.mean((ends(order, n) - truth) ** 2)) for n in steps])
         for order in (1, 2, 4)
     }
     for order in error:
@@ -104,7 +104,7 @@ def test_on_other_polyhedra_every_order_falls_with_the_step(mesh):
     assert (error[2] < 0.15 * error[1]).all() and (error[4] < error[2]).all()
 
 
-def test_adaptive_steps_keep_the_tolerance():
+def test_adaptive_steps_satisfy_the_tolerance():
     mesh, field, starts, truth = plane()
     for tolerance in (1e-4, 1e-6, 1e-8):
         curves = integral_curves(mesh, field, starts, 1.0, tolerance=tolerance)
@@ -156,14 +156,14 @@ def test_curves_stop_at_the_boundary_and_at_rest():
         ({"tolerance": -1.0}, "tol"),
     ],
 )
-def test_bad_options(change, word):
+def test_bad_options_are_refused(change, word):
     mesh = shapes.grid(2, 2)
     values = np.ones((mesh.n_faces, 3))
     with pytest.raises(ParameterError, match=word):
         field_curves(mesh, values, SurfacePoints([0], [[1, 0, 0]]), **({"duration": 1.0} | change))
 
 
-def test_bad_fields():
+def test_bad_fields_are_refused():
     mesh = shapes.grid(2, 2)
     with pytest.raises(ParameterError, match="shape"):
         field_of_array(mesh, np.ones((5, 3)))

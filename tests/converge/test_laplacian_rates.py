@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from ddgcli.algorithms.laplacian.choice import laplace_operator
+from ddgcli.algorithms.laplacian.laplace_operator import laplace_operator
 from ddgcli.algorithms.laplacian.parameterize import parameterize_conformal, parameterize_harmonic
 from ddgcli.algorithms.laplacian.poisson import harmonic, poisson
 from ddgcli.algorithms.laplacian.smooth import smooth

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from ddgcli.algorithms.delaunay.common_subdivision import CROSSING, Base, common_subdivision
+from ddgcli.algorithms.delaunay.common_subdivision import CROSSING, BaseTriangulation, common_subdivision
 from ddgcli.algorithms.delaunay.flips import SideArrays, _independent, _violating, flip
 from ddgcli.algorithms.delaunay.gluing import around
 from ddgcli.algorithms.delaunay.normal_coordinates import base_edges_of, crossings_of, flipped_crossings
@@ -21,7 +21,7 @@ SMALL = [name for name in CASES if name != "fan"]
 def case(request):
     mesh = CASES[request.param]()
     flipped = flip_to_delaunay(mesh, track=True)
-    return mesh, flipped, common_subdivision(flipped, Base.itself(mesh))
+    return mesh, flipped, common_subdivision(flipped, BaseTriangulation.itself(mesh))
 
 
 def test_a_flip_and_its_undoing():
@@ -107,7 +107,7 @@ def test_shares_that_rounding_put_out_of_order_are_exchanged(case):
     assert np.array_equal(mended[np.lexsort((mended, edge))], rough[np.lexsort((rough, edge))])
 
 
-def test_linear_functions_are_carried_exactly(case):
+def test_linear_functions_are_transferred_exactly(case):
     mesh, _, cut = case
     assert np.abs(cut.from_input @ mesh.points - cut.mesh.points).max() <= 1e-14 * np.abs(mesh.points).max()
     ones = np.ones(mesh.n_vertices)
@@ -116,13 +116,13 @@ def test_linear_functions_are_carried_exactly(case):
 
 def test_interpolants_over_the_intrinsic_triangulation_are_linear_along_its_edges():
     mesh = CASES["planar"]()
-    cut = common_subdivision(flip_to_delaunay(mesh, track=True), Base.itself(mesh))
+    cut = common_subdivision(flip_to_delaunay(mesh, track=True), BaseTriangulation.itself(mesh))
     # in the plane the vertices are where the intrinsic interpolation of the positions says
     assert np.abs(cut.from_intrinsic @ mesh.points - cut.mesh.points).max() < 1e-12
 
 
 def test_input_that_is_delaunay_is_its_own_overlay():
     mesh = shapes.icosphere(2)
-    cut = common_subdivision(flip_to_delaunay(mesh, track=True), Base.itself(mesh))
+    cut = common_subdivision(flip_to_delaunay(mesh, track=True), BaseTriangulation.itself(mesh))
     assert np.array_equal(np.sort(cut.input_face), np.arange(mesh.n_faces))
     assert np.array_equal(cut.input_face, cut.intrinsic_face)

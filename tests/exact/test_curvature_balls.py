@@ -113,38 +113,40 @@ def width_at(flat, height, half):
 def plain_ball(mesh, vertex, radius):
     """Chords of the sides of the faces in the ball, by a walk from face to face across sides inside."""
     edges = mesh.topology.side_edge
-    waiting, found = [int(f) for f in np.flatnonzero((mesh.faces == vertex).any(axis=1))], {}
+    waiting, chords_by_face = [int(f) for f in np.flatnonzero((mesh.faces == vertex).any(axis=1))], {}
     while waiting:
         face = waiting.pop()
-        if face in found:
+        if face in chords_by_face:
             continue
         corners = mesh.points[mesh.faces[face]] - mesh.points[vertex]
-        found[face] = np.array([chord_of(corners[j], corners[(j + 1) % 3], radius) for j in range(3)])
-        for j in np.flatnonzero(found[face] > 0):
+        chords_by_face[face] = np.array(
+            [chord_of(corners[j], corners[(j + 1) % 3], radius) for j in range(3)]
+        )
+        for j in np.flatnonzero(chords_by_face[face] > 0):
             waiting += [int(f) for f in np.flatnonzero((edges == edges[face, j]).any(axis=1))]
-    return found
+    return chords_by_face
 
 
 @pytest.mark.parametrize("reach", [0.45, 1.3, 2.3])
 @pytest.mark.parametrize("name", MESHES)
-def test_balls_hold_the_faces_and_chords_of_a_plain_walk(name, reach):
+def test_balls_hold_the_faces_and_chords_of_a_direct_search(name, reach):
     mesh = MESHES[name]()
     radius = reach * mesh.side_length.mean()
     length = mesh.side_length
     balls, seen = FaceBalls(mesh, radius), 0
     for ball in balls:
         for k in range(ball.begin, ball.end):
-            wanted = plain_ball(mesh, k, radius)
+            expected = plain_ball(mesh, k, radius)
             row = ball.whole[[k - ball.begin]].tocoo()
-            found = {int(f): length[f] for f, one in zip(row.coords[1], row.data) if one}
+            chords_by_face = {int(f): length[f] for f, one in zip(row.coords[1], row.data) if one}
             for i in np.flatnonzero(ball.owner == k - ball.begin):
-                found[int(ball.face[i])] = ball.chord[:, i]
-            assert found.keys() == wanted.keys()
-            for face, chords in wanted.items():
-                assert found[face] == pytest.approx(chords, abs=1e-7 * radius)
+                chords_by_face[int(ball.face[i])] = ball.chord[:, i]
+            assert chords_by_face.keys() == expected.keys()
+            for face, chords in expected.items():
+                assert chords_by_face[face] == pytest.approx(chords, abs=1e-7 * radius)
             inside = {
                 (int(balls.mesh.topology.corner_fans[f, j]))
-                for f in wanted
+                for f in expected
                 for j in range(3)
                 if np.linalg.norm(mesh.points[mesh.faces[f, j]] - mesh.points[k]) <= radius
             }
@@ -158,8 +160,8 @@ def test_areas_inside_balls_against_quadrature():
     corner = np.concatenate([rng.normal(size=(60, 3, 3)), 3 * rng.normal(size=(60, 3, 3)) * [1, 1, 0.1]])
     planes = FacePlanes.of(corner.transpose(1, 2, 0))
     area, chord = planes.clip(np.arange(len(corner)), np.zeros((3, len(corner))), 1.0)
-    wanted = np.array([area_of(c, 1.0) for c in corner])
-    assert (wanted > 0).sum() > 60
-    assert area == pytest.approx(wanted, abs=1e-9)
+    expected = np.array([area_of(c, 1.0) for c in corner])
+    assert (expected > 0).sum() > 60
+    assert area == pytest.approx(expected, abs=1e-9)
     sides = [[chord_of(c[j], c[(j + 1) % 3], 1.0) for c in corner] for j in range(3)]
     assert chord == pytest.approx(np.array(sides), abs=1e-12)

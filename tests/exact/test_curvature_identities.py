@@ -7,7 +7,8 @@ import pytest
 
 from ddgcli.algorithms.curvature import measures as exact
 from ddgcli.algorithms.curvature.faces import Faces
-from ddgcli.algorithms.curvature.report import SCHEMES, measure
+from ddgcli.algorithms.curvature.surface_curvature import measure_curvature
+from ddgcli.choices import CURVATURE_SCHEMES
 from ddgcli.errors import MeshError, ParameterError
 from ddgcli.io.mesh_file import read_mesh
 from ddgcli.mesh import shapes
@@ -38,7 +39,7 @@ def crumpled(mesh, seed=0):
 def test_sums_of_curvature_are_topology(name):
     mesh = crumpled(ALL[name])
     euler = mesh.topology.euler_characteristic
-    measured = measure(mesh)
+    measured = measure_curvature(mesh)
     r, v = measured.results, measured.vertex
     assert v["angle_defect"].sum() == pytest.approx(
         2 * np.pi * euler, abs=1e-12 * np.abs(v["angle_defect"]).sum()
@@ -48,7 +49,7 @@ def test_sums_of_curvature_are_topology(name):
     assert measured.accuracy["gauss_bonnet_residual"] < 1e-14
     interior = v["boundary"] == 0
     if interior.any():
-        cotan = measure(mesh, "cotan").vertex
+        cotan = measure_curvature(mesh, "cotan").vertex
         product = (cotan["gaussian_curvature"] * cotan["vertex_area"])[interior]
         assert np.allclose(product, v["angle_defect"][interior])
     assert (v["gaussian_curvature"][~interior] == 0).all() and (v["geodesic_curvature"][interior] == 0).all()
@@ -56,7 +57,7 @@ def test_sums_of_curvature_are_topology(name):
 
 @pytest.mark.parametrize("name", ALL)
 def test_areas_and_balances_close(name):
-    measured = measure(crumpled(ALL[name]))
+    measured = measure_curvature(crumpled(ALL[name]))
     assert measured.vertex["vertex_area"].sum() == pytest.approx(measured.results["area"], rel=1e-14)
     assert (measured.vertex["vertex_area"] > 0).all()
     for residual, value in measured.accuracy.items():
@@ -77,7 +78,7 @@ def test_a_broken_dihedral_angle_opens_the_balances():
 
 
 def test_the_unit_cube_has_the_steiner_polynomial_of_the_notes():
-    r = measure(shapes.box(1, 1, 1)).results
+    r = measure_curvature(shapes.box(1, 1, 1)).results
     assert r["intrinsic_volumes"] == pytest.approx([1, 3, 3, 1], rel=1e-14)
     assert r["steiner_polynomial"] == pytest.approx([1, 6, 3 * np.pi, 4 * np.pi / 3], rel=1e-14)
     assert r["total_mean_curvature"] == pytest.approx(3 * np.pi, rel=1e-14)
@@ -87,7 +88,7 @@ def test_the_steiner_polynomial_is_the_volume_of_the_offset_body():
     # Monte Carlo: the share of a box that lies within eps of a random convex body
     mesh = shapes.random_sphere(12, seed=3)
     eps, rng = 0.4, np.random.default_rng(0)
-    c = measure(mesh).results["steiner_polynomial"]
+    c = measure_curvature(mesh).results["steiner_polynomial"]
     samples = rng.uniform(-1.5, 1.5, size=(40_000, 3))
     inside = distance_to_convex(mesh, samples) <= eps
     volume, spread = 27 * inside.mean(), 27 * inside.std() / np.sqrt(len(inside))
@@ -113,16 +114,16 @@ def distance_to_convex(mesh, samples):
 
 
 def test_hand_made_values_at_the_corners_of_a_cube():
-    v = measure(shapes.box(1, 1, 1), "cotan").vertex
+    v = measure_curvature(shapes.box(1, 1, 1), "cotan").vertex
     assert v["angle_defect"] == pytest.approx(np.full(8, np.pi / 2))
-    e = measure(shapes.box(1, 1, 1), "cotan").edge
+    e = measure_curvature(shapes.box(1, 1, 1), "cotan").edge
     assert np.sort(e["dihedral_angle"])[-12:] == pytest.approx(np.full(12, np.pi / 2))
     assert e["edge_mean_curvature"].sum() == pytest.approx(3 * np.pi)
     assert len(e["edges"]) == 18 and e["edges"].shape[1] == 2
 
 
 def test_a_square_s_corners_turn_by_right_angles():
-    v = measure(shapes.grid(2, 2)).vertex
+    v = measure_curvature(shapes.grid(2, 2)).vertex
     assert v["boundary"].sum() == 8 and v["angle_defect"].sum() == pytest.approx(2 * np.pi)
     assert np.sort(v["angle_defect"]) == pytest.approx([0] * 5 + [np.pi / 2] * 4, abs=1e-14)
     assert np.sort(v["geodesic_curvature"])[-4:] == pytest.approx(np.full(4, np.pi))  # pi/2 over 1/2
@@ -144,21 +145,21 @@ def test_the_mean_curvature_vector_is_minus_half_the_area_gradient(name):
 
 def test_signs_and_lengths_of_the_mean_curvature():
     mesh = shapes.icosphere(3, radius=2.0)
-    v = measure(mesh, "cotan").vertex
+    v = measure_curvature(mesh, "cotan").vertex
     assert v["mean_curvature"] == pytest.approx(np.full(mesh.n_vertices, 0.5), rel=0.02)
     assert np.linalg.norm(v["mean_curvature_normal"], axis=1) == pytest.approx(np.abs(v["mean_curvature"]))
     assert (np.einsum("ij,ij->i", v["mean_curvature_normal"], mesh.points) < 0).all(), "inward where convex"
     turned = TriangleMesh.from_arrays(mesh.points, mesh.faces[:, ::-1])
-    for scheme in SCHEMES:
-        out, back = measure(mesh, scheme).vertex, measure(turned, scheme).vertex
+    for scheme in CURVATURE_SCHEMES:
+        out, back = measure_curvature(mesh, scheme).vertex, measure_curvature(turned, scheme).vertex
         assert back["mean_curvature"] == pytest.approx(-out["mean_curvature"])
         assert back["gaussian_curvature"] == pytest.approx(out["gaussian_curvature"])
 
 
-@pytest.mark.parametrize("scheme", SCHEMES)
+@pytest.mark.parametrize("scheme", CURVATURE_SCHEMES)
 def test_every_scheme_keeps_its_conventions(scheme):
     mesh = crumpled(shapes.torus(24, 16))
-    v = measure(mesh, scheme).vertex
+    v = measure_curvature(mesh, scheme).vertex
     low, high = v["principal_curvature_min"], v["principal_curvature_max"]
     assert (low <= high).all()
     assert v["mean_curvature"] == pytest.approx((low + high) / 2, abs=1e-12)
@@ -171,7 +172,7 @@ def test_every_scheme_keeps_its_conventions(scheme):
 POWERS = {"gaussian_curvature": -2, "vertex_area": 2, "angle_defect": 0, "principal_curvature_max": -1}
 
 
-@pytest.mark.parametrize("scheme", SCHEMES)
+@pytest.mark.parametrize("scheme", CURVATURE_SCHEMES)
 @pytest.mark.parametrize("scale", [1e-8, 1.0, 1e8])
 def test_moving_scaling_and_relabelling_change_nothing_else(scheme, scale):
     mesh = crumpled(shapes.random_sphere(200))
@@ -182,7 +183,10 @@ def test_moving_scaling_and_relabelling_change_nothing_else(scheme, scale):
     place = np.argsort(order)
     points = scale * (mesh.points @ turn.T + np.array([3.0, -2.0, 5.0]))[order]
     faces = np.roll(place[mesh.faces][rng.permutation(mesh.n_faces)], 1, axis=1)
-    before, after = measure(mesh, scheme), measure(TriangleMesh.from_arrays(points, faces), scheme)
+    before, after = (
+        measure_curvature(mesh, scheme),
+        measure_curvature(TriangleMesh.from_arrays(points, faces), scheme),
+    )
     for name, power in POWERS.items():
         old, new = before.vertex[name][order], after.vertex[name] / scale**power
         assert np.abs(new - old).max() < 1e-9 * np.abs(old).max(), name
@@ -191,15 +195,17 @@ def test_moving_scaling_and_relabelling_change_nothing_else(scheme, scale):
 
 
 def test_willmore_energies_of_spheres_tori_and_round_polyhedra():
-    sphere = measure(shapes.icosphere(4)).results
+    sphere = measure_curvature(shapes.icosphere(4)).results
     assert sphere["willmore_energy"] == pytest.approx(4 * np.pi, rel=2e-3)
     names = {"cotan", "sullivan", "hinge", "circle-angle", "cotan-minus-gauss"}
     assert set(sphere["willmore_energies"]) == names
     for name in ("cotan", "sullivan"):
         assert sphere["willmore_energies"][name] == pytest.approx(4 * np.pi, rel=5e-3)
-    assert abs(measure(shapes.random_sphere(100)).results["willmore_energies"]["circle-angle"]) < 1e-10
+    assert (
+        abs(measure_curvature(shapes.random_sphere(100)).results["willmore_energies"]["circle-angle"]) < 1e-10
+    )
     torus = shapes.torus(96, 64, 1.0, 1 / np.sqrt(2))
-    clifford = measure(torus).results
+    clifford = measure_curvature(torus).results
     assert clifford["willmore_energy"] == pytest.approx(2 * np.pi**2, rel=4e-3)  # the area alone is 2e-3 off
     assert clifford["willmore_energies"]["sullivan"] == pytest.approx(2 * np.pi**2, rel=2e-2)
     assert clifford["willmore_energies"]["circle-angle"] == pytest.approx(2 * np.pi**2, rel=1e-2)
@@ -211,13 +217,13 @@ def test_non_conformality_is_zero_for_conformal_maps_only():
         mesh.points,
         3 * mesh.points @ np.linalg.qr(np.random.default_rng(0).normal(size=(3, 3)))[0],
     ):
-        r = measure(mesh, image=image).results
+        r = measure_curvature(mesh, image=image).results
         assert abs(r["nonconformality"]) < 1e-12 * r["map_area"]
     flat = shapes.grid(6, 6)
-    stretched = measure(flat, image=flat.points[:, :2] * [2.0, 1.0]).results
+    stretched = measure_curvature(flat, image=flat.points[:, :2] * [2.0, 1.0]).results
     assert stretched["nonconformality"] == pytest.approx(0.5 * (4 + 1) - 2)
     with pytest.raises(ParameterError, match="shape"):
-        measure(flat, image=np.zeros((3, 2)))
+        measure_curvature(flat, image=np.zeros((3, 2)))
 
 
 def test_angles_of_an_intrinsic_mesh_are_those_of_its_surface():
@@ -234,7 +240,7 @@ def test_needles_and_caps_keep_their_angles():
     a, b, c = mesh.faces[0]
     points[a] = (points[b] + points[c]) / 2
     points[mesh.faces[200, 0]] = points[mesh.faces[200, 1]]
-    measured = measure(mesh.moved(points))
+    measured = measure_curvature(mesh.moved(points))
     assert measured.accuracy["gauss_bonnet_residual"] < 1e-14
     assert measured.accuracy["force_balance_residual"] < 1e-13
     for name, values in measured.vertex.items():
@@ -243,29 +249,29 @@ def test_needles_and_caps_keep_their_angles():
 
 def test_a_ball_that_holds_all_measures_everything():
     mesh = shapes.random_sphere(60)
-    v = measure(mesh, "normal-cycle", 3.0).vertex
-    r = measure(mesh, "cotan").results
+    v = measure_curvature(mesh, "normal-cycle", 3.0).vertex
+    r = measure_curvature(mesh, "cotan").results
     assert v["gaussian_curvature"] == pytest.approx(np.full(60, 4 * np.pi / r["area"]))
 
 
-def test_refusals_name_the_mend():
+def test_refusals_name_a_cure():
     mesh = shapes.icosphere(1)
     with pytest.raises(ParameterError, match="quadric"):
-        measure(mesh, "fancy")
+        measure_curvature(mesh, "fancy")
     with pytest.raises(ParameterError, match="takes no radius"):
-        measure(mesh, "cotan", 0.1)
+        measure_curvature(mesh, "cotan", 0.1)
     with pytest.raises(ParameterError, match="radius below"):
-        measure(shapes.icosphere(6), "corrected", 10.0)
+        measure_curvature(shapes.icosphere(6), "corrected", 10.0)
     with pytest.raises(MeshError, match="same place"):
-        measure(mesh.moved(np.zeros_like(mesh.points)))
+        measure_curvature(mesh.moved(np.zeros_like(mesh.points)))
     with pytest.raises(MeshError, match="no face has area"):
-        measure(mesh.moved(mesh.points * [1.0, 0, 0]))
+        measure_curvature(mesh.moved(mesh.points * [1.0, 0, 0]))
     with pytest.raises(MeshError, match="rescale"):
-        measure(mesh.moved(mesh.points * 1e200))
+        measure_curvature(mesh.moved(mesh.points * 1e200))
 
 
 def circle_angle(mesh):
-    return measure(mesh).results["willmore_energies"]["circle-angle"]
+    return measure_curvature(mesh).results["willmore_energies"]["circle-angle"]
 
 
 @pytest.mark.parametrize("centre", [(0.2, 0.1, 0.9), (5.0, -3.0, 2.0)])
@@ -284,7 +290,7 @@ def test_circle_angle_counts_edges_that_are_not_delaunay():
     """A flat quad with its longer diagonal inside: each end sees the other circle from within."""
     sheet = shapes.grid(6, 6, pattern="right")
     sheared = sheet.moved(sheet.points @ np.array([[1.0, 0, 0], [0.6, 1.0, 0], [0, 0, 1]]))
-    good, bad = (measure(m).results for m in (sheet, sheared))
+    good, bad = (measure_curvature(m).results for m in (sheet, sheared))
     assert good["non_delaunay_edges"] == 0 and bad["non_delaunay_edges"] > 0
     assert bad["willmore_energies"]["circle-angle"] > 1
 
@@ -293,7 +299,7 @@ def test_hinge_means_the_same_in_curvature_and_in_flows():
     from ddgcli.models.willmore.energies import ENERGIES
 
     for mesh in (shapes.torus(48, 24, 1.0, 0.4), crumpled(shapes.grid(8, 8)), shapes.icosphere(3)):
-        energies = measure(mesh).results["willmore_energies"]
+        energies = measure_curvature(mesh).results["willmore_energies"]
         for name in ("hinge", "cotan", "sullivan"):
             if name == "hinge" or mesh.topology.is_closed:
                 flow = ENERGIES[name].build(mesh.topology).value(mesh.points)

@@ -19,7 +19,7 @@ from ddgcli.algorithms.delaunay.triangulation import (
 from ddgcli.algorithms.geodesics.distance import measure_distance
 from ddgcli.algorithms.geodesics.heat import HeatSolver
 from ddgcli.algorithms.geodesics.sources import Sources
-from ddgcli.algorithms.laplacian.choice import laplace_operator
+from ddgcli.algorithms.laplacian.laplace_operator import laplace_operator
 from ddgcli.errors import MeshError
 from ddgcli.geometry.intrinsic import face_area, half_angle_tangent, triangle_excess
 from ddgcli.linalg.condition import condition_number
@@ -57,23 +57,23 @@ def test_no_edge_is_left_and_the_metric_stays(mesh):
 
 def test_edges_that_are_not_gone_are_edges_still(mesh):
     """Both sides of an edge stay or go; what stays joins the same vertices at the same length."""
-    flipped = flip_to_delaunay(mesh, tell_gone=True)
+    flipped = flip_to_delaunay(mesh, list_flipped=True)
     before, after = mesh.topology, flipped.mesh.topology
-    assert 0 < len(flipped.gone) <= 2 * flipped.flips
+    assert 0 < len(flipped.flipped_sides) <= 2 * flipped.flips
     stays = np.ones(3 * mesh.n_faces, dtype=bool)
-    stays[flipped.gone] = False
+    stays[flipped.flipped_sides] = False
     edge_stays = np.zeros(before.n_edges, dtype=bool)
     edge_stays[before.side_edge.ravel()[stays]] = True
-    assert not edge_stays[before.side_edge.ravel()[flipped.gone]].any()
+    assert not edge_stays[before.side_edge.ravel()[flipped.flipped_sides]].any()
 
     def described(topology, length, rows):
         low, high = np.sort(topology.edges, axis=1)[topology.side_edge.ravel()[rows]].T
         return set(zip(low.tolist(), high.tolist(), length.ravel()[rows].tolist()))
 
-    begun = flipped.mollified.length.astype(float)  # what the flips began with
+    begun = flipped.mollification.length.astype(float)  # what the flips began with
     there = described(after, flipped.mesh.side_length, np.arange(3 * mesh.n_faces))
     assert described(before, begun, np.flatnonzero(stays)) <= there
-    assert not described(before, begun, flipped.gone) & there
+    assert not described(before, begun, flipped.flipped_sides) & there
 
 
 @pytest.mark.parametrize("name", [name for name in CASES if name != "fan"])
@@ -150,7 +150,7 @@ def test_dirichlet_energy_never_rises():
     mesh = stretched()
     values = np.random.default_rng(0).normal(size=(mesh.n_vertices, 4))
     energies = [
-        np.einsum("ik,ik->k", values, stiffness(flip_to_delaunay(mesh, most_rounds=r).mesh) @ values)
+        np.einsum("ik,ik->k", values, stiffness(flip_to_delaunay(mesh, max_rounds=r).mesh) @ values)
         for r in range(12)
     ]
     assert (np.diff(energies, axis=0) <= 1e-12 * np.abs(energies[0])).all()
@@ -180,10 +180,10 @@ def test_condition_of_many_parts_is_that_of_one():
     faces = (one.faces + one.n_vertices * np.arange(copies)[:, None, None]).reshape(-1, 3)
     many = TriangleMesh.from_arrays(points, faces)
     tracemalloc.start()
-    found = condition_number(stiffness(many))
+    computed = condition_number(stiffness(many))
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
-    assert found == pytest.approx(condition_number(stiffness(one)), rel=1e-9)
+    assert computed == pytest.approx(condition_number(stiffness(one)), rel=1e-9)
     assert peak < 3e8
 
 
@@ -213,7 +213,7 @@ def test_laplacian_and_geodesic_use_this_triangulation():
     mesh = stretched()
     flipped = flip_to_delaunay(mesh).mesh
     assert (laplace_operator(mesh).stiffness != stiffness(flipped)).nnz == 0
-    solver = HeatSolver(flipped, given_on=mesh)
+    solver = HeatSolver(flipped, source_mesh=mesh)
     expected = solver.distance(Sources.at([3])).distance
     assert np.array_equal(measure_distance(mesh, Sources.at([3]), "heat").distance, expected)
 
@@ -244,16 +244,16 @@ def test_any_lengths_end_in_lengths(seed, spread, none):
     flipped = flip_to_delaunay(IntrinsicMesh(topology, edge[topology.side_edge]))
     length = flipped.mesh.side_length
     assert np.isfinite(length).all() and (length > 0).all()
-    assert non_delaunay_edges(flipped.mesh).sum() == flipped.left
+    assert non_delaunay_edges(flipped.mesh).sum() == flipped.remaining_edges
     assert flipped.mesh.topology.euler_characteristic == 2
     assert (length[:, [1, 2, 0]] + length[:, [2, 0, 1]] >= length * (1 - 1e-15)).all()
 
 
-def test_flat_triangles_are_mollified_and_told(caplog):
+def test_flat_triangles_are_mollified_with_a_warning(caplog):
     points = np.array([[0, 0, 0], [1, 0, 0], [2, 0, 0], [1, 1, 0.0], [1, -1, 0]])
     faces = np.array([[0, 1, 3], [1, 2, 3], [0, 2, 1], [2, 0, 4]])  # face 2 is flat
     flipped = flip_to_delaunay(TriangleMesh.from_arrays(points, faces))
-    assert list(flipped.mollified.faces) == [2] and 0 < flipped.mollified.largest_change < 1e-9
+    assert list(flipped.mollification.faces) == [2] and 0 < flipped.mollification.largest_change < 1e-9
     assert any("mollified" in note for note in flipped.notes) and "mollified" in caplog.text
     assert np.isfinite(flipped.mesh.side_length).all() and (flipped.mesh.side_length > 0).all()
     assert not non_delaunay_edges(flipped.mesh).any()

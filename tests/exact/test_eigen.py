@@ -28,47 +28,47 @@ def several_bodies(count, subdivisions=2):
 def test_against_a_dense_solver(mass, k):
     mesh = shapes.random_sphere(500, seed=4)
     L, M = stiffness(mesh), mass(mesh)
-    found = smallest_eigenpairs(L, M, k)
+    pairs = smallest_eigenpairs(L, M, k)
     expected = eigh(L.toarray(), M.toarray(), eigvals_only=True)[:k]
-    assert np.abs(found.values - expected).max() < 1e-11 * max(expected[-1], 1)
-    assert np.abs(found.vectors.T @ (M @ found.vectors) - np.eye(k)).max() < 1e-12
-    assert found.residuals.max() < 1e-8
-    assert found.values[0] == 0.0
-    assert found.complete
+    assert np.abs(pairs.values - expected).max() < 1e-11 * max(expected[-1], 1)
+    assert np.abs(pairs.vectors.T @ (M @ pairs.vectors) - np.eye(k)).max() < 1e-12
+    assert pairs.residuals.max() < 1e-8
+    assert pairs.values[0] == 0.0
+    assert pairs.complete
 
 
 def test_multiplicities_wider_than_the_block_are_complete():
     # twelve equal spheres: eigenvalue zero 12 times, the next one 36 times
     L, M = several_bodies(12)
-    found = smallest_eigenpairs(L, M, 60)
-    assert (found.values[:12] == 0).all()
-    assert np.ptp(found.values[12:48]) < 1e-10
-    assert found.values[48] > 2 * found.values[47]
-    assert found.complete
-    assert np.abs(found.vectors.T @ (M @ found.vectors) - np.eye(60)).max() < 1e-12
+    pairs = smallest_eigenpairs(L, M, 60)
+    assert (pairs.values[:12] == 0).all()
+    assert np.ptp(pairs.values[12:48]) < 1e-10
+    assert pairs.values[48] > 2 * pairs.values[47]
+    assert pairs.complete
+    assert np.abs(pairs.vectors.T @ (M @ pairs.vectors) - np.eye(60)).max() < 1e-12
 
 
 def test_progress_grows_to_the_whole():
     L, M = several_bodies(2, 3)
-    told = []
-    smallest_eigenpairs(L, M, 15, progress=lambda done, total: told.append(done / total))
-    assert told == sorted(told) and told[-1] == 1.0
+    shares = []
+    smallest_eigenpairs(L, M, 15, progress=lambda done, total: shares.append(done / total))
+    assert shares == sorted(shares) and shares[-1] == 1.0
 
 
 def test_residuals_beside_arpack():
     L, M = several_bodies(1, 3)
-    found = smallest_eigenpairs(L, M, 25)
-    left = np.linalg.norm(L @ found.vectors - M @ found.vectors * found.values, axis=0)
+    pairs = smallest_eigenpairs(L, M, 25)
+    left = np.linalg.norm(L @ pairs.vectors - M @ pairs.vectors * pairs.values, axis=0)
     assert left.max() < 1e-9
     expected = eigsh(csc_array(L), 25, csc_array(M), sigma=-1e-8, return_eigenvectors=False)
-    assert np.abs(found.values - np.sort(expected)).max() < 1e-11
+    assert np.abs(pairs.values - np.sort(expected)).max() < 1e-11
 
 
 def test_more_components_than_pairs_asked_for():
     L, M = several_bodies(12)
-    found = smallest_eigenpairs(L, M, 5)
-    assert (found.values == 0).all()
-    assert np.abs(found.vectors.T @ (M @ found.vectors) - np.eye(5)).max() < 1e-12
+    pairs = smallest_eigenpairs(L, M, 5)
+    assert (pairs.values == 0).all()
+    assert np.abs(pairs.vectors.T @ (M @ pairs.vectors) - np.eye(5)).max() < 1e-12
 
 
 def test_a_definite_matrix_has_no_zero():
@@ -94,10 +94,10 @@ def test_count_below_is_the_inertia():
     assert count_below(L, M, 41.5) == 42
 
 
-def test_impossible_counts_are_refused():
+def test_impossible_counts_are_an_error():
     L, M = several_bodies(1)
     for k in (0, L.shape[0] + 1):
-        with pytest.raises(ParameterError, match="eigenpairs asked for"):
+        with pytest.raises(ParameterError, match="eigenpairs of a matrix"):
             smallest_eigenpairs(L, M, k)
 
 

@@ -16,7 +16,7 @@ from scipy.sparse.linalg import splu
 from ddgcli.errors import ParameterError, SolveError
 from ddgcli.linalg import backends, ordering
 from ddgcli.linalg.constrain import Dirichlet, Poisson, floating_components
-from ddgcli.linalg.dissection import dissected
+from ddgcli.linalg.dissection import nested_dissection
 from ddgcli.linalg.factor import Factor
 from ddgcli.linalg.ordering import fill_reducing_ordering, postorder
 from ddgcli.linalg.separators import _vertex_cover, separator_level
@@ -149,7 +149,7 @@ def test_refusals():
 
 def test_environment_forces_the_base_solver(monkeypatch):
     monkeypatch.setenv("DDGCLI_SOLVER", "superlu")
-    monkeypatch.setattr(backends, "CHOLMOD_FROM", 0)
+    monkeypatch.setattr(backends, "MIN_CHOLMOD_UNKNOWNS", 0)
     assert Factor(definite(1)).solver == "superlu"
 
 
@@ -233,7 +233,7 @@ def fill(matrix, order):
 
 def test_dissection_is_a_permutation_with_little_fill():
     A = regular_grid_matrix(100, 80)
-    order = dissected(A).order
+    order = nested_dissection(A).order
     assert np.array_equal(np.sort(order), np.arange(A.shape[0]))
     n = A.shape[0]
     # nested dissection of a plane grid fills 31/8 n log2(n) entries of each triangle, 9 n log2(n) is generous
@@ -246,7 +246,7 @@ def test_dissection_does_not_depend_on_the_numbering():
     p = np.random.default_rng(0).permutation(A.shape[0])
     shuffled = A[p][:, p].tocsc()
     shuffled.sort_indices()
-    assert fill(shuffled, dissected(shuffled).order) < 1.3 * fill(A, dissected(A).order)
+    assert fill(shuffled, nested_dissection(shuffled).order) < 1.3 * fill(A, nested_dissection(A).order)
 
 
 def test_dissection_gives_up_where_no_cut_is_short():
@@ -255,7 +255,7 @@ def test_dissection_gives_up_where_no_cut_is_short():
     i, j = rng.integers(0, n, (2, 5 * n))
     random_graph = coo_array((np.ones(5 * n), (i, j)), shape=(n, n))
     matrix = csc_array(random_graph + random_graph.T + diags_array(np.full(n, 100.0)))
-    assert dissected(matrix) is None
+    assert nested_dissection(matrix) is None
     assert not fill_reducing_ordering(matrix).final
 
 
@@ -263,7 +263,7 @@ def test_dissection_of_several_components_fills_no_more_than_one_by_one():
     A = regular_grid_matrix(50, 50)
     speck = diags_array(np.ones(7))
     parts = csc_array(block_diag([A, speck, A, A]))
-    assert fill(parts, dissected(parts).order) < 1.2 * 3 * fill(A, dissected(A).order)
+    assert fill(parts, nested_dissection(parts).order) < 1.2 * 3 * fill(A, nested_dissection(A).order)
 
 
 def test_separators_separate_and_are_short():
@@ -321,7 +321,7 @@ def test_order_depends_on_the_pattern_alone():
 
 
 def test_large_systems_are_dissected_and_refactored(monkeypatch):
-    monkeypatch.setattr(ordering, "DISSECT_FROM", 1000)
+    monkeypatch.setattr(ordering, "MIN_DISSECTION_UNKNOWNS", 1000)
     A = regular_grid_matrix(60, 50)
     assert fill_reducing_ordering(A).final
     assert not fill_reducing_ordering(regular_grid_matrix(20, 20)).final
@@ -333,7 +333,7 @@ def test_large_systems_are_dissected_and_refactored(monkeypatch):
 
 def test_dissection_of_soups_strips_and_half_patterns():
     soup = csc_array(block_diag([np.ones((3, 3))] * 4000))
-    order = dissected(soup).order
+    order = nested_dissection(soup).order
     assert np.array_equal(np.sort(order), np.arange(12_000))
     assert (np.ptp(order.reshape(-1, 3) // 3, axis=1) == 0).all()  # triangles stay together: no fill
     A = regular_grid_matrix(60, 50)
@@ -341,9 +341,9 @@ def test_dissection_of_soups_strips_and_half_patterns():
     half.data[(half.indices > np.repeat(np.arange(3000), np.diff(half.indptr))) & (half.indices % 2 == 0)] = 0
     half.eliminate_zeros()
     assert half.nnz < A.nnz
-    assert np.array_equal(np.sort(dissected(half).order), np.arange(3000))
-    assert fill(A, dissected(half).order) == fill(A, dissected(A).order)
-    assert len(dissected(csc_array((0, 0))).order) == 0
+    assert np.array_equal(np.sort(nested_dissection(half).order), np.arange(3000))
+    assert fill(A, nested_dissection(half).order) == fill(A, nested_dissection(A).order)
+    assert len(nested_dissection(csc_array((0, 0))).order) == 0
 
 
 @pytest.mark.parametrize("size", [1, 7, 60])

@@ -1,4 +1,4 @@
-"""Edge paths and loops pulled straight: geodesic, shorter, in their class; flips keep the metric."""
+"""Straightened edge paths and loops are geodesic, shorter, and in their class; flips keep the metric."""
 
 from pathlib import Path
 
@@ -7,8 +7,8 @@ import pytest
 
 from ddgcli.algorithms.geodesics import flipout
 from ddgcli.algorithms.geodesics.exact.exact_distance import exact_distance
-from ddgcli.algorithms.geodesics.flipout import straightened_curves
-from ddgcli.algorithms.geodesics.flipping_mesh import DETOURS, EdgeGraph, FlippingMesh, edge_path
+from ddgcli.algorithms.geodesics.flipout import straighten_curves
+from ddgcli.algorithms.geodesics.flippable_mesh import DETOUR_LIMITS, EdgeGraph, FlippableMesh, edge_path
 from ddgcli.algorithms.geodesics.paths import joints
 from ddgcli.algorithms.hodge.homology import generator_loops
 from ddgcli.algorithms.tracing.trace import Tracer
@@ -36,7 +36,7 @@ def check_geodesic(mesh, curves):
 def test_paths_are_geodesics_no_shorter_than_the_distance(mesh):
     pairs = np.random.default_rng(0).integers(0, mesh.n_vertices, (8, 2)).tolist()
     pairs = [p for p in pairs if p[0] != p[1]]
-    curves = straightened_curves(mesh, pairs, [False] * len(pairs))
+    curves = straighten_curves(mesh, pairs, [False] * len(pairs))
     assert curves.converged
     check_geodesic(mesh, curves)
     for (a, b), entry in zip(pairs, curves.entries, strict=True):
@@ -45,11 +45,11 @@ def test_paths_are_geodesics_no_shorter_than_the_distance(mesh):
         assert entry["length"] <= entry["edge_path_length"] * (1 + 1e-13)
 
 
-def test_inner_equator_of_the_torus_from_any_loop_around_it():
+def test_loops_around_the_torus_become_the_inner_equator():
     mesh = shapes.torus(NU, NV, 1.0, 0.4)
     inner = 2 * NU * 0.6 * np.sin(np.pi / NU)  # the polygon of edges at v = pi
     for row in (NV // 2, NV // 2 - 3, NV // 2 + 4):
-        curves = straightened_curves(mesh, [ring(row)], [True])
+        curves = straighten_curves(mesh, [ring(row)], [True])
         assert curves.converged and curves.entries[0]["length"] == pytest.approx(inner, rel=1e-12)
         check_geodesic(mesh, curves)
 
@@ -58,7 +58,7 @@ def test_meridian_of_the_torus_stays_in_its_class():
     mesh = shapes.torus(NU, NV, 1.0, 0.4)
     meridian = list(range(0, NV, 2))
     skewed = [*meridian[:4], 5 * NV + 8, *meridian[5:]]
-    curves = straightened_curves(mesh, [meridian, skewed], [True, True])
+    curves = straighten_curves(mesh, [meridian, skewed], [True, True])
     check_geodesic(mesh, curves)
     polygon = 2 * NV * 0.4 * np.sin(np.pi / NV)
     for entry in curves.entries:
@@ -67,7 +67,7 @@ def test_meridian_of_the_torus_stays_in_its_class():
 
 
 def windings(mesh, paths, major=1.0):
-    """How often a closed path on a torus goes round the long and the short way."""
+    """Winding numbers of a closed path on a torus."""
     p = surface_position(mesh, paths.face, paths.barycentric)
     p = np.concatenate([p, p[:1]])
     u = np.arctan2(p[:, 1], p[:, 0])
@@ -85,7 +85,7 @@ def test_loops_keep_their_windings(size):
     both = [(k % nu) * nv + (k * nv // nu) % nv for k in range(0, nu, 3)]
     twice = [*around, *(i * nv + 5 for i in range(0, nu, 4))]
     for stops, expected in ((around, [1, 0]), (short, [0, 1]), (both, [1, 1]), (twice, [2, 0])):
-        curves = straightened_curves(mesh, [stops], [True])
+        curves = straighten_curves(mesh, [stops], [True])
         assert windings(mesh, curves.paths) == expected
         assert curves.entries[0]["length"] <= curves.entries[0]["edge_path_length"]
         if expected != [2, 0]:
@@ -93,10 +93,10 @@ def test_loops_keep_their_windings(size):
             check_geodesic(mesh, curves)
 
 
-def test_a_loop_that_shrinks_to_one_edge_goes_on_once_round(monkeypatch):
-    monkeypatch.setattr(flipout, "MOST_STEPS", 1000)  # a loop that is opened and closed for ever fails here
+def test_a_loop_of_one_edge_keeps_its_winding_number(monkeypatch):
+    monkeypatch.setattr(flipout, "MAX_STEPS", 1000)  # a loop that is opened and closed for ever fails here
     mesh = read_mesh(str(Path(__file__).parents[2] / "sample_meshes" / "torus.ply")).mesh
-    curves = straightened_curves(mesh, [[0, 10, 20, 30]], [True])
+    curves = straighten_curves(mesh, [[0, 10, 20, 30]], [True])
     assert curves.converged and windings(mesh, curves.paths) == [0, 1]
     assert curves.entries[0]["length"] <= curves.entries[0]["edge_path_length"]
     check_geodesic(mesh, curves)
@@ -106,11 +106,11 @@ def test_a_loop_that_shrinks_to_one_edge_goes_on_once_round(monkeypatch):
     "name, genus", [("boot.obj", 12), ("1002_tray_bottom.STL", 23), ("plate_holes.STL", 5)]
 )
 def test_generators_of_surfaces_of_high_genus_become_closed_geodesics(shared_meshes, name, genus):
-    """A loop of a homology basis bounds nothing, so none may shrink to a point."""
+    """A loop of a homology basis does not bound, so it cannot shrink to a point."""
     mesh = read_mesh(str(shared_meshes / name)).mesh
     loops = [[int(v) for v in loop] for loop in generator_loops(mesh)]
     assert len(loops) == 2 * genus
-    curves = straightened_curves(mesh, loops, [True] * len(loops))
+    curves = straighten_curves(mesh, loops, [True] * len(loops))
     assert curves.converged
     check_geodesic(mesh, curves)
     for entry in curves.entries:
@@ -119,14 +119,14 @@ def test_generators_of_surfaces_of_high_genus_become_closed_geodesics(shared_mes
 
 def test_a_contractible_loop_shrinks_to_a_point():
     mesh = shapes.torus(NU, NV)
-    curves = straightened_curves(mesh, [[0, 2, 2 * NV + 2, 2 * NV]], [True])
+    curves = straighten_curves(mesh, [[0, 2, 2 * NV + 2, 2 * NV]], [True])
     assert curves.entries[0]["length"] == 0.0 and curves.entries[0]["points"] == 0
 
 
 def test_flips_keep_lengths_angles_and_signposts():
     mesh = shapes.random_sphere(300)
     tracer = Tracer(mesh)
-    flipping = FlippingMesh(tracer)
+    flipping = FlippableMesh(tracer)
     rng = np.random.default_rng(0)
     done = 0
     for h in rng.integers(0, 3 * mesh.n_faces, 2000).tolist():
@@ -161,16 +161,16 @@ def test_flips_keep_lengths_angles_and_signposts():
     gap = surface_position(mesh, ends.face, ends.barycentric) - mesh.points[head]
     assert np.linalg.norm(gap, axis=1).max() < 1e-9
     flipping.rewind()
-    fresh = FlippingMesh(tracer)
+    fresh = FlippableMesh(tracer)
     for name in ("next", "twin", "tail", "fan", "length", "angle", "post"):
         rewound, original = getattr(flipping, name), getattr(fresh, name)
         assert [rewound[h] for h in sides] == [original[h] for h in sides]
 
 
 @pytest.mark.parametrize("mesh", [shapes.random_sphere(200), shapes.grid(8, 8)], ids=["closed", "boundary"])
-def test_signposts_tell_the_angles_of_wedges(mesh):
+def test_signpost_angles_equal_wedge_angles(mesh):
     """On the input and after flips, at inner vertices and on the boundary, counter-clockwise and back."""
-    flipping = FlippingMesh(Tracer(mesh))
+    flipping = FlippableMesh(Tracer(mesh))
     for h in np.random.default_rng(2).integers(0, 3 * mesh.n_faces, 600).tolist():
         t, on = flipping.twin[h], flipping.next[h]
         ends = ((h, flipping.next[t]), (t, on)) if flipping.next[t] >= 0 else ()
@@ -189,24 +189,24 @@ def test_signposts_tell_the_angles_of_wedges(mesh):
 
 
 @pytest.mark.parametrize("mesh", [shapes.random_sphere(400), shapes.cylinder(60, 4, 1.0, 0.5)])
-def test_edge_paths_are_shortest_whatever_was_searched_first(mesh):
-    """Near vertices, far ones, and vertices near in space with a long way round: a cylinder cut open."""
+def test_edge_paths_do_not_depend_on_the_search_region(mesh):
+    """Near vertices, far ones, and vertices near in space but far on the surface: a cylinder cut open."""
     mesh = TriangleMesh.from_arrays(mesh.points, mesh.faces[np.abs(mesh.points[mesh.faces, 1]).min(1) > 0.01])
-    graph, rng, length = EdgeGraph(mesh), np.random.default_rng(0), FlippingMesh(Tracer(mesh)).length
+    graph, rng, length = EdgeGraph(mesh), np.random.default_rng(0), FlippableMesh(Tracer(mesh)).length
     from scipy.sparse.csgraph import dijkstra
 
     distance, met, longest = dijkstra(graph.graph), set(), mesh.side_length.max()
     for a, b in rng.integers(0, mesh.n_vertices, (60, 2)).tolist():
         if a != b and np.isfinite(distance[a, b]):
-            sides = graph.joined(a, b)
+            sides = graph.shortest_path(a, b)
             assert sum(length[h] for h in sides) == pytest.approx(distance[a, b] / longest, rel=1e-12)
             straight = np.linalg.norm(mesh.points[a] - mesh.points[b])
-            met.add(int(np.searchsorted(DETOURS, distance[a, b] / straight)))
+            met.add(int(np.searchsorted(DETOUR_LIMITS, distance[a, b] / straight)))
     assert {0, 1} <= met
 
 
-def test_an_edge_path_round_a_wall_is_not_missed_for_one_over_it():
-    """The way over is among the vertices looked at first, the shorter way round is not."""
+def test_the_search_region_does_not_miss_the_edge_path_around_a_wall():
+    """The path over the wall is in the first search region, the shorter path around it is not."""
     from scipy.sparse.csgraph import dijkstra
 
     plane = shapes.grid(60, 60, 2.0, 2.0, pattern="alternating")
@@ -214,12 +214,12 @@ def test_an_edge_path_round_a_wall_is_not_missed_for_one_over_it():
     wall = (np.abs(x) < 0.01) & (np.abs(y) < 0.46)
     mesh = plane.moved(plane.points + 0.35 * wall[:, None] * [0, 0, 1])
     a, b = (int(np.argmin(np.hypot(x - at, y))) for at in (-0.5, 0.5))
-    graph, length = EdgeGraph(mesh), FlippingMesh(Tracer(mesh)).length
+    graph, length = EdgeGraph(mesh), FlippableMesh(Tracer(mesh)).length
     truth = dijkstra(graph.graph, indices=a)[b]
-    sides = graph.joined(a, b)
+    sides = graph.shortest_path(a, b)
     assert sum(length[h] for h in sides) == pytest.approx(truth / mesh.side_length.max(), rel=1e-12)
     tops = mesh.points[mesh.topology.side_tail[sides], 2]
-    assert DETOURS[0] < truth < DETOURS[1] and tops.max() == 0
+    assert DETOUR_LIMITS[0] < truth < DETOUR_LIMITS[1] and tops.max() == 0
 
 
 def test_paths_agree_with_potpourri3d():
@@ -229,21 +229,21 @@ def test_paths_agree_with_potpourri3d():
     for a, b in np.random.default_rng(3).integers(0, mesh.n_vertices, (6, 2)).tolist():
         if a != b:
             theirs = np.linalg.norm(np.diff(solver.find_geodesic_path(a, b), axis=0), axis=1).sum()
-            ours = straightened_curves(mesh, [[a, b]], [False]).entries[0]["length"]
+            ours = straighten_curves(mesh, [[a, b]], [False]).entries[0]["length"]
             assert ours == pytest.approx(theirs, rel=1e-12)
 
 
 @pytest.mark.parametrize("scale", [1e-200, 1e200])
-def test_size_does_not_matter(scale):
+def test_results_scale_with_the_mesh(scale):
     mesh = shapes.random_sphere(200)
     one, other = (
-        straightened_curves(m, [[0, 50, 90]], [False]) for m in (mesh, mesh.moved(scale * mesh.points))
+        straighten_curves(m, [[0, 50, 90]], [False]) for m in (mesh, mesh.moved(scale * mesh.points))
     )
     assert other.entries[0]["length"] == pytest.approx(scale * one.entries[0]["length"], rel=1e-12)
     assert other.entries[0]["edge_path_length"] == pytest.approx(scale * one.entries[0]["edge_path_length"])
 
 
-def test_bad_way_points():
+def test_bad_way_points_are_refused():
     mesh = shapes.icosphere(1)
     for stops, word in ([[0, 999], "999"], [[3], "two different"], [[3, 3], "two different"]):
         with pytest.raises(ParameterError, match=word):
@@ -254,13 +254,13 @@ def test_boundary_paths_bend_around_holes():
     mesh = shapes.grid(9, 9, 9.0, 9.0)
     middle = mesh.points[mesh.faces].mean(axis=1)
     mesh = TriangleMesh.from_arrays(mesh.points, mesh.faces[np.abs(middle[:, :2] - 4.5).max(axis=1) > 1.5])
-    below = straightened_curves(mesh, [[41, 22, 48]], [False])  # the same ends, either side of the hole
-    above = straightened_curves(mesh, [[41, 82, 48]], [False])
+    below = straighten_curves(mesh, [[41, 22, 48]], [False])  # the same ends, either side of the hole
+    above = straighten_curves(mesh, [[41, 82, 48]], [False])
     assert below.entries[0]["length"] == pytest.approx(2 * np.sqrt(5) + 3, rel=1e-13)
     assert above.entries[0]["length"] == pytest.approx(2 * np.hypot(2, 2) + 3, rel=1e-13)
 
 
-def test_paths_through_a_vertex_where_surfaces_touch_are_held_there():
+def test_paths_through_a_pinched_vertex_keep_it():
     """Two spheres, or two sheets, that share one vertex: the geodesic is one of each, joined."""
     for part in (shapes.random_sphere(60), shapes.grid(4, 4)):
         n = part.n_vertices
@@ -268,16 +268,16 @@ def test_paths_through_a_vertex_where_surfaces_touch_are_held_there():
         second = np.where(part.faces == 0, 0, part.faces + n)
         mesh = TriangleMesh.from_arrays(points, np.concatenate([part.faces, second[:, ::-1]]))
         far = n - 5
-        curves = straightened_curves(mesh, [[far, 0, far + n - 1], [far, 0]], [False, False])
+        curves = straighten_curves(mesh, [[far, 0, far + n - 1], [far, 0]], [False, False])
         through, half = (entry["length"] for entry in curves.entries)
-        other = straightened_curves(part, [[0, far - 1]], [False]).entries[0]["length"]
+        other = straighten_curves(part, [[0, far - 1]], [False]).entries[0]["length"]
         assert curves.converged and through == pytest.approx(half + other, rel=1e-12)
 
 
-def test_a_path_in_its_own_way_says_so(caplog):
+def test_a_path_that_blocks_itself_has_a_warning(caplog):
     mesh = shapes.grid(5, 5)
     holes = TriangleMesh.from_arrays(mesh.points, np.delete(mesh.faces, [1, 12, 30, 34], axis=0))
-    made = straightened_curves(holes, [[21, 28, 12, 28]], [False])
-    assert made.converged or "runs over itself" in caplog.text
-    assert made.entries[0]["length"] <= made.entries[0]["edge_path_length"] * (1 + 1e-12)
-    assert made.converged == (made.accuracy["path_angle_deficit"] < 1e-6)
+    curves = straighten_curves(holes, [[21, 28, 12, 28]], [False])
+    assert curves.converged or "overlaps itself" in caplog.text
+    assert curves.entries[0]["length"] <= curves.entries[0]["edge_path_length"] * (1 + 1e-12)
+    assert curves.converged == (curves.accuracy["path_angle_deficit"] < 1e-6)

@@ -1,4 +1,4 @@
-"""Windows that go on in bundles: the same distances as one by one, and fewer of them as meshes get finer."""
+"""Bundled windows give the distances of single windows, and are fewer on fine meshes."""
 
 from contextlib import contextmanager
 
@@ -16,22 +16,22 @@ from tests.geodesic_cases import cone, jittered, noisy_torus, on_pillow, pillow,
 
 @contextmanager
 def bound():
-    """Bundles even where they do not pay, on small meshes, of few windows; gives those that were made."""
-    made = []
+    """Use bundles on small meshes with few windows, too; yield all bundle queues."""
+    queues = []
 
-    class Seen(window_bundle.Bundles):
+    class RecordedBundles(window_bundle.Bundles):
         def __init__(self, *args):
             super().__init__(*args)
-            made.append(self)
+            queues.append(self)
 
     with pytest.MonkeyPatch.context() as patch:
-        for cost in ("A_BUNDLE", "A_LOOK", "A_BINDING", "A_ROUND", "ENOUGH"):
+        for cost in ("BUNDLE_COST", "TEST_COST", "BINDING_COST", "ROUND_COST", "MIN_BOUND_WINDOWS"):
             patch.setattr(window_bundle, cost, 0.0)
-        patch.setattr(window_bundle, "RUN", 3)
-        patch.setattr(window_bundle, "PART", 2)
-        patch.setattr(window_front, "Bundles", Seen)
-        yield made
-    assert sum(bundles.moves for bundles in made) > 500
+        patch.setattr(window_bundle, "MIN_BUNDLE_SIZE", 3)
+        patch.setattr(window_bundle, "MIN_PART_SIZE", 2)
+        patch.setattr(window_front, "Bundles", RecordedBundles)
+        yield queues
+    assert sum(bundles.moves for bundles in queues) > 500
 
 
 def stretched():
@@ -49,7 +49,7 @@ SHAPES = [
 
 @pytest.mark.parametrize("shape", SHAPES)
 @pytest.mark.parametrize("every", [4, 10])
-def test_bundled_is_one_by_one(shape, every):
+def test_bundles_give_the_distances_of_single_windows(shape, every):
     mesh = shape()
     for source in (0, mesh.n_vertices // 2):
         alone = exact_distance(mesh, source, directions=True)
@@ -62,7 +62,7 @@ def test_bundled_is_one_by_one(shape, every):
 
 
 @pytest.mark.parametrize("angle", [1.0, 5.5, 9.0])
-def test_bundles_on_cones_and_saddles(angle):
+def test_bundles_on_cones_and_saddles_equal_the_closed_form(angle):
     mesh, radius, phi = cone(angle, 60, 24)
     source = 200
     turn = np.abs(phi - phi[source])
@@ -71,26 +71,26 @@ def test_bundles_on_cones_and_saddles(angle):
     straight = np.sqrt((radius - r) ** 2 + 4 * radius * r * np.sin(bend / 2) ** 2)
     truth = np.where((turn >= np.pi) | (radius == 0), radius + r, straight)
     with bound():
-        found = exact_distance(mesh, source).distance
-    assert np.abs(found - truth).max() < 1e-12 * truth.max()
+        distance = exact_distance(mesh, source).distance
+    assert np.abs(distance - truth).max() < 1e-12 * truth.max()
 
 
 @pytest.mark.parametrize("mesh", [shapes.grid(40, 40), jittered(shapes.grid(40, 40), 0.007)])
-def test_bundles_on_the_plane(mesh):
+def test_bundles_on_the_plane_equal_the_closed_form(mesh):
     truth = np.linalg.norm(mesh.points - mesh.points[7], axis=1)
     with bound():
-        found = exact_distance(mesh, 7).distance
-    assert np.abs(found - truth).max() < 1e-12
+        distance = exact_distance(mesh, 7).distance
+    assert np.abs(distance - truth).max() < 1e-12
 
 
-def test_bundles_on_the_pillow():
+def test_bundles_on_the_pillow_equal_the_closed_form():
     mesh = pillow(24)
     with bound():
-        found = exact_distance(mesh, 100).distance
-    assert np.abs(found - on_pillow(mesh, 24, 100)).max() < 1e-12
+        distance = exact_distance(mesh, 100).distance
+    assert np.abs(distance - on_pillow(mesh, 24, 100)).max() < 1e-12
 
 
-def test_bundles_light_targets_and_serve_many_sources():
+def test_bundles_reach_targets_from_several_sources():
     mesh = stretched()
     rng = np.random.default_rng(0)
     points = SurfacePoints(rng.integers(0, mesh.n_faces, 60), rng.dirichlet(np.ones(3), 60))
@@ -105,13 +105,13 @@ def test_bundles_light_targets_and_serve_many_sources():
 
 
 def test_windows_grow_slower_in_bundles(monkeypatch):
-    """One by one a vertex of a sphere takes the more windows the finer the mesh; in bundles hardly."""
-    monkeypatch.setattr(window_bundle, "A_ROUND", 0.0)  # as on meshes where rounds have many windows
-    monkeypatch.setattr(window_bundle, "ENOUGH", 1000.0)
+    """Single windows per vertex of a sphere grow with the mesh size; bundles hardly do."""
+    monkeypatch.setattr(window_bundle, "ROUND_COST", 0.0)  # as on meshes where rounds have many windows
+    monkeypatch.setattr(window_bundle, "MIN_BOUND_WINDOWS", 1000.0)
     sizes = 5_000, 20_000
     spheres = [shapes.random_sphere(n) for n in sizes]
     bundled = [exact_distance(mesh, 0).windows / mesh.n_vertices for mesh in spheres]
-    monkeypatch.setattr(window_bundle, "ENOUGH", np.inf)
+    monkeypatch.setattr(window_bundle, "MIN_BOUND_WINDOWS", np.inf)
     alone = [exact_distance(mesh, 0).windows / mesh.n_vertices for mesh in spheres]
     assert alone[1] > 1.5 * alone[0]
     assert bundled[1] < 1.2 * bundled[0]

@@ -25,13 +25,13 @@ from tests.geodesic_cases import cone, jittered, noisy_torus, on_pillow, pillow,
     "mesh", [shapes.grid(12, 9), jittered(shapes.grid(12, 12), 0.025)], ids=["regular", "jittered"]
 )
 @pytest.mark.parametrize("source", [0, 60])
-def test_flat_square_is_euclidean(mesh, source):
+def test_exact_distance_on_a_flat_square_is_euclidean(mesh, source):
     truth = np.linalg.norm(mesh.points - mesh.points[source], axis=1)
     assert np.abs(exact_distance(mesh, source).distance - truth).max() < 1e-12
 
 
 @pytest.mark.parametrize("k", [1, 3, 8])
-def test_opposite_corners_of_a_cube(k):
+def test_opposite_corners_of_a_cube_have_distance_sqrt_5(k):
     mesh = shapes.box(k, k, k)
     far = int(np.argmax(mesh.points.sum(axis=1)))
     assert exact_distance(mesh, 0).distance[far] == pytest.approx(np.sqrt(5), abs=1e-12)
@@ -39,7 +39,7 @@ def test_opposite_corners_of_a_cube(k):
 
 @pytest.mark.parametrize("angle", [1.0, 3.0, 5.5, 7.0, 9.0, 14.0])
 @pytest.mark.parametrize("source", [0, 17, 40])
-def test_cones_and_saddles(angle, source):
+def test_exact_distance_on_a_cone_equals_the_closed_form(angle, source):
     mesh, radius, phi = cone(angle, 24, 6)
     turn = np.abs(phi - phi[source])
     turn = np.minimum(turn, angle - turn)
@@ -51,13 +51,13 @@ def test_cones_and_saddles(angle, source):
 
 
 @pytest.mark.parametrize("source", [0, 8, 40, 100])
-def test_double_covered_square(source):
+def test_exact_distance_on_a_double_covered_square_equals_the_closed_form(source):
     mesh = pillow(8)
     truth = on_pillow(mesh, 8, source)
     assert np.abs(exact_distance(mesh, source).distance - truth).max() < 1e-12
 
 
-def test_hole_is_walked_around():
+def test_exact_distance_around_a_hole_equals_the_closed_form():
     mesh = shapes.grid(12, 12)
     centre = mesh.points[mesh.faces].mean(axis=1)[:, :2]
     hole = (np.abs(centre - 0.5) < 0.25).all(axis=1)
@@ -71,7 +71,7 @@ def test_hole_is_walked_around():
 @pytest.mark.parametrize(
     "weights", [[0.2, 0.3, 0.5], [0.5, 0.5, 0.0], [0.0, 0.25, 0.75], [0.0, 1.0, 0.0], [1e-9, 0.5, 0.5 - 1e-9]]
 )
-def test_source_on_a_face_of_the_plane(weights):
+def test_a_source_inside_a_face_of_the_plane_has_euclidean_distance(weights):
     mesh = jittered(shapes.grid(9, 9), 0.03)
     points = SurfacePoints(np.array([70]), np.array([weights]))
     truth = np.linalg.norm(mesh.points - points.positions(mesh), axis=1)
@@ -80,7 +80,7 @@ def test_source_on_a_face_of_the_plane(weights):
     assert (measured.nearest_source == 0).all()
 
 
-def test_centre_of_a_cube_side_to_the_opposite_side():
+def test_distance_between_opposite_sides_of_a_cube_equals_the_closed_form():
     mesh = shapes.box(1, 1, 1)
     bottom = np.flatnonzero((mesh.points[mesh.faces][:, :, 2] == 0).all(axis=1))[0]
     diagonal = np.flatnonzero(np.isclose(mesh.side_length[bottom], np.sqrt(2)))[0]
@@ -91,7 +91,7 @@ def test_centre_of_a_cube_side_to_the_opposite_side():
     assert np.allclose(exact_distance(mesh, centre).distance[top], np.hypot(0.5, 1.5), atol=1e-14)
 
 
-def test_several_sources_are_the_least_of_single_ones():
+def test_several_sources_give_the_minimum_of_single_ones():
     mesh = shapes.torus(30, 15)
     points = SurfacePoints(np.array([11]), np.array([[0.2, 0.2, 0.6]]))
     together = exact_distance(mesh, Sources(np.array([3, 200]), points))
@@ -106,14 +106,14 @@ def together_each(points: SurfacePoints) -> list[Sources]:
 
 
 @pytest.mark.parametrize("scale", [1e-9, 1e-6, 1e6, 1e100])
-def test_scale_changes_nothing(scale):
+def test_exact_distance_scales_with_the_mesh(scale):
     mesh = shapes.random_sphere(400)
     once = exact_distance(mesh, 0).distance
     scaled = exact_distance(mesh.moved(mesh.points * scale), 0).distance
     assert np.abs(scaled / scale - once).max() < 1e-13
 
 
-def test_renumbering_changes_nothing():
+def test_exact_distance_is_invariant_under_renumbering():
     mesh = shapes.torus(20, 12)
     rng = np.random.default_rng(1)
     vertex, face = rng.permutation(mesh.n_vertices), rng.permutation(mesh.n_faces)
@@ -130,7 +130,7 @@ def test_renumbering_changes_nothing():
 @pytest.mark.parametrize(
     "shape, gain", [(lambda: shapes.random_sphere(600), 1.3), (lambda: shapes.torus(60, 32), 1.02)]
 )
-def test_prunes_do_not_change_a_bit(shape, gain):
+def test_pruning_does_not_change_distances(shape, gain):
     mesh = shape()
     runs = [exact_distance(mesh, 7, dominance_every=k) for k in (0, 1, 3, 10)]
     assert runs[0].windows > gain * runs[1].windows  # it does prune
@@ -139,8 +139,8 @@ def test_prunes_do_not_change_a_bit(shape, gain):
 
 
 @pytest.mark.parametrize("shape", [noisy_torus, with_holes, lambda: pillow(6)])
-def test_windows_outside_of_shadows_are_not_missed(shape):
-    """Vertices launch windows only where a shortest path may leave them; all around gives the same."""
+def test_windows_outside_shadows_do_not_change_distances(shape):
+    """Windows in all directions from a vertex give the same distances as windows in its shadow."""
     mesh = shape()
     tables = window_tables(mesh)
     everywhere = replace(tables, turn=np.full_like(tables.turn, np.nan))
@@ -152,7 +152,7 @@ def test_windows_outside_of_shadows_are_not_missed(shape):
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_faces_turned_over_change_nothing(seed):
+def test_exact_distance_is_invariant_under_face_orientation(seed):
     mesh = shapes.torus(18, 10)
     rng = np.random.default_rng(seed)
     turned = np.where(rng.random(mesh.n_faces)[:, None] < 0.4, mesh.faces[:, ::-1], mesh.faces)
@@ -171,7 +171,7 @@ def test_intrinsic_delaunay_mesh_has_the_same_distances():
     assert np.abs(a - b).max() < 1e-11 * a.max()
 
 
-def test_three_sheets_on_one_edge_are_three_planes():
+def test_three_sheets_on_one_edge_equal_three_planes():
     """Three half planes on the line x = 0: any two of them are one flat plane."""
     sheet = jittered(shapes.grid(8, 8), 0.03)
     rim = np.flatnonzero(sheet.points[:, 0] == 0)
@@ -194,7 +194,7 @@ def test_three_sheets_on_one_edge_are_three_planes():
     assert np.isinf(measured[~used]).all()
 
 
-def test_repeated_and_collapsed_faces_are_harmless():
+def test_repeated_and_collapsed_faces_do_not_change_distances():
     mesh = jittered(shapes.grid(8, 8), 0.03)
     extra = np.concatenate(
         [mesh.faces, mesh.faces[[5, 40]], mesh.faces[[7]][:, ::-1], [[30, 31, 31], [20, 20, 20]]]
@@ -205,8 +205,8 @@ def test_repeated_and_collapsed_faces_are_harmless():
 
 
 @pytest.mark.parametrize("height", [0.0, 1e-15, 1e-12, 1e-9])
-def test_caps_of_no_height(height):
-    """A vertex all but on the middle of its neighbour's edge, inside a flat grid."""
+def test_caps_without_height_have_exact_distances(height):
+    """Flat grid with a vertex almost at the middle of its neighbour's edge."""
     mesh = shapes.grid(10, 10)
     face = 95
     a, b, c = mesh.faces[face]
@@ -230,7 +230,7 @@ def test_zero_edge_carries_paths():
     assert measured.distance[24] == measured.distance[25]
 
 
-def test_islands_are_not_reached():
+def test_islands_have_infinite_distance():
     one, two = shapes.icosphere(1), shapes.icosphere(1)
     faces = np.concatenate([one.faces, two.faces + one.n_vertices])
     measured = exact_distance(TriangleMesh.from_arrays(np.concatenate([one.points, two.points]), faces), 0)
@@ -252,12 +252,12 @@ def test_limit_leaves_the_near_distances_exact():
 def fine_sphere():
     mesh = shapes.random_sphere(40_000)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(window_bundle, "ENOUGH", np.inf)  # windows are compared one by one
+        patch.setattr(window_bundle, "MIN_BOUND_WINDOWS", np.inf)  # windows are compared one by one
         return mesh, exact_distance(mesh, 0)
 
 
 @pytest.mark.parametrize("tolerance", [0.03, 0.1, 0.3])
-def test_tolerance_errs_upwards_within_its_size(fine_sphere, tolerance):
+def test_a_tolerance_errs_upwards_within_its_bound(fine_sphere, tolerance):
     mesh, exact = fine_sphere
     loose = exact_distance(mesh, 0, tolerance=tolerance)
     error = (loose.distance - exact.distance) / exact.distance.max()
@@ -280,7 +280,7 @@ def test_tolerance_errs_upwards_within_its_size(fine_sphere, tolerance):
     ],
 )
 def test_error_under_a_tolerance_is_not_estimated_too_small(shared_meshes, name, sources):
-    """Meshes and sources on which the nearest part is smoother than the rest."""
+    """Meshes and sources where the nearest part is smoother than the rest."""
     mesh = read_mesh(str(shared_meshes / name)).mesh
     for source in sources:
         exact = exact_distance(mesh, source).distance
@@ -292,8 +292,8 @@ def test_error_under_a_tolerance_is_not_estimated_too_small(shared_meshes, name,
 
 
 @pytest.mark.parametrize("tolerance", [0.001, 0.01, 0.1, 1.0])
-def test_no_tolerance_costs_more_than_none(tolerance):
-    """Where slack would take more windows than it saves the answer is exact, and said to be."""
+def test_a_tolerance_never_needs_more_windows_than_exact(tolerance):
+    """If a tolerance needs more windows than it saves, the result is exact and reported as exact."""
     sphere = shapes.random_sphere(3000)
     rough = sphere.moved(sphere.points * np.random.default_rng(0).normal(1.0, 0.005, (3000, 1)))
     for mesh in (sphere, rough, shapes.torus(80, 40), shapes.random_sphere(900)):
@@ -321,7 +321,7 @@ def test_distance_is_a_metric(seed):
     assert (rows >= straight - 1e-12 * table.max()).all()
 
 
-def test_certificate_far_from_the_origin():
+def test_certificate_has_no_violations_far_from_the_origin():
     """Rounding of large coordinates is no violation."""
     mesh = shapes.grid(8, 8)
     far = mesh.moved(mesh.points + [3e6, -1e7, 2e6])
@@ -343,15 +343,20 @@ def test_source_on_an_unused_vertex_is_refused():
         exact_distance(lonely, 16)
 
 
-def test_progress_grows_to_the_whole():
-    told: list[float] = []
-    exact_distance(noisy_torus(), 0, progress=lambda done, total: told.append(done / total))
-    assert len(told) > 3 and told == sorted(told) and told[0] < 0.2 and 0.6 < told[-1] <= 1
+def test_progress_increases_to_the_total():
+    fractions: list[float] = []
+    exact_distance(noisy_torus(), 0, progress=lambda done, total: fractions.append(done / total))
+    assert (
+        len(fractions) > 3
+        and fractions == sorted(fractions)
+        and fractions[0] < 0.2
+        and 0.6 < fractions[-1] <= 1
+    )
 
 
 @pytest.mark.parametrize("count", [1, 20])
-def test_certificate_sees_what_is_wrong(count):
-    """Few and many sources are compared with straight lines in different ways."""
+def test_certificate_detects_wrong_distances(count):
+    """Few and many sources use different searches for the nearest straight line."""
     mesh = shapes.grid(12, 12)
     sources = Sources.at(range(0, 8 * count, 8))
     distance = exact_distance(mesh, sources).distance

@@ -22,14 +22,14 @@ def random_points(mesh, count: int, seed: int = 0) -> SurfacePoints:
 
 
 @pytest.mark.parametrize("source", [0, 60])
-def test_points_inside_faces_of_the_plane(source):
+def test_targets_inside_faces_of_the_plane_have_euclidean_distance(source):
     mesh = jittered(shapes.grid(12, 12), 0.03)
     targets = random_points(mesh, 200)
     truth = np.linalg.norm(targets.positions(mesh) - mesh.points[source], axis=1)
     assert np.abs(exact_distance(mesh, source, targets=targets).target_distance - truth).max() < 1e-12
 
 
-def test_centres_of_the_sides_of_a_cube():
+def test_targets_at_side_centres_of_a_cube_equal_the_closed_form():
     mesh = shapes.box(1, 1, 1)
     rows, diagonal = np.arange(mesh.n_faces), np.argmax(mesh.side_length, axis=1)
     weights = np.zeros((mesh.n_faces, 3))
@@ -58,7 +58,7 @@ def test_distance_between_points_is_symmetric(shape):
     assert (table[:, None, :] <= table[:, :, None] + table[None, :, :] + 1e-13).all()
 
 
-def test_points_at_corners_are_vertices_and_know_their_source():
+def test_targets_at_corners_equal_vertices_and_have_their_source():
     mesh = noisy_torus()
     sources = np.array([5, 300])
     corner = SurfacePoints(np.arange(mesh.n_faces), np.tile([0.0, 1.0, 0.0], (mesh.n_faces, 1)))
@@ -68,7 +68,7 @@ def test_points_at_corners_are_vertices_and_know_their_source():
     assert np.array_equal(measured.target_source, measured.nearest_source[vertex])
 
 
-def test_points_on_islands_are_not_reached():
+def test_targets_on_islands_have_infinite_distance():
     one, two = shapes.icosphere(1), shapes.icosphere(1)
     faces = np.concatenate([one.faces, two.faces + one.n_vertices])
     mesh = TriangleMesh.from_arrays(np.concatenate([one.points, two.points]), faces)

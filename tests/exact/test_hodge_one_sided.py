@@ -106,7 +106,7 @@ def test_parts_are_the_dense_projections(name, boundary):
 
 @pytest.mark.parametrize("boundary", ["tangential", "normal"])
 @pytest.mark.parametrize("make", [lambda: jittered_tets(2), hollow_tets, ring_tets])
-def test_the_curl_part_of_tetrahedra_is_computed_by_itself(make, boundary):
+def test_the_curl_part_of_tetrahedra_is_computed_independently(make, boundary):
     mesh = make()
     split = decompose_cell_vectors(
         mesh, np.random.default_rng(0).normal(size=(len(mesh.tetrahedra), 3)), boundary

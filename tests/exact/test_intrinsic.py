@@ -63,7 +63,7 @@ def test_degenerate_triangles_give_no_nan():
     assert not np.isnan(corner_angle(lengths)).any() and not np.isnan(half_angle_tangent(lengths)).any()
 
 
-def test_angles_sum_to_pi_and_excess_is_what_it_says():
+def test_angles_sum_to_pi_and_excess_follows_its_definition():
     rng = np.random.default_rng(0)
     points = rng.normal(size=(20_000, 3, 3))
     lengths = np.linalg.norm(points[:, [1, 2, 0]] - points, axis=2)

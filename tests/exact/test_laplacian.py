@@ -9,7 +9,7 @@ from ddgcli.mesh import shapes
 from ddgcli.mesh.intrinsic_mesh import IntrinsicMesh
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.operators import laplacian as lap
-from ddgcli.operators.mollify import mollified_mesh
+from ddgcli.operators.mollify import mollify_mesh
 from tests.delaunay_cases import spoiled_sphere
 
 MESHES = {
@@ -87,9 +87,9 @@ def test_uniform_counts_neighbours():
     assert np.abs(L @ np.ones(mesh.n_vertices)).max() == 0
 
 
-def test_degenerate_faces_are_mollified_and_told(caplog):
+def test_degenerate_faces_are_mollified_with_a_warning(caplog):
     mesh = spoiled_sphere()
-    _, mended = mollified_mesh(mesh)
+    _, mended = mollify_mesh(mesh)
     assert len(mended.faces) == 3
     assert 3 < mended.edges < 30
     assert mended.largest_change < 1e-7
@@ -104,7 +104,7 @@ def test_degenerate_faces_are_mollified_and_told(caplog):
 
 def test_nothing_is_mollified_where_nothing_is_degenerate():
     for mesh in MESHES.values():
-        assert mollified_mesh(mesh)[0] is mesh
+        assert mollify_mesh(mesh)[0] is mesh
 
 
 def test_mesh_without_area_is_refused():

@@ -1,4 +1,4 @@
-"""The logarithmic map: directions at the source are those of the paths, on any form of a mesh."""
+"""Logarithmic map: directions at the source are those of the paths, on every representation of a mesh."""
 
 import numpy as np
 import pytest
@@ -23,8 +23,8 @@ def rough_torus():
 
 
 @pytest.mark.parametrize("weights", [[0.2, 0.3, 0.5], [0.0, 0.3, 0.7], [0.0, 1.0, 0.0]])
-def test_departures_are_the_first_steps_of_the_shortest_paths(weights):
-    """Straight ones and those that bend at saddles; from a face, a side and a vertex."""
+def test_departure_angles_equal_the_first_segments_of_shortest_paths(weights):
+    """Straight and bent paths, from a face, a side and a vertex."""
     mesh = rough_torus()
     sources = Sources.at([], SurfacePoints(np.array([101]), np.array([weights])))
     exact = exact_distance(mesh, sources, directions=True)
@@ -50,21 +50,24 @@ def test_departures_are_the_first_steps_of_the_shortest_paths(weights):
     assert np.abs(off).max() < 1e-9
 
 
-def test_log_map_knows_lengths_alone_and_faces_turned_over():
+def test_the_log_map_is_intrinsic():
     mesh, sources = rough_torus(), Sources.at([5])
     known = log_map(mesh, exact_distance(mesh, sources, directions=True), sources)
     intrinsic = IntrinsicMesh(mesh.topology, mesh.side_length)
-    told = []
+    calls = []
     again = log_map(
-        intrinsic, exact_distance(intrinsic, sources), sources, lambda done, total: told.append((done, total))
+        intrinsic,
+        exact_distance(intrinsic, sources),
+        sources,
+        lambda done, total: calls.append((done, total)),
     )  # without directions: measured anew
-    assert told and known.miss < 1e-13 and again.miss < 1e-13
+    assert calls and known.miss < 1e-13 and again.miss < 1e-13
     np.testing.assert_allclose(again.log_map, known.log_map, atol=1e-10)
     turned = np.random.default_rng(0).random(mesh.n_faces) < 0.3
     mixed = mesh.from_arrays(mesh.points, np.where(turned[:, None], mesh.faces[:, ::-1], mesh.faces))
-    with pytest.raises(MeshError, match="run against each other"):
+    with pytest.raises(MeshError, match="opposite orientation"):
         exact_distance(mixed, sources, directions=True)
     cover = oriented_cover(mixed)
-    over = log_map(cover.mesh, cover.lifted_exact(exact_distance(mixed, sources)), sources)
+    over = log_map(cover.mesh, cover.lift_exact(exact_distance(mixed, sources)), sources)
     flat, other = known.log_map @ [1, 1j], over.log_map @ [1, 1j]
     np.testing.assert_allclose(other, flat * (other[0] / flat[0]), atol=1e-10)

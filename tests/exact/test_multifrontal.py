@@ -1,4 +1,4 @@
-"""The multifrontal factorisation: a Cholesky factor in truth, whatever the graph looks like."""
+"""Multifrontal factorisation: a Cholesky factor for any graph."""
 
 import numpy as np
 import pytest
@@ -7,11 +7,11 @@ from hypothesis import strategies as st
 from scipy.sparse import block_diag, coo_array, csc_array, csr_array, diags_array, kron
 
 from ddgcli.linalg import backends, dissection
-from ddgcli.linalg.backends import NotDefinite
-from ddgcli.linalg.dissection import dissected
+from ddgcli.linalg.assembly_tree import assembly_levels
+from ddgcli.linalg.backends import NotPositiveDefinite
+from ddgcli.linalg.dissection import nested_dissection
 from ddgcli.linalg.factor import Factor
-from ddgcli.linalg.fronts import fronts
-from ddgcli.linalg.multifrontal import FactoredGroup, factored, inverted_triangles, solved
+from ddgcli.linalg.multifrontal import CholeskyGroup, cholesky_groups, cholesky_solve, inverse_triangles
 from ddgcli.mesh import shapes
 from ddgcli.operators.laplacian import lumped_vertex_area, stiffness
 
@@ -21,8 +21,8 @@ def sphere_matrix(subdivisions=4):
     return csc_array(stiffness(mesh) + diags_array(lumped_vertex_area(mesh)))
 
 
-def analysed(matrix):
-    return fronts(matrix, dissected(matrix))
+def levels_of(matrix):
+    return assembly_levels(matrix, nested_dissection(matrix))
 
 
 def cholesky_factor(matrix, groups):
@@ -45,7 +45,7 @@ def test_factor_times_its_adjoint_is_the_matrix(kind):
     if kind is complex:
         phase = np.exp(1j * np.random.default_rng(0).uniform(0, 6, A.shape[0]))
         A = csc_array(diags_array(phase) @ A @ diags_array(phase.conj()))
-    L = cholesky_factor(A, factored(analysed(A), A.data))
+    L = cholesky_factor(A, cholesky_groups(levels_of(A), A.data))
     assert np.abs(L @ L.conj().T - A.toarray()).max() < 1e-14
 
 
@@ -53,20 +53,20 @@ def test_every_unknown_is_a_pivot_once_and_updates_come_later():
     A = sphere_matrix(5)
     n = A.shape[0]
     when = np.full(n + 1, -1)
-    stages = analysed(A)
-    for k, stage in enumerate(stages):
-        for group in stage.groups:
+    levels = levels_of(A)
+    for k, level in enumerate(levels):
+        for group in level.groups:
             pivot = group.pivot[group.pivot < n]
             assert (when[pivot] == -1).all()
             when[pivot] = k
     assert (when[:n] >= 0).all()
-    when[n] = len(stages)
-    assert all((when[g.update] > k).all() for k, s in enumerate(stages) for g in s.groups)
+    when[n] = len(levels)
+    assert all((when[g.update] > k).all() for k, s in enumerate(levels) for g in s.groups)
 
 
 def test_every_entry_of_the_matrix_has_its_place():
     A = sphere_matrix(4)
-    entries = np.concatenate([stage.entry for stage in analysed(A)])
+    entries = np.concatenate([level.entry for level in levels_of(A)])
     assert len(np.unique(entries)) == len(entries) == (A.nnz + A.shape[0]) // 2
 
 
@@ -79,35 +79,40 @@ def test_random_graphs_of_several_components(seed, n, degree):
     off = coo_array((value, (i, j)), shape=(n, n))
     off = csc_array(off + off.T)
     A = csc_array(off + diags_array(np.abs(off).sum(axis=0) + rng.uniform(0.01, 1, n)))
-    found = dissected(A)
+    parts = nested_dissection(A)
     x = rng.normal(size=(n, 3))
-    assert found is not None
-    groups = factored(fronts(A, found), A.data)
-    assert np.abs(solved(groups, A @ x) - x).max() < 1e-9
-    assert np.abs(solved(groups, A @ x[:, 0]) - x[:, 0]).max() < 1e-9
+    assert parts is not None
+    groups = cholesky_groups(assembly_levels(A, parts), A.data)
+    assert np.abs(cholesky_solve(groups, A @ x) - x).max() < 1e-9
+    assert np.abs(cholesky_solve(groups, A @ x[:, 0]) - x[:, 0]).max() < 1e-9
 
 
-def test_sparse_right_hand_sides_pass_over_fronts_and_change_nothing(monkeypatch):
+def test_sparse_right_hand_sides_skip_frontal_matrices_and_change_no_digit(monkeypatch):
     A = sphere_matrix(5)
-    groups = factored(analysed(A), A.data)
+    groups = cholesky_groups(levels_of(A), A.data)
     visited = []
-    some = FactoredGroup.some
-    monkeypatch.setattr(FactoredGroup, "some", lambda g, lit: visited.append(len(lit)) or some(g, lit))
+    subset = CholeskyGroup.subset
+
+    def recorded_subset(group, members):
+        visited.append(len(members))
+        return subset(group, members)
+
+    monkeypatch.setattr(CholeskyGroup, "subset", recorded_subset)
     b = np.zeros(A.shape[0])
     b[17] = 1.0
-    x = solved(groups, b)
+    x = cholesky_solve(groups, b)
     assert np.abs(A @ x - b).max() < 1e-14
-    assert visited and max(visited) == 1  # one front a stage, from a leaf to the root
+    assert visited and max(visited) == 1  # one frontal matrix a level, from a leaf to the root
     noise = 1e-30 * np.random.default_rng(0).normal(size=A.shape[0])  # as good as zero, but everywhere
     visited.clear()
-    assert np.abs(solved(groups, b + noise) - x).max() <= 1e-13 * np.abs(x).max()
+    assert np.abs(cholesky_solve(groups, b + noise) - x).max() <= 1e-13 * np.abs(x).max()
     assert not visited
 
 
-def test_indefinite_matrices_are_seen():
+def test_indefinite_matrices_are_detected():
     A = sphere_matrix(4)
     shifted = csc_array(A - 0.01 * diags_array(np.ones(A.shape[0])))
-    with pytest.raises(NotDefinite):
+    with pytest.raises(NotPositiveDefinite):
         Factor(shifted, solver="multifrontal", pivot=False)
     factor = Factor(shifted, solver="multifrontal")
     assert factor.solver == "pivoted"
@@ -115,7 +120,7 @@ def test_indefinite_matrices_are_seen():
     assert np.abs(factor.solve(shifted @ x) - x).max() < 1e-9
 
 
-def test_graphs_without_short_separators_go_to_superlu():
+def test_graphs_without_short_separators_are_factorised_by_superlu():
     n = 6000
     rng = np.random.default_rng(0)
     i, j = rng.integers(0, n, (2, 2 * n))
@@ -139,7 +144,7 @@ def test_large_systems_of_the_base_install_are_multifrontal(monkeypatch):
 def test_regular_surfaces_are_halved_however_large():
     """Samples of a regular mesh, numbered breadth first, must not all lie on one side."""
     for mesh in (shapes.icosphere(7), shapes.torus(600, 200)):
-        assert dissected(csc_array(stiffness(mesh))) is not None
+        assert nested_dissection(csc_array(stiffness(mesh))) is not None
 
 
 def laplacian_of(i, j, n):
@@ -151,26 +156,26 @@ def laplacian_of(i, j, n):
 @pytest.mark.parametrize("ends", [100, 1000, 10**5])
 @pytest.mark.parametrize("rim", [False, True])
 def test_stars_and_fans_are_halved_though_all_their_ends_lie_equally_far(ends, rim):
-    """A front as wide as a fan of 1000 faces has a million entries: 100 of them took 2.3 GB."""
+    """The frontal matrix of a fan of 1000 faces has a million entries: 100 of them took 2.3 GB."""
     i = np.arange(max(ends, 20_000))
     hub = i // ends * ends
     j = np.append(hub, i[1:] - 1) if rim else hub
     i = np.append(i, i[1:]) if rim else i
     A = laplacian_of(i[i != j], j[i != j], i.max() + 1)
-    found = dissected(A)
-    assert np.bincount(found.leaf[found.height == 0]).max() <= 3 * dissection.LEAF
-    stages = fronts(A, found)
-    assert sum(stage.size for stage in stages) < 100 * len(found.leaf)
+    parts = nested_dissection(A)
+    assert np.bincount(parts.leaf[parts.height == 0]).max() <= 3 * dissection.LEAF_SIZE
+    levels = assembly_levels(A, parts)
+    assert sum(level.size for level in levels) < 100 * len(parts.leaf)
     b = np.random.default_rng(0).normal(size=A.shape[0])
-    x = solved(factored(stages, A.data), b)
+    x = cholesky_solve(cholesky_groups(levels, A.data), b)
     assert (np.abs(A @ x - b) < 1e-13 * (np.abs(A) @ np.abs(x) + np.abs(b))).all()
 
 
 def test_separators_are_found_where_edges_come_in_blocks():
     """A Hessian of bending, coordinates apart: never ready with scipy's bipartite matching."""
     A = sphere_matrix(4)
-    found, _ = dissection._dissected(csr_array(kron(A @ A, np.ones((3, 3)))), dissection.LEAF)
-    assert np.count_nonzero(found.height == found.height.max()) < 4 * 3 * 64
+    parts, _ = dissection._component_dissection(csr_array(kron(A @ A, np.ones((3, 3)))), dissection.LEAF_SIZE)
+    assert np.count_nonzero(parts.height == parts.height.max()) < 4 * 3 * 64
 
 
 def test_long_separators_are_judged_by_the_entries_of_the_rows():
@@ -178,20 +183,21 @@ def test_long_separators_are_judged_by_the_entries_of_the_rows():
     n = 100_000
     child = np.arange(1, n)
     parent = (np.random.default_rng(0).random(n - 1) * child).astype(int)
-    assert dissected(laplacian_of(child, parent, n)) is None
+    assert nested_dissection(laplacian_of(child, parent, n)) is None
     band = diags_array([np.ones(25)] * 3, offsets=[-1, 0, 1], shape=(25, 25))
-    assert dissected(csc_array(kron(band, kron(band, band)))) is not None
+    assert nested_dissection(csc_array(kron(band, kron(band, band)))) is not None
 
 
 def test_leaves_hold_small_components_together():
     triangle = csc_array(np.eye(3) * 2 + np.ones((3, 3)))
     soup = csc_array(block_diag([triangle] * 500))
-    found = dissected(soup)
-    assert (found.height == 0).all()
-    assert len(np.unique(found.leaf)) <= 2 * 1500 // dissection.LEAF
-    assert (np.ptp(found.leaf.reshape(-1, 3), axis=1) == 0).all()
+    parts = nested_dissection(soup)
+    assert (parts.height == 0).all()
+    assert len(np.unique(parts.leaf)) <= 2 * 1500 // dissection.LEAF_SIZE
+    assert (np.ptp(parts.leaf.reshape(-1, 3), axis=1) == 0).all()
     b = np.random.default_rng(0).normal(size=1500)
-    assert np.abs(soup @ solved(factored(fronts(soup, found), soup.data), b) - b).max() < 1e-13
+    x = cholesky_solve(cholesky_groups(assembly_levels(soup, parts), soup.data), b)
+    assert np.abs(soup @ x - b).max() < 1e-13
 
 
 @pytest.mark.parametrize("g, s", [(200, 7), (3, 7), (60, 24), (2, 40), (1, 1)])
@@ -200,7 +206,7 @@ def test_stacks_of_triangles_are_inverted(g, s, kind):
     rng = np.random.default_rng(0)
     lower = np.tril(rng.normal(size=(g, s, s)) * 0.1 + (1j if kind is complex else 0) * 0.1)
     lower += np.eye(s)
-    inverse = inverted_triangles(lower)
+    inverse = inverse_triangles(lower)
     assert np.abs(inverse @ lower - np.eye(s)).max() < 1e-12
     assert (np.triu(inverse, 1) == 0).all()
 
@@ -208,16 +214,16 @@ def test_stacks_of_triangles_are_inverted(g, s, kind):
 def test_coordinates_of_a_vertex_stay_together():
     mesh = shapes.icosphere(4)
     A = csc_array(kron(stiffness(mesh) + diags_array(lumped_vertex_area(mesh)), np.ones((3, 3)) + np.eye(3)))
-    found = dissected(A)
-    assert (np.ptp(found.leaf.reshape(-1, 3), axis=1) == 0).all()
-    assert (np.ptp(found.height.reshape(-1, 3), axis=1) == 0).all()
-    assert A.shape[0] / (found.leaf.max() + 1) <= dissection.LEAF  # unknowns, not vertices
+    parts = nested_dissection(A)
+    assert (np.ptp(parts.leaf.reshape(-1, 3), axis=1) == 0).all()
+    assert (np.ptp(parts.height.reshape(-1, 3), axis=1) == 0).all()
+    assert A.shape[0] / (parts.leaf.max() + 1) <= dissection.LEAF_SIZE  # unknowns, not vertices
     order = np.random.default_rng(0).permutation(A.shape[0])
     mixed = csc_array(A[order][:, order])
     mixed.sort_indices()
     place = np.empty_like(order)
     place[order] = np.arange(len(order))
-    again = dissected(mixed).leaf[place].reshape(-1, 3)
+    again = nested_dissection(mixed).leaf[place].reshape(-1, 3)
     assert (np.ptp(again, axis=1) == 0).all()
     b = np.random.default_rng(1).normal(size=A.shape[0])
     assert np.abs(mixed @ Factor(mixed, solver="multifrontal").solve(b) - b).max() < 1e-12

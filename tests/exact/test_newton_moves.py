@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.sparse import csc_array
 
-from ddgcli.linalg.backends import NotDefinite
+from ddgcli.linalg.backends import NotPositiveDefinite
 from ddgcli.linalg.conjugate import truncated_conjugate_gradients
 from ddgcli.linalg.factor import Factor
 from ddgcli.mechanics.assembly import Assembly
@@ -83,10 +83,10 @@ def test_negative_curvature_ends_with_a_descent_direction_or_goes_through():
 
 def test_factor_without_pivoting_says_that_a_matrix_is_not_definite():
     indefinite = csc_array(np.diag([1.0, -1.0, 2.0]))
-    with pytest.raises(NotDefinite):
+    with pytest.raises(NotPositiveDefinite):
         Factor(indefinite, pivot=False)
     factor = Factor(csc_array(np.eye(3)), pivot=False)
-    with pytest.raises(NotDefinite):
+    with pytest.raises(NotPositiveDefinite):
         factor.refactor(csc_array(np.diag([1.0, -1.0, 2.0])))
     assert np.allclose(Factor(indefinite).solve(np.ones(3)), [1, -1, 0.5])
 

@@ -37,7 +37,7 @@ def test_traces_have_equal_angles_and_their_own_length(mesh):
     np.testing.assert_allclose(path_lengths(intrinsic, paths), lines.length, rtol=1e-9)
 
 
-def test_a_bent_line_is_seen_to_be_bent():
+def test_a_bent_line_has_an_angle_defect():
     mesh = shapes.random_sphere(300)
     f, b = straight_lines(mesh, 1).path(0)
     moved = b.copy()
@@ -46,7 +46,7 @@ def test_a_bent_line_is_seen_to_be_bent():
     assert largest_angle_defect(mesh, SurfacePaths.of_points(mesh, [(f, moved)])) > 1e-2
 
 
-def test_angles_of_an_edge_path_on_the_grid():
+def test_angles_of_an_edge_path_on_the_grid_equal_the_corner_sums():
     mesh = shapes.grid(4, 4)
 
     def at(i, j):

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from ddgcli.algorithms.delaunay.common_subdivision import Base, common_subdivision
+from ddgcli.algorithms.delaunay.common_subdivision import BaseTriangulation, common_subdivision
 from ddgcli.algorithms.delaunay.point_location import PointMap
 from ddgcli.algorithms.delaunay.refine import refine
 from ddgcli.algorithms.delaunay.triangulation import flip_to_delaunay
@@ -25,9 +25,9 @@ CASES = {
 
 def cut_of(mesh, degrees):
     if degrees is None:
-        return common_subdivision(flip_to_delaunay(mesh, track=True), Base.itself(mesh))
+        return common_subdivision(flip_to_delaunay(mesh, track=True), BaseTriangulation.itself(mesh))
     refined = refine(mesh, degrees)
-    return common_subdivision(refined.flipped, refined.base)
+    return common_subdivision(refined.triangulation, refined.base)
 
 
 def random_points(n_faces, k, seed=0):

@@ -152,7 +152,7 @@ def test_repeated_points_change_nothing():
     assert np.sum(arrays["vertex_length"] > 0) == 9
 
 
-def test_several_curves_are_told_apart():
+def test_several_curves_are_measured_separately():
     one, two = circle(6), 3 * circle(8)[::-1] + 10
     points = np.column_stack([np.concatenate([one, two]), np.zeros(14)])
     lines = [[i, (i + 1) % 6] for i in range(6)] + [[6 + i, 6 + (i + 1) % 8] for i in range(8)]
@@ -181,7 +181,7 @@ def test_a_circle_of_full_precision_is_closed_and_a_short_gap_is_not(tmp_path):
         assert bool(raw.notes) is closed
 
 
-def test_an_unknown_turning_number_is_told(caplog):
+def test_an_unknown_turning_number_causes_a_warning(caplog):
     assert measure_curves(closed_curve(circle(20))).accuracy["turning_number_residual"] is not None
     assert not caplog.records
     assert measure_curves(open_curve(circle(20))).accuracy["turning_number_residual"] is None

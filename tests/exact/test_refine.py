@@ -5,8 +5,8 @@ import pytest
 
 from ddgcli.algorithms.curvature.measures import angle_defect
 from ddgcli.algorithms.delaunay.common_subdivision import CROSSING, STEINER_POINT, common_subdivision
+from ddgcli.algorithms.delaunay.intrinsic_delaunay import metric_residuals
 from ddgcli.algorithms.delaunay.refine import refine
-from ddgcli.algorithms.delaunay.report import metric_residuals
 from ddgcli.algorithms.delaunay.triangulation import non_delaunay_edges
 from ddgcli.errors import MeshError, ParameterError
 from ddgcli.geometry.extrinsic import face_area_vector, face_normal
@@ -51,9 +51,9 @@ def case(request):
 
 def test_no_angle_is_smaller_and_the_metric_stays(case):
     mesh, refined = case
-    after = refined.flipped.mesh
+    after = refined.triangulation.mesh
     small = corner_angle(after.side_length).min(axis=1) < np.radians(25) * (1 - 1e-6)
-    assert refined.reached and small.sum() == refined.excepted_faces
+    assert refined.converged and small.sum() == refined.excepted_faces
     if refined.sharp_vertices == 0:
         assert not small.any()
     assert not non_delaunay_edges(after).any()
@@ -67,7 +67,7 @@ def test_no_angle_is_smaller_and_the_metric_stays(case):
 
 def test_overlay_after_refinement(case):
     mesh, refined = case
-    cut = common_subdivision(refined.flipped, refined.base)
+    cut = common_subdivision(refined.triangulation, refined.base)
     topology = cut.mesh.topology
     assert topology.is_manifold == mesh.topology.is_manifold and topology.is_oriented
     assert np.array_equal(topology.nonmanifold_vertices, mesh.topology.nonmanifold_vertices)
@@ -77,7 +77,7 @@ def test_overlay_after_refinement(case):
     turned = np.einsum("ij,ij->i", face_area_vector(cut.mesh), face_normal(mesh)[cut.input_face])
     assert (turned > -1e-9 * face_area(mesh.side_length).max()).all()
     area = np.linalg.norm(face_area_vector(cut.mesh), axis=1)
-    for label, whole in ((cut.input_face, mesh), (cut.intrinsic_face, refined.flipped.mesh)):
+    for label, whole in ((cut.input_face, mesh), (cut.intrinsic_face, refined.triangulation.mesh)):
         expected = face_area(whole.side_length)
         assert np.bincount(label, area, minlength=whole.n_faces) == pytest.approx(
             expected, abs=1e-9 * expected.max()
@@ -92,15 +92,15 @@ def test_overlay_after_refinement(case):
 
 def test_what_is_good_already_gets_no_points():
     refined = refine(shapes.icosphere(2), 25)
-    assert len(refined.steiner) == 0 and refined.batches == 0 and refined.flipped.flips == 0
+    assert len(refined.steiner) == 0 and refined.batches == 0 and refined.triangulation.flips == 0
 
 
 @pytest.mark.parametrize("degrees", [40, 20])
 def test_sharp_cones_are_excepted_and_counted(degrees):
     refined = refine(cone(np.radians(degrees)), 25)
     assert refined.sharp_vertices == 1
-    assert refined.reached and refined.unreached_faces == 0
-    small = corner_angle(refined.flipped.mesh.side_length).min(axis=1) < np.radians(25) * (1 - 1e-6)
+    assert refined.converged and refined.unreached_faces == 0
+    small = corner_angle(refined.triangulation.mesh.side_length).min(axis=1) < np.radians(25) * (1 - 1e-6)
     assert small.sum() == refined.excepted_faces
     assert len(refined.steiner) < 500
 
@@ -109,7 +109,7 @@ def test_a_sharp_corner_of_the_boundary_is_excepted():
     points = np.array([[0, 0, 0], [1, 0, 0], [1, 0.1, 0], [2, 0.3, 0], [2, 1.0, 0]])
     mesh = TriangleMesh.from_arrays(points, np.array([[0, 1, 2], [1, 3, 2], [2, 3, 4]]))
     refined = refine(mesh, 25)
-    assert refined.sharp_vertices >= 1 and refined.reached
+    assert refined.sharp_vertices >= 1 and refined.converged
     assert len(refined.steiner) < 500
 
 
@@ -117,17 +117,17 @@ def test_coincident_vertices_are_excepted_and_counted(caplog):
     mesh = spoiled_sphere()
     refined = refine(mesh, 25)
     assert refined.coincident_vertices == 2 and refined.sharp_vertices == 0
-    assert refined.reached and 0 < refined.excepted_faces < 20
+    assert refined.converged and 0 < refined.excepted_faces < 20
     assert "mollified" in caplog.text
-    change = metric_residuals(mesh, refined.flipped.mesh)
+    change = metric_residuals(mesh, refined.triangulation.mesh)
     assert change["area_residual"] < 1e-8  # the cap gets a height of about 3e-8 of its sides
     assert change["angle_defect_residual"] < 4 * 3e-8 / (2 * np.pi)
 
 
 def test_points_run_out():
     refined = refine(stretched(), 25, max_points=50)
-    assert len(refined.steiner) == 50 and not refined.reached and refined.unreached_faces > 0
-    assert not non_delaunay_edges(refined.flipped.mesh).any()
+    assert len(refined.steiner) == 50 and not refined.converged and refined.unreached_faces > 0
+    assert not non_delaunay_edges(refined.triangulation.mesh).any()
 
 
 def test_refusals():
@@ -143,5 +143,5 @@ def test_refusals():
 
 def test_two_runs_are_equal():
     a, b = refine(stretched(), 25), refine(stretched(), 25)
-    assert np.array_equal(a.flipped.mesh.side_length, b.flipped.mesh.side_length)
+    assert np.array_equal(a.triangulation.mesh.side_length, b.triangulation.mesh.side_length)
     assert np.array_equal(a.steiner.barycentric, b.steiner.barycentric)

@@ -6,7 +6,7 @@ import pytest
 from ddgcli.algorithms.repair.pipeline import RepairSteps, repair_mesh, steps_for
 from ddgcli.errors import MeshError, ParameterError
 from ddgcli.mesh import shapes
-from ddgcli.mesh.require import why_not
+from ddgcli.mesh.require import unmet_need
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 
 
@@ -154,7 +154,7 @@ def test_steps_for_a_command_make_it_accept_the_mesh(command):
         np.concatenate([sphere.faces, [[a, b, sphere.n_vertices], [a, a, b], [a, b, c]]]),
     )
     repaired, _ = repair_mesh(bad, steps_for(command))
-    assert why_not(repaired.mesh, command) is None
+    assert unmet_need(repaired.mesh, command) is None
 
 
 def test_what_cannot_be_repaired_is_refused():

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from ddgcli.algorithms.hodge.report import hodge_report
-from ddgcli.algorithms.laplacian.report import Tasks, laplacian_report
+from ddgcli.algorithms.hodge.hodge_analysis import hodge_analysis
+from ddgcli.algorithms.laplacian.tasks import LaplacianTasks, solve_laplacian_tasks
 from ddgcli.linalg.constrain import Dirichlet, Poisson
 from ddgcli.linalg.residual_gate import within_residuals
 from ddgcli.mesh import shapes
@@ -33,18 +33,18 @@ def test_a_wrong_solution_is_not_converged(solver, tasks, monkeypatch):
     mesh = shapes.icosphere(2)
     if "poisson" in tasks:
         tasks = tasks | {"poisson": mesh.points[:, 2]}
-    assert laplacian_report(mesh, Tasks(**tasks)).converged
+    assert solve_laplacian_tasks(mesh, LaplacianTasks(**tasks)).converged
     right, noise = solver.solve, np.random.default_rng(0).standard_normal(mesh.n_vertices)
     monkeypatch.setattr(solver, "solve", lambda *a, **k: right(*a, **k) + noise)
-    assert not laplacian_report(mesh, Tasks(**tasks)).converged
+    assert not solve_laplacian_tasks(mesh, LaplacianTasks(**tasks)).converged
 
 
 @pytest.mark.parametrize("value", [0.0, 1.0, 1e100, 1e-200])
 def test_constant_sources_and_values_are_solved_exactly(value):
     mesh = shapes.random_sphere(500)
-    poisson = laplacian_report(mesh, Tasks(poisson=np.full(mesh.n_vertices, value)))
+    poisson = solve_laplacian_tasks(mesh, LaplacianTasks(poisson=np.full(mesh.n_vertices, value)))
     assert poisson.converged and np.abs(poisson.vertex["poisson"]).max() <= 1e-12 * value
-    harmonic = laplacian_report(mesh, Tasks(harmonic=True, fixed={3: value, 9: value}))
+    harmonic = solve_laplacian_tasks(mesh, LaplacianTasks(harmonic=True, fixed={3: value, 9: value}))
     assert harmonic.converged and np.allclose(harmonic.vertex["harmonic"], value, rtol=1e-12, atol=0)
     assert harmonic.accuracy["maximum_principle_violation"] < 1e-12
 
@@ -53,18 +53,19 @@ def test_one_element_and_everything_fixed():
     triangle = TriangleMesh.from_arrays(np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0.0]]), [[0, 1, 2]])
     fixed = {0: 1.0, 1: 2.0, 2: 3.0}
     for tasks in (
-        Tasks(harmonic=True, fixed=fixed),
-        Tasks(poisson=np.zeros(3), fixed=fixed),
-        Tasks(smooth=1.0),
-        Tasks(smooth=1.0, smooth_flow="conformalized"),
-        Tasks(eigen=3, hks=(0.1,)),
-        Tasks(parameterize="harmonic"),
-        Tasks(parameterize="conformal"),
+        LaplacianTasks(harmonic=True, fixed=fixed),
+        LaplacianTasks(poisson=np.zeros(3), fixed=fixed),
+        LaplacianTasks(smooth=1.0),
+        LaplacianTasks(smooth=1.0, smooth_flow="conformalized"),
+        LaplacianTasks(eigen=3, hks=(0.1,)),
+        LaplacianTasks(parameterize="harmonic"),
+        LaplacianTasks(parameterize="conformal"),
     ):
-        report = laplacian_report(triangle, tasks)
+        report = solve_laplacian_tasks(triangle, tasks)
         assert report.converged and all(np.isfinite(a).all() for a in report.vertex.values())
     assert np.array_equal(
-        laplacian_report(triangle, Tasks(harmonic=True, fixed=fixed)).vertex["harmonic"], [1, 2, 3]
+        solve_laplacian_tasks(triangle, LaplacianTasks(harmonic=True, fixed=fixed)).vertex["harmonic"],
+        [1, 2, 3],
     )
 
 
@@ -72,7 +73,7 @@ def test_one_element_and_everything_fixed():
 def test_hodge_of_fields_of_any_size(size):
     mesh = shapes.torus(12, 6, 2.0, 1.0)
     field = np.cross([0.0, 0.0, size], mesh.points[mesh.faces].mean(axis=1))
-    report = hodge_report(mesh, (field, "face"), "tangential", False)
+    report = hodge_analysis(mesh, (field, "face"), "tangential", False)
     assert report.converged
     assert all(0 <= value < 1e-9 for value in report.accuracy.values()), report.accuracy
 
@@ -88,4 +89,4 @@ def test_a_hodge_part_that_is_wrong_is_not_converged(monkeypatch):
         "potential",
         lambda self, load: right(self, load) + np.arange(mesh.n_vertices) / mesh.n_vertices,
     )
-    assert not hodge_report(mesh, (field, "face"), "tangential", False).converged
+    assert not hodge_analysis(mesh, (field, "face"), "tangential", False).converged

@@ -1,4 +1,4 @@
-"""Shortest paths: as long as the exact distance, straight, and bent only where a shortest path may bend."""
+"""Shortest paths have the length of the exact distance, and bend only at saddles and the boundary."""
 
 import numpy as np
 import pytest
@@ -26,7 +26,7 @@ MESHES = {
 
 @pytest.mark.parametrize("name", MESHES)
 @pytest.mark.parametrize("kind", ["vertex", "points"])
-def test_length_is_the_exact_distance(name, kind):
+def test_path_length_equals_the_exact_distance(name, kind):
     mesh = MESHES[name]
     points = SurfacePoints(np.array([7, 11]), np.array([[0.2, 0.3, 0.5], [0.0, 0.4, 0.6]]))
     sources = Sources.at([5]) if kind == "vertex" else Sources.at([3], points)
@@ -55,7 +55,7 @@ def test_a_path_goes_round_a_hole_along_its_corners():
     assert curves.entries[0]["length"] == pytest.approx(2 * np.sqrt(5) + 3, rel=1e-14)
 
 
-def test_unreachable_and_unknown_targets():
+def test_unreachable_targets_have_no_path_and_unknown_ones_are_refused():
     a = shapes.icosphere(1)
     two = TriangleMesh.from_arrays(
         np.concatenate([a.points, a.points + 5]), np.concatenate([a.faces, a.faces + a.n_vertices])
@@ -79,7 +79,7 @@ def three_sheets(k=8):
     return TriangleMesh.from_arrays(np.concatenate(points), np.concatenate(faces))
 
 
-def test_paths_that_would_cross_an_edge_of_three_faces_are_told(caplog):
+def test_paths_across_an_edge_with_three_faces_are_missing_with_a_warning(caplog):
     mesh, source = three_sheets(), Sources.at([40])
     exact = exact_distance(mesh, source)
     curves = shortest_paths(mesh, exact, source, [45, 81 + 20, 162 + 37])
@@ -93,7 +93,7 @@ def test_paths_that_would_cross_an_edge_of_three_faces_are_told(caplog):
 
 @pytest.mark.parametrize("turned", [False, True])
 def test_log_map_beyond_an_edge_of_three_faces(turned):
-    """Every sheet is unrolled beside the first, whichever way its faces run."""
+    """Every sheet is unfolded next to the first, for any orientation of its faces."""
     mesh, source = three_sheets(), Sources.at([40])
     if turned:  # the second sheet turned over
         faces = np.where(
@@ -111,7 +111,7 @@ def test_log_map_beyond_an_edge_of_three_faces(turned):
 
 
 def test_log_map_beyond_an_edge_of_three_faces_from_the_tip_of_a_cone():
-    """Where the angle around the source is not 2 pi, 2 pi is not nothing: as without the third sheet."""
+    """The total angle of the source is not 2 pi; the map equals that without the third sheet."""
     mesh, source = three_sheets(), Sources.at([40])
     bumped = mesh.points.copy()
     bumped[40, 2] += 0.1
@@ -144,7 +144,7 @@ def test_a_source_on_an_edge_of_three_faces_has_paths_but_no_tangent_plane():
 
 
 @pytest.mark.parametrize("source", [0, 34, 7, 91, 133])
-def test_on_faces_without_area_paths_are_right_or_told(source, caplog):
+def test_on_faces_without_area_paths_are_exact_or_missing_with_a_warning(source, caplog):
     """A sphere with a flat cap (vertex 0) and two vertices at one place (34 and 115)."""
     mesh, sources = spoiled_sphere(), Sources.at([source])
     exact = exact_distance(mesh, sources)
@@ -158,7 +158,7 @@ def test_on_faces_without_area_paths_are_right_or_told(source, caplog):
 
 
 @pytest.mark.parametrize("name", ["spot.obj", "goathead.obj", "plane_holes.obj", "menger_sponge3.off"])
-def test_real_meshes(shared_meshes, name):
+def test_real_meshes_agree_with_the_reference(shared_meshes, name):
     from ddgcli.io.mesh_file import read_mesh
 
     mesh = read_mesh(str(shared_meshes / name)).mesh

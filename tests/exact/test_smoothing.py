@@ -4,17 +4,16 @@ import numpy as np
 import pytest
 from scipy.sparse import csr_array
 
-from ddgcli.algorithms.laplacian import report as report_module
 from ddgcli.algorithms.laplacian import smooth as smooth_module
-from ddgcli.algorithms.laplacian.report import Tasks, laplacian_report
 from ddgcli.algorithms.laplacian.smooth import (
     BOX_TOLERANCE,
-    FLOWS,
     MAX_WEIGHT,
     MIN_MASS,
     bounded_stiffness,
     smooth,
 )
+from ddgcli.algorithms.laplacian.tasks import LaplacianTasks, solve_laplacian_tasks
+from ddgcli.choices import SMOOTHING_FLOWS
 from ddgcli.mesh import shapes
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 
@@ -47,7 +46,7 @@ def folded_back(mesh, seed=0):
     return mesh.moved(mesh.points + 0.5 * mesh.side_length.mean() * rng.standard_normal(mesh.points.shape))
 
 
-@pytest.mark.parametrize("flow", FLOWS)
+@pytest.mark.parametrize("flow", SMOOTHING_FLOWS)
 def test_a_sphere_shrinks_by_its_law_at_first_order_in_the_step(flow):
     mesh = shapes.icosphere(3)
     errors = []
@@ -57,7 +56,7 @@ def test_a_sphere_shrinks_by_its_law_at_first_order_in_the_step(flow):
     assert (np.log2(np.array(errors[:-1]) / errors[1:]) > 0.85).all()
 
 
-@pytest.mark.parametrize("flow", FLOWS)
+@pytest.mark.parametrize("flow", SMOOTHING_FLOWS)
 @pytest.mark.parametrize("time", [1e-2, 1e4])
 def test_no_point_leaves_the_box(flow, time):
     for mesh in (folded_back(shapes.icosphere(2)), folded_back(shapes.catenoid(24, 12)), dumbbell(0.1)):
@@ -97,7 +96,7 @@ def test_the_bounds_leave_ordinary_meshes_alone():
 
 def test_a_mesh_of_nothing_but_boundary_stays():
     triangle = TriangleMesh.from_arrays(np.eye(3), [[0, 1, 2]])
-    for flow in FLOWS:
+    for flow in SMOOTHING_FLOWS:
         smoothed = smooth(triangle, 1.0, flow=flow)
         assert np.array_equal(smoothed.mesh.points, triangle.points)
         assert smoothed.time == 1.0 and smoothed.residual == 0.0
@@ -105,10 +104,10 @@ def test_a_mesh_of_nothing_but_boundary_stays():
 
 def test_a_bad_residual_is_not_converged(monkeypatch, caplog):
     mesh = shapes.icosphere(1)
-    assert laplacian_report(mesh, Tasks(smooth=0.01)).converged
+    assert solve_laplacian_tasks(mesh, LaplacianTasks(smooth=0.01)).converged
     right = smooth_module.Dirichlet.solve
     monkeypatch.setattr(smooth_module.Dirichlet, "solve", lambda *a, **k: right(*a, **k) * (1 - 1e-2))
-    report = laplacian_report(mesh, Tasks(smooth=0.01))
+    report = solve_laplacian_tasks(mesh, LaplacianTasks(smooth=0.01))
     assert not report.converged and "smooth_residual" in caplog.text
 
 
@@ -120,7 +119,7 @@ def test_a_box_that_grows_is_not_converged(monkeypatch, caplog):
         return type(moved)(moved.mesh, moved.area, 0.0, 1e-9, box_growth=10 * BOX_TOLERANCE)
 
     monkeypatch.setattr(smooth_module, "smooth", grown)
-    assert not laplacian_report(mesh, Tasks(smooth=1e-9)).converged
+    assert not solve_laplacian_tasks(mesh, LaplacianTasks(smooth=1e-9)).converged
     assert "bounding box grew" in caplog.text
 
 
@@ -128,18 +127,18 @@ def test_operators_that_break_the_maximum_principle_are_caught():
     # the consistent mass couples vertices, and short steps overshoot
     mesh = shapes.random_sphere(200)
     mesh = mesh.moved(mesh.points * [5, 1, 0.2])
-    wrong = laplacian_report(mesh, Tasks(mass="galerkin", smooth=1e-3, smooth_steps=1))
+    wrong = solve_laplacian_tasks(mesh, LaplacianTasks(mass="galerkin", smooth=1e-3, smooth_steps=1))
     assert wrong.accuracy["smooth_box_growth"] > 1e-5 and not wrong.converged
-    right = laplacian_report(mesh, Tasks(smooth=1e-3, smooth_steps=1))
+    right = solve_laplacian_tasks(mesh, LaplacianTasks(smooth=1e-3, smooth_steps=1))
     assert right.accuracy["smooth_box_growth"] == 0 and right.converged
 
 
 def test_the_sensible_times_are_those_of_the_mesh():
     mesh = shapes.icosphere(3, radius=2.0)
-    times = laplacian_report(mesh, Tasks(smooth=1e-3)).results["smooth_sensible_time"]
+    times = solve_laplacian_tasks(mesh, LaplacianTasks(smooth=1e-3)).results["smooth_sensible_time"]
     assert np.isclose(times["noise"], mesh.side_length.mean() ** 2)
     assert np.isclose(times["shape"], 16e-3 * np.pi, rtol=0.02)
     noisy = folded_back(shapes.icosphere(3))
-    edge = report_module.laplacian_report(noisy, Tasks(smooth=1e-3)).results["smooth_sensible_time"]["noise"]
+    edge = solve_laplacian_tasks(noisy, LaplacianTasks(smooth=1e-3)).results["smooth_sensible_time"]["noise"]
     roughness = [np.std(np.linalg.norm(m.points, axis=1)) for m in (noisy, smooth(noisy, edge).mesh)]
     assert roughness[1] < 0.3 * roughness[0]

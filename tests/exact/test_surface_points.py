@@ -1,4 +1,4 @@
-"""The point of a surface nearest to a point in space."""
+"""Nearest points on a surface to points in space."""
 
 import numpy as np
 import pytest
@@ -15,37 +15,37 @@ def queries(mesh, k=200, seed=0):
 
 
 @pytest.mark.parametrize("mesh", [shapes.random_sphere(300), shapes.torus(24, 12), shapes.box(2, 3, 4)])
-def test_it_is_the_one_that_libigl_finds(mesh):
+def test_nearest_points_equal_those_of_libigl(mesh):
     igl = pytest.importorskip("igl")
     points = queries(mesh)
-    found, distance = nearest_points(mesh, points)
+    nearest, distance = nearest_points(mesh, points)
     squared, _, position = igl.point_mesh_squared_distance(points, mesh.points, mesh.faces)[:3]
     np.testing.assert_allclose(distance, np.sqrt(squared), rtol=1e-12)
-    np.testing.assert_allclose(found.positions(mesh), position, atol=1e-7)  # ties: sqrt of rounding
+    np.testing.assert_allclose(nearest.positions(mesh), position, atol=1e-7)  # ties: sqrt of rounding
 
 
 @pytest.mark.parametrize("scale", [1e-300, 1e-8, 1e8, 1e190])
-def test_size_does_not_matter(scale):
+def test_results_scale_with_the_mesh(scale):
     mesh = shapes.random_sphere(300)
     points = queries(mesh)
     once, distance = nearest_points(mesh, points)
-    found, scaled = nearest_points(mesh.moved(mesh.points * scale), points * scale)
+    nearest, scaled = nearest_points(mesh.moved(mesh.points * scale), points * scale)
     np.testing.assert_allclose(scaled / scale, distance, rtol=1e-12)
-    np.testing.assert_allclose(found.positions(mesh), once.positions(mesh), atol=1e-12)
+    np.testing.assert_allclose(nearest.positions(mesh), once.positions(mesh), atol=1e-12)
 
 
-def test_far_from_the_origin_it_is_as_near():
+def test_nearest_points_are_invariant_under_translation():
     mesh = shapes.random_sphere(300)
     points = queries(mesh)
     once, _ = nearest_points(mesh, points)
     away = np.array([1e8, -2e8, 3e8])
-    found, _ = nearest_points(mesh.moved(mesh.points + away), points + away)
+    nearest, _ = nearest_points(mesh.moved(mesh.points + away), points + away)
     np.testing.assert_allclose(
-        found.positions(mesh), once.positions(mesh), atol=1e-6
+        nearest.positions(mesh), once.positions(mesh), atol=1e-6
     )  # 3e8 / 2**53 and slopes
 
 
-def test_no_faces_are_refused_and_no_points_are_none():
+def test_meshes_without_faces_are_refused():
     empty = TriangleMesh.from_arrays(np.zeros((3, 3)), np.zeros((0, 3), dtype=np.int64))
     with pytest.raises(MeshError, match="no triangles"):
         nearest_points(empty, [[0.0, 0, 0]])

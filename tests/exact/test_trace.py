@@ -1,4 +1,4 @@
-"""Straightest geodesics: straight when unfolded, equal angles at vertices, reversible, intrinsic."""
+"""Straightest geodesics are straight when unfolded, halve angles at vertices, and are reversible."""
 
 import numpy as np
 import pytest
@@ -51,7 +51,7 @@ def test_lines_in_the_plane_are_straight(pattern, scale):
 
 
 @pytest.mark.parametrize("degrees", range(0, 360, 45))
-def test_along_edges_and_through_flat_vertices(degrees):
+def test_lines_along_edges_and_through_flat_vertices_are_straight(degrees):
     mesh = shapes.grid(8, 8)
     centre = 4 * 9 + 4
     face = np.flatnonzero((mesh.faces == centre).any(axis=1))
@@ -68,7 +68,7 @@ def test_along_edges_and_through_flat_vertices(degrees):
 
 @pytest.mark.parametrize("total", [0.3, 1.5 * np.pi, 2 * np.pi, 3.1 * np.pi, 7 * np.pi])
 @pytest.mark.parametrize("share", [0.0, 0.31])
-def test_a_vertex_is_left_at_half_its_angle(total, share):
+def test_lines_through_a_vertex_halve_its_angle(total, share):
     mesh = cone(total)
     tracer = Tracer(mesh)
     corners = corner_position(tracer.unfolding)
@@ -98,7 +98,7 @@ def test_cube_corner_turns_equally_on_both_sides():
 
 
 @pytest.mark.parametrize("mesh", [shapes.random_sphere(400), shapes.torus(24, 12), shapes.box(3, 2, 4)])
-def test_lines_run_backwards_and_need_lengths_only(mesh):
+def test_lines_are_reversible_and_intrinsic(mesh):
     face, barycentric, direction = random_starts(mesh, 200)
     there = trace(mesh, face, barycentric, direction, np.full(200, 1.3))
     back = trace(mesh, there.face, there.barycentric, -there.direction, there.length)
@@ -125,7 +125,7 @@ def test_helix_on_the_cylinder_has_constant_slope():
     assert np.linalg.norm(step, axis=1).sum() == pytest.approx(end.length[0], rel=1e-13)
 
 
-def test_recorded_points_lie_in_the_faces_they_name_and_join():
+def test_recorded_points_lie_in_their_faces_and_are_connected():
     mesh = shapes.random_sphere(300)
     face, barycentric, direction = random_starts(mesh, 50)
     barycentric[:10, 0] = 0  # starts on edges
@@ -145,7 +145,7 @@ def test_recorded_points_lie_in_the_faces_they_name_and_join():
             assert abs(np.linalg.det([c - a, d - a, p[j + 1] - a])) < 1e-13
 
 
-def test_reflected_lines_fold_like_light_in_a_box():
+def test_reflected_lines_in_a_box_equal_folded_straight_lines():
     mesh = shapes.grid(7, 5, 1.0, 1.0)
     direction = np.array([0.83, 0.41, 0.0])
     end = trace(mesh, [8], [[0.2, 0.3, 0.5]], [direction], [9.0], at_boundary="reflect")
@@ -156,7 +156,7 @@ def test_reflected_lines_fold_like_light_in_a_box():
     np.testing.assert_allclose(got[:2], folded, atol=1e-12)
 
 
-def test_lines_into_boundary_vertices_are_reflected_as_beside_them():
+def test_reflection_at_boundary_vertices_is_continuous():
     mesh = shapes.grid(10, 10)
     start = np.array([0.3, 0.2, 0.0])
     face = np.flatnonzero((np.linalg.norm(mesh.points[mesh.faces] - start, axis=2) < 1e-12).any(axis=1))[:1]
@@ -184,12 +184,12 @@ def test_lines_into_boundary_vertices_are_reflected_as_beside_them():
         (0, [1, 0, 0], [1, 0, 0], np.nan, "length"),
     ],
 )
-def test_bad_starts_are_refused_with_a_mend(face, barycentric, direction, length, word):
+def test_bad_starts_are_refused_with_a_cure(face, barycentric, direction, length, word):
     with pytest.raises(InputError, match=word):
         trace(shapes.grid(2, 2), [face], [barycentric], [direction], [length])
 
 
-def test_hopeless_lines_are_given_up_and_told(caplog):
+def test_abandoned_lines_have_a_warning(caplog):
     mesh = shapes.random_sphere(50)
     end = trace(mesh, [0], [[0.2, 0.3, 0.5]], [[1.0, 0.3, 0.2]], [1e9], max_crossings=100)
     assert end.status[0] == GAVE_UP and 0 < end.length[0] < 1e3
@@ -240,13 +240,13 @@ def test_lines_on_the_sphere_follow_great_circles():
     assert errors[-1] < 2e-3 and np.log2(errors[0] / errors[-1]) / 2 > 1.2, errors
 
 
-def test_lines_in_several_batches_are_those_of_one(monkeypatch):
+def test_lines_do_not_depend_on_the_batch_size(monkeypatch):
     mesh = shapes.random_sphere(300)
     starts = (*random_starts(mesh, 50), np.random.default_rng(1).uniform(0, 4, 50))
     once = trace(mesh, *starts, record=True)
-    monkeypatch.setattr("ddgcli.algorithms.tracing.trace.LINES_AT_ONCE", 7)
+    monkeypatch.setattr("ddgcli.algorithms.tracing.trace.BATCH_SIZE", 7)
     heard = []
-    parted = Tracer(mesh).trace(*starts, record=True, told=lambda done, total: heard.append(done / total))
+    parted = Tracer(mesh).trace(*starts, record=True, progress=lambda done, total: heard.append(done / total))
     for name in ("face", "status", "crossings", "path_start", "path_face"):
         np.testing.assert_array_equal(getattr(parted, name), getattr(once, name))
     for name in ("barycentric", "direction", "length", "path_barycentric"):  # few lines: other last bits
@@ -255,7 +255,7 @@ def test_lines_in_several_batches_are_those_of_one(monkeypatch):
 
 
 def test_lines_of_very_different_lengths_keep_their_own_points():
-    """Lines that have ended are walked on for a while beside long ones; none may lend another its points."""
+    """Ended lines stay in the arrays for some steps; their points must not appear in other lines."""
     mesh = shapes.random_sphere(300)
     face, barycentric, direction = random_starts(mesh, 40)
     length = np.where(np.arange(40) % 9 == 4, 40.0, 0.3) * np.random.default_rng(2).uniform(0, 1, 40)
@@ -269,7 +269,7 @@ def test_lines_of_very_different_lengths_keep_their_own_points():
 
 @pytest.mark.parametrize("mesh", [shapes.random_sphere(300), shapes.grid(8, 8)], ids=["sphere", "grid"])
 @pytest.mark.parametrize("at_boundary", ["stop", "reflect"])
-def test_few_lines_in_plain_numbers_are_those_walked_as_arrays(mesh, at_boundary, monkeypatch):
+def test_scalar_and_array_tracing_agree(mesh, at_boundary, monkeypatch):
     """Points, vertices met, boundaries, ends and counts are the same, however a crossing is computed."""
     corners = np.eye(3)[np.arange(12) % 3]  # along edges, from vertex to vertex
     face, barycentric, direction = random_starts(mesh, 12, seed=3)
@@ -277,7 +277,7 @@ def test_few_lines_in_plain_numbers_are_those_walked_as_arrays(mesh, at_boundary
     starts = np.tile(face, 2), np.concatenate([barycentric, corners]), np.concatenate([direction, along])
     tracer, ways = Tracer(mesh), []
     for few in (0, 24):
-        monkeypatch.setattr("ddgcli.algorithms.tracing.batch.FEW", few)
+        monkeypatch.setattr("ddgcli.algorithms.tracing.batch.MAX_SCALAR_LINES", few)
         ways.append(tracer.trace(*starts, np.linspace(0, 9, 24), at_boundary=at_boundary, record=True))
     arrays, numbers = ways
     for name in ("status", "crossings", "path_start", "path_face"):

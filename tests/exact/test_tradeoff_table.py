@@ -3,10 +3,13 @@
 import logging
 import time
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
 
+from ddgcli.cli.commands.tradeoff import row_command
+from ddgcli.cli.commands.tradeoff_options import CommandCall
 from ddgcli.errors import ParameterError, SolveError
 from ddgcli.mesh import shapes
 from ddgcli.tradeoff.candidates import (
@@ -20,7 +23,7 @@ from ddgcli.tradeoff.candidates import (
     relative_to_rms,
 )
 from ddgcli.tradeoff.measure import run_problem
-from ddgcli.tradeoff.pareto import break_even, cheapest_within, give_verdicts
+from ddgcli.tradeoff.pareto import assign_verdicts, break_even, cheapest_within
 from ddgcli.tradeoff.report import csv_of, results_of
 from ddgcli.tradeoff.truths import SHAPES, ellipsoid, parse_truth
 
@@ -36,7 +39,7 @@ def planted(name: str, error: float, seconds: float, setup: float = 0.0, work: f
         answer[3] += error * TRUTH.max()
         return answer
 
-    return Candidate(name, {}, lambda: time.sleep(setup), solve, f"--method {name}", work)
+    return Candidate(name, {}, lambda: time.sleep(setup), solve, {"method": name}, work)
 
 
 def problem(*candidates: Candidate) -> Problem:
@@ -54,7 +57,7 @@ def test_planted_candidates_are_ranked_where_they_belong():
         ),
         repeat=2,
     )
-    chosen = give_verdicts(table, 1e-3)
+    chosen = assign_verdicts(table, 1e-3)
     rows = {row.method: row for row in table.rows}
     assert {name for name, row in rows.items() if row.on_front} == {"rough", "good"}
     assert chosen is rows["good"]
@@ -75,13 +78,13 @@ def test_within_never_names_a_row_above(within, norm):
 
 
 def test_an_answer_that_is_not_finite_is_never_within():
-    bad = Candidate("nan", {}, lambda: None, lambda _: np.full(11, np.nan), "", 0.0)
+    bad = Candidate("nan", {}, lambda: None, lambda _: np.full(11, np.nan), {}, 0.0)
     table = run_problem(problem(bad), repeat=1)
     assert table.rows == [] and table.left_out == [("nan", "its answer is not finite at vertex 0")]
     assert cheapest_within(table.rows, 1e9) is None
 
 
-def test_set_up_pays_off_after_the_right_number_of_queries():
+def test_set_up_pays_off_after_the_number_of_queries_that_the_seconds_give():
     table = run_problem(
         problem(planted("direct", 1e-3, 0.02), planted("factored", 1e-3, 0.002, setup=0.05)), repeat=3
     )
@@ -90,7 +93,7 @@ def test_set_up_pays_off_after_the_right_number_of_queries():
     assert 2 <= pair["queries"] <= 5
 
 
-def test_errors_are_relative_to_what_they_say():
+def test_errors_are_relative_to_the_largest_or_rms_truth():
     answer, truth = np.array([1.5, 0.5, -4.4, np.nan, 7.0]), np.array([1.0, 0.0, -4.0, 2.0, np.inf])
     largest, rms = relative_to_largest(answer, truth), relative_to_rms(answer, truth)
     assert largest == pytest.approx([0.125, 0.125, 0.1, np.inf, 0])
@@ -99,7 +102,7 @@ def test_errors_are_relative_to_what_they_say():
 
 
 def row(method: str, setup: float, seconds: float, error: float) -> Row:
-    return Row(method, {}, setup, seconds, (seconds, seconds), 1, 1.0, error, 0, error, f"--method {method}")
+    return Row(method, {}, setup, seconds, (seconds, seconds), 1, 1.0, error, 0, error, {"method": method})
 
 
 @pytest.mark.parametrize(
@@ -116,23 +119,23 @@ def row(method: str, setup: float, seconds: float, error: float) -> Row:
     ],
 )
 def test_break_even_by_hand(direct, factored, queries):
-    found = break_even([row("direct", *direct), row("factored", *factored)])
-    wanted = {"row": "factored", "against": "direct", "queries": queries}
-    assert found == ([wanted] if queries else [])
+    pairs = break_even([row("direct", *direct), row("factored", *factored)])
+    expected = {"row": "factored", "against": "direct", "queries": queries}
+    assert pairs == ([expected] if queries else [])
 
 
-def test_an_error_of_just_what_is_asked_for_is_within():
+def test_an_error_equal_to_the_bound_is_within():
     rows = [row("a", 0.0, 1.0, 0.1), row("b", 0.0, 2.0, 0.05)]
     assert cheapest_within(rows, 0.1) is rows[0] and cheapest_within(rows, 0.099) is rows[1]
 
 
-def test_no_row_is_told_more_exact_than_the_reference():
+def test_rows_below_the_reference_uncertainty_say_so():
     table = Table([row("a", 0.0, 1.0, 0.1), row("b", 0.0, 2.0, 0.05)], Reference("r", TRUTH, 0.05))
-    give_verdicts(table, None)
+    assign_verdicts(table, None)
     assert [r.verdict.endswith("as exact as the reference can tell") for r in table.rows] == [False, True]
 
 
-def test_the_budget_leaves_out_what_it_cannot_pay():
+def test_a_candidate_estimated_above_the_budget_is_left_out():
     table = run_problem(
         problem(planted("a", 1e-1, 0.01, work=0.01), planted("b", 1e-2, 300.0, work=300.0)), budget=2.0
     )
@@ -147,15 +150,15 @@ def busy(_):
 
 
 @pytest.mark.parametrize("solve", [lambda _: time.sleep(300), busy])
-def test_what_outruns_its_estimate_is_stopped(solve):
-    """A slow method with a guess that is far too low: it would never come back by itself."""
-    liar = Candidate("liar", {}, lambda: None, solve, "", 1e-3)
-    table = run_problem(problem(planted("a", 0.1, 0.0, work=1e-3), liar), budget=1.0, repeat=1)
+def test_a_run_that_exceeds_the_budget_is_stopped(solve):
+    """A slow method whose estimate is far too low would never return."""
+    endless = Candidate("endless", {}, lambda: None, solve, {}, 1e-3)
+    table = run_problem(problem(planted("a", 0.1, 0.0, work=1e-3), endless), budget=1.0, repeat=1)
     assert [row.method for row in table.rows] == ["a"]
-    assert table.left_out[0][0] == "liar" and "stopped after" in table.left_out[0][1]
+    assert table.left_out[0][0] == "endless" and "stopped after" in table.left_out[0][1]
 
 
-def asking(*references, budget):
+def run_with_references(*references, budget):
     one = problem(planted("a", 0.1, 0.001, work=0.001))
     return run_problem(Problem(one.candidates, references, one.error, "it"), budget=budget, repeat=1)
 
@@ -167,36 +170,36 @@ def never():
 def test_the_best_reference_that_is_affordable_is_taken():
     middle = Reference("middle", TRUTH, 1e-3)
     hung = (1e-3, lambda: time.sleep(300))
-    table = asking((1e6, never), hung, (1e-3, lambda: middle), (1e-3, never), budget=1.0)
+    table = run_with_references((1e6, never), hung, (1e-3, lambda: middle), (1e-3, never), budget=1.0)
     assert table.reference is middle
     assert [name for name, _ in table.left_out] == ["a finer reference"] * 2
 
 
 def test_without_an_affordable_reference_nothing_runs():
-    with pytest.raises(SolveError, match=r"no reference is affordable.*give --budget \d+"):
-        asking((1e6, never), budget=1.0)
+    with pytest.raises(SolveError, match=r"no reference is affordable.*`budget=\d+` or more"):
+        run_with_references((1e6, never), budget=1.0)
 
 
-def test_errors_alone_are_had_without_repeats():
+def test_zero_repeats_measure_errors_only():
     (row,) = run_problem(problem(planted("a", 0.1, 0.0)), repeat=0).rows
     assert row.max_error == pytest.approx(0.1) and row.repeats == 0 and np.isnan(row.peak_mib)
 
 
-def test_break_even_and_front_speak_of_the_norm_asked_for():
+def test_verdicts_and_pareto_front_use_the_chosen_norm():
     spiky = planted("spiky", 1e-2, 0.001)  # one entry off by much
-    even = Candidate("even", {}, lambda: None, lambda _: TRUTH * 1.005, "", 0.0)
+    even = Candidate("even", {}, lambda: None, lambda _: TRUTH * 1.005, {}, 0.0)
     table = run_problem(problem(spiky, even), repeat=1)
     for norm, best in (("max", "even"), ("mean", "spiky")):
-        give_verdicts(table, None, norm)
+        assign_verdicts(table, None, norm)
         assert min(table.rows, key=lambda r: r.error(norm)).method == best
         assert {row.method: row.on_front for row in table.rows}[best]
 
 
-def test_a_candidate_that_fails_is_left_out_and_told():
+def test_a_failed_candidate_is_left_out_with_its_error():
     def fail(_):
         raise SolveError("did not converge")
 
-    table = run_problem(problem(Candidate("x", {}, lambda: None, fail, ""), planted("a", 0.0, 0.0)), repeat=1)
+    table = run_problem(problem(Candidate("x", {}, lambda: None, fail, {}), planted("a", 0.0, 0.0)), repeat=1)
     assert table.left_out == [("x", "did not converge")]
     assert [row.method for row in table.rows] == ["a"]
 
@@ -206,27 +209,32 @@ def test_an_interrupt_keeps_the_rows_so_far():
         raise KeyboardInterrupt
 
     table = run_problem(
-        problem(planted("a", 0.0, 0.0), Candidate("b", {}, lambda: None, interrupt, "")), repeat=1
+        problem(planted("a", 0.0, 0.0), Candidate("b", {}, lambda: None, interrupt, {})), repeat=1
     )
     assert table.interrupted and [row.method for row in table.rows] == ["a"]
 
 
-def test_memory_of_a_run_is_seen():
+def test_peak_memory_of_a_run_is_measured():
     size = 30 * 2**20
 
     def hungry(_):
         block = np.ones(size // 8)
         return TRUTH + 0 * block[0]
 
-    table = run_problem(problem(Candidate("hungry", {}, lambda: None, hungry, "")), repeat=1)
+    table = run_problem(problem(Candidate("hungry", {}, lambda: None, hungry, {})), repeat=1)
     assert 25 < table.rows[0].peak_mib < 60
 
 
-def test_csv_holds_every_row():
+def test_csv_holds_every_row_with_its_command_quoted_for_a_shell():
     table = run_problem(problem(planted("a", 0.1, 0.0), planted("b", 0.0, 0.001)), repeat=1)
-    give_verdicts(table, None)
+    assign_verdicts(table, None)
     results = results_of(
-        table, problem(), ("geodesic", "m y.ply", "--source 3"), chosen=None, within=None, norm="max"
+        table,
+        problem(),
+        partial(row_command, "geodesic", CommandCall("m y.ply", {}, "--source 3")),
+        chosen=None,
+        within=None,
+        norm="max",
     )
     lines = csv_of(results["rows"]).decode().splitlines()
     assert len(lines) == 3 and lines[0].startswith("method,parameters,setup_seconds")
@@ -237,7 +245,7 @@ def test_truths_are_checked_against_the_mesh():
     mesh = shapes.icosphere(2)
     assert parse_truth("sphere:1", mesh.points).name == "sphere of radius 1"
     for text in ("sphere:2", "sphere", "sphere:x", "sphere:-1", "cone:1", "torus:1"):
-        with pytest.raises(ParameterError, match="--truth"):
+        with pytest.raises(ParameterError, match="truth: "):
             parse_truth(text, mesh.points)
     assert set(SHAPES) >= {"sphere", "torus"}
 
@@ -249,23 +257,23 @@ def test_ellipsoid_truth_has_the_sphere_as_its_round_case():
     assert ellipsoid(1, 1, 2).mean_curvature(pole) == pytest.approx(2.0)  # principal curvatures c / a^2
 
 
-def test_rows_that_only_the_clock_tells_apart_are_level():
+def test_rows_that_differ_only_by_clock_noise_are_level():
     def timed(method: str, seconds: float, error: float) -> Row:
         return replace(row(method, 0.0, seconds, error), seconds_spread=(0.9 * seconds, 1.2 * seconds))
 
     table = Table([timed("a", 1.0, 0.0), timed("b", 1.1, 0.0), timed("c", 2.0, 0.0), timed("d", 1.1, 0.1)])
-    give_verdicts(table, None)
+    assign_verdicts(table, None)
     assert [r.verdict.split(";")[0] for r in table.rows] == [
         "no other beats it", "level with a", "beaten by a", "beaten by a",
     ]  # fmt: skip
 
 
-def test_warnings_name_the_row_that_they_are_about(caplog):
+def test_warnings_begin_with_the_label_of_their_row(caplog):
     def solve(_):
         logging.getLogger("ddgcli").warning("%d faces are flat", 3)
         return TRUTH
 
     with caplog.at_level(logging.WARNING, "ddgcli"):
-        run_problem(problem(Candidate("heat", {"refine": 3}, lambda: None, solve, "")), repeat=0)
+        run_problem(problem(Candidate("heat", {"refine": 3}, lambda: None, solve, {})), repeat=0)
         logging.getLogger("ddgcli").warning("after")
     assert caplog.messages == ["heat refine=3: 3 faces are flat", "after"]

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from ddgcli.algorithms.delaunay.common_subdivision import Base, common_subdivision
+from ddgcli.algorithms.delaunay.common_subdivision import BaseTriangulation, common_subdivision
 from ddgcli.algorithms.delaunay.refine import refine
 from ddgcli.algorithms.delaunay.transfer import transfer
 from ddgcli.algorithms.delaunay.triangulation import flip_to_delaunay
@@ -12,7 +12,7 @@ from tests.delaunay_cases import planar, stretched
 
 
 def subdivision(mesh):
-    return common_subdivision(flip_to_delaunay(mesh, track=True), Base.itself(mesh))
+    return common_subdivision(flip_to_delaunay(mesh, track=True), BaseTriangulation.itself(mesh))
 
 
 @pytest.mark.parametrize("to", ["intrinsic", "input"])
@@ -26,7 +26,7 @@ def test_linear_functions_of_the_plane_arrive_unchanged(to):
 def test_the_result_is_the_nearest_and_keeps_the_integral(to):
     mesh = stretched(200)
     refined = refine(mesh, 25)
-    cut = common_subdivision(refined.flipped, refined.base)
+    cut = common_subdivision(refined.triangulation, refined.base)
     given, wanted = cut.from_input, cut.from_intrinsic
     if to == "input":
         given, wanted = wanted, given
@@ -50,5 +50,5 @@ def test_constants_survive_refinement():
     """Steiner points and flips change the space, but constants stay what they are."""
     mesh = stretched(200)
     refined = refine(mesh, 25)
-    cut = common_subdivision(refined.flipped, refined.base)
+    cut = common_subdivision(refined.triangulation, refined.base)
     assert np.abs(transfer(cut, np.ones(mesh.n_vertices), to="intrinsic") - 1).max() < 1e-10

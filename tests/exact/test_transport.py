@@ -1,4 +1,4 @@
-"""Parallel transport: along curves, round vertices, by the connection Laplacian; the logarithmic map."""
+"""Parallel transport along curves, around vertices and by the connection Laplacian; the logarithmic map."""
 
 import numpy as np
 import pytest
@@ -30,7 +30,7 @@ from ddgcli.operators.laplacian import stiffness
 
 
 def loop_round(mesh, vertex, seed=0):
-    """A closed path through the interiors of the faces around a vertex, counter-clockwise, crossing sides."""
+    """Closed path through the interiors of the faces around a vertex, counter-clockwise."""
     fans = vertex_fans(mesh)
     fan = int(np.flatnonzero(fans.vertex == vertex)[0])
     corners = fans.corner[fans.start[fan] : fans.start[fan + 1]]
@@ -134,8 +134,8 @@ def sphere_transport(mesh, source, vector):
     return vector + np.cross(axis, vector) + np.cross(axis, np.cross(axis, vector)) / (1 + cosine)[:, None]
 
 
-def test_vectors_reach_the_end_of_a_long_strip_and_do_not_mind_shear():
-    """Far beyond the smallest number of one diffusion step; and needles, where cotangents are negative."""
+def test_vector_heat_is_exact_on_long_and_sheared_strips():
+    """One diffusion step underflows on the strip, and needles have negative cotangents."""
     mesh = shapes.grid(1500, 2, 500.0, 0.6)
     sheared = mesh.moved(mesh.points + mesh.points[:, 1:2] * [6.0, 0, 0])
     for strip in (mesh, sheared):
@@ -151,19 +151,19 @@ def squeezed_sphere(n):
     return mesh.moved(points / np.linalg.norm(points, axis=1, keepdims=True))
 
 
-def test_each_source_gives_its_own_length_to_its_side():
+def test_transported_vectors_have_the_length_of_the_nearest_source():
     mesh = shapes.grid(60, 6, 10.0, 1.0)
     x = mesh.points[:, 0]
     sources = np.array([np.argmin(np.abs(x - at) + np.abs(mesh.points[:, 1] - 0.5)) for at in (1.0, 9.0)])
     vectors = np.zeros((mesh.n_vertices, 3))
     vectors[sources] = [[1.0, 0.0, 0.0], [0.0, 3.0, 0.0]]
     spread = VectorHeat(mesh).transport(sources, to_vertex_frames(mesh, vectors)[sources]).vector
-    found = from_vertex_frames(mesh, spread)
-    assert np.abs(found[x < 3] - vectors[sources[0]]).max() < 1e-3
-    assert np.abs(found[x > 7] - vectors[sources[1]]).max() < 1e-3
+    transported = from_vertex_frames(mesh, spread)
+    assert np.abs(transported[x < 3] - vectors[sources[0]]).max() < 1e-3
+    assert np.abs(transported[x > 7] - vectors[sources[1]]).max() < 1e-3
 
 
-def test_vector_heat_on_the_intrinsic_delaunay_triangulation_stays_right_on_needles():
+def test_intrinsic_delaunay_vector_heat_is_accurate_on_needles():
     mesh = squeezed_sphere(10_000)
     vector = np.cross(mesh.points[0], [0.3, 0.5, 0.8])
     start = to_vertex_frames(mesh, np.tile(vector, (mesh.n_vertices, 1)))[[0]]
@@ -178,8 +178,8 @@ def test_vector_heat_on_the_intrinsic_delaunay_triangulation_stays_right_on_need
     assert error[True].mean() < 1.2 and error[False].mean() > 5  # degrees; plain gets no better with n
 
 
-def test_frames_of_the_delaunay_triangulation_turn_into_those_of_the_mesh():
-    """An intrinsic edge walked on the input, in its turned direction, ends at its other vertex."""
+def test_delaunay_frames_rotate_to_those_of_the_mesh():
+    """An intrinsic edge traced on the input in its rotated direction ends at its other vertex."""
     mesh = squeezed_sphere(400)
     flipped = flip_to_delaunay(mesh, track=True)
     assert flipped.flips > 100
@@ -203,7 +203,7 @@ def test_frames_of_the_delaunay_triangulation_turn_into_those_of_the_mesh():
     assert gap.max() < 1e-9
 
 
-def test_vector_heat_tends_to_parallel_transport_on_the_sphere():
+def test_vector_heat_converges_to_parallel_transport_on_the_sphere():
     errors = []
     for n in (1000, 4000):
         mesh = shapes.random_sphere(n)
@@ -241,8 +241,8 @@ def test_log_map_of_the_plane_is_the_difference(where):
 
 
 @pytest.mark.parametrize("mesh", [shapes.random_sphere(400), shapes.torus(30, 15)])
-def test_lines_sent_out_as_the_log_map_says_end_at_the_vertices(mesh):
-    """The exponential map undoes the logarithmic one, but for paths that bend or graze a vertex."""
+def test_the_exponential_map_inverts_the_log_map(mesh):
+    """The exponential map inverts the logarithmic map, except for paths that bend at or graze a vertex."""
     points = SurfacePoints(np.array([51]), np.array([[0.2, 0.3, 0.5]]))
     sources = Sources.at([], points)
     exact = exact_distance(mesh, sources)
@@ -280,7 +280,7 @@ def test_log_map_of_the_sphere_converges():
     assert fine < 0.012 and fine < 0.5 * coarse
 
 
-def test_log_map_round_a_hole_keeps_distance_and_needs_one_source(shared_meshes):
+def test_log_map_around_a_hole_keeps_distance_and_needs_one_source(shared_meshes):
     from ddgcli.io.mesh_file import read_mesh
 
     mesh = read_mesh(str(shared_meshes / "plane_holes.obj")).mesh
@@ -292,7 +292,7 @@ def test_log_map_round_a_hole_keeps_distance_and_needs_one_source(shared_meshes)
         log_map(mesh, exact, Sources.at([1, 2]))
 
 
-def test_log_map_is_inf_where_the_source_does_not_reach():
+def test_log_map_is_inf_at_unreached_vertices():
     a = shapes.icosphere(1)
     two = TriangleMesh.from_arrays(
         np.concatenate([a.points, a.points + 5]), np.concatenate([a.faces, a.faces + a.n_vertices])

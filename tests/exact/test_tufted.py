@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from ddgcli.algorithms.laplacian.choice import laplace_operator, negative_weights
+from ddgcli.algorithms.laplacian.laplace_operator import laplace_operator, negative_weights
 from ddgcli.io.mesh_file import read_mesh
 from ddgcli.mesh import shapes
 from ddgcli.mesh.triangle_mesh import TriangleMesh

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ddgcli.algorithms.curvature.report import measure
+from ddgcli.algorithms.curvature.surface_curvature import measure_curvature
 from ddgcli.geometry.intrinsic import face_area
 from ddgcli.io.mesh_file import write_mesh
 from ddgcli.mesh import shapes
@@ -42,19 +42,19 @@ def test_hard_meshes_are_answered_or_refused(run, name, scheme, tmp_path):
 
 @pytest.mark.parametrize("name", REAL)
 def test_identities_hold_on_real_meshes(summary, shared_meshes, name):
-    found = summary("curvature", shared_meshes / name, "--scheme", "cotan")
-    assert found["accuracy"]["gauss_bonnet_residual"] < 1e-12
-    assert found["accuracy"]["vertex_area_residual"] < 1e-12
+    measured = summary("curvature", shared_meshes / name, "--scheme", "cotan")
+    assert measured["accuracy"]["gauss_bonnet_residual"] < 1e-12
+    assert measured["accuracy"]["vertex_area_residual"] < 1e-12
     for balance in ("force", "torque", "area"):
-        assert found["accuracy"][f"{balance}_balance_residual"] < 1e-12
+        assert measured["accuracy"][f"{balance}_balance_residual"] < 1e-12
 
 
-def test_turned_faces_are_turned_back_and_told(caplog):
+def test_misoriented_faces_are_turned_over_with_a_warning(caplog):
     mesh = shapes.torus(16, 8)
     some = np.random.default_rng(0).random(mesh.n_faces) < 0.3
     faces = np.where(some[:, None], mesh.faces[:, ::-1], mesh.faces)
-    mixed = measure(TriangleMesh.from_arrays(mesh.points, faces), "corrected")
-    plain = measure(mesh, "corrected")
+    mixed = measure_curvature(TriangleMesh.from_arrays(mesh.points, faces), "corrected")
+    plain = measure_curvature(mesh, "corrected")
     assert "turned over" in caplog.text
     assert mixed.vertex["mean_curvature"] == pytest.approx(plain.vertex["mean_curvature"])
     assert mixed.results["volume"] == pytest.approx(plain.results["volume"])
@@ -74,43 +74,43 @@ def moebius():
 def test_a_moebius_strip_has_curvature_but_no_total_mean_curvature(caplog, run):
     mesh = moebius()
     assert not mesh.topology.is_oriented
-    found = measure(mesh)
-    assert found.results["total_mean_curvature"] is None and "one-sided" in caplog.text
-    assert found.accuracy["gauss_bonnet_residual"] < 1e-13
+    measured = measure_curvature(mesh)
+    assert measured.results["total_mean_curvature"] is None and "one-sided" in caplog.text
+    assert measured.accuracy["gauss_bonnet_residual"] < 1e-13
     used = mesh.topology.referenced_vertex & ~mesh.topology.boundary_vertex
-    assert np.abs(found.vertex["mean_curvature"][used]).max() < 2, "no jump at the seam"
+    assert np.abs(measured.vertex["mean_curvature"][used]).max() < 2, "no jump at the seam"
     with pytest.raises(Exception, match="one-sided"):
-        measure(mesh, "normal-cycle")
+        measure_curvature(mesh, "normal-cycle")
 
 
-def test_inward_faces_are_told(caplog):
+def test_inward_faces_cause_a_warning(caplog):
     mesh = shapes.icosphere(1)
-    measure(TriangleMesh.from_arrays(mesh.points, mesh.faces[:, ::-1]))
+    measure_curvature(TriangleMesh.from_arrays(mesh.points, mesh.faces[:, ::-1]))
     assert "inward" in caplog.text
 
 
 def test_vertices_without_faces_and_tiny_meshes():
     mesh = shapes.icosphere(1)
     points = np.concatenate([mesh.points, [[9.0, 9, 9]]])
-    found = measure(TriangleMesh.from_arrays(points, mesh.faces))
+    measured = measure_curvature(TriangleMesh.from_arrays(points, mesh.faces))
     for name in ("angle_defect", "vertex_area", "mean_curvature", "gaussian_curvature"):
-        assert found.vertex[name][-1] == 0
+        assert measured.vertex[name][-1] == 0
     one = TriangleMesh.from_arrays(np.eye(3), np.array([[0, 1, 2]]))
     tetrahedron = TriangleMesh.from_arrays(
         np.array([[1.0, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]]),
         np.array([[0, 1, 2], [0, 3, 1], [0, 2, 3], [1, 3, 2]]),
     )
     for scheme in ("quadric", "corrected", "normal-cycle", "cotan"):
-        assert np.abs(measure(one, scheme).vertex["mean_curvature"]).max() < 1e-12
-        corners = measure(tetrahedron, scheme).vertex["mean_curvature"]
+        assert np.abs(measure_curvature(one, scheme).vertex["mean_curvature"]).max() < 1e-12
+        corners = measure_curvature(tetrahedron, scheme).vertex["mean_curvature"]
         assert corners == pytest.approx(np.full(4, corners[0]), rel=1e-6) and corners[0] > 0
 
 
-def test_a_volume_beyond_the_range_of_numbers_is_null_and_told(summary, tmp_path):
+def test_a_volume_beyond_the_range_of_numbers_is_null_with_a_warning(summary, tmp_path):
     huge = shapes.icosphere(1)
     path = tmp_path / "huge.ply"
     write_mesh(str(path), AnnotatedMesh(huge.moved(1e130 * huge.points)))
-    told = summary("curvature", path)
-    assert told["results"]["volume"] is None and "results.volume" in told["warnings"][-1]
+    report = summary("curvature", path)
+    assert report["results"]["volume"] is None and "results.volume" in report["warnings"][-1]
     area = face_area(huge.side_length).sum()
-    assert told["results"]["area"] == pytest.approx(1e260 * area, rel=1e-12)
+    assert report["results"]["area"] == pytest.approx(1e260 * area, rel=1e-12)

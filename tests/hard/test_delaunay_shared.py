@@ -9,19 +9,19 @@ import logging
 import numpy as np
 import pytest
 
-from ddgcli.algorithms.delaunay.common_subdivision import STEINER_POINT, Base, common_subdivision
+from ddgcli.algorithms.delaunay.common_subdivision import STEINER_POINT, BaseTriangulation, common_subdivision
+from ddgcli.algorithms.delaunay.intrinsic_delaunay import intrinsic_delaunay
 from ddgcli.algorithms.delaunay.refine import refine
-from ddgcli.algorithms.delaunay.report import delaunay_report
 from ddgcli.algorithms.delaunay.triangulation import flip_to_delaunay, non_delaunay_edges
 from ddgcli.errors import DdgError, MeshError
 from ddgcli.geometry.intrinsic import corner_angle, face_area
 from ddgcli.io.mesh_file import read_mesh
-from ddgcli.mesh.require import why_not
+from ddgcli.mesh.require import unmet_need
 from tests.delaunay_cases import fan
 
 SMALL = 2_500  # vertices: refined
 QUICK = 10_000  # vertices: flipped and overlaid in `make test`
-MENDS = ("tufted", "remove it", "needs a surface", "mend", "check the coordinates")
+CURES = ("tufted", "remove it", "needs a surface", "correct", "check the coordinates")
 
 
 def surfaces(folder):
@@ -42,7 +42,7 @@ def check(name, mesh):
         assert len(mesh.topology.nonmanifold_edges) or not mesh.topology.is_oriented, (name, error)
         return False
     assert not non_delaunay_edges(flipped.mesh).any(), name
-    cut = common_subdivision(flipped, Base.itself(mesh))
+    cut = common_subdivision(flipped, BaseTriangulation.itself(mesh))
     assert cut.mesh.topology.euler_characteristic == mesh.topology.euler_characteristic, name
     assert face_area(cut.mesh.side_length).sum() == pytest.approx(
         face_area(mesh.side_length).sum(), rel=1e-12
@@ -65,10 +65,10 @@ def test_flips_and_overlay_of_the_large_ones(shared_meshes):
 def refined_and_right(name, mesh, degrees=25):
     refined = refine(mesh, degrees)
     bound = np.radians(degrees) * (1 - 1e-6)
-    small = (corner_angle(refined.flipped.mesh.side_length) < bound).any(axis=1)
-    assert refined.reached and small.sum() == refined.excepted_faces, name
-    cut = common_subdivision(refined.flipped, refined.base)
-    if len(refined.flipped.mollified.faces) == 0:
+    small = (corner_angle(refined.triangulation.mesh.side_length) < bound).any(axis=1)
+    assert refined.converged and small.sum() == refined.excepted_faces, name
+    cut = common_subdivision(refined.triangulation, refined.base)
+    if len(refined.triangulation.mollification.faces) == 0:
         assert cut.length_residual < 1e-9, name
     assert (cut.vertex_kind == STEINER_POINT).sum() == len(refined.steiner), name
     assert cut.mesh.topology.euler_characteristic == mesh.topology.euler_characteristic, name
@@ -96,19 +96,19 @@ def test_refinement_of_the_large_ones(shared_meshes, degrees):
         refined_and_right(name, mesh, degrees)
 
 
-def test_hard_files_are_right_or_refused_with_the_mend(shared_meshes, monkeypatch):
+def test_hard_files_are_right_or_refused_with_a_cure(shared_meshes, monkeypatch):
     monkeypatch.setattr(logging.getLogger("ddgcli"), "disabled", True)
     taken, refused = [], []
     for name, mesh in surfaces(shared_meshes / "hard"):
         try:
-            report = delaunay_report(mesh, subdivide=True)
+            report = intrinsic_delaunay(mesh, subdivide=True)
         except MeshError as error:
             assert not info_accepts(mesh), (name, error)
-            assert any(word in str(error) for word in MENDS), (name, error)
+            assert any(word in str(error) for word in CURES), (name, error)
             refused.append(name)
             continue
         taken.append(name)
-        assert info_accepts(mesh) and report.reached, name
+        assert info_accepts(mesh) and report.converged, name
         assert report.results["after"]["non_delaunay_edges"] == 0, name
         assert report.accuracy["overlay_length_residual"] < 1e-7, name
         assert report.accuracy["angle_defect_residual"] < 1e-8, name
@@ -125,20 +125,20 @@ def test_hard_files_refined(shared_meshes, monkeypatch):
         refined = refine(mesh, 25, max_points=1500)
         steiner = refined.steiner.barycentric
         assert np.isfinite(steiner).all() and (steiner >= 0).all(), name
-        assert refined.reached or len(refined.steiner) == 1500, name
+        assert refined.converged or len(refined.steiner) == 1500, name
         count += 1
     assert count >= 33
 
 
 def info_accepts(mesh):
-    return why_not(mesh, "delaunay") is None
+    return unmet_need(mesh, "delaunay") is None
 
 
 @pytest.mark.parametrize("valence", [1500, pytest.param(5000, marks=pytest.mark.slow)])
 def test_a_fan_of_high_valence_has_an_overlay(valence):
     mesh = fan(valence)
     flipped = flip_to_delaunay(mesh, track=True)
-    cut = common_subdivision(flipped, Base.itself(mesh))
+    cut = common_subdivision(flipped, BaseTriangulation.itself(mesh))
     assert cut.length_residual < 1e-9 and flipped.crossings.max() > valence / 10
     assert face_area(cut.mesh.side_length).sum() == pytest.approx(
         face_area(mesh.side_length).sum(), rel=1e-12

@@ -1,4 +1,4 @@
-"""Exact distances where windows multiplied: a bound on crossings that is derived, not tuned."""
+"""Exact distances on degenerate meshes where windows multiply: the derived bound on crossings."""
 
 import numpy as np
 import pytest
@@ -26,8 +26,8 @@ def assert_between(mesh, exact, source):
 
 
 @pytest.mark.parametrize("aspect", [1e2, 1e5, 1e8, 1e10, 1e12])
-def test_a_doubly_covered_needle_ends(aspect):
-    """Windows bounced between its two faces, once a width: 1e10 times."""
+def test_a_doubly_covered_needle_terminates(aspect):
+    """Without a bound, windows cross its two faces 1e10 times."""
     mesh = TriangleMesh.from_arrays(
         np.array([[0, 0, 0], [1, 0, 0], [0, 1 / aspect, 0.0]]), np.array([[0, 1, 2], [0, 2, 1]])
     )
@@ -35,7 +35,7 @@ def test_a_doubly_covered_needle_ends(aspect):
 
 
 @pytest.mark.parametrize("name", SHARED_HANGS)
-def test_meshes_that_never_ended(shared_meshes, name):
+def test_meshes_that_once_ran_forever_terminate(shared_meshes, name):
     path = shared_meshes.parent / "regressions" / "meshes" / f"hang{name}.npz"
     if not path.is_file():
         pytest.skip(f"{path} is missing")
@@ -58,7 +58,7 @@ def test_the_bound_on_crossings_changes_no_distance(monkeypatch):
     for mesh in (shapes.random_sphere(200, seed=3), shapes.torus(20, 9)):
         free = exact_distance(mesh, 5)
         with monkeypatch.context() as patch:
-            patch.setattr(module, "ROUNDS", 1.0)
+            patch.setattr(module, "MIN_ROUNDS", 1.0)
             patch.setattr(module, "ROUNDS_PER_FACE", 0.0)
             bounded = exact_distance(mesh, 5)
         np.testing.assert_allclose(bounded.distance, free.distance, rtol=1e-12)

@@ -1,15 +1,16 @@
-"""Every hard mesh through every distance method: a sound answer or a refusal in one line, never NaN."""
+"""Every distance method on every hard mesh: a valid result or one error line, never NaN."""
 
 import json
 
 import numpy as np
 import pytest
 
-from ddgcli.algorithms.geodesics.distance import METHODS, DistanceOptions, measure_distance
+from ddgcli.algorithms.geodesics.distance import DistanceOptions, measure_distance
 from ddgcli.algorithms.geodesics.edge_distance import edge_distance
 from ddgcli.algorithms.geodesics.exact.exact_distance import exact_distance
 from ddgcli.algorithms.geodesics.heat import HeatSolver
 from ddgcli.algorithms.geodesics.sources import Sources
+from ddgcli.choices import DISTANCE_METHODS
 from ddgcli.errors import DdgError
 from ddgcli.geometry.surface_points import SurfacePoints
 from ddgcli.mesh import shapes
@@ -47,7 +48,7 @@ def test_exact_lies_between_straight_lines_and_edge_paths(shared_meshes):
     assert seen >= 30
 
 
-@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("method", DISTANCE_METHODS)
 def test_no_method_gives_nan(shared_meshes, method):
     for name, mesh in readable(shared_meshes / "hard"):
         try:
@@ -61,7 +62,7 @@ def test_no_method_gives_nan(shared_meshes, method):
 
 
 @pytest.mark.filterwarnings("error")
-def test_heat_does_not_fade_far_from_the_source():
+def test_heat_is_finite_far_from_the_source():
     """Two thousand decay lengths: exp(-2000) is far below the smallest float64."""
     mesh = shapes.grid(2000, 2, width=1000.0, height=1.0)
     source = 1
@@ -84,9 +85,9 @@ def test_heat_on_two_components_with_one_source():
         assert measured.results["unreachable"] == two.n_vertices
 
 
-@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("method", DISTANCE_METHODS)
 @pytest.mark.parametrize("scale", [1e-8, 1e8])
-def test_scale_is_only_scale(method, scale):
+def test_every_method_scales_with_the_mesh(method, scale):
     mesh = shapes.torus(24, 12)
     once = measure_distance(mesh, Sources.at([3]), method).distance
     scaled = measure_distance(mesh.moved(mesh.points * scale), Sources.at([3]), method).distance
@@ -116,13 +117,13 @@ def test_points_in_faces_at_scales_whose_squares_leave_the_range(method, scale):
     ],
 )
 @pytest.mark.parametrize("method", ["exact", "fast-marching", "heat"])
-def test_two_triangles_that_other_solvers_miss(points, faces, truth, method):
-    """One right triangle and a kite: heat solvers elsewhere are off by up to half (their open issues)."""
+def test_two_triangles_have_accurate_heat_distances(points, faces, truth, method):
+    """A right triangle and a kite: other heat solvers have errors up to 50 % (their open issues)."""
     mesh = TriangleMesh.from_arrays(np.array(points, dtype=float), np.array(faces))
     for source, expected in truth.items():
-        found = measure_distance(mesh, Sources.at([source]), method).distance
+        distance = measure_distance(mesh, Sources.at([source]), method).distance
         tolerance = 1e-12 if method != "heat" else 0.35 * max(expected)
-        assert np.abs(found - expected).max() < tolerance
+        assert np.abs(distance - expected).max() < tolerance
 
 
 def test_tolerance_and_options_are_checked():

@@ -14,7 +14,7 @@ import h5py
 import numpy as np
 import pytest
 
-from ddgcli.errors import LONGEST_EXCERPT, InputError
+from ddgcli.errors import MAX_EXCERPT_LENGTH, InputError
 from ddgcli.io.mesh_file import read_mesh, write_mesh
 from ddgcli.io.readers import guarded, inflate
 from ddgcli.mesh import shapes
@@ -289,16 +289,16 @@ def test_a_material_library_of_obj_is_not_opened(tmp_path):
 
 
 def test_a_reader_that_does_not_end_is_ended(tmp_path, monkeypatch):
-    monkeypatch.setattr(guarded, "LEAST_SECONDS", 0.0)
-    monkeypatch.setattr(guarded, "SECONDS_PER_MIB", 0.0)
-    monkeypatch.setattr(guarded, "LEAST_WALL", 2.0)
+    monkeypatch.setattr(guarded, "MIN_CPU_SECONDS", 0.0)
+    monkeypatch.setattr(guarded, "CPU_SECONDS_PER_MIB", 0.0)
+    monkeypatch.setattr(guarded, "MIN_WALL_SECONDS", 2.0)
     (tmp_path / "a.msh").write_bytes(b"(39 (\n")
     assert "did not end within" in refused(tmp_path / "a.msh")
 
 
 def test_a_reader_that_asks_for_too_much_memory_is_ended(tmp_path, monkeypatch):
-    monkeypatch.setattr(guarded, "LEAST_MEMORY", 1 << 20)
-    monkeypatch.setattr(inflate, "ALWAYS_TAKEN", 1 << 20)
+    monkeypatch.setattr(guarded, "MIN_MEMORY", 1 << 20)
+    monkeypatch.setattr(inflate, "MIN_CONTENT_LIMIT", 1 << 20)
     path = tmp_path / "a.vtkhdf"
     write_mesh(str(path), AnnotatedMesh(shapes.icosphere(1)))
     with h5py.File(path, "a") as file:
@@ -321,7 +321,7 @@ def packed_vtu(n_bytes: int, blocks: int = 1) -> bytes:
 
 
 def test_bombs_of_zlib_and_zip(tmp_path, monkeypatch):
-    monkeypatch.setattr(inflate, "ALWAYS_TAKEN", 1 << 16)
+    monkeypatch.setattr(inflate, "MIN_CONTENT_LIMIT", 1 << 16)
     (tmp_path / "a.vtu").write_bytes(packed_vtu(1 << 20, 4))
     assert "unpacks to more than" in refused(tmp_path / "a.vtu")
     for suffix in (".npz", ".zip", ".3mf"):
@@ -333,8 +333,8 @@ def test_bombs_of_zlib_and_zip(tmp_path, monkeypatch):
 
 
 def test_arrays_that_name_one_block_again_and_again_are_bounded(tmp_path, monkeypatch):
-    monkeypatch.setattr(inflate, "ALWAYS_TAKEN", 1 << 16)
-    monkeypatch.setattr(inflate, "LARGEST_RATIO", 2)
+    monkeypatch.setattr(inflate, "MIN_CONTENT_LIMIT", 1 << 16)
+    monkeypatch.setattr(inflate, "MAX_COMPRESSION_RATIO", 2)
     again = '<DataArray type="UInt8" Name="a" format="appended" offset="0"/>' * 100
     data = packed_vtu(1).replace(b' compressor="vtkZLibDataCompressor"', b"")
     at = data.index(b'encoding="raw">_') + len(b'encoding="raw">_')
@@ -363,7 +363,7 @@ def test_messages_do_not_repeat_the_file(tmp_path, suffix):
     }
     (tmp_path / f"a{suffix}").write_text(texts[suffix], encoding="utf-8")
     message = refused(tmp_path / f"a{suffix}")
-    assert "\x1b" not in message and message.count("long") <= LONGEST_EXCERPT / 4 + 1
+    assert "\x1b" not in message and message.count("long") <= MAX_EXCERPT_LENGTH / 4 + 1
 
 
 def test_a_device_is_no_mesh_file():

@@ -1,4 +1,4 @@
-"""Lines over bad triangles: needles, caps, faces without area, many faces round a vertex."""
+"""Lines on degenerate triangles: needles, caps, faces without area, many faces around a vertex."""
 
 from functools import partial
 
@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 
 from ddgcli.algorithms.geodesics.exact.exact_distance import exact_distance
-from ddgcli.algorithms.geodesics.fast_marching import marched_distance
+from ddgcli.algorithms.geodesics.fast_marching import fast_marching_distance
 from ddgcli.algorithms.geodesics.oriented_cover import oriented_cover
 from ddgcli.algorithms.geodesics.shortest_paths import shortest_paths
 from ddgcli.algorithms.geodesics.sources import Sources
-from ddgcli.algorithms.geodesics.surface_curves import traced_curves
-from ddgcli.algorithms.tangent_fields.field_curves import with_transport
+from ddgcli.algorithms.geodesics.surface_curves import trace_curves
+from ddgcli.algorithms.tangent_fields.field_curves import add_transport
 from ddgcli.algorithms.tangent_fields.integral_curves import field_of_array
 from ddgcli.algorithms.tangent_fields.log_map import log_map
-from ddgcli.algorithms.tangent_fields.polar_coordinates import marched_log_map
+from ddgcli.algorithms.tangent_fields.polar_coordinates import fast_marching_log_map
 from ddgcli.algorithms.tracing.trace import GAVE_UP, REACHED, Tracer, trace
 from ddgcli.errors import InputError, MeshError, ParameterError
 from ddgcli.geometry.face_frames import surface_position, to_face_frame
@@ -53,8 +53,8 @@ def test_lines_stay_straight_through_needles():
     assert (end.status != GAVE_UP).all()
 
 
-def test_faces_without_area_are_crossed():
-    """A triangle with its third corner on the opposite side: lines pass it as if it were not there."""
+def test_lines_cross_faces_without_area():
+    """Triangle with its third corner on the opposite side: it does not change lines."""
     mesh = shapes.grid(4, 4)
     edge = np.flatnonzero(mesh.topology.edge_face_count == 2)[5]
     a, b = mesh.topology.edges[edge]
@@ -76,7 +76,7 @@ def test_faces_without_area_are_crossed():
     np.testing.assert_allclose(walked, end.length[:, None] * direction, atol=1e-12)
 
 
-def test_a_vertex_of_many_faces():
+def test_lines_cross_a_vertex_of_many_faces():
     n = 20_000
     angle = 2 * np.pi * np.arange(n) / n
     points = np.concatenate([[[0, 0, 0]], np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=1)])
@@ -89,7 +89,7 @@ def test_a_vertex_of_many_faces():
 
 
 @pytest.mark.parametrize("scale", [1e-150, 1e-30, 1e30, 1e150])
-def test_scales(scale):
+def test_lines_scale_with_the_mesh(scale):
     mesh = shapes.random_sphere(100)
     big = mesh.moved(mesh.points * scale)
     start = ([3, 8], [[0.2, 0.3, 0.5], [0.3, 0.3, 0.4]], [[1.0, 0.2, 0.1], [0.0, 1.0, 0.4]])
@@ -98,7 +98,7 @@ def test_scales(scale):
     np.testing.assert_allclose(one.barycentric, other.barycentric, atol=1e-9)
 
 
-def test_lengths_beyond_all_numbers_of_sides_are_given_up():
+def test_lines_of_extreme_length_are_abandoned():
     mesh = shapes.icosphere(1)
     tiny = mesh.moved(mesh.points * 1e-200)
     line = trace(tiny, [0], [[0.2, 0.3, 0.5]], [[1.0, 0.2, 0.1]], [1e150], max_crossings=50)
@@ -123,7 +123,7 @@ def moebius_strip(n=12):
     return TriangleMesh.from_arrays(np.stack(rim, axis=1).reshape(-1, 3), np.array(faces))
 
 
-def test_one_sided_and_mixed_faces_are_refused_by_the_tracer_itself():
+def test_the_tracer_refuses_one_sided_and_mixed_faces():
     with pytest.raises(MeshError, match="consistently oriented"):
         trace(moebius_strip(), [0], [[1, 0, 0]], [[1, 0, 0]], [1.0])
 
@@ -134,7 +134,7 @@ def some_faces_turned(mesh, seed):
 
 
 @pytest.mark.parametrize("mesh", [moebius_strip(), shapes.random_sphere(300)], ids=["moebius", "sphere"])
-def test_lines_do_not_depend_on_how_faces_are_turned(mesh):
+def test_lines_are_invariant_under_face_orientation(mesh):
     rng = np.random.default_rng(3)
     face, weights = rng.integers(0, mesh.n_faces, 20), rng.dirichlet([1, 1, 1], 20)
     direction, drawn = rng.normal(size=(20, 3)), []
@@ -143,12 +143,12 @@ def test_lines_do_not_depend_on_how_faces_are_turned(mesh):
         assert not mixed.topology.is_oriented
         cover = oriented_cover(mixed)
         own = np.where(turn[face][:, None], weights[:, ::-1], weights)
-        start = cover.lifted_points(SurfacePoints(face, own))
-        made = traced_curves(
+        start = cover.lift_points(SurfacePoints(face, own))
+        curves = trace_curves(
             cover.mesh, start.face, start.barycentric, direction, np.full(20, 9.0), at_boundary="reflect"
         )
-        assert made.accuracy["trace_angle_defect"] < 1e-9
-        on_mesh = cover.projected(made)
+        assert curves.accuracy["trace_angle_defect"] < 1e-9
+        on_mesh = cover.project(curves)
         drawn.append(surface_position(mixed, on_mesh.paths.face, on_mesh.paths.barycentric))
         ends = surface_position(
             mixed,
@@ -161,13 +161,13 @@ def test_lines_do_not_depend_on_how_faces_are_turned(mesh):
 
 
 @pytest.mark.parametrize("mesh", [moebius_strip(), shapes.random_sphere(300)], ids=["moebius", "sphere"])
-def test_shortest_paths_on_faces_turned_at_random(mesh):
+def test_shortest_paths_are_invariant_under_face_orientation(mesh):
     mixed, _ = some_faces_turned(mesh, 0)
     cover, sources = oriented_cover(mixed), Sources.at([3])
     exact = exact_distance(mixed, sources)
-    made = shortest_paths(cover.mesh, cover.lifted_exact(exact), sources, list(range(mesh.n_vertices)))
-    assert made.converged and made.accuracy["path_length_residual"] < 1e-12
-    p = cover.projected(made).paths
+    curves = shortest_paths(cover.mesh, cover.lift_exact(exact), sources, list(range(mesh.n_vertices)))
+    assert curves.converged and curves.accuracy["path_length_residual"] < 1e-12
+    p = cover.project(curves).paths
     drawn = surface_position(mixed, p.face, p.barycentric)
     for i in range(mesh.n_vertices):
         step = np.diff(drawn[p.start[i] : p.start[i + 1]], axis=0)
@@ -190,23 +190,24 @@ def klein_bottle(n=10, k=8, noise=0.15):
 
 
 def test_bent_paths_on_a_one_sided_surface_are_one_lift():
-    """Left and right make up the whole angle at every bend, and no face turned over changes the transport."""
+    """Left and right add up to the total angle at every bend; transport is invariant under face
+    orientation."""
     mesh, ends = klein_bottle(), []
     total = np.bincount(mesh.faces.ravel(), weights=face_corner_angle(mesh).ravel())
     for turned in (mesh, some_faces_turned(mesh, 1)[0]):
         cover, sources = oriented_cover(turned), Sources.at([35])
-        exact = cover.lifted_exact(exact_distance(turned, sources))
+        exact = cover.lift_exact(exact_distance(turned, sources))
         targets = [v for v in range(mesh.n_vertices) if v != 35]
-        made = shortest_paths(cover.mesh, exact, sources, targets, continued=cover.continued)
-        bends = [bend for entry in made.entries for bend in entry["vertices"]]
+        curves = shortest_paths(cover.mesh, exact, sources, targets, join_lifts=cover.join_lifts)
+        bends = [bend for entry in curves.entries for bend in entry["vertices"]]
         assert len(bends) > 40
         for bend in bends:
             assert bend["left"] + bend["right"] == pytest.approx(total[bend["vertex"]], rel=1e-12)
-        paths = made.paths
+        paths = curves.paths
         assert (paths.face[paths.start[:-1]] < mesh.n_faces).all()
-        length = [entry["length"] for entry in cover.projected(made).entries]
+        length = [entry["length"] for entry in cover.project(curves).entries]
         np.testing.assert_allclose(length, exact.distance[targets], rtol=1e-12)
-        ends.append(with_transport(cover.mesh, made).arrays["transport_x"][paths.start[1:] - 1])
+        ends.append(add_transport(cover.mesh, curves).arrays["transport_x"][paths.start[1:] - 1])
     np.testing.assert_allclose(ends[0], ends[1], atol=1e-6)
 
 
@@ -214,13 +215,13 @@ def test_a_field_on_faces_stays_there_where_there_are_as_many_vertices():
     mesh = moebius_strip()
     assert mesh.n_vertices == mesh.n_faces
     cover, values = oriented_cover(mesh), np.random.default_rng(0).normal(size=(mesh.n_faces, 3))
-    lifted, place = cover.lifted_values(values, "face")
+    lifted, place = cover.lift_values(values, "face")
     field = field_of_array(cover.mesh, lifted, place)
     face = np.arange(cover.mesh.n_faces)
     ahead = field(face, np.full((len(face), 3), 1 / 3))
     truth = to_face_frame(cover.mesh, face, values[face % mesh.n_faces])
     np.testing.assert_allclose(ahead, truth, atol=1e-14)
-    assert cover.lifted_values(values, "vertex")[0] is values
+    assert cover.lift_values(values, "vertex")[0] is values
     with pytest.raises(ParameterError, match="give vectors on vertices"):
         field_of_array(cover.mesh, values, "edge")
 
@@ -244,20 +245,21 @@ def test_directions_out_of_a_face_without_area_are_refused(how):
     assert beside.status[0] == REACHED
 
 
-def test_what_needs_two_sides_says_so():
+def test_two_sided_computations_are_refused_on_one_sided_surfaces():
     with pytest.raises(MeshError, match="one-sided"):
-        oriented_cover(moebius_strip()).need_two_sides("--log-map")
+        oriented_cover(moebius_strip()).require_two_sides("--log-map")
 
 
 def test_log_maps_of_hard_meshes_have_no_nan_and_hit_their_vertices(shared_meshes):
-    """Out of the windows of the distance, which stays the same bit for bit; and with the marched distance."""
+    """The map comes from the windows of the distance, whose bits it does not change, or from fast
+    marching."""
     mapped = 0
     for path in sorted((shared_meshes / "hard").iterdir()):
         if path.suffix in (".json", ".md", ".msh", ".mesh") or path.stat().st_size > 100_000:
             continue
         try:
             cover = oriented_cover(read_mesh(str(path)).mesh)
-            cover.need_two_sides("--log-map")
+            cover.require_two_sides("--log-map")
         except InputError:  # no mesh, no triangles, or one side
             continue
         mesh, inside = cover.mesh, SurfacePoints(np.array([0]), np.array([[0.2, 0.3, 0.5]]))
@@ -267,12 +269,12 @@ def test_log_maps_of_hard_meshes_have_no_nan_and_hit_their_vertices(shared_meshe
             exact = exact_distance(mesh, source, directions=True)
             np.testing.assert_array_equal(exact.distance, exact_distance(mesh, source).distance)
             try:
-                made = log_map(mesh, exact, source)
+                curves = log_map(mesh, exact, source)
             except ParameterError:  # several fans at the vertex
                 continue
-            assert not np.isnan(made.log_map).any() and made.miss < 1e-9, path
-            marched = marched_distance(mesh, source)
-            size = np.hypot(*marched_log_map(mesh, marched, source).log_map.T)
+            assert not np.isnan(curves.log_map).any() and curves.miss < 1e-9, path
+            marched = fast_marching_distance(mesh, source)
+            size = np.hypot(*fast_marching_log_map(mesh, marched, source).log_map.T)
             np.testing.assert_allclose(size, marched.distance, rtol=1e-12, err_msg=str(path))
             mapped += 1
     assert mapped > 80

@@ -200,13 +200,13 @@ def test_an_empty_file_is_called_so(tmp_path, suffix):
 
 @pytest.mark.parametrize("named", [".obj", ".off", ".stl", ".vtk"])
 @pytest.mark.parametrize("kind", [".ply", ".vtu", ".vtp", ".vtkhdf", ".vtk", ".off"])
-def test_a_file_under_another_format_s_name_is_told_apart(tmp_path, kind, named):
+def test_a_file_with_the_extension_of_another_format_is_recognised(tmp_path, kind, named):
     if kind == named:
         return
     path = tmp_path / f"a{named}"
     write_mesh(str(tmp_path / f"b{kind}"), AnnotatedMesh(shapes.icosphere(1)))
     path.write_bytes((tmp_path / f"b{kind}").read_bytes())
-    with pytest.raises(InputError, match=f"like a {kind} file: --input-format {kind[1:]}"):
+    with pytest.raises(InputError, match=f"like a {kind} file: use `input_format={kind[1:]}`"):
         read_mesh(str(path))
     assert read_mesh(str(path), kind[1:]).mesh.n_faces == 80
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from ddgcli.algorithms.curvature.measures import angle_defect, curvature_vector, vertex_area
-from ddgcli.algorithms.curvature.report import measure
+from ddgcli.algorithms.curvature.surface_curvature import measure_curvature
 from ddgcli.mesh import shapes
 from tests.curvature_truths import ellipsoid_truth, irregular_ellipsoid
 
@@ -37,16 +37,16 @@ def test_angle_defects_are_trimesh_s():
     mesh = crumpled()
     theirs = trimesh.Trimesh(mesh.points, mesh.faces, process=False)
     assert angle_defect(mesh) == pytest.approx(theirs.vertex_defects, abs=1e-10)
-    assert measure(mesh).results["volume"] == pytest.approx(theirs.volume, rel=1e-12)
-    assert measure(mesh).edge["dihedral_angle"].shape == theirs.face_adjacency_angles.shape
-    ours = np.sort(np.abs(measure(mesh).edge["dihedral_angle"]))
+    assert measure_curvature(mesh).results["volume"] == pytest.approx(theirs.volume, rel=1e-12)
+    assert measure_curvature(mesh).edge["dihedral_angle"].shape == theirs.face_adjacency_angles.shape
+    ours = np.sort(np.abs(measure_curvature(mesh).edge["dihedral_angle"]))
     assert ours == pytest.approx(np.sort(theirs.face_adjacency_angles), abs=1e-7)
 
 
 def test_the_default_scheme_is_closer_to_the_truth_than_libigl_s_fits():
     mesh = irregular_ellipsoid(4000)
     truth = ellipsoid_truth(mesh.points, (1.5, 1.0, 0.6))
-    v = measure(mesh).vertex
+    v = measure_curvature(mesh).vertex
     d_max, d_min, k_max, k_min, *_ = igl.principal_curvature(mesh.points, mesh.faces, radius=2)
     assert np.median(np.abs(k_max - truth.k_max)) < 0.05, "same sign and order"
 

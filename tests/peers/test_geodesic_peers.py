@@ -1,10 +1,10 @@
-"""Distances beside the peers' on the same meshes."""
+"""Distances against peers on the same meshes."""
 
 import numpy as np
 import pytest
 
 from ddgcli.algorithms.geodesics.exact.exact_distance import exact_distance
-from ddgcli.algorithms.geodesics.fast_marching import marched_distance
+from ddgcli.algorithms.geodesics.fast_marching import fast_marching_distance
 from ddgcli.algorithms.geodesics.heat import HeatSolver
 from ddgcli.algorithms.geodesics.shortest_paths import shortest_paths
 from ddgcli.algorithms.geodesics.sources import Sources
@@ -39,14 +39,14 @@ def surface(path):
     return TriangleMesh.from_arrays(mesh.points[used], faces.reshape(-1, 3))
 
 
-def test_no_shared_mesh_is_forgotten(shared_meshes):
+def test_every_shared_mesh_is_compared_or_excluded(shared_meshes):
     files = {path.name for path in shared_meshes.iterdir() if path.is_file()}
     assert files - {"INDEX.md", "mesh_stats.py"} == {*SMALL, *LARGE, *LEFT_OUT}
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name, reason", LEFT_OUT.items())
-def test_meshes_are_left_out_for_a_reason(shared_meshes, name, reason):
+def test_excluded_meshes_have_a_reason(shared_meshes, name, reason):
     mesh = surface(shared_meshes / name)
     assert reason == ("more than 100,000 faces" if mesh.topology.is_manifold else "not manifold")
     assert not mesh.topology.is_manifold or mesh.n_faces > 100_000
@@ -68,7 +68,7 @@ def compared(mesh, source):
 
 
 @pytest.mark.parametrize("name", SMALL)
-def test_exact_is_pygeodesics(shared_meshes, name):
+def test_exact_distance_equals_pygeodesic(shared_meshes, name):
     mesh = read_mesh(str(shared_meshes / name)).mesh
     for source in (0, mesh.n_vertices // 2):
         _, difference = compared(mesh, source)
@@ -77,8 +77,8 @@ def test_exact_is_pygeodesics(shared_meshes, name):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", LARGE)
-def test_exact_is_pygeodesics_or_shorter(shared_meshes, name):
-    """Never longer; where the peer is longer by more than rounding, a real path proves it wrong."""
+def test_exact_distance_is_at_most_that_of_pygeodesic(shared_meshes, name):
+    """Never longer; if the peer is longer by more than rounding, a real path is a counterexample."""
     mesh = surface(shared_meshes / name)
     assert mesh.topology.is_manifold and mesh.n_faces <= 100_000
     ours, difference = compared(mesh, 0)
@@ -90,7 +90,7 @@ def test_exact_is_pygeodesics_or_shorter(shared_meshes, name):
 
 
 def proved_by_paths(mesh, ours, difference):
-    """Paths on the surface to the vertices that differ most: measured, they are as short as ours says."""
+    """Paths to the vertices with the largest differences have exactly our length."""
     target = [int(v) for v in np.argsort(difference)[:5]]
     curves = shortest_paths(mesh, ours, Sources.at([0]), target)
     scale = ours.distance[np.isfinite(ours.distance)].max()
@@ -99,7 +99,7 @@ def proved_by_paths(mesh, ours, difference):
         assert entry["length"] - ours.distance[v] < 0.01 * gain
 
 
-def test_menger_sponge_the_peer_is_longer_than_a_path(shared_meshes):
+def test_on_the_menger_sponge_pygeodesic_is_longer_than_a_path(shared_meshes):
     mesh = read_mesh(str(shared_meshes / "menger_sponge3.off")).mesh
     ours, difference = compared(mesh, 0)
     assert difference.max() < 1e-12
@@ -107,7 +107,7 @@ def test_menger_sponge_the_peer_is_longer_than_a_path(shared_meshes):
     proved_by_paths(mesh, ours, difference)
 
 
-def test_heat_with_the_same_operator_is_potpourris():
+def test_heat_with_the_same_operator_equals_potpourri3d():
     """The same two systems, but that the peer adds 1e-6 to the diagonal of the second, at any scale.
 
     Its solution has mean zero (the load has) before it is shifted to zero at the source.
@@ -127,10 +127,10 @@ def test_heat_with_the_same_operator_is_potpourris():
     assert np.abs((matrix @ theirs)[apart] - load).max() > 1e-6 * np.abs(load).max()  # the shift is seen
 
 
-def test_fast_marching_is_nearer_than_potpourris():
+def test_fast_marching_is_more_accurate_than_potpourri3d():
     potpourri3d = pytest.importorskip("potpourri3d")
     mesh = shapes.random_sphere(3000)
     truth = exact_distance(mesh, 0).distance
     theirs = potpourri3d.MeshFastMarchingDistanceSolver(mesh.points, mesh.faces)
     their_error = np.abs(np.asarray(theirs.compute_distance([[(0, [])]])) - truth).mean()
-    assert np.abs(marched_distance(mesh, 0).distance - truth).mean() < 0.3 * their_error
+    assert np.abs(fast_marching_distance(mesh, 0).distance - truth).mean() < 0.3 * their_error

@@ -5,7 +5,7 @@ import pytest
 from scipy.sparse import csr_array
 from scipy.sparse.linalg import eigsh
 
-from ddgcli.algorithms.laplacian.choice import laplace_operator
+from ddgcli.algorithms.laplacian.laplace_operator import laplace_operator
 from ddgcli.io.mesh_file import read_mesh
 from ddgcli.linalg.eigen import smallest_eigenpairs
 from ddgcli.mesh import shapes

@@ -1,4 +1,4 @@
-"""Straightest lines and geodesics beside potpourri3d."""
+"""Straightest lines and geodesics against potpourri3d."""
 
 import numpy as np
 import pytest
@@ -34,7 +34,7 @@ def test_lines_end_where_potpourri3d_ends(mesh):
 
 
 @pytest.mark.parametrize("name", ["spot.obj", "goathead.obj"])
-def test_real_meshes(shared_meshes, name):
+def test_real_meshes_agree_with_the_reference(shared_meshes, name):
     from ddgcli.io.mesh_file import read_mesh
 
     mesh = read_mesh(str(shared_meshes / name)).mesh

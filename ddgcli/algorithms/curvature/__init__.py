@@ -12,11 +12,9 @@ __all__ = [
     "frames",
     "measures",
     "neighbours",
-    "orientation",
     "polyline",
     "quadric",
-    "region",
-    "report",
     "star",
+    "surface_curvature",
     "totals",
 ]

@@ -1,7 +1,7 @@
-"""Normal cycles and corrected measures in balls about every vertex, edges and faces clipped by the sphere.
+"""Normal cycles and corrected measures in balls around every vertex; the sphere clips edges and faces.
 
-The ball about a vertex holds the part of the surface within a distance in space that is connected to the
-vertex there: other sheets that happen to pass by do not count.
+The ball around a vertex holds the part of the surface within a distance in space that is connected to the
+vertex inside the ball; other sheets nearby do not count.
 """
 
 from __future__ import annotations
@@ -11,13 +11,18 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
 from ddgcli.algorithms.curvature.face_balls import Ball, FaceBalls
-from ddgcli.algorithms.curvature.faces import Faces, ratio
-from ddgcli.algorithms.curvature.frames import Principal
+from ddgcli.algorithms.curvature.faces import Faces
+from ddgcli.algorithms.curvature.frames import PrincipalCurvatures
 from ddgcli.algorithms.curvature.star import corrected_measures, corrected_principal, swapped_principal
+from ddgcli.mesh.ragged import list_starts
+from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.triangle_mesh import TriangleMesh
+from ddgcli.mesh.vectors import ratio
 
 
-def corrected_in_balls(mesh: TriangleMesh, faces: Faces, normal: NDArray, radius: float) -> Principal:
+def corrected_in_balls(
+    mesh: TriangleMesh, faces: Faces, normal: NDArray, radius: float
+) -> PrincipalCurvatures:
     """Corrected measures of the faces in the ball, those on its rim by the share of area inside."""
     # a face without area has no share inside
     of_face = np.where(faces.area > 0, corrected_measures(faces, normal), 0.0).T
@@ -31,12 +36,12 @@ def corrected_in_balls(mesh: TriangleMesh, faces: Faces, normal: NDArray, radius
 
 def normal_cycle_in_balls(
     mesh: TriangleMesh, normal: NDArray, defect: NDArray, dihedral: NDArray, radius: float
-) -> Principal:
+) -> PrincipalCurvatures:
     """Cohen-Steiner and Morvan's tensor of the clipped edges over the clipped area of the ball."""
     side = mesh.side_vector
     length = np.sqrt(np.einsum("fki,fki->fk", side, side))
     x, y, z = np.moveaxis(ratio(side, length[..., None]), -1, 0)
-    # every edge is met from both of its faces: half from each
+    # every edge is visited from both of its faces: half from each
     turn = 0.5 * dihedral[mesh.topology.side_edge]
     of_side = np.stack([turn * e for e in (x * x, y * y, z * z, y * z, z * x, x * y)], axis=-1)
     balls = FaceBalls(mesh, radius)
@@ -49,13 +54,13 @@ def normal_cycle_in_balls(
         tensor[part], area[part] = whole[:, :6], whole[:, 6]
         for chord, values in zip(ball.chord, np.moveaxis(of_side, 1, 0)):
             tensor[part] += _cut(ball, chord, mesh.n_faces) @ np.ascontiguousarray(values)
-        area[part] += np.bincount(ball.owner, ball.area, ball.end - ball.begin)
+        area[part] += sum_by_index(ball.owner, ball.area, ball.end - ball.begin)
         gauss[part] = ball.fans @ of_fan
     return swapped_principal(ratio(np.ascontiguousarray(tensor.T), area), normal, ratio(gauss, area))
 
 
 def _defect_of_fans(mesh: TriangleMesh, defect: NDArray, balls: FaceBalls) -> NDArray[np.float64]:
-    """Angle defects shared among the fans of their vertices, by numbers of corners."""
+    """Angle defects divided among the fans of their vertices in proportion to their corners."""
     corners = np.bincount(mesh.faces.ravel(), minlength=mesh.n_vertices)
     of_fan = np.bincount(mesh.topology.corner_fans.ravel(), minlength=balls.n_fans)
     return of_fan * (defect / np.maximum(corners, 1))[balls.fan_vertex]
@@ -64,5 +69,5 @@ def _defect_of_fans(mesh: TriangleMesh, defect: NDArray, balls: FaceBalls) -> ND
 def _cut(ball: Ball, values: NDArray, n_faces: int) -> csr_array:
     """Values of the faces that the sphere cuts, as a matrix from faces to owners."""
     count = np.bincount(ball.owner, minlength=ball.end - ball.begin)
-    start = np.concatenate([[0], np.cumsum(count)])
+    start = list_starts(count)
     return csr_array((values, ball.face, start), shape=(ball.end - ball.begin, n_faces))

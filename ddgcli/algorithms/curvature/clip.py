@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.algorithms.curvature.faces import cross, dot, ratio
 from ddgcli.mesh.topology import NEXT
+from ddgcli.mesh.vectors import cross, dot, ratio
 
-_PAIRS = 8192  # clipped at once: the working arrays stay in the cache
+_MAX_PAIRS = 8192  # faces clipped at once: the working arrays stay in the cache
 
 
 @dataclass(frozen=True, eq=False)
@@ -21,8 +21,8 @@ class FacePlanes:
     ----------
     table : (25, m) ndarray
         Corner 0 (3 rows), axes of the plane and its normal (9), plane coordinates of corners 1 and 2 about
-        corner 0 (4), unit vectors along the three sides (6), their lengths (3). One table, so that a face
-        is gathered in one go.
+        corner 0 (4), unit vectors along the three sides (6), their lengths (3). One table, so that one
+        gather reads a face.
     area : (m,) ndarray
     """
 
@@ -31,17 +31,18 @@ class FacePlanes:
 
     @classmethod
     def of(cls, corners: NDArray) -> FacePlanes:
-        """Of (3, 3, m) corner positions, components second."""
+        """Planes of (3, 3, m) corner positions, components second."""
         side = corners[NEXT] - corners
         longest = np.argmax([dot(s, s) for s in side], axis=0)
         along, other = (np.take_along_axis(side, k[None, None], axis=0)[0] for k in (longest, NEXT[longest]))
-        along = _unit(along)
+        along = ratio(along, np.sqrt(dot(along, along)))
         across = _orthogonal(other, along)
         # a face without area takes any plane through its longest side
         least = np.eye(3)[np.argmin(np.abs(along), axis=0)].T
         across = np.where(dot(across, across) > 0, across, _orthogonal(least, along))
-        # twice, since little may be left of the sides of a needle but rounding
-        across = _unit(_orthogonal(_unit(across), along))
+        # twice: of the sides of a needle little more than rounding may remain
+        across = _orthogonal(ratio(across, np.sqrt(dot(across, across))), along)
+        across = ratio(across, np.sqrt(dot(across, across)))
         normal = cross(along, across)
         doubled = cross(side[0], side[1])
         plane = np.stack([[dot(s, along), dot(s, across)] for s in side])
@@ -64,24 +65,20 @@ class FacePlanes:
         chord : (3, k) ndarray
         """
         area, chord = np.empty(len(face)), np.empty((3, len(face)))
-        for begin in range(0, len(face), _PAIRS):
-            part = slice(begin, begin + _PAIRS)
+        for begin in range(0, len(face), _MAX_PAIRS):
+            part = slice(begin, begin + _MAX_PAIRS)
             table = np.take(self.table, face[part], axis=1)
             area[part], chord[:, part] = _clipped(table, centre[:, part], radius)
         return np.clip(area, 0.0, self.area[face]), chord
 
 
-def _unit(vector: NDArray) -> NDArray[np.float64]:
-    return ratio(vector, np.sqrt(dot(vector, vector))[None])
-
-
 def _orthogonal(vector: NDArray, unit: NDArray) -> NDArray[np.float64]:
-    """What is left of (3, m) vectors without their components along unit vectors."""
+    """(3, m) vectors without their components along unit vectors."""
     return vector - dot(vector, unit) * unit
 
 
 def _clipped(table: NDArray, centre: NDArray, radius: float) -> tuple[NDArray, NDArray]:
-    """Areas and chords; the ball meets the plane in a disc about the foot of its centre.
+    """Areas and chords; the ball cuts the plane in a disc around the projection of its centre.
 
     The area of the disc within the triangle is a sum over sides: the triangle from the foot to the part of
     the side inside the disc, and circular sectors to the parts outside, all signed.

@@ -1,7 +1,7 @@
-"""The part of a surface in the ball about every vertex: faces wholly inside, and faces that the sphere cuts.
+"""The part of a surface in the ball around every vertex: faces inside, and faces that the sphere cuts.
 
-The balls grow over vertices, joined by edges inside; the faces follow by sparse products. Only where the
-sphere cuts a side whose ends are both outside do they grow face by face.
+The balls grow over vertices along edges inside them; sparse products then give the faces. Balls grow face by
+face only where the sphere cuts a side with both ends outside.
 """
 
 from __future__ import annotations
@@ -14,18 +14,18 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
 from ddgcli.algorithms.curvature.clip import FacePlanes
-from ddgcli.algorithms.curvature.region import expand, listed_by
+from ddgcli.mesh.ragged import expand_lists, group_by_key
 from ddgcli.mesh.topology import NEXT
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 
-_CELLS = 4_000_000  # of the table of vertices and fans reached
-_PAIRS = 100_000  # of vertices and faces handled at once
-_OUTSIDE, _INSIDE = 1, 2  # what is known of a fan; 0 is nothing
+_MAX_TABLE_CELLS = 4_000_000  # entries of the table of vertices and fans
+_MAX_PAIRS = 100_000  # pairs of a vertex and a face handled at once
+_OUTSIDE, _INSIDE = 1, 2  # state of a fan; 0 is unknown
 
 
 @dataclass(frozen=True, eq=False)
 class Ball:
-    """What the balls about a range of vertices hold.
+    """Contents of the balls around a range of vertices.
 
     Parameters
     ----------
@@ -54,7 +54,7 @@ class Ball:
 
 
 class FaceBalls:
-    """Balls in space about the vertices, each restricted to what sides inside it join to its vertex.
+    """Balls in space around the vertices, each restricted to the part connected to its vertex inside it.
 
     Parameters
     ----------
@@ -64,15 +64,15 @@ class FaceBalls:
 
     def __init__(self, mesh: TriangleMesh, radius: float) -> None:
         self.mesh, self.radius = mesh, radius
-        # a vertex where several fans meet is inside once a fan: other fans do not count unless joined
+        # a vertex with several fans counts once for each fan: other fans count only where they are connected
         fan = mesh.topology.corner_fans
         self.n_fans = n = int(fan.max(initial=-1)) + 1
         self._fan, self._columns = fan, np.ascontiguousarray(mesh.points.T)
         self.fan_vertex = np.zeros(n, dtype=np.int64)
         self.fan_vertex[fan.ravel()] = mesh.faces.ravel()
         self._fan_point = np.take(self._columns, self.fan_vertex, axis=1)
-        self._fans_of_vertex = listed_by(self.fan_vertex, np.arange(n), mesh.n_vertices)
-        self._faces_of_edge = listed_by(
+        self._fans_of_vertex = group_by_key(self.fan_vertex, np.arange(n), mesh.n_vertices)
+        self._faces_of_edge = group_by_key(
             mesh.topology.side_edge.ravel(), np.arange(fan.size) // 3, mesh.topology.n_edges
         )
         tail, head = fan.ravel(), fan[:, NEXT].ravel()
@@ -86,7 +86,7 @@ class FaceBalls:
         )
         self._planes = FacePlanes.of(self._columns[:, mesh.faces].transpose(2, 0, 1))
         self.face_area = self._planes.area
-        self._most = max(8, _CELLS // max(n, 1))
+        self._most = max(8, _MAX_TABLE_CELLS // max(n, 1))
         self._state = np.zeros(min(self._most, mesh.n_vertices) * n, dtype=np.int8)
         self._stamp = np.empty(len(self._state), dtype=np.int32)
 
@@ -96,12 +96,12 @@ class FaceBalls:
             end = min(begin + min(step, self._most), self.mesh.n_vertices)
             ball = self._of(begin, end)
             yield ball
-            step = max(1, int((end - begin) * _PAIRS / max(ball.whole.nnz + len(ball.face), 1)))
+            step = max(1, int((end - begin) * _MAX_PAIRS / max(ball.whole.nnz + len(ball.face), 1)))
             begin = end
 
     def _of(self, begin: int, end: int) -> Ball:
         self._state.fill(0)
-        owner, fan = expand(np.arange(end - begin), np.arange(begin, end), self._fans_of_vertex)
+        owner, fan = expand_lists(np.arange(end - begin), np.arange(begin, end), self._fans_of_vertex)
         self._state[owner * self.n_fans + fan] = _INSIDE
         owners, fans = [], []
         while True:
@@ -114,10 +114,10 @@ class FaceBalls:
                 return ball
 
     def _growth(self, begin: int, owner: NDArray, fan: NDArray) -> Iterator[tuple[NDArray, NDArray]]:
-        """The fans given and those that edges inside join to them, ring by ring."""
+        """Yield the starting fans and those connected to them by edges inside, ring by ring."""
         while len(owner):
             yield owner, fan
-            owner, fan = expand(owner, fan, self._neighbours)
+            owner, fan = expand_lists(owner, fan, self._neighbours)
             key = owner * self.n_fans + fan
             unseen = np.flatnonzero(self._state[key] == 0)
             key = key[unseen]
@@ -136,7 +136,7 @@ class FaceBalls:
         return squared <= self.radius * self.radius
 
     def _faces(self, begin: int, end: int, owner: NDArray, fan: NDArray) -> tuple[Ball, NDArray, NDArray]:
-        """The balls with these fans inside, and fans that faces cut by the sphere join to them."""
+        """The balls with these fans inside, and further fans connected to them by cut faces."""
         ones = np.ones(len(fan), dtype=np.int32)
         fans = csr_array((ones, (owner, fan)), shape=(end - begin, self.n_fans))
         count = (fans @ self._faces_of_fan).tocsr()
@@ -147,12 +147,12 @@ class FaceBalls:
         pieces = [(owner, face, *self._clip(begin, owner, face))]
         few = np.flatnonzero(count.data[cut] == 1)
         front = owner[few], face[few], pieces[0][3][:, few]
-        found = np.zeros(0, dtype=np.int64)
+        visited = np.zeros(0, dtype=np.int64)
         while True:
-            beyond = np.setdiff1d(self._beyond(*front), found)
+            beyond = np.setdiff1d(self._beyond(*front), visited)
             if not len(beyond):
                 break
-            found = np.union1d(found, beyond)
+            visited = np.union1d(visited, beyond)
             owner, face = np.divmod(beyond, self.mesh.n_faces)
             corner = self._fan[face]
             inside = self._within(np.repeat(begin + owner, 3), corner.ravel()).reshape(-1, 3)
@@ -162,7 +162,7 @@ class FaceBalls:
                 return self._ball(begin, end, fans, whole, pieces), *np.divmod(key, self.n_fans)
             pieces.append((owner, face, *self._clip(begin, owner, face)))
             front = owner, face, pieces[-1][3]
-        return self._ball(begin, end, fans, whole, pieces), found[:0], found[:0]
+        return self._ball(begin, end, fans, whole, pieces), visited[:0], visited[:0]
 
     def _clip(self, begin: int, owner: NDArray, face: NDArray) -> tuple[NDArray, NDArray]:
         return self._planes.clip(face, np.take(self._columns, begin + owner, axis=1), self.radius)
@@ -171,7 +171,9 @@ class FaceBalls:
         """Faces without corners inside, across sides whose ends are outside but some part is not."""
         out = self._state[owner[:, None] * self.n_fans + self._fan[face]] != _INSIDE
         row, side = np.nonzero(out & out[:, NEXT] & (chord.T > 0))
-        owner, face = expand(owner[row], self.mesh.topology.side_edge[face[row], side], self._faces_of_edge)
+        owner, face = expand_lists(
+            owner[row], self.mesh.topology.side_edge[face[row], side], self._faces_of_edge
+        )
         unknown = (self._state[owner[:, None] * self.n_fans + self._fan[face]] != _INSIDE).all(axis=1)
         return np.unique(owner[unknown] * self.mesh.n_faces + face[unknown])
 

@@ -1,7 +1,7 @@
-"""The faces of a surface with components first: every pass over them runs through contiguous memory.
+"""Faces of a surface with components first, so that every pass reads contiguous memory.
 
-Gathering rows of (n, 3) points costs ten times what gathering three columns does; all kernels of curvature
-read these arrays.
+Gathering rows of (n, 3) points costs ten times as much as gathering three columns; all curvature kernels read
+these arrays.
 """
 
 from __future__ import annotations
@@ -12,28 +12,15 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.topology import NEXT, PREVIOUS
 from ddgcli.mesh.triangle_mesh import TriangleMesh
-
-
-def cross(a: NDArray, b: NDArray) -> NDArray[np.float64]:
-    """(3, ...) cross products of (3, ...) arrays."""
-    return np.stack([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
-
-
-def dot(a: NDArray, b: NDArray) -> NDArray[np.float64]:
-    """(...) scalar products of (3, ...) arrays."""
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-
-
-def ratio(a: NDArray | float, b: NDArray) -> NDArray[np.float64]:
-    """a / b, and 0 where b is 0."""
-    return np.divide(a, b, out=np.zeros(np.broadcast_shapes(np.shape(a), b.shape)), where=b != 0)
+from ddgcli.mesh.vectors import cross, dot, ratio
 
 
 @dataclass(frozen=True, eq=False)
 class Faces:
-    """Corners and positions of a triangle surface, and what follows from them.
+    """Corners and positions of a triangle surface, with the quantities derived from them.
 
     Parameters
     ----------
@@ -64,13 +51,13 @@ class Faces:
         total = np.zeros((len(rows), n))
         for sums, row in zip(total, rows):
             for c, value in zip(self.corner, row):
-                sums += np.bincount(c, value, n)
+                sums += sum_by_index(c, value, n)
         return total.reshape(*values.shape[:-2], n)
 
     def stars(self, values: NDArray) -> NDArray[np.float64]:
         """(d, n) sums over the stars of vertices of (d, m) face values."""
         n = self.n_vertices
-        return np.stack([sum(np.bincount(c, value, n) for c in self.corner) for value in values])
+        return np.stack([sum(sum_by_index(c, value, n) for c in self.corner) for value in values])
 
     @cached_property
     def side(self) -> NDArray[np.float64]:
@@ -90,7 +77,7 @@ class Faces:
 
     @cached_property
     def doubled(self) -> NDArray[np.float64]:
-        """(3, m) normal times twice the area; of needles from their two shortest sides: it rounds least."""
+        """(3, m) normal times twice the area; for needles from the two shortest sides, which rounds least."""
         product = cross(self.side[0], self.side[1])
         squared = self.squared_length
         longest = np.maximum(np.maximum(squared[0], squared[1]), squared[2])
@@ -129,7 +116,7 @@ class Faces:
 
     @cached_property
     def cotan(self) -> NDArray[np.float64]:
-        """(3, m) cotangent of the angle at corner k; 0 in flat faces, which then count for nothing."""
+        """(3, m) cotangent of the angle at corner k; 0 in flat faces, which then do not contribute."""
         area = np.where(self.flat, 0.0, self.doubled_area)
         return np.stack([ratio(d, area) for d in self.dot])
 

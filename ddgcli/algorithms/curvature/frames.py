@@ -7,12 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.algorithms.curvature.faces import Faces, dot, ratio
+from ddgcli.algorithms.curvature.faces import Faces
 from ddgcli.mesh.topology import PREVIOUS
+from ddgcli.mesh.vectors import dot, ratio
 
 
 @dataclass(frozen=True, eq=False)
-class Principal:
+class PrincipalCurvatures:
     """Pointwise curvature of a surface at its vertices; positive where convex with outward orientation.
 
     Parameters
@@ -47,15 +48,15 @@ def unit_normals(faces: Faces) -> NDArray[np.float64]:
     """
     squared = faces.squared_length
     weight = np.stack([ratio(1.0, squared[k] * squared[PREVIOUS[k]]) for k in range(3)])
-    return _unit(faces.at_vertices(weight * faces.doubled[:, None, :]))
+    return _unit_columns(faces.at_vertices(weight * faces.doubled[:, None, :]))
 
 
 def area_normals(faces: Faces) -> NDArray[np.float64]:
-    """(3, n) vertex normals weighted by area: coarser than Max's, but not led astray by tiny noisy faces."""
-    return _unit(faces.stars(faces.doubled))
+    """(3, n) vertex normals weighted by area: coarser than Max's, but robust to tiny noisy faces."""
+    return _unit_columns(faces.stars(faces.doubled))
 
 
-def _unit(total: NDArray) -> NDArray[np.float64]:
+def _unit_columns(total: NDArray) -> NDArray[np.float64]:
     """Columns at unit length; +z for zero ones."""
     length = np.sqrt(dot(total, total))
     unit = ratio(total, length)

@@ -1,7 +1,6 @@
-"""Curvature measures of triangle surfaces (chapters 1 to 3 of the notes): what is exact on the polyhedron.
+"""Curvature measures that are exact on the polyhedron (chapters 1 to 3 of the notes).
 
-Angle defects and edge angles integrate curvature over the surface; nothing here is an estimate but for
-`mean_curvature_normal`, which divides by an area.
+Angle defects and dihedral angles integrate curvature over the surface.
 """
 
 from __future__ import annotations
@@ -9,11 +8,14 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.algorithms.curvature.faces import Faces, cross, ratio
-from ddgcli.geometry.intrinsic import corner_angle, corner_cotan, face_area
+from ddgcli.algorithms.curvature.faces import Faces
+from ddgcli.geometry.intrinsic import corner_angle, mixed_voronoi_share
 from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
+from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.topology import NEXT, PREVIOUS, Topology
 from ddgcli.mesh.triangle_mesh import TriangleMesh
+from ddgcli.mesh.vectors import cross, ratio
+from ddgcli.operators.laplacian import voronoi_vertex_area
 
 
 def angle_defect(mesh: SurfaceMesh) -> NDArray[np.float64]:
@@ -24,11 +26,11 @@ def angle_defect(mesh: SurfaceMesh) -> NDArray[np.float64]:
     if isinstance(mesh, TriangleMesh):
         return defect_of(Faces.of(mesh), mesh.topology)
     angle = corner_angle(mesh.side_length).ravel()
-    return _defect(np.bincount(mesh.faces.ravel(), angle, mesh.n_vertices), mesh.topology)
+    return _defect(sum_by_index(mesh.faces.ravel(), angle, mesh.n_vertices), mesh.topology)
 
 
 def defect_of(faces: Faces, topology: Topology) -> NDArray[np.float64]:
-    """`angle_defect` of faces at hand."""
+    """`angle_defect` from `Faces`."""
     total = faces.at_vertices(faces.angle)
     if "_edge_numbering" not in topology.__dict__ and _surely_closed(faces):
         return np.where(topology.referenced_vertex, 2 * np.pi - total, 0.0)
@@ -41,29 +43,29 @@ def _defect(total: NDArray, topology: Topology) -> NDArray[np.float64]:
 
 
 def _surely_closed(faces: Faces) -> bool:
-    """Whether around every vertex the neighbours ahead in faces are also those behind: no boundary edge.
+    """Whether the surface has no boundary edge: every neighbour of a vertex follows and precedes it in faces.
 
-    Told by random 40-bit labels, whose sums are exact: an eighth of the work of numbering the edges.
+    Compares sums of random 40-bit labels, which are exact, at an eighth of the cost of numbering the edges.
     """
     n = faces.n_vertices
     label = np.random.default_rng(0).integers(0, 1 << 40, n).astype(np.float64)
     a, b, c = (np.take(label, corner) for corner in faces.corner)
     total = np.zeros(n)
     for corner, ahead, behind in zip(faces.corner, (b, c, a), (c, a, b)):
-        total += np.bincount(corner, ahead - behind, n)
+        total += sum_by_index(corner, ahead - behind, n)
     return not total.any()
 
 
 def gauss_bonnet_total(mesh: SurfaceMesh) -> float:
-    """What the angle defects of any complex sum to: 2 pi chi, and pi for each boundary corner too many.
+    """Sum of the angle defects of any complex: 2 pi chi, plus pi for each surplus boundary corner.
 
     At a vertex with k boundary edges the defect that makes the sum 2 pi chi is 2 pi - k pi / 2 - sum of
     angles; k is 0 or 2 on a manifold. Edges with three or more faces count as -(faces - 2) boundary edges.
     """
     topology = mesh.topology
     missing = 2 - topology.edge_face_count
-    at_vertex = np.zeros(mesh.n_vertices)
-    np.add.at(at_vertex, topology.edges[missing != 0].ravel(), np.repeat(missing[missing != 0], 2))
+    ends = topology.edges[missing != 0].ravel()
+    at_vertex = sum_by_index(ends, np.repeat(missing[missing != 0], 2), mesh.n_vertices)
     excess = np.where(topology.boundary_vertex, at_vertex - 2, at_vertex)
     return float(2 * np.pi * topology.euler_characteristic + np.pi / 2 * excess.sum())
 
@@ -76,28 +78,12 @@ def vertex_area(mesh: SurfaceMesh) -> NDArray[np.float64]:
     Meyer et al. 2003: the Voronoi part of acute triangles; half the triangle at an obtuse corner and a
     quarter at the other two.
     """
-    if isinstance(mesh, TriangleMesh):
-        return area_of(Faces.of(mesh))
-    length = mesh.side_length
-    with np.errstate(invalid="ignore"):
-        share = _mixed_area(length.T**2, corner_cotan(length).T, face_area(length))
-    return np.bincount(mesh.faces.ravel(), share.T.ravel(), mesh.n_vertices).astype(np.float64, copy=False)
+    return area_of(Faces.of(mesh)) if isinstance(mesh, TriangleMesh) else voronoi_vertex_area(mesh)
 
 
 def area_of(faces: Faces) -> NDArray[np.float64]:
-    """`vertex_area` of faces at hand."""
-    return faces.at_vertices(_mixed_area(faces.squared_length, faces.cotan, faces.area))
-
-
-def _mixed_area(squared: NDArray, cotan: NDArray, area: NDArray) -> NDArray[np.float64]:
-    """(3, m) share of each corner in the area of its face."""
-    half = np.stack([0.125 * squared[j] * cotan[PREVIOUS[j]] for j in range(3)])  # of side j, for each end
-    share = half + half[PREVIOUS]
-    least = np.minimum(np.minimum(cotan[0], cotan[1]), cotan[2])
-    odd = np.flatnonzero((least < 0) | ~np.isfinite(share[0] + share[1]))
-    share[:, odd] = 0.25 * area[odd]
-    share[np.argmin(cotan[:, odd], axis=0), odd] *= 2.0
-    return share
+    """`vertex_area` from `Faces`."""
+    return faces.at_vertices(mixed_voronoi_share(faces.squared_length, faces.cotan, faces.area))
 
 
 def boundary_length(mesh: SurfaceMesh) -> NDArray[np.float64]:
@@ -107,7 +93,7 @@ def boundary_length(mesh: SurfaceMesh) -> NDArray[np.float64]:
     length[topology.side_edge.ravel()] = mesh.side_length.ravel()
     edges = topology.edges[topology.boundary_edges]
     half = np.repeat(0.5 * length[topology.boundary_edges], 2)
-    return np.bincount(edges.ravel(), half, mesh.n_vertices).astype(np.float64)
+    return sum_by_index(edges.ravel(), half, mesh.n_vertices)
 
 
 def geodesic_curvature(mesh: SurfaceMesh, defect: NDArray | None = None) -> NDArray[np.float64]:
@@ -118,7 +104,9 @@ def geodesic_curvature(mesh: SurfaceMesh, defect: NDArray | None = None) -> NDAr
 
 
 def combinatorial_curvature(mesh: SurfaceMesh) -> NDArray[np.float64]:
-    """(n,) the angle defect that equilateral triangles would have, in radians: pi/3 (6 - degree) inside.
+    """(n,) angle defect of equilateral triangles with the same connectivity, in radians.
+
+    pi/3 (6 - degree) inside.
 
     Chapter 3, 2.1. On the boundary pi - pi/3 for each face, that is pi/3 (4 - degree).
     """
@@ -131,29 +119,29 @@ def combinatorial_curvature(mesh: SurfaceMesh) -> NDArray[np.float64]:
 def curvature_vector(mesh: TriangleMesh) -> NDArray[np.float64]:
     """(n, 3) integrated mean curvature vector, minus half the area gradient: inward where convex.
 
-    Half of what chapter 3 calls H_p, for H is half the sum of the principal curvatures here. On the
-    boundary the tension along the boundary edges, which is no curvature of the surface, is taken off: the
-    sum over the edges with two faces stays. Flat faces add nothing.
+    Half of H_p in chapter 3, because H is half the sum of the principal curvatures here. On the boundary the
+    tension along the boundary edges, which is not curvature of the surface, is subtracted: the sum over the
+    edges with two faces remains. Flat faces add nothing.
     """
     return np.ascontiguousarray(vector_of(Faces.of(mesh), mesh.topology).T)
 
 
 def vector_of(faces: Faces, topology: Topology) -> NDArray[np.float64]:
-    """(3, n) `curvature_vector` of faces at hand."""
+    """(3, n) `curvature_vector` from `Faces`."""
     n = faces.n_vertices
     total = np.zeros((3, n))
     for k in range(3):
         leaving, arriving = 0.25 * faces.cotan[PREVIOUS[k]], 0.25 * faces.cotan[NEXT[k]]
         for i in range(3):
             pull = leaving * faces.side[k, i] - arriving * faces.side[PREVIOUS[k], i]
-            total[i] += np.bincount(faces.corner[k], pull, n)
+            total[i] += sum_by_index(faces.corner[k], pull, n)
     rim = np.flatnonzero(topology.edge_face_count[topology.side_edge.ravel()] == 1)
     if len(rim):
         face, j = np.divmod(rim, 3)
         side = faces.side[j, :, face].T
         tension = 0.25 * cross(side, faces.normal[:, face])
         for ends in (faces.corner[j, face], faces.corner[NEXT[j], face]):
-            total += np.array([np.bincount(ends, row, n) for row in tension])
+            total += sum_by_index(ends, tension.T, n).T
     return total
 
 

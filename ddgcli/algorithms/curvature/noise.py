@@ -1,9 +1,9 @@
-"""Noise of a surface's vertices: how large it is, what it does to curvature, and which radius averages it.
+"""Noise of a surface's vertices: its size, its effect on curvature, and the radius that averages it.
 
 Heights over tangent planes are z = surface + noise of standard deviation s. A quadratic fit in a disk of
 radius R with one vertex per area A has a mean curvature whose standard deviation is
 4 sqrt(3 A / pi) s / R^3 (from the variance of r^2 over the disk, R^4 / 12). Its bias is k (k R)^2 / 4 on a
-sphere of curvature k and less on surfaces that bend one way; half of that stands for all.
+sphere of curvature k and less on surfaces that bend in one direction; half of it is used throughout.
 """
 
 from __future__ import annotations
@@ -23,24 +23,29 @@ from ddgcli.algorithms.curvature.quadric import (
     principal_of_forms,
     sampled_vertices,
 )
-from ddgcli.algorithms.curvature.region import Regions, largest_radius
+from ddgcli.algorithms.curvature.regions import Regions, largest_radius
+from ddgcli.mesh.ragged import list_starts
 from ddgcli.mesh.triangle_mesh import TriangleMesh
-from ddgcli.mesh.triangle_mesh import unit_vectors as unit_rows
+from ddgcli.mesh.vectors import unit_vectors as unit_rows
 
-SAMPLE, JUDGES = 400, 100  # vertices whose residuals are taken, and whose curvature
+SAMPLE_SIZE, BENDING_SAMPLE_SIZE = 400, 100  # vertices sampled for residuals, and for curvature
 MIN_NEIGHBOURS = 15
-QUADRATIC = 1e4  # penalty of the terms of degree three and four that leaves a quadratic fit
+QUADRATIC_PENALTY = 1e4  # penalty of the terms of degree three and four that leaves a quadratic fit
 STEP_ANGLE = np.pi / 6  # dihedral angle from which an edge is a crease
 # shares of vertices between a convex and a concave crease and of flat edges: a staircase of voxels has
 # 0.18 to 0.3 and 0.6, mechanical parts at most 0.11
-STEPPED_VERTICES, STEPPED_FLAT = 0.15, 0.3
-FLAT_ANGLE = 1e-3  # dihedral angle up to which two faces count as one plane (files of single precision)
-FLAT_SHARE = 0.1  # share of flat edges from which large residuals are creases of a part, not noise
-MAX_ERROR = 0.1  # predicted error of curvature by noise from which the default is not to be trusted
-MIN_GAIN = 0.85  # share of that error that the proposed radius may leave at most
-UNEVEN = 2  # factor on the theory's deviation, for irregular samplings and fits of higher degree
-BIAS = 0.125  # of a quadratic fit, in units of (k R)^2
-MAX_TURN = 0.8  # largest radius, in radii of curvature
+MIN_STEPPED_SHARE, MIN_FLAT_SHARE = 0.15, 0.3
+FLAT_ANGLE_TOLERANCE = (
+    1e-3  # dihedral angle up to which two faces count as one plane (files of single precision)
+)
+MIN_CREASED_FLAT_SHARE = (
+    0.1  # share of flat edges from which large residuals are creases of a part, not noise
+)
+MAX_ERROR = 0.1  # predicted error of curvature by noise above which the default region is unreliable
+MAX_REMAINING_ERROR_SHARE = 0.85  # largest share of that error at the proposed radius
+DEVIATION_FACTOR = 2  # on the theoretical deviation, for irregular samplings and fits of higher degree
+BIAS_FACTOR = 0.125  # of a quadratic fit, in units of (k R)^2
+MAX_RELATIVE_RADIUS = 0.8  # largest radius, in radii of curvature
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,20 +75,20 @@ class Noise:
     radius: float = 0.0
 
     @property
-    def spoils_curvature(self) -> bool:
-        """Whether the default region is not to be trusted and the radius is clearly better."""
-        gains = self.error > MAX_ERROR and self.error_at_radius < MIN_GAIN * self.error
+    def dominates_curvature(self) -> bool:
+        """Whether the default region is unreliable and the proposed radius is clearly better."""
+        gains = self.error > MAX_ERROR and self.error_at_radius < MAX_REMAINING_ERROR_SHARE * self.error
         return gains and not self.creased
 
 
 def estimate_noise(mesh: TriangleMesh, faces: Faces, dihedral: NDArray) -> Noise:
-    """Noise of the vertices, from residuals of cubic fits over two rings.
+    """Estimate the noise of the vertices from residuals of cubic fits over two rings.
 
-    The median over a sample of vertices stands for all, so that creases, which are few, do not count.
+    Takes the median over a sample of vertices, which ignores creases.
     """
     normal = area_normals(faces)
     regions = neighbourhoods(mesh, faces, normal, MIN_NEIGHBOURS)
-    sample = sampled_vertices(faces.points, regions, SAMPLE)
+    sample = sampled_vertices(faces.points, regions, SAMPLE_SIZE)
     sample = sample[~mesh.topology.boundary_vertex[sample]]
     if len(sample) < MIN_NEIGHBOURS:
         return Noise(None)
@@ -91,7 +96,7 @@ def estimate_noise(mesh: TriangleMesh, faces: Faces, dihedral: NDArray) -> Noise
     edge = float(mesh.side_length.mean())
     deviation = float(np.median(residual))
     stepped = is_staircase(mesh, dihedral)
-    flat = float((np.abs(dihedral) < FLAT_ANGLE).mean())
+    flat = float((np.abs(dihedral) < FLAT_ANGLE_TOLERANCE).mean())
     area = float(faces.area.sum())
     vertex_area = area / int(mesh.topology.referenced_vertex.sum())
     bend, most = float(np.sqrt(4 * np.pi / area)), 0.99 * largest_radius(mesh, area)
@@ -102,23 +107,25 @@ def estimate_noise(mesh: TriangleMesh, faces: Faces, dihedral: NDArray) -> Noise
     return Noise(
         deviation / edge,
         stepped,
-        flat > FLAT_SHARE and not stepped,
+        flat > MIN_CREASED_FLAT_SHARE and not stepped,
         noise_error(deviation, vertex_area, bend, spread),
-        float(np.hypot(noise_error(deviation, vertex_area, bend, radius), BIAS * (bend * radius) ** 2)),
+        float(
+            np.hypot(noise_error(deviation, vertex_area, bend, radius), BIAS_FACTOR * (bend * radius) ** 2)
+        ),
         radius,
     )
 
 
 def noise_error(deviation: float, vertex_area: float, bend: float, radius: float) -> float:
     """Relative standard deviation of the mean curvature of a quadratic fit in a disk."""
-    return float(UNEVEN * 4 * np.sqrt(3 * vertex_area / np.pi) * deviation / (radius**3 * bend))
+    return float(DEVIATION_FACTOR * 4 * np.sqrt(3 * vertex_area / np.pi) * deviation / (radius**3 * bend))
 
 
 def best_radius(deviation: float, vertex_area: float, bend: float, edge: float) -> float:
     """Radius of the least predicted error, between two edges and 0.8 radii of curvature."""
     noise = noise_error(deviation, vertex_area, bend, 1.0)
-    radius = (1.5 * (noise / (BIAS * bend**2)) ** 2) ** 0.1
-    return float(max(min(radius, MAX_TURN / bend), 2 * edge))
+    radius = (1.5 * (noise / (BIAS_FACTOR * bend**2)) ** 2) ** 0.1
+    return float(max(min(radius, MAX_RELATIVE_RADIUS / bend), 2 * edge))
 
 
 def is_staircase(mesh: TriangleMesh, dihedral: NDArray) -> bool:
@@ -128,16 +135,16 @@ def is_staircase(mesh: TriangleMesh, dihedral: NDArray) -> bool:
     convex, concave = (
         np.bincount(edges[sign * dihedral > STEP_ANGLE].ravel(), minlength=n) > 0 for sign in (1, -1)
     )
-    flat = (np.abs(dihedral) < FLAT_ANGLE).mean()
+    flat = (np.abs(dihedral) < FLAT_ANGLE_TOLERANCE).mean()
     share = (convex & concave).sum() / int(mesh.topology.referenced_vertex.sum())
-    return bool(flat > STEPPED_FLAT and share > STEPPED_VERTICES)
+    return bool(flat > MIN_FLAT_SHARE and share > MIN_STEPPED_SHARE)
 
 
 def _bending(mesh: TriangleMesh, normal: NDArray, sample: NDArray, radius: float) -> float:
     """Median of the larger principal curvature of quadratic fits in balls around a part of the sample."""
-    few = sample[:: max(1, len(sample) // JUDGES)]
+    few = sample[:: max(1, len(sample) // BENDING_SAMPLE_SIZE)]
     lists = cKDTree(mesh.points).query_ball_point(mesh.points[few], radius)
-    start = np.concatenate([[0], np.cumsum([len(members) for members in lists])])
+    start = list_starts([len(members) for members in lists])
     member = np.concatenate([np.sort(members) for members in lists]).astype(np.int64)
     # the mean normal of the ball: single normals of noise and of voxels are far off
     around = np.take(normal, member, axis=1)
@@ -145,7 +152,7 @@ def _bending(mesh: TriangleMesh, normal: NDArray, sample: NDArray, radius: float
     mean = unit_rows(np.add.reduceat(np.where(same, around, 0.0), start[:-1], axis=1).T).T
     columns = np.concatenate([mesh.points[few].T, mesh.points.T], axis=1)
     normals = np.concatenate([mean, normal], axis=1)
-    gradient, hessian = fit_forms(columns, normals, Regions(start, member + len(few)), QUADRATIC)
+    gradient, hessian = fit_forms(columns, normals, Regions(start, member + len(few)), QUADRATIC_PENALTY)
     k = slice(0, len(few))
-    found = principal_of_forms(gradient[:, k], hessian[:, k], normals[:, k])
-    return float(np.median(np.maximum(np.abs(found.low), np.abs(found.high))))
+    principal = principal_of_forms(gradient[:, k], hessian[:, k], normals[:, k])
+    return float(np.median(np.maximum(np.abs(principal.low), np.abs(principal.high))))

@@ -11,29 +11,30 @@ from numpy.typing import NDArray
 
 from ddgcli.errors import MeshError
 from ddgcli.mesh.curve import CurveSet, nearest_axis, plane_normal
-from ddgcli.mesh.triangle_mesh import vector_length
+from ddgcli.mesh.scatter import sum_by_index
+from ddgcli.mesh.vectors import ratio, row_dot, vector_length
 
 log = logging.getLogger("ddgcli")
 
 
 @dataclass(frozen=True, eq=False)
-class MeasuredCurves:
-    """Arrays on points, and the summary's results and accuracy."""
+class PolylineCurvature:
+    """Arrays on points by name, and the results and the accuracy of the summary."""
 
     vertex: dict[str, NDArray]
     results: dict[str, Any]
     accuracy: dict[str, Any]
 
 
-def measure_curves(curves: CurveSet) -> MeasuredCurves:
-    """Turning, curvature, torsion and their sums for each polyline of a set.
+def measure_curves(curves: CurveSet) -> PolylineCurvature:
+    """Measure turning, curvature, torsion and their sums for each polyline of a set.
 
     The turning of a curve that lies in a plane (any plane; see `plane_normal`) has a sign; others are space
     curves.
 
     Returns
     -------
-    MeasuredCurves
+    PolylineCurvature
         Arrays of length n, 0 at points of no curve; `results` hold the sums over all curves, and one entry
         a curve in `curves` where there are several.
 
@@ -55,7 +56,7 @@ def measure_curves(curves: CurveSet) -> MeasuredCurves:
             vertex[name][path] = arrays[name]
         each.append(results)
     if not each or not any(r["length"] > 0 for r in each):
-        raise MeshError("no segment of positive length; curvature needs a curve: mend the points")
+        raise MeshError("no segment of positive length; curvature needs a curve: check the points")
     results = _together(each)
     residuals = [r["turning_number_residual"] for r in each if r["turning_number_residual"] is not None]
     for r in (results, *each):
@@ -66,7 +67,7 @@ def measure_curves(curves: CurveSet) -> MeasuredCurves:
     if not residuals:
         log.warning("turning_number is unknown: only a closed curve in the plane has one; %s",
                     "this one is open" if planar else "this one is in space")  # fmt: skip
-    return MeasuredCurves(vertex, results, {"turning_number_residual": max(residuals, default=None)})
+    return PolylineCurvature(vertex, results, {"turning_number_residual": max(residuals, default=None)})
 
 
 def _together(each: list[dict[str, Any]]) -> dict[str, Any]:
@@ -117,7 +118,7 @@ def measure_curve(
 
     Notes
     -----
-    Points that repeat their predecessor are passed over: their values are 0.
+    Points that repeat their predecessor are skipped: their values are 0.
     """
     n, planar = len(points), normal is not None
     following = np.roll(points, -1, axis=0) - points
@@ -138,10 +139,9 @@ def measure_curve(
     before, after, at = _joints(len(segment), closed)
     angle = _turning(tangent[before], tangent[after], normal)
     arrays["turning_angle"][keep[at]] = angle
-    half = np.zeros(len(keep))
-    ends = (np.arange(len(segment)), (np.arange(len(segment)) + 1) % len(keep))
-    for end in ends:
-        np.add.at(half, end, length / 2)
+    first = np.arange(len(segment))
+    ends = np.concatenate([first, (first + 1) % len(keep)])
+    half = sum_by_index(ends, np.tile(length / 2, 2), len(keep))
     arrays["vertex_length"][keep] = half
     arrays["curvature"][keep] = arrays["turning_angle"][keep] / half
     _gauss_map(arrays, keep, tangent, closed, normal)
@@ -160,7 +160,7 @@ def _joints(segments: int, closed: bool) -> tuple[NDArray, NDArray, NDArray]:
 
 
 def _turning(before: NDArray, after: NDArray, normal: NDArray | None) -> NDArray[np.float64]:
-    cosine = np.einsum("ij,ij->i", before, after)
+    cosine = row_dot(before, after)
     binormal = np.cross(before, after)
     return np.arctan2(vector_length(binormal) if normal is None else binormal @ normal, cosine)
 
@@ -190,16 +190,15 @@ def _torsion(
     binormal[at] = np.cross(tangent[before], tangent[after])
     k = np.arange(len(tangent))
     here, there = binormal[k], binormal[(k + 1) % len(keep)]
-    sine = np.einsum("ij,ij->i", np.cross(here, there), tangent)
-    cosine = np.einsum("ij,ij->i", here, there)
-    # planes, not binormals: at an inflection the binormal jumps by half a turn and the plane does not
+    sine = row_dot(np.cross(here, there), tangent)
+    cosine = row_dot(here, there)
+    # angle between planes, not binormals: at an inflection the binormal jumps by pi and the plane does not
     angle = np.arctan2(np.where(cosine < 0, -sine, sine), np.abs(cosine))
-    total, width = np.zeros(len(keep)), np.zeros(len(keep))
-    defined = (vector_length(here) > 0) & (vector_length(there) > 0)
-    for end in (k, (k + 1) % len(keep)):
-        np.add.at(total, end[defined], angle[defined])
-        np.add.at(width, end[defined], length[defined])
-    arrays["torsion"][keep] = np.divide(total, width, out=np.zeros_like(total), where=width > 0)
+    defined = np.flatnonzero((vector_length(here) > 0) & (vector_length(there) > 0))
+    ends = np.concatenate([defined, (defined + 1) % len(keep)])
+    total = sum_by_index(ends, np.tile(angle[defined], 2), len(keep))
+    width = sum_by_index(ends, np.tile(length[defined], 2), len(keep))
+    arrays["torsion"][keep] = ratio(total, width)
 
 
 def _results(arrays: dict[str, NDArray], length: NDArray, closed: bool, planar: bool) -> dict[str, Any]:
@@ -207,7 +206,7 @@ def _results(arrays: dict[str, NDArray], length: NDArray, closed: bool, planar: 
     signed = float(angle.sum()) if planar else None
     total = float(np.abs(angle).sum())
     turns = round(signed / (2 * np.pi)) if closed and signed is not None else None
-    found = {
+    results = {
         "closed": closed,
         "planar": planar,
         "length": float(length.sum()),
@@ -218,7 +217,7 @@ def _results(arrays: dict[str, NDArray], length: NDArray, closed: bool, planar: 
         "total_curvature": total,
     }
     if not planar:
-        found["total_torsion"] = float((arrays["torsion"] * arrays["vertex_length"]).sum())
+        results["total_torsion"] = float((arrays["torsion"] * arrays["vertex_length"]).sum())
         # Fary and Milnor: a knotted closed curve has total curvature above 4 pi
-        found["unknotted_by_fary_milnor"] = total <= 4 * np.pi if closed else None
-    return found
+        results["unknotted_by_fary_milnor"] = total <= 4 * np.pi if closed else None
+    return results

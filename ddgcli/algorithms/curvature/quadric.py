@@ -1,11 +1,10 @@
-"""Curvature by local fits: a height polynomial over the neighbours of every vertex, all at once.
+"""Curvature from local fits: a height polynomial over the neighbours of every vertex, all at once.
 
-The polynomial has degree four. Its terms of degree three and four carry a penalty that is chosen once for the
-mesh by how well the fit predicts its own data, so that clean data get the accuracy of a quartic fit and
-noisy data the steadiness of a quadratic one. Coordinates are scaled along the neighbourhood's own axes, so
-that long thin cells are fitted as well as square ones. The normal equations are made of moments of the
-coordinates, which is less work than products of rows, and solved by elimination over thousands of vertices
-at a time.
+The polynomial has degree four. Generalised cross-validation chooses one penalty for the terms of degree
+three and four of the whole mesh: clean data get the accuracy of a quartic fit, noisy data the stability of a
+quadratic one. Coordinates are scaled along the axes of each neighbourhood, so that thin cells are fitted as
+well as square ones. The normal equations consist of moments of the coordinates, which are cheaper than
+products of rows; elimination solves them for thousands of vertices at a time.
 """
 
 from __future__ import annotations
@@ -16,26 +15,29 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.algorithms.curvature.faces import Faces
-from ddgcli.algorithms.curvature.frames import Principal, eigen_2x2, tangent_frame
+from ddgcli.algorithms.curvature.frames import PrincipalCurvatures, eigen_2x2, tangent_frame
 from ddgcli.algorithms.curvature.neighbours import neighbourhoods
-from ddgcli.algorithms.curvature.region import Regions, chunks, larger, listed, vertex_balls
+from ddgcli.algorithms.curvature.regions import Regions, chunks, larger, listed, vertex_balls
+from ddgcli.mesh.ragged import list_starts
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 
 # exponents of x and y; the penalised terms first, so that elimination leaves the system of the low ones
-_HIGH = [(4, 0), (3, 1), (2, 2), (1, 3), (0, 4), (3, 0), (2, 1), (1, 2), (0, 3)]
-_LOW = [(2, 0), (1, 1), (0, 2), (1, 0), (0, 1), (0, 0)]
-_TERMS = _HIGH + _LOW
-_POWERS = [(a, b) for a in range(9) for b in range(9 - a)]
-_TABLE = np.array([[_POWERS.index((a + c, b + d)) for c, d in _TERMS] for a, b in _TERMS])
+_HIGH_TERMS = [(4, 0), (3, 1), (2, 2), (1, 3), (0, 4), (3, 0), (2, 1), (1, 2), (0, 3)]
+_LOW_TERMS = [(2, 0), (1, 1), (0, 2), (1, 0), (0, 1), (0, 0)]
+_TERMS = _HIGH_TERMS + _LOW_TERMS
+_MOMENT_POWERS = [(a, b) for a in range(9) for b in range(9 - a)]
+_MOMENT_INDEX = np.array([[_MOMENT_POWERS.index((a + c, b + d)) for c, d in _TERMS] for a, b in _TERMS])
 
 _PENALTIES = (1e-6, 1e-4, 1e-2, 1.0, 1e2, 1e4)  # from a quartic fit to a quadratic one
-_JUDGES = 96  # vertices that choose among them
-_FLOOR = 1e-12  # penalty of the low terms, so that three neighbours give an answer too
-_ENOUGH = 15  # neighbours below which a third ring is added
-_PAIRS = 40_000  # neighbours handled at once: the working arrays stay in the cache
+_PENALTY_SAMPLE_SIZE = 96  # vertices whose fits choose among the penalties
+_LOW_TERM_PENALTY = 1e-12  # of the low terms, so that three neighbours determine a fit too
+_MIN_NEIGHBOURS = 15  # below which a third ring is added
+_MAX_PAIRS = 40_000  # neighbours handled at once: the working arrays stay in the cache
 
 
-def quadric(mesh: TriangleMesh, faces: Faces, normal: NDArray, radius: float | None = None) -> Principal:
+def quadric(
+    mesh: TriangleMesh, faces: Faces, normal: NDArray, radius: float | None = None
+) -> PrincipalCurvatures:
     """Principal curvatures of polynomial fits over rings of neighbours (`neighbourhoods`) or a ball.
 
     Parameters
@@ -46,7 +48,7 @@ def quadric(mesh: TriangleMesh, faces: Faces, normal: NDArray, radius: float | N
     radius : float, optional
         Of the ball; a vertex whose ball holds fewer neighbours than its two rings keeps the rings.
     """
-    regions = neighbourhoods(mesh, faces, normal, _ENOUGH)
+    regions = neighbourhoods(mesh, faces, normal, _MIN_NEIGHBOURS)
     if radius is not None:
         regions = larger(regions, vertex_balls(mesh, radius))
     columns = faces.points
@@ -82,15 +84,18 @@ def fit_forms(
     n = columns.shape[1]
     gradient, hessian = np.zeros((2, n)), np.zeros((3, n))
     frame = np.concatenate([*tangent_frame(normal), normal])
-    high, low = np.array([1.0] * len(_HIGH) + [0.0] * len(_LOW)), np.full(len(_TERMS), _FLOOR)
-    for begin, end in chunks(regions, _PAIRS):
+    high, low = (
+        np.array([1.0] * len(_HIGH_TERMS) + [0.0] * len(_LOW_TERMS)),
+        np.full(len(_TERMS), _LOW_TERM_PENALTY),
+    )
+    for begin, end in chunks(regions, _MAX_PAIRS):
         start, member = _same_side(frame[6:9], begin, end, regions)
         x, y, z = _local(columns, columns[:, begin:end], frame[:, begin:end], start, member)
         x, y, axes = _scaled(x, y, start)
         matrix, right = _normal_equations(x, y, z, start)
         diagonal = np.arange(len(_TERMS))
         count = np.diff(start)
-        # fewer data than terms: what the low terms can explain is theirs
+        # fewer data than terms: the low terms have precedence
         share = np.where(count > len(_TERMS), penalty, np.maximum(penalty, 1.0))
         matrix[diagonal, diagonal] += (high[:, None] * share + low[:, None]) * count
         gradient[:, begin:end], hessian[:, begin:end] = _unscaled(_solve_low(matrix, right), axes)
@@ -130,7 +135,7 @@ def _same_side(normal: NDArray, begin: int, end: int, regions: Regions) -> tuple
     if kept.min() < 4:
         keep |= np.repeat(kept < 4, count) & (cosine > -0.5)
         kept = np.add.reduceat(keep, start[:-1], dtype=np.int64)
-    return np.concatenate([[0], np.cumsum(kept)]), member[keep]
+    return list_starts(kept), member[keep]
 
 
 def _sum(values: NDArray, start: NDArray) -> NDArray[np.float64]:
@@ -138,7 +143,7 @@ def _sum(values: NDArray, start: NDArray) -> NDArray[np.float64]:
 
 
 def _scaled(x: NDArray, y: NDArray, start: NDArray) -> tuple[NDArray, NDArray, tuple[NDArray, ...]]:
-    """Coordinates along the axes of greatest and least spread, each spread made one; and these axes."""
+    """Coordinates along the axes of greatest and least spread, scaled to spread one, and these axes."""
     count = np.diff(start)
     xx, xy, yy = _sum(x * x, start), _sum(x * y, start), _sum(y * y, start)
     small, large, cos, sin = eigen_2x2(xx, xy, yy)
@@ -152,9 +157,9 @@ def _scaled(x: NDArray, y: NDArray, start: NDArray) -> tuple[NDArray, NDArray, t
 def _normal_equations(x: NDArray, y: NDArray, z: NDArray, start: NDArray) -> tuple[NDArray, NDArray]:
     """(p, p, c) matrices and (p, c) right-hand sides of the least-squares fits."""
     powers_x, powers_y = _powers(x), _powers(y)
-    moment = np.zeros((len(_POWERS), len(start) - 1))
+    moment = np.zeros((len(_MOMENT_POWERS), len(start) - 1))
     right = np.zeros((len(_TERMS), len(start) - 1))
-    for k, (a, b) in enumerate(_POWERS):
+    for k, (a, b) in enumerate(_MOMENT_POWERS):
         if a + b == 0:
             moment[k], right[_TERMS.index((0, 0))] = np.diff(start), _sum(z, start)
             continue
@@ -162,7 +167,7 @@ def _normal_equations(x: NDArray, y: NDArray, z: NDArray, start: NDArray) -> tup
         moment[k] = _sum(term, start)
         if (a, b) in _TERMS:
             right[_TERMS.index((a, b))] = _sum(term * z, start)
-    return moment[_TABLE], right
+    return moment[_MOMENT_INDEX], right
 
 
 def _powers(x: NDArray) -> list[NDArray]:
@@ -183,9 +188,9 @@ def _solve_low(matrix: NDArray, right: NDArray) -> NDArray[np.float64]:
         matrix[j + 1 :, j + 1 :] -= factor[:, None] * row
         right[j + 1 :] -= factor * right[j]
         matrix[j, j + 1 :], right[j] = factor, right[j] * inverse
-    for j in range(p - 2, len(_HIGH) - 1, -1):
+    for j in range(p - 2, len(_HIGH_TERMS) - 1, -1):
         right[j] -= np.einsum("kn,kn->n", matrix[j, j + 1 :], right[j + 1 :])
-    return right[len(_HIGH) :]
+    return right[len(_HIGH_TERMS) :]
 
 
 def _unscaled(low: NDArray, axes: tuple[NDArray, ...]) -> tuple[NDArray, NDArray]:
@@ -205,21 +210,21 @@ def _unscaled(low: NDArray, axes: tuple[NDArray, ...]) -> tuple[NDArray, NDArray
 
 
 def _chosen_penalty(columns: NDArray, normal: NDArray, regions: Regions) -> float:
-    """The penalty whose fits predict their data best, judged on vertices of small and large neighbourhoods.
+    """The penalty whose fits predict their data best, on vertices with small and large neighbourhoods.
 
     Generalised cross-validation: the least of residual / (data - degrees of freedom)^2, in the mean of the
     logarithms, so that a few creases do not decide for all.
     """
-    able = sampled_vertices(columns, regions, _JUDGES)
+    able = sampled_vertices(columns, regions, _PENALTY_SAMPLE_SIZE)
     if len(able) == 0:
         return _PENALTIES[-1]
-    return _judge(*_systems(columns, normal, regions, able))
+    return _best_penalty(*_systems(columns, normal, regions, able))
 
 
 def sampled_vertices(columns: NDArray, regions: Regions, most: int) -> NDArray[np.int64]:
-    """About `most` vertices whose neighbourhoods can judge a fit, small and large ones alike.
+    """About `most` vertices with enough neighbours to test a fit, with small and large neighbourhoods.
 
-    They are taken by the size of their neighbourhood, so that a relabelled mesh has the same ones.
+    Ordered by the size of the neighbourhood, so that the choice does not depend on the numbering.
     """
     count = regions.count
     able = np.flatnonzero((count > len(_TERMS) + 3) & (count <= 400))
@@ -251,18 +256,18 @@ def cubic_residuals(
     matrix, right, squared, count = _systems(columns, normal, regions, vertices)
     low = np.array([k for k, (a, b) in enumerate(_TERMS) if a + b <= 3])
     matrix, right = matrix[:, low[:, None], low], right[:, low]
-    fitted = _inverse(matrix + _FLOOR * count[:, None, None] * np.eye(len(low))) @ right
+    fitted = _inverse(matrix + _LOW_TERM_PENALTY * count[:, None, None] * np.eye(len(low))) @ right
     explained = np.einsum("nij,nij->n", right, fitted)
     return np.sqrt(np.maximum(squared - explained, 0.0) / (count - len(low)))
 
 
-def _judge(matrix: NDArray, right: NDArray, squared: NDArray, count: NDArray) -> float:
-    high = (np.arange(len(_TERMS)) < len(_HIGH)).astype(np.float64)
+def _best_penalty(matrix: NDArray, right: NDArray, squared: NDArray, count: NDArray) -> float:
+    high = (np.arange(len(_TERMS)) < len(_HIGH_TERMS)).astype(np.float64)
     flat = squared <= 0
     squared = np.where(flat, 1.0, squared)
     scores = []
     for penalty in _PENALTIES:
-        weight = np.diag(penalty * high + _FLOOR)
+        weight = np.diag(penalty * high + _LOW_TERM_PENALTY)
         inverse = _inverse(matrix + weight * count[:, None, None])
         fitted = inverse @ right
         explained = np.einsum("nij,nij->n", 2 * right - matrix @ fitted, fitted)
@@ -275,12 +280,12 @@ def _judge(matrix: NDArray, right: NDArray, squared: NDArray, count: NDArray) ->
 def _inverse(matrix: NDArray) -> NDArray[np.float64]:
     try:
         return np.linalg.inv(matrix)
-    except np.linalg.LinAlgError:  # a judge whose neighbours lie on a line
+    except np.linalg.LinAlgError:  # a sampled vertex whose neighbours lie on a line
         return np.linalg.pinv(matrix, hermitian=True)
 
 
 def _spread(columns: NDArray, regions: Regions) -> NDArray[np.float64]:
-    """(n,) squared distance from each vertex to the last of its neighbours' mean: a size, without frames."""
+    """(n,) squared distance from each vertex to the mean of its neighbours: a size that needs no frame."""
     total = np.zeros(len(regions.start) - 1)
     nonempty = regions.count > 0
     for c in columns:
@@ -290,7 +295,7 @@ def _spread(columns: NDArray, regions: Regions) -> NDArray[np.float64]:
     return total
 
 
-def principal_of_forms(gradient: NDArray, hessian: NDArray, normal: NDArray) -> Principal:
+def principal_of_forms(gradient: NDArray, hessian: NDArray, normal: NDArray) -> PrincipalCurvatures:
     """Principal curvatures and directions of height fields over frames of `tangent_frame(normal)`."""
     first, second = tangent_frame(normal)
     gx, gy = gradient
@@ -311,4 +316,4 @@ def principal_of_forms(gradient: NDArray, hessian: NDArray, normal: NDArray) -> 
         u = (c - l21 * v) / l11
         return u * first + v * second + (u * gx + v * gy) * normal
 
-    return Principal(low, high, lifted(-sin, cos), lifted(cos, sin), low * high)
+    return PrincipalCurvatures(low, high, lifted(-sin, cos), lifted(cos, sin), low * high)

@@ -5,12 +5,22 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.algorithms.curvature.faces import Faces, cross, dot, ratio
-from ddgcli.algorithms.curvature.frames import Principal, eigen_2x2, in_tangent_plane, tangent_frame, turned
+from ddgcli.algorithms.curvature.faces import Faces
+from ddgcli.algorithms.curvature.frames import (
+    PrincipalCurvatures,
+    eigen_2x2,
+    in_tangent_plane,
+    tangent_frame,
+    turned,
+)
+from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.topology import NEXT, PREVIOUS
+from ddgcli.mesh.vectors import cross, dot, ratio
 
 
-def cotan(faces: Faces, normal: NDArray, area: NDArray, defect: NDArray, vector: NDArray) -> Principal:
+def cotan(
+    faces: Faces, normal: NDArray, area: NDArray, defect: NDArray, vector: NDArray
+) -> PrincipalCurvatures:
     """Meyer et al.: H from the area gradient, K from the angle defect, directions by least squares.
 
     Parameters
@@ -36,7 +46,7 @@ def cotan(faces: Faces, normal: NDArray, area: NDArray, defect: NDArray, vector:
     half_difference, off = _fitted_form(faces, normal, first, second, mean)
     angle = 0.5 * np.arctan2(off, half_difference)
     high, low = turned(first, second, np.cos(angle), np.sin(angle))
-    return Principal(mean - reach, mean + reach, low, high, gaussian)
+    return PrincipalCurvatures(mean - reach, mean + reach, low, high, gaussian)
 
 
 def _fitted_form(
@@ -58,7 +68,7 @@ def _fitted_form(
             rest = weight * (curve - at[9])
             wc = weight * c
             for row, values in zip(sums, (wc * c, wc * s, weight * s * s, c * rest, s * rest)):
-                row += np.bincount(faces.corner[end], values, n)
+                row += sum_by_index(faces.corner[end], values, n)
     cc, cs, ss, rc, rs = sums
     determinant = cc * ss - cs * cs
     regular = determinant > 1e-12 * (cc + ss) ** 2
@@ -70,7 +80,7 @@ def _fitted_form(
 
 def normal_cycle(
     faces: Faces, edges: NDArray, normal: NDArray, area: NDArray, defect: NDArray, dihedral: NDArray
-) -> Principal:
+) -> PrincipalCurvatures:
     """Cohen-Steiner and Morvan's tensor over the star: half of every incident edge, over the vertex area.
 
     Notes
@@ -84,19 +94,19 @@ def normal_cycle(
     weight = 0.5 * ratio(dihedral, length)
     wx, wy, wz = weight * x, weight * y, weight * z
     entries, n = (wx * x, wy * y, wz * z, wy * z, wz * x, wx * y), faces.n_vertices
-    tensor = np.stack([np.bincount(a, e, n) + np.bincount(b, e, n) for e in entries])
+    tensor = np.stack([sum_by_index(a, e, n) + sum_by_index(b, e, n) for e in entries])
     return swapped_principal(ratio(tensor, area), normal, ratio(defect, area))
 
 
-def swapped_principal(tensor: NDArray, normal: NDArray, gaussian: NDArray) -> Principal:
-    """Principal curvatures of a normal-cycle tensor density, its directions put right."""
+def swapped_principal(tensor: NDArray, normal: NDArray, gaussian: NDArray) -> PrincipalCurvatures:
+    """Principal curvatures of a normal-cycle tensor density; its two directions are exchanged."""
     first, second = tangent_frame(normal)
     low, high, cos, sin = eigen_2x2(*in_tangent_plane(tensor, first, second))
     along_high_eigenvalue, across = turned(first, second, cos, sin)
-    return Principal(low, high, along_high_eigenvalue, across, gaussian)
+    return PrincipalCurvatures(low, high, along_high_eigenvalue, across, gaussian)
 
 
-def corrected(faces: Faces, normal: NDArray) -> Principal:
+def corrected(faces: Faces, normal: NDArray) -> PrincipalCurvatures:
     """Interpolated corrected curvature measures of the star.
 
     Notes
@@ -136,7 +146,7 @@ def corrected_measures(faces: Faces, normal: NDArray) -> NDArray[np.float64]:
     )
 
 
-def corrected_principal(measures: NDArray, normal: NDArray) -> Principal:
+def corrected_principal(measures: NDArray, normal: NDArray) -> PrincipalCurvatures:
     """Densities of summed measures; the tensor's half-sum is set to the mean measure's."""
     area = measures[0]
     area = np.where(area > 1e-9 * np.abs(area).max(initial=0.0), area, 0.0)
@@ -145,4 +155,4 @@ def corrected_principal(measures: NDArray, normal: NDArray) -> Principal:
     low, high, cos, sin = eigen_2x2(*in_tangent_plane(density[2:], first, second))
     shift = 0.5 * density[0] - 0.5 * (low + high)
     high_direction, low_direction = turned(first, second, cos, sin)
-    return Principal(low + shift, high + shift, low_direction, high_direction, density[1])
+    return PrincipalCurvatures(low + shift, high + shift, low_direction, high_direction, density[1])

@@ -1,14 +1,16 @@
-"""Integrals of curvature, Minkowski's volumes, and the balances that hold on every polyhedron."""
+"""Integrals of curvature, intrinsic volumes, and balance laws that hold on every polyhedron."""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.algorithms.curvature.faces import Faces, cross, dot, ratio
+from ddgcli.algorithms.curvature.faces import Faces
 from ddgcli.algorithms.curvature.measures import link_integral
 from ddgcli.geometry.extrinsic import hinge_bending
+from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.topology import NEXT, PREVIOUS, Topology
+from ddgcli.mesh.vectors import cross, dot, ratio
 
 
 def edge_length(faces: Faces, topology: Topology) -> NDArray[np.float64]:
@@ -19,10 +21,10 @@ def edge_length(faces: Faces, topology: Topology) -> NDArray[np.float64]:
 
 
 def filled_normals(faces: Faces, topology: Topology) -> NDArray[np.float64]:
-    """(3, m) unit normals where flat faces take that of the neighbour across their longest side.
+    """(3, m) unit normals; a flat face takes that of the neighbour across its longest side.
 
-    Any unit vector square to a flat face's line keeps sums over edges of |e| theta and all balances exact;
-    the neighbour's makes the flat face invisible.
+    Any unit vector orthogonal to a flat face's line keeps the sums of |e| theta over edges and all balance
+    laws exact; the neighbour's normal makes the flat face invisible.
     """
     normal = faces.normal.copy()
     open_faces = np.flatnonzero(faces.flat)
@@ -31,9 +33,9 @@ def filled_normals(faces: Faces, topology: Topology) -> NDArray[np.float64]:
     for _ in range(8):
         if len(open_faces) == 0:
             return normal
-        found = (neighbour >= 0) & (dot(normal[:, neighbour], normal[:, neighbour]) > 0)
-        normal[:, open_faces[found]] = normal[:, neighbour[found]]
-        open_faces, neighbour = open_faces[~found], neighbour[~found]
+        known = (neighbour >= 0) & (dot(normal[:, neighbour], normal[:, neighbour]) > 0)
+        normal[:, open_faces[known]] = normal[:, neighbour[known]]
+        open_faces, neighbour = open_faces[~known], neighbour[~known]
     side = faces.side[np.argmax(faces.squared_length[:, open_faces], axis=0), :, open_faces].T
     axis = np.eye(3)[:, np.argmin(np.abs(side), axis=0)]
     square = cross(side, axis)
@@ -53,12 +55,6 @@ def steiner_polynomial(volumes: list[float | None]) -> list[float | None]:
     """[c0..c3] with V(eps) = c0 + c1 eps + c2 eps^2 + c3 eps^3: V3, 2 V2, pi V1, 4 pi / 3 V0."""
     ball = (4 * np.pi / 3, np.pi, 2.0, 1.0)
     return [None if v is None else b * v for b, v in zip(ball[::-1], volumes[::-1])]
-
-
-def enclosed_volume(faces: Faces) -> float:
-    """Signed volume inside a closed surface, positive for outward orientation; about the points' origin."""
-    a, b, c = faces.at_corners(faces.points)
-    return float(dot(cross(a, b), c).sum() / 6.0)
 
 
 def vector_area(faces: Faces) -> NDArray[np.float64]:
@@ -102,7 +98,7 @@ def _sullivan(faces: Faces, squared: NDArray, inside: NDArray) -> float | None:
 
 
 def _hinge(faces: Faces, topology: Topology, dihedral: NDArray) -> float:
-    around = np.bincount(topology.side_edge.ravel(), np.repeat(faces.area, 3), topology.n_edges)
+    around = sum_by_index(topology.side_edge.ravel(), np.repeat(faces.area, 3), topology.n_edges)
     squared = edge_length(faces, topology) ** 2
     euler, closed = topology.euler_characteristic, topology.is_closed
     terms, constant = hinge_bending(squared, dihedral, around, euler, closed)
@@ -111,16 +107,15 @@ def _hinge(faces: Faces, topology: Topology, dihedral: NDArray) -> float:
 
 def _circle_angle(faces: Faces, topology: Topology, inside: NDArray) -> float | None:
     """Sum over interior vertices of (sum of circle angles - 2 pi) / 2; None where points coincide."""
-    twin = topology.side_twin.ravel()
-    side = np.flatnonzero((twin >= 0) & (np.arange(len(twin)) < twin))
-    other, corner = twin[side], topology.side_tail
+    side, corner = topology.interior_sides, topology.side_tail
+    other = topology.side_twin.ravel()[side]
     i, j = corner[side], topology.side_head[side]
     k, l = (corner[s // 3 * 3 + PREVIOUS[s % 3]] for s in (side, other))
     a, b, c, d = (_between(faces.points, *ends) for ends in ((i, k), (k, j), (j, l), (l, i)))
     if len(side) and min(dot(v, v).min() for v in (a, b, c, d)) <= 0:
         return None
     angle = _angle_between_circles(*(v / np.sqrt(dot(v, v)) for v in (a, b, c, d)))
-    total = np.bincount(i, angle, faces.n_vertices) + np.bincount(j, angle, faces.n_vertices)
+    total = sum_by_index(i, angle, faces.n_vertices) + sum_by_index(j, angle, faces.n_vertices)
     return float(0.5 * (total[inside] - 2 * np.pi).sum())
 
 
@@ -142,7 +137,7 @@ def _between(points: NDArray, tail: NDArray, head: NDArray) -> NDArray[np.float6
 def balances(
     faces: Faces, topology: Topology, normal: NDArray, dihedral: NDArray, region: NDArray
 ) -> dict[str, float]:
-    """How far force, torque and area balance are from closing around a region of faces (chapter 3, 1.4).
+    """Residuals of force, torque and area balance around a region of faces (chapter 3, 1.4).
 
     The outward conormal eta over the boundary of a region D and the mean curvature vector H nu (sum of the
     principal curvatures) inside it obey, on polyhedra too: int eta = int H nu, int x cross eta =
@@ -202,21 +197,21 @@ def nonconformality(faces: Faces, image: NDArray) -> dict[str, float]:
     Parameters
     ----------
     image : (n, 2) or (n, 3) ndarray
-        Where each vertex goes.
+        Image of each vertex.
 
     Returns
     -------
     dict
         `dirichlet_energy` = 1/4 sum (cot + cot) |f_i - f_j|^2, `map_area` and their difference
-        `nonconformality`, never negative but for rounding; in the image's length unit squared.
+        `nonconformality`, not negative up to rounding; in the image's length unit squared.
     """
     points = np.zeros((3, len(image)))
     points[: image.shape[1]] = image.T
-    there = Faces(faces.corner, points)
+    mapped = Faces(faces.corner, points)
     dirichlet = float(
-        sum((0.25 * faces.cotan[PREVIOUS[j]] * there.squared_length[j]).sum() for j in range(3))
+        sum((0.25 * faces.cotan[PREVIOUS[j]] * mapped.squared_length[j]).sum() for j in range(3))
     )
-    area = float(there.area.sum())
+    area = float(mapped.area.sum())
     return {"dirichlet_energy": dirichlet, "map_area": area, "nonconformality": dirichlet - area}
 
 

@@ -1,4 +1,4 @@
-"""Where circumcentres of intrinsic Delaunay faces lie, and which faces their insertion would change."""
+"""Locate circumcentres of intrinsic Delaunay faces, and find the faces that their insertion changes."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from numpy.typing import NDArray
 from ddgcli.algorithms.delaunay.flips import SideArrays
 from ddgcli.algorithms.delaunay.gluing import around
 
-LONGEST_WALK = 1000
-LEAST_SHARE = 1e-3  # least barycentric coordinate of a point in the intrinsic face that it cuts
+MAX_TRACE_STEPS = 1000
+MIN_BARYCENTRIC = 1e-3  # least barycentric coordinate of a point in the intrinsic face that it cuts
 INSIDE, BEYOND_BOUNDARY, ON_BOUNDARY, LOST = 0, 1, 2, 3
 
 
 @dataclass(eq=False)
 class Targets:
-    """Where circumcentres lie: in the face of `side`, laid out in the plane of complex numbers."""
+    """Positions of circumcentres, in the face of `side` laid out in the plane of complex numbers."""
 
     status: NDArray[np.int64]
     side: NDArray[np.int64]
@@ -31,13 +31,13 @@ class Targets:
 def triangle_share(corners: NDArray, point: NDArray) -> NDArray[np.float64]:
     """(k, 3) barycentric coordinates of points in triangles (k, 3) of complex numbers."""
     away = corners - point[:, None]
-    part = cross(away[:, [1, 2, 0]], away[:, [2, 0, 1]])
-    return part / cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])[:, None]
+    part = planar_cross(away[:, [1, 2, 0]], away[:, [2, 0, 1]])
+    return part / planar_cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])[:, None]
 
 
 def pushed_inside(corners: NDArray, point: NDArray) -> NDArray[np.complex128]:
-    """Points with no barycentric coordinate below LEAST_SHARE, so that no part of a cut face is flat."""
-    share = np.maximum(triangle_share(corners, point), LEAST_SHARE)
+    """Points with no barycentric coordinate below MIN_BARYCENTRIC, so that no part of a cut face is flat."""
+    share = np.maximum(triangle_share(corners, point), MIN_BARYCENTRIC)
     return (share * corners).sum(axis=1) / share.sum(axis=1)
 
 
@@ -49,9 +49,9 @@ def apex_of(state: SideArrays, side: NDArray) -> NDArray[np.complex128]:
 
 
 def seek_circumcentres(state: SideArrays, face: NDArray) -> Targets:
-    """Walk from Delaunay faces straight to their circumcentres.
+    """Trace straight lines from Delaunay faces to their circumcentres.
 
-    The disk around a face is flat and holds no vertex, so the way across the longest side is the only one.
+    The circumdisk of a face is flat and contains no vertex, so the line across the longest side is unique.
     """
     tangent = state.tangent.reshape(-1, 3)[face]
     widest = tangent.argmax(axis=1)
@@ -61,31 +61,31 @@ def seek_circumcentres(state: SideArrays, face: NDArray) -> Targets:
     centre = 0.5 * length * (1 + 0.5j * (1 / t - t))
     corners = np.stack([np.zeros(len(face)), length, apex_of(state, side) * length], axis=1)
     start = corners.mean(axis=1)
-    found = Targets(np.full(len(face), INSIDE), side, corners, centre)
+    targets = Targets(np.full(len(face), INSIDE), side, corners, centre)
     going = np.flatnonzero(t > 1.0)
-    for _ in range(LONGEST_WALK):
+    for _ in range(MAX_TRACE_STEPS):
         if len(going) == 0:
-            return found
-        entered = state.twin[found.side[going]]
+            return targets
+        entered = state.twin[targets.side[going]]
         closed = entered >= 0
-        found.status[going[~closed]] = BEYOND_BOUNDARY
+        targets.status[going[~closed]] = BEYOND_BOUNDARY
         going, entered = going[closed], entered[closed]
-        left, right = found.corners[going, 1], found.corners[going, 0]
+        left, right = targets.corners[going, 1], targets.corners[going, 0]
         apex = left + apex_of(state, entered) * (right - left)
-        found.side[going] = entered
-        found.corners[going] = np.stack([left, right, apex], axis=1)
-        aim = found.centre[going]
-        beyond = (cross(apex - right, aim - right) < 0) | (cross(left - apex, aim - apex) < 0)
+        targets.side[going] = entered
+        targets.corners[going] = np.stack([left, right, apex], axis=1)
+        aim = targets.centre[going]
+        beyond = (planar_cross(apex - right, aim - right) < 0) | (planar_cross(left - apex, aim - apex) < 0)
         going, left, right, apex, aim = going[beyond], left[beyond], right[beyond], apex[beyond], aim[beyond]
-        # found.corners holds tail and head of the side to leave by: the one that the line crosses
-        apex_is_left = cross(aim - start[going], apex - start[going]) > 0
-        _, following, previous = around(found.side[going])
-        found.side[going] = np.where(apex_is_left, following, previous)
-        found.corners[going, 0] = np.where(apex_is_left, right, apex)
-        found.corners[going, 1] = np.where(apex_is_left, apex, left)
-        found.corners[going, 2] = np.where(apex_is_left, left, right)
-    found.status[going] = LOST
-    return found
+        # targets.corners holds tail and head of the side to leave by: the one that the line crosses
+        apex_is_left = planar_cross(aim - start[going], apex - start[going]) > 0
+        _, following, previous = around(targets.side[going])
+        targets.side[going] = np.where(apex_is_left, following, previous)
+        targets.corners[going, 0] = np.where(apex_is_left, right, apex)
+        targets.corners[going, 1] = np.where(apex_is_left, apex, left)
+        targets.corners[going, 2] = np.where(apex_is_left, left, right)
+    targets.status[going] = LOST
+    return targets
 
 
 @dataclass(eq=False)
@@ -101,7 +101,7 @@ class Cavity:
 
 
 def conflict_cavity(state: SideArrays, targets: Targets) -> Cavity:
-    """Spread from the face that holds each target over the faces that its insertion would change."""
+    """Collect, from the face of each target outward, the faces that its insertion changes."""
     k = len(targets.side)
     encroached = np.full(k, -1)
     item, side, corners = np.arange(k), targets.side, targets.corners
@@ -110,7 +110,7 @@ def conflict_cavity(state: SideArrays, targets: Targets) -> Cavity:
     item = np.tile(item, 3)
     side = np.concatenate([side, following, previous])
     ends = np.concatenate([corners[:, [0, 1]], corners[:, [1, 2]], corners[:, [2, 0]]])
-    for _ in range(LONGEST_WALK):
+    for _ in range(MAX_TRACE_STEPS):
         tail, head = ends.T
         twin, point = state.twin[side], targets.centre[item]
         within = ((tail - point) * np.conj(head - point)).real < -1e-12 * np.abs(head - tail) ** 2
@@ -133,5 +133,6 @@ def conflict_cavity(state: SideArrays, targets: Targets) -> Cavity:
     return Cavity(np.concatenate(items), np.concatenate(faces), encroached)
 
 
-def cross(a: NDArray, b: NDArray) -> NDArray[np.float64]:
+def planar_cross(a: NDArray, b: NDArray) -> NDArray[np.float64]:
+    """Cross products of vectors in the plane of complex numbers."""
     return (np.conj(a) * b).imag

@@ -1,7 +1,7 @@
 """The common subdivision of an input surface and an intrinsic triangulation of it, as an ordinary mesh.
 
-Which edges cross, and in which order, comes from integers alone (`normal_coordinates`); where they cross is
-then measured by unfolding the strip of input faces under each intrinsic edge.
+Integers alone (`normal_coordinates`) determine which edges cross, and in which order; unfolding the strip of
+input faces under each intrinsic edge gives the positions of the crossings.
 """
 
 from __future__ import annotations
@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array, eye_array
 
 from ddgcli.algorithms.delaunay.normal_coordinates import (
-    LABEL,
-    TOGETHER,
+    BLOCK_SIZE,
+    STEP_BITS,
     BaseEdges,
     Crossings,
     base_edges_of,
@@ -23,9 +23,10 @@ from ddgcli.algorithms.delaunay.normal_coordinates import (
 )
 from ddgcli.algorithms.delaunay.overlay_lines import in_order, lines_over
 from ddgcli.algorithms.delaunay.overlay_pieces import Labels, Names, cut_faces
-from ddgcli.algorithms.delaunay.triangulation import Flipped
+from ddgcli.algorithms.delaunay.triangulation import IntrinsicDelaunay
 from ddgcli.errors import MeshError, SolveError
 from ddgcli.mesh.intrinsic_mesh import IntrinsicMesh
+from ddgcli.mesh.ragged import list_starts
 from ddgcli.mesh.topology import Topology, sorted_sides
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 
@@ -33,8 +34,8 @@ INPUT_VERTEX, STEINER_POINT, CROSSING = 0, 1, 2
 
 
 @dataclass(frozen=True, eq=False)
-class Base:
-    """The triangulation whose edges the normal coordinates count: the input, with Steiner points inserted.
+class BaseTriangulation:
+    """The triangulation that normal coordinates refer to: the input with Steiner points inserted.
 
     Parameters
     ----------
@@ -53,16 +54,16 @@ class Base:
     interpolation: csr_array
 
     @classmethod
-    def itself(cls, mesh: TriangleMesh) -> Base:
+    def itself(cls, mesh: TriangleMesh) -> BaseTriangulation:
         """The input without Steiner points."""
         return cls(mesh, mesh, np.arange(mesh.n_faces), csr_array(eye_array(mesh.n_vertices)))
 
     @cached_property
     def beside(self) -> NDArray[np.int64]:
         """(3m, 2) input face that holds the face of a side, and the one beyond (-1: the boundary)."""
-        mine = np.repeat(self.input_face, 3)
+        here = np.repeat(self.input_face, 3)
         twin = self.mesh.topology.side_twin.ravel()
-        return np.stack([mine, np.where(twin < 0, -1, mine.take(twin, mode="wrap"))], axis=1)
+        return np.stack([here, np.where(twin < 0, -1, here.take(twin, mode="wrap"))], axis=1)
 
     @cached_property
     def real_side(self) -> NDArray[np.bool_]:
@@ -87,8 +88,8 @@ class CommonSubdivision:
     length_residual : float
         Largest difference between an intrinsic edge's length and that of its straight line over the input
         faces, relative to the length.
-    crossings : Placed
-        Where the edges cross; what follows is worked out from them when it is asked for.
+    crossings : CrossingPositions
+        Positions of the crossings; properties are computed from them on demand.
     """
 
     input: TriangleMesh
@@ -98,7 +99,7 @@ class CommonSubdivision:
     intrinsic_face: NDArray[np.int64]
     vertex_kind: NDArray[np.int64]
     length_residual: float
-    crossings: Placed
+    crossings: CrossingPositions
 
     @cached_property
     def from_input(self) -> csr_array:
@@ -112,7 +113,7 @@ class CommonSubdivision:
 
     @cached_property
     def corner(self) -> NDArray[np.int64]:
-        """(t, 3) where each triangle's corners lie in its intrinsic face.
+        """(t, 3) positions of each triangle's corners in its intrinsic face.
 
         The flat number 3f+k of a corner of the face, or 3m + h for half-crossing h.
         """
@@ -133,13 +134,13 @@ class CommonSubdivision:
 
     @cached_property
     def edge_start(self) -> NDArray[np.int64]:
-        """(e + 1,) where the vertices of each intrinsic edge (as `topology.edges`) begin in `edge_vertex`."""
+        """(e + 1,) start of the vertices of each intrinsic edge (as `topology.edges`) in `edge_vertex`."""
         number = self.crossings.halves.count[self._first_side] + 2
-        return np.concatenate([[0], np.cumsum(number)])
+        return list_starts(number)
 
     @cached_property
     def edge_vertex(self) -> NDArray[np.int64]:
-        """Vertices that each intrinsic edge runs through, from end to end."""
+        """Vertices along each intrinsic edge, from end to end."""
         topology, start = self.intrinsic.topology, self.edge_start
         chain = np.full(start[-1], -1, dtype=np.int64)
         chain[start[:-1]] = topology.side_tail[self._first_side]
@@ -159,23 +160,23 @@ class CommonSubdivision:
 
 
 @dataclass(frozen=True, eq=False)
-class Placed:
+class CrossingPositions:
     """The crossings of intrinsic edges with input edges, in the order of the intrinsic sides.
 
     Parameters
     ----------
     intrinsic : IntrinsicMesh
-    base : Base
+    base : BaseTriangulation
     halves : Crossings
     labels : Labels
         Of the crossings with input edges alone.
     share, along : (x,) ndarray of float64
-        Where they lie: shares of the lengths of the base side (`labels.crossed`) and of the intrinsic side,
-        from their tails.
+        Positions: shares of the lengths of the base side (`labels.crossed`) and of the intrinsic side, from
+        their tails.
     """
 
     intrinsic: IntrinsicMesh
-    base: Base
+    base: BaseTriangulation
     halves: Crossings
     labels: Labels
     share: NDArray[np.float64]
@@ -196,8 +197,8 @@ class Placed:
         topology, corners = self.base.mesh.topology, self.base.mesh.points
         points = np.empty((self.n_before + len(self.share), 3))
         points[: self.n_before] = corners
-        for begin in range(0, len(self.share), TOGETHER):
-            part = slice(begin, begin + TOGETHER)
+        for begin in range(0, len(self.share), BLOCK_SIZE):
+            part = slice(begin, begin + BLOCK_SIZE)
             side = self.labels.crossed[part]
             tail = corners.take(topology.side_tail.take(side), axis=0)
             along = corners.take(topology.side_head.take(side), axis=0)
@@ -214,7 +215,7 @@ class Placed:
         return np.repeat([INPUT_VERTEX, STEINER_POINT, CROSSING], counts)
 
     def from_input(self) -> csr_array:
-        """Crossings lie on inner edges of the input, which end at its vertices: no Steiner point does."""
+        """Values at the vertices from those at the input's: crossings lie on edges between input vertices."""
         topology = self.base.mesh.topology
         return _followed(
             self.base.interpolation, topology.side_tail, topology.side_head, self.labels.crossed, self.share
@@ -227,43 +228,45 @@ class Placed:
         return _followed(vertices, topology.side_tail, topology.side_head, self.side, self.along)
 
 
-def common_subdivision(flipped: Flipped, base: Base) -> CommonSubdivision:
-    """The common subdivision of an input and the triangulation that tracked flips made of it.
+def common_subdivision(flipped: IntrinsicDelaunay, base: BaseTriangulation) -> CommonSubdivision:
+    """The common subdivision of an input and its intrinsic triangulation by tracked flips.
 
     Parameters
     ----------
-    flipped : Flipped
+    flipped : IntrinsicDelaunay
         Of `flip_to_delaunay(base.mesh, track=True)`.
-    base : Base
+    base : BaseTriangulation
 
     Raises
     ------
     MeshError
         When the flips were not tracked.
     SolveError
-        When chains of crossings do not fit the base triangulation (a bug, never a matter of geometry).
+        When chains of crossings do not fit the base triangulation (a bug, independent of the geometry).
     """
     if flipped.crossings is None:
         raise MeshError("the flips were not tracked; call flip_to_delaunay(..., track=True)")
     mesh = flipped.mesh
-    placed, residual = _placed(flipped, base)
-    names = Names(mesh.faces.ravel(), placed.n_before, 1)
-    pieces = cut_faces(placed.halves, names, placed.labels)
-    points = placed.points()
+    positions, residual = _crossing_positions(flipped, base)
+    names = Names(mesh.faces.ravel(), positions.n_before, 1)
+    pieces = cut_faces(positions.halves, names, positions.labels)
+    points = positions.points()
     return CommonSubdivision(
         input=base.input,
         intrinsic=mesh,
         mesh=TriangleMesh(points, Topology(pieces.corner, len(points))),
         input_face=pieces.input_face,
         intrinsic_face=pieces.face,
-        vertex_kind=placed.kind(),
+        vertex_kind=positions.kind(),
         length_residual=residual,
-        crossings=placed,
+        crossings=positions,
     )
 
 
-def _placed(flipped: Flipped, base: Base) -> tuple[Placed, float]:
-    """The crossings with input edges, and the residual of the lines that place them."""
+def _crossing_positions(
+    flipped: IntrinsicDelaunay, base: BaseTriangulation
+) -> tuple[CrossingPositions, float]:
+    """Positions of the crossings with input edges, and the length residual of the intrinsic edges."""
     mesh = flipped.mesh
     twin = mesh.topology.side_twin.ravel()
     halves = crossings_of(flipped.crossings, twin)  # type: ignore[arg-type]
@@ -272,9 +275,9 @@ def _placed(flipped: Flipped, base: Base) -> tuple[Placed, float]:
     chain_side, shared_side = _base_sides(mesh, base.mesh, edges, shared)
     label, crossed = edges.label, np.empty_like(edges.label)
     side_of_label = np.stack([chain_side, chain_side[edges.reverse]], axis=1).ravel()
-    for begin in range(0, len(label), TOGETHER):
-        part = slice(begin, begin + TOGETHER)
-        crossed[part] = side_of_label.take(label[part] >> LABEL)
+    for begin in range(0, len(label), BLOCK_SIZE):
+        part = slice(begin, begin + BLOCK_SIZE)
+        crossed[part] = side_of_label.take(label[part] >> STEP_BITS)
 
     side = halves.side
     count = halves.count[side]
@@ -284,21 +287,21 @@ def _placed(flipped: Flipped, base: Base) -> tuple[Placed, float]:
         holder[faces] = base.beside[crossed[np.cumsum(count) - count], k]
 
     along, share, residual = lines_over(base.mesh, crossed, count, mesh.side_length.ravel()[side])
-    if not base.real_side.all():  # edges inside input faces carry no meaning of their own
+    if not base.real_side.all():  # edges inside input faces are auxiliary
         real = np.flatnonzero(base.real_side.take(crossed))
         crossed, label, along, share = (_moved_up(a, real) for a in (crossed, label, along, share))
-        bounds = np.searchsorted(real, np.concatenate([[0], np.cumsum(count)]))
+        bounds = np.searchsorted(real, list_starts(count))
         kept = np.zeros(len(twin), dtype=np.int64)
         kept[side] = kept[twin[side]] = np.diff(bounds)
         halves = crossings_of(kept.reshape(-1, 3), twin)
     share = in_order(share, label, edges)
-    return Placed(mesh, base, halves, Labels(crossed, base.beside, holder), share, along), residual
+    return CrossingPositions(mesh, base, halves, Labels(crossed, base.beside, holder), share, along), residual
 
 
 def _moved_up(array: NDArray, kept: NDArray) -> NDArray:
     """Elements of ascending numbers, in place."""
-    for begin in range(0, len(kept), TOGETHER):
-        part = slice(begin, begin + TOGETHER)
+    for begin in range(0, len(kept), BLOCK_SIZE):
+        part = slice(begin, begin + BLOCK_SIZE)
         array[part][: len(kept[part])] = array.take(kept[part])
     return array[: len(kept)]
 
@@ -323,7 +326,7 @@ def _base_sides(
 
 
 def _followed(first: csr_array, tail: NDArray, head: NDArray, side: NDArray, share: NDArray) -> csr_array:
-    """The rows of a matrix, and then those that interpolate at a share of sides."""
+    """The rows of a matrix, followed by rows that interpolate at a share of sides."""
     k, filled = len(side), len(first.data)
     columns, values = np.empty((k, 2), dtype=first.indices.dtype), np.empty((k, 2))
     columns[:, 0], columns[:, 1] = tail[side], head[side]

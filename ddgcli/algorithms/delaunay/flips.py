@@ -1,7 +1,7 @@
 """Edge flips on a gluing map, in batches of edges that share no face.
 
-The work arrays are flat over sides (number 3f+j, side j from corner j to corner j+1). A batch costs a number
-of passes over its own edges and nothing proportional to the mesh.
+The work arrays are flat over sides (number 3f+j, side j from corner j to corner j+1). The cost of a batch is
+proportional to its own edges, not to the mesh.
 """
 
 from __future__ import annotations
@@ -15,12 +15,12 @@ from ddgcli.algorithms.delaunay.gluing import Gluing, around
 from ddgcli.algorithms.delaunay.normal_coordinates import flipped_crossings
 from ddgcli.geometry.intrinsic import excess
 
-DELAUNAY_SLACK = 1e-13
+DELAUNAY_TOLERANCE = 1e-13
 
 
 @dataclass(eq=False)
 class SideArrays(Gluing):
-    """The triangulation while it is being flipped; every array is changed in place.
+    """Work arrays of a triangulation under flips, which change them in place.
 
     Parameters
     ----------
@@ -33,9 +33,9 @@ class SideArrays(Gluing):
         Sum of the three cotangents of a face. A flip that restores the Delaunay property lowers the sum over
         its two faces (Musin 1997); that no flip may raise it rules out cycles by rounding.
     crossings : (3m,) ndarray of int64, optional
-        Normal coordinate of the side: how often it crosses edges of the input; -1 where it is one.
-    given : (3m,) ndarray of int64, optional
-        Number of the side of the input that still stands here; -1 where a flip put a new edge.
+        Normal coordinate of the side: number of its crossings with input edges; -1 for an input edge.
+    input_side : (3m,) ndarray of int64, optional
+        Number of the input side in this place; -1 for a new edge.
     direction : (3m,) ndarray of float64, optional
         Angle of the side at its tail, counter-clockwise from the vertex's reference.
     """
@@ -44,13 +44,13 @@ class SideArrays(Gluing):
     tangent: NDArray[np.float64]
     cotan_sum: NDArray[np.float64]
     crossings: NDArray[np.int64] | None = None
-    given: NDArray[np.int64] | None = None
+    input_side: NDArray[np.int64] | None = None
     direction: NDArray[np.float64] | None = None
 
     def __post_init__(self) -> None:
         super().__post_init__()
         self.refused = 0  # flips that rounding forbade
-        self.claim = np.empty(len(self.tail) + 1, dtype=np.int64)  # scratch: anything
+        self.claim = np.empty(len(self.tail) + 1, dtype=np.int64)  # scratch
 
     @classmethod
     def of(cls, faces: NDArray, twin: NDArray, length: NDArray) -> SideArrays:
@@ -98,11 +98,11 @@ def shape_of(a: NDArray, b: NDArray, c: NDArray) -> tuple[tuple[NDArray, NDArray
 
 
 def flip(state: SideArrays, side: NDArray, *, force: bool = False) -> NDArray:
-    """Flip the edges of `side`, no two of which share a face; returns the sides at which one happened.
+    """Flip the edges of `side`, no two of which share a face; returns the sides that were flipped.
 
     Edge ij between the faces (i, j, k) and (j, i, l) becomes kl between (i, l, k) and (j, k, l). Side ij then
-    holds i->l, its old twin j->k, and the new edge stands where jk and il were. A flip that would not lower
-    the sum of cotangents (a tie, or worse by rounding) is left out unless forced.
+    holds i->l, its old twin j->k, and the new edge takes the places of jk and il. A flip that does not lower
+    the sum of cotangents (a tie, or rounding) is skipped unless forced.
     """
     here = np.stack([side, state.twin.take(side)])  # (2, k): ij, ji; then jk, il and ki, lj
     face, after, before = around(here)
@@ -133,9 +133,9 @@ def flip(state: SideArrays, side: NDArray, *, force: bool = False) -> NDArray:
         n, (h, g), (h1, g1), (h2, g2) = state.crossings, here, after, before
         new = flipped_crossings(n[h], n[h1], n[h2], n[g1], n[g2])
         n[h], n[g], n[after] = n[g1], n[h1], new
-    if state.given is not None:
-        state.given[here] = state.given.take(after[::-1])
-        state.given[after] = -1
+    if state.input_side is not None:
+        state.input_side[here] = state.input_side.take(after[::-1])
+        state.input_side[after] = -1
     state.length[here], state.length[after] = across, kl
     state.tangent[here], state.tangent[after], state.tangent[before] = tangent
     state.cotan_sum[face] = cotan_sum
@@ -149,16 +149,16 @@ def flip(state: SideArrays, side: NDArray, *, force: bool = False) -> NDArray:
 
 
 def flip_until_delaunay(
-    state: SideArrays, active: NDArray | None = None, *, most_rounds: int | None = None
+    state: SideArrays, active: NDArray | None = None, *, max_rounds: int | None = None
 ) -> tuple[int, int, bool]:
-    """Flip edges that are not locally Delaunay until none is left; returns flips, rounds, whether it ended.
+    """Flip edges that are not locally Delaunay until none remains; returns flips, rounds, completeness.
 
     Parameters
     ----------
     state : SideArrays
     active : (k,) ndarray of int64, optional
-        Sides whose edges may be wrong; all by default.
-    most_rounds : int, optional
+        Sides whose edges may need a flip; all by default.
+    max_rounds : int, optional
         Bound on the batches; by default far above what any surface needs.
 
     Notes
@@ -167,10 +167,10 @@ def flip_until_delaunay(
     """
     if active is None:
         active = np.flatnonzero(state.twin[:-1] > np.arange(3 * state.n_faces))
-    if most_rounds is None:
-        most_rounds = 1000 + 10 * state.n_faces
+    if max_rounds is None:
+        max_rounds = 1000 + 10 * state.n_faces
     flips = rounds = 0
-    while rounds < most_rounds:
+    while rounds < max_rounds:
         active, violation = _violating(state, active)
         if len(active) == 0:
             return flips, rounds, True
@@ -187,7 +187,7 @@ def _violating(state: SideArrays, side: NDArray) -> tuple[NDArray, NDArray]:
     twin = state.twin.take(side)
     product = state.tangent.take(side)
     product *= state.tangent.take(twin)
-    bad = product > 1.0 + DELAUNAY_SLACK
+    bad = product > 1.0 + DELAUNAY_TOLERANCE
     bad &= twin >= 0
     at = bad.nonzero()[0]
     side, product = np.minimum(side.take(at), twin.take(at)), product.take(at)
@@ -204,7 +204,8 @@ def _independent(state: SideArrays, side: NDArray, violation: NDArray) -> NDArra
     one, other = side // 3, state.twin.take(side) // 3
     rank = np.arange(len(side))
     claim = state.claim
-    claim[np.stack([one, other], axis=1).ravel()] = np.repeat(rank, 2)  # the last claim, the worst, stays
+    # of several claims numpy keeps the last one, that of the worst violation
+    claim[np.stack([one, other], axis=1).ravel()] = np.repeat(rank, 2)
     wins = claim.take(one) == rank
     wins &= claim.take(other) == rank
     wins &= one != other

@@ -27,7 +27,7 @@ class Gluing:
     tail : (3m,) ndarray of int64
         Vertex at which a side starts.
     twin : (3m + 1,) ndarray of int64
-        Side glued to each side, -1 on the boundary; the last place takes what is written for "no side".
+        Side glued to each side, -1 on the boundary; the last entry absorbs writes to side -1.
     """
 
     tail: NDArray[np.int64]
@@ -35,7 +35,7 @@ class Gluing:
 
     def __post_init__(self) -> None:
         self.place = np.append(np.arange(len(self.tail)), -1)  # scratch: identity between batches
-        self._room: dict[str, NDArray] = {}  # what the arrays are views of, once they have grown
+        self._room: dict[str, NDArray] = {}  # buffers with spare capacity behind the grown arrays
 
     @property
     def n_faces(self) -> int:
@@ -50,7 +50,7 @@ class Gluing:
         self.place[old:-1] = np.arange(old, old + 3 * n_new)
 
     def _lengthen(self, name: str, more: int, fill: float) -> None:
-        """Append to an array; where it must be copied, with room for half as much again."""
+        """Append to an array; a reallocation adds half of the length as spare capacity."""
         array = getattr(self, name)
         room = self._room.get(name, array)
         if len(room) < len(array) + more:
@@ -61,7 +61,7 @@ class Gluing:
         setattr(self, name, longer)
 
     def _move(self, old: NDArray, new: NDArray) -> None:
-        """Sides change their places; their neighbours follow, those that move in the same batch too."""
+        """Move sides to other places, and update their neighbours, also those moved in the same batch."""
         self.place[old] = new
         neighbour = self.place.take(self.twin.take(old))
         self.place[old] = old
@@ -82,7 +82,7 @@ class Gluing:
         self.tail[after] = self.tail.take(before[::-1])
 
     def split_faces(self, face: NDArray, vertex: NDArray) -> NDArray[np.int64]:
-        """Faces (a, b, c) cut in three around a new vertex v.
+        """Cut faces (a, b, c) into three around a new vertex v.
 
         Returns
         -------
@@ -105,7 +105,7 @@ class Gluing:
         return new
 
     def split_boundary(self, side: NDArray, vertex: NDArray) -> NDArray[np.int64]:
-        """Boundary sides ij of faces (i, j, k) cut at new vertices v; one side a face.
+        """Cut boundary sides ij of faces (i, j, k) at new vertices v; at most one side of each face.
 
         Returns
         -------

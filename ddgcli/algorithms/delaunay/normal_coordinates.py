@@ -1,6 +1,7 @@
-"""Normal coordinates: how often each edge of a triangulation crosses the edges of the input, as integers.
+"""Normal coordinates: the number of crossings of each edge of a triangulation with edges of the input.
 
-An edge that is an input edge has coordinate -1. No geometry enters, so none can break the correspondence.
+An edge of the input has coordinate -1. The coordinates are integers without geometry, so that rounding cannot
+break the correspondence.
 After Gillespie, Sharp, Crane, "Integer Coordinates for Intrinsic Geometry Processing", 2021.
 """
 
@@ -11,9 +12,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-LABEL = 32  # bits of the step in a label of a crossing
-STEP = (1 << LABEL) - 1
-TOGETHER = 1 << 16  # crossings looked at together, so that temporaries stay in cache
+from ddgcli.mesh.ragged import repeat_with_place
+
+STEP_BITS = 32  # bits of the step in a label of a crossing
+STEP_MASK = (1 << STEP_BITS) - 1
+BLOCK_SIZE = 1 << 16  # crossings looked at together, so that temporaries stay in cache
 
 
 def corner_arcs(opposite: NDArray, left: NDArray, right: NDArray) -> tuple[NDArray, NDArray]:
@@ -69,7 +72,7 @@ def flipped_crossings(ij: NDArray, jk: NDArray, ki: NDArray, il: NDArray, lj: ND
 
 @dataclass(frozen=True, eq=False)
 class Crossings:
-    """Every crossing of a triangulation's edges with the edges of a base triangulation, seen from both sides.
+    """Crossings of a triangulation's edges with those of a base triangulation, on both sides of each edge.
 
     Crossings are numbered along the edges, in the order of their first sides. Crossing x is two
     half-crossings: 2x on the first side of the edge, 2x+1 on the other. An arc is the part of a base edge
@@ -81,7 +84,7 @@ class Crossings:
     count : (3m,) ndarray of int64
         Crossings of a side.
     first : (3m,) ndarray of int64
-        The half-crossing of a side that is nearest its tail; anything where there is none.
+        The half-crossing of a side that is nearest its tail; undefined on sides without crossings.
     cut, leaving : (3m,) ndarray of int64
         Arcs that cut off a corner, and that end at it.
     side : (k,) ndarray of int64
@@ -109,7 +112,7 @@ class Crossings:
 
 
 def ahead(half: NDArray, places: NDArray | int) -> NDArray[np.int64]:
-    """The half-crossings so many places nearer the head of the same side."""
+    """The half-crossings a number of places nearer the head of the same side."""
     return half + places * (2 - 4 * (half & 1))
 
 
@@ -121,8 +124,8 @@ def crossings_of(coordinate: NDArray, side_twin: NDArray) -> Crossings:
     first, end = np.zeros_like(flat), 2 * np.cumsum(flat[side])
     first[side], first[twin[side]] = end - 2 * flat[side], end - 1
     cut, leaving = np.empty_like(count), np.empty_like(count)
-    for begin in range(0, len(count), TOGETHER // 4):
-        faces = slice(begin, begin + TOGETHER // 4)
+    for begin in range(0, len(count), BLOCK_SIZE // 4):
+        faces = slice(begin, begin + BLOCK_SIZE // 4)
         a, b, c = np.ascontiguousarray(count[faces].T)  # a runs from corner 0 to corner 1
         arcs = [corner_arcs(*sides) for sides in ((b, a, c), (c, b, a), (a, c, b))]
         for k, (left, surplus) in enumerate(arcs):
@@ -131,14 +134,8 @@ def crossings_of(coordinate: NDArray, side_twin: NDArray) -> Crossings:
     return Crossings(flat, first, cut.ravel(), leaving.ravel(), side)
 
 
-def repeated(member: NDArray, count: NDArray) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Each member so many times, one after the other, and the place among its repetitions, from 0."""
-    first = np.cumsum(count) - count
-    return np.repeat(member, count), np.arange(int(count.sum())) - np.repeat(first, count)
-
-
 def blocks(count: NDArray, together: int) -> list[slice]:
-    """Runs of members that hold about so many things together, for work whose temporaries stay in cache."""
+    """Slices of lists with about `together` members in total, so that temporaries stay in cache."""
     part = (np.cumsum(count) - count) // together
     bounds = np.concatenate([[0], np.flatnonzero(part[1:] != part[:-1]) + 1, [len(count)]])
     return [slice(a, b) for a, b in zip(bounds[:-1].tolist(), bounds[1:].tolist()) if a < b]
@@ -156,7 +153,7 @@ def preceding(side: NDArray) -> NDArray[np.int64]:
 
 @dataclass(frozen=True, eq=False)
 class BaseEdges:
-    """The base edges that are crossed, each twice: as the chain of its crossings from either end.
+    """Crossed base edges, each as two chains of its crossings, one from each end.
 
     Parameters
     ----------
@@ -190,8 +187,8 @@ def base_edges_of(c: Crossings, tail: NDArray) -> BaseEdges:
     head = tail[corner]
     reverse, length = np.empty_like(here), np.empty_like(here)
     label = np.full(len(onward) // 2, -1, dtype=np.int64)
-    name = np.arange(len(here)) << LABEL + 1
-    label[here >> 1] = name + ((here & 1) << LABEL)
+    name = np.arange(len(here)) << STEP_BITS + 1
+    label[here >> 1] = name + ((here & 1) << STEP_BITS)
     here, passed = onward.take(here), 1
     alone = np.flatnonzero(here < 0)  # a single crossing: both ends were there at once
     reverse[alone], length[alone] = ~here[alone], 1
@@ -199,42 +196,42 @@ def base_edges_of(c: Crossings, tail: NDArray) -> BaseEdges:
     here, name = here[going], name[going]
     while len(here):
         x = here >> 1
-        found = label.take(x)
-        met = np.flatnonzero(found >= 0)
+        other = label.take(x)
+        met = np.flatnonzero(other >= 0)
         if len(met):
-            going = np.flatnonzero(found < 0)
-            chain, found = name.take(met) >> LABEL + 1, found.take(met)
-            reverse[chain] = found >> LABEL + 1
-            length[chain] = passed + 1 + (found & STEP)
+            going = np.flatnonzero(other < 0)
+            chain, other = name.take(met) >> STEP_BITS + 1, other.take(met)
+            reverse[chain] = other >> STEP_BITS + 1
+            length[chain] = passed + 1 + (other & STEP_MASK)
             here, x, name = here.take(going), x.take(going), name.take(going)
-        label[x] = name + (passed + ((here & 1) << LABEL))
+        label[x] = name + (passed + ((here & 1) << STEP_BITS))
         here, passed = onward.take(here), passed + 1
     return BaseEdges(head[reverse], head, reverse, length, label)
 
 
 def _arcs(c: Crossings) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
-    """How the arcs join half-crossings.
+    """Connections of half-crossings by arcs.
 
     Returns
     -------
     onward : (c,) ndarray of int64
-        Where the arc that goes on from a half-crossing beyond its side leads; ~e where it is the e-th of
-        those that end at a corner.
+        End of the arc that continues from a half-crossing beyond its side; ~e for the e-th arc that ends at a
+        corner.
     end, corner : (e,) ndarray of int64
         The half-crossing of each arc that ends at a corner, and the flat number of that corner.
     """
     onward = np.empty(c.total, dtype=np.int64)
     cut = np.flatnonzero(c.cut)
-    for part in blocks(c.cut[cut], TOGETHER):
+    for part in blocks(c.cut[cut], BLOCK_SIZE):
         corner, before = cut[part], preceding(cut[part])
-        who, place = repeated(np.arange(len(corner)), c.cut[corner])
-        x = ahead(c.first[corner].take(who), place)  # the arc's ends on both sides of the corner
-        y = ahead(c.last(before).take(who), -place)
+        index, place = repeat_with_place(np.arange(len(corner)), c.cut[corner])
+        x = ahead(c.first[corner].take(index), place)  # the arc's ends on both sides of the corner
+        y = ahead(c.last(before).take(index), -place)
         onward[x ^ 1] = y
         onward[y ^ 1] = x
     left = np.flatnonzero(c.leaving)
     opposite = following(left)
-    which, place = repeated(np.arange(len(left)), c.leaving[left])
+    which, place = repeat_with_place(np.arange(len(left)), c.leaving[left])
     end = ahead(c.at(opposite, c.cut[opposite]).take(which), place)
     onward[end ^ 1] = ~np.arange(len(end))
     return onward, end, left.take(which)

@@ -1,11 +1,11 @@
-"""Where straight lines over a triangulation cross its edges, measured in unfolded strips of faces."""
+"""Crossings of straight lines over a triangulation with its edges, computed in unfolded strips of faces."""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.algorithms.delaunay.normal_coordinates import LABEL, STEP, TOGETHER, BaseEdges, blocks
+from ddgcli.algorithms.delaunay.normal_coordinates import BLOCK_SIZE, STEP_BITS, STEP_MASK, BaseEdges, blocks
 from ddgcli.errors import SolveError
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 
@@ -13,7 +13,7 @@ from ddgcli.mesh.triangle_mesh import TriangleMesh
 def lines_over(
     base: TriangleMesh, base_side: NDArray, count: NDArray, length: NDArray
 ) -> tuple[NDArray, NDArray, float]:
-    """Where edges cross a base triangulation, by unfolding the strip of base faces under each of them.
+    """Positions where edges cross a base triangulation, from the unfolded strip of base faces under each.
 
     Parameters
     ----------
@@ -41,7 +41,7 @@ def lines_over(
     longest_first = np.argsort((most - count).astype(np.min_scalar_type(most)), kind="stable")
     count, start = count[longest_first], (np.cumsum(count) - count)[longest_first]
     strips = Strips(base, base_side, along, share)
-    straight = np.concatenate([strips.draw(start[b], count[b]) for b in blocks(count, TOGETHER)])
+    straight = np.concatenate([strips.draw(start[b], count[b]) for b in blocks(count, BLOCK_SIZE)])
     length = length[longest_first]
     return along, share, float((np.abs(straight - length) / length).max())
 
@@ -54,7 +54,7 @@ class Strips:
     base : TriangleMesh
     base_side : (x,) ndarray of int64
     along, share : (x,) ndarray of float64
-        Where crossings lie on the lines and on the base sides, from 0 to 1; filled as lines are drawn.
+        Positions of crossings on the lines and on the base sides, from 0 to 1; `draw` fills them.
     """
 
     def __init__(self, base: TriangleMesh, base_side: NDArray, along: NDArray, share: NDArray) -> None:
@@ -124,8 +124,8 @@ class Strips:
 def _apex(mesh: TriangleMesh) -> NDArray[np.complex128]:
     """(3m,) the corner opposite each side, in the frame where the side runs from 0 to 1."""
     apex = np.empty((mesh.n_faces, 3), dtype=np.complex128)
-    for begin in range(0, mesh.n_faces, TOGETHER // 4):
-        faces = slice(begin, begin + TOGETHER // 4)
+    for begin in range(0, mesh.n_faces, BLOCK_SIZE // 4):
+        faces = slice(begin, begin + BLOCK_SIZE // 4)
         corners = [mesh.points.take(corner, axis=0) for corner in mesh.faces[faces].T]
         side = [corners[k - 2] - corners[k] for k in range(3)]
         doubled_area = np.linalg.norm(np.cross(side[0], side[2]), axis=1)
@@ -138,7 +138,7 @@ def _apex(mesh: TriangleMesh) -> NDArray[np.complex128]:
 
 
 def in_order(share: NDArray, label: NDArray, edges: BaseEdges) -> NDArray[np.float64]:
-    """Shares along base sides, exchanged where rounding put them in another order than the integers say.
+    """Shares along base sides, sorted where rounding contradicts the order of the integers.
 
     Parameters
     ----------
@@ -150,19 +150,19 @@ def in_order(share: NDArray, label: NDArray, edges: BaseEdges) -> NDArray[np.flo
     """
     one = np.arange(len(edges.reverse)) < edges.reverse  # of the two chains of an edge
     present = np.zeros(len(one), dtype=bool)
-    present[label >> LABEL + 1] = True
+    present[label >> STEP_BITS + 1] = True
     length = np.where(one & (present | present[edges.reverse]), edges.length, 0)
     first = np.cumsum(length) - length
     first = np.where(one, first + length - 1, ~first[edges.reverse])
-    parts = [slice(begin, begin + TOGETHER) for begin in range(0, len(label), TOGETHER)]
+    parts = [slice(begin, begin + BLOCK_SIZE) for begin in range(0, len(label), BLOCK_SIZE)]
 
     def places(part: slice) -> tuple[NDArray, NDArray]:
-        """Where crossings come from the tail of `one` on, and which of them see it run to their left."""
+        """Positions of crossings from the tail of `one` on, and True where it runs to their left."""
         mark = label[part]
-        end = first.take(mark >> LABEL + 1)
+        end = first.take(mark >> STEP_BITS + 1)
         along_one = end >= 0
-        step = mark & STEP
-        return np.where(along_one, end - step, ~end + step), along_one == ((mark >> LABEL) & 1 == 0)
+        step = mark & STEP_MASK
+        return np.where(along_one, end - step, ~end + step), along_one == ((mark >> STEP_BITS) & 1 == 0)
 
     ordered = np.empty_like(share)
     for part in parts:

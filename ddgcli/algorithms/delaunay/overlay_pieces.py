@@ -1,4 +1,4 @@
-"""Cutting the faces of a triangulation along the arcs that cross them, by number alone."""
+"""Cut the faces of a triangulation along the arcs that cross them, by integers alone."""
 
 from __future__ import annotations
 
@@ -8,25 +8,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.algorithms.delaunay.normal_coordinates import (
-    TOGETHER,
+    BLOCK_SIZE,
     Crossings,
     ahead,
     blocks,
     following,
     preceding,
-    repeated,
 )
+from ddgcli.mesh.ragged import repeat_with_place
 
 
 @dataclass(frozen=True, eq=False)
 class Names:
-    """What the corners of faces and the half-crossings on their sides are called.
+    """Numbering of the corners of faces and of the half-crossings on their sides.
 
     Parameters
     ----------
     corner : (3m,) ndarray of int64
     offset, shift : int
-        A half-crossing is called offset + half / 2^shift.
+        The number of a half-crossing is offset + half / 2^shift.
     """
 
     corner: NDArray[np.int64]
@@ -40,7 +40,7 @@ class Names:
 
 @dataclass(frozen=True, eq=False)
 class Labels:
-    """Which face of the input holds what.
+    """Input faces at crossings and of faces without arcs.
 
     Parameters
     ----------
@@ -57,11 +57,11 @@ class Labels:
     holder: NDArray[np.int64]
 
     def before(self, half: NDArray) -> NDArray[np.int64]:
-        """The input face at a half-crossing on the side of its arc that a walk along the side leaves."""
+        """The input face at a half-crossing before its arc, along the direction of the side."""
         return self.beside.ravel().take(2 * self.crossed.take(half >> 1) + (half & 1))
 
     def beyond(self, half: NDArray) -> NDArray[np.int64]:
-        """The input face at a half-crossing on the side of its arc that a walk along the side enters."""
+        """The input face at a half-crossing beyond its arc, along the direction of the side."""
         return self.before(half ^ 1)
 
 
@@ -96,7 +96,7 @@ def cut_faces(c: Crossings, names: Names, labels: Labels) -> Pieces:
     pieces = Pieces(*(np.empty(shape, dtype=np.int64) for shape in ((total, 3), total, total)))
     cutter = _Cutter(c, names, labels)
     filled = 0
-    for block in blocks(c.count.reshape(m, 3).sum(axis=1) + 1, TOGETHER):
+    for block in blocks(c.count.reshape(m, 3).sum(axis=1) + 1, BLOCK_SIZE):
         for corners, face, input_face in cutter.parts(block):
             rows = slice(filled, filled + len(face))
             for k in range(3):
@@ -133,18 +133,18 @@ class _Cutter:
 
     def _quads(self, corner: NDArray) -> list[Part]:
         """Between two arcs that cut off the same corner, each with the one before it."""
-        who, place = repeated(np.arange(len(corner)), self.c.cut[corner] - 1)
+        index, place = repeat_with_place(np.arange(len(corner)), self.c.cut[corner] - 1)
         other = preceding(corner)
-        x = ahead(self.c.first[corner].take(who), place)
-        y = ahead(self.c.last(other).take(who), -place)
+        x = ahead(self.c.first[corner].take(index), place)
+        y = ahead(self.c.last(other).take(index), -place)
         a, d = self.names.half(x), self.names.half(y)
         x, y = ahead(x, 1), ahead(y, -1)
         b, c = self.names.half(x), self.names.half(y)
-        face, held = (corner // 3).take(who), self.labels.before(x)
-        return [((a, b, c), face, held), ((a, c, d), face, held)]
+        face, input_face = (corner // 3).take(index), self.labels.before(x)
+        return [((a, b, c), face, input_face), ((a, c, d), face, input_face)]
 
     def _outermost(self, corner: NDArray) -> tuple[NDArray, NDArray, NDArray]:
-        """What is left of a face at a corner.
+        """The rest of a face at a corner that arcs cut off.
 
         Returns
         -------
@@ -160,17 +160,17 @@ class _Cutter:
         return arriving, np.where(last >= 0, self.names.half(x), -1), x
 
     def _middles(self, face: NDArray) -> list[Part]:
-        """What cut-off corners leave of faces that no arc leaves a corner of."""
-        arriving, leaving, held = [], [], self.labels.holder[face]
+        """The rest of faces whose corners are cut off, and where no arc ends at a corner."""
+        arriving, leaving, input_face = [], [], self.labels.holder[face]
         for k in range(3):
             into, out, half = self._outermost(3 * face + k)
             arriving.append(into)
             leaving.append(out)
             off = np.flatnonzero(out >= 0)
-            held[off] = self.labels.beyond(half[off])
+            input_face[off] = self.labels.beyond(half[off])
         a, b, c = arriving
         ears = [(a, leaving[0], b), (b, leaving[1], c), (c, leaving[2], a)]
-        return [((a, b, c), face, held), *(_present((ear, face, held)) for ear in ears)]
+        return [((a, b, c), face, input_face), *(_present((ear, face, input_face)) for ear in ears)]
 
     def _fans(self, corner: NDArray) -> list[Part]:
         """The pieces around corners that arcs leave."""
@@ -179,27 +179,27 @@ class _Cutter:
         first = self.c.at(opposite, self.c.cut[opposite])
         last = ahead(first, count - 1)
         arriving, leaving, _ = self._outermost(opposite)
-        held = self.labels.before(first)
+        input_face = self.labels.before(first)
         middle = np.where(leaving >= 0, leaving, arriving)
         parts = [
-            _present(((tip, arriving, leaving), face, held)),
-            ((tip, middle, self.names.half(first)), face, held),
+            _present(((tip, arriving, leaving), face, input_face)),
+            ((tip, middle, self.names.half(first)), face, input_face),
         ]
         arriving, leaving, _ = self._outermost(preceding(corner))
-        held = self.labels.beyond(last)
+        input_face = self.labels.beyond(last)
         parts += [
-            ((tip, self.names.half(last), arriving), face, held),
-            _present(((tip, arriving, leaving), face, held)),
+            ((tip, self.names.half(last), arriving), face, input_face),
+            _present(((tip, arriving, leaving), face, input_face)),
         ]
-        who, place = repeated(np.arange(len(corner)), count - 1)
-        x = ahead(first.take(who), place)
+        index, place = repeat_with_place(np.arange(len(corner)), count - 1)
+        x = ahead(first.take(index), place)
         after = ahead(x, 1)
-        between = tip.take(who), self.names.half(x), self.names.half(after)
-        return [*parts, (between, face.take(who), self.labels.before(after))]
+        between = tip.take(index), self.names.half(x), self.names.half(after)
+        return [*parts, (between, face.take(index), self.labels.before(after))]
 
 
 def _present(part: Part) -> Part:
-    """The triangles that no corner is missing from (-1)."""
+    """The triangles without a missing corner (-1)."""
     (a, b, c), face, input_face = part
     there = np.flatnonzero((b >= 0) & (c >= 0))
     return (a[there], b[there], c[there]), face[there], input_face[there]

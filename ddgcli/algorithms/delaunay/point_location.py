@@ -1,7 +1,7 @@
-"""Points carried between an input and an intrinsic triangulation of it, through the common subdivision.
+"""Map points between an input and an intrinsic triangulation of it, through the common subdivision.
 
-A piece of the subdivision is a flat triangle inside one face of either triangulation, so that a point has the
-same barycentric coordinates in the piece whichever face they came from.
+A piece of the subdivision is a flat triangle inside one face of either triangulation: a point has the same
+barycentric coordinates in the piece from both faces.
 """
 
 from __future__ import annotations
@@ -14,9 +14,12 @@ from scipy.sparse import csr_array
 
 from ddgcli.algorithms.delaunay.common_subdivision import CommonSubdivision
 from ddgcli.geometry.surface_points import SurfacePoints
+from ddgcli.mesh.ragged import ranges, repeat_with_place
 
-PAIRS = 1 << 18  # points times pieces of their faces that are looked at together
-FLAT = 1e-14  # area of a piece, relative to its longest side squared, below which it is not searched
+MAX_PAIRS = 1 << 18  # pairs of a point and a piece of its face handled at once
+FLAT_AREA_TOLERANCE = (
+    1e-14  # area of a piece, relative to its longest side squared, below which it is not searched
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,7 +41,7 @@ class _Chart:
 
 
 class PointMap:
-    """Where points of an input lie on its intrinsic triangulation, and back; keep it for many calls.
+    """Map of points between an input and its intrinsic triangulation; reusable for many calls.
 
     Parameters
     ----------
@@ -63,11 +66,11 @@ class PointMap:
         ParameterError
             For faces out of range, or coordinates that are negative or do not sum to 1.
         """
-        return _carried(points, self._input, self._intrinsic, self.cut.intrinsic_face)
+        return _mapped_points(points, self._input, self._intrinsic, self.cut.intrinsic_face)
 
     def to_input(self, points: SurfacePoints) -> SurfacePoints:
         """The same points of the surface by faces of the input; the inverse of `to_intrinsic`."""
-        return _carried(points, self._intrinsic, self._input, self.cut.input_face)
+        return _mapped_points(points, self._intrinsic, self._input, self.cut.input_face)
 
 
 def _chart(face: NDArray, n_faces: int, barycentric: NDArray) -> _Chart:
@@ -79,7 +82,7 @@ def _chart(face: NDArray, n_faces: int, barycentric: NDArray) -> _Chart:
 def _in_intrinsic_faces(cut: CommonSubdivision) -> NDArray[np.float64]:
     """(t, 3, 3) coordinates of the pieces' corners in their intrinsic faces, by number alone.
 
-    Which vertices a corner lies between would not do: a face may have a vertex twice.
+    The vertices around a corner do not determine them: a face may have a vertex twice.
     """
     at_corners = np.tile(np.eye(3), (cut.intrinsic.n_faces, 1))
     on_sides = np.zeros((len(cut.half_side), 3))
@@ -102,36 +105,36 @@ def _in_input_faces(cut: CommonSubdivision) -> NDArray[np.float64]:
 def _padded_rows(matrix: csr_array) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
     """(v, 3) columns and values of rows with at most three entries; -1 and 0 where there are fewer."""
     count = np.diff(matrix.indptr)
-    row = np.repeat(np.arange(len(count)), count)
-    place = np.arange(len(row)) - np.repeat(matrix.indptr[:-1], count)
+    row, place = repeat_with_place(np.arange(len(count)), count)
     column, value = np.full((len(count), 3), -1, dtype=np.int64), np.zeros((len(count), 3))
     column[row, place], value[row, place] = matrix.indices, matrix.data
     return column, value
 
 
-def _carried(points: SurfacePoints, given: _Chart, wanted: _Chart, wanted_face: NDArray) -> SurfacePoints:
-    points = SurfacePoints.checked(points.face, points.barycentric, len(given.start) - 1)
-    piece = _holding(points, given)
-    share = _share(points.barycentric, given.barycentric[piece])
-    barycentric = np.einsum("kc,kcd->kd", share, wanted.barycentric[piece])
-    return SurfacePoints(wanted_face[piece], barycentric / barycentric.sum(axis=1, keepdims=True))
+def _mapped_points(
+    points: SurfacePoints, source: _Chart, target: _Chart, target_face: NDArray
+) -> SurfacePoints:
+    points = SurfacePoints.checked(points.face, points.barycentric, len(source.start) - 1)
+    piece = _containing_piece(points, source)
+    share = _share(points.barycentric, source.barycentric[piece])
+    barycentric = np.einsum("kc,kcd->kd", share, target.barycentric[piece])
+    return SurfacePoints(target_face[piece], barycentric / barycentric.sum(axis=1, keepdims=True))
 
 
-def _holding(points: SurfacePoints, chart: _Chart) -> NDArray[np.int64]:
-    """The piece that each point lies in: the one into which it lies deepest."""
+def _containing_piece(points: SurfacePoints, chart: _Chart) -> NDArray[np.int64]:
+    """The piece that contains each point: the one with the largest distance from its sides."""
     count = (chart.start[1:] - chart.start[:-1])[points.face]
-    part = (np.cumsum(count) - count) // PAIRS
-    found = np.empty(len(points), dtype=np.int64)
+    part = (np.cumsum(count) - count) // MAX_PAIRS
+    containing = np.empty(len(points), dtype=np.int64)
     for block in np.split(np.arange(len(points)), np.flatnonzero(part[1:] != part[:-1]) + 1):
         owner = np.repeat(np.arange(len(block)), count[block])
-        first = np.cumsum(count[block]) - count[block]
-        place = np.arange(len(owner)) - first[owner]
-        piece = chart.piece[chart.start[points.face[block]][owner] + place]
+        place, first = ranges(chart.start[points.face[block]], count[block])
+        piece = chart.piece[place]
         depth = _depth(points.barycentric[block][owner], chart.barycentric[piece])
         deepest = np.maximum.reduceat(depth, first) if len(block) else depth
         best = np.flatnonzero(depth == deepest[owner])
-        found[block[owner[best[::-1]]]] = piece[best[::-1]]  # of equals the first
-    return found
+        containing[block[owner[best[::-1]]]] = piece[best[::-1]]  # the first of equal ones
+    return containing
 
 
 def _depth(point: NDArray, corner: NDArray) -> NDArray[np.float64]:
@@ -145,15 +148,14 @@ def _depth(point: NDArray, corner: NDArray) -> NDArray[np.float64]:
     doubled_area = (np.conj(side[:, 0]) * side[:, 1]).imag
     with np.errstate(divide="ignore", invalid="ignore"):
         distance = (np.conj(side) * (p[:, None] - z)).imag / length
-    flat = doubled_area <= FLAT * length.max(axis=1) ** 2
+    flat = doubled_area <= FLAT_AREA_TOLERANCE * length.max(axis=1) ** 2
     return np.where(flat, -np.inf, distance.min(axis=1))
 
 
 def _share(point: NDArray, corner: NDArray) -> NDArray[np.float64]:
     """(k, 3) coordinates of points in triangles, both given by barycentric coordinates; not negative.
 
-    Measured from the nearest corner, and solved twice: what rounding leaves over in a thin triangle is solved
-    for again.
+    Relative to the nearest corner, with one step of iterative refinement for thin triangles.
     """
     z, p = corner[..., 0] + 1j * corner[..., 1], point[:, 0] + 1j * point[:, 1]
     share = np.eye(3)[np.abs(z - p[:, None]).argmin(axis=1)]

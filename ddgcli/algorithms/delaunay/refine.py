@@ -1,4 +1,4 @@
-"""Intrinsic Delaunay refinement: Steiner points until no angle is smaller than asked (chapter 10, section 4).
+"""Intrinsic Delaunay refinement: Steiner points until no angle is below a bound (chapter 10, section 4).
 
 L. P. Chew, "Guaranteed-quality mesh generation for curved surfaces", 1993, and J. Ruppert, "A Delaunay
 refinement algorithm for quality 2-dimensional mesh generation", 1995, on intrinsic triangulations as in
@@ -15,10 +15,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.algorithms.delaunay.common_subdivision import Base
+from ddgcli.algorithms.delaunay.common_subdivision import BaseTriangulation
 from ddgcli.algorithms.delaunay.refine_batches import Refinement
 from ddgcli.algorithms.delaunay.steiner_base import SteinerPoints, with_steiner_points
-from ddgcli.algorithms.delaunay.triangulation import Flipped, flip_to_delaunay, require_surface
+from ddgcli.algorithms.delaunay.triangulation import IntrinsicDelaunay, flip_to_delaunay, require_surface
 from ddgcli.errors import ParameterError
 from ddgcli.geometry.intrinsic import corner_angle
 from ddgcli.mesh.repair import one_vertex_a_fan
@@ -29,32 +29,32 @@ log = logging.getLogger("ddgcli")
 
 
 @dataclass(frozen=True, eq=False)
-class Refined:
+class RefinementResult:
     """A refined intrinsic triangulation.
 
     Parameters
     ----------
-    flipped : Flipped
+    triangulation : IntrinsicDelaunay
         The intrinsic Delaunay triangulation of input vertices and Steiner points, with normal coordinates.
-    base : Base
-        The input with the Steiner points inserted, which those coordinates refer to.
+    base : BaseTriangulation
+        The input with the Steiner points inserted; the normal coordinates refer to it.
     steiner : SteinerPoints
-        Where they lie on the input.
+        Positions of the Steiner points on the input.
     flips : int
-        While points were inserted.
+        Number of flips during the insertion.
     batches : int
     sharp_vertices, coincident_vertices : int
-        Interior vertices and boundary corners of total angle below 60 degrees; vertices joined to another one
-        by a side of length zero.
+        Interior vertices and boundary corners of total angle below 60 degrees; vertices connected to another
+        one by a side of length zero.
     excepted_faces : int
-        Faces at or beside those whose smallest angle stays below the one asked.
+        Faces at or next to those whose smallest angle stays below the bound.
     unreached_faces : int
-        Other such faces: 0 unless the points ran out.
-    reached : bool
+        Other faces below the bound: 0 unless the limit on points was reached.
+    converged : bool
     """
 
-    flipped: Flipped
-    base: Base
+    triangulation: IntrinsicDelaunay
+    base: BaseTriangulation
     steiner: SteinerPoints
     flips: int
     batches: int
@@ -62,31 +62,41 @@ class Refined:
     coincident_vertices: int
     excepted_faces: int
     unreached_faces: int
-    reached: bool
+    converged: bool
 
 
-def refine(mesh: TriangleMesh, degrees: float, *, max_points: int | None = None, seed: int = 0) -> Refined:
+def refine(
+    mesh: TriangleMesh, degrees: float, *, max_points: int | None = None, seed: int = 0
+) -> RefinementResult:
     """Insert Steiner points until no intrinsic angle is smaller than `degrees`.
 
     Parameters
     ----------
     mesh : TriangleMesh
-        Oriented, without edges of three faces. A vertex where several fans of faces meet is refined around as
-        one vertex for each fan.
+        Oriented, without edges of three faces. A vertex with several fans of faces counts as one vertex for
+        each fan.
     degrees : float
-        Above 0 and at most 33; up to 25 the batches end on every surface, up to 30 on nearly every one.
+        Above 0 and at most 33; refinement ends on every surface up to 25, on nearly every one up to 30.
     max_points : int, optional
-        At most so many Steiner points; by default ten for each vertex, and 100,000 at least.
+        Largest number of Steiner points; by default ten for each vertex, and at least 100,000.
     seed : int
-        Of the choice of the faces that a batch tries, where there are more than it may try.
+        Seed of the random choice of faces for a batch.
+
+    Returns
+    -------
+    RefinementResult
 
     Raises
     ------
-    ParameterError, MeshError
+    ParameterError
+        An angle outside the range.
+    MeshError
+        A surface that is not oriented, or has edges of three faces.
     """
     if not 0 < degrees <= 33:
         raise ParameterError(
-            f"refinement to {degrees:g} degrees does not end; ask for at most 33 (25 is safe)"
+            f"refinement to {degrees:g} degrees does not end; use at most 33 (25 always succeeds)",
+            parameter="refine",
         )
     require_surface(mesh, "refinement")
     require(mesh, "refinement", extent=True)
@@ -104,10 +114,10 @@ def refine(mesh: TriangleMesh, degrees: float, *, max_points: int | None = None,
     if work.exhausted:
         log.warning(
             f"refinement stopped at {limit} Steiner points with {unreached} faces still below "
-            f"{degrees:g} degrees; raise --max-points"
+            f"{degrees:g} degrees; increase `max_points`"
         )
-    return Refined(
-        flipped=flipped,
+    return RefinementResult(
+        triangulation=flipped,
         base=base,
         steiner=steiner,
         flips=work.flips,
@@ -116,12 +126,12 @@ def refine(mesh: TriangleMesh, degrees: float, *, max_points: int | None = None,
         coincident_vertices=int(work.coincident.sum()),
         excepted_faces=int((small & beside).sum()),
         unreached_faces=unreached,
-        reached=unreached == 0,
+        converged=unreached == 0,
     )
 
 
-def _near(flipped: Flipped, vertex: NDArray) -> NDArray[np.bool_]:
-    """(m,) faces at one of the vertices, or beside such a face: in the reach kept free of points."""
+def _near(flipped: IntrinsicDelaunay, vertex: NDArray) -> NDArray[np.bool_]:
+    """(m,) True at faces at one of the vertices, or next to such a face, where no points are inserted."""
     pinned = np.zeros(flipped.mesh.n_vertices, dtype=bool)
     pinned[vertex] = True
     faces = flipped.mesh.faces

@@ -1,4 +1,4 @@
-"""Insertion of Steiner points into an intrinsic Delaunay triangulation, in batches that do not meet."""
+"""Insertion of Steiner points into an intrinsic Delaunay triangulation, in batches of disjoint cavities."""
 
 from __future__ import annotations
 
@@ -21,12 +21,17 @@ from ddgcli.algorithms.delaunay.gluing import around
 from ddgcli.algorithms.delaunay.steiner_places import Places
 from ddgcli.algorithms.delaunay.triangulation import glue, length_scale
 from ddgcli.mesh.triangle_mesh import TriangleMesh
-from ddgcli.operators.mollify import mollified
+from ddgcli.operators.mollify import mollify_lengths
 
-SHARP = np.pi / 3  # cones and boundary corners of a smaller total angle are left as they are
-COINCIDENT = 1e-7  # side of a face without area, relative to its longest, whose ends are one point
-NEAREST_TO_PINNED = 0.1  # no point comes nearer to either, relative to their shortest edge before refinement
-FEWEST_TRIED, TRIED_FOR_EACH = 256, 8  # bad faces in a batch: at least, and for each point of the last one
+SHARP_ANGLE = np.pi / 3  # cones and boundary corners with a smaller total angle are not refined
+COINCIDENCE_TOLERANCE = 1e-7  # relative side length in a face without area, below which its ends coincide
+MIN_PINNED_DISTANCE = (
+    0.1  # no point comes nearer to either, relative to their shortest edge before refinement
+)
+MIN_BATCH_FACES, BATCH_FACES_PER_POINT = (
+    256,
+    8,
+)  # bad faces in a batch: at least, and for each point of the last one
 
 
 class Refinement:
@@ -37,9 +42,9 @@ class Refinement:
     mesh : TriangleMesh
         Manifold and oriented.
     angle : float
-        That no angle shall be smaller than, in radians.
+        Lower bound of the angles, in radians.
     limit : int
-        At most so many Steiner points.
+        Largest number of Steiner points.
     seed : int
     """
 
@@ -47,20 +52,20 @@ class Refinement:
         self.limit, self.n_input = limit, mesh.n_vertices
         self.bound = np.tan(angle / 2)
         glued = glue(mesh)
-        begun = mollified(glued.side_length, glued.topology.side_edge)
-        scale = length_scale(begun.length)
+        start = mollify_lengths(glued.side_length, glued.topology.side_edge)
+        scale = length_scale(start.length)
         self.places = Places(mesh, scale)
         fans = self.places.fans
-        self.state = SideArrays.of(glued.faces, glued.topology.side_twin, begun.length / scale)
+        self.state = SideArrays.of(glued.faces, glued.topology.side_twin, start.length / scale)
         self.state.direction = fans.angle_before.copy()
         self.flips, self.batches = flip_until_delaunay(self.state)[0], 0
         self.exhausted = False
-        self.random, self.crowd = np.random.default_rng(seed), FEWEST_TRIED
+        self.random, self.crowd = np.random.default_rng(seed), MIN_BATCH_FACES
 
         self.sharp = np.zeros(self.n_input, dtype=bool)
-        self.sharp[fans.vertex] = fans.total_angle < SHARP - 1e-9
+        self.sharp[fans.vertex] = fans.total_angle < SHARP_ANGLE - 1e-9
         self.coincident = np.zeros(self.n_input, dtype=bool)
-        self.coincident[collapsed_ends(mesh, begun.faces)] = True
+        self.coincident[collapsed_ends(mesh, start.faces)] = True
         self.pinned = self.sharp | self.coincident
         self.keep_off = self._keep_off()
 
@@ -72,10 +77,10 @@ class Refinement:
         nearest = np.full(self.n_input, np.inf)
         for end in (tail, head):
             np.minimum.at(nearest, end[apart], state.length[apart])
-        return np.where(self.pinned & np.isfinite(nearest), NEAREST_TO_PINNED * nearest, 0.0)
+        return np.where(self.pinned & np.isfinite(nearest), MIN_PINNED_DISTANCE * nearest, 0.0)
 
     def advance(self) -> bool:
-        """One batch of insertions and the flips after it; False when there was nothing to insert."""
+        """Insert one batch of points and flip to Delaunay; False if nothing was inserted."""
         state = self.state
         t = state.tangent
         smallest = np.minimum(np.minimum(t[0::3], t[1::3]), t[2::3])
@@ -102,8 +107,8 @@ class Refinement:
     def _insert_at(self, bad: NDArray) -> NDArray[np.int64]:
         """Insert points for bad faces, worst first; returns the sides whose edges may need a flip."""
         targets = self._independent(*self._proposals(bad))
-        # where all points crowd into a few cavities, next time fewer are tried
-        self.crowd = max(FEWEST_TRIED, TRIED_FOR_EACH * len(targets.side))
+        # if all points fall into a few cavities, the next batch tries fewer faces
+        self.crowd = max(MIN_BATCH_FACES, BATCH_FACES_PER_POINT * len(targets.side))
         on_boundary = targets.status == ON_BOUNDARY
         inner = targets[np.flatnonzero(~on_boundary)]
         return np.concatenate([self._split_boundary(targets.side[on_boundary]), self._insert(inner)])
@@ -121,8 +126,8 @@ class Refinement:
         edge[inside] = cavity.encroached
         beyond = targets.status == BEYOND_BOUNDARY
         edge[beyond] = targets.side[beyond]
-        wanted = (targets.status == INSIDE) & (edge < 0)
-        wanted[wanted] = self._clear_of_pinned(targets[np.flatnonzero(wanted)])
+        insertable = (targets.status == INSIDE) & (edge < 0)
+        insertable[insertable] = self._clear_of_pinned(targets[np.flatnonzero(insertable)])
         split = np.flatnonzero(edge >= 0)
         split = split[np.sort(np.unique(edge[split], return_index=True)[1])]
         split = split[self._may_split(edge[split])]
@@ -130,15 +135,15 @@ class Refinement:
         self._lay_out(targets, split)
         around_splits = conflict_cavity(state, targets[split])
 
-        still = wanted[inside[cavity.item]]
+        still = insertable[inside[cavity.item]]
         item = np.concatenate([split[around_splits.item], inside[cavity.item[still]]])
         face = np.concatenate([around_splits.face, cavity.face[still]])
-        wanted[split] = True
-        rank = np.cumsum(wanted) - 1
-        return targets[np.flatnonzero(wanted)], Cavity(rank[item], face, edge[wanted])
+        insertable[split] = True
+        rank = np.cumsum(insertable) - 1
+        return targets[np.flatnonzero(insertable)], Cavity(rank[item], face, edge[insertable])
 
     def _lay_out(self, targets: Targets, split: NDArray) -> None:
-        """Lay out the faces of boundary sides that are to be cut, and the places of the cuts."""
+        """Lay out the faces of the boundary sides to cut, and the positions of the cuts."""
         side = targets.side[split]
         length = self.state.length[side]
         corners = np.stack([np.zeros(len(side)), length, apex_of(self.state, side) * length], axis=1)
@@ -158,13 +163,13 @@ class Refinement:
         return (0.35 * self.state.length[side] >= reach).all(axis=0)
 
     def _reach(self, vertex: NDArray) -> NDArray[np.float64]:
-        """Distance to keep from vertices: 0 but for pinned ones."""
+        """Smallest distance of points from vertices: 0 except for pinned ones."""
         return np.where(
             self._is_pinned(vertex), self.keep_off[np.minimum(vertex, len(self.keep_off) - 1)], 0.0
         )
 
     def _independent(self, targets: Targets, cavity: Cavity) -> Targets:
-        """Those whose cavities and the faces around them meet no earlier one's."""
+        """Targets whose cavities, with the faces around them, are disjoint from those of earlier targets."""
         claim = self.state.claim
         order = np.argsort(-cavity.item, kind="stable")
         claim[cavity.face[order]] = cavity.item[order]
@@ -255,7 +260,9 @@ class Refinement:
 
 
 def collapsed_ends(mesh: TriangleMesh, flat: NDArray) -> NDArray[np.int64]:
-    """Vertices that lie at one point with another one of a face without area."""
+    """Vertices that coincide with another vertex of a face without area."""
     length = mesh.side_length[flat]
-    side = (3 * flat[:, None] + np.arange(3))[length <= COINCIDENT * length.max(axis=1, keepdims=True)]
+    side = (3 * flat[:, None] + np.arange(3))[
+        length <= COINCIDENCE_TOLERANCE * length.max(axis=1, keepdims=True)
+    ]
     return np.concatenate([mesh.topology.side_tail[side], mesh.topology.side_head[side]])

@@ -1,7 +1,6 @@
 """The input triangulation with Steiner points inserted into its faces and boundary edges.
 
-Edges inside an input face are auxiliary: they carry no meaning of their own, and only those on input edges
-are kept when the common subdivision is cut.
+Edges inside an input face are auxiliary: the common subdivision keeps only those on input edges.
 """
 
 from __future__ import annotations
@@ -12,14 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import coo_array
 
-from ddgcli.algorithms.delaunay.common_subdivision import Base
+from ddgcli.algorithms.delaunay.common_subdivision import BaseTriangulation
 from ddgcli.algorithms.delaunay.gluing import Gluing, around
 from ddgcli.geometry.surface_points import SurfacePoints
 from ddgcli.geometry.unfolding import corner_position, unfold
 from ddgcli.mesh.topology import NEXT, Topology
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 
-MOST_ROUNDS = 200  # of planar flips after one round of insertions
+MAX_FLIP_ROUNDS = 200  # of planar flips after one round of insertions
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,7 +44,7 @@ class SteinerPoints:
         return len(self.face)
 
     def behind_vertices(self, mesh: TriangleMesh) -> SurfacePoints:
-        """The vertices of the input and then these points; face -1 at vertices that no face uses."""
+        """The vertices of the input followed by these points; face -1 at vertices that no face uses."""
         face, barycentric = np.full(mesh.n_vertices, -1), np.zeros((mesh.n_vertices, 3))
         corner = np.arange(3 * mesh.n_faces)[::-1]  # of several faces the first
         face[mesh.faces.ravel()[corner]] = corner // 3
@@ -55,8 +54,8 @@ class SteinerPoints:
         )
 
 
-def with_steiner_points(mesh: TriangleMesh, steiner: SteinerPoints) -> Base:
-    """The input with points inserted, input vertices first, every face inside one input face."""
+def with_steiner_points(mesh: TriangleMesh, steiner: SteinerPoints) -> BaseTriangulation:
+    """Insert points into the input: input vertices come first, every face lies inside one input face."""
     work = _Insertion(mesh, steiner)
     work.cut_boundary()
     work.cut_faces()
@@ -69,14 +68,14 @@ def with_steiner_points(mesh: TriangleMesh, steiner: SteinerPoints) -> Base:
     points = np.concatenate([mesh.points, position])
     faces, twin = work.gluing.tail.reshape(-1, 3), work.gluing.twin[:-1].reshape(-1, 3)
     refined = TriangleMesh(points, Topology(faces, len(points), twin))
-    return Base(mesh, refined, work.input_face, interpolation)
+    return BaseTriangulation(mesh, refined, work.input_face, interpolation)
 
 
 class _Insertion:
-    """Insertion by rounds, one point a face, and planar Delaunay flips inside the input faces.
+    """Insertion in rounds of at most one point for each face, with planar Delaunay flips in input faces.
 
-    Places are those in the planar frames of the input faces, as complex numbers: no length is derived from
-    another, so that even needles keep their shape.
+    Positions are complex numbers in the planar frames of the input faces: no length is derived from another,
+    so that even needles keep their shape.
     """
 
     def __init__(self, mesh: TriangleMesh, steiner: SteinerPoints) -> None:
@@ -93,10 +92,10 @@ class _Insertion:
         self.corner = np.append(self.corner, np.zeros(3 * len(source)))
 
     def cut_boundary(self) -> None:
-        """Points on boundary edges, on every edge from the far end on; sides that move are followed."""
+        """Insert points on boundary edges, from the far end of every edge, and track the sides that move."""
         waiting = np.flatnonzero(self.steiner.edge >= 0)
         waiting = waiting[np.lexsort((-self.steiner.edge_share[waiting], self.steiner.edge[waiting]))]
-        where = np.arange(len(self.gluing.tail))  # where an input side stands now
+        where = np.arange(len(self.gluing.tail))  # current number of each input side
         while len(waiting):
             edge = self.steiner.edge[waiting]
             first = np.append(True, edge[1:] != edge[:-1])
@@ -119,9 +118,9 @@ class _Insertion:
         self._flip(np.arange(len(self.gluing.tail)), np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64))
 
     def cut_faces(self) -> None:
-        """Points inside faces: in every round the one nearest the middle of its face."""
+        """Insert points inside faces: in every round the one nearest the centre of its face."""
         waiting = np.flatnonzero(self.steiner.edge < 0)
-        face = self._holding(waiting)
+        face = self._containing_face(waiting)
         while len(waiting):
             depth = self._depth(waiting, face)
             order = np.lexsort((-depth, face))
@@ -145,9 +144,9 @@ class _Insertion:
             face = self._flip((3 * parts[:, None] + np.arange(3)).ravel(), waiting, face)
 
     def _flip(self, active: NDArray, waiting: NDArray, face: NDArray) -> NDArray[np.int64]:
-        """Flip auxiliary edges that are not Delaunay; returns the faces that now hold the waiting points."""
+        """Flip auxiliary edges that are not Delaunay; returns the faces that contain the waiting points."""
         gluing, corner = self.gluing, self.corner
-        for _ in range(MOST_ROUNDS):
+        for _ in range(MAX_FLIP_ROUNDS):
             h = self._flippable(active)
             if len(h) == 0:
                 break
@@ -185,8 +184,8 @@ class _Insertion:
         alone = (claim[pair] == np.arange(len(bad))[:, None]).all(axis=1)
         return side[bad[alone]]
 
-    def _holding(self, point: NDArray) -> NDArray[np.int64]:
-        """The face that holds each point, among the parts of its input face."""
+    def _containing_face(self, point: NDArray) -> NDArray[np.int64]:
+        """The face that contains each point, among the parts of its input face."""
         order = np.argsort(self.input_face, kind="stable")
         start = np.searchsorted(self.input_face[order], np.arange(self.input_face.max() + 2))
         home = self.steiner.face[point]
@@ -208,7 +207,7 @@ class _Insertion:
         return part.min(axis=1) / np.where(total > 0, total, 1.0)
 
     def _deepest(self, point: NDArray, faces: NDArray) -> NDArray[np.int64]:
-        """The one of several faces (k, c) that holds each point, by depth."""
+        """The face that contains each point, among several (k, c), by depth."""
         if len(point) == 0:
             return np.zeros(0, dtype=np.int64)
         depth = np.stack([self._depth(point, column) for column in faces.T], axis=1)

@@ -1,4 +1,4 @@
-"""Where the vertices of a triangulation under refinement lie on the input surface."""
+"""Positions on the input surface of the vertices of a triangulation under refinement."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.algorithms.delaunay.circumcentres import LEAST_SHARE, triangle_share
+from ddgcli.algorithms.delaunay.circumcentres import MIN_BARYCENTRIC, triangle_share
 from ddgcli.algorithms.delaunay.flips import SideArrays
 from ddgcli.algorithms.delaunay.gluing import around
 from ddgcli.algorithms.delaunay.steiner_base import SteinerPoints
-from ddgcli.algorithms.tracing.batch import Start
+from ddgcli.algorithms.tracing.lines import LineStart
 from ddgcli.algorithms.tracing.trace import Tracer
 from ddgcli.errors import SolveError
 from ddgcli.geometry.intrinsic import face_area
@@ -20,12 +20,12 @@ from ddgcli.geometry.unfolding import corner_position, vertex_fans
 from ddgcli.mesh.topology import NEXT, sorted_sides
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 
-KEEP_OFF_EDGES = 0.01  # distance from input edges, relative to that from the nearest vertex
+MIN_EDGE_DISTANCE = 0.01  # distance from input edges, relative to that from the nearest vertex
 
 
 @dataclass(eq=False)
-class Located:
-    """Points of laid-out intrinsic faces and where they lie on the input.
+class SurfaceLocations:
+    """Points of intrinsic faces in the plane, and their positions on the input.
 
     `turn` is the angle from the layout to the planar frame of the input face; `sound` is False where the line
     to the point left the surface (it does not in exact arithmetic), `clear` where an input edge is too near.
@@ -38,10 +38,10 @@ class Located:
     turn: NDArray[np.float64]
     clear: NDArray[np.bool_]
 
-    def __getitem__(self, chosen: NDArray) -> Located:
-        return Located(**{name: value[chosen] for name, value in vars(self).items()})
+    def __getitem__(self, chosen: NDArray) -> SurfaceLocations:
+        return SurfaceLocations(**{name: value[chosen] for name, value in vars(self).items()})
 
-    def replace(self, place: NDArray, other: Located) -> None:
+    def replace(self, place: NDArray, other: SurfaceLocations) -> None:
         for name, value in vars(other).items():
             getattr(self, name)[place] = value
 
@@ -56,15 +56,15 @@ class SideTable:
 
     def between(self, tail: NDArray, head: NDArray) -> NDArray[np.int64]:
         """The side that runs from each tail to each head."""
-        wanted = tail * self.n + head
-        place = np.minimum(np.searchsorted(self.key, wanted), len(self.key) - 1)
-        if not np.array_equal(self.key[place], wanted):
+        key = tail * self.n + head
+        place = np.minimum(np.searchsorted(self.key, key), len(self.key) - 1)
+        if not np.array_equal(self.key[place], key):
             raise SolveError("a boundary side joins two vertices that no input edge joins")
         return self.side[place]
 
 
 class Places:
-    """Faces and barycentric coordinates of the vertices, and how to find those of further points.
+    """Faces and barycentric coordinates of the vertices, with the location of further points.
 
     Directions at input vertices are angles from the first side of the vertex's fan; at Steiner points they
     are angles in the planar frame of the input face that holds the point.
@@ -74,7 +74,7 @@ class Places:
     mesh : TriangleMesh
         The input, manifold and oriented.
     scale : float
-        What the lengths of the triangulation are to be multiplied with.
+        Factor from the lengths of the triangulation to those of the input.
     """
 
     def __init__(self, mesh: TriangleMesh, scale: float) -> None:
@@ -98,11 +98,11 @@ class Places:
         return len(self.face) - self.mesh.n_vertices
 
     def steiner(self) -> SteinerPoints:
-        """Where the Steiner points lie, in the order of their insertion."""
+        """Positions of the Steiner points, in the order of their insertion."""
         n = self.mesh.n_vertices
         return SteinerPoints(self.face[n:], self.barycentric[n:], self.edge[n:], self.edge_share[n:])
 
-    def add_inside(self, located: Located) -> NDArray[np.int64]:
+    def add_inside(self, located: SurfaceLocations) -> NDArray[np.int64]:
         """New vertices inside input faces; returns their numbers."""
         k = len(located.face)
         return self._add(located.face, located.barycentric, np.full(k, -1), np.zeros(k))
@@ -140,8 +140,8 @@ class Places:
         high = np.where(self.edge[head] >= 0, self.edge_share[head], 1.0)
         return edge, low + share * (high - low)
 
-    def locate(self, state: SideArrays, face: NDArray, corners: NDArray, point: NDArray) -> Located:
-        """Find points of intrinsic faces, laid out with their corners, on the input."""
+    def locate(self, state: SideArrays, face: NDArray, corners: NDArray, point: NDArray) -> SurfaceLocations:
+        """Locate points of intrinsic faces, laid out with their corners, on the input."""
         k = np.arange(len(face))
         distance = np.abs(corners - point[:, None])
         near = distance.argmin(axis=1)
@@ -150,8 +150,10 @@ class Places:
         turn = np.angle((point - start) / (following - start))
         where, barycentric, heading = self._start(state.tail[side], state.direction[side] + turn)  # type: ignore[index]
         planar = np.stack([np.cos(heading), np.sin(heading)], axis=1)
-        ends = self.tracer.walked(Start(where, barycentric, planar, distance[k, near] * self.scale))
-        found = Located(
+        ends = self.tracer.trace_checked(
+            LineStart(where, barycentric, planar, distance[k, near] * self.scale)
+        )
+        locations = SurfaceLocations(
             sound=(ends.status == 0) & np.isfinite(ends.barycentric).all(axis=1),
             face=ends.face,
             barycentric=np.nan_to_num(ends.barycentric, nan=1 / 3),  # in a face without area
@@ -159,26 +161,28 @@ class Places:
             turn=np.arctan2(ends.direction[:, 1], ends.direction[:, 0]) - np.angle(point - start),
             clear=np.ones(len(face), dtype=bool),
         )
-        return self._off_input_edges(found, corners, KEEP_OFF_EDGES * distance[k, near])
+        return self._off_input_edges(locations, corners, MIN_EDGE_DISTANCE * distance[k, near])
 
-    def _off_input_edges(self, found: Located, corners: NDArray, reach: NDArray) -> Located:
-        """Points moved to a distance from the input edges, where they stay inside their intrinsic faces."""
-        layout = corner_position(self.tracer.unfolding, found.face) / self.scale
+    def _off_input_edges(
+        self, locations: SurfaceLocations, corners: NDArray, reach: NDArray
+    ) -> SurfaceLocations:
+        """Move points away from input edges, if they stay inside their intrinsic faces."""
+        layout = corner_position(self.tracer.unfolding, locations.face) / self.scale
         places = layout[..., 0] + 1j * layout[..., 1]
-        side = self.mesh.side_length[found.face] / self.scale
+        side = self.mesh.side_length[locations.face] / self.scale
         height = 2 * face_area(side)[:, None] / side[:, NEXT]
         least = np.minimum(np.divide(reach[:, None], height, out=np.ones_like(height), where=height > 0), 0.2)
-        barycentric = np.maximum(found.barycentric, least)
+        barycentric = np.maximum(locations.barycentric, least)
         barycentric /= barycentric.sum(axis=1, keepdims=True)
-        shift = ((barycentric - found.barycentric) * places).sum(axis=1)
-        point = found.point + shift * np.exp(-1j * found.turn)
-        moved = triangle_share(corners, point).min(axis=1) > 0.5 * LEAST_SHARE
-        return Located(
-            found.sound,
-            found.face,
-            np.where(moved[:, None], barycentric, found.barycentric),
-            np.where(moved, point, found.point),
-            found.turn,
+        shift = ((barycentric - locations.barycentric) * places).sum(axis=1)
+        point = locations.point + shift * np.exp(-1j * locations.turn)
+        moved = triangle_share(corners, point).min(axis=1) > 0.5 * MIN_BARYCENTRIC
+        return SurfaceLocations(
+            locations.sound,
+            locations.face,
+            np.where(moved[:, None], barycentric, locations.barycentric),
+            np.where(moved, point, locations.point),
+            locations.turn,
             moved,
         )
 
@@ -186,13 +190,15 @@ class Places:
         """Face, barycentric coordinates and heading in the face's frame of directions at vertices."""
         face, barycentric = self.face[vertex].copy(), self.barycentric[vertex].copy()
         heading = direction.copy()
-        given = np.flatnonzero(vertex < self.mesh.n_vertices)
-        fan = self.fan[vertex[given]]
-        angle = np.mod(direction[given], np.where(self.fans.is_open[fan], np.inf, self.fans.total_angle[fan]))
+        at_input = np.flatnonzero(vertex < self.mesh.n_vertices)
+        fan = self.fan[vertex[at_input]]
+        angle = np.mod(
+            direction[at_input], np.where(self.fans.is_open[fan], np.inf, self.fans.total_angle[fan])
+        )
         corner = self.fans.locate(fan, angle)
-        face[given] = corner // 3
-        barycentric[given] = np.eye(3)[corner % 3]
+        face[at_input] = corner // 3
+        barycentric[at_input] = np.eye(3)[corner % 3]
         x, y = self.tracer.unfolding.direction[corner // 3, corner % 3].T
         within = np.clip(angle - self.fans.angle_before[corner], 0.0, self.fans.corner_angle[corner])
-        heading[given] = np.arctan2(y, x) + within
+        heading[at_input] = np.arctan2(y, x) + within
         return face, barycentric, heading

@@ -1,4 +1,4 @@
-"""Vertex functions carried between an input and its intrinsic triangulation."""
+"""Transfer of vertex functions between an input and its intrinsic triangulation."""
 
 from __future__ import annotations
 
@@ -34,76 +34,79 @@ def transfer(cut: CommonSubdivision, values: NDArray, *, to: str) -> NDArray[np.
     Notes
     -----
     Both interpolants are linear on the triangles of the subdivision, so the integrals are exact. The integral
-    of the function over the surface is kept. After Gillespie, Sharp, Crane 2021, section 6.
+    of the function over the surface is preserved. After Gillespie, Sharp, Crane 2021, section 6.
     """
     if to not in ("intrinsic", "input"):
-        raise ParameterError(f"functions go to 'intrinsic' or to 'input', found {to!r}")
-    given, wanted = cut.from_input, cut.from_intrinsic
+        raise ParameterError(f"{to!r} is not one of intrinsic, input", parameter="to")
+    source, target = cut.from_input, cut.from_intrinsic
     if to == "input":
-        given, wanted = wanted, given
+        source, target = target, source
     mass = galerkin_mass(cut.mesh)
-    normal = csr_array(wanted.T @ mass @ wanted)
-    rhs = wanted.T @ (mass @ (given @ np.asarray(values, dtype=np.float64)))
+    normal = csr_array(target.T @ mass @ target)
+    rhs = target.T @ (mass @ (source @ np.asarray(values, dtype=np.float64)))
     used = np.flatnonzero(normal.diagonal() > 0)
-    carried = np.zeros((wanted.shape[1], *rhs.shape[1:]))
-    carried[used] = Factor(normal[used][:, used]).solve(rhs[used])
-    return carried
+    result = np.zeros((target.shape[1], *rhs.shape[1:]))
+    result[used] = Factor(normal[used][:, used]).solve(rhs[used])
+    return result
 
 
 @dataclass(frozen=True, eq=False)
-class Transferred:
-    """A function of the input's vertices on an intrinsic triangulation.
+class TransferResult:
+    """A function on the vertices of the input, transferred to an intrinsic triangulation.
 
     Parameters
     ----------
-    given : (n, ...) ndarray
-    carried : (n', ...) ndarray of float64
-        The vertex values nearest in L2.
+    input_values : (n, ...) ndarray
+    values : (n', ...) ndarray of float64
+        The values on the intrinsic vertices that are nearest in L2.
     change : float
-        L2 norm of the difference of the two interpolants, relative to that of the given one.
+        L2 norm of the difference of the two interpolants, relative to that of the input's.
     integral_residual : float
-        Difference of the two integrals, each by its own triangulation's metric, relative to the L2 norm times
-        the square root of the area; the largest over components.
+        Difference of the two integrals, each in the metric of its triangulation, relative to the L2 norm
+        times the square root of the area; the largest over components.
     """
 
-    given: NDArray
-    carried: NDArray[np.float64]
+    input_values: NDArray
+    values: NDArray[np.float64]
     change: float
     integral_residual: float
 
 
 def check_transferable(arrays: dict[str, NDArray], reserved: Collection[str]) -> None:
-    """ParameterError for arrays of a reserved name, and for what holds anything but finite numbers."""
+    """Refuse arrays with a reserved name, and arrays of anything but finite numbers; ParameterError."""
     for name, values in arrays.items():
         if name in reserved:
-            raise ParameterError(f"the array {name!r} cannot be carried: the output has its own; rename it")
+            raise ParameterError(f"the output has its own array {name!r}; rename yours", parameter="transfer")
         if values.dtype.kind not in "fiub":
-            raise ParameterError(f"the array {name!r} holds {values.dtype}; only numbers can be carried")
+            raise ParameterError(
+                f"the array {name!r} has type {values.dtype}; use an array of numbers", parameter="transfer"
+            )
         bad = np.flatnonzero(~np.isfinite(values).reshape(len(values), -1).all(axis=1))
         if len(bad):
             raise ParameterError(
-                f"the array {name!r} is not finite at vertex {bad[0]} ({len(bad)} such vertices); mend it"
+                f"the array {name!r} is not finite at vertex {bad[0]} ({len(bad)} such vertices); correct it",
+                parameter="transfer",
             )
 
 
-def transfer_to_intrinsic(cut: CommonSubdivision, arrays: dict[str, NDArray]) -> dict[str, Transferred]:
-    """Carry arrays of the input's vertices to the intrinsic triangulation, by `transfer` in one solve."""
+def transfer_to_intrinsic(cut: CommonSubdivision, arrays: dict[str, NDArray]) -> dict[str, TransferResult]:
+    """Transfer arrays on the input's vertices to the intrinsic triangulation, by `transfer` in one solve."""
     columns = {name: np.asarray(a, dtype=np.float64).reshape(len(a), -1) for name, a in arrays.items()}
     whole = np.concatenate(list(columns.values()), axis=1)
-    moved = transfer(cut, whole, to="intrinsic")
+    transferred = transfer(cut, whole, to="intrinsic")
     bounds = np.cumsum([0, *(c.shape[1] for c in columns.values())])
     result = {}
-    for (name, given), begin, end in zip(columns.items(), bounds[:-1], bounds[1:]):
-        carried = moved[:, begin:end]
-        size = _norm(cut, cut.from_input @ given)
-        change = _norm(cut, cut.from_intrinsic @ carried - cut.from_input @ given)
-        kept = lumped_vertex_area(cut.intrinsic) @ carried - lumped_vertex_area(cut.input) @ given
+    for (name, before), begin, end in zip(columns.items(), bounds[:-1], bounds[1:]):
+        after = transferred[:, begin:end]
+        size = _norm(cut, cut.from_input @ before)
+        change = _norm(cut, cut.from_intrinsic @ after - cut.from_input @ before)
+        difference = lumped_vertex_area(cut.intrinsic) @ after - lumped_vertex_area(cut.input) @ before
         scale = size * np.sqrt(face_area(cut.input.side_length).sum()) or 1.0
-        result[name] = Transferred(
+        result[name] = TransferResult(
             arrays[name],
-            carried.reshape(-1, *arrays[name].shape[1:]),
+            after.reshape(-1, *arrays[name].shape[1:]),
             change / (size or 1.0),
-            float(np.abs(kept).max(initial=0.0) / scale),
+            float(np.abs(difference).max(initial=0.0) / scale),
         )
     return result
 

@@ -17,44 +17,47 @@ from ddgcli.errors import MeshError
 from ddgcli.geometry.intrinsic import corner_cotan, half_angle_tangent
 from ddgcli.mesh.intrinsic_mesh import IntrinsicMesh
 from ddgcli.mesh.require import require
+from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.topology import NEXT, Topology, sorted_sides
 from ddgcli.mesh.triangle_mesh import TriangleMesh
-from ddgcli.operators.mollify import Mollified, mollified
+from ddgcli.operators.mollify import Mollification, mollify_lengths
 
 log = logging.getLogger("ddgcli")
 
-ANGLE_SLACK = 1e-9  # radians by which opposite angles may sum to more than pi and still count as Delaunay
-CAP = 1e-9  # excess relative to the longest side below which lengths are taken in extended precision
+ANGLE_TOLERANCE = 1e-9  # radians by which opposite angles may sum to more than pi and still count as Delaunay
+CAP_TOLERANCE = (
+    1e-9  # excess relative to the longest side below which lengths are taken in extended precision
+)
 
 
 @dataclass(frozen=True, eq=False)
-class Flipped:
-    """An intrinsic triangulation and how it was reached.
+class IntrinsicDelaunay:
+    """An intrinsic Delaunay triangulation and the record of its flips.
 
     Parameters
     ----------
     mesh : IntrinsicMesh
         With gluing; vertices as in the input.
     flips, rounds : int
-    mollified : Mollified
-        The lengths that the flips began with, and which faces had no inside.
-    left : int
-        Edges that rounding kept from being flipped although their angles exceed pi by more than 1e-9.
+    mollification : Mollification
+        The lengths at the start of the flips, and the degenerate faces.
+    remaining_edges : int
+        Edges whose opposite angles exceed pi by more than 1e-9, but which rounding prevents from flipping.
     crossings : (m, 3) ndarray of int64, optional
-        Normal coordinates of the sides (see `normal_coordinates`), where they were tracked.
-    gone : (k,) ndarray of int64
-        Sides of the input whose edge was flipped away; empty where nobody asked.
+        Normal coordinates of the sides (see `normal_coordinates`), if they were tracked.
+    flipped_sides : (k,) ndarray of int64
+        Sides of the input whose edge was flipped; empty unless `list_flipped`.
     notes : tuple of str
-        What was done to the input or decided by a tolerance.
+        Changes of the input, and decisions by a tolerance.
     """
 
     mesh: IntrinsicMesh
     flips: int
     rounds: int
-    mollified: Mollified
-    left: int = 0
+    mollification: Mollification
+    remaining_edges: int = 0
     crossings: NDArray[np.int64] | None = None
-    gone: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    flipped_sides: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
     notes: tuple[str, ...] = ()
 
 
@@ -62,26 +65,26 @@ def flip_to_delaunay(
     mesh: TriangleMesh | IntrinsicMesh,
     *,
     track: bool = False,
-    tell_gone: bool = False,
-    most_rounds: int | None = None,
-) -> Flipped:
-    """The intrinsic Delaunay triangulation of a surface, by edge flips.
+    list_flipped: bool = False,
+    max_rounds: int | None = None,
+) -> IntrinsicDelaunay:
+    """Compute the intrinsic Delaunay triangulation of a surface by edge flips.
 
     Parameters
     ----------
     mesh : TriangleMesh or IntrinsicMesh
-        An oriented surface without edges of three faces; vertices where several fans meet are taken. An
+        An oriented surface without edges of three faces; vertices with several fans are allowed. An
         IntrinsicMesh with gluing may be any Delta-complex (self-edges, several edges between two vertices).
     track : bool
-        Carry the normal coordinates along, as `common_subdivision` needs them.
-    tell_gone : bool
-        Say which edges were flipped away.
-    most_rounds : int, optional
+        Track normal coordinates, which `common_subdivision` needs.
+    list_flipped : bool
+        List the sides whose edges were flipped.
+    max_rounds : int, optional
         Bound on the batches of flips; by default far above what any surface needs.
 
     Returns
     -------
-    Flipped
+    IntrinsicDelaunay
 
     Raises
     ------
@@ -96,30 +99,32 @@ def flip_to_delaunay(
     in extended precision.
     """
     glued = glue(mesh)
-    begun = working_lengths(mesh, glued)
-    notes = [str(begun)] if len(begun.faces) else []
-    scale = length_scale(begun.length)
-    state = SideArrays.of(glued.faces, glued.topology.side_twin, begun.length / scale)
+    start = working_lengths(mesh, glued)
+    notes = [str(start)] if len(start.faces) else []
+    scale = length_scale(start.length)
+    state = SideArrays.of(glued.faces, glued.topology.side_twin, start.length / scale)
     if track:
         state.crossings = np.full(3 * glued.n_faces, -1, dtype=np.int64)
-    if tell_gone:
-        state.given = np.arange(3 * glued.n_faces)
-    flips, rounds, ended = flip_until_delaunay(state, most_rounds=most_rounds)
+    if list_flipped:
+        state.input_side = np.arange(3 * glued.n_faces)
+    flips, rounds, ended = flip_until_delaunay(state, max_rounds=max_rounds)
     result = unglue(state, glued, scale)
-    left = 0 if ended and not state.refused else int(non_delaunay_edges(result).sum())
-    if left:
-        notes.append(f"{left} edges of flat triangles stay as they are: rounding decides their Delaunay test")
+    remaining = 0 if ended and not state.refused else int(non_delaunay_edges(result).sum())
+    if remaining:
+        notes.append(
+            f"{remaining} edges of flat triangles are not flipped: rounding decides their Delaunay test"
+        )
     for note in notes:
         log.warning(note)
     crossings = None if state.crossings is None else state.crossings.reshape(-1, 3)
-    gone = np.zeros(0, dtype=np.int64) if state.given is None else _missing(state.given)
-    return Flipped(result, flips, rounds, begun, left, crossings, gone, tuple(notes))
+    flipped = np.zeros(0, dtype=np.int64) if state.input_side is None else _missing(state.input_side)
+    return IntrinsicDelaunay(result, flips, rounds, start, remaining, crossings, flipped, tuple(notes))
 
 
-def _missing(given: NDArray) -> NDArray[np.int64]:
-    """Numbers below len(given) that do not occur in it; -1 stands for none."""
-    missing = np.ones(len(given) + 1, dtype=bool)
-    missing[given] = False
+def _missing(numbers: NDArray) -> NDArray[np.int64]:
+    """Numbers below len(numbers) that do not occur in it; -1 stands for none."""
+    missing = np.ones(len(numbers) + 1, dtype=bool)
+    missing[numbers] = False
     return missing[:-1].nonzero()[0]
 
 
@@ -135,7 +140,9 @@ def glue(mesh: TriangleMesh | IntrinsicMesh) -> IntrinsicMesh:
     length = mesh.side_length
     if not (length.min() >= 0 and length.max() < np.inf):
         bad = np.flatnonzero(~(np.isfinite(length) & (length >= 0)).all(axis=1))[0]
-        raise MeshError(f"face {bad} has a side length that is no length ({length[bad]}); mend it")
+        raise MeshError(
+            f"face {bad} has a side length that is negative or not finite ({length[bad]}); correct it"
+        )
     return IntrinsicMesh(topology, length, mesh.points)
 
 
@@ -155,7 +162,7 @@ def _twins(mesh: TriangleMesh | IntrinsicMesh) -> NDArray[np.int64]:
 
 
 def require_surface(mesh: TriangleMesh | IntrinsicMesh, verb: str) -> None:
-    """MeshError where the faces of a mesh cannot be glued in pairs: why, where, and what works."""
+    """Refuse a mesh whose faces cannot be glued in pairs; MeshError."""
     topology = mesh.topology
     twice = np.flatnonzero((topology.side_tail == topology.side_head).reshape(-1, 3).any(axis=1))
     if len(twice):
@@ -163,7 +170,7 @@ def require_surface(mesh: TriangleMesh | IntrinsicMesh, verb: str) -> None:
     try:
         require(mesh, verb, sized=False, manifold_edges=True, oriented=True)  # type: ignore[arg-type]
     except MeshError as error:
-        raise MeshError(f"{error}; for a Laplacian, laplacian --operator tufted takes it as it is") from None
+        raise MeshError(f"{error}; the operator 'tufted' of laplacian supports such meshes") from None
 
 
 def _is_gluing(topology: Topology) -> bool:
@@ -177,20 +184,20 @@ def _is_gluing(topology: Topology) -> bool:
     )
 
 
-def working_lengths(mesh: TriangleMesh | IntrinsicMesh, glued: IntrinsicMesh) -> Mollified:
-    """Side lengths to flip with: mollified where a triangle has no inside.
+def working_lengths(mesh: TriangleMesh | IntrinsicMesh, glued: IntrinsicMesh) -> Mollification:
+    """Side lengths for the flips: mollified where a triangle has no area.
 
-    In extended precision where the mesh has positions and caps so flat that float64 lengths would lose their
-    heights (on platforms without such numbers: float64).
+    In extended precision if the mesh has positions and caps so flat that float64 lengths would lose their
+    heights (float64 on platforms without extended precision).
     """
     length = glued.side_length
-    if len(_caps(length, CAP)) == 0:
-        return Mollified(length, np.zeros(0, dtype=np.int64))
+    if len(_caps(length, CAP_TOLERANCE)) == 0:
+        return Mollification(length, np.zeros(0, dtype=np.int64))
     if isinstance(mesh, TriangleMesh):
         corners = mesh.points.astype(np.longdouble)[mesh.faces]
         scale = np.abs(corners).max() or 1.0
         length = scale * np.sqrt((((corners[:, NEXT] - corners) / scale) ** 2).sum(axis=2))
-    return mollified(length, glued.topology.side_edge)
+    return mollify_lengths(length, glued.topology.side_edge)
 
 
 def _caps(length: NDArray, least: float) -> NDArray[np.int64]:
@@ -207,7 +214,7 @@ def length_scale(length: NDArray) -> float:
 
 
 def unglue(state: SideArrays, mesh: IntrinsicMesh, scale: float) -> IntrinsicMesh:
-    """The mesh that the work arrays hold."""
+    """The mesh in the work arrays."""
     topology = Topology(state.tail.reshape(-1, 3), mesh.n_vertices, state.twin[:-1].reshape(-1, 3))
     return IntrinsicMesh(topology, scale * state.length.reshape(-1, 3), mesh.points)
 
@@ -219,12 +226,12 @@ def non_delaunay_edges(mesh: TriangleMesh | IntrinsicMesh) -> NDArray[np.bool_]:
     twin = mesh.topology.side_twin.ravel()
     first = twin > np.arange(len(twin))
     total = opposite + opposite[np.maximum(twin, 0)]
-    return (first & (total > np.pi + ANGLE_SLACK)).reshape(-1, 3)
+    return (first & (total > np.pi + ANGLE_TOLERANCE)).reshape(-1, 3)
 
 
 def negative_cotan_edges(mesh: TriangleMesh | IntrinsicMesh) -> int:
     """Edges, boundary ones included, of negative cotangent weight (beyond 1e-9 of its terms)."""
     cotan = corner_cotan(mesh.side_length)[:, [2, 0, 1]].ravel()
     edge = mesh.topology.side_edge.ravel()
-    weight, size = np.bincount(edge, cotan), np.bincount(edge, np.abs(cotan))
-    return int((weight < -ANGLE_SLACK * np.maximum(size, 1.0)).sum())
+    weight, size = (sum_by_index(edge, c, mesh.topology.n_edges) for c in (cotan, np.abs(cotan)))
+    return int((weight < -ANGLE_TOLERANCE * np.maximum(size, 1.0)).sum())

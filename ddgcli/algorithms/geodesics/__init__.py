@@ -1,22 +1,22 @@
-"""Geodesic distance, shortest and straightened paths, level lines.
+"""Geodesic distances and curves.
 
-`distance` is the common interface of the distance solvers: exact (package `exact`), heat, fast marching and
-edge paths. `shortest_paths`, `flipout` and `isolines` make curves; `paths` measures them.
+`distance` is the common interface of the solvers: `exact` (window propagation), `heat`, `fast_marching` and
+`edge_distance`. `paths` and `surface_curves` describe curves; `shortest_paths`, `flipout`, `edge_curves` and
+`isolines` compute them. `oriented_cover` provides left and right on any surface.
 """
 
 __all__ = [
     "certificate",
     "distance",
+    "distance_query",
     "edge_curves",
-    "edge_distance",
     "exact",
     "fast_marching",
     "flipout",
-    "flipping_mesh",
-    "heat",
     "isolines",
     "oriented_cover",
     "paths",
+    "query",
     "shortest_paths",
     "sources",
     "surface_curves",

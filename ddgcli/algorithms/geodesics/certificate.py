@@ -1,4 +1,4 @@
-"""What any distance must satisfy, checked on the distance at hand: a certificate that needs no truth."""
+"""Certificate of a distance: bounds that every true distance satisfies, checked without a reference."""
 
 from __future__ import annotations
 
@@ -11,29 +11,30 @@ from numpy.typing import NDArray
 from ddgcli.algorithms.geodesics.edge_distance import edge_distance
 from ddgcli.algorithms.geodesics.sources import Sources, face_frame
 from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
-from ddgcli.mesh.triangle_mesh import TriangleMesh, vector_length
+from ddgcli.mesh.triangle_mesh import TriangleMesh
+from ddgcli.mesh.vectors import vector_length
 
-SLACK = 1e-9  # of the largest distance: what rounding may do without being counted as a violation
-FEW = 16
+ROUNDING_TOLERANCE = 1e-9  # relative to the largest distance; smaller excesses are no violations
+MAX_BRUTE_FORCE_STARTS = 16
 
 
 def certificate(mesh: SurfaceMesh, sources: Sources, distance: NDArray) -> dict[str, Any]:
-    """Violations of what holds for every true distance, and how far its gradient is from length 1.
+    """Violations of the bounds of every true distance, and the deviation of its gradient from length 1.
 
     Returns
     -------
     dict
-        violations_straight_line : vertices nearer to all sources than a straight line in space (None
+        violations_straight_line : vertices nearer than the straight line in space to the nearest source (None
         without positions); violations_edge_distance : vertices farther than along edges;
-        violations_lipschitz : edges whose ends differ by more than their length, and lipschitz_excess, the
+        violations_lipschitz : edges whose ends differ by more than the edge length, and lipschitz_excess, the
         largest such excess relative to the edge; certificate_excess : the largest amount by which any of the
         three is violated, relative to the largest edge distance; gradient_deviation : quantiles of
         | |grad d| - 1 | by the area of faces. Counts allow 1e-9 of the largest distance, and 8
         units of rounding of the largest coordinate.
     """
     finite = np.isfinite(distance)
-    slack = SLACK * float(distance[finite].max(initial=0.0))
-    if isinstance(mesh, TriangleMesh):  # far from the origin rounding of positions is larger
+    slack = ROUNDING_TOLERANCE * float(distance[finite].max(initial=0.0))
+    if isinstance(mesh, TriangleMesh):  # positions far from the origin have larger rounding errors
         slack += 8 * np.finfo(float).eps * float(np.abs(mesh.points).max(initial=0.0))
     bound = edge_distance(mesh, sources).distance
     over = distance[finite] - bound[finite]
@@ -64,8 +65,8 @@ def _below_straight_line(mesh: SurfaceMesh, sources: Sources, distance: NDArray)
 
 
 def _nearest(points: NDArray, starts: NDArray) -> NDArray[np.float64]:
-    """(k,) distance of each point to the nearest start; the import of a tree costs more than a few starts."""
-    if len(starts) > FEW:
+    """(k,) distance of each point to the nearest start; importing a k-d tree is slower for a few starts."""
+    if len(starts) > MAX_BRUTE_FORCE_STARTS:
         from scipy.spatial import cKDTree
 
         return cKDTree(starts).query(points)[0]
@@ -107,14 +108,15 @@ def gradient_norm(mesh: SurfaceMesh, values: NDArray) -> tuple[NDArray[np.float6
 
 
 def face_gradient(mesh: SurfaceMesh, corner: NDArray) -> tuple[NDArray, NDArray, NDArray]:
-    """Gradients of what is linear on faces with values `corner` (..., m, 3), in the faces' frames.
+    """Gradients of piecewise linear functions on faces with values `corner` (..., m, 3), in the faces'
+    frames.
 
     Returns
     -------
     x, y : (..., m) ndarrays of float64
-        Not finite on faces without area or with values that are not.
+        Not finite on faces without area or with values that are not finite.
     area : (m,) ndarray of float64
-        Relative. All from lengths alone, scaled by the longest side so that no size of mesh overflows.
+        Relative areas. Everything is computed from lengths scaled by the longest side, without overflow.
     """
     scale = float(mesh.side_length.max(initial=0.0)) or 1.0
     frame = face_frame(mesh.side_length / scale)
@@ -128,14 +130,14 @@ def face_gradient(mesh: SurfaceMesh, corner: NDArray) -> tuple[NDArray, NDArray,
 def symmetry(
     mesh: SurfaceMesh, measure: Callable[[Sources], NDArray], *, samples: int = 4, seed: int = 0
 ) -> dict[str, Any]:
-    """Distances between random vertices, both ways: their asymmetry and broken triangle inequalities.
+    """Asymmetry and violated triangle inequalities of distances between random vertices.
 
     Parameters
     ----------
     measure : callable
-        Distances of all vertices to the given sources.
+        Function from sources to the distances of all vertices.
     samples : int
-        Vertices drawn; costs one distance computation each.
+        Number of sampled vertices; each costs one distance computation.
 
     Returns
     -------

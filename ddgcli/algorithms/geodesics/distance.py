@@ -1,4 +1,4 @@
-"""One door to the distance methods: the same question, the same form of answer."""
+"""Common interface of the distance solvers."""
 
 from __future__ import annotations
 
@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.algorithms.geodesics.sources import Reached, Sources, checked_sources
+from ddgcli.algorithms.geodesics.sources import Sources, VertexDistances, check_sources
+from ddgcli.choices import DISTANCE_METHODS, HEAT_OPERATORS
 from ddgcli.errors import MeshError, ParameterError
 from ddgcli.geometry.surface_points import SurfacePoints
 from ddgcli.linalg.residual_gate import within_residuals
@@ -20,35 +21,32 @@ from ddgcli.operators.laplacian import SurfaceMesh
 
 if TYPE_CHECKING:
     from ddgcli.algorithms.geodesics.exact.exact_distance import ExactDistance
-    from ddgcli.algorithms.geodesics.fast_marching import MarchedDistance
+    from ddgcli.algorithms.geodesics.fast_marching import FastMarchingDistance
 
 log = logging.getLogger("ddgcli")
 
-# violation of the certificate over the largest edge distance; heat errs by two per cent on sound meshes
-WARNING_EXCESS, LARGEST_EXCESS = 0.05, 0.5
-LOST_HEAT = 1e-3  # residual of the heat's system, of which nothing is left to take a direction from
-
-METHODS = ("exact", "heat", "fast-marching", "dijkstra")
-OPERATORS = ("intrinsic-delaunay", "plain", "tufted")
+# violation of the certificate relative to the largest edge distance; heat has 2 % on good meshes
+WARNING_EXCESS, MAX_EXCESS = 0.05, 0.5
+MAX_HEAT_RESIDUAL = 1e-3  # above it, the heat's gradient has no usable direction
 
 
 @dataclass(frozen=True)
 class DistanceOptions:
-    """What the methods can be told.
+    """Options of the distance methods.
 
     Parameters
     ----------
     tolerance : float
-        exact: slack in side lengths, 0 or more.
+        exact: tolerance in side lengths; 0 is exact.
     operator : {'intrinsic-delaunay', 'plain', 'tufted'}, optional
-        heat: the triangulation whose Laplacian is used. Default: intrinsic Delaunay where the mesh is an
-        oriented surface, else its tufted cover.
+        heat: the triangulation that carries the Laplacian. Default: intrinsic Delaunay on an oriented
+        surface, otherwise its tufted cover.
     heat_time : float
-        heat: t in squares of the mean side length.
+        heat: diffusion time in units of the squared mean side length.
     heat_refine : int
-        heat: further rounds of normalising and integrating the gradient.
+        heat: number of additional rounds of normalising and integrating the gradient.
     directions : bool
-        exact: also at what angles paths leave their sources (oriented faces only).
+        exact: also compute the angles at which paths leave their sources (oriented faces only).
     """
 
     tolerance: float = 0.0
@@ -59,37 +57,37 @@ class DistanceOptions:
 
 
 @dataclass(frozen=True, eq=False)
-class Measured(Reached):
-    """Distances by one method.
+class DistanceResult(VertexDistances):
+    """Distances of all vertices by one method.
 
     Parameters
     ----------
     results, accuracy : dict
-        What the method tells of its work and of its error.
+        For the summary: counts of the work, and error estimates.
     exact : ExactDistance, optional
-        How the shortest paths arrive, where the method knows.
-    marched : MarchedDistance, optional
-        By what stencils the distance was handed on, where it was.
+        Result of the exact method: how the shortest paths arrive.
+    fast_marching : FastMarchingDistance, optional
+        Result of fast marching, with its stencils.
     converged : bool
-        False where the certificate or a residual is worse than the stated bounds.
+        False if the certificate or a residual exceeds its bound.
     """
 
     results: dict[str, Any] = field(default_factory=dict)
     accuracy: dict[str, Any] = field(default_factory=dict)
     exact: ExactDistance | None = None
-    marched: MarchedDistance | None = None
+    fast_marching: FastMarchingDistance | None = None
     converged: bool = True
 
     @property
     def arrays(self) -> dict[str, NDArray]:
-        """The vertex arrays to write, by their names in files."""
+        """Vertex arrays by their names in files."""
         return {"geodesic_distance": self.distance, "nearest_source": self.nearest_source}
 
 
-Solver = Callable[[Sources], Measured]
+Solver = Callable[[Sources], DistanceResult]
 
 
-def prepare(
+def prepare_solver(
     mesh: SurfaceMesh,
     method: str,
     options: DistanceOptions = DistanceOptions(),
@@ -97,32 +95,32 @@ def prepare(
     targets: SurfacePoints | None = None,
     progress: Callable[[float, float], None] | None = None,
 ) -> Solver:
-    """A solver for one mesh and method; what does not depend on the sources is done here, once.
+    """Prepare a solver for one mesh and method, with everything that does not depend on the sources.
 
     Parameters
     ----------
     targets : SurfacePoints, optional
-        exact: points on faces whose distance goes into `results["targets"]`.
+        exact: points on faces whose distances go into `results["targets"]`.
     progress : callable, optional
-        exact: told how many vertices of all are final.
+        exact: called with the number of final vertices and of all vertices.
 
     Raises
     ------
     ParameterError
-        On an unknown method or option, or targets for a method that does not take them.
+        On an unknown method or operator, or on targets with another method than exact.
     MeshError
-        When the mesh has no faces, or the operator cannot be had on it.
+        When the mesh has no faces, or the operator does not exist on it.
     """
     makers = {"heat": _heat, "fast-marching": _fast_marching, "dijkstra": _dijkstra}
-    if method not in METHODS:
-        raise ParameterError(f"method {method!r} is not one of {', '.join(METHODS)}")
+    if method not in DISTANCE_METHODS:
+        raise ParameterError(f"{method!r} is not one of {', '.join(DISTANCE_METHODS)}", parameter="method")
     if mesh.n_faces == 0:
         raise MeshError("no triangles; a distance along the surface needs a surface")
     targets = SurfacePoints.none() if targets is None else targets
     if method == "exact":
         return _exact(mesh, options, targets, progress)
     if len(targets):
-        raise ParameterError(f"distance at points inside faces belongs to method exact, not to {method}")
+        raise ParameterError(f"targets inside faces need `method=exact`, not {method}")
     return makers[method](mesh, options)
 
 
@@ -137,7 +135,7 @@ def _exact(
 
     tables = window_tables(mesh)
 
-    def solve(sources: Sources) -> Measured:
+    def solve(sources: Sources) -> DistanceResult:
         exact = exact_distance(
             mesh, sources, tolerance=options.tolerance, targets=targets, tables=tables,
             directions=options.directions, progress=progress,
@@ -147,59 +145,57 @@ def _exact(
             accuracy["tolerance_error_estimate"] = exact.tolerance_error
         results: dict[str, Any] = {"windows": exact.windows}
         if len(targets):
-            results["targets"] = described_targets(mesh, targets, exact)
-        return Measured(exact.distance, exact.nearest_source, results, accuracy, exact)
+            results["targets"] = describe_targets(mesh, targets, exact)
+        return DistanceResult(exact.distance, exact.nearest_source, results, accuracy, exact)
 
     return solve
 
 
-def described_targets(
-    mesh: SurfaceMesh, targets: SurfacePoints, exact: ExactDistance
-) -> list[dict[str, Any]]:
-    """Each target for the summary: where it is, its distance (None where no source reaches), its source."""
-    said = Sources.at([], targets).described(mesh)
-    for entry, distance, source in zip(said, exact.target_distance, exact.target_source, strict=True):
+def describe_targets(mesh: SurfaceMesh, targets: SurfacePoints, exact: ExactDistance) -> list[dict[str, Any]]:
+    """Summary entries of the targets: position, distance (None if no source reaches it), nearest source."""
+    entries = Sources.at([], targets).describe(mesh)
+    for entry, distance, source in zip(entries, exact.target_distance, exact.target_source, strict=True):
         entry["distance"] = float(distance) if np.isfinite(distance) else None
         entry["nearest_source"] = int(source)
-    return said
+    return entries
 
 
 def _heat(mesh: SurfaceMesh, options: DistanceOptions) -> Solver:
     from ddgcli.algorithms.geodesics.heat import HeatSolver
 
     operator, base = _heat_mesh(mesh, options.operator)
-    solver = HeatSolver(base, time_factor=options.heat_time, refine=options.heat_refine, given_on=mesh)
+    solver = HeatSolver(base, time_factor=options.heat_time, refine=options.heat_refine, source_mesh=mesh)
 
-    def solve(sources: Sources) -> Measured:
+    def solve(sources: Sources) -> DistanceResult:
         heat = solver.distance(sources)
-        if not heat.heat_residual <= LOST_HEAT:
+        if not heat.heat_residual <= MAX_HEAT_RESIDUAL:
             raise ParameterError(
                 f"heat of time {solver.time:g} is lost to rounding (residual {heat.heat_residual:.2g}); give "
-                "a shorter --heat-time, or take --method exact"
+                "a shorter `heat_time`, or use `method=exact`"
             )
         accuracy = {"heat_residual": heat.heat_residual, "poisson_residual": heat.poisson_residual}
         results = {"operator": operator, "heat_time": solver.time, "heat_stages": heat.stages}
         if heat.cold_faces:
             log.warning(
-                f"heat has no direction on {heat.cold_faces} faces; the distance is interpolated there"
+                f"the heat has no gradient on {heat.cold_faces} faces; the distance is interpolated there"
             )
-        return Measured(heat.distance, downhill_source(mesh, heat.distance, sources), results, accuracy)
+        return DistanceResult(heat.distance, downhill_source(mesh, heat.distance, sources), results, accuracy)
 
     return solve
 
 
 def _heat_mesh(mesh: SurfaceMesh, operator: str | None) -> tuple[str, SurfaceMesh]:
-    """Name of the operator and the triangulation that carries it."""
-    if operator is not None and operator not in OPERATORS:
-        raise ParameterError(f"operator {operator!r} is not one of {', '.join(OPERATORS)}")
+    """Name of the operator and its triangulation."""
+    if operator is not None and operator not in HEAT_OPERATORS:
+        raise ParameterError(f"{operator!r} is not one of {', '.join(HEAT_OPERATORS)}", parameter="operator")
     topology = mesh.topology
-    sound = topology.is_oriented and not len(topology.nonmanifold_edges)
+    is_surface = topology.is_oriented and not len(topology.nonmanifold_edges)
     if operator is None:
-        operator = "intrinsic-delaunay" if sound else "tufted"
-        if not sound:
+        operator = "intrinsic-delaunay" if is_surface else "tufted"
+        if not is_surface:
             log.warning(
                 "the mesh has edges of three faces or faces of mixed orientation: "
-                "heat runs on its tufted cover"
+                "the heat method uses its tufted cover"
             )
     if operator == "plain":
         return operator, mesh
@@ -213,14 +209,14 @@ def _heat_mesh(mesh: SurfaceMesh, operator: str | None) -> tuple[str, SurfaceMes
 
 
 def _fast_marching(mesh: SurfaceMesh, options: DistanceOptions) -> Solver:
-    from ddgcli.algorithms.geodesics.fast_marching import marched_distance, marching_stencils
+    from ddgcli.algorithms.geodesics.fast_marching import fast_marching_distance, fast_marching_stencils
 
-    stencils = marching_stencils(mesh)
+    stencils = fast_marching_stencils(mesh)
 
-    def solve(sources: Sources) -> Measured:
-        marched = marched_distance(mesh, sources, stencils=stencils)
-        work = {"updates": marched.updates}
-        return Measured(marched.distance, marched.nearest_source, work, marched=marched)
+    def solve(sources: Sources) -> DistanceResult:
+        result = fast_marching_distance(mesh, sources, stencils=stencils)
+        work = {"updates": result.updates}
+        return DistanceResult(result.distance, result.nearest_source, work, fast_marching=result)
 
     return solve
 
@@ -230,9 +226,9 @@ def _dijkstra(mesh: SurfaceMesh, options: DistanceOptions) -> Solver:
 
     graph = edge_graph(mesh)
 
-    def solve(sources: Sources) -> Measured:
+    def solve(sources: Sources) -> DistanceResult:
         edges = edge_distance(mesh, sources, graph=graph)
-        return Measured(edges.distance, edges.nearest_source)
+        return DistanceResult(edges.distance, edges.nearest_source)
 
     return solve
 
@@ -244,13 +240,15 @@ def measure_distance(
     options: DistanceOptions = DistanceOptions(),
     *,
     solver: Solver | None = None,
-) -> Measured:
-    """Distance from every vertex to the nearest source, with its certificate; unreachable vertices reported.
+) -> DistanceResult:
+    """Distance from every vertex to the nearest source, with its certificate.
+
+    A warning names the components that no source reaches.
 
     Parameters
     ----------
     solver : callable, optional
-        `prepare(mesh, method, options)`, to share among calls.
+        `prepare_solver(mesh, method, options)`, shared by several calls.
 
     Raises
     ------
@@ -259,29 +257,29 @@ def measure_distance(
     """
     from ddgcli.algorithms.geodesics.certificate import certificate
 
-    sources = checked_sources(mesh, sources)
-    solver = solver or prepare(mesh, method, options)
-    measured = solver(sources)
-    finite = measured.distance[np.isfinite(measured.distance)]
+    sources = check_sources(mesh, sources)
+    solver = solver or prepare_solver(mesh, method, options)
+    result = solver(sources)
+    finite = result.distance[np.isfinite(result.distance)]
     results = {
         "method": method,
         "max_distance": float(finite.max(initial=0.0)),
         "mean_distance": float(finite.mean()) if len(finite) else 0.0,
-        "unreachable": report_unreachable(mesh, measured.distance),
-        "sources": sources.described(mesh),
+        "unreachable": report_unreachable(mesh, result.distance),
+        "sources": sources.describe(mesh),
     }
-    accuracy = measured.accuracy | certificate(mesh, sources, measured.distance)
-    sound = within_residuals(
+    accuracy = result.accuracy | certificate(mesh, sources, result.distance)
+    converged = within_residuals(
         accuracy,
         ("certificate_excess",),
         "bounds that every true distance satisfies are violated; use the exact method or repair the mesh",
         warning=WARNING_EXCESS if method in ("heat", "fast-marching") else 0.0,
-        largest=LARGEST_EXCESS,
+        largest=MAX_EXCESS,
     )
-    sound &= within_residuals(
+    converged &= within_residuals(
         accuracy, ("heat_residual", "poisson_residual"), "use the exact method or repair the mesh"
     )
-    return replace(measured, results=results | measured.results, accuracy=accuracy, converged=sound)
+    return replace(result, results=results | result.results, accuracy=accuracy, converged=converged)
 
 
 def compare(
@@ -291,16 +289,16 @@ def compare(
     methods: list[str],
     options: DistanceOptions = DistanceOptions(),
 ) -> dict[str, dict[str, Any]]:
-    """Difference of `distance` to what other methods say, and their seconds.
+    """Difference of `distance` to the results of other methods, and their seconds.
 
-    Errors are relative to the other method's largest distance; `setup_seconds` is what any number of sources
-    pays once.
+    Errors are relative to the largest distance of the other method. `setup_seconds` is paid once for any
+    number of sources.
     """
     table: dict[str, dict[str, Any]] = {}
     for method in methods:
-        began = time.perf_counter()
-        # against exact, the tolerance must not blur the reference
-        solver = prepare(mesh, method, replace(options, tolerance=0.0))
+        start = time.perf_counter()
+        # an exact reference must have no tolerance
+        solver = prepare_solver(mesh, method, replace(options, tolerance=0.0))
         ready = time.perf_counter()
         other = solver(sources).distance
         done = time.perf_counter()
@@ -311,27 +309,27 @@ def compare(
             "max_error": float(error.max(initial=0.0)) / scale,
             "max_error_at": int(np.argmax(error)) if len(error) else None,
             "mean_error": float(error[both].mean()) / scale if both.any() else 0.0,
-            "setup_seconds": ready - began,
+            "setup_seconds": ready - start,
             "seconds": done - ready,
         }
     return table
 
 
 def each_source(
-    sources: Sources, solver: Solver, told: Callable[[float, float], None] | None = None
+    sources: Sources, solver: Solver, progress: Callable[[float, float], None] | None = None
 ) -> dict[str, NDArray[np.float64]]:
-    """One array a source, named geodesic_distance_000 and so on; `told(done, of)` hears of each."""
+    """One distance array for each source, named geodesic_distance_000 and so on."""
     digits = max(3, len(str(len(sources) - 1)))
     arrays = {}
     for i, one in enumerate(sources.each()):
-        if told is not None:
-            told(i, len(sources))
+        if progress is not None:
+            progress(i, len(sources))
         arrays[f"geodesic_distance_{i:0{digits}d}"] = solver(one).distance
     return arrays
 
 
 def distance_gradient(mesh: TriangleMesh, distance: NDArray) -> NDArray[np.float64]:
-    """(m, 3) gradient of the distance on faces; zero where a corner is not reached or a face has no area."""
+    """(m, 3) gradient of the distance on faces; zero where a corner is unreached or a face has no area."""
     from ddgcli.operators.gradient import gradient
 
     reached = np.isfinite(distance)
@@ -340,10 +338,10 @@ def distance_gradient(mesh: TriangleMesh, distance: NDArray) -> NDArray[np.float
 
 
 def downhill_source(mesh: SurfaceMesh, distance: NDArray, sources: Sources) -> NDArray[np.int64]:
-    """(n,) number of the source at the foot of each vertex's steepest way down along edges.
+    """(n,) number of the source at the end of steepest descent along edges from each vertex.
 
-    Vertices whose way ends elsewhere (an approximate distance may have other minima) take the source that is
-    nearest along edges; -1 where the distance is inf.
+    Vertices whose descent ends elsewhere (an approximate distance may have other minima) take the nearest
+    source along edges; -1 where the distance is inf.
     """
     from ddgcli.algorithms.geodesics.edge_distance import edge_distance
 
@@ -368,21 +366,21 @@ def downhill_source(mesh: SurfaceMesh, distance: NDArray, sources: Sources) -> N
     while not np.array_equal(foot[foot], foot):
         foot = foot[foot]
     nearest = label[foot]
-    lost = reached & (nearest < 0)
-    if lost.any():
-        nearest[lost] = edge_distance(mesh, sources).nearest_source[lost]
+    missing = reached & (nearest < 0)
+    if missing.any():
+        nearest[missing] = edge_distance(mesh, sources).nearest_source[missing]
     return np.where(reached, nearest, -1)
 
 
 def report_unreachable(mesh: SurfaceMesh, distance: NDArray) -> int:
-    """Number of vertices at distance inf; a warning names their components."""
-    lost = np.isinf(distance)
-    count = int(lost.sum())
+    """Count the vertices at distance inf, and name their components in a warning."""
+    unreached = np.isinf(distance)
+    count = int(unreached.sum())
     if not count:
         return 0
     component = mesh.topology.vertex_component
-    numbers, first, sizes = np.unique(component[lost], return_index=True, return_counts=True)
-    first = np.flatnonzero(lost)[first]
+    numbers, first, sizes = np.unique(component[unreached], return_index=True, return_counts=True)
+    first = np.flatnonzero(unreached)[first]
     named = numbers >= 0
     for number, vertex, size in list(zip(numbers[named], first[named], sizes[named]))[:5]:
         log.warning(

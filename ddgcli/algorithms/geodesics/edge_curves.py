@@ -1,4 +1,4 @@
-"""Curves that are given: edge paths, taken as they are."""
+"""Edge paths as curves."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from ddgcli.algorithms.geodesics.flipping_mesh import EdgeGraph, edge_path
+from ddgcli.algorithms.geodesics.flippable_mesh import EdgeGraph, edge_path
 from ddgcli.algorithms.geodesics.paths import SurfacePaths, describe_paths
 from ddgcli.algorithms.geodesics.surface_curves import Curves
 from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
@@ -14,14 +14,14 @@ from ddgcli.mesh.topology import NEXT
 
 
 def edge_curves(mesh: SurfaceMesh, waypoints: list[list[int]]) -> Curves:
-    """Edge paths through vertices, by shortest edge paths where these are not neighbours.
+    """Edge paths through vertices, completed by shortest edge paths between vertices that are not neighbours.
 
     Parameters
     ----------
     mesh : TriangleMesh or IntrinsicMesh
         Consistently oriented.
     waypoints : list of list of int
-        A path whose last vertex is its first is closed.
+        A path is closed if its last vertex is its first.
 
     Returns
     -------
@@ -34,12 +34,13 @@ def edge_curves(mesh: SurfaceMesh, waypoints: list[list[int]]) -> Curves:
         closed = len(stops) > 2 and stops[0] == stops[-1]
         parts.append(_along_edges(mesh, edge_path(graph, stops, False), closed))
         kinds.append({"kind": "edge path", "way_points": list(stops)})
-    paths = SurfacePaths.joined(parts)
+    paths = SurfacePaths.concatenate(parts)
     return Curves(paths, describe_paths(mesh, paths, kinds))
 
 
 def _along_edges(mesh: SurfaceMesh, halfedges: list[int], closed: bool) -> SurfacePaths:
-    """Corners from which halfedges leave; those beside the boundary run against its sides."""
+    """Path through the corners at the tails of halfedges; halfedges outside the boundary run against its
+    sides."""
     rim = np.flatnonzero(mesh.topology.side_twin.ravel() < 0)
     h = np.array(halfedges)
     outside = h >= 3 * mesh.n_faces

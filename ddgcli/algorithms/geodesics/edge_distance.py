@@ -1,4 +1,4 @@
-"""Distance along edges: the cheapest bound from above, by Dijkstra's algorithm."""
+"""Distance along edges by Dijkstra's algorithm: an upper bound of the geodesic distance."""
 
 from __future__ import annotations
 
@@ -8,27 +8,27 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import coo_array, csr_array
 
-from ddgcli.algorithms.geodesics.sources import Reached, Sources, checked_sources, face_frame
+from ddgcli.algorithms.geodesics.sources import Sources, VertexDistances, check_sources, face_frame
 from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
 
 
 @dataclass(frozen=True, eq=False)
-class EdgeDistance(Reached):
+class EdgeDistance(VertexDistances):
     """Distances along edges.
 
     Parameters
     ----------
     predecessor : (n,) ndarray of int64
-        Vertex before v on the shortest edge path; -1 at sources and where none reaches.
+        Vertex before v on the shortest edge path; -1 at sources and at unreached vertices.
     """
 
     predecessor: NDArray[np.int64]
 
 
 def edge_graph(mesh: SurfaceMesh) -> csr_array:
-    """(n, n) symmetric graph of edge lengths; the shortest of several edges between two vertices.
+    """(n, n) symmetric graph of edge lengths, with the shortest of several edges between two vertices.
 
-    Edges of length zero are stored, as csgraph wants them.
+    Edges of length zero are stored explicitly, as scipy.sparse.csgraph requires.
     """
     topology = mesh.topology
     tail, head = topology.side_tail, topology.side_head
@@ -48,14 +48,14 @@ def edge_distance(
 ) -> EdgeDistance:
     """Shortest distance along edges from each vertex to the nearest source.
 
-    A source inside a face joins the graph by straight lines to the face's corners.
+    A source inside a face is connected to the corners of the face by straight lines.
 
     Parameters
     ----------
     mesh : TriangleMesh or IntrinsicMesh
     sources : Sources, vertex number or array of vertex numbers
     graph : csr_array, optional
-        `edge_graph(mesh)`, to share among calls.
+        `edge_graph(mesh)`, shared by several calls.
 
     Returns
     -------
@@ -64,7 +64,7 @@ def edge_distance(
     """
     from scipy.sparse.csgraph import dijkstra
 
-    sources = checked_sources(mesh, sources)
+    sources = check_sources(mesh, sources)
     n, points = mesh.n_vertices, sources.points
     graph = edge_graph(mesh) if graph is None else graph
     if len(points):

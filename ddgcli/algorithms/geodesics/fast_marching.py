@@ -1,11 +1,11 @@
-"""Fast marching on triangles, in batches: approximate distance that any triangulation can carry (chapter 6).
+"""Fast marching on triangles, in batches: approximate distance on any triangulation.
 
-A stencil is a triangle (a, b, c) that may hand the distances of a and b on to c. Where a face is obtuse at c
-no front can be handed on safely, so the faces beyond the opposite side are unfolded until a vertex falls into
+A stencil is a triangle (a, b, c) that updates the distance of c from those of a and b. Where a face is obtuse
+at c, the update is not monotone, so the faces beyond the opposite side are unfolded until a vertex falls into
 the sector in which both halves are acute (R. Kimmel, J. Sethian, "Computing geodesic paths on manifolds",
-1998). Vertices are settled in buckets of distance instead of one by one; each bucket runs until nothing
-in it improves. So c may come before a or b: next to a source it does, and on a flat piece what is found is
-then the straight line all the same (asking that c come last costs the first edges some percent).
+1998). Vertices are processed in buckets of distance instead of one by one; each bucket runs until nothing in
+it improves. So c may be nearer than a or b, as happens next to a source; on a flat piece the result is then
+still the straight line (demanding that c be farthest costs some percent on the first edges).
 """
 
 from __future__ import annotations
@@ -18,27 +18,27 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
 from ddgcli.algorithms.geodesics.exact.tables import BOUNDARY, side_shapes, sides_across, table_scale
-from ddgcli.algorithms.geodesics.sources import Reached, Sources, checked_sources, face_frame
+from ddgcli.algorithms.geodesics.sources import Sources, VertexDistances, check_sources, face_frame
 from ddgcli.errors import MeshError, SolveError
 from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
 from ddgcli.mesh.topology import NEXT, PREVIOUS
 
-MOST_UNFOLDINGS = 30
-BUCKET = 1.5  # mean sides settled together
-MOST_ROUNDS = 20  # a vertex and more; no mesh we know takes one
+MAX_UNFOLDED_FACES = 30
+BUCKET_WIDTH = 1.5  # in mean side lengths
+MAX_ROUNDS_PER_VERTEX = 20  # known meshes need less than one
 
 
 @dataclass(frozen=True, eq=False)
 class Stencils:
-    """Triangles (a, b, c) by which distance reaches c, seen with a at the origin and b at (length, 0).
+    """Triangles (a, b, c) that update the distance of c, in frames with a at the origin and b at (length, 0).
 
     Parameters
     ----------
     corner : (k, 3) ndarray of int64
         a, b, c; a = b for a straight path along an edge.
     shape : (k, 4) ndarray of float64
-        length of ab, c's x and y (y > 0), length of ac; divided by `scale`. A length of 0 stands for the path
-        from a to c alone.
+        length of ab, c's x and y (y > 0), length of ac; divided by `scale`. Length 0 means
+        the path from a to c alone.
     start, at, apex : ndarrays of int64
         Stencils that use vertex v as a or b: at[start[v] : start[v + 1]], and the c of each of them.
     mean_side : float
@@ -47,7 +47,7 @@ class Stencils:
 
     Notes
     -----
-    Every edge carries a path both ways: from a to c in each stencil, the way against the sides of its face.
+    Every edge carries a path in both directions: from a to c in each stencil, against the sides of its face.
     """
 
     corner: NDArray[np.int64]
@@ -60,15 +60,14 @@ class Stencils:
 
 
 @dataclass(frozen=True, eq=False)
-class MarchedDistance(Reached):
+class FastMarchingDistance(VertexDistances):
     """Distances by fast marching.
 
     Parameters
     ----------
     rounds, updates : int
-        Work done.
+        Number of rounds and of stencil updates.
     stencils : Stencils
-        By which it was handed on.
     """
 
     rounds: int
@@ -76,27 +75,29 @@ class MarchedDistance(Reached):
     stencils: Stencils
 
 
-def marching_stencils(mesh: SurfaceMesh) -> Stencils:
+def fast_marching_stencils(mesh: SurfaceMesh) -> Stencils:
     """Stencils of a surface: one for each acute corner, two for each obtuse one.
 
-    They are those of the intrinsic Delaunay triangulation where there is one: less obtuse and shorter, so
-    that few unfoldings are left and the error falls. On other surfaces (three faces on an edge, mixed
-    orientation) those of the mesh as it is. Edges that were flipped away still carry straight paths, so that
-    no distance is longer than a path along edges.
+    They are those of the intrinsic Delaunay triangulation if it exists: it has fewer obtuse corners and
+    shorter edges, which needs fewer unfoldings and lowers the error. On other surfaces (edges with three
+    faces, mixed orientation) they are those of the mesh itself. Flipped edges still carry straight paths,
+    so that no distance is longer than a path along edges.
     """
-    triangulation, gone = _delaunay_if_surface(mesh)
+    triangulation, flipped_sides = _delaunay_if_surface(mesh)
     scale, (across, mirrored, _) = table_scale(triangulation), sides_across(triangulation.topology)
     code, faces = across.ravel(), triangulation.faces
-    # sides that no face runs along the other way: their own stencils lead only against them
+    # sides without a side across in opposite direction: their own stencils only run against them
     lone = (code <= BOUNDARY if mirrored is None else (code <= BOUNDARY) | mirrored).nonzero()[0]
     length = triangulation.side_length / scale
     obtuse = _obtuse(length)
-    # rows: straight ones, one a side, and one more for each obtuse corner that unfolding serves
-    first, last = len(gone) + len(lone), len(gone) + len(lone) + length.size
+    # rows: straight ones, one for each side, and one more for each obtuse corner with an unfolding
+    first, last = len(flipped_sides) + len(lone), len(flipped_sides) + len(lone) + length.size
     corner = np.empty((last + len(obtuse), 3), dtype=np.int64)
     shape = np.empty((last + len(obtuse), 4))
-    _straight(corner[: len(gone)], shape[: len(gone)], mesh, gone, scale)
-    _straight(corner[len(gone) : first], shape[len(gone) : first], triangulation, lone, scale)
+    _straight(corner[: len(flipped_sides)], shape[: len(flipped_sides)], mesh, flipped_sides, scale)
+    _straight(
+        corner[len(flipped_sides) : first], shape[len(flipped_sides) : first], triangulation, lone, scale
+    )
     of_sides, shapes = corner[first:last], shape[first:last]
     for k, column in enumerate((faces, faces[:, NEXT], faces[:, PREVIOUS])):
         of_sides.reshape(-1, 3, 3)[:, :, k] = column
@@ -113,7 +114,7 @@ def marching_stencils(mesh: SurfaceMesh) -> Stencils:
 
 
 def _collapsed(corner: NDArray) -> NDArray[np.bool_]:
-    """Triangles that have a vertex twice: only their edges carry distance."""
+    """Triangles with a repeated vertex: only their edges carry distance."""
     a, b, c = corner.T
     return (a == b) | (a == c) | (b == c)
 
@@ -147,14 +148,14 @@ def _users(corner: NDArray, n_straight: int, n_vertices: int) -> tuple[NDArray[n
 
 
 def _delaunay_if_surface(mesh: SurfaceMesh) -> tuple[SurfaceMesh, NDArray[np.int64]]:
-    """The triangulation to march on, and the sides of `mesh` whose edges it does not have."""
+    """Triangulation for fast marching, and the sides of `mesh` whose edges are not in it."""
     from ddgcli.algorithms.delaunay.triangulation import flip_to_delaunay
 
     try:
-        flipped = flip_to_delaunay(mesh, tell_gone=True)
+        flipped = flip_to_delaunay(mesh, list_flipped=True)
     except MeshError:
         return mesh, np.zeros(0, dtype=np.int64)
-    return flipped.mesh, flipped.gone
+    return flipped.mesh, flipped.flipped_sides
 
 
 def _halves(shape: NDArray, where: NDArray) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -172,19 +173,19 @@ def _halves(shape: NDArray, where: NDArray) -> tuple[NDArray[np.float64], NDArra
 def _unfolded(
     corner: NDArray, shape: NDArray, across: NDArray, mirrored: NDArray | None, obtuse: NDArray
 ) -> tuple[NDArray, NDArray, NDArray]:
-    """For sides opposite obtuse corners: the vertex beyond that makes two acute halves, and its place.
+    """For sides opposite obtuse corners: a vertex beyond them that forms two acute halves, and its position.
 
-    Returns (row of `obtuse`, vertex, place in the side's frame as a complex number) where unfolding met one;
-    it stops at the boundary, at edges of three faces, and after MOST_UNFOLDINGS faces.
+    Returns (row of `obtuse`, vertex, position in the side's frame as a complex number) where it exists;
+    unfolding stops at the boundary, at edges with three faces, and after MAX_UNFOLDED_FACES faces.
     """
     length, x, y = shape.take(obtuse, axis=0).T[:3]
     apex = x + 1j * y
-    # the sector beyond the side: at right angles or less to both arms, seen from the apex
+    # the sector beyond the side: at most right angles to both arms at the apex
     arm_a, arm_b = -apex, length - apex
     row, p, q = np.arange(len(obtuse)), np.zeros(len(obtuse), dtype=complex), length + 0j
     side, flip = obtuse, np.zeros(len(obtuse), dtype=bool)  # flip: the face was entered mirrored
-    found: list[tuple[NDArray, NDArray, NDArray]] = []
-    for _ in range(MOST_UNFOLDINGS):
+    hits: list[tuple[NDArray, NDArray, NDArray]] = []
+    for _ in range(MAX_UNFOLDED_FACES):
         code = across.take(side)
         if mirrored is not None:
             flip = flip ^ mirrored.take(side)
@@ -200,25 +201,25 @@ def _unfolded(
         near_a = to.real * a.real + to.imag * a.imag >= 0
         near_b = to.real * b.real + to.imag * b.imag >= 0
         inside = (near_a & near_b & (y > 0)).nonzero()[0]
-        found.append((row.take(inside), corner.take(code.take(inside), axis=0)[:, 2], place.take(inside)))
-        # too near the arm to a: the sector leaves by the side towards b, and the other way round
+        hits.append((row.take(inside), corner.take(code.take(inside), axis=0)[:, 2], place.take(inside)))
+        # too near the arm to a: the sector leaves by the side towards b, and vice versa
         on = ((near_a ^ near_b) & (y > 0)).nonzero()[0]
         row, code, flip, towards_q, place = (part.take(on) for part in (row, code, flip, near_a, place))
         p, q = np.where(towards_q, place, p.take(on)), np.where(towards_q, q.take(on), place)
         # leaving (q -> p frame): towards q by (v0, apex), towards p by (apex, v1); the other way if mirrored
         face, j = np.divmod(code, 3)
         side = 3 * face + (j + np.where(towards_q != flip, 2, 1)) % 3
-    rows, vertices, places = (np.concatenate(part) for part in zip(*found)) if found else (row, row, p)
+    rows, vertices, places = (np.concatenate(part) for part in zip(*hits)) if hits else (row, row, p)
     return rows, vertices, places
 
 
-def marched_distance(
+def fast_marching_distance(
     mesh: SurfaceMesh,
     sources: Sources | NDArray | list[int] | int,
     *,
     stencils: Stencils | None = None,
     planar: bool = False,
-) -> MarchedDistance:
+) -> FastMarchingDistance:
     """Distance to the nearest source by fast marching.
 
     Parameters
@@ -226,24 +227,26 @@ def marched_distance(
     mesh : TriangleMesh or IntrinsicMesh
     sources : Sources, vertex number or array of vertex numbers
     stencils : Stencils, optional
-        `marching_stencils(mesh)`, to share among calls.
+        `fast_marching_stencils(mesh)`, shared by several calls.
     planar : bool
-        Fronts are straight lines, as published (first order). Default: circles about an unfolded point
-        source, which are exact on flat pieces seen from the source.
+        Wavefronts are straight lines, as published (first order). Default: circles around an unfolded point
+        source, which are exact on flat pieces visible from the source.
     """
-    sources = checked_sources(mesh, sources)
-    stencils = stencils or marching_stencils(mesh)
-    march = _March(stencils, mesh.n_vertices, several=len(sources) > 1, planar=planar)
+    sources = check_sources(mesh, sources)
+    stencils = stencils or fast_marching_stencils(mesh)
+    solver = _FastMarching(stencils, mesh.n_vertices, several=len(sources) > 1, planar=planar)
     with np.errstate(divide="ignore", invalid="ignore"):
         vertex, value, number = _first_values(mesh, sources, stencils.scale)
-        march.lower(vertex, value, number if len(sources) > 1 else None)
-        march.run()
-    nearest = np.where(np.isfinite(march.distance), march.source, -1)
-    return MarchedDistance(march.distance * stencils.scale, nearest, march.rounds, march.updates, stencils)
+        solver.lower(vertex, value, number if len(sources) > 1 else None)
+        solver.run()
+    nearest = np.where(np.isfinite(solver.distance), solver.source, -1)
+    return FastMarchingDistance(
+        solver.distance * stencils.scale, nearest, solver.rounds, solver.updates, stencils
+    )
 
 
 def _first_values(mesh: SurfaceMesh, sources: Sources, scale: float) -> tuple[NDArray, NDArray, NDArray]:
-    """Vertices at and around the sources, their straight distances, and the numbers of the sources."""
+    """Vertices at and around the sources, their straight distances, and their sources."""
     points = sources.points
     frame = face_frame(mesh.side_length[points.face] / scale)
     reach = np.linalg.norm(frame - np.einsum("kc,kcd->kd", points.barycentric, frame)[:, None], axis=2)
@@ -253,45 +256,45 @@ def _first_values(mesh: SurfaceMesh, sources: Sources, scale: float) -> tuple[ND
     return vertex, value, np.concatenate([np.arange(k), np.repeat(k + np.arange(len(points)), 3)])
 
 
-class _March:
-    """Distances so far, and the vertices whose change has not been handed on."""
+class _FastMarching:
+    """Upper bounds of the distances, and the vertices whose change has not been propagated."""
 
     def __init__(self, stencils: Stencils, n: int, *, several: bool, planar: bool) -> None:
-        self.stencils, self.wave = stencils, _plane if planar else from_below
+        self.stencils, self.local_update = stencils, _planar_update if planar else circular_update
         self.distance = np.full(n, np.inf)
         self.several, self.source = several, np.zeros(n, dtype=np.int64)
-        self.waiting = np.zeros(n, dtype=bool)
-        self.bucket = BUCKET * stencils.mean_side
+        self.queued = np.zeros(n, dtype=bool)
+        self.bucket = BUCKET_WIDTH * stencils.mean_side
         self.stop, self.count = stencils.start[1:], np.diff(stencils.start)
         self.number = np.arange(4096)
         self.rounds = self.updates = 0
 
     def lower(self, vertex: NDArray, value: NDArray, source: NDArray | None) -> None:
-        """Lower distances (and note the sources, where there are several); the vertices wait to hand on."""
+        """Lower distances (and store the sources if there are several); queue the vertices."""
         np.minimum.at(self.distance, vertex, value)
-        self.waiting[vertex] = True
+        self.queued[vertex] = True
         if source is not None:
             won = (value == self.distance.take(vertex)).nonzero()[0]
             self.source[vertex.take(won)] = source.take(won)
 
     def run(self) -> None:
-        """Hand on, nearest bucket first, until nothing waits."""
+        """Propagate, nearest bucket first, until the queue is empty."""
         while True:
-            vertex = self.waiting.nonzero()[0]
+            vertex = self.queued.nonzero()[0]
             if not len(vertex):
                 return
             value = self.distance.take(vertex)
             least = float(np.minimum.reduce(value))
             now = (value < max(least + self.bucket, math.nextafter(least, math.inf))).nonzero()[0]
             vertex = vertex.take(now)
-            self.waiting[vertex] = False
+            self.queued[vertex] = False
             self.rounds += 1
-            if self.rounds > MOST_ROUNDS * (1000 + len(self.distance)):
-                raise SolveError("fast marching does not come to rest on this mesh; take --method exact")
-            self._hand_on(vertex, value.take(now))
+            if self.rounds > MAX_ROUNDS_PER_VERTEX * (1000 + len(self.distance)):
+                raise SolveError("fast marching does not converge on this mesh; use `method=exact`")
+            self._propagate(vertex, value.take(now))
 
-    def _hand_on(self, vertex: NDArray, value: NDArray) -> None:
-        """Lower what lies beyond the vertices by the stencils they are in; what is nearer cannot fall."""
+    def _propagate(self, vertex: NDArray, value: NDArray) -> None:
+        """Update vertices by all stencils with the given vertices; nearer vertices cannot change."""
         stencils, count = self.stencils, self.count.take(vertex)
         ahead = count.cumsum()
         if ahead[-1] > len(self.number):
@@ -304,23 +307,26 @@ class _March:
         corner = stencils.corner.take(k, axis=0)
         da, db, dc = self.distance.take(corner).T
         length, x, y, by_a = stencils.shape.take(k, axis=0).T
-        found, cross = self.wave(da, db, length, x, y)
-        sound = cross >= 0  # the ray must cross between a and b
-        sound &= cross <= length
+        value_c, cross = self.local_update(da, db, length, x, y)
+        valid = cross >= 0  # the ray must cross between a and b
+        valid &= cross <= length
         source = None
         if self.several:
             source, source_b = self.source.take(corner[:, :2]).T
-            sound &= source == source_b  # fronts of two sources make no common circle
-        found = np.where(sound, found, by_a + da)
-        dc *= 1 - 1e-14  # less is rounding
-        better = (found < dc).nonzero()[0]
+            valid &= source == source_b  # wavefronts of two sources form no common circle
+        value_c = np.where(valid, value_c, by_a + da)
+        dc *= 1 - 1e-14  # smaller improvements are rounding
+        better = (value_c < dc).nonzero()[0]
         self.updates += len(may)
         source = None if source is None else source.take(better)
-        self.lower(corner[:, 2].take(better), found.take(better), source)
+        self.lower(corner[:, 2].take(better), value_c.take(better), source)
 
 
-def from_below(da: NDArray, db: NDArray, length: NDArray, x: NDArray, y: NDArray) -> tuple[NDArray, NDArray]:
-    """Distance of c from the point below ab at da from a and db from b, and where on ab its ray crosses."""
+def circular_update(
+    da: NDArray, db: NDArray, length: NDArray, x: NDArray, y: NDArray
+) -> tuple[NDArray, NDArray]:
+    """Distance of c from the point below ab at da from a and db from b, and the crossing of the ray with
+    ab."""
     sx = da - db
     sx *= da + db
     sx /= length
@@ -339,8 +345,11 @@ def from_below(da: NDArray, db: NDArray, length: NDArray, x: NDArray, y: NDArray
     return np.sqrt(run, out=run), cross
 
 
-def _plane(da: NDArray, db: NDArray, length: NDArray, x: NDArray, y: NDArray) -> tuple[NDArray, NDArray]:
-    """Distance of c behind a straight front at a and b, and where on ab its normal through c crosses."""
+def _planar_update(
+    da: NDArray, db: NDArray, length: NDArray, x: NDArray, y: NDArray
+) -> tuple[NDArray, NDArray]:
+    """Distance of c behind a straight wavefront at a and b, and the crossing of its normal through c with
+    ab."""
     along = (db - da) / length
     across = np.sqrt(1.0 - along * along)
     return da + along * x + across * y, x - y * along / across

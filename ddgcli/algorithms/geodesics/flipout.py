@@ -1,8 +1,8 @@
-"""Edge paths and loops pulled straight by intrinsic flips, within their isotopy class.
+"""Geodesics in the isotopy classes of edge paths and loops, by intrinsic edge flips (FlipOut).
 
-Sharp and Crane, "You Can Find Geodesic Paths in Triangle Meshes by Just Flipping Edges" (FlipOut), 2020: at a
-vertex where the path makes an angle below pi on one side, flip the edges of that wedge until its outer rim is
-locally shortest, and let the path run along the rim. Every step shortens the path.
+N. Sharp, K. Crane, "You Can Find Geodesic Paths in Triangle Meshes by Just Flipping Edges", 2020: at a vertex
+where the path has an angle below pi on one side, flip the edges of that wedge until its outer boundary is
+locally shortest, and replace the path by that boundary. Every step shortens the path.
 """
 
 from __future__ import annotations
@@ -15,18 +15,18 @@ from math import inf, pi
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.algorithms.geodesics.flipping_mesh import EdgeGraph, FlippingMesh, edge_path
+from ddgcli.algorithms.geodesics.flippable_mesh import EdgeGraph, FlippableMesh, edge_path
 from ddgcli.algorithms.geodesics.paths import SurfacePaths, describe_paths, joints, segment_vectors
 from ddgcli.algorithms.geodesics.surface_curves import Curves
-from ddgcli.algorithms.tracing.batch import Start
+from ddgcli.algorithms.tracing.lines import LineStart
 from ddgcli.algorithms.tracing.trace import Tracer
 from ddgcli.geometry.face_frames import planar_difference
 from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
 from ddgcli.mesh.topology import NEXT
 
 _log = logging.getLogger("ddgcli")
-STRAIGHT = 1e-10  # an angle this close below pi counts as straight
-MOST_STEPS = 1_000_000  # joints looked at, and flips, in one path before it is left as it is
+STRAIGHT_ANGLE_TOLERANCE = 1e-10  # radians; angles above pi minus this are straight
+MAX_STEPS = 1_000_000  # joints and flips of one path, after which it is left as it is
 
 
 @dataclass(slots=True)
@@ -40,12 +40,12 @@ class _Node:
 
 
 class PathStraightener:
-    """A path or loop of halfedges in a flipping mesh, shortened until every angle is at least pi."""
+    """Path or loop of halfedges in a flippable mesh, which `straighten` shortens."""
 
-    def __init__(self, mesh: FlippingMesh, halfedges: list[int], closed: bool) -> None:
+    def __init__(self, mesh: FlippableMesh, halfedges: list[int], closed: bool) -> None:
         self.mesh, self.closed, self.flips = mesh, closed, 0
         self.shortest_loop = inf
-        self.in_its_own_way = False  # an edge to be flipped belongs to the path
+        self.is_self_blocked = False  # an edge to flip belongs to the path
         n = len(halfedges)
         self.nodes = [_Node(h, i - 1, i + 1) for i, h in enumerate(halfedges)]
         if n:
@@ -64,21 +64,21 @@ class PathStraightener:
             self.uses[side] = self.uses.get(side, 0) + count
 
     def _ends(self, i: int) -> tuple[int, int]:
-        """Halfedges that leave the vertex where node i ends: onward, and back along it."""
+        """Halfedges that leave the head of node i: the next one of the path, and the twin of node i."""
         return self.nodes[self.nodes[i].after].halfedge, self.mesh.twin[self.nodes[i].halfedge]
 
     def _push(self, i: int) -> None:
         if i < 0 or self.nodes[i].after < 0:
             return
         angle = min(self.mesh.turns(*self._ends(i)))
-        if angle < pi - STRAIGHT:
+        if angle < pi - STRAIGHT_ANGLE_TOLERANCE:
             heapq.heappush(self.queue, (angle, i, self.nodes[i].after))
 
     def straighten(self) -> bool:
-        """Shorten until all angles are at least pi; False when it could not finish."""
+        """Shorten until all angles are at least pi; False if that is not possible."""
         blocked: list[int] = []
         steps = 0
-        while self.queue and max(self.flips, steps) < MOST_STEPS:
+        while self.queue and max(self.flips, steps) < MAX_STEPS:
             steps += 1
             _, i, j = heapq.heappop(self.queue)
             if not (self.nodes[i].alive and self.nodes[j].alive and self.nodes[i].after == j):
@@ -87,42 +87,43 @@ class PathStraightener:
                 for k in blocked:
                     if self.nodes[k].alive:
                         self._push(k)
-                blocked, self.in_its_own_way = [], False
+                blocked, self.is_self_blocked = [], False
             else:
                 blocked.append(i)
         return not blocked and not self.queue
 
     def _shorten(self, i: int) -> bool:
-        """Let the path run along the rim of the sharper wedge where node i ends; False when it cannot."""
+        """Replace the path at the head of node i by the boundary of the sharper wedge; False if not
+        possible."""
         mesh = self.mesh
         onward, back = self._ends(i)
         left, right = mesh.turns(onward, back)
-        if min(left, right) >= pi - STRAIGHT:
+        if min(left, right) >= pi - STRAIGHT_ANGLE_TOLERANCE:
             return True
         on_left = left <= right
         if self.nodes[i].after == i:
             return self._open_loop(i, on_left)
         wedge, angle = mesh.wedge(onward, back) if on_left else mesh.wedge(back, onward)
         if (
-            angle >= pi - STRAIGHT
-        ):  # next to nothing on the other side, which signposts do not tell from a turn
+            angle >= pi - STRAIGHT_ANGLE_TOLERANCE
+        ):  # zero on the other side; signposts cannot distinguish it from a full turn
             on_left = not on_left
             wedge, angle = mesh.wedge(onward, back) if on_left else mesh.wedge(back, onward)
-            if angle >= pi - STRAIGHT:
+            if angle >= pi - STRAIGHT_ANGLE_TOLERANCE:
                 return True
         if not self._flip_out(wedge):
             return False
         rim = [mesh.next[h] for h in wedge[:-1]]
         through = mesh.length[onward] + mesh.length[back]
-        if sum([mesh.length[h] for h in rim]) > through * (1 + 1e-9):  # cannot be; it would go on for ever
+        if sum([mesh.length[h] for h in rim]) > through * (1 + 1e-9):  # rounding; prevents an endless loop
             return False
         self._replace(i, [mesh.twin[h] for h in reversed(rim)] if on_left else rim)
         return True
 
     def _open_loop(self, i: int, on_left: bool) -> bool:
-        """A loop of one edge has no two edges to shorten: lead it round the far corner of a triangle first.
+        """Replace a loop of one edge by the two other edges of the triangle on the sharper side.
 
-        That triangle lies on the sharper side. False when the last such detour did not make the loop shorter.
+        False if the previous replacement did not shorten the loop.
         """
         mesh, h = self.mesh, self.nodes[i].halfedge
         if mesh.length[h] >= self.shortest_loop * (1 - 1e-13):
@@ -137,37 +138,38 @@ class PathStraightener:
         return True
 
     def _flip_out(self, wedge: list[int]) -> bool:
-        """Flip inner edges of the wedge (removed from the list) until its rim bends outward everywhere."""
+        """Flip inner edges of the wedge (removed from the list) until its boundary bends outward
+        everywhere."""
         mesh, k = self.mesh, 1
         following, angle, tail = mesh.next, mesh.angle, mesh.tail
         while k < len(wedge) - 1:
             h = wedge[k]
             beyond, before = following[h], following[following[wedge[k - 1]]]
-            if angle[before] + angle[beyond] >= pi - STRAIGHT:
+            if angle[before] + angle[beyond] >= pi - STRAIGHT_ANGLE_TOLERANCE:
                 k += 1
                 continue
             if self.uses.get(h, 0):
-                self.in_its_own_way = True
+                self.is_self_blocked = True
                 return False
-            if not mesh.can_flip(h) or self.flips >= MOST_STEPS:
+            if not mesh.can_flip(h) or self.flips >= MAX_STEPS:
                 return False
             here, t = tail[h], mesh.twin[h]
-            # these may begin at the same vertex
+            # several corners of the two triangles may be the same vertex
             meets_itself = here in (tail[t], tail[following[beyond]], tail[following[following[t]]])
             mesh.flip(h)
             self.flips += 1
-            if meets_itself:  # the flip may have changed the wedge elsewhere, too
+            if meets_itself:  # the flip may also have changed the wedge elsewhere
                 wedge[:] = mesh.wedge(wedge[0], wedge[-1])[0]
                 k = 1
             else:
                 del wedge[k]
                 k = max(1, k - 1)
         clear = not any(self.uses.get(h, 0) for h in wedge[1:-1])
-        self.in_its_own_way |= not clear
+        self.is_self_blocked |= not clear
         return clear
 
     def _replace(self, i: int, halfedges: list[int]) -> None:
-        """Put halfedges in the place of node i and the one behind it."""
+        """Replace node i and the next node by halfedges."""
         j = self.nodes[i].after
         before, after = self.nodes[i].before, self.nodes[j].after
         for k in {i, j}:
@@ -196,7 +198,7 @@ class PathStraightener:
             self._push(k)
 
     def halfedges(self) -> list[int]:
-        """The path as it is now."""
+        """Current halfedges of the path."""
         out, k = [], self.first
         while k >= 0:
             out.append(self.nodes[k].halfedge)
@@ -207,7 +209,7 @@ class PathStraightener:
 
 
 class Straightener:
-    """A mesh made ready for pulling paths straight, for many calls on the same mesh.
+    """Set-up of a mesh for straightening paths, shared by several calls.
 
     Parameters
     ----------
@@ -217,10 +219,10 @@ class Straightener:
 
     def __init__(self, mesh: SurfaceMesh) -> None:
         self.mesh, self.tracer, self.graph = mesh, Tracer(mesh), EdgeGraph(mesh)
-        self.flipping = FlippingMesh(self.tracer)
+        self.flipping = FlippableMesh(self.tracer)
 
     def curves(self, waypoints: list[list[int]], closed: list[bool]) -> Curves:
-        """As the function `straightened_curves`."""
+        """Straighten curves as the function `straighten_curves` does."""
         mesh, flipping = self.mesh, self.flipping
         parts, kinds, done = [], [], True
         for stops, is_closed in zip(waypoints, closed, strict=True):
@@ -231,44 +233,46 @@ class Straightener:
             finished = path.straighten()
             done &= finished
             if not finished:
-                why = ": it runs over itself; other way-points may help" if path.in_its_own_way else ""
-                _log.warning(f"the path through {stops[:5]} could not be pulled straight everywhere{why}")
-            parts.append(laid_on_input(self.tracer, flipping, path.halfedges(), is_closed))
+                why = ": it overlaps itself; other way-points may help" if path.is_self_blocked else ""
+                _log.warning(f"the path through {stops[:5]} could not be straightened everywhere{why}")
+            parts.append(trace_on_input(self.tracer, flipping, path.halfedges(), is_closed))
             kind = {
                 "kind": "loop" if is_closed else "straightened",
                 "way_points": list(stops),
                 "flips": path.flips,
             }
             kinds.append(kind | {"edge_path_length": before})
-        paths = SurfacePaths.joined(parts)
+        paths = SurfacePaths.concatenate(parts)
         joint = joints(mesh, paths, shortest=1e-6)
         sharpest = float(np.nanmin(np.concatenate([joint.left, joint.right]), initial=np.pi))
         accuracy = {"path_angle_deficit": np.pi - sharpest}
         return Curves(paths, describe_paths(mesh, paths, kinds), accuracy, done)
 
 
-def straightened_curves(mesh: SurfaceMesh, waypoints: list[list[int]], closed: list[bool]) -> Curves:
-    """Geodesics in the isotopy classes of edge paths and closed edge loops through way-points.
+def straighten_curves(mesh: SurfaceMesh, waypoints: list[list[int]], closed: list[bool]) -> Curves:
+    """Straighten edge paths and closed edge loops through way-points to geodesics of their isotopy class.
 
     Parameters
     ----------
     mesh : TriangleMesh or IntrinsicMesh
         Consistently oriented.
     waypoints : list of list of int
-        Vertices that fix the class; the geodesic need not pass them, but for the ends of open paths.
+        Vertices that define the class; the geodesic passes only the ends of open paths.
     closed : list of bool
 
     Returns
     -------
     Curves
         Locally shortest, not always shortest. A loop that contracts to a point has no points and length 0.
-        `accuracy.path_angle_deficit` is how far an angle beside the curves falls below pi at most.
+        `accuracy.path_angle_deficit` is the largest amount by which an angle on either side is below pi.
     """
     return Straightener(mesh).curves(waypoints, closed)
 
 
-def laid_on_input(tracer: Tracer, flipping: FlippingMesh, halfedges: list[int], closed: bool) -> SurfacePaths:
-    """A path of halfedges of the flipped triangulation as one surface path on the input mesh."""
+def trace_on_input(
+    tracer: Tracer, flipping: FlippableMesh, halfedges: list[int], closed: bool
+) -> SurfacePaths:
+    """Trace a path of halfedges of the flipped triangulation on the input mesh."""
     mesh, fans = tracer.mesh, tracer.fans
     if not halfedges:
         return SurfacePaths(
@@ -291,13 +295,13 @@ def laid_on_input(tracer: Tracer, flipping: FlippingMesh, halfedges: list[int], 
         axis=1,
     )
     length = flipping.scale * np.array([flipping.length[h] for h in halfedges])
-    lines = tracer.walked(Start(face, np.eye(3)[j], direction, length), record=True)
+    lines = tracer.trace_checked(LineStart(face, np.eye(3)[j], direction, length), record=True)
     recorded = SurfacePaths.of_traces(lines)
     step = np.nan_to_num(segment_vectors(mesh, recorded))
-    walked = np.cumsum(np.hypot(step[:, 0], step[:, 1]))
+    cumulative_length = np.cumsum(np.hypot(step[:, 0], step[:, 1]))
     faces, weights = [], []
     for i, h in enumerate(halfedges):
-        f, b = _until_head(tracer, flipping, recorded, walked, i, h, length[i])
+        f, b = _until_head(tracer, flipping, recorded, cumulative_length, i, h, length[i])
         faces.append(f)
         weights.append(b)
     end = flipping.tail[flipping.twin[halfedges[-1]]]
@@ -317,14 +321,14 @@ def _corner_of(mesh: SurfaceMesh, face: NDArray, vertex: int) -> NDArray[np.floa
 
 def _until_head(
     tracer: Tracer,
-    flipping: FlippingMesh,
+    flipping: FlippableMesh,
     recorded: SurfacePaths,
-    walked: NDArray,
+    cumulative_length: NDArray,
     i: int,
     h: int,
     length: float,
 ) -> tuple[NDArray, NDArray]:
-    """Points of a traced halfedge without its head: up to the face from which the rest leads to the head."""
+    """Points of a traced halfedge without its head, up to the face that contains the head."""
     mesh = tracer.mesh
     head = flipping.tail[flipping.twin[h]]
     if flipping.edge(h) not in flipping.flipped:  # an edge of the input
@@ -335,7 +339,7 @@ def _until_head(
     a, b = recorded.start[i], recorded.start[i + 1]
     face, barycentric = recorded.face[a : b - 1], recorded.barycentric[a : b - 1]
     so_far = (
-        np.concatenate([[0.0], walked[a : b - 2] - (walked[a - 1] if a else 0.0)])
+        np.concatenate([[0.0], cumulative_length[a : b - 2] - (cumulative_length[a - 1] if a else 0.0)])
         if b - a > 1
         else np.zeros(0)
     )
@@ -345,7 +349,9 @@ def _until_head(
     )
     miss = np.abs(so_far[holds] + np.hypot(rest[:, 0], rest[:, 1]) - length)
     if not len(holds) or miss.min() > 1e-6 * length:
-        _log.warning(f"a straightened edge to vertex {head} missed it when laid on the input mesh")
+        _log.warning(
+            f"a straightened edge misses its end vertex {head} on the input mesh; the path has a gap there"
+        )
         return face, barycentric
     last = holds[miss <= miss.min() + 1e-9 * length][0]
     return face[: last + 1], barycentric[: last + 1]

@@ -1,4 +1,4 @@
-"""The heat method: distance from two linear systems, factored once for any number of sources (chapter 6)."""
+"""Heat method: distance from two linear systems, factorised once for any number of sources."""
 
 from __future__ import annotations
 
@@ -11,18 +11,19 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csc_array, csr_array, diags_array
 
-from ddgcli.algorithms.geodesics.sources import Sources, checked_sources, face_frame
+from ddgcli.algorithms.geodesics.sources import Sources, check_sources, face_frame
 from ddgcli.errors import ParameterError
 from ddgcli.linalg.constrain import Dirichlet, Poisson
 from ddgcli.linalg.factor import Factor
 from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
+from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.topology import NEXT
 from ddgcli.operators.laplacian import lumped_vertex_area, stiffness
 
 log = logging.getLogger("ddgcli")
 
-FAINT = 1e-200  # heat below this fraction of the brightest is computed anew, from a front brought to 1
-MOST_STAGES = 200
+MIN_RELATIVE_HEAT = 1e-200  # below it, heat is recomputed from rescaled boundary values
+MAX_STAGES = 200
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,11 +35,11 @@ class HeatDistance:
     distance : (n,) ndarray of float64
         inf on components without a source.
     residuals : tuple of two callables
-        What `heat_residual` and `poisson_residual` ask, once.
+        Functions that compute `heat_residual` and `poisson_residual`.
     stages : int
-        How often heat went on from a front because it had become too faint for float64; 0: never.
+        Number of continuations of the heat where it underflows float64.
     cold_faces : int
-        Faces of reached components without a gradient of heat; the second system fills them in.
+        Faces of reached components without a gradient of heat; the second system interpolates there.
     """
 
     distance: NDArray[np.float64]
@@ -48,33 +49,32 @@ class HeatDistance:
 
     @cached_property
     def heat_residual(self) -> float:
-        """Largest |A x - b| of the first system, relative to the largest |b|; measured when asked for."""
+        """Largest |A x - b| of the first system, relative to the largest |b|; computed on first access."""
         return self.residuals[0]()
 
     @cached_property
     def poisson_residual(self) -> float:
-        """The same of the second system, of its last solve."""
+        """The same for the last solve of the second system."""
         return self.residuals[1]()
 
 
 class HeatSolver:
-    """Both systems of the heat method, factored for many sources.
+    """Both systems of the heat method, factorised for many sources.
 
     Parameters
     ----------
     mesh : TriangleMesh or IntrinsicMesh
-        The triangulation to work on: the intrinsic Delaunay one for the maximum principle, a tufted cover
-        for non-manifold surfaces.
+        Triangulation of the systems: intrinsic Delaunay for the maximum principle, a tufted cover for
+        non-manifold surfaces.
     time : float, optional
         t of (M + t L) u = source, in length units squared. Default: `time_factor` h^2, h the mean side.
     time_factor : float
     refine : int
-        How often the result's own gradient is normalised and integrated again. 0 is the method as
-        published, whose error stops falling: t = h^2 is a fixed fraction of the decay length, so the
-        direction of the heat's gradient keeps an error of the order of a percent. Each further round costs
-        one solve and removes most of it.
-    given_on : TriangleMesh or IntrinsicMesh, optional
-        The mesh whose faces source points are given on; same vertices and metric. Default: `mesh`.
+        Number of times that the gradient of the result is normalised and integrated again. 0 is the published
+        method, whose error does not vanish: t = h^2 is a fixed fraction of the decay length, so the direction
+        of the heat's gradient keeps an error of about 1 %. Each round costs one solve and removes most of it.
+    source_mesh : TriangleMesh or IntrinsicMesh, optional
+        Mesh on whose faces source points lie; same vertices and metric. Default: `mesh`.
 
     References
     ----------
@@ -88,15 +88,15 @@ class HeatSolver:
         time: float | None = None,
         time_factor: float = 1.0,
         refine: int = 0,
-        given_on: SurfaceMesh | None = None,
+        source_mesh: SurfaceMesh | None = None,
     ) -> None:
-        self.mesh, self.refine, self.given_on = mesh, refine, given_on or mesh
+        self.mesh, self.refine, self.source_mesh = mesh, refine, source_mesh or mesh
         h = float(mesh.side_length.mean()) if mesh.n_faces else 1.0
         self.time = time_factor * h * h if time is None else time
         if not 0 < self.time < np.inf:
             raise ParameterError(
-                f"heat time {self.time} must be positive and finite (mean side length {h:g}); give another "
-                "time, or scale the mesh"
+                f"heat time {self.time} must be positive and finite (mean side length {h:g}); change "
+                "`heat_time`, or rescale the mesh"
             )
         self.stiffness = stiffness(mesh)
         area = lumped_vertex_area(mesh)
@@ -105,14 +105,14 @@ class HeatSolver:
         self._heat = Factor(self._system)
         self._area = area
         self._poisson: Poisson | None = None
-        self._held: Dirichlet | None = None
+        self._dirichlet: Dirichlet | None = None
         frame = face_frame(mesh.side_length)  # corners (0, 0), (base, 0), (x, y)
         self._base, self._x, self._y = frame[:, 1, 0].copy(), frame[:, 2, 0].copy(), frame[:, 2, 1].copy()
         self._corner = np.ascontiguousarray(mesh.faces.T)
 
     @property
     def poisson(self) -> Poisson:
-        """The second system, factored when first asked for."""
+        """Second system, factorised on first access."""
         if self._poisson is None:
             self._poisson = Poisson(self.stiffness, self._area, like=self._heat)
         return self._poisson
@@ -120,10 +120,10 @@ class HeatSolver:
     def distance(self, sources: Sources | NDArray | list[int] | int) -> HeatDistance:
         """Distance to the nearest of the sources.
 
-        One source reuses both factorisations; its additive constant makes the one-ring fit its spokes.
-        Several sources are held at zero together, their one-rings at the spokes, in a system of their own.
+        One source reuses both factorisations; the additive constant fits the distances of its one-ring.
+        Several sources are fixed at zero, and their one-rings at the edge lengths, in a system of their own.
         """
-        sources = checked_sources(self.given_on, sources)
+        sources = check_sources(self.source_mesh, sources)
         start = self._start(sources)
         reached = self._reached(start)
         heat, level, stages, heat_residual = self._diffuse(start, reached)
@@ -144,10 +144,10 @@ class HeatSolver:
         """(n,) True on the components where heat starts."""
         topology = self.mesh.topology
         component = topology.vertex_component
-        lit = np.zeros(topology.n_components + 1, dtype=bool)
-        lit[component[start > 0]] = True
-        lit[-1] = False  # of vertices without a face
-        return lit.take(component)
+        has_heat = np.zeros(topology.n_components + 1, dtype=bool)
+        has_heat[component[start > 0]] = True
+        has_heat[-1] = False  # vertices without a face
+        return has_heat.take(component)
 
     # -- first system -------------------------------------------------------------------------------
 
@@ -155,40 +155,40 @@ class HeatSolver:
         """Unit heat at each source, shared among the corners of its face for a point."""
         start = np.zeros(self.mesh.n_vertices)
         np.add.at(start, sources.vertex, 1.0)
-        np.add.at(start, self.given_on.faces[sources.points.face], sources.points.barycentric)
+        np.add.at(start, self.source_mesh.faces[sources.points.face], sources.points.barycentric)
         return start
 
     def _diffuse(self, start: NDArray, inside: NDArray) -> tuple[NDArray, NDArray, int, Callable[[], float]]:
-        """Heat as value * exp(level): where it is too faint it goes on from its front, brought back to 1."""
+        """Heat as value * exp(level): where it underflows, it is continued from rescaled boundary values."""
         solved = self._heat.solve(start, refine=False)
         residual = partial(self._heat.residual, solved, start)
         level = np.zeros(len(solved))
         value = solved / (solved.max(initial=0.0) or 1.0)
-        known = value > FAINT
+        known = value > MIN_RELATIVE_HEAT
         stages = 0
-        while (inside & ~known).any() and stages < MOST_STAGES:
-            dim = np.flatnonzero(inside & ~known)
-            rows = self._system[dim]
-            lit = np.flatnonzero(known)
-            rim = lit[np.unique(csc_array(rows[:, lit]).nonzero()[1])]
+        while (inside & ~known).any() and stages < MAX_STAGES:
+            unknown = np.flatnonzero(inside & ~known)
+            rows = self._system[unknown]
+            reached = np.flatnonzero(known)
+            rim = reached[np.unique(csc_array(rows[:, reached]).nonzero()[1])]
             reference = level[rim].max(initial=-np.inf)
             load = -(rows[:, rim] @ (value[rim] * np.exp(level[rim] - reference)))
-            brightest = np.abs(load).max(initial=0.0)
-            if not brightest > 0:
+            largest = np.abs(load).max(initial=0.0)
+            if not largest > 0:
                 break
-            found = Factor(csc_array(rows[:, dim])).solve(load / brightest, refine=False)
-            peak = found.max(initial=0.0)
+            heat = Factor(csc_array(rows[:, unknown])).solve(load / largest, refine=False)
+            peak = heat.max(initial=0.0)
             if not peak > 0:
                 break
-            value[dim] = found / peak
-            level[dim] = reference + np.log(brightest) + np.log(peak)
-            known[dim] = value[dim] > FAINT
+            value[unknown] = heat / peak
+            level[unknown] = reference + np.log(largest) + np.log(peak)
+            known[unknown] = value[unknown] > MIN_RELATIVE_HEAT
             stages += 1
         value[~known] = 0.0
         return value, level, stages, residual
 
     def _direction(self, value: NDArray, level: NDArray | None) -> tuple[NDArray, NDArray]:
-        """(2, m) unit gradient of value * exp(level) in each face's frame, and where it has none."""
+        """(2, m) unit gradient of value * exp(level) in each face's frame, and faces without a gradient."""
         v = value[self._corner]
         if level is not None:
             corner_level = level[self._corner]
@@ -208,7 +208,7 @@ class HeatSolver:
     # -- second system ------------------------------------------------------------------------------
 
     def _near(self, sources: Sources) -> tuple[NDArray, NDArray]:
-        """Vertices at or next to a source, and their straight distance to it along side or face."""
+        """Vertices at or next to a source, and their straight distance to it."""
         mesh = self.mesh
         points = sources.points
         is_source = np.zeros(mesh.n_vertices, dtype=bool)
@@ -216,10 +216,10 @@ class HeatSolver:
         beside = np.flatnonzero(np.isin(self._corner, sources.vertex).any(axis=0))
         length = mesh.side_length[beside].ravel()
         tail, head = mesh.faces[beside].ravel(), mesh.faces[beside][:, NEXT].ravel()
-        frame = face_frame(self.given_on.side_length[points.face])
+        frame = face_frame(self.source_mesh.side_length[points.face])
         position = np.einsum("kc,kcd->kd", points.barycentric, frame)
         reach = np.linalg.norm(frame - position[:, None], axis=2)
-        around = self.given_on.faces[points.face]
+        around = self.source_mesh.faces[points.face]
         vertex = np.concatenate(
             [sources.vertex, head[is_source[tail]], tail[is_source[head]], around.ravel()]
         )
@@ -234,7 +234,7 @@ class HeatSolver:
     def _integrate(
         self, direction: NDArray, near: NDArray, spoke: NDArray, n_sources: int
     ) -> tuple[NDArray, Callable[[], float]]:
-        """The function with gradient nearest to the field, fitted to the known values near the sources."""
+        """Function with gradient nearest to the field, fitted to the known values near the sources."""
         along, across = 0.5 * direction
         flux = np.empty(self._corner.shape)
         np.multiply(along, self._y, out=flux[1])
@@ -242,22 +242,22 @@ class HeatSolver:
         np.multiply(across, self._base, out=flux[2])
         np.add(flux[1], flux[2], out=flux[0])
         np.negative(flux[0], out=flux[0])
-        load = np.bincount(self._corner.ravel(), weights=flux.ravel(), minlength=self.mesh.n_vertices)
+        load = sum_by_index(self._corner, flux, self.mesh.n_vertices)
         if n_sources == 1:
             distance = self.poisson.pinned_solve(load)
             ring = spoke > 0
             shift = (distance[near[ring]] - spoke[ring]).mean() if ring.any() else distance[near].min()
             return distance - shift, partial(self.poisson.residual, distance, load)
-        held = np.union1d(near, self._elsewhere(near))
-        value = np.zeros(len(held))
-        value[np.searchsorted(held, near)] = spoke
-        if self._held is None or not np.array_equal(self._held.fixed, held):
-            self._held = Dirichlet(self.stiffness, held, like=self._heat)
-        distance = self._held.solve(value, load)
-        return distance, partial(self._held.residual, distance, load)
+        fixed = np.union1d(near, self._unreached_anchors(near))
+        value = np.zeros(len(fixed))
+        value[np.searchsorted(fixed, near)] = spoke
+        if self._dirichlet is None or not np.array_equal(self._dirichlet.fixed, fixed):
+            self._dirichlet = Dirichlet(self.stiffness, fixed, like=self._heat)
+        distance = self._dirichlet.solve(value, load)
+        return distance, partial(self._dirichlet.residual, distance, load)
 
-    def _elsewhere(self, near: NDArray) -> NDArray[np.int64]:
-        """Vertices to hold so that nothing is singular: unused ones, one of each component not reached."""
+    def _unreached_anchors(self, near: NDArray) -> NDArray[np.int64]:
+        """Vertices to fix against singularity: unused ones, and one of each unreached component."""
         component = self.mesh.topology.vertex_component
         first = np.unique(component, return_index=True)[1]
         other = first[~np.isin(component[first], component[near])]

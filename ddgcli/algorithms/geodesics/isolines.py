@@ -1,4 +1,4 @@
-"""Level lines of functions on vertices, chained into polylines on the surface."""
+"""Level lines of functions on vertices, as polylines on the surface."""
 
 from __future__ import annotations
 
@@ -8,11 +8,12 @@ from numpy.typing import NDArray
 from ddgcli.algorithms.geodesics.paths import SurfacePaths, path_lengths
 from ddgcli.algorithms.geodesics.surface_curves import Curves
 from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
+from ddgcli.mesh.ragged import list_starts
 from ddgcli.mesh.topology import NEXT
 
 
 def isoline_curves(mesh: SurfaceMesh, values: NDArray, count: int) -> Curves:
-    """Level lines at `count` even levels, as curves with the array `level` on their points."""
+    """Level lines at `count` equidistant levels, as curves with the array `level` on their points."""
     paths, level = isolines(mesh, values, even_levels(values, count))
     entries = [
         {"kind": "isoline", "level": float(x), "length": float(length), "closed": bool(closed)}
@@ -22,7 +23,7 @@ def isoline_curves(mesh: SurfaceMesh, values: NDArray, count: int) -> Curves:
 
 
 def even_levels(values: NDArray, count: int) -> NDArray[np.float64]:
-    """(count,) levels that cut the range of the finite values into count + 1 equal parts."""
+    """(count,) levels that divide the range of the finite values into count + 1 equal parts."""
     finite = values[np.isfinite(values)]
     low, high = finite.min(initial=np.inf), finite.max(initial=-np.inf)
     if not high > low:
@@ -37,14 +38,14 @@ def isolines(mesh: SurfaceMesh, values: NDArray, levels: NDArray) -> tuple[Surfa
     ----------
     mesh : TriangleMesh or IntrinsicMesh
     values : (n,) ndarray
-        Faces with a value that is not finite are left out.
+        Faces with a value that is not finite are ignored.
     levels : (k,) ndarray
 
     Returns
     -------
     paths : SurfacePaths
-        Level by level; closed where a line closes. Lines end at the boundary, and where faces of opposite
-        orientation or more than two meet.
+        Level by level. Lines end at the boundary, and at edges where more than two faces or faces of opposite
+        orientation meet.
     level : (p,) ndarray of float64
         Level of each path.
     """
@@ -53,7 +54,7 @@ def isolines(mesh: SurfaceMesh, values: NDArray, levels: NDArray) -> tuple[Surfa
         paths = _one_level(mesh, values, float(level))
         parts.append(paths)
         path_level += [float(level)] * len(paths)
-    return SurfacePaths.joined(parts), np.array(path_level, dtype=np.float64)
+    return SurfacePaths.concatenate(parts), np.array(path_level, dtype=np.float64)
 
 
 def _one_level(mesh: SurfaceMesh, values: NDArray, level: float) -> SurfacePaths:
@@ -62,7 +63,8 @@ def _one_level(mesh: SurfaceMesh, values: NDArray, level: float) -> SurfacePaths
     count = above.sum(axis=1)
     face = np.flatnonzero(np.isfinite(corner).all(axis=1) & (count > 0) & (count < 3))
     above = above[face]
-    # in by the side that goes down through the level, out by the one that goes up: higher values on the left
+    # enter by the side that descends through the level, leave by the one that ascends: higher values on the
+    # left
     down = np.argmax(above & ~above[:, NEXT], axis=1)
     up = np.argmax(~above & above[:, NEXT], axis=1)
     edge = mesh.topology.side_edge
@@ -80,7 +82,7 @@ def _one_level(mesh: SurfaceMesh, values: NDArray, level: float) -> SurfacePaths
     ends = slot[open_end] + 1
     out_face[ends], out_weights[ends] = face[order[open_end]], weights_out
     lengths = np.diff(start) + ~closed
-    return SurfacePaths(out_face, out_weights, np.concatenate([[0], np.cumsum(lengths)]), closed)
+    return SurfacePaths(out_face, out_weights, list_starts(lengths), closed)
 
 
 def _on_side(corner: NDArray, side: NDArray, level: float) -> NDArray[np.float64]:
@@ -94,7 +96,7 @@ def _on_side(corner: NDArray, side: NDArray, level: float) -> NDArray[np.float64
 
 
 def chain(tail: NDArray, head: NDArray) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.bool_]]:
-    """Directed segments put in order along their chains.
+    """Sort directed segments along their chains.
 
     Parameters
     ----------
@@ -104,13 +106,13 @@ def chain(tail: NDArray, head: NDArray) -> tuple[NDArray[np.int64], NDArray[np.i
     Returns
     -------
     order : (k,) ndarray of int64
-        Segments, chain after chain.
+        Segments, chain by chain.
     start : (c+1,) ndarray of int64
     closed : (c,) ndarray of bool
 
     Notes
     -----
-    Pointer doubling: log2(k) passes, no walk along the chains.
+    Pointer doubling: log2(k) passes.
     """
     k = len(tail)
     if k == 0:
@@ -134,7 +136,7 @@ def chain(tail: NDArray, head: NDArray) -> tuple[NDArray[np.int64], NDArray[np.i
 
 
 def _open_loops(before: NDArray) -> tuple[NDArray, NDArray]:
-    """Predecessors with every loop cut at its lowest segment, and whether each segment lies on a loop."""
+    """Cut every loop of predecessors at its lowest segment; return predecessors and segments on loops."""
     k = len(before)
     lowest, jump = np.arange(k), np.where(before < 0, np.arange(k), before)
     for _ in range(int(np.ceil(np.log2(max(k, 2)))) + 1):

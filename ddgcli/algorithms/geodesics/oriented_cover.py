@@ -1,7 +1,8 @@
-"""A surface with consistently oriented faces over one that has them not, for what needs left and right.
+"""Oriented cover of a surface (its double cover if it is not orientable).
 
-Faces that run against their neighbours are turned over. A one-sided surface has no such orientation, but its
-double cover has: every face twice, as it is and turned over. A line on the cover is a line on the surface.
+Faces that are oriented against their neighbours are reversed. A one-sided surface has no consistent
+orientation, but its double cover has one: every face twice, in both orientations. A line on the cover is a
+line on the surface.
 """
 
 from __future__ import annotations
@@ -33,9 +34,9 @@ class OrientedCover:
     Parameters
     ----------
     base, mesh : TriangleMesh
-        Face f of `mesh` lies over face f % m of `base`, and the first m faces over themselves.
+        Face f of `mesh` covers face f % m of `base`.
     turned : (m,) or (2m,) ndarray of bool
-        Faces of `mesh` whose corners run the other way: corner k is corner 2 - k of the base's face.
+        Faces of `mesh` with reversed corners: corner k is corner 2 - k of the base's face.
     """
 
     base: TriangleMesh
@@ -43,50 +44,52 @@ class OrientedCover:
     turned: NDArray[np.bool_]
 
     @property
-    def one_sided(self) -> bool:
-        """Is every face there twice?"""
+    def is_one_sided(self) -> bool:
+        """True if the surface is one-sided: the cover has every face twice."""
         return self.mesh.n_faces > self.base.n_faces
 
-    def need_two_sides(self, what: str) -> None:
-        """Refuse what a one-sided surface does not have."""
-        if self.one_sided:
+    def require_two_sides(self, what: str) -> None:
+        """Raise MeshError on a one-sided surface."""
+        if self.is_one_sided:
             raise MeshError(
-                f"the surface is one-sided (a Moebius band is in it); {what} needs two sides: cut it open"
+                f"the surface is one-sided (it contains a Moebius band); {what} needs two sides: "
+                "cut the surface open"
             )
 
     def weights(self, face: NDArray, barycentric: NDArray) -> NDArray[np.float64]:
-        """Barycentric coordinates in faces of the cover as those of the base, or the other way round."""
+        """Convert barycentric coordinates in faces of the cover to those of the base, or vice versa."""
         return np.where(self.turned[face][:, None], barycentric[:, ::-1], barycentric)
 
-    def lifted_points(self, points: SurfacePoints) -> SurfacePoints:
-        """Points of the base on the cover."""
+    def lift_points(self, points: SurfacePoints) -> SurfacePoints:
+        """Lift points of the base to the cover."""
         return SurfacePoints(points.face, self.weights(points.face, points.barycentric))
 
-    def lifted_sources(self, sources: Sources) -> Sources:
-        """Sources on the base as sources on the cover."""
-        return Sources(sources.vertex, self.lifted_points(sources.points))
+    def lift_sources(self, sources: Sources) -> Sources:
+        """Lift sources of the base to the cover."""
+        return Sources(sources.vertex, self.lift_points(sources.points))
 
-    def lifted_exact(self, exact: ExactDistance) -> ExactDistance:
-        """How shortest paths arrive, told in the sides of the cover."""
+    def lift_exact(self, exact: ExactDistance) -> ExactDistance:
+        """Lift an exact distance: convert the sides through which shortest paths arrive."""
         face, j = np.divmod(exact.side, 3)
         turn = (exact.side >= 0) & self.turned[np.maximum(face, 0)]
         length = self.base.side_length.ravel()[exact.side]
         side = np.where(turn, 3 * face + (1 - j) % 3, exact.side)
         return replace(exact, side=side, crossing=np.where(turn, length - exact.crossing, exact.crossing))
 
-    def lifted_curves(self, curves: Curves) -> Curves:
-        """Curves of the base, of two sides, on the cover."""
+    def lift_curves(self, curves: Curves) -> Curves:
+        """Lift curves of a two-sided base to the cover."""
         paths = curves.paths
         weights = self.weights(paths.face, paths.barycentric)
         return replace(curves, paths=SurfacePaths(paths.face, weights, paths.start, paths.closed))
 
-    def continued(self, paths: SurfacePaths) -> SurfacePaths:
-        """Open paths on the cover made of pieces, each lifted by itself, as one lift each.
+    def join_lifts(self, paths: SurfacePaths) -> SurfacePaths:
+        """Join separately lifted segments of open paths to one lift of each path.
 
-        A piece that leaves a vertex on the other sheet than the piece before arrived is moved over (face f to
-        face (f + m) % 2m), with all that follows; the first point is put on the first sheet.
+        A segment that leaves a vertex on another sheet than the previous one arrives on is moved to that
+        sheet (face f to face (f + m) % 2m), with all following segments; the first point lies on the first
+        sheet.
         """
-        if not self.one_sided or not len(paths.face):
+        if not self.is_one_sided or not len(paths.face):
             return paths
         topology, m = self.mesh.topology, self.base.n_faces
         face, barycentric = paths.face, paths.barycentric
@@ -94,8 +97,8 @@ class OrientedCover:
         points = np.diff(paths.start)
         first = paths.start[:-1][points > 0]
         arriving[first] = face[first]
-        seen = seen_from(topology, face, barycentric, arriving)
-        j, i = np.argmax(barycentric, axis=1), np.argmax(seen, axis=1)
+        arriving_weights = seen_from(topology, face, barycentric, arriving)
+        j, i = np.argmax(barycentric, axis=1), np.argmax(arriving_weights, axis=1)
         fans = topology.corner_fans
         fan = fans[arriving, i]
         other = (face + m) % (2 * m)
@@ -111,19 +114,19 @@ class OrientedCover:
             barycentric=np.where(move[:, None], barycentric[:, ::-1], barycentric),
         )
 
-    def lifted_values(self, values: NDArray, place: str = "") -> tuple[NDArray, str]:
-        """An array of the base as one of the cover (repeated where it is on faces), and where it is.
+    def lift_values(self, values: NDArray, place: str = "") -> tuple[NDArray, str]:
+        """Lift an array of the base to the cover (repeated if it is on faces); return it with its place.
 
-        `place` is "vertex" or "face"; without it the length tells, vertices first.
+        `place` is "vertex" or "face"; an empty place is inferred from the length, vertices first.
         """
         if not place:
             length = {self.base.n_faces: "face"} | {self.base.n_vertices: "vertex"}
             place = length.get(len(values), "")
-        again = self.one_sided and place == "face"
+        again = self.is_one_sided and place == "face"
         return (np.concatenate([values, values]) if again else values), place
 
-    def projected(self, curves: Curves) -> Curves:
-        """Curves of the cover on the base."""
+    def project(self, curves: Curves) -> Curves:
+        """Project curves of the cover to the base."""
         paths, m = curves.paths, self.base.n_faces
         weights = self.weights(paths.face, paths.barycentric)
         entries = [
@@ -141,7 +144,8 @@ class OrientedCover:
 
 
 def oriented_cover(mesh: TriangleMesh) -> OrientedCover:
-    """The mesh itself where its faces agree, else what its faces turned over make (told).
+    """Oriented cover of a mesh: the mesh itself if its faces are consistently oriented (otherwise with a
+    warning).
 
     Parameters
     ----------
@@ -156,23 +160,24 @@ def oriented_cover(mesh: TriangleMesh) -> OrientedCover:
         return OrientedCover(mesh, mesh, np.zeros(mesh.n_faces, dtype=bool))
     if topology.face_turn is None:
         _log.warning(
-            "the surface is one-sided (a Moebius band is in it): left and right of a curve are those where "
-            "it starts"
+            "the surface is one-sided (it contains a Moebius band): left and right of a "
+            "curve are those at its start"
         )
         return _double_cover(mesh)
-    turned_over, turned = oriented(mesh)
+    reverse_faces, turned = oriented(mesh)
     _log.warning(
-        f"{int(turned.sum())} faces (first: face {int(np.argmax(turned))}) run against their neighbours; "
-        "curves see them turned over (left and right are those of the other faces), the mesh stays as it is"
+        f"{int(turned.sum())} faces (first: face {int(np.argmax(turned))}) are oriented against their "
+        "neighbours; curves use them reversed (left and right are those of the other faces); the mesh "
+        "is unchanged"
     )
-    return OrientedCover(mesh, turned_over, turned)
+    return OrientedCover(mesh, reverse_faces, turned)
 
 
 def _double_cover(mesh: TriangleMesh) -> OrientedCover:
-    """Every face twice; sides are glued where they run against each other."""
+    """Double cover: every face twice; sides are glued if they have opposite directions."""
     topology, m = mesh.topology, mesh.n_faces
     side = np.arange(3 * m)
-    over = 3 * (m + side // 3) + (1 - side % 3) % 3  # the same side in the face turned over
+    over = 3 * (m + side // 3) + (1 - side % 3) % 3  # the same side in the reversed face
     twin, sign = topology.side_twin.ravel(), topology.side_sign.ravel()
     clash = sign == sign[twin]
     beyond = over[twin]

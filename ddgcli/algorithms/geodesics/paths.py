@@ -1,4 +1,4 @@
-"""Curves on a surface, point by point: lengths, angles on both sides, geodesic curvature, holonomy."""
+"""Polylines on a surface: lengths, angles on both sides, geodesic curvature."""
 
 from __future__ import annotations
 
@@ -9,13 +9,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.algorithms.tracing.batch import Traces
+from ddgcli.algorithms.tracing.lines import Traces
 from ddgcli.errors import ParameterError
 from ddgcli.geometry.face_frames import planar_difference, surface_position
 from ddgcli.geometry.surface_points import SurfacePoints
 from ddgcli.geometry.unfolding import unfold, vertex_fans
 from ddgcli.mesh.curve import CurveSet
 from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
+from ddgcli.mesh.ragged import list_starts
+from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.topology import NEXT, PREVIOUS, Topology
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 
@@ -35,7 +37,7 @@ class SurfacePaths:
     start : (k+1,) ndarray of int64
         Points of path i are start[i]:start[i+1].
     closed : (k,) ndarray of bool
-        A closed path goes on from its last point to its first, which is not repeated.
+        A closed path continues from its last point to its first, which is not repeated.
     """
 
     face: NDArray[np.int64]
@@ -53,11 +55,11 @@ class SurfacePaths:
     def of_points(
         cls, mesh: SurfaceMesh, paths: list[tuple[NDArray, NDArray]], closed: list[bool] | None = None
     ) -> SurfacePaths:
-        """Paths given as (face, barycentric) of their points, checked."""
+        """Checked paths from the (face, barycentric) of their points."""
         none = (np.zeros(0, dtype=np.int64), np.zeros((0, 3)))
         points = [SurfacePoints.checked(f, b, mesh.n_faces) for f, b in paths]
         checked = [(p.face, p.barycentric) for p in points]
-        start = np.concatenate([[0], np.cumsum([len(f) for f, _ in checked])]).astype(np.int64)
+        start = list_starts([len(f) for f, _ in checked])
         return cls(
             np.concatenate([none[0], *(f for f, _ in checked)]),
             np.concatenate([none[1], *(b for _, b in checked)]),
@@ -66,8 +68,8 @@ class SurfacePaths:
         )
 
     @classmethod
-    def joined(cls, parts: list[SurfacePaths]) -> SurfacePaths:
-        """The paths of several sets, in order."""
+    def concatenate(cls, parts: list[SurfacePaths]) -> SurfacePaths:
+        """Concatenate several sets of paths."""
         shift = np.cumsum([0, *(len(p.face) for p in parts)])
         return cls(
             np.concatenate([np.zeros(0, dtype=np.int64), *(p.face for p in parts)]),
@@ -85,7 +87,7 @@ class SurfacePaths:
         return self.face[part], self.barycentric[part]
 
     def following(self) -> NDArray[np.int64]:
-        """(p,) the next point of the same path; -1 behind the last of an open one."""
+        """(p,) next point of the same path; -1 after the last point of an open path."""
         after = np.arange(1, len(self.face) + 1, dtype=np.int64)
         filled = np.diff(self.start) > 0
         last = self.start[1:][filled] - 1
@@ -99,18 +101,18 @@ class SurfacePaths:
 
 @dataclass(frozen=True, eq=False)
 class Joints:
-    """What a curve does at each of its points.
+    """Angles of curves at their points.
 
     Parameters
     ----------
     left, right : (p,) ndarray of float64
         Surface angle between the arriving and the leaving segment on either side, in radians; nan at the ends
-        of open paths, beside segments without length, on the side that the boundary cuts off, and where the
-        curve goes from one fan of faces at a vertex to another.
+        of open paths, at segments without length, on the side cut off by the boundary, and where the curve
+        passes from one fan of faces at a vertex to another.
     total : (p,) ndarray of float64
-        Surface angle around the point: 2 pi but at vertices and on the boundary.
+        Surface angle around the point: 2 pi except at vertices and on the boundary.
     vertex : (p,) ndarray of int64
-        Vertex at the point, -1 where it is none.
+        Vertex at the point, or -1.
     """
 
     left: NDArray[np.float64]
@@ -122,7 +124,7 @@ class Joints:
     def geodesic_curvature(self) -> NDArray[np.float64]:
         """(p,) (2 pi / total) (total / 2 - left), positive where the curve turns left; zero iff straightest.
 
-        Where the boundary cuts off one side, pi minus the angle on the other, with its sign.
+        Where the boundary cuts off one side: pi minus the angle on the other, with its sign.
         """
         both = 2 * np.pi * (0.5 - self.left / self.total)
         one = np.where(np.isnan(self.left), self.right - np.pi, np.pi - self.left)
@@ -130,14 +132,14 @@ class Joints:
 
     @property
     def angle_defect(self) -> NDArray[np.float64]:
-        """(p,) how far left and right are from equal: |left - right| / 2."""
+        """(p,) |left - right| / 2; zero for a straightest geodesic."""
         return np.abs(self.left - self.right) / 2
 
 
 def seen_from(
     topology: Topology, face: NDArray, barycentric: NDArray, other: NDArray, tolerance: float = 1e-9
 ) -> NDArray[np.float64]:
-    """Barycentric coordinates of surface points in other faces that hold them too.
+    """Barycentric coordinates of surface points in other faces that contain them.
 
     Returns
     -------
@@ -166,9 +168,9 @@ def seen_from(
     rows = np.flatnonzero(np.isnan(out[:, 0]) & (barycentric.max(axis=1, initial=0.0) >= 1 - tolerance))
     vertex = topology.faces[face[rows], np.argmax(barycentric[rows], axis=1)]
     match = topology.faces[other[rows]] == vertex[:, None]
-    found = match.any(axis=1)
-    out[rows[found]] = 0.0
-    out[rows[found], np.argmax(match[found], axis=1)] = 1.0
+    has_vertex = match.any(axis=1)
+    out[rows[has_vertex]] = 0.0
+    out[rows[has_vertex], np.argmax(match[has_vertex], axis=1)] = 1.0
     return out
 
 
@@ -189,7 +191,7 @@ def segment_vectors(mesh: SurfaceMesh, paths: SurfacePaths) -> NDArray[np.float6
         i = here[bad[0]]
         raise ParameterError(
             f"path {paths.of_point()[i]} leaves point {i - paths.start[paths.of_point()[i]]} in face "
-            f"{paths.face[i]}, which does not hold the next point; name a face that both points share"
+            f"{paths.face[i]}, which does not contain the next point; give a face that contains both points"
         )
     vector = np.full((len(after), 2), np.nan)
     vector[here] = planar_difference(unfold(mesh), paths.face[here], paths.barycentric[here], target)
@@ -200,7 +202,7 @@ def path_lengths(mesh: SurfaceMesh, paths: SurfacePaths) -> NDArray[np.float64]:
     """(k,) lengths of paths, from edge lengths alone."""
     vector = segment_vectors(mesh, paths)
     length = np.nan_to_num(np.hypot(vector[:, 0], vector[:, 1]))
-    return np.bincount(paths.of_point(), weights=length, minlength=len(paths)).astype(np.float64)
+    return sum_by_index(paths.of_point(), length, len(paths))
 
 
 def joints(mesh: SurfaceMesh, paths: SurfacePaths, shortest: float = 1e-13) -> Joints:
@@ -268,9 +270,9 @@ def joints(mesh: SurfaceMesh, paths: SurfacePaths, shortest: float = 1e-13) -> J
 
 
 def reversed_paths(mesh: SurfaceMesh, paths: SurfacePaths) -> SurfacePaths:
-    """The same curves walked the other way (open paths)."""
+    """Reverse open paths."""
     if paths.closed.any():
-        raise ParameterError("only open paths are reversed")
+        raise ParameterError("closed paths cannot be reversed; give open paths")
     order = np.concatenate(
         [np.zeros(0, dtype=np.int64)]
         + [np.arange(b - 1, a - 1, -1) for a, b in zip(paths.start[:-1], paths.start[1:], strict=True)]
@@ -283,8 +285,8 @@ def reversed_paths(mesh: SurfaceMesh, paths: SurfacePaths) -> SurfacePaths:
 
 
 def curve_set(mesh: TriangleMesh, paths: SurfacePaths, **arrays: NDArray) -> CurveSet:
-    """Polylines in space with the arrays `path_id`, `face`, `barycentric` and those given; closed ones end
-    where they began."""
+    """Polylines in space with the arrays `path_id`, `face`, `barycentric` and further `arrays`; closed ones
+    end at their first point."""
     index = [
         np.append(np.arange(a, b), [a] if closed and b > a else []).astype(np.int64)
         for a, b, closed in zip(paths.start[:-1], paths.start[1:], paths.closed, strict=True)
@@ -299,23 +301,23 @@ def curve_set(mesh: TriangleMesh, paths: SurfacePaths, **arrays: NDArray) -> Cur
 def describe_paths(
     mesh: SurfaceMesh, paths: SurfacePaths, kinds: list[dict[str, Any]]
 ) -> list[dict[str, Any]]:
-    """One entry a path for the summary: what it is, length, both ends, angles at the vertices it passes.
+    """Summary entries of paths: kind, length, both ends, angles at the vertices on the path.
 
     Parameters
     ----------
     kinds : list of dict
-        What else to say of each path, put first: kind, source, target, ...
+        First fields of each entry: kind, source, target, ...
     """
     if not len(paths):
         return []
     length, joint = path_lengths(mesh, paths), joints(mesh, paths)
     entries = []
-    for i, said in enumerate(kinds):
+    for i, kind in enumerate(kinds):
         a, b = int(paths.start[i]), int(paths.start[i + 1])
         passed = [p for p in range(a, b) if joint.vertex[p] >= 0 and not np.isnan(joint.total[p])]
         entries.append(
             {
-                **said,
+                **kind,
                 "length": float(length[i]),
                 "closed": bool(paths.closed[i]),
                 "points": b - a,
@@ -335,7 +337,7 @@ def describe_paths(
 
 
 def _known(angle: float) -> float | None:
-    """The angle; None on a side that the boundary cuts off, or where a path goes from fan to fan."""
+    """Angle for the summary; None where it does not exist."""
     return None if np.isnan(angle) else float(angle)
 
 

@@ -1,4 +1,4 @@
-"""Where distance is measured from: vertices and points on faces, checked and seen from the faces around."""
+"""Sources of a distance: vertices and points on faces."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class Sources:
 
     @classmethod
     def at(cls, vertices: Iterable[int], points: SurfacePoints | None = None) -> Sources:
-        """Sources at vertices given as any sequence of numbers, and at points."""
+        """Sources at a sequence of vertices, and at points."""
         vertex = np.fromiter(vertices, dtype=np.int64)
         return cls(vertex, SurfacePoints.none() if points is None else points)
 
@@ -42,7 +42,7 @@ class Sources:
         return len(self.vertex) + len(self.points)
 
     def corners(self, mesh: SurfaceMesh, number: int) -> NDArray[np.int64]:
-        """The vertex of a source, or the corners of its face."""
+        """Vertex of a source, or the corners of its face."""
         if number < len(self.vertex):
             return self.vertex[number : number + 1]
         return mesh.faces[self.points.face[number - len(self.vertex)]]
@@ -51,18 +51,18 @@ class Sources:
         """(k, 3) positions in space."""
         return np.concatenate([mesh.points[self.vertex], self.points.positions(mesh)])
 
-    def described(self, mesh: SurfaceMesh) -> list[dict[str, Any]]:
-        """Each source for the summary: its vertex, or face and barycentric coordinates; its position."""
-        said: list[dict[str, Any]] = [{"vertex": int(v)} for v in self.vertex]
+    def describe(self, mesh: SurfaceMesh) -> list[dict[str, Any]]:
+        """Summary entries of the sources: vertex, or face and barycentric coordinates; position."""
+        entries: list[dict[str, Any]] = [{"vertex": int(v)} for v in self.vertex]
         for face, weights in zip(self.points.face, self.points.barycentric):
-            said.append({"face": int(face), "barycentric": weights.tolist()})
+            entries.append({"face": int(face), "barycentric": weights.tolist()})
         if isinstance(mesh, TriangleMesh):
-            for entry, position in zip(said, self.positions(mesh)):
+            for entry, position in zip(entries, self.positions(mesh)):
                 entry["position"] = position.tolist()
-        return said
+        return entries
 
     def each(self) -> list[Sources]:
-        """One Sources for each source, in their order."""
+        """Single sources, in order."""
         none = np.zeros(0, dtype=np.int64)
         singles = [Sources(self.vertex[i : i + 1]) for i in range(len(self.vertex))]
         for i in range(len(self.points)):
@@ -72,28 +72,28 @@ class Sources:
 
 
 @dataclass(frozen=True, eq=False)
-class Reached:
-    """Distances of all vertices to the nearest source, by any method.
+class VertexDistances:
+    """Distance of each vertex to the nearest source, by any method.
 
     Parameters
     ----------
     distance : (n,) ndarray of float64
-        inf where no source reaches.
+        inf at unreached vertices.
     nearest_source : (n,) ndarray of int64
-        Number of the nearest source (vertices first, then points); -1 where none reaches.
+        Number of the nearest source (vertices first, then points); -1 at unreached vertices.
     """
 
     distance: NDArray[np.float64]
     nearest_source: NDArray[np.int64]
 
 
-def checked_sources(mesh: SurfaceMesh, sources: Sources | NDArray | list[int] | int) -> Sources:
-    """Sources on `mesh`: vertices in range and used by a face.
+def check_sources(mesh: SurfaceMesh, sources: Sources | NDArray | list[int] | int) -> Sources:
+    """Check that sources lie on `mesh`: vertices in range and used by a face.
 
     Raises
     ------
     ParameterError
-        When there is no source, or one is out of range or on a vertex that no face uses.
+        When there is no source, or a source is out of range or on a vertex without a face.
     MeshError
         When the mesh has no triangles.
     """
@@ -107,10 +107,10 @@ def checked_sources(mesh: SurfaceMesh, sources: Sources | NDArray | list[int] | 
     outside = np.flatnonzero((sources.vertex < 0) | (sources.vertex >= n))
     if len(outside):
         raise ParameterError(f"source vertex {sources.vertex[outside[0]]} is outside 0..{n - 1}")
-    lonely = np.flatnonzero(~mesh.topology.referenced_vertex[sources.vertex])
-    if len(lonely):
+    unused = np.flatnonzero(~mesh.topology.referenced_vertex[sources.vertex])
+    if len(unused):
         raise ParameterError(
-            f"source vertex {sources.vertex[lonely[0]]} belongs to no face; choose a vertex of the surface"
+            f"source vertex {sources.vertex[unused[0]]} belongs to no face; choose a vertex of the surface"
         )
     SurfacePoints.checked(sources.points.face, sources.points.barycentric, mesh.n_faces)
     return sources

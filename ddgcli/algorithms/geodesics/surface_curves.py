@@ -1,4 +1,4 @@
-"""Curves as results: surface paths with what is to be said of them, from every way of making them."""
+"""Curves as results: surface paths, their entries in the summary, and their accuracy."""
 
 from __future__ import annotations
 
@@ -9,24 +9,26 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.algorithms.geodesics.paths import SurfacePaths, describe_paths, joints
-from ddgcli.algorithms.tracing.trace import GAVE_UP, STATUS_TEXT, Told, Tracer
+from ddgcli.algorithms.tracing.trace import GAVE_UP, STATUS_TEXT, Tracer
 from ddgcli.geometry.face_frames import to_space
 from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
+from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.triangle_mesh import TriangleMesh
+from ddgcli.progress import ProgressCallback
 
 
 @dataclass(frozen=True, eq=False)
 class Curves:
-    """Paths, one dictionary a path (kind and what belongs to it), and what the run knows of its error.
+    """Paths with their summary entries, accuracy and arrays.
 
     Parameters
     ----------
     paths : SurfacePaths
     entries : list of dict
-        For the summary's `paths`.
+        One entry for each path, for `results.paths` of the summary.
     accuracy : dict
     converged : bool
-        False when a curve did not get where it was asked to go.
+        False if a curve does not reach its end.
     arrays : dict of str to ndarray
         On the points of the paths.
     """
@@ -38,22 +40,22 @@ class Curves:
     arrays: dict[str, NDArray] = field(default_factory=dict)
 
 
-def gathered(parts: list[Curves]) -> Curves:
-    """All curves in order, their accuracies side by side."""
+def concatenate_curves(parts: list[Curves]) -> Curves:
+    """Concatenate several sets of curves; merge their accuracies."""
     accuracy: dict[str, Any] = {}
     for part in parts:
         accuracy |= part.accuracy
     return Curves(
-        SurfacePaths.joined([part.paths for part in parts]),
+        SurfacePaths.concatenate([part.paths for part in parts]),
         [entry for part in parts for entry in part.entries],
         accuracy,
         all(part.converged for part in parts),
-        _side_by_side(parts),
+        _concatenate_arrays(parts),
     )
 
 
-def _side_by_side(parts: list[Curves]) -> dict[str, NDArray]:
-    """Arrays on the points of all curves; -1 where a curve does not have one."""
+def _concatenate_arrays(parts: list[Curves]) -> dict[str, NDArray]:
+    """Arrays on the points of all curves; -1 on curves without the array."""
     names = dict.fromkeys(name for part in parts for name in part.arrays)
     joined = {}
     for name in names:
@@ -63,7 +65,7 @@ def _side_by_side(parts: list[Curves]) -> dict[str, NDArray]:
     return joined
 
 
-def traced_curves(
+def trace_curves(
     mesh: SurfaceMesh,
     face: NDArray,
     barycentric: NDArray,
@@ -71,14 +73,15 @@ def traced_curves(
     length: NDArray,
     *,
     at_boundary: str = "stop",
-    told: Told | None = None,
+    progress: ProgressCallback | None = None,
 ) -> Curves:
-    """Straightest geodesics as curves; `accuracy.trace_angle_defect` is measured on the points that come out.
+    """Trace straightest geodesics as curves; `accuracy.trace_angle_defect` is computed from the resulting
+    points.
 
     Parameters are those of `ddgcli.algorithms.tracing.trace.trace`.
     """
     lines = Tracer(mesh).trace(
-        face, barycentric, direction, length, at_boundary=at_boundary, record=True, told=told
+        face, barycentric, direction, length, at_boundary=at_boundary, record=True, progress=progress
     )
     paths = SurfacePaths.of_traces(lines)
     kinds: list[dict[str, Any]] = []
@@ -99,20 +102,20 @@ def traced_curves(
 def largest_angle_defect(mesh: SurfaceMesh, paths: SurfacePaths) -> float:
     """Largest |left - right| / 2 at the inner points of curves, in radians; 0 for a straightest geodesic.
 
-    A segment of length s knows its direction to about 1e-16 / s only: joints beside segments shorter than
-    1e-6 of the longest side of the mesh are left out.
+    The direction of a segment of length s has an error of about 1e-16 / s: joints at segments shorter than
+    1e-6 of the longest side of the mesh are ignored.
     """
     defect = joints(mesh, paths, shortest=1e-6).angle_defect
     return float(np.nanmax(defect, initial=0.0))
 
 
-def with_curvature(mesh: SurfaceMesh, curves: Curves) -> Curves:
-    """The curves with their discrete geodesic curvature: at each point in radians, and in all.
+def add_geodesic_curvature(mesh: SurfaceMesh, curves: Curves) -> Curves:
+    """Add the discrete geodesic curvature to curves: at each point in radians, and in total.
 
     It is (2 pi / total)(total / 2 - left), positive where the curve turns left; 0 at open ends.
     """
     turning = np.nan_to_num(joints(mesh, curves.paths).geodesic_curvature)
-    total = np.bincount(curves.paths.of_point(), weights=turning, minlength=len(curves.paths))
+    total = sum_by_index(curves.paths.of_point(), turning, len(curves.paths))
     entries = [
         entry | {"total_geodesic_curvature": float(sum_)}
         for entry, sum_ in zip(curves.entries, total, strict=True)

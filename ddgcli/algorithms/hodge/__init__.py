@@ -4,4 +4,4 @@
 numbers and generators. `report` runs all of it.
 """
 
-__all__ = ["decomposition", "harmonic", "homology", "report", "solid_homology"]
+__all__ = ["decomposition", "harmonic", "hodge_analysis", "homology", "solid_homology"]

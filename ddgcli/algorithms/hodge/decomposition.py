@@ -21,6 +21,7 @@ from ddgcli.errors import ParameterError
 from ddgcli.geometry.extrinsic import face_normal
 from ddgcli.linalg.constrain import Dirichlet, Poisson, floating_components
 from ddgcli.linalg.factor import Factor
+from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.tet_mesh import TET_FACES, TetMesh
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.operators.dec import Complex, complex_of
@@ -46,7 +47,7 @@ class HodgeDecomposition:
     orthogonality : float
         Largest |<a, b>| between two parts, relative to |field|^2.
     reconstruction_residual : float
-        |field - sum of parts| / |field|; every part is computed by itself.
+        |field - sum of parts| / |field|; every part is computed independently.
     harmonic_residual : float
         Largest curl or divergence left in the harmonic part, relative to the field.
     """
@@ -123,9 +124,9 @@ def decompose_cell_vectors(
 def decompose_vertex_vectors(
     mesh: SpaceMesh, vectors: NDArray, boundary: Boundary = "tangential"
 ) -> HodgeDecomposition:
-    """Split vectors on vertices: averaged to cells, split there, parts averaged back with areas.
+    """Split vectors on vertices: average to cells, split there, average the parts back with areas.
 
-    The reconstruction residual tells what the two averages cost, O(h) for a smooth field.
+    The reconstruction residual measures the loss of the two averages, O(h) for a smooth field.
     """
     vectors = _finite(vectors, mesh.n_vertices, "vertex")
     corners = mesh.tetrahedra if isinstance(mesh, TetMesh) else mesh.faces
@@ -181,15 +182,17 @@ def _corner_sums(corners: NDArray, n: int) -> csr_array:
 def _finite(values: NDArray, count: int, place: str) -> NDArray[np.float64]:
     values = np.asarray(values, dtype=np.float64)
     if len(values) != count:
-        raise ParameterError(f"the field has {len(values)} values where the mesh has {count} of {place}")
+        raise ParameterError(
+            f"an array of {len(values)} values; the mesh has {count} at kind {place}", parameter="field"
+        )
     bad = np.flatnonzero(~np.isfinite(values.reshape(len(values), -1)).all(axis=1))
     if len(bad):
-        raise ParameterError(f"the field is not finite at {place} {bad[0]} ({len(bad)} such values)")
+        raise ParameterError(f"not finite at {place} {bad[0]} ({len(bad)} such values)", parameter="field")
     return values
 
 
 def _copotential(complex_: Complex, flux: NDArray, boundary: Boundary) -> NDArray[np.float64]:
-    """Face values b with d1' b = flux; for `normal` only inner edges are asked, the boundary's being free."""
+    """Face values b with d1' b = flux; for `normal` at interior edges only, boundary edges are free."""
     curl = complex_.derivatives[1].astype(np.float64)
     if boundary == "normal":
         kept = np.flatnonzero(~complex_.boundary_edge)
@@ -206,14 +209,14 @@ def _coexact(
     rotated = projection.complex.derivatives[1].T @ copotential
     if boundary == "normal":
         rim = projection.complex.boundary_edge
-        rotated[rim] = flux[rim]  # the boundary's own unknowns of the copotential
+        rotated[rim] = flux[rim]  # unknowns of the copotential on the boundary
     if projection.complex.dimension == 2:
         return Factor(projection.star1).solve(rotated)
     return _conjugate_gradients(projection.star1, rotated)
 
 
 def _conjugate_gradients(system: csr_array, load: NDArray) -> NDArray[np.float64]:
-    """Jacobi-preconditioned solve of a (consistent) system whose factor would be large: solids."""
+    """Jacobi-preconditioned solve of a consistent system whose factor would be large (solids)."""
     diagonal = system.diagonal()
     jacobi = diags_array(1.0 / np.where(diagonal > 0, diagonal, 1.0))
     return cg(system, load, rtol=1e-13, maxiter=20_000, M=jacobi)[0]
@@ -236,7 +239,7 @@ def _turned_gradient(
     rows, cols = np.repeat(index, 3, axis=1).ravel(), np.tile(index, (1, 3)).ravel()
     system = coo_array((local.ravel(), (rows, cols)), shape=(n, n)).tocsr()
     weights = area[:, None] * np.einsum("mid,md->mi", turned, vectors)
-    load = np.bincount(index.ravel(), weights=weights.ravel(), minlength=n)
+    load = sum_by_index(index, weights, n)
     if boundary == "tangential" and complex_.boundary_edge.any():
         copotential = _zero_on_rim(system, load, complex_)
     else:
@@ -269,7 +272,7 @@ def _tetrahedron_curl(
     face = complex_.cell_face.ravel()
     first = np.empty(n_faces, dtype=np.int64)
     first[face[::-1]] = np.arange(len(face))[::-1]
-    # not the sign of the volume: beside an inverted tetrahedron both cells lie on one side of the face
+    # not the sign of the volume: at an inverted tetrahedron both cells lie on the same side of the face
     sign = np.where(first[face] == np.arange(len(face)), 1.0, -1.0)
     a, b, c = np.moveaxis(mesh.points[mesh.tetrahedra[:, TET_FACES].reshape(-1, 3)[first]], 1, 0)
     frame = np.swapaxes(np.linalg.qr(np.stack([b - a, c - a], axis=2))[0], 1, 2)  # (f, 2, 3)
@@ -301,7 +304,7 @@ def _zero_on_rim(system: csr_array, load: NDArray, complex_: Complex) -> NDArray
 
 
 def _relative(residual: float, part: NDArray, whole: NDArray) -> float:
-    """A residual relative to a part, made relative to the whole field."""
+    """Convert a residual relative to a part to one relative to the whole field."""
     largest = np.abs(whole).max(initial=0.0)
     return float(residual * np.abs(part).max(initial=0.0) / largest) if largest else 0.0
 

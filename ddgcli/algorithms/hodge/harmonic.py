@@ -1,6 +1,6 @@
 """Harmonic 1-forms of surfaces and solids, and the projection of fields onto closed forms.
 
-A closed Whitney 1-form is constant in each cell, so that one projection serves forms on edges and vectors on
+A closed Whitney 1-form is constant in each cell. So one projection serves forms on edges and vectors on
 cells: both enter as the load g, the integral of the field against the Whitney form of every edge.
 """
 
@@ -15,16 +15,18 @@ from scipy.sparse import block_array, csr_array
 
 from ddgcli.algorithms.hodge.homology import Boundary, betti_numbers, closed_cochains
 from ddgcli.algorithms.hodge.solid_homology import solid_cochains
+from ddgcli.choices import FIELD_BOUNDARIES
+from ddgcli.errors import ParameterError
 from ddgcli.linalg.constrain import Dirichlet, floating_components
 from ddgcli.mesh.tet_mesh import TetMesh
 from ddgcli.operators.dec import Complex, SimplicialMesh, complex_of
 from ddgcli.operators.stars import hodge_star
 
-ZERO = np.zeros(())
+ZERO_BOUNDARY_VALUES = np.zeros(())
 
 
 class ClosedProjection:
-    """Orthogonal projections onto exact and onto closed 1-forms, factorised once.
+    """Orthogonal projections onto exact and closed 1-forms, with their factorisations.
 
     Parameters
     ----------
@@ -32,7 +34,7 @@ class ClosedProjection:
         Manifold and oriented.
     boundary : {'tangential', 'normal'}
         `tangential`: potentials are free, so that harmonic fields run along the boundary. `normal`:
-        potentials vanish on the boundary, so that harmonic fields stand on it.
+        potentials vanish on the boundary, so that harmonic fields are normal to it.
 
     Attributes
     ----------
@@ -40,24 +42,28 @@ class ClosedProjection:
     star1 : (e, e) csr_array
         Galerkin star, the inner product of 1-forms.
     cochains : (e, b) csr_array
-        Closed 1-forms, one a class of the cohomology.
+        Closed 1-forms, one for each class of the cohomology.
     """
 
     def __init__(self, mesh: SimplicialMesh, boundary: Boundary = "tangential") -> None:
+        if boundary not in FIELD_BOUNDARIES:
+            raise ParameterError(
+                f"{boundary!r} is not one of {', '.join(FIELD_BOUNDARIES)}", parameter="boundary"
+            )
         self.complex = complex_of(mesh)
         self.star1 = hodge_star(self.complex, 1)
         self.cochains = self._cochains(mesh, boundary)
         self.derivative = self.complex.derivatives[0].astype(np.float64)
         self.stiffness = (self.derivative.T @ self.star1 @ self.derivative).tocsr()
-        held = self._held(boundary)
-        self.exact_solver = Dirichlet(self.stiffness, held)
+        fixed = self._fixed_vertices(boundary)
+        self.exact_solver = Dirichlet(self.stiffness, fixed)
         if self.cochains.shape[1] == 0:
             self.closed_solver = self.exact_solver
             return
         coupling = self.derivative.T @ self.star1 @ self.cochains
         block = self.cochains.T @ self.star1 @ self.cochains
         system = block_array([[self.stiffness, coupling], [coupling.T, block]]).tocsr()
-        self.closed_solver = Dirichlet(system, held)
+        self.closed_solver = Dirichlet(system, fixed)
 
     def _cochains(self, mesh: SimplicialMesh, boundary: Boundary) -> csr_array:
         if isinstance(mesh, TetMesh):
@@ -66,8 +72,8 @@ class ClosedProjection:
             return solid_cochains(self.complex, count, boundary)
         return closed_cochains(mesh, boundary)
 
-    def _held(self, boundary: Boundary) -> NDArray[np.int64]:
-        """Vertices whose potential is zero: the boundary, or one a component that has none held."""
+    def _fixed_vertices(self, boundary: Boundary) -> NDArray[np.int64]:
+        """Vertices with potential zero: the boundary for `normal`, and one of each component without any."""
         fixed = np.zeros(self.complex.counts[0], dtype=bool)
         if boundary == "normal":
             fixed |= self.complex.boundary_vertex
@@ -80,15 +86,15 @@ class ClosedProjection:
         return np.flatnonzero(fixed)
 
     def potential(self, load: NDArray) -> NDArray[np.float64]:
-        """(n,) potential of the exact part of the field with this load; zero at the held vertices."""
-        return self.exact_solver.solve(ZERO, self.derivative.T @ load)
+        """(n,) potential of the exact part of the field with this load; zero at the fixed vertices."""
+        return self.exact_solver.solve(ZERO_BOUNDARY_VALUES, self.derivative.T @ load)
 
     def closed_part(self, load: NDArray) -> NDArray[np.float64]:
         """(e,) closed 1-form nearest to the field with this load."""
         if self.cochains.shape[1] == 0:
             return self.derivative @ self.potential(load)
         rhs = np.concatenate([self.derivative.T @ load, self.cochains.T @ load])
-        x = self.closed_solver.solve(ZERO, rhs)
+        x = self.closed_solver.solve(ZERO_BOUNDARY_VALUES, rhs)
         n = self.complex.counts[0]
         return self.derivative @ x[:n] + self.cochains @ x[n:]
 
@@ -131,7 +137,7 @@ def harmonic_basis(mesh: SimplicialMesh, boundary: Boundary = "tangential") -> H
 
 
 def _orthonormal(columns: NDArray, inner: csr_array) -> NDArray[np.float64]:
-    """Columns made orthonormal by Cholesky, twice for full precision."""
+    """Orthonormalise columns by Cholesky factors, twice for full precision."""
     for _ in range(2 if columns.shape[1] else 0):
         gram = columns.T @ (inner @ columns)
         columns = solve_triangular(np.linalg.cholesky(gram), columns.T, lower=True).T

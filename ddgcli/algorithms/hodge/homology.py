@@ -2,13 +2,12 @@
 
 Generators of a surface come from a tree-cotree decomposition (Eppstein 2003; Erickson and Whittlesey 2005): a
 shortest-path tree of the edges, a spanning tree of the dual edges that avoids it, and the edges in neither.
-`tangential` speaks of absolute (co)homology, `normal` of the homology relative to the boundary.
+`tangential` refers to absolute (co)homology, `normal` to the homology relative to the boundary.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,7 +23,7 @@ from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
 from ddgcli.mesh.tet_mesh import TetMesh
 from ddgcli.mesh.topology import Topology
 
-Boundary = Literal["tangential", "normal"]
+Boundary = str  # one of FIELD_BOUNDARIES
 
 
 @dataclass(frozen=True)
@@ -38,10 +37,10 @@ class BettiNumbers:
 def betti_numbers(mesh: SurfaceMesh | TetMesh, modulo_2: bool = False) -> BettiNumbers:
     """Betti numbers, over the rationals or over the integers modulo 2, of a surface or a solid.
 
-    Surfaces are manifold (any orientation, with boundary), solids made of tetrahedra.
-    Surfaces by counting components, closed components and the Euler characteristic. Solids by duality: each
-    boundary surface beyond the first of a component closes off one cavity (the solid lies in space). Both
-    fields give the same numbers but on surfaces that cannot be oriented, whose homology has torsion 2.
+    Surfaces are manifold (any orientation, with or without boundary); solids consist of tetrahedra. Those of
+    surfaces follow from the components, the closed components and the Euler characteristic; those of solids
+    from duality: each boundary surface beyond the first of a component encloses one cavity. Both fields give
+    the same numbers except on surfaces that are not orientable, whose homology has torsion 2.
     """
     return _solid_betti(mesh) if isinstance(mesh, TetMesh) else _surface_betti(mesh.topology, modulo_2)
 
@@ -82,7 +81,7 @@ def _solid_euler(tets: NDArray) -> int:
 
 @dataclass(frozen=True, eq=False)
 class TreeCotree:
-    """A surface's edges sorted into a tree, a dual tree and the rest: one generator an edge of the rest.
+    """Edges of a surface split into a tree, a dual tree and the rest: one generator per remaining edge.
 
     Attributes
     ----------
@@ -90,7 +89,8 @@ class TreeCotree:
     vertex_parent : (n,) ndarray of int64
         The tree; -1 at roots.
     face_parent, face_parent_edge : (m + outer,) ndarray of int64
-        The dual tree over faces and, for tangential generators, one outer node a component with boundary.
+        The dual tree over faces and, for tangential generators, one outer node for each component with
+        boundary.
     edge_face : (e, 2) ndarray of int64
         The dual nodes of each edge; -1 where there is none.
     edge_face_sign : (e, 2) ndarray
@@ -130,7 +130,7 @@ def tree_cotree(mesh: SurfaceMesh, boundary: Boundary = "tangential") -> TreeCot
 
 
 def _boundary_merged(topology: Topology) -> NDArray[np.int64]:
-    """(n,) vertex numbers with the boundary of each component gathered in one of its vertices."""
+    """(n,) vertex numbers with the boundary of each component merged into one of its vertices."""
     node = np.arange(topology.n_vertices)
     rim = np.flatnonzero(topology.boundary_vertex)
     component = topology.vertex_component[rim]
@@ -147,7 +147,8 @@ def _dual_edges(topology: Topology, outer: bool) -> tuple[NDArray, NDArray]:
     side_edge, side_sign = topology.side_edge.ravel(), topology.side_sign.ravel()
     column = (side_sign < 0).astype(np.int64)
     twin = topology.side_twin.ravel()
-    clash = (twin >= 0) & (side_sign == side_sign[twin])  # on one-sided surfaces: the second side goes second
+    # on one-sided surfaces both faces may run along the edge the same way
+    clash = (twin >= 0) & (side_sign == side_sign[twin])
     column[clash] = np.flatnonzero(clash) > twin[clash]
     edge_face[side_edge, column] = np.arange(len(side_edge)) // 3
     sign[side_edge, column] = side_sign
@@ -176,7 +177,7 @@ def _shortest_tree(
     """Shortest-path forest from the first node of each component: parents, parent edges, distances."""
     chosen = _lightest(ends, length, allowed)
     a, b = ends[chosen].T
-    # a length of zero would read as no edge
+    # the sparse graph drops edges of length zero
     weight = np.maximum(length[chosen], np.finfo(float).tiny)
     graph = csr_array((weight, (a, b)), shape=(n, n))
     label = connected_components(graph, directed=False)[1]
@@ -194,9 +195,9 @@ def _edges_between(parent: NDArray, ends: NDArray, chosen: NDArray) -> NDArray[n
     key = ends[chosen].min(axis=1) * n + ends[chosen].max(axis=1)
     order = np.argsort(key)
     child = np.flatnonzero(parent >= 0)
-    wanted = np.minimum(child, parent[child]) * n + np.maximum(child, parent[child])
+    tree_key = np.minimum(child, parent[child]) * n + np.maximum(child, parent[child])
     result = np.full(len(parent), -1, dtype=np.int64)
-    result[child] = chosen[order[np.searchsorted(key[order], wanted)]]
+    result[child] = chosen[order[np.searchsorted(key[order], tree_key)]]
     return result
 
 
@@ -212,7 +213,7 @@ def _spanning_forest(ends: NDArray, weight: NDArray, usable: NDArray) -> tuple[N
     parent = np.full(n, -1, dtype=np.int64)
     last = np.full(label.max(initial=-1) + 1, -1, dtype=np.int64)
     np.maximum.at(last, label, np.arange(n))
-    for root in last:  # an outer node, where there is one: there nothing has to balance
+    for root in last:  # an outer node, if there is one: cochains need not balance there
         _, before = breadth_first_order(tree, root, directed=False)
         reached = before >= 0
         parent[reached] = before[reached]
@@ -220,7 +221,7 @@ def _spanning_forest(ends: NDArray, weight: NDArray, usable: NDArray) -> tuple[N
 
 
 def closed_cochains(mesh: SurfaceMesh, boundary: Boundary = "tangential") -> csr_array:
-    """Closed integer 1-forms that span the rational cohomology, one a class.
+    """Closed integer 1-forms that span the rational cohomology, one for each class.
 
     Returns
     -------
@@ -254,16 +255,18 @@ def closed_cochains(mesh: SurfaceMesh, boundary: Boundary = "tangential") -> csr
 
 
 def _dual_cochain(trees: TreeCotree, edge: int, n_faces: int) -> tuple[NDArray, NDArray, int, int]:
-    """Values that balance around every face but the root, 1 on `edge`: it goes up the dual tree both ways.
+    """Values with sum zero around every face except the root, and 1 on `edge`.
+
+    They follow both paths from the edge up the dual tree.
 
     Returns
     -------
     edges, values : (k,) ndarray of int64
-        An edge that both ways cross stands there twice.
+        An edge on both paths occurs twice.
     root : int
-        Where the ways end.
+        End of the paths.
     rest : int
-        Sum around the root; 0 where the root is an outer node, at which nothing has to balance.
+        Sum around the root; 0 if the root is an outer node.
     """
     edges, values, rest, root = [edge], [1], 0, -1
     for column in (0, 1):
@@ -283,7 +286,7 @@ def _dual_cochain(trees: TreeCotree, edge: int, n_faces: int) -> tuple[NDArray, 
 
 
 def _sign_at(trees: TreeCotree, edge: int, node: int) -> int:
-    """How the face `node` runs along an edge; an outer node runs against the face beside it."""
+    """Sign with which the face `node` runs along an edge; that of an outer node is opposite to the face's."""
     column = 0 if trees.edge_face[edge, 0] == node else 1
     return int(trees.edge_face_sign[edge, column] or -trees.edge_face_sign[edge, 1 - column])
 
@@ -298,8 +301,8 @@ def _climb(parent: NDArray, node: int) -> list[int]:
 def generator_loops(mesh: SurfaceMesh) -> list[NDArray[np.int64]]:
     """Closed edge loops that generate the first homology: the vertices of each, start not repeated.
 
-    On a closed component without an orientation one of them, or their sum, has finite order: they are one
-    more than the rational Betti number.
+    On a closed component that is not orientable one of them, or their sum, has finite order: their number
+    exceeds the rational Betti number by one.
     """
     trees = tree_cotree(mesh, "tangential")
     edges = mesh.topology.edges
@@ -321,7 +324,7 @@ def loops_with_periods(
     Returns
     -------
     list of ndarray
-        b loops, each its vertices in order, start not repeated: a rational basis of the first homology.
+        b loops of vertices in order, start not repeated: a rational basis of the first homology.
     """
     count = forms.shape[1]
     if count == 0:

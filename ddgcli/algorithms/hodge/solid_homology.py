@@ -1,4 +1,4 @@
-"""First (co)homology of solids: closed 1-forms in independent classes, loops that generate the homology."""
+"""First (co)homology of solids: closed 1-forms in independent classes, and generator loops."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from ddgcli.operators.stars import hodge_star
 
 
 def solid_cochains(complex_: Complex, count: int, boundary: Boundary, seed: int = 0) -> csr_array:
-    """Closed 1-forms of a solid in `count` independent classes: random forms less their coexact parts.
+    """Closed 1-forms of a solid in `count` independent classes: random forms minus their coexact parts.
 
     The coexact part c of w solves d' star2 d c = d' star2 d w, a consistent singular system, by conjugate
     gradients.

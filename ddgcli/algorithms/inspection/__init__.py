@@ -4,4 +4,4 @@
 compares a summary with a stored one.
 """
 
-__all__ = ["compare_summaries", "quality", "report"]
+__all__ = ["compare_summaries", "inspect_mesh", "quality"]

@@ -1,4 +1,4 @@
-"""Two summaries side by side: which numbers moved beyond a stated tolerance."""
+"""Compare two summaries: which values differ by more than a tolerance."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from dataclasses import dataclass, field
 from typing import Any
 
 RTOL, ATOL = 1e-6, 1e-12
-ACCURACY_ATOL = 1e-9  # residuals are rounding noise below this
-# what differs from run to run, or names files
+ACCURACY_ATOL = 1e-9  # smaller residuals are rounding
+# keys that differ from run to run, or name files
 VOLATILE = (
     "seconds", "seconds.*", "*.seconds", "*_seconds", "*.seconds_by_part*", "*.share", "*peak_mib", "version",
     "input.path", "outputs", "outputs*", "tolerances*",
@@ -20,13 +20,13 @@ VOLATILE = (
 
 @dataclass(frozen=True)
 class Tolerances:
-    """How far a number may move: |found - expected| <= atol + rtol |expected|.
+    """Largest allowed change of a number: |actual - expected| <= atol + rtol |expected|.
 
     Parameters
     ----------
     rtol, atol : float
     accuracy_atol : float
-        Least `atol` below `accuracy`, where residuals live.
+        Least `atol` of keys below `accuracy`, which are residuals.
     keys : mapping of str to mapping
         `rtol` and `atol` of dotted names (`*` and `?` match as in a shell); the last match counts.
     ignore : sequence of str
@@ -67,18 +67,18 @@ def flat(value: Any, name: str = "") -> Iterator[tuple[str, Any]]:
 
 
 def compare(
-    expected: dict[str, Any], found: dict[str, Any], tolerances: Tolerances
+    expected: dict[str, Any], actual: dict[str, Any], tolerances: Tolerances
 ) -> tuple[list[dict[str, Any]], int]:
-    """What moved, and how many values were compared.
+    """Compare every leaf of two summaries.
 
     Returns
     -------
     moved : list of dict
-        `key`, `expected`, `found`, and for numbers `difference` and `allowed`; a value that one side has
-        not is given as the text 'missing'.
+        `key`, `expected`, `found`, and for numbers `difference` and `allowed`; 'missing' stands for a value
+        that only the other summary has.
     compared : int
     """
-    before, after = dict(flat(expected)), dict(flat(found))
+    before, after = dict(flat(expected)), dict(flat(actual))
     names = [name for name in {**before, **after} if not tolerances.leaves_out(name)]
     moved = []
     for name in names:

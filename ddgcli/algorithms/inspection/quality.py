@@ -1,4 +1,4 @@
-"""How good a mesh is: shape of its cells, and defects with the numbers of the first of each."""
+"""Quality of a mesh: shape of its cells, and defects with the numbers of the first ones."""
 
 from __future__ import annotations
 
@@ -11,24 +11,28 @@ from ddgcli.geometry.extrinsic import enclosed_volume
 from ddgcli.geometry.intrinsic import face_area
 from ddgcli.mesh.curve import CurveSet
 from ddgcli.mesh.repair import merged_points
+from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.tet_mesh import TET_FACES, TetMesh
-from ddgcli.mesh.triangle_mesh import TriangleMesh, vector_length
+from ddgcli.mesh.triangle_mesh import TriangleMesh
+from ddgcli.mesh.vectors import cone_volume, vector_length
 
-FIRST = 5  # culprits named of each defect
-NO_AREA = 1e-12  # a face whose area is below this share of its longest side squared is degenerate
-BINS = np.arange(0.0, 181.0, 10.0)
+MAX_LISTED = 5  # elements listed for each defect
+DEGENERATE_AREA_TOLERANCE = (
+    1e-12  # a face whose area is below this share of its longest side squared is degenerate
+)
+ANGLE_BINS = np.arange(0.0, 181.0, 10.0)
 
 
 def surface_defects(mesh: TriangleMesh) -> dict[str, Any]:
-    """Counts of defects of a surface, and `..._first`, the numbers of the first few.
+    """Counts of defects of a surface, and `..._first`, the numbers of the first ones.
 
-    `duplicate_faces` counts faces whose three vertices an earlier face already has (in whatever order);
-    `coincident_vertices` those among the used vertices that lie exactly where an earlier one lies.
+    `duplicate_faces` counts faces with the three vertices of an earlier face, in any order;
+    `coincident_vertices` counts used vertices at exactly the position of an earlier one.
     """
     topology = mesh.topology
     faces = mesh.faces
     repeated = (faces == np.roll(faces, 1, axis=1)).any(axis=1)
-    found: dict[str, Any] = {"orientable": topology.is_orientable, "orientation": orientation(mesh)}
+    defects: dict[str, Any] = {"orientable": topology.is_orientable, "orientation": orientation(mesh)}
     unreferenced = np.flatnonzero(~topology.referenced_vertex)
     for name, culprits in (
         ("degenerate_faces", np.flatnonzero(degenerate(mesh))),
@@ -40,16 +44,16 @@ def surface_defects(mesh: TriangleMesh) -> dict[str, Any]:
         ("misoriented_edges", topology.edges[topology.misoriented_edges]),
         ("nonmanifold_edges", topology.edges[topology.nonmanifold_edges]),
     ):
-        found[name] = len(culprits)
+        defects[name] = len(culprits)
         if len(culprits):
-            found[f"{name}_first"] = culprits[:FIRST].tolist()
-    return found
+            defects[f"{name}_first"] = culprits[:MAX_LISTED].tolist()
+    return defects
 
 
 def corner_angles(mesh: TriangleMesh) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
     """(m, 3) angles in degrees, and (m,) True at faces without area (three points in a line, or fewer).
 
-    From positions, not lengths: of a needle, lengths know the area only to 1e-8 of the longest side squared.
+    From positions: lengths determine the area of a needle only to 1e-8 of its longest side squared.
     """
     side = mesh.side_vector
     longest = np.abs(side).max(axis=(1, 2), initial=0.0, keepdims=True)
@@ -58,7 +62,7 @@ def corner_angles(mesh: TriangleMesh) -> tuple[NDArray[np.float64], NDArray[np.b
     cross = np.cross(side[:, 0], back[:, 0])
     double_area = np.sqrt(np.einsum("ij,ij->i", cross, cross))
     dot = np.einsum("ijk,ijk->ij", side, back)
-    return np.degrees(np.arctan2(double_area[:, None], dot)), double_area <= NO_AREA
+    return np.degrees(np.arctan2(double_area[:, None], dot)), double_area <= DEGENERATE_AREA_TOLERANCE
 
 
 def degenerate(mesh: TriangleMesh) -> NDArray[np.bool_]:
@@ -76,7 +80,7 @@ def duplicates(rows: NDArray) -> NDArray[np.int64]:
 
 
 def coincident(points: NDArray, used: NDArray[np.bool_]) -> NDArray[np.int64]:
-    """Used points that lie exactly where an earlier used one lies."""
+    """Used points at exactly the position of an earlier used one."""
     number = np.flatnonzero(used)
     _, index = merged_points(points[number])
     first = np.zeros(len(number), dtype=bool)
@@ -85,7 +89,7 @@ def coincident(points: NDArray, used: NDArray[np.bool_]) -> NDArray[np.int64]:
 
 
 def orientation(mesh: TriangleMesh) -> str:
-    """'outward', 'inward' or 'mixed' for closed bodies, 'consistent' with boundary, else what is wrong."""
+    """'outward', 'inward' or 'mixed' for closed bodies, 'consistent' with boundary, else the defect."""
     topology = mesh.topology
     if topology.n_faces == 0:
         return "none"
@@ -104,13 +108,11 @@ def component_volume(mesh: TriangleMesh) -> NDArray[np.float64]:
     label = mesh.topology.face_component
     corners = mesh.points[mesh.faces] - mesh.points[mesh.faces].mean(axis=(0, 1))
     corners = corners / (np.abs(corners).max(initial=0.0) or 1.0)
-    count = np.bincount(label, minlength=mesh.topology.n_components)
-    centre = [
-        np.bincount(label, weights=corners[:, :, k].mean(axis=1)) / np.maximum(count, 1) for k in range(3)
-    ]
-    corners = corners - np.stack(centre, axis=1)[label][:, None, :]
-    volume = np.einsum("ij,ij->i", np.cross(corners[:, 0], corners[:, 1]), corners[:, 2]) / 6
-    return np.bincount(label, weights=volume).astype(np.float64)
+    n = mesh.topology.n_components
+    count = np.bincount(label, minlength=n)
+    centre = sum_by_index(label, corners.mean(axis=1), n) / np.maximum(count, 1)[:, None]
+    corners = corners - centre[label][:, None, :]
+    return sum_by_index(label, cone_volume(*corners.transpose(1, 2, 0)), n)
 
 
 def triangle_quality(mesh: TriangleMesh) -> dict[str, Any]:
@@ -136,7 +138,7 @@ def triangle_quality(mesh: TriangleMesh) -> dict[str, Any]:
         "mean_min_angle_degrees": smallest.mean(),
         "faces_below_5_degrees": int((smallest < 5).sum()),
         "faces_above_120_degrees": int((largest > 120).sum()),
-        "angle_histogram": np.histogram(angle, bins=BINS)[0],
+        "angle_histogram": np.histogram(angle, bins=ANGLE_BINS)[0],
         "aspect_ratio_median": np.median(aspect),
         "aspect_ratio_max": aspect.max(),
         "needle_ratio_max": (1 / unit.min(axis=1)).max(),
@@ -150,26 +152,28 @@ def face_min_angle(mesh: TriangleMesh) -> NDArray[np.float64]:
 
 
 def size(points: NDArray, length: NDArray) -> dict[str, Any]:
-    """Bounding box and edge lengths in the input's unit: what tells millimetres from metres."""
+    """Bounding box and edge lengths in the input's unit, which reveal a wrong unit of length."""
     if len(points) == 0:
         return {"bounding_box": None, "diagonal": None}
     low, high = points.min(axis=0), points.max(axis=0)
-    found = {"bounding_box": [low, high], "diagonal": float(vector_length((high - low)[None])[0])}
+    sizes = {"bounding_box": [low, high], "diagonal": float(vector_length((high - low)[None])[0])}
     if length.size:
-        found |= {"mean_edge": length.mean(), "min_edge": length.min(), "max_edge": length.max()}
-    return found
+        sizes |= {"mean_edge": length.mean(), "min_edge": length.min(), "max_edge": length.max()}
+    return sizes
 
 
 def surface_size(mesh: TriangleMesh) -> dict[str, Any]:
     """`size` of the used vertices, area, and volume where the surface is closed and consistently oriented."""
     topology = mesh.topology
     ends = mesh.points[topology.edges]
-    found = size(mesh.points[topology.referenced_vertex], vector_length(ends[:, 1] - ends[:, 0]))
-    found["area"] = face_area(mesh.side_length).sum()
+    sizes = size(mesh.points[topology.referenced_vertex], vector_length(ends[:, 1] - ends[:, 0]))
+    sizes["area"] = face_area(mesh.side_length).sum()
     if topology.is_closed and topology.is_oriented:
-        with np.errstate(over="ignore", invalid="ignore"):  # null, and told, where it leaves float64
-            found["volume"] = enclosed_volume(mesh)
-    return found
+        with np.errstate(
+            over="ignore", invalid="ignore"
+        ):  # the summary writes null beyond the range of float64
+            sizes["volume"] = enclosed_volume(mesh)
+    return sizes
 
 
 def surface_marks(mesh: TriangleMesh) -> tuple[dict[str, NDArray], dict[str, NDArray]]:
@@ -209,13 +213,13 @@ def tetrahedra_quality(mesh: TetMesh) -> dict[str, Any]:
         - mesh.points[mesh.tetrahedra][:, [1, 2, 3, 2, 3, 3]]
     )
     length = vector_length(edge)
-    flat = np.abs(volume) <= NO_AREA * length.max(axis=1, initial=0.0) ** 3
+    flat = np.abs(volume) <= DEGENERATE_AREA_TOLERANCE * length.max(axis=1, initial=0.0) ** 3
     angle = dihedral_degrees(mesh)
     faces = np.sort(mesh.tetrahedra[:, TET_FACES].reshape(-1, 3), axis=1)
     _, count = np.unique(faces, axis=0, return_counts=True)
     used = np.zeros(mesh.n_vertices, dtype=bool)
     used[mesh.tetrahedra] = True
-    found: dict[str, Any] = {
+    defects: dict[str, Any] = {
         "min_dihedral_degrees": np.nanmin(angle) if np.isfinite(angle).any() else None,
         "max_dihedral_degrees": np.nanmax(angle) if np.isfinite(angle).any() else None,
         "volume": float(np.abs(volume).sum()),
@@ -228,14 +232,14 @@ def tetrahedra_quality(mesh: TetMesh) -> dict[str, Any]:
         ("unreferenced_vertices", np.flatnonzero(~used)),
         ("coincident_vertices", coincident(mesh.points, used)),
     ):
-        found[name] = len(culprits)
+        defects[name] = len(culprits)
         if len(culprits):
-            found[f"{name}_first"] = culprits[:FIRST].tolist()
-    return found
+            defects[f"{name}_first"] = culprits[:MAX_LISTED].tolist()
+    return defects
 
 
 def tetrahedra_marks(mesh: TetMesh) -> tuple[dict[str, NDArray], dict[str, NDArray]]:
-    """Vertex arrays as of a surface (of the boundary), and the smallest dihedral angle of each cell."""
+    """Vertex arrays of the boundary as for a surface, and the smallest dihedral angle of each cell."""
     vertex, _ = surface_marks(mesh.boundary)
     on_boundary = mesh.boundary.topology.referenced_vertex
     vertex["boundary"] = on_boundary.astype(np.uint8)

@@ -4,4 +4,4 @@
 them; `report` runs the tasks of one call.
 """
 
-__all__ = ["choice", "parameterize", "poisson", "report", "smooth", "spectrum"]
+__all__ = ["laplace_operator", "parameterize", "poisson", "smooth", "spectrum", "tasks"]

@@ -9,20 +9,21 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import coo_array, csr_array, diags_array
 
-from ddgcli.algorithms.laplacian.choice import LaplaceOperator
+from ddgcli.algorithms.laplacian.laplace_operator import LaplaceOperator
 from ddgcli.errors import MeshError
 from ddgcli.geometry.intrinsic import corner_cotan, face_area
 from ddgcli.linalg.constrain import Dirichlet
 from ddgcli.linalg.factor import Factor
 from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
 from ddgcli.mesh.require import require
+from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.topology import NEXT, PREVIOUS
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 
 log = logging.getLogger("ddgcli")
 
-# shift of the conformal energy in its inverse iteration, relative to the boundary's mass; its size only
-# decides how fast the iteration is
+# shift of the conformal energy in its inverse iteration, relative to the boundary's mass; its size affects
+# only the speed of the iteration
 SHIFT = 1e-7
 MAX_ITERATIONS = 500
 
@@ -61,10 +62,10 @@ def parameterize_harmonic(mesh: TriangleMesh, operator: LaplaceOperator) -> Para
     """Harmonic map onto the unit disk, boundary on the circle by arc length.
 
     Weights of an intrinsic Delaunay operator are not negative inside, so that no triangle of it is flipped
-    (W. Tutte 1963; M. Floater 2003). Where there are several boundary loops the longest goes to the circle
-    and the others bound fans that stand in for what is missing, so that the same holds.
+    (W. Tutte 1963; M. Floater 2003). The longest of several boundary loops maps to the circle; fans fill the
+    others, so that the same holds.
     """
-    loops = boundary_loops(mesh, "--parameterize harmonic")
+    loops = boundary_loops(mesh, "`parameterize=harmonic`")
     loop = loops[0]
     angle = _arc_length_angle(mesh.points[loop])
     circle = np.stack([np.cos(angle), np.sin(angle)], axis=1)
@@ -76,7 +77,7 @@ def parameterize_harmonic(mesh: TriangleMesh, operator: LaplaceOperator) -> Para
     inside = problem.solve(circle[order])
     uv = np.zeros((mesh.n_vertices, 2))
     uv[used] = inside[: len(used)]
-    return _judged(mesh, operator.surface, uv, problem.residual(inside), True)
+    return _with_quality(mesh, operator.surface, uv, problem.residual(inside), True)
 
 
 def parameterize_conformal(mesh: TriangleMesh, operator: LaplaceOperator) -> Parameterization:
@@ -85,7 +86,7 @@ def parameterize_conformal(mesh: TriangleMesh, operator: LaplaceOperator) -> Par
     P. Mullen et al., "Spectral conformal parameterization", 2008. The result has the area of the surface, its
     centre at the origin and its longer axis along u.
     """
-    loops = boundary_loops(mesh, "--parameterize conformal")
+    loops = boundary_loops(mesh, "`parameterize=conformal`")
     used = operator.used
     local = _local_numbers(mesh.n_vertices, used, loops)
     H, B = _conformal_energy(mesh, operator.stiffness[used][:, used], loops, local)
@@ -93,14 +94,14 @@ def parameterize_conformal(mesh: TriangleMesh, operator: LaplaceOperator) -> Par
     if not converged:
         log.warning("the conformal map did not converge: residual %.2g", residual)
     uv = np.zeros((mesh.n_vertices, 2))
-    uv[used] = _placed(z, operator.mass.diagonal()[used])
+    uv[used] = _principal_axes(z, operator.mass.diagonal()[used])
     total = 0.5 * _signed_area(uv[mesh.faces]).sum()
     uv *= np.sqrt(face_area(mesh.side_length).sum() / total) if total > 0 else 1.0
-    return _judged(mesh, operator.surface, uv, residual, converged)
+    return _with_quality(mesh, operator.surface, uv, residual, converged)
 
 
 def boundary_loops(mesh: TriangleMesh, verb: str) -> list[NDArray[np.int64]]:
-    """Boundary loops, each in the order of its faces, longest first; MeshError for what no disk can be."""
+    """Boundary loops in the order of their faces, longest first; MeshError unless a disk with holes."""
     require(mesh, verb, manifold=True, oriented=True)
     topology = mesh.topology
     if topology.n_components != 1:
@@ -138,9 +139,9 @@ def _local_numbers(n_vertices: int, used: NDArray, loops: list[NDArray]) -> NDAr
 
 
 def _with_fans(L: csr_array, holes: list[NDArray]) -> csr_array:
-    """The stiffness with one more unknown in each hole, joined to its k vertices as in a regular k-gon.
+    """Stiffness with one more unknown in each hole, connected to its k vertices as in a regular k-gon.
 
-    Weights along the holes become those of inner edges, and not negative.
+    Weights along the holes become those of interior edges, at least 0.
     """
     if not holes:
         return L
@@ -183,7 +184,7 @@ def _conformal_energy(
     i, j = local[tail], local[head]
     quarter = np.full(len(i), 0.25j)
     area = coo_array((np.concatenate([-quarter, quarter]), (np.r_[i, j], np.r_[j, i])), shape=(n, n))
-    boundary = np.bincount(i, length, n) + np.bincount(j, length, n)
+    boundary = sum_by_index(i, length, n) + sum_by_index(j, length, n)
     return csr_array(0.5 * L - area), csr_array(diags_array(boundary / boundary.sum()))
 
 
@@ -207,7 +208,7 @@ def _smallest_complex(H: csr_array, B: csr_array, loop: NDArray) -> tuple[NDArra
     return z, residual, residual < 1e-8
 
 
-def _placed(z: NDArray, weight: NDArray) -> NDArray[np.float64]:
+def _principal_axes(z: NDArray, weight: NDArray) -> NDArray[np.float64]:
     """(n, 2) real coordinates, centred, the longer axis along u."""
     z = z - (weight * z).sum() / weight.sum()
     moment = (weight * z * z).sum()
@@ -223,15 +224,15 @@ def _signed_area(corners: NDArray) -> NDArray[np.float64]:
     return a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
 
 
-def _judged(
+def _with_quality(
     mesh: TriangleMesh, surface: SurfaceMesh, uv: NDArray, residual: float, converged: bool
 ) -> Parameterization:
-    """The map with its flips and its distortion."""
+    """The parameterization with its flips and its distortion."""
     flipped, _ = _flipped_and_collapsed(uv[surface.faces])
     flipped_input, collapsed_input = _flipped_and_collapsed(uv[mesh.faces])
     if collapsed_input:
         log.warning(
-            "%d triangles of the mesh collapse in the plane: their area is lost in rounding", collapsed_input
+            "%d triangles of the mesh collapse in the plane: their area is below rounding", collapsed_input
         )
     if flipped_input:
         log.warning("%d triangles of the mesh are flipped in the plane", flipped_input)
@@ -243,7 +244,7 @@ def _judged(
 
 
 def _flipped_and_collapsed(corners: NDArray) -> tuple[int, int]:
-    """Number of (m, 3, 2) triangles with negative area, and with none beside the rounding of uv."""
+    """Number of (m, 3, 2) triangles with negative area, and with an area below the rounding of uv."""
     area = _signed_area(corners)
     longest = np.abs(corners[:, NEXT] - corners).max(axis=(1, 2))
     rounding = 8 * np.finfo(float).eps * np.abs(corners).max() * longest

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.algorithms.laplacian.choice import LaplaceOperator
+from ddgcli.algorithms.laplacian.laplace_operator import LaplaceOperator
 from ddgcli.errors import ParameterError
 from ddgcli.linalg.constrain import Dirichlet, Poisson, components
 
@@ -24,7 +24,7 @@ class Solution:
         Largest |L u - b| relative to the largest |b|, over the equations that were solved.
     imbalance : float
         Relative sum of the right-hand side over a component without fixed value (0 where the problem is
-        solvable): that much was taken off before solving.
+        solvable), subtracted before solving.
     """
 
     values: NDArray[np.float64]
@@ -33,7 +33,7 @@ class Solution:
 
 
 def poisson(operator: LaplaceOperator, source: NDArray, fixed: Mapping[int, float] | None = None) -> Solution:
-    """u with L u = M f: minus the Laplacian of u is f, in value per area.
+    """Solve L u = M f: minus the Laplacian of u is f, in value per area.
 
     Without fixed values the boundary is natural (Neumann, no flux), f loses its mean on every component (with
     a warning where it has one) and u has mean zero there. With fixed values u takes them.
@@ -47,10 +47,12 @@ def poisson(operator: LaplaceOperator, source: NDArray, fixed: Mapping[int, floa
     source = np.asarray(source, dtype=np.float64)
     n = operator.stiffness.shape[0]
     if source.shape[:1] != (n,) or source.ndim > 2:
-        raise ParameterError(f"the source has shape {source.shape}; the mesh has {n} vertices")
+        raise ParameterError(
+            f"an array of shape {source.shape}; the mesh has {n} vertices", parameter="poisson"
+        )
     if not np.isfinite(source).all():
         bad = np.flatnonzero(~np.isfinite(source.reshape(n, -1)).all(axis=1))
-        raise ParameterError(f"the source is not finite at vertex {bad[0]} ({len(bad)} such vertices)")
+        raise ParameterError(f"not finite at vertex {bad[0]} ({len(bad)} such vertices)", parameter="poisson")
     rhs = operator.mass @ source
     if fixed:
         return _with_fixed(operator, fixed, rhs)
@@ -61,9 +63,9 @@ def poisson(operator: LaplaceOperator, source: NDArray, fixed: Mapping[int, floa
 
 
 def harmonic(operator: LaplaceOperator, fixed: Mapping[int, float]) -> Solution:
-    """u with L u = 0 at every vertex but those of `fixed`, which keep their values."""
+    """Solve L u = 0 at every vertex except those of `fixed`, which keep their values."""
     if not fixed:
-        raise ParameterError("a harmonic function needs fixed values: give --fix ID=VALUE for some vertices")
+        raise ParameterError("needs fixed values; add `fix=ID=VALUE`", parameter="harmonic")
     return _with_fixed(operator, fixed, None)
 
 
@@ -71,7 +73,9 @@ def _with_fixed(operator: LaplaceOperator, fixed: Mapping[int, float], rhs: NDAr
     n = operator.stiffness.shape[0]
     outside = [v for v in fixed if not 0 <= v < n]
     if outside:
-        raise ParameterError(f"fixed vertex {outside[0]} does not exist; vertices are 0 to {n - 1}")
+        raise ParameterError(
+            f"vertex {outside[0]} does not exist; vertices are 0 to {n - 1}", parameter="fix"
+        )
     used = operator.used
     _require_a_value_per_component(operator, fixed)
     vertex = np.array(sorted(fixed))
@@ -81,8 +85,10 @@ def _with_fixed(operator: LaplaceOperator, fixed: Mapping[int, float], rhs: NDAr
     inside = local[vertex] >= 0
     problem = Dirichlet(operator.stiffness[used][:, used], local[vertex[inside]])
     load = None if rhs is None else rhs[used]
-    given = values[inside] if rhs is None or rhs.ndim == 1 else np.tile(values[inside, None], rhs.shape[1])
-    part = problem.solve(given, load)
+    boundary_values = (
+        values[inside] if rhs is None or rhs.ndim == 1 else np.tile(values[inside, None], rhs.shape[1])
+    )
+    part = problem.solve(boundary_values, load)
     u = np.zeros((n, *part.shape[1:]))
     u[used] = part
     u[vertex[~inside]] = values[~inside] if u.ndim == 1 else values[~inside, None]
@@ -90,7 +96,7 @@ def _with_fixed(operator: LaplaceOperator, fixed: Mapping[int, float], rhs: NDAr
 
 
 def _require_a_value_per_component(operator: LaplaceOperator, fixed: Mapping[int, float]) -> None:
-    """Refuse a component where nothing is fixed: its values would be arbitrary."""
+    """Refuse a component without a fixed value: its values would be arbitrary."""
     used = operator.used
     _, label = components(operator.stiffness)
     missing = np.setdiff1d(label[used], label[np.array(list(fixed))])
@@ -98,5 +104,5 @@ def _require_a_value_per_component(operator: LaplaceOperator, fixed: Mapping[int
         first = used[label[used] == missing[0]][0]
         raise ParameterError(
             f"{len(missing)} components of the mesh have no fixed value (one holds vertex {first}); "
-            f"add --fix {first}=VALUE"
+            f"add `fix={first}=VALUE`"
         )

@@ -2,28 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import csr_array, diags_array
 
-from ddgcli.algorithms.laplacian.choice import MASSES, LaplaceOperator, laplace_operator
+from ddgcli.algorithms.laplacian.laplace_operator import MASS_FUNCTIONS, LaplaceOperator, laplace_operator
+from ddgcli.choices import SMOOTHING_FLOWS
 from ddgcli.errors import MeshError, ParameterError, SolveError
 from ddgcli.geometry.intrinsic import face_area
 from ddgcli.linalg.constrain import Dirichlet
+from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.triangle_mesh import TriangleMesh
-from ddgcli.operators.mollify import mollified_mesh
-
-FLOWS = ("mean-curvature", "conformalized")
+from ddgcli.operators.mollify import mollify_mesh
+from ddgcli.progress import ProgressCallback
 
 # Bounds of the system M/dt + L, whose weights have no unit and are about 1. Without them a limb that has
-# shrunk to a line has weights of 1e13 around and masses of 1e-40, and no solver has a digit left.
+# shrunk to a line has weights of 1e13 and masses of 1e-40, and the solution has no correct digit.
 MAX_WEIGHT, MIN_MASS = 1e5, 1e-8
-# Batches of Delaunay flips in a step. Ordinary surfaces need some dozens; where a part has collapsed to a
-# line the flips follow rounding around it and take minutes. An edge left over loses its negative weight.
+# Batches of Delaunay flips in a step. Ordinary surfaces need some dozens; around a part that has collapsed to
+# a line rounding decides the flips, which take minutes. The negative weight of a remaining edge is set to 0.
 MAX_FLIP_ROUNDS = 200
 # Share of the first area below which the surface counts as vanished.
 VANISHED_AREA = 1e-9
@@ -32,8 +30,8 @@ BOX_TOLERANCE = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
-class Smoothed:
-    """A surface after some mean curvature flow.
+class SmoothingResult:
+    """A surface after mean curvature flow, and what the flow changed.
 
     Parameters
     ----------
@@ -43,7 +41,7 @@ class Smoothed:
     residual : float
         Largest relative residual of the steps.
     time : float
-        How far the flow got; less than the time required where the surface vanished before.
+        Time at the end; less than required if the surface vanished before.
     box_growth : float
         Largest distance of a vertex from the first bounding box, relative to its diagonal. Mean curvature
         flow never leaves the box (maximum principle).
@@ -63,7 +61,7 @@ class Smoothed:
 
     @property
     def in_box(self) -> bool:
-        """Whether the maximum principle holds, but for rounding."""
+        """Whether the maximum principle holds up to rounding."""
         return self.box_growth <= BOX_TOLERANCE
 
 
@@ -75,9 +73,9 @@ def smooth(
     flow: str = "mean-curvature",
     operator: str | None = None,
     mass: str = "lumped",
-    progress: Callable[[int, int], Any] | None = None,
-) -> Smoothed:
-    """Points after mean curvature flow dx/dt = (Laplacian of x) = -2 H n for `time`, in length squared.
+    progress: ProgressCallback | None = None,
+) -> SmoothingResult:
+    """Smooth by mean curvature flow dx/dt = (Laplacian of x) = -2 H n for `time`, in length squared.
 
     Backward Euler, (M + dt L) x' = M x; boundary vertices stay. A sphere of radius r shrinks as r^2 - 4 t.
 
@@ -98,10 +96,12 @@ def smooth(
     ParameterError
         For a time that is not positive, no step, or an unknown flow.
     """
-    if time <= 0 or steps < 1:
-        raise ParameterError("smoothing needs a time greater than 0 and at least one step")
-    if flow not in FLOWS:
-        raise ParameterError(f"flow {flow!r} is not one of {', '.join(FLOWS)}")
+    if not time > 0:
+        raise ParameterError("must be positive", parameter="smooth")
+    if steps < 1:
+        raise ParameterError("must be at least 1", parameter="smooth_steps")
+    if flow not in SMOOTHING_FLOWS:
+        raise ParameterError(f"{flow!r} is not one of {', '.join(SMOOTHING_FLOWS)}", parameter="smooth_flow")
     stepper = _Stepper(mesh, time / steps, flow, operator, mass)
     low, high = mesh.points.min(axis=0), mesh.points.max(axis=0)
     diagonal = float(np.linalg.norm(high - low))
@@ -126,11 +126,11 @@ def smooth(
         area.append(float(face_area(mesh.side_length).sum()))
         if area[-1] < VANISHED_AREA * area[0]:
             break
-    return Smoothed(mesh, area, worst, reached, growth, collapsed, collapse_time)
+    return SmoothingResult(mesh, area, worst, reached, growth, collapsed, collapse_time)
 
 
 class _Stepper:
-    """One backward Euler step after another; the factorisation's analysis serves while the pattern stays."""
+    """Backward Euler steps; the symbolic factorisation is reused while the sparsity pattern stays."""
 
     def __init__(self, mesh: TriangleMesh, dt: float, flow: str, operator: str | None, mass: str) -> None:
         self.dt, self.operator, self.mass = dt, operator, mass
@@ -155,23 +155,23 @@ class _Stepper:
         points = mesh.points - self.centre
         rhs = mass @ points
         moved = self.problem.solve(points[self.problem.fixed], rhs)
-        placed = np.where(self.fixed[:, None], mesh.points, moved + self.centre)
-        return mesh.moved(placed), self.problem.residual(moved, rhs), int((lack > 0).sum())
+        positions = np.where(self.fixed[:, None], mesh.points, moved + self.centre)
+        return mesh.moved(positions), self.problem.residual(moved, rhs), int((lack > 0).sum())
 
     def _matrices(self, mesh: TriangleMesh) -> tuple[csr_array, csr_array]:
         """L and M/dt."""
         if self.stiffness is not None:
-            surface, _ = mollified_mesh(mesh)
-            return self.stiffness, csr_array(MASSES[self.mass](surface) / self.dt)
-        laplace = laplace_operator(mesh, self.operator, self.mass, most_rounds=MAX_FLIP_ROUNDS)
+            surface, _ = mollify_mesh(mesh)
+            return self.stiffness, csr_array(MASS_FUNCTIONS[self.mass](surface) / self.dt)
+        laplace = laplace_operator(mesh, self.operator, self.mass, max_rounds=MAX_FLIP_ROUNDS)
         return bounded_stiffness(laplace), csr_array(laplace.mass / self.dt)
 
 
 def bounded_stiffness(laplace: LaplaceOperator) -> csr_array:
-    """Stiffness whose weights are at most `MAX_WEIGHT`, and not negative where theory has none negative.
+    """Stiffness with weights of at most `MAX_WEIGHT`, not negative for Delaunay operators.
 
-    The Delaunay property makes the weights of `intrinsic-delaunay` and `tufted` non-negative inside; what is
-    negative there comes from triangles without area, or from boundary edges, both of whose ends stay.
+    The Delaunay property makes the weights of `intrinsic-delaunay` and `tufted` non-negative inside; negative
+    ones come from triangles without area, or from boundary edges, whose ends stay fixed.
     """
     off = laplace.stiffness.tocoo()
     inside = off.row != off.col
@@ -179,11 +179,11 @@ def bounded_stiffness(laplace: LaplaceOperator) -> csr_array:
     weight = np.clip(-off.data[inside], least, MAX_WEIGHT)
     row, col = off.row[inside], off.col[inside]
     n = off.shape[0]
-    degree: NDArray = np.bincount(row, weight, n)
+    degree = sum_by_index(row, weight, n)
     return csr_array(diags_array(degree, format="csr") - csr_array((weight, (row, col)), shape=(n, n)))
 
 
 def sensible_times(mesh: TriangleMesh) -> tuple[float, float]:
-    """Squared mean edge length, which removes noise, and a thousandth of the area, which reshapes."""
+    """Smoothing times: squared mean edge length (removes noise), a thousandth of the area (changes shape)."""
     length = mesh.side_length
     return float(length.mean()) ** 2, 1e-3 * float(face_area(length).sum())

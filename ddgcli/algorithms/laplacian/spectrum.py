@@ -1,4 +1,4 @@
-"""Eigenfunctions of the Laplacian and what is read off them."""
+"""Eigenfunctions of the Laplacian and heat kernel signatures."""
 
 from __future__ import annotations
 
@@ -9,24 +9,27 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.algorithms.laplacian.choice import LaplaceOperator
+from ddgcli.algorithms.laplacian.laplace_operator import LaplaceOperator
 from ddgcli.errors import ParameterError, SolveError
 from ddgcli.linalg.eigen import Eigenpairs, smallest_eigenpairs
-from ddgcli.linalg.lanczos import Progress
+from ddgcli.progress import ProgressCallback
 
 log = logging.getLogger("ddgcli")
 
-# most eigenpairs that a heat kernel signature computes of itself, and the weight of the first one left out
-SIGNATURE_PAIRS, SIGNATURE_TAIL = 300, 1e-6
+# default bound on the eigenpairs of a heat kernel signature, and the weight of the first one left out
+MAX_SIGNATURE_PAIRS, SIGNATURE_TAIL = 300, 1e-6
 
 
-def spectrum(operator: LaplaceOperator, k: int, *, seed: int = 0, progress: Progress = None) -> Eigenpairs:
+def spectrum(
+    operator: LaplaceOperator, k: int, *, seed: int = 0, progress: ProgressCallback | None = None
+) -> Eigenpairs:
     """The k smallest eigenpairs of L x = lambda M x; eigenvectors vanish on vertices without faces."""
     used = operator.used
     n = len(operator.mass.diagonal())
     if k > len(used):
         raise ParameterError(
-            f"{k} eigenpairs asked for, but only {len(used)} vertices belong to faces; ask for fewer"
+            f"{k} eigenpairs exceed the {len(used)} vertices that belong to faces; use at most {len(used)}",
+            parameter="eigen",
         )
     L, M = (matrix[used][:, used] for matrix in (operator.stiffness, operator.mass))
     pairs = smallest_eigenpairs(L, M, k, seed=seed, progress=progress)
@@ -44,8 +47,7 @@ class HeatKernelSignature:
     values : (n, t) ndarray of float64
         sum over i of exp(-lambda_i t) phi_i(x)^2, in 1/area.
     truncation : (t,) ndarray of float64
-        exp(-lambda_k t): the weight of the first eigenfunction that was left out, an estimate of the relative
-        error.
+        exp(-lambda_k t): the weight of the first omitted eigenfunction, an estimate of the relative error.
     """
 
     values: NDArray[np.float64]
@@ -53,14 +55,14 @@ class HeatKernelSignature:
 
 
 def signature_pairs(operator: LaplaceOperator, times: Sequence[float]) -> int:
-    """Number of eigenpairs that resolves the heat kernel at the shortest time, by Weyl's law; at most 300."""
+    """Number of eigenpairs to resolve the heat kernel at the shortest time, by Weyl's law; at most 300."""
     area = float(operator.mass.sum())
     needed = -np.log(SIGNATURE_TAIL) * area / (4 * np.pi * min(times))
-    return int(min(np.ceil(needed) + 10, SIGNATURE_PAIRS, len(operator.used)))
+    return int(min(np.ceil(needed) + 10, MAX_SIGNATURE_PAIRS, len(operator.used)))
 
 
 def heat_kernel_signature(pairs: Eigenpairs, times: NDArray) -> HeatKernelSignature:
-    """Heat left at each vertex after each time, of a unit put there; from the eigenpairs given.
+    """Heat remaining at each vertex after each time from a unit source there, by eigenpairs.
 
     J. Sun, M. Ovsjanikov, L. Guibas, "A concise and provably informative multi-scale signature based on heat
     diffusion", 2009.
@@ -71,7 +73,7 @@ def heat_kernel_signature(pairs: Eigenpairs, times: NDArray) -> HeatKernelSignat
     if (truncation > 1e-3).any():
         log.warning(
             "%d eigenpairs do not resolve the heat kernel at time %g (the next one weighs %.2g): "
-            "ask for more with --eigen, or for longer times",
+            "increase `eigen`, or use longer times",
             len(pairs.values),
             times[truncation > 1e-3].min(),
             truncation.max(),

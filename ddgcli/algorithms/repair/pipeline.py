@@ -12,7 +12,7 @@ from ddgcli.algorithms.repair import steps
 from ddgcli.algorithms.repair.holes import fill_holes
 from ddgcli.algorithms.repair.steps import RepairedMesh
 from ddgcli.errors import MeshError, ParameterError
-from ddgcli.mesh.require import NEEDS, require, why_not
+from ddgcli.mesh.require import REQUIREMENTS, require, unmet_need
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 
 
@@ -44,10 +44,10 @@ class RepairSteps:
 
 def steps_for(command: str) -> RepairSteps:
     """Steps that make a surface acceptable to a command, as far as repairs can."""
-    if command not in NEEDS or "surface" not in NEEDS[command].kinds:
-        known = ", ".join(name for name, need in NEEDS.items() if "surface" in need.kinds)
+    if command not in REQUIREMENTS or "surface" not in REQUIREMENTS[command].kinds:
+        known = ", ".join(name for name, need in REQUIREMENTS.items() if "surface" in need.kinds)
         raise ParameterError(f"{command!r} takes no surface; known: {known}", parameter="for_command")
-    need = NEEDS[command]
+    need = REQUIREMENTS[command]
     manifold = need.surface.get("manifold", False) or need.surface.get("manifold_edges", False)
     return RepairSteps(
         weld=0.0,
@@ -108,7 +108,7 @@ def _require_manifold(mesh: TriangleMesh, parameter: str) -> None:
 
 def refusals(mesh: TriangleMesh) -> dict[str, str]:
     """Why commands that take surfaces refuse the mesh, by command; empty where all accept it."""
-    reasons = {name: why_not(mesh, name) for name, need in NEEDS.items() if "surface" in need.kinds}
+    reasons = {name: unmet_need(mesh, name) for name, need in REQUIREMENTS.items() if "surface" in need.kinds}
     return {name: reason for name, reason in reasons.items() if reason is not None}
 
 

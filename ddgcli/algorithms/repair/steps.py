@@ -10,8 +10,8 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components, dijkstra, minimum_spanning_tree
 from scipy.spatial import cKDTree
 
-from ddgcli.mesh.repair import merged_points, turned_over
-from ddgcli.mesh.require import FLAT
+from ddgcli.mesh.repair import merged_points, reverse_faces
+from ddgcli.mesh.require import FLAT_AREA_TOLERANCE
 from ddgcli.mesh.topology import NEXT
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 
@@ -75,7 +75,7 @@ def drop_degenerate(repaired: RepairedMesh) -> RepairedMesh:
     side = repaired.mesh.side_vector / longest[:, None, None]
     twice_area = np.linalg.norm(np.cross(side[:, 0], side[:, 1]), axis=1)
     repeated = (faces == faces[:, NEXT]).any(axis=1)
-    return _of_faces(repaired, ~repeated & (twice_area > FLAT))
+    return _of_faces(repaired, ~repeated & (twice_area > FLAT_AREA_TOLERANCE))
 
 
 def drop_duplicates(repaired: RepairedMesh) -> RepairedMesh:
@@ -107,7 +107,7 @@ def keep_largest(repaired: RepairedMesh) -> RepairedMesh:
 def orient(repaired: RepairedMesh) -> RepairedMesh:
     """Turn over the fewer faces of each piece so that every orientable piece is consistently oriented."""
     turn = repaired.mesh.topology.faces_to_turn
-    mesh = turned_over(repaired.mesh, turn)
+    mesh = reverse_faces(repaired.mesh, turn)
     return RepairedMesh(mesh, repaired.input_vertex, repaired.input_face, int(turn.sum()))
 
 

@@ -1,16 +1,7 @@
-"""Tangent vector fields on surfaces.
+"""Tangent vector fields along geodesics.
 
-Parallel transport along curves (`transport`) and over the surface (`vector_heat`), the logarithmic map
-(`log_map`, `polar_coordinates`), and integral curves (`integral_curves`).
+Parallel transport (`transport`, `vector_heat`), logarithmic maps (`log_map`, `polar_coordinates`), integral
+curves, and `geodesic_query`, which combines them with distances and curves.
 """
 
-__all__ = [
-    "field_curves",
-    "integral_curves",
-    "intrinsic_frames",
-    "log_map",
-    "polar_coordinates",
-    "transport",
-    "vector_heat",
-    "vertex_vectors",
-]
+__all__ = ["field_curves", "geodesic_query", "integral_curves", "vertex_vectors"]

@@ -1,9 +1,8 @@
 """Integral curves of tangent fields by geodesic Runge-Kutta methods.
 
-Polthier and Schmies: the point y + h v of the plane becomes the point reached from y along the straightest
-geodesic in direction v after the length h |v|; values of the field found elsewhere are brought back to y by
-parallel translation along the geodesic that led there. Orders 1 (Euler), 2 (midpoint) and 4 (classical) hold
-where the field is smooth along the curve.
+K. Polthier, M. Schmies: the point y + h v of the plane becomes the end of the straightest geodesic from y
+with direction v and length h |v|; field values there are transported back to y along that geodesic. Orders
+1 (Euler), 2 (midpoint) and 4 (classical) hold where the field is smooth along the curve.
 """
 
 from __future__ import annotations
@@ -17,27 +16,30 @@ from numpy.typing import NDArray
 
 from ddgcli.algorithms.geodesics.paths import SurfacePaths
 from ddgcli.algorithms.geodesics.sources import Sources
-from ddgcli.algorithms.tracing.batch import Start
-from ddgcli.algorithms.tracing.trace import AT_BOUNDARY, GAVE_UP, Told, Tracer, Traces
+from ddgcli.algorithms.tracing.lines import LineStart
+from ddgcli.algorithms.tracing.trace import AT_BOUNDARY, GAVE_UP, Tracer, Traces
 from ddgcli.errors import ParameterError
 from ddgcli.geometry.face_frames import surface_position, to_face_frame
 from ddgcli.geometry.intrinsic import face_area
 from ddgcli.geometry.surface_points import SurfacePoints
+from ddgcli.mesh.ragged import list_starts, ranges
 from ddgcli.mesh.triangle_mesh import TriangleMesh
+from ddgcli.progress import ProgressCallback
 
 _log = logging.getLogger("ddgcli")
 
 # (face (k,), barycentric (k, 3)) -> (k, 2) vectors in the planar frames of the faces
-Field = Callable[[NDArray, NDArray], NDArray]
+TangentField = Callable[[NDArray, NDArray], NDArray]
 
-ENDED, LEFT, RESTED, STALLED = "time", "boundary", "critical point", "gave up"
+END_OF_TIME, AT_EDGE, AT_CRITICAL_POINT, STALLED = "time", "boundary", "critical point", "gave up"
 
 
-def field_of_array(mesh: TriangleMesh, values: NDArray, place: str = "") -> Field:
-    """The field of an array of vectors in space, on faces (constant in each) or on vertices (linear in each).
+def field_of_array(mesh: TriangleMesh, values: NDArray, place: str = "") -> TangentField:
+    """Tangent field of an array of vectors in space, on faces (constant) or on vertices (linear in each
+    face).
 
-    Vectors are projected to the plane of the face in which they are asked for. `place` is "vertex" or "face";
-    without it the length tells, and as many vectors as both vertices and faces are taken to be on vertices.
+    Vectors are projected to the plane of the face. `place` is "vertex" or "face"; an empty place is
+    inferred from the length, vertices first.
     """
     values = np.asarray(values, dtype=np.float64)
     shapes = {"vertex": (mesh.n_vertices, 3), "face": (mesh.n_faces, 3)}
@@ -60,7 +62,7 @@ def field_of_array(mesh: TriangleMesh, values: NDArray, place: str = "") -> Fiel
 
 @dataclass(frozen=True, eq=False)
 class IntegralCurves:
-    """Curves of a field from k starts.
+    """Integral curves from k starts.
 
     Parameters
     ----------
@@ -71,7 +73,7 @@ class IntegralCurves:
     stopped_because : list of str
         'time', 'boundary', 'critical point' or 'gave up'.
     error_estimate : (k,) ndarray of float64
-        Estimated distance of the end from that of the exact curve, in length units.
+        Estimated distance of the end from the end of the exact curve, in length units.
     """
 
     paths: SurfacePaths
@@ -82,49 +84,53 @@ class IntegralCurves:
 
 
 @dataclass(frozen=True, eq=False)
-class _At:
+class _CurvePositions:
     face: NDArray[np.int64]
     barycentric: NDArray[np.float64]
 
-    def take(self, rows: NDArray) -> _At:
-        return _At(self.face[rows], self.barycentric[rows])
+    def take(self, rows: NDArray) -> _CurvePositions:
+        return _CurvePositions(self.face[rows], self.barycentric[rows])
 
 
-def runge_kutta_step(tracer: Tracer, field: Field, at: _At, h: NDArray, order: int) -> Traces:
-    """One step of size h from each point; the lines walked, with their points recorded."""
+def runge_kutta_step(
+    tracer: Tracer, field: TangentField, at: _CurvePositions, h: NDArray, order: int
+) -> Traces:
+    """One Runge-Kutta step of size h from each point; the traced lines with recorded points."""
     v1 = _complex(field(at.face, at.barycentric))
     if order == 1:
-        return _walk(tracer, at, h * v1, record=True)
-    v2 = _carried_back(tracer, field, at, 0.5 * h * v1)
+        return _trace_step(tracer, at, h * v1, record=True)
+    v2 = _field_transported_back(tracer, field, at, 0.5 * h * v1)
     if order == 2:
-        return _walk(tracer, at, h * v2, record=True)
-    v3 = _carried_back(tracer, field, at, 0.5 * h * v2)
-    v4 = _carried_back(tracer, field, at, h * v3)
-    return _walk(tracer, at, h * (v1 + 2 * v2 + 2 * v3 + v4) / 6, record=True)
+        return _trace_step(tracer, at, h * v2, record=True)
+    v3 = _field_transported_back(tracer, field, at, 0.5 * h * v2)
+    v4 = _field_transported_back(tracer, field, at, h * v3)
+    return _trace_step(tracer, at, h * (v1 + 2 * v2 + 2 * v3 + v4) / 6, record=True)
 
 
 def _complex(planar: NDArray) -> NDArray[np.complex128]:
     return planar[:, 0] + 1j * planar[:, 1]
 
 
-def _walk(tracer: Tracer, at: _At, way: NDArray, record: bool = False) -> Traces:
-    """Straight on from points by complex vectors of their faces' frames."""
+def _trace_step(tracer: Tracer, at: _CurvePositions, way: NDArray, record: bool = False) -> Traces:
+    """Trace straightest lines by complex vectors in the frames of the faces."""
     length = np.abs(way)
     unit = np.where(length > 0, way / np.where(length > 0, length, 1.0), 1.0)
     direction = np.stack([unit.real, unit.imag], axis=1)
-    return tracer.walked(Start(at.face, at.barycentric, direction, length), record=record)
+    return tracer.trace_checked(LineStart(at.face, at.barycentric, direction, length), record=record)
 
 
-def _carried_back(tracer: Tracer, field: Field, at: _At, way: NDArray) -> NDArray[np.complex128]:
-    """The field at the end of a straight line, parallel-translated back along it."""
-    end = _walk(tracer, at, way)
+def _field_transported_back(
+    tracer: Tracer, field: TangentField, at: _CurvePositions, way: NDArray
+) -> NDArray[np.complex128]:
+    """Field at the ends of straightest lines, transported back to their starts."""
+    end = _trace_step(tracer, at, way)
     unit = np.where(np.abs(way) > 0, way / np.where(np.abs(way) > 0, np.abs(way), 1.0), 1.0)
     return _complex(field(end.face, end.barycentric)) * _complex(end.direction).conj() * unit
 
 
 def integral_curves(
     mesh: TriangleMesh,
-    field: Field,
+    field: TangentField,
     starts: SurfacePoints,
     duration: float,
     *,
@@ -132,107 +138,107 @@ def integral_curves(
     step: float | None = None,
     tolerance: float | None = None,
     max_steps: int = 10_000,
-    told: Told | None = None,
+    progress: ProgressCallback | None = None,
 ) -> IntegralCurves:
-    """Follow a tangent field from points of a surface.
+    """Integral curves of a tangent field from points of a surface.
 
     Parameters
     ----------
     mesh : TriangleMesh
         Consistently oriented.
-    field : Field
-        See `field_of_array`; any function of face and barycentric coordinates will do.
+    field : TangentField
+        See `field_of_array`; any function of face and barycentric coordinates is valid.
     starts : SurfacePoints
     duration : float
-        Positive time to integrate; the field is length per time.
+        Positive time; the unit of the field is length per time.
     order : {1, 2, 4}
     step : float, optional
-        Fixed time step. The error is then estimated by a second run with doubled steps.
+        Fixed time step. A second run with doubled steps then estimates the error.
     tolerance : float, optional
-        Without `step`: the error allowed in a step, in length units; every step is also made as two halves,
-        whose difference from it is its error. Default: a hundredth of the mean side length.
+        Without `step`: largest error of a step, in length units, estimated by two half steps. Default: 1 % of
+        the mean side length.
     max_steps : int
-        Curves that need more are given up, with a warning.
-    told : callable, optional
-        `told(done, total)` hears how much time has been integrated.
+        Curves that need more steps are abandoned, with a warning.
+    progress : callable, optional
+        Called with the integrated time and the total time of all curves.
 
     Returns
     -------
     IntegralCurves
     """
     if order not in (1, 2, 4):
-        raise ParameterError(f"the order must be 1, 2 or 4, found {order}")
+        raise ParameterError(f"the order must be 1, 2 or 4, got {order}")
     if not 0 < duration < np.inf:
-        raise ParameterError(f"the time to integrate must be positive and finite, found {duration}")
+        raise ParameterError(f"the time to integrate must be positive and finite, got {duration}")
     if step is not None and not 0 < step < np.inf:
-        raise ParameterError(f"the step must be positive and finite, found {step}")
+        raise ParameterError(f"the step must be positive and finite, got {step}")
     if tolerance is not None and not 0 < tolerance < np.inf:
-        raise ParameterError(f"the tolerance must be positive and finite, found {tolerance}")
+        raise ParameterError(f"the tolerance must be positive and finite, got {tolerance}")
     tracer = Tracer(mesh)
     if step is None:
         allowed = tolerance or 1e-2 * float(mesh.side_length.mean())
-        run = _Run(tracer, field, starts, duration, order, max_steps, told)
-        run.adaptively(allowed)
+        run = _CurveIntegrator(tracer, field, starts, duration, order, max_steps, progress)
+        run.integrate_adaptively(allowed)
         return run.result()
-    run = _Run(tracer, field, starts, duration, order, max_steps, told)
-    run.uniformly(step)
-    rough = _Run(tracer, field, starts, duration, order, max_steps)
-    rough.uniformly(2 * step)
+    run = _CurveIntegrator(tracer, field, starts, duration, order, max_steps, progress)
+    run.integrate_uniformly(step)
+    rough = _CurveIntegrator(tracer, field, starts, duration, order, max_steps)
+    rough.integrate_uniformly(2 * step)
     run.error = _gap(mesh, run.at, rough.at)
     return run.result()
 
 
-def _gap(mesh: TriangleMesh, a: _At, b: _At) -> NDArray[np.float64]:
+def _gap(mesh: TriangleMesh, a: _CurvePositions, b: _CurvePositions) -> NDArray[np.float64]:
     """Distances in space between surface points."""
     difference = surface_position(mesh, a.face, a.barycentric) - surface_position(mesh, b.face, b.barycentric)
     return np.linalg.norm(difference, axis=1)
 
 
-class _Run:
-    """Curves under way: where each stands, how far in time, and the lines that it has walked."""
+class _CurveIntegrator:
+    """State of the curves: positions, times, and traced lines."""
 
     def __init__(
         self,
         tracer: Tracer,
-        field: Field,
+        field: TangentField,
         starts: SurfacePoints,
         duration: float,
         order: int,
         max_steps: int,
-        told: Told | None = None,
+        progress: ProgressCallback | None = None,
     ) -> None:
         self.tracer, self.field, self.duration, self.order = tracer, field, duration, order
-        self.max_steps, self.told = max_steps, told
-        self.at = _At(np.array(starts.face), np.array(starts.barycentric))
+        self.max_steps, self.progress = max_steps, progress
+        self.at = _CurvePositions(np.array(starts.face), np.array(starts.barycentric))
         self.starts = self.at
         k = len(starts)
         self.time, self.steps, self.error = np.zeros(k), np.zeros(k, dtype=np.int64), np.zeros(k)
-        self.why = np.full(k, "", dtype=object)
-        self.walked: list[tuple[NDArray, Traces]] = []  # (curve of each line, lines)
+        self.stop_reason = np.full(k, "", dtype=object)
+        self.lines: list[tuple[NDArray, Traces]] = []  # (curve of each line, lines)
         self.speed = float(np.abs(_complex(field(self.at.face, self.at.barycentric))).max(initial=0.0))
 
-    def uniformly(self, step: float) -> None:
-        """Equal steps, the last one shortened to end on time."""
-        self._stop_at_rest()
-        while len(going := np.flatnonzero(self.why == "")):
-            h = np.minimum(step, self.duration - self.time[going])
-            lines = runge_kutta_step(self.tracer, self.field, self.at.take(going), h, self.order)
-            self._accept(going, h, [lines])
-            self._tell()
+    def integrate_uniformly(self, step: float) -> None:
+        """Integrate with equal steps; the last one is shortened to end on time."""
+        self._stop_at_critical_points()
+        while len(active := np.flatnonzero(self.stop_reason == "")):
+            h = np.minimum(step, self.duration - self.time[active])
+            lines = runge_kutta_step(self.tracer, self.field, self.at.take(active), h, self.order)
+            self._accept(active, h, [lines])
+            self._report_progress()
 
-    def adaptively(self, allowed: float) -> None:
-        """Steps of a size that keeps the difference from two half steps below `allowed`."""
+    def integrate_adaptively(self, allowed: float) -> None:
+        """Integrate with steps whose difference from two half steps is below `allowed`."""
         mesh, order = self.tracer.mesh, self.order
-        self._stop_at_rest()
+        self._stop_at_critical_points()
         size = np.full(
             len(self.time),
             min(self.duration, float(self.tracer.mesh.side_length.mean()) / (self.speed or 1.0)),
         )
         least = 1e-7 * self.duration
-        while len(going := np.flatnonzero(self.why == "")):
-            at = self.at.take(going)
-            h = np.minimum(size[going], self.duration - self.time[going])
-            twice, k = np.tile(np.arange(len(going)), 2), len(going)
+        while len(active := np.flatnonzero(self.stop_reason == "")):
+            at = self.at.take(active)
+            h = np.minimum(size[active], self.duration - self.time[active])
+            twice, k = np.tile(np.arange(len(active)), 2), len(active)
             both = runge_kutta_step(
                 self.tracer, self.field, at.take(twice), np.concatenate([h, h / 2]), order
             )
@@ -241,65 +247,66 @@ class _Run:
             error = _gap(mesh, _end(whole), _end(second))  # type: ignore[arg-type]
             factor = 0.9 * (allowed / np.maximum(error, 1e-300)) ** (1.0 / (order + 1))
             good = (error <= allowed) | (h <= least)
-            size[going] = np.maximum(h * np.clip(factor, 0.2, 4.0), least)
+            size[active] = np.maximum(h * np.clip(factor, 0.2, 4.0), least)
             rows = np.flatnonzero(good)
-            self.error[going[rows]] += error[rows]
-            self._accept(going[rows], h[rows], [_rows(first, rows), _rows(second, rows)])
-            self.steps[going[~good]] += 1
-            self._give_up()
-            self._tell()
+            self.error[active[rows]] += error[rows]
+            self._accept(active[rows], h[rows], [_rows(first, rows), _rows(second, rows)])
+            self.steps[active[~good]] += 1
+            self._abandon()
+            self._report_progress()
 
     def _accept(self, curves: NDArray, h: NDArray, parts: list[Traces]) -> None:
-        """Move curves to the ends of the lines just walked."""
+        """Move curves to the ends of the last traced lines."""
         if not len(curves):
             return
         left = np.zeros(len(curves), dtype=bool)
         stalled = np.zeros(len(curves), dtype=bool)
-        for lines in parts:  # a curve that left in the first half walks no second
+        for lines in parts:  # a curve that stopped in the first half has no second
             rows = np.flatnonzero(~left)
             part = _rows(lines, rows)
-            self.walked.append((curves[rows], part))
+            self.lines.append((curves[rows], part))
             left[rows] |= part.status == AT_BOUNDARY
             stalled[rows] |= part.status == GAVE_UP
             self.at.face[curves[rows]] = part.face
             self.at.barycentric[curves[rows]] = part.barycentric
         self.time[curves] += h
         self.steps[curves] += 1
-        self.why[curves[self.time[curves] >= self.duration * (1 - 1e-12)]] = ENDED
-        self.why[curves[left]] = LEFT
-        self.why[curves[stalled]] = STALLED
-        self._stop_at_rest()
-        self._give_up()
+        self.stop_reason[curves[self.time[curves] >= self.duration * (1 - 1e-12)]] = END_OF_TIME
+        self.stop_reason[curves[left]] = AT_EDGE
+        self.stop_reason[curves[stalled]] = STALLED
+        self._stop_at_critical_points()
+        self._abandon()
 
-    def _stop_at_rest(self) -> None:
-        going = np.flatnonzero(self.why == "")
-        v = np.abs(_complex(self.field(self.at.face[going], self.at.barycentric[going])))
+    def _stop_at_critical_points(self) -> None:
+        active = np.flatnonzero(self.stop_reason == "")
+        v = np.abs(_complex(self.field(self.at.face[active], self.at.barycentric[active])))
         self.speed = max(self.speed, float(v.max(initial=0.0)))
-        self.why[going[v <= 1e-12 * (self.speed or 1.0)]] = RESTED
+        self.stop_reason[active[v <= 1e-12 * (self.speed or 1.0)]] = AT_CRITICAL_POINT
 
-    def _tell(self) -> None:
-        if self.told is not None:
-            done = np.where(self.why == "", self.time, self.duration)
-            self.told(float(done.sum()), len(done) * self.duration)
+    def _report_progress(self) -> None:
+        if self.progress is not None:
+            done = np.where(self.stop_reason == "", self.time, self.duration)
+            self.progress(float(done.sum()), len(done) * self.duration)
 
-    def _give_up(self) -> None:
-        stuck = np.flatnonzero((self.why == "") & (self.steps >= self.max_steps))
-        self.why[stuck] = STALLED
+    def _abandon(self) -> None:
+        stuck = np.flatnonzero((self.stop_reason == "") & (self.steps >= self.max_steps))
+        self.stop_reason[stuck] = STALLED
         if len(stuck):
             _log.warning(
-                f"{len(stuck)} integral curves (first: {stuck[0]}) were given up after {self.max_steps} steps"
+                f"{len(stuck)} integral curves (first: {stuck[0]}) stopped after {self.max_steps} steps; "
+                "shorten the time or raise the tolerance"
             )
 
     def result(self) -> IntegralCurves:
-        why = [str(w) for w in self.why]
+        why = [str(w) for w in self.stop_reason]
         return IntegralCurves(self._paths(), self.time, self.steps, why, self.error)
 
     def _paths(self) -> SurfacePaths:
-        """All lines joined: the end of a line is left out where the curve goes on."""
+        """Concatenate the lines of each curve, without the ends of all lines but the last."""
         k = len(self.time)
         curve, face, barycentric, is_end = [np.arange(k)], [self.starts.face], [self.starts.barycentric], []
         is_end.append(np.ones(k, dtype=bool))
-        for curves, lines in self.walked:
+        for curves, lines in self.lines:
             count = np.diff(lines.path_start)
             curve.append(np.repeat(curves, count))
             face.append(lines.path_face)
@@ -319,7 +326,7 @@ class _Run:
 
 
 def random_starts(mesh: TriangleMesh, k: int, seed: int = 0) -> SurfacePoints:
-    """Points spread evenly at random over the area."""
+    """Random points, uniformly distributed over the area."""
     rng = np.random.default_rng(seed)
     area = face_area(mesh.side_length)
     face = rng.choice(mesh.n_faces, size=k, p=area / area.sum())
@@ -327,7 +334,7 @@ def random_starts(mesh: TriangleMesh, k: int, seed: int = 0) -> SurfacePoints:
 
 
 def starts_at(mesh: TriangleMesh, sources: Sources) -> SurfacePoints:
-    """Sources as surface points: vertices as corners of one of their faces."""
+    """Sources as surface points; vertices as corners of one of their faces."""
     vertices = sources.vertex.tolist()
     face = np.array([np.flatnonzero((mesh.faces == v).any(axis=1))[0] for v in vertices], dtype=np.int64)
     corner = (mesh.faces[face] == sources.vertex[:, None]).astype(np.float64)
@@ -337,24 +344,24 @@ def starts_at(mesh: TriangleMesh, sources: Sources) -> SurfacePoints:
     )
 
 
-def usual_duration(mesh: TriangleMesh, values: NDArray) -> float:
+def default_duration(mesh: TriangleMesh, values: NDArray) -> float:
     """Time in which the root mean square speed crosses the bounding box."""
     speed = float(np.sqrt(np.mean(np.einsum("ij,ij->i", values, values))))
     if not speed > 0:
-        raise ParameterError("the field is zero everywhere; there is nothing to follow")
+        raise ParameterError("the field is zero everywhere and has no integral curves; give another field")
     used = mesh.points[mesh.topology.referenced_vertex]
     return float(np.linalg.norm(used.max(axis=0) - used.min(axis=0))) / speed
 
 
-def _end(lines: Traces) -> _At:
-    return _At(lines.face, lines.barycentric)
+def _end(lines: Traces) -> _CurvePositions:
+    return _CurvePositions(lines.face, lines.barycentric)
 
 
 def _rows(lines: Traces, rows: NDArray) -> Traces:
-    """Some of the lines, with their points."""
+    """Select lines, with their points."""
     count = np.diff(lines.path_start)[rows]
-    start = np.concatenate([[0], np.cumsum(count)]).astype(np.int64)
-    index = np.arange(start[-1]) + np.repeat(lines.path_start[rows] - start[:-1], count)
+    start = list_starts(count)
+    index = ranges(lines.path_start[rows], count)[0]
     ends = (lines.face[rows], lines.barycentric[rows], lines.direction[rows], lines.length[rows])
-    told = (lines.status[rows], lines.crossings[rows])
-    return Traces(*ends, *told, start, lines.path_face[index], lines.path_barycentric[index])
+    counts = (lines.status[rows], lines.crossings[rows])
+    return Traces(*ends, *counts, start, lines.path_face[index], lines.path_barycentric[index])

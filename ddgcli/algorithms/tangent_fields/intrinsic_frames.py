@@ -1,8 +1,8 @@
-"""Tangent frames at vertices, carried between a mesh and its intrinsic Delaunay triangulation.
+"""Rotations between the vertex frames of a mesh and of its intrinsic Delaunay triangulation.
 
-Both count angles at a vertex from the first side of its fan, but the first sides differ. Where an input edge
-is still there, it tells the angle between them; elsewhere an intrinsic edge from a vertex that knows its
-angle is traced on the input to the vertex that does not.
+Both measure angles at a vertex from the first side of its fan, but the first sides differ. An input edge
+that is also an intrinsic edge determines the angle between them. Otherwise an intrinsic edge from a vertex
+with known angle is traced on the input to a vertex with unknown angle.
 """
 
 from __future__ import annotations
@@ -10,29 +10,29 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.algorithms.delaunay.triangulation import Flipped
+from ddgcli.algorithms.delaunay.triangulation import IntrinsicDelaunay
 from ddgcli.algorithms.tracing.trace import REACHED, Tracer
 from ddgcli.geometry.face_frames import planar_difference
 from ddgcli.geometry.unfolding import vertex_fans
 from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
 from ddgcli.operators.connection import angle_scale
 
-_SHORT = 1e-4  # of an edge: traced edges are stopped so far before their head
+_STOP_FRACTION = 1e-4  # of an edge; traced edges stop this far from their head
 
 
-def frame_turn(mesh: SurfaceMesh, flipped: Flipped) -> NDArray[np.complex128] | None:
-    """(n,) unit numbers that take tangent vectors from the intrinsic frames to those of the mesh.
+def frame_turn(mesh: SurfaceMesh, flipped: IntrinsicDelaunay) -> NDArray[np.complex128] | None:
+    """(n,) unit complex numbers that rotate tangent vectors from the intrinsic frames to those of the mesh.
 
     Parameters
     ----------
     mesh : TriangleMesh or IntrinsicMesh
         Consistently oriented, one fan a vertex.
-    flipped : Flipped
-        Made from it, with its crossings tracked.
+    flipped : IntrinsicDelaunay
+        Intrinsic Delaunay triangulation of `mesh`, with tracked crossings.
 
     Returns
     -------
-    ndarray, or None where some vertex could not be reached
+    ndarray, or None if the angle of a vertex remains unknown
     """
     tracer = Tracer(mesh)
     own, other = tracer.fans, vertex_fans(flipped.mesh)
@@ -50,25 +50,25 @@ def frame_turn(mesh: SurfaceMesh, flipped: Flipped) -> NDArray[np.complex128] | 
 
 
 def _from_kept_edges(
-    mesh: SurfaceMesh, flipped: Flipped, offset: NDArray, own_angle: NDArray, other_angle: NDArray
+    mesh: SurfaceMesh, flipped: IntrinsicDelaunay, offset: NDArray, own_angle: NDArray, other_angle: NDArray
 ) -> None:
-    """Angles at the tails of edges that are edges of the input."""
+    """Set the angles at the tails of edges that are edges of the input."""
     n = mesh.n_vertices
     key = mesh.topology.side_tail * n + mesh.topology.side_head
     order = np.argsort(key, kind="stable")
     kept = np.flatnonzero(flipped.crossings.ravel() < 0)  # type: ignore[union-attr]
-    wanted = flipped.mesh.topology.side_tail[kept] * n + flipped.mesh.topology.side_head[kept]
-    place = np.minimum(np.searchsorted(key[order], wanted), len(key) - 1)
+    kept_key = flipped.mesh.topology.side_tail[kept] * n + flipped.mesh.topology.side_head[kept]
+    place = np.minimum(np.searchsorted(key[order], kept_key), len(key) - 1)
     side = order[place]
-    once = (key[side] == wanted) & (np.searchsorted(key[order], wanted, side="right") == place + 1)
+    once = (key[side] == kept_key) & (np.searchsorted(key[order], kept_key, side="right") == place + 1)
     kept, side = kept[once], side[once]
     tail = mesh.topology.side_tail[side]
     fresh = np.isnan(offset[tail])
     offset[tail[fresh]] = own_angle[side[fresh]] - other_angle[kept[fresh]]
 
 
-def _from_traced_edges(tracer: Tracer, flipped: Flipped, offset: NDArray) -> None:
-    """Angles at unknown heads of edges whose tails are known."""
+def _from_traced_edges(tracer: Tracer, flipped: IntrinsicDelaunay, offset: NDArray) -> None:
+    """Set the unknown angles at heads of edges whose tails have known angles."""
     mesh, own, other = tracer.mesh, tracer.fans, vertex_fans(flipped.mesh)
     topology = flipped.mesh.topology
     side = np.flatnonzero(
@@ -88,15 +88,17 @@ def _from_traced_edges(tracer: Tracer, flipped: Flipped, offset: NDArray) -> Non
     e = tracer.unfolding.direction[face, j].view(np.complex128)[:, 0]
     direction = e * np.exp(1j * (angle - own.angle_before[corner]))
     length = flipped.mesh.side_length.ravel()[side]
-    lines = tracer.trace(face, np.eye(3)[j], direction[:, None].view(np.float64), length * (1 - _SHORT))
+    lines = tracer.trace(
+        face, np.eye(3)[j], direction[:, None].view(np.float64), length * (1 - _STOP_FRACTION)
+    )
     at = np.argmax(mesh.faces[lines.face] == head[:, None], axis=1)
     holds = mesh.faces[lines.face, at] == head
     rest = planar_difference(tracer.unfolding, lines.face, lines.barycentric, np.eye(3)[at])
-    gap = np.hypot(rest[:, 0], rest[:, 1]) - length * _SHORT
-    came = holds & (lines.status == REACHED) & (np.abs(gap) <= 1e-3 * _SHORT * length)
-    here = 3 * lines.face[came] + at[came]
-    e = tracer.unfolding.direction[lines.face[came], at[came]].view(np.complex128)[:, 0]
-    back = np.angle(-lines.direction[came].view(np.complex128)[:, 0] * e.conj())
-    offset[head[came]] = (
-        own.angle_before[here] + back - other.angle_before[topology.side_twin.ravel()[side[came]]]
+    gap = np.hypot(rest[:, 0], rest[:, 1]) - length * _STOP_FRACTION
+    arrived = holds & (lines.status == REACHED) & (np.abs(gap) <= 1e-3 * _STOP_FRACTION * length)
+    here = 3 * lines.face[arrived] + at[arrived]
+    e = tracer.unfolding.direction[lines.face[arrived], at[arrived]].view(np.complex128)[:, 0]
+    back = np.angle(-lines.direction[arrived].view(np.complex128)[:, 0] * e.conj())
+    offset[head[arrived]] = (
+        own.angle_before[here] + back - other.angle_before[topology.side_twin.ravel()[side[arrived]]]
     )

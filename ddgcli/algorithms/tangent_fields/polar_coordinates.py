@@ -1,10 +1,10 @@
-"""Geodesic polar coordinates by fast marching: the logarithmic map in a fraction of the exact one's time.
+"""Geodesic polar coordinates by fast marching: a faster, approximate logarithmic map.
 
-Where the distance of c comes from the edge ab, it comes from a point source unfolded below that edge, and the
-line to c crosses ab between the lines to a and b: c leaves the real source between the directions of a and b
-(E. Melvaer, M. Reimers, "Geodesic Polar Coordinates on Polygonal Meshes", 2012). Written as unit numbers the
-directions are solutions of a triangular system, in the order of the distances. An error made near the source
-is kept along the whole line, so the nearest vertices take the exact directions.
+If the distance of c comes from the edge ab, it comes from a point source unfolded below that edge, and the
+line to c crosses ab between the lines to a and b: the direction of c at the real source lies between those
+of a and b (E. Melvaer, M. Reimers, "Geodesic Polar Coordinates on Polygonal Meshes", 2012). As unit complex
+numbers the directions solve a triangular system in the order of the distances. An error near the source
+persists along the whole line, so the nearest vertices have exact directions.
 """
 
 from __future__ import annotations
@@ -18,28 +18,28 @@ from scipy.sparse.linalg import spsolve_triangular
 
 from ddgcli.algorithms.geodesics.certificate import face_gradient, shares_by_area
 from ddgcli.algorithms.geodesics.exact.exact_distance import exact_distance
-from ddgcli.algorithms.geodesics.fast_marching import MarchedDistance, Stencils, from_below
+from ddgcli.algorithms.geodesics.fast_marching import FastMarchingDistance, Stencils, circular_update
 from ddgcli.algorithms.geodesics.sources import Sources
-from ddgcli.algorithms.tangent_fields.log_map import Centre, LogMap, one_source
+from ddgcli.algorithms.tangent_fields.log_map import LogMap, SourceFrame, require_single_source
 from ddgcli.algorithms.tracing.trace import Tracer
 from ddgcli.geometry.surface_points import SurfacePoints
 from ddgcli.mesh.intrinsic_mesh import IntrinsicMesh, SurfaceMesh
 from ddgcli.mesh.topology import Topology
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 
-NEAR = 200  # vertices around the source whose directions are exact
-MARGIN = 1.2  # marched distances near the source are off by less
-SKEW = 0.1  # a source unfolded closer to ab than this share of its distance to a and b tells no directions
+N_EXACT_DIRECTIONS = 200  # vertices around the source
+MARGIN = 1.2  # fast marching distances near the source have smaller relative errors
+MIN_DEPTH_RATIO = 0.1  # of an unfolded source below ab, relative to its distance to a and b
 
 
-def marched_log_map(mesh: SurfaceMesh, marched: MarchedDistance, sources: Sources) -> LogMap:
+def fast_marching_log_map(mesh: SurfaceMesh, approximate: FastMarchingDistance, sources: Sources) -> LogMap:
     """Logarithmic map of one source at all vertices, by fast marching.
 
     Parameters
     ----------
     mesh : TriangleMesh or IntrinsicMesh
         Consistently oriented.
-    marched : MarchedDistance
+    approximate : FastMarchingDistance
         From that source, on this mesh or one with the same vertices and metric.
     sources : Sources
         One vertex or surface point.
@@ -47,18 +47,18 @@ def marched_log_map(mesh: SurfaceMesh, marched: MarchedDistance, sources: Source
     Returns
     -------
     LogMap
-        Sizes are the marched distances. Without `miss`; `skew` tells how far the directions are from
-        geodesic polar coordinates.
+        Norms are the fast marching distances. `miss` is None; `skew` measures the deviation of the directions
+        from geodesic polar coordinates.
     """
-    one_source(sources)
-    distance, far = marched.distance, ~np.isfinite(marched.distance)
-    radius = _radius(marched, sources, mesh)
-    face, near, at = _near_part(mesh, distance <= MARGIN * radius, sources)
-    centre = Centre(Tracer(near), at)
+    require_single_source(sources)
+    distance, far = approximate.distance, ~np.isfinite(approximate.distance)
+    radius = _radius(approximate, sources, mesh)
+    face, near, at = _submesh_near_source(mesh, distance <= MARGIN * radius, sources)
+    centre = SourceFrame(Tracer(near), at)
     exact = exact_distance(near, at, limit=radius, directions=True)
     known = np.flatnonzero((exact.distance > 0) & (exact.distance <= radius) & ~far)
     start = np.exp(1j * centre.scale * np.asarray(exact.departure)[known])
-    unit = _handed_on(marched.stencils, distance, known, start)
+    unit = _propagate_directions(approximate.stencils, distance, known, start)
     mapped = np.where(far, 0.0, distance) * unit
     coordinates = np.stack([mapped.real, mapped.imag], axis=1)
     coordinates[far] = np.inf
@@ -68,14 +68,15 @@ def marched_log_map(mesh: SurfaceMesh, marched: MarchedDistance, sources: Source
     return LogMap(coordinates, axis, skew=_skew(mesh, distance, unit))
 
 
-def _radius(marched: MarchedDistance, sources: Sources, mesh: SurfaceMesh) -> float:
-    """Distance within which directions are to be exact: that of the NEAR-th vertex.
+def _radius(approximate: FastMarchingDistance, sources: Sources, mesh: SurfaceMesh) -> float:
+    """Distance within which directions are exact: that of the N_EXACT_DIRECTIONS-th vertex.
 
-    More where the source's own edges reach farther: what comes from the source itself has no parents.
+    It is larger if edges of the source are longer: distances that come from the source itself have no
+    parents.
     """
-    stencils, distance = marched.stencils, marched.distance
+    stencils, distance = approximate.stencils, approximate.distance
     reached = distance[np.isfinite(distance)]
-    k = min(NEAR, len(reached) - 1)
+    k = min(N_EXACT_DIRECTIONS, len(reached) - 1)
     radius = float(np.partition(reached, k)[k])
     ends = mesh.faces[sources.points.face].ravel()
     for v in np.append(sources.vertex, ends[distance[ends] == 0]):
@@ -86,10 +87,12 @@ def _radius(marched: MarchedDistance, sources: Sources, mesh: SurfaceMesh) -> fl
     return max(radius, float(distance[ends].max(initial=0.0)) * (1 + 1e-9))
 
 
-def _near_part(mesh: SurfaceMesh, near: NDArray, sources: Sources) -> tuple[NDArray, SurfaceMesh, Sources]:
-    """The faces at vertices where `near` (n,), ascending, the mesh that they make, and the source on it.
+def _submesh_near_source(
+    mesh: SurfaceMesh, near: NDArray, sources: Sources
+) -> tuple[NDArray, SurfaceMesh, Sources]:
+    """Faces at vertices where `near` (n,), ascending; their mesh; and the source on it.
 
-    Vertices keep their numbers, and fans of faces that are complete their first corners.
+    Vertices keep their numbers, and complete fans of faces keep their first corners.
     """
     points = sources.points
     face = np.flatnonzero(near[mesh.faces].any(axis=1))
@@ -109,24 +112,24 @@ def _near_part(mesh: SurfaceMesh, near: NDArray, sources: Sources) -> tuple[NDAr
     return face, part, Sources(sources.vertex, at)
 
 
-def _handed_on(
+def _propagate_directions(
     stencils: Stencils, distance: NDArray, known: NDArray, start: NDArray
 ) -> NDArray[np.complex128]:
-    """(n,) unit directions in which lines leave the source, from those of the vertices `known`; 0 at it."""
+    """(n,) unit directions of lines at the source, from those of the vertices `known`; 0 at the source."""
     n, distance = len(distance), distance / stencils.scale
-    given = np.zeros(n, dtype=np.complex128)
-    given[known] = start
-    parents, late = _parents(stencils, distance, np.isfinite(distance) & (given == 0))
+    fixed = np.zeros(n, dtype=np.complex128)
+    fixed[known] = start
+    parents, late = _parents(stencils, distance, np.isfinite(distance) & (fixed == 0))
     order = np.argsort(distance, kind="stable")
-    unit = _units(parents.solved(given, order))
-    # at the cut locus lines come from two sides: one of them will do, their mean would not
+    unit = _units(parents.solve(fixed, order))
+    # at the cut locus lines come from two sides: use one of them, not their mean
     again, apart = len(late.child) > 0, (unit[parents.a] * unit[parents.b].conj()).real < 0
     if apart.any():
-        parents, again = parents.by_one(apart), True
+        parents, again = parents.with_one_parent(apart), True
     if again:
-        given[late.child] = late.weight_a * unit[late.a] + late.weight_b * unit[late.b]
+        fixed[late.child] = late.weight_a * unit[late.a] + late.weight_b * unit[late.b]
         parents = parents.without(late.child, n)
-        unit = _units(parents.solved(given, order))
+        unit = _units(parents.solve(fixed, order))
     return unit
 
 
@@ -137,7 +140,7 @@ def _units(vectors: NDArray) -> NDArray[np.complex128]:
 
 @dataclass(frozen=True, eq=False)
 class _Parents:
-    """Vertices (k,) with those whose directions make theirs, and the parts of these."""
+    """Vertices (k,) with the two vertices and weights that determine their directions."""
 
     child: NDArray[np.int64]
     a: NDArray[np.int64]
@@ -145,14 +148,14 @@ class _Parents:
     weight_a: NDArray[np.float64]
     weight_b: NDArray[np.float64]
 
-    def by_one(self, where: NDArray) -> _Parents:
-        """There, by the parent alone that has the larger part."""
+    def with_one_parent(self, where: NDArray) -> _Parents:
+        """Parents with only the one of larger weight, where `where`."""
         more = self.weight_a >= self.weight_b
         weight_a, weight_b = np.where(where, more, self.weight_a), np.where(where, ~more, self.weight_b)
         return replace(self, weight_a=weight_a, weight_b=weight_b)
 
     def without(self, vertex: NDArray, n: int) -> _Parents:
-        """Those of other children."""
+        """Parents of all other children."""
         stays = np.ones(n, dtype=bool)
         stays[vertex] = False
         stays = stays.take(self.child)
@@ -160,8 +163,8 @@ class _Parents:
             self.child[stays], self.a[stays], self.b[stays], self.weight_a[stays], self.weight_b[stays]
         )
 
-    def solved(self, given: NDArray, order: NDArray) -> NDArray[np.complex128]:
-        """(n,) directions, from those given; parents come before their children in `order`."""
+    def solve(self, fixed: NDArray, order: NDArray) -> NDArray[np.complex128]:
+        """(n,) directions from the fixed ones; parents precede their children in `order`."""
         n = len(order)
         place = np.empty(n, dtype=np.int64)
         place[order] = np.arange(n)
@@ -170,32 +173,35 @@ class _Parents:
         )
         values = np.concatenate([-self.weight_a, -self.weight_b, np.ones(n)])
         system = csr_array((values, (rows, columns)), shape=(n, n))
-        found = np.empty(n, dtype=np.complex128)
-        found[order] = spsolve_triangular(system, given[order], lower=True, unit_diagonal=True)
-        return found
+        directions = np.empty(n, dtype=np.complex128)
+        directions[order] = spsolve_triangular(system, fixed[order], lower=True, unit_diagonal=True)
+        return directions
 
 
-def _parents(stencils: Stencils, distance: NDArray, wanted: NDArray) -> tuple[_Parents, _Parents]:
-    """By which stencil each wanted vertex is nearest: of those with a and b nearer; of others, if better.
+def _parents(stencils: Stencils, distance: NDArray, selected: NDArray) -> tuple[_Parents, _Parents]:
+    """Best stencils of vertices: among those with nearer a and b; and among the others, if better.
 
-    The first make a triangular system. The others are few: next to an edge as long as the way to the source.
+    The first form a triangular system. The others are few: next to edges as long as the distance to the
+    source.
     """
-    row = wanted.take(stencils.corner[:, 2]).nonzero()[0]
+    row = selected.take(stencils.corner[:, 2]).nonzero()[0]
     corner = stencils.corner.take(row, axis=0)
     da, db, dc = distance.take(corner).T
     length, x, y, along = stencils.shape.take(row, axis=0).T
     with np.errstate(divide="ignore", invalid="ignore"):
-        found, cross = from_below(da, db, length, x, y)
+        value_c, cross = circular_update(da, db, length, x, y)
         share = cross / length
-        # of the line to c the part as far as ab
+        # length of the line to c up to ab
         depth = np.sqrt(np.maximum(da * da * (1 - share) + db * db * share - cross * (length - cross), 0.0))
-        sound = (share >= 0) & (share <= 1) & (depth > SKEW * np.minimum(da, db))
+        valid = (share >= 0) & (share <= 1) & (depth > MIN_DEPTH_RATIO * np.minimum(da, db))
         ordered = dc > np.maximum(da, db)
-        value = np.where(sound & ordered, found, np.where(da < dc, da + along, np.inf))
+        value = np.where(valid & ordered, value_c, np.where(da < dc, da + along, np.inf))
         best, least = _least(value, corner[:, 2], len(distance))
-        value = np.where(sound & ~ordered & (found < least.take(corner[:, 2]) * (1 - 1e-12)), found, np.inf)
+        value = np.where(
+            valid & ~ordered & (value_c < least.take(corner[:, 2]) * (1 - 1e-12)), value_c, np.inf
+        )
         late, _ = _least(value, corner[:, 2], len(distance))
-        straight = ~(sound & ordered).take(best)
+        straight = ~(valid & ordered).take(best)
         weight_a = np.where(straight, 1.0, ((1 - share) * da / depth).take(best))
         weight_b = np.where(straight, 0.0, (share * db / depth).take(best))
         a, b, c = corner.take(best, axis=0).T
@@ -205,7 +211,7 @@ def _parents(stencils: Stencils, distance: NDArray, wanted: NDArray) -> tuple[_P
 
 
 def _least(value: NDArray, vertex: NDArray, n: int) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """Numbers of the least finite values of each vertex, ascending by vertex; and the least values (n,)."""
+    """Indices of the least finite value of each vertex, ascending by vertex; and the least values (n,)."""
     least = np.full(n, np.inf)
     np.minimum.at(least, vertex, value)
     number = np.full(n, -1)
@@ -217,7 +223,7 @@ def _least(value: NDArray, vertex: NDArray, n: int) -> tuple[NDArray[np.int64], 
 def _skew(mesh: SurfaceMesh, distance: NDArray, unit: NDArray) -> dict[str, float] | None:
     """|cos| of the angle between the gradients of distance and direction on faces; Gauss's lemma: 0."""
     corner = unit[mesh.faces]
-    turn = np.angle(corner * corner[:, :1].conj()) * float(mesh.side_length.max())  # as large as lengths
+    turn = np.angle(corner * corner[:, :1].conj()) * float(mesh.side_length.max())  # in units of length
     (ax, bx), (ay, by), area = face_gradient(mesh, np.stack([distance[mesh.faces], turn]))
     with np.errstate(divide="ignore", invalid="ignore"):
         cosine = np.abs(ax * bx + ay * by) / np.sqrt((ax * ax + ay * ay) * (bx * bx + by * by))
@@ -225,4 +231,4 @@ def _skew(mesh: SurfaceMesh, distance: NDArray, unit: NDArray) -> dict[str, floa
     if not use.any():
         return None
     shares = shares_by_area(cosine[use], area[use])
-    return {name: shares[name] for name in ("median", "p90")}  # across the cut locus it is large
+    return {name: shares[name] for name in ("median", "p90")}  # large across the cut locus

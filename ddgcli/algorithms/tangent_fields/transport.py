@@ -1,4 +1,4 @@
-"""Parallel transport along curves, and the holonomy of closed ones."""
+"""Parallel transport along curves, and the holonomy of closed curves."""
 
 from __future__ import annotations
 
@@ -8,13 +8,14 @@ from numpy.typing import NDArray
 from ddgcli.algorithms.geodesics.paths import SurfacePaths, joints, segment_vectors
 from ddgcli.geometry.face_frames import to_space
 from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
+from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 
 
 def angle_to_curve(mesh: SurfaceMesh, paths: SurfacePaths) -> NDArray[np.float64]:
-    """(p,) angle from the curve's direction to a vector transported along it, which starts along the curve.
+    """(p,) angle from the direction of a curve to a vector transported along it, initially tangent to it.
 
-    In faces and across edges transport is that of the unfolded plane; at a vertex the angle to the curve
+    In faces and across edges, transport is that of the unfolded plane; at a vertex the angle to the curve
     changes by the normalised turning (2 pi / total)(total / 2 - left), so that along straightest lines the
     angle to the line stays (Polthier and Schmies). The value belongs to the segment that leaves the point; at
     an open end to the one that arrives.
@@ -22,10 +23,10 @@ def angle_to_curve(mesh: SurfaceMesh, paths: SurfacePaths) -> NDArray[np.float64
     turning = np.nan_to_num(joints(mesh, paths).geodesic_curvature)
     first = paths.start[:-1][np.diff(paths.start) > 0]
     turning[first] = 0.0
-    return -_summed(turning, paths)
+    return -_cumulative_sums(turning, paths)
 
 
-def _summed(value: NDArray, paths: SurfacePaths) -> NDArray[np.float64]:
+def _cumulative_sums(value: NDArray, paths: SurfacePaths) -> NDArray[np.float64]:
     """Running sums within each path."""
     total = np.cumsum(value)
     before = np.concatenate([[0.0], total])[paths.start[:-1]]
@@ -33,7 +34,7 @@ def _summed(value: NDArray, paths: SurfacePaths) -> NDArray[np.float64]:
 
 
 def transported_frame(mesh: TriangleMesh, paths: SurfacePaths) -> dict[str, NDArray[np.float64]]:
-    """Orthonormal tangent frames carried along curves without turning.
+    """Orthonormal tangent frames in parallel transport along curves.
 
     Parameters
     ----------
@@ -60,12 +61,12 @@ def transported_frame(mesh: TriangleMesh, paths: SurfacePaths) -> dict[str, NDAr
 
 
 def holonomy(mesh: SurfaceMesh, paths: SurfacePaths) -> NDArray[np.float64]:
-    """(k,) angle in (-pi, pi] by which a vector has turned, counter-clockwise, once round a closed path.
+    """(k,) holonomy: angle in (-pi, pi] by which transport once around a closed path turns a vector.
 
     For a counter-clockwise loop around a disk it is the sum of the angle defects inside, modulo 2 pi. nan for
     open paths.
     """
     turning = np.nan_to_num(joints(mesh, paths).geodesic_curvature)
-    total = np.bincount(paths.of_point(), weights=turning, minlength=len(paths))
+    total = sum_by_index(paths.of_point(), turning, len(paths))
     turned = np.pi - (np.pi + total) % (2 * np.pi)
     return np.where(paths.closed & (np.diff(paths.start) > 0), turned, np.nan)

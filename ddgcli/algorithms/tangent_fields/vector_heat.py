@@ -1,8 +1,8 @@
-"""Vectors spread over a surface by parallel transport: the vector heat method.
+"""Vector heat method: parallel transport of vectors to a whole surface.
 
-Sharp, Soliman, Crane, "The Vector Heat Method", 2019: diffuse vectors for a short time with the connection
-Laplacian, which carries them along shortest paths; take the directions from there and the lengths from two
-scalar diffusions.
+N. Sharp, Y. Soliman, K. Crane, "The Vector Heat Method", 2019: short-time diffusion with the connection
+Laplacian transports vectors along shortest paths and gives the directions; two scalar diffusions give the
+lengths.
 """
 
 from __future__ import annotations
@@ -23,37 +23,37 @@ from ddgcli.operators.connection import connection_laplacian, side_angles
 from ddgcli.operators.laplacian import lumped_mass, stiffness
 
 _log = logging.getLogger("ddgcli")
-FAINT = 1e-290  # what has diffused so far is counted as nothing
-MOST_TIME = 4.0**14
-REFINED_FROM = 1e-12  # residual above which a solution is refined
+MIN_VALUE = 1e-290  # smaller diffused values have no direction
+MAX_TIME = 4.0**14  # in squared mean side lengths
+REFINEMENT_RESIDUAL = 1e-12  # solutions with a larger residual are refined
 
 
 def _delaunay_frames(mesh: SurfaceMesh) -> tuple[SurfaceMesh, NDArray[np.complex128]]:
-    """The intrinsic Delaunay triangulation, and the turn of its frames to those of the mesh."""
-    as_it_is = mesh, np.ones(mesh.n_vertices, dtype=np.complex128)
+    """Intrinsic Delaunay triangulation, and the rotation of its vertex frames to those of the mesh."""
+    unchanged = mesh, np.ones(mesh.n_vertices, dtype=np.complex128)
     side_angles(mesh)  # one fan a vertex
     if len(mesh.topology.nonmanifold_edges):
-        _log.warning("vectors spread on the faces as they are: edges of three faces have no Delaunay flips")
-        return as_it_is
+        _log.warning(
+            "vectors diffuse on the faces of the mesh: edges with three faces have no Delaunay flips"
+        )
+        return unchanged
     flipped = flip_to_delaunay(mesh, track=True)
     turn = frame_turn(mesh, flipped) if flipped.flips else None
     if turn is None and flipped.flips:
-        _log.warning(
-            "vectors spread on the faces as they are: degenerate ones hide the way to the Delaunay ones"
-        )
-    return as_it_is if turn is None else (flipped.mesh, turn)
+        _log.warning("vectors diffuse on the faces of the mesh: degenerate faces hide the Delaunay frames")
+    return unchanged if turn is None else (flipped.mesh, turn)
 
 
 @dataclass(frozen=True, eq=False)
-class Spread:
-    """Vectors carried everywhere.
+class TransportedVectors:
+    """Vectors at all vertices.
 
     Parameters
     ----------
     vector : (n,) ndarray of complex128
         In the vertices' frames.
     residual : float
-        Relative residual of the solves that they come from, the largest.
+        Largest relative residual of the solves.
     """
 
     vector: NDArray[np.complex128]
@@ -61,7 +61,7 @@ class Spread:
 
 
 class VectorHeat:
-    """Two factorisations of a mesh, many transports.
+    """Factorised vector heat method of a mesh, for many transports.
 
     Parameters
     ----------
@@ -70,13 +70,13 @@ class VectorHeat:
     time : float
         Diffusion time in units of the squared mean side length.
     intrinsic_delaunay : bool
-        Diffuse on the intrinsic Delaunay triangulation, whose cotangent weights are not negative; values go
-        in and out in the frames of `mesh`. Where an edge has three faces, the mesh as it is (told).
+        Diffuse on the intrinsic Delaunay triangulation, whose cotangent weights are not negative; values are
+        in the frames of `mesh`. If an edge has three faces, diffuse on the mesh itself (with a warning).
     """
 
     def __init__(self, mesh: SurfaceMesh, time: float = 1.0, *, intrinsic_delaunay: bool = True) -> None:
         if not time > 0:
-            raise ParameterError(f"the diffusion time must be positive, found {time}")
+            raise ParameterError(f"must be positive, got {time}", parameter="time")
         self.turn = np.ones(mesh.n_vertices, dtype=np.complex128)
         if intrinsic_delaunay:
             mesh, self.turn = _delaunay_frames(mesh)
@@ -94,14 +94,14 @@ class VectorHeat:
 
     @property
     def scalar(self) -> Factor:
-        """Diffusion of numbers, factorised when lengths or doubts first ask for it."""
+        """Factorised scalar diffusion, created on first access."""
         if self._scalar is None:
             matrix = csc_array(self._mass + self._t * stiffness(self.mesh))
             self._scalar = Factor(matrix, like=self._vector)
         return self._scalar
 
-    def transport(self, vertex: NDArray, value: NDArray) -> Spread:
-        """Vectors everywhere, parallel to that of the nearest source vertex.
+    def transport(self, vertex: NDArray, value: NDArray) -> TransportedVectors:
+        """Vectors at all vertices, parallel to that of the nearest source vertex.
 
         Parameters
         ----------
@@ -111,41 +111,39 @@ class VectorHeat:
 
         Notes
         -----
-        What diffuses falls by e with each square root of the time; where it would fall below the smallest
-        number, far from the sources, the time is raised for all.
+        Diffused values fall by a factor e per square root of the time. If they underflow far from the
+        sources, the time is raised.
         """
         component = self.mesh.topology.vertex_component
         reached = np.isin(component, component[vertex]) & self.mesh.topology.referenced_vertex
         vectors = self._source(vertex, value)
-        spread, residual = _solved(self._vector, vectors)
-        while self._too_faint(spread, vertex, reached) and self.time <= MOST_TIME:
+        diffused, residual = _solve(self._vector, vectors)
+        while self._underflows(diffused, vertex, reached) and self.time <= MAX_TIME:
             self._factorise(4.0 * self.time)
-            spread, residual = _solved(self._vector, vectors)
-            _log.info(
-                f"vector heat: time raised to {self.time:g} squared sides, so that it reaches everywhere"
-            )
+            diffused, residual = _solve(self._vector, vectors)
+            _log.info(f"vector heat: time raised to {self.time:g} squared side lengths to avoid underflow")
         size = np.abs(value)
         length = np.where(reached, size.max(initial=0.0), 0.0)
         if np.ptp(size) > 0:
             length, scalar_residual = self._lengths(vertex, size)
             residual = max(residual, scalar_residual)
-        amount = np.abs(spread)
-        unit = np.divide(spread, amount, out=np.zeros_like(spread), where=amount > FAINT)
-        return Spread(unit * length * self.turn, residual)
+        amount = np.abs(diffused)
+        unit = np.divide(diffused, amount, out=np.zeros_like(diffused), where=amount > MIN_VALUE)
+        return TransportedVectors(unit * length * self.turn, residual)
 
-    def _too_faint(self, spread: NDArray, vertex: NDArray, reached: NDArray) -> bool:
-        """Whether some place holds less than any number; vectors that only cancel there are no sign of it."""
-        if np.abs(spread[reached]).min(initial=np.inf) > FAINT:
+    def _underflows(self, diffused: NDArray, vertex: NDArray, reached: NDArray) -> bool:
+        """True if values underflow at some vertex (small values by cancellation do not count)."""
+        if np.abs(diffused[reached]).min(initial=np.inf) > MIN_VALUE:
             return False
-        count = _solved(self.scalar, np.bincount(vertex, minlength=len(spread)).astype(np.float64))[0]
-        return not np.abs(count[reached]).min(initial=np.inf) > FAINT
+        count = _solve(self.scalar, np.bincount(vertex, minlength=len(diffused)).astype(np.float64))[0]
+        return not np.abs(count[reached]).min(initial=np.inf) > MIN_VALUE
 
     def _lengths(self, vertex: NDArray, size: NDArray) -> tuple[NDArray, float]:
-        """Diffused lengths over diffused ones, and the residual."""
+        """Diffused lengths divided by diffused indicators, and the residual."""
         n = self.mesh.n_vertices
         start = np.stack([np.bincount(vertex, size, n), np.bincount(vertex, minlength=n)], axis=1)
-        sizes, residual = _solved(self.scalar, start)
-        faint = ~(np.abs(sizes[:, 1]) > FAINT)
+        sizes, residual = _solve(self.scalar, start)
+        faint = ~(np.abs(sizes[:, 1]) > MIN_VALUE)
         return np.divide(sizes[:, 0], sizes[:, 1], out=np.zeros(n), where=~faint), residual
 
     def _source(self, vertex: NDArray, value: NDArray) -> NDArray[np.complex128]:
@@ -154,11 +152,12 @@ class VectorHeat:
         return start
 
 
-def _solved(factor: Factor, b: NDArray) -> tuple[NDArray, float]:
-    """Solution and its largest |A x - b| relative to the largest |b|; refined where that is not small."""
+def _solve(factor: Factor, b: NDArray) -> tuple[NDArray, float]:
+    """Solve A x = b, with refinement if needed; return x and the largest |A x - b| relative to the largest
+    |b|."""
     x = factor.solve(b, refine=False)
     residual = factor.residual(x, b)
-    if not residual < REFINED_FROM:
+    if not residual < REFINEMENT_RESIDUAL:
         x = factor.solve(b)
         residual = factor.residual(x, b)
     return x, residual

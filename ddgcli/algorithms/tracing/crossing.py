@@ -1,4 +1,4 @@
-"""The arithmetic of a crossing, of arrays and of single numbers alike; places on sides."""
+"""Arithmetic of one crossing, for arrays and for scalars, and points on sides."""
 
 from __future__ import annotations
 
@@ -11,38 +11,38 @@ from numpy.typing import NDArray
 from ddgcli.mesh.topology import NEXT
 
 SNAP = 1e-12  # a line this close to a vertex, relative to the side it crosses, goes through the vertex
-FLAT = 1e-150  # sine of an angle from which no length can be had
-ROW = Struct("6d2q")  # of Unfolding.side
+MIN_SINE = 1e-150  # below it the exit length cannot be computed from the angle
+ROW = Struct("6d2q")  # a row of Unfolding.side
 
 
 def leaves_right(apex: Any, x: Any, heading: Any) -> Any:
-    """Does the line leave by the next side? From a vertex it does: the exit is the side opposite."""
+    """True where the line leaves by the next side. From a vertex it always does (the opposite side)."""
     return (heading.real * apex.imag > heading.imag * (apex.real - x)) | (x == 0.0)
 
 
 def to_exit(
     x: Any, width: Any, heading: Any, turned: Any, sine: Any, exit_length: Any, share: Any
 ) -> tuple[Any, Any, Any]:
-    """Where the exit is, from the corner that entry and exit side share and from the apex; and how far.
+    """Position of the exit from the corner shared by entry and exit side, from the apex, and its distance.
 
-    `turned` is the heading in the frame of the exit's twin, `sine` that of the angle between the two sides;
-    `share` is 1 where the line leaves by the next side, 0 where by the previous.
+    `turned` is the heading in the frame of the exit's twin, `sine` the sine of the angle between the two
+    sides. `share` is 1 where the line leaves by the next side, 0 where it leaves by the previous.
     """
     k = (x + share * (width - 2.0 * x)) / turned.imag
     u = k * heading.imag
     return u, exit_length - u, k * sine
 
 
-def crossed(
+def scalar_crossing(
     rows: memoryview, side: int, x: float, heading: complex, rest: float, width: float
 ) -> tuple[int, float, complex, float, float] | None:
-    """State of one line behind the next face; None where that is no plain crossing."""
+    """State of one line after the next face; None if the crossing needs special treatment."""
     apex_x, apex_y, back_x, back_y, on_x, on_y, back, on = ROW.unpack_from(rows, ROW.size * side)
     apex = complex(apex_x, apex_y)
     right = leaves_right(apex, x, heading)
     twin, turn = (on, complex(on_x, on_y)) if right else (back, complex(back_x, back_y))
     turned, sine = heading * turn, abs(turn.imag)
-    if twin < 0 or turned.imag == 0.0 or sine < FLAT:
+    if twin < 0 or turned.imag == 0.0 or sine < MIN_SINE:
         return None
     exit_length = apex_y / sine
     u, beyond_u, distance = to_exit(x, width, heading, turned, sine, exit_length, right)
@@ -52,20 +52,23 @@ def crossed(
 
 
 def next_side(side: NDArray) -> NDArray[np.int64]:
+    """Next side of the same face."""
     return side + np.where(side % 3 == 2, -2, 1)
 
 
 def previous_side(side: NDArray) -> NDArray[np.int64]:
+    """Previous side of the same face."""
     return side + np.where(side % 3 == 0, 2, -1)
 
 
 def least(x: NDArray, y: NDArray, z: NDArray) -> NDArray[np.int64]:
-    """Which of three numbers is least, row by row (a reduction over so short an axis is slow)."""
+    """Index of the least of three numbers, row by row (numpy reductions over short axes are slow)."""
     return np.where(x <= y, np.where(x <= z, 0, 2), np.where(y <= z, 1, 2))
 
 
 def on_side(side: NDArray, share: NDArray) -> NDArray[np.float64]:
-    """(k, 3) barycentric coordinates at `share` of the way along sides, in the face of the side."""
+    """(k, 3) barycentric coordinates of the points at the fraction `share` along sides, in the face of the
+    side."""
     barycentric = np.zeros((len(side), 3))
     rows, j = np.arange(len(side)), side % 3
     barycentric[rows, j] = 1.0 - share

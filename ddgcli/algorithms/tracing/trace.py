@@ -1,39 +1,39 @@
-"""Straightest geodesics (the exponential map), thousands at once.
+"""Trace straightest geodesics (the exponential map) from many starting points at once.
 
-A straightest geodesic has equal surface angles on its left and right at every point: straight inside faces,
-straight across an unfolded edge, halving the total angle at a vertex (Polthier and Schmies, "Straightest
-Geodesics on Polyhedral Surfaces"). It exists and is unique for every start and direction.
+A straightest geodesic has equal surface angles on its left and right at every point. It is straight inside
+faces and across an unfolded edge, and it halves the total angle at a vertex (Polthier and Schmies,
+"Straightest Geodesics on Polyhedral Surfaces"). It exists and is unique for every start and direction.
 """
 
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ddgcli.algorithms.tracing.batch import AT_BOUNDARY, GAVE_UP, REACHED, SNAP, Start, Traces, Walk
+from ddgcli.algorithms.tracing.batch import SNAP, TraceBatch
+from ddgcli.algorithms.tracing.lines import AT_BOUNDARY, GAVE_UP, REACHED, LineStart, Traces
 from ddgcli.errors import MeshError, ParameterError
 from ddgcli.geometry.face_frames import to_face_frame, to_space
 from ddgcli.geometry.surface_points import SurfacePoints
 from ddgcli.geometry.unfolding import APEX, Fans, Unfolding, unfold, vertex_fans
 from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
-from ddgcli.mesh.triangle_mesh import vector_length
+from ddgcli.mesh.vectors import vector_length
+from ddgcli.progress import ProgressCallback
 
 __all__ = ["AT_BOUNDARY", "GAVE_UP", "REACHED", "Tracer", "Traces", "check_start", "trace"]
 
 STATUS_TEXT = ("reached", "boundary", "gave up")
-LINES_AT_ONCE = 16_384  # what belongs to so many lines stays in the cache
-TELL_EVERY = 64  # crossings
-ALONG = 1e-12  # of a unit direction: as much may point out of a face without area
+BATCH_SIZE = 16_384  # lines; their state fits in the cache
+PROGRESS_INTERVAL = 64  # crossings between two calls of the progress callback
+NORMAL_TOLERANCE = 1e-12  # largest component of a unit direction across the line of a face without area
 
 _log = logging.getLogger("ddgcli")
-Told = Callable[[float, float], None]  # done, of total
 
 
 class Tracer:
-    """A mesh made ready for tracing; keep it where many calls walk on the same mesh.
+    """Tracer of straightest geodesics on one mesh. Its set-up is shared by all calls.
 
     Parameters
     ----------
@@ -62,7 +62,7 @@ class Tracer:
 
     @property
     def fans(self) -> Fans:
-        """Angles around vertices; made when the first line meets a vertex."""
+        """Angles around vertices; computed when the first line meets a vertex."""
         return vertex_fans(self.mesh)
 
     def trace(
@@ -75,42 +75,44 @@ class Tracer:
         at_boundary: str = "stop",
         record: bool = False,
         max_crossings: int = 100_000,
-        told: Told | None = None,
+        progress: ProgressCallback | None = None,
     ) -> Traces:
-        """As the function `trace`; `told(done, total)` hears how much length has been walked."""
+        """Trace lines as the function `trace` does; `progress` is called with the traced and the total
+        length."""
         start = check_start(self.mesh, face, barycentric, direction, length)
         _refuse_flat_starts(self, start, np.atleast_2d(np.asarray(direction, dtype=np.float64)))
         if at_boundary not in ("stop", "reflect"):
-            raise ParameterError(f"at_boundary must be 'stop' or 'reflect', found {at_boundary!r}")
-        return self.walked(
-            start, at_boundary=at_boundary, record=record, max_crossings=max_crossings, told=told
+            raise ParameterError(f"at_boundary must be 'stop' or 'reflect', got {at_boundary!r}")
+        return self.trace_checked(
+            start, at_boundary=at_boundary, record=record, max_crossings=max_crossings, progress=progress
         )
 
-    def walked(
-        self, start: Start, *, at_boundary: str = "stop", record: bool = False, max_crossings: int = 100_000,
-        told: Told | None = None,
+    def trace_checked(
+        self, start: LineStart, *, at_boundary: str = "stop", record: bool = False,
+        max_crossings: int = 100_000,
+        progress: ProgressCallback | None = None,
     ) -> Traces:  # fmt: skip
-        """As `trace`, from starts known to be right (unit directions in the frames of the faces)."""
+        """Trace lines from checked starts (unit directions in the planar frames of the faces)."""
         parts, done, total = [], 0.0, float(start.length.sum())
-        for first in range(0, max(len(start.face), 1), LINES_AT_ONCE):
-            some = start.part(first, first + LINES_AT_ONCE)
-            walk = Walk(self.unfolding, lambda: self.fans, some, at_boundary == "reflect", record)
+        for first in range(0, max(len(start.face), 1), BATCH_SIZE):
+            part = start.part(first, first + BATCH_SIZE)
+            batch = TraceBatch(self.unfolding, lambda: self.fans, part, at_boundary == "reflect", record)
             with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-                walk.begin()
-                while len(walk.line) and walk.steps < max_crossings:
-                    walk.advance(min(TELL_EVERY, max_crossings - walk.steps))
-                    if told is not None:
-                        told(min(done + walk.walked(), total), total)
-                walk.finish()
-                walk.abandon()
-            parts.append(walk.result())
-            done += float(some.length.sum())
-        lines = Traces.joined(parts)
-        stuck = np.flatnonzero(lines.status == GAVE_UP)
-        if len(stuck):
+                batch.begin()
+                while len(batch.line) and batch.steps < max_crossings:
+                    batch.advance(min(PROGRESS_INTERVAL, max_crossings - batch.steps))
+                    if progress is not None:
+                        progress(min(done + batch.traced_length(), total), total)
+                batch.finish()
+                batch.abandon()
+            parts.append(batch.result())
+            done += float(part.length.sum())
+        lines = Traces.concatenate(parts)
+        abandoned = np.flatnonzero(lines.status == GAVE_UP)
+        if len(abandoned):
             _log.warning(
-                f"{len(stuck)} lines were given up (first: line {stuck[0]}) after {max_crossings} crossings "
-                "or at a vertex without angles; they end short of their length"
+                f"{len(abandoned)} lines (first: line {abandoned[0]}) stopped short of their length, after "
+                f"{max_crossings} crossings or at a vertex without angles; give shorter lengths"
             )
         return lines
 
@@ -126,27 +128,27 @@ def trace(
     record: bool = False,
     max_crossings: int = 100_000,
 ) -> Traces:
-    """Walk straight on from points of a surface.
+    """Trace straightest geodesics from many starting points.
 
     Parameters
     ----------
     mesh : TriangleMesh or IntrinsicMesh
-        Consistently oriented. (`Tracer(mesh).trace` saves the set-up when called again.)
+        Consistently oriented. For repeated calls, `Tracer(mesh).trace` computes the set-up once.
     face : (k,) array_like of int
     barycentric : (k, 3) array_like of float
-        Start points: inside faces, on edges (one zero) or at vertices (two zeros).
+        LineStart points: inside faces, on edges (one zero) or at vertices (two zeros).
     direction : (k, 3) or (k, 2) array_like of float
         In space (projected to the plane of the face) or in the planar frame of the face (corner 0 at the
-        origin, corner 1 on +x, corner 2 above). Its size does not matter. At an edge or vertex a direction
-        that leaves the face is continued into the neighbour, unfolded.
+        origin, corner 1 on +x, corner 2 above). Its length is ignored. At an edge or vertex, a direction
+        that leaves the face continues into the unfolded neighbour.
     length : (k,) array_like of float
-        Not negative, in the mesh's length unit.
+        Non-negative, in the mesh's length unit.
     at_boundary : {'stop', 'reflect'}
-        Stop there, or go on as on the surface glued to its mirror image: reflected, as light is.
+        Stop at the boundary, or reflect there (as on the surface glued to its mirror image).
     record : bool
-        Keep every crossing.
+        Record the points where lines cross sides.
     max_crossings : int
-        A line that has crossed so many sides and vertices is given up, with a warning.
+        A line that has crossed this many sides and vertices is abandoned, with a warning.
 
     Returns
     -------
@@ -155,15 +157,15 @@ def trace(
     Raises
     ------
     MeshError, ParameterError
-        On faces out of range, barycentric coordinates that do not sum to 1 or are negative, directions
-        without a part in the plane, negative lengths; on starts within a face without area from which the
-        direction leads out of the line that the face is.
+        A face is out of range, barycentric coordinates are negative or do not sum to 1, a direction has no
+        component in the plane of its face, a length is negative, or a direction leads out of a face without
+        area.
 
     Notes
     -----
-    A line that passes a vertex closer than 1e-12 of the side it crosses goes through that vertex. On which
-    side a line passes a vertex of non-zero curvature changes its end by a finite amount: such lines are
-    ill-conditioned, on the polyhedron itself.
+    A line that passes a vertex closer than 1e-12 of the side it crosses goes through that vertex. Lines that
+    pass a vertex of non-zero curvature closely are ill-conditioned on the polyhedron itself: their end
+    depends on the side on which they pass it.
     """
     return Tracer(mesh).trace(
         face, barycentric, direction, length,
@@ -171,33 +173,34 @@ def trace(
     )  # fmt: skip
 
 
-def _refuse_flat_starts(tracer: Tracer, start: Start, direction: NDArray) -> None:
-    """A face without area has no plane: only directions along it lead anywhere.
+def _refuse_flat_starts(tracer: Tracer, start: LineStart, direction: NDArray) -> None:
+    """Raise ParameterError for directions that lead out of a face without area: it has no plane.
 
-    In its own frame a direction at a corner is one of the unfolded fan; in space it has no such meaning.
+    A planar direction at a corner is a direction of the unfolded fan and is allowed.
     """
     flat = np.flatnonzero(tracer.unfolding.side[3 * start.face, APEX].imag <= 0)
     if not len(flat):
         return
     if direction.shape[1] == 2:
-        out = np.abs(start.direction[flat, 1]) > ALONG
-        out &= (start.barycentric[flat] > SNAP).sum(axis=1) > 1
+        leaves = np.abs(start.direction[flat, 1]) > NORMAL_TOLERANCE
+        leaves &= (start.barycentric[flat] > SNAP).sum(axis=1) > 1
     else:
-        given = np.broadcast_to(direction, (len(start.face), 3))[flat]
+        in_space = np.broadcast_to(direction, (len(start.face), 3))[flat]
         along = to_space(tracer.mesh, start.face[flat], start.direction[flat])  # type: ignore[arg-type]
-        out = vector_length(np.cross(given, along)) > ALONG * vector_length(given)
-    if out.any():
-        bad = flat[out][0]
+        leaves = vector_length(np.cross(in_space, along)) > NORMAL_TOLERANCE * vector_length(in_space)
+    if leaves.any():
+        bad = flat[leaves][0]
         raise ParameterError(
             f"line {bad} starts in face {start.face[bad]}, which has no area, and leads out of it; "
-            "start in the face beside it"
+            "start in a neighbouring face"
         )
 
 
 def check_start(
     mesh: SurfaceMesh, face: ArrayLike, barycentric: ArrayLike, direction: ArrayLike, length: ArrayLike
-) -> Start:
-    """Arrays of the right shape and range, directions as unit vectors in the planar frame of the face."""
+) -> LineStart:
+    """Check start points, directions and lengths; directions become unit vectors in the frames of the
+    faces."""
     points = SurfacePoints.checked(np.atleast_1d(face), np.atleast_2d(barycentric), mesh.n_faces)
     face, barycentric = points.face, points.barycentric
     k = len(face)
@@ -213,7 +216,7 @@ def check_start(
         )
     direction = np.atleast_2d(np.asarray(direction, dtype=np.float64))
     if direction.ndim != 2 or direction.shape[1] not in (2, 3) or len(direction) not in (1, k):
-        raise ParameterError(f"directions must have shape ({k}, 3) or ({k}, 2), found {direction.shape}")
+        raise ParameterError(f"directions must have shape ({k}, 3) or ({k}, 2), got {direction.shape}")
     direction = np.broadcast_to(direction, (k, direction.shape[1]))
     if not np.isfinite(direction).all():
         bad = np.flatnonzero(~np.isfinite(direction).all(axis=1))
@@ -229,4 +232,4 @@ def check_start(
             f"line {bad[0]} has no direction within face {face[bad[0]]} "
             "(zero, across its plane, or a face without area); give a direction along the surface"
         )
-    return Start(face, barycentric, np.ascontiguousarray(planar / norm[:, None]), length)
+    return LineStart(face, barycentric, np.ascontiguousarray(planar / norm[:, None]), length)

@@ -1,76 +1,80 @@
-"""The points of lines under way, noted step by step and put in order line by line."""
+"""Record the points of lines step by step, and sort them by line."""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ddgcli.mesh.ragged import list_starts
 from ddgcli.mesh.topology import NEXT
 
-ROOM = 1 << 20  # marks at most that are made room for at once: large pieces of memory come in large pages
-BLOCK = 1 << 14  # points written out at once: they stay in the cache
+MAX_BUFFER_SIZE = 1 << 20  # marks allocated at once; large allocations use large pages
+BLOCK_SIZE = 1 << 14  # points converted at once; they fit in the cache
 
 
-class Record:
-    """Where lines stood after each step: a mark is the share of the way along a side, and 1j times the side.
+class PointRecorder:
+    """Points of lines after each step, as marks: the fraction along a side plus 1j times the side number.
 
-    A note is one step of all lines under way, or several steps of the same lines: a row each.
+    An entry holds one step of all active lines, or several steps of the same lines, one row each.
     """
 
     def __init__(self) -> None:
-        self.notes: list[tuple[NDArray, NDArray]] = []
-        self.room, self.size = np.empty(0, dtype=np.complex128), 64
+        self.entries: list[tuple[NDArray, NDArray]] = []
+        self.buffer, self.size = np.empty(0, dtype=np.complex128), 64
 
-    def note(self, line: NDArray, side: NDArray, x: NDArray, width: NDArray) -> None:
-        """Lines stand on sides at x from their tails."""
-        if len(self.room) < len(line):
-            self.size = min(2 * self.size, ROOM)
-            self.room = np.empty(max(self.size, 16 * len(line)), dtype=np.complex128)
-        marks, self.room = self.room[: len(line)], self.room[len(line) :]
+    def record(self, line: NDArray, side: NDArray, x: NDArray, width: NDArray) -> None:
+        """Record one step: lines are on sides, at x from their tails."""
+        if len(self.buffer) < len(line):
+            self.size = min(2 * self.size, MAX_BUFFER_SIZE)
+            self.buffer = np.empty(max(self.size, 16 * len(line)), dtype=np.complex128)
+        marks, self.buffer = self.buffer[: len(line)], self.buffer[len(line) :]
         np.divide(x, width, out=marks.real)
         marks.imag = side
-        self.notes.append((line, marks))
+        self.entries.append((line, marks))
 
-    def note_steps(self, line: NDArray, marks: list[complex]) -> None:
-        """Several steps of lines that all went on, step by step."""
-        self.notes.append((line, np.array(marks).reshape(-1, len(line))))
+    def record_steps(self, line: NDArray, marks: list[complex]) -> None:
+        """Record several steps of the same lines."""
+        self.entries.append((line, np.array(marks).reshape(-1, len(line))))
 
     def in_order(self, crossings: NDArray, has_start: NDArray) -> tuple[NDArray, NDArray, NDArray]:
-        """Faces and barycentric coordinates, one line after the other; room is left for starts and ends.
+        """Faces and barycentric coordinates of the points, line by line, with free entries for starts and
+        ends.
 
-        A line that had ended may still have been noted for some steps. What is noted of it lands in places of
-        later lines, at steps that those had made before: written backward in time, they have the last word.
+        Ended lines may still be recorded for some steps. Those points land in entries of later lines, at
+        steps which these lines made before; writing backward in time overwrites them with the right points.
 
         Returns
         -------
         start : (k+1,) ndarray of int64
             Points of line i are start[i]:start[i+1]: its start if `has_start`, its crossings, its end.
         face, barycentric : (p,), (p, 3) ndarray
-            The points that are starts or ends hold nothing yet.
+            Entries of starts and ends are not set.
         """
-        start = np.concatenate([[0], np.cumsum(has_start + crossings + 1)])
+        start = list_starts(has_start + crossings + 1)
         base = start[:-1] + has_start
-        rows = [marks.size // max(len(line), 1) for line, marks in self.notes]
+        rows = [marks.size // max(len(line), 1) for line, marks in self.entries]
         step = sum(rows)
         face, barycentric = np.empty(start[-1], dtype=np.int64), np.empty((start[-1] + step, 3))
-        place = barycentric[:, :2].view(np.complex128)[:, 0]  # the marks wait where their points will be
+        place = barycentric[:, :2].view(np.complex128)[:, 0]  # store marks where their points will be
         known, first = None, base
-        for (line, marks), n in zip(reversed(self.notes), reversed(rows), strict=True):
+        for (line, marks), n in zip(reversed(self.entries), reversed(rows), strict=True):
             step -= n
             if line is not known:
                 known, first = line, base.take(line)
             place[first + step if n == 1 else first + np.arange(step, step + n)[:, None]] = marks
         barycentric = barycentric[: len(face)]
-        for a in range(0, len(face), BLOCK):
-            part = slice(a, a + BLOCK)
-            with np.errstate(invalid="ignore"):  # where nothing was noted
-                _write_out(place[a : min(a + BLOCK, len(face))].copy(), face[part], barycentric[part])
+        for a in range(0, len(face), BLOCK_SIZE):
+            part = slice(a, a + BLOCK_SIZE)
+            with np.errstate(invalid="ignore"):  # entries without a mark
+                _convert_marks(
+                    place[a : min(a + BLOCK_SIZE, len(face))].copy(), face[part], barycentric[part]
+                )
         return start, face, barycentric
 
 
-def _write_out(marks: NDArray, face: NDArray, barycentric: NDArray) -> None:
-    """Write points on sides to `face` and `barycentric`."""
-    share = np.fmax(marks.real, 0.0)  # a side without length has no shares
+def _convert_marks(marks: NDArray, face: NDArray, barycentric: NDArray) -> None:
+    """Convert marks to `face` and `barycentric`, in place."""
+    share = np.fmax(marks.real, 0.0)  # nan on a side without length
     side = marks.imag.astype(np.int64)
     np.floor_divide(side, 3, out=face)
     side -= 3 * face

@@ -9,7 +9,7 @@ from typing import Any
 import click
 
 from ddgcli.cli import options
-from ddgcli.cli.options import Common
+from ddgcli.cli.options import CommonOptions
 from ddgcli.cli.run import Run
 from ddgcli.errors import ParameterError
 
@@ -43,7 +43,7 @@ NOT_IN_BATCHES = ("batch", "check", "examples")
 )
 @options.common
 def command(
-    words: tuple[str, ...], common: Common, table: str | None, resume: bool, shard: str | None,
+    words: tuple[str, ...], common: CommonOptions, table: str | None, resume: bool, shard: str | None,
     cluster: str | None, sweep: tuple[str, ...], collect: tuple[str, ...], jobs: int, timeout: float | None,
     memory: float | None,
 ) -> None:  # fmt: skip
@@ -75,7 +75,7 @@ def command(
         raise ParameterError("needs `table`, whose journal tells what ended", parameter="resume")
     template = common.outputs[0] if common.outputs else None
     run = Run("batch", replace(common, outputs=()), formats=(), call=call, sweep=sweep, shard=shard)
-    run.will_write(table, TABLE_FORMATS)
+    run.plan_output(table, TABLE_FORMATS)
     sweeps = parsed_sweeps(sweep)
     check_call(call, sweeps)
     tasks = shard_of(make_tasks(expanded_inputs(inputs), sweeps, template, call), shard)

@@ -6,8 +6,9 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from ddgcli.choices import CURVATURE_SCHEMES
 from ddgcli.cli import options
-from ddgcli.cli.options import Common
+from ddgcli.cli.options import CommonOptions
 from ddgcli.cli.run import Run
 
 if TYPE_CHECKING:
@@ -19,11 +20,9 @@ if TYPE_CHECKING:
     from ddgcli.mesh.curve import CurveSet
     from ddgcli.mesh.triangle_mesh import TriangleMesh
 
-SCHEMES = ("quadric", "corrected", "normal-cycle", "cotan")
-
 
 class Radius(click.ParamType):
-    """A length, or auto."""
+    """A length or `auto`."""
 
     name = "radius"
 
@@ -33,30 +32,30 @@ class Radius(click.ParamType):
 
 @click.command(
     "curvature",
-    epilog="Which scheme: quadric (noisy data: with --radius of three to five edges); corrected where speed "
-    "counts; cotan for sums and to compare with other programs. See docs/curvature.md and "
+    epilog="Choosing a scheme: quadric (noisy data: with --radius of three to five edges); corrected where "
+    "speed matters; cotan for integrals and for comparison with other programs. See docs/curvature.md and "
     "docs/accuracy/curvature.md.",
 )
 @options.mesh_arg
 @click.option(
     "--scheme",
-    type=click.Choice(SCHEMES),
+    type=click.Choice(CURVATURE_SCHEMES),
     default="quadric",
     show_default=True,
-    help="How mean and principal curvatures are measured.",
+    help="Scheme for mean and principal curvatures.",
 )
 @click.option(
     "--radius",
     type=Radius(),
     metavar="R|auto",
     help="Measure in balls of this radius, in length units (default: the vertex star; quadric: two rings). "
-    "auto: the radius that averages the noise of the vertices, where there is noise.",
+    "auto: the radius that averages the noise of the vertices, if there is noise.",
 )
 @click.option(
     "--map",
     "map_name",
     metavar="ARRAY",
-    help="Array of the input (n, 2) or (n, 3): its non-conformality, Dirichlet energy - area, is measured.",
+    help="Array of the input (n, 2) or (n, 3): report its non-conformality, Dirichlet energy - area.",
 )
 @options.common
 def command(
@@ -64,7 +63,7 @@ def command(
     scheme: str,
     radius: Any,
     map_name: str | None,
-    common: Common,
+    common: CommonOptions,
 ) -> None:
     """Measure the curvature of MESH: a triangle surface, the boundary of tetrahedra, or polylines.
 
@@ -82,7 +81,7 @@ def command(
     from ddgcli.mesh.curve import CurveSet
 
     if isinstance(source.mesh, CurveSet):
-        options.refuse_given(
+        options.refuse_options(
             "is for surfaces, and this is a curve; leave it out", "scheme", "radius", "map_name"
         )
         _curves(run, source.mesh)
@@ -97,20 +96,21 @@ def _surface(
     radius: Any,
     map_name: str | None,
 ) -> None:
-    from ddgcli.algorithms.curvature.report import measure
+    from ddgcli.algorithms.curvature.surface_curvature import measure_curvature
     from ddgcli.mesh.fields import AnnotatedMesh
 
     mesh = source.surface
-    image = None if map_name is None else options.chosen(source.vertex, map_name, "vertex array")
-    measured = measure(mesh, scheme, radius, image=image)
-    name, values = run.shown(measured.vertex, "mean_curvature")
+    image = None if map_name is None else options.named_array(source.vertex, map_name, "vertex array")
+    measured = measure_curvature(mesh, scheme, radius, image=image)
+    name, values = run.picture_array(measured.vertex, "mean_curvature")
     run.write(AnnotatedMesh(mesh, vertex=measured.vertex, edge=measured.edge))
-    run.plot(lambda path: _draw_surface(path, mesh, name, values, measured.vertex, scheme, run.look))
+    view = run.picture_options
+    run.plot(lambda path: _draw_surface(path, mesh, name, values, measured.vertex, scheme, view))
     run.finish(measured.results, measured.accuracy)
 
 
 def _size_of(name: str, vertex: Mapping[str, NDArray]) -> float:
-    """What a curvature is to be seen against: a minimal surface is not as coloured as a wave."""
+    """Reference size for the colours of a curvature, so that a minimal surface is paler than a wave."""
     import numpy as np
 
     order = {"mean_curvature": 1, "principal_curvature_min": 1, "principal_curvature_max": 1}
@@ -128,19 +128,19 @@ def _draw_surface(
     scheme: str,
     look: dict[str, Any],
 ) -> None:
-    """An array in colours; principal directions as stripes over their curvature."""
+    """Draw an array in colours; principal directions as stripes over their curvature."""
     from ddgcli.plots.array import draw_array, glyphs_of
     from ddgcli.plots.surface import draw_surface
 
-    given: dict[str, Any] = {"caption": f"scheme {scheme}", **look}
+    picture: dict[str, Any] = {"caption": f"scheme {scheme}", **look}
     if name.startswith("principal_direction"):
         glyphs, name = glyphs_of(mesh, name, values), name.replace("direction", "curvature")
         size = _size_of(name, vertex)
         draw_surface(
-            path, mesh, vertex[name], label=name, signed=True, glyphs=glyphs, value_size=size, **given
+            path, mesh, vertex[name], label=name, signed=True, glyphs=glyphs, value_size=size, **picture
         )
         return
-    draw_array(path, mesh, name, values, value_size=_size_of(name, vertex), **given)
+    draw_array(path, mesh, name, values, value_size=_size_of(name, vertex), **picture)
 
 
 def _curves(run: Run, curves: CurveSet) -> None:
@@ -149,9 +149,9 @@ def _curves(run: Run, curves: CurveSet) -> None:
 
     measured = measure_curves(curves)
     scalars = {name: values for name, values in measured.vertex.items() if values.ndim == 1}
-    name, values = run.shown(scalars, "curvature")
+    name, values = run.picture_array(scalars, "curvature")
     run.write(AnnotatedMesh(curves, vertex=measured.vertex))
-    run.plot(lambda path: _draw_curves(path, curves, name, values, run.look))
+    run.plot(lambda path: _draw_curves(path, curves, name, values, run.picture_options))
     run.finish(measured.results, measured.accuracy)
 
 

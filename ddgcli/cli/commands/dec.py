@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from ddgcli.cli import options
-from ddgcli.cli.options import Common
+from ddgcli.cli.options import CommonOptions
 from ddgcli.cli.run import Run
 from ddgcli.errors import OutputError
 
@@ -30,7 +30,7 @@ STARS = ("galerkin", "circumcentric", "barycentric")
 )
 @click.option("--mtx", metavar="FOLDER", help="Write every matrix as FOLDER/NAME.mtx (Matrix Market) too.")
 @options.common
-def command(mesh_path: str, common: Common, star: Any, mtx: str | None) -> None:
+def command(mesh_path: str, common: CommonOptions, star: Any, mtx: str | None) -> None:
     """Write the operators of discrete exterior calculus on MESH, a surface or tetrahedra.
 
     d0, d1 (d2): exterior derivatives, integer. star0, star1, star2 (star3): Hodge stars. codifferential1 ...:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from ddgcli.cli import options
-from ddgcli.cli.options import Common
+from ddgcli.cli.options import CommonOptions
 from ddgcli.cli.run import Run
 from ddgcli.errors import ParameterError
 
@@ -21,16 +21,16 @@ OVERLAY_FORMATS = (".npz", ".vtkhdf", ".ply", ".vtu", ".vtp", ".vtk", ".xdmf", "
 
 @click.command(
     "delaunay",
-    epilog="Which: flips alone (the default) are enough for Laplacians and distances; --refine 25 "
-    "where angles must be bounded, at ten to a hundred times the time. See docs/delaunay.md "
-    "and docs/accuracy/delaunay.md.",
+    epilog="Choosing a method: flips alone (the default) suffice for Laplacians and distances; --refine 25 "
+    "bounds the angles, at ten to a hundred times the cost. See docs/delaunay.md and "
+    "docs/accuracy/delaunay.md.",
 )
 @options.mesh_arg
 @click.option(
     "--refine",
     metavar="DEGREES",
     type=options.POSITIVE,
-    help="Insert Steiner points until no angle is smaller (25 is safe; at most 33).",
+    help="Insert Steiner points until no angle is smaller (25 always succeeds; at most 33).",
 )
 @click.option(
     "--max-points",
@@ -49,7 +49,7 @@ OVERLAY_FORMATS = (".npz", ".vtkhdf", ".ply", ".vtu", ".vtp", ".vtk", ".xdmf", "
     "--transfer",
     metavar="ARRAY",
     multiple=True,
-    help="Carry an array on the vertices of MESH to those of the triangulation: the values nearest in L2 "
+    help="Transfer an array on the vertices of MESH to those of the triangulation: the values nearest in L2 "
     "(in -o; on --overlay its interpolant). May be repeated.",
 )
 @click.option("--condition", is_flag=True, help="Also measure the condition number of the Laplacian.")
@@ -63,9 +63,9 @@ def command(
     transfer: tuple[str, ...],
     condition: bool,
     subdivide: int,
-    common: Common,
+    common: CommonOptions,
 ) -> None:
-    """The intrinsic Delaunay triangulation of MESH: same vertices, same metric, better edges.
+    """Compute the intrinsic Delaunay triangulation of MESH: same vertices, same metric, better edges.
 
     -o writes faces, face_edge_lengths, neighbors and points (.npz or .vtkhdf); with --refine also where the
     points lie on the input: input_face and input_barycentric.
@@ -88,33 +88,35 @@ def command(
         subdivide=subdivide,
     )
     if max_points is not None and refine is None:
-        raise ParameterError("--max-points bounds the points of --refine; give both, or neither")
-    run.will_write(overlay, OVERLAY_FORMATS)
+        raise ParameterError(
+            "bounds the points of `refine`; add `refine`, or leave it out", parameter="max_points"
+        )
+    run.plan_output(overlay, OVERLAY_FORMATS)
     source = run.read(mesh_path, subdivide=subdivide)
 
-    from ddgcli.algorithms.delaunay.report import delaunay_report, overlay_mesh
+    from ddgcli.algorithms.delaunay.intrinsic_delaunay import intrinsic_delaunay, overlay_mesh
     from ddgcli.mesh.fields import AnnotatedMesh
 
-    report = delaunay_report(
+    result = intrinsic_delaunay(
         source.surface,
         degrees=refine,
         max_points=max_points,
         subdivide=bool(overlay or common.plot),
-        transferred={name: options.chosen(source.vertex, name, "vertex array") for name in transfer},
+        transferred={name: options.named_array(source.vertex, name, "vertex array") for name in transfer},
         condition=condition,
         seed=common.seed,
     )
-    run.shown({}, "")
-    run.write(AnnotatedMesh(report.mesh, vertex=report.vertex), converged=report.reached)
-    if overlay and report.subdivision:
-        written = overlay_mesh(report.subdivision, report.transferred)
-        run.write_file(overlay, written, converged=report.reached)
-    run.plot(lambda path: draw(path, source.surface, report.subdivision, run.look))
-    run.finish(report.results, report.accuracy, converged=report.reached)
+    run.picture_array({}, "")
+    run.write(AnnotatedMesh(result.mesh, vertex=result.vertex), converged=result.converged)
+    if overlay and result.subdivision:
+        subdivision = overlay_mesh(result.subdivision, result.transferred)
+        run.write_file(overlay, subdivision, converged=result.converged)
+    run.plot(lambda path: draw(path, source.surface, result.subdivision, run.picture_options))
+    run.finish(result.results, result.accuracy, converged=result.converged)
 
 
 def draw(path: str, mesh: TriangleMesh, subdivision: CommonSubdivision | None, look: dict[str, Any]) -> None:
-    """The edges of the input beside the intrinsic ones, in thin lines over the shaded surface."""
+    """Draw the edges of the input beside the intrinsic ones, as thin lines on the shaded surface."""
     from ddgcli.plots.surface import draw_beside
 
     curves = subdivision.curves() if subdivision else ()

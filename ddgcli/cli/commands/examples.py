@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from ddgcli.cli import options
-from ddgcli.cli.options import Common
+from ddgcli.cli.options import CommonOptions
 from ddgcli.cli.run import Run
 from ddgcli.errors import OutputError
 
@@ -17,7 +17,7 @@ FOLDERS = {"sample_meshes": "ddgcli.samples.meshes", "sample_scenes": "ddgcli.sa
 @click.command("examples", short_help="Copy the sample meshes and scenes into a folder.")
 @click.argument("folder", metavar="DIR", type=click.Path())
 @options.common
-def command(folder: str, common: Common) -> None:
+def command(folder: str, common: CommonOptions) -> None:
     """Copy the sample meshes and scenes to DIR/sample_meshes and DIR/sample_scenes.
 
     The commands of the README run in DIR afterwards. Files that exist already are kept.

@@ -1,4 +1,4 @@
-"""`ddgcli frames`."""
+"""`ddgcli frames`: export frames of a trajectory."""
 
 from __future__ import annotations
 
@@ -10,17 +10,18 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from ddgcli.cli import options
-from ddgcli.cli.options import Common
-from ddgcli.cli.run import Run, describe
+from ddgcli.cli.input_facts import input_facts
+from ddgcli.cli.options import CommonOptions
+from ddgcli.cli.run import Run
 from ddgcli.errors import OutputError, ParameterError
 
 if TYPE_CHECKING:
     from ddgcli.io.trajectories.trajectory import Trajectory
     from ddgcli.mesh.fields import AnnotatedMesh
-    from ddgcli.plots.motion import Shot, Stage
+    from ddgcli.plots.motion import PlotFrame, SequenceStyle
 
 
-NUMBER = re.compile(r"\{(?::0?\d*d?)?\}")  # the place of a frame's number in an output's name
+FRAME_NUMBER = re.compile(r"\{(?::0?\d*d?)?\}")  # where an output's name has the number of the frame
 
 
 @click.command("frames")
@@ -41,7 +42,7 @@ NUMBER = re.compile(r"\{(?::0?\d*d?)?\}")  # the place of a frame's number in an
 )
 @click.option("--array", metavar="NAME", help="The same as --show; 'none' for none.")
 @click.option("--fps", type=options.POSITIVE, help="Frames a second of a .gif.  [default: 25]")
-def command(path: str, common: Common, **wishes: Any) -> None:
+def command(path: str, common: CommonOptions, **settings: Any) -> None:
     """Export frames of a trajectory (complete, or a .part that still grows).
 
     The extension of -o decides: a mesh format takes the frame of --at, or all frames under a numbered name
@@ -53,29 +54,29 @@ def command(path: str, common: Common, **wishes: Any) -> None:
       ddgcli frames run.vtkhdf --at 1.5 -o f.ply
       ddgcli frames run.vtkhdf --every 10 -o f_{:04d}.ply
       ddgcli frames run.vtkhdf -o movie.gif --view 15,40
-      ddgcli frames run.vtkhdf --plot story.png
+      ddgcli frames run.vtkhdf --plot run.png
     """
     from ddgcli.io.mesh_file import WRITERS
     from ddgcli.io.trajectories.trajectory import Trajectory
     from ddgcli.plots.page import FORMATS
 
     run = Run("frames", common, formats=(*WRITERS, *FORMATS, ".gif", ".pvd"), pictures="output",
-              **_given(wishes))  # fmt: skip
-    if common.show is not None and wishes["array"] is not None:
-        raise ParameterError("--show and --array name the same; give one")
-    wishes |= {"view": common.view, "size": common.size, "array": wishes["array"] or common.show}
-    _refuse_idle(common, wishes)
+              **_without_defaults(settings))  # fmt: skip
+    if common.show is not None and settings["array"] is not None:
+        raise ParameterError("--show and --array are the same option; give one")
+    settings |= {"view": common.view, "size": common.size, "array": settings["array"] or common.show}
+    _check_picture_options(common, settings)
     with run.timed("read"):
         run_file = Trajectory(path)
     with run_file as source:
-        run.note_input(path, str(source.attributes.get("input_sha256", "")), **describe(source.mesh))
-        chosen = _chosen(source, wishes)
+        run.set_input(path, str(source.attributes.get("input_sha256", "")), **input_facts(source.mesh))
+        chosen = _frame_numbers(source, settings)
         for output in common.outputs:
             _check_numbering(output, len(chosen))
         exported = chosen if common.outputs else []
         for output in common.outputs:
-            _export(run, source, output, chosen, wishes)
-        run.plot(lambda target: _story(target, source, chosen, wishes))
+            _export(run, source, output, chosen, settings)
+        run.plot(lambda target: _draw_plot(target, source, chosen, settings))
         results = {
             "frames": source.n_frames,
             "status": source.attributes.get("status"),
@@ -86,52 +87,52 @@ def command(path: str, common: Common, **wishes: Any) -> None:
             "arrays": sorted(source.vertex(0)),
             "scalars": sorted(source.scalars),
         }
-    run.finish(results, {"time_mismatch": _mismatch(source, chosen, wishes)})
+    run.finish(results, {"time_mismatch": _time_mismatch(source, chosen, settings)})
 
 
-def _refuse_idle(common: Common, wishes: dict[str, Any]) -> None:
-    """ParameterError for wishes about pictures where none is drawn."""
+def _check_picture_options(common: CommonOptions, settings: dict[str, Any]) -> None:
+    """Raise ParameterError for options of pictures if no picture is drawn."""
     from ddgcli.plots.page import FORMATS
 
-    kinds = {Path(output).suffix.lower() for output in (*common.outputs, common.plot or "")}
-    for name, of in (
+    outputs = {Path(output).suffix.lower() for output in (*common.outputs, common.plot or "")}
+    for name, suffixes in (
         ("fps", {".gif"}),
         ("view", {".gif", *FORMATS}),
         ("size", {".gif", *FORMATS}),
         ("array", {".gif", *FORMATS}),
     ):
-        if wishes[name] is not None and not kinds & of:
-            raise ParameterError(f"--{name} is for {' '.join(sorted(of))}; write one with -o")
+        if settings[name] is not None and not outputs & suffixes:
+            raise ParameterError(f"--{name} is for {' '.join(sorted(suffixes))}; write one with -o")
 
 
-def _given(wishes: dict[str, Any]) -> dict[str, Any]:
-    return {name: value for name, value in wishes.items() if value is not None}
+def _without_defaults(settings: dict[str, Any]) -> dict[str, Any]:
+    return {name: value for name, value in settings.items() if value is not None}
 
 
-def _chosen(source: Trajectory, wishes: dict[str, Any]) -> list[int]:
-    """Numbers of the frames asked for."""
+def _frame_numbers(source: Trajectory, settings: dict[str, Any]) -> list[int]:
+    """Numbers of the selected frames."""
     times = source.times
-    if wishes["time"] is not None:
+    if settings["time"] is not None:
         slack = 1e-9 * max(abs(float(times[-1])), 1e-300)
-        if not times[0] - slack <= wishes["time"] <= times[-1] + slack:
+        if not times[0] - slack <= settings["time"] <= times[-1] + slack:
             raise ParameterError(
-                f"--at {wishes['time']:g}: the run lasts from {times[0]:g} to {times[-1]:g} s"
+                f"--at {settings['time']:g}: the run lasts from {times[0]:g} to {times[-1]:g} s"
             )
-        return [source.frame_at(wishes["time"])]
-    low = times[0] if wishes["start"] is None else wishes["start"]
-    high = times[-1] if wishes["end"] is None else wishes["end"]
+        return [source.frame_at(settings["time"])]
+    low = times[0] if settings["start"] is None else settings["start"]
+    high = times[-1] if settings["end"] is None else settings["end"]
     inside = [k for k in range(source.n_frames) if low - 1e-12 <= times[k] <= high + 1e-12]
     if not inside:
         raise ParameterError(f"no frame from {low:g} to {high:g} s; the run lasts to {times[-1]:g} s")
-    return inside[:: wishes["every"]]
+    return inside[:: settings["every"]]
 
 
-def _mismatch(source: Trajectory, chosen: list[int], wishes: dict[str, Any]) -> float:
-    """Distance of the exported frame from the time asked for."""
-    return 0.0 if wishes["time"] is None else abs(float(source.times[chosen[0]]) - wishes["time"])
+def _time_mismatch(source: Trajectory, chosen: list[int], settings: dict[str, Any]) -> float:
+    """Difference between the time of the exported frame and --at [s]."""
+    return 0.0 if settings["time"] is None else abs(float(source.times[chosen[0]]) - settings["time"])
 
 
-def _export(run: Run, source: Trajectory, output: str, chosen: list[int], wishes: dict[str, Any]) -> None:
+def _export(run: Run, source: Trajectory, output: str, chosen: list[int], settings: dict[str, Any]) -> None:
     from ddgcli.plots.page import FORMATS
 
     suffix = Path(output).suffix.lower()
@@ -141,37 +142,43 @@ def _export(run: Run, source: Trajectory, output: str, chosen: list[int], wishes
         from ddgcli.plots.motion import draw_animation
 
         with run.drawing(output) as partial:
-            on = _stage(source, chosen, wishes)
-            draw_animation(partial, _shots(source, chosen, wishes), on, wishes["fps"] or 25.0, wishes["size"])
+            style = _style(source, chosen, settings)
+            draw_animation(
+                partial,
+                _plot_frames(source, chosen, settings),
+                style,
+                settings["fps"] or 25.0,
+                settings["size"],
+            )
     elif suffix in FORMATS:
-        _pictures(run, source, output, chosen, wishes)
+        _pictures(run, source, output, chosen, settings)
     else:
         for number, k in enumerate(chosen):
             run.write_file(_numbered(output, number), _annotated(source, k))
 
 
 def _check_numbering(output: str, count: int) -> None:
-    """OutputError where several frames would go to one mesh, or a number has no right place in the name."""
+    """Raise OutputError for several frames in one mesh file, or a wrong number in the name."""
     from ddgcli.io.mesh_file import WRITERS
     from ddgcli.plots.page import FORMATS
 
     path = Path(output)
-    numbered = NUMBER.findall(output)
-    if "{" in output and (len(numbered) != 1 or path.suffix.lower() not in (*WRITERS, *FORMATS)):
+    numbers = FRAME_NUMBER.findall(output)
+    if "{" in output and (len(numbers) != 1 or path.suffix.lower() not in (*WRITERS, *FORMATS)):
         raise OutputError(
-            f"{output}: a numbered name has one number, and a format of a frame a file; write f_{{:04d}}.ply"
+            f"{output}: a numbered name needs one number and a format of one frame, such as f_{{:04d}}.ply"
         )
-    if count > 1 and not numbered and path.suffix.lower() not in (*FORMATS, ".gif", ".pvd"):
+    if count > 1 and not numbers and path.suffix.lower() not in (*FORMATS, ".gif", ".pvd"):
         name = f"{path.stem}_{{:04d}}{path.suffix}" if output != "-" else "f_{:04d}.ply"
         raise OutputError(
-            f"{output}: the file holds one frame, and {count} are chosen; number them with -o {name}, "
+            f"{output}: the file holds one frame, and {count} are selected; number the files with -o {name}, "
             "or choose one with --at TIME"
         )
 
 
 def _numbered(output: str, number: int) -> str:
-    """The name with the number in its place, where it has one."""
-    return output.format(number) if NUMBER.search(output) else output
+    """File name of a frame."""
+    return output.format(number) if FRAME_NUMBER.search(output) else output
 
 
 def _annotated(source: Trajectory, k: int) -> AnnotatedMesh:
@@ -183,23 +190,23 @@ def _annotated(source: Trajectory, k: int) -> AnnotatedMesh:
     )
 
 
-def _pictures(run: Run, source: Trajectory, output: str, chosen: list[int], wishes: dict[str, Any]) -> None:
-    """The frame of --at, or a numbered picture of each frame: name_0000.png, name_0001.png, ..."""
-    from ddgcli.plots.motion import draw_shot
+def _pictures(run: Run, source: Trajectory, output: str, chosen: list[int], settings: dict[str, Any]) -> None:
+    """Draw the frame of --at, or every frame as name_0000.png, name_0001.png, ..."""
+    from ddgcli.plots.motion import draw_frame
 
     with run.timed("write"):
-        on = _stage(source, chosen, wishes)
+        style = _style(source, chosen, settings)
     target = Path(output)
-    for k, shot in enumerate(_shots(source, chosen, wishes)):
+    for k, frame in enumerate(_plot_frames(source, chosen, settings)):
         name = _numbered(output, k)
-        if name == output and wishes["time"] is None:
+        if name == output and settings["time"] is None:
             name = str(target.with_name(f"{target.stem}_{k:04d}{target.suffix}"))
         with run.drawing(name) as partial:
-            draw_shot(partial, shot, on, **options.page_size(wishes["size"]))
+            draw_frame(partial, frame, style, **options.page_size(settings["size"]))
 
 
 def _series(run: Run, source: Trajectory, output: str, chosen: list[int]) -> None:
-    """A .pvd and, in a folder of its name, one .vtp for each frame."""
+    """Write a .pvd and, in a folder of its name, one .vtp for each frame."""
     folder = Path(output).with_suffix("")
     folder.mkdir(exist_ok=True)
     written = []
@@ -212,46 +219,52 @@ def _series(run: Run, source: Trajectory, output: str, chosen: list[int]) -> Non
     run.write_bytes(output, pvd_text(written).encode())
 
 
-def _shots(source: Trajectory, chosen: list[int], wishes: dict[str, Any]) -> Iterator[Shot]:
-    from ddgcli.cli.simulation.plot import length_of, part_of
-    from ddgcli.plots.motion import Shot
+def _plot_frames(source: Trajectory, chosen: list[int], settings: dict[str, Any]) -> Iterator[PlotFrame]:
+    from ddgcli.cli.simulation.plot import magnitude, visible_part
+    from ddgcli.plots.motion import PlotFrame
 
-    name = _array_name(source, wishes)
+    name = _array_name(source, settings)
     hidden = source.face.get("wraps")  # faces of a periodic grid that would span the picture
     shown = None if hidden is None else hidden == 0
     for k in chosen:
-        values = length_of(source.vertex(k)[name]) if name else None
-        yield Shot(float(source.times[k]), part_of(source.mesh.moved(source.points(k)), shown), values)
+        values = magnitude(source.vertex(k)[name]) if name else None
+        yield PlotFrame(
+            float(source.times[k]), visible_part(source.mesh.moved(source.points(k)), shown), values
+        )
 
 
-def _array_name(source: Trajectory, wishes: dict[str, Any]) -> str | None:
-    """The array that colours pictures: the one asked for, else vorticity or the first that is a number."""
+def _array_name(source: Trajectory, settings: dict[str, Any]) -> str | None:
+    """Array that colours the pictures; by default vorticity or the first scalar."""
     arrays = source.vertex(0)
-    if wishes["array"] in (None, "none"):
+    if settings["array"] in (None, "none"):
         plain = [name for name, values in arrays.items() if values.ndim == 1]
         plain.sort(key=lambda name: name != "vorticity")
-        return plain[0] if plain and wishes["array"] is None else None
-    return wishes["array"] if wishes["array"] in arrays else options.chosen(arrays, wishes["array"])
+        return plain[0] if plain and settings["array"] is None else None
+    return (
+        settings["array"] if settings["array"] in arrays else options.named_array(arrays, settings["array"])
+    )
 
 
-def _stage(source: Trajectory, chosen: list[int], wishes: dict[str, Any]) -> Stage:
-    from ddgcli.plots.motion import stage
+def _style(source: Trajectory, chosen: list[int], settings: dict[str, Any]) -> SequenceStyle:
+    from ddgcli.plots.motion import sequence_style
 
-    name = _array_name(source, wishes)
+    name = _array_name(source, settings)
     unit = str(source.attributes.get("time_unit", "s"))
-    return stage(_shots(source, chosen, wishes), name or "", wishes["view"], time_unit=unit)
+    return sequence_style(
+        _plot_frames(source, chosen, settings), name or "", settings["view"], time_unit=unit
+    )
 
 
-def _story(target: str, source: Trajectory, chosen: list[int], wishes: dict[str, Any]) -> None:
-    from ddgcli.cli.simulation.plot import energies
+def _draw_plot(target: str, source: Trajectory, chosen: list[int], settings: dict[str, Any]) -> None:
+    from ddgcli.cli.simulation.plot import energy_series
     from ddgcli.plots.motion import draw_motion
 
-    series = energies(source.times, source.scalars)
+    series = energy_series(source.times, source.scalars)
     draw_motion(
         target,
-        list(_shots(source, chosen, wishes)),
+        list(_plot_frames(source, chosen, settings)),
         series,
-        _stage(source, chosen, wishes),
+        _style(source, chosen, settings),
         "energy",
-        **options.page_size(wishes["size"], 9.0),
+        **options.page_size(settings["size"], 9.0),
     )

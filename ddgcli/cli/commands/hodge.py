@@ -6,15 +6,16 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from ddgcli.choices import FIELD_BOUNDARIES
 from ddgcli.cli import options
-from ddgcli.cli.options import Common
+from ddgcli.cli.options import CommonOptions
 from ddgcli.cli.run import Run
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from ddgcli.algorithms.hodge.hodge_analysis import HodgeAnalysis
     from ddgcli.algorithms.hodge.homology import Boundary
-    from ddgcli.algorithms.hodge.report import HodgeReport
     from ddgcli.mesh.tet_mesh import TetMesh
     from ddgcli.mesh.triangle_mesh import TriangleMesh
 
@@ -27,15 +28,20 @@ if TYPE_CHECKING:
 @click.option("--field-file", metavar="PATH", help="The same from a .npy, .npz, .csv or .txt file.")
 @click.option(
     "--boundary",
-    type=click.Choice(["tangential", "normal"]),
+    type=click.Choice(FIELD_BOUNDARIES),
     default="tangential",
     show_default=True,
-    help="Harmonic fields run along the boundary, or stand on it.",
+    help="Harmonic fields are tangential or normal to the boundary.",
 )
 @click.option("--basis", is_flag=True, help="Write an orthonormal harmonic basis: harmonic_000, ...")
 @options.common
 def command(
-    mesh_path: str, field: str | None, field_file: str | None, boundary: Boundary, basis: bool, common: Common
+    mesh_path: str,
+    field: str | None,
+    field_file: str | None,
+    boundary: Boundary,
+    basis: bool,
+    common: CommonOptions,
 ) -> None:
     """Split a field on MESH into exact, coexact and harmonic parts.
 
@@ -46,28 +52,27 @@ def command(
     Example:
       ddgcli hodge torus.vtu --field wind -o parts.vtu
 
-    Which discretisation: vectors on faces split exactly and cheapest; vectors on vertices pay two averages
-    (accuracy.reconstruction_residual tells how much). See docs/hodge.md.
+    Choosing a discretisation: vectors on faces split exactly at the least cost; vectors on vertices are
+    averaged twice (accuracy.reconstruction_residual measures the loss). See docs/hodge.md.
     """
     run = Run("hodge", common, field=field or field_file, boundary=boundary, basis=basis)
-    run.also_reads(field_file)
+    run.add_input(field_file)
     source = run.read(mesh_path, accept=("surface", "tetrahedra"))
 
-    from ddgcli.algorithms.hodge.report import hodge_report
-    from ddgcli.io.arrays import given_field
+    from ddgcli.algorithms.hodge.hodge_analysis import hodge_analysis
+    from ddgcli.io.arrays import input_field
     from ddgcli.mesh.tet_mesh import TetMesh
     from ddgcli.mesh.triangle_mesh import TriangleMesh
 
-    given = given_field(source, field, field_file)
     mesh = source.mesh if isinstance(source.mesh, TetMesh) else source.surface
-    report = hodge_report(mesh, given, boundary, basis, run.progress("hodge"))
-    arrays = {**report.annotated.vertex, **report.annotated.face}
-    name, values = run.shown(
-        arrays if isinstance(mesh, TriangleMesh) else report.annotated.vertex, "potential"
-    )
-    run.write(report.annotated, converged=report.converged)
-    run.plot(lambda path: draw(path, source.surface, name, values, report, mesh, run.look))
-    run.finish(report.results, report.accuracy, converged=report.converged)
+    array = input_field(source, field, field_file)
+    analysis = hodge_analysis(mesh, array, boundary, basis, run.progress("hodge"))
+    annotated = analysis.annotated
+    arrays = {**annotated.vertex, **(annotated.face if isinstance(mesh, TriangleMesh) else {})}
+    name, values = run.picture_array(arrays, "potential")
+    run.write(annotated, converged=analysis.converged)
+    run.plot(lambda path: draw(path, source.surface, name, values, analysis, mesh, run.picture_options))
+    run.finish(analysis.results, analysis.accuracy, converged=analysis.converged)
 
 
 def draw(
@@ -75,18 +80,18 @@ def draw(
     surface: TriangleMesh,
     name: str,
     values: NDArray | None,
-    report: HodgeReport,
+    analysis: HodgeAnalysis,
     mesh: TriangleMesh | TetMesh,
     look: dict[str, Any],
 ) -> None:
-    """The surface by the potential, with the generators as curves and the vectors of the field as arrows."""
+    """Draw the potential on the surface, the generators as curves and the vectors of the field as arrows."""
     import numpy as np
 
     from ddgcli.plots.array import draw_array, glyphs_of
 
-    loops = [mesh.points[[*loop, loop[0]]] for loop in report.results["generators"]]
-    given: dict[str, Any] = {"curves": loops, **look}
-    field = report.vectors
+    loops = [mesh.points[[*loop, loop[0]]] for loop in analysis.results["generators"]]
+    picture: dict[str, Any] = {"curves": loops, **look}
+    field = analysis.vectors
     if name == "potential" and field is not None and len(field) in (surface.n_vertices, surface.n_faces):
-        given["glyphs"] = glyphs_of(surface, "field", np.asarray(field))
-    draw_array(path, surface, name, values, **given)
+        picture["glyphs"] = glyphs_of(surface, "field", np.asarray(field))
+    draw_array(path, surface, name, values, **picture)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from ddgcli.cli import options
-from ddgcli.cli.options import Common
+from ddgcli.cli.options import CommonOptions
 from ddgcli.cli.run import Run
 
 if TYPE_CHECKING:
@@ -16,18 +16,18 @@ if TYPE_CHECKING:
     from ddgcli.io.mesh_file import MeshInput
 
 
-@click.command("info", short_help="What a file holds, how good it is, and which commands take it.")
+@click.command("info", short_help="Report the contents and quality of a file, and which commands accept it.")
 @options.mesh_arg
 @options.common
-def command(mesh_path: str, common: Common) -> None:
-    """Say what MESH holds, how good it is, and which commands take it.
+def command(mesh_path: str, common: CommonOptions) -> None:
+    """Report the contents and the quality of MESH, and which commands accept it.
 
     Counts, components, boundary loops, genus, orientation; angles and aspect of the cells; defects with
-    the numbers of the first few; size in the file's own unit; for every command `accepts`: yes, or why
-    not and the mend. Surfaces, tetrahedra and curves. Nothing is repaired.
+    the numbers of the first few; size in the file's own unit; `accepts` for every command: yes, or the
+    reason and a repair. Surfaces, tetrahedra and curves. Nothing is repaired.
 
-    -o writes the mesh with the arrays that show where: component, boundary, non_manifold (vertices) and
-    min_angle_degrees (faces; of tetrahedra the smallest dihedral angle).
+    -o writes the mesh with arrays that locate the defects: component, boundary, non_manifold (vertices) and
+    min_angle_degrees (faces; for tetrahedra the smallest dihedral angle).
 
     \b
     Examples:
@@ -37,22 +37,22 @@ def command(mesh_path: str, common: Common) -> None:
     """
     run = Run("info", common)
     source = run.read(mesh_path, accept=("surface", "tetrahedra", "curve"))
-    from ddgcli.algorithms.inspection.report import inspect_mesh
+    from ddgcli.algorithms.inspection.inspect_mesh import inspect_mesh
     from ddgcli.mesh.fields import AnnotatedMesh
 
-    found = inspect_mesh(source.mesh)
+    inspection = inspect_mesh(source.mesh)
     arrays = {"vertex": source.vertex, "face": source.face, "edge": source.edge}
-    results = {**found.results, "arrays": {place: sorted(names) for place, names in arrays.items() if names}}
-    on_surface = source.kind == "surface"
-    shown = {**source.vertex, **source.face, **found.vertex, **found.face} if on_surface else {}
-    name, values = run.shown(shown, "min_angle_degrees")
-    run.write(AnnotatedMesh(source.mesh, vertex=found.vertex, face=found.face))
-    run.plot(lambda path: draw(path, source, name, values, run.look))
+    names = {place: sorted(names) for place, names in arrays.items() if names}
+    results = {**inspection.results, "arrays": names}
+    candidates = {**source.vertex, **source.face, **inspection.vertex, **inspection.face}
+    name, values = run.picture_array(candidates if source.kind == "surface" else {}, "min_angle_degrees")
+    run.write(AnnotatedMesh(source.mesh, vertex=inspection.vertex, face=inspection.face))
+    run.plot(lambda path: draw(path, source, name, values, run.picture_options))
     run.finish(results, {})
 
 
 def draw(path: str, source: MeshInput, name: str, values: NDArray | None, look: dict[str, Any]) -> None:
-    """The surface (of tetrahedra the boundary, uncoloured) by its smallest angles, or the curves."""
+    """Draw the surface by its smallest angles (the boundary of tetrahedra uncoloured), or the curves."""
     from ddgcli.mesh.curve import CurveSet
 
     if isinstance(source.mesh, CurveSet):

@@ -6,26 +6,23 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from ddgcli.choices import LAPLACE_OPERATORS, MASSES, PARAMETERIZATIONS, SMOOTHING_FLOWS
 from ddgcli.cli import options
-from ddgcli.cli.options import Common, Real
+from ddgcli.cli.options import CommonOptions, Real
 from ddgcli.cli.run import Run
 from ddgcli.errors import ParameterError
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from ddgcli.algorithms.laplacian.report import Report
+    from ddgcli.algorithms.laplacian.tasks import LaplacianResult
     from ddgcli.io.mesh_file import MeshInput
 
-# repeated from the core so that --help imports no numerics; a test compares them
-OPERATORS = ("cotan", "intrinsic-delaunay", "tufted", "uniform")
-MASSES = ("lumped", "voronoi", "galerkin")
-FLOWS = ("mean-curvature", "conformalized")
 MATRIX_FORMATS = (".npz", ".mtx")
 
 
 class FixedValue(click.ParamType):
-    """ID=VALUE."""
+    """A vertex and its value, ID=VALUE."""
 
     name = "id=value"
 
@@ -38,14 +35,14 @@ class FixedValue(click.ParamType):
 
 @click.command(
     "laplacian",
-    epilog="Which: the default, intrinsic-delaunay with lumped mass, costs little more than cotan and keeps "
-    "weights positive on any triangles; galerkin bounds eigenvalues from above. See docs/laplacian.md and "
-    "docs/accuracy/laplacian.md.",
+    epilog="Choosing an operator: the default, intrinsic-delaunay with lumped mass, costs little more than "
+    "cotan and keeps weights positive on any triangles; galerkin bounds eigenvalues from above. See "
+    "docs/laplacian.md and docs/accuracy/laplacian.md.",
 )
 @options.mesh_arg
 @click.option(
     "--operator",
-    type=click.Choice(OPERATORS),
+    type=click.Choice(LAPLACE_OPERATORS),
     help="Default: intrinsic-delaunay; tufted where the mesh is not an oriented manifold.",
 )
 @click.option("--mass", type=click.Choice(MASSES), default="lumped", show_default=True)
@@ -80,8 +77,8 @@ class FixedValue(click.ParamType):
 )
 @click.option(
     "--smooth-flow",
-    type=click.Choice(FLOWS),
-    help="Of --smooth: conformalized keeps angles and does not pinch thin parts off.  "
+    type=click.Choice(SMOOTHING_FLOWS),
+    help="Flow of --smooth: conformalized keeps angles and does not pinch thin parts off.  "
     "[default: mean-curvature]",
 )
 @click.option(
@@ -89,7 +86,7 @@ class FixedValue(click.ParamType):
 )
 @click.option(
     "--parameterize",
-    type=click.Choice(["harmonic", "conformal"]),
+    type=click.Choice(PARAMETERIZATIONS),
     help="Flatten a surface with boundary: array uv.",
 )
 @click.option(
@@ -103,9 +100,9 @@ class FixedValue(click.ParamType):
 @options.common
 def command(
     mesh_path: str, matrix: str | None, mass_matrix: str | None, poisson: str | None, fix: tuple,
-    subdivide: int, common: Common, **tasks: Any,
+    subdivide: int, common: CommonOptions, **tasks: Any,
 ) -> None:  # fmt: skip
-    """Laplace matrices of MESH, and what they solve.
+    """Assemble the Laplace matrices of MESH, and solve with them.
 
     L is the positive semidefinite stiffness, M the mass: L x = lambda M x has lambda >= 0.
 
@@ -120,22 +117,25 @@ def command(
     run = Run("laplacian", common, matrix=matrix, mass_matrix=mass_matrix, poisson=poisson,
               fix=[f"{vertex}={value:.17g}" for vertex, value in fix],
               subdivide=subdivide, **tasks)  # fmt: skip
-    run.will_write(matrix, MATRIX_FORMATS)
-    run.will_write(mass_matrix, MATRIX_FORMATS)
-    run.also_reads(poisson)
+    run.plan_output(matrix, MATRIX_FORMATS)
+    run.plan_output(mass_matrix, MATRIX_FORMATS)
+    run.add_input(poisson)
     source = run.read(mesh_path, subdivide=subdivide)
 
-    from ddgcli.algorithms.laplacian.report import Tasks, laplacian_report
+    from ddgcli.algorithms.laplacian.tasks import LaplacianTasks, solve_laplacian_tasks
 
-    asked = Tasks(poisson=source_term(source, poisson), fixed=fixed_values(fix), seed=common.seed, **tasks)
-    report = laplacian_report(source.surface, asked, run.progress("laplacian"))
-    name, values = report.shown
-    annotated = report.annotated
-    name, values = run.shown({name: values, **annotated.vertex, **annotated.face}, name)
-    write_matrices(run, report, matrix, mass_matrix)
-    run.write(report.annotated, converged=report.converged)
-    run.plot(lambda path: draw(path, report, name, values, run.look))
-    run.finish(report.results, report.accuracy, converged=report.converged)
+    term, fixed = source_term(source, poisson), fixed_values(fix)
+    result = solve_laplacian_tasks(
+        source.surface,
+        LaplacianTasks(poisson=term, fixed=fixed, seed=common.seed, **tasks),
+        run.progress("laplacian"),
+    )
+    name, values = result.picture_array
+    name, values = run.picture_array({name: values, **result.vertex}, name)
+    write_matrices(run, result, matrix, mass_matrix)
+    run.write(result.annotated, converged=result.converged)
+    run.plot(lambda path: draw(path, result, name, values, run.picture_options))
+    run.finish(result.results, result.accuracy, converged=result.converged)
 
 
 def fixed_values(fix: tuple[tuple[int, float], ...]) -> dict[int, float]:
@@ -144,47 +144,50 @@ def fixed_values(fix: tuple[tuple[int, float], ...]) -> dict[int, float]:
     for vertex, value in fix:
         if fixed.setdefault(vertex, value) != value:
             raise ParameterError(
-                f"--fix gives vertex {vertex} two values, {fixed[vertex]:g} and {value:g}; keep one"
+                f"vertex {vertex} has two values, {fixed[vertex]:g} and {value:g}; keep one", parameter="fix"
             )
     return fixed
 
 
 def source_term(source: MeshInput, name: str | None) -> Any:
-    """The array of --poisson, on vertices."""
+    """The vertex array of --poisson."""
     if name is None:
         return None
-    from ddgcli.io.arrays import given_array
+    from ddgcli.io.arrays import input_array
 
-    array, place = given_array(source, name)
+    array, place = input_array(source, name)
     if place not in ("vertex", ""):
-        raise ParameterError(f"--poisson needs values on vertices; {name!r} lives on the mesh's {place}s")
+        raise ParameterError(
+            f"needs values on vertices; {name!r} has values on {place}s", parameter="poisson"
+        )
     return array
 
 
-def write_matrices(run: Run, report: Report, matrix: str | None, mass_matrix: str | None) -> None:
+def write_matrices(run: Run, result: LaplacianResult, matrix: str | None, mass_matrix: str | None) -> None:
+    """Write the stiffness and the mass matrix, if they have paths."""
     from ddgcli.io.matrix_file import matrix_bytes
 
-    for path, content in ((matrix, report.operator.stiffness), (mass_matrix, report.operator.mass)):
+    for path, content in ((matrix, result.operator.stiffness), (mass_matrix, result.operator.mass)):
         if path is not None:
             run.write_bytes(path, matrix_bytes(path, content, run.command_line))
 
 
-def draw(path: str, report: Report, name: str, values: NDArray | None, look: dict[str, Any]) -> None:
-    """The surface by an array; flat coordinates as squares on the surface beside its flat layout."""
+def draw(path: str, result: LaplacianResult, name: str, values: NDArray | None, look: dict[str, Any]) -> None:
+    """Draw the surface with an array; flat coordinates as squares on it beside the flat layout."""
     from ddgcli.plots.array import draw_array
     from ddgcli.plots.surface import draw_beside
 
     if values is None or values.ndim == 1 or values.shape[1] != 2:
-        draw_array(path, report.mesh, name, values, **look)
+        draw_array(path, result.mesh, name, values, **look)
         return
     import numpy as np
 
-    layout = report.mesh.moved(np.column_stack([values, np.zeros(len(values))]))
+    layout = result.mesh.moved(np.column_stack([values, np.zeros(len(values))]))
     size = {key: look[key] for key in ("width", "height", "dpi") if key in look}
     angle: dict[str, Any] = {key: look[key] for key in ("view", "up") if key in look}
     draw_beside(
         path,
-        [(report.mesh, {"values": values, "title": "surface", **angle}),
+        [(result.mesh, {"values": values, "title": "surface", **angle}),
          (layout, {"values": values, "title": "flat layout", "view": "z", "up": "z"})],
         **size,
     )  # fmt: skip

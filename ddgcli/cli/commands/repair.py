@@ -7,8 +7,9 @@ from typing import Any
 import click
 
 from ddgcli.cli import options
-from ddgcli.cli.options import Common
-from ddgcli.cli.run import Run, describe
+from ddgcli.cli.input_facts import input_facts
+from ddgcli.cli.options import CommonOptions
+from ddgcli.cli.run import Run
 from ddgcli.errors import ParameterError
 
 
@@ -41,7 +42,7 @@ from ddgcli.errors import ParameterError
 @click.option("--cut-to-disk", is_flag=True, help="Cut every component open to a disk.")
 @click.option("--for", "for_command", metavar="COMMAND", help="The steps that COMMAND needs.")
 @options.common
-def command(mesh_path: str, common: Common, for_command: str | None, **chosen: Any) -> None:
+def command(mesh_path: str, common: CommonOptions, for_command: str | None, **chosen: Any) -> None:
     """Repair the surface MESH and write it with maps to the input.
 
     Every step has a flag; nothing else is changed. Steps run in this order: --weld, --drop-degenerate,
@@ -77,9 +78,9 @@ def command(mesh_path: str, common: Common, for_command: str | None, **chosen: A
     reasons = refusals(repaired.mesh)
     accepted = for_command is None or for_command not in reasons
     run.write(annotated, converged=accepted)
-    name, values = run.shown({**annotated.vertex, **annotated.face}, "input_face")
+    name, values = run.picture_array({**annotated.vertex, **annotated.face}, "input_face")
     from ddgcli.plots.array import draw_array
 
-    run.plot(lambda path: draw_array(path, repaired.mesh, name, values, **run.look))
-    results = {"changes": changes, "repaired": describe(repaired.mesh), "refused_by": reasons}
+    run.plot(lambda path: draw_array(path, repaired.mesh, name, values, **run.picture_options))
+    results = {"changes": changes, "repaired": input_facts(repaired.mesh), "refused_by": reasons}
     run.finish(results, {}, converged=accepted)

@@ -3,38 +3,47 @@
 from __future__ import annotations
 
 import json
+import shlex
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import click
 
+from ddgcli.choices import ERROR_NORMS
 from ddgcli.cli import options
-from ddgcli.cli.commands.tradeoff_options import SOURCES, Given, parse
-from ddgcli.cli.options import Common
+from ddgcli.cli.commands.tradeoff_options import COMPARABLE_OPTIONS, SOURCE_OPTIONS, CommandCall, parse
+from ddgcli.cli.options import CommonOptions
 from ddgcli.cli.run import Run
 from ddgcli.errors import ParameterError
 
 if TYPE_CHECKING:
-    from ddgcli.tradeoff.candidates import Problem, Table
+    from ddgcli.tradeoff.candidates import Problem, Row, Table
 
-COMMANDS = ("curvature", "delaunay", "laplacian", "geodesic", "shell-sim", "fluid-sim", "willmore-flow")
-SIMULATORS = COMMANDS[-3:]
+COMMANDS = tuple(COMPARABLE_OPTIONS)
+SIMULATORS = ("shell-sim", "fluid-sim", "willmore-flow")
 
 
 @click.command(
     "tradeoff",
     context_settings={"ignore_unknown_options": True},
-    epilog="Which: --within ERROR names the cheapest configuration; --norm mean where single vertices "
-    "(creases, say) would decide. See docs/tradeoff.md, and docs/accuracy/ for pictures on known truths.",
+    epilog="Choosing a method: --within ERROR reports the cheapest configuration; use --norm mean if "
+    "single vertices (at creases) have large errors. See docs/tradeoff.md, and docs/accuracy/ for plots "
+    "on known truths.",
 )
 @click.argument("compared", metavar="COMMAND", type=click.Choice(COMMANDS))
 @click.argument("words", metavar="INPUT [OPTIONS OF COMMAND]", nargs=-1, type=click.UNPROCESSED)
-@click.option("--within", type=options.POSITIVE, metavar="ERROR", help="Name the cheapest row within.")
+@click.option(
+    "--within",
+    type=options.POSITIVE,
+    metavar="ERROR",
+    help="Report the cheapest row whose error is at most ERROR.",
+)
 @click.option(
     "--norm",
-    type=click.Choice(["max", "mean"]),
+    type=click.Choice(ERROR_NORMS),
     default="max",
     show_default=True,
-    help="The error that --within and the front speak of.",
+    help="Error of --within and of the Pareto front.",
 )
 @click.option("--truth", metavar="SHAPE", help="Known truth: sphere:R, torus:R,r, ellipsoid:a,b,c ...")
 @click.option(
@@ -43,7 +52,7 @@ SIMULATORS = COMMANDS[-3:]
     metavar="SECONDS",
     default=60.0,
     show_default=True,
-    help="Time for everything; what would exceed it is left out.",
+    help="Time for everything; slower rows are left out.",
 )
 @click.option(
     "--repeat",
@@ -62,17 +71,17 @@ def command(
     truth: str | None,
     budget: float,
     repeat: int,
-    common: Common,
+    common: CommonOptions,
 ) -> None:
     """Show what accuracy costs in time: the methods of COMMAND on INPUT, error against seconds.
 
     COMMAND is curvature, delaunay, laplacian, geodesic, shell-sim, fluid-sim or willmore-flow. Every method
-    runs with several settings of its dials against the most accurate one that is affordable, or against a
-    known truth. Rows marked * are beaten by no other in both time and error.
+    runs with several values of its parameters against the most accurate reference within the budget, or
+    against a known truth. * marks the Pareto front: no other row is better in both time and error.
 
-    COMMAND's own options are given as they are to it. Those that make the question (--source, --eigen,
-    --duration, --effect, ...) hold in every row; one that names a method or a dial (--method heat,
-    --refine 20) leaves the rows that have it.
+    COMMAND's own options follow INPUT. Options of the problem (--source, --eigen, --duration, --effect, ...)
+    apply to every row; an option that chooses a method or a parameter (--method heat, --refine 20) restricts
+    the rows.
 
     \b
     Examples:
@@ -81,7 +90,7 @@ def command(
       ddgcli tradeoff curvature sphere.ply --truth sphere:1 --plot tradeoff.png
       ddgcli tradeoff shell-sim hat.toml --dt 1e-3 --integrator newmark --budget 120
     """
-    given = parse(compared, words)
+    call = parse(compared, words)
     run = Run(
         "tradeoff",
         common,
@@ -93,19 +102,20 @@ def command(
         truth=truth,
         budget=budget,
         repeat=repeat,
-        **given.asked,
+        **call.options,
     )
-    problem = _problem(run, compared, given, truth)
+    problem = _problem(run, compared, call, truth)
 
     from ddgcli.tradeoff.measure import run_problem
-    from ddgcli.tradeoff.pareto import give_verdicts
+    from ddgcli.tradeoff.pareto import assign_verdicts
     from ddgcli.tradeoff.report import results_of, text_table
 
-    told = run.progress("tradeoff")
-    table = run_problem(problem, repeat=repeat, budget=budget, began=run.began, progress=told)
-    chosen = give_verdicts(table, within, norm)
-    call = (compared, given.path, given.kept)
-    results = results_of(table, problem, call, chosen=chosen, within=within, norm=norm)
+    progress = run.progress("tradeoff")
+    table = run_problem(problem, repeat=repeat, budget=budget, began=run.began, progress=progress)
+    chosen = assign_verdicts(table, within, norm)
+    results = results_of(
+        table, problem, partial(row_command, compared, call), chosen=chosen, within=within, norm=norm
+    )
     write(run, results)
     if table.rows:
         run.plot(lambda path: draw(path, table, results, within, options.page_size(common.size)))
@@ -118,27 +128,30 @@ def command(
     )
 
 
-def _problem(run: Run, compared: str, given: Given, truth: str | None) -> Problem:
-    """The question of a command, on a mesh or on a scene."""
+def _problem(run: Run, compared: str, call: CommandCall, truth: str | None) -> Problem:
+    """Problem of a command, on a mesh or on a scene."""
     if truth and compared in SIMULATORS:
-        raise ParameterError(f"--truth says nothing of {compared}; its reference is a small step")
+        raise ParameterError(
+            f"--truth does not apply to {compared}; its reference is a run with a small step"
+        )
     if compared in ("shell-sim", "fluid-sim"):
-        return _scene_problem(run, compared, given)
+        return _scene_problem(run, compared, call)
     from ddgcli.tradeoff.problems.table import mesh_problem
     from ddgcli.tradeoff.truths import parse_truth
 
-    mesh = run.read(given.path).surface
+    mesh = run.read(call.path).surface
     known = parse_truth(truth, mesh.points) if truth else None
-    more: dict[str, Any] = {}
-    if compared == "geodesic" and any(name in given.asked for name in SOURCES):
-        from ddgcli.cli.commands.geodesic_distance import DistanceChoice, read_sources
+    keywords: dict[str, Any] = {}
+    if compared == "geodesic" and any(name in call.options for name in SOURCE_OPTIONS):
+        from ddgcli.algorithms.geodesics.distance_query import query_sources
+        from ddgcli.algorithms.geodesics.query import DistanceQuery
 
-        named = {name: given.asked[name] for name in SOURCES if name in given.asked}
-        more["sources"] = read_sources(mesh, DistanceChoice(**named))
-    return mesh_problem(compared, mesh, truth=known, asked=given.asked, **more)
+        named = {name: call.options[name] for name in SOURCE_OPTIONS if name in call.options}
+        keywords["sources"] = query_sources(mesh, DistanceQuery(**named))
+    return mesh_problem(compared, mesh, truth=known, options=call.options, **keywords)
 
 
-def _scene_problem(run: Run, compared: str, given: Given) -> Problem:
+def _scene_problem(run: Run, compared: str, call: CommandCall) -> Problem:
     from pathlib import Path
 
     from ddgcli.cli.commands.fluid_sim import quick_lines as fluid_lines
@@ -147,16 +160,25 @@ def _scene_problem(run: Run, compared: str, given: Given) -> Problem:
     from ddgcli.io.arrays import read_array
     from ddgcli.tradeoff.problems import simulate
 
-    asked = given.asked
+    scene_options = call.options
     role = compared.removesuffix("-sim")
-    lines, extra = (shell_lines if role == "shell" else fluid_lines)(asked)
-    document, _ = scene_document(given.path, role, lines, extra, None)
-    run.note_input(given.path, "")
+    lines, extra = (shell_lines if role == "shell" else fluid_lines)(scene_options)
+    document, _ = scene_document(call.path, role, lines, extra, None)
+    run.set_input(call.path, "")
     read = mesh_reader(run, document)
     if role == "shell":
-        return simulate.shell_problem(document, read, asked=asked)
+        return simulate.shell_problem(document, read, options=scene_options)
     folder = Path(document.folder)
-    return simulate.fluid_problem(document, read, lambda name: read_array(str(folder / name)), asked=asked)
+    return simulate.fluid_problem(
+        document, read, lambda name: read_array(str(folder / name)), options=scene_options
+    )
+
+
+def row_command(compared: str, call: CommandCall, row: Row) -> str:
+    """Command that runs a row, quoted for a shell."""
+    arguments = [f"--{name.replace('_', '-')} {text}" for name, text in row.arguments.items()]
+    words = ("ddgcli", row.program or compared, shlex.quote(call.path), call.problem_arguments, *arguments)
+    return " ".join(word for word in words if word)
 
 
 def write(run: Run, results: dict[str, Any]) -> None:
@@ -173,7 +195,7 @@ def write(run: Run, results: dict[str, Any]) -> None:
 def draw(
     path: str, table: Table, results: dict[str, Any], within: float | None, size: dict[str, Any]
 ) -> None:
-    """Error against seconds, one line a method, dial values at the points, the front ringed."""
+    """Draw error against seconds: one line a method, parameter values at the points, Pareto front ringed."""
     from ddgcli.plots.chart import draw_chart
     from ddgcli.tradeoff.report import chart_of
 
@@ -185,5 +207,5 @@ def draw(
         ylabel=f"{'largest' if results['norm'] == 'max' else 'mean'} error, relative",
         log="xy",
         caption=f"Errors relative to {results['error_scale']}. Reference: {results['reference']}. "
-        f"Rings: no other row beats it.\n{results['machine']}",
+        f"Rings: Pareto front.\n{results['machine']}",
     )

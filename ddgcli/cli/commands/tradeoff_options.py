@@ -1,4 +1,4 @@
-"""The compared command's own options, parsed by that command, and which of them a comparison can take."""
+"""Options of the compared command: parsed by that command, restricted to those that a comparison uses."""
 
 from __future__ import annotations
 
@@ -8,92 +8,96 @@ from typing import Any
 
 import click
 
-from ddgcli.cli.multi_value import spread
+from ddgcli.cli.multi_value import repeat_options
 from ddgcli.errors import ParameterError
 
-TIME = ("steps", "duration", "step", "tolerance")
-QUICK_SHELL = ("effect_lines", "pinned", "material", "settings")
-QUICK_FLUID = ("effect_lines", "vorticity", "flow", "viscosity")
-WISHES = ("flow", "energy", "boundary", "fix_area", "fix_volume")
-SOURCES = ("source", "source_point", "source_face")
+TIME_OPTIONS = ("steps", "duration", "step", "tolerance")
+SHELL_OPTIONS = ("effect_lines", "pinned", "material", "settings")
+FLUID_OPTIONS = ("effect_lines", "vorticity", "flow", "viscosity")
+FLOW_OPTIONS = ("flow", "energy", "boundary", "fix_area", "fix_volume")
+SOURCE_OPTIONS = ("source", "source_point", "source_face")
 
-# command -> (options of the question, the same in every row; options that choose methods and dials)
-TAKES: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
+# command -> (options of the problem, the same in every row; options that choose methods and parameters)
+COMPARABLE_OPTIONS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "curvature": ((), ("scheme", "radius")),
     "delaunay": ((), ("refine", "max_points", "subdivide")),
     "laplacian": ((), ("eigen", "operator", "mass", "subdivide")),
     "geodesic": (
-        SOURCES,
+        SOURCE_OPTIONS,
         ("method", "tolerance", "operator", "heat_time", "heat_refine", "subdivide"),
     ),
-    "shell-sim": (QUICK_SHELL, (*TIME, "integrator")),
-    "fluid-sim": (QUICK_FLUID, (*TIME, "integrator")),
-    "willmore-flow": (WISHES, (*TIME, "integrator")),
+    "shell-sim": (SHELL_OPTIONS, (*TIME_OPTIONS, "integrator")),
+    "fluid-sim": (FLUID_OPTIONS, (*TIME_OPTIONS, "integrator")),
+    "willmore-flow": (FLOW_OPTIONS, (*TIME_OPTIONS, "integrator")),
 }
 
 
 @dataclass(frozen=True)
-class Given:
-    """What was said to the compared command.
+class CommandCall:
+    """Call of the compared command.
 
     Attributes
     ----------
     path : str
-    asked : dict
-        Options that were given, by parameter name.
-    kept : str
-        Those of the question, as they were given: they stand in the command of every row.
+    options : dict
+        Options that the caller set, by parameter name.
+    problem_arguments : str
+        Options of the problem, quoted for a shell; the command of every row repeats them.
     """
 
     path: str
-    asked: dict[str, Any]
-    kept: str
+    options: dict[str, Any]
+    problem_arguments: str
 
 
-def parse(compared: str, words: tuple[str, ...]) -> Given:
-    """Read INPUT and options as the compared command would.
+def parse(compared: str, words: tuple[str, ...]) -> CommandCall:
+    """Parse INPUT and options with the compared command's parser.
 
     Raises
     ------
     click.UsageError
-        Whatever that command refuses.
+        If that command refuses them.
     ParameterError
-        On an option that changes nothing in a comparison.
+        If an option changes nothing in a comparison.
     """
     context = click.get_current_context()
     group = context.find_root().command
     command = group.get_command(context, compared)  # type: ignore[attr-defined]
-    spreaded = spread(command, list(words))
+    words_of_call = repeat_options(command, list(words))
     try:
-        inner = command.make_context(compared, list(spreaded), parent=context.parent)
+        inner = command.make_context(compared, list(words_of_call), parent=context.parent)
     except click.MissingParameter as error:
         raise click.UsageError(f"tradeoff {compared} needs an INPUT", context) from error
     except click.NoSuchOption as error:
         own = [name for option in context.command.params for name in option.opts if name.startswith("--")]
-        raise click.NoSuchOption(error.option_name, possibilities=_near(error, own), ctx=context) from error
-    question, dials = TAKES[compared]
-    given = {
+        raise click.NoSuchOption(
+            error.option_name, possibilities=_similar_options(error, own), ctx=context
+        ) from error
+    problem_options, method_options = COMPARABLE_OPTIONS[compared]
+    options = {
         name: value
         for name, value in inner.params.items()
         if inner.get_parameter_source(name) is click.core.ParameterSource.COMMANDLINE
     }
-    path = next((given.pop(name) for name in ("mesh_path", "scene_path") if name in given), None)
+    path = next((options.pop(name) for name in ("mesh_path", "scene_path") if name in options), None)
     if path is None:
         raise click.UsageError(f"tradeoff {compared} needs an INPUT", context)
-    for name in given:
-        if name not in (*question, *dials):
-            named = {p.name: p.opts[0] for p in command.params}
-            takes = ", ".join(sorted(named[n] for n in (*question, *dials)))
+    for name in options:
+        if name not in (*problem_options, *method_options):
+            opts = {p.name: p.opts[0] for p in command.params}
+            accepted = ", ".join(sorted(opts[n] for n in (*problem_options, *method_options)))
             raise ParameterError(
-                f"{named[name]} changes nothing that tradeoff {compared} compares; it takes {takes}"
+                f"{opts[name]} changes nothing that tradeoff {compared} compares; it takes {accepted}"
             )
     import shlex
 
-    kept = [word for name, pair in _pairs(command, spreaded) if name in question for word in pair]
-    return Given(path, given, shlex.join(kept))
+    arguments = [
+        word for name, pair in _pairs(command, words_of_call) if name in problem_options for word in pair
+    ]
+    return CommandCall(path, options, shlex.join(arguments))
 
 
-def _near(error: click.NoSuchOption, own: list[str]) -> list[str]:
+def _similar_options(error: click.NoSuchOption, own: list[str]) -> list[str]:
     import difflib
 
     return sorted({*(error.possibilities or []), *difflib.get_close_matches(error.option_name, own)})

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from ddgcli.cli import options
-from ddgcli.cli.options import Common
+from ddgcli.cli.options import CommonOptions
 from ddgcli.cli.run import Run
 from ddgcli.errors import MeshFileError, ParameterError
 
@@ -34,7 +34,7 @@ MAX_PAGE_MIB = 400  # a browser reads the page as one string
     "--up", type=click.Choice(["y", "z"]), default="z", show_default=True, help="Axis that points up."
 )
 @options.common
-def command(paths: tuple[str, ...], common: Common, every: int, array: str | None, up: str) -> None:
+def command(paths: tuple[str, ...], common: CommonOptions, every: int, array: str | None, up: str) -> None:
     """Write one self-contained page that shows RESULTs: surfaces, curves, the trajectory of a simulation.
 
     The page needs a browser with WebGL2 and no network. Drag to rotate, shift-drag to move, wheel to zoom;
@@ -63,7 +63,7 @@ def command(paths: tuple[str, ...], common: Common, every: int, array: str | Non
         times = seconds or times
     names = sorted({name for viewed in objects for name in (*viewed.vertex, *viewed.face)})
     if array is not None:
-        options.chosen(dict.fromkeys(names), array)
+        options.named_array(dict.fromkeys(names), array)
     content = page_bytes(", ".join(Path(path).name for path in paths), objects, times, show=array, up=up)
     if len(content) > MAX_PAGE_MIB << 20:
         raise ParameterError(
@@ -106,7 +106,7 @@ def _trajectory(run: Run, path: str, every: int) -> tuple[ViewedObject, list[flo
     except MeshFileError:
         return None
     with run.timed("read"), trajectory:
-        run.note_input(path, str(trajectory.attributes.get("input_sha256", "")), frames=trajectory.n_frames)
+        run.set_input(path, str(trajectory.attributes.get("input_sha256", "")), frames=trajectory.n_frames)
         numbers = range(0, trajectory.n_frames, every)
         frames = [trajectory.frame(k) for k in numbers]
         first = trajectory.mesh.points

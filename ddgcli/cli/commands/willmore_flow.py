@@ -6,13 +6,12 @@ from typing import Any
 
 import click
 
+from ddgcli.choices import WILLMORE_BOUNDARIES, WILLMORE_ENERGIES, WILLMORE_FLOWS
 from ddgcli.cli import options
-from ddgcli.cli.options import Common
+from ddgcli.cli.options import CommonOptions
 from ddgcli.cli.run import Run
 from ddgcli.cli.simulation.options import flow_time_options
 from ddgcli.errors import ParameterError
-
-LATER = "is not available yet"
 
 
 @click.command(
@@ -25,12 +24,12 @@ LATER = "is not available yet"
 @options.mesh_arg
 @options.common
 @flow_time_options
-@click.option("--flow", default="quadratic", show_default=True, help="quadratic | mean-curvature")
+@click.option("--flow", default="quadratic", show_default=True, help=" | ".join(WILLMORE_FLOWS))
 @click.option(
     "--energy",
-    help="gauss-map | sullivan | cotan | hinge  [default: gauss-map; with a boundary cotan]",
+    help=f"{' | '.join(WILLMORE_ENERGIES)}  [default: gauss-map; with a boundary cotan]",
 )
-@click.option("--boundary", default="clamped", show_default=True, help="clamped | fixed")
+@click.option("--boundary", default="clamped", show_default=True, help=" | ".join(WILLMORE_BOUNDARIES))
 @click.option("--fix-area", is_flag=True, help="Keep the area.")
 @click.option("--fix-volume", is_flag=True, help="Keep the enclosed volume.")
 @click.option(
@@ -44,10 +43,8 @@ LATER = "is not available yet"
     help="Stop when a step lowers the energy by less than this part of it.  [default: 1e-8]",
 )
 @click.option("--report-energy", help="all: every energy at start and end.")
-@click.option("--spontaneous-curvature", hidden=True)
-@click.option("--region", hidden=True)
 def command(
-    mesh_path: str, common: Common, overrides: dict[str, Any], resume: str | None, **wishes: Any
+    mesh_path: str, common: CommonOptions, overrides: dict[str, Any], resume: str | None, **wishes: Any
 ) -> None:
     """Flow MESH down its bending energy int H^2 (or its area).
 
@@ -63,8 +60,8 @@ def command(
     """
     run = Run("willmore-flow", common, **overrides, **{k: v for k, v in wishes.items() if v})
     source = run.read(mesh_path, flat_faces=True)
-    from ddgcli.cli.simulation.plot import Picture, draw_story
-    from ddgcli.cli.simulation.scene_input import fingerprint, refuse_changed
+    from ddgcli.cli.simulation.plot import Picture, draw_run
+    from ddgcli.cli.simulation.scene_input import check_unchanged, fingerprint
     from ddgcli.cli.simulation.simulate import Job, simulate
     from ddgcli.models.willmore import report, setup
     from ddgcli.simulation.account import Account
@@ -77,7 +74,7 @@ def command(
     resolved, digest = fingerprint(
         {"wishes": setup.described(chosen), "time": overrides}, {"mesh": source.sha256}
     )
-    refuse_changed(resume, resolved)
+    check_unchanged(resume, resolved)
     unit = "L²" if wishes["flow"] == "mean-curvature" else "L⁴"  # L: the input's length unit
     job = Job(
         {"surface": model}, [mesh], schedule, Account(), moving=True, resume=resume,
@@ -95,7 +92,7 @@ def command(
     if wishes["report_energy"]:
         results["energies"] = report.every_energy(mesh, last)
     picture = Picture(edges=True, energy="energy", time_unit=unit)
-    run.plot(lambda path: draw_story(path, outcome, picture, common))
+    run.plot(lambda path: draw_run(path, outcome, picture, common))
     run.finish(results, accuracy, converged=not (outcome.failure or outcome.doubt))
 
 
@@ -103,9 +100,6 @@ def _wishes(wishes: dict[str, Any], overrides: dict[str, Any]) -> Any:
     from ddgcli.models.willmore.flow import DEFAULT_STOP, Stop
     from ddgcli.models.willmore.setup import Wishes
 
-    for name in ("spontaneous_curvature", "region"):
-        if wishes[name] is not None:
-            raise ParameterError(f"--{name.replace('_', '-')} {LATER}; there are --fix-area and --fix-volume")
     if wishes["report_energy"] not in (None, "all"):
         raise ParameterError(f"--report-energy {wishes['report_energy']!r}: write all")
     timed = any(overrides.get(name) for name in ("step", "duration"))

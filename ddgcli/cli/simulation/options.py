@@ -1,6 +1,6 @@
-"""Options of the simulators: time, resuming, and those of scenes gathered in one argument.
+"""Options of the simulators: time, resuming, and those of scenes in one argument.
 
-Nothing here imports numpy: help must be quick.
+Nothing here imports numpy, so that --help stays fast.
 """
 
 from __future__ import annotations
@@ -13,14 +13,14 @@ from typing import Any
 import click
 
 from ddgcli.cli import options
-from ddgcli.cli.options import Common
+from ddgcli.cli.options import CommonOptions
 from ddgcli.errors import ParameterError
 
 FLOW_TIME_UNIT = "length^4; mean-curvature: length^2"
 
 
 def _time(unit: str, steps: str) -> tuple[Callable, ...]:
-    """The options of time, in a unit."""
+    """Options of the time axis, whose unit is `unit`."""
     return (
         click.option("--steps", type=click.IntRange(1, 10**9), metavar="N", help=steps),
         click.option("--duration", type=options.POSITIVE, help=f"Length of the run [{unit}]."),
@@ -33,38 +33,38 @@ def _time(unit: str, steps: str) -> tuple[Callable, ...]:
 
 _TIME_NAMES = ("steps", "duration", "step", "frame_every", "tolerance", "integrator")
 _RESUME = click.option(
-    "--resume", metavar="RUN.part", type=click.Path(), help="Go on from its last whole frame."
+    "--resume", metavar="RUN.part", type=click.Path(), help="Continue from its last whole frame."
 )
 _SCENE = (
     click.option("--effect", "effect_lines", multiple=True, metavar="'NAME KEY=VALUE ...'",
                  help="Without a scene file: an effect, its parameters in TOML. Repeatable."),
     click.option("--effects", "list_effects", is_flag=True, help="List the effects and their parameters."),
     click.option("--schema", is_flag=True, help="Print the JSON Schema of scenes, for editors."),
-    click.option("--dry-run", is_flag=True, help="Check everything and print what would be assembled."),
+    click.option("--dry-run", is_flag=True, help="Check the scene and print what would be assembled."),
 )  # fmt: skip
 
 
 @dataclass(frozen=True)
 class SceneCall:
-    """What a simulator of scenes is told.
+    """Arguments of a simulator of scenes.
 
     Parameters
     ----------
     path : str, optional
         A scene (.toml) or the mesh of the quick form.
-    common : Common
+    common : CommonOptions
     overrides : dict
         Keys of [time] given as options, and `steps`.
     resume : str, optional
-        The .part to go on from.
+        The .part to continue.
     effect_lines : tuple of str
         Of the quick form.
     list_effects, schema, dry_run : bool
-        What to print instead of running.
+        Print this instead of running.
     """
 
     path: str | None
-    common: Common
+    common: CommonOptions
     overrides: dict[str, Any] = field(default_factory=dict)
     resume: str | None = None
     effect_lines: tuple[str, ...] = ()
@@ -74,37 +74,38 @@ class SceneCall:
 
 
 def time_options(command: Callable) -> Callable:
-    """--steps, --duration, --dt, ... gathered in one `overrides: dict`; and --resume."""
+    """Add --steps, --duration, --dt, ... in one `overrides: dict`, and --resume."""
     return _with_time(command, _time("s", "Steps to take; overrides the scene's duration."))
 
 
 def flow_time_options(command: Callable) -> Callable:
-    """The same for flows, whose time is a power of a length."""
+    """Add the same options for flows, whose time is a power of a length."""
     return _with_time(command, _time(FLOW_TIME_UNIT, "Steps to take."))
 
 
 def _with_time(command: Callable, time: tuple[Callable, ...]) -> Callable:
+    """Add time options to a command."""
 
     @functools.wraps(command)
-    def gathered(*args: Any, **kwargs: Any) -> Any:
+    def with_arguments(*args: Any, **kwargs: Any) -> Any:
         overrides = {name: kwargs.pop(name) for name in _TIME_NAMES}
         if overrides["steps"] and overrides["duration"]:
-            raise ParameterError("give either --steps or --duration")
+            raise ParameterError("`steps` and `duration` exclude each other; give one")
         return command(*args, overrides={k: v for k, v in overrides.items() if v is not None}, **kwargs)
 
     for option in reversed((*time, _RESUME)):
-        gathered = option(gathered)
-    return gathered
+        with_arguments = option(with_arguments)
+    return with_arguments
 
 
 def scene_options(command: Callable) -> Callable:
-    """The argument SCENE, the common options, those of time and scenes, in one `call: SceneCall`."""
+    """Add SCENE, the common options, those of time and of scenes, in one `call: SceneCall`."""
 
     @functools.wraps(command)
-    def gathered(scene_path: str | None, **kwargs: Any) -> Any:
-        told = {name: kwargs.pop(name) for name in SceneCall.__dataclass_fields__ if name != "path"}
-        return command(SceneCall(scene_path, **told), **kwargs)
+    def with_arguments(scene_path: str | None, **kwargs: Any) -> Any:
+        values = {name: kwargs.pop(name) for name in SceneCall.__dataclass_fields__ if name != "path"}
+        return command(SceneCall(scene_path, **values), **kwargs)
 
     for option in reversed(_SCENE):
-        gathered = option(gathered)
-    return options.scene_arg(options.common(time_options(gathered)))
+        with_arguments = option(with_arguments)
+    return options.scene_arg(options.common(time_options(with_arguments)))

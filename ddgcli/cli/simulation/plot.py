@@ -1,4 +1,4 @@
-"""--plot of the simulators: chosen frames, and the chart of energies."""
+"""Picture of a simulation: a few frames, and the chart of energies."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from ddgcli.cli.options import Common, chosen, page_size
+from ddgcli.cli.options import CommonOptions, named_array, page_size
 from ddgcli.simulation.outcome import Outcome
 
 
 @dataclass(frozen=True, eq=False)
 class Picture:
-    """How the frames of a simulator are drawn.
+    """Options of the picture of a simulation.
 
     Parameters
     ----------
@@ -23,7 +23,7 @@ class Picture:
     label : str
         Beside the colour bar.
     limits : (float, float), optional
-        Of the colours; default: robust ones over the frames.
+        Of the colours; default: robust limits over the frames.
     edges : bool
         Draw the edges too.
     shown : (m,) ndarray of bool, optional
@@ -41,39 +41,39 @@ class Picture:
     time_unit: str = "s"
 
 
-def draw_story(path: str, outcome: Outcome, picture: Picture, common: Common) -> None:
-    """Chosen frames above, the chart of energies below."""
-    from ddgcli.plots.motion import Shot, draw_motion, stage
+def draw_run(path: str, outcome: Outcome, picture: Picture, common: CommonOptions) -> None:
+    """Draw a few frames above the chart of energies."""
+    from ddgcli.plots.motion import PlotFrame, draw_motion, sequence_style
 
     if common.show is not None:
-        chosen(outcome.kept[0].vertex, common.show)
+        named_array(outcome.picture_frames[0].vertex, common.show)
         picture = replace(picture, array=common.show, label=common.show, limits=None)
-    shots = []
-    for frame in outcome.kept:
+    frames = []
+    for frame in outcome.picture_frames:
         mesh = outcome.mesh if frame.points is None else outcome.mesh.moved(frame.points)
-        values = None if picture.array is None else length_of(frame.vertex[picture.array])
-        shots.append(Shot(frame.time, part_of(mesh, picture.shown), values))
-    on = stage(
-        shots,
+        values = None if picture.array is None else magnitude(frame.vertex[picture.array])
+        frames.append(PlotFrame(frame.time, visible_part(mesh, picture.shown), values))
+    style = sequence_style(
+        frames,
         picture.label,
         common.view,
         limits=picture.limits,
         edges=picture.edges,
         time_unit=picture.time_unit,
     )
-    draw_motion(path, shots, energies(outcome.times, outcome.series), on, picture.energy,
+    draw_motion(path, frames, energy_series(outcome.times, outcome.series), style, picture.energy,
                 **page_size(common.size, 9.0))  # fmt: skip
 
 
-def length_of(values: NDArray) -> NDArray:
-    """Numbers as they are, vectors by their length."""
+def magnitude(values: NDArray) -> NDArray:
+    """Lengths of vectors; scalars unchanged."""
     import numpy as np
 
     return values if values.ndim == 1 else np.linalg.norm(values, axis=1)
 
 
-def part_of(mesh: Any, shown: NDArray | None) -> Any:
-    """The faces to draw."""
+def visible_part(mesh: Any, shown: NDArray | None) -> Any:
+    """Mesh of the faces to draw."""
     if shown is None or shown.all():
         return mesh
     from ddgcli.mesh.triangle_mesh import TriangleMesh
@@ -81,9 +81,9 @@ def part_of(mesh: Any, shown: NDArray | None) -> Any:
     return TriangleMesh.from_arrays(mesh.points, mesh.faces[shown])
 
 
-def energies(times: NDArray, scalars: Mapping[str, NDArray]) -> dict[str, tuple[NDArray, NDArray]]:
-    """Series of the scalars that are energies, or of all numbers where none is."""
+def energy_series(times: NDArray, scalars: Mapping[str, NDArray]) -> dict[str, tuple[NDArray, NDArray]]:
+    """Time series of the energies, or of all scalars if none is an energy."""
     plain = {name: v for name, v in scalars.items() if v.ndim == 1}
-    found = [name for name in plain if name in ("energy", "kinetic_energy") or name.startswith("energy_")]
-    found = [name for name in found if name != "energy_increases"]
-    return {name: (times, plain[name]) for name in found or plain}
+    energies = [n for n in plain if n in ("energy", "kinetic_energy") or n.startswith("energy_")]
+    energies = [n for n in energies if n != "energy_increases"]
+    return {name: (times, plain[name]) for name in energies or plain}

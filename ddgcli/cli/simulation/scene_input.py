@@ -1,4 +1,4 @@
-"""Scenes at the door: from a file, from a mesh with options, from a trajectory; listings of effects."""
+"""Read scenes from a file, from a mesh with options or from a trajectory; print effects and schemas."""
 
 from __future__ import annotations
 
@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from ddgcli.cli.run import Run, describe
+from ddgcli.cli.input_facts import input_facts
+from ddgcli.cli.run import Run
 from ddgcli.errors import ParameterError, SceneError
 from ddgcli.simulation.effects import EffectTable
 from ddgcli.simulation.frames import joined_mesh
@@ -24,7 +25,7 @@ if TYPE_CHECKING:
 
 
 def quick_scene(mesh: str, role: str, lines: tuple[str, ...], extra: Mapping[str, Any] | None = None) -> str:
-    """TOML of the scene that `COMMAND MESH --effect ...` means.
+    """TOML of the scene of `COMMAND MESH --effect ...`.
 
     Parameters
     ----------
@@ -71,7 +72,7 @@ def _assignments(rest: str, line: str) -> list[str]:
     pieces = [rest[a:b].strip().rstrip(",") for a, b in zip(starts, [*starts[1:], len(rest)])]
     if rest.strip() and (not starts or rest[: starts[0]].strip()):
         raise ParameterError(
-            f"--effect {line!r}: after the name come key=value pairs; found {rest.strip()!r}"
+            f"--effect {line!r}: write key=value pairs after the name instead of {rest.strip()!r}"
         )
     for piece in pieces:
         try:
@@ -84,17 +85,17 @@ def _assignments(rest: str, line: str) -> list[str]:
 
 
 def toml_settings(settings: tuple[str, ...]) -> dict[str, Any]:
-    """Keys of --set KEY=VALUE; a value that is not TOML is taken as text."""
-    found: dict[str, Any] = {}
+    """Keys of --set KEY=VALUE; a value that is not TOML is text."""
+    values: dict[str, Any] = {}
     for setting in settings:
         key, equals, value = setting.partition("=")
         if not equals or not key.strip():
             raise ParameterError(f"--set {setting!r}: write KEY=VALUE")
         try:
-            found[key.strip()] = tomllib.loads(f"v = {value}")["v"]
+            values[key.strip()] = tomllib.loads(f"v = {value}")["v"]
         except tomllib.TOMLDecodeError:
-            found[key.strip()] = value
-    return found
+            values[key.strip()] = value
+    return values
 
 
 def _toml(value: Any) -> str:
@@ -104,10 +105,10 @@ def _toml(value: Any) -> str:
 def scene_document(
     path: str | None, role: str, lines: tuple[str, ...], extra: Mapping[str, Any], resume: str | None
 ) -> tuple[SceneDocument, dict[str, Any]]:
-    """The document to run and the time options recorded by the run that is resumed.
+    """Scene document, and the time options recorded by the run to resume.
 
-    A `.toml` is a scene; anything else is a mesh for the quick form. With --resume and no path, the
-    scene that the trajectory holds.
+    A `.toml` is a scene; anything else is a mesh for the quick form. With `resume` and no path, the scene
+    comes from the trajectory.
     """
     from ddgcli.io.scene_file import parse_scene, read_scene
 
@@ -133,13 +134,13 @@ def scene_document(
 
 
 def describe_input(run: Run, path: str, meshes: list[Any], sha256: str = "") -> None:
-    """The `input` block: all meshes of the scene as one."""
+    """Fill the `input` block with the union of all meshes of the scene."""
     mesh, _ = joined_mesh(meshes)
-    run.note_input(path, sha256, **describe(mesh))
+    run.set_input(path, sha256, **input_facts(mesh))
 
 
 def mesh_reader(run: Run, document: Document) -> Callable[[str], MeshInput]:
-    """Read a mesh file relative to the scene."""
+    """Reader of mesh files relative to the scene."""
 
     def read(name: str) -> MeshInput:
         from ddgcli.io.mesh_file import check_place, read_mesh
@@ -154,8 +155,8 @@ def mesh_reader(run: Run, document: Document) -> Callable[[str], MeshInput]:
 
 
 def print_effects(table: EffectTable, as_json: bool) -> None:
-    """--effects: every effect, its parameters with units and defaults, its cost."""
-    listing = {name: _described(table, name, line) for name, (_, line) in table.entries.items()}
+    """Print every effect, its cost, and its parameters with units and defaults."""
+    listing = {name: _effect_entry(table, name, line) for name, (_, line) in table.entries.items()}
     if as_json:
         click.echo(json.dumps(listing, ensure_ascii=False))
         return
@@ -171,7 +172,7 @@ def print_effects(table: EffectTable, as_json: bool) -> None:
             click.echo(f"    {key}{unit}{choices}: {p['description'] or '-'}; {default}")
 
 
-def _described(table: EffectTable, name: str, line: str) -> dict[str, Any]:
+def _effect_entry(table: EffectTable, name: str, line: str) -> dict[str, Any]:
     effect = table.load(name)
     schema = effect.parameters.model_json_schema()  # type: ignore[attr-defined]
     parameters = {}
@@ -188,14 +189,14 @@ def _described(table: EffectTable, name: str, line: str) -> dict[str, Any]:
 
 
 def print_schema(kind: SceneKind) -> None:
-    """--schema: the JSON Schema of the simulator's scenes."""
+    """Print the JSON Schema of the simulator's scenes."""
     from ddgcli.scenes.schema import json_schema
 
     click.echo(json.dumps(json_schema(kind), indent=2, ensure_ascii=False))
 
 
 def print_dry_run(run: Run, scene: Scene, assembled: dict[str, Any]) -> None:
-    """--dry-run: the resolved scene and what would be assembled."""
+    """Print the resolved scene and what would be assembled."""
     content = {"command": run.command, "dry_run": True, "scene": scene.resolved(), "assembled": assembled}
     if run.common.as_json:
         from ddgcli.cli.summary import plain
@@ -208,13 +209,13 @@ def print_dry_run(run: Run, scene: Scene, assembled: dict[str, Any]) -> None:
 
 
 def fingerprint(resolved: dict[str, Any], meshes: Mapping[str, str]) -> tuple[str, str]:
-    """(resolved scene as JSON, SHA-256 of it with the mesh files): what must not change before --resume."""
+    """Resolved scene as JSON, and its SHA-256 with the mesh files; both must be unchanged to resume a run."""
     text = json.dumps({"scene": resolved, "mesh_sha256": dict(meshes)}, sort_keys=True, ensure_ascii=False)
     return text, hashlib.sha256(text.encode()).hexdigest()
 
 
-def refuse_changed(resume: str | None, resolved: str) -> None:
-    """SceneError when the trajectory to resume was made from another scene."""
+def check_unchanged(resume: str | None, resolved: str) -> None:
+    """Raise SceneError if the trajectory to resume comes from another scene."""
     if resume is None:
         return
     from ddgcli.io.trajectories.trajectory import Trajectory
@@ -225,7 +226,7 @@ def refuse_changed(resume: str | None, resolved: str) -> None:
         return
     where = _first_difference(before, now)
     raise SceneError(
-        f"{resume}: the scene changed since this run began ({where}); resume with the old scene or start anew"
+        f"{resume}: the scene differs from the run ({where}); resume with that scene or start a new run"
     )
 
 

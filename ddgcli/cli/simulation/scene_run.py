@@ -1,4 +1,4 @@
-"""From a scene to a summary: the run that all simulators of scenes share."""
+"""Run a scene: shared by all simulators that read scene files."""
 
 from __future__ import annotations
 
@@ -9,20 +9,20 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 from ddgcli.cli.run import Run
 from ddgcli.cli.simulation.options import SceneCall
-from ddgcli.cli.simulation.plot import Picture, draw_story
+from ddgcli.cli.simulation.plot import Picture, draw_run
 from ddgcli.cli.simulation.scene_input import (
+    check_unchanged,
     describe_input,
     fingerprint,
     mesh_reader,
     print_dry_run,
     print_effects,
     print_schema,
-    refuse_changed,
     scene_document,
 )
-from ddgcli.cli.simulation.simulate import Job, formats, shares, simulate
+from ddgcli.cli.simulation.simulate import Job, formats, simulate
 from ddgcli.scenes.scene import Document, Scene, SceneKind, resolve
-from ddgcli.simulation.account import Account
+from ddgcli.simulation.account import Account, time_shares
 from ddgcli.simulation.outcome import Outcome
 from ddgcli.simulation.time_loop import Model, Schedule
 
@@ -36,14 +36,14 @@ ReadArray = Callable[[str], "NDArray"]
 
 
 class Physics(Protocol):
-    """What one simulator brings: made from a scene, the account and the readers of meshes and arrays."""
+    """One simulator, built from a scene, the account and the readers of meshes and arrays."""
 
     meshes: dict[str, Any]
     sha256: dict[str, str]
     moving: bool
 
     def assembled(self, schedule: Schedule) -> dict[str, Any]:
-        """What a dry run tells."""
+        """Facts that a dry run prints."""
         ...
 
     def models(self) -> dict[str, Model]: ...
@@ -53,7 +53,7 @@ class Physics(Protocol):
 
     def picture(self) -> Picture: ...
     def doubt(self, outcome: Outcome) -> str:
-        """Why what came out is not to be trusted, or ""."""
+        """Why the result is not to be trusted, or ""."""
         ...
 
     def summary(self, outcome: Outcome) -> tuple[dict[str, Any], dict[str, Any]]:
@@ -71,7 +71,7 @@ def run_scene(
     lines: tuple[str, ...],
     extra: dict[str, Any],
 ) -> None:
-    """Run, list or check what `call` asks for.
+    """Run the scene of a call, or print its effects, schema or dry run.
 
     Parameters
     ----------
@@ -79,7 +79,7 @@ def run_scene(
     kind : SceneKind
     physics : callable (scene, account, read_mesh, read_array) -> Physics
     lines, extra : tuple of str, dict
-        Effects and keys of the object that the quick form's options mean.
+        Effects and keys of the object in the quick form.
     """
     if call.list_effects:
         print_effects(kind.effects, call.common.as_json)
@@ -88,42 +88,42 @@ def run_scene(
         print_schema(kind)
         return
     run = Run(kind.command, call.common, formats=formats(), **call.overrides)
-    run.note_input(call.path or call.resume or "", "")
+    run.set_input(call.path or call.resume or "", "")
     role = next(iter(kind.roles))
     document, recorded = scene_document(call.path, role, lines, extra, call.resume)
     overrides = {**recorded, **call.overrides}
     scene, account = resolve(document, kind, overrides), Account()
     if not scene.effects:
-        log.warning("no effect is named, so that nothing acts; --effects lists what there is")
-    made = physics(scene, account, mesh_reader(run, document), array_reader(document))
-    meshes, schedule = list(made.meshes.values()), scene.schedule()
-    resolved, digest = fingerprint(scene.resolved(), made.sha256)
+        log.warning("the scene has no effects, so nothing acts on its objects; --effects lists the effects")
+    simulator = physics(scene, account, mesh_reader(run, document), array_reader(document))
+    meshes, schedule = list(simulator.meshes.values()), scene.schedule()
+    resolved, digest = fingerprint(scene.resolved(), simulator.sha256)
     describe_input(run, call.path or "", meshes, digest)
-    refuse_changed(call.resume, resolved)
+    check_unchanged(call.resume, resolved)
     if call.dry_run:
-        print_dry_run(run, scene, made.assembled(schedule))
+        print_dry_run(run, scene, simulator.assembled(schedule))
         return
     with run.timed("compute"):
-        models = made.models()
+        models = simulator.models()
     job = Job(
-        models, meshes, schedule, account, made.moving, call.resume,
+        models, meshes, schedule, account, simulator.moving, call.resume,
         {"input_sha256": digest, "overrides": overrides, "folder": document.folder},
-        {"scene_source": document.source, "scene_resolved": resolved}, made.face(), made.doubt,
+        {"scene_source": document.source, "scene_resolved": resolved}, simulator.face(), simulator.doubt,
     )  # fmt: skip
-    _tell(run, scene, made, account, simulate(run, job))
+    _report(run, scene, simulator, account, simulate(run, job))
 
 
-def _tell(run: Run, scene: Scene, made: Physics, account: Account, outcome: Outcome) -> None:
-    """The picture and the summary."""
-    results, accuracy = made.summary(outcome)
+def _report(run: Run, scene: Scene, simulator: Physics, account: Account, outcome: Outcome) -> None:
+    """Draw the picture and print the summary."""
+    results, accuracy = simulator.summary(outcome)
     names = list(dict.fromkeys(effect.name for effect, _, _ in scene.effects))
-    results["effects"], results["seconds_by_part"] = shares(account, names, outcome.seconds)
-    run.plot(lambda path: draw_story(path, outcome, made.picture(), run.common))
+    results["effects"], results["seconds_by_part"] = time_shares(account, names, outcome.seconds)
+    run.plot(lambda path: draw_run(path, outcome, simulator.picture(), run.common))
     run.finish(results, accuracy, converged=not (outcome.failure or outcome.doubt))
 
 
 def array_reader(document: Document) -> ReadArray:
-    """Read a .npy relative to the scene."""
+    """Reader of array files relative to the scene."""
 
     def read(name: str) -> NDArray:
         from ddgcli.io.arrays import read_array

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from ddgcli.errors import MeshFileError
 from ddgcli.io.readers.raw_mesh import RawMesh
+from ddgcli.mesh.ragged import repeat_with_place
 
 # VTK cell type -> (kind, corners kept; None: all). Higher order cells keep their corners.
 VTK_CELLS = {
@@ -23,7 +24,7 @@ NAMES = {11: "voxel", 12: "hexahedron", 13: "wedge", 14: "pyramid", 42: "polyhed
 def add_vtk_cells(
     raw: RawMesh, types: NDArray, connectivity: NDArray, sizes: NDArray, arrays: dict[str, NDArray]
 ) -> None:
-    """Put cells into `raw`, with the arrays of the kind that `assembled` will keep.
+    """Add cells to `raw`, with the arrays of the kind that `assembled` keeps.
 
     Parameters
     ----------
@@ -71,7 +72,7 @@ def _kind(code: int) -> tuple[str, int | None]:
     if code not in VTK_CELLS:
         name = NAMES.get(code, f"VTK type {code}")
         raise MeshFileError(
-            f"cells of kind {name}; only triangles, polygons, tetrahedra and lines are taken: convert them"
+            f"cells of kind {name}; only triangles, polygons, tetrahedra and lines can be read: convert them"
         )
     return VTK_CELLS[code]
 
@@ -88,8 +89,8 @@ def _nodes(
             nodes = nodes[:, [0, 1, 3, 2]]
         return nodes.ravel(), which, np.full(len(which), keep)
     count = sizes[which]
-    local = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)
-    nodes = connectivity[np.repeat(start[which], count) + local]
+    first, local = repeat_with_place(start[which], count)
+    nodes = connectivity[first + local]
     if kind == "face":
         return nodes, which, count
     reach = 1 if kind == "path" else 2

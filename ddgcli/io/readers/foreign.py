@@ -1,4 +1,4 @@
-"""Formats left to meshio and trimesh, behind a guard.
+"""Formats that meshio and trimesh read, in a guarded process.
 
 The guard is needed because these readers print, call `sys.exit`, renumber, follow references to any file, or
 loop forever on files that are damaged; they run in a process of their own (`guarded`). meshio
@@ -66,7 +66,7 @@ def read_trimesh(path: str, suffix: str) -> RawMesh:
 
 
 def _bounds(path: str) -> dict[str, Any]:
-    """What the process that reads a file may take and see; a bomb is refused at once."""
+    """Limits of the process that reads a file; a file that unpacks to too much is an error at once."""
     data = Path(path).read_bytes()
     check_zip(data)
     return {"size": len(data), "folder": str(Path(path).resolve().parent)}
@@ -77,15 +77,15 @@ def content_by_meshio(path: str, suffix: str) -> RawMesh:
     reasons = []
     for name in MESHIO[suffix]:
         try:
-            with _guarded() as said:
+            with _guarded() as output:
                 return _raw(_meshio_mesh(path, name))
         except (MeshFileError, MemoryError):
             raise
         except _Endless:
             reasons.append("the file ends early")
         except SystemExit:  # meshio prints what is wrong, and ends the program
-            reasons.append(excerpt(said.getvalue(), 120) or "its reader gave up")
-        except Exception as error:  # third-party readers raise whatever comes
+            reasons.append(excerpt(output.getvalue(), 120) or "its reader ended the program")
+        except Exception as error:  # third-party readers raise any exception
             reasons.append(_in_a_line(error))
     raise MeshFileError(
         f"cannot be read as {suffix} ({'; '.join(reasons)}); it is cut, damaged or of another format"
@@ -113,7 +113,7 @@ def content_by_trimesh(path: str, suffix: str) -> RawMesh:
         ) from None
     meshes = [p for p in parts if hasattr(p, "faces")]
     if not meshes:
-        raise MeshFileError("no triangles in the file; only surfaces are taken from this format")
+        raise MeshFileError("no triangles in the file; this format is read for surfaces only")
     shift = np.cumsum([0] + [len(m.vertices) for m in meshes])
     raw = RawMesh(np.concatenate([np.asarray(m.vertices, dtype=np.float64) for m in meshes]))
     raw.add_faces(np.concatenate([np.asarray(m.faces) + s for m, s in zip(meshes, shift)]))
@@ -131,11 +131,11 @@ def _in_a_line(error: BaseException) -> str:
 
 
 class _Endless(Exception):
-    """A reader went on reading at the end of a file."""
+    """A reader continued at the end of a file."""
 
 
 class _EndWatch:
-    """Stops a reader that goes on asking a file for lines after its end."""
+    """Text file that stops a reader which continues after its end."""
 
     empty = 0
 
@@ -179,7 +179,7 @@ def _need_lines(*paths: Path) -> None:
 
 @contextlib.contextmanager
 def _guarded() -> Iterator[io.StringIO]:
-    """Third-party prints and warnings go into the text that is given."""
+    """Redirect third-party prints and warnings to a text buffer."""
     sink = io.StringIO()
     with contextlib.redirect_stdout(sink), contextlib.redirect_stderr(sink), warnings.catch_warnings():
         warnings.simplefilter("ignore")
@@ -233,9 +233,9 @@ def _block_kind(name: str, vtk_types: dict[str, int]) -> tuple[str, int | None]:
         return ("face", None) if name == "polygon" else ("line", 2)
     code = vtk_types.get(name, -1)
     if code not in VTK_CELLS or VTK_CELLS[code][0] in ("strip", "path", "pixel"):
-        shown = NAMES.get(code, name)
+        kind = NAMES.get(code, name)
         raise MeshFileError(
-            f"cells of kind {shown}; only triangles, polygons, tetrahedra and lines are taken: convert them"
+            f"cells of kind {kind}; only triangles, polygons, tetrahedra and lines can be read: convert them"
         )
     return VTK_CELLS[code]
 

@@ -1,4 +1,4 @@
-"""Third-party readers in a process of their own: bounded time, memory and files.
+"""Third-party readers in a separate process with bounded time, memory and files.
 
 HDF5, meshio and trimesh can loop without end inside compiled code, ask for all memory, or follow a reference
 to any file of the user. A child process reads and sends back plain arrays. On Linux it is forked, which
@@ -27,24 +27,24 @@ from typing import Any
 from ddgcli.errors import MeshFileError, excerpt
 from ddgcli.io.readers.inflate import largest_content
 
-SOURCE_FOLDER = Path(__file__).resolve().parents[3]  # that holds the package ddgcli
-LEAST_SECONDS = 5.0
-SECONDS_PER_MIB = 10.0
-LEAST_MEMORY = 1 << 30  # bytes beside what the process holds already
-LEAST_WALL = 10.0
-WALL_PER_CPU = 4.0  # a busy machine gives a process a fraction of its time
+SOURCE_FOLDER = Path(__file__).resolve().parents[3]  # holds the package ddgcli
+MIN_CPU_SECONDS = 5.0
+CPU_SECONDS_PER_MIB = 10.0
+MIN_MEMORY = 1 << 30  # bytes in addition to the memory of the process
+MIN_WALL_SECONDS = 10.0
+WALL_TO_CPU_RATIO = 4.0  # a busy machine gives a process a fraction of its time
 _FORBIDDEN = ("socket.", "subprocess.", "os.system", "os.exec", "os.posix_spawn", "os.remove", "os.rename",
               "os.fork", "urllib.", "shutil.")  # fmt: skip
 
 
 def cpu_seconds(size: int) -> float:
     """Most processor time that a reader may take for a file of `size` bytes."""
-    return LEAST_SECONDS + SECONDS_PER_MIB * size / 2**20
+    return MIN_CPU_SECONDS + CPU_SECONDS_PER_MIB * size / 2**20
 
 
 def memory_bytes(size: int) -> int:
     """Most memory that a reader may take for a file of `size` bytes."""
-    return LEAST_MEMORY + largest_content(size)
+    return MIN_MEMORY + largest_content(size)
 
 
 def guarded(
@@ -67,7 +67,7 @@ def guarded(
         As the function does; or a bound was reached; or the reader crashed.
     """
     call = (module, function, args, size, needs, folder)
-    wall = LEAST_WALL + WALL_PER_CPU * cpu_seconds(size)
+    wall = MIN_WALL_SECONDS + WALL_TO_CPU_RATIO * cpu_seconds(size)
     answer, code = (_forked if sys.platform == "linux" else _spawned)(call, wall)
     if answer:
         kind, value = pickle.loads(answer)
@@ -144,7 +144,7 @@ def _function(call: tuple) -> Callable[..., Any]:
 
 
 def _answer(call: tuple) -> bytes:
-    """What the child sends: the result, or the message of a refusal."""
+    """Answer of the child: the result, or the message of an error."""
     _, _, args, size, needs, folder = call
     read = _function(call)
     try:
@@ -174,10 +174,10 @@ def _limit(size: int) -> None:
         resource.setrlimit(resource.RLIMIT_CPU, (seconds, seconds + 5))
         resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     with contextlib.suppress(OSError, ValueError):
-        held = 0
+        used = 0
         with open("/proc/self/statm") as statm:
-            held = int(statm.read().split()[0]) * resource.getpagesize()
-        limit = held + memory_bytes(size)
+            used = int(statm.read().split()[0]) * resource.getpagesize()
+        limit = used + memory_bytes(size)
         hard = resource.getrlimit(resource.RLIMIT_AS)[1]
         resource.setrlimit(
             resource.RLIMIT_AS, (limit if hard == resource.RLIM_INFINITY else min(limit, hard), hard)
@@ -185,7 +185,7 @@ def _limit(size: int) -> None:
 
 
 def _confine(folder: str | None, *, hdf5: bool) -> None:
-    """From here on this process opens files of `folder` and of Python only, no sockets and no programs."""
+    """Restrict this process to files of `folder` and of Python; no sockets, no programs."""
     places = (sys.prefix, sys.base_prefix, str(SOURCE_FOLDER / "ddgcli"), *sys.path)
     own = {os.path.realpath(p) for p in places if p and os.path.isabs(p)}
     own -= {os.path.realpath(p) for p in ("/", "/usr", os.path.expanduser("~"))}

@@ -1,4 +1,4 @@
-"""What an HDF5 file may refer to: itself, and nothing else.
+"""References of an HDF5 file, which must stay inside the file.
 
 External links, external storage and virtual datasets name other files by path, and the HDF5 library opens
 them without a question: a foreign file could carry any file of the user into the output.

@@ -12,13 +12,13 @@ import zlib
 
 from ddgcli.errors import MeshFileError
 
-ALWAYS_TAKEN = 1 << 26  # bytes: 64 MiB
-LARGEST_RATIO = 200  # of content to file
+MIN_CONTENT_LIMIT = 1 << 26  # bytes: 64 MiB
+MAX_COMPRESSION_RATIO = 200  # of content to file
 
 
 def largest_content(file_size: int) -> int:
     """Most bytes that a file of this size may unpack to: 64 MiB, or 200 times its size."""
-    return max(ALWAYS_TAKEN, LARGEST_RATIO * file_size)
+    return max(MIN_CONTENT_LIMIT, MAX_COMPRESSION_RATIO * file_size)
 
 
 class Budget:
@@ -34,7 +34,7 @@ class Budget:
             raise MeshFileError(too_much(self.whole))
 
     def inflated(self, packed: bytes | memoryview) -> bytes:
-        """What a zlib stream holds; MeshFileError beyond the budget or where the stream is damaged."""
+        """Content of a zlib stream; MeshFileError beyond the budget or if the stream is damaged."""
         stream = zlib.decompressobj()
         try:
             data = stream.decompress(packed, self.left + 1)
@@ -47,7 +47,7 @@ class Budget:
 
 
 def too_much(limit: int) -> str:
-    """The refusal of a file that unpacks to more than `limit` bytes."""
+    """Error for a file that unpacks to more than `limit` bytes."""
     return (
         f"unpacks to more than {limit / 2**20:.0f} MiB, far beyond what meshes are packed by; "
         "if it is sound, store it without compression"
@@ -64,7 +64,7 @@ def check_zip(data: bytes) -> None:
     try:
         with zipfile.ZipFile(io.BytesIO(data)) as archive:
             total = sum(member.file_size for member in archive.infolist())
-    except Exception:  # damaged: its reader says how
+    except Exception:  # damaged: its reader reports how
         return
     limit = largest_content(len(data))
     if total > limit:

@@ -23,19 +23,19 @@ def npz_arrays(data: bytes) -> tuple[dict[str, NDArray], list[str]]:
     if not data.startswith(b"PK"):
         raise MeshFileError("not a NumPy archive: it is cut or of another format")
     check_zip(data)
-    found: dict[str, NDArray] = {}
+    arrays: dict[str, NDArray] = {}
     others: list[str] = []
     try:
         with np.load(io.BytesIO(data), allow_pickle=False) as archive:
             for name in archive.files:
                 value = archive[name]
                 if isinstance(value, np.ndarray):
-                    found[name] = value
+                    arrays[name] = value
                 else:
                     others.append(name)
     except Exception as error:  # zipfile, zlib, struct, tokenize and numpy each raise their own
         raise MeshFileError(f"the NumPy archive cannot be read ({excerpt(error)}); it is damaged") from None
-    return found, others
+    return arrays, others
 
 
 def npy_array(data: bytes) -> NDArray:
@@ -52,8 +52,8 @@ def text_array(data: bytes, separator: str | None) -> NDArray:
     """Rows of numbers; `separator` None is white space."""
     text = data.decode("utf-8-sig", "replace")
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # of a file without rows, which the caller refuses by its length
+        warnings.simplefilter("ignore")  # of a file without rows, which the caller rejects by its length
         try:
             return np.loadtxt(io.StringIO(text), delimiter=separator)
         except (ValueError, OverflowError) as error:
-            raise MeshFileError(f"no table of numbers ({excerpt(error)}); mend that row") from None
+            raise MeshFileError(f"no table of numbers ({excerpt(error)}); correct that row") from None

@@ -86,7 +86,7 @@ def _indices(element: _Element, n_points: int, what: str) -> tuple[NDArray, NDAr
     if len(bad):
         raise MeshFileError(
             f"line {element.number[owner[bad[0]]] + 1}: vertex {values[bad[0]]:.17g} of a {what} is outside "
-            f"1..{n_points}; mend the index"
+            f"1..{n_points}; correct the index"
         )
     index = whole_numbers(values, "vertex number")
     before = np.array(element.before, dtype=np.int64)[owner]
@@ -95,7 +95,7 @@ def _indices(element: _Element, n_points: int, what: str) -> tuple[NDArray, NDAr
     if len(low):
         raise MeshFileError(
             f"line {element.number[owner[low[0]]] + 1}: relative vertex {index[low[0]]} of a {what} reaches "
-            "before the first vertex; mend the index"
+            "before the first vertex; correct the index"
         )
     return zero_based, sizes
 

@@ -1,4 +1,4 @@
-"""Geomview OFF, text and binary, with colours and normals passed over.
+"""Geomview OFF, text and binary, without colours and normals.
 
 Our own reader: meshio's loops forever on a file cut in its header and takes triangles only; trimesh reads no
 binary OFF.
@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from ddgcli.errors import MeshFileError
 from ddgcli.io.readers.raw_mesh import RawMesh
 from ddgcli.io.readers.text import ragged, rows, whole_numbers
+from ddgcli.mesh.ragged import ranges
 
 HEADER = re.compile(rb"(ST)?(C)?(N)?(4)?(n)?OFF$")
 
@@ -39,8 +40,8 @@ def read_off(data: bytes) -> RawMesh:
     n_vertices, n_faces, at = _counts(words, lines, number)
     if at + n_vertices + n_faces > len(lines):
         raise MeshFileError(
-            f"line {number[at - 1] + 1}: the header asks for {n_vertices} vertices and {n_faces} faces, "
-            f"but only {len(lines) - at} lines follow; the file is cut or the header wrong"
+            f"line {number[at - 1] + 1}: the header announces {n_vertices} vertices and {n_faces} faces, "
+            f"but only {len(lines) - at} lines follow; the file is truncated or the header wrong"
         )
     split = at + n_vertices
     points = _points(lines[at:split], number[at:split])
@@ -59,10 +60,10 @@ def _counts(words: list[bytes], lines: list[bytes], number: list[int]) -> tuple[
     except (ValueError, IndexError):
         where = number[min(at, len(lines)) - 1] + 1
         raise MeshFileError(
-            f"line {where}: no counts of vertices and faces; the file is cut or damaged"
+            f"line {where}: no counts of vertices and faces; the file is truncated or damaged"
         ) from None
     if n_vertices < 0 or n_faces < 0:
-        raise MeshFileError(f"line {number[at - 1] + 1}: negative count; mend the header")
+        raise MeshFileError(f"line {number[at - 1] + 1}: negative count; correct the header")
     return n_vertices, n_faces, at
 
 
@@ -85,16 +86,15 @@ def _faces(lines: list[bytes], number: list[int], n_points: int) -> tuple[NDArra
     if len(short):
         raise MeshFileError(
             f"line {number[short[0]] + 1}: a face of {sizes[short[0]]} corners has {count[short[0]] - 1} "
-            "numbers; the file is cut or damaged"
+            "numbers; the file is truncated or damaged"
         )
-    local = np.arange(sizes.sum()) - np.repeat(np.cumsum(sizes) - sizes, sizes)
-    index = values[np.repeat(first + 1, sizes) + local]
+    index = values[ranges(first + 1, sizes)[0]]
     bad = np.flatnonzero(~((index >= 0) & (index < n_points)))
     if len(bad):
         face = int(np.repeat(np.arange(len(sizes)), sizes)[bad[0]])
         raise MeshFileError(
             f"line {number[face] + 1}: face {face} names vertex {index[bad[0]]:.17g}, outside "
-            f"0..{n_points - 1}; mend the index"
+            f"0..{n_points - 1}; correct the index"
         )
     return whole_numbers(index, "vertex number"), sizes
 
@@ -113,7 +113,9 @@ def _binary(data: bytes) -> RawMesh:
             flat = np.frombuffer(data, order + "i4", (len(data) - tail) // 4, tail)
             corners, sizes = _binary_faces(flat, n_faces)
             return RawMesh(points.astype(np.float64), corners, sizes)
-    raise MeshFileError("binary OFF whose header asks for more than the file holds; it is cut or damaged")
+    raise MeshFileError(
+        "binary OFF whose header announces more than the file holds; it is truncated or damaged"
+    )
 
 
 def _binary_faces(flat: NDArray, n_faces: int) -> tuple[NDArray, NDArray]:

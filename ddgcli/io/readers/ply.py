@@ -84,7 +84,7 @@ def _header(data: bytes) -> tuple[str, list[_Element], int]:
                 elements[-1].properties.append(_Property(words[2], TYPES[words[1]]))
         except (KeyError, IndexError, ValueError):
             raise MeshFileError(
-                f"line {number}: {excerpt(line, 60)!r} is no PLY header line; mend it"
+                f"line {number}: {excerpt(line, 60)!r} is no PLY header line; correct it"
             ) from None
     if order is None:
         raise MeshFileError("the PLY header has no format line; the file is damaged")
@@ -107,7 +107,7 @@ class _Ascii:
             self.values = numbers(text)
         except ValueError:
             bad = next((w for w in text.split() if not _is_number(w)), b"")
-            raise MeshFileError(f"{excerpt(bad, 20)!r} in the PLY body is not a number; mend it") from None
+            raise MeshFileError(f"{excerpt(bad, 20)!r} in the PLY body is not a number; correct it") from None
 
     def take(self, element: _Element) -> Columns:
         rest, width = self.values[self.at :], len(element.properties)
@@ -125,7 +125,7 @@ class _Ascii:
 
     def _mixed(self, element: _Element) -> Columns:
         """Lists beside scalars: value by value, for files that are rare and small."""
-        found: dict[str, list] = {p.name: [] for p in element.properties}
+        columns_by_name: dict[str, list] = {p.name: [] for p in element.properties}
         sizes: dict[str, list[int]] = {p.name: [] for p in element.properties if p.count_type}
         values = self.values.tolist()
         for _ in range(element.count):
@@ -140,13 +140,15 @@ class _Ascii:
                             "file holds; it is cut or damaged"
                         )
                     size = int(count)
-                    found[p.name] += values[self.at + 1 : self.at + 1 + size]
+                    columns_by_name[p.name] += values[self.at + 1 : self.at + 1 + size]
                     sizes[p.name].append(size)
                     self.at += 1 + size
                 else:
-                    found[p.name].append(values[self.at])
+                    columns_by_name[p.name].append(values[self.at])
                     self.at += 1
-        exact = {p.name: _typed(np.array(found[p.name], dtype=np.float64), p) for p in element.properties}
+        exact = {
+            p.name: _typed(np.array(columns_by_name[p.name], dtype=np.float64), p) for p in element.properties
+        }
         return _columns(exact, sizes)
 
 
@@ -194,7 +196,7 @@ class _Binary:
             dtype = np.dtype(fields)
         except ValueError:
             raise MeshFileError(
-                f"the PLY header names a property of '{element.name}' twice; mend it"
+                f"the PLY header names a property of '{element.name}' twice; correct it"
             ) from None
         if element.count * dtype.itemsize > len(self.data) - self.at:
             raise _short(element)
@@ -235,7 +237,7 @@ class _Binary:
             "i8": "q",
             "u8": "Q",
         }
-        found: dict[str, list] = {p.name: [] for p in element.properties}
+        columns_by_name: dict[str, list] = {p.name: [] for p in element.properties}
         sizes: dict[str, list[int]] = {p.name: [] for p in element.properties if p.count_type}
         steps = [
             (
@@ -255,15 +257,19 @@ class _Binary:
                     if p.count_type:
                         if value < 0 or value * width > len(data) - at:
                             raise _short(element)
-                        found[p.name] += struct.unpack_from(f"{self.order}{int(value)}{code}", data, at)
+                        columns_by_name[p.name] += struct.unpack_from(
+                            f"{self.order}{int(value)}{code}", data, at
+                        )
                         sizes[p.name].append(int(value))
                         at += int(value) * width
                     else:
-                        found[p.name].append(value)
+                        columns_by_name[p.name].append(value)
         except struct.error:
             raise _short(element) from None
         self.at = at
-        return _columns({p.name: np.array(found[p.name], dtype=p.type) for p in element.properties}, sizes)
+        return _columns(
+            {p.name: np.array(columns_by_name[p.name], dtype=p.type) for p in element.properties}, sizes
+        )
 
 
 def _columns(values: dict[str, NDArray], sizes: dict[str, list[int]]) -> Columns:
@@ -301,7 +307,7 @@ def _raw(columns: dict[str, Columns]) -> RawMesh:
     face = dict(columns.get("face", {}))
     corners = next((face.pop(k) for k in ("vertex_indices", "vertex_index") if k in face), None)
     if corners is not None and not isinstance(corners, tuple):
-        raise MeshFileError("'vertex_indices' of the PLY faces is no list; mend the header")
+        raise MeshFileError("'vertex_indices' of the PLY faces is no list; correct the header")
     if corners is not None:
         raw.corners, raw.sizes = whole_numbers(np.asarray(corners[0]), "vertex number"), corners[1]
         raw.face = _scalars(face)
@@ -311,7 +317,7 @@ def _raw(columns: dict[str, Columns]) -> RawMesh:
     if {"vertex1", "vertex2"} <= edge.keys():
         ends = [edge[k] for k in ("vertex1", "vertex2")]
         if any(isinstance(end, tuple) for end in ends):
-            raise MeshFileError("'vertex1' and 'vertex2' of the PLY edges are lists; mend the header")
+            raise MeshFileError("'vertex1' and 'vertex2' of the PLY edges are lists; correct the header")
         raw.lines = np.stack([whole_numbers(np.asarray(end), "vertex number") for end in ends], axis=1)
         raw.line = _scalars({k: v for k, v in edge.items() if k not in ("vertex1", "vertex2")})
     return raw
@@ -339,7 +345,7 @@ def _counted(stem: str, arrays: dict[str, NDArray]) -> list[str]:
 
 
 def _strips(strip: NDArray) -> NDArray:
-    """(m, 3) triangles of strips that -1 ends; every second triangle is turned over."""
+    """(m, 3) triangles of strips that -1 ends; every second triangle is reversed."""
     if len(strip) < 3:
         return np.zeros((0, 3), dtype=np.int64)
     number = np.arange(len(strip))

@@ -1,4 +1,4 @@
-"""What a reader finds in a file, before it becomes a mesh: points, polygons, tetrahedra, segments, arrays."""
+"""Content of a mesh file before it becomes a mesh: points, polygons, tetrahedra, segments, arrays."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ InputMesh = TriangleMesh | TetMesh | CurveSet
 
 @dataclass(eq=False)
 class RawMesh:
-    """Content of a file as read.
+    """Content of a mesh file.
 
     Parameters
     ----------
@@ -52,7 +52,7 @@ class RawMesh:
     notes: list[str] = field(default_factory=list)
 
     def add_faces(self, faces: NDArray) -> None:
-        """Take (p, k) polygons of k corners each."""
+        """Add (p, k) polygons of k corners each."""
         self.corners = np.concatenate([self.corners, np.asarray(faces, dtype=np.int64).ravel()])
         self.sizes = np.concatenate([self.sizes, np.full(len(faces), np.shape(faces)[1], dtype=np.int64)])
 
@@ -60,7 +60,7 @@ class RawMesh:
 def assembled(raw: RawMesh) -> tuple[InputMesh, dict[str, NDArray], NDArray | None]:
     """The mesh of a raw content, its cell arrays, and the polygon of each triangle if any was split.
 
-    Tetrahedra win over polygons, polygons over segments; what is left out is noted.
+    Tetrahedra take precedence over polygons, and polygons over segments; omitted cells are noted.
 
     Raises
     ------
@@ -72,14 +72,14 @@ def assembled(raw: RawMesh) -> tuple[InputMesh, dict[str, NDArray], NDArray | No
     _keep_numbers(raw)
     if len(raw.tetrahedra):
         if len(raw.sizes):
-            raw.notes.append(f"{len(raw.sizes)} surface cells beside the tetrahedra left out")
+            raw.notes.append(f"{len(raw.sizes)} surface cells beside the tetrahedra omitted")
         return TetMesh.from_arrays(raw.points, raw.tetrahedra), raw.cell, None
     if len(raw.lines) and not len(raw.sizes):
         check_lines(raw.lines, len(raw.points))
         points = TriangleMesh.from_arrays(raw.points, np.zeros((0, 3), dtype=np.int64)).points
         return CurveSet(points, raw.lines.astype(np.int64), dict(raw.vertex)), raw.line, None
     if len(raw.lines):
-        raw.notes.append(f"{len(raw.lines)} line segments beside the faces left out")
+        raw.notes.append(f"{len(raw.lines)} line segments beside the faces omitted")
     return _surface(raw)
 
 
@@ -97,43 +97,43 @@ def _surface(raw: RawMesh) -> tuple[TriangleMesh, dict[str, NDArray], NDArray | 
             f"{len(large)} polygons of more than three corners triangulated (first: face {large[0]})"
         )
     if len(small):
-        raw.notes.append(f"{len(small)} faces of fewer than three corners left out (first: face {small[0]})")
+        raw.notes.append(f"{len(small)} faces of fewer than three corners omitted (first: face {small[0]})")
     mesh = TriangleMesh.from_arrays(raw.points, faces)
     return mesh, {name: value[polygon] for name, value in raw.face.items()}, polygon
 
 
 def _keep_numbers(raw: RawMesh) -> None:
-    """Arrays of real numbers, in the machine's byte order; the others are left out and noted."""
+    """Arrays of real numbers, in the machine's byte order; others are omitted and noted."""
     _check_edges(raw)
     counts = {
         "vertex": len(raw.points), "face": len(raw.sizes), "cell": len(raw.tetrahedra),
         "line": len(raw.lines), "edge": len(raw.edge.get("edges", ())), "whole": None,
     }  # fmt: skip
     for place, count in counts.items():
-        kept = {}
+        numeric = {}
         for name, value in getattr(raw, place).items():
             value = np.asarray(value)
             if value.dtype.kind not in "fiub":
-                raw.notes.append(f"array '{excerpt(name, 40)}' holds {_content(value)}: it is left out")
+                raw.notes.append(f"array '{excerpt(name, 40)}' holds {_content(value)}: it is omitted")
             elif count is not None and (value.ndim == 0 or len(value) != count):
                 raise MeshFileError(
                     f"array '{excerpt(name, 40)}' has {value.size} entries where {count} are needed; "
                     "the file is damaged"
                 )
             elif value.ndim:
-                kept[name] = _native(value)
-        setattr(raw, place, kept)
+                numeric[name] = _native(value)
+        setattr(raw, place, numeric)
 
 
 def _check_edges(raw: RawMesh) -> None:
-    """Arrays on edges need `edges`, the two vertices of each; without it they are left out and noted."""
+    """Arrays on edges need `edges`, the two vertices of each; without it they are omitted and noted."""
     if not raw.edge:
         return
     edges, n_points = np.asarray(raw.edge.get("edges")), len(raw.points)
     whole = edges.dtype.kind in "iu" and edges.ndim == 2 and edges.shape[1] == 2
     if not whole or ((edges < 0) | (edges >= n_points)).any():
         raw.notes.append(
-            f"'edges' is not an (e, 2) array of vertex numbers below {n_points}: arrays on edges are left out"
+            f"'edges' is not an (e, 2) array of vertex numbers below {n_points}: arrays on edges are omitted"
         )
         raw.edge = {}
 
@@ -153,7 +153,9 @@ def _native(value: NDArray) -> NDArray:
 
 
 def check_lines(lines: NDArray, n_points: int) -> None:
-    """Refuse segments that name a point that is not there."""
+    """Raise MeshFileError for segments with a missing point."""
     bad = np.flatnonzero(((lines < 0) | (lines >= n_points)).any(axis=1))
     if len(bad):
-        raise MeshFileError(f"segment {bad[0]} names a point outside 0..{n_points - 1}; mend the line list")
+        raise MeshFileError(
+            f"segment {bad[0]} names a point outside 0..{n_points - 1}; correct the line list"
+        )

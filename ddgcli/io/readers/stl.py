@@ -34,7 +34,7 @@ def read_stl(data: bytes) -> RawMesh:
 
 
 def _is_ascii(data: bytes) -> bool:
-    """Binary wins when its count fits, for binary files may begin with "solid" too."""
+    """Prefer binary if its count fits, for binary files may begin with "solid" too."""
     if len(data) >= 84 and len(data) == 84 + 50 * int.from_bytes(data[80:84], "little"):
         return False
     return data.lstrip()[:5].lower() == b"solid" and (b"facet" in data.lower() or len(data) < 84)
@@ -43,10 +43,10 @@ def _is_ascii(data: bytes) -> bool:
 def _binary(data: bytes, notes: list[str]) -> NDArray:
     if len(data) < 84:
         raise MeshFileError("not an STL file: shorter than a header; it is cut or of another format")
-    count, room = int.from_bytes(data[80:84], "little"), (len(data) - 84) // 50
-    if count > room:
+    count, capacity = int.from_bytes(data[80:84], "little"), (len(data) - 84) // 50
+    if count > capacity:
         raise MeshFileError(
-            f"the header counts {count} facets, the file has room for {room}; it is cut or damaged"
+            f"the header counts {count} facets, the file has room for {capacity}; it is truncated or damaged"
         )
     if 84 + 50 * count != len(data):
         notes.append(f"{len(data) - 84 - 50 * count} bytes after the last of {count} facets ignored")
@@ -54,18 +54,18 @@ def _binary(data: bytes, notes: list[str]) -> NDArray:
 
 
 def _ascii(data: bytes) -> NDArray:
-    found = VERTEX.findall(data)
+    vertices = VERTEX.findall(data)
     lower = data.lower()
     facets, ends = lower.count(b"facet") - lower.count(b"endfacet"), lower.count(b"endfacet")
-    if b"endsolid" not in lower or facets != ends or len(found) != 3 * ends:
+    if b"endsolid" not in lower or facets != ends or len(vertices) != 3 * ends:
         raise MeshFileError(
-            f"ASCII STL with {facets} facets, {ends} ends of facets and {len(found)} vertices; "
+            f"ASCII STL with {facets} facets, {ends} ends of facets and {len(vertices)} vertices; "
             "it is cut or damaged"
         )
     try:
-        values = numbers(b" ".join(found))
+        values = numbers(b" ".join(vertices))
     except ValueError:
-        raise MeshFileError("a vertex of the ASCII STL is not three numbers; mend the file") from None
-    if len(values) != 3 * len(found):
-        raise MeshFileError("a vertex of the ASCII STL is not three numbers; mend the file")
+        raise MeshFileError("a vertex of the ASCII STL is not three numbers; correct the file") from None
+    if len(values) != 3 * len(vertices):
+        raise MeshFileError("a vertex of the ASCII STL is not three numbers; correct the file")
     return values

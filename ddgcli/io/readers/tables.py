@@ -1,4 +1,4 @@
-"""Point lists (.csv, .txt) as curves, triangles in words (.wkt), NumPy archives (.npz) of our own layout."""
+"""Point lists (.csv, .txt) as curves, WKT triangles (.wkt), NumPy archives (.npz) of our own layout."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from ddgcli.io.readers.raw_mesh import RawMesh
 from ddgcli.io.readers.text import rows, whole_numbers
 from ddgcli.mesh.repair import merged_points
 
-ROUND_OFF = 1e-12  # of the extent: sin(2 pi) is not 0 in a file of 17 digits
+CLOSURE_TOLERANCE = 1e-12  # of the extent: sin(2 pi) is not 0 in a file of 17 digits
 PLACES = {"points", "faces", "tetrahedra", "lines", "metadata", "edges"}
 
 
 def read_csv(data: bytes) -> RawMesh:
     """Read 2 or 3 columns of numbers as a polyline, closed if the last row repeats the first (to round-off).
 
-    Separators are commas, semicolons or blanks; one line of column names and `#` comments are passed over.
+    Separators are commas, semicolons or blanks; one line of column names and `#` comments are skipped.
     """
     lines, number = [], []
     for count, line in enumerate(data.removeprefix(b"\xef\xbb\xbf").splitlines()):
@@ -40,12 +40,12 @@ def read_csv(data: bytes) -> RawMesh:
     width = int(counts[0])
     odd = np.flatnonzero(counts != width)
     if width not in (2, 3) or len(odd):
-        where, found = (number[odd[0]], counts[odd[0]]) if len(odd) else (number[0], width)
-        raise MeshFileError(f"line {where + 1}: {found} columns; a curve needs 2 or 3 in every row")
+        where, n_columns = (number[odd[0]], counts[odd[0]]) if len(odd) else (number[0], width)
+        raise MeshFileError(f"line {where + 1}: {n_columns} columns; a curve needs 2 or 3 in every row")
     table = values.reshape(-1, width)
     points = np.column_stack([table, np.zeros((len(table), 3 - width))])
     gap = float(np.abs(points[0] - points[-1]).max())
-    closed = len(points) > 2 and gap <= ROUND_OFF * float(np.ptp(points, axis=0).max())
+    closed = len(points) > 2 and gap <= CLOSURE_TOLERANCE * float(np.ptp(points, axis=0).max())
     index = np.append(np.arange(len(points) - 1), 0) if closed else np.arange(len(points))
     lines_ = np.stack([index[:-1], index[1:]], axis=1)
     if not closed:
@@ -69,11 +69,11 @@ def read_wkt(data: bytes) -> RawMesh:
         )
     rings = re.findall(rb"\(\(([^()]*)\)\)", text[head.end() - 1 :][1:-1])
     if any(ring.count(b",") != 3 for ring in rings):
-        raise MeshFileError("a triangle of the TIN has other than four points; mend it")
+        raise MeshFileError("a triangle of the TIN has other than four points; correct it")
     words = [point for ring in rings for point in ring.split(b",")]
     values, counts = rows(words, [0] * len(words), "point")
     if (counts != 3).any():
-        raise MeshFileError("a point of the TIN has other than three numbers; mend it")
+        raise MeshFileError("a point of the TIN has other than three numbers; correct it")
     points, index = merged_points(values.reshape(-1, 4, 3)[:, :3].reshape(-1, 3))
     raw = RawMesh(points, input_vertex=index)
     raw.notes.append(f"WKT cannot share vertices: {len(index)} corners merged to {len(points)} where equal")
@@ -82,28 +82,28 @@ def read_wkt(data: bytes) -> RawMesh:
 
 
 def read_npz(data: bytes) -> RawMesh:
-    """Read a .npz with `points` and `faces`, `tetrahedra` or `lines`; the rest are arrays by their length."""
-    found, others = npz_arrays(data)
-    if "points" not in found:
+    """Read a .npz with `points` and `faces`, `tetrahedra` or `lines`; others are arrays, by length."""
+    arrays, others = npz_arrays(data)
+    if "points" not in arrays:
         raise MeshFileError(
             "the archive has no array 'points'; a mesh needs points and faces, tetrahedra or lines"
         )
-    raw = raw_of_arrays(found)
+    raw = raw_of_arrays(arrays)
     if others:
         raw.notes.append(
-            f"{len(others)} members of the archive are no arrays and left out: {excerpt(others[0], 40)}"
+            f"{len(others)} members of the archive are no arrays and are omitted: {excerpt(others[0], 40)}"
         )
     return raw
 
 
-def raw_of_arrays(found: dict[str, NDArray]) -> RawMesh:
-    """A raw mesh of named arrays; the others are put where their length fits: vertices first, then cells."""
-    points = np.asarray(found["points"])
+def raw_of_arrays(arrays: dict[str, NDArray]) -> RawMesh:
+    """Raw mesh of named arrays; other arrays are assigned by length: vertices first, then cells."""
+    points = np.asarray(arrays["points"])
     if points.ndim != 2 or points.shape[1] not in (2, 3) or points.dtype.kind not in "fiu":
         raise MeshFileError(f"'points' is {points.shape} {points.dtype}; it must be (n, 3) numbers")
     raw = RawMesh(points.astype(np.float64))
     cells = {
-        name: _cells(found, name, width) for name, width in (("faces", 3), ("tetrahedra", 4), ("lines", 2))
+        name: _cells(arrays, name, width) for name, width in (("faces", 3), ("tetrahedra", 4), ("lines", 2))
     }
     if cells["tetrahedra"] is not None:
         raw.tetrahedra = cells["tetrahedra"]
@@ -111,23 +111,23 @@ def raw_of_arrays(found: dict[str, NDArray]) -> RawMesh:
         raw.add_faces(cells["faces"])
     elif cells["lines"] is not None:
         raw.lines = cells["lines"]
-    n_edges = len(np.atleast_1d(found["edges"])) if "edges" in found else -1
+    n_edges = len(np.atleast_1d(arrays["edges"])) if "edges" in arrays else -1
     lengths = ((len(points), raw.vertex), (len(raw.tetrahedra), raw.cell), (len(raw.sizes), raw.face),
                (len(raw.lines), raw.line), (n_edges, raw.edge))  # fmt: skip
-    for name, value in found.items():
+    for name, value in arrays.items():
         if name in PLACES or value.ndim == 0:
             continue
         place = next((p for length, p in lengths if length == len(value)), raw.whole)
         place[name] = value
-    if "edges" in found:
-        raw.edge["edges"] = found["edges"]
+    if "edges" in arrays:
+        raw.edge["edges"] = arrays["edges"]
     return raw
 
 
-def _cells(found: dict[str, NDArray], name: str, width: int) -> NDArray | None:
-    if name not in found:
+def _cells(arrays: dict[str, NDArray], name: str, width: int) -> NDArray | None:
+    if name not in arrays:
         return None
-    value = np.asarray(found[name])
+    value = np.asarray(arrays[name])
     if value.ndim != 2 or value.shape[1] != width or value.dtype.kind not in "iu":
         raise MeshFileError(f"'{name}' is {value.shape} {value.dtype}; it must be (m, {width}) whole numbers")
     return whole_numbers(value, f"entry of '{name}'")

@@ -1,4 +1,4 @@
-"""Numbers out of text, fast, and with the line of the first that is none."""
+"""Fast reading of numbers from text, with the line of the first error."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.errors import MeshFileError, excerpt
+from ddgcli.mesh.ragged import ranges
 
 
 def numbers(text: bytes) -> NDArray[np.float64]:
@@ -17,7 +18,7 @@ def numbers(text: bytes) -> NDArray[np.float64]:
     if not text.strip():
         return np.zeros(0)
     with warnings.catch_warnings():
-        warnings.simplefilter("error")  # numpy tells of unmatched text by a DeprecationWarning
+        warnings.simplefilter("error")  # numpy reports unmatched text by a DeprecationWarning
         try:
             return np.fromstring(text, dtype=np.float64, sep=" ")
         except (DeprecationWarning, ValueError) as error:
@@ -38,8 +39,8 @@ def rows(lines: Sequence[bytes], line_number: Sequence[int], what: str) -> tuple
             try:
                 float(word)
             except ValueError:
-                shown = excerpt(word, 20)
-                raise MeshFileError(f"line {number + 1}: {shown!r} in a {what} is not a number") from None
+                bad_word = excerpt(word, 20)
+                raise MeshFileError(f"line {number + 1}: {bad_word!r} in a {what} is not a number") from None
     raise MeshFileError(f"the numbers of the {what} lines cannot be read; check the file")
 
 
@@ -48,7 +49,9 @@ def whole_numbers(values: NDArray, what: str) -> NDArray[np.int64]:
     with np.errstate(invalid="ignore"):
         bad = np.flatnonzero(~((values == np.rint(values)) & (np.abs(values) < 2**53)))
     if len(bad):
-        raise MeshFileError(f"{what} {values.ravel()[bad[0]].item()} is not a usable whole number; mend it")
+        raise MeshFileError(
+            f"{what} {values.ravel()[bad[0]].item()} is not a usable whole number; correct it"
+        )
     return values.astype(np.int64)
 
 
@@ -67,7 +70,7 @@ def typed(values: NDArray, dtype: Any, what: str) -> NDArray:
     whole, room = whole_numbers(values, what), np.iinfo(dtype)
     bad = np.flatnonzero((whole < room.min) | (whole > min(room.max, np.iinfo(np.int64).max)))
     if len(bad):
-        raise MeshFileError(f"{what} {whole[bad[0]]} does not fit its type {dtype.name}; mend it")
+        raise MeshFileError(f"{what} {whole[bad[0]]} does not fit its type {dtype.name}; correct it")
     return whole.astype(dtype)
 
 
@@ -95,14 +98,13 @@ def ragged(flat: NDArray, n: int, what: str, extra: int = 0) -> tuple[NDArray, N
         size = _list_size(flat, at)
         if size < 0 or at + 1 + size + extra > len(flat):
             raise MeshFileError(
-                f"the file ends inside {what} {number} of {n}, or its count is wrong; it is cut or damaged"
+                f"the file ends inside {what} {number} of {n}, or its count is wrong; repair the file"
             )
         starts.append(at + 1)
         sizes.append(size)
         at += 1 + size + extra
     size_array = np.array(sizes, dtype=np.int64)
-    local = np.arange(size_array.sum()) - np.repeat(np.cumsum(size_array) - size_array, size_array)
-    return flat[np.repeat(np.array(starts), size_array) + local], size_array, at
+    return flat[ranges(np.array(starts, dtype=np.int64), size_array)[0]], size_array, at
 
 
 def _list_size(flat: NDArray, at: int) -> int:

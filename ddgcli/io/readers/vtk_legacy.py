@@ -68,9 +68,9 @@ class _Words:
 
     def next(self) -> str:
         """The next word; "" at the end."""
-        found = _WORD.match(self.data, self.at)
-        self.at = found.end()  # type: ignore[union-attr]
-        return found[1].decode("utf-8", "replace")  # type: ignore[index]
+        match = _WORD.match(self.data, self.at)
+        self.at = match.end()  # type: ignore[union-attr]
+        return match[1].decode("utf-8", "replace")  # type: ignore[index]
 
     def count(self) -> int:
         """The next word, a number that is not negative and that the file can hold."""
@@ -82,7 +82,7 @@ class _Words:
     def values(self, count: int, kind: str) -> NDArray:
         """The next `count` numbers of a VTK type."""
         if kind.lower() not in TYPES:
-            raise MeshFileError(f"data type {excerpt(kind, 40)!r} is not one of VTK's; mend it")
+            raise MeshFileError(f"data type {excerpt(kind, 40)!r} is not one of VTK's; correct it")
         if count < 0:
             raise ValueError(f"a count of {count}")
         dtype = np.dtype(TYPES[kind.lower()])
@@ -98,16 +98,16 @@ class _Words:
 
     def _text(self, count: int) -> bytes:
         """The next `count` words, from a window that grows: short arrays cost no copies of the file."""
-        room = 32 * count + 64
+        window_size = 32 * count + 64
         while True:
-            window = self.data[self.at : self.at + room]
+            window = self.data[self.at : self.at + window_size]
             parts = window.split(None, count)
             at_end = self.at + len(window) == len(self.data)
             if len(parts) > count or (at_end and len(parts) == count):
                 break
             if at_end:
                 raise ValueError(f"{len(parts)} numbers, {count} announced")
-            room *= 4
+            window_size *= 4
         self.at += len(window) - (len(parts[count]) if len(parts) > count else 0)
         return b" ".join(parts[:count])
 
@@ -210,17 +210,17 @@ def _attribute(words: _Words, word: str, length: int, into: dict[str, NDArray]) 
 
 
 def _scalar_width(words: _Words) -> int:
-    """Components of SCALARS (may be said), before the line LOOKUP_TABLE (may be there)."""
+    """Components of SCALARS (may be words_left), before the line LOOKUP_TABLE (may be there)."""
     end = words.data.find(b"\n", words.at)
-    said = words.data[words.at : end].split()
-    if said:
+    words_left = words.data[words.at : end].split()
+    if words_left:
         words.next()
     before = words.at
     if words.next().upper() == "LOOKUP_TABLE":
         words.next()
     else:
         words.at = before
-    width = int(said[0]) if said else 1
+    width = int(words_left[0]) if words_left else 1
     if width < 1:
         raise ValueError(f"{width} components")
     return width

@@ -80,7 +80,7 @@ class _Arrays:
         kind = root.get("header_type", "UInt32")
         if kind not in HEADER_TYPES:
             raise MeshFileError(
-                f"header_type {excerpt(kind, 40)!r} is none of {', '.join(HEADER_TYPES)}; mend it"
+                f"header_type {excerpt(kind, 40)!r} is none of {', '.join(HEADER_TYPES)}; correct it"
             )
         self.header = np.dtype(self.order + TYPES[kind])
         self.compressor = root.get("compressor")
@@ -96,7 +96,7 @@ class _Arrays:
     def __call__(self, element: ElementTree.Element) -> NDArray:
         name, form = element.get("type", ""), element.get("format", "ascii")
         if name not in TYPES:
-            raise MeshFileError(f"data type {excerpt(name, 40)!r} is not one of VTK's; mend it")
+            raise MeshFileError(f"data type {excerpt(name, 40)!r} is not one of VTK's; correct it")
         kind = np.dtype(TYPES[name])
         if form == "ascii":
             values = typed(numbers((element.text or "").encode()), kind, "the value")
@@ -157,15 +157,15 @@ class _Arrays:
 
 def _count(element: ElementTree.Element, name: str) -> int | None:
     """An attribute that is a whole number, not negative; None where it is missing."""
-    said = element.get(name)
-    if not said:
+    text = element.get(name)
+    if not text:
         return None
     try:
-        number = int(said)
+        number = int(text)
     except ValueError:
         number = -1
     if number < 0:
-        raise MeshFileError(f"{name}={excerpt(said, 20)!r} is no count; mend it")
+        raise MeshFileError(f"{name}={excerpt(text, 20)!r} is no count; correct it")
     return number
 
 
@@ -211,11 +211,11 @@ def _polydata_cells(piece: ElementTree.Element, arrays: _Arrays) -> tuple[NDArra
     for tag, kind in POLYDATA:
         if piece.find(f"{tag}/DataArray") is None:
             continue
-        found = _lists(piece, tag, arrays, ("connectivity", "offsets"))
-        if len(found["offsets"]):
-            types.append(np.full(len(found["offsets"]), kind))
-            sizes.append(np.diff(found["offsets"], prepend=0))
-            connectivity.append(found["connectivity"])
+        lists = _lists(piece, tag, arrays, ("connectivity", "offsets"))
+        if len(lists["offsets"]):
+            types.append(np.full(len(lists["offsets"]), kind))
+            sizes.append(np.diff(lists["offsets"], prepend=0))
+            connectivity.append(lists["connectivity"])
     if not types:
         return np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64)
     return np.concatenate(types), np.concatenate(connectivity), np.concatenate(sizes)
@@ -225,15 +225,15 @@ def _lists(
     piece: ElementTree.Element, tag: str, arrays: _Arrays, names: tuple[str, ...]
 ) -> dict[str, NDArray]:
     """The arrays of whole numbers that make up cells, by name."""
-    found = {a.get("Name"): a for a in piece.findall(f"{tag}/DataArray")}
-    missing = [name for name in names if name not in found]
+    elements = {a.get("Name"): a for a in piece.findall(f"{tag}/DataArray")}
+    missing = [name for name in names if name not in elements]
     if missing:
         raise MeshFileError(f"the {tag} of the VTK file have no array '{missing[0]}'; it is damaged")
-    return {name: whole_numbers(arrays(found[name]).ravel(), f"entry of '{name}'") for name in names}
+    return {name: whole_numbers(arrays(elements[name]).ravel(), f"entry of '{name}'") for name in names}
 
 
 def _named(element: ElementTree.Element | None, arrays: _Arrays, length: int) -> dict[str, NDArray]:
-    found: dict[str, NDArray] = {}
+    elements: dict[str, NDArray] = {}
     for child in element if element is not None else ():
         if child.tag == "DataArray" and child.get("type") in TYPES:
             value = arrays(child)
@@ -242,8 +242,8 @@ def _named(element: ElementTree.Element | None, arrays: _Arrays, length: int) ->
                     f"array {excerpt(child.get('Name'), 40)} has {len(value)} entries, not {length}; "
                     "it is damaged"
                 )
-            found[child.get("Name") or f"array_{len(found)}"] = value
-    return found
+            elements[child.get("Name") or f"array_{len(elements)}"] = value
+    return elements
 
 
 def _joined(pieces: list[RawMesh]) -> RawMesh:
@@ -259,7 +259,9 @@ def _joined(pieces: list[RawMesh]) -> RawMesh:
         raw.lines = np.concatenate([raw.lines, piece.lines + shift])
         shift += len(piece.points)
     for place in ("vertex", "face", "cell", "line"):
-        kept = set.intersection(*(set(getattr(p, place)) for p in pieces))
-        setattr(raw, place, {n: np.concatenate([getattr(p, place)[n] for p in pieces]) for n in sorted(kept)})
+        common = set.intersection(*(set(getattr(p, place)) for p in pieces))
+        setattr(
+            raw, place, {n: np.concatenate([getattr(p, place)[n] for p in pieces]) for n in sorted(common)}
+        )
     raw.notes.append(f"{len(pieces)} pieces put into one mesh; vertices are not merged between them")
     return raw

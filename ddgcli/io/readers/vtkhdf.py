@@ -104,7 +104,7 @@ def _polydata_cells(root, part: int) -> tuple[NDArray, NDArray, NDArray]:
 
 
 def _arrays(root, group: str, steps, last: int, at: int, length: int) -> dict[str, NDArray]:
-    found = {}
+    arrays = {}
     for name, dataset in _datasets(root, group).items():
         start = at
         if last >= 0 and f"{group}Offsets" in steps and name in steps[f"{group}Offsets"]:
@@ -114,5 +114,5 @@ def _arrays(root, group: str, steps, last: int, at: int, length: int) -> dict[st
             raise MeshFileError(
                 f"array {excerpt(name, 40)} has {len(value)} entries, not {length}; it is cut or damaged"
             )
-        found[name] = value
-    return found
+        arrays[name] = value
+    return arrays

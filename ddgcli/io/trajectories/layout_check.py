@@ -1,4 +1,4 @@
-"""Whether a file is a trajectory of ours, by its structure; asked in a guarded process."""
+"""Check of the structure of a trajectory file, in a guarded process."""
 
 from __future__ import annotations
 
@@ -10,18 +10,18 @@ from typing import Any
 from ddgcli.errors import MeshFileError, excerpt
 from ddgcli.io.readers.guarded import guarded
 
-METADATA = 1 << 20  # bytes by which the check is bounded: it reads texts and shapes, no frames
+MAX_METADATA_BYTES = 1 << 20  # bound of the check, which reads texts and shapes, no frames
 
 
 def check_trajectory(path: str) -> None:
-    """Refuse what is no trajectory, is damaged, or refers to other files.
+    """Raise an error for a file that is no trajectory, is damaged, or refers to other files.
 
     Raises
     ------
     MeshFileError
         One line that begins with the path.
     """
-    size = min(os.path.getsize(path), METADATA)
+    size = min(os.path.getsize(path), MAX_METADATA_BYTES)
     folder = str(Path(path).resolve().parent)
     try:
         guarded("trajectories.layout_check", "check_layout", path, size=size, needs=("h5py",), folder=folder)
@@ -77,21 +77,21 @@ def _check(file: Any) -> None:
 
 
 def _group(parent: Any, name: str) -> Any:
-    found = parent.get(name)
-    if found is None or not hasattr(found, "items"):
+    item = parent.get(name)
+    if item is None or not hasattr(item, "items"):
         raise MeshFileError(f"no group '{name}'")
-    return found
+    return item
 
 
 def _rows(parent: Any, name: str, count: int, kinds: str, shape: tuple[int, ...] | None = ()) -> Any:
     """A dataset of numbers with at least `count` rows; `shape` that of a row (None: any)."""
-    found = parent.get(name)
-    if found is None or hasattr(found, "items") or found.ndim < 1:
+    item = parent.get(name)
+    if item is None or hasattr(item, "items") or item.ndim < 1:
         raise MeshFileError(f"no array '{excerpt(name, 40)}'")
-    right = found.dtype.kind in kinds and (shape is None or found.shape[1:] == shape)
-    if not right or len(found) < count:
+    right = item.dtype.kind in kinds and (shape is None or item.shape[1:] == shape)
+    if not right or len(item) < count:
         raise MeshFileError(
-            f"array '{excerpt(name, 40)}' is {found.shape} {excerpt(found.dtype, 20)}, with fewer or other "
+            f"array '{excerpt(name, 40)}' is {item.shape} {excerpt(item.dtype, 20)}, with fewer or other "
             "rows than its frames need"
         )
-    return found
+    return item

@@ -7,29 +7,29 @@ from typing import Any
 
 import numpy as np
 
-from ddgcli.io.writers.cell_data import Sheet, two_dimensional
+from ddgcli.io.writers.cell_data import CellData, two_dimensional
 
 
-def npz_bytes(sheet: Sheet) -> bytes:
+def npz_bytes(data: CellData) -> bytes:
     """NumPy archive: points, cells, every array by its name, and `metadata` as JSON text."""
-    arrays: dict[str, Any] = {"points": sheet.points, sheet.kind: sheet.cells}
-    if sheet.kind == "tetrahedra":
-        arrays["faces"] = _boundary_faces(sheet)
-    for group in (sheet.vertex, sheet.cell, sheet.edge, sheet.whole):
+    arrays: dict[str, Any] = {"points": data.points, data.kind: data.cells}
+    if data.kind == "tetrahedra":
+        arrays["faces"] = _boundary_faces(data)
+    for group in (data.vertex, data.cell, data.edge, data.whole):
         arrays.update(group)
-    arrays["metadata"] = np.array(sheet.provenance)
+    arrays["metadata"] = np.array(data.provenance)
     out = io.BytesIO()
     np.savez(out, **arrays)
     return out.getvalue()
 
 
-def _boundary_faces(sheet: Sheet):
+def _boundary_faces(data: CellData):
     from ddgcli.mesh.tet_mesh import TetMesh
 
-    return TetMesh.from_arrays(sheet.points, sheet.cells).boundary.faces
+    return TetMesh.from_arrays(data.points, data.cells).boundary.faces
 
 
-def vtkhdf_bytes(sheet: Sheet) -> bytes:
+def vtkhdf_bytes(data: CellData) -> bytes:
     """VTKHDF 2.2: PolyData of triangles or lines, UnstructuredGrid of tetrahedra.
 
     Edge arrays and what belongs to the whole stand in FieldData; provenance in the attributes of the sibling
@@ -41,12 +41,12 @@ def vtkhdf_bytes(sheet: Sheet) -> bytes:
     with h5py.File(out, "w", libver=("earliest", "v110")) as file:
         root = file.create_group("VTKHDF")
         root.attrs["Version"] = np.array([2, 2], dtype=np.int64)
-        root.attrs["Type"] = np.bytes_(b"UnstructuredGrid" if sheet.kind == "tetrahedra" else b"PolyData")
-        root["NumberOfPoints"] = np.array([len(sheet.points)], dtype=np.int64)
-        root["Points"] = np.ascontiguousarray(sheet.points, dtype=np.float64)
-        if sheet.kind == "tetrahedra":
-            _connect(root, sheet.cells, 4)
-            root["Types"] = np.full(len(sheet.cells), 10, dtype=np.uint8)
+        root.attrs["Type"] = np.bytes_(b"UnstructuredGrid" if data.kind == "tetrahedra" else b"PolyData")
+        root["NumberOfPoints"] = np.array([len(data.points)], dtype=np.int64)
+        root["Points"] = np.ascontiguousarray(data.points, dtype=np.float64)
+        if data.kind == "tetrahedra":
+            _connect(root, data.cells, 4)
+            root["Types"] = np.full(len(data.cells), 10, dtype=np.uint8)
         else:
             for name, kind, width in (
                 ("Vertices", "", 1),
@@ -54,20 +54,20 @@ def vtkhdf_bytes(sheet: Sheet) -> bytes:
                 ("Polygons", "faces", 3),
                 ("Strips", "", 3),
             ):
-                cells = sheet.cells if sheet.kind == kind else np.zeros((0, width), dtype=np.int64)
+                cells = data.cells if data.kind == kind else np.zeros((0, width), dtype=np.int64)
                 _connect(root.create_group(name), cells, width)
         for name, arrays in (
-            ("PointData", sheet.vertex),
-            ("CellData", sheet.cell),
-            ("FieldData", sheet.edge | sheet.whole),
+            ("PointData", data.vertex),
+            ("CellData", data.cell),
+            ("FieldData", data.edge | data.whole),
         ):
             group = root.create_group(name)
             for key, value in arrays.items():
                 group[_key(key)] = two_dimensional(np.atleast_1d(value))
         own = file.create_group("ddgcli")
         own.attrs["schema"] = "ddgcli-mesh/1"
-        own.attrs["metadata"] = sheet.provenance
-        for key, value in sheet.metadata.items():
+        own.attrs["metadata"] = data.provenance
+        for key, value in data.metadata.items():
             own.attrs[key] = value if isinstance(value, (str, int, float)) else _json(value)
     return out.getvalue()
 

@@ -1,4 +1,4 @@
-"""What a writer is given: one kind of cell over points, with arrays sorted by the place they live in."""
+"""Input of the writers: points, one kind of cell, and arrays by element."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ log = logging.getLogger("ddgcli")
 
 
 @dataclass(frozen=True, eq=False)
-class Sheet:
+class CellData:
     """Content of one output file.
 
     Parameters
@@ -49,8 +49,8 @@ class Sheet:
         return json.dumps(self.metadata, ensure_ascii=True, default=str)
 
 
-def sheet_of(annotated: AnnotatedMesh) -> Sheet:
-    """Sort an annotated mesh into what writers need; the gluing of an IntrinsicMesh becomes arrays."""
+def cell_data_of(annotated: AnnotatedMesh) -> CellData:
+    """Cell data of an annotated mesh; the gluing of an IntrinsicMesh becomes arrays."""
     mesh = annotated.mesh
     vertex, cell, edge = dict(annotated.vertex), dict(annotated.face), dict(annotated.edge)
     if isinstance(mesh, TetMesh):
@@ -69,9 +69,9 @@ def sheet_of(annotated: AnnotatedMesh) -> Sheet:
         }
     if edge and "edges" not in edge:
         edge = {"edges": mesh.topology.edges, **edge}  # type: ignore[union-attr]
-    sheet = Sheet(points, kind, cells, vertex, cell, edge, dict(annotated.whole), annotated.metadata)
-    _check(sheet)
-    return sheet
+    data = CellData(points, kind, cells, vertex, cell, edge, dict(annotated.whole), annotated.metadata)
+    _check(data)
+    return data
 
 
 def neighbors(side_twin: NDArray) -> NDArray[np.int64]:
@@ -80,10 +80,10 @@ def neighbors(side_twin: NDArray) -> NDArray[np.int64]:
     return np.where(twin < 0, -1, np.concatenate([twin // 3, twin % 3], axis=-1))
 
 
-def _check(sheet: Sheet) -> None:
-    """An array of a wrong length is a bug of the caller, and must not become a damaged file."""
-    places = ((sheet.vertex, len(sheet.points)), (sheet.cell, len(sheet.cells)))
-    for arrays, length in (*places, (sheet.edge, len(sheet.edge.get("edges", ())))):
+def _check(data: CellData) -> None:
+    """Raise ValueError for an array of wrong length, before it becomes a damaged file."""
+    places = ((data.vertex, len(data.points)), (data.cell, len(data.cells)))
+    for arrays, length in (*places, (data.edge, len(data.edge.get("edges", ())))):
         for name, value in arrays.items():
             if len(value) != length:
                 raise ValueError(f"array {name} has {len(value)} entries where the mesh has {length}")
@@ -108,22 +108,22 @@ def short_integers(value: NDArray) -> NDArray:
     return value.astype(np.float64)
 
 
-def without_arrays(sheet: Sheet, suffix: str) -> None:
-    """Warn of arrays that a format cannot hold."""
-    lost = [*sheet.vertex, *sheet.cell]
+def warn_of_lost_arrays(data: CellData, suffix: str) -> None:
+    """Warn about arrays that a format cannot hold."""
+    lost = [*data.vertex, *data.cell]
     if lost:
-        shown = ", ".join(lost[:4]) + (", ..." if len(lost) > 4 else "")
-        log.warning(f"{suffix} cannot hold arrays ({shown}); write .vtu, .ply or .npz to keep them")
+        names = ", ".join(lost[:4]) + (", ..." if len(lost) > 4 else "")
+        log.warning(f"{suffix} cannot hold arrays ({names}); write .vtu, .ply or .npz to keep them")
 
 
-def surface_only(sheet: Sheet, suffix: str) -> Sheet:
-    """A sheet of triangles for formats of surfaces: tetrahedra give their boundary, curves are refused."""
-    if sheet.kind == "lines":
+def surface_only(data: CellData, suffix: str) -> CellData:
+    """Cell data of triangles for formats of surfaces: the boundary of tetrahedra; OutputError for curves."""
+    if data.kind == "lines":
         raise OutputError(f"{suffix} cannot hold curves; write .vtp, .vtu, .ply, .obj or .npz")
-    if sheet.kind == "faces":
-        return sheet
-    boundary = TetMesh.from_arrays(sheet.points, sheet.cells).boundary
+    if data.kind == "faces":
+        return data
+    boundary = TetMesh.from_arrays(data.points, data.cells).boundary
     log.warning(
         f"{suffix} holds surfaces: the boundary of the tetrahedra is written; write .vtu to keep them"
     )
-    return Sheet(sheet.points, "faces", boundary.faces, sheet.vertex, {}, {}, sheet.whole, sheet.metadata)
+    return CellData(data.points, "faces", boundary.faces, data.vertex, {}, {}, data.whole, data.metadata)

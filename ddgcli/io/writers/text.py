@@ -5,7 +5,13 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.io.writers.cell_data import Sheet, short_integers, surface_only, two_dimensional, without_arrays
+from ddgcli.io.writers.cell_data import (
+    CellData,
+    short_integers,
+    surface_only,
+    two_dimensional,
+    warn_of_lost_arrays,
+)
 
 PLY_TYPES = {
     "i1": "char",
@@ -19,32 +25,30 @@ PLY_TYPES = {
 }
 
 
-def ply_bytes(sheet: Sheet) -> bytes:
+def ply_bytes(data: CellData) -> bytes:
     """Binary little-endian PLY; a vector array `a` becomes the properties `a_x`, `a_y`, `a_z`."""
-    if sheet.kind == "tetrahedra":
-        sheet = surface_only(sheet, ".ply")
-    vertices = [("x", sheet.points[:, 0]), ("y", sheet.points[:, 1]), ("z", sheet.points[:, 2])]
-    vertices += _columns(sheet.vertex)
-    header = ["ply", "format binary_little_endian 1.0", f"comment ddgcli {sheet.provenance}"]
-    header += [f"element vertex {len(sheet.points)}", *_properties(vertices)]
+    if data.kind == "tetrahedra":
+        data = surface_only(data, ".ply")
+    vertices = [("x", data.points[:, 0]), ("y", data.points[:, 1]), ("z", data.points[:, 2])]
+    vertices += _columns(data.vertex)
+    header = ["ply", "format binary_little_endian 1.0", f"comment ddgcli {data.provenance}"]
+    header += [f"element vertex {len(data.points)}", *_properties(vertices)]
     index = "<i4"
-    if sheet.kind == "faces":
-        columns = _columns(sheet.cell)
+    if data.kind == "faces":
+        columns = _columns(data.cell)
         header += [
-            f"element face {len(sheet.cells)}",
+            f"element face {len(data.cells)}",
             "property list uchar int vertex_indices",
             *_properties(columns),
         ]
         fields: list = [("count", "u1"), ("corners", index, (3,))]
-        table = np.zeros(
-            len(sheet.cells), dtype=fields + [(n, v.dtype.newbyteorder("<")) for n, v in columns]
-        )
-        table["count"], table["corners"] = 3, sheet.cells
+        table = np.zeros(len(data.cells), dtype=fields + [(n, v.dtype.newbyteorder("<")) for n, v in columns])
+        table["count"], table["corners"] = 3, data.cells
     else:
-        columns = [("vertex1", sheet.cells[:, 0].astype("<i4")), ("vertex2", sheet.cells[:, 1].astype("<i4"))]
-        columns += _columns(sheet.cell)
-        header += [f"element edge {len(sheet.cells)}", *_properties(columns)]
-        table = np.zeros(len(sheet.cells), dtype=[(n, v.dtype.newbyteorder("<")) for n, v in columns])
+        columns = [("vertex1", data.cells[:, 0].astype("<i4")), ("vertex2", data.cells[:, 1].astype("<i4"))]
+        columns += _columns(data.cell)
+        header += [f"element edge {len(data.cells)}", *_properties(columns)]
+        table = np.zeros(len(data.cells), dtype=[(n, v.dtype.newbyteorder("<")) for n, v in columns])
     for name, value in columns:
         table[name] = value
     return "\n".join([*header, "end_header\n"]).encode("ascii") + _table(vertices).tobytes() + table.tobytes()
@@ -75,16 +79,16 @@ def _columns(arrays: dict[str, NDArray]) -> list[tuple[str, NDArray]]:
     return columns
 
 
-def obj_bytes(sheet: Sheet) -> bytes:
+def obj_bytes(data: CellData) -> bytes:
     """Wavefront OBJ; faces as `f`, curves as `l`, coordinates in the shortest form that reads back equal."""
-    if sheet.kind == "tetrahedra":
-        sheet = surface_only(sheet, ".obj")
-    without_arrays(sheet, ".obj")
-    lines = [f"# ddgcli {sheet.provenance}\n", _rows("v %r %r %r\n", sheet.points)]
-    if sheet.kind == "faces":
-        lines.append(_rows("f %d %d %d\n", sheet.cells + 1))
+    if data.kind == "tetrahedra":
+        data = surface_only(data, ".obj")
+    warn_of_lost_arrays(data, ".obj")
+    lines = [f"# ddgcli {data.provenance}\n", _rows("v %r %r %r\n", data.points)]
+    if data.kind == "faces":
+        lines.append(_rows("f %d %d %d\n", data.cells + 1))
     else:
-        lines += [f"l {' '.join(map(str, path + 1))}\n" for path in _paths(sheet.cells)]
+        lines += [f"l {' '.join(map(str, path + 1))}\n" for path in _paths(data.cells)]
     return "".join(lines).encode()
 
 
@@ -100,19 +104,19 @@ def _rows(form: str, table: NDArray) -> str:
     return (form * len(table)) % tuple(table.ravel().tolist())
 
 
-def off_bytes(sheet: Sheet) -> bytes:
+def off_bytes(data: CellData) -> bytes:
     """Geomview OFF, text."""
-    sheet = surface_only(sheet, ".off")
-    without_arrays(sheet, ".off")
-    head = f"OFF\n# ddgcli {sheet.provenance}\n{len(sheet.points)} {len(sheet.cells)} 0\n"
-    return (head + _rows("%r %r %r\n", sheet.points) + _rows("3 %d %d %d\n", sheet.cells)).encode()
+    data = surface_only(data, ".off")
+    warn_of_lost_arrays(data, ".off")
+    head = f"OFF\n# ddgcli {data.provenance}\n{len(data.points)} {len(data.cells)} 0\n"
+    return (head + _rows("%r %r %r\n", data.points) + _rows("3 %d %d %d\n", data.cells)).encode()
 
 
-def stl_bytes(sheet: Sheet) -> bytes:
+def stl_bytes(data: CellData) -> bytes:
     """Binary STL: float32 corners, no shared vertices; the header names program and version."""
-    sheet = surface_only(sheet, ".stl")
-    without_arrays(sheet, ".stl")
-    corner = sheet.points[sheet.cells]
+    data = surface_only(data, ".stl")
+    warn_of_lost_arrays(data, ".stl")
+    corner = data.points[data.cells]
     normal = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
     length = np.linalg.norm(normal, axis=1, keepdims=True)
     table = np.zeros(
@@ -121,6 +125,6 @@ def stl_bytes(sheet: Sheet) -> bytes:
     with np.errstate(over="ignore"):
         table["corner"] = corner
         table["normal"] = np.divide(normal, length, out=np.zeros_like(normal), where=length > 0)
-    sha = str(sheet.metadata.get("input_sha256", ""))[:16]
-    head = f"ddgcli {sheet.metadata.get('version', '')} input sha256 {sha}".encode()
+    sha = str(data.metadata.get("input_sha256", ""))[:16]
+    head = f"ddgcli {data.metadata.get('version', '')} input sha256 {sha}".encode()
     return head[:80].ljust(80, b"\0") + np.uint32(len(corner)).astype("<u4").tobytes() + table.tobytes()

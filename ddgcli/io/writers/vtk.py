@@ -12,7 +12,7 @@ from xml.sax.saxutils import escape, quoteattr
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.io.writers.cell_data import Sheet, short_integers, surface_only, two_dimensional
+from ddgcli.io.writers.cell_data import CellData, short_integers, surface_only, two_dimensional
 
 VTK_TYPE = {"faces": 5, "tetrahedra": 10, "lines": 3}
 NAMES = {
@@ -25,47 +25,48 @@ LEGACY = {
 }  # fmt: skip
 
 
-def vtu_bytes(sheet: Sheet) -> bytes:
+def vtu_bytes(content: CellData) -> bytes:
     """VTK XML UnstructuredGrid."""
     cells = [
         "<Cells>",
-        *_cells(sheet.cells),
-        _array("types", np.full(len(sheet.cells), VTK_TYPE[sheet.kind], "u1")),
+        *_cells(content.cells),
+        _array("types", np.full(len(content.cells), VTK_TYPE[content.kind], "u1")),
         "</Cells>",
     ]
-    return _xml(sheet, "UnstructuredGrid", f'NumberOfCells="{len(sheet.cells)}"', cells)
+    return _xml(content, "UnstructuredGrid", f'NumberOfCells="{len(content.cells)}"', cells)
 
 
-def vtp_bytes(sheet: Sheet) -> bytes:
+def vtp_bytes(content: CellData) -> bytes:
     """VTK XML PolyData."""
-    if sheet.kind == "tetrahedra":
-        sheet = surface_only(sheet, ".vtp")
-    tag = "Polys" if sheet.kind == "faces" else "Lines"
+    if content.kind == "tetrahedra":
+        content = surface_only(content, ".vtp")
+    tag = "Polys" if content.kind == "faces" else "Lines"
     counts = " ".join(
-        f'NumberOf{t}="{len(sheet.cells) if t == tag else 0}"' for t in ("Verts", "Lines", "Strips", "Polys")
+        f'NumberOf{t}="{len(content.cells) if t == tag else 0}"'
+        for t in ("Verts", "Lines", "Strips", "Polys")
     )
-    return _xml(sheet, "PolyData", counts, [f"<{tag}>", *_cells(sheet.cells), f"</{tag}>"])
+    return _xml(content, "PolyData", counts, [f"<{tag}>", *_cells(content.cells), f"</{tag}>"])
 
 
-def _xml(sheet: Sheet, kind: str, counts: str, cells: list[str]) -> bytes:
+def _xml(content: CellData, kind: str, counts: str, cells: list[str]) -> bytes:
     lines = [
         '<?xml version="1.0"?>',
-        f"<?ddgcli {_instruction(sheet)}?>",
+        f"<?ddgcli {_instruction(content)}?>",
         f'<VTKFile type="{kind}" version="1.0" byte_order="LittleEndian" header_type="UInt64">',
         f"<{kind}>",
-        f'<Piece NumberOfPoints="{len(sheet.points)}" {counts}>',
-        "<Points>", _array("Points", sheet.points), "</Points>",
+        f'<Piece NumberOfPoints="{len(content.points)}" {counts}>',
+        "<Points>", _array("Points", content.points), "</Points>",
         *cells,
-        "<PointData>", *(_array(n, v) for n, v in sheet.vertex.items()), "</PointData>",
-        "<CellData>", *(_array(n, v) for n, v in sheet.cell.items()), "</CellData>",
+        "<PointData>", *(_array(n, v) for n, v in content.vertex.items()), "</PointData>",
+        "<CellData>", *(_array(n, v) for n, v in content.cell.items()), "</CellData>",
         "</Piece>", f"</{kind}>", "</VTKFile>", "",
     ]  # fmt: skip
     return "\n".join(lines).encode()
 
 
-def _instruction(sheet: Sheet) -> str:
+def _instruction(content: CellData) -> str:
     """Provenance as an XML processing instruction: readers pass it over, also those without text arrays."""
-    return sheet.provenance.replace("?>", "?\\u003e")
+    return content.provenance.replace("?>", "?\\u003e")
 
 
 def _cells(cells: NDArray) -> list[str]:
@@ -83,19 +84,19 @@ def _array(name: str, value: NDArray) -> str:
     return f"{head}\n{text}\n</DataArray>"
 
 
-def vtk_bytes(sheet: Sheet) -> bytes:
+def vtk_bytes(content: CellData) -> bytes:
     """Legacy VTK 3.0, binary, UNSTRUCTURED_GRID; the title line (of 255 letters) holds the provenance."""
     out = io.BytesIO()
-    title = f"ddgcli {sheet.provenance}".replace("\n", " ")[:255]
+    title = f"ddgcli {content.provenance}".replace("\n", " ")[:255]
     out.write(f"# vtk DataFile Version 3.0\n{title}\nBINARY\nDATASET UNSTRUCTURED_GRID\n".encode())
-    _legacy(out, f"POINTS {len(sheet.points)} double", sheet.points)
-    m, k = sheet.cells.shape
-    table = np.concatenate([np.full((m, 1), k), sheet.cells], axis=1).astype(np.int32)
+    _legacy(out, f"POINTS {len(content.points)} double", content.points)
+    m, k = content.cells.shape
+    table = np.concatenate([np.full((m, 1), k), content.cells], axis=1).astype(np.int32)
     _legacy(out, f"CELLS {m} {table.size}", table)
-    _legacy(out, f"CELL_TYPES {m}", np.full(m, VTK_TYPE[sheet.kind], dtype=np.int32))
+    _legacy(out, f"CELL_TYPES {m}", np.full(m, VTK_TYPE[content.kind], dtype=np.int32))
     for tag, length, arrays in (
-        ("POINT_DATA", len(sheet.points), sheet.vertex),
-        ("CELL_DATA", m, sheet.cell),
+        ("POINT_DATA", len(content.points), content.vertex),
+        ("CELL_DATA", m, content.cell),
     ):
         if arrays:
             out.write(f"{tag} {length}\nFIELD FieldData {len(arrays)}\n".encode())
@@ -110,19 +111,20 @@ def _legacy(out: io.BytesIO, head: str, value: NDArray) -> None:
     out.write(head.encode() + b"\n" + value.astype(value.dtype.newbyteorder(">")).tobytes() + b"\n")
 
 
-def xdmf_bytes(sheet: Sheet) -> bytes:
+def xdmf_bytes(content: CellData) -> bytes:
     """XDMF 3 with its numbers inside, so that one file is the whole output."""
-    m, k = sheet.cells.shape
-    topology = {"faces": "Triangle", "tetrahedra": "Tetrahedron", "lines": "Polyline"}[sheet.kind]
-    nodes = ' NodesPerElement="2"' if sheet.kind == "lines" else ""
+    m, k = content.cells.shape
+    topology = {"faces": "Triangle", "tetrahedra": "Tetrahedron", "lines": "Polyline"}[content.kind]
+    nodes = ' NodesPerElement="2"' if content.kind == "lines" else ""
     parts = [
         '<?xml version="1.0"?>',
-        f"<?ddgcli {_instruction(sheet)}?>",
+        f"<?ddgcli {_instruction(content)}?>",
         '<Xdmf Version="3.0"><Domain><Grid Name="mesh" GridType="Uniform">',
-        f'<Geometry GeometryType="XYZ">{_item(sheet.points)}</Geometry>',
-        f'<Topology TopologyType="{topology}" NumberOfElements="{m}"{nodes}>{_item(sheet.cells)}</Topology>',
+        f'<Geometry GeometryType="XYZ">{_item(content.points)}</Geometry>',
+        f'<Topology TopologyType="{topology}" NumberOfElements="{m}"{nodes}>'
+        f"{_item(content.cells)}</Topology>",
     ]
-    for center, arrays in (("Node", sheet.vertex), ("Cell", sheet.cell)):
+    for center, arrays in (("Node", content.vertex), ("Cell", content.cell)):
         for name, value in arrays.items():
             value = two_dimensional(value)
             kind = {1: "Scalar", 3: "Vector", 9: "Tensor"}.get(

@@ -12,11 +12,12 @@ from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from ddgcli.errors import MeshError
+from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.topology import NEXT
 from ddgcli.models.fluid.context import FluidContext
 from ddgcli.models.fluid.parts import Walls
 from ddgcli.models.fluid.phases import Declared, FluidSetting
-from ddgcli.models.fluid.surface_space import harmonic_count, sums
+from ddgcli.models.fluid.surface_space import harmonic_count
 from ddgcli.scenes.expressions import evaluate
 from ddgcli.scenes.scene import Section
 from ddgcli.simulation.effects import Effect
@@ -88,7 +89,7 @@ def wall_circulation(context: FluidContext, velocity: list[str], where: str | No
     along = 0.5 * np.einsum("ij,ij->i", speed, side)
     if not along.any():
         log.warning("no part of the wall moves along itself: velocity or where is 0 at every boundary side")
-    return sums(np.concatenate([tail, head]), np.tile(along, 2), mesh.n_vertices)
+    return sum_by_index(np.concatenate([tail, head]), np.tile(along, 2), mesh.n_vertices)
 
 
 EFFECT = Effect("boundary", BoundarySection, build, "none; no-slip a larger viscous system", ("fluid",))

@@ -21,6 +21,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.topology import NEXT
 from ddgcli.models.fluid.conservative import rate
 from ddgcli.models.fluid.phases import FlowPhase, FluidSetting, Step
@@ -246,7 +247,7 @@ class CirculationAdvection:
             return
         label = space.mesh.topology.vertex_component
         missing = space.component_vorticity(before) - space.component_vorticity(after)
-        area = np.bincount(label[rim], weights=space.mass[rim], minlength=len(missing))
+        area = sum_by_index(label[rim], space.mass[rim], len(missing))
         share = np.divide(missing, area, out=np.zeros_like(missing), where=area > 0)
         after[rim] += space.mass[rim] * share[label[rim]]
 

@@ -14,10 +14,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.topology import NEXT
 from ddgcli.models.fluid.phases import FlowPhase, FluidSetting, Step
 from ddgcli.models.fluid.state import FluidState
-from ddgcli.models.fluid.surface_space import SurfaceSpace, sums
+from ddgcli.models.fluid.surface_space import SurfaceSpace
 from ddgcli.simulation.time_loop import StepRejected
 
 RK4_LIMIT = 2.8  # on the imaginary axis
@@ -41,23 +42,19 @@ def turned(
     first, second, third = omega.take(space.corners)
     mean = (first + second + third) / 3.0
     carried = (-0.5 * mean) * flux.T[NEXT]  # side k+1 is opposite corner k
-    d_vorticity = sums(space.corners, carried, space.n)
+    d_vorticity = sum_by_index(space.corners, carried, space.n)
     d_coefficients = np.zeros(len(space.harmonic))
     if evolve_harmonic and len(d_coefficients):
         push = np.zeros_like(flux)
         push[:, 0], push[:, 2] = -0.5 * mean * flux[:, 2], 0.5 * mean * flux[:, 0]
-        on_edge = np.bincount(
-            space.side_edge.ravel(),
-            weights=(push * space.side_sign).ravel(),
-            minlength=space.harmonic.shape[1],
-        )
+        on_edge = sum_by_index(space.side_edge, push * space.side_sign, space.harmonic.shape[1])
         d_coefficients = space.harmonic @ on_edge
     return d_vorticity, d_coefficients
 
 
 def advection_rate(space: SurfaceSpace, flux: NDArray) -> float:
     """Bound on the spectral radius of the transport: the largest absolute row sum."""
-    row = 0.5 * sums(space.faces, np.abs(flux[:, NEXT]), space.n)
+    row = 0.5 * sum_by_index(space.faces, np.abs(flux[:, NEXT]), space.n)
     return float((row * space.inverse_mass).max(initial=0.0))
 
 

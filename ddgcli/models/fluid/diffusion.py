@@ -20,9 +20,10 @@ from scipy.sparse import block_array, csc_array, csr_array, diags_array, eye_arr
 
 from ddgcli.geometry.intrinsic import corner_angle
 from ddgcli.linalg.factor import Factor
+from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.models.fluid.phases import FlowPhase, Step
 from ddgcli.models.fluid.state import FluidState
-from ddgcli.models.fluid.surface_space import SurfaceSpace, sums
+from ddgcli.models.fluid.surface_space import SurfaceSpace
 from ddgcli.operators.dec import d0
 
 CURVATURE_SHARE = {"hodge": 0.0, "bochner": 1.0, "deformation": 2.0}
@@ -126,9 +127,9 @@ def curvature_star(space: SurfaceSpace) -> NDArray[np.float64]:
     """(e,) star of the inner product weighted by Gaussian curvature, each vertex's spread over its faces."""
     angle = corner_angle(space.mesh.side_length)
     full = np.where(space.mesh.topology.boundary_vertex, np.pi, 2.0 * np.pi)
-    defect = full - sums(space.faces, angle, space.n)
+    defect = full - sum_by_index(space.faces, angle, space.n)
     density = (defect * space.inverse_mass)[space.faces].mean(axis=1)
     opposite = -(space.side[:, [1, 2, 0]] * np.conj(space.side[:, [2, 0, 1]])).real
     weight = 0.25 * density[:, None] * opposite / space.area[:, None]
     n_edges = space.mesh.topology.n_edges
-    return sums(space.side_edge, weight, n_edges)
+    return sum_by_index(space.side_edge, weight, n_edges)

@@ -10,11 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
+from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.topology import NEXT
 from ddgcli.models.fluid.context import FluidContext
 from ddgcli.models.fluid.flows import FLOWS, KEYS
 from ddgcli.models.fluid.parts import Initial
-from ddgcli.models.fluid.surface_space import SurfaceSpace, harmonic_count, sums
+from ddgcli.models.fluid.surface_space import SurfaceSpace, harmonic_count
 from ddgcli.scenes.scene import Section
 from ddgcli.scenes.units import quantity, vector
 from ddgcli.simulation.effects import Effect
@@ -74,7 +75,9 @@ def build(parameters: InitialSection, context: FluidContext) -> list[Initial]:
             velocity = context.to_frames(space, vectors)
             vorticity, coefficients = space.of_face_velocity(velocity)
             # its mean is rounding alone, of these terms
-            terms = 0.5 * sums(space.faces, np.abs(velocity)[:, None] * np.abs(space.side[:, NEXT]), space.n)
+            terms = 0.5 * sum_by_index(
+                space.faces, np.abs(velocity)[:, None] * np.abs(space.side[:, NEXT]), space.n
+            )
             vorticity = balanced(space, vorticity, terms)
             _warn_of_lost_harmonic(context, space, velocity, vorticity)
             return vorticity, coefficients

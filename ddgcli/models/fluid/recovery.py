@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array, diags_array
 
 from ddgcli.geometry.unfolding import Fans, vertex_fans
+from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.topology import NEXT
 from ddgcli.models.fluid.surface_space import SurfaceSpace
 
@@ -96,7 +97,7 @@ def _face_means(space: SurfaceSpace, fans: Fans, to_vertex: NDArray) -> csr_arra
     """Mean of the velocities of a vertex's faces, by angle."""
     vertex = space.faces.ravel()
     angle = fans.corner_angle.reshape(-1, 3)
-    total = np.bincount(vertex, weights=angle.ravel(), minlength=space.n)
+    total = sum_by_index(vertex, angle.ravel(), space.n)
     turned = to_vertex * angle / total[space.faces] / (2.0 * space.area[:, None])
     first = 3 * np.repeat(np.arange(len(space.faces)), 3)
     values = np.concatenate([(turned * space.side[:, [2]]).ravel(), (-turned * space.side[:, [0]]).ravel()])
@@ -115,7 +116,7 @@ def _mean_values(space: SurfaceSpace, fans: Fans, stretch: NDArray) -> csr_array
     half = np.tan(np.minimum(0.5 * fans.corner_angle * stretch, 1.5))
     weight = (half + np.where(twin >= 0, half[clockwise], 0.0)) / space.mesh.side_length.ravel()
     vertex, head = space.faces.ravel(), space.faces[:, NEXT].ravel()
-    total = np.bincount(vertex, weights=weight, minlength=space.n)
+    total = sum_by_index(vertex, weight, space.n)
     angle = fans.angle_before * stretch
     turn = np.exp(1j * (angle - angle[other] + np.pi))
     return csr_array((weight / total[vertex] * turn, (vertex, head)), shape=(space.n, space.n))

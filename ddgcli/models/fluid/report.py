@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from ddgcli.mesh.fields import Frame
 from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
+from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.models.fluid.model import FluidModel
-from ddgcli.models.fluid.surface_space import sums
 from ddgcli.scenes.scene import Scene
 from ddgcli.simulation.account import Account
 from ddgcli.simulation.outcome import Outcome
@@ -147,7 +147,7 @@ def _loops(model: FluidModel, vorticity: NDArray, last: Frame) -> list[float]:
     velocity = space.face_velocity(flux)
     along = (velocity[:, None] * np.conj(space.side)).real * space.side_sign
     topology = space.mesh.topology
-    on_edge = sums(space.side_edge, along, topology.n_edges) / topology.edge_face_count
+    on_edge = sum_by_index(space.side_edge, along, topology.n_edges) / topology.edge_face_count
     key = topology.edges[:, 0] * topology.n_vertices + topology.edges[:, 1]
     order = np.argsort(key)
     found = []

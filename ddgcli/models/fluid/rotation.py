@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
+from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.models.fluid.conservative import RK4_LIMIT, turned
 from ddgcli.models.fluid.context import FluidContext
@@ -65,8 +66,7 @@ def vertex_normals(context: FluidContext) -> NDArray[np.float64]:
         return np.tile([0.0, 0.0, 1.0], (mesh.n_vertices, 1))
     side = mesh.side_vector
     around = np.repeat(np.cross(side[:, 0], side[:, 1]), 3, axis=0)
-    vertex = mesh.faces.ravel()
-    summed = np.stack([np.bincount(vertex, weights=w, minlength=mesh.n_vertices) for w in around.T], axis=1)
+    summed = sum_by_index(mesh.faces.ravel(), around, mesh.n_vertices)
     length = np.linalg.norm(summed, axis=1, keepdims=True)
     return np.divide(summed, length, out=np.zeros_like(summed), where=length > 0)
 

@@ -9,8 +9,9 @@ from numpy.typing import NDArray
 from scipy.sparse import csc_array, diags_array
 
 from ddgcli.linalg.factor import Factor
+from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.topology import NEXT, PREVIOUS
-from ddgcli.models.fluid.surface_space import SurfaceSpace, sums
+from ddgcli.models.fluid.surface_space import SurfaceSpace
 from ddgcli.operators.dec import d0
 
 # (width, order) of the filters, tried in turn: one of order p and width w leaves a wave number k its part
@@ -43,7 +44,7 @@ class Smoothing:
         opposite = -(space.side[:, NEXT] * np.conj(space.side[:, PREVIOUS])).real  # at corner j+2
         weight = 0.25 * (cell / space.area)[:, None] * opposite
         derivative = d0(space.mesh.topology)
-        on_edge = sums(space.side_edge, weight, space.mesh.topology.n_edges)
+        on_edge = sum_by_index(space.side_edge, weight, space.mesh.topology.n_edges)
         return csc_array(derivative.T @ diags_array(on_edge) @ derivative)
 
     def rough(self, vorticity: NDArray, width: float, order: int) -> NDArray[np.float64]:
@@ -56,7 +57,7 @@ class Smoothing:
         label = space.mesh.topology.vertex_component
         used = label >= 0
         excess = space.component_vorticity(rest)
-        area = np.bincount(label[used], weights=space.mass[used], minlength=len(excess))
+        area = sum_by_index(label[used], space.mass[used], len(excess))
         share = np.divide(excess, area, out=np.zeros_like(excess), where=area > 0)
         return rest - np.where(used, space.mass * share[np.maximum(label, 0)], 0.0)
 

@@ -26,17 +26,13 @@ from ddgcli.geometry.intrinsic import face_area
 from ddgcli.geometry.unfolding import corner_position, unfold
 from ddgcli.linalg.constrain import Dirichlet
 from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
+from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.topology import NEXT, PREVIOUS
 from ddgcli.models.fluid.state import FluidState
 from ddgcli.operators.laplacian import lumped_vertex_area, stiffness
 from ddgcli.simulation.time_loop import Observation
 
 THINNEST = 1e-12  # area over the longest side squared, below which a face counts as flat
-
-
-def sums(index: NDArray, weights: NDArray, n: int) -> NDArray[np.float64]:
-    """(n,) sums of weights by index."""
-    return np.bincount(index.ravel(), weights=weights.ravel(), minlength=n).astype(np.float64, copy=False)
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,7 +117,7 @@ class SurfaceSpace:
         opposite = -(self.side[:, NEXT] * np.conj(self.side[:, PREVIOUS])).real  # at corner j+2
         cotan = opposite / (2.0 * self.area[:, None])
         n_edges = self.mesh.topology.n_edges
-        return 0.5 * sums(self.side_edge, cotan, n_edges)
+        return 0.5 * sum_by_index(self.side_edge, cotan, n_edges)
 
     # ------------------------------------------------------------------ from vorticity to velocity
 
@@ -163,8 +159,8 @@ class SurfaceSpace:
         label = topology.vertex_component
         count = topology.n_components
         used = label >= 0
-        weight = np.bincount(label[used], weights=self.mass[used], minlength=count)
-        mean = np.bincount(label[used], weights=(self.mass * phi)[used], minlength=count) / weight
+        weight = sum_by_index(label[used], self.mass[used], count)
+        mean = sum_by_index(label[used], (self.mass * phi)[used], count) / weight
         mean[np.unique(label[topology.boundary_vertex])] = 0.0
         return np.where(used, phi - mean[np.maximum(label, 0)], 0.0)
 
@@ -173,8 +169,8 @@ class SurfaceSpace:
     def circulation_around(self, edge_circulation: NDArray) -> NDArray[np.float64]:
         """(n,) sum of (e,) circulations along dual edges, counter-clockwise around every vertex."""
         ends = self.mesh.topology.edges
-        head = sums(ends[:, 1], edge_circulation, self.n)
-        return head - sums(ends[:, 0], edge_circulation, self.n)
+        head = sum_by_index(ends[:, 1], edge_circulation, self.n)
+        return head - sum_by_index(ends[:, 0], edge_circulation, self.n)
 
     def of_face_velocity(self, velocity: NDArray) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Vorticity (n,) and harmonic coefficients of any face velocities (m,): the nearest flow has them.
@@ -182,11 +178,13 @@ class SurfaceSpace:
         At boundary vertices the cell is closed by the boundary edges.
         """
         along = (velocity[:, None] * np.conj(self.side)).real  # (m, 3)
-        around = 0.5 * sums(self.faces, along[:, NEXT], self.n)  # half of the side opposite the corner
+        around = 0.5 * sum_by_index(
+            self.faces, along[:, NEXT], self.n
+        )  # half of the side opposite the corner
         twin = self.mesh.topology.side_twin
         rim, k = np.nonzero(twin < 0)
         for corner in (k, NEXT[k]):
-            around += 0.5 * sums(self.faces[rim, corner], along[rim, k], self.n)
+            around += 0.5 * sum_by_index(self.faces[rim, corner], along[rim, k], self.n)
         return around, self.harmonic_part(velocity)
 
     def harmonic_part(self, velocity: NDArray) -> NDArray[np.float64]:
@@ -262,7 +260,7 @@ class SurfaceSpace:
     def _vertex_means(self, of_faces: NDArray) -> NDArray[np.float64]:
         """(n, 3) means of vectors (m, 3) on the faces of a vertex, by area."""
         weighted = (self.area[:, None] * of_faces).T
-        summed = np.stack([sums(self.faces, np.repeat(w, 3), self.n) for w in weighted], axis=1)
+        summed = np.stack([sum_by_index(self.faces, np.repeat(w, 3), self.n) for w in weighted], axis=1)
         return summed * (self.inverse_mass / 3.0)[:, None]
 
     def assembled(self) -> dict[str, Any]:
@@ -276,7 +274,7 @@ class SurfaceSpace:
         [1], the second the enstrophy of these sums without their signs [1/m^2].
         """
         star = np.abs(self.edge_inner)
-        at_vertex = sums(self.mesh.topology.edges, np.repeat(star[:, None], 2, axis=1), self.n)
+        at_vertex = sum_by_index(self.mesh.topology.edges, np.repeat(star[:, None], 2, axis=1), self.n)
         return float(np.sqrt(2.0 * at_vertex.sum())), float((at_vertex * self.inverse_mass).max(initial=0.0))
 
     @cached_property
@@ -301,14 +299,14 @@ class SurfaceSpace:
             return np.zeros(0)
         rim = loop >= 0
         around = vorticity - self.circulation_around(self.edge_inner * edge_flux)
-        return sums(loop[rim], around[rim], count)
+        return sum_by_index(loop[rim], around[rim], count)
 
     def component_vorticity(self, vorticity: NDArray) -> NDArray[np.float64]:
         """(components,) total vorticity of each component."""
         label = self.mesh.topology.vertex_component
         used = label >= 0
         count = self.mesh.topology.n_components
-        return sums(label[used], vorticity[used], count)
+        return sum_by_index(label[used], vorticity[used], count)
 
 
 def harmonic_count(mesh: SurfaceMesh) -> int:

@@ -17,10 +17,11 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.topology import NEXT
 from ddgcli.models.fluid.phases import Step
 from ddgcli.models.fluid.state import FluidState
-from ddgcli.models.fluid.surface_space import SurfaceSpace, sums
+from ddgcli.models.fluid.surface_space import SurfaceSpace
 from ddgcli.models.fluid.transport import Carried, Transport, corner_of
 from ddgcli.simulation.time_loop import Observation
 
@@ -70,9 +71,9 @@ class Tracer:
         lowest, highest = lowest[label], highest[label]
         mass = self.space.mass[used]
         for lower, upper in ((low, high), (lowest, highest)):
-            missing = sums(label, mass * (before[used] - after[used]), count)
+            missing = sum_by_index(label, mass * (before[used] - after[used]), count)
             room = np.where(missing[label] > 0, upper - after[used], after[used] - lower)
-            whole = sums(label, mass * room, count)
+            whole = sum_by_index(label, mass * room, count)
             share = np.divide(missing, whole, out=np.zeros(count), where=whole > 0)
             after[used] += np.clip(share, -1.0, 1.0)[label] * room
         after[used] = np.clip(after[used], lowest, highest)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.algorithms.tracing.batch import Start
+from ddgcli.algorithms.tracing.lines import LineStart
 from ddgcli.algorithms.tracing.trace import Tracer
 from ddgcli.mesh.topology import NEXT
 from ddgcli.models.fluid.recovery import recovery
@@ -58,7 +58,7 @@ class Transport:
         away = -np.copysign(1.0, dt) * velocity
         direction = np.where(speed > 0, away / np.where(speed > 0, speed, 1.0), 1.0 + 0.0j)
         planar = direction.view(np.float64).reshape(-1, 2)
-        ended = self.tracer.walked(Start(face, barycentric, planar, speed * abs(dt)))
+        ended = self.tracer.trace_checked(LineStart(face, barycentric, planar, speed * abs(dt)))
         end_direction = ended.direction[:, 0] + 1j * ended.direction[:, 1]
         shift = (ended.length * direction).astype(np.complex128)
         return Carried(ended.face, ended.barycentric, shift, direction * np.conj(end_direction))

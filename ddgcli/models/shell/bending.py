@@ -14,7 +14,8 @@ from pydantic import Field
 from scipy.sparse import coo_array, csr_array
 
 from ddgcli.geometry.intrinsic import corner_cotan
-from ddgcli.mechanics.terms import Mode, Potential, at_last_point, parts, scattered
+from ddgcli.mechanics.terms import Mode, Potential, at_last_point, parts
+from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.models.shell import hinge
 from ddgcli.models.shell.context import ShellContext
@@ -60,7 +61,7 @@ class HingeBending:
     def gradient(self, x: NDArray) -> NDArray[np.float64]:
         frame = self._frame(x)
         moment = 2 * self.weight * hinge.wrapped(frame.angle - self.rest)
-        return scattered(self.stencil, moment[:, None, None] * hinge.angle_gradient(frame), len(x))
+        return sum_by_index(self.stencil, moment[:, None, None] * hinge.angle_gradient(frame), len(x))
 
     def blocks(self, x: NDArray, mode: Mode) -> NDArray[np.float64]:
         frame, block = self._frame(x), self._block
@@ -117,8 +118,7 @@ class QuadraticBending:
 def hinge_measure(mesh: TriangleMesh, stencil: NDArray, area: NDArray) -> tuple[NDArray, NDArray]:
     """(3 |e|^2 / (A0 + A1), 3 / (A0 + A1)) of the hinges, from the rest shape."""
     topology = mesh.topology
-    twin = topology.side_twin.ravel()
-    side = np.flatnonzero((twin >= 0) & (np.arange(len(twin)) < twin))
+    twin, side = topology.side_twin.ravel(), topology.interior_sides
     side = side[topology.side_tail[side] == topology.side_head[twin[side]]]
     both = area[side // 3] + area[twin[side] // 3]
     return 3 * mesh.side_length.ravel()[side] ** 2 / both, 3 / both
@@ -127,8 +127,7 @@ def hinge_measure(mesh: TriangleMesh, stencil: NDArray, area: NDArray) -> tuple[
 def hinge_cotans(mesh: TriangleMesh) -> NDArray[np.float64]:
     """(h, 4) coefficients c with |sum c_i x_i| = 2 |e| sin(angle / 2) on isometric bending."""
     topology, cotan = mesh.topology, corner_cotan(mesh.side_length).ravel()
-    twin = topology.side_twin.ravel()
-    side = np.flatnonzero((twin >= 0) & (np.arange(len(twin)) < twin))
+    twin, side = topology.side_twin.ravel(), topology.interior_sides
     side = side[topology.side_tail[side] == topology.side_head[twin[side]]]
     other = twin[side]
 

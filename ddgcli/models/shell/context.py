@@ -9,7 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.mesh.triangle_mesh import TriangleMesh, vector_length
+from ddgcli.mesh.scatter import sum_by_index
+from ddgcli.mesh.triangle_mesh import TriangleMesh
+from ddgcli.mesh.vectors import vector_length
 from ddgcli.models.shell.scene import Shell
 from ddgcli.scenes.scene import Key, Scene
 
@@ -52,9 +54,7 @@ class ShellContext:
     def vertex_area(self) -> NDArray[np.float64]:
         """(n,) a third of the area of the faces around."""
         third = np.repeat(self.face_area / 3, 3)
-        return np.bincount(self.mesh.faces.ravel(), weights=third, minlength=self.mesh.n_vertices).astype(
-            np.float64
-        )
+        return sum_by_index(self.mesh.faces.ravel(), third, self.mesh.n_vertices)
 
     @cached_property
     def mass(self) -> NDArray[np.float64]:

@@ -9,7 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.mechanics.terms import Mode, Potential, scattered
+from ddgcli.mechanics.terms import Mode, Potential
+from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.models.shell.context import ShellContext
 from ddgcli.scenes.scene import Section
 from ddgcli.scenes.units import quantity
@@ -51,7 +52,7 @@ class Viscous:
         return 0.5 * float(np.vdot(x[self.stencil].reshape(len(self.stencil), -1), self._force(x)))
 
     def gradient(self, x: NDArray) -> NDArray[np.float64]:
-        return scattered(self.stencil, self._force(x), len(x))
+        return sum_by_index(self.stencil, self._force(x), len(x))
 
     def blocks(self, x: NDArray, mode: Mode) -> NDArray[np.float64]:
         return self.local

@@ -13,14 +13,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.mesh.topology import Topology
+from ddgcli.mesh.vectors import cross, dot
 
 
 def hinges(topology: Topology) -> NDArray[np.int64]:
     """(h, 4) vertices x0, x1, x2, x3 of every edge with two faces that agree in orientation."""
     faces = topology.faces
-    twin = topology.side_twin.ravel()
-    side = np.flatnonzero((twin >= 0) & (np.arange(len(twin)) < twin))
-    other = twin[side]
+    side = topology.interior_sides
+    other = topology.side_twin.ravel()[side]
     tail, head = topology.side_tail, topology.side_head
     agree = tail[side] == head[other]
     side, other = side[agree], other[agree]
@@ -55,13 +55,13 @@ def frame(x: NDArray, stencil: NDArray) -> HingeFrame:
     """Geometry of the hinges at positions x."""
     x0, x1, x2, x3 = (np.ascontiguousarray(x[stencil[:, k]].T) for k in range(4))
     e, p, q = x1 - x0, x2 - x0, x3 - x0
-    length = np.sqrt(_dot(e, e))
+    length = np.sqrt(dot(e, e))
     u = e / length
-    n, nt = _cross(e, p), _cross(q, e)
-    double, double_t = np.sqrt(_dot(n, n)), np.sqrt(_dot(nt, nt))
+    n, nt = cross(e, p), cross(q, e)
+    double, double_t = np.sqrt(dot(n, n)), np.sqrt(dot(nt, nt))
     n, nt = n / double, nt / double_t
-    angle = np.arctan2(_dot(_cross(n, nt), u), _dot(n, nt))
-    s, st = _dot(p, u) / length, _dot(q, u) / length
+    angle = np.arctan2(dot(cross(n, nt), u), dot(n, nt))
+    s, st = dot(p, u) / length, dot(q, u) / length
     return HingeFrame(n, nt, double / length, double_t / length, s, st, u, length, angle)
 
 
@@ -90,7 +90,7 @@ def hessian_factors(f: HingeFrame, left: NDArray, right: NDArray) -> None:
     d = (1, -1, 0) gives c n/h x c m/h + (c u/h + d m/2L) x d n/L and the transpose.
     """
     for k, (n, h, s, apex, side) in enumerate(((f.n, f.h, f.s, 2, 1.0), (f.nt, f.ht, f.st, 3, -1.0))):
-        m = side * _cross(n, f.u)
+        m = side * cross(n, f.u)
         along, across = m / (2 * f.length), n / f.length
         _write_feet(left[:, 2 * k], n / h, s, apex)
         _write_feet(right[:, 2 * k], m / h, s, apex)
@@ -107,16 +107,6 @@ def _write_feet(row: NDArray, vector: NDArray, s: NDArray, apex: int, along: NDA
         tail += along
         head -= along
     row[:, 0:3], row[:, 3:6], row[:, 3 * apex : 3 * apex + 3] = tail.T, head.T, -vector.T
-
-
-def _dot(p: NDArray, q: NDArray) -> NDArray[np.float64]:
-    return p[0] * q[0] + p[1] * q[1] + p[2] * q[2]
-
-
-def _cross(p: NDArray, q: NDArray) -> NDArray[np.float64]:
-    """Cross products of (3, h) vectors."""
-    (a, b, c), (d, e, f) = p, q
-    return np.stack([b * f - c * e, c * d - a * f, a * e - b * d])
 
 
 def wrapped(angle: NDArray) -> NDArray[np.float64]:

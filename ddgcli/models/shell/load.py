@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
-from ddgcli.mechanics.terms import DeadLoad, Mode, Potential, scattered
+from ddgcli.mechanics.terms import DeadLoad, Mode, Potential
+from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.models.shell import hinge
 from ddgcli.models.shell.context import ShellContext
 from ddgcli.scenes.scene import Section
@@ -59,7 +60,7 @@ class HingeMoment:
 
     def gradient(self, x: NDArray) -> NDArray[np.float64]:
         slope = hinge.angle_gradient(hinge.frame(x, self.stencil))
-        return scattered(self.stencil, -self.moment[:, None, None] * slope, len(x))
+        return sum_by_index(self.stencil, -self.moment[:, None, None] * slope, len(x))
 
     def blocks(self, x: NDArray, mode: Mode) -> NDArray[np.float64]:
         if mode != "exact":

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from ddgcli.mechanics.integrators import INTEGRATORS, stable_step
 from ddgcli.mechanics.system import Motion, System
 from ddgcli.mechanics.terms import Held
-from ddgcli.mesh.require import why_not
+from ddgcli.mesh.require import unmet_need
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.models.shell.context import ShellContext
 from ddgcli.scenes.scene import Key, Scene
@@ -47,7 +47,7 @@ def contexts(scene: Scene, read: Callable[[str], Any]) -> dict[str, tuple[ShellC
 
 def _require_sound(scene: Scene, number: int, context: ShellContext) -> None:
     """Refuse what has no motion: no faces, faces without area, masses beyond the range of numbers."""
-    reason = why_not(context.mesh, "shell-sim")
+    reason = unmet_need(context.mesh, "shell-sim")
     if reason is None and not (np.isfinite(context.mass).all() and (context.mass > 0).all()):
         reason = "a vertex has no finite mass; rescale the mesh"
     if reason is not None:

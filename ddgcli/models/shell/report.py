@@ -37,7 +37,7 @@ def rounding(outcome: Outcome, systems: dict[str, System]) -> RunRounding:
     dt = outcome.smallest_step if steps else np.inf
     energy = momentum = angular = 0.0
     for name, system in systems.items():
-        scales = [system.rounding, Rounding.at(system, end[name])]
+        scales = [system.rounding, Rounding.at(system.potentials, system.mass, end[name])]
         given = max(scale.momentum(dt, steps) for scale in scales)
         energy += max(scale.energy(dt, steps) for scale in scales)
         momentum += given

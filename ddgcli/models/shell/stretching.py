@@ -10,7 +10,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.mechanics.terms import Mode, Potential, at_last_point, scattered
+from ddgcli.mechanics.terms import Mode, Potential, at_last_point
+from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.models.shell.context import ShellContext
 from ddgcli.scenes.scene import Section
@@ -49,7 +50,7 @@ class EdgeSprings:
     def gradient(self, x: NDArray) -> NDArray[np.float64]:
         vector, length = self._edge(x)
         force = (self.stiffness / self.rest * (length / self.rest - 1) / length)[:, None] * vector
-        return scattered(self.stencil, np.stack([-force, force], axis=1), len(x))
+        return sum_by_index(self.stencil, np.stack([-force, force], axis=1), len(x))
 
     def blocks(self, x: NDArray, mode: Mode) -> NDArray[np.float64]:
         vector, length = self._edge(x)
@@ -93,7 +94,7 @@ class StVK:
     def gradient(self, x: NDArray) -> NDArray[np.float64]:
         f, _, stress = self._stress(x)
         first = np.matmul(f, self.area[:, None, None] * stress)
-        return scattered(self.stencil, np.matmul(self.basis, first.transpose(0, 2, 1)), len(x))
+        return sum_by_index(self.stencil, np.matmul(self.basis, first.transpose(0, 2, 1)), len(x))
 
     def blocks(self, x: NDArray, mode: Mode) -> NDArray[np.float64]:
         f, _, stress = self._stress(x)
@@ -162,7 +163,7 @@ def _springs(context: ShellContext, stiffness: float) -> EdgeSprings:
     side = topology.side_edge.ravel()
     rest = np.zeros(topology.n_edges)
     rest[side] = context.mesh.side_length.ravel()
-    tile = np.bincount(side, weights=np.repeat(context.face_area / 3, 3), minlength=topology.n_edges)
+    tile = sum_by_index(side, np.repeat(context.face_area / 3, 3), topology.n_edges)
     return EdgeSprings(topology.edges, rest, stiffness * tile)
 
 

@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 from ddgcli.errors import SolveError
 from ddgcli.geometry.extrinsic import enclosed_volume, face_area_vector
 from ddgcli.geometry.intrinsic import face_area
+from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.triangle_mesh import TriangleMesh
-from ddgcli.models.willmore.vertex_energies import Faces, area_gradient, scatter
+from ddgcli.models.willmore.vertex_energies import Faces, area_gradient
 
 MetricSolve = Callable[[NDArray], NDArray]
 RETURNED = 1e-13  # relative residual at which a constraint counts as met
@@ -54,10 +55,10 @@ class Constraints:
         rows = []
         if self.area is not None:
             faces = Faces.at(mesh.points, mesh.faces)
-            rows.append(scatter(mesh.faces, area_gradient(faces), mesh.n_vertices)[free] / self.area)
+            rows.append(sum_by_index(mesh.faces, area_gradient(faces), mesh.n_vertices)[free] / self.area)
         if self.volume is not None:
             third = np.repeat((face_area_vector(mesh) / 3.0)[:, None], 3, axis=1)
-            rows.append(scatter(mesh.faces, third, mesh.n_vertices)[free] / self.volume)
+            rows.append(sum_by_index(mesh.faces, third, mesh.n_vertices)[free] / self.volume)
         return rows
 
     def admissible(self, mesh: TriangleMesh, free: NDArray, mass: NDArray, g: NDArray) -> NDArray:

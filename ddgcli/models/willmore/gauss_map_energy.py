@@ -11,8 +11,10 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.topology import NEXT, PREVIOUS, Topology
-from ddgcli.models.willmore.vertex_energies import Faces, area_gradient, scatter
+from ddgcli.mesh.vectors import row_dot
+from ddgcli.models.willmore.vertex_energies import Faces, area_gradient
 
 # weight of the S-shape at which, on equilateral triangles, stripes one edge wide (which no vertex normal
 # sees) are as stiff as in |L x|^2 / (4 M)
@@ -53,16 +55,16 @@ class Normals:
     def at(cls, sides: NDArray, corners: NDArray, n: int) -> Normals:
         """From the sides opposite the corners (m, 3, 3)."""
         ahead, behind = sides[:, PREVIOUS], -sides[:, NEXT]
-        ahead = ahead / _dot(ahead, ahead)[..., None]
-        behind = behind / _dot(behind, behind)[..., None]
-        vector = scatter(corners, np.cross(ahead, behind), n)
-        length = np.sqrt(_dot(vector, vector))
+        ahead = ahead / row_dot(ahead, ahead)[..., None]
+        behind = behind / row_dot(behind, behind)[..., None]
+        vector = sum_by_index(corners, np.cross(ahead, behind), n)
+        length = np.sqrt(row_dot(vector, vector))
         return cls(ahead, behind, length, vector / length[:, None])
 
     def pulled_back(self, by_unit: NDArray, corners: NDArray) -> NDArray[np.float64]:
         """(m, 3, 3) derivative by the corners, given the one by the unit normals (n, 3)."""
         with np.errstate(divide="ignore", invalid="ignore"):
-            by_vector = (by_unit - _dot(by_unit, self.unit)[:, None] * self.unit) / self.length[:, None]
+            by_vector = (by_unit - row_dot(by_unit, self.unit)[:, None] * self.unit) / self.length[:, None]
         by_vector = by_vector[corners]
         by_ahead = _inverted(self.ahead, np.cross(self.behind, by_vector))
         by_behind = _inverted(self.behind, np.cross(by_vector, self.ahead))
@@ -74,13 +76,9 @@ def _by_corners(by_ahead: NDArray, by_behind: NDArray) -> NDArray[np.float64]:
     return by_ahead[:, PREVIOUS] + by_behind[:, NEXT] - by_ahead - by_behind
 
 
-def _dot(a: NDArray, b: NDArray) -> NDArray[np.float64]:
-    return np.einsum("...i,...i->...", a, b)
-
-
 def _inverted(q: NDArray, by_q: NDArray) -> NDArray[np.float64]:
     """Derivative by e of a function of q = e / |e|^2."""
-    return _dot(q, q)[..., None] * by_q - 2.0 * _dot(q, by_q)[..., None] * q
+    return row_dot(q, q)[..., None] * by_q - 2.0 * row_dot(q, by_q)[..., None] * q
 
 
 def _skewness(skew: NDArray, squared: NDArray, corner_dot: NDArray) -> NDArray[np.float64]:
@@ -197,15 +195,15 @@ class GaussMapEnergy:
             normals = Normals.at(side, corners, n)
             normal = normals.unit[corners]
             fall, twice = normal[:, PREVIOUS] - normal[:, NEXT], normal[:, PREVIOUS] + normal[:, NEXT]
-            squared, bend = _dot(side, side), _dot(fall, fall)
+            squared, bend = row_dot(side, side), row_dot(fall, fall)
             corner_dot = 0.5 * (squared[:, NEXT] + squared[:, PREVIOUS] - squared)
-            skew = _dot(twice, side)
+            skew = row_dot(twice, side)
             dirichlet = (corner_dot * bend).sum(axis=1) / (8.0 * faces.area)
             image = np.cross(fall[:, 0], fall[:, 1])
             s_shape = _s_shape(skew, squared, corner_dot, faces.area)
             value = counted * (0.5 * dirichlet + s_shape)
-            value -= 0.25 * counted * _dot(image, faces.normal)
-            lean = np.maximum(LEAST_COSINE - _dot(normal, faces.normal[:, None]), 0.0)
+            value -= 0.25 * counted * row_dot(image, faces.normal)
+            lean = np.maximum(LEAST_COSINE - row_dot(normal, faces.normal[:, None]), 0.0)
             value += counted * (lean**2).sum(axis=1)
             value = np.where(counted > 0, value, 0.0)
             if angled.any():
@@ -247,13 +245,13 @@ class GaussMapEnergy:
         by_twice = by_skew * side
         by_cosine = (-2.0 * counted[:, None] * t.lean)[..., None]
         by_corner = (by_twice + by_fall)[:, NEXT] + (by_twice - by_fall)[:, PREVIOUS]
-        by_unit = scatter(corners, by_corner + by_cosine * unit[:, None], n)
+        by_unit = sum_by_index(corners, by_corner + by_cosine * unit[:, None], n)
         by_normal = (by_cosine * t.normals.unit[corners]).sum(axis=1) - 0.25 * counted[:, None] * t.image
         # by the sides themselves: lengths and dot products, S-shape, the face's normal
         spread = share * t.bend / 16.0
         by_side = (spread[:, NEXT] + spread[:, PREVIOUS] - spread)[..., None] * side
         by_side += by_skew * t.twice + 2.0 * by_squared * side
-        turn = (by_normal - _dot(by_normal, unit)[:, None] * unit) / (2.0 * area)[:, None]
+        turn = (by_normal - row_dot(by_normal, unit)[:, None] * unit) / (2.0 * area)[:, None]
         by_side[:, 0] += np.cross(side[:, 1], turn)
         by_side[:, 1] += np.cross(turn, side[:, 0])
         by_area = counted * (s_by_area - 0.5 * t.dirichlet / area)
@@ -265,4 +263,4 @@ class GaussMapEnergy:
                 for q, sense in ((t.normals.ahead, 1.0), (t.normals.behind, -1.0))
             )
             corner += _by_corners(by_ahead, by_behind)
-        return float(t.value.sum()) + constant, scatter(corners, corner, n)
+        return float(t.value.sum()) + constant, sum_by_index(corners, corner, n)

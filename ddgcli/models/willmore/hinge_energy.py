@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.geometry.extrinsic import hinge_bending
+from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.topology import Topology
-from ddgcli.models.willmore.vertex_energies import Faces, area_gradient, scatter
+from ddgcli.models.willmore.vertex_energies import Faces, area_gradient
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,9 +33,8 @@ class HingeEnergy:
     @cached_property
     def _hinges(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         """(h, 2) faces and (h, 4) vertices of each inner edge: tail, head, apex of each face."""
-        twin = self.topology.side_twin.ravel()
-        side = np.flatnonzero((twin >= 0) & (np.arange(len(twin)) < twin))
-        other = twin[side]
+        side = self.topology.interior_sides
+        other = self.topology.side_twin.ravel()[side]
         flat = self.topology.faces.ravel()
         apex = np.stack([side - side % 3 + (side + 2) % 3, other - other % 3 + (other + 2) % 3], axis=1)
         vertices = np.stack(
@@ -86,9 +86,9 @@ class HingeEnergy:
             [weight * by_tail - stretch, weight * by_head + stretch,
              weight * by_apex[:, 0], weight * by_apex[:, 1]], axis=1
         )  # fmt: skip
-        gradient = scatter(vertex, local, n)
-        by_area = np.bincount(face.ravel(), weights=np.repeat(-terms / total, 2), minlength=len(corners))
-        gradient += scatter(corners, by_area[:, None, None] * area_gradient(faces), n)
+        gradient = sum_by_index(vertex, local, n)
+        by_area = sum_by_index(face.ravel(), np.repeat(-terms / total, 2), len(corners))
+        gradient += sum_by_index(corners, by_area[:, None, None] * area_gradient(faces), n)
         return float(terms.sum()) + constant, gradient
 
 

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from ddgcli.errors import MeshError
 from ddgcli.geometry.extrinsic import face_area_vector
 from ddgcli.mesh.require import require
-from ddgcli.mesh.triangle_mesh import TriangleMesh, vector_length
+from ddgcli.mesh.triangle_mesh import TriangleMesh
+from ddgcli.mesh.vectors import vector_length
 
 THINNEST = 1e-12  # twice the area of a face over its longest side squared, below which it counts as flat
 

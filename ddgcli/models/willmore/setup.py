@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ddgcli.choices import WILLMORE_BOUNDARIES, WILLMORE_ENERGIES, WILLMORE_FLOWS
 from ddgcli.errors import MeshError, ParameterError
 from ddgcli.geometry.extrinsic import enclosed_volume
 from ddgcli.mesh.topology import Topology
@@ -20,8 +21,6 @@ from ddgcli.models.willmore.flow import SCHEMES, Flow, FlowState, Stop, longest_
 from ddgcli.models.willmore.scaled import centred_at_unit_size
 from ddgcli.simulation.time_loop import Model, Schedule
 
-FLOWS = tuple(SCHEMES)
-BOUNDARIES = ("clamped", "fixed")
 HELD = "no vertex can move: all lie on the boundary or, if that is clamped, beside it"
 MOST_STEPS = 1000
 FRAMES = 50
@@ -38,7 +37,7 @@ class Wishes:
     energy : str or None
         Of ENERGIES; None for the default, see `chosen_energy`.
     flow, boundary : str
-        Of FLOWS, BOUNDARIES.
+        Of WILLMORE_FLOWS, WILLMORE_BOUNDARIES.
     fix_area, fix_volume : bool
     timed : bool
         Steps of a given length, by a time scheme; else the longest that descend.
@@ -100,7 +99,7 @@ def schemes_of(flow: str) -> tuple[str, ...]:
     ParameterError
         When there is no such flow.
     """
-    _require_known(flow, FLOWS, "flow")
+    _require_known(flow, WILLMORE_FLOWS, "flow")
     return SCHEMES[flow]
 
 
@@ -162,8 +161,8 @@ def build(mesh: TriangleMesh, wishes: Wishes) -> tuple[Flow, Model]:
         On a mesh or a wish that the flow cannot take.
     """
     chosen = chosen_energy(mesh.topology, wishes)
-    _require_known(chosen, tuple(ENERGIES), "energy")
-    _require_known(wishes.boundary, BOUNDARIES, "boundary")
+    _require_known(chosen, WILLMORE_ENERGIES, "energy")
+    _require_known(wishes.boundary, WILLMORE_BOUNDARIES, "boundary")
     scheme = chosen_scheme(wishes)
     unit, centre, scale = centred_at_unit_size(mesh)
     topology = mesh.topology

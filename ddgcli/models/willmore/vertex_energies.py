@@ -14,6 +14,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ddgcli.geometry.intrinsic import mixed_voronoi_share
+from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.topology import NEXT, PREVIOUS, Topology
 
 
@@ -44,16 +46,6 @@ class Faces:
             return cls(opposite, doubled / length[:, None], 0.5 * length)
 
 
-def scatter(faces: NDArray, corner_values: NDArray, n: int) -> NDArray[np.float64]:
-    """(n, ...) sums over the corners at each vertex of values (m, 3) or (m, 3, d)."""
-    index = faces.ravel()
-    flat = corner_values.reshape(len(index), -1)
-    sums = np.zeros((n, flat.shape[1]))
-    for k, column in enumerate(flat.T):
-        sums[:, k] = np.bincount(index, weights=column, minlength=n)
-    return sums.reshape(n, *corner_values.shape[2:])
-
-
 def area_gradient(faces: Faces) -> NDArray[np.float64]:
     """(m, 3, 3) derivative of a face's area by its corner k: half the side opposite, turned inward."""
     return 0.5 * np.cross(faces.normal[:, None, :], faces.opposite)
@@ -78,11 +70,10 @@ def _voronoi_weights(faces: Faces) -> tuple[NDArray, NDArray, NDArray]:
 
 def voronoi_cell(faces: Faces) -> NDArray[np.float64]:
     """(m, 3) mixed Voronoi area of each corner (Meyer et al. 2003)."""
-    a, share, obtuse = _voronoi_weights(faces)
-    b, c = a[:, NEXT], a[:, PREVIOUS]
+    opposite = np.einsum("fki,fki->kf", faces.opposite, faces.opposite)
     with np.errstate(divide="ignore", invalid="ignore"):
-        cell = (c * (a + b - c) + b * (a + c - b)) / (32.0 * faces.area[:, None])
-    return np.where(obtuse[:, None], share * faces.area[:, None], cell)
+        cotan = (opposite[NEXT] + opposite[PREVIOUS] - opposite) / (4.0 * faces.area)
+        return mixed_voronoi_share(opposite[PREVIOUS], cotan, faces.area).T
 
 
 def voronoi_gradient(faces: Faces, weight: NDArray) -> NDArray[np.float64]:
@@ -126,12 +117,12 @@ class VertexEnergy:
     def _variations(self, points: NDArray) -> tuple[Faces, NDArray, NDArray, NDArray]:
         corners, n = self.topology.faces, self.topology.n_vertices
         faces = Faces.at(points, corners)
-        first = scatter(corners, area_gradient(faces), n)
+        first = sum_by_index(corners, area_gradient(faces), n)
         if not self.sullivan:
-            return faces, first, scatter(corners, voronoi_cell(faces), n), np.zeros(0)
+            return faces, first, sum_by_index(corners, voronoi_cell(faces), n), np.zeros(0)
         third = np.repeat(faces.area / 3.0, 3).reshape(-1, 3)
-        star = scatter(corners, third, n)
-        volume = scatter(corners, np.repeat((third[:, 0, None] * faces.normal)[:, None], 3, axis=1), n)
+        star = sum_by_index(corners, third, n)
+        volume = sum_by_index(corners, np.repeat((third[:, 0, None] * faces.normal)[:, None], 3, axis=1), n)
         return faces, first, star, volume
 
     def vertex_values(self, points: NDArray) -> NDArray[np.float64]:
@@ -170,4 +161,4 @@ class VertexEnergy:
             corner += 0.5 * np.cross(mean[:, None, :], faces.opposite)
         else:
             corner += voronoi_gradient(faces, by_star[corners])
-        return float(value.sum()), scatter(corners, corner, n)
+        return float(value.sum()), sum_by_index(corners, corner, n)

@@ -1,6 +1,3 @@
-"""For each command: its question on a mesh, its methods and their parameters, the reference.
+"""Problems of the compared commands: candidates, parameters and references, one module a command."""
 
-`table` imports the module of a question when it is needed.
-"""
-
-__all__ = ["curvature", "delaunay", "geodesic", "laplacian", "simulate", "table", "willmore_flow"]
+__all__ = ["geodesic", "simulate", "table"]

@@ -1,14 +1,21 @@
-"""Mean curvature: schemes and radii, against a known truth or against two schemes' disagreement."""
+"""Mean curvature by scheme and radius, against a known truth or a second scheme."""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.algorithms.curvature.report import measure
+from ddgcli.algorithms.curvature.surface_curvature import measure_curvature
 from ddgcli.errors import ParameterError
 from ddgcli.mesh.triangle_mesh import TriangleMesh
-from ddgcli.tradeoff.candidates import NOTHING, Asked, Candidate, Problem, Reference, relative_to_rms
+from ddgcli.tradeoff.candidates import (
+    NO_OPTIONS,
+    Candidate,
+    CommandOptions,
+    Problem,
+    Reference,
+    relative_to_rms,
+)
 from ddgcli.tradeoff.truths import Truth
 
 # radii in mean edge lengths, cheap ones first; None is the scheme's own region
@@ -20,15 +27,17 @@ RADII: dict[str, tuple[float | None, ...]] = {
 }
 
 
-def problem(mesh: TriangleMesh, *, truth: Truth | None = None, asked: Asked = NOTHING) -> Problem:
-    """Mean curvature at the inner vertices; `asked` may hold `scheme` and `radius`."""
+def problem(
+    mesh: TriangleMesh, *, truth: Truth | None = None, options: CommandOptions = NO_OPTIONS
+) -> Problem:
+    """Mean curvature at the inner vertices; `options` may contain `scheme` and `radius`."""
     if truth is not None and truth.mean_curvature is None:
-        raise ParameterError(f"no mean curvature is known of the {truth.name}; drop --truth")
+        raise ParameterError(f"no mean curvature is known of the {truth.name}; drop `truth`")
     inside = mesh.topology.referenced_vertex & ~mesh.topology.boundary_vertex
     edge = float(mesh.side_length.mean())
     if truth is not None and truth.mean_curvature is not None:
         values = np.where(inside, truth.mean_curvature(mesh.points), np.nan)
-        known = Reference.of_truth(truth.name, values)
+        known = Reference.from_truth(truth.name, values)
         references = [(0.0, lambda: known)]
     else:
         work = _work(mesh, None)
@@ -36,51 +45,52 @@ def problem(mesh: TriangleMesh, *, truth: Truth | None = None, asked: Asked = NO
             (work + _work(mesh, 2.0) + _work(mesh, 4.0), lambda: _compared(mesh, inside, edge, (2.0, 4.0))),
             (work + _work(mesh, 2.0), lambda: _compared(mesh, inside, edge, (2.0,))),
         ]
-    given = asked.get("radius")
+    radius_option = options.get("radius")
     return Problem(
         candidates=[
             _candidate(mesh, scheme, radius, edge)
             for scheme, radii in RADII.items()
-            if asked.get("scheme", scheme) == scheme
-            for radius in (radii if given is None else (given / edge,))
+            if options.get("scheme", scheme) == scheme
+            for radius in (radii if radius_option is None else (radius_option / edge,))
             if scheme != "cotan" or radius is None
         ],
         references=references,
         error=relative_to_rms,
         error_scale="the root mean square of the reference's mean curvature",
         query="mesh",
-        left_out=(("cotan with a radius", "it has none"),) if given is not None else (),
+        left_out=(("cotan with a radius", "it has none"),) if radius_option is not None else (),
     )
 
 
 def mean_curvature(mesh: TriangleMesh, scheme: str, radius: float | None) -> NDArray[np.float64]:
     """(n,) mean curvature by a scheme."""
-    return measure(mesh, scheme, radius).vertex["mean_curvature"]
+    return measure_curvature(mesh, scheme, radius).vertex["mean_curvature"]
 
 
-def _candidate(mesh: TriangleMesh, scheme: str, dial: float | None, edge: float) -> Candidate:
-    radius = None if dial is None else dial * edge
-    words = f"--scheme {scheme}" + (f" --radius {radius!r}" if radius is not None else "")
+def _candidate(mesh: TriangleMesh, scheme: str, in_edges: float | None, edge: float) -> Candidate:
+    radius = None if in_edges is None else in_edges * edge
+    arguments = {"scheme": scheme} | ({"radius": repr(radius)} if radius is not None else {})
     return Candidate(
         scheme,
-        {"radius": f"{dial:.3g} edges" if dial is not None else "own"},
+        {"radius": f"{in_edges:.3g} edges" if in_edges is not None else "own"},
         lambda: None,
         lambda _: mean_curvature(mesh, scheme, radius),
-        words,
-        _work(mesh, dial),
+        arguments,
+        _work(mesh, in_edges),
     )
 
 
 def _work(mesh: TriangleMesh, radius: float | None) -> float:
-    """Guess of the seconds; balls hold a number of faces that grows with the square of their radius."""
+    """Estimated seconds; the number of faces in a ball grows with the square of its radius."""
     return 2e-2 + mesh.n_faces * (1.5e-5 if radius is None else 6e-5 * radius**2)
 
 
 def _compared(mesh: TriangleMesh, inside: NDArray, edge: float, radii: tuple[float, ...]) -> Reference:
-    """A polyhedron has no pointwise curvature: the best scheme, trusted as far as an unrelated one agrees.
+    """Reference by quadric fits; its uncertainty is the difference from corrected measures in balls.
 
-    Corrected measures in balls err by the square of the radius, so two radii give their limit; how far it
-    lies from the smaller ball, there or on average, is what that limit may err itself.
+    A polyhedron has no pointwise curvature. The error of corrected measures is of second order in the radius,
+    so two radii give their limit; the distance of the limit from the smaller ball, pointwise or on average,
+    bounds its own error.
     """
     fitted = np.where(inside, mean_curvature(mesh, "quadric", None), np.nan)
     balls = [mean_curvature(mesh, "corrected", radius * edge) for radius in radii]
@@ -94,4 +104,6 @@ def _compared(mesh: TriangleMesh, inside: NDArray, edge: float, radii: tuple[flo
         moved = np.abs(limit - balls[0])[inside] / scale
         gap = relative_to_rms(limit, fitted)
         gap[inside] += np.maximum(moved, moved.mean() if len(moved) else 0.0)
-    return Reference.as_far_as(f"quadric fits, as far as corrected measures in {name} agree", fitted, gap)
+    return Reference.from_agreement(
+        f"quadric fits, as far as corrected measures in {name} agree", fitted, gap
+    )

@@ -1,4 +1,4 @@
-"""Delaunay triangulations, judged by the Poisson problem that is solved on them."""
+"""Delaunay triangulations, compared by the solution of a Poisson problem on them."""
 
 from __future__ import annotations
 
@@ -14,30 +14,39 @@ from ddgcli.linalg.constrain import Poisson
 from ddgcli.mesh.shapes import midpoint_subdivided
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.operators.laplacian import lumped_mass, stiffness
-from ddgcli.tradeoff.candidates import NOTHING, Asked, Candidate, Problem, Reference, relative_to_largest
+from ddgcli.tradeoff.candidates import (
+    NO_OPTIONS,
+    Candidate,
+    CommandOptions,
+    Problem,
+    Reference,
+    relative_to_largest,
+)
 from ddgcli.tradeoff.richardson import richardson_limit
 from ddgcli.tradeoff.truths import Truth
 
 ANGLES = (15.0, 25.0, 30.0)
 
 
-def problem(mesh: TriangleMesh, *, truth: Truth | None = None, asked: Asked = NOTHING) -> Problem:
+def problem(
+    mesh: TriangleMesh, *, truth: Truth | None = None, options: CommandOptions = NO_OPTIONS
+) -> Problem:
     """Solution at the input's vertices of a Poisson problem whose load is linear in the position.
 
-    `asked` may hold `refine`, `max_points` and `subdivide`.
+    `options` may contain `refine`, `max_points` and `subdivide`.
     """
     work = 1e-2 + 1e-5 * mesh.n_vertices
-    most = asked.get("max_points")
-    level = asked.get("subdivide")
-    angles = (asked["refine"],) if "refine" in asked else ANGLES
+    max_points = options.get("max_points")
+    level = options.get("subdivide")
+    angles = (options["refine"],) if "refine" in options else ANGLES
     return Problem(
         candidates=[
             Candidate(
-                "input as it is", {}, lambda: mesh, lambda m: solution(m, mesh), "--operator cotan", work,
+                "input as it is", {}, lambda: mesh, lambda m: solution(m, mesh), {"operator": "cotan"}, work,
                 program="laplacian",
             ),
             *(_flipped(mesh, times, work) for times in ((0, 1) if level is None else (level,))),
-            *(_refined(mesh, degrees, most, level or 0, work) for degrees in angles),
+            *(_refined(mesh, degrees, max_points, level or 0, work) for degrees in angles),
         ],
         references=[(0.0, lambda: _known(mesh, truth))]
         if truth is not None
@@ -54,41 +63,43 @@ def _flipped(mesh: TriangleMesh, times: int, work: float) -> Candidate:
         {"subdivide": times} if times else {},
         lambda: flip_to_delaunay(midpoint_subdivided(mesh, times)).mesh,
         lambda m: solution(m, mesh),
-        f"--subdivide {times}" if times else "",
+        {"subdivide": str(times)} if times else {},
         2 * work * 4**times,
     )
 
 
-def _refined(mesh: TriangleMesh, degrees: float, most: int | None, times: int, work: float) -> Candidate:
-    words = [f"--refine {degrees:.12g}"]
-    words += [f"--max-points {most}"] if most is not None else []
-    words += [f"--subdivide {times}"] if times else []
+def _refined(
+    mesh: TriangleMesh, degrees: float, max_points: int | None, times: int, work: float
+) -> Candidate:
+    arguments = {"refine": f"{degrees:.12g}"}
+    arguments |= {"max_points": str(max_points)} if max_points is not None else {}
+    arguments |= {"subdivide": str(times)} if times else {}
 
     def setup() -> Any:
-        refined = refine(midpoint_subdivided(mesh, times), degrees, max_points=most)
-        if not refined.reached:
-            raise SolveError(f"{most} Steiner points are not enough for {degrees:g} degrees")
-        return refined.flipped.mesh
+        refined = refine(midpoint_subdivided(mesh, times), degrees, max_points=max_points)
+        if not refined.converged:
+            raise SolveError(f"{max_points} Steiner points are not enough for {degrees:g} degrees")
+        return refined.triangulation.mesh
 
     return Candidate(
         "refine",
         {"degrees": degrees} | ({"subdivide": times} if times else {}),
         setup,
         lambda m: solution(m, mesh),
-        " ".join(words),
+        arguments,
         10 * work * 4**times,
     )
 
 
 def load_function(mesh: TriangleMesh, points: NDArray) -> NDArray[np.float64]:
-    """A linear function of the position along the surface's longest direction, of the order of one."""
+    """Linear function of the position along the longest side of the bounding box, of the order of one."""
     low, high = mesh.points.min(axis=0), mesh.points.max(axis=0)
     axis = int((high - low).argmax())
     return (points[:, axis] - 0.5 * (low + high)[axis]) / (high - low)[axis]
 
 
 def solution(triangulation, mesh: TriangleMesh) -> NDArray[np.float64]:
-    """(n,) solution on a triangulation of the surface, at the vertices of the input, of mean zero there."""
+    """(n,) solution on a triangulation of the surface at the vertices of the input, with mean zero."""
     weight = lumped_mass(triangulation)  # the command's default
     load = weight @ load_function(mesh, triangulation.points)
     ones = np.ones(triangulation.n_vertices)
@@ -99,20 +110,22 @@ def solution(triangulation, mesh: TriangleMesh) -> NDArray[np.float64]:
 
 
 def _known(mesh: TriangleMesh, truth: Truth) -> Reference:
-    """The load is an eigenfunction: the solution is the load over the eigenvalue."""
+    """Analytic solution: the load is an eigenfunction, so the solution is the load over the eigenvalue."""
     if truth.linear_eigenvalue is None:
-        raise ParameterError(f"no Poisson solution is known on the {truth.name}; drop --truth")
+        raise ParameterError(f"no Poisson solution is known on the {truth.name}; drop `truth`")
     values = load_function(mesh, mesh.points) / truth.linear_eigenvalue
     values = values - values[mesh.topology.referenced_vertex].mean()
-    return Reference.of_truth(truth.name, values)
+    return Reference.from_truth(truth.name, values)
 
 
 def _reference(mesh: TriangleMesh, levels: int) -> Reference:
-    found = [
+    solutions = [
         solution(flip_to_delaunay(midpoint_subdivided(mesh, level)).mesh, mesh) for level in range(levels + 1)
     ]
-    scale = np.abs(found[-1]).max() or 1.0
+    scale = np.abs(solutions[-1]).max() or 1.0
     if levels == 1:
-        return Reference.as_far_as("one midpoint subdivision", found[1], np.abs(found[1] - found[0]) / scale)
-    limit, gap = richardson_limit(*found)
-    return Reference.as_far_as("Richardson limit of two midpoint subdivisions", limit, gap / scale)
+        return Reference.from_agreement(
+            "one midpoint subdivision", solutions[1], np.abs(solutions[1] - solutions[0]) / scale
+        )
+    limit, gap = richardson_limit(*solutions)
+    return Reference.from_agreement("Richardson limit of two midpoint subdivisions", limit, gap / scale)

@@ -1,51 +1,66 @@
-"""Laplacian: eigenvalues by operator and mass, against the limit of refinement of the same polyhedron."""
+"""Laplacian: eigenvalues by operator and mass, against the limit of refinements of the same polyhedron."""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.algorithms.laplacian.choice import MASSES, LaplaceOperator, laplace_operator
+from ddgcli.algorithms.laplacian.laplace_operator import MASSES, LaplaceOperator, laplace_operator
 from ddgcli.errors import ParameterError
 from ddgcli.linalg.eigen import smallest_eigenpairs
 from ddgcli.mesh.shapes import midpoint_subdivided
 from ddgcli.mesh.triangle_mesh import TriangleMesh
-from ddgcli.tradeoff.candidates import NOTHING, Asked, Candidate, Problem, Reference, relative_to_each
+from ddgcli.tradeoff.candidates import (
+    NO_OPTIONS,
+    Candidate,
+    CommandOptions,
+    Problem,
+    Reference,
+    relative_to_each,
+)
 from ddgcli.tradeoff.richardson import richardson_limit
 from ddgcli.tradeoff.truths import Truth
 
 OPERATORS = ("cotan", "intrinsic-delaunay")
-EVERYWHERE = ("cotan", "tufted")
-NO_LENGTHS = "it knows no lengths: its eigenvalues are those of the graph"
+OPERATORS_OF_ANY_SURFACE = ("cotan", "tufted")
+NO_LENGTHS = "it uses no lengths: its eigenvalues are those of the graph"
 
 
-def problem(mesh: TriangleMesh, *, truth: Truth | None = None, asked: Asked = NOTHING) -> Problem:
+def problem(
+    mesh: TriangleMesh, *, truth: Truth | None = None, options: CommandOptions = NO_OPTIONS
+) -> Problem:
     """The first eigenvalues (8 by default) of the Laplacian of the surface.
 
-    `asked` may hold `eigen`, `operator`, `mass` and `subdivide`.
+    `options` may contain `eigen`, `operator`, `mass` and `subdivide`.
     """
-    k = asked.get("eigen", min(8, mesh.n_vertices // 2))
+    k = options.get("eigen", min(8, mesh.n_vertices // 2))
     if truth is not None and truth.eigenvalues is None:
-        raise ParameterError(f"no eigenvalues are known of the {truth.name}; drop --truth")
+        raise ParameterError(f"no eigenvalues are known of the {truth.name}; drop `truth`")
     if truth is not None and truth.eigenvalues is not None:
-        known = Reference.of_truth(truth.name, truth.eigenvalues(k))
+        known = Reference.from_truth(truth.name, truth.eigenvalues(k))
         references = [(0.0, lambda: known)]
     else:
         references = [
             (_work(mesh, k) * 30, lambda: _refined_reference(mesh, k, 2)),
             (_work(mesh, k) * 6, lambda: _refined_reference(mesh, k, 1)),
         ]
-    operators = [asked["operator"]] if "operator" in asked else OPERATORS if _sound(mesh) else EVERYWHERE
-    if asked.get("operator") == "uniform":
-        raise ParameterError(f"--operator uniform: {NO_LENGTHS}; compare {', '.join(OPERATORS)}")
+    operators = (
+        [options["operator"]]
+        if "operator" in options
+        else OPERATORS
+        if _sound(mesh)
+        else OPERATORS_OF_ANY_SURFACE
+    )
+    if options.get("operator") == "uniform":
+        raise ParameterError(f"uniform: {NO_LENGTHS}; compare {', '.join(OPERATORS)}", parameter="operator")
     return Problem(
         candidates=[
             _candidate(mesh, k, operator, kind, level)
-            for level in ((0, 1) if "subdivide" not in asked else (asked["subdivide"],))
+            for level in ((0, 1) if "subdivide" not in options else (options["subdivide"],))
             for operator in operators
-            if level == 0 or operator != "cotan" or "subdivide" in asked
+            if level == 0 or operator != "cotan" or "subdivide" in options
             for kind in MASSES
-            if asked.get("mass", kind) == kind
+            if options.get("mass", kind) == kind
         ],
         references=references,
         error=relative_to_each,
@@ -61,36 +76,36 @@ def _work(mesh: TriangleMesh, k: int) -> float:
 
 
 def _candidate(mesh: TriangleMesh, k: int, operator: str, kind: str, level: int) -> Candidate:
-    words = f"--operator {operator} --mass {kind} --eigen {k}"
+    arguments = {"operator": operator, "mass": kind, "eigen": str(k)}
     return Candidate(
         operator,
         {"mass": kind} | ({"subdivide": level} if level else {}),
         lambda: laplace_operator(midpoint_subdivided(mesh, level), operator, kind),
-        lambda made: eigenvalues(made, k),
-        words + (f" --subdivide {level}" if level else ""),
+        lambda laplacian: eigenvalues(laplacian, k),
+        arguments | ({"subdivide": str(level)} if level else {}),
         _work(mesh, k) * 4**level,
     )
 
 
-def eigenvalues(made: LaplaceOperator, k: int) -> NDArray[np.float64]:
+def eigenvalues(laplacian: LaplaceOperator, k: int) -> NDArray[np.float64]:
     """(k,) smallest eigenvalues of an operator."""
-    used = made.used
-    return smallest_eigenpairs(made.stiffness[used][:, used], made.mass[used][:, used], k).values
+    used = laplacian.used
+    return smallest_eigenpairs(laplacian.stiffness[used][:, used], laplacian.mass[used][:, used], k).values
 
 
 def _refined_reference(mesh: TriangleMesh, k: int, levels: int) -> Reference:
     """Limit over midpoint subdivisions (the same surface) on their intrinsic Delaunay triangulations."""
     operator = "intrinsic-delaunay" if _sound(mesh) else "tufted"
-    found = [
+    spectra = [
         eigenvalues(laplace_operator(midpoint_subdivided(mesh, level), operator, "galerkin"), k)
         for level in range(levels + 1)
     ]
     if levels == 1:
-        gap = relative_to_each(found[0], found[1])
-        return Reference.as_far_as("one midpoint subdivision", found[1], gap)
-    limit, uncertainty = richardson_limit(*found)
+        gap = relative_to_each(spectra[0], spectra[1])
+        return Reference.from_agreement("one midpoint subdivision", spectra[1], gap)
+    limit, uncertainty = richardson_limit(*spectra)
     gap = relative_to_each(limit + uncertainty, limit)
-    return Reference.as_far_as("Richardson limit of two midpoint subdivisions", limit, gap)
+    return Reference.from_agreement("Richardson limit of two midpoint subdivisions", limit, gap)
 
 
 def _sound(mesh: TriangleMesh) -> bool:

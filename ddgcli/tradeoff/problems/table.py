@@ -1,4 +1,4 @@
-"""Which module asks the question of which command; a module is imported only when it is asked for."""
+"""Table of the problems of mesh commands; a problem's module is imported on demand."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.tradeoff.candidates import Problem
 
 
-def mesh_problem(command: str, mesh: TriangleMesh, **asked: Any) -> Problem:
-    """The problem of a command on a mesh; `asked` holds the command's own options that were given."""
+def mesh_problem(command: str, mesh: TriangleMesh, **keywords: Any) -> Problem:
+    """Problem of a command on a mesh; `keywords` are those of its `problem` function."""
     module = importlib.import_module(f"ddgcli.tradeoff.problems.{command.replace('-', '_')}")
-    return module.problem(mesh, **asked)
+    return module.problem(mesh, **keywords)

@@ -1,18 +1,3 @@
-"""Exact geodesic distance on polyhedral surfaces, by propagation of windows in batches.
+"""Exact geodesic distance by batched window propagation; the entry point is `exact_distance`."""
 
-`exact_distance` is the entry point; the other modules hold its tables, the wavefront, the pruning of
-windows and the bookkeeping.
-"""
-
-__all__ = [
-    "bundles",
-    "children",
-    "dominance",
-    "exact_distance",
-    "pool",
-    "shadow",
-    "tables",
-    "targets",
-    "tolerance",
-    "wavefront",
-]
+__all__ = ["exact_distance", "tables"]

@@ -1,14 +1,14 @@
-"""Bundles: neighbouring windows of one side that go on together, looked at one by one only when needed.
+"""Bundles: neighbouring windows of one side that propagate together.
 
-Of all windows on a side only those that the line to the apex ahead meets change there; the others pass wholly
-on its left or on its right. A bundle keeps its windows as they were on the side where it was bound, and one
-motion from there to the side that it has come to. While the apex ahead lies outside of the hull of its rays,
-the whole bundle goes left or right by one composed motion. Where it lies inside, the bundle parts: windows on
-the left of the apex go on together, so do those on the right, and those between are set free, to light the
-apex, be cut and be filtered like any other window.
+Only the windows that contain the apex ahead change in a face; the others pass on its left or on its right. A
+bundle stores its windows in the frame of the side where it was created, and one rigid motion from there to
+its current side. If the apex ahead lies outside the hull of its rays, the whole bundle moves left or right
+by one composition of motions. Otherwise it splits: the windows on the left of the apex stay a bundle, so do
+those on the right, and those between are released, to update the apex, be cut and be filtered like any
+other window.
 
-On smooth surfaces the number of windows on a side grows with the root of the number of faces, that of bundles
-hardly.
+On smooth surfaces the number of windows on a side grows with the square root of the number of faces; the
+number of bundles hardly grows.
 """
 
 from __future__ import annotations
@@ -17,77 +17,81 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.algorithms.geodesics.exact.dominance import EPS
-from ddgcli.algorithms.geodesics.exact.pool import Origins, Pool, ranges
+from ddgcli.algorithms.geodesics.exact.pool import WindowOrigins, WindowPool
 from ddgcli.algorithms.geodesics.exact.tables import BOUNDARY, WindowTables
+from ddgcli.mesh.ragged import ranges
 
-RUN, PART = 8, 3  # windows that are bound; windows of a part that stay bound
-STEEP, APART = 8.0, 0.5  # slopes of rays against the normal of the side: the largest, that of neighbours
-# the cost, in windows carried across a face one by one: to carry a bundle, to look at a window of one that
-# parts, to bind a window and set it free again, and a round with any
-A_BUNDLE, A_LOOK, A_BINDING, A_ROUND = 4.0, 0.33, 1.0, 4000.0
-ENOUGH = 10_000.0  # windows that are worth binding
-AGAIN = 1.3  # times as many must there be before what did not pay is tried again
+MIN_BUNDLE_SIZE, MIN_PART_SIZE = 8, 3  # windows of a new bundle, and of a part of a split bundle
+MAX_SLOPE, MAX_SLOPE_STEP = (
+    8.0,
+    0.5,
+)  # of rays against the normal of the side: absolute, and between neighbours
+# costs in units of one propagated window: of moving a bundle, of testing a window of a bundle that splits, of
+# binding and releasing a window, and of a round with bundles
+BUNDLE_COST, TEST_COST, BINDING_COST, ROUND_COST = 4.0, 0.33, 1.0, 4000.0
+MIN_BOUND_WINDOWS = 10_000.0  # fewer are not worth bundling
+RETRY_FACTOR = 1.3  # increase of the number of windows after which bundling is tried again
 
 # rows of a bundle: its motion (x, y) -> (COS x - SIN y + AWAY, SIN x + COS y + UP); its rays lie between
 # x = LEFT + LEFT_SLOPE y and x = RIGHT + RIGHT_SLOPE y; the least distance where it was bound; a window's
-# source and the distance of its origin; the angle by which frames turned (where directions are wanted)
+# source and the distance of its origin; the rotation of frames (if directions are computed)
 COS, SIN, AWAY, UP, LEFT, LEFT_SLOPE, RIGHT, RIGHT_SLOPE, LEAST, FROM_X, FROM_Y, FROM, TURNED = range(13)
 
 
 class Bundles:
-    """Windows that wait in bundles. Crossings must be plain: one side across, that runs the other way.
+    """Queue of bundles, on surfaces where every side has at most one side across, of opposite direction.
 
     Parameters
     ----------
     tables : WindowTables
-    origins : Origins
+    origins : WindowOrigins
     distance : (n,) ndarray of float64
-        Distances of the vertices so far, which the front lowers.
-    swing : ndarray, optional
-        Turns of frames, where directions are wanted.
+        Upper bounds of the distances of vertices, which the wavefront lowers.
+    side_turn : ndarray, optional
+        Rotations of frames, if directions are computed.
     halt : (m,) ndarray of bool, optional
-        Faces that windows cross one by one.
+        Faces in which all windows are released.
 
     Attributes
     ----------
     moves : int
-        Bundles carried across a face so far.
+        Number of bundles moved across a face.
     """
 
     def __init__(
         self,
         tables: WindowTables,
-        origins: Origins,
+        origins: WindowOrigins,
         distance: NDArray,
-        swing: NDArray | None = None,
+        side_turn: NDArray | None = None,
         halt: NDArray | None = None,
     ) -> None:
-        self.tables, self.origins, self.distance, self.swing, self.halt = (
-            tables, origins, distance, swing, halt
+        self.tables, self.origins, self.distance, self.side_turn, self.halt = (
+            tables, origins, distance, side_turn, halt
         )  # fmt: skip
-        self.columns = 4 + int(swing is not None)
-        self.windows = Pool(self.columns + 1)  # lines, distance of the origin; where they were bound
-        self.pool = Pool(
+        self.columns = 4 + int(side_turn is not None)
+        self.windows = WindowPool(self.columns + 1)  # lines, distance of the origin; where they were bound
+        self.pool = WindowPool(
             TURNED + self.columns - 4, 1024, ints=3
         )  # bundles; side, first and number of windows
         self.moves = 0
-        self._needed, self._saved = ENOUGH, 0.0
+        self._needed, self._saved = MIN_BOUND_WINDOWS, 0.0
 
     def __len__(self) -> int:
         return len(self.pool)
 
-    # -- binding and setting free -------------------------------------------------------------------
+    # -- binding and releasing -------------------------------------------------------------------
 
     def bind(self, lines: NDArray, where: NDArray) -> tuple[NDArray, NDArray]:
-        """Make bundles of runs among sorted windows, where that pays; returns the rest."""
+        """Bundle runs of sorted windows if that saves time; return the other windows."""
         start, count = _runs(lines, where[0])
         rows, local = ranges(start, count)
         if self._saved < 0:
-            self._needed = max(self._needed, AGAIN * len(rows))
+            self._needed = max(self._needed, RETRY_FACTOR * len(rows))
         self._saved = 0.0
         if len(rows) < self._needed:
             return lines, where
-        self._saved -= A_BINDING * len(rows)
+        self._saved -= BINDING_COST * len(rows)
         base = self.origins.distance.take(where[1].take(rows))
         bound = np.concatenate([lines.take(rows, axis=1), base[None]])
         b0, b1, sx, sy = bound[:4]
@@ -108,21 +112,21 @@ class Bundles:
         return lines.take(rest, axis=1), where.take(rest, axis=1)
 
     def _reserve(self, more: int) -> None:
-        """Make room for more windows; those whose bundles are gone are forgotten."""
+        """Make room for more windows; drop those without a bundle."""
         if self.windows.top + more <= len(self.windows.key):
             return
         live = (self.pool.key[: self.pool.top] < np.inf).nonzero()[0]
         rows, self.pool.where[1, live] = ranges(*self.pool.where[1:].take(live, axis=1))
         kept = self.windows
-        self.windows = Pool(len(kept.lines), 2 * (len(rows) + more))
+        self.windows = WindowPool(len(kept.lines), 2 * (len(rows) + more))
         self.windows.push(kept.lines.take(rows, axis=1), kept.where.take(rows, axis=1), kept.key.take(rows))
 
     def dissolve(self) -> tuple[NDArray, NDArray]:
-        """All windows of all bundles, each by itself."""
+        """Release all windows of all bundles."""
         return self._free(*self.pool.pop_below(np.inf))
 
     def _free(self, bundle: NDArray, place: NDArray) -> tuple[NDArray, NDArray]:
-        """The windows of bundles, in the frames of the sides that these have come to."""
+        """Windows of bundles in the frames of their current sides."""
         side, first, count = place
         rows, _ = ranges(first, count)
         of = np.arange(len(first)).repeat(count)
@@ -135,19 +139,19 @@ class Bundles:
         end_x *= y / (y - end_y)
         np.clip(x + end_x, 0.0, self.tables.shape[side, 0], out=lines[:2])
         lines[2], lines[3] = x, y
-        if self.swing is not None:
+        if self.side_turn is not None:
             lines[4] = window[4] + bundle[TURNED].take(of)
         kept = (lines[1] - lines[0] > EPS).nonzero()[0]
         where = np.stack([side, self.windows.where[1].take(rows)])
         return lines.take(kept, axis=1), where.take(kept, axis=1)
 
-    # -- going on -----------------------------------------------------------------------------------
+    # -- propagation -----------------------------------------------------------------------------------
 
     def advance(self, bound: float) -> tuple[NDArray, NDArray]:
-        """Carry the bundles below the bound across their faces; returns windows that are free now."""
+        """Move the bundles below the bound across their faces; return the released windows."""
         bundle, place = self.pool.pop_below(bound)
         self.moves += len(place[0])
-        self._saved -= A_ROUND + A_BUNDLE * len(place[0])
+        self._saved -= ROUND_COST + BUNDLE_COST * len(place[0])
         face_apex = self.tables.shape[place[0], 1:3].T - bundle[AWAY : UP + 1]
         x = (
             bundle[COS] * face_apex[0] + bundle[SIN] * face_apex[1]
@@ -173,21 +177,21 @@ class Bundles:
     def _parted(
         self, bundle: NDArray, place: NDArray, x: NDArray, y: NDArray
     ) -> tuple[tuple[NDArray, NDArray], tuple[NDArray, NDArray], int]:
-        """Parts of bundles left of points (x, y), seen where they were bound, then those right of them; those
-        between; and the number of parts on the left."""
+        """Parts of bundles left of points (x, y), in the frames of the bundles, then those right of them;
+        those between; and the number of parts on the left."""
         side, first, count = place
         rows, local = ranges(first, count)
         end = local + count
-        self._saved -= A_LOOK * len(rows)
+        self._saved -= TEST_COST * len(rows)
         b0, b1, sx, sy = self.windows.lines[:4].take(rows, axis=1)
-        at = sx - (x.repeat(count) - sx) * sy / (y.repeat(count) - sy)  # as in Front._propagate
+        at = sx - (x.repeat(count) - sx) * sy / (y.repeat(count) - sy)  # as in Wavefront._propagate
         number = np.arange(len(rows))
         stop = np.minimum.reduceat(np.where(at > b1 + 2 * EPS, len(rows), number), local)
         stop = np.minimum(stop, end)  # all before pass on the left
         begin = np.maximum.reduceat(np.where(at < b0 - 2 * EPS, -1, number), local) + 1
         begin = np.maximum(np.maximum(begin, local), stop)  # all from here pass on the right
-        stop = np.where(stop - local >= PART, stop, local)
-        begin = np.where(end - begin >= PART, begin, end)
+        stop = np.where(stop - local >= MIN_PART_SIZE, stop, local)
+        begin = np.where(end - begin >= MIN_PART_SIZE, begin, end)
         left = _part(bundle, place, 0, stop - local)
         bundles, places = _joined(left, _part(bundle, place, begin - local, end - begin))
         if len(places[0]):
@@ -214,10 +218,10 @@ class Bundles:
         x /= edge
         y /= edge
         bundle[:4] = x * cos + y * sin, x * sin - y * cos, x * away + y * up, x * up - y * away
-        if self.swing is not None:
+        if self.side_turn is not None:
             to = 2 * side
             to[back] += 1
-            bundle[TURNED] += self.swing.take(to)
+            bundle[TURNED] += self.side_turn.take(to)
         span = _crossings(bundle, edge)
         from_x, from_y = _moved(bundle[:4], bundle[FROM_X], bundle[FROM_Y])
         from_x -= np.minimum(np.maximum(from_x, span[0]), span[1])
@@ -236,12 +240,14 @@ class Bundles:
 def _runs(lines: NDArray, side: NDArray) -> tuple[NDArray, NDArray]:
     """First row and length of each long run of windows on one side with rays of much the same direction."""
     slope = (lines[:2] - lines[2]) / -lines[3]
-    steep = ~(np.abs(slope) < STEEP).all(axis=0)
+    steep = ~(np.abs(slope) < MAX_SLOPE).all(axis=0)
     first = np.ones(len(side), dtype=bool)
-    first[1:] = (side[1:] != side[:-1]) | (np.abs(np.diff(slope[0])) > APART) | steep[1:] | steep[:-1]
+    first[1:] = (
+        (side[1:] != side[:-1]) | (np.abs(np.diff(slope[0])) > MAX_SLOPE_STEP) | steep[1:] | steep[:-1]
+    )
     start = first.nonzero()[0]
     count = np.diff(start, append=len(side))
-    long = (count >= RUN).nonzero()[0]
+    long = (count >= MIN_BUNDLE_SIZE).nonzero()[0]
     return start.take(long), count.take(long)
 
 

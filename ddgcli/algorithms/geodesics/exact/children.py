@@ -1,4 +1,5 @@
-"""Windows handed on across a face: unfolded into the two faces beyond, cut at the apex, and filtered."""
+"""Children of windows across a face: unfolded into the two neighbouring faces, cut at the apex, and
+filtered."""
 
 from __future__ import annotations
 
@@ -18,16 +19,16 @@ def children(
     base: NDArray,
     slack: float,
 ) -> tuple[NDArray, NDArray, NDArray]:
-    """Windows on the two other sides of a face; the first `n_left` go out by (v0, apex).
+    """Child windows on the two other sides of a face; the first `n_left` leave by (v0, apex).
 
     All are seen in a frame that starts at their near vertex, v0 or mirrored v1, and runs along the old
-    side; `cut` is where the line to the apex ends a lit window, `slack` that of the front. Overwrites its
-    arguments.
+    side; `cut` is where the line to the apex ends a reached window, `slack` that of the wavefront.
+    Overwrites its arguments.
 
     Returns
     -------
     kept : ndarray of int64
-        Those that the filter keeps.
+        Windows that the filter keeps.
     out, key : ndarrays
         Their columns (b0, b1, sx, sy) in the frame across, and their least distances.
     """
@@ -88,7 +89,7 @@ def norm(x: NDArray, y: NDArray) -> NDArray[np.float64]:
 
 
 def reflect(lines: NDArray, flip: NDArray, length: NDArray) -> None:
-    """Turn windows around where `flip`: x becomes length - x."""
+    """Mirror windows where `flip`: x becomes length - x."""
     i = np.flatnonzero(flip)
     b0, b1, sx = lines[:3, i]
     lines[:3, i] = length[i] - np.stack([b1, b0, sx])
@@ -97,7 +98,7 @@ def reflect(lines: NDArray, flip: NDArray, length: NDArray) -> None:
         lines[5, i] *= -1.0
 
 
-def swing_of(tables: WindowTables) -> NDArray[np.float64]:
-    """(6m,) turns from the frame of each side to those across (v0, apex) and across (apex, v1)."""
+def side_turns(tables: WindowTables) -> NDArray[np.float64]:
+    """(6m,) rotations from the frame of each side to those across (v0, apex) and across (apex, v1)."""
     length, x, y = tables.shape[:, :3].T
     return np.stack([np.arctan2(y, x), -np.arctan2(y, length - x)], axis=1).ravel()

@@ -1,17 +1,17 @@
-"""Trimming of windows on the same side to where each is the nearer."""
+"""Trim windows on the same side to the intervals where each gives the smaller distance."""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
 
-EPS = 1e-12  # of the longest side (which lies in [1/2, 1) here); always on the side of keeping a window
+EPS = 1e-12  # of the longest side (in [1/2, 1) here); windows are kept within it
 
 
 def dominate(
     lines: NDArray, where: NDArray, shape: NDArray, origin_distance: NDArray
 ) -> tuple[NDArray, NDArray]:
-    """Sort windows by side and trim neighbours on the same side to where each is the nearer.
+    """Sort windows by side, and trim neighbours to the intervals where each gives the smaller distance.
 
     Only parts where another window of the batch is at least as near are cut, so no distance changes.
 
@@ -70,13 +70,13 @@ def dominate(
 
 def _gap(x: NDArray, p: tuple, q: tuple) -> NDArray[np.float64]:
     """Distance at x by window p less that by q, each (distance of the origin, sx, sy)."""
-    gap = _slant(x - p[1], p[2])
-    gap -= _slant(x - q[1], q[2])
+    gap = _length(x - p[1], p[2])
+    gap -= _length(x - q[1], q[2])
     gap += p[0] - q[0]
     return gap
 
 
-def _slant(x: NDArray, y: NDArray) -> NDArray[np.float64]:
+def _length(x: NDArray, y: NDArray) -> NDArray[np.float64]:
     """Length of (x, y) for one or several rows of x; overwrites x."""
     x *= x
     x += y * y

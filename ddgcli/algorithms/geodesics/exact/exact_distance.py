@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.algorithms.geodesics.exact.tables import WindowTables, window_tables
-from ddgcli.algorithms.geodesics.exact.targets import Targets
-from ddgcli.algorithms.geodesics.exact.tolerance import NearPart
-from ddgcli.algorithms.geodesics.exact.wavefront import Front
-from ddgcli.algorithms.geodesics.sources import Reached, Sources, checked_sources
+from ddgcli.algorithms.geodesics.exact.targets import WindowTargets
+from ddgcli.algorithms.geodesics.exact.tolerance import NearestVertices
+from ddgcli.algorithms.geodesics.exact.wavefront import Wavefront
+from ddgcli.algorithms.geodesics.sources import Sources, VertexDistances, check_sources
 from ddgcli.errors import MeshError, ParameterError, SolveError
 from ddgcli.geometry.surface_points import SurfacePoints
 from ddgcli.geometry.unfolding import vertex_fans
@@ -24,20 +24,19 @@ from ddgcli.mesh.triangle_mesh import TriangleMesh
 
 log = logging.getLogger("ddgcli")
 
-# rounds after which a run without a bound on crossings starts anew with it, and after which that one gives up
-ROUNDS, ROUNDS_PER_FACE = 1000.0, 0.25
-BOUNDED_ROUNDS_PER_FACE = 16.0
+# Rounds after which a run restarts with a bound on crossings: constant, and per face.
+MIN_ROUNDS, ROUNDS_PER_FACE = 1000.0, 0.25
+BOUNDED_ROUNDS_PER_FACE = 16.0  # rounds after which the bounded run raises SolveError
 
 
 @dataclass(frozen=True, eq=False)
-class ExactDistance(Reached):
-    """Exact distances, and how the shortest path arrives at each vertex.
+class ExactDistance(VertexDistances):
+    """Exact distances, and the last segment of the shortest path to each vertex.
 
     The last straight piece of the shortest path to vertex v unfolds from an origin: a source, or a vertex
     that the path bends around. Where `side[v]` >= 0 it enters the face of that flat side number 3f + j,
-    opposite v, at `crossing[v]` from the side's first corner, and is straight all the way back to the
-    origin; where it is -1 it runs inside a face of v, from the origin vertex along an edge or from a source
-    point in that face.
+    opposite v, at `crossing[v]` from the side's first corner, and is straight back to the origin; where it is
+    -1 it runs inside a face of v, from the origin vertex along an edge or from a source point in that face.
 
     Parameters
     ----------
@@ -47,21 +46,21 @@ class ExactDistance(Reached):
     crossing : (n,) ndarray of float64
         In length units; nan where `side` is -1.
     windows, rounds : int
-        Work done: windows carried across a face, one by one or many in a bundle (which counts as one).
+        Number of windows propagated across a face (a bundle counts as one), and of rounds.
     target_distance : (k,) ndarray of float64
-        Of the points asked for; inf where no source reaches.
+        Distances of the targets; inf where no source reaches.
     target_source : (k,) ndarray of int64
         Number of their nearest source; -1 where none reaches.
     departure : (n,) ndarray of float64, or None
-        On request: angle at which the shortest path leaves the source, counter-clockwise; around a source
-        vertex from the first side of its fan (`vertex_fans`), in a face from side 0. nan at sources and where
-        none reaches.
+        With `directions`: angle at which the shortest path leaves the source, counter-clockwise; around a
+        source vertex from the first side of its fan (`vertex_fans`), in a face from side 0. nan at sources
+        and where none reaches.
     tolerance_error : float
         Under a tolerance: twice the largest excess over the exact distance among the nearest tenth of the
         vertices (1000 at least), relative to the radius that they fill: an estimate of the largest error over
-        the largest distance, on the safe side. 0 where the exact distance was the cheaper.
+        the largest distance, on the safe side. 0 if the exact distance was cheaper.
     patched : int
-        Vertices that only an edge path reached (0 but for extremely degenerate triangles); never too short.
+        Vertices reached only by an edge path (0 except on extremely degenerate triangles); upper bounds.
     """
 
     origin_vertex: NDArray[np.int64]
@@ -90,7 +89,7 @@ def exact_distance(
 ) -> ExactDistance:
     """Exact distance along the surface from every vertex to the nearest of `sources`.
 
-    Works on any triangle complex: boundaries, saddles, non-manifold edges and vertices (lines go on into
+    Any triangle complex is valid: boundaries, saddles, non-manifold edges and vertices (lines continue into
     every other face), faces of mixed orientation, Delta-complexes, degenerate faces.
 
     Parameters
@@ -98,21 +97,21 @@ def exact_distance(
     mesh : TriangleMesh or IntrinsicMesh
     sources : Sources, vertex number or array of vertex numbers
     tolerance : float
-        Slack in side lengths: 0 is exact. Otherwise a path may be missed when one that bends at a vertex is
-        at most that much longer; the answer is still the length of a real path, never below the distance.
-        It is used where it saves time, as the nearest tenth of the vertices tells, and without `limit`.
+        In side lengths; 0 is exact. Otherwise a path may be missed if one that bends at a vertex is at most
+        that much longer. The result is the length of a real path, never below the distance. It is used only
+        without `limit`, and where it saves time (predicted from the nearest tenth of the vertices).
     limit : float
         Stop when all distances below it are final; vertices beyond it are inf or upper bounds.
     targets : SurfacePoints, optional
-        Points on faces whose distance is wanted beside that of the vertices.
+        Points on faces whose distances are also computed.
     tables : WindowTables, optional
-        `window_tables(mesh)`, to share among calls.
+        `window_tables(mesh)`, shared by several calls.
     dominance_every : int
-        Rounds between prunes; changes time, not distances.
+        Rounds between prunings; changes the time, not the distances.
     directions : bool
-        Find `departure` too; needs consistently oriented faces.
+        Also compute `departure`; needs consistently oriented faces.
     progress : callable, optional
-        Called now and then with the number of vertices whose distance is final, and the number of all.
+        Called with the number of final vertices and of all vertices.
 
     Returns
     -------
@@ -125,107 +124,109 @@ def exact_distance(
     SolveError
         When the windows are too many for the number of vertices and faces.
 
-    References
-    ----------
-    Mitchell, Mount, Papadimitriou 1987; Xin, Wang 2009; batching and dominance as in docs/geodesic.md.
-
     Notes
     -----
     A shortest path in space crosses a face at most once, because the straight segment between two of its
     points is the shortest path between them. Windows that have crossed more faces than the mesh has are
-    dropped. On needles and flat faces rounding hides from every other filter that they come too late.
+    dropped. On needles and flat faces rounding prevents the other filters from dropping them.
     """
     if not 0 <= tolerance < np.inf:
-        raise ParameterError(f"tolerance {tolerance} must be a number of side lengths, 0 or more")
+        raise ParameterError(
+            f"{tolerance} must be a number of side lengths, 0 or more", parameter="tolerance"
+        )
     if directions and not mesh.topology.is_oriented:
         raise MeshError(
-            "faces run against each other: directions have no sense of turning; turn those faces round"
+            "neighbouring faces have opposite orientation: directions have no sign; reorient those faces"
         )
-    sources = checked_sources(mesh, sources)
+    sources = check_sources(mesh, sources)
     tables = tables or window_tables(mesh)
     points = SurfacePoints.none() if targets is None else targets
     points = SurfacePoints.checked(points.face, points.barycentric, mesh.n_faces)
     most_windows = 1e6 + 3000.0 * mesh.n_vertices + 60.0 * mesh.n_vertices**1.5
-    start = partial(_started, mesh, sources, points, tables, dominance_every, directions)
+    start = partial(_start_wavefront, mesh, sources, points, tables, dominance_every, directions)
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        front, wanted, error = _bounded(mesh, start, tolerance, limit / tables.scale, most_windows, progress)
-    patched = _patch_unreached(front, mesh) if np.isinf(limit) else 0
-    wanted.finish(front.distance, front.origin)
-    return _answer(front, wanted, directions, error, patched)
+        wavefront, window_targets, error = _propagate_bounded(
+            mesh, start, tolerance, limit / tables.scale, most_windows, progress
+        )
+    patched = _patch_unreached(wavefront, mesh) if np.isinf(limit) else 0
+    window_targets.finish(wavefront.distance, wavefront.origin)
+    return _result(wavefront, window_targets, directions, error, patched)
 
 
-def _bounded(
+def _propagate_bounded(
     mesh: SurfaceMesh,
-    start: Callable[..., tuple[Front, Targets]],
+    start: Callable[..., tuple[Wavefront, WindowTargets]],
     tolerance: float,
     limit: float,
     most_windows: float,
     progress: Callable[[float, float], None] | None,
-) -> tuple[Front, Targets, float]:
-    """`_propagated`, with a bound on crossings where windows are too many without it.
+) -> tuple[Wavefront, WindowTargets, float]:
+    """Run `_propagate`, with a bound on crossings if there are too many windows without it.
 
     Only a mesh in space has the bound: in an intrinsic face the straight segment may be a detour.
     """
     arguments = tolerance, limit, most_windows, progress
     bounded = partial(
-        start, max_crossings=mesh.n_faces, max_rounds=ROUNDS + BOUNDED_ROUNDS_PER_FACE * mesh.n_faces
+        start, max_crossings=mesh.n_faces, max_rounds=MIN_ROUNDS + BOUNDED_ROUNDS_PER_FACE * mesh.n_faces
     )
     try:
-        return _propagated(
-            mesh, partial(start, max_rounds=ROUNDS + ROUNDS_PER_FACE * mesh.n_faces), *arguments
+        return _propagate(
+            mesh, partial(start, max_rounds=MIN_ROUNDS + ROUNDS_PER_FACE * mesh.n_faces), *arguments
         )
     except SolveError:
         if not isinstance(mesh, TriangleMesh):
             raise
-    log.info("windows multiply on degenerate faces: starting anew with a bound on crossings")
-    return _propagated(mesh, bounded, *arguments)
+    log.info("windows multiply on degenerate faces: restarting with a bound on crossings")
+    return _propagate(mesh, bounded, *arguments)
 
 
-def _propagated(
+def _propagate(
     mesh: SurfaceMesh,
-    start: Callable[..., tuple[Front, Targets]],
+    start: Callable[..., tuple[Wavefront, WindowTargets]],
     tolerance: float,
     limit: float,
     most_windows: float,
     progress: Callable[[float, float], None] | None,
-) -> tuple[Front, Targets, float]:
-    """The front at its end, the targets that it lit, and the error that its slack is seen to make."""
-    front, wanted = start(slack=0.0)
+) -> tuple[Wavefront, WindowTargets, float]:
+    """Run a wavefront; return it with its targets and the estimated error of its slack."""
+    wavefront, window_targets = start(slack=0.0)
     near = None
     if tolerance > 0 and np.isinf(limit):
-        near = NearPart.measured(front, most_windows)
-        if near.slack_pays(tolerance, _reachable(mesh, front)):
-            front, wanted = start(slack=tolerance)
-    front.run(limit, most_windows, progress)
-    if near is None or front.slack == 0:
-        return front, wanted, 0.0
-    error = near.error_of(front.distance)
-    front.windows, front.rounds = front.windows + near.windows, front.rounds + near.rounds
-    return front, wanted, error
+        near = NearestVertices.measure(wavefront, most_windows)
+        if near.slack_pays(tolerance, _reachable(mesh, wavefront)):
+            wavefront, window_targets = start(slack=tolerance)
+    wavefront.run(limit, most_windows, progress)
+    if near is None or wavefront.slack == 0:
+        return wavefront, window_targets, 0.0
+    error = near.error_of(wavefront.distance)
+    wavefront.windows, wavefront.rounds = wavefront.windows + near.windows, wavefront.rounds + near.rounds
+    return wavefront, window_targets, error
 
 
-def _answer(front: Front, wanted: Targets, directions: bool, error: float, patched: int) -> ExactDistance:
-    """What a front that has come to its end knows, in the mesh's own unit."""
-    scale = front.tables.scale
-    origin_vertex = _told(front.origins.vertex, front.origin)
+def _result(
+    wavefront: Wavefront, window_targets: WindowTargets, directions: bool, error: float, patched: int
+) -> ExactDistance:
+    """Result of a finished wavefront, in the mesh's length unit."""
+    scale = wavefront.tables.scale
+    origin_vertex = _origin_values(wavefront.origins.vertex, wavefront.origin)
     return ExactDistance(
-        distance=front.distance * scale,
-        nearest_source=_told(front.origins.source, front.origin),
+        distance=wavefront.distance * scale,
+        nearest_source=_origin_values(wavefront.origins.source, wavefront.origin),
         origin_vertex=origin_vertex,
-        side=np.maximum(front.side, -1),
-        crossing=np.where(front.side >= 0, front.crossing * scale, np.nan),
-        windows=front.windows,
-        rounds=front.rounds,
-        target_distance=wanted.distance * scale,
-        target_source=_told(front.origins.source, wanted.origin),
-        departure=_beyond_bends(front.departure, origin_vertex) if directions else None,
+        side=np.maximum(wavefront.side, -1),
+        crossing=np.where(wavefront.side >= 0, wavefront.crossing * scale, np.nan),
+        windows=wavefront.windows,
+        rounds=wavefront.rounds,
+        target_distance=window_targets.distance * scale,
+        target_source=_origin_values(wavefront.origins.source, window_targets.origin),
+        departure=_beyond_bends(wavefront.departure, origin_vertex) if directions else None,
         tolerance_error=error,
         patched=patched,
     )
 
 
 def _beyond_bends(departure: NDArray, origin_vertex: NDArray) -> NDArray[np.float64]:
-    """Angles that straight lines left at; behind a bend that of the path to the bend."""
+    """Departure angles; behind a bend, the angle of the path to the bend."""
     while True:
         open_ = (np.isnan(departure) & (origin_vertex >= 0)).nonzero()[0]
         known = departure[origin_vertex[open_]]
@@ -234,7 +235,7 @@ def _beyond_bends(departure: NDArray, origin_vertex: NDArray) -> NDArray[np.floa
         departure[open_] = known
 
 
-def _started(
+def _start_wavefront(
     mesh: SurfaceMesh,
     sources: Sources,
     points: SurfacePoints,
@@ -245,30 +246,30 @@ def _started(
     slack: float,
     max_crossings: int = 0,
     max_rounds: float = np.inf,
-) -> tuple[Front, Targets]:
-    """A front that has left the sources, and the targets that it lights."""
-    wanted = Targets(tables, points)
-    targets = wanted if len(points) else None
-    front = Front(
-        tables, slack=slack, dominance_every=dominance_every, targets=targets, directions=directions,
+) -> tuple[Wavefront, WindowTargets]:
+    """Create a wavefront that has left the sources, and its targets."""
+    targets = WindowTargets(tables, points)
+    wavefront = Wavefront(
+        tables, slack=slack, dominance_every=dominance_every,
+        targets=targets if len(points) else None, directions=directions,
         max_crossings=max_crossings, max_rounds=max_rounds,
     )  # fmt: skip
-    _start(front, mesh, sources)
-    return front, wanted
+    _start(wavefront, mesh, sources)
+    return wavefront, targets
 
 
-def _reachable(mesh: SurfaceMesh, front: Front) -> int:
-    """Number of vertices on the components that a front has reached."""
+def _reachable(mesh: SurfaceMesh, wavefront: Wavefront) -> int:
+    """Number of vertices on the components that a wavefront has reached."""
     component = mesh.topology.vertex_component
-    return int(np.isin(component, component[np.isfinite(front.distance)]).sum())
+    return int(np.isin(component, component[np.isfinite(wavefront.distance)]).sum())
 
 
-def _told(values: NDArray, origin: NDArray) -> NDArray[np.int64]:
-    """What the origins say, -1 where there is none."""
+def _origin_values(values: NDArray, origin: NDArray) -> NDArray[np.int64]:
+    """Values of the origins; -1 where there is no origin."""
     return np.where(origin >= 0, values[np.maximum(origin, 0)], -1)
 
 
-def _start(front: Front, mesh: SurfaceMesh, sources: Sources) -> None:
+def _start(wavefront: Wavefront, mesh: SurfaceMesh, sources: Sources) -> None:
     """Launch every source; a point at a corner of its face is that vertex."""
     vertices, numbers = [sources.vertex], [np.arange(len(sources.vertex))]
     inner = []
@@ -282,17 +283,18 @@ def _start(front: Front, mesh: SurfaceMesh, sources: Sources) -> None:
     vertex, number = np.concatenate(vertices), np.concatenate(numbers)
     vertex, first = np.unique(vertex, return_index=True)
     if len(vertex):
-        wanted = front.swing is not None
-        begin = vertex_fans(mesh).angle_before.reshape(-1, 3)[:, PREVIOUS].ravel() if wanted else None
-        front.start_vertex(vertex, number[first], begin)
+        begin = None
+        if wavefront.side_turn is not None:
+            begin = vertex_fans(mesh).angle_before.reshape(-1, 3)[:, PREVIOUS].ravel()
+        wavefront.start_vertex(vertex, number[first], begin)
     for number_of, inside, at in inner:
-        _start_point(front, number_of, inside, at)
+        _start_point(wavefront, number_of, inside, at)
 
 
-def _start_point(front: Front, source: int, face: int, weights: NDArray) -> None:
+def _start_point(wavefront: Wavefront, source: int, face: int, weights: NDArray) -> None:
     """Launch a source inside a face, or on a side and so in all faces of that edge."""
-    tables = front.tables
-    origin = front.origins.add(np.array([-1]), np.array([source]), np.zeros(1))
+    tables = wavefront.tables
+    origin = wavefront.origins.add(np.array([-1]), np.array([source]), np.zeros(1))
     own = _side_angles(tables, face)
     seen_from = [(face, weights, own)]
     for j in np.flatnonzero(weights[[2, 0, 1]] <= 1e-14):  # side j is opposite corner j + 2
@@ -304,19 +306,19 @@ def _start_point(front: Front, source: int, face: int, weights: NDArray) -> None
             its = _side_angles(tables, g)
             seen_from.append((g, mirrored, its + (own[j] + np.pi - its[i])))
     for g, w, along in seen_from:
-        if front.targets is not None:
-            front.targets.see(g, w, int(origin[0]))
+        if wavefront.targets is not None:
+            wavefront.targets.update_from_point(g, w, int(origin[0]))
         side = 3 * g + np.arange(3)
         length, ax, ay = tables.shape[side, :3].T
         apex = w[[2, 0, 1]]
         x, y = w[[1, 2, 0]] * length + apex * ax, apex * ay
-        front.improve(
+        wavefront.improve(
             tables.ids[side, 0],
             np.hypot(x, y),
             np.repeat(origin, 3),
             departure=along + np.arctan2(-y, -x),
         )
-        front.launch(side, x, y, np.repeat(origin, 3), turn=along - np.pi)
+        wavefront.launch(side, x, y, np.repeat(origin, 3), turn=along - np.pi)
 
 
 def _side_angles(tables: WindowTables, face: int) -> NDArray[np.float64]:
@@ -325,30 +327,31 @@ def _side_angles(tables: WindowTables, face: int) -> NDArray[np.float64]:
     return np.array([0.0, np.pi - np.arctan2(y, length - x), np.pi + np.arctan2(y, x)])
 
 
-def _patch_unreached(front: Front, mesh: SurfaceMesh) -> int:
-    """Edge paths to vertices that rounding left dark though edges lead there; returns how many."""
-    dark = np.isinf(front.distance) & mesh.topology.referenced_vertex
-    if not dark.any():
+def _patch_unreached(wavefront: Wavefront, mesh: SurfaceMesh) -> int:
+    """Add edge paths to vertices that rounding left unreached although they are connected; return their
+    number."""
+    unreached = np.isinf(wavefront.distance) & mesh.topology.referenced_vertex
+    if not unreached.any():
         return 0
     component = mesh.topology.vertex_component
-    lit = np.zeros(mesh.topology.n_components + 1, dtype=bool)
-    lit[component[np.isfinite(front.distance)]] = True
-    dark &= lit[component]
-    count = int(dark.sum())
+    reached = np.zeros(mesh.topology.n_components + 1, dtype=bool)
+    reached[component[np.isfinite(wavefront.distance)]] = True
+    unreached &= reached[component]
+    count = int(unreached.sum())
     if count:
         log.warning(
-            f"{count} vertices (first: {np.flatnonzero(dark)[0]}) among degenerate triangles are reached by "
-            "edge paths only; their distance is an upper bound"
+            f"{count} vertices (first: {np.flatnonzero(unreached)[0]}) among degenerate triangles are "
+            "reached by edge paths only; their distance is an upper bound"
         )
-    while dark.any():
-        before = int(dark.sum())
-        a, b = front.tables.ids[:, 0], front.tables.ids[:, 1]
+    while unreached.any():
+        before = int(unreached.sum())
+        a, b = wavefront.tables.ids[:, 0], wavefront.tables.ids[:, 1]
         for tail, head in ((a, b), (b, a)):
-            go = dark[head] & ~dark[tail] & np.isfinite(front.distance[tail])
-            reach = front.distance[tail[go]] + front.tables.shape[go, 0]
-            by = None if front.swing is None else front.departure[tail[go]]
-            front.improve(head[go], reach, front.origin[tail[go]], departure=by)
-        dark &= np.isinf(front.distance)
-        if int(dark.sum()) == before:
+            go = unreached[head] & ~unreached[tail] & np.isfinite(wavefront.distance[tail])
+            reach = wavefront.distance[tail[go]] + wavefront.tables.shape[go, 0]
+            by = None if wavefront.side_turn is None else wavefront.departure[tail[go]]
+            wavefront.improve(head[go], reach, wavefront.origin[tail[go]], departure=by)
+        unreached &= np.isinf(wavefront.distance)
+        if int(unreached.sum()) == before:
             break
     return count

@@ -1,4 +1,4 @@
-"""Windows in waiting, and the points they unfold from: arrays that grow."""
+"""Queue of windows and list of their origins, in growing arrays."""
 
 from __future__ import annotations
 
@@ -8,15 +8,8 @@ from numpy.typing import NDArray
 NEVER = np.inf
 
 
-def ranges(first: NDArray, count: NDArray) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """All numbers of the ranges [first, first + count), one after another, and where each range begins."""
-    end = count.cumsum()
-    begin = end - count
-    return np.arange(end[-1] if len(end) else 0) + (first - begin).repeat(count), begin
-
-
-class Pool:
-    """Waiting windows: columns (b0, b1, sx, sy, ...), (side, origin), and a key that is inf once popped."""
+class WindowPool:
+    """Queue of windows: columns (b0, b1, sx, sy, ...), (side, origin), and a key that is inf once popped."""
 
     def __init__(self, columns: int = 4, capacity: int = 4096, ints: int = 2) -> None:
         self.lines = np.empty((columns, capacity))
@@ -69,8 +62,8 @@ class Pool:
             self.key = np.concatenate([self.key, np.empty(extra)])
 
 
-class Origins:
-    """Points that windows unfold from: the sources, and vertices that a shortest path bends around."""
+class WindowOrigins:
+    """Points from which windows unfold: the sources, and vertices around which shortest paths bend."""
 
     def __init__(self) -> None:
         self.count = 0

@@ -1,8 +1,8 @@
-"""Where shortest paths may leave a vertex that they bend around: at least pi away on both sides.
+"""Shadows: the directions in which a shortest path may leave a vertex.
 
-A path through a vertex is shortest only if the angles on its two sides are pi or more (beside a boundary:
-the one angle that there is). So of all directions around the vertex only the shadow of the incoming one needs
-windows; what lies outside of it is reached by straight lines past the vertex.
+A path through a vertex is shortest only if the angles on both sides are at least pi (at a boundary: the one
+angle that exists). Only the shadow of the incoming direction therefore needs windows; straight lines past the
+vertex reach everything outside it.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from ddgcli.mesh.topology import PREVIOUS, Topology
 
-MARGIN = 1e-4  # radians by which a shadow is taken wider than it is, for directions known to rounding only
+MARGIN = 1e-4  # radians by which a shadow is widened, because directions have rounding errors
 
 
 def corner_turns(topology: Topology, angle: NDArray, vertices: NDArray) -> tuple[NDArray, NDArray]:
@@ -25,7 +25,7 @@ def corner_turns(topology: Topology, angle: NDArray, vertices: NDArray) -> tuple
     angle : (m, 3) ndarray of float64
         Angles of the corners.
     vertices : ndarray of int64
-        Where they are wanted; of a vertex with several fans one fan gets them.
+        At a vertex with several fans only one fan gets angles.
 
     Returns
     -------
@@ -59,16 +59,16 @@ def corner_turns(topology: Topology, angle: NDArray, vertices: NDArray) -> tuple
 def shadow_of(
     turn: NDArray, angle: NDArray, total: NDArray, incoming: NDArray, margin: float = MARGIN
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Part [begin, end] of each corner, in radians from where it begins, that lies in the shadow.
+    """Interval [begin, end] of each corner inside the shadow, in radians from the begin of the corner.
 
     Parameters
     ----------
     turn, angle : (k,) ndarrays
-        Where the corners begin and how wide they are; turn nan: the whole corner.
+        Begin and width of the corners; turn nan: the whole corner.
     total, incoming : (k,) ndarrays
         Angle of each corner's fan (inf: open), and direction back along the path (nan: the whole corner).
     margin : float
-        Radians by which the shadow is taken wider on both sides.
+        Radians by which the shadow is widened on both sides.
     """
     after = turn - incoming
     after = np.where((after < 0) & (total < np.inf), after + total, after)

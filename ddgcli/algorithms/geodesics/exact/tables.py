@@ -1,8 +1,8 @@
-"""What window propagation needs to know of a surface: constants of each side, and who lies across it.
+"""Constants of the sides of a surface for window propagation, and the sides across them.
 
-A side h = 3f + j is seen in its own frame: v0 at the origin, v1 at (length, 0), the face above, its third
-vertex (the apex) at (apex_x, apex_y) with apex_y >= 0. All comes from side lengths, so any intrinsic metric
-will do. Lengths are divided by a power of two near the longest side: exact, and safe at any scale.
+A side h = 3f + j has its own frame: v0 at the origin, v1 at (length, 0), the face above, its third
+vertex (the apex) at (apex_x, apex_y) with apex_y >= 0. All values come from side lengths, so any intrinsic
+metric is valid. Lengths are divided by a power of two near the longest side: exact, and safe at any scale.
 """
 
 from __future__ import annotations
@@ -16,8 +16,11 @@ from scipy.sparse import coo_array
 
 from ddgcli.algorithms.geodesics.exact.shadow import corner_turns
 from ddgcli.geometry.intrinsic import corner_angle, face_area
+from ddgcli.mesh.ragged import list_starts, repeat_with_place
+from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.topology import NEXT, PREVIOUS, Topology
-from ddgcli.mesh.triangle_mesh import TriangleMesh, vector_length
+from ddgcli.mesh.triangle_mesh import TriangleMesh
+from ddgcli.mesh.vectors import vector_length
 from ddgcli.operators.laplacian import SurfaceMesh
 
 BOUNDARY = (
@@ -54,10 +57,14 @@ class SideTables:
     plain: bool
     scale: float
 
+    def code(self, side: NDArray) -> NDArray[np.int64]:
+        """Side across each side, or its code: column (v0, apex) of the next side of the face."""
+        face, j = np.divmod(side, 3)
+        return self.ids[3 * face + (j + 1) % 3, 3]
+
     def across(self, side: int) -> list[tuple[int, bool]]:
         """Sides across `side`, each with whether it runs the same way."""
-        h, j = divmod(side, 3)
-        code = int(self.ids[3 * h + (j + 1) % 3, 3])  # leaving by (v0, apex) of the next side is this side
+        code = int(self.code(np.array([side]))[0])
         if code == BOUNDARY:
             return []
         if code > BOUNDARY:
@@ -71,17 +78,16 @@ class SideTables:
             raise ValueError("no edge of this surface has three faces")
         start, on_edge, edge, sign = self.edge_sides
         count = start[edge[sides] + 1] - start[edge[sides]]
-        row = np.repeat(np.arange(len(sides)), count)
-        offset = np.arange(len(row)) - np.repeat(np.cumsum(count) - count, count)
-        found = on_edge[start[edge[sides[row]]] + offset]
-        other = found != sides[row]
-        row, found = row[other], found[other]
-        return row, found, sign[found] == sign[sides[row]]
+        row, offset = repeat_with_place(np.arange(len(sides)), count)
+        neighbour = on_edge[start[edge[sides[row]]] + offset]
+        other = neighbour != sides[row]
+        row, neighbour = row[other], neighbour[other]
+        return row, neighbour, sign[neighbour] == sign[sides[row]]
 
 
 @dataclass(frozen=True, eq=False)
 class WindowTables(SideTables):
-    """What windows need beside the sides: the vertices that paths bend around, and the angles there.
+    """Side tables, with the vertices around which paths may bend and the angles there.
 
     Parameters
     ----------
@@ -122,14 +128,14 @@ def side_tables(mesh: SurfaceMesh) -> SideTables:
 
 
 def window_tables(mesh: SurfaceMesh) -> WindowTables:
-    """The tables of a surface of any topology."""
+    """Window tables of a surface of any topology."""
     sides, topology, n = side_tables(mesh), mesh.topology, mesh.n_vertices
     shape, ids = sides.shape, sides.ids
     angle = corner_angle(shape[:, 0].reshape(-1, 3))
-    bends, blunt = _bends(topology, shape, angle)
+    bends, inaccurate = _bends(topology, shape, angle)
     turn, total = np.full(angle.shape, np.nan), np.full(n, np.inf)
     if sides.plain:
-        turn, total = corner_turns(topology, angle, np.flatnonzero(topology.referenced_vertex & ~blunt))
+        turn, total = corner_turns(topology, angle, np.flatnonzero(topology.referenced_vertex & ~inaccurate))
     corner = np.arange(len(ids))
     around = coo_array((corner, (ids[:, 2], corner)), shape=(n, max(len(ids), 1))).tocsr()
     return WindowTables(
@@ -148,6 +154,18 @@ def window_tables(mesh: SurfaceMesh) -> WindowTables:
     )
 
 
+def incoming_directions(tables: WindowTables, side: NDArray, crossing: NDArray) -> NDArray[np.float64]:
+    """(k,) directions back along paths that reach apexes, as angles around them; nan if unknown.
+
+    `side` and `crossing` are those of `Wavefront.improve`.
+    """
+    side = np.where(side < -1, -2 - side, side)
+    _, ax, ay, _, _ = tables.shape.take(side, axis=0).T
+    angle = tables.turn.take(side) + np.arctan2(ay * crossing, ay * ay - ax * (crossing - ax))
+    angle[side < 0] = np.nan
+    return angle
+
+
 def table_scale(mesh: SurfaceMesh) -> float:
     """A power of two above the longest side and less than twice it; 1 where no side is longer than 0."""
     longest = float(mesh.side_length.max(initial=0.0))
@@ -157,7 +175,7 @@ def table_scale(mesh: SurfaceMesh) -> float:
 def side_shapes(mesh: SurfaceMesh, scale: float, shape: NDArray) -> NDArray[np.float64]:
     """(3m, c) rows of SideTables.shape, its first c columns, written to `shape` (m, 3, c).
 
-    They are made in blocks of faces that stay in the cache.
+    They are computed in blocks of faces that fit in the cache.
     Heights come from cross products where the mesh has positions: lengths alone know the height of a cap only
     to the square root of rounding.
     """
@@ -192,8 +210,8 @@ def _apexes(mesh: SurfaceMesh, block: slice, length: NDArray, scale: float) -> t
 def sides_across(topology: Topology) -> tuple[NDArray, NDArray | None, tuple | None]:
     """Code of the side across each side, sides that run the same way, and the sides of each edge.
 
-    Faces that name a vertex twice have no inside: they are left out, so that their two equal sides do not
-    make a fold of the surface; their edges still carry paths. One of several faces on three vertices will do.
+    Faces with a repeated vertex have no interior: they are left out, so that their two equal sides do not
+    fold the surface; their edges still carry paths. Of several faces on the same vertices only one is used.
     """
     if topology.gluing is not None:
         return topology.gluing, None, None
@@ -204,15 +222,15 @@ def sides_across(topology: Topology) -> tuple[NDArray, NDArray | None, tuple | N
         return topology.side_twin, None, None
     collapsed |= _repeated(topology)
     edge, sign = topology.side_edge.ravel(), topology.side_sign.ravel()
-    sound = np.flatnonzero(np.repeat(~collapsed, 3))
-    order = sound[np.argsort(edge[sound], kind="stable")]
-    count = np.bincount(edge[sound], minlength=topology.n_edges)
-    start = np.concatenate([[0], np.cumsum(count)])
+    valid_sides = np.flatnonzero(np.repeat(~collapsed, 3))
+    order = valid_sides[np.argsort(edge[valid_sides], kind="stable")]
+    count = np.bincount(edge[valid_sides], minlength=topology.n_edges)
+    start = list_starts(count)
     code = np.full(len(edge), BOUNDARY, dtype=np.int64)
     pair = start[:-1][count == 2]
     first, second = order[pair], order[pair + 1]
     code[first], code[second] = second, first
-    many = sound[count[edge[sound]] > 2]
+    many = valid_sides[count[edge[valid_sides]] > 2]
     code[many] = -2 - many
     mirrored = np.zeros(len(edge), dtype=bool)
     twofold = np.flatnonzero(code >= 0)
@@ -235,23 +253,23 @@ def _repeated(topology: Topology) -> NDArray[np.bool_]:
 
 
 def _bends(topology: Topology, shape: NDArray, angle: NDArray) -> tuple[NDArray, NDArray]:
-    """(n,) vertices that a shortest path may pass through; those whose directions rounding may spoil."""
+    """(n,) vertices that shortest paths may pass through, and vertices whose angles are inaccurate."""
     faces = topology.faces
-    total = np.bincount(faces.ravel(), weights=angle.ravel(), minlength=topology.n_vertices)
+    total = sum_by_index(faces, angle, topology.n_vertices)
     bends = total > FLAT_ANGLE
     bends |= topology.boundary_vertex
     bends[topology.edges[topology.nonmanifold_edges]] = True
-    blunt = np.zeros(len(bends), dtype=bool)
+    inaccurate = np.zeros(len(bends), dtype=bool)
     length, height = shape[:, 0].reshape(-1, 3).T, shape[:, 2].reshape(-1, 3).T
     low, long = (reduce(least, part) for least, part in ((np.minimum, height), (np.maximum, length)))
-    blunt[faces[~(low > 1e-8 * long)]] = True
-    bends |= blunt
+    inaccurate[faces[~(low > 1e-8 * long)]] = True
+    bends |= inaccurate
     bends[_pinched(topology, np.flatnonzero(~bends & topology.referenced_vertex))] = True
-    return bends, blunt
+    return bends, inaccurate
 
 
 def _pinched(topology: Topology, suspects: NDArray) -> NDArray[np.int64]:
-    """Those of the inner vertices `suspects` whose faces make several fans."""
+    """Inner vertices among `suspects` whose faces form several fans."""
     if "nonmanifold_vertices" in vars(topology) or not topology.is_oriented:
         return topology.nonmanifold_vertices
     around = topology.side_twin[:, PREVIOUS].ravel()  # the next corner of the same vertex, counter-clockwise
@@ -259,11 +277,11 @@ def _pinched(topology: Topology, suspects: NDArray) -> NDArray[np.int64]:
     corner[topology.faces.ravel()] = np.arange(len(around))
     left = np.bincount(topology.faces.ravel(), minlength=topology.n_vertices)[suspects]
     first = here = corner[suspects]
-    found = [suspects[:0]]
+    pinched = [suspects[:0]]
     while len(suspects):
         here, left = around[here], left - 1
         closed = here == first
-        found.append(suspects[closed & (left > 0)])
+        pinched.append(suspects[closed & (left > 0)])
         open_ = ~closed
         suspects, first, here, left = suspects[open_], first[open_], here[open_], left[open_]
-    return np.concatenate(found)
+    return np.concatenate(pinched)

@@ -1,4 +1,4 @@
-"""Points inside faces whose distance is wanted: lit by the windows that cross their face."""
+"""Distances of points inside faces, from the windows that cross their faces."""
 
 from __future__ import annotations
 
@@ -6,13 +6,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.algorithms.geodesics.exact.dominance import EPS
-from ddgcli.algorithms.geodesics.exact.pool import Origins, ranges
+from ddgcli.algorithms.geodesics.exact.pool import WindowOrigins
 from ddgcli.algorithms.geodesics.exact.tables import SideTables
 from ddgcli.geometry.surface_points import SurfacePoints
+from ddgcli.mesh.ragged import ranges
 
 
-class Targets:
-    """Distances so far of points on faces, in the scale of the tables.
+class WindowTargets:
+    """Upper bounds of the distances of points on faces, in the scale of the tables.
 
     Parameters
     ----------
@@ -35,8 +36,8 @@ class Targets:
         with_targets[self.face] = True
         return with_targets
 
-    def light(self, lines: NDArray, where: NDArray, origins: Origins) -> None:
-        """Lower distances by windows about to cross their faces: columns as in `Pool`."""
+    def update(self, lines: NDArray, where: NDArray, origins: WindowOrigins) -> None:
+        """Lower distances by windows that cross their faces: columns as in `WindowPool`."""
         row, target = self._inside(where[0] // 3)
         if not len(row):
             return
@@ -44,13 +45,15 @@ class Targets:
         x, y = self._place(side, target)
         dx, dy = x - sx, y - sy
         at = sx - dx * sy / dy
-        lit = (at >= b0 - EPS) & (at <= b1 + EPS)
+        reached = (at >= b0 - EPS) & (at <= b1 + EPS)
         self._lower(
-            target[lit], (origins.distance.take(origin) + np.sqrt(dx * dx + dy * dy))[lit], origin[lit]
+            target[reached],
+            (origins.distance.take(origin) + np.sqrt(dx * dx + dy * dy))[reached],
+            origin[reached],
         )
 
-    def see(self, face: int, weights: NDArray, origin: int) -> None:
-        """Lower distances in a face by a source point in it."""
+    def update_from_point(self, face: int, weights: NDArray, origin: int) -> None:
+        """Lower distances in a face by a source point in the same face."""
         side, target = np.array([3 * face]), self.order[self.face == face]
         length, ax, ay = self.tables.shape[3 * face, :3]
         x, y = self._place(side.repeat(len(target)), target)
@@ -58,7 +61,7 @@ class Targets:
         self._lower(target, np.hypot(x - from_x, y - from_y), np.full(len(target), origin))
 
     def finish(self, distance: NDArray, origin: NDArray) -> None:
-        """Lower distances by the corners of their faces, whose own are final."""
+        """Lower distances by paths through the corners of the faces, whose distances are final."""
         target = self.order
         for j in range(3):
             side = 3 * self.face + j

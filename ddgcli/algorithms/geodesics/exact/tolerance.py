@@ -1,8 +1,8 @@
-"""Whether slack pays: what the near part of an exact run cost tells what the rest will, with and without.
+"""Predict from the nearest vertices whether a tolerance saves time.
 
-Slack drops windows, but then any vertex may be bent around and launches windows of its own. Where exact
-windows are few (small meshes, rough ones) that costs more than it saves, and the exact distance, which is
-within any tolerance, is the cheaper one.
+A tolerance drops windows, but then paths may bend at any vertex, and every vertex launches windows. Where
+exact windows are few (small or rough meshes) that costs more than it saves; the exact distance, which is
+within any tolerance, is then cheaper.
 """
 
 from __future__ import annotations
@@ -12,20 +12,25 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.algorithms.geodesics.exact.wavefront import Front
+from ddgcli.algorithms.geodesics.exact.wavefront import Wavefront
 
-# least squares over 66 runs of eleven meshes (3k to 100k faces), each within a quarter of its time
-WINDOWS_A_LAUNCH, WINDOWS_A_ROUND = 15.0, 1800.0
-LAUNCHES = 1.25  # a vertex, under slack
-SHARE, AT_LEAST = 0.1, 1000  # of the vertices that are measured exactly first
-BUNDLED, ROOT = 40.0, 4.4  # windows that those of a vertex cost in bundles: so many, and times their root
-SPARE = 2.0  # of the error among the near ones for that of all: farther parts may be rougher
-SAFE = 0.85  # of the cost of going on: what slack must promise to cost at most
+# Cost model in units of one window; least squares over 66 runs of eleven meshes (3k to 100k faces) predicts
+# each
+# time within 25 %.
+LAUNCH_COST, ROUND_COST = 15.0, 1800.0
+LAUNCHES_PER_VERTEX = 1.25  # with a tolerance
+NEAR_FRACTION, MIN_NEAR_VERTICES = 0.1, 1000  # vertices that are computed exactly first
+BUNDLE_COST, BUNDLE_ROOT_COST = (
+    40.0,
+    4.4,
+)  # windows of one vertex in bundles: constant, and factor of their root
+ERROR_SAFETY_FACTOR = 2.0  # farther parts may be rougher than the near ones
+MAX_COST_RATIO = 0.85  # of the predicted cost with the tolerance to that without
 
 
 @dataclass(frozen=True, eq=False)
-class NearPart:
-    """The nearest vertices, measured exactly.
+class NearestVertices:
+    """Exact distances of the vertices nearest to the sources, and the work that they took.
 
     Parameters
     ----------
@@ -50,39 +55,43 @@ class NearPart:
     rounds: int
 
     @classmethod
-    def measured(cls, front: Front, most_windows: float) -> NearPart:
-        """Run a front until a tenth of the vertices are final; it can go on from there."""
-        enough = max(SHARE * front.tables.n_vertices, AT_LEAST)
+    def measure(cls, wavefront: Wavefront, most_windows: float) -> NearestVertices:
+        """Run a wavefront until a tenth of the vertices are final; another run continues it."""
+        enough = max(NEAR_FRACTION * wavefront.tables.n_vertices, MIN_NEAR_VERTICES)
         final, work = [0], [0.0]
         for part in (0.25, 1.0):
-            front.run(most_windows=most_windows, enough=part * enough)
-            final.append(front.final)
-            work.append(front.windows + WINDOWS_A_LAUNCH * front.origins.count)
+            wavefront.run(most_windows=most_windows, enough=part * enough)
+            final.append(wavefront.final)
+            work.append(wavefront.windows + LAUNCH_COST * wavefront.origins.count)
         density = np.diff(work) / np.maximum(np.diff(final), 1)
         middle = (final[1] + final[2]) / max(final[1], 1)  # of the outer part over that of the inner
         growth = np.log(max(density[1], 1.0) / max(density[0], 1.0)) / np.log(max(middle, 2.0))
-        near = np.sort(front.distance)[: front.final]
+        near = np.sort(wavefront.distance)[: wavefront.final]
         radius = float(near[-1]) if len(near) else 0.0
         return cls(
-            front.distance.copy(), radius, front.final, float(density[1]), float(np.clip(growth, -0.5, 0.5)),
-            front.windows, front.rounds,
+            wavefront.distance.copy(), radius, wavefront.final, float(density[1]),
+            float(np.clip(growth, -0.5, 0.5)), wavefront.windows, wavefront.rounds,
         )  # fmt: skip
 
     def error_of(self, distance: NDArray) -> float:
         """Twice the largest excess of distances over these where they are final, relative to the radius."""
         inside = self.distance <= self.radius
-        return SPARE * float((distance - self.distance)[inside].max(initial=0.0)) / (self.radius or 1.0)
+        return (
+            ERROR_SAFETY_FACTOR
+            * float((distance - self.distance)[inside].max(initial=0.0))
+            / (self.radius or 1.0)
+        )
 
     def slack_pays(self, slack: float, reachable: int) -> bool:
-        """Whether starting anew with slack costs less than going on without, to that many vertices."""
+        """True if a new run with slack is cheaper than continuing the exact run to `reachable` vertices."""
         n, near = float(reachable), float(self.final)
         if not 0 < near < n:
             return False
         middle, power = 0.625 * near, self.growth + 1.0
         rest = self.density * middle / power * ((n / middle) ** power - (near / middle) ** power)
-        rest = min(rest, BUNDLED * (n - near) + ROOT * np.sqrt(rest * (n - near)))
+        rest = min(rest, BUNDLE_COST * (n - near) + BUNDLE_ROOT_COST * np.sqrt(rest * (n - near)))
         rounds = self.rounds * np.sqrt(n / near)
-        going_on = rest + WINDOWS_A_ROUND * (rounds - self.rounds)
-        windows = 1.3 / (slack + 0.004) + WINDOWS_A_LAUNCH * LAUNCHES
-        anew = n * windows + WINDOWS_A_ROUND * rounds / (1.0 + 1.5 * slack)
-        return bool(anew < SAFE * going_on)
+        exact_cost = rest + ROUND_COST * (rounds - self.rounds)
+        windows = 1.3 / (slack + 0.004) + LAUNCH_COST * LAUNCHES_PER_VERTEX
+        slack_cost = n * windows + ROUND_COST * rounds / (1.0 + 1.5 * slack)
+        return bool(slack_cost < MAX_COST_RATIO * exact_cost)

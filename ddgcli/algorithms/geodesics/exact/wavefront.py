@@ -1,10 +1,10 @@
-"""Windows on the march: batched propagation of unfolded distance across a surface.
+"""Propagate windows of unfolded distance across a surface, in batches.
 
-A window on side h enters the face of h. It stands for the straight lines from an unfolded source (sx, sy),
+A window on side h enters the face of h. It represents the straight lines from an unfolded source (sx, sy),
 sy < 0, through the interval [b0, b1] of the side; its distance at x is origin + |(x, 0) - (sx, sy)|.
 
-Where directions are wanted, a window also carries how its frame lies at the source: a line that goes through
-it at angle phi left the source at angle turn + phi (turn - phi where the frame is mirrored).
+If directions are computed, a window also stores the rotation of its frame against the source: a line through
+it at angle phi leaves the source at angle turn + phi (turn - phi if the frame is mirrored).
 
 References
 ----------
@@ -20,38 +20,39 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.algorithms.geodesics.exact.bundles import Bundles
-from ddgcli.algorithms.geodesics.exact.children import children, norm, reflect, swing_of
+from ddgcli.algorithms.geodesics.exact.children import children, norm, reflect, side_turns
 from ddgcli.algorithms.geodesics.exact.dominance import EPS, dominate
-from ddgcli.algorithms.geodesics.exact.pool import NEVER, Origins, Pool, ranges
+from ddgcli.algorithms.geodesics.exact.pool import NEVER, WindowOrigins, WindowPool
 from ddgcli.algorithms.geodesics.exact.shadow import MARGIN, shadow_of
-from ddgcli.algorithms.geodesics.exact.tables import BOUNDARY, WindowTables
-from ddgcli.algorithms.geodesics.exact.targets import Targets
+from ddgcli.algorithms.geodesics.exact.tables import BOUNDARY, WindowTables, incoming_directions
+from ddgcli.algorithms.geodesics.exact.targets import WindowTargets
 from ddgcli.errors import SolveError
+from ddgcli.mesh.ragged import ranges
 
-LIFT = 1e-15  # of a side: least height of a source above it, so that one on the side itself still sees across
-TELL_EVERY = 4  # rounds between two looks at the progress
-FAN = 2.0  # times the root of the slack: radians on both sides of straight ahead that a vertex serves
-SPAWN_EVERY = 3  # rounds between two launches of waiting vertices; fewer, fuller batches
+MIN_SOURCE_HEIGHT = 1e-15  # relative to the side, so that a source on the side still has lines across it
+PROGRESS_INTERVAL = 4  # rounds between two calls of the progress callback
+FAN_FACTOR = 2.0  # times sqrt(slack): half-angle in radians that a vertex covers, around straight ahead
+SPAWN_INTERVAL = 3  # rounds between two launches from vertices, for fewer and fuller batches
 
 
-class Front:
-    """State of one propagation: distances so far, how each was reached, windows and vertices that wait.
+class Wavefront:
+    """State of one propagation: distances, last segments of paths, and queues of windows and vertices.
 
     Parameters
     ----------
     tables : WindowTables
     slack : float
-        0 for exact; tau > 0 drops windows that a vertex path matches within tau side lengths.
+        0 for exact; tau > 0 drops windows if a path by a vertex is at most tau side lengths longer.
     dominance_every : int
-        Rounds between two prunes of windows on the same side; 0 never prunes (the distances are the same).
-    targets : Targets, optional
-        Points in faces to measure on the way.
+        Rounds between two prunings of windows on the same side; 0 disables it (the distances are the same).
+    targets : WindowTargets, optional
+        Points in faces whose distances are also computed.
     directions : bool
-        Find at what angle the lines that reach vertices left their sources (`departure`; nan behind bends).
+        Compute the angle at which lines to vertices leave their sources (`departure`; nan behind bends).
     max_crossings : int
-        Drop windows that have crossed more faces since their origin; 0: no such bound, and bundles are used.
+        Drop windows that have crossed more faces since their origin; 0: no bound, and bundles are used.
     max_rounds : float
-        Rounds after which `run` gives up.
+        Rounds after which `run` raises SolveError.
     """
 
     def __init__(
@@ -60,7 +61,7 @@ class Front:
         *,
         slack: float = 0.0,
         dominance_every: int = 10,
-        targets: Targets | None = None,
+        targets: WindowTargets | None = None,
         directions: bool = False,
         max_crossings: int = 0,
         max_rounds: float = np.inf,
@@ -69,8 +70,8 @@ class Front:
         self.max_crossings, self.max_rounds = max_crossings, max_rounds
         self.targets = targets
         self.tables, self.slack, self.dominance_every = tables, slack, dominance_every
-        # a path that bends by slack turns at any vertex, by little: windows are narrow where slack drops them
-        self.margin = MARGIN + FAN * float(np.sqrt(slack))
+        # with slack, paths may bend a little at any vertex; the windows there are narrow
+        self.margin = MARGIN + FAN_FACTOR * float(np.sqrt(slack))
         self.bends = tables.bends if slack == 0 else tables.total_angle > 2 * (np.pi - self.margin)
         self.distance = np.full(n, np.inf)
         self.origin = np.full(n, -1, dtype=np.int64)
@@ -78,15 +79,19 @@ class Front:
         self.crossing = np.full(n, np.nan)
         self.spawned_at = np.full(n, np.inf)
         self._place = np.zeros(n, dtype=np.int64)
-        self.origins = Origins()
+        self.origins = WindowOrigins()
         self.columns = 4 + int(directions) * (1 if tables.plain else 2)  # b0, b1, sx, sy, turn, sign
-        self.swing = swing_of(tables) if directions else None
+        self.side_turn = side_turns(tables) if directions else None
         self.departure = np.full(n if directions else 0, np.nan)
-        self.pool = Pool(self.columns, ints=3 if max_crossings else 2)
+        self.pool = WindowPool(self.columns, ints=3 if max_crossings else 2)
         self.bundles: Bundles | None = None
         if tables.plain and slack == 0 and dominance_every and not max_crossings:
             self.bundles = Bundles(
-                tables, self.origins, self.distance, self.swing, None if targets is None else targets.faces
+                tables,
+                self.origins,
+                self.distance,
+                self.side_turn,
+                None if targets is None else targets.faces,
             )
         self.pending = np.zeros(0, dtype=np.int64)
         self.windows = self.rounds = self.final = 0
@@ -103,10 +108,10 @@ class Front:
         crossing: NDArray | None = None,
         departure: NDArray | None = None,
     ) -> None:
-        """Lower distances at vertices (entries may repeat), and note the way in.
+        """Lower distances at vertices (entries may repeat), and store the last segments of the paths.
 
-        `side` is the side opposite that the path crosses, at `crossing`; -2 - side where it comes along an
-        edge, through an end of that side; none: from a point in a face.
+        `side` is the opposite side that the path crosses at `crossing`; -2 - side if the path runs along an
+        edge, through an end of that side; None if it comes from a point in the face.
         """
         better = (distance < self.distance.take(vertex)).nonzero()[0]
         if not len(better):
@@ -118,12 +123,12 @@ class Front:
         self.origin[vertex] = origin.take(better)
         self.side[vertex] = -1 if side is None else side.take(better)
         self.crossing[vertex] = np.nan if crossing is None else crossing.take(better)
-        if self.swing is not None:
+        if self.side_turn is not None:
             self.departure[vertex] = np.nan if departure is None else departure.take(better)
         self.pending = np.concatenate([self.pending, vertex[self.bends[vertex]]])
 
     def start_vertex(self, vertex: NDArray, source: NDArray, first: NDArray | None = None) -> None:
-        """Sources at vertices, distance zero; `first` is as in `_spawn`."""
+        """Start from sources at vertices; `first` is as in `_spawn`."""
         origin = self.origins.add(vertex, source, np.zeros(len(vertex)))
         self.distance[vertex] = 0.0
         self.origin[vertex] = origin
@@ -133,11 +138,11 @@ class Front:
     def _spawn(
         self, vertex: NDArray, origin: NDArray, incoming: NDArray, first: NDArray | None = None
     ) -> None:
-        """Distances along the edges at each vertex, and windows on the sides opposite it.
+        """Update distances along the edges of vertices, and launch windows on the opposite sides.
 
-        `incoming` is the direction back along the path at each vertex: its shadow gets windows (nan: all).
-        `first` (3m,) is the direction of the edge from the apex of each side to its first corner, at sources
-        whose directions are wanted.
+        `incoming` is the direction back along the path at each vertex: only its shadow gets windows (nan: all
+        directions do). `first` (3m,) is the direction of the edge from the apex of each side to its first
+        corner, at sources, if directions are computed.
         """
         tables = self.tables
         start = tables.around_start.take(vertex)
@@ -162,19 +167,20 @@ class Front:
             tables.turn.take(side), tables.angle.take(side), tables.total_angle.take(vertex.take(row)),
             incoming.take(row), self.margin,
         )  # fmt: skip
-        lit = (begin < stop).nonzero()[0]
-        if len(lit):
-            turn = None if along is None else (along - np.arctan2(shape[:, 2], shape[:, 1])).take(lit)
+        kept = (begin < stop).nonzero()[0]
+        if len(kept):
+            turn = None if along is None else (along - np.arctan2(shape[:, 2], shape[:, 1])).take(kept)
             self._fan(
-                side.take(lit), shape.take(lit, axis=0), row_origin.take(lit), begin.take(lit),
-                stop.take(lit), turn,
+                side.take(kept), shape.take(kept, axis=0), row_origin.take(kept), begin.take(kept),
+                stop.take(kept), turn,
             )  # fmt: skip
 
     def _fan(
         self, side: NDArray, shape: NDArray, origin: NDArray, begin: NDArray, end: NDArray,
         turn: NDArray | None,
     ) -> None:  # fmt: skip
-        """Windows from the apex of each side, over the part of the side seen between two angles there."""
+        """Launch windows from the apex of each side, over the part of the side between two angles at the
+        apex."""
         length, x, y, left, right = shape.T
         angle = self.tables.angle.take(side)
         ends = np.empty((2, len(side)))
@@ -184,28 +190,19 @@ class Front:
             at *= length
         self.launch(side, x, y, origin, ends, turn)
 
-    def _incoming(self, vertex: NDArray) -> NDArray[np.float64]:
-        """Direction back along the path that reached each vertex, as an angle around it; nan: not known."""
-        side = self.side.take(vertex)
-        side = np.where(side < -1, -2 - side, side)
-        x, (_, ax, ay, _, _) = self.crossing.take(vertex), self.tables.shape.take(side, axis=0).T
-        angle = self.tables.turn.take(side) + np.arctan2(ay * x, ay * ay - ax * (x - ax))
-        angle[side < 0] = np.nan
-        return angle
-
     def launch(
         self, side: NDArray, x: NDArray, y: NDArray, origin: NDArray, ends: NDArray | None = None,
         turn: NDArray | None = None,
     ) -> None:  # fmt: skip
-        """Windows from points (x, y) above each side in its own frame, leaving its face.
+        """Launch windows from points (x, y) above each side in its own frame, out of its face.
 
         They cover the part of the side between `ends` (2, k), or the whole side; `turn` is that of the frame
         across.
         """
         length, (d0, d1) = self.tables.shape[side, 0], self.distance.take(self.tables.ids[side, :2].T)
         b0, b1 = (np.zeros(len(side)), length) if ends is None else ends
-        base, code = self.origins.distance.take(origin), self._code(side)
-        y = np.maximum(y, LIFT * length)
+        base, code = self.origins.distance.take(origin), self.tables.code(side)
+        y = np.maximum(y, MIN_SOURCE_HEIGHT * length)
         r0, r1 = base + norm(x - b0, y.copy()), base + norm(b1 - x, y.copy())
         margin = EPS - self.slack * length
         keep = (code != BOUNDARY) & (b1 - b0 > EPS)
@@ -219,19 +216,16 @@ class Front:
             lines.take(kept, axis=1), code.take(kept), origin.take(kept), key.take(kept), side.take(kept)
         )
 
-    def _code(self, side: NDArray) -> NDArray:
-        face, j = np.divmod(side, 3)
-        return self.tables.ids[3 * face + (j + 1) % 3, 3]
-
     # -- windows ------------------------------------------------------------------------------------
 
     def _enter(
         self, lines: NDArray, code: NDArray, origin: NDArray, key: NDArray, left_by: NDArray,
         crossings: NDArray | None = None,
     ) -> None:  # fmt: skip
-        """Push windows into the faces across; `lines` are in the frame that runs against side `left_by`.
+        """Push windows into the neighbouring faces; `lines` are in the frame that runs against side
+        `left_by`.
 
-        `crossings` is the number of faces that each has crossed since its origin (none: 0).
+        `crossings` is the number of faces that each has crossed since its origin (None: 0).
         """
         tables = self.tables
         crossings = np.zeros(len(code), dtype=np.int64) if crossings is None else crossings
@@ -260,10 +254,10 @@ class Front:
         progress: Callable[[float, float], None] | None = None,
         enough: float = np.inf,
     ) -> None:
-        """Propagate until nothing waits below `limit` (distances below it are then final).
+        """Propagate until all distances below `limit` are final.
 
-        `progress` is told now and then how many vertices of all are final; when they are `enough` it stops,
-        and may be called again to go on.
+        `progress` is called with the numbers of final and of all vertices. The run stops when `enough`
+        vertices are final; another call continues it.
 
         Raises
         ------
@@ -278,40 +272,40 @@ class Front:
                 least = min(least, bundles.pool.least())
             if not least < limit:
                 return
-            if self.rounds % TELL_EVERY == 0 and (progress is not None or enough < np.inf):
+            if self.rounds % PROGRESS_INTERVAL == 0 and (progress is not None or enough < np.inf):
                 self.final = max(self.final, int(np.count_nonzero(self.distance < least)))
                 if progress is not None:
                     progress(float(self.final), float(len(self.distance)))
                 if self.final >= enough:
                     return
             bound = max(least + self.bucket, np.nextafter(least, np.inf))
-            if waiting < bound and (self.rounds % SPAWN_EVERY == 0 or waiting <= least):
+            if waiting < bound and (self.rounds % SPAWN_INTERVAL == 0 or waiting <= least):
                 self._spawn_below(bound)
             self.rounds += 1
             lines, where = self._popped(bound, bundles)
             self.windows += where.shape[1]
             if self.windows > most_windows or self.rounds > self.max_rounds:
                 raise SolveError(
-                    f"exact distance gave up after {self.windows} windows in {self.rounds} rounds; the "
+                    f"exact distance stopped after {self.windows} windows in {self.rounds} rounds; the "
                     "triangles are too degenerate: use fast marching or edge distances, or repair the mesh"
                 )
             if where.shape[1] == 0:
                 continue
             if self.targets is not None:
-                self.targets.light(lines, where, self.origins)
+                self.targets.update(lines, where, self.origins)
             self._propagate(lines, where)
 
     def _popped(self, bound: float, bundles: Bundles | None) -> tuple[NDArray, NDArray]:
-        """Windows to go on one by one; now and then all are pruned, and bound where that pays."""
-        bound_now = bundles is not None and len(bundles) > 0
-        every = self.dominance_every * (2 if bound_now else 1)
-        prune = bool(every) and self.rounds % every == 0
-        lines, where = self.pool.pop_below(np.inf if prune and bound_now else bound)
-        if bundles is not None and bound_now:
+        """Pop the next windows; in some rounds all windows are pruned, and bundled where that saves time."""
+        has_bundles = bundles is not None and len(bundles) > 0
+        interval = self.dominance_every * (2 if has_bundles else 1)
+        prune = bool(interval) and self.rounds % interval == 0
+        lines, where = self.pool.pop_below(np.inf if prune and has_bundles else bound)
+        if bundles is not None and has_bundles:
             before = bundles.moves
-            free = bundles.dissolve() if prune else bundles.advance(bound)
+            unbound = bundles.dissolve() if prune else bundles.advance(bound)
             self.windows += bundles.moves - before
-            lines, where = (np.concatenate(pair, axis=1) for pair in zip((lines, where), free))
+            lines, where = (np.concatenate(pair, axis=1) for pair in zip((lines, where), unbound))
         if prune and where.shape[1]:
             lines, where = dominate(lines, where, self.tables.shape, self.origins.distance)
             if bundles is not None:
@@ -319,7 +313,7 @@ class Front:
         return lines, where
 
     def _waiting(self) -> float:
-        """Least distance of the vertices that wait to be origins; forgets those that need not."""
+        """Least distance of the pending vertices; drops those that need no launch."""
         if not len(self.pending):
             return NEVER
         distance = self.distance[self.pending]
@@ -335,16 +329,21 @@ class Front:
         before = self.origin[vertex]
         self.spawned_at[vertex] = self.distance[vertex]
         origin = self.origins.add(vertex, self.origins.source[before], self.distance[vertex])
-        self._spawn(vertex, origin, self._incoming(vertex))
+        self._spawn(
+            vertex,
+            origin,
+            incoming_directions(self.tables, self.side.take(vertex), self.crossing.take(vertex)),
+        )
 
     def _once(self, vertex: NDArray) -> NDArray[np.int64]:
-        """The vertices without repetitions."""
+        """Unique vertices."""
         place = np.arange(len(vertex))
         self._place[vertex] = place
         return vertex[self._place[vertex] == place]
 
     def _propagate(self, lines: NDArray, where: NDArray) -> None:
-        """Carry windows across their faces: light the apex, then hand on what the filter keeps."""
+        """Propagate windows across their faces: update the apex, then push the children that the filter
+        keeps."""
         side, origin = where[:2]
         base = self.origins.distance.take(origin)
         shape = np.ascontiguousarray(self.tables.shape.take(side, axis=0).T)
@@ -353,11 +352,11 @@ class Front:
         dx, dy = shape[1] - sx, shape[2] - sy
         at = sx - dx * sy / dy  # where the line to the apex crosses the side
 
-        lit = ((at >= b0 - EPS) & (at <= b1 + EPS)).nonzero()[0]
-        if len(lit):
-            reach = base.take(lit) + norm(dx.take(lit), dy.take(lit))
-            found = ids[2].take(lit), reach, origin.take(lit), side.take(lit), at.take(lit)
-            self.improve(*found, self._departed(lines, dx, dy, lit))
+        reached = ((at >= b0 - EPS) & (at <= b1 + EPS)).nonzero()[0]
+        if len(reached):
+            reach = base.take(reached) + norm(dx.take(reached), dy.take(reached))
+            update = ids[2].take(reached), reach, origin.take(reached), side.take(reached), at.take(reached)
+            self.improve(*update, self._departures(lines, dx, dy, reached))
 
         left, right = (at > b0).nonzero()[0], (at < b1).nonzero()[0]
         parent, n_left = np.concatenate([left, right]), len(left)
@@ -372,10 +371,10 @@ class Front:
         )
         k = int(np.searchsorted(kept, n_left))
         source = parent.take(kept)
-        if self.swing is not None:
+        if self.side_turn is not None:
             to = 2 * side.take(source)
             to[k:] += 1
-            out[4] += self.swing.take(to) if len(out) == 5 else self.swing.take(to) * out[5]
+            out[4] += self.side_turn.take(to) if len(out) == 5 else self.side_turn.take(to) * out[5]
         code = np.concatenate([ids[3].take(source[:k]), ids[4].take(source[k:])])
         inner = code != BOUNDARY
         crossings = None
@@ -393,9 +392,9 @@ class Front:
             left_by = 3 * face + (j + np.where(kept < n_left, 2, 1)) % 3
         self._enter(out, code, origin.take(source), key, left_by, crossings)
 
-    def _departed(self, lines: NDArray, dx: NDArray, dy: NDArray, lit: NDArray) -> NDArray | None:
-        """Angles at which lines in direction (dx, dy) through some windows left the source."""
-        if self.swing is None:
+    def _departures(self, lines: NDArray, dx: NDArray, dy: NDArray, reached: NDArray) -> NDArray | None:
+        """Angles at which lines with direction (dx, dy) through some windows leave the source."""
+        if self.side_turn is None:
             return None
-        angle = np.arctan2(dy.take(lit), dx.take(lit))
-        return lines[4].take(lit) + (angle if len(lines) == 5 else angle * lines[5].take(lit))
+        angle = np.arctan2(dy.take(reached), dx.take(reached))
+        return lines[4].take(reached) + (angle if len(lines) == 5 else angle * lines[5].take(reached))

@@ -1,4 +1,4 @@
-"""Everything `info` says of a mesh: defects, quality, size, who takes it, and arrays that show where."""
+"""Inspect a mesh: defects, quality, size, the commands that accept it, and arrays that locate defects."""
 
 from __future__ import annotations
 
@@ -9,14 +9,15 @@ from numpy.typing import NDArray
 
 from ddgcli.algorithms.inspection import quality
 from ddgcli.mesh.curve import CurveSet
-from ddgcli.mesh.require import NEEDS, why_not
+from ddgcli.mesh.require import REQUIREMENTS, unmet_need
 from ddgcli.mesh.tet_mesh import TetMesh
-from ddgcli.mesh.triangle_mesh import TriangleMesh, vector_length
+from ddgcli.mesh.triangle_mesh import TriangleMesh
+from ddgcli.mesh.vectors import vector_length
 
 
 @dataclass(frozen=True, eq=False)
 class Inspection:
-    """Results for the summary, and arrays for the annotated mesh."""
+    """Results of the summary, and arrays of the annotated mesh."""
 
     results: dict[str, Any]
     vertex: dict[str, NDArray]
@@ -37,7 +38,7 @@ def inspect_mesh(mesh: TriangleMesh | TetMesh | CurveSet) -> Inspection:
         results = {**quality.surface_defects(mesh), "quality": quality.triangle_quality(mesh)}
         results["size"] = quality.surface_size(mesh)
         vertex, face = quality.surface_marks(mesh)
-    accepts = {verb: why_not(mesh, verb) for verb in NEEDS}
+    accepts = {verb: unmet_need(mesh, verb) for verb in REQUIREMENTS}
     results["accepts"] = {verb: f"no: {why}" if why else "yes" for verb, why in accepts.items()}
     return Inspection(results, vertex, face)
 

@@ -1,4 +1,4 @@
-"""What `ddgcli laplacian` computes: every task that was asked for, with arrays, results and accuracy."""
+"""Solve tasks with the Laplacian of a surface: spectra, Poisson problems, smoothing, parameterization."""
 
 from __future__ import annotations
 
@@ -10,19 +10,21 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.algorithms.laplacian.choice import (
+from ddgcli.algorithms.laplacian.laplace_operator import (
     LaplaceOperator,
     laplace_operator,
     negative_weights,
     symmetry_residual,
 )
+from ddgcli.choices import SMOOTHING_FLOWS
 from ddgcli.errors import ParameterError
 from ddgcli.linalg.residual_gate import within_residuals
 from ddgcli.mesh.fields import AnnotatedMesh
 from ddgcli.mesh.triangle_mesh import TriangleMesh
+from ddgcli.progress import ProgressCallback
 
 if TYPE_CHECKING:
-    from ddgcli.algorithms.laplacian.smooth import Smoothed
+    from ddgcli.algorithms.laplacian.smooth import SmoothingResult
 
 log = logging.getLogger("ddgcli")
 RESIDUALS = (
@@ -32,8 +34,8 @@ RESIDUALS = (
 
 
 @dataclass(frozen=True, eq=False)
-class Tasks:
-    """What is asked of a Laplacian.
+class LaplacianTasks:
+    """Operator, mass and the tasks to solve with them.
 
     Parameters
     ----------
@@ -69,18 +71,17 @@ class Tasks:
 
     def __post_init__(self) -> None:
         if self.harmonic and not self.fixed:
-            raise ParameterError("--harmonic interpolates fixed values; add --fix ID=VALUE")
+            raise ParameterError("needs fixed values; add `fix=ID=VALUE`", parameter="harmonic")
         if self.fixed and not self.harmonic and self.poisson is None:
-            raise ParameterError("--fix belongs to --harmonic or --poisson; add one of them")
-        if self.smooth_steps is not None and self.smooth is None:
-            raise ParameterError("--smooth-steps belongs to --smooth TIME; add that")
-        if self.smooth_flow is not None and self.smooth is None:
-            raise ParameterError("--smooth-flow belongs to --smooth TIME; add that")
+            raise ParameterError("applies to `harmonic` and `poisson`; add one of them", parameter="fix")
+        for name in ("smooth_steps", "smooth_flow"):
+            if getattr(self, name) is not None and self.smooth is None:
+                raise ParameterError("applies to `smooth`; add `smooth=TIME`", parameter=name)
 
 
 @dataclass(eq=False)
-class Report:
-    """Arrays on vertices, results, accuracy, and whether everything converged; `mesh` moves by smoothing."""
+class LaplacianResult:
+    """Arrays on vertices, results, accuracy, and whether all tasks converged; smoothing replaces `mesh`."""
 
     mesh: TriangleMesh
     operator: LaplaceOperator
@@ -94,24 +95,41 @@ class Report:
         return AnnotatedMesh(self.mesh, vertex=self.vertex)
 
     @property
-    def shown(self) -> tuple[str, NDArray]:
-        """Name and values of the array that a picture shows: the first that is more than a constant."""
+    def picture_array(self) -> tuple[str, NDArray]:
+        """Name and values of the default array of a picture: the first that is not constant."""
         names = [name for name in self.vertex if name != "vertex_area"] + ["vertex_area"]
         name = next((n for n in names if np.ptp(self.vertex[n]) > 0), names[0])
         values = self.vertex[name]
         return name, values if values.ndim == 1 else np.linalg.norm(values, axis=1)
 
 
-Told = Callable[[float, float], Any]
+def solve_laplacian_tasks(
+    mesh: TriangleMesh, tasks: LaplacianTasks, progress: ProgressCallback | None = None
+) -> LaplacianResult:
+    """Assemble the operator and solve every task.
 
+    Parameters
+    ----------
+    mesh : TriangleMesh
+    tasks : LaplacianTasks
+    progress : callable, optional
+        Called with (done, total).
 
-def laplacian_report(mesh: TriangleMesh, tasks: Tasks, progress: Told | None = None) -> Report:
-    """Assemble the operator and do every task; `progress` is told (done, total)."""
+    Returns
+    -------
+    LaplacianResult
+
+    Raises
+    ------
+    MeshError
+        For a mesh that the operator or a task does not support.
+    ParameterError
+    """
     operator = laplace_operator(mesh, tasks.operator, tasks.mass)
     L = operator.stiffness
     area = operator.mass @ np.ones(mesh.n_vertices)
-    report = Report(mesh, operator, {"vertex_area": area})
-    report.results = {
+    result = LaplacianResult(mesh, operator, {"vertex_area": area})
+    result.results = {
         "operator": operator.name,
         "mass": operator.mass_name,
         "unknowns": L.shape[0],
@@ -120,85 +138,85 @@ def laplacian_report(mesh: TriangleMesh, tasks: Tasks, progress: Told | None = N
         **operator.facts,
     }
     row_sum = np.abs(L @ np.ones(L.shape[0])).max()
-    report.accuracy = {
+    result.accuracy = {
         "negative_weights": negative_weights(L),
         "symmetry_residual": symmetry_residual(L),
         "row_sum_residual": float(row_sum / (abs(L).max() or 1.0)),
     }
-    chores: list[tuple[Any, Callable[[Report, Tasks, Told], None]]] = [
+    solvers: list[tuple[Any, Callable[[LaplacianResult, LaplacianTasks, ProgressCallback], None]]] = [
         (tasks.eigen or tasks.hks, _eigen),
         (tasks.poisson is not None, _poisson),
         (tasks.harmonic, _harmonic),
         (tasks.parameterize, _parameterize),
         (tasks.smooth, _smooth),
     ]
-    asked = [chore for wanted, chore in chores if wanted]
-    for before, chore in enumerate(asked, start=1):
-        told = _share_of(progress, before, len(asked) + 1)
-        told(0, 1)
-        chore(report, tasks, told)
+    selected = [solve for requested, solve in solvers if requested]
+    for n_done, solve in enumerate(selected, start=1):
+        part_progress = _progress_of_part(progress, n_done, len(selected) + 1)
+        part_progress(0, 1)
+        solve(result, tasks, part_progress)
     # the maximum principle holds for non-negative weights only
-    principle = () if report.accuracy["negative_weights"] else ("maximum_principle_violation",)
-    report.converged &= within_residuals(
-        report.accuracy,
+    principle = () if result.accuracy["negative_weights"] else ("maximum_principle_violation",)
+    result.converged &= within_residuals(
+        result.accuracy,
         (*RESIDUALS, *principle),
         "the triangles leave the system too ill-conditioned; repair the mesh",
     )
-    return report
+    return result
 
 
-def _share_of(progress: Told | None, before: int, parts: int) -> Told:
-    """What one of several parts of the work is told by, after so many of them."""
+def _progress_of_part(progress: ProgressCallback | None, n_done: int, n_parts: int) -> ProgressCallback:
+    """Progress callback of one part of the work, after `n_done` of `n_parts` parts."""
     if progress is None:
         return lambda done, total: None
-    return lambda done, total: progress(before + done / total, parts)
+    return lambda done, total: progress(n_done + done / total, n_parts)
 
 
-def _eigen(report: Report, tasks: Tasks, told: Told) -> None:
+def _eigen(result: LaplacianResult, tasks: LaplacianTasks, progress: ProgressCallback) -> None:
     from ddgcli.algorithms.laplacian.spectrum import heat_kernel_signature, signature_pairs, spectrum
 
     k = tasks.eigen or 0
     if tasks.hks:
-        k = max(k, signature_pairs(report.operator, tasks.hks))
-    pairs = spectrum(report.operator, k, seed=tasks.seed, progress=told)
-    report.converged &= pairs.complete
+        k = max(k, signature_pairs(result.operator, tasks.hks))
+    pairs = spectrum(result.operator, k, seed=tasks.seed, progress=progress)
+    result.converged &= pairs.complete
     if tasks.eigen is not None:
-        shown = slice(tasks.eigen)
-        report.vertex |= {f"eigenvector_{i:03d}": v for i, v in enumerate(pairs.vectors.T[shown])}
-        report.results["eigenvalues"] = pairs.values[shown].tolist()
-    report.accuracy["eigen_residuals"] = pairs.residuals.tolist()
-    report.accuracy["eigen_complete"] = pairs.complete
+        requested = slice(tasks.eigen)
+        result.vertex |= {f"eigenvector_{i:03d}": v for i, v in enumerate(pairs.vectors.T[requested])}
+        result.results["eigenvalues"] = pairs.values[requested].tolist()
+    result.accuracy["eigen_residuals"] = pairs.residuals.tolist()
+    result.accuracy["eigen_complete"] = pairs.complete
     if tasks.hks:
         signature = heat_kernel_signature(pairs, np.array(tasks.hks))
-        report.vertex |= {f"hks_{i:03d}": v for i, v in enumerate(signature.values.T)}
-        report.results["hks_times"] = list(tasks.hks)
-        report.results["hks_eigenpairs"] = k
-        report.accuracy["hks_truncation"] = signature.truncation.tolist()
+        result.vertex |= {f"hks_{i:03d}": v for i, v in enumerate(signature.values.T)}
+        result.results["hks_times"] = list(tasks.hks)
+        result.results["hks_eigenpairs"] = k
+        result.accuracy["hks_truncation"] = signature.truncation.tolist()
 
 
-def _poisson(report: Report, tasks: Tasks, told: Told) -> None:
+def _poisson(result: LaplacianResult, tasks: LaplacianTasks, progress: ProgressCallback) -> None:
     if tasks.poisson is None:
         return
     from ddgcli.algorithms.laplacian.poisson import poisson
 
-    solution = poisson(report.operator, tasks.poisson, tasks.fixed)
-    report.vertex["poisson"] = solution.values
-    report.results["poisson"] = _summary(report.operator, solution.values)
-    report.accuracy["poisson_residual"] = solution.residual
-    report.accuracy["poisson_imbalance"] = solution.imbalance
+    solution = poisson(result.operator, tasks.poisson, tasks.fixed)
+    result.vertex["poisson"] = solution.values
+    result.results["poisson"] = _summary(result.operator, solution.values)
+    result.accuracy["poisson_residual"] = solution.residual
+    result.accuracy["poisson_imbalance"] = solution.imbalance
 
 
-def _harmonic(report: Report, tasks: Tasks, told: Told) -> None:
+def _harmonic(result: LaplacianResult, tasks: LaplacianTasks, progress: ProgressCallback) -> None:
     from ddgcli.algorithms.laplacian.poisson import harmonic
 
-    solution = harmonic(report.operator, tasks.fixed)
-    report.vertex["harmonic"] = solution.values
-    report.results["harmonic"] = _summary(report.operator, solution.values)
+    solution = harmonic(result.operator, tasks.fixed)
+    result.vertex["harmonic"] = solution.values
+    result.results["harmonic"] = _summary(result.operator, solution.values)
     values = np.array(list(tasks.fixed.values()))
     beyond = max(solution.values.max() - values.max(), values.min() - solution.values.min(), 0.0)
-    report.accuracy["harmonic_residual"] = solution.residual
+    result.accuracy["harmonic_residual"] = solution.residual
     violation = float(beyond / (np.ptp(values) or np.abs(values).max() or 1.0))
-    report.accuracy["maximum_principle_violation"] = violation
+    result.accuracy["maximum_principle_violation"] = violation
 
 
 def _summary(operator: LaplaceOperator, u: NDArray) -> dict[str, Any]:
@@ -206,32 +224,32 @@ def _summary(operator: LaplaceOperator, u: NDArray) -> dict[str, Any]:
     return {"min": float(u.min()), "max": float(u.max()), "dirichlet_energy": energy}
 
 
-def _parameterize(report: Report, tasks: Tasks, told: Told) -> None:
+def _parameterize(result: LaplacianResult, tasks: LaplacianTasks, progress: ProgressCallback) -> None:
     if tasks.parameterize is None:
         return
     from ddgcli.algorithms.laplacian.parameterize import parameterize_conformal, parameterize_harmonic
 
     flatten = {"harmonic": parameterize_harmonic, "conformal": parameterize_conformal}[tasks.parameterize]
-    flat = flatten(report.mesh, report.operator)
-    report.vertex["uv"] = flat.uv
-    report.results |= {
+    flat = flatten(result.mesh, result.operator)
+    result.vertex["uv"] = flat.uv
+    result.results |= {
         "parameterization": tasks.parameterize,
         "flipped_triangles": flat.flipped,
         "flipped_input_triangles": flat.flipped_input,
         "collapsed_input_triangles": flat.collapsed_input,
         "conformal_distortion": {"mean": flat.distortion_mean, "max": flat.distortion_max},
     }
-    report.accuracy["parameterize_residual"] = flat.residual
-    report.converged &= flat.converged
+    result.accuracy["parameterize_residual"] = flat.residual
+    result.converged &= flat.converged
 
 
-def _smooth(report: Report, tasks: Tasks, told: Told) -> None:
+def _smooth(result: LaplacianResult, tasks: LaplacianTasks, progress: ProgressCallback) -> None:
     if tasks.smooth is None:
         return
-    from ddgcli.algorithms.laplacian.smooth import FLOWS, sensible_times, smooth
+    from ddgcli.algorithms.laplacian.smooth import sensible_times, smooth
 
-    before = report.mesh
-    flow = tasks.smooth_flow or FLOWS[0]
+    before = result.mesh
+    flow = tasks.smooth_flow or SMOOTHING_FLOWS[0]
     smoothed = smooth(
         before,
         tasks.smooth,
@@ -239,35 +257,35 @@ def _smooth(report: Report, tasks: Tasks, told: Told) -> None:
         flow=flow,
         operator=tasks.operator,
         mass=tasks.mass,
-        progress=told,
+        progress=progress,
     )
     edge, shape = sensible_times(before)
-    report.mesh = smoothed.mesh
-    report.vertex["displacement"] = smoothed.mesh.points - before.points
-    report.results |= {
+    result.mesh = smoothed.mesh
+    result.vertex["displacement"] = smoothed.mesh.points - before.points
+    result.results |= {
         "smooth_flow": flow,
         "smooth_time": smoothed.time,
         "smooth_sensible_time": {"noise": edge, "shape": shape},
         "smooth_area": {"before": smoothed.area[0], "after": smoothed.area[-1]},
         "smooth_collapsed_vertices": smoothed.collapsed,
     }
-    report.accuracy["smooth_residual"] = smoothed.residual
-    report.accuracy["smooth_area_increases"] = int((np.diff(smoothed.area) > 0).sum())
-    report.accuracy["smooth_box_growth"] = smoothed.box_growth
-    report.converged &= smoothed.in_box and smoothed.time >= tasks.smooth * (1 - 1e-9)
+    result.accuracy["smooth_residual"] = smoothed.residual
+    result.accuracy["smooth_area_increases"] = int((np.diff(smoothed.area) > 0).sum())
+    result.accuracy["smooth_box_growth"] = smoothed.box_growth
+    result.converged &= smoothed.in_box and smoothed.time >= tasks.smooth * (1 - 1e-9)
     _warn_of_smoothing(smoothed, tasks.smooth, f"{edge:.2g} removes noise, {shape:.2g} changes the shape")
 
 
-def _warn_of_smoothing(smoothed: Smoothed, time: float, advice: str) -> None:
-    """Report what smoothing did to the surface beside smoothing it."""
+def _warn_of_smoothing(smoothed: SmoothingResult, time: float, advice: str) -> None:
+    """Warn if smoothing collapsed parts of the surface or enlarged its bounding box."""
     if smoothed.time < time * (1 - 1e-9):
         log.warning(
-            "the surface vanished at time %g of %g: take a shorter time (%s)", smoothed.time, time, advice
+            "the surface vanished at time %g of %g: use a shorter time (%s)", smoothed.time, time, advice
         )
     elif smoothed.collapse_time is not None:
         log.warning(
-            "thin parts with %d vertices shrank to lines or points after time %g: take a shorter time (%s), "
-            "or the flow 'conformalized', which seldom pinches",
+            "thin parts with %d vertices shrank to lines or points after time %g: use a shorter time (%s), "
+            "or `smooth_flow=conformalized`, which seldom pinches",
             smoothed.collapsed,
             smoothed.collapse_time,
             advice,
@@ -275,7 +293,7 @@ def _warn_of_smoothing(smoothed: Smoothed, time: float, advice: str) -> None:
     if not smoothed.in_box:
         log.warning(
             "the bounding box grew by %.2g of its diagonal, which mean curvature flow never does: the "
-            "operator has negative weights, or the mass matrix couples vertices; take the operator "
-            "'intrinsic-delaunay' or 'tufted' with mass 'lumped' or 'voronoi'",
+            "operator has negative weights, or the mass matrix couples vertices; use "
+            "`operator=intrinsic-delaunay` or `operator=tufted` with `mass=lumped` or `mass=voronoi`",
             smoothed.box_growth,
         )

@@ -1,4 +1,4 @@
-"""Regions of measurement around every vertex: rings of neighbours, and balls connected along the surface."""
+"""Regions around every vertex: rings of neighbours, and balls connected along the surface."""
 
 from __future__ import annotations
 
@@ -10,16 +10,17 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array, eye_array
 
 from ddgcli.errors import ParameterError
+from ddgcli.mesh.ragged import expand_lists, list_starts
 from ddgcli.mesh.topology import Topology
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 
-_BALLS = 1024  # vertices whose balls grow together
+_BALLS_PER_BLOCK = 1024  # vertices whose balls grow together
 HUB_VALENCE = 24  # rings do not grow through vertices with more neighbours: their fans would join everything
 
 
 @dataclass(frozen=True, eq=False)
 class Regions:
-    """Lists of members, one a vertex.
+    """One list of members for each vertex.
 
     Parameters
     ----------
@@ -68,20 +69,20 @@ def _without_hubs(near: csr_array) -> csr_array:
         return near
     row = np.repeat(np.arange(len(count)), count)
     keep = ~hub[row] | (near.indices == row)
-    indptr = np.concatenate([[0], np.cumsum(np.bincount(row[keep], minlength=len(count)))])
+    indptr = list_starts(np.bincount(row[keep], minlength=len(count)))
     return csr_array((near.data[keep], near.indices[keep], indptr), shape=near.shape)
 
 
 def _replaced(ring: csr_array, rows: NDArray, wider: csr_array) -> Regions:
     count = np.diff(ring.indptr).astype(np.int64)
     count[rows] = np.diff(wider.indptr)
-    start = np.concatenate([[0], np.cumsum(count)])
+    start = list_starts(count)
     member = np.zeros(start[-1], dtype=np.int64)
     is_new = np.zeros(len(count), dtype=bool)
     is_new[rows] = True
-    taken = np.repeat(is_new, count)
-    member[~taken] = ring.indices[np.repeat(~is_new, np.diff(ring.indptr))]
-    member[taken] = wider.indices
+    replaced = np.repeat(is_new, count)
+    member[~replaced] = ring.indices[np.repeat(~is_new, np.diff(ring.indptr))]
+    member[replaced] = wider.indices
     return Regions(start, member)
 
 
@@ -96,16 +97,16 @@ def chunks(regions: Regions, members: int) -> Iterator[tuple[int, int]]:
         first = last
 
 
-MOST_PAIRS = 2e8  # of vertices and members of their balls; more would take many minutes
+MAX_BALL_PAIRS = 2e8  # pairs of a vertex and a member of its ball; more would take many minutes
 
 
 def largest_radius(mesh: TriangleMesh, area: float) -> float:
     """Radius up to which balls around all vertices of a surface of this area are measured."""
-    return float(np.sqrt(MOST_PAIRS * area / np.pi / (float(mesh.n_vertices) * mesh.n_faces)))
+    return float(np.sqrt(MAX_BALL_PAIRS * area / np.pi / (float(mesh.n_vertices) * mesh.n_faces)))
 
 
 def check_radius(mesh: TriangleMesh, area: float, radius: float, unit: float) -> None:
-    """Refuse a radius whose balls hold so much of the surface that measuring all would seem to hang.
+    """Refuse a radius whose balls hold so many faces that the measurement would take many minutes.
 
     Parameters
     ----------
@@ -113,42 +114,47 @@ def check_radius(mesh: TriangleMesh, area: float, radius: float, unit: float) ->
         Of the surface.
     radius : float
     unit : float
-        What one length unit here is in the input's, for the message.
+        The length unit of `mesh` in units of the input, for the message.
+
+    Raises
+    ------
+    ParameterError
     """
     share = min(1.0, np.pi * radius * radius / area)
     pairs = float(mesh.n_vertices) * mesh.n_faces * share
-    if pairs > MOST_PAIRS:
-        mend = radius * unit * np.sqrt(MOST_PAIRS / pairs)
+    if pairs > MAX_BALL_PAIRS:
+        largest = radius * unit * np.sqrt(MAX_BALL_PAIRS / pairs)
         raise ParameterError(
             f"balls of radius {radius * unit:g} would hold {pairs / mesh.n_vertices:.0f} faces each, too "
-            f"many for {mesh.n_vertices} vertices; use a radius below {mend:.3g}, or a coarser mesh"
+            f"many for {mesh.n_vertices} vertices; use a radius below {largest:.3g}, or a coarser mesh",
+            parameter="radius",
         )
 
 
 def vertex_balls(mesh: TriangleMesh, radius: float) -> Regions:
-    """Vertices within a distance in space of each vertex, joined to it by edges that stay within it."""
+    """Vertices within a distance in space of each vertex, connected to it by edges inside that ball."""
     near = adjacency(mesh.topology)
     lists = near.indptr.astype(np.int64), near.indices.astype(np.int64)
     n, counts, members = np.int64(mesh.n_vertices), [], []
-    for begin in range(0, mesh.n_vertices, _BALLS):
-        end = min(begin + _BALLS, mesh.n_vertices)
-        frontier = found = np.arange(end - begin) * n + np.arange(begin, end)
+    for begin in range(0, mesh.n_vertices, _BALLS_PER_BLOCK):
+        end = min(begin + _BALLS_PER_BLOCK, mesh.n_vertices)
+        frontier = members_key = np.arange(end - begin) * n + np.arange(begin, end)
         while len(frontier):
-            owner, reached = expand(*np.divmod(frontier, n), lists)
+            owner, reached = expand_lists(*np.divmod(frontier, n), lists)
             offset = mesh.points[reached] - mesh.points[begin + owner]
             inside = np.einsum("ij,ij->i", offset, offset) <= radius * radius
-            frontier, found = _new((owner * n + reached)[inside], found)
-        owner, vertex = np.divmod(found, n)
+            frontier, members_key = _new((owner * n + reached)[inside], members_key)
+        owner, vertex = np.divmod(members_key, n)
         counts.append(np.bincount(owner, minlength=end - begin))
         members.append(vertex)
-    return Regions(np.concatenate([[0], np.cumsum(np.concatenate(counts))]), np.concatenate(members))
+    return Regions(list_starts(np.concatenate(counts)), np.concatenate(members))
 
 
-def _new(keys: NDArray, found: NDArray) -> tuple[NDArray, NDArray]:
-    """The keys not yet found, each once, and all found with them; sorted."""
+def _new(keys: NDArray, known: NDArray) -> tuple[NDArray, NDArray]:
+    """The keys that are not known yet, each once, and their union with the known keys; sorted."""
     keys = np.unique(keys)
-    new = keys[~_member(keys, found)]
-    return new, np.sort(np.concatenate([found, new]), kind="stable")
+    new = keys[~_member(keys, known)]
+    return new, np.sort(np.concatenate([known, new]), kind="stable")
 
 
 def _member(keys: NDArray, sorted_keys: NDArray) -> NDArray[np.bool_]:
@@ -156,34 +162,19 @@ def _member(keys: NDArray, sorted_keys: NDArray) -> NDArray[np.bool_]:
     return sorted_keys[place] == keys
 
 
-def listed_by(key: NDArray, item: NDArray, n_keys: int) -> tuple[NDArray, NDArray]:
-    """Items by key: those of key k are `member[start[k]:start[k + 1]]` of the start and member returned."""
-    order = np.argsort(key, kind="stable")
-    return np.concatenate([[0], np.cumsum(np.bincount(key, minlength=n_keys))]), item[order]
-
-
-def expand(owner: NDArray, item: NDArray, lists: tuple[NDArray, NDArray]) -> tuple[NDArray, NDArray]:
-    """Each owner with every member of its item's list."""
-    start, member = lists
-    count = start[item + 1] - start[item]
-    first = np.cumsum(count) - count
-    place = np.arange(count.sum()) - np.repeat(first - start[item], count)
-    return np.repeat(owner, count), member[place]
-
-
 def listed(regions: Regions, vertices: NDArray) -> Regions:
     """The regions of some vertices, in their order."""
-    _, member = expand(np.arange(len(vertices)), vertices, (regions.start, regions.member))
-    return Regions(np.concatenate([[0], np.cumsum(regions.count[vertices])]), member)
+    _, member = expand_lists(vertices, vertices, (regions.start, regions.member))
+    return Regions(list_starts(regions.count[vertices]), member)
 
 
 def larger(one: Regions, other: Regions) -> Regions:
-    """Each vertex's region from whichever of two lists gives it more members."""
+    """The region with more members for each vertex."""
     return chosen(one, other, other.count > one.count)
 
 
 def chosen(one: Regions, other: Regions, takes_other: NDArray[np.bool_]) -> Regions:
-    """Each vertex's region from the one list or, where so told, from the other."""
+    """The region of each vertex from `other` where `takes_other` is True, else from `one`."""
     n = len(one.start) - 1
     both = Regions(
         np.concatenate([one.start, one.start[-1] + other.start[1:]]),

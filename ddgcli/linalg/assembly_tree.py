@@ -1,8 +1,8 @@
-"""Symbolic analysis for a multifrontal factorisation: the fronts of a dissected matrix, in stacks.
+"""Symbolic analysis for a multifrontal factorisation: the assembly tree of frontal matrices, in stacks.
 
-A front holds the unknowns that one part eliminates (its pivots) and those of larger parts that they meet
-(its update). Fronts lie in stages, so that no front of a stage needs another one of it, and within a stage in
-groups of like size, each one dense stack in which the smaller ones are padded.
+The rows of a frontal matrix are the unknowns that one part eliminates (pivots) and the unknowns of larger
+parts that are coupled to them (update rows). The frontal matrices of one level of the assembly tree are
+independent; those of similar size form a group, one dense stack in which the smaller matrices are padded.
 
 I. Duff, J. Reid, "The multifrontal solution of indefinite sparse symmetric linear equations", 1983.
 """
@@ -17,28 +17,28 @@ from scipy.sparse import csc_array
 
 from ddgcli.linalg.dissection import Dissection
 
-# so many heights of the tree are eliminated together in parts of up to so many unknowns: larger fronts cost
-# arithmetic, which is cheap while they are small, and save passes over memory
-MERGED, MERGED_UP_TO = 2, 500
-# cost in entries moved: of handling one more group, and entries that cost as much as one operation
+# heights of the dissection tree in one level, for parts of up to MAX_MERGED_SIZE unknowns: larger frontal
+# matrices need more arithmetic, which is cheap while they are small, and fewer passes over memory
+MERGED_HEIGHTS, MAX_MERGED_SIZE = 2, 500
+# cost in moved entries: of one more group, and of one operation
 GROUP_COST, OPERATION_COST = 50_000.0, 0.03
 
 
 @dataclass(frozen=True, eq=False)
-class FrontGroup:
-    """A stack of g fronts of one stage with s pivots and u update rows each.
+class FrontalGroup:
+    """Stack of g frontal matrices of one level, with s pivots and u update rows each.
 
     Parameters
     ----------
     pivot : (g, s) ndarray of int64
-        Unknown eliminated by each column; n pads.
+        Unknown eliminated by each column; n for padding.
     update : (g, u) ndarray of int64
-        Unknown of each further row; n pads.
+        Unknown of each further row; n for padding.
     start : int
-        Where the stack of (g, s + u, s + u) entries begins in the memory of its stage.
+        First entry of the (g, s + u, s + u) stack in the memory of its level.
     row, column : (g, u) ndarrays of int64
-        Where the front above has each update unknown: the first entry of its row in the memory of the next
-        stage, and its column within a row.
+        Position of each update unknown in the parent matrix: first entry of its row in the memory of the next
+        level, and column within the row.
     """
 
     pivot: NDArray[np.int64]
@@ -49,37 +49,37 @@ class FrontGroup:
 
 
 @dataclass(frozen=True, eq=False)
-class Stage:
-    """Fronts that are eliminated side by side.
+class AssemblyLevel:
+    """Independent frontal matrices, which are eliminated together.
 
     Parameters
     ----------
-    groups : list of FrontGroup
+    groups : list of FrontalGroup
     size : int
-        Entries of all their fronts.
+        Number of entries of all frontal matrices.
     entry, place : (k,) ndarrays of int64
-        Entries of the matrix by number, and where they belong in the stage's memory; lower triangles only.
+        Numbers of entries of the matrix and their positions in the memory of the level; lower triangles only.
     padding : (p,) ndarray of int64
-        Diagonal places of pivots that pad.
+        Diagonal positions of padded pivots.
     """
 
-    groups: list[FrontGroup]
+    groups: list[FrontalGroup]
     size: int
     entry: NDArray[np.int64]
     place: NDArray[np.int64]
     padding: NDArray[np.int64]
 
 
-def fronts(matrix: csc_array, dissection: Dissection) -> list[Stage]:
-    """Stages of a symmetric pattern (both triangles stored), from its dissection, leaves first."""
+def assembly_levels(matrix: csc_array, dissection: Dissection) -> list[AssemblyLevel]:
+    """Levels of frontal matrices of a symmetric pattern (both triangles stored), leaves first."""
     n = matrix.shape[0]
     tops = _tops(dissection)
-    stage = np.searchsorted(tops, dissection.height)
-    node = dissection.leaf >> tops[stage]
-    order = np.lexsort((node, stage))
-    node, bounds = node[order], np.searchsorted(stage[order], np.arange(len(tops) + 1))
+    level = np.searchsorted(tops, dissection.height)
+    node = dissection.leaf >> tops[level]
+    order = np.lexsort((node, level))
+    node, bounds = node[order], np.searchsorted(level[order], np.arange(len(tops) + 1))
     entry, row, column, entry_bounds = _lower_entries(matrix, order, bounds)
-    stages: list[Stage] = []
+    levels: list[AssemblyLevel] = []
     below = _Layout.empty(n)
     for k, top in enumerate(tops):
         at = slice(entry_bounds[k], entry_bounds[k + 1])
@@ -87,21 +87,21 @@ def fronts(matrix: csc_array, dissection: Dissection) -> list[Stage]:
         shift = top - tops[k - 1] if k else 0
         layout = _Layout(here, node[here], row[at], column[at], below.node >> shift, below.unknown, n)
         if k:
-            stages.append(below.stage(order, *layout.of_children))
+            levels.append(below.level(order, *layout.of_children))
         layout.entry = entry[at]
         below = layout
     nothing = np.zeros(0, dtype=np.int64)
-    stages.append(below.stage(order, nothing, nothing))
-    return stages
+    levels.append(below.level(order, nothing, nothing))
+    return levels
 
 
 def _tops(dissection: Dissection) -> NDArray[np.int64]:
-    """Largest height of each stage, ascending."""
+    """Largest dissection height of each level, ascending."""
     highest = int(dissection.height.max(initial=0))
     leaf_size = len(dissection.leaf) / (int(dissection.leaf.max(initial=0)) + 1)
     tops = [0]
     while tops[-1] < highest:
-        step = MERGED if leaf_size * 2.0 ** tops[-1] < MERGED_UP_TO else 1
+        step = MERGED_HEIGHTS if leaf_size * 2.0 ** tops[-1] < MAX_MERGED_SIZE else 1
         tops.append(min(highest, tops[-1] + step))
     return np.array(tops)
 
@@ -109,24 +109,24 @@ def _tops(dissection: Dissection) -> NDArray[np.int64]:
 def _lower_entries(
     matrix: csc_array, order: NDArray, bounds: NDArray
 ) -> tuple[NDArray, NDArray, NDArray, NDArray]:
-    """Entries on and below the diagonal once ordered: number, row, column, and where each stage begins."""
+    """Entries of the ordered lower triangle: number, row, column, and the first entry of each level."""
     n = len(order)
     rank = np.empty(n, dtype=np.int64)
     rank[order] = np.arange(n)
     column = np.repeat(rank, np.diff(matrix.indptr))
     row = rank[matrix.indices]
     entry = np.flatnonzero(row >= column)
-    stage = np.searchsorted(bounds[1:-1], column[entry], side="right").astype(np.int16)
-    entry = entry[np.argsort(stage, kind="stable")]
+    level = np.searchsorted(bounds[1:-1], column[entry], side="right").astype(np.int16)
+    entry = entry[np.argsort(level, kind="stable")]
     row, column = row[entry], column[entry]
-    count = np.bincount(stage, minlength=len(bounds) - 1)
+    count = np.bincount(level, minlength=len(bounds) - 1)
     return entry, row, column, np.append(0, np.cumsum(count))
 
 
 class _Layout:
-    """One stage while it is laid out: which front has which unknowns, and where.
+    """Layout of one level: the unknowns of each frontal matrix and their positions.
 
-    Unknowns are numbered in elimination order; those of the stage are `here`, sorted by front.
+    Unknowns are numbered in elimination order; those of the level are `here`, sorted by frontal matrix.
     """
 
     entry: NDArray[np.int64]
@@ -167,19 +167,19 @@ class _Layout:
         return _Layout(slice(0, 0), nothing, nothing, nothing, nothing, nothing, n)
 
     def _local(self, front: NDArray, unknown: NDArray, above: NDArray, pair: NDArray) -> NDArray:
-        """Row of each unknown within its front; `pair` for those that are no pivots of the stage."""
+        """Row of each unknown in its frontal matrix; `pair` for unknowns that are no pivots of the level."""
         local = unknown - self._first_pivot[front]
         up = front[above]
         local[above] = self._padded_pivots[up] + pair - self._first_pair[up]
         return local
 
     def _place_fronts(self) -> None:
-        """Groups of fronts, and base, width and number of pivots of each front, padding included."""
+        """Group the frontal matrices; set base, width and number of pivots of each, with padding."""
         count = len(self.n_pivots)
         self._base, self._width, self._padded_pivots = (np.zeros(count, dtype=np.int64) for _ in range(3))
         self.groups: list[tuple[NDArray, int]] = []
         self.size = 0
-        for members in _alike(self.n_pivots, self.n_updates):
+        for members in _similar_sizes(self.n_pivots, self.n_updates):
             s = self.n_pivots[members].max()
             f = s + self.n_updates[members].max()
             self._padded_pivots[members], self._width[members] = s, f
@@ -187,8 +187,8 @@ class _Layout:
             self.groups.append((members, self.size))
             self.size += int(f * f * len(members))
 
-    def stage(self, order: NDArray, row: NDArray, column: NDArray) -> Stage:
-        """The stage, once the one above has said where the update unknowns lie."""
+    def level(self, order: NDArray, row: NDArray, column: NDArray) -> AssemblyLevel:
+        """The level, from the positions of its update unknowns in the level above."""
         unknown = np.append(order, self.n)
         row, column = np.append(row, 0), np.append(column, 0)
         groups, padding = [], []
@@ -196,35 +196,36 @@ class _Layout:
             pivot = _padded(self._first_pivot[members], self.n_pivots[members], self.n)
             pair = _padded(self._first_pair[members], self.n_updates[members], len(self.unknown))
             update = unknown[np.append(self.unknown, self.n)[pair]]
-            groups.append(FrontGroup(unknown[pivot], update, start, row[pair], column[pair]))
+            groups.append(FrontalGroup(unknown[pivot], update, start, row[pair], column[pair]))
             front, pivot_place = np.nonzero(pivot == self.n)
             padding.append(self._base[members][front] + pivot_place * (self._width[members][front] + 1))
-        return Stage(groups, self.size, self.entry, self.place, np.concatenate([*padding, np.zeros(0, int)]))
+        padded_pivots = np.concatenate([*padding, np.zeros(0, int)])
+        return AssemblyLevel(groups, self.size, self.entry, self.place, padded_pivots)
 
 
 def _padded(first: NDArray, count: NDArray, padding: int) -> NDArray[np.int64]:
-    """(g, largest count) runs first, first + 1, ... of the given lengths, then padding."""
+    """(g, largest count) rows first, first + 1, ... of `count` entries, then padding."""
     offset = np.arange(int(count.max(initial=0)))
     return np.where(offset < count[:, None], first[:, None] + offset, padding)
 
 
-def _alike(s: NDArray, u: NDArray) -> list[NDArray]:
-    """Fronts in groups of like size: splits that save more than a group costs. Empty fronts are left out."""
+def _similar_sizes(s: NDArray, u: NDArray) -> list[NDArray]:
+    """Groups of non-empty frontal matrices of similar size; a split must save more than a group costs."""
     fronts = np.flatnonzero(s + u > 0)
     fronts = fronts[np.argsort((s + u)[fronts], kind="stable")]
-    done, todo = [], [fronts] if len(fronts) else []
+    groups, todo = [], [fronts] if len(fronts) else []
     while todo:
         members = todo.pop()
         cut = _best_cut(s[members], u[members])
         if cut:
             todo += [members[cut:], members[:cut]]
         else:
-            done.append(np.sort(members))
-    return done
+            groups.append(np.sort(members))
+    return groups
 
 
 def _best_cut(s: NDArray, u: NDArray) -> int:
-    """Where to cut a group in two; 0 where that does not pay."""
+    """Index where a group is split in two; 0 if a split saves nothing."""
 
     def cost(count: NDArray, s: NDArray, u: NDArray) -> NDArray:
         s, u = s.astype(float), u.astype(float)

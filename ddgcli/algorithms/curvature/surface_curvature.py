@@ -1,4 +1,4 @@
-"""Everything that `ddgcli curvature` says about a surface: arrays, integrals, residuals of identities."""
+"""Curvature of a surface by one scheme: arrays, integrals, residuals of exact identities."""
 
 from __future__ import annotations
 
@@ -13,39 +13,39 @@ from numpy.typing import NDArray
 from ddgcli.algorithms.curvature import measures as exact
 from ddgcli.algorithms.curvature import totals
 from ddgcli.algorithms.curvature.ball import corrected_in_balls, normal_cycle_in_balls
-from ddgcli.algorithms.curvature.faces import Faces, ratio
-from ddgcli.algorithms.curvature.frames import Principal, area_normals, unit_normals
+from ddgcli.algorithms.curvature.faces import Faces
+from ddgcli.algorithms.curvature.frames import PrincipalCurvatures, area_normals, unit_normals
 from ddgcli.algorithms.curvature.noise import Noise, estimate_noise
-from ddgcli.algorithms.curvature.orientation import orientation
 from ddgcli.algorithms.curvature.quadric import quadric
-from ddgcli.algorithms.curvature.region import check_radius
+from ddgcli.algorithms.curvature.regions import check_radius
 from ddgcli.algorithms.curvature.star import corrected, cotan, normal_cycle
 from ddgcli.algorithms.delaunay.triangulation import non_delaunay_edges
+from ddgcli.choices import CURVATURE_SCHEMES
 from ddgcli.errors import MeshError, ParameterError
-from ddgcli.geometry.extrinsic import dihedral_angle
-from ddgcli.mesh.repair import turned_over
+from ddgcli.geometry.extrinsic import dihedral_angle, enclosed_volume
+from ddgcli.mesh.repair import reverse_faces
 from ddgcli.mesh.require import check_size, require
 from ddgcli.mesh.triangle_mesh import TriangleMesh
+from ddgcli.mesh.vectors import ratio
 
 _log = logging.getLogger("ddgcli")
 
 DEFAULT_SCHEME = "quadric"
-PROMISE = {
+SCHEME_PROMISES = {
     "quadric": "converges pointwise on any sampling of a smooth surface, irregular and anisotropic ones too; "
-    "noise and creases show as they are unless --radius is large",
+    "noise and creases show as they are unless the radius is large",
     "corrected": "exact on meshes inscribed in spheres; at the star some per cent off elsewhere on "
-    "irregular meshes, converging in balls whose --radius shrinks more slowly than the edges",
+    "irregular meshes, converging in balls whose radius shrinks more slowly than the edges",
     "normal-cycle": "its integrals converge; at the star its pointwise values do not on irregular meshes, "
-    "in balls whose --radius shrinks more slowly than the edges they do",
+    "in balls whose radius shrinks more slowly than the edges they do",
     "cotan": "its integrals are exact for the polyhedron; pointwise values converge on regular meshes only "
     "and stay about a third off on irregular ones",
 }
-SCHEMES = tuple(PROMISE)
 
 
 @dataclass(frozen=True, eq=False)
-class Measured:
-    """Arrays by name, as they go to files, and the summary's results and accuracy."""
+class CurvatureResult:
+    """Arrays on vertices and edges by name, and the results and the accuracy of the summary."""
 
     vertex: dict[str, NDArray]
     edge: dict[str, NDArray]
@@ -55,7 +55,7 @@ class Measured:
 
 @dataclass(frozen=True, eq=False)
 class _Surface:
-    """The mesh at unit size, coherently oriented as far as that can be, and what every part needs of it."""
+    """The mesh at unit size, consistently oriented where it is orientable, with its exact quantities."""
 
     mesh: TriangleMesh
     faces: Faces
@@ -68,29 +68,29 @@ class _Surface:
     vector: NDArray
 
 
-def measure(
+def measure_curvature(
     mesh: TriangleMesh,
     scheme: str = DEFAULT_SCHEME,
     radius: float | Literal["auto"] | None = None,
     *,
     image: NDArray | None = None,
-) -> Measured:
-    """Curvature of a surface by one scheme.
+) -> CurvatureResult:
+    """Measure the curvature of a surface by one scheme.
 
     Parameters
     ----------
     mesh : TriangleMesh
-        Any surface with area; what a defect of the mesh does to the numbers is said as a warning.
+        Any surface with area. Warnings report what defects of the mesh do to the numbers.
     scheme : {'quadric', 'corrected', 'normal-cycle', 'cotan'}
     radius : float, optional
         Of the ball to measure in, in length units; default the vertex star (two rings for 'quadric'). 'auto'
-        takes the radius of `estimate_noise` where noise spoils the default, and the default elsewhere.
+        takes the radius of `estimate_noise` where noise dominates at the default, and the default elsewhere.
     image : (n, 2) or (n, 3) ndarray, optional
         A map whose non-conformality is to be measured.
 
     Returns
     -------
-    Measured
+    CurvatureResult
 
     Raises
     ------
@@ -100,11 +100,13 @@ def measure(
     ParameterError
         Unknown scheme; a radius for 'cotan'.
     """
-    if scheme not in SCHEMES:
-        raise ParameterError(f"unknown scheme {scheme!r}; known are {', '.join(SCHEMES)}")
+    if scheme not in CURVATURE_SCHEMES:
+        raise ParameterError(f"{scheme!r} is not one of {', '.join(CURVATURE_SCHEMES)}", parameter="scheme")
     if radius is not None and scheme == "cotan":
         raise ParameterError(
-            "cotan measures at the vertex star and takes no radius; use normal-cycle, corrected or quadric"
+            "`scheme=cotan` measures at the vertex star and takes no radius; use `scheme=normal-cycle`, "
+            "`scheme=corrected` or `scheme=quadric`",
+            parameter="radius",
         )
     if isinstance(radius, (int, float)) and not (math.isfinite(radius) and radius > 0):
         raise ParameterError(f"the radius must be a positive length, not {radius}")
@@ -112,34 +114,34 @@ def measure(
     surface = _prepared(mesh, scheme)
     noise = estimate_noise(surface.mesh, surface.faces, surface.dihedral)
     if radius == "auto":
-        radius = noise.radius * surface.scale if noise.spoils_curvature else None
-    elif radius is None and noise.spoils_curvature:
+        radius = noise.radius * surface.scale if noise.dominates_curvature else None
+    elif radius is None and noise.dominates_curvature:
         _warn_of_noise(noise, scheme, noise.radius * surface.scale)
     if radius is not None:
         check_radius(mesh, float(surface.faces.area.sum()), radius / surface.scale, surface.scale)
-    found = _pointwise(surface, scheme, None if radius is None else radius / surface.scale)
-    vertex = _vertex_arrays(surface, found)
+    principal = _pointwise(surface, scheme, None if radius is None else radius / surface.scale)
+    vertex = _vertex_arrays(surface, principal)
     length = totals.edge_length(surface.faces, mesh.topology)
     edge = {
         "edges": mesh.topology.edges,
         "dihedral_angle": surface.dihedral,
         "edge_mean_curvature": 0.5 * surface.scale * length * surface.dihedral,
     }
-    results: dict[str, Any] = {"scheme": scheme, "promise": PROMISE[scheme]}
+    results: dict[str, Any] = {"scheme": scheme, "promise": SCHEME_PROMISES[scheme]}
     results |= {"radius": radius, "noise_estimate": noise.relative}
-    results |= _integrals(surface, found)
+    results |= _integrals(surface, principal)
     if image is not None:
         results |= _nonconformality(surface, image)
     results |= _statistics(vertex, edge, mesh)
-    return Measured(vertex, edge, results, _accuracy(surface))
+    return CurvatureResult(vertex, edge, results, _accuracy(surface))
 
 
 def _warn_of_noise(noise: Noise, scheme: str, radius: float) -> None:
     kind = "is a staircase of voxels" if noise.stepped else f"has noise of {noise.relative:.2g} of an edge"
-    cure = "take a scheme with balls and the" if scheme == "cotan" else "measure in balls of"
+    cure = "use `scheme=quadric` with" if scheme == "cotan" else "use"
     _log.warning(
-        "the surface %s, which at the default region costs about %.0f %% of the curvature: %s radius %.3g "
-        "(or 'auto'), which leaves about %.0f %%",
+        "the surface %s: at the default region the error of the curvature is about %.0f %%; "
+        "%s `radius=%.3g` (or `radius=auto`), where it is about %.0f %%",
         kind,
         100 * noise.error,
         cure,
@@ -149,19 +151,18 @@ def _warn_of_noise(noise: Noise, scheme: str, radius: float) -> None:
 
 
 def _prepared(mesh: TriangleMesh, scheme: str) -> _Surface:
-    """The surface at unit size (by a power of two, which rounds nothing), with its defects told."""
+    """Scale the surface to unit size (by a power of two, which is exact), and warn of its defects."""
     used = mesh.points[mesh.topology.referenced_vertex]
     middle = used.min(axis=0) / 2 + used.max(axis=0) / 2
     extent = float(np.abs(used - middle).max())
     check_size(extent)
     scale = 2.0 ** round(math.log2(extent))
     unit = mesh.moved((mesh.points - middle) / scale)
-    turning = orientation(mesh.topology) if not mesh.topology.is_oriented else None
-    if turning is not None:
-        unit = _turned(unit, turning.turn)
-    orientable = turning is None or turning.orientable
+    orientable = mesh.topology.is_oriented or mesh.topology.is_orientable
+    if not mesh.topology.is_oriented:
+        unit = _oriented(unit, mesh.topology.faces_to_turn)
     faces = Faces.of(unit)
-    _tell_defects(unit, faces, orientable, scheme)
+    _warn_of_defects(unit, faces, orientable, scheme)
     normal = totals.filled_normals(faces, unit.topology)
     return _Surface(
         unit,
@@ -176,112 +177,110 @@ def _prepared(mesh: TriangleMesh, scheme: str) -> _Surface:
     )
 
 
-def _turned(mesh: TriangleMesh, turn: NDArray) -> TriangleMesh:
+def _oriented(mesh: TriangleMesh, turn: NDArray) -> TriangleMesh:
     if turn.any():
         _log.warning(
-            "%d faces are turned over relative to their neighbours; measured with these turned back, "
-            "the first is face %d",
+            "%d faces are oriented against their neighbours (first: face %d); they are turned over for the "
+            "measurement",
             turn.sum(),
             np.flatnonzero(turn)[0],
         )
-    return turned_over(mesh, turn)
+    return reverse_faces(mesh, turn)
 
 
-def _tell_defects(mesh: TriangleMesh, faces: Faces, orientable: bool, scheme: str) -> None:
+def _warn_of_defects(mesh: TriangleMesh, faces: Faces, orientable: bool, scheme: str) -> None:
     topology = mesh.topology
     flat = np.flatnonzero(faces.flat)
     if len(flat) == mesh.n_faces:
-        raise MeshError("no face has area; curvature needs a surface: mend the coordinates")
+        raise MeshError("no face has area; curvature needs a surface: check the coordinates")
     if not orientable:
         if scheme in ("normal-cycle", "corrected"):
             raise MeshError(
                 f"the surface is one-sided (not orientable) and {scheme} needs two sides; "
-                "use --scheme quadric or cotan, or cut the surface open"
+                "use `scheme=quadric` or `scheme=cotan`, or cut the surface open"
             )
         _log.warning(
             "the surface is one-sided (not orientable): the signs of mean and principal curvature hold only "
-            "from place to place, and the total mean curvature has no meaning"
+            "locally, and the total mean curvature is undefined"
         )
     if len(flat):
-        _log.warning("%d faces have no area, the first is face %d", len(flat), flat[0])
+        _log.warning("%d faces have no area (first: face %d)", len(flat), flat[0])
     if not topology.is_manifold:
         _log.warning(
-            "not manifold (%d edges with more than two faces, %d vertices with several fans): curvature "
-            "there is that of the whole star, and dihedral angles of such edges are 0",
+            "the surface is not manifold (%d edges with more than two faces, %d vertices with several fans): "
+            "curvature there is that of the whole star, and dihedral angles of such edges are 0",
             len(topology.nonmanifold_edges),
             len(topology.nonmanifold_vertices),
         )
     spare = int((~topology.referenced_vertex).sum())
     if spare:
         _log.warning("%d vertices belong to no face: all their values are 0", spare)
-    if orientable and topology.is_closed and totals.enclosed_volume(faces) < 0:
+    if orientable and topology.is_closed and enclosed_volume(mesh) < 0:
         _log.warning(
-            "the faces point inward (negative volume): mean and principal curvatures have their sign"
+            "the faces point inward (negative volume): mean and principal curvatures change their sign"
         )
 
 
-def _pointwise(surface: _Surface, scheme: str, radius: float | None) -> Principal:
-    """The scheme's values at unit size."""
+def _pointwise(surface: _Surface, scheme: str, radius: float | None) -> PrincipalCurvatures:
+    """Principal curvatures by the scheme, at unit size."""
     mesh, faces, area, defect = surface.mesh, surface.faces, surface.area, surface.defect
     normals = area_normals if scheme == "quadric" else unit_normals
     normal = normals(faces) if surface.orientable else _unsigned_normals(surface)
     if scheme == "cotan":
-        found = cotan(faces, normal, area, defect, surface.vector)
+        principal = cotan(faces, normal, area, defect, surface.vector)
     elif scheme == "normal-cycle" and radius is not None:
-        found = normal_cycle_in_balls(mesh, normal, defect, surface.dihedral, radius)
+        principal = normal_cycle_in_balls(mesh, normal, defect, surface.dihedral, radius)
     elif scheme == "normal-cycle":
-        found = normal_cycle(faces, mesh.topology.edges, normal, area, defect, surface.dihedral)
+        principal = normal_cycle(faces, mesh.topology.edges, normal, area, defect, surface.dihedral)
     elif scheme == "corrected":
-        found = (
+        principal = (
             corrected(faces, normal) if radius is None else corrected_in_balls(mesh, faces, normal, radius)
         )
     else:
-        found = quadric(mesh, faces, normal, radius)
-    silent = (area <= 0) | ~mesh.topology.referenced_vertex
-    boundary = mesh.topology.boundary_vertex
-    if silent.any():
-        low, high, gaussian = (np.where(silent, 0.0, k) for k in (found.low, found.high, found.gaussian))
-        found = replace(found, low=low, high=high, gaussian=gaussian)
-    return replace(found, gaussian=np.where(boundary, 0.0, found.gaussian))
+        principal = quadric(mesh, faces, normal, radius)
+    undefined = (area <= 0) | ~mesh.topology.referenced_vertex
+    gaussian = np.where(undefined | mesh.topology.boundary_vertex, 0.0, principal.gaussian)
+    low, high = (np.where(undefined, 0.0, k) for k in (principal.low, principal.high))
+    return replace(principal, low=low, high=high, gaussian=gaussian)
 
 
 def _unsigned_normals(surface: _Surface) -> NDArray[np.float64]:
-    """Vertex normals of a one-sided surface: the line that face normals share, its sign that of one face."""
+    """Vertex normals of a one-sided surface: the common line of the face normals, with the sign of one."""
     mesh, vectors = surface.mesh, surface.faces.doubled
     normal = unit_normals(surface.faces)
     seam = np.unique(mesh.topology.edges[mesh.topology.misoriented_edges])
-    for v in seam:  # few: the ends of one seam
+    for v in seam:  # few vertices: the ends of the edges of one seam
         star = vectors[:, (mesh.faces == v).any(axis=1)]
         line = np.linalg.svd(star.T, full_matrices=False)[2][0]
         normal[:, v] = line if line @ star[:, 0] >= 0 else -line
     return normal
 
 
-def _vertex_arrays(surface: _Surface, found: Principal) -> dict[str, NDArray]:
+def _vertex_arrays(surface: _Surface, principal: PrincipalCurvatures) -> dict[str, NDArray]:
     mesh, s = surface.mesh, surface.scale
     return {
         "angle_defect": surface.defect,
         "vertex_area": surface.area * s * s,
         "boundary": mesh.topology.boundary_vertex.astype(np.uint8),
-        "gaussian_curvature": found.gaussian / (s * s),
+        "gaussian_curvature": principal.gaussian / (s * s),
         "geodesic_curvature": exact.geodesic_curvature(mesh, surface.defect) / s,
-        "mean_curvature": found.mean / s,
+        "mean_curvature": principal.mean / s,
         "mean_curvature_normal": np.ascontiguousarray((ratio(surface.vector, surface.area) / s).T),
-        "principal_curvature_min": found.low / s,
-        "principal_curvature_max": found.high / s,
-        "principal_direction_min": np.ascontiguousarray(found.low_direction.T),
-        "principal_direction_max": np.ascontiguousarray(found.high_direction.T),
+        "principal_curvature_min": principal.low / s,
+        "principal_curvature_max": principal.high / s,
+        "principal_direction_min": np.ascontiguousarray(principal.low_direction.T),
+        "principal_direction_max": np.ascontiguousarray(principal.high_direction.T),
         "combinatorial_curvature": exact.combinatorial_curvature(mesh),
     }
 
 
-def _integrals(surface: _Surface, found: Principal) -> dict[str, Any]:
+def _integrals(surface: _Surface, principal: PrincipalCurvatures) -> dict[str, Any]:
     mesh, faces, s = surface.mesh, surface.faces, surface.scale
     topology = mesh.topology
     boundary = topology.boundary_vertex
     area = float(faces.area.sum())
     two_sided_closed = topology.is_closed and surface.orientable
-    volume = totals.enclosed_volume(faces) * s * s * s if two_sided_closed else None  # or inf
+    volume = enclosed_volume(mesh) * s * s * s if two_sided_closed else None  # or inf
     lengths = totals.edge_length(faces, topology)
     mean = float((0.5 * lengths * surface.dihedral).sum()) * s if surface.orientable else None
     energies = totals.willmore_energies(
@@ -301,7 +300,7 @@ def _integrals(surface: _Surface, found: Principal) -> dict[str, Any]:
         "total_geodesic_curvature": float(surface.defect[boundary].sum()),
         "total_combinatorial_curvature": float(exact.combinatorial_curvature(mesh).sum()),
         "total_mean_curvature": mean,
-        "willmore_energy": float((found.mean**2 * surface.area).sum()),
+        "willmore_energy": float((principal.mean**2 * surface.area).sum()),
         "willmore_energies": energies,
         "non_delaunay_edges": skewed,
         "vector_area": totals.vector_area(faces) * s * s if surface.orientable else None,
@@ -321,7 +320,7 @@ def _statistics(
     used = mesh.topology.referenced_vertex
     inside = used & ~mesh.topology.boundary_vertex
     everywhere = {"angle_defect", "vertex_area", "combinatorial_curvature"}
-    found = {}
+    statistics = {}
     for name, values in vertex.items():
         if name == "boundary" or name.startswith("principal_direction"):
             continue
@@ -331,12 +330,12 @@ def _statistics(
         if name == "geodesic_curvature":
             where = mesh.topology.boundary_vertex
         if where.any():
-            found[name] = _range(values[where])
+            statistics[name] = _range(values[where])
     for name in ("dihedral_angle", "edge_mean_curvature"):
         between_two = mesh.topology.edge_face_count == 2
         if between_two.any():
-            found[name] = _range(edge[name][between_two])
-    return found
+            statistics[name] = _range(edge[name][between_two])
+    return statistics
 
 
 def _range(values: NDArray) -> dict[str, float]:
@@ -346,30 +345,30 @@ def _range(values: NDArray) -> dict[str, float]:
 def _nonconformality(surface: _Surface, image: NDArray) -> dict[str, float]:
     if image.ndim != 2 or image.shape[1] not in (2, 3) or len(image) != surface.mesh.n_vertices:
         raise ParameterError(
-            f"a map gives each vertex 2 or 3 coordinates; found an array of shape {image.shape}"
+            f"an array of shape {image.shape}; a map gives each vertex 2 or 3 coordinates", parameter="map"
         )
     if not np.isfinite(image).all():
         bad = np.flatnonzero(~np.isfinite(image).all(axis=1))[0]
-        raise ParameterError(f"the map is not finite at vertex {bad}; mend the array")
+        raise ParameterError(f"the map is not finite at vertex {bad}; correct the array", parameter="map")
     return totals.nonconformality(surface.faces, image)
 
 
 def _accuracy(surface: _Surface) -> dict[str, float | None]:
-    """Residuals of identities that hold exactly on the polyhedron but for rounding."""
+    """Residuals of identities that hold on the polyhedron up to rounding."""
     mesh, faces, defect = surface.mesh, surface.faces, surface.defect
     topology = mesh.topology
     expected = exact.gauss_bonnet_total(mesh)
     size = float(np.abs(defect).sum())
-    found: dict[str, float | None] = {
+    residuals: dict[str, float | None] = {
         "gauss_bonnet_residual": abs(float(defect.sum()) - expected) / (size if size > 0 else 1.0),
         "vertex_area_residual": abs(float(surface.area.sum() / faces.area.sum()) - 1.0),
     }
     if not surface.orientable or not topology.is_manifold:
-        return found | {"force_balance_residual": None}
+        return residuals | {"force_balance_residual": None}
     height = np.array([0.48, 0.6, 0.64]) @ faces.at_corners(faces.points).sum(axis=0)
     balance = totals.balances(faces, topology, surface.normal, surface.dihedral, height > np.median(height))
     inside = topology.referenced_vertex & ~topology.boundary_vertex
-    return found | {
+    return residuals | {
         "force_balance_residual": max(totals.star_balance(faces, surface.vector, inside), balance["force"]),
         "torque_balance_residual": balance["torque"],
         "area_balance_residual": balance["area"],

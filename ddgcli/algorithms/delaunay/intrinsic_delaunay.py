@@ -1,4 +1,4 @@
-"""What flips and refinement did to a triangulation, in numbers."""
+"""Intrinsic Delaunay triangulation of a surface, with refinement, transfer of functions, and statistics."""
 
 from __future__ import annotations
 
@@ -8,11 +8,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.algorithms.delaunay.common_subdivision import Base, CommonSubdivision, common_subdivision
-from ddgcli.algorithms.delaunay.refine import Refined, refine
-from ddgcli.algorithms.delaunay.transfer import Transferred, check_transferable, transfer_to_intrinsic
+from ddgcli.algorithms.delaunay.common_subdivision import (
+    BaseTriangulation,
+    CommonSubdivision,
+    common_subdivision,
+)
+from ddgcli.algorithms.delaunay.refine import RefinementResult, refine
+from ddgcli.algorithms.delaunay.transfer import TransferResult, check_transferable, transfer_to_intrinsic
 from ddgcli.algorithms.delaunay.triangulation import (
-    Flipped,
+    IntrinsicDelaunay,
     flip_to_delaunay,
     glue,
     length_scale,
@@ -27,11 +31,13 @@ from ddgcli.linalg.condition import condition_number
 from ddgcli.linalg.residual_gate import within_residuals
 from ddgcli.mesh.fields import AnnotatedMesh
 from ddgcli.mesh.intrinsic_mesh import IntrinsicMesh, SurfaceMesh
-from ddgcli.mesh.triangle_mesh import TriangleMesh, vector_length
+from ddgcli.mesh.scatter import sum_by_index
+from ddgcli.mesh.triangle_mesh import TriangleMesh
+from ddgcli.mesh.vectors import vector_length
 from ddgcli.operators.laplacian import stiffness
-from ddgcli.operators.mollify import mollified_mesh
+from ddgcli.operators.mollify import mollify_mesh
 
-# names that the outputs give to arrays of their own
+# arrays of the output that a transferred array must not replace
 OWN_ARRAYS = (
     "points",
     "faces",
@@ -43,7 +49,7 @@ OWN_ARRAYS = (
 )
 
 
-# of the accuracy block, judged by `within_residuals`
+# fields of the accuracy block that `within_residuals` checks
 RESIDUALS = (
     "area_residual", "angle_defect_residual", "overlay_area_residual", "overlay_length_residual",
     "transfer_integral_residual",
@@ -51,8 +57,8 @@ RESIDUALS = (
 
 
 @dataclass(frozen=True, eq=False)
-class DelaunayReport:
-    """What the `delaunay` command writes and says.
+class DelaunayResult:
+    """An intrinsic Delaunay triangulation with results, accuracy and transferred functions.
 
     Parameters
     ----------
@@ -60,24 +66,23 @@ class DelaunayReport:
     results, accuracy : dict
         Blocks of the summary.
     vertex : dict of str to ndarray
-        Arrays on its vertices: `input_face` and `input_barycentric` after refinement, and what was carried.
-    transferred : dict of str to Transferred
+        Arrays on its vertices: `input_face` and `input_barycentric` after refinement, and transferred ones.
+    transferred : dict of str to TransferResult
     subdivision : CommonSubdivision, optional
-        Where asked for.
-    reached : bool
-        False where refinement ran out of points, or rounding forbade a flip.
+    converged : bool
+        False if refinement reached the limit on points, or rounding prevented a flip.
     """
 
     mesh: IntrinsicMesh
     results: dict[str, Any]
     accuracy: dict[str, Any]
     vertex: dict[str, NDArray]
-    transferred: dict[str, Transferred] = field(default_factory=dict)
+    transferred: dict[str, TransferResult] = field(default_factory=dict)
     subdivision: CommonSubdivision | None = None
-    reached: bool = True
+    converged: bool = True
 
 
-def delaunay_report(
+def intrinsic_delaunay(
     mesh: TriangleMesh,
     *,
     degrees: float | None = None,
@@ -86,8 +91,8 @@ def delaunay_report(
     transferred: dict[str, NDArray] | None = None,
     condition: bool = False,
     seed: int = 0,
-) -> DelaunayReport:
-    """The intrinsic Delaunay triangulation of a surface, refined where asked for, with its statistics.
+) -> DelaunayResult:
+    """Compute the intrinsic Delaunay triangulation of a surface, optionally refined, with its statistics.
 
     Parameters
     ----------
@@ -95,21 +100,32 @@ def delaunay_report(
     degrees, max_points
         See `refine`; None: no refinement.
     subdivide : bool
-        Also make the common subdivision.
+        Also compute the common subdivision.
     transferred : dict of str to ndarray, optional
-        Arrays on the input's vertices to carry over; asks for the common subdivision.
+        Arrays on the input's vertices to transfer; implies the common subdivision.
     condition : bool
         Also measure the condition numbers of the Laplacians.
     seed : int
-        Of the choice among faces in refinement.
+        Seed of the random choice among faces in refinement.
+
+    Returns
+    -------
+    DelaunayResult
+
+    Raises
+    ------
+    MeshError
+        For a surface that is not oriented, or has edges of three faces.
+    ParameterError
+        For an angle or an array that cannot be used.
     """
     check_transferable(transferred or {}, OWN_ARRAYS)
     subdivide = subdivide or bool(transferred)
     if degrees is None:
-        flipped, base, refined = flip_to_delaunay(mesh, track=subdivide), Base.itself(mesh), None
+        flipped, base, refined = flip_to_delaunay(mesh, track=subdivide), BaseTriangulation.itself(mesh), None
     else:
         refined = refine(mesh, degrees, max_points=max_points, seed=seed)
-        flipped, base = refined.flipped, refined.base
+        flipped, base = refined.triangulation, refined.base
     results: dict[str, Any] = {
         "flips": flipped.flips if refined is None else refined.flips,
         "steiner_points": flipped.mesh.n_vertices - mesh.n_vertices,
@@ -123,29 +139,29 @@ def delaunay_report(
         vertex = {"input_face": where.face, "input_barycentric": where.barycentric}
     accuracy: dict[str, Any] = metric_residuals(mesh, flipped.mesh)
     cut = common_subdivision(flipped, base) if subdivide else None
-    carried: dict[str, Transferred] = {}
+    transfers: dict[str, TransferResult] = {}
     if cut is not None:
         results["overlay"] = subdivision_counts(cut)
         accuracy |= subdivision_residuals(cut, mesh)
         if transferred:
-            carried = transfer_to_intrinsic(cut, transferred)
-            results["transfer"] = {name: {"l2_change": one.change} for name, one in carried.items()}
-            accuracy["transfer_integral_residual"] = max(one.integral_residual for one in carried.values())
-            vertex |= {name: one.carried for name, one in carried.items()}
-    reached = (refined is None or refined.reached) and flipped.left == 0
-    reached &= within_residuals(accuracy, RESIDUALS, "rounding on degenerate faces; repair the mesh")
-    return DelaunayReport(flipped.mesh, results, accuracy, vertex, carried, cut, reached)
+            transfers = transfer_to_intrinsic(cut, transferred)
+            results["transfer"] = {name: {"l2_change": one.change} for name, one in transfers.items()}
+            accuracy["transfer_integral_residual"] = max(one.integral_residual for one in transfers.values())
+            vertex |= {name: one.values for name, one in transfers.items()}
+    converged = (refined is None or refined.converged) and flipped.remaining_edges == 0
+    converged &= within_residuals(accuracy, RESIDUALS, "rounding on degenerate faces; repair the mesh")
+    return DelaunayResult(flipped.mesh, results, accuracy, vertex, transfers, cut, converged)
 
 
-def _metric(mesh: TriangleMesh, flipped: Flipped) -> SurfaceMesh:
-    """The input with the lengths that flips begin with, so that matrices before and after can be compared."""
-    if len(flipped.mollified.faces) == 0:
+def _metric(mesh: TriangleMesh, flipped: IntrinsicDelaunay) -> SurfaceMesh:
+    """The input with the lengths at the start of the flips, for comparison with the result."""
+    if len(flipped.mollification.faces) == 0:
         return mesh
     return IntrinsicMesh(mesh.topology, working_lengths(mesh, glue(mesh)).length, mesh.points)
 
 
-def refinement_counts(refined: Refined) -> dict[str, int]:
-    """How refinement went: batches, exceptions at sharp vertices, faces that it did not reach."""
+def refinement_counts(refined: RefinementResult) -> dict[str, int]:
+    """Counts of refinement: batches, exceptions at sharp vertices, faces below the bound."""
     return {
         "batches": refined.batches,
         "sharp_vertices": refined.sharp_vertices,
@@ -177,9 +193,9 @@ def subdivision_residuals(cut: CommonSubdivision, mesh: TriangleMesh) -> dict[st
     return {"overlay_area_residual": change, "overlay_length_residual": cut.length_residual}
 
 
-def overlay_mesh(cut: CommonSubdivision, transferred: dict[str, Transferred]) -> AnnotatedMesh:
-    """The common subdivision with its labels and the functions of the input, as `--overlay` writes it."""
-    arrays = {name: cut.from_input @ one.given for name, one in transferred.items()}
+def overlay_mesh(cut: CommonSubdivision, transferred: dict[str, TransferResult]) -> AnnotatedMesh:
+    """The common subdivision with its labels and the interpolants of the input's functions."""
+    arrays = {name: cut.from_input @ one.input_values for name, one in transferred.items()}
     return AnnotatedMesh(
         cut.mesh,
         vertex={"vertex_kind": cut.vertex_kind, **arrays},
@@ -188,15 +204,15 @@ def overlay_mesh(cut: CommonSubdivision, transferred: dict[str, Transferred]) ->
 
 
 def triangulation_statistics(
-    mesh: SurfaceMesh, mended: SurfaceMesh | None = None, *, condition: bool = False
+    mesh: SurfaceMesh, mollified: SurfaceMesh | None = None, *, condition: bool = False
 ) -> dict[str, Any]:
     """Counts and angles of one triangulation.
 
     Parameters
     ----------
     mesh : TriangleMesh or IntrinsicMesh
-    mended : TriangleMesh or IntrinsicMesh, optional
-        The same without degenerate faces, for the matrix.
+    mollified : TriangleMesh or IntrinsicMesh, optional
+        The same mesh without degenerate faces, for the matrix.
     condition : bool
 
     Returns
@@ -205,12 +221,12 @@ def triangulation_statistics(
         `non_delaunay_edges` (interior, opposite angles above pi + 1e-9), `negative_cotan_edges` (boundary
         edges included), `min_angle_degrees`, `max_angle_degrees`, `self_edges`, `multi_edges` (edges that
         share both ends with another one), `dirichlet_energy` of the positions (None where there are none),
-        and `laplacian_condition` where asked for.
+        and `laplacian_condition` if `condition` is True.
     """
     angle = np.degrees(corner_angle(mesh.side_length))
     edges = np.sort(mesh.topology.edges, axis=1)
     loop = edges[:, 0] == edges[:, 1]
-    matrix = stiffness(mollified_mesh(mended or mesh)[0])  # told by the flips
+    matrix = stiffness(mollify_mesh(mollified or mesh)[0])  # the flips have warned of degenerate faces
     statistics = {
         "non_delaunay_edges": int(non_delaunay_edges(mesh).sum()),
         "negative_cotan_edges": negative_cotan_edges(mesh),
@@ -233,9 +249,9 @@ def _repeated(edges: NDArray, n_vertices: int) -> int:
 
 
 def dirichlet_energy(matrix: Any, values: NDArray) -> float:
-    """Half the Dirichlet integral of the interpolants of vertex values (n,) or (n, k), columns summed.
+    """Half the Dirichlet integral of the interpolants of vertex values (n,) or (n, k), summed over columns.
 
-    Of the positions on the input triangulation this is the area; every Delaunay flip lowers it (Rippa 1990).
+    For the positions on the input triangulation it is the area; every Delaunay flip lowers it (Rippa 1990).
     """
     values = values.reshape(len(values), -1)
     values = values - values.mean(axis=0)
@@ -243,7 +259,7 @@ def dirichlet_energy(matrix: Any, values: NDArray) -> float:
 
 
 def metric_residuals(before: SurfaceMesh, after: SurfaceMesh) -> dict[str, float]:
-    """How far flips and insertions changed the metric.
+    """Residuals of the metric after flips and insertions, which preserve it in exact arithmetic.
 
     Returns
     -------
@@ -262,17 +278,15 @@ def metric_residuals(before: SurfaceMesh, after: SurfaceMesh) -> dict[str, float
 
 
 def _area(mesh: SurfaceMesh, scale: float) -> float:
-    """Area over scale squared, from positions where there are any: lengths lose the heights of caps."""
+    """Area over scale squared, from positions if the mesh has them: lengths lose the heights of caps."""
     if isinstance(mesh, TriangleMesh):
         return float(vector_length(face_area_vector(mesh.moved(mesh.points / scale))).sum())
     return float(face_area(mesh.side_length / scale).sum())
 
 
 def _defect(mesh: SurfaceMesh) -> NDArray[np.float64]:
-    """(n,) angle defects, from positions where there are any."""
+    """(n,) angle defects, from positions if the mesh has them."""
     topology = mesh.topology
-    total = np.bincount(
-        mesh.faces.ravel(), weights=face_corner_angle(mesh).ravel(), minlength=mesh.n_vertices
-    )
+    total = sum_by_index(mesh.faces, face_corner_angle(mesh), mesh.n_vertices)
     full = np.where(topology.boundary_vertex, np.pi, 2 * np.pi)
     return np.where(topology.referenced_vertex, full - total, 0.0)

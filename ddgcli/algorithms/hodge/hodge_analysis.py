@@ -1,9 +1,8 @@
-"""What `ddgcli hodge` answers: arrays, results and accuracy of one decomposition."""
+"""Topology of a mesh and Hodge decomposition of a field on it, with the accuracy of the decomposition."""
 
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -29,14 +28,15 @@ from ddgcli.mesh.tet_mesh import TetMesh
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.operators.dec import complex_of
 from ddgcli.operators.whitney import sharp
+from ddgcli.progress import ProgressCallback
 
 log = logging.getLogger("ddgcli")
 SpaceMesh = TriangleMesh | TetMesh
 
 
 @dataclass(frozen=True, eq=False)
-class HodgeReport:
-    """Annotated mesh, blocks of the summary, vectors of the field (else None), and whether it converged."""
+class HodgeAnalysis:
+    """Annotated mesh, results and accuracy, the vectors of the field (or None), and whether it converged."""
 
     annotated: AnnotatedMesh
     results: dict[str, Any]
@@ -45,16 +45,33 @@ class HodgeReport:
     converged: bool
 
 
-def hodge_report(
+def hodge_analysis(
     mesh: SpaceMesh,
     field: tuple[NDArray, str] | None,
     boundary: Boundary,
     with_basis: bool,
-    progress: Callable[[int, int], Any] = lambda done, total: None,
-) -> HodgeReport:
-    """Decompose a field (array and place; see `field_place`), and count, list and write what surrounds it.
+    progress: ProgressCallback = lambda done, total: None,
+) -> HodgeAnalysis:
+    """Decompose a field, with the Betti numbers, homology generators and harmonic basis of the mesh.
 
-    `progress` is told (parts done, parts): homology, basis and decomposition.
+    Parameters
+    ----------
+    mesh : TriangleMesh or TetMesh
+    field : (ndarray, str), optional
+        Array and its place; see `field_place`.
+    boundary : {'tangential', 'normal'}
+        Boundary condition of harmonic fields.
+    with_basis : bool
+        Also compute an orthonormal harmonic basis.
+    progress : callable
+        Called with (parts done, parts): homology, basis and decomposition.
+
+    Raises
+    ------
+    MeshError
+        For a mesh that is not manifold, or orientable but not oriented.
+    ParameterError
+        For a field that fits neither vertices, cells nor edges.
     """
     check_mesh(mesh)
     place = field_place(mesh, *field) if field is not None else ("edge" if with_basis else "")
@@ -80,7 +97,7 @@ def hodge_report(
         "reconstruction_residual": split.reconstruction_residual if split else None,
         "harmonic_residual": _harmonic_residual(split, basis) if harmonic_fields else None,
     }
-    # averages from vertices to cells and back are part of the method: their loss is no defect of the solution
+    # averages from vertices to cells and back belong to the method: their loss is no error of the solution
     exact = ("orthogonality", "harmonic_residual") + (
         () if place == "vertex" else ("reconstruction_residual",)
     )
@@ -88,7 +105,7 @@ def hodge_report(
         accuracy, exact, "the cells leave the systems too ill-conditioned; repair the mesh"
     )
     vectors = field[0] if field is not None and place in ("vertex", "cell") else None
-    return HodgeReport(AnnotatedMesh(mesh, **arrays), results, accuracy, vectors, converged)
+    return HodgeAnalysis(AnnotatedMesh(mesh, **arrays), results, accuracy, vectors, converged)
 
 
 def check_mesh(mesh: SpaceMesh) -> None:
@@ -102,12 +119,12 @@ def check_mesh(mesh: SpaceMesh) -> None:
         raise MeshError("curves have no Hodge decomposition; give a surface or a mesh of tetrahedra")
     require(mesh, "hodge", manifold=True, oriented=True, one_sided=True)
     if mesh.topology.one_sided_face.any():
-        log.warning("the surface is one-sided: copotentials change their sign with the orientation of the "
-                    "faces, and some generators have finite order")  # fmt: skip
+        log.warning("the surface is one-sided (not orientable): the sign of copotentials depends on the "
+                    "orientation of the faces, and some generators have finite order")  # fmt: skip
 
 
 def field_place(mesh: SpaceMesh, array: NDArray, place: str) -> str:
-    """Where a field lives: 'vertex', 'cell' (both (k, 3)) or 'edge' ((e,)); told by its shape if not given.
+    """Place of a field: 'vertex', 'cell' (both (k, 3)) or 'edge' ((e,)); inferred from its shape if unknown.
 
     Raises
     ------
@@ -118,14 +135,15 @@ def field_place(mesh: SpaceMesh, array: NDArray, place: str) -> str:
     counts = {"vertex": complex_.counts[0], "cell": len(complex_.corners), "edge": complex_.counts[1]}
     vectors = array.ndim == 2 and array.shape[1] == 3
     fits = [p for p in (("vertex", "cell") if vectors else ("edge",)) if counts[p] == len(array)]
-    wanted = {"face": "cell"}.get(place, place)
-    if wanted in fits:
-        return wanted
+    place_or_cell = {"face": "cell"}.get(place, place)
+    if place_or_cell in fits:
+        return place_or_cell
     if len(fits) == 1 and not place and array.ndim <= 2:
         return fits[0]
     raise ParameterError(
-        f"a field of shape {array.shape} is neither vectors on {counts['vertex']} vertices or "
-        f"{counts['cell']} cells, nor numbers on {counts['edge']} edges; give one of these"
+        f"an array of shape {array.shape}; use vectors on {counts['vertex']} vertices or "
+        f"{counts['cell']} cells, or numbers on {counts['edge']} edges",
+        parameter="field",
     )
 
 
@@ -150,18 +168,18 @@ def _arrays(
     mesh: SpaceMesh, split: HodgeDecomposition | None, basis: HarmonicBasis | None, place: str
 ) -> dict[str, dict[str, NDArray]]:
     out: dict[str, dict[str, NDArray]] = {"vertex": {}, "face": {}, "edge": {}}
-    home = {"vertex": "vertex", "cell": "face", "edge": "edge"}.get(place, "edge")
+    kind = {"vertex": "vertex", "cell": "face", "edge": "edge"}.get(place, "edge")
     if split is not None:
-        out[home] |= {"exact": split.exact, "coexact": split.coexact, "harmonic": split.harmonic}
+        out[kind] |= {"exact": split.exact, "coexact": split.coexact, "harmonic": split.harmonic}
         out["vertex"]["potential"] = split.potential
         if split.copotential is not None:
             on_cells = place == "edge" and isinstance(mesh, TriangleMesh)
             if on_cells or isinstance(mesh, TriangleMesh):
                 out["face" if on_cells else "edge"]["copotential"] = split.copotential
             else:
-                log.info("the copotential of tetrahedra lives on inner faces, which no file array holds")
+                log.info("no copotential is written for tetrahedra: files have no arrays on interior faces")
     for number, form in enumerate(basis.forms if basis else ()):
-        out[home][f"harmonic_{number:03d}"] = _in_form_of(mesh, form, place)
+        out[kind][f"harmonic_{number:03d}"] = _in_form_of(mesh, form, place)
     if out["edge"]:
         out["edge"]["edges"] = complex_of(mesh).edges
     return out

@@ -1,4 +1,4 @@
-"""A triangulation that changes by single flips and remembers directions, and edge paths in it."""
+"""Triangulation with single edge flips and signposts, and shortest edge paths in it."""
 
 from __future__ import annotations
 
@@ -11,21 +11,21 @@ from numpy.typing import NDArray
 from ddgcli.algorithms.tracing.trace import Tracer
 from ddgcli.errors import MeshError, ParameterError
 from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
-from ddgcli.mesh.triangle_mesh import vector_length
+from ddgcli.mesh.vectors import vector_length
 
-DETOURS = (1.3, 2.0, inf)  # multiples of the straight line among which an edge path is looked for
+DETOUR_LIMITS = (1.3, 2.0, inf)  # search an edge path among vertices with at limit this detour, in this order
 
 
-class FlippingMesh:
-    """A triangulation that changes by flips, with the direction and length of every halfedge on the input.
+class FlippableMesh:
+    """Triangulation that changes by flips, with the direction and length of every halfedge on the input.
 
-    Halfedges 0..3m-1 are the sides; beside each boundary side lies one more, without a face. The walk is
-    sequential: it reads and writes plain numbers, through views of the arrays.
+    Halfedges 0..3m-1 are the sides; each boundary side has one more, without a face. Flips are sequential:
+    they read and write scalars through memory views of the arrays.
 
     Attributes
     ----------
     next, twin, tail, fan : memoryview of int64
-        `next` is -1 outside the surface; `fan` names the fan of corners at the tail.
+        `next` is -1 outside the surface; `fan` is the fan of corners at the tail.
     length, angle, post : memoryview of float64
         Length in units of `scale`, the longest side; corner angle at the tail; direction at the tail, as an
         angle in its fan (a signpost).
@@ -47,7 +47,7 @@ class FlippingMesh:
         total = np.where(fans.total_angle > 0, fans.total_angle, 1.0)
         self.total = np.where(fans.is_open, inf, total).data
         self.twin = np.concatenate([twin, rim]).data
-        self._given = {
+        self._initial = {
             "next": (following, np.full(len(rim), -1)),
             "tail": (mesh.topology.side_tail, mesh.topology.side_tail[head]),
             "fan": (fans.fan, fans.fan[head]),
@@ -55,30 +55,30 @@ class FlippingMesh:
             "angle": (fans.corner_angle, np.full(len(rim), inf)),
             "post": (fans.angle_before, at_end),
         }
-        self._now = {name: np.concatenate(parts) for name, parts in self._given.items()}
-        views: list[Any] = [array.data for array in self._now.values()]
+        self._current = {name: np.concatenate(parts) for name, parts in self._initial.items()}
+        views: list[Any] = [array.data for array in self._current.values()]
         self.next, self.tail, self.fan, self.length, self.angle, self.post = views
         self.flipped: set[int] = set()
-        self._touched: list[int] = []
+        self._changed: list[int] = []
 
     def rewind(self) -> None:
         """Undo all flips."""
-        touched = np.unique(np.array(self._touched, dtype=np.int64))
-        inside, outside = np.split(touched, [np.searchsorted(touched, self.sides)])
-        for name, (sides, beyond) in self._given.items():
-            self._now[name][inside] = sides[inside]
-            self._now[name][outside] = beyond[outside - self.sides]
+        changed = np.unique(np.array(self._changed, dtype=np.int64))
+        inside, outside = np.split(changed, [np.searchsorted(changed, self.sides)])
+        for name, (sides, beyond) in self._initial.items():
+            self._current[name][inside] = sides[inside]
+            self._current[name][outside] = beyond[outside - self.sides]
         self.flipped.clear()
-        self._touched.clear()
+        self._changed.clear()
 
     def edge(self, h: int) -> int:
-        """The lower of the two halfedges."""
+        """Edge of a halfedge: the lower of its two halfedges."""
         return min(h, self.twin[h])
 
     def turns(self, first: int, last: int) -> tuple[float, float]:
         """Angles counter-clockwise from halfedge `first` to `last` of a vertex and back, by their signposts.
 
-        inf where the boundary lies between, or nothing: the vertex may be all that two fans share.
+        inf if the boundary lies between, or if the halfedges belong to different fans of the vertex.
         """
         fan = self.fan[first]
         if fan != self.fan[last]:
@@ -92,7 +92,7 @@ class FlippingMesh:
     def wedge(self, first: int, last: int) -> tuple[list[int], float]:
         """Halfedges leaving a vertex counter-clockwise from `first` to `last`, and the angle between them.
 
-        The angle is inf where the boundary lies between.
+        The angle is inf if the boundary lies between.
         """
         following, twin, angle = self.next, self.twin, self.angle
         around, total, h = [first], 0.0, first
@@ -108,14 +108,15 @@ class FlippingMesh:
         return around, total
 
     def can_flip(self, h: int) -> bool:
-        """Two faces, and not the same one."""
+        """True if the edge of h has two different faces."""
         t = self.twin[h]
         return self.next[h] >= 0 and self.next[t] >= 0 and t not in (self.next[h], self.next[self.next[h]])
 
     def flip(self, h: int) -> None:
-        """Turn the edge of h; the two triangles must form a convex quadrilateral.
+        """Flip the edge of h; the two triangles must form a convex quadrilateral.
 
-        The new edge splits the angles where it ends and joins those of the old one: their sums stay.
+        The new edge splits the angles at its ends, and the angles at the ends of the old edge are merged: the
+        angle sums stay.
         """
         following, tail, fan = self.next, self.tail, self.fan
         length, angle, post = self.length, self.angle, self.post
@@ -139,11 +140,11 @@ class FlippingMesh:
         post[h] = post[t2] + angle[t2]
         post[t] = post[h2] + angle_c
         self.flipped.add(h if h < t else t)
-        self._touched += (h, t, h1, t1, h2, t2)
+        self._changed += (h, t, h1, t1, h2, t2)
 
 
 class EdgeGraph:
-    """The edges as a graph, to join way-points: halfedges by their ends, shortest where there are several."""
+    """Graph of the edges for paths between way-points; of several edges between two vertices the shortest."""
 
     def __init__(self, mesh: SurfaceMesh) -> None:
         from scipy.sparse import coo_array
@@ -170,18 +171,18 @@ class EdgeGraph:
         return int(self.side[k]) if k < len(self.key) and self.key[k] == key else -1
 
     def detours(self, a: int, b: int) -> NDArray[np.float64]:
-        """(n,) how much longer than straight it is from a to b by way of each vertex, in space; 1 or more."""
+        """(n,) length of the way from a to b through each vertex, relative to the chord, in space."""
         points = self.mesh.points
         if points is None:
             return np.ones(self.mesh.n_vertices)
         scale = float(vector_length(points[a] - points[b])) or 1.0
         return vector_length((points - points[a]) / scale) + vector_length((points - points[b]) / scale)
 
-    def joined(self, a: int, b: int) -> list[int]:
+    def shortest_path(self, a: int, b: int) -> list[int]:
         """Halfedges of the shortest edge path from a to b.
 
-        First it is looked for among vertices by way of which it is little longer than straight: near vertices
-        do not cost the whole mesh.
+        The search starts with vertices of small detour, so that paths between near vertices do not visit the
+        whole mesh.
         """
         from scipy.sparse.csgraph import dijkstra
 
@@ -189,14 +190,14 @@ class EdgeGraph:
         if straight >= 0:
             return [straight]
         n, detour = self.mesh.n_vertices, self.detours(a, b)
-        for most in DETOURS:
-            inside = np.flatnonzero(detour <= most * (1 + 1e-9))
+        for limit in DETOUR_LIMITS:
+            inside = np.flatnonzero(detour <= limit * (1 + 1e-9))
             if 2 * len(inside) > n:  # as much work as the whole
-                inside, most = np.arange(n), inf
-            graph = self.graph if most == inf else self.graph[inside][:, inside]
+                inside, limit = np.arange(n), inf
+            graph = self.graph if limit == inf else self.graph[inside][:, inside]
             start, end = np.searchsorted(inside, [a, b]).tolist()
             distance, before = dijkstra(graph, indices=end, return_predecessors=True)
-            if most == inf or distance[start] <= most * self._chord(a, b):
+            if limit == inf or distance[start] <= limit * self._chord(a, b):
                 break
         if not np.isfinite(distance[start]):
             raise ParameterError(
@@ -205,8 +206,8 @@ class EdgeGraph:
         stops = [start]
         while stops[-1] != end:
             stops.append(int(before[stops[-1]]))
-        way = inside[stops]
-        return self.side[np.searchsorted(self.key, way[:-1] * n + way[1:])].tolist()
+        path = inside[stops]
+        return self.side[np.searchsorted(self.key, path[:-1] * n + path[1:])].tolist()
 
     def _chord(self, a: int, b: int) -> float:
         points = self.mesh.points
@@ -214,12 +215,12 @@ class EdgeGraph:
 
 
 def edge_path(graph: EdgeGraph, waypoints: list[int], closed: bool) -> list[int]:
-    """Halfedges of an edge path through vertices; the shortest between those that are not neighbours.
+    """Halfedges of an edge path through vertices, with shortest edge paths between non-neighbours.
 
     Raises
     ------
     ParameterError
-        On vertices out of range, fewer than two, or without an edge path between them.
+        When a vertex is out of range, there are fewer than two vertices, or no edge path joins them.
     """
     n = graph.mesh.n_vertices
     bad = [v for v in waypoints if not 0 <= v < n]
@@ -229,4 +230,4 @@ def edge_path(graph: EdgeGraph, waypoints: list[int], closed: bool) -> list[int]
     stops = [v for k, v in enumerate(stops) if k == 0 or v != stops[k - 1]]
     if len(stops) < 2:
         raise ParameterError("a path needs two different way-points; give more vertices")
-    return [h for a, b in zip(stops[:-1], stops[1:], strict=True) for h in graph.joined(a, b)]
+    return [h for a, b in zip(stops[:-1], stops[1:], strict=True) for h in graph.shortest_path(a, b)]

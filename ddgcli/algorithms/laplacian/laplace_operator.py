@@ -1,4 +1,4 @@
-"""The Laplacian of a mesh as the `laplacian` command hands it out: which operator, which mass, how good."""
+"""The Laplacian of a mesh with a choice of operator and mass matrix, and measures of its quality."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
 from ddgcli.algorithms.delaunay.triangulation import flip_to_delaunay
+from ddgcli.choices import LAPLACE_OPERATORS, MASSES
 from ddgcli.errors import MeshError, ParameterError
 from ddgcli.mesh.require import require
 from ddgcli.mesh.topology import Topology
@@ -23,13 +24,12 @@ from ddgcli.operators.laplacian import (
     uniform_stiffness,
     voronoi_mass,
 )
-from ddgcli.operators.mollify import Mollified, mollified_mesh
+from ddgcli.operators.mollify import Mollification, mollify_mesh
 from ddgcli.operators.tufted import tufted_cover
 
 log = logging.getLogger("ddgcli")
 
-OPERATORS = ("cotan", "intrinsic-delaunay", "tufted", "uniform")
-MASSES = {"lumped": lumped_mass, "voronoi": voronoi_mass, "galerkin": galerkin_mass}
+MASS_FUNCTIONS = {"lumped": lumped_mass, "voronoi": voronoi_mass, "galerkin": galerkin_mass}
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,9 +42,9 @@ class LaplaceOperator:
     stiffness, mass : (n, n) csr_array
         L positive semidefinite and M, so that L x = lambda M x; rows of vertices without faces are empty.
     surface : TriangleMesh or IntrinsicMesh
-        The triangulation they were assembled on.
+        The triangulation on which they are assembled.
     facts : dict
-        What was done: flips, mollified faces, ...
+        Counts of the preparation: flips, mollified faces, mollified edges.
     """
 
     name: str
@@ -65,7 +65,7 @@ def laplace_operator(
     operator: str | None = None,
     mass: str = "lumped",
     *,
-    most_rounds: int | None = None,
+    max_rounds: int | None = None,
 ) -> LaplaceOperator:
     """Stiffness and mass of the chosen operator.
 
@@ -75,50 +75,56 @@ def laplace_operator(
         Any triangle soup for `cotan`, `tufted` and `uniform`; for `intrinsic-delaunay` an oriented surface
         without edges of three faces.
     operator : {'cotan', 'intrinsic-delaunay', 'tufted', 'uniform'}, optional
-        Default `intrinsic-delaunay`, and `tufted` where the mesh is not manifold or not oriented (told).
+        Default `intrinsic-delaunay`, and `tufted` with a warning if the mesh is not manifold or not oriented.
     mass : {'lumped', 'voronoi', 'galerkin'}
-        Of the triangulation that the operator lives on.
-    most_rounds : int, optional
+        Mass matrix of the operator's triangulation.
+    max_rounds : int, optional
         Bound on the batches of Delaunay flips (see `flip_to_delaunay`); past it weights may be negative.
 
     Raises
     ------
     MeshError
-        For a mesh without area, or one that cannot have the operator; the message names one that can.
+        For a mesh without area, or one that the operator does not support; the message names one that does.
+    ParameterError
+        Unknown operator or mass.
     """
-    if operator is not None and operator not in OPERATORS:
-        raise ParameterError(f"operator {operator!r} is not one of {', '.join(OPERATORS)}")
+    if operator is not None and operator not in LAPLACE_OPERATORS:
+        raise ParameterError(
+            f"{operator!r} is not one of {', '.join(LAPLACE_OPERATORS)}", parameter="operator"
+        )
     if mass not in MASSES:
-        raise ParameterError(f"mass {mass!r} is not one of {', '.join(MASSES)}")
+        raise ParameterError(f"{mass!r} is not one of {', '.join(MASSES)}", parameter="mass")
     require(mesh, "laplacian")
     mesh = _without_repeated_corners(mesh)
     name = operator or _default_operator(mesh)
     if name == "intrinsic-delaunay":
         _require_surface(mesh)
-    _tell_isolated(mesh)
-    surface, share, facts = _triangulation(name, mesh, most_rounds)
+    _warn_of_isolated_vertices(mesh)
+    surface, share, facts = _triangulation(name, mesh, max_rounds)
     L = uniform_stiffness(mesh) if name == "uniform" else share * stiffness(surface)
-    return LaplaceOperator(name, mass, csr_array(L), csr_array(share * MASSES[mass](surface)), surface, facts)
+    return LaplaceOperator(
+        name, mass, csr_array(L), csr_array(share * MASS_FUNCTIONS[mass](surface)), surface, facts
+    )
 
 
 def _triangulation(
-    name: str, mesh: TriangleMesh, most_rounds: int | None
+    name: str, mesh: TriangleMesh, max_rounds: int | None
 ) -> tuple[SurfaceMesh, float, dict[str, Any]]:
-    """The triangulation to assemble on, the share of it that the mesh is, and what was mended and flipped."""
+    """The triangulation to assemble on, the mesh's share of its area, and counts of what was changed."""
     if name in ("cotan", "uniform"):
-        surface, mended = mollified_mesh(mesh)
-        if len(mended.faces):
-            log.warning("%s", mended)
-        return surface, 1.0, _mended(mended)
-    flipped = flip_to_delaunay(tufted_cover(mesh) if name == "tufted" else mesh, most_rounds=most_rounds)
-    facts = {"flips": flipped.flips} | _mended(flipped.mollified)
+        surface, mollification = mollify_mesh(mesh)
+        if len(mollification.faces):
+            log.warning("%s", mollification)
+        return surface, 1.0, _mollification_counts(mollification)
+    flipped = flip_to_delaunay(tufted_cover(mesh) if name == "tufted" else mesh, max_rounds=max_rounds)
+    facts = {"flips": flipped.flips} | _mollification_counts(flipped.mollification)
     return flipped.mesh, 0.5 if name == "tufted" else 1.0, facts
 
 
-def _mended(mended: Mollified) -> dict[str, Any]:
-    if len(mended.faces) == 0:
+def _mollification_counts(mollification: Mollification) -> dict[str, Any]:
+    if len(mollification.faces) == 0:
         return {}
-    return {"mollified_faces": len(mended.faces), "mollified_edges": mended.edges}
+    return {"mollified_faces": len(mollification.faces), "mollified_edges": mollification.edges}
 
 
 def _default_operator(mesh: TriangleMesh) -> str:
@@ -126,7 +132,7 @@ def _default_operator(mesh: TriangleMesh) -> str:
     if topology.is_manifold and topology.is_oriented:
         return "intrinsic-delaunay"
     reason = "not manifold" if not topology.is_manifold else "not consistently oriented"
-    log.warning("the mesh is %s: the tufted Laplacian is used", reason)
+    log.warning("the mesh is %s: using `operator=tufted`", reason)
     return "tufted"
 
 
@@ -139,13 +145,13 @@ def _require_surface(mesh: TriangleMesh) -> None:
         a, b = topology.edges[edge]
         what = "more than two faces" if len(topology.nonmanifold_edges) else "faces of opposite orientation"
         raise MeshError(
-            f"edge {a}-{b} joins {what}: the mesh cannot have the operator 'intrinsic-delaunay'; "
-            "use --operator tufted (or cotan)"
+            f"edge {a}-{b} joins {what}, which `operator=intrinsic-delaunay` does not support; "
+            "use `operator=tufted` or `operator=cotan`"
         )
 
 
 def _without_repeated_corners(mesh: TriangleMesh) -> TriangleMesh:
-    """The mesh without faces that name a vertex twice; they carry neither area nor stiffness."""
+    """The mesh without faces that name a vertex twice, which have neither area nor stiffness."""
     a, b, c = mesh.faces.T
     bad = (a == b) | (b == c) | (c == a)
     if not bad.any():
@@ -158,7 +164,7 @@ def _without_repeated_corners(mesh: TriangleMesh) -> TriangleMesh:
     return kept
 
 
-def _tell_isolated(mesh: TriangleMesh) -> None:
+def _warn_of_isolated_vertices(mesh: TriangleMesh) -> None:
     isolated = np.flatnonzero(~mesh.topology.referenced_vertex)
     if len(isolated):
         log.warning(

@@ -1,0 +1,69 @@
+"""The faults of `benchmarks.mutants`: at least one in every package of ddgcli that computes."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+
+class Mutant(NamedTuple):
+    """One fault: a part of a line that occurs once in a file, its replacement, and the test that must fail."""
+
+    path: str
+    line: str
+    fault: str
+    test: str
+
+
+MUTANTS = (
+    # geometry
+    Mutant("ddgcli/geometry/intrinsic.py", "area[block] = 0.25 * np.sqrt(p", "area[block] = 0.5 * np.sqrt(p", "tests/exact/test_intrinsic.py"),
+    Mutant("ddgcli/geometry/intrinsic.py", "(pu - uu) * factor", "(pu + uu) * factor", "tests/exact/test_laplacian.py"),
+    Mutant("ddgcli/geometry/extrinsic.py", "0.5 * np.cross(side[:, 0], -side[:, 2])", "0.5 * np.cross(side[:, 0], side[:, 2])", "tests/exact/test_curvature_identities.py"),
+    # mesh
+    Mutant("ddgcli/mesh/vectors.py", "dot(cross(a, b), c) / 6.0", "dot(cross(a, b), c) / 3.0", "tests/exact/test_sample_meshes.py"),
+    Mutant("ddgcli/mesh/topology.py", "sign = np.where(tail <= head, 1, -1)", "sign = np.where(tail <= head, 1, 1)", "tests/exact/test_dec.py"),
+    # operators
+    Mutant("ddgcli/operators/laplacian.py", "face_area(mesh.side_length) / 3.0, 3", "face_area(mesh.side_length) / 2.0, 3", "tests/exact/test_laplacian.py"),
+    Mutant("ddgcli/operators/dec.py", "np.array([-1, 1], dtype=np.int8)", "np.array([1, 1], dtype=np.int8)", "tests/exact/test_dec.py"),
+    Mutant("ddgcli/operators/stars.py", "area[:, None] / 3.0, 3, axis=1", "area[:, None] / 2.0, 3, axis=1", "tests/exact/test_dec.py"),
+    Mutant("ddgcli/operators/gradient.py", "csr_array(-(gradient(mesh).T", "csr_array((gradient(mesh).T", "tests/exact/test_gradient.py"),
+    Mutant("ddgcli/operators/connection.py", "np.where(fans.is_open, 1.0, 2 * np.pi / total)", "np.where(fans.is_open, 1.0, np.pi / total)", "tests/exact/test_transport.py"),
+    # linalg
+    Mutant("ddgcli/linalg/residual_gate.py", "converged &= worst <= largest", "converged |= worst <= largest", "tests/exact/test_residual_gate.py"),
+    Mutant("ddgcli/linalg/eigen.py", "values=pairs.values / unit", "values=pairs.values * unit", "tests/exact/test_eigen.py"),
+    # algorithms
+    Mutant("ddgcli/algorithms/curvature/measures.py", "np.where(topology.boundary_vertex, np.pi, 2 * np.pi)", "np.where(topology.boundary_vertex, 2 * np.pi, 2 * np.pi)", "tests/exact/test_curvature_identities.py"),
+    Mutant("ddgcli/algorithms/curvature/totals.py", "ball = (4 * np.pi / 3, np.pi, 2.0, 1.0)", "ball = (4 * np.pi / 3, 2 * np.pi, 2.0, 1.0)", "tests/exact/test_curvature_identities.py"),
+    Mutant("ddgcli/algorithms/delaunay/flips.py", "(a * a + b * b + c * c) / (r * perimeter)", "(a * a - b * b + c * c) / (r * perimeter)", "tests/exact/test_delaunay_flips.py"),
+    Mutant("ddgcli/algorithms/geodesics/heat.py", "direction *= -1.0", "direction *= 1.0", "tests/converge/test_geodesic_rates.py"),
+    Mutant("ddgcli/algorithms/geodesics/isolines.py", "np.arange(1, count + 1) / (count + 1)", "np.arange(1, count + 1) / count", "tests/cli/test_geodesic_distance.py"),
+    Mutant("ddgcli/algorithms/geodesics/edge_distance.py", "reach = scale * np.linalg.norm(", "reach = 2.0 * scale * np.linalg.norm(", "tests/cli/test_geodesic_distance.py"),
+    Mutant("ddgcli/algorithms/hodge/homology.py", "BettiNumbers((count, count + b2 - euler, b2)", "BettiNumbers((count, count + b2 + euler, b2)", "tests/exact/test_homology.py"),
+    Mutant("ddgcli/algorithms/hodge/decomposition.py", "harmonic = closed - exact", "harmonic = closed + exact", "tests/converge/test_hodge.py"),
+    Mutant("ddgcli/algorithms/laplacian/spectrum.py", "np.exp(-np.outer(pairs.values, times))", "np.exp(-2.0 * np.outer(pairs.values, times))", "tests/cli/test_laplacian_cli.py"),
+    Mutant("ddgcli/algorithms/tracing/crossing.py", "return u, exit_length - u, k * sine", "return exit_length - u, u, k * sine", "tests/exact/test_trace.py"),
+    Mutant("ddgcli/algorithms/tangent_fields/transport.py", "return -_cumulative_sums(turning, paths)", "return _cumulative_sums(turning, paths)", "tests/exact/test_transport.py"),
+    Mutant("ddgcli/algorithms/inspection/compare_summaries.py", "allowed = atol + rtol * abs(a)", "allowed = atol + 1e6 * rtol * abs(a)", "tests/cli/test_check.py"),
+    Mutant("ddgcli/algorithms/inspection/quality.py", "double_area <= DEGENERATE_AREA_TOLERANCE", "double_area < 0", "tests/cli/test_info.py"),
+    # simulation, mechanics, scenes
+    Mutant("ddgcli/mechanics/integrators.py", "half = motion.v + 0.5 * dt * motion.a", "half = motion.v + 0.6 * dt * motion.a", "tests/physics/test_integrators.py"),
+    Mutant("ddgcli/simulation/account.py", "calls.get(self.name, 0) + 1", "calls.get(self.name, 0) + 2", "tests/cli/test_shell_sim.py"),
+    Mutant("ddgcli/scenes/units.py", '"c": 1e-2', '"c": 1e-3', "tests/exact/test_scene_pieces.py"),
+    Mutant("ddgcli/scenes/expressions.py", "return -value if isinstance(node.op, ast.USub)", "return value if isinstance(node.op, ast.USub)", "tests/exact/test_scene_pieces.py"),
+    # models
+    Mutant("ddgcli/models/shell/hinge.py", "s, st = dot(p, u) / length, dot(q, u) / length", "st, s = dot(p, u) / length, dot(q, u) / length", "tests/physics/test_shell_terms.py"),
+    Mutant("ddgcli/models/shell/gravity.py", "(0.0, 0.0, -9.81)", "(0.0, 0.0, 9.81)", "tests/cli/test_shell_sim.py"),
+    Mutant("ddgcli/models/fluid/rotation.py", "2.0 * vertex_normals", "1.0 * vertex_normals", "tests/physics/test_fluid_forces.py"),
+    Mutant("ddgcli/models/fluid/circulation.py", "middle = hinge + 0.5 * space", "middle = hinge + 0.4 * space", "tests/physics/test_fluid.py"),
+    Mutant("ddgcli/models/willmore/gauss_map_energy.py", "S_SHAPE = 3.0**0.25 / 288.0", "S_SHAPE = 3.0**0.25 / 28.8", "tests/physics/test_willmore_energies.py"),
+    Mutant("ddgcli/models/willmore/constraints.py", "enclosed_volume(mesh) / self.volume - 1.0", "enclosed_volume(mesh) / self.volume - 1.1", "tests/physics/test_willmore_flow.py"),
+    # tradeoff
+    Mutant("ddgcli/tradeoff/pareto.py", "row.on_front = row.error(norm) < best", "row.on_front = row.error(norm) > best", "tests/exact/test_tradeoff_table.py"),
+    Mutant("ddgcli/tradeoff/richardson.py", "limit = fine + second / (ratio - 1.0)", "limit = fine - second / (ratio - 1.0)", "tests/cli/test_tradeoff_command.py -k reference"),
+    # io, plots, cli
+    Mutant("ddgcli/io/readers/ply.py", 'body += 2 if data[body : body + 2] == b"\\r\\n" else 1', "body += 1", "tests/io/test_mesh_files.py"),
+    Mutant("ddgcli/plots/raster.py", "np.array([1.0, -1.0, -1.0])", "np.array([1.0, 1.0, -1.0])", "tests/pictures/test_pictures.py"),
+    Mutant("ddgcli/cli/multi_value.py", "return bool(shape) and [c for c in word", "return bool(shape) or [c for c in word", "tests/cli/test_multi_value_options.py"),
+    Mutant("ddgcli/cli/parameters.py", 'f"{names[name]} {value}"', 'f"{names[name]}={value}"', "tests/cli/test_parameters.py"),
+    Mutant("ddgcli/cli/threads.py", "str(requested or 1)", "str(requested or 2)", "tests/cli/test_threads.py"),
+)  # fmt: skip

@@ -1,0 +1,123 @@
+"""Distances, gradient, level lines and comparisons of one distance query."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ddgcli.algorithms.geodesics import distance as solvers
+from ddgcli.algorithms.geodesics.query import DistanceQuery
+from ddgcli.algorithms.geodesics.sources import Sources, check_sources
+from ddgcli.algorithms.geodesics.surface_curves import Curves
+from ddgcli.geometry.surface_points import SurfacePoints, nearest_points
+from ddgcli.mesh.triangle_mesh import TriangleMesh
+from ddgcli.progress import StageProgress, no_stage_progress
+
+
+@dataclass(frozen=True, eq=False)
+class DistanceQueryResult:
+    """Results of a distance query.
+
+    Parameters
+    ----------
+    distance : DistanceResult
+        Distances of all vertices; its `results`, `accuracy` and `converged` are those of the query.
+    vertex, face : dict of str to ndarray
+        Arrays on vertices and on faces.
+    isolines : list of Curves
+    """
+
+    distance: solvers.DistanceResult
+    vertex: dict[str, NDArray]
+    face: dict[str, NDArray]
+    isolines: list[Curves]
+
+
+def query_sources(mesh: TriangleMesh, query: DistanceQuery) -> Sources:
+    """Checked sources in the order vertices, points in space, points on faces."""
+    points = surface_points(mesh, query.source_point, query.source_face)
+    return check_sources(mesh, Sources.at(query.vertices, points))
+
+
+def surface_points(
+    mesh: TriangleMesh, in_space: Sequence[list[float]], on_faces: Sequence[tuple[int, list[float]]]
+) -> SurfacePoints:
+    """Surface points nearest to points in space, followed by checked points on faces."""
+    near, _ = nearest_points(mesh, np.array(in_space, dtype=float).reshape(-1, 3))
+    face = np.array([f for f, _ in on_faces], dtype=np.int64)
+    weights = np.array([w for _, w in on_faces], dtype=float).reshape(-1, 3)
+    points = SurfacePoints.checked(face, weights, mesh.n_faces)
+    return SurfacePoints(
+        np.concatenate([near.face, points.face]), np.concatenate([near.barycentric, points.barycentric])
+    )
+
+
+def query_distance(
+    mesh: TriangleMesh,
+    query: DistanceQuery,
+    sources: Sources,
+    *,
+    directions: bool = False,
+    seed: int = 0,
+    stage_progress: StageProgress = no_stage_progress,
+) -> DistanceQueryResult:
+    """Compute the distances and further results of a query.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+    query : DistanceQuery
+    sources : Sources
+        `query_sources(mesh, query)`.
+    directions : bool
+        Also compute the directions in which paths leave the source, for a logarithmic map.
+    seed : int
+        Of the vertices that `query.certify` samples.
+    stage_progress : callable, optional
+        Called with the name of each stage; returns its progress callback.
+    """
+    options = solvers.DistanceOptions(
+        tolerance=query.tolerance or 0.0,
+        operator=query.operator,
+        heat_time=query.heat_time or 1.0,
+        heat_refine=query.heat_refine or 0,
+        directions=directions and mesh.topology.is_oriented,
+    )
+    solver = solvers.prepare_solver(
+        mesh,
+        query.method,
+        options,
+        targets=surface_points(mesh, query.target_point, query.target_face),
+        progress=stage_progress("exact distance") if query.method == "exact" else None,
+    )
+    result = solvers.measure_distance(mesh, sources, query.method, solver=solver)
+    stage_progress("geodesic")
+    vertex, face, accuracy = dict(result.arrays), {}, dict(result.accuracy)
+    if query.each_source:
+        vertex |= solvers.each_source(sources, solver, stage_progress("each source"))
+    if query.gradient:
+        face["distance_gradient"] = solvers.distance_gradient(mesh, result.distance)
+    isolines = [_isolines(mesh, result.distance, query.isolines)] if query.isolines else []
+    if query.compare:
+        stage_progress("comparison")
+        accuracy["compare"] = solvers.compare(mesh, sources, result.distance, list(query.compare), options)
+    if query.certify:
+        from ddgcli.algorithms.geodesics.certificate import symmetry
+
+        stage_progress("symmetry")
+        accuracy |= symmetry(mesh, lambda s: solver(s).distance, seed=seed)
+    return DistanceQueryResult(replace(result, accuracy=accuracy), vertex, face, isolines)
+
+
+def _isolines(mesh: TriangleMesh, distance: NDArray, count: int) -> Curves:
+    """Level lines on consistently oriented faces; on a one-sided surface, on its own faces."""
+    from ddgcli.algorithms.geodesics.isolines import isoline_curves
+    from ddgcli.algorithms.geodesics.oriented_cover import oriented_cover
+
+    cover = oriented_cover(mesh)
+    if cover.is_one_sided:
+        return isoline_curves(mesh, distance, count)
+    return cover.project(isoline_curves(cover.mesh, distance, count))

@@ -1,0 +1,228 @@
+"""All results of one geodesic query: distances, curves, and vectors at the vertices."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ddgcli.algorithms.geodesics.distance import DistanceResult
+from ddgcli.algorithms.geodesics.distance_query import query_distance, query_sources
+from ddgcli.algorithms.geodesics.oriented_cover import OrientedCover, oriented_cover
+from ddgcli.algorithms.geodesics.query import CurveQuery, DistanceQuery
+from ddgcli.algorithms.geodesics.sources import Sources
+from ddgcli.algorithms.geodesics.surface_curves import (
+    Curves,
+    add_geodesic_curvature,
+    concatenate_curves,
+    trace_curves,
+)
+from ddgcli.algorithms.tangent_fields.vertex_vectors import (
+    VertexVectors,
+    log_map_vectors,
+    merge_vectors,
+    transport_vectors,
+)
+from ddgcli.geometry.surface_points import SurfacePoints
+from ddgcli.mesh.triangle_mesh import TriangleMesh
+from ddgcli.progress import StageProgress, no_stage_progress
+
+
+@dataclass(frozen=True, eq=False)
+class GeodesicResult:
+    """Results of a geodesic query.
+
+    Parameters
+    ----------
+    vertex, face : dict of str to ndarray
+        Arrays on vertices and on faces.
+    results, accuracy : dict
+        For the summary.
+    converged : bool
+    sources : Sources, optional
+    curves : Curves, optional
+    """
+
+    vertex: dict[str, NDArray]
+    face: dict[str, NDArray]
+    results: dict[str, Any]
+    accuracy: dict[str, Any]
+    converged: bool
+    sources: Sources | None
+    curves: Curves | None
+
+
+def geodesic_query(
+    mesh: TriangleMesh,
+    distance_query: DistanceQuery,
+    curve_query: CurveQuery,
+    *,
+    field: tuple[NDArray, str] | None = None,
+    seed: int = 0,
+    stage_progress: StageProgress = no_stage_progress,
+) -> GeodesicResult:
+    """Compute everything that two queries ask for on one mesh.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+    distance_query : DistanceQuery
+        A distance is computed if it has sources, or if `curve_query` asks for no curves.
+    curve_query : CurveQuery
+    field : (ndarray, str), optional
+        The vectors of `curve_query.field` and their place: 'vertex', 'face', or '' to infer it from the
+        length.
+    seed : int
+        Of random starts and of sampled vertices.
+    stage_progress : callable, optional
+        Called with the name of each stage; returns its progress callback.
+    """
+    sources = distance = curves = None
+    vertex: dict[str, NDArray] = {}
+    face: dict[str, NDArray] = {}
+    results: dict[str, Any] = {}
+    accuracy: dict[str, Any] = {}
+    converged, isolines = True, []
+    if distance_query.has_source or not curve_query.has_curves:
+        sources = query_sources(mesh, distance_query)
+        measured = query_distance(
+            mesh, distance_query, sources,
+            directions=curve_query.log_map, seed=seed, stage_progress=stage_progress,
+        )  # fmt: skip
+        distance, isolines = measured.distance, measured.isolines
+        vertex, face, converged = measured.vertex, measured.face, distance.converged
+        results, accuracy = distance.results, distance.accuracy
+    if curve_query.has_curves or isolines:
+        curves = query_curves(
+            mesh, curve_query, sources, distance,
+            field=field, isolines=isolines, seed=seed, stage_progress=stage_progress,
+        )  # fmt: skip
+        results, accuracy = results | {"paths": curves.entries}, accuracy | curves.accuracy
+        converged &= curves.converged
+    if curve_query.has_vectors and sources is not None and distance is not None:
+        vectors = query_vectors(mesh, curve_query, sources, distance, stage_progress)
+        vertex, results = vertex | vectors.arrays, results | vectors.results
+        accuracy = accuracy | vectors.accuracy
+    return GeodesicResult(vertex, face, results, accuracy, converged, sources, curves)
+
+
+def query_curves(
+    mesh: TriangleMesh,
+    query: CurveQuery,
+    sources: Sources | None,
+    distance: DistanceResult | None,
+    *,
+    field: tuple[NDArray, str] | None = None,
+    isolines: list[Curves] | None = None,
+    seed: int = 0,
+    stage_progress: StageProgress = no_stage_progress,
+) -> Curves:
+    """All curves of a query in the order of its parameters, followed by `isolines`."""
+    cover, isolines = oriented_cover(mesh), isolines or []
+    parts = []
+    if query.path_to and sources is not None and distance is not None and distance.exact is not None:
+        parts.append(_shortest_paths(cover, query, sources, distance, stage_progress))
+    if query.trace:
+        parts.append(_traces(cover, query, stage_progress))
+    if query.straighten or query.loop:
+        from ddgcli.algorithms.geodesics.flipout import straighten_curves
+
+        cover.require_two_sides("`straighten` or `loop`")
+        stage_progress("straightening")
+        closed = [False] * len(query.straighten) + [True] * len(query.loop)
+        parts.append(straighten_curves(cover.mesh, [*query.straighten, *query.loop], closed))
+    if query.curve:
+        from ddgcli.algorithms.geodesics.edge_curves import edge_curves
+
+        cover.require_two_sides("`curve`")
+        parts.append(edge_curves(cover.mesh, list(query.curve)))
+    if field is not None:
+        parts.append(_integral_curves(cover, query, sources, field, seed, stage_progress))
+    lifted = [] if cover.is_one_sided else [cover.lift_curves(curves) for curves in isolines]
+    curves = concatenate_curves([*parts, *lifted])
+    if query.curve:
+        curves = add_geodesic_curvature(cover.mesh, curves)
+    if query.transport:
+        from ddgcli.algorithms.tangent_fields.field_curves import add_transport
+
+        curves = add_transport(cover.mesh, curves)
+    curves = cover.project(curves)
+    return concatenate_curves([curves, *isolines]) if cover.is_one_sided else curves
+
+
+def _shortest_paths(
+    cover: OrientedCover,
+    query: CurveQuery,
+    sources: Sources,
+    distance: DistanceResult,
+    stage_progress: StageProgress,
+) -> Curves:
+    """Shortest paths to the target vertices."""
+    from ddgcli.algorithms.geodesics.shortest_paths import shortest_paths
+
+    if len(sources.points):
+        cover.require_two_sides("`path_to` from points inside faces")
+    stage_progress("shortest paths")
+    return shortest_paths(
+        cover.mesh,
+        cover.lift_exact(distance.exact),  # type: ignore[arg-type]
+        cover.lift_sources(sources),
+        list(query.path_to),
+        join_lifts=cover.join_lifts,
+    )
+
+
+def _traces(cover: OrientedCover, query: CurveQuery, stage_progress: StageProgress) -> Curves:
+    """Straightest geodesics from points on the faces of the base mesh."""
+    face, barycentric, direction, length = (np.array(x) for x in zip(*query.trace, strict=True))
+    start = cover.lift_points(SurfacePoints.checked(face, barycentric, cover.base.n_faces))
+    return trace_curves(
+        cover.mesh, start.face, start.barycentric, direction, length,
+        at_boundary=query.at_boundary, progress=stage_progress("traces"),
+    )  # fmt: skip
+
+
+def _integral_curves(
+    cover: OrientedCover,
+    query: CurveQuery,
+    sources: Sources | None,
+    field: tuple[NDArray, str],
+    seed: int,
+    stage_progress: StageProgress,
+) -> Curves:
+    """Integral curves from the sources, or from random points."""
+    from ddgcli.algorithms.tangent_fields.field_curves import field_curves
+    from ddgcli.algorithms.tangent_fields.integral_curves import random_starts, starts_at
+
+    values, place = cover.lift_values(*field)
+    if sources is None:
+        starts = random_starts(cover.mesh, query.field_seeds or 16, seed)
+    else:
+        starts = starts_at(cover.mesh, cover.lift_sources(sources))
+    return field_curves(
+        cover.mesh, values, starts, query.field_time, order=int(query.field_order),
+        step=query.field_step, tolerance=query.field_tolerance,
+        progress=stage_progress("integral curves"), place=place,
+    )  # fmt: skip
+
+
+def query_vectors(
+    mesh: TriangleMesh,
+    query: CurveQuery,
+    sources: Sources,
+    distance: DistanceResult,
+    stage_progress: StageProgress = no_stage_progress,
+) -> VertexVectors:
+    """The logarithmic map and the transported vectors of a query."""
+    cover, parts = oriented_cover(mesh), []
+    cover.require_two_sides("`log_map` or `spread_vector`")
+    sources = cover.lift_sources(sources)
+    if query.log_map:
+        arrival = distance.fast_marching if distance.exact is None else cover.lift_exact(distance.exact)
+        if arrival is not None:
+            parts.append(log_map_vectors(cover.mesh, arrival, sources, stage_progress("log map")))
+    if query.spread_vector:
+        parts.append(transport_vectors(cover.mesh, sources, query.spread_vector))
+    return merge_vectors(parts)

@@ -1,0 +1,27 @@
+"""Names of methods, schemes, operators and energies as plain strings: each list exists once, here.
+
+The core checks its parameters against these lists and the command line offers them; no numerics are imported,
+so that `--help` stays fast.
+"""
+
+from __future__ import annotations
+
+CURVATURE_SCHEMES = ("quadric", "corrected", "normal-cycle", "cotan")
+
+LAPLACE_OPERATORS = ("cotan", "intrinsic-delaunay", "tufted", "uniform")
+MASSES = ("lumped", "voronoi", "galerkin")
+SMOOTHING_FLOWS = ("mean-curvature", "conformalized")
+PARAMETERIZATIONS = ("harmonic", "conformal")
+
+HODGE_STARS = ("circumcentric", "barycentric", "galerkin")
+FIELD_BOUNDARIES = ("tangential", "normal")  # boundary condition of harmonic fields
+
+DISTANCE_METHODS = ("exact", "heat", "fast-marching", "dijkstra")
+HEAT_OPERATORS = ("intrinsic-delaunay", "plain", "tufted")  # triangulation of the heat method
+TRACE_BOUNDARIES = ("stop", "reflect")  # what a traced line does at the boundary
+
+WILLMORE_ENERGIES = ("gauss-map", "sullivan", "cotan", "hinge")
+WILLMORE_FLOWS = ("quadratic", "mean-curvature")
+WILLMORE_BOUNDARIES = ("clamped", "fixed")
+
+ERROR_NORMS = ("max", "mean")

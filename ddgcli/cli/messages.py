@@ -1,0 +1,64 @@
+"""Messages of a run on standard error: warnings of the core, and the line of an error."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Mapping
+
+import click
+
+from ddgcli.cli.parameters import error_text, with_option_names
+from ddgcli.errors import DdgError, MissingExtraError, OutputError
+
+
+class MessageHandler(logging.Handler):
+    """Collect warnings of the core for the summary; with -v print all its messages at once.
+
+    Parameters
+    ----------
+    verbose : int
+    quiet : bool
+    options : mapping of str to str
+        Option of each parameter name.
+    """
+
+    def __init__(self, verbose: int, quiet: bool, options: Mapping[str, str]) -> None:
+        super().__init__(logging.DEBUG if verbose > 1 else logging.INFO if verbose else logging.WARNING)
+        self.warnings: list[str] = []
+        self.options = options
+        self.verbose, self.quiet = verbose, quiet
+
+    def emit(self, record: logging.LogRecord) -> None:
+        message = with_option_names(record.getMessage(), self.options)
+        if record.levelno >= logging.WARNING and record.name != "py.warnings":
+            if message not in self.warnings:
+                self.warnings.append(message)
+            message = f"Warning: {message}"
+        if self.verbose and not self.quiet:
+            click.echo(message, err=True)
+
+    def install(self) -> None:
+        """Become the only handler of the core's messages and of Python's warnings."""
+        for name in ("ddgcli", "py.warnings"):
+            logger = logging.getLogger(name)
+            logger.handlers[:] = [self]
+            logger.setLevel(self.level if name == "ddgcli" else logging.ERROR)
+            logger.propagate = False
+        if self.verbose > 1:
+            logging.getLogger("py.warnings").setLevel(logging.WARNING)
+        logging.captureWarnings(True)
+
+    def print_warnings(self) -> None:
+        """Print the collected warnings at the end, so that a run with an error prints one line only."""
+        if not self.verbose and not self.quiet:
+            for message in self.warnings:
+                click.echo(f"Warning: {message}", err=True)
+
+
+def error_line(error: DdgError, context: click.Context) -> str:
+    """Message of an error with option names and, if it names no file, after the name of the input."""
+    message = error_text(error, context.meta.get("ddgcli.options", {}))
+    path = context.meta.get("ddgcli.input")
+    if path and not isinstance(error, (OutputError, MissingExtraError)) and not message.startswith(path):
+        return f"{path}: {message}"
+    return message

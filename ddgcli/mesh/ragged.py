@@ -1,0 +1,37 @@
+"""Ragged lists in flat arrays: list k is `member[start[k]:start[k + 1]]`."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+def list_starts(count: NDArray | list[int]) -> NDArray[np.int64]:
+    """(k + 1,) first position of each of k lists with `count` members, and the end of the last."""
+    return np.concatenate([[0], np.cumsum(count)]).astype(np.int64, copy=False)
+
+
+def ranges(first: NDArray, count: NDArray) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Numbers of the ranges [first, first + count) in sequence, and the position where each range begins."""
+    end = count.cumsum()
+    begin = end - count
+    return np.arange(end[-1] if len(end) else 0) + (first - begin).repeat(count), begin
+
+
+def repeat_with_place(item: NDArray, count: NDArray) -> tuple[NDArray, NDArray[np.int64]]:
+    """Repeat each item `count` times, and number its repetitions from 0."""
+    return np.repeat(item, count), ranges(np.zeros(len(count), dtype=np.int64), count)[0]
+
+
+def group_by_key(key: NDArray, item: NDArray, n_keys: int) -> tuple[NDArray[np.int64], NDArray]:
+    """Lists of the items with key 0 .. n_keys - 1, as (start, member); items keep their order."""
+    return list_starts(np.bincount(key, minlength=n_keys)), item[np.argsort(key, kind="stable")]
+
+
+def expand_lists(
+    owner: NDArray, number: NDArray, lists: tuple[NDArray, NDArray]
+) -> tuple[NDArray, NDArray[np.int64]]:
+    """Pair each owner with every member of the list of its number; `lists` is (start, member)."""
+    start, member = lists
+    count = start[number + 1] - start[number]
+    return np.repeat(owner, count), member[ranges(start[number], count)[0]]

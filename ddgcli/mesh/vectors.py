@@ -1,0 +1,46 @@
+"""Vector algebra on arrays: rows (..., d), and columns (3, ...) where contiguous passes matter."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+def vector_length(vectors: NDArray) -> NDArray[np.float64]:
+    """(...,) Euclidean length of (..., d) vectors, safe at 1e-160 and 1e160."""
+    largest = np.abs(vectors).max(initial=0.0)
+    if largest == 0.0 or 1e-100 < largest < 1e150:
+        return np.sqrt(np.einsum("...i,...i->...", vectors, vectors))
+    scaled = vectors / largest
+    return largest * np.sqrt(np.einsum("...i,...i->...", scaled, scaled))
+
+
+def unit_vectors(vectors: NDArray) -> NDArray[np.float64]:
+    """(..., d) vectors at unit length; zero where they are zero."""
+    length = vector_length(vectors)[..., None]
+    return np.divide(vectors, length, out=np.zeros_like(vectors), where=length > 0)
+
+
+def row_dot(a: NDArray, b: NDArray) -> NDArray[np.float64]:
+    """(...,) scalar products of (..., d) vectors."""
+    return np.einsum("...i,...i->...", a, b)
+
+
+def cross(a: NDArray, b: NDArray) -> NDArray[np.float64]:
+    """(3, ...) cross products of (3, ...) columns."""
+    return np.stack([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
+
+
+def dot(a: NDArray, b: NDArray) -> NDArray[np.float64]:
+    """(...) scalar products of (3, ...) columns."""
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+def ratio(a: NDArray | float, b: NDArray) -> NDArray[np.float64]:
+    """Quotient a / b, and 0 where b is 0."""
+    return np.divide(a, b, out=np.zeros(np.broadcast_shapes(np.shape(a), b.shape)), where=b != 0)
+
+
+def cone_volume(a: NDArray, b: NDArray, c: NDArray) -> NDArray[np.float64]:
+    """(m,) signed volumes of tetrahedra over triangles with corners a, b, c (3, m), apex at the origin."""
+    return dot(cross(a, b), c) / 6.0

@@ -1,0 +1,126 @@
+"""Run models to the end and record their frames."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Iterable, Mapping
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+
+from ddgcli.errors import SolveError
+from ddgcli.mesh.fields import Frame
+from ddgcli.progress import ProgressCallback
+from ddgcli.simulation.account import Account
+from ddgcli.simulation.frames import joined_frame
+from ddgcli.simulation.outcome import Outcome
+from ddgcli.simulation.time_loop import Arrays, Model, RunBroken, Schedule, Snapshot, evolve
+
+MAX_PICTURE_FRAMES = 4
+
+
+class Recorder:
+    """Collect the scalars of all frames, and a few whole frames for a picture.
+
+    Parameters
+    ----------
+    outcome : Outcome
+        Updated with every frame.
+    picture : bool
+        Whether frames are kept: at most 2 MAX_PICTURE_FRAMES at any time, evenly spread over the frames so
+        far, because a run that stops early does not know the number of its frames beforehand.
+    """
+
+    def __init__(self, outcome: Outcome, picture: bool) -> None:
+        self.outcome, self.picture, self.stride = outcome, picture, 1
+        self.rows: list[dict[str, Any]] = []
+        self.times: list[float] = []
+
+    def restore(self, frames: Iterable[Frame]) -> None:
+        """Record the frames of an earlier part of the run."""
+        for frame in frames:
+            self._record(frame)
+
+    def add(self, frame: Frame, snapshot: Snapshot) -> None:
+        """Record a frame of this run and the counts of its snapshot."""
+        self._record(frame)
+        outcome = self.outcome
+        outcome.steps, outcome.smallest_step = snapshot.steps, snapshot.smallest_step
+        outcome.events += len(snapshot.events)
+        outcome.stopped = snapshot.stopped
+
+    def _record(self, frame: Frame) -> None:
+        outcome = self.outcome
+        outcome.last = frame
+        if self.picture and outcome.frames % self.stride == 0:
+            outcome.picture_frames.append(frame)
+            if len(outcome.picture_frames) > 2 * MAX_PICTURE_FRAMES:
+                outcome.picture_frames, self.stride = outcome.picture_frames[::2], 2 * self.stride
+        outcome.frames += 1
+        self.times.append(frame.time)
+        self.rows.append(frame.scalar)
+        for name, values in frame.vertex.items():
+            if values.size and values.dtype.kind == "f":
+                outcome.largest[name] = max(outcome.largest.get(name, 0.0), float(np.abs(values).max()))
+
+    def finish(self) -> None:
+        """Store the scalars as series over the frames; thin the picture's frames, keeping first and last."""
+        outcome, names = self.outcome, self.rows[0] if self.rows else {}
+        outcome.series = {n: np.array([row.get(n, np.nan) for row in self.rows]) for n in names}
+        outcome.times = np.array(self.times)
+        frames = outcome.picture_frames
+        if outcome.last is not None and frames and frames[-1] is not outcome.last:
+            frames.append(outcome.last)
+        if len(frames) > MAX_PICTURE_FRAMES:
+            chosen = np.linspace(0, len(frames) - 1, MAX_PICTURE_FRAMES).round().astype(int)
+            outcome.picture_frames = [frames[k] for k in chosen]
+
+
+def run_models(
+    models: Mapping[str, Model],
+    schedule: Schedule,
+    account: Account,
+    recorder: Recorder,
+    *,
+    resume: tuple[int, Arrays] | None = None,
+    write_frame: Callable[[Frame, Snapshot], None] | None = None,
+    progress: ProgressCallback | None = None,
+) -> Outcome:
+    """Run models to the end, to a failure or to an interruption from the keyboard.
+
+    Parameters
+    ----------
+    models, schedule, account, resume, progress
+        As in `evolve`.
+    recorder : Recorder
+        Its outcome is filled and returned; it is complete up to the last frame on any exception too.
+    write_frame : callable (frame, snapshot), optional
+        Called after each frame; its time is booked as "output".
+
+    Returns
+    -------
+    Outcome
+        A failed step is reported in `status`, `failure` and `last_events`, and is not raised.
+    """
+    outcome = recorder.outcome
+    earlier, began = sum(account.seconds.values()), perf_counter()
+    try:
+        for snapshot in evolve(models, schedule, account, resume, progress):
+            with account.within("output"):
+                frame = joined_frame(snapshot)
+                recorder.add(frame, snapshot)
+                if write_frame is not None:
+                    write_frame(frame, snapshot)
+        outcome.status = "complete"
+    except SolveError as error:
+        outcome.failure = str(error)
+        outcome.last_events = error.events if isinstance(error, RunBroken) else ()
+        outcome.events += len(outcome.last_events)
+        logging.getLogger("ddgcli").warning("%s", error)
+    except KeyboardInterrupt:
+        outcome.status = "interrupted"
+    finally:
+        outcome.seconds = earlier + perf_counter() - began
+        recorder.finish()
+    return outcome
