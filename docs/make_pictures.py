@@ -32,7 +32,8 @@ COMMANDS: dict[str, list[str]] = {
 
 def command_line(name: str) -> str:
     """Call that makes a picture, as the page shows it."""
-    return " ".join(["ddgcli", *COMMANDS[name], "--plot", f"{name}.png"])
+    words = [word.replace("{folder}/", "") for word in COMMANDS[name]]
+    return " ".join(["ddgcli", *words, "--plot", f"{name}.png"])
 
 
 def make_picture(name: str) -> None:

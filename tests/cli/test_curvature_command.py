@@ -47,7 +47,7 @@ def test_every_array_and_result_of_the_contract_is_there(summary, torus, tmp_pat
         assert len(arrays["edges"]) == len(arrays["dihedral_angle"]) == 864
         mean_curvature = arrays["mean_curvature"]
     assert s["results"]["mean_curvature"] == pytest.approx(
-        {"min": mean_curvature.min(), "max": values_of.max(), "mean": values_of.mean()}
+        {"min": mean_curvature.min(), "max": mean_curvature.max(), "mean": mean_curvature.mean()}
     )
 
 

@@ -96,7 +96,7 @@ def test_three_kites_need_three_flips(summary, tmp_path):
     path = tmp_path / "kites.npz"
     write_mesh(str(path), AnnotatedMesh(TriangleMesh.from_arrays(points, faces)))
     results = summary("delaunay", path)["results"]
-    assert results["flips"] == results_block["before"]["non_delaunay_edges"] == 3
+    assert results["flips"] == results["before"]["non_delaunay_edges"] == 3
 
 
 @pytest.mark.parametrize("words", [(), ("--refine", 25)])

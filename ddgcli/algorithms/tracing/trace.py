@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ddgcli.algorithms.tracing.batch import SNAP, TraceBatch
 from ddgcli.algorithms.tracing.lines import AT_BOUNDARY, GAVE_UP, REACHED, LineStart, Traces
+from ddgcli.choices import TRACE_BOUNDARIES
 from ddgcli.errors import MeshError, ParameterError
 from ddgcli.geometry.face_frames import to_face_frame, to_space
 from ddgcli.geometry.surface_points import SurfacePoints
@@ -81,8 +82,10 @@ class Tracer:
         length."""
         start = check_start(self.mesh, face, barycentric, direction, length)
         _refuse_flat_starts(self, start, np.atleast_2d(np.asarray(direction, dtype=np.float64)))
-        if at_boundary not in ("stop", "reflect"):
-            raise ParameterError(f"at_boundary must be 'stop' or 'reflect', got {at_boundary!r}")
+        if at_boundary not in TRACE_BOUNDARIES:
+            raise ParameterError(
+                f"must be {' or '.join(TRACE_BOUNDARIES)}, got {at_boundary!r}", parameter="at_boundary"
+            )
         return self.trace_checked(
             start, at_boundary=at_boundary, record=record, max_crossings=max_crossings, progress=progress
         )
