@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from ddgcli.algorithms.delaunay.common_subdivision import STEINER_POINT, BaseTriangulation, common_subdivision
-from ddgcli.algorithms.delaunay.refine import refine
 from ddgcli.algorithms.delaunay.intrinsic_delaunay import intrinsic_delaunay
+from ddgcli.algorithms.delaunay.refine import refine
 from ddgcli.algorithms.delaunay.triangulation import flip_to_delaunay, non_delaunay_edges
 from ddgcli.errors import DdgError, MeshError
 from ddgcli.geometry.intrinsic import corner_angle, face_area
