@@ -10,7 +10,7 @@ from ddgcli.mesh import shapes
 from ddgcli.mesh.fields import AnnotatedMesh
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.plots.colour import robust_limits
-from ddgcli.plots.glyphs import SPACING, Glyphs, thinned
+from ddgcli.plots.glyphs import SPACING, Glyphs, thin_glyphs
 from ddgcli.plots.raster import fitted_camera, rasterise, view_axes
 from ddgcli.plots.surface import _corner_normals, _squares
 from ddgcli.plots.viewpoint import best_view, up_axis_of
@@ -74,7 +74,7 @@ def test_glyphs_are_visible_finite_and_one_a_square():
     vectors = np.cross(mesh.points, [0.0, 0.0, 1.0])
     vectors[:100] = np.nan
     glyphs = Glyphs(mesh.points, vectors)
-    kept = thinned(camera, rasterise(camera, mesh.points, mesh.faces), glyphs)
+    kept = thin_glyphs(camera, rasterise(camera, mesh.points, mesh.faces), glyphs)
     assert 100 < len(kept) < mesh.n_vertices / 2 and np.isfinite(vectors[kept]).all()
     assert mesh.points[kept, 2].min() > -0.2, "none of the far side"
     cell = np.floor(camera.project(mesh.points[kept])[:, :2] / (SPACING * 800))
