@@ -256,7 +256,7 @@ def _largest_rate(system: System, elements: list[tuple[NDArray, NDArray]]) -> fl
         kw = np.zeros_like(w)
         for stencil, blocks in elements:
             local = np.einsum("kij,kj->ki", blocks, w[stencil].reshape(len(stencil), -1))
-            kw += sum_by_index(stencil, local, len(w))
+            kw += sum_by_index(stencil, local.reshape(*stencil.shape, 3), len(w))
         largest = float(np.sum(w * kw))
         w = kw / system.mass[:, None]
     return largest

@@ -158,7 +158,7 @@ def test_a_stored_command_that_is_check_itself_is_refused(tmp_path, run, words):
     path.write_text(json.dumps({"summary": {}, "run": [*words, str(path)]}))
     result = run("check", path)
     assert result.exit_code == 2
-    assert "check itself" in result.stderr and len(result.stderr.splitlines()) == 1
+    assert "check cannot run itself" in result.stderr and len(result.stderr.splitlines()) == 1
 
 
 def test_integers_beyond_doubles_are_compared(tmp_path):

@@ -160,7 +160,11 @@ def test_not_converged_is_exit_1_with_outputs_marked(run, monkeypatch, torus, tm
     [
         (MeshError("vertex 3 is bad; mend it"), 2, "Error: {path}: vertex 3 is bad; mend it"),
         (SolveError("no convergence\nat step 2"), 1, "Error: {path}: no convergence at step 2"),
-        (ZeroDivisionError("x"), 1, "Error: internal error: ZeroDivisionError: x; ddgcli --debug shows the traceback"),
+        (
+            ZeroDivisionError("x"),
+            1,
+            "Error: internal error: ZeroDivisionError: x; ddgcli --debug shows the traceback",
+        ),
         (KeyboardInterrupt(), 130, "Interrupted"),
         (MemoryError("too much"), 1, "Error: out of memory (too much); use a smaller mesh or fewer outputs"),
     ],

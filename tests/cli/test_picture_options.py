@@ -10,10 +10,10 @@ from ddgcli.mesh import shapes
 from ddgcli.mesh.fields import AnnotatedMesh
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.plots.colour import robust_limits
-from ddgcli.plots.glyphs import SPACING, Glyphs, thinned
+from ddgcli.plots.glyphs import SPACING, Glyphs, thin_glyphs
 from ddgcli.plots.raster import fitted_camera, rasterise, view_axes
 from ddgcli.plots.surface import _corner_normals, _squares
-from ddgcli.plots.viewpoint import chosen_view, guessed_up
+from ddgcli.plots.viewpoint import best_view, up_axis_of
 
 
 @pytest.fixture
@@ -74,7 +74,7 @@ def test_glyphs_are_visible_finite_and_one_a_square():
     vectors = np.cross(mesh.points, [0.0, 0.0, 1.0])
     vectors[:100] = np.nan
     glyphs = Glyphs(mesh.points, vectors)
-    kept = thinned(camera, rasterise(camera, mesh.points, mesh.faces), glyphs)
+    kept = thin_glyphs(camera, rasterise(camera, mesh.points, mesh.faces), glyphs)
     assert 100 < len(kept) < mesh.n_vertices / 2 and np.isfinite(vectors[kept]).all()
     assert mesh.points[kept, 2].min() > -0.2, "none of the far side"
     cell = np.floor(camera.project(mesh.points[kept])[:, :2] / (SPACING * 800))
@@ -105,11 +105,11 @@ def test_creases_are_not_smoothed_over_and_curves_are():
 def test_the_up_axis_is_guessed_from_the_base():
     standing = shapes.cylinder(24, 8)
     lying = np.roll(standing.points, -1, axis=1)  # z becomes y
-    assert guessed_up(standing.points) == "z" and guessed_up(lying) == "y"
-    assert guessed_up(shapes.icosphere(3).points) == guessed_up(shapes.torus(24, 12).points) == "z"
+    assert up_axis_of(standing.points) == "z" and up_axis_of(lying) == "y"
+    assert up_axis_of(shapes.icosphere(3).points) == up_axis_of(shapes.torus(24, 12).points) == "z"
     hills = shapes.grid(20, 20).points.copy()
     hills[:, 2] = 0.05 * np.sin(7 * hills[:, 0]) * np.cos(5 * hills[:, 1])
-    assert guessed_up(hills) == "z"
+    assert up_axis_of(hills) == "z"
 
 
 @pytest.mark.parametrize("up", ["z", "y"])
@@ -117,10 +117,10 @@ def test_the_picture_looks_at_the_side_of_the_values(up):
     ball = shapes.icosphere(3)
     for place in np.array([[1.0, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]]):
         interest = np.exp(-10 * ((ball.points - place) ** 2).sum(axis=1))
-        towards = view_axes(ball.points, chosen_view(ball, interest, up), up)[2]
+        towards = view_axes(ball.points, best_view(ball, interest, up), up)[2]
         assert towards @ place > 0.2
-    assert chosen_view(ball, np.ones(ball.n_vertices), up) is None
-    assert chosen_view(shapes.grid(3, 3), np.arange(16.0), up) is None
+    assert best_view(ball, np.ones(ball.n_vertices), up) is None
+    assert best_view(shapes.grid(3, 3), np.arange(16.0), up) is None
 
 
 def test_squares_change_colour_across_the_flat_layout():

@@ -119,9 +119,8 @@ def plain_ball(mesh, vertex, radius):
         if face in chords_by_face:
             continue
         corners = mesh.points[mesh.faces[face]] - mesh.points[vertex]
-        chords_by_face[face] = np.array(
-            [chord_of(corners[j], corners[(j + 1) % 3], radius) for j in range(3)]
-        )
+        chord = [chord_of(corners[j], corners[(j + 1) % 3], radius) for j in range(3)]
+        chords_by_face[face] = np.array(chord)
         for j in np.flatnonzero(chords_by_face[face] > 0):
             waiting += [int(f) for f in np.flatnonzero((edges == edges[face, j]).any(axis=1))]
     return chords_by_face

@@ -52,7 +52,7 @@ class Viscous:
         return 0.5 * float(np.vdot(x[self.stencil].reshape(len(self.stencil), -1), self._force(x)))
 
     def gradient(self, x: NDArray) -> NDArray[np.float64]:
-        return sum_by_index(self.stencil, self._force(x), len(x))
+        return sum_by_index(self.stencil, self._force(x).reshape(*self.stencil.shape, 3), len(x))
 
     def blocks(self, x: NDArray, mode: Mode) -> NDArray[np.float64]:
         return self.local
