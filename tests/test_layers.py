@@ -7,18 +7,19 @@ import pytest
 
 PACKAGE = Path(__file__).parent.parent / "ddgcli"
 
-CORE = {"errors", "mesh", "geometry", "operators", "linalg"}
+CORE = {"errors", "progress", "mesh", "geometry", "operators", "linalg"}
 MAY_IMPORT = {
     "__init__": set(),
     "__main__": {"cli"},
     "errors": set(),
+    "progress": set(),
     "mesh": {"errors"},
     "io": {"errors", "mesh"},
     "geometry": {"errors", "mesh"},
     "operators": {"errors", "mesh", "geometry", "linalg"},
-    "linalg": {"errors"},
+    "linalg": {"errors", "progress"},
     "algorithms": CORE,
-    "simulation": {"errors", "mesh", "linalg"},
+    "simulation": {"errors", "progress", "mesh", "linalg"},
     "mechanics": {"errors", "linalg", "simulation"},
     "scenes": {"errors", "mesh", "simulation"},
     "models": CORE | {"algorithms", "simulation", "mechanics", "scenes"},

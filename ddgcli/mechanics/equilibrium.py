@@ -7,12 +7,12 @@ from numpy.typing import NDArray
 
 from ddgcli.errors import SolveError
 from ddgcli.linalg.factor import Factor, negative_eigenvalues
-from ddgcli.mechanics.newton import MOVE, Increment, Newton, worst
+from ddgcli.mechanics.newton import MOVE_TOLERANCE, Increment, Newton, newton_of, worst
 from ddgcli.mechanics.system import System
 from ddgcli.mechanics.terms import Mode
 from ddgcli.simulation.time_loop import StepRejected
 
-MOST = 2000
+MAX_EQUILIBRIUM_ITERATIONS = 2000
 INERTIA_ROUNDING = 16 * float(np.finfo(float).eps)  # of the Hessian's norm
 
 
@@ -31,11 +31,11 @@ class Equilibrium:
         StepRejected
             No convergence, with the vertex of the largest residual.
         """
-        newton, increment, enough = self.newton, Increment(0.0, start), MOVE * self.system.size
+        newton, increment, enough = self.newton, Increment(0.0, start), MOVE_TOLERANCE * self.system.size
         point, before = newton.at(increment, start), np.inf
         unit = self._unit(increment, start)
         shift, exact_allowed = unit, False
-        for iteration in range(1, MOST + 1):
+        for iteration in range(1, MAX_EQUILIBRIUM_ITERATIONS + 1):
             g = newton.slope(increment, point.y)
             if not np.isfinite(point.value) or not np.isfinite(g).all():
                 raise StepRejected("not finite", worst(g))
@@ -95,7 +95,7 @@ def unstable_directions(system: System, x: NDArray) -> int | None:
     the stiffness, and the stress by eps max |x| over the length of an edge: eigenvalues within that count as
     zero (the rigid motions of what nothing holds). None where the factorisation fails.
     """
-    matrix = system.newton.matrix(Increment(0.0, x), x, "exact")
+    matrix = newton_of(system).matrix(Increment(0.0, x), x, "exact")
     edges = np.sqrt(len(x)) * float(np.abs(x).max()) / system.size
     norm = float(abs(matrix).sum(axis=0).max(initial=0.0))
     return negative_eigenvalues(matrix, INERTIA_ROUNDING * norm * (1 + edges))

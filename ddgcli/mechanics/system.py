@@ -6,17 +6,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.evolve.rounding import Rounding
-from ddgcli.mechanics.terms import Bounded, Dissipation, Held, Potential
+from ddgcli.mechanics.rounding import Rounding
+from ddgcli.mechanics.terms import BarrierPotential, Dissipation, FixedCoordinates, Potential
 from ddgcli.simulation.account import Account
-
-if TYPE_CHECKING:
-    from ddgcli.mechanics.newton import Newton
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,7 +26,7 @@ class Motion:
         Positions, velocities, accelerations (of schemes that keep them).
     newton : int
         Newton iterations since the start.
-    lifted : float
+    balance_excess : float
         Joules by which the balance of energy stands above its lowest, where the scheme watches it.
     """
 
@@ -37,7 +34,7 @@ class Motion:
     v: NDArray[np.float64]
     a: NDArray[np.float64]
     newton: int = 0
-    lifted: float = 0.0
+    balance_excess: float = 0.0
 
 
 class System:
@@ -46,7 +43,7 @@ class System:
     Parameters
     ----------
     mass : (n,) ndarray
-    parts : sequence of Potential, Dissipation and Held
+    parts : sequence of Potential, Dissipation and FixedCoordinates
     account : Account
     start : (n, 3) ndarray
         Positions at the start of the run, also of a resumed one: the scale of tolerances and of rounding.
@@ -57,41 +54,34 @@ class System:
         Of the object, in metres.
     linear : bool
         Every potential is quadratic with a constant matrix, coordinate by coordinate.
+    cache : dict
+        What solvers keep between the steps, by their names.
     """
 
     def __init__(self, mass: NDArray, parts: Sequence[Any], account: Account, start: NDArray) -> None:
         self.mass, self.account = mass, account
         self.potentials: list[Potential] = [p for p in parts if isinstance(p, Potential)]
         self.dissipations: list[Dissipation] = [p for p in parts if isinstance(p, Dissipation)]
-        self.bounded: list[Bounded] = [p for p in parts if isinstance(p, Bounded)]
+        self.barriers: list[BarrierPotential] = [p for p in parts if isinstance(p, BarrierPotential)]
         held = np.zeros((len(mass), 3), dtype=bool)
         for part in parts:
-            if isinstance(part, Held):
+            if isinstance(part, FixedCoordinates):
                 held |= part.mask
         self.free = ~held
         self.all_free = not held.any()
         self.start, self.size = start, float(np.ptp(start, axis=0).max())
         by_vertex = bool((held.all(axis=1) == held.any(axis=1)).all())
         self.linear = by_vertex and all(len(p.stencil) == 0 or hasattr(p, "matrix") for p in self.potentials)
-        self._newton: Newton | None = None
+        self.cache: dict[str, Any] = {}
 
     def only_free(self, vectors: NDArray) -> NDArray[np.float64]:
         """(n, 3) vectors with zeros where held."""
         return vectors if self.all_free else np.where(self.free, vectors, 0.0)
 
-    @property
-    def newton(self) -> Newton:
-        """The Newton iteration of implicit steps; explicit runs never import it."""
-        if self._newton is None:
-            from ddgcli.mechanics.newton import Newton
-
-            self._newton = Newton(self)
-        return self._newton
-
     @cached_property
     def rounding(self) -> Rounding:
         """What rounding of the positions at the start does to energies and momenta."""
-        return Rounding.at(self, self.start)
+        return Rounding.at(self.potentials, self.mass, self.start)
 
     def energies(self, x: NDArray) -> dict[str, float]:
         """Energy of each potential by its effect's name."""

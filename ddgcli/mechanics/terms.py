@@ -1,4 +1,4 @@
-"""What acts on a mechanical system: potentials, dissipation, held coordinates. Effects return these."""
+"""Terms of a mechanical system, which effects return: potentials, dissipation, fixed coordinates."""
 
 from __future__ import annotations
 
@@ -33,8 +33,8 @@ class Potential(Protocol):
 
 
 @runtime_checkable
-class Bounded(Protocol):
-    """A potential with places that must not be reached (a barrier)."""
+class BarrierPotential(Protocol):
+    """A potential that is infinite outside an admissible set (a barrier)."""
 
     @property
     def name(self) -> str: ...
@@ -65,7 +65,7 @@ class Dissipation(Protocol):
 
 
 @dataclass(frozen=True, eq=False)
-class Held:
+class FixedCoordinates:
     """Coordinates that do not move.
 
     Parameters

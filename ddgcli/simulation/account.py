@@ -1,4 +1,4 @@
-"""Who spent the time: calls and seconds of every effect, of the solver, the integrator and the output."""
+"""Calls and seconds of every effect, of the solver, the integrator and the output."""
 
 from __future__ import annotations
 

@@ -13,7 +13,7 @@ from ddgcli.errors import SolveError
 from ddgcli.mesh.fields import Frame
 from ddgcli.simulation.time_loop import Snapshot
 
-SHOWN = 4  # frames in a picture
+PICTURE_FRAMES = 4  # frames in a picture
 
 
 @dataclass(eq=False)
@@ -78,7 +78,7 @@ class Outcome:
         return self.last
 
 
-class Keeper:
+class FrameRecorder:
     """Gathers the scalars of the frames; keeps a few frames for a picture, not all.
 
     Parameters
@@ -86,8 +86,8 @@ class Keeper:
     outcome : Outcome
         Filled as the frames come.
     picture : bool
-        Whether frames are kept: at most 2 SHOWN of them at any time, evenly spread over what has come (a run
-        that stops when it likes does not say beforehand how many there will be).
+        Whether frames are kept: at most 2 PICTURE_FRAMES of them at any time, evenly spread over those so
+        far (a run that may stop early does not know their number beforehand).
     """
 
     def __init__(self, outcome: Outcome, picture: bool) -> None:
@@ -113,7 +113,7 @@ class Keeper:
         outcome.last = frame
         if self.picture and outcome.frames % self.stride == 0:
             outcome.kept.append(frame)
-            if len(outcome.kept) > 2 * SHOWN:
+            if len(outcome.kept) > 2 * PICTURE_FRAMES:
                 outcome.kept, self.stride = outcome.kept[::2], 2 * self.stride
         outcome.frames += 1
         self.times.append(frame.time)
@@ -130,5 +130,7 @@ class Keeper:
         kept = outcome.kept
         if outcome.last is not None and kept and kept[-1] is not outcome.last:
             kept.append(outcome.last)
-        if len(kept) > SHOWN:
-            outcome.kept = [kept[k] for k in np.linspace(0, len(kept) - 1, SHOWN).round().astype(int)]
+        if len(kept) > PICTURE_FRAMES:
+            outcome.kept = [
+                kept[k] for k in np.linspace(0, len(kept) - 1, PICTURE_FRAMES).round().astype(int)
+            ]

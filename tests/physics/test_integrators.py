@@ -254,7 +254,7 @@ def test_progress_hears_of_every_part_of_a_step():
     contexts = {name: context for name, (context, _) in model.contexts(scene, None).items()}
     heard = []
     models = model.build(scene, contexts, Account())
-    list(evolve(models, scene.schedule(), Account(), told=lambda *done: heard.append(done)))
+    list(evolve(models, scene.schedule(), Account(), progress=lambda *done: heard.append(done)))
     done, whole = np.array(heard).T
     assert (whole == 4).all() and done[-1] == pytest.approx(4)
     assert len(done) > 4 and np.allclose(np.diff(done), done[0])

@@ -18,8 +18,8 @@ from ddgcli.errors import ParameterError, SolveError
 from ddgcli.mesh.fields import AnnotatedMesh
 from ddgcli.simulation.account import Account
 from ddgcli.simulation.frames import joined_frame, joined_mesh
-from ddgcli.simulation.outcome import Keeper, Outcome
-from ddgcli.simulation.time_loop import Arrays, Event, Model, RunBroken, Schedule, evolve, stop_reason
+from ddgcli.simulation.outcome import FrameRecorder, Outcome
+from ddgcli.simulation.time_loop import Arrays, Event, Model, RunFailed, Schedule, evolve, stop_reason
 
 TRAJECTORIES = (".vtkhdf", ".h5")
 
@@ -72,7 +72,7 @@ def simulate(run: Run, job: Job) -> Outcome:
     mesh, number = joined_mesh(job.meshes)
     cell = {"object_id": number, **job.face} if len(job.meshes) > 1 else dict(job.face)
     outcome = Outcome(mesh=mesh)
-    keep = Keeper(outcome, picture=bool(run.common.plot))
+    keep = FrameRecorder(outcome, picture=bool(run.common.plot))
     paths = [p for p in run.common.outputs if Path(p).suffix.lower() in TRAJECTORIES]
     writer, start = _opened(run, job, paths, cell, keep)
     status, earlier, began = "failed", sum(job.account.seconds.values()), perf_counter()
@@ -82,7 +82,7 @@ def simulate(run: Run, job: Job) -> Outcome:
         status = "complete"
     except SolveError as error:
         outcome.failure = str(error)
-        since = error.events if isinstance(error, RunBroken) else ()
+        since = error.events if isinstance(error, RunFailed) else ()
         outcome.events += len(since)
         logging.getLogger("ddgcli").warning("%s", error)
     except KeyboardInterrupt:
@@ -105,7 +105,7 @@ def simulate(run: Run, job: Job) -> Outcome:
 
 
 def _opened(
-    run: Run, job: Job, paths: list[str], cell: dict[str, NDArray], keep: Keeper
+    run: Run, job: Job, paths: list[str], cell: dict[str, NDArray], keep: FrameRecorder
 ) -> tuple[Any, tuple[int, Arrays] | None]:
     """The trajectory's writer, if one is asked for, and where to go on from."""
     if len(paths) > 1:
@@ -132,7 +132,7 @@ def _opened(
     return TrajectoryWriter.resume(job.resume, target, header, job.schedule.frames), start
 
 
-def _march(run: Run, job: Job, keep: Keeper, writer: Any, start: tuple[int, Arrays] | None) -> None:
+def _march(run: Run, job: Job, keep: FrameRecorder, writer: Any, start: tuple[int, Arrays] | None) -> None:
     told = run.progress("frames")
     for snapshot in evolve(job.models, job.schedule, job.account, start, told):
         with job.account.within("output"):

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from ddgcli.mechanics.integrators import INTEGRATORS, stable_step
 from ddgcli.mechanics.system import Motion, System
-from ddgcli.mechanics.terms import Held
+from ddgcli.mechanics.terms import FixedCoordinates
 from ddgcli.mesh.require import why_not
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.models.shell.context import ShellContext
@@ -113,7 +113,7 @@ def make_system(scene: Scene, context: ShellContext, account: Account) -> System
     parts = parts_of(scene, context)
     loose = ~context.mesh.topology.referenced_vertex
     if loose.any():
-        parts.append(Held(np.repeat(loose[:, None], 3, axis=1)))
+        parts.append(FixedCoordinates(np.repeat(loose[:, None], 3, axis=1)))
     system = System(context.mass, parts, account, np.asarray(context.mesh.points))
     if not system.free.any():
         log.warning("every vertex of %s is held: it does not move", context.shell.name)
@@ -140,12 +140,18 @@ def _model(scene: Scene, context: ShellContext, system: System) -> Model[Motion]
         )
 
     def pack(motion: Motion) -> dict[str, NDArray]:
-        count, lifted = np.array([motion.newton]), np.array([motion.lifted])
-        return {"x": motion.x, "v": motion.v, "a": motion.a, "newton": count, "lifted": lifted}
+        count, balance_excess = np.array([motion.newton]), np.array([motion.balance_excess])
+        return {
+            "x": motion.x,
+            "v": motion.v,
+            "a": motion.a,
+            "newton": count,
+            "balance_excess": balance_excess,
+        }
 
     def unpack(arrays: dict[str, NDArray]) -> Motion:
-        count, lifted = int(arrays["newton"][0]), float(arrays["lifted"][0])
-        return Motion(arrays["x"], arrays["v"], arrays["a"], count, lifted)
+        count, balance_excess = int(arrays["newton"][0]), float(arrays["balance_excess"][0])
+        return Motion(arrays["x"], arrays["v"], arrays["a"], count, balance_excess)
 
     limit = stable_step(system, x, reach)
     return Model(

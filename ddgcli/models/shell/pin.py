@@ -7,7 +7,7 @@ from __future__ import annotations
 import numpy as np
 from pydantic import Field, field_validator
 
-from ddgcli.mechanics.terms import Held
+from ddgcli.mechanics.terms import FixedCoordinates
 from ddgcli.models.shell.context import ShellContext
 from ddgcli.scenes.scene import Section
 from ddgcli.scenes.units import vector
@@ -35,7 +35,7 @@ class Pin(Section):
         return value
 
 
-def build(parameters: Pin, context: ShellContext) -> list[Held]:
+def build(parameters: Pin, context: ShellContext) -> list[FixedCoordinates]:
     vertices = context.chosen(parameters.vertices, parameters.box, ("effects", "pin"))
     if parameters.clamp:
         touched = np.isin(context.mesh.faces, vertices).any(axis=1)
@@ -43,7 +43,7 @@ def build(parameters: Pin, context: ShellContext) -> list[Held]:
     mask = np.zeros((context.mesh.n_vertices, 3), dtype=bool)
     for axis in parameters.axes:
         mask[vertices, "xyz".index(axis)] = True
-    return [Held(mask)]
+    return [FixedCoordinates(mask)]
 
 
 EFFECT = Effect("pin", Pin, build, "none: held coordinates leave the system", ("shell",), repeatable=True)

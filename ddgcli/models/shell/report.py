@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.evolve.rounding import Rounding
 from ddgcli.mechanics.integrators import INTEGRATORS
+from ddgcli.mechanics.rounding import Rounding
 from ddgcli.mechanics.system import System
 from ddgcli.models.shell.context import ShellContext
 from ddgcli.scenes.scene import Scene
@@ -18,8 +18,8 @@ from ddgcli.simulation.outcome import Outcome
 from ddgcli.simulation.time_loop import Schedule
 
 log = logging.getLogger("ddgcli")
-# of the energy at hand: more is told; more is not to be trusted, exit 1
-GROWTH, BEYOND_TRUST = 0.1, 1.0
+# of the energy at hand: more is description; more is not to be trusted, exit 1
+ENERGY_GROWTH_WARNING, ENERGY_GROWTH_FAILURE = 0.1, 1.0
 
 
 @dataclass(frozen=True)
@@ -37,11 +37,11 @@ def rounding(outcome: Outcome, systems: dict[str, System]) -> RunRounding:
     dt = outcome.smallest_step if steps else np.inf
     energy = momentum = angular = 0.0
     for name, system in systems.items():
-        scales = [system.rounding, Rounding.at(system, end[name])]
-        given = max(scale.momentum(dt, steps) for scale in scales)
+        scales = [system.rounding, Rounding.at(system.potentials, system.mass, end[name])]
+        momentum_rounding = max(scale.momentum(dt, steps) for scale in scales)
         energy += max(scale.energy(dt, steps) for scale in scales)
-        momentum += given
-        angular += given * float(np.abs(end[name]).max())
+        momentum += momentum_rounding
+        angular += momentum_rounding * float(np.abs(end[name]).max())
     return RunRounding(energy, momentum, angular)
 
 
@@ -127,14 +127,14 @@ def doubt(outcome: Outcome, least: RunRounding) -> str:
     energy, potential = outcome.series["energy"], outcome.series["energy"] - outcome.series["energy_kinetic"]
     growth, at_hand = float(np.max(energy) - energy[0]), float(energy[0] - np.min(potential))
     scale = max(at_hand, least.energy)
-    if not growth > GROWTH * scale + least.energy:
+    if not growth > ENERGY_GROWTH_WARNING * scale + least.energy:
         return ""
     message = (
         f"the energy grew by {growth / scale:.3g} of what there is to move, and no force can do "
         "that: the step is too long for this scheme; shorten it, or take implicit-euler"
     )
     log.warning(message)
-    return message if growth > BEYOND_TRUST * scale + least.energy else ""
+    return message if growth > ENERGY_GROWTH_FAILURE * scale + least.energy else ""
 
 
 def _drift(series: np.ndarray, scale: float, rounding: float) -> float:
@@ -147,7 +147,7 @@ def assembled(
     scene: Scene, shells: dict[str, ShellContext], systems: dict[str, System], schedule: Schedule
 ) -> dict[str, Any]:
     """What the scene would build: sizes, terms, steps."""
-    told: dict[str, Any] = {
+    description: dict[str, Any] = {
         "integrator": scene.time.integrator,
         "order": INTEGRATORS[scene.time.integrator].order,
         "steps": schedule.steps,
@@ -158,11 +158,11 @@ def assembled(
         system = systems[name]
         acting: list[Any] = [*system.potentials, *system.dissipations]
         terms = {p.name: f"{type(p).__name__}, {len(p.stencil)} elements" for p in acting}
-        told[name] = {
+        description[name] = {
             "vertices": context.mesh.n_vertices,
             "faces": context.mesh.n_faces,
             "mass": float(context.mass.sum()),
             "free_coordinates": int(system.free.sum()),
             "terms": terms,
         }
-    return told
+    return description
