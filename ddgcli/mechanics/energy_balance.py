@@ -31,10 +31,12 @@ class StoredEnergy:
                 with system.account.within(potential.name):
                     energy += potential.energy(x)
                     gradient += potential.gradient(x)
-        return cls(energy, system.only_free(gradient))
+        return cls(energy, gradient)
 
 
 def kinetic(system: System, v: NDArray) -> float:
+    """Kinetic energy in J of the free coordinates."""
+    v = system.only_free(v)
     return 0.5 * float(system.mass @ np.einsum("ni,ni->n", v, v))
 
 

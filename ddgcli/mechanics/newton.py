@@ -139,13 +139,25 @@ class Newton:
     # ------------------------------------------------------------ the iteration
 
     def start(self, increment: Increment, x: NDArray, guesses: tuple[NDArray, ...]) -> NDArray:
-        """The guess of least value among those that no barrier keeps from `x`; else `x`."""
+        """The guess of least value among those that no barrier keeps from `x`; else `x`.
+
+        Prescribed vertices are where they belong at the time of the system; StepRejected where a barrier
+        keeps them from there.
+        """
+        x = self.with_prescribed(x)
         points = []
         for guess in guesses:
             move = self.system.only_free(guess - x)
             if self._reach(x, move) == 1.0:
                 points.append(self.at(increment, x + move))
         return min(points, key=lambda point: point.value).y if points else x
+
+    def with_prescribed(self, x: NDArray) -> NDArray:
+        """Positions `x` with the prescribed vertices at the time of the system."""
+        moved = self.system.prescribed_state(x, x, x)[0]
+        if moved is not x and self._reach(x, moved - x) < 1.0:
+            raise StepRejected("barrier crossed", worst(moved - x))
+        return moved
 
     def minimise(self, increment: Increment, guess: NDArray) -> tuple[NDArray, int]:
         """The minimiser near `guess`, which must be inside every barrier; and the iterations.
@@ -362,6 +374,7 @@ def newton_of(system: System) -> Newton:
     """Newton solver of a system; one for all its steps, so that the factorisation is analysed once."""
     if "newton" not in system.cache:
         system.cache["newton"] = Newton(system)
+    system.cache["newton"].system = system  # the same system at another time has the same sparsity
     return system.cache["newton"]
 
 

@@ -38,6 +38,7 @@ TERMS = {
     "damping-stiffness": ("stretching = {}\nbending = {}\ndamping = { stiffness = 0.1 }", CURVED),
     "contact": ('contact = { pairs = [["s", "floor"], ["s", "ball"]], gap = 0.2 }', SHEET),
     "friction": ('contact = { pairs = [["s", "floor"]], gap = 0.2, friction = 0.4, slip = 0.3 }', SHEET),
+    "handle": ("handle = { vertices = [0], times = [0, 1], positions = [[0, 0, 0], [0, 0, 1]] }", SHEET),
     "pin": ("pin = { vertices = [0] }", SHEET),
 }
 

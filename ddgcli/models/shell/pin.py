@@ -18,6 +18,7 @@ class Pin(Section):
     """Hold vertices where they start."""
 
     object: str | None = Field(None, description="shell; needed where the scene has several")
+    name: str | None = Field(None, description="key in results.reaction_forces; default pin")
     vertices: list[int] | None = Field(None, description="vertex numbers")
     box: list[vector("m")] | None = Field(
         None, min_length=2, max_length=2, description="two opposite corners"

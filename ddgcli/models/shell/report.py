@@ -18,6 +18,7 @@ from ddgcli.simulation.outcome import Outcome
 from ddgcli.simulation.time_loop import Schedule
 
 log = logging.getLogger("ddgcli")
+FORCE, MOMENT = "reaction_force_", "reaction_moment_"  # scalars of the frames, by support
 # of the energy at hand: more is description; more is not to be trusted, exit 1
 ENERGY_GROWTH_WARNING, ENERGY_GROWTH_FAILURE = 0.1, 1.0
 
@@ -78,6 +79,14 @@ def summary(
         "momentum": last.scalar["momentum"],
         "angular_momentum": last.scalar["angular_momentum"],
     }
+    if "external_work" in last.scalar:
+        results["external_work"] = last.scalar["external_work"]
+    supports = [name.removeprefix(FORCE) for name in last.scalar if name.startswith(FORCE)]
+    if supports:
+        results["reaction_forces"] = {
+            name: {"force": last.scalar[FORCE + name], "moment": last.scalar[MOMENT + name]}
+            for name in supports
+        }
     if outcome.failure:
         results["stopped_because"] = outcome.failure
     mass = sum(float(system.mass.sum()) for system in systems.values())
@@ -87,7 +96,9 @@ def summary(
     energy_scale = max([float(np.abs(series["energy_kinetic"]).max()), *map(float, swing)])
     momentum_scale = mass * outcome.largest.get("velocity", 0.0)
     accuracy: dict[str, Any] = {
-        "energy_drift": _drift(series["energy"], energy_scale, least.energy),
+        "energy_drift": _drift(
+            series["energy"] - series.get("external_work", 0.0), energy_scale, least.energy
+        ),
         "momentum_drift": _drift(series["momentum"], momentum_scale, least.momentum),
         "angular_momentum_drift": _drift(
             series["angular_momentum"], momentum_scale * size, least.angular_momentum
@@ -121,12 +132,15 @@ def _instability(end: dict[str, NDArray], systems: dict[str, System]) -> int | N
 def doubt(outcome: Outcome, least: RunRounding) -> str:
     """Why the run is not to be trusted: its energy more than doubled. A smaller rise is a warning.
 
-    No force of a shell gives energy: what rises above the start comes from the scheme. The scale is
-    the energy at hand: that of the start above the lowest potential energy that the run reached.
+    Energy that rises above the start and the work of handles, of loads that change in time and of wind comes
+    from the scheme. The scale is the energy at hand: that of the start above the lowest potential energy of
+    the run, and the largest work from outside.
     """
-    energy, potential = outcome.series["energy"], outcome.series["energy"] - outcome.series["energy_kinetic"]
-    growth, at_hand = float(np.max(energy) - energy[0]), float(energy[0] - np.min(potential))
-    scale = max(at_hand, least.energy)
+    total, kinetic = outcome.series["energy"], outcome.series["energy_kinetic"]
+    work = outcome.series.get("external_work", np.zeros_like(total))
+    energy = total - work
+    growth, at_hand = float(np.max(energy) - energy[0]), float(total[0] - np.min(total - kinetic))
+    scale = max(at_hand + float(np.max(np.abs(work))), least.energy)
     if not growth > ENERGY_GROWTH_WARNING * scale + least.energy:
         return ""
     message = (

@@ -23,6 +23,7 @@ EFFECTS = EffectTable(
         "gravity": ("ddgcli.models.shell.gravity", "A constant acceleration of every mass."),
         "load": ("ddgcli.models.shell.load", "Forces on vertices, tractions, moments on edges."),
         "pin": ("ddgcli.models.shell.pin", "Vertices held still, in all directions or some."),
+        "handle": ("ddgcli.models.shell.handle", "Vertices moved along key frames, as a rigid body."),
         "damping": ("ddgcli.models.shell.damping", "Rayleigh damping by mass and by stiffness."),
         "contact": ("ddgcli.models.shell.contact", "Contact with planes and spheres, with friction."),
     },
