@@ -18,20 +18,25 @@ MAX_ENERGY_RISE, MAX_ENERGY_FALL = 0.01, 0.1
 
 @dataclass(frozen=True, eq=False)
 class StoredEnergy:
-    """Energy in J of the nonlinear potentials at given positions, and its gradient (n, 3)."""
+    """Energy in J of the nonlinear potentials at given positions, and its gradient (n, 3).
+
+    `scale` is the sum of the absolute energies: that of a pressure is negative.
+    """
 
     energy: float
     gradient: NDArray
+    scale: float
 
     @classmethod
     def at(cls, system: System, x: NDArray) -> StoredEnergy:
-        energy, gradient = 0.0, np.zeros_like(x)
+        energy, scale, gradient = 0.0, 0.0, np.zeros_like(x)
         for potential in system.potentials:
             if len(potential.stencil):
                 with system.account.within(potential.name):
-                    energy += potential.energy(x)
+                    part = potential.energy(x)
+                    energy, scale = energy + part, scale + abs(part)
                     gradient += potential.gradient(x)
-        return cls(energy, gradient)
+        return cls(energy, gradient, scale)
 
 
 def kinetic(system: System, v: NDArray) -> float:
@@ -75,7 +80,7 @@ def balanced(
         more than `fall`.
     """
     change = end.energy - start.energy + work
-    at_hand = max(kinetic(system, before.v) + start.energy, kinetic(system, after.v) + end.energy)
+    at_hand = max(kinetic(system, before.v) + start.scale, kinetic(system, after.v) + end.scale)
     # what the iteration may leave, as speed; and rounding
     left = float(system.mass.sum()) * (MOVE_TOLERANCE * system.size / dt) ** 2
     least = left + system.rounding.energy(dt) + sum_rounding(at_hand, len(system.mass))

@@ -256,6 +256,9 @@ def stable_step(system: System, x: NDArray, reach: float) -> float:
     elastic = [(p.stencil, p.blocks(x, "material")) for p in system.potentials if len(p.stencil)]
     barrier = sum((b.stiffest() for b in system.barriers), np.zeros(len(x)))
     square = _largest_rate(system, elastic) + float((barrier / system.mass).max())
+    for p in system.potentials:
+        if hasattr(p, "low_rank"):
+            square += float(np.sum(p.low_rank(x) ** 2 / system.mass[:, None]))
     frozen = system.frozen(x, 0.0)
     c = _largest_rate(system, [(p.stencil, p.blocks(np.zeros_like(x), "exact")) for p in frozen])
     if not square + c > 0:

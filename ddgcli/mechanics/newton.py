@@ -10,6 +10,7 @@ V the potentials and R the dissipation frozen at the start of the step: its stat
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +19,7 @@ from scipy.sparse import csc_array, diags_array
 from ddgcli.errors import SolveError
 from ddgcli.linalg.conjugate import Move, truncated_conjugate_gradients
 from ddgcli.linalg.factor import Factor
+from ddgcli.mechanics import low_rank
 from ddgcli.mechanics.assembly import Assembly
 from ddgcli.mechanics.rounding import sum_rounding
 from ddgcli.mechanics.system import System
@@ -91,6 +93,7 @@ class Newton:
         self._assembly: Assembly | None = None
         self._factor: Factor | None = None
         self._fresh = False  # whether the factorisation belongs to the step under way
+        self._solve: low_rank.Operator | None = None  # with that factorisation and its part of low rank
         self._constant: dict[float, Factor] = {}
 
     # ------------------------------------------------------------ the function
@@ -267,14 +270,15 @@ class Newton:
         `before` is the length of the last move, `least` what may be missing of this one at any rate.
         """
         matrix, rhs = self.matrix(increment, y, "exact"), -g[self.system.free]
+        columns = self.system.low_rank(y)
         if not self._fresh:
-            step = self._solved(matrix, rhs)
+            step = self._solved(matrix, columns, rhs)
             if step is not None:
                 return Move(step, 0.0, 0, True)
             self._factorise_projected(increment, y, g)
         with self.system.account.within("solver"):
             direction = truncated_conjugate_gradients(
-                matrix.__matmul__, self._precondition, rhs,
+                low_rank.product(matrix.__matmul__, columns), self._precondition, rhs,
                 lambda first: max(min(MAX_CG_RESIDUAL, first / before) * first, least), MAX_CG_ROUNDS,
                 # near the end a stationary point is a solution, whether or not it could buckle
                 through=lambda first: first < MAX_CG_RESIDUAL * before < np.inf,
@@ -290,11 +294,11 @@ class Newton:
         with self.system.account.within("solver"):
             return Move(self._precondition(-g[self.system.free]), 0.0, 0, False)
 
-    def _solved(self, matrix: csc_array, rhs: NDArray) -> NDArray | None:
+    def _solved(self, matrix: csc_array, columns: NDArray | None, rhs: NDArray) -> NDArray | None:
         """Solution with a new factorisation, or None where the matrix is not positive definite."""
         with self.system.account.within("solver"):
             try:
-                self._factorise(matrix)
+                self._factorise(matrix, columns)
             except SolveError:
                 return None
             step = self._precondition(rhs)
@@ -304,20 +308,21 @@ class Newton:
         matrix = self.matrix(increment, y, "projected")
         with self.system.account.within("solver"):
             try:
-                self._factorise(matrix)
+                self._factorise(matrix, self.system.low_rank(y))
             except SolveError as error:
                 raise StepRejected("singular", worst(g)) from error
 
-    def _factorise(self, matrix: csc_array) -> None:
+    def _factorise(self, matrix: csc_array, columns: NDArray | None) -> None:
         self._fresh = False
         if self._factor is None:
             # factorised twice: what comes after must not depend on where a run was resumed
             self._factor = Factor(matrix, pivot=False)
         self._factor.refactor(matrix)
+        self._solve = low_rank.solver(partial(self._factor.solve, refine=False), columns)
         self._fresh = True
 
     def _precondition(self, rhs: NDArray) -> NDArray:
-        return self._factor.solve(rhs, refine=False)  # type: ignore[union-attr]
+        return self._solve(rhs)  # type: ignore[misc]
 
     def _reach(self, y: NDArray, move: NDArray) -> float:
         """Largest fraction of a move that stays inside every barrier."""

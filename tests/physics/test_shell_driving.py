@@ -37,7 +37,8 @@ rotations = [{{ degrees = 0 }}, {{ axis = [1, 0, 0], degrees = {degrees} }}] }}
 """
 TWIST = HANDLE.format(positions="[[0, 0, 0], [0.01, 0, 0.02]]", degrees=60)
 RAMP = (
-    "load = { force = [0, 0, 0.3], box = [[0.39, -1, -1], [0.41, 1, 1]], times = [0, 0.05], factors = [0, 1] }"
+    "load = { force = [0, 0, 0.3], box = [[0.39, -1, -1], [0.41, 1, 1]], "
+    "times = [0, 0.05], factors = [0, 1] }"
 )
 
 

@@ -157,6 +157,9 @@ def _model(scene: Scene, context: ShellContext, system: System) -> Model[Motion]
 
     def observe(motion: Motion) -> Observation:
         scalars = measures(system.at(motion.time), motion)
+        for potential in system.at(motion.time).potentials:
+            if hasattr(potential, "observed"):
+                scalars |= potential.observed(motion.x)
         for name, (force, moment) in reactions(system, motion, step_size).items():
             scalars |= {f"reaction_force_{name}": force, f"reaction_moment_{name}": moment}
         return Observation(motion.x, {"velocity": motion.v, "strain": strain(context, motion.x)}, scalars)

@@ -22,6 +22,8 @@ EFFECTS = EffectTable(
         "bending": ("ddgcli.models.shell.bending", "Resistance to bending, about the input or about flat."),
         "gravity": ("ddgcli.models.shell.gravity", "A constant acceleration of every mass."),
         "load": ("ddgcli.models.shell.load", "Forces on vertices, tractions, moments on edges."),
+        "pressure": ("ddgcli.models.shell.pressure", "Pressure or a gas inside a closed shell."),
+        "wind": ("ddgcli.models.shell.wind", "Drag and lift of moving or still air on the faces."),
         "pin": ("ddgcli.models.shell.pin", "Vertices held still, in all directions or some."),
         "handle": ("ddgcli.models.shell.handle", "Vertices moved along key frames, as a rigid body."),
         "damping": ("ddgcli.models.shell.damping", "Rayleigh damping by mass and by stiffness."),
