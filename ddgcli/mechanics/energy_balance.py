@@ -1,4 +1,4 @@
-"""The balance of energy of an implicit step, which the scheme may not lift, nor drop at once."""
+"""Energy balance of an implicit step: reject steps that gain more than 1 % or lose more than 10 %."""
 
 from __future__ import annotations
 
@@ -7,34 +7,41 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.mechanics.newton import MOVE
+from ddgcli.mechanics.newton import MOVE_TOLERANCE
 from ddgcli.mechanics.rounding import sum_rounding
 from ddgcli.mechanics.system import Motion, System
 from ddgcli.simulation.time_loop import StepRejected
 
 # of the energy at hand: how far the balance may stand above its lowest, and how far a step may drop it
-RISE, FALL = 0.01, 0.1
+MAX_ENERGY_RISE, MAX_ENERGY_FALL = 0.01, 0.1
 
 
 @dataclass(frozen=True, eq=False)
-class Stored:
-    """What the potentials that are not linear hold at a place: energy in J and its gradient (n, 3)."""
+class StoredEnergy:
+    """Energy in J of the nonlinear potentials at given positions, and its gradient (n, 3).
+
+    `scale` is the sum of the absolute energies: that of a pressure is negative.
+    """
 
     energy: float
     gradient: NDArray
+    scale: float
 
     @classmethod
-    def at(cls, system: System, x: NDArray) -> Stored:
-        energy, gradient = 0.0, np.zeros_like(x)
+    def at(cls, system: System, x: NDArray) -> StoredEnergy:
+        energy, scale, gradient = 0.0, 0.0, np.zeros_like(x)
         for potential in system.potentials:
             if len(potential.stencil):
                 with system.account.within(potential.name):
-                    energy += potential.energy(x)
+                    part = potential.energy(x)
+                    energy, scale = energy + part, scale + abs(part)
                     gradient += potential.gradient(x)
-        return cls(energy, system.only_free(gradient))
+        return cls(energy, gradient, scale)
 
 
 def kinetic(system: System, v: NDArray) -> float:
+    """Kinetic energy in J of the free coordinates."""
+    v = system.only_free(v)
     return 0.5 * float(system.mass @ np.einsum("ni,ni->n", v, v))
 
 
@@ -42,8 +49,8 @@ def balanced(
     system: System,
     before: Motion,
     after: Motion,
-    start: Stored,
-    end: Stored,
+    start: StoredEnergy,
+    end: StoredEnergy,
     work: float,
     dt: float,
     fall: float | None = None,
@@ -58,7 +65,7 @@ def balanced(
 
     Parameters
     ----------
-    start, end : Stored
+    start, end : StoredEnergy
         At both positions.
     work : float
         Of the forces of these potentials along the step, in J, as the scheme counts it.
@@ -72,14 +79,14 @@ def balanced(
         The balance would stand above its lowest by more than a hundredth of the energy at hand, or drop by
         more than `fall`.
     """
-    lifted = end.energy - start.energy + work
-    at_hand = max(kinetic(system, before.v) + start.energy, kinetic(system, after.v) + end.energy)
+    change = end.energy - start.energy + work
+    at_hand = max(kinetic(system, before.v) + start.scale, kinetic(system, after.v) + end.scale)
     # what the iteration may leave, as speed; and rounding
-    left = float(system.mass.sum()) * (MOVE * system.size / dt) ** 2
+    left = float(system.mass.sum()) * (MOVE_TOLERANCE * system.size / dt) ** 2
     least = left + system.rounding.energy(dt) + sum_rounding(at_hand, len(system.mass))
-    above = max(0.0, before.lifted + lifted)
-    if lifted > least and above > RISE * at_hand + least:
+    above = max(0.0, before.balance_excess + change)
+    if change > least and above > MAX_ENERGY_RISE * at_hand + least:
         raise StepRejected("energy rises", value=above / at_hand, solved=True)
-    if lifted < -(FALL * at_hand if fall is None else fall) - least:
-        raise StepRejected("energy falls", value=lifted / at_hand, solved=True)
+    if change < -(MAX_ENERGY_FALL * at_hand if fall is None else fall) - least:
+        raise StepRejected("energy falls", value=change / at_hand, solved=True)
     return Motion(after.x, after.v, after.a, after.newton, above)

@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import block_array, csc_array, eye_array
 
 from ddgcli.errors import SolveError
 from ddgcli.linalg.factor import Factor, negative_eigenvalues
-from ddgcli.mechanics.newton import MOVE, Increment, Newton, newton_of, worst
+from ddgcli.mechanics import low_rank
+from ddgcli.mechanics.newton import MOVE_TOLERANCE, Increment, Newton, newton_of, worst
 from ddgcli.mechanics.system import System
 from ddgcli.mechanics.terms import Mode
 from ddgcli.simulation.time_loop import StepRejected
 
-MOST = 2000
+MAX_EQUILIBRIUM_ITERATIONS = 2000
 INERTIA_ROUNDING = 16 * float(np.finfo(float).eps)  # of the Hessian's norm
 
 
@@ -31,11 +35,11 @@ class Equilibrium:
         StepRejected
             No convergence, with the vertex of the largest residual.
         """
-        newton, increment, enough = self.newton, Increment(0.0, start), MOVE * self.system.size
+        newton, increment, enough = self.newton, Increment(0.0, start), MOVE_TOLERANCE * self.system.size
         point, before = newton.at(increment, start), np.inf
         unit = self._unit(increment, start)
         shift, exact_allowed = unit, False
-        for iteration in range(1, MOST + 1):
+        for iteration in range(1, MAX_EQUILIBRIUM_ITERATIONS + 1):
             g = newton.slope(increment, point.y)
             if not np.isfinite(point.value) or not np.isfinite(g).all():
                 raise StepRejected("not finite", worst(g))
@@ -79,7 +83,8 @@ class Equilibrium:
                     if mode == "exact":
                         continue
                     raise StepRejected("singular", worst(g)) from error
-                step = self._factor.solve(-g[free], refine=False)
+                solve = low_rank.solver(partial(self._factor.solve, refine=False), self.system.low_rank(y))
+                step = solve(-g[free])
             move = np.zeros_like(g)
             move[free] = step
             downhill = float(np.vdot(g, move))
@@ -98,4 +103,13 @@ def unstable_directions(system: System, x: NDArray) -> int | None:
     matrix = newton_of(system).matrix(Increment(0.0, x), x, "exact")
     edges = np.sqrt(len(x)) * float(np.abs(x).max()) / system.size
     norm = float(abs(matrix).sum(axis=0).max(initial=0.0))
-    return negative_eigenvalues(matrix, INERTIA_ROUNDING * norm * (1 + edges))
+    below = INERTIA_ROUNDING * norm * (1 + edges)
+    columns = system.low_rank(x)
+    if columns is None:
+        return negative_eigenvalues(matrix, below)
+    # the bordered matrix [[A, U], [U^T, -I]] has the inertia of A + U U^T and of -I
+    bordered = block_array(
+        [[matrix, csc_array(columns)], [csc_array(columns.T), -eye_array(columns.shape[1])]], format="csc"
+    )
+    count = negative_eigenvalues(bordered, below)
+    return None if count is None else count - columns.shape[1]

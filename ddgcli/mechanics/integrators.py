@@ -43,22 +43,33 @@ class Integrator:
 
 
 def _symplectic_euler(system: System, motion: Motion, dt: float, parameters: Any) -> Motion:
-    a = system.acceleration(motion.x, motion.v, dt)
+    a = system.at(motion.time).acceleration(motion.x, motion.v, dt)
     v = motion.v + dt * a
-    return checked(system, Motion(motion.x + dt * v, v, a, motion.newton))
+    end = system.at(motion.time + dt)
+    return checked(end, Motion(*end.prescribed_state(motion.x + dt * v, v, a), motion.newton))
 
 
 def _verlet(system: System, motion: Motion, dt: float, parameters: Any) -> Motion:
     """Kick, drift, kick; with drag the second kick is corrected once, which keeps order 2."""
+    system = system.at(motion.time + dt)
     half = motion.v + 0.5 * dt * motion.a
-    x = motion.x + dt * half
+    x = system.prescribed_state(motion.x + dt * half, half, half)[0]
     checked(system, Motion(x, half, motion.a))
     a = system.acceleration(x, half if not system.dissipations else motion.v + dt * motion.a, dt)
     v = half + 0.5 * dt * a
     if system.dissipations:
         a = system.acceleration(x, v, dt)
         v = half + 0.5 * dt * a
-    return checked(system, Motion(x, v, a, motion.newton))
+    return checked(system, _after(system, x, v, a, motion.newton))
+
+
+def _after(system: System, x: NDArray, v: NDArray, a: NDArray, newton: int) -> Motion:
+    """The motion at the end of a step; prescribed vertices have their velocity, and no acceleration.
+
+    The acceleration of a prescribed vertex takes no part in the scheme.
+    """
+    x, v, _ = system.prescribed_state(x, v, a)
+    return Motion(x, v, a, newton)
 
 
 def checked(system: System, motion: Motion) -> Motion:
@@ -67,7 +78,7 @@ def checked(system: System, motion: Motion) -> Motion:
         bad = np.flatnonzero(~np.isfinite(array).all(axis=1))
         if len(bad):
             raise StepRejected("not finite", f"vertex {bad[0]}", float("nan"))
-    for barrier in system.bounded:
+    for barrier in system.barriers:
         crossed = barrier.outside(motion.x)
         if crossed is not None:
             raise StepRejected("barrier crossed", f"vertex {crossed[0]}", crossed[1], solved=True)
@@ -83,55 +94,62 @@ def _swinging(system: System, increment: Increment, motion: Motion) -> NDArray:
     from ddgcli.mechanics.newton import newton_of
 
     change = motion.a / increment.a
-    guesses = increment.target + change, increment.target - change
-    return newton_of(system).start(increment, motion.x, guesses)
+
+    return newton_of(system).start(
+        increment, motion.x, (increment.target + change, increment.target - change)
+    )
 
 
 def _implicit_euler(system: System, motion: Motion, dt: float, parameters: Any) -> Motion:
     from ddgcli.mechanics.newton import Increment, newton_of
 
+    system = system.at(motion.time + dt)
     target = motion.x + dt * motion.v
     increment = Increment(1 / dt**2, target, 1 / dt, motion.x, system.frozen(motion.x, dt))
-    newton = newton_of(system)
-    guess = newton.start(increment, motion.x, (target + dt**2 * motion.a, target))
-    y, count = newton.minimise(increment, guess)
+    guess = newton_of(system).start(increment, motion.x, (target + dt**2 * motion.a, target))
+    y, count = newton_of(system).minimise(increment, guess)
     v = (y - motion.x) / dt
-    return checked(system, Motion(y, v, (v - motion.v) / dt, motion.newton + count))
+    return checked(system, _after(system, y, v, system.only_free((v - motion.v) / dt), motion.newton + count))
 
 
 def _implicit_midpoint(system: System, motion: Motion, dt: float, parameters: Any) -> Motion:
     """The unknown is the middle position; the end is its mirror image of the start."""
-    from ddgcli.mechanics.energy_balance import Stored, balanced
+    from ddgcli.mechanics.energy_balance import StoredEnergy, balanced
     from ddgcli.mechanics.newton import Increment, newton_of
 
-    start = None if system.linear else Stored.at(system, motion.x)  # first: it shares the last step's `end`
+    system, end = system.at(motion.time + 0.5 * dt), system.at(motion.time + dt)
+    # first: it shares what the last step computed at its end
+    start = None if system.linear else StoredEnergy.at(system, motion.x)
     target = motion.x + 0.5 * dt * motion.v
     increment = Increment(4 / dt**2, target, 2 / dt, motion.x, system.frozen(motion.x, dt))
     middle, count = newton_of(system).minimise(increment, _swinging(system, increment, motion))
-    x = 2 * middle - motion.x
+    x = end.prescribed_state(2 * middle - motion.x, middle, middle)[0]
     v = 2 * (x - motion.x) / dt - motion.v
-    after = checked(system, Motion(x, v, (v - motion.v) / dt, motion.newton + count))
+    a = system.only_free((v - motion.v) / dt)
+    after = checked(end, _after(end, x, v, a, motion.newton + count))
     if start is None:
         return after
-    work = -float(np.vdot(Stored.at(system, middle).gradient, x - motion.x))
-    return balanced(system, motion, after, start, Stored.at(system, x), work, dt)
+    work = -float(np.vdot(StoredEnergy.at(system, middle).gradient, x - motion.x))
+    return balanced(system, motion, after, start, StoredEnergy.at(system, x), work, dt)
 
 
 def _newmark(system: System, motion: Motion, dt: float, parameters: Any) -> Motion:
     beta, gamma = parameters.beta, parameters.gamma
+    system = system.at(motion.time + dt)
     x, v, a = motion.x, motion.v, motion.a
-    target = x + dt * v + dt**2 * (0.5 - beta) * a
     if beta == 0:
+        target = system.prescribed_state(x + dt * v + dt**2 * 0.5 * a, v, a)[0]
         checked(system, Motion(target, v, a))
         new = system.acceleration(target, v + dt * a, dt)
-        return checked(system, Motion(target, v + dt * ((1 - gamma) * a + gamma * new), new, motion.newton))
+        speed = v + dt * ((1 - gamma) * a + gamma * new)
+        return checked(system, _after(system, target, speed, new, motion.newton))
     if system.linear or np.isfinite(_newmark_reach(parameters)):
         return _implicit_newmark(system, motion, dt, beta, gamma)
-    from ddgcli.mechanics.energy_balance import Stored, balanced, kinetic
+    from ddgcli.mechanics.energy_balance import StoredEnergy, balanced, kinetic
 
-    start = Stored.at(system, x)  # first: it shares what the last step found there
+    start = StoredEnergy.at(system, x)  # first: it shares what the last step found there
     after = _implicit_newmark(system, motion, dt, beta, gamma)
-    end = Stored.at(system, after.x)
+    end = StoredEnergy.at(system, after.x)
     path = after.x - x
     work = -0.5 * float(np.vdot(start.gradient + end.gradient, path))
     # the trapezoid of all forces is the kinetic energy's change where beta = 1/4 and gamma = 1/2
@@ -151,7 +169,8 @@ def _implicit_newmark(system: System, motion: Motion, dt: float, beta: float, ga
     y, count = newton_of(system).minimise(increment, _swinging(system, increment, motion))
     new = (y - target) / (beta * dt**2)
     new = np.where(system.free, new, 0.0)
-    return checked(system, Motion(y, v + dt * ((1 - gamma) * a + gamma * new), new, motion.newton + count))
+    speed = v + dt * ((1 - gamma) * a + gamma * new)
+    return checked(system, _after(system, y, speed, new, motion.newton + count))
 
 
 def _composite(system: System, motion: Motion, dt: float, parameters: Any) -> Motion:
@@ -162,13 +181,14 @@ def _composite(system: System, motion: Motion, dt: float, parameters: Any) -> Mo
     barrier it can also give energy, so the balance judges its step: it may take a tenth of the kinetic
     energy.
     """
-    from ddgcli.mechanics.energy_balance import FALL, Stored, balanced, kinetic
+    from ddgcli.mechanics.energy_balance import MAX_ENERGY_FALL, StoredEnergy, balanced, kinetic
     from ddgcli.mechanics.newton import Increment, newton_of
 
     x, v = motion.x, motion.v
-    start = Stored.at(system, x)
-    begin = Motion(x, v, system.acceleration(x, v, dt), motion.newton)
-    middle = _implicit_newmark(system, begin, 0.5 * dt, 0.25, 0.5)
+    begin = Motion(x, v, system.at(motion.time).acceleration(x, v, dt), motion.newton)
+    half, system = system.at(motion.time + 0.5 * dt), system.at(motion.time + dt)
+    start = StoredEnergy.at(system, x)
+    middle = _implicit_newmark(half, begin, 0.5 * dt, 0.25, 0.5)
     target = (12 * middle.x - 3 * x + dt * (4 * middle.v - v)) / 9
     increment = Increment(
         9 / dt**2, target, 3 / dt, (4 * middle.x - x) / 3, system.frozen(middle.x, 0.5 * dt)
@@ -176,14 +196,14 @@ def _composite(system: System, motion: Motion, dt: float, parameters: Any) -> Mo
     y, count = newton_of(system).minimise(increment, _swinging(system, increment, middle))
     speed = (x - 4 * middle.x + 3 * y) / dt
     a = np.where(system.free, (v - 4 * middle.v + 3 * speed) / dt, 0.0)
-    after = checked(system, Motion(y, speed, a, middle.newton + count, motion.lifted))
+    after = checked(system, _after(system, y, speed, a, middle.newton + count))
     change = kinetic(system, speed) - kinetic(system, v)
-    work = change - system.external_work((x, middle.x, y), 0.5 * dt)
-    most = FALL * max(kinetic(system, v), kinetic(system, speed))
+    work = change - half.external_work((x, middle.x, y), 0.5 * dt)
+    most = MAX_ENERGY_FALL * max(kinetic(system, v), kinetic(system, speed))
     # judged by itself: where the balance stands a hundredth too high, any further step would fail
-    fresh = replace(motion, lifted=0.0)
-    judged = balanced(system, fresh, after, start, Stored.at(system, y), work, dt, most)
-    return replace(judged, lifted=motion.lifted + judged.lifted)
+    fresh = replace(motion, balance_excess=0.0)
+    judged = balanced(system, fresh, after, start, StoredEnergy.at(system, y), work, dt, most)
+    return replace(judged, balance_excess=motion.balance_excess + judged.balance_excess)
 
 
 def _static(system: System, motion: Motion, dt: float, parameters: Any) -> Motion:
@@ -191,8 +211,9 @@ def _static(system: System, motion: Motion, dt: float, parameters: Any) -> Motio
     from ddgcli.mechanics.equilibrium import Equilibrium
     from ddgcli.mechanics.newton import newton_of
 
+    system = system.at(motion.time + dt)
     try:
-        y, count = Equilibrium(newton_of(system)).find(motion.x)
+        y, count = Equilibrium(newton_of(system)).find(newton_of(system).with_prescribed(motion.x))
     except StepRejected as rejected:
         raise SolveError(
             f"no equilibrium was found ({rejected}): hold the shell by pins or lessen the load"
@@ -234,8 +255,11 @@ def stable_step(system: System, x: NDArray, reach: float) -> float:
     if not np.isfinite(reach):
         return np.inf
     elastic = [(p.stencil, p.blocks(x, "material")) for p in system.potentials if len(p.stencil)]
-    barrier = sum((b.stiffest() for b in system.bounded), np.zeros(len(x)))
+    barrier = sum((b.stiffest() for b in system.barriers), np.zeros(len(x)))
     square = _largest_rate(system, elastic) + float((barrier / system.mass).max())
+    for p in system.potentials:
+        if hasattr(p, "low_rank"):
+            square += float(np.sum(p.low_rank(x) ** 2 / system.mass[:, None]))
     frozen = system.frozen(x, 0.0)
     c = _largest_rate(system, [(p.stencil, p.blocks(np.zeros_like(x), "exact")) for p in frozen])
     if not square + c > 0:

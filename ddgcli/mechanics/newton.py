@@ -10,6 +10,7 @@ V the potentials and R the dissipation frozen at the start of the step: its stat
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,23 +19,31 @@ from scipy.sparse import csc_array, diags_array
 from ddgcli.errors import SolveError
 from ddgcli.linalg.conjugate import NewtonStep, truncated_conjugate_gradients
 from ddgcli.linalg.factor import Factor
+from ddgcli.mechanics import low_rank
 from ddgcli.mechanics.assembly import Assembly
 from ddgcli.mechanics.rounding import sum_rounding
 from ddgcli.mechanics.system import System
 from ddgcli.mechanics.terms import Mode, Potential
 from ddgcli.simulation.time_loop import StepRejected
 
-MOVE = 1e-9  # a Newton step below this fraction of the object's size ends the iteration
-SETTLED = 1e-8  # a first guess whose acceleration misses no more than this part needs no iteration
-EPSILON = 0.25 * float(np.finfo(float).eps)  # a move that changes no digit
-CUT, MOST_CUT = 1e-3, 10  # moves of which the line search leaves less than that part, and how many may be
-MOST_NEAR = 4  # further moves for the balance of momentum, once moves are short enough
-MOST = 300  # a stiff sheet that has struck something needs many, and halves of the step no fewer
-SHORTEST = 1e-10
-ARMIJO = 1e-4
+MOVE_TOLERANCE = 1e-9  # a Newton step below this fraction of the object's size ends the iteration
+ACCELERATION_TOLERANCE = (
+    1e-8  # a first guess whose acceleration misses no more than this part needs no iteration
+)
+HALF_ULP = 0.25 * float(np.finfo(float).eps)  # a move that changes no digit
+SHORT_STEP_FRACTION, MAX_SHORT_STEPS = (
+    1e-3,
+    10,
+)  # moves of which the line search leaves less than that part, and how many may be
+MAX_BALANCE_MOVES = 4  # further moves for the balance of momentum, once moves are short enough
+MAX_NEWTON_ITERATIONS = (
+    300  # a stiff sheet that has struck something needs many, and halves of the step no fewer
+)
+MIN_STEP_FRACTION = 1e-10
+ARMIJO_FRACTION = 1e-4
 # rounds of conjugate gradients that cost about a factorisation; and what of a move may be missing at most
-ROUNDS = 15
-LOOSEST = 0.1
+MAX_CG_ROUNDS = 15
+MAX_CG_RESIDUAL = 0.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,9 +83,9 @@ class Point:
 class Newton:
     """Newton's iteration for one system; keeps its scatter pattern and the symbolic factorisation.
 
-    A step factorises once, at its first guess; later moves are found by conjugate gradients with that
-    factorisation as preconditioner, as exactly as quadratic convergence needs, and factorise anew only where
-    that takes too many rounds. What a step finds depends on nothing but its arguments.
+    A step factorises once, at its first guess. Conjugate gradients with that factorisation as preconditioner
+    find the later moves, as exactly as quadratic convergence needs; they factorise anew only where that takes
+    too many rounds. The result of a step depends only on its arguments.
     """
 
     def __init__(self, system: System) -> None:
@@ -84,6 +93,7 @@ class Newton:
         self._assembly: Assembly | None = None
         self._factor: Factor | None = None
         self._fresh = False  # whether the factorisation belongs to the step under way
+        self._solve: low_rank.Operator | None = None  # with that factorisation and its part of low rank
         self._constant: dict[float, Factor] = {}
 
     # ------------------------------------------------------------ the function
@@ -132,13 +142,25 @@ class Newton:
     # ------------------------------------------------------------ the iteration
 
     def start(self, increment: Increment, x: NDArray, guesses: tuple[NDArray, ...]) -> NDArray:
-        """The guess of least value among those that no barrier keeps from `x`; else `x`."""
-        found = []
+        """The guess of least value among those that no barrier keeps from `x`; else `x`.
+
+        Prescribed vertices are where they belong at the time of the system; StepRejected where a barrier
+        keeps them from there.
+        """
+        x = self.with_prescribed(x)
+        points = []
         for guess in guesses:
             move = self.system.only_free(guess - x)
             if self._reach(x, move) == 1.0:
-                found.append(self.at(increment, x + move))
-        return min(found, key=lambda point: point.value).y if found else x
+                points.append(self.at(increment, x + move))
+        return min(points, key=lambda point: point.value).y if points else x
+
+    def with_prescribed(self, x: NDArray) -> NDArray:
+        """Positions `x` with the prescribed vertices at the time of the system."""
+        moved = self.system.prescribed_state(x, x, x)[0]
+        if moved is not x and self._reach(x, moved - x) < 1.0:
+            raise StepRejected("barrier crossed", worst(moved - x))
+        return moved
 
     def minimise(self, increment: Increment, guess: NDArray) -> tuple[NDArray, int]:
         """The minimiser near `guess`, which must be inside every barrier; and the iterations.
@@ -152,9 +174,9 @@ class Newton:
         if system.linear and not increment.frozen:
             return self._linear(increment, guess), 1
         self._fresh = False
-        enough = MOVE * system.size
+        enough = MOVE_TOLERANCE * system.size
         point, before, cut, near = self.at(increment, guess), np.inf, 0, 0
-        for iteration in range(1, MOST + 1):
+        for iteration in range(1, MAX_NEWTON_ITERATIONS + 1):
             g = self.slope(increment, point.y)
             if not np.isfinite(point.value) or not np.isfinite(g).all():
                 raise StepRejected("not finite", worst(g))
@@ -162,32 +184,32 @@ class Newton:
                 point, g = self._translated(increment, point, g)
             if self._settled(increment, point.y, g) or (near and self._in_balance(increment, point.y, g)):
                 return point.y, iteration - 1
-            if near > MOST_NEAR:
+            if near > MAX_BALANCE_MOVES:
                 return point.y, iteration - 1
             exact = 0.1 * (self._moved(increment, point.y) if near else enough)
-            found = self._direction(increment, point.y, g, before, exact)
-            move = self._spread(found.x)
-            short = found.convex and max(float(np.abs(move).max()), found.left) <= enough
+            direction = self._direction(increment, point.y, g, before, exact)
+            move = self._spread(direction.x)
+            short = direction.convex and max(float(np.abs(move).max()), direction.left) <= enough
             if short and self._reach(point.y, move) == 1.0:
                 # too short for values to judge: they differ by rounding
                 point, near = self.at(increment, point.y + move), near + 1
                 continue
             t, point = self.search(increment, point, move, float(np.vdot(g, move)))
-            if t == 1.0 and not found.convex:
+            if t == 1.0 and not direction.convex:
                 point = self._further(increment, point, move)
             if t == 0.0:
-                found = self._projected_direction(increment, point.y, g)
-                move = self._spread(found.x)
+                direction = self._projected_direction(increment, point.y, g)
+                move = self._spread(direction.x)
                 t, point = self.search(increment, point, move, float(np.vdot(g, move)))
             size = float(np.abs(move).max())
             if t == 0.0 and size > enough:
                 raise StepRejected("line search", worst(g), float(np.abs(g).max()))
-            cut += t < CUT
-            if cut > MOST_CUT:
+            cut += t < SHORT_STEP_FRACTION
+            if cut > MAX_SHORT_STEPS:
                 break
             # the next move is to this one as this one to the last: near the end, Newton does better than that
-            quick = found.convex and t == 1.0 and size < before < np.inf
-            following = max(size * size / before, found.left) if quick else size * max(t, 1e-3)
+            quick = direction.convex and t == 1.0 and size < before < np.inf
+            following = max(size * size / before, direction.left) if quick else size * max(t, 1e-3)
             before = size if t == 1.0 else np.inf
             near = near + 1 if following <= enough else 0
         raise StepRejected("newton", worst(g), size)
@@ -199,12 +221,12 @@ class Newton:
         moves in the step: an absolute bound would add up to any error in enough short steps.
         """
         left = float((np.abs(g) / (increment.a * self.system.mass[:, None])).max())
-        return left <= min(1e-3 * MOVE * self.system.size, self._moved(increment, y))
+        return left <= min(1e-3 * MOVE_TOLERANCE * self.system.size, self._moved(increment, y))
 
     def _moved(self, increment: Increment, y: NDArray) -> float:
         """The part that counts of what the acceleration moves in the step; at least rounding."""
-        moved = SETTLED * float(np.abs(self.system.only_free(y - increment.target)).max())
-        return max(moved, EPSILON * float(np.abs(y).max()))
+        moved = ACCELERATION_TOLERANCE * float(np.abs(self.system.only_free(y - increment.target)).max())
+        return max(moved, HALF_ULP * float(np.abs(y).max()))
 
     def _in_balance(self, increment: Increment, y: NDArray, g: NDArray) -> bool:
         """Whether the forces on all vertices together move their middle no more than that."""
@@ -250,22 +272,23 @@ class Newton:
         `before` is the length of the last move, `least` what may be missing of this one at any rate.
         """
         matrix, rhs = self.matrix(increment, y, "exact"), -g[self.system.free]
+        columns = self.system.low_rank(y)
         if not self._fresh:
-            step = self._solved(matrix, rhs)
+            step = self._solved(matrix, columns, rhs)
             if step is not None:
                 return NewtonStep(step, 0.0, 0, True)
             self._factorise_projected(increment, y, g)
         with self.system.account.within("solver"):
-            found = truncated_conjugate_gradients(
-                matrix.__matmul__, self._precondition, rhs,
-                lambda first: max(min(LOOSEST, first / before) * first, least), ROUNDS,
+            direction = truncated_conjugate_gradients(
+                low_rank.product(matrix.__matmul__, columns), self._precondition, rhs,
+                lambda first: max(min(MAX_CG_RESIDUAL, first / before) * first, least), MAX_CG_ROUNDS,
                 # near the end a stationary point is a solution, whether or not it could buckle
-                through=lambda first: first < LOOSEST * before < np.inf,
+                through=lambda first: first < MAX_CG_RESIDUAL * before < np.inf,
             )  # fmt: skip
-        if found is None:
+        if direction is None:
             return self._projected_direction(increment, y, g)
-        self._fresh = found.rounds < ROUNDS
-        return found
+        self._fresh = direction.rounds < MAX_CG_ROUNDS
+        return direction
 
     def _projected_direction(self, increment: Increment, y: NDArray, g: NDArray) -> NewtonStep:
         """Descent direction of the projected Hessian, which is positive definite."""
@@ -273,11 +296,11 @@ class Newton:
         with self.system.account.within("solver"):
             return NewtonStep(self._precondition(-g[self.system.free]), 0.0, 0, False)
 
-    def _solved(self, matrix: csc_array, rhs: NDArray) -> NDArray | None:
+    def _solved(self, matrix: csc_array, columns: NDArray | None, rhs: NDArray) -> NDArray | None:
         """Solution with a new factorisation, or None where the matrix is not positive definite."""
         with self.system.account.within("solver"):
             try:
-                self._factorise(matrix)
+                self._factorise(matrix, columns)
             except SolveError:
                 return None
             step = self._precondition(rhs)
@@ -287,25 +310,26 @@ class Newton:
         matrix = self.matrix(increment, y, "projected")
         with self.system.account.within("solver"):
             try:
-                self._factorise(matrix)
+                self._factorise(matrix, self.system.low_rank(y))
             except SolveError as error:
                 raise StepRejected("singular", worst(g)) from error
 
-    def _factorise(self, matrix: csc_array) -> None:
+    def _factorise(self, matrix: csc_array, columns: NDArray | None) -> None:
         self._fresh = False
         if self._factor is None:
             # factorised twice: what comes after must not depend on where a run was resumed
             self._factor = Factor(matrix, pivot=False)
         self._factor.refactor(matrix)
+        self._solve = low_rank.solver(partial(self._factor.solve, refine=False), columns)
         self._fresh = True
 
     def _precondition(self, rhs: NDArray) -> NDArray:
-        return self._factor.solve(rhs, refine=False)  # type: ignore[union-attr]
+        return self._solve(rhs)  # type: ignore[misc]
 
     def _reach(self, y: NDArray, move: NDArray) -> float:
         """Largest fraction of a move that stays inside every barrier."""
         t = 1.0
-        for barrier in self.system.bounded:
+        for barrier in self.system.barriers:
             with self.system.account.within(barrier.name):
                 t = min(t, barrier.longest(y, move))
         return t
@@ -315,10 +339,10 @@ class Newton:
     ) -> tuple[float, Point]:
         """Backtracking from the whole step, or from the barrier: the fraction taken and where it ends."""
         t = self._reach(point.y, move)
-        while t > SHORTEST:
+        while t > MIN_STEP_FRACTION:
             trial = self.at(increment, point.y + t * move)
             slack = sum_rounding(max(point.scale, trial.scale), len(move))
-            if trial.value <= point.value + ARMIJO * t * downhill + slack:
+            if trial.value <= point.value + ARMIJO_FRACTION * t * downhill + slack:
                 return t, trial
             t *= 0.5
         return 0.0, point
@@ -357,6 +381,7 @@ def newton_of(system: System) -> Newton:
     """Newton solver of a system; one for all its steps, so that the factorisation is analysed once."""
     if "newton" not in system.cache:
         system.cache["newton"] = Newton(system)
+    system.cache["newton"].system = system  # the same system at another time has the same sparsity
     return system.cache["newton"]
 
 

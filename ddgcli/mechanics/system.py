@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -12,7 +13,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.mechanics.rounding import Rounding
-from ddgcli.mechanics.terms import Bounded, Dissipation, Held, Potential
+from ddgcli.mechanics.terms import (
+    BarrierPotential,
+    Dissipation,
+    FixedCoordinates,
+    Potential,
+    PrescribedMotion,
+    TimeDependent,
+)
 from ddgcli.simulation.account import Account
 
 
@@ -26,15 +34,21 @@ class Motion:
         Positions, velocities, accelerations (of schemes that keep them).
     newton : int
         Newton iterations since the start.
-    lifted : float
+    balance_excess : float
         Joules by which the balance of energy stands above its lowest, where the scheme watches it.
+    time : float
+        s.
+    work : float
+        Joules that handles, loads that change in time and wind have added since the start.
     """
 
     x: NDArray[np.float64]
     v: NDArray[np.float64]
     a: NDArray[np.float64]
     newton: int = 0
-    lifted: float = 0.0
+    balance_excess: float = 0.0
+    time: float = 0.0
+    work: float = 0.0
 
 
 class System:
@@ -43,7 +57,7 @@ class System:
     Parameters
     ----------
     mass : (n,) ndarray
-    parts : sequence of Potential, Dissipation and Held
+    parts : sequence of Potential, Dissipation and FixedCoordinates
     account : Account
     start : (n, 3) ndarray
         Positions at the start of the run, also of a resumed one: the scale of tolerances and of rounding.
@@ -59,13 +73,14 @@ class System:
     """
 
     def __init__(self, mass: NDArray, parts: Sequence[Any], account: Account, start: NDArray) -> None:
-        self.mass, self.account = mass, account
-        self.potentials: list[Potential] = [p for p in parts if isinstance(p, Potential)]
-        self.dissipations: list[Dissipation] = [p for p in parts if isinstance(p, Dissipation)]
-        self.bounded: list[Bounded] = [p for p in parts if isinstance(p, Bounded)]
+        self.mass, self.account, self.time = mass, account, 0.0
+        self.parts = tuple(parts)
+        self._choose(parts)
+        self.prescribed = [p for p in parts if isinstance(p, PrescribedMotion)]
+        self.supports = [p for p in parts if isinstance(p, FixedCoordinates | PrescribedMotion) and p.name]
         held = np.zeros((len(mass), 3), dtype=bool)
         for part in parts:
-            if isinstance(part, Held):
+            if isinstance(part, FixedCoordinates | PrescribedMotion):
                 held |= part.mask
         self.free = ~held
         self.all_free = not held.any()
@@ -73,6 +88,38 @@ class System:
         by_vertex = bool((held.all(axis=1) == held.any(axis=1)).all())
         self.linear = by_vertex and all(len(p.stencil) == 0 or hasattr(p, "matrix") for p in self.potentials)
         self.cache: dict[str, Any] = {}
+        timed = any(isinstance(part, TimeDependent) for part in parts)
+        self.driven = timed or bool(self.prescribed) or any(is_active(d) for d in self.dissipations)
+        self.varies = timed or bool(self.prescribed)
+
+    def _choose(self, parts: Sequence[Any]) -> None:
+        """Sort the terms by kind, those that depend on time at `self.time`."""
+        terms = [p.at(self.time) if isinstance(p, TimeDependent) else p for p in parts]
+        self.potentials: list[Potential] = [p for p in terms if isinstance(p, Potential)]
+        self.dissipations: list[Dissipation] = [p for p in terms if isinstance(p, Dissipation)]
+        self.barriers: list[BarrierPotential] = [p for p in terms if isinstance(p, BarrierPotential)]
+
+    def at(self, time: float) -> System:
+        """The system at a time in s; itself where nothing depends on time.
+
+        Solvers share their cache between the times.
+        """
+        if not self.varies or time == self.time:
+            return self
+        system = copy.copy(self)
+        system.time = time
+        system._choose(self.parts)
+        return system
+
+    def prescribed_state(self, x: NDArray, v: NDArray, a: NDArray) -> tuple[NDArray, NDArray, NDArray]:
+        """(x, v, a) with the state of prescribed vertices at `time`; the same arrays without any."""
+        if not self.prescribed:
+            return x, v, a
+        x, v, a = x.copy(), v.copy(), a.copy()
+        for part in self.prescribed:
+            rows = part.mask[:, 0]
+            x[rows], v[rows], a[rows] = part.motion(self.time)
+        return x, v, a
 
     def only_free(self, vectors: NDArray) -> NDArray[np.float64]:
         """(n, 3) vectors with zeros where held."""
@@ -93,22 +140,38 @@ class System:
 
     def gradient(self, x: NDArray) -> NDArray[np.float64]:
         """(n, 3) gradient of the potential energy, zero where held."""
+        return self.only_free(self.full_gradient(x))
+
+    def low_rank(self, x: NDArray) -> NDArray[np.float64] | None:
+        """(free coordinates, k) columns U of the dense part U U^T of the Hessian; None without it."""
+        dense = [p for p in self.potentials if hasattr(p, "low_rank")]
+        return np.stack([p.low_rank(x)[self.free] for p in dense], axis=1) if dense else None
+
+    def full_gradient(self, x: NDArray) -> NDArray[np.float64]:
+        """(n, 3) gradient of the potential energy, also where held: there it is the reaction force."""
         total = np.zeros_like(x)
         for potential in self.potentials:
             with self.account.within(potential.name):
                 total += potential.gradient(x)
-        return self.only_free(total)
+        return total
 
     def drag(self, x: NDArray, v: NDArray, dt: float) -> NDArray[np.float64]:
-        """(n, 3) gradient of the dissipation in the velocities at (x, v)."""
+        """(n, 3) gradient of the dissipation in the velocities at (x, v), zero where held."""
+        return self.only_free(self.full_drag(x, v, dt))
+
+    def full_drag(self, x: NDArray, v: NDArray, dt: float) -> NDArray[np.float64]:
+        """(n, 3) gradient of the dissipation in the velocities at (x, v), also where held."""
         total = np.zeros_like(x)
         for dissipation in self.dissipations:
             with self.account.within(dissipation.name):
                 total += dissipation.frozen(x, dt).gradient(v)
-        return self.only_free(total)
+        return total
 
     def external_work(self, path: Sequence[NDArray], dt: float) -> float:
-        """Joules that dead loads give less what dissipation takes along positions that are dt apart."""
+        """Joules that dead loads and handles add, less those that dissipation takes.
+
+        `path` holds positions that are dt apart. The kinetic energy of prescribed vertices does not count.
+        """
         work = 0.0
         for potential in self.potentials:
             if not len(potential.stencil):
@@ -118,6 +181,10 @@ class System:
             for before, after in pairwise(path):
                 move = after - before
                 work -= float(np.vdot(self.drag(before, move / dt, dt), move))
+        if self.prescribed:
+            for before, after in pairwise(path):
+                force = 0.5 * (self.full_gradient(before) + self.full_gradient(after))
+                work += float(np.vdot(force, np.where(self.free, 0.0, after - before)))
         return work
 
     def frozen(self, x: NDArray, dt: float) -> tuple[Potential, ...]:
@@ -134,3 +201,8 @@ class System:
         if self.dissipations:
             force -= self.drag(x, v, dt)
         return force / self.mass[:, None]
+
+
+def is_active(dissipation: Dissipation) -> bool:
+    """Whether a dissipation can also add energy: the air of wind moves."""
+    return bool(getattr(dissipation, "active", False))

@@ -1,4 +1,4 @@
-"""What acts on a mechanical system: potentials, dissipation, held coordinates. Effects return these."""
+"""Terms of a mechanical system, which effects return: potentials, dissipation, fixed coordinates."""
 
 from __future__ import annotations
 
@@ -33,8 +33,8 @@ class Potential(Protocol):
 
 
 @runtime_checkable
-class Bounded(Protocol):
-    """A potential with places that must not be reached (a barrier)."""
+class BarrierPotential(Protocol):
+    """A potential that is infinite outside an admissible set (a barrier)."""
 
     @property
     def name(self) -> str: ...
@@ -64,16 +64,66 @@ class Dissipation(Protocol):
         ...
 
 
+@runtime_checkable
+class TimeDependent(Protocol):
+    """A potential or dissipation that depends on time."""
+
+    def at(self, time: float) -> Any:
+        """The potential or dissipation at a time in s."""
+        ...
+
+
 @dataclass(frozen=True, eq=False)
-class Held:
+class FixedCoordinates:
     """Coordinates that do not move.
 
     Parameters
     ----------
     mask : (n, 3) ndarray of bool
+    name : str
+        Of the reaction force; "" where none is reported.
     """
 
     mask: NDArray[np.bool_]
+    name: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class PrescribedMotion:
+    """Vertices that follow a given motion.
+
+    Parameters
+    ----------
+    mask : (n, 3) ndarray of bool
+        True in the rows of these vertices.
+    motion : callable time -> (x, v, a)
+        (k, 3) positions, velocities and accelerations of the vertices, in ascending order.
+    name : str
+        Of the reaction force.
+    """
+
+    mask: NDArray[np.bool_]
+    motion: Callable[[float], tuple[NDArray, NDArray, NDArray]]
+    name: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class RampedLoad:
+    """A potential times a factor that is piecewise linear in time.
+
+    Parameters
+    ----------
+    potential : potential with a method `scaled(factor)`
+    times, factors : (k,) ndarray
+        Seconds, ascending; before the first and after the last the factor is constant.
+    """
+
+    potential: Any
+    times: NDArray[np.float64]
+    factors: NDArray[np.float64]
+
+    def at(self, time: float) -> Potential:
+        return self.potential.scaled(float(np.interp(time, self.times, self.factors)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,6 +143,10 @@ class DeadLoad:
     @property
     def stencil(self) -> NDArray[np.int64]:
         return np.zeros((0, 1), dtype=np.int64)
+
+    def scaled(self, factor: float) -> DeadLoad:
+        """The load times a factor."""
+        return DeadLoad(self.name, factor * self.force)
 
     def energy(self, x: NDArray) -> float:
         return -float(np.vdot(self.force, x))

@@ -27,8 +27,8 @@ FUNCTIONS: dict[str, tuple[int, Callable[..., Any]]] = {
     "where": (3, np.where), "hypot": (2, np.hypot),
 }  # fmt: skip
 CONSTANTS = {"pi": np.pi, "e": np.e}
-LONGEST = 2000
-DEEPEST = 60
+MAX_LENGTH = 2000
+MAX_DEPTH = 60
 
 
 def evaluate(text: str, variables: Mapping[str, NDArray]) -> NDArray[np.float64]:
@@ -63,8 +63,8 @@ def evaluate(text: str, variables: Mapping[str, NDArray]) -> NDArray[np.float64]
 
 def parse(text: str, variables: tuple[str, ...] = ("x", "y", "z")) -> ast.expr:
     """The checked syntax tree of an expression; ValueError names what is not allowed and the nearest name."""
-    if len(text) > LONGEST:
-        raise ValueError(f"the expression is longer than {LONGEST} characters")
+    if len(text) > MAX_LENGTH:
+        raise ValueError(f"the expression is longer than {MAX_LENGTH} characters")
     if "#" in text:
         raise ValueError(f"cannot read the expression {text!r}: it may not hold a comment")
     try:
@@ -78,7 +78,7 @@ def parse(text: str, variables: tuple[str, ...] = ("x", "y", "z")) -> ast.expr:
 
 
 def _check(node: ast.AST, text: str, variables: tuple[str, ...], depth: int) -> None:
-    if depth > DEEPEST:
+    if depth > MAX_DEPTH:
         raise ValueError("the expression is nested too deeply")
     children: list[ast.AST] = []
     if isinstance(node, ast.Constant) and type(node.value) in (int, float):

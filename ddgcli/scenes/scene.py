@@ -19,8 +19,8 @@ from ddgcli.simulation.effects import Effect, EffectTable, nearest
 from ddgcli.simulation.time_loop import Schedule
 
 FORMAT = "ddgcli-scene/1"
-MOST_STEPS = 1e9
-TIMES = (1e-150, 1e150)  # seconds, whose squares stay within the range of numbers
+MAX_STEPS = 1e9
+TIME_RANGE = (1e-150, 1e150)  # seconds, whose squares stay within the range of numbers
 log = logging.getLogger("ddgcli")
 Key = tuple[str | int, ...]
 
@@ -120,9 +120,10 @@ class Scene:
         """The object of that name, or a refusal at `key`."""
         names = [o.name for o in self.objects if not roles or o.role in roles]
         if name not in names:
-            wanted = f"{' or '.join(roles)} " if roles else ""
+            expected = f"{' or '.join(roles)} " if roles else ""
             self.refuse(
-                key, f"no {wanted}object {name!r}{nearest(name, names)} (there: {', '.join(names) or 'none'})"
+                key,
+                f"no {expected}object {name!r}{nearest(name, names)} (there: {', '.join(names) or 'none'})",
             )
         return next(o for o in self.objects if o.name == name)
 
@@ -185,7 +186,7 @@ def resolve(document: Document, kind: SceneKind, overrides: Mapping[str, Any] | 
     document : Document
     kind : SceneKind
     overrides : mapping, optional
-        Keys of [time] given on the command line, and `steps`.
+        Keys of [time] from the command line, and `steps`.
 
     Raises
     ------
@@ -212,12 +213,12 @@ def _check_clock(scene: Scene) -> None:
     time = scene.time
     each = (time.frame_every or time.duration / 50) if time.tolerance is not None else time.step
     count = time.duration / each
-    if not count <= MOST_STEPS:
+    if not count <= MAX_STEPS:
         what = "step" if time.tolerance is None else "frame_every"
         scene.refuse(("time", what), f"{what} = {each:g} s makes {count:.3g} of them; lengthen it")
     for what in ("step", "frame_every", "duration"):
         span = getattr(time, what)
-        if span is not None and not TIMES[0] < span < TIMES[1]:
+        if span is not None and not TIME_RANGE[0] < span < TIME_RANGE[1]:
             scene.refuse(("time", what), f"{what} = {span:g} s squared leaves the range of numbers")
     schedule = scene.schedule()
     if time.tolerance is not None or time.integrator == "static":
@@ -232,10 +233,10 @@ def _check_clock(scene: Scene) -> None:
     if abs(end - time.duration) > 1e-6 * time.duration:
         log.warning("duration %g s is no whole number of steps of %g s: the run ends at %g s",
                     time.duration, schedule.dt, end)  # fmt: skip
-    wanted = min(time.frame_every or between, end)
-    if abs(min(between, end) - wanted) > 1e-6 * wanted:
+    expected = min(time.frame_every or between, end)
+    if abs(min(between, end) - expected) > 1e-6 * expected:
         log.warning("frame_every %g s is no whole number of steps of %g s: frames come every %g s",
-                    wanted, schedule.dt, between)  # fmt: skip
+                    expected, schedule.dt, between)  # fmt: skip
 
 
 def _check_top(document: Document) -> None:
@@ -246,30 +247,30 @@ def _check_top(document: Document) -> None:
             message = f"unknown key {name!r}{hint}; a scene has format, [time], [[object]], [effects]"
             raise SceneError(located(document, (name,), message))
         if not isinstance(value, allowed[name]):
-            wanted = {dict: f"a table [{name}]", list: f"an array of tables [[{name}]]", str: "text"}[
+            expected = {dict: f"a table [{name}]", list: f"an array of tables [[{name}]]", str: "text"}[
                 allowed[name]
             ]
-            raise SceneError(located(document, (name,), f"{name} must be {wanted}"))
+            raise SceneError(located(document, (name,), f"{name} must be {expected}"))
 
 
 def _time(document: Document, kind: SceneKind, overrides: dict[str, Any]) -> Any:
     written = dict(document.data.get("time", {}))
     steps = overrides.pop("steps", None)
-    given = {**written, **{k: v for k, v in overrides.items() if v is not None}}
+    values = {**written, **{k: v for k, v in overrides.items() if v is not None}}
     if overrides.get("step") is not None and overrides.get("tolerance") is None:
-        given.pop("tolerance", None)
-    given.setdefault("integrator", kind.integrator)
-    name = given["integrator"]
+        values.pop("tolerance", None)
+    values.setdefault("integrator", kind.integrator)
+    name = values["integrator"]
     if not isinstance(name, str) or name not in kind.integrators:
         hint = nearest(str(name), list(kind.integrators))
         message = f"no integrator {name!r}{hint}; {kind.command} has {', '.join(kind.integrators)}"
         raise SceneError(located(document, ("time", "integrator"), message))
-    default = given.get("step") is None and given.get("tolerance") is None
+    default = values.get("step") is None and values.get("tolerance") is None
     if default:
-        given["step"] = kind.default_step
-    _leave_out_other_scheme(kind, str(written.get("integrator", kind.integrator)), name, given)
+        values["step"] = kind.default_step
+    _leave_out_other_scheme(kind, str(written.get("integrator", kind.integrator)), name, values)
     model = time_model(kind, name)
-    time = checked(document, ("time",), model, given, "[time]")
+    time = checked(document, ("time",), model, values, "[time]")
     if steps is not None:
         time = time.model_copy(update={"duration": steps * (time.step or kind.default_step)})
     elif default and time.step > time.duration:
@@ -277,14 +278,14 @@ def _time(document: Document, kind: SceneKind, overrides: dict[str, Any]) -> Any
     return time
 
 
-def _leave_out_other_scheme(kind: SceneKind, written: str, name: str, given: dict[str, Any]) -> None:
+def _leave_out_other_scheme(kind: SceneKind, written: str, name: str, values: dict[str, Any]) -> None:
     """Parameters beside the scene's integrator go with it where the command line names another."""
     if written == name or written not in kind.integrators:
         return
     for key in kind.integrators[written].model_fields:
-        if key in given and key not in kind.integrators[name].model_fields:
+        if key in values and key not in kind.integrators[name].model_fields:
             log.info("%s of %s is left out with it", key, written)
-            del given[key]
+            del values[key]
 
 
 def time_model(kind: SceneKind, integrator: str) -> type[Section]:
@@ -311,11 +312,11 @@ def _objects(document: Document, kind: SceneKind) -> tuple[Any, ...]:
             message = f"no role {role!r}{hint}; {kind.command} has {', '.join(kind.roles)}"
             raise SceneError(located(document, (*key, "role"), message))
         table = {"name": f"object{k}" if len(written) > 1 else role, **table, "role": role}
-        found = checked(document, key, kind.roles[role], table, f"[[object]] of role {role}")
-        if found.name in [o.name for o in objects]:
-            message = f"two objects are called {found.name!r}; give each its own name"
+        section = checked(document, key, kind.roles[role], table, f"[[object]] of role {role}")
+        if section.name in [o.name for o in objects]:
+            message = f"two objects are called {section.name!r}; give each its own name"
             raise SceneError(located(document, (*key, "name"), message))
-        objects.append(found)
+        objects.append(section)
     return tuple(objects)
 
 
@@ -400,11 +401,11 @@ def _sentence(mistake: Any, loc: Key, model: type[BaseModel], where: str) -> str
         few = kind == "too_short"
         count = context["min_length" if few else "max_length"]
         return f"{name} of {where} must have at {'least' if few else 'most'} {count} entries, found {value!r}"
-    wanted = {"int_type": "a whole number", "bool_type": "true or false", "string_type": "text",
+    expected = {"int_type": "a whole number", "bool_type": "true or false", "string_type": "text",
               "list_type": "an array", "dict_type": "a table", "model_type": "a table",
               "int_from_float": "a whole number", "model_attributes_type": "a table"}.get(kind)  # fmt: skip
-    if wanted:
-        return f"{name} of {where} must be {wanted}, found {value!r}"
+    if expected:
+        return f"{name} of {where} must be {expected}, found {value!r}"
     return f"{name} of {where}: {mistake['msg']}, found {value!r}"
 
 
@@ -421,7 +422,7 @@ def _inner_model(annotation: Any) -> Any:
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
         return annotation
     for argument in getattr(annotation, "__args__", ()):
-        found = _inner_model(argument)
-        if found is not None:
-            return found
+        section = _inner_model(argument)
+        if section is not None:
+            return section
     return None

@@ -145,7 +145,7 @@ def _require_one_shape(section: Any, shapes: tuple[str, ...]) -> None:
 
 
 @dataclass(frozen=True, eq=False)
-class Placed:
+class PlacedMesh:
     """The mesh of an object where the scene puts it.
 
     Parameters
@@ -166,13 +166,13 @@ class Placed:
     face: dict[str, NDArray] = field(default_factory=dict)
 
 
-def place(section: SurfaceObject, read: Callable[[str], Any]) -> Placed:
+def place(section: SurfaceObject, read: Callable[[str], Any]) -> PlacedMesh:
     """Mesh of an object, scaled, turned and moved; `read` opens a mesh file relative to the scene."""
     if section.grid is not None and section.grid.periodic:
         flat = periodic_grid(section.grid)
         points = _moved(section, np.asarray(flat.points))
         lengths = np.asarray(flat.side_length) * section.scale
-        return Placed(IntrinsicMesh(flat.topology, lengths, points), {})
+        return PlacedMesh(IntrinsicMesh(flat.topology, lengths, points), {})
     vertex: dict[str, NDArray] = {}
     face: dict[str, NDArray] = {}
     sha256 = ""
@@ -185,7 +185,7 @@ def place(section: SurfaceObject, read: Callable[[str], Any]) -> Placed:
             raise ValueError(kind_error(mesh, ("surface",), path=section.mesh))
     else:
         mesh = made(section)
-    return Placed(mesh.moved(_moved(section, np.asarray(mesh.points))), vertex, sha256, face)
+    return PlacedMesh(mesh.moved(_moved(section, np.asarray(mesh.points))), vertex, sha256, face)
 
 
 def made(section: Any) -> TriangleMesh:

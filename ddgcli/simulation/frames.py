@@ -1,4 +1,4 @@
-"""From snapshots to frames: models that march side by side become one surface."""
+"""Join the frames of several models into one surface."""
 
 from __future__ import annotations
 

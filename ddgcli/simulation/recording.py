@@ -15,7 +15,7 @@ from ddgcli.progress import ProgressCallback
 from ddgcli.simulation.account import Account
 from ddgcli.simulation.frames import joined_frame
 from ddgcli.simulation.outcome import Outcome
-from ddgcli.simulation.time_loop import Arrays, Model, RunBroken, Schedule, Snapshot, evolve
+from ddgcli.simulation.time_loop import Arrays, Model, RunFailed, Schedule, Snapshot, evolve
 
 MAX_PICTURE_FRAMES = 4
 
@@ -115,7 +115,7 @@ def run_models(
         outcome.status = "complete"
     except SolveError as error:
         outcome.failure = str(error)
-        outcome.last_events = error.events if isinstance(error, RunBroken) else ()
+        outcome.last_events = error.events if isinstance(error, RunFailed) else ()
         outcome.events += len(outcome.last_events)
         logging.getLogger("ddgcli").warning("%s", error)
     except KeyboardInterrupt:

@@ -1,4 +1,4 @@
-"""The one time loop: models that do not meet march side by side from frame to frame.
+"""Time loop: advance independent models in lockstep from frame to frame.
 
 The loop knows neither physics nor files. It owns the clock (times are `k * dt`, never a running sum), the
 shortened and the adaptive steps, and the story of what went wrong (`Event`).
@@ -22,14 +22,14 @@ from ddgcli.simulation.account import Account
 State = TypeVar("State")
 Arrays = dict[str, NDArray]
 log = logging.getLogger("ddgcli")
-RECOVERY = 8.0  # of the shortest part of a step, what the next one tries first
-GROWTH = 1.1  # of the part tried, with each that succeeds
+RECOVERY_FACTOR = 8.0  # of the shortest part of a step, what the next one tries first
+STEP_GROWTH = 1.1  # of the part tried, with each that succeeds
 STOP_REASON_BYTES = 240  # of the reason to stop in a checkpoint, whose arrays keep their shapes
-DEEPEST_SHRINK = 12  # a step is halved at most so often: dt / 4096
+MAX_HALVINGS = 12  # a step is halved at most so often: dt / 4096
 
 
 class StepRejected(Exception):
-    """A step that did not succeed: the loop shortens it or stops, and tells.
+    """Failed step: the loop shortens it or ends the run.
 
     Parameters
     ----------
@@ -59,7 +59,7 @@ class Event:
     detail: str = ""
 
 
-class RunBroken(SolveError):
+class RunFailed(SolveError):
     """A step failed for good; `events` are those since the last snapshot."""
 
     def __init__(self, message: str, events: tuple[Event, ...]) -> None:
@@ -69,14 +69,14 @@ class RunBroken(SolveError):
 
 @dataclass(frozen=True, eq=False)
 class Observation:
-    """What a model shows of a state.
+    """Observed quantities of a state.
 
     Parameters
     ----------
     points : (n, 3) ndarray, or None where the surface does not move
     vertex : dict of str to ndarray of leading length n
     scalar : dict of str to float or (k,) ndarray
-        Additive over models that march side by side (energies, momenta, counts).
+        Sums over the models of a run (energies, momenta, counts).
     """
 
     points: NDArray | None
@@ -97,7 +97,7 @@ class Model(Generic[State]):
     pack, unpack : callables
         State to named arrays of fixed shape and back, to the last bit: the checkpoint.
     largest_step : float
-        Stability limit of the scheme, inf where it has none; longer steps are divided, and told.
+        Stability limit of the scheme, inf where it has none; longer steps are divided, with a warning.
     distance : callable (state, state) -> float, optional
         Error measure of adaptive steps, relative to the model's own scale.
     order : int
@@ -165,8 +165,8 @@ class Schedule:
 
 
 @dataclass(eq=False)
-class March:
-    """One model under way."""
+class ActiveModel:
+    """State of one model during a run."""
 
     name: str
     model: Model
@@ -271,38 +271,41 @@ def evolve(
 
     Raises
     ------
-    RunBroken
+    RunFailed
         A step failed for good; the snapshots before it stand.
     """
-    marches = [
-        March(name, model, model.start, schedule.first_dt or schedule.dt) for name, model in models.items()
+    active_models = [
+        ActiveModel(name, model, model.start, schedule.first_dt or schedule.dt)
+        for name, model in models.items()
     ]
     events: list[Event] = []
     frame = 0
     if resume is None:
-        yield _snapshot(marches, schedule, 0, 0, events, account)
+        yield _snapshot(active_models, schedule, 0, 0, events, account)
     else:
         frame, checkpoint = resume
-        for march in marches:
-            march.restore(_part(checkpoint, march.name))
+        for active in active_models:
+            active.restore(_part(checkpoint, active.name))
         if stop_reason(checkpoint):
             return
     last_frame = schedule.frames - 1
-    for march in marches:
-        march.reached = schedule.step_of_frame(frame)
+    for active in active_models:
+        active.reached = schedule.step_of_frame(frame)
         if progress is not None:
-            march.tell = lambda: progress(sum(m.reached for m in marches) / len(marches), schedule.steps)
+            active.tell = lambda: progress(
+                sum(m.reached for m in active_models) / len(active_models), schedule.steps
+            )
     while frame < last_frame:
         first, last = schedule.step_of_frame(frame), schedule.step_of_frame(frame + 1)
-        for march in marches:
+        for active in active_models:
             try:
                 with account.within("integrator"), np.errstate(all="ignore"):
-                    reached = _march(march, schedule, first, last, events)
+                    reached = _advance_to(active, schedule, first, last, events)
             except SolveError as error:
-                raise RunBroken(str(error), tuple(events)) from error
-            last = min(last, reached) if len(marches) == 1 else last
+                raise RunFailed(str(error), tuple(events)) from error
+            last = min(last, reached) if len(active_models) == 1 else last
         frame += 1
-        snapshot = _snapshot(marches, schedule, frame, last, events, account)
+        snapshot = _snapshot(active_models, schedule, frame, last, events, account)
         events = []
         yield snapshot
         if snapshot.stopped:
@@ -314,13 +317,20 @@ def _part(checkpoint: Arrays, name: str) -> Arrays:
 
 
 def _snapshot(
-    marches: list[March], schedule: Schedule, frame: int, step: int, events: list[Event], account: Account
+    active_models: list[ActiveModel],
+    schedule: Schedule,
+    frame: int,
+    step: int,
+    events: list[Event],
+    account: Account,
 ) -> Snapshot:
     with account.within("output"):
-        observations = {march.name: march.model.observe(march.state) for march in marches}
-        checkpoint = {f"{m.name}/{key}": value for m in marches for key, value in m.pack().items()}
-        reasons = [march.stopped for march in marches]
-        clocks = [march.model.clock(march.state) for march in marches if march.model.clock is not None]
+        observations = {active.name: active.model.observe(active.state) for active in active_models}
+        checkpoint = {f"{m.name}/{key}": value for m in active_models for key, value in m.pack().items()}
+        reasons = [active.stopped for active in active_models]
+        clocks = [
+            active.model.clock(active.state) for active in active_models if active.model.clock is not None
+        ]
         return Snapshot(
             frame,
             step,
@@ -328,78 +338,90 @@ def _snapshot(
             observations,
             checkpoint,
             tuple(events),
-            max((march.taken for march in marches), default=0),
-            min((march.smallest for march in marches), default=math.inf),
+            max((active.taken for active in active_models), default=0),
+            min((active.smallest for active in active_models), default=math.inf),
             reasons[0] if reasons and all(reasons) else "",
         )
 
 
-def _march(march: March, schedule: Schedule, first: int, last: int, events: list[Event]) -> int:
+def _advance_to(active: ActiveModel, schedule: Schedule, first: int, last: int, events: list[Event]) -> int:
     """Advance one model from step `first` to step `last`; the step that it reached."""
-    if march.stopped:
+    if active.stopped:
         return last
     if schedule.tolerance is not None:
-        _march_adaptive(march, schedule, first, last, events)
+        _advance_adaptively(active, schedule, first, last, events)
         return last
     for step in range(first, last):
-        march.allowed, march.shortest = RECOVERY * march.next_dt, math.inf
-        march.state = _cross(march, schedule, step, step * schedule.dt, schedule.dt, 0, events)
-        march.next_dt = march.shortest
-        if march.model.stop is not None:
-            march.stopped = march.model.stop(march.state)
-            if march.stopped:
-                events.append(Event(step + 1, (step + 1) * schedule.dt, "stop", detail=march.stopped))
+        active.allowed, active.shortest = RECOVERY_FACTOR * active.next_dt, math.inf
+        active.state = _step_or_halves(active, schedule, step, step * schedule.dt, schedule.dt, 0, events)
+        active.next_dt = active.shortest
+        if active.model.stop is not None:
+            active.stopped = active.model.stop(active.state)
+            if active.stopped:
+                events.append(Event(step + 1, (step + 1) * schedule.dt, "stop", detail=active.stopped))
                 return step + 1
     return last
 
 
-def _cross(
-    march: March, schedule: Schedule, step: int, time: float, dt: float, depth: int, events: list[Event]
+def _step_or_halves(
+    active: ActiveModel,
+    schedule: Schedule,
+    step: int,
+    time: float,
+    dt: float,
+    depth: int,
+    events: list[Event],
 ) -> Any:
     """State after `dt`: in one step, or in halves where that fails or would be unstable.
 
     What failed is tried again after some shorter parts, and the next step begins with a multiple of them.
     """
-    model = march.model
+    model = active.model
     if dt > model.largest_step:
-        if depth >= DEEPEST_SHRINK:
+        if depth >= MAX_HALVINGS:
             raise SolveError(
-                f"{march.name}: the stability limit, {model.largest_step:.3g} s, is over "
-                f"{2**DEEPEST_SHRINK} times shorter than the step; shorten it, or take an implicit scheme"
+                f"{active.name}: the stability limit, {model.largest_step:.3g} s, is over "
+                f"{2**MAX_HALVINGS} times shorter than the step; shorten it, or take an implicit scheme"
             )
-        if not march.divided:
-            march.divided = True
-            detail = f"{march.name}: dt above the stability limit {model.largest_step:.3g} s is divided"
-            events.append(Event(step, time, "stability", march.name, model.largest_step, detail))
+        if not active.divided:
+            active.divided = True
+            detail = f"{active.name}: dt above the stability limit {model.largest_step:.3g} s is divided"
+            events.append(Event(step, time, "stability", active.name, model.largest_step, detail))
             log.warning(detail)
-        return _halves(march, schedule, step, time, dt, depth, events)
-    if dt > march.allowed:
-        return _halves(march, schedule, step, time, dt, depth, events)
+        return _two_halves(active, schedule, step, time, dt, depth, events)
+    if dt > active.allowed:
+        return _two_halves(active, schedule, step, time, dt, depth, events)
     try:
-        state = _advanced(march, schedule, march.state, step, time, dt, events)
+        state = _advanced(active, schedule, active.state, step, time, dt, events)
     except StepRejected as rejected:
-        detail = f"{march.name}: step of {dt:.3g} s rejected: {rejected}"
+        detail = f"{active.name}: step of {dt:.3g} s rejected: {rejected}"
         events.append(Event(step, time, rejected.cause, rejected.place, rejected.value, detail))
-        if schedule.on_failure == "stop" or depth >= DEEPEST_SHRINK:
+        if schedule.on_failure == "stop" or depth >= MAX_HALVINGS:
             raise SolveError(f"t = {time:.6g} s, {detail}; try a smaller step") from rejected
-        say = log.info if march.divided else log.warning
+        say = log.info if active.divided else log.warning
         say("t = %.6g s, %s; it is halved, and so are those after it where they must", time, detail)
-        march.divided, march.allowed = True, 0.75 * dt
-        return _halves(march, schedule, step, time, dt, depth, events)
-    march.reached = (time + dt) / schedule.dt
-    march.tell()
-    march.taken += 1
-    march.smallest = min(march.smallest, dt)
-    march.shortest = min(march.shortest, dt)
-    march.allowed *= GROWTH
+        active.divided, active.allowed = True, 0.75 * dt
+        return _two_halves(active, schedule, step, time, dt, depth, events)
+    active.reached = (time + dt) / schedule.dt
+    active.tell()
+    active.taken += 1
+    active.smallest = min(active.smallest, dt)
+    active.shortest = min(active.shortest, dt)
+    active.allowed *= STEP_GROWTH
     return state
 
 
 def _advanced(
-    march: March, schedule: Schedule, state: Any, step: int, time: float, dt: float, events: list[Event]
+    active: ActiveModel,
+    schedule: Schedule,
+    state: Any,
+    step: int,
+    time: float,
+    dt: float,
+    events: list[Event],
 ) -> Any:
     """The state one step later, by the scheme or by what rescues its step; StepRejected where neither can."""
-    model = march.model
+    model = active.model
     try:
         return model.advance(state, time, dt)
     except StepRejected as rejected:
@@ -410,59 +432,67 @@ def _advanced(
         later = model.rescue(state, time, dt)
     except StepRejected:
         raise cause from None
-    detail = f"{march.name}: step of {dt:.3g} s rejected: {cause}; taken by the composite scheme"
+    detail = f"{active.name}: step of {dt:.3g} s rejected: {cause}; taken by the composite scheme"
     events.append(Event(step, time, cause.cause, cause.place, cause.value, detail))
-    say = log.info if march.rescued else log.warning
+    say = log.info if active.rescued else log.warning
     say("t = %.6g s, %s, and so are those after it that must", time, detail)
-    march.rescued = True
+    active.rescued = True
     return later
 
 
-def _halves(
-    march: March, schedule: Schedule, step: int, time: float, dt: float, depth: int, events: list[Event]
+def _two_halves(
+    active: ActiveModel,
+    schedule: Schedule,
+    step: int,
+    time: float,
+    dt: float,
+    depth: int,
+    events: list[Event],
 ) -> Any:
-    march.state = _cross(march, schedule, step, time, dt / 2, depth + 1, events)
-    return _cross(march, schedule, step, time + dt / 2, dt / 2, depth + 1, events)
+    active.state = _step_or_halves(active, schedule, step, time, dt / 2, depth + 1, events)
+    return _step_or_halves(active, schedule, step, time + dt / 2, dt / 2, depth + 1, events)
 
 
-def _march_adaptive(march: March, schedule: Schedule, first: int, last: int, events: list[Event]) -> None:
+def _advance_adaptively(
+    active: ActiveModel, schedule: Schedule, first: int, last: int, events: list[Event]
+) -> None:
     """Step doubling: accept two half steps where they differ from the whole one by at most the tolerance."""
-    model, tolerance = march.model, schedule.tolerance or 1.0
+    model, tolerance = active.model, schedule.tolerance or 1.0
     if model.distance is None:
         raise ParameterError("this model has no error measure: give a step instead of a tolerance")
     time, end = first * schedule.dt, last * schedule.dt
     shortest = (end - time) * 0.5**40
     while time < end:
-        pieces = max(1, math.ceil((end - time) / min(march.next_dt, model.largest_step) - 1e-9))
+        pieces = max(1, math.ceil((end - time) / min(active.next_dt, model.largest_step) - 1e-9))
         dt = (end - time) / pieces
         try:
-            whole = _advanced(march, schedule, march.state, first, time, dt, events)
-            half = _advanced(march, schedule, march.state, first, time, dt / 2, events)
-            state = _advanced(march, schedule, half, first, time + dt / 2, dt / 2, events)
+            whole = _advanced(active, schedule, active.state, first, time, dt, events)
+            half = _advanced(active, schedule, active.state, first, time, dt / 2, events)
+            state = _advanced(active, schedule, half, first, time + dt / 2, dt / 2, events)
             error = model.distance(whole, state)
         except StepRejected as rejected:
-            detail = f"{march.name}: step of {dt:.3g} s rejected: {rejected}"
+            detail = f"{active.name}: step of {dt:.3g} s rejected: {rejected}"
             events.append(Event(first, time, rejected.cause, rejected.place, rejected.value, detail))
             if schedule.on_failure == "stop" or dt < shortest:
                 raise SolveError(f"t = {time:.6g} s, {detail}; try a smaller step") from rejected
-            march.next_dt = dt / 4
+            active.next_dt = dt / 4
             continue
         growth = 0.9 * (tolerance / max(error, 1e-300)) ** (1 / (model.order + 1))
         if error > tolerance and dt > shortest:
-            events.append(Event(first, time, "tolerance", march.name, error, f"step of {dt:.3g} s too long"))
-            march.next_dt = dt * max(0.2, min(growth, 0.9))
+            events.append(Event(first, time, "tolerance", active.name, error, f"step of {dt:.3g} s too long"))
+            active.next_dt = dt * max(0.2, min(growth, 0.9))
             continue
-        march.state = state
-        march.reached = (time + dt) / schedule.dt
-        march.tell()
-        march.taken += 2
-        march.smallest = min(march.smallest, dt / 2)
+        active.state = state
+        active.reached = (time + dt) / schedule.dt
+        active.tell()
+        active.taken += 2
+        active.smallest = min(active.smallest, dt / 2)
         time = end if pieces == 1 else time + dt
         grown = dt * max(0.2, min(growth, 2.0))
-        cut_short = dt < 0.99 * march.next_dt
-        march.next_dt = max(march.next_dt, grown) if cut_short and growth >= 1 else grown
+        cut_short = dt < 0.99 * active.next_dt
+        active.next_dt = max(active.next_dt, grown) if cut_short and growth >= 1 else grown
         if model.stop is not None:
-            march.stopped = model.stop(march.state)
-            if march.stopped:
-                events.append(Event(first, time, "stop", detail=march.stopped))
+            active.stopped = model.stop(active.state)
+            if active.stopped:
+                events.append(Event(first, time, "stop", detail=active.stopped))
                 return

@@ -248,7 +248,7 @@ def test_energy_that_no_force_can_give_is_told(summary, run, tmp_path, monkeypat
     held = summary("shell-sim", leaf, "--dt", 4e-3)
     assert held["results"]["rejected_steps"] > 0 and held["accuracy"]["energy_drift"] < 1e-2
     assert len(held["warnings"]) == 1 and "rejected: energy rises" in held["warnings"][0]
-    monkeypatch.setattr(balance, "RISE", np.inf)
+    monkeypatch.setattr(balance, "MAX_ENERGY_RISE", np.inf)
     long = summary("shell-sim", leaf, "--dt", 4e-3, code=1)
     assert any("energy grew" in warning for warning in long["warnings"])
     blown = run("shell-sim", leaf, "--dt", 6e-3, "-o", tmp_path / "leaf.ply", "--json")

@@ -31,6 +31,7 @@ gravity = { acceleration = [0, 0, -9.81] }
 contact = { pairs = [["hat", "floor"]], friction = 0.5 }
 """
 
+HANDLE = "handle = {{ {}, positions = [[0, 0, 0], [0, 0, 1], [0, 0, 2]] }} #"
 GRID = "grid = { size = [1, 1], cells = [2, 2] }"
 STVK = 'stretching = { model = "stvk" }'
 TWO_SHELLS = """role = "shell"
@@ -111,6 +112,19 @@ BAD = [
     ("contact = {", "pin = { box = [[0, 0, 0]] } # contact = {", 22, ["at least 2 entries"]),
     ("contact = {", "load = { vertices = [0] } # contact = {", 22, ["force, traction and moment"]),
     ("contact = {", "load = { moment = 1, edge = [0, 8] } # contact = {", 22, ["interior edge", "[0, 8]"]),
+    ("contact = {", HANDLE.format("vertices = [0], times = [0, 1, 1]"), 22, ["times", "entry 2"]),
+    ("contact = {", HANDLE.format("vertices = [0], times = [0, 1]"), 22, ["positions has 3 entries"]),
+    ("contact = {", HANDLE.format("vertices = [99], times = [0, 1, 2]"), 22, ["vertex 99"]),
+    ("gravity = {", "pin = { vertices = [3] }\n" + HANDLE.format("vertices = [3], times = [0, 1, 2]"), 22,
+     ["vertex 3", "pin"]),
+    ("contact = {", "load = { force = [0, 0, 1], vertices = [0], times = [1, 0], factors = [0, 1] } #", 22,
+     ["times", "entry 1"]),
+    ("contact = {", "load = { force = [0, 0, 1], vertices = [0], times = [0, 1] } #", 22, ["ramp"]),
+    ("contact = {", "pressure = { value = 3 } #", 22, ["open", "8 boundary edges", "traction"]),
+    ("contact = {", "pressure = { gas = true } #", 22, ["open"]),
+    ("contact = {", "pressure = { value = -2e5, gas = true } #", 22, ["absolute pressure", "-98675"]),
+    ("contact = {", 'wind = { velocity = ["sni(t)", 0, 0] } #', 22, ["velocity", "'sni'", "'sin'"]),
+    ("contact = {", "wind = { velocity = [1, 2] } #", 22, ["velocity", "three"]),
     ('role = "obstacle"', TWO_SHELLS, 18, ["object", "hat"]),
     ("contact = {", "damping = {} # contact = {", 22, ["mass", "stiffness"]),
     ("contact = {", "contact = { pairs = 3 3 # {", 22, ["TOML"]),

@@ -38,6 +38,10 @@ TERMS = {
     "damping-stiffness": ("stretching = {}\nbending = {}\ndamping = { stiffness = 0.1 }", CURVED),
     "contact": ('contact = { pairs = [["s", "floor"], ["s", "ball"]], gap = 0.2 }', SHEET),
     "friction": ('contact = { pairs = [["s", "floor"]], gap = 0.2, friction = 0.4, slip = 0.3 }', SHEET),
+    "handle": ("handle = { vertices = [0], times = [0, 1], positions = [[0, 0, 0], [0, 0, 1]] }", SHEET),
+    "pressure": ("pressure = { value = 20 }", CURVED),
+    "gas": ("pressure = { value = 20, gas = true, ambient = 50 }", CURVED),
+    "wind": ('wind = { velocity = ["2 + x", 1, "0.5*z"], tangential = 0.4 }', CURVED),
     "pin": ("pin = { vertices = [0] }", SHEET),
 }
 
@@ -121,6 +125,8 @@ def test_hessian_by_finite_differences(name):
             continue
         n = len(x)
         hessian = dense(p.stencil, p.blocks(x, "exact"), n)
+        if hasattr(p, "low_rank"):
+            hessian += np.outer(p.low_rank(x), p.low_rank(x))
         estimate = np.zeros_like(hessian)
         h = 1e-5
         for k in range(3 * n):

@@ -27,7 +27,7 @@ from ddgcli.simulation.effects import Effect
 # that is free to relax has B = 4.8 to 5 K on right and alternating grids, 5.4 K on equilateral and 5.6 K on
 # irregular triangles, 6.2 to 7 K on crossed ones; bent to a cylinder unrelaxed, 6 K along a grid's axes.
 PLATE = 5.0
-FLAT = 1e-6  # radians: a mesh whose hinges are flatter counts as flat
+FLAT_ANGLE_TOLERANCE = 1e-6  # radians: a mesh whose hinges are flatter counts as flat
 
 
 class Bending(Section):
@@ -156,7 +156,7 @@ def build(parameters: Bending, context: ShellContext) -> list[Potential]:
         return [HingeBending(stencil, rigidity / PLATE * scaled, rest)]
     if parameters.rest == "input":
         bent = np.abs(hinge.frame(np.asarray(mesh.points), stencil).angle).max(initial=0.0)
-        if bent > FLAT:
+        if bent > FLAT_ANGLE_TOLERANCE:
             raise ValueError(
                 f"model quadratic is at rest when flat, and the input bends by {bent:.3g} rad; "
                 'write rest = "flat", or model = "hinge"'

@@ -6,12 +6,13 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field, model_validator
+from pydantic import Field, field_validator, model_validator
 
-from ddgcli.mechanics.terms import DeadLoad, Mode, Potential
+from ddgcli.mechanics.terms import DeadLoad, Mode, Potential, RampedLoad
 from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.models.shell import hinge
 from ddgcli.models.shell.context import ShellContext
+from ddgcli.models.shell.key_frames import require_ascending
 from ddgcli.scenes.scene import Section
 from ddgcli.scenes.units import quantity, vector
 from ddgcli.simulation.effects import Effect
@@ -33,6 +34,16 @@ class Load(Section):
     edge: list[int] | None = Field(
         None, min_length=2, max_length=2, description="ends of the edge of a moment"
     )
+    times: list[quantity("s")] | None = Field(None, min_length=2, description="of a ramp, ascending")
+    factors: list[quantity("")] | None = Field(
+        None, description="factor on the load at each time, linear in between and constant outside"
+    )
+
+    @field_validator("times")
+    @classmethod
+    def _ascending(cls, times: list[float] | None) -> list[float] | None:
+        require_ascending(times or [])
+        return times
 
     @model_validator(mode="after")
     def _one(self) -> Load:
@@ -43,6 +54,8 @@ class Load(Section):
             raise ValueError("a moment needs edge = [a, b], and an edge needs a moment")
         if self.moment is not None and (self.vertices is not None or self.box is not None):
             raise ValueError("a moment acts on its edge: leave vertices and box out")
+        if len(self.times or []) != len(self.factors or []):
+            raise ValueError("a ramp needs times and factors of one length")
         return self
 
 
@@ -53,6 +66,10 @@ class HingeMoment:
 
     def __init__(self, stencil: NDArray, moment: NDArray, rest: NDArray) -> None:
         self.stencil, self.moment, self.rest = stencil, moment, rest
+
+    def scaled(self, factor: float) -> HingeMoment:
+        """The moment times a factor."""
+        return HingeMoment(self.stencil, factor * self.moment, self.rest)
 
     def energy(self, x: NDArray) -> float:
         turned = hinge.wrapped(hinge.frame(x, self.stencil).angle - self.rest)
@@ -68,9 +85,17 @@ class HingeMoment:
         return -self.moment[:, None, None] * hinge.angle_hessian(hinge.frame(x, self.stencil))
 
 
-def build(parameters: Load, context: ShellContext) -> list[Potential]:
+def build(parameters: Load, context: ShellContext) -> list[Potential | RampedLoad]:
+    load = _constant_load(parameters, context)
+    if parameters.times is None or parameters.factors is None:
+        return [load]
+    return [RampedLoad(load, np.array(parameters.times), np.array(parameters.factors))]
+
+
+def _constant_load(parameters: Load, context: ShellContext) -> DeadLoad | HingeMoment:
+    """The load at factor 1."""
     if parameters.moment is not None:
-        return [_moment(parameters, context)]
+        return _moment(parameters, context)
     area = context.vertex_area
     everywhere = parameters.traction is not None and parameters.vertices is None and parameters.box is None
     chosen = (
@@ -83,7 +108,7 @@ def build(parameters: Load, context: ShellContext) -> list[Potential]:
         force[chosen] = (area[chosen] / area[chosen].sum())[:, None] * np.array(parameters.force)
     else:
         force[chosen] = area[chosen, None] * np.array(parameters.traction)
-    return [DeadLoad("load", force)]
+    return DeadLoad("load", force)
 
 
 def _moment(parameters: Load, context: ShellContext) -> HingeMoment:

@@ -10,9 +10,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.mechanics.integrators import INTEGRATORS, stable_step
+from ddgcli.mechanics.driving import driving_work, reactions
+from ddgcli.mechanics.integrators import INTEGRATORS, Step, stable_step
 from ddgcli.mechanics.system import Motion, System
-from ddgcli.mechanics.terms import Held
+from ddgcli.mechanics.terms import FixedCoordinates, PrescribedMotion
 from ddgcli.mesh.require import unmet_need
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.models.shell.context import ShellContext
@@ -93,17 +94,28 @@ def parts_of(scene: Scene, context: ShellContext) -> list[Any]:
             log.warning(
                 "effect %s on %s has no strength: it changes nothing", effect.name, context.shell.name
             )
+        made = [_with_name(part, effect, parameters, key) for part in made]
         context.made.setdefault(effect.name, []).extend(made)
         return made
 
     context.made.clear()
-    elastic = ("stretching", "bending")
-    ordered = sorted(scene.effects, key=lambda entry: entry[0].name not in elastic)
+    # elastic terms first, which damping needs; handles last, which must not share vertices with pins
+    ranks = {"stretching": 0, "bending": 0, "handle": 2}
+    ordered = sorted(scene.effects, key=lambda entry: ranks.get(entry[0].name, 1))
     return [part for made in replace(scene, effects=tuple(ordered)).build(make) for part in made]
+
+
+def _with_name(part: Any, effect: Effect, parameters: Any, key: Key) -> Any:
+    """Pins and handles with the name of their reaction force: their own, or that of the effect."""
+    if not isinstance(part, FixedCoordinates | PrescribedMotion):
+        return part
+    default = effect.name if len(key) < 3 else f"{effect.name}_{key[2]}"
+    return replace(part, name=parameters.name or default)
 
 
 def _strength(part: Any) -> bool:
     """Whether a term can do anything: dead forces and moments may be zero."""
+    part = getattr(part, "potential", part)
     values = getattr(part, "force", getattr(part, "moment", None))
     return values is None or bool(np.any(values))
 
@@ -113,7 +125,7 @@ def make_system(scene: Scene, context: ShellContext, account: Account) -> System
     parts = parts_of(scene, context)
     loose = ~context.mesh.topology.referenced_vertex
     if loose.any():
-        parts.append(Held(np.repeat(loose[:, None], 3, axis=1)))
+        parts.append(FixedCoordinates(np.repeat(loose[:, None], 3, axis=1)))
     system = System(context.mass, parts, account, np.asarray(context.mesh.points))
     if not system.free.any():
         log.warning("every vertex of %s is held: it does not move", context.shell.name)
@@ -124,28 +136,41 @@ def _model(scene: Scene, context: ShellContext, system: System) -> Model[Motion]
     integrator, parameters = INTEGRATORS[scene.time.integrator], scene.time
     x = np.array(context.mesh.points)
     v = np.where(system.free, _initial_velocity(context), 0.0)
+    x, v, _ = system.prescribed_state(x, v, v)
+    step_size = scene.schedule().dt
     with np.errstate(all="ignore"):
-        start = Motion(x, v, system.acceleration(x, v, scene.schedule().dt))
+        start = Motion(x, v, system.acceleration(x, v, step_size))
     size, reach = system.size, integrator.reach(parameters)
 
+    def advanced(step: Step, motion: Motion, time: float, dt: float) -> Motion:
+        before = replace(motion, time=time)
+        after = replace(step(system, before, dt, parameters), time=time + dt, work=motion.work)
+        if not system.driven:
+            return after
+        return replace(after, work=motion.work + driving_work(system, before, after, dt))
+
     def advance(motion: Motion, time: float, dt: float) -> Motion:
-        return integrator.step(system, motion, dt, parameters)
+        return advanced(integrator.step, motion, time, dt)
 
     def rescue(motion: Motion, time: float, dt: float) -> Motion:
-        return (integrator.rescue or integrator.step)(system, motion, dt, parameters)
+        return advanced(integrator.rescue or integrator.step, motion, time, dt)
 
     def observe(motion: Motion) -> Observation:
-        return Observation(
-            motion.x, {"velocity": motion.v, "strain": strain(context, motion.x)}, measures(system, motion)
-        )
+        scalars = measures(system.at(motion.time), motion)
+        for potential in system.at(motion.time).potentials:
+            if hasattr(potential, "observed"):
+                scalars |= potential.observed(motion.x)
+        for name, (force, moment) in reactions(system, motion, step_size).items():
+            scalars |= {f"reaction_force_{name}": force, f"reaction_moment_{name}": moment}
+        return Observation(motion.x, {"velocity": motion.v, "strain": strain(context, motion.x)}, scalars)
 
     def pack(motion: Motion) -> dict[str, NDArray]:
-        count, lifted = np.array([motion.newton]), np.array([motion.lifted])
-        return {"x": motion.x, "v": motion.v, "a": motion.a, "newton": count, "lifted": lifted}
+        scalars = np.array([motion.newton, motion.balance_excess, motion.time, motion.work])
+        return {"x": motion.x, "v": motion.v, "a": motion.a, "scalars": scalars}
 
     def unpack(arrays: dict[str, NDArray]) -> Motion:
-        count, lifted = int(arrays["newton"][0]), float(arrays["lifted"][0])
-        return Motion(arrays["x"], arrays["v"], arrays["a"], count, lifted)
+        count, excess, time, work = (float(value) for value in arrays["scalars"])
+        return Motion(arrays["x"], arrays["v"], arrays["a"], int(count), excess, time, work)
 
     limit = stable_step(system, x, reach)
     return Model(
@@ -186,4 +211,5 @@ def measures(system: System, motion: Motion) -> dict[str, Any]:
         "momentum": momentum.sum(axis=0),
         "angular_momentum": np.cross(motion.x, momentum).sum(axis=0),
         "newton_iterations": float(motion.newton),
+        **({"external_work": motion.work} if system.driven else {}),
     }

@@ -7,7 +7,7 @@ from __future__ import annotations
 import numpy as np
 from pydantic import Field, field_validator
 
-from ddgcli.mechanics.terms import Held
+from ddgcli.mechanics.terms import FixedCoordinates
 from ddgcli.models.shell.context import ShellContext
 from ddgcli.scenes.scene import Section
 from ddgcli.scenes.units import vector
@@ -18,6 +18,7 @@ class Pin(Section):
     """Hold vertices where they start."""
 
     object: str | None = Field(None, description="shell; needed where the scene has several")
+    name: str | None = Field(None, description="key in results.reaction_forces; default pin")
     vertices: list[int] | None = Field(None, description="vertex numbers")
     box: list[vector("m")] | None = Field(
         None, min_length=2, max_length=2, description="two opposite corners"
@@ -35,7 +36,7 @@ class Pin(Section):
         return value
 
 
-def build(parameters: Pin, context: ShellContext) -> list[Held]:
+def build(parameters: Pin, context: ShellContext) -> list[FixedCoordinates]:
     vertices = context.chosen(parameters.vertices, parameters.box, ("effects", "pin"))
     if parameters.clamp:
         touched = np.isin(context.mesh.faces, vertices).any(axis=1)
@@ -43,7 +44,7 @@ def build(parameters: Pin, context: ShellContext) -> list[Held]:
     mask = np.zeros((context.mesh.n_vertices, 3), dtype=bool)
     for axis in parameters.axes:
         mask[vertices, "xyz".index(axis)] = True
-    return [Held(mask)]
+    return [FixedCoordinates(mask)]
 
 
 EFFECT = Effect("pin", Pin, build, "none: held coordinates leave the system", ("shell",), repeatable=True)

@@ -18,8 +18,9 @@ from ddgcli.simulation.outcome import Outcome
 from ddgcli.simulation.time_loop import Schedule
 
 log = logging.getLogger("ddgcli")
-# of the energy at hand: more is told; more is not to be trusted, exit 1
-GROWTH, BEYOND_TRUST = 0.1, 1.0
+FORCE, MOMENT = "reaction_force_", "reaction_moment_"  # scalars of the frames, by support
+# of the energy at hand: more is description; more is not to be trusted, exit 1
+ENERGY_GROWTH_WARNING, ENERGY_GROWTH_FAILURE = 0.1, 1.0
 
 
 @dataclass(frozen=True)
@@ -38,10 +39,10 @@ def rounding(outcome: Outcome, systems: dict[str, System]) -> RunRounding:
     energy = momentum = angular = 0.0
     for name, system in systems.items():
         scales = [system.rounding, Rounding.at(system.potentials, system.mass, end[name])]
-        given = max(scale.momentum(dt, steps) for scale in scales)
+        momentum_rounding = max(scale.momentum(dt, steps) for scale in scales)
         energy += max(scale.energy(dt, steps) for scale in scales)
-        momentum += given
-        angular += given * float(np.abs(end[name]).max())
+        momentum += momentum_rounding
+        angular += momentum_rounding * float(np.abs(end[name]).max())
     return RunRounding(energy, momentum, angular)
 
 
@@ -78,6 +79,14 @@ def summary(
         "momentum": last.scalar["momentum"],
         "angular_momentum": last.scalar["angular_momentum"],
     }
+    if "external_work" in last.scalar:
+        results["external_work"] = last.scalar["external_work"]
+    supports = [name.removeprefix(FORCE) for name in last.scalar if name.startswith(FORCE)]
+    if supports:
+        results["reaction_forces"] = {
+            name: {"force": last.scalar[FORCE + name], "moment": last.scalar[MOMENT + name]}
+            for name in supports
+        }
     if outcome.failure:
         results["stopped_because"] = outcome.failure
     mass = sum(float(system.mass.sum()) for system in systems.values())
@@ -87,7 +96,9 @@ def summary(
     energy_scale = max([float(np.abs(series["energy_kinetic"]).max()), *map(float, swing)])
     momentum_scale = mass * outcome.largest.get("velocity", 0.0)
     accuracy: dict[str, Any] = {
-        "energy_drift": _drift(series["energy"], energy_scale, least.energy),
+        "energy_drift": _drift(
+            series["energy"] - series.get("external_work", 0.0), energy_scale, least.energy
+        ),
         "momentum_drift": _drift(series["momentum"], momentum_scale, least.momentum),
         "angular_momentum_drift": _drift(
             series["angular_momentum"], momentum_scale * size, least.angular_momentum
@@ -121,20 +132,23 @@ def _instability(end: dict[str, NDArray], systems: dict[str, System]) -> int | N
 def doubt(outcome: Outcome, least: RunRounding) -> str:
     """Why the run is not to be trusted: its energy more than doubled. A smaller rise is a warning.
 
-    No force of a shell gives energy: what rises above the start comes from the scheme. The scale is
-    the energy at hand: that of the start above the lowest potential energy that the run reached.
+    Energy that rises above the start and the work of handles, of loads that change in time and of wind comes
+    from the scheme. The scale is the energy at hand: that of the start above the lowest potential energy of
+    the run, and the largest work from outside.
     """
-    energy, potential = outcome.series["energy"], outcome.series["energy"] - outcome.series["energy_kinetic"]
-    growth, at_hand = float(np.max(energy) - energy[0]), float(energy[0] - np.min(potential))
-    scale = max(at_hand, least.energy)
-    if not growth > GROWTH * scale + least.energy:
+    total, kinetic = outcome.series["energy"], outcome.series["energy_kinetic"]
+    work = outcome.series.get("external_work", np.zeros_like(total))
+    energy = total - work
+    growth, at_hand = float(np.max(energy) - energy[0]), float(total[0] - np.min(total - kinetic))
+    scale = max(at_hand + float(np.max(np.abs(work))), least.energy)
+    if not growth > ENERGY_GROWTH_WARNING * scale + least.energy:
         return ""
     message = (
         f"the energy grew by {growth / scale:.3g} of what there is to move, and no force can do "
         "that: the step is too long for this scheme; shorten it, or take implicit-euler"
     )
     log.warning(message)
-    return message if growth > BEYOND_TRUST * scale + least.energy else ""
+    return message if growth > ENERGY_GROWTH_FAILURE * scale + least.energy else ""
 
 
 def _drift(series: np.ndarray, scale: float, rounding: float) -> float:
@@ -147,7 +161,7 @@ def assembled(
     scene: Scene, shells: dict[str, ShellContext], systems: dict[str, System], schedule: Schedule
 ) -> dict[str, Any]:
     """What the scene would build: sizes, terms, steps."""
-    told: dict[str, Any] = {
+    description: dict[str, Any] = {
         "integrator": scene.time.integrator,
         "order": INTEGRATORS[scene.time.integrator].order,
         "steps": schedule.steps,
@@ -158,11 +172,11 @@ def assembled(
         system = systems[name]
         acting: list[Any] = [*system.potentials, *system.dissipations]
         terms = {p.name: f"{type(p).__name__}, {len(p.stencil)} elements" for p in acting}
-        told[name] = {
+        description[name] = {
             "vertices": context.mesh.n_vertices,
             "faces": context.mesh.n_faces,
             "mass": float(context.mass.sum()),
             "free_coordinates": int(system.free.sum()),
             "terms": terms,
         }
-    return told
+    return description

@@ -1,0 +1,61 @@
+"""Work and forces of what drives a system from outside: handles, loads that change in time, wind."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ddgcli.mechanics.system import Motion, System, is_active
+from ddgcli.mechanics.terms import TimeDependent
+
+
+def driving_work(system: System, before: Motion, after: Motion, dt: float) -> float:
+    """Joules that a step adds to kinetic and potential energy from outside, by the trapezoidal rule.
+
+    The sum of three parts: the reaction forces of prescribed vertices along their path, with the change of
+    their kinetic energy; the change of potentials in time at fixed positions; and what moving air adds.
+    """
+    start, end, move = system.at(before.time), system.at(after.time), after.x - before.x
+    work = 0.0
+    if system.prescribed:
+        rows = np.logical_or.reduce([part.mask[:, 0] for part in system.prescribed])
+        force = start.full_gradient(before.x) + end.full_gradient(after.x)
+        if system.dissipations:
+            force += start.full_drag(before.x, before.v, dt) + end.full_drag(after.x, after.v, dt)
+        work += 0.5 * float(np.vdot(force[rows], move[rows]))
+        speed = np.sum(after.v[rows] ** 2, axis=1) - np.sum(before.v[rows] ** 2, axis=1)
+        work += 0.5 * float(system.mass[rows] @ speed)
+    for part in system.parts:
+        if isinstance(part, TimeDependent):
+            then, now = part.at(before.time), part.at(after.time)
+            if hasattr(then, "energy"):
+                work += 0.5 * (now.energy(before.x) - then.energy(before.x))
+                work += 0.5 * (now.energy(after.x) - then.energy(after.x))
+    for dissipation in end.dissipations:
+        if is_active(dissipation):
+            with system.account.within(dissipation.name):
+                drag = dissipation.frozen(before.x, dt).gradient(move / dt)
+            work -= float(np.vdot(system.only_free(drag), move))
+    return work
+
+
+def reactions(system: System, motion: Motion, dt: float) -> dict[str, tuple[NDArray, NDArray]]:
+    """Force (N) and moment about the origin (N m) that each pin and handle exerts on the object, by name.
+
+    The force is mass times acceleration plus the gradient of the potentials and of the dissipation, over the
+    coordinates of the support; a coordinate of two supports counts for the first.
+    """
+    system = system.at(motion.time)
+    if not system.supports:
+        return {}
+    force = system.full_gradient(motion.x)
+    if system.dissipations:
+        force = force + system.full_drag(motion.x, motion.v, dt)
+    acceleration = system.prescribed_state(motion.x, motion.v, np.zeros_like(motion.a))[2]
+    force = force + system.mass[:, None] * acceleration
+    seen, forces = np.zeros_like(system.free), {}
+    for part in system.supports:
+        own = np.where(part.mask & ~seen, force, 0.0)
+        seen |= part.mask
+        forces[part.name] = own.sum(axis=0), np.cross(motion.x, own).sum(axis=0)
+    return forces

@@ -1,0 +1,31 @@
+"""Hessians with a dense part of low rank, such as the stiffness of a gas: solve by Woodbury's identity."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+Operator = Callable[[NDArray], NDArray]
+
+
+def product(matrix: Operator, columns: NDArray | None) -> Operator:
+    """The product with matrix + U U^T, U the (n, k) columns; None stands for no column."""
+    if columns is None:
+        return matrix
+    return lambda v: matrix(v) + columns @ (columns.T @ v)
+
+
+def solver(solve: Operator, columns: NDArray | None) -> Operator:
+    """The solution with A + U U^T from the solution with A."""
+    if columns is None:
+        return solve
+    inverse = np.stack([solve(column) for column in columns.T], axis=1)
+    small = np.linalg.inv(np.eye(columns.shape[1]) + columns.T @ inverse)
+
+    def corrected(rhs: NDArray) -> NDArray[np.float64]:
+        x = solve(rhs)
+        return x - inverse @ (small @ (columns.T @ x))
+
+    return corrected

@@ -1,0 +1,89 @@
+"""Effect `handle`: vertices that follow key frames."""
+
+# mypy: disable-error-code="valid-type"
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+from pydantic import Field, field_validator, model_validator
+
+from ddgcli.mechanics.terms import FixedCoordinates, PrescribedMotion
+from ddgcli.models.shell.context import ShellContext
+from ddgcli.models.shell.key_frames import RigidKeyFrames, require_ascending, turns
+from ddgcli.scenes.scene import Section
+from ddgcli.scenes.shapes import Rotation
+from ddgcli.scenes.units import quantity, vector
+from ddgcli.simulation.effects import Effect
+
+
+class Handle(Section):
+    """Move vertices as a rigid body along key frames."""
+
+    object: str | None = Field(None, description="shell; needed where the scene has several")
+    name: str | None = Field(None, description="key in results.reaction_forces; default handle")
+    vertices: list[int] | None = Field(None, description="vertex numbers")
+    box: list[vector("m")] | None = Field(
+        None, min_length=2, max_length=2, description="two opposite corners"
+    )
+    times: list[quantity("s")] = Field(min_length=2, description="of the key frames, ascending")
+    positions: list[vector("m")] | None = Field(
+        None, description="displacement of the centre at each key frame; the first is [0, 0, 0]"
+    )
+    rotations: list[Rotation] | None = Field(
+        None, description="orientation at each key frame about the centre; the first has degrees = 0"
+    )
+    center: vector("m", "centre of the rotations; default: mean of the vertices") | None = None
+    interpolation: Literal["linear", "smooth"] = Field(
+        "smooth", description="smooth: velocity and acceleration vanish at the key frames"
+    )
+
+    @field_validator("times")
+    @classmethod
+    def _ascending(cls, times: list[float]) -> list[float]:
+        require_ascending(times)
+        return times
+
+    @model_validator(mode="after")
+    def _complete(self) -> Handle:
+        if self.positions is None and self.rotations is None:
+            raise ValueError("give positions, rotations or both; pin holds vertices still")
+        for name in ("positions", "rotations"):
+            frames = getattr(self, name)
+            if frames is not None and len(frames) != len(self.times):
+                raise ValueError(f"{name} has {len(frames)} entries and times {len(self.times)}")
+        if self.positions is not None and any(self.positions[0]):
+            raise ValueError("positions[0] must be [0, 0, 0]: a handle starts where the shell is drawn")
+        if self.rotations is not None and self.rotations[0].degrees:
+            raise ValueError("rotations[0] must have degrees = 0: a handle starts where the shell is drawn")
+        return self
+
+
+def build(parameters: Handle, context: ShellContext) -> list[PrescribedMotion]:
+    vertices = context.chosen(parameters.vertices, parameters.box, ("effects", "handle"))
+    for name, parts in context.made.items():
+        for part in parts:
+            if isinstance(part, FixedCoordinates | PrescribedMotion):
+                shared = vertices[part.mask[vertices].any(axis=1)]
+                if len(shared):
+                    raise ValueError(
+                        f"vertex {shared[0]} already belongs to a {name}; leave it out of one of them"
+                    )
+    points = np.asarray(context.mesh.points)[vertices]
+    count = len(parameters.times)
+    still = [Rotation(axis=(0.0, 0.0, 1.0), degrees=0.0)] * count
+    center = points.mean(axis=0) if parameters.center is None else np.array(parameters.center)
+    motion = RigidKeyFrames(
+        points, center, np.array(parameters.times),
+        np.zeros((count, 3)) if parameters.positions is None else np.array(parameters.positions),
+        turns(parameters.rotations or still), parameters.interpolation == "smooth",
+    )  # fmt: skip
+    mask = np.zeros((context.mesh.n_vertices, 3), dtype=bool)
+    mask[vertices] = True
+    return [PrescribedMotion(mask, motion)]
+
+
+EFFECT = Effect(
+    "handle", Handle, build, "none: moved coordinates leave the system", ("shell",), repeatable=True
+)

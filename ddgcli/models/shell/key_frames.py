@@ -1,0 +1,106 @@
+"""Key frames: rigid motions and factors between given times, linear or smooth."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ddgcli.scenes.shapes import Rotation, rotation_matrix
+
+PARALLEL_TOLERANCE = 1e-12  # 1 - cosine of the angle between axes that count as one
+
+
+def require_ascending(times: list[float]) -> None:
+    """Raise ValueError where key times are not strictly ascending."""
+    for k, (before, after) in enumerate(zip(times, times[1:])):
+        if not after > before:
+            raise ValueError(f"must ascend: entry {k + 1}, {after:g} s, is not after {before:g} s")
+
+
+@dataclass(frozen=True, eq=False)
+class Turn:
+    """Rotation from one key frame to the next: `angle` rad about `axis`, after the matrix `start`."""
+
+    axis: NDArray[np.float64]
+    angle: float
+    start: NDArray[np.float64]
+
+
+def turns(rotations: list[Rotation]) -> list[Turn]:
+    """Rotations between successive key frames.
+
+    Where two key frames share an axis the angle is the difference of their degrees, which may exceed half a
+    revolution; else it is the shortest rotation from one orientation to the other.
+    """
+    result = []
+    for before, after in zip(rotations, rotations[1:]):
+        start = rotation_matrix(before.axis, np.radians(before.degrees))
+        a, b = (np.array(r.axis) / np.linalg.norm(r.axis) for r in (before, after))
+        if before.degrees == 0 or after.degrees == 0 or 1 - a @ b <= PARALLEL_TOLERANCE:
+            axis = a if after.degrees == 0 else b
+            result.append(Turn(axis, float(np.radians(after.degrees - before.degrees)), start))
+            continue
+        relative = rotation_matrix(after.axis, np.radians(after.degrees)) @ start.T
+        sine = 0.5 * np.array([relative[2, 1] - relative[1, 2], relative[0, 2] - relative[2, 0],
+                               relative[1, 0] - relative[0, 1]])  # fmt: skip
+        angle = float(np.arctan2(np.linalg.norm(sine), 0.5 * (np.trace(relative) - 1)))
+        if np.linalg.norm(sine) > 0:
+            axis = sine / np.linalg.norm(sine)
+        else:  # none, or half a revolution: the axis is the eigenvector of 1
+            axis = np.linalg.svd(relative - np.eye(3))[2][-1]
+        result.append(Turn(axis, angle, start))
+    return result
+
+
+@dataclass(frozen=True, eq=False)
+class RigidKeyFrames:
+    """Rigid motion of points along key frames; at rest before the first and after the last.
+
+    Parameters
+    ----------
+    points : (k, 3) ndarray
+        At the start.
+    center : (3,) ndarray
+        Point about which the rotations turn.
+    times : (f,) ndarray
+        s, ascending.
+    displacements : (f, 3) ndarray
+        Of the centre, in m.
+    rotations : list of Turn
+        One between each two key frames.
+    smooth : bool
+        Velocity and acceleration vanish at the key frames (the polynomial 10 u^3 - 15 u^4 + 6 u^5).
+    """
+
+    points: NDArray[np.float64]
+    center: NDArray[np.float64]
+    times: NDArray[np.float64]
+    displacements: NDArray[np.float64]
+    rotations: list[Turn]
+    smooth: bool
+
+    def __call__(self, time: float) -> tuple[NDArray, NDArray, NDArray]:
+        """(k, 3) positions, velocities and accelerations at a time in s."""
+        s, ds, dds, k = self._progress(time)
+        step, turn = self.displacements[k + 1] - self.displacements[k], self.rotations[k]
+        rotation = rotation_matrix(turn.axis, s * turn.angle) @ turn.start
+        arm = (self.points - self.center) @ rotation.T
+        omega, alpha = ds * turn.angle * turn.axis, dds * turn.angle * turn.axis
+        speed = np.cross(omega, arm)
+        x = self.center + self.displacements[k] + s * step + arm
+        return x, ds * step + speed, dds * step + np.cross(alpha, arm) + np.cross(omega, speed)
+
+    def _progress(self, time: float) -> tuple[float, float, float, int]:
+        """Part of the interval k between key frames that is covered, its two time derivatives, and k."""
+        t = self.times
+        k = int(np.clip(np.searchsorted(t, time, side="right") - 1, 0, len(t) - 2))
+        span = t[k + 1] - t[k]
+        u = float((time - t[k]) / span)
+        if not 0 <= u < 1:
+            return (0.0 if u < 0 else 1.0), 0.0, 0.0, k
+        if not self.smooth:
+            return u, float(1 / span), 0.0, k
+        s = u**3 * (10 - 15 * u + 6 * u * u)
+        return s, float(30 * u**2 * (1 - u) ** 2 / span), float(60 * u * (1 - u) * (1 - 2 * u) / span**2), k

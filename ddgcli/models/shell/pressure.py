@@ -1,0 +1,191 @@
+"""Effect `pressure`: a constant pressure, or an isothermal gas, inside a closed shell."""
+
+# mypy: disable-error-code="valid-type"
+
+from __future__ import annotations
+
+import logging
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field, field_validator, model_validator
+
+from ddgcli.mechanics.terms import Mode, Potential, RampedLoad, at_last_point
+from ddgcli.mesh.scatter import sum_by_index
+from ddgcli.models.shell.context import ShellContext
+from ddgcli.models.shell.key_frames import require_ascending
+from ddgcli.scenes.scene import Section
+from ddgcli.scenes.units import quantity
+from ddgcli.simulation.effects import Effect
+
+log = logging.getLogger("ddgcli")
+
+
+class Pressure(Section):
+    """Excess pressure inside a closed shell."""
+
+    object: str | None = Field(None, description="shell; needed where the scene has several")
+    value: quantity("Pa", "excess pressure, positive outward; of a gas: at the start") = 0.0
+    gas: bool = Field(False, description="isothermal gas: pressure times volume is constant")
+    ambient: quantity("Pa", "absolute pressure outside, for a gas", gt=0) = 101325.0
+    times: list[quantity("s")] | None = Field(None, min_length=2, description="of a ramp, ascending")
+    factors: list[quantity("")] | None = Field(
+        None, description="factor on `value` at each time, linear in between and constant outside"
+    )
+
+    @field_validator("times")
+    @classmethod
+    def _ascending(cls, times: list[float] | None) -> list[float] | None:
+        require_ascending(times or [])
+        return times
+
+    @model_validator(mode="after")
+    def _sound(self) -> Pressure:
+        if len(self.times or []) != len(self.factors or []):
+            raise ValueError("a ramp needs times and factors of one length")
+        least = self.value * min([1.0, *(self.factors or [])])
+        if self.gas and not self.ambient + least > 0:
+            raise ValueError(
+                f"the absolute pressure of a gas must be positive, found {self.ambient + least:g} Pa"
+            )
+        return self
+
+
+class ConstantPressure:
+    """Energy -p (V - V0), V the enclosed volume.
+
+    Parameters
+    ----------
+    faces : (m, 3) ndarray
+    center : (3,) ndarray
+        Origin of the corners' coordinates: the volume does not depend on it, its rounding does.
+    rest : float
+        V0 in m^3, negative where the faces look inward.
+    pressure : float
+        p in Pa, positive outward.
+    label : str
+        Of the shell, in the scalars of the frames.
+    """
+
+    name = "pressure"
+
+    def __init__(self, faces: NDArray, center: NDArray, rest: float, pressure: float, label: str) -> None:
+        self.stencil, self.center, self.rest = faces, center, rest
+        self.pressure, self.label, self.sign = pressure, label, float(np.sign(rest))
+
+    def scaled(self, factor: float) -> Potential:
+        """The same with another pressure."""
+        return ConstantPressure(self.stencil, self.center, self.rest, factor * self.pressure, self.label)
+
+    @at_last_point
+    def _corners(self, x: NDArray) -> NDArray:
+        return x[self.stencil] - self.center
+
+    def volume(self, x: NDArray) -> float:
+        """Enclosed volume in m^3."""
+        a, b, c = np.moveaxis(self._corners(x), 1, 0)
+        return self.sign * float(np.einsum("mi,mi->", np.cross(a, b), c)) / 6
+
+    def volume_gradient(self, x: NDArray) -> NDArray[np.float64]:
+        """(n, 3) gradient of the volume."""
+        a, b, c = np.moveaxis(self._corners(x), 1, 0)
+        area = np.stack([np.cross(b, c), np.cross(c, a), np.cross(a, b)], axis=1)
+        return sum_by_index(self.stencil, self.sign / 6 * area, len(x))
+
+    def excess(self, x: NDArray) -> float:
+        """Excess pressure in Pa."""
+        return self.pressure
+
+    def energy(self, x: NDArray) -> float:
+        return -self.pressure * (self.volume(x) - abs(self.rest))
+
+    def gradient(self, x: NDArray) -> NDArray[np.float64]:
+        return -self.excess(x) * self.volume_gradient(x)
+
+    def blocks(self, x: NDArray, mode: Mode) -> NDArray[np.float64]:
+        block = np.zeros((len(self.stencil), 3, 3, 3, 3))
+        if mode == "exact":
+            corners = -self.sign * self.excess(x) / 6 * self._corners(x)
+            for i, j, k, sign in ((0, 1, 2, -1), (0, 2, 1, 1), (1, 2, 0, -1)):
+                cross = sign * _cross_matrix(corners[:, k])
+                block[:, i, :, j] = cross
+                block[:, j, :, i] = cross.transpose(0, 2, 1)
+        return block.reshape(-1, 9, 9)
+
+    def observed(self, x: NDArray) -> dict[str, float]:
+        """Scalars of a frame."""
+        return {f"volume_{self.label}": self.volume(x), f"pressure_{self.label}": self.excess(x)}
+
+
+class Gas(ConstantPressure):
+    """Energy -C ln(V / V0) + p_ambient (V - V0), C = (p_ambient + p) V0: pressure times volume stays C."""
+
+    def __init__(
+        self, faces: NDArray, center: NDArray, rest: float, pressure: float, label: str, ambient: float
+    ) -> None:
+        super().__init__(faces, center, rest, pressure, label)
+        self.ambient = ambient
+
+    def scaled(self, factor: float) -> Potential:
+        return Gas(self.stencil, self.center, self.rest, factor * self.pressure, self.label, self.ambient)
+
+    def _expansion(self, x: NDArray) -> float:
+        """(V - V0) / V0."""
+        return (self.volume(x) - abs(self.rest)) / abs(self.rest)
+
+    def excess(self, x: NDArray) -> float:
+        expansion = self._expansion(x)
+        return (self.pressure - self.ambient * expansion) / (1 + expansion)
+
+    def energy(self, x: NDArray) -> float:
+        expansion = self._expansion(x)
+        if expansion <= -1:
+            return np.inf
+        absolute = self.ambient + self.pressure
+        return abs(self.rest) * (self.ambient * expansion - absolute * float(np.log1p(expansion)))
+
+    def low_rank(self, x: NDArray) -> NDArray[np.float64]:
+        """(n, 3) vector u: the Hessian is that of the blocks plus u u^T, the stiffness of the gas."""
+        volume = self.volume(x)
+        stiffness = (self.ambient + self.pressure) * abs(self.rest) / volume**2
+        return np.sqrt(stiffness) * self.volume_gradient(x)
+
+
+def _cross_matrix(v: NDArray) -> NDArray[np.float64]:
+    """(m, 3, 3) matrices of the cross product with (m, 3) vectors from the left."""
+    matrix = np.zeros((len(v), 3, 3))
+    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+        matrix[:, j, i], matrix[:, i, j] = v[:, k], -v[:, k]
+    return matrix
+
+
+def build(parameters: Pressure, context: ShellContext) -> list[Potential | RampedLoad]:
+    mesh, name = context.mesh, context.shell.name
+    topology = mesh.topology
+    if len(topology.boundary_edges):
+        raise ValueError(
+            f"{name!r} is open, with {len(topology.boundary_edges)} boundary edges: pressure needs a closed "
+            "shell; use a load with a traction"
+        )
+    if topology.n_components > 1 and parameters.gas:
+        raise ValueError(f"{name!r} has {topology.n_components} components; make each of them an object")
+    if not parameters.gas and parameters.value == 0:
+        log.warning("effect pressure on %s has no strength: it changes nothing", name)
+        return []
+    points = np.asarray(mesh.points)
+    arguments = (np.asarray(mesh.faces), points.mean(axis=0))
+    rest = ConstantPressure(*arguments, 1.0, 0.0, name).volume(points)
+    if rest == 0:
+        raise ValueError(f"{name!r} encloses no volume")
+    potential: ConstantPressure = ConstantPressure(*arguments, rest, parameters.value, name)
+    if parameters.gas:
+        potential = Gas(*arguments, rest, parameters.value, name, parameters.ambient)
+    if parameters.times is None or parameters.factors is None:
+        return [potential]
+    return [RampedLoad(potential, np.array(parameters.times), np.array(parameters.factors))]
+
+
+EFFECT = Effect(
+    "pressure", Pressure, build, "one pass over the faces; a gas: one more solve a factorisation", ("shell",),
+    repeatable=True,
+)  # fmt: skip

@@ -1,0 +1,99 @@
+"""Pressure and gas in closed shells: thin-shell theory, Boyle's law, momenta, energy, stiffness."""
+
+import numpy as np
+import pytest
+
+from ddgcli.mesh.shapes import icosphere
+from ddgcli.models.shell.pressure import ConstantPressure
+from tests.simulate import scalar, shell_run
+
+BALL = """
+[time]
+duration = {duration}
+step = {step}
+integrator = "{integrator}"
+[[object]]
+name = "s"
+role = "shell"
+sphere = {{ radius = 0.1, subdivisions = {level} }}
+density = 1
+thickness = "1 mm"
+young = "1 MPa"
+poisson = 0.3
+[effects]
+stretching = {{}}
+{effects}
+"""
+
+
+def ball(effects, integrator="static", step=1, duration=1, level=2):
+    return shell_run(
+        BALL.format(effects=effects, integrator=integrator, step=step, duration=duration, level=level)
+    )[0]
+
+
+def test_radius_under_pressure_is_that_of_the_thin_sphere():
+    """Membrane stress p R / 2 t: the radius grows by p R^2 (1 - nu) / (2 E t) to first order."""
+    growth = []
+    for level in (1, 2):
+        run = ball("pressure = { value = 20 }", level=level)
+        volume = scalar(run, "volume_s")
+        growth.append((volume[-1] / volume[0]) ** (1 / 3) - 1)
+    theory = 20 * 0.1 * 0.7 / (2 * 1e6 * 1e-3)
+    errors = np.abs(np.array(growth) / theory - 1)
+    assert errors[1] < 0.02 and errors[1] < 0.35 * errors[0]
+
+
+def test_gas_keeps_pressure_times_volume_and_balances_the_shell():
+    """Boyle's law; and the shell is where the constant pressure of the same size would bring it."""
+    gas = ball("pressure = { value = 3000, gas = true, ambient = 2000 }")
+    volume, pressure = (np.array(scalar(gas, f"{name}_s")) for name in ("volume", "pressure"))
+    assert (pressure + 2000) * volume == pytest.approx([5000 * volume[0]] * len(volume), rel=1e-12)
+    assert volume[-1] > 1.2 * volume[0]
+    constant = ball(f"pressure = {{ value = {pressure[-1]} }}")
+    assert scalar(constant, "volume_s")[-1] == pytest.approx(volume[-1], rel=1e-6)
+
+
+@pytest.mark.parametrize("name, step", [("newmark", 2e-4), ("verlet", 2e-4), ("implicit-midpoint", 2e-4)])
+@pytest.mark.parametrize("gas", ["", ", gas = true, ambient = 10000"])
+def test_inflating_ball_keeps_energy_and_momenta(name, step, gas):
+    run = ball(f"pressure = {{ value = 300{gas} }}", name, step, 0.01, level=1)
+    energy, kinetic = np.array(scalar(run, "energy")), np.array(scalar(run, "energy_kinetic"))
+    assert np.abs(energy - energy[0]).max() < 0.03 * kinetic.max()
+    for momentum in ("momentum", "angular_momentum"):
+        assert np.abs(scalar(run, momentum)).max() < 1e-12
+
+
+def test_work_of_a_pump_is_booked():
+    run = ball(
+        "pressure = { value = 500, times = [0, 0.01], factors = [0, 1] }", "verlet", 1e-4, 0.02, level=1
+    )
+    work, energy = np.array(scalar(run, "external_work")), np.array(scalar(run, "energy"))
+    assert np.abs(work).max() > 0 and np.abs(energy - work).max() < 5e-3 * np.abs(work).max()
+
+
+def test_gas_pressure_shortens_the_stable_step():
+    """The gas is stiffer than the shell: a step that only the shell allows would be unstable."""
+    run = ball("pressure = { value = 1, gas = true, ambient = 1e7 }", "verlet", 2e-4, 0.02, level=1)
+    assert run[-1].smallest_step <= 1e-4
+    assert np.ptp(scalar(run, "energy")) < 1e-3
+
+
+def test_inward_faces_feel_the_pressure_outward():
+    mesh = icosphere(1)
+    outward, inward = (
+        ConstantPressure(faces, np.zeros(3), sign, 7.0, "s") for faces, sign in
+        ((mesh.faces, 1.0), (mesh.faces[:, ::-1], -1.0))
+    )  # fmt: skip
+    assert inward.volume(mesh.points) == pytest.approx(outward.volume(mesh.points))
+    assert np.allclose(inward.gradient(mesh.points), outward.gradient(mesh.points))
+    assert (np.sum(outward.gradient(mesh.points) * mesh.points, axis=1) < 0).all()
+
+
+def test_zero_pressure_changes_no_bit():
+    motion = "gravity = {}"
+    runs = [
+        ball(effects, "newmark", 1e-3, 0.005, level=1) for effects in (motion, "pressure = {}\n" + motion)
+    ]
+    for a, b in zip(*runs, strict=True):
+        assert np.array_equal(a.observations["s"].points, b.observations["s"].points)

@@ -1,0 +1,76 @@
+"""Wind: terminal speed, Galilean invariance, force on an inclined plate, work, gusts."""
+
+import numpy as np
+import pytest
+
+from ddgcli.models.shell.wind import FaceDrag
+from tests.simulate import scalar, shell_run
+
+PLATE = """
+[time]
+duration = {duration}
+step = {step}
+integrator = "{integrator}"
+[[object]]
+name = "s"
+role = "shell"
+grid = {{ size = [0.2, 0.2], cells = [2, 2] }}
+density = 0.5
+thickness = "1 mm"
+young = "10 MPa"
+poisson = 0.3
+{motion}
+[effects]
+stretching = {{}}
+bending = {{}}
+{effects}
+"""
+
+
+def plate(effects, integrator="newmark", step=0.01, duration=0.1, motion=""):
+    return shell_run(
+        PLATE.format(effects=effects, integrator=integrator, step=step, duration=duration, motion=motion)
+    )[0]
+
+
+@pytest.mark.parametrize("name", ["newmark", "implicit-midpoint", "implicit-euler"])
+def test_terminal_speed_of_a_falling_plate(name):
+    """Weight per area = rho c_n v^2 / 2."""
+    fall = "gravity = { acceleration = [0, 0, -10] }\nwind = { normal = 1.25, density = 1.6 }"
+    run = plate(fall, name, 0.05, 2.5)
+    terminal = np.sqrt(2 * 0.5 * 10 / (1.6 * 1.25))
+    assert run[-1].observations["s"].vertex["velocity"][:, 2] == pytest.approx(
+        np.full(9, -terminal), rel=1e-6
+    )
+
+
+def test_air_that_moves_with_the_plate_has_no_force():
+    run = plate("wind = { velocity = [3, 2, 1] }", motion="velocity = [3, 2, 1]")
+    assert np.abs(run[-1].observations["s"].vertex["velocity"] - [3, 2, 1]).max() < 1e-12
+
+
+def test_force_on_an_inclined_plate_has_drag_and_lift():
+    x = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0.0]])
+    drag = FaceDrag(np.array([[0, 1, 2]]), ["3", "0", "-4"], 0.6, 1.3, 0.1)
+    force = -drag.frozen(x, 0.1).gradient(np.zeros((3, 3))).sum(axis=0)
+    assert force == pytest.approx(0.6 * 0.5 * np.array([0.1 * 3 * 3, 0, -1.3 * 4 * 4]))
+
+
+@pytest.mark.parametrize("velocity", ['["4", 0, "6"]', '["4*sin(40*t)", 0, "6*cos(20*t)"]'])
+def test_energy_is_the_work_of_the_wind(velocity):
+    errors = []
+    for step in (2e-3, 1e-3):
+        run = plate(f"wind = {{ velocity = {velocity} }}", "newmark", step, 0.06)
+        work, energy = np.array(scalar(run, "external_work")), np.array(scalar(run, "energy"))
+        errors.append(np.abs(energy - energy[0] - work).max() / work.max())
+    # positions and air are those at the start of a step: first order
+    assert errors[1] < 0.03 and errors[1] < 0.7 * errors[0]
+
+
+def test_air_without_density_changes_no_bit():
+    runs = [
+        plate("gravity = {}\n" + effect, duration=0.05)
+        for effect in ("", "wind = { velocity = [5, 0, 1], density = 0 }")
+    ]
+    for a, b in zip(*runs, strict=True):
+        assert np.array_equal(a.observations["s"].points, b.observations["s"].points)
