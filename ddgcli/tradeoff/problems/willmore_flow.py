@@ -45,7 +45,7 @@ def problem(mesh: TriangleMesh, *, asked: Asked = NOTHING, **_: Any) -> Problem:
     tolerances = (asked["tolerance"],) if "tolerance" in asked else TOLERANCES
     lowered = "area" if curvature else "energy"
     work = 1e-2 + 1e-5 * mesh.n_faces
-    wished = setup.Wishes(flow=flow, timed=True, integrator=asked.get("integrator"))
+    wished = setup.FlowOptions(flow=flow, timed=True, integrator=asked.get("integrator"))
     schemes = (setup.chosen_scheme(wished),) if wished.integrator else setup.schemes_of(flow)
     return Problem(
         candidates=[
@@ -64,7 +64,7 @@ def problem(mesh: TriangleMesh, *, asked: Asked = NOTHING, **_: Any) -> Problem:
 
 
 def _prepared(mesh: TriangleMesh, kept: Asked, span: float, dial: Asked) -> Any:
-    flow, model = setup.build(mesh, setup.Wishes(**{"timed": True, **kept}))
+    flow, model = setup.build(mesh, setup.FlowOptions(**{"timed": True, **kept}))
     schedule = setup.schedule(flow, {**dial, "duration": span, "frame_every": span})
     return model, schedule, "area" if flow.mean_curvature else "energy"
 
