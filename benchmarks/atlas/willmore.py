@@ -54,7 +54,7 @@ def _bumpy(mesh: TriangleMesh) -> TriangleMesh:
 
 
 def _mode_flow(start: TriangleMesh, energy: str, steps: int) -> Any:
-    flow, model = setup.build(start, setup.Wishes(energy=energy, timed=True))
+    flow, model = setup.build(start, setup.FlowOptions(energy=energy, timed=True))
     times = {"step": SPAN / steps, "duration": SPAN, "frame_every": SPAN}
     return {"s": model}, setup.schedule(flow, times), Account()
 

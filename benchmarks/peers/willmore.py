@@ -21,17 +21,17 @@ from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.models.willmore import setup
 from ddgcli.models.willmore.constraints import Constraints, area
 from ddgcli.models.willmore.descent import (
-    accurate_step,
-    descent,
-    followed,
-    fourth_order,
+    descent_motion,
+    energy_gradient,
+    fourth_order_matrix,
     mean_curvature_step,
-    metric,
-    slope,
+    moved_along,
+    preconditioner_at,
+    rosenbrock_step,
 )
 from ddgcli.models.willmore.energies import DEFAULT, ENERGIES
 from ddgcli.models.willmore.flow import DEFAULT_STOP
-from ddgcli.models.willmore.setup import Wishes
+from ddgcli.models.willmore.setup import FlowOptions
 from ddgcli.simulation.account import Account
 from ddgcli.simulation.time_loop import evolve
 
@@ -49,15 +49,15 @@ def calls(mesh: TriangleMesh) -> dict[str, Callable[[], Any]]:
     free, none = np.arange(mesh.n_vertices), Constraints()
     energies = {name: kind.build(mesh.topology) for name, kind in ENERGIES.items()}
     best = energies[DEFAULT]
-    at = slope(mesh, best, free, none)
+    at = energy_gradient(mesh, best, free, none)
     constrained = Constraints(area(mesh), enclosed_volume(mesh))
-    like = Factor(fourth_order(at.mesh, free, 0.05))
+    like = Factor(fourth_order_matrix(at.mesh, free, 0.05))
     reached = {none: mesh, constrained: mesh}
 
     def step(constraints: Constraints) -> None:
-        ready = metric(slope(reached[constraints], best, free, constraints), 0.05, like)
+        ready = preconditioner_at(energy_gradient(reached[constraints], best, free, constraints), 0.05, like)
         ready.descent_power()  # what decides whether it is near rest
-        moved = followed(ready, descent(ready, 0.05, constraints), 1.0, constraints)
+        moved = moved_along(ready, descent_motion(ready, 0.05, constraints), 1.0, constraints)
         best.value(moved.points)  # what decides whether the step is taken, and what the next gradient uses
         reached[constraints] = moved
 
@@ -66,12 +66,12 @@ def calls(mesh: TriangleMesh) -> dict[str, Callable[[], Any]]:
         for name, energy in energies.items()
     }
     return {
-        "factorisation": lambda: Factor(fourth_order(at.mesh, free, 0.05)),
+        "factorisation": lambda: Factor(fourth_order_matrix(at.mesh, free, 0.05)),
         **gradients,
         "quadratic, to rest": lambda: step(none),
         "quadratic, to rest, area and volume kept": lambda: step(constrained),
-        "quadratic, in time": lambda: accurate_step(
-            metric(slope(mesh, best, free, none), 0.003, like), 0.01, best, none
+        "quadratic, in time": lambda: rosenbrock_step(
+            preconditioner_at(energy_gradient(mesh, best, free, none), 0.003, like), 0.01, best, none
         ),
         "mean-curvature": lambda: mean_curvature_step(mesh, free, 0.01),
     }
@@ -109,7 +109,7 @@ def to_rest() -> list[list]:
     ):
 
         def run(mesh: TriangleMesh = mesh) -> list:
-            flow, model = setup.build(mesh, Wishes(stop=DEFAULT_STOP))
+            flow, model = setup.build(mesh, FlowOptions(stop=DEFAULT_STOP))
             return list(evolve({"s": model}, setup.schedule(flow, {}), Account()))
 
         timing = timed(run, repeat=1, warm_up=False)

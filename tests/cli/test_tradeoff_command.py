@@ -153,7 +153,7 @@ def test_the_references_of_willmore_flow_cover_their_own_error(axes, family, flo
     mesh = ellipsoids(axes)[family](0)
     problem = willmore_flow.problem(mesh, options={"flow": flow})
     span = float(problem.error_scale.split("t = ")[1])
-    built, model = setup.build(mesh, setup.Wishes(flow=flow, timed=True))
+    built, model = setup.build(mesh, setup.FlowOptions(flow=flow, timed=True))
     schedule = setup.schedule(built, {"step": span / 256, "duration": span, "frame_every": span})
     *_, last = evolve({"s": model}, schedule, Account())
     lowered = "area" if flow == "mean-curvature" else "energy"

@@ -44,7 +44,7 @@ from ddgcli.errors import ParameterError
 )
 @click.option("--report-energy", help="all: every energy at start and end.")
 def command(
-    mesh_path: str, common: CommonOptions, overrides: dict[str, Any], resume: str | None, **wishes: Any
+    mesh_path: str, common: CommonOptions, overrides: dict[str, Any], resume: str | None, **parameters: Any
 ) -> None:
     """Flow MESH down its bending energy int H^2 (or its area).
 
@@ -58,7 +58,7 @@ def command(
       ddgcli willmore-flow bumpy.obj --dt 1e-4 --duration 0.05 -o run.vtkhdf
       ddgcli willmore-flow cap.off --boundary clamped --fix-area --report-energy all
     """
-    run = Run("willmore-flow", common, **overrides, **{k: v for k, v in wishes.items() if v})
+    run = Run("willmore-flow", common, **overrides, **{k: v for k, v in parameters.items() if v})
     source = run.read(mesh_path, flat_faces=True)
     from ddgcli.cli.simulation.plot import Picture, draw_run
     from ddgcli.cli.simulation.scene_input import check_unchanged, fingerprint
@@ -66,16 +66,16 @@ def command(
     from ddgcli.models.willmore import report, setup
     from ddgcli.simulation.account import Account
 
-    chosen = _wishes(wishes, overrides)
+    flow_options = _flow_options(parameters, overrides)
     mesh = source.surface
-    flow, model = setup.build(mesh, chosen)
-    energy = setup.chosen_energy(mesh.topology, chosen)
+    flow, model = setup.build(mesh, flow_options)
+    energy = setup.chosen_energy(mesh.topology, flow_options)
     schedule = setup.schedule(flow, overrides)
     resolved, digest = fingerprint(
-        {"wishes": setup.described(chosen), "time": overrides}, {"mesh": source.sha256}
+        {"options": setup.options_as_dict(flow_options), "time": overrides}, {"mesh": source.sha256}
     )
     check_unchanged(resume, resolved)
-    unit = "L²" if wishes["flow"] == "mean-curvature" else "L⁴"  # L: the input's length unit
+    unit = "L²" if parameters["flow"] == "mean-curvature" else "L⁴"  # L: the input's length unit
     job = Job(
         {"surface": model}, [mesh], schedule, Account(), moving=True, resume=resume,
         attributes={"input_sha256": digest, "time_unit": unit},
@@ -87,27 +87,32 @@ def command(
         outcome.series, flow.convention, schedule.steps, outcome.stopped, outcome.failure
     )
     last = mesh if outcome.last is None or outcome.last.points is None else mesh.moved(outcome.last.points)
-    report.tell_of_folds(mesh, last)
+    report.warn_of_folds(mesh, last)
     report.warn_of_disagreement(mesh, last, energy)
-    if wishes["report_energy"]:
+    if parameters["report_energy"]:
         results["energies"] = report.every_energy(mesh, last)
     picture = Picture(edges=True, energy="energy", time_unit=unit)
     run.plot(lambda path: draw_run(path, outcome, picture, common))
     run.finish(results, accuracy, converged=not (outcome.failure or outcome.doubt))
 
 
-def _wishes(wishes: dict[str, Any], overrides: dict[str, Any]) -> Any:
+def _flow_options(parameters: dict[str, Any], overrides: dict[str, Any]) -> Any:
     from ddgcli.models.willmore.flow import DEFAULT_STOP, Stop
-    from ddgcli.models.willmore.setup import Wishes
+    from ddgcli.models.willmore.setup import FlowOptions
 
-    if wishes["report_energy"] not in (None, "all"):
-        raise ParameterError(f"--report-energy {wishes['report_energy']!r}: write all")
+    if parameters["report_energy"] not in (None, "all"):
+        raise ParameterError(f"--report-energy {parameters['report_energy']!r}: write all")
     timed = any(overrides.get(name) for name in ("step", "duration"))
-    timed = timed or wishes["flow"] == "mean-curvature"
+    timed = timed or parameters["flow"] == "mean-curvature"
     bounded = any(overrides.get(name) for name in ("steps", "duration"))
     stop = Stop() if timed and bounded else Stop(DEFAULT_STOP.gradient, DEFAULT_STOP.fall, not timed)
-    return Wishes(
-        wishes["energy"], wishes["flow"], wishes["boundary"], wishes["fix_area"], wishes["fix_volume"], timed,
-        overrides.get("integrator"),
-        Stop(wishes["stop_gradient"] or stop.gradient, wishes["stop_energy"] or stop.fall, stop.mesh_error),
-    )  # fmt: skip
+    return FlowOptions(
+        **{name: parameters[name] for name in ("energy", "flow", "boundary", "fix_area", "fix_volume")},
+        timed=timed,
+        integrator=overrides.get("integrator"),
+        stop=Stop(
+            parameters["stop_gradient"] or stop.gradient,
+            parameters["stop_energy"] or stop.fall,
+            stop.mesh_error,
+        ),
+    )

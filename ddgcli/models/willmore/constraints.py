@@ -15,9 +15,9 @@ from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.models.willmore.vertex_energies import Faces, area_gradient
 
-MetricSolve = Callable[[NDArray], NDArray]
-RETURNED = 1e-13  # relative residual at which a constraint counts as met
-DEPENDENT = 1e-10  # relative size below which two constraint gradients count as parallel
+PreconditionerSolve = Callable[[NDArray], NDArray]
+CONSTRAINT_TOLERANCE = 1e-13  # relative residual at which a constraint counts as met
+PARALLEL_GRADIENT_TOLERANCE = 1e-10  # relative size below which two constraint gradients count as parallel
 
 
 def area(mesh: TriangleMesh) -> float:
@@ -43,12 +43,12 @@ class Constraints:
 
     def residuals(self, mesh: TriangleMesh) -> dict[str, float]:
         """Relative deviation of each constrained quantity."""
-        found = {}
+        residuals = {}
         if self.area is not None:
-            found["area"] = area(mesh) / self.area - 1.0
+            residuals["area"] = area(mesh) / self.area - 1.0
         if self.volume is not None:
-            found["volume"] = enclosed_volume(mesh) / self.volume - 1.0
-        return found
+            residuals["volume"] = enclosed_volume(mesh) / self.volume - 1.0
+        return residuals
 
     def _gradients(self, mesh: TriangleMesh, free: NDArray) -> list[NDArray]:
         """Gradients (k, 3) of the relative residuals."""
@@ -61,16 +61,18 @@ class Constraints:
             rows.append(sum_by_index(mesh.faces, third, mesh.n_vertices)[free] / self.volume)
         return rows
 
-    def admissible(self, mesh: TriangleMesh, free: NDArray, mass: NDArray, g: NDArray) -> NDArray:
+    def admissible_gradient(self, mesh: TriangleMesh, free: NDArray, mass: NDArray, g: NDArray) -> NDArray:
         """The gradient without its part along the constraints' gradients (in the mass inner product)."""
-        return self._projected(mesh, free, lambda c: c / mass[:, None], g, dual=True)
+        return self._project(mesh, free, lambda c: c / mass[:, None], g, dual=True)
 
-    def tangent(self, mesh: TriangleMesh, free: NDArray, solve: MetricSolve, motion: NDArray) -> NDArray:
+    def tangent_motion(
+        self, mesh: TriangleMesh, free: NDArray, solve: PreconditionerSolve, motion: NDArray
+    ) -> NDArray:
         """The motion made tangent to the constraints, in the preconditioner's metric."""
-        return self._projected(mesh, free, solve, motion, dual=False)
+        return self._project(mesh, free, solve, motion, dual=False)
 
-    def _projected(
-        self, mesh: TriangleMesh, free: NDArray, solve: MetricSolve, v: NDArray, dual: bool
+    def _project(
+        self, mesh: TriangleMesh, free: NDArray, solve: PreconditionerSolve, v: NDArray, dual: bool
     ) -> NDArray:
         if not self.active:
             return v
@@ -78,10 +80,10 @@ class Constraints:
         lifted = [solve(c) for c in rows]
         gram = np.array([[np.sum(c * s) for s in lifted] for c in rows])
         right = np.array([np.sum(v * (s if dual else c)) for c, s in zip(rows, lifted)])
-        share = np.linalg.lstsq(gram, right, rcond=DEPENDENT)[0]
+        share = np.linalg.lstsq(gram, right, rcond=PARALLEL_GRADIENT_TOLERANCE)[0]
         return v - sum(w * (c if dual else s) for w, c, s in zip(share, rows, lifted))
 
-    def restored(self, mesh: TriangleMesh, free: NDArray, solve: MetricSolve) -> TriangleMesh:
+    def restore(self, mesh: TriangleMesh, free: NDArray, solve: PreconditionerSolve) -> TriangleMesh:
         """The surface moved back on the constraints by Newton steps along their gradients.
 
         Raises
@@ -93,12 +95,12 @@ class Constraints:
             return mesh
         for _ in range(10):
             residual = np.array(list(self.residuals(mesh).values()))
-            if np.abs(residual).max() <= RETURNED:
+            if np.abs(residual).max() <= CONSTRAINT_TOLERANCE:
                 return mesh
             rows = self._gradients(mesh, free)
             lifted = [solve(c) for c in rows]
             gram = np.array([[np.sum(c * s) for s in lifted] for c in rows])
-            share = np.linalg.lstsq(gram, residual, rcond=DEPENDENT)[0]
+            share = np.linalg.lstsq(gram, residual, rcond=PARALLEL_GRADIENT_TOLERANCE)[0]
             points = np.array(mesh.points)
             points[free] -= sum(w * s for w, s in zip(share, lifted))
             mesh = mesh.moved(points)

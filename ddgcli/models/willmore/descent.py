@@ -20,7 +20,7 @@ from ddgcli.operators.laplacian import lumped_vertex_area, stiffness
 
 
 @dataclass(frozen=True, eq=False)
-class Slope:
+class EnergyGradient:
     """The energy's gradient at a surface, made ready for steps of any length.
 
     Parameters
@@ -61,14 +61,17 @@ def folded_faces(mesh: TriangleMesh) -> int:
     return int((np.einsum("fki,fi->fk", normal, face_area_vector(mesh)).min(axis=1) < 0.0).sum())
 
 
-def slope(mesh: TriangleMesh, energy: Energy, free: NDArray, constraints: Constraints) -> Slope:
+def energy_gradient(
+    mesh: TriangleMesh, energy: Energy, free: NDArray, constraints: Constraints
+) -> EnergyGradient:
     """Energy and admissible gradient at `mesh`."""
     value, gradient = energy.value_and_gradient(mesh.points)
     mass = lumped_vertex_area(mesh)[free]
-    return Slope(mesh, free, value, constraints.admissible(mesh, free, mass, gradient[free]), mass)
+    admissible = constraints.admissible_gradient(mesh, free, mass, gradient[free])
+    return EnergyGradient(mesh, free, value, admissible, mass)
 
 
-def fourth_order(mesh: TriangleMesh, free: NDArray, dt: float) -> csc_array:
+def fourth_order_matrix(mesh: TriangleMesh, free: NDArray, dt: float) -> csc_array:
     """M + dt/2 Q with Q = L M^-1 L, on the free vertices: the implicit step of a plane."""
     L, area = stiffness(mesh), lumped_vertex_area(mesh)
     inverse = np.divide(1.0, area, out=np.zeros_like(area), where=area > 0)
@@ -78,7 +81,7 @@ def fourth_order(mesh: TriangleMesh, free: NDArray, dt: float) -> csc_array:
 
 
 @dataclass(frozen=True, eq=False)
-class Metric:
+class Preconditioner:
     """The preconditioner at a surface for one step length: covectors to motions.
 
     Parameters
@@ -88,7 +91,7 @@ class Metric:
         Of M + weight dt/2 L M^-1 L.
     """
 
-    at: Slope
+    at: EnergyGradient
     factor: Factor
 
     @cached_property
@@ -116,30 +119,36 @@ class Metric:
         return float(np.sum(across * moved)), float(np.sum((g - across) * (self.steepest - moved)))
 
 
-def metric(at: Slope, dt: float, like: Factor | None = None) -> Metric:
+def preconditioner_at(at: EnergyGradient, dt: float, like: Factor | None = None) -> Preconditioner:
     """The preconditioner for a step; `like`, of the same mesh elsewhere, is used up: its analysis is kept."""
-    matrix = fourth_order(at.mesh, at.free, dt)
-    return Metric(at, Factor(matrix) if like is None else like.refactor(matrix))
+    matrix = fourth_order_matrix(at.mesh, at.free, dt)
+    return Preconditioner(at, Factor(matrix) if like is None else like.refactor(matrix))
 
 
-def descent(metric: Metric, dt: float, constraints: Constraints) -> NDArray[np.float64]:
+def descent_motion(
+    preconditioner: Preconditioner, dt: float, constraints: Constraints
+) -> NDArray[np.float64]:
     """Motion (k, 3) of the first-order step (M + dt/2 Q) dx = -dt grad E, tangent to the constraints."""
-    at = metric.at
-    return constraints.tangent(at.mesh, at.free, metric.solve, -dt * metric.steepest)
+    at = preconditioner.at
+    return constraints.tangent_motion(at.mesh, at.free, preconditioner.solve, -dt * preconditioner.steepest)
 
 
-def followed(metric: Metric, motion: NDArray, share: float, constraints: Constraints) -> TriangleMesh:
+def moved_along(
+    preconditioner: Preconditioner, motion: NDArray, share: float, constraints: Constraints
+) -> TriangleMesh:
     """The surface moved by a share of a motion, and back on the constraints."""
-    at = metric.at
-    return constraints.restored(_shifted(at.mesh, at.free, share * motion), at.free, metric.solve)
+    at = preconditioner.at
+    return constraints.restore(_shifted(at.mesh, at.free, share * motion), at.free, preconditioner.solve)
 
 
 # both are L-stable; the first errs a thirtieth of the second, which bears energies up to 6.8 times (the first
 # 1.17 times) as stiff as the preconditioner
-GAMMAS = (1.0 - np.sqrt(0.5), 1.0 + np.sqrt(0.5))
+ROSENBROCK_GAMMAS = (1.0 - np.sqrt(0.5), 1.0 + np.sqrt(0.5))
 
 
-def accurate_step(inner: Metric, dt: float, energy: Energy, constraints: Constraints) -> TriangleMesh:
+def rosenbrock_step(
+    inner: Preconditioner, dt: float, energy: Energy, constraints: Constraints
+) -> TriangleMesh:
     """Second-order step in time whatever the preconditioner: the two-stage W-method of Rosenbrock type.
 
     `inner` is the metric for a step of gamma dt, gamma of GAMMAS.
@@ -151,12 +160,12 @@ def accurate_step(inner: Metric, dt: float, energy: Energy, constraints: Constra
     """
     at = inner.at
     first = -inner.steepest
-    ahead = slope(_shifted(at.mesh, at.free, dt * first), energy, at.free, constraints)
+    ahead = energy_gradient(_shifted(at.mesh, at.free, dt * first), energy, at.free, constraints)
     mass = at.mass[:, None]
     right = -ahead.gradient * (mass / ahead.mass[:, None]) - 2.0 * at.gradient - 2.0 * mass * first
     motion = 0.5 * dt * (first + inner.solve(right))
-    motion = constraints.tangent(at.mesh, at.free, inner.solve, motion)
-    return constraints.restored(_shifted(at.mesh, at.free, motion), at.free, inner.solve)
+    motion = constraints.tangent_motion(at.mesh, at.free, inner.solve, motion)
+    return constraints.restore(_shifted(at.mesh, at.free, motion), at.free, inner.solve)
 
 
 def mean_curvature_step(mesh: TriangleMesh, free: NDArray, dt: float) -> TriangleMesh:

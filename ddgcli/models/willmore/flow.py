@@ -18,42 +18,45 @@ from ddgcli.mesh.topology import Topology
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.models.willmore.constraints import Constraints, area
 from ddgcli.models.willmore.descent import (
-    GAMMAS,
-    Metric,
-    Slope,
-    accurate_step,
-    descent,
-    followed,
-    fourth_order,
+    ROSENBROCK_GAMMAS,
+    EnergyGradient,
+    Preconditioner,
+    descent_motion,
+    energy_gradient,
+    fourth_order_matrix,
     mean_curvature_step,
-    metric,
-    slope,
+    moved_along,
+    preconditioner_at,
+    rosenbrock_step,
 )
 from ddgcli.models.willmore.energies import Energy
 from ddgcli.simulation.time_loop import Observation, StepRejected
 
 # steps of the descent, for a surface with the area of the unit sphere
-LONGEST, SHORTEST = 0.05, 1e-14
-SHARES = (1.0, 0.25, 0.0625)  # of a motion, tried before a shorter step is factorised
-ENOUGH = 0.01  # of the fall that the slope promises, for a step of the descent to be taken
+MAX_DESCENT_STEP, MIN_DESCENT_STEP = 0.05, 1e-14
+MOTION_FRACTIONS = (1.0, 0.25, 0.0625)  # of a motion, tried before a shorter step is factorised
+SUFFICIENT_DECREASE = 0.01  # of the fall that the slope promises, for a step of the descent to be taken
 # a surface is near rest where steps above that share of the longest promise less than that of the energy
-UNHINDERED, NEAR = 0.01, 0.1
-IMPOSSIBLE = 0.9  # of the least energy of its topology, below which only the mesh's error takes a surface
-TOO_UNEVEN = (
+NEAR_REST_STEP_FRACTION, NEAR_REST_ENERGY_FRACTION = 0.01, 0.1
+# of the least energy of its topology, below which only the mesh's error takes a surface
+LOWER_BOUND_FRACTION = 0.9
+BELOW_LOWER_BOUND = (
     "the next step would go below the least energy of such surfaces: the mesh is too coarse or uneven"
 )
-REACHED = 0.985  # of the least energy of its topology, above which a surface that is below it is at rest
-LEAST_REACHED = "the least energy of such surfaces is reached, and the next step would go far below it"
-CRUMPLING_RISE = 1.2  # of a second energy over its lowest value, at which the faces crumple
-CRUMPLED = f"a second energy rose by a factor of {CRUMPLING_RISE} while this one fell: the faces crumple"
-UNRESOLVED = (TOO_UNEVEN, CRUMPLED)
+# of the least energy of its topology, above which a surface that is below it is at rest
+LOWER_BOUND_TOLERANCE = 0.985
+LOWER_BOUND_REACHED = "the least energy of such surfaces is reached, and the next step would go far below it"
+CRUMPLING_RATIO = 1.2  # of a second energy over its lowest value, at which the faces crumple
+CRUMPLING = f"a second energy rose by a factor of {CRUMPLING_RATIO} while this one fell: the faces crumple"
+UNRESOLVED = (BELOW_LOWER_BOUND, CRUMPLING)
 # time schemes of each flow, the default first; `semi-implicit` is of first order
 SCHEMES = {"quadratic": ("rosenbrock", "semi-implicit"), "mean-curvature": ("semi-implicit",)}
-VANISHED = 1e-12  # energy at which nothing is left to release
+ZERO_ENERGY = 1e-12  # energy at which nothing is left to release
 ENERGY_UNIT = 1.0  # energies are free of units; rounding of smaller ones is compared with this
-HELD = 1e-13  # relative predicted fall of the energy below which rounding decides: the surface is kept
-COLLAPSED = 1e-3  # share of the area at the start below which a surface counts as gone
-ROUNDING = 1e-13  # relative rise of the energy that counts as one
+# relative predicted fall of the energy below which rounding decides: the surface is kept
+PREDICTED_FALL_TOLERANCE = 1e-13
+COLLAPSED_AREA_FRACTION = 1e-3  # share of the area at the start below which a surface counts as gone
+ENERGY_ROUNDING = 1e-13  # relative rise of the energy that counts as one
 
 
 @dataclass(frozen=True)
@@ -118,7 +121,7 @@ def rounding_scale(energy: float) -> float:
 
 def longest_step(flow: Flow) -> float:
     """First and longest step of the descent, at unit size."""
-    return LONGEST * (flow.area / (4.0 * math.pi)) ** 2
+    return MAX_DESCENT_STEP * (flow.area / (4.0 * math.pi)) ** 2
 
 
 @dataclass(eq=False)
@@ -147,7 +150,7 @@ class Flow:
     area : float
         At the start, at unit size.
     original : (n, 3) ndarray
-        Positions at the start, as given.
+        Positions at the start, of the input.
     least : float
         Lower bound of the smooth energy, 0 where none is known.
     second_energy : Energy, optional
@@ -169,8 +172,8 @@ class Flow:
     original: NDArray[np.float64]
     least: float
     second_energy: Energy | None = None
-    _kept: Slope | None = None
-    _prepared: tuple[Metric, float] | None = None
+    _last_gradient: EnergyGradient | None = None
+    _last_preconditioner: tuple[Preconditioner, float] | None = None
 
     @property
     def time_unit(self) -> float:
@@ -185,20 +188,21 @@ class Flow:
             return replace(state, stopped=rest)
         if self.mean_curvature:
             return self._curvature_step(state, dt)
-        at = self._slope(state)
+        at = self._gradient(state)
         return self._timed_step(state, at, dt) if self.timed else self._longest_step(state, at)
 
     def reason(self, state: FlowState) -> str:
         """Why the flow ends at a state, or ""."""
         if state.stopped or self.mean_curvature:
             return state.stopped
-        at = self._slope(state)
-        if self.stop.mesh_error and abs(at.energy) <= VANISHED:
+        at = self._gradient(state)
+        if self.stop.mesh_error and abs(at.energy) <= ZERO_ENERGY:
             return "the energy has vanished"
         if self.stop.gradient is not None and at.size <= self.stop.gradient:
             return f"gradient below {self.stop.gradient:g}"
-        if self.stop.mesh_error and state.dt >= UNHINDERED * longest_step(self):
-            preconditioner, least = self._metric(at, state.dt), NEAR * abs(at.energy) / state.dt
+        if self.stop.mesh_error and state.dt >= NEAR_REST_STEP_FRACTION * longest_step(self):
+            preconditioner = self._preconditioner(at, state.dt)
+            least = NEAR_REST_ENERGY_FRACTION * abs(at.energy) / state.dt
             if (
                 preconditioner.descent_power() <= 2.0 * least
             ):  # what the two parts release is half of it or more
@@ -210,72 +214,73 @@ class Flow:
     def mesh(self, state: FlowState) -> TriangleMesh:
         return TriangleMesh(state.points, self.topology)
 
-    def _slope(self, state: FlowState) -> Slope:
+    def _gradient(self, state: FlowState) -> EnergyGradient:
         """Gradient at the state; the last one is kept, since a rejected step starts there again."""
-        if self._kept is None or self._kept.mesh.points is not state.points:
-            self._kept = slope(self.mesh(state), self.energy, self.free, self.constraints)
-        return self._kept
+        if self._last_gradient is None or self._last_gradient.mesh.points is not state.points:
+            self._last_gradient = energy_gradient(self.mesh(state), self.energy, self.free, self.constraints)
+        return self._last_gradient
 
-    def _metric(self, at: Slope, dt: float) -> Metric:
+    def _preconditioner(self, at: EnergyGradient, dt: float) -> Preconditioner:
         """Preconditioner for a step of length dt; the last one is kept, for `reason` and the step after."""
-        if self._prepared is None or self._prepared[0].at is not at or self._prepared[1] != dt:
-            self._prepared = metric(at, dt, self._factor), dt
-        return self._prepared[0]
+        last = self._last_preconditioner
+        if last is None or last[0].at is not at or last[1] != dt:
+            last = self._last_preconditioner = preconditioner_at(at, dt, self._factor), dt
+        return last[0]
 
     @cached_property
     def _factor(self) -> Factor:
         """Its order and analysis serve every preconditioner; of the start, also after --resume."""
         start = TriangleMesh((self.original - self.centre) / self.scale, self.topology)
-        return Factor(fourth_order(start, self.free, longest_step(self)))
+        return Factor(fourth_order_matrix(start, self.free, longest_step(self)))
 
-    def _timed_step(self, state: FlowState, at: Slope, dt: float) -> FlowState:
+    def _timed_step(self, state: FlowState, at: EnergyGradient, dt: float) -> FlowState:
         for moved in self._attempts(at, dt / self.time_unit):
             energy = self.energy.value(moved.points)
-            if self._impossible(energy):
-                return replace(state, stopped=TOO_UNEVEN)
+            if self._below_lower_bound(energy):
+                return replace(state, stopped=BELOW_LOWER_BOUND)
             if energy <= at.energy:
-                return self._stepped(state, at, moved, energy, dt)
+                return self._accepted(state, at, moved, energy, dt)
         promised = float(np.sum(at.gradient * (at.mesh.points - moved.points)[self.free]))
-        if abs(promised) <= HELD * rounding_scale(at.energy):
+        if abs(promised) <= PREDICTED_FALL_TOLERANCE * rounding_scale(at.energy):
             return replace(state, time=state.time + dt, steps=state.steps + 1)
         raise StepRejected("energy rises", value=energy - at.energy)
 
-    def _impossible(self, energy: float) -> bool:
-        return self.least > 0.0 and energy < IMPOSSIBLE * self.least
+    def _below_lower_bound(self, energy: float) -> bool:
+        return self.least > 0.0 and energy < LOWER_BOUND_FRACTION * self.least
 
-    def _attempts(self, at: Slope, dt: float) -> Iterator[TriangleMesh]:
+    def _attempts(self, at: EnergyGradient, dt: float) -> Iterator[TriangleMesh]:
         """The surface after dt, by what is tried in turn."""
         if self.scheme == "semi-implicit":
-            inner = self._metric(at, dt)
-            yield followed(inner, descent(inner, dt, self.constraints), 1.0, self.constraints)
+            inner = self._preconditioner(at, dt)
+            yield moved_along(inner, descent_motion(inner, dt, self.constraints), 1.0, self.constraints)
             return
-        for gamma in GAMMAS:
-            yield accurate_step(self._metric(at, gamma * dt), dt, self.energy, self.constraints)
+        for gamma in ROSENBROCK_GAMMAS:
+            yield rosenbrock_step(self._preconditioner(at, gamma * dt), dt, self.energy, self.constraints)
 
-    def _longest_step(self, state: FlowState, at: Slope) -> FlowState:
+    def _longest_step(self, state: FlowState, at: EnergyGradient) -> FlowState:
         """Descent step, shortened until the energy falls enough; the next one starts at twice a length that
         did, whole or by its first share. A share of the same motion costs no factorisation, so that is tried
         first."""
         dt, shrink = state.dt, 0.25
-        while dt >= SHORTEST:
-            preconditioner = self._metric(at, dt)
-            motion = descent(preconditioner, dt, self.constraints)
+        while dt >= MIN_DESCENT_STEP:
+            preconditioner = self._preconditioner(at, dt)
+            motion = descent_motion(preconditioner, dt, self.constraints)
             promised = -float(np.sum(at.gradient * motion))
-            for share in SHARES:
-                moved = followed(preconditioner, motion, share, self.constraints)
+            for share in MOTION_FRACTIONS:
+                moved = moved_along(preconditioner, motion, share, self.constraints)
                 energy = self.energy.value(moved.points)
-                if energy <= at.energy - ENOUGH * share * promised:
-                    if self._impossible(energy):
-                        reached = REACHED * self.least <= at.energy <= self.least
-                        return replace(state, stopped=LEAST_REACHED if reached else TOO_UNEVEN)
-                    at_once = dt == state.dt and share >= SHARES[1]
-                    stepped = self._stepped(state, at, moved, energy, share * dt * self.time_unit)
+                if energy <= at.energy - SUFFICIENT_DECREASE * share * promised:
+                    if self._below_lower_bound(energy):
+                        reached = LOWER_BOUND_TOLERANCE * self.least <= at.energy <= self.least
+                        return replace(state, stopped=LOWER_BOUND_REACHED if reached else BELOW_LOWER_BOUND)
+                    at_once = dt == state.dt and share >= MOTION_FRACTIONS[1]
+                    stepped = self._accepted(state, at, moved, energy, share * dt * self.time_unit)
                     return replace(stepped, dt=min(longest_step(self), 2.0 * dt if at_once else dt))
             dt, shrink = dt * shrink, 0.25 * shrink
         return replace(state, stopped="no step lowers the energy")
 
-    def _stepped(
-        self, state: FlowState, at: Slope, moved: TriangleMesh, energy: float, dt: float
+    def _accepted(
+        self, state: FlowState, at: EnergyGradient, moved: TriangleMesh, energy: float, dt: float
     ) -> FlowState:
         stopped = ""
         if self.stop.fall is not None and at.energy - energy < self.stop.fall * abs(energy):
@@ -284,8 +289,8 @@ class Flow:
         if self.second_energy is not None:
             second = self.second_energy.value(moved.points)
             lowest = min(lowest, second)
-            stopped = CRUMPLED if second > CRUMPLING_RISE * lowest else stopped
-        rose = energy - at.energy > ROUNDING * rounding_scale(at.energy)
+            stopped = CRUMPLING if second > CRUMPLING_RATIO * lowest else stopped
+        rose = energy - at.energy > ENERGY_ROUNDING * rounding_scale(at.energy)
         return replace(
             state, points=moved.points, energy=energy, time=state.time + dt, steps=state.steps + 1,
             increases=state.increases + rose, stopped=stopped, lowest_second=lowest,
@@ -301,14 +306,15 @@ class Flow:
         after, energy = area(moved), self.energy.value(moved.points)
         if not math.isfinite(energy):
             return replace(state, stopped=f"the surface became singular at time {state.time:.6g}")
-        stopped = "the surface collapsed" if after < COLLAPSED * self.area else ""
+        rose = energy - state.energy > ENERGY_ROUNDING * rounding_scale(state.energy)
+        stopped = "the surface collapsed" if after < COLLAPSED_AREA_FRACTION * self.area else ""
         if self.stop.fall is not None and not stopped and before - after < self.stop.fall * before:
             stopped = f"area fell by less than {self.stop.fall:g} of itself in a step"
         return replace(
             state, points=moved.points, energy=energy, time=state.time + dt, stopped=stopped,
             steps=state.steps + 1,
-            increases=state.increases + (energy - state.energy > ROUNDING * rounding_scale(state.energy)),
-            area_increases=state.area_increases + (after > before * (1.0 + ROUNDING)),
+            increases=state.increases + rose,
+            area_increases=state.area_increases + (after > before * (1.0 + ENERGY_ROUNDING)),
         )  # fmt: skip
 
     def distance(self, a: FlowState, b: FlowState) -> float:

@@ -181,12 +181,12 @@ class GaussMapEnergy:
     def _terms(self, points: NDArray) -> _Terms:
         if self._last and self._last[0][0] is points:
             return self._last[0][1]
-        terms = self._made(points)
+        terms = self._evaluate(points)
         # an array that can be written to may hold other values next time
         self._last[:] = [] if points.flags.writeable else [(points, terms)]
         return terms
 
-    def _made(self, points: NDArray) -> _Terms:
+    def _evaluate(self, points: NDArray) -> _Terms:
         corners, n = self.topology.faces, self.topology.n_vertices
         counted, angled, _ = self._weights
         faces = Faces.at(points, corners)

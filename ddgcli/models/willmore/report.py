@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 from ddgcli.geometry.intrinsic import corner_angle
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.models.willmore.descent import folded_faces
-from ddgcli.models.willmore.energies import DEFAULT, ENERGIES, OPEN_DEFAULT, SECOND
+from ddgcli.models.willmore.energies import DEFAULT, ENERGIES, OPEN_DEFAULT, SECOND_ENERGY
 from ddgcli.models.willmore.flow import UNRESOLVED
 
-DISAGREEMENT = 1.2  # growth of the ratio of two energies at which a warning is due
-REFINED_DEGREES = 25  # smallest angle that the advice asks `delaunay --refine` for
+ENERGY_RATIO_WARNING = 1.2  # growth of the ratio of two energies at which a warning is due
+REFINEMENT_ANGLE = 25  # smallest angle that the advice asks `delaunay --refine` for
 
 
 def summary(
@@ -57,16 +57,16 @@ def summary(
 
 
 def every_energy(first: TriangleMesh, last: TriangleMesh) -> dict[str, dict[str, Any]]:
-    """All energies at start and end, with their conventions (--report-energy all)."""
-    found = {}
+    """All energies at start and end, with their conventions (`report_energy=all`)."""
+    energies = {}
     for name, kind in ENERGIES.items():
         energy = kind.build(first.topology)
-        found[name] = {
+        energies[name] = {
             "start": energy.value(first.points),
             "end": energy.value(last.points),
             "energy_convention": kind.convention,
         }
-    return found
+    return energies
 
 
 def doubt(stopped: str, start: TriangleMesh, energy: str) -> str:
@@ -83,12 +83,12 @@ def doubt(stopped: str, start: TriangleMesh, energy: str) -> str:
     if stopped not in UNRESOLVED:
         return ""
     cure = "begin with a finer mesh"
-    if np.degrees(corner_angle(start.side_length).min()) < REFINED_DEGREES:
+    if np.degrees(corner_angle(start.side_length).min()) < REFINEMENT_ANGLE:
         cure = (
-            f"begin with the mesh that `ddgcli delaunay MESH --refine {REFINED_DEGREES} -o finer.npz` writes"
+            f"begin with the mesh that `ddgcli delaunay MESH --refine {REFINEMENT_ANGLE} -o finer.npz` writes"
         )
     elif energy != OPEN_DEFAULT:
-        cure = f"use --energy {OPEN_DEFAULT}, or begin with a finer mesh"
+        cure = f"use `energy={OPEN_DEFAULT}`, or begin with a finer mesh"
     message = f"{stopped}; {cure}"
     logging.getLogger("ddgcli").warning(message)
     return message
@@ -98,16 +98,16 @@ def warn_of_disagreement(first: TriangleMesh, last: TriangleMesh, energy: str) -
     """A warning where a second energy has grown over the first: the mesh does not resolve its surface."""
     if energy != DEFAULT:
         return
-    one, other = (ENERGIES[name].build(first.topology) for name in (DEFAULT, SECOND))
+    one, other = (ENERGIES[name].build(first.topology) for name in (DEFAULT, SECOND_ENERGY))
     before, after = (other.value(mesh.points) / one.value(mesh.points) for mesh in (first, last))
-    if after > DISAGREEMENT * max(1.0, before):
+    if after > ENERGY_RATIO_WARNING * max(1.0, before):
         logging.getLogger("ddgcli").warning(
             "%s gives the last surface %.3g times the energy of %s (%.3g times at the start): its faces "
-            "are too slender to tell", SECOND, after, DEFAULT, before,
+            "are too slender to tell", SECOND_ENERGY, after, DEFAULT, before,
         )  # fmt: skip
 
 
-def tell_of_folds(first: TriangleMesh, last: TriangleMesh) -> None:
+def warn_of_folds(first: TriangleMesh, last: TriangleMesh) -> None:
     """A warning where faces have folded over: energies of such a surface mean little."""
     before, after = folded_faces(first), folded_faces(last)
     if after > before:

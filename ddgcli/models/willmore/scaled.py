@@ -13,7 +13,8 @@ from ddgcli.mesh.require import require
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.mesh.vectors import vector_length
 
-THINNEST = 1e-12  # twice the area of a face over its longest side squared, below which it counts as flat
+# twice the area of a face over its longest side squared, below which it counts as flat
+MIN_FACE_HEIGHT_RATIO = 1e-12
 
 
 def centred_at_unit_size(mesh: TriangleMesh) -> tuple[TriangleMesh, NDArray[np.float64], float]:
@@ -36,7 +37,7 @@ def centred_at_unit_size(mesh: TriangleMesh) -> tuple[TriangleMesh, NDArray[np.f
     unit = mesh.moved((mesh.points - centre) / extent)
     doubled = 2.0 * vector_length(face_area_vector(unit))
     longest = unit.side_length.max(axis=1)
-    bad = np.flatnonzero(~(doubled > THINNEST * longest**2))
+    bad = np.flatnonzero(~(doubled > MIN_FACE_HEIGHT_RATIO * longest**2))
     if len(bad):
         raise MeshError(
             f"{len(bad)} faces have no area (first: face {bad[0]}, vertices "

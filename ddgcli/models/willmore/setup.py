@@ -16,20 +16,20 @@ from ddgcli.geometry.extrinsic import enclosed_volume
 from ddgcli.mesh.topology import Topology
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.models.willmore.constraints import Constraints, area
-from ddgcli.models.willmore.energies import DEFAULT, ENERGIES, OPEN_DEFAULT, SECOND, Energy
+from ddgcli.models.willmore.energies import DEFAULT, ENERGIES, OPEN_DEFAULT, SECOND_ENERGY, Energy
 from ddgcli.models.willmore.flow import SCHEMES, Flow, FlowState, Stop, longest_step
 from ddgcli.models.willmore.scaled import centred_at_unit_size
 from ddgcli.simulation.time_loop import Model, Schedule
 
-HELD = "no vertex can move: all lie on the boundary or, if that is clamped, beside it"
-MOST_STEPS = 1000
-FRAMES = 50
+NO_FREE_VERTEX = "no vertex can move: all lie on the boundary or, if that is clamped, beside it"
+MAX_STEPS = 1000
+DEFAULT_FRAME_COUNT = 50
 # default length of timed steps, in radius^4 (mean curvature flow: radius^2) of the sphere of the same area
-TIMED, TIMED_CURVATURE = 5e-3, 2e-3
+DEFAULT_STEP, DEFAULT_CURVATURE_FLOW_STEP = 5e-3, 2e-3
 
 
 @dataclass(frozen=True)
-class Wishes:
+class FlowOptions:
     """Options of a flow.
 
     Parameters
@@ -40,7 +40,7 @@ class Wishes:
         Of WILLMORE_FLOWS, WILLMORE_BOUNDARIES.
     fix_area, fix_volume : bool
     timed : bool
-        Steps of a given length, by a time scheme; else the longest that descend.
+        Steps of a time_options length, by a time scheme; else the longest that descend.
     integrator : str or None
         Of SCHEMES of the flow; None for the default.
     stop : Stop
@@ -56,9 +56,9 @@ class Wishes:
     stop: Stop = Stop()
 
 
-def described(wishes: Wishes) -> dict[str, Any]:
-    """The wishes as plain data."""
-    return asdict(wishes)
+def options_as_dict(options: FlowOptions) -> dict[str, Any]:
+    """The options as plain data."""
+    return asdict(options)
 
 
 def free_vertices(topology: Topology, boundary: str) -> NDArray[np.int64]:
@@ -69,21 +69,21 @@ def free_vertices(topology: Topology, boundary: str) -> NDArray[np.int64]:
     return np.flatnonzero(topology.referenced_vertex & ~held)
 
 
-def chosen_energy(topology: Topology, wishes: Wishes) -> str:
-    """The energy's name: the one asked for, else `gauss-map` on closed surfaces and `cotan` on open ones.
+def chosen_energy(topology: Topology, options: FlowOptions) -> str:
+    """The energy's name: of the options, else `gauss-map` on closed surfaces and `cotan` on open ones.
 
     Raises
     ------
     ParameterError
-        When `gauss-map` is wished where it does not hold.
+        When `gauss-map` is chosen where it does not hold.
     """
-    free_slope = wishes.boundary == "fixed" and not topology.is_closed
-    if free_slope and wishes.energy == DEFAULT:
+    free_slope = options.boundary == "fixed" and not topology.is_closed
+    if free_slope and options.energy == DEFAULT:
         raise ParameterError(
             f"energy {DEFAULT!r} leaves the faces at the boundary out, where the slope is free; use "
-            f"--energy {OPEN_DEFAULT} or --boundary clamped"
+            f"`energy={OPEN_DEFAULT}` or `boundary=clamped`"
         )
-    return wishes.energy or (DEFAULT if topology.is_closed else OPEN_DEFAULT)
+    return options.energy or (DEFAULT if topology.is_closed else OPEN_DEFAULT)
 
 
 def _require_known(value: str, known: tuple[str, ...], what: str) -> None:
@@ -103,25 +103,25 @@ def schemes_of(flow: str) -> tuple[str, ...]:
     return SCHEMES[flow]
 
 
-def chosen_scheme(wishes: Wishes) -> str:
-    """The time scheme's name: as wished, or the flow's default.
+def chosen_scheme(options: FlowOptions) -> str:
+    """The time scheme's name: of the options, or the flow's default.
 
     Raises
     ------
     ParameterError
         When the flow has no such scheme, or follows no clock.
     """
-    schemes = schemes_of(wishes.flow)
-    if wishes.integrator is None:
+    schemes = schemes_of(options.flow)
+    if options.integrator is None:
         return schemes[0]
-    if wishes.integrator not in schemes:
+    if options.integrator not in schemes:
         raise ParameterError(
-            f"integrator {wishes.integrator!r} is not available with --flow {wishes.flow}; choose "
+            f"integrator {options.integrator!r} is not available with `flow={options.flow}`; choose "
             f"{' or '.join(schemes)}"
         )
-    if not wishes.timed:
-        raise ParameterError("--integrator needs --dt or --duration: else steps descend, and follow no clock")
-    return wishes.integrator
+    if not options.timed:
+        raise ParameterError("`integrator` needs `dt` or `duration`; steps to rest have no time scheme")
+    return options.integrator
 
 
 def least_energy(topology: Topology) -> float:
@@ -149,49 +149,51 @@ def second_energy(chosen: str, topology: Topology, constraints: Constraints) -> 
     round_only = topology.euler_characteristic == 2 * topology.n_components and not constraints.active
     if chosen != DEFAULT or round_only or not topology.is_closed:
         return None
-    return ENERGIES[SECOND].build(topology)
+    return ENERGIES[SECOND_ENERGY].build(topology)
 
 
-def build(mesh: TriangleMesh, wishes: Wishes) -> tuple[Flow, Model]:
+def build(mesh: TriangleMesh, options: FlowOptions) -> tuple[Flow, Model]:
     """The flow of a mesh, and the model that the time loop drives.
 
     Raises
     ------
     MeshError, ParameterError
-        On a mesh or a wish that the flow cannot take.
+        On a mesh or an option that the flow cannot take.
     """
-    chosen = chosen_energy(mesh.topology, wishes)
+    chosen = chosen_energy(mesh.topology, options)
     _require_known(chosen, WILLMORE_ENERGIES, "energy")
-    _require_known(wishes.boundary, WILLMORE_BOUNDARIES, "boundary")
-    scheme = chosen_scheme(wishes)
+    _require_known(options.boundary, WILLMORE_BOUNDARIES, "boundary")
+    scheme = chosen_scheme(options)
     unit, centre, scale = centred_at_unit_size(mesh)
     topology = mesh.topology
-    free = free_vertices(topology, wishes.boundary)
-    if wishes.fix_volume and not topology.is_closed:
-        raise ParameterError("--fix-volume needs a closed surface; this one has a boundary")
-    mean_curvature = wishes.flow == "mean-curvature"
-    if mean_curvature and (wishes.fix_area or wishes.fix_volume):
-        raise ParameterError("--flow mean-curvature keeps neither area nor volume; use --flow quadratic")
+    free = free_vertices(topology, options.boundary)
+    if options.fix_volume and not topology.is_closed:
+        raise ParameterError("`fix_volume` needs a closed surface; this one has a boundary")
+    mean_curvature = options.flow == "mean-curvature"
+    if mean_curvature and (options.fix_area or options.fix_volume):
+        raise ParameterError("`flow=mean-curvature` keeps neither area nor volume; use `flow=quadratic`")
     constraints = Constraints(
-        area(unit) if wishes.fix_area else None, enclosed_volume(unit) if wishes.fix_volume else None
+        area(unit) if options.fix_area else None, enclosed_volume(unit) if options.fix_volume else None
     )
     if constraints.volume is not None and abs(constraints.volume) < 1e-9:
-        raise MeshError("the surface encloses no volume; --fix-volume has nothing to keep")
+        raise MeshError("the surface encloses no volume; `fix_volume` has nothing to keep")
     energy = ENERGIES[chosen].build(topology)
     started = energy.value(unit.points)
     if not math.isfinite(started):
         raise MeshError(
             f"the {chosen} energy is not finite here: at some vertex the faces' normals cancel; "
-            "unfold it or use --energy cotan"
+            "unfold it or use `energy=cotan`"
         )
     convention = ENERGIES[chosen].convention
     flow = Flow(
-        topology, energy, convention, free, constraints, mean_curvature, scheme, wishes.timed, wishes.stop,
+        topology, energy, convention, free, constraints, mean_curvature, scheme, options.timed, options.stop,
         centre, scale, area(unit), mesh.points,
         0.0 if chosen == "hinge" else least_energy(topology),
         None if mean_curvature else second_energy(chosen, topology, constraints),
     )  # fmt: skip
-    start = FlowState(unit.points, started, 0.0, longest_step(flow), stopped="" if len(free) else HELD)
+    start = FlowState(
+        unit.points, started, 0.0, longest_step(flow), stopped="" if len(free) else NO_FREE_VERTEX
+    )
     model = Model(
         start, flow.advance, flow.observe, flow.pack, flow.unpack,
         distance=flow.distance, order=1 if scheme == "semi-implicit" else 2,
@@ -200,26 +202,26 @@ def build(mesh: TriangleMesh, wishes: Wishes) -> tuple[Flow, Model]:
     return flow, model
 
 
-def schedule(flow: Flow, given: Mapping[str, Any]) -> Schedule:
-    """When to step and to show, from the options given: steps, duration, step, frame_every, tolerance.
+def schedule(flow: Flow, time_options: Mapping[str, Any]) -> Schedule:
+    """When to step and to show, from the options time_options: steps, duration, step, frame_every, tolerance.
 
     Without a step or a duration the descent chooses its own steps, at most MOST_STEPS, each of them a frame.
     """
-    steps, duration, dt = given.get("steps"), given.get("duration"), given.get("step")
-    every, tolerance = given.get("frame_every"), given.get("tolerance")
+    steps, duration, dt = time_options.get("steps"), time_options.get("duration"), time_options.get("step")
+    every, tolerance = time_options.get("frame_every"), time_options.get("tolerance")
     if tolerance is not None and not duration:
-        raise ParameterError("--tolerance needs --duration; it chooses the steps on the way there")
+        raise ParameterError("`tolerance` needs `duration`, the time over which it chooses the steps")
     if not flow.timed:
         if every is not None:
-            raise ParameterError("--frame-every needs --dt or --duration: else every step is a frame")
-        return Schedule(1.0, steps or MOST_STEPS)
+            raise ParameterError("`frame_every` needs `dt` or `duration`: without them every step is a frame")
+        return Schedule(1.0, steps or MAX_STEPS)
     if dt is None:
         radius = math.sqrt(flow.area / (4.0 * math.pi)) * flow.scale
-        own = TIMED_CURVATURE * radius**2 if flow.mean_curvature else TIMED * radius**4
-        dt = own if duration is None else max(duration / MOST_STEPS, min(duration / FRAMES, own))
+        own = DEFAULT_CURVATURE_FLOW_STEP * radius**2 if flow.mean_curvature else DEFAULT_STEP * radius**4
+        dt = own if duration is None else max(duration / MAX_STEPS, min(duration / DEFAULT_FRAME_COUNT, own))
     if tolerance is not None and duration is not None:
-        frames = max(1, math.ceil(duration / every - 1e-9)) if every else FRAMES
+        frames = max(1, math.ceil(duration / every - 1e-9)) if every else DEFAULT_FRAME_COUNT
         return Schedule(duration / frames, frames, 1, tolerance, first_dt=min(dt, duration / frames))
-    count = max(1, math.ceil(duration / dt - 1e-9)) if duration is not None else steps or MOST_STEPS
+    count = max(1, math.ceil(duration / dt - 1e-9)) if duration is not None else steps or MAX_STEPS
     dt = duration / count if duration is not None else dt
-    return Schedule(dt, count, max(1, round(every / dt) if every else math.ceil(count / FRAMES)))
+    return Schedule(dt, count, max(1, round(every / dt) if every else math.ceil(count / DEFAULT_FRAME_COUNT)))

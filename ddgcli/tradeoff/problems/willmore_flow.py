@@ -53,7 +53,7 @@ def problem(mesh: TriangleMesh, *, options: CommandOptions = NO_OPTIONS, **_: An
     tolerances = (options["tolerance"],) if "tolerance" in options else TOLERANCES
     lowered = "area" if curvature else "energy"
     work = 1e-2 + 1e-5 * mesh.n_faces
-    flow_options = setup.Wishes(flow=flow, timed=True, integrator=options.get("integrator"))
+    flow_options = setup.FlowOptions(flow=flow, timed=True, integrator=options.get("integrator"))
     schemes = (setup.chosen_scheme(flow_options),) if flow_options.integrator else setup.schemes_of(flow)
     return Problem(
         candidates=[
@@ -79,7 +79,7 @@ def problem(mesh: TriangleMesh, *, options: CommandOptions = NO_OPTIONS, **_: An
 
 
 def _setup(mesh: TriangleMesh, fixed_options: CommandOptions, span: float, parameters: CommandOptions) -> Any:
-    flow, model = setup.build(mesh, setup.Wishes(**{"timed": True, **fixed_options}))
+    flow, model = setup.build(mesh, setup.FlowOptions(**{"timed": True, **fixed_options}))
     schedule = setup.schedule(flow, {**parameters, "duration": span, "frame_every": span})
     return model, schedule, "area" if flow.mean_curvature else "energy"
 

@@ -1,0 +1,139 @@
+"""Flows in time: the sphere stays, modes decay at their rates, steps have their order."""
+
+import numpy as np
+import pytest
+
+from benchmarks.common.mesh_classes import SPHERES, ellipsoids
+from ddgcli.mesh import shapes
+from ddgcli.models.willmore import descent, flow
+from ddgcli.models.willmore.setup import FlowOptions
+from ddgcli.operators.laplacian import lumped_vertex_area
+from tests.physics.willmore_runs import assert_falls, ellipsoid, energies, run_flow
+
+
+@pytest.mark.parametrize("family", ["good", "irregular", "stretched", "noisy", "refined"])
+def test_sphere_stays_for_a_unit_of_time(family):
+    """At every vertex, on every triangulation; the linear implicit step would have shrunk it to a point."""
+    mesh = SPHERES[family](1)
+    seen, end, _ = run_flow(mesh, duration=1.0, step=0.02)
+    assert np.abs(end.points - mesh.points).max() < 1e-8  # asked for: 1e-4 off the radius
+    assert_falls(seen)
+
+
+@pytest.mark.parametrize("energy, most", [("sullivan", 1e-3), ("cotan", 3e-5)])
+def test_sphere_under_the_other_energies(energy, most):
+    mesh = shapes.icosphere(4)
+    seen, end, _ = run_flow(mesh, FlowOptions(energy=energy, timed=True), duration=1.0, step=0.02)
+    weight = lumped_vertex_area(mesh)
+    off = np.linalg.norm(end.points, axis=1) - 1
+    assert abs((weight * off).sum() / weight.sum()) < 1e-5 and np.sqrt((weight * off**2).sum()) < 4e-4
+    slid = end.points - mesh.points
+    slid -= (slid * mesh.points).sum(axis=1)[:, None] * mesh.points
+    assert np.sqrt((weight[:, None] * slid**2).sum() / weight.sum()) < 2e-4
+    assert np.abs(off).max() < most
+    if energy == "sullivan":  # the twelve vertices of valence five settle at once, then all stays
+        again = run_flow(mesh, FlowOptions(energy=energy, timed=True), duration=0.2, step=0.02)[1]
+        settled = np.linalg.norm(again.points, axis=1) - 1
+        assert np.abs(off - settled).max() < 1e-5
+        assert np.sqrt(np.mean(off**2)) < 1e-4
+    assert_falls(seen)
+
+
+def test_cap_stays_under_a_clamped_rim():
+    ball = shapes.random_sphere(400)
+    faces = ball.faces[(ball.points[ball.faces][..., 2] > 0).all(axis=1)]
+    used, renamed = np.unique(faces, return_inverse=True)
+    cap = type(ball).from_arrays(ball.points[used], renamed.reshape(-1, 3))
+    _, end, _ = run_flow(cap, FlowOptions(energy="gauss-map", timed=True), duration=0.2, step=0.02)
+    assert np.abs(end.points - cap.points).max() < 1e-8
+
+
+@pytest.mark.parametrize("l, rate, within", [(2, 12.0, 0.01), (3, 60.0, 0.01)])
+def test_modes_of_the_sphere_decay_at_their_rates(l, rate, within):
+    mesh = shapes.icosphere(4)
+    z, weight = mesh.points[:, 2], lumped_vertex_area(mesh)
+    mode = {2: (3 * z**2 - 1) / 2, 3: (5 * z**3 - 3 * z) / 2}[l]
+    bumpy = mesh.moved(mesh.points * (1 + 1e-3 * mode)[:, None])
+
+    def amplitude(m):
+        r = np.linalg.norm(m.points, axis=1)
+        return (weight * mode * (r - r.mean())).sum() / (weight * mode**2).sum()
+
+    duration = 0.5 / rate
+    seen, end, _ = run_flow(bumpy, duration=duration, step=duration / 8)
+    measured = -np.log(amplitude(end) / amplitude(bumpy)) / duration
+    assert measured == pytest.approx(rate, rel=within)
+    assert_falls(seen)
+
+
+@pytest.mark.parametrize("gamma", descent.ROSENBROCK_GAMMAS)
+def test_timed_steps_are_second_order(gamma, monkeypatch):
+    monkeypatch.setattr(flow, "ROSENBROCK_GAMMAS", (gamma,))
+    mesh = ellipsoid(2)
+    coarse = 4 if gamma < 1 else 16
+    ends = [run_flow(mesh, duration=1e-3, step=1e-3 / (coarse * n))[1].points for n in (1, 2, 4, 16)]
+    error = [np.abs(e - ends[-1]).max() for e in ends[:-1]]
+    rates = np.log2(np.array(error[:-1]) / error[1:])
+    assert (rates > 1.7).all()
+
+
+def test_semi_implicit_steps_are_first_order():
+    mesh = ellipsoid(2)
+    options = FlowOptions(timed=True, integrator="semi-implicit")
+    ends = [run_flow(mesh, options, duration=1e-3, step=1e-3 / n)[1].points for n in (8, 16, 32)]
+    exact = run_flow(mesh, duration=1e-3, step=1e-3 / 256)[1].points
+    error = [np.abs(e - exact).max() for e in ends]
+    rates = np.log2(np.array(error[:-1]) / error[1:])
+    assert (np.abs(rates - 1) < 0.1).all()
+
+
+def test_a_step_too_stiff_for_the_first_method_is_taken_by_the_second(monkeypatch):
+    mesh = ellipsoids((1.0, 1.0, 2.0))["stretched"](0)
+    tried, step = [], flow.rosenbrock_step
+
+    def counted(inner, dt, *rest):
+        tried.append(dt)
+        return step(inner, dt, *rest)
+
+    monkeypatch.setattr(flow, "rosenbrock_step", counted)
+    seen, _, shots = run_flow(mesh, duration=0.05, step=0.005)
+    assert len(tried) > 10 and len(set(tried)) == 1  # some twice, none shortened
+    assert_falls(seen)
+
+
+@pytest.mark.parametrize(
+    "mesh, time_options, reason",
+    [
+        (
+            shapes.torus(40, 5, pattern="alternating"),
+            {"step": 0.005, "duration": 0.5},
+            flow.BELOW_LOWER_BOUND,
+        ),
+        (shapes.torus(20, 8, pattern="alternating"), {"tolerance": 1e-3, "duration": 0.5}, flow.CRUMPLING),
+    ],
+)
+def test_a_timed_flow_stops_there_too(mesh, time_options, reason):
+    seen, _, shots = run_flow(mesh, FlowOptions(timed=True), frame_every=0.1, **time_options)
+    assert shots[-1].stopped == reason and shots[-1].time < 0.5
+    assert 0.9 * 2 * np.pi**2 <= energies(seen)[-1] < energies(seen)[0]
+    assert_falls(seen)
+
+
+@pytest.mark.parametrize("scale", [1e-9, 1e9])
+def test_scale_covariance(scale):
+    mesh = ellipsoid(2)
+    plain, end, _ = run_flow(mesh, duration=0.02, step=0.005)
+    large = mesh.moved(mesh.points * scale)
+    scaled, scaled_end, _ = run_flow(large, duration=0.02 * scale**4, step=0.005 * scale**4)
+    assert np.allclose(scaled_end.points / scale, end.points, rtol=0, atol=1e-11)
+    assert np.allclose(energies(scaled), energies(plain), rtol=1e-11)
+
+
+def test_mean_curvature_flow_of_the_sphere():
+    error = []
+    for step in (4e-3, 2e-3):
+        _, end, _ = run_flow(
+            shapes.icosphere(4), FlowOptions(flow="mean-curvature", timed=True), duration=0.1, step=step
+        )
+        error.append(np.linalg.norm(end.points, axis=1).mean() / np.sqrt(1 - 4 * 0.1) - 1)
+    assert abs(error[1]) < 0.01 and error[0] / error[1] == pytest.approx(2, rel=0.3)

@@ -1,0 +1,55 @@
+"""Meshes and runs that the tests of the Willmore flow share."""
+
+import numpy as np
+
+from ddgcli.mesh import shapes
+from ddgcli.models.willmore import setup
+from ddgcli.models.willmore.flow import DEFAULT_STOP
+from ddgcli.models.willmore.setup import FlowOptions
+from ddgcli.simulation.account import Account
+from ddgcli.simulation.time_loop import evolve
+
+
+def run_flow(mesh, options=None, **time_options):
+    """(all snapshots' observations, last surface)."""
+    timed = any(k in time_options for k in ("step", "duration"))
+    options = options or FlowOptions(timed=timed, stop=FlowOptions().stop if timed else DEFAULT_STOP)
+    built, model = setup.build(mesh, options)
+    shots = list(evolve({"s": model}, setup.schedule(built, time_options), Account()))
+    seen = [shot.observations["s"] for shot in shots]
+    return seen, mesh.moved(seen[-1].points), shots
+
+
+def energies(seen):
+    return np.array([o.scalar["energy"] for o in seen])
+
+
+def assert_falls(seen):
+    assert (np.diff(energies(seen)) <= 0).all()
+    assert seen[-1].scalar["energy_increases"] == 0
+
+
+def ellipsoid(level=3):
+    mesh = shapes.icosphere(level)
+    return mesh.moved(mesh.points * [1.0, 1.0, 2.0])
+
+
+def saddle(n):
+    """z = (x^2 - y^2) / 2 over [-1, 1]^2: W = 0.0414968."""
+    grid = shapes.grid(n, n, pattern="alternating")
+    x, y = (2 * grid.points[:, :2] - 1).T
+    return grid.moved(np.stack([x, y, (x**2 - y**2) / 2], axis=1))
+
+
+def prolate(level):
+    """A vesicle of reduced volume 0.65: an ellipsoid of half axes 1, 1, c."""
+    mesh = shapes.icosphere(level)
+    return mesh.moved(mesh.points * [1.0, 1.0, 3.3])
+
+
+def bowl():
+    """A quarter of a sphere's height, with its rim."""
+    grid = shapes.grid(16, 16, 2.0, 2.0)
+    x, y = (grid.points[:, :2] - 1).T
+    bump = 0.3 * (1 - x**2) ** 2 * (1 - y**2) ** 2
+    return grid.moved(np.stack([x, y, bump * (1 + 0.5 * np.sin(5 * x))], axis=1))
