@@ -15,6 +15,7 @@ from ddgcli.models.fluid.context import FluidContext
 from ddgcli.models.fluid.parts import Harmonic, Initial, Walls
 from ddgcli.models.fluid.phases import Declared, FluidSetting, Phase, Step
 from ddgcli.models.fluid.scene import TRANSPORTS
+from ddgcli.models.fluid.space import FlowSpace
 from ddgcli.models.fluid.state import FluidState
 from ddgcli.models.fluid.surface_space import SurfaceSpace, harmonic_count, require_flow
 from ddgcli.scenes.scene import Key, Scene
@@ -104,7 +105,7 @@ class FluidModel:
 
     def _transport(self) -> Phase:
         """The phase of the integrator that [time] names."""
-        scene, dimension = self.scene, self.space.dimension
+        scene, dimension = self.scene, self.flows.dimension
         modules = TRANSPORTS[scene.time.integrator]
         if dimension not in modules:
             scene.refuse(("time", "integrator"), f"{scene.time.integrator} does not exist in {dimension}-D")
@@ -117,7 +118,7 @@ class FluidModel:
             self.scene.refuse(key, f"{effect}: {error}")
 
     def _start(self, declared: Keyed) -> FluidState:
-        arrays = self.space.rest()
+        arrays = self.flows.rest()
         for key, effect, part in declared:
             if isinstance(part, Initial):
                 try:
@@ -131,6 +132,11 @@ class FluidModel:
         return FluidState(arrays)
 
     @property
+    def flows(self) -> FlowSpace:
+        """The space as steps and frames know it, of whatever dimension."""
+        return self.space
+
+    @property
     def phases(self) -> list[Phase]:
         return [self.transport, *self.sources, *self.tracers]
 
@@ -139,7 +145,7 @@ class FluidModel:
         order = min(phase.order for phase in (self.transport, *self.sources))
         return Model(
             self.start, self.advance, self.observe, self.pack, self.unpack,
-            distance=lambda a, b: self.space.distance(a, b, self.start), order=order,
+            distance=lambda a, b: self.flows.distance(a, b, self.start), order=order,
         )  # fmt: skip
 
     # ------------------------------------------------------------------ steps
@@ -165,7 +171,7 @@ class FluidModel:
 
     def observe(self, state: FluidState) -> Observation:
         """What the space and the phases show of a state."""
-        shown = [self.space.observed(state), *(phase.observed(state) for phase in self.phases)]
+        shown = [self.flows.observed(state), *(phase.observed(state) for phase in self.phases)]
         vertex = {name: values for part in shown for name, values in part.vertex.items()}
         return Observation(
             None, vertex, {name: value for part in shown for name, value in part.scalar.items()}
