@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.errors import MeshFileError, ParameterError, excerpt
-from ddgcli.io.numpy_file import npy_array, npz_arrays, text_array
+from ddgcli.io.readers.numpy_file import npy_array, npz_arrays, text_array
 
 PLACES = ("vertex", "face", "edge")
 

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.evolve.rounding import sum_rounding
 from ddgcli.mechanics.newton import MOVE
+from ddgcli.mechanics.rounding import sum_rounding
 from ddgcli.mechanics.system import Motion, System
 from ddgcli.simulation.time_loop import StepRejected
 

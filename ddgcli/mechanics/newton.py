@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 from scipy.sparse import csc_array, diags_array
 
 from ddgcli.errors import SolveError
-from ddgcli.evolve.rounding import sum_rounding
 from ddgcli.linalg.conjugate import Move, truncated_conjugate_gradients
 from ddgcli.linalg.factor import Factor
 from ddgcli.mechanics.assembly import Assembly
+from ddgcli.mechanics.rounding import sum_rounding
 from ddgcli.mechanics.system import System
 from ddgcli.mechanics.terms import Mode, Potential
 from ddgcli.simulation.time_loop import StepRejected

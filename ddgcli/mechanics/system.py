@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.evolve.rounding import Rounding
+from ddgcli.mechanics.rounding import Rounding
 from ddgcli.mechanics.terms import Bounded, Dissipation, Held, Potential
 from ddgcli.simulation.account import Account
 

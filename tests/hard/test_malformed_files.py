@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 
 from ddgcli.errors import LONGEST_EXCERPT, InputError
-from ddgcli.io import guarded, inflate
 from ddgcli.io.mesh_file import read_mesh, write_mesh
+from ddgcli.io.readers import guarded, inflate
 from ddgcli.mesh import shapes
 from ddgcli.mesh.fields import AnnotatedMesh
 

@@ -163,7 +163,7 @@ def test_a_step_grows_back_after_a_hard_stretch():
     for _ in range(20):
         state = model.advance(state, 0.0, 1.0)
     state = replace(state, dt=flow.longest_step(built) / 64)
-    for _ in range(14):
+    for _ in range(24):
         state = model.advance(state, 0.0, 1.0)
     assert state.dt == flow.longest_step(built)
 
@@ -307,7 +307,7 @@ def test_a_rise_of_the_second_energy_ends_the_flow(run, tmp_path):
     mesh = shapes.torus(20, 8, pattern="alternating")
     seen, end, shots = flowed(mesh, Wishes(timed=True), tolerance=1e-3, duration=0.5)
     second = [setup.ENERGIES["cotan"].build(mesh.topology).value(o.points) for o in seen]
-    assert shots[-1].stopped == flow.CRUMPLED and second[-1] > 1.2 * min(second)
+    assert shots[-1].stopped == flow.CRUMPLED and second[-1] > 1.15 * min(second)
     ball = setup.build(shapes.icosphere(2), Wishes())[0]  # never below 4 pi: nothing to look at
     assert ball.second_energy is None
 

@@ -18,9 +18,9 @@ from typing import Any
 import numpy as np
 
 from ddgcli.errors import MeshFileError, excerpt
-from ddgcli.io.guarded import guarded
-from ddgcli.io.inflate import check_zip
 from ddgcli.io.readers.cells import NAMES, VTK_CELLS
+from ddgcli.io.readers.guarded import guarded
+from ddgcli.io.readers.inflate import check_zip
 from ddgcli.io.readers.raw_mesh import RawMesh
 
 MESHIO = {
@@ -57,12 +57,12 @@ HDF5 = {".xdmf", ".xmf", ".cgns", ".h5m", ".hmf", ".med", ".e", ".ex2", ".exo"}
 def read_meshio(path: str, suffix: str) -> RawMesh:
     """Read through meshio, in a process of its own."""
     needs = ("meshio", "h5py") if suffix in HDF5 else ("meshio",)
-    return guarded("read_foreign", "content_by_meshio", path, suffix, needs=needs, **_bounds(path))
+    return guarded("readers.foreign", "content_by_meshio", path, suffix, needs=needs, **_bounds(path))
 
 
 def read_trimesh(path: str, suffix: str) -> RawMesh:
     """Read through trimesh, in a process of its own; the parts of a scene become one mesh, not merged."""
-    return guarded("read_foreign", "content_by_trimesh", path, suffix, needs=("trimesh",), **_bounds(path))
+    return guarded("readers.foreign", "content_by_trimesh", path, suffix, needs=("trimesh",), **_bounds(path))
 
 
 def _bounds(path: str) -> dict[str, Any]:

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.errors import MeshFileError, excerpt
-from ddgcli.io.numpy_file import npz_arrays
+from ddgcli.io.readers.numpy_file import npz_arrays
 from ddgcli.io.readers.raw_mesh import RawMesh
 from ddgcli.io.readers.text import rows, whole_numbers
 from ddgcli.mesh.repair import merged_points

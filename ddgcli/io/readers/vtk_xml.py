@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.errors import MeshFileError, excerpt
-from ddgcli.io.inflate import Budget
 from ddgcli.io.readers.cells import LINE, POLYGON, STRIP, VERTEX, add_vtk_cells
+from ddgcli.io.readers.inflate import Budget
 from ddgcli.io.readers.raw_mesh import RawMesh
 from ddgcli.io.readers.text import numbers, typed, whole_numbers
 

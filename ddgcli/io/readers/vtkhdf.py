@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.errors import MeshFileError, excerpt
-from ddgcli.io.guarded import guarded
-from ddgcli.io.hdf5_links import refuse_outside
 from ddgcli.io.readers.cells import add_vtk_cells
+from ddgcli.io.readers.guarded import guarded
+from ddgcli.io.readers.hdf5_links import refuse_outside
 from ddgcli.io.readers.raw_mesh import RawMesh
 
 TOPOLOGIES = (("Vertices", 1), ("Lines", 4), ("Polygons", 7), ("Strips", 6))
@@ -19,7 +19,7 @@ TOPOLOGIES = (("Vertices", 1), ("Lines", 4), ("Polygons", 7), ("Strips", 6))
 
 def read_vtkhdf(data: bytes) -> RawMesh:
     """Read one step (the last) of a VTKHDF file of one part a step."""
-    return guarded("read_vtkhdf", "content_of_vtkhdf", data, size=len(data), needs=("h5py",))
+    return guarded("readers.vtkhdf", "content_of_vtkhdf", data, size=len(data), needs=("h5py",))
 
 
 def content_of_vtkhdf(data: bytes) -> RawMesh:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from ddgcli.errors import MeshFileError, excerpt
 from ddgcli.io.trajectories.layout import EFFECT_DTYPE
-from ddgcli.io.trajectory_check import check_trajectory
+from ddgcli.io.trajectories.layout_check import check_trajectory
 from ddgcli.mesh.fields import Frame
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 

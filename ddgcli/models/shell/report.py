@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.evolve.rounding import Rounding
 from ddgcli.mechanics.integrators import INTEGRATORS
+from ddgcli.mechanics.rounding import Rounding
 from ddgcli.mechanics.system import System
 from ddgcli.models.shell.context import ShellContext
 from ddgcli.scenes.scene import Scene

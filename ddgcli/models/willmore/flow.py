@@ -44,7 +44,7 @@ TOO_UNEVEN = (
 )
 REACHED = 0.985  # of the least energy of its topology, above which a surface that is below it is at rest
 LEAST_REACHED = "the least energy of such surfaces is reached, and the next step would go far below it"
-CRUMPLING_RISE = 1.25  # of a second energy over its lowest value, at which the faces crumple
+CRUMPLING_RISE = 1.2  # of a second energy over its lowest value, at which the faces crumple
 CRUMPLED = f"a second energy rose by a factor of {CRUMPLING_RISE} while this one fell: the faces crumple"
 UNRESOLVED = (TOO_UNEVEN, CRUMPLED)
 # time schemes of each flow, the default first; `semi-implicit` is of first order

@@ -16,7 +16,10 @@ from ddgcli.models.willmore.vertex_energies import Faces, area_gradient, scatter
 
 # weight of the S-shape at which, on equilateral triangles, stripes one edge wide (which no vertex normal
 # sees) are as stiff as in |L x|^2 / (4 M)
-S_SHAPE = 3.0**0.25 / 288.0
+S_SHAPE = np.sqrt(3.0) / 144.0
+# slenderness (1 of equilateral faces, 6.5 of one with an angle of 165 degrees) from which the weight falls
+# again: needles would be so stiff that only tiny steps lower the energy
+NEEDLE_SLENDERNESS = 6.5
 # a face may lean from a vertex normal as far as in the regular tetrahedron; a corner turned over altogether
 # then costs 16 / 9, all corners of a folded face about the bending of the fold
 LEAST_COSINE = 1.0 / 3.0
@@ -86,25 +89,33 @@ def _skewness(skew: NDArray, squared: NDArray, corner_dot: NDArray) -> NDArray[n
     return (own + 2.0 * corner_dot * skew[:, NEXT] * skew[:, PREVIOUS]).sum(axis=1)
 
 
+def _slenderness_weight(squared: NDArray, area: NDArray) -> tuple[NDArray, NDArray]:
+    """(m,) sqrt(r) / (1 + (r / r0)^3) of the slenderness r = sum |e|^2 / (4 sqrt(3) A); its exponent."""
+    slenderness = squared.sum(axis=1) / (4.0 * np.sqrt(3.0) * area)
+    cube = (slenderness / NEEDLE_SLENDERNESS) ** 3
+    return np.sqrt(slenderness) / (1.0 + cube), 0.5 - 3.0 * cube / (1.0 + cube)
+
+
 def _s_shape(skew: NDArray, squared: NDArray, corner_dot: NDArray, area: NDArray) -> NDArray[np.float64]:
-    """(m,) S-shape of the faces: S_SHAPE * skewness / A^2 * sqrt(sum |e|^2 / A)."""
-    slenderness = squared.sum(axis=1) / area
-    return S_SHAPE * _skewness(skew, squared, corner_dot) * np.sqrt(slenderness) / area**2
+    """(m,) S-shape of the faces: S_SHAPE * skewness / A^2 * the weight of their slenderness."""
+    return S_SHAPE * _skewness(skew, squared, corner_dot) * _slenderness_weight(squared, area)[0] / area**2
 
 
 def _s_shape_gradient(
     skew: NDArray, squared: NDArray, corner_dot: NDArray, area: NDArray
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """(m, 3) derivatives of `_s_shape` by the skew and by the squared length of each side, at fixed area."""
-    total = squared.sum(axis=1)
-    weight = (S_SHAPE * np.sqrt(total / area) / area**2)[:, None]
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Derivatives of `_s_shape` by the skew and squared length of each side (m, 3), and by the area (m,)."""
+    slenderness_weight, exponent = _slenderness_weight(squared, area)
+    weight = (S_SHAPE * slenderness_weight / area**2)[:, None]
+    skewness = _skewness(skew, squared, corner_dot)
     ahead, behind = skew[:, NEXT], skew[:, PREVIOUS]
     own = skew * (squared[:, NEXT] + squared[:, PREVIOUS])
     by_skew = 2.0 * (own + corner_dot[:, NEXT] * behind + corner_dot[:, PREVIOUS] * ahead)
     product = ahead * behind
     by_squared = ahead**2 + behind**2 + product[:, NEXT] + product[:, PREVIOUS] - product
-    by_squared += (0.5 * _skewness(skew, squared, corner_dot) / total)[:, None]
-    return weight * by_skew, weight * by_squared
+    by_squared += (exponent * skewness / squared.sum(axis=1))[:, None]
+    by_area = -(2.0 + exponent) * weight[:, 0] * skewness / area
+    return weight * by_skew, weight * by_squared, by_area
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,11 +155,12 @@ class GaussMapEnergy:
     -----
     S is the S-shape of the cubics that have the vertex normals at the ends of the sides e: with v_k the
     vector in the face whose products with both sides at corner k are the sides' (n_i + n_j) . e,
-    S = (sqrt(3) / 36) sum |v_k|^2 * sqrt(sum |e|^2 / (4 sqrt(3) A)). It is of higher order, and stiffens the
-    patterns that no vertex normal sees. The square root, 1 on equilateral faces, keeps them stiff where faces
-    become slender: otherwise a flow crumples a surface while its energy falls. The corners' term is zero
-    where no face leans more than 70.5 degrees from its vertex normals. Without it a mesh on a sphere with
-    some faces folded over would be at rest as well: its vertex normals are those of the sphere.
+    S = (sqrt(3) / 36) sum |v_k|^2 * sqrt(r) / (1 + (r / 6.5)^3), r = sum |e|^2 / (4 sqrt(3) A).
+    It is of higher order, and stiffens the patterns that no vertex normal sees. The root, 1 on equilateral
+    faces, keeps them stiff where faces become slender: otherwise a flow crumples a surface while its energy
+    falls. The corners' term is zero where no face leans more than 70.5 degrees from its vertex normals.
+    Without it a mesh on a sphere with some faces folded over would be at rest as well: its vertex normals
+    are those of the sphere.
     """
 
     topology: Topology
@@ -230,7 +242,7 @@ class GaussMapEnergy:
         by_fall = 0.125 * (share * t.corner_dot)[..., None] * t.fall
         by_fall[:, 0] -= 0.25 * counted[:, None] * np.cross(t.fall[:, 1], unit)
         by_fall[:, 1] -= 0.25 * counted[:, None] * np.cross(unit, t.fall[:, 0])
-        by_skew, by_squared = _s_shape_gradient(t.skew, t.squared, t.corner_dot, area)
+        by_skew, by_squared, s_by_area = _s_shape_gradient(t.skew, t.squared, t.corner_dot, area)
         by_skew, by_squared = (counted[:, None, None] * part[..., None] for part in (by_skew, by_squared))
         by_twice = by_skew * side
         by_cosine = (-2.0 * counted[:, None] * t.lean)[..., None]
@@ -244,7 +256,7 @@ class GaussMapEnergy:
         turn = (by_normal - _dot(by_normal, unit)[:, None] * unit) / (2.0 * area)[:, None]
         by_side[:, 0] += np.cross(side[:, 1], turn)
         by_side[:, 1] += np.cross(turn, side[:, 0])
-        by_area = -counted * (2.5 * t.s_shape + 0.5 * t.dirichlet) / area
+        by_area = counted * (s_by_area - 0.5 * t.dirichlet / area)
         corner = by_area[:, None, None] * area_gradient(t.faces) + by_side[:, NEXT] - by_side[:, PREVIOUS]
         corner += t.normals.pulled_back(by_unit, corners)
         if angled.any():

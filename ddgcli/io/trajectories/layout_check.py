@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from ddgcli.errors import MeshFileError, excerpt
-from ddgcli.io.guarded import guarded
+from ddgcli.io.readers.guarded import guarded
 
 METADATA = 1 << 20  # bytes by which the check is bounded: it reads texts and shapes, no frames
 
@@ -24,7 +24,7 @@ def check_trajectory(path: str) -> None:
     size = min(os.path.getsize(path), METADATA)
     folder = str(Path(path).resolve().parent)
     try:
-        guarded("trajectory_check", "check_layout", path, size=size, needs=("h5py",), folder=folder)
+        guarded("trajectories.layout_check", "check_layout", path, size=size, needs=("h5py",), folder=folder)
     except MeshFileError as error:
         raise MeshFileError(
             f"{path}: not a ddgcli trajectory ({error}); give a .vtkhdf of a simulator"

@@ -25,7 +25,7 @@ from pathlib import Path
 from typing import Any
 
 from ddgcli.errors import MeshFileError, excerpt
-from ddgcli.io.inflate import largest_content
+from ddgcli.io.readers.inflate import largest_content
 
 LEAST_SECONDS = 5.0
 SECONDS_PER_MIB = 10.0
@@ -126,7 +126,7 @@ def _spawned(call: tuple, wall: float) -> tuple[bytes, int | None]:
     env = {**os.environ, "PYTHONPATH": os.pathsep.join(paths)}
     try:
         done = subprocess.run(
-            [sys.executable, "-P", "-m", "ddgcli.io.guarded"],
+            [sys.executable, "-P", "-m", "ddgcli.io.readers.guarded"],
             input=pickle.dumps(call), stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, timeout=wall,
             env=env,
         )  # fmt: skip
@@ -221,7 +221,7 @@ def _check_hdf5(allow: Callable[[Any], None]) -> None:
     """Every HDF5 file that a third-party reader opens passes `refuse_outside`."""
     import h5py
 
-    from ddgcli.io.hdf5_links import refuse_outside
+    from ddgcli.io.readers.hdf5_links import refuse_outside
 
     begin = h5py.File.__init__
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.errors import MeshFileError, excerpt
-from ddgcli.io.inflate import check_zip
+from ddgcli.io.readers.inflate import check_zip
 
 
 def npz_arrays(data: bytes) -> tuple[dict[str, NDArray], list[str]]:
