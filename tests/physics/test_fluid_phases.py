@@ -12,7 +12,7 @@ from ddgcli.io.scene_file import parse_scene
 from ddgcli.mesh import shapes
 from ddgcli.models.fluid import scene as fluid_scene
 from ddgcli.models.fluid.model import build, contexts
-from ddgcli.models.fluid.phases import Declared
+from ddgcli.models.fluid.phases import PhaseRequest
 from ddgcli.models.fluid.scene import EFFECTS, KIND
 from ddgcli.models.fluid.surface_space import SurfaceSpace
 from ddgcli.scenes.scene import Section, resolve
@@ -105,7 +105,7 @@ dye = { amount = "x" }
 def spin(monkeypatch):
     """The effect, as one module and one line of the table add it."""
     module = ModuleType("spin_of_a_test")
-    module.EFFECT = Effect("spin", Spin, lambda p, c: [Declared(SpinPhase)], "nothing", ("fluid",))
+    module.EFFECT = Effect("spin", Spin, lambda p, c: [PhaseRequest(SpinPhase)], "nothing", ("fluid",))
     monkeypatch.setitem(sys.modules, module.__name__, module)
     monkeypatch.setitem(EFFECTS.entries, "spin", (module.__name__, "A test effect."))
 
@@ -118,7 +118,7 @@ def test_an_effect_is_one_module_and_one_line(spin):
     assert last.observations["f"].scalar["spun"] == pytest.approx(0.1, rel=1e-12)
     z = built["f"].context.points[:, 2]
     assert np.allclose(last.observations["f"].vertex["vorticity"], 0.1 * z, atol=1e-4)
-    assert set(last.checkpoint) == {"f/clock", "f/vorticity", "f/spun", "f/dye"}
+    assert set(last.checkpoint) == {"f/clock", "f/stopped", "f/vorticity", "f/spun", "f/dye"}
     assert account.calls["spin"] == 10 and account.calls["dye"] == 5
     again = {n: m.model() for n, m in built.items()}
     resumed = list(evolve(again, schedule, Account(), resume=(2, frames[2].checkpoint)))

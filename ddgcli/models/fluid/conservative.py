@@ -21,8 +21,8 @@ from ddgcli.models.fluid.surface_space import SurfaceSpace, sums
 from ddgcli.simulation.time_loop import StepRejected
 
 RK4_LIMIT = 2.8  # on the imaginary axis
-LONGEST_PICARD = 60
-SETTLED = 1e-10  # relative change left by the iteration of the midpoint rule
+MAX_PICARD_ITERATIONS = 60
+PICARD_TOLERANCE = 1e-10  # relative change left by the iteration of the midpoint rule
 
 
 def rate(
@@ -31,10 +31,17 @@ def rate(
     """Time derivatives of vorticity (n,) and harmonic coefficients (b,), and the side fluxes (m, 3)."""
     phi = space.stream_function(vorticity)
     flux = space.side_flux(phi, coefficients)
-    return *turned(space, vorticity * space.inverse_mass, flux, evolve_harmonic), flux
+    d_vorticity, d_coefficients = rotational_rates(
+        space, vorticity * space.inverse_mass, flux, evolve_harmonic
+    )
+    outflow = space.outflow_head(phi, coefficients)
+    if outflow is not None:
+        d_vorticity += outflow[0]
+        d_coefficients += outflow[1] if evolve_harmonic else 0.0
+    return d_vorticity, d_coefficients, flux
 
 
-def turned(
+def rotational_rates(
     space: SurfaceSpace, omega: NDArray, flux: NDArray, evolve_harmonic: bool
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Rates of vorticity (n,) and harmonic coefficients (b,) by the force - omega n x u, omega (n,)."""
@@ -96,7 +103,7 @@ def midpoint(
     changes: list[NDArray] = []
     scale = float(np.abs(start).max(initial=0.0)) or 1.0
     change = np.inf
-    for _ in range(LONGEST_PICARD):
+    for _ in range(MAX_PICARD_ITERATIONS):
         k, c, _ = rate(space, middle[:n], middle[n:], evolve_harmonic)
         image = start + 0.5 * dt * np.concatenate([k, c])
         residual = image - middle
@@ -107,11 +114,11 @@ def midpoint(
         if change < 1e-15:
             break
         tried, changes = [*tried[-4:], image], [*changes[-4:], residual]
-        middle = _mixed(tried, changes)
+        middle = _anderson_combination(tried, changes)
     return 2.0 * middle[:n] - vorticity, 2.0 * middle[n:] - coefficients, change
 
 
-def _mixed(images: list[NDArray], residuals: list[NDArray]) -> NDArray[np.float64]:
+def _anderson_combination(images: list[NDArray], residuals: list[NDArray]) -> NDArray[np.float64]:
     """Combination of the images whose residuals' combination is least (D. G. Anderson, 1965)."""
     last = residuals[-1]
     if len(residuals) == 1:
@@ -136,7 +143,7 @@ class ConservativeTransport(FlowPhase):
         vorticity, coefficients, measure = scheme(
             self.space, state["vorticity"], state["coefficients"], step.dt, self.evolve_harmonic
         )
-        if not measure <= (SETTLED if self.implicit else RK4_LIMIT):
+        if not measure <= (PICARD_TOLERANCE if self.implicit else RK4_LIMIT):
             raise StepRejected("midpoint iteration" if self.implicit else "stability", value=measure)
         return state.replaced(vorticity=vorticity, coefficients=coefficients)
 
