@@ -15,14 +15,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.mesh.topology import NEXT
+from ddgcli.models.fluid.midpoint import PICARD_TOLERANCE, implicit_midpoint
 from ddgcli.models.fluid.phases import FlowPhase, FluidSetting, Step
 from ddgcli.models.fluid.state import FluidState
 from ddgcli.models.fluid.surface_space import SurfaceSpace, sums
 from ddgcli.simulation.time_loop import StepRejected
 
 RK4_LIMIT = 2.8  # on the imaginary axis
-MAX_PICARD_ITERATIONS = 60
-PICARD_TOLERANCE = 1e-10  # relative change left by the iteration of the midpoint rule
 
 
 def rate(
@@ -93,39 +92,16 @@ def midpoint(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
     """One step of the implicit midpoint rule, which keeps energy and enstrophy to the solver's tolerance.
 
-    Picard iteration with Anderson mixing of depth 4. The third value is the last relative change: the step is
-    to be shortened where that is not small.
+    The third value is the last relative change: the step is to be shortened where that is not small.
     """
     n = len(vorticity)
     start = np.concatenate([vorticity, coefficients])
-    middle = start
-    tried: list[NDArray] = []
-    changes: list[NDArray] = []
-    scale = float(np.abs(start).max(initial=0.0)) or 1.0
-    change = np.inf
-    for _ in range(MAX_PICARD_ITERATIONS):
-        k, c, _ = rate(space, middle[:n], middle[n:], evolve_harmonic)
-        image = start + 0.5 * dt * np.concatenate([k, c])
-        residual = image - middle
-        size = float(np.abs(residual).max(initial=0.0)) / scale
-        if not np.isfinite(size) or (size > 10.0 and size > change):
-            return vorticity, coefficients, np.inf
-        change = size
-        if change < 1e-15:
-            break
-        tried, changes = [*tried[-4:], image], [*changes[-4:], residual]
-        middle = _anderson_combination(tried, changes)
-    return 2.0 * middle[:n] - vorticity, 2.0 * middle[n:] - coefficients, change
 
+    def slope(middle: NDArray) -> NDArray[np.float64]:
+        return np.concatenate(rate(space, middle[:n], middle[n:], evolve_harmonic)[:2])
 
-def _anderson_combination(images: list[NDArray], residuals: list[NDArray]) -> NDArray[np.float64]:
-    """Combination of the images whose residuals' combination is least (D. G. Anderson, 1965)."""
-    last = residuals[-1]
-    if len(residuals) == 1:
-        return images[-1]
-    difference = np.stack([last - r for r in residuals[:-1]], axis=1)
-    share = np.linalg.lstsq(difference, last, rcond=1e-10)[0]
-    return images[-1] - np.stack([images[-1] - i for i in images[:-1]], axis=1) @ share
+    after, change = implicit_midpoint(slope, start, dt)
+    return after[:n], after[n:], change
 
 
 class ConservativeTransport(FlowPhase):

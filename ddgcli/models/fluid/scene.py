@@ -29,11 +29,12 @@ EFFECTS = EffectTable(
 TRANSPORTS = {
     "circulation": {2: "ddgcli.models.fluid.circulation"},
     "conservative": {2: "ddgcli.models.fluid.conservative"},
+    "energy": {2: "ddgcli.models.fluid.energy"},
 }
 
 
 # integrators that let fluid cross the boundary
-OPEN_TRANSPORTS = ("conservative",)
+OPEN_TRANSPORTS = ("conservative", "energy")
 
 
 class Fluid(SurfaceObject):
@@ -70,10 +71,15 @@ class ConservativeParameters(Section):
     )
 
 
+class EnergyParameters(Section):
+    """Implicit midpoint rule: kinetic energy kept to round-off, reversible in time."""
+
+
 KIND = SceneKind(
     "fluid-sim",
     {"fluid": Fluid, "obstacle": FluidObstacle},
-    {"circulation": CirculationParameters, "conservative": ConservativeParameters},
+    {"circulation": CirculationParameters, "conservative": ConservativeParameters,
+     "energy": EnergyParameters},
     "conservative",
     EFFECTS,
     elsewhere=dict.fromkeys(
