@@ -87,6 +87,20 @@ class Box(Section):
         return self
 
 
+class Cylinder(Section):
+    """A solid cylinder between the centres of its ends."""
+
+    start: vector("m")
+    end: vector("m")
+    radius: quantity("m", "radius", gt=0)
+
+    @model_validator(mode="after")
+    def _sound(self) -> Cylinder:
+        if tuple(self.start) == tuple(self.end):
+            raise ValueError("start and end of a cylinder must differ")
+        return self
+
+
 class Rotation(Section):
     """A turn about an axis through the object's origin."""
 
@@ -113,7 +127,7 @@ class SurfaceObject(ObjectSection):
 
     @model_validator(mode="after")
     def _one_shape(self) -> SurfaceObject:
-        _require_one_shape(self, ("mesh", "grid", "sphere", "box"))
+        require_one_shape(self, ("mesh", "grid", "sphere", "box"))
         return self
 
 
@@ -133,11 +147,11 @@ class Obstacle(ObjectSection):
 
     @model_validator(mode="after")
     def _one_shape(self) -> Obstacle:
-        _require_one_shape(self, ("plane", "sphere"))
+        require_one_shape(self, ("plane", "sphere"))
         return self
 
 
-def _require_one_shape(section: Any, shapes: tuple[str, ...]) -> None:
+def require_one_shape(section: Any, shapes: tuple[str, ...]) -> None:
     given = [s for s in shapes if getattr(section, s) is not None]
     if len(given) != 1:
         found = "none" if not given else " and ".join(given)

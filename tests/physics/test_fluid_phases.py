@@ -12,7 +12,7 @@ from ddgcli.io.scene_file import parse_scene
 from ddgcli.mesh import shapes
 from ddgcli.models.fluid import scene as fluid_scene
 from ddgcli.models.fluid.model import build, contexts
-from ddgcli.models.fluid.phases import Declared
+from ddgcli.models.fluid.phases import PhaseRequest
 from ddgcli.models.fluid.scene import EFFECTS, KIND
 from ddgcli.models.fluid.surface_space import SurfaceSpace
 from ddgcli.scenes.scene import Section, resolve
@@ -105,7 +105,7 @@ dye = { amount = "x" }
 def spin(monkeypatch):
     """The effect, as one module and one line of the table add it."""
     module = ModuleType("spin_of_a_test")
-    module.EFFECT = Effect("spin", Spin, lambda p, c: [Declared(SpinPhase)], "nothing", ("fluid",))
+    module.EFFECT = Effect("spin", Spin, lambda p, c: [PhaseRequest(SpinPhase)], "nothing", ("fluid",))
     monkeypatch.setitem(sys.modules, module.__name__, module)
     monkeypatch.setitem(EFFECTS.entries, "spin", (module.__name__, "A test effect."))
 

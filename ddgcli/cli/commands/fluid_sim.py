@@ -44,13 +44,13 @@ def command(call: SceneCall, **quick: Any) -> None:
     run_scene(call, KIND, Fluids, *quick_lines({"effect_lines": call.effect_lines, **quick}))
 
 
-def quick_lines(given: Mapping[str, Any]) -> tuple[tuple[str, ...], dict[str, Any]]:
+def quick_lines(options: Mapping[str, Any]) -> tuple[tuple[str, ...], dict[str, Any]]:
     """Lines of effects that the options of the quick form mean; the object has no keys of its own there."""
-    flows = {key: given[key] for key in ("vorticity", "flow") if given.get(key) is not None}
+    flows = {key: options[key] for key in ("vorticity", "flow") if options.get(key) is not None}
     lines = [f"initial {key}={json.dumps(value)}" for key, value in flows.items()]
-    if given.get("viscosity") is not None:
-        lines.append(f"viscosity nu={_number(given['viscosity'])}")
-    return (*lines, *given.get("effect_lines", ())), {}
+    if options.get("viscosity") is not None:
+        lines.append(f"viscosity nu={_number(options['viscosity'])}")
+    return (*lines, *options.get("effect_lines", ())), {}
 
 
 def _number(text: str) -> str:
@@ -69,11 +69,11 @@ class Fluids:
     def __init__(self, scene: Scene, account: Account, read_mesh: ReadMesh, read_array: ReadArray) -> None:
         from ddgcli.models.fluid import model
 
-        found = model.contexts(scene, read_mesh, read_array)
+        contexts = model.contexts(scene, read_mesh, read_array)
         self.scene, self.account = scene, account
-        self.contexts = {name: context for name, (context, _) in found.items()}
+        self.contexts = {name: context for name, (context, _) in contexts.items()}
         self.meshes = {name: context.mesh for name, context in self.contexts.items()}
-        self.sha256 = {name: sha for name, (_, sha) in found.items()}
+        self.sha256 = {name: sha for name, (_, sha) in contexts.items()}
         self.largest = 0.0
 
     @cached_property
@@ -113,5 +113,5 @@ class Fluids:
 
         self.largest = outcome.largest.get("vorticity", 0.0)
         results, accuracy = report.summary(outcome, self.built)
-        told = {"stopped_because": outcome.failure} if outcome.failure else {}
-        return {**results, **told}, accuracy
+        reason = {"stopped_because": outcome.failure} if outcome.failure else {}
+        return {**results, **reason}, accuracy

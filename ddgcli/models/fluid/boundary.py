@@ -1,4 +1,4 @@
-"""Effect `boundary`: what the fluid meets at the edge of the surface; nothing crosses it."""
+"""Effect `boundary`: walls, inflow and outflow along the boundary of the mesh."""
 
 # mypy: disable-error-code="valid-type"
 
@@ -7,61 +7,69 @@ from __future__ import annotations
 import logging
 from typing import Literal
 
-import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from ddgcli.errors import MeshError
-from ddgcli.mesh.scatter import sum_by_index
-from ddgcli.mesh.topology import NEXT
 from ddgcli.models.fluid.context import FluidContext
-from ddgcli.models.fluid.parts import Walls
-from ddgcli.models.fluid.phases import Declared, FluidSetting
+from ddgcli.models.fluid.parts import BoundaryPart
+from ddgcli.models.fluid.phases import FluidSetting, PhaseRequest
 from ddgcli.models.fluid.surface_space import harmonic_count
-from ddgcli.scenes.expressions import evaluate
 from ddgcli.scenes.scene import Section
+from ddgcli.scenes.units import quantity
 from ddgcli.simulation.effects import Effect
 
 log = logging.getLogger("ddgcli")
 
+VELOCITY_NEEDED = ("wall", "inflow")
+
 
 class BoundarySection(Section):
-    """Walls along every boundary loop."""
+    """Condition on a part of the boundary; the first section whose `where` holds wins."""
 
-    kind: Literal["free-slip", "no-slip"] = Field("free-slip", description="no friction, or no speed, there")
+    kind: Literal["free-slip", "no-slip", "wall", "inflow", "outflow"] = Field(
+        "free-slip", description="no friction, no speed, a wall in motion, or a side that the fluid crosses"
+    )
     velocity: list[str | float] | None = Field(
-        None, description="of a no-slip wall [m/s]: three numbers or expressions in x, y, z; along the wall"
+        None, description="of a wall, inflow or outflow [m/s]: three numbers or expressions in x, y, z"
     )
+    flux: quantity("m^2/s", "leaves through an outflow, spread evenly; default: what flows in") | None = None
     where: str | None = Field(
-        None, description="expression in x, y, z: the wall moves where it is not 0; by default everywhere"
+        None,
+        description="expression in x, y, z: the part where it is not 0; default the rest",
     )
+    obstacle: str | None = Field(None, description="object of role obstacle: the boundary that it cuts")
     object: str | None = Field(None, description="fluid; by default all")
 
     @model_validator(mode="after")
-    def _moving(self) -> BoundarySection:
+    def _check_keys(self) -> BoundarySection:
         if self.velocity is not None and len(self.velocity) != 3:
             raise ValueError("velocity takes three numbers or expressions")
-        if self.velocity is not None and self.kind != "no-slip":
+        if self.velocity is not None and self.kind == "free-slip":
             raise ValueError("velocity is that of a no-slip wall; a free-slip wall moves nothing")
-        if self.where is not None and self.velocity is None:
-            raise ValueError("where says which part of the wall moves; give its velocity")
+        if self.velocity is None and self.kind in VELOCITY_NEEDED:
+            raise ValueError(f"kind {self.kind} needs velocity: three numbers or expressions")
+        if self.flux is not None and (self.kind != "outflow" or self.velocity is not None):
+            raise ValueError("flux is that of an outflow without velocity; take it out")
         return self
 
 
-def build(parameters: BoundarySection, context: FluidContext) -> list[Walls | Declared]:
+def build(parameters: BoundarySection, context: FluidContext) -> list[BoundaryPart | PhaseRequest]:
     if context.mesh.topology.is_closed:
         raise MeshError("the surface has no boundary; take the effect out")
-    moving = None
-    if parameters.velocity is not None:
-        moving = wall_circulation(context, [str(text) for text in parameters.velocity], parameters.where)
-    no_slip = parameters.kind == "no-slip"
-    return [Walls(no_slip, moving), *([Declared(require_friction)] if no_slip else [])]
+    if parameters.obstacle is not None and parameters.obstacle not in context.obstacles:
+        known = ", ".join(context.obstacles) or "none"
+        raise ValueError(f"no obstacle {parameters.obstacle!r} cuts {context.name!r} (there: {known})")
+    velocity = None if parameters.velocity is None else [str(text) for text in parameters.velocity]
+    part = BoundaryPart(parameters.kind, velocity, parameters.flux, parameters.where, parameters.obstacle)
+    return [part, *([PhaseRequest(require_friction)] if parameters.kind != "free-slip" else [])]
 
 
 def require_friction(setting: FluidSetting) -> None:
     """Refuse walls without slip in a fluid without friction; report harmonic flows that they would drive."""
     if "viscosity" not in setting.effects:
-        raise ValueError("kind no-slip needs the effect viscosity with nu > 0; without it there is free slip")
+        raise ValueError(
+            "kinds other than free-slip need the effect viscosity with nu > 0; without it there is free slip"
+        )
     count = harmonic_count(setting.space.mesh)
     if count and not len(setting.space.harmonic):
         log.warning(
@@ -71,25 +79,7 @@ def require_friction(setting: FluidSetting) -> None:
         )  # fmt: skip
 
 
-def wall_circulation(context: FluidContext, velocity: list[str], where: str | None) -> NDArray[np.float64]:
-    """(n,) what the moving wall adds to the circulation around the cells of its vertices.
-
-    Half of every boundary side belongs to either end; the surface lies on the left.
-    """
-    mesh, points = context.mesh, context.points
-    face, k = np.nonzero(mesh.topology.side_twin < 0)
-    tail, head = mesh.faces[face, k], mesh.faces[face, NEXT[k]]
-    side = context.unwrapped(points[head] - points[tail])
-    place = dict(zip("xyz", (points[tail] + 0.5 * side).T))
-    speed = np.stack([evaluate(text, place) for text in velocity], axis=1)
-    if where is not None:
-        speed = np.where(evaluate(where, place)[:, None] != 0, speed, 0.0)
-    if not np.isfinite(speed).all():
-        raise ValueError("the velocity of the wall is not finite everywhere on it")
-    along = 0.5 * np.einsum("ij,ij->i", speed, side)
-    if not along.any():
-        log.warning("no part of the wall moves along itself: velocity or where is 0 at every boundary side")
-    return sum_by_index(np.concatenate([tail, head]), np.tile(along, 2), mesh.n_vertices)
-
-
-EFFECT = Effect("boundary", BoundarySection, build, "none; no-slip a larger viscous system", ("fluid",))
+EFFECT = Effect(
+    "boundary", BoundarySection, build, "none; other than free-slip a larger viscous system", ("fluid",),
+    repeatable=True,
+)  # fmt: skip

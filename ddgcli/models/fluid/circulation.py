@@ -1,4 +1,4 @@
-"""Advection by circulation: each dual loop is carried backwards and takes the circulation found there.
+"""Advection by circulation: each dual loop is carried backwards and takes the circulation at its end.
 
 By Kelvin's theorem the circulation along a loop that moves with the flow stays. The circulation of each dual
 edge is measured once and counted with opposite signs for its two loops, so that the total vorticity is
@@ -28,34 +28,34 @@ from ddgcli.models.fluid.phases import FlowPhase, FluidSetting, Step
 from ddgcli.models.fluid.smoothing import Smoothing, first_root, share_at_constant_energy
 from ddgcli.models.fluid.state import FluidState
 from ddgcli.models.fluid.surface_space import SurfaceSpace
-from ddgcli.models.fluid.transport import Carried, Transport, corner_of
+from ddgcli.models.fluid.transport import BackwardPaths, Transport, corner_of
 from ddgcli.simulation.time_loop import Observation, StepRejected
 
-FOLDED = 1.0  # change of the velocity along a side times dt over its length, beyond which loops fold
-RISE = 1e-6  # relative rise of the kinetic energy at which a step is shortened
-ROUNDING = 1e-12  # relative rise of the energy that counts as none
-SMALL = 0.02  # deformation below which a step is taken as it is: a shorter one would be no better
+MAX_DEFORMATION = 1.0  # change of the velocity along a side times dt over its length, beyond which loops fold
+ENERGY_RISE_TOLERANCE = 1e-6  # relative rise of the kinetic energy at which a step is shortened
+ENERGY_ROUNDING = 1e-12  # relative rise of the energy that counts as none
+SMALL_DEFORMATION = 0.02  # deformation below which a step is taken as it is: a shorter one would be no better
 Flow = tuple[NDArray[np.float64], NDArray[np.float64]]  # vorticity (n,), harmonic coefficients (b,)
 
 
 @dataclass(frozen=True, eq=False)
-class Pull:
+class LoopPaths:
     """Where a step's loops come from.
 
     Parameters
     ----------
-    centre : Carried
+    centre : BackwardPaths
         The centres of the faces.
     near, far : (e,) ndarray of complex
         Conjugate carried halves of the inner dual edges in their left and right faces.
-    rim : Carried, or None without boundary
+    rim : BackwardPaths, or None without boundary
         The boundary vertices.
     """
 
-    centre: Carried
+    centre: BackwardPaths
     near: NDArray[np.complex128]
     far: NDArray[np.complex128]
-    rim: Carried | None
+    rim: BackwardPaths | None
 
 
 class CirculationAdvection:
@@ -117,18 +117,18 @@ class CirculationAdvection:
         folded = self.deformation(corner, dt)
         if not folded <= most:
             return vorticity, coefficients, folded, 0.0
-        back, forth = self._pull(corner, dt), self._pull(corner, -dt)
-        there = self._pulled(back, start, flux, evolve_harmonic)
-        again = self._pulled(forth, there, self._flux(there), evolve_harmonic)
+        back, forth = self._loop_paths(corner, dt), self._loop_paths(corner, -dt)
+        there = self._advected(back, start, flux, evolve_harmonic)
+        again = self._advected(forth, there, self._flux(there), evolve_harmonic)
         mended = 1.5 * start[0] - 0.5 * again[0], 1.5 * start[1] - 0.5 * again[1]
-        after = self._pulled(back, mended, self._flux(mended), evolve_harmonic)
+        after = self._advected(back, mended, self._flux(mended), evolve_harmonic)
         energy = self._energy(start)
         after, reached = self._without_rise(back, start, flux, after, energy, evolve_harmonic)
         rise = reached / energy - 1.0 if energy > 0 else 0.0
         after = self._without_enstrophy_rise(after, space.enstrophy(vorticity))
         reached = self._energy(after)
-        if reached > energy and (folded <= SMALL or rise <= ROUNDING):
-            after = self._scaled(after, reached, energy)
+        if reached > energy and (folded <= SMALL_DEFORMATION or rise <= ENERGY_ROUNDING):
+            after = self._at_energy(after, reached, energy)
         return *after, folded, rise
 
     def _energy(self, flow: Flow) -> float:
@@ -137,7 +137,7 @@ class CirculationAdvection:
     def _flux(self, flow: Flow) -> NDArray[np.float64]:
         return self.space.side_flux(self.space.stream_function(flow[0]), flow[1])
 
-    def _pull(self, corner: NDArray, dt: float) -> Pull:
+    def _loop_paths(self, corner: NDArray, dt: float) -> LoopPaths:
         transport = self.transport
         centre = transport.backwards(corner, np.arange(len(corner)), self.third, dt)
         stretch = np.conj(self.turn * centre.shift[self.right] - centre.shift[self.left])
@@ -146,28 +146,32 @@ class CirculationAdvection:
         rim = None
         if len(self.rim):
             rim = transport.backwards(corner, self.rim_face, np.eye(3)[self.rim_corner], dt)
-        return Pull(centre, near, far, rim)
+        return LoopPaths(centre, near, far, rim)
 
-    def _pulled(self, pull: Pull, flow: Flow, flux: NDArray, evolve: bool, smooth: bool = False) -> Flow:
-        """The flow met by the carried loops; `smooth`: without what a face has beyond the vertices' flow."""
+    def _advected(
+        self, paths: LoopPaths, flow: Flow, flux: NDArray, evolve: bool, smooth: bool = False
+    ) -> Flow:
+        """The flow along the traced loops; `smooth`: without what a face has beyond the vertices' flow."""
         space, left, right = self.space, self.left, self.right
         corner = self.transport.corners(flux)
-        met = self.transport.met(corner, pull.centre)
-        along = met[left] * pull.near + met[right] * pull.far
+        at_ends = self.transport.end_velocity(corner, paths.centre)
+        along = at_ends[left] * paths.near + at_ends[right] * paths.far
         if not smooth:
             own = space.face_velocity(flux) - corner.mean(axis=1)
             along += own[left] * self.near_part + own[right] * self.far_part
-        found = np.zeros(space.mesh.topology.n_edges)
-        found[self.edge] = along.real
-        after = np.where(space.inside, space.circulation_around(found), self._along_walls(pull, flow[0]))
+        circulation = np.zeros(space.mesh.topology.n_edges)
+        circulation[self.edge] = along.real
+        after = np.where(
+            space.inside, space.circulation_around(circulation), self._along_walls(paths, flow[0])
+        )
         self._keep_total(after, flow[0])
         coefficients = flow[1]
         if evolve and len(coefficients):
-            coefficients = space.harmonic @ found
+            coefficients = space.harmonic @ circulation
         return after, coefficients
 
     def _without_rise(
-        self, pull: Pull, start: Flow, flux: NDArray, after: Flow, energy: float, evolve: bool
+        self, paths: LoopPaths, start: Flow, flux: NDArray, after: Flow, energy: float, evolve: bool
     ) -> tuple[Flow, float]:
         """Mixed with just as much of the smooth step as keeps the energy from rising; the energy reached."""
         space = self.space
@@ -175,7 +179,7 @@ class CirculationAdvection:
         reached = space.kinetic_energy(phi, *after)
         if reached <= energy:
             return after, reached
-        smooth = self._pulled(pull, start, flux, evolve, smooth=True)
+        smooth = self._advected(paths, start, flux, evolve, smooth=True)
         change, turn = smooth[0] - after[0], smooth[1] - after[1]
         phi_change = space.stream_function_change(change)
         slope = float(phi @ (space.stiffness @ phi_change) + after[1] @ turn)
@@ -209,7 +213,7 @@ class CirculationAdvection:
             float(phi @ (space.stiffness @ phi_change)),
             space.kinetic_energy(phi_change, change, none),
         )
-        if not energy[0] > ROUNDING * 0.5 * float(flow[1] @ flow[1]):  # vorticity that is rounding
+        if not energy[0] > ENERGY_ROUNDING * 0.5 * float(flow[1] @ flow[1]):  # vorticity that is rounding
             return self.smoothing.without_rise(vorticity, most), flow[1]
         share, gain = share_at_constant_energy(enstrophy, energy, most)
         filtered = vorticity + share * change
@@ -219,8 +223,8 @@ class CirculationAdvection:
             scaled = filtered
         return self.smoothing.without_rise(scaled, most), flow[1]
 
-    def _scaled(self, flow: Flow, reached: float, energy: float) -> Flow:
-        """The vorticity scaled to the energy wanted: a last resort on bad meshes."""
+    def _at_energy(self, flow: Flow, reached: float, energy: float) -> Flow:
+        """The vorticity scaled to `energy`, a last resort on bad meshes."""
         fixed = 0.5 * float(flow[1] @ flow[1])
         if not reached > fixed:
             return flow
@@ -229,14 +233,14 @@ class CirculationAdvection:
         self._keep_total(scaled, flow[0])
         return scaled, flow[1]
 
-    def _along_walls(self, pull: Pull, vorticity: NDArray) -> NDArray[np.float64]:
+    def _along_walls(self, paths: LoopPaths, vorticity: NDArray) -> NDArray[np.float64]:
         """Vorticity of the cells at the boundary: carried along it, point by point."""
-        if pull.rim is None:
+        if paths.rim is None:
             return vorticity
         space = self.space
-        omega = (vorticity * space.inverse_mass)[space.faces[pull.rim.face]]
+        omega = (vorticity * space.inverse_mass)[space.faces[paths.rim.face]]
         after = np.array(vorticity)
-        after[self.rim] = space.mass[self.rim] * np.einsum("ij,ij->i", omega, pull.rim.barycentric)
+        after[self.rim] = space.mass[self.rim] * np.einsum("ij,ij->i", omega, paths.rim.barycentric)
         return after
 
     def _keep_total(self, after: NDArray, before: NDArray) -> None:
@@ -267,11 +271,11 @@ class CirculationTransport(FlowPhase):
     def advance(self, step: Step, state: FluidState) -> FluidState:
         space, before = self.advection.space, (state["vorticity"], state["coefficients"])
         vorticity, coefficients, folded, rise = self.advection.step(
-            *before, step.dt, self.evolve_harmonic, FOLDED
+            *before, step.dt, self.evolve_harmonic, MAX_DEFORMATION
         )
-        if not folded <= FOLDED:
+        if not folded <= MAX_DEFORMATION:
             raise StepRejected("loops fold", value=folded)
-        if folded > SMALL and not rise <= RISE:
+        if folded > SMALL_DEFORMATION and not rise <= ENERGY_RISE_TOLERANCE:
             raise StepRejected("energy rises", value=rise)
         after = state.replaced(vorticity=vorticity, coefficients=coefficients)
         lost = space.energy(state) - space.energy(after)

@@ -16,14 +16,13 @@ from numpy.typing import NDArray
 
 from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.topology import NEXT
+from ddgcli.models.fluid.midpoint import PICARD_TOLERANCE, implicit_midpoint
 from ddgcli.models.fluid.phases import FlowPhase, FluidSetting, Step
 from ddgcli.models.fluid.state import FluidState
 from ddgcli.models.fluid.surface_space import SurfaceSpace
 from ddgcli.simulation.time_loop import StepRejected
 
 RK4_LIMIT = 2.8  # on the imaginary axis
-LONGEST_PICARD = 60
-SETTLED = 1e-10  # relative change left by the iteration of the midpoint rule
 
 
 def rate(
@@ -32,10 +31,17 @@ def rate(
     """Time derivatives of vorticity (n,) and harmonic coefficients (b,), and the side fluxes (m, 3)."""
     phi = space.stream_function(vorticity)
     flux = space.side_flux(phi, coefficients)
-    return *turned(space, vorticity * space.inverse_mass, flux, evolve_harmonic), flux
+    d_vorticity, d_coefficients = rotational_rates(
+        space, vorticity * space.inverse_mass, flux, evolve_harmonic
+    )
+    outflow = space.outflow_head(phi, coefficients)
+    if outflow is not None:
+        d_vorticity += outflow[0]
+        d_coefficients += outflow[1] if evolve_harmonic else 0.0
+    return d_vorticity, d_coefficients, flux
 
 
-def turned(
+def rotational_rates(
     space: SurfaceSpace, omega: NDArray, flux: NDArray, evolve_harmonic: bool
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Rates of vorticity (n,) and harmonic coefficients (b,) by the force - omega n x u, omega (n,)."""
@@ -83,39 +89,16 @@ def midpoint(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
     """One step of the implicit midpoint rule, which keeps energy and enstrophy to the solver's tolerance.
 
-    Picard iteration with Anderson mixing of depth 4. The third value is the last relative change: the step is
-    to be shortened where that is not small.
+    The third value is the last relative change: the step is to be shortened where that is not small.
     """
     n = len(vorticity)
     start = np.concatenate([vorticity, coefficients])
-    middle = start
-    tried: list[NDArray] = []
-    changes: list[NDArray] = []
-    scale = float(np.abs(start).max(initial=0.0)) or 1.0
-    change = np.inf
-    for _ in range(LONGEST_PICARD):
-        k, c, _ = rate(space, middle[:n], middle[n:], evolve_harmonic)
-        image = start + 0.5 * dt * np.concatenate([k, c])
-        residual = image - middle
-        size = float(np.abs(residual).max(initial=0.0)) / scale
-        if not np.isfinite(size) or (size > 10.0 and size > change):
-            return vorticity, coefficients, np.inf
-        change = size
-        if change < 1e-15:
-            break
-        tried, changes = [*tried[-4:], image], [*changes[-4:], residual]
-        middle = _mixed(tried, changes)
-    return 2.0 * middle[:n] - vorticity, 2.0 * middle[n:] - coefficients, change
 
+    def slope(middle: NDArray) -> NDArray[np.float64]:
+        return np.concatenate(rate(space, middle[:n], middle[n:], evolve_harmonic)[:2])
 
-def _mixed(images: list[NDArray], residuals: list[NDArray]) -> NDArray[np.float64]:
-    """Combination of the images whose residuals' combination is least (D. G. Anderson, 1965)."""
-    last = residuals[-1]
-    if len(residuals) == 1:
-        return images[-1]
-    difference = np.stack([last - r for r in residuals[:-1]], axis=1)
-    share = np.linalg.lstsq(difference, last, rcond=1e-10)[0]
-    return images[-1] - np.stack([images[-1] - i for i in images[:-1]], axis=1) @ share
+    after, change = implicit_midpoint(slope, start, dt)
+    return after[:n], after[n:], change
 
 
 class ConservativeTransport(FlowPhase):
@@ -133,7 +116,7 @@ class ConservativeTransport(FlowPhase):
         vorticity, coefficients, measure = scheme(
             self.space, state["vorticity"], state["coefficients"], step.dt, self.evolve_harmonic
         )
-        if not measure <= (SETTLED if self.implicit else RK4_LIMIT):
+        if not measure <= (PICARD_TOLERANCE if self.implicit else RK4_LIMIT):
             raise StepRejected("midpoint iteration" if self.implicit else "stability", value=measure)
         return state.replaced(vorticity=vorticity, coefficients=coefficients)
 

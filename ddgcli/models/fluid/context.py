@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -29,6 +29,8 @@ class FluidContext:
         Lengths after which a periodic grid repeats; 0 where it does not.
     load : callable
         Read a `.npy` relative to the scene.
+    obstacles : dict of str to (n,) ndarray of bool
+        Vertices on the boundary that each obstacle cuts.
     """
 
     name: str
@@ -37,6 +39,7 @@ class FluidContext:
     face: dict[str, NDArray]
     period: NDArray[np.float64]
     load: Callable[[str], NDArray]
+    obstacles: dict[str, NDArray[np.bool_]] = field(default_factory=dict)
 
     @property
     def points(self) -> NDArray[np.float64]:

@@ -82,12 +82,23 @@ class VorticityDiffusion:
 class VelocityDiffusion:
     """Every kind, in the unknowns of the velocity: stream function and harmonic coefficients.
 
-    `moving` (n,) is what walls in motion add to the circulation around the cells of their vertices.
+    `moving` (n,) is what boundary sides with a prescribed velocity add to the circulation around the cells of
+    their vertices; at the vertices `slip` (n,) of free-slip walls the vorticity vanishes.
     """
 
-    def __init__(self, space: SurfaceSpace, nu: float, kind: str, moving: NDArray | None = None) -> None:
+    def __init__(
+        self,
+        space: SurfaceSpace,
+        nu: float,
+        kind: str,
+        moving: NDArray | None = None,
+        slip: NDArray | None = None,
+    ) -> None:
         self.space = space
         self.moving = np.zeros(space.n) if moving is None else moving
+        if space.lift is not None:
+            self.moving = self.moving + space.stiffness @ space.lift
+        self.active = np.ones(space.n) if slip is None else np.where(slip, 0.0, 1.0)
         flows = csr_array(space.harmonic.T)
         derivative = d0(space.mesh.topology).astype(np.float64)[:, space.free]
         basis = block_array([[derivative, flows]]).tocsr() if flows.shape[1] else derivative
@@ -96,18 +107,19 @@ class VelocityDiffusion:
         gram = block_array(
             [[space.stiffness[space.free][:, space.free], None], [None, eye_array(flows.shape[1])]]
         ) if flows.shape[1] else space.stiffness[space.free][:, space.free]  # fmt: skip
-        A = self.curl.T @ diags_array(space.inverse_mass) @ self.curl
+        weight = self.active * space.inverse_mass
+        A = self.curl.T @ diags_array(weight) @ self.curl
         share = CURVATURE_SHARE[kind]
         if share:
             A = A - share * (basis.T @ diags_array(curvature_star(space)) @ basis)
-        drag = self.curl.T @ (space.inverse_mass * self.moving)
+        drag = self.curl.T @ (weight * self.moving)
         self.decay = Decay(gram.tocsr(), (nu * A).tocsr(), nu * drag)
 
     def step(self, vorticity: NDArray, coefficients: NDArray, dt: float) -> tuple[NDArray, NDArray]:
         space = self.space
         phi = space.factor.solve(vorticity[space.free], refine=False)
         after = self.decay.step(np.concatenate([phi, coefficients]), dt)
-        return self.curl @ after + self.moving, after[len(space.free) :]
+        return self.active * (self.curl @ after + self.moving), after[len(space.free) :]
 
 
 class Diffusion(FlowPhase):

@@ -7,7 +7,7 @@ from __future__ import annotations
 from pydantic import Field
 
 from ddgcli.models.fluid.context import FluidContext
-from ddgcli.models.fluid.phases import Declared, FluidSetting, Phase
+from ddgcli.models.fluid.phases import FluidSetting, Phase, PhaseRequest
 from ddgcli.scenes.scene import Section
 from ddgcli.simulation.effects import Effect
 
@@ -19,7 +19,7 @@ class DyeSection(Section):
     object: str | None = Field(None, description="fluid; by default all")
 
 
-def build(parameters: DyeSection, context: FluidContext) -> list[Declared]:
+def build(parameters: DyeSection, context: FluidContext) -> list[PhaseRequest]:
     amount = context.scalar(parameters.amount, "dye")
 
     def make(setting: FluidSetting) -> Phase:
@@ -27,7 +27,7 @@ def build(parameters: DyeSection, context: FluidContext) -> list[Declared]:
 
         return TracerPhase("dye", amount, Tracer(setting.space, setting.tracing))
 
-    return [Declared(make)]
+    return [PhaseRequest(make)]
 
 
 EFFECT = Effect("dye", DyeSection, build, "a trace a vertex and two solves a step", ("fluid",))

@@ -22,11 +22,11 @@ def _extent(context: FluidContext) -> float:
     return float(np.ptp(used, axis=0).max())
 
 
-def _pair(context: FluidContext, wishes: Any, apart: float) -> tuple[NDArray, NDArray]:
+def _pair(context: FluidContext, parameters: Any, apart: float) -> tuple[NDArray, NDArray]:
     """(n,) distances from two centres, `apart` of the surface's extent from each other by default."""
-    separation = wishes.separation or apart * _extent(context)
-    centre = _middle(context) if wishes.center is None else np.array(wishes.center)
-    direction = np.array(wishes.direction or (1.0, 0.0, 0.0), dtype=np.float64)
+    separation = parameters.separation or apart * _extent(context)
+    centre = _middle(context) if parameters.center is None else np.array(parameters.center)
+    direction = np.array(parameters.direction or (1.0, 0.0, 0.0), dtype=np.float64)
     half = 0.5 * separation * direction / np.linalg.norm(direction)
     if np.any(context.period > 0) or np.ptp(context.points[:, 2]) == 0:
         return context.distance(centre - half), context.distance(centre + half)
@@ -38,40 +38,40 @@ def _pair(context: FluidContext, wishes: Any, apart: float) -> tuple[NDArray, ND
     return context.distance(first), context.distance(second)
 
 
-def taylor_vortices(context: FluidContext, wishes: Any) -> NDArray[np.float64]:
+def taylor_vortices(context: FluidContext, parameters: Any) -> NDArray[np.float64]:
     """Two like Taylor vortices, (U/a) (2 - r^2/a^2) exp((1 - r^2/a^2)/2): they separate or merge."""
-    a = wishes.core or 0.3 / (2.0 * np.pi) * _extent(context)
+    a = parameters.core or 0.3 / (2.0 * np.pi) * _extent(context)
     total = np.zeros(context.mesh.n_vertices)
-    for r in _pair(context, wishes, 0.8 / (2.0 * np.pi)):
+    for r in _pair(context, parameters, 0.8 / (2.0 * np.pi)):
         q = (r / a) ** 2
-        total += wishes.strength / a * (2.0 - q) * np.exp(0.5 * (1.0 - q))
+        total += parameters.strength / a * (2.0 - q) * np.exp(0.5 * (1.0 - q))
     return total
 
 
-def vortex_pair(context: FluidContext, wishes: Any) -> NDArray[np.float64]:
+def vortex_pair(context: FluidContext, parameters: Any) -> NDArray[np.float64]:
     """Two Gaussian vortices of opposite sign: they travel side by side."""
-    a = wishes.core or 0.06 * _extent(context)
-    first, second = _pair(context, wishes, 0.25)
-    peak = 2.0 * wishes.strength / a
+    a = parameters.core or 0.06 * _extent(context)
+    first, second = _pair(context, parameters, 0.25)
+    peak = 2.0 * parameters.strength / a
     return peak * (np.exp(-((first / a) ** 2)) - np.exp(-((second / a) ** 2)))
 
 
-def rotation(context: FluidContext, wishes: Any) -> NDArray[np.float64]:
+def rotation(context: FluidContext, parameters: Any) -> NDArray[np.float64]:
     """A turn about the z axis through the middle, `strength` the speed at the widest place."""
     x = context.points - _middle(context)
     radius = float(np.linalg.norm(x, axis=1).max())
     if np.ptp(context.points[:, 2]) == 0:
-        return np.full(len(x), 2.0 * wishes.strength / radius)
-    return 2.0 * wishes.strength / radius * x[:, 2] / radius
+        return np.full(len(x), 2.0 * parameters.strength / radius)
+    return 2.0 * parameters.strength / radius * x[:, 2] / radius
 
 
-def taylor_green(context: FluidContext, wishes: Any) -> NDArray[np.float64]:
+def taylor_green(context: FluidContext, parameters: Any) -> NDArray[np.float64]:
     """Cells of alternating turn over one period of a rectangle: decays at its exact rate."""
     low = context.points.min(axis=0)
     size = np.where(context.period > 0, context.period, np.ptp(context.points, axis=0))
     kx, ky = 2.0 * np.pi / size[:2]
     x, y = (context.points - low)[:, :2].T
-    return wishes.strength * (kx**2 + ky**2) / ky * np.sin(kx * x) * np.sin(ky * y)
+    return parameters.strength * (kx**2 + ky**2) / ky * np.sin(kx * x) * np.sin(ky * y)
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""Effect `force`: an acceleration of the fluid, given in space and time."""
+"""Effect `force`: an acceleration of the fluid, as a function of space and time."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from pydantic import Field, field_validator
 
 from ddgcli.models.fluid.context import FluidContext
-from ddgcli.models.fluid.phases import Declared, FlowPhase, FluidSetting, Phase, Step
+from ddgcli.models.fluid.phases import FlowPhase, FluidSetting, Phase, PhaseRequest, Step
 from ddgcli.models.fluid.state import FluidState
 from ddgcli.scenes.expressions import evaluate
 from ddgcli.scenes.scene import Section
@@ -24,10 +24,10 @@ class ForceSection(Section):
 
     @field_validator("acceleration")
     @classmethod
-    def _three(cls, given: list[str | float]) -> list[str | float]:
-        if len(given) != 3:
+    def _check_length(cls, texts: list[str | float]) -> list[str | float]:
+        if len(texts) != 3:
             raise ValueError("takes three numbers or expressions")
-        return given
+        return texts
 
 
 class ForcePhase(FlowPhase):
@@ -56,13 +56,13 @@ class ForcePhase(FlowPhase):
         )
 
 
-def build(parameters: ForceSection, context: FluidContext) -> list[Declared]:
+def build(parameters: ForceSection, context: FluidContext) -> list[PhaseRequest]:
     texts = [str(text) for text in parameters.acceleration]
 
     def make(setting: FluidSetting) -> Phase:
         return ForcePhase(setting, texts)
 
-    return [Declared(make)]
+    return [PhaseRequest(make)]
 
 
 EFFECT = Effect("force", ForceSection, build, "three expressions on the faces, twice a step", ("fluid",))

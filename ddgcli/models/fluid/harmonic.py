@@ -32,17 +32,17 @@ class HarmonicSection(Section):
 
 def build(parameters: HarmonicSection, context: FluidContext) -> list[Harmonic | Initial]:
     harmonic = Harmonic(parameters.kind == "evolved")
-    given = parameters.coefficients
-    if given is None:
+    coefficients = parameters.coefficients
+    if coefficients is None:
         return [harmonic]
 
     def start(space: SurfaceSpace) -> tuple[NDArray, NDArray]:
-        if len(given) != len(space.harmonic):
+        if len(coefficients) != len(space.harmonic):
             raise ValueError(
-                f"{len(given)} coefficients; the surface {context.name!r} has {len(space.harmonic)} "
+                f"{len(coefficients)} coefficients; the surface {context.name!r} has {len(space.harmonic)} "
                 "harmonic flows"
             )
-        return np.zeros(space.n), np.array(given)
+        return np.zeros(space.n), np.array(coefficients)
 
     return [harmonic, Initial(start)]
 

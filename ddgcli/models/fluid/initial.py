@@ -21,8 +21,8 @@ from ddgcli.scenes.units import quantity, vector
 from ddgcli.simulation.effects import Effect
 
 log = logging.getLogger("ddgcli")
-LOST = 0.01  # share of the energy of an initial velocity that no discrete flow holds
-BALANCED = 1e-10  # total vorticity over the total of its terms that counts as zero
+MAX_LOST_ENERGY_SHARE = 0.01  # share of the energy of an initial velocity that no discrete flow holds
+BALANCE_TOLERANCE = 1e-10  # total vorticity over the total of its terms that counts as zero
 
 
 class InitialSection(Section):
@@ -43,11 +43,11 @@ class InitialSection(Section):
     object: str | None = Field(None, description="fluid; by default all")
 
     @model_validator(mode="after")
-    def _one(self) -> InitialSection:
-        given = [k for k in ("vorticity", "velocity", "flow") if getattr(self, k) is not None]
-        if len(given) != 1:
+    def _check_source(self) -> InitialSection:
+        sources = [k for k in ("vorticity", "velocity", "flow") if getattr(self, k) is not None]
+        if len(sources) != 1:
             raise ValueError(
-                f"give one of vorticity, velocity and flow, found {' and '.join(given) or 'none'}"
+                f"give one of vorticity, velocity and flow, found {' and '.join(sources) or 'none'}"
             )
         if self.flow is not None and self.flow not in FLOWS:
             raise ValueError(f"no flow {self.flow!r}; known: {', '.join(FLOWS)}")
@@ -105,7 +105,7 @@ def _warn_of_lost_harmonic(
         return
     whole = 0.5 * float(np.sum(space.area * np.abs(velocity) ** 2))
     kept = space.kinetic_energy(space.stream_function(vorticity), vorticity, np.zeros(0))
-    if whole - kept > LOST * whole:
+    if whole - kept > MAX_LOST_ENERGY_SHARE * whole:
         log.warning(
             "%.3g %% of the energy of the initial velocity of %s is left out: its gradient part, and its "
             "harmonic part, which the effect harmonic = {} keeps",
@@ -126,7 +126,7 @@ def balanced(space: SurfaceSpace, vorticity: NDArray, terms: NDArray) -> NDArray
     size = space.component_vorticity(terms)
     area = space.component_vorticity(space.mass)
     mean = np.where(closed, total / area, 0.0)
-    if np.any(closed & (np.abs(total) > BALANCED * size)):
+    if np.any(closed & (np.abs(total) > BALANCE_TOLERANCE * size)):
         worst = float(mean[np.argmax(np.abs(mean))])
         log.warning(
             "on a closed surface the vorticity sums to zero: its mean (%.6g 1/s) was subtracted", worst

@@ -5,16 +5,17 @@ from __future__ import annotations
 import importlib
 import logging
 from collections.abc import Callable
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.errors import MeshError
 from ddgcli.models.fluid.context import FluidContext
-from ddgcli.models.fluid.parts import Harmonic, Initial, Walls
-from ddgcli.models.fluid.phases import Declared, FluidSetting, Phase, Step
-from ddgcli.models.fluid.scene import TRANSPORTS
+from ddgcli.models.fluid.parts import BoundaryPart, Harmonic, Initial
+from ddgcli.models.fluid.phases import FluidSetting, Phase, PhaseRequest, Step
+from ddgcli.models.fluid.scene import OPEN_TRANSPORTS, TRANSPORTS
+from ddgcli.models.fluid.space import FlowSpace
 from ddgcli.models.fluid.state import FluidState
 from ddgcli.models.fluid.surface_space import SurfaceSpace, harmonic_count, require_flow
 from ddgcli.scenes.scene import Key, Scene
@@ -22,6 +23,9 @@ from ddgcli.scenes.shapes import place
 from ddgcli.simulation.account import Account
 from ddgcli.simulation.effects import Effect
 from ddgcli.simulation.time_loop import Model, Observation, StepRejected
+
+if TYPE_CHECKING:
+    from ddgcli.models.fluid.conditions import BoundaryConditions
 
 log = logging.getLogger("ddgcli")
 
@@ -32,8 +36,10 @@ def contexts(
     scene: Scene, read: Callable[[str], Any], load: Callable[[str], NDArray]
 ) -> dict[str, tuple[FluidContext, str]]:
     """Context of every fluid and the SHA-256 of its mesh file, by name."""
-    found = {}
+    by_name = {}
     for number, section in enumerate(scene.objects):
+        if section.role != "fluid":
+            continue
         try:
             placed = place(section, read)
             require_flow(placed.mesh)
@@ -44,33 +50,56 @@ def contexts(
             size = np.array(section.grid.size) * section.scale
             period[:2] = [size[k] if axis in section.grid.periodic else 0.0 for k, axis in enumerate("xy")]
         context = FluidContext(section.name, placed.mesh, placed.vertex, placed.face, period, load)
-        found[section.name] = context, placed.sha256
-    return found
+        context = _cut(scene, number, context, read)
+        by_name[section.name] = context, placed.sha256
+    return by_name
 
 
-Part = Initial | Walls | Harmonic | Declared
-Keyed = list[tuple[Key, str, Part]]
+def _cut(scene: Scene, number: int, context: FluidContext, read: Callable[[str], Any]) -> FluidContext:
+    """The context without the scene's obstacles."""
+    sections = [(k, section) for k, section in enumerate(scene.objects) if section.role == "obstacle"]
+    if not sections:
+        return context
+    from ddgcli.models.fluid.obstacles import signed_distance, without_obstacles
+
+    place: Key = ("object", number)
+    try:
+        obstacles = []
+        for k, section in sections:
+            place = ("object", k)
+            obstacles.append((section.name, *signed_distance(section, read)))
+        cut = without_obstacles(context, obstacles)
+        place = ("object", number)
+        require_flow(cut.mesh)
+    except ValueError as error:
+        scene.refuse(place, f"object {scene.objects[int(place[1])].name!r}: {error}")
+    return cut
 
 
-def parts_of(scene: Scene, context: FluidContext) -> Keyed:
+Part = Initial | BoundaryPart | Harmonic | PhaseRequest
+PlacedParts = list[tuple[Key, str, Part]]
+
+
+def parts_of(scene: Scene, context: FluidContext) -> PlacedParts:
     """(place in the scene, effect, part) of all that the scene's effects ask of one fluid."""
 
-    def make(effect: Effect, parameters: Any, key: Key) -> Keyed:
-        wanted = getattr(parameters, "object", None)
-        if wanted is not None:
-            scene.find(wanted, (*key, "object"), ("fluid",))
-            if wanted != context.name:
+    def make(effect: Effect, parameters: Any, key: Key) -> PlacedParts:
+        target = getattr(parameters, "object", None)
+        if target is not None:
+            scene.find(target, (*key, "object"), ("fluid",))
+            if target != context.name:
                 return []
         return [(key, effect.name, part) for part in effect.build(parameters, context)]
 
-    return [entry for made in scene.build(make) for entry in made]
+    return [entry for parts in scene.build(make) for entry in parts]
 
 
 def build(scene: Scene, fluids: dict[str, FluidContext], account: Account) -> dict[str, FluidModel]:
-    """One model for each fluid; what no effect asks for is not made."""
+    """One model for each fluid; nothing is assembled that no effect needs."""
     return {
-        name: FluidModel(scene, number, context, account)
-        for number, (name, context) in enumerate(fluids.items())
+        name: FluidModel(scene, number, fluids[name], account)
+        for number, name in enumerate(section.name for section in scene.objects)
+        if name in fluids
     }
 
 
@@ -81,43 +110,68 @@ class FluidModel:
         self.context, self.account, self.scene = context, account, scene
         declared = parts_of(scene, context)
         harmonic = next((part for _, _, part in declared if isinstance(part, Harmonic)), None)
-        walls = next((part for _, _, part in declared if isinstance(part, Walls)), Walls(False))
+        conditions = self._conditions(declared)
         try:
             self.space = SurfaceSpace(
                 context.mesh, _harmonic_flows(context, harmonic), lambda: account.within("solver"),
+                conditions.boundary_values if conditions else None,
+                conditions.open_vertices if conditions else None,
+                conditions.open_sides if conditions and conditions.is_open else None,
                 to_space=context.to_space, name=context.name,
             )  # fmt: skip
         except MeshError as error:
             scene.refuse(("object", number), f"object {context.name!r}: {error}")
         self.setting = FluidSetting(
-            context, self.space, frozenset(name for _, name, _ in declared), walls.no_slip, walls.moving,
+            context, self.space, frozenset(name for _, name, _ in declared),
+            conditions is not None and conditions.no_slip,
+            conditions.wall_circulation if conditions else None,
             harmonic is not None and harmonic.evolve,
+            conditions.slip if conditions else None, conditions is not None and conditions.is_open,
         )  # fmt: skip
         self.transport = self._transport()
-        made = [self._made(key, name, part) for key, name, part in declared if isinstance(part, Declared)]
-        phases = [phase for phase in made if phase is not None]
+        requested = [
+            self._phase(key, name, part) for key, name, part in declared if isinstance(part, PhaseRequest)
+        ]
+        phases = [phase for phase in requested if phase is not None]
         self.sources = [phase for phase in phases if phase.stage == "source"]
         self.tracers = [phase for phase in phases if phase.stage == "tracer"]
         self.start = self._start(declared)
 
     # ------------------------------------------------------------------ assembly
 
+    def _conditions(self, declared: PlacedParts) -> BoundaryConditions | None:
+        """Conditions of the effect `boundary`; None without it."""
+        sections = [(key, part) for key, _, part in declared if isinstance(part, BoundaryPart)]
+        if not sections:
+            return None
+        from ddgcli.models.fluid.conditions import boundary_conditions
+
+        try:
+            return boundary_conditions(self.context, [part for _, part in sections])
+        except ValueError as error:
+            self.scene.refuse(sections[0][0], f"boundary: {error}")
+
     def _transport(self) -> Phase:
         """The phase of the integrator that [time] names."""
-        scene, dimension = self.scene, self.space.dimension
+        scene, dimension = self.scene, self.flows.dimension
         modules = TRANSPORTS[scene.time.integrator]
         if dimension not in modules:
             scene.refuse(("time", "integrator"), f"{scene.time.integrator} does not exist in {dimension}-D")
+        if self.setting.is_open and scene.time.integrator not in OPEN_TRANSPORTS:
+            scene.refuse(
+                ("time", "integrator"),
+                f"{scene.time.integrator} has no inflow and outflow; take {' or '.join(OPEN_TRANSPORTS)}",
+            )
         return importlib.import_module(modules[dimension]).transport(self.setting, scene.time)
 
-    def _made(self, key: Key, effect: str, part: Declared) -> Phase | None:
+    def _phase(self, key: Key, effect: str, part: PhaseRequest) -> Phase | None:
         try:
             return part.make(self.setting)
         except ValueError as error:
             self.scene.refuse(key, f"{effect}: {error}")
 
-    def _start(self, declared: Keyed) -> FluidState:
-        arrays = self.space.rest()
+    def _start(self, declared: PlacedParts) -> FluidState:
+        arrays = self.flows.rest()
         for key, effect, part in declared:
             if isinstance(part, Initial):
                 try:
@@ -131,6 +185,11 @@ class FluidModel:
         return FluidState(arrays)
 
     @property
+    def flows(self) -> FlowSpace:
+        """The space as steps and frames know it, of whatever dimension."""
+        return self.space
+
+    @property
     def phases(self) -> list[Phase]:
         return [self.transport, *self.sources, *self.tracers]
 
@@ -139,7 +198,7 @@ class FluidModel:
         order = min(phase.order for phase in (self.transport, *self.sources))
         return Model(
             self.start, self.advance, self.observe, self.pack, self.unpack,
-            distance=lambda a, b: self.space.distance(a, b, self.start), order=order,
+            distance=lambda a, b: self.flows.distance(a, b, self.start), order=order,
         )  # fmt: skip
 
     # ------------------------------------------------------------------ steps
@@ -165,10 +224,10 @@ class FluidModel:
 
     def observe(self, state: FluidState) -> Observation:
         """What the space and the phases show of a state."""
-        shown = [self.space.observed(state), *(phase.observed(state) for phase in self.phases)]
-        vertex = {name: values for part in shown for name, values in part.vertex.items()}
+        observations = [self.flows.observed(state), *(phase.observed(state) for phase in self.phases)]
+        vertex = {name: values for part in observations for name, values in part.vertex.items()}
         return Observation(
-            None, vertex, {name: value for part in shown for name, value in part.scalar.items()}
+            None, vertex, {name: value for part in observations for name, value in part.scalar.items()}
         )
 
     def pack(self, state: FluidState) -> dict[str, NDArray]:

@@ -1,4 +1,4 @@
-"""What effects of a fluid say before its space is made; phases are `phases.Declared`."""
+"""Parts that effects of a fluid declare before its space is assembled."""
 
 from __future__ import annotations
 
@@ -20,12 +20,27 @@ class Initial:
     make: Start
 
 
-@dataclass(frozen=True, eq=False)
-class Walls:
-    """What the fluid meets at the boundary; `moving` (n,): circulation that a moving wall adds to cells."""
+@dataclass(frozen=True)
+class BoundaryPart:
+    """One section of the effect `boundary`.
 
-    no_slip: bool
-    moving: NDArray[np.float64] | None = None
+    Parameters
+    ----------
+    kind : {'free-slip', 'no-slip', 'wall', 'inflow', 'outflow'}
+    velocity : three expressions, optional
+    flux : float, optional
+        Leaves through an outflow [m^2/s; m^3/s in volumes].
+    where : str, optional
+        Expression that is not 0 on its part of the boundary.
+    obstacle : str, optional
+        Name of the obstacle that cuts its part of the boundary.
+    """
+
+    kind: str
+    velocity: list[str] | None = None
+    flux: float | None = None
+    where: str | None = None
+    obstacle: str | None = None
 
 
 @dataclass(frozen=True)

@@ -86,7 +86,7 @@ class FlowPhase:
 
 @dataclass(eq=False)
 class FluidSetting:
-    """What phases are made from.
+    """What phases are built from.
 
     Parameters
     ----------
@@ -98,6 +98,10 @@ class FluidSetting:
     wall_circulation : (n,) ndarray, optional
         What moving walls add to the circulation around the cells of their vertices.
     evolve_harmonic : bool
+    slip : (n,) ndarray of bool, optional
+        Boundary vertices of free-slip walls.
+    is_open : bool
+        Whether fluid crosses the boundary.
     """
 
     context: FluidContext
@@ -106,6 +110,8 @@ class FluidSetting:
     no_slip: bool = False
     wall_circulation: NDArray[np.float64] | None = None
     evolve_harmonic: bool = False
+    slip: NDArray[np.bool_] | None = None
+    is_open: bool = False
 
     @cached_property
     def tracing(self) -> Transport:
@@ -116,7 +122,7 @@ class FluidSetting:
 
 
 @dataclass(frozen=True)
-class Declared:
+class PhaseRequest:
     """A phase that an effect asks for; `make` may return None (a check), or refuse by ValueError."""
 
     make: Callable[[FluidSetting], Phase | None]

@@ -4,7 +4,7 @@ The velocity of a face is exact to first order only (its error changes sign from
 slopes taken of it do not converge. At a vertex it is the slope of the quadratic stream function that fits the
 fluxes through the edges there best (Zhang and Naga, "A new finite element gradient recovery method", 2005).
 Where that is impossible or would amplify noise, the vertex takes the mean value of its neighbours, and at the
-boundary the mean of its faces. All of it is one sparse matrix, made once.
+boundary the mean of its faces. All of it is one sparse matrix.
 """
 
 from __future__ import annotations
@@ -20,9 +20,9 @@ from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.topology import NEXT
 from ddgcli.models.fluid.surface_space import SurfaceSpace
 
-FEWEST = 5  # edges that determine a quadratic function but for its constant
-LARGEST_GAIN = 3.0  # of a fitted velocity over the velocities along the edges
-PASSES = 2  # from vertices with a fit to their neighbours without one, and to those behind these
+MIN_FIT_EDGES = 5  # edges that determine a quadratic function but for its constant
+MAX_FIT_GAIN = 3.0  # of a fitted velocity over the velocities along the edges
+NEIGHBOUR_PASSES = 2  # from vertices with a fit to their neighbours without one, and to those behind these
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,7 +48,7 @@ def recovery(space: SurfaceSpace) -> Recovery:
     stretch = np.where(fans.is_open, 1.0, 2.0 * np.pi / fans.total_angle)[fans.fan]
     to_vertex = _frames(space, fans, stretch)
     fitted, gain = _fits(space, fans, stretch)
-    fits = (gain > 0) & (gain <= LARGEST_GAIN)
+    fits = (gain > 0) & (gain <= MAX_FIT_GAIN)
     lonely = space.inside & ~fits
     fixed = diags_array(fits.astype(float)) @ fitted
     means = diags_array((~fits).astype(float)) @ _face_means(space, fans, to_vertex)
@@ -56,7 +56,7 @@ def recovery(space: SurfaceSpace) -> Recovery:
     if lonely.any():
         fixed = fixed + diags_array((~fits & ~lonely).astype(float)) @ means
         from_neighbours = diags_array(lonely.astype(float)) @ _mean_values(space, fans, stretch)
-        for _ in range(PASSES):
+        for _ in range(NEIGHBOUR_PASSES):
             matrix = fixed + from_neighbours @ matrix
     return Recovery(csr_array(matrix), to_vertex)
 
@@ -73,7 +73,7 @@ def _fits(space: SurfaceSpace, fans: Fans, stretch: NDArray) -> tuple[csr_array,
     length = space.mesh.side_length.ravel()
     count = np.diff(fans.start)
     rows, columns, values = [], [], []
-    for k in np.unique(count[~fans.is_open & (count >= FEWEST)]):
+    for k in np.unique(count[~fans.is_open & (count >= MIN_FIT_EDGES)]):
         here = np.flatnonzero((count == k) & ~fans.is_open)
         corner = fans.corner[fans.start[here][:, None] + np.arange(k)]
         reach = length[corner]

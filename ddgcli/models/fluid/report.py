@@ -20,8 +20,8 @@ from ddgcli.simulation.outcome import Outcome
 from ddgcli.simulation.time_loop import Schedule
 
 log = logging.getLogger("ddgcli")
-LARGE_LOSS = 0.05  # share of energy or enstrophy lost by the scheme, above which a run warns
-ROUNDING = 1e-12  # vorticity over the circulations that cancel in it, below which it counts as none
+MAX_LOSS_SHARE = 0.05  # share of energy or enstrophy lost by the scheme, above which a run warns
+VORTICITY_ROUNDING = 1e-12  # vorticity over the circulations that cancel in it, below which it counts as none
 
 
 def summary(outcome: Outcome, models: Mapping[str, FluidModel]) -> tuple[dict[str, Any], dict[str, Any]]:
@@ -67,7 +67,7 @@ def summary(outcome: Outcome, models: Mapping[str, FluidModel]) -> tuple[dict[st
 
 def _scheme_losses(series: Mapping[str, NDArray], least_enstrophy: float) -> dict[str, float]:
     """Shares of energy and enstrophy that the transport lost, where it books them; warn of large ones."""
-    found = {}
+    losses = {}
     for name, total, least in (
         ("energy", "kinetic_energy", 0.0),
         ("enstrophy", "enstrophy", least_enstrophy),
@@ -76,22 +76,22 @@ def _scheme_losses(series: Mapping[str, NDArray], least_enstrophy: float) -> dic
             continue
         lost = float(series[f"lost_{name}"][-1])
         share = lost / (max(float(series[total].max()), least) or 1.0)
-        found[f"{name}_lost_by_scheme"] = share
-        if share > LARGE_LOSS:
+        losses[f"{name}_lost_by_scheme"] = share
+        if share > MAX_LOSS_SHARE:
             log.warning(
                 "integrator circulation lost %.2g %% of the %s (warned of above %.0f %%): take integrator "
                 "conservative, or a finer or more regular mesh",
-                100.0 * share, name, 100.0 * LARGE_LOSS,
+                100.0 * share, name, 100.0 * MAX_LOSS_SHARE,
             )  # fmt: skip
-    return found
+    return losses
 
 
 def _at_end(series: Mapping[str, NDArray], what: str, names: list[str]) -> list[float]:
-    found: list[float] = []
+    circulations: list[float] = []
     for name in names:
         if f"{what}_{name}" in series:
-            found += np.atleast_1d(series[f"{what}_{name}"][-1]).tolist()
-    return found
+            circulations += np.atleast_1d(series[f"{what}_{name}"][-1]).tolist()
+    return circulations
 
 
 def _scales(series: Mapping[str, NDArray], models: Mapping[str, FluidModel]) -> tuple[float, float]:
@@ -104,9 +104,9 @@ def _scales(series: Mapping[str, NDArray], models: Mapping[str, FluidModel]) -> 
     speed = math.sqrt(2.0 * float(series["kinetic_energy"].max()))
     circulation, enstrophy = speed * sum(t for t, _ in terms), speed**2 * sum(t for _, t in terms)
     vorticity = series["absolute_vorticity"]
-    if not float(vorticity.max()) > ROUNDING * circulation:
+    if not float(vorticity.max()) > VORTICITY_ROUNDING * circulation:
         return circulation, enstrophy
-    if not float(vorticity[0]) > ROUNDING * circulation:
+    if not float(vorticity[0]) > VORTICITY_ROUNDING * circulation:
         return 0.0, 0.0
     return float(vorticity[0]), float(series["enstrophy"][0])
 
@@ -122,9 +122,9 @@ def generator_circulations(last: Frame | None, models: Mapping[str, FluidModel])
 
     Along an edge the velocity is the mean of its faces'.
     """
-    found: list[float] = []
+    circulations: list[float] = []
     if last is None:
-        return found
+        return circulations
     start = 0
     for model in models.values():
         space = model.space
@@ -134,8 +134,8 @@ def generator_circulations(last: Frame | None, models: Mapping[str, FluidModel])
         count = 2 * (topology.genus or 0) + max(0, topology.boundary_loops - topology.n_components)
         if count == 0:
             continue
-        found += _loops(model, vorticity, last)
-    return found
+        circulations += _loops(model, vorticity, last)
+    return circulations
 
 
 def _loops(model: FluidModel, vorticity: NDArray, last: Frame) -> list[float]:
@@ -150,13 +150,13 @@ def _loops(model: FluidModel, vorticity: NDArray, last: Frame) -> list[float]:
     on_edge = sum_by_index(space.side_edge, along, topology.n_edges) / topology.edge_face_count
     key = topology.edges[:, 0] * topology.n_vertices + topology.edges[:, 1]
     order = np.argsort(key)
-    found = []
+    circulations = []
     for loop in generator_loops(space.mesh):
         tail, head = loop, np.roll(loop, -1)
-        wanted = np.minimum(tail, head) * topology.n_vertices + np.maximum(tail, head)
-        edge = order[np.searchsorted(key, wanted, sorter=order)]
-        found.append(float(np.sum(np.where(topology.edges[edge, 0] == tail, 1, -1) * on_edge[edge])))
-    return found
+        loop_key = np.minimum(tail, head) * topology.n_vertices + np.maximum(tail, head)
+        edge = order[np.searchsorted(key, loop_key, sorter=order)]
+        circulations.append(float(np.sum(np.where(topology.edges[edge, 0] == tail, 1, -1) * on_edge[edge])))
+    return circulations
 
 
 def assembled(
@@ -174,12 +174,12 @@ def assembled(
 
 def wraps(meshes: Sequence[SurfaceMesh]) -> NDArray[np.bool_]:
     """(m,) faces that close a periodic grid: drawn between the vertices' positions they span it all."""
-    found = []
+    wraps_around = []
     for mesh in meshes:
         corner = np.asarray(mesh.points)[mesh.faces]
         drawn = np.linalg.norm(np.roll(corner, -1, axis=1) - corner, axis=2)
-        found.append((drawn > 1.01 * mesh.side_length).any(axis=1))
-    return np.concatenate(found)
+        wraps_around.append((drawn > 1.01 * mesh.side_length).any(axis=1))
+    return np.concatenate(wraps_around)
 
 
 def face_arrays(meshes: Sequence[SurfaceMesh]) -> dict[str, NDArray]:

@@ -14,9 +14,9 @@ from pydantic import Field
 
 from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.triangle_mesh import TriangleMesh
-from ddgcli.models.fluid.conservative import RK4_LIMIT, turned
+from ddgcli.models.fluid.conservative import RK4_LIMIT, rotational_rates
 from ddgcli.models.fluid.context import FluidContext
-from ddgcli.models.fluid.phases import Declared, FlowPhase, FluidSetting, Phase, Step
+from ddgcli.models.fluid.phases import FlowPhase, FluidSetting, Phase, PhaseRequest, Step
 from ddgcli.models.fluid.state import FluidState
 from ddgcli.scenes.scene import Section
 from ddgcli.scenes.units import vector
@@ -43,7 +43,7 @@ class Coriolis(FlowPhase):
     def _rate(self, vorticity: NDArray, coefficients: NDArray) -> tuple[NDArray, NDArray]:
         space = self.setting.space
         flux = space.side_flux(space.stream_function(vorticity), coefficients)
-        return turned(space, self.parameter, flux, self.setting.evolve_harmonic)
+        return rotational_rates(space, self.parameter, flux, self.setting.evolve_harmonic)
 
     def advance(self, step: Step, state: FluidState) -> FluidState:
         dt, start = step.dt, (state["vorticity"], state["coefficients"])
@@ -71,11 +71,11 @@ def vertex_normals(context: FluidContext) -> NDArray[np.float64]:
     return np.divide(summed, length, out=np.zeros_like(summed), where=length > 0)
 
 
-def build(parameters: RotationSection, context: FluidContext) -> list[Declared]:
+def build(parameters: RotationSection, context: FluidContext) -> list[PhaseRequest]:
     def make(setting: FluidSetting) -> Phase:
         return Coriolis(setting, np.array(parameters.angular_velocity))
 
-    return [Declared(make)]
+    return [PhaseRequest(make)]
 
 
 EFFECT = Effect("rotation", RotationSection, build, "eight solves a step", ("fluid",))

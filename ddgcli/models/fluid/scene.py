@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from typing import Literal
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
-from ddgcli.scenes.scene import SceneKind, Section
-from ddgcli.scenes.shapes import SurfaceObject
+from ddgcli.scenes.scene import ObjectSection, SceneKind, Section
+from ddgcli.scenes.shapes import Box, Cylinder, Sphere, SurfaceObject, require_one_shape
+from ddgcli.scenes.units import vector
 from ddgcli.simulation.effects import EffectTable
 
 EFFECTS = EffectTable(
@@ -28,13 +29,34 @@ EFFECTS = EffectTable(
 TRANSPORTS = {
     "circulation": {2: "ddgcli.models.fluid.circulation"},
     "conservative": {2: "ddgcli.models.fluid.conservative"},
+    "energy": {2: "ddgcli.models.fluid.energy"},
 }
+
+
+# integrators that let fluid cross the boundary
+OPEN_TRANSPORTS = ("conservative", "energy")
 
 
 class Fluid(SurfaceObject):
     """An incompressible fluid on a surface, of unit density."""
 
     role: Literal["fluid"]
+
+
+class FluidObstacle(ObjectSection):
+    """A solid that is cut out of the fluids."""
+
+    role: Literal["obstacle"]
+    mesh: str | None = Field(None, description="closed surface, relative to the scene")
+    sphere: Sphere | None = None
+    cylinder: Cylinder | None = None
+    box: Box | None = None
+    position: vector("m", "added to the shape's place") = (0.0, 0.0, 0.0)  # type: ignore[valid-type]
+
+    @model_validator(mode="after")
+    def _one_shape(self) -> FluidObstacle:
+        require_one_shape(self, ("mesh", "sphere", "cylinder", "box"))
+        return self
 
 
 class CirculationParameters(Section):
@@ -49,10 +71,15 @@ class ConservativeParameters(Section):
     )
 
 
+class EnergyParameters(Section):
+    """Implicit midpoint rule: kinetic energy kept to round-off, reversible in time."""
+
+
 KIND = SceneKind(
     "fluid-sim",
-    {"fluid": Fluid},
-    {"circulation": CirculationParameters, "conservative": ConservativeParameters},
+    {"fluid": Fluid, "obstacle": FluidObstacle},
+    {"circulation": CirculationParameters, "conservative": ConservativeParameters,
+     "energy": EnergyParameters},
     "conservative",
     EFFECTS,
     elsewhere=dict.fromkeys(

@@ -23,7 +23,7 @@ class Smoothing:
     """Filters 1 - (1 - F)^p, with F = (M + w h^2 L)^-1 M an implicit step of diffusion over w cells.
 
     h^2 is the area of the cells nearby. They keep the total vorticity of every component, and lower the
-    enstrophy of whatever they change. A filter is made when a flow first needs it.
+    enstrophy of whatever they change. A filter is assembled when a flow first needs it.
     """
 
     def __init__(self, space: SurfaceSpace) -> None:

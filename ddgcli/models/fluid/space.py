@@ -18,7 +18,8 @@ class FlowSpace(Protocol):
     of the accounts of a scheme belong to the phases that add them.
     """
 
-    dimension: int
+    @property
+    def dimension(self) -> int: ...
 
     @property
     def mesh(self) -> Any: ...

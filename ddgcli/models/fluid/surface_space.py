@@ -2,7 +2,7 @@
 
 A velocity is a flux U through every edge (from the left of the edge to its right), closed around every face:
 it is constant in each face and its divergence vanishes exactly. It is the derivative of a stream function phi
-(with given values on the boundary, 0 on walls) plus a combination of harmonic flows:
+(with prescribed values on the boundary, 0 on walls) plus a combination of harmonic flows:
 
     U = d phi + sum_j c_j h_j,      u = grad phi x n,      vorticity = - Laplacian phi,
 
@@ -32,7 +32,7 @@ from ddgcli.models.fluid.state import FluidState
 from ddgcli.operators.laplacian import lumped_vertex_area, stiffness
 from ddgcli.simulation.time_loop import Observation
 
-THINNEST = 1e-12  # area over the longest side squared, below which a face counts as flat
+FLAT_FACE_TOLERANCE = 1e-12  # area over the longest side squared, below which a face counts as flat
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,6 +58,10 @@ class SurfaceSpace:
     boundary_values : (n,) ndarray, optional
         Stream function on the boundary vertices (others are not read): the flux that enters between two of
         them is the difference of their values. Default 0: walls.
+    open_vertices : (n,) ndarray of bool, optional
+        Boundary vertices whose stream function is free (natural outflow): no tangential velocity there.
+    open_sides : (s, 2) ndarray, optional
+        Tail and head of the boundary sides of natural outflows, the surface on the left.
     to_space : callable, optional
         Turns face velocities in planar frames (m,) into vectors in space (m, 3), for observations.
     """
@@ -66,6 +70,8 @@ class SurfaceSpace:
     harmonic: NDArray[np.float64]
     timer: Callable[[], AbstractContextManager[Any]] = nullcontext
     boundary_values: NDArray[np.float64] | None = None
+    open_vertices: NDArray[np.bool_] | None = None
+    open_sides: NDArray[np.int64] | None = None
     to_space: Callable[[NDArray], NDArray] | None = None
     name: str = ""
     dimension: ClassVar[int] = 2
@@ -80,7 +86,10 @@ class SurfaceSpace:
         self.inverse_mass = np.divide(1.0, self.mass, out=np.zeros(self.n), where=self.mass > 0)
         self.inside = topology.referenced_vertex & ~topology.boundary_vertex
         self.stiffness = stiffness(self.mesh)
-        solver = Dirichlet(self.stiffness, np.flatnonzero(~self.inside | self._pinned()))
+        fixed = ~self.inside | self._pinned()
+        if self.open_vertices is not None:
+            fixed &= ~self.open_vertices
+        solver = Dirichlet(self.stiffness, np.flatnonzero(fixed))
         self.free, self.factor = solver.free, solver.factor
         self.lift = self._lift(solver)
         corner = corner_position(unfold(self.mesh))
@@ -91,6 +100,8 @@ class SurfaceSpace:
         self.area = face_area(self.mesh.side_length)
         self.side_edge = topology.side_edge
         self.side_sign = topology.side_sign.astype(np.float64)
+        if self.open_sides is not None and len(self.harmonic):
+            self.harmonic = self._orthogonal_to_open_flows(self.harmonic)
 
     def _lift(self, solver: Dirichlet) -> NDArray[np.float64] | None:
         """(n,) stream function without vorticity that has the boundary values; None for walls."""
@@ -98,6 +109,49 @@ class SurfaceSpace:
             return None
         on_boundary = self.mesh.topology.boundary_vertex
         return solver.solve(np.where(on_boundary, self.boundary_values, 0.0)[solver.fixed])
+
+    def _orthogonal_to_open_flows(self, harmonic: NDArray) -> NDArray[np.float64]:
+        """(b, e) harmonic flows that also fulfil the condition of natural outflows, orthonormal again."""
+        ends = self.mesh.topology.edges
+        flows = np.array(harmonic)
+        for j in range(len(flows)):
+            phi = np.zeros(self.n)
+            around = self.circulation_around(self.edge_inner * flows[j])
+            phi[self.free] = self.factor.solve(around[self.free])
+            flows[j] -= phi[ends[:, 1]] - phi[ends[:, 0]]
+        lower = np.linalg.cholesky(flows @ (self.edge_inner * flows).T)
+        return np.linalg.solve(lower, flows)
+
+    def outflow_head(self, phi: NDArray, coefficients: NDArray) -> tuple[NDArray, NDArray] | None:
+        """Rates of vorticity (n,) and coefficients (b,) by the kinetic head |u|^2 / 2 at natural outflows.
+
+        There the pressure is constant; where fluid enters, the total head is, so that no energy does
+        (directional do-nothing condition: M. Braack and P. B. Mucha, 2014). None without natural outflows.
+        """
+        if self.open_sides is None or not len(self.open_sides):
+            return None
+        tail, head = self.open_sides.T
+        edge, sign = self._open_edges
+        flux = sign * self.edge_flux(phi, coefficients)[edge]
+        pressure = 0.5 * np.where(flux > 0, flux / self._open_length, 0.0) ** 2
+        vorticity = sum_by_index(tail, pressure, self.n) - sum_by_index(head, pressure, self.n)
+        return vorticity, -(self.harmonic[:, edge] @ (sign * pressure))
+
+    @cached_property
+    def _open_edges(self) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+        """Edge of every open side, and its sign along the side."""
+        ends = self.mesh.topology.edges
+        sides = np.zeros((0, 2), dtype=np.int64) if self.open_sides is None else self.open_sides
+        key = ends.min(axis=1) * self.n + ends.max(axis=1)
+        order = np.argsort(key)
+        edge = order[np.searchsorted(key, sides.min(axis=1) * self.n + sides.max(axis=1), sorter=order)]
+        return edge, np.where(ends[edge, 0] == sides[:, 0], 1.0, -1.0)
+
+    @cached_property
+    def _open_length(self) -> NDArray[np.float64]:
+        length = np.zeros(self.mesh.topology.n_edges)
+        length[self.side_edge] = self.mesh.side_length
+        return length[self._open_edges[0]]
 
     def _pinned(self) -> NDArray[np.bool_]:
         """One vertex of every component without boundary."""
@@ -190,11 +244,11 @@ class SurfaceSpace:
     def harmonic_part(self, velocity: NDArray) -> NDArray[np.float64]:
         """(b,) inner products of face velocities with the harmonic flows."""
         count = len(self.harmonic)
-        found = np.zeros(count)
+        coefficients = np.zeros(count)
         for j in range(count):
             flow = self.face_velocity(self.harmonic[j][self.side_edge] * self.side_sign)
-            found[j] = np.sum(self.area * (velocity * np.conj(flow)).real)
-        return found
+            coefficients[j] = np.sum(self.area * (velocity * np.conj(flow)).real)
+        return coefficients
 
     # ------------------------------------------------------------------ what is conserved
 
@@ -324,7 +378,7 @@ def require_flow(mesh: SurfaceMesh) -> None:
     longest = mesh.side_length.max(axis=1)
     with np.errstate(all="ignore"):
         thin = face_area(mesh.side_length / longest[:, None])
-    bad = np.flatnonzero(~(thin > THINNEST))
+    bad = np.flatnonzero(~(thin > FLAT_FACE_TOLERANCE))
     if len(bad):
         raise MeshError(
             f"{len(bad)} faces have no area (first: face {bad[0]}, vertices "

@@ -22,7 +22,7 @@ from ddgcli.mesh.topology import NEXT
 from ddgcli.models.fluid.phases import Step
 from ddgcli.models.fluid.state import FluidState
 from ddgcli.models.fluid.surface_space import SurfaceSpace
-from ddgcli.models.fluid.transport import Carried, Transport, corner_of
+from ddgcli.models.fluid.transport import BackwardPaths, Transport, corner_of
 from ddgcli.simulation.time_loop import Observation
 
 
@@ -45,7 +45,7 @@ class Tracer:
         after[used] = np.clip(self._interpolated(values, moved), low, high)
         return self._conserved(values, after, low, high)
 
-    def _interpolated(self, values: NDArray, moved: Carried) -> NDArray[np.float64]:
+    def _interpolated(self, values: NDArray, moved: BackwardPaths) -> NDArray[np.float64]:
         """Cubic along every side, with the recovered slopes at its ends; exact for quadratic functions."""
         space = self.space
         difference = space.side_flux(values, np.zeros(0))

@@ -15,7 +15,7 @@ from ddgcli.models.fluid.surface_space import SurfaceSpace
 
 
 @dataclass(frozen=True, eq=False)
-class Carried:
+class BackwardPaths:
     """k points after a step backwards.
 
     Parameters
@@ -35,20 +35,20 @@ class Carried:
 
 
 class Transport:
-    """A surface made ready for carrying points by velocities that are linear in every face."""
+    """A surface prepared for tracing points by velocities that are linear in every face."""
 
     def __init__(self, space: SurfaceSpace) -> None:
         self.space = space
         self.tracer = Tracer(space.mesh)
-        found = recovery(space)
-        self.matrix, self.to_face = found.matrix, np.conj(found.to_vertex)
+        fit = recovery(space)
+        self.matrix, self.to_face = fit.matrix, np.conj(fit.to_vertex)
         self.slope = 1j * space.side[:, NEXT] / (2.0 * space.area[:, None])  # of the barycentric coordinates
 
     def corners(self, side_flux: NDArray) -> NDArray[np.complex128]:
         """(m, 3) velocity at the corners of every face, in its planar frame."""
         return (self.matrix @ side_flux.ravel())[self.space.faces] * self.to_face
 
-    def backwards(self, corner: NDArray, face: NDArray, barycentric: NDArray, dt: float) -> Carried:
+    def backwards(self, corner: NDArray, face: NDArray, barycentric: NDArray, dt: float) -> BackwardPaths:
         """Points carried by -dt along straight lines, by the velocity half-way that the local slope gives."""
         at = corner[face]
         start = np.einsum("ij,ij->i", barycentric, at)
@@ -61,9 +61,9 @@ class Transport:
         ended = self.tracer.trace_checked(LineStart(face, barycentric, planar, speed * abs(dt)))
         end_direction = ended.direction[:, 0] + 1j * ended.direction[:, 1]
         shift = (ended.length * direction).astype(np.complex128)
-        return Carried(ended.face, ended.barycentric, shift, direction * np.conj(end_direction))
+        return BackwardPaths(ended.face, ended.barycentric, shift, direction * np.conj(end_direction))
 
-    def met(self, corner: NDArray, carried: Carried) -> NDArray[np.complex128]:
+    def end_velocity(self, corner: NDArray, carried: BackwardPaths) -> NDArray[np.complex128]:
         """(k,) velocity at the ends, in the frames of the starts' faces."""
         return carried.turn * np.einsum("ij,ij->i", carried.barycentric, corner[carried.face])
 

@@ -9,7 +9,7 @@ from typing import Literal
 from pydantic import Field
 
 from ddgcli.models.fluid.context import FluidContext
-from ddgcli.models.fluid.phases import Declared, FluidSetting, Phase
+from ddgcli.models.fluid.phases import FluidSetting, Phase, PhaseRequest
 from ddgcli.scenes.scene import Section
 from ddgcli.scenes.units import quantity
 from ddgcli.simulation.effects import Effect
@@ -25,7 +25,7 @@ class ViscositySection(Section):
     object: str | None = Field(None, description="fluid; by default all")
 
 
-def build(parameters: ViscositySection, context: FluidContext) -> list[Declared]:
+def build(parameters: ViscositySection, context: FluidContext) -> list[PhaseRequest]:
     if parameters.nu == 0:
         return []
 
@@ -40,9 +40,9 @@ def build(parameters: ViscositySection, context: FluidContext) -> list[Declared]
                 f"kind {kind} on a surface with boundary needs boundary no-slip; with free slip there is "
                 "kind hodge"
             )
-        return Diffusion(VelocityDiffusion(space, nu, kind, setting.wall_circulation))
+        return Diffusion(VelocityDiffusion(space, nu, kind, setting.wall_circulation, setting.slip))
 
-    return [Declared(make)]
+    return [PhaseRequest(make)]
 
 
 EFFECT = Effect(

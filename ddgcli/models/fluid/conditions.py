@@ -1,0 +1,219 @@
+"""Boundary conditions of a surface flow, assembled from all sections of the effect `boundary`.
+
+The flux through boundary sides fixes the stream function along every boundary loop. Along a natural outflow
+it stays free: the tangential velocity vanishes there and the pressure is constant.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ddgcli.mesh.scatter import sum_by_index
+from ddgcli.mesh.topology import NEXT
+from ddgcli.models.fluid.context import FluidContext
+from ddgcli.models.fluid.parts import BoundaryPart
+from ddgcli.scenes.expressions import evaluate
+
+log = logging.getLogger("ddgcli")
+
+FLUX_TOLERANCE = 1e-9  # net flux through a loop over its absolute flux that counts as quadrature error
+GAUSS_POINTS, GAUSS_WEIGHTS = np.polynomial.legendre.leggauss(3)
+
+
+@dataclass(frozen=True, eq=False)
+class BoundaryConditions:
+    """What the discrete flow meets at the boundary.
+
+    Parameters
+    ----------
+    no_slip : bool
+        Whether any vertex has a prescribed tangential velocity.
+    boundary_values : (n,) ndarray, or None
+        Stream function on the boundary vertices; None where nothing crosses the boundary.
+    open_vertices : (n,) ndarray of bool, or None
+        Vertices inside a natural outflow.
+    open_sides : (s, 2) ndarray of int64
+        Tail and head of the sides of natural outflows, the surface on the left.
+    wall_circulation : (n,) ndarray
+        What boundary sides with a prescribed velocity add to the circulation around their vertices' cells.
+    slip : (n,) ndarray of bool
+        Vertices of free-slip walls alone: the vorticity vanishes there.
+    """
+
+    no_slip: bool
+    boundary_values: NDArray[np.float64] | None
+    open_vertices: NDArray[np.bool_] | None
+    open_sides: NDArray[np.int64]
+    wall_circulation: NDArray[np.float64]
+    slip: NDArray[np.bool_]
+
+    @property
+    def is_open(self) -> bool:
+        return self.boundary_values is not None
+
+
+def boundary_conditions(context: FluidContext, parts: Sequence[BoundaryPart]) -> BoundaryConditions:
+    """Conditions of every boundary side: the first part that holds there, or a wall at rest.
+
+    A side that no part covers is a no-slip wall where any part is other than free-slip.
+
+    Raises
+    ------
+    ValueError
+        When the flux through a loop does not balance, an inflow has no outflow, or natural outflows cannot
+        be told apart.
+    """
+    mesh = context.mesh
+    n, topology = mesh.n_vertices, mesh.topology
+    face, k = np.nonzero(topology.side_twin < 0)
+    tail, head = mesh.faces[face, k], mesh.faces[face, NEXT[k]]
+    side = context.unwrapped(context.points[head] - context.points[tail])
+    owner = _owners(context, parts, tail, head, side)
+    kind = np.array([part.kind for part in parts] + [_rest(parts)])[owner]
+    velocity = _velocities(context, parts, owner, tail, side)
+    along = 0.5 * np.einsum("ijk,ik,j->i", velocity, side, 0.5 * GAUSS_WEIGHTS)
+    moving = [i for i, part in enumerate(parts) if part.kind in ("no-slip", "wall") and part.velocity]
+    if moving and not along[np.isin(owner, moving)].any():
+        log.warning("no part of the wall moves along itself: velocity or where is 0 at every boundary side")
+    circulation = sum_by_index(np.concatenate([tail, head]), np.tile(along, 2), n)
+    friction = np.zeros(n, dtype=bool)
+    friction[tail[kind != "free-slip"]] = friction[head[kind != "free-slip"]] = True
+    slip = topology.boundary_vertex & ~friction
+    values, open_vertices, natural = None, None, np.zeros(len(tail), dtype=bool)
+    if np.isin(kind, ("inflow", "outflow")).any() or any(part.kind == "inflow" for part in parts):
+        _require_outflow(parts)
+        flux = _outward_flux(context, parts, owner, kind, velocity, side, face)
+        natural = _natural(parts, owner)
+        values, open_vertices = _stream_function(n, tail, head, flux, natural)
+    sides = np.stack([tail, head], axis=1)[natural]
+    return BoundaryConditions(bool(friction.any()), values, open_vertices, sides, circulation, slip)
+
+
+def _rest(parts: Sequence[BoundaryPart]) -> str:
+    return "no-slip" if any(part.kind != "free-slip" for part in parts) else "free-slip"
+
+
+def _owners(
+    context: FluidContext, parts: Sequence[BoundaryPart], tail: NDArray, head: NDArray, side: NDArray
+) -> NDArray[np.int64]:
+    """(s,) number of the part of every boundary side, len(parts) for the rest."""
+    place = dict(zip("xyz", (context.points[tail] + 0.5 * side).T))
+    owner = np.full(len(tail), len(parts), dtype=np.int64)
+    for i, part in reversed(list(enumerate(parts))):
+        covered = np.ones(len(tail), dtype=bool)
+        if part.where is not None:
+            covered &= evaluate(part.where, place) != 0
+        if part.obstacle is not None:
+            marked = context.obstacles[part.obstacle]
+            covered &= marked[tail] & marked[head]
+        owner[covered] = i
+    for i, part in enumerate(parts):
+        if part.kind in ("inflow", "outflow") and not (owner == i).any():
+            raise ValueError(f"{part.kind}: no boundary side lies where {part.where!r} holds; check `where`")
+    return owner
+
+
+def _velocities(
+    context: FluidContext, parts: Sequence[BoundaryPart], owner: NDArray, tail: NDArray, side: NDArray
+) -> NDArray[np.float64]:
+    """(s, 3, 3) prescribed velocities at the Gauss points of every boundary side, 0 where there is none."""
+    velocity = np.zeros((len(tail), 3, 3))
+    for i, part in enumerate(parts):
+        own = np.flatnonzero(owner == i)
+        if part.velocity is None or not len(own):
+            continue
+        for j, t in enumerate(0.5 + 0.5 * GAUSS_POINTS):
+            place = dict(zip("xyz", (context.points[tail[own]] + t * side[own]).T))
+            velocity[own, j] = np.stack([evaluate(text, place) for text in part.velocity], axis=1)
+    return velocity
+
+
+def _require_outflow(parts: Sequence[BoundaryPart]) -> None:
+    kinds = {part.kind for part in parts}
+    if "inflow" in kinds and "outflow" not in kinds:
+        raise ValueError('inflow without outflow: add [[effects.boundary]] with kind = "outflow"')
+
+
+def _natural(parts: Sequence[BoundaryPart], owner: NDArray) -> NDArray[np.bool_]:
+    """(s,) sides of outflows without a prescribed flux."""
+    free = [part.kind == "outflow" and part.velocity is None and part.flux is None for part in parts]
+    return np.array([*free, False])[owner]
+
+
+def _outward_flux(
+    context: FluidContext,
+    parts: Sequence[BoundaryPart],
+    owner: NDArray,
+    kind: NDArray,
+    velocity: NDArray,
+    side: NDArray,
+    face: NDArray,
+) -> NDArray[np.float64]:
+    """(s,) prescribed flux out of every boundary side; 0 on walls and natural outflows."""
+    corner = context.points[context.mesh.faces[face]]
+    first, second = (
+        context.unwrapped(corner[:, 1] - corner[:, 0]),
+        context.unwrapped(corner[:, 2] - corner[:, 0]),
+    )
+    normal = np.cross(first, second)
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    outward = np.cross(side, normal)  # of the length of the side
+    flux = np.einsum("ijk,ik,j->i", velocity, outward, 0.5 * GAUSS_WEIGHTS)
+    flux[~np.isin(kind, ("inflow", "outflow"))] = 0.0
+    length = np.linalg.norm(side, axis=1)
+    for i, part in enumerate(parts):
+        own = owner == i
+        if part.flux is not None:
+            flux[own] = part.flux * length[own] / length[own].sum()
+        if part.kind == "inflow" and not flux[own].sum() < 0:
+            raise ValueError(f"inflow: velocity {part.velocity} brings no fluid in; turn it round")
+    return flux
+
+
+def _stream_function(
+    n: int, tail: NDArray, head: NDArray, flux: NDArray, natural: NDArray
+) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    """Stream function (n,) on the boundary vertices, and the vertices (n,) inside natural outflows."""
+    values, free = np.zeros(n), np.zeros(n, dtype=bool)
+    leaving = np.full(n, -1, dtype=np.int64)  # the boundary side that leaves a vertex
+    leaving[tail] = np.arange(len(tail))
+    seen = np.zeros(len(tail), dtype=bool)
+    free[head[natural & natural[leaving[head]]]] = True
+    ends = np.flatnonzero(natural & ~natural[leaving[head]])  # last sides of natural outflows
+    for start in [*leaving[head[ends]].tolist(), *range(len(tail))]:
+        if seen[start]:
+            continue
+        loop = [start]
+        while (following := int(leaving[head[loop[-1]]])) != start:
+            loop.append(following)
+        seen[loop] = True
+        _refuse_imbalance(tail[loop], flux[loop], natural[loop])
+        share = np.where(natural[loop], 0.0, np.abs(flux[loop]))
+        excess = 0.0 if natural[loop].any() or not share.any() else float(flux[loop].sum() / share.sum())
+        values[head[loop]] = np.cumsum(np.where(natural[loop], 0.0, flux[loop] - excess * share))
+        last = int(np.flatnonzero(~natural[loop])[-1])
+        values[tail[loop[0]]] = 0.0 if last < len(loop) - 1 else values[head[loop[last]]]
+    return np.where(free, 0.0, values), free
+
+
+def _refuse_imbalance(loop: NDArray, flux: NDArray, natural: NDArray) -> None:
+    segments = int(np.sum(natural & ~np.roll(natural, 1)))
+    if segments > 1:
+        raise ValueError(
+            f"{segments} natural outflows on one boundary loop: their shares are unknown; prescribe "
+            "`flux` of all but one"
+        )
+    if natural.all():
+        raise ValueError("the whole boundary loop is a natural outflow; prescribe its flux or velocity")
+    excess, whole = float(flux.sum()), float(np.abs(flux).sum())
+    if not natural.any() and abs(excess) > FLUX_TOLERANCE * whole:
+        more, less = ("out", "in") if excess > 0 else ("in", "out")
+        raise ValueError(
+            f"{abs(excess):.6g} m^2/s more flow {more} than {less} through the boundary loop of "
+            f"vertex {loop[0]}; balance the fluxes, or leave velocity and flux out of an outflow there"
+        )

@@ -1,0 +1,212 @@
+"""Obstacles cut out of a fluid's surface: faces inside are removed, and flat meshes fit the outline.
+
+Before the cut, the nearer end of every edge that crosses the outline moves onto it, so that the boundary is a
+polygon on the outline instead of stairs; its neighbours are smoothed as long as the worst angle improves.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ddgcli.errors import MeshError
+from ddgcli.geometry.intrinsic import corner_angle
+from ddgcli.mesh.intrinsic_mesh import IntrinsicMesh
+from ddgcli.mesh.topology import NEXT, Topology
+from ddgcli.mesh.triangle_mesh import TriangleMesh
+from ddgcli.models.fluid.context import FluidContext
+
+SMOOTHING_PASSES = 12
+PROJECTION_STEPS = 4
+MIN_SEPARATION = 0.5  # of two vertices on the outline, over the edge between them before
+DIFFERENCE_STEP = 1e-6  # of the fluid's size, for the slope of a signed distance
+WINDING_CHUNK = 4_000_000  # pairs of points and faces at a time
+SignedDistance = Callable[[NDArray], NDArray[np.float64]]
+
+
+def signed_distance(section: Any, read: Callable[[str], Any]) -> tuple[SignedDistance, bool]:
+    """Distance function of an obstacle, negative inside; whether its size is a length."""
+    shift = np.array(section.position)
+    if section.sphere is not None:
+        centre, radius = np.array(section.sphere.center) + shift, section.sphere.radius
+        return lambda x: np.linalg.norm(x - centre, axis=1) - radius, True
+    if section.box is not None:
+        half = 0.5 * np.array(section.box.size)
+        middle = np.array(section.box.corner) + half + shift
+        return lambda x: _box_distance(np.abs(x - middle) - half), True
+    if section.cylinder is not None:
+        start, end = np.array(section.cylinder.start) + shift, np.array(section.cylinder.end) + shift
+        return lambda x: _cylinder_distance(x, start, end, section.cylinder.radius), True
+    mesh = read(section.mesh).mesh
+    if not isinstance(mesh, TriangleMesh) or not mesh.topology.is_closed:
+        raise MeshError(f"{section.mesh}: an obstacle must be a closed surface; fill its holes")
+    triangles = mesh.points[mesh.faces] + shift
+    return lambda x: np.where(np.abs(winding_number(triangles, x)) > 0.5, -1.0, 1.0), False
+
+
+def _box_distance(beyond: NDArray) -> NDArray[np.float64]:
+    outside = np.linalg.norm(np.maximum(beyond, 0.0), axis=1)
+    return outside + np.minimum(beyond.max(axis=1), 0.0)
+
+
+def _cylinder_distance(x: NDArray, start: NDArray, end: NDArray, radius: float) -> NDArray[np.float64]:
+    axis = end - start
+    length = float(np.linalg.norm(axis))
+    along = (x - start) @ (axis / length)
+    across = np.linalg.norm(x - start - along[:, None] * (axis / length), axis=1)
+    return _box_distance(np.stack([across - radius, np.abs(along - 0.5 * length) - 0.5 * length], axis=1))
+
+
+def winding_number(triangles: NDArray, points: NDArray) -> NDArray[np.float64]:
+    """(k,) winding number of triangles (m, 3, 3) about points (k, 3).
+
+    A. van Oosterom and J. Strackee, "The solid angle of a plane triangle", 1983.
+    """
+    total = np.zeros(len(points))
+    rows = max(1, WINDING_CHUNK // max(len(triangles), 1))
+    for first in range(0, len(points), rows):
+        a, b, c = (triangles[None, :, k] - points[first : first + rows, None] for k in range(3))
+        la, lb, lc = (np.linalg.norm(v, axis=2) for v in (a, b, c))
+        volume = np.einsum("ijk,ijk->ij", a, np.cross(b, c))
+        dots = (
+            la * lb * lc
+            + np.einsum("ijk,ijk->ij", a, b) * lc
+            + np.einsum("ijk,ijk->ij", b, c) * la
+            + np.einsum("ijk,ijk->ij", c, a) * lb
+        )
+        total[first : first + rows] = np.arctan2(volume, dots).sum(axis=1) / (2.0 * np.pi)
+    return total
+
+
+def without_obstacles(
+    context: FluidContext, obstacles: Sequence[tuple[str, SignedDistance, bool]]
+) -> FluidContext:
+    """The fluid's context with every obstacle cut out of its surface.
+
+    Parameters
+    ----------
+    context : FluidContext
+    obstacles : sequence of (name, signed distance, whether it is a length)
+
+    Raises
+    ------
+    ValueError
+        When an obstacle cuts no face, or nothing is left.
+    """
+    points, faces = np.array(context.points), context.mesh.faces
+    sides = np.zeros((len(obstacles), len(points)))
+    for k, (name, distance, smooth) in enumerate(obstacles):
+        at = distance(points)
+        if smooth and np.ptp(points[:, 2]) == 0:
+            points, at = _fitted(context, points, at, distance)
+        sides[k] = at
+        if not _inside(context, points, faces, at, distance).any():
+            raise ValueError(
+                f"obstacle {name!r} cuts no face of {context.name!r}; move it, or refine the mesh"
+            )
+    removed = np.stack([_inside(context, points, faces, at, d) for at, (_, d, _) in zip(sides, obstacles)])
+    kept = ~removed.any(axis=0)
+    if not kept.any():
+        raise ValueError(f"the obstacles leave nothing of {context.name!r}")
+    used = np.zeros(len(points), dtype=bool)
+    used[faces[kept]] = True
+    marks = {}
+    for (name, _, _), cut in zip(obstacles, removed):
+        touched = np.zeros(len(points), dtype=bool)
+        touched[faces[cut]] = True
+        marks[name] = touched[used]
+    number = np.cumsum(used) - 1
+    return FluidContext(
+        context.name, _mesh(context, points[used], number[faces[kept]]),
+        {name: values[used] for name, values in context.vertex.items()},
+        {name: values[kept] for name, values in context.face.items()},
+        context.period, context.load, marks,
+    )  # fmt: skip
+
+
+def _mesh(context: FluidContext, points: NDArray, faces: NDArray) -> Any:
+    if isinstance(context.mesh, TriangleMesh):
+        return TriangleMesh.from_arrays(points, faces)
+    return IntrinsicMesh(Topology(faces, len(points)), _side_length(context, points, faces), points)
+
+
+def _side_length(context: FluidContext, points: NDArray, faces: NDArray) -> NDArray[np.float64]:
+    side = context.unwrapped(points[faces[:, NEXT]] - points[faces])
+    return np.linalg.norm(side, axis=2)
+
+
+def _inside(
+    context: FluidContext, points: NDArray, faces: NDArray, at: NDArray, distance: SignedDistance
+) -> NDArray[np.bool_]:
+    """(m,) faces inside: by their corners, or by their centre where these disagree."""
+    corner = at[faces]
+    low, high = corner.min(axis=1) < 0, corner.max(axis=1) > 0
+    first = points[faces[:, 0]]
+    apart = context.unwrapped(points[faces] - first[:, None])
+    centre = distance(first + apart.mean(axis=1)) < 0
+    return np.where(low != high, low, centre)
+
+
+def _fitted(
+    context: FluidContext, points: NDArray, at: NDArray, distance: SignedDistance
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Points with the outline's nearest vertices on it, and their signed distances, 0 there."""
+    topology = context.mesh.topology
+    edges = topology.edges[at[topology.edges].prod(axis=1) < 0]
+    candidates = np.unique(edges)
+    candidates = candidates[~topology.boundary_vertex[candidates]]
+    on_outline = np.zeros(len(points), dtype=bool)
+    moved = np.array(points)
+    moved[candidates] = _projected(points, candidates, distance)
+    for v in candidates[np.argsort(np.abs(at[candidates]), kind="stable")]:
+        across = edges[(edges == v).any(axis=1)].sum(axis=1) - v  # ends of the crossing edges of v
+        done = across[on_outline[across]]
+        reach = np.linalg.norm(points[done] - points[v], axis=1)
+        apart = np.linalg.norm(moved[done] - moved[v], axis=1)
+        on_outline[v] = len(done) < len(across) and bool((apart > MIN_SEPARATION * reach).all())
+    moved[~on_outline] = points[~on_outline]
+    at = np.where(on_outline, 0.0, at)
+    return _smoothed(context, moved, on_outline | topology.boundary_vertex, at), at
+
+
+def _projected(points: NDArray, chosen: NDArray, distance: SignedDistance) -> NDArray[np.float64]:
+    """Points of the outline nearest to the chosen vertices, in the plane of the mesh."""
+    step = DIFFERENCE_STEP * float(np.ptp(points, axis=0).max())
+    x = points[chosen]
+    for _ in range(PROJECTION_STEPS):
+        slope = np.stack([distance(x + step * e) - distance(x - step * e) for e in np.eye(3)[:2]], axis=1)
+        slope /= 2.0 * step
+        size = np.maximum(np.einsum("ij,ij->i", slope, slope), 1e-12)
+        x = x - np.pad((distance(x) / size)[:, None] * slope, ((0, 0), (0, 1)))
+    return x
+
+
+def _smoothed(context: FluidContext, points: NDArray, fixed: NDArray, at: NDArray) -> NDArray[np.float64]:
+    """Free vertices near the outline moved towards the mean of their neighbours."""
+    topology, faces = context.mesh.topology, context.mesh.faces
+    a, b = topology.edges.T
+    near = at == 0
+    for _ in range(3):
+        near = near.copy()
+        touched = near[a] | near[b]
+        near[a[touched]] = near[b[touched]] = True
+    free = near & ~fixed
+    count = np.bincount(topology.edges.ravel(), minlength=len(points))
+    outside = (at[faces] >= 0).all(axis=1) & near[faces].any(axis=1)
+
+    def worst(x: NDArray) -> float:
+        angle = corner_angle(_side_length(context, x, faces[outside]))
+        return float(angle.min(initial=np.pi)) if np.isfinite(angle).all() else 0.0
+
+    best = worst(points)
+    for _ in range(SMOOTHING_PASSES):
+        apart = context.unwrapped(points[b] - points[a])
+        mean = np.stack([np.bincount(a, w, len(points)) - np.bincount(b, w, len(points)) for w in apart.T], 1)
+        tried = np.where(free[:, None], points + 0.5 * mean / np.maximum(count, 1)[:, None], points)
+        if not worst(tried) > best:
+            break
+        points, best = tried, worst(tried)
+    return points
