@@ -12,7 +12,7 @@ DDGCLI ?= $(BIN)/ddgcli
 CURVATURE_OPTIONS ?=
 
 .DEFAULT_GOAL := help
-.PHONY: help demo pipeline test test-all lint fmt bench accuracy accuracy-check samples kernels fuzz clean
+.PHONY: help demo pipeline test test-all lint fmt bench accuracy accuracy-check samples kernels fuzz hardcases hardcases-peers clean
 
 help:  ## this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):[^#]*## /\1\t/' | expand -t 18
@@ -83,6 +83,13 @@ accuracy-check: $(STAMP_TEST)  ## rerun the atlas's small meshes; fails if an er
 
 kernels: $(STAMP_TEST)  ## results under OpenBLAS's Haswell, Sandybridge, SkylakeX kernels and without AVX agree
 	$(BIN)/python -m benchmarks.kernels
+
+HARDCASES = nice $(BIN)/python -m benchmarks.hardcases
+hardcases: $(STAMP_TEST)  ## every command on the hard cases: docs/hard-cases.md; ONLY=FAMILY, MISSING=1 (an hour)
+	$(HARDCASES).run $(if $(ONLY),--only "$(ONLY)") $(if $(MISSING),--missing)
+
+hardcases-peers: $(STAMP_TEST)  ## the peers on the same meshes; ONLY=FAMILY, MISSING=1
+	$(HARDCASES).peers $(if $(ONLY),--only "$(ONLY)") $(if $(MISSING),--missing)
 
 SECONDS ?= 60
 

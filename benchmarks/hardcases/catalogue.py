@@ -131,7 +131,7 @@ QUICK = {
 
 def pushed_cases() -> list[Case]:
     """The generated families, parameter by parameter."""
-    found = []
+    cases = []
     for family, (make, parameters, expected) in PUSHED.items():
         for value in parameters:
             truths = dict(expected)
@@ -139,7 +139,7 @@ def pushed_cases() -> list[Case]:
                 truths["betti_numbers"] = (1, 2 * int(value), 1)
             if family in ("tetrahedra", "triangles"):
                 truths["betti_numbers"] = (int(value), 0, int(value) if family == "tetrahedra" else 0)
-            found.append(
+            cases.append(
                 Case(
                     f"{family} {value:g}",
                     family,
@@ -150,7 +150,7 @@ def pushed_cases() -> list[Case]:
                     quick=QUICK.get((family, value), ()),
                 )
             )
-    return found
+    return cases
 
 
 def ordinary_cases() -> list[Case]:
@@ -264,7 +264,7 @@ def shared_cases() -> list[Case]:
         if p.is_file() and p.suffix not in (".md", ".py") and p.stat().st_size < MAX_REAL_BYTES
     ]
     return cases + [
-        Case(path.name, family, path=path, calls=default_calls())
+        Case(f"{family}/{path.name}", family, path=path, calls=default_calls())
         for family, paths in (("voxel", voxel), ("real meshes", real))
         for path in paths
     ]

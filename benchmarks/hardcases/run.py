@@ -1,13 +1,15 @@
 """Run the hard-case catalogue: each command in a subprocess, as a user starts it, with limits.
 
-`python -m benchmarks.hardcases.run [--only FAMILY] [--command NAME] [--missing] [--quick] [--page]`
-Verdicts go to `results.json` beside this file after every case; `--page` writes docs/hard-cases.md from it.
+`python -m benchmarks.hardcases.run [--only FAMILY] [--command NAME] [--missing] [--preloaded]`;
+`--quick` runs a few cells and stores nothing. Verdicts go to `results.json` after every case;
+`--page` only writes docs/hard-cases.md from it.
 Exit 1 where a cell is wrong.
 """
 
 from __future__ import annotations
 
 import argparse
+import importlib
 import json
 import os
 import resource
@@ -16,6 +18,7 @@ import subprocess
 import sys
 import tempfile
 import time
+import traceback
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -26,6 +29,7 @@ from numpy.typing import NDArray
 from benchmarks.hardcases.catalogue import ROOT, Call, Case, catalogue
 from benchmarks.hardcases.judge import WRONG, Outcome, Verdict, judge
 from benchmarks.hardcases.meshes import truths_of
+from ddgcli.cli import main as program
 
 RESULTS = Path(__file__).parent / "results.json"
 CPU_SECONDS = 120  # of a command and its children
@@ -41,32 +45,77 @@ def _limits() -> None:
     resource.setrlimit(resource.RLIMIT_AS, (3 * PEAK_MIB << 20, 3 * PEAK_MIB << 20))
 
 
-def run_process(words: list[str], folder: Path) -> Outcome:
-    """Run a process within the limits of processor time, clock and memory."""
+def run_process(words: list[str], folder: Path, preloaded: bool = False) -> Outcome:
+    """Run a process within the limits of processor time, clock and memory.
+
+    Parameters
+    ----------
+    words : list of str
+        The command line.
+    folder : Path
+        Working folder, where the streams are kept.
+    preloaded : bool
+        Fork this process instead of starting Python: words after `python -m ddgcli` run in the child.
+    """
     environment = os.environ | {"PYTHONPATH": str(ROOT)}
     began = time.monotonic()
     with open(folder / "stdout", "w+b") as out, open(folder / "stderr", "w+b") as error:
-        child = subprocess.Popen(
-            words, stdin=subprocess.DEVNULL, stdout=out, stderr=error, cwd=folder, env=environment,
-            preexec_fn=_limits, start_new_session=True,
-        )  # fmt: skip
-        status, usage = _wait(child.pid, began + WALL_FACTOR * CPU_SECONDS)
-        child.returncode = os.waitstatus_to_exitcode(status)
+        if preloaded:
+            pid = _fork(words[3:], folder, out.fileno(), error.fileno())
+        else:
+            child = subprocess.Popen(
+                words, stdin=subprocess.DEVNULL, stdout=out, stderr=error, cwd=folder, env=environment,
+                preexec_fn=_limits, start_new_session=True,
+            )  # fmt: skip
+            pid = child.pid
+        status, usage = _wait(pid, began + WALL_FACTOR * CPU_SECONDS)
+        code = os.waitstatus_to_exitcode(status)
+        if not preloaded:
+            child.returncode = code  # reaped by wait4
         out.seek(0)
         error.seek(0)
         stdout, stderr = (f.read().decode("utf-8", "replace") for f in (out, error))
     seconds, peak = usage.ru_utime + usage.ru_stime, usage.ru_maxrss / 1024
     over = "memory" if peak > PEAK_MIB else ""
-    if child.returncode in (-signal.SIGXCPU, -signal.SIGKILL):
+    if code in (-signal.SIGXCPU, -signal.SIGKILL):
         over = "time"
-    return Outcome(child.returncode, stdout, stderr, seconds, peak, over)
+    return Outcome(code, stdout, stderr, seconds, peak, over)
+
+
+def preload() -> None:
+    """Import the modules of every command, so that forked runs need not."""
+    for module, _ in program.COMMANDS.values():
+        importlib.import_module(f"ddgcli.cli.commands.{module}")
+
+
+def _fork(words: list[str], folder: Path, out: int, error: int) -> int:
+    """Run the program on these words in a forked child with the same limits; its process number."""
+    pid = os.fork()
+    if pid:
+        return pid
+    code = 1
+    try:
+        os.setsid()
+        _limits()
+        for source, target in ((os.open(os.devnull, os.O_RDONLY), 0), (out, 1), (error, 2)):
+            os.dup2(source, target)
+        os.chdir(folder)
+        program.main(words, prog_name="python -m ddgcli")
+    except SystemExit as end:
+        code = end.code if isinstance(end.code, int) else int(end.code is not None)
+    except BaseException:
+        traceback.print_exc()
+    finally:
+        for stream in (sys.stdout, sys.stderr):
+            stream.flush()
+        os._exit(code)
 
 
 def _wait(pid: int, deadline: float) -> tuple[int, resource.struct_rusage]:
     """Wait for one child, its whole process group killed at the deadline."""
     while True:
-        found, status, usage = os.wait4(pid, os.WNOHANG)
-        if found:
+        ended, status, usage = os.wait4(pid, os.WNOHANG)
+        if ended:
             return status, usage
         if time.monotonic() > deadline:
             os.killpg(pid, signal.SIGKILL)
@@ -95,7 +144,7 @@ def prepare(case: Case, folder: Path) -> tuple[Path | None, Any, Any, dict[str, 
     return path, points, faces, counted | expected
 
 
-def run_call(call: Call, path: Path | None, folder: Path) -> Outcome:
+def run_call(call: Call, path: Path | None, folder: Path, preloaded: bool = False) -> Outcome:
     """Run one call of the program in a folder of its own."""
     places = {"{input}": str(path), "{output}": str(folder / "output.npz")}
     words = [places.get(word, word).replace("{folder}", str(folder)) for word in call]
@@ -103,20 +152,20 @@ def run_call(call: Call, path: Path | None, folder: Path) -> Outcome:
         words.insert(1, "--json")
     else:
         words.append("--json")
-    return run_process([sys.executable, "-m", "ddgcli", *words], folder)
+    return run_process([sys.executable, "-m", "ddgcli", *words], folder, preloaded)
 
 
-def run_cell(case: Case, command: str) -> tuple[Verdict, Outcome]:
+def run_cell(case: Case, command: str, preloaded: bool = False) -> tuple[Verdict, Outcome]:
     """Verdict on one command of one case."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         path, points, faces, expected = prepare(case, folder)
         *preparing, judged = case.calls[command]
         for call in preparing:
-            outcome = run_call(call, path, folder)
+            outcome = run_call(call, path, folder, preloaded)
             if outcome.exit_code:
                 return judge("", outcome), outcome
-        outcome = run_call(judged, path, folder)
+        outcome = run_call(judged, path, folder, preloaded)
         outcome.arrays = read_arrays(folder / "output.npz")
     return judge(command, outcome, points, faces, expected, case.checks), outcome
 
@@ -144,7 +193,13 @@ def cell_record(verdict: Verdict, outcome: Outcome) -> dict[str, Any]:
     }
 
 
-def run_catalogue(cases: list[Case], commands: list[str], results: Results, missing: bool = False) -> None:
+def run_catalogue(
+    cases: list[Case],
+    commands: list[str],
+    results: Results,
+    missing: bool = False,
+    preloaded: bool = False,
+) -> None:
     """Run cells into `results`, one line a cell on standard error.
 
     Parameters
@@ -157,13 +212,15 @@ def run_catalogue(cases: list[Case], commands: list[str], results: Results, miss
         Changed in place and stored after every case.
     missing : bool
         Run only the cells that no earlier run has filled.
+    preloaded : bool
+        Fork instead of starting Python anew (see `run_process`).
     """
     for case in cases:
         row = results.setdefault(case.name, {})
         for command in case.calls:
             if (commands and command not in commands) or (missing and command in row):
                 continue
-            verdict, outcome = run_cell(case, command)
+            verdict, outcome = run_cell(case, command, preloaded)
             row[command] = cell_record(verdict, outcome)
             print(f"{case.name} | {command}: {verdict.kind} {outcome.seconds:.1f} s {verdict.note}",
                   file=sys.stderr, flush=True)  # fmt: skip
@@ -192,6 +249,7 @@ def main(words: list[str]) -> int:
     parser.add_argument("--only", action="append", default=[], help="family or case; repeatable")
     parser.add_argument("--command", action="append", default=[], help="column; repeatable")
     parser.add_argument("--missing", action="store_true", help="only cells that no run has filled")
+    parser.add_argument("--preloaded", action="store_true", help="fork instead of starting Python anew")
     parser.add_argument("--quick", action="store_true", help="a few cells, not stored")
     parser.add_argument("--page", action="store_true", help="only write the page from the stored results")
     options = parser.parse_args(words)
@@ -200,7 +258,15 @@ def main(words: list[str]) -> int:
     else:
         results = stored_results()
         if not options.page:
-            run_catalogue(chosen_cases(options.only, False), options.command, results, options.missing)
+            if options.preloaded:
+                preload()
+            run_catalogue(
+                chosen_cases(options.only, False),
+                options.command,
+                results,
+                options.missing,
+                options.preloaded,
+            )
         from benchmarks.hardcases.page import write_page
 
         write_page(results)
