@@ -13,7 +13,8 @@ DDGCLI ?= $(BIN)/ddgcli
 CURVATURE_OPTIONS ?=
 
 .DEFAULT_GOAL := help
-.PHONY: help demo pipeline test test-all lint fmt bench accuracy accuracy-check samples kernels fuzz mutants bench-page docs clean
+.PHONY: help demo pipeline test test-all lint fmt bench accuracy accuracy-check samples kernels fuzz mutants bench-page \
+  docs hardcases hardcases-peers clean
 
 help:  ## this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):[^#]*## /\1\t/' | expand -t 18
@@ -95,6 +96,13 @@ docs: $(STAMP_DOCS)  ## build the site into build/site (warnings are errors); ma
 
 mutants: $(STAMP_TEST)  ## thirty deliberate one-line faults in a copy; each must fail its test; NAME=... for some
 	OMP_NUM_THREADS=1 $(BIN)/python -m benchmarks.mutants $(NAME)
+
+HARDCASES = nice $(BIN)/python -m benchmarks.hardcases
+hardcases: $(STAMP_TEST)  ## every command on the hard cases: docs/hard-cases.md; ONLY=FAMILY, MISSING=1 (an hour)
+	$(HARDCASES).run $(if $(ONLY),--only "$(ONLY)") $(if $(MISSING),--missing)
+
+hardcases-peers: $(STAMP_TEST)  ## the peers on the same meshes; ONLY=FAMILY, MISSING=1
+	$(HARDCASES).peers $(if $(ONLY),--only "$(ONLY)") $(if $(MISSING),--missing)
 
 SECONDS ?= 60
 

@@ -1,0 +1,275 @@
+"""Catalogue of hard cases: what each command is run on, and what is known of the answer.
+
+A case is a mesh (or none) and the calls of the commands on it. `{input}`, `{output}` and `{folder}` in a call
+stand for the mesh file, an output file and a folder of the run. Preparing calls come before the judged one.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+
+from benchmarks.hardcases import meshes
+from benchmarks.hardcases.meshes import Arrays
+from ddgcli.cli.main import COMMANDS
+
+ROOT = Path(__file__).parents[2]
+SAMPLES = ROOT / "sample_meshes"
+SHARED = Path(os.environ.get("DDGCLI_SHARED_MESHES", ROOT.parent / "shared" / "meshes"))
+MAX_REAL_BYTES = 400_000  # larger real meshes take minutes a command on a slow machine
+
+Call = tuple[str, ...]
+Calls = tuple[Call, ...]
+
+SHELL = ("shell-sim", "{input}", "--effect", "stretching", "--effect", "bending")
+SHORT_RUN = ("--steps", "2", "--dt", "1e-3")
+
+# the default call of every command; the last one is judged
+CALLS: dict[str, Calls] = {
+    "info": (("info", "{input}"),),
+    "repair": (("repair", "{input}", "--drop-degenerate", "--drop-unused", "-o", "{output}"),),
+    "curvature": (("curvature", "{input}", "-o", "{output}"),),
+    "delaunay": (("delaunay", "{input}"),),
+    "laplacian": (("laplacian", "{input}", "--eigen", "3"),),
+    "dec": (("dec", "{input}", "-o", "{output}"),),
+    "hodge": (("hodge", "{input}"),),
+    "geodesic": (("geodesic", "{input}", "--source", "0", "-o", "{output}"),),
+    "shell-sim": ((*SHELL, *SHORT_RUN, "-o", "{output}"),),
+    "fluid-sim": (("fluid-sim", "{input}", *SHORT_RUN),),
+    "willmore-flow": (("willmore-flow", "{input}", "--steps", "2", "-o", "{output}"),),
+    "tradeoff": (("tradeoff", "laplacian", "{input}", "--eigen", "3", "--budget", "60"),),
+    "frames": (
+        (*SHELL, *SHORT_RUN, "-o", "{folder}/run.vtkhdf"),
+        ("frames", "{folder}/run.vtkhdf", "--at", "0", "-o", "{output}"),
+    ),
+    "batch": (("batch", "{input}", "--table", "{folder}/table.jsonl", "--", "info"),),
+    "examples": (("examples", "{folder}/examples"),),
+    "check": (
+        ("check", "{folder}/expected.json", "--update", "--", "info", "{input}"),
+        ("check", "{folder}/expected.json", "--", "info", "{input}"),
+    ),
+}
+WITHOUT_MESH = ("examples",)
+WRAPPERS = ("tradeoff", "frames", "batch", "examples", "check")
+ON_A_MESH = tuple(name for name in COMMANDS if name not in WRAPPERS)
+
+
+@dataclass(frozen=True)
+class Case:
+    """One row of the table.
+
+    Parameters
+    ----------
+    name, family : str
+        The row and its group.
+    build : callable, optional
+        Makes (points, faces); or `path` names a file.
+    parameter : float, optional
+        Of a family that is pushed until it breaks.
+    calls : dict of str to calls
+        The commands of the row.
+    expected : dict
+        Truths that only the catalogue knows: `betti_numbers`, `known_distance`; of a file: `load`.
+    checks : tuple of str
+        Names of further checks (see `judge`).
+    quick : tuple of str
+        Commands of the short run.
+    """
+
+    name: str
+    family: str
+    build: Callable[[], Arrays] | None = None
+    path: Path | None = None
+    parameter: float | None = None
+    calls: dict[str, Calls] = field(default_factory=dict)
+    expected: dict = field(default_factory=dict)
+    checks: tuple[str, ...] = ()
+    quick: tuple[str, ...] = ()
+
+
+def default_calls(commands: tuple[str, ...] = ON_A_MESH) -> dict[str, Calls]:
+    """The default calls of these commands."""
+    return {name: CALLS[name] for name in commands}
+
+
+# family: (generator, parameters in the order in which it gets harder, truths, label)
+PUSHED: dict[str, tuple[Callable[[float], Arrays], tuple[float, ...], dict]] = {
+    "needles, aspect": (meshes.needles, (1e2, 1e4, 1e6, 1e8, 1e10, 1e12), {"betti_numbers": (1, 0, 0)}),
+    "caps, aspect": (meshes.caps, (1e2, 1e4, 1e6, 1e8, 1e10, 1e12), {"betti_numbers": (1, 0, 1)}),
+    "fan, valence": (
+        meshes.fan,
+        (1e2, 1e3, 1e4, 1e5),
+        {"betti_numbers": (1, 0, 0), "known_distance": (1, 1.0)},
+    ),
+    "scale, small 10^": (meshes.scaled_sphere, (-50, -100, -150), {"betti_numbers": (1, 0, 1)}),
+    "scale, large 10^": (meshes.scaled_sphere, (50, 100, 150), {"betti_numbers": (1, 0, 1)}),
+    "offset, diameters": (meshes.far_sphere, (1e4, 1e8, 1e12), {"betti_numbers": (1, 0, 1)}),
+    "hinge, radians": (
+        meshes.hinge,
+        (1e-12, 1e-8, 1.0, 3.14159, 3.14159265),
+        {"betti_numbers": (1, 0, 0)},
+    ),
+    "noise, edges": (meshes.noisy_sphere, (0.05, 0.2, 0.5, 1.0), {"betti_numbers": (1, 0, 1)}),
+    "tetrahedra": (meshes.tetrahedra, (30, 3e3, 1e5), {}),
+    "triangles": (meshes.triangles, (30, 3e3, 1e5), {}),
+    "soup, faces": (meshes.soup, (100, 2e4), {}),
+    "crossing faces": (meshes.voxel_soup, (10, 50, 200), {}),
+    "genus": (meshes.handles, (1, 30, 1000), {}),
+    "pinched squares": (meshes.pinched, (2, 50, 5000), {}),
+}
+QUICK = {
+    ("needles, aspect", 1e8): ("delaunay",),
+    ("scale, large 10^", 150): ("curvature",),
+    ("tetrahedra", 3e3): ("delaunay",),
+    ("genus", 30): ("hodge",),
+}
+
+
+def pushed_cases() -> list[Case]:
+    """The generated families, parameter by parameter."""
+    cases = []
+    for family, (make, parameters, expected) in PUSHED.items():
+        for value in parameters:
+            truths = dict(expected)
+            if family == "genus":
+                truths["betti_numbers"] = (1, 2 * int(value), 1)
+            if family in ("tetrahedra", "triangles"):
+                truths["betti_numbers"] = (int(value), 0, int(value) if family == "tetrahedra" else 0)
+            cases.append(
+                Case(
+                    f"{family} {value:g}",
+                    family,
+                    build=partial(make, value),
+                    parameter=value,
+                    calls=default_calls(),
+                    expected=truths,
+                    quick=QUICK.get((family, value), ()),
+                )
+            )
+    return cases
+
+
+def ordinary_cases() -> list[Case]:
+    """One element, rest, zero loads and fields, constant functions, empty selections; others' defects."""
+    triangle, square = meshes.one_triangle, meshes.square
+    shell = ("stretching", "bending")
+    effects = tuple(word for name in shell for word in ("--effect", name))
+
+    def one(name: str, build: Callable[[], Arrays], command: str, *words: str, **more) -> Case:
+        return Case(name, "ordinary", build, calls={command: ((command, "{input}", *words),)}, **more)
+
+    at_rest = [
+        one(f"at rest, {scheme}", square, "shell-sim", *effects, "--integrator", scheme, *SHORT_RUN,
+            "-o", "{output}")
+        for scheme in ("newmark", "implicit-euler", "implicit-midpoint", "symplectic-euler", "verlet", "bdf2")
+    ]  # fmt: skip
+    still = [
+        one(f"still fluid, {scheme}", partial(meshes.sphere, 2), "fluid-sim", "--vorticity", "0*x",
+            "--integrator", scheme, *SHORT_RUN)
+        for scheme in ("circulation", "conservative", "energy", "covector")
+    ]  # fmt: skip
+    return [
+        Case("one triangle", "ordinary", triangle, calls=default_calls(),
+             expected={"betti_numbers": (1, 0, 0), "known_distance": (1, 1.0)}, quick=("geodesic",)),
+        Case("triangle from its side", "ordinary", meshes.turned_triangle,
+             calls=default_calls(("geodesic",)), expected={"known_distance": (2, 2**0.5)}),
+        Case("kite of two triangles", "ordinary", meshes.kite, calls=default_calls(("geodesic",)),
+             expected={"known_distance": (2, 2.0)}),
+        one("zero gravity", square, "shell-sim", *effects, "--effect", "gravity acceleration=[0,0,0]",
+            *SHORT_RUN, "-o", "{output}", quick=("shell-sim",)),
+        one("zero load", square, "shell-sim", *effects, "--effect", "load force=[0,0,0] vertices=[0]",
+            *SHORT_RUN, "-o", "{output}"),
+        one("zero pressure", partial(meshes.sphere, 2), "shell-sim", *effects, "--effect", "pressure value=0",
+            *SHORT_RUN, "-o", "{output}"),
+        one("empty selection of pins", square, "shell-sim", *effects, "--effect", "pin vertices=[]",
+            *SHORT_RUN, "-o", "{output}"),
+        one("equal values at all fixed vertices", square, "laplacian", "--harmonic", "--fix", "0=2",
+            "--fix", "5=2", "-o", "{output}", checks=("constant_two",)),
+        one("smoothing for a tiny time", partial(meshes.sphere, 2), "laplacian", "--smooth", "1e-12",
+            "-o", "{output}", checks=("points_unchanged",)),
+        one("opposite corner of a square", square, "geodesic", "--source", "0", "--method", "exact",
+            "-o", "{output}", expected={"known_distance": (440, 2**0.5)}),
+        one("one step of a still fluid", triangle, "fluid-sim", "--steps", "1", "--dt", "1"),
+        *at_rest,
+        *still,
+    ]  # fmt: skip
+
+
+def simulator_cases() -> list[Case]:
+    """Stiffness ratios, long steps, extreme viscosity, restarts."""
+    square = partial(meshes.square, 6, "alternating")
+    gravity = ("--effect", "gravity", "--pin", "0", "--pin", "6")
+
+    def shell(name: str, value: float, *words: str, family: str) -> Case:
+        calls = {"shell-sim": (("shell-sim", "{input}", *words),)}
+        return Case(name, family, square, parameter=value, calls=calls, checks=("energy_falls",))
+
+    stiff = [
+        shell(f"stiffness ratio {ratio:g}", ratio, "--effect", f"stretching stiffness={ratio:g}",
+              "--effect", "bending stiffness=1", *gravity, "--integrator", "implicit-euler",
+              "--steps", "5", "--dt", "1e-3", family="stiffness ratio")
+        for ratio in (1e3, 1e6, 1e9)
+    ]  # fmt: skip
+    long_steps = [
+        shell(f"{scheme}, step {dt:g} s", dt, "--effect", "stretching", "--effect", "bending", *gravity,
+              "--integrator", scheme, "--steps", "5", "--dt", f"{dt:g}", family=f"step, {scheme}")
+        for scheme in ("implicit-euler", "newmark", "verlet")
+        for dt in (1e-4, 1e-2, 1.0)
+    ]  # fmt: skip
+    fluids = [
+        Case(f"viscosity {nu:g}, {scheme}", f"viscosity, {scheme}", partial(meshes.sphere, 2), parameter=nu,
+             calls={"fluid-sim": (("fluid-sim", "{input}", "--vorticity", "5*z+x*y", "--viscosity", f"{nu:g}",
+                                   "--integrator", scheme, "--steps", "5", "--dt", "0.01"),)},
+             checks=("kinetic_energy_falls",), quick=("fluid-sim",) if nu == 1e9 else ())
+        for scheme in ("conservative",)
+        for nu in (1e-300, 1e-12, 1e3, 1e9, 1e300)
+    ]  # fmt: skip
+    restart = ("shell-sim", "{input}", "--effect", "stretching", *gravity, "--dt", "1e-3", "--steps", "4")
+    resumed = Case(
+        "restart from nothing", "restarts", square,
+        calls={"shell-sim": ((*restart, "--resume", "{folder}/missing.vtkhdf.part", "-o", "{output}"),)},
+        expected={"refused": True},
+    )  # fmt: skip
+    return [*stiff, *long_steps, *fluids, resumed]
+
+
+def sample_cases() -> list[Case]:
+    """Every sample with every command, by default; the wrappers on one of them."""
+    names = sorted(p for p in SAMPLES.iterdir() if p.suffix not in (".md", ".py"))
+    cases = [Case(p.name, "samples", path=p, calls=default_calls()) for p in names]
+    cube = SAMPLES / "cube.obj"
+    wrappers = Case("cube.obj, wrappers", "samples", path=cube, calls=default_calls(WRAPPERS))
+    return [*cases, wrappers]
+
+
+def shared_cases() -> list[Case]:
+    """Files of the shared folder: hard ones, voxel surfaces, small real meshes; none where it is missing."""
+    if not SHARED.is_dir():
+        return []
+    hard = SHARED / "hard"
+    expect = json.loads((hard / "EXPECT.json").read_text(encoding="utf-8"))
+    cases = [
+        Case(path.name, "hard files", path=path, calls=default_calls(), expected=expect.get(path.name, {}))
+        for path in sorted(hard.iterdir())
+        if path.suffix not in (".md", ".json")
+    ]
+    voxel = [p for p in sorted((SHARED / "voxel").glob("*")) if p.suffix == ".vtp"]
+    real = [
+        p
+        for p in sorted(SHARED.iterdir())
+        if p.is_file() and p.suffix not in (".md", ".py") and p.stat().st_size < MAX_REAL_BYTES
+    ]
+    return cases + [
+        Case(f"{family}/{path.name}", family, path=path, calls=default_calls())
+        for family, paths in (("voxel", voxel), ("real meshes", real))
+        for path in paths
+    ]
+
+
+def catalogue() -> list[Case]:
+    """All cases."""
+    return [*pushed_cases(), *ordinary_cases(), *simulator_cases(), *sample_cases(), *shared_cases()]

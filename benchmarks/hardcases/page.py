@@ -1,0 +1,145 @@
+"""docs/hard-cases.md from the stored verdicts: tables of cells, breaking points, wrong cells, peers."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable
+from typing import Any
+
+from benchmarks.hardcases.catalogue import PUSHED, ROOT, Case, catalogue
+from benchmarks.hardcases.judge import DEGRADED, REFUSED, RIGHT, WRONG
+from benchmarks.hardcases.peers import PEER_COUNTS, stored_peer_results
+from ddgcli.cli.main import COMMANDS
+
+PAGE = ROOT / "docs" / "hard-cases.md"
+MARKS = {RIGHT: "✓", DEGRADED: "~", REFUSED: "–", WRONG: "**✗**"}
+NOT_RUN, NOT_IN_CASE = "?", ""
+
+HEAD = """# Hard cases
+
+Every command on a catalogue of hard inputs, each in a process of its own, as a user starts it. This page is
+written by `make hardcases` from `benchmarks/hardcases/results.json`; do not edit it.
+
+| mark | meaning |
+| --- | --- |
+| ✓ | right: exit 0, and the answer agrees with a truth or an invariant |
+| ~ | degraded and reported: exit 1, or exit 0 with a warning that names what is lost |
+| – | refused: exit 2 and one line that says why |
+| **✗** | wrong: a traceback, NaN, a violated truth with exit 0, over the limit of time or memory |
+| ? | not run yet |
+
+The truths are area, Euler characteristic, components, Betti numbers, Gauss–Bonnet, straight line ≤ distance ≤
+path along edges, closed distances, zero eigenvalues, conserved metric of flips, energy that may not grow,
+bodies that may not move. Limits: 120 s of processor time and 4 GiB of resident memory a command.
+
+`make hardcases ONLY=FAMILY` runs a part, `make hardcases MISSING=1` what has not been run.
+"""
+
+
+def page(results: dict[str, dict[str, dict[str, Any]]], cases: list[Case]) -> str:
+    """The page as text."""
+    cells = [results.get(case.name, {}).get(name) for case in cases for name in case.calls]
+    counts = Counter(cell["kind"] if cell else "not run" for cell in cells)
+    summary = ", ".join(f"{counts[kind]} {kind}" for kind in (*MARKS, "not run"))
+    parts = [HEAD, f"{len(cells)} cells: {summary}.\n"]
+    parts += [_breaking_points(results, cases), _wrong_cells(results, cases)]
+    for family in dict.fromkeys(_section(case) for case in cases):
+        rows = [case for case in cases if _section(case) == family]
+        parts.append(_table(family, rows, results))
+    parts.append(_peers(stored_peer_results()))
+    return "\n".join(parts).rstrip() + "\n"
+
+
+def _section(case: Case) -> str:
+    if case.family in PUSHED:
+        return "generated families"
+    return "simulators" if case.parameter is not None or case.family == "restarts" else case.family
+
+
+def _row(values: Iterable[Any]) -> str:
+    return "| " + " | ".join(str(value) for value in values) + " |"
+
+
+def _table(title: str, cases: list[Case], results: dict) -> str:
+    columns = [name for name in COMMANDS if any(name in case.calls for case in cases)]
+    lines = [f"## {title.capitalize()}\n", _row(["case", *columns]), _row(["---"] * (len(columns) + 1))]
+    for case in cases:
+        done = results.get(case.name, {})
+        lines.append(_row([case.name, *(_mark(case, name, done.get(name)) for name in columns)]))
+    return "\n".join(lines) + "\n"
+
+
+def _mark(case: Case, command: str, cell: dict[str, Any] | None) -> str:
+    if command not in case.calls:
+        return NOT_IN_CASE
+    return MARKS[cell["kind"]] if cell else NOT_RUN
+
+
+def breaking_point(cells: list[tuple[float, str | None]]) -> str:
+    """Up to which parameter the cells of a family are right, and what comes after.
+
+    Parameters
+    ----------
+    cells : list of tuple
+        Parameter and kind (None where it was not run), in the order in which the family gets harder.
+    """
+    run = [(value, kind) for value, kind in cells if kind]
+    if not run:
+        return NOT_RUN
+    for place, (value, kind) in enumerate(run):
+        if kind != RIGHT:
+            before = f"✓ to {run[place - 1][0]:g}; " if place else ""
+            return f"{before}{MARKS[kind]} at {value:g}"
+    return f"✓ to {run[-1][0]:g}"
+
+
+def _breaking_points(results: dict, cases: list[Case]) -> str:
+    families = list(dict.fromkeys(case.family for case in cases if case.parameter is not None))
+    pushed = [case for case in cases if case.parameter is not None]
+    columns = [name for name in COMMANDS if any(name in case.calls for case in pushed)]
+    lines = ["## Breaking points\n", "The first parameter of a family whose cell is not right.\n"]
+    lines += [_row(["family", *columns]), _row(["---"] * (len(columns) + 1))]
+    for family in families:
+        rows = [case for case in pushed if case.family == family]
+        entries = []
+        for name in columns:
+            kinds = [(case.parameter, results.get(case.name, {}).get(name, {}).get("kind")) for case in rows]
+            entries.append(breaking_point(kinds) if any(name in case.calls for case in rows) else NOT_IN_CASE)
+        lines.append(_row([family, *entries]))
+    return "\n".join(lines) + "\n"
+
+
+def _wrong_cells(results: dict, cases: list[Case]) -> str:
+    lines = ["## Wrong and degraded cells\n"]
+    for case in cases:
+        for name, cell in results.get(case.name, {}).items():
+            if name in case.calls and cell["kind"] in (WRONG, DEGRADED):
+                note = cell["note"].replace("|", "\\|").replace("\n", " ")
+                lines.append(f"- {MARKS[cell['kind']]} {case.name}, `{name}`: {note}")
+    return "\n".join([*lines, "none"] if len(lines) == 1 else lines) + "\n"
+
+
+def _peers(results: dict[str, dict[str, dict[str, Any]]]) -> str:
+    """Counts of the peers' cells, and what each one did."""
+    lines = ["## Peers on the same meshes\n"]
+    lines.append(
+        "Written by `make hardcases-peers`: each call in a process of its own, the same limits, the same "
+        "checks of distances, total curvature and eigenvalues. A refusal is an exception that Python "
+        "reports; a crash ends the process.\n"
+    )
+    if not results:
+        return "\n".join([*lines, "Not run yet."])
+    lines += [_row(["peer, task", *PEER_COUNTS]), _row(["---"] * (len(PEER_COUNTS) + 1))]
+    tasks = list(dict.fromkeys(name for row in results.values() for name in row))
+    for task in tasks:
+        counts = Counter(row[task]["kind"] for row in results.values() if task in row)
+        lines.append(_row([task, *(counts[kind] for kind in PEER_COUNTS)]))
+    lines += ["", _row(["case", *tasks]), _row(["---"] * (len(tasks) + 1))]
+    for case, row in results.items():
+        lines.append(_row([case, *(row[name]["kind"] if name in row else "?" for name in tasks)]))
+    return "\n".join(lines)
+
+
+def write_page(results: dict[str, dict[str, dict[str, Any]]]) -> None:
+    """Write docs/hard-cases.md."""
+    PAGE.write_text(page(results, catalogue()), encoding="utf-8")

@@ -1,0 +1,102 @@
+"""One call of a peer library on one mesh: `python -m benchmarks.hardcases.peer_task TASK MESH.npz OUT.npz`.
+
+It runs in a process of its own, for a peer may crash or hang. OUT.npz holds `distance`, `angle_defect`,
+`curvature` or `eigenvalues`.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Answer = dict[str, NDArray]
+
+
+def potpourri_heat(points: NDArray, faces: NDArray) -> Answer:
+    """Heat distance of potpourri3d (geometry-central), its robust Laplacian."""
+    import potpourri3d
+
+    return {"distance": potpourri3d.MeshHeatMethodDistanceSolver(points, faces).compute_distance(0)}
+
+
+def pygeodesic_exact(points: NDArray, faces: NDArray) -> Answer:
+    """Exact distance of pygeodesic (Kirsanov's code)."""
+    from pygeodesic import geodesic
+
+    algorithm = geodesic.PyGeodesicAlgorithmExact(points, faces)
+    return {"distance": algorithm.geodesicDistances(np.array([0]), None)[0]}
+
+
+def igl_exact(points: NDArray, faces: NDArray) -> Answer:
+    """Exact distance of libigl."""
+    import igl
+
+    everywhere = np.arange(len(points), dtype=np.int64)
+    nobody = np.zeros(0, dtype=np.int64)
+    return {"distance": igl.exact_geodesic(points, faces, np.array([0]), nobody, everywhere, nobody)}
+
+
+def igl_curvature(points: NDArray, faces: NDArray) -> Answer:
+    """Angle defect and principal curvatures of libigl."""
+    import igl
+
+    answer: Any = igl.principal_curvature(points, faces)
+    return {"angle_defect": igl.gaussian_curvature(points, faces), "curvature": np.stack(answer[2:4])}
+
+
+def trimesh_curvature(points: NDArray, faces: NDArray) -> Answer:
+    """Angle defect of trimesh."""
+    import trimesh
+
+    mesh = trimesh.Trimesh(points, faces, process=False)
+    return {"angle_defect": np.asarray(mesh.vertex_defects)}
+
+
+def smallest_eigenvalues(stiffness: Any, mass: Any) -> Answer:
+    """The three smallest eigenvalues, by the shifted Lanczos method that the libraries' pages show."""
+    from scipy.sparse.linalg import eigsh
+
+    return {"eigenvalues": eigsh(stiffness, 3, mass, sigma=-1e-8, return_eigenvectors=False)[::-1]}
+
+
+def robust_laplacian_spectrum(points: NDArray, faces: NDArray) -> Answer:
+    """Spectrum of robust_laplacian's tufted Laplacian."""
+    import robust_laplacian
+
+    return smallest_eigenvalues(*robust_laplacian.mesh_laplacian(points, faces))
+
+
+def igl_spectrum(points: NDArray, faces: NDArray) -> Answer:
+    """Spectrum of libigl's cotangent Laplacian."""
+    import igl
+
+    return smallest_eigenvalues(
+        -igl.cotmatrix(points, faces), igl.massmatrix(points, faces, igl.MASSMATRIX_TYPE_VORONOI)
+    )
+
+
+TASKS: dict[str, Callable[[NDArray, NDArray], Answer]] = {
+    "potpourri3d heat": potpourri_heat,
+    "pygeodesic exact": pygeodesic_exact,
+    "libigl exact": igl_exact,
+    "libigl curvature": igl_curvature,
+    "trimesh curvature": trimesh_curvature,
+    "robust_laplacian spectrum": robust_laplacian_spectrum,
+    "libigl spectrum": igl_spectrum,
+}
+
+
+def main(words: list[str]) -> None:
+    """Run one task and write its arrays."""
+    task, mesh, output = words
+    with np.load(mesh) as stored:
+        points, faces = stored["points"], stored["faces"]
+    np.savez(output, **TASKS[task](points, faces))
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])

@@ -1,0 +1,285 @@
+"""Run the hard-case catalogue: each command in a subprocess, as a user starts it, with limits.
+
+`python -m benchmarks.hardcases.run [--only FAMILY] [--command NAME] [--missing] [--preloaded]`;
+`--quick` runs a few cells and stores nothing. Verdicts go to `results.json` after every case;
+`--page` only writes docs/hard-cases.md from it.
+Exit 1 where a cell is wrong.
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import json
+import os
+import resource
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+import traceback
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks.hardcases.catalogue import ROOT, Call, Case, catalogue
+from benchmarks.hardcases.judge import WRONG, Outcome, Verdict, judge
+from benchmarks.hardcases.meshes import truths_of
+from ddgcli.cli import main as program
+
+RESULTS = Path(__file__).parent / "results.json"
+CPU_SECONDS = 120  # of a command and its children
+WALL_FACTOR = 10  # on a busy machine the clock runs faster than the processor time
+PEAK_MIB = 4096
+
+Results = dict[str, dict[str, dict[str, Any]]]
+
+
+def _limits() -> None:
+    resource.setrlimit(resource.RLIMIT_CPU, (CPU_SECONDS, CPU_SECONDS + 5))
+    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+    resource.setrlimit(resource.RLIMIT_AS, (3 * PEAK_MIB << 20, 3 * PEAK_MIB << 20))
+
+
+def run_process(words: list[str], folder: Path, preloaded: bool = False) -> Outcome:
+    """Run a process within the limits of processor time, clock and memory.
+
+    Parameters
+    ----------
+    words : list of str
+        The command line.
+    folder : Path
+        Working folder, where the streams are kept.
+    preloaded : bool
+        Fork this process instead of starting Python: words after `python -m ddgcli` run in the child.
+    """
+    environment = os.environ | {"PYTHONPATH": str(ROOT)}
+    began = time.monotonic()
+    with open(folder / "stdout", "w+b") as out, open(folder / "stderr", "w+b") as error:
+        if preloaded:
+            pid = _fork(words[3:], folder, out.fileno(), error.fileno())
+        else:
+            child = subprocess.Popen(
+                words, stdin=subprocess.DEVNULL, stdout=out, stderr=error, cwd=folder, env=environment,
+                preexec_fn=_limits, start_new_session=True,
+            )  # fmt: skip
+            pid = child.pid
+        status, usage = _wait(pid, began + WALL_FACTOR * CPU_SECONDS)
+        code = os.waitstatus_to_exitcode(status)
+        if not preloaded:
+            child.returncode = code  # reaped by wait4
+        out.seek(0)
+        error.seek(0)
+        stdout, stderr = (f.read().decode("utf-8", "replace") for f in (out, error))
+    seconds, peak = usage.ru_utime + usage.ru_stime, usage.ru_maxrss / 1024
+    over = "memory" if peak > PEAK_MIB else ""
+    if code in (-signal.SIGXCPU, -signal.SIGKILL):
+        over = "time"
+    return Outcome(code, stdout, stderr, seconds, peak, over)
+
+
+def preload() -> None:
+    """Import the modules of every command, so that forked runs need not."""
+    for module, _ in program.COMMANDS.values():
+        importlib.import_module(f"ddgcli.cli.commands.{module}")
+
+
+def _fork(words: list[str], folder: Path, out: int, error: int) -> int:
+    """Run the program on these words in a forked child with the same limits; its process number."""
+    pid = os.fork()
+    if pid:
+        return pid
+    code = 1
+    try:
+        os.setsid()
+        _limits()
+        for source, target in ((os.open(os.devnull, os.O_RDONLY), 0), (out, 1), (error, 2)):
+            os.dup2(source, target)
+        os.chdir(folder)
+        program.main(words, prog_name="python -m ddgcli")
+    except SystemExit as end:
+        code = end.code if isinstance(end.code, int) else int(end.code is not None)
+    except BaseException:
+        traceback.print_exc()
+    finally:
+        for stream in (sys.stdout, sys.stderr):
+            stream.flush()
+        os._exit(code)
+
+
+def _wait(pid: int, deadline: float) -> tuple[int, resource.struct_rusage]:
+    """Wait for one child, its whole process group killed at the deadline."""
+    while True:
+        ended, status, usage = os.wait4(pid, os.WNOHANG)
+        if ended:
+            return status, usage
+        if time.monotonic() > deadline:
+            os.killpg(pid, signal.SIGKILL)
+            _, status, usage = os.wait4(pid, 0)
+            return status, usage
+        time.sleep(0.02)
+
+
+def read_arrays(path: Path) -> dict[str, NDArray]:
+    """Arrays of a written `.npz`; none where nothing was written."""
+    if not path.is_file():
+        return {}
+    with np.load(path, allow_pickle=False) as stored:
+        return {name: stored[name] for name in stored.files}
+
+
+def prepare(case: Case, folder: Path) -> tuple[Path | None, Any, Any, dict[str, Any]]:
+    """Input file, points, faces and truths of a case."""
+    expected = dict(case.expected)
+    if case.build is None:
+        return case.path, None, None, expected
+    points, faces = case.build()
+    path = folder / "input.npz"
+    np.savez(path, points=points, faces=faces)
+    counted = {k: v for k, v in asdict(truths_of(points, faces)).items() if v is not None}
+    return path, points, faces, counted | expected
+
+
+def run_call(call: Call, path: Path | None, folder: Path, preloaded: bool = False) -> Outcome:
+    """Run one call of the program in a folder of its own."""
+    places = {"{input}": str(path), "{output}": str(folder / "output.npz")}
+    words = [places.get(word, word).replace("{folder}", str(folder)) for word in call]
+    if call[0] in ("check", "batch"):  # the summary is wanted of the outer command
+        words.insert(1, "--json")
+    else:
+        words.append("--json")
+    return run_process([sys.executable, "-m", "ddgcli", *words], folder, preloaded)
+
+
+def run_cell(case: Case, command: str, preloaded: bool = False) -> tuple[Verdict, Outcome]:
+    """Verdict on one command of one case."""
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        path, points, faces, expected = prepare(case, folder)
+        *preparing, judged = case.calls[command]
+        for call in preparing:
+            outcome = run_call(call, path, folder, preloaded)
+            if outcome.exit_code:
+                return judge("", outcome), outcome
+        outcome = run_call(judged, path, folder, preloaded)
+        outcome.arrays = read_arrays(folder / "output.npz")
+    return judge(command, outcome, points, faces, expected, case.checks), outcome
+
+
+def stored_results(path: Path = RESULTS) -> Results:
+    """Verdicts of earlier runs."""
+    return json.loads(path.read_text(encoding="utf-8")) if path.is_file() else {}
+
+
+def store(results: Results, path: Path = RESULTS) -> None:
+    """Write all verdicts, the old file kept until the new one is whole."""
+    whole = path.with_suffix(".part")
+    whole.write_text(json.dumps(results, indent=1, sort_keys=True) + "\n", encoding="utf-8")
+    whole.replace(path)
+
+
+def cell_record(verdict: Verdict, outcome: Outcome) -> dict[str, Any]:
+    """What the page needs of one cell; paths of the run are left out."""
+    note = verdict.note.replace(str(ROOT) + "/", "")
+    return {
+        "kind": verdict.kind,
+        "note": note.split("/input.npz: ")[-1],
+        "seconds": round(outcome.seconds, 1),
+        "peak_mib": round(outcome.peak_mib),
+    }
+
+
+def run_catalogue(
+    cases: list[Case],
+    commands: list[str],
+    results: Results,
+    missing: bool = False,
+    preloaded: bool = False,
+) -> None:
+    """Run cells into `results`, one line a cell on standard error.
+
+    Parameters
+    ----------
+    cases : list of Case
+        Rows.
+    commands : list of str
+        Columns; empty for all.
+    results : dict
+        Changed in place and stored after every case.
+    missing : bool
+        Run only the cells that no earlier run has filled.
+    preloaded : bool
+        Fork instead of starting Python anew (see `run_process`).
+    """
+    for case in cases:
+        row = results.setdefault(case.name, {})
+        for command in case.calls:
+            if (commands and command not in commands) or (missing and command in row):
+                continue
+            verdict, outcome = run_cell(case, command, preloaded)
+            row[command] = cell_record(verdict, outcome)
+            print(f"{case.name} | {command}: {verdict.kind} {outcome.seconds:.1f} s {verdict.note}",
+                  file=sys.stderr, flush=True)  # fmt: skip
+        store(results)
+
+
+def chosen_cases(only: list[str], quick: bool) -> list[Case]:
+    """Cases whose family or name contains one of the words."""
+    cases = catalogue()
+    if only:
+        cases = [case for case in cases if any(word in (case.family + " " + case.name) for word in only)]
+    return [case for case in cases if case.quick] if quick else cases
+
+
+def quick_results() -> Results:
+    """Verdicts of the short run, not stored."""
+    results: Results = {}
+    for case in chosen_cases([], quick=True):
+        results[case.name] = {name: cell_record(*run_cell(case, name)) for name in case.quick}
+    return results
+
+
+def main(words: list[str]) -> int:
+    """Run what the options choose; 1 where a cell is wrong."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--only", action="append", default=[], help="family or case; repeatable")
+    parser.add_argument("--command", action="append", default=[], help="column; repeatable")
+    parser.add_argument("--missing", action="store_true", help="only cells that no run has filled")
+    parser.add_argument("--preloaded", action="store_true", help="fork instead of starting Python anew")
+    parser.add_argument("--quick", action="store_true", help="a few cells, not stored")
+    parser.add_argument("--page", action="store_true", help="only write the page from the stored results")
+    options = parser.parse_args(words)
+    if options.quick:
+        results = quick_results()
+    else:
+        results = stored_results()
+        if not options.page:
+            if options.preloaded:
+                preload()
+            run_catalogue(
+                chosen_cases(options.only, False),
+                options.command,
+                results,
+                options.missing,
+                options.preloaded,
+            )
+        from benchmarks.hardcases.page import write_page
+
+        write_page(results)
+    wrong = [
+        (case, name, cell["note"])
+        for case, row in results.items()
+        for name, cell in row.items()
+        if cell["kind"] == WRONG
+    ]
+    for case, name, note in wrong:
+        print(f"wrong: {case} | {name}: {note}")
+    return 1 if wrong else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
