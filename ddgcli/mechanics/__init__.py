@@ -6,6 +6,7 @@
 
 __all__ = [
     "assembly",
+    "driving",
     "energy_balance",
     "equilibrium",
     "integrators",
