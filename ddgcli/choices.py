@@ -13,7 +13,7 @@ MASSES = ("lumped", "voronoi", "galerkin")
 SMOOTHING_FLOWS = ("mean-curvature", "conformalized")
 PARAMETERIZATIONS = ("harmonic", "conformal")
 
-HODGE_STARS = ("circumcentric", "barycentric", "galerkin")
+HODGE_STARS = ("galerkin", "circumcentric", "barycentric")
 FIELD_BOUNDARIES = ("tangential", "normal")  # boundary condition of harmonic fields
 
 DISTANCE_METHODS = ("exact", "heat", "fast-marching", "dijkstra")
@@ -23,5 +23,7 @@ TRACE_BOUNDARIES = ("stop", "reflect")  # what a traced line does at the boundar
 WILLMORE_ENERGIES = ("gauss-map", "sullivan", "cotan", "hinge")
 WILLMORE_FLOWS = ("quadratic", "mean-curvature")
 WILLMORE_BOUNDARIES = ("clamped", "fixed")
+
+UP_AXES = ("y", "z")
 
 ERROR_NORMS = ("max", "mean")

@@ -103,7 +103,7 @@ def tradeoff_table(
     if sources is not None:
         more["sources"] = surface_sources(surface, sources)
     known_truth = None if truth is None else parse_truth(truth, surface.points)
-    problem = mesh_problem(question, surface, truth=known_truth, asked=options, **more)
+    problem = mesh_problem(question, surface, truth=known_truth, options=options, **more)
     table = run_problem(problem, repeat=repeat, budget=budget)
     if not table.rows and not table.left_out:
         raise ParameterError(f"no method of {question!r} has the options {options}")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from ddgcli.algorithms.curvature.polyline import measure_curves
-from ddgcli.algorithms.curvature.report import DEFAULT_SCHEME, measure
+from ddgcli.algorithms.curvature.surface_curvature import DEFAULT_SCHEME, measure_curvature
 from ddgcli.errors import ParameterError
 from ddgcli.library.mesh_arguments import accepts_arrays
 from ddgcli.library.result import Measurement
@@ -68,7 +68,7 @@ def curvature(
             raise ParameterError("scheme and radius belong to surfaces; leave them out for curves")
         curves = measure_curves(mesh)
         return Measurement(mesh, vertex=curves.vertex, results=curves.results, accuracy=curves.accuracy)
-    measured = measure(mesh, DEFAULT_SCHEME if scheme is None else scheme, radius)
+    measured = measure_curvature(mesh, DEFAULT_SCHEME if scheme is None else scheme, radius)
     return Measurement(
         mesh,
         vertex=measured.vertex,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Literal, get_args
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -12,6 +12,7 @@ from ddgcli.algorithms.hodge.harmonic import HarmonicBasis
 from ddgcli.algorithms.hodge.harmonic import harmonic_basis as core_harmonic_basis
 from ddgcli.algorithms.hodge.homology import BettiNumbers, Boundary
 from ddgcli.algorithms.hodge.homology import betti_numbers as core_betti_numbers
+from ddgcli.choices import FIELD_BOUNDARIES
 from ddgcli.errors import ParameterError
 from ddgcli.library.mesh_arguments import accepts_arrays
 from ddgcli.library.result import Measurement
@@ -86,8 +87,8 @@ def hodge_decomposition(
 def _check(mesh: analysis.SpaceMesh, boundary: str) -> None:
     """Refuse meshes without a decomposition, and unknown boundary conditions."""
     analysis.check_mesh(mesh)
-    if boundary not in get_args(Boundary):
-        raise ParameterError(f"unknown boundary {boundary!r}; choose one of {', '.join(get_args(Boundary))}")
+    if boundary not in FIELD_BOUNDARIES:
+        raise ParameterError(f"unknown boundary {boundary!r}; choose one of {', '.join(FIELD_BOUNDARIES)}")
 
 
 @accepts_arrays("surface", "tetrahedra")

@@ -12,7 +12,7 @@ from ddgcli.algorithms.laplacian import parameterize as maps
 from ddgcli.algorithms.laplacian import poisson as problems
 from ddgcli.algorithms.laplacian import smooth as smoothing
 from ddgcli.algorithms.laplacian import spectrum
-from ddgcli.algorithms.laplacian.choice import laplace_operator
+from ddgcli.algorithms.laplacian.laplace_operator import laplace_operator
 from ddgcli.errors import ParameterError
 from ddgcli.library.mesh_arguments import accepts_arrays
 from ddgcli.linalg.eigen import Eigenpairs

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from scipy.sparse import csr_array
 
-from ddgcli.algorithms.laplacian.choice import LaplaceOperator
-from ddgcli.algorithms.laplacian.choice import laplace_operator as core_laplace_operator
+from ddgcli.algorithms.laplacian.laplace_operator import LaplaceOperator
+from ddgcli.algorithms.laplacian.laplace_operator import laplace_operator as core_laplace_operator
 from ddgcli.library.mesh_arguments import accepts_arrays
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.operators import connection, laplacian

@@ -143,7 +143,8 @@ def _is_fluid(document: SceneDocument) -> bool:
     """Whether an object of a document has a role that only fluids have."""
     written = document.data.get("object")
     objects = written if isinstance(written, list) else []
-    return any(isinstance(table, dict) and table.get("role") in FLUID.roles for table in objects)
+    roles = set(FLUID.roles) - set(SHELL.roles)
+    return any(isinstance(table, dict) and table.get("role") in roles for table in objects)
 
 
 def _shells(scene: Scene, account: Account) -> tuple[dict[str, Model], list[Any]]:

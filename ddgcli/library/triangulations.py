@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from ddgcli.algorithms.delaunay.report import DelaunayReport, delaunay_report
+from ddgcli.algorithms.delaunay.intrinsic_delaunay import DelaunayResult
+from ddgcli.algorithms.delaunay.intrinsic_delaunay import intrinsic_delaunay as core_intrinsic_delaunay
 from ddgcli.algorithms.delaunay.triangulation import flip_to_delaunay
 from ddgcli.library.mesh_arguments import accepts_arrays
 from ddgcli.mesh.intrinsic_mesh import IntrinsicMesh, SurfaceMesh
@@ -53,7 +54,7 @@ def intrinsic_delaunay(mesh: SurfaceMesh) -> IntrinsicMesh:
 @accepts_arrays("surface")
 def delaunay_refinement(
     mesh: TriangleMesh, degrees: float = 25.0, *, max_points: int | None = None, seed: int = 0
-) -> DelaunayReport:
+) -> DelaunayResult:
     """Intrinsic Delaunay refinement: insert Steiner points until no angle is smaller than `degrees`.
 
     Parameters
@@ -69,7 +70,7 @@ def delaunay_refinement(
 
     Returns
     -------
-    DelaunayReport
+    DelaunayResult
         `mesh` (IntrinsicMesh; the vertices of the input come first), `vertex` (`input_face` and
         `input_barycentric`: where each vertex lies on the input), `results` (angles and edges before and
         after), `accuracy`, and `reached`.
@@ -89,4 +90,4 @@ def delaunay_refinement(
     >>> refined.results["before"]["min_angle_degrees"] < 25 <= refined.results["after"]["min_angle_degrees"]
     True
     """
-    return delaunay_report(mesh, degrees=degrees, max_points=max_points, seed=seed)
+    return core_intrinsic_delaunay(mesh, degrees=degrees, max_points=max_points, seed=seed)

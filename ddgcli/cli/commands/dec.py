@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from ddgcli.choices import HODGE_STARS
 from ddgcli.cli import options
 from ddgcli.cli.options import CommonOptions
 from ddgcli.cli.run import Run
@@ -16,15 +17,13 @@ from ddgcli.errors import OutputError
 if TYPE_CHECKING:
     from ddgcli.operators.dec_matrices import DecMatrices
 
-STARS = ("galerkin", "circumcentric", "barycentric")
-
 
 @click.command("dec", short_help="Operators of discrete exterior calculus as sparse matrices.")
 @options.mesh_arg
 @click.option(
     "--star",
-    type=click.Choice(STARS),
-    default=STARS[0],
+    type=click.Choice(HODGE_STARS),
+    default=HODGE_STARS[0],
     show_default=True,
     help="Hodge star: mass matrices of Whitney forms, or dual cells at circumcentres or barycentres.",
 )

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from ddgcli.choices import UP_AXES
 from ddgcli.cli import options
 from ddgcli.cli.options import CommonOptions
 from ddgcli.cli.run import Run
@@ -30,9 +31,7 @@ MAX_PAGE_MIB = 400  # a browser reads the page as one string
     help="Show every N-th frame of a trajectory.",
 )
 @click.option("--array", metavar="NAME", help="Array to begin with.")
-@click.option(
-    "--up", type=click.Choice(["y", "z"]), default="z", show_default=True, help="Axis that points up."
-)
+@click.option("--up", type=click.Choice(UP_AXES), default="z", show_default=True, help="Axis that points up.")
 @options.common
 def command(paths: tuple[str, ...], common: CommonOptions, every: int, array: str | None, up: str) -> None:
     """Write one self-contained page that shows RESULTs: surfaces, curves, the trajectory of a simulation.
