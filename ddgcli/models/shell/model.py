@@ -139,15 +139,19 @@ def _model(scene: Scene, context: ShellContext, system: System) -> Model[Motion]
     x, v, _ = system.prescribed_state(x, v, v)
     step_size = scene.schedule().dt
     with np.errstate(all="ignore"):
-        start = Motion(x, v, system.acceleration(x, v, step_size))
+        a = system.acceleration(x, v, step_size)
+    start = Motion(x, v, a, memory=tuple(term.initial() for term in system.memories))
     size, reach = system.size, integrator.reach(parameters)
 
     def advanced(step: Step, motion: Motion, time: float, dt: float) -> Motion:
         before = replace(motion, time=time)
-        after = replace(step(system, before, dt, parameters), time=time + dt, work=motion.work)
+        current = system.remembering(motion.memory)
+        after = step(current, before, dt, parameters)
+        memory = system.committed(after.x, motion.memory)
+        after = replace(after, time=time + dt, work=motion.work, memory=memory)
         if not system.driven:
             return after
-        return replace(after, work=motion.work + driving_work(system, before, after, dt))
+        return replace(after, work=motion.work + driving_work(current, before, after, dt))
 
     def advance(motion: Motion, time: float, dt: float) -> Motion:
         return advanced(integrator.step, motion, time, dt)
@@ -156,21 +160,33 @@ def _model(scene: Scene, context: ShellContext, system: System) -> Model[Motion]
         return advanced(integrator.rescue or integrator.step, motion, time, dt)
 
     def observe(motion: Motion) -> Observation:
-        scalars = measures(system.at(motion.time), motion)
-        for potential in system.at(motion.time).potentials:
+        current = system.remembering(motion.memory).at(motion.time)
+        scalars = measures(current, motion)
+        if system.memories:
+            scalars["plastic_work"] = float(sum(arrays["work"][0] for arrays in motion.memory))
+        for potential in current.potentials:
             if hasattr(potential, "observed"):
                 scalars |= potential.observed(motion.x)
-        for name, (force, moment) in reactions(system, motion, step_size).items():
+        for name, (force, moment) in reactions(current, motion, step_size).items():
             scalars |= {f"reaction_force_{name}": force, f"reaction_moment_{name}": moment}
         return Observation(motion.x, {"velocity": motion.v, "strain": strain(context, motion.x)}, scalars)
 
     def pack(motion: Motion) -> dict[str, NDArray]:
         scalars = np.array([motion.newton, motion.balance_excess, motion.time, motion.work])
-        return {"x": motion.x, "v": motion.v, "a": motion.a, "scalars": scalars}
+        memory = {
+            f"memory_{k}_{name}": array
+            for k, arrays in enumerate(motion.memory)
+            for name, array in arrays.items()
+        }
+        return {"x": motion.x, "v": motion.v, "a": motion.a, "scalars": scalars, **memory}
 
     def unpack(arrays: dict[str, NDArray]) -> Motion:
         count, excess, time, work = (float(value) for value in arrays["scalars"])
-        return Motion(arrays["x"], arrays["v"], arrays["a"], int(count), excess, time, work)
+        memory = tuple(
+            {name: arrays[f"memory_{k}_{name}"] for name in term.initial()}
+            for k, term in enumerate(system.memories)
+        )
+        return Motion(arrays["x"], arrays["v"], arrays["a"], int(count), excess, time, work, memory)
 
     limit = stable_step(system, x, reach)
     return Model(

@@ -24,6 +24,7 @@ EFFECTS = EffectTable(
         "load": ("ddgcli.models.shell.load", "Forces on vertices, tractions, moments on edges."),
         "pressure": ("ddgcli.models.shell.pressure", "Pressure or a gas inside a closed shell."),
         "wind": ("ddgcli.models.shell.wind", "Drag and lift of moving or still air on the faces."),
+        "plasticity": ("ddgcli.models.shell.plasticity", "Rest lengths and angles that yield."),
         "pin": ("ddgcli.models.shell.pin", "Vertices held still, in all directions or some."),
         "handle": ("ddgcli.models.shell.handle", "Vertices moved along key frames, as a rigid body."),
         "damping": ("ddgcli.models.shell.damping", "Rayleigh damping by mass and by stiffness."),
