@@ -44,6 +44,8 @@ class Motion:
         Joules that handles, loads that change in time and wind have added since the start.
     memory : tuple of dict of str to ndarray
         Of each term with a memory.
+    past : tuple of ndarray
+        Of multistep schemes: positions and velocities a step before, and the length of that step (0: none).
     """
 
     x: NDArray[np.float64]
@@ -54,6 +56,7 @@ class Motion:
     time: float = 0.0
     work: float = 0.0
     memory: tuple[Arrays, ...] = ()
+    past: tuple[NDArray[np.float64], ...] = ()
 
 
 class System:

@@ -80,6 +80,14 @@ class NewmarkParameters(Section):
     gamma: quantity("", "weight of the new acceleration in the velocities", ge=0.5, le=1) = 0.5
 
 
+class StaticParameters(Section):
+    """Equilibria under growing loads."""
+
+    load_steps: int = Field(
+        1, ge=1, le=100000, description="equilibria under k / load_steps of every load that has no ramp"
+    )
+
+
 KIND = SceneKind(
     "shell-sim",
     {"shell": Shell, "obstacle": Obstacle},
@@ -89,7 +97,8 @@ KIND = SceneKind(
         "implicit-midpoint": NoParameters,
         "symplectic-euler": NoParameters,
         "verlet": NoParameters,
-        "static": NoParameters,
+        "bdf2": NoParameters,
+        "static": StaticParameters,
     },
     "newmark",
     EFFECTS,
