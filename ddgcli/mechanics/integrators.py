@@ -33,6 +33,8 @@ class Integrator:
         Largest stable product of step and frequency.
     rescue : callable like `step`, optional
         What takes a step that `step` solved and yet rejects, before it is halved; where no step is unstable.
+    multistep : bool
+        The scheme uses `Motion.past`.
     """
 
     name: str
@@ -40,6 +42,7 @@ class Integrator:
     step: Step
     reach: Callable[[Any], float]
     rescue: Step | None = None
+    multistep: bool = False
 
 
 def _symplectic_euler(system: System, motion: Motion, dt: float, parameters: Any) -> Motion:
@@ -206,6 +209,26 @@ def _composite(system: System, motion: Motion, dt: float, parameters: Any) -> Mo
     return replace(judged, balance_excess=motion.balance_excess + judged.balance_excess)
 
 
+def _bdf2(system: System, motion: Motion, dt: float, parameters: Any) -> Motion:
+    """Backward differences of second order, for steps of any ratio; the first step is trapezoidal."""
+    from ddgcli.mechanics.newton import Increment, newton_of
+
+    system = system.at(motion.time + dt)
+    x, v = motion.x, motion.v
+    if not motion.past or not motion.past[2][0] > 0:
+        return _implicit_newmark(system, motion, dt, 0.25, 0.5)
+    past_x, past_v, past_dt = motion.past
+    ratio = dt / float(past_dt[0])
+    new, now, old = (1 + 2 * ratio) / (1 + ratio), -(1 + ratio), ratio**2 / (1 + ratio)
+    origin, speed = -(now * x + old * past_x) / new, -(now * v + old * past_v) / new
+    c = new / dt
+    increment = Increment(c * c, origin + speed / c, c, origin, system.frozen(x, dt))
+    y, count = newton_of(system).minimise(increment, _swinging(system, increment, motion))
+    after = c * (y - origin)
+    a = system.only_free(c * (after - speed))
+    return checked(system, _after(system, y, after, a, motion.newton + count))
+
+
 def _static(system: System, motion: Motion, dt: float, parameters: Any) -> Motion:
     """One equilibrium: a stationary point of the potentials, reached downhill."""
     from ddgcli.mechanics.equilibrium import Equilibrium
@@ -215,6 +238,8 @@ def _static(system: System, motion: Motion, dt: float, parameters: Any) -> Motio
     try:
         y, count = Equilibrium(newton_of(system)).find(newton_of(system).with_prescribed(motion.x))
     except StepRejected as rejected:
+        if getattr(parameters, "load_steps", 1) > 1:
+            raise  # the loop halves the load step
         raise SolveError(
             f"no equilibrium was found ({rejected}): hold the shell by pins or lessen the load"
         ) from rejected
@@ -242,6 +267,7 @@ INTEGRATORS: dict[str, Integrator] = {
     "newmark": Integrator("newmark", 2, _newmark, _newmark_reach, _composite),
     "implicit-midpoint": Integrator("implicit-midpoint", 2, _implicit_midpoint, _any_step, _composite),
     "implicit-euler": Integrator("implicit-euler", 1, _implicit_euler, _any_step),
+    "bdf2": Integrator("bdf2", 2, _bdf2, _any_step, multistep=True),
     "static": Integrator("static", 0, _static, _any_step),
 }
 

@@ -14,9 +14,11 @@ from numpy.typing import NDArray
 
 from ddgcli.mechanics.rounding import Rounding
 from ddgcli.mechanics.terms import (
+    Arrays,
     BarrierPotential,
     Dissipation,
     FixedCoordinates,
+    Memory,
     Potential,
     PrescribedMotion,
     TimeDependent,
@@ -40,6 +42,10 @@ class Motion:
         s.
     work : float
         Joules that handles, loads that change in time and wind have added since the start.
+    memory : tuple of dict of str to ndarray
+        Of each term with a memory.
+    past : tuple of ndarray
+        Of multistep schemes: positions and velocities a step before, and the length of that step (0: none).
     """
 
     x: NDArray[np.float64]
@@ -49,6 +55,8 @@ class Motion:
     balance_excess: float = 0.0
     time: float = 0.0
     work: float = 0.0
+    memory: tuple[Arrays, ...] = ()
+    past: tuple[NDArray[np.float64], ...] = ()
 
 
 class System:
@@ -74,8 +82,9 @@ class System:
 
     def __init__(self, mass: NDArray, parts: Sequence[Any], account: Account, start: NDArray) -> None:
         self.mass, self.account, self.time = mass, account, 0.0
-        self.parts = tuple(parts)
-        self._choose(parts)
+        self.memories = [p for p in parts if isinstance(p, Memory)]
+        self.parts = tuple(p for p in parts if not isinstance(p, Memory))
+        self._choose(self.parts)
         self.prescribed = [p for p in parts if isinstance(p, PrescribedMotion)]
         self.supports = [p for p in parts if isinstance(p, FixedCoordinates | PrescribedMotion) and p.name]
         held = np.zeros((len(mass), 3), dtype=bool)
@@ -88,7 +97,7 @@ class System:
         by_vertex = bool((held.all(axis=1) == held.any(axis=1)).all())
         self.linear = by_vertex and all(len(p.stencil) == 0 or hasattr(p, "matrix") for p in self.potentials)
         self.cache: dict[str, Any] = {}
-        timed = any(isinstance(part, TimeDependent) for part in parts)
+        timed = any(isinstance(part, TimeDependent) for part in self.parts)
         self.driven = timed or bool(self.prescribed) or any(is_active(d) for d in self.dissipations)
         self.varies = timed or bool(self.prescribed)
 
@@ -110,6 +119,30 @@ class System:
         system.time = time
         system._choose(self.parts)
         return system
+
+    def remembering(self, memory: tuple[Arrays, ...]) -> System:
+        """The system whose terms with a memory have these arrays; itself without such terms.
+
+        The last such system is kept as long as the arrays are the same objects.
+        """
+        if not self.memories:
+            return self
+        last = self.cache.get("memory")
+        if last is None or len(last[0]) != len(memory) or any(a is not b for a, b in zip(last[0], memory)):
+            system = copy.copy(self)
+            new = {id(m.potential): m.at(arrays) for m, arrays in zip(self.memories, memory)}
+            system.parts = tuple(new.get(id(part), part) for part in self.parts)
+            system._choose(system.parts)
+            last = self.cache["memory"] = (memory, system)
+        return last[1]
+
+    def committed(self, x: NDArray, memory: tuple[Arrays, ...]) -> tuple[Arrays, ...]:
+        """The memory after a step that ends at x."""
+        after = []
+        for term, arrays in zip(self.memories, memory):
+            with self.account.within(term.effect):
+                after.append(term.commit(x, arrays))
+        return tuple(after)
 
     def prescribed_state(self, x: NDArray, v: NDArray, a: NDArray) -> tuple[NDArray, NDArray, NDArray]:
         """(x, v, a) with the state of prescribed vertices at `time`; the same arrays without any."""

@@ -73,6 +73,33 @@ class TimeDependent(Protocol):
         ...
 
 
+Arrays = dict[str, NDArray[np.float64]]
+
+
+@runtime_checkable
+class Memory(Protocol):
+    """A potential of another term that depends on the past, through arrays that change between steps.
+
+    `potential` is the term that it replaces, `effect` the name that its time is booked to.
+    """
+
+    @property
+    def potential(self) -> Any: ...
+    @property
+    def effect(self) -> str: ...
+    def initial(self) -> Arrays:
+        """The arrays at the start of a run, among them `work` (1,): joules dissipated so far."""
+        ...
+
+    def at(self, memory: Arrays) -> Potential:
+        """The potential for these arrays."""
+        ...
+
+    def commit(self, x: NDArray, memory: Arrays) -> Arrays:
+        """The arrays after a step that ends at x; the same object where they do not change."""
+        ...
+
+
 @dataclass(frozen=True, eq=False)
 class FixedCoordinates:
     """Coordinates that do not move.

@@ -131,7 +131,8 @@ class Scene:
         """When to step and when to show."""
         time = self.time
         if time.integrator == "static":
-            return Schedule(1.0, 1, 1, None, time.on_failure)
+            steps = getattr(time, "load_steps", 1)
+            return Schedule(time.duration / steps, steps, 1, None, time.on_failure)
         if time.tolerance is not None:
             frame = min(time.frame_every or time.duration / 50, time.duration)
             count = math.ceil(time.duration / frame - 1e-9)

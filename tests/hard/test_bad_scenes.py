@@ -125,6 +125,8 @@ BAD = [
     ("contact = {", "pressure = { value = -2e5, gas = true } #", 22, ["absolute pressure", "-98675"]),
     ("contact = {", 'wind = { velocity = ["sni(t)", 0, 0] } #', 22, ["velocity", "'sni'", "'sin'"]),
     ("contact = {", "wind = { velocity = [1, 2] } #", 22, ["velocity", "three"]),
+    ("contact = {", "plasticity = { hardening = 1 } #", 22, ["yield_strain", "yield_angle"]),
+    ("contact = {", "plasticity = { yield_angle = -1 } #", 22, ["yield_angle", "greater than 0"]),
     ('role = "obstacle"', TWO_SHELLS, 18, ["object", "hat"]),
     ("contact = {", "damping = {} # contact = {", 22, ["mass", "stiffness"]),
     ("contact = {", "contact = { pairs = 3 3 # {", 22, ["TOML"]),

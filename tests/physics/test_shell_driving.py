@@ -106,6 +106,20 @@ def test_reactions_carry_the_weight():
     assert np.abs(moment + np.cross(end.points, weight).sum(axis=0)).max() < 1e-7 * np.abs(weight).sum()
 
 
+def test_load_steps_end_at_the_equilibrium_of_one_step():
+    load = "gravity = { acceleration = [0, 0, -0.003] }"
+    whole, parts = (
+        shell_run(
+            STRIP.format(effects=load, integrator=f'static"\nload_steps = {steps} #"', step=1, duration=1)
+        )[0]
+        for steps in (1, 4)
+    )
+    height = [snapshot.observations["s"].points[:, 2].min() for snapshot in parts]
+    assert len(parts) == 5 and (np.diff(height) < 0).all()
+    assert height[-1] == pytest.approx(whole[-1].observations["s"].points[:, 2].min(), rel=1e-6)
+    assert height[1] == pytest.approx(height[-1] / 4, rel=0.1)  # nearly linear
+
+
 def test_force_of_a_handle_on_a_free_body_is_its_inertia():
     """All vertices held by the handle: the force is the total mass times the acceleration."""
     text = STRIP.replace('pin = {{ name = "left", box = [[-0.01, -1, -1], [0.07, 1, 1]] }}', "")
@@ -141,7 +155,7 @@ def test_velocity_and_acceleration_are_derivatives_of_the_position(smooth):
     assert np.abs(motion(1 - 1e-13)[0] - motion(1.0)[0]).max() < 1e-10  # no jump at a key frame
 
 
-@pytest.mark.parametrize("name", ["newmark", "verlet"])
+@pytest.mark.parametrize("name", ["newmark", "verlet", "bdf2"])
 def test_resumed_run_with_a_handle_has_the_same_bits(name):
     text = STRIP.format(effects=TWIST + RAMP.replace("0.39", "0.25").replace("0.41", "0.3"), integrator=name,
                         step=1e-3, duration=0.03)  # fmt: skip

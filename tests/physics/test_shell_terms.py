@@ -42,6 +42,7 @@ TERMS = {
     "pressure": ("pressure = { value = 20 }", CURVED),
     "gas": ("pressure = { value = 20, gas = true, ambient = 50 }", CURVED),
     "wind": ('wind = { velocity = ["2 + x", 1, "0.5*z"], tangential = 0.4 }', CURVED),
+    "plasticity": ("stretching = {}\nbending = {}\nplasticity = { yield_strain = 0.01 }", CURVED),
     "pin": ("pin = { vertices = [0] }", SHEET),
 }
 

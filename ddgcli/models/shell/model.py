@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from ddgcli.mechanics.driving import driving_work, reactions
 from ddgcli.mechanics.integrators import INTEGRATORS, Step, stable_step
 from ddgcli.mechanics.system import Motion, System
-from ddgcli.mechanics.terms import FixedCoordinates, PrescribedMotion
+from ddgcli.mechanics.terms import FixedCoordinates, PrescribedMotion, RampedLoad
 from ddgcli.mesh.require import unmet_need
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.models.shell.context import ShellContext
@@ -23,6 +23,7 @@ from ddgcli.simulation.account import Account
 from ddgcli.simulation.effects import Effect
 from ddgcli.simulation.time_loop import Model, Observation
 
+PAST = ("past_x", "past_v", "past_dt")  # arrays of a checkpoint
 log = logging.getLogger("ddgcli")
 
 
@@ -123,6 +124,9 @@ def _strength(part: Any) -> bool:
 def make_system(scene: Scene, context: ShellContext, account: Account) -> System:
     """Masses of a shell and what the scene's effects make for it."""
     parts = parts_of(scene, context)
+    if getattr(scene.time, "load_steps", 1) > 1:
+        times, factors = np.array([0.0, scene.time.duration]), np.array([0.0, 1.0])
+        parts = [RampedLoad(part, times, factors) if hasattr(part, "scaled") else part for part in parts]
     loose = ~context.mesh.topology.referenced_vertex
     if loose.any():
         parts.append(FixedCoordinates(np.repeat(loose[:, None], 3, axis=1)))
@@ -139,15 +143,21 @@ def _model(scene: Scene, context: ShellContext, system: System) -> Model[Motion]
     x, v, _ = system.prescribed_state(x, v, v)
     step_size = scene.schedule().dt
     with np.errstate(all="ignore"):
-        start = Motion(x, v, system.acceleration(x, v, step_size))
+        a = system.acceleration(x, v, step_size)
+    past = (x, v, np.zeros(1)) if integrator.multistep else ()
+    start = Motion(x, v, a, memory=tuple(term.initial() for term in system.memories), past=past)
     size, reach = system.size, integrator.reach(parameters)
 
     def advanced(step: Step, motion: Motion, time: float, dt: float) -> Motion:
         before = replace(motion, time=time)
-        after = replace(step(system, before, dt, parameters), time=time + dt, work=motion.work)
+        current = system.remembering(motion.memory)
+        after = step(current, before, dt, parameters)
+        memory = system.committed(after.x, motion.memory)
+        past = (before.x, before.v, np.array([dt])) if integrator.multistep else ()
+        after = replace(after, time=time + dt, work=motion.work, memory=memory, past=past)
         if not system.driven:
             return after
-        return replace(after, work=motion.work + driving_work(system, before, after, dt))
+        return replace(after, work=motion.work + driving_work(current, before, after, dt))
 
     def advance(motion: Motion, time: float, dt: float) -> Motion:
         return advanced(integrator.step, motion, time, dt)
@@ -156,21 +166,41 @@ def _model(scene: Scene, context: ShellContext, system: System) -> Model[Motion]
         return advanced(integrator.rescue or integrator.step, motion, time, dt)
 
     def observe(motion: Motion) -> Observation:
-        scalars = measures(system.at(motion.time), motion)
-        for potential in system.at(motion.time).potentials:
+        current = system.remembering(motion.memory).at(motion.time)
+        scalars = measures(current, motion)
+        if system.memories:
+            scalars["plastic_work"] = float(sum(arrays["work"][0] for arrays in motion.memory))
+        for potential in current.potentials:
             if hasattr(potential, "observed"):
                 scalars |= potential.observed(motion.x)
-        for name, (force, moment) in reactions(system, motion, step_size).items():
+        for name, (force, moment) in reactions(current, motion, step_size).items():
             scalars |= {f"reaction_force_{name}": force, f"reaction_moment_{name}": moment}
         return Observation(motion.x, {"velocity": motion.v, "strain": strain(context, motion.x)}, scalars)
 
     def pack(motion: Motion) -> dict[str, NDArray]:
         scalars = np.array([motion.newton, motion.balance_excess, motion.time, motion.work])
-        return {"x": motion.x, "v": motion.v, "a": motion.a, "scalars": scalars}
+        memory = {
+            f"memory_{k}_{name}": array
+            for k, arrays in enumerate(motion.memory)
+            for name, array in arrays.items()
+        }
+        return {
+            "x": motion.x,
+            "v": motion.v,
+            "a": motion.a,
+            "scalars": scalars,
+            **memory,
+            **dict(zip(PAST, motion.past)),
+        }
 
     def unpack(arrays: dict[str, NDArray]) -> Motion:
         count, excess, time, work = (float(value) for value in arrays["scalars"])
-        return Motion(arrays["x"], arrays["v"], arrays["a"], int(count), excess, time, work)
+        memory = tuple(
+            {name: arrays[f"memory_{k}_{name}"] for name in term.initial()}
+            for k, term in enumerate(system.memories)
+        )
+        past = tuple(arrays[name] for name in PAST) if integrator.multistep else ()
+        return Motion(arrays["x"], arrays["v"], arrays["a"], int(count), excess, time, work, memory, past)
 
     limit = stable_step(system, x, reach)
     return Model(

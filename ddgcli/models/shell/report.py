@@ -81,6 +81,8 @@ def summary(
     }
     if "external_work" in last.scalar:
         results["external_work"] = last.scalar["external_work"]
+    if "plastic_work" in last.scalar:
+        results["plastic_work"] = last.scalar["plastic_work"]
     supports = [name.removeprefix(FORCE) for name in last.scalar if name.startswith(FORCE)]
     if supports:
         results["reaction_forces"] = {

@@ -24,6 +24,7 @@ EFFECTS = EffectTable(
         "load": ("ddgcli.models.shell.load", "Forces on vertices, tractions, moments on edges."),
         "pressure": ("ddgcli.models.shell.pressure", "Pressure or a gas inside a closed shell."),
         "wind": ("ddgcli.models.shell.wind", "Drag and lift of moving or still air on the faces."),
+        "plasticity": ("ddgcli.models.shell.plasticity", "Rest lengths and angles that yield."),
         "pin": ("ddgcli.models.shell.pin", "Vertices held still, in all directions or some."),
         "handle": ("ddgcli.models.shell.handle", "Vertices moved along key frames, as a rigid body."),
         "damping": ("ddgcli.models.shell.damping", "Rayleigh damping by mass and by stiffness."),
@@ -79,6 +80,14 @@ class NewmarkParameters(Section):
     gamma: quantity("", "weight of the new acceleration in the velocities", ge=0.5, le=1) = 0.5
 
 
+class StaticParameters(Section):
+    """Equilibria under growing loads."""
+
+    load_steps: int = Field(
+        1, ge=1, le=100000, description="equilibria under k / load_steps of every load that has no ramp"
+    )
+
+
 KIND = SceneKind(
     "shell-sim",
     {"shell": Shell, "obstacle": Obstacle},
@@ -88,7 +97,8 @@ KIND = SceneKind(
         "implicit-midpoint": NoParameters,
         "symplectic-euler": NoParameters,
         "verlet": NoParameters,
-        "static": NoParameters,
+        "bdf2": NoParameters,
+        "static": StaticParameters,
     },
     "newmark",
     EFFECTS,

@@ -44,6 +44,10 @@ class EdgeSprings:
         vector = x[self.stencil[:, 1]] - x[self.stencil[:, 0]]
         return vector, np.sqrt(np.einsum("ei,ei->e", vector, vector))
 
+    def lengths(self, x: NDArray) -> NDArray[np.float64]:
+        """(e,) lengths of the edges."""
+        return self._edge(x)[1]
+
     def energy(self, x: NDArray) -> float:
         return 0.5 * float(np.sum(self.stiffness * (self._edge(x)[1] / self.rest - 1) ** 2))
 

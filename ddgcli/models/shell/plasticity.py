@@ -1,0 +1,184 @@
+"""Effect `plasticity`: rest lengths and rest angles yield, with linear hardening."""
+
+# mypy: disable-error-code="valid-type"
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field, model_validator
+
+from ddgcli.mechanics.terms import Arrays, Potential
+from ddgcli.models.shell import hinge
+from ddgcli.models.shell.bending import HingeBending
+from ddgcli.models.shell.context import ShellContext
+from ddgcli.models.shell.stretching import EdgeSprings, StVK
+from ddgcli.scenes.scene import Section
+from ddgcli.scenes.units import quantity
+from ddgcli.simulation.effects import Effect
+
+
+class Plasticity(Section):
+    """Permanent deformation beyond a yield strain or a yield angle."""
+
+    object: str | None = Field(None, description="shell; by default all")
+    yield_strain: quantity("", "elastic strain that stretching bears", gt=0) | None = None
+    yield_angle: quantity("rad", "elastic change of a hinge's angle that bending bears", gt=0) | None = None
+    hardening: quantity("", "growth of the yield limit per plastic strain or angle", ge=0) = 0.0
+
+    @model_validator(mode="after")
+    def _one(self) -> Plasticity:
+        if self.yield_strain is None and self.yield_angle is None:
+            raise ValueError("give yield_strain, yield_angle or both")
+        return self
+
+
+class Flow:
+    """Radial return of one elastic potential with linear hardening.
+
+    The memory holds the rest state and the plastic strain that each element has accumulated. An elastic
+    strain e beyond the limit L = yield + hardening * accumulated leaves the plastic increment
+    (e - L) / (1 + hardening).
+    """
+
+    effect = "plasticity"
+
+    def __init__(self, potential: Any, limit: float, hardening: float) -> None:
+        self.potential, self.limit, self.hardening = potential, limit, hardening
+
+    def initial(self) -> Arrays:
+        """Memory of a shell that has not yielded."""
+        rest = self.rest()
+        return {"rest": rest, "accumulated": np.zeros(len(rest)), "work": np.zeros(1)}
+
+    def commit(self, x: NDArray, memory: Arrays) -> Arrays:
+        """The memory after a step that ends at x; the same object where nothing yields."""
+        strain = self.strain(x, memory["rest"])
+        increment = (strain - self.limit - self.hardening * memory["accumulated"]) / (1 + self.hardening)
+        if not (increment > 0).any():
+            return memory
+        increment = np.maximum(increment, 0.0)
+        rest = self.yielded(x, memory["rest"], strain, increment)
+        after = {"rest": rest, "accumulated": memory["accumulated"] + increment, "work": memory["work"]}
+        work = self.at(memory).energy(x) - self.at(after).energy(x)
+        return {**after, "work": memory["work"] + work}
+
+    def at(self, memory: Arrays) -> Potential:
+        """The potential about the rest state of a memory."""
+        raise NotImplementedError
+
+    def rest(self) -> NDArray[np.float64]:
+        """Rest state of the elements before they yield."""
+        return np.asarray(self.potential.rest)
+
+    def strain(self, x: NDArray, rest: NDArray) -> NDArray[np.float64]:
+        """Size of the elastic strain of each element."""
+        raise NotImplementedError
+
+    def yielded(self, x: NDArray, rest: NDArray, strain: NDArray, increment: NDArray) -> NDArray[np.float64]:
+        """Rest state after a plastic increment."""
+        raise NotImplementedError
+
+
+class HingeFlow(Flow):
+    """The rest angle of a hinge yields."""
+
+    def _change(self, x: NDArray, rest: NDArray) -> NDArray[np.float64]:
+        return hinge.wrapped(hinge.frame(x, self.potential.stencil).angle - rest)
+
+    def at(self, memory: Arrays) -> Potential:
+        return HingeBending(self.potential.stencil, self.potential.weight, memory["rest"])
+
+    def strain(self, x: NDArray, rest: NDArray) -> NDArray[np.float64]:
+        return np.abs(self._change(x, rest))
+
+    def yielded(self, x: NDArray, rest: NDArray, strain: NDArray, increment: NDArray) -> NDArray[np.float64]:
+        return rest + np.sign(self._change(x, rest)) * increment
+
+
+class EdgeFlow(Flow):
+    """The rest length of an edge yields."""
+
+    def _strain(self, x: NDArray, rest: NDArray) -> tuple[NDArray, NDArray]:
+        length = self.potential.lengths(x)
+        return length, length / rest - 1
+
+    def at(self, memory: Arrays) -> Potential:
+        return EdgeSprings(self.potential.stencil, memory["rest"], self.potential.stiffness)
+
+    def strain(self, x: NDArray, rest: NDArray) -> NDArray[np.float64]:
+        return np.abs(self._strain(x, rest)[1])
+
+    def yielded(self, x: NDArray, rest: NDArray, strain: NDArray, increment: NDArray) -> NDArray[np.float64]:
+        length, signed = self._strain(x, rest)
+        return np.where(increment > 0, length / (1 + signed - np.sign(signed) * increment), rest)
+
+
+class MembraneFlow(Flow):
+    """The rest metric of a face yields: it moves along the straight line to the metric of the face.
+
+    The metrics are (m, 2, 2), in the orthonormal frame of the face as drawn. On that line every principal
+    strain shrinks, so the energy falls. The area of the rest state stays that of the drawn face: plastic flow
+    keeps the volume of the material.
+    """
+
+    def rest(self) -> NDArray[np.float64]:
+        return np.tile(np.eye(2), (len(self.potential.area), 1, 1))
+
+    def _metric(self, x: NDArray) -> NDArray[np.float64]:
+        gradient = np.matmul(x[self.potential.stencil].transpose(0, 2, 1), self.potential.basis)
+        return np.matmul(gradient.transpose(0, 2, 1), gradient)
+
+    def at(self, memory: Arrays) -> Potential:
+        p = self.potential
+        return StVK(p.stencil, np.matmul(p.basis, _inverse_root(memory["rest"])), p.area, p.lam, p.mu)
+
+    def _principal(self, x: NDArray, rest: NDArray) -> NDArray[np.float64]:
+        """(m, 2) principal Green strains relative to the rest metric."""
+        root = _inverse_root(rest)
+        stretch = np.matmul(np.matmul(root.transpose(0, 2, 1), self._metric(x)), root)
+        return 0.5 * np.linalg.eigvalsh(stretch - np.eye(2))
+
+    def strain(self, x: NDArray, rest: NDArray) -> NDArray[np.float64]:
+        return np.abs(self._principal(x, rest)).max(axis=1)
+
+    def yielded(self, x: NDArray, rest: NDArray, strain: NDArray, increment: NDArray) -> NDArray[np.float64]:
+        # the part s of the old rest metric turns a principal strain e into s e / (1 + 2 e (1 - s))
+        principal = self._principal(x, rest)
+        bound = np.sign(principal) * (strain - increment)[:, None]
+        beyond = np.abs(principal) > np.abs(bound)
+        safe = np.where(beyond, principal, 1.0)
+        part = np.where(beyond, bound * (1 + 2 * safe) / (safe * (1 + 2 * bound)), 1.0).min(axis=1)
+        part = part[:, None, None]
+        return (1 - part) * self._metric(x) + part * rest
+
+
+def _inverse_root(metric: NDArray) -> NDArray[np.float64]:
+    """(m, 2, 2) matrices P with P^T M P = I."""
+    return np.linalg.inv(np.linalg.cholesky(metric)).transpose(0, 2, 1)
+
+
+def build(parameters: Plasticity, context: ShellContext) -> list[Flow]:
+    if parameters.object not in (None, context.shell.name):
+        return []
+    kinds: dict[type, tuple[type[Flow], float | None]] = {
+        HingeBending: (HingeFlow, parameters.yield_angle),
+        EdgeSprings: (EdgeFlow, parameters.yield_strain),
+        StVK: (MembraneFlow, parameters.yield_strain),
+    }
+    flows: list[Flow] = []
+    for potential in context.elastic:
+        flow, limit = kinds.get(type(potential), (None, None))
+        if flow is None and parameters.yield_angle is not None:
+            raise ValueError('yield_angle needs rest angles: write bending = { model = "hinge" }')
+        if flow is not None and limit is not None:
+            flows.append(flow(potential, limit, parameters.hardening))
+    for name, effect in (("yield_strain", "stretching"), ("yield_angle", "bending")):
+        if getattr(parameters, name) is not None and effect not in context.made:
+            raise ValueError(f"{name} needs the effect {effect}")
+    return flows
+
+
+EFFECT = Effect("plasticity", Plasticity, build, "one pass over the faces and hinges a step", ("shell",))
