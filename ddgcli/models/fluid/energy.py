@@ -1,4 +1,4 @@
-"""Integrator `energy`: implicit midpoint rule on the conservative form, exactly energy-preserving and reversible.
+"""Integrator `energy`: implicit midpoint rule on the conservative form, which keeps the energy exactly.
 
 The rate of change is (du/dt, w) = - int omega (n x u) . w for all discrete flows w. It vanishes for w = u, so
 that the midpoint rule keeps the kinetic energy of any mesh, and, quadratic too, the enstrophy of surfaces.

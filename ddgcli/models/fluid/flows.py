@@ -89,7 +89,40 @@ class NamedFlow:
     keys: tuple[str, ...] = ()
 
 
+def vortex_ring(context: FluidContext, parameters: Any) -> NDArray[np.float64]:
+    """(m, 3) velocity of a ring of circulation `strength` times its radius, by the law of Biot and Savart."""
+    low, high = context.points.min(axis=0), context.points.max(axis=0)
+    centre = 0.5 * (low + high) if parameters.center is None else np.array(parameters.center)
+    axis = np.array(parameters.direction or (0.0, 0.0, 1.0))
+    axis = axis / np.linalg.norm(axis)
+    radius = 0.5 * parameters.separation if parameters.separation else 0.2 * float((high - low).min())
+    core = parameters.core or 0.3 * radius
+    first = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])
+    first /= np.linalg.norm(first)
+    angle = 2.0 * np.pi * (np.arange(RING_SEGMENTS) + 0.5) / RING_SEGMENTS
+    out = np.cos(angle)[:, None] * first + np.sin(angle)[:, None] * np.cross(axis, first)
+    piece = 2.0 * np.pi * radius / RING_SEGMENTS * np.cross(axis, out)
+    x, velocity = context.face_points(), np.zeros((len(context.cells), 3))
+    for place, along in zip(centre + radius * out, piece):
+        apart = x - place
+        square = np.einsum("ia,ia->i", apart, apart) + core**2
+        velocity += np.cross(along, apart) / square[:, None] ** 1.5
+    return parameters.strength * radius / (4.0 * np.pi) * velocity
+
+
 KEYS = ("core", "separation", "center", "direction")
+RING_SEGMENTS = 64
+
+
+@dataclass(frozen=True)
+class VolumeFlow:
+    """A flow of volumes with a name: cell velocities (m, 3), and the options that it reads."""
+
+    velocity: Callable[[FluidContext, Any], NDArray[np.float64]]
+    keys: tuple[str, ...] = ()
+
+
+VOLUME_FLOWS = {"vortex-ring": VolumeFlow(vortex_ring, KEYS)}
 FLOWS = {
     "taylor-vortices": NamedFlow(taylor_vortices, KEYS),
     "vortex-pair": NamedFlow(vortex_pair, KEYS),

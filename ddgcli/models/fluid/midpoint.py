@@ -1,4 +1,4 @@
-"""The implicit midpoint rule: keeps quadratic invariants, and is its own inverse under a change of sign of time."""
+"""Implicit midpoint rule: keeps quadratic invariants, and is its own inverse when time turns back."""
 
 from __future__ import annotations
 

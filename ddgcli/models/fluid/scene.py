@@ -27,9 +27,9 @@ EFFECTS = EffectTable(
 
 # integrator -> dimension of the space -> module whose `transport(setting, parameters)` makes the phase
 TRANSPORTS = {
-    "circulation": {2: "ddgcli.models.fluid.circulation"},
+    "circulation": {2: "ddgcli.models.fluid.circulation", 3: "ddgcli.models.fluid.volume_transport"},
     "conservative": {2: "ddgcli.models.fluid.conservative"},
-    "energy": {2: "ddgcli.models.fluid.energy"},
+    "energy": {2: "ddgcli.models.fluid.energy", 3: "ddgcli.models.fluid.volume_transport"},
 }
 
 
