@@ -74,6 +74,47 @@ def taylor_green(context: FluidContext, parameters: Any) -> NDArray[np.float64]:
     return parameters.strength * (kx**2 + ky**2) / ky * np.sin(kx * x) * np.sin(ky * y)
 
 
+def jet(context: FluidContext, parameters: Any) -> NDArray[np.float64]:
+    """A zonal jet along the latitude of `center` round the z axis, with a ripple that makes it unstable.
+
+    The speed is strength * exp(-(s/core)^2), s the arc from the jet on the unit sphere.
+    """
+    x = context.points - _middle(context)
+    radius = np.linalg.norm(x, axis=1)
+    size = float(radius.max())
+    latitude = np.arcsin(np.clip(x[:, 2] / np.where(radius > 0, radius, 1.0), -1.0, 1.0))
+    centre = np.pi / 4 if parameters.center is None else _latitude(parameters.center)
+    width = parameters.core / size if parameters.core else 0.15
+    ripple = 0.02 * np.cos(5.0 * np.arctan2(x[:, 1], x[:, 0]))
+    s = latitude - centre - ripple
+    speed = np.exp(-((s / width) ** 2))
+    # vorticity = -d(u cos(latitude)) / (R cos(latitude) d latitude)
+    return parameters.strength / size * speed * (2.0 * s / width**2 + np.tan(np.clip(latitude, -1.5, 1.5)))
+
+
+def _latitude(centre: Any) -> float:
+    return float(np.arctan2(centre[2], np.hypot(centre[0], centre[1])))
+
+
+def rossby_haurwitz(context: FluidContext, parameters: Any) -> NDArray[np.float64]:
+    """The spherical harmonic of degree 4 with three waves round the z axis; `strength` its largest speed."""
+    x = context.points - _middle(context)
+    size = float(np.linalg.norm(x, axis=1).max())
+    a, b, c = (x / size).T
+    return 20.0 / HAURWITZ_SPEED * parameters.strength / size * (a**3 - 3.0 * a * b**2) * c
+
+
+def shear_layer(context: FluidContext, parameters: Any) -> NDArray[np.float64]:
+    """Two opposite shear layers in a rectangle with a ripple: they roll up (Bell, Colella and Glaz 1989)."""
+    low = context.points.min(axis=0)
+    size = np.where(context.period > 0, context.period, np.ptp(context.points, axis=0))
+    x, y = ((context.points - low) / np.where(size > 0, size, 1.0))[:, :2].T
+    width = parameters.core / size[1] if parameters.core else 1.0 / 30.0
+    lower, upper = (y - 0.25) / width, (0.75 - y) / width
+    sheets = (1.0 / np.cosh(upper) ** 2 - 1.0 / np.cosh(lower) ** 2) / (width * size[1])
+    return parameters.strength * (sheets + 0.05 * 2.0 * np.pi / size[0] * np.cos(2.0 * np.pi * x))
+
+
 @dataclass(frozen=True)
 class NamedFlow:
     """A flow with a name.
@@ -112,6 +153,7 @@ def vortex_ring(context: FluidContext, parameters: Any) -> NDArray[np.float64]:
 
 KEYS = ("core", "separation", "center", "direction")
 RING_SEGMENTS = 64
+HAURWITZ_SPEED = 1.154701  # largest slope of (x^3 - 3 x y^2) z on the unit sphere
 
 
 @dataclass(frozen=True)
@@ -128,4 +170,7 @@ FLOWS = {
     "vortex-pair": NamedFlow(vortex_pair, KEYS),
     "rotation": NamedFlow(rotation),
     "taylor-green": NamedFlow(taylor_green),
+    "jet": NamedFlow(jet, ("core", "center")),
+    "rossby-haurwitz": NamedFlow(rossby_haurwitz),
+    "shear-layer": NamedFlow(shear_layer, ("core",)),
 }
