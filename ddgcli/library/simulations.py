@@ -13,6 +13,7 @@ from ddgcli.io.arrays import read_array
 from ddgcli.io.mesh_file import read_mesh
 from ddgcli.io.scene_file import SceneDocument, read_scene
 from ddgcli.mesh.fields import Frame
+from ddgcli.mesh.tet_mesh import TetMesh
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.models.fluid import model as fluid_model
 from ddgcli.models.fluid.scene import KIND as FLUID
@@ -32,7 +33,7 @@ class Simulation:
 
     Parameters
     ----------
-    mesh : TriangleMesh
+    mesh : TriangleMesh or TetMesh
         All objects that move or carry a flow as one surface, at the start.
     scene : dict
         The scene with every default filled in.
@@ -50,7 +51,7 @@ class Simulation:
     (True, 11, 0.1)
     """
 
-    mesh: TriangleMesh
+    mesh: TriangleMesh | TetMesh
     scene: dict[str, Any]
     n_frames: int
     frames: Iterator[Frame]

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from itertools import permutations
+
 import numpy as np
 
+from ddgcli.mesh.tet_mesh import TetMesh
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 
 
@@ -208,6 +211,24 @@ def catenoid(nu: int = 48, nz: int = 32, waist: float = 1.0, half_height: float 
     return TriangleMesh.from_arrays(
         np.stack([r * np.cos(2 * np.pi * u), r * np.sin(2 * np.pi * u), z], axis=1), faces
     )
+
+
+def box_tetrahedra(
+    nx: int = 4, ny: int = 4, nz: int = 4, size: tuple[float, float, float] = (1.0, 1.0, 1.0)
+) -> TetMesh:
+    """Solid box [0, size] of nx x ny x nz cells, each cut into six tetrahedra round its diagonal (Kuhn)."""
+    counts = np.array([nx, ny, nz])
+    axes = np.meshgrid(*(np.arange(c + 1) for c in counts), indexing="ij")
+    lattice = np.stack(axes, axis=-1).reshape(-1, 3)
+    stride = np.array([(ny + 1) * (nz + 1), nz + 1, 1])
+    first = np.flatnonzero((lattice < counts).all(axis=1))
+    cells = []
+    for order in permutations(range(3)):
+        corners = np.cumsum([0, *stride[list(order)]])
+        even = (order[1] - order[0]) % 3 == 1
+        cells.append(first[:, None] + (corners if even else corners[[0, 2, 1, 3]]))
+    tetrahedra = np.stack(cells, axis=1).reshape(-1, 4)
+    return TetMesh.from_arrays(lattice / counts * np.array(size), tetrahedra)
 
 
 def box(

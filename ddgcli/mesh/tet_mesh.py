@@ -77,6 +77,10 @@ class TetMesh:
         """Number of vertices."""
         return len(self.points)
 
+    def moved(self, points: NDArray) -> TetMesh:
+        """The same cells at other points."""
+        return TetMesh(points, self.tetrahedra)
+
     @cached_property
     def signed_volume(self) -> NDArray[np.float64]:
         """(k,) signed volume of each tetrahedron."""

@@ -13,7 +13,8 @@ from pydantic import Field, model_validator
 
 from ddgcli.mesh.intrinsic_mesh import IntrinsicMesh
 from ddgcli.mesh.require import kind_error
-from ddgcli.mesh.shapes import box, icosphere, wrapped_grid
+from ddgcli.mesh.shapes import box, box_tetrahedra, icosphere, wrapped_grid
+from ddgcli.mesh.tet_mesh import TetMesh
 from ddgcli.mesh.topology import NEXT, Topology
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.mesh.vectors import vector_length
@@ -180,8 +181,16 @@ class PlacedMesh:
     face: dict[str, NDArray] = field(default_factory=dict)
 
 
-def place(section: SurfaceObject, read: Callable[[str], Any]) -> PlacedMesh:
-    """Mesh of an object, scaled, turned and moved; `read` opens a mesh file relative to the scene."""
+def place(section: SurfaceObject, read: Callable[[str], Any], volumes: bool = False) -> PlacedMesh:
+    """Mesh of an object, scaled, turned and moved; `read` opens a mesh file relative to the scene.
+
+    With `volumes` a file may hold tetrahedra, and a box is one of tetrahedra.
+    """
+    if volumes and section.box is not None:
+        nx, ny, nz = section.box.cells
+        solid = box_tetrahedra(nx, ny, nz, section.box.size)
+        inside = np.asarray(solid.points) + np.array(section.box.corner)
+        return PlacedMesh(solid.moved(_moved(section, inside)), {})
     if section.grid is not None and section.grid.periodic:
         flat = periodic_grid(section.grid)
         points = _moved(section, np.asarray(flat.points))
@@ -195,6 +204,8 @@ def place(section: SurfaceObject, read: Callable[[str], Any]) -> PlacedMesh:
         for note in source.notes:
             logging.getLogger("ddgcli").warning("object %s: %s", section.name, note)
         mesh, vertex, sha256, face = source.mesh, source.vertex, source.sha256, source.face
+        if volumes and isinstance(mesh, TetMesh):
+            return PlacedMesh(mesh.moved(_moved(section, np.asarray(mesh.points))), vertex, sha256)
         if not isinstance(mesh, TriangleMesh):
             raise ValueError(kind_error(mesh, ("surface",), path=section.mesh))
     else:

@@ -7,14 +7,19 @@ from typing import Any
 import numpy as np
 
 from ddgcli.mesh.fields import Frame
+from ddgcli.mesh.tet_mesh import TetMesh
 from ddgcli.mesh.topology import Topology
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.simulation.time_loop import Observation, Snapshot
 
 
-def joined_mesh(meshes: list[Any]) -> tuple[TriangleMesh, np.ndarray]:
-    """One mesh of several, vertices in order, and the (m,) number of the object of each face."""
+def joined_mesh(meshes: list[Any]) -> tuple[TriangleMesh | TetMesh, np.ndarray]:
+    """One mesh of several of one kind, vertices in order, and the (m,) number of the object of each cell."""
     sizes = np.cumsum([0, *(mesh.n_vertices for mesh in meshes)])
+    if isinstance(meshes[0], TetMesh):
+        cells = np.concatenate([mesh.tetrahedra + start for mesh, start in zip(meshes, sizes)])
+        number = np.repeat(np.arange(len(meshes)), [len(mesh.tetrahedra) for mesh in meshes])
+        return TetMesh(np.concatenate([mesh.points for mesh in meshes]), cells), number
     faces = np.concatenate([mesh.faces + start for mesh, start in zip(meshes, sizes)])
     points = np.concatenate([mesh.points for mesh in meshes])
     number = np.repeat(np.arange(len(meshes)), [mesh.n_faces for mesh in meshes])

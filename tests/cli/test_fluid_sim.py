@@ -288,7 +288,9 @@ def test_walls_that_do_not_go_together(run, tmp_path, effects, told):
 
 def test_lists(run):
     listing = json.loads(run("fluid-sim", "--effects", "--json").stdout)
-    assert set(listing) == {"initial", "viscosity", "harmonic", "boundary", "force", "rotation", "dye"}
+    assert set(listing) == {
+        "initial", "viscosity", "harmonic", "boundary", "force", "rotation", "buoyancy", "dye"
+    }  # fmt: skip
     assert json.loads(run("fluid-sim", "--schema").stdout)
 
 
@@ -301,6 +303,13 @@ def test_sample_scenes_are_sound_and_start(run, tmp_path, name):
     assert result.exit_code == 0, result.stderr
     accuracy = json.loads(result.stdout)["accuracy"]
     assert accuracy["divergence_max"] < 1e-14 and accuracy["total_vorticity_drift"] < 1e-14
+
+
+@pytest.mark.parametrize("name", ["karman_street", "smoke_box", "jet_sphere", "lid_driven_cavity"])
+def test_sample_scenes_that_are_driven_start(run, tmp_path, name):
+    result = run("fluid-sim", SAMPLES / f"{name}.toml", "--steps", 1, "-o", tmp_path / "run.vtkhdf", "--json")
+    assert result.exit_code == 0, result.stderr
+    assert json.loads(result.stdout)["accuracy"]["divergence_max"] < 1e-11
 
 
 @pytest.mark.parametrize(

@@ -98,6 +98,7 @@ def _trajectory(run: Run, path: str, every: int) -> tuple[ViewedObject, list[flo
     if Path(path).suffix.lower() not in TRAJECTORY_SUFFIXES:
         return None
     from ddgcli.io.trajectories.trajectory import Trajectory
+    from ddgcli.mesh.tet_mesh import TetMesh
     from ddgcli.plots.web_page import ViewedObject
 
     try:
@@ -116,5 +117,7 @@ def _trajectory(run: Run, path: str, every: int) -> tuple[ViewedObject, list[flo
             for name, values in frames[0].vertex.items()
             if _drawable(values)
         }
-        viewed = ViewedObject(Path(path).name, points, trajectory.mesh.faces, vertex)
+        mesh = trajectory.mesh
+        surface = mesh.boundary if isinstance(mesh, TetMesh) else mesh
+        viewed = ViewedObject(Path(path).name, points, surface.faces, vertex)
         return viewed, [frame.time for frame in frames]

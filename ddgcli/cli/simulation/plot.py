@@ -9,6 +9,8 @@ from typing import Any
 from numpy.typing import NDArray
 
 from ddgcli.cli.options import CommonOptions, named_array, page_size
+from ddgcli.mesh.tet_mesh import TetMesh
+from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.simulation.outcome import Outcome
 
 
@@ -73,12 +75,23 @@ def magnitude(values: NDArray) -> NDArray:
 
 
 def visible_part(mesh: Any, shown: NDArray | None) -> Any:
-    """Mesh of the faces to draw."""
+    """The faces to draw; of tetrahedra the boundary of those behind the middle, so that a cut is seen."""
+    if isinstance(mesh, TetMesh):
+        return cut_open(mesh)
     if shown is None or shown.all():
         return mesh
     from ddgcli.mesh.triangle_mesh import TriangleMesh
 
     return TriangleMesh.from_arrays(mesh.points, mesh.faces[shown])
+
+
+def cut_open(mesh: TetMesh) -> TriangleMesh:
+    """Boundary of the cells whose centroid has more than the middle y."""
+    import numpy as np
+
+    y = mesh.points[mesh.tetrahedra][..., 1].mean(axis=1)
+    behind = y > 0.5 * (mesh.points[:, 1].min() + mesh.points[:, 1].max())
+    return TetMesh(np.asarray(mesh.points), mesh.tetrahedra[behind]).boundary
 
 
 def energy_series(times: NDArray, scalars: Mapping[str, NDArray]) -> dict[str, tuple[NDArray, NDArray]]:

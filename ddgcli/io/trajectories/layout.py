@@ -1,4 +1,6 @@
-"""The layout of a trajectory: one HDF5 file in the VTKHDF form (2.2, transient PolyData), and what is ours.
+"""The layout of a trajectory: one HDF5 file in the VTKHDF form (2.2, transient), and what is ours.
+
+Surfaces are PolyData, tetrahedra an UnstructuredGrid.
 
 Every growing dataset has rows for one frame, or for its vertices; everything else is written once.
 """
@@ -15,9 +17,11 @@ from numpy.typing import NDArray
 
 from ddgcli.io.trajectories.row_file import Rows
 from ddgcli.mesh.fields import Frame
+from ddgcli.mesh.tet_mesh import TetMesh
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 
 SCHEMA = "ddgcli-trajectory/1"
+VTK_TETRA = 10  # cell type of VTK
 TOPOLOGIES = ("Vertices", "Lines", "Polygons", "Strips")
 LOG_DTYPE = np.dtype(
     [("step", "i8"), ("time", "f8"), ("kind", "S24"), ("place", "S32"), ("value", "f8"), ("detail", "S160")]
@@ -34,7 +38,7 @@ class Header:
 
     Parameters
     ----------
-    mesh : TriangleMesh
+    mesh : TriangleMesh or TetMesh
         Connectivity, and the points of a surface that does not move.
     moving : bool
         Whether frames carry points.
@@ -46,7 +50,7 @@ class Header:
         `scene_source`, `scene_resolved`, ...
     """
 
-    mesh: TriangleMesh
+    mesh: TriangleMesh | TetMesh
     moving: bool
     cell: dict[str, NDArray] = field(default_factory=dict)
     attributes: dict[str, Any] = field(default_factory=dict)
@@ -66,13 +70,14 @@ def frame_rows(frame: Frame, header: Header, k: int) -> dict[str, NDArray]:
     """Values of every growing dataset for frame k."""
     n = header.mesh.n_vertices
     one = np.array
+    topologies = 1 if isinstance(header.mesh, TetMesh) else len(TOPOLOGIES)
     rows: dict[str, NDArray] = {
         "VTKHDF/Steps/Values": one([frame.time]),
         "VTKHDF/Steps/PartOffsets": one([0]),
         "VTKHDF/Steps/NumberOfParts": one([1]),
         "VTKHDF/Steps/PointOffsets": one([k * n if header.moving else 0]),
-        "VTKHDF/Steps/CellOffsets": np.zeros((1, 4), dtype=np.int64),
-        "VTKHDF/Steps/ConnectivityIdOffsets": np.zeros((1, 4), dtype=np.int64),
+        "VTKHDF/Steps/CellOffsets": np.zeros((1, topologies), dtype=np.int64),
+        "VTKHDF/Steps/ConnectivityIdOffsets": np.zeros((1, topologies), dtype=np.int64),
         "ddgcli/time": one([frame.time]),
         "ddgcli/step": one([frame.step]),
     }
@@ -120,9 +125,21 @@ def room_for(
 
 def static_bytes(header: Header) -> int:
     """About how much `static` writes."""
-    arrays = (header.mesh.points, header.mesh.faces, *header.cell.values())
+    arrays = (header.mesh.points, cells_of(header.mesh), *header.cell.values())
     texts = (*header.texts.values(), *map(str, header.attributes.values()))
     return sum(np.asarray(a).size * 8 for a in arrays) + sum(len(text) * 4 for text in texts)
+
+
+def cells_of(mesh: TriangleMesh | TetMesh) -> NDArray[np.int64]:
+    """(m, 3 or 4) corners of the cells."""
+    return mesh.tetrahedra if isinstance(mesh, TetMesh) else mesh.faces
+
+
+def _connectivity(group: h5py.Group, cells: NDArray) -> None:
+    group.create_dataset("NumberOfCells", data=np.array([len(cells)], dtype=np.int64))
+    group.create_dataset("NumberOfConnectivityIds", data=np.array([cells.size], dtype=np.int64))
+    group.create_dataset("Offsets", data=np.arange(0, cells.size + 1, cells.shape[1], dtype=np.int64))
+    group.create_dataset("Connectivity", data=cells.ravel().astype(np.int64))
 
 
 def static(file: h5py.File, header: Header) -> None:
@@ -133,7 +150,8 @@ def static(file: h5py.File, header: Header) -> None:
     ours = file.create_group("ddgcli")
     ours.attrs["status"] = STATUS_MARK
     root.attrs["Version"] = np.array([2, 2], dtype=np.int64)
-    root.attrs["Type"] = np.bytes_("PolyData")
+    solid = isinstance(header.mesh, TetMesh)
+    root.attrs["Type"] = np.bytes_("UnstructuredGrid" if solid else "PolyData")
     ours.attrs["schema"] = SCHEMA
     for name, value in header.attributes.items():
         ours.attrs[name] = value if isinstance(value, (int, float, str)) else json.dumps(value)
@@ -143,13 +161,12 @@ def static(file: h5py.File, header: Header) -> None:
     root.create_dataset("NumberOfPoints", data=np.array([mesh.n_vertices], dtype=np.int64))
     if not header.moving:
         root.create_dataset("Points", data=np.asarray(mesh.points))
-    for kind in TOPOLOGIES:
-        faces = mesh.faces if kind == "Polygons" else np.zeros((0, 3), dtype=np.int64)
-        group = root.create_group(kind)
-        group.create_dataset("NumberOfCells", data=np.array([len(faces)], dtype=np.int64))
-        group.create_dataset("NumberOfConnectivityIds", data=np.array([faces.size], dtype=np.int64))
-        group.create_dataset("Offsets", data=np.arange(0, faces.size + 1, 3, dtype=np.int64))
-        group.create_dataset("Connectivity", data=faces.ravel().astype(np.int64))
+    if solid:
+        _connectivity(root, cells_of(mesh))
+        root.create_dataset("Types", data=np.full(len(cells_of(mesh)), VTK_TETRA, dtype=np.uint8))
+    for kind in () if solid else TOPOLOGIES:
+        faces = cells_of(mesh) if kind == "Polygons" else np.zeros((0, 3), dtype=np.int64)
+        _connectivity(root.create_group(kind), faces)
     for kind in ("PointData", "CellData", "FieldData"):
         root.create_group(kind)
     for name, values in header.cell.items():

@@ -56,10 +56,12 @@ def _check(file: Any) -> None:
     points = _rows(root, "Points", n, "f", (3,))
     if n < 0 or (offsets < 0).any() or (offsets > len(points) - n).any():
         raise MeshFileError("a frame's points are outside the file's")
-    corners = _rows(root, "Polygons/Connectivity", 0, "iu")
-    if len(corners) % 3:
-        raise MeshFileError("its faces are no triangles")
-    for name, length in (("PointData", count * n), ("CellData", len(corners) // 3), ("FieldData", count)):
+    solid = "Types" in root
+    width = 4 if solid else 3
+    corners = _rows(root, "Connectivity" if solid else "Polygons/Connectivity", 0, "iu")
+    if len(corners) % width:
+        raise MeshFileError(f"its cells are no {'tetrahedra' if solid else 'triangles'}")
+    for name, length in (("PointData", count * n), ("CellData", len(corners) // width), ("FieldData", count)):
         for array in _group(root, name):
             _rows(_group(root, name), array, length, "fiub", None)
     for name in ours.attrs:

@@ -16,6 +16,7 @@ from ddgcli.errors import MeshFileError, excerpt
 from ddgcli.io.trajectories.layout import EFFECT_DTYPE
 from ddgcli.io.trajectories.layout_check import check_trajectory
 from ddgcli.mesh.fields import Frame
+from ddgcli.mesh.tet_mesh import TetMesh
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 
 
@@ -42,7 +43,8 @@ class Trajectory:
             self.n_frames = int(self._root["Steps"].attrs["NSteps"])
             self.times: NDArray = self._ours["time"][: self.n_frames]
             self.steps: NDArray = self._ours["step"][: self.n_frames]
-            faces = self._root["Polygons/Connectivity"][...].reshape(-1, 3)
+            solid = "Types" in self._root
+            corners = self._root["Connectivity" if solid else "Polygons/Connectivity"][...]
             self._n = int(self._root["NumberOfPoints"][0])
         except (OSError, KeyError, ValueError) as error:
             raise MeshFileError(
@@ -51,7 +53,11 @@ class Trajectory:
         self.path = path
         self.moving = len(self._root["Points"]) > self._n or "PointOffsets" not in self._root["Steps"]
         self.moving = self.moving or bool(np.any(self._root["Steps/PointOffsets"][: self.n_frames]))
-        self.mesh = TriangleMesh.from_arrays(self.points(0), faces)
+        self.mesh: TriangleMesh | TetMesh = (
+            TetMesh.from_arrays(self.points(0), corners.reshape(-1, 4))
+            if solid
+            else TriangleMesh.from_arrays(self.points(0), corners.reshape(-1, 3))
+        )
 
     def __enter__(self) -> Trajectory:
         return self

@@ -54,7 +54,7 @@ class BoundarySection(Section):
 
 
 def build(parameters: BoundarySection, context: FluidContext) -> list[BoundaryPart | PhaseRequest]:
-    if context.mesh.topology.is_closed:
+    if not context.is_volume and context.mesh.topology.is_closed:
         raise MeshError("the surface has no boundary; take the effect out")
     if parameters.obstacle is not None and parameters.obstacle not in context.obstacles:
         known = ", ".join(context.obstacles) or "none"
@@ -70,6 +70,8 @@ def require_friction(setting: FluidSetting) -> None:
         raise ValueError(
             "kinds other than free-slip need the effect viscosity with nu > 0; without it there is free slip"
         )
+    if setting.context.is_volume:
+        return
     count = harmonic_count(setting.space.mesh)
     if count and not len(setting.space.harmonic):
         log.warning(

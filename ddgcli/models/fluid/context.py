@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
+from ddgcli.mesh.tet_mesh import TetMesh
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.models.fluid.surface_space import SurfaceSpace
 from ddgcli.scenes.expressions import evaluate
@@ -22,7 +22,7 @@ class FluidContext:
     Parameters
     ----------
     name : str
-    mesh : TriangleMesh or IntrinsicMesh
+    mesh : TriangleMesh, IntrinsicMesh or TetMesh
     vertex, face : dict of str to ndarray
         Arrays of its file.
     period : (3,) ndarray
@@ -34,12 +34,21 @@ class FluidContext:
     """
 
     name: str
-    mesh: SurfaceMesh
+    mesh: Any
     vertex: dict[str, NDArray]
     face: dict[str, NDArray]
     period: NDArray[np.float64]
     load: Callable[[str], NDArray]
     obstacles: dict[str, NDArray[np.bool_]] = field(default_factory=dict)
+
+    @property
+    def is_volume(self) -> bool:
+        return isinstance(self.mesh, TetMesh)
+
+    @property
+    def cells(self) -> NDArray[np.int64]:
+        """(m, 3 or 4) corners of the faces of a surface, of the tetrahedra of a volume."""
+        return self.mesh.tetrahedra if isinstance(self.mesh, TetMesh) else self.mesh.faces
 
     @property
     def points(self) -> NDArray[np.float64]:
@@ -75,7 +84,7 @@ class FluidContext:
 
     def face_vectors(self, source: str | list[Any]) -> NDArray[np.float64]:
         """(m, 3) velocities of an array (on faces or vertices), a `.npy` or three expressions."""
-        mesh = self.mesh
+        n, cells = self.mesh.n_vertices, self.cells
         if not isinstance(source, str):
             x = self.face_points()
             values = np.stack([evaluate(str(text), dict(zip("xyz", x.T))) for text in source], axis=1)
@@ -87,18 +96,18 @@ class FluidContext:
         else:
             known = ", ".join([*self.vertex, *self.face]) or "none"
             raise ValueError(f"velocity {source!r} is no array of the mesh (there: {known}) and no .npy file")
-        if values.shape == (mesh.n_vertices, 3) and values.shape != (mesh.n_faces, 3):
-            values = values[mesh.faces].mean(axis=1)
-        if values.shape != (mesh.n_faces, 3):
+        if values.shape == (n, 3) and values.shape != (len(cells), 3):
+            values = values[cells].mean(axis=1)
+        if values.shape != (len(cells), 3):
             raise ValueError(
-                f"velocity {source!r} has shape {values.shape}; give three numbers a face ({mesh.n_faces}) "
-                f"or a vertex ({mesh.n_vertices})"
+                f"velocity {source!r} has shape {values.shape}; give three numbers a cell ({len(cells)}) "
+                f"or a vertex ({n})"
             )
         return _finite(values, "velocity", source)
 
     def face_points(self) -> NDArray[np.float64]:
-        """(m, 3) centres of faces; on a periodic grid within one period."""
-        corner = self.points[self.mesh.faces]
+        """(m, 3) centres of cells; on a periodic grid within one period."""
+        corner = self.points[self.cells]
         apart = corner - corner[:, :1]
         return (corner[:, :1] + self.unwrapped(apart)).mean(axis=1)
 

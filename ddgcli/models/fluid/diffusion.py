@@ -27,6 +27,7 @@ from ddgcli.models.fluid.surface_space import SurfaceSpace
 from ddgcli.operators.dec import d0
 
 CURVATURE_SHARE = {"hodge": 0.0, "bochner": 1.0, "deformation": 2.0}
+SPONGE_RINGS = 8
 GAMMA = 1.0 - np.sqrt(0.5)
 
 
@@ -107,7 +108,7 @@ class VelocityDiffusion:
         gram = block_array(
             [[space.stiffness[space.free][:, space.free], None], [None, eye_array(flows.shape[1])]]
         ) if flows.shape[1] else space.stiffness[space.free][:, space.free]  # fmt: skip
-        weight = self.active * space.inverse_mass
+        weight = self.active * space.inverse_mass * outflow_friction(space, nu)
         A = self.curl.T @ diags_array(weight) @ self.curl
         share = CURVATURE_SHARE[kind]
         if share:
@@ -120,6 +121,26 @@ class VelocityDiffusion:
         phi = space.factor.solve(vorticity[space.free], refine=False)
         after = self.decay.step(np.concatenate([phi, coefficients]), dt)
         return self.active * (self.curl @ after + self.moving), after[len(space.free) :]
+
+
+def outflow_friction(space: SurfaceSpace, nu: float) -> NDArray[np.float64] | float:
+    """(n,) factor of the viscosity in the last cells before natural outflows.
+
+    It rises linearly over `SPONGE_RINGS` rings of vertices to the viscosity at which a cell resolves the
+    stream (cell Reynolds number 2), so that vortices leave without oscillations from cell to cell.
+    """
+    if space.open_sides is None or space.lift is None or not len(space.open_sides):
+        return 1.0
+    flux = np.abs(space.side_flux(space.lift, np.zeros(0)))
+    stream = 0.5 * float(np.quantile(flux.max(axis=1), 0.9))  # speed times half the length of a side
+    edges = space.mesh.topology.edges
+    ramp = np.zeros(space.n)
+    ramp[space.open_sides] = 1.0
+    for ring in range(1, SPONGE_RINGS):
+        level = 1.0 - ring / SPONGE_RINGS
+        near = ramp[edges].max(axis=1) > level
+        ramp[edges[near]] = np.maximum(ramp[edges[near]], level)
+    return 1.0 + ramp * max(stream / nu - 1.0, 0.0)
 
 
 class Diffusion(FlowPhase):

@@ -25,6 +25,10 @@ def build(parameters: DyeSection, context: FluidContext) -> list[PhaseRequest]:
     def make(setting: FluidSetting) -> Phase:
         from ddgcli.models.fluid.tracer import Tracer, TracerPhase
 
+        if context.is_volume:
+            from ddgcli.models.fluid.volume_effects import VolumeTracer
+
+            return TracerPhase("dye", amount, VolumeTracer(setting))
         return TracerPhase("dye", amount, Tracer(setting.space, setting.tracing))
 
     return [PhaseRequest(make)]

@@ -74,6 +74,47 @@ def taylor_green(context: FluidContext, parameters: Any) -> NDArray[np.float64]:
     return parameters.strength * (kx**2 + ky**2) / ky * np.sin(kx * x) * np.sin(ky * y)
 
 
+def jet(context: FluidContext, parameters: Any) -> NDArray[np.float64]:
+    """A zonal jet along the latitude of `center` round the z axis, with a ripple that makes it unstable.
+
+    The speed is strength * exp(-(s/core)^2), s the arc from the jet on the unit sphere.
+    """
+    x = context.points - _middle(context)
+    radius = np.linalg.norm(x, axis=1)
+    size = float(radius.max())
+    latitude = np.arcsin(np.clip(x[:, 2] / np.where(radius > 0, radius, 1.0), -1.0, 1.0))
+    centre = np.pi / 4 if parameters.center is None else _latitude(parameters.center)
+    width = parameters.core / size if parameters.core else 0.15
+    ripple = 0.02 * np.cos(5.0 * np.arctan2(x[:, 1], x[:, 0]))
+    s = latitude - centre - ripple
+    speed = np.exp(-((s / width) ** 2))
+    # vorticity = -d(u cos(latitude)) / (R cos(latitude) d latitude)
+    return parameters.strength / size * speed * (2.0 * s / width**2 + np.tan(np.clip(latitude, -1.5, 1.5)))
+
+
+def _latitude(centre: Any) -> float:
+    return float(np.arctan2(centre[2], np.hypot(centre[0], centre[1])))
+
+
+def rossby_haurwitz(context: FluidContext, parameters: Any) -> NDArray[np.float64]:
+    """The spherical harmonic of degree 4 with three waves round the z axis; `strength` its largest speed."""
+    x = context.points - _middle(context)
+    size = float(np.linalg.norm(x, axis=1).max())
+    a, b, c = (x / size).T
+    return 20.0 / HAURWITZ_SPEED * parameters.strength / size * (a**3 - 3.0 * a * b**2) * c
+
+
+def shear_layer(context: FluidContext, parameters: Any) -> NDArray[np.float64]:
+    """Two opposite shear layers in a rectangle with a ripple: they roll up (Bell, Colella and Glaz 1989)."""
+    low = context.points.min(axis=0)
+    size = np.where(context.period > 0, context.period, np.ptp(context.points, axis=0))
+    x, y = ((context.points - low) / np.where(size > 0, size, 1.0))[:, :2].T
+    width = parameters.core / size[1] if parameters.core else 1.0 / 30.0
+    lower, upper = (y - 0.25) / width, (0.75 - y) / width
+    sheets = (1.0 / np.cosh(upper) ** 2 - 1.0 / np.cosh(lower) ** 2) / (width * size[1])
+    return parameters.strength * (sheets + 0.05 * 2.0 * np.pi / size[0] * np.cos(2.0 * np.pi * x))
+
+
 @dataclass(frozen=True)
 class NamedFlow:
     """A flow with a name.
@@ -89,10 +130,47 @@ class NamedFlow:
     keys: tuple[str, ...] = ()
 
 
+def vortex_ring(context: FluidContext, parameters: Any) -> NDArray[np.float64]:
+    """(m, 3) velocity of a ring of circulation `strength` times its radius, by the law of Biot and Savart."""
+    low, high = context.points.min(axis=0), context.points.max(axis=0)
+    centre = 0.5 * (low + high) if parameters.center is None else np.array(parameters.center)
+    axis = np.array(parameters.direction or (0.0, 0.0, 1.0))
+    axis = axis / np.linalg.norm(axis)
+    radius = 0.5 * parameters.separation if parameters.separation else 0.2 * float((high - low).min())
+    core = parameters.core or 0.3 * radius
+    first = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])
+    first /= np.linalg.norm(first)
+    angle = 2.0 * np.pi * (np.arange(RING_SEGMENTS) + 0.5) / RING_SEGMENTS
+    out = np.cos(angle)[:, None] * first + np.sin(angle)[:, None] * np.cross(axis, first)
+    piece = 2.0 * np.pi * radius / RING_SEGMENTS * np.cross(axis, out)
+    x, velocity = context.face_points(), np.zeros((len(context.cells), 3))
+    for place, along in zip(centre + radius * out, piece):
+        apart = x - place
+        square = np.einsum("ia,ia->i", apart, apart) + core**2
+        velocity += np.cross(along, apart) / square[:, None] ** 1.5
+    return parameters.strength * radius / (4.0 * np.pi) * velocity
+
+
 KEYS = ("core", "separation", "center", "direction")
+RING_SEGMENTS = 64
+HAURWITZ_SPEED = 1.154701  # largest slope of (x^3 - 3 x y^2) z on the unit sphere
+
+
+@dataclass(frozen=True)
+class VolumeFlow:
+    """A flow of volumes with a name: cell velocities (m, 3), and the options that it reads."""
+
+    velocity: Callable[[FluidContext, Any], NDArray[np.float64]]
+    keys: tuple[str, ...] = ()
+
+
+VOLUME_FLOWS = {"vortex-ring": VolumeFlow(vortex_ring, KEYS)}
 FLOWS = {
     "taylor-vortices": NamedFlow(taylor_vortices, KEYS),
     "vortex-pair": NamedFlow(vortex_pair, KEYS),
     "rotation": NamedFlow(rotation),
     "taylor-green": NamedFlow(taylor_green),
+    "jet": NamedFlow(jet, ("core", "center")),
+    "rossby-haurwitz": NamedFlow(rossby_haurwitz),
+    "shear-layer": NamedFlow(shear_layer, ("core",)),
 }

@@ -38,22 +38,28 @@ class ForcePhase(FlowPhase):
     def __init__(self, setting: FluidSetting, acceleration: list[str]) -> None:
         self.setting, self.acceleration = setting, acceleration
         self.place = setting.context.face_points()
-        self.rates(0.0)  # refuses what cannot be evaluated
+        self.vectors(0.0)  # refuses what cannot be evaluated
 
-    def rates(self, time: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Rates of vorticity (n,) and of harmonic coefficients (b,)."""
+    def vectors(self, time: float) -> NDArray[np.float64]:
+        """(m, 3) acceleration of the cells."""
         variables = {**dict(zip("xyz", self.place.T)), "t": np.full(len(self.place), time)}
-        vectors = np.stack([evaluate(text, variables) for text in self.acceleration], axis=1)
-        space, context = self.setting.space, self.setting.context
-        vorticity, coefficients = space.of_face_velocity(context.to_frames(space, vectors))
-        return vorticity, coefficients if self.setting.evolve_harmonic else np.zeros_like(coefficients)
+        return np.stack([evaluate(text, variables) for text in self.acceleration], axis=1)
 
     def advance(self, step: Step, state: FluidState) -> FluidState:
-        vorticity, coefficients = self.rates(step.time + 0.5 * step.dt)
-        return state.replaced(
-            vorticity=state["vorticity"] + step.dt * vorticity,
-            coefficients=state["coefficients"] + step.dt * coefficients,
-        )
+        return accelerated(self.setting, state, step.dt * self.vectors(step.time + 0.5 * step.dt))
+
+
+def accelerated(setting: FluidSetting, state: FluidState, change: NDArray) -> FluidState:
+    """The state with changes of velocity (m, 3) of the cells added, but for their gradient part."""
+    if setting.context.is_volume:
+        return setting.volume.accelerated(state, change)
+    space = setting.space
+    vorticity, coefficients = space.of_face_velocity(setting.context.to_frames(space, change))
+    if not setting.evolve_harmonic:
+        coefficients = np.zeros_like(coefficients)
+    return state.replaced(
+        vorticity=state["vorticity"] + vorticity, coefficients=state["coefficients"] + coefficients
+    )
 
 
 def build(parameters: ForceSection, context: FluidContext) -> list[PhaseRequest]:

@@ -36,13 +36,13 @@ def build(parameters: HarmonicSection, context: FluidContext) -> list[Harmonic |
     if coefficients is None:
         return [harmonic]
 
-    def start(space: SurfaceSpace) -> tuple[NDArray, NDArray]:
+    def start(space: SurfaceSpace) -> dict[str, NDArray]:
         if len(coefficients) != len(space.harmonic):
             raise ValueError(
                 f"{len(coefficients)} coefficients; the surface {context.name!r} has {len(space.harmonic)} "
                 "harmonic flows"
             )
-        return np.zeros(space.n), np.array(coefficients)
+        return {"coefficients": np.array(coefficients)}
 
     return [harmonic, Initial(start)]
 

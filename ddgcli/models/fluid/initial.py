@@ -13,7 +13,7 @@ from pydantic import Field, model_validator
 from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.topology import NEXT
 from ddgcli.models.fluid.context import FluidContext
-from ddgcli.models.fluid.flows import FLOWS, KEYS
+from ddgcli.models.fluid.flows import FLOWS, KEYS, VOLUME_FLOWS, NamedFlow, VolumeFlow
 from ddgcli.models.fluid.parts import Initial
 from ddgcli.models.fluid.surface_space import SurfaceSpace, harmonic_count
 from ddgcli.scenes.scene import Section
@@ -21,6 +21,7 @@ from ddgcli.scenes.units import quantity, vector
 from ddgcli.simulation.effects import Effect
 
 log = logging.getLogger("ddgcli")
+NAMED_FLOWS: dict[str, NamedFlow | VolumeFlow] = {**FLOWS, **VOLUME_FLOWS}
 MAX_LOST_ENERGY_SHARE = 0.01  # share of the energy of an initial velocity that no discrete flow holds
 BALANCE_TOLERANCE = 1e-10  # total vorticity over the total of its terms that counts as zero
 
@@ -34,7 +35,7 @@ class InitialSection(Section):
     velocity: str | list[str | float] | None = Field(
         None, description="array on faces or vertices, .npy, or three numbers or expressions [m/s]"
     )
-    flow: str | None = Field(None, description=f"by name: {', '.join(FLOWS)}")
+    flow: str | None = Field(None, description=f"by name: {', '.join(NAMED_FLOWS)}")
     strength: quantity("m/s", "speed of a named flow; negative turns it round") = 1.0
     core: quantity("m", "radius of its vortices", gt=0) | None = None
     separation: quantity("m", "distance of their centres", gt=0) | None = None
@@ -49,8 +50,8 @@ class InitialSection(Section):
             raise ValueError(
                 f"give one of vorticity, velocity and flow, found {' and '.join(sources) or 'none'}"
             )
-        if self.flow is not None and self.flow not in FLOWS:
-            raise ValueError(f"no flow {self.flow!r}; known: {', '.join(FLOWS)}")
+        if self.flow is not None and self.flow not in NAMED_FLOWS:
+            raise ValueError(f"no flow {self.flow!r}; known: {', '.join(NAMED_FLOWS)}")
         if isinstance(self.velocity, list) and len(self.velocity) != 3:
             raise ValueError("velocity takes three numbers or expressions")
         self._refuse_ignored()
@@ -59,7 +60,7 @@ class InitialSection(Section):
         return self
 
     def _refuse_ignored(self) -> None:
-        known = FLOWS[self.flow].keys if self.flow is not None else ()
+        known = NAMED_FLOWS[self.flow].keys if self.flow is not None else ()
         for key in (*KEYS, "strength"):
             if key in self.model_fields_set and key not in (*known, *(("strength",) if self.flow else ())):
                 what = f"flow {self.flow!r}" if self.flow is not None else "vorticity or velocity"
@@ -68,10 +69,14 @@ class InitialSection(Section):
 
 
 def build(parameters: InitialSection, context: FluidContext) -> list[Initial]:
+    if context.is_volume:
+        from ddgcli.models.fluid.volume_effects import initial
+
+        return [initial(parameters, context)]
     if parameters.velocity is not None:
         vectors = context.face_vectors(parameters.velocity)
 
-        def of_velocity(space: SurfaceSpace) -> tuple[NDArray, NDArray]:
+        def of_velocity(space: SurfaceSpace) -> dict[str, NDArray]:
             velocity = context.to_frames(space, vectors)
             vorticity, coefficients = space.of_face_velocity(velocity)
             # its mean is rounding alone, of these terms
@@ -80,19 +85,21 @@ def build(parameters: InitialSection, context: FluidContext) -> list[Initial]:
             )
             vorticity = balanced(space, vorticity, terms)
             _warn_of_lost_harmonic(context, space, velocity, vorticity)
-            return vorticity, coefficients
+            return {"vorticity": vorticity, "coefficients": coefficients}
 
         return [Initial(of_velocity)]
     if parameters.flow is not None:
+        if parameters.flow not in FLOWS:
+            raise ValueError(f"flow {parameters.flow!r} is one of volumes; surfaces have {', '.join(FLOWS)}")
         omega = FLOWS[parameters.flow].vorticity(context, parameters)
         if not np.isfinite(omega).all():
             raise ValueError(f"flow {parameters.flow!r} is not finite on this surface")
     else:
         omega = context.scalar(str(parameters.vorticity), "vorticity")
 
-    def of_vorticity(space: SurfaceSpace) -> tuple[NDArray, NDArray]:
+    def of_vorticity(space: SurfaceSpace) -> dict[str, NDArray]:
         vorticity = omega * space.mass
-        return balanced(space, vorticity, np.abs(vorticity)), np.zeros(len(space.harmonic))
+        return {"vorticity": balanced(space, vorticity, np.abs(vorticity))}
 
     return [Initial(of_vorticity)]
 

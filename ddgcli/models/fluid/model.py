@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.errors import MeshError
+from ddgcli.mesh.tet_mesh import TetMesh
 from ddgcli.models.fluid.context import FluidContext
 from ddgcli.models.fluid.parts import BoundaryPart, Harmonic, Initial
 from ddgcli.models.fluid.phases import FluidSetting, Phase, PhaseRequest, Step
@@ -29,6 +30,7 @@ if TYPE_CHECKING:
 
 log = logging.getLogger("ddgcli")
 
+SURFACE_EFFECTS = ("rotation", "harmonic")  # volumes hold the harmonic flows from the start
 MAX_HARMONIC_FLOWS = 2_000  # kept as a dense basis
 
 
@@ -41,8 +43,8 @@ def contexts(
         if section.role != "fluid":
             continue
         try:
-            placed = place(section, read)
-            require_flow(placed.mesh)
+            placed = place(section, read, volumes=True)
+            _require_mesh(placed.mesh)
         except ValueError as error:
             scene.refuse(("object", number), f"object {section.name!r}: {error}")
         period = np.zeros(3)
@@ -53,6 +55,15 @@ def contexts(
         context = _cut(scene, number, context, read)
         by_name[section.name] = context, placed.sha256
     return by_name
+
+
+def _require_mesh(mesh: Any) -> None:
+    if isinstance(mesh, TetMesh):
+        from ddgcli.models.fluid.volume_space import require_volume
+
+        require_volume(mesh)
+    else:
+        require_flow(mesh)
 
 
 def _cut(scene: Scene, number: int, context: FluidContext, read: Callable[[str], Any]) -> FluidContext:
@@ -70,7 +81,7 @@ def _cut(scene: Scene, number: int, context: FluidContext, read: Callable[[str],
             obstacles.append((section.name, *signed_distance(section, read)))
         cut = without_obstacles(context, obstacles)
         place = ("object", number)
-        require_flow(cut.mesh)
+        _require_mesh(cut.mesh)
     except ValueError as error:
         scene.refuse(place, f"object {scene.objects[int(place[1])].name!r}: {error}")
     return cut
@@ -109,25 +120,11 @@ class FluidModel:
     def __init__(self, scene: Scene, number: int, context: FluidContext, account: Account) -> None:
         self.context, self.account, self.scene = context, account, scene
         declared = parts_of(scene, context)
-        harmonic = next((part for _, _, part in declared if isinstance(part, Harmonic)), None)
-        conditions = self._conditions(declared)
-        try:
-            self.space = SurfaceSpace(
-                context.mesh, _harmonic_flows(context, harmonic), lambda: account.within("solver"),
-                conditions.boundary_values if conditions else None,
-                conditions.open_vertices if conditions else None,
-                conditions.open_sides if conditions and conditions.is_open else None,
-                to_space=context.to_space, name=context.name,
-            )  # fmt: skip
-        except MeshError as error:
-            scene.refuse(("object", number), f"object {context.name!r}: {error}")
-        self.setting = FluidSetting(
-            context, self.space, frozenset(name for _, name, _ in declared),
-            conditions is not None and conditions.no_slip,
-            conditions.wall_circulation if conditions else None,
-            harmonic is not None and harmonic.evolve,
-            conditions.slip if conditions else None, conditions is not None and conditions.is_open,
-        )  # fmt: skip
+        if context.is_volume:
+            self.setting = self._volume_setting(declared)
+        else:
+            self.setting = self._surface_setting(declared, number)
+        self.space = self.setting.space
         self.transport = self._transport()
         requested = [
             self._phase(key, name, part) for key, name, part in declared if isinstance(part, PhaseRequest)
@@ -138,6 +135,51 @@ class FluidModel:
         self.start = self._start(declared)
 
     # ------------------------------------------------------------------ assembly
+
+    def _surface_setting(self, declared: PlacedParts, number: int) -> FluidSetting:
+        context, account = self.context, self.account
+        harmonic = next((part for _, _, part in declared if isinstance(part, Harmonic)), None)
+        conditions = self._conditions(declared)
+        try:
+            space = SurfaceSpace(
+                context.mesh, _harmonic_flows(context, harmonic), lambda: account.within("solver"),
+                conditions.boundary_values if conditions else None,
+                conditions.open_vertices if conditions else None,
+                conditions.open_sides if conditions and conditions.is_open else None,
+                to_space=context.to_space, name=context.name,
+            )  # fmt: skip
+        except MeshError as error:
+            self.scene.refuse(("object", number), f"object {context.name!r}: {error}")
+        return FluidSetting(
+            context, space, frozenset(name for _, name, _ in declared),
+            conditions is not None and conditions.no_slip,
+            conditions.wall_circulation if conditions else None,
+            harmonic is not None and harmonic.evolve,
+            conditions.slip if conditions else None, conditions is not None and conditions.is_open,
+        )  # fmt: skip
+
+    def _volume_setting(self, declared: PlacedParts) -> FluidSetting:
+        from ddgcli.models.fluid.volume_conditions import volume_conditions
+        from ddgcli.models.fluid.volume_space import VolumeSpace
+
+        context, account = self.context, self.account
+        for key, effect, _ in declared:
+            if effect in SURFACE_EFFECTS:
+                self.scene.refuse(
+                    key, f"{effect} acts on surfaces; take it out for the volume {context.name!r}"
+                )
+        space = VolumeSpace(context.mesh, None, lambda: account.within("solver"), context.name)
+        sections = [(key, part) for key, _, part in declared if isinstance(part, BoundaryPart)]
+        if sections:
+            try:
+                space.conditions = volume_conditions(context, [part for _, part in sections], space)
+            except ValueError as error:
+                self.scene.refuse(sections[0][0], f"boundary: {error}")
+        friction = space.conditions is not None and bool(space.conditions.friction.any())
+        return FluidSetting(
+            context, space, frozenset(name for _, name, _ in declared), friction,  # type: ignore[arg-type]
+            is_open=space.conditions is not None and space.conditions.is_open,
+        )  # fmt: skip
 
     def _conditions(self, declared: PlacedParts) -> BoundaryConditions | None:
         """Conditions of the effect `boundary`; None without it."""
@@ -156,7 +198,9 @@ class FluidModel:
         scene, dimension = self.scene, self.flows.dimension
         modules = TRANSPORTS[scene.time.integrator]
         if dimension not in modules:
-            scene.refuse(("time", "integrator"), f"{scene.time.integrator} does not exist in {dimension}-D")
+            known = " or ".join(name for name, dimensions in TRANSPORTS.items() if dimension in dimensions)
+            message = f"{scene.time.integrator} does not exist in {dimension}-D; take {known}"
+            scene.refuse(("time", "integrator"), message)
         if self.setting.is_open and scene.time.integrator not in OPEN_TRANSPORTS:
             scene.refuse(
                 ("time", "integrator"),
@@ -175,11 +219,11 @@ class FluidModel:
         for key, effect, part in declared:
             if isinstance(part, Initial):
                 try:
-                    vorticity, coefficients = part.make(self.space)
+                    change = part.make(self.space)
                 except ValueError as error:
                     self.scene.refuse(key, f"{effect}: {error}")
-                arrays["vorticity"] = arrays["vorticity"] + vorticity
-                arrays["coefficients"] = arrays["coefficients"] + coefficients
+                for name, values in change.items():
+                    arrays[name] = arrays[name] + values
         for phase in self.phases:
             arrays.update(phase.start())
         return FluidState(arrays)

@@ -15,13 +15,14 @@ from numpy.typing import NDArray
 from ddgcli.errors import MeshError
 from ddgcli.geometry.intrinsic import corner_angle
 from ddgcli.mesh.intrinsic_mesh import IntrinsicMesh
+from ddgcli.mesh.tet_mesh import TetMesh
 from ddgcli.mesh.topology import NEXT, Topology
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.models.fluid.context import FluidContext
 
 SMOOTHING_PASSES = 12
 PROJECTION_STEPS = 4
-MIN_SEPARATION = 0.5  # of two vertices on the outline, over the edge between them before
+MIN_SEPARATION = 0.3  # of two vertices on the outline, over the edge between them before
 DIFFERENCE_STEP = 1e-6  # of the fluid's size, for the slope of a signed distance
 WINDING_CHUNK = 4_000_000  # pairs of points and faces at a time
 SignedDistance = Callable[[NDArray], NDArray[np.float64]]
@@ -96,16 +97,16 @@ def without_obstacles(
     ValueError
         When an obstacle cuts no face, or nothing is left.
     """
-    points, faces = np.array(context.points), context.mesh.faces
+    points, faces = np.array(context.points), context.cells
     sides = np.zeros((len(obstacles), len(points)))
     for k, (name, distance, smooth) in enumerate(obstacles):
         at = distance(points)
-        if smooth and np.ptp(points[:, 2]) == 0:
+        if smooth and not context.is_volume and np.ptp(points[:, 2]) == 0:
             points, at = _fitted(context, points, at, distance)
         sides[k] = at
         if not _inside(context, points, faces, at, distance).any():
             raise ValueError(
-                f"obstacle {name!r} cuts no face of {context.name!r}; move it, or refine the mesh"
+                f"obstacle {name!r} cuts no cell of {context.name!r}; move it, or refine the mesh"
             )
     removed = np.stack([_inside(context, points, faces, at, d) for at, (_, d, _) in zip(sides, obstacles)])
     kept = ~removed.any(axis=0)
@@ -128,6 +129,8 @@ def without_obstacles(
 
 
 def _mesh(context: FluidContext, points: NDArray, faces: NDArray) -> Any:
+    if context.is_volume:
+        return TetMesh(points, faces)
     if isinstance(context.mesh, TriangleMesh):
         return TriangleMesh.from_arrays(points, faces)
     return IntrinsicMesh(Topology(faces, len(points)), _side_length(context, points, faces), points)

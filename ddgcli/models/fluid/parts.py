@@ -4,18 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.models.fluid.surface_space import SurfaceSpace
-
-Start = Callable[[SurfaceSpace], tuple[NDArray[np.float64], NDArray[np.float64]]]
+Start = Callable[[Any], dict[str, NDArray[np.float64]]]
 
 
 @dataclass(frozen=True)
 class Initial:
-    """A flow to begin with: integrated vorticity (n,) and harmonic coefficients (b,); several add up."""
+    """A flow to begin with: arrays of the space's state; several add up."""
 
     make: Start
 

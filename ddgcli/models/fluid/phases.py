@@ -21,6 +21,8 @@ if TYPE_CHECKING:
     from ddgcli.models.fluid.context import FluidContext
     from ddgcli.models.fluid.surface_space import SurfaceSpace
     from ddgcli.models.fluid.transport import Transport
+    from ddgcli.models.fluid.volume_paths import VolumePaths
+    from ddgcli.models.fluid.volume_space import VolumeSpace
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,6 +114,18 @@ class FluidSetting:
     evolve_harmonic: bool = False
     slip: NDArray[np.bool_] | None = None
     is_open: bool = False
+
+    @property
+    def volume(self) -> VolumeSpace:
+        """The space of a volume."""
+        return self.space  # type: ignore[return-value]
+
+    @cached_property
+    def volume_paths(self) -> VolumePaths:
+        """The cells of a volume ready for tracing points, shared by all phases that do."""
+        from ddgcli.models.fluid.volume_paths import VolumePaths
+
+        return VolumePaths(self.volume)
 
     @cached_property
     def tracing(self) -> Transport:

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from ddgcli.mesh.fields import Frame
 from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
 from ddgcli.mesh.scatter import sum_by_index
+from ddgcli.mesh.tet_mesh import TetMesh
 from ddgcli.models.fluid.model import FluidModel
 from ddgcli.scenes.scene import Scene
 from ddgcli.simulation.account import Account
@@ -100,7 +101,7 @@ def _scales(series: Mapping[str, NDArray], models: Mapping[str, FluidModel]) -> 
     Their own sizes at the start, 0 for a start whose vorticity is rounding; or, where that never exceeds the
     rounding of the flow, what the terms that cancel in it amount to.
     """
-    terms = [model.space.circulation_terms() for model in models.values()]
+    terms = [model.flows.circulation_terms() for model in models.values()]
     speed = math.sqrt(2.0 * float(series["kinetic_energy"].max()))
     circulation, enstrophy = speed * sum(t for t, _ in terms), speed**2 * sum(t for _, t in terms)
     vorticity = series["absolute_vorticity"]
@@ -127,6 +128,9 @@ def generator_circulations(last: Frame | None, models: Mapping[str, FluidModel])
         return circulations
     start = 0
     for model in models.values():
+        if model.context.is_volume:
+            start += model.space.n
+            continue
         space = model.space
         vorticity = last.vertex["vorticity"][start : start + space.n] * space.mass
         start += space.n
@@ -175,6 +179,8 @@ def assembled(
 def wraps(meshes: Sequence[SurfaceMesh]) -> NDArray[np.bool_]:
     """(m,) faces that close a periodic grid: drawn between the vertices' positions they span it all."""
     wraps_around = []
+    if isinstance(meshes[0], TetMesh):
+        return np.zeros(0, dtype=bool)
     for mesh in meshes:
         corner = np.asarray(mesh.points)[mesh.faces]
         drawn = np.linalg.norm(np.roll(corner, -1, axis=1) - corner, axis=2)

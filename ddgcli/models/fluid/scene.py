@@ -20,6 +20,10 @@ EFFECTS = EffectTable(
         "boundary": ("ddgcli.models.fluid.boundary", "Slip or friction at the edge of the surface."),
         "force": ("ddgcli.models.fluid.force", "An acceleration given by expressions in x, y, z, t."),
         "rotation": ("ddgcli.models.fluid.rotation", "Coriolis force of a turning frame, with the latitude."),
+        "buoyancy": (
+            "ddgcli.models.fluid.buoyancy",
+            "A temperature that drives the flow.",
+        ),
         "dye": ("ddgcli.models.fluid.dye", "A passive amount carried by the flow."),
     },
 )
@@ -27,9 +31,9 @@ EFFECTS = EffectTable(
 
 # integrator -> dimension of the space -> module whose `transport(setting, parameters)` makes the phase
 TRANSPORTS = {
-    "circulation": {2: "ddgcli.models.fluid.circulation"},
+    "circulation": {2: "ddgcli.models.fluid.circulation", 3: "ddgcli.models.fluid.volume_transport"},
     "conservative": {2: "ddgcli.models.fluid.conservative"},
-    "energy": {2: "ddgcli.models.fluid.energy"},
+    "energy": {2: "ddgcli.models.fluid.energy", 3: "ddgcli.models.fluid.volume_transport"},
 }
 
 

@@ -40,6 +40,10 @@ class FlowSpace(Protocol):
         """Vertex arrays and scalars of a flow."""
         ...
 
+    def circulation_terms(self) -> tuple[float, float]:
+        """Bounds on the sums of circulations and on the enstrophy of a flow of kinetic energy 1/2."""
+        ...
+
     def assembled(self) -> Mapping[str, Any]:
         """Counts for a dry run."""
         ...

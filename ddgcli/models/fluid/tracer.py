@@ -12,7 +12,7 @@ Monthly Weather Review, 2002.
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,7 +43,9 @@ class Tracer:
         low, high = corners.min(axis=1), corners.max(axis=1)
         after = np.array(values)
         after[used] = np.clip(self._interpolated(values, moved), low, high)
-        return self._conserved(values, after, low, high)
+        label = self.space.mesh.topology.vertex_component[used]
+        after[used] = conserved(values[used], after[used], Bounds(low, high), self.space.mass[used], label)
+        return after
 
     def _interpolated(self, values: NDArray, moved: BackwardPaths) -> NDArray[np.float64]:
         """Cubic along every side, with the recovered slopes at its ends; exact for quadratic functions."""
@@ -60,24 +62,46 @@ class Tracer:
         linear = np.einsum("ij,ij->i", values[space.faces[face]], weight)
         return linear + cubic.sum(axis=1) + middle
 
-    def _conserved(self, before: NDArray, after: NDArray, low: NDArray, high: NDArray) -> NDArray[np.float64]:
-        """`after` with the amount of `before` on every component: within its own bounds, then within all."""
-        used = self.used
-        label = self.space.mesh.topology.vertex_component[used]
-        count = self.space.mesh.topology.n_components
-        lowest, highest = np.full(count, np.inf), np.full(count, -np.inf)
-        np.minimum.at(lowest, label, before[used])
-        np.maximum.at(highest, label, before[used])
-        lowest, highest = lowest[label], highest[label]
-        mass = self.space.mass[used]
-        for lower, upper in ((low, high), (lowest, highest)):
-            missing = sum_by_index(label, mass * (before[used] - after[used]), count)
-            room = np.where(missing[label] > 0, upper - after[used], after[used] - lower)
-            whole = sum_by_index(label, mass * room, count)
-            share = np.divide(missing, whole, out=np.zeros(count), where=whole > 0)
-            after[used] += np.clip(share, -1.0, 1.0)[label] * room
-        after[used] = np.clip(after[used], lowest, highest)
-        return after
+    def carried(
+        self, before: FluidState, after: FluidState, values: NDArray, dt: float
+    ) -> NDArray[np.float64]:
+        """(n,) values after dt, in the mean of the side fluxes of two states."""
+        space = self.space
+        return self.advance(values, 0.5 * (space.flow(before).side_flux + space.flow(after).side_flux), dt)
+
+
+class Bounds(NamedTuple):
+    """Least and largest value that each vertex may take."""
+
+    low: NDArray[np.float64]
+    high: NDArray[np.float64]
+
+
+def conserved(
+    before: NDArray, after: NDArray, bounds: Bounds, mass: NDArray, label: NDArray
+) -> NDArray[np.float64]:
+    """`after` with the amount of `before` on every component: within its own bounds, then within all.
+
+    Parameters
+    ----------
+    before, after, mass : (k,) ndarray
+    bounds : Bounds
+    label : (k,) ndarray of int64
+        Component of each entry.
+    """
+    count = int(label.max(initial=-1)) + 1
+    lowest, highest = np.full(count, np.inf), np.full(count, -np.inf)
+    np.minimum.at(lowest, label, before)
+    np.maximum.at(highest, label, before)
+    lowest, highest = lowest[label], highest[label]
+    after = np.array(after)
+    for lower, upper in (bounds, (lowest, highest)):
+        missing = sum_by_index(label, mass * (before - after), count)
+        room = np.where(missing[label] > 0, upper - after, after - lower)
+        whole = sum_by_index(label, mass * room, count)
+        share = np.divide(missing, whole, out=np.zeros(count), where=whole > 0)
+        after += np.clip(share, -1.0, 1.0)[label] * room
+    return np.clip(after, lowest, highest)
 
 
 class TracerPhase:
@@ -89,22 +113,21 @@ class TracerPhase:
         Also the name of its array in states and frames.
     amount : (n,) ndarray
         At the start.
-    tracer : Tracer
+    tracer : Tracer or VolumeTracer
     """
 
     stage: Literal["transport", "source", "tracer"] = "tracer"
     order = 2
 
-    def __init__(self, effect: str, amount: NDArray, tracer: Tracer) -> None:
+    def __init__(self, effect: str, amount: NDArray, tracer: Any) -> None:
         self.effect, self.amount, self.tracer = effect, amount, tracer
 
     def start(self) -> dict[str, NDArray]:
         return {self.effect: self.amount}
 
     def advance(self, step: Step, state: FluidState) -> FluidState:
-        space = self.tracer.space
-        flux = 0.5 * (space.flow(step.before).side_flux + space.flow(state).side_flux)
-        return state.with_passive(**{self.effect: self.tracer.advance(state[self.effect], flux, step.dt)})
+        values = self.tracer.carried(step.before, state, state[self.effect], step.dt)
+        return state.with_passive(**{self.effect: values})
 
     def observed(self, state: FluidState) -> Observation:
         values, mass = state[self.effect], self.tracer.space.mass

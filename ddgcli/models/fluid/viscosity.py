@@ -30,6 +30,12 @@ def build(parameters: ViscositySection, context: FluidContext) -> list[PhaseRequ
         return []
 
     def make(setting: FluidSetting) -> Phase:
+        if context.is_volume:
+            from ddgcli.models.fluid.volume_effects import VolumeDiffusion
+
+            if parameters.kind != "hodge":
+                raise ValueError(f"kind {parameters.kind} is one of surfaces; a volume takes hodge")
+            return VolumeDiffusion(setting, parameters.nu)
         from ddgcli.models.fluid.diffusion import Diffusion, VelocityDiffusion, VorticityDiffusion
 
         space, nu, kind = setting.space, parameters.nu, parameters.kind

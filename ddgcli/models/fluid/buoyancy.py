@@ -1,0 +1,112 @@
+"""Effect `buoyancy`: a temperature carried by the flow drives it (Boussinesq approximation).
+
+The excess temperature T is carried like dye, diffuses and has sources; the fluid is accelerated by
+- expansion * T * gravity.
+"""
+
+# mypy: disable-error-code="valid-type"
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+
+from ddgcli.models.fluid.context import FluidContext
+from ddgcli.models.fluid.force import accelerated
+from ddgcli.models.fluid.phases import FlowPhase, FluidSetting, Phase, PhaseRequest, Step
+from ddgcli.models.fluid.state import FluidState
+from ddgcli.models.fluid.tracer import TracerPhase
+from ddgcli.scenes.expressions import evaluate
+from ddgcli.scenes.scene import Section
+from ddgcli.scenes.units import quantity, vector
+from ddgcli.simulation.effects import Effect
+from ddgcli.simulation.time_loop import Observation
+
+ARRAY = "temperature"
+
+
+class BuoyancySection(Section):
+    """Excess temperature at the start, and how it drives the flow."""
+
+    temperature: str = Field("0", description="at the start: array, .npy, or expression in x, y, z [K]")
+    expansion: quantity("", "relative change of density per kelvin [1/K]") = 3.4e-3
+    gravity: vector("m/s^2", "acceleration of gravity") = (0.0, 0.0, -9.81)
+    diffusivity: quantity("m^2/s", "of the temperature", ge=0) = 0.0
+    source: str | None = Field(None, description="heating: expression in x, y, z, t [K/s]")
+    object: str | None = Field(None, description="fluid; by default all")
+
+
+class TemperaturePhase(TracerPhase):
+    """The temperature: heated for half of the step, carried, heated and cooled by diffusion."""
+
+    def __init__(self, setting: FluidSetting, parameters: BuoyancySection, tracer: Any) -> None:
+        super().__init__("buoyancy", setting.context.scalar(parameters.temperature, ARRAY), tracer)
+        self.points, self.source, self.mass = setting.context.points, parameters.source, setting.space.mass
+        self.diffusion = None
+        if parameters.diffusivity > 0:
+            from ddgcli.models.fluid.volume_effects import ImplicitDiffusion, vertex_stiffness
+
+            stiffness = (
+                vertex_stiffness(setting.volume) if setting.context.is_volume else setting.space.stiffness
+            )
+            unused = np.flatnonzero(self.mass == 0)
+            self.diffusion = ImplicitDiffusion(self.mass, parameters.diffusivity * stiffness, unused)
+        self._heat(0.0)  # refuses what cannot be evaluated
+
+    def start(self) -> dict[str, NDArray]:
+        return {ARRAY: self.amount}
+
+    def _heat(self, time: float) -> NDArray[np.float64] | float:
+        if self.source is None:
+            return 0.0
+        variables = {**dict(zip("xyz", self.points.T)), "t": np.full(len(self.points), time)}
+        return evaluate(self.source, variables)
+
+    def advance(self, step: Step, state: FluidState) -> FluidState:
+        heat = 0.5 * step.dt * self._heat(step.time + 0.5 * step.dt)
+        values = self.tracer.carried(step.before, state, state[ARRAY] + heat, step.dt) + heat
+        if self.diffusion is not None:
+            held = np.zeros((len(self.diffusion.fixed), 1))
+            values = self.diffusion.step(values[:, None], held, step.dt)[:, 0]
+        return state.with_passive(**{ARRAY: values})
+
+    def observed(self, state: FluidState) -> Observation:
+        return Observation(
+            None, {ARRAY: state[ARRAY]}, {"total_temperature": float(state[ARRAY] @ self.mass)}
+        )
+
+
+class BuoyancyPhase(FlowPhase):
+    """Acceleration of the flow by its temperature."""
+
+    effect = "buoyancy"
+
+    def __init__(self, setting: FluidSetting, parameters: BuoyancySection) -> None:
+        self.setting = setting
+        self.push = -parameters.expansion * np.array(parameters.gravity)
+
+    def advance(self, step: Step, state: FluidState) -> FluidState:
+        warmth = state[ARRAY][self.setting.context.cells].mean(axis=1)
+        return accelerated(self.setting, state, step.dt * warmth[:, None] * self.push)
+
+
+def build(parameters: BuoyancySection, context: FluidContext) -> list[PhaseRequest]:
+    def temperature(setting: FluidSetting) -> Phase:
+        if context.is_volume:
+            from ddgcli.models.fluid.volume_effects import VolumeTracer
+
+            return TemperaturePhase(setting, parameters, VolumeTracer(setting))
+        from ddgcli.models.fluid.tracer import Tracer
+
+        return TemperaturePhase(setting, parameters, Tracer(setting.space, setting.tracing))
+
+    def push(setting: FluidSetting) -> Phase:
+        return BuoyancyPhase(setting, parameters)
+
+    return [PhaseRequest(temperature), PhaseRequest(push)]
+
+
+EFFECT = Effect("buoyancy", BuoyancySection, build, "a tracer, and two solves a step", ("fluid",))

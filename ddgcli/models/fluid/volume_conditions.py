@@ -1,0 +1,108 @@
+"""Boundary conditions of a flow in a volume, assembled from all sections of the effect `boundary`."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ddgcli.mesh.tet_mesh import TET_FACES
+from ddgcli.models.fluid.parts import BoundaryPart
+from ddgcli.scenes.expressions import evaluate
+
+if TYPE_CHECKING:
+    from ddgcli.models.fluid.context import FluidContext
+    from ddgcli.models.fluid.volume_space import VolumeSpace
+
+FLUX_TOLERANCE = 1e-9  # net flux over the absolute flux that counts as rounding
+
+
+@dataclass(frozen=True, eq=False)
+class VolumeConditions:
+    """What the discrete flow meets at the boundary.
+
+    Parameters
+    ----------
+    flux : (F,) ndarray
+        Prescribed flux out of every boundary face; 0 elsewhere.
+    natural : (F,) ndarray of bool
+        Faces of natural outflows, at constant pressure.
+    friction : (b,) ndarray of bool
+        Boundary faces (in the order of `VolumeSpace.boundary`) with a prescribed velocity along them.
+    velocity : (b, 3) ndarray
+        That velocity.
+    is_open : bool
+    """
+
+    flux: NDArray[np.float64]
+    natural: NDArray[np.bool_]
+    friction: NDArray[np.bool_]
+    velocity: NDArray[np.float64]
+    is_open: bool = False
+
+
+def walls(space: VolumeSpace) -> VolumeConditions:
+    """Walls without friction everywhere."""
+    count = len(space.boundary[0])
+    none = np.zeros(space.n_faces, dtype=bool)
+    return VolumeConditions(np.zeros(space.n_faces), none, np.zeros(count, dtype=bool), np.zeros((count, 3)))
+
+
+def volume_conditions(
+    context: FluidContext, parts: Sequence[BoundaryPart], space: VolumeSpace
+) -> VolumeConditions:
+    """Conditions of every boundary face: the first part that holds at its centroid, or a wall at rest.
+
+    Raises
+    ------
+    ValueError
+        When the flux does not balance, or an inflow has no outflow.
+    """
+    cell, i = space.boundary
+    face, centre, area = space.cell_face[cell, i], space.face_centre[cell, i], space.area[cell, i]
+    vertices = space.cells[cell[:, None], TET_FACES[i]]
+    owner = np.full(len(face), len(parts))
+    for number, part in reversed(list(enumerate(parts))):
+        covered = np.ones(len(face), dtype=bool)
+        if part.where is not None:
+            covered &= evaluate(part.where, dict(zip("xyz", centre.T))) != 0
+        if part.obstacle is not None:
+            covered &= context.obstacles[part.obstacle][vertices].all(axis=1)
+        owner[covered] = number
+    rest = "no-slip" if any(part.kind != "free-slip" for part in parts) else "free-slip"
+    kind = np.array([part.kind for part in parts] + [rest])[owner]
+    velocity, flux, natural = np.zeros((len(face), 3)), np.zeros(len(face)), np.zeros(len(face), dtype=bool)
+    for number, part in enumerate(parts):
+        own = owner == number
+        if part.kind in ("inflow", "outflow") and not own.any():
+            raise ValueError(f"{part.kind}: no boundary face lies where {part.where!r} holds; check `where`")
+        if part.velocity is not None:
+            place = dict(zip("xyz", centre[own].T))
+            velocity[own] = np.stack([evaluate(text, place) for text in part.velocity], axis=1)
+        if part.kind in ("inflow", "outflow"):
+            size = np.linalg.norm(area[own], axis=1)
+            crossing = np.einsum("ia,ia->i", velocity[own], area[own])
+            flux[own] = part.flux * size / size.sum() if part.flux is not None else crossing
+            natural[own] = part.kind == "outflow" and part.velocity is None and part.flux is None
+    _refuse_imbalance(flux, natural, {part.kind for part in parts})
+    on_faces, open_faces = np.zeros(space.n_faces), np.zeros(space.n_faces, dtype=bool)
+    on_faces[face], open_faces[face] = flux, natural
+    return VolumeConditions(
+        on_faces, open_faces, (kind != "free-slip") & ~natural, velocity,
+        bool(np.isin(kind, ("inflow", "outflow")).any()),
+    )  # fmt: skip
+
+
+def _refuse_imbalance(flux: NDArray, natural: NDArray, kinds: set[str]) -> None:
+    if "inflow" in kinds and "outflow" not in kinds:
+        raise ValueError('inflow without outflow: add [[effects.boundary]] with kind = "outflow"')
+    excess, whole = float(flux.sum()), float(np.abs(flux).sum())
+    if not natural.any() and abs(excess) > FLUX_TOLERANCE * whole:
+        more, less = ("out", "in") if excess > 0 else ("in", "out")
+        raise ValueError(
+            f"{abs(excess):.6g} m^3/s more flow {more} than {less}; balance the fluxes, or leave "
+            "velocity and flux out of an outflow"
+        )

@@ -1,0 +1,134 @@
+"""Transport of a flow in a volume: by circulation, and by the implicit midpoint rule that keeps the energy.
+
+`circulation` (chapter 9): the centroids of cells and faces are carried backwards; the circulation along every
+piece of a dual edge, from the centroid of a cell to those of its faces, is measured where it came from, once
+for all loops that it belongs to. Four numbers a cell make a velocity whose circulations around all edges are
+these sums; one solve finds the discrete flow that has them. What a cell's own velocity has beyond the
+vertices' stays with the cell. The step is made forth and back and half of the error taken off.
+
+`energy`: (du/dt, w) = - (omega x u, w) for all discrete flows w, omega the mean of the vertices' weak curl.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ddgcli.models.fluid.midpoint import PICARD_TOLERANCE, implicit_midpoint
+from ddgcli.models.fluid.phases import FlowPhase, FluidSetting, Step
+from ddgcli.models.fluid.smoothing import first_root
+from ddgcli.models.fluid.state import FluidState
+from ddgcli.models.fluid.volume_space import VolumeSpace
+from ddgcli.simulation.time_loop import Observation, StepRejected
+
+
+def rate(space: VolumeSpace, flux: NDArray) -> NDArray[np.float64]:
+    """(F,) rate of change of the fluxes by Euler's equation."""
+    velocity = space.velocity(flux)
+    omega = space.vorticity(velocity)[space.cells].mean(axis=1)
+    head = None
+    if space.conditions is not None and space.conditions.natural.any():
+        cell, i = space.boundary
+        face, size = space.cell_face[cell, i], np.linalg.norm(space.area[cell, i], axis=1)
+        head = np.zeros(space.n_faces)
+        head[face] = 0.5 * (np.maximum(flux[face] * space.sign[cell, i], 0.0) / size) ** 2
+        head[~space.conditions.natural] = 0.0
+    return space.projected(-np.cross(omega, velocity), inflow=False, head=head)
+
+
+class EnergyTransport(FlowPhase):
+    """Implicit midpoint rule."""
+
+    stage = "transport"
+
+    def __init__(self, setting: FluidSetting) -> None:
+        self.space = setting.volume
+
+    def advance(self, step: Step, state: FluidState) -> FluidState:
+        flux, change = implicit_midpoint(lambda middle: rate(self.space, middle), state["flux"], step.dt)
+        if not change <= PICARD_TOLERANCE:
+            raise StepRejected("midpoint iteration", value=change)
+        return state.replaced(flux=flux)
+
+
+class CirculationTransport(FlowPhase):
+    """Dual edges carried backwards; what it loses is booked in the state."""
+
+    stage = "transport"
+
+    def __init__(self, setting: FluidSetting) -> None:
+        self.space, self.paths = setting.volume, setting.volume_paths
+        space = self.space
+        self.cell_of_face = np.zeros(space.n_faces, dtype=np.int64)
+        self.cell_of_face[space.cell_face.ravel()] = np.repeat(np.arange(len(space.cells)), 4)
+        self.face_centre = np.zeros((space.n_faces, 3))
+        self.face_centre[space.cell_face.ravel()] = space.face_centre.reshape(-1, 3)
+
+    def start(self) -> dict[str, NDArray]:
+        return {"loss": np.zeros(2)}
+
+    def _circulations(self, vertex_velocity: NDArray, ends: tuple) -> NDArray[np.float64]:
+        """(k, 4) circulation along the carried pieces from cells to their faces."""
+        (cell, centre), (face_cell, face) = ends
+        at_centre = self.paths.interpolated(vertex_velocity, cell, centre)
+        at_face = self.paths.interpolated(vertex_velocity, face_cell, face)[self.space.cell_face]
+        piece = face[self.space.cell_face] - centre[:, None]
+        return 0.5 * np.einsum("kia,kia->ki", at_centre[:, None] + at_face, piece)
+
+    def _ends(self, vertex_velocity: NDArray, dt: float) -> tuple:
+        space, paths = self.space, self.paths
+        cells = np.arange(len(space.cells))
+        if dt == 0:
+            return (cells, space.centre), (self.cell_of_face, self.face_centre)
+        return (
+            paths.carried(vertex_velocity, cells, space.centre, dt),
+            paths.carried(vertex_velocity, self.cell_of_face, self.face_centre, dt),
+        )
+
+    def _carried(self, velocity: NDArray, ends: tuple, here: tuple, smooth: bool = False) -> NDArray:
+        """(F,) fluxes of the flow with the circulations of the carried loops."""
+        space = self.space
+        at_vertices = space.vertex_means(velocity)
+        change = self._circulations(at_vertices, ends)
+        if smooth:
+            return space.projected(space.broken_gradient(change))
+        change -= self._circulations(at_vertices, here)
+        return space.projected(velocity + space.broken_gradient(change))
+
+    def advance(self, step: Step, state: FluidState) -> FluidState:
+        space, dt = self.space, step.dt
+        velocity = space.cell_velocity(state)
+        middle = space.velocity(state["flux"] + 0.5 * dt * rate(space, state["flux"]))
+        carrier = space.vertex_means(middle)
+        here, back, forth = (self._ends(carrier, t) for t in (0.0, dt, -dt))
+        there = space.velocity(self._carried(velocity, back, here))
+        again = space.velocity(self._carried(there, forth, here))
+        flux = self._carried(1.5 * velocity - 0.5 * again, back, here)
+        energy, reached = space.kinetic_energy(velocity), space.kinetic_energy(space.velocity(flux))
+        if not np.isfinite(reached):
+            raise StepRejected("not finite")
+        if reached > energy:
+            flux = self._without_rise(flux, self._carried(velocity, back, here, smooth=True), energy)
+        after = state.replaced(flux=flux)
+        lost = np.array([energy - space.energy(after), 0.0])
+        return after.with_passive(loss=state["loss"] + lost)
+
+    def _without_rise(self, flux: NDArray, smooth: NDArray, energy: float) -> NDArray[np.float64]:
+        """Mixed with just as much of the smooth step as keeps the energy from rising; else scaled."""
+        space = self.space
+        velocity, change = space.velocity(flux), space.velocity(smooth - flux)
+        slope = float(np.sum(space.volume[:, None] * velocity * change))
+        excess = space.kinetic_energy(velocity) - energy
+        mixed = flux + first_root(excess, slope, space.kinetic_energy(change)) * (smooth - flux)
+        reached = space.kinetic_energy(space.velocity(mixed))
+        return mixed * min(1.0, (energy / reached) ** 0.5) if reached > 0 else mixed
+
+    def observed(self, state: FluidState) -> Observation:
+        return Observation(None, {}, {"lost_energy": float(state["loss"][0])})
+
+
+def transport(setting: FluidSetting, parameters: Any) -> CirculationTransport | EnergyTransport:
+    """The phase that [time] asks for."""
+    return EnergyTransport(setting) if parameters.integrator == "energy" else CirculationTransport(setting)

@@ -1,0 +1,63 @@
+"""Buoyancy and flows with a name: work against gravity, conduction, steady harmonics."""
+
+import numpy as np
+import pytest
+
+from tests.physics.test_fluid_forces import last_frame
+from tests.physics.test_fluid_volumes import run, series
+
+
+def test_temperature_that_depends_on_height_alone_moves_nothing():
+    _, observed, _ = run('buoyancy = { temperature = "10*z" }', 3)
+    assert series(observed, "kinetic_energy").max() < 1e-4 * 10  # a linear temperature: cells hold its mean
+    assert np.abs(observed[-1].vertex["temperature"] - observed[0].vertex["temperature"]).max() < 0.1
+
+
+def test_warm_fluid_rises_and_its_heat_is_kept():
+    hot = 'buoyancy = { temperature = "100*exp(-((x-1.5)^2+(y-1.5)^2+(z-0.8)^2)/0.2)" }'
+    model, observed, _ = run(hot, 6, 1.0, 0.1, "circulation")
+    total = series(observed, "total_temperature")
+    assert np.ptp(total) < 1e-12 * total[0]
+    z, mass = model.context.points[:, 2], model.space.mass
+
+    def height(o):
+        return (mass * o.vertex["temperature"]) @ z / (mass @ o.vertex["temperature"])
+
+    assert height(observed[-1]) > height(observed[0]) + 0.1
+
+
+def test_the_first_acceleration_is_expansion_times_temperature_times_gravity():
+    """T = sin(pi x) along x: the push has no gradient part but for the walls."""
+    _, one, _ = run('buoyancy = { temperature = "cos(x)" }', 4, 0.01, 0.01)
+    _, two, _ = run('buoyancy = { temperature = "cos(x)", expansion = 6.8e-3 }', 4, 0.01, 0.01)
+    speed = [np.sqrt(2 * series(o, "kinetic_energy")[-1]) for o in (one, two)]
+    assert speed[1] == pytest.approx(2 * speed[0], rel=1e-6) and speed[0] > 0
+
+
+def test_sources_heat_at_their_rate_and_diffusion_keeps_the_heat():
+    _, observed, _ = run('buoyancy = { source = "1+x", diffusivity = 0.1, expansion = 0 }', 3, 0.2, 0.1)
+    whole = np.pi**3 * (1 + np.pi / 2)
+    assert series(observed, "total_temperature")[-1] == pytest.approx(0.2 * whole, rel=1e-9)
+    warm = observed[-1].vertex["temperature"]
+    assert np.ptp(warm) < 0.2 * np.pi * 0.99
+
+
+def test_the_haurwitz_wave_has_its_speed_and_stays():
+    points, mass, first, last = last_frame(
+        "sphere = { subdivisions = 4 }", 'initial = { flow = "rossby-haurwitz", strength = 0.5 }'
+    )
+    assert np.linalg.norm(first.vertex["velocity"], axis=1).max() == pytest.approx(0.5, rel=0.02)
+    change = last.vertex["vorticity"] - first.vertex["vorticity"]
+    assert np.sqrt(mass @ change**2 / (mass @ first.vertex["vorticity"] ** 2)) < 0.01
+
+
+@pytest.mark.parametrize(
+    "flow, shape",
+    [
+        ("jet", "sphere = { subdivisions = 4 }"),
+        ("shear-layer", 'grid = { size = [1, 1], cells = [60, 60], periodic = "xy" }'),
+    ],
+)
+def test_flows_with_a_name_have_their_strength(flow, shape):
+    *_, first, _ = last_frame(shape, f'initial = {{ flow = "{flow}", strength = 2 }}', 0.01, 0.01)
+    assert np.linalg.norm(first.vertex["velocity"], axis=1).max() == pytest.approx(2.0, rel=0.12)
