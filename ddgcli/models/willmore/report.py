@@ -41,6 +41,7 @@ def summary(
         "area": last["area"],
         "volume": last.get("volume"),
         "steps": int(last["steps"]),
+        "redistributions": int(last["redistributions"]),
         "stopped_because": failure or stopped or f"{limit} steps were taken",
     }
     accuracy = {

@@ -141,13 +141,18 @@ def least_energy(topology: Topology) -> float:
     return float(least[~opened & (faces > 0)].sum())
 
 
+def _is_spheres(topology: Topology) -> bool:
+    """Whether every part of the surface is closed and of genus 0."""
+    return topology.is_closed and topology.euler_characteristic == 2 * topology.n_components
+
+
 def second_energy(chosen: str, topology: Topology, constraints: Constraints) -> Energy | None:
     """A second energy to look at where `gauss-map` may fall by crumpling.
 
     Where nothing is kept on closed parts of genus 0 it cannot: there it is never below 4 pi, and at 4 pi only
     on round spheres.
     """
-    round_only = topology.euler_characteristic == 2 * topology.n_components and not constraints.active
+    round_only = _is_spheres(topology) and not constraints.active
     if chosen != DEFAULT or round_only or not topology.is_closed:
         return None
     return ENERGIES[SECOND_ENERGY].build(topology)
@@ -186,11 +191,14 @@ def build(mesh: TriangleMesh, options: FlowOptions) -> tuple[Flow, Model]:
             "unfold it or use `energy=cotan`"
         )
     convention = ENERGIES[chosen].convention
+    keeps_triangles = not options.timed and chosen == DEFAULT and topology.is_closed
     flow = Flow(
         topology, energy, convention, free, constraints, mean_curvature, scheme, options.timed, options.stop,
         centre, scale, area(unit), mesh.points,
         0.0 if chosen == "hinge" else least_energy(topology),
-        None if mean_curvature else second_energy(chosen, topology, constraints),
+        along_normals=keeps_triangles and constraints.active,
+        redistributes=keeps_triangles and (_is_spheres(topology) or constraints.active),
+        second_energy=None if mean_curvature else second_energy(chosen, topology, constraints),
     )  # fmt: skip
     start = FlowState(
         unit.points, started, 0.0, longest_step(flow), stopped="" if len(free) else NO_FREE_VERTEX
