@@ -139,7 +139,7 @@ def test_resume_has_the_same_bits(run, ellipsoid_file, tmp_path, monkeypatch):
         (("--flow", "conformal"), "mean-curvature"),
         (("--boundary", "free"), "clamped"),
         (("--spontaneous-curvature", "1"), "not available"),
-        (("--region", "x"), "not available"),
+        (("--region", "x"), "no array"),
         (("--integrator", "semi-implicit"), "--dt"),
         (("--integrator", "verlet", "--dt", "1e-3"), "rosenbrock or semi-implicit"),
         (("--integrator", "rosenbrock", "--flow", "mean-curvature"), "choose semi-implicit"),

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -162,6 +162,8 @@ class Flow:
         Steps to rest move the vertices along their normals.
     redistributes : bool
         After steps to rest, vertices slide along the surface where angles are small.
+    reported : mapping of str to Energy
+        Energies besides the one that the flow lowers, in every frame.
     second_energy : Energy, optional
         It shows bending that `energy` does not see: the flow ends where it rises by CRUMPLING_RISE.
     """
@@ -182,6 +184,7 @@ class Flow:
     least: float
     along_normals: bool = False
     redistributes: bool = False
+    reported: Mapping[str, Energy] = field(default_factory=dict)
     second_energy: Energy | None = None
     _last_gradient: EnergyGradient | None = None
     _last_preconditioner: tuple[Preconditioner, float] | None = None
@@ -365,7 +368,11 @@ class Flow:
             "redistributions": float(state.redistributions),
         }
         if self.topology.is_closed:
-            scalar["volume"] = enclosed_volume(mesh) * self.scale**3
+            volume = enclosed_volume(mesh)
+            scalar["volume"] = volume * self.scale**3
+            scalar["reduced_volume"] = 6.0 * math.sqrt(math.pi) * abs(volume) / area(mesh) ** 1.5
+        for name, energy in self.reported.items():
+            scalar[f"energy_{name}"] = energy.value(mesh.points)
         for name, residual in self.constraints.residuals(mesh).items():
             scalar[f"{name}_residual"] = residual
         points = np.array(self.original)
