@@ -138,6 +138,7 @@ def test_resume_has_the_same_bits(run, ellipsoid_file, tmp_path, monkeypatch):
         (("--energy", "circle-angle"), "sullivan"),
         (("--flow", "conformal"), "mean-curvature"),
         (("--boundary", "free"), "clamped"),
+        (("--region", "x"), "no array"),
         (("--integrator", "semi-implicit"), "--dt"),
         (("--integrator", "verlet", "--dt", "1e-3"), "rosenbrock or semi-implicit"),
         (("--integrator", "rosenbrock", "--flow", "mean-curvature"), "choose semi-implicit"),

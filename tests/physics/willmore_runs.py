@@ -10,11 +10,11 @@ from ddgcli.simulation.account import Account
 from ddgcli.simulation.time_loop import evolve
 
 
-def run_flow(mesh, options=None, **time_options):
+def run_flow(mesh, options=None, region=None, **time_options):
     """(all snapshots' observations, last surface)."""
     timed = any(k in time_options for k in ("step", "duration"))
     options = options or FlowOptions(timed=timed, stop=FlowOptions().stop if timed else DEFAULT_STOP)
-    built, model = setup.build(mesh, options)
+    built, model = setup.build(mesh, options, region)
     shots = list(evolve({"s": model}, setup.schedule(built, time_options), Account()))
     seen = [shot.observations["s"] for shot in shots]
     return seen, mesh.moved(seen[-1].points), shots

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from hashlib import sha256
 from typing import Any
 
 import click
@@ -42,7 +43,12 @@ from ddgcli.errors import ParameterError
     type=options.POSITIVE,
     help="Stop when a step lowers the energy by less than this part of it.  [default: 1e-8]",
 )
-@click.option("--report-energy", help="all: every energy at start and end.")
+@click.option("--report-energy", help="all: every energy at every frame.")
+@click.option(
+    "--region",
+    help="Move these vertices only: an array of the input or a file, one value a vertex (not 0: moves), or "
+    "vertex numbers.",
+)
 def command(
     mesh_path: str, common: CommonOptions, overrides: dict[str, Any], resume: str | None, **parameters: Any
 ) -> None:
@@ -68,11 +74,14 @@ def command(
 
     flow_options = _flow_options(parameters, overrides)
     mesh = source.surface
-    flow, model = setup.build(mesh, flow_options)
+    region = _region(source, parameters["region"])
+    flow, model = setup.build(mesh, flow_options, region)
     energy = setup.chosen_energy(mesh.topology, flow_options)
     schedule = setup.schedule(flow, overrides)
+    region_digest = "" if region is None else sha256(region.tobytes()).hexdigest()
     resolved, digest = fingerprint(
-        {"options": setup.options_as_dict(flow_options), "time": overrides}, {"mesh": source.sha256}
+        {"options": setup.options_as_dict(flow_options), "time": overrides, "region": region_digest},
+        {"mesh": source.sha256},
     )
     check_unchanged(resume, resolved)
     unit = "L²" if parameters["flow"] == "mean-curvature" else "L⁴"  # L: the input's length unit
@@ -90,10 +99,23 @@ def command(
     report.warn_of_folds(mesh, last)
     report.warn_of_disagreement(mesh, last, energy)
     if parameters["report_energy"]:
-        results["energies"] = report.every_energy(mesh, last)
+        results["energies"] = report.every_energy(outcome.series)
     picture = Picture(edges=True, energy="energy", time_unit=unit)
     run.plot(lambda path: draw_run(path, outcome, picture, common))
     run.finish(results, accuracy, converged=not (outcome.failure or outcome.doubt))
+
+
+def _region(source: Any, name: str | None) -> Any:
+    """Mask of the vertices that `--region` names; None without it."""
+    if name is None:
+        return None
+    from ddgcli.io.arrays import input_array
+    from ddgcli.models.willmore.setup import region_mask
+
+    values, place = input_array(source, name)
+    if place not in ("vertex", ""):
+        raise ParameterError(f"{name!r} is a {place} array; name one of the vertices", parameter="region")
+    return region_mask(values, source.surface.topology)
 
 
 def _flow_options(parameters: dict[str, Any], overrides: dict[str, Any]) -> Any:
@@ -109,6 +131,7 @@ def _flow_options(parameters: dict[str, Any], overrides: dict[str, Any]) -> Any:
     return FlowOptions(
         **{name: parameters[name] for name in ("energy", "flow", "boundary", "fix_area", "fix_volume")},
         timed=timed,
+        report_energies=parameters["report_energy"] is not None,
         integrator=overrides.get("integrator"),
         stop=Stop(
             parameters["stop_gradient"] or stop.gradient,

@@ -32,6 +32,8 @@ class EnergyGradient:
     gradient : (k, 3) ndarray
         Exact gradient on the free vertices, without its part along the constraints' gradients.
     mass : (k,) ndarray
+    normal : (k, 3) ndarray, optional
+        Unit normals along which the vertices move; None where they move freely.
     """
 
     mesh: TriangleMesh
@@ -39,6 +41,7 @@ class EnergyGradient:
     energy: float
     gradient: NDArray[np.float64]
     mass: NDArray[np.float64]
+    normal: NDArray[np.float64] | None = None
 
     @property
     def size(self) -> float:
@@ -62,13 +65,19 @@ def folded_faces(mesh: TriangleMesh) -> int:
 
 
 def energy_gradient(
-    mesh: TriangleMesh, energy: Energy, free: NDArray, constraints: Constraints
+    mesh: TriangleMesh, energy: Energy, free: NDArray, constraints: Constraints, along_normals: bool = False
 ) -> EnergyGradient:
-    """Energy and admissible gradient at `mesh`."""
+    """Energy and admissible gradient at `mesh`, for free motions or for motions along the normals."""
     value, gradient = energy.value_and_gradient(mesh.points)
     mass = lumped_vertex_area(mesh)[free]
-    admissible = constraints.admissible_gradient(mesh, free, mass, gradient[free])
-    return EnergyGradient(mesh, free, value, admissible, mass)
+    normal = vertex_normals(mesh)[free] if along_normals else None
+    gradient = constraints.admissible_gradient(mesh, free, mass, _normal_part(gradient[free], normal))
+    return EnergyGradient(mesh, free, value, gradient, mass, normal)
+
+
+def _normal_part(vector: NDArray, normal: NDArray | None) -> NDArray[np.float64]:
+    """Part of the vectors (k, 3) along the normals; all of them where `normal` is None."""
+    return vector if normal is None else np.einsum("ij,ij->i", vector, normal)[:, None] * normal
 
 
 def fourth_order_matrix(mesh: TriangleMesh, free: NDArray, dt: float) -> csc_array:
@@ -101,7 +110,9 @@ class Preconditioner:
 
     def solve(self, covector: NDArray) -> NDArray[np.float64]:
         """The motion (k, 3) whose inner product with any other is the covector's value on it."""
-        return self.factor.solve(covector, refine=False)
+        normal = self.at.normal
+        motion = self.factor.solve(_normal_part(covector, normal), refine=False)
+        return _normal_part(motion, normal)
 
     def descent_power(self) -> float:
         """Energy per time that the gradient would release."""

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -28,8 +28,10 @@ from ddgcli.models.willmore.descent import (
     moved_along,
     preconditioner_at,
     rosenbrock_step,
+    vertex_normals,
 )
 from ddgcli.models.willmore.energies import Energy
+from ddgcli.models.willmore.redistribution import redistribute
 from ddgcli.simulation.time_loop import Observation, StepRejected
 
 # steps of the descent, for a surface with the area of the unit sphere
@@ -101,6 +103,8 @@ class FlowState:
     stopped : str
     lowest_second : float
         Lowest value so far of the second energy.
+    redistributions : int
+        Steps so far after which vertices slid along the surface.
     """
 
     points: NDArray[np.float64]
@@ -112,6 +116,7 @@ class FlowState:
     area_increases: int = 0
     stopped: str = ""
     lowest_second: float = math.inf
+    redistributions: int = 0
 
 
 def rounding_scale(energy: float) -> float:
@@ -153,6 +158,12 @@ class Flow:
         Positions at the start, of the input.
     least : float
         Lower bound of the smooth energy, 0 where none is known.
+    along_normals : bool
+        Steps to rest move the vertices along their normals.
+    redistributes : bool
+        After steps to rest, vertices slide along the surface where angles are small.
+    reported : mapping of str to Energy
+        Energies besides the one that the flow lowers, in every frame.
     second_energy : Energy, optional
         It shows bending that `energy` does not see: the flow ends where it rises by CRUMPLING_RISE.
     """
@@ -171,6 +182,9 @@ class Flow:
     area: float
     original: NDArray[np.float64]
     least: float
+    along_normals: bool = False
+    redistributes: bool = False
+    reported: Mapping[str, Energy] = field(default_factory=dict)
     second_energy: Energy | None = None
     _last_gradient: EnergyGradient | None = None
     _last_preconditioner: tuple[Preconditioner, float] | None = None
@@ -217,7 +231,9 @@ class Flow:
     def _gradient(self, state: FlowState) -> EnergyGradient:
         """Gradient at the state; the last one is kept, since a rejected step starts there again."""
         if self._last_gradient is None or self._last_gradient.mesh.points is not state.points:
-            self._last_gradient = energy_gradient(self.mesh(state), self.energy, self.free, self.constraints)
+            self._last_gradient = energy_gradient(
+                self.mesh(state), self.energy, self.free, self.constraints, self.along_normals
+            )
         return self._last_gradient
 
     def _preconditioner(self, at: EnergyGradient, dt: float) -> Preconditioner:
@@ -274,10 +290,26 @@ class Flow:
                         reached = LOWER_BOUND_TOLERANCE * self.least <= at.energy <= self.least
                         return replace(state, stopped=LOWER_BOUND_REACHED if reached else BELOW_LOWER_BOUND)
                     at_once = dt == state.dt and share >= MOTION_FRACTIONS[1]
+                    slid = self._redistributed(at, preconditioner, moved) if self.redistributes else None
+                    moved, energy = slid or (moved, energy)
                     stepped = self._accepted(state, at, moved, energy, share * dt * self.time_unit)
+                    stepped = replace(stepped, redistributions=state.redistributions + (slid is not None))
                     return replace(stepped, dt=min(longest_step(self), 2.0 * dt if at_once else dt))
             dt, shrink = dt * shrink, 0.25 * shrink
         return replace(state, stopped="no step lowers the energy")
+
+    def _redistributed(
+        self, at: EnergyGradient, preconditioner: Preconditioner, moved: TriangleMesh
+    ) -> tuple[TriangleMesh, float] | None:
+        """The surface after a step with vertices slid, and its energy; None where that would raise it."""
+        movable = np.zeros(moved.n_vertices, dtype=bool)
+        movable[self.free] = True
+        slid = redistribute(moved, vertex_normals(moved), movable)
+        if slid is None:
+            return None
+        slid = self.constraints.restore(slid, self.free, preconditioner.solve)
+        energy = self.energy.value(slid.points)
+        return (slid, energy) if energy <= at.energy else None
 
     def _accepted(
         self, state: FlowState, at: EnergyGradient, moved: TriangleMesh, energy: float, dt: float
@@ -333,9 +365,14 @@ class Flow:
             "steps": float(state.steps),
             "energy_increases": float(state.increases),
             "area_increases": float(state.area_increases),
+            "redistributions": float(state.redistributions),
         }
         if self.topology.is_closed:
-            scalar["volume"] = enclosed_volume(mesh) * self.scale**3
+            volume = enclosed_volume(mesh)
+            scalar["volume"] = volume * self.scale**3
+            scalar["reduced_volume"] = 6.0 * math.sqrt(math.pi) * abs(volume) / area(mesh) ** 1.5
+        for name, energy in self.reported.items():
+            scalar[f"energy_{name}"] = energy.value(mesh.points)
         for name, residual in self.constraints.residuals(mesh).items():
             scalar[f"{name}_residual"] = residual
         points = np.array(self.original)
@@ -347,11 +384,13 @@ class Flow:
         """The state as arrays of fixed shape (why it stopped need not go on)."""
         numbers = [
             state.energy, state.time, state.dt, state.steps, state.increases, state.area_increases,
-            state.lowest_second,
+            state.lowest_second, state.redistributions,
         ]  # fmt: skip
         return {"points": state.points, "numbers": np.array(numbers, dtype=np.float64)}
 
     def unpack(self, arrays: dict[str, NDArray]) -> FlowState:
-        energy, time, dt, steps, increases, area_increases, lowest = (float(x) for x in arrays["numbers"])
+        energy, time, dt, steps, increases, area_increases, lowest, slides = map(float, arrays["numbers"])
         counts = int(steps), int(increases), int(area_increases)
-        return FlowState(arrays["points"], energy, time, dt, *counts, lowest_second=lowest)
+        return FlowState(
+            arrays["points"], energy, time, dt, *counts, lowest_second=lowest, redistributions=int(slides)
+        )

@@ -40,7 +40,9 @@ def summary(
         "energy_convention": convention,
         "area": last["area"],
         "volume": last.get("volume"),
+        "reduced_volume": last.get("reduced_volume"),
         "steps": int(last["steps"]),
+        "redistributions": int(last["redistributions"]),
         "stopped_because": failure or stopped or f"{limit} steps were taken",
     }
     accuracy = {
@@ -56,17 +58,17 @@ def summary(
     return results, accuracy
 
 
-def every_energy(first: TriangleMesh, last: TriangleMesh) -> dict[str, dict[str, Any]]:
-    """All energies at start and end, with their conventions (`report_energy=all`)."""
-    energies = {}
-    for name, kind in ENERGIES.items():
-        energy = kind.build(first.topology)
-        energies[name] = {
-            "start": energy.value(first.points),
-            "end": energy.value(last.points),
+def every_energy(series: Mapping[str, NDArray]) -> dict[str, dict[str, Any]]:
+    """All energies, one value a frame, with their conventions (`report_energy=all`)."""
+    return {
+        name: {
+            "start": float(series[f"energy_{name}"][0]),
+            "end": float(series[f"energy_{name}"][-1]),
+            "values": series[f"energy_{name}"].tolist(),
             "energy_convention": kind.convention,
         }
-    return energies
+        for name, kind in ENERGIES.items()
+    }
 
 
 def doubt(stopped: str, start: TriangleMesh, energy: str) -> str:

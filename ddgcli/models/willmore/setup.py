@@ -39,6 +39,8 @@ class FlowOptions:
     flow, boundary : str
         Of WILLMORE_FLOWS, WILLMORE_BOUNDARIES.
     fix_area, fix_volume : bool
+    report_energies : bool
+        Every frame has the values of all energies.
     timed : bool
         Steps of a time_options length, by a time scheme; else the longest that descend.
     integrator : str or None
@@ -51,6 +53,7 @@ class FlowOptions:
     boundary: str = "clamped"
     fix_area: bool = False
     fix_volume: bool = False
+    report_energies: bool = False
     timed: bool = False
     integrator: str | None = None
     stop: Stop = Stop()
@@ -61,12 +64,53 @@ def options_as_dict(options: FlowOptions) -> dict[str, Any]:
     return asdict(options)
 
 
-def free_vertices(topology: Topology, boundary: str) -> NDArray[np.int64]:
-    """Vertices that move: `fixed` holds the boundary, `clamped` also its neighbours (and so the normals)."""
+def free_vertices(topology: Topology, boundary: str, region: NDArray | None = None) -> NDArray[np.int64]:
+    """Vertices that move: those of the region, if one is given, that no boundary condition holds.
+
+    `fixed` holds the boundary, `clamped` also its neighbours (and so the normals).
+    """
     held = np.array(topology.boundary_vertex)
     if boundary == "clamped":
         held[topology.faces[held[topology.faces].any(axis=1)]] = True
-    return np.flatnonzero(topology.referenced_vertex & ~held)
+    inside = True if region is None else region
+    return np.flatnonzero(topology.referenced_vertex & ~held & inside)
+
+
+def region_mask(values: NDArray, topology: Topology) -> NDArray[np.bool_]:
+    """(n,) whether each vertex is in the region that an array describes.
+
+    Parameters
+    ----------
+    values : (n,) or (k,) ndarray
+        One value a vertex, not zero inside the region; or any other count of vertex numbers from 0.
+    topology : Topology
+
+    Raises
+    ------
+    ParameterError
+        When the array is of neither form, or the region is empty or the whole surface.
+    """
+    n = topology.n_vertices
+    if values.ndim != 1 or not np.isfinite(values).all():
+        raise ParameterError("must have one finite number per row", parameter="region")
+    if len(values) == n:
+        mask = values != 0
+    else:
+        wrong = (values != np.round(values)) | (values < 0) | (values >= n)
+        if wrong.any():
+            raise ParameterError(
+                f"has {len(values)} values, neither one for each of the {n} vertices nor vertex numbers from "
+                f"0 to {n - 1} (first wrong: {values[wrong][0]:g})",
+                parameter="region",
+            )
+        mask = np.zeros(n, dtype=bool)
+        mask[values.astype(np.int64)] = True
+    mask &= topology.referenced_vertex
+    if not mask.any():
+        raise ParameterError("has no vertex of the surface; mark at least one", parameter="region")
+    if mask[topology.referenced_vertex].all():
+        raise ParameterError("is the whole surface; leave `region` out", parameter="region")
+    return mask
 
 
 def chosen_energy(topology: Topology, options: FlowOptions) -> str:
@@ -140,20 +184,32 @@ def least_energy(topology: Topology) -> float:
     return float(least[~opened & (faces > 0)].sum())
 
 
+def _is_spheres(topology: Topology) -> bool:
+    """Whether every part of the surface is closed and of genus 0."""
+    return topology.is_closed and topology.euler_characteristic == 2 * topology.n_components
+
+
 def second_energy(chosen: str, topology: Topology, constraints: Constraints) -> Energy | None:
     """A second energy to look at where `gauss-map` may fall by crumpling.
 
     Where nothing is kept on closed parts of genus 0 it cannot: there it is never below 4 pi, and at 4 pi only
     on round spheres.
     """
-    round_only = topology.euler_characteristic == 2 * topology.n_components and not constraints.active
+    round_only = _is_spheres(topology) and not constraints.active
     if chosen != DEFAULT or round_only or not topology.is_closed:
         return None
     return ENERGIES[SECOND_ENERGY].build(topology)
 
 
-def build(mesh: TriangleMesh, options: FlowOptions) -> tuple[Flow, Model]:
+def build(mesh: TriangleMesh, options: FlowOptions, region: NDArray | None = None) -> tuple[Flow, Model]:
     """The flow of a mesh, and the model that the time loop drives.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+    options : FlowOptions
+    region : (n,) ndarray of bool, optional
+        Vertices that may move; all others stay, and with them the tangent planes beside the region.
 
     Raises
     ------
@@ -166,7 +222,7 @@ def build(mesh: TriangleMesh, options: FlowOptions) -> tuple[Flow, Model]:
     scheme = chosen_scheme(options)
     unit, centre, scale = centred_at_unit_size(mesh)
     topology = mesh.topology
-    free = free_vertices(topology, options.boundary)
+    free = free_vertices(topology, options.boundary, region)
     if options.fix_volume and not topology.is_closed:
         raise ParameterError("`fix_volume` needs a closed surface; this one has a boundary")
     mean_curvature = options.flow == "mean-curvature"
@@ -185,11 +241,16 @@ def build(mesh: TriangleMesh, options: FlowOptions) -> tuple[Flow, Model]:
             "unfold it or use `energy=cotan`"
         )
     convention = ENERGIES[chosen].convention
+    reported = ENERGIES.items() if options.report_energies else ()
+    keeps_triangles = not options.timed and chosen == DEFAULT and topology.is_closed
     flow = Flow(
         topology, energy, convention, free, constraints, mean_curvature, scheme, options.timed, options.stop,
         centre, scale, area(unit), mesh.points,
         0.0 if chosen == "hinge" else least_energy(topology),
-        None if mean_curvature else second_energy(chosen, topology, constraints),
+        along_normals=keeps_triangles and constraints.active,
+        redistributes=keeps_triangles and (_is_spheres(topology) or constraints.active),
+        reported={name: kind.build(topology) for name, kind in reported},
+        second_energy=None if mean_curvature else second_energy(chosen, topology, constraints),
     )  # fmt: skip
     start = FlowState(
         unit.points, started, 0.0, longest_step(flow), stopped="" if len(free) else NO_FREE_VERTEX

@@ -1,0 +1,99 @@
+"""Tangential redistribution: vertices slide along the surface towards better triangles."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ddgcli.geometry.intrinsic import corner_angle
+from ddgcli.mesh.scatter import sum_by_index
+from ddgcli.mesh.topology import NEXT, PREVIOUS
+from ddgcli.mesh.triangle_mesh import TriangleMesh
+
+MIN_ANGLE = np.radians(25.0)  # vertices of faces with a smaller angle slide
+MAX_SECTOR_SHARE = 0.5  # of the way to the opposite side of the face that a vertex slides into
+
+
+def redistribute(mesh: TriangleMesh, normal: NDArray, movable: NDArray) -> TriangleMesh | None:
+    """Slide vertices along the surface where angles are small.
+
+    Each movable vertex of a face with an angle below MIN_ANGLE moves to the mean of its neighbours in the
+    tangent plane, and back onto the surface: the quadratic patch through the corners of the face with the
+    vertex normals at the corners. A slide that makes the smallest angle around its vertex smaller is undone.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+    normal : (n, 3) ndarray
+        Unit vertex normals.
+    movable : (n,) ndarray of bool
+
+    Returns
+    -------
+    TriangleMesh or None
+        None where no vertex slides.
+
+    Notes
+    -----
+    The patch is exact for quadratic height functions: with exact normals the surface moves by O(h^3).
+    It is that of T. Boubekeur, M. Alexa, "Phong tessellation", 2008, with the factor 1/2.
+    """
+    before = _star_angle(mesh)
+    sliding = movable & (before < MIN_ANGLE)
+    if not sliding.any():
+        return None
+    target = _slid_points(mesh, normal)
+    for _ in range(3):  # a slide undone changes the stars beside it
+        points = np.where(sliding[:, None], target, mesh.points)
+        worse = sliding & ~(_star_angle(mesh.moved(points)) > before)
+        if not worse.any():
+            return mesh.moved(points)
+        sliding &= ~worse
+    return mesh.moved(np.where(sliding[:, None], target, mesh.points)) if sliding.any() else None
+
+
+def _star_angle(mesh: TriangleMesh) -> NDArray[np.float64]:
+    """(n,) smallest angle of the faces at each vertex."""
+    smallest = np.full(mesh.n_vertices, np.inf)
+    angle = corner_angle(mesh.side_length).min(axis=1)
+    np.minimum.at(smallest, mesh.faces.ravel(), np.repeat(angle, 3))
+    return smallest
+
+
+def _slid_points(mesh: TriangleMesh, normal: NDArray) -> NDArray[np.float64]:
+    """(n, 3) every vertex at the mean of its neighbours, on the quadratic patch of the face there."""
+    x, faces, n = mesh.points, mesh.faces, mesh.n_vertices
+    corner = x[faces]
+    ahead, behind = corner[:, NEXT] - corner, corner[:, PREVIOUS] - corner
+    count = sum_by_index(faces, np.full(faces.shape, 2.0), n)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        slide = sum_by_index(faces, ahead + behind, n) / count[:, None]
+    slide -= np.einsum("ij,ij->i", slide, normal)[:, None] * normal
+    # coordinates of the slide in each sector, seen along the vertex normal
+    up, shift = normal[faces], slide[faces]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        span = _triple(up, ahead, behind)
+        first, second = _triple(up, shift, behind) / span, _triple(up, ahead, shift) / span
+    inside = np.where(span > 0, np.minimum(first, second), -np.inf).ravel()
+    order = np.lexsort((-inside, faces.ravel()))
+    vertex, start = np.unique(faces.ravel()[order], return_index=True)
+    best = order[start]
+    first, second = first.ravel()[best], second.ravel()[best]
+    usable = np.isfinite(inside[best]) & np.isfinite(first + second)
+    first, second = np.maximum(first, 0.0), np.maximum(second, 0.0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        share = np.minimum(1.0, MAX_SECTOR_SHARE / (first + second))
+    first, second = share * first, share * second
+    face, k = best // 3, best % 3
+    weight = np.stack([1.0 - first - second, first, second], axis=1)
+    vertices = faces[face[:, None], (k[:, None] + np.arange(3)) % 3]
+    flat = np.einsum("vk,vkj->vj", weight, x[vertices])
+    height = np.einsum("vkj,vkj->vk", flat[:, None] - x[vertices], normal[vertices])
+    curved = flat - 0.5 * np.einsum("vk,vk,vkj->vj", weight, height, normal[vertices])
+    points = np.array(x)
+    points[vertex[usable]] = curved[usable]
+    return points
+
+
+def _triple(a: NDArray, b: NDArray, c: NDArray) -> NDArray[np.float64]:
+    return np.einsum("...i,...i->...", a, np.cross(b, c))
