@@ -149,8 +149,12 @@ def check_laplacian(evidence: Evidence) -> Iterator[Violation]:
             yield f"{name} {residual:.1e}", ("residual", "symmetric")
     if not values:
         return
-    area = evidence.results.get("area") or 1.0
-    scale = max(abs(values[-1]), 1.0 / area)
+    scale = abs(values[-1])
+    if evidence.points is not None and evidence.faces is not None:
+        edge = np.linalg.norm(
+            evidence.points[evidence.faces[:, 0]] - evidence.points[evidence.faces[:, 1]], axis=1
+        )
+        scale = max(scale, 1.0 / edge.mean() ** 2)
     if min(values) < -1e-6 * scale:
         yield f"eigenvalue {min(values):.1e}", ("eigen",)
     components = evidence.expected.get("components")
@@ -320,7 +324,8 @@ def judge(
     expected = expected or {}
     message = outcome.stderr.strip()
     if outcome.over:
-        return Verdict(WRONG, f"over its {outcome.over} limit ({outcome.seconds:.0f} s CPU)")
+        used = f"{outcome.seconds:.0f} s CPU, {outcome.peak_mib:.0f} MiB"
+        return Verdict(WRONG, f"over its {outcome.over} limit ({used})")
     if "Traceback" in message or "internal error" in message.lower():
         return Verdict(WRONG, f"internal error: {message.splitlines()[-1][:200]}")
     if outcome.exit_code not in (0, 1, 2):

@@ -88,9 +88,9 @@ def breaking_point(cells: list[tuple[float, str | None]]) -> str:
         return NOT_RUN
     for place, (value, kind) in enumerate(run):
         if kind != RIGHT:
-            before = f"✓ to {run[place - 1][0]:g}; " if place else ""
-            return f"{before}{MARKS[kind]} at {value:g}"
-    return f"✓ to {run[-1][0]:g}"
+            before = f"✓ to {run[place - 1][0]:.10g}; " if place else ""
+            return f"{before}{MARKS[kind]} at {value:.10g}"
+    return f"✓ to {run[-1][0]:.10g}"
 
 
 def _breaking_points(results: dict, cases: list[Case]) -> str:

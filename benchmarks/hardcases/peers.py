@@ -51,7 +51,7 @@ def fault_of(task: str, arrays: dict[str, NDArray], points: NDArray, faces: NDAr
         return _distance_fault(task, arrays, points, faces, expected)
     if "angle_defect" in arrays:
         return _curvature_fault(arrays["angle_defect"], faces, expected)
-    return _spectrum_fault(arrays["eigenvalues"], expected)
+    return _spectrum_fault(arrays["eigenvalues"], points, faces, expected)
 
 
 def _distance_fault(task: str, arrays: dict, points: NDArray, faces: NDArray, expected: dict) -> str:
@@ -83,9 +83,10 @@ def _curvature_fault(defect: NDArray, faces: NDArray, expected: dict) -> str:
     return ""
 
 
-def _spectrum_fault(values: NDArray, expected: dict) -> str:
+def _spectrum_fault(values: NDArray, points: NDArray, faces: NDArray, expected: dict) -> str:
     """One zero a component, none negative."""
-    scale = max(float(np.abs(values).max()), 1.0 / expected["area"])
+    edge = np.linalg.norm(points[faces[:, 0]] - points[faces[:, 1]], axis=1).mean()
+    scale = max(float(np.abs(values).max()), 1.0 / edge**2)
     zeros = int((np.abs(values) < 1e-6 * scale).sum())
     if values.min() < -1e-6 * scale:
         return f"eigenvalue {values.min():.1e}"

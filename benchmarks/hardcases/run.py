@@ -42,7 +42,6 @@ Results = dict[str, dict[str, dict[str, Any]]]
 def _limits() -> None:
     resource.setrlimit(resource.RLIMIT_CPU, (CPU_SECONDS, CPU_SECONDS + 5))
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
-    resource.setrlimit(resource.RLIMIT_AS, (3 * PEAK_MIB << 20, 3 * PEAK_MIB << 20))
 
 
 def run_process(words: list[str], folder: Path, preloaded: bool = False) -> Outcome:
@@ -76,9 +75,8 @@ def run_process(words: list[str], folder: Path, preloaded: bool = False) -> Outc
         error.seek(0)
         stdout, stderr = (f.read().decode("utf-8", "replace") for f in (out, error))
     seconds, peak = usage.ru_utime + usage.ru_stime, usage.ru_maxrss / 1024
-    over = "memory" if peak > PEAK_MIB else ""
-    if code in (-signal.SIGXCPU, -signal.SIGKILL):
-        over = "time"
+    over = "time" if code in (-signal.SIGXCPU, -signal.SIGKILL) else ""
+    over = "memory" if peak > PEAK_MIB else over
     return Outcome(code, stdout, stderr, seconds, peak, over)
 
 
@@ -112,16 +110,25 @@ def _fork(words: list[str], folder: Path, out: int, error: int) -> int:
 
 
 def _wait(pid: int, deadline: float) -> tuple[int, resource.struct_rusage]:
-    """Wait for one child, its whole process group killed at the deadline."""
+    """Wait for one child; its process group is killed at the deadline and above the memory limit."""
     while True:
         ended, status, usage = os.wait4(pid, os.WNOHANG)
         if ended:
             return status, usage
-        if time.monotonic() > deadline:
+        if time.monotonic() > deadline or _resident_mib(pid) > PEAK_MIB:
             os.killpg(pid, signal.SIGKILL)
             _, status, usage = os.wait4(pid, 0)
             return status, usage
         time.sleep(0.02)
+
+
+def _resident_mib(pid: int) -> float:
+    """Resident memory of a process; 0 where the system does not say."""
+    try:
+        pages = int(Path(f"/proc/{pid}/statm").read_text(encoding="ascii").split()[1])
+    except (OSError, IndexError):
+        return 0.0
+    return pages * resource.getpagesize() / 2**20
 
 
 def read_arrays(path: Path) -> dict[str, NDArray]:

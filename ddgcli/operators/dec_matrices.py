@@ -7,10 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.sparse import csr_array, diags_array
 
-from ddgcli.errors import MeshError
+from ddgcli.errors import MeshError, check_memory
 from ddgcli.operators.dec import Complex
 from ddgcli.operators.stars import Star, hodge_star
 
+BYTES_PER_ENTRY = 12  # of a sparse matrix: a float64 and an int32
+COPIES_AT_PEAK = 6  # the product, its sum, transpose, difference, absolute value, and the archive
 LEAST_STAR_ENTRY = 1e-14  # of the largest entry: a smaller one has no inverse
 
 
@@ -62,6 +64,8 @@ def dec_matrices(complex_: Complex, star: Star = "galerkin") -> DecMatrices:
     ------
     MeshError
         A circumcentric star has a zero entry, so that it has no inverse (right angles, co-circular pairs).
+    ParameterError
+        A vertex of high valence makes a Laplacian of 1-forms too large for the memory.
     """
     n = complex_.dimension
     derivative = [d.tocsr().astype(np.int64) for d in complex_.derivatives]
@@ -77,10 +81,23 @@ def dec_matrices(complex_: Complex, star: Star = "galerkin") -> DecMatrices:
             terms.append(derivative[k].T @ stars[k + 1] @ derivative[k])
         if k > 0:
             weak = derivative[k - 1].T @ stars[k]
+            _check_fill(csr_array(weak), k)
             terms.append(weak.T @ inverse[k - 1] @ weak)
         matrices[f"laplacian{k}"] = csr_array(sum(terms[1:], terms[0]))
     negative = sum(int((matrix.diagonal() < 0).sum()) for matrix in stars)
     return DecMatrices(complex_, star, matrices, negative)
+
+
+def _check_fill(weak: csr_array, degree: int) -> None:
+    """Refuse products that fill up: all simplices around one of lower degree couple with each other."""
+    row_sizes = np.diff(weak.indptr).astype(np.float64)
+    largest = int(row_sizes.argmax()) if len(row_sizes) else 0
+    check_memory(
+        COPIES_AT_PEAK * BYTES_PER_ENTRY * float((row_sizes**2).sum()),
+        f"matrices of {degree}-forms",
+        f"remesh around {('vertex', 'edge', 'face')[degree - 1]} {largest}, which couples "
+        f"{int(row_sizes.max(initial=0))} {degree}-simplices",
+    )
 
 
 def _inverse(complex_: Complex, degree: int, star: Star) -> csr_array:

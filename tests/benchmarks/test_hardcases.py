@@ -2,6 +2,7 @@
 
 import copy
 import json
+import sys
 
 import numpy as np
 import pytest
@@ -144,8 +145,16 @@ def test_the_page_shows_a_wrong_cell_and_names_its_fault():
 
 def test_limits_end_a_process_that_takes_too_much_time(tmp_path, monkeypatch):
     monkeypatch.setattr("benchmarks.hardcases.run.CPU_SECONDS", 1)
-    outcome = run_process(["python3", "-c", "while True: pass"], tmp_path)
+    outcome = run_process([sys.executable, "-c", "while True: pass"], tmp_path)
     assert outcome.over == "time"
+    assert kind_of(outcome) == WRONG
+
+
+def test_limits_end_a_process_that_takes_too_much_memory(tmp_path, monkeypatch):
+    monkeypatch.setattr("benchmarks.hardcases.run.PEAK_MIB", 100)
+    hog = "import time; b = bytearray(300 << 20); b[::4096] = b'x' * len(b[::4096]); time.sleep(60)"
+    outcome = run_process([sys.executable, "-c", hog], tmp_path)
+    assert outcome.over == "memory"
     assert kind_of(outcome) == WRONG
 
 

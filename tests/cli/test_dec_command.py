@@ -5,6 +5,7 @@ import pytest
 from scipy.io import mmread
 from scipy.sparse import csr_array, load_npz
 
+from benchmarks.hardcases import meshes
 from ddgcli.io.mesh_file import write_mesh
 from ddgcli.mesh import shapes
 from ddgcli.mesh.fields import AnnotatedMesh
@@ -77,3 +78,14 @@ def test_right_angles_are_refused_and_the_cure_works(run, tmp_path):
     assert refused.exit_code == 2 and "use --star barycentric or --star galerkin" in refused.stderr
     assert len(refused.stderr.splitlines()) == 1
     assert run("dec", path, "--star", "barycentric").exit_code == run("dec", path).exit_code == 0
+
+
+def test_a_vertex_of_high_valence_is_refused_before_the_memory_is_taken(run, tmp_path):
+    points, faces = meshes.fan(1e4)
+    path = tmp_path / "fan.npz"
+    np.savez(path, points=points, faces=faces)
+    result = run("dec", str(path))
+    assert result.exit_code == 2
+    assert "GiB" in result.stderr
+    assert "vertex 0" in result.stderr
+    assert len(result.stderr.splitlines()) == 1

@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from benchmarks.hardcases import meshes
 from ddgcli.algorithms.inspection import quality
 from ddgcli.io.mesh_file import read_mesh, write_mesh
 from ddgcli.mesh import shapes
@@ -208,3 +209,9 @@ def test_marks_of_curves():
 def test_every_kind_has_a_picture(summary, tmp_path, name):
     found = summary("info", Path(__file__).parents[2] / "sample_meshes" / name, "--plot", tmp_path / "a.png")
     assert found["warnings"] == [] and (tmp_path / "a.png").stat().st_size > 1000
+
+
+def test_area_of_caps_does_not_lose_digits_to_their_side_lengths():
+    points, faces = meshes.caps(1e8)
+    area = quality.surface_size(TriangleMesh.from_arrays(points, faces))["area"]
+    assert area == pytest.approx(meshes.truths_of(points, faces).area, rel=1e-13)

@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.geometry.extrinsic import enclosed_volume
-from ddgcli.geometry.intrinsic import face_area
 from ddgcli.mesh.curve import CurveSet
 from ddgcli.mesh.repair import merged_points
 from ddgcli.mesh.scatter import sum_by_index
@@ -50,17 +49,29 @@ def surface_defects(mesh: TriangleMesh) -> dict[str, Any]:
     return defects
 
 
+def _scaled_faces(mesh: TriangleMesh) -> tuple[NDArray, NDArray, NDArray]:
+    """Side vectors over their largest coordinate, twice the areas of these faces, and that coordinate."""
+    side = mesh.side_vector
+    longest = np.abs(side).max(axis=(1, 2), initial=0.0, keepdims=True)
+    side = np.divide(side, longest, out=np.zeros_like(side), where=longest > 0)
+    cross = np.cross(side[:, 0], -side[:, 2])
+    return side, np.sqrt(np.einsum("ij,ij->i", cross, cross)), longest[:, 0, 0]
+
+
+def surface_area(mesh: TriangleMesh) -> float:
+    """Sum of the face areas from positions (see `corner_angles`); infinite where it leaves float64."""
+    _, double_area, longest = _scaled_faces(mesh)
+    with np.errstate(over="ignore"):
+        return float((0.5 * double_area * longest * longest).sum())
+
+
 def corner_angles(mesh: TriangleMesh) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
     """(m, 3) angles in degrees, and (m,) True at faces without area (three points in a line, or fewer).
 
     From positions: lengths determine the area of a needle only to 1e-8 of its longest side squared.
     """
-    side = mesh.side_vector
-    longest = np.abs(side).max(axis=(1, 2), initial=0.0, keepdims=True)
-    side = np.divide(side, longest, out=np.zeros_like(side), where=longest > 0)
+    side, double_area, _ = _scaled_faces(mesh)
     back = -side[:, [2, 0, 1]]
-    cross = np.cross(side[:, 0], back[:, 0])
-    double_area = np.sqrt(np.einsum("ij,ij->i", cross, cross))
     dot = np.einsum("ijk,ijk->ij", side, back)
     return np.degrees(np.arctan2(double_area[:, None], dot)), double_area <= DEGENERATE_AREA_TOLERANCE
 
@@ -167,7 +178,7 @@ def surface_size(mesh: TriangleMesh) -> dict[str, Any]:
     topology = mesh.topology
     ends = mesh.points[topology.edges]
     sizes = size(mesh.points[topology.referenced_vertex], vector_length(ends[:, 1] - ends[:, 0]))
-    sizes["area"] = face_area(mesh.side_length).sum()
+    sizes["area"] = surface_area(mesh)
     if topology.is_closed and topology.is_oriented:
         with np.errstate(
             over="ignore", invalid="ignore"
