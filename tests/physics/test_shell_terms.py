@@ -27,6 +27,7 @@ SHEET = 'grid = { size = [1, 1.2], cells = [3, 4], pattern = "alternating" }'
 # effect line -> shape; every effect of the table stands in at least one (test_table_is_covered)
 TERMS = {
     "stretching-edges": ('stretching = { model = "edges" }', CURVED),
+    "stretching-edges-area": ('stretching = { model = "edges-area" }', CURVED),
     "stretching-stvk": ('stretching = { model = "stvk" }', CURVED),
     "bending-hinge": ('bending = { model = "hinge" }', CURVED),
     "bending-flat": ('bending = { model = "hinge", rest = "flat" }', CURVED),
@@ -48,6 +49,7 @@ TERMS = {
 
 
 def scene_text(effect, shape, time="", obstacles=OBSTACLE):
+    poisson = 0.45 if "edges-area" in effect else 0.3
     return f"""
 [time]
 {time}
@@ -57,7 +59,7 @@ role = "shell"
 material = "rubber"
 young = 1000
 thickness = "1 cm"
-poisson = 0.3
+poisson = {poisson}
 density = 1.0
 {shape}
 {obstacles if "contact" in effect else ""}
@@ -170,6 +172,23 @@ def test_rest_shape_is_at_rest(effect, shape):
     x = np.asarray(context.mesh.points)
     assert abs(system.potentials[0].energy(x)) <= 1e-20
     assert np.abs(system.gradient(x)).max() <= 1e-12 * np.abs(system.gradient(moved(context))).max()
+
+
+def test_edges_and_areas_have_the_moduli_of_the_material_on_equilateral_triangles():
+    """Energy of a small homogeneous strain against plane stress, Young's modulus 1000 Pa, 1 cm thick."""
+    shape = 'grid = { size = [1, 0.8660254037844386], cells = [4, 4], pattern = "equilateral" }'
+    context, system = system_of('stretching = { model = "edges-area" }', shape)
+    _, exact = system_of("stretching = {}", shape)
+    (membrane,) = exact.potentials
+    nu, y = 0.45, 1000 * 0.01
+    membrane.lam, membrane.mu = y * nu / (1 - nu**2), y / (2 * (1 + nu))
+    x = np.asarray(context.mesh.points)
+    for strain in ([[1, 0], [0, 0]], [[0, 1], [1, 0]], [[1, 0], [0, -0.4]]):
+        moved = x.copy()
+        moved[:, :2] += 1e-5 * x[:, :2] @ np.array(strain)
+        energy = sum(p.energy(moved) for p in system.potentials)
+        # halves of triangles at the ends of the rows have other moduli; without areas 17 % are missing
+        assert energy == pytest.approx(membrane.energy(moved), rel=0.12)
 
 
 def test_flat_sheet_has_no_quadratic_bending_force_and_a_bent_one_the_hinge_energy():

@@ -11,10 +11,7 @@ from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from ddgcli.mechanics.terms import Arrays, Potential
-from ddgcli.models.shell import hinge
-from ddgcli.models.shell.bending import HingeBending
 from ddgcli.models.shell.context import ShellContext
-from ddgcli.models.shell.stretching import EdgeSprings, StVK
 from ddgcli.scenes.scene import Section
 from ddgcli.scenes.units import quantity
 from ddgcli.simulation.effects import Effect
@@ -86,10 +83,12 @@ class HingeFlow(Flow):
     """The rest angle of a hinge yields."""
 
     def _change(self, x: NDArray, rest: NDArray) -> NDArray[np.float64]:
+        from ddgcli.models.shell import hinge
+
         return hinge.wrapped(hinge.frame(x, self.potential.stencil).angle - rest)
 
     def at(self, memory: Arrays) -> Potential:
-        return HingeBending(self.potential.stencil, self.potential.weight, memory["rest"])
+        return type(self.potential)(self.potential.stencil, self.potential.weight, memory["rest"])
 
     def strain(self, x: NDArray, rest: NDArray) -> NDArray[np.float64]:
         return np.abs(self._change(x, rest))
@@ -106,7 +105,7 @@ class EdgeFlow(Flow):
         return length, length / rest - 1
 
     def at(self, memory: Arrays) -> Potential:
-        return EdgeSprings(self.potential.stencil, memory["rest"], self.potential.stiffness)
+        return type(self.potential)(self.potential.stencil, memory["rest"], self.potential.stiffness)
 
     def strain(self, x: NDArray, rest: NDArray) -> NDArray[np.float64]:
         return np.abs(self._strain(x, rest)[1])
@@ -133,7 +132,7 @@ class MembraneFlow(Flow):
 
     def at(self, memory: Arrays) -> Potential:
         p = self.potential
-        return StVK(p.stencil, np.matmul(p.basis, _inverse_root(memory["rest"])), p.area, p.lam, p.mu)
+        return type(p)(p.stencil, np.matmul(p.basis, _inverse_root(memory["rest"])), p.area, p.lam, p.mu)
 
     def _principal(self, x: NDArray, rest: NDArray) -> NDArray[np.float64]:
         """(m, 2) principal Green strains relative to the rest metric."""
@@ -163,15 +162,18 @@ def _inverse_root(metric: NDArray) -> NDArray[np.float64]:
 def build(parameters: Plasticity, context: ShellContext) -> list[Flow]:
     if parameters.object not in (None, context.shell.name):
         return []
-    kinds: dict[type, tuple[type[Flow], float | None]] = {
-        HingeBending: (HingeFlow, parameters.yield_angle),
-        EdgeSprings: (EdgeFlow, parameters.yield_strain),
-        StVK: (MembraneFlow, parameters.yield_strain),
+    # by name: the modules of effects that the scene does not name are not imported
+    kinds: dict[str, tuple[type[Flow], float | None]] = {
+        "HingeBending": (HingeFlow, parameters.yield_angle),
+        "EdgeSprings": (EdgeFlow, parameters.yield_strain),
+        "StVK": (MembraneFlow, parameters.yield_strain),
     }
     flows: list[Flow] = []
     for potential in context.elastic:
-        flow, limit = kinds.get(type(potential), (None, None))
-        if flow is None and parameters.yield_angle is not None:
+        flow, limit = kinds.get(type(potential).__name__, (None, None))
+        if potential.name == "stretching" and flow is None and parameters.yield_strain is not None:
+            raise ValueError('yield_strain needs stretching with model = "stvk" or "edges"')
+        if potential.name == "bending" and flow is None and parameters.yield_angle is not None:
             raise ValueError('yield_angle needs rest angles: write bending = { model = "hinge" }')
         if flow is not None and limit is not None:
             flows.append(flow(potential, limit, parameters.hardening))

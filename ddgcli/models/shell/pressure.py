@@ -12,6 +12,7 @@ from pydantic import Field, field_validator, model_validator
 
 from ddgcli.mechanics.terms import Mode, Potential, RampedLoad, at_last_point
 from ddgcli.mesh.scatter import sum_by_index
+from ddgcli.models.shell.area_springs import cross_matrix
 from ddgcli.models.shell.context import ShellContext
 from ddgcli.models.shell.key_frames import require_ascending
 from ddgcli.scenes.scene import Section
@@ -107,7 +108,7 @@ class ConstantPressure:
         if mode == "exact":
             corners = -self.sign * self.excess(x) / 6 * self._corners(x)
             for i, j, k, sign in ((0, 1, 2, -1), (0, 2, 1, 1), (1, 2, 0, -1)):
-                cross = sign * _cross_matrix(corners[:, k])
+                cross = sign * cross_matrix(corners[:, k])
                 block[:, i, :, j] = cross
                 block[:, j, :, i] = cross.transpose(0, 2, 1)
         return block.reshape(-1, 9, 9)
@@ -149,14 +150,6 @@ class Gas(ConstantPressure):
         volume = self.volume(x)
         stiffness = (self.ambient + self.pressure) * abs(self.rest) / volume**2
         return np.sqrt(stiffness) * self.volume_gradient(x)
-
-
-def _cross_matrix(v: NDArray) -> NDArray[np.float64]:
-    """(m, 3, 3) matrices of the cross product with (m, 3) vectors from the left."""
-    matrix = np.zeros((len(v), 3, 3))
-    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
-        matrix[:, j, i], matrix[:, i, j] = v[:, k], -v[:, k]
-    return matrix
 
 
 def build(parameters: Pressure, context: ShellContext) -> list[Potential | RampedLoad]:

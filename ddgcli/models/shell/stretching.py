@@ -22,7 +22,7 @@ from ddgcli.simulation.effects import Effect
 class Stretching(Section):
     """Resistance to stretch."""
 
-    model: Literal["edges", "stvk"] = "stvk"
+    model: Literal["edges", "edges-area", "stvk"] = "stvk"
     stiffness: quantity("N/m", "Young's modulus times thickness; default from the material", gt=0) | None = (
         None
     )
@@ -158,8 +158,27 @@ def build(parameters: Stretching, context: ShellContext) -> list[Potential]:
     if parameters.model == "edges":
         return [_springs(context, 3 * young)]
     nu = float(shell.poisson or 0)
+    if parameters.model == "edges-area":
+        return _edges_and_areas(context, young, nu)
     lam, mu = young * nu / (1 - nu**2), young / (2 * (1 + nu))
     return [StVK(np.asarray(mesh.faces), face_basis(mesh), context.face_area, lam, mu)]
+
+
+def _edges_and_areas(context: ShellContext, young: float, nu: float) -> list[Potential]:
+    """Edge and area springs that together have Young's modulus and Poisson's ratio on equilateral triangles.
+
+    Edge springs alone have equal Lame constants; the area springs add the rest of the first.
+    """
+    if nu < 1 / 3 - 1e-12:
+        raise ValueError(
+            f"model edges-area needs poisson = 1/3 or more, found {nu:g}: edge springs alone have 1/3; "
+            'write model = "stvk"'
+        )
+    from ddgcli.models.shell.area_springs import AreaSprings
+
+    lam, mu = young * nu / (1 - nu**2), young / (2 * (1 + nu))
+    areas = AreaSprings(np.asarray(context.mesh.faces), context.face_area, max(lam - mu, 0.0))
+    return [_springs(context, 8 * mu), areas]
 
 
 def _springs(context: ShellContext, stiffness: float) -> EdgeSprings:
