@@ -100,9 +100,7 @@ def test_two_natural_outflows_apart_are_refused():
 def test_open_boundaries_need_friction_and_an_integrator_that_has_them():
     with pytest.raises(SceneError, match="need the effect viscosity"):
         channel(INFLOW + OUTFLOW, friction="nu = 0")
-    with pytest.raises(
-        SceneError, match="no inflow and outflow; take conservative or energy"
-    ):
+    with pytest.raises(SceneError, match="no inflow and outflow; take conservative or energy"):
         channel(INFLOW + OUTFLOW, time='integrator = "circulation"')
 
 
