@@ -254,7 +254,7 @@ def test_a_scene_pays_only_for_its_effects(summary, ball):
         ('viscosity = { nu = "1 kg" }', "unit"),
         ('viscosity = { nu = 1, kind = "stokes" }', "deformation"),
         ('boundary = { kind = "free-slip" }', "no boundary"),
-        ('boundary = { kind = "inflow" }', "no-slip"),
+        ('boundary = { kind = "inflow" }', "needs velocity"),
         ("harmonic = { coefficients = [1.0] }", "0 harmonic flows"),
         ('dye = { amount = "missing.npy" }', "no such file"),
         ("gravity = {}", "shell-sim"),

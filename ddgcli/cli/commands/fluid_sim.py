@@ -100,8 +100,11 @@ class Fluids:
         from ddgcli.models.fluid.report import wraps
 
         reach = self.largest or 1.0  # vortices are small and count: no robust limits
+        # vorticity at rough walls is large, that of volumes a length: robust limits there
+        robust = any(fluid.setting.no_slip or fluid.context.is_volume for fluid in self.built.values())
+        limits = None if robust else (-reach, reach)
         return Picture(
-            "vorticity", "vorticity [1/s]", (-reach, reach), shown=~wraps(list(self.meshes.values())),
+            "vorticity", "vorticity [1/s]", limits, shown=~wraps(list(self.meshes.values())),
             energy="kinetic energy over density [m^4/s^2]",
         )  # fmt: skip
 
