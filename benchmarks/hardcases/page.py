@@ -64,8 +64,13 @@ def _table(title: str, cases: list[Case], results: dict) -> str:
     columns = [name for name in COMMANDS if any(name in case.calls for case in cases)]
     lines = [f"## {title.capitalize()}\n", _row(["case", *columns]), _row(["---"] * (len(columns) + 1))]
     for case in cases:
-        done = results.get(case.name, {})
+        done = results.get(case.name)
+        if not done:
+            continue
         lines.append(_row([case.name, *(_mark(case, name, done.get(name)) for name in columns)]))
+    left_out = sum(not results.get(case.name) for case in cases)
+    if left_out:
+        lines.append(f"\n{left_out} further cases have not been run yet.")
     return "\n".join(lines) + "\n"
 
 
