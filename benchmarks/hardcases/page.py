@@ -41,7 +41,9 @@ def page(results: dict[str, dict[str, dict[str, Any]]], cases: list[Case]) -> st
     cells = [results.get(case.name, {}).get(name) for case in cases for name in case.calls]
     counts = Counter(cell["kind"] if cell else "not run" for cell in cells)
     summary = ", ".join(f"{counts[kind]} {kind}" for kind in (*MARKS, "not run"))
-    parts = [HEAD, f"{len(cells)} cells: {summary}.\n"]
+    forked = sum(bool(cell and cell.get("preloaded")) for cell in cells)
+    note = f" {forked} of them ran with `--preloaded`, forked from a process that had imported the program."
+    parts = [HEAD, f"{len(cells)} cells: {summary}.{note if forked else ''}\n"]
     parts += [_breaking_points(results, cases), _wrong_cells(results, cases)]
     for family in dict.fromkeys(_section(case) for case in cases):
         rows = [case for case in cases if _section(case) == family]
