@@ -41,7 +41,9 @@ def page(results: dict[str, dict[str, dict[str, Any]]], cases: list[Case]) -> st
     cells = [results.get(case.name, {}).get(name) for case in cases for name in case.calls]
     counts = Counter(cell["kind"] if cell else "not run" for cell in cells)
     summary = ", ".join(f"{counts[kind]} {kind}" for kind in (*MARKS, "not run"))
-    parts = [HEAD, f"{len(cells)} cells: {summary}.\n"]
+    forked = sum(bool(cell and cell.get("preloaded")) for cell in cells)
+    note = f" {forked} of them ran with `--preloaded`, forked from a process that had imported the program."
+    parts = [HEAD, f"{len(cells)} cells: {summary}.{note if forked else ''}\n"]
     parts += [_breaking_points(results, cases), _wrong_cells(results, cases)]
     for family in dict.fromkeys(_section(case) for case in cases):
         rows = [case for case in cases if _section(case) == family]
@@ -64,8 +66,13 @@ def _table(title: str, cases: list[Case], results: dict) -> str:
     columns = [name for name in COMMANDS if any(name in case.calls for case in cases)]
     lines = [f"## {title.capitalize()}\n", _row(["case", *columns]), _row(["---"] * (len(columns) + 1))]
     for case in cases:
-        done = results.get(case.name, {})
+        done = results.get(case.name)
+        if not done:
+            continue
         lines.append(_row([case.name, *(_mark(case, name, done.get(name)) for name in columns)]))
+    left_out = sum(not results.get(case.name) for case in cases)
+    if left_out:
+        lines.append(f"\n{left_out} further cases have not been run yet.")
     return "\n".join(lines) + "\n"
 
 

@@ -189,11 +189,12 @@ def store(results: Results, path: Path = RESULTS) -> None:
     whole.replace(path)
 
 
-def cell_record(verdict: Verdict, outcome: Outcome) -> dict[str, Any]:
+def cell_record(verdict: Verdict, outcome: Outcome, preloaded: bool = False) -> dict[str, Any]:
     """What the page needs of one cell; paths of the run are left out."""
     note = verdict.note.replace(str(ROOT) + "/", "")
     return {
         "kind": verdict.kind,
+        "preloaded": preloaded,
         "note": note.split("/input.npz: ")[-1],
         "seconds": round(outcome.seconds, 1),
         "peak_mib": round(outcome.peak_mib),
@@ -228,7 +229,7 @@ def run_catalogue(
             if (commands and command not in commands) or (missing and command in row):
                 continue
             verdict, outcome = run_cell(case, command, preloaded)
-            row[command] = cell_record(verdict, outcome)
+            row[command] = cell_record(verdict, outcome, preloaded)
             print(f"{case.name} | {command}: {verdict.kind} {outcome.seconds:.1f} s {verdict.note}",
                   file=sys.stderr, flush=True)  # fmt: skip
         store(results)
