@@ -75,7 +75,7 @@ def sharp_cone(rim=8, degrees=20):
     return TriangleMesh.from_arrays(np.concatenate([points, np.zeros((1, 3))]), faces)
 
 
-def spoiled_sphere():
+def non_delaunay_sphere():
     """A sphere with a collinear cap and a zero-length edge."""
     mesh = shapes.icosphere(2)
     points = mesh.points.copy()

@@ -104,9 +104,9 @@ def _layout(mesh: SurfaceMesh) -> Unfolding:
 
 def _cache_lines(n: int) -> NDArray[np.float64]:
     """(n, 8) rows aligned to cache lines, so that a random row lies in one line instead of two."""
-    room = np.empty(8 * n + 8)
-    skip = -room.ctypes.data % _CACHE_LINE // 8
-    return room[skip : skip + 8 * n].reshape(n, 8)
+    buffer = np.empty(8 * n + 8)
+    skip = -buffer.ctypes.data % _CACHE_LINE // 8
+    return buffer[skip : skip + 8 * n].reshape(n, 8)
 
 
 def _area(mesh: SurfaceMesh, scale: float) -> NDArray[np.float64]:

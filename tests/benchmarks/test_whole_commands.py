@@ -48,8 +48,8 @@ def test_a_command_is_timed_without_thread_variables_on_cpu_and_wall_clock(monke
     monkeypatch.setenv("OMP_NUM_THREADS", "7")
     out = tmp_path / "seen.json"
     seconds = measure.command_seconds("info", "dot.ply", str(out))
-    seen = json.loads(out.read_text())
-    assert seen == {"threads": [], "words": ["info", str(mesh), str(out)]}
+    report = json.loads(out.read_text())
+    assert report == {"threads": [], "words": ["info", str(mesh), str(out)]}
     assert seconds.exit_code == 3
     assert seconds.cpu > 0 and seconds.wall >= 0.3
 

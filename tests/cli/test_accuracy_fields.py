@@ -32,7 +32,7 @@ RUNS = {
     "followed": ("geodesic", "ball", "--field", "spin", "--field-time", 1),
     "steps": ("geodesic", "ball", "--field", "spin", "--field-time", 1, "--field-step", 0.1),
     "mapped": ("geodesic", "ball", "--source", 1, "--log-map"),
-    "marched": ("geodesic", "fine ball", "--source", 1, "--log-map", "--method", "fast-marching"),
+    "fast-marching map": ("geodesic", "fine ball", "--source", 1, "--log-map", "--method", "fast-marching"),
     "spread": ("geodesic", "ball", "--source", 1, "--spread-vector", "1,0,0"),
     "hodge": ("hodge", "cap", "--field", "wind"),
     "ring": ("hodge", "ring", "--field", "wind"),
@@ -49,9 +49,9 @@ def surface(**corrupt):
     """What curvature has measured, with one array wrong."""
 
     def plant(sound):
-        return lambda given: sound(
+        return lambda result: sound(
             dataclasses.replace(
-                given, **{name: wrong(getattr(given, name)) for name, wrong in corrupt.items()}
+                result, **{name: wrong(getattr(result, name)) for name, wrong in corrupt.items()}
             )
         )
 
@@ -69,9 +69,9 @@ def crooked(**changed):
 
     def plant(sound):
         def wrong(*args, **kwargs):
-            found = sound(*args, **kwargs)
-            fields = {name: change(getattr(found, name)) for name, change in changed.items()}
-            return dataclasses.replace(found, **fields)
+            result = sound(*args, **kwargs)
+            fields = {name: change(getattr(result, name)) for name, change in changed.items()}
+            return dataclasses.replace(result, **fields)
 
         return wrong
 
@@ -173,7 +173,7 @@ WILD = (SOLVE[0], returned(lambda x: scattered(x, np.abs(x).max())))
 MEASURE = "ddgcli.algorithms.curvature.surface_curvature:_accuracy"
 EXACT = "ddgcli.algorithms.geodesics.exact.exact_distance:exact_distance"
 OPERATOR = "ddgcli.algorithms.laplacian.tasks:laplace_operator"
-WALKED = "ddgcli.algorithms.tracing.trace:Tracer.trace_checked"
+TRACE_CHECKED = "ddgcli.algorithms.tracing.trace:Tracer.trace_checked"
 STEP = "ddgcli.algorithms.tangent_fields.integral_curves:runge_kutta_step"
 EVOLVE = "ddgcli.simulation.recording:evolve"
 SIDE_FLUX = "ddgcli.models.fluid.surface_space:SurfaceSpace.side_flux"
@@ -236,9 +236,9 @@ PLANTS = {
     "slack": [
         ("ddgcli.algorithms.geodesics.exact.wavefront:Wavefront.run", rougher, ["tolerance_error_estimate"])
     ],
-    "traced": [(WALKED, returned(bent), ["trace_angle_defect"])],
+    "traced": [(TRACE_CHECKED, returned(bent), ["trace_angle_defect"])],
     "path": [
-        (WALKED, returned(bent), ["path_length_residual"]),
+        (TRACE_CHECKED, returned(bent), ["path_length_residual"]),
         (EXACT, crooked(distance=lambda d: 1.001 * d), ["path_length_residual"]),
     ],
     "straightened": [
@@ -247,7 +247,7 @@ PLANTS = {
             lambda sound: lambda self: True,
             ["path_angle_deficit"],
         ),
-        (WALKED, returned(bent), ["path_angle_deficit"]),
+        (TRACE_CHECKED, returned(bent), ["path_angle_deficit"]),
     ],
     "followed": [(STEP, rougher_steps, ["field_error_estimate"])],
     "steps": [(STEP, rougher_steps, ["field_error_estimate"])],
@@ -255,7 +255,7 @@ PLANTS = {
         (EXACT, crooked(departure=lambda d: d + 1e-8), ["log_map_miss"]),
         (EXACT, crooked(departure=lambda d: d + 1e-3), ["log_map_miss"]),
     ],
-    "marched": [
+    "fast-marching map": [
         (
             "ddgcli.algorithms.tangent_fields.polar_coordinates:_propagate_directions",
             returned(lambda unit: unit * np.exp(1j * np.linspace(0, 30, len(unit)))),
@@ -339,13 +339,13 @@ def inputs(tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def told(inputs):
-    kept = {}
+def sound_accuracy(inputs):
+    cache = {}
 
     def call(summary, name):
-        if name not in kept:
-            kept[name] = accuracy_of(summary, inputs, name)
-        return kept[name]
+        if name not in cache:
+            cache[name] = accuracy_of(summary, inputs, name)
+        return cache[name]
 
     return call
 
@@ -354,10 +354,10 @@ def accuracy_of(summary, inputs, name):
     return summary(*[inputs.get(word, word) for word in RUNS[name]])["accuracy"]
 
 
-def test_every_field_has_its_plant(summary, told):
+def test_every_field_has_its_plant(summary, sound_accuracy):
     for name in RUNS:
         planted = {field for *_, fields in PLANTS[name] for field in fields}
-        assert set(told(summary, name)) - planted - shared(name) <= COUNTS, name
+        assert set(sound_accuracy(summary, name)) - planted - shared(name) <= COUNTS, name
 
 
 def shared(name):
@@ -368,9 +368,9 @@ def shared(name):
 
 
 @pytest.mark.parametrize("name, plant", [(n, p) for n, plants in PLANTS.items() for p in plants])
-def test_a_planted_error_moves_the_field(name, plant, summary, inputs, told, monkeypatch, run):
+def test_a_planted_error_moves_the_field(name, plant, summary, inputs, sound_accuracy, monkeypatch, run):
     where, make, fields = plant
-    before = told(summary, name)
+    before = sound_accuracy(summary, name)
     module, _, attribute = where.partition(":")
     owner = importlib.import_module(module)
     *classes, function = attribute.split(".")

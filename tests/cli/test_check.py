@@ -27,9 +27,9 @@ def edited(path, change):
 
 
 def test_the_same_run_has_not_moved(stored, summary):
-    found = summary("check", stored)
-    assert found["results"]["moved"] == []
-    assert found["results"]["compared"] > 20
+    comparison = summary("check", stored)
+    assert comparison["results"]["moved"] == []
+    assert comparison["results"]["compared"] > 20
 
 
 def test_a_moved_number_is_named_with_exit_1(stored, run):
@@ -52,7 +52,7 @@ def test_update_keeps_the_stated_tolerances(stored, run):
     assert json.loads(stored.read_text())["tolerances"] == {"rtol": 0.5}
 
 
-def test_a_plain_summary_is_taken(stored, run, tmp_path):
+def test_a_plain_summary_is_accepted(stored, run, tmp_path):
     content = json.loads(stored.read_text())
     plain = tmp_path / "plain.json"
     plain.write_text(json.dumps(content["summary"]))
@@ -60,7 +60,7 @@ def test_a_plain_summary_is_taken(stored, run, tmp_path):
 
 
 @pytest.mark.parametrize(
-    "content, says",
+    "content, message",
     [
         (None, "--update"),
         ("{", "JSON"),
@@ -84,13 +84,13 @@ def test_a_plain_summary_is_taken(stored, run, tmp_path):
         ('{"summary": {"a": ' + "[" * 900 + "]" * 900 + "}}", ""),
     ],
 )
-def test_a_bad_file_is_refused(tmp_path, run, content, says):
+def test_a_bad_file_is_refused(tmp_path, run, content, message):
     path = tmp_path / "e.json"
     if content is not None:
         path.write_text(content)
     result = run("check", path, "--", "info", "x.ply")
     assert result.exit_code == 2
-    assert says in result.stderr and len(result.stderr.splitlines()) == 1
+    assert message in result.stderr and len(result.stderr.splitlines()) == 1
 
 
 def test_a_refused_command_is_exit_2(stored, run):

@@ -42,12 +42,12 @@ def process(*words, **kwargs):
     )
 
 
-def refused(result, *says):
+def refused(result, *words_of_message):
     assert result.exit_code == 2, result.output
     assert result.stdout == ""
     assert len(result.stderr.splitlines()) == 1, result.stderr
     assert result.stderr.startswith("Error: ")
-    for words in says:
+    for words in words_of_message:
         assert words in result.stderr
 
 
@@ -88,11 +88,11 @@ def test_unknown_option_and_missing_argument_are_one_line(run, torus):
 
 
 def test_summary_has_the_promised_keys(summary, torus):
-    found = summary("info", torus)
-    assert list(found) == [
+    document = summary("info", torus)
+    assert list(document) == [
         "command", "version", "input", "options", "results", "accuracy", "seconds", "warnings", "outputs",
     ]  # fmt: skip
-    assert list(found["input"]) == [
+    assert list(document["input"]) == [
         "path", "vertices", "faces", "components", "boundary_loops", "euler_characteristic", "genus",
         "manifold", "oriented", "closed",
     ]  # fmt: skip
@@ -113,13 +113,13 @@ def test_json_is_alone_on_standard_output(torus):
     assert done.stdout.count(b"\n") == 1 and done.stderr == b""
 
 
-def test_what_is_not_finite_is_null_and_told(run, monkeypatch, torus):
-    code, found, _ = fake_run(
+def test_values_that_are_not_finite_become_null_with_a_warning(run, monkeypatch, torus):
+    code, document, _ = fake_run(
         run, monkeypatch, lambda r, _: r.finish({"a": np.nan, "b": [1.0, np.inf]}, {}), torus
     )
     assert code == 0
-    assert found["results"] == {"a": None, "b": [1.0, None]}
-    assert "results.a" in found["warnings"][-1] and "results.b[1]" in found["warnings"][-1]
+    assert document["results"] == {"a": None, "b": [1.0, None]}
+    assert "results.a" in document["warnings"][-1] and "results.b[1]" in document["warnings"][-1]
 
 
 def fake_run(run, monkeypatch, body, *words):
@@ -148,17 +148,17 @@ def test_not_converged_is_exit_1_with_outputs_marked(run, monkeypatch, torus, tm
         r.finish({}, {"residual": 1.0}, converged=False)
 
     output = tmp_path / "a.npz"
-    code, found, _ = fake_run(run, monkeypatch, body, torus, "-o", output)
+    code, document, _ = fake_run(run, monkeypatch, body, torus, "-o", output)
     assert code == 1
-    assert found["results"]["converged"] is False
+    assert document["results"]["converged"] is False
     with np.load(output) as archive:
         assert json.loads(str(archive["metadata"]))["converged"] is False
 
 
 @pytest.mark.parametrize(
-    "error, code, says",
+    "error, code, message",
     [
-        (MeshError("vertex 3 is bad; mend it"), 2, "Error: {path}: vertex 3 is bad; mend it"),
+        (MeshError("vertex 3 is bad; repair it"), 2, "Error: {path}: vertex 3 is bad; repair it"),
         (SolveError("no convergence\nat step 2"), 1, "Error: {path}: no convergence at step 2"),
         (
             ZeroDivisionError("x"),
@@ -169,7 +169,7 @@ def test_not_converged_is_exit_1_with_outputs_marked(run, monkeypatch, torus, tm
         (MemoryError("too much"), 1, "Error: out of memory (too much); use a smaller mesh or fewer outputs"),
     ],
 )  # fmt: skip
-def test_errors_become_one_line_and_a_code(run, monkeypatch, torus, tmp_path, error, code, says):
+def test_errors_become_one_line_and_a_code(run, monkeypatch, torus, tmp_path, error, code, message):
     def body(r, path):
         r.read(path)
         logging.getLogger("ddgcli").warning("a warning that a run with an error does not print")
@@ -177,8 +177,8 @@ def test_errors_become_one_line_and_a_code(run, monkeypatch, torus, tmp_path, er
 
     output = tmp_path / "out.vtu"
     output.write_text("old")
-    found = fake_run(run, monkeypatch, body, torus, "-o", output)
-    assert found == (code, None, says.format(path=torus) + "\n")
+    outcome = fake_run(run, monkeypatch, body, torus, "-o", output)
+    assert outcome == (code, None, message.format(path=torus) + "\n")
     assert output.read_text() == "old"
     assert sorted(p.name for p in tmp_path.iterdir()) == ["out.vtu", "torus.ply"]
 
@@ -316,11 +316,11 @@ def test_an_unplanned_output_cannot_overwrite_the_input(run, torus, monkeypatch)
     assert torus.read_bytes() == before
 
 
-def test_several_outputs_and_replacing(summary, torus, tmp_path):
+def test_two_outputs_are_written_and_replaced(summary, torus, tmp_path):
     paths = [tmp_path / "a.vtu", tmp_path / "b.npz"]
     for _ in range(2):
-        found = summary("info", torus, "-o", paths[0], "-o", paths[1])
-        assert found["outputs"] == [str(p) for p in paths]
+        document = summary("info", torus, "-o", paths[0], "-o", paths[1])
+        assert document["outputs"] == [str(p) for p in paths]
     assert sorted(p.name for p in tmp_path.iterdir()) == ["a.vtu", "b.npz", "torus.ply"]
 
 
@@ -351,16 +351,16 @@ def test_stl_keeps_the_map_of_its_merge(summary, tmp_path):
     mesh = shapes.icosphere(1)
     path, output = tmp_path / "a.stl", tmp_path / "a.npz"
     write_mesh(str(path), AnnotatedMesh(mesh))
-    found = summary("info", path, "-o", output)
-    assert found["input"]["vertices"] == 42 and "input_vertex" in found["warnings"][0]
+    document = summary("info", path, "-o", output)
+    assert document["input"]["vertices"] == 42 and "input_vertex" in document["warnings"][0]
     with np.load(output) as archive:
         corner = archive["points"][archive["input_vertex"]].reshape(-1, 3, 3)
     np.testing.assert_allclose(corner, mesh.points[mesh.faces], atol=1e-6)
 
 
-def test_arrays_that_do_not_fit_are_told(summary, torus, tmp_path):
-    found = summary("info", torus, "-o", tmp_path / "a.off")
-    assert ".vtu" in found["warnings"][0]
+def test_arrays_the_format_cannot_store_give_a_warning(summary, torus, tmp_path):
+    document = summary("info", torus, "-o", tmp_path / "a.off")
+    assert ".vtu" in document["warnings"][0]
 
 
 def test_quiet_and_verbose(torus, tmp_path):
@@ -372,14 +372,14 @@ def test_quiet_and_verbose(torus, tmp_path):
 # -- progress ---------------------------------------------------------------------------------------------
 
 
-def test_bar_only_where_it_is_wanted(capsys):
-    for terminal, wanted, drawn in (
+def test_progress_bar_follows_terminal_and_option(capsys):
+    for terminal, option, drawn in (
         (False, None, False),
         (True, False, False),
         (True, None, False),
         (None, True, True),
     ):
-        bar = Progress("work", terminal, wanted)
+        bar = Progress("work", terminal, option)
         bar(1, 4)
         bar.clear()
         assert ("work" in capsys.readouterr().err) == drawn
@@ -395,22 +395,22 @@ def test_bar_appears_when_work_is_long(capsys):
     assert "50 %" not in capsys.readouterr().err
 
 
-def test_time_left_is_told_once_there_is_something_to_tell_it_from(capsys):
-    for done, told in ((0, False), (1e-9, False), (1e-3, False), (0.1, True), (1, True)):
+def test_time_left_is_shown_from_the_first_measurable_share(capsys):
+    for done, has_estimate in ((0, False), (1e-9, False), (1e-3, False), (0.1, True), (1, True)):
         bar = Progress("work", None, True)
         bar(done)
-        assert ("s left" in capsys.readouterr().err) == told
+        assert ("s left" in capsys.readouterr().err) == has_estimate
 
 
-def test_work_that_tells_nothing_shows_that_it_goes_on(capsys, monkeypatch):
+def test_progress_bar_is_redrawn_during_silent_work(capsys, monkeypatch):
     monkeypatch.setattr("ddgcli.cli.progress.IDLE_INTERVAL", 0.05)
     bars = [Progress(name, True, None, since=time.perf_counter() - 10) for name in ("silent", "quarter")]
     bars[1](1, 4)
-    seen, until = "", time.perf_counter() + 60
-    while time.perf_counter() < until and (seen.count("silent: 0 s") < 2 or seen.count("25 %") < 3):
+    output, until = "", time.perf_counter() + 60
+    while time.perf_counter() < until and (output.count("silent: 0 s") < 2 or output.count("25 %") < 3):
         time.sleep(0.02)
-        seen += capsys.readouterr().err
-    assert seen.count("silent: 0 s") >= 2 and seen.count("25 %") >= 3
+        output += capsys.readouterr().err
+    assert output.count("silent: 0 s") >= 2 and output.count("25 %") >= 3
     for bar in bars:
         bar.clear()
     capsys.readouterr()
@@ -430,9 +430,9 @@ def test_no_command_is_silent_for_long_on_a_terminal(torus):
     master, slave = pty.openpty()
     run = subprocess.Popen([sys.executable, "-c", code], stderr=slave, stdout=subprocess.DEVNULL)
     assert run.wait(timeout=300) == 0
-    said = os.read(master, 10_000).decode()
+    output = os.read(master, 10_000).decode()
     os.close(slave), os.close(master)
-    assert "info: " in said and " s" in said and said.endswith("\r")
+    assert "info: " in output and " s" in output and output.endswith("\r")
 
 
 @pytest.mark.parametrize("name", COMMANDS)
@@ -453,6 +453,6 @@ def test_an_invalid_seed_is_an_error(run, torus, words):
 
 
 @pytest.mark.parametrize("command", ["shell-sim", "fluid-sim"])
-def test_a_scene_in_which_nothing_acts_is_told(summary, torus, command):
-    found = summary(command, torus, "--steps", 1, "--dt", 1e-3)
-    assert any("nothing acts" in warning for warning in found["warnings"])
+def test_a_scene_without_effects_gives_a_warning(summary, torus, command):
+    document = summary(command, torus, "--steps", 1, "--dt", 1e-3)
+    assert any("nothing acts" in warning for warning in document["warnings"])

@@ -62,17 +62,19 @@ def test_arrays_keep_their_names_and_values_in_other_formats(run, torus, tmp_pat
 
 
 def test_schemes_differ_and_angle_defects_do_not(summary, torus, tmp_path):
-    kept = {}
+    by_scheme = {}
     for scheme in SCHEME_PROMISES:
         out = str(tmp_path / f"{scheme}.npz")
         r = summary("curvature", torus, "--scheme", scheme, "-o", out)["results"]
         assert r["scheme"] == scheme and r["promise"] == SCHEME_PROMISES[scheme]
         with np.load(out) as arrays:
-            kept[scheme] = {name: arrays[name] for name in ("angle_defect", "mean_curvature", "vertex_area")}
-    first = kept["cotan"]
+            by_scheme[scheme] = {
+                name: arrays[name] for name in ("angle_defect", "mean_curvature", "vertex_area")
+            }
+    first = by_scheme["cotan"]
     for scheme in ("quadric", "corrected", "normal-cycle"):
-        assert (kept[scheme]["angle_defect"] == first["angle_defect"]).all()
-        assert (kept[scheme]["mean_curvature"] != first["mean_curvature"]).any()
+        assert (by_scheme[scheme]["angle_defect"] == first["angle_defect"]).all()
+        assert (by_scheme[scheme]["mean_curvature"] != first["mean_curvature"]).any()
 
 
 def test_statistics_leave_the_boundary_out(summary, tmp_path):
@@ -132,7 +134,7 @@ def test_options_of_surfaces_are_refused_for_curves(run, tmp_path, words):
     assert run("curvature", tmp_path / "a.csv").exit_code == 0
 
 
-def test_curves_are_taken_by_the_same_command(summary, tmp_path):
+def test_the_command_accepts_curves(summary, tmp_path):
     t = 2 * np.pi * np.arange(61) / 60
     rows = np.stack([np.cos(t), np.sin(t)], axis=1)
     rows[-1] = rows[0]

@@ -207,9 +207,11 @@ def test_functions_are_transferred_to_the_triangulation(summary, plane, tmp_path
         area = np.linalg.norm(np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]), axis=1) / 2
         return area @ values[faces].mean(axis=1)
 
-    given = integral(mesh.mesh.points, mesh.mesh.faces, mesh.vertex["rough"])
+    integral_before = integral(mesh.mesh.points, mesh.mesh.faces, mesh.vertex["rough"])
     for arrays in (z, cut):
-        assert integral(arrays["points"], arrays["faces"], arrays["rough"]) == pytest.approx(given, abs=1e-12)
+        assert integral(arrays["points"], arrays["faces"], arrays["rough"]) == pytest.approx(
+            integral_before, abs=1e-12
+        )
 
 
 @pytest.mark.parametrize("refine", [(), ("--refine", 25)])

@@ -57,23 +57,23 @@ def test_every_shared_option_stands_among_the_files():
     assert unnamed([o for o in options_of("info") if o.name in shared()], text_of("files", "pipelines")) == []
 
 
-def test_an_option_that_no_page_names_is_seen():
+def test_an_undocumented_option_is_detected():
     assert unnamed([click.Option(["--no-such", "-z"])], text_of("files")) == ["--no-such"]
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda p: p.relative_to(ROOT).as_posix())
 def test_no_page_names_an_option_that_is_not_there(page):
-    known = {
+    options = {
         opt for name in COMMANDS for p in command_of(name).params for opt in (*p.opts, *p.secondary_opts)
     }
-    known |= {"--help", "--debug", "--version"}
-    known |= {
+    options |= {"--help", "--debug", "--version"}
+    options |= {
         word
         for bench in (ROOT / "benchmarks").rglob("*.py")
         for word in OPTION.findall(bench.read_text("utf-8"))
     }
     named = {word for word in OPTION.findall(page.read_text("utf-8")) if word.startswith("--")}
-    assert named - known == set()
+    assert named - options == set()
 
 
 def examples(page: Path) -> list[str]:

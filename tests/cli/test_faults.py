@@ -87,9 +87,9 @@ def test_a_full_disk_leaves_nothing_but_one_line(ball, tmp_path, words):
 
     (tmp_path / words[-1]).write_bytes(b"old")
     process = start(words[0], ball, *words[1:], cwd=tmp_path, preexec_fn=limit)
-    _, said = process.communicate(timeout=120)
-    assert process.returncode == 2, said
-    assert "cannot be written (File too large)" in said and said.count("Error") == 1
+    _, errors = process.communicate(timeout=120)
+    assert process.returncode == 2, errors
+    assert "cannot be written (File too large)" in errors and errors.count("Error") == 1
     assert (tmp_path / words[-1]).read_bytes() == b"old"
     assert {p.name for p in tmp_path.iterdir()} == {ball.name, words[-1]}
 

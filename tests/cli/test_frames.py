@@ -89,11 +89,11 @@ def test_pictures_and_animation(summary, trajectory, tmp_path):
     assert all((tmp_path / f"p_000{k}.png").read_bytes().startswith(b"\x89PNG") for k in (0, 1))
     summary("frames", trajectory, "-o", tmp_path / "m.gif", "--to", 0, "--array", "velocity")
     assert (tmp_path / "m.gif").read_bytes().startswith(b"GIF89a")
-    summary("shell-sim", tmp_path / "scene.toml", "--plot", tmp_path / "story.png")
-    assert (tmp_path / "story.png").stat().st_size > 20000
+    summary("shell-sim", tmp_path / "scene.toml", "--plot", tmp_path / "plot.png")
+    assert (tmp_path / "plot.png").stat().st_size > 20000
 
 
-@pytest.mark.parametrize("words, told", [
+@pytest.mark.parametrize("words, message", [
     (["--at", 7], "0.04"),
     (["--from", 5], "no frame"),
     (["-o", "x.mp4"], "unknown format"),
@@ -102,11 +102,11 @@ def test_pictures_and_animation(summary, trajectory, tmp_path):
     (["--view", "iso"], "--view is for"),
     (["--fps", 3, "-o", "x.png"], "--fps is for .gif"),
 ])  # fmt: skip
-def test_wrong_options_are_an_error(run, trajectory, tmp_path, words, told):
+def test_wrong_options_are_an_error(run, trajectory, tmp_path, words, message):
     words = [tmp_path / w if str(w).startswith("x.") else w for w in words]
     result = run("frames", trajectory, *words)
     assert result.exit_code == 2
-    assert told in result.stderr and result.stderr.count("\n") == 1
+    assert message in result.stderr and result.stderr.count("\n") == 1
 
 
 def test_a_file_that_is_no_trajectory_is_an_error(run, tmp_path):

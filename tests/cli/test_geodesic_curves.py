@@ -115,7 +115,7 @@ def read_by_trimesh(path):
 
 
 @pytest.mark.parametrize(
-    "suffix, read, kept",
+    "suffix, read, has_arrays",
     [
         ("vtp", read_by_vtk, True),
         ("vtu", read_by_vtk, True),
@@ -123,7 +123,7 @@ def read_by_trimesh(path):
         ("ply", read_by_trimesh, False),
     ],
 )
-def test_vtk_and_trimesh_read_the_paths(summary, sphere, tmp_path, suffix, read, kept):
+def test_vtk_and_trimesh_read_the_paths(summary, sphere, tmp_path, suffix, read, has_arrays):
     """ParaView's readers and trimesh see the polylines and arrays that our own reader sees."""
     ours, theirs = tmp_path / "paths.npz", tmp_path / f"paths.{suffix}"
     words = ("--trace", TRACE, "--path-to", "30", "--source", "0", "--isolines", "3", "--transport")
@@ -135,7 +135,7 @@ def test_vtk_and_trimesh_read_the_paths(summary, sphere, tmp_path, suffix, read,
     segments = {tuple(sorted(pair)) for chain in chains for pair in zip(chain[:-1], chain[1:], strict=True)}
     assert segments == {tuple(sorted(pair)) for pair in annotated.mesh.lines.tolist()}
     assert {"path_id", "face", "barycentric", "transport_x", "transport_y", "level"} <= set(annotated.vertex)
-    if kept:
+    if has_arrays:
         for name, value in annotated.vertex.items():
             np.testing.assert_array_equal(arrays[name], value)
 
@@ -151,8 +151,8 @@ def test_traces_report_their_status_and_the_log_map_its_axis(summary, tmp_path):
     for path, status, direction in ((short, "reached", [0.6, 0.8, 0]), (long, "boundary", [-0.6, -0.8, 0])):
         assert path["status"] == status and path["crossings"] == path["points"] - 2
         np.testing.assert_allclose(path["end_direction"], direction, atol=1e-12)
-        walked = np.array(path["end"]["point"]) - start
-        np.testing.assert_allclose(walked, path["length"] * np.array(direction), atol=1e-12)
+        displacement = np.array(path["end"]["point"]) - start
+        np.testing.assert_allclose(displacement, path["length"] * np.array(direction), atol=1e-12)
     assert short["asked_length"] == 0.1 and short["length"] == pytest.approx(0.1, rel=1e-14)
     assert long["length"] < long["asked_length"] == 9
     axis = report["log_map_axis"]

@@ -99,7 +99,7 @@ def test_the_residual_of_tetrahedra_is_measured(tmp_path, summary, monkeypatch):
     report = summary("hodge", ball, "--field-file", tmp_path / "field.npy")["accuracy"]
     assert 0 < report["reconstruction_residual"] < 1e-9 and report["harmonic_residual"] is None
     right = decomposition._tetrahedron_curl
-    monkeypatch.setattr(decomposition, "_tetrahedron_curl", lambda *given: 1.001 * right(*given))
+    monkeypatch.setattr(decomposition, "_tetrahedron_curl", lambda *arguments: 1.001 * right(*arguments))
     report = summary("hodge", ball, "--field-file", tmp_path / "field.npy")["accuracy"]
     assert report["reconstruction_residual"] > 1e-4 and report["orthogonality"] < 1e-9
 

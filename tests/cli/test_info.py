@@ -40,10 +40,10 @@ def moebius(n=20):
 
 
 def test_torus(info):
-    found = info(shapes.torus())
-    assert found["input"]["genus"] == 1
-    assert found["input"]["closed"] and found["input"]["oriented"] and found["input"]["manifold"]
-    results = found["results"]
+    document = info(shapes.torus())
+    assert document["input"]["genus"] == 1
+    assert document["input"]["closed"] and document["input"]["oriented"] and document["input"]["manifold"]
+    results = document["results"]
     assert results["orientation"] == "outward"
     assert results["nonmanifold_edges"] == results["duplicate_faces"] == results["coincident_vertices"] == 0
     assert results["accepts"]["delaunay"] == "yes"
@@ -61,12 +61,12 @@ def test_inward_and_mixed(info):
 
 
 def test_moebius_band_is_not_orientable(info):
-    found = info(moebius())
-    assert found["results"]["orientable"] is False
-    assert found["input"]["genus"] is None
-    assert found["input"]["boundary_loops"] == 1
-    assert found["results"]["accepts"]["hodge"] == "yes"
-    assert found["results"]["accepts"]["fluid-sim"].startswith("no: ")
+    document = info(moebius())
+    assert document["results"]["orientable"] is False
+    assert document["input"]["genus"] is None
+    assert document["input"]["boundary_loops"] == 1
+    assert document["results"]["accepts"]["hodge"] == "yes"
+    assert document["results"]["accepts"]["fluid-sim"].startswith("no: ")
 
 
 def test_turned_faces_are_inconsistent_but_orientable_and_can_be_turned_back(info):
@@ -75,11 +75,11 @@ def test_turned_faces_are_inconsistent_but_orientable_and_can_be_turned_back(inf
     turned = np.random.default_rng(0).random(len(faces)) < 0.3
     faces[turned] = faces[turned][:, ::-1]
     mixed = TriangleMesh.from_arrays(mesh.points, faces)
-    found = info(mixed)
-    assert found["results"]["orientation"] == "inconsistent" and found["results"]["orientable"]
-    assert found["input"]["genus"] == 1
-    mended, turn = oriented(mixed)
-    assert mended.topology.is_oriented
+    document = info(mixed)
+    assert document["results"]["orientation"] == "inconsistent" and document["results"]["orientable"]
+    assert document["input"]["genus"] == 1
+    repaired, turn = oriented(mixed)
+    assert repaired.topology.is_oriented
     np.testing.assert_array_equal(turn, turned)
 
 
@@ -97,28 +97,28 @@ def test_angles_of_one_triangle(info):
 def test_shapes_of_an_equilateral_an_obtuse_and_a_needle_triangle():
     corners = [[[0, 0], [2, 0], [1, np.sqrt(3)]], [[0, 0], [4, 0], [1, 0.5]], [[0, 0], [1, 0], [1, 0.05]]]
     points = np.column_stack([np.reshape(corners, (9, 2)), np.zeros(9)])
-    found = quality.triangle_quality(TriangleMesh.from_arrays(points, np.arange(9).reshape(3, 3)))
+    measures = quality.triangle_quality(TriangleMesh.from_arrays(points, np.arange(9).reshape(3, 3)))
     aspect = [1.0]
     for triangle in np.array(corners[1:]):
         length = np.linalg.norm(np.roll(triangle, -1, axis=0) - triangle, axis=1)
         s = length.sum() / 2
         aspect.append(length.max() / (2 * np.sqrt(3) * np.sqrt(np.prod(s - length) / s)))  # Heron
-    assert found["aspect_ratio_max"] == pytest.approx(max(aspect))
-    assert found["aspect_ratio_median"] == pytest.approx(np.median(aspect))
-    assert found["needle_ratio_max"] == pytest.approx(np.hypot(1, 0.05) / 0.05)
-    assert found["faces_below_5_degrees"] == found["faces_above_120_degrees"] == 1
-    assert found["mean_min_angle_degrees"] == pytest.approx(
+    assert measures["aspect_ratio_max"] == pytest.approx(max(aspect))
+    assert measures["aspect_ratio_median"] == pytest.approx(np.median(aspect))
+    assert measures["needle_ratio_max"] == pytest.approx(np.hypot(1, 0.05) / 0.05)
+    assert measures["faces_below_5_degrees"] == measures["faces_above_120_degrees"] == 1
+    assert measures["mean_min_angle_degrees"] == pytest.approx(
         np.degrees(np.pi / 3 + np.arctan(0.5 / 3) + np.arctan(0.05)) / 3
     )
 
 
 def test_size_of_a_box_away_from_the_origin():
     box = shapes.box(1, 1, 1, size=(1.0, 2.0, 3.0))
-    found = quality.surface_size(box.moved(box.points + [5.0, -7.0, 11.0]))
-    np.testing.assert_allclose(found["bounding_box"], [[5, -7, 11], [6, -5, 14]])
-    assert found["diagonal"] == pytest.approx(np.sqrt(14))
-    assert found["area"] == pytest.approx(22) and found["volume"] == pytest.approx(6)
-    assert found["min_edge"] == pytest.approx(1) and found["max_edge"] == pytest.approx(np.sqrt(13))
+    measures = quality.surface_size(box.moved(box.points + [5.0, -7.0, 11.0]))
+    np.testing.assert_allclose(measures["bounding_box"], [[5, -7, 11], [6, -5, 14]])
+    assert measures["diagonal"] == pytest.approx(np.sqrt(14))
+    assert measures["area"] == pytest.approx(22) and measures["volume"] == pytest.approx(6)
+    assert measures["min_edge"] == pytest.approx(1) and measures["max_edge"] == pytest.approx(np.sqrt(13))
     half = TriangleMesh.from_arrays(box.points, box.faces[1:])
     turned = TriangleMesh.from_arrays(box.points, np.concatenate([box.faces[:1, ::-1], box.faces[1:]]))
     assert "volume" not in quality.surface_size(half) and "volume" not in quality.surface_size(turned)
@@ -131,12 +131,12 @@ def test_tetrahedra_about_one_face():
     )
     cells = np.array([[0, 1, 2, 3], [1, 2, 3, 4], [1, 2, 3, 5], [0, 1, 6, 5], [3, 2, 1, 0], [0, 1, 5, 6]])
     mesh = TetMesh.from_arrays(points, cells)
-    found = quality.tetrahedra_quality(mesh)
+    measures = quality.tetrahedra_quality(mesh)
     sign = np.sign([np.linalg.det(points[c[1:]] - points[c[0]]) for c in cells])
-    assert found["inverted_tetrahedra"] == (sign < 0).sum() and found["flat_tetrahedra"] == 2
-    assert found["flat_tetrahedra_first"] == [3, 5] and found["duplicate_tetrahedra_first"] == [4, 5]
-    assert found["unreferenced_vertices_first"] == [7]
-    assert found["faces_with_three_or_more_cells"] == 1  # all others have two cells at most
+    assert measures["inverted_tetrahedra"] == (sign < 0).sum() and measures["flat_tetrahedra"] == 2
+    assert measures["flat_tetrahedra_first"] == [3, 5] and measures["duplicate_tetrahedra_first"] == [4, 5]
+    assert measures["unreferenced_vertices_first"] == [7]
+    assert measures["faces_with_three_or_more_cells"] == 1  # all others have two cells at most
     regular = quality.dihedral_degrees(mesh)[0]
     np.testing.assert_allclose(regular, np.degrees(np.arccos(1 / 3)))
     only = quality.tetrahedra_quality(TetMesh.from_arrays(points * 1e-9, cells[:1]))
@@ -179,21 +179,27 @@ def test_output_shows_where(info, tmp_path):
     )
     output = tmp_path / "out.vtu"
     info(both, "-o", output)
-    found = read_mesh(str(output))
-    assert set(found.vertex) == {"component", "boundary", "non_manifold"}
-    np.testing.assert_array_equal(found.vertex["component"], np.repeat([0, 1], 42))
-    assert sorted(np.flatnonzero(found.vertex["boundary"])) == sorted(sphere.faces[0])
-    assert found.face["min_angle_degrees"].min() > 50
+    annotated = read_mesh(str(output))
+    assert set(annotated.vertex) == {"component", "boundary", "non_manifold"}
+    np.testing.assert_array_equal(annotated.vertex["component"], np.repeat([0, 1], 42))
+    assert sorted(np.flatnonzero(annotated.vertex["boundary"])) == sorted(sphere.faces[0])
+    assert annotated.face["min_angle_degrees"].min() > 50
 
 
 def test_curves_and_tetrahedra(tmp_path, summary):
     square = tmp_path / "square.csv"
     square.write_text("x,y\n0,0\n1,0\n1,1\n0,1\n0,0\n")
-    found = summary("info", square)
-    assert found["input"] == {"path": str(square), "vertices": 4, "lines": 4, "components": 1, "closed": True}
-    assert found["results"]["length"] == pytest.approx(4)
-    assert found["results"]["accepts"]["curvature"] == "yes"
-    assert found["results"]["accepts"]["geodesic"].startswith("no: ")
+    document = summary("info", square)
+    assert document["input"] == {
+        "path": str(square),
+        "vertices": 4,
+        "lines": 4,
+        "components": 1,
+        "closed": True,
+    }
+    assert document["results"]["length"] == pytest.approx(4)
+    assert document["results"]["accepts"]["curvature"] == "yes"
+    assert document["results"]["accepts"]["geodesic"].startswith("no: ")
 
 
 def test_marks_of_curves():
@@ -207,8 +213,10 @@ def test_marks_of_curves():
 
 @pytest.mark.parametrize("name", ["ball.vtu", "ellipse.csv", "torus.ply"])
 def test_every_kind_has_a_picture(summary, tmp_path, name):
-    found = summary("info", Path(__file__).parents[2] / "sample_meshes" / name, "--plot", tmp_path / "a.png")
-    assert found["warnings"] == [] and (tmp_path / "a.png").stat().st_size > 1000
+    document = summary(
+        "info", Path(__file__).parents[2] / "sample_meshes" / name, "--plot", tmp_path / "a.png"
+    )
+    assert document["warnings"] == [] and (tmp_path / "a.png").stat().st_size > 1000
 
 
 def test_area_of_caps_does_not_lose_digits_to_their_side_lengths():

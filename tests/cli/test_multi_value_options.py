@@ -19,7 +19,7 @@ def command(**_):
 
 
 @pytest.mark.parametrize(
-    "given, meant",
+    "words, expected",
     [
         ("m.ply --source 0 5 12", "m.ply --source 0 --source 5 --source 12"),
         ("--source 0 m.ply", "--source 0 m.ply"),
@@ -33,5 +33,5 @@ def command(**_):
         ("--source 0 -- 5", "--source 0 -- 5"),
     ],
 )  # fmt: skip
-def test_words_are_spread(given, meant):
-    assert repeat_options(command, given.split()) == meant.split()
+def test_words_are_spread(words, expected):
+    assert repeat_options(command, words.split()) == expected.split()

@@ -74,14 +74,14 @@ def test_glyphs_are_visible_finite_and_one_a_square():
     vectors = np.cross(mesh.points, [0.0, 0.0, 1.0])
     vectors[:100] = np.nan
     glyphs = Glyphs(mesh.points, vectors)
-    kept = thin_glyphs(camera, rasterise(camera, mesh.points, mesh.faces), glyphs)
-    assert 100 < len(kept) < mesh.n_vertices / 2 and np.isfinite(vectors[kept]).all()
-    assert mesh.points[kept, 2].min() > -0.2, "none of the far side"
-    cell = np.floor(camera.project(mesh.points[kept])[:, :2] / (SPACING * 800))
-    assert len(np.unique(cell, axis=0)) == len(kept)
+    visible = thin_glyphs(camera, rasterise(camera, mesh.points, mesh.faces), glyphs)
+    assert 100 < len(visible) < mesh.n_vertices / 2 and np.isfinite(vectors[visible]).all()
+    assert mesh.points[visible, 2].min() > -0.2, "none of the far side"
+    cell = np.floor(camera.project(mesh.points[visible])[:, :2] / (SPACING * 800))
+    assert len(np.unique(cell, axis=0)) == len(visible)
 
 
-def test_few_values_beside_nothing_are_seen_about_zero():
+def test_sparse_values_get_a_scale_about_zero():
     """A part whose curvature is on one vertex in a hundred, from -0.78 to 0.54."""
     values = 1e-13 * np.sin(np.arange(2000.0))
     values[::200], values[100::200] = np.linspace(-0.78, -0.4, 10), np.linspace(0.2, 0.54, 10)
@@ -90,13 +90,13 @@ def test_few_values_beside_nothing_are_seen_about_zero():
 
 
 def test_creases_are_not_smoothed_over_and_curves_are():
-    roof = TriangleMesh.from_arrays(
+    ridge = TriangleMesh.from_arrays(
         np.array(
             [[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [2, 0, -1], [2, 1, -1]]
         ),  # folds by 45 degrees
         np.array([[0, 1, 2], [0, 2, 3], [1, 4, 5], [1, 5, 2]]),
     )
-    normal = _corner_normals(roof)
+    normal = _corner_normals(ridge)
     assert np.allclose(normal[:2], [0, 0, 1]) and np.allclose(normal[2:], np.array([1, 0, 1]) / np.sqrt(2))
     ball = shapes.icosphere(2)
     assert np.abs(_corner_normals(ball) - ball.points[ball.faces]).max() < 0.05
@@ -127,5 +127,5 @@ def test_squares_change_colour_across_the_flat_layout():
     grid = shapes.grid(10, 10)
     camera = fitted_camera(grid.points, view_axes(grid.points, "z"), 240, 240)
     colour = _squares(grid, rasterise(camera, grid.points, grid.faces), grid.points[:, :2])
-    dark = colour[:, 0] < 0.5
-    assert 0.45 < dark.mean() < 0.55
+    is_black = colour[:, 0] < 0.5
+    assert 0.45 < is_black.mean() < 0.55

@@ -27,7 +27,7 @@ def accepted(run, path):
 
 
 @pytest.mark.parametrize("path", SAMPLES, ids=lambda path: path.name)
-def test_every_sample_succeeds_where_info_says_so(run, path):
+def test_every_sample_succeeds_where_info_accepts_it(run, path):
     accepts = accepted(run, path)
     assert set(OPTIONS) <= set(accepts)
     for command, options in OPTIONS.items():

@@ -69,7 +69,7 @@ def test_the_readme_has_five_examples_and_two_pictures():
 
 
 @pytest.mark.parametrize(
-    "command, shown",
+    "command, number",
     [
         ("info", "faces_above_120_degrees  9216"),
         ("curvature", "min 0.415872, max 1.60667"),
@@ -82,10 +82,10 @@ def test_the_readme_has_five_examples_and_two_pictures():
         ("willmore-flow", "[21.1599, 14.7627, 13.4864, 13.1372, 12.9263, 12.7896]"),
     ],
 )
-def test_the_numbers_of_the_tutorial_are_those_of_its_commands(command, shown, tutorial_summaries):
+def test_the_numbers_of_the_tutorial_are_those_of_its_commands(command, number, tutorial_summaries):
     name, *words = command.split(" ", 1)
     lines = [line for line in tutorial_summaries if line.split()[1] == name and all(w in line for w in words)]
-    assert shown in tutorial_summaries[lines[0]].stdout
+    assert number in tutorial_summaries[lines[0]].stdout
 
 
 def test_paths_on_the_architecture_page_exist():
@@ -123,8 +123,8 @@ def test_citations_show_family_names_and_year():
 
 def test_the_start_page_shows_the_commands_of_its_pictures():
     text = (DOCS / "index.md").read_text(encoding="utf-8")
-    shown = re.findall(r"pictures/([\w-]+)\.png\)\n`(.*)`", text)
-    assert len(shown) >= 5
-    for name, command in shown:
+    commands = re.findall(r"pictures/([\w-]+)\.png\)\n`(.*)`", text)
+    assert len(commands) >= 5
+    for name, command in commands:
         assert command == make_pictures.command_line(name)
         assert (make_pictures.PICTURES / f"{name}.png").exists()

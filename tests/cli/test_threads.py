@@ -33,11 +33,11 @@ def run_process(*words, **exported):
 def test_the_default_is_one_thread_and_threads_n_gives_more():
     default, count = run_process()
     assert count == 1
-    several, more = run_process("--threads", "3")
+    threaded, more = run_process("--threads", "3")
     assert more > 1
     _, exported = run_process(OMP_NUM_THREADS="3")
     assert exported > 1
-    assert several["results"]["eigenvalues"] == pytest.approx(default["results"]["eigenvalues"], rel=1e-9)
+    assert threaded["results"]["eigenvalues"] == pytest.approx(default["results"]["eigenvalues"], rel=1e-9)
 
 
 @pytest.mark.parametrize(
@@ -55,7 +55,7 @@ def test_requested_threads_are_read_from_the_command_line(words, threads):
     assert requested_threads(words) == threads
 
 
-def test_exported_variables_are_kept_unless_threads_is_given():
+def test_exported_variables_stay_unless_the_option_threads_is_set():
     exported = {"OMP_NUM_THREADS": "7"}
     set_thread_variables(["info", "a.ply"], exported)
     assert exported == {"OMP_NUM_THREADS": "7"}

@@ -67,8 +67,8 @@ def test_laplacian_errors_are_those_of_another_eigensolver(sphere, summary):
     report = summary("tradeoff", "laplacian", sphere, "--truth", "sphere:1", "--eigen", 9, "--repeat", 1)
     mesh = shapes.random_sphere(300)
     values = eigsh(stiffness(mesh), 9, lumped_mass(mesh), sigma=-0.1, return_eigenvectors=False)
-    known = np.array([0, 2, 2, 2, 6, 6, 6, 6, 6.0])
-    error = np.abs(np.sort(values) - known) / np.where(known == 0, 1, known)
+    exact = np.array([0, 2, 2, 2, 6, 6, 6, 6, 6.0])
+    error = np.abs(np.sort(values) - exact) / np.where(exact == 0, 1, exact)
     row = rows_of(report)["cotan", "lumped"]
     assert row["max_error"] == pytest.approx(error.max(), rel=1e-6)
     assert row["max_error_at"] == int(error.argmax())
@@ -78,23 +78,23 @@ def test_the_reference_covers_its_own_error_on_a_square():
     """Neumann eigenvalues pi^2 (m^2 + n^2), and a Poisson problem with a cubic solution."""
     mesh = shapes.grid(12, 12, pattern="alternating")
     reference = laplacian.problem(mesh, options={"eigen": 8}).references[0][1]()
-    known = np.sort([np.pi**2 * (m**2 + n**2) for m in range(4) for n in range(4)])[:8]
-    error = np.abs(reference.values - known) / np.where(known == 0, 1, known)
+    exact = np.sort([np.pi**2 * (m**2 + n**2) for m in range(4) for n in range(4)])[:8]
+    error = np.abs(reference.values - exact) / np.where(exact == 0, 1, exact)
     assert 0 < error.max() <= reference.uncertainty < 0.02
 
     wide = shapes.grid(24, 8, width=2.0, pattern="alternating")
     reference = delaunay.problem(wide).references[0][1]()
     x = (wide.points[:, 0] - 1.0) / 2.0
-    known = -4.0 * x**3 / 6.0 + x / 2.0
-    known -= known.mean()
-    error = np.abs(reference.values - known).max() / np.abs(known).max()
+    exact = -4.0 * x**3 / 6.0 + x / 2.0
+    exact -= exact.mean()
+    error = np.abs(reference.values - exact).max() / np.abs(exact).max()
     assert error <= reference.uncertainty < 0.01
 
 
-@pytest.mark.parametrize("family", ["good", "irregular", "stretched", "noisy", "refined"])
-def test_the_curvature_reference_covers_its_own_error(family):
+@pytest.mark.parametrize("mesh_class", ["good", "irregular", "stretched", "noisy", "refined"])
+def test_the_curvature_reference_covers_its_own_error(mesh_class):
     """Without a truth the uncertainty of the fit covers its error, in both norms."""
-    mesh = ellipsoids((1.0, 1.5, 2.0))[family](1)
+    mesh = ellipsoids((1.0, 1.5, 2.0))[mesh_class](1)
     truth = parse_truth("ellipsoid:1,1.5,2", mesh.points).mean_curvature(mesh.points)
     for _, make in curvature.problem(mesh).references:
         reference = make()
@@ -107,10 +107,10 @@ def test_geodesic_references_cover_their_own_error():
     """A square: its distances are Euclid's; every reference, down to the one for the smallest budget."""
     mesh = shapes.grid(20, 20, pattern="alternating")
     sources = Sources.at((0,))
-    known = np.linalg.norm(mesh.points - mesh.points[0], axis=1)
-    exact, slack, marched = (make() for _, make in geodesic.problem(mesh, sources=sources).references)
-    for reference, largest in ((exact, 1e-13), (slack, 0.02), (marched, 0.2)):
-        error = relative_to_largest(reference.values, known)
+    expected = np.linalg.norm(mesh.points - mesh.points[0], axis=1)
+    exact, slack, fast_marching = (make() for _, make in geodesic.problem(mesh, sources=sources).references)
+    for reference, largest in ((exact, 1e-13), (slack, 0.02), (fast_marching, 0.2)):
+        error = relative_to_largest(reference.values, expected)
         assert error.max() <= reference.within("max") < largest
         assert error.mean() <= reference.within("mean")
 
@@ -139,7 +139,7 @@ def test_the_references_of_the_simulators_cover_their_own_error(command, tmp_pat
 
 
 @pytest.mark.parametrize(
-    "axes, family, flow, loosest",
+    "axes, mesh_class, flow, loosest",
     [
         ((1.0, 1.0, 2.0), "good", "quadratic", 1e-4),
         ((1.0, 1.0, 2.0), "irregular", "quadratic", 0.1),
@@ -148,9 +148,9 @@ def test_the_references_of_the_simulators_cover_their_own_error(command, tmp_pat
         ((1.0, 2.0, 3.0), "irregular", "mean-curvature", 0.02),
     ],
 )
-def test_the_references_of_willmore_flow_cover_their_own_error(axes, family, flow, loosest):
+def test_the_references_of_willmore_flow_cover_their_own_error(axes, mesh_class, flow, loosest):
     """Against 256 steps, every reference: on uneven triangles smaller steps resolve ever faster modes."""
-    mesh = ellipsoids(axes)[family](0)
+    mesh = ellipsoids(axes)[mesh_class](0)
     problem = willmore_flow.problem(mesh, options={"flow": flow})
     span = float(problem.error_scale.split("t = ")[1])
     built, model = setup.build(mesh, setup.FlowOptions(flow=flow, timed=True))
@@ -220,9 +220,9 @@ def test_curvature_on_an_ellipsoid_ranks_the_fit_above_the_cotangent(tmp_path, s
     summary("curvature", path, "--scheme", "cotan", "-o", out)
     p = mesh.points
     h = np.sqrt((p**2 / np.array([1, 1.5, 2.0]) ** 4).sum(axis=1))
-    known = (1 + 2.25 + 4 - (p**2).sum(axis=1)) / (2 * 9.0 * h**3)
+    exact = (1 + 2.25 + 4 - (p**2).sum(axis=1)) / (2 * 9.0 * h**3)
     with np.load(out, allow_pickle=False) as arrays:
-        error = np.abs(arrays["mean_curvature"] - known) / np.sqrt((known**2).mean())
+        error = np.abs(arrays["mean_curvature"] - exact) / np.sqrt((exact**2).mean())
     assert rows["cotan", "own"]["mean_error"] == pytest.approx(error.mean(), rel=1e-6)
 
 
@@ -280,10 +280,10 @@ def test_an_interrupt_leaves_whole_partial_tables(tmp_path):
     line += ["--progress", "--budget", "600", "-o", str(rows), "-o", str(tmp_path / "all.json")]
     process = subprocess.Popen(line, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
     os.set_blocking(process.stderr.fileno(), False)
-    seen, began = "", time.monotonic()
-    while not any(f" {share} %" in seen for share in range(30, 100)):  # three rows of twelve are done
-        seen += (process.stderr.read() or b"").decode()
-        assert process.poll() is None and time.monotonic() - began < 120, seen
+    progress, began = "", time.monotonic()
+    while not any(f" {share} %" in progress for share in range(30, 100)):  # three rows of twelve are done
+        progress += (process.stderr.read() or b"").decode()
+        assert process.poll() is None and time.monotonic() - began < 120, progress
         time.sleep(0.05)
     process.send_signal(signal.SIGINT)
     output, _ = process.communicate(timeout=60)

@@ -257,12 +257,12 @@ def poisson_error(L, mass, points):
     low, high = first.min(axis=0), first.max(axis=0)
     axis = int((high - low).argmax())
     load = (points[:, axis] - (low + high)[axis] / 2) / (high - low)[axis]
-    load, known = mass * (load - (mass @ load) / mass.sum()), load[:80] / 2
+    load, exact = mass * (load - (mass @ load) / mass.sum()), load[:80] / 2
     u = np.zeros(n)
     u[1:] = spsolve(L[1:, 1:], load[1:])
     u = u[:80] - u[:80].mean()
-    known = known - known.mean()
-    return np.abs(u - known).max() / np.abs(known).max()
+    exact = exact - exact.mean()
+    return np.abs(u - exact).max() / np.abs(exact).max()
 
 
 def delaunay_error(words, run, folder):
@@ -299,26 +299,26 @@ def error_of(command, words, reference, run, folder):
     answer = results(words[1:])
     sphere = shapes.random_sphere(80)
     if command == "geodesic":
-        known = np.arccos(np.clip(sphere.points @ sphere.points[0], -1, 1))
-        return np.abs(from_npz(out, "geodesic_distance", 80) - known).max() / known.max()
+        expected = np.arccos(np.clip(sphere.points @ sphere.points[0], -1, 1))
+        return np.abs(from_npz(out, "geodesic_distance", 80) - expected).max() / expected.max()
     if command == "curvature":
         return np.abs(from_npz(out, "mean_curvature") - 1).max()
     if command == "laplacian":
-        known = np.array([0, 2, 2, 2, 6, 6, 6, 6.0])
-        return (np.abs(np.array(answer["eigenvalues"]) - known) / np.maximum(known, 1)).max()
+        expected = np.array([0, 2, 2, 2, 6, 6, 6, 6.0])
+        return (np.abs(np.array(answer["eigenvalues"]) - expected) / np.maximum(expected, 1)).max()
     if command == "willmore-flow":
         small = results(reference)["energy"][-1]
         return abs(answer["energy"][-1] - small) / small
     if command == "fluid-sim":
         answer = from_npz(out, "vorticity")
         results(reference)
-        known = from_npz(out, "vorticity")
-        return np.abs(answer - known).max() / np.abs(known).max()
+        expected = from_npz(out, "vorticity")
+        return np.abs(answer - expected).max() / np.abs(expected).max()
     answer = from_npz(out, "points")
     results(reference)
-    known = from_npz(out, "points")
-    moved = np.linalg.norm(known - shapes.grid(2, 2).points, axis=1).max()
-    return np.linalg.norm(answer - known, axis=1).max() / moved
+    expected = from_npz(out, "points")
+    moved = np.linalg.norm(expected - shapes.grid(2, 2).points, axis=1).max()
+    return np.linalg.norm(answer - expected, axis=1).max() / moved
 
 
 # command -> (error bound, words; of a run: the words of the problem, and the steps of the reference)

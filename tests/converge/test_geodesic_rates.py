@@ -72,8 +72,8 @@ def test_straight_wavefronts_are_of_first_order_with_a_larger_constant(meshes):
 def test_fast_marching_is_accurate_on_needles():
     """On the intrinsic Delaunay triangulation; stencils of the needles themselves have an error of 0.9 %."""
     mesh = SPHERES[1].moved(SPHERES[1].points * [10.0, 1.0, 0.1])
-    truth, marched = exact_distance(mesh, 0).distance, fast_marching_distance(mesh, 0).distance
-    assert np.abs(marched - truth).mean() < 1e-3 * truth.mean()
+    truth, approximate = exact_distance(mesh, 0).distance, fast_marching_distance(mesh, 0).distance
+    assert np.abs(approximate - truth).mean() < 1e-3 * truth.mean()
 
 
 @pytest.mark.parametrize(
@@ -82,10 +82,10 @@ def test_fast_marching_is_accurate_on_needles():
 def test_fast_marching_is_never_longer_than_paths_along_edges(shared_meshes, name):
     """Flipped edges still carry paths."""
     mesh = read_mesh(str(shared_meshes / name)).mesh
-    marched, along = fast_marching_distance(mesh, 0).distance, edge_distance(mesh, 0).distance
-    assert (marched <= along * (1 + 1e-12)).all()
+    approximate, along = fast_marching_distance(mesh, 0).distance, edge_distance(mesh, 0).distance
+    assert (approximate <= along * (1 + 1e-12)).all()
     truth, reached = exact_distance(mesh, 0).distance, np.isfinite(along)
-    assert np.abs(marched[reached] - truth[reached]).mean() < 0.02 * truth[reached].mean()
+    assert np.abs(approximate[reached] - truth[reached]).mean() < 0.02 * truth[reached].mean()
 
 
 @pytest.mark.parametrize("mesh", [SPHERES[0], TORI[0]])

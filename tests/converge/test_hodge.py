@@ -42,12 +42,12 @@ def test_parts_are_orthogonal_and_sum_to_the_field(name, boundary):
     vectors = rng.normal(size=(len(c.corners), 3))
     if c.dimension == 2:
         vectors, _ = tangent_part(mesh, vectors)
-    for found in (split, decompose_cell_vectors(mesh, vectors, boundary)):
-        assert found.orthogonality < 1e-12
-        assert found.reconstruction_residual < 1e-10
-        assert found.harmonic_residual < 1e-10
-        squares = sum(found.norms[part] ** 2 for part in ("exact", "coexact", "harmonic"))
-        assert squares == pytest.approx(found.norms["field"] ** 2, rel=1e-10)
+    for result in (split, decompose_cell_vectors(mesh, vectors, boundary)):
+        assert result.orthogonality < 1e-12
+        assert result.reconstruction_residual < 1e-10
+        assert result.harmonic_residual < 1e-10
+        squares = sum(result.norms[part] ** 2 for part in ("exact", "coexact", "harmonic"))
+        assert squares == pytest.approx(result.norms["field"] ** 2, rel=1e-10)
 
 
 def test_known_parts_of_a_form_are_recovered():
@@ -58,8 +58,8 @@ def test_known_parts_of_a_form_are_recovered():
     coexact = np.linalg.solve(hodge_star(c, 1).toarray(), c.derivatives[1].T @ rng.normal(size=c.counts[2]))
     harmonic = np.array([2.0, -1.0]) @ harmonic_basis(mesh).forms
     split = decompose_form(mesh, exact + coexact + harmonic)
-    for found, known in ((split.exact, exact), (split.coexact, coexact), (split.harmonic, harmonic)):
-        assert np.abs(found - known).max() < 1e-9 * np.abs(known).max()
+    for part, expected in ((split.exact, exact), (split.coexact, coexact), (split.harmonic, harmonic)):
+        assert np.abs(part - expected).max() < 1e-9 * np.abs(expected).max()
 
 
 @pytest.mark.parametrize("boundary", ["tangential", "normal"])
@@ -81,9 +81,9 @@ def test_harmonic_fields_of_the_torus_converge():
     for n in (16, 32, 64):
         mesh = shapes.torus(2 * n, n, major=2.0, minor=1.0)
         x, y, _ = mesh.points[mesh.faces].mean(axis=1).T
-        known = np.stack([-y, x, 0 * x], axis=1) / (x**2 + y**2)[:, None]
-        known, _ = tangent_part(mesh, known)
-        split = decompose_cell_vectors(mesh, known)
+        field = np.stack([-y, x, 0 * x], axis=1) / (x**2 + y**2)[:, None]
+        field, _ = tangent_part(mesh, field)
+        split = decompose_cell_vectors(mesh, field)
         error.append(np.hypot(split.norms["exact"], split.norms["coexact"]) / split.norms["field"])
     rate = np.log2(np.array(error[:-1]) / error[1:])
     assert rate[-1] > 0.9 and error[-1] < 0.03
@@ -132,11 +132,11 @@ def test_sharp_of_flat_reproduces_constants(name):
     mesh = MESHES[name]
     field = np.array([1.0, 2.0, 3.0])
     vectors = np.tile(field, (mesh.n_vertices, 1))
-    found = sharp(mesh, flat(mesh, vectors))
-    known = np.tile(field, (len(found), 1))
+    computed = sharp(mesh, flat(mesh, vectors))
+    expected = np.tile(field, (len(computed), 1))
     if isinstance(mesh, TriangleMesh):
-        known, _ = tangent_part(mesh, known)
-    assert np.abs(found - known).max() < 1e-12
+        expected, _ = tangent_part(mesh, expected)
+    assert np.abs(computed - expected).max() < 1e-12
     c = complex_of(mesh)
     load = whitney_load(mesh, np.tile(field, (len(c.corners), 1)))
     assert load == pytest.approx(hodge_star(c, 1) @ flat(mesh, vectors), abs=1e-12)
@@ -171,6 +171,6 @@ def test_interior_product_of_the_area_form_is_the_turned_field():
     mesh = shapes.grid(8, 8, pattern="alternating")
     c = complex_of(mesh)
     field = np.tile([2.0, 1.0, 0.0], (mesh.n_faces, 1))
-    found = interior_product(mesh, field, c.metric.measure)
+    contraction = interior_product(mesh, field, c.metric.measure)
     turned = np.tile([-1.0, 2.0, 0.0], (mesh.n_vertices, 1))
-    assert found == pytest.approx(flat(mesh, turned), abs=1e-12)
+    assert contraction == pytest.approx(flat(mesh, turned), abs=1e-12)

@@ -200,7 +200,7 @@ def test_mean_curvature_flow_of_a_sphere_is_first_order_in_time():
 def test_mean_curvature_flow_keeps_the_boundary():
     mesh = shapes.catenoid(24, 12)
     result = smooth(mesh, 0.01, steps=3)
-    held = mesh.topology.boundary_vertex
-    assert np.array_equal(result.mesh.points[held], mesh.points[held])
+    boundary = mesh.topology.boundary_vertex
+    assert np.array_equal(result.mesh.points[boundary], mesh.points[boundary])
     # a catenoid is minimal already
     assert np.abs(result.mesh.points - mesh.points).max() < 0.01

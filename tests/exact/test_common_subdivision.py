@@ -99,12 +99,12 @@ def test_shares_that_rounding_put_out_of_order_are_exchanged(case):
     side, share = cut.crossings.labels.crossed, cut.crossings.share
     edge, along_edge = mesh.topology.side_edge.ravel()[side], mesh.topology.side_sign.ravel()[side] > 0
     rough = np.random.default_rng(0).random(len(share))
-    mended = in_order(rough.copy(), edges.label, edges)
-    true, rough, mended = (np.where(along_edge, s, 1 - s) for s in (share, rough, mended))
+    ordered = in_order(rough.copy(), edges.label, edges)
+    true, rough, ordered = (np.where(along_edge, s, 1 - s) for s in (share, rough, ordered))
     order = np.lexsort((true, edge))
     apart = np.append(np.diff(true[order]) > 1e-12, False)  # ties may go either way
-    assert (np.diff(mended[order])[(apart & (edge[order] == np.roll(edge[order], -1)))[:-1]] >= 0).all()
-    assert np.array_equal(mended[np.lexsort((mended, edge))], rough[np.lexsort((rough, edge))])
+    assert (np.diff(ordered[order])[(apart & (edge[order] == np.roll(edge[order], -1)))[:-1]] >= 0).all()
+    assert np.array_equal(ordered[np.lexsort((ordered, edge))], rough[np.lexsort((rough, edge))])
 
 
 def test_linear_functions_are_transferred_exactly(case):

@@ -111,7 +111,7 @@ def width_at(flat, height, half):
 
 
 def plain_ball(mesh, vertex, radius):
-    """Chords of the sides of the faces in the ball, by a walk from face to face across sides inside."""
+    """Chords of the sides of the faces in the ball, by a search from face to face across sides inside."""
     edges = mesh.topology.side_edge
     waiting, chords_by_face = [int(f) for f in np.flatnonzero((mesh.faces == vertex).any(axis=1))], {}
     while waiting:
@@ -132,7 +132,7 @@ def test_balls_hold_the_faces_and_chords_of_a_direct_search(name, reach):
     mesh = MESHES[name]()
     radius = reach * mesh.side_length.mean()
     length = mesh.side_length
-    balls, seen = FaceBalls(mesh, radius), 0
+    balls, n_balls = FaceBalls(mesh, radius), 0
     for ball in balls:
         for k in range(ball.begin, ball.end):
             expected = plain_ball(mesh, k, radius)
@@ -150,8 +150,8 @@ def test_balls_hold_the_faces_and_chords_of_a_direct_search(name, reach):
                 if np.linalg.norm(mesh.points[mesh.faces[f, j]] - mesh.points[k]) <= radius
             }
             assert set(ball.fans[[k - ball.begin]].indices.tolist()) == inside
-            seen += 1
-    assert seen == mesh.n_vertices
+            n_balls += 1
+    assert n_balls == mesh.n_vertices
 
 
 def test_areas_inside_balls_against_quadrature():

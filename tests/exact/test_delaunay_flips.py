@@ -55,7 +55,7 @@ def test_no_edge_is_left_and_the_metric_stays(mesh):
     assert len(after.topology.boundary_edges) == len(mesh.topology.boundary_edges)
 
 
-def test_edges_that_are_not_gone_are_edges_still(mesh):
+def test_unflipped_edges_are_edges_of_the_triangulation(mesh):
     """Both sides of an edge stay or go; what stays joins the same vertices at the same length."""
     flipped = flip_to_delaunay(mesh, list_flipped=True)
     before, after = mesh.topology, flipped.mesh.topology
@@ -139,9 +139,9 @@ def test_random_flips_are_undone():
         if max(i, j) < 3.0:  # the quadrilateral is convex
             done += len(flip(state, np.array([side]), force=True))
     assert done > 50
-    spoiled = unglue(state, mesh, 1.0)
-    assert non_delaunay_edges(spoiled).sum() > 20
-    back = flip_to_delaunay(spoiled).mesh
+    scrambled = unglue(state, mesh, 1.0)
+    assert non_delaunay_edges(scrambled).sum() > 20
+    back = flip_to_delaunay(scrambled).mesh
     assert np.sort(back.side_length.ravel()) == pytest.approx(np.sort(mesh.side_length.ravel()), rel=1e-11)
     assert abs(stiffness(back) - stiffness(mesh)).max() < 1e-10
 
@@ -195,7 +195,7 @@ def test_condition_of_a_dense_upper_end():
     assert condition_number(matrix) == pytest.approx(values[-1] / values[1], rel=1e-5)
 
 
-def test_glued_complexes_are_taken():
+def test_glued_complexes_are_accepted():
     # two isosceles triangles, glued to a sphere with one vertex of degree one: a self-edge at the base
     faces = np.array([[0, 1, 2], [1, 0, 2]])
     gluing = np.array([[3, 5, 4], [0, 2, 1]])

@@ -15,7 +15,7 @@ from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.operators.laplacian import galerkin_mass, lumped_mass, stiffness
 
 
-def several_bodies(count, subdivisions=2):
+def three_bodies(count, subdivisions=2):
     mesh = shapes.icosphere(subdivisions)
     return (
         csr_array(block_diag([stiffness(mesh)] * count)),
@@ -39,7 +39,7 @@ def test_against_a_dense_solver(mass, k):
 
 def test_multiplicities_wider_than_the_block_are_complete():
     # twelve equal spheres: eigenvalue zero 12 times, the next one 36 times
-    L, M = several_bodies(12)
+    L, M = three_bodies(12)
     pairs = smallest_eigenpairs(L, M, 60)
     assert (pairs.values[:12] == 0).all()
     assert np.ptp(pairs.values[12:48]) < 1e-10
@@ -49,14 +49,14 @@ def test_multiplicities_wider_than_the_block_are_complete():
 
 
 def test_progress_grows_to_the_whole():
-    L, M = several_bodies(2, 3)
+    L, M = three_bodies(2, 3)
     shares = []
     smallest_eigenpairs(L, M, 15, progress=lambda done, total: shares.append(done / total))
     assert shares == sorted(shares) and shares[-1] == 1.0
 
 
 def test_residuals_beside_arpack():
-    L, M = several_bodies(1, 3)
+    L, M = three_bodies(1, 3)
     pairs = smallest_eigenpairs(L, M, 25)
     left = np.linalg.norm(L @ pairs.vectors - M @ pairs.vectors * pairs.values, axis=0)
     assert left.max() < 1e-9
@@ -64,8 +64,8 @@ def test_residuals_beside_arpack():
     assert np.abs(pairs.values - np.sort(expected)).max() < 1e-11
 
 
-def test_more_components_than_pairs_asked_for():
-    L, M = several_bodies(12)
+def test_more_components_than_requested_pairs():
+    L, M = three_bodies(12)
     pairs = smallest_eigenpairs(L, M, 5)
     assert (pairs.values == 0).all()
     assert np.abs(pairs.vectors.T @ (M @ pairs.vectors) - np.eye(5)).max() < 1e-12
@@ -80,7 +80,7 @@ def test_a_definite_matrix_has_no_zero():
 
 
 def test_signs_and_values_repeat_bit_for_bit():
-    L, M = several_bodies(2, 3)
+    L, M = three_bodies(2, 3)
     first, second = smallest_eigenpairs(L, M, 15), smallest_eigenpairs(L, M, 15)
     assert np.array_equal(first.values, second.values) and np.array_equal(first.vectors, second.vectors)
     magnitude = np.abs(first.vectors)
@@ -95,7 +95,7 @@ def test_count_below_is_the_inertia():
 
 
 def test_impossible_counts_are_an_error():
-    L, M = several_bodies(1)
+    L, M = three_bodies(1)
     for k in (0, L.shape[0] + 1):
         with pytest.raises(ParameterError, match="eigenpairs of a matrix"):
             smallest_eigenpairs(L, M, k)

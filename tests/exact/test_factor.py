@@ -38,10 +38,10 @@ def test_solution_of_a_known_right_hand_side(solver, columns):
     x = np.random.default_rng(0).normal(size=(A.shape[0], *columns))
     factor = Factor(A, solver=solver)
     assert factor.solver == solver
-    found = factor.solve(A @ x)
-    assert found.shape == x.shape
-    assert np.abs(found - x).max() < 1e-12
-    assert factor.backward_error(found, A @ x) < 1e-14
+    solution = factor.solve(A @ x)
+    assert solution.shape == x.shape
+    assert np.abs(solution - x).max() < 1e-12
+    assert factor.backward_error(solution, A @ x) < 1e-14
 
 
 @pytest.mark.parametrize("solver", SOLVERS)
@@ -67,14 +67,14 @@ def test_analysis_serves_another_matrix_of_the_pattern(solver, kind):
     again = Factor(B, solver=solver, like=first)
     assert np.array_equal(again.order, first.order) or solver == "cholmod"  # which may post-order it
     assert np.abs(B @ again.solve(b) - b).max() < 1e-12
-    held = Dirichlet(B, np.array([7, 30]), like=first, solver=solver)
-    x = held.solve(np.array([1.0, -1.0]), b)
-    assert x[7] == 1 and x[30] == -1 and np.abs((B @ x - b)[held.free]).max() < 1e-12
+    dirichlet = Dirichlet(B, np.array([7, 30]), like=first, solver=solver)
+    x = dirichlet.solve(np.array([1.0, -1.0]), b)
+    assert x[7] == 1 and x[30] == -1 and np.abs((B @ x - b)[dirichlet.free]).max() < 1e-12
     assert (
         np.abs(x - Dirichlet(B, np.array([7, 30]), solver=solver).solve(np.array([1.0, -1.0]), b)).max()
         < 1e-13
     )
-    assert held.residual(x, b) < 1e-13 and held.residual(x + 0.01 * (x != 1), b) > 1e-3
+    assert dirichlet.residual(x, b) < 1e-13 and dirichlet.residual(x + 0.01 * (x != 1), b) > 1e-3
 
 
 def test_shared_order_keeps_the_fill_low():
@@ -164,9 +164,9 @@ def test_dirichlet_reproduces_a_linear_function():
     mesh = shapes.grid(9, 7, pattern="alternating")
     linear = mesh.points @ np.array([[1.0, 2.0], [3.0, -1.0], [0.0, 0.0]])
     problem = Dirichlet(stiffness(mesh), mesh.topology.boundary_vertex)
-    found = problem.solve(linear[problem.fixed])
-    assert np.abs(found - linear).max() < 1e-13
-    assert problem.residual(found) < 1e-13
+    solution = problem.solve(linear[problem.fixed])
+    assert np.abs(solution - linear).max() < 1e-13
+    assert problem.residual(solution) < 1e-13
 
 
 def two_spheres_and_a_point():
@@ -181,23 +181,23 @@ def test_poisson_takes_the_mean_off_every_component(caplog):
     x = np.random.default_rng(0).normal(size=2 * n + 1)
     problem = Poisson(L, weight)
     assert problem.count == 3
-    found = problem.solve(L @ x)
-    assert np.abs(L @ found - L @ x).max() < 1e-12
+    solution = problem.solve(L @ x)
+    assert np.abs(L @ solution - L @ x).max() < 1e-12
     for part in (slice(0, n), slice(n + 1, None)):
-        assert abs((weight * found)[part].sum()) < 1e-12
-    assert found[n] == 0
+        assert abs((weight * solution)[part].sum()) < 1e-12
+    assert solution[n] == 0
     assert not caplog.records
     source = x + 1.0
-    found = problem.solve(source)
+    solution = problem.solve(source)
     for part in (slice(0, n), slice(n + 1, None)):
         share = source[part].sum() / weight[part].sum()
-        assert np.abs((L @ found)[part] - (source - share * weight)[part]).max() < 1e-12
+        assert np.abs((L @ solution)[part] - (source - share * weight)[part]).max() < 1e-12
     problem.solve(np.ones(2 * n + 1))
     assert problem.imbalance == 1.0
     assert "does not sum to zero" in caplog.text
 
 
-def test_poisson_several_columns_and_refactor():
+def test_poisson_solves_columns_and_refactors():
     L = two_spheres_and_a_point()
     x = np.random.default_rng(0).normal(size=(L.shape[0], 4))
     problem = Poisson(L)
@@ -205,11 +205,11 @@ def test_poisson_several_columns_and_refactor():
     assert np.abs(3 * L @ problem.refactor(3 * L).solve(L @ x) - L @ x).max() < 1e-12
 
 
-def test_components_held_by_a_mass_do_not_float():
+def test_components_with_a_mass_do_not_float():
     sphere = stiffness(shapes.icosphere(1))
     n = sphere.shape[0]
-    held = sphere + diags_array(np.full(n, 1e-3))
-    label = floating_components(block_diag([held, sphere]))
+    anchored = sphere + diags_array(np.full(n, 1e-3))
+    label = floating_components(block_diag([anchored, sphere]))
     assert (label[:n] == -1).all() and (label[n:] == 0).all()
 
 
@@ -292,11 +292,11 @@ def test_vertex_cover_is_as_small_as_can_be():
 def test_postorder_keeps_the_fill_and_makes_subtrees_contiguous():
     A = regular_grid_matrix(30, 30)
     options = {"diag_pivot_thresh": 0.0, "options": {"SymmetricMode": True}}
-    found = splu(A, permc_spec="MMD_AT_PLUS_A", **options)
-    order = np.argsort(found.perm_c)
+    superlu = splu(A, permc_spec="MMD_AT_PLUS_A", **options)
+    order = np.argsort(superlu.perm_c)
     L = splu(A[order][:, order].tocsc(), permc_spec="NATURAL", **options).L
-    sorted_order = postorder(A, found.perm_c)
-    after = found.perm_c[sorted_order]
+    sorted_order = postorder(A, superlu.perm_c)
+    after = superlu.perm_c[sorted_order]
     assert fill(A, sorted_order) == fill(A, order)
     parent = [min(L[:, [j]].nonzero()[0][L[:, [j]].nonzero()[0] > j], default=-1) for j in range(L.shape[0])]
     place = np.argsort(after)

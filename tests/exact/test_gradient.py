@@ -14,9 +14,9 @@ MESHES = [shapes.random_sphere(200), shapes.torus(), shapes.grid(5, 4), shapes.c
 @pytest.mark.parametrize("mesh", MESHES)
 def test_gradient_of_a_linear_function_is_its_tangent_part(mesh):
     vector = np.array([1.0, -2.0, 0.5])
-    found = (gradient(mesh) @ (mesh.points @ vector)).reshape(-1, 3)
+    computed = (gradient(mesh) @ (mesh.points @ vector)).reshape(-1, 3)
     normal = face_normal(mesh)
-    assert np.abs(found - (vector - (normal @ vector)[:, None] * normal)).max() < 1e-11
+    assert np.abs(computed - (vector - (normal @ vector)[:, None] * normal)).max() < 1e-11
 
 
 @pytest.mark.parametrize("mesh", MESHES)

@@ -47,9 +47,9 @@ SURFACES = {
 
 @pytest.mark.parametrize("name", SURFACES)
 def test_betti_numbers_over_both_fields(name):
-    mesh, *known = SURFACES[name]
+    mesh, *expected = SURFACES[name]
     rational, modulo_2 = betti_numbers(mesh), betti_numbers(mesh, modulo_2=True)
-    assert [rational.absolute, rational.relative, modulo_2.absolute, modulo_2.relative] == known
+    assert [rational.absolute, rational.relative, modulo_2.absolute, modulo_2.relative] == expected
     assert len(generator_loops(mesh)) == modulo_2.absolute[1]
 
 
@@ -161,5 +161,5 @@ def test_a_wrong_curl_part_moves_the_reconstruction(monkeypatch):
     mesh = ring_tets()
     field = np.random.default_rng(0).normal(size=(len(mesh.tetrahedra), 3))
     right = decomposition._tetrahedron_curl
-    monkeypatch.setattr(decomposition, "_tetrahedron_curl", lambda *given: 1.001 * right(*given))
+    monkeypatch.setattr(decomposition, "_tetrahedron_curl", lambda *arguments: 1.001 * right(*arguments))
     assert decompose_cell_vectors(mesh, field).reconstruction_residual > 1e-4

@@ -87,11 +87,11 @@ MESHES = {
 def ranks(mesh, relative: bool) -> tuple[int, ...]:
     """Betti numbers by the ranks of dense matrices."""
     c = complex_of(mesh)
-    kept = [np.ones(count, dtype=bool) for count in c.counts]
+    free = [np.ones(count, dtype=bool) for count in c.counts]
     if relative:
-        kept[0], kept[1] = ~c.boundary_vertex, ~c.boundary_edge
-        kept[c.dimension - 1][c.boundary_faces] = False
-    matrices = [d.toarray()[kept[k + 1]][:, kept[k]] for k, d in enumerate(c.derivatives)]
+        free[0], free[1] = ~c.boundary_vertex, ~c.boundary_edge
+        free[c.dimension - 1][c.boundary_faces] = False
+    matrices = [d.toarray()[free[k + 1]][:, free[k]] for k, d in enumerate(c.derivatives)]
     if not relative:
         matrices[0] = matrices[0][:, np.abs(matrices[0]).any(axis=0)]
     used = [m.shape[1] for m in matrices] + [matrices[-1].shape[0]]
@@ -101,9 +101,9 @@ def ranks(mesh, relative: bool) -> tuple[int, ...]:
 
 @pytest.mark.parametrize("name", MESHES)
 def test_betti_numbers_are_the_ranks(name):
-    mesh, known = MESHES[name]
+    mesh, expected = MESHES[name]
     betti = betti_numbers(mesh)
-    assert betti.absolute == known == ranks(mesh, relative=False)
+    assert betti.absolute == expected == ranks(mesh, relative=False)
     assert betti.relative == ranks(mesh, relative=True)
 
 
@@ -141,11 +141,11 @@ def periods(mesh, loops, forms):
 
 @pytest.mark.parametrize("name", ["sphere", "torus", "two tori", "annulus"])
 def test_generators_pair_with_cochains_by_a_unimodular_matrix(name):
-    mesh, known = MESHES[name]
+    mesh, expected = MESHES[name]
     loops = generator_loops(mesh)
-    assert len(loops) == known[1]
+    assert len(loops) == expected[1]
     matrix = periods(mesh, loops, closed_cochains(mesh).toarray())
-    if known[1]:
+    if expected[1]:
         assert abs(np.linalg.det(matrix)) == pytest.approx(1.0)
 
 
@@ -205,5 +205,5 @@ def test_betti_numbers_of_every_shared_mesh_are_the_ranks(shared_meshes, name):
     ranks = [rank_mod_2(shuffled(first.T)), *(rank_mod_2(d.T) for d in between), rank_mod_2(shuffled(last))]
     counts = [len(np.unique(c.corners)), *c.counts[1:]]
     padded = [0, *ranks, 0]
-    found = tuple(counts[k] - padded[k] - padded[k + 1] for k in range(len(counts)))
-    assert betti_numbers(mesh).absolute == found
+    expected = tuple(counts[k] - padded[k] - padded[k + 1] for k in range(len(counts)))
+    assert betti_numbers(mesh).absolute == expected

@@ -8,8 +8,8 @@ from benchmarks import kernels
 
 
 def test_one_command_agrees_on_two_kernels_and_a_planted_difference_does_not(monkeypatch, capsys):
-    kept = {name: kernels.ENVIRONMENTS[name] for name in ("numpy baseline",)}
-    monkeypatch.setattr(kernels, "ENVIRONMENTS", kept)
+    environments = {name: kernels.ENVIRONMENTS[name] for name in ("numpy baseline",)}
+    monkeypatch.setattr(kernels, "ENVIRONMENTS", environments)
     assert kernels.main(["curvature of a curve"]) == 0
     assert "2 comparisons, 0 disagree" in capsys.readouterr().out
     assert kernels.main(["--plant=1e-8", "curvature of a curve"]) == 1
@@ -38,12 +38,12 @@ def test_a_command_that_fails_in_one_environment_disagrees(monkeypatch):
     assert rows and not any(row.agrees for row in rows)
 
 
-@pytest.mark.parametrize("a, b, known", [
+@pytest.mark.parametrize("a, b, expected", [
     ([1.0, 4.0], [1.0, 4.4], 0.1), ([0.0], [0.0], 0.0),
     ([1.0], [1.0, 2.0], math.inf), ([1.0], [math.nan], math.inf),
 ])  # fmt: skip
-def test_differences_are_relative_to_the_largest_number(a, b, known):
-    assert kernels.difference(a, b) == pytest.approx(known)
+def test_differences_are_relative_to_the_largest_number(a, b, expected):
+    assert kernels.difference(a, b) == pytest.approx(expected)
 
 
 def test_every_command_on_samples_has_a_case():

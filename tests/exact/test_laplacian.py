@@ -10,7 +10,7 @@ from ddgcli.mesh.intrinsic_mesh import IntrinsicMesh
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.operators import laplacian as lap
 from ddgcli.operators.mollify import mollify_mesh
-from tests.delaunay_cases import spoiled_sphere
+from tests.delaunay_cases import non_delaunay_sphere
 
 MESHES = {
     "sphere": shapes.icosphere(2),
@@ -88,11 +88,11 @@ def test_uniform_counts_neighbours():
 
 
 def test_degenerate_faces_are_mollified_with_a_warning(caplog):
-    mesh = spoiled_sphere()
-    _, mended = mollify_mesh(mesh)
-    assert len(mended.faces) == 3
-    assert 3 < mended.edges < 30
-    assert mended.largest_change < 1e-7
+    mesh = non_delaunay_sphere()
+    _, mollification = mollify_mesh(mesh)
+    assert len(mollification.faces) == 3
+    assert 3 < mollification.edges < 30
+    assert mollification.largest_change < 1e-7
     L = lap.stiffness(mesh)
     assert np.isfinite(L.data).all()
     assert "mollified" in caplog.text

@@ -52,7 +52,7 @@ def test_departure_angles_equal_the_first_segments_of_shortest_paths(weights):
 
 def test_the_log_map_is_intrinsic():
     mesh, sources = rough_torus(), Sources.at([5])
-    known = log_map(mesh, exact_distance(mesh, sources, directions=True), sources)
+    original = log_map(mesh, exact_distance(mesh, sources, directions=True), sources)
     intrinsic = IntrinsicMesh(mesh.topology, mesh.side_length)
     calls = []
     again = log_map(
@@ -61,13 +61,13 @@ def test_the_log_map_is_intrinsic():
         sources,
         lambda done, total: calls.append((done, total)),
     )  # without directions: measured anew
-    assert calls and known.miss < 1e-13 and again.miss < 1e-13
-    np.testing.assert_allclose(again.log_map, known.log_map, atol=1e-10)
+    assert calls and original.miss < 1e-13 and again.miss < 1e-13
+    np.testing.assert_allclose(again.log_map, original.log_map, atol=1e-10)
     turned = np.random.default_rng(0).random(mesh.n_faces) < 0.3
     mixed = mesh.from_arrays(mesh.points, np.where(turned[:, None], mesh.faces[:, ::-1], mesh.faces))
     with pytest.raises(MeshError, match="opposite orientation"):
         exact_distance(mixed, sources, directions=True)
     cover = oriented_cover(mixed)
     over = log_map(cover.mesh, cover.lift_exact(exact_distance(mixed, sources)), sources)
-    flat, other = known.log_map @ [1, 1j], over.log_map @ [1, 1j]
+    flat, other = original.log_map @ [1, 1j], over.log_map @ [1, 1j]
     np.testing.assert_allclose(other, flat * (other[0] / flat[0]), atol=1e-10)

@@ -144,7 +144,12 @@ def test_large_systems_of_the_base_install_are_multifrontal(monkeypatch):
 def test_regular_surfaces_are_halved_however_large():
     """Samples of a regular mesh, numbered breadth first, must not all lie on one side."""
     for mesh in (shapes.icosphere(7), shapes.torus(600, 200)):
-        assert nested_dissection(csc_array(stiffness(mesh))) is not None
+        parts = nested_dissection(csc_array(stiffness(mesh)))
+        assert parts is not None
+        top, n = parts.height.max(), mesh.n_vertices
+        halves = np.bincount(parts.leaf[parts.height < top] >> (top - 1))
+        assert len(halves) == 2 and halves.min() > n / 4
+        assert (parts.height == top).sum() < 2 * np.sqrt(n)  # a separator is as long as a closed curve
 
 
 def laplacian_of(i, j, n):
@@ -171,7 +176,7 @@ def test_stars_and_fans_are_halved_though_all_their_ends_lie_equally_far(ends, r
     assert (np.abs(A @ x - b) < 1e-13 * (np.abs(A) @ np.abs(x) + np.abs(b))).all()
 
 
-def test_separators_are_found_where_edges_come_in_blocks():
+def test_separators_divide_graphs_with_block_edges():
     """A Hessian of bending, coordinates apart: never ready with scipy's bipartite matching."""
     A = sphere_matrix(4)
     parts, _ = dissection._component_dissection(csr_array(kron(A @ A, np.ones((3, 3)))), dissection.LEAF_SIZE)

@@ -1,4 +1,4 @@
-"""Points of the input found on the intrinsic triangulation, and back."""
+"""Map of surface points to the intrinsic triangulation and back."""
 
 import numpy as np
 import pytest
@@ -82,7 +82,7 @@ def test_the_plane_stays_where_it_is():
 @pytest.mark.parametrize("degrees", [None, 25])
 @pytest.mark.parametrize("name", ["stretched", "sheared cylinder", "fan"])
 def test_straight_lines_end_at_the_same_points(name, degrees):
-    """A straightest geodesic knows nothing of triangles: walked on either triangulation it ends at one point.
+    """A straightest geodesic is intrinsic: traced on either triangulation it ends at the same point.
 
     Lines leave along an edge that both triangulations have, turned by the same angle.
     """
@@ -94,13 +94,13 @@ def test_straight_lines_end_at_the_same_points(name, degrees):
     length = 0.5 * cut.input.side_length.mean()
     on_input, corner_angle = Tracer(cut.input), vertex_fans(cut.input).corner_angle
     turn *= corner_angle[sides[:, 0]]
-    here = walk(on_input, sides[:, 0], turn, length)
-    there = walk(Tracer(cut.intrinsic), sides[:, 1], turn, length)
+    here = line_ends(on_input, sides[:, 0], turn, length)
+    there = line_ends(Tracer(cut.intrinsic), sides[:, 1], turn, length)
     whole = (here.status == 0) & (there.status == 0)
     assert whole.sum() > 40
     expected = positions_of(cut.input, SurfacePoints(here.face[whole], here.barycentric[whole]))
-    found = PointMap(cut).to_input(SurfacePoints(there.face[whole], there.barycentric[whole]))
-    error = np.linalg.norm(positions_of(cut.input, found) - expected, axis=1) / length
+    located = PointMap(cut).to_input(SurfacePoints(there.face[whole], there.barycentric[whole]))
+    error = np.linalg.norm(positions_of(cut.input, located) - expected, axis=1) / length
     assert np.quantile(error, 0.97) < 1e-9  # the rest pass a vertex too closely
     back = PointMap(cut).to_intrinsic(SurfacePoints(here.face[whole], here.barycentric[whole]))
     same = (back.face == there.face[whole]) & (error < 1e-9)
@@ -108,10 +108,10 @@ def test_straight_lines_end_at_the_same_points(name, degrees):
 
 
 def keyed_sides(mesh):
-    found = {}
+    sides_of_edge = {}
     for side, ends in enumerate(zip(mesh.topology.side_tail, mesh.topology.side_head)):
-        found.setdefault(tuple(map(int, ends)), []).append(side)
-    return found
+        sides_of_edge.setdefault(tuple(map(int, ends)), []).append(side)
+    return sides_of_edge
 
 
 def is_input_edge(cut, ends):
@@ -120,7 +120,7 @@ def is_input_edge(cut, ends):
     return len(e) == 1 and cut.edge_start[e[0] + 1] - cut.edge_start[e[0]] == 2
 
 
-def walk(tracer, side, turn, length):
+def line_ends(tracer, side, turn, length):
     face, k = side // 3, side % 3
     x, y = tracer.unfolding.direction[face, k].T
     angle = np.arctan2(y, x) + turn

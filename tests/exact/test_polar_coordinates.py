@@ -47,10 +47,10 @@ def test_the_fast_marching_log_map_converges_on_spheres():
     errors = []
     for n in (1000, 4000, 16_000):
         mesh = shapes.random_sphere(n)
-        marched = [sphere_errors(mapped(mesh, Sources.at([v])), mesh, v) for v in (0, 7, 100)]
+        approximate = [sphere_errors(mapped(mesh, Sources.at([v])), mesh, v) for v in (0, 7, 100)]
         exact = [sphere_errors(exactly(mesh, Sources.at([v])), mesh, v) for v in (0, 7, 100)]
-        assert np.mean(marched, axis=0)[0] < 1.5 * np.mean(exact, axis=0)[0]
-        errors.append(np.mean(marched, axis=0))
+        assert np.mean(approximate, axis=0)[0] < 1.5 * np.mean(exact, axis=0)[0]
+        errors.append(np.mean(approximate, axis=0))
     coarse, _, fine = np.array(errors)
     assert (fine < 0.4 * coarse).all() and fine[0] < 0.008 and fine[1] < 0.8
 
@@ -96,9 +96,9 @@ def test_the_map_is_intrinsic_and_independent_of_face_order():
     mesh = shapes.random_sphere(2000)
     mesh = mesh.moved(mesh.points * [1.0, 1.0, 0.5])
     sources = Sources.at([5])
-    known = mapped(mesh, sources)
+    original = mapped(mesh, sources)
     again = mapped(IntrinsicMesh(mesh.topology, mesh.side_length), sources)
-    np.testing.assert_allclose(again.log_map, known.log_map, atol=1e-9)
+    np.testing.assert_allclose(again.log_map, original.log_map, atol=1e-9)
     flipped = flip_to_delaunay(mesh).mesh
     assert flipped.topology.gluing is not None and not np.array_equal(flipped.faces, mesh.faces)
     glued, exact = (call(flipped, sources).log_map @ [1, 1j] for call in (mapped, exactly))
@@ -107,7 +107,7 @@ def test_the_map_is_intrinsic_and_independent_of_face_order():
     mixed = TriangleMesh.from_arrays(mesh.points, np.where(turned[:, None], mesh.faces[:, ::-1], mesh.faces))
     cover = oriented_cover(mixed)
     over = fast_marching_log_map(cover.mesh, fast_marching_distance(cover.mesh, sources), sources).log_map
-    flat, other = known.log_map @ [1, 1j], over @ [1, 1j]
+    flat, other = original.log_map @ [1, 1j], over @ [1, 1j]
     np.testing.assert_allclose(other, flat * (other[0] / flat[0]), atol=1e-9)
 
 

@@ -125,14 +125,14 @@ def test_length_and_total_curvature_converge_in_both_mesh_sizes(spacing):
 
 def test_the_torsion_and_curvature_of_a_helix_converge():
     for hand in (1, -1):
-        found = []
+        torsion_errors = []
         for n in (50, 200):
             t = np.linspace(0, 6, n)
             v = measure_curves(open_curve(np.stack([np.cos(t), np.sin(t), hand * 0.5 * t], axis=1))).vertex
             middle = slice(n // 4, -n // 4)
-            found.append(np.abs(v["torsion"][middle] - hand * 0.4).max())
+            torsion_errors.append(np.abs(v["torsion"][middle] - hand * 0.4).max())
             assert v["curvature"][middle] == pytest.approx(np.full(len(t[middle]), 0.8), rel=2e-2)
-        assert found[1] < found[0] / 10
+        assert torsion_errors[1] < torsion_errors[0] / 10
 
 
 def test_a_plane_curve_with_an_inflection_has_no_torsion_in_space():
@@ -195,10 +195,10 @@ SQUARE = np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])
 @pytest.mark.parametrize("height", [0.0, 1.0, -3.7])
 def test_a_square_in_any_axis_plane_turns_once_seen_from_the_positive_side(axis, height):
     points = np.roll(SQUARE + [0, 0, height], axis + 1, axis=1)  # cyclic: left stays left
-    found = measure_curves(closed_curve(points))
-    assert found.results["planar"] and found.results["turning_number"] == 1
-    assert found.accuracy["turning_number_residual"] < 1e-12
-    assert np.allclose(found.vertex["gauss_angle"], np.pi / 2 * np.arange(1, 5))
+    measures = measure_curves(closed_curve(points))
+    assert measures.results["planar"] and measures.results["turning_number"] == 1
+    assert measures.accuracy["turning_number_residual"] < 1e-12
+    assert np.allclose(measures.vertex["gauss_angle"], np.pi / 2 * np.arange(1, 5))
     assert measure_curves(closed_curve(points[::-1])).results["turning_number"] == -1
 
 
@@ -209,22 +209,22 @@ def test_a_figure_eight_in_a_tilted_plane_and_a_bent_square():
     eight = np.stack([np.sin(t), np.sin(2 * t), 0 * t], axis=1)
     for points, number in ((circle[:30], 1), (circle, 2), (eight, 0)):
         wound = points * (1 + 0.1 * np.cos(t[: len(points)]))[:, None]
-        found = measure_curves(closed_curve(1e3 * (wound @ tilt.T) + 7)).results
-        assert found["planar"] and abs(found["turning_number"]) == number
+        results = measure_curves(closed_curve(1e3 * (wound @ tilt.T) + 7)).results
+        assert results["planar"] and abs(results["turning_number"]) == number
     bent = SQUARE + np.array([[0, 0, 0], [0, 0, 0], [0, 0, 1e-3], [0, 0, 0]])
-    found = measure_curves(closed_curve(bent)).results
-    assert not found["planar"] and found["turning_number"] is None
+    results = measure_curves(closed_curve(bent)).results
+    assert not results["planar"] and results["turning_number"] is None
 
 
 def test_curves_in_different_planes_each_have_a_turning_number():
     squares = np.concatenate([SQUARE, SQUARE[:, [2, 0, 1]] + 5])
     ring = np.array([[0, 1], [1, 2], [2, 3], [3, 0]])
-    found = measure_curves(CurveSet(squares, np.concatenate([ring, ring + 4]))).results
-    assert [one["turning_number"] for one in found["curves"]] == [1, 1] and found["turning_number"] == 2
+    results = measure_curves(CurveSet(squares, np.concatenate([ring, ring + 4]))).results
+    assert [one["turning_number"] for one in results["curves"]] == [1, 1] and results["turning_number"] == 2
     space = np.concatenate([SQUARE, SQUARE + np.array([[0, 0, 0], [0, 0, 0], [0, 0, 1], [0, 0, 0]])])
-    found = measure_curves(CurveSet(space, np.concatenate([ring, ring + 4]))).results
-    assert [one["turning_number"] for one in found["curves"]] == [1, None]
-    assert found["turning_number"] is None and not found["planar"]
+    results = measure_curves(CurveSet(space, np.concatenate([ring, ring + 4]))).results
+    assert [one["turning_number"] for one in results["curves"]] == [1, None]
+    assert results["turning_number"] is None and not results["planar"]
 
 
 def test_an_open_curve_in_space_is_neither_knotted_nor_unknotted():

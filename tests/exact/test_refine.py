@@ -13,7 +13,7 @@ from ddgcli.geometry.extrinsic import face_area_vector, face_normal
 from ddgcli.geometry.intrinsic import corner_angle, face_area
 from ddgcli.mesh import shapes
 from ddgcli.mesh.triangle_mesh import TriangleMesh
-from tests.delaunay_cases import pinched, planar, sheared_cylinder, spoiled_sphere, stretched
+from tests.delaunay_cases import non_delaunay_sphere, pinched, planar, sheared_cylinder, stretched
 
 
 def thin_grid():
@@ -114,7 +114,7 @@ def test_a_sharp_corner_of_the_boundary_is_excepted():
 
 
 def test_coincident_vertices_are_excepted_and_counted(caplog):
-    mesh = spoiled_sphere()
+    mesh = non_delaunay_sphere()
     refined = refine(mesh, 25)
     assert refined.coincident_vertices == 2 and refined.sharp_vertices == 0
     assert refined.converged and 0 < refined.excepted_faces < 20

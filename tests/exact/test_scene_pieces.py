@@ -24,15 +24,15 @@ def test_quantities(text, unit, value):
     assert parse_quantity(text, unit) == pytest.approx(value, rel=1e-15)
 
 
-@pytest.mark.parametrize("text, unit, told", [
+@pytest.mark.parametrize("text, unit, message", [
     ("1 s", "m", "does not fit"), ("1 mmm", "m", "unknown unit"), ("one", "m", "number"),
     (True, "m", "true/false"), ([1], "m", "array"), ("1 m", "", "none"), (float("inf"), "m", "finite"),
     ("1e999 m", "m", "finite"), ("", "m", "number"),
     ("1 m^x", "m", "unit"), ("1 km^400", "m", "range of numbers"), (10**400, "m", "finite"),
     ("1 m^" + "9" * 5000, "m", "unit"),
 ])  # fmt: skip
-def test_wrong_quantities(text, unit, told):
-    with pytest.raises(ValueError, match=told):
+def test_wrong_quantities(text, unit, message):
+    with pytest.raises(ValueError, match=message):
         parse_quantity(text, unit)
 
 
@@ -64,7 +64,7 @@ def test_expressions_that_are_refused(text):
         evaluate(text, X)
 
 
-def test_unknown_names_are_answered_with_the_nearest():
+def test_refusals_of_unknown_names_suggest_the_nearest():
     with pytest.raises(ValueError, match="did you mean 'sqrt'"):
         parse("sqr(x)")
 
@@ -223,7 +223,7 @@ grid = {{ size = [1, 1], cells = [1, 1] }}
         resolve(parse_scene(text.format("verlet")), KIND, {"integrator": "implicit-euler"})
 
 
-@pytest.mark.parametrize("time, told", [
+@pytest.mark.parametrize("time, warning", [
     ("duration = 1\nstep = 0.3", "ends at 0.9 s"),
     ("duration = 1\nstep = 0.1\nframe_every = 0.25", "frames come every 0.2 s"),
     ("duration = 1\nstep = 0.1\nframe_every = 0.01", "frames come every 0.1 s"),
@@ -231,16 +231,16 @@ grid = {{ size = [1, 1], cells = [1, 1] }}
     ("duration = 0.7\nstep = 0.1\nframe_every = 0.3", ""),
     ("duration = 1\ntolerance = 0.1\nframe_every = 0.3", ""),
 ])  # fmt: skip
-def test_a_clock_that_does_not_meet_the_times_is_told(time, told, caplog):
+def test_a_clock_that_misses_the_times_gives_a_warning(time, warning, caplog):
     from ddgcli.models.fluid.scene import KIND
     from ddgcli.scenes.scene import resolve
 
     resolve(parse_scene(f"[time]\n{time}\n[[object]]\nrole = 'fluid'\nsphere = {{}}\n"), KIND)
-    assert len(caplog.messages) == bool(told)
-    assert told in "".join(caplog.messages)
+    assert len(caplog.messages) == bool(warning)
+    assert warning in "".join(caplog.messages)
 
 
-def test_materials_fill_what_is_not_said():
+def test_material_names_set_the_missing_constants():
     steel = filled({"material": "steel", "density": None, "thickness": 1e-3, "young": None, "poisson": 0.25})
     assert steel["density"] == pytest.approx(7.85) and steel["young"] == 2.1e11 and steel["poisson"] == 0.25
     assert all(m["poisson"] <= 0.5 and m["young"] > 0 for m in MATERIALS.values())

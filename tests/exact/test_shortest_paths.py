@@ -13,7 +13,7 @@ from ddgcli.geometry.face_frames import surface_position
 from ddgcli.geometry.surface_points import SurfacePoints
 from ddgcli.mesh import shapes
 from ddgcli.mesh.triangle_mesh import TriangleMesh
-from tests.delaunay_cases import spoiled_sphere
+from tests.delaunay_cases import non_delaunay_sphere
 
 MESHES = {
     "sphere": shapes.random_sphere(600),
@@ -103,9 +103,9 @@ def test_log_map_beyond_an_edge_of_three_faces(turned):
     mapped = log_map(mesh, exact_distance(mesh, source, directions=True), source)
     sheet = three_sheets().points[:81, :2]
     unrolled = np.concatenate([sheet, sheet * [-1, 1], sheet * [-1, 1]])
-    known = np.isfinite(mapped.log_map[:, 0])
-    np.testing.assert_array_equal(known, mesh.topology.referenced_vertex)
-    flat, truth = mapped.log_map[known] @ [1, 1j], (unrolled[known] - unrolled[40]) @ [1, 1j]
+    finite = np.isfinite(mapped.log_map[:, 0])
+    np.testing.assert_array_equal(finite, mesh.topology.referenced_vertex)
+    flat, truth = mapped.log_map[finite] @ [1, 1j], (unrolled[finite] - unrolled[40]) @ [1, 1j]
     np.testing.assert_allclose(flat, flat[0] / truth[0] * truth, atol=1e-13)
     assert mapped.miss < 1e-13
 
@@ -146,7 +146,7 @@ def test_a_source_on_an_edge_of_three_faces_has_paths_but_no_tangent_plane():
 @pytest.mark.parametrize("source", [0, 34, 7, 91, 133])
 def test_on_faces_without_area_paths_are_exact_or_missing_with_a_warning(source, caplog):
     """A sphere with a flat cap (vertex 0) and two vertices at one place (34 and 115)."""
-    mesh, sources = spoiled_sphere(), Sources.at([source])
+    mesh, sources = non_delaunay_sphere(), Sources.at([source])
     exact = exact_distance(mesh, sources)
     curves = shortest_paths(mesh, exact, sources, list(range(mesh.n_vertices)))
     lost = [entry["target"] for entry in curves.entries if entry["length"] is None]

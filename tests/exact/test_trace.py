@@ -40,9 +40,11 @@ def test_lines_in_the_plane_are_straight(pattern, scale):
     direction[:, 2] = 0
     length = scale * np.random.default_rng(1).uniform(0, 2, 300)
     end = trace(mesh, face, barycentric, direction, length)
-    walked = surface_position(mesh, end.face, end.barycentric) - surface_position(mesh, face, barycentric)
+    displacement = surface_position(mesh, end.face, end.barycentric) - surface_position(
+        mesh, face, barycentric
+    )
     unit = direction / np.linalg.norm(direction, axis=1, keepdims=True)
-    np.testing.assert_allclose(walked, end.length[:, None] * unit, atol=1e-12 * scale)
+    np.testing.assert_allclose(displacement, end.length[:, None] * unit, atol=1e-12 * scale)
     np.testing.assert_allclose(to_space(mesh, end.face, end.direction), unit, atol=1e-12)
     assert np.all(end.length[end.status == REACHED] == length[end.status == REACHED])
     stopped = surface_position(mesh, end.face, end.barycentric)[end.status == AT_BOUNDARY] / scale
@@ -60,9 +62,9 @@ def test_lines_along_edges_and_through_flat_vertices_are_straight(degrees):
     direction = np.array([[np.cos(angle), np.sin(angle), 0]])
     end = trace(mesh, face, barycentric, direction, np.full(len(face), 0.4), record=True)
     assert np.all(end.status == REACHED)
-    got = surface_position(mesh, end.face, end.barycentric)
+    computed = surface_position(mesh, end.face, end.barycentric)
     np.testing.assert_allclose(
-        got, np.array([0.5, 0.5, 0]) + 0.4 * direction.repeat(len(face), 0), atol=1e-13
+        computed, np.array([0.5, 0.5, 0]) + 0.4 * direction.repeat(len(face), 0), atol=1e-13
     )
 
 
@@ -152,8 +154,8 @@ def test_reflected_lines_in_a_box_equal_folded_straight_lines():
     start = surface_position(mesh, np.array([8]), np.array([[0.2, 0.3, 0.5]]))[0]
     straight = start + 9.0 * direction / np.linalg.norm(direction)
     folded = np.abs((straight[:2] + 1) % 2 - 1)
-    got = surface_position(mesh, end.face, end.barycentric)[0]
-    np.testing.assert_allclose(got[:2], folded, atol=1e-12)
+    computed = surface_position(mesh, end.face, end.barycentric)[0]
+    np.testing.assert_allclose(computed[:2], folded, atol=1e-12)
 
 
 def test_reflection_at_boundary_vertices_is_continuous():
@@ -214,10 +216,10 @@ def test_closed_geodesics_of_an_ellipsoid(axis):
         end = trace(mesh, face, np.eye(3)[[corner]], [ahead - start], [1.05 * ellipse], record=True)
         points = surface_position(mesh, *end.path(0))
         assert np.abs(points[:, axis]).max() < 1e-12
-        walked = np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))
+        arc_length = np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))
         back = np.linalg.norm(points[1:-1] - start, axis=1) < 1e-10
         assert back.any()
-        errors.append(abs(walked[:-1][back][0] / ellipse - 1))
+        errors.append(abs(arc_length[:-1][back][0] / ellipse - 1))
     assert np.log2(errors[0] / errors[1]) > 1.8 and np.log2(errors[1] / errors[2]) > 1.8
 
 
@@ -234,9 +236,9 @@ def test_lines_on_the_sphere_follow_great_circles():
         d = first - np.einsum("ij,ij->i", first, p)[:, None] * p
         d /= np.linalg.norm(d, axis=1, keepdims=True)
         truth = np.cos(1.0) * p + np.sin(1.0) * d
-        got = surface_position(mesh, end.face, end.barycentric)
-        got /= np.linalg.norm(got, axis=1, keepdims=True)
-        errors.append(np.sqrt(np.mean(np.sum((got - truth) ** 2, axis=1))))
+        computed = surface_position(mesh, end.face, end.barycentric)
+        computed /= np.linalg.norm(computed, axis=1, keepdims=True)
+        errors.append(np.sqrt(np.mean(np.sum((computed - truth) ** 2, axis=1))))
     assert errors[-1] < 2e-3 and np.log2(errors[0] / errors[-1]) / 2 > 1.2, errors
 
 

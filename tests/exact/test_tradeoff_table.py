@@ -167,7 +167,7 @@ def never():
     raise AssertionError("begun, though the budget cannot pay for it")
 
 
-def test_the_best_reference_that_is_affordable_is_taken():
+def test_the_best_affordable_reference_is_chosen():
     middle = Reference("middle", TRUTH, 1e-3)
     hung = (1e-3, lambda: time.sleep(300))
     table = run_with_references((1e6, never), hung, (1e-3, lambda: middle), (1e-3, never), budget=1.0)

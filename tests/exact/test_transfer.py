@@ -27,23 +27,25 @@ def test_the_result_is_the_nearest_and_keeps_the_integral(to):
     mesh = stretched(200)
     refined = refine(mesh, 25)
     cut = common_subdivision(refined.triangulation, refined.base)
-    given, wanted = cut.from_input, cut.from_intrinsic
+    to_overlay, result_to_overlay = cut.from_input, cut.from_intrinsic
     if to == "input":
-        given, wanted = wanted, given
+        to_overlay, result_to_overlay = result_to_overlay, to_overlay
     rng = np.random.default_rng(0)
-    values = rng.normal(size=given.shape[1])
-    carried = transfer(cut, values, to=to)
+    values = rng.normal(size=to_overlay.shape[1])
+    transferred = transfer(cut, values, to=to)
     mass = galerkin_mass(cut.mesh)
 
     def distance(x):
-        difference = wanted @ x - given @ values
+        difference = result_to_overlay @ x - to_overlay @ values
         return difference @ (mass @ difference)
 
-    least = distance(carried)
+    least = distance(transferred)
     for _ in range(5):
-        assert distance(carried + 1e-3 * rng.normal(size=len(carried))) > least
+        assert distance(transferred + 1e-3 * rng.normal(size=len(transferred))) > least
     ones = np.ones(cut.mesh.n_vertices)
-    assert ones @ (mass @ (wanted @ carried)) == pytest.approx(ones @ (mass @ (given @ values)), abs=1e-10)
+    assert ones @ (mass @ (result_to_overlay @ transferred)) == pytest.approx(
+        ones @ (mass @ (to_overlay @ values)), abs=1e-10
+    )
 
 
 def test_constants_survive_refinement():

@@ -149,11 +149,11 @@ def test_bad_scene_gives_its_one_line(run, tmp_path, old, new, line, words):
     result, prefix = answer(run, tmp_path, GOOD.replace(old, new, 1))
     assert result.exit_code == 2, result.stderr
     assert result.stdout == ""
-    told = result.stderr.strip().split("\n")
-    assert len(told) == 1, told
-    assert told[0].startswith(f"{prefix}line {line}: "), told[0]
+    errors = result.stderr.strip().split("\n")
+    assert len(errors) == 1, errors
+    assert errors[0].startswith(f"{prefix}line {line}: "), errors[0]
     for word in words:
-        assert word in told[0], told[0]
+        assert word in errors[0], errors[0]
 
 
 def test_the_good_scene_runs(run, tmp_path):
@@ -199,9 +199,9 @@ def test_times_and_counts_beyond_numbers(run, tmp_path, words):
 )
 def test_a_mesh_of_the_wrong_kind_is_refused_in_one_clear_line(run, tmp_path, command, words):
     (tmp_path / "line.csv").write_text("0,0\n1,0\n1,1\n")
-    said = run(command, tmp_path / "line.csv", *words).stderr
-    assert said == f"Error: {tmp_path}/line.csv: object 'line': holds a curve; it takes a surface\n"
+    message = run(command, tmp_path / "line.csv", *words).stderr
+    assert message == f"Error: {tmp_path}/line.csv: object 'line': holds a curve; it takes a surface\n"
     (tmp_path / "cloud.obj").write_text("v 0 0 0\nv 1 0 0\n")
-    said = run(command, tmp_path / "cloud.obj", *words).stderr
-    assert said.startswith(f"Error: {tmp_path}/cloud.obj: object 'cloud': no triangles")
-    assert said.count("cloud.obj") == 1
+    message = run(command, tmp_path / "cloud.obj", *words).stderr
+    assert message.startswith(f"Error: {tmp_path}/cloud.obj: object 'cloud': no triangles")
+    assert message.count("cloud.obj") == 1

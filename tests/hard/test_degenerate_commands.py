@@ -37,8 +37,8 @@ def calls(mesh):
 
 def check_summary(summary, case):
     """Strict JSON; residuals above the bound are reported."""
-    told = json.loads(summary, parse_constant=lambda name: pytest.fail(f"{case}: {name} in the summary"))
-    accuracy, warnings = told["accuracy"], " ".join(told["warnings"])
+    document = json.loads(summary, parse_constant=lambda name: pytest.fail(f"{case}: {name} in the summary"))
+    accuracy, warnings = document["accuracy"], " ".join(document["warnings"])
     judged = {"certificate_excess": EXCESS, "poisson_residual": RESIDUAL, "harmonic_residual": RESIDUAL}
     for name, bound in judged.items():
         if (accuracy.get(name) or 0.0) > bound:

@@ -1,4 +1,4 @@
-"""Flips, overlay and refinement of every shared mesh and every hard file: right, or refused with the mend.
+"""Flips, overlay and refinement of every shared mesh and every hard file: right, or refused with a cure.
 
 The large ones are slow tests; what docs/delaunay.md says of them is counted by
 `python -m benchmarks.peers.delaunay --only shared`.
@@ -98,7 +98,7 @@ def test_refinement_of_the_large_ones(shared_meshes, degrees):
 
 def test_hard_files_are_right_or_refused_with_a_cure(shared_meshes, monkeypatch):
     monkeypatch.setattr(logging.getLogger("ddgcli"), "disabled", True)
-    taken, refused = [], []
+    accepted, refused = [], []
     for name, mesh in surfaces(shared_meshes / "hard"):
         try:
             report = intrinsic_delaunay(mesh, subdivide=True)
@@ -107,12 +107,12 @@ def test_hard_files_are_right_or_refused_with_a_cure(shared_meshes, monkeypatch)
             assert any(word in str(error) for word in CURES), (name, error)
             refused.append(name)
             continue
-        taken.append(name)
+        accepted.append(name)
         assert info_accepts(mesh) and report.converged, name
         assert report.results["after"]["non_delaunay_edges"] == 0, name
         assert report.accuracy["overlay_length_residual"] < 1e-7, name
         assert report.accuracy["angle_defect_residual"] < 1e-8, name
-    assert len(taken) >= 35 and len(refused) >= 9
+    assert len(accepted) >= 35 and len(refused) >= 9
 
 
 def test_hard_files_refined(shared_meshes, monkeypatch):

@@ -91,7 +91,7 @@ def two(first: TriangleMesh, second: TriangleMesh) -> TriangleMesh:
     return TriangleMesh.from_arrays(np.concatenate([first.points, second.points]), faces)
 
 
-def made() -> dict[str, TriangleMesh]:
+def generated_meshes() -> dict[str, TriangleMesh]:
     """Hard cases that need no file: also where the shared meshes are missing, every command meets them."""
     ball, sheet = shapes.icosphere(1), shapes.grid(4, 4)
     corner = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [0, -1, 0]]
@@ -120,26 +120,26 @@ def made() -> dict[str, TriangleMesh]:
     }
 
 
-@pytest.mark.parametrize("name", made())
+@pytest.mark.parametrize("name", generated_meshes())
 @pytest.mark.parametrize("command", COMMANDS)
-def test_made_mesh(run, tmp_path, command, name):
+def test_generated_mesh(run, tmp_path, command, name):
     path, output = tmp_path / "mesh.ply", tmp_path / "out.npz"
-    write_mesh(str(path), AnnotatedMesh(made()[name]))
+    write_mesh(str(path), AnnotatedMesh(generated_meshes()[name]))
     result = run(command, path, *words_of(command, path), "-o", output, "--json")
     assert_honest(result, path, output)
 
 
 @pytest.mark.parametrize("name", expectations())
-def test_info_meets_what_is_known(run, name):
+def test_info_equals_the_expected_facts(run, name):
     expected = expectations()[name]
     result = run("info", HARD / name, "--json")
-    wanted = {"ok": (0,), "error": (2,), "either": (0, 2)}[expected["load"]]
-    assert result.exit_code in wanted, result.stderr
+    exit_codes = {"ok": (0,), "error": (2,), "either": (0, 2)}[expected["load"]]
+    assert result.exit_code in exit_codes, result.stderr
     if result.exit_code:
         return
     summary = json.loads(result.stdout)
     facts = {**summary["input"], **summary["results"]}
-    said = {
+    names_in_info = {
         "orientable": "orientable",
         "consistent": "oriented",
         "euler": "euler_characteristic",
@@ -154,7 +154,7 @@ def test_info_meets_what_is_known(run, name):
         "tets": "tetrahedra",
     }
     for key in expected.keys() - {"load", "what"}:
-        assert facts[said[key]] == expected[key], key
+        assert facts[names_in_info[key]] == expected[key], key
 
 
 @pytest.mark.parametrize("path", hard_files(), ids=lambda p: p.name)
@@ -183,6 +183,8 @@ def finite(value) -> bool:
 def test_strict_json_has_no_constants(run):
     if not HARD.is_dir():
         pytest.skip("../shared/meshes/hard is missing")
-    for path in HARD.glob("gen_*scale*"):
+    paths = sorted(HARD.glob("gen_*scale*"))
+    assert paths
+    for path in paths:
         result = run("info", path, "--json")
         assert result.exit_code == 2 or finite(json.loads(result.stdout))

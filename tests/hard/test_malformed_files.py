@@ -136,13 +136,13 @@ def npz(path, **arrays):
 )
 def test_edges_that_are_none_are_left_out_with_a_word(tmp_path, edges):
     npz(tmp_path / "a.npz", edges=edges, w=np.arange(7.0)[: max(edges.shape[:1] or (1,))])
-    found = read_mesh(str(tmp_path / "a.npz"))
-    assert found.edge == {}
-    assert any("'edges' is not" in note for note in found.notes)
+    annotated = read_mesh(str(tmp_path / "a.npz"))
+    assert annotated.edge == {}
+    assert any("'edges' is not" in note for note in annotated.notes)
 
 
 @pytest.mark.parametrize(
-    "value, says",
+    "value, description",
     [
         (np.array([1j, 0, 0]), "complex"),
         (np.array(["a", "b", "c"]), "text"),
@@ -152,7 +152,7 @@ def test_edges_that_are_none_are_left_out_with_a_word(tmp_path, edges):
     ],
 )
 @pytest.mark.parametrize("suffix", [".npz", ".vtkhdf"])
-def test_arrays_that_are_no_real_numbers_are_left_out_with_a_word(tmp_path, value, says, suffix):
+def test_arrays_that_are_no_real_numbers_are_left_out_with_a_word(tmp_path, value, description, suffix):
     path = tmp_path / f"a{suffix}"
     if suffix == ".npz":
         npz(path, f=value)
@@ -163,18 +163,18 @@ def test_arrays_that_are_no_real_numbers_are_left_out_with_a_word(tmp_path, valu
         write_mesh(str(path), AnnotatedMesh(read_mesh(str(tmp_path / "b.npz")).mesh))
         with h5py.File(path, "a") as file:
             file["VTKHDF"].require_group("PointData")["f"] = value
-    found = read_mesh(str(path))
-    assert "f" not in {**found.vertex, **found.whole}
-    assert any(f"'f' holds {says}" in note for note in found.notes)
+    annotated = read_mesh(str(path))
+    assert "f" not in {**annotated.vertex, **annotated.whole}
+    assert any(f"'f' holds {description}" in note for note in annotated.notes)
 
 
 def test_arrays_are_in_the_machine_s_own_types(tmp_path):
     npz(tmp_path / "a.npz", points=np.eye(3).astype(">f2"), faces=np.array([[0, 1, 2]], dtype=">i2"),
         s=np.arange(3, dtype=">f4"), q=np.arange(3, dtype=np.longdouble),
         h=np.arange(3, dtype=np.float16))  # fmt: skip
-    found = read_mesh(str(tmp_path / "a.npz"))
-    assert {n: a.dtype.str[1:] for n, a in found.vertex.items()} == {"s": "f4", "q": "f8", "h": "f4"}
-    assert all(a.dtype.isnative for a in found.vertex.values())
+    annotated = read_mesh(str(tmp_path / "a.npz"))
+    assert {n: a.dtype.str[1:] for n, a in annotated.vertex.items()} == {"s": "f4", "q": "f8", "h": "f4"}
+    assert all(a.dtype.isnative for a in annotated.vertex.values())
 
 
 def test_indices_beyond_int64_are_refused(tmp_path):
@@ -344,7 +344,7 @@ def test_arrays_that_name_one_block_again_and_again_are_bounded(tmp_path, monkey
         .replace(b'Points="3"', b'Points="30000"')
         .replace(b' NumberOfComponents="3" format="appended" offset="0"', b' format="ascii"', 1)
     )
-    assert "it is damaged" in refused(tmp_path / "a.vtu") or "unpacks" in refused(tmp_path / "a.vtu")
+    assert "unpacks" in refused(tmp_path / "a.vtu")
 
 
 @pytest.mark.parametrize("suffix", [".ply", ".off", ".obj", ".vtk", ".vtu", ".csv", ".wkt", ".stl", ".npz"])
@@ -397,13 +397,13 @@ def test_many_rows_of_a_scene_cost_one_pass(monkeypatch):
     """4,000 pins, one a row: the scene's text was parsed again for each row."""
     from ddgcli.io import scene_file
 
-    rows, seen = 4000, []
+    rows, lengths = 4000, []
     loads = scene_file.tomllib.loads
-    monkeypatch.setattr(scene_file.tomllib, "loads", lambda text: (seen.append(len(text)), loads(text))[1])
+    monkeypatch.setattr(scene_file.tomllib, "loads", lambda text: (lengths.append(len(text)), loads(text))[1])
     text = "[effects]\npin = { vertices = [" + "0,\n" * rows + '], a = "]" } # [\nlater = 1\n'
     lines = scene_file.key_lines(text)
     assert lines["effects", "pin"] == 2 and lines["effects", "later"] == rows + 3
-    assert sum(seen) < 2 * len(text)
+    assert sum(lengths) < 2 * len(text)
 
 
 @pytest.mark.parametrize(

@@ -48,8 +48,8 @@ def test_lines_stay_straight_through_needles():
     angle = rng.uniform(0, 2 * np.pi, k)
     direction = np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=1)
     end = trace(mesh, face, b, direction, np.full(k, 0.7))
-    walked = surface_position(mesh, end.face, end.barycentric) - surface_position(mesh, face, b)
-    np.testing.assert_allclose(walked, end.length[:, None] * direction, atol=1e-9)
+    displacement = surface_position(mesh, end.face, end.barycentric) - surface_position(mesh, face, b)
+    np.testing.assert_allclose(displacement, end.length[:, None] * direction, atol=1e-9)
     assert (end.status != GAVE_UP).all()
 
 
@@ -72,8 +72,8 @@ def test_lines_cross_faces_without_area():
     bary, angle = rng.dirichlet([1, 1, 1], 200), rng.uniform(0, 2 * np.pi, 200)
     direction = np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=1)
     end = trace(flat, face, bary, direction, np.full(200, 0.5))
-    walked = surface_position(flat, end.face, end.barycentric) - surface_position(flat, face, bary)
-    np.testing.assert_allclose(walked, end.length[:, None] * direction, atol=1e-12)
+    displacement = surface_position(flat, end.face, end.barycentric) - surface_position(flat, face, bary)
+    np.testing.assert_allclose(displacement, end.length[:, None] * direction, atol=1e-12)
 
 
 def test_lines_cross_a_vertex_of_many_faces():
@@ -273,8 +273,8 @@ def test_log_maps_of_hard_meshes_have_no_nan_and_hit_their_vertices(shared_meshe
             except ParameterError:  # several fans at the vertex
                 continue
             assert not np.isnan(curves.log_map).any() and curves.miss < 1e-9, path
-            marched = fast_marching_distance(mesh, source)
-            size = np.hypot(*fast_marching_log_map(mesh, marched, source).log_map.T)
-            np.testing.assert_allclose(size, marched.distance, rtol=1e-12, err_msg=str(path))
+            approximate = fast_marching_distance(mesh, source)
+            size = np.hypot(*fast_marching_log_map(mesh, approximate, source).log_map.T)
+            np.testing.assert_allclose(size, approximate.distance, rtol=1e-12, err_msg=str(path))
             mapped += 1
     assert mapped > 80

@@ -71,4 +71,4 @@ def test_every_frame_is_whole_after_kills(tmp_path, kills):
         assert not path.exists()
         counts.append(check_whole(f"{path}.part"))
         os.unlink(f"{path}.part")
-    assert max(counts) > 40  # some outgrew their first room and were laid out again
+    assert max(counts) > 40  # some exceeded their first capacity and were laid out again

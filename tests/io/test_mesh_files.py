@@ -64,20 +64,20 @@ def test_surfaces_come_back(tmp_path, suffix):
     annotated = annotated_surface()
     path = str(tmp_path / f"a{suffix}")
     write_mesh(path, annotated)
-    found = read_mesh(path)
+    result = read_mesh(path)
     if suffix == ".stl":
         np.testing.assert_allclose(
-            found.mesh.points[found.mesh.faces], annotated.mesh.points[annotated.mesh.faces], rtol=1e-6
+            result.mesh.points[result.mesh.faces], annotated.mesh.points[annotated.mesh.faces], rtol=1e-6
         )
         return
-    np.testing.assert_array_equal(found.mesh.points, annotated.mesh.points)
-    np.testing.assert_array_equal(found.mesh.faces, annotated.mesh.faces)
+    np.testing.assert_array_equal(result.mesh.points, annotated.mesh.points)
+    np.testing.assert_array_equal(result.mesh.faces, annotated.mesh.faces)
     if suffix not in WITHOUT_ARRAYS:
-        same(found.vertex, annotated.vertex)
-        same(found.face, annotated.face)
+        same(result.vertex, annotated.vertex)
+        same(result.face, annotated.face)
     if suffix in WITH_EDGES:
-        same(found.edge, annotated.edge)
-        same(found.whole, annotated.whole)
+        same(result.edge, annotated.edge)
+        same(result.whole, annotated.whole)
 
 
 @pytest.mark.parametrize("suffix", WRITERS)
@@ -92,11 +92,11 @@ def test_tetrahedra_come_back(tmp_path, suffix):
     annotated = annotated_tetrahedra()
     path = str(tmp_path / f"a{suffix}")
     write_mesh(path, annotated)
-    found = read_mesh(path)
-    np.testing.assert_array_equal(found.mesh.points, annotated.mesh.points)
-    np.testing.assert_array_equal(found.mesh.tetrahedra, annotated.mesh.tetrahedra)
-    same(found.vertex, annotated.vertex)
-    same(found.face, annotated.face)
+    result = read_mesh(path)
+    np.testing.assert_array_equal(result.mesh.points, annotated.mesh.points)
+    np.testing.assert_array_equal(result.mesh.tetrahedra, annotated.mesh.tetrahedra)
+    same(result.vertex, annotated.vertex)
+    same(result.face, annotated.face)
 
 
 @pytest.mark.parametrize("suffix", [".ply", ".vtp", ".obj", ".off", ".stl"])
@@ -111,10 +111,10 @@ def test_curves_come_back(tmp_path, suffix):
     annotated = annotated_curves()
     path = str(tmp_path / f"a{suffix}")
     write_mesh(path, annotated)
-    found = read_mesh(path).mesh
-    np.testing.assert_array_equal(found.points, annotated.mesh.points)
-    np.testing.assert_array_equal(found.lines, annotated.mesh.lines)
-    assert [len(path) for path, _ in found.paths()] == [4, 3]
+    curves = read_mesh(path).mesh
+    np.testing.assert_array_equal(curves.points, annotated.mesh.points)
+    np.testing.assert_array_equal(curves.lines, annotated.mesh.lines)
+    assert [len(path) for path, _ in curves.paths()] == [4, 3]
 
 
 @pytest.mark.parametrize("suffix", [".off", ".stl"])
@@ -131,11 +131,11 @@ def test_meshio_reads_what_we_write(tmp_path, suffix):
     annotated = annotated_surface()
     path = str(tmp_path / f"a{suffix}")
     write_mesh(path, annotated)
-    found = meshio.read(path)
-    np.testing.assert_array_equal(found.points, annotated.mesh.points)
-    np.testing.assert_array_equal(found.cells[0].data, annotated.mesh.faces)
-    same(found.point_data, annotated.vertex)
-    same({name: value[0] for name, value in found.cell_data.items()}, annotated.face)
+    peer = meshio.read(path)
+    np.testing.assert_array_equal(peer.points, annotated.mesh.points)
+    np.testing.assert_array_equal(peer.cells[0].data, annotated.mesh.faces)
+    same(peer.point_data, annotated.vertex)
+    same({name: value[0] for name, value in peer.cell_data.items()}, annotated.face)
 
 
 @pytest.mark.parametrize("suffix", [".ply", ".obj", ".off"])
@@ -145,9 +145,9 @@ def test_trimesh_reads_what_we_write(tmp_path, suffix):
     annotated = annotated_surface()
     path = str(tmp_path / f"a{suffix}")
     write_mesh(path, annotated)
-    found = trimesh.load(path, process=False, maintain_order=True)
-    np.testing.assert_array_equal(found.vertices, annotated.mesh.points)
-    np.testing.assert_array_equal(found.faces, annotated.mesh.faces)
+    peer = trimesh.load(path, process=False, maintain_order=True)
+    np.testing.assert_array_equal(peer.vertices, annotated.mesh.points)
+    np.testing.assert_array_equal(peer.faces, annotated.mesh.faces)
 
 
 @pytest.mark.parametrize("suffix", [".vtu", ".vtp", ".vtk", ".vtkhdf"])

@@ -39,7 +39,7 @@ POLYGONS = {
 @pytest.mark.parametrize("name", POLYGONS)
 @pytest.mark.parametrize("turned", [False, True])
 @pytest.mark.parametrize("shift", [0.0, 1e3])
-def test_area_is_kept_and_no_triangle_is_turned(name, turned, shift):
+def test_triangulation_preserves_area_and_orientation(name, turned, shift):
     polygon = POLYGONS[name]
     n = len(polygon)
     loop = np.arange(n)[::-1] if turned else np.arange(n)
@@ -89,10 +89,10 @@ def test_order_and_arrays_of_polygons(tmp_path):
         "element face 3\nproperty list uchar int vertex_indices\nproperty int number\nend_header\n"
         "0 0 0\n1 0 0\n1 1 0\n0 1 0\n2 0 0\n3 0 1 2 7\n4 0 1 2 3 8\n3 1 4 2 9\n"
     )
-    found = read_mesh(str(path))
-    np.testing.assert_array_equal(found.face["number"], [7, 8, 8, 9])
-    np.testing.assert_array_equal(found.input_face, [0, 1, 1, 2])
-    assert "1 polygons" in found.notes[0] and "face 1" in found.notes[0]
+    annotated = read_mesh(str(path))
+    np.testing.assert_array_equal(annotated.face["number"], [7, 8, 8, 9])
+    np.testing.assert_array_equal(annotated.input_face, [0, 1, 1, 2])
+    assert "1 polygons" in annotated.notes[0] and "face 1" in annotated.notes[0]
 
 
 HEADS = {
@@ -106,10 +106,10 @@ HEADS = {
 def test_lists_of_different_lengths(tmp_path, suffix):
     path, points = tmp_path / f"a.{suffix}", "0 0 0\n1 0 0\n2 0 0\n2 1 0\n1 1 0\n0 1 0\n"
     path.write_text(HEADS[suffix] + points + "3 0 1 5\n4 1 2 3 4\n3 5 1 4\n")
-    found = read_mesh(str(path))
-    np.testing.assert_array_equal(found.input_face, [0, 1, 1, 2])
-    np.testing.assert_array_equal(found.mesh.faces[[0, 3]], [[0, 1, 5], [5, 1, 4]])
-    assert set(found.mesh.faces[1:3].ravel()) == {1, 2, 3, 4}
+    annotated = read_mesh(str(path))
+    np.testing.assert_array_equal(annotated.input_face, [0, 1, 1, 2])
+    np.testing.assert_array_equal(annotated.mesh.faces[[0, 3]], [[0, 1, 5], [5, 1, 4]])
+    assert set(annotated.mesh.faces[1:3].ravel()) == {1, 2, 3, 4}
     for wrong in ("3 0 1 0.5\n", "3 0 1 -1\n", "3 0 1 6\n", "3 0 1 1e300\n", "-3 0 1 5\n", "9 0 1 5\n"):
         path.write_text(HEADS[suffix] + points + wrong + "4 1 2 3 4\n3 5 1 4\n")
         with pytest.raises(InputError):
@@ -122,12 +122,12 @@ def test_gmsh_quads_and_second_order_cells(tmp_path):
     points = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0.5, 0, 0], [1, 0.5, 0], [0.5, 0.5, 0.0]])
     path = tmp_path / "a.vtu"
     meshio.Mesh(points, [("quad", [[0, 1, 2, 3]]), ("triangle6", [[0, 1, 2, 4, 5, 6]])]).write(path)
-    found = read_mesh(str(path))
-    assert face_area_vector(found.mesh)[:, 2].sum() == pytest.approx(1.5)
-    assert any("corners" in note for note in found.notes)
+    annotated = read_mesh(str(path))
+    assert face_area_vector(annotated.mesh)[:, 2].sum() == pytest.approx(1.5)
+    assert any("corners" in note for note in annotated.notes)
 
 
-def test_bricks_are_refused_with_the_mend(tmp_path):
+def test_bricks_are_refused_with_a_cure(tmp_path):
     import meshio
 
     points = np.array([[x, y, z] for z in (0, 1) for x, y in ((0, 0), (1, 0), (1, 1), (0, 1))], dtype=float)
@@ -145,12 +145,12 @@ def test_bricks_are_refused_with_the_mend(tmp_path):
 def test_csv_curves(tmp_path, text, closed, n):
     path = tmp_path / "a.csv"
     path.write_text(text)
-    ((found, is_closed),) = read_mesh(str(path)).mesh.paths()
-    assert (len(found), is_closed) == (n, closed)
+    ((curve, is_closed),) = read_mesh(str(path)).mesh.paths()
+    assert (len(curve), is_closed) == (n, closed)
 
 
 @pytest.mark.parametrize(
-    "text, says",
+    "text, message",
     [
         ("", "the file is empty"),
         ("\n \n", "no rows"),
@@ -159,10 +159,10 @@ def test_csv_curves(tmp_path, text, closed, n):
         ("1,2,3,4\n", "4 columns"),
     ],
 )
-def test_bad_csv_names_the_line(tmp_path, text, says):
+def test_bad_csv_names_the_line(tmp_path, text, message):
     path = tmp_path / "a.csv"
     path.write_text(text)
-    with pytest.raises(InputError, match=says):
+    with pytest.raises(InputError, match=message):
         read_mesh(str(path))
 
 
@@ -176,12 +176,12 @@ def test_obj_polylines(tmp_path):
     ]
 
 
-@pytest.mark.parametrize("line, says", [
+@pytest.mark.parametrize("line, message", [
     ("f 1 2 9", "line 4: vertex 9 of a face is outside 1..3"), ("f 1 2 0", "line 4: vertex 0"),
     ("f 1 2 -4", "line 4"), ("f 1 2 x", "line 4: 'x'"), ("v 1 2", "line 4: a vertex needs three"),
 ])  # fmt: skip
-def test_obj_errors_name_the_line(tmp_path, line, says):
+def test_obj_errors_name_the_line(tmp_path, line, message):
     path = tmp_path / "a.obj"
     path.write_text(f"v 0 0 0\nv 1 0 0\nv 0 1 0\n{line}\n")
-    with pytest.raises(InputError, match=says):
+    with pytest.raises(InputError, match=message):
         read_mesh(str(path))

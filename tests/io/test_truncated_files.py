@@ -44,13 +44,13 @@ def annotated() -> AnnotatedMesh:
 
 def assert_refused_or_less(path, whole, counted: bool, size: int, at: int) -> None:
     try:
-        found = read_mesh(str(path))
+        annotated = read_mesh(str(path))
     except InputError as error:
         assert str(error).startswith(str(path)) and "\n" not in str(error).strip()
         return
     assert not counted or at >= size - 2, f"cut at {at} of {size} was not seen"
-    assert found.mesh.n_vertices <= whole.n_vertices
-    assert np.isfinite(found.mesh.points).all()
+    assert annotated.mesh.n_vertices <= whole.n_vertices
+    assert np.isfinite(annotated.mesh.points).all()
 
 
 @pytest.mark.parametrize("suffix", WRITERS)
@@ -81,10 +81,10 @@ def test_cut_text(tmp_path, text):
     for at in cuts(len(data), 60):
         path.write_bytes(data[:at])
         try:
-            found = read_mesh(str(path)).mesh
+            partial = read_mesh(str(path)).mesh
         except InputError:
             continue
-        assert found.n_faces == whole.n_faces or at >= len(data) - 10, at
+        assert partial.n_faces == whole.n_faces or at >= len(data) - 10, at
 
 
 @pytest.mark.parametrize("name, suffix", [*MESHIO_SURFACES.items(), *MESHIO_SOLIDS.items()])
@@ -99,16 +99,16 @@ def test_formats_of_meshio(tmp_path, name, suffix):
     path = tmp_path / f"a{suffix}"
     cells = [("tetra" if solid else "triangle", corners)]
     meshio.Mesh(points, cells).write(str(path), file_format=name)
-    found = read_mesh(str(path)).mesh
-    assert isinstance(found, TetMesh) == solid
-    indices = found.tetrahedra if solid else found.faces
-    np.testing.assert_allclose(found.points[indices], points[corners], atol=1e-6)
+    result = read_mesh(str(path)).mesh
+    assert isinstance(result, TetMesh) == solid
+    indices = result.tetrahedra if solid else result.faces
+    np.testing.assert_allclose(result.points[indices], points[corners], atol=1e-6)
     if name != "wkt":  # which has no vertex numbers
         np.testing.assert_array_equal(indices, corners)
     data = path.read_bytes()
     for at in cuts(len(data), 25):
         path.write_bytes(data[:at])
-        assert_refused_or_less(path, found, False, len(data), at)
+        assert_refused_or_less(path, result, False, len(data), at)
 
 
 @pytest.mark.parametrize("empty", [".node", ".ele"])
@@ -140,11 +140,11 @@ def test_formats_of_trimesh(tmp_path, suffix):
     mesh = shapes.icosphere(1)
     path = tmp_path / f"a{suffix}"
     trimesh.Trimesh(mesh.points, mesh.faces, process=False).export(str(path))
-    found = read_mesh(str(path))
-    corners = found.mesh.points[found.mesh.faces]
+    annotated = read_mesh(str(path))
+    corners = annotated.mesh.points[annotated.mesh.faces]
     np.testing.assert_allclose(corners, mesh.points[mesh.faces], atol=1e-6)
-    renumbered = any("order" in note for note in found.notes)
-    assert renumbered or (found.mesh.faces == mesh.faces).all()
+    renumbered = any("order" in note for note in annotated.notes)
+    assert renumbered or (annotated.mesh.faces == mesh.faces).all()
 
 
 def test_a_reader_that_is_not_installed_is_named(tmp_path, monkeypatch):
@@ -157,7 +157,7 @@ def test_a_reader_that_is_not_installed_is_named(tmp_path, monkeypatch):
         read_mesh(str(tmp_path / "a.dae"))
 
 
-def test_readers_that_print_and_exit_are_kept_quiet(tmp_path, capfd):
+def test_output_of_readers_that_print_and_exit_is_suppressed(tmp_path, capfd):
     path = tmp_path / "a.vtk"
     path.write_bytes(b"# vtk DataFile Version 3.0\nx\nASCII\nDATASET NONSENSE\n")
     with pytest.raises(InputError):
@@ -218,7 +218,7 @@ def test_a_compressed_file_is_called_so(tmp_path):
         read_mesh(str(path))
 
 
-def test_what_meshio_says_before_it_ends_the_program_is_told(tmp_path):
+def test_the_message_of_meshio_before_it_exits_is_reported(tmp_path):
     path = tmp_path / "a.vtk"
     path.write_text("# vtk DataFile Version 7.9\na\nASCII\nDATASET FIELD\n")
     with pytest.raises(InputError) as caught:

@@ -65,16 +65,16 @@ def test_surfaces_of_vtk(tmp_path, version, binary):
     data.GetPointData().SetNormals(normals)
     data.GetPointData().SetActiveScalars("at_height")
     data.GetPointData().SetActiveVectors("at vector field")
-    found = written(tmp_path / "a.vtk", data, version, binary)
-    np.testing.assert_allclose(found.mesh.points, mesh.points, rtol=0, atol=0 if binary else 1e-9)
-    np.testing.assert_array_equal(found.mesh.faces, mesh.faces)
-    assert set(found.vertex) == {"at_height", "at vector field", "at_count", "Normals"}
-    np.testing.assert_allclose(found.vertex["at vector field"], mesh.points, atol=1e-9)
-    np.testing.assert_allclose(found.vertex["at_height"], mesh.points[:, 2], atol=1e-9)
-    np.testing.assert_array_equal(found.vertex["at_count"], np.arange(n))
+    annotated = written(tmp_path / "a.vtk", data, version, binary)
+    np.testing.assert_allclose(annotated.mesh.points, mesh.points, rtol=0, atol=0 if binary else 1e-9)
+    np.testing.assert_array_equal(annotated.mesh.faces, mesh.faces)
+    assert set(annotated.vertex) == {"at_height", "at vector field", "at_count", "Normals"}
+    np.testing.assert_allclose(annotated.vertex["at vector field"], mesh.points, atol=1e-9)
+    np.testing.assert_allclose(annotated.vertex["at_height"], mesh.points[:, 2], atol=1e-9)
+    np.testing.assert_array_equal(annotated.vertex["at_count"], np.arange(n))
     for name in ("number", "f4"):
-        np.testing.assert_array_equal(found.face[name], np.arange(m))
-    assert not found.notes
+        np.testing.assert_array_equal(annotated.face[name], np.arange(m))
+    assert not annotated.notes
 
 
 @pytest.mark.parametrize("suffix, version", [(".vtp", 0), (".vtk", 42), (".vtk", 51)])
@@ -87,11 +87,11 @@ def test_arrays_on_mixed_cells_stay_with_their_cells(tmp_path, suffix, version):
     data = attach(
         data, first=np.array([data.GetCell(k).GetPointId(0) for k in range(data.GetNumberOfCells())])
     )
-    found = written(tmp_path / f"a{suffix}", data, version, True)
-    faces = found.mesh.faces.tolist()
-    assert found.mesh.n_faces == 5
+    annotated = written(tmp_path / f"a{suffix}", data, version, True)
+    faces = annotated.mesh.faces.tolist()
+    assert annotated.mesh.n_faces == 5
     corners = {0: set(), 2: set(), 5: set()}
-    for face, first in zip(faces, found.face["first"]):
+    for face, first in zip(faces, annotated.face["first"]):
         assert len(set(face)) == 3
         corners[int(first)] |= set(face)
     assert corners == {0: {0, 1, 2}, 2: {2, 3, 4, 5}, 5: {5, 6, 7, 8}}
@@ -121,10 +121,10 @@ def test_a_file_by_hand_with_all_that_old_files_hold(tmp_path):
         "TEXTURE_COORDINATES uv 2 float\n0 0 1 0 1 1 0 1\nCOLOR_SCALARS rgb 3\n1 0 0 0 1 0 0 0 1 1 1 1\n"
         "CELL_DATA 1\nSCALARS q int\nLOOKUP_TABLE default\n7\n"
     )
-    found = read_mesh(str(path))
-    assert found.mesh.n_faces == 2 and found.vertex["t"].tolist() == [1, 2, 3, 4]
-    assert found.vertex["uv"].shape == (4, 2) and found.vertex["rgb"].shape == (4, 3)
-    assert found.face["q"].tolist() == [7, 7]
+    annotated = read_mesh(str(path))
+    assert annotated.mesh.n_faces == 2 and annotated.vertex["t"].tolist() == [1, 2, 3, 4]
+    assert annotated.vertex["uv"].shape == (4, 2) and annotated.vertex["rgb"].shape == (4, 3)
+    assert annotated.face["q"].tolist() == [7, 7]
 
 
 @pytest.mark.parametrize("version", VERSIONS)
@@ -137,8 +137,8 @@ def test_cut_anywhere_a_polydata_file_is_refused_or_read_as_less(tmp_path, versi
     for length in range(0, len(whole), 7):
         (tmp_path / "b.vtk").write_bytes(whole[:length])
         try:
-            found = read_mesh(str(tmp_path / "b.vtk"))
+            annotated = read_mesh(str(tmp_path / "b.vtk"))
         except InputError as error:
             assert str(error).startswith(str(tmp_path)) and "\n" not in str(error)
         else:
-            assert set(found.mesh.faces.ravel().tolist()) <= set(range(12))
+            assert set(annotated.mesh.faces.ravel().tolist()) <= set(range(12))

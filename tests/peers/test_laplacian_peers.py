@@ -40,10 +40,10 @@ def test_libigl_matrices(name):
 def test_scipy_eigenvalues(mass):
     mesh = MESHES["irregular sphere"]
     L, M = lap.stiffness(mesh), mass(mesh)
-    found = smallest_eigenpairs(L, M, 30)
+    eigenpairs = smallest_eigenpairs(L, M, 30)
     expected = eigsh(L.tocsc(), 30, M.tocsc(), sigma=-1e-3, return_eigenvectors=False)
-    assert np.abs(found.values - np.sort(expected)).max() < 1e-9 * found.values[-1]
-    assert found.complete
+    assert np.abs(eigenpairs.values - np.sort(expected)).max() < 1e-9 * eigenpairs.values[-1]
+    assert eigenpairs.complete
 
 
 @pytest.mark.parametrize("name", ["irregular sphere", "torus", "stretched"])

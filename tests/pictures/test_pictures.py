@@ -21,29 +21,29 @@ def camera_on(mesh, view="iso", size=(160, 120)):
 def test_a_square_fills_its_pixels_and_no_others():
     mesh = shapes.grid(3, 3)
     camera = camera_on(mesh, "z", (100, 100))
-    seen = rasterise(camera, mesh.points, mesh.faces)
+    pixels = rasterise(camera, mesh.points, mesh.faces)
     inside = 0.94 * 100
-    assert len(seen.pixel) == pytest.approx(inside**2, rel=0.03)
-    place = np.einsum("ij,ijk->ik", seen.barycentric, mesh.points[mesh.faces[seen.face]])
-    assert np.allclose(camera.project(place)[:, 0], seen.pixel % 100 + 0.5, atol=1e-6)
-    assert np.allclose(camera.project(place)[:, 1], seen.pixel // 100 + 0.5, atol=1e-6)
+    assert len(pixels.pixel) == pytest.approx(inside**2, rel=0.03)
+    place = np.einsum("ij,ijk->ik", pixels.barycentric, mesh.points[mesh.faces[pixels.face]])
+    assert np.allclose(camera.project(place)[:, 0], pixels.pixel % 100 + 0.5, atol=1e-6)
+    assert np.allclose(camera.project(place)[:, 1], pixels.pixel // 100 + 0.5, atol=1e-6)
 
 
-def test_the_nearest_of_two_parallel_squares_is_seen():
+def test_the_nearer_of_two_parallel_squares_is_drawn():
     below, above = shapes.grid(2, 2), shapes.grid(2, 2)
     points = np.concatenate([below.points, above.points + [0, 0, 1.0]])
     mesh = TriangleMesh.from_arrays(points, np.concatenate([below.faces, above.faces + 9]))
-    seen = rasterise(camera_on(mesh, "z"), mesh.points, mesh.faces)
-    assert (seen.face >= below.n_faces).all()
+    pixels = rasterise(camera_on(mesh, "z"), mesh.points, mesh.faces)
+    assert (pixels.face >= below.n_faces).all()
 
 
 def test_a_ray_cast_of_a_torus_agrees_with_the_z_buffer():
     mesh = shapes.torus(24, 12)
     camera = camera_on(mesh)
-    seen = rasterise(camera, mesh.points, mesh.faces)
+    pixels = rasterise(camera, mesh.points, mesh.faces)
     corners = camera.project(mesh.points)[mesh.faces]
-    for k in range(0, len(seen.pixel), 97):
-        x, y = seen.pixel[k] % 160 + 0.5, seen.pixel[k] // 160 + 0.5
+    for k in range(0, len(pixels.pixel), 97):
+        x, y = pixels.pixel[k] % 160 + 0.5, pixels.pixel[k] // 160 + 0.5
         a, b = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
         det = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
         px, py = x - corners[:, 0, 0], y - corners[:, 0, 1]
@@ -51,29 +51,29 @@ def test_a_ray_cast_of_a_torus_agrees_with_the_z_buffer():
             u, v = (px * b[:, 1] - py * b[:, 0]) / det, (py * a[:, 0] - px * a[:, 1]) / det
             hit = (u >= 0) & (v >= 0) & (u + v <= 1)
             depth = np.where(hit, corners[:, 0, 2] + u * a[:, 2] + v * b[:, 2], np.inf)
-        assert seen.depth.ravel()[seen.pixel[k]] == pytest.approx(depth.min(), abs=1e-3)
+        assert pixels.depth.ravel()[pixels.pixel[k]] == pytest.approx(depth.min(), abs=1e-3)
 
 
 def test_a_curve_behind_the_surface_is_not_drawn():
     mesh = shapes.icosphere(3)
     camera = camera_on(mesh, "z", (200, 200))
-    seen = rasterise(camera, mesh.points, mesh.faces)
+    pixels = rasterise(camera, mesh.points, mesh.faces)
     x = np.linspace(-0.8, 0.8, 50)
     for side in (1, -1):
         curve = np.stack([x, 0 * x, side * np.sqrt(1 - x**2)], axis=1)
-        drawn = sum(np.ptp(run[:, 0]) for run in visible_runs(camera, seen, [curve]))
+        drawn = sum(np.ptp(run[:, 0]) for run in visible_runs(camera, pixels, [curve]))
         assert drawn == pytest.approx(1.6 * camera.scale if side > 0 else 0.0, abs=2)
 
 
 def test_a_curve_of_the_far_side_does_not_show_along_the_outline():
     mesh = shapes.icosphere(5)
     camera = camera_on(mesh, "z", (1400, 1400))
-    seen = rasterise(camera, mesh.points, mesh.faces)
+    pixels = rasterise(camera, mesh.points, mesh.faces)
     angle = np.linspace(0, 2 * np.pi, 500)
     for side, least, most in ((1, 0.9, 1.01), (-1, 0.0, 0.02)):
         z = 0.05 * side  # within a pixel of the outline
         circle = np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=1) * np.sqrt(1 - z**2) + [0, 0, z]
-        runs = visible_runs(camera, seen, [circle])
+        runs = visible_runs(camera, pixels, [circle])
         drawn = sum(np.linalg.norm(np.diff(run, axis=0), axis=1).sum() for run in runs)
         assert least <= drawn / (2 * np.pi * np.sqrt(1 - z**2) * camera.scale) <= most
 

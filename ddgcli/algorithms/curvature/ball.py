@@ -1,7 +1,7 @@
 """Normal cycles and corrected measures in balls around every vertex; the sphere clips edges and faces.
 
 The ball around a vertex holds the part of the surface within a distance in space that is connected to the
-vertex inside the ball; other sheets nearby do not count.
+vertex inside the ball; other parts nearby do not count.
 """
 
 from __future__ import annotations

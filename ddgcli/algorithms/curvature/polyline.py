@@ -82,9 +82,9 @@ def _together(each: list[dict[str, Any]]) -> dict[str, Any]:
         if name in total or name == "unknotted_by_fary_milnor":
             continue
         values = [r.get(name, 0.0) for r in each]  # a plane curve has no torsion
-        known = all(v is not None for v in values)
+        all_defined = all(v is not None for v in values)
         combine = max if name in ("longest_segment", "turning_number_residual") else sum
-        total[name] = combine(values) if known else None
+        total[name] = combine(values) if all_defined else None
     return total
 
 

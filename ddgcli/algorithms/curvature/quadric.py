@@ -131,11 +131,11 @@ def _same_side(normal: NDArray, begin: int, end: int, regions: Regions) -> tuple
     keep = cosine > 0
     if keep.all():
         return start, member
-    kept = np.add.reduceat(keep, start[:-1], dtype=np.int64)
-    if kept.min() < 4:
-        keep |= np.repeat(kept < 4, count) & (cosine > -0.5)
-        kept = np.add.reduceat(keep, start[:-1], dtype=np.int64)
-    return list_starts(kept), member[keep]
+    n_members = np.add.reduceat(keep, start[:-1], dtype=np.int64)
+    if n_members.min() < 4:
+        keep |= np.repeat(n_members < 4, count) & (cosine > -0.5)
+        n_members = np.add.reduceat(keep, start[:-1], dtype=np.int64)
+    return list_starts(n_members), member[keep]
 
 
 def _sum(values: NDArray, start: NDArray) -> NDArray[np.float64]:

@@ -150,11 +150,11 @@ def vertex_balls(mesh: TriangleMesh, radius: float) -> Regions:
     return Regions(list_starts(np.concatenate(counts)), np.concatenate(members))
 
 
-def _new(keys: NDArray, known: NDArray) -> tuple[NDArray, NDArray]:
-    """The keys that are not known yet, each once, and their union with the known keys; sorted."""
+def _new(keys: NDArray, existing: NDArray) -> tuple[NDArray, NDArray]:
+    """Unique keys that are not in `existing`, and the union of both; sorted."""
     keys = np.unique(keys)
-    new = keys[~_member(keys, known)]
-    return new, np.sort(np.concatenate([known, new]), kind="stable")
+    new = keys[~_member(keys, existing)]
+    return new, np.sort(np.concatenate([existing, new]), kind="stable")
 
 
 def _member(keys: NDArray, sorted_keys: NDArray) -> NDArray[np.bool_]:

@@ -291,7 +291,9 @@ def _integrals(surface: _Surface, principal: PrincipalCurvatures) -> dict[str, A
         _log.info("%d edges are not Delaunay: circle-angle counts each as bending, flat ones too", skewed)
     unknown = [name for name, energy in energies.items() if energy is None]
     if unknown:
-        _log.warning("no Willmore energy %s: points coincide or sheets fold back", " and ".join(unknown))
+        _log.warning(
+            "no Willmore energy %s: points coincide or the surface folds back", " and ".join(unknown)
+        )
     volumes = totals.intrinsic_volumes(topology.euler_characteristic, mean, area * s * s, volume)
     return {
         "area": area * s * s,

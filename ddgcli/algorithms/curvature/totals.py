@@ -33,9 +33,9 @@ def filled_normals(faces: Faces, topology: Topology) -> NDArray[np.float64]:
     for _ in range(8):
         if len(open_faces) == 0:
             return normal
-        known = (neighbour >= 0) & (dot(normal[:, neighbour], normal[:, neighbour]) > 0)
-        normal[:, open_faces[known]] = normal[:, neighbour[known]]
-        open_faces, neighbour = open_faces[~known], neighbour[~known]
+        has_normal = (neighbour >= 0) & (dot(normal[:, neighbour], normal[:, neighbour]) > 0)
+        normal[:, open_faces[has_normal]] = normal[:, neighbour[has_normal]]
+        open_faces, neighbour = open_faces[~has_normal], neighbour[~has_normal]
     side = faces.side[np.argmax(faces.squared_length[:, open_faces], axis=0), :, open_faces].T
     axis = np.eye(3)[:, np.argmin(np.abs(side), axis=0)]
     square = cross(side, axis)

@@ -291,19 +291,19 @@ def _crossing_positions(
         real = np.flatnonzero(base.real_side.take(crossed))
         crossed, label, along, share = (_moved_up(a, real) for a in (crossed, label, along, share))
         bounds = np.searchsorted(real, list_starts(count))
-        kept = np.zeros(len(twin), dtype=np.int64)
-        kept[side] = kept[twin[side]] = np.diff(bounds)
-        halves = crossings_of(kept.reshape(-1, 3), twin)
+        n_crossings = np.zeros(len(twin), dtype=np.int64)
+        n_crossings[side] = n_crossings[twin[side]] = np.diff(bounds)
+        halves = crossings_of(n_crossings.reshape(-1, 3), twin)
     share = in_order(share, label, edges)
     return CrossingPositions(mesh, base, halves, Labels(crossed, base.beside, holder), share, along), residual
 
 
-def _moved_up(array: NDArray, kept: NDArray) -> NDArray:
+def _moved_up(array: NDArray, rows: NDArray) -> NDArray:
     """Elements of ascending numbers, in place."""
-    for begin in range(0, len(kept), BLOCK_SIZE):
+    for begin in range(0, len(rows), BLOCK_SIZE):
         part = slice(begin, begin + BLOCK_SIZE)
-        array[part][: len(kept[part])] = array.take(kept[part])
-    return array[: len(kept)]
+        array[part][: len(rows[part])] = array.take(rows[part])
+    return array[: len(rows)]
 
 
 def _base_sides(

@@ -65,7 +65,7 @@ class SideArrays(Gluing):
         )
 
     def grow(self, n_new: int) -> None:
-        """Room for n_new further faces, unglued and without lengths."""
+        """Append n_new faces, unglued and without lengths."""
         super().grow(n_new)
         self._lengthen("length", 3 * n_new, np.nan)
         self._lengthen("tangent", 3 * n_new, np.nan)

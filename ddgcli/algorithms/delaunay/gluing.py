@@ -35,14 +35,14 @@ class Gluing:
 
     def __post_init__(self) -> None:
         self.place = np.append(np.arange(len(self.tail)), -1)  # scratch: identity between batches
-        self._room: dict[str, NDArray] = {}  # buffers with spare capacity behind the grown arrays
+        self._buffers: dict[str, NDArray] = {}  # buffers with spare capacity behind the grown arrays
 
     @property
     def n_faces(self) -> int:
         return len(self.tail) // 3
 
     def grow(self, n_new: int) -> None:
-        """Room for n_new further faces, unglued."""
+        """Append n_new unglued faces."""
         old = len(self.tail)
         self._lengthen("tail", 3 * n_new, -1)
         self._lengthen("twin", 3 * n_new, -1)
@@ -52,11 +52,11 @@ class Gluing:
     def _lengthen(self, name: str, more: int, fill: float) -> None:
         """Append to an array; a reallocation adds half of the length as spare capacity."""
         array = getattr(self, name)
-        room = self._room.get(name, array)
-        if len(room) < len(array) + more:
-            room = self._room[name] = np.empty(3 * (len(array) + more) // 2, dtype=array.dtype)
-            room[: len(array)] = array
-        longer = room[: len(array) + more]
+        buffer = self._buffers.get(name, array)
+        if len(buffer) < len(array) + more:
+            buffer = self._buffers[name] = np.empty(3 * (len(array) + more) // 2, dtype=array.dtype)
+            buffer[: len(array)] = array
+        longer = buffer[: len(array) + more]
         longer[len(array) :] = fill
         setattr(self, name, longer)
 

@@ -197,10 +197,10 @@ def base_edges_of(c: Crossings, tail: NDArray) -> BaseEdges:
     while len(here):
         x = here >> 1
         other = label.take(x)
-        met = np.flatnonzero(other >= 0)
-        if len(met):
+        complete = np.flatnonzero(other >= 0)
+        if len(complete):
             going = np.flatnonzero(other < 0)
-            chain, other = name.take(met) >> STEP_BITS + 1, other.take(met)
+            chain, other = name.take(complete) >> STEP_BITS + 1, other.take(complete)
             reverse[chain] = other >> STEP_BITS + 1
             length[chain] = passed + 1 + (other & STEP_MASK)
             here, x, name = here.take(going), x.take(going), name.take(going)

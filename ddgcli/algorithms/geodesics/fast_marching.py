@@ -234,7 +234,7 @@ def fast_marching_distance(
     """
     sources = check_sources(mesh, sources)
     stencils = stencils or fast_marching_stencils(mesh)
-    solver = _FastMarching(stencils, mesh.n_vertices, several=len(sources) > 1, planar=planar)
+    solver = _FastMarching(stencils, mesh.n_vertices, store_sources=len(sources) > 1, planar=planar)
     with np.errstate(divide="ignore", invalid="ignore"):
         vertex, value, number = _first_values(mesh, sources, stencils.scale)
         solver.lower(vertex, value, number if len(sources) > 1 else None)
@@ -259,10 +259,10 @@ def _first_values(mesh: SurfaceMesh, sources: Sources, scale: float) -> tuple[ND
 class _FastMarching:
     """Upper bounds of the distances, and the vertices whose change has not been propagated."""
 
-    def __init__(self, stencils: Stencils, n: int, *, several: bool, planar: bool) -> None:
+    def __init__(self, stencils: Stencils, n: int, *, store_sources: bool, planar: bool) -> None:
         self.stencils, self.local_update = stencils, _planar_update if planar else circular_update
         self.distance = np.full(n, np.inf)
-        self.several, self.source = several, np.zeros(n, dtype=np.int64)
+        self.store_sources, self.source = store_sources, np.zeros(n, dtype=np.int64)
         self.queued = np.zeros(n, dtype=bool)
         self.bucket = BUCKET_WIDTH * stencils.mean_side
         self.stop, self.count = stencils.start[1:], np.diff(stencils.start)
@@ -270,7 +270,7 @@ class _FastMarching:
         self.rounds = self.updates = 0
 
     def lower(self, vertex: NDArray, value: NDArray, source: NDArray | None) -> None:
-        """Lower distances (and store the sources if there are several); queue the vertices."""
+        """Lower distances (and store their sources if `store_sources`); queue the vertices."""
         np.minimum.at(self.distance, vertex, value)
         self.queued[vertex] = True
         if source is not None:
@@ -311,7 +311,7 @@ class _FastMarching:
         valid = cross >= 0  # the ray must cross between a and b
         valid &= cross <= length
         source = None
-        if self.several:
+        if self.store_sources:
             source, source_b = self.source.take(corner[:, :2]).T
             valid &= source == source_b  # wavefronts of two sources form no common circle
         value_c = np.where(valid, value_c, by_a + da)

@@ -164,12 +164,12 @@ class HeatSolver:
         residual = partial(self._heat.residual, solved, start)
         level = np.zeros(len(solved))
         value = solved / (solved.max(initial=0.0) or 1.0)
-        known = value > MIN_RELATIVE_HEAT
+        heated = value > MIN_RELATIVE_HEAT
         stages = 0
-        while (inside & ~known).any() and stages < MAX_STAGES:
-            unknown = np.flatnonzero(inside & ~known)
+        while (inside & ~heated).any() and stages < MAX_STAGES:
+            unknown = np.flatnonzero(inside & ~heated)
             rows = self._system[unknown]
-            reached = np.flatnonzero(known)
+            reached = np.flatnonzero(heated)
             rim = reached[np.unique(csc_array(rows[:, reached]).nonzero()[1])]
             reference = level[rim].max(initial=-np.inf)
             load = -(rows[:, rim] @ (value[rim] * np.exp(level[rim] - reference)))
@@ -182,9 +182,9 @@ class HeatSolver:
                 break
             value[unknown] = heat / peak
             level[unknown] = reference + np.log(largest) + np.log(peak)
-            known[unknown] = value[unknown] > MIN_RELATIVE_HEAT
+            heated[unknown] = value[unknown] > MIN_RELATIVE_HEAT
             stages += 1
-        value[~known] = 0.0
+        value[~heated] = 0.0
         return value, level, stages, residual
 
     def _direction(self, value: NDArray, level: NDArray | None) -> tuple[NDArray, NDArray]:

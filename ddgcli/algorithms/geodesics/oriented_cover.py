@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.algorithms.geodesics.exact.exact_distance import ExactDistance
-from ddgcli.algorithms.geodesics.paths import ON_SIDE, SurfacePaths, seen_from
+from ddgcli.algorithms.geodesics.paths import ON_SIDE, SurfacePaths, barycentric_in
 from ddgcli.algorithms.geodesics.sources import Sources
 from ddgcli.algorithms.geodesics.surface_curves import Curves
 from ddgcli.errors import MeshError
@@ -85,9 +85,9 @@ class OrientedCover:
     def join_lifts(self, paths: SurfacePaths) -> SurfacePaths:
         """Join separately lifted segments of open paths to one lift of each path.
 
-        A segment that leaves a vertex on another sheet than the previous one arrives on is moved to that
-        sheet (face f to face (f + m) % 2m), with all following segments; the first point lies on the first
-        sheet.
+        A segment may leave a vertex on the other copy of the surface than the previous one arrives on.
+        It is then moved to that copy (face f to face (f + m) % 2m), with all following segments. The first
+        point lies on the first copy.
         """
         if not self.is_one_sided or not len(paths.face):
             return paths
@@ -97,7 +97,7 @@ class OrientedCover:
         points = np.diff(paths.start)
         first = paths.start[:-1][points > 0]
         arriving[first] = face[first]
-        arriving_weights = seen_from(topology, face, barycentric, arriving)
+        arriving_weights = barycentric_in(topology, face, barycentric, arriving)
         j, i = np.argmax(barycentric, axis=1), np.argmax(arriving_weights, axis=1)
         fans = topology.corner_fans
         fan = fans[arriving, i]

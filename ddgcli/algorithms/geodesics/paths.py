@@ -136,7 +136,7 @@ class Joints:
         return np.abs(self.left - self.right) / 2
 
 
-def seen_from(
+def barycentric_in(
     topology: Topology, face: NDArray, barycentric: NDArray, other: NDArray, tolerance: float = 1e-9
 ) -> NDArray[np.float64]:
     """Barycentric coordinates of surface points in other faces that contain them.
@@ -185,7 +185,7 @@ def segment_vectors(mesh: SurfaceMesh, paths: SurfacePaths) -> NDArray[np.float6
     after = paths.following()
     here = np.flatnonzero(after >= 0)
     there = after[here]
-    target = seen_from(mesh.topology, paths.face[there], paths.barycentric[there], paths.face[here])
+    target = barycentric_in(mesh.topology, paths.face[there], paths.barycentric[there], paths.face[here])
     bad = np.flatnonzero(np.isnan(target[:, 0]))
     if len(bad):
         i = here[bad[0]]
@@ -227,8 +227,8 @@ def joints(mesh: SurfaceMesh, paths: SurfacePaths, shortest: float = 1e-13) -> J
     at = np.flatnonzero((after >= 0) & (before >= 0))
     face, b = paths.face[at], paths.barycentric[at]
     into_face = paths.face[before[at]]
-    into_b = seen_from(topology, face, b, into_face)
-    ahead = seen_from(topology, paths.face[after[at]], paths.barycentric[after[at]], face)
+    into_b = barycentric_in(topology, face, b, into_face)
+    ahead = barycentric_in(topology, paths.face[after[at]], paths.barycentric[after[at]], face)
     leaving = planar_difference(unfolding, face, b, ahead) / unfolding.scale
     backward = (
         planar_difference(unfolding, into_face, into_b, paths.barycentric[before[at]]) / unfolding.scale
@@ -280,7 +280,7 @@ def reversed_paths(mesh: SurfaceMesh, paths: SurfacePaths) -> SurfacePaths:
     face = paths.face[np.maximum(order - 1, 0)]
     last = paths.start[1:][np.diff(paths.start) > 0] - 1
     face[last] = paths.face[order[last]]
-    b = seen_from(mesh.topology, paths.face[order], paths.barycentric[order], face)
+    b = barycentric_in(mesh.topology, paths.face[order], paths.barycentric[order], face)
     return SurfacePaths(face, b, paths.start, paths.closed)
 
 
@@ -326,8 +326,8 @@ def describe_paths(
                 "vertices": [
                     {
                         "vertex": int(joint.vertex[p]),
-                        "left": _known(joint.left[p]),
-                        "right": _known(joint.right[p]),
+                        "left": _finite_or_none(joint.left[p]),
+                        "right": _finite_or_none(joint.right[p]),
                     }
                     for p in passed
                 ],
@@ -336,7 +336,7 @@ def describe_paths(
     return entries
 
 
-def _known(angle: float) -> float | None:
+def _finite_or_none(angle: float) -> float | None:
     """Angle for the summary; None where it does not exist."""
     return None if np.isnan(angle) else float(angle)
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.algorithms.geodesics.exact.exact_distance import ExactDistance
-from ddgcli.algorithms.geodesics.paths import SurfacePaths, describe_paths, reversed_paths, seen_from
+from ddgcli.algorithms.geodesics.paths import SurfacePaths, barycentric_in, describe_paths, reversed_paths
 from ddgcli.algorithms.geodesics.sources import Sources
 from ddgcli.algorithms.geodesics.surface_curves import Curves
 from ddgcli.algorithms.tracing.trace import AT_BOUNDARY, Tracer, Traces
@@ -198,7 +198,7 @@ def _segment_in_face(mesh: SurfaceMesh, exact: ExactDistance, sources: Sources, 
         number = int(exact.nearest_source[v]) - len(sources.vertex)
         f, b = sources.points.face[[number]], sources.points.barycentric[[number]]
         face = np.array(
-            [g for g in around if not np.isnan(seen_from(mesh.topology, f, b, np.array([g]))[0, 0])][:1]
+            [g for g in around if not np.isnan(barycentric_in(mesh.topology, f, b, np.array([g]))[0, 0])][:1]
         )
     return _Segment(face, (mesh.faces[face] == v).astype(np.float64)[:, :], origin)
 
@@ -209,9 +209,9 @@ def _cut(
     """Recorded points of line i up to the face that contains the origin."""
     face, barycentric = lines.path(i)
     origin = int(exact.origin_vertex[v])
-    met = np.flatnonzero(barycentric[1:].max(axis=1) >= 1 - 1e-9) + 1
-    if len(met):  # through a vertex: its own shortest path passes a saddle on the right side
-        last = met[0]
+    at_vertex = np.flatnonzero(barycentric[1:].max(axis=1) >= 1 - 1e-9) + 1
+    if len(at_vertex):  # through a vertex: its own shortest path passes a saddle on the right side
+        last = at_vertex[0]
         vertex = int(mesh.faces[face[last], np.argmax(barycentric[last])])
         if exact.distance[vertex] < exact.distance[v]:
             return _Segment(face[:last], barycentric[:last], vertex)
@@ -221,14 +221,14 @@ def _cut(
         number = int(exact.nearest_source[v]) - len(sources.vertex)
         f = np.repeat(sources.points.face[number], len(face) - 1)
         b = np.repeat(sources.points.barycentric[[number]], len(face) - 1, axis=0)
-        holds = ~np.isnan(seen_from(mesh.topology, f, b, face[:-1])[:, 0])
+        holds = ~np.isnan(barycentric_in(mesh.topology, f, b, face[:-1])[:, 0])
     keep = np.flatnonzero(holds)
     if not len(keep) and lines.status[i] == AT_BOUNDARY:
         return _Segment(face[:1], barycentric[:1], _NO_PATH)
     if not len(keep) and origin >= 0:  # the end is at the origin, but across a face without area
         around = np.flatnonzero((mesh.faces == origin).any(axis=1))
         there, weights = np.full(len(around), face[-1]), np.tile(barycentric[-1], (len(around), 1))
-        at_origin = seen_from(mesh.topology, there, weights, around)
+        at_origin = barycentric_in(mesh.topology, there, weights, around)
         also = np.flatnonzero(~np.isnan(at_origin[:, 0]))[:1]
         face = np.concatenate([face[:-1], around[also]])
         return _Segment(face, np.concatenate([barycentric[:-1], at_origin[also]]), origin)
@@ -259,7 +259,7 @@ def _chain(
     else:
         number = int(exact.nearest_source[target]) - len(sources.vertex)
         face = faces[-1][-1:]
-        end = seen_from(
+        end = barycentric_in(
             mesh.topology, sources.points.face[[number]], sources.points.barycentric[[number]], face
         )
         end = np.nan_to_num(end, nan=1 / 3)

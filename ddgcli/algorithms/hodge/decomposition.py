@@ -195,8 +195,8 @@ def _copotential(complex_: Complex, flux: NDArray, boundary: Boundary) -> NDArra
     """Face values b with d1' b = flux; for `normal` at interior edges only, boundary edges are free."""
     curl = complex_.derivatives[1].astype(np.float64)
     if boundary == "normal":
-        kept = np.flatnonzero(~complex_.boundary_edge)
-        curl, flux = csr_array(curl[:, kept]), flux[kept]
+        interior = np.flatnonzero(~complex_.boundary_edge)
+        curl, flux = csr_array(curl[:, interior]), flux[interior]
     system, load = (curl @ curl.T).tocsr(), curl @ flux
     if complex_.dimension == 2:
         return Poisson(system).solve(load)
@@ -276,8 +276,8 @@ def _tetrahedron_curl(
     sign = np.where(first[face] == np.arange(len(face)), 1.0, -1.0)
     a, b, c = np.moveaxis(mesh.points[mesh.tetrahedra[:, TET_FACES].reshape(-1, 3)[first]], 1, 0)
     frame = np.swapaxes(np.linalg.qr(np.stack([b - a, c - a], axis=2))[0], 1, 2)  # (f, 2, 3)
-    kept = free[face]
-    cell, face, sign = np.repeat(tets, 4)[kept], face[kept], sign[kept]
+    is_free = free[face]
+    cell, face, sign = np.repeat(tets, 4)[is_free], face[is_free], sign[is_free]
     # rows scaled with the square root of the volume, so that the inner product is the plain one
     root = np.sqrt(complex_.metric.measure)
     entry = (sign / root[cell])[:, None, None] * frame[face]  # (k, 2, 3); |F| is left to the column's scale

@@ -159,9 +159,9 @@ def _without_repeated_corners(mesh: TriangleMesh) -> TriangleMesh:
     log.warning(
         "%d faces name a vertex twice (first: face %d) and are left out", bad.sum(), np.flatnonzero(bad)[0]
     )
-    kept = TriangleMesh(mesh.points, Topology(mesh.faces[~bad], mesh.n_vertices))
-    require(kept, "laplacian")
-    return kept
+    cleaned = TriangleMesh(mesh.points, Topology(mesh.faces[~bad], mesh.n_vertices))
+    require(cleaned, "laplacian")
+    return cleaned
 
 
 def _warn_of_isolated_vertices(mesh: TriangleMesh) -> None:

@@ -57,8 +57,8 @@ class HeatKernelSignature:
 def signature_pairs(operator: LaplaceOperator, times: Sequence[float]) -> int:
     """Number of eigenpairs to resolve the heat kernel at the shortest time, by Weyl's law; at most 300."""
     area = float(operator.mass.sum())
-    needed = -np.log(SIGNATURE_TAIL) * area / (4 * np.pi * min(times))
-    return int(min(np.ceil(needed) + 10, MAX_SIGNATURE_PAIRS, len(operator.used)))
+    n_pairs = -np.log(SIGNATURE_TAIL) * area / (4 * np.pi * min(times))
+    return int(min(np.ceil(n_pairs) + 10, MAX_SIGNATURE_PAIRS, len(operator.used)))
 
 
 def heat_kernel_signature(pairs: Eigenpairs, times: NDArray) -> HeatKernelSignature:

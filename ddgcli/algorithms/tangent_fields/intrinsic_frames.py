@@ -39,7 +39,7 @@ def frame_turn(mesh: SurfaceMesh, flipped: IntrinsicDelaunay) -> NDArray[np.comp
     offset = np.full(mesh.n_vertices, np.nan)
     offset[own.vertex[own.is_open]] = 0.0  # both begin at the boundary
     offset[~mesh.topology.referenced_vertex] = 0.0
-    _from_kept_edges(mesh, flipped, offset, own.angle_before, other.angle_before)
+    _from_unflipped_edges(mesh, flipped, offset, own.angle_before, other.angle_before)
     while (unknown := np.isnan(offset)).any():
         _from_traced_edges(tracer, flipped, offset)
         if unknown.sum() == np.isnan(offset).sum():
@@ -49,22 +49,26 @@ def frame_turn(mesh: SurfaceMesh, flipped: IntrinsicDelaunay) -> NDArray[np.comp
     return np.exp(1j * offset * scale)
 
 
-def _from_kept_edges(
+def _from_unflipped_edges(
     mesh: SurfaceMesh, flipped: IntrinsicDelaunay, offset: NDArray, own_angle: NDArray, other_angle: NDArray
 ) -> None:
     """Set the angles at the tails of edges that are edges of the input."""
     n = mesh.n_vertices
     key = mesh.topology.side_tail * n + mesh.topology.side_head
     order = np.argsort(key, kind="stable")
-    kept = np.flatnonzero(flipped.crossings.ravel() < 0)  # type: ignore[union-attr]
-    kept_key = flipped.mesh.topology.side_tail[kept] * n + flipped.mesh.topology.side_head[kept]
-    place = np.minimum(np.searchsorted(key[order], kept_key), len(key) - 1)
+    unflipped = np.flatnonzero(flipped.crossings.ravel() < 0)  # type: ignore[union-attr]
+    unflipped_key = (
+        flipped.mesh.topology.side_tail[unflipped] * n + flipped.mesh.topology.side_head[unflipped]
+    )
+    place = np.minimum(np.searchsorted(key[order], unflipped_key), len(key) - 1)
     side = order[place]
-    once = (key[side] == kept_key) & (np.searchsorted(key[order], kept_key, side="right") == place + 1)
-    kept, side = kept[once], side[once]
+    once = (key[side] == unflipped_key) & (
+        np.searchsorted(key[order], unflipped_key, side="right") == place + 1
+    )
+    unflipped, side = unflipped[once], side[once]
     tail = mesh.topology.side_tail[side]
     fresh = np.isnan(offset[tail])
-    offset[tail[fresh]] = own_angle[side[fresh]] - other_angle[kept[fresh]]
+    offset[tail[fresh]] = own_angle[side[fresh]] - other_angle[unflipped[fresh]]
 
 
 def _from_traced_edges(tracer: Tracer, flipped: IntrinsicDelaunay, offset: NDArray) -> None:

@@ -187,10 +187,10 @@ def _miss(frame: SourceFrame, exact: ExactDistance, departure: NDArray) -> float
 
 def _through_a_vertex(lines: Traces) -> NDArray[np.bool_]:
     """(k,) lines that pass a vertex."""
-    met = lines.path_barycentric.max(axis=1) >= 1 - VERTEX_TOLERANCE
-    met[lines.path_start[:-1]] = False
+    at_vertex = lines.path_barycentric.max(axis=1) >= 1 - VERTEX_TOLERANCE
+    at_vertex[lines.path_start[:-1]] = False
     owner = np.repeat(np.arange(len(lines.face)), np.diff(lines.path_start))
-    return np.bincount(owner[met], minlength=len(lines.face)) > 0
+    return np.bincount(owner[at_vertex], minlength=len(lines.face)) > 0
 
 
 def _stopped_at_three_faces(mesh: SurfaceMesh, lines: Traces) -> NDArray[np.bool_]:

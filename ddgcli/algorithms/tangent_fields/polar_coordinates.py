@@ -56,9 +56,9 @@ def fast_marching_log_map(mesh: SurfaceMesh, approximate: FastMarchingDistance, 
     face, near, at = _submesh_near_source(mesh, distance <= MARGIN * radius, sources)
     centre = SourceFrame(Tracer(near), at)
     exact = exact_distance(near, at, limit=radius, directions=True)
-    known = np.flatnonzero((exact.distance > 0) & (exact.distance <= radius) & ~far)
-    start = np.exp(1j * centre.scale * np.asarray(exact.departure)[known])
-    unit = _propagate_directions(approximate.stencils, distance, known, start)
+    exact_vertices = np.flatnonzero((exact.distance > 0) & (exact.distance <= radius) & ~far)
+    start = np.exp(1j * centre.scale * np.asarray(exact.departure)[exact_vertices])
+    unit = _propagate_directions(approximate.stencils, distance, exact_vertices, start)
     mapped = np.where(far, 0.0, distance) * unit
     coordinates = np.stack([mapped.real, mapped.imag], axis=1)
     coordinates[far] = np.inf
@@ -113,12 +113,12 @@ def _submesh_near_source(
 
 
 def _propagate_directions(
-    stencils: Stencils, distance: NDArray, known: NDArray, start: NDArray
+    stencils: Stencils, distance: NDArray, exact_vertices: NDArray, start: NDArray
 ) -> NDArray[np.complex128]:
-    """(n,) unit directions of lines at the source, from those of the vertices `known`; 0 at the source."""
+    """(n,) unit directions of lines at the source, from those of `exact_vertices`; 0 at the source."""
     n, distance = len(distance), distance / stencils.scale
     fixed = np.zeros(n, dtype=np.complex128)
-    fixed[known] = start
+    fixed[exact_vertices] = start
     parents, late = _parents(stencils, distance, np.isfinite(distance) & (fixed == 0))
     order = np.argsort(distance, kind="stable")
     unit = _units(parents.solve(fixed, order))

@@ -56,11 +56,11 @@ class PointRecorder:
         step = sum(rows)
         face, barycentric = np.empty(start[-1], dtype=np.int64), np.empty((start[-1] + step, 3))
         place = barycentric[:, :2].view(np.complex128)[:, 0]  # store marks where their points will be
-        known, first = None, base
+        previous, first = None, base
         for (line, marks), n in zip(reversed(self.entries), reversed(rows), strict=True):
             step -= n
-            if line is not known:
-                known, first = line, base.take(line)
+            if line is not previous:
+                previous, first = line, base.take(line)
             place[first + step if n == 1 else first + np.arange(step, step + n)[:, None]] = marks
         barycentric = barycentric[: len(face)]
         for a in range(0, len(face), BLOCK_SIZE):

@@ -60,8 +60,10 @@ def command(
 
     chosen = {**stored.get("tolerances", {}), **{k: v for k, v in tolerances.items() if v}}
     if update:
-        kept = {"tolerances": stored["tolerances"]} if "tolerances" in stored else {}
-        text = json.dumps({"run": list(words), **kept, "summary": summary}, indent=1, ensure_ascii=False)
+        stored_tolerances = {"tolerances": stored["tolerances"]} if "tolerances" in stored else {}
+        text = json.dumps(
+            {"run": list(words), **stored_tolerances, "summary": summary}, indent=1, ensure_ascii=False
+        )
         run.write_bytes(expected_path, text.encode() + b"\n", in_place=True)
         run.finish({"run": list(words), "run_exit_code": exit_code, "stored": True}, {})
         return

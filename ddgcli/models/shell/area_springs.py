@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.mechanics.terms import Mode, scattered
+from ddgcli.mechanics.terms import Mode
+from ddgcli.mesh.scatter import sum_by_index
 
 
 class AreaSprings:

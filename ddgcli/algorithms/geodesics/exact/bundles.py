@@ -75,7 +75,7 @@ class Bundles:
             TURNED + self.columns - 4, 1024, ints=3
         )  # bundles; side, first and number of windows
         self.moves = 0
-        self._needed, self._saved = MIN_BOUND_WINDOWS, 0.0
+        self._min_windows, self._saved = MIN_BOUND_WINDOWS, 0.0
 
     def __len__(self) -> int:
         return len(self.pool)
@@ -87,9 +87,9 @@ class Bundles:
         start, count = _runs(lines, where[0])
         rows, local = ranges(start, count)
         if self._saved < 0:
-            self._needed = max(self._needed, RETRY_FACTOR * len(rows))
+            self._min_windows = max(self._min_windows, RETRY_FACTOR * len(rows))
         self._saved = 0.0
-        if len(rows) < self._needed:
+        if len(rows) < self._min_windows:
             return lines, where
         self._saved -= BINDING_COST * len(rows)
         base = self.origins.distance.take(where[1].take(rows))
@@ -112,14 +112,16 @@ class Bundles:
         return lines.take(rest, axis=1), where.take(rest, axis=1)
 
     def _reserve(self, more: int) -> None:
-        """Make room for more windows; drop those without a bundle."""
+        """Reserve memory for more windows; drop those without a bundle."""
         if self.windows.top + more <= len(self.windows.key):
             return
         live = (self.pool.key[: self.pool.top] < np.inf).nonzero()[0]
         rows, self.pool.where[1, live] = ranges(*self.pool.where[1:].take(live, axis=1))
-        kept = self.windows
-        self.windows = WindowPool(len(kept.lines), 2 * (len(rows) + more))
-        self.windows.push(kept.lines.take(rows, axis=1), kept.where.take(rows, axis=1), kept.key.take(rows))
+        previous = self.windows
+        self.windows = WindowPool(len(previous.lines), 2 * (len(rows) + more))
+        self.windows.push(
+            previous.lines.take(rows, axis=1), previous.where.take(rows, axis=1), previous.key.take(rows)
+        )
 
     def dissolve(self) -> tuple[NDArray, NDArray]:
         """Release all windows of all bundles."""
@@ -141,9 +143,9 @@ class Bundles:
         lines[2], lines[3] = x, y
         if self.side_turn is not None:
             lines[4] = window[4] + bundle[TURNED].take(of)
-        kept = (lines[1] - lines[0] > EPS).nonzero()[0]
+        nonempty = (lines[1] - lines[0] > EPS).nonzero()[0]
         where = np.stack([side, self.windows.where[1].take(rows)])
-        return lines.take(kept, axis=1), where.take(kept, axis=1)
+        return lines.take(nonempty, axis=1), where.take(nonempty, axis=1)
 
     # -- propagation -----------------------------------------------------------------------------------
 
@@ -166,11 +168,11 @@ class Bundles:
             left &= ~halted
             right &= ~halted
         chosen = [which.nonzero()[0] for which in (left, ~(left | right | halted), right, halted)]
-        (left, met, right, halted) = ((bundle.take(i, axis=1), place.take(i, axis=1)) for i in chosen)
+        (left, split, right, halted) = ((bundle.take(i, axis=1), place.take(i, axis=1)) for i in chosen)
         n_left = len(left[1][0])
         if len(chosen[1]):
-            met, between, n_met_left = self._parted(*met, x.take(chosen[1]), y.take(chosen[1]))
-            left, n_left, halted = _joined(left, met), n_left + n_met_left, _joined(between, halted)
+            split, between, n_split_left = self._parted(*split, x.take(chosen[1]), y.take(chosen[1]))
+            left, n_left, halted = _joined(left, split), n_left + n_split_left, _joined(between, halted)
         self._hand_on(*_joined(left, right), n_left)
         return self._free(*halted)
 
@@ -232,9 +234,9 @@ class Bundles:
         least = _least(bundle, edge)
         keep = (code != BOUNDARY) & (least <= d_near + span[1] + EPS)
         keep &= least <= d_far + (edge - span[0]) + EPS
-        kept = keep.nonzero()[0]
+        rows = keep.nonzero()[0]
         place[0] = code
-        self.pool.push(bundle.take(kept, axis=1), place.take(kept, axis=1), key.take(kept))
+        self.pool.push(bundle.take(rows, axis=1), place.take(rows, axis=1), key.take(rows))
 
 
 def _runs(lines: NDArray, side: NDArray) -> tuple[NDArray, NDArray]:

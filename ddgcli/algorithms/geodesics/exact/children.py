@@ -27,8 +27,8 @@ def children(
 
     Returns
     -------
-    kept : ndarray of int64
-        Windows that the filter keeps.
+    rows : ndarray of int64
+        Indices of the windows that pass the filter.
     out, key : ndarrays
         Their columns (b0, b1, sx, sy) in the frame across, and their least distances.
     """
@@ -66,18 +66,18 @@ def children(
     keep &= r0 <= d_apex + (edge - s0) + margin
     keep &= r0 <= d_other + detour + margin
 
-    kept = keep.nonzero()[0]
+    rows = keep.nonzero()[0]
     x *= apex_x
     x += y * apex_y
     x /= edge
     cross /= edge
     inside = (x > s0) & (x < s1)
-    key = np.where(inside, base - cross, np.minimum(r0, r1)).take(kept)
+    key = np.where(inside, base - cross, np.minimum(r0, r1)).take(rows)
     near[:], far[:], y[:] = s0, s1, cross
     np.subtract(edge[back], s1[back], out=near[back])
     np.subtract(edge[back], s0[back], out=far[back])
     np.subtract(edge[back], x[back], out=x[back])
-    return kept, lines.take(kept, axis=1), key
+    return rows, lines.take(rows, axis=1), key
 
 
 def norm(x: NDArray, y: NDArray) -> NDArray[np.float64]:

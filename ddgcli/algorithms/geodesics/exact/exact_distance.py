@@ -229,10 +229,10 @@ def _beyond_bends(departure: NDArray, origin_vertex: NDArray) -> NDArray[np.floa
     """Departure angles; behind a bend, the angle of the path to the bend."""
     while True:
         open_ = (np.isnan(departure) & (origin_vertex >= 0)).nonzero()[0]
-        known = departure[origin_vertex[open_]]
-        if np.isnan(known).all():
+        origin_departure = departure[origin_vertex[open_]]
+        if np.isnan(origin_departure).all():
             return departure
-        departure[open_] = known
+        departure[open_] = origin_departure
 
 
 def _start_wavefront(
@@ -296,7 +296,7 @@ def _start_point(wavefront: Wavefront, source: int, face: int, weights: NDArray)
     tables = wavefront.tables
     origin = wavefront.origins.add(np.array([-1]), np.array([source]), np.zeros(1))
     own = _side_angles(tables, face)
-    seen_from = [(face, weights, own)]
+    triangles = [(face, weights, own)]
     for j in np.flatnonzero(weights[[2, 0, 1]] <= 1e-14):  # side j is opposite corner j + 2
         for other, same_way in tables.across(3 * face + int(j)):
             g, i = divmod(other, 3)
@@ -304,8 +304,8 @@ def _start_point(wavefront: Wavefront, source: int, face: int, weights: NDArray)
             mirrored = np.zeros(3)
             mirrored[i], mirrored[(i + 1) % 3] = (tail, head) if same_way else (head, tail)
             its = _side_angles(tables, g)
-            seen_from.append((g, mirrored, its + (own[j] + np.pi - its[i])))
-    for g, w, along in seen_from:
+            triangles.append((g, mirrored, its + (own[j] + np.pi - its[i])))
+    for g, w, along in triangles:
         if wavefront.targets is not None:
             wavefront.targets.update_from_point(g, w, int(origin[0]))
         side = 3 * g + np.arange(3)

@@ -27,7 +27,7 @@ class WindowPool:
     def push(self, lines: NDArray, where: NDArray, key: NDArray) -> None:
         end = self.top + len(key)
         if end > len(self.key):
-            self._make_room(len(key))
+            self._reserve(len(key))
             end = self.top + len(key)
         self.lines[:, self.top : end] = lines
         self.where[:, self.top : end] = where
@@ -50,7 +50,7 @@ class WindowPool:
         self.key[:k] = self.key.take(live)
         self.top, self._popped = k, 0
 
-    def _make_room(self, more: int) -> None:
+    def _reserve(self, more: int) -> None:
         self._compact()
         capacity = len(self.key)
         if self.top + more > capacity // 2:

@@ -167,12 +167,12 @@ class Wavefront:
             tables.turn.take(side), tables.angle.take(side), tables.total_angle.take(vertex.take(row)),
             incoming.take(row), self.margin,
         )  # fmt: skip
-        kept = (begin < stop).nonzero()[0]
-        if len(kept):
-            turn = None if along is None else (along - np.arctan2(shape[:, 2], shape[:, 1])).take(kept)
+        nonempty = (begin < stop).nonzero()[0]
+        if len(nonempty):
+            turn = None if along is None else (along - np.arctan2(shape[:, 2], shape[:, 1])).take(nonempty)
             self._fan(
-                side.take(kept), shape.take(kept, axis=0), row_origin.take(kept), begin.take(kept),
-                stop.take(kept), turn,
+                side.take(nonempty), shape.take(nonempty, axis=0), row_origin.take(nonempty),
+                begin.take(nonempty), stop.take(nonempty), turn,
             )  # fmt: skip
 
     def _fan(
@@ -207,13 +207,13 @@ class Wavefront:
         margin = EPS - self.slack * length
         keep = (code != BOUNDARY) & (b1 - b0 > EPS)
         keep &= (r0 <= d1 + (length - b0) + margin) & (r1 <= d0 + b1 + margin)
-        kept = keep.nonzero()[0]
+        rows = keep.nonzero()[0]
         key = np.where((x > b0) & (x < b1), base + y, np.minimum(r0, r1))
         lines = np.ones((self.columns, len(side)))  # in the frame across, from v1 to v0
         lines[0], lines[1], lines[2], lines[3] = length - b1, length - b0, length - x, -y
         lines[4:5] = np.nan if turn is None else turn
         self._enter(
-            lines.take(kept, axis=1), code.take(kept), origin.take(kept), key.take(kept), side.take(kept)
+            lines.take(rows, axis=1), code.take(rows), origin.take(rows), key.take(rows), side.take(rows)
         )
 
     # -- windows ------------------------------------------------------------------------------------
@@ -360,7 +360,7 @@ class Wavefront:
 
         left, right = (at > b0).nonzero()[0], (at < b1).nonzero()[0]
         parent, n_left = np.concatenate([left, right]), len(left)
-        kept, out, key = children(
+        rows, out, key = children(
             n_left,
             lines.take(parent, axis=1),
             at.take(parent),
@@ -369,8 +369,8 @@ class Wavefront:
             base.take(parent),
             self.slack,
         )
-        k = int(np.searchsorted(kept, n_left))
-        source = parent.take(kept)
+        k = int(np.searchsorted(rows, n_left))
+        source = parent.take(rows)
         if self.side_turn is not None:
             to = 2 * side.take(source)
             to[k:] += 1
@@ -383,13 +383,13 @@ class Wavefront:
             inner &= crossings < self.max_crossings
             crossings = crossings[inner]
         inner = inner.nonzero()[0]
-        if len(inner) < len(kept):
-            kept, out, key = kept.take(inner), out.take(inner, axis=1), key.take(inner)
+        if len(inner) < len(rows):
+            rows, out, key = rows.take(inner), out.take(inner, axis=1), key.take(inner)
             code, source = code.take(inner), source.take(inner)
         left_by = code[:0]  # needed only where crossings are not plain
         if self.tables.mirrored is not None or self.tables.edge_sides is not None:
             face, j = np.divmod(side.take(source), 3)
-            left_by = 3 * face + (j + np.where(kept < n_left, 2, 1)) % 3
+            left_by = 3 * face + (j + np.where(rows < n_left, 2, 1)) % 3
         self._enter(out, code, origin.take(source), key, left_by, crossings)
 
     def _departures(self, lines: NDArray, dx: NDArray, dy: NDArray, reached: NDArray) -> NDArray | None:
