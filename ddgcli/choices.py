@@ -24,4 +24,6 @@ WILLMORE_ENERGIES = ("gauss-map", "sullivan", "cotan", "hinge")
 WILLMORE_FLOWS = ("quadratic", "mean-curvature")
 WILLMORE_BOUNDARIES = ("clamped", "fixed")
 
+CURVE_FLOWS = ("curvature", "area-preserving", "elastic")
+
 ERROR_NORMS = ("max", "mean")

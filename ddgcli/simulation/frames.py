@@ -6,14 +6,20 @@ from typing import Any
 
 import numpy as np
 
+from ddgcli.mesh.curve import CurveSet
 from ddgcli.mesh.fields import Frame
 from ddgcli.mesh.topology import Topology
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.simulation.time_loop import Observation, Snapshot
 
 
-def joined_mesh(meshes: list[Any]) -> tuple[TriangleMesh, np.ndarray]:
-    """One mesh of several, vertices in order, and the (m,) number of the object of each face."""
+def joined_mesh(meshes: list[Any]) -> tuple[TriangleMesh | CurveSet, np.ndarray]:
+    """One mesh of several, vertices in order, and the (m,) number of the object of each face.
+
+    A set of curves comes alone and stays as it is.
+    """
+    if isinstance(meshes[0], CurveSet):
+        return meshes[0], np.zeros(len(meshes[0].lines), dtype=np.int64)
     sizes = np.cumsum([0, *(mesh.n_vertices for mesh in meshes)])
     faces = np.concatenate([mesh.faces + start for mesh, start in zip(meshes, sizes)])
     points = np.concatenate([mesh.points for mesh in meshes])

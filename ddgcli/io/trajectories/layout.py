@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.io.trajectories.row_file import Rows
+from ddgcli.mesh.curve import CurveSet
 from ddgcli.mesh.fields import Frame
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 
@@ -34,7 +35,7 @@ class Header:
 
     Parameters
     ----------
-    mesh : TriangleMesh
+    mesh : TriangleMesh or CurveSet
         Connectivity, and the points of a surface that does not move.
     moving : bool
         Whether frames carry points.
@@ -46,7 +47,7 @@ class Header:
         `scene_source`, `scene_resolved`, ...
     """
 
-    mesh: TriangleMesh
+    mesh: TriangleMesh | CurveSet
     moving: bool
     cell: dict[str, NDArray] = field(default_factory=dict)
     attributes: dict[str, Any] = field(default_factory=dict)
@@ -118,9 +119,14 @@ def room_for(
     return rows
 
 
+def _cells(mesh: TriangleMesh | CurveSet) -> dict[str, NDArray]:
+    """Connectivity by name of its topology."""
+    return {"Lines": mesh.lines} if isinstance(mesh, CurveSet) else {"Polygons": mesh.faces}
+
+
 def static_bytes(header: Header) -> int:
     """About how much `static` writes."""
-    arrays = (header.mesh.points, header.mesh.faces, *header.cell.values())
+    arrays = (header.mesh.points, *_cells(header.mesh).values(), *header.cell.values())
     texts = (*header.texts.values(), *map(str, header.attributes.values()))
     return sum(np.asarray(a).size * 8 for a in arrays) + sum(len(text) * 4 for text in texts)
 
@@ -144,12 +150,12 @@ def static(file: h5py.File, header: Header) -> None:
     if not header.moving:
         root.create_dataset("Points", data=np.asarray(mesh.points))
     for kind in TOPOLOGIES:
-        faces = mesh.faces if kind == "Polygons" else np.zeros((0, 3), dtype=np.int64)
+        cells = _cells(mesh).get(kind, np.zeros((0, 3), dtype=np.int64))
         group = root.create_group(kind)
-        group.create_dataset("NumberOfCells", data=np.array([len(faces)], dtype=np.int64))
-        group.create_dataset("NumberOfConnectivityIds", data=np.array([faces.size], dtype=np.int64))
-        group.create_dataset("Offsets", data=np.arange(0, faces.size + 1, 3, dtype=np.int64))
-        group.create_dataset("Connectivity", data=faces.ravel().astype(np.int64))
+        group.create_dataset("NumberOfCells", data=np.array([len(cells)], dtype=np.int64))
+        group.create_dataset("NumberOfConnectivityIds", data=np.array([cells.size], dtype=np.int64))
+        group.create_dataset("Offsets", data=np.arange(0, cells.size + 1, cells.shape[1], dtype=np.int64))
+        group.create_dataset("Connectivity", data=cells.ravel().astype(np.int64))
     for kind in ("PointData", "CellData", "FieldData"):
         root.create_group(kind)
     for name, values in header.cell.items():

@@ -59,7 +59,11 @@ def _check(file: Any) -> None:
     corners = _rows(root, "Polygons/Connectivity", 0, "iu")
     if len(corners) % 3:
         raise MeshFileError("its faces are no triangles")
-    for name, length in (("PointData", count * n), ("CellData", len(corners) // 3), ("FieldData", count)):
+    ends = _rows(root, "Lines/Connectivity", 0, "iu")
+    if len(ends) % 2 or (len(ends) and len(corners)):
+        raise MeshFileError("its lines are no segments, or lie beside faces")
+    n_cells = len(ends) // 2 or len(corners) // 3
+    for name, length in (("PointData", count * n), ("CellData", n_cells), ("FieldData", count)):
         for array in _group(root, name):
             _rows(_group(root, name), array, length, "fiub", None)
     for name in ours.attrs:

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from ddgcli.errors import MeshFileError, excerpt
 from ddgcli.io.trajectories.layout import EFFECT_DTYPE
 from ddgcli.io.trajectories.layout_check import check_trajectory
+from ddgcli.mesh.curve import CurveSet
 from ddgcli.mesh.fields import Frame
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 
@@ -43,6 +44,7 @@ class Trajectory:
             self.times: NDArray = self._ours["time"][: self.n_frames]
             self.steps: NDArray = self._ours["step"][: self.n_frames]
             faces = self._root["Polygons/Connectivity"][...].reshape(-1, 3)
+            lines = self._root["Lines/Connectivity"][...].reshape(-1, 2)
             self._n = int(self._root["NumberOfPoints"][0])
         except (OSError, KeyError, ValueError) as error:
             raise MeshFileError(
@@ -51,7 +53,11 @@ class Trajectory:
         self.path = path
         self.moving = len(self._root["Points"]) > self._n or "PointOffsets" not in self._root["Steps"]
         self.moving = self.moving or bool(np.any(self._root["Steps/PointOffsets"][: self.n_frames]))
-        self.mesh = TriangleMesh.from_arrays(self.points(0), faces)
+        self.mesh: TriangleMesh | CurveSet = (
+            CurveSet.from_arrays(self.points(0), lines)
+            if len(lines)
+            else TriangleMesh.from_arrays(self.points(0), faces)
+        )
 
     def __enter__(self) -> Trajectory:
         return self
