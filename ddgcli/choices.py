@@ -25,5 +25,6 @@ WILLMORE_FLOWS = ("quadratic", "mean-curvature")
 WILLMORE_BOUNDARIES = ("clamped", "fixed")
 
 UP_AXES = ("y", "z")
+CURVE_FLOWS = ("curvature", "area-preserving", "elastic")
 
 ERROR_NORMS = ("max", "mean")

@@ -47,7 +47,7 @@ TOPICS = {
     "geodesics": {"tracing", "delaunay"},
     "tangent_fields": {"tracing", "delaunay", "geodesics"},
 }
-MODELS = {"shell", "fluid", "willmore"}
+MODELS = {"shell", "fluid", "willmore", "curve"}
 # third-party modules that one package alone imports
 ONE_PACKAGE = {"click": "cli", "meshio": "io", "trimesh": "io", "h5py": "io", "matplotlib": "plots"}
 PEERS = {"igl", "potpourri3d", "pygeodesic", "robust_laplacian", "pymeshlab", "gpytoolbox"}

@@ -35,6 +35,7 @@ COMMANDS = {
     "shell-sim": ("shell_sim", "Move thin elastic shells: a scene in, a trajectory out."),
     "fluid-sim": ("fluid_sim", "Move an incompressible fluid on a surface."),
     "willmore-flow": ("willmore_flow", "Flow a surface down its bending energy."),
+    "curve-flow": ("curve_flow", "Flow curves down their length or bending energy."),
     "tradeoff": ("tradeoff", "What accuracy costs in time, on your own input."),
     "frames": ("frames", "Export frames of a trajectory: meshes, pictures, animations."),
     "view": ("view", "A page for the browser: rotate, read values, play."),

@@ -76,6 +76,10 @@ class CurveSet:
         """Number of points."""
         return len(self.points)
 
+    def moved(self, points: NDArray) -> CurveSet:
+        """The same curves with other (n, 3) points, without arrays."""
+        return CurveSet(np.asarray(points, dtype=np.float64), self.lines)
+
     @property
     def planar(self) -> bool:
         """Whether each curve lies in a plane."""

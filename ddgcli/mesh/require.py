@@ -146,6 +146,7 @@ REQUIREMENTS = {
     "shell-sim": Requirement(every_area=True),
     "fluid-sim": Requirement(surface=_MANIFOLD, every_area=True),
     "willmore-flow": Requirement(surface=_MANIFOLD, every_area=True),
+    "curve-flow": Requirement(("curve",)),
     "tradeoff": Requirement(),
     "frames": Requirement((), instead="it takes the trajectory of a simulation (.vtkhdf)"),
     "view": Requirement(

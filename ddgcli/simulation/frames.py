@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from ddgcli.mesh.curve import CurveSet
 from ddgcli.mesh.fields import Frame
 from ddgcli.mesh.tet_mesh import TetMesh
 from ddgcli.mesh.topology import Topology
@@ -13,8 +14,13 @@ from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.simulation.time_loop import Observation, Snapshot
 
 
-def joined_mesh(meshes: list[Any]) -> tuple[TriangleMesh | TetMesh, np.ndarray]:
-    """One mesh of several of one kind, vertices in order, and the (m,) number of the object of each cell."""
+def joined_mesh(meshes: list[Any]) -> tuple[TriangleMesh | TetMesh | CurveSet, np.ndarray]:
+    """One mesh of several of one kind, vertices in order, and the (m,) number of the object of each cell.
+
+    A set of curves comes alone and stays as it is.
+    """
+    if isinstance(meshes[0], CurveSet):
+        return meshes[0], np.zeros(len(meshes[0].lines), dtype=np.int64)
     sizes = np.cumsum([0, *(mesh.n_vertices for mesh in meshes)])
     if isinstance(meshes[0], TetMesh):
         cells = np.concatenate([mesh.tetrahedra + start for mesh, start in zip(meshes, sizes)])

@@ -98,6 +98,7 @@ def _trajectory(run: Run, path: str, every: int) -> tuple[ViewedObject, list[flo
     if Path(path).suffix.lower() not in TRAJECTORY_SUFFIXES:
         return None
     from ddgcli.io.trajectories.trajectory import Trajectory
+    from ddgcli.mesh.curve import CurveSet
     from ddgcli.mesh.tet_mesh import TetMesh
     from ddgcli.plots.web_page import ViewedObject
 
@@ -118,6 +119,9 @@ def _trajectory(run: Run, path: str, every: int) -> tuple[ViewedObject, list[flo
             if _drawable(values)
         }
         mesh = trajectory.mesh
-        surface = mesh.boundary if isinstance(mesh, TetMesh) else mesh
-        viewed = ViewedObject(Path(path).name, points, surface.faces, vertex)
+        if isinstance(mesh, CurveSet):
+            cells = mesh.lines
+        else:
+            cells = mesh.boundary.faces if isinstance(mesh, TetMesh) else mesh.faces
+        viewed = ViewedObject(Path(path).name, points, cells, vertex)
         return viewed, [frame.time for frame in frames]

@@ -16,6 +16,7 @@ from ddgcli.cli import options
 from ddgcli.cli.options import CommonOptions
 from ddgcli.errors import ParameterError
 
+CURVE_TIME_UNIT = "length^2; elastic: length^4"
 FLOW_TIME_UNIT = "length^4; mean-curvature: length^2"
 
 
@@ -83,12 +84,17 @@ def flow_time_options(command: Callable) -> Callable:
     return _with_time(command, _time(FLOW_TIME_UNIT, "Steps to take."))
 
 
+def curve_time_options(command: Callable) -> Callable:
+    """Add the same options for flows of curves, which have one time scheme."""
+    return _with_time(command, _time(CURVE_TIME_UNIT, "Steps to take.")[:-1])
+
+
 def _with_time(command: Callable, time: tuple[Callable, ...]) -> Callable:
     """Add time options to a command."""
 
     @functools.wraps(command)
     def with_arguments(*args: Any, **kwargs: Any) -> Any:
-        overrides = {name: kwargs.pop(name) for name in _TIME_NAMES}
+        overrides = {name: kwargs.pop(name, None) for name in _TIME_NAMES}
         if overrides["steps"] and overrides["duration"]:
             raise ParameterError("`steps` and `duration` exclude each other; give one")
         return command(*args, overrides={k: v for k, v in overrides.items() if v is not None}, **kwargs)

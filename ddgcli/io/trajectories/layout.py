@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.io.trajectories.row_file import Rows
+from ddgcli.mesh.curve import CurveSet
 from ddgcli.mesh.fields import Frame
 from ddgcli.mesh.tet_mesh import TetMesh
 from ddgcli.mesh.triangle_mesh import TriangleMesh
@@ -38,7 +39,7 @@ class Header:
 
     Parameters
     ----------
-    mesh : TriangleMesh or TetMesh
+    mesh : TriangleMesh, TetMesh or CurveSet
         Connectivity, and the points of a surface that does not move.
     moving : bool
         Whether frames carry points.
@@ -50,7 +51,7 @@ class Header:
         `scene_source`, `scene_resolved`, ...
     """
 
-    mesh: TriangleMesh | TetMesh
+    mesh: TriangleMesh | TetMesh | CurveSet
     moving: bool
     cell: dict[str, NDArray] = field(default_factory=dict)
     attributes: dict[str, Any] = field(default_factory=dict)
@@ -130,8 +131,10 @@ def static_bytes(header: Header) -> int:
     return sum(np.asarray(a).size * 8 for a in arrays) + sum(len(text) * 4 for text in texts)
 
 
-def cells_of(mesh: TriangleMesh | TetMesh) -> NDArray[np.int64]:
-    """(m, 3 or 4) corners of the cells."""
+def cells_of(mesh: TriangleMesh | TetMesh | CurveSet) -> NDArray[np.int64]:
+    """(m, 2, 3 or 4) corners of the cells: segments, triangles or tetrahedra."""
+    if isinstance(mesh, CurveSet):
+        return mesh.lines
     return mesh.tetrahedra if isinstance(mesh, TetMesh) else mesh.faces
 
 
@@ -164,9 +167,10 @@ def static(file: h5py.File, header: Header) -> None:
     if solid:
         _connectivity(root, cells_of(mesh))
         root.create_dataset("Types", data=np.full(len(cells_of(mesh)), VTK_TETRA, dtype=np.uint8))
+    own_kind = "Lines" if isinstance(mesh, CurveSet) else "Polygons"
     for kind in () if solid else TOPOLOGIES:
-        faces = cells_of(mesh) if kind == "Polygons" else np.zeros((0, 3), dtype=np.int64)
-        _connectivity(root.create_group(kind), faces)
+        cells = cells_of(mesh) if kind == own_kind else np.zeros((0, 3), dtype=np.int64)
+        _connectivity(root.create_group(kind), cells)
     for kind in ("PointData", "CellData", "FieldData"):
         root.create_group(kind)
     for name, values in header.cell.items():

@@ -7,6 +7,8 @@ import os
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from ddgcli.errors import MeshFileError, excerpt
 from ddgcli.io.readers.guarded import guarded
 
@@ -61,7 +63,11 @@ def _check(file: Any) -> None:
     corners = _rows(root, "Connectivity" if solid else "Polygons/Connectivity", 0, "iu")
     if len(corners) % width:
         raise MeshFileError(f"its cells are no {'tetrahedra' if solid else 'triangles'}")
-    for name, length in (("PointData", count * n), ("CellData", len(corners) // width), ("FieldData", count)):
+    ends = np.zeros(0) if solid else _rows(root, "Lines/Connectivity", 0, "iu")
+    if len(ends) % 2 or (len(ends) and len(corners)):
+        raise MeshFileError("its lines are no segments, or lie beside faces")
+    n_cells = len(ends) // 2 or len(corners) // width
+    for name, length in (("PointData", count * n), ("CellData", n_cells), ("FieldData", count)):
         for array in _group(root, name):
             _rows(_group(root, name), array, length, "fiub", None)
     for name in ours.attrs:

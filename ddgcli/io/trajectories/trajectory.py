@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from ddgcli.errors import MeshFileError, excerpt
 from ddgcli.io.trajectories.layout import EFFECT_DTYPE
 from ddgcli.io.trajectories.layout_check import check_trajectory
+from ddgcli.mesh.curve import CurveSet
 from ddgcli.mesh.fields import Frame
 from ddgcli.mesh.tet_mesh import TetMesh
 from ddgcli.mesh.triangle_mesh import TriangleMesh
@@ -45,6 +46,7 @@ class Trajectory:
             self.steps: NDArray = self._ours["step"][: self.n_frames]
             solid = "Types" in self._root
             corners = self._root["Connectivity" if solid else "Polygons/Connectivity"][...]
+            ends = np.zeros(0, np.int64) if solid else self._root["Lines/Connectivity"][...]
             self._n = int(self._root["NumberOfPoints"][0])
         except (OSError, KeyError, ValueError) as error:
             raise MeshFileError(
@@ -53,11 +55,7 @@ class Trajectory:
         self.path = path
         self.moving = len(self._root["Points"]) > self._n or "PointOffsets" not in self._root["Steps"]
         self.moving = self.moving or bool(np.any(self._root["Steps/PointOffsets"][: self.n_frames]))
-        self.mesh: TriangleMesh | TetMesh = (
-            TetMesh.from_arrays(self.points(0), corners.reshape(-1, 4))
-            if solid
-            else TriangleMesh.from_arrays(self.points(0), corners.reshape(-1, 3))
-        )
+        self.mesh = _mesh_of_cells(self.points(0), corners, ends, solid)
 
     def __enter__(self) -> Trajectory:
         return self
@@ -144,6 +142,17 @@ class Trajectory:
         return {
             name.replace(".", "/", 1): values[...] for name, values in self._slot().items() if name != "frame"
         }
+
+
+def _mesh_of_cells(
+    points: NDArray, corners: NDArray, ends: NDArray, solid: bool
+) -> TriangleMesh | TetMesh | CurveSet:
+    """Tetrahedra, segments or triangles over points, by which cells a trajectory has."""
+    if solid:
+        return TetMesh.from_arrays(points, corners.reshape(-1, 4))
+    if len(ends):
+        return CurveSet.from_arrays(points, ends.reshape(-1, 2))
+    return TriangleMesh.from_arrays(points, corners.reshape(-1, 3))
 
 
 def pvd_text(files: list[tuple[float, str]]) -> str:

@@ -1,0 +1,109 @@
+"""`ddgcli curve-flow`."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from ddgcli.choices import CURVE_FLOWS
+from ddgcli.cli import options
+from ddgcli.cli.options import CommonOptions
+from ddgcli.cli.run import Run
+from ddgcli.cli.simulation.options import curve_time_options
+
+if TYPE_CHECKING:
+    from ddgcli.mesh.curve import CurveSet
+    from ddgcli.simulation.outcome import Outcome
+
+
+@click.command(
+    "curve-flow",
+    epilog="Choosing a flow: curvature shortens curves until they vanish; area-preserving rounds closed plane "
+    "curves; elastic straightens bends at constant length. See docs/curve-flow.md.",
+)
+@click.argument("mesh_path", metavar="CURVE", type=click.Path())
+@options.common
+@curve_time_options
+@click.option(
+    "--flow",
+    type=click.Choice(CURVE_FLOWS),
+    default="curvature",
+    show_default=True,
+    help="Gradient flow of the length, of the length at constant area, of int kappa^2 at constant length.",
+)
+@click.option(
+    "--length-penalty",
+    type=options.NONNEGATIVE,
+    metavar="W",
+    help="Elastic flow: descend int kappa^2 + W length (0: the free flow) instead of keeping the length.",
+)
+@click.option(
+    "--redistribute/--no-redistribute",
+    default=True,
+    show_default=True,
+    help="Move points along the curve towards equal distances.",
+)
+def command(
+    mesh_path: str,
+    common: CommonOptions,
+    overrides: dict[str, Any],
+    resume: str | None,
+    flow: str,
+    length_penalty: float | None,
+    redistribute: bool,
+) -> None:
+    """Flow the polylines of CURVE, in the plane or in space, down their length or bending energy.
+
+    The ends of open curves stay fixed. A curve that shrinks to a point stays there; the flow ends when all
+    have, and without --steps and --duration when no curve moves. Time is in length^2, length being the unit of
+    CURVE; with --flow elastic in length^4.
+
+    \b
+    Examples:
+      ddgcli curve-flow ellipse.csv -o circle.vtkhdf --flow area-preserving
+      ddgcli curve-flow trefoil.obj --flow elastic --plot trefoil.png
+    """
+    chosen: dict[str, Any] = {"flow": flow, "redistribute": redistribute}
+    if length_penalty is not None:
+        chosen["length_penalty"] = length_penalty
+    run = Run("curve-flow", common, **overrides, **chosen)
+    source = run.read(mesh_path, accept=("curve",))
+    from ddgcli.cli.simulation.scene_input import check_unchanged, fingerprint
+    from ddgcli.cli.simulation.simulate import Job, simulate
+    from ddgcli.mesh.curve import CurveSet
+    from ddgcli.models.curve import report, setup
+    from ddgcli.simulation.account import Account
+
+    curves = setup.without_repeated_points(cast(CurveSet, source.mesh))
+    bounded = any(overrides.get(name) for name in ("steps", "duration"))
+    curve_flow, model = setup.build(curves, setup.CurveOptions(**chosen, stop_at_rest=not bounded))
+    schedule = setup.schedule(curve_flow, overrides)
+    resolved, digest = fingerprint({"options": chosen, "time": overrides}, {"mesh": source.sha256})
+    check_unchanged(resume, resolved)
+    unit = "L⁴" if flow == "elastic" else "L²"  # L: the input's length unit
+    job = Job(
+        {"curve": model}, [curves], schedule, Account(), moving=True, resume=resume,
+        attributes={"input_sha256": digest, "time_unit": unit},
+        texts={"scene_source": "", "scene_resolved": resolved},
+    )  # fmt: skip
+    outcome = simulate(run, job)
+    results, accuracy = report.summary(
+        curve_flow, outcome.times, outcome.series, schedule.steps, outcome.stopped, outcome.failure
+    )
+    run.plot(lambda path: _draw(path, curves, outcome, unit, run.picture_options))
+    run.finish(results, accuracy, converged=not outcome.failure)
+
+
+def _draw(path: str, curves: CurveSet, outcome: Outcome, unit: str, look: dict[str, Any]) -> None:
+    """Draw the curves of a few frames, coloured by time."""
+    import numpy as np
+
+    from ddgcli.plots.curve import draw_curves
+
+    paths = curves.paths()
+    frames = [frame for frame in outcome.picture_frames if frame.points is not None]
+    positions = [frame.points[path] for frame in frames for path, _ in paths]  # type: ignore[index]
+    times = [np.full(len(path), frame.time) for frame in frames for path, _ in paths]
+    closed = [flag for _ in frames for _, flag in paths]
+    draw_curves(path, positions, times, closed=closed, label=f"time [{unit}]", **look)

@@ -1,0 +1,7 @@
+"""Gradient flows of polylines: curvature flow, area-preserving flow and elastic flow (chapters 1 and 3).
+
+`polygon` holds the discrete length, area and elastic energy with their gradients, `flow` the time steps,
+`setup` builds a flow from curves and options, `report` measures a run.
+"""
+
+__all__ = ["flow", "polygon", "report", "setup"]

@@ -1,0 +1,107 @@
+"""Results and accuracy of a curve flow, from the scalars of its frames."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ddgcli.models.curve.flow import CurveFlow
+
+MAX_RESOLVED_TURNING = np.pi / 3  # radians at a point; a hexagon's
+
+log = logging.getLogger("ddgcli")
+
+
+def summary(
+    flow: CurveFlow,
+    times: NDArray,
+    series: Mapping[str, NDArray],
+    limit: int,
+    stopped: str,
+    failure: str,
+) -> tuple[dict[str, Any], dict[str, Any]]:
+    """(`results`, `accuracy`) of a run.
+
+    Parameters
+    ----------
+    flow : CurveFlow
+    times : (T,) ndarray
+    series : mapping of str to (T,) or (T, c) ndarray
+        Scalars of every frame.
+    limit : int
+        Steps that the schedule allows.
+    stopped, failure : str
+        Why it ended before, or "".
+    """
+    bounds, several = bool(flow.mesh.bounds_area.all()), flow.mesh.n_curves > 1
+    collapse = np.atleast_1d(series["collapse_time_by_curve"][-1])
+    results: dict[str, Any] = {
+        "times": times.tolist(),
+        "length": series["length"].tolist(),
+        "area": series["area"].tolist() if bounds else None,
+        "elastic_energy": series["elastic_energy"].tolist(),
+        "turning_number": int(series["turning_number"][-1]) if bounds else None,
+        "stopped_because": failure or stopped or f"{limit} steps were taken",
+        "collapse_times": [None if t < 0 else float(t) for t in collapse],
+    }
+    if several:
+        names = ("length", "area", "elastic_energy")
+        results["curves"] = [
+            {name: float(series[f"{name}_by_curve"][-1, k]) for name in names}
+            for k in range(flow.mesh.n_curves)
+        ]
+    spacing = series["longest_segment"] / np.maximum(series["shortest_segment"], 1e-300)
+    accuracy: dict[str, Any] = {
+        "length_increases": int(series["length_increases"][-1]),
+        "energy_increases": int(series["energy_increases"][-1]) if flow.kind == "elastic" else None,
+        "area_drift": _drift(series["area_by_curve"]) if flow.kind == "area-preserving" else None,
+        "length_drift": _drift(series["length_by_curve"]) if _keeps_length(flow) else None,
+        "area_rate_error": _area_rate_error(flow, times, series) if bounds else None,
+        "turning_number_changes": int(np.count_nonzero(np.diff(series["turning_number"])))
+        if bounds
+        else None,
+        "redistributed": flow.redistribute,
+        "spacing_ratio": [float(spacing[0]), float(spacing[-1])],
+        "largest_turning_degrees": float(np.degrees(series["largest_turning"].max())),
+    }
+    _warn(accuracy, series)
+    return results, {name: value for name, value in accuracy.items() if value is not None}
+
+
+def _keeps_length(flow: CurveFlow) -> bool:
+    return flow.kind == "elastic" and flow.length_penalty is None
+
+
+def _drift(values: NDArray) -> float:
+    """Largest relative change of a quantity of each curve since the start."""
+    values = values.reshape(len(values), -1)
+    size = np.maximum(np.abs(values).max(axis=0), 1e-300)
+    return float((np.abs(values - values[0]) / size).max())
+
+
+def _area_rate_error(flow: CurveFlow, times: NDArray, series: Mapping[str, NDArray]) -> float | None:
+    """Relative error of the loss of area, exactly 2 pi times the turning number a unit of time.
+
+    Frames count until the first curve has shrunk to a point; None where the rate is zero.
+    """
+    whole = np.flatnonzero(series["collapsed"] == 0)
+    turns = float(series["turning_number"][0])
+    last = int(whole[-1]) if len(whole) else 0
+    if flow.kind != "curvature" or last == 0 or turns == 0:
+        return None
+    loss = float(series["area"][0] - series["area"][last])
+    return abs(loss / (2 * np.pi * turns * float(times[last] - times[0])) - 1.0)
+
+
+def _warn(accuracy: Mapping[str, Any], series: Mapping[str, NDArray]) -> None:
+    if accuracy["turning_number_changes"]:
+        log.warning("the turning number changed: a loop of the curve shrank to a point")
+    if series["largest_turning"][-1] > MAX_RESOLVED_TURNING and not series["collapsed"].any():
+        log.warning(
+            "the curve turns by %.3g degrees at one point of the last frame: use a curve with more points",
+            np.degrees(series["largest_turning"][-1]),
+        )

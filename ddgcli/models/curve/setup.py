@@ -1,0 +1,181 @@
+"""From curves and options to a flow."""
+
+from __future__ import annotations
+
+import logging
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ddgcli.choices import CURVE_FLOWS
+from ddgcli.errors import MeshError, ParameterError
+from ddgcli.mesh.curve import CurveSet
+from ddgcli.mesh.vectors import vector_length
+from ddgcli.models.curve import polygon
+from ddgcli.models.curve.flow import CurveFlow, start_state
+from ddgcli.simulation.time_loop import Model, Schedule
+
+MAX_STEPS = 2000
+FRAMES = 50
+DEFAULT_STEP = 5e-4  # in radius^2 (elastic: radius^4) of the circle of the shortest curve's length
+EXTENT_RANGE = (1e-60, 1e60)
+MAX_TURNING = np.pi - 1e-6  # radians; a joint that turns back has no elastic energy gradient
+
+log = logging.getLogger("ddgcli")
+
+
+@dataclass(frozen=True)
+class CurveOptions:
+    """Options of a curve flow.
+
+    Parameters
+    ----------
+    flow : str
+        Of CURVE_FLOWS.
+    redistribute : bool
+        Move points along the curve towards equal distances.
+    length_penalty : float, optional
+        Elastic flow: weight of the length in the energy, 0 for the free flow; None keeps the length.
+    stop_at_rest : bool
+    """
+
+    flow: str = "curvature"
+    redistribute: bool = True
+    length_penalty: float | None = None
+    stop_at_rest: bool = True
+
+
+def without_repeated_points(curves: CurveSet) -> CurveSet:
+    """Curves without unused points and without points that repeat their predecessor; paths in their order.
+
+    Raises
+    ------
+    MeshError
+        No segment, or a curve with too few different points.
+    """
+    paths, lines, start, repeated = [], [], 0, 0
+    for number, (path, closed) in enumerate(curves.paths()):
+        points = curves.points[path]
+        before = np.roll(points, 1, axis=0)
+        distinct = vector_length(points - before) > 0
+        if not closed:
+            distinct[0] = True
+        repeated += int((~distinct).sum())
+        kept = points[distinct]
+        least = 3 if closed else 2
+        if len(kept) < least:
+            raise MeshError(
+                f"curve {number} (first point {path[0]}) has {len(kept)} different points; "
+                f"{'a closed' if closed else 'an open'} curve needs {least}: remove it or correct its points"
+            )
+        at = start + np.arange(len(kept))
+        lines.append(np.stack([at, np.roll(at, -1)], axis=1)[: len(at) if closed else -1])
+        paths.append(kept)
+        start += len(kept)
+    if not paths:
+        raise MeshError("no segments; curve-flow needs a curve")
+    if repeated:
+        log.warning("%d points repeat their predecessor and are left out", repeated)
+    return CurveSet(np.concatenate(paths), np.concatenate(lines))
+
+
+def build(curves: CurveSet, options: CurveOptions) -> tuple[CurveFlow, Model]:
+    """Flow of curves, and the model that the time loop advances.
+
+    Parameters
+    ----------
+    curves : CurveSet
+        From `without_repeated_points`.
+    options : CurveOptions
+
+    Raises
+    ------
+    MeshError, ParameterError
+        On curves or options that the flow cannot take.
+    """
+    if options.flow not in CURVE_FLOWS:
+        raise ParameterError(
+            f"flow {options.flow!r} is not available; choose one of {', '.join(CURVE_FLOWS)}"
+        )
+    if options.length_penalty is not None and options.flow != "elastic":
+        raise ParameterError("belongs to `flow=elastic`; leave it out", parameter="length_penalty")
+    points, centre, scale = _unit_size(curves)
+    mesh = polygon.polygons(CurveSet(points, curves.lines))
+    shape = polygon.geometry(mesh, points)
+    length, area = mesh.by_curve(mesh.tail, shape.length), polygon.enclosed_area(mesh, points)
+    if options.flow == "area-preserving" and not mesh.bounds_area.all():
+        bad = int(np.argmin(mesh.bounds_area))
+        what = "is open" if not mesh.closed[bad] else "lies in no plane"
+        raise MeshError(
+            f"curve {bad} {what} and encloses no area; `flow=area-preserving` takes closed plane curves: "
+            "use `flow=curvature`"
+        )
+    if options.flow == "elastic":
+        _require_bends(mesh, shape.turning)
+        if options.length_penalty is None:
+            _require_slack(mesh, points, length)
+    penalty = None if options.length_penalty is None else options.length_penalty * scale**2
+    flow = CurveFlow(
+        mesh, options.flow, options.redistribute, penalty, options.stop_at_rest, length, area, centre, scale
+    )
+    model = Model(
+        start_state(flow, points), flow.advance, flow.observe, flow.pack, flow.unpack,
+        distance=flow.distance, order=1, stop=flow.reason,
+    )  # fmt: skip
+    return flow, model
+
+
+def _unit_size(curves: CurveSet) -> tuple[NDArray, NDArray, float]:
+    """Points about their centre at a size near 1, the centre, and the scale (a power of two)."""
+    centre = 0.5 * (curves.points.min(axis=0) + curves.points.max(axis=0))
+    extent = float(np.abs(curves.points - centre).max())
+    if not EXTENT_RANGE[0] < extent < EXTENT_RANGE[1]:
+        raise MeshError(
+            f"the curves measure {extent:.3g} from their centre; curve-flow takes {EXTENT_RANGE[0]:g} to "
+            f"{EXTENT_RANGE[1]:g}: rescale"
+        )
+    scale = 2.0 ** round(math.log2(extent))
+    return (curves.points - centre) / scale, centre, scale
+
+
+def _require_bends(mesh: polygon.Polygons, turning: NDArray) -> None:
+    back = np.flatnonzero(turning > MAX_TURNING)
+    if len(back):
+        raise MeshError(
+            f"the curve turns back at {len(back)} points (first: point {mesh.joint[back[0]]}), where its "
+            "elastic energy has no gradient; remove these points or use `flow=curvature`"
+        )
+
+
+def _require_slack(mesh: polygon.Polygons, points: NDArray, length: NDArray) -> None:
+    """Raise an error for straight open curves between fixed ends: their length leaves nothing to move."""
+    ends = np.zeros((mesh.n_curves, 3))
+    np.add.at(ends, mesh.curve[mesh.tail], points[mesh.head] - points[mesh.tail])
+    straight = ~mesh.closed & (vector_length(ends) > length * (1 - 1e-12))
+    if straight.any():
+        raise MeshError(
+            f"curve {int(np.argmax(straight))} is straight between its fixed ends, and cannot move "
+            "at this length; use `length_penalty=0`, or remove it"
+        )
+
+
+def schedule(flow: CurveFlow, options: Mapping[str, Any]) -> Schedule:
+    """When to step and to record, from the options: steps, duration, step, frame_every, tolerance."""
+    steps, duration, dt = options.get("steps"), options.get("duration"), options.get("step")
+    every, tolerance = options.get("frame_every"), options.get("tolerance")
+    if tolerance is not None and not duration:
+        raise ParameterError("needs `duration`; it chooses the steps up to that time", parameter="tolerance")
+    if dt is None:
+        radius = float(flow.first_length.min()) / (2 * math.pi)
+        own = DEFAULT_STEP * radius ** (4 if flow.kind == "elastic" else 2) * flow.time_unit
+        dt = own if duration is None else max(duration / MAX_STEPS, min(duration / FRAMES, own))
+    if tolerance is not None and duration is not None:
+        frames = max(1, math.ceil(duration / every - 1e-9)) if every else FRAMES
+        return Schedule(duration / frames, frames, 1, tolerance, first_dt=min(dt, duration / frames))
+    count = max(1, math.ceil(duration / dt - 1e-9)) if duration is not None else steps or MAX_STEPS
+    dt = duration / count if duration is not None else dt
+    return Schedule(dt, count, max(1, round(every / dt) if every else math.ceil(count / FRAMES)))
