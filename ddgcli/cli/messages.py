@@ -7,7 +7,7 @@ from collections.abc import Mapping
 
 import click
 
-from ddgcli.cli.parameters import error_text, with_option_names
+from ddgcli.cli.parameters import error_text, with_option_names, with_repair_command
 from ddgcli.errors import DdgError, MissingExtraError, OutputError
 
 
@@ -58,6 +58,7 @@ class MessageHandler(logging.Handler):
 def error_line(error: DdgError, context: click.Context) -> str:
     """Message of an error with option names and, if it names no file, after the name of the input."""
     message = error_text(error, context.meta.get("ddgcli.options", {}))
+    message = with_repair_command(message, context.meta.get("ddgcli.mesh", ()))
     path = context.meta.get("ddgcli.input")
     if path and not isinstance(error, (OutputError, MissingExtraError)) and not message.startswith(path):
         return f"{path}: {message}"

@@ -1,18 +1,21 @@
 """Option names for the messages of the core, which knows parameters only.
 
 The core writes a parameter between back quotes, alone or with a value, such as `` `method=exact` ``; the
-command line writes `--method exact`.
+command line writes `--method exact`. Steps that repair a mesh, `` `repair=orient` ``, become the command.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+import shlex
+from collections.abc import Mapping, Sequence
+from pathlib import Path
 
 import click
 
 from ddgcli.errors import ParameterError
 
+QUOTED_REPAIR = re.compile(r"`repair=([^`]*)`")
 QUOTED_PARAMETER = re.compile(r"`([a-z]\w*)(?:=([^`]*))?`")
 
 
@@ -36,6 +39,29 @@ def with_option_names(message: str, names: Mapping[str, str]) -> str:
         return names[name] if value is None else f"{names[name]} {value}"
 
     return QUOTED_PARAMETER.sub(option, message)
+
+
+def with_repair_command(message: str, mesh: Sequence[str] = ()) -> str:
+    """The message with quoted steps of a repair, `` `repair=orient fill_holes=9` ``, as a command.
+
+    Parameters
+    ----------
+    message : str
+    mesh : sequence of str, optional
+        Path of the mesh and the options for reading it; `MESH` where they are unknown.
+    """
+    words = list(mesh) or ["MESH"]
+    stem = "" if words[0] in ("MESH", "-") else f"{Path(words[0]).stem}-"
+    words[0] = "MESH" if words[0] == "-" else words[0]
+
+    def command(match: re.Match[str]) -> str:
+        steps = (step.partition("=") for step in match.group(1).split())
+        options = [
+            word for name, _, value in steps for word in (f"--{name.replace('_', '-')}", value) if word
+        ]
+        return shlex.join(["ddgcli", "repair", *words, *options, "-o", f"{stem}repaired.ply"])
+
+    return QUOTED_REPAIR.sub(command, message)
 
 
 def error_text(error: Exception, names: Mapping[str, str]) -> str:

@@ -16,7 +16,7 @@ from ddgcli import __version__
 from ddgcli.cli.input_facts import input_facts
 from ddgcli.cli.messages import MessageHandler
 from ddgcli.cli.options import CommonOptions, named_array, page_size
-from ddgcli.cli.parameters import option_names
+from ddgcli.cli.parameters import option_names, with_repair_command
 from ddgcli.cli.progress import Progress
 from ddgcli.cli.summary import plain, print_summary
 from ddgcli.errors import MeshError, OutputError, ParameterError
@@ -207,6 +207,8 @@ class Run:
             self._inputs[path] = source.sha256
             self._input_vertex = source.input_vertex
             self._context.meta["ddgcli.input"] = path
+            form = self.common.input_format
+            self._context.meta["ddgcli.mesh"] = (path, *(("--input-format", form) if form else ()))
         for note in source.notes:
             log.warning(note)
         if {"face_edge_lengths", "neighbors"} <= set(source.face) and not flat_faces:
@@ -233,6 +235,11 @@ class Run:
         import shlex
 
         return shlex.join(["ddgcli", *self._context.find_root().meta.get("ddgcli.args", [])])
+
+    def with_commands(self, messages: Mapping[str, str]) -> dict[str, str]:
+        """Messages about the input mesh with the repair that each names as a command."""
+        mesh = self._context.meta.get("ddgcli.mesh", ())
+        return {name: with_repair_command(message, mesh) for name, message in messages.items()}
 
     @property
     def metadata(self) -> dict[str, Any]:

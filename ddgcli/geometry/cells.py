@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from ddgcli.errors import MeshError
 from ddgcli.geometry.intrinsic import corner_cotan, face_area
+from ddgcli.mesh.cures import cure
 
 # local edges of the cells: a triangle's sides in order, a tetrahedron's pairs in order
 TRIANGLE_EDGES = np.array([[0, 1], [1, 2], [2, 0]])
@@ -99,5 +100,5 @@ def _refuse_flat(measure: NDArray, name: str) -> None:
         kind = "area" if name == "face" else "volume"
         raise MeshError(
             f"{len(flat)} {name}s have no {kind} (first: {name} {flat[0]}): Hodge stars are infinite there; "
-            "remove or repair them"
+            + (cure("no area", manifold=True) if name == "face" else "correct their vertices")
         )

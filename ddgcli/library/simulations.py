@@ -12,8 +12,8 @@ from ddgcli.errors import SceneError
 from ddgcli.io.arrays import read_array
 from ddgcli.io.mesh_file import read_mesh
 from ddgcli.io.scene_file import SceneDocument, read_scene
-from ddgcli.mesh.fields import Frame
 from ddgcli.mesh.curve import CurveSet
+from ddgcli.mesh.fields import Frame
 from ddgcli.mesh.tet_mesh import TetMesh
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.models.fluid import model as fluid_model

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.errors import MeshError
+from ddgcli.mesh.cures import cure
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 
 
@@ -36,7 +37,7 @@ def oriented(mesh: TriangleMesh) -> tuple[TriangleMesh, NDArray[np.bool_]]:
     turn = mesh.topology.face_turn
     if turn is None:
         raise MeshError(
-            "the surface is not orientable (it contains a Moebius band); repair the faces or cut it open"
+            f"the surface is not orientable (it contains a Moebius band); {cure('one side', mesh.topology)}"
         )
     return reverse_faces(mesh, turn), turn
 

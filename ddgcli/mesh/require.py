@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ddgcli.errors import MeshError
+from ddgcli.mesh.cures import cure, with_repair
 from ddgcli.mesh.curve import CurveSet
 from ddgcli.mesh.tet_mesh import TetMesh
 from ddgcli.mesh.triangle_mesh import TriangleMesh
@@ -56,13 +57,13 @@ def require(
         a, b = topology.edges[bad[0]]
         raise MeshError(
             f"{len(bad)} edges have more than two faces (first: vertices {a}-{b}); "
-            f"{verb} needs a manifold mesh: split the surface there"
+            f"{verb} needs a manifold mesh: {cure('edge of three faces', topology, oriented=oriented)}"
         )
     if manifold and len(topology.nonmanifold_vertices):
         bad = topology.nonmanifold_vertices
         raise MeshError(
             f"{len(bad)} vertices join several fans of faces (first: vertex {bad[0]}); "
-            f"{verb} needs a manifold mesh: duplicate such vertices, one for each fan"
+            f"{verb} needs a manifold mesh: {cure('several fans', topology, oriented=oriented)}"
         )
     bad = topology.misoriented_edges if oriented else topology.edges[:0, 0]
     if one_sided and len(bad):
@@ -77,7 +78,7 @@ def require(
         a, b = topology.edges[topology.boundary_edges[0]]
         raise MeshError(
             f"the surface has {topology.boundary_loops} boundary loops (first edge: vertices {a}-{b}); "
-            f"{verb} needs a closed surface: fill the holes"
+            f"{verb} needs a closed surface: {cure('boundary', topology)}"
         )
 
 
@@ -85,8 +86,9 @@ def _orientation_cure(mesh: TriangleMesh, one_sided: bool = False) -> str:
     """Part of the message: how to orient the faces."""
     turn = mesh.topology.faces_to_turn
     if not one_sided and mesh.topology.one_sided_face.any():
-        return "this surface is one-sided and has no orientation"
-    return f"reverse {int(turn.sum())} of them (first: face {int(np.argmax(turn))})"
+        return f"this surface is one-sided and has no orientation: {cure('one side', mesh.topology)}"
+    first = int(np.argmax(turn))
+    return f"reverse {int(turn.sum())} of them (first: face {first}) {with_repair('orientation')}"
 
 
 def check_size(longest: float, *, in_range: bool = True) -> None:
@@ -194,7 +196,7 @@ def unmet_need(mesh: TriangleMesh | TetMesh | CurveSet, verb: str) -> str | None
             if requirement.area:
                 _require_area(mesh)
             if requirement.every_area:
-                _require_every_area(mesh)
+                _require_every_area(mesh, **requirement.surface)
     except MeshError as error:
         return str(error)
     return None
@@ -206,12 +208,13 @@ def _require_area(mesh: TriangleMesh) -> None:
         raise MeshError(f"none of the {mesh.n_faces} faces has an area; check the coordinates")
 
 
-def _require_every_area(mesh: TriangleMesh) -> None:
+def _require_every_area(mesh: TriangleMesh, *, manifold: bool = False, oriented: bool = False) -> None:
     side = mesh.side_vector / np.maximum(mesh.side_length.max(axis=1), 1e-300)[:, None, None]
     flat = np.flatnonzero(~(np.linalg.norm(np.cross(side[:, 0], side[:, 1]), axis=1) > FLAT_AREA_TOLERANCE))
     if len(flat):
         raise MeshError(
-            f"{len(flat)} faces have no area (first: face {flat[0]}); remove them, or correct their vertices"
+            f"{len(flat)} faces have no area (first: face {flat[0]}); "
+            f"{cure('no area', mesh.topology, manifold=manifold, oriented=oriented)}"
         )
 
 
@@ -221,5 +224,5 @@ def _require_volume(mesh: TetMesh) -> None:
     flat = np.flatnonzero(np.abs(mesh.signed_volume) <= smallest)
     if len(flat):
         raise MeshError(
-            f"{len(flat)} tetrahedra have no volume (first: tetrahedron {flat[0]}); remove or repair them"
+            f"{len(flat)} tetrahedra have no volume (first: tetrahedron {flat[0]}); correct their vertices"
         )

@@ -26,7 +26,7 @@ def check_points(points: NDArray) -> NDArray[np.float64]:
     finite = np.isfinite(points)
     if not finite.all():
         bad = np.flatnonzero(~finite.all(axis=1))
-        raise MeshError(f"vertex {bad[0]} is not finite ({len(bad)} such vertices); remove or repair it")
+        raise MeshError(f"vertex {bad[0]} is not finite ({len(bad)} such vertices); correct its coordinates")
     if len(points) and np.abs(points).max() > MAX_COORDINATE:
         bad = np.flatnonzero((np.abs(points) > MAX_COORDINATE).any(axis=1))
         raise MeshError(

@@ -15,6 +15,7 @@ from ddgcli.errors import MeshError
 from ddgcli.geometry.extrinsic import face_area_vector
 from ddgcli.geometry.intrinsic import corner_cotan
 from ddgcli.geometry.unfolding import Fans, vertex_fans
+from ddgcli.mesh.cures import cure
 from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
 from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.topology import NEXT
@@ -46,7 +47,7 @@ def side_angles(mesh: SurfaceMesh) -> tuple[NDArray[np.float64], NDArray[np.floa
     if count.max(initial=0) > 1:
         raise MeshError(
             f"vertex {int(np.argmax(count))} joins {count.max()} fans of faces and has no tangent plane; "
-            "duplicate such vertices, one for each fan"
+            f"{cure('several fans', mesh.topology)}"
         )
     scale = angle_scale(fans)[fans.fan]
     at_tail = fans.angle_before * scale

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.errors import MeshError
+from ddgcli.mesh.cures import cure
 from ddgcli.mesh.intrinsic_mesh import IntrinsicMesh
 from ddgcli.mesh.topology import Topology
 from ddgcli.mesh.triangle_mesh import TriangleMesh
@@ -34,7 +35,9 @@ def tufted_cover(mesh: TriangleMesh | IntrinsicMesh) -> IntrinsicMesh:
     """
     twice = np.flatnonzero((mesh.topology.side_tail == mesh.topology.side_head).reshape(-1, 3).any(axis=1))
     if mesh.topology.gluing is None and len(twice):
-        raise MeshError(f"face {twice[0]} names a vertex twice ({len(twice)} such faces); remove it")
+        raise MeshError(
+            f"face {twice[0]} names a vertex twice ({len(twice)} such faces); {cure('repeated vertex')}"
+        )
     m = mesh.n_faces
     faces = np.concatenate([mesh.faces, mesh.faces[:, BACK_CORNERS]])
     length = np.concatenate([mesh.side_length, mesh.side_length[:, ::-1]])

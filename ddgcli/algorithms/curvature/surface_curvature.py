@@ -23,6 +23,7 @@ from ddgcli.algorithms.delaunay.triangulation import non_delaunay_edges
 from ddgcli.choices import CURVATURE_SCHEMES
 from ddgcli.errors import MeshError, ParameterError
 from ddgcli.geometry.extrinsic import dihedral_angle, enclosed_volume
+from ddgcli.mesh.cures import cure
 from ddgcli.mesh.repair import reverse_faces
 from ddgcli.mesh.require import check_size, require
 from ddgcli.mesh.triangle_mesh import TriangleMesh
@@ -197,7 +198,7 @@ def _warn_of_defects(mesh: TriangleMesh, faces: Faces, orientable: bool, scheme:
         if scheme in ("normal-cycle", "corrected"):
             raise MeshError(
                 f"the surface is one-sided (not orientable) and {scheme} needs two sides; "
-                "use `scheme=quadric` or `scheme=cotan`, or cut the surface open"
+                f"use `scheme=quadric` or `scheme=cotan`, or {cure('one side', mesh.topology)}"
             )
         _log.warning(
             "the surface is one-sided (not orientable): the signs of mean and principal curvature hold only "

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from ddgcli.algorithms.delaunay.flips import SideArrays, flip_until_delaunay
 from ddgcli.errors import MeshError
 from ddgcli.geometry.intrinsic import corner_cotan, half_angle_tangent
+from ddgcli.mesh.cures import cure
 from ddgcli.mesh.intrinsic_mesh import IntrinsicMesh
 from ddgcli.mesh.require import require
 from ddgcli.mesh.scatter import sum_by_index
@@ -166,7 +167,9 @@ def require_surface(mesh: TriangleMesh | IntrinsicMesh, verb: str) -> None:
     topology = mesh.topology
     twice = np.flatnonzero((topology.side_tail == topology.side_head).reshape(-1, 3).any(axis=1))
     if len(twice):
-        raise MeshError(f"face {twice[0]} names a vertex twice ({len(twice)} such faces); remove it")
+        raise MeshError(
+            f"face {twice[0]} names a vertex twice ({len(twice)} such faces); {cure('repeated vertex')}"
+        )
     try:
         require(mesh, verb, sized=False, manifold_edges=True, oriented=True)  # type: ignore[arg-type]
     except MeshError as error:

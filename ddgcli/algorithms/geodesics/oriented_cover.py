@@ -20,6 +20,7 @@ from ddgcli.algorithms.geodesics.sources import Sources
 from ddgcli.algorithms.geodesics.surface_curves import Curves
 from ddgcli.errors import MeshError
 from ddgcli.geometry.surface_points import SurfacePoints
+from ddgcli.mesh.cures import cure
 from ddgcli.mesh.repair import oriented
 from ddgcli.mesh.topology import Topology
 from ddgcli.mesh.triangle_mesh import TriangleMesh
@@ -53,7 +54,7 @@ class OrientedCover:
         if self.is_one_sided:
             raise MeshError(
                 f"the surface is one-sided (it contains a Moebius band); {what} needs two sides: "
-                "cut the surface open"
+                f"{cure('one side', self.base.topology)}"
             )
 
     def weights(self, face: NDArray, barycentric: NDArray) -> NDArray[np.float64]:

@@ -14,6 +14,7 @@ from ddgcli.errors import MeshError
 from ddgcli.geometry.intrinsic import corner_cotan, face_area
 from ddgcli.linalg.constrain import Dirichlet
 from ddgcli.linalg.factor import Factor
+from ddgcli.mesh.cures import cure
 from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
 from ddgcli.mesh.require import require
 from ddgcli.mesh.scatter import sum_by_index
@@ -105,11 +106,11 @@ def boundary_loops(mesh: TriangleMesh, verb: str) -> list[NDArray[np.int64]]:
     require(mesh, verb, manifold=True, oriented=True)
     topology = mesh.topology
     if topology.n_components != 1:
-        raise MeshError(f"{topology.n_components} components; {verb} takes one: split the mesh")
+        raise MeshError(f"{topology.n_components} components; {verb} takes one: {cure('components')}")
     if topology.is_closed:
-        raise MeshError(f"the surface is closed; {verb} needs a boundary: cut it open")
+        raise MeshError(f"the surface is closed; {verb} needs a boundary: {cure('no boundary')}")
     if topology.genus:
-        raise MeshError(f"the surface has genus {topology.genus}; {verb} needs genus 0: cut its handles open")
+        raise MeshError(f"{topology.genus} handles; {verb} takes a surface without: {cure('handles')}")
     side = np.flatnonzero(topology.side_twin.ravel() < 0)
     following = dict(zip(topology.side_tail[side].tolist(), topology.side_head[side].tolist()))
     loops = []
@@ -133,7 +134,7 @@ def _local_numbers(n_vertices: int, used: NDArray, loops: list[NDArray]) -> NDAr
     if lost:
         raise MeshError(
             f"{len(lost)} boundary vertices have only faces without area (first: vertex {lost[0]}); "
-            "remove those faces"
+            f"{cure('no area')}"
         )
     return local
 

@@ -68,7 +68,8 @@ def repair_mesh(mesh: TriangleMesh, chosen_steps: RepairSteps) -> tuple[Repaired
     ParameterError
         No step is chosen.
     MeshError
-        A step needs what the mesh does not have: filling and cutting take oriented manifold surfaces.
+        A step needs what the mesh does not have: filling and cutting take oriented manifold surfaces, cutting
+        one-sided ones too.
     """
     plan: list[tuple[str, Any, Callable[[RepairedMesh], RepairedMesh]]] = [
         ("weld", chosen_steps.weld is not None, lambda r: steps.weld(r, chosen_steps.weld or 0.0)),
@@ -101,9 +102,9 @@ def repair_mesh(mesh: TriangleMesh, chosen_steps: RepairSteps) -> tuple[Repaired
 
 def _require_manifold(mesh: TriangleMesh, parameter: str) -> None:
     try:
-        require(mesh, "this step", manifold=True, oriented=True)
+        require(mesh, "this step", manifold=True, oriented=True, one_sided=parameter == "cut_to_disk")
     except MeshError as error:
-        raise MeshError(f"`{parameter}`: {error}; add `split_fans` and `orient`") from None
+        raise MeshError(f"`{parameter}`: {error}") from None
 
 
 def refusals(mesh: TriangleMesh) -> dict[str, str]:

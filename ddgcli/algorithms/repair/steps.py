@@ -172,7 +172,9 @@ def cut_to_disk(repaired: RepairedMesh) -> RepairedMesh:
         middle = np.flatnonzero(topology.vertex_component == component)[0]
         spokes = np.flatnonzero((topology.edges == middle).any(axis=1))
         cut[spokes[[0, len(spokes) // 2]]] = True
-    return separated(repaired, ~cut)
+    opened = separated(repaired, ~cut)
+    disk = reverse_faces(opened.mesh, opened.mesh.topology.faces_to_turn)  # pieces that were one-sided
+    return RepairedMesh(disk, opened.input_vertex, opened.input_face, opened.changes)
 
 
 def _cut_graph(mesh: TriangleMesh) -> NDArray[np.bool_]:

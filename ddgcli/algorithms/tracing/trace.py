@@ -19,6 +19,7 @@ from ddgcli.errors import MeshError, ParameterError
 from ddgcli.geometry.face_frames import to_face_frame, to_space
 from ddgcli.geometry.surface_points import SurfacePoints
 from ddgcli.geometry.unfolding import APEX, Fans, Unfolding, unfold, vertex_fans
+from ddgcli.mesh.cures import cure
 from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
 from ddgcli.mesh.vectors import vector_length
 from ddgcli.progress import ProgressCallback
@@ -56,7 +57,7 @@ class Tracer:
             a, b = topology.edges[bad[0]]
             raise MeshError(
                 f"{len(bad)} edges join faces of opposite orientation (first: vertices {a}-{b}); "
-                "tracing needs consistently oriented faces: turn those faces round"
+                f"tracing needs consistently oriented faces: {cure('orientation')}"
             )
         self.mesh = mesh
         self.unfolding: Unfolding = unfold(mesh)

@@ -43,7 +43,8 @@ def command(mesh_path: str, common: CommonOptions) -> None:
     inspection = inspect_mesh(source.mesh)
     arrays = {"vertex": source.vertex, "face": source.face, "edge": source.edge}
     names = {place: sorted(names) for place, names in arrays.items() if names}
-    results = {**inspection.results, "arrays": names}
+    accepts = run.with_commands(inspection.results["accepts"])
+    results = {**inspection.results, "accepts": accepts, "arrays": names}
     candidates = {**source.vertex, **source.face, **inspection.vertex, **inspection.face}
     name, values = run.picture_array(candidates if source.kind == "surface" else {}, "min_angle_degrees")
     run.write(AnnotatedMesh(source.mesh, vertex=inspection.vertex, face=inspection.face))

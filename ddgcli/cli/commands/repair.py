@@ -9,6 +9,7 @@ import click
 from ddgcli.cli import options
 from ddgcli.cli.input_facts import input_facts
 from ddgcli.cli.options import CommonOptions
+from ddgcli.cli.parameters import with_repair_command
 from ddgcli.cli.run import Run
 from ddgcli.errors import ParameterError
 
@@ -76,11 +77,13 @@ def command(mesh_path: str, common: CommonOptions, for_command: str | None, **ch
         face={name: values for name, values in face.items() if values is not None},
     )
     reasons = refusals(repaired.mesh)
+    written = run.common.outputs[:1]
+    refused_by = {name: with_repair_command(reason, written) for name, reason in reasons.items()}
     accepted = for_command is None or for_command not in reasons
     run.write(annotated, converged=accepted)
     name, values = run.picture_array({**annotated.vertex, **annotated.face}, "input_face")
     from ddgcli.plots.array import draw_array
 
     run.plot(lambda path: draw_array(path, repaired.mesh, name, values, **run.picture_options))
-    results = {"changes": changes, "repaired": input_facts(repaired.mesh), "refused_by": reasons}
+    results = {"changes": changes, "repaired": input_facts(repaired.mesh), "refused_by": refused_by}
     run.finish(results, {}, converged=accepted)

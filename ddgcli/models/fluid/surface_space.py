@@ -25,6 +25,7 @@ from ddgcli.errors import MeshError
 from ddgcli.geometry.intrinsic import face_area
 from ddgcli.geometry.unfolding import corner_position, unfold
 from ddgcli.linalg.constrain import Dirichlet
+from ddgcli.mesh.cures import cure
 from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
 from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.topology import NEXT, PREVIOUS
@@ -382,7 +383,8 @@ def require_flow(mesh: SurfaceMesh) -> None:
     if len(bad):
         raise MeshError(
             f"{len(bad)} faces have no area (first: face {bad[0]}, vertices "
-            f"{', '.join(str(v) for v in topology.faces[bad[0]])}); remove or repair them"
+            f"{', '.join(str(v) for v in topology.faces[bad[0]])}); "
+            f"{cure('no area', topology, manifold=True, oriented=True)}"
         )
     size = float(longest.max())
     if not 1e-60 < size < 1e60:

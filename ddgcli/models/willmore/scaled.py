@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from ddgcli.errors import MeshError
 from ddgcli.geometry.extrinsic import face_area_vector
+from ddgcli.mesh.cures import cure
 from ddgcli.mesh.require import require
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.mesh.vectors import vector_length
@@ -41,7 +42,8 @@ def centred_at_unit_size(mesh: TriangleMesh) -> tuple[TriangleMesh, NDArray[np.f
     if len(bad):
         raise MeshError(
             f"{len(bad)} faces have no area (first: face {bad[0]}, vertices "
-            f"{', '.join(str(v) for v in mesh.faces[bad[0]])}); remove or repair them"
+            f"{', '.join(str(v) for v in mesh.faces[bad[0]])}); "
+            f"{cure('no area', mesh.topology, manifold=True, oriented=True)}"
         )
     radius = extent * math.sqrt(0.5 * doubled.sum() / (4.0 * math.pi))
     scale = 2.0 ** round(math.log2(radius))

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from ddgcli.choices import WILLMORE_BOUNDARIES, WILLMORE_ENERGIES, WILLMORE_FLOWS
 from ddgcli.errors import MeshError, ParameterError
 from ddgcli.geometry.extrinsic import enclosed_volume
+from ddgcli.mesh.require import require
 from ddgcli.mesh.topology import Topology
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.models.willmore.constraints import Constraints, area
@@ -223,8 +224,8 @@ def build(mesh: TriangleMesh, options: FlowOptions, region: NDArray | None = Non
     unit, centre, scale = centred_at_unit_size(mesh)
     topology = mesh.topology
     free = free_vertices(topology, options.boundary, region)
-    if options.fix_volume and not topology.is_closed:
-        raise ParameterError("`fix_volume` needs a closed surface; this one has a boundary")
+    if options.fix_volume:
+        require(mesh, "`fix_volume`", closed=True)
     mean_curvature = options.flow == "mean-curvature"
     if mean_curvature and (options.fix_area or options.fix_volume):
         raise ParameterError("`flow=mean-curvature` keeps neither area nor volume; use `flow=quadratic`")

@@ -18,6 +18,7 @@ from ddgcli.algorithms.geodesics.sources import Sources, VertexDistances, check_
 from ddgcli.errors import MeshError, ParameterError, SolveError
 from ddgcli.geometry.surface_points import SurfacePoints
 from ddgcli.geometry.unfolding import vertex_fans
+from ddgcli.mesh.cures import cure
 from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
 from ddgcli.mesh.topology import PREVIOUS
 from ddgcli.mesh.triangle_mesh import TriangleMesh
@@ -136,7 +137,7 @@ def exact_distance(
         )
     if directions and not mesh.topology.is_oriented:
         raise MeshError(
-            "neighbouring faces have opposite orientation: directions have no sign; reorient those faces"
+            f"neighbouring faces have opposite orientation: directions have no sign; {cure('orientation')}"
         )
     sources = check_sources(mesh, sources)
     tables = tables or window_tables(mesh)

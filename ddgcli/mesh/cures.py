@@ -1,0 +1,72 @@
+"""Cures of defects of meshes, for the messages that refuse them.
+
+A cure names the steps of `repair_mesh` in back quotes, such as `` `repair=split_fans orient` ``; the command
+line writes them as a call of `ddgcli repair`.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from ddgcli.mesh.topology import Topology
+
+# defect -> what to do, and the steps of the repair that do it
+CURES = {
+    "edge of three faces": ("split the surface there", "split_fans"),
+    "several fans": ("duplicate such vertices, one for each fan", "split_fans"),
+    "orientation": ("reverse faces", "orient"),
+    "one side": ("cut it open", "cut_to_disk"),
+    "boundary": ("fill the holes", "fill_holes"),
+    "no area": ("remove such faces", "drop_degenerate"),
+    "repeated vertex": ("remove such faces", "drop_degenerate"),
+    "components": ("keep the largest", "largest"),
+    "no boundary": ("cut it open", "cut_to_disk"),
+    "handles": ("cut them open", "cut_to_disk"),
+}
+STEPS_ON_MANIFOLDS = ("fill_holes", "cut_to_disk")
+
+
+def cure(
+    defect: str, topology: Topology | None = None, *, manifold: bool = False, oriented: bool = False
+) -> str:
+    """What to do about a defect of `CURES`, with the steps of the repair; parameters as in `with_repair`."""
+    return f"{CURES[defect][0]} {with_repair(defect, topology, manifold=manifold, oriented=oriented)}"
+
+
+def with_repair(
+    defect: str, topology: Topology | None = None, *, manifold: bool = False, oriented: bool = False
+) -> str:
+    """The steps of the repair of a defect in back quotes, after the word "with".
+
+    Parameters
+    ----------
+    defect : str
+    topology : Topology, optional
+        Of the refused mesh; adds the steps that the cure needs on this mesh.
+    manifold, oriented : bool
+        What else the refused computation needs of the mesh.
+    """
+    step = CURES[defect][1]
+    steps = [step]
+    if manifold and step == "drop_degenerate":  # vertices beside such faces may join two fans then
+        steps.append("split_fans")
+    if topology is not None:
+        manifold |= step in STEPS_ON_MANIFOLDS
+        oriented |= step in STEPS_ON_MANIFOLDS
+        if step == "split_fans" and _has_duplicates(topology):
+            steps.insert(0, "drop_duplicates")
+        if step == "fill_holes":
+            steps = [f"fill_holes={len(topology.boundary_edges)}"]
+        if manifold and step in STEPS_ON_MANIFOLDS and not topology.is_manifold:
+            steps.append("split_fans")
+        if oriented and step != "orient" and (len(topology.misoriented_edges) or "drop_duplicates" in steps):
+            steps.append("orient")
+    return f"with `repair={' '.join(steps)}`"
+
+
+def _has_duplicates(topology: Topology) -> bool:
+    """Whether two faces have the same three vertices."""
+    return len(np.unique(np.sort(topology.faces, axis=1), axis=0)) < topology.n_faces

@@ -1,0 +1,163 @@
+"""Refusals of meshes name a call of `ddgcli repair`, and this call cures them."""
+
+import re
+import shlex
+
+import numpy as np
+import pytest
+
+from ddgcli.io.mesh_file import read_mesh, write_mesh
+from ddgcli.mesh import shapes
+from ddgcli.mesh.cures import CURES, cure
+from ddgcli.mesh.fields import AnnotatedMesh
+from ddgcli.mesh.triangle_mesh import TriangleMesh
+
+REPAIR = re.compile(r"ddgcli repair .*? -o ('[^']*'|\S+\.ply)")
+
+
+def with_faces(mesh, faces, points=()):
+    return TriangleMesh.from_arrays(np.concatenate([mesh.points, *([points] if len(points) else [])]), faces)
+
+
+def fin():
+    """A third face on an edge of a grid."""
+    grid = shapes.grid(3, 3)
+    a, b = grid.faces[4, :2]
+    return with_faces(grid, np.concatenate([grid.faces, [[a, b, grid.n_vertices]]]), [[0.5, 0.5, 1.0]])
+
+
+def duplicates():
+    """Two faces of a grid twice."""
+    grid = shapes.grid(3, 3)
+    return with_faces(grid, np.concatenate([grid.faces, grid.faces[4:6, [1, 2, 0]]]))
+
+
+def two_fans():
+    """Two tetrahedra that share a vertex."""
+    faces = np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]])
+    points = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [-1, 0, 0], [0, -1, 0], [0, 0, -1]])
+    number = np.array([0, 4, 5, 6])
+    return TriangleMesh.from_arrays(points, np.concatenate([faces, number[faces][:, ::-1]]))
+
+
+def turned():
+    """Every fifth face of a sphere reversed."""
+    sphere = shapes.icosphere(1)
+    faces = sphere.faces.copy()
+    faces[::5] = faces[::5, ::-1]
+    return with_faces(sphere, faces)
+
+
+def moebius():
+    """A band of 8 x 1 quads glued with a half turn."""
+    x, y = np.meshgrid(np.arange(9), np.arange(2), indexing="ij")
+    angle = 2 * np.pi * x / 8
+    radius = 1 + (y - 0.5) * np.cos(angle / 2)
+    points = np.stack([radius * np.cos(angle), radius * np.sin(angle), (y - 0.5) * np.sin(angle / 2)], -1)
+    vertex = np.arange(18).reshape(9, 2)
+    vertex[8] = vertex[0, ::-1]
+    quads = np.stack([vertex[:-1, 0], vertex[1:, 0], vertex[1:, 1], vertex[:-1, 1]], axis=1)
+    return TriangleMesh.from_arrays(points.reshape(-1, 3)[:16], quads[:, [0, 1, 2, 0, 2, 3]].reshape(-1, 3))
+
+
+def holes():
+    """A sphere without two faces."""
+    sphere = shapes.icosphere(1)
+    return with_faces(sphere, sphere.faces[2:])
+
+
+def flat_faces():
+    """A grid with one vertex moved onto an edge."""
+    grid = shapes.grid(4, 4)
+    points = grid.points.copy()
+    a, b, c = grid.faces[9]
+    points[a] = 0.5 * (points[b] + points[c])
+    return TriangleMesh.from_arrays(points, grid.faces)
+
+
+def repeated_vertex():
+    """A face that names a vertex twice."""
+    grid = shapes.grid(3, 3)
+    return with_faces(grid, np.concatenate([grid.faces, [[0, 0, 1]]]))
+
+
+def parts():
+    """Two sheets, one of them larger."""
+    small, large = shapes.grid(2, 2), shapes.grid(4, 4)
+    points = np.concatenate([0.5 * small.points, large.points + [3, 0, 0]])
+    return TriangleMesh.from_arrays(points, np.concatenate([small.faces, large.faces + small.n_vertices]))
+
+
+def handle():
+    """A torus without a face."""
+    torus = shapes.torus(8, 6)
+    return with_faces(torus, torus.faces[1:])
+
+
+FLATTEN = ("laplacian", "--parameterize", "conformal")
+REFUSALS = [
+    (fin, ("delaunay",), "more than two faces"),
+    (fin, ("hodge",), "more than two faces"),
+    (fin, ("willmore-flow", "--steps", "1"), "more than two faces"),
+    (duplicates, ("delaunay",), "more than two faces"),
+    (duplicates, ("dec",), "more than two faces"),
+    (two_fans, ("hodge",), "several fans"),
+    (two_fans, ("willmore-flow", "--steps", "1"), "several fans"),
+    (turned, ("delaunay",), "opposite orientation"),
+    (turned, ("hodge",), "opposite orientation"),
+    (turned, ("willmore-flow", "--steps", "1"), "opposite orientation"),
+    (moebius, ("delaunay",), "one-sided"),
+    (moebius, ("curvature", "--scheme", "corrected"), "one-sided"),
+    (moebius, FLATTEN, "one-sided"),
+    (holes, ("willmore-flow", "--fix-volume", "--steps", "1"), "needs a closed surface"),
+    (flat_faces, ("willmore-flow", "--steps", "1"), "no area"),
+    (flat_faces, ("dec",), "no area"),
+    (repeated_vertex, ("delaunay",), "names a vertex twice"),
+    (parts, FLATTEN, "2 components"),
+    (lambda: shapes.icosphere(1), FLATTEN, "is closed"),
+    (lambda: shapes.torus(8, 6), FLATTEN, "is closed"),
+    (handle, FLATTEN, "1 handles"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("bad, words, text", REFUSALS)
+def test_the_command_that_a_refusal_names_cures_it(run, tmp_path, monkeypatch, bad, words, text):
+    monkeypatch.chdir(tmp_path)
+    write_mesh("bad mesh.ply", AnnotatedMesh(bad()))
+    outputs = ("-o", "flow.vtkhdf") if words[0] == "willmore-flow" else ()
+    outputs = ("-o", "operators.npz") if words[0] == "dec" else outputs
+    refused = run(*words, "bad mesh.ply", *outputs)
+    assert refused.exit_code == 2 and text in refused.stderr, refused.stderr
+    assert len(refused.stderr.splitlines()) == 1 and "`" not in refused.stderr
+    _, *repair = shlex.split(REPAIR.search(refused.stderr).group())
+    assert repair[1] == "bad mesh.ply"
+    repaired = run(*repair)
+    assert repaired.exit_code == 0, repaired.stderr
+    accepted = run(*words, repair[-1], *outputs)
+    assert text not in accepted.stderr and accepted.exit_code in (0, 1), accepted.stderr
+
+
+def test_info_and_repair_name_the_command_for_every_command_that_refuses(summary, tmp_path):
+    path, out = tmp_path / "bad.ply", tmp_path / "still-bad.ply"
+    write_mesh(str(path), AnnotatedMesh(turned()))
+    reason = summary("info", path)["results"]["accepts"]["fluid-sim"]
+    assert f"with ddgcli repair {path} --orient -o bad-repaired.ply" in reason
+    reason = summary("repair", path, "--weld", "-o", out)["results"]["refused_by"]["fluid-sim"]
+    assert f"with ddgcli repair {out} --orient -o still-bad-repaired.ply" in reason
+
+
+def test_a_moebius_band_is_cut_to_an_oriented_disk(run, summary, tmp_path):
+    path, out = tmp_path / "moebius.ply", tmp_path / "disk.ply"
+    write_mesh(str(path), AnnotatedMesh(moebius()))
+    facts = summary("repair", path, "--cut-to-disk", "-o", out)["results"]["repaired"]
+    assert (facts["oriented"], facts["boundary_loops"], facts["euler_characteristic"]) == (True, 1, 1)
+    disk = read_mesh(str(out))
+    assert np.array_equal(disk.surface.points, moebius().points[disk.vertex["input_vertex"]])
+
+
+def test_cures_name_steps_of_the_repair():
+    from ddgcli.algorithms.repair.pipeline import RepairSteps
+
+    for defect in CURES:
+        steps = re.search("`repair=(.*)`", cure(defect)).group(1).split()
+        assert all(hasattr(RepairSteps(), step) for step in steps), defect
