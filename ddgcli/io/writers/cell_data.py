@@ -89,6 +89,18 @@ def _check(data: CellData) -> None:
                 raise ValueError(f"array {name} has {len(value)} entries where the mesh has {length}")
 
 
+def free_name(name: str, used: set[str], suffix: str) -> str:
+    """The name, or with a warning the first of `name_2`, `name_3`, ... that is not used; it is then used."""
+    free, number = name, 1
+    while free in used:
+        number += 1
+        free = f"{name}_{number}"
+    if free != name:
+        log.warning(f"{suffix} has another meaning or array for the name {name!r}: written as {free!r}")
+    used.add(free)
+    return free
+
+
 def two_dimensional(value: NDArray) -> NDArray:
     """(n, k) contiguous numeric array; booleans as uint8, longer shapes flattened."""
     value = np.asarray(value)

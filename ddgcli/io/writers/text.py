@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from ddgcli.io.writers.cell_data import (
     CellData,
+    free_name,
     short_integers,
     surface_only,
     two_dimensional,
@@ -30,23 +31,23 @@ def ply_bytes(data: CellData) -> bytes:
     if data.kind == "tetrahedra":
         data = surface_only(data, ".ply")
     vertices = [("x", data.points[:, 0]), ("y", data.points[:, 1]), ("z", data.points[:, 2])]
-    vertices += _columns(data.vertex)
+    vertices += _columns(data.vertex, {"x", "y", "z"})
     header = ["ply", "format binary_little_endian 1.0", f"comment ddgcli {data.provenance}"]
     header += [f"element vertex {len(data.points)}", *_properties(vertices)]
     index = "<i4"
     if data.kind == "faces":
-        columns = _columns(data.cell)
+        columns = _columns(data.cell, {"vertex_indices", "vertex_index"})
         header += [
             f"element face {len(data.cells)}",
             "property list uchar int vertex_indices",
             *_properties(columns),
         ]
-        fields: list = [("count", "u1"), ("corners", index, (3,))]
+        fields: list = [("list count", "u1"), ("list members", index, (3,))]  # no property has a space
         table = np.zeros(len(data.cells), dtype=fields + [(n, v.dtype.newbyteorder("<")) for n, v in columns])
-        table["count"], table["corners"] = 3, data.cells
+        table["list count"], table["list members"] = 3, data.cells
     else:
         columns = [("vertex1", data.cells[:, 0].astype("<i4")), ("vertex2", data.cells[:, 1].astype("<i4"))]
-        columns += _columns(data.cell)
+        columns += _columns(data.cell, {"vertex1", "vertex2"})
         header += [f"element edge {len(data.cells)}", *_properties(columns)]
         table = np.zeros(len(data.cells), dtype=[(n, v.dtype.newbyteorder("<")) for n, v in columns])
     for name, value in columns:
@@ -65,17 +66,17 @@ def _properties(columns: list[tuple[str, NDArray]]) -> list[str]:
     return [f"property {PLY_TYPES[value.dtype.str[1:]]} {name}" for name, value in columns]
 
 
-def _columns(arrays: dict[str, NDArray]) -> list[tuple[str, NDArray]]:
-    """Scalar properties of arrays, in types that PLY has."""
+def _columns(arrays: dict[str, NDArray], used: set[str]) -> list[tuple[str, NDArray]]:
+    """Scalar properties of arrays, in types that PLY has; names that are `used` get a number."""
     columns = []
     for name, value in arrays.items():
         flat = short_integers(two_dimensional(value))
         name = "_".join(name.split())
         if flat.ndim == 1:
-            columns.append((name, flat))
+            columns.append((free_name(name, used, ".ply"), flat))
             continue
         ends = "xyz" if flat.shape[1] == 3 else [str(k) for k in range(flat.shape[1])]
-        columns += [(f"{name}_{end}", flat[:, k]) for k, end in enumerate(ends)]
+        columns += [(free_name(f"{name}_{end}", used, ".ply"), flat[:, k]) for k, end in enumerate(ends)]
     return columns
 
 
