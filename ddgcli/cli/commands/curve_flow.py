@@ -19,8 +19,8 @@ if TYPE_CHECKING:
 
 @click.command(
     "curve-flow",
-    epilog="Choosing a flow: curvature shortens curves until they vanish; area-preserving rounds closed plane "
-    "curves; elastic straightens bends at constant length. See docs/curve-flow.md.",
+    epilog="Choosing a flow: curvature shortens curves until they vanish; area-preserving rounds closed "
+    "plane curves; elastic straightens bends at constant length. See docs/curve-flow.md.",
 )
 @click.argument("mesh_path", metavar="CURVE", type=click.Path())
 @options.common
@@ -56,8 +56,8 @@ def command(
     """Flow the polylines of CURVE, in the plane or in space, down their length or bending energy.
 
     The ends of open curves stay fixed. A curve that shrinks to a point stays there; the flow ends when all
-    have, and without --steps and --duration when no curve moves. Time is in length^2, length being the unit of
-    CURVE; with --flow elastic in length^4.
+    have, and without --steps and --duration when no curve moves. Time is in length^2, length being the unit
+    of CURVE; with --flow elastic in length^4.
 
     \b
     Examples:
