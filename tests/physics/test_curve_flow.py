@@ -1,4 +1,4 @@
-"""Flows of curves: exact rates of circles and areas, kept quantities, scale, refused input, whole commands."""
+"""Flows of curves: exact rates of circles and areas, kept quantities, scale, refused input, commands."""
 
 import numpy as np
 import pytest
@@ -63,7 +63,6 @@ def test_a_circle_shrinks_at_the_exact_rate_with_first_order_in_the_step():
     circle, errors = ellipse(64, 1.0, 1.0), []
     for steps in (5, 10):
         first, last, _ = flow_series(circle, 0.2 / steps, steps)
-        # polygon: d(L^2)/dt = -2 L^2 / R^2 of a regular polygon, whose rate is that of the circle but for O(n^-2)
         exact = first["length"] * np.sqrt(1 - 0.4)
         errors.append(abs(last["length"] / exact - 1))
     assert errors[1] < 0.02
@@ -145,7 +144,7 @@ def test_a_command_stops_with_a_reason_when_every_curve_has_shrunk(tmp_path, sum
     path = write_obj(tmp_path / "two.obj", (small, True), (large, True))
     out = summary("curve-flow", path, "--dt", 0.005, "--steps", 200)["results"]
     assert out["stopped_because"] == "every curve has shrunk to a point"
-    # r' = r / (1 + dt / r^2) from r0 to r0 / 100 takes ln(100) dt longer than the exact flow, and ends on a step
+    # the scheme r' = r / (1 + dt / r^2) needs ln(100) dt longer from r0 to r0 / 100, and ends on a step
     late = 0.005 * (np.log(100) + 1)
     assert out["collapse_times"] == pytest.approx([0.125, 0.5], abs=late)
     assert out["turning_number"] == 2 and np.isfinite(out["elastic_energy"]).all()

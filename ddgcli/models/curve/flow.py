@@ -2,8 +2,8 @@
 
 A step is `x' = x + d + lambda b + s`: `d` solves `(M + dt P Q P) d = dt P F`, `b` the same system with the
 gradient of a constraint, and `s` slides points along the curve. `M` holds dual lengths, `F` the negative
-gradient, `Q` its linearisation with the weights of the start of the step, `P` the projection to the normal
-space (the identity without redistribution). Without `s` the length never rises in curvature flow (Dziuk 1994):
+gradient, `Q` its linearisation with the weights of the start of the step, `P` the normal projection
+(the identity without redistribution). Without `s` the length never rises in curvature flow (Dziuk 1994):
 `d.F = d.M d / dt + d.Q d` and `|e'| - |e| <= |e'| (|e'| - |e|) / |e|`.
 """
 
