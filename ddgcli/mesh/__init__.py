@@ -5,6 +5,7 @@
 """
 
 __all__ = [
+    "cures",
     "curve",
     "fields",
     "intrinsic_mesh",

@@ -2,9 +2,9 @@
 
 A step is `x' = x + d + lambda b + s`: `d` solves `(M + dt P Q P) d = dt P F`, `b` the same system with the
 gradient of a constraint, and `s` slides points along the curve. `M` holds dual lengths, `F` the negative
-gradient, `Q` its linearisation with the weights of the start of the step, `P` the projection to the normal
-space (the identity without redistribution). Without `s` the length never rises in curvature flow (Dziuk
-1994): `d.F = d.M d / dt + d.Q d` and `|e'| - |e| <= |e'| (|e'| - |e|) / |e|`.
+gradient, `Q` its linearisation with the weights of the start of the step, `P` the normal projection
+(the identity without redistribution). Without `s` the length never rises in curvature flow (Dziuk 1994):
+`d.F = d.M d / dt + d.Q d` and `|e'| - |e| <= |e'| (|e'| - |e|) / |e|`.
 """
 
 from __future__ import annotations
@@ -302,7 +302,7 @@ class NormalStep:
     def _with_area(self, points: NDArray) -> NDArray[np.float64]:
         """Points of the first area; the gradient of the area at the mean of both points lets none rise.
 
-        The area is quadratic: with that gradient g, A(x') - A(x) = g.(x' - x) = 0; the length cannot rise.
+        The area is quadratic: with that gradient g, A(x') - A(x) = g.(x' - x) = 0.
         """
         mesh, later = self.flow.mesh, points
         for _ in range(MAX_CONSTRAINT_ITERATIONS):

@@ -1,0 +1,203 @@
+"""Flows of curves: exact rates of circles and areas, kept quantities, scale, refused input, commands."""
+
+import numpy as np
+import pytest
+
+from ddgcli.mesh.curve import CurveSet
+from ddgcli.models.curve import polygon
+from ddgcli.models.curve.setup import CurveOptions, build, without_repeated_points
+from ddgcli.simulation.account import Account
+from ddgcli.simulation.time_loop import Schedule, evolve
+
+
+def closed_curve(points):
+    k = np.arange(len(points))
+    return CurveSet.from_arrays(points, np.stack([k, np.roll(k, -1)], axis=1))
+
+
+def ellipse(n=48, a=2.0, b=1.0, uneven=0.0, scale=1.0):
+    t = 2 * np.pi * np.arange(n) / n
+    t = t + uneven * np.sin(t)
+    return closed_curve(scale * np.stack([a * np.cos(t), b * np.sin(t), 0 * t], axis=1))
+
+
+def helix(n=40):
+    t = np.linspace(0, 4 * np.pi, n)
+    points = np.stack([np.cos(t), np.sin(t), 0.2 * t], axis=1)
+    return CurveSet.from_arrays(points, np.stack([np.arange(n - 1), np.arange(1, n)], axis=1))
+
+
+def flow_series(curves, dt, steps, **options):
+    """Scalars of the first and last frame, and the last points."""
+    _, model = build(curves, CurveOptions(stop_at_rest=False, **options))
+    first, *_, last = evolve({"curve": model}, Schedule(dt, steps, steps), Account())
+    ends = [s.observations["curve"] for s in (first, last)]
+    return ends[0].scalar, ends[1].scalar, ends[1].points
+
+
+@pytest.mark.parametrize("kind", ["length", "area", "elastic"])
+def test_gradients_equal_finite_differences(kind):
+    curves = ellipse(11, uneven=0.4)
+    x = curves.points + 0.05 * np.sin(7 * np.arange(33.0)).reshape(-1, 3) * [1, 1, kind != "area"]
+    mesh = polygon.polygons(CurveSet(x, curves.lines))
+
+    def value(y):
+        shape = polygon.geometry(mesh, y)
+        if kind == "area":
+            return polygon.enclosed_area(mesh, y).sum()
+        return shape.length.sum() if kind == "length" else polygon.elastic_energy(mesh, shape).sum()
+
+    shape = polygon.geometry(mesh, x)
+    gradient = {
+        "length": lambda: polygon.length_gradient(mesh, shape),
+        "area": lambda: polygon.area_gradient(mesh, x),
+        "elastic": lambda: polygon.elastic_gradient(mesh, shape),
+    }[kind]()
+    direction = np.cos(3 * np.arange(33.0)).reshape(-1, 3)
+    h = 1e-6
+    slope = (value(x + h * direction) - value(x - h * direction)) / (2 * h)
+    assert (gradient * direction).sum() == pytest.approx(slope, rel=1e-7)
+
+
+def test_a_circle_shrinks_at_the_exact_rate_with_first_order_in_the_step():
+    circle, errors = ellipse(64, 1.0, 1.0), []
+    for steps in (5, 10):
+        first, last, _ = flow_series(circle, 0.2 / steps, steps)
+        exact = first["length"] * np.sqrt(1 - 0.4)
+        errors.append(abs(last["length"] / exact - 1))
+    assert errors[1] < 0.02
+    assert 1.8 < errors[0] / errors[1] < 2.2
+
+
+def test_the_area_of_any_simple_plane_curve_falls_by_two_pi_a_unit_of_time():
+    errors = []
+    for n, steps in ((24, 4), (48, 16)):
+        first, last, _ = flow_series(ellipse(n), 0.2 / steps, steps)
+        assert last["length_increases"] == 0 and last["turning_number"] == 1
+        errors.append(abs((first["area"] - last["area"]) / (0.4 * np.pi) - 1))
+    assert errors[1] < 0.02 and errors[0] / errors[1] > 3
+
+
+def test_area_preserving_flow_keeps_the_area_and_ends_as_a_circle():
+    start = ellipse(32, uneven=0.5)
+    first, last, _ = flow_series(start, 0.1, 40, flow="area-preserving")
+    assert abs(last["area"] / first["area"] - 1) < 1e-12
+    assert last["length_increases"] == 0
+    regular = 32 * np.tan(np.pi / 32) / np.pi  # isoperimetric ratio of the regular polygon
+    assert last["length"] ** 2 / (4 * np.pi * last["area"]) == pytest.approx(regular, rel=1e-4)
+
+
+def test_elastic_flow_keeps_the_length_and_ends_at_the_energy_of_the_circle():
+    first, last, _ = flow_series(ellipse(32), 0.1, 60, flow="elastic")
+    assert abs(last["length"] / first["length"] - 1) < 1e-12
+    assert last["elastic_energy"] < first["elastic_energy"] and last["energy_increases"] == 0
+    assert last["elastic_energy"] == pytest.approx(4 * np.pi**2 / last["length"], rel=1e-3)
+
+
+def test_a_circle_grows_freely_at_the_exact_rate_of_the_elastic_flow():
+    first, last, _ = flow_series(ellipse(48, 1, 1), 0.01, 20, flow="elastic", length_penalty=0.0)
+    assert last["length"] / first["length"] == pytest.approx((1 + 4 * 0.2) ** 0.25, rel=5e-3)
+
+
+def test_redistribution_evens_the_spacing_and_leaves_the_circle():
+    circle = ellipse(32, 1, 1, uneven=0.5)
+    ratios = {}
+    for redistribute in (True, False):
+        _, last, points = flow_series(circle, 0.01, 20, redistribute=redistribute)
+        ratios[redistribute] = last["longest_segment"] / last["shortest_segment"]
+        radius = np.linalg.norm(points, axis=1)
+        if redistribute:
+            assert np.ptp(radius) < 0.02 * radius.mean()
+    assert ratios[True] < 1.2 and ratios[False] > 2.5
+
+
+def test_an_open_space_curve_becomes_the_segment_between_its_fixed_ends():
+    curves = helix()
+    _, last, points = flow_series(curves, 1.0, 60, redistribute=False)
+    assert np.array_equal(points[[0, -1]], curves.points[[0, -1]])
+    assert last["length"] == pytest.approx(np.linalg.norm(curves.points[-1] - curves.points[0]), rel=1e-6)
+    assert last["length_increases"] == 0
+
+
+@pytest.mark.parametrize("flow, power", [("curvature", 2), ("area-preserving", 2), ("elastic", 4)])
+@pytest.mark.parametrize("scale", [1e-6, 1e6])
+def test_flows_are_covariant_under_scaling(flow, power, scale):
+    _, one, x = flow_series(ellipse(24), 0.01, 3, flow=flow)
+    _, other, y = flow_series(ellipse(24, scale=scale), 0.01 * scale**power, 3, flow=flow)
+    assert np.abs(y / scale - x).max() < 1e-9
+    assert other["length"] / scale == pytest.approx(one["length"], rel=1e-9)
+
+
+def write_obj(path, *curves):
+    lines, start = [], 1
+    for points, closed in curves:
+        lines += ["v " + " ".join(repr(float(v)) for v in p) for p in points]
+        index = [*range(start, start + len(points)), *([start] if closed else [])]
+        lines.append("l " + " ".join(map(str, index)))
+        start += len(points)
+    path.write_text("\n".join(lines) + "\n")
+    return path
+
+
+def test_a_command_stops_with_a_reason_when_every_curve_has_shrunk(tmp_path, summary):
+    small, large = ellipse(16, 0.5, 0.5).points, ellipse(16, 1, 1).points + [5, 0, 1]
+    path = write_obj(tmp_path / "two.obj", (small, True), (large, True))
+    out = summary("curve-flow", path, "--dt", 0.005, "--steps", 200)["results"]
+    assert out["stopped_because"] == "every curve has shrunk to a point"
+    # the scheme r' = r / (1 + dt / r^2) needs ln(100) dt longer from r0 to r0 / 100, and ends on a step
+    late = 0.005 * (np.log(100) + 1)
+    assert out["collapse_times"] == pytest.approx([0.125, 0.5], abs=late)
+    assert out["turning_number"] == 2 and np.isfinite(out["elastic_energy"]).all()
+
+
+def test_a_trajectory_of_lines_opens_in_the_reader_of_vtk(tmp_path, summary):
+    reader_module = pytest.importorskip("vtkmodules.vtkIOHDF")
+    path, out = write_obj(tmp_path / "e.obj", (ellipse(16).points, True)), tmp_path / "e.vtkhdf"
+    lengths = summary("curve-flow", path, "--dt", 0.01, "--steps", 4, "-o", out)["results"]["length"]
+    reader = reader_module.vtkHDFReader()
+    reader.SetFileName(str(out))
+    reader.UpdateInformation()
+    assert reader.GetNumberOfSteps() == len(lengths)
+    reader.SetStep(len(lengths) - 1)
+    reader.Update()
+    data = reader.GetOutputDataObject(0)
+    assert data.GetNumberOfLines() == 16 and data.GetNumberOfPolys() == 0
+    points = np.array([data.GetPoint(i) for i in range(16)])
+    assert np.linalg.norm(points - np.roll(points, 1, axis=0), axis=1).sum() == pytest.approx(lengths[-1])
+
+
+def test_the_trajectory_reads_back_as_curves(tmp_path, summary):
+    from ddgcli.io.trajectories.trajectory import Trajectory
+
+    path, out = write_obj(tmp_path / "e.obj", (ellipse(16).points, True)), tmp_path / "e.vtkhdf"
+    summary("curve-flow", path, "--dt", 0.01, "--steps", 3, "-o", out, "-o", tmp_path / "last.vtp")
+    with Trajectory(str(out)) as whole:
+        assert isinstance(whole.mesh, CurveSet) and len(whole.mesh.lines) == 16
+        last = whole.points(whole.n_frames - 1)
+    length = np.linalg.norm(last - np.roll(last, 1, axis=0), axis=1).sum()
+    assert summary("curvature", tmp_path / "last.vtp")["results"]["length"] == pytest.approx(length, rel=1e-6)
+
+
+def test_bad_input_is_refused_in_one_line(tmp_path, run):
+    circle = ellipse(12, 1, 1).points
+    two = write_obj(tmp_path / "two.obj", (circle[:2], True))
+    point = write_obj(tmp_path / "point.obj", (np.ones((4, 3)), False))
+    opened = write_obj(tmp_path / "open.obj", (circle, False))
+    surface = tmp_path / "surface.obj"
+    surface.write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    for path, *words in ((two,), (point,), (opened, "--flow", "area-preserving"), (surface,)):
+        result = run("curve-flow", path, *words, "-o", tmp_path / "out.vtp")
+        assert result.exit_code == 2 and len(result.stderr.splitlines()) == 1, result.stderr
+        assert not (tmp_path / "out.vtp").exists()
+
+
+def test_repeated_points_are_left_out():
+    points = np.repeat(ellipse(12).points, 2, axis=0)
+    assert without_repeated_points(closed_curve(points)).n_vertices == 12
+
+
+def test_a_figure_eight_flows_without_error():
+    t = 2 * np.pi * np.arange(40) / 40
+    eight = closed_curve(np.stack([np.sin(t), 0.6 * np.sin(2 * t), 0 * t], axis=1))
+    _, last, points = flow_series(eight, 0.005, 40)
+    assert np.isfinite(points).all() and last["length_increases"] == 0
