@@ -48,6 +48,8 @@ CALLS: dict[str, Calls] = {
         (*SHELL, *SHORT_RUN, "-o", "{folder}/run.vtkhdf"),
         ("frames", "{folder}/run.vtkhdf", "--at", "0", "-o", "{output}"),
     ),
+    "curve-flow": (("curve-flow", "{input}", "--steps", "2"),),
+    "view": (("view", "{input}", "-o", "{folder}/page.html"),),
     "batch": (("batch", "{input}", "--table", "{folder}/table.jsonl", "--", "info"),),
     "examples": (("examples", "{folder}/examples"),),
     "check": (
@@ -56,7 +58,7 @@ CALLS: dict[str, Calls] = {
     ),
 }
 WITHOUT_MESH = ("examples",)
-WRAPPERS = ("tradeoff", "frames", "batch", "examples", "check")
+WRAPPERS = ("curve-flow", "tradeoff", "frames", "batch", "examples", "check")
 ON_A_MESH = tuple(name for name in COMMANDS if name not in WRAPPERS)
 
 

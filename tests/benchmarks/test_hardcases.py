@@ -167,6 +167,7 @@ def test_a_planted_peer_fault_is_counted():
     assert peer_verdict("libigl exact", Outcome(-6), POINTS, FACES, TRUTHS)["kind"] == "crashed"
 
 
+@pytest.mark.slow
 def test_no_cell_of_the_short_run_is_wrong():
     results = quick_results()
     assert {case.name for case in chosen_cases([], quick=True)} == set(results)

@@ -125,7 +125,7 @@ def test_resume_of_a_changed_scene_is_refused(run, tmp_path, monkeypatch):
     before = (tmp_path / "run.vtkhdf.part").read_bytes()
     result = run("shell-sim", path, "--resume", tmp_path / "run.vtkhdf.part")
     assert result.exit_code == 2
-    assert "scene changed" in result.stderr and "density" in result.stderr
+    assert "the scene differs from the run" in result.stderr and "density" in result.stderr
     assert (tmp_path / "run.vtkhdf.part").read_bytes() == before
 
 
