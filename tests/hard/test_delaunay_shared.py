@@ -21,7 +21,7 @@ from tests.delaunay_cases import fan
 
 SMALL = 2_500  # vertices: refined
 QUICK = 10_000  # vertices: flipped and overlaid in `make test`
-CURES = ("tufted", "remove it", "needs a surface", "correct", "check the coordinates")
+CURES = ("tufted", "`repair=", "needs a surface", "correct", "check the coordinates")
 
 
 def surfaces(folder):
