@@ -99,8 +99,8 @@ def test_the_curvature_reference_covers_its_own_error(mesh_class):
     for _, make in curvature.problem(mesh).references:
         reference = make()
         error = relative_to_rms(reference.values, truth)
-        assert 0 < error.max() <= reference.within("max") < 1.5
-        assert error.mean() <= reference.within("mean") < 0.3
+        assert 0 < error.max() <= reference.error_bound("max") < 1.5
+        assert error.mean() <= reference.error_bound("mean") < 0.3
 
 
 def test_geodesic_references_cover_their_own_error():
@@ -111,8 +111,8 @@ def test_geodesic_references_cover_their_own_error():
     exact, slack, fast_marching = (make() for _, make in geodesic.problem(mesh, sources=sources).references)
     for reference, largest in ((exact, 1e-13), (slack, 0.02), (fast_marching, 0.2)):
         error = relative_to_largest(reference.values, expected)
-        assert error.max() <= reference.within("max") < largest
-        assert error.mean() <= reference.within("mean")
+        assert error.max() <= reference.error_bound("max") < largest
+        assert error.mean() <= reference.error_bound("mean")
 
 
 @pytest.mark.parametrize("command", ["shell-sim", "fluid-sim"])
@@ -134,8 +134,8 @@ def test_the_references_of_the_simulators_cover_their_own_error(command, tmp_pat
     for _, make in problem.references:
         reference = make()
         error = problem.error(reference.values, truth)
-        assert 0 < error.max() <= reference.within("max") < 0.3
-        assert error.mean() <= reference.within("mean")
+        assert 0 < error.max() <= reference.error_bound("max") < 0.3
+        assert error.mean() <= reference.error_bound("mean")
 
 
 @pytest.mark.parametrize(
@@ -162,7 +162,7 @@ def test_the_references_of_willmore_flow_cover_their_own_error(axes, mesh_class,
     for _, make in problem.references:
         reference = make()
         error = problem.error(reference.values, truth)
-        assert 0 < error.max() <= reference.within("max") < loosest
+        assert 0 < error.max() <= reference.error_bound("max") < loosest
 
 
 def test_remaining_error_of_planted_sequences():

@@ -335,14 +335,16 @@ def test_bombs_of_zlib_and_zip(tmp_path, monkeypatch):
 def test_arrays_that_name_one_block_again_and_again_are_bounded(tmp_path, monkeypatch):
     monkeypatch.setattr(inflate, "MIN_CONTENT_LIMIT", 1 << 16)
     monkeypatch.setattr(inflate, "MAX_COMPRESSION_RATIO", 2)
-    again = '<DataArray type="UInt8" Name="a" format="appended" offset="0"/>' * 100
+    # 30,000 bytes are 1,250 points of three doubles, and 1,250 rows of 24 bytes
+    again = '<DataArray type="UInt8" Name="a" NumberOfComponents="24" format="appended" offset="0"/>' * 100
     data = packed_vtu(1).replace(b' compressor="vtkZLibDataCompressor"', b"")
     at = data.index(b'encoding="raw">_') + len(b'encoding="raw">_')
     data = data[:at] + struct.pack("<I", 30000) + bytes(30000) + b"</AppendedData></VTKFile>"
+    data = data.replace(b'Points="3"', b'Points="1250"')
+    (tmp_path / "once.vtu").write_bytes(data)
+    assert "no array 'types'" in refused(tmp_path / "once.vtu")  # past its points
     (tmp_path / "a.vtu").write_bytes(
         data.replace(b"<Points>", f"<PointData>{again}</PointData><Points>".encode())
-        .replace(b'Points="3"', b'Points="30000"')
-        .replace(b' NumberOfComponents="3" format="appended" offset="0"', b' format="ascii"', 1)
     )
     assert "unpacks" in refused(tmp_path / "a.vtu")
 
