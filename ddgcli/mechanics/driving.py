@@ -49,7 +49,7 @@ def reactions(system: System, motion: Motion, dt: float) -> dict[str, tuple[NDAr
     if not system.supports:
         return {}
     force = system.full_gradient(motion.x)
-    if system.dissipations and motion.v.any():  # an equilibrium has no drag
+    if system.has_drag(motion.v):
         force = force + system.full_drag(motion.x, motion.v, dt)
     acceleration = system.prescribed_state(motion.x, motion.v, np.zeros_like(motion.a))[2]
     force = force + system.mass[:, None] * acceleration

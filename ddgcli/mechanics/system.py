@@ -231,9 +231,13 @@ class System:
     def acceleration(self, x: NDArray, v: NDArray, dt: float) -> NDArray[np.float64]:
         """(n, 3) acceleration, zero where held."""
         force = -self.gradient(x)
-        if self.dissipations:
+        if self.has_drag(v):
             force -= self.drag(x, v, dt)
         return force / self.mass[:, None]
+
+    def has_drag(self, v: NDArray) -> bool:
+        """Whether dissipation acts at velocities v (n, 3): at rest only the air of wind does."""
+        return bool(self.dissipations) and (bool(v.any()) or any(is_active(d) for d in self.dissipations))
 
 
 def is_active(dissipation: Dissipation) -> bool:

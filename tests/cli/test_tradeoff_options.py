@@ -138,7 +138,9 @@ CASES = {
         "duration": (["--duration", 2e-3], names("--duration 0.002")),
         "step": (["--dt", 1e-4], lambda rows: {1e-4, 5e-5} < {r["parameters"].get("dt") for r in rows}),
         "tolerance": (["--tolerance", 2e-3], lambda rows: rows[-1]["parameters"] == {"tolerance": 2e-3}),
-        "integrator": (["--integrator", "semi-implicit", "--budget", "300"], names("--integrator semi-implicit")),
+        "integrator": (
+            ["--integrator", "semi-implicit", "--budget", "300"], names("--integrator semi-implicit"),
+        ),
     },
 }  # fmt: skip
 PAIRS = [(command, name) for command, cases in CASES.items() for name in cases]

@@ -89,13 +89,13 @@ def test_on_other_polyhedra_every_order_falls_with_the_step(mesh):
     field = field_of_array(mesh, np.cross([0.2, -0.1, 1.0], mesh.points))
     starts = random_starts(mesh, 12, seed=1)
 
-    def ends(order, n):
+    def end_points(order, n):
         return ends(mesh, integral_curves(mesh, field, starts, 1.0, order=order, step=1 / n))
 
-    truth = ends(4, 400)
+    truth = end_points(4, 400)
     steps = np.array([8, 16, 32])
     error = {
-        order: np.array([np.sqrt(np.mean((ends(order, n) - truth) ** 2)) for n in steps])
+        order: np.array([np.sqrt(np.mean((end_points(order, n) - truth) ** 2)) for n in steps])
         for order in (1, 2, 4)
     }
     for order in error:

@@ -158,9 +158,10 @@ def test_parts_account_for_the_time(integrator, adaptive):
     """Effects, solver, integrator and output add up to the loop's own time, within 5 %."""
     share, account, _ = booked_share(integrator, adaptive)
     solver = set() if integrator in EXPLICIT else {"solver"}
-    drag = set() if integrator == "static" else {"damping"}  # nothing moves, nothing is damped
-    acting = {"stretching", "bending", "gravity", "contact"} | drag
+    acting = {"stretching", "bending", "gravity", "contact", "damping"}
     assert set(account.seconds) == {*acting, *solver, "integrator", "output"}
+    if integrator == "static":  # the steps damp nothing; the reaction forces of the moving start do
+        assert account.calls["damping"] <= 3
     assert 0.95 <= share <= 1.0
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,10 +12,6 @@ from numpy.typing import NDArray
 from ddgcli.mesh.tet_mesh import TET_FACES
 from ddgcli.models.fluid.parts import BoundaryPart
 from ddgcli.scenes.expressions import evaluate
-
-if TYPE_CHECKING:
-    from ddgcli.models.fluid.context import FluidContext
-    from ddgcli.models.fluid.volume_space import VolumeSpace
 
 FLUX_TOLERANCE = 1e-9  # net flux over the absolute flux that counts as rounding
 
@@ -44,16 +40,14 @@ class VolumeConditions:
     is_open: bool = False
 
 
-def walls(space: VolumeSpace) -> VolumeConditions:
+def walls(space: Any) -> VolumeConditions:
     """Walls without friction everywhere."""
     count = len(space.boundary[0])
     none = np.zeros(space.n_faces, dtype=bool)
     return VolumeConditions(np.zeros(space.n_faces), none, np.zeros(count, dtype=bool), np.zeros((count, 3)))
 
 
-def volume_conditions(
-    context: FluidContext, parts: Sequence[BoundaryPart], space: VolumeSpace
-) -> VolumeConditions:
+def volume_conditions(context: Any, parts: Sequence[BoundaryPart], space: Any) -> VolumeConditions:
     """Conditions of every boundary face: the first part that holds at its centroid, or a wall at rest.
 
     Raises
