@@ -40,10 +40,12 @@ triangles, makes it): take it where angles must be bounded.
 """,
     "willmore-flow": """
 Choosing a method:
-`gauss-map` (the default): no other energy has a smaller error on any mesh class of the ellipsoid, and
-none that stands for int H^2 on the torus; it costs two to three times as much to evaluate, a step to rest
-little more. On irregular, noisy and refined triangulations it errs by a fiftieth or less, on stretched
-ones by a twentieth, however fine the mesh; `sullivan` and `cotan` by up to five times the energy itself.
+`gauss-map` (the default): no other energy has a smaller error on good, irregular, refined and stretched
+triangles of the ellipsoid, and none that stands for int H^2 on the torus; it costs two to three times as
+much to evaluate, a step to rest little more. On irregular and refined triangulations it errs by a fiftieth
+or less, on stretched ones by a sixteenth, however fine the mesh; `sullivan` and `cotan` by up to five times
+the energy itself. On noisy vertices it is the worst of the three: off by as much as the energy itself, where
+`sullivan` and `cotan` are off by a fifth.
 The sphere's mode is within half a per cent from 5,000 faces, at steps of a sixtieth of its life time; of an
 eighth, within two per cent.
 """,
@@ -227,10 +229,10 @@ CLAIMS: dict[str, list[Claim]] = {
     ],
     "willmore-flow": [
         (
-            "no other energy has a smaller error on any mesh class of the ellipsoid",
+            "smaller error on good, irregular, refined and stretched triangles of the ellipsoid",
             lambda t: all(
                 t.error("gauss-map", f, EGG) <= t.error(e, f, EGG)
-                for f in ("good", "refined", *UNEVEN)
+                for f in ("good", "refined", "irregular", "stretched")
                 for e in ("sullivan", "cotan", "hinge")
             ),
         ),
@@ -243,10 +245,17 @@ CLAIMS: dict[str, list[Claim]] = {
             ),
         ),
         (
-            "errs by a fiftieth or less, on stretched ones by a twentieth",
+            "errs by a fiftieth or less, on stretched ones by a sixteenth",
             lambda t: (
-                all(t.error("gauss-map", f, EGG) < 0.02 for f in ("irregular", "noisy", "refined"))
-                and t.error("gauss-map", "stretched", EGG) < 0.05
+                all(t.error("gauss-map", f, EGG) < 0.02 for f in ("irregular", "refined"))
+                and t.error("gauss-map", "stretched", EGG) < 1 / 16
+            ),
+        ),
+        (
+            "off by as much as the energy itself, where `sullivan` and `cotan` are off by a fifth",
+            lambda t: (
+                0.8 < t.error("gauss-map", "noisy", EGG) < 1.2
+                and all(t.error(e, "noisy", EGG) < 0.2 for e in ("sullivan", "cotan"))
             ),
         ),
         (
