@@ -22,6 +22,7 @@ MAX_MESSAGE_LENGTH = 1200  # characters, path included
 SUM_TOLERANCE = 1e-9  # sums over up to 1e5 faces, relative
 DISTANCE_TOLERANCE = 1e-9  # of the largest distance
 ENERGY_TOLERANCE = 1e-2  # of the largest energy: what a second-order scheme may gain in a few steps
+LEAST_EIGENVALUE = 1e-2  # times the squared size of the surface: a smaller one counts as zero
 REST_TOLERANCE = 1e-9  # of the size of the body
 
 
@@ -149,17 +150,19 @@ def check_laplacian(evidence: Evidence) -> Iterator[Violation]:
             yield f"{name} {residual:.1e}", ("residual", "symmetric")
     if not values:
         return
-    scale = abs(values[-1])
+    scale, zero = abs(values[-1]), math.inf
     if evidence.points is not None and evidence.faces is not None:
         edge = np.linalg.norm(
             evidence.points[evidence.faces[:, 0]] - evidence.points[evidence.faces[:, 1]], axis=1
         )
         scale = max(scale, 1.0 / edge.mean() ** 2)
+        # a long chain has small eigenvalues that are none: about (pi / length)^2
+        zero = LEAST_EIGENVALUE / np.sum(np.ptp(evidence.points, axis=0) ** 2)
     if min(values) < -1e-6 * scale:
         yield f"eigenvalue {min(values):.1e}", ("eigen",)
     components = evidence.expected.get("components")
     if components is not None:
-        zeros = sum(abs(value) < 1e-6 * scale for value in values)
+        zeros = sum(abs(value) < min(1e-6 * scale, zero) for value in values)
         if zeros != min(components, len(values)):
             yield f"{zeros} zero eigenvalues, {components} components", ("eigen",)
 

@@ -18,9 +18,11 @@ from ddgcli.algorithms.laplacian.laplace_operator import (
 )
 from ddgcli.choices import SMOOTHING_FLOWS
 from ddgcli.errors import ParameterError
+from ddgcli.geometry.extrinsic import face_area_vector
 from ddgcli.linalg.residual_gate import within_residuals
 from ddgcli.mesh.fields import AnnotatedMesh
 from ddgcli.mesh.triangle_mesh import TriangleMesh
+from ddgcli.mesh.vectors import vector_length
 from ddgcli.progress import ProgressCallback
 
 if TYPE_CHECKING:
@@ -134,7 +136,8 @@ def solve_laplacian_tasks(
         "mass": operator.mass_name,
         "unknowns": L.shape[0],
         "nonzeros": int(L.nnz),
-        "area": float(area.sum()),
+        # from positions: mollified side lengths of caps without height have more
+        "area": float(vector_length(face_area_vector(mesh)).sum()),
         **operator.facts,
     }
     row_sum = np.abs(L @ np.ones(L.shape[0])).max()

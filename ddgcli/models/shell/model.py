@@ -23,6 +23,7 @@ from ddgcli.simulation.account import Account
 from ddgcli.simulation.effects import Effect
 from ddgcli.simulation.time_loop import Model, Observation
 
+SIZE_RANGE = (1e-60, 1e60)  # m: a Hessian of bending holds the fourth power of a length
 PAST = ("past_x", "past_v", "past_dt")  # arrays of a checkpoint
 log = logging.getLogger("ddgcli")
 
@@ -52,6 +53,9 @@ def _require_sound(scene: Scene, number: int, context: ShellContext) -> None:
     reason = unmet_need(context.mesh, "shell-sim")
     if reason is None and not (np.isfinite(context.mass).all() and (context.mass > 0).all()):
         reason = "a vertex has no finite mass; rescale the mesh"
+    size = float(context.mesh.side_length.max(initial=0.0))
+    if reason is None and not SIZE_RANGE[0] < size < SIZE_RANGE[1]:
+        reason = f"the longest side measures {size:.3g}; shell-sim takes 1e-60 to 1e60: rescale"
     if reason is not None:
         scene.refuse(("object", number), f"object {context.shell.name!r}: {reason}")
     loose = int((~context.mesh.topology.referenced_vertex).sum())

@@ -127,12 +127,13 @@ class MembraneFlow(Flow):
         return np.tile(np.eye(2), (len(self.potential.area), 1, 1))
 
     def _metric(self, x: NDArray) -> NDArray[np.float64]:
-        gradient = np.matmul(x[self.potential.stencil].transpose(0, 2, 1), self.potential.basis)
-        return np.matmul(gradient.transpose(0, 2, 1), gradient)
+        return self.potential.metric(x)
 
     def at(self, memory: Arrays) -> Potential:
-        p = self.potential
-        return type(p)(p.stencil, np.matmul(p.basis, _inverse_root(memory["rest"])), p.area, p.lam, p.mu)
+        p, root = self.potential, _inverse_root(memory["rest"])
+        eye = np.eye(2)  # the rest metric differs from it by rounding
+        rest = eye + np.matmul(np.matmul(root.transpose(0, 2, 1), p.rest_metric - eye), root)
+        return type(p)(p.stencil, np.matmul(p.basis, root), p.area, p.lam, p.mu, rest)
 
     def _principal(self, x: NDArray, rest: NDArray) -> NDArray[np.float64]:
         """(m, 2) principal Green strains relative to the rest metric."""

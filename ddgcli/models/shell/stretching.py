@@ -72,19 +72,41 @@ class StVK:
     """St Venant-Kirchhoff membrane: energy t (lam/2 tr(E)^2 + mu tr(E^2)) per area, E the Green strain.
 
     Plane stress: lam t = Y nu / (1 - nu^2), mu t = Y / (2 (1 + nu)) with Y Young's modulus times thickness.
+
+    `rest_metric` (m, 2, 2) is F'F at rest in the frames of `basis`: the identity up to rounding. In a needle
+    of aspect 1e8 rounding would leave a strain of 1e-8, enough to move a body at rest.
     """
 
     name = "stretching"
 
-    def __init__(self, faces: NDArray, basis: NDArray, area: NDArray, lam: float, mu: float) -> None:
+    def __init__(
+        self,
+        faces: NDArray,
+        basis: NDArray,
+        area: NDArray,
+        lam: float,
+        mu: float,
+        rest_metric: NDArray | None = None,
+    ) -> None:
         self.stencil, self.basis, self.area = faces, basis, area
         self.lam, self.mu = lam, mu
+        self.rest_metric = np.eye(2) if rest_metric is None else rest_metric
+
+    def deformation_gradient(self, x: NDArray) -> NDArray[np.float64]:
+        """(m, 3, 2) F, from differences of positions: they do not depend on the origin."""
+        corners = x[self.stencil]
+        return np.matmul((corners[:, 1:] - corners[:, :1]).transpose(0, 2, 1), self.basis[:, 1:])
+
+    def metric(self, x: NDArray) -> NDArray[np.float64]:
+        """(m, 2, 2) F'F."""
+        f = self.deformation_gradient(x)
+        return np.matmul(f.transpose(0, 2, 1), f)
 
     @at_last_point
     def _stress(self, x: NDArray) -> tuple[NDArray, NDArray, NDArray]:
         """Deformation gradient F (m, 3, 2), Green strain and second Piola-Kirchhoff stress (m, 2, 2)."""
-        f = np.matmul(x[self.stencil].transpose(0, 2, 1), self.basis)
-        strain = 0.5 * (np.matmul(f.transpose(0, 2, 1), f) - np.eye(2))
+        f = self.deformation_gradient(x)
+        strain = 0.5 * (np.matmul(f.transpose(0, 2, 1), f) - self.rest_metric)
         trace = strain[:, 0, 0] + strain[:, 1, 1]
         stress = 2 * self.mu * strain
         stress[:, 0, 0] += self.lam * trace
@@ -161,7 +183,9 @@ def build(parameters: Stretching, context: ShellContext) -> list[Potential]:
     if parameters.model == "edges-area":
         return _edges_and_areas(context, young, nu)
     lam, mu = young * nu / (1 - nu**2), young / (2 * (1 + nu))
-    return [StVK(np.asarray(mesh.faces), face_basis(mesh), context.face_area, lam, mu)]
+    membrane = StVK(np.asarray(mesh.faces), face_basis(mesh), context.face_area, lam, mu)
+    membrane.rest_metric = membrane.metric(np.asarray(mesh.points))
+    return [membrane]
 
 
 def _edges_and_areas(context: ShellContext, young: float, nu: float) -> list[Potential]:
