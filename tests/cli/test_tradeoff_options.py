@@ -23,10 +23,10 @@ FLOW_TIME = ["--steps", 3, "--tolerance", 1e-2]
 def inputs(tmp_path_factory):
     """One small input for each command."""
     folder = tmp_path_factory.mktemp("inputs")
-    sphere = shapes.random_sphere(80)
+    sphere, even = shapes.random_sphere(80), shapes.icosphere(1)
     meshes = {
         "sphere": sphere,
-        "egg": sphere.moved(sphere.points * [1.0, 1.0, 1.2]),
+        "egg": even.moved(even.points * [1.0, 1.0, 1.2]),
         "sheet": shapes.grid(2, 2),
     }
     paths = {}
@@ -331,7 +331,7 @@ WITHIN = {
     "geodesic": (0.04, ["--truth", "sphere:1"], None),
     "shell-sim": (0.02, [*SHELL, *SHELL_TIME], (SHELL, 32)),
     "fluid-sim": (1e-3, [*FLUID, *FLUID_TIME], (FLUID, 32)),
-    "willmore-flow": (1e-4, ["--tolerance", 1e-2], ([], 64)),
+    "willmore-flow": (1e-6, FLOW_TIME, ([], 64)),
 }
 
 
