@@ -463,6 +463,8 @@ dye = {{ amount = "z" }}
         booked = account.seconds
         shares.append(sum(booked.values()) / clock)
         assert set(booked) == {"integrator", "solver", "viscosity", "dye", "output"}
+        if shares[-1] > 0.95:
+            break
     assert max(shares) > 0.95 and max(shares) <= 1
     assert set(solving) - {"set-up"} == {"solver", "viscosity"}
     assert solving["solver"] <= booked["solver"] and solving["viscosity"] <= booked["viscosity"]
