@@ -12,7 +12,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from ddgcli.algorithms.curvature.faces import Faces
 from ddgcli.algorithms.curvature.frames import area_normals
@@ -142,6 +141,8 @@ def is_staircase(mesh: TriangleMesh, dihedral: NDArray) -> bool:
 
 def _bending(mesh: TriangleMesh, normal: NDArray, sample: NDArray, radius: float) -> float:
     """Median of the larger principal curvature of quadratic fits in balls around a part of the sample."""
+    from scipy.spatial import cKDTree  # a sixth of a small run's time, needed by noisy meshes only
+
     few = sample[:: max(1, len(sample) // BENDING_SAMPLE_SIZE)]
     lists = cKDTree(mesh.points).query_ball_point(mesh.points[few], radius)
     start = list_starts([len(members) for members in lists])
