@@ -51,12 +51,12 @@ def planar(seed=0, n=300):
 
 def pinched():
     """Two stretched spheres and a needle-shaped fan with a boundary that meet in one vertex."""
-    body, sheet = stretched(120), shapes.grid(4, 4)
-    flat = sheet.points * np.array([1.0, 0.05, 1.0])
+    body, grid = stretched(120), shapes.grid(4, 4)
+    flat = grid.points * np.array([1.0, 0.05, 1.0])
     parts = [
         (body.points - body.points[0], body.faces),
         (body.points[0] - body.points, body.faces[:, ::-1]),
-        (flat - flat[0], sheet.faces),
+        (flat - flat[0], grid.faces),
     ]
     start = np.cumsum([0] + [len(points) - 1 for points, _ in parts])
     faces = np.concatenate([np.where(f == 0, 0, f + s) for (_, f), s in zip(parts, start)])

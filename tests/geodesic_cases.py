@@ -36,17 +36,17 @@ def cone(angle: float, sectors: int, rings: int) -> tuple[IntrinsicMesh, np.ndar
 
 def pillow(k: int) -> TriangleMesh:
     """The double cover of the unit square: two grids with a common rim."""
-    sheet = shapes.grid(k, k, pattern="alternating")
-    n = sheet.n_vertices
+    grid = shapes.grid(k, k, pattern="alternating")
+    n = grid.n_vertices
     number = np.arange(n)
-    inside = ~sheet.topology.boundary_vertex
+    inside = ~grid.topology.boundary_vertex
     back = np.where(inside, n + np.cumsum(inside) - 1, number)
-    points = np.concatenate([sheet.points, sheet.points[inside]])
-    return TriangleMesh.from_arrays(points, np.concatenate([sheet.faces, back[sheet.faces][:, ::-1]]))
+    points = np.concatenate([grid.points, grid.points[inside]])
+    return TriangleMesh.from_arrays(points, np.concatenate([grid.faces, back[grid.faces][:, ::-1]]))
 
 
 def on_pillow(mesh: TriangleMesh, k: int, source: int) -> np.ndarray:
-    """Distances on the pillow: the plane modulo (x, y) -> +-(x, y) + (2a, 2b); the back sheet is x < 0."""
+    """Distances on the pillow: the plane modulo (x, y) -> +-(x, y) + (2a, 2b); the back is x < 0."""
     plane = mesh.points[:, :2].copy()
     plane[(k + 1) ** 2 :, 0] *= -1
     images = [s * plane + 2 * np.array([a, b]) for s in (1, -1) for a in (-1, 0, 1) for b in (-1, 0, 1)]

@@ -7,13 +7,13 @@ from ddgcli.scenes.scene import resolve
 from ddgcli.simulation.account import Account
 from ddgcli.simulation.time_loop import evolve
 
-# a square sheet that hangs by two corners, `cells` each way
-HANGING_SHEET = """
+# a square cloth that hangs by two corners, `cells` each way
+HANGING_CLOTH = """
 [time]
 duration = 0.04
 step = 4e-3
 [[object]]
-name = "sheet"
+name = "cloth"
 role = "shell"
 grid = {{ size = [1, 1], cells = [{cells}, {cells}] }}
 material = "cotton"

@@ -72,7 +72,7 @@ def _fluid(name: str, mesh: TriangleMesh | None, **words: Any) -> Callable[[], A
         scene = resolve(parse_scene(text), FLUID, {})
         account = Account()
         contexts = {
-            n: c for n, (c, _) in fluid_model.contexts(scene, lambda _: _given(mesh), np.load).items()
+            n: c for n, (c, _) in fluid_model.contexts(scene, lambda _: _mesh_source(mesh), np.load).items()
         }
         built = fluid_model.build(scene, contexts, account)
         return {n: fluid.model() for n, fluid in built.items()}, scene.schedule(), account
@@ -80,7 +80,7 @@ def _fluid(name: str, mesh: TriangleMesh | None, **words: Any) -> Callable[[], A
     return prepared
 
 
-def _given(mesh: TriangleMesh | None) -> Any:
+def _mesh_source(mesh: TriangleMesh | None) -> Any:
     """What reading the scene's mesh file would give."""
     return SimpleNamespace(mesh=mesh, vertex={}, face={}, sha256="", notes=())
 
@@ -191,7 +191,7 @@ ELASTICA = {2: 0.238507, 10: 0.700200}  # weight length^3 / rigidity -> drop of 
 def _shell(text: str, mesh: TriangleMesh | None = None) -> Any:
     scene = resolve(parse_scene(text), SHELL, {})
     account = Account()
-    contexts = {n: c for n, (c, _) in shell_model.contexts(scene, lambda _: _given(mesh)).items()}
+    contexts = {n: c for n, (c, _) in shell_model.contexts(scene, lambda _: _mesh_source(mesh)).items()}
     return shell_model.build(scene, contexts, account), scene.schedule(), account
 
 

@@ -40,7 +40,7 @@ class Limits:
 
 
 @dataclass
-class Row:
+class TaskRow:
     """Result of one task; its fields are the columns of the table."""
 
     index: int
@@ -58,7 +58,7 @@ class Row:
 
 def run_task(
     task: Task, limits: Limits, collect: Sequence[str] = (), stop: threading.Event | None = None
-) -> Row:
+) -> TaskRow:
     """Run a task and report how it ended.
 
     `status` is `done` (exit code 0), `failed` (another exit code), `timeout`, `memory` or `killed` (by a
@@ -80,7 +80,7 @@ def run_task(
     status = reason or ("done" if code == 0 else "killed" if code < 0 else "failed")
     if status == "failed" and any("out of memory" in line for line in message):
         status = "memory"
-    return Row(
+    return TaskRow(
         task.index,
         task.input,
         task.parameters,

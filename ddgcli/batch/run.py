@@ -9,7 +9,7 @@ from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from pathlib import Path
 from typing import Any
 
-from ddgcli.batch.process import Limits, Row, file_hash, run_task
+from ddgcli.batch.process import Limits, TaskRow, file_hash, run_task
 from ddgcli.batch.table import journal_line, journal_path, read_journal
 from ddgcli.batch.tasks import Task
 from ddgcli.errors import MissingExtraError
@@ -25,7 +25,7 @@ def run_batch(
     resume: bool = False,
     cluster: str | None = None,
     progress: Callable[[float, float], Any] = lambda done, total: None,
-) -> list[Row]:
+) -> list[TaskRow]:
     """Rows of all tasks in their order; a task that fails does not stop the others.
 
     Parameters
@@ -40,7 +40,7 @@ def run_batch(
         Address of a Dask scheduler whose workers see the same files.
     progress : callable (done, total)
     """
-    rows: dict[int, Row] = {}
+    rows: dict[int, TaskRow] = {}
     journal = journal_path(table) if table is not None else None
     if journal is not None and resume:
         hashes = {path: file_hash(path) for path in {task.input for task in tasks}}
@@ -66,10 +66,10 @@ def _append(journal: Path, line: str) -> None:
 
 def _here(
     tasks: Sequence[Task], limits: Limits, collect: Sequence[str], jobs: int
-) -> Iterator[tuple[Task, Row]]:
+) -> Iterator[tuple[Task, TaskRow]]:
     stop = threading.Event()
     waiting = iter(tasks)
-    running: dict[Future[Row], Task] = {}
+    running: dict[Future[TaskRow], Task] = {}
     with ThreadPoolExecutor(jobs) as pool:
         try:
             while True:
@@ -85,7 +85,7 @@ def _here(
 
 def _on_cluster(
     tasks: Sequence[Task], limits: Limits, collect: Sequence[str], address: str
-) -> Iterator[tuple[Task, Row]]:
+) -> Iterator[tuple[Task, TaskRow]]:
     try:
         from distributed import Client, as_completed
     except ImportError as error:

@@ -10,14 +10,14 @@ from dataclasses import asdict, fields
 from pathlib import Path
 from typing import Any
 
-from ddgcli.batch.process import Row
+from ddgcli.batch.process import TaskRow
 from ddgcli.batch.tasks import Task
 
 TABLE_FORMATS = (".jsonl", ".csv")
-COLUMNS = tuple(f.name for f in fields(Row))
+COLUMNS = tuple(f.name for f in fields(TaskRow))
 
 
-def table_bytes(path: str, rows: Sequence[Row]) -> bytes:
+def table_bytes(path: str, rows: Sequence[TaskRow]) -> bytes:
     """Content of the table at `path`: a JSON object a line, or CSV with a column a parameter and value."""
     ordered = sorted(rows, key=lambda row: row.index)
     if Path(path).suffix.lower() == ".jsonl":
@@ -44,12 +44,12 @@ def journal_path(table: str) -> Path:
     return Path(f"{table}.part")
 
 
-def journal_line(task: Task, row: Row) -> str:
+def journal_line(task: Task, row: TaskRow) -> str:
     """Line of the journal: the task's command line and its row."""
     return json.dumps({"words": task.words, "row": asdict(row)}, ensure_ascii=False) + "\n"
 
 
-def read_journal(path: Path, tasks: Sequence[Task], hashes: Mapping[str, str | None]) -> dict[int, Row]:
+def read_journal(path: Path, tasks: Sequence[Task], hashes: Mapping[str, str | None]) -> dict[int, TaskRow]:
     """Rows of tasks that are done, by index; torn lines, changed inputs and missing outputs are left out.
 
     Parameters
@@ -65,7 +65,7 @@ def read_journal(path: Path, tasks: Sequence[Task], hashes: Mapping[str, str | N
         try:
             entry = json.loads(line)
             task = by_key.get("\0".join(entry["words"]))
-            row = Row(**entry["row"])
+            row = TaskRow(**entry["row"])
         except (ValueError, TypeError, KeyError):
             continue
         if task is None or row.status != "done" or hashes.get(row.input) != row.sha256:

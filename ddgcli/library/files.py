@@ -153,8 +153,8 @@ def read_trajectory(path: Path) -> Trajectory:
     Examples
     --------
     >>> import ddgcli as ddg
-    >>> sheet = {"role": "shell", "grid": {"size": [1, 1], "cells": [2, 2]}, "material": "paper"}
-    >>> run = ddg.simulate({"object": [sheet], "effects": {"gravity": {}}}, duration=0.1)
+    >>> shell = {"role": "shell", "grid": {"size": [1, 1], "cells": [2, 2]}, "material": "paper"}
+    >>> run = ddg.simulate({"object": [shell], "effects": {"gravity": {}}}, duration=0.1)
     >>> _ = ddg.write_trajectory("fall.vtkhdf", run)
     >>> with ddg.read_trajectory("fall.vtkhdf") as trajectory:
     ...     print(trajectory.n_frames, [frame.points.shape for frame in trajectory][-1])
@@ -190,8 +190,8 @@ def write_trajectory(path: Path, frames: Iterable[Frame], mesh: MeshLike | None 
     Examples
     --------
     >>> import ddgcli as ddg
-    >>> sheet = {"role": "shell", "grid": {"size": [1, 1], "cells": [2, 2]}, "material": "paper"}
-    >>> run = ddg.simulate({"object": [sheet], "effects": {"gravity": {}}}, duration=0.1)
+    >>> shell = {"role": "shell", "grid": {"size": [1, 1], "cells": [2, 2]}, "material": "paper"}
+    >>> run = ddg.simulate({"object": [shell], "effects": {"gravity": {}}}, duration=0.1)
     >>> ddg.write_trajectory("run.vtkhdf", run)
     11
     """

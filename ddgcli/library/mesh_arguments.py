@@ -114,8 +114,8 @@ def mesh_of_kind(mesh: MeshLike, kinds: tuple[str, ...], verb: str) -> Any:
         return converted
     kind = next(name for name, cls in KIND_CLASS.items() if isinstance(converted, cls))
     cure = "; pass their boundary, mesh.boundary" if kind == "tetrahedra" and "surface" in kinds else ""
-    wanted = " or ".join(KIND_PHRASE[name] for name in kinds)
-    raise MeshError(f"{verb} takes {wanted}, not {KIND_PHRASE[kind]}{cure}")
+    accepted = " or ".join(KIND_PHRASE[name] for name in kinds)
+    raise MeshError(f"{verb} takes {accepted}, not {KIND_PHRASE[kind]}{cure}")
 
 
 def accepts_arrays(

@@ -45,8 +45,8 @@ class Simulation:
     Examples
     --------
     >>> import ddgcli as ddg
-    >>> sheet = {"role": "shell", "grid": {"size": [1, 1], "cells": [2, 2]}, "material": "paper"}
-    >>> scene = {"time": {"duration": 0.1, "step": 0.01}, "object": [sheet], "effects": {"gravity": {}}}
+    >>> shell = {"role": "shell", "grid": {"size": [1, 1], "cells": [2, 2]}, "material": "paper"}
+    >>> scene = {"time": {"duration": 0.1, "step": 0.01}, "object": [shell], "effects": {"gravity": {}}}
     >>> run = ddg.simulate(scene)
     >>> isinstance(run, ddg.Simulation), run.n_frames, [frame.time for frame in run][-1]
     (True, 11, 0.1)
@@ -105,8 +105,8 @@ def simulate(
     Examples
     --------
     >>> import ddgcli as ddg
-    >>> sheet = {"role": "shell", "grid": {"size": [1, 1], "cells": [2, 2]}, "material": "paper"}
-    >>> scene = {"object": [sheet], "effects": {"gravity": {"acceleration": [0, 0, -10]}}}
+    >>> shell = {"role": "shell", "grid": {"size": [1, 1], "cells": [2, 2]}, "material": "paper"}
+    >>> scene = {"object": [shell], "effects": {"gravity": {"acceleration": [0, 0, -10]}}}
     >>> for frame in ddg.simulate(scene, duration=0.5, step=0.01):
     ...     height = frame.points[:, 2].mean()
     >>> round(float(height), 6)  # -g t^2 / 2

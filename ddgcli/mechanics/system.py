@@ -165,11 +165,11 @@ class System:
 
     def energies(self, x: NDArray) -> dict[str, float]:
         """Energy of each potential by its effect's name."""
-        found: dict[str, float] = {}
+        by_effect: dict[str, float] = {}
         for potential in self.potentials:
             with self.account.within(potential.name):
-                found[potential.name] = found.get(potential.name, 0.0) + potential.energy(x)
-        return found
+                by_effect[potential.name] = by_effect.get(potential.name, 0.0) + potential.energy(x)
+        return by_effect
 
     def gradient(self, x: NDArray) -> NDArray[np.float64]:
         """(n, 3) gradient of the potential energy, zero where held."""
@@ -222,11 +222,11 @@ class System:
 
     def frozen(self, x: NDArray, dt: float) -> tuple[Potential, ...]:
         """Dissipation as potentials of the velocity, taken at `x`."""
-        found = []
+        potentials = []
         for dissipation in self.dissipations:
             with self.account.within(dissipation.name):
-                found.append(dissipation.frozen(x, dt))
-        return tuple(found)
+                potentials.append(dissipation.frozen(x, dt))
+        return tuple(potentials)
 
     def acceleration(self, x: NDArray, v: NDArray, dt: float) -> NDArray[np.float64]:
         """(n, 3) acceleration, zero where held."""

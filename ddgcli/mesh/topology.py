@@ -256,7 +256,7 @@ class Topology:
         return len(self.misoriented_edges) == 0
 
     @cached_property
-    def _sheets(self) -> NDArray[np.int64]:
+    def _cover_component(self) -> NDArray[np.int64]:
         """(m, 2) component of the double cover in which each face lies, as it is and reversed."""
         twin = self.side_twin.ravel()
         side = np.flatnonzero((twin >= 0) & (np.arange(len(twin)) <= twin))
@@ -272,7 +272,7 @@ class Topology:
     @cached_property
     def one_sided_face(self) -> NDArray[np.bool_]:
         """(m,) True at faces of pieces (faces joined through two-sided edges) that have no orientation."""
-        return frozen(self._sheets[:, 0] == self._sheets[:, 1])
+        return frozen(self._cover_component[:, 0] == self._cover_component[:, 1])
 
     @cached_property
     def orientable_component(self) -> NDArray[np.bool_]:
@@ -287,9 +287,9 @@ class Topology:
 
         In each piece the fewer faces are turned; none in one-sided pieces.
         """
-        sheet = self._sheets
-        turned = sheet[:, 0] > sheet[:, 1]
-        _, piece = np.unique(sheet.min(axis=1), return_inverse=True)
+        copies = self._cover_component
+        turned = copies[:, 0] > copies[:, 1]
+        _, piece = np.unique(copies.min(axis=1), return_inverse=True)
         share = np.bincount(piece, weights=turned) / np.maximum(np.bincount(piece), 1)
         return frozen((turned ^ (share > 0.5)[piece]) & ~self.one_sided_face)
 

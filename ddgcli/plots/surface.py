@@ -34,7 +34,7 @@ from ddgcli.plots.viewpoint import best_view, up_axis_of
 _PLAIN = np.array([0.78, 0.81, 0.86])
 _UNKNOWN = np.array([0.62, 0.62, 0.62])
 _LIGHT = np.array([-0.35, 0.45, 0.82]) / np.linalg.norm([-0.35, 0.45, 0.82])
-_LIGHT_SQUARE, _DARK_SQUARE = np.array([0.93, 0.91, 0.85]), np.array([0.30, 0.48, 0.68])
+LIGHT_SQUARE_COLOUR, BLUE_SQUARE_COLOUR = np.array([0.93, 0.91, 0.85]), np.array([0.30, 0.48, 0.68])
 N_SQUARES = 24  # along the larger side of a flat layout
 CREASE_COSINE = np.cos(np.radians(40.0))  # faces with a larger angle are shaded separately
 _SAMPLES = 2  # each way within a pixel
@@ -192,7 +192,7 @@ def _squares(mesh: TriangleMesh, visible: PixelFaces, flat: NDArray) -> NDArray[
     side = float(np.ptp(used, axis=0).max()) / N_SQUARES or 1.0
     at = np.einsum("fki,fk->fi", flat[mesh.faces[visible.face]], visible.barycentric) / side
     odd = np.floor(at - used.min(axis=0) / side).sum(axis=1) % 2 == 1
-    return np.where(odd[:, None], _DARK_SQUARE, _LIGHT_SQUARE)
+    return np.where(odd[:, None], BLUE_SQUARE_COLOUR, LIGHT_SQUARE_COLOUR)
 
 
 def _in_unit_box(mesh: TriangleMesh, fit: NDArray | None) -> tuple[TriangleMesh, NDArray, Callable]:

@@ -159,16 +159,16 @@ class Scene:
         }
 
     def build(self, make: Callable[[Effect, Any, Key], Any]) -> list[Any]:
-        """`make` of every effect; a ValueError in it is told with the effect's line."""
-        made = []
+        """`make` of every effect; a ValueError in it names the effect's line."""
+        results = []
         for effect, parameters, key in self.effects:
             try:
-                made.append(make(effect, parameters, key))
+                results.append(make(effect, parameters, key))
             except SceneError:
                 raise
             except ValueError as error:
                 self.refuse(key, f"{effect.name}: {error}")
-        return made
+        return results
 
 
 def located(document: Document, key: Key, message: str) -> str:

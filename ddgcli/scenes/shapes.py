@@ -153,10 +153,10 @@ class Obstacle(ObjectSection):
 
 
 def require_one_shape(section: Any, shapes: tuple[str, ...]) -> None:
-    given = [s for s in shapes if getattr(section, s) is not None]
-    if len(given) != 1:
-        found = "none" if not given else " and ".join(given)
-        raise ValueError(f"exactly one shape is needed, found {found}; allowed: {', '.join(shapes)}")
+    names = [s for s in shapes if getattr(section, s) is not None]
+    if len(names) != 1:
+        listed = "none" if not names else " and ".join(names)
+        raise ValueError(f"exactly one shape is needed, found {listed}; allowed: {', '.join(shapes)}")
 
 
 @dataclass(frozen=True, eq=False)
@@ -209,11 +209,11 @@ def place(section: SurfaceObject, read: Callable[[str], Any], volumes: bool = Fa
         if not isinstance(mesh, TriangleMesh):
             raise ValueError(kind_error(mesh, ("surface",), path=section.mesh))
     else:
-        mesh = made(section)
+        mesh = shape_mesh(section)
     return PlacedMesh(mesh.moved(_moved(section, np.asarray(mesh.points))), vertex, sha256, face)
 
 
-def made(section: Any) -> TriangleMesh:
+def shape_mesh(section: Any) -> TriangleMesh:
     """Mesh of a grid, sphere or box."""
     if section.grid is not None:
         return grid_mesh(section.grid)

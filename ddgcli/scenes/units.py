@@ -87,8 +87,8 @@ def parse_quantity(value: Any, unit: str) -> float:
             except OverflowError as error:
                 raise ValueError(f"the unit of {value!r} is beyond the range of numbers") from error
             if dimension != parse_unit(unit)[1]:
-                wanted = f"a multiple of {unit}" if unit else "none"
-                raise ValueError(f"the unit of {value!r} does not fit: {wanted} is needed")
+                expected = f"a multiple of {unit}" if unit else "none"
+                raise ValueError(f"the unit of {value!r} does not fit: {expected} is needed")
             number *= factor
     else:
         try:

@@ -135,14 +135,14 @@ def test_an_interrupted_batch_leaves_no_process(inputs, tmp_path):
     marker = str(inputs / "hang.ply").encode()
 
     def tasks():
-        found = []
+        pids = []
         for pid in filter(str.isdigit, os.listdir("/proc")):
             try:
                 line = Path(f"/proc/{pid}/cmdline").read_bytes()
             except OSError:
                 continue
-            found += [pid] if marker in line and int(pid) != running.pid else []
-        return found
+            pids += [pid] if marker in line and int(pid) != running.pid else []
+        return pids
 
     for _ in range(600):
         if tasks():

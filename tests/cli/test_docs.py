@@ -93,7 +93,8 @@ def examples(page: Path) -> list[str]:
 def test_every_example_is_a_call(page, line):
     name, *words = shlex.split(line, comments=True)[1:]
     command = command_of(name)
-    command.make_context(name, repeat_options(command, words), parent=click.Context(main))
+    context = command.make_context(name, repeat_options(command, words), parent=click.Context(main))
+    assert context.params.keys() == {parameter.name for parameter in command.params if parameter.expose_value}
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda p: p.relative_to(ROOT).as_posix())

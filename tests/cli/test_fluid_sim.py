@@ -46,7 +46,7 @@ def test_scene_and_quick_form_are_the_same(summary, ball, tmp_path):
 
 @pytest.mark.parametrize("velocity", ["[1, 2, 3]", '["y", "z", "x"]'])
 @pytest.mark.parametrize("scale", [1e-6, 1.0, 1e6])
-def test_rounding_of_the_mean_is_not_told(summary, tmp_path, velocity, scale):
+def test_rounding_of_the_mean_causes_no_warning(summary, tmp_path, velocity, scale):
     """A velocity's vorticity has no mean; that of a gradient, as of a translation, is all rounding."""
     path, ball = tmp_path / "ball.npz", shapes.random_sphere(500)
     write_mesh(str(path), AnnotatedMesh(ball.moved(scale * (ball.points + 3.0))))
@@ -54,7 +54,7 @@ def test_rounding_of_the_mean_is_not_told(summary, tmp_path, velocity, scale):
     assert out["warnings"] == []
 
 
-def test_mean_is_subtracted_and_told(summary, ball):
+def test_mean_is_subtracted_with_a_warning(summary, ball):
     out = summary("fluid-sim", ball, "--vorticity", "5*z + 3", "--steps", 2, "--dt", 0.01)
     assert any("mean (3" in w and "subtracted" in w for w in out["warnings"])
     assert abs(out["results"]["total_vorticity"]) < 1e-12
@@ -98,12 +98,12 @@ def test_generators_have_their_circulation_without_harmonic_flows_too(summary, t
         summary("fluid-sim", scene(tmp_path / "s.toml", 'mesh = "torus.ply"', initial + more))["results"]
         for more in ("", '\nharmonic = { kind = "frozen" }')
     )
-    found = alone["circulation"]["generators"]
-    assert len(found) == 2 and np.abs(found).max() > 0.1
-    assert found == pytest.approx(beside["circulation"]["generators"], rel=1e-9)
+    circulation = alone["circulation"]["generators"]
+    assert len(circulation) == 2 and np.abs(circulation).max() > 0.1
+    assert circulation == pytest.approx(beside["circulation"]["generators"], rel=1e-9)
 
 
-def test_divided_steps_are_told(summary, tmp_path):
+def test_divided_steps_cause_a_warning(summary, tmp_path):
     out = summary("fluid-sim", scene(tmp_path / "s.toml", BALL, 'initial = { vorticity = "99*z" }'))
     assert len(out["warnings"]) == 1 and "stability" in out["warnings"][0]
     assert out["results"]["rejected_steps"] > 0 and out["results"]["smallest_step"] < 0.02
@@ -240,7 +240,7 @@ def test_a_scene_pays_only_for_its_effects(summary, ball):
 
 
 @pytest.mark.parametrize(
-    "effects, told",
+    "effects, message",
     [
         ('initial = { vorticty = "z" }', "vorticity"),
         ('initial = { vorticity = "q + 1" }', "q"),
@@ -260,33 +260,33 @@ def test_a_scene_pays_only_for_its_effects(summary, ball):
         ("gravity = {}", "shell-sim"),
     ],
 )
-def test_refusals_are_one_line(run, tmp_path, effects, told):
+def test_refusals_are_one_line(run, tmp_path, effects, message):
     result = run("fluid-sim", scene(tmp_path / "s.toml", BALL, effects), "--json")
     assert result.exit_code == 2 and result.stdout == ""
-    assert told in result.stderr, result.stderr
+    assert message in result.stderr, result.stderr
     assert len(result.stderr.strip().splitlines()) == 1
     assert result.stderr.startswith(f"Error: {tmp_path / 's.toml'}: line 10: ")
 
 
-def test_integrators_there_are(run, tmp_path):
+def test_an_unknown_integrator_is_refused_with_the_list_of_those_of_fluids(run, tmp_path):
     file = scene(tmp_path / "s.toml", BALL, 'initial = { vorticity = "z" }', 'integrator = "covector"')
     assert "circulation, conservative" in run("fluid-sim", file).stderr
 
 
 @pytest.mark.parametrize(
-    "effects, told",
+    "effects, message",
     [
         ('boundary = { kind = "no-slip" }', "viscosity"),
         ('viscosity = { nu = 1, kind = "deformation" }', "no-slip"),
     ],
 )
-def test_walls_that_do_not_go_together(run, tmp_path, effects, told):
+def test_walls_that_do_not_go_together(run, tmp_path, effects, message):
     shape = "grid = { size = [1, 1], cells = [6, 6] }"
     result = run("fluid-sim", scene(tmp_path / "s.toml", shape, effects))
-    assert result.exit_code == 2 and told in result.stderr and "s.toml: line 10: " in result.stderr
+    assert result.exit_code == 2 and message in result.stderr and "s.toml: line 10: " in result.stderr
 
 
-def test_lists(run):
+def test_every_effect_is_listed(run):
     listing = json.loads(run("fluid-sim", "--effects", "--json").stdout)
     assert set(listing) == {
         "initial", "viscosity", "harmonic", "boundary", "force", "rotation", "buoyancy", "dye"

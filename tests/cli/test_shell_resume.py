@@ -77,9 +77,9 @@ def test_resumed_adaptive_and_damped_runs_have_the_same_bits(run, tmp_path, monk
     resumed_as_whole(run, tmp_path, monkeypatch, scene(tmp_path, "newmark", text), 5)
 
 
-def but_for_seconds(told):
+def but_for_seconds(result):
     """Results and accuracy of a summary, without what a clock measured."""
-    summary = json.loads(told.stdout)
+    summary = json.loads(result.stdout)
     results = summary["results"]
     del results["seconds_by_part"]
     results["effects"] = {name: entry["evaluations"] for name, entry in results["effects"].items()}
@@ -88,8 +88,8 @@ def but_for_seconds(told):
 
 def resumed_as_whole(run, tmp_path, monkeypatch, path, frames):
     whole = tmp_path / "whole.vtkhdf"
-    told = run("shell-sim", path, "-o", whole, "--json")
-    assert told.exit_code == 0
+    uninterrupted = run("shell-sim", path, "-o", whole, "--json")
+    assert uninterrupted.exit_code == 0
     broken = tmp_path / "broken.vtkhdf"
     with interrupted_after(monkeypatch, frames):
         result = run("shell-sim", path, "-o", broken)
@@ -102,7 +102,7 @@ def resumed_as_whole(run, tmp_path, monkeypatch, path, frames):
     again = run("shell-sim", path, "--resume", part, "-q", "--json")
     assert again.exit_code == 0
     assert broken.exists() and not part.exists()
-    assert but_for_seconds(told) == but_for_seconds(again)
+    assert but_for_seconds(uninterrupted) == but_for_seconds(again)
     assert len(frames_of(whole)) > frames
     assert_equal_bits(frames_of(whole), frames_of(broken))
 
@@ -139,10 +139,10 @@ def test_a_process_that_is_ended_leaves_whole_frames(tmp_path, sign):
         time.sleep(0.02)
     time.sleep(0.3)
     child.send_signal(sign)
-    _, told = child.communicate(timeout=60)
+    _, stderr = child.communicate(timeout=60)
     assert child.returncode == (130 if sign == signal.SIGINT else -signal.SIGKILL)
     if sign == signal.SIGINT:
-        assert "--resume" in told and "Traceback" not in told
+        assert "--resume" in stderr and "Traceback" not in stderr
     with Trajectory(str(part)) as left:
         assert left.n_frames >= 1
         assert np.isfinite(left.points(left.n_frames - 1)).all()

@@ -240,9 +240,9 @@ def test_the_mesh_of_a_scene_is_never_overwritten(run, tmp_path):
     assert mesh.read_bytes() == before
 
 
-def test_energy_that_no_force_can_give_is_reported(summary, run, tmp_path, monkeypatch):
-    """Implicit midpoint with steps far longer than the waves of a stiff shell that turns: they are rejected,
-    and told; were they not, the run would be."""
+def test_steps_that_gain_energy_are_rejected_with_a_warning(summary, run, tmp_path, monkeypatch):
+    """Implicit midpoint with steps far longer than the waves of a stiff shell that turns: they are rejected
+    with a warning; if they were not, the run itself would fail."""
     from ddgcli.mechanics import energy_balance as balance
 
     sample = (Path(__file__).parents[2] / "sample_scenes" / "leaf.toml").read_text()

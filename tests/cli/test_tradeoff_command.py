@@ -24,9 +24,9 @@ from ddgcli.tradeoff.candidates import relative_to_largest, relative_to_rms
 from ddgcli.tradeoff.problems import curvature, delaunay, geodesic, laplacian, simulate, willmore_flow
 from ddgcli.tradeoff.richardson import remaining_error
 from ddgcli.tradeoff.truths import parse_truth
-from tests.simulate import HANGING_SHEET
+from tests.simulate import HANGING_CLOTH
 
-SHEET = HANGING_SHEET.format(cells=3)
+CLOTH = HANGING_CLOTH.format(cells=3)
 
 
 @pytest.fixture
@@ -96,7 +96,9 @@ def test_the_curvature_reference_covers_its_own_error(mesh_class):
     """Without a truth the uncertainty of the fit covers its error, in both norms."""
     mesh = ellipsoids((1.0, 1.5, 2.0))[mesh_class](1)
     truth = parse_truth("ellipsoid:1,1.5,2", mesh.points).mean_curvature(mesh.points)
-    for _, make in curvature.problem(mesh).references:
+    references = curvature.problem(mesh).references
+    assert references
+    for _, make in references:
         reference = make()
         error = relative_to_rms(reference.values, truth)
         assert 0 < error.max() <= reference.error_bound("max") < 1.5
@@ -120,7 +122,7 @@ def test_the_references_of_the_simulators_cover_their_own_error(command, tmp_pat
     """Against tiny steps (for shells of another integrator), by the command; every reference."""
     scene, out = tmp_path / "scene.toml", tmp_path / "end.npz"
     if command == "shell-sim":
-        text, span, small = SHEET, 0.04, ["--integrator", "verlet", "--dt", 4e-3 / 512]
+        text, span, small = CLOTH, 0.04, ["--integrator", "verlet", "--dt", 4e-3 / 512]
         problem = simulate.shell_problem(parse_scene(text), None)
     else:
         text, span, small = WHIRL, 0.8, ["--dt", 0.1 / 64]
@@ -244,7 +246,7 @@ initial = { vorticity = "3*sin(6.283185*x)*cos(6.283185*y) + cos(12.56637*x)" }
 def test_integrators_of_a_scene_have_errors_in_their_known_order(tmp_path, summary):
     """Second-order schemes gain four in accuracy with half the step, first-order ones two."""
     path = tmp_path / "sheet.toml"
-    path.write_text(SHEET.replace("step =", 'integrator = "newmark"\nbeta = 0.25\nstep =', 1))
+    path.write_text(CLOTH.replace("step =", 'integrator = "newmark"\nbeta = 0.25\nstep =', 1))
     report = summary("tradeoff", "shell-sim", path, "--repeat", 1, "--budget", 100)
     rows = rows_of(report)
     assert {name for name, _ in rows} >= {"verlet", "implicit-midpoint", "implicit-euler", "newmark"}
@@ -267,7 +269,7 @@ def test_willmore_energy_by_step(tmp_path, summary):
 
 def test_truth_is_refused_for_simulators(tmp_path, run):
     path = tmp_path / "sheet.toml"
-    path.write_text(SHEET)
+    path.write_text(CLOTH)
     result = run("tradeoff", "shell-sim", path, "--truth", "sphere:1")
     assert result.exit_code == 2 and "--truth" in result.stderr
 

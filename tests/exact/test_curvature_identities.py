@@ -113,7 +113,7 @@ def distance_to_convex(mesh, samples):
     return best
 
 
-def test_hand_made_values_at_the_corners_of_a_cube():
+def test_hand_computed_values_at_the_corners_of_a_cube():
     v = measure_curvature(shapes.box(1, 1, 1), "cotan").vertex
     assert v["angle_defect"] == pytest.approx(np.full(8, np.pi / 2))
     e = measure_curvature(shapes.box(1, 1, 1), "cotan").edge
@@ -288,9 +288,9 @@ def test_circle_angle_is_moebius_invariant(centre):
 
 def test_circle_angle_counts_edges_that_are_not_delaunay():
     """A flat quad with its longer diagonal inside: each end sees the other circle from within."""
-    sheet = shapes.grid(6, 6, pattern="right")
-    sheared = sheet.moved(sheet.points @ np.array([[1.0, 0, 0], [0.6, 1.0, 0], [0, 0, 1]]))
-    good, bad = (measure_curvature(m).results for m in (sheet, sheared))
+    grid = shapes.grid(6, 6, pattern="right")
+    sheared = grid.moved(grid.points @ np.array([[1.0, 0, 0], [0.6, 1.0, 0], [0, 0, 1]]))
+    good, bad = (measure_curvature(m).results for m in (grid, sheared))
     assert good["non_delaunay_edges"] == 0 and bad["non_delaunay_edges"] > 0
     assert bad["willmore_energies"]["circle-angle"] > 1
 

@@ -173,21 +173,21 @@ def test_intrinsic_delaunay_mesh_has_the_same_distances():
 
 def test_three_sheets_on_one_edge_equal_three_planes():
     """Three half planes on the line x = 0: any two of them are one flat plane."""
-    sheet = jittered(shapes.grid(8, 8), 0.03)
-    rim = np.flatnonzero(sheet.points[:, 0] == 0)
-    n = sheet.n_vertices
-    points, faces, plane = [sheet.points], [sheet.faces], [sheet.points]
+    half = jittered(shapes.grid(8, 8), 0.03)
+    rim = np.flatnonzero(half.points[:, 0] == 0)
+    n = half.n_vertices
+    points, faces, plane = [half.points], [half.faces], [half.points]
     for copy, turn in ((1, 2.0), (2, 4.0)):
         number = np.arange(n) + copy * n
         number[rim] = rim
-        x, y = sheet.points[:, 0], sheet.points[:, 1]
+        x, y = half.points[:, 0], half.points[:, 1]
         points.append(np.stack([x * np.cos(turn), y, x * np.sin(turn)], axis=1))
-        faces.append(number[sheet.faces])
+        faces.append(number[half.faces])
         plane.append(np.stack([-x, y, 0 * x], axis=1))
     mesh = TriangleMesh.from_arrays(np.concatenate(points), np.concatenate(faces))
     assert len(mesh.topology.nonmanifold_edges) == 8
     source = 40
-    truth = np.linalg.norm(np.concatenate(plane) - sheet.points[source], axis=1)
+    truth = np.linalg.norm(np.concatenate(plane) - half.points[source], axis=1)
     used = mesh.topology.referenced_vertex
     measured = exact_distance(mesh, source).distance
     assert np.abs(measured - truth)[used].max() < 1e-12

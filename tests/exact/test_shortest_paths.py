@@ -69,13 +69,13 @@ def test_unreachable_targets_have_no_path_and_unknown_ones_are_refused():
 
 def three_sheets(k=8):
     """Three flat sheets on one line, x = 0; vertices of the first come first."""
-    sheet = shapes.grid(k, k)
-    rim, n = sheet.points[:, 0] == 0, sheet.n_vertices
+    grid = shapes.grid(k, k)
+    rim, n = grid.points[:, 0] == 0, grid.n_vertices
     points, faces = [], []
     for copy, turn in enumerate((0.0, 2.0, 4.0)):
-        x, y = sheet.points[:, 0], sheet.points[:, 1]
+        x, y = grid.points[:, 0], grid.points[:, 1]
         points.append(np.stack([x * np.cos(turn), y, x * np.sin(turn)], axis=1))
-        faces.append(np.where(rim, np.arange(n), np.arange(n) + copy * n)[sheet.faces])
+        faces.append(np.where(rim, np.arange(n), np.arange(n) + copy * n)[grid.faces])
     return TriangleMesh.from_arrays(np.concatenate(points), np.concatenate(faces))
 
 
@@ -101,8 +101,8 @@ def test_log_map_beyond_an_edge_of_three_faces(turned):
         )
         mesh = TriangleMesh.from_arrays(mesh.points, faces)
     mapped = log_map(mesh, exact_distance(mesh, source, directions=True), source)
-    sheet = three_sheets().points[:81, :2]
-    unrolled = np.concatenate([sheet, sheet * [-1, 1], sheet * [-1, 1]])
+    first = three_sheets().points[:81, :2]
+    unrolled = np.concatenate([first, first * [-1, 1], first * [-1, 1]])
     finite = np.isfinite(mapped.log_map[:, 0])
     np.testing.assert_array_equal(finite, mesh.topology.referenced_vertex)
     flat, truth = mapped.log_map[finite] @ [1, 1j], (unrolled[finite] - unrolled[40]) @ [1, 1j]

@@ -41,6 +41,7 @@ def test_pages_are_glued_to_their_neighbours_around_the_spine():
     topology = tufted_cover(fan_of_pages(PAGES)).topology
     m = len(PAGES)
     spine = np.flatnonzero((topology.side_tail < 2) & (topology.side_head < 2))
+    assert len(spine) == 2 * m  # two copies of every page
     neighbour = {(side // 3) % m: set() for side in spine}
     for side in spine:
         neighbour[(side // 3) % m].add((topology.side_twin.ravel()[side] // 3) % m)

@@ -100,7 +100,7 @@ def two(first: TriangleMesh, second: TriangleMesh) -> TriangleMesh:
 
 def generated_meshes() -> dict[str, TriangleMesh]:
     """Hard cases that need no file: also where the shared meshes are missing, every command meets them."""
-    ball, sheet = shapes.icosphere(1), shapes.grid(4, 4)
+    ball, grid = shapes.icosphere(1), shapes.grid(4, 4)
     corner = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [0, -1, 0]]
     strip = np.array([[x, y, 0] for x in range(5) for y in (0, 1e-7)])
     moebius = [[k, k + 1, k + 2] if k % 2 == 0 else [k + 1, k, k + 2] for k in range(8)] + [
@@ -121,7 +121,7 @@ def generated_meshes() -> dict[str, TriangleMesh]:
         "one-sided": of(np.random.default_rng(0).normal(size=(10, 3)), moebius),
         "turned faces": TriangleMesh.from_arrays(ball.points, turned),
         "an unused vertex": of([*corner[:4], [9, 9, 9]], [[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]]),
-        "two pieces far apart": two(ball, sheet.moved(sheet.points + 1e6)),
+        "two pieces far apart": two(ball, grid.moved(grid.points + 1e6)),
         "tiny": ball.moved(ball.points * 1e-8),
         "huge": ball.moved(ball.points * 1e8),
     }

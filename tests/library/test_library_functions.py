@@ -255,11 +255,11 @@ def test_simulation_is_that_of_the_command(command, name, summary, tmp_path):
     np.testing.assert_array_equal(run.mesh.points if last.points is None else last.points, points)
 
 
-SHEET = {"role": "shell", "grid": {"size": [1, 1], "cells": [2, 2]}, "material": "paper"}
+SHELL = {"role": "shell", "grid": {"size": [1, 1], "cells": [2, 2]}, "material": "paper"}
 
 
 def falling(**options: Any) -> ddg.Simulation:
-    return ddg.simulate({"object": [SHEET], "effects": {"gravity": {}}}, **options)
+    return ddg.simulate({"object": [SHELL], "effects": {"gravity": {}}}, **options)
 
 
 @pytest.mark.parametrize(
@@ -289,8 +289,8 @@ def test_integrator_of_a_simulation_is_used():
     [
         ("missing.toml", "missing.toml: no such file"),
         ({}, r"no \[\[object\]\]"),
-        ({"object": [SHEET], "effects": {"gravty": {}}}, "did you mean 'gravity'"),
-        ({"object": [{**SHEET, "role": "sheet"}]}, "no role 'sheet'"),
+        ({"object": [SHELL], "effects": {"gravty": {}}}, "did you mean 'gravity'"),
+        ({"object": [{**SHELL, "role": "sheet"}]}, "no role 'sheet'"),
         (
             {"object": [{"role": "obstacle", "plane": {"point": [0, 0, 0], "normal": [0, 0, 1]}}]},
             "no object moves",
@@ -302,13 +302,13 @@ def test_wrong_scenes_are_refused_before_the_first_frame(scene, message):
         ddg.simulate(scene)
 
 
-def mesh_of_sheet() -> ddg.TriangleMesh:
+def mesh_of_shell() -> ddg.TriangleMesh:
     return falling().mesh
 
 
 def test_trajectory_gives_back_the_frames(tmp_path):
     frames = list(falling(steps=3))
-    assert ddg.write_trajectory(tmp_path / "fall.vtkhdf", frames, mesh_of_sheet()) == 4
+    assert ddg.write_trajectory(tmp_path / "fall.vtkhdf", frames, mesh_of_shell()) == 4
     with ddg.read_trajectory(tmp_path / "fall.vtkhdf") as trajectory:
         for frame, kept in zip(frames, trajectory, strict=True):
             np.testing.assert_array_equal(kept.points, frame.points)
@@ -321,7 +321,7 @@ def test_a_run_that_breaks_off_leaves_a_part(tmp_path):
         raise ddg.errors.SolveError("a step failed")
 
     with pytest.raises(ddg.errors.SolveError):
-        ddg.write_trajectory(tmp_path / "run.vtkhdf", frames(), mesh_of_sheet())
+        ddg.write_trajectory(tmp_path / "run.vtkhdf", frames(), mesh_of_shell())
     assert [p.name for p in tmp_path.iterdir()] == ["run.vtkhdf.part"]
 
 

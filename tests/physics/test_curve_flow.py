@@ -5,7 +5,7 @@ import pytest
 
 from ddgcli.mesh.curve import CurveSet
 from ddgcli.models.curve import polygon
-from ddgcli.models.curve.setup import CurveOptions, build, without_repeated_points
+from ddgcli.models.curve.setup import CurveFlowOptions, build, without_repeated_points
 from ddgcli.simulation.account import Account
 from ddgcli.simulation.time_loop import Schedule, evolve
 
@@ -29,7 +29,7 @@ def helix(n=40):
 
 def flow_series(curves, dt, steps, **options):
     """Scalars of the first and last frame, and the last points."""
-    _, model = build(curves, CurveOptions(stop_at_rest=False, **options))
+    _, model = build(curves, CurveFlowOptions(stop_at_rest=False, **options))
     first, *_, last = evolve({"curve": model}, Schedule(dt, steps, steps), Account())
     ends = [s.observations["curve"] for s in (first, last)]
     return ends[0].scalar, ends[1].scalar, ends[1].points

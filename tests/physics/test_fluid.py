@@ -196,13 +196,13 @@ def test_viscosities_decay_at_their_own_rates(kind, rates):
     space = space_of(shapes.icosphere(4))
     z = space.mesh.points[:, 2]
     nu, dt, steps = 0.1, 0.02, 10
-    for mode, wanted in zip((z, (3 * z**2 - 1) / 2, (5 * z**3 - 3 * z) / 2), rates):
+    for mode, expected in zip((z, (3 * z**2 - 1) / 2, (5 * z**3 - 3 * z) / 2), rates):
         omega = start = mode * space.mass
         for step in (VelocityDiffusion(space, nu, kind),):
             for _ in range(steps):
                 omega, _ = step.step(omega, NONE, dt)
         measured = -np.log((omega @ mode) / (start @ mode)) / (nu * dt * steps)
-        assert measured == pytest.approx(wanted, abs=0.03 + 0.005 * wanted)
+        assert measured == pytest.approx(expected, abs=0.03 + 0.005 * expected)
 
 
 def test_both_hodge_diffusions_agree():
@@ -444,10 +444,10 @@ dye = {{ amount = "z" }}
 
     def timed(self, *args, **kwargs):
         began = perf_counter()
-        found = solve(self, *args, **kwargs)
+        solution = solve(self, *args, **kwargs)
         name = account._stack[-1] if account._stack else "set-up"
         solving[name] = solving.get(name, 0.0) + perf_counter() - began
-        return found
+        return solution
 
     monkeypatch.setattr(Factor, "solve", timed)
     scene = resolve(parse_scene(text), KIND, {})

@@ -26,8 +26,7 @@ def end(integrator, step, duration=0.2):
     return run[-1].observations["s"]
 
 
-@pytest.mark.parametrize("name", DYNAMIC)
-def test_integrator_has_its_order(name):
+def assert_order(name):
     # velocities: from a start at rest the positions of symplectic Euler gain an order (conjugate to Verlet)
     truth = end("verlet", 0.2 / 4096).vertex["velocity"]
     steps = [0.2 / 64, 0.2 / 128, 0.2 / 256]
@@ -37,12 +36,17 @@ def test_integrator_has_its_order(name):
     assert errors[-1] < (0.05 if INTEGRATORS[name].order == 2 else 0.5) * np.abs(truth).max()
 
 
+@pytest.mark.parametrize("name", DYNAMIC)
+def test_integrator_has_its_order(name):
+    assert_order(name)
+
+
 def test_steps_that_rescue_are_of_second_order_and_keep_the_momentum(monkeypatch):
     """All of them taken by the composite scheme."""
     composite = INTEGRATORS["newmark"].rescue
     monkeypatch.setitem(INTEGRATORS, "newmark", replace(INTEGRATORS["newmark"], step=composite))
-    test_integrator_has_its_order("newmark")
-    test_free_shell_keeps_its_momenta("newmark", 1e-12, None)
+    assert_order("newmark")
+    assert_free_shell_keeps_its_momenta("newmark", 1e-12, None)
 
 
 @pytest.mark.parametrize(
@@ -70,6 +74,18 @@ def test_short_steps_do_not_add_up_what_the_solver_leaves(name):
     assert np.abs(apart).max() < 1e-8
 
 
+def assert_free_shell_keeps_its_momenta(name, linear, angular):
+    text = FREE.format(integrator=name, step=2e-3, duration=0.5)
+    run, contexts, _ = shell_run(text, frame_every=0.05)
+    mass = contexts["s"].mass.sum()
+    p = np.array(scalar(run, "momentum"))
+    assert len(p) > 10 and np.abs(p[0]).max() > 0.1 * mass
+    assert np.abs(p - p[0]).max() <= linear * mass
+    if angular is not None:
+        spin = np.array(scalar(run, "angular_momentum"))
+        assert np.abs(spin - spin[0]).max() <= angular * mass
+
+
 @pytest.mark.parametrize("name, linear, angular", [
     ("verlet", 1e-12, 1e-12),
     ("symplectic-euler", 1e-12, 1e-12),
@@ -78,14 +94,7 @@ def test_short_steps_do_not_add_up_what_the_solver_leaves(name):
     ("implicit-euler", 1e-12, None),
 ])  # fmt: skip
 def test_free_shell_keeps_its_momenta(name, linear, angular):
-    text = FREE.format(integrator=name, step=2e-3, duration=0.5)
-    run, contexts, _ = shell_run(text, frame_every=0.05)
-    mass = contexts["s"].mass.sum()
-    p = np.array(scalar(run, "momentum"))
-    assert np.abs(p - p[0]).max() <= linear * mass
-    if angular is not None:
-        spin = np.array(scalar(run, "angular_momentum"))
-        assert np.abs(spin - spin[0]).max() <= angular * mass
+    assert_free_shell_keeps_its_momenta(name, linear, angular)
 
 
 @pytest.mark.parametrize("name", ["verlet", "newmark", "implicit-midpoint"])
@@ -261,7 +270,7 @@ def test_progress_hears_of_every_part_of_a_step():
     assert len(done) > 4 and np.allclose(np.diff(done), done[0])
 
 
-def test_unstable_steps_are_divided_and_told(caplog):
+def test_unstable_steps_are_divided_with_an_event(caplog):
     text = FREE.format(integrator="verlet", step=0.05, duration=0.2)
     run, _, _ = shell_run(text)
     events = [event for snapshot in run for event in snapshot.events]

@@ -75,8 +75,8 @@ def test_handle_ends_at_its_last_key_frame(name):
     arm = start[rows] - start[rows].mean(axis=0)
     c, s = 0.5, np.sqrt(0.75)
     turned = arm @ np.array([[1, 0, 0], [0, c, -s], [0, s, c]]).T
-    wanted = start[rows].mean(axis=0) + [0.01, 0, 0.02] + turned
-    assert np.abs(end[rows] - wanted).max() < 1e-15
+    expected = start[rows].mean(axis=0) + [0.01, 0, 0.02] + turned
+    assert np.abs(end[rows] - expected).max() < 1e-15
     assert np.abs(run[-1].observations["s"].vertex["velocity"][rows]).max() == 0
 
 

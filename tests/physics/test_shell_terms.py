@@ -23,7 +23,7 @@ role = "obstacle"
 sphere = { center = [0.5, 0.5, -1.05], radius = 1 }
 """
 CURVED = "sphere = { radius = 1, subdivisions = 1 }\nposition = [0, 0, 3]"
-SHEET = 'grid = { size = [1, 1.2], cells = [3, 4], pattern = "alternating" }'
+FLAT_GRID = 'grid = { size = [1, 1.2], cells = [3, 4], pattern = "alternating" }'
 # effect line -> shape; every effect of the table stands in at least one (test_table_is_covered)
 TERMS = {
     "stretching-edges": ('stretching = { model = "edges" }', CURVED),
@@ -34,17 +34,17 @@ TERMS = {
     "bending-quadratic": ('bending = { model = "quadratic" }', CURVED),
     "gravity": ("gravity = {}", CURVED),
     "load-force": ("load = { force = [1, 2, 3], vertices = [0, 3] }", CURVED),
-    "load-moment": ("load = { moment = 0.3, edge = [0, 6] }", SHEET),
+    "load-moment": ("load = { moment = 0.3, edge = [0, 6] }", FLAT_GRID),
     "damping-mass": ("damping = { mass = 2 }", CURVED),
     "damping-stiffness": ("stretching = {}\nbending = {}\ndamping = { stiffness = 0.1 }", CURVED),
-    "contact": ('contact = { pairs = [["s", "floor"], ["s", "ball"]], gap = 0.2 }', SHEET),
-    "friction": ('contact = { pairs = [["s", "floor"]], gap = 0.2, friction = 0.4, slip = 0.3 }', SHEET),
-    "handle": ("handle = { vertices = [0], times = [0, 1], positions = [[0, 0, 0], [0, 0, 1]] }", SHEET),
+    "contact": ('contact = { pairs = [["s", "floor"], ["s", "ball"]], gap = 0.2 }', FLAT_GRID),
+    "friction": ('contact = { pairs = [["s", "floor"]], gap = 0.2, friction = 0.4, slip = 0.3 }', FLAT_GRID),
+    "handle": ("handle = { vertices = [0], times = [0, 1], positions = [[0, 0, 0], [0, 0, 1]] }", FLAT_GRID),
     "pressure": ("pressure = { value = 20 }", CURVED),
     "gas": ("pressure = { value = 20, gas = true, ambient = 50 }", CURVED),
     "wind": ('wind = { velocity = ["2 + x", 1, "0.5*z"], tangential = 0.4 }', CURVED),
     "plasticity": ("stretching = {}\nbending = {}\nplasticity = { yield_strain = 0.01 }", CURVED),
-    "pin": ("pin = { vertices = [0] }", SHEET),
+    "pin": ("pin = { vertices = [0] }", FLAT_GRID),
 }
 
 
@@ -84,9 +84,11 @@ def potentials(name):
     effect, shape = TERMS[name]
     context, system = system_of(effect, shape)
     x = moved(context, size=0.02 if "contact" in effect else 0.05)
-    found = [(p, x) for p in system.potentials]
+    conservative = [(p, x) for p in system.potentials]
     v = np.random.default_rng(1).normal(size=x.shape)
-    return found + [(d.frozen(x, 0.01), v) for d in system.dissipations]
+    terms = conservative + [(d.frozen(x, 0.01), v) for d in system.dissipations]
+    assert terms, f"{name} adds no term"
+    return terms
 
 
 def numerical_gradient(f, x, h):
@@ -166,7 +168,7 @@ def test_elastic_energy_does_not_feel_rigid_motion(name):
 
 
 @pytest.mark.parametrize("effect", ['stretching = { model = "edges" }', "stretching = {}", "bending = {}"])
-@pytest.mark.parametrize("shape", [CURVED, SHEET])
+@pytest.mark.parametrize("shape", [CURVED, FLAT_GRID])
 def test_rest_shape_is_at_rest(effect, shape):
     context, system = system_of(effect, shape)
     x = np.asarray(context.mesh.points)
@@ -191,10 +193,10 @@ def test_edges_and_areas_have_the_moduli_of_the_material_on_equilateral_triangle
         assert energy == pytest.approx(membrane.energy(moved), rel=0.12)
 
 
-def test_flat_sheet_has_no_quadratic_bending_force_and_a_bent_one_the_hinge_energy():
-    context, system = system_of('bending = { model = "quadratic" }', SHEET)
+def test_flat_shell_has_no_quadratic_bending_force_and_a_bent_one_the_hinge_energy():
+    context, system = system_of('bending = { model = "quadratic" }', FLAT_GRID)
     quadratic = system.potentials[0]
-    hinge = system_of("bending = {}", SHEET)[1].potentials[0]
+    hinge = system_of("bending = {}", FLAT_GRID)[1].potentials[0]
     x = np.asarray(context.mesh.points)
     sheared = x @ np.array([[1.2, 0.3, 0], [0.1, 0.9, 0], [0, 0, 1]])
     assert np.abs(quadratic.gradient(sheared)).max() < 1e-12 * np.abs(quadratic.matrix).max()

@@ -54,8 +54,8 @@ def test_on_open_surfaces_the_default_is_cotan(summary, run, tmp_path):
     path = tmp_path / "bowl.ply"
     write_mesh(str(path), AnnotatedMesh(bowl()))
     for boundary in ("fixed", "clamped"):
-        found = summary("willmore-flow", path, "--boundary", boundary, "--steps", 2)["results"]
-        assert "mixed Voronoi" in found["energy_convention"] and min(found["energy"]) > 0
+        results = summary("willmore-flow", path, "--boundary", boundary, "--steps", 2)["results"]
+        assert "mixed Voronoi" in results["energy_convention"] and min(results["energy"]) > 0
     refused = run("willmore-flow", path, "--boundary", "fixed", "--energy", "gauss-map")
     assert refused.exit_code == 2 and "--energy cotan" in refused.stderr
     assert run("willmore-flow", path, "--boundary", "fixed", "--energy", "cotan").exit_code == 0
@@ -133,7 +133,7 @@ def test_resume_has_the_same_bits(run, ellipsoid_file, tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize(
-    "words, told",
+    "words, message",
     [
         (("--energy", "circle-angle"), "sullivan"),
         (("--flow", "conformal"), "mean-curvature"),
@@ -147,10 +147,10 @@ def test_resume_has_the_same_bits(run, ellipsoid_file, tmp_path, monkeypatch):
         (("--tolerance", "1e-3"), "--duration"),
     ],
 )
-def test_refusals_name_what_there_is(run, ellipsoid_file, words, told):
+def test_refusals_name_what_there_is(run, ellipsoid_file, words, message):
     result = run("willmore-flow", ellipsoid_file, *words, "--json")
     assert result.exit_code == 2 and result.stdout == ""
-    assert told in result.stderr and len(result.stderr.strip().splitlines()) == 1
+    assert message in result.stderr and len(result.stderr.strip().splitlines()) == 1
     assert result.stderr.startswith("Error: ")
 
 

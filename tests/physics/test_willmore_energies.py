@@ -24,13 +24,13 @@ def rough(seed=0):
     return mesh.moved(mesh.points * [1.0, 1.3, 1.9] + noise)
 
 
-def rough_sheet():
+def rough_grid():
     mesh = shapes.grid(7, 6)
     return mesh.moved(mesh.points + 0.03 * np.random.default_rng(3).normal(size=mesh.points.shape))
 
 
 @pytest.mark.parametrize("name", ENERGIES)
-@pytest.mark.parametrize("mesh", [rough(), rough_sheet()], ids=["closed", "sheet"])
+@pytest.mark.parametrize("mesh", [rough(), rough_grid()], ids=["closed", "open"])
 def test_gradient_matches_differences(name, mesh):
     energy = ENERGIES[name].build(mesh.topology)
     value, gradient = energy.value_and_gradient(mesh.points)
@@ -83,10 +83,10 @@ def test_invariant_under_similarity_and_relabelling(name, scale):
 
 
 @pytest.mark.parametrize("name", SMOOTH)
-def test_flat_sheet_has_no_energy(name):
+def test_flat_mesh_has_no_energy(name):
     mesh = shapes.grid(8, 5, 2.0, 1.0)
     value = ENERGIES[name].build(mesh.topology).value(mesh.points)
-    # int K of a sheet is a difference of multiples of pi
+    # int K of an open surface is a difference of multiples of pi
     assert abs(value) < (1e-12 if name == "gauss-map" else 1e-25)
 
 
@@ -178,13 +178,13 @@ def test_gauss_map_on_uneven_triangles(family, within):
 
 
 def test_stripes_that_no_normal_sees_are_as_stiff_as_in_cotan():
-    sheet = shapes.grid(24, 24)
-    x, y = sheet.points[:, :2].T
+    grid = shapes.grid(24, 24)
+    x, y = grid.points[:, :2].T
     equilateral = np.stack([x - 0.5 * y, np.sqrt(0.75) * y, 0 * x], axis=1)
-    corners = equilateral[sheet.faces]
+    corners = equilateral[grid.faces]
     sides = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)
     assert np.ptp(sides) < 1e-12
-    topology = sheet.topology
+    topology = grid.topology
     flat = GAUSS_MAP(topology).value(equilateral)
     row = np.rint(24 * y).astype(int)
     striped = np.where((row > 3) & (row < 21) & (topology.boundary_vertex == 0), 1e-4 * (-1.0) ** row, 0.0)

@@ -29,12 +29,12 @@ def test_ellipsoid_becomes_a_sphere(family, exact):
 
 def test_few_factorisations_where_steps_must_be_shortened(monkeypatch):
     """A shorter share of the same motion needs none; the cure for slivers had been one a halving."""
-    made, factorise = [], descent.fourth_order_matrix
-    monkeypatch.setattr(descent, "fourth_order_matrix", lambda *a: made.append(a) or factorise(*a))
+    matrices, factorise = [], descent.fourth_order_matrix
+    monkeypatch.setattr(descent, "fourth_order_matrix", lambda *a: matrices.append(a) or factorise(*a))
     mesh = ellipsoids((1.0, 1.0, 2.0))["stretched"](1)
     assert np.degrees(corner_angle(mesh.side_length).min()) < 0.6
     seen, _, _ = run_flow(mesh, steps=10)
-    assert energies(seen)[-1] < energies(seen)[0] and len(made) < 14  # 16 without shares
+    assert energies(seen)[-1] < energies(seen)[0] and len(matrices) < 14  # 16 without shares
 
 
 def test_a_step_grows_back_after_a_hard_stretch():
@@ -114,7 +114,7 @@ def test_a_grown_second_energy_is_reported(caplog):
     assert "cotan gives the last surface" in caplog.text
 
 
-def test_folded_faces_are_told(caplog):
+def test_folded_faces_cause_a_warning(caplog):
     ball = shapes.icosphere(2)
     points = np.array(ball.points)
     points[100] = -0.5 * points[100]

@@ -77,7 +77,7 @@ def command(
 
     curves = setup.without_repeated_points(cast(CurveSet, source.mesh))
     bounded = any(overrides.get(name) for name in ("steps", "duration"))
-    curve_flow, model = setup.build(curves, setup.CurveOptions(**chosen, stop_at_rest=not bounded))
+    curve_flow, model = setup.build(curves, setup.CurveFlowOptions(**chosen, stop_at_rest=not bounded))
     schedule = setup.schedule(curve_flow, overrides)
     resolved, digest = fingerprint({"options": chosen, "time": overrides}, {"mesh": source.sha256})
     check_unchanged(resume, resolved)

@@ -9,7 +9,12 @@ import click
 
 from ddgcli.algorithms.geodesics.query import CurveQuery, DistanceQuery
 from ddgcli.cli import options
-from ddgcli.cli.commands.geodesic_curves import CURVE_FORMATS, CurveOptions, curve_options, write_curves
+from ddgcli.cli.commands.geodesic_curves import (
+    CURVE_FORMATS,
+    GeodesicCurveOptions,
+    curve_options,
+    write_curves,
+)
 from ddgcli.cli.commands.geodesic_distance import distance_options, draw_distance
 from ddgcli.cli.options import CommonOptions
 from ddgcli.cli.run import Run
@@ -27,7 +32,11 @@ from ddgcli.cli.run import Run
 @options.subdivide
 @options.common
 def command(
-    mesh_path: str, distance: DistanceQuery, curves: CurveOptions, subdivide: int, common: CommonOptions
+    mesh_path: str,
+    distance: DistanceQuery,
+    curves: GeodesicCurveOptions,
+    subdivide: int,
+    common: CommonOptions,
 ) -> None:
     """Measure distance along the surface of MESH from the sources, and draw curves on it.
 

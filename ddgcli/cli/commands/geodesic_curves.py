@@ -21,7 +21,7 @@ CURVE_FORMATS = (".vtp", ".vtu", ".ply", ".obj", ".npz", ".vtkhdf", ".vtk", ".xd
 
 
 @dataclass(frozen=True)
-class CurveOptions(CurveQuery):
+class GeodesicCurveOptions(CurveQuery):
     """Curve query, and the files to write its curves to."""
 
     paths_output: tuple[str, ...] = ()
@@ -90,7 +90,7 @@ _OPTIONS = (
                       "by parallel transport (vector heat)."),
 )  # fmt: skip
 
-curve_options = grouped_options("curves", CurveOptions, _OPTIONS)
+curve_options = grouped_options("curves", GeodesicCurveOptions, _OPTIONS)
 
 
 def write_curves(

@@ -49,14 +49,14 @@ def command(call: SceneCall, **quick: Any) -> None:
     run_scene(call, KIND, Shells, lines, extra)
 
 
-def quick_lines(given: Mapping[str, Any]) -> tuple[tuple[str, ...], dict[str, Any]]:
+def quick_lines(options: Mapping[str, Any]) -> tuple[tuple[str, ...], dict[str, Any]]:
     """Lines of effects and keys of the object that the options of the quick form mean."""
     from ddgcli.cli.simulation.scene_input import toml_settings
 
-    pinned, material = given.get("pinned"), given.get("material")
-    lines = (*given.get("effect_lines", ()), *([f"pin vertices={list(pinned)}"] if pinned else []))
+    pinned, material = options.get("pinned"), options.get("material")
+    lines = (*options.get("effect_lines", ()), *([f"pin vertices={list(pinned)}"] if pinned else []))
     named = {"material": material} if material else {}
-    return lines, {**named, **toml_settings(given.get("settings", ()))}
+    return lines, {**named, **toml_settings(options.get("settings", ()))}
 
 
 class Shells:
@@ -67,11 +67,11 @@ class Shells:
     def __init__(self, scene: Scene, account: Account, read_mesh: ReadMesh, read_array: ReadArray) -> None:
         from ddgcli.models.shell import model
 
-        found = model.contexts(scene, read_mesh)
+        contexts = model.contexts(scene, read_mesh)
         self.scene, self.account = scene, account
-        self.contexts = {name: context for name, (context, _) in found.items()}
+        self.contexts = {name: context for name, (context, _) in contexts.items()}
         self.meshes = {name: context.mesh for name, context in self.contexts.items()}
-        self.sha256 = {name: sha for name, (_, sha) in found.items()}
+        self.sha256 = {name: sha for name, (_, sha) in contexts.items()}
 
     @cached_property
     def systems(self) -> dict[str, System]:

@@ -95,8 +95,8 @@ class Trajectory:
     @property
     def scalars(self) -> dict[str, NDArray]:
         """(T, k) or (T,) numbers of every frame, by name."""
-        found = {name: values[: self.n_frames] for name, values in self._root["FieldData"].items()}
-        return {name: v[:, 0] if v.shape[1] == 1 else v for name, v in found.items()}
+        columns = {name: values[: self.n_frames] for name, values in self._root["FieldData"].items()}
+        return {name: v[:, 0] if v.shape[1] == 1 else v for name, v in columns.items()}
 
     def frame(self, k: int) -> Frame:
         """Frame k."""

@@ -29,7 +29,7 @@ log = logging.getLogger("ddgcli")
 
 
 @dataclass(frozen=True)
-class CurveOptions:
+class CurveFlowOptions:
     """Options of a curve flow.
 
     Parameters
@@ -83,14 +83,14 @@ def without_repeated_points(curves: CurveSet) -> CurveSet:
     return CurveSet(np.concatenate(paths), np.concatenate(lines))
 
 
-def build(curves: CurveSet, options: CurveOptions) -> tuple[CurveFlow, Model]:
+def build(curves: CurveSet, options: CurveFlowOptions) -> tuple[CurveFlow, Model]:
     """Flow of curves, and the model that the time loop advances.
 
     Parameters
     ----------
     curves : CurveSet
         From `without_repeated_points`.
-    options : CurveOptions
+    options : CurveFlowOptions
 
     Raises
     ------

@@ -99,9 +99,9 @@ def build(parameters: BuoyancySection, context: FluidContext) -> list[PhaseReque
             from ddgcli.models.fluid.volume_effects import VolumeTracer
 
             return TemperaturePhase(setting, parameters, VolumeTracer(setting))
-        from ddgcli.models.fluid.tracer import Tracer
+        from ddgcli.models.fluid.tracer import SurfaceTracer
 
-        return TemperaturePhase(setting, parameters, Tracer(setting.space, setting.tracing))
+        return TemperaturePhase(setting, parameters, SurfaceTracer(setting.space, setting.tracing))
 
     def push(setting: FluidSetting) -> Phase:
         return BuoyancyPhase(setting, parameters)

@@ -23,13 +23,13 @@ def build(parameters: DyeSection, context: FluidContext) -> list[PhaseRequest]:
     amount = context.scalar(parameters.amount, "dye")
 
     def make(setting: FluidSetting) -> Phase:
-        from ddgcli.models.fluid.tracer import Tracer, TracerPhase
+        from ddgcli.models.fluid.tracer import SurfaceTracer, TracerPhase
 
         if context.is_volume:
             from ddgcli.models.fluid.volume_effects import VolumeTracer
 
             return TracerPhase("dye", amount, VolumeTracer(setting))
-        return TracerPhase("dye", amount, Tracer(setting.space, setting.tracing))
+        return TracerPhase("dye", amount, SurfaceTracer(setting.space, setting.tracing))
 
     return [PhaseRequest(make)]
 

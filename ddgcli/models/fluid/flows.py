@@ -111,8 +111,8 @@ def shear_layer(context: FluidContext, parameters: Any) -> NDArray[np.float64]:
     x, y = ((context.points - low) / np.where(size > 0, size, 1.0))[:, :2].T
     width = parameters.core / size[1] if parameters.core else 1.0 / 30.0
     lower, upper = (y - 0.25) / width, (0.75 - y) / width
-    sheets = (1.0 / np.cosh(upper) ** 2 - 1.0 / np.cosh(lower) ** 2) / (width * size[1])
-    return parameters.strength * (sheets + 0.05 * 2.0 * np.pi / size[0] * np.cos(2.0 * np.pi * x))
+    layers = (1.0 / np.cosh(upper) ** 2 - 1.0 / np.cosh(lower) ** 2) / (width * size[1])
+    return parameters.strength * (layers + 0.05 * 2.0 * np.pi / size[0] * np.cos(2.0 * np.pi * x))
 
 
 @dataclass(frozen=True)

@@ -26,7 +26,7 @@ from ddgcli.models.fluid.transport import BackwardPaths, Transport, corner_of
 from ddgcli.simulation.time_loop import Observation
 
 
-class Tracer:
+class SurfaceTracer:
     """Advection of values at the vertices of a surface."""
 
     def __init__(self, space: SurfaceSpace, transport: Transport) -> None:
@@ -113,7 +113,7 @@ class TracerPhase:
         Also the name of its array in states and frames.
     amount : (n,) ndarray
         At the start.
-    tracer : Tracer or VolumeTracer
+    tracer : SurfaceTracer or VolumeTracer
     """
 
     stage: Literal["transport", "source", "tracer"] = "tracer"

@@ -53,7 +53,7 @@ class EnergyTransport(FlowPhase):
         return state.replaced(flux=flux)
 
 
-class CirculationTransport(FlowPhase):
+class VolumeCirculationTransport(FlowPhase):
     """Dual edges carried backwards; what it loses is booked in the state."""
 
     stage = "transport"
@@ -129,6 +129,8 @@ class CirculationTransport(FlowPhase):
         return Observation(None, {}, {"lost_energy": float(state["loss"][0])})
 
 
-def transport(setting: FluidSetting, parameters: Any) -> CirculationTransport | EnergyTransport:
+def transport(setting: FluidSetting, parameters: Any) -> VolumeCirculationTransport | EnergyTransport:
     """The phase that [time] asks for."""
-    return EnergyTransport(setting) if parameters.integrator == "energy" else CirculationTransport(setting)
+    return (
+        EnergyTransport(setting) if parameters.integrator == "energy" else VolumeCirculationTransport(setting)
+    )

@@ -29,7 +29,7 @@ class ShellContext:
     scene : Scene
     arrays : dict of str to ndarray
         Vertex arrays of the mesh file.
-    made : dict of str to list
+    terms : dict of str to list
         What the effects built so far returned, by effect.
     """
 
@@ -37,12 +37,12 @@ class ShellContext:
     mesh: TriangleMesh
     scene: Scene
     arrays: dict[str, NDArray] = field(default_factory=dict)
-    made: dict[str, list[Any]] = field(default_factory=dict)
+    terms: dict[str, list[Any]] = field(default_factory=dict)
 
     @property
     def elastic(self) -> list[Any]:
         """Potentials of stretching and bending, which are built before every other effect."""
-        return [*self.made.get("stretching", []), *self.made.get("bending", [])]
+        return [*self.terms.get("stretching", []), *self.terms.get("bending", [])]
 
     @cached_property
     def face_area(self) -> NDArray[np.float64]:

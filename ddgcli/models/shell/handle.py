@@ -62,7 +62,7 @@ class Handle(Section):
 
 def build(parameters: Handle, context: ShellContext) -> list[PrescribedMotion]:
     vertices = context.chosen(parameters.vertices, parameters.box, ("effects", "handle"))
-    for name, parts in context.made.items():
+    for name, parts in context.terms.items():
         for part in parts:
             if isinstance(part, FixedCoordinates | PrescribedMotion):
                 shared = vertices[part.mask[vertices].any(axis=1)]

@@ -47,9 +47,9 @@ class Load(Section):
 
     @model_validator(mode="after")
     def _one(self) -> Load:
-        given = [k for k in ("force", "traction", "moment") if getattr(self, k) is not None]
-        if len(given) != 1:
-            raise ValueError(f"give one of force, traction and moment, found {' and '.join(given) or 'none'}")
+        loads = [k for k in ("force", "traction", "moment") if getattr(self, k) is not None]
+        if len(loads) != 1:
+            raise ValueError(f"give one of force, traction and moment, found {' and '.join(loads) or 'none'}")
         if (self.moment is None) != (self.edge is None):
             raise ValueError("a moment needs edge = [a, b], and an edge needs a moment")
         if self.moment is not None and (self.vertices is not None or self.box is not None):
@@ -114,14 +114,14 @@ def _constant_load(parameters: Load, context: ShellContext) -> DeadLoad | HingeM
 def _moment(parameters: Load, context: ShellContext) -> HingeMoment:
     stencil = hinge.hinges(context.mesh.topology)
     ends = np.sort(np.array(parameters.edge))
-    found = np.flatnonzero((np.sort(stencil[:, :2], axis=1) == ends).all(axis=1))
-    if len(found) == 0:
+    edge = np.flatnonzero((np.sort(stencil[:, :2], axis=1) == ends).all(axis=1))
+    if len(edge) == 0:
         raise ValueError(
             f"no interior edge joins the vertices {parameters.edge}; a moment acts between two faces"
         )
     x = np.asarray(context.mesh.points)
-    frame = hinge.frame(x, stencil[found])
-    return HingeMoment(stencil[found], float(parameters.moment or 0) * frame.length, frame.angle)
+    frame = hinge.frame(x, stencil[edge])
+    return HingeMoment(stencil[edge], float(parameters.moment or 0) * frame.length, frame.angle)
 
 
 EFFECT = Effect("load", Load, build, "one addition a step", ("shell",), repeatable=True)

@@ -30,7 +30,7 @@ log = logging.getLogger("ddgcli")
 
 def contexts(scene: Scene, read: Callable[[str], Any]) -> dict[str, tuple[ShellContext, str]]:
     """Context of every shell and the SHA-256 of its mesh file, by name."""
-    found = {}
+    by_name = {}
     for number, section in enumerate(scene.objects):
         if section.role != "shell":
             continue
@@ -44,8 +44,8 @@ def contexts(scene: Scene, read: Callable[[str], Any]) -> dict[str, tuple[ShellC
             )
         context = ShellContext(section, placed.mesh, scene, placed.vertex)
         _require_sound(scene, number, context)
-        found[section.name] = context, placed.sha256
-    return found
+        by_name[section.name] = context, placed.sha256
+    return by_name
 
 
 def _require_sound(scene: Scene, number: int, context: ShellContext) -> None:
@@ -84,30 +84,30 @@ def parts_of(scene: Scene, context: ShellContext) -> list[Any]:
     """What the scene's effects make for one shell."""
 
     def make(effect: Effect, parameters: Any, key: Key) -> list[Any]:
-        wanted = getattr(parameters, "object", None)
+        target = getattr(parameters, "object", None)
         shells = [o.name for o in scene.objects if o.role == "shell"]
-        if wanted is None and len(shells) > 1 and hasattr(parameters, "object"):
+        if target is None and len(shells) > 1 and hasattr(parameters, "object"):
             scene.refuse(
                 key, f'{effect.name}: several shells; say which by object = "..." ({", ".join(shells)})'
             )
-        if wanted is not None:
-            scene.find(wanted, (*key, "object"), ("shell",))
-            if wanted != context.shell.name:
+        if target is not None:
+            scene.find(target, (*key, "object"), ("shell",))
+            if target != context.shell.name:
                 return []
-        made = effect.build(parameters, context)
-        if made and not any(_strength(part) for part in made):
+        terms = effect.build(parameters, context)
+        if terms and not any(_strength(part) for part in terms):
             log.warning(
                 "effect %s on %s has no strength: it changes nothing", effect.name, context.shell.name
             )
-        made = [_with_name(part, effect, parameters, key) for part in made]
-        context.made.setdefault(effect.name, []).extend(made)
-        return made
+        terms = [_with_name(part, effect, parameters, key) for part in terms]
+        context.terms.setdefault(effect.name, []).extend(terms)
+        return terms
 
-    context.made.clear()
+    context.terms.clear()
     # elastic terms first, which damping needs; handles last, which must not share vertices with pins
     ranks = {"stretching": 0, "bending": 0, "handle": 2}
     ordered = sorted(scene.effects, key=lambda entry: ranks.get(entry[0].name, 1))
-    return [part for made in replace(scene, effects=tuple(ordered)).build(make) for part in made]
+    return [part for terms in replace(scene, effects=tuple(ordered)).build(make) for part in terms]
 
 
 def _with_name(part: Any, effect: Effect, parameters: Any, key: Key) -> Any:

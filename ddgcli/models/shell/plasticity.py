@@ -32,7 +32,7 @@ class Plasticity(Section):
         return self
 
 
-class Flow:
+class PlasticFlow:
     """Radial return of one elastic potential with linear hardening.
 
     The memory holds the rest state and the plastic strain that each element has accumulated. An elastic
@@ -79,7 +79,7 @@ class Flow:
         raise NotImplementedError
 
 
-class HingeFlow(Flow):
+class HingeFlow(PlasticFlow):
     """The rest angle of a hinge yields."""
 
     def _change(self, x: NDArray, rest: NDArray) -> NDArray[np.float64]:
@@ -97,7 +97,7 @@ class HingeFlow(Flow):
         return rest + np.sign(self._change(x, rest)) * increment
 
 
-class EdgeFlow(Flow):
+class EdgeFlow(PlasticFlow):
     """The rest length of an edge yields."""
 
     def _strain(self, x: NDArray, rest: NDArray) -> tuple[NDArray, NDArray]:
@@ -115,7 +115,7 @@ class EdgeFlow(Flow):
         return np.where(increment > 0, length / (1 + signed - np.sign(signed) * increment), rest)
 
 
-class MembraneFlow(Flow):
+class MembraneFlow(PlasticFlow):
     """The rest metric of a face yields: it moves along the straight line to the metric of the face.
 
     The metrics are (m, 2, 2), in the orthonormal frame of the face as drawn. On that line every principal
@@ -160,16 +160,16 @@ def _inverse_root(metric: NDArray) -> NDArray[np.float64]:
     return np.linalg.inv(np.linalg.cholesky(metric)).transpose(0, 2, 1)
 
 
-def build(parameters: Plasticity, context: ShellContext) -> list[Flow]:
+def build(parameters: Plasticity, context: ShellContext) -> list[PlasticFlow]:
     if parameters.object not in (None, context.shell.name):
         return []
     # by name: the modules of effects that the scene does not name are not imported
-    kinds: dict[str, tuple[type[Flow], float | None]] = {
+    kinds: dict[str, tuple[type[PlasticFlow], float | None]] = {
         "HingeBending": (HingeFlow, parameters.yield_angle),
         "EdgeSprings": (EdgeFlow, parameters.yield_strain),
         "StVK": (MembraneFlow, parameters.yield_strain),
     }
-    flows: list[Flow] = []
+    flows: list[PlasticFlow] = []
     for potential in context.elastic:
         flow, limit = kinds.get(type(potential).__name__, (None, None))
         if potential.name == "stretching" and flow is None and parameters.yield_strain is not None:
@@ -179,7 +179,7 @@ def build(parameters: Plasticity, context: ShellContext) -> list[Flow]:
         if flow is not None and limit is not None:
             flows.append(flow(potential, limit, parameters.hardening))
     for name, effect in (("yield_strain", "stretching"), ("yield_angle", "bending")):
-        if getattr(parameters, name) is not None and effect not in context.made:
+        if getattr(parameters, name) is not None and effect not in context.terms:
             raise ValueError(f"{name} needs the effect {effect}")
     return flows
 

@@ -57,14 +57,14 @@ class Shell(MovingObject):
 
     @model_validator(mode="after")
     def _complete(self) -> Shell:
-        given = {key: getattr(self, key) for key in KEYS}
-        if self.material is None and None in given.values():
+        values = {key: getattr(self, key) for key in KEYS}
+        if self.material is None and None in values.values():
             logging.getLogger("ddgcli").warning(
                 "object %s names no material: %s is taken for %s",
-                self.name, DEFAULT, ", ".join(k for k, v in given.items() if v is None),
+                self.name, DEFAULT, ", ".join(k for k, v in values.items() if v is None),
             )  # fmt: skip
-        for key, value in filled({"material": self.material, **given}).items():
-            if key in KEYS and given[key] is None:
+        for key, value in filled({"material": self.material, **values}).items():
+            if key in KEYS and values[key] is None:
                 object.__setattr__(self, key, value)
         return self
 

@@ -13,7 +13,7 @@ from ddgcli.geometry.extrinsic import enclosed_volume, face_area_vector
 from ddgcli.geometry.intrinsic import face_area
 from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.triangle_mesh import TriangleMesh
-from ddgcli.models.willmore.vertex_energies import Faces, area_gradient
+from ddgcli.models.willmore.vertex_energies import FaceSides, area_gradient
 
 PreconditionerSolve = Callable[[NDArray], NDArray]
 CONSTRAINT_TOLERANCE = 1e-13  # relative residual at which a constraint counts as met
@@ -54,7 +54,7 @@ class Constraints:
         """Gradients (k, 3) of the relative residuals."""
         rows = []
         if self.area is not None:
-            faces = Faces.at(mesh.points, mesh.faces)
+            faces = FaceSides.at(mesh.points, mesh.faces)
             rows.append(sum_by_index(mesh.faces, area_gradient(faces), mesh.n_vertices)[free] / self.area)
         if self.volume is not None:
             third = np.repeat((face_area_vector(mesh) / 3.0)[:, None], 3, axis=1)

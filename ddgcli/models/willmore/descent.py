@@ -15,7 +15,7 @@ from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.models.willmore.constraints import Constraints
 from ddgcli.models.willmore.energies import Energy
 from ddgcli.models.willmore.gauss_map_energy import Normals
-from ddgcli.models.willmore.vertex_energies import Faces
+from ddgcli.models.willmore.vertex_energies import FaceSides
 from ddgcli.operators.laplacian import lumped_vertex_area, stiffness
 
 
@@ -53,7 +53,7 @@ class EnergyGradient:
 def vertex_normals(mesh: TriangleMesh) -> NDArray[np.float64]:
     """(n, 3) unit normals, radial on meshes inscribed in spheres; zero where they vanish."""
     with np.errstate(divide="ignore", invalid="ignore"):
-        sides = Faces.at(mesh.points, mesh.faces).opposite
+        sides = FaceSides.at(mesh.points, mesh.faces).opposite
         normals = Normals.at(sides, mesh.faces, mesh.n_vertices)
     return np.where(normals.length[:, None] > 0, normals.unit, 0.0)
 

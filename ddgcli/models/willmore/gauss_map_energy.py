@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.topology import NEXT, PREVIOUS, Topology
 from ddgcli.mesh.vectors import row_dot
-from ddgcli.models.willmore.vertex_energies import Faces, area_gradient
+from ddgcli.models.willmore.vertex_energies import FaceSides, area_gradient
 
 # weight of the S-shape at which, on equilateral triangles, stripes one edge wide (which no vertex normal
 # sees) are as stiff as in |L x|^2 / (4 M)
@@ -120,7 +120,7 @@ def _s_shape_gradient(
 class _Terms:
     """What value and gradient share: at sides k (m, 3) and faces (m,)."""
 
-    faces: Faces
+    faces: FaceSides
     normals: Normals
     squared: NDArray  # length of each side
     corner_dot: NDArray  # of the two sides at each corner
@@ -189,7 +189,7 @@ class GaussMapEnergy:
     def _evaluate(self, points: NDArray) -> _Terms:
         corners, n = self.topology.faces, self.topology.n_vertices
         counted, angled, _ = self._weights
-        faces = Faces.at(points, corners)
+        faces = FaceSides.at(points, corners)
         side = faces.opposite
         with np.errstate(divide="ignore", invalid="ignore"):
             normals = Normals.at(side, corners, n)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from ddgcli.geometry.extrinsic import hinge_bending
 from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.topology import Topology
-from ddgcli.models.willmore.vertex_energies import Faces, area_gradient
+from ddgcli.models.willmore.vertex_energies import FaceSides, area_gradient
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,7 +51,7 @@ class HingeEnergy:
     def value(self, points: NDArray) -> float:
         """Energy; not finite where an angle is undefined."""
         face, vertex = self._hinges
-        faces = Faces.at(points, self.topology.faces)
+        faces = FaceSides.at(points, self.topology.faces)
         edge = points[vertex[:, 1]] - points[vertex[:, 0]]
         angle, squared = _angle(faces, face, edge), np.einsum("ij,ij->i", edge, edge)
         terms, constant = self._bending(squared, angle, faces.area[face].sum(axis=1))
@@ -66,7 +66,7 @@ class HingeEnergy:
         """Energy and its exact gradient (n, 3)."""
         face, vertex = self._hinges
         corners, n = self.topology.faces, self.topology.n_vertices
-        faces = Faces.at(points, corners)
+        faces = FaceSides.at(points, corners)
         origin = points[vertex[:, 0]]
         edge = points[vertex[:, 1]] - origin
         angle, squared = _angle(faces, face, edge), np.einsum("ij,ij->i", edge, edge)
@@ -92,7 +92,7 @@ class HingeEnergy:
         return float(terms.sum()) + constant, gradient
 
 
-def _angle(faces: Faces, face: NDArray, edge: NDArray) -> NDArray[np.float64]:
+def _angle(faces: FaceSides, face: NDArray, edge: NDArray) -> NDArray[np.float64]:
     """(h,) signed angle between the two faces' normals about the edge, positive where convex."""
     n0, n1 = faces.normal[face[:, 0]], faces.normal[face[:, 1]]
     with np.errstate(divide="ignore", invalid="ignore"):

@@ -20,7 +20,7 @@ from ddgcli.mesh.topology import NEXT, PREVIOUS, Topology
 
 
 @dataclass(frozen=True, eq=False)
-class Faces:
+class FaceSides:
     """What the vertex energies read of the faces at given positions.
 
     Parameters
@@ -37,7 +37,7 @@ class Faces:
     area: NDArray[np.float64]
 
     @classmethod
-    def at(cls, points: NDArray, faces: NDArray) -> Faces:
+    def at(cls, points: NDArray, faces: NDArray) -> FaceSides:
         corner = points[faces]
         opposite = corner[:, PREVIOUS] - corner[:, NEXT]
         doubled = np.cross(opposite[:, 0], opposite[:, 1])
@@ -46,12 +46,12 @@ class Faces:
             return cls(opposite, doubled / length[:, None], 0.5 * length)
 
 
-def area_gradient(faces: Faces) -> NDArray[np.float64]:
+def area_gradient(faces: FaceSides) -> NDArray[np.float64]:
     """(m, 3, 3) derivative of a face's area by its corner k: half the side opposite, turned inward."""
     return 0.5 * np.cross(faces.normal[:, None, :], faces.opposite)
 
 
-def _area_hessian_times(faces: Faces, y: NDArray) -> NDArray[np.float64]:
+def _area_hessian_times(faces: FaceSides, y: NDArray) -> NDArray[np.float64]:
     """(m, 3, 3) second derivative of the face areas applied to corner vectors y (m, 3, 3)."""
     e, nu = faces.opposite, faces.normal
     de = y[:, PREVIOUS] - y[:, NEXT]
@@ -61,14 +61,14 @@ def _area_hessian_times(faces: Faces, y: NDArray) -> NDArray[np.float64]:
     return 0.5 * (np.cross(dn[:, None, :], e) + np.cross(nu[:, None, :], de))
 
 
-def _voronoi_weights(faces: Faces) -> tuple[NDArray, NDArray, NDArray]:
+def _voronoi_weights(faces: FaceSides) -> tuple[NDArray, NDArray, NDArray]:
     """(m, 3) squared sides opposite the corners, (m, 3) shares if the face is obtuse, (m,) whether it is."""
     squared = np.einsum("fki,fki->fk", faces.opposite, faces.opposite)
     obtuse = squared > squared[:, NEXT] + squared[:, PREVIOUS]
     return squared, np.where(obtuse, 0.5, 0.25), obtuse.any(axis=1)
 
 
-def voronoi_cell(faces: Faces) -> NDArray[np.float64]:
+def voronoi_cell(faces: FaceSides) -> NDArray[np.float64]:
     """(m, 3) mixed Voronoi area of each corner (Meyer et al. 2003)."""
     opposite = np.einsum("fki,fki->kf", faces.opposite, faces.opposite)
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -76,7 +76,7 @@ def voronoi_cell(faces: Faces) -> NDArray[np.float64]:
         return mixed_voronoi_share(opposite[PREVIOUS], cotan, faces.area).T
 
 
-def voronoi_gradient(faces: Faces, weight: NDArray) -> NDArray[np.float64]:
+def voronoi_gradient(faces: FaceSides, weight: NDArray) -> NDArray[np.float64]:
     """(m, 3, 3) derivative by the corners of the cells' sum with weights (m, 3)."""
     a, share, obtuse = _voronoi_weights(faces)
     b, c = a[:, NEXT], a[:, PREVIOUS]
@@ -114,9 +114,9 @@ class VertexEnergy:
     sullivan: bool
     counted: NDArray[np.bool_]
 
-    def _variations(self, points: NDArray) -> tuple[Faces, NDArray, NDArray, NDArray]:
+    def _variations(self, points: NDArray) -> tuple[FaceSides, NDArray, NDArray, NDArray]:
         corners, n = self.topology.faces, self.topology.n_vertices
-        faces = Faces.at(points, corners)
+        faces = FaceSides.at(points, corners)
         first = sum_by_index(corners, area_gradient(faces), n)
         if not self.sullivan:
             return faces, first, sum_by_index(corners, voronoi_cell(faces), n), np.zeros(0)

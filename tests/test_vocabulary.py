@@ -1,0 +1,79 @@
+"""Names of values, functions and classes follow the table of words in CONTRIBUTING.md."""
+
+import ast
+import re
+from collections import Counter
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+FOLDERS = ("ddgcli", "tests", "benchmarks", "docs", "sample_meshes")
+FILES = sorted(path for folder in FOLDERS for path in (ROOT / folder).rglob("*.py"))
+PARTICIPLES = {"asked", "found", "given", "made", "said", "told", "wanted"}
+METAPHORS = {"dial", "dark", "door", "house", "keeper", "lit", "mend", "purse", "sheet", "story", "wishes"}
+
+
+def defined(tree: ast.Module) -> Iterator[tuple[int, str]]:
+    """(line, name) of everything that a module names; what it imports keeps its own name."""
+    for node in ast.walk(tree):
+        match node:
+            case ast.Name(id=name, ctx=ast.Store()) | ast.Attribute(attr=name, ctx=ast.Store()):
+                yield node.lineno, name
+            case ast.arg(arg=name) | ast.FunctionDef(name=name) | ast.ClassDef(name=name):
+                yield node.lineno, name
+            case ast.alias(asname=str(name)):
+                yield node.lineno, name
+
+
+def banned(tree: ast.Module) -> list[tuple[int, str]]:
+    """Names that are participles, or that contain the word of a metaphor."""
+    return [
+        (line, name)
+        for line, name in defined(tree)
+        if name.strip("_").lower() in PARTICIPLES or set(name.lower().split("_")) & METAPHORS
+    ]
+
+
+def test_no_value_is_named_by_a_participle_or_a_metaphor():
+    words = "|".join(sorted(PARTICIPLES | METAPHORS))
+    # a word where a name may be bound; only files with one are parsed, which takes seconds less
+    candidate = re.compile(
+        rf"(?<![^\W_])(?:{words})(?:_\w+)?\s*(?:[=:,)(]|in\b|$)", re.IGNORECASE | re.MULTILINE
+    )
+    sources = {path.relative_to(ROOT).as_posix(): path.read_text(encoding="utf-8") for path in FILES}
+    parsed = {path: ast.parse(source) for path, source in sources.items() if candidate.search(source)}
+    assert len(sources) > 300 and len(parsed) > 5
+    assert {path: names for path, tree in parsed.items() if (names := banned(tree))} == {}
+
+
+@pytest.mark.parametrize(
+    "code",
+    [
+        "found = 1",
+        "def f(given): ...",
+        "class Purse: ...",
+        "x.told = 2",
+        "import numpy as sheet",
+        "A_DIAL = 1",
+    ],
+)
+def test_a_banned_name_is_detected(code):
+    assert len(banned(ast.parse(code))) == 1
+
+
+def test_no_two_classes_of_the_package_share_a_name():
+    names = Counter(
+        name
+        for path in (ROOT / "ddgcli").rglob("*.py")
+        for name in re.findall(r"^class ([A-Za-z]\w*)", path.read_text(encoding="utf-8"), re.M)
+    )
+    assert len(names) > 200
+    assert [name for name, count in names.items() if count > 1] == []
+
+
+def test_the_word_table_is_in_contributing():
+    text = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8").split("## Words")[1]
+    words = set(re.findall(r"[a-z]+", text))
+    assert words >= PARTICIPLES | METAPHORS
