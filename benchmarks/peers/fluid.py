@@ -18,7 +18,7 @@ from ddgcli.models.fluid.circulation import CirculationAdvection
 from ddgcli.models.fluid.conservative import RK4_LIMIT, advection_rate, midpoint, runge_kutta
 from ddgcli.models.fluid.diffusion import CURVATURE_SHARE, VelocityDiffusion, VorticityDiffusion
 from ddgcli.models.fluid.surface_space import SurfaceSpace
-from ddgcli.models.fluid.tracer import Tracer
+from ddgcli.models.fluid.tracer import SurfaceTracer
 from ddgcli.operators.laplacian import lumped_mass, stiffness
 
 # faces -> seconds of the survey: factorisation, P1 Jacobian RK4 step, backtraced step at CFL about 1
@@ -26,7 +26,7 @@ SURVEY = {20_000: (0.031, 0.0037, 0.034), 80_000: (0.136, 0.035, 0.143), 50_000:
 SPHERES = {3_000: 1_502, 12_000: 6_002, 50_000: 25_002}
 
 
-def carried(tracer: Tracer, space: SurfaceSpace, omega: np.ndarray, dt: float) -> np.ndarray:
+def carried(tracer: SurfaceTracer, space: SurfaceSpace, omega: np.ndarray, dt: float) -> np.ndarray:
     """Dye after a step."""
     return tracer.advance(omega, space.side_flux(space.stream_function(omega), np.zeros(0)), dt)
 
@@ -51,7 +51,7 @@ def rows(faces: int) -> list[list]:
         "conservative, midpoint": lambda: midpoint(space, omega, none, stable, False),
         "circulation, CFL 1": lambda: carry.step(omega, none, dt, False),
         "circulation, CFL 5": lambda: carry.step(omega, none, 5 * dt, False),
-        "dye": partial(carried, Tracer(space, carry.transport), space, omega, dt),
+        "dye": partial(carried, SurfaceTracer(space, carry.transport), space, omega, dt),
     }
     for kind in CURVATURE_SHARE:
         decay = VelocityDiffusion(space, 1e-3, kind)

@@ -23,7 +23,8 @@ from ddgcli.models.shell.scene import KIND as SHELL
 from ddgcli.scenes.scene import Scene, resolve
 from ddgcli.simulation.account import Account
 from ddgcli.simulation.frames import joined_frame, joined_mesh
-from ddgcli.simulation.time_loop import Model, Schedule, evolve
+from ddgcli.simulation.model import Model, Schedule
+from ddgcli.simulation.time_loop import evolve
 
 __all__ = ["Simulation", "simulate"]
 

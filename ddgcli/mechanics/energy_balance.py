@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from ddgcli.mechanics.newton import MOVE_TOLERANCE
 from ddgcli.mechanics.rounding import sum_rounding
 from ddgcli.mechanics.system import Motion, System
-from ddgcli.simulation.time_loop import StepRejected
+from ddgcli.simulation.model import StepRejected
 
 # of the energy at hand: how far the balance may stand above its lowest, and how far a step may drop it
 MAX_ENERGY_RISE, MAX_ENERGY_FALL = 0.01, 0.1

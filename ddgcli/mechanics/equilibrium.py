@@ -14,7 +14,7 @@ from ddgcli.mechanics import low_rank
 from ddgcli.mechanics.newton import MOVE_TOLERANCE, Increment, Newton, newton_of, worst
 from ddgcli.mechanics.system import System
 from ddgcli.mechanics.terms import Mode
-from ddgcli.simulation.time_loop import StepRejected
+from ddgcli.simulation.model import StepRejected
 
 MAX_EQUILIBRIUM_ITERATIONS = 2000
 INERTIA_ROUNDING = 16 * float(np.finfo(float).eps)  # of the Hessian's norm

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from ddgcli.errors import SolveError
 from ddgcli.mechanics.system import Motion, System
 from ddgcli.mesh.scatter import sum_by_index
-from ddgcli.simulation.time_loop import StepRejected
+from ddgcli.simulation.model import StepRejected
 
 if TYPE_CHECKING:
     from ddgcli.mechanics.newton import Increment

@@ -24,7 +24,7 @@ from ddgcli.mechanics.assembly import Assembly
 from ddgcli.mechanics.rounding import sum_rounding
 from ddgcli.mechanics.system import System
 from ddgcli.mechanics.terms import Mode, Potential
-from ddgcli.simulation.time_loop import StepRejected
+from ddgcli.simulation.model import StepRejected
 
 MOVE_TOLERANCE = 1e-9  # a Newton step below this fraction of the object's size ends the iteration
 ACCELERATION_TOLERANCE = (

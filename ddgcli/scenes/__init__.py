@@ -1,7 +1,7 @@
 """Scene files of simulators: sections, units, expressions, shapes and materials.
 
 `scene.resolve` checks a document against the sections that a simulator contributes and fills its defaults;
-`schema` writes the JSON Schema.
+`schema` writes the JSON Schema; `sections` has the base of all tables and the messages about their mistakes.
 """
 
-__all__ = ["expressions", "materials", "scene", "schema", "shapes", "units"]
+__all__ = ["expressions", "materials", "scene", "schema", "sections", "shapes", "units"]

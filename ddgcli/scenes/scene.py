@@ -9,26 +9,20 @@ import logging
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any, Literal, NoReturn, Protocol
+from typing import Any, Literal, NoReturn
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, create_model
+from pydantic import Field, create_model
 
 from ddgcli.errors import SceneError
+from ddgcli.scenes.sections import Document, Key, Section, checked, located
 from ddgcli.scenes.units import quantity
 from ddgcli.simulation.effects import Effect, EffectTable, nearest
-from ddgcli.simulation.time_loop import Schedule
+from ddgcli.simulation.model import Schedule
 
 FORMAT = "ddgcli-scene/1"
 MAX_STEPS = 1e9
 TIME_RANGE = (1e-150, 1e150)  # seconds, whose squares stay within the range of numbers
 log = logging.getLogger("ddgcli")
-Key = tuple[str | int, ...]
-
-
-class Section(BaseModel):
-    """A table of a scene: every key declared, nothing else allowed, types as written."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
 
 
 class TimeSection(Section):
@@ -47,20 +41,6 @@ class ObjectSection(Section):
 
     name: str = Field(description="name, unique in the scene")
     role: str
-
-
-class Document(Protocol):
-    """What `io.scene_file` reads."""
-
-    @property
-    def data(self) -> dict[str, Any]: ...
-    @property
-    def path(self) -> str: ...
-    @property
-    def folder(self) -> str: ...
-    @property
-    def source(self) -> str: ...
-    def line(self, key: Key) -> int | None: ...
 
 
 @dataclass(frozen=True)
@@ -169,14 +149,6 @@ class Scene:
             except ValueError as error:
                 self.refuse(key, f"{effect.name}: {error}")
         return results
-
-
-def located(document: Document, key: Key, message: str) -> str:
-    """`FILE: line N: message`; the message alone for a scene that no file holds (the quick form)."""
-    if not document.path:
-        return message
-    line = document.line(key)
-    return f"{document.path}: {f'line {line}: ' if line else ''}{message}"
 
 
 def resolve(document: Document, kind: SceneKind, overrides: Mapping[str, Any] | None = None) -> Scene:
@@ -352,78 +324,3 @@ def _effects(document: Document, kind: SceneKind, roles: set[str]) -> tuple[tupl
                 (effect, checked(document, place, effect.parameters, table, f"effect {name!r}"), place)
             )
     return tuple(effects)
-
-
-def checked(document: Document, key: Key, model: type[Section], table: dict[str, Any], where: str) -> Any:
-    """The section of a table, or the first mistake in it as SceneError."""
-    try:
-        return model.model_validate(table)
-    except ValidationError as error:
-        mistakes = error.errors()
-        order = sorted(
-            range(len(mistakes)),
-            key=lambda i: (
-                mistakes[i]["type"] != "extra_forbidden",
-                document.line((*key, *mistakes[i]["loc"])) or 0,
-                i,
-            ),
-        )
-        mistake = mistakes[order[0]]
-        loc = tuple(p for p in mistake["loc"] if not _is_branch(p))
-        raise SceneError(located(document, (*key, *loc), _sentence(mistake, loc, model, where))) from error
-
-
-def _is_branch(part: str | int) -> bool:
-    """Whether pydantic named a branch of a union rather than a key."""
-    return isinstance(part, str) and ("[" in part or part in ("str", "int", "float", "bool", "none"))
-
-
-def _sentence(mistake: Any, loc: Key, model: type[BaseModel], where: str) -> str:
-    kind, value = mistake["type"], mistake.get("input")
-    name = ".".join(str(p) for p in loc) or where
-    context = mistake.get("ctx", {})
-    if kind == "extra_forbidden":
-        allowed = _keys_at(model, loc[:-1])
-        hint = nearest(str(loc[-1]), allowed)
-        return f"unknown key {loc[-1]!r} in {where}{hint}; allowed: {', '.join(allowed) or 'none'}"
-    if kind == "missing":
-        return f"{where} needs the key {name!r}; allowed: {', '.join(_keys_at(model, loc[:-1]))}"
-    if kind == "literal_error":
-        allowed = [p.strip("' ") for p in context["expected"].replace(" or ", ", ").split(",")]
-        hint = nearest(str(value), allowed)
-        return f"{name} = {value!r} is not known in {where}{hint}; allowed: {', '.join(allowed)}"
-    if kind == "value_error":
-        return f"{name} of {where}: {context['error']}" if loc else f"{where}: {context['error']}"
-    if kind in ("greater_than", "greater_than_equal", "less_than", "less_than_equal"):
-        relation = {"greater_than": "greater than", "greater_than_equal": "at least",
-                    "less_than": "less than", "less_than_equal": "at most"}[kind]  # fmt: skip
-        return f"{name} of {where} must be {relation} {next(iter(context.values())):g}, found {value}"
-    if kind in ("too_short", "too_long"):
-        few = kind == "too_short"
-        count = context["min_length" if few else "max_length"]
-        return f"{name} of {where} must have at {'least' if few else 'most'} {count} entries, found {value!r}"
-    expected = {"int_type": "a whole number", "bool_type": "true or false", "string_type": "text",
-              "list_type": "an array", "dict_type": "a table", "model_type": "a table",
-              "int_from_float": "a whole number", "model_attributes_type": "a table"}.get(kind)  # fmt: skip
-    if expected:
-        return f"{name} of {where} must be {expected}, found {value!r}"
-    return f"{name} of {where}: {mistake['msg']}, found {value!r}"
-
-
-def _keys_at(model: type[BaseModel], loc: Key) -> list[str]:
-    """Keys that the table at `loc` may have."""
-    current: Any = model
-    for part in loc:
-        if isinstance(part, str) and part in getattr(current, "model_fields", {}):
-            current = _inner_model(current.model_fields[part].annotation)
-    return list(getattr(current, "model_fields", {}))
-
-
-def _inner_model(annotation: Any) -> Any:
-    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
-        return annotation
-    for argument in getattr(annotation, "__args__", ()):
-        section = _inner_model(argument)
-        if section is not None:
-            return section
-    return None

@@ -18,7 +18,8 @@ from ddgcli.mesh.tet_mesh import TetMesh
 from ddgcli.mesh.topology import NEXT, Topology
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.mesh.vectors import vector_length
-from ddgcli.scenes.scene import ObjectSection, Section
+from ddgcli.scenes.scene import ObjectSection
+from ddgcli.scenes.sections import Section
 from ddgcli.scenes.units import quantity, vector
 
 # mypy reads the calls below as values; pydantic reads them as annotated types

@@ -11,7 +11,8 @@ from ddgcli.mesh.fields import Frame
 from ddgcli.mesh.tet_mesh import TetMesh
 from ddgcli.mesh.topology import Topology
 from ddgcli.mesh.triangle_mesh import TriangleMesh
-from ddgcli.simulation.time_loop import Observation, Snapshot
+from ddgcli.simulation.model import Observation
+from ddgcli.simulation.time_loop import Snapshot
 
 
 def joined_mesh(meshes: list[Any]) -> tuple[TriangleMesh | TetMesh | CurveSet, np.ndarray]:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ddgcli.errors import SolveError
 from ddgcli.mesh.fields import Frame
-from ddgcli.simulation.time_loop import Event
+from ddgcli.simulation.model import Event
 
 
 @dataclass(eq=False)

@@ -14,8 +14,9 @@ from ddgcli.mesh.fields import Frame
 from ddgcli.progress import ProgressCallback
 from ddgcli.simulation.account import Account
 from ddgcli.simulation.frames import joined_frame
+from ddgcli.simulation.model import Arrays, Model, RunFailed, Schedule
 from ddgcli.simulation.outcome import Outcome
-from ddgcli.simulation.time_loop import Arrays, Model, RunFailed, Schedule, Snapshot, evolve
+from ddgcli.simulation.time_loop import Snapshot, evolve
 
 MAX_PICTURE_FRAMES = 4
 

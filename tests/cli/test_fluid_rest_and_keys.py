@@ -149,13 +149,12 @@ def test_an_initial_velocity_without_room_for_its_harmonic_part_is_reported(summ
 
 
 def test_dye_that_is_lost_shows_in_its_drift(summary, tmp_path, monkeypatch):
-    from ddgcli.models.fluid.tracer import Tracer
 
     effects = 'initial = { vorticity = "z" }\ndye = { amount = "x" }'
     path = scene(tmp_path / "s.toml", BALL, effects, steps=3)
     assert summary("fluid-sim", path)["accuracy"]["dye_drift"] < 1e-14
-    advance = Tracer.advance
-    monkeypatch.setattr(Tracer, "advance", lambda *a: advance(*a) + 0.01)
+    advance = SurfaceTracer.advance
+    monkeypatch.setattr(SurfaceTracer, "advance", lambda *a: advance(*a) + 0.01)
     assert 0.01 < summary("fluid-sim", path)["accuracy"]["dye_drift"] < 1
 
 

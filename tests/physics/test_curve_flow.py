@@ -7,7 +7,8 @@ from ddgcli.mesh.curve import CurveSet
 from ddgcli.models.curve import polygon
 from ddgcli.models.curve.setup import CurveFlowOptions, build, without_repeated_points
 from ddgcli.simulation.account import Account
-from ddgcli.simulation.time_loop import Schedule, evolve
+from ddgcli.simulation.model import Schedule
+from ddgcli.simulation.time_loop import evolve
 
 
 def closed_curve(points):

@@ -15,10 +15,12 @@ from ddgcli.models.fluid.model import build, contexts
 from ddgcli.models.fluid.phases import PhaseRequest
 from ddgcli.models.fluid.scene import EFFECTS, KIND
 from ddgcli.models.fluid.surface_space import SurfaceSpace
-from ddgcli.scenes.scene import Section, resolve
+from ddgcli.scenes.scene import resolve
+from ddgcli.scenes.sections import Section
 from ddgcli.simulation.account import Account
 from ddgcli.simulation.effects import Effect
-from ddgcli.simulation.time_loop import Observation, evolve
+from ddgcli.simulation.model import Observation
+from ddgcli.simulation.time_loop import evolve
 
 NONE = np.zeros(0)
 

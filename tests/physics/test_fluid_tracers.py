@@ -7,7 +7,7 @@ from ddgcli.mesh import shapes
 from ddgcli.mesh.topology import Topology
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.models.fluid.surface_space import SurfaceSpace
-from ddgcli.models.fluid.tracer import Tracer
+from ddgcli.models.fluid.tracer import SurfaceTracer
 from ddgcli.models.fluid.transport import Transport
 
 SHAPES = {
@@ -24,7 +24,7 @@ def revolved(mesh, amount, steps, turns=1.0):
     vorticity = 2 * mesh.points[:, 2] * space.mass
     vorticity -= space.mass * vorticity.sum() / space.mass.sum()
     flux = space.side_flux(space.stream_function(vorticity), np.zeros(0))
-    tracer = Tracer(space, Transport(space))
+    tracer = SurfaceTracer(space, Transport(space))
     values = start = SHAPES[amount](*mesh.points.T)
     for _ in range(steps):
         values = tracer.advance(values, flux, 2 * np.pi * turns / steps)
@@ -61,7 +61,7 @@ def test_no_time_changes_no_dye_and_an_even_dye_stays():
     mesh = shapes.random_sphere(300)
     space, start, end = revolved(mesh, "step", 3, turns=0.0)
     assert np.abs(end - start).max() < 1e-12
-    tracer = Tracer(space, Transport(space))
+    tracer = SurfaceTracer(space, Transport(space))
     flux = np.random.default_rng(0).normal(size=(mesh.n_faces, 3))
     flux -= flux.mean(axis=1, keepdims=True)
     assert np.array_equal(tracer.advance(np.full(space.n, 0.3), flux, 0.01), np.full(space.n, 0.3))

@@ -177,7 +177,7 @@ def test_parts_account_for_the_time(integrator, adaptive):
 def test_time_that_nobody_books_is_seen(monkeypatch):
     """A sleep in the loop outside every timer is missing from the sum; one in an effect is that effect's."""
     from ddgcli.mechanics.terms import DeadLoad
-    from ddgcli.simulation.time_loop import Schedule
+    from ddgcli.simulation.model import Schedule
 
     asleep, gradient, step_of_frame = [0.0], DeadLoad.gradient, Schedule.step_of_frame
 
@@ -239,7 +239,7 @@ plane = {}
 def test_what_failed_is_not_tried_at_every_turn(limit, later):
     """Steps of 1 s of a model that takes parts up to a limit, which changes half-way: the whole time is
     marched, no part is much shorter than it must be, and few are tried in vain."""
-    from ddgcli.simulation.time_loop import Model, Observation, Schedule, StepRejected
+    from ddgcli.simulation.model import Model, Observation, Schedule, StepRejected
 
     def advance(state, time, dt):
         if dt > (limit if time < 5 else later):

@@ -16,8 +16,8 @@ if TYPE_CHECKING:
     from ddgcli.mechanics.system import System
     from ddgcli.scenes.scene import Scene
     from ddgcli.simulation.account import Account
+    from ddgcli.simulation.model import Model, Schedule
     from ddgcli.simulation.outcome import Outcome
-    from ddgcli.simulation.time_loop import Model, Schedule
 
 
 @click.command(

@@ -21,7 +21,8 @@ from ddgcli.simulation.frames import joined_mesh
 if TYPE_CHECKING:
     from ddgcli.io.mesh_file import MeshInput
     from ddgcli.io.scene_file import SceneDocument
-    from ddgcli.scenes.scene import Document, Scene, SceneKind
+    from ddgcli.scenes.scene import Scene, SceneKind
+    from ddgcli.scenes.sections import Document
 
 
 def quick_scene(mesh: str, role: str, lines: tuple[str, ...], extra: Mapping[str, Any] | None = None) -> str:

@@ -21,10 +21,11 @@ from ddgcli.cli.simulation.scene_input import (
     scene_document,
 )
 from ddgcli.cli.simulation.simulate import Job, formats, simulate
-from ddgcli.scenes.scene import Document, Scene, SceneKind, resolve
+from ddgcli.scenes.scene import Scene, SceneKind, resolve
+from ddgcli.scenes.sections import Document
 from ddgcli.simulation.account import Account, time_shares
+from ddgcli.simulation.model import Model, Schedule
 from ddgcli.simulation.outcome import Outcome
-from ddgcli.simulation.time_loop import Model, Schedule
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -16,9 +16,10 @@ from ddgcli.errors import ParameterError
 from ddgcli.mesh.fields import AnnotatedMesh, Frame
 from ddgcli.simulation.account import Account
 from ddgcli.simulation.frames import joined_mesh
+from ddgcli.simulation.model import Arrays, Event, Model, Schedule
 from ddgcli.simulation.outcome import Outcome
 from ddgcli.simulation.recording import Recorder, run_models
-from ddgcli.simulation.time_loop import Arrays, Event, Model, Schedule, Snapshot, stop_reason
+from ddgcli.simulation.time_loop import Snapshot, stop_reason
 
 TRAJECTORIES = (".vtkhdf", ".h5")
 

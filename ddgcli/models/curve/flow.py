@@ -20,7 +20,7 @@ from ddgcli.linalg.factor import Factor
 from ddgcli.mesh.vectors import ratio, row_dot, vector_length
 from ddgcli.models.curve import polygon
 from ddgcli.models.curve.polygon import Geometry, Polygons
-from ddgcli.simulation.time_loop import Observation, StepRejected
+from ddgcli.simulation.model import Observation, StepRejected
 
 COLLAPSED_LENGTH = 1e-2  # of the first length: a shorter curve has shrunk to a point
 REST_SPEED = 1e-6  # normal speed times radius (elastic: radius^3) at which a curve is at rest

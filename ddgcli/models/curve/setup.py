@@ -17,7 +17,7 @@ from ddgcli.mesh.curve import CurveSet
 from ddgcli.mesh.vectors import vector_length
 from ddgcli.models.curve import polygon
 from ddgcli.models.curve.flow import CurveFlow, start_state
-from ddgcli.simulation.time_loop import Model, Schedule
+from ddgcli.simulation.model import Model, Schedule
 
 MAX_STEPS = 2000
 FRAMES = 50

@@ -14,7 +14,7 @@ from ddgcli.models.fluid.context import FluidContext
 from ddgcli.models.fluid.parts import BoundaryPart
 from ddgcli.models.fluid.phases import FluidSetting, PhaseRequest
 from ddgcli.models.fluid.surface_space import harmonic_count
-from ddgcli.scenes.scene import Section
+from ddgcli.scenes.sections import Section
 from ddgcli.scenes.units import quantity
 from ddgcli.simulation.effects import Effect
 

@@ -20,10 +20,10 @@ from ddgcli.models.fluid.phases import FlowPhase, FluidSetting, Phase, PhaseRequ
 from ddgcli.models.fluid.state import FluidState
 from ddgcli.models.fluid.tracer import TracerPhase
 from ddgcli.scenes.expressions import evaluate
-from ddgcli.scenes.scene import Section
+from ddgcli.scenes.sections import Section
 from ddgcli.scenes.units import quantity, vector
 from ddgcli.simulation.effects import Effect
-from ddgcli.simulation.time_loop import Observation
+from ddgcli.simulation.model import Observation
 
 ARRAY = "temperature"
 

@@ -29,7 +29,7 @@ from ddgcli.models.fluid.smoothing import Smoothing, first_root, share_at_consta
 from ddgcli.models.fluid.state import FluidState
 from ddgcli.models.fluid.surface_space import SurfaceSpace
 from ddgcli.models.fluid.transport import BackwardPaths, Transport, corner_of
-from ddgcli.simulation.time_loop import Observation, StepRejected
+from ddgcli.simulation.model import Observation, StepRejected
 
 MAX_DEFORMATION = 1.0  # change of the velocity along a side times dt over its length, beyond which loops fold
 ENERGY_RISE_TOLERANCE = 1e-6  # relative rise of the kinetic energy at which a step is shortened

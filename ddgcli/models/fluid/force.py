@@ -10,7 +10,7 @@ from ddgcli.models.fluid.context import FluidContext
 from ddgcli.models.fluid.phases import FlowPhase, FluidSetting, Phase, PhaseRequest, Step
 from ddgcli.models.fluid.state import FluidState
 from ddgcli.scenes.expressions import evaluate
-from ddgcli.scenes.scene import Section
+from ddgcli.scenes.sections import Section
 from ddgcli.simulation.effects import Effect
 
 

@@ -13,7 +13,7 @@ from pydantic import Field
 from ddgcli.models.fluid.context import FluidContext
 from ddgcli.models.fluid.parts import Harmonic, Initial
 from ddgcli.models.fluid.surface_space import SurfaceSpace
-from ddgcli.scenes.scene import Section
+from ddgcli.scenes.sections import Section
 from ddgcli.scenes.units import quantity
 from ddgcli.simulation.effects import Effect
 

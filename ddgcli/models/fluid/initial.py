@@ -16,7 +16,7 @@ from ddgcli.models.fluid.context import FluidContext
 from ddgcli.models.fluid.flows import FLOWS, KEYS, VOLUME_FLOWS, NamedFlow, VolumeFlow
 from ddgcli.models.fluid.parts import Initial
 from ddgcli.models.fluid.surface_space import SurfaceSpace, harmonic_count
-from ddgcli.scenes.scene import Section
+from ddgcli.scenes.sections import Section
 from ddgcli.scenes.units import quantity, vector
 from ddgcli.simulation.effects import Effect
 

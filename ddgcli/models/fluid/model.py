@@ -19,11 +19,12 @@ from ddgcli.models.fluid.scene import OPEN_TRANSPORTS, TRANSPORTS
 from ddgcli.models.fluid.space import FlowSpace
 from ddgcli.models.fluid.state import FluidState
 from ddgcli.models.fluid.surface_space import SurfaceSpace, harmonic_count, require_flow
-from ddgcli.scenes.scene import Key, Scene
+from ddgcli.scenes.scene import Scene
+from ddgcli.scenes.sections import Key
 from ddgcli.scenes.shapes import place
 from ddgcli.simulation.account import Account
 from ddgcli.simulation.effects import Effect
-from ddgcli.simulation.time_loop import Model, Observation, StepRejected
+from ddgcli.simulation.model import Model, Observation, StepRejected
 
 if TYPE_CHECKING:
     from ddgcli.models.fluid.conditions import BoundaryConditions

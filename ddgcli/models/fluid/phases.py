@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.models.fluid.state import FluidState
-from ddgcli.simulation.time_loop import Observation
+from ddgcli.simulation.model import Observation
 
 if TYPE_CHECKING:
     from ddgcli.models.fluid.context import FluidContext

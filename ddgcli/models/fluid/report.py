@@ -17,8 +17,8 @@ from ddgcli.mesh.tet_mesh import TetMesh
 from ddgcli.models.fluid.model import FluidModel
 from ddgcli.scenes.scene import Scene
 from ddgcli.simulation.account import Account
+from ddgcli.simulation.model import Schedule
 from ddgcli.simulation.outcome import Outcome
-from ddgcli.simulation.time_loop import Schedule
 
 log = logging.getLogger("ddgcli")
 MAX_LOSS_SHARE = 0.05  # share of energy or enstrophy lost by the scheme, above which a run warns

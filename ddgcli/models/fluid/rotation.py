@@ -18,10 +18,10 @@ from ddgcli.models.fluid.conservative import RK4_LIMIT, rotational_rates
 from ddgcli.models.fluid.context import FluidContext
 from ddgcli.models.fluid.phases import FlowPhase, FluidSetting, Phase, PhaseRequest, Step
 from ddgcli.models.fluid.state import FluidState
-from ddgcli.scenes.scene import Section
+from ddgcli.scenes.sections import Section
 from ddgcli.scenes.units import vector
 from ddgcli.simulation.effects import Effect
-from ddgcli.simulation.time_loop import StepRejected
+from ddgcli.simulation.model import StepRejected
 
 
 class RotationSection(Section):

@@ -6,7 +6,8 @@ from typing import Literal
 
 from pydantic import Field, model_validator
 
-from ddgcli.scenes.scene import ObjectSection, SceneKind, Section
+from ddgcli.scenes.scene import ObjectSection, SceneKind
+from ddgcli.scenes.sections import Section
 from ddgcli.scenes.shapes import Box, Cylinder, Sphere, SurfaceObject, require_one_shape
 from ddgcli.scenes.units import vector
 from ddgcli.simulation.effects import EffectTable

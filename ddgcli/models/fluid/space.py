@@ -8,7 +8,7 @@ from typing import Any, Protocol
 from numpy.typing import NDArray
 
 from ddgcli.models.fluid.state import FluidState
-from ddgcli.simulation.time_loop import Observation
+from ddgcli.simulation.model import Observation
 
 
 class FlowSpace(Protocol):

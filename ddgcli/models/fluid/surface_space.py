@@ -31,7 +31,7 @@ from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.topology import NEXT, PREVIOUS
 from ddgcli.models.fluid.state import FluidState
 from ddgcli.operators.laplacian import lumped_vertex_area, stiffness
-from ddgcli.simulation.time_loop import Observation
+from ddgcli.simulation.model import Observation
 
 FLAT_FACE_TOLERANCE = 1e-12  # area over the longest side squared, below which a face counts as flat
 

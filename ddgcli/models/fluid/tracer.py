@@ -23,7 +23,7 @@ from ddgcli.models.fluid.phases import Step
 from ddgcli.models.fluid.state import FluidState
 from ddgcli.models.fluid.surface_space import SurfaceSpace
 from ddgcli.models.fluid.transport import BackwardPaths, Transport, corner_of
-from ddgcli.simulation.time_loop import Observation
+from ddgcli.simulation.model import Observation
 
 
 class SurfaceTracer:

@@ -10,7 +10,7 @@ from pydantic import Field
 
 from ddgcli.models.fluid.context import FluidContext
 from ddgcli.models.fluid.phases import FluidSetting, Phase, PhaseRequest
-from ddgcli.scenes.scene import Section
+from ddgcli.scenes.sections import Section
 from ddgcli.scenes.units import quantity
 from ddgcli.simulation.effects import Effect
 

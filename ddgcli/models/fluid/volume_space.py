@@ -30,7 +30,7 @@ from ddgcli.mesh.tet_mesh import TET_FACES, TetMesh
 from ddgcli.models.fluid.state import FluidState
 from ddgcli.models.fluid.volume_conditions import VolumeConditions, walls
 from ddgcli.operators.dec import Complex, complex_of
-from ddgcli.simulation.time_loop import Observation
+from ddgcli.simulation.model import Observation
 
 MAX_FIT_GAIN = 3.0  # of a fitted velocity over those of the cells
 SINGULAR_SHIFT = 1e-9  # relative, keeps the equations of vertices with few cells solvable

@@ -21,7 +21,7 @@ from ddgcli.models.fluid.phases import FlowPhase, FluidSetting, Step
 from ddgcli.models.fluid.smoothing import first_root
 from ddgcli.models.fluid.state import FluidState
 from ddgcli.models.fluid.volume_space import VolumeSpace
-from ddgcli.simulation.time_loop import Observation, StepRejected
+from ddgcli.simulation.model import Observation, StepRejected
 
 
 def rate(space: VolumeSpace, flux: NDArray) -> NDArray[np.float64]:

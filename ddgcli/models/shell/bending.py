@@ -19,7 +19,7 @@ from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.models.shell import hinge
 from ddgcli.models.shell.context import ShellContext
-from ddgcli.scenes.scene import Section
+from ddgcli.scenes.sections import Section
 from ddgcli.scenes.units import quantity
 from ddgcli.simulation.effects import Effect
 

@@ -12,7 +12,7 @@ from pydantic import Field
 
 from ddgcli.mechanics.terms import Mode, Potential
 from ddgcli.models.shell.context import ShellContext
-from ddgcli.scenes.scene import Key, Section
+from ddgcli.scenes.sections import Key, Section
 from ddgcli.scenes.units import quantity
 from ddgcli.simulation.effects import Effect
 

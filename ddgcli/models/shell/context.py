@@ -13,7 +13,8 @@ from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.mesh.vectors import vector_length
 from ddgcli.models.shell.scene import Shell
-from ddgcli.scenes.scene import Key, Scene
+from ddgcli.scenes.scene import Scene
+from ddgcli.scenes.sections import Key
 
 
 @dataclass(frozen=True, eq=False)

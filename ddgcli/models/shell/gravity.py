@@ -8,7 +8,7 @@ import numpy as np
 
 from ddgcli.mechanics.terms import DeadLoad
 from ddgcli.models.shell.context import ShellContext
-from ddgcli.scenes.scene import Section
+from ddgcli.scenes.sections import Section
 from ddgcli.scenes.units import vector
 from ddgcli.simulation.effects import Effect
 

@@ -12,7 +12,7 @@ from pydantic import Field, field_validator, model_validator
 from ddgcli.mechanics.terms import FixedCoordinates, PrescribedMotion
 from ddgcli.models.shell.context import ShellContext
 from ddgcli.models.shell.key_frames import RigidKeyFrames, require_ascending, turns
-from ddgcli.scenes.scene import Section
+from ddgcli.scenes.sections import Section
 from ddgcli.scenes.shapes import Rotation
 from ddgcli.scenes.units import quantity, vector
 from ddgcli.simulation.effects import Effect

@@ -17,11 +17,12 @@ from ddgcli.mechanics.terms import FixedCoordinates, PrescribedMotion, RampedLoa
 from ddgcli.mesh.require import unmet_need
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.models.shell.context import ShellContext
-from ddgcli.scenes.scene import Key, Scene
+from ddgcli.scenes.scene import Scene
+from ddgcli.scenes.sections import Key
 from ddgcli.scenes.shapes import place
 from ddgcli.simulation.account import Account
 from ddgcli.simulation.effects import Effect
-from ddgcli.simulation.time_loop import Model, Observation
+from ddgcli.simulation.model import Model, Observation
 
 SIZE_RANGE = (1e-60, 1e60)  # m: a Hessian of bending holds the fourth power of a length
 PAST = ("past_x", "past_v", "past_dt")  # arrays of a checkpoint

@@ -9,7 +9,7 @@ from pydantic import Field, field_validator
 
 from ddgcli.mechanics.terms import FixedCoordinates
 from ddgcli.models.shell.context import ShellContext
-from ddgcli.scenes.scene import Section
+from ddgcli.scenes.sections import Section
 from ddgcli.scenes.units import vector
 from ddgcli.simulation.effects import Effect
 

@@ -12,7 +12,7 @@ from pydantic import Field, model_validator
 
 from ddgcli.mechanics.terms import Arrays, Potential
 from ddgcli.models.shell.context import ShellContext
-from ddgcli.scenes.scene import Section
+from ddgcli.scenes.sections import Section
 from ddgcli.scenes.units import quantity
 from ddgcli.simulation.effects import Effect
 

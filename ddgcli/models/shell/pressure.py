@@ -15,7 +15,7 @@ from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.models.shell.area_springs import cross_matrix
 from ddgcli.models.shell.context import ShellContext
 from ddgcli.models.shell.key_frames import require_ascending
-from ddgcli.scenes.scene import Section
+from ddgcli.scenes.sections import Section
 from ddgcli.scenes.units import quantity
 from ddgcli.simulation.effects import Effect
 

@@ -14,8 +14,8 @@ from ddgcli.mechanics.rounding import Rounding
 from ddgcli.mechanics.system import System
 from ddgcli.models.shell.context import ShellContext
 from ddgcli.scenes.scene import Scene
+from ddgcli.simulation.model import Schedule
 from ddgcli.simulation.outcome import Outcome
-from ddgcli.simulation.time_loop import Schedule
 
 log = logging.getLogger("ddgcli")
 FORCE, MOMENT = "reaction_force_", "reaction_moment_"  # scalars of the frames, by support

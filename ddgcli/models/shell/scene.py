@@ -10,7 +10,8 @@ from typing import Literal
 from pydantic import Field, field_validator, model_validator
 
 from ddgcli.scenes.materials import DEFAULT, KEYS, MATERIALS, filled
-from ddgcli.scenes.scene import SceneKind, Section
+from ddgcli.scenes.scene import SceneKind
+from ddgcli.scenes.sections import Section
 from ddgcli.scenes.shapes import MovingObject, Obstacle
 from ddgcli.scenes.units import quantity
 from ddgcli.simulation.effects import EffectTable, nearest

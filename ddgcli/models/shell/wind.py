@@ -15,7 +15,7 @@ from ddgcli.mechanics.terms import Mode, Potential
 from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.models.shell.context import ShellContext
 from ddgcli.scenes.expressions import evaluate, parse
-from ddgcli.scenes.scene import Section
+from ddgcli.scenes.sections import Section
 from ddgcli.scenes.units import quantity
 from ddgcli.simulation.effects import Effect
 

@@ -32,7 +32,7 @@ from ddgcli.models.willmore.descent import (
 )
 from ddgcli.models.willmore.energies import Energy
 from ddgcli.models.willmore.redistribution import redistribute
-from ddgcli.simulation.time_loop import Observation, StepRejected
+from ddgcli.simulation.model import Observation, StepRejected
 
 # steps of the descent, for a surface with the area of the unit sphere
 MAX_DESCENT_STEP, MIN_DESCENT_STEP = 0.05, 1e-14

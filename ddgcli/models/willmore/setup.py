@@ -20,7 +20,7 @@ from ddgcli.models.willmore.constraints import Constraints, area
 from ddgcli.models.willmore.energies import DEFAULT, ENERGIES, OPEN_DEFAULT, SECOND_ENERGY, Energy
 from ddgcli.models.willmore.flow import SCHEMES, Flow, FlowState, Stop, longest_step
 from ddgcli.models.willmore.scaled import centred_at_unit_size
-from ddgcli.simulation.time_loop import Model, Schedule
+from ddgcli.simulation.model import Model, Schedule
 
 NO_FREE_VERTEX = "no vertex can move: all lie on the boundary or, if that is clamped, beside it"
 MAX_STEPS = 1000

@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.scenes.scene import Document, SceneKind, resolve
+from ddgcli.scenes.scene import SceneKind, resolve
+from ddgcli.scenes.sections import Document
 from ddgcli.simulation.account import Account
 from ddgcli.simulation.time_loop import evolve
 from ddgcli.tradeoff.candidates import NO_OPTIONS, Candidate, CommandOptions, Problem, Reference

@@ -1,0 +1,151 @@
+"""What a simulator hands to the time loop: models, their observations, the schedule, and failed steps."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any, Generic, TypeVar
+
+from numpy.typing import NDArray
+
+from ddgcli.errors import ParameterError, SolveError
+
+State = TypeVar("State")
+Arrays = dict[str, NDArray]
+
+
+class StepRejected(Exception):
+    """Failed step: the loop shortens it or ends the run.
+
+    Parameters
+    ----------
+    cause : str
+        "newton", "not finite", "inverted", ...
+    place : str
+        "vertex 12", "edge 3", or "".
+    value : float
+    solved : bool
+        The scheme's equations were solved, what they say will not do: another scheme may take the step.
+    """
+
+    def __init__(self, cause: str, place: str = "", value: float = math.nan, solved: bool = False) -> None:
+        super().__init__(f"{cause}{' at ' + place if place else ''} ({value:.3g})")
+        self.cause, self.place, self.value, self.solved = cause, place, value, solved
+
+
+@dataclass(frozen=True)
+class Event:
+    """One line of the log."""
+
+    step: int
+    time: float
+    kind: str
+    place: str = ""
+    value: float = math.nan
+    detail: str = ""
+
+
+class RunFailed(SolveError):
+    """A step failed for good; `events` are those since the last snapshot."""
+
+    def __init__(self, message: str, events: tuple[Event, ...]) -> None:
+        super().__init__(message)
+        self.events = events
+
+
+@dataclass(frozen=True, eq=False)
+class Observation:
+    """Observed quantities of a state.
+
+    Parameters
+    ----------
+    points : (n, 3) ndarray, or None where the surface does not move
+    vertex : dict of str to ndarray of leading length n
+    scalar : dict of str to float or (k,) ndarray
+        Sums over the models of a run (energies, momenta, counts).
+    """
+
+    points: NDArray | None
+    vertex: Arrays = field(default_factory=dict)
+    scalar: dict[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, eq=False)
+class Model(Generic[State]):
+    """One independent system.
+
+    Parameters
+    ----------
+    start : State
+    advance : callable (state, time, dt) -> state
+        One step; a pure function of its arguments (caches may only save work). Raises StepRejected.
+    observe : callable state -> Observation
+    pack, unpack : callables
+        State to named arrays of fixed shape and back, to the last bit: the checkpoint.
+    largest_step : float
+        Stability limit of the scheme, inf where it has none; longer steps are divided, with a warning.
+    distance : callable (state, state) -> float, optional
+        Error measure of adaptive steps, relative to the model's own scale.
+    order : int
+        Order of the scheme, for adaptive steps.
+    stop : callable state -> str, optional
+        Reason to end the run early, or "".
+    clock : callable state -> float, optional
+        Time of a state, for schemes that choose their own steps; else step times dt.
+    rescue : callable like `advance`, optional
+        Takes a step that `advance` solved and yet rejects, before it is made shorter.
+    """
+
+    start: State
+    advance: Callable[[State, float, float], State]
+    observe: Callable[[State], Observation]
+    pack: Callable[[State], Arrays]
+    unpack: Callable[[Arrays], State]
+    largest_step: float = math.inf
+    distance: Callable[[State, State], float] | None = None
+    order: int = 1
+    stop: Callable[[State], str] | None = None
+    clock: Callable[[State], float] | None = None
+    rescue: Callable[[State, float, float], State] | None = None
+
+
+@dataclass(frozen=True)
+class Schedule:
+    """When to step and when to show.
+
+    Parameters
+    ----------
+    dt : float
+        Seconds.
+    steps : int
+        Of length dt, to the end of the run.
+    every : int
+        Steps from frame to frame.
+    tolerance : float, optional
+        Adaptive steps: largest distance between one step and two half steps.
+    on_failure : {'shrink', 'stop'}
+    first_dt : float, optional
+        First guess of adaptive steps.
+    """
+
+    dt: float
+    steps: int
+    every: int = 1
+    tolerance: float | None = None
+    on_failure: str = "shrink"
+    first_dt: float | None = None
+
+    def __post_init__(self) -> None:
+        if not (math.isfinite(self.dt) and self.dt > 0):
+            raise ParameterError(f"the time step must be a positive number, found {self.dt}")
+        if self.steps < 0 or self.every < 1:
+            raise ParameterError("steps must be 0 or more, and the steps between frames 1 or more")
+
+    @property
+    def frames(self) -> int:
+        """Number of frames, the first at the start and the last at the end."""
+        return 1 + math.ceil(self.steps / self.every)
+
+    def step_of_frame(self, frame: int) -> int:
+        return min(frame * self.every, self.steps)
