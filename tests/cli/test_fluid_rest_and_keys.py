@@ -153,6 +153,8 @@ def test_dye_that_is_lost_shows_in_its_drift(summary, tmp_path, monkeypatch):
     effects = 'initial = { vorticity = "z" }\ndye = { amount = "x" }'
     path = scene(tmp_path / "s.toml", BALL, effects, steps=3)
     assert summary("fluid-sim", path)["accuracy"]["dye_drift"] < 1e-14
+    from ddgcli.models.fluid.tracer import SurfaceTracer
+
     advance = SurfaceTracer.advance
     monkeypatch.setattr(SurfaceTracer, "advance", lambda *a: advance(*a) + 0.01)
     assert 0.01 < summary("fluid-sim", path)["accuracy"]["dye_drift"] < 1
