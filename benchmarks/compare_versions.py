@@ -24,7 +24,9 @@ SAMPLES = ROOT / "sample_meshes"
 SCENES = ROOT / "sample_scenes"
 SHARED = ROOT.parent / "shared" / "meshes"
 CLOSED = ["torus.ply", "bad_torus.ply", "ellipsoid.ply"]
-IGNORED = ["warnings*", "options*", "input.sha256", "results.paths*", "results.effects*"]
+# texts, and what names files of the checkout
+IGNORED = ["warnings*", "options*", "error", "input.sha256", "results.paths*", "results.effects*"]
+IGNORED += ["results.promise", "results.energy_convention"]
 
 
 def calls() -> list[list[str]]:
@@ -66,6 +68,13 @@ def calls() -> list[list[str]]:
     lines += [["geodesic", s["torus.ply"], "--source", "0", "--log-map"]]
     lines += [["geodesic", s["bad_torus.ply"], "--source", "0", "--tolerance", "0.05"]]
     lines += [["geodesic", s["torus.ply"], "--source", "0", "--compare", "heat"]]
+    lines += simulations(s) + later_calls(s, m)
+    return [line for line in lines if all(Path(w).exists() for w in line if w.startswith("/"))]
+
+
+def simulations(s: dict[str, str]) -> list[list[str]]:
+    """Calls of the simulators on the samples `s`."""
+    lines: list[list[str]] = []
     lines += [
         [
             "shell-sim",
@@ -109,12 +118,18 @@ def calls() -> list[list[str]]:
         for e in ("gauss-map", "cotan", "sullivan")
     ]
     lines += [["willmore-flow", s["sphere.ply"], "--flow", "mean-curvature", "--steps", "3", "--dt", "0.001"]]
+    return lines
+
+
+def later_calls(s: dict[str, str], m: dict[str, str]) -> list[list[str]]:
+    """`tradeoff`, and the shared meshes `m`."""
+    lines: list[list[str]] = []
     lines += [["tradeoff", "curvature", s["torus.ply"], "--truth", "torus:2,1", "--repeat", "1"]]
     lines += [["info", p] for p in m.values()]
     lines += [[c, m["spot.obj"]] for c in ("curvature", "delaunay")]
     lines += [["geodesic", m["spot.obj"], "--source", "0"], ["laplacian", m["spot.obj"], "--eigen", "6"]]
     lines += [["hodge", m["beam-tet.vtk"], "--basis"], ["curvature", m["plane_holes.obj"]]]
-    return [line for line in lines if all(Path(w).exists() for w in line if w.startswith("/"))]
+    return lines
 
 
 def summary(checkout: Path, line: list[str], exported: dict[str, str] | None = None) -> dict[str, Any]:
@@ -141,9 +156,12 @@ def main() -> int:
                 if options.only not in " ".join(line):
                     continue
                 moved, _ = compare(summary(base, line), summary(ROOT, line), Tolerances(ignore=IGNORED))
+                added = [entry for entry in moved if entry["expected"] == "missing"]  # results that are new
+                moved = [entry for entry in moved if entry["expected"] != "missing"]
                 compared += 1
                 differing += bool(moved)
-                print("differs" if moved else "equal  ", " ".join(line), flush=True)
+                note = f" ({len(added)} new results)" if added else ""
+                print("differs" if moved else "equal  ", " ".join(line) + note, flush=True)
                 for entry in moved[:8]:
                     print("   ", entry)
         finally:

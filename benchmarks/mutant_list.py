@@ -37,7 +37,7 @@ MUTANTS = (
     Mutant("ddgcli/algorithms/delaunay/flips.py", "(a * a + b * b + c * c) / (r * perimeter)", "(a * a - b * b + c * c) / (r * perimeter)", "tests/exact/test_delaunay_flips.py"),
     Mutant("ddgcli/algorithms/geodesics/heat.py", "direction *= -1.0", "direction *= 1.0", "tests/converge/test_geodesic_rates.py"),
     Mutant("ddgcli/algorithms/geodesics/isolines.py", "np.arange(1, count + 1) / (count + 1)", "np.arange(1, count + 1) / count", "tests/cli/test_geodesic_distance.py"),
-    Mutant("ddgcli/algorithms/geodesics/edge_distance.py", "reach = scale * np.linalg.norm(", "reach = 2.0 * scale * np.linalg.norm(", "tests/cli/test_geodesic_distance.py"),
+    Mutant("ddgcli/algorithms/geodesics/edge_distance.py", "reach = scale * np.linalg.norm(", "reach = 2.0 * scale * np.linalg.norm(", "tests/exact/test_shortest_paths.py -k edge_distance"),
     Mutant("ddgcli/algorithms/hodge/homology.py", "BettiNumbers((count, count + b2 - euler, b2)", "BettiNumbers((count, count + b2 + euler, b2)", "tests/exact/test_homology.py"),
     Mutant("ddgcli/algorithms/hodge/decomposition.py", "harmonic = closed - exact", "harmonic = closed + exact", "tests/converge/test_hodge.py"),
     Mutant("ddgcli/algorithms/laplacian/spectrum.py", "np.exp(-np.outer(pairs.values, times))", "np.exp(-2.0 * np.outer(pairs.values, times))", "tests/cli/test_laplacian_cli.py"),

@@ -8,11 +8,12 @@ from typing import Any
 
 from benchmarks.hardcases.catalogue import PUSHED, ROOT, Case, catalogue
 from benchmarks.hardcases.judge import DEGRADED, REFUSED, RIGHT, WRONG
-from benchmarks.hardcases.peers import PEER_COUNTS, stored_peer_results
+from benchmarks.hardcases.stored import PEER_RESULTS, stored_results
 from ddgcli.cli.main import COMMANDS
 
 PAGE = ROOT / "docs" / "hard-cases.md"
 MARKS = {RIGHT: "✓", DEGRADED: "~", REFUSED: "–", WRONG: "**✗**"}
+PEER_COUNTS = ("right", "refused", "crashed", "hung", "over memory", "silently wrong")
 NOT_RUN, NOT_IN_CASE = "?", ""
 
 HEAD = """# Hard cases
@@ -48,7 +49,7 @@ def page(results: dict[str, dict[str, dict[str, Any]]], cases: list[Case]) -> st
     for family in dict.fromkeys(_section(case) for case in cases):
         rows = [case for case in cases if _section(case) == family]
         parts.append(_table(family, rows, results))
-    parts.append(_peers(stored_peer_results()))
+    parts.append(_peers(stored_results(PEER_RESULTS)))
     return "\n".join(parts).rstrip() + "\n"
 
 

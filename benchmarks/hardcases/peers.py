@@ -20,25 +20,13 @@ from numpy.typing import NDArray
 from benchmarks.hardcases.catalogue import Case
 from benchmarks.hardcases.judge import Evidence, Outcome, check_geodesic
 from benchmarks.hardcases.meshes import truths_of
+from benchmarks.hardcases.page import write_page
 from benchmarks.hardcases.peer_task import TASKS
-from benchmarks.hardcases.run import (
-    chosen_cases,
-    prepare,
-    read_arrays,
-    run_process,
-    store,
-    stored_results,
-)
+from benchmarks.hardcases.run import chosen_cases, prepare, read_arrays, run_process
+from benchmarks.hardcases.stored import PEER_RESULTS, store, stored_results
 
-PEER_RESULTS = Path(__file__).parent / "peer_results.json"
-PEER_COUNTS = ("right", "refused", "crashed", "hung", "over memory", "silently wrong")
 CURVATURE_TOLERANCE = 1e-6  # of the sum of absolute angle defects
 HEAT_TOLERANCE = 0.1  # of the largest distance: a method of first order is right within this
-
-
-def stored_peer_results() -> dict[str, dict[str, dict[str, Any]]]:
-    """Verdicts of earlier runs."""
-    return stored_results(PEER_RESULTS)
 
 
 def fault_of(task: str, arrays: dict[str, NDArray], points: NDArray, faces: NDArray, expected: dict) -> str:
@@ -134,7 +122,7 @@ def main(words: list[str]) -> int:
     parser.add_argument("--only", action="append", default=[], help="family or case; repeatable")
     parser.add_argument("--missing", action="store_true", help="only cells that no run has filled")
     options = parser.parse_args(words)
-    results = stored_peer_results()
+    results = stored_results(PEER_RESULTS)
     for case in chosen_cases(options.only, False):
         if case.build is None or "geodesic" not in case.calls:
             continue
@@ -145,8 +133,6 @@ def main(words: list[str]) -> int:
             row[task] = run_peer(case, task)
             print(json.dumps({"case": case.name, "task": task} | row[task]), file=sys.stderr, flush=True)
         store(results, PEER_RESULTS)
-    from benchmarks.hardcases.page import write_page
-
     write_page(stored_results())
     return 0
 

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import argparse
 import importlib
-import json
 import os
 import re
 import resource
@@ -30,14 +29,13 @@ from numpy.typing import NDArray
 from benchmarks.hardcases.catalogue import ROOT, Call, Case, catalogue
 from benchmarks.hardcases.judge import WRONG, Outcome, Verdict, judge
 from benchmarks.hardcases.meshes import truths_of
+from benchmarks.hardcases.page import write_page
+from benchmarks.hardcases.stored import Results, store, stored_results
 from ddgcli.cli import main as program
 
-RESULTS = Path(__file__).parent / "results.json"
 CPU_SECONDS = 120  # of a command and its children
 WALL_FACTOR = 40  # on a busy machine the clock runs faster than the processor time
 PEAK_MIB = 4096
-
-Results = dict[str, dict[str, dict[str, Any]]]
 
 
 def _limits() -> None:
@@ -178,18 +176,6 @@ def run_cell(case: Case, command: str, preloaded: bool = False) -> tuple[Verdict
     return judge(command, outcome, points, faces, expected, case.checks), outcome
 
 
-def stored_results(path: Path = RESULTS) -> Results:
-    """Verdicts of earlier runs."""
-    return json.loads(path.read_text(encoding="utf-8")) if path.is_file() else {}
-
-
-def store(results: Results, path: Path = RESULTS) -> None:
-    """Write all verdicts, the old file kept until the new one is whole."""
-    whole = path.with_suffix(".part")
-    whole.write_text(json.dumps(results, indent=1, sort_keys=True) + "\n", encoding="utf-8")
-    whole.replace(path)
-
-
 def cell_record(verdict: Verdict, outcome: Outcome, preloaded: bool = False) -> dict[str, Any]:
     """What the page needs of one cell; paths of the run are left out."""
     note = re.sub(rf"{re.escape(tempfile.gettempdir())}/tmp\w+/", "", verdict.note.replace(f"{ROOT}/", ""))
@@ -276,8 +262,6 @@ def main(words: list[str]) -> int:
                 options.missing,
                 options.preloaded,
             )
-        from benchmarks.hardcases.page import write_page
-
         write_page(results)
     wrong = [
         (case, name, cell["note"])

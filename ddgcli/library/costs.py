@@ -86,18 +86,11 @@ def tradeoff_table(
     >>> [(row.method, row.max_error > 0) for row in table.rows]
     [('dijkstra', True)]
     """
-    if question not in OPTIONS_OF_QUESTION:
-        raise ParameterError(f"unknown question {question!r}; choose one of {', '.join(OPTIONS_OF_QUESTION)}")
-    known = OPTIONS_OF_QUESTION[question]
-    unknown = [name for name in options if name not in known]
-    if unknown:
-        raise ParameterError(f"{question!r} has no option {unknown[0]!r}; its options: {', '.join(known)}")
+    _check_options(question, options, sources is not None)
     if norm not in ("max", "mean"):
         raise ParameterError(f"norm must be 'max' or 'mean', not {norm!r}")
     if repeat < 1 or not budget > 0:
         raise ParameterError(f"repeat and budget must be positive, not {repeat} and {budget}")
-    if sources is not None and question != "geodesic":
-        raise ParameterError(f"sources belong to 'geodesic', not to {question!r}")
     surface = mesh_of_kind(mesh, ("surface",), "tradeoff_table")
     more: dict[str, Any] = {}
     if sources is not None:
@@ -109,3 +102,14 @@ def tradeoff_table(
         raise ParameterError(f"no method of {question!r} has the options {options}")
     assign_verdicts(table, within, norm)
     return table
+
+
+def _check_options(question: str, options: dict[str, Any], has_sources: bool) -> None:
+    if question not in OPTIONS_OF_QUESTION:
+        raise ParameterError(f"unknown question {question!r}; choose one of {', '.join(OPTIONS_OF_QUESTION)}")
+    known = OPTIONS_OF_QUESTION[question]
+    unknown = [name for name in options if name not in known]
+    if unknown:
+        raise ParameterError(f"{question!r} has no option {unknown[0]!r}; its options: {', '.join(known)}")
+    if has_sources and question != "geodesic":
+        raise ParameterError(f"sources belong to 'geodesic', not to {question!r}")

@@ -5,6 +5,7 @@
 """
 
 __all__ = [
+    "boundary",
     "cures",
     "curve",
     "fields",

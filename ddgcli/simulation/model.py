@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Generic, TypeVar
 
@@ -149,3 +149,27 @@ class Schedule:
 
     def step_of_frame(self, frame: int) -> int:
         return min(frame * self.every, self.steps)
+
+
+def flow_schedule(options: Mapping[str, Any], own_step: float, *, max_steps: int, n_frames: int) -> Schedule:
+    """Schedule of a flow from its options `steps`, `duration`, `step`, `frame_every` and `tolerance`.
+
+    Parameters
+    ----------
+    options : mapping
+        Seconds and counts; None or absent where not chosen.
+    own_step : float
+        Step of the flow where none is chosen; at least duration / max_steps, at most duration / n_frames.
+    max_steps, n_frames : int
+        Without steps and duration; of a run without `frame_every`.
+    """
+    steps, duration, dt = options.get("steps"), options.get("duration"), options.get("step")
+    every, tolerance = options.get("frame_every"), options.get("tolerance")
+    if dt is None:
+        dt = own_step if duration is None else max(duration / max_steps, min(duration / n_frames, own_step))
+    if tolerance is not None and duration is not None:
+        frames = max(1, math.ceil(duration / every - 1e-9)) if every else n_frames
+        return Schedule(duration / frames, frames, 1, tolerance, first_dt=min(dt, duration / frames))
+    count = max(1, math.ceil(duration / dt - 1e-9)) if duration is not None else steps or max_steps
+    dt = duration / count if duration is not None else dt
+    return Schedule(dt, count, max(1, round(every / dt) if every else math.ceil(count / n_frames)))

@@ -10,6 +10,8 @@ from ddgcli.algorithms.curvature.faces import Faces
 from ddgcli.algorithms.curvature.surface_curvature import measure_curvature
 from ddgcli.choices import CURVATURE_SCHEMES
 from ddgcli.errors import MeshError, ParameterError
+from ddgcli.geometry.extrinsic import enclosed_volume, face_area_vector
+from ddgcli.geometry.intrinsic import face_area
 from ddgcli.io.mesh_file import read_mesh
 from ddgcli.mesh import shapes
 from ddgcli.mesh.intrinsic_mesh import IntrinsicMesh
@@ -304,3 +306,13 @@ def test_hinge_means_the_same_in_curvature_and_in_flows():
             if name == "hinge" or mesh.topology.is_closed:
                 flow = ENERGIES[name].build(mesh.topology).value(mesh.points)
                 assert energies[name] == pytest.approx(flow, rel=1e-11), name
+
+
+@pytest.mark.parametrize("mesh", [shapes.icosphere(2), shapes.torus(24, 12)])
+def test_normals_of_faces_that_run_counter_clockwise_seen_from_outside_point_outward(mesh):
+    """The cones from the origin over the faces fill the body: a third of position times normal times area."""
+    corner = mesh.points[mesh.faces]
+    area_vector = face_area_vector(mesh)
+    assert np.vdot(corner.mean(axis=1), area_vector) / 3.0 == pytest.approx(enclosed_volume(mesh), rel=1e-12)
+    assert enclosed_volume(mesh) > 0
+    assert np.linalg.norm(area_vector, axis=1) == pytest.approx(face_area(mesh.side_length), rel=1e-12)

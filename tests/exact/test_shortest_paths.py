@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from ddgcli.algorithms.geodesics.edge_distance import edge_distance
 from ddgcli.algorithms.geodesics.exact.exact_distance import exact_distance
 from ddgcli.algorithms.geodesics.paths import SurfacePaths, joints
 from ddgcli.algorithms.geodesics.shortest_paths import shortest_paths
@@ -168,3 +169,14 @@ def test_real_meshes_agree_with_the_reference(shared_meshes, name):
     curves = shortest_paths(mesh, exact, sources, targets)
     assert curves.accuracy["path_length_residual"] < 1e-9
     assert isinstance(curves.paths, SurfacePaths)
+
+
+def test_edge_distance_from_a_point_in_a_face_begins_with_straight_lines_to_its_corners():
+    mesh = shapes.grid(6, 6)
+    source = SurfacePoints(np.array([30]), np.array([[0.2, 0.5, 0.3]]))
+    corners = mesh.faces[30]
+    straight = np.linalg.norm(mesh.points[corners] - source.barycentric[0] @ mesh.points[corners], axis=1)
+    distance = edge_distance(mesh, Sources.at([], source)).distance
+    assert distance[corners] == pytest.approx(straight, rel=1e-14)
+    by_corner = [edge_distance(mesh, [corner]).distance + way for corner, way in zip(corners, straight)]
+    assert distance == pytest.approx(np.min(by_corner, axis=0), rel=1e-14)

@@ -14,6 +14,7 @@ from ddgcli.errors import MeshError
 from ddgcli.geometry.intrinsic import corner_cotan, face_area
 from ddgcli.linalg.constrain import Dirichlet
 from ddgcli.linalg.factor import Factor
+from ddgcli.mesh.boundary import boundary_vertex_loops
 from ddgcli.mesh.cures import cure
 from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
 from ddgcli.mesh.require import require
@@ -111,16 +112,7 @@ def boundary_loops(mesh: TriangleMesh, verb: str) -> list[NDArray[np.int64]]:
         raise MeshError(f"the surface is closed; {verb} needs a boundary: {cure('no boundary')}")
     if topology.genus:
         raise MeshError(f"{topology.genus} handles; {verb} takes a surface without: {cure('handles')}")
-    side = np.flatnonzero(topology.side_twin.ravel() < 0)
-    following = dict(zip(topology.side_tail[side].tolist(), topology.side_head[side].tolist()))
-    loops = []
-    while following:
-        start = min(following)
-        loop, vertex = [start], following.pop(start)
-        while vertex != start:
-            loop.append(vertex)
-            vertex = following.pop(vertex)
-        loops.append(np.array(loop))
+    loops = boundary_vertex_loops(topology)
     if len(loops) > 1:
         log.warning("the surface has %d boundary loops; the longest bounds the map", len(loops))
     return sorted(loops, key=lambda loop: -_perimeter(mesh.points[loop]))

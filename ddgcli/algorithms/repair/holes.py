@@ -10,23 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.algorithms.repair.steps import RepairedMesh
+from ddgcli.mesh.boundary import boundary_vertex_loops
 from ddgcli.mesh.triangle_mesh import TriangleMesh
-
-
-def boundary_loops(mesh: TriangleMesh) -> list[NDArray[np.int64]]:
-    """Boundary loops of an oriented manifold surface, each in the order of its faces."""
-    topology = mesh.topology
-    side = np.flatnonzero(topology.side_twin.ravel() < 0)
-    following = dict(zip(topology.side_tail[side].tolist(), topology.side_head[side].tolist()))
-    loops = []
-    while following:
-        start = min(following)
-        loop, vertex = [start], following.pop(start)
-        while vertex != start:
-            loop.append(vertex)
-            vertex = following.pop(vertex)
-        loops.append(np.array(loop))
-    return loops
 
 
 def fill_holes(repaired: RepairedMesh, most_edges: int) -> RepairedMesh:
@@ -39,7 +24,7 @@ def fill_holes(repaired: RepairedMesh, most_edges: int) -> RepairedMesh:
     both_on_boundary = mesh.topology.boundary_vertex[mesh.topology.edges].all(axis=1)
     edges = {(a, b) for a, b in mesh.topology.edges[both_on_boundary].tolist()}
     added, filled = [mesh.faces], 0
-    for loop in boundary_loops(mesh):
+    for loop in boundary_vertex_loops(mesh.topology):
         if len(loop) <= most_edges:
             triangles = least_area_triangles(mesh.points, loop[::-1], edges)
             filled += triangles is not None

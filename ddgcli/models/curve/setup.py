@@ -17,10 +17,10 @@ from ddgcli.mesh.curve import CurveSet
 from ddgcli.mesh.vectors import vector_length
 from ddgcli.models.curve import polygon
 from ddgcli.models.curve.flow import CurveFlow, start_state
-from ddgcli.simulation.model import Model, Schedule
+from ddgcli.simulation.model import Model, Schedule, flow_schedule
 
 MAX_STEPS = 2000
-FRAMES = 50
+DEFAULT_FRAME_COUNT = 50
 DEFAULT_STEP = 5e-4  # in radius^2 (elastic: radius^4) of the circle of the shortest curve's length
 EXTENT_RANGE = (1e-60, 1e60)
 MAX_TURNING = np.pi - 1e-6  # radians; a joint that turns back has no elastic energy gradient
@@ -165,17 +165,8 @@ def _require_slack(mesh: polygon.Polygons, points: NDArray, length: NDArray) -> 
 
 def schedule(flow: CurveFlow, options: Mapping[str, Any]) -> Schedule:
     """When to step and to record, from the options: steps, duration, step, frame_every, tolerance."""
-    steps, duration, dt = options.get("steps"), options.get("duration"), options.get("step")
-    every, tolerance = options.get("frame_every"), options.get("tolerance")
-    if tolerance is not None and not duration:
+    if options.get("tolerance") is not None and not options.get("duration"):
         raise ParameterError("needs `duration`; it chooses the steps up to that time", parameter="tolerance")
-    if dt is None:
-        radius = float(flow.first_length.min()) / (2 * math.pi)
-        own = DEFAULT_STEP * radius ** (4 if flow.kind == "elastic" else 2) * flow.time_unit
-        dt = own if duration is None else max(duration / MAX_STEPS, min(duration / FRAMES, own))
-    if tolerance is not None and duration is not None:
-        frames = max(1, math.ceil(duration / every - 1e-9)) if every else FRAMES
-        return Schedule(duration / frames, frames, 1, tolerance, first_dt=min(dt, duration / frames))
-    count = max(1, math.ceil(duration / dt - 1e-9)) if duration is not None else steps or MAX_STEPS
-    dt = duration / count if duration is not None else dt
-    return Schedule(dt, count, max(1, round(every / dt) if every else math.ceil(count / FRAMES)))
+    radius = float(flow.first_length.min()) / (2 * math.pi)
+    own_step = DEFAULT_STEP * radius ** (4 if flow.kind == "elastic" else 2) * flow.time_unit
+    return flow_schedule(options, own_step, max_steps=MAX_STEPS, n_frames=DEFAULT_FRAME_COUNT)

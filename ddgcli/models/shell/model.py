@@ -182,22 +182,6 @@ def _model(scene: Scene, context: ShellContext, system: System) -> Model[Motion]
             scalars |= {f"reaction_force_{name}": force, f"reaction_moment_{name}": moment}
         return Observation(motion.x, {"velocity": motion.v, "strain": strain(context, motion.x)}, scalars)
 
-    def pack(motion: Motion) -> dict[str, NDArray]:
-        scalars = np.array([motion.newton, motion.balance_excess, motion.time, motion.work])
-        memory = {
-            f"memory_{k}_{name}": array
-            for k, arrays in enumerate(motion.memory)
-            for name, array in arrays.items()
-        }
-        return {
-            "x": motion.x,
-            "v": motion.v,
-            "a": motion.a,
-            "scalars": scalars,
-            **memory,
-            **dict(zip(PAST, motion.past)),
-        }
-
     def unpack(arrays: dict[str, NDArray]) -> Motion:
         count, excess, time, work = (float(value) for value in arrays["scalars"])
         memory = tuple(
@@ -209,10 +193,28 @@ def _model(scene: Scene, context: ShellContext, system: System) -> Model[Motion]
 
     limit = stable_step(system, x, reach)
     return Model(
-        start, advance, observe, pack, unpack, limit,
+        start, advance, observe, _packed, unpack, limit,
         lambda a, b: float(np.abs(a.x - b.x).max()) / size, integrator.order,
         rescue=rescue if integrator.rescue is not None and np.isinf(reach) else None,
     )  # fmt: skip
+
+
+def _packed(motion: Motion) -> dict[str, NDArray]:
+    """Arrays of a checkpoint."""
+    scalars = np.array([motion.newton, motion.balance_excess, motion.time, motion.work])
+    memory = {
+        f"memory_{k}_{name}": array
+        for k, arrays in enumerate(motion.memory)
+        for name, array in arrays.items()
+    }
+    return {
+        "x": motion.x,
+        "v": motion.v,
+        "a": motion.a,
+        "scalars": scalars,
+        **memory,
+        **dict(zip(PAST, motion.past)),
+    }
 
 
 def _initial_velocity(context: ShellContext) -> NDArray[np.float64]:

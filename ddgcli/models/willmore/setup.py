@@ -20,7 +20,7 @@ from ddgcli.models.willmore.constraints import Constraints, area
 from ddgcli.models.willmore.energies import DEFAULT, ENERGIES, OPEN_DEFAULT, SECOND_ENERGY, Energy
 from ddgcli.models.willmore.flow import SCHEMES, Flow, FlowState, Stop, longest_step
 from ddgcli.models.willmore.scaled import centred_at_unit_size
-from ddgcli.simulation.model import Model, Schedule
+from ddgcli.simulation.model import Model, Schedule, flow_schedule
 
 NO_FREE_VERTEX = "no vertex can move: all lie on the boundary or, if that is clamped, beside it"
 MAX_STEPS = 1000
@@ -265,25 +265,16 @@ def build(mesh: TriangleMesh, options: FlowOptions, region: NDArray | None = Non
 
 
 def schedule(flow: Flow, time_options: Mapping[str, Any]) -> Schedule:
-    """When to step and to show, from the options time_options: steps, duration, step, frame_every, tolerance.
+    """When to step and to show, from the options: steps, duration, step, frame_every, tolerance.
 
-    Without a step or a duration the descent chooses its own steps, at most MOST_STEPS, each of them a frame.
+    Without a step or a duration the descent chooses its own steps, at most MAX_STEPS, each of them a frame.
     """
-    steps, duration, dt = time_options.get("steps"), time_options.get("duration"), time_options.get("step")
-    every, tolerance = time_options.get("frame_every"), time_options.get("tolerance")
-    if tolerance is not None and not duration:
+    if time_options.get("tolerance") is not None and not time_options.get("duration"):
         raise ParameterError("`tolerance` needs `duration`, the time over which it chooses the steps")
     if not flow.timed:
-        if every is not None:
+        if time_options.get("frame_every") is not None:
             raise ParameterError("`frame_every` needs `dt` or `duration`: without them every step is a frame")
-        return Schedule(1.0, steps or MAX_STEPS)
-    if dt is None:
-        radius = math.sqrt(flow.area / (4.0 * math.pi)) * flow.scale
-        own = DEFAULT_CURVATURE_FLOW_STEP * radius**2 if flow.mean_curvature else DEFAULT_STEP * radius**4
-        dt = own if duration is None else max(duration / MAX_STEPS, min(duration / DEFAULT_FRAME_COUNT, own))
-    if tolerance is not None and duration is not None:
-        frames = max(1, math.ceil(duration / every - 1e-9)) if every else DEFAULT_FRAME_COUNT
-        return Schedule(duration / frames, frames, 1, tolerance, first_dt=min(dt, duration / frames))
-    count = max(1, math.ceil(duration / dt - 1e-9)) if duration is not None else steps or MAX_STEPS
-    dt = duration / count if duration is not None else dt
-    return Schedule(dt, count, max(1, round(every / dt) if every else math.ceil(count / DEFAULT_FRAME_COUNT)))
+        return Schedule(1.0, time_options.get("steps") or MAX_STEPS)
+    radius = math.sqrt(flow.area / (4.0 * math.pi)) * flow.scale
+    own_step = DEFAULT_CURVATURE_FLOW_STEP * radius**2 if flow.mean_curvature else DEFAULT_STEP * radius**4
+    return flow_schedule(time_options, own_step, max_steps=MAX_STEPS, n_frames=DEFAULT_FRAME_COUNT)

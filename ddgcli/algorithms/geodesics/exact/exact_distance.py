@@ -131,14 +131,7 @@ def exact_distance(
     points is the shortest path between them. Windows that have crossed more faces than the mesh has are
     dropped. On needles and flat faces rounding prevents the other filters from dropping them.
     """
-    if not 0 <= tolerance < np.inf:
-        raise ParameterError(
-            f"{tolerance} must be a number of side lengths, 0 or more", parameter="tolerance"
-        )
-    if directions and not mesh.topology.is_oriented:
-        raise MeshError(
-            f"neighbouring faces have opposite orientation: directions have no sign; {cure('orientation')}"
-        )
+    _check_arguments(mesh, tolerance, directions)
     sources = check_sources(mesh, sources)
     tables = tables or window_tables(mesh)
     points = SurfacePoints.none() if targets is None else targets
@@ -152,6 +145,17 @@ def exact_distance(
     patched = _patch_unreached(wavefront, mesh) if np.isinf(limit) else 0
     window_targets.finish(wavefront.distance, wavefront.origin)
     return _result(wavefront, window_targets, directions, error, patched)
+
+
+def _check_arguments(mesh: SurfaceMesh, tolerance: float, directions: bool) -> None:
+    if not 0 <= tolerance < np.inf:
+        raise ParameterError(
+            f"{tolerance} must be a number of side lengths, 0 or more", parameter="tolerance"
+        )
+    if directions and not mesh.topology.is_oriented:
+        raise MeshError(
+            f"neighbouring faces have opposite orientation: directions have no sign; {cure('orientation')}"
+        )
 
 
 def _propagate_bounded(
