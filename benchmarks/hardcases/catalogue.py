@@ -24,6 +24,7 @@ SAMPLES = ROOT / "sample_meshes"
 SHARED = Path(os.environ.get("DDGCLI_SHARED_MESHES", ROOT.parent / "shared" / "meshes"))
 MAX_REAL_BYTES = 400_000  # larger real meshes take minutes a command on a slow machine
 
+Build = Callable[[], Arrays]
 Call = tuple[str, ...]
 Calls = tuple[Call, ...]
 
@@ -104,6 +105,7 @@ def default_calls(commands: tuple[str, ...] = ON_A_MESH) -> dict[str, Calls]:
 PUSHED: dict[str, tuple[Callable[[float], Arrays], tuple[float, ...], dict]] = {
     "needles, aspect": (meshes.needles, (1e2, 1e4, 1e6, 1e8, 1e10, 1e12), {"betti_numbers": (1, 0, 0)}),
     "caps, aspect": (meshes.caps, (1e2, 1e4, 1e6, 1e8, 1e10, 1e12), {"betti_numbers": (1, 0, 1)}),
+    "cylinder, needles": (meshes.cylinder, (300, 3e4), {"betti_numbers": (1, 1, 0)}),
     "fan, valence": (
         meshes.fan,
         (1e2, 1e3, 1e4, 1e5),
@@ -117,7 +119,8 @@ PUSHED: dict[str, tuple[Callable[[float], Arrays], tuple[float, ...], dict]] = {
         (1e-12, 1e-8, 1.0, 3.14159, 3.14159265),
         {"betti_numbers": (1, 0, 0)},
     ),
-    "noise, edges": (meshes.noisy_sphere, (0.05, 0.2, 0.5, 1.0), {"betti_numbers": (1, 0, 1)}),
+    "noise, edges": (meshes.noisy_sphere, (0.05, 0.2, 0.5, 1.0, 3.0), {"betti_numbers": (1, 0, 1)}),
+    "voxel gyroid, cells": (meshes.voxel_gyroid, (12, 40), {}),
     "tetrahedra": (meshes.tetrahedra, (30, 3e3, 1e5), {}),
     "triangles": (meshes.triangles, (30, 3e3, 1e5), {}),
     "soup, faces": (meshes.soup, (100, 2e4), {}),
@@ -155,6 +158,21 @@ def pushed_cases() -> list[Case]:
                 )
             )
     return cases
+
+
+def slow_cases() -> list[Case]:
+    """Calls that once took minutes, and the degenerate complexes on which exact distances did not end."""
+    smoothed = [
+        Case(f"smoothing a voxel gyroid of {cells} cells", "slow once", partial(meshes.voxel_gyroid, cells),
+             calls={"laplacian": (("laplacian", "{input}", "--smooth", "1", "-o", "{output}"),)},
+             checks=("box_does_not_grow",))
+        for cells in (12, 40)
+    ]  # fmt: skip
+    hangs = sorted((SHARED.parent / "regressions" / "meshes").glob("*.npz"))
+    return smoothed + [
+        Case(path.name, "slow once", path=path, calls=default_calls(("geodesic", "hodge", "curvature")))
+        for path in hangs
+    ]
 
 
 def ordinary_cases() -> list[Case]:
@@ -206,9 +224,9 @@ def simulator_cases() -> list[Case]:
     square = partial(meshes.square, 6, "alternating")
     gravity = ("--effect", "gravity", "--pin", "0", "--pin", "6")
 
-    def shell(name: str, value: float, *words: str, family: str) -> Case:
+    def shell(name: str, value: float, *words: str, family: str, build: Build = square) -> Case:
         calls = {"shell-sim": (("shell-sim", "{input}", *words),)}
-        return Case(name, family, square, parameter=value, calls=calls, checks=("energy_falls",))
+        return Case(name, family, build, parameter=value, calls=calls, checks=("energy_falls",))
 
     stiff = [
         shell(f"stiffness ratio {ratio:g}", ratio, "--effect", f"stretching stiffness={ratio:g}",
@@ -232,12 +250,18 @@ def simulator_cases() -> list[Case]:
         for nu in (1e-300, 1e-12, 1e3, 1e9, 1e300)
     ]  # fmt: skip
     restart = ("shell-sim", "{input}", "--effect", "stretching", *gravity, "--dt", "1e-3", "--steps", "4")
+    cells = 70
+    pins = [
+        shell(f"pins {count}", count, *SHELL[2:], "--effect", f"pin vertices={list(range(count))}",
+              "--effect", "gravity", *SHORT_RUN, family="pins", build=partial(meshes.square, cells))
+        for count in (10, 1000, 4000)
+    ]  # fmt: skip
     resumed = Case(
         "restart from nothing", "restarts", square,
         calls={"shell-sim": ((*restart, "--resume", "{folder}/missing.vtkhdf.part", "-o", "{output}"),)},
         expected={"refused": True},
     )  # fmt: skip
-    return [*stiff, *long_steps, *fluids, resumed]
+    return [*stiff, *long_steps, *fluids, *pins, resumed]
 
 
 def sample_cases() -> list[Case]:
@@ -275,4 +299,11 @@ def shared_cases() -> list[Case]:
 
 def catalogue() -> list[Case]:
     """All cases."""
-    return [*pushed_cases(), *ordinary_cases(), *simulator_cases(), *sample_cases(), *shared_cases()]
+    return [
+        *pushed_cases(),
+        *slow_cases(),
+        *ordinary_cases(),
+        *simulator_cases(),
+        *sample_cases(),
+        *shared_cases(),
+    ]

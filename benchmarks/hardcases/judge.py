@@ -278,6 +278,19 @@ def check_points_unchanged(evidence: Evidence) -> Iterator[Violation]:
         yield "the points moved", ()
 
 
+def check_box_does_not_grow(evidence: Evidence) -> Iterator[Violation]:
+    """Mean curvature flow stays in the bounding box of its start."""
+    moved, points = evidence.arrays.get("points"), evidence.points
+    if moved is None or points is None:
+        yield "no smoothed points", ()
+        return
+    slack = 1e-9 * np.ptp(points, axis=0).max()
+    if (moved.min(axis=0) < points.min(axis=0) - slack).any() or (
+        moved.max(axis=0) > points.max(axis=0) + slack
+    ).any():
+        yield "the bounding box grew", ("box",)
+
+
 CHECKS: dict[str, tuple[Check, ...]] = {
     "info": (check_input, check_area),
     "repair": (check_input,),
@@ -296,6 +309,7 @@ FURTHER_CHECKS: dict[str, Check] = {
     "kinetic_energy_falls": check_kinetic_energy_falls,
     "constant_two": check_constant_two,
     "points_unchanged": check_points_unchanged,
+    "box_does_not_grow": check_box_does_not_grow,
 }
 # arrays in which an infinite value is an answer: a vertex that no source reaches
 INFINITE_ARRAYS = ("geodesic_distance",)

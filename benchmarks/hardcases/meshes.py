@@ -87,6 +87,37 @@ def needles(aspect: float) -> Arrays:
     return strip(1.0 / (20 * aspect))
 
 
+def cylinder(needles_around: float) -> Arrays:
+    """Open cylinder of radius and height 1 with one row of needles around it."""
+    n = int(needles_around) // 2
+    angle = 2 * np.pi * np.arange(n) / n
+    ring = np.stack([np.cos(angle), np.sin(angle), 0 * angle], 1)
+    low = np.arange(n)
+    after = (low + 1) % n
+    faces = np.concatenate([np.stack([low, after, after + n], 1), np.stack([low, after + n, low + n], 1)])
+    return np.concatenate([ring, ring + [0.0, 0.0, 1.0]]), faces
+
+
+def voxel_gyroid(cells: float) -> Arrays:
+    """Boundary of the voxels of a ball of gyroid, `cells` voxels across: stairs and pinched edges."""
+    n = int(cells)
+    x, y, z = 2.0 * np.stack(np.meshgrid(*[np.linspace(-1, 1, n)] * 3, indexing="ij"))
+    wave = [np.sin(2 * np.pi * a / 2) * np.cos(2 * np.pi * b / 2) for a, b in ((x, y), (y, z), (z, x))]
+    solid = np.pad((wave[0] + wave[1] + wave[2] > 0) & (x**2 + y**2 + z**2 < 4), 1)
+    quads = []
+    for axis in range(3):
+        step = np.roll(np.eye(3, dtype=np.int64), -axis, axis=0)  # rows: the axis, then the two across
+        edge = np.diff(solid.astype(np.int8), axis=axis)
+        for sign in (1, -1):
+            place = np.argwhere(edge == sign) + step[0]
+            around = [0 * step[1], step[1], step[1] + step[2], step[2]][:: -1 if sign == 1 else 1]
+            quads.append(np.stack([place + offset for offset in around], axis=1))
+    corners = np.concatenate(quads)
+    places, ids = np.unique(corners.reshape(-1, 3), axis=0, return_inverse=True)
+    ids = ids.reshape(-1, 4)
+    return places.astype(float), np.concatenate([ids[:, [0, 1, 2]], ids[:, [0, 2, 3]]])
+
+
 def caps(aspect: float) -> Arrays:
     """Unit sphere with every face split at a point that lies 1/aspect above the middle of its first side."""
     points, faces = sphere(1)

@@ -1,11 +1,14 @@
 """Generated meshes pushed until something breaks: each case was wrong in the table of hard cases once."""
 
+import time
+
 import numpy as np
 import pytest
 from scipy.sparse import csr_array
 
 from benchmarks.hardcases import meshes
 from ddgcli.algorithms.delaunay.intrinsic_delaunay import dirichlet_energy
+from ddgcli.algorithms.hodge.homology import tree_cotree
 from ddgcli.errors import MeshError
 from ddgcli.geometry.extrinsic import face_area_vector
 from ddgcli.geometry.intrinsic import face_area
@@ -88,3 +91,19 @@ def test_an_asymmetric_entry_is_measured_whatever_the_pattern():
     assert _asymmetry(whole) == 0.0
     assert _asymmetry(csr_array(np.array([[2.0, -1.0], [-1.5, 2.0]]))) == 0.25
     assert _asymmetry(csr_array(np.array([[2.0, 0.0], [-1.5, 2.0]]))) == 0.75
+
+
+@pytest.mark.timeout(60)
+def test_many_components_cost_no_search_each():
+    """Once a breadth-first search of the whole graph for every component: 117 s for 1e5 triangles."""
+    mesh = mesh_of(meshes.triangles(2e4))
+    began = time.process_time()
+    assert len(tree_cotree(mesh).generator_edges) == 0
+    assert time.process_time() - began < 15  # 0.3 s against 10 s; a busy machine may be slow
+
+
+@pytest.mark.parametrize("make, value", [(meshes.cylinder, 30), (meshes.voxel_gyroid, 12)])
+def test_generated_meshes_are_oriented_surfaces(make, value):
+    topology = mesh_of(make(value)).topology
+    assert topology.is_oriented
+    assert (make is meshes.cylinder) == bool(topology.boundary_loops)

@@ -198,3 +198,14 @@ def test_provenance_is_in_the_file(tmp_path, suffix):
         line = next(row for row in path.read_bytes().split(b"\n") if b"command_line" in row).decode()
         text = line[line.index("{") : line.rindex("}") + 1]
     assert json.loads(text) == METADATA
+
+
+def test_references_of_boundary_triangles_do_not_spoil_tetrahedra(tmp_path):
+    path = tmp_path / "cell.mesh"
+    path.write_text(
+        "MeshVersionFormatted 1\nDimension\n3\nVertices\n4\n0 0 0 0\n1 0 0 0\n0 1 0 0\n0 0 1 0\n"
+        "Triangles\n4\n1 3 2 7\n1 2 4 7\n2 3 4 7\n1 4 3 7\nTetrahedra\n1\n1 2 3 4 5\nEnd\n"
+    )
+    annotated = read_mesh(str(path))
+    assert isinstance(annotated.mesh, TetMesh)
+    assert annotated.face["medit:ref"].tolist() == [5]  # of the cell, not of its sides

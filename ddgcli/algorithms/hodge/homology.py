@@ -210,13 +210,15 @@ def _spanning_forest(ends: NDArray, weight: NDArray, usable: NDArray) -> tuple[N
     graph = csr_array((rank, tuple(ends[chosen].T)), shape=(n, n))
     tree = minimum_spanning_tree(graph)
     label = connected_components(tree, directed=False)[1]
-    parent = np.full(n, -1, dtype=np.int64)
-    last = np.full(label.max(initial=-1) + 1, -1, dtype=np.int64)
-    np.maximum.at(last, label, np.arange(n))
-    for root in last:  # an outer node, if there is one: cochains need not balance there
-        _, before = breadth_first_order(tree, root, directed=False)
-        reached = before >= 0
-        parent[reached] = before[reached]
+    # the root is an outer node, if there is one: cochains need not balance there
+    root = np.full(label.max(initial=-1) + 1, -1, dtype=np.int64)
+    np.maximum.at(root, label, np.arange(n))
+    # one more node joins all roots: a search for each component would cost their number squared
+    tail, head = tree.nonzero()
+    rows = np.concatenate([tail, np.full(len(root), n)])
+    joined = csr_array((np.ones(len(rows)), (rows, np.concatenate([head, root]))), shape=(n + 1, n + 1))
+    _, before = breadth_first_order(joined, n, directed=False)
+    parent = np.where((before[:n] >= 0) & (before[:n] < n), before[:n], -1).astype(np.int64)
     return parent, _edges_between(parent, ends, chosen)
 
 

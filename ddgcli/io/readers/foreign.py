@@ -224,7 +224,8 @@ def _raw(mesh: Any) -> RawMesh:
             if parts[kind]:
                 place[name] = np.concatenate([np.asarray(blocks[number]) for number in parts[kind]])
     if len(raw.tetrahedra):
-        raw.sizes, raw.corners = raw.sizes[:0], raw.corners[:0]  # finite element files list the boundary too
+        # finite element files list the boundary too
+        raw.sizes, raw.corners, raw.face = raw.sizes[:0], raw.corners[:0], {}
     return raw
 
 
