@@ -36,9 +36,14 @@ class Grid(Section):
     cells: list[int] = Field(min_length=2, max_length=2, description="cells along them")
     pattern: Literal["right", "left", "alternating", "cross", "equilateral"] = "alternating"
     periodic: Literal["", "x", "y", "xy"] = ""
+    grading: quantity("", "0: equal cells; up to 1: finer at the sides, by cosines", ge=0) = 0.0
 
     @model_validator(mode="after")
     def _sound(self) -> Grid:
+        if self.grading > 1:
+            raise ValueError("the grading must be from 0 to 1")
+        if self.grading and self.pattern == "equilateral":
+            raise ValueError("equilateral triangles have no grading; take another pattern")
         if min(self.size) <= 0:
             raise ValueError("the size must be positive")
         if min(self.cells) < 1 or max(self.cells) > 20000:
@@ -238,7 +243,8 @@ def _cells(grid: Grid, wrap_u: bool, wrap_v: bool) -> tuple[NDArray, NDArray, ND
     """Parameters and triangles; `cross` puts a vertex in the middle of every cell."""
     nx, ny = grid.cells
     if grid.pattern != "cross":
-        return wrapped_grid(nx, ny, wrap_u, wrap_v, grid.pattern)
+        u, v, faces = wrapped_grid(nx, ny, wrap_u, wrap_v, grid.pattern)
+        return _graded(u, grid.grading, wrap_u), _graded(v, grid.grading, wrap_v), faces
     u, v, halves = wrapped_grid(nx, ny, wrap_u, wrap_v)
     first, second = halves[0::2], halves[1::2]  # (p00, p10, p11) and (p00, p11, p01)
     i, j = np.meshgrid(np.arange(nx), np.arange(ny), indexing="ij")
@@ -247,7 +253,14 @@ def _cells(grid: Grid, wrap_u: bool, wrap_v: bool) -> tuple[NDArray, NDArray, ND
     faces = np.stack([np.stack([corner[k], corner[(k + 1) % 4], middle], axis=1) for k in range(4)], axis=1)
     u = np.concatenate([u, (i.ravel() + 0.5) / nx])
     v = np.concatenate([v, (j.ravel() + 0.5) / ny])
-    return u, v, faces.reshape(-1, 3)
+    return _graded(u, grid.grading, wrap_u), _graded(v, grid.grading, wrap_v), faces.reshape(-1, 3)
+
+
+def _graded(parameter: NDArray, grading: float, wraps: bool) -> NDArray[np.float64]:
+    """Parameters in [0, 1] moved towards 0 and 1: mixed with (1 - cos(pi u)) / 2."""
+    if wraps or not grading:
+        return parameter
+    return (1.0 - grading) * parameter + 0.5 * grading * (1.0 - np.cos(np.pi * parameter))
 
 
 def _equilateral(grid: Grid) -> TriangleMesh:

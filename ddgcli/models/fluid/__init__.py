@@ -6,12 +6,14 @@ modules are transport schemes and effects.
 
 __all__ = [
     "boundary",
+    "cells",
     "circulation",
     "conservative",
     "context",
     "diffusion",
     "dye",
     "flows",
+    "forces",
     "harmonic",
     "initial",
     "model",

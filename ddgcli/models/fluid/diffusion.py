@@ -13,6 +13,7 @@ free-slip wall the vorticity vanishes, which is the natural condition of the wea
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +26,7 @@ from ddgcli.models.fluid.phases import FlowPhase, Step
 from ddgcli.models.fluid.state import FluidState
 from ddgcli.models.fluid.surface_space import SurfaceSpace
 from ddgcli.operators.dec import d0
+from ddgcli.simulation.time_loop import Observation
 
 CURVATURE_SHARE = {"hodge": 0.0, "bochner": 1.0, "deformation": 2.0}
 SPONGE_RINGS = 8
@@ -51,6 +53,10 @@ class Decay:
     b: NDArray[np.float64] | float = 0.0
     _factors: dict[float, Factor] = field(default_factory=dict)
 
+    def rate(self, x: NDArray) -> NDArray[np.float64]:
+        """G times the rate of change."""
+        return -(self.A @ x + self.b)
+
     def step(self, x: NDArray, dt: float) -> NDArray[np.float64]:
         """x after a time dt; one factorisation for each step length met."""
         if dt not in self._factors:
@@ -58,8 +64,8 @@ class Decay:
                 self._factors.clear()
             self._factors[dt] = Factor(csc_array(self.G + GAMMA * dt * self.A))
         factor = self._factors[dt]
-        first = factor.solve(-(self.A @ x + self.b), refine=False)
-        second = factor.solve(-(self.A @ (x + (1.0 - GAMMA) * dt * first) + self.b), refine=False)
+        first = factor.solve(self.rate(x), refine=False)
+        second = factor.solve(self.rate(x + (1.0 - GAMMA) * dt * first), refine=False)
         return x + dt * ((1.0 - GAMMA) * first + GAMMA * second)
 
 
@@ -95,7 +101,7 @@ class VelocityDiffusion:
         moving: NDArray | None = None,
         slip: NDArray | None = None,
     ) -> None:
-        self.space = space
+        self.space, self.nu = space, nu
         self.moving = np.zeros(space.n) if moving is None else moving
         if space.lift is not None:
             self.moving = self.moving + space.stiffness @ space.lift
@@ -108,7 +114,7 @@ class VelocityDiffusion:
         gram = block_array(
             [[space.stiffness[space.free][:, space.free], None], [None, eye_array(flows.shape[1])]]
         ) if flows.shape[1] else space.stiffness[space.free][:, space.free]  # fmt: skip
-        weight = self.active * space.inverse_mass * outflow_friction(space, nu)
+        self.weight = weight = self.active * space.inverse_mass * outflow_friction(space, nu)
         A = self.curl.T @ diags_array(weight) @ self.curl
         share = CURVATURE_SHARE[kind]
         if share:
@@ -116,9 +122,13 @@ class VelocityDiffusion:
         drag = self.curl.T @ (weight * self.moving)
         self.decay = Decay(gram.tocsr(), (nu * A).tocsr(), nu * drag)
 
+    def free_stream_function(self, vorticity: NDArray) -> NDArray[np.float64]:
+        """Stream function at the free vertices, without the part that the boundary values bring."""
+        return self.space.factor.solve(vorticity[self.space.free], refine=False)
+
     def step(self, vorticity: NDArray, coefficients: NDArray, dt: float) -> tuple[NDArray, NDArray]:
         space = self.space
-        phi = space.factor.solve(vorticity[space.free], refine=False)
+        phi = self.free_stream_function(vorticity)
         after = self.decay.step(np.concatenate([phi, coefficients]), dt)
         return self.active * (self.curl @ after + self.moving), after[len(space.free) :]
 
@@ -144,12 +154,17 @@ def outflow_friction(space: SurfaceSpace, nu: float) -> NDArray[np.float64] | fl
 
 
 class Diffusion(FlowPhase):
-    """The phase of viscosity."""
+    """The phase of viscosity; it shows the forces that walls without slip take."""
 
     effect = "viscosity"
 
-    def __init__(self, scheme: VorticityDiffusion | VelocityDiffusion) -> None:
-        self.scheme = scheme
+    def __init__(self, scheme: VorticityDiffusion | VelocityDiffusion, forces: Any = None) -> None:
+        self.scheme, self.forces = scheme, forces
+
+    def observed(self, state: FluidState) -> Observation:
+        if self.forces is None:
+            return Observation(None)
+        return Observation(None, {}, {f"force_{name}": f for name, f in self.forces.of(state).items()})
 
     def advance(self, step: Step, state: FluidState) -> FluidState:
         vorticity, coefficients = self.scheme.step(state["vorticity"], state["coefficients"], step.dt)

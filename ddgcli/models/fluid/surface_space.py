@@ -29,8 +29,9 @@ from ddgcli.mesh.cures import cure
 from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
 from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.topology import NEXT, PREVIOUS
+from ddgcli.models.fluid.cells import cell_area
 from ddgcli.models.fluid.state import FluidState
-from ddgcli.operators.laplacian import lumped_vertex_area, stiffness
+from ddgcli.operators.laplacian import stiffness
 from ddgcli.simulation.model import Observation
 
 FLAT_FACE_TOLERANCE = 1e-12  # area over the longest side squared, below which a face counts as flat
@@ -83,7 +84,7 @@ class SurfaceSpace:
         self.faces = topology.faces
         self.corners = np.ascontiguousarray(self.faces.T)  # (3, m): columns are read one by one
         self.n = topology.n_vertices
-        self.mass = lumped_vertex_area(self.mesh)
+        self.mass = cell_area(self.mesh)
         self.inverse_mass = np.divide(1.0, self.mass, out=np.zeros(self.n), where=self.mass > 0)
         self.inside = topology.referenced_vertex & ~topology.boundary_vertex
         self.stiffness = stiffness(self.mesh)
@@ -316,7 +317,8 @@ class SurfaceSpace:
         """(n, 3) means of vectors (m, 3) on the faces of a vertex, by area."""
         weighted = (self.area[:, None] * of_faces).T
         summed = np.stack([sum_by_index(self.faces, np.repeat(w, 3), self.n) for w in weighted], axis=1)
-        return summed * (self.inverse_mass / 3.0)[:, None]
+        around = sum_by_index(self.faces, np.repeat(self.area, 3), self.n)[:, None]
+        return np.divide(summed, around, out=np.zeros_like(summed), where=around > 0)
 
     def assembled(self) -> dict[str, Any]:
         """Counts for a dry run."""

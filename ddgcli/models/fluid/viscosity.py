@@ -46,7 +46,12 @@ def build(parameters: ViscositySection, context: FluidContext) -> list[PhaseRequ
                 f"kind {kind} on a surface with boundary needs boundary no-slip; with free slip there is "
                 "kind hodge"
             )
-        return Diffusion(VelocityDiffusion(space, nu, kind, setting.wall_circulation, setting.slip))
+        scheme = VelocityDiffusion(space, nu, kind, setting.wall_circulation, setting.slip)
+        if kind != "hodge" or not context.obstacles:
+            return Diffusion(scheme)
+        from ddgcli.models.fluid.forces import obstacle_forces
+
+        return Diffusion(scheme, obstacle_forces(setting, scheme))
 
     return [PhaseRequest(make)]
 

@@ -1,0 +1,1 @@
+"""Long runs of `fluid-sim` against published truths; see benchmarks/README.md."""

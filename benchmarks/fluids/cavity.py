@@ -1,0 +1,82 @@
+"""Lid-driven cavity against Botella and Peyret (1998): extrema of the velocity on the middle lines.
+
+Run: python -m benchmarks.fluids.cavity [CELLS...]
+"""
+
+from __future__ import annotations
+
+import sys
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
+
+from benchmarks.common.measure import cpu_seconds, machine, print_table
+from benchmarks.fluids.steady import SteadyFlow, model_of
+
+# Reynolds number -> u_min on the vertical middle line, v_max and v_min on the horizontal one
+TRUTH = {100: (-0.21404, 0.1795728, -0.2538030), 1000: (-0.3885698, 0.3769447, -0.5270771)}
+GRADING = 0.9
+SCENE = """format = "ddgcli-scene/1"
+[time]
+duration = 1
+step = {step}
+[[object]]
+name = "cavity"
+role = "fluid"
+grid = {{ size = [1, 1], cells = [{n}, {n}], pattern = "{pattern}", grading = {grading} }}
+[effects]
+viscosity = {{ nu = {nu} }}
+[[effects.boundary]]
+kind = "wall"
+velocity = [1, 0, 0]
+where = "y > 1 - 1e-6"
+[[effects.boundary]]
+kind = "no-slip"
+"""
+
+
+def extrema(phi: NDArray, spacing: NDArray) -> NDArray[np.float64]:
+    """u_min, v_max and v_min of the splines through the stream function on the middle lines."""
+    n = len(spacing) - 1
+    at, phi = np.linspace(0.0, 1.0, 20 * n + 1), phi.reshape(n + 1, n + 1)
+    u = CubicSpline(spacing, phi[n // 2])(at, 1)
+    v = -CubicSpline(spacing, phi[:, n // 2])(at, 1)
+    return np.array([u.min(), v.max(), v.min()])
+
+
+def errors(n: int, reynolds: int, pattern: str, grading: float) -> tuple[NDArray[np.float64], float]:
+    """Departures from the truth, and the relative change of the vorticity over one step of `fluid-sim`."""
+    step = 1.0 / (5 * n if not grading else n * n)
+    text = SCENE.format(n=n, pattern=pattern, grading=grading, nu=1.0 / reynolds, step=step)
+    flow = SteadyFlow(model_of(text))
+    x = None
+    for stage in [r for r in (100, 400) if r < reynolds] + [reynolds]:
+        x = flow.solve(1.0 / stage, x)
+    assert x is not None
+    state = flow.state(x)
+    after = flow.model.advance(state, 0.0, step)
+    moved = flow.space.enstrophy(after["vorticity"] - state["vorticity"]) / flow.space.enstrophy(
+        state["vorticity"]
+    )
+    spacing = np.asarray(flow.space.mesh.points)[: n + 1, 1]  # type: ignore[union-attr]
+    return extrema(flow.stream_function(x), spacing) - TRUTH[reynolds], float(np.sqrt(moved))
+
+
+def main(cells: list[int]) -> None:
+    print(machine())
+    for reynolds in TRUTH:
+        rows = []
+        for pattern, grading in (("right", 0.0), ("right", GRADING)):
+            for n in cells:
+                began = cpu_seconds()
+                apart, moved = errors(n, reynolds, pattern, grading)
+                rows.append([pattern, grading, n, *map(float, apart), moved, cpu_seconds() - began])
+        print_table(
+            f"lid-driven cavity, Re {reynolds}: found minus Botella and Peyret",
+            ["pattern", "grading", "cells", "u_min", "v_max", "v_min", "change over a step", "s"], rows,
+        )  # fmt: skip
+
+
+if __name__ == "__main__":
+    main([int(n) for n in sys.argv[1:]] or [64, 128])

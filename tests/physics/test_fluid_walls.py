@@ -1,0 +1,79 @@
+"""Walls without slip: the lid-driven cavity against the spectral solution of Botella and Peyret (1998)."""
+
+import numpy as np
+import pytest
+
+from benchmarks.fluids.cavity import SCENE, TRUTH, errors
+from benchmarks.fluids.steady import SteadyFlow, model_of
+from ddgcli.models.fluid.cells import cell_area
+from ddgcli.scenes.shapes import Grid, grid_mesh
+from ddgcli.simulation.account import Account
+from ddgcli.simulation.time_loop import evolve
+
+
+def on_middle_lines(velocity, n):
+    """u_min, v_max and v_min of the velocities at vertices, between them by parabolas."""
+    velocity = velocity.reshape(n + 1, n + 1, -1)
+    u, v = velocity[n // 2, 1:-1, 0], velocity[1:-1, n // 2, 1]
+    return np.array([-peak(-u), peak(v), -peak(-v)])
+
+
+def peak(values):
+    k = int(np.argmax(values))
+    before, at, after = values[k - 1 : k + 2]
+    return at + (after - before) ** 2 / (8 * (2 * at - before - after))
+
+
+@pytest.mark.parametrize("pattern", ["right", "alternating"])
+def test_velocity_in_the_cavity_converges_at_second_order_on_every_pattern(pattern):
+    apart = []
+    for n in (16, 32, 64)[: 2 if pattern == "right" else 3]:
+        flow = SteadyFlow(model_of(SCENE.format(n=n, pattern=pattern, grading=0, nu=0.01, step=0.05)))
+        velocity = flow.model.observe(flow.state(flow.solve(0.01))).vertex["velocity"]
+        apart.append(on_middle_lines(velocity, n) - TRUTH[100])
+    order = np.log2(np.array(apart[:-1]) / apart[1:])
+    assert (order > 1.75).all() and (order < 2.4).all()
+
+
+def test_a_run_of_the_cavity_ends_in_the_steady_flow_but_for_the_split_steps():
+    n, apart = 16, []
+    for step in (0.1, 0.05):
+        text = SCENE.format(n=n, pattern="right", grading=0, nu=0.01, step=step)
+        model = model_of(text.replace("duration = 1", "duration = 12"))
+        flow = SteadyFlow(model)
+        steady = model.observe(flow.state(flow.solve(0.01))).vertex["velocity"]
+        last = list(evolve({"cavity": model.model()}, model.scene.schedule(), Account()))[-1]
+        velocity = last.observations["cavity"].vertex["velocity"]
+        assert np.abs(on_middle_lines(velocity, n) - on_middle_lines(steady, n)).max() < 2e-3
+        apart.append(np.abs(velocity - steady).max())
+    assert apart[1] < 0.5 * apart[0] < 0.01
+
+
+def test_cavity_on_a_graded_grid_is_closer_than_on_equal_cells():
+    equal, graded = (np.abs(errors(16, 100, "right", grading)[0]) for grading in (0.0, 0.9))
+    assert (graded < 0.6 * equal).all()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("reynolds", "most"), [(100, 6e-4), (1000, 1.1e-3)])
+def test_extrema_of_the_cavity_at_128_cells(reynolds, most):
+    assert np.abs(errors(128, reynolds, "right", 0.9)[0]).max() < most
+
+
+def test_cells_on_a_wall_are_halves_on_every_pattern_and_fill_the_surface():
+    for pattern in ("right", "alternating"):
+        mesh = grid_mesh(Grid(size=[1, 1], cells=[8, 8], pattern=pattern))
+        area, points = cell_area(mesh), np.asarray(mesh.points)
+        lower = (points[:, 1] == 0) & (points[:, 0] > 0.01) & (points[:, 0] < 0.99)
+        assert np.ptp(area[lower]) < 1e-15 and area.sum() == pytest.approx(1.0, rel=1e-14)
+
+
+def test_grading_moves_vertices_to_the_sides_and_none_across_a_periodic_one():
+    plain, graded = (Grid(size=[2, 1], cells=[4, 4], grading=g) for g in (0, 1))
+    points = np.asarray(grid_mesh(graded).points)
+    assert np.allclose(points[:5, 1], 0.5 - 0.5 * np.cos(np.pi * np.arange(5) / 4))
+    assert np.allclose(np.asarray(grid_mesh(plain).points)[:5, 1], np.arange(5) / 4)
+    with pytest.raises(ValueError, match="grading"):
+        Grid(size=[1, 1], cells=[4, 4], grading=1.5)
+    with pytest.raises(ValueError, match="grading"):
+        Grid(size=[1, 1], cells=[4, 4], grading=0.5, pattern="equilateral")
