@@ -5,7 +5,7 @@ For a flow w with the value e on an obstacle without slip and 0 on the other wal
     F . e = - (du/dt, w) - int omega (n x u) . w - nu int omega curl w,
 
 whichever w: here that of a stream function that is y (for e = x) or -x (for e = y) on the obstacle's vertices
-and 0 elsewhere. Forces found in this way converge as fast as the energy, twice as fast as stresses at the wall
+and 0 elsewhere. Such forces converge as fast as the energy, twice as fast as stresses at the wall
 (V. John, "Higher order finite element methods and multigrid solvers in a benchmark problem", 2002). The part
 of effects that is a gradient (hydrostatic pressure) is not in it.
 """
@@ -25,11 +25,16 @@ from ddgcli.models.fluid.state import FluidState
 
 
 class ObstacleForces:
-    """Forces on every obstacle, per density and depth [m^3/s^2]."""
+    """Forces on every obstacle without slip, per density and depth [m^3/s^2]."""
 
     def __init__(self, setting: FluidSetting, scheme: VelocityDiffusion) -> None:
         self.space, self.scheme, self.evolve = setting.space, scheme, setting.evolve_harmonic
-        self.tests = {name: self._test(setting, rim) for name, rim in setting.context.obstacles.items()}
+        slips = np.zeros(setting.space.n, dtype=bool) if setting.slip is None else setting.slip
+        self.tests = {
+            name: self._test(setting, rim)
+            for name, rim in setting.context.obstacles.items()
+            if not slips[rim].any()
+        }
 
     def _test(self, setting: FluidSetting, rim: NDArray) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """(2, n) stream functions of the flows w for e = x and e = y, and (2, n) their curls."""

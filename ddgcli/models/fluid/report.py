@@ -48,6 +48,9 @@ def summary(outcome: Outcome, models: Mapping[str, FluidModel]) -> tuple[dict[st
         "generators": generator_circulations(last, models),
     }
     results["harmonic_coefficients"] = _at_end(series, "harmonic_coefficients", names)
+    forces = {k.removeprefix("force_"): series[k][-1].tolist() for k in series if k.startswith("force_")}
+    if forces:
+        results["forces"] = forces
     if "total_dye" in series:
         results["total_dye"] = float(series["total_dye"][-1])
     circulation, enstrophy = _scales(series, models)
