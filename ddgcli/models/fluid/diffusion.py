@@ -26,7 +26,7 @@ from ddgcli.models.fluid.phases import FlowPhase, Step
 from ddgcli.models.fluid.state import FluidState
 from ddgcli.models.fluid.surface_space import SurfaceSpace
 from ddgcli.operators.dec import d0
-from ddgcli.simulation.time_loop import Observation
+from ddgcli.simulation.model import Observation
 
 CURVATURE_SHARE = {"hodge": 0.0, "bochner": 1.0, "deformation": 2.0}
 SPONGE_RINGS = 8
