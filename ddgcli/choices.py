@@ -18,6 +18,7 @@ FIELD_BOUNDARIES = ("tangential", "normal")  # boundary condition of harmonic fi
 
 DISTANCE_METHODS = ("exact", "heat", "fast-marching", "dijkstra")
 HEAT_OPERATORS = ("intrinsic-delaunay", "plain", "tufted")  # triangulation of the heat method
+SIGNED_DISTANCE_METHODS = ("auto", "exact", "heat")
 TRACE_BOUNDARIES = ("stop", "reflect")  # what a traced line does at the boundary
 
 WILLMORE_ENERGIES = ("gauss-map", "sullivan", "cotan", "hinge")

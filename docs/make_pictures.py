@@ -23,6 +23,10 @@ COMMANDS: dict[str, list[str]] = {
         *("geodesic", "sample_meshes/bad_torus.ply", "--source", "0"),
         *("--path-to", "800", "--isolines", "12"),
     ],
+    "geodesic-waves": [
+        *("geodesic", "sample_meshes/ellipsoid.ply", "--source", "0", "--fan", "180"),
+        *("--fan-length", "5.2", "--view", "10,320"),
+    ],
     "delaunay": ["delaunay", "sample_meshes/bad_torus.ply"],
     "laplacian": ["laplacian", "sample_meshes/frame.off", "--hks", "0.1"],
     "hodge": ["hodge", "sample_meshes/frame.off"],

@@ -20,4 +20,5 @@ __all__ = [
     "result",
     "simulations",
     "triangulations",
+    "wavefronts",
 ]

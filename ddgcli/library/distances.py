@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ddgcli.algorithms.geodesics import distance as distances
+from ddgcli.algorithms.geodesics.edge_sets import edge_set
 from ddgcli.algorithms.geodesics.sources import Sources, check_sources
 from ddgcli.errors import ParameterError
 from ddgcli.geometry.surface_points import nearest_points
@@ -74,18 +75,25 @@ class DistanceSolver:
         self._solve = distances.prepare_solver(self.mesh, method, _distance_options(method, options))
 
     def distance(
-        self, sources: int | Sequence[int] | NDArray = (), *, source_points: ArrayLike | None = None
+        self,
+        sources: int | Sequence[int] | NDArray = (),
+        *,
+        source_points: ArrayLike | None = None,
+        source_edges: ArrayLike | None = None,
     ) -> NDArray[np.float64]:
         """(n,) distance from every vertex to the nearest source, in length units; inf where none reaches."""
-        return self._solve(surface_sources(self.mesh, sources, source_points)).distance
+        return self._solve(surface_sources(self.mesh, sources, source_points, source_edges)).distance
 
     def measure(
-        self, sources: int | Sequence[int] | NDArray = (), *, source_points: ArrayLike | None = None
+        self,
+        sources: int | Sequence[int] | NDArray = (),
+        *,
+        source_points: ArrayLike | None = None,
+        source_edges: ArrayLike | None = None,
     ) -> Measurement:
         """Distance with nearest sources, results and certificate; see `measure_distance`."""
-        measured = distances.measure_distance(
-            self.mesh, surface_sources(self.mesh, sources, source_points), self.method, solver=self._solve
-        )
+        checked = surface_sources(self.mesh, sources, source_points, source_edges)
+        measured = distances.measure_distance(self.mesh, checked, self.method, solver=self._solve)
         return Measurement(
             self.mesh, vertex=measured.arrays, results=measured.results, accuracy=measured.accuracy
         )
@@ -136,6 +144,7 @@ def geodesic_distance(
     method: str = "exact",
     *,
     source_points: ArrayLike | None = None,
+    source_edges: ArrayLike | None = None,
     **options: Any,
 ) -> NDArray[np.float64]:
     """Distance along the surface from every vertex to the nearest source.
@@ -149,6 +158,8 @@ def geodesic_distance(
         See `DistanceSolver`, which saves the set-up when one mesh has many queries.
     source_points : (k, 3) array_like of float, optional
         Further sources: the points of the surface nearest to these positions.
+    source_edges : (k, 2) array_like of int, or marks on edges, vertices or faces, optional
+        Further sources: all points of these edges. Exactly with 'exact', from their ends with other methods.
     **options
         Of the method; see `DistanceSolver`.
 
@@ -173,7 +184,8 @@ def geodesic_distance(
     >>> round(float(d[-1]), 12)  # the diagonal
     1.414213562373
     """
-    return DistanceSolver(mesh, method, **options).distance(sources, source_points=source_points)
+    solver = DistanceSolver(mesh, method, **options)
+    return solver.distance(sources, source_points=source_points, source_edges=source_edges)
 
 
 def measure_distance(
@@ -182,6 +194,7 @@ def measure_distance(
     method: str = "exact",
     *,
     source_points: ArrayLike | None = None,
+    source_edges: ArrayLike | None = None,
     **options: Any,
 ) -> Measurement:
     """Geodesic distance with a certificate of its error.
@@ -195,6 +208,8 @@ def measure_distance(
         See `DistanceSolver`.
     source_points : (k, 3) array_like of float, optional
         Further sources: the points of the surface nearest to these positions.
+    source_edges : (k, 2) array_like of int, or marks on edges, vertices or faces, optional
+        Further sources: all points of these edges. Exactly with 'exact', from their ends with other methods.
     **options
         Of the method; see `DistanceSolver`.
 
@@ -202,9 +217,9 @@ def measure_distance(
     -------
     Measurement
         `vertex` holds `geodesic_distance` (length units, inf where no source reaches) and `nearest_source`
-        (number of the source, vertices first, -1 where none reaches); `results` the largest and the mean
-        distance and the work done; `accuracy` the violations of the bounds that every distance obeys, and
-        the residuals of the method.
+        (number of the source: vertices, points, curves of edges; -1 where none reaches); `results` the
+        largest and the mean distance and the work done; `accuracy` the violations of the bounds that every
+        distance obeys, and the residuals of the method.
 
     Raises
     ------
@@ -221,7 +236,8 @@ def measure_distance(
     >>> sorted(measured.vertex)
     ['geodesic_distance', 'nearest_source']
     """
-    return DistanceSolver(mesh, method, **options).measure(sources, source_points=source_points)
+    solver = DistanceSolver(mesh, method, **options)
+    return solver.measure(sources, source_points=source_points, source_edges=source_edges)
 
 
 def _distance_options(method: str, options: dict[str, Any]) -> distances.DistanceOptions:
@@ -244,22 +260,28 @@ def surface_sources(
     mesh: SurfaceMesh,
     sources: int | Sequence[int] | NDArray,
     source_points: ArrayLike | None = None,
+    source_edges: ArrayLike | None = None,
 ) -> Sources:
-    """Sources at vertices and at the points of the surface nearest to positions; checked.
+    """Sources at vertices, at the points of the surface nearest to positions, and on edges; checked.
 
     Parameters
     ----------
     mesh : TriangleMesh or IntrinsicMesh
     sources : int or sequence of int
     source_points : (k, 3) array_like of float, optional
+    source_edges : array_like, optional
+        See `edge_set`; connected edges are one source.
     """
-    points = None
+    points = edge = curve = None
+    if source_edges is not None:
+        chosen = edge_set(mesh, np.asarray(source_edges))
+        edge, curve = chosen.edge, chosen.curves(mesh)
     if source_points is not None:
         position = np.atleast_2d(np.asarray(source_points, dtype=np.float64))
         if position.ndim != 2 or position.shape[1] != 3 or not np.isfinite(position).all():
             raise ParameterError("source_points must be finite positions of shape (k, 3)")
         points, _ = nearest_points(mesh_of_kind(mesh, ("surface",), "source_points"), position)
-    return check_sources(mesh, Sources.at(vertex_numbers(sources), points))
+    return check_sources(mesh, Sources.at(vertex_numbers(sources), points, edge, curve))
 
 
 def vertex_numbers(vertices: int | Sequence[int] | NDArray) -> list[int]:

@@ -14,7 +14,7 @@ ROOT = Path(__file__).parents[2]
 PAGES = sorted([ROOT / "README.md", ROOT / "CONTRIBUTING.md", *(ROOT / "docs").rglob("*.md")])
 # command -> the pages that must name all of its own options
 PAGES_OF = {
-    "geodesic": ("geodesic", "geodesic-curves"),
+    "geodesic": ("geodesic", "geodesic-curves", "geodesic-waves"),
     "shell-sim": ("shell-sim", "scenes", "trajectory"),
     "fluid-sim": ("fluid-sim", "scenes", "trajectory"),
     "frames": ("trajectory",),

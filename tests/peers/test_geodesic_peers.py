@@ -3,11 +3,13 @@
 import numpy as np
 import pytest
 
+from ddgcli.algorithms.geodesics.edge_sets import edge_set
 from ddgcli.algorithms.geodesics.exact.exact_distance import exact_distance
 from ddgcli.algorithms.geodesics.fast_marching import fast_marching_distance
 from ddgcli.algorithms.geodesics.heat import HeatSolver
 from ddgcli.algorithms.geodesics.shortest_paths import shortest_paths
 from ddgcli.algorithms.geodesics.sources import Sources
+from ddgcli.algorithms.tangent_fields.signed_distance import signed_distance
 from ddgcli.io.mesh_file import read_mesh
 from ddgcli.mesh import shapes
 from ddgcli.mesh.tet_mesh import TetMesh
@@ -134,3 +136,33 @@ def test_fast_marching_is_more_accurate_than_potpourri3d():
     theirs = potpourri3d.MeshFastMarchingDistanceSolver(mesh.points, mesh.faces)
     their_error = np.abs(np.asarray(theirs.compute_distance([[(0, [])]])) - truth).mean()
     assert np.abs(fast_marching_distance(mesh, 0).distance - truth).mean() < 0.3 * their_error
+
+
+def _circle(mesh):
+    """Edges nearest to z = 0.1 with the upper side on their left, as a closed list of vertices."""
+    edges = edge_set(mesh, (mesh.points[mesh.faces].mean(axis=1)[:, 2] > 0.1).astype(int))
+    ends = mesh.topology.edges[edges.edge]
+    after = dict(np.where(edges.sign[:, None] > 0, ends, ends[:, ::-1]).tolist())
+    loop = [next(iter(after))]
+    while len(loop) <= len(after):
+        loop.append(after[loop[-1]])
+    return edges, loop
+
+
+@pytest.mark.parametrize("share", [1.0, 0.7])
+def test_signed_heat_errs_no_more_than_half_above_the_peer(share):
+    peer = pytest.importorskip("potpourri3d")
+    ratios = []
+    for level in (3, 4):
+        mesh = shapes.icosphere(level)
+        edges, loop = _circle(mesh)
+        exact = signed_distance(mesh, edges, "exact").distance
+        part = loop[: int(len(loop) * share)] if share < 1 else loop
+        pairs = np.stack([part[:-1], part[1:]], axis=1)
+        ours = signed_distance(mesh, edge_set(mesh, pairs), "heat").distance
+        solver = peer.MeshSignedHeatSolver(mesh.points, mesh.faces)
+        theirs = -solver.compute_distance([[(int(v), []) for v in part]])  # positive on the left
+        errors = [float(np.abs(d - exact).mean()) for d in (ours, theirs)]
+        assert max(errors) < 0.1
+        ratios.append(errors[0] / errors[1])
+    assert max(ratios) < 1.5

@@ -2,14 +2,17 @@
 
 `distance` is the common interface of the solvers: `exact` (window propagation), `heat`, `fast_marching` and
 `edge_distance`. `paths` and `surface_curves` describe curves; `shortest_paths`, `flipout`, `edge_curves` and
-`isolines` compute them. `oriented_cover` provides left and right on any surface.
+`isolines` compute them. `oriented_cover` provides left and right on any surface. `edge_sets` reads sources
+that are edges, `distance_matrix` and `voronoi` measure many sources at once.
 """
 
 __all__ = [
     "certificate",
     "distance",
+    "distance_matrix",
     "distance_query",
     "edge_curves",
+    "edge_sets",
     "exact",
     "fast_marching",
     "flipout",
@@ -20,4 +23,5 @@ __all__ = [
     "shortest_paths",
     "sources",
     "surface_curves",
+    "voronoi",
 ]

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.algorithms.geodesics.edge_distance import edge_distance
-from ddgcli.algorithms.geodesics.sources import Sources, face_frame
+from ddgcli.algorithms.geodesics.sources import Sources, edge_lengths, face_frame
 from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.mesh.vectors import vector_length
@@ -57,11 +57,14 @@ def _below_straight_line(mesh: SurfaceMesh, sources: Sources, distance: NDArray)
     if not isinstance(mesh, TriangleMesh):
         return None
     finite = np.flatnonzero(np.isfinite(distance))
-    starts = np.concatenate([mesh.points[sources.vertex], sources.points.positions(mesh)])
+    plain, _ = sources.at_vertices(mesh)
+    starts = plain.positions(mesh)
+    # a point of an edge is at most half its length from an end
+    half_edge = 0.5 * float(edge_lengths(mesh)[sources.edge].max(initial=0.0))
     largest = float(np.abs(mesh.points).max(initial=0.0))
     scale = 2.0 ** np.frexp(largest)[1] if largest else 1.0  # squares of huge coordinates would overflow
     straight = _nearest(mesh.points[finite] / scale, starts / scale) * scale
-    return np.asarray(straight - distance[finite])
+    return np.asarray(straight - half_edge - distance[finite])
 
 
 def _nearest(points: NDArray, starts: NDArray) -> NDArray[np.float64]:

@@ -121,7 +121,21 @@ def prepare_solver(
         return _exact(mesh, options, targets, progress)
     if len(targets):
         raise ParameterError(f"targets inside faces need `method=exact`, not {method}")
-    return makers[method](mesh, options)
+    return _from_curve_vertices(mesh, makers[method](mesh, options))
+
+
+def _from_curve_vertices(mesh: SurfaceMesh, solve: Solver) -> Solver:
+    """A solver that replaces source edges by their vertices."""
+
+    def solve_at_vertices(sources: Sources) -> DistanceResult:
+        if not len(sources.edge):
+            return solve(sources)
+        at_vertices, number = sources.at_vertices(mesh)
+        result = solve(at_vertices)
+        nearest = result.nearest_source
+        return replace(result, nearest_source=np.where(nearest >= 0, number[nearest], -1))
+
+    return solve_at_vertices
 
 
 def _exact(

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.algorithms.geodesics import distance as solvers
+from ddgcli.algorithms.geodesics.edge_sets import EdgeSet, boundary_set
 from ddgcli.algorithms.geodesics.query import DistanceQuery
 from ddgcli.algorithms.geodesics.sources import Sources, check_sources
 from ddgcli.algorithms.geodesics.surface_curves import Curves
@@ -36,10 +37,36 @@ class DistanceQueryResult:
     isolines: list[Curves]
 
 
-def query_sources(mesh: TriangleMesh, query: DistanceQuery) -> Sources:
-    """Checked sources in the order vertices, points in space, points on faces."""
+def query_sources(mesh: TriangleMesh, query: DistanceQuery, source_edges: EdgeSet | None = None) -> Sources:
+    """Checked sources: vertices, points in space, points on faces, curves of edges, boundary loops.
+
+    `source_edges` is the edge set of `query.source_edges`; its connected parts are the curves.
+    """
     points = surface_points(mesh, query.source_point, query.source_face)
-    return check_sources(mesh, Sources.at(query.vertices, points))
+    sets = [source_edges] if source_edges is not None else []
+    sets += [boundary_set(mesh)] if query.source_boundary else []
+    edges, curves, count = [np.zeros(0, dtype=np.int64)], [np.zeros(0, dtype=np.int64)], 0
+    for chosen in sets:
+        curve = chosen.curves(mesh)
+        edges.append(chosen.edge)
+        curves.append(curve + count)
+        count += int(curve.max(initial=-1)) + 1
+    return check_sources(
+        mesh, Sources.at(query.vertices, points, np.concatenate(edges), np.concatenate(curves))
+    )
+
+
+def query_options(
+    mesh: TriangleMesh, query: DistanceQuery, *, directions: bool = False
+) -> solvers.DistanceOptions:
+    """Options of the method of a query."""
+    return solvers.DistanceOptions(
+        tolerance=query.tolerance or 0.0,
+        operator=query.operator,
+        heat_time=query.heat_time or 1.0,
+        heat_refine=query.heat_refine or 0,
+        directions=directions and mesh.topology.is_oriented,
+    )
 
 
 def surface_points(
@@ -79,13 +106,7 @@ def query_distance(
     stage_progress : callable, optional
         Called with the name of each stage; returns its progress callback.
     """
-    options = solvers.DistanceOptions(
-        tolerance=query.tolerance or 0.0,
-        operator=query.operator,
-        heat_time=query.heat_time or 1.0,
-        heat_refine=query.heat_refine or 0,
-        directions=directions and mesh.topology.is_oriented,
-    )
+    options = query_options(mesh, query, directions=directions)
     solver = solvers.prepare_solver(
         mesh,
         query.method,

@@ -48,7 +48,8 @@ def edge_distance(
 ) -> EdgeDistance:
     """Shortest distance along edges from each vertex to the nearest source.
 
-    A source inside a face is connected to the corners of the face by straight lines.
+    A source inside a face is connected to the corners of the face by straight lines. A source edge is its two
+    ends.
 
     Parameters
     ----------
@@ -80,11 +81,13 @@ def edge_distance(
         value = np.concatenate([wide.data, spokes.data])
         row, col = np.concatenate([wide.row, spokes.row]), np.concatenate([wide.col, spokes.col])
         graph = coo_array((value, (row, col)), shape=(size, size)).tocsr()
-    start = np.concatenate([sources.vertex, n + np.arange(len(points))])
+    of_curves, number_of_curve = sources.curve_vertices(mesh)
+    start = np.concatenate([sources.vertex, n + np.arange(len(points)), of_curves])
+    numbers = np.concatenate([np.arange(sources.first_curve), number_of_curve])
     unique, first = np.unique(start, return_index=True)
     distance, before, root = dijkstra(graph, indices=unique, return_predecessors=True, min_only=True)
     number = np.full(graph.shape[0] + 1, -1)
-    number[unique] = first
+    number[unique] = numbers[first]
     reached = np.isfinite(distance[:n])
     root = np.where(reached, root[:n], -1)
     before = np.where((before[:n] >= 0) & (before[:n] < n), before[:n], -1).astype(np.int64)

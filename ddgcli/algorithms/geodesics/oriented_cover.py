@@ -66,8 +66,12 @@ class OrientedCover:
         return SurfacePoints(points.face, self.weights(points.face, points.barycentric))
 
     def lift_sources(self, sources: Sources) -> Sources:
-        """Lift sources of the base to the cover."""
-        return Sources(sources.vertex, self.lift_points(sources.points))
+        """Lift sources of the base to the cover; edges keep the number of a side's edge on the first copy."""
+        edge_of = np.zeros(self.base.topology.n_edges, dtype=np.int64)
+        face, j = np.divmod(np.arange(3 * self.base.n_faces), 3)
+        side = np.where(self.turned[face], 3 * face + (1 - j) % 3, 3 * face + j)
+        edge_of[self.base.topology.side_edge.ravel()] = self.mesh.topology.side_edge.ravel()[side]
+        return Sources(sources.vertex, self.lift_points(sources.points), edge_of[sources.edge], sources.curve)
 
     def lift_exact(self, exact: ExactDistance) -> ExactDistance:
         """Lift an exact distance: convert the sides through which shortest paths arrive."""

@@ -22,6 +22,10 @@ class DistanceQuery:
     source_point, target_point : sequence of (3,) positions
         Sources and targets at the nearest points of the surface.
     source_face, target_face : sequence of (face, barycentric coordinates)
+    source_edges : str, optional
+        Name of an array of edges whose points are all sources.
+    source_boundary : bool
+        The boundary is a source, each loop of it one.
     method : {'exact', 'heat', 'fast-marching', 'dijkstra'}
     tolerance, operator, heat_time, heat_refine : optional
         See `DistanceOptions`.
@@ -40,6 +44,8 @@ class DistanceQuery:
     source: tuple[Any, ...] = ()
     source_point: tuple[Any, ...] = ()
     source_face: tuple[Any, ...] = ()
+    source_edges: str | None = None
+    source_boundary: bool = False
     target_point: tuple[Any, ...] = ()
     target_face: tuple[Any, ...] = ()
     method: str = "exact"
@@ -56,14 +62,19 @@ class DistanceQuery:
     @property
     def has_source(self) -> bool:
         """True if there is at least one source."""
-        return bool(self.source or self.source_point or self.source_face)
+        return bool(self.source or self.source_point or self.source_face or self.has_source_edges)
+
+    @property
+    def has_source_edges(self) -> bool:
+        """True if edges are sources."""
+        return self.source_edges is not None or self.source_boundary
 
     @property
     def vertices(self) -> list[int]:
         """Source vertices in order."""
         return [vertex for group in self.source for vertex in group]
 
-    def check(self) -> None:
+    def check(self, *, method_needs_source: bool = True) -> None:
         """Raise ParameterError for parameters that the method does not have, or that need a source."""
         for name in ("tolerance", "target_point", "target_face"):
             if getattr(self, name) not in (None, ()) and self.method != "exact":
@@ -75,9 +86,14 @@ class DistanceQuery:
                 raise ParameterError(
                     f"belongs to `method=heat`, not to {self.method}; drop one of them", parameter=name
                 )
+        if self.has_source_edges and self.tolerance is not None:
+            raise ParameterError(
+                "needs sources at vertices or points; drop the source edges", parameter="tolerance"
+            )
         names = ("target_point", "target_face", "each_source", "gradient", "isolines", "compare", "certify")
         is_set = {name: bool(getattr(self, name)) for name in names}
-        is_set |= {"tolerance": self.tolerance is not None, "method": self.method != DistanceQuery.method}
+        is_set["tolerance"] = self.tolerance is not None
+        is_set["method"] = method_needs_source and self.method != DistanceQuery.method
         for name, value in is_set.items():
             if value and not self.has_source:
                 raise ParameterError("needs a source, e.g. `source=0`", parameter=name)
@@ -142,6 +158,9 @@ class CurveQuery:
     def check(self, distance: DistanceQuery) -> None:
         """Raise ParameterError for parameters that exclude each other or lack what they refer to."""
         self._check_sources(distance.has_source, distance.method)
+        for name in ("log_map", "spread_vector", "field"):
+            if getattr(self, name) and distance.has_source_edges:
+                raise ParameterError("starts at vertices or points; drop the source edges", parameter=name)
         for name in ("field_seeds", "field_time", "field_step", "field_tolerance"):
             if getattr(self, name) is not None and not self.field:
                 raise ParameterError("belongs to `field`; give that too", parameter=name)
@@ -175,3 +194,69 @@ class CurveQuery:
             )
         if self.spread_vector and not has_source:
             raise ParameterError("needs source vertices, e.g. `source=0`", parameter="spread_vector")
+
+
+@dataclass(frozen=True)
+class WaveQuery:
+    """Distance matrix, Voronoi regions, signed distance, fan of geodesics, types of vertices.
+
+    Parameters
+    ----------
+    target : sequence of sequence of int
+        Target vertices: columns of the distance matrix, whose rows are the source vertices.
+    jobs : int
+        Processes for the rows of the matrix.
+    voronoi : bool
+        Compute the nearest source of each face.
+    signed_distance : str, optional
+        Name of the array of the curves.
+    fan : int, optional
+        Number of rays from the one source.
+    fan_length : float, optional
+        Length of the rays.
+    fan_circles : int
+        Number of geodesic circles at even lengths.
+    vertex_types : bool
+        Compute the types of vertices.
+    """
+
+    target: tuple[Any, ...] = ()
+    jobs: int = 1
+    voronoi: bool = False
+    signed_distance: str | None = None
+    fan: int | None = None
+    fan_length: float | None = None
+    fan_circles: int = 8
+    vertex_types: bool = False
+
+    @property
+    def targets(self) -> list[int]:
+        """Target vertices in order."""
+        return [vertex for group in self.target for vertex in group]
+
+    @property
+    def needs_no_source(self) -> bool:
+        """True if the query has results without sources."""
+        return self.signed_distance is not None or self.vertex_types
+
+    def check(self, distance: DistanceQuery) -> None:
+        """Raise ParameterError for parameters that lack what they refer to."""
+        for name in ("target", "voronoi", "fan"):
+            if getattr(self, name) and not distance.has_source:
+                raise ParameterError("needs a source, e.g. `source=0`", parameter=name)
+        if self.voronoi and distance.method != "exact":
+            raise ParameterError(
+                f"belongs to `method=exact`, not to {distance.method}; drop one of them", parameter="voronoi"
+            )
+        if self.signed_distance and distance.method not in ("exact", "heat"):
+            raise ParameterError(
+                f"has no method {distance.method}; use `method=exact` or `method=heat`",
+                parameter="signed_distance",
+            )
+        if (self.fan is None) != (self.fan_length is None):
+            name, other = ("fan_length", "fan") if self.fan is None else ("fan", "fan_length")
+            raise ParameterError(f"needs `{other}`; give both", parameter=name)
+        if self.fan_circles != WaveQuery.fan_circles and self.fan is None:
+            raise ParameterError("belongs to `fan`; give that too", parameter="fan_circles")
+        if self.jobs > 1 and not self.target:
+            raise ParameterError("is for the rows of a `distance_matrix`; add one", parameter="jobs")

@@ -215,6 +215,8 @@ def _cut(
         vertex = int(mesh.faces[face[last], np.argmax(barycentric[last])])
         if exact.distance[vertex] < exact.distance[v]:
             return _Segment(face[:last], barycentric[:last], vertex)
+    if origin < 0 and int(exact.nearest_source[v]) >= sources.first_curve:  # ends on the edge, by its length
+        return _Segment(face, barycentric, origin)
     if origin >= 0:
         holds = (mesh.faces[face[:-1]] == origin).any(axis=1)
     else:
@@ -256,6 +258,8 @@ def _chain(
         end = (mesh.faces[face] == v).astype(np.float64)
         if end.sum() != 1:
             end = np.eye(3)[[np.argmax(end[0])]]
+    elif int(exact.nearest_source[target]) >= sources.first_curve:  # the last segment ends on a source edge
+        return np.concatenate(faces), np.concatenate(weights)
     else:
         number = int(exact.nearest_source[target]) - len(sources.vertex)
         face = faces[-1][-1:]

@@ -1,4 +1,4 @@
-"""Sources of a distance: vertices and points on faces."""
+"""Sources of a distance: vertices, points on faces, and curves of edges."""
 
 from __future__ import annotations
 
@@ -16,39 +16,97 @@ from ddgcli.mesh.topology import frozen
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 
 
+def no_numbers() -> NDArray[np.int64]:
+    """An empty array of numbers."""
+    return np.zeros(0, dtype=np.int64)
+
+
+def edge_lengths(mesh: SurfaceMesh) -> NDArray[np.float64]:
+    """(e,) length of each edge of the topology."""
+    length = np.zeros(mesh.topology.n_edges)
+    length[mesh.topology.side_edge.ravel()] = mesh.side_length.ravel()
+    return length
+
+
 @dataclass(frozen=True, eq=False)
 class Sources:
-    """Sources of a distance, numbered: first the vertices, then the points.
+    """Sources of a distance, numbered: first the vertices, then the points, then the curves.
 
     Parameters
     ----------
     vertex : (k,) ndarray of int64
     points : SurfacePoints
+    edge : (e,) ndarray of int64
+        Edges of the mesh (rows of `topology.edges`) whose points are all sources.
+    curve : (e,) ndarray of int64
+        Number of the curve of each edge, from 0.
     """
 
     vertex: NDArray[np.int64]
     points: SurfacePoints = field(default_factory=SurfacePoints.none)
+    edge: NDArray[np.int64] = field(default_factory=no_numbers)
+    curve: NDArray[np.int64] = field(default_factory=no_numbers)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "vertex", frozen(np.asarray(self.vertex, dtype=np.int64).reshape(-1)))
+        for name in ("vertex", "edge", "curve"):
+            object.__setattr__(
+                self, name, frozen(np.asarray(getattr(self, name), dtype=np.int64).reshape(-1))
+            )
 
     @classmethod
-    def at(cls, vertices: Iterable[int], points: SurfacePoints | None = None) -> Sources:
-        """Sources at a sequence of vertices, and at points."""
+    def at(
+        cls,
+        vertices: Iterable[int],
+        points: SurfacePoints | None = None,
+        edge: NDArray | None = None,
+        curve: NDArray | None = None,
+    ) -> Sources:
+        """Sources at a sequence of vertices, at points, and on curves of edges."""
         vertex = np.fromiter(vertices, dtype=np.int64)
-        return cls(vertex, SurfacePoints.none() if points is None else points)
+        points = SurfacePoints.none() if points is None else points
+        if edge is None or curve is None:
+            return cls(vertex, points)
+        return cls(vertex, points, edge, curve)
 
-    def __len__(self) -> int:
+    @property
+    def n_curves(self) -> int:
+        """Number of curves."""
+        return int(self.curve.max(initial=-1)) + 1
+
+    @property
+    def first_curve(self) -> int:
+        """Number of the first curve among the sources."""
         return len(self.vertex) + len(self.points)
 
+    def __len__(self) -> int:
+        return self.first_curve + self.n_curves
+
     def corners(self, mesh: SurfaceMesh, number: int) -> NDArray[np.int64]:
-        """Vertex of a source, or the corners of its face."""
+        """Vertex of a source, the corners of its face, or the vertices of its curve."""
         if number < len(self.vertex):
             return self.vertex[number : number + 1]
-        return mesh.faces[self.points.face[number - len(self.vertex)]]
+        if number < self.first_curve:
+            return mesh.faces[self.points.face[number - len(self.vertex)]]
+        return np.unique(mesh.topology.edges[self.edge[self.curve == number - self.first_curve]])
+
+    def curve_vertices(self, mesh: SurfaceMesh) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Vertices of the curves, and the number of the source to which each belongs."""
+        ends = mesh.topology.edges[self.edge].reshape(-1)
+        vertex, first = np.unique(ends, return_index=True)
+        return vertex, self.first_curve + np.repeat(self.curve, 2)[first]
+
+    def at_vertices(self, mesh: SurfaceMesh) -> tuple[Sources, NDArray[np.int64]]:
+        """The sources with the vertices of each curve in place of the curve, and the number here of each."""
+        vertex, number = self.curve_vertices(mesh)
+        own = np.arange(self.first_curve)
+        k = len(self.vertex)
+        return (
+            Sources(np.concatenate([self.vertex, vertex]), self.points),
+            np.concatenate([own[:k], number, own[k:]]),
+        )
 
     def positions(self, mesh: TriangleMesh) -> NDArray[np.float64]:
-        """(k, 3) positions in space."""
+        """(k, 3) positions in space of the vertices and the points."""
         return np.concatenate([mesh.points[self.vertex], self.points.positions(mesh)])
 
     def describe(self, mesh: SurfaceMesh) -> list[dict[str, Any]]:
@@ -59,6 +117,14 @@ class Sources:
         if isinstance(mesh, TriangleMesh):
             for entry, position in zip(entries, self.positions(mesh)):
                 entry["position"] = position.tolist()
+        for number in range(self.n_curves):
+            edge = self.edge[self.curve == number]
+            ends = mesh.topology.edges[edge]
+            closed = bool((np.unique(ends, return_counts=True)[1] == 2).all())
+            length = float(edge_lengths(mesh)[edge].sum())
+            entries.append(
+                {"edges": len(edge), "length": length, "closed": closed, "first": ends[0].tolist()}
+            )
         return entries
 
     def each(self) -> list[Sources]:
@@ -68,6 +134,9 @@ class Sources:
         for i in range(len(self.points)):
             point = SurfacePoints(self.points.face[i : i + 1], self.points.barycentric[i : i + 1])
             singles.append(Sources(none, point))
+        for number in range(self.n_curves):
+            edge = self.edge[self.curve == number]
+            singles.append(Sources(none, SurfacePoints.none(), edge, np.zeros(len(edge), dtype=np.int64)))
         return singles
 
 
@@ -80,7 +149,7 @@ class VertexDistances:
     distance : (n,) ndarray of float64
         inf at unreached vertices.
     nearest_source : (n,) ndarray of int64
-        Number of the nearest source (vertices first, then points); -1 at unreached vertices.
+        Number of the nearest source (vertices, points, curves); -1 at unreached vertices.
     """
 
     distance: NDArray[np.float64]
@@ -113,6 +182,11 @@ def check_sources(mesh: SurfaceMesh, sources: Sources | NDArray | list[int] | in
             f"source vertex {sources.vertex[unused[0]]} belongs to no face; choose a vertex of the surface"
         )
     SurfacePoints.checked(sources.points.face, sources.points.barycentric, mesh.n_faces)
+    outside = np.flatnonzero((sources.edge < 0) | (sources.edge >= mesh.topology.n_edges))
+    if len(outside):
+        raise ParameterError(
+            f"source edge {sources.edge[outside[0]]} is outside 0..{mesh.topology.n_edges - 1}"
+        )
     return sources
 
 

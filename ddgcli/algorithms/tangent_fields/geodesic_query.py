@@ -9,9 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.algorithms.geodesics.distance import DistanceResult
-from ddgcli.algorithms.geodesics.distance_query import query_distance, query_sources
+from ddgcli.algorithms.geodesics.distance_query import query_distance, query_options, query_sources
+from ddgcli.algorithms.geodesics.edge_sets import EdgeSet
 from ddgcli.algorithms.geodesics.oriented_cover import OrientedCover, oriented_cover
-from ddgcli.algorithms.geodesics.query import CurveQuery, DistanceQuery
+from ddgcli.algorithms.geodesics.query import CurveQuery, DistanceQuery, WaveQuery
 from ddgcli.algorithms.geodesics.sources import Sources
 from ddgcli.algorithms.geodesics.surface_curves import (
     Curves,
@@ -25,6 +26,7 @@ from ddgcli.algorithms.tangent_fields.vertex_vectors import (
     merge_vectors,
     transport_vectors,
 )
+from ddgcli.algorithms.tangent_fields.wave_query import query_waves
 from ddgcli.geometry.surface_points import SurfacePoints
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.progress import StageProgress, no_stage_progress
@@ -43,6 +45,8 @@ class GeodesicResult:
     converged : bool
     sources : Sources, optional
     curves : Curves, optional
+    matrix : dict of str to ndarray
+        Distance matrix with its sources and targets; empty if there is none.
     """
 
     vertex: dict[str, NDArray]
@@ -52,13 +56,17 @@ class GeodesicResult:
     converged: bool
     sources: Sources | None
     curves: Curves | None
+    matrix: dict[str, NDArray]
 
 
 def geodesic_query(
     mesh: TriangleMesh,
     distance_query: DistanceQuery,
     curve_query: CurveQuery,
+    wave_query: WaveQuery | None = None,
     *,
+    source_edges: EdgeSet | None = None,
+    signed_curves: EdgeSet | None = None,
     field: tuple[NDArray, str] | None = None,
     seed: int = 0,
     stage_progress: StageProgress = no_stage_progress,
@@ -69,8 +77,11 @@ def geodesic_query(
     ----------
     mesh : TriangleMesh
     distance_query : DistanceQuery
-        A distance is computed if it has sources, or if `curve_query` asks for no curves.
+        A distance is computed if it has sources, or if the other queries need none.
     curve_query : CurveQuery
+    wave_query : WaveQuery
+    source_edges, signed_curves : EdgeSet, optional
+        Edge sets of `distance_query.source_edges` and of `wave_query.signed_distance`.
     field : (ndarray, str), optional
         The vectors of `curve_query.field` and their place: 'vertex', 'face', or '' to infer it from the
         length.
@@ -79,14 +90,15 @@ def geodesic_query(
     stage_progress : callable, optional
         Called with the name of each stage; returns its progress callback.
     """
+    wave_query = wave_query or WaveQuery()
     sources = distance = curves = None
     vertex: dict[str, NDArray] = {}
     face: dict[str, NDArray] = {}
     results: dict[str, Any] = {}
     accuracy: dict[str, Any] = {}
     converged, isolines = True, []
-    if distance_query.has_source or not curve_query.has_curves:
-        sources = query_sources(mesh, distance_query)
+    if distance_query.has_source or not (curve_query.has_curves or wave_query.needs_no_source):
+        sources = query_sources(mesh, distance_query, source_edges)
         measured = query_distance(
             mesh, distance_query, sources,
             directions=curve_query.log_map, seed=seed, stage_progress=stage_progress,
@@ -94,6 +106,12 @@ def geodesic_query(
         distance, isolines = measured.distance, measured.isolines
         vertex, face, converged = measured.vertex, measured.face, distance.converged
         results, accuracy = distance.results, distance.accuracy
+    waves = query_waves(
+        mesh, wave_query, sources, distance_query.method, query_options(mesh, distance_query),
+        signed_curves=signed_curves, stage_progress=stage_progress,
+    )  # fmt: skip
+    vertex, face = vertex | waves.vertex, face | waves.face
+    results, accuracy = results | waves.results, accuracy | waves.accuracy
     if curve_query.has_curves or isolines:
         curves = query_curves(
             mesh, curve_query, sources, distance,
@@ -101,11 +119,14 @@ def geodesic_query(
         )  # fmt: skip
         results, accuracy = results | {"paths": curves.entries}, accuracy | curves.accuracy
         converged &= curves.converged
+    if waves.fan is not None:
+        curves = waves.fan if curves is None else concatenate_curves([curves, waves.fan])
+        converged &= waves.fan.converged
     if curve_query.has_vectors and sources is not None and distance is not None:
         vectors = query_vectors(mesh, curve_query, sources, distance, stage_progress)
         vertex, results = vertex | vectors.arrays, results | vectors.results
         accuracy = accuracy | vectors.accuracy
-    return GeodesicResult(vertex, face, results, accuracy, converged, sources, curves)
+    return GeodesicResult(vertex, face, results, accuracy, converged, sources, curves, waves.matrix)
 
 
 def query_curves(

@@ -7,7 +7,7 @@ from typing import Any
 
 import click
 
-from ddgcli.algorithms.geodesics.query import CurveQuery, DistanceQuery
+from ddgcli.algorithms.geodesics.query import CurveQuery, DistanceQuery, WaveQuery
 from ddgcli.cli import options
 from ddgcli.cli.commands.geodesic_curves import (
     CURVE_FORMATS,
@@ -16,6 +16,7 @@ from ddgcli.cli.commands.geodesic_curves import (
     write_curves,
 )
 from ddgcli.cli.commands.geodesic_distance import distance_options, draw_distance
+from ddgcli.cli.commands.geodesic_waves import WaveOptions, input_edge_set, wave_options, write_matrix
 from ddgcli.cli.options import CommonOptions
 from ddgcli.cli.run import Run
 
@@ -29,12 +30,14 @@ from ddgcli.cli.run import Run
 @options.mesh_arg
 @distance_options
 @curve_options
+@wave_options
 @options.subdivide
 @options.common
 def command(
     mesh_path: str,
     distance: DistanceQuery,
     curves: GeodesicCurveOptions,
+    waves: WaveOptions,
     subdivide: int,
     common: CommonOptions,
 ) -> None:
@@ -44,12 +47,23 @@ def command(
     Example:
       ddgcli geodesic spot.obj --source 0 -o distance.vtu --path-to 100 --paths-output path.vtp
     """
-    distance.check()
+    distance.check(method_needs_source=waves.signed_distance is None)
     curves.check(distance)
-    run = Run("geodesic", common, subdivide=subdivide, **_distance_options(distance), **_changed(curves))
+    waves.check(distance)
+    curves.check_output(curves.has_curves or distance.isolines is not None or waves.fan is not None)
+    run = Run(
+        "geodesic",
+        common,
+        subdivide=subdivide,
+        **_distance_options(distance),
+        **_changed(curves),
+        **_changed(waves),
+    )
     for path in curves.paths_output:
         run.plan_output(path, CURVE_FORMATS)
-    run.add_input(curves.field)
+    run.plan_output(waves.distance_matrix, (".npz",))
+    for name in (curves.field, distance.source_edges, waves.signed_distance):
+        run.add_input(name)
     read = run.read(mesh_path, subdivide=subdivide)
     mesh = read.surface
     with run.timed("compute"):
@@ -59,18 +73,22 @@ def command(
 
         field = input_array(read, curves.field) if curves.field else None
         result = geodesic_query(
-            mesh, distance, curves, field=field, seed=common.seed, stage_progress=run.progress
-        )
+            mesh, distance, curves, waves,
+            source_edges=input_edge_set(read, distance.source_edges, "source_edges"),
+            signed_curves=input_edge_set(read, waves.signed_distance, "signed_distance"),
+            field=field, seed=common.seed, stage_progress=run.progress,
+        )  # fmt: skip
     run.picture_array({**result.vertex, **result.face}, "geodesic_distance")
     converged = result.converged
     run.write(AnnotatedMesh(mesh, vertex=result.vertex, face=result.face), converged=converged)
     if result.curves is not None:
         write_curves(run, mesh, result.curves, curves.paths_output, converged=converged)
+    write_matrix(run, waves.distance_matrix, result.matrix)
     draw_distance(run, mesh, distance, result)
     run.finish(result.results, result.accuracy, converged=converged)
 
 
-def _changed(query: DistanceQuery | CurveQuery) -> dict[str, Any]:
+def _changed(query: DistanceQuery | CurveQuery | WaveQuery) -> dict[str, Any]:
     """Options that differ from their defaults, for the summary."""
     return {name: value for name, value in asdict(query).items() if value != getattr(type(query), name)}
 

@@ -29,7 +29,10 @@ class GeodesicCurveOptions(CurveQuery):
     def check(self, distance: DistanceQuery) -> None:
         """Raise ParameterError for options that exclude each other or lack what they refer to."""
         super().check(distance)
-        if self.paths_output and not self.has_curves and distance.isolines is None:
+
+    def check_output(self, has_curves: bool) -> None:
+        """Raise ParameterError for an output of curves without curves."""
+        if self.paths_output and not has_curves:
             raise ParameterError(
                 "has no curves; add some, e.g. `path_to` or `trace`", parameter="paths_output"
             )

@@ -19,6 +19,9 @@ if TYPE_CHECKING:
     from ddgcli.mesh.triangle_mesh import TriangleMesh
 
 
+THIN_CURVES = ("isoline", "fan ray", "geodesic circle")  # kinds that a picture draws as thin lines
+PICTURE_ARRAYS = ("geodesic_distance", "signed_distance", "vertex_type")  # the first one is drawn
+
 _OPTIONS = (
     click.option("--source", multiple=True, type=Ids(), metavar="ID...",
                  help="Source vertex; several after one another, with commas, or by repeating the option."),
@@ -26,6 +29,11 @@ _OPTIONS = (
                  help="Source at the point of the surface nearest to this one."),
     click.option("--source-face", multiple=True, type=FacePoint(), metavar="F:b0,b1,b2...",
                  help="Source inside a face, by barycentric coordinates."),
+    click.option("--source-edges", metavar="FILE_OR_ARRAY",
+                 help="exact: sources are all points of these edges: an array of the input, or a file "
+                      "of vertex "
+                      "pairs, of marks, or of polylines along edges."),
+    click.option("--source-boundary", is_flag=True, help="Sources are all points of the boundary."),
     click.option("--target-point", multiple=True, type=Numbers(3, "0.5,1,0"), metavar="X,Y,Z...",
                  help="exact: also the distance at the point of the surface nearest to this one."),
     click.option("--target-face", multiple=True, type=FacePoint(), metavar="F:b0,b1,b2...",
@@ -75,18 +83,20 @@ def draw_distance(
     vertex, sources = result.vertex, result.sources
     curves = [] if result.curves is None else _polylines(mesh, result.curves.paths)
     kinds = [] if result.curves is None else [entry["kind"] for entry in result.curves.entries]
-    heavy = [curve for curve, kind in zip(curves, kinds, strict=True) if kind != "isoline"]
-    thin = [curve for curve, kind in zip(curves, kinds, strict=True) if kind == "isoline"]
+    heavy = [curve for curve, kind in zip(curves, kinds, strict=True) if kind not in THIN_CURVES]
+    thin = [curve for curve, kind in zip(curves, kinds, strict=True) if kind in THIN_CURVES]
     distance = vertex.get("geodesic_distance")
     points = None if distance is None or sources is None else sources.positions(mesh)
     largest = 0.0 if distance is None else float(distance[np.isfinite(distance)].max(initial=0.0))
-    if distance is not None and query.isolines is None:
+    if distance is not None and not thin:
         thin = _polylines(mesh, isolines(mesh, distance, even_levels(distance, 12))[0])
-    name, values = run.picture_array({**vertex, **result.face}, "geodesic_distance")
+    arrays = {**vertex, **result.face}
+    default = next((name for name in PICTURE_ARRAYS if name in arrays), PICTURE_ARRAYS[0])
+    name, values = run.picture_array(arrays, default)
     picture: dict[str, Any] = {"points": points, "curves": heavy, "level_lines": thin, **run.picture_options}
     if distance is not None:
         picture["interest"] = np.where(np.isfinite(distance), (1 - distance / (largest or 1.0)) ** 2, 0.0)
-    if run.common.show is None:
+    if run.common.show is None and distance is not None:
         picture |= {"label": "geodesic distance", "limits": (0.0, largest or 1.0)}
     run.plot(lambda path: draw_array(path, mesh, name, values, **picture))
 

@@ -10,6 +10,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
+from ddgcli.algorithms.geodesics.exact.strips import propagate_strips
 from ddgcli.algorithms.geodesics.exact.tables import WindowTables, window_tables
 from ddgcli.algorithms.geodesics.exact.targets import WindowTargets
 from ddgcli.algorithms.geodesics.exact.tolerance import NearestVertices
@@ -42,7 +43,8 @@ class ExactDistance(VertexDistances):
     Parameters
     ----------
     origin_vertex : (n,) ndarray of int64
-        Vertex at which the last straight piece begins; -1 where it begins at a source point (or nowhere).
+        Vertex at which the last straight piece begins; -1 where it begins at a source point or inside a
+        source edge (or nowhere).
     side : (n,) ndarray of int64
     crossing : (n,) ndarray of float64
         In length units; nan where `side` is -1.
@@ -90,6 +92,9 @@ def exact_distance(
 ) -> ExactDistance:
     """Exact distance along the surface from every vertex to the nearest of `sources`.
 
+    Sources are vertices, points, and edges: the points of an edge reach the surface along lines
+    perpendicular to it.
+
     Any triangle complex is valid: boundaries, saddles, non-manifold edges and vertices (lines continue into
     every other face), faces of mixed orientation, Delta-complexes, degenerate faces.
 
@@ -133,6 +138,9 @@ def exact_distance(
     """
     _check_arguments(mesh, tolerance, directions)
     sources = check_sources(mesh, sources)
+    if len(sources.edge) and (tolerance > 0 or directions):
+        name = "tolerance" if tolerance > 0 else "directions"
+        raise ParameterError("needs sources at vertices or points; drop the source edges", parameter=name)
     tables = tables or window_tables(mesh)
     points = SurfacePoints.none() if targets is None else targets
     points = SurfacePoints.checked(points.face, points.barycentric, mesh.n_faces)
@@ -140,7 +148,7 @@ def exact_distance(
     start = partial(_start_wavefront, mesh, sources, points, tables, dominance_every, directions)
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         wavefront, window_targets, error = _propagate_bounded(
-            mesh, start, tolerance, limit / tables.scale, most_windows, progress
+            mesh, start, sources, tolerance, limit / tables.scale, most_windows, progress
         )
     patched = _patch_unreached(wavefront, mesh) if np.isinf(limit) else 0
     window_targets.finish(wavefront.distance, wavefront.origin)
@@ -161,6 +169,7 @@ def _check_arguments(mesh: SurfaceMesh, tolerance: float, directions: bool) -> N
 def _propagate_bounded(
     mesh: SurfaceMesh,
     start: Callable[..., tuple[Wavefront, WindowTargets]],
+    sources: Sources,
     tolerance: float,
     limit: float,
     most_windows: float,
@@ -170,7 +179,7 @@ def _propagate_bounded(
 
     Only a mesh in space has the bound: in an intrinsic face the straight segment may be a detour.
     """
-    arguments = tolerance, limit, most_windows, progress
+    arguments = sources, tolerance, limit, most_windows, progress
     bounded = partial(
         start, max_crossings=mesh.n_faces, max_rounds=MIN_ROUNDS + BOUNDED_ROUNDS_PER_FACE * mesh.n_faces
     )
@@ -188,6 +197,7 @@ def _propagate_bounded(
 def _propagate(
     mesh: SurfaceMesh,
     start: Callable[..., tuple[Wavefront, WindowTargets]],
+    sources: Sources,
     tolerance: float,
     limit: float,
     most_windows: float,
@@ -201,11 +211,24 @@ def _propagate(
         if near.slack_pays(tolerance, _reachable(mesh, wavefront)):
             wavefront, window_targets = start(slack=tolerance)
     wavefront.run(limit, most_windows, progress)
+    if len(sources.edge):
+        side, number = _source_sides(mesh, sources)
+        propagate_strips(wavefront, side, number, limit=limit, most_windows=most_windows, progress=progress)
+        wavefront.run(limit, most_windows, progress)
     if near is None or wavefront.slack == 0:
         return wavefront, window_targets, 0.0
     error = near.error_of(wavefront.distance)
     wavefront.windows, wavefront.rounds = wavefront.windows + near.windows, wavefront.rounds + near.rounds
     return wavefront, window_targets, error
+
+
+def _source_sides(mesh: SurfaceMesh, sources: Sources) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Sides on source edges, and the number of the source of each."""
+    number = np.full(mesh.topology.n_edges, -1, dtype=np.int64)
+    number[sources.edge] = sources.first_curve + sources.curve
+    of_side = number[mesh.topology.side_edge.ravel()]
+    side = np.flatnonzero(of_side >= 0)
+    return side, of_side[side]
 
 
 def _result(
@@ -277,6 +300,8 @@ def _origin_values(values: NDArray, origin: NDArray) -> NDArray[np.int64]:
 def _start(wavefront: Wavefront, mesh: SurfaceMesh, sources: Sources) -> None:
     """Launch every source; a point at a corner of its face is that vertex."""
     vertices, numbers = [sources.vertex], [np.arange(len(sources.vertex))]
+    for part, of_curves in zip((vertices, numbers), sources.curve_vertices(mesh)):
+        part.append(of_curves)
     inner = []
     for i, (face, weights) in enumerate(zip(sources.points.face, sources.points.barycentric)):
         source = len(sources.vertex) + i

@@ -52,6 +52,17 @@ class WindowTargets:
             origin[reached],
         )
 
+    def update_by_strips(self, lines: NDArray, where: NDArray) -> None:
+        """Lower distances by strips that cross their faces: columns as in `propagate_strips`."""
+        row, target = self._inside(where[0] // 3)
+        if not len(row):
+            return
+        (b0, b1, ux, uy, c), (side, origin) = lines.take(row, axis=1), where[:2].take(row, axis=1)
+        x, y = self._place(side, target)
+        at = x - y * ux / uy
+        reached = (at >= b0 - EPS) & (at <= b1 + EPS)
+        self._lower(target[reached], (c + ux * x + uy * y)[reached], origin[reached])
+
     def update_from_point(self, face: int, weights: NDArray, origin: int) -> None:
         """Lower distances in a face by a source point in the same face."""
         side, target = np.array([3 * face]), self.order[self.face == face]

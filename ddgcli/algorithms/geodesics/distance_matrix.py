@@ -1,0 +1,91 @@
+"""Distances between chosen vertices, row by row, in several processes."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ddgcli.algorithms.geodesics.distance import DistanceOptions, Solver, prepare_solver
+from ddgcli.algorithms.geodesics.sources import Sources, check_sources
+from ddgcli.errors import ParameterError
+from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
+from ddgcli.progress import ProgressCallback
+
+SYMMETRIC_METHODS = ("exact", "dijkstra")  # d(a, b) = d(b, a): the smaller set may be the sources
+_worker: dict[str, Any] = {}  # solver and targets of a worker process
+
+
+def distance_matrix(
+    mesh: SurfaceMesh,
+    sources: NDArray | list[int],
+    targets: NDArray | list[int],
+    method: str = "exact",
+    options: DistanceOptions | None = None,
+    *,
+    jobs: int = 1,
+    progress: ProgressCallback | None = None,
+) -> NDArray[np.float64]:
+    """Distance from each source to each target vertex.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh or IntrinsicMesh
+    sources, targets : (s,), (t,) array_like of int
+    method : {'exact', 'heat', 'fast-marching', 'dijkstra'}
+        With 'exact' and 'dijkstra', which are symmetric, the smaller of the two sets is propagated.
+    jobs : int
+        Number of processes; the result does not depend on it.
+    progress : callable, optional
+        Called with the number of finished rows and of all rows.
+
+    Returns
+    -------
+    (s, t) ndarray of float64
+        inf between different components.
+    """
+    first = check_sources(mesh, np.asarray(sources, dtype=np.int64)).vertex
+    last = check_sources(mesh, np.asarray(targets, dtype=np.int64)).vertex
+    if jobs < 1:
+        raise ParameterError(f"must be 1 or more, not {jobs}", parameter="jobs")
+    if method in SYMMETRIC_METHODS and len(np.unique(last)) < len(np.unique(first)):
+        return distance_matrix(mesh, last, first, method, options, jobs=jobs, progress=progress).T.copy()
+    options = options or DistanceOptions()
+    vertex, row = np.unique(first, return_inverse=True)
+    jobs = min(jobs, len(vertex))
+    rows = np.empty((len(vertex), len(last)))
+    for i, values in enumerate(_rows(mesh, vertex, last, method, options, jobs)):
+        rows[i] = values
+        if progress is not None:
+            progress(i + 1, len(vertex))
+    return rows[row]
+
+
+def _rows(
+    mesh: SurfaceMesh, vertex: NDArray, targets: NDArray, method: str, options: DistanceOptions, jobs: int
+) -> Any:
+    """Rows of the matrix in order."""
+    if jobs == 1:
+        solver = prepare_solver(mesh, method, options)
+        for v in vertex:
+            yield _row(solver, targets, int(v))
+        return
+    from concurrent.futures import ProcessPoolExecutor
+    from multiprocessing import get_context
+
+    arguments = mesh, method, options, targets
+    with ProcessPoolExecutor(jobs, get_context("spawn"), _start_worker, arguments) as pool:
+        yield from pool.map(_worker_row, vertex.tolist(), chunksize=max(1, len(vertex) // (4 * jobs)))
+
+
+def _row(solver: Solver, targets: NDArray, vertex: int) -> NDArray[np.float64]:
+    return solver(Sources(np.array([vertex]))).distance[targets]
+
+
+def _start_worker(mesh: SurfaceMesh, method: str, options: DistanceOptions, targets: NDArray) -> None:
+    _worker["solver"], _worker["targets"] = prepare_solver(mesh, method, options), targets
+
+
+def _worker_row(vertex: int) -> NDArray[np.float64]:
+    return _row(_worker["solver"], _worker["targets"], vertex)

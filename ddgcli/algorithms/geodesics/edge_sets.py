@@ -1,0 +1,177 @@
+"""Edge sets of a surface: from arrays of vertex pairs, from marks on elements, from the boundary."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_array
+
+from ddgcli.errors import MeshError, ParameterError
+from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
+from ddgcli.mesh.triangle_mesh import TriangleMesh
+
+POINT_TOLERANCE = 1e-6  # between points of a curve and vertices, relative to the longest side of the mesh
+
+
+@dataclass(frozen=True, eq=False)
+class EdgeSet:
+    """Edges of a mesh with directions.
+
+    Parameters
+    ----------
+    edge : (k,) ndarray of int64
+        Rows of `topology.edges`, without repetition.
+    sign : (k,) ndarray of int64
+        +1 where the direction is from the lower to the higher vertex, -1 against it, 0 where there is none.
+    """
+
+    edge: NDArray[np.int64]
+    sign: NDArray[np.int64]
+
+    def __len__(self) -> int:
+        return len(self.edge)
+
+    def curves(self, mesh: SurfaceMesh) -> NDArray[np.int64]:
+        """(k,) number of the connected curve of each edge, in the order of the lowest vertices."""
+        from scipy.sparse.csgraph import connected_components
+
+        ends = mesh.topology.edges[self.edge]
+        vertex, local = np.unique(ends, return_inverse=True)
+        i, j = local.reshape(-1, 2).T
+        graph = coo_array((np.ones(len(i)), (i, j)), shape=(len(vertex),) * 2)
+        label = connected_components(graph, directed=False)[1]
+        return label[i].astype(np.int64)
+
+    def is_closed(self, mesh: SurfaceMesh) -> bool:
+        """Whether an even number of edges meets at every vertex: no curve has an end."""
+        ends = mesh.topology.edges[self.edge]
+        return bool((np.bincount(ends.ravel()) % 2 == 0).all())
+
+
+def edge_set(mesh: SurfaceMesh, array: NDArray, place: str = "", *, parameter: str | None = None) -> EdgeSet:
+    """Edge set of an array.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh or IntrinsicMesh
+    array : ndarray
+        (k, 2) vertex pairs, each an edge of the mesh, directed from the first to the second; or marks that
+        are not zero on chosen edges (the sign is the direction), or on vertices or faces.
+        Marked vertices stand for the edges between them, labels of faces for the edges between faces of
+        different labels, with the higher label on the left.
+    place : {'edge', 'vertex', 'face', 'pairs', ''}
+        Elements of the array; empty: by the shape and length.
+    parameter : str, optional
+        Named in errors.
+
+    Raises
+    ------
+    ParameterError
+        When the array fits no elements, a pair is no edge, or the set is empty.
+    """
+    array = np.asarray(array)
+    topology = mesh.topology
+    if array.ndim == 2 and array.shape[1] == 2 and place in ("", "pairs"):
+        chosen = _of_pairs(mesh, array, parameter)
+    else:
+        if array.ndim == 2 and array.shape[1] == 1:
+            array = array[:, 0]
+        sizes = {"edge": topology.n_edges, "vertex": mesh.n_vertices, "face": mesh.n_faces}
+        place = place or next((name for name, size in sizes.items() if array.shape == (size,)), "")
+        if array.shape != (sizes.get(place, -1),):
+            raise ParameterError(
+                f"the array of shape {array.shape} is neither (k, 2) vertex pairs nor one value for each of "
+                f"{topology.n_edges} edges, {mesh.n_vertices} vertices or {mesh.n_faces} faces; give "
+                "one of these",
+                parameter=parameter,
+            )
+        chosen = _of_marks(mesh, array, place)
+    if not len(chosen):
+        raise ParameterError("the set has no edge; mark at least one", parameter=parameter)
+    return chosen
+
+
+def _of_pairs(mesh: SurfaceMesh, pairs: NDArray, parameter: str | None) -> EdgeSet:
+    """Edges of directed vertex pairs; a pair in both directions has none."""
+    pairs = pairs.astype(np.float64)
+    whole = (pairs == np.floor(pairs)) & (pairs >= 0) & (pairs < mesh.n_vertices)
+    bad = np.flatnonzero(~whole.all(axis=1))
+    if len(bad):
+        raise ParameterError(
+            f"row {bad[0]} ({pairs[bad[0], 0]:g}, {pairs[bad[0], 1]:g}) is no pair of vertices "
+            f"0..{mesh.n_vertices - 1}",
+            parameter=parameter,
+        )
+    i, j = pairs.astype(np.int64).T
+    edges, n = mesh.topology.edges, np.int64(mesh.n_vertices)
+    key = edges.min(axis=1) * n + edges.max(axis=1)
+    order = np.argsort(key)
+    wanted = np.minimum(i, j) * n + np.maximum(i, j)
+    slot = np.searchsorted(key[order], wanted).clip(max=max(len(key) - 1, 0))
+    edge = order[slot]
+    missing = np.flatnonzero(key[edge] != wanted)
+    if len(missing):
+        row = missing[0]
+        raise ParameterError(
+            f"row {row}: vertices {i[row]} and {j[row]} are not joined by an edge; list the edges one by one",
+            parameter=parameter,
+        )
+    direction = np.where(edges[edge, 0] == i, 1, -1)
+    unique, of = np.unique(edge, return_inverse=True)
+    return EdgeSet(unique, np.sign(np.bincount(of, direction)).astype(np.int64))
+
+
+def _of_marks(mesh: SurfaceMesh, marks: NDArray, place: str) -> EdgeSet:
+    """Edges that marks on edges, vertices or faces choose."""
+    topology = mesh.topology
+    if place == "edge":
+        edge = np.flatnonzero(marks)
+        directed = bool((marks < 0).any())  # marks without signs have no directions
+        return EdgeSet(edge, np.sign(marks[edge]).astype(np.int64) * directed)
+    if place == "vertex":
+        edge = np.flatnonzero((marks[topology.edges] != 0).all(axis=1))
+        return EdgeSet(edge, np.zeros(len(edge), dtype=np.int64))
+    side = topology.interior_sides
+    label, across = marks[side // 3], marks[topology.side_twin.ravel()[side] // 3]
+    chosen = side[label != across]
+    edge, first = np.unique(topology.side_edge.ravel()[chosen], return_index=True)
+    along = topology.side_sign.ravel()[chosen[first]].astype(np.int64)
+    higher = label[label != across][first] > across[label != across][first]
+    return EdgeSet(edge, np.where(higher, along, -along))
+
+
+def boundary_set(mesh: SurfaceMesh) -> EdgeSet:
+    """Boundary edges, directed with the surface on their left."""
+    topology = mesh.topology
+    side = np.flatnonzero(topology.side_twin.ravel() < 0)
+    side = side[topology.edge_face_count[topology.side_edge.ravel()[side]] == 1]
+    if not len(side):
+        raise MeshError("the surface is closed: it has no boundary; name other sources")
+    edge, first = np.unique(topology.side_edge.ravel()[side], return_index=True)
+    return EdgeSet(edge, topology.side_sign.ravel()[side[first]].astype(np.int64))
+
+
+def curve_pairs(mesh: TriangleMesh, points: NDArray, lines: NDArray) -> NDArray[np.int64]:
+    """(k, 2) vertices of the mesh at the ends of segments in space.
+
+    Raises
+    ------
+    ParameterError
+        For the first end that is at no vertex.
+    """
+    from scipy.spatial import cKDTree
+
+    gap, vertex = cKDTree(mesh.points).query(points)
+    longest = float(mesh.side_length.max(initial=0.0))
+    bad = np.flatnonzero(gap[np.unique(lines)] > POINT_TOLERANCE * longest)
+    if len(bad):
+        point = np.unique(lines)[bad[0]]
+        raise ParameterError(
+            f"point {point} of the curve is {gap[point]:.3g} from the nearest vertex; curves follow "
+            "edges of the "
+            "mesh: snap them to vertices, or insert their points into the mesh"
+        )
+    pairs = vertex[lines]
+    return pairs[pairs[:, 0] != pairs[:, 1]]

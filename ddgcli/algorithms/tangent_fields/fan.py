@@ -1,0 +1,228 @@
+"""The exponential map as a fan: evenly spaced straightest geodesics, geodesic circles, caustics."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ddgcli.algorithms.geodesics.paths import SurfacePaths, barycentric_in, segment_vectors
+from ddgcli.algorithms.geodesics.sources import Sources
+from ddgcli.algorithms.geodesics.surface_curves import Curves, concatenate_curves
+from ddgcli.algorithms.tangent_fields.log_map import SourceFrame
+from ddgcli.algorithms.tracing.lines import AT_BOUNDARY, GAVE_UP
+from ddgcli.algorithms.tracing.trace import STATUS_TEXT, Tracer
+from ddgcli.errors import ParameterError
+from ddgcli.geometry.extrinsic import face_normal
+from ddgcli.geometry.face_frames import surface_position
+from ddgcli.mesh.ragged import list_starts
+from ddgcli.mesh.triangle_mesh import TriangleMesh
+from ddgcli.mesh.vectors import row_dot, vector_length
+from ddgcli.progress import ProgressCallback
+
+MIN_LEVELS, MAX_LEVELS, LEVELS_PER_SIDE = 64, 1024, 4.0  # at which the order of neighbouring rays is compared
+
+
+@dataclass(frozen=True, eq=False)
+class _Rays:
+    """Recorded rays, with the length at each of their points.
+
+    Parameters
+    ----------
+    paths : SurfacePaths
+    reach : (p,) ndarray of float64
+        Length from the source at each point.
+    total : (k,) ndarray of float64
+        Traced length of each ray.
+    """
+
+    mesh: TriangleMesh
+    paths: SurfacePaths
+    reach: NDArray[np.float64]
+    total: NDArray[np.float64]
+
+    def at(self, ray: NDArray, length: NDArray) -> tuple[NDArray, NDArray, NDArray]:
+        """Face, barycentric coordinates and unit direction in space at lengths along rays."""
+        paths = self.paths
+        shift = np.append(0.0, np.cumsum(self.total + 1.0))  # one increasing sequence over all rays
+        point = np.searchsorted(self.reach + shift[paths.of_point()], length + shift[ray], side="right") - 1
+        point = np.clip(point, paths.start[ray], paths.start[ray + 1] - 2)
+        face = paths.face[point]
+        ahead = barycentric_in(self.mesh.topology, paths.face[point + 1], paths.barycentric[point + 1], face)
+        step = self.reach[point + 1] - self.reach[point]
+        share = np.clip((length - self.reach[point]) / np.where(step > 0, step, 1.0), 0.0, 1.0)[:, None]
+        tail = surface_position(self.mesh, face, paths.barycentric[point])
+        vector = surface_position(self.mesh, face, ahead) - tail
+        size = vector_length(vector)[:, None]
+        weights = (1 - share) * paths.barycentric[point] + share * ahead
+        return face, weights, vector / np.where(size > 0, size, 1.0)
+
+
+def geodesic_fan(
+    mesh: TriangleMesh,
+    source: Sources,
+    rays: int,
+    length: float,
+    circles: int = 8,
+    *,
+    tracer: Tracer | None = None,
+    progress: ProgressCallback | None = None,
+) -> Curves:
+    """Straightest geodesics from one source in evenly spaced directions, and what they sweep.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+        Consistently oriented.
+    source : Sources
+        One vertex or one point. At a vertex directions are spaced evenly in its total angle; at a boundary
+        vertex the first and the last have half that space to the boundary.
+    rays : int
+        Number of rays; at least 3.
+    length : float
+        Of each ray; rays end at the boundary.
+    circles : int
+        Number of geodesic circles, at even lengths.
+
+    Returns
+    -------
+    Curves
+        First the rays ("fan ray"), counter-clockwise; then the circles ("geodesic circle"): polygons
+        through the points of equal length on all rays, open where rays have ended; then the caustics
+        ("caustic"): polylines through the first points at which neighbouring rays cross. The array
+        `caustic` is 1 on points of rays and circles behind the caustic, where the wavefront runs
+        backwards, and on caustics; 0 elsewhere; the array `level` is the length from the source.
+
+    Raises
+    ------
+    ParameterError
+        On fewer than 3 rays, a length that is not positive, or several sources.
+    """
+    if rays < 3:
+        raise ParameterError(f"needs 3 rays or more, not {rays}", parameter="fan")
+    if not (np.isfinite(length) and length > 0):
+        raise ParameterError(f"must be a positive length, not {length}", parameter="fan_length")
+    if len(source) != 1 or len(source.edge):
+        raise ParameterError(f"needs exactly one source vertex or point, got {len(source)}", parameter="fan")
+    frame = SourceFrame(tracer or Tracer(mesh), source)
+    total, is_open = 2 * np.pi, False
+    if frame.vertex >= 0:
+        fans = frame.tracer.fans
+        total, is_open = float(fans.total_angle[frame.fan]), bool(fans.is_open[frame.fan])
+    share = (np.arange(rays) + (0.5 if is_open else 0.0)) / rays  # none along the boundary
+    lines = frame.lines(total * share, np.full(rays, float(length)))
+    paths = SurfacePaths.of_traces(lines)
+    size = np.nan_to_num(np.hypot(*segment_vectors(mesh, paths).T))
+    reach = np.cumsum(np.append(0.0, size[:-1]))
+    reach -= np.repeat(reach[paths.start[:-1]], np.diff(paths.start))
+    swept = _Rays(mesh, paths, reach, lines.length)
+    caustic = _caustic_lengths(swept, length, is_open)
+    if progress is not None:
+        progress(1.0, 1.0)
+    of_ray = paths.of_point()
+    entries: list[dict[str, Any]] = [
+        {"kind": "fan ray", "angle": float(total * s), "length": float(traced), "status": STATUS_TEXT[status],
+         "caustic_length": float(c) if np.isfinite(c) else None}
+        for s, traced, status, c in zip(share, lines.length, lines.status, caustic, strict=True)
+    ]  # fmt: skip
+    behind = (reach >= caustic[of_ray]).astype(np.float64)
+    parts = [
+        Curves(
+            paths, entries, {}, bool((lines.status != GAVE_UP).all()), {"level": reach, "caustic": behind}
+        ),
+        *(_circle(swept, length * (k + 1) / circles, caustic, is_open) for k in range(circles)),
+        *_caustics(swept, caustic, is_open),
+    ]
+    return concatenate_curves(parts)
+
+
+def _caustic_lengths(swept: _Rays, length: float, is_open: bool) -> NDArray[np.float64]:
+    """(k,) length at which each ray and its neighbours first cross; inf where they do not."""
+    k = len(swept.paths)
+    mean_side = float(swept.mesh.side_length.mean())
+    count = int(np.clip(LEVELS_PER_SIDE * length / mean_side, MIN_LEVELS, MAX_LEVELS))
+    levels = length * np.arange(1, count + 1) / count
+    before, order = np.zeros(k), np.full(k, np.inf)
+    normal = face_normal(swept.mesh)
+    ray = np.arange(k)
+    left, right = (ray + 1) % k, (ray - 1) % k
+    if is_open:
+        left[-1], right[0] = k - 1, 0
+    for level, previous in zip(levels, np.append(0.0, levels[:-1])):
+        face, weights, direction = swept.at(ray, np.minimum(level, swept.total))
+        position = surface_position(swept.mesh, face, weights)
+        width = row_dot(np.cross(normal[face], direction), position[left] - position[right])
+        present = swept.total >= level
+        valid = present & present[left] & present[right] & np.isinf(order)
+        crossed = valid & (width <= 0) & (before > 0)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            zero = previous + (level - previous) * before / (before - width)
+        order[crossed] = zero[crossed]
+        before = np.where(valid, width, before)
+    return order
+
+
+def _circle(swept: _Rays, level: float, caustic: NDArray, is_open: bool) -> Curves:
+    """Polygon through the points of all rays at one length."""
+    ray = np.flatnonzero(swept.total >= level * (1 - 1e-12))
+    closed = len(ray) == len(swept.paths) and not is_open
+    if not len(ray):
+        empty = SurfacePaths.of_points(swept.mesh, [])
+        return Curves(empty, [])
+    face, weights, _ = swept.at(ray, np.full(len(ray), level))
+    position = surface_position(swept.mesh, face, weights)
+    step = vector_length(np.roll(position, -1, axis=0) - position)
+    paths = SurfacePaths(face, weights, np.array([0, len(ray)]), np.array([closed]))
+    entry: dict[str, Any] = {
+        "kind": "geodesic circle", "level": float(level), "closed": closed, "points": len(ray),
+        "length": float(step.sum() if closed else step[:-1].sum()),
+        "behind_caustic": int((caustic[ray] <= level).sum()),
+    }  # fmt: skip
+    behind = (caustic[ray] <= level).astype(np.float64)
+    return Curves(paths, [entry], arrays={"level": np.full(len(ray), level), "caustic": behind})
+
+
+def _caustics(swept: _Rays, caustic: NDArray, is_open: bool) -> list[Curves]:
+    """Polylines through the caustic points of successive rays."""
+    has = np.isfinite(caustic)
+    if not has.any():
+        return []
+    k = len(caustic)
+    closed = bool(has.all()) and not is_open
+    first = 0 if closed or is_open else int(np.argmin(has))
+    order = (np.arange(k) + first) % k
+    ray = order[has[order]]
+    starts = np.flatnonzero(np.append(True, np.diff(np.flatnonzero(has[order])) > 1))
+    face, weights, _ = swept.at(ray, caustic[ray])
+    position = surface_position(swept.mesh, face, weights)
+    sizes = np.diff(np.append(starts, len(ray)))
+    paths = SurfacePaths(face, weights, list_starts(sizes), np.full(len(sizes), closed))
+    entries: list[dict[str, Any]] = []
+    for a, size in zip(starts, sizes, strict=True):
+        part, level = position[a : a + size], caustic[ray[a : a + size]]
+        step = vector_length(np.diff(np.concatenate([part, part[:1]]) if closed else part, axis=0))
+        entries.append({
+            "kind": "caustic", "closed": closed, "points": int(size), "length": float(step.sum()),
+            "least_level": float(level.min()), "largest_level": float(level.max()),
+        })  # fmt: skip
+    return [Curves(paths, entries, arrays={"level": caustic[ray], "caustic": np.ones(len(ray))})]
+
+
+def describe_fan(fan: Curves) -> dict[str, Any]:
+    """Summary of a fan: its rays by how they end, its circles and caustics."""
+    rays = [entry for entry in fan.entries if entry["kind"] == "fan ray"]
+    lengths = [entry["caustic_length"] for entry in rays if entry["caustic_length"] is not None]
+    return {
+        "rays": len(rays),
+        "stopped_at_boundary": sum(entry["status"] == STATUS_TEXT[AT_BOUNDARY] for entry in rays),
+        "rays_with_caustic": len(lengths),
+        "least_caustic_length": min(lengths, default=None),
+        "circles": [
+            {name: entry[name] for name in ("level", "length", "closed", "behind_caustic")}
+            for entry in fan.entries
+            if entry["kind"] == "geodesic circle"
+        ],
+        "caustics": [entry for entry in fan.entries if entry["kind"] == "caustic"],
+    }
