@@ -128,15 +128,15 @@ def test_orientation_of_faces_does_not_change_distances_to_edges():
 
 
 def test_distance_to_edges_continues_into_all_faces_of_an_edge():
-    sheet = shapes.grid(5, 5)
-    n, x, y = sheet.n_vertices, *sheet.points[:, :2].T
+    page = shapes.grid(5, 5)
+    n, x, y = page.n_vertices, *page.points[:, :2].T
     hinge = x == 0
     number = np.where(hinge, np.arange(n), -1)
-    points, faces = [sheet.points], [sheet.faces]
+    points, faces = [page.points], [page.faces]
     for k, turned in enumerate((2.0, 4.0)):
         own = np.where(hinge, number, n + k * int((~hinge).sum()) + np.cumsum(~hinge) - 1)
         points.append(np.stack([x * np.cos(turned), y, x * np.sin(turned)], axis=1)[~hinge])
-        faces.append(own[sheet.faces])
+        faces.append(own[page.faces])
     book = TriangleMesh.from_arrays(np.concatenate(points), np.concatenate(faces))
     outer = np.zeros(book.n_vertices, dtype=bool)
     outer[:n] = x == 1

@@ -108,10 +108,10 @@ def _of_pairs(mesh: SurfaceMesh, pairs: NDArray, parameter: str | None) -> EdgeS
     edges, n = mesh.topology.edges, np.int64(mesh.n_vertices)
     key = edges.min(axis=1) * n + edges.max(axis=1)
     order = np.argsort(key)
-    wanted = np.minimum(i, j) * n + np.maximum(i, j)
-    slot = np.searchsorted(key[order], wanted).clip(max=max(len(key) - 1, 0))
+    pair_key = np.minimum(i, j) * n + np.maximum(i, j)
+    slot = np.searchsorted(key[order], pair_key).clip(max=max(len(key) - 1, 0))
     edge = order[slot]
-    missing = np.flatnonzero(key[edge] != wanted)
+    missing = np.flatnonzero(key[edge] != pair_key)
     if len(missing):
         row = missing[0]
         raise ParameterError(
