@@ -17,9 +17,9 @@ PAGES_OF = {
     "geodesic": ("geodesic", "geodesic-curves", "geodesic-waves"),
     "shell-sim": ("shell-sim", "scenes", "trajectory"),
     "fluid-sim": ("fluid-sim", "scenes", "trajectory"),
-    "frames": ("trajectory",),
-    "check": ("pipelines",),
 }
+# headings of every command page, in this order
+HEADINGS = ["What for", "Use", "Options", "Results", "Method and sources", "Limits"]
 OPTION = re.compile(r"(?<![\w-])--?[a-zA-Z][a-z-]*")
 FENCE = re.compile(r"^```(\w*)\n(.*?)^```", re.M | re.S)
 
@@ -45,6 +45,15 @@ def unnamed(options: list[click.Option], text: str) -> list[str]:
     """Options that a text names by none of their names."""
     named = set(OPTION.findall(text))
     return [option.opts[0] for option in options if not named & {*option.opts, *option.secondary_opts}]
+
+
+@pytest.mark.parametrize("page", [*COMMANDS, "geodesic-curves"])
+def test_every_command_page_has_the_same_headings(page):
+    text = FENCE.sub("code that is shown to the reader", text_of(page))
+    assert re.findall(r"^## (.*)$", text, re.M) == HEADINGS
+    assert re.findall(r"^# (.*)$", text, re.M)[0].startswith(f"`ddgcli {page.removesuffix('-curves')}`")
+    sections = re.split(r"^## .*$", text, flags=re.M)[1:]
+    assert min(len(section.strip()) for section in sections) > 20
 
 
 @pytest.mark.parametrize("name", COMMANDS)
