@@ -17,10 +17,16 @@ class Assembly:
     ----------
     free : (n, 3) ndarray of bool
     stencils : list of (k, s) ndarrays
-        Vertices of the elements whose blocks will come.
+        Vertices of the elements whose blocks will come. Numbers from n on are internal unknowns of a
+        potential, one scalar each, over which its energy is least; they are not shared between potentials,
+        and come last in the matrix.
     """
 
     def __init__(self, free: NDArray[np.bool_], stencils: list[NDArray]) -> None:
+        n, self._free = len(free), free
+        stencils, self._internal = _numbered(stencils, n)
+        scalar = np.broadcast_to([True, False, False], (self._internal, 3))
+        free = np.concatenate([free, scalar])
         own = np.arange(len(free))
         low, high, first = [own], [own], []
         for stencil in stencils:
@@ -48,9 +54,29 @@ class Assembly:
             sums += gather @ block.reshape(-1, 3)
         sums = sums.reshape(-1, 9)
         for axis in range(3):
-            sums[self._own, 4 * axis] += diagonal
+            sums[self._own[: len(diagonal)], 4 * axis] += diagonal
         layout = self._layout
         return csc_array((sums.ravel()[layout.data], layout.indices, layout.indptr), shape=layout.shape)
+
+    def vector(self, v: NDArray) -> NDArray[np.float64]:
+        """Entries of a vector (n, 3) or (n, 3, k) in the matrix; 0 for internal unknowns."""
+        entries = v[self._free]
+        return np.concatenate([entries, np.zeros((self._internal, *entries.shape[1:]))])
+
+    def spread(self, entries: NDArray) -> NDArray[np.float64]:
+        """(n, 3) vector with these entries, 0 at coordinates that are not free."""
+        v = np.zeros(self._free.shape)
+        v[self._free] = entries[: len(entries) - self._internal]
+        return v
+
+
+def _numbered(stencils: list[NDArray], n: int) -> tuple[list[NDArray], int]:
+    """Stencils whose internal unknowns are numbered one behind another, and the number of these."""
+    numbered, count = [], 0
+    for stencil in stencils:
+        numbered.append(np.where(stencil >= n, stencil + count, stencil) if count else stencil)
+        count += max(int(stencil.max(initial=0)) + 1 - n, 0)
+    return numbered, count
 
 
 def _row_sums(pair: NDArray, first: NDArray, step: int, pairs: int, size: int) -> csr_array:

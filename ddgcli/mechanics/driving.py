@@ -53,9 +53,19 @@ def reactions(system: System, motion: Motion, dt: float) -> dict[str, tuple[NDAr
         force = force + system.full_drag(motion.x, motion.v, dt)
     acceleration = system.prescribed_state(motion.x, motion.v, np.zeros_like(motion.a))[2]
     force = force + system.mass[:, None] * acceleration
-    seen, forces = np.zeros_like(system.free), {}
+    ends, couples = _couples(system, motion.x)
+    seen, counted, forces = np.zeros_like(system.free), np.zeros(len(ends), dtype=bool), {}
     for part in system.supports:
         own = np.where(part.mask & ~seen, force, 0.0)
         seen |= part.mask
-        forces[part.name] = own.sum(axis=0), np.cross(motion.x, own).sum(axis=0)
+        held = np.asarray(part.mask.any(axis=1))[ends].all(axis=1) & ~counted
+        couple, counted = couples[held], counted | held
+        forces[part.name] = own.sum(axis=0), np.cross(motion.x, own).sum(axis=0) + couple.sum(axis=0)
     return forces
+
+
+def _couples(system: System, x: NDArray) -> tuple[NDArray, NDArray]:
+    """((c, 2) vertices, (c, 3) moments) of the supports on directions of edges that they hold."""
+    held = [p.couples(x) for p in system.potentials if hasattr(p, "couples")]
+    ends = [np.zeros((0, 2), dtype=np.int64), *(e for e, _ in held)]
+    return np.concatenate(ends), np.concatenate([np.zeros((0, 3)), *(moment for _, moment in held)])

@@ -70,7 +70,6 @@ class Equilibrium:
     ) -> tuple[NDArray, bool]:
         """Descent direction: with the exact Hessian where that descends, else with the projected one."""
         modes: tuple[Mode, ...] = ("exact", "projected") if exact_allowed else ("projected",)
-        free = self.system.free
         for mode in modes:
             matrix = self.newton.matrix(increment, y, mode, shift)
             with self.system.account.within("solver"):
@@ -83,10 +82,8 @@ class Equilibrium:
                     if mode == "exact":
                         continue
                     raise StepRejected("singular", worst(g)) from error
-                solve = low_rank.solver(partial(self._factor.solve, refine=False), self.system.low_rank(y))
-                step = solve(-g[free])
-            move = np.zeros_like(g)
-            move[free] = step
+                solve = low_rank.solver(partial(self._factor.solve, refine=False), self.newton.columns(y))
+                move = self.newton.spread(solve(self.newton.entries(-g)))
             downhill = float(np.vdot(g, move))
             if np.isfinite(downhill) and downhill <= 0:
                 return move, mode == "exact"
@@ -104,7 +101,7 @@ def unstable_directions(system: System, x: NDArray) -> int | None:
     edges = np.sqrt(len(x)) * float(np.abs(x).max()) / system.size
     norm = float(abs(matrix).sum(axis=0).max(initial=0.0))
     below = INERTIA_ROUNDING * norm * (1 + edges)
-    columns = system.low_rank(x)
+    columns = newton_of(system).columns(x)
     if columns is None:
         return negative_eigenvalues(matrix, below)
     # the bordered matrix [[A, U], [U^T, -I]] has the inertia of A + U U^T and of -I

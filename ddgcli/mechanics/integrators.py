@@ -305,8 +305,11 @@ def _largest_rate(system: System, elements: list[tuple[NDArray, NDArray]]) -> fl
         w /= norm
         kw = np.zeros_like(w)
         for stencil, blocks in elements:
-            local = np.einsum("kij,kj->ki", blocks, w[stencil].reshape(len(stencil), -1))
-            kw += sum_by_index(stencil, local.reshape(*stencil.shape, 3), len(w))
+            # internal unknowns are held: free, they could only lower the rate
+            inner = np.zeros((max(int(stencil.max(initial=0)) + 1 - len(w), 0), 3))
+            whole = np.concatenate([w, inner])
+            local = np.einsum("kij,kj->ki", blocks, whole[stencil].reshape(len(stencil), -1))
+            kw += sum_by_index(stencil, local.reshape(*stencil.shape, 3), len(whole))[: len(w)]
         largest = float(np.sum(w * kw))
         w = kw / system.mass[:, None]
     return largest

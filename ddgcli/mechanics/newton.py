@@ -188,7 +188,7 @@ class Newton:
                 return point.y, iteration - 1
             exact = 0.1 * (self._moved(increment, point.y) if near else enough)
             direction = self._direction(increment, point.y, g, before, exact)
-            move = self._spread(direction.x)
+            move = self.spread(direction.x)
             short = direction.convex and max(float(np.abs(move).max()), direction.left) <= enough
             if short and self._reach(point.y, move) == 1.0:
                 # too short for values to judge: they differ by rounding
@@ -199,7 +199,7 @@ class Newton:
                 point = self._further(increment, point, move)
             if t == 0.0:
                 direction = self._projected_direction(increment, point.y, g)
-                move = self._spread(direction.x)
+                move = self.spread(direction.x)
                 t, point = self.search(increment, point, move, float(np.vdot(g, move)))
             size = float(np.abs(move).max())
             if t == 0.0 and size > enough:
@@ -258,11 +258,18 @@ class Newton:
             return point, g
         return self.at(increment, moved), slope
 
-    def _spread(self, step: NDArray) -> NDArray:
-        """(n, 3) move of a vector over the free coordinates."""
-        move = np.zeros((len(self.system.mass), 3))
-        move[self.system.free] = step
-        return move
+    def spread(self, step: NDArray) -> NDArray:
+        """(n, 3) move of the vertices in a solution over the unknowns of the last matrix."""
+        return self._assembly.spread(step)  # type: ignore[union-attr]
+
+    def entries(self, g: NDArray) -> NDArray:
+        """Right-hand side of a vector (n, 3): internal unknowns are in balance."""
+        return self._assembly.vector(g)  # type: ignore[union-attr]
+
+    def columns(self, y: NDArray) -> NDArray | None:
+        """Columns of the part of low rank, over the unknowns of the last matrix."""
+        dense = self.system.low_rank(y)
+        return None if dense is None else self.entries(dense)
 
     def _direction(
         self, increment: Increment, y: NDArray, g: NDArray, before: float, least: float
@@ -271,8 +278,7 @@ class Newton:
 
         `before` is the length of the last move, `least` what may be missing of this one at any rate.
         """
-        matrix, rhs = self.matrix(increment, y, "exact"), -g[self.system.free]
-        columns = self.system.low_rank(y)
+        matrix, rhs, columns = self.matrix(increment, y, "exact"), self.entries(-g), self.columns(y)
         if not self._fresh:
             step = self._solved(matrix, columns, rhs)
             if step is not None:
@@ -294,7 +300,7 @@ class Newton:
         """Descent direction of the projected Hessian, which is positive definite."""
         self._factorise_projected(increment, y, g)
         with self.system.account.within("solver"):
-            return NewtonStep(self._precondition(-g[self.system.free]), 0.0, 0, False)
+            return NewtonStep(self._precondition(self.entries(-g)), 0.0, 0, False)
 
     def _solved(self, matrix: csc_array, columns: NDArray | None, rhs: NDArray) -> NDArray | None:
         """Solution with a new factorisation, or None where the matrix is not positive definite."""
@@ -310,7 +316,7 @@ class Newton:
         matrix = self.matrix(increment, y, "projected")
         with self.system.account.within("solver"):
             try:
-                self._factorise(matrix, self.system.low_rank(y))
+                self._factorise(matrix, self.columns(y))
             except SolveError as error:
                 raise StepRejected("singular", worst(g)) from error
 

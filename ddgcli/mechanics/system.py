@@ -176,9 +176,9 @@ class System:
         return self.only_free(self.full_gradient(x))
 
     def low_rank(self, x: NDArray) -> NDArray[np.float64] | None:
-        """(free coordinates, k) columns U of the dense part U U^T of the Hessian; None without it."""
+        """(n, 3, k) columns U of the dense part U U^T of the Hessian; None without it."""
         dense = [p for p in self.potentials if hasattr(p, "low_rank")]
-        return np.stack([p.low_rank(x)[self.free] for p in dense], axis=1) if dense else None
+        return np.stack([p.low_rank(x) for p in dense], axis=-1) if dense else None
 
     def full_gradient(self, x: NDArray) -> NDArray[np.float64]:
         """(n, 3) gradient of the potential energy, also where held: there it is the reaction force."""

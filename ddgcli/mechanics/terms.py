@@ -21,6 +21,10 @@ class Potential(Protocol):
     gradient is constant. `blocks` returns (k, 3s, 3s) Hessians of the elements, coordinates of a vertex
     together: `exact`, `projected` (positive semidefinite) or `material` (Gauss-Newton: the part that a rigid
     motion does not feel); the next call may reuse the array.
+
+    An energy that is the least one over internal unknowns (edge rotations) lists these in `stencil` by
+    numbers from n on, and `blocks` are Hessians in both; of an internal unknown only the first of its three
+    rows is used.
     """
 
     @property
@@ -88,7 +92,7 @@ class Memory(Protocol):
     @property
     def effect(self) -> str: ...
     def initial(self) -> Arrays:
-        """The arrays at the start of a run, among them `work` (1,): joules dissipated so far."""
+        """The arrays at the start of a run; `work` (1,), if among them: joules dissipated so far."""
         ...
 
     def at(self, memory: Arrays) -> Potential:

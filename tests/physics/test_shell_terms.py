@@ -31,6 +31,9 @@ TERMS = {
     "stretching-stvk": ('stretching = { model = "stvk" }', CURVED),
     "bending-hinge": ('bending = { model = "hinge" }', CURVED),
     "bending-flat": ('bending = { model = "hinge", rest = "flat" }', CURVED),
+    "bending-midedge": ('bending = { model = "midedge" }', CURVED),
+    "bending-midedge-flat": ('bending = { model = "midedge", rest = "flat" }', FLAT_GRID),
+    "damping-midedge": ('bending = { model = "midedge" }\ndamping = { stiffness = 0.1 }', CURVED),
     "bending-quadratic": ('bending = { model = "quadratic" }', CURVED),
     "gravity": ("gravity = {}", CURVED),
     "load-force": ("load = { force = [1, 2, 3], vertices = [0, 3] }", CURVED),
@@ -103,11 +106,15 @@ def numerical_gradient(f, x, h):
 
 
 def dense(stencil, blocks, n):
-    matrix = np.zeros((3 * n, 3 * n))
+    """Hessian over 3 n coordinates; internal unknowns, which numbers from n on stand for, are eliminated."""
+    rows = max(int(stencil.max()) + 1, n)
+    matrix = np.zeros((3 * rows, 3 * rows))
     for vertices, block in zip(stencil, blocks):
         dofs = (3 * vertices[:, None] + np.arange(3)).ravel()
-        matrix[np.ix_(dofs, dofs)] += block
-    return matrix
+        np.add.at(matrix, np.ix_(dofs, dofs), block)  # a vertex may stand twice in an element
+    outer, inner = np.arange(3 * n), np.arange(3 * n, 3 * rows, 3)
+    mixed = matrix[np.ix_(outer, inner)]
+    return matrix[: 3 * n, : 3 * n] - mixed @ np.linalg.solve(matrix[np.ix_(inner, inner)], mixed.T)
 
 
 def test_table_is_covered():

@@ -1,4 +1,4 @@
-"""Effect `bending`: hinges with a rest angle, or the quadratic energy of isometric bending."""
+"""Effect `bending`: hinges, the quadratic energy of isometric bending, or mid-edge directors."""
 
 # mypy: disable-error-code="valid-type"
 
@@ -33,7 +33,10 @@ FLAT_ANGLE_TOLERANCE = 1e-6  # radians: a mesh whose hinges are flatter counts a
 class Bending(Section):
     """Resistance to bending."""
 
-    model: Literal["hinge", "quadratic"] = "hinge"
+    model: Literal["hinge", "quadratic", "midedge"] = Field(
+        "hinge",
+        description="hinge; quadratic (flat rest shape); midedge: Kirchhoff-Love, converges on any mesh",
+    )
     rest: Literal["input", "flat"] | None = Field(
         None, description="shape without bending moment: the mesh as drawn, or flat; quadratic is always flat"
     )
@@ -149,6 +152,12 @@ def build(parameters: Bending, context: ShellContext) -> list[Potential]:
             "%d edges of %s have no bending: more than two faces, or faces of opposite orientation",
             without, shell.name,
         )  # fmt: skip
+    if parameters.model == "midedge":
+        from ddgcli.models.shell.clamps import clamped_sides
+        from ddgcli.models.shell.midedge import MidedgeBending
+
+        flat, poisson = parameters.rest == "flat", float(shell.poisson or 0)
+        return [MidedgeBending(mesh, rigidity, poisson, flat, clamped_sides(context))]
     scaled, plain = hinge_measure(mesh, stencil, context.face_area)
     if parameters.model == "hinge":
         flat = parameters.rest == "flat"

@@ -71,6 +71,8 @@ class StiffnessDamping:
         return self.potential.stencil
 
     def frozen(self, x: NDArray, dt: float) -> Potential:
+        if hasattr(self.potential, "viscous"):  # internal unknowns: blocks alone do not give the force
+            return self.potential.viscous(self.name, self.beta, x)
         return Viscous(self.name, self.stencil, self.beta * self.potential.blocks(x, "material"))
 
 

@@ -18,15 +18,19 @@ from ddgcli.mesh.vectors import cross, dot
 
 def hinges(topology: Topology) -> NDArray[np.int64]:
     """(h, 4) vertices x0, x1, x2, x3 of every edge with two faces that agree in orientation."""
-    faces = topology.faces
-    side = topology.interior_sides
-    other = topology.side_twin.ravel()[side]
-    tail, head = topology.side_tail, topology.side_head
-    agree = tail[side] == head[other]
-    side, other = side[agree], other[agree]
+    faces, tail, head = topology.faces, topology.side_tail, topology.side_head
+    side, other = hinge_sides(topology)
     apex = faces[side // 3, (side % 3 + 2) % 3]
     apex_other = faces[other // 3, (other % 3 + 2) % 3]
     return np.stack([tail[side], head[side], apex, apex_other], axis=1)
+
+
+def hinge_sides(topology: Topology) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """(h,) flat numbers of the sides in the first and in the second face of every hinge."""
+    side = topology.interior_sides
+    other = topology.side_twin.ravel()[side]
+    agree = topology.side_tail[side] == topology.side_head[other]
+    return side[agree], other[agree]
 
 
 @dataclass(frozen=True, eq=False)

@@ -4,12 +4,15 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, field_validator, model_validator
 
 from ddgcli.mechanics.terms import DeadLoad, Mode, Potential, RampedLoad
 from ddgcli.mesh.scatter import sum_by_index
+from ddgcli.mesh.vectors import vector_length
 from ddgcli.models.shell import hinge
 from ddgcli.models.shell.context import ShellContext
 from ddgcli.models.shell.key_frames import require_ascending
@@ -17,14 +20,17 @@ from ddgcli.scenes.sections import Section
 from ddgcli.scenes.units import quantity, vector
 from ddgcli.simulation.effects import Effect
 
+KINDS = ("force", "traction", "line_force", "moment")
+
 
 class Load(Section):
-    """One of force, traction and moment."""
+    """One of force, traction, line_force and moment."""
 
     object: str | None = Field(None, description="shell; needed where the scene has several")
     force: vector("N", "total force, shared by the vertices in proportion to their area") | None = None
     traction: vector("Pa", "force per rest area, over the whole shell or the vertices given") | None = None
-    moment: quantity("N", "hinge moment per length of the interior edge, folding towards convex") | None = (
+    moment: quantity("N", "moment per length, folding towards convex; see edge, vertices, box") | None = None
+    line_force: vector("N/m", "force per rest length of the boundary edges between the vertices") | None = (
         None
     )
     vertices: list[int] | None = None
@@ -32,7 +38,10 @@ class Load(Section):
         None, min_length=2, max_length=2, description="two opposite corners"
     )
     edge: list[int] | None = Field(
-        None, min_length=2, max_length=2, description="ends of the edge of a moment"
+        None,
+        min_length=2,
+        max_length=2,
+        description="of a moment: ends of an interior edge, on whose two faces it acts",
     )
     times: list[quantity("s")] | None = Field(None, min_length=2, description="of a ramp, ascending")
     factors: list[quantity("")] | None = Field(
@@ -47,13 +56,16 @@ class Load(Section):
 
     @model_validator(mode="after")
     def _one(self) -> Load:
-        loads = [k for k in ("force", "traction", "moment") if getattr(self, k) is not None]
+        loads = [k for k in KINDS if getattr(self, k) is not None]
         if len(loads) != 1:
-            raise ValueError(f"give one of force, traction and moment, found {' and '.join(loads) or 'none'}")
-        if (self.moment is None) != (self.edge is None):
-            raise ValueError("a moment needs edge = [a, b], and an edge needs a moment")
-        if self.moment is not None and (self.vertices is not None or self.box is not None):
-            raise ValueError("a moment acts on its edge: leave vertices and box out")
+            raise ValueError(f"give one of {', '.join(KINDS)}, found {' and '.join(loads) or 'none'}")
+        places = [k for k in ("edge", "vertices", "box") if getattr(self, k) is not None]
+        if self.moment is None and self.edge is not None:
+            raise ValueError("an edge needs a moment")
+        if self.moment is not None and len(places) != 1:
+            raise ValueError(
+                "a moment needs edge = [a, b] (an interior edge), or vertices or box (boundary edges there)"
+            )
         if len(self.times or []) != len(self.factors or []):
             raise ValueError("a ramp needs times and factors of one length")
         return self
@@ -85,15 +97,25 @@ class HingeMoment:
         return -self.moment[:, None, None] * hinge.angle_hessian(hinge.frame(x, self.stencil))
 
 
-def build(parameters: Load, context: ShellContext) -> list[Potential | RampedLoad]:
-    load = _constant_load(parameters, context)
-    if parameters.times is None or parameters.factors is None:
+def build(parameters: Load, context: ShellContext) -> list[Any]:
+    load: Any = _constant_load(parameters, context)
+    on_boundary = parameters.moment is not None and parameters.edge is None
+    if parameters.times is not None and parameters.factors is not None:
+        load = RampedLoad(load, np.array(parameters.times), np.array(parameters.factors))
+    if not on_boundary:
         return [load]
-    return [RampedLoad(load, np.array(parameters.times), np.array(parameters.factors))]
+    from ddgcli.models.shell.edge_moment import EdgeTurns
+
+    return [load, EdgeTurns(load)]
 
 
-def _constant_load(parameters: Load, context: ShellContext) -> DeadLoad | HingeMoment:
+def _constant_load(parameters: Load, context: ShellContext) -> Potential:
     """The load at factor 1."""
+    if parameters.moment is not None and parameters.edge is None:
+        from ddgcli.models.shell.edge_moment import edge_moment
+
+        chosen = context.chosen(parameters.vertices, parameters.box, ("effects", "load"))
+        return edge_moment(context, chosen, float(parameters.moment))
     if parameters.moment is not None:
         return _moment(parameters, context)
     area = context.vertex_area
@@ -106,9 +128,22 @@ def _constant_load(parameters: Load, context: ShellContext) -> DeadLoad | HingeM
     force = np.zeros((len(area), 3))
     if parameters.force is not None:
         force[chosen] = (area[chosen] / area[chosen].sum())[:, None] * np.array(parameters.force)
+    elif parameters.line_force is not None:
+        force = boundary_share(context, chosen)[:, None] * np.array(parameters.line_force)
     else:
         force[chosen] = area[chosen, None] * np.array(parameters.traction)
     return DeadLoad("load", force)
+
+
+def boundary_share(context: ShellContext, vertices: NDArray) -> NDArray[np.float64]:
+    """(n,) half the lengths at rest of the boundary edges between some vertices."""
+    topology, x = context.mesh.topology, np.asarray(context.mesh.points)
+    edges = topology.edges[topology.boundary_edges]
+    edges = edges[np.isin(edges, vertices).all(axis=1)]
+    if not len(edges):
+        raise ValueError("no boundary edge joins two of the vertices; line_force acts on boundary edges")
+    half = 0.5 * vector_length(x[edges[:, 1]] - x[edges[:, 0]])
+    return sum_by_index(edges, np.stack([half, half], axis=1), len(x))
 
 
 def _moment(parameters: Load, context: ShellContext) -> HingeMoment:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from ddgcli.mechanics.driving import driving_work, reactions
 from ddgcli.mechanics.integrators import INTEGRATORS, Step, stable_step
 from ddgcli.mechanics.system import Motion, System
-from ddgcli.mechanics.terms import FixedCoordinates, PrescribedMotion, RampedLoad
+from ddgcli.mechanics.terms import FixedCoordinates, Memory, PrescribedMotion, RampedLoad
 from ddgcli.mesh.require import unmet_need
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.models.shell.context import ShellContext
@@ -126,12 +126,22 @@ def _strength(part: Any) -> bool:
     return values is None or bool(np.any(values))
 
 
+def _with_ramp(part: Any, ramps: dict[int, RampedLoad]) -> Any:
+    """A memory whose potential has become a ramp, with that ramp; anything else as it is."""
+    if not isinstance(part, Memory) or id(part.potential) not in ramps:
+        return part
+    memory: Any = part
+    return replace(memory, potential=ramps[id(memory.potential)])
+
+
 def make_system(scene: Scene, context: ShellContext, account: Account) -> System:
     """Masses of a shell and what the scene's effects make for it."""
     parts = parts_of(scene, context)
     if getattr(scene.time, "load_steps", 1) > 1:
         times, factors = np.array([0.0, scene.time.duration]), np.array([0.0, 1.0])
-        parts = [RampedLoad(part, times, factors) if hasattr(part, "scaled") else part for part in parts]
+        ramps = {id(part): RampedLoad(part, times, factors) for part in parts if hasattr(part, "scaled")}
+        parts = [ramps.get(id(part), part) for part in parts]
+        parts = [_with_ramp(part, ramps) for part in parts]
     loose = ~context.mesh.topology.referenced_vertex
     if loose.any():
         parts.append(FixedCoordinates(np.repeat(loose[:, None], 3, axis=1)))
@@ -173,8 +183,9 @@ def _model(scene: Scene, context: ShellContext, system: System) -> Model[Motion]
     def observe(motion: Motion) -> Observation:
         current = system.remembering(motion.memory).at(motion.time)
         scalars = measures(current, motion)
-        if system.memories:
-            scalars["plastic_work"] = float(sum(arrays["work"][0] for arrays in motion.memory))
+        plastic = [arrays["work"][0] for arrays in motion.memory if "work" in arrays]
+        if plastic:
+            scalars["plastic_work"] = float(sum(plastic))
         for potential in current.potentials:
             if hasattr(potential, "observed"):
                 scalars |= potential.observed(motion.x)

@@ -25,7 +25,9 @@ class Pin(Section):
     )
     axes: str = Field("xyz", description="directions held; xz for a diaphragm across y")
     clamp: bool = Field(
-        False, description="also hold the surface's direction: all faces at the vertices stay"
+        False,
+        description="also hold the surface's direction: of edges between the vertices with midedge bending, "
+        "else all faces at the vertices stay",
     )
 
     @field_validator("axes")
@@ -38,7 +40,9 @@ class Pin(Section):
 
 def build(parameters: Pin, context: ShellContext) -> list[FixedCoordinates]:
     vertices = context.chosen(parameters.vertices, parameters.box, ("effects", "pin"))
-    if parameters.clamp:
+    # mid-edge bending has found the edges between the vertices and holds their directions
+    directions = any(hasattr(part, "couples") for part in context.terms.get("bending", []))
+    if parameters.clamp and not directions:
         touched = np.isin(context.mesh.faces, vertices).any(axis=1)
         vertices = np.unique(np.concatenate([vertices, context.mesh.faces[touched].ravel()]))
     mask = np.zeros((context.mesh.n_vertices, 3), dtype=bool)

@@ -1,0 +1,58 @@
+"""Edges whose direction a pin with `clamp` holds, for bending with a rotation an edge."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ddgcli.mesh.triangle_mesh import TriangleMesh
+from ddgcli.mesh.vectors import unit_vectors
+from ddgcli.models.shell.context import ShellContext
+from ddgcli.models.shell.midedge import NO_CLAMP, ClampedSides, inward_directions, side_corners
+
+PARALLEL_TOLERANCE = 1e-6  # sine of the angle at which an edge counts as parallel to an axis
+
+
+def clamped_sides(context: ShellContext) -> ClampedSides:
+    """Sides between vertices of one pin with `clamp`, with the direction across that they keep.
+
+    Where a pin holds all axes that is the direction into the face. Where it leaves some free, the edge moves,
+    and the direction must be held and across the edge wherever it goes: the normal of a plane of symmetry.
+    """
+    mesh = context.mesh
+    sides, directions = [NO_CLAMP.side], [NO_CLAMP.direction]
+    taken = np.zeros(3 * mesh.n_faces, dtype=bool)
+    for effect, pin, _ in context.scene.effects:
+        if effect.name != "pin" or not pin.clamp or pin.object not in (None, context.shell.name):
+            continue
+        chosen = np.zeros(mesh.n_vertices, dtype=bool)
+        chosen[context.chosen(pin.vertices, pin.box, ("effects", "pin"))] = True
+        tail, head = mesh.topology.side_tail, mesh.topology.side_head
+        own = np.flatnonzero(chosen[tail] & chosen[head] & ~taken)
+        taken[own] = True
+        sides.append(own)
+        directions.append(_directions(mesh, own, np.array([axis in pin.axes for axis in "xyz"])))
+    return ClampedSides(np.concatenate(sides), np.concatenate(directions))
+
+
+def _directions(mesh: TriangleMesh, side: NDArray, held: NDArray) -> NDArray[np.float64]:
+    """(c, 3) directions across the sides that `held` (3,) axes keep; ValueError where there is none."""
+    x, corner = np.asarray(mesh.points), side_corners(mesh.topology)[side]
+    inward = inward_directions(x, corner)
+    u = unit_vectors(x[corner[:, 1]] - x[corner[:, 0]])
+    if held.all():
+        return inward
+    if held.sum() == 2:
+        across = np.cross(u, (~held).astype(float))
+        along = np.linalg.norm(across, axis=1) < PARALLEL_TOLERANCE
+        direction = np.where(along[:, None], inward, unit_vectors(np.where(along[:, None], inward, across)))
+    else:
+        direction = np.broadcast_to(held.astype(float), u.shape)
+        if (np.abs(u @ held) > PARALLEL_TOLERANCE).any():
+            bad = int(np.argmax(np.abs(u @ held)))
+            raise ValueError(
+                f"the edge {corner[bad, 0]} {corner[bad, 1]} is not across the axis that "
+                "its pin holds, so its direction cannot be clamped; hold all axes, or leave clamp out"
+            )
+    sign = np.where(np.einsum("ci,ci->c", direction, inward) < 0, -1.0, 1.0)
+    return sign[:, None] * direction

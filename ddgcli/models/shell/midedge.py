@@ -1,0 +1,347 @@
+"""Mid-edge bending: a Kirchhoff-Love shell with linear displacements and one rotation an edge.
+
+The director of an edge is turned about the edge by the angle a from the mean of the normals of its two faces.
+In a face the director turns against the normal by p_j = +- a_j + (angle_j - rest_j) / 2 at the middle of side
+j, so the change of its second fundamental form is sum_j p_j l_j / A m_j m_j^T, with m_j the outward conormal,
+l_j the length and A the area at rest. The energy is that of a plate, Koiter's: per area
+D/2 ((1 - nu) |B|^2 + nu (tr B)^2).
+
+This is the Hellan-Herrmann-Johnson shell of lowest order (M. Neunteufel, J. Schoeberl, "The
+Hellan-Herrmann-Johnson method for nonlinear shells", 2019) with the moments eliminated in every face; on flat
+plates it is Morley's triangle, which converges on any mesh of bounded angles. The energy is quadratic in the
+rotations a and in the angles, with matrices of the rest shape: the rotations follow from the positions by one
+solve with a constant matrix. They have no inertia, as in the theory of thin shells, and are no part of the
+state.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_array, csr_array
+
+from ddgcli.linalg.factor import Factor
+from ddgcli.mechanics.terms import Mode, Potential, at_last_point
+from ddgcli.mesh.scatter import sum_by_index
+from ddgcli.mesh.topology import Topology
+from ddgcli.mesh.triangle_mesh import TriangleMesh
+from ddgcli.mesh.vectors import dot, row_dot, unit_vectors
+from ddgcli.models.shell import hinge
+
+NODES = 9  # of an element: corners, apexes across the sides, rotations of the sides
+
+
+@dataclass(frozen=True, eq=False)
+class ClampedSides:
+    """Sides of faces whose director keeps its direction.
+
+    Parameters
+    ----------
+    side : (c,) ndarray of int
+        Flat numbers; both ends stay in a plane across `direction`.
+    direction : (c, 3) ndarray
+        Unit vectors across the side, at acute angles with the direction into the face.
+    """
+
+    side: NDArray[np.int64]
+    direction: NDArray[np.float64]
+
+
+NO_CLAMP = ClampedSides(np.zeros(0, dtype=np.int64), np.zeros((0, 3)))
+
+
+class MidedgeBending:
+    """Plate energy of the angles between faces, least over the rotations of the edges.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+        The rest shape.
+    rigidity, poisson : float
+        D in N m, and Poisson's ratio.
+    flat : bool
+        The shell is at rest where it is flat, instead of as drawn.
+    clamps : ClampedSides
+
+    Attributes
+    ----------
+    internal : int
+        Number of rotations, the internal unknowns. In `blocks` each is the rotation times the mean length of
+        the edges.
+    """
+
+    name = "bending"
+
+    def __init__(
+        self,
+        mesh: TriangleMesh,
+        rigidity: float,
+        poisson: float,
+        flat: bool = False,
+        clamps: ClampedSides = NO_CLAMP,
+    ) -> None:
+        topology, x = mesh.topology, np.asarray(mesh.points)
+        faces, self.n = np.asarray(mesh.faces), mesh.n_vertices
+        self.clamps = clamps
+        clamped = np.zeros(faces.size, dtype=bool)
+        clamped[clamps.side] = True
+        every, first, second = hinge.hinges(topology), *hinge.hinge_sides(topology)
+        bent = ~clamped[first]
+        self.hinges, self._first, self._second = every[bent], first[bent], second[bent]
+        self._clamp_corner = side_corners(topology)[clamps.side]
+        self._angles(faces.size)
+        unit = float(mesh.side_length.mean())
+        self._slope = self._sign / unit  # of the angle of a side in its rotation times length
+        self.plate = plate_matrices(mesh.side_length, rigidity, poisson)
+        self._matrices()
+        self.stencil = self._stencil(faces)
+        self.rest = np.zeros(len(self.hinges)) if flat else hinge.frame(x, self.hinges).angle
+        self._clamp_rest = self._clamp_frame(x).angle
+
+    # ------------------------------------------------------------ constants of the rest shape
+
+    def _angles(self, sides: int) -> None:
+        """Number the angles and the rotations: `_angle`, `_part`, `_rotation`, `_sign` of every side."""
+        h, c = len(self.hinges), len(self.clamps.side)
+        self._angle, self._part = np.zeros(sides, dtype=np.int64), np.zeros(sides)
+        self._rotation, self._sign = np.full(sides, -1), np.ones(sides)
+        for side in (self._first, self._second):
+            self._angle[side], self._part[side], self._rotation[side] = np.arange(h), 0.5, np.arange(h)
+        self._sign[self._second] = -1.0
+        self._angle[self.clamps.side], self._part[self.clamps.side] = h + np.arange(c), 1.0
+        self._sign[self.clamps.side] = 0.0
+        alone = (self._rotation < 0) & (self._sign != 0)
+        self._rotation[alone] = h + np.arange(np.count_nonzero(alone))
+        self.internal = h + int(np.count_nonzero(alone))
+
+    def _matrices(self) -> None:
+        """Second derivatives of the energy: rotations, rotations by angles, angles."""
+        rotation, angle = np.maximum(self._rotation, 0).reshape(-1, 3), self._angle.reshape(-1, 3)
+        slope, part = self._slope.reshape(-1, 3), self._part.reshape(-1, 3)
+        angles = len(self.hinges) + len(self.clamps.side)
+
+        def summed(rows: NDArray, left: NDArray, columns: NDArray, right: NDArray, shape: tuple) -> csr_array:
+            values = self.plate * left[:, :, None] * right[:, None, :]
+            i, j = (
+                np.broadcast_to(rows[:, :, None], values.shape),
+                np.broadcast_to(columns[:, None, :], values.shape),
+            )
+            matrix = coo_array((values.ravel(), (i.ravel(), j.ravel())), shape=shape).tocsr()
+            matrix.eliminate_zeros()
+            return matrix
+
+        k = self.internal
+        self._solver = Factor(summed(rotation, slope, rotation, slope, (k, k))) if k else None
+        self._mixed = summed(rotation, slope, angle, part, (k, angles))
+        self._stiffness = summed(angle, part, angle, part, (angles, angles))
+
+    def _stencil(self, faces: NDArray) -> NDArray[np.int64]:
+        across = np.repeat(faces[:, :1], 3, axis=1).ravel()
+        across[self._first], across[self._second] = self.hinges[:, 3], self.hinges[:, 2]
+        own = np.where(self._rotation >= 0, self.n + self._rotation, np.repeat(faces[:, 0], 3))
+        return np.concatenate([faces, across.reshape(-1, 3), own.reshape(-1, 3)], axis=1).astype(np.int64)
+
+    # ------------------------------------------------------------ geometry at positions x
+
+    @at_last_point
+    def _frame(self, x: NDArray) -> hinge.HingeFrame:
+        return hinge.frame(x, self.hinges)
+
+    @at_last_point
+    def _clamp_frame(self, x: NDArray) -> hinge.HingeFrame:
+        return one_sided_frame(x, self._clamp_corner, self.clamps.direction)
+
+    @at_last_point
+    def strain(self, x: NDArray) -> NDArray[np.float64]:
+        """Change of the angles: hinges, then clamped sides."""
+        return np.concatenate(
+            [
+                hinge.wrapped(self._frame(x).angle - self.rest),
+                hinge.wrapped(self._clamp_frame(x).angle - self._clamp_rest),
+            ]
+        )
+
+    def rotations(self, strain: NDArray) -> NDArray[np.float64]:
+        """Rotations (times length) that take the least energy for changes of the angles."""
+        return -self._solver.solve(self._mixed @ strain) if self._solver else np.zeros(0)
+
+    def moments(self, strain: NDArray) -> NDArray[np.float64]:
+        """Derivative of the least energy in the angles: moment times length of the edge, in N m."""
+        return self._stiffness @ strain + self._mixed.T @ self.rotations(strain)
+
+    @at_last_point
+    def _moment(self, x: NDArray) -> NDArray[np.float64]:
+        return self.moments(self.strain(x))
+
+    def face_curvature(self, x: NDArray) -> NDArray[np.float64]:
+        """(m, 3) turn of the director against the normal at the middle of the three sides of each face."""
+        strain = self.strain(x)
+        rotation = np.concatenate([self.rotations(strain), [0.0]])
+        whole = np.concatenate([strain, [0.0]])
+        angle = np.where(self._part > 0, self._angle, len(strain))
+        return (self._part * whole[angle] + self._slope * rotation[self._rotation]).reshape(-1, 3)
+
+    # ------------------------------------------------------------ the potential
+
+    def energy(self, x: NDArray) -> float:
+        return 0.5 * float(self.strain(x) @ self._moment(x))
+
+    def gradient(self, x: NDArray) -> NDArray[np.float64]:
+        return self.pulled_back(x, self._moment(x))
+
+    def pulled_back(self, x: NDArray, moment: NDArray) -> NDArray[np.float64]:
+        """(n, 3) forces that moments about the hinges and the clamped sides are on the vertices."""
+        h = len(self.hinges)
+        slope = moment[:h, None, None] * hinge.angle_gradient(self._frame(x))
+        held = moment[h:, None, None] * hinge.angle_gradient(self._clamp_frame(x))[:, :3]
+        return sum_by_index(self.hinges, slope, len(x)) + sum_by_index(self._clamp_corner, held, len(x))
+
+    def turned(self, x: NDArray, move: NDArray) -> NDArray[np.float64]:
+        """Change of the angles by a small move (n, 3) of the vertices at x."""
+        slope, held = hinge.angle_gradient(self._frame(x)), hinge.angle_gradient(self._clamp_frame(x))[:, :3]
+        return np.concatenate(
+            [
+                np.einsum("hvi,hvi->h", slope, move[self.hinges]),
+                np.einsum("hvi,hvi->h", held, move[self._clamp_corner]),
+            ]
+        )
+
+    def blocks(self, x: NDArray, mode: Mode) -> NDArray[np.float64]:
+        """(m, 27, 27) Hessians in positions and rotations: the rotations are unknowns of their own here."""
+        m = len(self.stencil)
+        rate = np.zeros((3 * m, NODES, 3))
+        slope = 0.5 * hinge.angle_gradient(self._frame(x))
+        corner, opposite = np.arange(3), 3
+        for side, order in ((self._first, (0, 1, 2, 3)), (self._second, (1, 0, 3, 2))):
+            j = side % 3
+            local = np.stack([j, (j + 1) % 3, (j + 2) % 3, opposite + j], axis=1)
+            rate[side[:, None], local] = slope[:, order]
+        held, j = self.clamps.side, self.clamps.side % 3
+        rate[held[:, None], (j[:, None] + corner) % 3] = hinge.angle_gradient(self._clamp_frame(x))[:, :3]
+        rate[np.arange(3 * m), 6 + np.arange(3 * m) % 3, 0] = self._slope
+        rate = rate.reshape(m, 3, 3 * NODES)
+        block = np.matmul(rate.transpose(0, 2, 1), np.matmul(self.plate, rate))
+        if mode == "exact":
+            self._add_geometric(x, block)
+        return block
+
+    def _add_geometric(self, x: NDArray, block: NDArray) -> None:
+        """Add moment times Hessian of the angle, of a hinge to its first face."""
+        h, moment = len(self.hinges), self._moment(x)
+        terms = (
+            (self._first, hinge.angle_hessian(self._frame(x)), moment[:h], 4),
+            (self.clamps.side, hinge.angle_hessian(self._clamp_frame(x))[:, :9, :9], moment[h:], 3),
+        )
+        for side, hessian, weight, nodes in terms:
+            weighted = weight[:, None, None] * hessian
+            for j in range(3):
+                own = np.flatnonzero(side % 3 == j)
+                local = np.array([j, (j + 1) % 3, (j + 2) % 3, 3 + j])[:nodes]
+                rows = (3 * local[:, None] + np.arange(3)).ravel()
+                block[(side[own] // 3)[:, None, None], rows[:, None], rows] += weighted[own]
+
+    # ------------------------------------------------------------ what other effects ask
+
+    def side_weights(self, side: NDArray, couple: NDArray) -> NDArray[np.float64]:
+        """Derivative in the angles of the work lost by couples (N m) on the turns of boundary sides."""
+        if self._solver is None:
+            return np.zeros(self._mixed.shape[1])
+        force = sum_by_index(self._rotation[side], couple * self._slope[side], self.internal)
+        return self._mixed.T @ self._solver.solve(force)
+
+    def angle_stencils(self) -> list[NDArray]:
+        """(h, 4) vertices of the hinges, and (c, 4) of the clamped sides (the last one unused)."""
+        return [self.hinges, np.column_stack([self._clamp_corner, self._clamp_corner[:, 0]])]
+
+    def angle_hessians(self, x: NDArray) -> NDArray[np.float64]:
+        """(h + c, 12, 12) Hessians of the angles."""
+        frames = self._frame(x), self._clamp_frame(x)
+        return np.concatenate([hinge.angle_hessian(frame) for frame in frames])
+
+    def couples(self, x: NDArray) -> tuple[NDArray, NDArray]:
+        """((c, 2) ends of the clamped sides, (c, 3) moments in N m that the clamp exerts on them)."""
+        moment = self._moment(x)[len(self.hinges) :]
+        return self._clamp_corner[:, :2], moment[:, None] * self._clamp_frame(x).u.T
+
+    def viscous(self, name: str, factor: float, x: NDArray) -> Potential:
+        """Half `factor` times v' K v, K the material Hessian at x with the rotations eliminated."""
+        return ViscousMidedge(name, self, np.array(x), factor)
+
+
+@dataclass(frozen=True, eq=False)
+class ViscousMidedge:
+    """R = factor/2 v' K v, least over the rates of the rotations."""
+
+    name: str
+    potential: MidedgeBending
+    at: NDArray
+    factor: float
+
+    @property
+    def stencil(self) -> NDArray[np.int64]:
+        return self.potential.stencil
+
+    @property
+    def internal(self) -> int:
+        return self.potential.internal
+
+    def energy(self, x: NDArray) -> float:
+        rate = self.potential.turned(self.at, x)
+        return 0.5 * self.factor * float(rate @ self.potential.moments(rate))
+
+    def gradient(self, x: NDArray) -> NDArray[np.float64]:
+        moment = self.potential.moments(self.potential.turned(self.at, x))
+        return self.potential.pulled_back(self.at, self.factor * moment)
+
+    def blocks(self, x: NDArray, mode: Mode) -> NDArray[np.float64]:
+        return self.factor * self.potential.blocks(self.at, "material")
+
+
+def plate_matrices(length: NDArray, rigidity: float, poisson: float) -> NDArray[np.float64]:
+    """(m, 3, 3) second derivatives of the bending energy of faces in the turns of their three sides.
+
+    Parameters
+    ----------
+    length : (m, 3) ndarray
+        Sides of the faces.
+    """
+    square = length**2
+    doubled = 0.5 * (square.sum(axis=1)[:, None] - 2 * np.roll(square, -2, axis=1))
+    # doubled[:, j]: product of sides j and j + 1 as vectors out of their common corner
+    inner = np.zeros((len(length), 3, 3))  # l_j l_k m_j . m_k
+    for j in range(3):
+        k = (j + 1) % 3
+        inner[:, j, j] = square[:, j]
+        inner[:, j, k] = inner[:, k, j] = -doubled[:, j]
+    area = 0.5 * np.sqrt(np.maximum(square[:, 0] * square[:, 1] - doubled[:, 0] ** 2, 0.0))
+    outer = length[:, :, None] * length[:, None, :]
+    return (rigidity / area)[:, None, None] * ((1 - poisson) * inner**2 / outer + poisson * outer)
+
+
+def side_corners(topology: Topology) -> NDArray[np.int64]:
+    """(3 m, 3) tail, head and apex of every side."""
+    apex = np.roll(np.asarray(topology.faces), -2, axis=1).ravel()
+    return np.stack([topology.side_tail, topology.side_head, apex], axis=1)
+
+
+def inward_directions(x: NDArray, corner: NDArray) -> NDArray[np.float64]:
+    """(c, 3) unit vectors across sides (tail, head, apex) into their faces."""
+    tail, head, apex = (x[corner[:, k]] for k in range(3))
+    u = unit_vectors(head - tail)
+    return unit_vectors(apex - tail - row_dot(apex - tail, u)[:, None] * u)
+
+
+def one_sided_frame(x: NDArray, corner: NDArray, direction: NDArray) -> hinge.HingeFrame:
+    """Hinges between faces (tail, head, apex) and fixed half planes through their sides.
+
+    `direction` leads across the side, away from the half plane. Only the face moves: the terms of the second
+    face of gradient and Hessian are zero.
+    """
+    c = len(corner)
+    tail, head, apex = x[corner[:, 0]], x[corner[:, 1]], x[corner[:, 2]]
+    length = np.sqrt(dot((head - tail).T, (head - tail).T))[:, None]
+    points = np.concatenate([tail, head, apex, tail - length * direction])
+    f = hinge.frame(points, np.arange(4 * c).reshape(4, c).T)
+    return replace(f, nt=np.zeros_like(f.nt), ht=np.full(c, np.inf), st=np.zeros(c))
