@@ -15,7 +15,12 @@ __all__ = ["curvature"]
 
 @accepts_arrays("surface", "curve")
 def curvature(
-    mesh: TriangleMesh | CurveSet, scheme: str | None = None, radius: float | None = None
+    mesh: TriangleMesh | CurveSet,
+    scheme: str | None = None,
+    radius: float | None = None,
+    *,
+    frames: bool = False,
+    resample: int | None = None,
 ) -> Measurement:
     """Curvature of a surface by one scheme, or of polylines.
 
@@ -28,6 +33,11 @@ def curvature(
     radius : float, optional
         Radius of the measuring ball, in length units; default the vertex star (two rings for 'quadric').
         'cotan' has none.
+    frames : bool
+        Curves: also `arc_length`, `frenet_tangent`, `frenet_normal`, `frenet_binormal`, `bishop_1`,
+        `bishop_2`, `osculating_radius`, `osculating_centre`.
+    resample : int, optional
+        Curves: first take this number of points at even arc lengths on each curve.
 
     Returns
     -------
@@ -66,8 +76,12 @@ def curvature(
     if isinstance(mesh, CurveSet):
         if scheme is not None or radius is not None:
             raise ParameterError("scheme and radius belong to surfaces; leave them out for curves")
-        curves = measure_curves(mesh)
-        return Measurement(mesh, vertex=curves.vertex, results=curves.results, accuracy=curves.accuracy)
+        curves = measure_curves(mesh, frames=frames, resample=resample)
+        return Measurement(
+            curves.curves, vertex=curves.vertex, results=curves.results, accuracy=curves.accuracy
+        )
+    if frames or resample is not None:
+        raise ParameterError("frames and resample belong to curves; leave them out for surfaces")
     measured = measure_curvature(mesh, DEFAULT_SCHEME if scheme is None else scheme, radius)
     return Measurement(
         mesh,

@@ -202,3 +202,85 @@ def test_a_figure_eight_flows_without_error():
     eight = closed_curve(np.stack([np.sin(t), 0.6 * np.sin(2 * t), 0 * t], axis=1))
     _, last, points = flow_series(eight, 0.005, 40)
     assert np.isfinite(points).all() and last["length_increases"] == 0
+
+
+def oval(n, time):
+    """Angenent's oval cos x = exp(time) cosh y, time < 0: a solution of curvature flow that shrinks "
+    "to a point."""
+    width = np.arccosh(np.exp(-time))
+    s = 2 * np.pi * np.arange(n) / n
+    # |x| <= arccos(exp(time)); points spread by the angle of an ellipse of the oval's axes
+    x = np.arccos(np.exp(time)) * np.cos(s)
+    y = np.arccosh(np.maximum(np.exp(-time) * np.cos(x), 1.0)) * np.sign(np.sin(s))
+    assert np.abs(y).max() <= width * (1 + 1e-12)
+    return closed_curve(np.stack([x, y, 0 * x], axis=1))
+
+
+def test_the_oval_of_angenent_stays_one_and_the_error_falls_with_the_points():
+    errors = []
+    for n in (32, 64):
+        curve = oval(n, -1.5)
+        flow, model = build(without_repeated_points(curve), CurveFlowOptions(stop_at_rest=False))
+        state, steps, duration = model.start, 2 * n, 0.75
+        for k in range(steps):
+            state = flow.advance(state, k * duration / steps, duration / steps)
+        x, y, _ = (flow.centre + flow.scale * state.points).T
+        level = np.cos(x) - np.exp(-0.75) * np.cosh(y)
+        slope = np.hypot(np.sin(x), np.exp(-0.75) * np.sinh(y))
+        errors.append(np.abs(level / slope).max())
+    assert errors[0] < 0.04 and errors[1] < 0.6 * errors[0]
+
+
+@pytest.mark.parametrize("weight", [2.0, 6.0])
+def test_the_penalised_elastic_flow_ends_as_the_circle_of_radius_one_over_root_w(weight):
+    flow, model = build(without_repeated_points(ellipse(30, 0.7, 0.5)), CurveFlowOptions(
+        flow="elastic", length_penalty=weight
+    ))  # fmt: skip
+    state = model.start
+    for k in range(200):
+        state = flow.advance(state, 0.01 * k, 0.01)
+        if flow.reason(state):
+            break
+    radius = np.linalg.norm(state.points - state.points.mean(axis=0), axis=1) * flow.scale
+    assert np.ptp(radius) < 1e-3 * radius.mean()
+    assert radius.mean() == pytest.approx(1 / np.sqrt(weight), rel=5e-3)
+
+
+def test_one_huge_step_straightens_an_open_curve_with_and_without_redistribution():
+    for redistribute in (True, False):
+        flow, model = build(helix(), CurveFlowOptions(redistribute=redistribute, stop_at_rest=False))
+        state = model.start
+        for k in range(3):
+            state = flow.advance(state, 1e3 * k, 1e3)
+        chord = np.linalg.norm(state.points[-1] - state.points[0])
+        assert flow.objective(state.points)[0] == pytest.approx(chord, rel=1e-6)
+        assert state.increases[0] == 0
+
+
+@pytest.mark.parametrize("flow", ["curvature", "area-preserving", "elastic"])
+def test_a_resumed_flow_gives_the_frames_of_the_whole_run(flow):
+    schedule, options = Schedule(0.005, 8, 2), CurveFlowOptions(flow=flow, stop_at_rest=False)
+    frames = list(evolve({"curve": build(ellipse(24), options)[1]}, schedule, Account()))
+    again = {"curve": build(ellipse(24), options)[1]}
+    resumed = list(evolve(again, schedule, Account(), resume=(2, frames[2].checkpoint)))
+    for name, values in frames[-1].checkpoint.items():
+        assert np.array_equal(resumed[-1].checkpoint[name], values, equal_nan=True), name
+    assert np.array_equal(resumed[-1].observations["curve"].points, frames[-1].observations["curve"].points)
+
+
+def test_the_tolerance_of_steps_bounds_the_error_of_the_radius(tmp_path, summary):
+    path, errors = write_obj(tmp_path / "circle.obj", (ellipse(24, 1.0, 1.0).points, True)), []
+    for tolerance in (1e-2, 1e-3):
+        words = ("--duration", 0.3, "--frame-every", 0.3, "--tolerance", tolerance)
+        report = summary("curve-flow", path, *words)
+        area = np.array(report["results"]["area"])
+        errors.append(abs(area[-1] / area[0] - (1 - 2 * 0.3)))  # a regular polygon has r^2 = 1 - 2 t exactly
+    assert 0 < errors[1] < 0.5 * errors[0] and errors[0] < 0.1
+
+
+def test_a_picture_of_a_flow_is_written(tmp_path, summary):
+    path = tmp_path / "ellipse.obj"
+    write_obj(path, (ellipse(24).points, True))
+    report = summary("curve-flow", path, "--steps", 6, "--plot", tmp_path / "flow.png", "--size", "400x300")
+    assert (tmp_path / "flow.png").stat().st_size > 3000
+    assert report["outputs"] == [str(tmp_path / "flow.png")]

@@ -7,6 +7,7 @@
 __all__ = [
     "ball",
     "clip",
+    "curve_frames",
     "face_balls",
     "faces",
     "frames",

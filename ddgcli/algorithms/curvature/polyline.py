@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ddgcli.algorithms.curvature.curve_frames import curve_frames, resampled
 from ddgcli.errors import MeshError
 from ddgcli.mesh.curve import CurveSet, nearest_axis, plane_normal
 from ddgcli.mesh.scatter import sum_by_index
@@ -19,18 +20,29 @@ log = logging.getLogger("ddgcli")
 
 @dataclass(frozen=True, eq=False)
 class PolylineCurvature:
-    """Arrays on points by name, and the results and the accuracy of the summary."""
+    """Arrays on points by name, the results and the accuracy of the summary, and the measured curves."""
 
     vertex: dict[str, NDArray]
     results: dict[str, Any]
     accuracy: dict[str, Any]
+    curves: CurveSet
 
 
-def measure_curves(curves: CurveSet) -> PolylineCurvature:
+def measure_curves(
+    curves: CurveSet, *, frames: bool = False, resample: int | None = None
+) -> PolylineCurvature:
     """Measure turning, curvature, torsion and their sums for each polyline of a set.
 
     The turning of a curve that lies in a plane (any plane; see `plane_normal`) has a sign; others are space
     curves.
+
+    Parameters
+    ----------
+    curves : CurveSet
+    frames : bool
+        Also compute the arrays of `curve_frames`.
+    resample : int, optional
+        First replace each curve by this number of points at even arc lengths.
 
     Returns
     -------
@@ -43,6 +55,10 @@ def measure_curves(curves: CurveSet) -> PolylineCurvature:
     MeshError
         No segment of positive length.
     """
+    own: dict[str, NDArray] = {}
+    if resample is not None:
+        curves = resampled(curves, resample)
+        own = dict(curves.point_arrays)
     normals = [plane_normal(curves.points[path]) for path, _ in curves.paths()]
     planar = all(normal is not None for normal in normals)
     names = ["turning_angle", "curvature", "vertex_length", "torsion", "gauss_angle"]
@@ -67,7 +83,11 @@ def measure_curves(curves: CurveSet) -> PolylineCurvature:
     if not residuals:
         log.warning("turning_number is unknown: only a closed curve in the plane has one; %s",
                     "this one is open" if planar else "this one is in space")  # fmt: skip
-    return PolylineCurvature(vertex, results, {"turning_number_residual": max(residuals, default=None)})
+    if frames:
+        arrays, holonomy = curve_frames(curves)
+        own, results = own | arrays, results | holonomy
+    accuracy = {"turning_number_residual": max(residuals, default=None)}
+    return PolylineCurvature(vertex | own, results, accuracy, curves)
 
 
 def _together(each: list[dict[str, Any]]) -> dict[str, Any]:

@@ -57,12 +57,25 @@ class Radius(click.ParamType):
     metavar="ARRAY",
     help="Array of the input (n, 2) or (n, 3): report its non-conformality, Dirichlet energy - area.",
 )
+@click.option(
+    "--frames",
+    is_flag=True,
+    help="Curves: also Frenet and Bishop frames, osculating circles and arc length.",
+)
+@click.option(
+    "--resample",
+    type=click.IntRange(min=3),
+    metavar="N",
+    help="Curves: first take N points at even arc lengths on each curve; -o writes these.",
+)
 @options.common
 def command(
     mesh_path: str,
     scheme: str,
     radius: Any,
     map_name: str | None,
+    frames: bool,
+    resample: int | None,
     common: CommonOptions,
 ) -> None:
     """Measure the curvature of MESH: a triangle surface, the boundary of tetrahedra, or polylines.
@@ -76,7 +89,8 @@ def command(
       ddgcli curvature torus.ply -o torus.vtu --plot torus.png
       ddgcli curvature scan.stl --radius 0.5 --json
     """
-    run = Run("curvature", common, scheme=scheme, radius=radius, map=map_name)
+    curve_options: dict[str, Any] = {"frames": frames, "resample": resample} if frames or resample else {}
+    run = Run("curvature", common, scheme=scheme, radius=radius, map=map_name, **curve_options)
     source = run.read(mesh_path, accept=("surface", "tetrahedra", "curve"))
     from ddgcli.mesh.curve import CurveSet
 
@@ -84,8 +98,9 @@ def command(
         options.refuse_options(
             "is for surfaces, and this is a curve; leave it out", "scheme", "radius", "map_name"
         )
-        _curves(run, source.mesh)
+        _curves(run, source.mesh, frames, resample)
     else:
+        options.refuse_options("is for curves, and this is a surface; leave it out", "frames", "resample")
         _surface(run, source, scheme, radius, map_name)
 
 
@@ -143,11 +158,12 @@ def _draw_surface(
     draw_array(path, mesh, name, values, value_size=_size_of(name, vertex), **picture)
 
 
-def _curves(run: Run, curves: CurveSet) -> None:
+def _curves(run: Run, curves: CurveSet, frames: bool, resample: int | None) -> None:
     from ddgcli.algorithms.curvature.polyline import measure_curves
     from ddgcli.mesh.fields import AnnotatedMesh
 
-    measured = measure_curves(curves)
+    measured = measure_curves(curves, frames=frames, resample=resample)
+    curves = measured.curves
     scalars = {name: values for name, values in measured.vertex.items() if values.ndim == 1}
     name, values = run.picture_array(scalars, "curvature")
     run.write(AnnotatedMesh(curves, vertex=measured.vertex))

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import bsr_array, csr_array, diags_array, eye_array, kron
+from scipy.sparse import bsr_array, csr_array, diags_array
 
 from ddgcli.linalg.factor import Factor
 from ddgcli.mesh.vectors import ratio, row_dot, vector_length
@@ -24,6 +24,7 @@ from ddgcli.simulation.model import Observation, StepRejected
 
 COLLAPSED_LENGTH = 1e-2  # of the first length: a shorter curve has shrunk to a point
 REST_SPEED = 1e-6  # normal speed times radius (elastic: radius^3) at which a curve is at rest
+HUGE_STEP = 0.1  # squared radii of the circle of the shortest curve's length: from here on points move freely
 SLIDING_RATE = 10.0  # diffusivity of the spacing, over that of the flow
 MAX_SLIDE = 0.3  # of the shorter segment at a point, in one step
 SLIDE_FRACTIONS = (1.0, 0.5, 0.25, 0.0)  # of the slide, until the objective does not rise
@@ -248,23 +249,40 @@ class NormalStep:
         self.free = np.zeros(mesh.n, dtype=bool)
         self.free[mesh.joint] = True
         self.free &= state.active[mesh.curve]
-        self._dofs = np.flatnonzero(np.repeat(self.free, 3))
-        mass = diags_array(np.repeat(self.shape.dual_length, 3))
-        projection = self._projection()
-        matrix = mass + dt * (projection @ kron(self._stiffness(), eye_array(3)) @ projection)
-        self._factor = Factor(matrix.tocsr()[self._dofs][:, self._dofs]) if len(self._dofs) else None
+        self._normal = flow.redistribute and not self._is_huge()
+        self._points = np.flatnonzero(self.free)
+        self._factor = Factor(self._matrix()) if len(self._points) else None
         self.motion = self._solve(-self._gradient())
 
-    def _projection(self) -> csr_array:
-        blocks = np.tile(np.eye(3), (len(self.tangent), 1, 1))
-        if self.flow.redistribute:
-            blocks = blocks - self.tangent[:, :, None] * self.tangent[:, None, :]
-        n = len(blocks)
-        return bsr_array((blocks, np.arange(n), np.arange(n + 1)), shape=(3 * n, 3 * n)).tocsr()
+    def _is_huge(self) -> bool:
+        """True for a step of which the normal parts alone would not be the flow: points then move freely.
+
+        Straightening a curve in one step needs motion along it, which the linearisation at the start of the
+        step takes for a change of spacing.
+        """
+        if self.flow.kind == "elastic":
+            return False
+        length = self.flow.mesh.by_curve(self.flow.mesh.tail, self.shape.length)
+        radius = length[self.state.active].min(initial=np.inf) / (2 * np.pi)
+        return bool(self.dt > HUGE_STEP * radius**2)
+
+    def _matrix(self) -> csr_array:
+        """`M + dt P Q P` on the free points: (k, k) by coordinate without P, (3k, 3k) with it."""
+        rows = self._points
+        stiffness = (self.dt * self._stiffness())[rows][:, rows].tocsr()
+        mass = self.shape.dual_length[rows]
+        if not self._normal:
+            return stiffness + diags_array(mass)
+        tangent, k = self.tangent[rows], len(rows)
+        along = np.eye(3) - tangent[:, :, None] * tangent[:, None, :]
+        row = np.repeat(np.arange(k), np.diff(stiffness.indptr))
+        blocks = stiffness.data[:, None, None] * (along[row] @ along[stiffness.indices])
+        blocks[row == stiffness.indices] += mass[:, None, None] * np.eye(3)
+        return bsr_array((blocks, stiffness.indices, stiffness.indptr), shape=(3 * k, 3 * k)).tocsr()
 
     def projected(self, vectors: NDArray) -> NDArray[np.float64]:
         """(n, 3) vectors without their tangential parts, where points are redistributed."""
-        if not self.flow.redistribute:
+        if not self._normal:
             return vectors
         return vectors - row_dot(vectors, self.tangent)[:, None] * self.tangent
 
@@ -286,10 +304,12 @@ class NormalStep:
 
     def _solve(self, force: NDArray) -> NDArray[np.float64]:
         """Motion by a force in one step."""
-        motion = np.zeros(force.size)
+        motion = np.zeros(force.shape)
         if self._factor is not None:
-            motion[self._dofs] = self._factor.solve(self.dt * self.projected(force).ravel()[self._dofs])
-        return motion.reshape(-1, 3)
+            load = self.dt * self.projected(force)[self._points]
+            solution = self._factor.solve(load.ravel() if self._normal else load)
+            motion[self._points] = solution.reshape(-1, 3)
+        return motion
 
     def constrained(self, points: NDArray) -> NDArray[np.float64]:
         """Points moved along the solution for the constraint's gradient until the constraint holds."""
