@@ -2,7 +2,7 @@
 
 2D-1, Reynolds number 20, steady: drag and lift by Newton's method on the operators of `fluid-sim`.
 2D-2, Reynolds number 100: Strouhal number and largest coefficients of a run.
-Run: python -m benchmarks.fluids.cylinder [CELLS ACROSS THE CHANNEL...] [--street CELLS]
+Run: python -m benchmarks.fluids.cylinder [street [CELLS ACROSS, REFINE [DURATION]]]
 """
 
 from __future__ import annotations
@@ -33,6 +33,7 @@ grid = {{ size = [{length}, 0.41], cells = [{nx}, {ny}], pattern = "{pattern}" }
 name = "cylinder"
 role = "obstacle"
 cylinder = {{ start = [0.2, 0.2, -1], end = [0.2, 0.2, 1], radius = 0.05 }}
+refine = {refine}
 [effects]
 viscosity = {{ nu = 1e-3 }}
 harmonic = {{}}
@@ -53,7 +54,7 @@ kind = "no-slip"
 def scene(ny: int, speed: float, pattern: str = "alternating", length: float = LENGTH, **time: float) -> str:
     """The channel with `ny` cells across; at the outlet the profile of the inlet, or none (`free`)."""
     outlet = f'velocity = ["{speed}*4*y*(0.41-y)/0.1681", 0, 0]'
-    clock = {"duration": 1, "step": 0.5, "every": 1, "extra": "", **time}
+    clock = {"duration": 1, "step": 0.5, "every": 1, "extra": "", "refine": 0, **time}
     if clock.pop("free", False):
         outlet = ""
     nx = round(length / HEIGHT * ny)
@@ -65,21 +66,22 @@ def coefficients(force: NDArray, mean_speed: float) -> NDArray[np.float64]:
     return 2.0 * force / (mean_speed**2 * DIAMETER)
 
 
-def steady(ny: int, pattern: str = "alternating", length: float = LENGTH) -> NDArray[np.float64]:
+def steady(ny: int, refine: int = 0, length: float = LENGTH) -> NDArray[np.float64]:
     """Drag and lift of 2D-1."""
-    flow = SteadyFlow(model_of(scene(ny, 0.3, pattern, length)))
+    flow = SteadyFlow(model_of(scene(ny, 0.3, length=length, refine=refine)))
     force = flow.model.observe(flow.state(flow.solve(1e-3))).scalar["force_cylinder"]
     return coefficients(force, 0.2)
 
 
-def street(ny: int, duration: float = 6.0) -> tuple[float, float, float]:
-    """Strouhal number, largest drag and lift of 2D-2 over the last periods of a run."""
-    step = 0.15 / ny
+def street(ny: int, refine: int, duration: float = 6.0) -> tuple[float, float, float]:
+    """Strouhal number, largest drag and lift of 2D-2 over the last third of a run."""
+    step = round(0.6 * HEIGHT / ny / 2**refine, 4)
     every = max(1, round(0.01 / step)) * step
     nudge = 'initial = { vorticity = "exp(-((x-0.35)^2+(y-0.25)^2)/0.001)*30" }'
     text = scene(
-        ny, 1.5, step=step, duration=round(duration / every) * every, every=every, extra=nudge, free=True
-    )
+        ny, 1.5, step=step, duration=round(duration / every) * every, every=every, extra=nudge, free=True,
+        refine=refine,
+    )  # fmt: skip
     model = model_of(text)
     frames = evolve({"channel": model.model()}, model.scene.schedule(), Account())
     force = np.array([frame.observations["channel"].scalar["force_cylinder"] for frame in frames])
@@ -93,22 +95,24 @@ def street(ny: int, duration: float = 6.0) -> tuple[float, float, float]:
 
 def main(words: list[str]) -> None:
     print(machine())
-    if "--street" in words:
-        ny = int(words[words.index("--street") + 1])
+    if words[:1] == ["street"]:
+        ny, refine = map(int, words[1:3]) if len(words) > 2 else (32, 2)
+        duration = float(words[3]) if len(words) > 3 else 6.0
+        began = cpu_seconds()
+        row = [ny, refine, duration, *street(ny, refine, duration), cpu_seconds() - began]
         print_table(
             f"2D-2, Re 100; published: {STROUHAL}, {STREET_DRAG}, {STREET_LIFT}",
-            ["cells across", "Strouhal", "largest drag", "largest lift"], [[ny, *street(ny)]],
+            ["cells across", "refine", "duration", "Strouhal", "largest drag", "largest lift", "s"], [row],
         )  # fmt: skip
         return
     rows = []
-    for ny in [int(n) for n in words] or [41, 82]:
-        for pattern in ("right", "alternating"):
-            began = cpu_seconds()
-            drag, lift = steady(ny, pattern)
-            rows.append([pattern, ny, drag, drag / DRAG - 1.0, lift, lift - LIFT, cpu_seconds() - began])
+    for ny, refine in ((20, 0), (41, 0), (16, 2), (16, 3), (24, 3), (20, 4), (41, 3)):
+        began = cpu_seconds()
+        drag, lift = steady(ny, refine)
+        rows.append([ny, refine, drag, drag / DRAG - 1.0, lift, lift - LIFT, cpu_seconds() - began])
     print_table(
         f"2D-1, Re 20; published: drag {DRAG}, lift {LIFT}",
-        ["pattern", "cells across", "drag", "relative error", "lift", "error", "s"], rows,
+        ["cells across", "refine", "drag", "relative error", "lift", "error", "s"], rows,
     )  # fmt: skip
 
 

@@ -5,6 +5,7 @@
 """
 
 __all__ = [
+    "bisection",
     "boundary",
     "cures",
     "curve",

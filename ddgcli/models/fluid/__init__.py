@@ -17,6 +17,7 @@ __all__ = [
     "harmonic",
     "initial",
     "model",
+    "obstacle_refinement",
     "parts",
     "recovery",
     "report",

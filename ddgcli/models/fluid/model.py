@@ -80,6 +80,10 @@ def _cut(scene: Scene, number: int, context: FluidContext, read: Callable[[str],
         for k, section in sections:
             place = ("object", k)
             obstacles.append((section.name, *signed_distance(section, read)))
+            if section.refine:
+                from ddgcli.models.fluid.obstacle_refinement import refined
+
+                context = refined(context, obstacles[-1][1], section.refine)
         cut = without_obstacles(context, obstacles)
         place = ("object", number)
         _require_mesh(cut.mesh)

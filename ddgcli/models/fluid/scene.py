@@ -57,10 +57,13 @@ class FluidObstacle(ObjectSection):
     cylinder: Cylinder | None = None
     box: Box | None = None
     position: vector("m", "added to the shape's place") = (0.0, 0.0, 0.0)  # type: ignore[valid-type]
+    refine: int = Field(0, ge=0, le=8, description="times that the cells near it are halved before the cut")
 
     @model_validator(mode="after")
     def _one_shape(self) -> FluidObstacle:
         require_one_shape(self, ("mesh", "sphere", "cylinder", "box"))
+        if self.refine and self.mesh is not None:
+            raise ValueError("refine takes sphere, cylinder or box; refine the fluid's mesh instead")
         return self
 
 
