@@ -19,6 +19,7 @@ import click
 from ddgcli import __version__
 from ddgcli.cli.multi_value import repeat_options
 from ddgcli.cli.parameters import option_names
+from ddgcli.cli.streams import occupy_closed_streams
 from ddgcli.cli.threads import set_thread_variables
 from ddgcli.errors import DdgError, excerpt
 
@@ -77,6 +78,7 @@ class CommandGroup(click.Group):
 
     def make_context(self, info_name: str | None, args: list[str], *rest: Any, **extra: Any) -> click.Context:
         words = list(args)
+        occupy_closed_streams()
         set_thread_variables(words)
         try:
             context = super().make_context(info_name, args, *rest, **extra)

@@ -451,3 +451,24 @@ def test_the_confined_reader_may_import_this_package(tmp_path):
     )
     done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
+
+
+SHARED_FILES = ROOT.parent / "shared" / "regressions" / "files"
+ENDED_BY_TIME = ("gcol_objsize0.vtkhdf", "min.msh")  # 5 s of processor time each
+
+
+@pytest.mark.skipif(not SHARED_FILES.is_dir(), reason=f"{SHARED_FILES} is missing")
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(path.name, marks=pytest.mark.slow) if path.name in ENDED_BY_TIME else path.name
+        for path in sorted(SHARED_FILES.glob("*"))
+        if path.suffix != ".toml"
+    ],
+)
+def test_files_that_once_got_through_are_read_or_refused_in_one_line(run, name):
+    result = run("info", SHARED_FILES / name)
+    assert result.exit_code in (0, 2)
+    assert "internal error" not in result.stderr
+    assert len(result.stderr) < 400 + len(str(SHARED_FILES))
+    assert result.exit_code == 0 or result.stderr.count("\n") == 1
