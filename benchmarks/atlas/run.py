@@ -40,16 +40,16 @@ from ddgcli.tradeoff.truths import parse_truth
 
 HERE = Path(__file__).parents[2] / "docs" / "accuracy"
 LEVELS = (0, 1, 2, 3)
-SMALL = (0, 1)
+CHECK_LEVELS = (0, 1)
 # an error may rise by this factor, a rate fall by this much, before the check fails
 ERROR_SLACK, RATE_SLACK = 1.05, 0.1
 # refined meshes are results themselves: another order of insertions makes other meshes, no worse ones
 REFINED_SLACK, REFINED_RATE_SLACK = 1.5, 0.5
 # guess of the seconds above which the check leaves a configuration to the atlas
-CHEAP, CHEAP_RUN = 0.15, 0.05
+MAX_CHECK_SECONDS, MAX_CHECK_RUN_SECONDS = 0.15, 0.05
 MAX_LINES = 10
 # slow, and never better than other rows
-SKIPPED = (
+SKIPPED_CONFIGURATIONS = (
     "normal-cycle radius=4 edges",
     "intrinsic-delaunay mass=voronoi subdivide=1",
     "intrinsic-delaunay mass=galerkin subdivide=1",
@@ -58,7 +58,7 @@ PEER_NAMES = ("libigl", "potpourri3d", "pygeodesic", "robust_laplacian", "pymesh
 
 
 def measured(
-    problem: Problem, *, repeat: int, peers: Sequence[Candidate] | None, cheap: float = CHEAP
+    problem: Problem, *, repeat: int, peers: Sequence[Candidate] | None, cheap: float = MAX_CHECK_SECONDS
 ) -> list[Row]:
     """Rows of a problem with a known truth; without peers, the cheap ones only (the check)."""
     if peers is None:
@@ -83,7 +83,7 @@ def study(command: str, levels: tuple[int, ...], *, peers: bool = True) -> list[
             head = {"truth": case.truth, "mesh_class": case.mesh_class, "level": level, "faces": trial.faces}
             head["h"] = trial.h
             others = trial.peers() if peers else None
-            cheap = CHEAP_RUN if command in SIMULATED else CHEAP
+            cheap = MAX_CHECK_RUN_SECONDS if command in SIMULATED else MAX_CHECK_SECONDS
             repeat = repeats(command, level) if peers else 0
             rows = measured(trial.problem, repeat=repeat, peers=others, cheap=cheap)
             rows_of_command += [head | as_row(row) for row in rows]
@@ -111,7 +111,9 @@ def mesh_trial(command: str, truth: str, make: MeshSequence, level: int) -> Tria
     """A command on the mesh of one level."""
     mesh = make(level)
     problem = mesh_problem(command, mesh, truth=parse_truth(truth, mesh.points))
-    candidates = [candidate for candidate in problem.candidates if label_of(candidate) not in SKIPPED]
+    candidates = [
+        candidate for candidate in problem.candidates if label_of(candidate) not in SKIPPED_CONFIGURATIONS
+    ]
     problem = replace(problem, candidates=candidates)
     return Trial(mesh.n_faces, float(mesh.side_length.mean()), problem, lambda: list(peers_of(command, mesh)))
 
@@ -170,7 +172,7 @@ def picture(command: str, case: Case, rows: list[dict[str, Any]]) -> None:
     draw_chart(
         str(HERE / picture_name(command, case)),
         drawn_lines,
-        front=pareto_front(drawn_lines),
+        pareto_front=pareto_front(drawn_lines),
         xlabel="CPU seconds (set-up and one query)",
         ylabel="mean relative error",
         log="xy",
@@ -231,7 +233,7 @@ def mib(size: float) -> str:
 
 def summary_of(rows: list[dict[str, Any]]) -> dict[str, Any]:
     """What the check compares: errors of ours on the small meshes, and their rates."""
-    small = [r for r in rows if r["level"] in SMALL]
+    small = [r for r in rows if r["level"] in CHECK_LEVELS]
     errors = {name_of(r): [r["max_error"], r["mean_error"]] for r in small}
     return {"errors": errors, "rates": {"|".join(k): v for k, v in rates(small).items()}}
 
@@ -272,7 +274,7 @@ def main() -> int:
     if options.check:
         lines = []
         for command in options.commands:
-            summary = summary_of(study(command, SMALL, peers=False))
+            summary = summary_of(study(command, CHECK_LEVELS, peers=False))
             lines += [f"{command}: {line}" for line in worse(stored[command], summary)]
         print("\n".join(lines) or "accuracy: nothing has become worse")
         return 1 if lines else 0
@@ -284,7 +286,7 @@ def main() -> int:
         rows = study(command, LEVELS[: options.levels])
         write(command, rows)
         ours = [r for r in rows if not r["configuration"].startswith(PEER_NAMES)]
-        again = study(command, SMALL, peers=False)
+        again = study(command, CHECK_LEVELS, peers=False)
         names = set(summary_of(again)["errors"])
         stored[command] = summary_of([r for r in ours if name_of(r) in names])
         store.write_text(json.dumps(stored, indent=1, sort_keys=True) + "\n")

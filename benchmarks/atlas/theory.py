@@ -1,7 +1,7 @@
 """Convergence rates that theory gives, beside the observed ones, with their sources.
 
 A rate is the power of the mesh size (mesh class `steps`: of the step) with which the mean error falls.
-"none": no theorem is known to us, or there is a counterexample; the source says which.
+"none": no theorem is known to us, or there is a counterexample; see the source.
 """
 
 from __future__ import annotations

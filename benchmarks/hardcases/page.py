@@ -25,7 +25,7 @@ written by `make hardcases` from `benchmarks/hardcases/results.json`; do not edi
 | --- | --- |
 | ✓ | right: exit 0, and the answer agrees with a truth or an invariant |
 | ~ | degraded and reported: exit 1, or exit 0 with a warning that names what is lost |
-| – | refused: exit 2 and one line that says why |
+| – | refused: exit 2 and one line with the reason |
 | **✗** | wrong: a traceback, NaN, a violated truth with exit 0, over the limit of time or memory |
 | ? | not run yet |
 

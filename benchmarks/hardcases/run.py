@@ -154,7 +154,7 @@ def run_call(call: Call, path: Path | None, folder: Path, preloaded: bool = Fals
     """Run one call of the program in a folder of its own."""
     places = {"{input}": str(path), "{output}": str(folder / "output.npz")}
     words = [places.get(word, word).replace("{folder}", str(folder)) for word in call]
-    if call[0] in ("check", "batch"):  # the summary is wanted of the outer command
+    if call[0] in ("check", "batch"):  # the summary is that of the outer command
         words.insert(1, "--json")
     else:
         words.append("--json")

@@ -19,7 +19,6 @@ import click
 from ddgcli import __version__
 from ddgcli.cli.multi_value import repeat_options
 from ddgcli.cli.parameters import option_names
-from ddgcli.cli.streams import occupy_closed_streams
 from ddgcli.cli.threads import set_thread_variables
 from ddgcli.errors import DdgError, excerpt
 
@@ -78,7 +77,6 @@ class CommandGroup(click.Group):
 
     def make_context(self, info_name: str | None, args: list[str], *rest: Any, **extra: Any) -> click.Context:
         words = list(args)
-        occupy_closed_streams()
         set_thread_variables(words)
         try:
             context = super().make_context(info_name, args, *rest, **extra)
@@ -143,7 +141,7 @@ def _signals_as_exceptions() -> Iterator[None]:
         yield
         return
 
-    def terminate(number: int, frame: Any) -> None:
+    def terminate(number: int, stack_frame: Any) -> None:
         raise _Terminated(signal.Signals(number))
 
     kinds = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]

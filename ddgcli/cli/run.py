@@ -190,7 +190,7 @@ class Run:
             How often every face is split in four; vertices of the input keep their numbers, and its arrays
             are dropped.
         accept : sequence of {'surface', 'tetrahedra', 'curve'}
-            Kinds that the command takes; for others the error says what to do.
+            Kinds that the command takes; for others the error names a repair.
         flat_faces : bool
             Whether the command may treat an intrinsic triangulation as flat faces between its points.
         """

@@ -168,8 +168,6 @@ def _format_hint(data: bytes, suffix: str) -> str:
 
 
 def _bytes(path: str) -> bytes:
-    if path == "-" and sys.stdin is None:
-        raise MeshFileError("-: standard input is closed; name a file")
     if path == "-":
         return sys.stdin.buffer.read()
     try:
@@ -218,8 +216,6 @@ def check_output(path: str, output_format: str | None = None, *, formats: Sequen
         if path == "-" and output_format
         else Path(path).suffix.lower()
     )
-    if path == "-" and sys.stdout is None:
-        raise OutputError("standard output (-) is closed; name a file")
     if path == "-" and not output_format:
         raise OutputError("standard output (-) needs `output_format`, such as `output_format=ply`")
     known = tuple(WRITERS) if formats is None else tuple(formats)

@@ -166,10 +166,10 @@ class _Layout:
         nothing = np.zeros(0, dtype=np.int64)
         return _Layout(slice(0, 0), nothing, nothing, nothing, nothing, nothing, n)
 
-    def _local(self, front: NDArray, unknown: NDArray, above: NDArray, pair: NDArray) -> NDArray:
+    def _local(self, frontal: NDArray, unknown: NDArray, above: NDArray, pair: NDArray) -> NDArray:
         """Row of each unknown in its frontal matrix; `pair` for unknowns that are no pivots of the level."""
-        local = unknown - self._first_pivot[front]
-        up = front[above]
+        local = unknown - self._first_pivot[frontal]
+        up = frontal[above]
         local[above] = self._padded_pivots[up] + pair - self._first_pair[up]
         return local
 
@@ -197,8 +197,8 @@ class _Layout:
             pair = _padded(self._first_pair[members], self.n_updates[members], len(self.unknown))
             update = unknown[np.append(self.unknown, self.n)[pair]]
             groups.append(FrontalGroup(unknown[pivot], update, start, row[pair], column[pair]))
-            front, pivot_place = np.nonzero(pivot == self.n)
-            padding.append(self._base[members][front] + pivot_place * (self._width[members][front] + 1))
+            frontal, pivot_place = np.nonzero(pivot == self.n)
+            padding.append(self._base[members][frontal] + pivot_place * (self._width[members][frontal] + 1))
         padded_pivots = np.concatenate([*padding, np.zeros(0, int)])
         return AssemblyLevel(groups, self.size, self.entry, self.place, padded_pivots)
 
@@ -211,9 +211,9 @@ def _padded(first: NDArray, count: NDArray, padding: int) -> NDArray[np.int64]:
 
 def _similar_sizes(s: NDArray, u: NDArray) -> list[NDArray]:
     """Groups of non-empty frontal matrices of similar size; a split must save more than a group costs."""
-    fronts = np.flatnonzero(s + u > 0)
-    fronts = fronts[np.argsort((s + u)[fronts], kind="stable")]
-    groups, todo = [], [fronts] if len(fronts) else []
+    frontals = np.flatnonzero(s + u > 0)
+    frontals = frontals[np.argsort((s + u)[frontals], kind="stable")]
+    groups, todo = [], [frontals] if len(frontals) else []
     while todo:
         members = todo.pop()
         cut = _best_cut(s[members], u[members])

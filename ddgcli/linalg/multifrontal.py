@@ -87,11 +87,11 @@ def _eliminate(group: FrontalGroup, memory: NDArray, above: NDArray, factor: Cho
     step = max(1, MAX_CACHED_ENTRIES // (f * f))
     for begin in range(0, g, step):
         chunk = slice(begin, begin + step)
-        front, inverse, below = stack[chunk], factor.inverse[chunk], factor.below[chunk]
-        inverse[:] = inverse_triangles(np.linalg.cholesky(front[:, :s, :s]))
-        np.matmul(front[:, s:, :s], _adjoint(inverse), out=below)
+        frontal, inverse, below = stack[chunk], factor.inverse[chunk], factor.below[chunk]
+        inverse[:] = inverse_triangles(np.linalg.cholesky(frontal[:, :s, :s]))
+        np.matmul(frontal[:, s:, :s], _adjoint(inverse), out=below)
         if f > s:
-            update = front[:, s:, s:] - below @ _adjoint(below)
+            update = frontal[:, s:, s:] - below @ _adjoint(below)
             place = group.row[chunk][:, :, None] + group.column[chunk][:, None, :]
             np.add.at(above, place.ravel(), update.ravel())
 

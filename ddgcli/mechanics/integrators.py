@@ -92,7 +92,7 @@ def _swinging(system: System, increment: Increment, motion: Motion) -> NDArray:
     """First guess of the schemes that do not damp.
 
     Motions slower than the step keep their acceleration, those faster change its sign from step to step; the
-    function itself tells which of the two is nearer.
+    function itself decides which of the two is nearer.
     """
     from ddgcli.mechanics.newton import newton_of
 

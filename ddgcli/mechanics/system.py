@@ -1,4 +1,4 @@
-"""A mechanical system: masses and the terms that the scene asked for."""
+"""A mechanical system: masses and the terms that the scene names."""
 
 from __future__ import annotations
 

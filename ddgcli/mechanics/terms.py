@@ -195,7 +195,7 @@ Part = TypeVar("Part")
 def at_last_point(method: Callable[[Any, NDArray], Part]) -> Callable[[Any, NDArray], Part]:
     """Remember a method's value at the last array of positions (the same object, which nobody writes to).
 
-    Energy, gradient and Hessian of a Newton iteration are asked for at one point; they share what is found.
+    Energy, gradient and Hessian of a Newton iteration are evaluated at one point and share results.
     """
     name = f"_last_{method.__name__}"
 

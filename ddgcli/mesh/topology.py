@@ -339,8 +339,8 @@ def check_faces(faces: NDArray, n_vertices: int) -> NDArray[np.int64]:
     if faces.min() < 0 or faces.max() >= n_vertices:
         outside = (faces < 0) | (faces >= n_vertices)
         bad = int(np.argmax(outside.any(axis=1)))
-        culprit = faces[bad][outside[bad]][0]
+        vertex = faces[bad][outside[bad]][0]
         raise MeshError(
-            f"face {bad} names vertex {culprit}, outside 0..{n_vertices - 1}; correct the face list"
+            f"face {bad} names vertex {vertex}, outside 0..{n_vertices - 1}; correct the face list"
         )
     return faces.astype(np.int64)

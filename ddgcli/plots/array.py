@@ -13,7 +13,7 @@ from ddgcli.plots.glyphs import Glyphs
 from ddgcli.plots.surface import draw_surface
 
 # quantities with a sign: their colours diverge about zero
-SIGNED = (
+SIGNED_ARRAYS = (
     "angle_defect", "gaussian_curvature", "geodesic_curvature", "mean_curvature", "principal_curvature_min",
     "principal_curvature_max", "dihedral_angle", "torsion", "vorticity", "potential", "copotential",
     "stream_function",
@@ -23,7 +23,7 @@ CONSTANT_LENGTH_TOLERANCE = 1e-3  # relative spread of vector lengths
 
 def is_signed(name: str) -> bool | None:
     """True for quantities with a sign; None if the values decide."""
-    return True if name in SIGNED or name.startswith("eigenvector_") else None
+    return True if name in SIGNED_ARRAYS or name.startswith("eigenvector_") else None
 
 
 def glyphs_of(mesh: TriangleMesh, name: str, vectors: NDArray) -> Glyphs:

@@ -33,7 +33,7 @@ def draw_chart(
     caption: str = "",
     labels: Mapping[str, Sequence[str]] | None = None,
     ringed: Mapping[str, Sequence[int]] | None = None,
-    front: Series | None = None,
+    pareto_front: Series | None = None,
     width: float = 7.0,
     height: float = 4.6,
     dpi: float = 200,
@@ -52,7 +52,7 @@ def draw_chart(
         A text beside each point of a series.
     ringed : mapping of name to indices, optional
         Points to mark with a ring, such as those of the Pareto front.
-    front : (x, y), optional
+    pareto_front : (x, y), optional
         Pareto front, drawn as a broad grey line behind the series.
     """
     with page(path, width, height, dpi) as figure:
@@ -63,8 +63,8 @@ def draw_chart(
         drawable = {name: _drawable(x, y, log) for name, (x, y) in series.items()}
         axes.set_xscale("log" if "x" in log else "linear")
         axes.set_yscale("log" if "y" in log else "linear")
-        if front is not None:
-            x, y, shown = _drawable(*front, log)
+        if pareto_front is not None:
+            x, y, shown = _drawable(*pareto_front, log)
             axes.plot(x[shown], y[shown], color="0.85", linewidth=6, solid_capstyle="round", zorder=0.5,
                       drawstyle="steps-post", label="front")  # fmt: skip
         for k, (name, (x, y, shown)) in enumerate(drawable.items()):

@@ -138,7 +138,7 @@ def _paint(
     fit: NDArray | None = None,
 ) -> None:
     """Paint a surface on a part of the page (its left end and its width, as shares of the page)."""
-    mesh, frame, placed = _in_unit_box(mesh, fit)
+    mesh, fit_points, placed = _in_unit_box(mesh, fit)
     axes = picture_axes(figure, values is not None and values.ndim == 1, part)
     squares = values is not None and values.ndim == 2
     known = None if values is None or squares else _relevant(mesh, values)
@@ -146,7 +146,7 @@ def _paint(
         low, high, signed = robust_limits(known, signed, value_size)
         limits = low, high
     if fit is None:
-        up = up or up_axis_of(frame)
+        up = up or up_axis_of(fit_points)
         if view is None:
             view = best_view(mesh, _interest(interest, values, signed, limits), up)
     box = axes.get_position()
@@ -154,7 +154,7 @@ def _paint(
         int(round(share * inches * figure.dpi * _SAMPLES))
         for share, inches in zip((box.width, box.height), figure.get_size_inches())
     ]
-    camera = fitted_camera(frame, view_axes(frame, view, up or "z"), *size)
+    camera = fitted_camera(fit_points, view_axes(fit_points, view, up or "z"), *size)
     visible = rasterise(camera, mesh.points, mesh.faces)
     if squares and values is not None:
         colour, mappable = _squares(mesh, visible, values), None
@@ -198,11 +198,11 @@ def _squares(mesh: TriangleMesh, visible: PixelFaces, flat: NDArray) -> NDArray[
 def _in_unit_box(mesh: TriangleMesh, fit: NDArray | None) -> tuple[TriangleMesh, NDArray, Callable]:
     """Mesh and (k, 3) points inside the picture, both in a unit box, and the map into it."""
     used = mesh.points[mesh.topology.referenced_vertex] if mesh.n_faces else mesh.points
-    frame = used if fit is None else np.asarray(fit, dtype=np.float64)
-    if len(frame) == 0:
-        frame = np.zeros((1, 3))
-    placed = unit_box(frame)
-    return mesh.moved(placed(mesh.points)), placed(frame), placed
+    fit_points = used if fit is None else np.asarray(fit, dtype=np.float64)
+    if len(fit_points) == 0:
+        fit_points = np.zeros((1, 3))
+    placed = unit_box(fit_points)
+    return mesh.moved(placed(mesh.points)), placed(fit_points), placed
 
 
 def _relevant(mesh: TriangleMesh, values: NDArray) -> NDArray[np.float64]:

@@ -23,7 +23,7 @@ DEFAULT = "cotton"
 
 
 def filled(values: dict[str, Any]) -> dict[str, Any]:
-    """The keys of a shell with what its material says put where nothing was said.
+    """Keys of a shell, completed from its material.
 
     `density` is a mass per area: volume density times thickness (the object's own where it has one).
     """

@@ -266,7 +266,7 @@ def _graded(parameter: NDArray, grading: float, wraps: bool) -> NDArray[np.float
 def _equilateral(grid: Grid) -> TriangleMesh:
     """Rows of equilateral triangles; halves of them at the ends of the rows fill a rectangle.
 
-    The width and the cells decide: the height is that of the rows, and a warning says so where it is another.
+    The width and the cells decide: the height is that of the rows, and another height causes a warning.
     """
     nx, ny = grid.cells
     height = ny * np.sqrt(0.75) * grid.size[0] / nx

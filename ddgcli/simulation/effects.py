@@ -13,7 +13,7 @@ from ddgcli.errors import SceneError
 
 @dataclass(frozen=True)
 class Effect:
-    """What an effect's module says of itself, in its `EFFECT`.
+    """Description of an effect, the `EFFECT` of its module.
 
     Parameters
     ----------

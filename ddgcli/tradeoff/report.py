@@ -159,8 +159,8 @@ def chart_of(rows: list[Row], norm: str, within: float | None, floor: float) -> 
     labels = {name: [_parameter_values(row) for row in line] for name, line in lines.items()}
     ringed = {name: [k for k, row in enumerate(line) if row.on_front] for name, line in lines.items()}
     best = sorted((r.total_seconds, max(r.error(norm), floor)) for r in rows if r.on_front)
-    front = ([x for x, _ in best], [y for _, y in best])
-    return {"series": series, "labels": labels, "ringed": ringed, "front": front}
+    pareto_front = ([x for x, _ in best], [y for _, y in best])
+    return {"series": series, "labels": labels, "ringed": ringed, "pareto_front": pareto_front}
 
 
 def _parameter_values(row: Row) -> str:

@@ -99,7 +99,7 @@ def test_a_refused_command_is_exit_2(stored, run):
     assert "nowhere.ply" in result.stderr and len(result.stderr.splitlines()) == 1
 
 
-def test_comparison():
+def test_every_moved_number_and_text_is_a_difference():
     moved, compared = compare(
         {
             "results": {"a": 1.0, "b": [1, 2], "c": True, "d": None},

@@ -223,7 +223,7 @@ def test_a_closed_pipe_ends_quietly(torus):
 
 
 @pytest.mark.parametrize("suffix", [".ply", ".obj", ".off", ".vtu", ".vtk", ".npz", ".xdmf"])
-def test_standard_input(torus, tmp_path, suffix):
+def test_a_mesh_is_read_from_standard_input(torus, tmp_path, suffix):
     source = tmp_path / f"in{suffix}"
     write_mesh(str(source), AnnotatedMesh(read_mesh(str(torus)).mesh))
     done = process("info", "-", "--input-format", suffix[1:], "--json", input=source.read_bytes())
@@ -236,7 +236,7 @@ def test_standard_input_needs_a_format(run):
 
 
 @pytest.mark.parametrize("suffix", WRITERS)
-def test_standard_output(torus, tmp_path, suffix):
+def test_a_mesh_is_written_to_standard_output(torus, tmp_path, suffix):
     done = process("info", torus, "-o", "-", "--output-format", suffix[1:])
     assert done.returncode == 0, done.stderr
     again = tmp_path / f"again{suffix}"
@@ -363,7 +363,7 @@ def test_arrays_the_format_cannot_store_give_a_warning(summary, torus, tmp_path)
     assert ".vtu" in document["warnings"][0]
 
 
-def test_quiet_and_verbose(torus, tmp_path):
+def test_quiet_runs_print_no_warning(torus, tmp_path):
     words = ("info", torus, "-o", tmp_path / "a.off")
     assert b"Warning" in process(*words).stderr
     assert process(*words, "-q").stderr == b""

@@ -98,7 +98,7 @@ def test_a_map_of_the_input_is_measured(summary, run, tmp_path):
 
 
 @pytest.mark.parametrize("extension", ["png", "svg", "pdf"])
-def test_pictures(run, torus, tmp_path, extension):
+def test_pictures_are_written(run, torus, tmp_path, extension):
     picture = tmp_path / f"out.{extension}"
     words = ("curvature", torus, "--plot", picture, "--show", "gaussian_curvature", "--view", "30,20:y")
     assert run(*words).exit_code == 0

@@ -49,7 +49,7 @@ def test_matrices_of_a_surface_and_their_numbering(summary, sphere, tmp_path):
     assert difference < 1e-12
 
 
-def test_tetrahedra_and_matrix_market(summary, tmp_path):
+def test_matrix_market_files_equal_the_archive_on_tetrahedra(summary, tmp_path):
     out, folder = tmp_path / "operators.npz", tmp_path / "matrices"
     result = summary("dec", BALL, "--star", "galerkin", "-o", out, "--mtx", folder)
     assert result["accuracy"]["derivative_residual"] == 0

@@ -24,7 +24,7 @@ def stretched(tmp_path):
     return path
 
 
-def test_summary_and_arrays(summary, stretched, tmp_path):
+def test_no_edge_is_non_delaunay_after_the_flips(summary, stretched, tmp_path):
     out, overlay = tmp_path / "idt.npz", tmp_path / "overlay.ply"
     report = summary("delaunay", stretched, "-o", out, "--overlay", overlay, "--condition")
     before, after = report["results"]["before"], report["results"]["after"]
@@ -144,7 +144,7 @@ def test_a_condition_that_cannot_be_measured_is_null(summary, tmp_path):
     assert any("results.before.laplacian_condition" in warning for warning in report["warnings"])
 
 
-def test_picture(run, stretched, tmp_path):
+def test_a_picture_is_written(run, stretched, tmp_path):
     picture = tmp_path / "edges.png"
     assert run("delaunay", stretched, "--plot", picture).exit_code == 0
     assert picture.stat().st_size > 10_000
@@ -153,7 +153,7 @@ def test_picture(run, stretched, tmp_path):
 @pytest.mark.parametrize(
     "name, words", [("gen_book_edge.ply", "more than two faces"), ("gen_moebius_tri.off", "orient")]
 )
-def test_refusals(run, shared_meshes, name, words):
+def test_wrong_inputs_are_refused_in_one_line(run, shared_meshes, name, words):
     result = run("delaunay", shared_meshes / "hard" / name)
     assert result.exit_code == 2
     assert words in result.stderr and result.stderr.count("\n") == 1
@@ -165,7 +165,7 @@ def test_a_format_that_cannot_hold_it_is_refused_before_any_work(run, stretched,
     assert not (tmp_path / "idt.obj").exists()
 
 
-def test_refinement(summary, stretched, tmp_path):
+def test_refinement_reaches_its_angle_and_counts_its_points(summary, stretched, tmp_path):
     out, overlay = tmp_path / "fine.npz", tmp_path / "overlay.vtu"
     report = summary("delaunay", stretched, "--refine", 25, "-o", out, "--overlay", overlay)
     results = report["results"]

@@ -19,7 +19,7 @@ def test_examples_copies_samples_once_and_keeps_what_exists(run, summary, tmp_pa
     assert torus.read_text() == "mine"
 
 
-def test_a_folder_that_cannot_be_made_is_refused(run, tmp_path):
+def test_a_folder_that_cannot_be_created_is_refused(run, tmp_path):
     (tmp_path / "file").write_text("")
     result = run("examples", tmp_path / "file")
     assert result.exit_code == 2 and "name another folder" in result.stderr

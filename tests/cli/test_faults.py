@@ -125,7 +125,7 @@ def test_a_signal_at_the_write_leaves_nothing(ball, tmp_path, monkeypatch, run, 
 
 @needs_posix
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_signals_at_any_moment(ball, tmp_path, number):
+def test_signals_at_any_moment_leave_whole_files_only(ball, tmp_path, number):
     out = tmp_path / "o.ply"
     write_mesh(str(ball), AnnotatedMesh(shapes.icosphere(5)))
     for delay in (0.3, 1.2):

@@ -60,7 +60,7 @@ def test_mean_is_subtracted_with_a_warning(summary, ball):
     assert abs(out["results"]["total_vorticity"]) < 1e-12
 
 
-def test_conservation_in_the_summary(summary, tmp_path):
+def test_accuracy_of_the_summary_shows_conservation(summary, tmp_path):
     file = scene(tmp_path / "s.toml", SQUARE, 'initial = { flow = "taylor-green" }\nharmonic = {}')
     accuracy = summary("fluid-sim", file)["accuracy"]
     assert accuracy["divergence_max"] < 1e-14 and accuracy["total_vorticity_drift"] < 1e-14
@@ -68,7 +68,7 @@ def test_conservation_in_the_summary(summary, tmp_path):
 
 
 @pytest.mark.parametrize("integrator", ["conservative", "circulation"])
-def test_taylor_green_decay(summary, tmp_path, integrator):
+def test_taylor_green_vortices_decay_at_their_rate(summary, tmp_path, integrator):
     time = f'duration = 0.5\nstep = 0.05\nintegrator = "{integrator}"'
     file = scene(
         tmp_path / "s.toml", SQUARE, 'initial = { flow = "taylor-green" }\nviscosity = { nu = 0.1 }', time
@@ -187,7 +187,7 @@ def test_trajectory_is_read_by_vtk(run, flow, tmp_path):
             assert (wraps is not None) == ("periodic" in flow.read_text())
 
 
-def test_trajectory_resume_and_arrays(run, flow, tmp_path, monkeypatch):
+def test_a_resumed_run_has_the_same_frames(run, flow, tmp_path, monkeypatch):
     from ddgcli.io.trajectories.trajectory import Trajectory
     from ddgcli.models.fluid.model import FluidModel
 

@@ -83,7 +83,7 @@ def test_series_names_every_frame(summary, trajectory, tmp_path):
         assert np.array_equal(read_mesh(str(tmp_path / "s" / "frame_00002.vtp")).mesh.points, ours.points(2))
 
 
-def test_pictures_and_animation(summary, trajectory, tmp_path):
+def test_pictures_and_animations_are_written(summary, trajectory, tmp_path):
     out = summary("frames", trajectory, "-o", tmp_path / "p.png", "--to", 0.01)
     assert out["outputs"] == [str(tmp_path / f"p_000{k}.png") for k in (0, 1)]
     assert all((tmp_path / f"p_000{k}.png").read_bytes().startswith(b"\x89PNG") for k in (0, 1))

@@ -122,7 +122,7 @@ def test_a_klein_bottle_has_the_betti_numbers_of_the_page(tmp_path, summary, run
     assert result.exit_code == 2 and "reverse 1 of them (first: face 0)" in result.stderr
 
 
-def test_tetrahedra(shared_meshes, tmp_path, summary):
+def test_fields_on_tetrahedra_have_the_betti_numbers_of_the_solid(shared_meshes, tmp_path, summary):
     path = shared_meshes / "P1.msh"
     cells = len(read_mesh(str(path)).mesh.tetrahedra)
     np.save(tmp_path / "field.npy", np.random.default_rng(0).normal(size=(cells, 3)))

@@ -39,7 +39,7 @@ def moebius(n=20):
     return TriangleMesh.from_arrays(np.concatenate(ring), np.concatenate([np.c_[a, c, d], np.c_[a, d, b]]))
 
 
-def test_torus(info):
+def test_a_sound_torus_has_no_defects(info):
     document = info(shapes.torus())
     assert document["input"]["genus"] == 1
     assert document["input"]["closed"] and document["input"]["oriented"] and document["input"]["manifold"]
@@ -49,7 +49,7 @@ def test_torus(info):
     assert results["accepts"]["delaunay"] == "yes"
 
 
-def test_inward_and_mixed(info):
+def test_inward_and_mixed_orientations_are_reported(info):
     sphere = shapes.icosphere(1)
     inward = TriangleMesh.from_arrays(sphere.points, sphere.faces[:, ::-1])
     assert info(inward)["results"]["orientation"] == "inward"
@@ -83,7 +83,7 @@ def test_turned_faces_are_inconsistent_but_orientable_and_can_be_turned_back(inf
     np.testing.assert_array_equal(turn, turned)
 
 
-def test_angles_of_one_triangle(info):
+def test_quality_of_the_3_4_5_triangle_is_exact(info):
     mesh = TriangleMesh.from_arrays(np.array([[0, 0, 0], [3, 0, 0], [0, 4, 0]]), np.array([[0, 1, 2]]))
     measured = info(mesh)["results"]["quality"]
     assert measured["max_angle_degrees"] == pytest.approx(90)
@@ -124,7 +124,7 @@ def test_size_of_a_box_away_from_the_origin():
     assert "volume" not in quality.surface_size(half) and "volume" not in quality.surface_size(turned)
 
 
-def test_tetrahedra_about_one_face():
+def test_inverted_flat_and_duplicate_tetrahedra_are_counted():
     """Four cells on one face, the first of them regular and listed twice; and a flat cell, listed twice."""
     points = np.array(
         [[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1], [-3, -3, -3], [1, 1, -1.0], [1, 0, 0], [9, 9, 9]]
@@ -186,7 +186,7 @@ def test_output_shows_where(info, tmp_path):
     assert annotated.face["min_angle_degrees"].min() > 50
 
 
-def test_curves_and_tetrahedra(tmp_path, summary):
+def test_curves_and_tetrahedra_have_their_own_facts(tmp_path, summary):
     square = tmp_path / "square.csv"
     square.write_text("x,y\n0,0\n1,0\n1,1\n0,1\n0,0\n")
     document = summary("info", square)
@@ -202,7 +202,7 @@ def test_curves_and_tetrahedra(tmp_path, summary):
     assert document["results"]["accepts"]["geodesic"].startswith("no: ")
 
 
-def test_marks_of_curves():
+def test_arrays_mark_components_and_ends_of_curves():
     points = np.column_stack([np.arange(8.0), np.arange(8.0) ** 2, np.zeros(8)])
     open_and_closed = CurveSet(points, np.array([[0, 1], [1, 2], [4, 5], [5, 6], [6, 4]]))
     marks = quality.curve_marks(open_and_closed)

@@ -40,7 +40,7 @@ def test_progress_draws_a_progress_bar(mesh_file, run, monkeypatch):
 
 @pytest.mark.parametrize("operator", LAPLACE_OPERATORS)
 @pytest.mark.parametrize("suffix", ["npz", "mtx"])
-def test_matrices_read_back(mesh_file, summary, tmp_path, operator, suffix):
+def test_written_matrices_equal_those_of_the_library(mesh_file, summary, tmp_path, operator, suffix):
     path = mesh_file(shapes.random_sphere(300))
     files = [tmp_path / f"L.{suffix}", tmp_path / f"M.{suffix}"]
     out = summary("laplacian", path, "--operator", operator, "--matrix", files[0], "--mass-matrix", files[1])
@@ -90,7 +90,7 @@ def test_harmonic_takes_its_values(mesh_file, summary, tmp_path, words):
     assert out["accuracy"]["maximum_principle_violation"] == 0
 
 
-def test_parameterizations(mesh_file, summary, tmp_path):
+def test_maps_of_the_plane_keep_their_promises(mesh_file, summary, tmp_path):
     half = shapes.catenoid(32, 16)
     flat = shapes.grid(12, 9, 2.0, 1.0)
     path, result = mesh_file(flat), tmp_path / "r.npz"
@@ -116,7 +116,7 @@ def test_smoothing_moves_the_mesh(mesh_file, summary, tmp_path):
     assert out["results"]["converged"] is False
 
 
-def test_heat_kernel_signature(mesh_file, summary, tmp_path):
+def test_heat_kernel_signature_of_a_sphere_equals_the_series(mesh_file, summary, tmp_path):
     path, result = mesh_file(shapes.icosphere(3)), tmp_path / "r.npz"
     out = summary("laplacian", path, "--hks", 0.5, 100, "-o", result)
     arrays = np.load(result)

@@ -187,7 +187,7 @@ def test_within_prints_the_command_and_misses_are_exit_1(sphere, run, summary):
     assert miss.stdout.startswith("tradeoff laplacian ")
 
 
-def test_files_for_pipelines(sphere, tmp_path, summary):
+def test_rows_and_summary_are_written_to_files(sphere, tmp_path, summary):
     outs = [tmp_path / "t.csv", tmp_path / "t.json", tmp_path / "t.png"]
     summary("tradeoff", "delaunay", sphere, "--repeat", 1, "-o", outs[0], "-o", outs[1], "--plot", outs[2])
     assert all(out.stat().st_size > 100 for out in outs)
@@ -203,7 +203,7 @@ def test_files_for_pipelines(sphere, tmp_path, summary):
         (["--within", "0"], "0"),
     ],
 )
-def test_bad_calls(sphere, run, words, part):
+def test_bad_calls_are_refused_in_one_line(sphere, run, words, part):
     result = run("tradeoff", "geodesic", sphere, *words)
     assert result.exit_code == 2 and part in result.stderr and result.stderr.count("\n") == 1
 
@@ -257,7 +257,7 @@ def test_integrators_of_a_scene_have_errors_in_their_known_order(tmp_path, summa
     assert "--integrator" in report["results"]["rows"][0]["command"]
 
 
-def test_willmore_energy_by_step(tmp_path, summary):
+def test_the_error_of_the_willmore_energy_falls_with_the_step(tmp_path, summary):
     path = tmp_path / "ellipsoid.ply"
     mesh = shapes.icosphere(2)
     write_mesh(str(path), AnnotatedMesh(mesh.moved(mesh.points * [1.0, 1.0, 1.3])))

@@ -128,7 +128,7 @@ def test_the_fit_turns_to_low_degree_when_data_are_noisy():
 
 
 @pytest.mark.parametrize("scheme", CURVATURE_SCHEMES)
-def test_minimal_and_developable_surfaces(scheme):
+def test_curvatures_of_a_minimal_surface_and_a_cylinder_are_right(scheme):
     surface = shapes.catenoid(96, 64)
     inside = np.abs(surface.points[:, 2]) < 0.9  # normals at the boundary itself are one-sided
     assert np.abs(measure_curvature(surface, scheme).vertex["mean_curvature"][inside]).max() < 2e-3

@@ -106,7 +106,7 @@ def test_harmonic_fields_of_an_annulus(boundary):
     assert error[-1] < 2e-3
 
 
-def test_scale_and_rigid_motion():
+def test_the_decomposition_follows_scale_and_rigid_motion():
     mesh, rng = MESHES["torus"], np.random.default_rng(2)
     form = rng.normal(size=mesh.topology.n_edges)
     base = decompose_form(mesh, form)

@@ -65,7 +65,7 @@ def test_sphere_has_l_times_l_plus_one_with_multiplicity(mass):
 
 
 @pytest.mark.parametrize("mass", [lumped_mass, galerkin_mass])
-def test_flat_torus_of_lengths(mass):
+def test_eigenvalues_of_a_flat_torus_converge_at_second_order(mass):
     truth = np.sort([(2 * np.pi) ** 2 * (i * i + j * j) for i in range(-3, 4) for j in range(-3, 4)])[:13]
     errors = []
     for n in (12, 24, 48):
@@ -86,7 +86,7 @@ def test_flat_torus_eigenvalues_are_those_of_the_five_point_star():
     assert np.abs(values - truth).max() < 1e-9 * truth[-1]
 
 
-def test_square_with_free_boundary():
+def test_eigenvalues_of_a_free_square_converge_at_second_order():
     truth = np.sort([np.pi**2 * (i * i + j * j) for i in range(6) for j in range(6)])[:10]
     errors = []
     for n in (8, 16, 32):
@@ -95,7 +95,7 @@ def test_square_with_free_boundary():
     assert errors[-1] < 0.02 and (rates(errors) > 1.8).all()
 
 
-def test_disk_with_free_boundary():
+def test_eigenvalues_of_a_free_disk_converge_at_second_order():
     # squares of the zeros of J_m' for m = 1, 2, 0, 3, 4 (Abramowitz and Stegun, table 9.5)
     zero = np.array([1.841183781, 1.841183781, 3.054236928, 3.054236928, 3.831705970,
                      4.201188941, 4.201188941, 5.317553126, 5.317553126])  # fmt: skip

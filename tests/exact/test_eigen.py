@@ -25,7 +25,7 @@ def three_bodies(count, subdivisions=2):
 
 @pytest.mark.parametrize("mass", [lumped_mass, galerkin_mass])
 @pytest.mark.parametrize("k", [1, 2, 12, 300])
-def test_against_a_dense_solver(mass, k):
+def test_eigenpairs_equal_those_of_a_dense_solver(mass, k):
     mesh = shapes.random_sphere(500, seed=4)
     L, M = stiffness(mesh), mass(mesh)
     pairs = smallest_eigenpairs(L, M, k)
@@ -55,7 +55,7 @@ def test_progress_grows_to_the_whole():
     assert shares == sorted(shares) and shares[-1] == 1.0
 
 
-def test_residuals_beside_arpack():
+def test_residuals_are_small_and_values_equal_those_of_arpack():
     L, M = three_bodies(1, 3)
     pairs = smallest_eigenpairs(L, M, 25)
     left = np.linalg.norm(L @ pairs.vectors - M @ pairs.vectors * pairs.values, axis=0)

@@ -85,7 +85,7 @@ def test_shared_order_keeps_the_fill_low():
 
 
 @pytest.mark.parametrize("solver", SOLVERS)
-def test_complex_hermitian(solver):
+def test_complex_hermitian_systems_are_solved(solver):
     A = definite(2)
     n = A.shape[0]
     phase = np.exp(1j * np.random.default_rng(1).uniform(0, 6, n))
@@ -95,7 +95,7 @@ def test_complex_hermitian(solver):
 
 
 @pytest.mark.parametrize("solver", [None, *SOLVERS])
-def test_saddle_point(solver):
+def test_saddle_point_systems_are_solved(solver):
     A = definite(2)
     n = A.shape[0]
     constraint = random_array((5, n), density=0.2, rng=np.random.default_rng(2), format="csr")
@@ -107,7 +107,7 @@ def test_saddle_point(solver):
 
 
 @pytest.mark.parametrize("solver", SOLVERS)
-def test_indefinite_with_positive_diagonal(solver):
+def test_indefinite_systems_with_positive_diagonal_are_solved(solver):
     A = csc_array(np.array([[1.0, 3.0, 0.0], [3.0, 1.0, 1e-9], [0.0, 1e-9, 1e-9]]))
     x = np.array([1.0, -2.0, 3.0])
     assert np.abs(Factor(A, solver=solver).solve(A @ x) - x).max() < 1e-12
@@ -131,7 +131,7 @@ def test_singular_is_refused(solver):
         Factor(L, solver=solver).solve(np.ones(L.shape[0]))
 
 
-def test_refusals():
+def test_wrong_systems_are_refused():
     A = definite(1)
     with pytest.raises(SolveError, match="not square"):
         Factor(csr_array((3, 4)))
@@ -213,7 +213,7 @@ def test_components_with_a_mass_do_not_float():
     assert (label[:n] == -1).all() and (label[n:] == 0).all()
 
 
-def test_empty_systems():
+def test_empty_systems_have_solutions():
     assert Factor(csc_array((0, 0))).solve(np.zeros(0)).shape == (0,)
     L = stiffness(shapes.icosphere(0))
     everything = Dirichlet(L, np.arange(12))

@@ -161,7 +161,7 @@ def test_generator_of_a_solid_ring_goes_round_it():
 @pytest.mark.parametrize(
     "name, genus, loops", [("boot.obj", 12, 0), ("plane_holes.obj", 0, 27), ("spot.obj", 0, 0)]
 )
-def test_real_surfaces(shared_meshes, name, genus, loops):
+def test_betti_numbers_and_generators_of_real_surfaces_are_right(shared_meshes, name, genus, loops):
     mesh = read_mesh(str(shared_meshes / name)).mesh
     b1 = 2 * genus + max(loops - 1, 0)
     betti = betti_numbers(mesh)

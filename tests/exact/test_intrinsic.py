@@ -39,7 +39,7 @@ def truth(a, b, c):
 @pytest.mark.parametrize("name", SHAPES)
 @pytest.mark.parametrize("turn", range(3))
 @pytest.mark.parametrize("scale", [1.0, 2.0**-400, 2.0**400])
-def test_full_relative_precision(name, turn, scale):
+def test_angles_and_cotangents_have_full_relative_precision(name, turn, scale):
     side = np.roll(np.array(SHAPES[name]), turn)
     lengths = scale * side[None, :]
     cotan, angle = corner_cotan(lengths)[0], corner_angle(lengths)[0]

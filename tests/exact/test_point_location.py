@@ -45,7 +45,7 @@ def positions_of(mesh, points):
     return np.einsum("kc,kcd->kd", points.barycentric, mesh.points[mesh.faces[points.face]])
 
 
-def test_there_and_back(cut):
+def test_points_come_back_from_the_intrinsic_triangulation(cut):
     carry, size = PointMap(cut), np.ptp(cut.input.points, axis=0).max()
     points = random_points(cut.input.n_faces, 2000)
     there = carry.to_intrinsic(points)
@@ -128,7 +128,7 @@ def line_ends(tracer, side, turn, length):
     return tracer.trace(face, np.eye(3)[k], heading, np.full(len(side), length))
 
 
-def test_empty_and_wrong_points():
+def test_no_points_are_mapped_and_wrong_ones_are_refused():
     cut = cut_of(stretched(100), None)
     carry = PointMap(cut)
     assert len(carry.to_intrinsic(SurfacePoints.none())) == 0

@@ -65,7 +65,7 @@ def test_no_angle_is_smaller_and_the_metric_stays(case):
     assert after.topology.boundary_loops == mesh.topology.boundary_loops
 
 
-def test_overlay_after_refinement(case):
+def test_the_overlay_after_refinement_is_a_mesh_of_the_same_topology(case):
     mesh, refined = case
     cut = common_subdivision(refined.triangulation, refined.base)
     topology = cut.mesh.topology
@@ -130,7 +130,7 @@ def test_points_run_out():
     assert not non_delaunay_edges(refined.triangulation.mesh).any()
 
 
-def test_refusals():
+def test_impossible_refinements_are_refused():
     with pytest.raises(ParameterError, match="does not end"):
         refine(shapes.icosphere(1), 45)
     points = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1.0]])

@@ -44,7 +44,7 @@ def test_under_five_megabytes_and_described():
 
 
 @pytest.mark.parametrize("name", SURFACES)
-def test_surface(name):
+def test_sample_surfaces_have_their_topology_area_and_volume(name):
     euler, loops, area, volume = SURFACES[name]
     mesh = read_mesh(str(FOLDER / name)).mesh
     topology = mesh.topology
@@ -63,7 +63,7 @@ def test_hat_faces_up():
     assert np.cross(top[1] - top[0], top[2] - top[0])[2] > 0
 
 
-def test_ball():
+def test_the_sample_ball_has_positive_cells_and_its_volume():
     mesh = read_mesh(str(FOLDER / "ball.vtu")).mesh
     assert (mesh.signed_volume > 0).all()
     assert mesh.signed_volume.sum() == pytest.approx(4 * np.pi / 3, rel=0.02)
@@ -71,7 +71,7 @@ def test_ball():
 
 
 @pytest.mark.parametrize("name, length", [("ellipse.csv", 8 * ellipe(0.75)), ("trefoil.obj", None)])
-def test_curve(name, length):
+def test_sample_curves_are_closed_with_their_length(name, length):
     curves = read_mesh(str(FOLDER / name)).mesh
     ((path, closed),) = curves.paths()
     assert closed and len(path) == curves.n_vertices

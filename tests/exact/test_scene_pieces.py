@@ -20,7 +20,7 @@ from ddgcli.scenes.units import parse_quantity
     ("1 MPa", "N/m^2", 1e6), ("3 min", "s", 180.0), ("5 kHz", "1/s", 5e3), ("1 N mm", "N m", 1e-3),
     ("12 in", "m", 0.3048), ("1.5 1/s", "1/s", 1.5), (2, "m", 2.0), ("50", "", 50.0), ("10 µm", "m", 1e-5),
 ])  # fmt: skip
-def test_quantities(text, unit, value):
+def test_quantities_are_converted_exactly(text, unit, value):
     assert parse_quantity(text, unit) == pytest.approx(value, rel=1e-15)
 
 
@@ -31,7 +31,7 @@ def test_quantities(text, unit, value):
     ("1 m^x", "m", "unit"), ("1 km^400", "m", "range of numbers"), (10**400, "m", "finite"),
     ("1 m^" + "9" * 5000, "m", "unit"),
 ])  # fmt: skip
-def test_wrong_quantities(text, unit, message):
+def test_wrong_quantities_are_refused(text, unit, message):
     with pytest.raises(ValueError, match=message):
         parse_quantity(text, unit)
 
@@ -46,7 +46,7 @@ X = {"x": np.array([0.5, -1.0]), "y": np.array([2.0, 3.0]), "z": np.array([-1.0,
     ("exp(-(x^2+y^2)/0.1)", np.exp(-(X["x"] ** 2 + X["y"] ** 2) / 0.1)),
     ("atan2(y, x)", np.arctan2(X["y"], X["x"])),
 ])  # fmt: skip
-def test_expressions(text, value):
+def test_expressions_have_their_value(text, value):
     assert np.allclose(evaluate(text, X), value, rtol=1e-15, atol=0)
 
 
@@ -90,7 +90,7 @@ def test_no_text_breaks_the_scene_reader(text):
         assert "line" in str(error)
 
 
-def test_lines_of_keys():
+def test_every_key_has_the_line_where_it_is_written():
     text = """# a comment = with an equals sign
 title = '''
 [not.a.table]
@@ -246,5 +246,5 @@ def test_material_names_set_the_missing_constants():
     assert all(m["poisson"] <= 0.5 and m["young"] > 0 for m in MATERIALS.values())
 
 
-def test_rotation():
+def test_a_quarter_turn_about_z_maps_x_to_y():
     assert np.allclose(rotation_matrix((0, 0, 2), np.pi / 2) @ [1, 0, 0], [0, 1, 0])

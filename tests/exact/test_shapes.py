@@ -21,7 +21,7 @@ OPEN = {
 
 
 @pytest.mark.parametrize("name", CLOSED)
-def test_closed_shapes(name):
+def test_closed_shapes_are_outward_manifolds_of_their_genus(name):
     mesh, euler = CLOSED[name]
     topology = mesh.topology
     assert topology.is_closed and topology.is_manifold and topology.is_oriented
@@ -30,7 +30,7 @@ def test_closed_shapes(name):
 
 
 @pytest.mark.parametrize("name", CLOSED | OPEN)
-def test_gauss_bonnet(name):
+def test_angle_defects_of_closed_shapes_sum_to_2_pi_chi(name):
     mesh, euler = (CLOSED | OPEN)[name]
     assert mesh.topology.euler_characteristic == euler
     assert angle_defect(mesh).sum() == pytest.approx(2 * np.pi * euler, abs=1e-11)

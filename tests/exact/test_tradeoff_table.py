@@ -118,7 +118,7 @@ def row(method: str, setup: float, seconds: float, error: float) -> Row:
         ((0.0, 9.0, 0.1), (2.0, 1.0, 0.1), None),  # repaid within one query
     ],
 )
-def test_break_even_by_hand(direct, factored, queries):
+def test_break_even_counts_equal_those_computed_by_hand(direct, factored, queries):
     pairs = break_even([row("direct", *direct), row("factored", *factored)])
     expected = {"row": "factored", "against": "direct", "queries": queries}
     assert pairs == ([expected] if queries else [])

@@ -172,7 +172,7 @@ def test_scenes_without_a_shell_are_refused(run, tmp_path, text):
     assert result.stderr.count("\n") == 1
 
 
-def test_missing_and_binary_files(run, tmp_path):
+def test_missing_and_binary_scenes_are_refused(run, tmp_path):
     assert "no such file" in run("shell-sim", tmp_path / "no.toml").stderr
     (tmp_path / "b.toml").write_bytes(b"\xff\xfe\x00")
     result = run("shell-sim", tmp_path / "b.toml")

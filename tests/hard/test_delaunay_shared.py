@@ -51,7 +51,7 @@ def check(name, mesh):
     return True
 
 
-def test_flips_and_overlay(shared_meshes):
+def test_flips_and_overlays_end_on_every_shared_mesh(shared_meshes):
     done = [check(name, mesh) for name, mesh in surfaces(shared_meshes) if mesh.n_vertices <= QUICK]
     assert sum(done) >= 12
 
@@ -80,7 +80,7 @@ def can_be_glued(mesh):
 
 
 @pytest.mark.parametrize("degrees", [25, 30])
-def test_refinement(shared_meshes, degrees):
+def test_refinement_ends_on_every_shared_mesh(shared_meshes, degrees):
     small = [(n, m) for n, m in surfaces(shared_meshes) if m.n_vertices <= SMALL and can_be_glued(m)]
     assert len(small) >= 3
     for name, mesh in small:
@@ -115,7 +115,7 @@ def test_hard_files_are_right_or_refused_with_a_cure(shared_meshes, monkeypatch)
     assert len(accepted) >= 35 and len(refused) >= 9
 
 
-def test_hard_files_refined(shared_meshes, monkeypatch):
+def test_hard_files_are_refined_or_end_at_their_budget(shared_meshes, monkeypatch):
     monkeypatch.setattr(logging.getLogger("ddgcli"), "disabled", True)
     count = 0
     for name, mesh in surfaces(shared_meshes / "hard"):

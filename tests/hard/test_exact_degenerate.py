@@ -46,7 +46,7 @@ def test_meshes_that_once_ran_forever_terminate(shared_meshes, name):
 
 
 @pytest.mark.parametrize("seed", range(60))
-def test_random_degenerate_complexes(seed):
+def test_distances_on_degenerate_complexes_lie_between_their_bounds(seed):
     mesh = degenerate_mesh(seed)
     source = int(mesh.faces[0, 0])
     assert_between(mesh, exact_distance(mesh, source), source)

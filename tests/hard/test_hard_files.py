@@ -80,7 +80,7 @@ def words_of(command: str, path: Path) -> list[str]:
 
 @pytest.mark.parametrize("path", hard_files(), ids=lambda p: p.name)
 @pytest.mark.parametrize("command", COMMANDS)
-def test_hard_file(run, tmp_path, command, path):
+def test_a_hard_file_has_a_finite_result_or_one_error_line(run, tmp_path, command, path):
     if (command, path.name) in TOO_LARGE:
         pytest.skip("the result is too large for the time limit")
     output = tmp_path / "out.npz"
@@ -129,7 +129,7 @@ def generated_meshes() -> dict[str, TriangleMesh]:
 
 @pytest.mark.parametrize("name", generated_meshes())
 @pytest.mark.parametrize("command", COMMANDS)
-def test_generated_mesh(run, tmp_path, command, name):
+def test_a_generated_hard_mesh_has_a_finite_result_or_one_error_line(run, tmp_path, command, name):
     path, output = tmp_path / "mesh.ply", tmp_path / "out.npz"
     write_mesh(str(path), AnnotatedMesh(generated_meshes()[name]))
     result = run(command, path, *words_of(command, path), "-o", output, "--json")

@@ -1,4 +1,4 @@
-"""Polygons become triangles of the same area and orientation, over the same vertices, and it is told."""
+"""Polygons become triangles of the same area and orientation, over the same vertices, with a note."""
 
 import numpy as np
 import pytest
@@ -103,7 +103,7 @@ HEADS = {
 
 
 @pytest.mark.parametrize("suffix", HEADS)
-def test_lists_of_different_lengths(tmp_path, suffix):
+def test_lists_of_different_lengths_are_read_and_wrong_ones_refused(tmp_path, suffix):
     path, points = tmp_path / f"a.{suffix}", "0 0 0\n1 0 0\n2 0 0\n2 1 0\n1 1 0\n0 1 0\n"
     path.write_text(HEADS[suffix] + points + "3 0 1 5\n4 1 2 3 4\n3 5 1 4\n")
     annotated = read_mesh(str(path))
@@ -142,7 +142,7 @@ def test_bricks_are_refused_with_a_cure(tmp_path):
     ("0 0\n1 0\n1 1\n", False, 3), ("0,0,1\n1,0,1\n0,1,1\n0,0,1\n", True, 3),
     ("x;y\n0;0\n1;0\n# end\n1;1\n", False, 3),
 ])  # fmt: skip
-def test_csv_curves(tmp_path, text, closed, n):
+def test_csv_curves_are_closed_where_the_last_row_repeats_the_first(tmp_path, text, closed, n):
     path = tmp_path / "a.csv"
     path.write_text(text)
     ((curve, is_closed),) = read_mesh(str(path)).mesh.paths()
@@ -166,7 +166,7 @@ def test_bad_csv_names_the_line(tmp_path, text, message):
         read_mesh(str(path))
 
 
-def test_obj_polylines(tmp_path):
+def test_obj_polylines_keep_their_order_and_closure(tmp_path):
     path = tmp_path / "a.obj"
     path.write_text("v 0 0 0\nv 1 0 0\nv 1 1 0\nl 1 2 3 1\nv 5 5 5\nv 6 6 6\nl -2 -1\n")
     curves = read_mesh(str(path)).mesh

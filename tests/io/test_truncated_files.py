@@ -54,7 +54,7 @@ def assert_refused_or_less(path, whole, counted: bool, size: int, at: int) -> No
 
 
 @pytest.mark.parametrize("suffix", WRITERS)
-def test_cut_outputs_of_ours(tmp_path, suffix):
+def test_cut_files_of_our_writers_are_refused_or_hold_less(tmp_path, suffix):
     path = tmp_path / f"a{suffix}"
     write_mesh(str(path), annotated())
     data, whole = path.read_bytes(), read_mesh(str(path)).mesh
@@ -64,7 +64,7 @@ def test_cut_outputs_of_ours(tmp_path, suffix):
 
 
 @pytest.mark.parametrize("text", ["ascii ply", "ascii stl"])
-def test_cut_text(tmp_path, text):
+def test_cut_text_files_are_refused_or_hold_less(tmp_path, text):
     mesh = shapes.icosphere(1)
     peer = trimesh.Trimesh(mesh.points, mesh.faces, process=False)
     kind = text.split()[1]
@@ -88,7 +88,7 @@ def test_cut_text(tmp_path, text):
 
 
 @pytest.mark.parametrize("name, suffix", [*MESHIO_SURFACES.items(), *MESHIO_SOLIDS.items()])
-def test_formats_of_meshio(tmp_path, name, suffix):
+def test_formats_of_meshio_are_read_in_order_and_cut_ones_hold_less(tmp_path, name, suffix):
     """What meshio writes is read with its order; cut anywhere it is refused or less, and nothing hangs."""
     solid = name in MESHIO_SOLIDS
     if solid:
@@ -126,7 +126,7 @@ def test_either_file_of_tetgen_may_be_empty(tmp_path, empty):
 @pytest.mark.parametrize(
     "content", [b"", b"\n", b"garbage\n" * 20, bytes(range(256)) * 8], ids=["empty", "line", "text", "bytes"]
 )
-def test_nonsense_under_every_name(tmp_path, suffix, content):
+def test_nonsense_under_every_name_is_refused(tmp_path, suffix, content):
     path = tmp_path / f"a{suffix}"
     path.write_bytes(content)
     try:
@@ -136,7 +136,7 @@ def test_nonsense_under_every_name(tmp_path, suffix, content):
 
 
 @pytest.mark.parametrize("suffix", [".glb", ".gltf", ".3mf", ".dae"])
-def test_formats_of_trimesh(tmp_path, suffix):
+def test_formats_of_trimesh_are_read_with_their_corners(tmp_path, suffix):
     mesh = shapes.icosphere(1)
     path = tmp_path / f"a{suffix}"
     trimesh.Trimesh(mesh.points, mesh.faces, process=False).export(str(path))

@@ -53,7 +53,7 @@ def written(path, data, version, binary, kind="PolyData"):
 
 @pytest.mark.parametrize("version", VERSIONS)
 @pytest.mark.parametrize("binary", [True, False])
-def test_surfaces_of_vtk(tmp_path, version, binary):
+def test_surfaces_that_vtk_writes_are_read_with_their_arrays(tmp_path, version, binary):
     mesh = shapes.torus(12, 8)
     n, m = mesh.n_vertices, mesh.n_faces
     data = attach(

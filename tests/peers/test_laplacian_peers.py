@@ -20,7 +20,7 @@ MESHES = {
 
 
 @pytest.mark.parametrize("name", MESHES)
-def test_libigl_matrices(name):
+def test_matrices_equal_those_of_libigl(name):
     igl = pytest.importorskip("igl")
     mesh = MESHES[name]
     V, F = np.array(mesh.points), np.array(mesh.faces)
@@ -37,7 +37,7 @@ def test_libigl_matrices(name):
 
 
 @pytest.mark.parametrize("mass", [lap.lumped_mass, lap.galerkin_mass])
-def test_scipy_eigenvalues(mass):
+def test_eigenvalues_equal_those_of_scipy(mass):
     mesh = MESHES["irregular sphere"]
     L, M = lap.stiffness(mesh), mass(mesh)
     eigenpairs = smallest_eigenpairs(L, M, 30)
@@ -47,7 +47,7 @@ def test_scipy_eigenvalues(mass):
 
 
 @pytest.mark.parametrize("name", ["irregular sphere", "torus", "stretched"])
-def test_libigl_intrinsic_delaunay(name):
+def test_the_intrinsic_delaunay_laplacian_equals_that_of_libigl(name):
     igl = pytest.importorskip("igl")
     mesh = MESHES[name]
     L = laplace_operator(mesh, "intrinsic-delaunay").stiffness
@@ -63,7 +63,7 @@ def closed_and_open(shared_meshes):
     yield read_mesh(str(shared_meshes / "goathead.obj")).mesh
 
 
-def test_robust_laplacian_spectra(shared_meshes):
+def test_spectra_of_the_tufted_laplacian_equal_those_of_robust_laplacian(shared_meshes):
     robust_laplacian = pytest.importorskip("robust_laplacian")
     for mesh in closed_and_open(shared_meshes):
         L, M = robust_laplacian.mesh_laplacian(

@@ -137,7 +137,7 @@ def test_failed_steps_are_shortened_with_an_event_or_stop_the_run():
 
 @pytest.mark.parametrize("integrator", ["verlet", "symplectic-euler", 'newmark"\nbeta = 0 #"'])
 def test_explicit_steps_are_short_enough_for_the_barrier(integrator, caplog):
-    """A sheet that falls, lands and leaps again: its energy stays, whatever step was asked for."""
+    """A sheet that falls, lands and leaps again: its energy stays, whatever the step."""
     text = SCENE.format(
         duration=0.4, step=5e-3, frame=0.02, integrator=integrator, position=[0, 0, 0.01], velocity=[0, 0, 0],
         obstacle="plane = {}", gravity=[0, 0, -9.81], friction="0, gap = 1e-3",

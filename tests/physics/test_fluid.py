@@ -356,7 +356,7 @@ def test_energy_that_circulation_loses_does_not_grow_with_the_number_of_steps(su
 
 
 @pytest.mark.parametrize("pattern", ["right", "alternating"])
-def test_taylor_green_by_circulation(pattern):
+def test_taylor_green_by_circulation_converges_at_second_order(pattern):
     """Second order where step and mesh go down together; settled where the mesh does alone."""
 
     def error(n, dt, nu=0.05, time=1.0):

@@ -38,7 +38,7 @@ def stream_function(model, observation):
 
 
 def test_poiseuille_flow_leaves_through_a_natural_outflow_as_it_entered():
-    """u = 4 y (1 - y), phi = 2 y^2 - 4 y^3 / 3: second order, the outflow not told its profile."""
+    """u = 4 y (1 - y), phi = 2 y^2 - 4 y^3 / 3: second order, no profile at the outflow."""
     error = []
     for cells in (6, 12):
         model, observed = channel(INFLOW + OUTFLOW, cells, 4.0, 0.04)

@@ -123,7 +123,7 @@ def test_table_is_covered():
 
 
 @pytest.mark.parametrize("name", FORCES)
-def test_gradient_by_finite_differences(name):
+def test_gradients_equal_finite_differences(name):
     for p, x in potentials(name):
         g = p.gradient(x)
         estimate = numerical_gradient(p.energy, x, 1e-5)
@@ -132,7 +132,7 @@ def test_gradient_by_finite_differences(name):
 
 
 @pytest.mark.parametrize("name", FORCES)
-def test_hessian_by_finite_differences(name):
+def test_hessians_equal_finite_differences(name):
     for p, x in potentials(name):
         if len(p.stencil) == 0:
             continue

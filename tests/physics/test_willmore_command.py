@@ -92,7 +92,7 @@ def ellipsoid_file(tmp_path):
     return path
 
 
-def test_summary(summary, ellipsoid_file, tmp_path):
+def test_the_summary_of_a_relaxed_ellipsoid_is_that_of_a_sphere(summary, ellipsoid_file, tmp_path):
     out = summary("willmore-flow", ellipsoid_file, "-o", tmp_path / "end.ply", "--report-energy", "all")
     results, accuracy = out["results"], out["accuracy"]
     assert results["energy"][-1] == pytest.approx(4 * np.pi, rel=0.01)

@@ -47,7 +47,7 @@ def test_gradient_matches_differences(name, mesh):
 @pytest.mark.parametrize(
     "stretch, truth", [((1, 1, 1), 4 * np.pi), ((1, 1, 2), ELLIPSOID_112)], ids=["sphere", "ellipsoid"]
 )
-def test_second_order(name, stretch, truth):
+def test_energies_converge_at_second_order(name, stretch, truth):
     error = []
     for level in (3, 4, 5):
         mesh = shapes.icosphere(level)
@@ -147,7 +147,7 @@ def test_gradient_matches_differences_where_faces_are_folded():
         assert np.sum(gradient * d) == pytest.approx(slope, rel=1e-6, abs=1e-6)
 
 
-def test_caps_of_spheres():
+def test_irregular_caps_of_spheres_are_at_rest():
     """Held at its rim, slope and all, an irregular cap is at rest."""
     ball = shapes.random_sphere(400)
     faces = ball.faces[(ball.points[ball.faces][..., 2] > 0).all(axis=1)]
@@ -194,7 +194,7 @@ def test_stripes_that_no_normal_sees_are_as_stiff_as_in_cotan():
     assert stiffness == pytest.approx(1, abs=0.02)
 
 
-def test_constraint_gradients():
+def test_constraint_gradients_equal_finite_differences():
     mesh = rough()
     kept = Constraints(area(mesh), enclosed_volume(mesh))
     rows = kept._gradients(mesh, np.arange(mesh.n_vertices))

@@ -89,7 +89,7 @@ def test_every_energy_is_reported_at_every_frame(summary, tmp_path):
     assert results["energies"]["gauss-map"]["values"] == results["energy"]
 
 
-def test_reduced_volume(summary, tmp_path):
+def test_reduced_volume_of_a_spheroid_is_right(summary, tmp_path):
     """Of the spheroid of axes 1, 1, 2: V / (4 pi / 3 (A / 4 pi)^(3/2))."""
     path = tmp_path / "ellipsoid.ply"
     write_mesh(str(path), AnnotatedMesh(ellipsoid(4)))

@@ -73,7 +73,7 @@ def test_an_impossible_energy_is_not_followed():
     assert_falls(seen)
 
 
-def test_least_energies():
+def test_least_energies_follow_from_the_topology():
     ball, ring, cap = shapes.icosphere(1), shapes.torus(12, 6), shapes.grid(3, 3)
     for mesh, least in ((ball, 4 * np.pi), (ring, 2 * np.pi**2), (cap, 0.0)):
         assert setup.least_energy(mesh.topology) == pytest.approx(least)

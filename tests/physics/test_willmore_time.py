@@ -120,7 +120,7 @@ def test_a_timed_flow_stops_there_too(mesh, time_options, reason):
 
 
 @pytest.mark.parametrize("scale", [1e-9, 1e9])
-def test_scale_covariance(scale):
+def test_a_scaled_flow_is_the_flow_of_the_scaled_surface(scale):
     mesh = ellipsoid(2)
     plain, end, _ = run_flow(mesh, duration=0.02, step=0.005)
     large = mesh.moved(mesh.points * scale)

@@ -146,10 +146,10 @@ class FaceBalls:
         owner, face = row[cut], count.indices[cut].astype(np.int64)
         pieces = [(owner, face, *self._clip(begin, owner, face))]
         few = np.flatnonzero(count.data[cut] == 1)
-        front = owner[few], face[few], pieces[0][3][:, few]
+        outermost = owner[few], face[few], pieces[0][3][:, few]
         visited = np.zeros(0, dtype=np.int64)
         while True:
-            beyond = np.setdiff1d(self._beyond(*front), visited)
+            beyond = np.setdiff1d(self._beyond(*outermost), visited)
             if not len(beyond):
                 break
             visited = np.union1d(visited, beyond)
@@ -161,7 +161,7 @@ class FaceBalls:
                 self._state[key] = _INSIDE
                 return self._ball(begin, end, fans, whole, pieces), *np.divmod(key, self.n_fans)
             pieces.append((owner, face, *self._clip(begin, owner, face)))
-            front = owner, face, pieces[-1][3]
+            outermost = owner, face, pieces[-1][3]
         return self._ball(begin, end, fans, whole, pieces), visited[:0], visited[:0]
 
     def _clip(self, begin: int, owner: NDArray, face: NDArray) -> tuple[NDArray, NDArray]:

@@ -83,14 +83,14 @@ def fit_forms(
     """
     n = columns.shape[1]
     gradient, hessian = np.zeros((2, n)), np.zeros((3, n))
-    frame = np.concatenate([*tangent_frame(normal), normal])
+    vertex_frame = np.concatenate([*tangent_frame(normal), normal])
     high, low = (
         np.array([1.0] * len(_HIGH_TERMS) + [0.0] * len(_LOW_TERMS)),
         np.full(len(_TERMS), _LOW_TERM_PENALTY),
     )
     for begin, end in chunks(regions, _MAX_PAIRS):
-        start, member = _same_side(frame[6:9], begin, end, regions)
-        x, y, z = _local(columns, columns[:, begin:end], frame[:, begin:end], start, member)
+        start, member = _same_side(vertex_frame[6:9], begin, end, regions)
+        x, y, z = _local(columns, columns[:, begin:end], vertex_frame[:, begin:end], start, member)
         x, y, axes = _scaled(x, y, start)
         matrix, right = _normal_equations(x, y, z, start)
         diagonal = np.arange(len(_TERMS))
@@ -103,13 +103,13 @@ def fit_forms(
 
 
 def _local(
-    columns: NDArray, centre: NDArray, frame: NDArray, start: NDArray, member: NDArray
+    columns: NDArray, centre: NDArray, vertex_frame: NDArray, start: NDArray, member: NDArray
 ) -> list[NDArray]:
     """Coordinates x, y and heights z of the neighbours in the frame (9, c) of their vertex."""
     count = np.diff(start)
     offset = [np.take(c, member) - np.repeat(o, count) for c, o in zip(columns, centre)]
     local = []
-    for axis in (frame[0:3], frame[3:6], frame[6:9]):
+    for axis in (vertex_frame[0:3], vertex_frame[3:6], vertex_frame[6:9]):
         along = offset[0] * np.repeat(axis[0], count)
         along += offset[1] * np.repeat(axis[1], count)
         along += offset[2] * np.repeat(axis[2], count)
@@ -239,8 +239,8 @@ def _systems(
 ) -> tuple[NDArray, NDArray, NDArray, NDArray]:
     """Normal equations (k, p, p), right-hand sides (k, p, 1), squared heights and counts of some vertices."""
     some = listed(regions, vertices)
-    frame = np.concatenate([*tangent_frame(normal[:, vertices]), normal[:, vertices]])
-    x, y, z = _local(columns, columns[:, vertices], frame, some.start, some.member)
+    vertex_frame = np.concatenate([*tangent_frame(normal[:, vertices]), normal[:, vertices]])
+    x, y, z = _local(columns, columns[:, vertices], vertex_frame, some.start, some.member)
     x, y, _ = _scaled(x, y, some.start)
     matrix, right = _normal_equations(x, y, z, some.start)
     return matrix.transpose(2, 0, 1), right.T[..., None], _sum(z * z, some.start), some.count

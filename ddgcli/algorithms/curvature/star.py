@@ -54,13 +54,13 @@ def _fitted_form(
 ) -> tuple[NDArray, NDArray]:
     """Half the difference of the diagonal entries, and the other entry, of the fitted form of trace 2 H."""
     sums, n = np.zeros((5, faces.n_vertices)), faces.n_vertices
-    frame = faces.at_corners(np.concatenate([normal, first, second, mean[None]]))
+    corner_frame = faces.at_corners(np.concatenate([normal, first, second, mean[None]]))
     for j in range(3):
         side, squared = faces.side[j], faces.squared_length[j]
         weight = np.maximum(faces.cotan[PREVIOUS[j]] * squared, 0.0)
         inverse = ratio(-2.0, squared)
         for end, sign in ((j, 1.0), (NEXT[j], -1.0)):
-            at = frame[end]
+            at = corner_frame[end]
             curve = sign * dot(side, at[0:3]) * inverse
             u, v = dot(side, at[3:6]), dot(side, at[6:9])
             unit = ratio(1.0, u * u + v * v)

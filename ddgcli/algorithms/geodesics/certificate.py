@@ -122,8 +122,8 @@ def face_gradient(mesh: SurfaceMesh, corner: NDArray) -> tuple[NDArray, NDArray,
         Relative areas. Everything is computed from lengths scaled by the longest side, without overflow.
     """
     scale = float(mesh.side_length.max(initial=0.0)) or 1.0
-    frame = face_frame(mesh.side_length / scale)
-    base, across, height = frame[:, 1, 0], frame[:, 2, 0], frame[:, 2, 1]
+    flat_corners = face_frame(mesh.side_length / scale)
+    base, across, height = flat_corners[:, 1, 0], flat_corners[:, 2, 0], flat_corners[:, 2, 1]
     with np.errstate(invalid="ignore", divide="ignore"):
         x = (corner[..., 1] - corner[..., 0]) / scale / base
         y = ((corner[..., 2] - corner[..., 0]) / scale - x * across) / height

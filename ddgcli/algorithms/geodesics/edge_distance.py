@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import coo_array, csr_array
 
-from ddgcli.algorithms.geodesics.sources import Sources, VertexDistances, check_sources, face_frame
+from ddgcli.algorithms.geodesics.sources import Sources, VertexDistances, check_sources, corner_distance
 from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
 
 
@@ -71,9 +71,7 @@ def edge_distance(
     if len(points):
         length = mesh.side_length[points.face]
         scale = float(length.max()) or 1.0  # squares of lengths leave the range before lengths do
-        frame = face_frame(length / scale)
-        position = np.einsum("kc,kcd->kd", points.barycentric, frame)
-        reach = scale * np.linalg.norm(frame - position[:, None], axis=2)
+        reach = scale * corner_distance(length / scale, points.barycentric)
         size = n + len(points)
         rows = np.repeat(n + np.arange(len(points)), 3)
         spokes = coo_array((reach.ravel(), (rows, mesh.faces[points.face].ravel())), shape=(size, size))

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
 from ddgcli.algorithms.geodesics.exact.tables import BOUNDARY, side_shapes, sides_across, table_scale
-from ddgcli.algorithms.geodesics.sources import Sources, VertexDistances, check_sources, face_frame
+from ddgcli.algorithms.geodesics.sources import Sources, VertexDistances, check_sources, corner_distance
 from ddgcli.errors import MeshError, SolveError
 from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
 from ddgcli.mesh.topology import NEXT, PREVIOUS
@@ -248,8 +248,7 @@ def fast_marching_distance(
 def _first_values(mesh: SurfaceMesh, sources: Sources, scale: float) -> tuple[NDArray, NDArray, NDArray]:
     """Vertices at and around the sources, their straight distances, and their sources."""
     points = sources.points
-    frame = face_frame(mesh.side_length[points.face] / scale)
-    reach = np.linalg.norm(frame - np.einsum("kc,kcd->kd", points.barycentric, frame)[:, None], axis=2)
+    reach = corner_distance(mesh.side_length[points.face] / scale, points.barycentric)
     vertex = np.concatenate([sources.vertex, mesh.faces[points.face].ravel()])
     value = np.concatenate([np.zeros(len(sources.vertex)), reach.ravel()])
     k = len(sources.vertex)

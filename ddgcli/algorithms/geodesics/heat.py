@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csc_array, csr_array, diags_array
 
-from ddgcli.algorithms.geodesics.sources import Sources, check_sources, face_frame
+from ddgcli.algorithms.geodesics.sources import Sources, check_sources, corner_distance, face_frame
 from ddgcli.errors import ParameterError
 from ddgcli.linalg.constrain import Dirichlet, Poisson
 from ddgcli.linalg.factor import Factor
@@ -106,8 +106,9 @@ class HeatSolver:
         self._area = area
         self._poisson: Poisson | None = None
         self._dirichlet: Dirichlet | None = None
-        frame = face_frame(mesh.side_length)  # corners (0, 0), (base, 0), (x, y)
-        self._base, self._x, self._y = frame[:, 1, 0].copy(), frame[:, 2, 0].copy(), frame[:, 2, 1].copy()
+        flat_corners = face_frame(mesh.side_length)  # corners (0, 0), (base, 0), (x, y)
+        _, right, apex = flat_corners.transpose(1, 2, 0)
+        self._base, self._x, self._y = right[0].copy(), apex[0].copy(), apex[1].copy()
         self._corner = np.ascontiguousarray(mesh.faces.T)
 
     @property
@@ -216,9 +217,7 @@ class HeatSolver:
         beside = np.flatnonzero(np.isin(self._corner, sources.vertex).any(axis=0))
         length = mesh.side_length[beside].ravel()
         tail, head = mesh.faces[beside].ravel(), mesh.faces[beside][:, NEXT].ravel()
-        frame = face_frame(self.source_mesh.side_length[points.face])
-        position = np.einsum("kc,kcd->kd", points.barycentric, frame)
-        reach = np.linalg.norm(frame - position[:, None], axis=2)
+        reach = corner_distance(self.source_mesh.side_length[points.face], points.barycentric)
         around = self.source_mesh.faces[points.face]
         vertex = np.concatenate(
             [sources.vertex, head[is_source[tail]], tail[is_source[head]], around.ravel()]

@@ -195,11 +195,18 @@ def face_frame(side_length: NDArray) -> NDArray[np.float64]:
     from ddgcli.geometry.intrinsic import face_area
 
     a, b, c = side_length.T
-    frame = np.zeros((len(side_length), 3, 2))
-    frame[:, 1, 0] = a
+    flat_corners = np.zeros((len(side_length), 3, 2))
+    flat_corners[:, 1, 0] = a
     with np.errstate(divide="ignore", invalid="ignore"):
         x = 0.5 * (a + (c - b) * (c + b) / a)
         y = 2.0 * face_area(side_length) / a
-    frame[:, 2, 0] = np.where(a > 0, x, 0.0)
-    frame[:, 2, 1] = np.where(a > 0, y, c)
-    return frame
+    flat_corners[:, 2, 0] = np.where(a > 0, x, 0.0)
+    flat_corners[:, 2, 1] = np.where(a > 0, y, c)
+    return flat_corners
+
+
+def corner_distance(side_length: NDArray, barycentric: NDArray) -> NDArray[np.float64]:
+    """(k, 3) straight distances from points in faces to the corners; side lengths (k, 3) in the face."""
+    flat_corners = face_frame(side_length)
+    position = np.einsum("kc,kcd->kd", barycentric, flat_corners)
+    return np.linalg.norm(flat_corners - position[:, None], axis=2)

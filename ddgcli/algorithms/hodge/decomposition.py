@@ -275,12 +275,13 @@ def _tetrahedron_curl(
     # not the sign of the volume: at an inverted tetrahedron both cells lie on the same side of the face
     sign = np.where(first[face] == np.arange(len(face)), 1.0, -1.0)
     a, b, c = np.moveaxis(mesh.points[mesh.tetrahedra[:, TET_FACES].reshape(-1, 3)[first]], 1, 0)
-    frame = np.swapaxes(np.linalg.qr(np.stack([b - a, c - a], axis=2))[0], 1, 2)  # (f, 2, 3)
+    face_basis = np.swapaxes(np.linalg.qr(np.stack([b - a, c - a], axis=2))[0], 1, 2)  # (f, 2, 3)
     is_free = free[face]
     cell, face, sign = np.repeat(tets, 4)[is_free], face[is_free], sign[is_free]
     # rows scaled with the square root of the volume, so that the inner product is the plain one
     root = np.sqrt(complex_.metric.measure)
-    entry = (sign / root[cell])[:, None, None] * frame[face]  # (k, 2, 3); |F| is left to the column's scale
+    # (k, 2, 3); |F| is left to the column's scale
+    entry = (sign / root[cell])[:, None, None] * face_basis[face]
     rows = np.broadcast_to(3 * cell[:, None, None] + np.arange(3), entry.shape)
     cols = np.broadcast_to(2 * face[:, None, None] + np.arange(2)[:, None], entry.shape)
     shape = (3 * len(tets), 2 * n_faces)

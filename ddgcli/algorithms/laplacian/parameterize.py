@@ -26,7 +26,7 @@ log = logging.getLogger("ddgcli")
 
 # shift of the conformal energy in its inverse iteration, relative to the boundary's mass; its size affects
 # only the speed of the iteration
-SHIFT = 1e-7
+ENERGY_SHIFT = 1e-7
 MAX_ITERATIONS = 500
 
 
@@ -183,7 +183,7 @@ def _conformal_energy(
 
 def _smallest_complex(H: csr_array, B: csr_array, loop: NDArray) -> tuple[NDArray, float, bool]:
     """Eigenvector of H z = lambda B z of smallest lambda beside the constants, by inverse iteration."""
-    factor = Factor(H + SHIFT * B)
+    factor = Factor(H + ENERGY_SHIFT * B)
     b = B.diagonal()
     z = np.zeros(len(b), dtype=complex)
     z[loop] = np.exp(2j * np.pi * np.arange(len(loop)) / len(loop))

@@ -146,26 +146,26 @@ def log_map(
     -------
     LogMap
     """
-    frame = SourceFrame(Tracer(mesh), sources)
+    source_frame = SourceFrame(Tracer(mesh), sources)
     if exact.departure is None:
         exact = exact_distance(mesh, sources, directions=True, progress=progress)
     departure = np.asarray(exact.departure)
     far, here = ~np.isfinite(exact.distance), exact.distance == 0
-    angle = np.where(far | here, 0.0, departure * frame.scale)
+    angle = np.where(far | here, 0.0, departure * source_frame.scale)
     distance = np.where(far, 0.0, exact.distance)
     mapped = np.stack([distance * np.cos(angle), distance * np.sin(angle)], axis=1)
     mapped[far] = np.inf
-    return LogMap(mapped, frame.axis(), miss=_miss(frame, exact, departure))
+    return LogMap(mapped, source_frame.axis(), miss=_miss(source_frame, exact, departure))
 
 
-def _miss(frame: SourceFrame, exact: ExactDistance, departure: NDArray) -> float:
+def _miss(source_frame: SourceFrame, exact: ExactDistance, departure: NDArray) -> float:
     """Largest distance between traced lines and their vertices, relative to the largest distance.
 
     Lines are compared in the middle of their last face, where no vertex is near.
     """
-    mesh, unfolding = frame.tracer.mesh, frame.tracer.unfolding
+    mesh, unfolding = source_frame.tracer.mesh, source_frame.tracer.unfolding
     straight = np.flatnonzero(np.isfinite(exact.distance) & (exact.side >= 0))
-    straight = straight[exact.origin_vertex[straight] == frame.vertex]
+    straight = straight[exact.origin_vertex[straight] == source_frame.vertex]
     if not len(straight):
         return 0.0
     vertex = straight[
@@ -174,7 +174,7 @@ def _miss(frame: SourceFrame, exact: ExactDistance, departure: NDArray) -> float
     face, apex, crossing = last_segment(mesh, exact, vertex)
     middle, last = 0.5 * (apex + crossing), planar_difference(unfolding, face, crossing, apex)
     length = exact.distance[vertex] - 0.5 * np.hypot(last[:, 0], last[:, 1])
-    lines = frame.lines(departure[vertex], length)
+    lines = source_frame.lines(departure[vertex], length)
     gap = planar_difference(unfolding, face, middle, lines.barycentric)
     away = length  # in another face: an upper bound
     if mesh.points is not None:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.algorithms.tracing.crossing import (
-    SNAP,
+    VERTEX_TOLERANCE,
     least,
     leaves_right,
     next_side,
@@ -99,7 +99,7 @@ class TraceBatch:
         by_head, by_apex = b.ravel()[pick - j + NEXT[j]], b.ravel()[pick - j + PREVIOUS[j]]
         u = by_head * length + by_apex * apex.real.ravel()[pick] - distance * turned.real
         u = np.clip(u, 0.0, length)
-        inside = b > SNAP
+        inside = b > VERTEX_TOLERANCE
         at_vertex = inside[:, 0].astype(np.int8) + inside[:, 1] + inside[:, 2] == 1
         rest = self.left_over[line] - distance
         done = np.flatnonzero((rest <= 0) & ~at_vertex)
@@ -217,7 +217,7 @@ class TraceBatch:
         )
         left = self.rest - distance
         done = left <= 0
-        plain = (np.minimum(u, beyond_u) > SNAP * exit_length) & (twin >= 0)
+        plain = (np.minimum(u, beyond_u) > VERTEX_TOLERANCE * exit_length) & (twin >= 0)
         state = (self.line, twin, u + right * (beyond_u - u), turned, left, exit_length)
         all_plain = bool(plain.all())
         if all_plain and not done.any():
@@ -251,7 +251,7 @@ class TraceBatch:
         """Leave faces through `side` at `u` from its tail; `turned` is the heading in its twin's frame."""
         length = self.length[side]
         twin = self.table.view(np.int64)[next_side(side), 2 * TWIN]
-        special = (twin < 0) | (u <= SNAP * length) | (u >= length - SNAP * length)
+        special = (twin < 0) | (u <= VERTEX_TOLERANCE * length) | (u >= length - VERTEX_TOLERANCE * length)
         on = ~special
         self._append(line[on], twin[on], (length - u)[on], turned[on], rest[on])
         self._leave_at_end(line[special], side[special], u[special], turned[special], rest[special])
@@ -259,7 +259,7 @@ class TraceBatch:
     def _leave_at_end(self, line: NDArray, side: NDArray, u: NDArray, turned: NDArray, rest: NDArray) -> None:
         """Leave faces through a vertex at an end of `side`, or stop or reflect at the boundary."""
         length = self.length[side]
-        vertex = (u <= SNAP * length) | (u >= length - SNAP * length)
+        vertex = (u <= VERTEX_TOLERANCE * length) | (u >= length - VERTEX_TOLERANCE * length)
         self._through_vertices(*(a[vertex] for a in (line, side, u, turned, rest)))
         line, side, u, turned, rest = (a[~vertex] for a in (line, side, u, turned, rest))
         if not len(line):

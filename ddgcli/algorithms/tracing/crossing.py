@@ -10,7 +10,9 @@ from numpy.typing import NDArray
 
 from ddgcli.mesh.topology import NEXT
 
-SNAP = 1e-12  # a line this close to a vertex, relative to the side it crosses, goes through the vertex
+VERTEX_TOLERANCE = (
+    1e-12  # a line this close to a vertex, relative to the side it crosses, goes through the vertex
+)
 MIN_SINE = 1e-150  # below it the exit length cannot be computed from the angle
 ROW = Struct("6d2q")  # a row of Unfolding.side
 
@@ -46,7 +48,7 @@ def scalar_crossing(
         return None
     exit_length = apex_y / sine
     u, beyond_u, distance = to_exit(x, width, heading, turned, sine, exit_length, right)
-    if not (min(u, beyond_u) > SNAP * exit_length and distance < rest):
+    if not (min(u, beyond_u) > VERTEX_TOLERANCE * exit_length and distance < rest):
         return None
     return twin, u + right * (beyond_u - u), turned, rest - distance, exit_length
 

@@ -12,7 +12,7 @@ import logging
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ddgcli.algorithms.tracing.batch import SNAP, TraceBatch
+from ddgcli.algorithms.tracing.batch import VERTEX_TOLERANCE, TraceBatch
 from ddgcli.algorithms.tracing.lines import AT_BOUNDARY, GAVE_UP, REACHED, LineStart, Traces
 from ddgcli.choices import TRACE_BOUNDARIES
 from ddgcli.errors import MeshError, ParameterError
@@ -187,7 +187,7 @@ def _refuse_flat_starts(tracer: Tracer, start: LineStart, direction: NDArray) ->
         return
     if direction.shape[1] == 2:
         leaves = np.abs(start.direction[flat, 1]) > NORMAL_TOLERANCE
-        leaves &= (start.barycentric[flat] > SNAP).sum(axis=1) > 1
+        leaves &= (start.barycentric[flat] > VERTEX_TOLERANCE).sum(axis=1) > 1
     else:
         in_space = np.broadcast_to(direction, (len(start.face), 3))[flat]
         along = to_space(tracer.mesh, start.face[flat], start.direction[flat])  # type: ignore[arg-type]

@@ -72,7 +72,7 @@ def command(
     if len(common.outputs) > 1:
         raise ParameterError("one template is enough", parameter="output")
     if resume and table is None:
-        raise ParameterError("needs `table`, whose journal tells what ended", parameter="resume")
+        raise ParameterError("needs `table`, whose journal lists the runs that ended", parameter="resume")
     template = common.outputs[0] if common.outputs else None
     run = Run("batch", replace(common, outputs=()), formats=(), call=call, sweep=sweep, shard=shard)
     run.plan_output(table, TABLE_FORMATS)

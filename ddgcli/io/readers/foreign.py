@@ -3,7 +3,7 @@
 The guard is needed because these readers print, call `sys.exit`, renumber, follow references to any file, or
 loop forever on files that are damaged; they run in a process of their own (`guarded`). meshio
 takes what finite elements write (it keeps node order and arrays, and knows tetrahedra); trimesh takes what
-artists' tools write (glTF, 3MF, COLLADA, ...), asked neither to merge nor to process.
+artists' tools write (glTF, 3MF, COLLADA, ...), without merging or processing.
 """
 
 from __future__ import annotations

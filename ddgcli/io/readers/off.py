@@ -100,7 +100,7 @@ def _faces(lines: list[bytes], number: list[int], n_points: int) -> tuple[NDArra
 
 
 def _binary(data: bytes) -> RawMesh:
-    """OFF BINARY; the format says big-endian, common writers use their own order, so both are tried."""
+    """OFF BINARY; the format prescribes big-endian, common writers use their own order, so both are tried."""
     start = data.find(b"\n") + 1
     for order in "<>":
         if len(data) < start + 12:

@@ -173,13 +173,13 @@ def _decoded(text: bytes | memoryview, length: int) -> bytes:
     """The first `length` bytes that base64 text codes."""
     chars = -(-length // 3) * 4
     if chars > len(text):
-        raise MeshFileError("a base64 array is shorter than its header says; the file is cut")
+        raise MeshFileError("a base64 array is shorter than its header announces; the file is cut")
     return base64.b64decode(text[:chars])[:length]
 
 
 def _whole(data: Buffer, length: int) -> Buffer:
     if len(data) != length:
-        raise MeshFileError("an array is shorter than its header says; the file is cut")
+        raise MeshFileError("an array is shorter than its header announces; the file is cut")
     return data
 
 
@@ -190,7 +190,7 @@ def _piece(piece: ElementTree.Element, arrays: _Arrays, polydata: bool) -> RawMe
         raise MeshFileError("a piece of the VTK file has no points, or no count of them; it is damaged")
     points = arrays(element).reshape(-1, 3) if n_points and element is not None else np.zeros((0, 3))
     if len(points) != n_points:
-        raise MeshFileError(f"the file says {n_points} points and holds {len(points)}; it is damaged")
+        raise MeshFileError(f"the file announces {n_points} points and holds {len(points)}; it is damaged")
     raw = RawMesh(
         np.asarray(points, dtype=np.float64), vertex=_named(piece.find("PointData"), arrays, n_points)
     )
@@ -201,7 +201,7 @@ def _piece(piece: ElementTree.Element, arrays: _Arrays, polydata: bool) -> RawMe
         types, connectivity = cells["types"], cells["connectivity"]
         sizes = np.diff(cells["offsets"], prepend=0)
         if n_cells is not None and len(types) != n_cells:
-            raise MeshFileError(f"the file says {n_cells} cells and holds {len(types)}; it is damaged")
+            raise MeshFileError(f"the file announces {n_cells} cells and holds {len(types)}; it is damaged")
     add_vtk_cells(raw, types, connectivity, sizes, _named(piece.find("CellData"), arrays, len(types)))
     return raw
 

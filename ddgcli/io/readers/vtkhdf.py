@@ -55,7 +55,9 @@ def _read(root) -> RawMesh:
     part = int(steps["PartOffsets"][last]) if last >= 0 else 0
     n_points = int(root["NumberOfPoints"][part])
     if n_points < 0 or len(root["Points"]) < n_points:
-        raise MeshFileError(f"the file says {n_points} points and holds {len(root['Points'])}; it is damaged")
+        raise MeshFileError(
+            f"the file announces {n_points} points and holds {len(root['Points'])}; it is damaged"
+        )
     at = int(steps["PointOffsets"][last]) if last >= 0 else int(root["NumberOfPoints"][:part].sum())
     raw = RawMesh(np.asarray(root["Points"][at : at + n_points], dtype=np.float64))
     raw.vertex = _arrays(root, "PointData", steps, last, at, n_points)

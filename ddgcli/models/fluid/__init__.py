@@ -1,6 +1,6 @@
 """Incompressible flow on surfaces: vorticity, harmonic part, transport, viscosity.
 
-`scene` says what a scene may hold, `model` builds a flow from it, `report` measures a run; the other
+`scene` declares what a scene may hold, `model` builds a flow from it, `report` measures a run; the other
 modules are transport schemes and effects.
 """
 

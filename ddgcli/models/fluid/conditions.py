@@ -66,7 +66,7 @@ def boundary_conditions(context: FluidContext, parts: Sequence[BoundaryPart]) ->
     ------
     ValueError
         When the flux through a loop does not balance, an inflow has no outflow, or natural outflows cannot
-        be told apart.
+        be distinguished.
     """
     mesh = context.mesh
     n, topology = mesh.n_vertices, mesh.topology

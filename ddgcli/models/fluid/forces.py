@@ -1,6 +1,6 @@
 """Force of the fluid on the obstacles that cut a plane, from the weak form: no pressure is computed.
 
-For a flow w with the value e on an obstacle without slip and 0 on the other walls, the momentum equation says
+For a flow w with the value e on an obstacle without slip and 0 on other walls, the momentum equation gives
 
     F . e = - (du/dt, w) - int omega (n x u) . w - nu int omega curl w,
 

@@ -123,7 +123,7 @@ def _warn_of_lost_harmonic(
 def balanced(space: SurfaceSpace, vorticity: NDArray, terms: NDArray) -> NDArray[np.float64]:
     """Integrated vorticity (n,) without its mean on every closed component.
 
-    A warning tells where the mean is more than rounding of `terms` (n,), sizes of what the vorticity sums.
+    A warning reports a mean that is more than rounding of `terms` (n,), sizes of what the vorticity sums.
     """
     topology = space.mesh.topology
     label = topology.vertex_component

@@ -46,7 +46,7 @@ def recovery(space: SurfaceSpace) -> Recovery:
     """The recovery of a surface."""
     fans = vertex_fans(space.mesh)
     stretch = np.where(fans.is_open, 1.0, 2.0 * np.pi / fans.total_angle)[fans.fan]
-    to_vertex = _frames(space, fans, stretch)
+    to_vertex = _vertex_frames(space, fans, stretch)
     fitted, gain = _fits(space, fans, stretch)
     fits = (gain > 0) & (gain <= MAX_FIT_GAIN)
     lonely = space.inside & ~fits
@@ -61,7 +61,7 @@ def recovery(space: SurfaceSpace) -> Recovery:
     return Recovery(csr_array(matrix), to_vertex)
 
 
-def _frames(space: SurfaceSpace, fans: Fans, stretch: NDArray) -> NDArray[np.complex128]:
+def _vertex_frames(space: SurfaceSpace, fans: Fans, stretch: NDArray) -> NDArray[np.complex128]:
     angle = fans.corner_angle
     bisector = stretch * (fans.angle_before + 0.5 * angle)
     along = np.exp(1j * np.angle(space.side).ravel()) * np.exp(0.5j * angle)

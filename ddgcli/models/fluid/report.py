@@ -169,7 +169,7 @@ def _loops(model: FluidModel, vorticity: NDArray, last: Frame) -> list[float]:
 def assembled(
     scene: Scene, models: Mapping[str, FluidModel], schedule: Schedule, account: Account
 ) -> dict[str, Any]:
-    """What --dry-run tells."""
+    """Facts of a dry run."""
     return {
         "steps": schedule.steps,
         "frames": schedule.frames,

@@ -1,7 +1,7 @@
 """Thin elastic shells: stretching, bending, gravity, loads, pins, damping, contact.
 
-`scene` says what a scene may hold, `model` builds the systems from it, `report` measures a run; each effect
-is one module.
+`scene` declares what a scene may hold, `model` builds the systems from it, `report` measures a run; each
+effect is one module.
 """
 
 __all__ = [

@@ -23,10 +23,10 @@ from ddgcli.scenes.sections import Section
 from ddgcli.scenes.units import quantity
 from ddgcli.simulation.effects import Effect
 
-# Hinge constant K = D / PLATE. What plate a hinge mesh is depends on the mesh (docs/shell-sim.md): a strip
+# Hinge constant K = D / PLATE_RATIO. The plate of a hinge mesh depends on it (docs/shell-sim.md): a strip
 # that is free to relax has B = 4.8 to 5 K on right and alternating grids, 5.4 K on equilateral and 5.6 K on
 # irregular triangles, 6.2 to 7 K on crossed ones; bent to a cylinder unrelaxed, 6 K along a grid's axes.
-PLATE = 5.0
+PLATE_RATIO = 5.0
 FLAT_ANGLE_TOLERANCE = 1e-6  # radians: a mesh whose hinges are flatter counts as flat
 
 
@@ -162,7 +162,7 @@ def build(parameters: Bending, context: ShellContext) -> list[Potential]:
     if parameters.model == "hinge":
         flat = parameters.rest == "flat"
         rest = np.zeros(len(stencil)) if flat else hinge.frame(np.asarray(mesh.points), stencil).angle
-        return [HingeBending(stencil, rigidity / PLATE * scaled, rest)]
+        return [HingeBending(stencil, rigidity / PLATE_RATIO * scaled, rest)]
     if parameters.rest == "input":
         bent = np.abs(hinge.frame(np.asarray(mesh.points), stencil).angle).max(initial=0.0)
         if bent > FLAT_ANGLE_TOLERANCE:
@@ -170,7 +170,9 @@ def build(parameters: Bending, context: ShellContext) -> list[Potential]:
                 f"model quadratic is at rest when flat, and the input bends by {bent:.3g} rad; "
                 'write rest = "flat", or model = "hinge"'
             )
-    return [QuadraticBending(stencil, 2 * rigidity / PLATE * plain, hinge_cotans(mesh), mesh.n_vertices)]
+    return [
+        QuadraticBending(stencil, 2 * rigidity / PLATE_RATIO * plain, hinge_cotans(mesh), mesh.n_vertices)
+    ]
 
 
 def plate_rigidity(young: float | None, thickness: float | None, poisson: float | None) -> float:

@@ -17,7 +17,7 @@ from ddgcli.scenes.units import quantity
 from ddgcli.simulation.effects import Effect
 
 STANDARD_GRAVITY = 9.81
-SPARE = 2.0  # waves may bring a vertex more than the energy of its own fall
+ENERGY_SAFETY_FACTOR = 2.0  # waves may bring a vertex more than the energy of its own fall
 HALF_GAP = 2 * 0.5 * np.log(2) + 0.5  # slope of the barrier at half its range, in units of its stiffness
 
 
@@ -227,7 +227,7 @@ def build(parameters: Contact, context: ShellContext) -> list[Barrier | Friction
         energy = density * _impact(context, surface)
         pressure = float(parameters.stiffness or max(2 * energy / gap, 10 * STANDARD_GRAVITY * density))
         stiffness = pressure / (HALF_GAP * gap)
-        closest = _closest(SPARE * energy * HALF_GAP / (pressure * gap))
+        closest = _closest(ENERGY_SAFETY_FACTOR * energy * HALF_GAP / (pressure * gap))
         barrier = Barrier(surface, gap, stiffness * context.vertex_area, closest)
         inside = barrier.outside(np.asarray(context.mesh.points))
         if inside is not None:

@@ -25,7 +25,7 @@ from ddgcli.simulation.effects import Effect
 from ddgcli.simulation.model import Model, Observation
 
 SIZE_RANGE = (1e-60, 1e60)  # m: a Hessian of bending holds the fourth power of a length
-PAST = ("past_x", "past_v", "past_dt")  # arrays of a checkpoint
+PAST_ARRAYS = ("past_x", "past_v", "past_dt")  # arrays of a checkpoint
 log = logging.getLogger("ddgcli")
 
 
@@ -199,7 +199,7 @@ def _model(scene: Scene, context: ShellContext, system: System) -> Model[Motion]
             {name: arrays[f"memory_{k}_{name}"] for name in term.initial()}
             for k, term in enumerate(system.memories)
         )
-        past = tuple(arrays[name] for name in PAST) if integrator.multistep else ()
+        past = tuple(arrays[name] for name in PAST_ARRAYS) if integrator.multistep else ()
         return Motion(arrays["x"], arrays["v"], arrays["a"], int(count), excess, time, work, memory, past)
 
     limit = stable_step(system, x, reach)
@@ -224,7 +224,7 @@ def _packed(motion: Motion) -> dict[str, NDArray]:
         "a": motion.a,
         "scalars": scalars,
         **memory,
-        **dict(zip(PAST, motion.past)),
+        **dict(zip(PAST_ARRAYS, motion.past)),
     }
 
 

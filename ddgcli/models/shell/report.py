@@ -1,4 +1,4 @@
-"""Results and accuracy of a shell run, and what a dry run tells."""
+"""Results and accuracy of a shell run, and the facts of a dry run."""
 
 from __future__ import annotations
 

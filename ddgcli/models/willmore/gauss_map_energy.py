@@ -175,7 +175,7 @@ class GaussMapEnergy:
 
     @cached_property
     def _last(self) -> list[tuple[NDArray, _Terms]]:
-        """The points seen last and their terms: where a step is taken the gradient there is wanted next."""
+        """Points of the last evaluation and their terms, which the gradient of an accepted step uses."""
         return []
 
     def _terms(self, points: NDArray) -> _Terms:

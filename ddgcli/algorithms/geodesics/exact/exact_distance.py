@@ -144,7 +144,7 @@ def exact_distance(
     tables = tables or window_tables(mesh)
     points = SurfacePoints.none() if targets is None else targets
     points = SurfacePoints.checked(points.face, points.barycentric, mesh.n_faces)
-    most_windows = window_limit(mesh.n_vertices)
+    most_windows = 1e6 + 3000.0 * mesh.n_vertices + 60.0 * mesh.n_vertices**1.5
     start = partial(_start_wavefront, mesh, sources, points, tables, dominance_every, directions)
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         wavefront, window_targets, error = _propagate_bounded(
@@ -164,15 +164,6 @@ def _check_arguments(mesh: SurfaceMesh, tolerance: float, directions: bool) -> N
         raise MeshError(
             f"neighbouring faces have opposite orientation: directions have no sign; {cure('orientation')}"
         )
-
-
-def window_limit(n_vertices: int) -> float:
-    """Number of windows at which a run stops: five times those of a torus of needles of aspect 10.
-
-    Scanned and designed surfaces have 2 to 80 windows a vertex. A cylinder of n needles has n^2, so that the
-    time is bounded: about 80 s for both attempts at 30,000 vertices.
-    """
-    return 1e6 + min(3000.0 * n_vertices, 1e7 + 500.0 * n_vertices) + 4.0 * n_vertices**1.5
 
 
 def _propagate_bounded(

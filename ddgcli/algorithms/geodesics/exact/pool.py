@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-NEVER = np.inf
+POPPED_KEY = np.inf
 
 
 class WindowPool:
@@ -22,7 +22,7 @@ class WindowPool:
         return self.top - self._popped
 
     def least(self) -> float:
-        return float(self.key[: self.top].min(initial=NEVER))
+        return float(self.key[: self.top].min(initial=POPPED_KEY))
 
     def push(self, lines: NDArray, where: NDArray, key: NDArray) -> None:
         end = self.top + len(key)
@@ -37,14 +37,14 @@ class WindowPool:
     def pop_below(self, bound: float) -> tuple[NDArray, NDArray]:
         slot = (self.key[: self.top] < bound).nonzero()[0]
         lines, where = self.lines.take(slot, axis=1), self.where.take(slot, axis=1)
-        self.key[slot] = NEVER
+        self.key[slot] = POPPED_KEY
         self._popped += len(slot)
         if self._popped > 2 * (self.top - self._popped) + 1024:
             self._compact()
         return lines, where
 
     def _compact(self) -> None:
-        live = (self.key[: self.top] < NEVER).nonzero()[0]
+        live = (self.key[: self.top] < POPPED_KEY).nonzero()[0]
         k = len(live)
         self.lines[:, :k], self.where[:, :k] = self.lines.take(live, axis=1), self.where.take(live, axis=1)
         self.key[:k] = self.key.take(live)

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from ddgcli.algorithms.geodesics.exact.bundles import Bundles
 from ddgcli.algorithms.geodesics.exact.children import children, norm, reflect, side_turns
 from ddgcli.algorithms.geodesics.exact.dominance import EPS, dominate
-from ddgcli.algorithms.geodesics.exact.pool import NEVER, WindowOrigins, WindowPool
+from ddgcli.algorithms.geodesics.exact.pool import POPPED_KEY, WindowOrigins, WindowPool
 from ddgcli.algorithms.geodesics.exact.shadow import MARGIN, shadow_of
 from ddgcli.algorithms.geodesics.exact.tables import BOUNDARY, WindowTables, incoming_directions
 from ddgcli.algorithms.geodesics.exact.targets import WindowTargets
@@ -315,11 +315,11 @@ class Wavefront:
     def _waiting(self) -> float:
         """Least distance of the pending vertices; drops those that need no launch."""
         if not len(self.pending):
-            return NEVER
+            return POPPED_KEY
         distance = self.distance[self.pending]
         live = distance < self.spawned_at[self.pending]
         self.pending = self.pending[live]
-        return float(distance[live].min(initial=NEVER))
+        return float(distance[live].min(initial=POPPED_KEY))
 
     def _spawn_below(self, bound: float) -> None:
         distance = self.distance[self.pending]
