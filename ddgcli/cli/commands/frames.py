@@ -41,6 +41,7 @@ FRAME_NUMBER = re.compile(r"\{(?::0?\d*d?)?\}")  # where an output's name has th
     help="Take one frame in N.",
 )
 @click.option("--array", metavar="NAME", help="The same as --show; 'none' for none.")
+@click.option("--paths", is_flag=True, help="Write the paths of particles as polylines instead of the mesh.")
 @click.option("--fps", type=options.POSITIVE, help="Frames a second of a .gif.  [default: 25]")
 def command(path: str, common: CommonOptions, **settings: Any) -> None:
     """Export frames of a trajectory (complete, or a .part that still grows).
@@ -55,6 +56,7 @@ def command(path: str, common: CommonOptions, **settings: Any) -> None:
       ddgcli frames run.vtkhdf --every 10 -o f_{:04d}.ply
       ddgcli frames run.vtkhdf -o movie.gif --view 15,40
       ddgcli frames run.vtkhdf --plot run.png
+      ddgcli frames run.vtkhdf --paths -o paths.vtp
     """
     from ddgcli.io.mesh_file import WRITERS
     from ddgcli.io.trajectories.trajectory import Trajectory
@@ -72,10 +74,13 @@ def command(path: str, common: CommonOptions, **settings: Any) -> None:
         run.set_input(path, str(source.attributes.get("input_sha256", "")), **input_facts(source.mesh))
         chosen = _frame_numbers(source, settings)
         for output in common.outputs:
-            _check_numbering(output, len(chosen))
+            _check_numbering(output, 1 if settings["paths"] else len(chosen))
         exported = chosen if common.outputs else []
         for output in common.outputs:
-            _export(run, source, output, chosen, settings)
+            if settings["paths"]:
+                run.write_file(output, _paths(source, chosen))
+            else:
+                _export(run, source, output, chosen, settings)
         run.plot(lambda target: _draw_plot(target, source, chosen, settings))
         results = {
             "frames": source.n_frames,
@@ -188,6 +193,14 @@ def _annotated(source: Trajectory, k: int) -> AnnotatedMesh:
     return AnnotatedMesh(
         source.mesh.moved(source.points(k)), vertex=source.vertex(k), face=source.face, metadata=metadata
     )
+
+
+def _paths(source: Trajectory, chosen: list[int]) -> AnnotatedMesh:
+    from ddgcli.io.trajectories.paths import particle_paths
+    from ddgcli.mesh.fields import AnnotatedMesh
+
+    paths = particle_paths(source, chosen)
+    return AnnotatedMesh(paths, vertex=paths.point_arrays, metadata={"trajectory": source.path})
 
 
 def _pictures(run: Run, source: Trajectory, output: str, chosen: list[int], settings: dict[str, Any]) -> None:

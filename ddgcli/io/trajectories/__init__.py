@@ -1,7 +1,8 @@
 """Trajectories of simulations: one HDF5 file a run, in the VTKHDF layout.
 
 `writer` appends frames so that the file is complete at every moment, `trajectory` reads them, `layout`
-holds names and shapes, `row_file` the growing datasets.
+holds names and shapes, `paths` the paths of
+particles, `row_file` the growing datasets.
 """
 
-__all__ = ["layout", "row_file", "trajectory", "writer"]
+__all__ = ["layout", "paths", "row_file", "trajectory", "writer"]

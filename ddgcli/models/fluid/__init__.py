@@ -18,6 +18,7 @@ __all__ = [
     "initial",
     "model",
     "obstacle_refinement",
+    "particles",
     "parts",
     "recovery",
     "report",

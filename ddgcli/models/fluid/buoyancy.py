@@ -18,8 +18,7 @@ from ddgcli.models.fluid.context import FluidContext
 from ddgcli.models.fluid.force import accelerated
 from ddgcli.models.fluid.phases import FlowPhase, FluidSetting, Phase, PhaseRequest, Step
 from ddgcli.models.fluid.state import FluidState
-from ddgcli.models.fluid.tracer import TracerPhase
-from ddgcli.scenes.expressions import evaluate
+from ddgcli.models.fluid.tracer import Source, TracerPhase
 from ddgcli.scenes.sections import Section
 from ddgcli.scenes.units import quantity, vector
 from ddgcli.simulation.effects import Effect
@@ -43,8 +42,9 @@ class TemperaturePhase(TracerPhase):
     """The temperature: heated for half of the step, carried, heated and cooled by diffusion."""
 
     def __init__(self, setting: FluidSetting, parameters: BuoyancySection, tracer: Any) -> None:
-        super().__init__("buoyancy", setting.context.scalar(parameters.temperature, ARRAY), tracer)
-        self.points, self.source, self.mass = setting.context.points, parameters.source, setting.space.mass
+        source = None if parameters.source is None else Source(setting.context.points, parameters.source)
+        super().__init__("buoyancy", setting.context.scalar(parameters.temperature, ARRAY), tracer, source)
+        self.mass = setting.space.mass
         self.diffusion = None
         if parameters.diffusivity > 0:
             from ddgcli.models.fluid.volume_effects import ImplicitDiffusion, vertex_stiffness
@@ -54,20 +54,12 @@ class TemperaturePhase(TracerPhase):
             )
             unused = np.flatnonzero(self.mass == 0)
             self.diffusion = ImplicitDiffusion(self.mass, parameters.diffusivity * stiffness, unused)
-        self._heat(0.0)  # refuses what cannot be evaluated
 
     def start(self) -> dict[str, NDArray]:
         return {ARRAY: self.amount}
 
-    def _heat(self, time: float) -> NDArray[np.float64] | float:
-        if self.source is None:
-            return 0.0
-        variables = {**dict(zip("xyz", self.points.T)), "t": np.full(len(self.points), time)}
-        return evaluate(self.source, variables)
-
     def advance(self, step: Step, state: FluidState) -> FluidState:
-        heat = 0.5 * step.dt * self._heat(step.time + 0.5 * step.dt)
-        values = self.tracer.carried(step.before, state, state[ARRAY] + heat, step.dt) + heat
+        values = self.carried(step, state, state[ARRAY])
         if self.diffusion is not None:
             held = np.zeros((len(self.diffusion.fixed), 1))
             values = self.diffusion.step(values[:, None], held, step.dt)[:, 0]

@@ -26,6 +26,7 @@ EFFECTS = EffectTable(
             "A temperature that drives the flow.",
         ),
         "dye": ("ddgcli.models.fluid.dye", "A passive amount carried by the flow."),
+        "particles": ("ddgcli.models.fluid.particles", "Points that move with the flow, and their paths."),
     },
 )
 

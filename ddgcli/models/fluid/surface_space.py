@@ -297,6 +297,7 @@ class SurfaceSpace:
         vertex = {"vorticity": vorticity * self.inverse_mass, "stream_function": self.centred(flow.phi)}
         if self.to_space is not None:
             vertex["velocity"] = self._vertex_means(self.to_space(self.face_velocity(flow.side_flux)))
+            vertex["speed"] = np.linalg.norm(vertex["velocity"], axis=1)
         largest = float(np.abs(flow.side_flux).max(initial=0.0))
         scalar: dict[str, Any] = {
             "kinetic_energy": self.energy(state),

@@ -23,6 +23,7 @@ from ddgcli.models.fluid.phases import Step
 from ddgcli.models.fluid.state import FluidState
 from ddgcli.models.fluid.surface_space import SurfaceSpace
 from ddgcli.models.fluid.transport import BackwardPaths, Transport, corner_of
+from ddgcli.scenes.expressions import evaluate
 from ddgcli.simulation.model import Observation
 
 
@@ -104,6 +105,18 @@ def conserved(
     return np.clip(after, lowest, highest)
 
 
+class Source:
+    """What is added to a scalar at the vertices a second, by an expression in x, y, z and t."""
+
+    def __init__(self, points: NDArray, expression: str) -> None:
+        self.points, self.expression = points, expression
+        self.rate(0.0)  # refuses what cannot be evaluated
+
+    def rate(self, time: float) -> NDArray[np.float64]:
+        variables = {**dict(zip("xyz", self.points.T)), "t": np.full(len(self.points), time)}
+        return evaluate(self.expression, variables)
+
+
 class TracerPhase:
     """The phase of a passive scalar, with the flow's side fluxes averaged over the step.
 
@@ -114,20 +127,27 @@ class TracerPhase:
     amount : (n,) ndarray
         At the start.
     tracer : SurfaceTracer or VolumeTracer
+    source : Source, optional
     """
 
     stage: Literal["transport", "source", "tracer"] = "tracer"
     order = 2
 
-    def __init__(self, effect: str, amount: NDArray, tracer: Any) -> None:
-        self.effect, self.amount, self.tracer = effect, amount, tracer
+    def __init__(self, effect: str, amount: NDArray, tracer: Any, source: Source | None = None) -> None:
+        self.effect, self.amount, self.tracer, self.source = effect, amount, tracer, source
 
     def start(self) -> dict[str, NDArray]:
         return {self.effect: self.amount}
 
     def advance(self, step: Step, state: FluidState) -> FluidState:
-        values = self.tracer.carried(step.before, state, state[self.effect], step.dt)
-        return state.with_passive(**{self.effect: values})
+        return state.with_passive(**{self.effect: self.carried(step, state, state[self.effect])})
+
+    def carried(self, step: Step, state: FluidState, values: NDArray) -> NDArray[np.float64]:
+        """Values after the span, with half of what the source adds before and half after."""
+        if self.source is None:
+            return self.tracer.carried(step.before, state, values, step.dt)
+        half = 0.5 * step.dt * self.source.rate(step.time + 0.5 * step.dt)
+        return self.tracer.carried(step.before, state, values + half, step.dt) + half
 
     def observed(self, state: FluidState) -> Observation:
         values, mass = state[self.effect], self.tracer.space.mass

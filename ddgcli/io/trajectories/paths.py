@@ -1,0 +1,44 @@
+"""Paths of particles in a trajectory as polylines."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ddgcli.errors import ParameterError
+from ddgcli.io.trajectories.trajectory import Trajectory
+from ddgcli.mesh.curve import CurveSet
+
+PREFIX = "particles_"
+LONGEST_STEP = 0.5  # of the size of a periodic grid: longer segments cross its sides and are left out
+
+
+def particle_paths(source: Trajectory, frames: Sequence[int]) -> CurveSet:
+    """Polylines from frame to frame, with the arrays `path_id` and `time` on their points.
+
+    Raises
+    ------
+    ParameterError
+        When the trajectory holds no particles.
+    """
+    names = [name for name in source.scalars if name.startswith(PREFIX)]
+    if not names:
+        raise ParameterError(
+            f"{source.path} holds no particles; add the effect particles to the scene", parameter="paths"
+        )
+    rows = np.concatenate([source.scalars[name].reshape(source.n_frames, -1, 3) for name in names], axis=1)
+    places = rows[list(frames)].transpose(1, 0, 2)  # (particles, frames, 3)
+    count, length = places.shape[:2]
+    number = np.arange(count * length).reshape(count, length)
+    lines = np.stack([number[:, :-1].ravel(), number[:, 1:].ravel()], axis=1)
+    points = places.reshape(-1, 3)
+    if "wraps" in source.face:
+        size = np.ptp(source.points(0), axis=0)
+        jump = np.abs(points[lines[:, 1]] - points[lines[:, 0]])
+        lines = lines[(jump <= LONGEST_STEP * size).all(axis=1)]
+    arrays = {
+        "path_id": np.repeat(np.arange(count), length),
+        "time": np.tile(source.times[list(frames)], count),
+    }
+    return CurveSet(points, lines, arrays)
