@@ -13,9 +13,11 @@ __all__ = [
     "frames",
     "measures",
     "neighbours",
+    "offset_body",
     "polyline",
     "quadric",
     "star",
     "surface_curvature",
+    "surface_query",
     "totals",
 ]

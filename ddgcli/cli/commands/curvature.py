@@ -8,6 +8,15 @@ import click
 
 from ddgcli.choices import CURVATURE_SCHEMES
 from ddgcli.cli import options
+from ddgcli.cli.commands.curvature_measures import (
+    MEASURE_NAMES,
+    OFFSET_FORMATS,
+    MeasureOptions,
+    draw_offset,
+    measure_options,
+    surface_arguments,
+    write_offset,
+)
 from ddgcli.cli.options import CommonOptions
 from ddgcli.cli.run import Run
 
@@ -68,6 +77,7 @@ class Radius(click.ParamType):
     metavar="N",
     help="Curves: first take N points at even arc lengths on each curve; -o writes these.",
 )
+@measure_options
 @options.common
 def command(
     mesh_path: str,
@@ -76,6 +86,7 @@ def command(
     map_name: str | None,
     frames: bool,
     resample: int | None,
+    measures: MeasureOptions,
     common: CommonOptions,
 ) -> None:
     """Measure the curvature of MESH: a triangle surface, the boundary of tetrahedra, or polylines.
@@ -89,19 +100,25 @@ def command(
       ddgcli curvature torus.ply -o torus.vtu --plot torus.png
       ddgcli curvature scan.stl --radius 0.5 --json
     """
-    curve_options: dict[str, Any] = {"frames": frames, "resample": resample} if frames or resample else {}
-    run = Run("curvature", common, scheme=scheme, radius=radius, map=map_name, **curve_options)
+    measures.check()
+    extra: dict[str, Any] = {"frames": frames, "resample": resample} if frames or resample else {}
+    extra |= measures.changed()
+    run = Run("curvature", common, scheme=scheme, radius=radius, map=map_name, **extra)
+    run.plan_output(measures.offset_output, OFFSET_FORMATS)
+    for name in measures.region:
+        run.add_input(name if isinstance(name, str) else None)
     source = run.read(mesh_path, accept=("surface", "tetrahedra", "curve"))
     from ddgcli.mesh.curve import CurveSet
 
     if isinstance(source.mesh, CurveSet):
         options.refuse_options(
-            "is for surfaces, and this is a curve; leave it out", "scheme", "radius", "map_name"
+            "is for surfaces, and this is a curve; leave it out",
+            *("scheme", "radius", "map_name", *MEASURE_NAMES),
         )
         _curves(run, source.mesh, frames, resample)
     else:
         options.refuse_options("is for curves, and this is a surface; leave it out", "frames", "resample")
-        _surface(run, source, scheme, radius, map_name)
+        _surface(run, source, scheme, radius, map_name, measures)
 
 
 def _surface(
@@ -110,17 +127,26 @@ def _surface(
     scheme: str,
     radius: Any,
     map_name: str | None,
+    measures: MeasureOptions,
 ) -> None:
-    from ddgcli.algorithms.curvature.surface_curvature import measure_curvature
+    from ddgcli.algorithms.curvature.surface_query import measure_surface
     from ddgcli.mesh.fields import AnnotatedMesh
 
     mesh = source.surface
     image = None if map_name is None else options.named_array(source.vertex, map_name, "vertex array")
-    measured = measure_curvature(mesh, scheme, radius, image=image)
+    measured = measure_surface(mesh, scheme, radius, image=image, **surface_arguments(source, measures))
     name, values = run.picture_array(measured.vertex, "mean_curvature")
     run.write(AnnotatedMesh(mesh, vertex=measured.vertex, edge=measured.edge))
+    write_offset(run, measures.offset_output, measured.offset)
     view = run.picture_options
-    run.plot(lambda path: _draw_surface(path, mesh, name, values, measured.vertex, scheme, view))
+    body = measured.offset if run.common.show is None else None
+    run.plot(
+        lambda path: (
+            draw_offset(path, body, view)
+            if body is not None
+            else _draw_surface(path, mesh, name, values, measured.vertex, scheme, view)
+        )
+    )
     run.finish(measured.results, measured.accuracy)
 
 

@@ -1,0 +1,174 @@
+"""Boundary of the offset body of Steiner's formula: translated faces, cylinders over edges, spheres "
+"over vertices."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ddgcli.errors import MeshError, ParameterError
+from ddgcli.geometry.extrinsic import enclosed_volume, face_normal
+from ddgcli.mesh.cures import cure
+from ddgcli.mesh.scatter import sum_by_index
+from ddgcli.mesh.topology import NEXT
+from ddgcli.mesh.triangle_mesh import TriangleMesh
+from ddgcli.mesh.vectors import row_dot, unit_vectors
+
+MAX_FOLD = np.pi - 1e-6  # radians; beyond it the two normals of an edge leave the arc between them open
+MAX_OFFSET_FACES = 20_000_000
+
+
+@dataclass(frozen=True, eq=False)
+class OffsetBody:
+    """Offset surface, with the part of the polyhedron that each face belongs to.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+    part : (m,) ndarray of int64
+        0 over a face, 1 over an edge, 2 over a vertex.
+    volume : float
+        Signed volume inside the mesh.
+    """
+
+    mesh: TriangleMesh
+    part: NDArray[np.int64]
+    volume: float
+
+
+def offset_body(mesh: TriangleMesh, distance: float, resolution: float = 6.0) -> OffsetBody:
+    """Mesh of the points at a distance outside a closed surface along its normals.
+
+    The faces move along their normals; edges become parts of cylinders and vertices parts of spheres,
+    inscribed with `resolution`. Of a convex body this is the boundary of its parallel body; elsewhere
+    parts with reversed orientation overlap others, and the signed volume is still that of the Steiner
+    polynomial, up to the inscription.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+        Closed, manifold, faces outward, all of positive area.
+    distance : float
+        Positive, in length units.
+    resolution : float
+        Largest angle of a step of an arc, in degrees.
+
+    Returns
+    -------
+    OffsetBody
+
+    Raises
+    ------
+    MeshError
+        When the surface is not closed and oriented, has faces without area, or folds back by pi at an edge.
+    ParameterError
+        On a distance or a resolution that is not positive, or when the mesh would have too many faces.
+    """
+    if not (np.isfinite(distance) and distance > 0):
+        raise ParameterError(f"must be a positive length, not {distance}", parameter="offset")
+    if not 0 < resolution <= 90:
+        raise ParameterError(
+            f"must be an angle from 0 to 90 degrees, not {resolution}", parameter="offset_angle"
+        )
+    topology = mesh.topology
+    if not (topology.is_closed and topology.is_oriented and topology.is_manifold):
+        if not topology.is_closed:
+            raise MeshError("the surface has a boundary; an offset body needs a closed one: fill its holes")
+        raise MeshError(f"an offset body needs an oriented manifold: {cure('orientation')}")
+    normal = face_normal(mesh)
+    if not normal.any(axis=1).all():
+        flat = int(np.argmin(normal.any(axis=1)))
+        raise MeshError(f"face {flat} has no area and no normal; use `repair=drop_degenerate`")
+    side = topology.interior_sides
+    twin = topology.side_twin.ravel()[side]
+    n1, n2 = normal[side // 3], normal[twin // 3]
+    fold = np.arctan2(np.linalg.norm(np.cross(n1, n2), axis=1), row_dot(n1, n2))
+    if (fold > MAX_FOLD).any():
+        bad = int(np.argmax(fold))
+        a, b = topology.side_tail[side[bad]], topology.side_head[side[bad]]
+        raise MeshError(f"the surface folds back at edge {a}-{b}: its normals have no arc; move a vertex")
+    centre = unit_vectors(sum_by_index(mesh.faces.ravel(), np.repeat(normal, 3, axis=0), mesh.n_vertices))
+    if not centre[mesh.topology.referenced_vertex].any(axis=1).all():
+        bad = int(np.flatnonzero(mesh.topology.referenced_vertex & ~centre.any(axis=1))[0])
+        raise MeshError(f"the normals around vertex {bad} cancel; move it")
+    spread = np.arccos(np.clip(row_dot(np.repeat(normal, 3, axis=0), centre[mesh.faces.ravel()]), -1, 1))
+    step = np.radians(resolution)
+    arc, rings = (max(1, int(np.ceil(angle / step - 1e-9))) for angle in (fold.max(), spread.max()))
+    count = mesh.n_faces + 2 * len(side) * arc + 2 * len(side) * arc * (2 * rings - 1)
+    if count > MAX_OFFSET_FACES:
+        raise ParameterError(
+            f"the offset mesh would have {count:,} faces; give a larger angle", parameter="offset_angle"
+        )
+    points, faces, part = _assemble(mesh, side, twin, (n1, n2), centre, normal, distance, arc, rings)
+    points, faces, part = _welded(points, faces, part)
+    offset = TriangleMesh.from_arrays(points, faces)
+    return OffsetBody(offset, part, enclosed_volume(offset))
+
+
+def _assemble(
+    mesh: TriangleMesh, side: NDArray, twin: NDArray, normals: tuple[NDArray, NDArray], centre: NDArray,
+    normal: NDArray, distance: float, arc: int, rings: int,
+) -> tuple[NDArray, NDArray, NDArray]:  # fmt: skip
+    """Points, faces and their parts: triangles, strips of cylinders, sectors of spheres."""
+    corner_points = mesh.points[mesh.faces.ravel()] + distance * np.repeat(normal, 3, axis=0)
+    face_part = np.arange(3 * mesh.n_faces).reshape(-1, 3)
+    tail, head = mesh.topology.side_tail[side], mesh.topology.side_head[side]
+    t = np.arange(arc + 1) / arc
+    directions = _arcs(*normals, t)  # (e, arc + 1, 3), from the face of the side to that of its twin
+    ends = [mesh.points[v][:, None] + distance * directions for v in (tail, head)]
+    points = [corner_points, *(end.reshape(-1, 3) for end in ends)]
+    start = [len(corner_points), len(corner_points) + ends[0].shape[0] * (arc + 1)]
+    rows = [s + np.arange(len(side) * (arc + 1)).reshape(-1, arc + 1) for s in start]
+    # seen from outside the side runs with its face on the left: its neighbour lies on the right
+    quads = _quads(rows[0][:, :-1], rows[0][:, 1:], rows[1][:, 1:], rows[1][:, :-1])
+    size = start[1] + len(side) * (arc + 1)
+    sectors, sector_points = [], []
+    for v, turned in ((tail, False), (head, True)):
+        grid = _sector(centre[v], directions, rings)  # (e, rings + 1, arc + 1, 3)
+        sector_points.append((mesh.points[v][:, None, None] + distance * grid).reshape(-1, 3))
+        index = size + np.arange(grid.shape[0] * (rings + 1) * (arc + 1))
+        index = index.reshape(-1, rings + 1, arc + 1)
+        size += index.size
+        a, b, c, d = index[:, :-1, :-1], index[:, 1:, :-1], index[:, 1:, 1:], index[:, :-1, 1:]
+        sectors.append(_quads(a, b, c, d) if turned else _quads(a, d, c, b))
+    faces = np.concatenate([face_part, quads, *sectors])
+    part = np.repeat([0, 1, 2], [len(face_part), len(quads), sum(map(len, sectors))])
+    return np.concatenate([*points, *sector_points]), faces, part
+
+
+def _arcs(start: NDArray, end: NDArray, t: NDArray) -> NDArray[np.float64]:
+    """(k, len(t), 3) points at shares t of the great arcs between unit vectors."""
+    angle = np.arctan2(np.linalg.norm(np.cross(start, end), axis=-1), row_dot(start, end))[..., None]
+    other = unit_vectors(end - row_dot(start, end)[..., None] * start)
+    turn = angle * t
+    return np.cos(turn)[..., None] * start[..., None, :] + np.sin(turn)[..., None] * other[..., None, :]
+
+
+def _sector(centre: NDArray, directions: NDArray, rings: int) -> NDArray[np.float64]:
+    """(e, rings + 1, arc + 1, 3) unit vectors from a centre to an arc."""
+    centres = np.broadcast_to(centre[:, None], directions.shape)
+    return _arcs(centres, directions, np.arange(rings + 1) / rings).swapaxes(1, 2)
+
+
+def _quads(a: NDArray, b: NDArray, c: NDArray, d: NDArray) -> NDArray[np.int64]:
+    """Triangles of quads a, b, c, d."""
+    one = np.stack([a, b, c], axis=-1).reshape(-1, 3)
+    return np.concatenate([one, np.stack([a, c, d], axis=-1).reshape(-1, 3)])
+
+
+def _welded(points: NDArray, faces: NDArray, part: NDArray) -> tuple[NDArray, NDArray, NDArray]:
+    """Points at one place joined, and faces without area through that left out."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+    from scipy.spatial import cKDTree
+
+    size = float(np.abs(points - points.mean(axis=0)).max())
+    pairs = cKDTree(points).query_pairs(1e-10 * size, output_type="ndarray")
+    graph = coo_array((np.ones(len(pairs)), pairs.T), shape=(len(points),) * 2)
+    label = connected_components(graph, directed=False)[1]
+    first = np.unique(label, return_index=True)[1]
+    faces = label[faces]
+    used = (faces != faces[:, NEXT]).all(axis=1)
+    return points[first], faces[used], part[used]
