@@ -110,7 +110,7 @@ BAD = [
     ("contact = {", "pin = {} # contact = {", 22, ["vertices", "box"]),
     ("contact = {", "pin = { vertices = [] } # contact = {", 22, ["no vertex"]),
     ("contact = {", "pin = { box = [[0, 0, 0]] } # contact = {", 22, ["at least 2 entries"]),
-    ("contact = {", "load = { vertices = [0] } # contact = {", 22, ["force, traction and moment"]),
+    ("contact = {", "load = { vertices = [0] } # contact = {", 22, ["force, traction, line_force, moment"]),
     ("contact = {", "load = { moment = 1, edge = [0, 8] } # contact = {", 22, ["interior edge", "[0, 8]"]),
     ("contact = {", HANDLE.format("vertices = [0], times = [0, 1, 1]"), 22, ["times", "entry 2"]),
     ("contact = {", HANDLE.format("vertices = [0], times = [0, 1]"), 22, ["positions has 3 entries"]),

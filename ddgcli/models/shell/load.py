@@ -8,22 +8,21 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field, field_validator, model_validator
+from pydantic import Field, model_validator
 
-from ddgcli.mechanics.terms import DeadLoad, Mode, Potential, RampedLoad
+from ddgcli.mechanics.terms import DeadLoad, Mode, Potential
 from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.vectors import vector_length
 from ddgcli.models.shell import hinge
 from ddgcli.models.shell.context import ShellContext
-from ddgcli.models.shell.key_frames import require_ascending
-from ddgcli.scenes.sections import Section
+from ddgcli.models.shell.ramp import RampSection
 from ddgcli.scenes.units import quantity, vector
 from ddgcli.simulation.effects import Effect
 
 KINDS = ("force", "traction", "line_force", "moment")
 
 
-class Load(Section):
+class Load(RampSection):
     """One of force, traction, line_force and moment."""
 
     object: str | None = Field(None, description="shell; needed where the scene has several")
@@ -43,16 +42,6 @@ class Load(Section):
         max_length=2,
         description="of a moment: ends of an interior edge, on whose two faces it acts",
     )
-    times: list[quantity("s")] | None = Field(None, min_length=2, description="of a ramp, ascending")
-    factors: list[quantity("")] | None = Field(
-        None, description="factor on the load at each time, linear in between and constant outside"
-    )
-
-    @field_validator("times")
-    @classmethod
-    def _ascending(cls, times: list[float] | None) -> list[float] | None:
-        require_ascending(times or [])
-        return times
 
     @model_validator(mode="after")
     def _one(self) -> Load:
@@ -66,8 +55,6 @@ class Load(Section):
             raise ValueError(
                 "a moment needs edge = [a, b] (an interior edge), or vertices or box (boundary edges there)"
             )
-        if len(self.times or []) != len(self.factors or []):
-            raise ValueError("a ramp needs times and factors of one length")
         return self
 
 
@@ -100,8 +87,7 @@ class HingeMoment:
 def build(parameters: Load, context: ShellContext) -> list[Any]:
     load: Any = _constant_load(parameters, context)
     on_boundary = parameters.moment is not None and parameters.edge is None
-    if parameters.times is not None and parameters.factors is not None:
-        load = RampedLoad(load, np.array(parameters.times), np.array(parameters.factors))
+    load = parameters.ramped(load)
     if not on_boundary:
         return [load]
     from ddgcli.models.shell.edge_moment import EdgeTurns

@@ -8,42 +8,29 @@ import logging
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field, field_validator, model_validator
+from pydantic import Field, model_validator
 
 from ddgcli.mechanics.terms import Mode, Potential, RampedLoad, at_last_point
 from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.models.shell.area_springs import cross_matrix
 from ddgcli.models.shell.context import ShellContext
-from ddgcli.models.shell.key_frames import require_ascending
-from ddgcli.scenes.sections import Section
+from ddgcli.models.shell.ramp import RampSection
 from ddgcli.scenes.units import quantity
 from ddgcli.simulation.effects import Effect
 
 log = logging.getLogger("ddgcli")
 
 
-class Pressure(Section):
+class Pressure(RampSection):
     """Excess pressure inside a closed shell."""
 
     object: str | None = Field(None, description="shell; needed where the scene has several")
     value: quantity("Pa", "excess pressure, positive outward; of a gas: at the start") = 0.0
     gas: bool = Field(False, description="isothermal gas: pressure times volume is constant")
     ambient: quantity("Pa", "absolute pressure outside, for a gas", gt=0) = 101325.0
-    times: list[quantity("s")] | None = Field(None, min_length=2, description="of a ramp, ascending")
-    factors: list[quantity("")] | None = Field(
-        None, description="factor on `value` at each time, linear in between and constant outside"
-    )
-
-    @field_validator("times")
-    @classmethod
-    def _ascending(cls, times: list[float] | None) -> list[float] | None:
-        require_ascending(times or [])
-        return times
 
     @model_validator(mode="after")
     def _sound(self) -> Pressure:
-        if len(self.times or []) != len(self.factors or []):
-            raise ValueError("a ramp needs times and factors of one length")
         least = self.value * min([1.0, *(self.factors or [])])
         if self.gas and not self.ambient + least > 0:
             raise ValueError(
@@ -173,9 +160,7 @@ def build(parameters: Pressure, context: ShellContext) -> list[Potential | Rampe
     potential: ConstantPressure = ConstantPressure(*arguments, rest, parameters.value, name)
     if parameters.gas:
         potential = Gas(*arguments, rest, parameters.value, name, parameters.ambient)
-    if parameters.times is None or parameters.factors is None:
-        return [potential]
-    return [RampedLoad(potential, np.array(parameters.times), np.array(parameters.factors))]
+    return [parameters.ramped(potential)]
 
 
 EFFECT = Effect(
