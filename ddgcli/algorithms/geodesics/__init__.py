@@ -8,6 +8,7 @@ that are edges, `distance_matrix` and `voronoi` measure many sources at once.
 
 __all__ = [
     "certificate",
+    "darboux",
     "distance",
     "distance_matrix",
     "distance_query",

@@ -123,6 +123,8 @@ class CurveQuery:
         See `integral_curves`.
     transport : bool
         Transport a tangent frame along the curves.
+    darboux : bool
+        Compute Darboux frames and normal curvatures of the curves.
     log_map : bool
         Compute the logarithmic map of the source.
     spread_vector : sequence of (3,) vectors
@@ -142,6 +144,7 @@ class CurveQuery:
     field_step: float | None = None
     field_tolerance: float | None = None
     transport: bool = False
+    darboux: bool = False
     log_map: bool = False
     spread_vector: tuple[Any, ...] = ()
 
@@ -172,8 +175,9 @@ class CurveQuery:
             raise ParameterError(
                 "fixes the step, but `field_tolerance` adapts it; give one of them", parameter="field_step"
             )
-        if self.transport and not self.has_curves and distance.isolines is None:
-            raise ParameterError("has no curves; add some, e.g. `path_to` or `trace`", parameter="transport")
+        for name in ("transport", "darboux"):
+            if getattr(self, name) and not self.has_curves and distance.isolines is None:
+                raise ParameterError("has no curves; add some, e.g. `path_to` or `trace`", parameter=name)
 
     def _check_sources(self, has_source: bool, method: str) -> None:
         if self.path_to and not has_source:

@@ -165,6 +165,11 @@ def query_curves(
     curves = concatenate_curves([*parts, *lifted])
     if query.curve:
         curves = add_geodesic_curvature(cover.mesh, curves)
+    if query.darboux:
+        from ddgcli.algorithms.geodesics.darboux import add_darboux_frames
+
+        cover.require_two_sides("`darboux`")
+        curves = add_darboux_frames(cover.mesh, curves)
     if query.transport:
         from ddgcli.algorithms.tangent_fields.field_curves import add_transport
 

@@ -96,4 +96,4 @@ def draw_offset(path: str, body: OffsetBody, look: dict[str, Any]) -> None:
     """Draw the offset body, coloured by its parts: faces, edges, vertices."""
     from ddgcli.plots.array import draw_array
 
-    draw_array(path, body.mesh, "part", body.part, **look)
+    draw_array(path, body.mesh, "part", body.part, limits=(0.0, 2.0), **look)

@@ -83,6 +83,9 @@ _OPTIONS = (
                  help="Error allowed in an adapted step; by default a hundredth of the mean side."),
     click.option("--transport", is_flag=True,
                  help="Carry a tangent frame along the curves: transport_x, transport_y in --paths-output."),
+    click.option("--darboux", is_flag=True,
+                 help="Darboux frames, normal curvature and geodesic torsion of the curves, in "
+                      "--paths-output."),
     click.option("--paths-output", multiple=True, metavar="PATH",
                  help="Write all curves as polylines (.vtp, .vtu, .ply, .obj, .npz); repeatable."),
     click.option("--log-map", is_flag=True,
