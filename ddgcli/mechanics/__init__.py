@@ -7,6 +7,7 @@
 __all__ = [
     "assembly",
     "driving",
+    "embedding",
     "energy_balance",
     "equilibrium",
     "integrators",

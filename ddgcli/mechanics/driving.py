@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -28,13 +30,16 @@ def driving_work(system: System, before: Motion, after: Motion, dt: float) -> fl
     for part in system.parts:
         if isinstance(part, TimeDependent):
             then, now = part.at(before.time), part.at(after.time)
-            if hasattr(then, "energy"):
+            if hasattr(then, "power"):  # of a barrier: its energy at fixed positions may be infinite
+                work += 0.5 * dt * (then.power(before.x) + now.power(after.x))
+            elif hasattr(then, "energy"):
                 work += 0.5 * (now.energy(before.x) - then.energy(before.x))
                 work += 0.5 * (now.energy(after.x) - then.energy(after.x))
     for dissipation in end.dissipations:
         if is_active(dissipation):
+            lagged = dissipation.lagged(before.time) if hasattr(dissipation, "lagged") else dissipation
             with system.account.within(dissipation.name):
-                drag = dissipation.frozen(before.x, dt).gradient(move / dt)
+                drag = lagged.frozen(before.x, dt).gradient(move / dt)
             work -= float(np.vdot(system.only_free(drag), move))
     return work
 
@@ -69,3 +74,30 @@ def _couples(system: System, x: NDArray) -> tuple[NDArray, NDArray]:
     held = [p.couples(x) for p in system.potentials if hasattr(p, "couples")]
     ends = [np.zeros((0, 2), dtype=np.int64), *(e for e, _ in held)]
     return np.concatenate(ends), np.concatenate([np.zeros((0, 3)), *(moment for _, moment in held)])
+
+
+def obstacle_work(system: System, before: Motion, after: Motion, dt: float) -> float:
+    """Joules that moving obstacles add to the stored energy in a step, by the trapezoidal rule."""
+    if not system.pushed:
+        return 0.0
+    parts = [part for part in system.parts if hasattr(part, "power")]
+    return 0.5 * dt * sum(p.at(before.time).power(before.x) + p.at(after.time).power(after.x) for p in parts)
+
+
+def contact_forces(system: System, motion: Motion, dt: float) -> dict[str, tuple[NDArray, NDArray]]:
+    """Force (N) and moment about the origin (N m) that shells exert on each obstacle, by name."""
+    system = system.at(motion.time)
+    forces: dict[str, tuple[NDArray, NDArray]] = {}
+    parts: list[Any] = [*system.potentials, *system.dissipations]
+    for part in parts:
+        name = getattr(part, "obstacle", "")
+        if not name:
+            continue
+        with system.account.within(part.name):
+            if hasattr(part, "frozen"):
+                push = part.frozen(motion.x, dt).gradient(motion.v)
+            else:
+                push = part.gradient(motion.x)
+        force, moment = forces.get(name, (np.zeros(3), np.zeros(3)))
+        forces[name] = force + push.sum(axis=0), moment + np.cross(motion.x, push).sum(axis=0)
+    return forces

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from ddgcli.mechanics.newton import MOVE_TOLERANCE
 from ddgcli.mechanics.rounding import sum_rounding
 from ddgcli.mechanics.system import Motion, System
+from ddgcli.mechanics.terms import is_dead
 from ddgcli.simulation.model import StepRejected
 
 # of the energy at hand: how far the balance may stand above its lowest, and how far a step may drop it
@@ -31,7 +32,7 @@ class StoredEnergy:
     def at(cls, system: System, x: NDArray) -> StoredEnergy:
         energy, scale, gradient = 0.0, 0.0, np.zeros_like(x)
         for potential in system.potentials:
-            if len(potential.stencil):
+            if not is_dead(potential):
                 with system.account.within(potential.name):
                     part = potential.energy(x)
                     energy, scale = energy + part, scale + abs(part)

@@ -75,17 +75,36 @@ def _after(system: System, x: NDArray, v: NDArray, a: NDArray, newton: int) -> M
     return Motion(x, v, a, newton)
 
 
-def checked(system: System, motion: Motion) -> Motion:
-    """The motion, or StepRejected where it is not finite or crossed a barrier."""
+def checked(system: System, motion: Motion, before: NDArray | None = None) -> Motion:
+    """The motion, or StepRejected where it is not finite or crossed a barrier.
+
+    `before` (n, 3) are positions from which it came straight; by default no barrier can lie between.
+    """
     for array in (motion.x, motion.v):
         bad = np.flatnonzero(~np.isfinite(array).all(axis=1))
         if len(bad):
             raise StepRejected("not finite", f"vertex {bad[0]}", float("nan"))
     for barrier in system.barriers:
         crossed = barrier.outside(motion.x)
+        if crossed is None and before is not None and hasattr(barrier, "crosses"):
+            crossed = (0, 0.0) if barrier.crosses(before, motion.x) else None
         if crossed is not None:
             raise StepRejected("barrier crossed", f"vertex {crossed[0]}", crossed[1], solved=True)
     return motion
+
+
+def _at_start(system: System, motion: Motion) -> System:
+    """The system at the start of a step where its stored energy depends on time, else as it is."""
+    return system.at(motion.time) if system.pushed else system
+
+
+def _obstacle_work(system: System, before: Motion, after: Motion, dt: float) -> float:
+    """Joules that moving obstacles add to the stored energy in a step."""
+    if not system.pushed:
+        return 0.0
+    from ddgcli.mechanics.driving import obstacle_work
+
+    return obstacle_work(system, before, replace(after, time=before.time + dt), dt)
 
 
 def _swinging(system: System, increment: Increment, motion: Motion) -> NDArray:
@@ -99,7 +118,7 @@ def _swinging(system: System, increment: Increment, motion: Motion) -> NDArray:
     change = motion.a / increment.a
 
     return newton_of(system).start(
-        increment, motion.x, (increment.target + change, increment.target - change)
+        increment, motion.x, (increment.target + change, increment.target - change), motion.time
     )
 
 
@@ -108,8 +127,8 @@ def _implicit_euler(system: System, motion: Motion, dt: float, parameters: Any) 
 
     system = system.at(motion.time + dt)
     target = motion.x + dt * motion.v
-    increment = Increment(1 / dt**2, target, 1 / dt, motion.x, system.frozen(motion.x, dt))
-    guess = newton_of(system).start(increment, motion.x, (target + dt**2 * motion.a, target))
+    increment = Increment(1 / dt**2, target, 1 / dt, motion.x, system.frozen(motion.x, dt, motion.time))
+    guess = newton_of(system).start(increment, motion.x, (target + dt**2 * motion.a, target), motion.time)
     y, count = newton_of(system).minimise(increment, guess)
     v = (y - motion.x) / dt
     return checked(system, _after(system, y, v, system.only_free((v - motion.v) / dt), motion.newton + count))
@@ -122,18 +141,20 @@ def _implicit_midpoint(system: System, motion: Motion, dt: float, parameters: An
 
     system, end = system.at(motion.time + 0.5 * dt), system.at(motion.time + dt)
     # first: it shares what the last step computed at its end
-    start = None if system.linear else StoredEnergy.at(system, motion.x)
+    start = None if system.linear else StoredEnergy.at(_at_start(system, motion), motion.x)
     target = motion.x + 0.5 * dt * motion.v
-    increment = Increment(4 / dt**2, target, 2 / dt, motion.x, system.frozen(motion.x, dt))
+    increment = Increment(4 / dt**2, target, 2 / dt, motion.x, system.frozen(motion.x, dt, motion.time))
     middle, count = newton_of(system).minimise(increment, _swinging(system, increment, motion))
     x = end.prescribed_state(2 * middle - motion.x, middle, middle)[0]
     v = 2 * (x - motion.x) / dt - motion.v
     a = system.only_free((v - motion.v) / dt)
-    after = checked(end, _after(end, x, v, a, motion.newton + count))
+    after = checked(end, _after(end, x, v, a, motion.newton + count), middle)
     if start is None:
         return after
     work = -float(np.vdot(StoredEnergy.at(system, middle).gradient, x - motion.x))
-    return balanced(system, motion, after, start, StoredEnergy.at(system, x), work, dt)
+    work -= _obstacle_work(system, motion, after, dt)
+    last = StoredEnergy.at(end if system.pushed else system, x)
+    return balanced(system, motion, after, start, last, work, dt)
 
 
 def _newmark(system: System, motion: Motion, dt: float, parameters: Any) -> Motion:
@@ -150,7 +171,7 @@ def _newmark(system: System, motion: Motion, dt: float, parameters: Any) -> Moti
         return _implicit_newmark(system, motion, dt, beta, gamma)
     from ddgcli.mechanics.energy_balance import StoredEnergy, balanced, kinetic
 
-    start = StoredEnergy.at(system, x)  # first: it shares what the last step found there
+    start = StoredEnergy.at(_at_start(system, motion), x)  # first: it shares what the last step found there
     after = _implicit_newmark(system, motion, dt, beta, gamma)
     end = StoredEnergy.at(system, after.x)
     path = after.x - x
@@ -158,6 +179,7 @@ def _newmark(system: System, motion: Motion, dt: float, parameters: Any) -> Moti
     # the trapezoid of all forces is the kinetic energy's change where beta = 1/4 and gamma = 1/2
     changed = kinetic(system, after.v) - kinetic(system, v)
     work += changed - 0.5 * float(np.vdot(system.mass[:, None] * (a + after.a), path))
+    work -= _obstacle_work(system, motion, after, dt)
     return balanced(system, motion, after, start, end, work, dt)
 
 
@@ -168,7 +190,7 @@ def _implicit_newmark(system: System, motion: Motion, dt: float, beta: float, ga
     target = x + dt * v + dt**2 * (0.5 - beta) * a
     c = gamma / (beta * dt)
     origin = target - (v + dt * (1 - gamma) * a) / c
-    increment = Increment(1 / (beta * dt**2), target, c, origin, system.frozen(x, dt))
+    increment = Increment(1 / (beta * dt**2), target, c, origin, system.frozen(x, dt, motion.time))
     y, count = newton_of(system).minimise(increment, _swinging(system, increment, motion))
     new = (y - target) / (beta * dt**2)
     new = np.where(system.free, new, 0.0)
@@ -188,13 +210,14 @@ def _composite(system: System, motion: Motion, dt: float, parameters: Any) -> Mo
     from ddgcli.mechanics.newton import Increment, newton_of
 
     x, v = motion.x, motion.v
-    begin = Motion(x, v, system.at(motion.time).acceleration(x, v, dt), motion.newton)
+    begin = Motion(x, v, system.at(motion.time).acceleration(x, v, dt), motion.newton, time=motion.time)
     half, system = system.at(motion.time + 0.5 * dt), system.at(motion.time + dt)
-    start = StoredEnergy.at(system, x)
+    start = StoredEnergy.at(_at_start(system, motion), x)
     middle = _implicit_newmark(half, begin, 0.5 * dt, 0.25, 0.5)
+    middle = replace(middle, time=half.time)
     target = (12 * middle.x - 3 * x + dt * (4 * middle.v - v)) / 9
     increment = Increment(
-        9 / dt**2, target, 3 / dt, (4 * middle.x - x) / 3, system.frozen(middle.x, 0.5 * dt)
+        9 / dt**2, target, 3 / dt, (4 * middle.x - x) / 3, system.frozen(middle.x, 0.5 * dt, half.time)
     )
     y, count = newton_of(system).minimise(increment, _swinging(system, increment, middle))
     speed = (x - 4 * middle.x + 3 * y) / dt
@@ -202,6 +225,7 @@ def _composite(system: System, motion: Motion, dt: float, parameters: Any) -> Mo
     after = checked(system, _after(system, y, speed, a, middle.newton + count))
     change = kinetic(system, speed) - kinetic(system, v)
     work = change - half.external_work((x, middle.x, y), 0.5 * dt)
+    work -= _obstacle_work(system, motion, after, dt)
     most = MAX_ENERGY_FALL * max(kinetic(system, v), kinetic(system, speed))
     # judged by itself: where the balance stands a hundredth too high, any further step would fail
     fresh = replace(motion, balance_excess=0.0)
@@ -222,7 +246,7 @@ def _bdf2(system: System, motion: Motion, dt: float, parameters: Any) -> Motion:
     new, now, old = (1 + 2 * ratio) / (1 + ratio), -(1 + ratio), ratio**2 / (1 + ratio)
     origin, speed = -(now * x + old * past_x) / new, -(now * v + old * past_v) / new
     c = new / dt
-    increment = Increment(c * c, origin + speed / c, c, origin, system.frozen(x, dt))
+    increment = Increment(c * c, origin + speed / c, c, origin, system.frozen(x, dt, motion.time))
     y, count = newton_of(system).minimise(increment, _swinging(system, increment, motion))
     after = c * (y - origin)
     a = system.only_free(c * (after - speed))
@@ -236,7 +260,8 @@ def _static(system: System, motion: Motion, dt: float, parameters: Any) -> Motio
 
     system = system.at(motion.time + dt)
     try:
-        y, count = Equilibrium(newton_of(system)).find(newton_of(system).with_prescribed(motion.x))
+        carried = newton_of(system).carried(motion.x, motion.time)
+        y, count = Equilibrium(newton_of(system)).find(newton_of(system).with_prescribed(carried))
     except StepRejected as rejected:
         if getattr(parameters, "load_steps", 1) > 1:
             raise  # the loop halves the load step

@@ -9,7 +9,6 @@ V the potentials and R the dissipation frozen at the start of the step: its stat
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
@@ -21,9 +20,10 @@ from ddgcli.linalg.conjugate import NewtonStep, truncated_conjugate_gradients
 from ddgcli.linalg.factor import Factor
 from ddgcli.mechanics import low_rank
 from ddgcli.mechanics.assembly import Assembly
+from ddgcli.mechanics.increment import Increment, Point, with_changing
 from ddgcli.mechanics.rounding import sum_rounding
 from ddgcli.mechanics.system import System
-from ddgcli.mechanics.terms import Mode, Potential
+from ddgcli.mechanics.terms import Mode, is_dead
 from ddgcli.simulation.model import StepRejected
 
 MOVE_TOLERANCE = 1e-9  # a Newton step below this fraction of the object's size ends the iteration
@@ -44,40 +44,6 @@ ARMIJO_FRACTION = 1e-4
 # rounds of conjugate gradients that cost about a factorisation; and what of a move may be missing at most
 MAX_CG_ROUNDS = 15
 MAX_CG_RESIDUAL = 0.1
-
-
-@dataclass(frozen=True, eq=False)
-class Increment:
-    """The function that a step minimises.
-
-    Parameters
-    ----------
-    a : float
-        1/s^2; 0 for an equilibrium.
-    target, origin : (n, 3) ndarray
-    c : float
-        1/s: the velocity is c (y - origin).
-    frozen : tuple of Potential
-        Dissipation as potentials of the velocity.
-    """
-
-    a: float
-    target: NDArray
-    c: float = 1.0
-    origin: NDArray | None = None
-    frozen: tuple[Potential, ...] = ()
-
-    def velocity(self, y: NDArray) -> NDArray:
-        return self.c * (y - self.origin)
-
-
-@dataclass(frozen=True, eq=False)
-class Point:
-    """A place of the iteration: positions, the function's value there, and the size of its summands."""
-
-    y: NDArray
-    value: float
-    scale: float
 
 
 class Newton:
@@ -124,36 +90,65 @@ class Newton:
     def matrix(self, increment: Increment, y: NDArray, mode: Mode, shift: float = 0.0) -> csc_array:
         """Hessian over the free coordinates."""
         system = self.system
-        blocks = []
+        blocks, changing = [], []
         for potential in system.potentials:
-            if len(potential.stencil):
+            if not is_dead(potential):
                 with system.account.within(potential.name):
-                    blocks.append(potential.blocks(y, mode))
+                    if hasattr(potential, "hessian"):
+                        changing.append(potential.hessian(y, mode))
+                    else:
+                        blocks.append(potential.blocks(y, mode))
         for potential in increment.frozen:
             with system.account.within(potential.name):
-                blocks.append(increment.c * potential.blocks(increment.velocity(y), mode))
+                if hasattr(potential, "hessian"):
+                    hessian = potential.hessian(increment.velocity(y), mode)
+                    changing.append(None if hessian is None else increment.c * hessian)
+                else:
+                    blocks.append(increment.c * potential.blocks(increment.velocity(y), mode))
         with system.account.within("solver"):
             if self._assembly is None:
                 stencils = [p.stencil for p in system.potentials if len(p.stencil)]
-                stencils += [p.stencil for p in increment.frozen]
+                stencils += [p.stencil for p in increment.frozen if not hasattr(p, "hessian")]
                 self._assembly = Assembly(system.free, stencils)
-            return self._assembly.matrix(blocks, (increment.a + shift) * system.mass)
+            matrix = self._assembly.matrix(blocks, (increment.a + shift) * system.mass)
+            return with_changing(matrix, system.free, changing)
 
     # ------------------------------------------------------------ the iteration
 
-    def start(self, increment: Increment, x: NDArray, guesses: tuple[NDArray, ...]) -> NDArray:
+    def start(self, increment: Increment, x: NDArray, guesses: tuple[NDArray, ...], since: float) -> NDArray:
         """The guess of least value among those that no barrier keeps from `x`; else `x`.
 
-        Prescribed vertices are where they belong at the time of the system; StepRejected where a barrier
-        keeps them from there.
+        Vertices near obstacles have moved with these from their place at the time `since`, and prescribed
+        vertices are where they belong at the time of the system; StepRejected where a barrier keeps them from
+        there.
         """
-        x = self.with_prescribed(x)
+        x = self.with_prescribed(self.carried(x, since))
         points = []
         for guess in guesses:
             move = self.system.only_free(guess - x)
             if self._reach(x, move) == 1.0:
                 points.append(self.at(increment, x + move))
         return min(points, key=lambda point: point.value).y if points else x
+
+    def carried(self, x: NDArray, since: float) -> NDArray:
+        """Positions x of the time `since`, with vertices near moving obstacles carried along by them."""
+        moving = [barrier for barrier in self.system.barriers if hasattr(barrier, "carried")]
+        for barrier in moving:
+            with self.system.account.within(barrier.name):
+                moved = barrier.carried(x, since)
+            if moved is None:
+                raise StepRejected("barrier crossed")
+            move = self.system.only_free(moved - x)
+            if move.any():
+                for other in self.system.barriers:
+                    if other not in moving and other.longest(x, move) < 1.0:
+                        raise StepRejected("barrier crossed", worst(move))
+                x = x + move
+        for barrier in moving:
+            crossed = barrier.outside(x)
+            if crossed is not None:
+                raise StepRejected("barrier crossed", f"vertex {crossed[0]}", crossed[1])
+        return x
 
     def with_prescribed(self, x: NDArray) -> NDArray:
         """Positions `x` with the prescribed vertices at the time of the system."""
@@ -325,6 +320,8 @@ class Newton:
         if self._factor is None:
             # factorised twice: what comes after must not depend on where a run was resumed
             self._factor = Factor(matrix, pivot=False)
+        elif not self._factor.same_pattern(matrix):
+            self._factor.refactor(matrix)  # the analysis of a new pattern; likewise
         self._factor.refactor(matrix)
         self._solve = low_rank.solver(partial(self._factor.solve, refine=False), columns)
         self._fresh = True

@@ -22,6 +22,7 @@ from ddgcli.mechanics.terms import (
     Potential,
     PrescribedMotion,
     TimeDependent,
+    is_dead,
 )
 from ddgcli.simulation.account import Account
 
@@ -69,6 +70,8 @@ class System:
     account : Account
     start : (n, 3) ndarray
         Positions at the start of the run, also of a resumed one: the scale of tolerances and of rounding.
+    size : float, optional
+        Of the object, in metres; default the longest side of its bounding box.
 
     Attributes
     ----------
@@ -78,9 +81,18 @@ class System:
         Every potential is quadratic with a constant matrix, coordinate by coordinate.
     cache : dict
         What solvers keep between the steps, by their names.
+    pushed : bool
+        Obstacles move, so that the stored energy depends on time.
     """
 
-    def __init__(self, mass: NDArray, parts: Sequence[Any], account: Account, start: NDArray) -> None:
+    def __init__(
+        self,
+        mass: NDArray,
+        parts: Sequence[Any],
+        account: Account,
+        start: NDArray,
+        size: float | None = None,
+    ) -> None:
         self.mass, self.account, self.time = mass, account, 0.0
         self.memories = [p for p in parts if isinstance(p, Memory)]
         self.parts = tuple(p for p in parts if not isinstance(p, Memory))
@@ -93,13 +105,14 @@ class System:
                 held |= part.mask
         self.free = ~held
         self.all_free = not held.any()
-        self.start, self.size = start, float(np.ptp(start, axis=0).max())
+        self.start, self.size = start, size or float(np.ptp(start, axis=0).max())
         by_vertex = bool((held.all(axis=1) == held.any(axis=1)).all())
-        self.linear = by_vertex and all(len(p.stencil) == 0 or hasattr(p, "matrix") for p in self.potentials)
+        self.linear = by_vertex and all(is_dead(p) or hasattr(p, "matrix") for p in self.potentials)
         self.cache: dict[str, Any] = {}
         timed = any(isinstance(part, TimeDependent) for part in self.parts)
         self.driven = timed or bool(self.prescribed) or any(is_active(d) for d in self.dissipations)
         self.varies = timed or bool(self.prescribed)
+        self.pushed = any(hasattr(part, "power") for part in self.parts)
 
     def _choose(self, parts: Sequence[Any]) -> None:
         """Sort the terms by kind, those that depend on time at `self.time`."""
@@ -207,7 +220,7 @@ class System:
         """
         work = 0.0
         for potential in self.potentials:
-            if not len(potential.stencil):
+            if is_dead(potential):
                 with self.account.within(potential.name):
                     work += potential.energy(path[0]) - potential.energy(path[-1])
         if self.dissipations:
@@ -220,10 +233,12 @@ class System:
                 work += float(np.vdot(force, np.where(self.free, 0.0, after - before)))
         return work
 
-    def frozen(self, x: NDArray, dt: float) -> tuple[Potential, ...]:
-        """Dissipation as potentials of the velocity, taken at `x`."""
+    def frozen(self, x: NDArray, dt: float, since: float | None = None) -> tuple[Potential, ...]:
+        """Dissipation as potentials of the velocity, taken at `x`, the positions of the time `since`."""
         potentials = []
         for dissipation in self.dissipations:
+            if since is not None and hasattr(dissipation, "lagged"):
+                dissipation = dissipation.lagged(since)
             with self.account.within(dissipation.name):
                 potentials.append(dissipation.frozen(x, dt))
         return tuple(potentials)

@@ -24,7 +24,8 @@ class Potential(Protocol):
 
     An energy that is the least one over internal unknowns (edge rotations) lists these in `stencil` by
     numbers from n on, and `blocks` are Hessians in both; of an internal unknown only the first of its three
-    rows is used.
+    rows is used. A potential whose elements change from place to place has an empty stencil and a method
+    `hessian(x, mode)`: a (3n, 3n) sparse array, or None for zero.
     """
 
     @property
@@ -34,6 +35,11 @@ class Potential(Protocol):
     def energy(self, x: NDArray) -> float: ...
     def gradient(self, x: NDArray) -> NDArray[np.float64]: ...
     def blocks(self, x: NDArray, mode: Mode) -> NDArray[np.float64]: ...
+
+
+def is_dead(potential: Any) -> bool:
+    """Whether a potential's gradient is constant: no elements, and no Hessian of its own."""
+    return len(potential.stencil) == 0 and not hasattr(potential, "hessian")
 
 
 @runtime_checkable

@@ -145,19 +145,6 @@ class MovingObject(SurfaceObject):
     angular_velocity: vector("rad/s", "initial turning about the centre of mass") = (0.0, 0.0, 0.0)
 
 
-class Obstacle(ObjectSection):
-    """A body that does not move."""
-
-    role: Literal["obstacle"]
-    plane: Plane | None = None
-    sphere: Sphere | None = None
-
-    @model_validator(mode="after")
-    def _one_shape(self) -> Obstacle:
-        require_one_shape(self, ("plane", "sphere"))
-        return self
-
-
 def require_one_shape(section: Any, shapes: tuple[str, ...]) -> None:
     names = [s for s in shapes if getattr(section, s) is not None]
     if len(names) != 1:

@@ -30,6 +30,10 @@ class Effect:
         Roles of the objects that it acts on; a scene without such an object is refused.
     repeatable : bool
         Whether `[[effects.NAME]]` may stand several times.
+    pairs : callable, optional
+        `pairs(parameters)`: names of objects that the effect couples, which then move as one system.
+    between : callable, optional
+        `between(parameters, contexts)` makes what acts between the objects of such a system.
     """
 
     name: str
@@ -38,6 +42,8 @@ class Effect:
     cost: str
     roles: tuple[str, ...]
     repeatable: bool = False
+    pairs: Callable[[Any], list[tuple[str, str]]] | None = None
+    between: Callable[[Any, Any], list[Any]] | None = None
 
 
 @dataclass(frozen=True)

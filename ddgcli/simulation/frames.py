@@ -38,7 +38,7 @@ def joined_frame(snapshot: Snapshot) -> Frame:
 
     A vector of one number is a number, as it is in a file.
     """
-    parts = list(snapshot.observations.values())
+    parts = sorted(snapshot.observations.values(), key=lambda part: part.place)
     points = (
         None if parts[0].points is None else np.concatenate([p.points for p in parts if p.points is not None])
     )

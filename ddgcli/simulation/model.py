@@ -64,11 +64,14 @@ class Observation:
     vertex : dict of str to ndarray of leading length n
     scalar : dict of str to float or (k,) ndarray
         Sums over the models of a run (energies, momenta, counts).
+    place : int
+        Of the object among those of the scene, where a model has several.
     """
 
     points: NDArray | None
     vertex: Arrays = field(default_factory=dict)
     scalar: dict[str, Any] = field(default_factory=dict)
+    place: int = 0
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,7 +83,8 @@ class Model(Generic[State]):
     start : State
     advance : callable (state, time, dt) -> state
         One step; a pure function of its arguments (caches may only save work). Raises StepRejected.
-    observe : callable state -> Observation
+    observe : callable state -> Observation, or dict of str to Observation
+        The dict has the objects that the system consists of.
     pack, unpack : callables
         State to named arrays of fixed shape and back, to the last bit: the checkpoint.
     largest_step : float
@@ -99,7 +103,7 @@ class Model(Generic[State]):
 
     start: State
     advance: Callable[[State, float, float], State]
-    observe: Callable[[State], Observation]
+    observe: Callable[[State], Observation | dict[str, Observation]]
     pack: Callable[[State], Arrays]
     unpack: Callable[[Arrays], State]
     largest_step: float = math.inf

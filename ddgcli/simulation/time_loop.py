@@ -96,7 +96,7 @@ class Snapshot:
     frame, step : int
     time : float
     observations : dict of str to Observation
-        By model.
+        By object: a model, or the parts of a model that has several.
     checkpoint : dict of "model/array" to ndarray
     events : tuple of Event
         Since the frame before.
@@ -196,7 +196,10 @@ def _snapshot(
     account: Account,
 ) -> Snapshot:
     with account.within("output"):
-        observations = {active.name: active.model.observe(active.state) for active in active_models}
+        observations: dict[str, Observation] = {}
+        for active in active_models:
+            seen = active.model.observe(active.state)
+            observations |= seen if isinstance(seen, dict) else {active.name: seen}
         checkpoint = {f"{m.name}/{key}": value for m in active_models for key, value in m.pack().items()}
         reasons = [active.stopped for active in active_models]
         clocks = [

@@ -69,6 +69,43 @@ def test_resumed_run_has_the_same_bits(run, tmp_path, monkeypatch, integrator):
     resumed_as_whole(run, tmp_path, monkeypatch, scene(tmp_path, integrator, text), frames)
 
 
+PAIRS = """\
+format = "ddgcli-scene/1"
+[time]
+duration = 0.03
+step = 1e-3
+frame_every = 5e-3
+integrator = "{integrator}"
+[[object]]
+name = "a"
+role = "shell"
+grid = {{ size = [0.2, 0.2], cells = [3, 3] }}
+material = "rubber"
+[[object]]
+name = "b"
+role = "shell"
+grid = {{ size = [0.2, 0.2], cells = [2, 2] }}
+material = "rubber"
+position = [0.03, 0.02, 0.01]
+velocity = [0, 0, -1]
+[[object]]
+name = "o"
+role = "obstacle"
+box = {{ corner = [-1, -1, -1], size = [2, 2, 0.99] }}
+velocity = [0, 0, 0.5]
+[effects]
+stretching = {{}}
+bending = {{}}
+contact = {{ pairs = [["a", "b"], ["a", "o"]], self_contact = true, friction = 0.3 }}
+"""
+
+
+@pytest.mark.parametrize("integrator", ["newmark", pytest.param("implicit-euler", marks=pytest.mark.slow)])
+def test_resumed_run_of_colliding_shells_has_the_same_bits(run, tmp_path, monkeypatch, integrator):
+    pytest.importorskip("ipctk")
+    resumed_as_whole(run, tmp_path, monkeypatch, scene(tmp_path, integrator, PAIRS), 5)
+
+
 @pytest.mark.parametrize("more", [
     "tolerance = 1e-4", "beta = 0.3\ngamma = 0.7\nstep = 5e-3", "beta = 0\nstep = 5e-3"
 ])  # fmt: skip

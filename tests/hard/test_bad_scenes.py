@@ -32,6 +32,7 @@ contact = { pairs = [["hat", "floor"]], friction = 0.5 }
 """
 
 HANDLE = "handle = {{ {}, positions = [[0, 0, 0], [0, 0, 1], [0, 0, 2]] }} #"
+FLOOR = "plane = { point = [0, 0, 0], normal = [0, 0, 1] }"
 GRID = "grid = { size = [1, 1], cells = [2, 2] }"
 STVK = 'stretching = { model = "stvk" }'
 TWO_SHELLS = """role = "shell"
@@ -99,8 +100,19 @@ BAD = [
     ("acceleration = [0, 0, -9.81]", 'acceleration = [0, 0, "9.81 m/s"]', 21, ["9.81 m/s", "m/s^2"]),
     ("acceleration = [0, 0, -9.81]", "enabled = false", 21, ["'enabled'", "acceleration"]),
     ('[["hat", "floor"]]', '[["hat", "flor"]]', 22, ["'flor'", "'floor'"]),
-    ('[["hat", "floor"]]', '[["hat", "hat"]]', 22, ["shell with an obstacle"]),
-    ('[["hat", "floor"]]', "[]", 22, ["at least 1 entries"]),
+    ('[["hat", "floor"]]', '[["hat", "hat"]]', 22, ["one shell", "self_contact"]),
+    ('[["hat", "floor"]]', '[["floor", "floor"]]', 22, ["a shell with an obstacle or a shell"]),
+    ('[["hat", "floor"]]', "[]", 22, ["pairs", "self_contact"]),
+    ("friction = 0.5", 'self_contact = ["hut"]', 22, ["'hut'", "'hat'"]),
+    (FLOOR, "box = { corner = [0, 0, 0.5], size = [1, 1, 1] }", 22, ["vertex 0", "inside", "floor"]),
+    (FLOOR, "cylinder = { start = [0, 0, 0], end = [0, 0, 0], radius = 1 }", 17, ["must differ"]),
+    (FLOOR, "cylinder = { start = [0, 0, 0], end = [0, 0, 2] }", 17, ["radius"]),
+    (FLOOR, "plane = {}\ntimes = [0, 2, 1]\npositions = [[0, 0, 0], [0, 0, 1], [0, 0, 2]]", 18, ["entry 2"]),
+    (FLOOR, "plane = {}\npositions = [[0, 0, 0], [0, 0, 1]]", 14, ["positions needs times"]),
+    (FLOOR, "plane = {}\ntimes = [0, 1]\npositions = [[0, 0, 1], [0, 0, 2]]", 14, ["positions[0]"]),
+    (FLOOR, "plane = {}\ntimes = [0, 1]\npositions = [[0, 0, 0], [0, 0, 1]]\nvelocity = [0, 0, 1]", 14,
+     ["either", "velocity"]),
+    (FLOOR, "plane = {}\nscale = 2", 14, ["scale", "mesh"]),
     ('[["hat", "floor"]]', '[["hat", "floor"], ["floor", "hat"]]', 22, ["more than once"]),
     ("friction = 0.5", "friciton = 0.5", 22, ["'friciton'", "'friction'"]),
     ("friction = 0.5", "friction = -0.5", 22, ["at least 0"]),

@@ -72,6 +72,8 @@ class Shells:
         self.contexts = {name: context for name, (context, _) in contexts.items()}
         self.meshes = {name: context.mesh for name, context in self.contexts.items()}
         self.sha256 = {name: sha for name, (_, sha) in contexts.items()}
+        for context in self.contexts.values():
+            self.sha256 |= {name: placed.sha256 for name, placed in context.obstacles.items()}
 
     @cached_property
     def systems(self) -> dict[str, System]:
@@ -79,6 +81,14 @@ class Shells:
         from ddgcli.models.shell import model
 
         return model.systems(self.scene, self.contexts, self.account)
+
+    @cached_property
+    def order(self) -> list[tuple[str, int]]:
+        """System and number of vertices of each shell."""
+        from ddgcli.models.shell.groups import groups
+
+        owner = {name: g.name for g in groups(self.scene, self.contexts) for name in g.shells}
+        return [(owner[name], context.mesh.n_vertices) for name, context in self.contexts.items()]
 
     def assembled(self, schedule: Schedule) -> dict[str, Any]:
         from ddgcli.models.shell import report
@@ -101,9 +111,10 @@ class Shells:
     def doubt(self, outcome: Outcome) -> str:
         from ddgcli.models.shell import report
 
-        return report.doubt(outcome, report.rounding(outcome, self.systems))
+        return report.doubt(outcome, report.rounding(outcome, self.systems, self.order))
 
     def summary(self, outcome: Outcome) -> tuple[dict[str, Any], dict[str, Any]]:
         from ddgcli.models.shell import report
 
-        return report.summary(outcome, self.systems, self.scene.time.integrator == "static")
+        static = self.scene.time.integrator == "static"
+        return report.summary(outcome, self.systems, static, self.order)

@@ -15,6 +15,7 @@ from ddgcli.mesh.vectors import vector_length
 from ddgcli.models.shell.scene import Shell
 from ddgcli.scenes.scene import Scene
 from ddgcli.scenes.sections import Key
+from ddgcli.scenes.shapes import PlacedMesh
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,6 +33,8 @@ class ShellContext:
         Vertex arrays of the mesh file.
     terms : dict of str to list
         What the effects built so far returned, by effect.
+    obstacles : dict of str to PlacedMesh
+        Meshes of the obstacles that are meshes, as their files have them.
     """
 
     shell: Shell
@@ -39,6 +42,7 @@ class ShellContext:
     scene: Scene
     arrays: dict[str, NDArray] = field(default_factory=dict)
     terms: dict[str, list[Any]] = field(default_factory=dict)
+    obstacles: dict[str, PlacedMesh] = field(default_factory=dict)
 
     @property
     def elastic(self) -> list[Any]:

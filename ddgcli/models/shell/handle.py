@@ -11,7 +11,7 @@ from pydantic import Field, field_validator, model_validator
 
 from ddgcli.mechanics.terms import FixedCoordinates, PrescribedMotion
 from ddgcli.models.shell.context import ShellContext
-from ddgcli.models.shell.key_frames import RigidKeyFrames, require_ascending, turns
+from ddgcli.models.shell.key_frames import RigidKeyFrames, require_ascending, require_from_rest, turns
 from ddgcli.scenes.sections import Section
 from ddgcli.scenes.shapes import Rotation
 from ddgcli.scenes.units import quantity, vector
@@ -47,16 +47,7 @@ class Handle(Section):
 
     @model_validator(mode="after")
     def _complete(self) -> Handle:
-        if self.positions is None and self.rotations is None:
-            raise ValueError("give positions, rotations or both; pin holds vertices still")
-        for name in ("positions", "rotations"):
-            frames = getattr(self, name)
-            if frames is not None and len(frames) != len(self.times):
-                raise ValueError(f"{name} has {len(frames)} entries and times {len(self.times)}")
-        if self.positions is not None and any(self.positions[0]):
-            raise ValueError("positions[0] must be [0, 0, 0]: a handle starts where the shell is drawn")
-        if self.rotations is not None and self.rotations[0].degrees:
-            raise ValueError("rotations[0] must have degrees = 0: a handle starts where the shell is drawn")
+        require_from_rest(self.times, self.positions, self.rotations)
         return self
 
 

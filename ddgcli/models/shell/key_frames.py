@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +18,21 @@ def require_ascending(times: list[float]) -> None:
     for k, (before, after) in enumerate(zip(times, times[1:])):
         if not after > before:
             raise ValueError(f"must ascend: entry {k + 1}, {after:g} s, is not after {before:g} s")
+
+
+def require_from_rest(
+    times: list[float], positions: list[Any] | None, rotations: list[Rotation] | None
+) -> None:
+    """Raise ValueError where key frames are incomplete, or do not start where the body is drawn."""
+    if positions is None and rotations is None:
+        raise ValueError("give positions, rotations or both beside times")
+    for name, frames in (("positions", positions), ("rotations", rotations)):
+        if frames is not None and len(frames) != len(times):
+            raise ValueError(f"{name} has {len(frames)} entries and times {len(times)}")
+    if positions is not None and any(positions[0]):
+        raise ValueError("positions[0] must be [0, 0, 0]: the body starts where it is drawn")
+    if rotations is not None and rotations[0].degrees:
+        raise ValueError("rotations[0] must have degrees = 0: the body starts where it is drawn")
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,6 +68,38 @@ def turns(rotations: list[Rotation]) -> list[Turn]:
             axis = np.linalg.svd(relative - np.eye(3))[2][-1]
         result.append(Turn(axis, angle, start))
     return result
+
+
+@dataclass(frozen=True, eq=False)
+class Pose:
+    """Placement x = rotation p + shift of the points p of a rigid body, and how it moves.
+
+    Parameters
+    ----------
+    rotation : (3, 3) ndarray
+    shift : (3,) ndarray
+    velocity, spin : (3,) ndarray
+        m/s of the point `center`, and angular velocity in rad/s.
+    center : (3,) ndarray
+    """
+
+    rotation: NDArray[np.float64]
+    shift: NDArray[np.float64]
+    velocity: NDArray[np.float64]
+    spin: NDArray[np.float64]
+    center: NDArray[np.float64]
+
+    def points(self, p: NDArray) -> NDArray[np.float64]:
+        """Where (n, 3) points of the body are."""
+        return p @ self.rotation.T + self.shift
+
+    def body(self, x: NDArray) -> NDArray[np.float64]:
+        """(n, 3) points of the body that are at x."""
+        return (x - self.shift) @ self.rotation
+
+    def velocities(self, x: NDArray) -> NDArray[np.float64]:
+        """(n, 3) velocities of the body at the places x."""
+        return self.velocity + np.cross(self.spin, x - self.center)
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,6 +139,14 @@ class RigidKeyFrames:
         speed = np.cross(omega, arm)
         x = self.center + self.displacements[k] + s * step + arm
         return x, ds * step + speed, dds * step + np.cross(alpha, arm) + np.cross(omega, speed)
+
+    def pose(self, time: float) -> Pose:
+        """Placement of the body at a time in s."""
+        s, ds, _, k = self._progress(time)
+        step, turn = self.displacements[k + 1] - self.displacements[k], self.rotations[k]
+        rotation = rotation_matrix(turn.axis, s * turn.angle) @ turn.start
+        center = self.center + self.displacements[k] + s * step
+        return Pose(rotation, center - rotation @ self.center, ds * step, ds * turn.angle * turn.axis, center)
 
     def _progress(self, time: float) -> tuple[float, float, float, int]:
         """Part of the interval k between key frames that is covered, its two time derivatives, and k."""

@@ -1,4 +1,4 @@
-"""Shells of a scene as models for the loop: one for each, since nothing couples them."""
+"""Shells of a scene as models for the loop: one for each group of coupled shells."""
 
 from __future__ import annotations
 
@@ -10,16 +10,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.mechanics.driving import driving_work, reactions
+from ddgcli.mechanics.driving import contact_forces, driving_work, reactions
 from ddgcli.mechanics.integrators import INTEGRATORS, Step, stable_step
 from ddgcli.mechanics.system import Motion, System
 from ddgcli.mechanics.terms import FixedCoordinates, Memory, PrescribedMotion, RampedLoad
 from ddgcli.mesh.require import unmet_need
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.models.shell.context import ShellContext
+from ddgcli.models.shell.groups import Group, groups, parts_between
 from ddgcli.scenes.scene import Scene
 from ddgcli.scenes.sections import Key
-from ddgcli.scenes.shapes import place
+from ddgcli.scenes.shapes import PlacedMesh, place
 from ddgcli.simulation.account import Account
 from ddgcli.simulation.effects import Effect
 from ddgcli.simulation.model import Model, Observation
@@ -32,6 +33,7 @@ log = logging.getLogger("ddgcli")
 def contexts(scene: Scene, read: Callable[[str], Any]) -> dict[str, tuple[ShellContext, str]]:
     """Context of every shell and the SHA-256 of its mesh file, by name."""
     by_name = {}
+    obstacles = _obstacle_meshes(scene, read)
     for number, section in enumerate(scene.objects):
         if section.role != "shell":
             continue
@@ -43,10 +45,25 @@ def contexts(scene: Scene, read: Callable[[str], Any]) -> dict[str, tuple[ShellC
             scene.refuse(
                 ("object", number), f"object {section.name!r}: a periodic grid is not a shell; use fluid-sim"
             )
-        context = ShellContext(section, placed.mesh, scene, placed.vertex)
+        context = ShellContext(section, placed.mesh, scene, placed.vertex, obstacles=obstacles)
         _require_sound(scene, number, context)
         by_name[section.name] = context, placed.sha256
     return by_name
+
+
+def _obstacle_meshes(scene: Scene, read: Callable[[str], Any]) -> dict[str, PlacedMesh]:
+    """Meshes of the obstacles that are meshes."""
+    meshes = {}
+    for number, section in enumerate(scene.objects):
+        if section.role == "obstacle" and section.mesh is not None:
+            source = read(section.mesh)
+            reason = unmet_need(source.mesh, "shell-sim") if isinstance(source.mesh, TriangleMesh) else None
+            if not isinstance(source.mesh, TriangleMesh) or reason is not None:
+                scene.refuse(
+                    ("object", number), f"object {section.name!r}: {reason or 'a triangle mesh is needed'}"
+                )
+            meshes[section.name] = PlacedMesh(source.mesh, {}, source.sha256)
+    return meshes
 
 
 def _require_sound(scene: Scene, number: int, context: ShellContext) -> None:
@@ -65,20 +82,20 @@ def _require_sound(scene: Scene, number: int, context: ShellContext) -> None:
 
 
 def build(scene: Scene, shells: dict[str, ShellContext], account: Account) -> dict[str, Model]:
-    """One model for each shell."""
+    """One model for each group of shells."""
     return models(scene, shells, systems(scene, shells, account))
 
 
 def systems(scene: Scene, shells: dict[str, ShellContext], account: Account) -> dict[str, System]:
-    """Masses and terms of each shell."""
-    return {name: make_system(scene, context, account) for name, context in shells.items()}
+    """Masses and terms of each group of shells."""
+    return {group.name: _group_system(scene, group, account) for group in groups(scene, shells)}
 
 
 def models(
     scene: Scene, shells: dict[str, ShellContext], systems: dict[str, System]
 ) -> dict[str, Model[Motion]]:
-    """One model for each shell, of its system."""
-    return {name: _model(scene, context, systems[name]) for name, context in shells.items()}
+    """One model for each group of shells, of its system."""
+    return {group.name: _model(scene, group, systems[group.name]) for group in groups(scene, shells)}
 
 
 def parts_of(scene: Scene, context: ShellContext) -> list[Any]:
@@ -136,6 +153,27 @@ def _with_ramp(part: Any, ramps: dict[int, RampedLoad]) -> Any:
 
 def make_system(scene: Scene, context: ShellContext, account: Account) -> System:
     """Masses of a shell and what the scene's effects make for it."""
+    return System(context.mass, _own_parts(scene, context), account, np.asarray(context.mesh.points))
+
+
+def _group_system(scene: Scene, group: Group, account: Account) -> System:
+    """Masses of the shells of a group and what the scene's effects make for and between them."""
+    if len(group.shells) == 1:
+        return make_system(scene, next(iter(group.shells.values())), account)
+    from ddgcli.mechanics.embedding import Rows, embedded_parts
+
+    parts, ends = [], group.ends
+    for start, context in zip(ends, group.shells.values()):
+        rows = Rows(int(start), context.mesh.n_vertices, int(ends[-1]))
+        parts += embedded_parts(_own_parts(scene, context), rows)
+    mass = np.concatenate([context.mass for context in group.shells.values()])
+    start = np.concatenate([np.asarray(context.mesh.points) for context in group.shells.values()])
+    size = max(float(np.ptp(points, axis=0).max()) for points in group.split(start).values())
+    return System(mass, [*parts, *parts_between(scene, group)], account, start, size)
+
+
+def _own_parts(scene: Scene, context: ShellContext) -> list[Any]:
+    """Terms of one shell by itself."""
     parts = parts_of(scene, context)
     if getattr(scene.time, "load_steps", 1) > 1:
         times, factors = np.array([0.0, scene.time.duration]), np.array([0.0, 1.0])
@@ -145,16 +183,17 @@ def make_system(scene: Scene, context: ShellContext, account: Account) -> System
     loose = ~context.mesh.topology.referenced_vertex
     if loose.any():
         parts.append(FixedCoordinates(np.repeat(loose[:, None], 3, axis=1)))
-    system = System(context.mass, parts, account, np.asarray(context.mesh.points))
-    if not system.free.any():
+    held = [part.mask for part in parts if isinstance(part, FixedCoordinates | PrescribedMotion)]
+    if held and np.logical_or.reduce(held).all():
         log.warning("every vertex of %s is held: it does not move", context.shell.name)
-    return system
+    return parts
 
 
-def _model(scene: Scene, context: ShellContext, system: System) -> Model[Motion]:
+def _model(scene: Scene, group: Group, system: System) -> Model[Motion]:
     integrator, parameters = INTEGRATORS[scene.time.integrator], scene.time
-    x = np.array(context.mesh.points)
-    v = np.where(system.free, _initial_velocity(context), 0.0)
+    x = np.array(system.start)
+    shells = group.shells.values()
+    v = np.where(system.free, np.concatenate([_initial_velocity(context) for context in shells]), 0.0)
     x, v, _ = system.prescribed_state(x, v, v)
     step_size = scene.schedule().dt
     with np.errstate(all="ignore"):
@@ -180,7 +219,7 @@ def _model(scene: Scene, context: ShellContext, system: System) -> Model[Motion]
     def rescue(motion: Motion, time: float, dt: float) -> Motion:
         return advanced(integrator.rescue or integrator.step, motion, time, dt)
 
-    def observe(motion: Motion) -> Observation:
+    def observe(motion: Motion) -> dict[str, Observation]:
         current = system.remembering(motion.memory).at(motion.time)
         scalars = measures(current, motion)
         plastic = [arrays["work"][0] for arrays in motion.memory if "work" in arrays]
@@ -191,7 +230,9 @@ def _model(scene: Scene, context: ShellContext, system: System) -> Model[Motion]
                 scalars |= potential.observed(motion.x)
         for name, (force, moment) in reactions(current, motion, step_size).items():
             scalars |= {f"reaction_force_{name}": force, f"reaction_moment_{name}": moment}
-        return Observation(motion.x, {"velocity": motion.v, "strain": strain(context, motion.x)}, scalars)
+        for name, (force, moment) in contact_forces(current, motion, step_size).items():
+            scalars |= {f"contact_force_{name}": force, f"contact_moment_{name}": moment}
+        return _observations(group, motion, scalars)
 
     def unpack(arrays: dict[str, NDArray]) -> Motion:
         count, excess, time, work = (float(value) for value in arrays["scalars"])
@@ -225,6 +266,20 @@ def _packed(motion: Motion) -> dict[str, NDArray]:
         "scalars": scalars,
         **memory,
         **dict(zip(PAST_ARRAYS, motion.past)),
+    }
+
+
+def _observations(group: Group, motion: Motion, scalars: dict[str, Any]) -> dict[str, Observation]:
+    """Observation of each shell of a group; the first has the scalars of the group."""
+    x, v = group.split(motion.x), group.split(motion.v)
+    return {
+        name: Observation(
+            x[name],
+            {"velocity": v[name], "strain": strain(context, x[name])},
+            scalars if k == 0 else {},
+            place,
+        )
+        for k, ((name, context), place) in enumerate(zip(group.shells.items(), group.places))
     }
 
 

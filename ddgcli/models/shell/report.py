@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,12 +14,16 @@ from ddgcli.mechanics.integrators import INTEGRATORS
 from ddgcli.mechanics.rounding import Rounding
 from ddgcli.mechanics.system import System
 from ddgcli.models.shell.context import ShellContext
+from ddgcli.models.shell.groups import groups
 from ddgcli.scenes.scene import Scene
 from ddgcli.simulation.model import Schedule
 from ddgcli.simulation.outcome import Outcome
 
 log = logging.getLogger("ddgcli")
-FORCE, MOMENT = "reaction_force_", "reaction_moment_"  # scalars of the frames, by support
+# scalars of the frames, by support and by obstacle
+FORCE, MOMENT = "reaction_force_", "reaction_moment_"
+CONTACT_FORCE, CONTACT_MOMENT = "contact_force_", "contact_moment_"
+Order = Sequence[tuple[str, int]]  # system and number of vertices of each shell
 # of the energy at hand: more is description; more is not to be trusted, exit 1
 ENERGY_GROWTH_WARNING, ENERGY_GROWTH_FAILURE = 0.1, 1.0
 
@@ -32,9 +37,9 @@ class RunRounding:
     angular_momentum: float
 
 
-def rounding(outcome: Outcome, systems: dict[str, System]) -> RunRounding:
+def rounding(outcome: Outcome, systems: dict[str, System], order: Order = ()) -> RunRounding:
     """Rounding of a run over all shells: the larger of what it is at the start and at the end."""
-    steps, end = outcome.steps, _split(outcome.end.points, systems)
+    steps, end = outcome.steps, _split(outcome.end.points, systems, order)
     dt = outcome.smallest_step if steps else np.inf
     energy = momentum = angular = 0.0
     for name, system in systems.items():
@@ -46,20 +51,29 @@ def rounding(outcome: Outcome, systems: dict[str, System]) -> RunRounding:
     return RunRounding(energy, momentum, angular)
 
 
-def _split(points: Any, systems: dict[str, System]) -> dict[str, NDArray]:
-    """Vertices of each shell from those of all, which stand behind each other."""
-    ends = np.cumsum([len(system.mass) for system in systems.values()])
-    return dict(zip(systems, np.split(np.asarray(points), ends[:-1])))
+def _split(points: Any, systems: dict[str, System], order: Order) -> dict[str, NDArray]:
+    """Vertices of each system from those of all shells, which stand one behind the other.
+
+    `order` has the name of the system and the number of vertices of each shell; by default the systems are
+    the shells.
+    """
+    shells = order or [(name, len(system.mass)) for name, system in systems.items()]
+    pieces = np.split(np.asarray(points), np.cumsum([count for _, count in shells])[:-1])
+    return {
+        name: np.concatenate([piece for (owner, _), piece in zip(shells, pieces) if owner == name])
+        for name in systems
+    }
 
 
 def summary(
-    outcome: Outcome, systems: dict[str, System], static: bool = False
+    outcome: Outcome, systems: dict[str, System], static: bool = False, order: Order = ()
 ) -> tuple[dict[str, Any], dict[str, Any]]:
     """(`results`, `accuracy`) of a run.
 
     Scales of the drifts: energy, the largest kinetic energy or change of a part of the energy; momentum, the
     mass times the largest speed; angular momentum, that times the size of the shells. Within rounding a
-    drift is 0. `static` asks for the stability of the equilibrium.
+    drift is 0. `static` asks for the stability of the equilibrium; `order` is that of the shells, see
+    `_split`.
     """
     series, last = outcome.series, outcome.end
     energies = {
@@ -83,17 +97,21 @@ def summary(
         results["external_work"] = last.scalar["external_work"]
     if "plastic_work" in last.scalar:
         results["plastic_work"] = last.scalar["plastic_work"]
-    supports = [name.removeprefix(FORCE) for name in last.scalar if name.startswith(FORCE)]
-    if supports:
-        results["reaction_forces"] = {
-            name: {"force": last.scalar[FORCE + name], "moment": last.scalar[MOMENT + name]}
-            for name in supports
-        }
+    for key, force, moment in (
+        ("reaction_forces", FORCE, MOMENT),
+        ("contact_forces", CONTACT_FORCE, CONTACT_MOMENT),
+    ):
+        names = [name.removeprefix(force) for name in last.scalar if name.startswith(force)]
+        if names:
+            results[key] = {
+                name: {"force": last.scalar[force + name], "moment": last.scalar[moment + name]}
+                for name in names
+            }
     if outcome.failure:
         results["stopped_because"] = outcome.failure
     mass = sum(float(system.mass.sum()) for system in systems.values())
     size = max(system.size for system in systems.values())
-    least = rounding(outcome, systems)
+    least = rounding(outcome, systems, order)
     swing = [np.ptp(v) for name, v in series.items() if name.startswith("energy_")]
     energy_scale = max([float(np.abs(series["energy_kinetic"]).max()), *map(float, swing)])
     momentum_scale = mass * outcome.largest.get("velocity", 0.0)
@@ -108,7 +126,7 @@ def summary(
         "max_strain": outcome.largest.get("strain", 0.0),
     }
     if static and not outcome.failure:
-        accuracy["negative_eigenvalues"] = _instability(_split(last.points, systems), systems)
+        accuracy["negative_eigenvalues"] = _instability(_split(last.points, systems, order), systems)
     return results, accuracy
 
 
@@ -170,15 +188,22 @@ def assembled(
         "frames": schedule.frames,
         "step": schedule.dt,
     }
-    for name, context in shells.items():
-        system = systems[name]
+    for group in groups(scene, shells):
+        system = systems[group.name]
         acting: list[Any] = [*system.potentials, *system.dissipations]
-        terms = {p.name: f"{type(p).__name__}, {len(p.stencil)} elements" for p in acting}
-        description[name] = {
-            "vertices": context.mesh.n_vertices,
-            "faces": context.mesh.n_faces,
-            "mass": float(context.mass.sum()),
+        terms = {p.name: _term_text(p) for p in acting}
+        meshes = [context.mesh for context in group.shells.values()]
+        description[group.name] = {
+            "vertices": len(system.mass),
+            "faces": sum(mesh.n_faces for mesh in meshes),
+            "mass": float(system.mass.sum()),
             "free_coordinates": int(system.free.sum()),
             "terms": terms,
         }
     return description
+
+
+def _term_text(term: Any) -> str:
+    kind = type(getattr(term, "part", term)).__name__
+    changing = not len(term.stencil) and hasattr(getattr(term, "part", term), "near")
+    return f"{kind}, elements found in each step" if changing else f"{kind}, {len(term.stencil)} elements"

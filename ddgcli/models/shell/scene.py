@@ -9,10 +9,11 @@ from typing import Literal
 
 from pydantic import Field, field_validator, model_validator
 
+from ddgcli.models.shell.obstacle import Obstacle
 from ddgcli.scenes.materials import DEFAULT, KEYS, MATERIALS, filled
 from ddgcli.scenes.scene import SceneKind
 from ddgcli.scenes.sections import Section
-from ddgcli.scenes.shapes import MovingObject, Obstacle
+from ddgcli.scenes.shapes import MovingObject
 from ddgcli.scenes.units import quantity
 from ddgcli.simulation.effects import EffectTable, nearest
 
@@ -29,7 +30,10 @@ EFFECTS = EffectTable(
         "pin": ("ddgcli.models.shell.pin", "Vertices held still, in all directions or some."),
         "handle": ("ddgcli.models.shell.handle", "Vertices moved along key frames, as a rigid body."),
         "damping": ("ddgcli.models.shell.damping", "Rayleigh damping by mass and by stiffness."),
-        "contact": ("ddgcli.models.shell.contact", "Contact with planes and spheres, with friction."),
+        "contact": (
+            "ddgcli.models.shell.contact",
+            "Contact with obstacles, other shells and itself; friction.",
+        ),
     },
 )
 

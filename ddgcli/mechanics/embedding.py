@@ -1,0 +1,230 @@
+"""Terms of one object as terms of a system of several objects, whose vertices stand one behind the other."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ddgcli.mechanics.terms import Arrays, FixedCoordinates, Memory, Mode, PrescribedMotion
+
+
+class Rows:
+    """Vertices start ... start + count of a system of n vertices."""
+
+    def __init__(self, start: int, count: int, n: int) -> None:
+        self.rows, self.start, self.count, self.n = slice(start, start + count), start, count, n
+        self._last: tuple[NDArray, NDArray] | None = None
+
+    def of(self, x: NDArray) -> NDArray[np.float64]:
+        """The object's part of (n, ...) values: one array for one array, for terms that remember."""
+        if self._last is None or self._last[0] is not x:
+            self._last = x, x[self.rows]
+        return self._last[1]
+
+    def padded(self, values: NDArray) -> NDArray:
+        """(n, ...) values with zeros outside the object."""
+        total = np.zeros((self.n, *values.shape[1:]), dtype=values.dtype)
+        total[self.rows] = values
+        return total
+
+
+class _Term:
+    """A term of one object, `part`, in a system."""
+
+    def __init__(self, part: Any, rows: Rows) -> None:
+        self.part, self.rows = part, rows
+
+    @property
+    def name(self) -> str:
+        return self.part.name
+
+    @property
+    def stencil(self) -> NDArray[np.int64]:
+        stencil, rows = self.part.stencil, self.rows
+        # behind the vertices come internal unknowns of the term
+        return np.where(stencil < rows.count, stencil + rows.start, stencil - rows.count + rows.n)
+
+    @property
+    def obstacle(self) -> str:
+        return getattr(self.part, "obstacle", "")
+
+    @property
+    def active(self) -> bool:
+        return bool(getattr(self.part, "active", False))
+
+
+class _Energy:
+    part: Any
+    rows: Rows
+
+    def energy(self, x: NDArray) -> float:
+        return self.part.energy(self.rows.of(x))
+
+    def gradient(self, x: NDArray) -> NDArray[np.float64]:
+        return self.rows.padded(self.part.gradient(self.rows.of(x)))
+
+    def blocks(self, x: NDArray, mode: Mode) -> NDArray[np.float64]:
+        return self.part.blocks(self.rows.of(x), mode)
+
+
+class _Changing:
+    part: Any
+    rows: Rows
+
+    def hessian(self, x: NDArray, mode: Mode) -> Any:
+        local = self.part.hessian(self.rows.of(x), mode)
+        if local is None:
+            return None
+        entries = local.tocoo()
+        first, size = 3 * self.rows.start, 3 * self.rows.n
+        place = (entries.row + first, entries.col + first)
+        return type(entries)((entries.data, place), shape=(size, size)).tocsc()
+
+
+class _Barrier:
+    part: Any
+    rows: Rows
+
+    def longest(self, x: NDArray, move: NDArray) -> float:
+        return self.part.longest(self.rows.of(x), move[self.rows.rows])
+
+    def outside(self, x: NDArray) -> tuple[int, float] | None:
+        crossed = self.part.outside(self.rows.of(x))
+        return None if crossed is None else (crossed[0] + self.rows.start, crossed[1])
+
+    def stiffest(self) -> NDArray[np.float64]:
+        return self.rows.padded(np.broadcast_to(self.part.stiffest(), (self.rows.count,)))
+
+
+class _Crossing:
+    part: Any
+    rows: Rows
+
+    def crosses(self, before: NDArray, after: NDArray) -> bool:
+        return self.part.crosses(before[self.rows.rows], after[self.rows.rows])
+
+
+class _Pushing:
+    part: Any
+    rows: Rows
+
+    def power(self, x: NDArray) -> float:
+        return self.part.power(self.rows.of(x))
+
+    def carried(self, x: NDArray, since: float) -> NDArray[np.float64] | None:
+        local = self.part.carried(self.rows.of(x), since)
+        if local is None:
+            return None
+        moved = x.copy()
+        moved[self.rows.rows] = local
+        return moved
+
+
+class _Dissipation:
+    part: Any
+    rows: Rows
+
+    def frozen(self, x: NDArray, dt: float) -> Any:
+        return embedded(self.part.frozen(self.rows.of(x), dt), self.rows)
+
+
+class _Lagged:
+    part: Any
+    rows: Rows
+
+    def lagged(self, time: float) -> Any:
+        return embedded(self.part.lagged(time), self.rows)
+
+
+class _TimeDependent:
+    part: Any
+    rows: Rows
+
+    def at(self, time: float) -> Any:
+        return embedded(self.part.at(time), self.rows)
+
+
+class _LowRank:
+    part: Any
+    rows: Rows
+
+    def low_rank(self, x: NDArray) -> NDArray[np.float64]:
+        return self.rows.padded(self.part.low_rank(self.rows.of(x)))
+
+
+class _Observed:
+    part: Any
+    rows: Rows
+
+    def observed(self, x: NDArray) -> dict[str, Any]:
+        return self.part.observed(self.rows.of(x))
+
+
+class _Couples:
+    part: Any
+    rows: Rows
+
+    def couples(self, x: NDArray) -> tuple[NDArray, NDArray]:
+        ends, moments = self.part.couples(self.rows.of(x))
+        return ends + self.rows.start, moments
+
+
+CAPABILITIES: dict[str, type] = {
+    "energy": _Energy,
+    "hessian": _Changing,
+    "longest": _Barrier,
+    "crosses": _Crossing,
+    "power": _Pushing,
+    "frozen": _Dissipation,
+    "lagged": _Lagged,
+    "at": _TimeDependent,
+    "low_rank": _LowRank,
+    "observed": _Observed,
+    "couples": _Couples,
+}
+
+
+@cache
+def _kind(names: tuple[str, ...]) -> type:
+    """The class with these methods; protocols are checked by the methods that a class has."""
+    return type("EmbeddedTerm", (_Term, *(CAPABILITIES[name] for name in names)), {})
+
+
+class EmbeddedMemory:
+    """A memory of one object's term; `potential` is the embedded term that it replaces."""
+
+    def __init__(self, memory: Memory, potential: Any, rows: Rows) -> None:
+        self.memory, self.potential, self.rows = memory, potential, rows
+
+    @property
+    def effect(self) -> str:
+        return self.memory.effect
+
+    def initial(self) -> Arrays:
+        return self.memory.initial()
+
+    def at(self, memory: Arrays) -> Any:
+        return embedded(self.memory.at(memory), self.rows)
+
+    def commit(self, x: NDArray, memory: Arrays) -> Arrays:
+        return self.memory.commit(self.rows.of(x), memory)
+
+
+def embedded(part: Any, rows: Rows) -> Any:
+    """A term of one object as a term of a system of several."""
+    if isinstance(part, FixedCoordinates | PrescribedMotion):
+        return replace(part, mask=rows.padded(part.mask))
+    return _kind(tuple(name for name in CAPABILITIES if hasattr(part, name)))(part, rows)
+
+
+def embedded_parts(parts: list[Any], rows: Rows) -> list[Any]:
+    """All terms of one object, memories with the terms that they replace."""
+    new = {id(part): embedded(part, rows) for part in parts if not isinstance(part, Memory)}
+    return [
+        EmbeddedMemory(part, new[id(part.potential)], rows) if isinstance(part, Memory) else new[id(part)]
+        for part in parts
+    ]

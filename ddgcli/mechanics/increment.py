@@ -1,0 +1,65 @@
+"""The function that an implicit step minimises, and the sum of its Hessians."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csc_array
+
+from ddgcli.mechanics.terms import Potential
+
+
+@dataclass(frozen=True, eq=False)
+class Increment:
+    """The function that a step minimises.
+
+    Parameters
+    ----------
+    a : float
+        1/s^2; 0 for an equilibrium.
+    target, origin : (n, 3) ndarray
+    c : float
+        1/s: the velocity is c (y - origin).
+    frozen : tuple of Potential
+        Dissipation as potentials of the velocity.
+    """
+
+    a: float
+    target: NDArray
+    c: float = 1.0
+    origin: NDArray | None = None
+    frozen: tuple[Potential, ...] = ()
+
+    def velocity(self, y: NDArray) -> NDArray:
+        return self.c * (y - self.origin)
+
+
+@dataclass(frozen=True, eq=False)
+class Point:
+    """A place of the iteration: positions, the function's value there, and the size of its summands."""
+
+    y: NDArray
+    value: float
+    scale: float
+
+
+def with_changing(matrix: csc_array, free: NDArray[np.bool_], hessians: Sequence[Any]) -> csc_array:
+    """The Hessian over the unknowns plus those of elements that change from place to place.
+
+    Parameters
+    ----------
+    matrix : (f, f) csc_array
+        The free coordinates, then internal unknowns.
+    free : (n, 3) ndarray of bool
+    hessians : sequence of (3n, 3n) sparse arrays or None
+    """
+    for hessian in hessians:
+        if hessian is not None and hessian.nnz:
+            part = csc_array(hessian if free.all() else hessian[free.ravel()][:, free.ravel()])
+            part.resize(matrix.shape)
+            matrix = csc_array(matrix + part)
+    return matrix

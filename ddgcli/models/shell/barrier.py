@@ -1,0 +1,229 @@
+"""Barrier and friction between vertices and surfaces with a closed-form distance."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ddgcli.mechanics.terms import Mode, Potential
+from ddgcli.models.shell.obstacle import PlacedMotion
+from ddgcli.models.shell.surfaces import PosedSurface, Surface
+
+
+class Barrier:
+    """Energy -k A (d - g)^2 ln(d / g) of every vertex nearer than g, A its area at rest.
+
+    `weight` (n,) is k A; `closest` the part of the gap that is left where the vertices have spent what energy
+    they bring.
+    """
+
+    name = "contact"
+    obstacle = ""
+
+    def __init__(self, surface: Surface, gap: float, weight: NDArray, closest: float = 0.5) -> None:
+        self.surface, self.range, self.weight, self.closest = surface, gap, weight, closest
+        self.stencil = np.arange(len(weight))[:, None]
+
+    def near(self, x: NDArray) -> tuple[NDArray, NDArray, NDArray]:
+        """Vertices within the gap, their distances and the gradients of these."""
+        d, normal = self.surface.gap(x)
+        near = np.flatnonzero(d < self.range)
+        return near, d[near], normal[near]
+
+    def energy(self, x: NDArray) -> float:
+        near, d, _ = self.near(x)
+        if (d <= 0).any():
+            return np.inf
+        return -float(np.sum(self.weight[near] * (d - self.range) ** 2 * np.log(d / self.range)))
+
+    def slope(self, near: NDArray, d: NDArray) -> NDArray:
+        """Derivatives of the energies in the distances."""
+        away, log = d - self.range, np.log(d / self.range)
+        return -self.weight[near] * (2 * away * log + away**2 / d)
+
+    def gradient(self, x: NDArray) -> NDArray[np.float64]:
+        near, d, normal = self.near(x)
+        total = np.zeros_like(x)
+        total[near] = self.slope(near, d)[:, None] * normal
+        return total
+
+    def blocks(self, x: NDArray, mode: Mode) -> NDArray[np.float64]:
+        block = np.zeros((len(x), 3, 3))
+        if mode == "material":
+            return block  # stiffness damping leaves contact alone
+        near, d, normal = self.near(x)
+        second = self.weight[near] * curvature(d / self.range)
+        block[near] = second[:, None, None] * normal[:, :, None] * normal[:, None, :]
+        if mode == "exact":
+            block[near] += self.slope(near, d)[:, None, None] * self.surface.hessian(x[near])
+        return block
+
+    def longest(self, x: NDArray, move: NDArray) -> float:
+        return float(min(1.0, 0.9 * self.surface.reach(x, move).min(initial=np.inf)))
+
+    def outside(self, x: NDArray) -> tuple[int, float] | None:
+        d = self.surface.gap(x)[0]
+        worst = int(np.argmin(d))
+        return (worst, float(d[worst])) if not d[worst] > 0 else None
+
+    def stiffest(self) -> NDArray[np.float64]:
+        return self.weight * curvature(self.closest)
+
+    def surface_velocity(self, x: NDArray) -> NDArray[np.float64]:
+        """(n, 3) velocities of the surface at points."""
+        return np.zeros_like(x)
+
+
+class MovingBarrier(Barrier):
+    """The barrier of a surface that moves, at one time."""
+
+    def __init__(
+        self, surface: Surface, motion: PlacedMotion, gap: float, weight: NDArray, closest: float, time: float
+    ) -> None:
+        pose = motion.pose(time)
+        super().__init__(PosedSurface(surface, pose), gap, weight, closest)
+        self.fixed, self.motion, self.pose, self.time = surface, motion, pose, time
+
+    def at(self, time: float) -> MovingBarrier:
+        if time == self.time:
+            return self
+        moved = MovingBarrier(self.fixed, self.motion, self.range, self.weight, self.closest, time)
+        moved.obstacle = self.obstacle
+        return moved
+
+    def power(self, x: NDArray) -> float:
+        """Watts that the surface gives to the vertices."""
+        near, d, normal = self.near(x)
+        force = self.slope(near, d)[:, None] * normal
+        return -float(np.vdot(force, self.surface_velocity(x[near])))
+
+    def surface_velocity(self, x: NDArray) -> NDArray[np.float64]:
+        return self.pose.velocities(x)
+
+    def carried(self, x: NDArray, since: float) -> NDArray[np.float64]:
+        """Positions x of an earlier time, with those near the surface carried along by it until now.
+
+        Within `reach` = gap + travel a vertex keeps its place relative to the surface; the others stay
+        outside, because the surface travels less far.
+        """
+        before = self.motion.pose(since)
+        near = self.pose.points(before.body(x)) - x
+        d = PosedSurface(self.fixed, before).gap(x)[0]
+        return x + carry_weight(d, near, self.range)[:, None] * near
+
+
+def carry_weight(distance: NDArray, travel: NDArray, gap: float) -> NDArray[np.float64]:
+    """Parts (n,) of the travel (n, 3) of a surface that vertices at these distances take part in."""
+    reach = gap + np.sqrt(np.einsum("ni,ni->n", travel, travel))
+    return np.clip(2.0 - distance / reach, 0.0, 1.0)
+
+
+def curvature(s: Any) -> Any:
+    """Second derivative of -(s - 1)^2 ln s."""
+    over = (1 - s) / s
+    return -2 * np.log(s) + 4 * over + over**2
+
+
+def closest_part(energy: float) -> float:
+    """The s in (0, 1) where -(s - 1)^2 ln s has a value, by bisection in ln s; at least 0.05.
+
+    A barrier that is left less of its gap is too soft for the fall: steps that cross it are made shorter.
+    """
+    low, high = float(np.log(0.05)), 0.0
+    for _ in range(60):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if -(np.expm1(middle) ** 2) * middle > energy else (low, middle)
+    return float(np.exp(high))
+
+
+class Friction:
+    """Coulomb friction of a barrier: normal force and tangent plane are those at the start of the step."""
+
+    name = "contact"
+
+    def __init__(self, barrier: Barrier, coefficient: float, slip: float) -> None:
+        self.barrier, self.coefficient, self.slip = barrier, coefficient, slip
+        self.obstacle = barrier.obstacle
+
+    @property
+    def stencil(self) -> NDArray[np.int64]:
+        return self.barrier.stencil
+
+    def frozen(self, x: NDArray, dt: float) -> Potential:
+        near, d, normal = self.barrier.near(x)
+        # a surface in motion may stand where a vertex was before
+        near, d, normal = near[d > 0], d[d > 0], normal[d > 0]
+        bound = -self.coefficient * self.barrier.slope(near, d)
+        wall = self.barrier.surface_velocity(x[near])
+        return Sliding(self.name, self.stencil, near, bound, normal, self.slip, wall)
+
+
+class MovingFriction(Friction):
+    """Friction of a surface that moves, which can add energy."""
+
+    active = True
+    barrier: MovingBarrier
+
+    def at(self, time: float) -> MovingFriction:
+        return MovingFriction(self.barrier.at(time), self.coefficient, self.slip)
+
+    def lagged(self, time: float) -> MovingFriction:
+        """The friction whose normal forces are those of an earlier time."""
+        return self.at(time)
+
+
+class Sliding:
+    """R = sum bound f(|v tangential|), f' = 2 s - s^2 with s = speed / slip up to 1, then 1.
+
+    v is the velocity of a vertex relative to the surface, whose velocities (k, 3) are `wall`.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        stencil: NDArray,
+        near: NDArray,
+        bound: NDArray,
+        normal: NDArray,
+        slip: float,
+        wall: NDArray,
+    ) -> None:
+        self.name, self.stencil = name, stencil
+        self.near, self.bound, self.normal, self.slip, self.wall = near, bound, normal, slip, wall
+
+    def _tangential(self, v: NDArray) -> tuple[NDArray, NDArray]:
+        v = v[self.near] - self.wall
+        t = v - np.einsum("ni,ni->n", v, self.normal)[:, None] * self.normal
+        return t, np.sqrt(np.einsum("ni,ni->n", t, t))
+
+    def energy(self, x: NDArray) -> float:
+        speed = self._tangential(x)[1]
+        s = np.minimum(speed / self.slip, 1.0)
+        return float(np.sum(self.bound * (self.slip * (s**2 - s**3 / 3) + np.maximum(speed - self.slip, 0))))
+
+    def gradient(self, x: NDArray) -> NDArray[np.float64]:
+        t, speed = self._tangential(x)
+        total = np.zeros_like(x)
+        total[self.near] = (self.bound * self._over(speed))[:, None] * t
+        return total
+
+    def _over(self, speed: NDArray) -> NDArray:
+        """f'(speed) / speed."""
+        return np.where(
+            speed < self.slip,
+            (2 - np.minimum(speed / self.slip, 1)) / self.slip,
+            1 / np.maximum(speed, self.slip),
+        )
+
+    def blocks(self, x: NDArray, mode: Mode) -> NDArray[np.float64]:
+        t, speed = self._tangential(x)
+        block = np.zeros((len(x), 3, 3))
+        unit = t / np.maximum(speed, 1e-300)[:, None]
+        along = unit[:, :, None] * unit[:, None, :]
+        plane = np.eye(3) - self.normal[:, :, None] * self.normal[:, None, :]
+        second = np.where(speed < self.slip, 2 * (1 - np.minimum(speed / self.slip, 1)) / self.slip, 0.0)
+        wide = (self.bound * self._over(speed))[:, None, None]
+        block[self.near] = wide * (plane - along) + (self.bound * second)[:, None, None] * along
+        return block

@@ -1,0 +1,84 @@
+"""Groups of shells that effects couple: each group moves as one system."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ddgcli.models.shell.context import ShellContext
+from ddgcli.scenes.scene import Scene
+
+
+@dataclass(frozen=True, eq=False)
+class Group:
+    """Shells of one system, their vertices one behind the other.
+
+    Parameters
+    ----------
+    shells : dict of str to ShellContext
+    places : tuple of int
+        Of the shells among all shells of the scene.
+    """
+
+    shells: dict[str, ShellContext]
+    places: tuple[int, ...]
+
+    @property
+    def name(self) -> str:
+        """Names of the shells, joined by +."""
+        return "+".join(self.shells)
+
+    @property
+    def ends(self) -> NDArray[np.int64]:
+        """First vertex of each shell, and the number of all vertices."""
+        return np.cumsum([0, *(context.mesh.n_vertices for context in self.shells.values())])
+
+    def split(self, values: NDArray) -> dict[str, NDArray]:
+        """Each shell's part of (n, ...) values."""
+        return dict(zip(self.shells, np.split(values, self.ends[1:-1])))
+
+    def rows(self) -> dict[str, tuple[ShellContext, NDArray]]:
+        """Context and vertices of each shell."""
+        ends = self.ends
+        return {
+            name: (context, np.arange(ends[k], ends[k + 1]))
+            for k, (name, context) in enumerate(self.shells.items())
+        }
+
+
+def groups(scene: Scene, shells: dict[str, ShellContext]) -> list[Group]:
+    """The groups of coupled shells, in the order of their first shells."""
+    leader = {name: name for name in shells}
+
+    def first(name: str) -> str:
+        while leader[name] != name:
+            name = leader[name]
+        return name
+
+    for effect, parameters, _ in scene.effects:
+        for a, b in effect.pairs(parameters) if effect.pairs is not None else ():
+            if a in shells and b in shells:
+                leader[first(b)] = first(a)
+    members: dict[str, list[str]] = {}
+    for name in shells:
+        members.setdefault(first(name), []).append(name)
+    places = {name: k for k, name in enumerate(shells)}
+    return [
+        Group({name: shells[name] for name in names}, tuple(places[name] for name in names))
+        for names in members.values()
+    ]
+
+
+def parts_between(scene: Scene, group: Group) -> list[Any]:
+    """What effects make between the shells of a group."""
+    parts: list[Any] = []
+    for effect, parameters, key in scene.effects:
+        if effect.between is not None:
+            try:
+                parts += effect.between(parameters, group.rows())
+            except ValueError as error:
+                scene.refuse(key, f"{effect.name}: {error}")
+    return parts

@@ -1,0 +1,353 @@
+"""Contact between triangle meshes by vertex-face and edge-edge pairs, through the library `ipctk`.
+
+Barrier and friction potentials, distances and continuous collision detection are those of [Li et al.,
+"Incremental potential contact", 2020]; the weights of the pairs those of [Li et al., "Convergent incremental
+potential contact", 2023], so that the pressure does not depend on the mesh.
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csc_array, csr_array
+
+from ddgcli.mechanics.terms import Mode, at_last_point
+from ddgcli.models.shell.barrier import carry_weight
+from ddgcli.models.shell.obstacle import PlacedMotion
+
+INSTALL_LINE = "pip install 'ddgcli[contact]'"
+# pressure of two parallel sheets half the range apart, in units of the stiffness; measured: 6.9 to 7.4
+HALF_RANGE_PRESSURE = 7.0
+CCD_FRACTION = 0.9  # of the way to an impact that a step may go
+
+
+def ipctk() -> Any:
+    """The library, single-threaded: the same numbers in every run.
+
+    Raises
+    ------
+    ValueError
+        It is not installed.
+    """
+    try:
+        library = importlib.import_module("ipctk")
+    except ImportError as error:
+        raise ValueError(
+            f"contact of meshes and self_contact need the library ipctk; run {INSTALL_LINE}"
+        ) from error
+    library.set_num_threads(1)
+    return library
+
+
+class PairMesh:
+    """Surfaces that may touch: rows of a system, and those of an obstacle behind them.
+
+    Parameters
+    ----------
+    rows : (k,) ndarray
+        Vertices of the system.
+    rest : (k + b, 3) ndarray
+        Positions at the start, of obstacle vertices in the coordinates of their motion.
+    edges, faces : (e, 2), (m, 3) ndarray
+    patches : (k + b,) ndarray of int, optional
+        Vertices of one patch do not meet each other; by default all may meet.
+    motion : PlacedMotion, optional
+        Of the obstacle.
+    labels : list of (str, int, int)
+        Name of each object, its first vertex and its first face, for messages.
+    """
+
+    def __init__(
+        self,
+        rows: NDArray,
+        rest: NDArray,
+        edges: NDArray,
+        faces: NDArray,
+        labels: list[tuple[str, int, int]],
+        patches: NDArray | None = None,
+        motion: PlacedMotion | None = None,
+    ) -> None:
+        library = ipctk()
+        self.rows, self.rest, self.motion, self.labels = rows, rest, motion, labels
+        self.edges, self.faces = (np.asfortranarray(a.astype(np.int32)) for a in (edges, faces))
+        self.mesh = library.CollisionMesh(np.asfortranarray(rest), self.edges, self.faces)
+        self.filter = None
+        if patches is not None:
+            self.filter = library.make_vertex_patches_filter(patches.astype(np.int32))
+            self.mesh.can_collide = self.filter
+        self._select: dict[int, csr_array | None] = {}
+
+    def joined(self, x: NDArray, time: float) -> NDArray[np.float64]:
+        """Positions of all vertices, x those of the system."""
+        return self._with(x[self.rows], lambda pose, points: pose.points(points), time)
+
+    def joined_velocities(self, v: NDArray, time: float) -> NDArray[np.float64]:
+        """Velocities of all vertices, v those of the system."""
+        return self._with(v[self.rows], lambda pose, points: pose.velocities(pose.points(points)), time)
+
+    def _with(self, own: NDArray, of_obstacle: Any, time: float) -> NDArray[np.float64]:
+        if self.motion is None:
+            return np.asfortranarray(own)
+        obstacle = of_obstacle(self.motion.pose(time), self.rest[len(self.rows) :])
+        return np.asfortranarray(np.concatenate([own, obstacle]))
+
+    def spread(self, gradient: NDArray, n: int) -> NDArray[np.float64]:
+        """(n, 3) gradient over the system from that over the pair mesh."""
+        total = np.zeros((n, 3))
+        total[self.rows] = gradient.reshape(-1, 3)[: len(self.rows)]
+        return total
+
+    def spread_matrix(self, hessian: Any, n: int) -> csc_array:
+        """(3n, 3n) matrix over the system from that over the pair mesh."""
+        count = 3 * len(self.rest)
+        if n not in self._select:
+            same = len(self.rows) == len(self.rest) == n and bool((self.rows == np.arange(n)).all())
+            place = (3 * self.rows[:, None] + np.arange(3)).ravel()
+            ones = (np.ones(len(place)), (place, np.arange(len(place))))
+            self._select[n] = None if same else csr_array(ones, shape=(3 * n, count))
+        select = self._select[n]
+        matrix = csc_array(hessian)
+        return matrix if select is None else csc_array(select @ matrix @ select.T)
+
+    def free_part(self, before: NDArray, after: NDArray) -> float:
+        """Part of a straight move of all vertices until which nothing meets; 1.0 where nothing meets."""
+        library = ipctk()
+        candidates = library.Candidates()
+        candidates.build(self.mesh, before, after, 0.0, library.LBVH())
+        return float(
+            candidates.compute_collision_free_stepsize(
+                self.mesh, before, after, 0.0, library.AdditiveCCD(conservative_rescaling=CCD_FRACTION)
+            )
+        )
+
+    def intersection(self, positions: NDArray) -> str:
+        """The first edge and face that intersect, in words, or ""."""
+        library = ipctk()
+        if not library.has_intersections(self.mesh, positions):
+            return ""
+        broad = library.LBVH()
+        if self.filter is not None:
+            broad.can_vertices_collide = self.filter
+        broad.build(positions, self.edges, self.faces)
+        pairs = sorted((c.edge_id, c.face_id) for c in broad.detect_edge_face_candidates())
+        for edge, face in pairs:
+            ends, corners = self.edges[edge], self.faces[face]
+            if not set(ends) & set(corners) and library.is_edge_intersecting_triangle(
+                *positions[ends], *positions[corners]
+            ):
+                return f"edge {self._edge_name(ends)} passes through {self._face_name(face)}"
+        return "two faces intersect"
+
+    def _label(self, vertex: int) -> tuple[str, int, int]:
+        return next(label for label in reversed(self.labels) if vertex >= label[1])
+
+    def _edge_name(self, ends: NDArray) -> str:
+        name, first, _ = self._label(int(ends[0]))
+        return f"{ends[0] - first}-{ends[1] - first} of {name!r}"
+
+    def _face_name(self, face: int) -> str:
+        name, _, first = self._label(int(self.faces[face][0]))
+        return f"face {face - first} of {name!r}"
+
+
+class PairBarrier:
+    """Barrier potential of all pairs of a pair mesh that are nearer than `gap`.
+
+    Parameters
+    ----------
+    mesh : PairMesh
+    gap : float
+        m.
+    pressure : float
+        Pa between parallel sheets half the gap apart.
+    obstacle : str
+        Name, "" for shell against shell.
+    time : float
+        s, at which a moving obstacle stands.
+    """
+
+    name = "contact"
+
+    def __init__(
+        self, mesh: PairMesh, gap: float, pressure: float, obstacle: str = "", time: float = 0.0
+    ) -> None:
+        self.mesh, self.range, self.pressure, self.obstacle, self.time = mesh, gap, pressure, obstacle, time
+        self.potential = ipctk().BarrierPotential(gap, pressure / HALF_RANGE_PRESSURE, True)
+
+    @property
+    def stencil(self) -> NDArray[np.int64]:
+        """Empty: the pairs change, so the Hessian comes as a whole."""
+        return np.zeros((0, 1), dtype=np.int64)
+
+    @at_last_point
+    def near(self, x: NDArray) -> tuple[Any, NDArray]:
+        """Pairs nearer than the gap, and the positions of all vertices."""
+        library, positions = ipctk(), self.mesh.joined(x, self.time)
+        pairs = library.NormalCollisions()
+        pairs.use_area_weighting = True
+        pairs.collision_set_type = library.NormalCollisions.IMPROVED_MAX_APPROX
+        if np.isfinite(positions).all():
+            pairs.build(self.mesh.mesh, positions, self.range, 0.0, library.LBVH())
+        return pairs, positions
+
+    def energy(self, x: NDArray) -> float:
+        pairs, positions = self.near(x)
+        return float(self.potential(pairs, self.mesh.mesh, positions)) if len(pairs) else 0.0
+
+    def gradient(self, x: NDArray) -> NDArray[np.float64]:
+        pairs, positions = self.near(x)
+        if not len(pairs):
+            return np.zeros_like(x)
+        return self.mesh.spread(self.potential.gradient(pairs, self.mesh.mesh, positions), len(x))
+
+    def blocks(self, x: NDArray, mode: Mode) -> NDArray[np.float64]:
+        return np.zeros((0, 3, 3))
+
+    def hessian(self, x: NDArray, mode: Mode) -> csc_array | None:
+        """(3n, 3n) Hessian, None where nothing is near."""
+        pairs, positions = self.near(x)
+        if not len(pairs) or mode == "material":
+            return None
+        method = _projection(mode)
+        return self.mesh.spread_matrix(
+            self.potential.hessian(pairs, self.mesh.mesh, positions, method), len(x)
+        )
+
+    def longest(self, x: NDArray, move: NDArray) -> float:
+        before, after = self.mesh.joined(x, self.time), self.mesh.joined(x + move, self.time)
+        if not np.isfinite(after).all():
+            return 0.0
+        return self.mesh.free_part(before, after)
+
+    def outside(self, x: NDArray) -> tuple[int, float] | None:
+        """Whether surfaces intersect: some vertex, no gap."""
+        if ipctk().has_intersections(self.mesh.mesh, self.mesh.joined(x, self.time)):
+            return int(self.mesh.rows[0]), float("nan")
+        return None
+
+    def crosses(self, before: NDArray, after: NDArray) -> bool:
+        """Whether surfaces meet on the straight way."""
+        return self.longest(before, after - before) < 1.0
+
+    def stiffest(self) -> NDArray[np.float64]:
+        """Zeros: explicit schemes do without these pairs."""
+        return np.zeros(1)
+
+
+class MovingPairBarrier(PairBarrier):
+    """Barrier of an obstacle that moves, at one time."""
+
+    def at(self, time: float) -> MovingPairBarrier:
+        if time == self.time:
+            return self
+        return MovingPairBarrier(self.mesh, self.range, self.pressure, self.obstacle, time)
+
+    def power(self, x: NDArray) -> float:
+        """Watts that the obstacle gives to the shells."""
+        pairs, positions = self.near(x)
+        if not len(pairs):
+            return 0.0
+        gradient = self.potential.gradient(pairs, self.mesh.mesh, positions).reshape(-1, 3)
+        velocities = self.mesh.joined_velocities(np.zeros_like(x), self.time)
+        return float(np.vdot(gradient, velocities))
+
+    def carried(self, x: NDArray, since: float) -> NDArray[np.float64] | None:
+        """Positions x of an earlier time, with those near the obstacle carried along until now.
+
+        None where surfaces would meet on the way.
+        """
+        mesh, rows = self.mesh, self.mesh.rows
+        before = mesh.joined(x, since)
+        motion: Any = mesh.motion
+        travel = motion.pose(self.time).points(motion.pose(since).body(x[rows])) - x[rows]
+        radius = 2 * (self.range + float(np.sqrt((travel**2).sum(axis=1)).max()))
+        candidates = ipctk().Candidates()
+        candidates.build(mesh.mesh, before, radius, ipctk().LBVH())
+        distance = candidates.compute_per_vertex_safe_distances(mesh.mesh, before, radius)[: len(rows)]
+        part = np.where(distance >= radius, 0.0, carry_weight(distance, travel, self.range))
+        moved = x.copy()
+        moved[rows] += part[:, None] * travel
+        after = mesh.joined(moved, self.time)
+        return moved if mesh.free_part(before, after) == 1.0 else None
+
+
+class PairFriction:
+    """Coulomb friction of a pair barrier: normal forces and planes are those at the start of a step."""
+
+    name = "contact"
+
+    def __init__(self, barrier: PairBarrier, coefficient: float, slip: float) -> None:
+        self.barrier, self.coefficient, self.slip = barrier, coefficient, slip
+        self.obstacle = barrier.obstacle
+
+    @property
+    def stencil(self) -> NDArray[np.int64]:
+        return self.barrier.stencil
+
+    def frozen(self, x: NDArray, dt: float) -> PairSliding:
+        library, barrier = ipctk(), self.barrier
+        pairs, positions = barrier.near(x)
+        sliding = library.TangentialCollisions()
+        if len(pairs):
+            sliding.build(barrier.mesh.mesh, positions, pairs, barrier.potential, self.coefficient)
+        return PairSliding(barrier.mesh, sliding, library.FrictionPotential(self.slip), barrier.time)
+
+
+class MovingPairFriction(PairFriction):
+    """Friction of an obstacle that moves, which can add energy."""
+
+    active = True
+    barrier: MovingPairBarrier
+
+    def at(self, time: float) -> MovingPairFriction:
+        return MovingPairFriction(self.barrier.at(time), self.coefficient, self.slip)
+
+    def lagged(self, time: float) -> MovingPairFriction:
+        """The friction whose normal forces are those of an earlier time."""
+        return self.at(time)
+
+
+class PairSliding:
+    """Dissipation of sliding pairs as a potential of the velocities; bounded by the friction force."""
+
+    name = "contact"
+
+    def __init__(self, mesh: PairMesh, pairs: Any, potential: Any, time: float) -> None:
+        self.mesh, self.pairs, self.potential, self.time = mesh, pairs, potential, time
+
+    @property
+    def stencil(self) -> NDArray[np.int64]:
+        return np.zeros((0, 1), dtype=np.int64)
+
+    def energy(self, x: NDArray) -> float:
+        if not len(self.pairs):
+            return 0.0
+        return float(self.potential(self.pairs, self.mesh.mesh, self._velocities(x)))
+
+    def _velocities(self, v: NDArray) -> NDArray[np.float64]:
+        return self.mesh.joined_velocities(v, self.time)
+
+    def gradient(self, x: NDArray) -> NDArray[np.float64]:
+        if not len(self.pairs):
+            return np.zeros_like(x)
+        return self.mesh.spread(
+            self.potential.gradient(self.pairs, self.mesh.mesh, self._velocities(x)), len(x)
+        )
+
+    def blocks(self, x: NDArray, mode: Mode) -> NDArray[np.float64]:
+        return np.zeros((0, 3, 3))
+
+    def hessian(self, x: NDArray, mode: Mode) -> csc_array | None:
+        """(3n, 3n) Hessian, None where nothing is near."""
+        if not len(self.pairs):
+            return None
+        matrix = self.potential.hessian(self.pairs, self.mesh.mesh, self._velocities(x), _projection(mode))
+        return self.mesh.spread_matrix(matrix, len(x))
+
+
+def _projection(mode: Mode) -> Any:
+    method = ipctk().PSDProjectionMethod
+    return method.NONE if mode == "exact" else method.CLAMP

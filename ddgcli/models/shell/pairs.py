@@ -1,0 +1,153 @@
+"""Pair meshes of the effect `contact`: shell against mesh obstacle, itself, another shell."""
+
+from __future__ import annotations
+
+import logging
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ddgcli.mesh.shapes import box
+from ddgcli.mesh.triangle_mesh import TriangleMesh
+from ddgcli.models.shell.context import ShellContext
+from ddgcli.models.shell.obstacle import Obstacle, motion_of
+from ddgcli.models.shell.pair_contact import (
+    MovingPairBarrier,
+    MovingPairFriction,
+    PairBarrier,
+    PairFriction,
+    PairMesh,
+    ipctk,
+)
+
+STANDARD_GRAVITY = 9.81
+SELF_GAP_FRACTION = 0.5  # of the least distance at the start between parts that are not adjacent
+log = logging.getLogger("ddgcli")
+
+
+def obstacle_pairs(parameters: Any, context: ShellContext, obstacle: Obstacle) -> list[Any]:
+    """Barrier and friction between a shell and a mesh or a box."""
+    solid = _obstacle_mesh(context, obstacle)
+    points = np.asarray(solid.points)
+    motion = motion_of(obstacle, 0.5 * (points.min(axis=0) + points.max(axis=0)))
+    shell, n = context.mesh, context.mesh.n_vertices
+    mesh = PairMesh(
+        np.arange(n), np.concatenate([shell.points, points]),
+        np.concatenate([shell.topology.edges, solid.topology.edges + n]),
+        np.concatenate([shell.faces, solid.faces + n]),
+        [(context.shell.name, 0, 0), (obstacle.name, n, shell.n_faces)],
+        np.repeat([0, 1], [n, len(points)]), motion,
+    )  # fmt: skip
+    kind = (MovingPairBarrier, MovingPairFriction) if obstacle.moving else (PairBarrier, PairFriction)
+    velocity = motion.pose(0.0).velocity
+    return _parts(parameters, [context], mesh, obstacle.name, kind, velocity)
+
+
+def _obstacle_mesh(context: ShellContext, obstacle: Obstacle) -> TriangleMesh:
+    """Triangles of an obstacle, in the coordinates of its motion."""
+    if obstacle.box is not None:
+        solid = box(1, 1, 1, obstacle.box.size)
+        return solid.moved(np.asarray(solid.points) + np.array(obstacle.box.corner))
+    mesh = context.obstacles[obstacle.name].mesh
+    return mesh.moved(np.asarray(mesh.points) * (obstacle.scale or 1.0))
+
+
+def self_pairs(parameters: Any, context: ShellContext) -> list[Any]:
+    """Barrier and friction between the parts of one shell."""
+    shell = context.mesh
+    mesh = PairMesh(
+        np.arange(shell.n_vertices), np.asarray(shell.points), shell.topology.edges, np.asarray(shell.faces),
+        [(context.shell.name, 0, 0)],
+    )  # fmt: skip
+    return _parts(parameters, [context], mesh, "", (PairBarrier, PairFriction))
+
+
+def shell_pairs(
+    parameters: Any, contexts: dict[str, tuple[ShellContext, NDArray]], pair: list[str]
+) -> list[Any]:
+    """Barrier and friction between two shells, over the rows of their group."""
+    (first, rows), (second, other) = contexts[pair[0]], contexts[pair[1]]
+    a, b, n = first.mesh, second.mesh, first.mesh.n_vertices
+    mesh = PairMesh(
+        np.concatenate([rows, other]), np.concatenate([a.points, b.points]),
+        np.concatenate([a.topology.edges, b.topology.edges + n]), np.concatenate([a.faces, b.faces + n]),
+        [(pair[0], 0, 0), (pair[1], n, a.n_faces)],
+        np.repeat([0, 1], [n, b.n_vertices]),
+    )  # fmt: skip
+    return _parts(parameters, [first, second], mesh, "", (PairBarrier, PairFriction))
+
+
+def _parts(
+    parameters: Any,
+    contexts: list[ShellContext],
+    mesh: PairMesh,
+    obstacle: str,
+    kind: tuple[type[PairBarrier], type[PairFriction]],
+    velocity: Any = (0.0, 0.0, 0.0),
+) -> list[Any]:
+    _require_implicit(contexts[0])
+    start = mesh.joined(_start(contexts, mesh), 0.0)
+    found = mesh.intersection(start)
+    if found:
+        raise ValueError(f"{found} at the start; move one of them")
+    gap = float(parameters.gap or max(context.shell.thickness or 0 for context in contexts))
+    gap = _admissible_gap(mesh, start, gap, alone=not obstacle and len(contexts) == 1)
+    density = max(float(context.shell.density or 0) for context in contexts)
+    drop = density * _impact(contexts, start, np.array(velocity))
+    pressure = float(parameters.stiffness or max(2 * drop / gap, 10 * STANDARD_GRAVITY * density))
+    barrier = kind[0](mesh, gap, pressure, obstacle)
+    if not parameters.friction:
+        return [barrier]
+    return [barrier, kind[1](barrier, parameters.friction, parameters.slip)]
+
+
+def _start(contexts: list[ShellContext], mesh: PairMesh) -> NDArray[np.float64]:
+    """Positions over the system's rows, as far as this pair mesh reads them."""
+    points = np.concatenate([np.asarray(context.mesh.points) for context in contexts])
+    x = np.zeros((int(mesh.rows.max()) + 1, 3))
+    x[mesh.rows] = points
+    return x
+
+
+def _require_implicit(context: ShellContext) -> None:
+    time = context.scene.time
+    explicit = time.integrator in ("verlet", "symplectic-euler")
+    if explicit or (time.integrator == "newmark" and 2 * time.beta < time.gamma):
+        raise ValueError(
+            f"contact of meshes and self_contact need an implicit scheme, found {time.integrator!r}; "
+            'write integrator = "newmark" with beta = 0.25, "implicit-euler", "bdf2" or "static"'
+        )
+
+
+def _admissible_gap(mesh: PairMesh, start: NDArray, gap: float, alone: bool) -> float:
+    """The gap, less where a shell's own parts are nearer at the start: they must rest without contact."""
+    library = ipctk()
+    pairs = library.NormalCollisions()
+    pairs.build(mesh.mesh, start, gap, 0.0, library.LBVH())
+    if not len(pairs):
+        return gap
+    least = float(np.sqrt(pairs.compute_minimum_distance(mesh.mesh, start)))
+    if not least > 0:
+        raise ValueError(f"{_names(mesh)} touch at the start (distance 0); move one of them")
+    if not alone:
+        return gap
+    log.warning(
+        "contact: parts of %s start %.3g m apart, nearer than the gap of %.3g m; their gap is %.3g m",
+        mesh.labels[0][0], least, gap, SELF_GAP_FRACTION * least,
+    )  # fmt: skip
+    return SELF_GAP_FRACTION * least
+
+
+def _names(mesh: PairMesh) -> str:
+    names = [repr(label[0]) for label in mesh.labels]
+    return f"parts of {names[0]}" if len(names) == 1 else " and ".join(names)
+
+
+def _impact(contexts: list[ShellContext], start: NDArray, velocity: NDArray) -> float:
+    """Energy per mass of a fall through the height of everything, with the initial velocities."""
+    speeds = [np.array(context.shell.velocity) - velocity for context in contexts]
+    kinetic = 0.5 * max(float(v @ v) for v in speeds)
+    if len(contexts) == 2:
+        kinetic = 0.5 * float(np.sum(np.square(speeds[0] - speeds[1])))
+    return kinetic + STANDARD_GRAVITY * float(np.ptp(start, axis=0).max())
