@@ -10,6 +10,7 @@ __all__ = [
     "context",
     "damping",
     "gravity",
+    "groups",
     "hinge",
     "load",
     "model",
