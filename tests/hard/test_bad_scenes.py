@@ -104,7 +104,7 @@ BAD = [
     ('[["hat", "floor"]]', '[["floor", "floor"]]', 22, ["a shell with an obstacle or a shell"]),
     ('[["hat", "floor"]]', "[]", 22, ["pairs", "self_contact"]),
     ("friction = 0.5", 'self_contact = ["hut"]', 22, ["'hut'", "'hat'"]),
-    (FLOOR, "box = { corner = [0, 0, 0.5], size = [1, 1, 1] }", 22, ["vertex 0", "inside", "floor"]),
+    (FLOOR, "box = { corner = [0, 0, 0.5], size = [1, 1, 1] }", 22, ["vertex 4", "inside", "floor"]),
     (FLOOR, "cylinder = { start = [0, 0, 0], end = [0, 0, 0], radius = 1 }", 17, ["must differ"]),
     (FLOOR, "cylinder = { start = [0, 0, 0], end = [0, 0, 2] }", 17, ["radius"]),
     (FLOOR, "plane = {}\ntimes = [0, 2, 1]\npositions = [[0, 0, 0], [0, 0, 1], [0, 0, 2]]", 18, ["entry 2"]),
