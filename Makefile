@@ -14,7 +14,7 @@ CURVATURE_OPTIONS ?=
 
 .DEFAULT_GOAL := help
 .PHONY: help demo pipeline test test-all lint fmt bench accuracy accuracy-check samples kernels fuzz mutants bench-page \
-  docs hardcases hardcases-peers clean
+  docs man dist hardcases hardcases-peers clean
 
 help:  ## this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):[^#]*## /\1\t/' | expand -t 18
@@ -42,22 +42,30 @@ demo: $(STAMP_RUN)  ## install into .venv, measure sample_meshes/, leave meshes 
 	@echo; echo "Annotated meshes (.vtu, for ParaView or PyVista) and pictures are in $(BUILD)/:"; ls $(BUILD)
 
 # -- batch: only meshes newer than their results are processed; works with -j --
-EXTENSIONS = ply obj off stl csv
-SOURCES = $(foreach e,$(EXTENSIONS),$(wildcard $(MESHES)/*.$(e)))
-RESULTS = $(patsubst $(MESHES)/%,$(BUILD)/%.curvature.vtu,$(basename $(SOURCES)))
+EXTENSIONS = 3dxml 3mf avs bdf cgns csv ctm dae dat dato dxf e ele ex2 exo f3grid fem glb gltf h5 h5m hdf \
+  hmf inp mdpa med mesh meshb msh nas node npz obj off ply post step stl stp su2 tec txt ugrid \
+  vol vtk vtkhdf vtp vtu wkt xaml xdmf xmf xml xyz zae zip
+empty :=
+FILES := $(shell ls $(MESHES))
+SOURCES := $(shell ls $(MESHES) | grep -iE '^[^ ]+\.($(subst $(empty) $(empty),|,$(strip $(EXTENSIONS))))$$')
+SKIPPED := $(filter-out $(SOURCES),$(FILES))
+# two files that differ in the extension alone keep it in the names of their results
+stem = $(if $(word 2,$(filter $(basename $1),$(basename $(SOURCES)))),$1,$(basename $1))
+RESULTS = $(foreach f,$(SOURCES),$(BUILD)/$(call stem,$f).curvature.vtu)
 
-ifeq ($(RESULTS),)
+ifeq ($(SOURCES),)
 pipeline:
-	@echo "no mesh in $(MESHES)/ (looked for: $(EXTENSIONS)); name a folder: make pipeline MESHES=folder"; exit 2
+	@echo "no mesh in $(MESHES)/ (skipped: $(or $(SKIPPED),nothing)); name a folder: make pipeline MESHES=folder"; exit 2
 endif
 pipeline: $(RESULTS)  ## MESHES=folder: every mesh to BUILD/NAME.curvature.vtu and .png (try make -j2)
+	$(if $(SKIPPED),@echo "skipped in $(MESHES)/ (no mesh format): $(SKIPPED)")
 
 define curvature_rule
-$(BUILD)/%.curvature.vtu $(BUILD)/%.curvature.png: $(MESHES)/%.$(1)
+$(BUILD)/$(call stem,$1).curvature.vtu: $(MESHES)/$1
 	@mkdir -p $$(@D)
-	$$(DDGCLI) curvature $$< $$(CURVATURE_OPTIONS) -o $(BUILD)/$$*.curvature.vtu --plot $(BUILD)/$$*.curvature.png
+	$$(DDGCLI) curvature $$< $$(CURVATURE_OPTIONS) -o $$@ --plot $$(basename $$@).png
 endef
-$(foreach e,$(EXTENSIONS),$(eval $(call curvature_rule,$(e))))
+$(foreach f,$(SOURCES),$(eval $(call curvature_rule,$f)))
 
 samples: $(STAMP_RUN)  ## write sample_meshes/ anew (the same bytes)
 	$(BIN)/python sample_meshes/make.py
@@ -93,6 +101,22 @@ kernels: $(STAMP_TEST)  ## results under OpenBLAS's Haswell, Sandybridge, Skylak
 docs: $(STAMP_DOCS)  ## build the site into build/site (warnings are errors); make missing pictures
 	$(BIN)/python docs/make_pictures.py --missing
 	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --strict
+
+dist: $(STAMP_RUN)  ## wheel and sdist into dist/, checked and installed in a clean environment
+	rm -rf dist build/dist
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check build twine
+	$(BIN)/python -m build --outdir dist .
+	$(BIN)/python -m twine check --strict dist/*
+	$(PYTHON) -m venv build/dist/env
+	build/dist/env/bin/pip install --quiet --disable-pip-version-check dist/*.whl
+	cd build/dist && env/bin/ddgcli --version && env/bin/ddgcli examples samples && \
+	  env/bin/ddgcli curvature samples/sample_meshes/torus.ply -o torus.vtu
+	build/dist/env/bin/pip uninstall --quiet --yes ddgcli
+	build/dist/env/bin/pip install --quiet --disable-pip-version-check dist/*.tar.gz
+	cd build/dist && env/bin/ddgcli --version && env/bin/ddgcli examples again
+
+man: $(STAMP_RUN)  ## manual pages of all commands into build/man
+	$(BIN)/python docs/make_man.py build/man
 
 mutants: $(STAMP_TEST)  ## thirty deliberate one-line faults in a copy; each must fail its test; NAME=... for some
 	OMP_NUM_THREADS=1 $(BIN)/python -m benchmarks.mutants $(NAME)

@@ -44,6 +44,18 @@ def reference_line(key: str, entry: dict[str, str]) -> str:
     return f'- <a id="{key}"></a>**{key}** {line}.{link}'
 
 
+def package_version() -> str:
+    """Version of the package, read from its only place."""
+    text = (Path(__file__).parents[1] / "ddgcli" / "__init__.py").read_text(encoding="utf-8")
+    return re.findall(r'^__version__ = "(.+)"$', text, re.M)[0]
+
+
+def on_config(config: Any) -> Any:
+    """Show the version at the foot of every page."""
+    config["copyright"] = f"ddgcli {package_version()}"
+    return config
+
+
 def on_page_markdown(markdown: str, page: Any, config: Any, files: Any) -> str:
     """Replace citations and the list mark of a page."""
     entries = read_bibliography(BIBLIOGRAPHY.read_text(encoding="utf-8"))

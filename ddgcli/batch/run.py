@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import itertools
 import threading
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Generator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from pathlib import Path
 from typing import Any
@@ -49,11 +50,12 @@ def run_batch(
         journal.unlink(missing_ok=True)
     rest = [task for task in tasks if task.index not in rows]
     results = _on_cluster(rest, limits, collect, cluster) if cluster else _here(rest, limits, collect, jobs)
-    for task, row in results:
-        rows[task.index] = row
-        if journal is not None:
-            _append(journal, journal_line(task, row))
-        progress(len(rows), len(tasks))
+    with contextlib.closing(results):  # whatever ends the loop, running tasks end too
+        for task, row in results:
+            rows[task.index] = row
+            if journal is not None:
+                _append(journal, journal_line(task, row))
+            progress(len(rows), len(tasks))
     return [rows[task.index] for task in tasks]
 
 
@@ -66,7 +68,7 @@ def _append(journal: Path, line: str) -> None:
 
 def _here(
     tasks: Sequence[Task], limits: Limits, collect: Sequence[str], jobs: int
-) -> Iterator[tuple[Task, TaskRow]]:
+) -> Generator[tuple[Task, TaskRow], None, None]:
     stop = threading.Event()
     waiting = iter(tasks)
     running: dict[Future[TaskRow], Task] = {}
@@ -85,7 +87,7 @@ def _here(
 
 def _on_cluster(
     tasks: Sequence[Task], limits: Limits, collect: Sequence[str], address: str
-) -> Iterator[tuple[Task, TaskRow]]:
+) -> Generator[tuple[Task, TaskRow], None, None]:
     try:
         from distributed import Client, as_completed
     except ImportError as error:

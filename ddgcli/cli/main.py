@@ -17,6 +17,7 @@ from typing import Any
 import click
 
 from ddgcli import __version__
+from ddgcli.cli.help_pages import with_help_pages
 from ddgcli.cli.multi_value import repeat_options
 from ddgcli.cli.parameters import option_names
 from ddgcli.cli.threads import set_thread_variables
@@ -69,7 +70,7 @@ class CommandGroup(click.Group):
         if name not in COMMANDS:
             return None
         module, _ = COMMANDS[name]
-        return importlib.import_module(f"ddgcli.cli.commands.{module}").command
+        return with_help_pages(importlib.import_module(f"ddgcli.cli.commands.{module}").command)
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         with formatter.section("Commands"):

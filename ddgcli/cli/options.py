@@ -22,6 +22,8 @@ class CommonOptions:
     output_format: str | None = None
     input_format: str | None = None
     as_json: bool = False
+    full: bool = False
+    colors: str | None = None
     plot: str | None = None
     view: dict[str, Any] | None = None
     show: str | None = None
@@ -188,6 +190,12 @@ _COMMON = (
         help="Format of the input if its name has no known extension; needed for -.",
     ),
     click.option("--json", "as_json", is_flag=True, help="Print the summary as one JSON object."),
+    click.option("--full", is_flag=True, help="Print the whole summary; the default is a short one."),
+    click.option(
+        "--colors",
+        metavar="ARRAY",
+        help="Colours of ARRAY in -o PATH (.ply, .glb, .obj), with their range as metadata.",
+    ),
     click.option("--plot", metavar="PATH", help="Write a picture of the result (.png, .svg, .pdf)."),
     click.option(
         "--view",
@@ -201,7 +209,7 @@ _COMMON = (
     ),
     click.option("--progress/--no-progress", default=None, help="Progress bar on standard error."),
     click.option("-v", "--verbose", count=True, help="Print more on standard error."),
-    click.option("-q", "--quiet", is_flag=True, help="Only errors on standard error."),
+    click.option("-q", "--quiet", is_flag=True, help="Print nothing but errors."),
     click.option("--units-note", metavar="TEXT", help="Recorded in the output."),
     click.option(
         "--seed",

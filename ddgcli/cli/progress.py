@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import sys
 import threading
 import time
@@ -38,6 +39,7 @@ class Progress:
         self._next_idle_redraw = self.due
         self.drawn = 0
         self._share: float | None = None
+        self._seconds_left = math.inf  # the least estimate so far: an estimate that rises is no use
         self._lock = threading.Lock()
         self._finished = threading.Event()
         if self.active and is_terminal:
@@ -66,8 +68,11 @@ class Progress:
             text = f"{self.label}: {now - self.began:.0f} s"
             if self._share is not None:
                 bar = "#" * round(BAR_WIDTH * self._share)
-                estimable = self._share >= MIN_ESTIMATE_SHARE
-                eta = f", {(now - self.began) * (1 / self._share - 1):.0f} s left" if estimable else ""
+                eta = ""
+                if self._share >= MIN_ESTIMATE_SHARE:
+                    estimate = (now - self.began) * (1 / self._share - 1)
+                    self._seconds_left = min(self._seconds_left, estimate)
+                    eta = f", {self._seconds_left:.0f} s left"
                 text = f"{self.label} [{bar:<{BAR_WIDTH}}] {100 * self._share:3.0f} %{eta}"
             sys.stderr.write("\r" + text.ljust(self.drawn))
             sys.stderr.flush()

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from ddgcli.mesh.fields import AnnotatedMesh
 
 MAX_SUBDIVIDED_FACES = 20_000_000
+COLOUR_FORMATS = (".ply", ".glb", ".obj")  # formats whose colours other programs show
 
 log = logging.getLogger("ddgcli")
 
@@ -63,7 +64,7 @@ class Run:
         self._context = click.get_current_context()
         self._began = self._context.meta.pop("ddgcli.began", time.perf_counter())
         self.command, self.common = command, common
-        picture = {name: getattr(common, name) for name in ("view", "show", "size")}
+        picture = {name: getattr(common, name) for name in ("colors", "view", "show", "size")}
         options |= {name: value for name, value in picture.items() if value is not None}
         self.options = {name: plain(value) for name, value in options.items()}
         self.seconds = {"read": 0.0, "write": 0.0}
@@ -72,6 +73,7 @@ class Run:
         self._inputs: dict[str, str] = {}  # path -> SHA-256
         self._further_inputs: list[str] = []
         self._input_vertex: Any = None
+        self._source: MeshInput | None = None
         self._planned_outputs: list[str] = []
         self._progress = Progress(command, False, None)
         self._messages = MessageHandler(common.verbose, common.quiet, option_names(self._context.command))
@@ -93,6 +95,13 @@ class Run:
             for path in common.outputs:
                 check_output(path, common.output_format, formats=formats)
                 self._plan_output(path)
+        if common.colors is not None:
+            from ddgcli.plots.page import require_matplotlib
+
+            require_matplotlib()
+            suffixes = {Path(path).suffix.lower() for path in common.outputs}
+            if not suffixes & set(COLOUR_FORMATS):
+                raise ParameterError(f"--colors is for {' '.join(COLOUR_FORMATS)}; write one with -o")
         if common.plot is not None:
             from ddgcli.plots.page import FORMATS, require_matplotlib
 
@@ -218,6 +227,7 @@ class Run:
             )
         if subdivide:
             source = _subdivided(source, subdivide)
+        self._source = source
         self.input = {"path": path, **input_facts(source.mesh)}
         if self.input.get("faces") and self.input["genus"] is None:
             log.warning("genus is null: the surface is not an orientable manifold")
@@ -260,12 +270,28 @@ class Run:
         for path in self.common.outputs:
             self.write_file(path, annotated, converged=converged)
 
-    def write_file(self, path: str, annotated: AnnotatedMesh, *, converged: bool = True) -> None:
-        """Write an annotated mesh, or curves, to one path with the provenance, and list it in `outputs`."""
+    def write_file(
+        self,
+        path: str,
+        annotated: AnnotatedMesh,
+        *,
+        converged: bool = True,
+        colour_range: tuple[float, float, bool] | None = None,
+    ) -> None:
+        """Write an annotated mesh, or curves, to one path with the provenance, and list it in `outputs`.
+
+        Texture coordinates and colours of the input are added where the faces are the input's; the array of
+        --colors is drawn in colours, over `colour_range` = (low, high, signed) or its own range.
+        """
         with self.timed("write"):
+            from ddgcli.cli.appearance import with_baked_colours, with_input_appearance
             from ddgcli.io.mesh_file import write_mesh
 
             self._protect_inputs(path)
+            if self.common.colors is not None and (path in self.common.outputs or colour_range is not None):
+                annotated = with_baked_colours(annotated, self.common.colors, colour_range)
+            if self._source is not None:
+                annotated = with_input_appearance(annotated, self._source)
             whole = annotated.whole
             if self._input_vertex is not None:
                 whole = {"input_vertex": self._input_vertex, **whole}
@@ -294,13 +320,17 @@ class Run:
                 draw(partial)
 
     @contextmanager
-    def drawing(self, path: str) -> Iterator[str]:
-        """Temporary path to draw to; without an error the picture then replaces `path` and is listed."""
+    def drawing(self, path: str, *, progress: bool = True) -> Iterator[str]:
+        """Temporary path to draw to; without an error the picture then replaces `path` and is listed.
+
+        `progress` False: the caller draws the progress bar.
+        """
         with self.timed("write"):
             from ddgcli.io.mesh_file import atomic_output
 
             self._protect_inputs(path)
-            self.progress("picture")
+            if progress:
+                self.progress("picture")
             with atomic_output(path) as partial:
                 yield partial
             self.outputs.append(path)
@@ -341,7 +371,9 @@ class Run:
         read, write = self.seconds["read"], self.seconds["write"]
         body["seconds"] = {"read": read, "compute": total - read - write, "write": write, "total": total}
         body |= {"warnings": list(self._messages.warnings), "outputs": list(self.outputs)}
-        print_summary(body, self.common.as_json, err="-" in self.outputs, text=text)
+        if self.common.as_json or not self.common.quiet:
+            to_error = "-" in self.outputs
+            print_summary(body, self.common.as_json, to_error, text, full=self.common.full)
         if not converged:
             self._context.exit(exit_code)
 

@@ -4,9 +4,15 @@ from __future__ import annotations
 
 import json
 import math
+import textwrap
 from typing import Any
 
 import click
+
+from ddgcli.cli.short_summary import short_body
+
+LINE_WIDTH = 100  # characters
+SHORT_LIST = 12  # entries of a list in a short summary
 
 
 def plain(value: Any, missing: list[str] | None = None, name: str = "") -> Any:
@@ -32,46 +38,76 @@ def plain(value: Any, missing: list[str] | None = None, name: str = "") -> Any:
 
 
 def print_summary(
-    summary: dict[str, Any], as_json: bool, err: bool = False, text: list[str] | None = None
+    summary: dict[str, Any],
+    as_json: bool,
+    err: bool = False,
+    text: list[str] | None = None,
+    *,
+    full: bool = False,
 ) -> None:
-    """Print the summary on standard output, or with `err` on standard error."""
+    """Print the summary on standard output, or with `err` on standard error; by default its short fields."""
     if as_json:
         click.echo(json.dumps(summary, allow_nan=False, ensure_ascii=False))
         return
-    click.echo("\n".join(_lines(summary, text)), err=err)
+    shown, hidden = (summary, 0) if full else short_body(summary)
+    lines = _lines(shown, text, full)
+    if hidden and text is None:
+        lines.append(f"{hidden} more fields by --full")
+    click.echo("\n".join(lines), err=err)
 
 
-def _lines(summary: dict[str, Any], text: list[str] | None = None) -> list[str]:
+def _lines(summary: dict[str, Any], text: list[str] | None, full: bool) -> list[str]:
     called = (summary["command"], summary["options"].get("compared"), summary["input"].get("path"))
     lines = [" ".join(word for word in called if word)]
     for section in ("input", "results", "accuracy"):
         shown = {k: v for k, v in summary[section].items() if k != "path"}
         if section == "results" and text is not None:
             lines += [section, *(f"  {line}".rstrip() for line in text)]
+        elif section == "input" and shown and not full:
+            lines += _wrapped("input  ", ", ".join(f"{k} {_text(v)}" for k, v in shown.items()))
         elif shown:
-            lines += [section, *_block(shown, "  ")]
+            lines += [section, *_block(shown, "  ", full)]
     seconds = summary["seconds"]
-    lines.append("seconds  " + ", ".join(f"{k} {seconds[k]:.3g}" for k in seconds))
+    parts = seconds if full else ["total"]
+    lines.append("seconds  " + ", ".join(f"{k} {seconds[k]:.3g}" for k in parts))
     return lines + [f"wrote  {path}" for path in summary["outputs"]]
 
 
-def _block(values: dict[str, Any], indent: str) -> list[str]:
+def _block(values: dict[str, Any], indent: str, full: bool) -> list[str]:
     width = max((len(k) for k, v in values.items() if not _nested(v)), default=0)
     lines = []
     for name, value in values.items():
         if isinstance(value, dict) and _nested(value):
-            lines += [f"{indent}{name}", *_block(value, indent + "  ")]
+            lines += [f"{indent}{name}", *_block(value, indent + "  ", full)]
         elif _nested(value):
-            lines += [f"{indent}{name}", *(f"{indent}  {_text(row)}" for row in value)]
+            rows = [line for row in value for line in _wrapped(indent + "  ", _text(row))]
+            lines += [f"{indent}{name}", *rows]
         else:
-            lines.append(f"{indent}{name:<{width}}  {_text(value)}")
+            lines += _wrapped(f"{indent}{name:<{width}}  ", _listed(value, full))
     return lines
+
+
+def _wrapped(head: str, text: str) -> list[str]:
+    """Text behind a head, in lines of LINE_WIDTH characters."""
+    lines = textwrap.wrap(
+        text, max(LINE_WIDTH - len(head), 40), break_long_words=False, break_on_hyphens=False
+    )
+    return [head + lines[0], *(" " * len(head) + line for line in lines[1:])] if lines else [head.rstrip()]
 
 
 def _nested(value: Any) -> bool:
     if isinstance(value, dict):
-        return len(value) > 3 or any(isinstance(v, (dict, list)) for v in value.values())
+        long = any(isinstance(v, str) and len(v) > 30 for v in value.values())
+        return len(value) > 3 or long or any(isinstance(v, (dict, list)) for v in value.values())
     return isinstance(value, list) and any(isinstance(v, dict) for v in value)
+
+
+def _listed(value: Any, full: bool) -> str:
+    """A value; of a long list the first SHORT_LIST entries and the last, unless `full`."""
+    if not isinstance(value, list) or full or len(value) <= SHORT_LIST + 1:
+        return _text(value)
+    first = ", ".join(_text(v) for v in value[:SHORT_LIST])
+    return f"[{first}, ..., {_text(value[-1])}] ({len(value)} values)"
 
 
 def _text(value: Any) -> str:
@@ -82,6 +118,5 @@ def _text(value: Any) -> str:
     if isinstance(value, dict):
         return ", ".join(f"{k} {_text(v)}" for k, v in value.items()) or "none"
     if isinstance(value, list):
-        shown = ", ".join(_text(v) for v in value[:8])
-        return f"[{shown}{', ...' if len(value) > 8 else ''}]"
+        return f"[{', '.join(_text(v) for v in value)}]"
     return "unknown" if value is None else str(value)

@@ -4,4 +4,13 @@
 holds the HDF5 layout of simulations. Files are written completely or not at all.
 """
 
-__all__ = ["arrays", "matrix_file", "mesh_file", "readers", "scene_file", "trajectories", "writers"]
+__all__ = [
+    "appearance",
+    "arrays",
+    "matrix_file",
+    "mesh_file",
+    "readers",
+    "scene_file",
+    "trajectories",
+    "writers",
+]

@@ -46,6 +46,7 @@ WRITERS = {
     ".vtkhdf": ("writers.arrays", "vtkhdf_bytes"), ".obj": ("writers.text", "obj_bytes"),
     ".off": ("writers.text", "off_bytes"), ".stl": ("writers.text", "stl_bytes"),
     ".xdmf": ("writers.vtk", "xdmf_bytes"), ".npz": ("writers.arrays", "npz_bytes"),
+    ".glb": ("writers.gltf", "glb_bytes"), ".csv": ("writers.table", "csv_bytes"),
 }  # fmt: skip
 INTRINSIC_FORMATS = (".npz", ".vtkhdf")
 

@@ -78,6 +78,15 @@ def colours(diverging: bool) -> Any:
     )
 
 
+def baked_colours(values: NDArray, low: float, high: float, signed: bool) -> tuple[NDArray[np.uint8], str]:
+    """(k, 3) colours of values from `low` to `high`, and the name of the map; grey where not finite."""
+    colour_map = colours(signed)
+    share = np.clip((np.nan_to_num(values) - low) / ((high - low) or 1.0), 0.0, 1.0)
+    table = np.rint(255 * colour_map(share)[:, :3]).astype(np.uint8)
+    table[~np.isfinite(values)] = 128
+    return table, colour_map.name
+
+
 def colour_bar(figure: Any, mappable: Any, label: str, beyond: str = "neither") -> None:
     """Draw a colour bar at the right of the page, with arrow heads if values lie beyond its ends."""
     place = figure.add_axes((0.865, 0.14, 0.022, 0.7))

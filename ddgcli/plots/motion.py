@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import importlib.util
 import tempfile
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.errors import OutputError
+from ddgcli.errors import MissingExtraError, ParameterError
+from ddgcli.mesh.fields import frames_of_equal_change
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.plots.chart import draw_chart
 from ddgcli.plots.colour import robust_limits
@@ -18,6 +20,7 @@ from ddgcli.plots.page import page
 from ddgcli.plots.surface import draw_surface
 
 MAX_PICTURE_FRAMES = 4
+NEAR_SHARE = 0.15  # of the diagonal of all frames: how far beyond them obstacles are shown
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,11 +33,14 @@ class PlotFrame:
     mesh : TriangleMesh
     values : (n,) ndarray, optional
         Colours.
+    obstacles : sequence of TriangleMesh
+        Bodies around it, drawn in one colour.
     """
 
     time: float
     mesh: TriangleMesh
     values: NDArray | None = None
+    obstacles: Sequence[TriangleMesh] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,13 +80,21 @@ def sequence_style(
     edges: bool = False,
     time_unit: str = "s",
 ) -> SequenceStyle:
-    """Common view and colour limits of frames; robust limits over all frames by default."""
-    corners, values = [], []
+    """Common view and colour limits of frames; robust limits over all frames by default.
+
+    Obstacles are inside the pictures as far as they are near the bodies.
+    """
+    corners, values, obstacles = [], [], []
     for frame in frames:
+        obstacles += [mesh.points for mesh in frame.obstacles]
         corners.append(np.stack([frame.mesh.points.min(axis=0), frame.mesh.points.max(axis=0)]))
         if frame.values is not None:
             values.append(frame.values)
     low, high = np.min(corners, axis=(0, 1)), np.max(corners, axis=(0, 1))
+    if obstacles:
+        around, reach = np.concatenate(obstacles), NEAR_SHARE * float(np.linalg.norm(high - low))
+        low = np.minimum(low, np.maximum(around.min(axis=0), low - reach))
+        high = np.maximum(high, np.minimum(around.max(axis=0), high + reach))
     fit = np.stack(np.meshgrid(*zip(low, high)), axis=-1).reshape(-1, 3)
     if not values:
         return SequenceStyle(fit, view=view, edges=edges, time_unit=time_unit)
@@ -105,7 +119,8 @@ def draw_frame(
     draw_surface(
         path, frame.mesh, frame.values, title=title, fit=style.fit,
         signed=style.signed if frame.values is not None else None, limits=style.limits,
-        edges=style.edges, width=width, height=height, dpi=dpi, **dict(style.view or {}),
+        edges=style.edges, context=frame.obstacles, width=width, height=height, dpi=dpi,
+        **dict(style.view or {}),
     )  # fmt: skip
 
 
@@ -122,9 +137,10 @@ def draw_motion(
     """Draw a few frames above the chart of the series, on one page."""
     from matplotlib.image import imread
 
-    chosen = frames if len(frames) <= MAX_PICTURE_FRAMES else [
-        frames[k] for k in np.linspace(0, len(frames) - 1, MAX_PICTURE_FRAMES).round().astype(int)
-    ]  # fmt: skip
+    numbers = frames_of_equal_change(
+        [frame.mesh.points for frame in frames], [frame.values for frame in frames], MAX_PICTURE_FRAMES
+    )
+    chosen = [frames[k] for k in numbers]
     with tempfile.TemporaryDirectory() as folder:
         pictures = []
         for k, frame in enumerate(chosen):
@@ -148,20 +164,67 @@ def draw_animation(
     style: SequenceStyle,
     frames_per_second: float,
     size: tuple[int, int] | None = None,
+    progress: Callable[[int], None] = lambda done: None,
 ) -> None:
-    """Write a looping animated GIF, by default of 1280 x 960 pixels."""
+    """Write a looping animated GIF or an MP4 (H.264), by default of 1280 x 960 pixels.
+
+    `progress(done)` is called after each frame.
+    """
     across, down = size or (1280, 960)
-    try:
-        from PIL import Image
-    except ImportError as error:
-        raise OutputError(f"{path}: animations need pillow; pip install 'ddgcli[plot]'") from error
+    pictures = _pictures(frames, style, across, down, progress)
+    if path.lower().endswith(".mp4"):
+        _write_mp4(path, pictures, frames_per_second, across, down)
+        return
+    from PIL import Image
+
+    images = [Image.fromarray(p).convert("P", palette=Image.Palette.ADAPTIVE) for p in pictures]
+    images[0].save(
+        path, format="GIF", save_all=True, append_images=images[1:], loop=0,
+        duration=max(20, round(1000 / frames_per_second)), optimize=False,
+    )  # fmt: skip
+
+
+def check_animation(path: str, size: tuple[int, int] | None) -> None:
+    """Raise MissingExtraError or ParameterError for an animation that cannot be written."""
+    if path.lower().endswith(".mp4"):
+        if importlib.util.find_spec("imageio_ffmpeg") is None:
+            raise MissingExtraError(f"{path}: .mp4 needs imageio-ffmpeg; pip install 'ddgcli[video]'")
+        if size is not None and any(side % 2 for side in size):
+            raise ParameterError("sides of an .mp4 are even numbers of pixels", parameter="size")
+    elif importlib.util.find_spec("PIL") is None:
+        raise MissingExtraError(f"{path}: animations need pillow; pip install 'ddgcli[plot]'")
+
+
+def _pictures(
+    frames: Iterable[PlotFrame],
+    style: SequenceStyle,
+    across: int,
+    down: int,
+    progress: Callable[[int], None],
+) -> Iterator[NDArray[np.uint8]]:
+    """(down, across, 3) pixels of each frame."""
+    from matplotlib.image import imread
+
     with tempfile.TemporaryDirectory() as folder:
-        images = []
         for k, frame in enumerate(frames):
-            draw_frame(f"{folder}/{k}.png", frame, style, 7.0, 7.0 * down / across, across / 7.0)
-            with Image.open(f"{folder}/{k}.png") as picture:
-                images.append(picture.convert("RGB").convert("P", palette=Image.Palette.ADAPTIVE))
-        images[0].save(
-            path, format="GIF", save_all=True, append_images=images[1:], loop=0,
-            duration=max(20, round(1000 / frames_per_second)), optimize=False,
-        )  # fmt: skip
+            draw_frame(f"{folder}/a.png", frame, style, 7.0, 7.0 * down / across, across / 7.0)
+            pixels = np.rint(255 * imread(f"{folder}/a.png")[:down, :across, :3]).astype(np.uint8)
+            yield np.ascontiguousarray(pixels)
+            progress(k + 1)
+
+
+def _write_mp4(path: str, pictures: Iterable[NDArray], rate: float, across: int, down: int) -> None:
+    import imageio_ffmpeg
+
+    # one thread and no dates, so that equal pictures give equal bytes
+    exact = ["-threads", "1", "-fflags", "+bitexact", "-flags:v", "+bitexact", "-map_metadata", "-1"]
+    writer = imageio_ffmpeg.write_frames(
+        path, (across, down), fps=rate, codec="libx264", pix_fmt_out="yuv420p", quality=8,
+        macro_block_size=2, output_params=[*exact, "-movflags", "+faststart"],
+    )  # fmt: skip
+    writer.send(None)
+    try:
+        for picture in pictures:
+            writer.send(picture)
+    finally:
+        writer.close()

@@ -13,6 +13,7 @@ from scipy.sparse.csgraph import connected_components
 
 from ddgcli.geometry.extrinsic import face_area_vector, face_normal
 from ddgcli.mesh.scatter import sum_by_index
+from ddgcli.mesh.topology import Topology
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.plots.colour import colour_bar, colours, extremes, robust_limits
 from ddgcli.plots.glyphs import Glyphs, draw_glyphs
@@ -32,6 +33,7 @@ from ddgcli.plots.raster import (
 from ddgcli.plots.viewpoint import best_view, up_axis_of
 
 _PLAIN = np.array([0.78, 0.81, 0.86])
+_CONTEXT = np.array([0.86, 0.83, 0.76])
 _UNKNOWN = np.array([0.62, 0.62, 0.62])
 _LIGHT = np.array([-0.35, 0.45, 0.82]) / np.linalg.norm([-0.35, 0.45, 0.82])
 LIGHT_SQUARE_COLOUR, BLUE_SQUARE_COLOUR = np.array([0.93, 0.91, 0.85]), np.array([0.30, 0.48, 0.68])
@@ -83,6 +85,8 @@ def draw_surface(
         Weights for the choice of a view with `view` None; default the size of the values.
     edges : bool
         Draw the triangles' sides.
+    context : sequence of TriangleMesh
+        Further surfaces, drawn in one colour.
     view : str or (elevation, azimuth), optional
         'x', 'y', 'z', 'iso', or degrees; None: along the normal of a flat surface, else the 'iso'
         view that shows most of the interest (with `fit`, always the first).
@@ -133,6 +137,7 @@ def _paint(
     glyphs: Glyphs | None = None,
     interest: NDArray | None = None,
     edges: bool = False,
+    context: Sequence[TriangleMesh] = (),
     view: View = None,
     up: str | None = None,
     fit: NDArray | None = None,
@@ -155,11 +160,16 @@ def _paint(
         for share, inches in zip((box.width, box.height), figure.get_size_inches())
     ]
     camera = fitted_camera(fit_points, view_axes(fit_points, view, up or "z"), *size)
+    n_faces = mesh.n_faces
+    if context:
+        mesh, values = _with_context(mesh, values, [other.moved(placed(other.points)) for other in context])
     visible = rasterise(camera, mesh.points, mesh.faces)
     if squares and values is not None:
         colour, mappable = _squares(mesh, visible, values), None
     else:
         colour, mappable = _colours(mesh, visible, values, signed, limits)
+    if context:
+        colour = np.where((visible.face < n_faces)[:, None], colour, _CONTEXT)
     image = _picture(camera, mesh, visible, colour, edges)
     axes.imshow(image, extent=(0, size[0], size[1], 0), interpolation="none")
     axes.set_axis_off()
@@ -173,6 +183,22 @@ def _paint(
         colour_bar(figure, mappable, label, _beyond(known, *limits))
         caption = "; ".join(filter(None, [caption, extremes(label, known)]))
     draw_texts(figure, title, caption, part)
+
+
+def _with_context(
+    mesh: TriangleMesh, values: NDArray | None, context: Sequence[TriangleMesh]
+) -> tuple[TriangleMesh, NDArray | None]:
+    """One mesh of a surface and further ones behind it; their values are NaN."""
+    start = np.cumsum([mesh.n_vertices, *(other.n_vertices for other in context)])
+    points = np.concatenate([mesh.points, *(other.points for other in context)])
+    faces = np.concatenate([mesh.faces, *(other.faces + k for other, k in zip(context, start))])
+    joined = TriangleMesh(points, Topology(faces, len(points)))
+    if values is not None:
+        on_vertices = len(values) == mesh.n_vertices
+        extra = (len(points) if on_vertices else len(faces)) - len(values)
+        blank = np.full((extra, *np.shape(values)[1:]), np.nan)
+        values = np.concatenate([np.asarray(values, dtype=np.float64), blank])
+    return joined, values
 
 
 def _interest(

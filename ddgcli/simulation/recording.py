@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from ddgcli.errors import SolveError
-from ddgcli.mesh.fields import Frame
+from ddgcli.mesh.fields import Frame, frames_of_equal_change
 from ddgcli.progress import ProgressCallback
 from ddgcli.simulation.account import Account
 from ddgcli.simulation.frames import joined_frame
@@ -19,6 +19,7 @@ from ddgcli.simulation.outcome import Outcome
 from ddgcli.simulation.time_loop import Snapshot, evolve
 
 MAX_PICTURE_FRAMES = 4
+MAX_STORED_FRAMES = 40  # of which the picture's are chosen at the end
 
 
 class Recorder:
@@ -29,8 +30,9 @@ class Recorder:
     outcome : Outcome
         Updated with every frame.
     picture : bool
-        Whether frames are kept: at most 2 MAX_PICTURE_FRAMES at any time, evenly spread over the frames so
-        far, because a run that stops early does not know the number of its frames beforehand.
+        Whether frames are kept: at most MAX_STORED_FRAMES at any time, evenly spread over the frames so
+        far, because a run that stops early does not know the number of its frames beforehand. At the end
+        those between which the motion changes equally remain.
     """
 
     def __init__(self, outcome: Outcome, picture: bool) -> None:
@@ -56,7 +58,7 @@ class Recorder:
         outcome.last = frame
         if self.picture and outcome.frames % self.stride == 0:
             outcome.picture_frames.append(frame)
-            if len(outcome.picture_frames) > 2 * MAX_PICTURE_FRAMES:
+            if len(outcome.picture_frames) > MAX_STORED_FRAMES:
                 outcome.picture_frames, self.stride = outcome.picture_frames[::2], 2 * self.stride
         outcome.frames += 1
         self.times.append(frame.time)
@@ -74,7 +76,8 @@ class Recorder:
         if outcome.last is not None and frames and frames[-1] is not outcome.last:
             frames.append(outcome.last)
         if len(frames) > MAX_PICTURE_FRAMES:
-            chosen = np.linspace(0, len(frames) - 1, MAX_PICTURE_FRAMES).round().astype(int)
+            values = [next(iter(frame.vertex.values()), None) for frame in frames]
+            chosen = frames_of_equal_change([frame.points for frame in frames], values, MAX_PICTURE_FRAMES)
             outcome.picture_frames = [frames[k] for k in chosen]
 
 

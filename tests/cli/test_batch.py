@@ -15,7 +15,7 @@ from ddgcli.batch import process
 from ddgcli.batch.process import Limits
 from ddgcli.batch.run import run_batch
 from ddgcli.batch.tasks import make_tasks, parsed_sweeps, shard_of
-from ddgcli.errors import ParameterError
+from ddgcli.errors import MissingExtraError, ParameterError
 from ddgcli.io.mesh_file import write_mesh
 from ddgcli.mesh import shapes
 from ddgcli.mesh.fields import AnnotatedMesh
@@ -125,8 +125,9 @@ def test_a_resumed_batch_runs_only_what_is_missing(stub, inputs, tmp_path):
 
 def test_an_interrupted_batch_leaves_no_process(inputs, tmp_path):
     """SIGINT to the batch ends its running tasks too."""
-    code = (
-        "import sys\nfrom ddgcli.batch import process\n"
+    code = (  # a shell without job control starts background jobs, and what they start, with SIGINT ignored
+        "import signal, sys\nsignal.signal(signal.SIGINT, signal.default_int_handler)\n"
+        "from ddgcli.batch import process\n"
         f"process.PROGRAM = (sys.executable, '-c', {STUB!r})\n"
         "from ddgcli.cli.main import main\nmain()\n"
     )
@@ -152,6 +153,105 @@ def test_an_interrupted_batch_leaves_no_process(inputs, tmp_path):
     running.send_signal(signal.SIGINT)
     assert running.wait(timeout=30) == 130
     assert not tasks()
+
+
+def test_an_error_between_two_runs_ends_the_running_tasks(stub, inputs):
+    """The caller's loop fails while a task hangs: the batch returns at once and leaves no process."""
+    tasks = make_tasks(paths(inputs, "a.ply", "hang.ply"), {}, None, ["info"])
+
+    def fail(done, total):
+        raise KeyboardInterrupt
+
+    began = time.perf_counter()
+    with pytest.raises(KeyboardInterrupt):
+        run_batch(tasks, Limits(), jobs=2, progress=fail)
+    assert time.perf_counter() - began < 30  # the task that hangs takes 60 s
+
+
+def test_a_cluster_without_its_package_is_an_error_with_the_install_line(stub, inputs, monkeypatch):
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    with pytest.raises(MissingExtraError, match=r"pip install 'ddgcli\[cluster\]'"):
+        run_batch(make_tasks(paths(inputs, "a.ply"), {}, None, ["info"]), Limits(), cluster="tcp://x:1")
+
+
+SCALE = """
+import json, pathlib, sys, time
+name = pathlib.Path(sys.argv[2]).stem
+kind = int(name[1:]) % 50
+if kind == 7:
+    time.sleep(600) if int(name[1:]) % 100 == 7 else bytearray(400 << 20) and time.sleep(600)
+print(json.dumps({"results": {"area": len(name)}}))
+"""
+
+
+def table_without_times(path):
+    rows = [json.loads(line) for line in Path(path).read_text().splitlines()]
+    return [{k: v for k, v in row.items() if k not in ("seconds", "peak_mib")} for row in rows]
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(1200)
+def test_a_thousand_runs_of_which_twenty_hang_or_eat_memory_survive_twenty_kills(tmp_path):
+    """Killed at 20 random moments and resumed, in one piece and in four shards: the same table."""
+    import random
+
+    folder = tmp_path / "in"
+    folder.mkdir()
+    for k in range(1000):
+        (folder / f"m{k:04d}.ply").write_text(str(k))
+    code = (
+        "import sys\nfrom ddgcli.batch import process\n"
+        f"process.PROGRAM = (sys.executable, '-S', '-c', {SCALE!r})\n"
+        "from ddgcli.cli.main import main\nmain()\n"
+    )
+
+    def batch(table, *words, seconds=None):
+        call = [
+            sys.executable,
+            "-c",
+            code,
+            "batch",
+            str(folder / "*.ply"),
+            "--table",
+            str(table),
+            "--jobs",
+            "8",
+        ]
+        call += [
+            "--timeout",
+            "15",
+            "--memory",
+            "200",
+            "--collect",
+            "results.area",
+            "-q",
+            *words,
+            "--",
+            "info",
+        ]
+        running = subprocess.Popen(call, cwd=ROOT, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        try:
+            return running.wait(timeout=seconds)
+        except subprocess.TimeoutExpired:
+            running.kill()
+            running.wait()
+            return None
+
+    whole, broken = tmp_path / "whole.jsonl", tmp_path / "broken.jsonl"
+    assert batch(whole) == 1
+    rows = table_without_times(whole)
+    statuses = [row["status"] for row in rows]
+    assert statuses.count("done") == 980 and statuses.count("timeout") + statuses.count("memory") == 20
+    moments = random.Random(0)
+    for _ in range(20):
+        batch(broken, "--resume", seconds=moments.uniform(0.5, 6.0))
+    assert batch(broken, "--resume") == 1
+    assert table_without_times(broken) == rows
+    shards = []
+    for k in range(1, 5):
+        batch(tmp_path / f"shard{k}.jsonl", "--shard", f"{k}/4")
+        shards += table_without_times(tmp_path / f"shard{k}.jsonl")
+    assert sorted(shards, key=lambda row: row["index"]) == rows
 
 
 def test_the_command_writes_outputs_and_a_table(run, tmp_path):

@@ -2,10 +2,11 @@
 
 import json
 
+import numpy as np
 import pytest
 
 from ddgcli.algorithms.inspection.compare_summaries import Tolerances, compare
-from ddgcli.io.mesh_file import write_mesh
+from ddgcli.io.mesh_file import read_mesh, write_mesh
 from ddgcli.mesh import shapes
 from ddgcli.mesh.fields import AnnotatedMesh
 
@@ -164,3 +165,94 @@ def test_a_stored_command_that_is_check_itself_is_refused(tmp_path, run, words):
 def test_integers_beyond_doubles_are_compared(tmp_path):
     moved, _ = compare({"results": {"a": 10**400, "b": 1}}, {"results": {"a": 1, "b": 10**400}}, Tolerances())
     assert [m["key"] for m in moved] == ["results.a", "results.b"]
+
+
+@pytest.fixture
+def two_files(tmp_path, run):
+    """A stored mesh with arrays, and a function that writes another with changed arrays."""
+    mesh = shapes.torus(12, 8)
+    vertex = {"height": mesh.points[:, 2], "position": mesh.points}
+    face = {"number": np.arange(mesh.n_faces) * 1.0}
+    write_mesh(str(tmp_path / "a.vtu"), AnnotatedMesh(mesh, vertex, face))
+
+    def compared(*words, mesh=mesh, **arrays):
+        changed = {name: arrays.get(name, values) for name, values in vertex.items()}
+        write_mesh(str(tmp_path / "b.vtu"), AnnotatedMesh(mesh, changed, face))
+        return run("check", "--arrays", tmp_path / "a.vtu", tmp_path / "b.vtu", "--json", *words)
+
+    return mesh, vertex, compared
+
+
+def moved_of(result):
+    return json.loads(result.stdout)["results"]["moved"]
+
+
+def test_equal_arrays_have_not_moved(two_files):
+    _, vertex, compared = two_files
+    result = compared(height=vertex["height"] * (1 + 1e-9))
+    assert result.exit_code == 0 and moved_of(result) == []
+    assert json.loads(result.stdout)["results"]["compared"] == 5
+
+
+def test_a_permuted_field_fails_although_least_largest_and_mean_are_the_same(two_files):
+    _, vertex, compared = two_files
+    result = compared(height=np.roll(vertex["height"], 1))
+    assert result.exit_code == 1
+    (entry,) = moved_of(result)
+    step = np.abs(np.roll(vertex["height"], 1) - vertex["height"])
+    assert entry["key"] == "arrays.height" and entry["largest"] == step.max() and entry["at"] == step.argmax()
+    assert entry["elements"] == (step > 1e-6).sum()
+
+
+def test_a_moved_point_a_missing_array_and_other_cells_fail(two_files, tmp_path, run):
+    mesh, vertex, compared = two_files
+    points = mesh.points.copy()
+    points[7] += 1e-3
+    (entry,) = moved_of(compared(mesh=mesh.moved(points)))
+    assert entry["key"] == "points" and entry["first"] == entry["at"] == 7 and entry["elements"] == 1
+    write_mesh(str(tmp_path / "c.vtu"), AnnotatedMesh(mesh, {"height": vertex["height"]}))
+    result = run("check", "--arrays", tmp_path / "a.vtu", tmp_path / "c.vtu", "--json")
+    assert [(e["key"], e["found"]) for e in moved_of(result)] == [
+        ("arrays.position", "missing"),
+        ("arrays.number", "missing"),
+    ]
+    write_mesh(str(tmp_path / "c.vtu"), AnnotatedMesh(shapes.torus(8, 12), {}))
+    assert [
+        e["key"] for e in moved_of(run("check", "--arrays", tmp_path / "a.vtu", tmp_path / "c.vtu", "--json"))
+    ] == ["cells"]
+
+
+def test_tolerances_hold_by_array(two_files):
+    _, vertex, compared = two_files
+    noise = 1e-4 * np.cos(np.arange(len(vertex["height"])))
+    assert compared(height=vertex["height"] + noise).exit_code == 1
+    assert compared("--tolerance", "arrays.height=1e-3", height=vertex["height"] + noise).exit_code == 0
+    assert compared("--tolerance", "arrays.pos*=1e-3", height=vertex["height"] + noise).exit_code == 1
+    assert compared("--atol", 1e-3, height=vertex["height"] + noise).exit_code == 0
+    assert compared("--ignore", "arrays.height", height=vertex["height"] + noise).exit_code == 0
+    assert compared("--tolerance", "height").exit_code == 2
+
+
+def test_the_difference_mesh_shows_where(two_files, tmp_path):
+    _, vertex, compared = two_files
+    changed = vertex["position"].copy()
+    changed[[3, 20]] += [0, 3e-2, 4e-2]
+    assert compared("-o", tmp_path / "d.vtu", position=changed).exit_code == 1
+    arrays = read_mesh(str(tmp_path / "d.vtu")).vertex
+    np.testing.assert_array_equal(np.flatnonzero(arrays["position_moved"]), [3, 20])
+    np.testing.assert_allclose(arrays["position_difference"][[3, 20, 4]], [0.05, 0.05, 0.0], atol=1e-12)
+    assert not arrays["height_moved"].any()
+
+
+def test_a_command_and_its_output_are_checked_together(stored, tmp_path, run):
+    words = ["--", "info", tmp_path / "torus.ply", "-o", tmp_path / "new.vtu"]
+    assert run("info", tmp_path / "torus.ply", "-o", tmp_path / "old.vtu").exit_code == 0
+    pair = ["--arrays", tmp_path / "old.vtu", tmp_path / "new.vtu"]
+    ignored = ["--ignore", "options*", "--ignore", "warnings*"]
+    assert run("check", stored, *pair, *ignored, *words).exit_code == 0
+    old = read_mesh(str(tmp_path / "old.vtu"))
+    component = old.vertex | {"component": old.vertex["component"] + 1}
+    write_mesh(str(tmp_path / "old.vtu"), AnnotatedMesh(old.mesh, component, old.face))
+    result = run("check", stored, *pair, *ignored, "--json", *words)
+    assert result.exit_code == 1 and [e["key"] for e in moved_of(result)] == ["arrays.component"]
+    assert run("check").exit_code == 2 and run("check", stored, "-o", tmp_path / "x.vtu").exit_code == 2

@@ -235,7 +235,7 @@ def test_standard_input_needs_a_format(run):
     refused(run("info", "-"), "--input-format")
 
 
-@pytest.mark.parametrize("suffix", WRITERS)
+@pytest.mark.parametrize("suffix", sorted(set(WRITERS) - {".csv"}))
 def test_a_mesh_is_written_to_standard_output(torus, tmp_path, suffix):
     done = process("info", torus, "-o", "-", "--output-format", suffix[1:])
     assert done.returncode == 0, done.stderr

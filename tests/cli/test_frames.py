@@ -8,7 +8,7 @@ import pytest
 from ddgcli.io.mesh_file import read_mesh, write_mesh
 from ddgcli.io.trajectories.trajectory import Trajectory
 from ddgcli.mesh import shapes
-from ddgcli.mesh.fields import AnnotatedMesh
+from ddgcli.mesh.fields import AnnotatedMesh, frames_of_equal_change
 
 SCENE = """\
 [time]
@@ -87,20 +87,106 @@ def test_pictures_and_animations_are_written(summary, trajectory, tmp_path):
     out = summary("frames", trajectory, "-o", tmp_path / "p.png", "--to", 0.01)
     assert out["outputs"] == [str(tmp_path / f"p_000{k}.png") for k in (0, 1)]
     assert all((tmp_path / f"p_000{k}.png").read_bytes().startswith(b"\x89PNG") for k in (0, 1))
-    summary("frames", trajectory, "-o", tmp_path / "m.gif", "--to", 0, "--array", "velocity")
+    summary(
+        "frames", trajectory, "-o", tmp_path / "m.gif", "--to", 0, "--array", "velocity", "--size", "320x240"
+    )
     assert (tmp_path / "m.gif").read_bytes().startswith(b"GIF89a")
     summary("shell-sim", tmp_path / "scene.toml", "--plot", tmp_path / "plot.png")
     assert (tmp_path / "plot.png").stat().st_size > 20000
 
 
+def test_an_mp4_has_the_frames_the_size_and_the_same_bytes_each_time(summary, trajectory, tmp_path):
+    ffmpeg = pytest.importorskip("imageio_ffmpeg")
+    for name in "ab":
+        words = ["--every", 2, "--fps", 10, "--size", "640x480", "-o", tmp_path / f"{name}.mp4"]
+        assert summary("frames", trajectory, *words)["results"]["exported_frames"] == 3
+    assert (tmp_path / "a.mp4").read_bytes() == (tmp_path / "b.mp4").read_bytes()
+    reader = ffmpeg.read_frames(str(tmp_path / "a.mp4"))
+    facts, pictures = next(reader), list(reader)
+    assert facts["source_size"] == (640, 480) and facts["fps"] == 10 and len(pictures) == 3
+    first, last = (np.frombuffer(picture, np.uint8).astype(int) for picture in (pictures[0], pictures[-1]))
+    assert np.abs(first - last).mean() > 1  # something moved
+
+
+def test_an_mp4_without_its_package_is_an_error_with_the_install_line(run, trajectory, tmp_path, monkeypatch):
+    import importlib.util
+
+    find = importlib.util.find_spec
+    monkeypatch.setattr(importlib.util, "find_spec", lambda n: None if n == "imageio_ffmpeg" else find(n))
+    result = run("frames", trajectory, "-o", tmp_path / "a.mp4")
+    assert result.exit_code == 2 and "pip install 'ddgcli[video]'" in result.stderr
+    assert not (tmp_path / "a.mp4").exists()
+
+
+def test_trajectories_hold_their_obstacles_for_series_pictures_and_pages(summary, tmp_path):
+    (tmp_path / "scene.toml").write_text(
+        SCENE.replace(
+            "[effects]",
+            """[[object]]
+name = "ball"
+role = "obstacle"
+sphere = { center = [0.5, 0.5, -1.0], radius = 0.5 }
+[[object]]
+name = "floor"
+role = "obstacle"
+plane = { point = [0, 0, -2], normal = [0, 0, 1] }
+[effects]
+contact = { pairs = [["object_0", "ball"], ["object_0", "floor"]] }
+""",
+        ).replace('role = "shell"', 'name = "object_0"\nrole = "shell"')
+    )
+    path = tmp_path / "run.vtkhdf"
+    summary("shell-sim", tmp_path / "scene.toml", "-o", path)
+    with Trajectory(str(path)) as ours:
+        bodies = ours.obstacles(2)
+        sheet = ours.points(2)
+    assert list(bodies) == ["ball", "floor"]
+    radius = np.linalg.norm(bodies["ball"].points - [0.5, 0.5, -1.0], axis=1)
+    np.testing.assert_allclose(radius, 0.5, rtol=1e-12)
+    floor = bodies["floor"].points
+    assert (floor[:, 2] == -2).all()
+    assert (floor.min(axis=0)[:2] < sheet.min(axis=0)[:2]).all()  # wider than the sheet
+    summary("frames", path, "-o", tmp_path / "s.pvd", "--at", 0)
+    assert len(list((tmp_path / "s").iterdir())) == 3
+    assert summary("view", path, "-o", tmp_path / "v.html")["results"]["objects"][1:] == ["ball", "floor"]
+    pictures = []
+    for name, scene in (("with", path), ("without", _without_obstacles(path, tmp_path / "bare.vtkhdf"))):
+        summary(
+            "frames", scene, "-o", tmp_path / f"{name}.png", "--at", 0, "--view", "20,30", "--size", "400x300"
+        )
+        pictures.append((tmp_path / f"{name}.png").read_bytes())
+    assert pictures[0] != pictures[1]
+
+
+def _without_obstacles(path, target):
+    import shutil
+
+    import h5py
+
+    shutil.copy(path, target)
+    with h5py.File(target, "a") as file:
+        del file["ddgcli/obstacles"]
+    return target
+
+
+def test_frames_of_equal_change_lie_where_a_motion_happens():
+    still, moved = np.zeros((4, 3)), np.ones((4, 3))
+    positions = [still] * 40 + [still + k / 10 * moved for k in range(11)] + [moved] * 40
+    chosen = frames_of_equal_change(positions, [None] * len(positions), 4)
+    assert chosen[0] == 0 and chosen[-1] == 90
+    assert all(40 < k < 51 for k in chosen[1:-1])
+    assert frames_of_equal_change([still] * 90, [None] * 90, 4) == [0, 30, 59, 89]
+
+
 @pytest.mark.parametrize("words, message", [
     (["--at", 7], "0.04"),
     (["--from", 5], "no frame"),
-    (["-o", "x.mp4"], "unknown format"),
+    (["-o", "x.avi"], "unknown format"),
+    (["-o", "x.mp4", "--size", "1281x960"], "even numbers"),
     (["--array", "velocty", "-o", "x.png"], "velocity"),
     (["--array", "velocity", "-o", "x.ply"], "--array is for"),
     (["--view", "iso"], "--view is for"),
-    (["--fps", 3, "-o", "x.png"], "--fps is for .gif"),
+    (["--fps", 3, "-o", "x.png"], "--fps is for .gif .mp4"),
 ])  # fmt: skip
 def test_wrong_options_are_an_error(run, trajectory, tmp_path, words, message):
     words = [tmp_path / w if str(w).startswith("x.") else w for w in words]

@@ -48,3 +48,27 @@ def test_only_what_changed_is_done_again(folder):
     os.utime(folder / "meshes" / "a.ply", (newer, newer))
     again = make(folder)
     assert "a.ply" in again and "b.obj" not in again
+
+
+def test_every_readable_extension_in_any_case_is_taken_and_the_rest_is_named(folder):
+    meshes = folder / "meshes"
+    shutil.copy(meshes / "a.ply", meshes / "C.PLY")
+    shutil.copy(meshes / "b.obj", meshes / "a.Obj")  # the same stem as a.ply
+    write_mesh(str(meshes / "d.vtkhdf"), AnnotatedMesh(shapes.icosphere(0)))
+    (meshes / "notes.md").write_text("no mesh")
+    shutil.copy(meshes / "a.ply", meshes / "two words.ply")
+    text = make(folder)
+    built = {p.name for p in (folder / "build").glob("*.vtu")}
+    assert built == {f"{name}.curvature.vtu" for name in ("a.ply", "a.Obj", "b", "C", "d")}
+    (line,) = [x for x in text.splitlines() if x.startswith("skipped")]
+    assert "notes.md" in line and "two words.ply" in line and "C.PLY" not in line
+
+
+@pytest.mark.parametrize("file", ["Makefile", "docs/pipelines.md"])
+def test_the_recipes_know_every_readable_extension(file):
+    from ddgcli.io.mesh_file import READERS
+    from ddgcli.io.readers import foreign
+
+    text = (ROOT / file).read_text("utf-8").replace("\\\n", " ")
+    (listed,) = re.findall(r"^EXTENSIONS = (.*)$", text, re.M)
+    assert {f".{word}" for word in listed.split()} == {*READERS, *foreign.suffixes()}

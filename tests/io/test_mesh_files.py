@@ -20,7 +20,9 @@ METADATA = {
     "options": {"a": 1},
     "converged": True,
 }
-WITHOUT_ARRAYS = {".obj", ".off", ".stl"}
+WITHOUT_ARRAYS = {".obj", ".off", ".stl", ".glb"}
+SINGLE_PRECISION = {".stl", ".glb"}
+MESH_FORMATS = sorted(set(WRITERS) - {".csv"})  # a table of vertices is no mesh
 WITH_EDGES = {".npz", ".vtkhdf"}
 
 
@@ -59,15 +61,18 @@ def same(read, written):
         np.testing.assert_array_equal(np.asarray(read[name], dtype=float), np.asarray(value, dtype=float))
 
 
-@pytest.mark.parametrize("suffix", WRITERS)
+@pytest.mark.parametrize("suffix", MESH_FORMATS)
 def test_surfaces_come_back(tmp_path, suffix):
     annotated = annotated_surface()
     path = str(tmp_path / f"a{suffix}")
     write_mesh(path, annotated)
     result = read_mesh(path)
-    if suffix == ".stl":
+    if suffix in SINGLE_PRECISION:
         np.testing.assert_allclose(
-            result.mesh.points[result.mesh.faces], annotated.mesh.points[annotated.mesh.faces], rtol=1e-6
+            result.mesh.points[result.mesh.faces],
+            annotated.mesh.points[annotated.mesh.faces],
+            rtol=1e-6,
+            atol=1e-6,
         )
         return
     np.testing.assert_array_equal(result.mesh.points, annotated.mesh.points)
@@ -106,7 +111,7 @@ def test_tetrahedra_give_their_boundary_to_surface_formats(tmp_path, suffix):
     assert read_mesh(path).mesh.n_faces == 6
 
 
-@pytest.mark.parametrize("suffix", sorted(set(WRITERS) - {".off", ".stl"}))
+@pytest.mark.parametrize("suffix", sorted(set(WRITERS) - {".off", ".stl", ".glb", ".csv"}))
 def test_curves_come_back(tmp_path, suffix):
     annotated = annotated_curves()
     path = str(tmp_path / f"a{suffix}")
@@ -117,7 +122,7 @@ def test_curves_come_back(tmp_path, suffix):
     assert [len(path) for path, _ in curves.paths()] == [4, 3]
 
 
-@pytest.mark.parametrize("suffix", [".off", ".stl"])
+@pytest.mark.parametrize("suffix", [".off", ".stl", ".glb"])
 def test_curves_are_refused_where_they_cannot_be(tmp_path, suffix):
     with pytest.raises(OutputError, match="vtp"):
         write_mesh(str(tmp_path / f"a{suffix}"), annotated_curves())
@@ -176,8 +181,14 @@ def test_vtk_reads_what_we_write(tmp_path, suffix, make):
     cells = getattr(annotated.mesh, expected[type(annotated.mesh).__name__])
     if suffix == ".vtp" and hasattr(annotated.mesh, "tetrahedra"):
         cells = annotated.mesh.boundary.faces
-    assert data.GetNumberOfCells() == len(cells)
-    ids = [[data.GetCell(i).GetPointId(k) for k in range(cells.shape[1])] for i in range(len(cells))]
+    n_cells = data.GetNumberOfCells()
+    ids = [
+        [data.GetCell(i).GetPointId(k) for k in range(data.GetCell(i).GetNumberOfPoints())]
+        for i in range(n_cells)
+    ]
+    if suffix == ".vtp" and make is annotated_curves:  # one cell a path
+        assert n_cells == 2
+        ids = [pair for path in ids for pair in zip(path, path[1:], strict=False)]
     np.testing.assert_array_equal(ids, cells)
 
 

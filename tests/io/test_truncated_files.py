@@ -53,7 +53,7 @@ def assert_refused_or_less(path, whole, counted: bool, size: int, at: int) -> No
     assert np.isfinite(annotated.mesh.points).all()
 
 
-@pytest.mark.parametrize("suffix", WRITERS)
+@pytest.mark.parametrize("suffix", sorted(set(WRITERS) - {".csv"}))
 def test_cut_files_of_our_writers_are_refused_or_hold_less(tmp_path, suffix):
     path = tmp_path / f"a{suffix}"
     write_mesh(str(path), annotated())

@@ -4,4 +4,4 @@
 compares a summary with a stored one.
 """
 
-__all__ = ["compare_summaries", "inspect_mesh", "quality"]
+__all__ = ["compare_arrays", "compare_summaries", "inspect_mesh", "quality"]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import logging
 import subprocess
 import sys
 from pathlib import Path
@@ -16,10 +17,42 @@ from ddgcli.cli.options import CommonOptions
 from ddgcli.cli.run import Run
 from ddgcli.errors import MeshFileError, OutputError, ParameterError, excerpt
 
+log = logging.getLogger("ddgcli")
+
+
+class KeyTolerance(click.ParamType):
+    """KEY=RTOL or KEY=RTOL,ATOL."""
+
+    name = "key=rtol"
+
+    def convert(self, value: Any, param: Any, ctx: Any) -> tuple[str, dict[str, float]]:
+        if isinstance(value, tuple):
+            return value
+        key, equals, numbers = str(value).partition("=")
+        parts = numbers.split(",")
+        if not key or not equals or len(parts) > 2:
+            self.fail(f"{value!r} is not KEY=RTOL or KEY=RTOL,ATOL, such as arrays.height=1e-4", param, ctx)
+        converted = [options.NONNEGATIVE.convert(part, param, ctx) for part in parts]
+        return key, dict(zip(("rtol", "atol"), converted, strict=False))
+
 
 @click.command("check", short_help="Compare a run's summary with a stored one (regression runs).")
-@click.argument("expected_path", metavar="EXPECTED.json", type=click.Path())
+@click.argument("expected_path", metavar="[EXPECTED.json]", required=False, type=click.Path())
 @click.argument("words", metavar="-- COMMAND ...", nargs=-1, type=click.UNPROCESSED)
+@click.option(
+    "--arrays",
+    nargs=2,
+    metavar="EXPECTED_MESH ACTUAL_MESH",
+    help="Also compare points, cells and arrays of two files; -o DIFF.vtu writes where they differ.",
+)
+@click.option(
+    "--tolerance",
+    "stated",
+    multiple=True,
+    type=KeyTolerance(),
+    metavar="KEY=RTOL[,ATOL]",
+    help="Tolerances of a dotted name, such as arrays.mean_curvature; * matches. Repeatable.",
+)
 @click.option("--rtol", type=options.NONNEGATIVE, help="Relative tolerance.  [default: 1e-6]")
 @click.option("--atol", type=options.NONNEGATIVE, help="Absolute tolerance.  [default: 1e-12]")
 @click.option(
@@ -28,9 +61,15 @@ from ddgcli.errors import MeshFileError, OutputError, ParameterError, excerpt
 @click.option("--update", is_flag=True, help="Store the run's summary in EXPECTED.json.")
 @options.common
 def command(
-    expected_path: str, words: tuple[str, ...], common: CommonOptions, update: bool, **tolerances: Any
+    expected_path: str | None,
+    words: tuple[str, ...],
+    arrays: tuple[str, str] | None,
+    stated: tuple[tuple[str, dict[str, float]], ...],
+    common: CommonOptions,
+    update: bool,
+    **tolerances: Any,
 ) -> None:
-    """Run COMMAND and compare its summary with the one in EXPECTED.json.
+    """Run COMMAND and compare its summary with the one in EXPECTED.json, and its arrays with a stored mesh.
 
     --update writes EXPECTED.json; the plain output of COMMAND --json works too. A number may change by
     atol + rtol |expected|; under `accuracy` atol is at least 1e-9, because smaller residuals are rounding.
@@ -48,8 +87,26 @@ def command(
       ddgcli check torus.json --update -- curvature torus.ply
       ddgcli check torus.json -- curvature torus.ply
       ddgcli check torus.json                         the command that --update stored
+      ddgcli check torus.json --arrays stored.vtu new.vtu -- curvature torus.ply -o new.vtu
+      ddgcli check --arrays stored.vtu new.vtu --tolerance arrays.mean_curvature=1e-4 -o difference.vtu
     """
-    run = Run("check", common, formats=(".json",), update=update, **tolerances)
+    from ddgcli.io.mesh_file import WRITERS
+
+    run = Run("check", common, formats=(".json", *WRITERS), arrays=arrays, update=update, **tolerances)
+    chosen = {name: value for name, value in tolerances.items() if value}
+    diff_paths = [path for path in common.outputs if Path(path).suffix.lower() != ".json"]
+    if arrays is None and (expected_path is None or diff_paths):
+        need = (
+            "-o PATH is for the differences of --arrays" if diff_paths else "name EXPECTED.json, or --arrays"
+        )
+        raise ParameterError(f"{need}; see ddgcli check --help")
+    if expected_path is None:
+        if words or update:
+            raise ParameterError("the command needs EXPECTED.json to compare its summary with; name it first")
+        run.set_input(arrays[0], "")  # type: ignore[index]
+        compared_arrays = compare_files(run, arrays, {**chosen, "keys": dict(stated)}, diff_paths)
+        run.finish(compared_arrays, {}, converged=not compared_arrays["moved"])
+        return
     if update and Path(expected_path).suffix.lower() != ".json":
         raise OutputError(f"{expected_path}: a summary is stored as JSON; use a name that ends in .json")
     stored = read_expected(expected_path, may_miss=update)
@@ -58,7 +115,8 @@ def command(
     summary, exit_code = summary_of(words)
     from ddgcli.algorithms.inspection.compare_summaries import Tolerances, compare
 
-    chosen = {**stored.get("tolerances", {}), **{k: v for k, v in tolerances.items() if v}}
+    chosen = {**stored.get("tolerances", {}), **chosen}
+    chosen["keys"] = {**chosen.get("keys", {}), **dict(stated)}
     if update:
         stored_tolerances = {"tolerances": stored["tolerances"]} if "tolerances" in stored else {}
         text = json.dumps(
@@ -71,10 +129,41 @@ def command(
         moved, compared = compare(stored["summary"], summary, Tolerances(**chosen))
     except RecursionError:
         raise MeshFileError(f"{expected_path}: nested too deeply; store it anew with --update") from None
-    for path in common.outputs:
+    for path in set(common.outputs) - set(diff_paths):
         run.write_bytes(path, json.dumps(summary, indent=1, ensure_ascii=False).encode() + b"\n")
+    if arrays is not None:
+        further = compare_files(run, arrays, chosen, diff_paths)
+        moved, compared = [*moved, *further["moved"]], compared + further["compared"]
     results = {"run": list(words), "run_exit_code": exit_code, "compared": compared, "moved": moved}
     run.finish(results, {}, converged=not moved)
+
+
+def compare_files(
+    run: Run, paths: tuple[str, str] | None, tolerances: dict[str, Any], diff_paths: list[str]
+) -> dict[str, Any]:
+    """Compare the arrays of two mesh files, and write the differences on the expected mesh."""
+    from ddgcli.algorithms.inspection.compare_arrays import compare_arrays
+    from ddgcli.algorithms.inspection.compare_summaries import Tolerances
+    from ddgcli.io.mesh_file import read_mesh
+    from ddgcli.mesh.fields import AnnotatedMesh
+
+    meshes = []
+    for path in paths or ():
+        run.add_input(path)
+        with run.timed("read"):
+            source = read_mesh(path)
+        meshes.append(AnnotatedMesh(source.mesh, source.vertex, source.face, source.edge))
+    expected, actual = meshes
+    comparison = compare_arrays(expected, actual, Tolerances(**tolerances))
+    if diff_paths and not comparison.difference:
+        log.warning("the two meshes have other cells: no difference is written")
+        diff_paths = []
+    for path in diff_paths:
+        difference = AnnotatedMesh(
+            expected.mesh, vertex=comparison.difference["vertex"], face=comparison.difference["face"]
+        )
+        run.write_file(path, difference, converged=not comparison.moved)
+    return {"compared": comparison.compared, "moved": comparison.moved}
 
 
 def read_expected(path: str, *, may_miss: bool) -> dict[str, Any]:

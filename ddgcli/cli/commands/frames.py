@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from ddgcli.plots.motion import PlotFrame, SequenceStyle
 
 
+ANIMATIONS = (".gif", ".mp4")
 FRAME_NUMBER = re.compile(r"\{(?::0?\d*d?)?\}")  # where an output's name has the number of the frame
 
 
@@ -42,19 +43,19 @@ FRAME_NUMBER = re.compile(r"\{(?::0?\d*d?)?\}")  # where an output's name has th
 )
 @click.option("--array", metavar="NAME", help="The same as --show; 'none' for none.")
 @click.option("--paths", is_flag=True, help="Write the paths of particles as polylines instead of the mesh.")
-@click.option("--fps", type=options.POSITIVE, help="Frames a second of a .gif.  [default: 25]")
+@click.option("--fps", type=options.POSITIVE, help="Frames a second of an animation.  [default: 25]")
 def command(path: str, common: CommonOptions, **settings: Any) -> None:
     """Export frames of a trajectory (complete, or a .part that still grows).
 
     The extension of -o decides: a mesh format takes the frame of --at, or all frames under a numbered name
-    such as f_{:04d}.ply; .png, .svg and .pdf one picture with --at, else a numbered sequence; .gif an
-    animation; .pvd a series for ParaView.
+    such as f_{:04d}.ply; .png, .svg and .pdf one picture with --at, else a numbered sequence; .gif and
+    .mp4 an animation; .pvd a series for ParaView.
 
     \b
     Examples:
       ddgcli frames run.vtkhdf --at 1.5 -o f.ply
       ddgcli frames run.vtkhdf --every 10 -o f_{:04d}.ply
-      ddgcli frames run.vtkhdf -o movie.gif --view 15,40
+      ddgcli frames run.vtkhdf -o movie.mp4 --view 15,40 --size 1920x1080
       ddgcli frames run.vtkhdf --plot run.png
       ddgcli frames run.vtkhdf --paths -o paths.vtp
     """
@@ -62,7 +63,7 @@ def command(path: str, common: CommonOptions, **settings: Any) -> None:
     from ddgcli.io.trajectories.trajectory import Trajectory
     from ddgcli.plots.page import FORMATS
 
-    run = Run("frames", common, formats=(*WRITERS, *FORMATS, ".gif", ".pvd"), pictures="output",
+    run = Run("frames", common, formats=(*WRITERS, *FORMATS, *ANIMATIONS, ".pvd"), pictures="output",
               **_without_defaults(settings))  # fmt: skip
     if common.show is not None and settings["array"] is not None:
         raise ParameterError("--show and --array are the same option; give one")
@@ -97,17 +98,21 @@ def command(path: str, common: CommonOptions, **settings: Any) -> None:
 
 def _check_picture_options(common: CommonOptions, settings: dict[str, Any]) -> None:
     """Raise ParameterError for options of pictures if no picture is drawn."""
+    from ddgcli.plots.motion import check_animation
     from ddgcli.plots.page import FORMATS
 
     outputs = {Path(output).suffix.lower() for output in (*common.outputs, common.plot or "")}
     for name, suffixes in (
-        ("fps", {".gif"}),
-        ("view", {".gif", *FORMATS}),
-        ("size", {".gif", *FORMATS}),
-        ("array", {".gif", *FORMATS}),
+        ("fps", {*ANIMATIONS}),
+        ("view", {*ANIMATIONS, *FORMATS}),
+        ("size", {*ANIMATIONS, *FORMATS}),
+        ("array", {*ANIMATIONS, *FORMATS}),
     ):
         if settings[name] is not None and not outputs & suffixes:
             raise ParameterError(f"--{name} is for {' '.join(sorted(suffixes))}; write one with -o")
+    for output in common.outputs:
+        if Path(output).suffix.lower() in ANIMATIONS:
+            check_animation(output, common.size)
 
 
 def _without_defaults(settings: dict[str, Any]) -> dict[str, Any]:
@@ -143,23 +148,35 @@ def _export(run: Run, source: Trajectory, output: str, chosen: list[int], settin
     suffix = Path(output).suffix.lower()
     if suffix == ".pvd":
         _series(run, source, output, chosen)
-    elif suffix == ".gif":
+    elif suffix in ANIMATIONS:
         from ddgcli.plots.motion import draw_animation
 
-        with run.drawing(output) as partial:
-            style = _style(source, chosen, settings)
+        progress = run.progress("frames")
+        with run.drawing(output, progress=False) as partial:
             draw_animation(
-                partial,
-                _plot_frames(source, chosen, settings),
-                style,
-                settings["fps"] or 25.0,
-                settings["size"],
-            )
+                partial, _plot_frames(source, chosen, settings), _style(source, chosen, settings),
+                settings["fps"] or 25.0, settings["size"], lambda done: progress(done, len(chosen)),
+            )  # fmt: skip
     elif suffix in FORMATS:
         _pictures(run, source, output, chosen, settings)
     else:
+        span, progress = _colour_range(run, source, chosen), run.progress("frames")
         for number, k in enumerate(chosen):
-            run.write_file(_numbered(output, number), _annotated(source, k))
+            run.write_file(_numbered(output, number), _annotated(source, k), colour_range=span)
+            progress(number + 1, len(chosen))
+
+
+def _colour_range(run: Run, source: Trajectory, chosen: list[int]) -> tuple[float, float, bool] | None:
+    """Range of the array of --colors over all exported frames."""
+    name = run.common.colors
+    if name is None or name not in source.vertex(chosen[0]):
+        return None
+    import numpy as np
+
+    from ddgcli.cli.simulation.plot import magnitude
+    from ddgcli.plots.colour import robust_limits
+
+    return robust_limits(np.concatenate([magnitude(source.vertex(k)[name]) for k in chosen]))
 
 
 def _check_numbering(output: str, count: int) -> None:
@@ -173,7 +190,7 @@ def _check_numbering(output: str, count: int) -> None:
         raise OutputError(
             f"{output}: a numbered name needs one number and a format of one frame, such as f_{{:04d}}.ply"
         )
-    if count > 1 and not numbers and path.suffix.lower() not in (*FORMATS, ".gif", ".pvd"):
+    if count > 1 and not numbers and path.suffix.lower() not in (*FORMATS, *ANIMATIONS, ".pvd"):
         name = f"{path.stem}_{{:04d}}{path.suffix}" if output != "-" else "f_{:04d}.ply"
         raise OutputError(
             f"{output}: the file holds one frame, and {count} are selected; number the files with -o {name}, "
@@ -209,24 +226,31 @@ def _pictures(run: Run, source: Trajectory, output: str, chosen: list[int], sett
 
     with run.timed("write"):
         style = _style(source, chosen, settings)
-    target = Path(output)
+    target, progress = Path(output), run.progress("frames")
     for k, frame in enumerate(_plot_frames(source, chosen, settings)):
         name = _numbered(output, k)
         if name == output and settings["time"] is None:
             name = str(target.with_name(f"{target.stem}_{k:04d}{target.suffix}"))
-        with run.drawing(name) as partial:
+        with run.drawing(name, progress=False) as partial:
             draw_frame(partial, frame, style, **options.page_size(settings["size"]))
+        progress(k + 1, len(chosen))
 
 
 def _series(run: Run, source: Trajectory, output: str, chosen: list[int]) -> None:
-    """Write a .pvd and, in a folder of its name, one .vtp for each frame."""
+    """Write a .pvd and, in a folder of its name, one .vtp for each frame and one for each obstacle."""
+    from ddgcli.mesh.fields import AnnotatedMesh
+
     folder = Path(output).with_suffix("")
     folder.mkdir(exist_ok=True)
     written = []
     for k in chosen:
-        name = folder / f"frame_{k:05d}.vtp"
-        run.write_file(str(name), _annotated(source, k))
-        written.append((float(source.times[k]), f"{folder.name}/{name.name}"))
+        parts = {f"frame_{k:05d}": _annotated(source, k)}
+        obstacles = source.obstacles(k).items()
+        parts |= {f"obstacle_{n:02d}_{k:05d}": AnnotatedMesh(m) for n, (_, m) in enumerate(obstacles)}
+        for part, (stem, annotated) in enumerate(parts.items()):
+            name = folder / f"{stem}.vtp"
+            run.write_file(str(name), annotated)
+            written.append((float(source.times[k]), part, f"{folder.name}/{name.name}"))
     from ddgcli.io.trajectories.trajectory import pvd_text
 
     run.write_bytes(output, pvd_text(written).encode())
@@ -241,9 +265,8 @@ def _plot_frames(source: Trajectory, chosen: list[int], settings: dict[str, Any]
     shown = None if hidden is None else hidden == 0
     for k in chosen:
         values = magnitude(source.vertex(k)[name]) if name else None
-        yield PlotFrame(
-            float(source.times[k]), visible_part(source.mesh.moved(source.points(k)), shown), values
-        )
+        mesh = visible_part(source.mesh.moved(source.points(k)), shown)
+        yield PlotFrame(float(source.times[k]), mesh, values, list(source.obstacles(k).values()))
 
 
 def _array_name(source: Trajectory, settings: dict[str, Any]) -> str | None:

@@ -8,6 +8,7 @@ import click
 
 from ddgcli.choices import FIELD_BOUNDARIES
 from ddgcli.cli import options
+from ddgcli.cli.commands.geodesic_curves import CURVE_FORMATS
 from ddgcli.cli.options import CommonOptions
 from ddgcli.cli.run import Run
 
@@ -16,6 +17,7 @@ if TYPE_CHECKING:
 
     from ddgcli.algorithms.hodge.hodge_analysis import HodgeAnalysis
     from ddgcli.algorithms.hodge.homology import Boundary
+    from ddgcli.mesh.curve import CurveSet
     from ddgcli.mesh.tet_mesh import TetMesh
     from ddgcli.mesh.triangle_mesh import TriangleMesh
 
@@ -34,6 +36,11 @@ if TYPE_CHECKING:
     help="Harmonic fields are tangential or normal to the boundary.",
 )
 @click.option("--basis", is_flag=True, help="Write an orthonormal harmonic basis: harmonic_000, ...")
+@click.option(
+    "--generators",
+    metavar="PATH",
+    help="Write the generators of the homology as closed polylines (.vtp, ...).",
+)
 @options.common
 def command(
     mesh_path: str,
@@ -41,6 +48,7 @@ def command(
     field_file: str | None,
     boundary: Boundary,
     basis: bool,
+    generators: str | None,
     common: CommonOptions,
 ) -> None:
     """Split a field on MESH into exact, coexact and harmonic parts.
@@ -49,18 +57,23 @@ def command(
     homology and, with --basis, the harmonic fields are computed.
 
     \b
-    Example:
+    Examples:
       ddgcli hodge torus.vtu --field wind -o parts.vtu
+      ddgcli hodge torus.vtu --generators loops.vtp
 
     Choosing a discretisation: vectors on faces split exactly at the least cost; vectors on vertices are
     averaged twice (accuracy.reconstruction_residual measures the loss). See docs/hodge.md.
     """
-    run = Run("hodge", common, field=field or field_file, boundary=boundary, basis=basis)
+    run = Run(
+        "hodge", common, field=field or field_file, boundary=boundary, basis=basis, generators=generators
+    )
+    run.plan_output(generators, CURVE_FORMATS)
     run.add_input(field_file)
     source = run.read(mesh_path, accept=("surface", "tetrahedra"))
 
     from ddgcli.algorithms.hodge.hodge_analysis import hodge_analysis
     from ddgcli.io.arrays import input_field
+    from ddgcli.mesh.fields import AnnotatedMesh
     from ddgcli.mesh.tet_mesh import TetMesh
     from ddgcli.mesh.triangle_mesh import TriangleMesh
 
@@ -71,8 +84,20 @@ def command(
     arrays = {**annotated.vertex, **(annotated.face if isinstance(mesh, TriangleMesh) else {})}
     name, values = run.picture_array(arrays, "potential")
     run.write(annotated, converged=analysis.converged)
+    if generators is not None:
+        run.write_file(generators, AnnotatedMesh(generator_curves(mesh, analysis.results["generators"])))
     run.plot(lambda path: draw(path, source.surface, name, values, analysis, mesh, run.picture_options))
     run.finish(analysis.results, analysis.accuracy, converged=analysis.converged)
+
+
+def generator_curves(mesh: TriangleMesh | TetMesh, loops: list[list[int]]) -> CurveSet:
+    """Closed polylines of edge loops, with the array `vertex` of the mesh's vertices."""
+    import numpy as np
+
+    from ddgcli.mesh.curve import CurveSet
+
+    closed = [np.array([*loop, loop[0]], dtype=np.int64) for loop in loops]
+    return CurveSet.from_paths([mesh.points[loop] for loop in closed], vertex=closed)
 
 
 def draw(

@@ -14,6 +14,7 @@ from ddgcli.cli.run import Run
 from ddgcli.errors import MeshFileError, ParameterError
 
 if TYPE_CHECKING:
+    from ddgcli.io.trajectories.trajectory import Trajectory
     from ddgcli.plots.web_page import ViewedObject
 
 TRAJECTORY_SUFFIXES = (".vtkhdf", ".h5", ".part")
@@ -57,8 +58,8 @@ def command(paths: tuple[str, ...], common: CommonOptions, every: int, array: st
         frames = _trajectory(run, path, every)
         if frames is not None and times:
             raise ParameterError("two trajectories have two clocks; view one at a time")
-        viewed, seconds = frames or (_static(run, path), [])
-        objects.append(viewed)
+        viewed, seconds = frames or ([_static(run, path)], [])
+        objects += viewed
         times = seconds or times
     names = sorted({name for viewed in objects for name in (*viewed.vertex, *viewed.face)})
     if array is not None:
@@ -93,8 +94,8 @@ def _drawable(values: Any) -> bool:
     return values.dtype.kind in "fiub" and values.ndim <= 2
 
 
-def _trajectory(run: Run, path: str, every: int) -> tuple[ViewedObject, list[float]] | None:
-    """Frames of a trajectory of ours; None for any other file."""
+def _trajectory(run: Run, path: str, every: int) -> tuple[list[ViewedObject], list[float]] | None:
+    """Frames of a trajectory of ours and its obstacles; None for any other file."""
     if Path(path).suffix.lower() not in TRAJECTORY_SUFFIXES:
         return None
     from ddgcli.io.trajectories.trajectory import Trajectory
@@ -124,4 +125,15 @@ def _trajectory(run: Run, path: str, every: int) -> tuple[ViewedObject, list[flo
         else:
             cells = mesh.boundary.faces if isinstance(mesh, TetMesh) else mesh.faces
         viewed = ViewedObject(Path(path).name, points, cells, vertex)
-        return viewed, [frame.time for frame in frames]
+        obstacles = [
+            ViewedObject(name, _obstacle_points(trajectory, name, numbers), body.faces)
+            for name, body in trajectory.obstacles().items()
+        ]
+        return [viewed, *obstacles], [frame.time for frame in frames]
+
+
+def _obstacle_points(trajectory: Trajectory, name: str, numbers: range) -> list[Any]:
+    """Positions of an obstacle in each frame; one entry if it does not move."""
+    places = [trajectory.obstacles(k)[name].points for k in numbers]
+    still = all((place == places[0]).all() for place in places[1:])
+    return places[:1] if still else places

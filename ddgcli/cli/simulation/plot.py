@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -43,8 +43,14 @@ class Picture:
     time_unit: str = "s"
 
 
-def draw_run(path: str, outcome: Outcome, picture: Picture, common: CommonOptions) -> None:
-    """Draw a few frames above the chart of energies."""
+def draw_run(
+    path: str,
+    outcome: Outcome,
+    picture: Picture,
+    common: CommonOptions,
+    obstacles: Sequence[TriangleMesh] = (),
+) -> None:
+    """Draw a few frames, with the obstacles, above the chart of energies."""
     from ddgcli.plots.motion import PlotFrame, draw_motion, sequence_style
 
     if common.show is not None:
@@ -54,7 +60,7 @@ def draw_run(path: str, outcome: Outcome, picture: Picture, common: CommonOption
     for frame in outcome.picture_frames:
         mesh = outcome.mesh if frame.points is None else outcome.mesh.moved(frame.points)
         values = None if picture.array is None else magnitude(frame.vertex[picture.array])
-        frames.append(PlotFrame(frame.time, visible_part(mesh, picture.shown), values))
+        frames.append(PlotFrame(frame.time, visible_part(mesh, picture.shown), values, obstacles))
     style = sequence_style(
         frames,
         picture.label,

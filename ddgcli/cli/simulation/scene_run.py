@@ -21,6 +21,7 @@ from ddgcli.cli.simulation.scene_input import (
     scene_document,
 )
 from ddgcli.cli.simulation.simulate import Job, formats, simulate
+from ddgcli.scenes.obstacle_meshes import obstacle_meshes
 from ddgcli.scenes.scene import Scene, SceneKind, resolve
 from ddgcli.scenes.sections import Document
 from ddgcli.simulation.account import Account, time_shares
@@ -109,17 +110,20 @@ def run_scene(
     job = Job(
         models, meshes, schedule, account, simulator.moving, call.resume,
         {"input_sha256": digest, "overrides": overrides, "folder": document.folder},
-        {"scene_source": document.source, "scene_resolved": resolved}, simulator.face(), simulator.doubt,
+        {"scene_source": document.source, "scene_resolved": resolved}, simulator.face(),
+        obstacle_meshes(scene.objects, meshes, mesh_reader(run, document)), simulator.doubt,
     )  # fmt: skip
-    _report(run, scene, simulator, account, simulate(run, job))
+    _report(run, scene, simulator, account, simulate(run, job), list(job.obstacles.values()))
 
 
-def _report(run: Run, scene: Scene, simulator: Physics, account: Account, outcome: Outcome) -> None:
+def _report(
+    run: Run, scene: Scene, simulator: Physics, account: Account, outcome: Outcome, obstacles: list[Any]
+) -> None:
     """Draw the picture and print the summary."""
     results, accuracy = simulator.summary(outcome)
     names = list(dict.fromkeys(effect.name for effect, _, _ in scene.effects))
     results["effects"], results["seconds_by_part"] = time_shares(account, names, outcome.seconds)
-    run.plot(lambda path: draw_run(path, outcome, simulator.picture(), run.common))
+    run.plot(lambda path: draw_run(path, outcome, simulator.picture(), run.common, obstacles))
     run.finish(results, accuracy, converged=not (outcome.failure or outcome.doubt))
 
 

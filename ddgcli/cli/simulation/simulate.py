@@ -44,6 +44,8 @@ class Job:
         For the group `ddgcli`.
     face : mapping of str to (m, ...) ndarray
         Constant arrays on faces of the joined mesh.
+    obstacles : mapping of str to TriangleMesh
+        Bodies around the moving ones.
     doubt : callable Outcome -> str
         Why a complete run is not to be trusted, or "".
     """
@@ -57,6 +59,7 @@ class Job:
     attributes: Mapping[str, Any] = field(default_factory=dict)
     texts: Mapping[str, str] = field(default_factory=dict)
     face: Mapping[str, NDArray] = field(default_factory=dict)
+    obstacles: Mapping[str, Any] = field(default_factory=dict)
     doubt: Callable[[Outcome], str] = lambda outcome: ""
 
 
@@ -119,8 +122,9 @@ def _open_trajectory(
 
     provenance = {"version": __version__, **{k: v for k, v in run.metadata.items() if k != "version"}}
     header = Header(
-        recorder.outcome.mesh, job.moving, cell, {**provenance, **job.attributes}, dict(job.texts)
-    )
+        recorder.outcome.mesh, job.moving, cell, {**provenance, **job.attributes}, dict(job.texts),
+        dict(job.obstacles),
+    )  # fmt: skip
     if job.resume is None:
         return TrajectoryWriter(target, header, job.schedule.frames), None
     with Trajectory(job.resume) as part:

@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 
 from ddgcli.errors import MeshFileError, excerpt
+from ddgcli.io.appearance import COLOR, UV, colors_of_fractions
 from ddgcli.io.readers.cells import NAMES, VTK_CELLS
 from ddgcli.io.readers.guarded import guarded
 from ddgcli.io.readers.inflate import check_zip
@@ -100,6 +101,7 @@ def content_by_trimesh(path: str, suffix: str) -> RawMesh:
         with _guarded():
             scene: Any = trimesh.load_scene(path, file_type=suffix[1:], process=False, maintain_order=True)
             parts = scene.dump() if scene.geometry else []
+            names = [scene.graph[node][1] for node in scene.graph.nodes_geometry]
     except (MeshFileError, MemoryError):
         raise
     except ImportError as error:
@@ -117,11 +119,44 @@ def content_by_trimesh(path: str, suffix: str) -> RawMesh:
     shift = np.cumsum([0] + [len(m.vertices) for m in meshes])
     raw = RawMesh(np.concatenate([np.asarray(m.vertices, dtype=np.float64) for m in meshes]))
     raw.add_faces(np.concatenate([np.asarray(m.faces) + s for m, s in zip(meshes, shift)]))
+    with _guarded():  # `dump` copies no vertex colours of textured meshes: ask the originals
+        visuals = [scene.geometry[name].visual for name, p in zip(names, parts) if hasattr(p, "faces")]
+        raw.vertex = _appearance(visuals, [len(m.vertices) for m in meshes])
     if len(meshes) > 1:
         raw.notes.append(f"{len(meshes)} parts of a scene put into one mesh; vertices are not merged")
     if suffix == ".dae":
         raw.notes.append("Collada numbers vertices by face corner: their order is that of first use")
     return raw
+
+
+def _appearance(visuals: list[Any], sizes: list[int]) -> dict[str, np.ndarray]:
+    """`uv` and `color` of the vertices of all parts; parts without have NaN and opaque white."""
+    uvs = [_rows_of(getattr(visual, "uv", None), n) for visual, n in zip(visuals, sizes)]
+    colors = [_vertex_colors(visual, n) for visual, n in zip(visuals, sizes)]
+    arrays = {}
+    if any(uv is not None for uv in uvs):
+        parts = [np.full((n, 2), np.nan) if uv is None else uv[:, :2] for uv, n in zip(uvs, sizes)]
+        arrays[UV] = np.concatenate(parts).astype(np.float64)
+    if any(color is not None for color in colors):
+        white = [np.full((n, 4), 255) if c is None else c for c, n in zip(colors, sizes)]
+        arrays[COLOR] = np.concatenate(white).astype(np.uint8)
+    return arrays
+
+
+def _vertex_colors(visual: Any, count: int) -> np.ndarray | None:
+    """(n, 4) colours on the vertices of a trimesh mesh."""
+    if visual.kind == "vertex":
+        return _rows_of(visual.vertex_colors, count)
+    stored = _rows_of(getattr(visual, "vertex_attributes", {}).get("color"), count)
+    if stored is None:
+        return None
+    stored = stored if stored.dtype == np.uint8 else colors_of_fractions(stored)
+    return stored if stored.shape[1] == 4 else np.column_stack([stored, np.full(count, 255)])
+
+
+def _rows_of(values: Any, count: int) -> np.ndarray | None:
+    """A table with one row a vertex, None if it is missing or has another length."""
+    return None if values is None or np.ndim(values) != 2 or len(values) != count else np.asarray(values)
 
 
 def _in_a_line(error: BaseException) -> str:

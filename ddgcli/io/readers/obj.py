@@ -1,4 +1,6 @@
-"""Wavefront OBJ: vertices, polygons and `l` polylines; materials, textures and normals are passed over.
+"""Wavefront OBJ: vertices with colours, polygons with texture coordinates, and `l` polylines.
+
+Materials and normals are passed over.
 
 Our own reader, because both third-party ones change the mesh: trimesh splits vertices at texture seams or
 reorders them, meshio refuses mixed polygons and relative indices.
@@ -12,17 +14,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.errors import MeshFileError
+from ddgcli.io.appearance import COLOR, colors_of_fractions
 from ddgcli.io.readers.raw_mesh import RawMesh
 from ddgcli.io.readers.text import rows, whole_numbers
 
 
 class _Element:
-    """Lines of one kind, their numbers, and how many vertices came before each (for relative indices)."""
+    """Lines of one kind, their numbers, and how many vertices and texture vertices came before each."""
 
     def __init__(self) -> None:
         self.lines: list[bytes] = []
         self.number: list[int] = []
         self.before: list[int] = []
+        self.textures_before: list[int] = []
 
 
 def read_obj(data: bytes) -> RawMesh:
@@ -33,9 +37,9 @@ def read_obj(data: bytes) -> RawMesh:
     data = data.replace(b"\t", b" ")
     if b"\\" in data:
         data = re.sub(rb"\\\r?\n", b" ", data)
-    vertices, faces, paths = _Element(), _Element(), _Element()
-    known = {b"v ": vertices, b"f ": faces, b"l ": paths}
-    n_vertices = 0
+    vertices, faces, paths, textures = _Element(), _Element(), _Element(), _Element()
+    known = {b"v ": vertices, b"f ": faces, b"l ": paths, b"vt": textures}
+    n_vertices = n_textures = 0
     for number, line in enumerate(data.splitlines()):
         element = known.get(line[:2])
         if element is None:
@@ -46,13 +50,23 @@ def read_obj(data: bytes) -> RawMesh:
         element.lines.append(line[2:])
         element.number.append(number)
         element.before.append(n_vertices)
+        element.textures_before.append(n_textures)
         n_vertices += element is vertices
-    points = _points(vertices)
+        n_textures += element is textures
+    points, colors = _points(vertices)
     if not len(points) and not faces.lines and re.search(rb"^\s*[^\s#]", data, re.M):
         raise MeshFileError("not an OBJ file: no vertices; check the extension")
     corners, sizes = _indices(faces, len(points), "face")
     along, path_sizes = _indices(paths, len(points), "polyline")
-    return RawMesh(points, corners, sizes, lines=_segments(along, path_sizes))
+    raw = RawMesh(points, corners, sizes, lines=_segments(along, path_sizes))
+    if colors is not None:
+        raw.vertex[COLOR] = colors_of_fractions(colors)
+    if textures.lines and len(sizes):
+        try:
+            raw.corner_uv = _corner_uv(faces, textures, sizes)
+        except MeshFileError as error:
+            raw.notes.append(f"texture coordinates omitted: {error}")
+    return raw
 
 
 def _without_comments(element: _Element) -> list[bytes]:
@@ -61,16 +75,39 @@ def _without_comments(element: _Element) -> list[bytes]:
     return element.lines
 
 
-def _points(vertices: _Element) -> NDArray[np.float64]:
+def _points(vertices: _Element) -> tuple[NDArray[np.float64], NDArray[np.float64] | None]:
+    """(n, 3) positions, and the colours that follow them if every vertex has one."""
     lines = _without_comments(vertices)
     values, count = rows(lines, vertices.number, "vertex")
     short = np.flatnonzero(count < 3)
     if len(short):
         raise MeshFileError(f"line {vertices.number[short[0]] + 1}: a vertex needs three numbers")
     if len(count) == 0:
-        return np.zeros((0, 3))
+        return np.zeros((0, 3)), None
     first = np.cumsum(count) - count
-    return values[first[:, None] + np.arange(3)]
+    colors = values.reshape(-1, 6)[:, 3:] if (count == 6).all() else None
+    return values[first[:, None] + np.arange(3)], colors
+
+
+def _corner_uv(faces: _Element, textures: _Element, sizes: NDArray) -> NDArray | None:
+    """(c, 2) texture coordinates of the corners, NaN where a corner names none; None if no corner does."""
+    text = b"\n".join(_without_comments(faces))
+    if b"/" not in text:
+        return None
+    text = re.sub(rb"(?<![^ \n])([^ /\n\r]+)(?=[ \n\r]|$|//)", rb"\1/0", text)  # corners without a number
+    text = re.sub(rb"[^ /\n\r]+/(-?\d*)[^ \n\r]*", rb"\1", text)
+    values, counts = rows(text.split(b"\n"), faces.number, "face")
+    table, width = rows(_without_comments(textures), textures.number, "texture vertex")
+    if not np.array_equal(counts, sizes) or width.min() < 2:
+        raise MeshFileError("a corner or a texture vertex lacks a number")
+    index, n = whole_numbers(values, "texture vertex"), len(width)
+    before = np.repeat(np.array(faces.textures_before, dtype=np.int64), sizes)
+    number = np.where(index > 0, index - 1, np.where(index < 0, before + index, n))
+    if ((number < 0) | (number > n)).any() or (index > n).any():
+        raise MeshFileError(f"a corner names a texture vertex outside 1..{n}")
+    first = np.cumsum(width) - width
+    uv = np.vstack([table[first[:, None] + np.arange(2)], [[np.nan, np.nan]]])
+    return uv[number]
 
 
 def _indices(element: _Element, n_points: int, what: str) -> tuple[NDArray, NDArray]:

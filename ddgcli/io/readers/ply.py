@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.errors import MeshFileError, excerpt
+from ddgcli.io.appearance import COLOR, UV
 from ddgcli.io.readers.raw_mesh import RawMesh
 from ddgcli.io.readers.text import numbers, ragged, typed, whole_numbers
 
@@ -303,14 +304,17 @@ def _raw(columns: dict[str, Columns]) -> RawMesh:
         points = np.stack([np.asarray(vertex.pop(c), dtype=np.float64) for c in "xyz"], axis=1)
     else:
         points = np.zeros((0, 3))
-    raw = RawMesh(points, vertex=_scalars(vertex))
+    raw = RawMesh(points, vertex=_with_appearance(_scalars(vertex)))
     face = dict(columns.get("face", {}))
     corners = next((face.pop(k) for k in ("vertex_indices", "vertex_index") if k in face), None)
     if corners is not None and not isinstance(corners, tuple):
         raise MeshFileError("'vertex_indices' of the PLY faces is no list; correct the header")
     if corners is not None:
         raw.corners, raw.sizes = whole_numbers(np.asarray(corners[0]), "vertex number"), corners[1]
-        raw.face = _scalars(face)
+        raw.face = _with_appearance(_scalars(face))
+        texture = face.get("texcoord")
+        if isinstance(texture, tuple) and np.array_equal(texture[1], 2 * raw.sizes):
+            raw.corner_uv = np.asarray(texture[0], dtype=np.float64).reshape(-1, 2)
     for members, _ in (v for v in columns.get("tristrips", {}).values() if isinstance(v, tuple)):
         raw.add_faces(_strips(whole_numbers(np.asarray(members), "vertex number")))
     edge = columns.get("edge", {})
@@ -334,6 +338,17 @@ def _scalars(columns: Columns) -> dict[str, NDArray]:
         parts = [f"{stem}_{c}" for c in "xyz"] if last == "x" else _counted(stem, arrays)
         if len(parts) > 1 and all(p in arrays for p in parts):
             arrays[stem] = np.stack([arrays.pop(p) for p in parts], axis=1)
+    return arrays
+
+
+def _with_appearance(arrays: dict[str, NDArray]) -> dict[str, NDArray]:
+    """`red green blue (alpha)` of bytes as one array `color`; `s t` or `texture_u texture_v` as `uv`."""
+    channels = [name for name in ("red", "green", "blue", "alpha") if name in arrays]
+    if channels[:3] == ["red", "green", "blue"] and all(arrays[c].dtype == np.uint8 for c in channels):
+        arrays[COLOR] = np.stack([arrays.pop(c) for c in channels], axis=1)
+    for u, v in (("s", "t"), ("texture_u", "texture_v")):
+        if u in arrays and v in arrays and UV not in arrays:
+            arrays[UV] = np.stack([arrays.pop(u), arrays.pop(v)], axis=1)
     return arrays
 
 

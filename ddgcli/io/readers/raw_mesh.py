@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.errors import MeshFileError, excerpt
+from ddgcli.io.appearance import CORNER_UV, UV, corner_uv, uv_of_corners
 from ddgcli.io.readers.triangulate import triangulated
 from ddgcli.mesh.curve import CurveSet
 from ddgcli.mesh.tet_mesh import TetMesh
@@ -31,6 +32,8 @@ class RawMesh:
     tetrahedra : (k, 4), lines : (l, 2) ndarray of int64
     vertex, face, cell, line, edge, whole : dict of str to ndarray
         Arrays on points, polygons, tetrahedra, segments, edges of the surface, and the whole.
+    corner_uv : (c, 2) ndarray, or None
+        Texture coordinates of the corners of the polygons; NaN where a corner has none.
     input_vertex : (c,) ndarray of int64, or None
         Vertex of the mesh for each vertex of the file, where the format needed a merge.
     notes : list of str
@@ -48,6 +51,7 @@ class RawMesh:
     line: dict[str, NDArray] = field(default_factory=dict)
     edge: dict[str, NDArray] = field(default_factory=dict)
     whole: dict[str, NDArray] = field(default_factory=dict)
+    corner_uv: NDArray | None = None
     input_vertex: NDArray | None = None
     notes: list[str] = field(default_factory=list)
 
@@ -85,12 +89,23 @@ def assembled(raw: RawMesh) -> tuple[InputMesh, dict[str, NDArray], NDArray | No
 
 def _surface(raw: RawMesh) -> tuple[TriangleMesh, dict[str, NDArray], NDArray | None]:
     if (raw.sizes == 3).all():
-        return TriangleMesh.from_arrays(raw.points, raw.corners.reshape(-1, 3)), raw.face, None
+        faces = raw.corners.reshape(-1, 3)
+        mesh = TriangleMesh.from_arrays(raw.points, faces)
+        if CORNER_UV in raw.face and (stored := corner_uv(raw.face)) is not None:
+            raw.face[CORNER_UV] = stored
+        return mesh, {**raw.face, **_textured(raw, faces, np.arange(faces.size))}, None
     check_faces(raw.corners[: len(raw.corners) // 3 * 3].reshape(-1, 3), len(raw.points))
     check_faces(
         raw.corners[-3:].reshape(-1, 3) if len(raw.corners) > 2 else np.zeros((0, 3)), len(raw.points)
     )
-    faces, polygon = triangulated(np.asarray(raw.points, dtype=np.float64), raw.corners, raw.sizes)
+    points = np.asarray(raw.points, dtype=np.float64)
+    if raw.corner_uv is None:
+        faces, polygon = triangulated(points, raw.corners, raw.sizes)
+        textures: dict[str, NDArray] = {}
+    else:  # the same triangles, as numbers of corners
+        corner, polygon = triangulated(points[raw.corners], np.arange(len(raw.corners)), raw.sizes)
+        faces = raw.corners[corner]
+        textures = _textured(raw, faces, corner.ravel())
     large, small = np.flatnonzero(raw.sizes > 3), np.flatnonzero(raw.sizes < 3)
     if len(large):
         raw.notes.append(
@@ -99,7 +114,17 @@ def _surface(raw: RawMesh) -> tuple[TriangleMesh, dict[str, NDArray], NDArray | 
     if len(small):
         raw.notes.append(f"{len(small)} faces of fewer than three corners omitted (first: face {small[0]})")
     mesh = TriangleMesh.from_arrays(raw.points, faces)
-    return mesh, {name: value[polygon] for name, value in raw.face.items()}, polygon
+    return mesh, {**{name: value[polygon] for name, value in raw.face.items()}, **textures}, polygon
+
+
+def _textured(raw: RawMesh, faces: NDArray, corner: NDArray) -> dict[str, NDArray]:
+    """`corner_uv` of the triangles; where every vertex has one value the vertex array `uv` instead."""
+    if raw.corner_uv is None or not len(faces):
+        return {}
+    uv, seams = uv_of_corners(faces, raw.corner_uv[corner].reshape(-1, 3, 2), len(raw.points))
+    if uv is not None:
+        raw.vertex[UV] = uv
+    return {} if seams is None else {CORNER_UV: seams}
 
 
 def _keep_numbers(raw: RawMesh) -> None:

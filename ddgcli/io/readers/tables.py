@@ -33,6 +33,8 @@ def read_csv(data: bytes) -> RawMesh:
         and re.search(rb"[A-Za-z_]{2}|^[xyzXYZ] ", lines[0])
         and not re.search(rb"(?i)nan|inf", lines[0])
     ):
+        if lines[0].split()[:4] == [b"vertex", b"x", b"y", b"z"]:
+            raise MeshFileError("a table of vertices, which holds no faces; name the mesh file")
         del lines[0], number[0]
     if not lines:
         raise MeshFileError("no rows; a curve needs 2 or 3 columns of numbers")

@@ -49,6 +49,8 @@ class Header:
         `version`, `command_line`, `input_sha256`, ...
     texts : dict of str to str
         `scene_source`, `scene_resolved`, ...
+    obstacles : dict of str to TriangleMesh
+        Bodies around the moving ones, at the start; `obstacle_pose_NAME` of the frames moves them.
     """
 
     mesh: TriangleMesh | TetMesh | CurveSet
@@ -56,6 +58,7 @@ class Header:
     cell: dict[str, NDArray] = field(default_factory=dict)
     attributes: dict[str, Any] = field(default_factory=dict)
     texts: dict[str, str] = field(default_factory=dict)
+    obstacles: dict[str, TriangleMesh] = field(default_factory=dict)
 
 
 def shapes_of(frame: Frame, checkpoint: dict[str, NDArray], effects: NDArray) -> tuple:
@@ -126,7 +129,8 @@ def room_for(
 
 def static_bytes(header: Header) -> int:
     """About how much `static` writes."""
-    arrays = (header.mesh.points, cells_of(header.mesh), *header.cell.values())
+    obstacles = [array for mesh in header.obstacles.values() for array in (mesh.points, mesh.faces)]
+    arrays = (header.mesh.points, cells_of(header.mesh), *header.cell.values(), *obstacles)
     texts = (*header.texts.values(), *map(str, header.attributes.values()))
     return sum(np.asarray(a).size * 8 for a in arrays) + sum(len(text) * 4 for text in texts)
 
@@ -160,6 +164,11 @@ def static(file: h5py.File, header: Header) -> None:
         ours.attrs[name] = value if isinstance(value, (int, float, str)) else json.dumps(value)
     for name, text in header.texts.items():
         ours.create_dataset(name, data=text, dtype=h5py.string_dtype("utf-8"))
+    for number, (name, obstacle) in enumerate(header.obstacles.items()):
+        group = ours.create_group(f"obstacles/{number:03d}")
+        group.attrs["name"] = name
+        group.create_dataset("points", data=np.asarray(obstacle.points))
+        group.create_dataset("faces", data=np.asarray(obstacle.faces))
     mesh = header.mesh
     root.create_dataset("NumberOfPoints", data=np.array([mesh.n_vertices], dtype=np.int64))
     if not header.moving:

@@ -70,6 +70,10 @@ def _check(file: Any) -> None:
     for name, length in (("PointData", count * n), ("CellData", n_cells), ("FieldData", count)):
         for array in _group(root, name):
             _rows(_group(root, name), array, length, "fiub", None)
+    for obstacle in ours.get("obstacles", {}).values():
+        points, faces = _rows(obstacle, "points", 0, "f", (3,)), _rows(obstacle, "faces", 0, "iu", (3,))
+        if len(faces) and not 0 <= int(faces[...].min()) <= int(faces[...].max()) < len(points):
+            raise MeshFileError("an obstacle names a point that it has not")
     for name in ours.attrs:
         value = ours.attrs[name]
         if isinstance(value, bytes):

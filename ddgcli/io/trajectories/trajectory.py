@@ -92,6 +92,18 @@ class Trajectory:
         """Arrays on faces, the same in every frame."""
         return {name: values[...] for name, values in self._root["CellData"].items()}
 
+    def obstacles(self, k: int = 0) -> dict[str, TriangleMesh]:
+        """Bodies around the moving ones in frame k, by name."""
+        obstacles = {}
+        for group in self._ours.get("obstacles", {}).values():
+            name = str(_plain(group.attrs["name"]))
+            points, pose = group["points"][...], self._root["FieldData"].get(f"obstacle_pose_{name}")
+            if pose is not None:  # rotation by rows, then translation
+                row = pose[k]
+                points = points @ row[:9].reshape(3, 3).T + row[9:12]
+            obstacles[name] = TriangleMesh.from_arrays(points, group["faces"][...])
+        return obstacles
+
     @property
     def scalars(self) -> dict[str, NDArray]:
         """(T, k) or (T,) numbers of every frame, by name."""
@@ -155,9 +167,12 @@ def _mesh_of_cells(
     return TriangleMesh.from_arrays(points, corners.reshape(-1, 3))
 
 
-def pvd_text(files: list[tuple[float, str]]) -> str:
-    """A ParaView series of (time, file)."""
-    lines = [f'    <DataSet timestep="{time!r}" part="0" file="{escape(name)}"/>' for time, name in files]
+def pvd_text(files: list[tuple[float, int, str]]) -> str:
+    """A ParaView series of (time, part, file)."""
+    lines = [
+        f'    <DataSet timestep="{time!r}" part="{part}" file="{escape(name)}"/>'
+        for time, part, name in files
+    ]
     head = '<?xml version="1.0"?>\n<VTKFile type="Collection" version="0.1">\n  <Collection>\n'
     return head + "\n".join(lines) + "\n  </Collection>\n</VTKFile>\n"
 

@@ -120,12 +120,14 @@ def short_integers(value: NDArray) -> NDArray:
     return value.astype(np.float64)
 
 
-def warn_of_lost_arrays(data: CellData, suffix: str) -> None:
-    """Warn about arrays that a format cannot hold."""
-    lost = [*data.vertex, *data.cell]
+def warn_of_lost_arrays(
+    data: CellData, suffix: str, *, held: tuple[str, ...] = (), what: str = "arrays"
+) -> None:
+    """Warn about arrays that a format cannot hold; it holds those of the names `held`."""
+    lost = [name for name in (*data.vertex, *data.cell) if name not in held]
     if lost:
         names = ", ".join(lost[:4]) + (", ..." if len(lost) > 4 else "")
-        log.warning(f"{suffix} cannot hold arrays ({names}); write .vtu, .ply or .npz to keep them")
+        log.warning(f"{suffix} cannot hold {what} ({names}); write .vtu, .ply or .npz to keep them")
 
 
 def surface_only(data: CellData, suffix: str) -> CellData:

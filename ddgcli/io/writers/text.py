@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from ddgcli.io.appearance import COLOR, CORNER_UV, NAMES, UV, color, corner_uv, vertex_uv
 from ddgcli.io.writers.cell_data import (
     CellData,
     free_name,
@@ -27,7 +28,11 @@ PLY_TYPES = {
 
 
 def ply_bytes(data: CellData) -> bytes:
-    """Binary little-endian PLY; a vector array `a` becomes the properties `a_x`, `a_y`, `a_z`."""
+    """Binary little-endian PLY; a vector array `a` becomes the properties `a_x`, `a_y`, `a_z`.
+
+    `color` becomes `red`, `green`, `blue`, `uv` becomes `s`, `t`, and `corner_uv` the list `texcoord` of
+    faces, as other programs have them.
+    """
     if data.kind == "tetrahedra":
         data = surface_only(data, ".ply")
     vertices = [("x", data.points[:, 0]), ("y", data.points[:, 1]), ("z", data.points[:, 2])]
@@ -36,15 +41,22 @@ def ply_bytes(data: CellData) -> bytes:
     header += [f"element vertex {len(data.points)}", *_properties(vertices)]
     index = "<i4"
     if data.kind == "faces":
-        columns = _columns(data.cell, {"vertex_indices", "vertex_index"})
+        texture = corner_uv(data.cell)
+        plain = {name: value for name, value in data.cell.items() if texture is None or name != CORNER_UV}
+        columns = _columns(plain, {"vertex_indices", "vertex_index", "texcoord"})
         header += [
             f"element face {len(data.cells)}",
             "property list uchar int vertex_indices",
+            *([] if texture is None else ["property list uchar float texcoord"]),
             *_properties(columns),
         ]
         fields: list = [("list count", "u1"), ("list members", index, (3,))]  # no property has a space
+        if texture is not None:
+            fields += [("texture count", "u1"), ("texture members", "<f4", (6,))]
         table = np.zeros(len(data.cells), dtype=fields + [(n, v.dtype.newbyteorder("<")) for n, v in columns])
         table["list count"], table["list members"] = 3, data.cells
+        if texture is not None:
+            table["texture count"], table["texture members"] = 6, texture.reshape(-1, 6)
     else:
         columns = [("vertex1", data.cells[:, 0].astype("<i4")), ("vertex2", data.cells[:, 1].astype("<i4"))]
         columns += _columns(data.cell, {"vertex1", "vertex2"})
@@ -72,6 +84,11 @@ def _columns(arrays: dict[str, NDArray], used: set[str]) -> list[tuple[str, NDAr
     for name, value in arrays.items():
         flat = short_integers(two_dimensional(value))
         name = "_".join(name.split())
+        standard = _standard_names(arrays, name)
+        if standard and not used & set(standard):
+            used |= set(standard)
+            columns += [(end, flat[:, k]) for k, end in enumerate(standard)]
+            continue
         if flat.ndim == 1:
             columns.append((free_name(name, used, ".ply"), flat))
             continue
@@ -80,20 +97,53 @@ def _columns(arrays: dict[str, NDArray], used: set[str]) -> list[tuple[str, NDAr
     return columns
 
 
+def _standard_names(arrays: dict[str, NDArray], name: str) -> tuple[str, ...]:
+    """Properties by which other programs know colours and texture coordinates; none for other arrays."""
+    if name == COLOR and (colors := color(arrays)) is not None:
+        return ("red", "green", "blue", "alpha")[: colors.shape[1]]
+    return ("s", "t") if name == UV and vertex_uv(arrays) is not None else ()
+
+
 def obj_bytes(data: CellData) -> bytes:
-    """Wavefront OBJ; faces as `f`, curves as `l`, coordinates in the shortest form that reads back equal."""
+    """Wavefront OBJ; faces as `f`, curves as `l`, coordinates in the shortest form that reads back equal.
+
+    Colours follow the positions, as numbers from 0 to 1; texture coordinates are `vt` lines.
+    """
     if data.kind == "tetrahedra":
         data = surface_only(data, ".obj")
-    warn_of_lost_arrays(data, ".obj")
-    lines = [f"# ddgcli {data.provenance}\n", _rows("v %r %r %r\n", data.points)]
-    if data.kind == "faces":
-        lines.append(_rows("f %d %d %d\n", data.cells + 1))
+    warn_of_lost_arrays(data, ".obj", held=NAMES)
+    colors = color(data.vertex)
+    lines = [f"# ddgcli {data.provenance}\n"]
+    if colors is None:
+        lines.append(_rows("v %r %r %r\n", data.points))
     else:
-        lines += [f"l {' '.join(map(str, path + 1))}\n" for path in _paths(data.cells)]
+        lines.append(_rows("v %r %r %r %.6g %.6g %.6g\n", np.hstack([data.points, colors[:, :3] / 255.0])))
+    if data.kind == "faces":
+        lines += _textured_faces(data)
+    else:
+        lines += [f"l {' '.join(map(str, path + 1))}\n" for path in paths_of(data.cells)]
     return "".join(lines).encode()
 
 
-def _paths(segments: NDArray) -> list[NDArray]:
+def _textured_faces(data: CellData) -> list[str]:
+    """`vt` and `f` lines; corners without texture coordinates (NaN) have a vertex only."""
+    uv, seams = vertex_uv(data.vertex), corner_uv(data.cell)
+    if uv is None and seams is None:
+        return [_rows("f %d %d %d\n", data.cells + 1)]
+    corner = (uv[data.cells] if uv is not None else seams).reshape(-1, 2)  # type: ignore[union-attr]
+    if uv is not None and not np.isnan(uv).any():
+        table, number = uv, data.cells.ravel()
+    else:
+        table, number = np.unique(corner, axis=0, return_inverse=True)
+    pairs = np.column_stack([data.cells.ravel() + 1, np.ravel(number) + 1]).reshape(-1, 6)
+    bare = np.isnan(corner).any(axis=1).reshape(-1, 3).any(axis=1)
+    faces = np.full(len(pairs), "", dtype=object)
+    faces[~bare] = _rows("f %d/%d %d/%d %d/%d\n", pairs[~bare]).splitlines(keepends=True)
+    faces[bare] = _rows("f %d %d %d\n", data.cells[bare] + 1).splitlines(keepends=True)
+    return [_rows("vt %r %r\n", np.nan_to_num(table)), *faces]
+
+
+def paths_of(segments: NDArray) -> list[NDArray]:
     """Segments that follow one another joined to polylines."""
     if len(segments) == 0:
         return []

@@ -7,12 +7,14 @@ from __future__ import annotations
 
 import base64
 import io
+from dataclasses import replace
 from xml.sax.saxutils import escape, quoteattr
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.io.writers.cell_data import CellData, short_integers, surface_only, two_dimensional
+from ddgcli.io.writers.text import paths_of
 
 VTK_TYPE = {"faces": 5, "tetrahedra": 10, "lines": 3}
 NAMES = {
@@ -37,15 +39,36 @@ def vtu_bytes(content: CellData) -> bytes:
 
 
 def vtp_bytes(content: CellData) -> bytes:
-    """VTK XML PolyData."""
+    """VTK XML PolyData; curves are one polyline a path, with `path_id` on the cells too.
+
+    Arrays on segments that vary along a path keep one cell a segment.
+    """
     if content.kind == "tetrahedra":
         content = surface_only(content, ".vtp")
-    tag = "Polys" if content.kind == "faces" else "Lines"
-    counts = " ".join(
-        f'NumberOf{t}="{len(content.cells) if t == tag else 0}"'
-        for t in ("Verts", "Lines", "Strips", "Polys")
-    )
-    return _xml(content, "PolyData", counts, [f"<{tag}>", *_cells(content.cells), f"</{tag}>"])
+    if content.kind == "lines":
+        return _polyline_bytes(content)
+    counts = _counts(polys=len(content.cells))
+    return _xml(content, "PolyData", counts, ["<Polys>", *_cells(content.cells), "</Polys>"])
+
+
+def _polyline_bytes(content: CellData) -> bytes:
+    paths = paths_of(content.cells)
+    first = np.cumsum([0, *(len(path) - 1 for path in paths)])[:-1]  # segment
+    inside = np.setdiff1d(np.arange(1, len(content.cells)), first)
+    if any((value[inside] != value[inside - 1]).any() for value in content.cell.values()):
+        counts = _counts(lines=len(content.cells))
+        return _xml(content, "PolyData", counts, ["<Lines>", *_cells(content.cells), "</Lines>"])
+    heads = np.array([path[0] for path in paths], dtype=np.int64)
+    number = content.vertex["path_id"][heads] if "path_id" in content.vertex else np.arange(len(paths))
+    cell = {"path_id": number, **{name: value[first] for name, value in content.cell.items()}}
+    corners = np.concatenate(paths) if paths else np.zeros(0, dtype=np.int64)
+    ends = np.cumsum([len(path) for path in paths], dtype=np.int64)
+    lines = ["<Lines>", _array("connectivity", corners), _array("offsets", ends), "</Lines>"]
+    return _xml(replace(content, cell=cell), "PolyData", _counts(lines=len(paths)), lines)
+
+
+def _counts(lines: int = 0, polys: int = 0) -> str:
+    return f'NumberOfVerts="0" NumberOfLines="{lines}" NumberOfStrips="0" NumberOfPolys="{polys}"'
 
 
 def _xml(content: CellData, kind: str, counts: str, cells: list[str]) -> bytes:

@@ -1,0 +1,33 @@
+"""Bytes of .csv files: one row a vertex."""
+
+from __future__ import annotations
+
+from ddgcli.io.writers.cell_data import CellData, free_name, two_dimensional, warn_of_lost_arrays
+
+
+def csv_bytes(data: CellData) -> bytes:
+    """Columns `vertex`, `x`, `y`, `z` and the arrays on vertices; a vector `a` becomes `a_x`, `a_y`, `a_z`.
+
+    Numbers are in the shortest form that reads back equal; faces and arrays on faces are left out.
+    """
+    warn_of_lost_arrays(data, ".csv", held=tuple(data.vertex), what="faces and their arrays")
+    columns: list[tuple[str, list]] = [("vertex", list(range(len(data.points))))]
+    columns += [(name, data.points[:, k].tolist()) for k, name in enumerate("xyz")]
+    used = {name for name, _ in columns}
+    for name, value in data.vertex.items():
+        table = two_dimensional(value)
+        if table.ndim == 1:
+            columns.append((free_name(name, used, ".csv"), table.tolist()))
+            continue
+        ends = "xyz" if table.shape[1] == 3 else [str(k) for k in range(table.shape[1])]
+        columns += [
+            (free_name(f"{name}_{end}", used, ".csv"), table[:, k].tolist()) for k, end in enumerate(ends)
+        ]
+    head = ",".join(_quoted(name) for name, _ in columns)
+    form = ",".join(["%r"] * len(columns)) + "\n"
+    rows = "".join(form % row for row in zip(*(values for _, values in columns), strict=True))
+    return f"{head}\n{rows}".encode()
+
+
+def _quoted(name: str) -> str:
+    return '"' + name.replace('"', '""') + '"' if any(c in name for c in ',"\n') else name
