@@ -19,6 +19,7 @@ from ddgcli.scenes.units import parse_quantity
     ("9.81 m/s^2", "m/s^2", 9.81), ("-5", "m", -5.0), ("2e3 N/m", "N/m", 2e3), ("180 deg", "rad", math.pi),
     ("1 MPa", "N/m^2", 1e6), ("3 min", "s", 180.0), ("5 kHz", "1/s", 5e3), ("1 N mm", "N m", 1e-3),
     ("12 in", "m", 0.3048), ("1.5 1/s", "1/s", 1.5), (2, "m", 2.0), ("50", "", 50.0), ("10 µm", "m", 1e-5),
+    ("1.5 cm", "m", 0.015), ("2 dm", "m", 0.2), ("5 nm", "m", 5e-9), ("7 um", "m", 7e-6),
 ])  # fmt: skip
 def test_quantities_are_converted_exactly(text, unit, value):
     assert parse_quantity(text, unit) == pytest.approx(value, rel=1e-15)

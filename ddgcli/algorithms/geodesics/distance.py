@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ddgcli.algorithms.geodesics.edge_distance import downhill_source
 from ddgcli.algorithms.geodesics.sources import Sources, VertexDistances, check_sources
 from ddgcli.choices import DISTANCE_METHODS, HEAT_OPERATORS
 from ddgcli.errors import MeshError, ParameterError
@@ -349,41 +350,6 @@ def distance_gradient(mesh: TriangleMesh, distance: NDArray) -> NDArray[np.float
     reached = np.isfinite(distance)
     values = (gradient(mesh) @ np.where(reached, distance, 0.0)).reshape(-1, 3)
     return np.where(reached[mesh.faces].all(axis=1)[:, None], values, 0.0)
-
-
-def downhill_source(mesh: SurfaceMesh, distance: NDArray, sources: Sources) -> NDArray[np.int64]:
-    """(n,) number of the source at the end of steepest descent along edges from each vertex.
-
-    Vertices whose descent ends elsewhere (an approximate distance may have other minima) take the nearest
-    source along edges; -1 where the distance is inf.
-    """
-    from ddgcli.algorithms.geodesics.edge_distance import edge_distance
-
-    n = mesh.n_vertices
-    reached = np.isfinite(distance)
-    if len(sources) == 1:
-        return np.where(reached, 0, -1)
-    tail, head = mesh.topology.side_tail, mesh.topology.side_head
-    a, b = np.concatenate([tail, head]), np.concatenate([head, tail])
-    length = np.tile(mesh.side_length.ravel(), 2)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        slope = (distance[a] - distance[b]) / length
-    down = np.flatnonzero(slope > 0)
-    order = down[np.lexsort((-slope[down], a[down]))]
-    vertex, first = np.unique(a[order], return_index=True)
-    foot = np.arange(n)
-    foot[vertex] = b[order[first]]
-    label = np.full(n, -1, dtype=np.int64)
-    for number in range(len(sources) - 1, -1, -1):
-        label[sources.corners(mesh, number)] = number
-    foot[label >= 0] = np.flatnonzero(label >= 0)
-    while not np.array_equal(foot[foot], foot):
-        foot = foot[foot]
-    nearest = label[foot]
-    missing = reached & (nearest < 0)
-    if missing.any():
-        nearest[missing] = edge_distance(mesh, sources).nearest_source[missing]
-    return np.where(reached, nearest, -1)
 
 
 def report_unreachable(mesh: SurfaceMesh, distance: NDArray) -> int:

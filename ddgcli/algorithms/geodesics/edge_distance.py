@@ -90,3 +90,36 @@ def edge_distance(
     root = np.where(reached, root[:n], -1)
     before = np.where((before[:n] >= 0) & (before[:n] < n), before[:n], -1).astype(np.int64)
     return EdgeDistance(distance[:n], number[root], before)
+
+
+def downhill_source(mesh: SurfaceMesh, distance: NDArray, sources: Sources) -> NDArray[np.int64]:
+    """(n,) number of the source at the end of steepest descent along edges from each vertex.
+
+    Vertices whose descent ends elsewhere (an approximate distance may have other minima) take the nearest
+    source along edges; -1 where the distance is inf.
+    """
+    n = mesh.n_vertices
+    reached = np.isfinite(distance)
+    if len(sources) == 1:
+        return np.where(reached, 0, -1)
+    tail, head = mesh.topology.side_tail, mesh.topology.side_head
+    a, b = np.concatenate([tail, head]), np.concatenate([head, tail])
+    length = np.tile(mesh.side_length.ravel(), 2)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        slope = (distance[a] - distance[b]) / length
+    down = np.flatnonzero(slope > 0)
+    order = down[np.lexsort((-slope[down], a[down]))]
+    vertex, first = np.unique(a[order], return_index=True)
+    foot = np.arange(n)
+    foot[vertex] = b[order[first]]
+    label = np.full(n, -1, dtype=np.int64)
+    for number in range(len(sources) - 1, -1, -1):
+        label[sources.corners(mesh, number)] = number
+    foot[label >= 0] = np.flatnonzero(label >= 0)
+    while not np.array_equal(foot[foot], foot):
+        foot = foot[foot]
+    nearest = label[foot]
+    missing = reached & (nearest < 0)
+    if missing.any():
+        nearest[missing] = edge_distance(mesh, sources).nearest_source[missing]
+    return np.where(reached, nearest, -1)
