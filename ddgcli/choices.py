@@ -11,6 +11,7 @@ CURVATURE_SCHEMES = ("quadric", "corrected", "normal-cycle", "cotan")
 LAPLACE_OPERATORS = ("cotan", "intrinsic-delaunay", "tufted", "uniform")
 MASSES = ("lumped", "voronoi", "galerkin")
 SMOOTHING_FLOWS = ("mean-curvature", "conformalized")
+EVOLUTIONS = ("heat", "wave")  # equations in time
 PARAMETERIZATIONS = ("harmonic", "conformal")
 
 HODGE_STARS = ("galerkin", "circumcentric", "barycentric")

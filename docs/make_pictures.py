@@ -29,6 +29,9 @@ COMMANDS: dict[str, list[str]] = {
         *("--fan-length", "5.2", "--view", "10,320"),
     ],
     "delaunay": ["delaunay", "sample_meshes/bad_torus.ply"],
+    "laplacian-wave": [
+        *("laplacian", "sample_meshes/frame.off", "--wave", "0", "--duration", "1.2", "--dt", "0.01"),
+    ],
     "laplacian": ["laplacian", "sample_meshes/frame.off", "--hks", "0.1"],
     "hodge": ["hodge", "sample_meshes/frame.off"],
     "willmore-flow": ["willmore-flow", "sample_meshes/ellipsoid.ply", "-o", "{folder}/round.vtkhdf"],

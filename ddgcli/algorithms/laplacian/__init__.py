@@ -1,7 +1,7 @@
 """Equations of the Laplacian on surfaces.
 
-`choice` assembles the operator and its mass; `poisson`, `spectrum`, `parameterize` and `smooth` solve with
-them; `report` runs the tasks of one call.
+`laplace_operator` assembles the operator and its mass; `poisson`, `spectrum`, `parameterize`, `smooth` and
+`evolution` (heat and wave equation in time) solve with them; `tasks` runs the tasks of one call.
 """
 
-__all__ = ["laplace_operator", "parameterize", "poisson", "smooth", "spectrum", "tasks"]
+__all__ = ["evolution", "laplace_operator", "parameterize", "poisson", "smooth", "spectrum", "tasks"]

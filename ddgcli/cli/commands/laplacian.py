@@ -8,6 +8,12 @@ import click
 
 from ddgcli.choices import LAPLACE_OPERATORS, MASSES, PARAMETERIZATIONS, SMOOTHING_FLOWS
 from ddgcli.cli import options
+from ddgcli.cli.commands.laplacian_evolution import (
+    EvolutionOptions,
+    evolution_options,
+    start_of,
+    write_evolution,
+)
 from ddgcli.cli.options import CommonOptions, Real
 from ddgcli.cli.run import Run
 from ddgcli.errors import ParameterError
@@ -18,6 +24,7 @@ if TYPE_CHECKING:
     from ddgcli.algorithms.laplacian.tasks import LaplacianResult
     from ddgcli.io.mesh_file import MeshInput
 
+OPERATOR_OPTIONS = ("operator", "mass")  # the other options are tasks
 MATRIX_FORMATS = (".npz", ".mtx")
 
 
@@ -96,11 +103,12 @@ class FixedValue(click.ParamType):
     metavar="T...",
     help="Heat kernel signatures at these times: hks_000, ...",
 )
+@evolution_options
 @options.subdivide
 @options.common
 def command(
     mesh_path: str, matrix: str | None, mass_matrix: str | None, poisson: str | None, fix: tuple,
-    subdivide: int, common: CommonOptions, **tasks: Any,
+    evolution: EvolutionOptions, subdivide: int, common: CommonOptions, **tasks: Any,
 ) -> None:  # fmt: skip
     """Assemble the Laplace matrices of MESH, and solve with them.
 
@@ -113,15 +121,22 @@ def command(
       ddgcli laplacian face.obj --harmonic --fix 12=0 --fix 300=1 -o harmonic.ply --plot harmonic.png
       ddgcli laplacian face.obj --parameterize conformal -o uv.npz
       ddgcli laplacian scan.ply --smooth 1e-4 -o smooth.ply
+      ddgcli laplacian bunny.ply --wave 0 --duration 2 -o wave.vtkhdf
     """
+    selected = [value for name, value in tasks.items() if name not in OPERATOR_OPTIONS]
+    evolution.check(any((matrix, mass_matrix, poisson, fix, *selected)))
     run = Run("laplacian", common, matrix=matrix, mass_matrix=mass_matrix, poisson=poisson,
               fix=[f"{vertex}={value:.17g}" for vertex, value in fix],
-              subdivide=subdivide, **tasks)  # fmt: skip
+              subdivide=subdivide, **tasks, **evolution.changed())  # fmt: skip
     run.plan_output(matrix, MATRIX_FORMATS)
     run.plan_output(mass_matrix, MATRIX_FORMATS)
-    run.add_input(poisson)
+    for name in (poisson, evolution.heat, evolution.wave):
+        run.add_input(name)
     source = run.read(mesh_path, subdivide=subdivide)
 
+    if evolution.equation is not None:
+        _evolve(run, source, evolution, tasks["operator"], tasks["mass"])
+        return
     from ddgcli.algorithms.laplacian.tasks import LaplacianTasks, solve_laplacian_tasks
 
     term, fixed = source_term(source, poisson), fixed_values(fix)
@@ -136,6 +151,26 @@ def command(
     run.write(result.annotated, converged=result.converged)
     run.plot(lambda path: draw(path, result, name, values, run.picture_options))
     run.finish(result.results, result.accuracy, converged=result.converged)
+
+
+def _evolve(
+    run: Run, source: MeshInput, evolution: EvolutionOptions, operator: str | None, mass: str
+) -> None:
+    """Solve the heat or the wave equation, write its frames, and draw the last one."""
+    from ddgcli.algorithms.laplacian.evolution import EvolutionTimes, solve_evolution
+    from ddgcli.algorithms.laplacian.laplace_operator import laplace_operator
+    from ddgcli.plots.array import draw_array
+
+    mesh, equation = source.surface, str(evolution.equation)
+    times = EvolutionTimes.of(evolution.duration, evolution.time_step, evolution.n_frames)
+    result = solve_evolution(
+        laplace_operator(mesh, operator, mass), equation, start_of(source, evolution), times,
+        run.progress(equation),
+    )  # fmt: skip
+    name, values = run.picture_array(result.arrays, equation)
+    write_evolution(run, mesh, result)
+    run.plot(lambda path: draw_array(path, mesh, name, values, **run.picture_options))
+    run.finish(result.results, result.accuracy)
 
 
 def fixed_values(fix: tuple[tuple[int, float], ...]) -> dict[int, float]:

@@ -1,0 +1,254 @@
+"""Heat and wave equation on a surface as trajectories of a function on its vertices."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csc_array
+
+from ddgcli.algorithms.laplacian.laplace_operator import LaplaceOperator
+from ddgcli.choices import EVOLUTIONS
+from ddgcli.errors import ParameterError
+from ddgcli.linalg.factor import Factor
+from ddgcli.progress import ProgressCallback
+
+HEAT, WAVE = EVOLUTIONS
+GAMMA = 2.0 - math.sqrt(2.0)  # of the two stages of TR-BDF2: both have the same matrix
+MAX_STEPS = 1_000_000
+BUMP_TIME = 4.0  # of the mean vertex area: heat time of each of two steps that smooth the start of a wave
+ROUNDING_RISE = 1e-12  # relative rise of the energy that rounding explains
+DEFAULT_STEPS, DEFAULT_FRAMES = 100, 50
+
+
+@dataclass(frozen=True, eq=False)
+class EvolutionFrame:
+    """A function at one time.
+
+    Parameters
+    ----------
+    step : int
+    time : float
+        Heat: length^2. Wave: length, at unit speed.
+    values : (n,) ndarray
+    velocity : (n,) ndarray, or None for heat
+    scalar : dict of str to float
+        `total` (integral), `min`, `max`, `energy` (half the integral of the squared gradient; of waves with
+        half the integral of the squared velocity).
+    """
+
+    step: int
+    time: float
+    values: NDArray[np.float64]
+    velocity: NDArray[np.float64] | None
+    scalar: dict[str, float]
+
+
+@dataclass(frozen=True)
+class EvolutionTimes:
+    """Time of an evolution.
+
+    Parameters
+    ----------
+    duration : float
+    steps : int
+    every : int
+        Steps between frames.
+    """
+
+    duration: float
+    steps: int
+    every: int
+
+    @classmethod
+    def of(cls, duration: float | None, step: float | None, frames: int | None) -> EvolutionTimes:
+        """Times from options: steps divide the duration evenly; 100 of them unless `step` is set.
+
+        Raises
+        ------
+        ParameterError
+            Without a duration, or with too many steps.
+        """
+        if duration is None:
+            raise ParameterError("give the time to evolve with `duration=TIME`", parameter="duration")
+        count = DEFAULT_STEPS if step is None else max(1, math.ceil(duration / step - 1e-9))
+        if count > MAX_STEPS:
+            raise ParameterError(
+                f"{count:,} steps are more than {MAX_STEPS:,}; take longer ones", parameter="time_step"
+            )
+        return cls(duration, count, max(1, math.ceil(count / (frames or min(count, DEFAULT_FRAMES)))))
+
+
+def evolve_function(
+    operator: LaplaceOperator, equation: str, start: NDArray, times: EvolutionTimes
+) -> Iterator[EvolutionFrame]:
+    """Solve the heat or the wave equation from a function at rest; yield frames as they are computed.
+
+    Parameters
+    ----------
+    operator : LaplaceOperator
+        M u' = -L u (heat), M u'' = -L u (wave, unit speed); the boundary is natural (no flux, free).
+    equation : {'heat', 'wave'}
+    start : (n,) ndarray
+    times : EvolutionTimes
+
+    Yields
+    ------
+    EvolutionFrame
+        The first at time 0, the last at the duration.
+
+    Notes
+    -----
+    Heat: TR-BDF2, of second order and L-stable; it keeps the integral. Wave: implicit midpoint rule,
+    variational and of second order; it keeps the energy and the integral of a function at rest. Each needs
+    one factorisation.
+    """
+    L, M = csc_array(operator.stiffness), csc_array(operator.mass)
+    u = checked_start(start, L.shape[0], equation)
+    dt = times.duration / times.steps
+    advance = _heat_step(L, M, dt) if equation == HEAT else _wave_step(L, M, dt)
+    velocity = None if equation == HEAT else np.zeros_like(u)
+    for step in range(times.steps + 1):
+        if step % times.every == 0 or step == times.steps:
+            yield _frame(L, M, step, step * dt, u, velocity)
+        if step < times.steps:
+            u, velocity = advance(u, velocity)
+
+
+def checked_start(start: NDArray, n: int, equation: str) -> NDArray[np.float64]:
+    """The function at the start; ParameterError for another shape or values that are not finite."""
+    values = np.asarray(start, dtype=np.float64)
+    if values.shape not in ((n,), (n, 1)):
+        raise ParameterError(
+            f"an array of shape {np.shape(start)}; the mesh has {n} vertices", parameter=equation
+        )
+    values = values.reshape(n)
+    bad = np.flatnonzero(~np.isfinite(values))
+    if len(bad):
+        raise ParameterError(f"not finite at vertex {bad[0]} ({len(bad)} such vertices)", parameter=equation)
+    return values
+
+
+def _heat_step(L: csc_array, M: csc_array, dt: float):
+    factor = Factor(csc_array(M + 0.5 * GAMMA * dt * L))
+    first, last = 1.0 / (GAMMA * (2.0 - GAMMA)), (1.0 - GAMMA) ** 2 / (GAMMA * (2.0 - GAMMA))
+
+    def step(u: NDArray, velocity: NDArray | None) -> tuple[NDArray, None]:
+        middle = factor.solve(M @ u - 0.5 * GAMMA * dt * (L @ u))
+        return factor.solve(M @ (first * middle - last * u)), None
+
+    return step
+
+
+def _wave_step(L: csc_array, M: csc_array, dt: float):
+    factor = Factor(csc_array(M + 0.25 * dt**2 * L))
+
+    def step(u: NDArray, velocity: NDArray) -> tuple[NDArray, NDArray]:
+        # the mean velocity w of the step: (M + dt^2 L / 4) w = M v - dt L u / 2
+        mean = factor.solve(M @ velocity - 0.5 * dt * (L @ u))
+        return u + dt * mean, 2.0 * mean - velocity
+
+    return step
+
+
+def _frame(
+    L: csc_array, M: csc_array, step: int, time: float, u: NDArray, velocity: NDArray | None
+) -> EvolutionFrame:
+    energy = 0.5 * float(u @ (L @ u))
+    if velocity is not None:
+        energy += 0.5 * float(velocity @ (M @ velocity))
+    total = float((M @ u).sum())
+    scalar = {"total": total, "min": float(u.min()), "max": float(u.max()), "energy": energy}
+    return EvolutionFrame(step, time, u, velocity, scalar)
+
+
+@dataclass(frozen=True, eq=False)
+class EvolutionResult:
+    """Frames of an evolution, with its results and accuracy.
+
+    Parameters
+    ----------
+    frames : list of EvolutionFrame
+    results, accuracy : dict
+        For the summary.
+    """
+
+    frames: list[EvolutionFrame]
+    results: dict[str, Any]
+    accuracy: dict[str, Any]
+
+    @property
+    def arrays(self) -> dict[str, NDArray]:
+        """Vertex arrays of the last frame by their names in files."""
+        return frame_arrays(self.frames[-1])
+
+
+def frame_arrays(frame: EvolutionFrame) -> dict[str, NDArray]:
+    """Vertex arrays of a frame: `heat`, or `wave` and `wave_velocity`."""
+    if frame.velocity is None:
+        return {HEAT: frame.values}
+    return {WAVE: frame.values, "wave_velocity": frame.velocity}
+
+
+def solve_evolution(
+    operator: LaplaceOperator,
+    equation: str,
+    start: NDArray | int,
+    times: EvolutionTimes,
+    progress: ProgressCallback | None = None,
+) -> EvolutionResult:
+    """Frames of `evolve_function`, and the quantities that they keep.
+
+    Parameters
+    ----------
+    start : (n,) ndarray or int
+        Values at the vertices, or a vertex that holds a function of integral 1 (of waves spread over some
+        edges).
+    progress : callable, optional
+        Called with the number of finished steps and of all steps.
+    """
+    if equation not in EVOLUTIONS:
+        raise ParameterError(f"{equation!r} is not one of {', '.join(EVOLUTIONS)}", parameter="equation")
+    if isinstance(start, int):
+        start = _unit_at(operator, start, equation)
+    frames = []
+    for frame in evolve_function(operator, equation, start, times):
+        frames.append(frame)
+        if progress is not None:
+            progress(frame.step, times.steps)
+    series = {name: [frame.scalar[name] for frame in frames] for name in frames[0].scalar}
+    amount = float((operator.mass @ np.abs(frames[0].values)).sum()) or 1.0
+    accuracy: dict[str, Any] = {
+        "total_drift": max(abs(total - series["total"][0]) for total in series["total"]) / amount
+    }
+    energy = series["energy"]
+    if equation == HEAT:
+        rise = [b > a * (1 + ROUNDING_RISE) for a, b in zip(energy, energy[1:])]
+        accuracy["energy_increases"] = sum(rise)
+    else:
+        accuracy["energy_drift"] = max(abs(e - energy[0]) for e in energy) / (energy[0] or 1.0)
+    results = {"equation": equation, "steps": times.steps, "dt": times.duration / times.steps}
+    return EvolutionResult(frames, results | {"times": [f.time for f in frames], **series}, accuracy)
+
+
+def _unit_at(operator: LaplaceOperator, vertex: int, equation: str) -> NDArray[np.float64]:
+    """Function of integral 1 at one vertex."""
+    n = operator.stiffness.shape[0]
+    if not 0 <= vertex < n:
+        raise ParameterError(f"vertex {vertex} is outside 0..{n - 1}", parameter=equation)
+    area = float((operator.mass @ np.ones(n))[vertex])
+    if not area > 0:
+        raise ParameterError(f"vertex {vertex} has no area; choose another", parameter=equation)
+    start = np.zeros(n)
+    start[vertex] = 1.0 / area
+    if equation == HEAT:
+        return start
+    # waves as short as an edge travel too slowly: the bump spreads over some edges first
+    L, M = csc_array(operator.stiffness), csc_array(operator.mass)
+    time = BUMP_TIME * float((M @ np.ones(n)).mean())
+    factor = Factor(csc_array(M + time * L))
+    return np.asarray(factor.solve(M @ factor.solve(M @ start)))

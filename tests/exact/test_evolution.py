@@ -1,0 +1,113 @@
+"""Heat and wave equation in time: exact decay and oscillation of eigenfunctions, kept quantities, output."""
+
+import numpy as np
+import pytest
+
+from ddgcli.algorithms.laplacian.evolution import EvolutionTimes, evolve_function, solve_evolution
+from ddgcli.algorithms.laplacian.laplace_operator import laplace_operator
+from ddgcli.algorithms.laplacian.spectrum import spectrum
+from ddgcli.errors import ParameterError
+from ddgcli.io.mesh_file import write_mesh
+from ddgcli.io.trajectories.trajectory import Trajectory
+from ddgcli.mesh import shapes
+from ddgcli.mesh.fields import AnnotatedMesh
+
+OPERATOR = laplace_operator(shapes.icosphere(2))
+PAIRS = spectrum(OPERATOR, 9)
+
+
+def last(equation, start, duration, steps):
+    frames = list(evolve_function(OPERATOR, equation, start, EvolutionTimes(duration, steps, steps)))
+    return frames[-1]
+
+
+@pytest.mark.parametrize("equation", ["heat", "wave"])
+def test_an_eigenfunction_follows_its_exact_solution_with_order_two_in_the_step(equation):
+    value, mode = PAIRS.values[6], PAIRS.vectors[:, 6]
+    duration = 0.4 if equation == "heat" else 1.7
+    factor = np.exp(-value * duration) if equation == "heat" else np.cos(np.sqrt(value) * duration)
+    errors = [
+        np.abs(last(equation, mode, duration, steps).values - factor * mode).max() for steps in (20, 40, 80)
+    ]
+    assert np.log2(np.array(errors[:-1]) / errors[1:]).min() > 1.9
+    assert errors[-1] < 1e-3 * np.abs(mode).max()
+
+
+def test_the_heat_equation_keeps_its_integral_and_ends_at_the_mean_even_in_one_huge_step():
+    start = np.random.default_rng(0).normal(size=OPERATOR.stiffness.shape[0])
+    result = solve_evolution(OPERATOR, "heat", start, EvolutionTimes(1e4, 2, 1))
+    area = OPERATOR.mass @ np.ones(len(start))
+    assert result.accuracy["total_drift"] < 1e-10 and result.accuracy["energy_increases"] == 0
+    assert np.abs(result.frames[-1].values - (area @ start) / area.sum()).max() < 1e-4
+
+
+def test_the_wave_equation_keeps_energy_and_integral_and_runs_backwards():
+    start = np.exp(-8 * (1 - shapes.icosphere(2).points[:, 2]))
+    result = solve_evolution(OPERATOR, "wave", start, EvolutionTimes(6.0, 150, 15))
+    assert result.accuracy["energy_drift"] < 1e-11 and result.accuracy["total_drift"] < 1e-11
+    assert len(result.frames) == 11 and result.frames[-1].time == pytest.approx(6.0)
+    # a wave from a pole meets at the other one after pi: the speed is 1
+    pole = [frame.values[np.argmin(shapes.icosphere(2).points[:, 2])] for frame in result.frames]
+    assert abs(result.frames[int(np.argmax(np.abs(pole)))].time - np.pi) < 0.7
+
+
+def test_a_vertex_starts_with_a_function_of_integral_one():
+    result = solve_evolution(OPERATOR, "heat", 5, EvolutionTimes(0.01, 4, 2))
+    assert result.results["total"] == pytest.approx([1.0] * 3)
+    assert np.count_nonzero(result.frames[0].values) == 1
+
+
+def test_evolutions_that_do_not_exist_are_refused():
+    times = EvolutionTimes(1.0, 2, 1)
+    with pytest.raises(ParameterError, match="shape"):
+        solve_evolution(OPERATOR, "heat", np.zeros(3), times)
+    with pytest.raises(ParameterError, match="not finite at vertex 1"):
+        solve_evolution(OPERATOR, "wave", np.r_[0, np.nan, np.zeros(160)], times)
+    with pytest.raises(ParameterError, match="vertex 999 is outside"):
+        solve_evolution(OPERATOR, "heat", 999, times)
+    with pytest.raises(ParameterError, match="not one of"):
+        solve_evolution(OPERATOR, "diffusion", 0, times)
+    with pytest.raises(ParameterError, match="steps are more than"):
+        EvolutionTimes.of(1.0, 1e-9, None)
+
+
+@pytest.fixture
+def sphere(tmp_path):
+    mesh = shapes.icosphere(2)
+    path = tmp_path / "sphere.vtu"
+    write_mesh(str(path), AnnotatedMesh(mesh, vertex={"bump": np.exp(-8 * (1 - mesh.points[:, 2]))}))
+    return path
+
+
+def test_the_command_writes_all_frames_to_a_trajectory_and_the_last_to_a_mesh(sphere, summary, tmp_path):
+    out, mesh = tmp_path / "wave.vtkhdf", tmp_path / "last.npz"
+    words = ("--duration", 1.0, "--dt", 0.05, "--frames", 5)
+    report = summary("laplacian", sphere, "--wave", "bump", *words, "-o", out, "-o", mesh)
+    assert report["results"]["steps"] == 20 and len(report["results"]["times"]) == 6
+    assert report["accuracy"]["energy_drift"] < 1e-12
+    with Trajectory(str(out)) as trajectory:
+        assert trajectory.n_frames == 6 and trajectory.times[-1] == pytest.approx(1.0)
+        final = trajectory.vertex(5)
+    arrays = np.load(mesh)
+    assert np.array_equal(final["wave"], arrays["wave"]) and "wave_velocity" in arrays
+    heat = summary("laplacian", sphere, "--heat", 3, "--duration", 0.1)
+    assert heat["results"]["steps"] == 100 and heat["results"]["total"][-1] == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize(
+    "words, text",
+    [
+        (("--heat", "bump"), "--heat: needs --duration"),
+        (("--duration", 1), "--duration: belongs to --heat or --wave"),
+        (("--dt", 1), "--dt: belongs to --heat or --wave"),
+        (("--frames", 3), "--frames: belongs to --heat or --wave"),
+        (("--heat", "bump", "--wave", "bump", "--duration", 1), "--heat: and --wave exclude"),
+        (("--heat", "bump", "--duration", 1, "--eigen", 3), "--heat: is a run of its own"),
+        (("--heat", "bump", "--duration", 1, "--matrix", "L.npz"), "--heat: is a run of its own"),
+        (("--heat", "nothing", "--duration", 1), "no array 'nothing'"),
+        (("--wave", 99999, "--duration", 1), "--wave: vertex 99999 is outside"),
+    ],
+)
+def test_wrong_calls_of_an_evolution_end_in_one_line(sphere, run, words, text):
+    result = run("laplacian", sphere, *words)
+    assert result.exit_code == 2 and text in result.stderr and len(result.stderr.strip().split("\n")) == 1
