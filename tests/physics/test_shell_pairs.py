@@ -310,3 +310,53 @@ def test_without_the_library_pairs_are_refused_and_boxes_work(monkeypatch):
               effects='contact = { pairs = [["a", "o"]] }\n')
     )  # fmt: skip
     assert frames(snapshots, "a")[-1][:, 2].min() > 0
+
+
+def test_forces_and_stiffness_of_ties_are_the_derivatives_of_their_energy():
+    from ddgcli.models.shell.attach import Ties
+
+    rng = np.random.default_rng(0)
+    x, move = rng.normal(size=(6, 3)), rng.normal(size=(6, 3))
+    ties, h = Ties(np.array([[0, 3], [1, 4], [2, 5]]), np.array([0.0, 0.7, 3.0]), 50.0), 1e-6
+    slope = (ties.energy(x + h * move) - ties.energy(x - h * move)) / (2 * h)
+    assert np.vdot(ties.gradient(x), move) == pytest.approx(slope, rel=1e-7)
+    change = (ties.gradient(x + h * move) - ties.gradient(x - h * move)) / (2 * h)
+    local = np.einsum("kij,kj->ki", ties.blocks(x, "exact"), move[ties.stencil].reshape(3, 6)).reshape(
+        3, 2, 3
+    )
+    assert np.abs(local[:, 0] - change[:3]).max() < 1e-6 * np.abs(change).max()
+    assert np.linalg.eigvalsh(ties.blocks(x, "projected")).min() > -1e-12 * 50
+
+
+@pytest.mark.parametrize("integrator", ["newmark", "verlet"])
+def test_tied_shells_stay_together_and_keep_their_momentum(integrator):
+    text = scene(
+        f'duration = 0.05\nstep = 1e-3\nintegrator = "{integrator}"\n',
+        shell("a", "velocity = [0, 0, 1]", 2), shell("b", "position = [0.2, 0, 0]", 2),
+        effects='[[effects.attach]]\nobject = "a"\nto = "b"\nbox = [[0.2, 0, 0], [0.2, 0.2, 0]]\n',
+    )  # fmt: skip
+    snapshots, _, _ = shell_run(text)
+    momentum = total(snapshots, "momentum")
+    assert np.abs(momentum - momentum[0]).max() < 1e-12 * np.abs(momentum[0]).max() * len(snapshots)
+    # the last column of a's vertices and the first of b's
+    apart = [np.abs(a[6:] - b[:3]).max() for a, b in zip(frames(snapshots, "a"), frames(snapshots, "b"))]
+    assert max(apart) < 2e-3
+    assert snapshots[-1].observations["b"].points[:, 2].mean() > 5e-3
+
+
+def test_vertices_attached_to_an_obstacle_turn_with_it():
+    text = scene(
+        'duration = 0.2\nstep = 2e-3\nframe_every = 0.02\nintegrator = "newmark"\n',
+        shell("s", "position = [0.1, -0.1, 0]", 2),
+        obstacle("cylinder = { start = [0, 0, -1], end = [0, 0, 1], radius = 0.05 }\n"
+                 "angular_velocity = [0, 0, 5]"),
+        effects='[[effects.attach]]\nobject = "s"\nto = "o"\nbox = [[0.1, -0.1, 0], [0.1, 0.1, 0]]\n',
+    )  # fmt: skip
+    snapshots, contexts, _ = shell_run(text)
+    start = np.asarray(contexts["s"].mesh.points)[:3]
+    c, s = np.cos(1.0), np.sin(1.0)
+    expected = start @ np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]])
+    assert np.abs(frames(snapshots, "s")[-1][:3] - expected).max() < 1e-12
+    velocity = snapshots[-1].observations["s"].vertex["velocity"][:3]
+    assert np.allclose(velocity, np.cross([0, 0, 5], expected))
+    assert "reaction_force_attach_0" in snapshots[-1].observations["s"].scalar

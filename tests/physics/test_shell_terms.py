@@ -21,6 +21,16 @@ plane = { point = [0, 0, -0.05], normal = [0.1, 0.2, 1] }
 name = "ball"
 role = "obstacle"
 sphere = { center = [0.5, 0.5, -1.05], radius = 1 }
+[[object]]
+name = "crate"
+role = "obstacle"
+box = { corner = [0.2, 0.3, -0.5], size = [0.4, 0.3, 0.4] }
+rotation = { axis = [1, 2, 0], degrees = 7 }
+[[object]]
+name = "log"
+role = "obstacle"
+cylinder = { start = [0.2, 0.55, -0.3], end = [0.7, 0.6, -0.3], radius = 0.2 }
+velocity = [1, 2, 3]
 """
 CURVED = "sphere = { radius = 1, subdivisions = 1 }\nposition = [0, 0, 3]"
 FLAT_GRID = 'grid = { size = [1, 1.2], cells = [3, 4], pattern = "alternating" }'
@@ -42,6 +52,9 @@ TERMS = {
     "damping-stiffness": ("stretching = {}\nbending = {}\ndamping = { stiffness = 0.1 }", CURVED),
     "contact": ('contact = { pairs = [["s", "floor"], ["s", "ball"]], gap = 0.2 }', FLAT_GRID),
     "friction": ('contact = { pairs = [["s", "floor"]], gap = 0.2, friction = 0.4, slip = 0.3 }', FLAT_GRID),
+    "contact-box": ('contact = { pairs = [["s", "crate"]], gap = 0.3 }', FLAT_GRID),
+    "contact-cylinder": ('contact = { pairs = [["s", "log"]], gap = 0.3, friction = 0.4 }', FLAT_GRID),
+    "attach": ('attach = { object = "s", to = "floor", vertices = [0] } # contact', FLAT_GRID),
     "handle": ("handle = { vertices = [0], times = [0, 1], positions = [[0, 0, 0], [0, 0, 1]] }", FLAT_GRID),
     "pressure": ("pressure = { value = 20 }", CURVED),
     "gas": ("pressure = { value = 20, gas = true, ambient = 50 }", CURVED),
@@ -49,7 +62,7 @@ TERMS = {
     "plasticity": ("stretching = {}\nbending = {}\nplasticity = { yield_strain = 0.01 }", CURVED),
     "pin": ("pin = { vertices = [0] }", FLAT_GRID),
 }
-FORCES = [name for name in TERMS if name not in ("handle", "pin")]  # the others hold coordinates
+FORCES = [name for name in TERMS if name not in ("attach", "handle", "pin")]  # the others hold coordinates
 
 
 def scene_text(effect, shape, time="", obstacles=OBSTACLE):

@@ -123,7 +123,7 @@ def parts_of(scene: Scene, context: ShellContext) -> list[Any]:
 
     context.terms.clear()
     # elastic terms first, which damping needs; handles last, which must not share vertices with pins
-    ranks = {"stretching": 0, "bending": 0, "handle": 2}
+    ranks = {"stretching": 0, "bending": 0, "attach": 2, "handle": 3}
     ordered = sorted(scene.effects, key=lambda entry: ranks.get(entry[0].name, 1))
     return [part for terms in replace(scene, effects=tuple(ordered)).build(make) for part in terms]
 

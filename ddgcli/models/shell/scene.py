@@ -29,6 +29,7 @@ EFFECTS = EffectTable(
         "plasticity": ("ddgcli.models.shell.plasticity", "Rest lengths and angles that yield."),
         "pin": ("ddgcli.models.shell.pin", "Vertices held still, in all directions or some."),
         "handle": ("ddgcli.models.shell.handle", "Vertices moved along key frames, as a rigid body."),
+        "attach": ("ddgcli.models.shell.attach", "Vertices tied to another shell or carried by an obstacle."),
         "damping": ("ddgcli.models.shell.damping", "Rayleigh damping by mass and by stiffness."),
         "contact": (
             "ddgcli.models.shell.contact",
