@@ -173,6 +173,14 @@ class _Couples:
         return ends + self.rows.start, moments
 
 
+class _Scaled:
+    part: Any
+    rows: Rows
+
+    def scaled(self, factor: float) -> Any:
+        return embedded(self.part.scaled(factor), self.rows)
+
+
 CAPABILITIES: dict[str, type] = {
     "energy": _Energy,
     "hessian": _Changing,
@@ -185,6 +193,7 @@ CAPABILITIES: dict[str, type] = {
     "low_rank": _LowRank,
     "observed": _Observed,
     "couples": _Couples,
+    "scaled": _Scaled,
 }
 
 
@@ -219,6 +228,12 @@ def embedded(part: Any, rows: Rows) -> Any:
     if isinstance(part, FixedCoordinates | PrescribedMotion):
         return replace(part, mask=rows.padded(part.mask))
     return _kind(tuple(name for name in CAPABILITIES if hasattr(part, name)))(part, rows)
+
+
+def parts_of_rows(terms: list[Any], rows: slice) -> list[Any]:
+    """The terms of one object among those of a system, without their embedding."""
+    parts = [term.part for term in terms if isinstance(term, _Term) and term.rows.rows == rows]
+    return parts if any(isinstance(term, _Term) for term in terms) else list(terms)
 
 
 def embedded_parts(parts: list[Any], rows: Rows) -> list[Any]:

@@ -95,6 +95,12 @@ class Fluids:
 
         return report.face_arrays(list(self.meshes.values()))
 
+    def schedule(self) -> Schedule:
+        return self.scene.schedule()
+
+    def final(self, outcome: Outcome) -> tuple[dict[str, Any], dict[str, Any]]:
+        return {}, {}
+
     def picture(self) -> Picture:
         from ddgcli.cli.simulation.plot import Picture
         from ddgcli.models.fluid.report import wraps

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from functools import cached_property
+from dataclasses import replace
+from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from ddgcli.cli.simulation.options import SceneCall, scene_options
+from ddgcli.errors import ParameterError
 
 if TYPE_CHECKING:
     from ddgcli.cli.simulation.plot import Picture
@@ -34,7 +36,17 @@ if TYPE_CHECKING:
 @click.option(
     "--set", "settings", multiple=True, metavar="KEY=VALUE", help="Quick form: a key of the object, in TOML."
 )
-def command(call: SceneCall, **quick: Any) -> None:
+@click.option(
+    "--modes",
+    type=click.IntRange(1, 1000),
+    metavar="K",
+    help="Natural frequencies about the start, or about the equilibrium of `static`; takes no time steps.",
+)
+@click.option(
+    "--buckling", type=click.IntRange(1, 1000), metavar="K",
+    help="Factors on the loads at which the shell at rest buckles (linear theory); takes no time steps.",
+)  # fmt: skip
+def command(call: SceneCall, modes: int | None, buckling: int | None, **quick: Any) -> None:
     """Move thin elastic shells: SCENE (.toml, or a mesh for the quick form) in, a trajectory out.
 
     \b
@@ -46,7 +58,9 @@ def command(call: SceneCall, **quick: Any) -> None:
     from ddgcli.models.shell.scene import KIND
 
     lines, extra = quick_lines({"effect_lines": call.effect_lines, **quick})
-    run_scene(call, KIND, Shells, lines, extra)
+    if call.resume and (modes or buckling):
+        raise ParameterError("modes are computed from a scene; leave --resume out", parameter="resume")
+    run_scene(call, KIND, partial(Shells, modes=modes, buckling=buckling), lines, extra)
 
 
 def quick_lines(options: Mapping[str, Any]) -> tuple[tuple[str, ...], dict[str, Any]]:
@@ -64,9 +78,19 @@ class Shells:
 
     moving = True
 
-    def __init__(self, scene: Scene, account: Account, read_mesh: ReadMesh, read_array: ReadArray) -> None:
+    def __init__(
+        self,
+        scene: Scene,
+        account: Account,
+        read_mesh: ReadMesh,
+        read_array: ReadArray,
+        modes: int | None = None,
+        buckling: int | None = None,
+    ) -> None:
         from ddgcli.models.shell import model
 
+        self.n_modes, self.n_buckling = modes, buckling
+        self.analysis: dict[str, Any] = {}
         contexts = model.contexts(scene, read_mesh)
         self.scene, self.account = scene, account
         self.contexts = {name: context for name, (context, _) in contexts.items()}
@@ -103,6 +127,23 @@ class Shells:
     def face(self) -> dict[str, Any]:
         return {}
 
+    def schedule(self) -> Schedule:
+        """That of the scene; modes and buckling loads take no step, except to an equilibrium."""
+        schedule = self.scene.schedule()
+        analysed = self.n_modes or self.n_buckling
+        if not analysed or self.scene.time.integrator == "static":
+            return schedule
+        return replace(schedule, steps=0, tolerance=None)
+
+    def final(self, outcome: Outcome) -> tuple[dict[str, Any], dict[str, Any]]:
+        """(vertex, face) arrays of the last frame: modes, strains, stresses and moments."""
+        from ddgcli.models.shell import report
+
+        vertex, face, self.analysis = report.final(
+            outcome, self.contexts, self.systems, self.order, self.n_modes, self.n_buckling
+        )
+        return vertex, face
+
     def picture(self) -> Picture:
         from ddgcli.cli.simulation.plot import Picture
 
@@ -117,4 +158,5 @@ class Shells:
         from ddgcli.models.shell import report
 
         static = self.scene.time.integrator == "static"
-        return report.summary(outcome, self.systems, static, self.order)
+        results, accuracy = report.summary(outcome, self.systems, static, self.order)
+        return {**results, **self.analysis}, accuracy

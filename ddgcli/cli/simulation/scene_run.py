@@ -53,6 +53,11 @@ class Physics(Protocol):
         """Constant arrays on faces."""
         ...
 
+    def schedule(self) -> Schedule: ...
+    def final(self, outcome: Outcome) -> tuple[dict[str, Any], dict[str, Any]]:
+        """(vertex, face) arrays of the last frame, for meshes."""
+        ...
+
     def picture(self) -> Picture: ...
     def doubt(self, outcome: Outcome) -> str:
         """Why the result is not to be trusted, or ""."""
@@ -98,7 +103,7 @@ def run_scene(
     if not scene.effects:
         log.warning("the scene has no effects, so nothing acts on its objects; --effects lists the effects")
     simulator = physics(scene, account, mesh_reader(run, document), array_reader(document))
-    meshes, schedule = list(simulator.meshes.values()), scene.schedule()
+    meshes, schedule = list(simulator.meshes.values()), simulator.schedule()
     resolved, digest = fingerprint(scene.resolved(), simulator.sha256)
     describe_input(run, call.path or "", meshes, digest)
     check_unchanged(call.resume, resolved)
@@ -112,6 +117,7 @@ def run_scene(
         {"input_sha256": digest, "overrides": overrides, "folder": document.folder},
         {"scene_source": document.source, "scene_resolved": resolved}, simulator.face(),
         obstacle_meshes(scene.objects, meshes, mesh_reader(run, document)), simulator.doubt,
+        simulator.final,
     )  # fmt: skip
     _report(run, scene, simulator, account, simulate(run, job), list(job.obstacles.values()))
 

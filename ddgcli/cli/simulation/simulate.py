@@ -48,6 +48,8 @@ class Job:
         Bodies around the moving ones.
     doubt : callable Outcome -> str
         Why a complete run is not to be trusted, or "".
+    final : callable Outcome -> (dict, dict)
+        Vertex and face arrays of the last frame, for meshes.
     """
 
     models: Mapping[str, Model]
@@ -61,6 +63,7 @@ class Job:
     face: Mapping[str, NDArray] = field(default_factory=dict)
     obstacles: Mapping[str, Any] = field(default_factory=dict)
     doubt: Callable[[Outcome], str] = lambda outcome: ""
+    final: Callable[[Outcome], tuple[dict[str, NDArray], dict[str, NDArray]]] = lambda outcome: ({}, {})
 
 
 def formats() -> tuple[str, ...]:
@@ -101,7 +104,9 @@ def simulate(run: Run, job: Job) -> Outcome:
         click.echo(f"Interrupted: {outcome.frames} whole frames{where}", err=True)
         click.get_current_context().exit(130)
     outcome.doubt = job.doubt(outcome)
-    _write_last(run, outcome, cell, [p for p in run.common.outputs if p not in paths])
+    vertex, face = job.final(outcome)
+    meshes = [p for p in run.common.outputs if p not in paths]
+    _write_last(run, outcome, vertex, {**cell, **face}, meshes)
     return outcome
 
 
@@ -148,12 +153,14 @@ def _effect_rows(account: Account) -> list[tuple[str, int, float]]:
     return [(name, calls, seconds) for name, (calls, seconds) in rows.items()]
 
 
-def _write_last(run: Run, outcome: Outcome, cell: dict[str, NDArray], paths: list[str]) -> None:
+def _write_last(
+    run: Run, outcome: Outcome, vertex: dict[str, NDArray], cell: dict[str, NDArray], paths: list[str]
+) -> None:
     """Write the last frame as a mesh, marked as not converged if the run failed."""
     last = outcome.last
     if last is None:
         return
     shown = outcome.mesh if last.points is None else outcome.mesh.moved(last.points)
-    annotated = AnnotatedMesh(shown, vertex=last.vertex, face=cell)
+    annotated = AnnotatedMesh(shown, vertex={**last.vertex, **vertex}, face=cell)
     for path in paths:
         run.write_file(path, annotated, converged=not (outcome.failure or outcome.doubt))

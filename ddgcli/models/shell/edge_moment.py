@@ -78,6 +78,10 @@ class EdgeMoment:
         """(c,) turns of the faces, within half a turn of those at the last step."""
         return self.turn + hinge.wrapped(self._frame(x).angle - self.turn)
 
+    def added_rotations(self) -> NDArray[np.float64] | float:
+        """Rotations of edges that the couples add; 0 without directors."""
+        return 0.0 if self.bending is None else self.bending.rotations_of(self.side, self.couple)
+
     def energy(self, x: NDArray) -> float:
         inner = 0.0 if self.bending is None else float(self.weight @ self.bending.strain(x))
         return inner + float(self.couple @ self.turns(x))

@@ -94,7 +94,9 @@ class MidedgeBending:
         self._angles(faces.size)
         unit = float(mesh.side_length.mean())
         self._slope = self._sign / unit  # of the angle of a side in its rotation times length
+        self.rigidity, self.poisson = rigidity, poisson
         self.plate = plate_matrices(mesh.side_length, rigidity, poisson)
+        self._conormals = conormal_products(mesh.side_length)
         self._matrices()
         self.stencil = self._stencil(faces)
         self.rest = np.zeros(len(self.hinges)) if flat else hinge.frame(x, self.hinges).angle
@@ -175,10 +177,13 @@ class MidedgeBending:
     def _moment(self, x: NDArray) -> NDArray[np.float64]:
         return self.moments(self.strain(x))
 
-    def face_curvature(self, x: NDArray) -> NDArray[np.float64]:
-        """(m, 3) turn of the director against the normal at the middle of the three sides of each face."""
+    def face_curvature(self, x: NDArray, added: NDArray | float = 0.0) -> NDArray[np.float64]:
+        """(m, 3) turn of the director against the normal at the middle of the three sides of each face.
+
+        `added` are rotations (times length) that couples on edges add.
+        """
         strain = self.strain(x)
-        rotation = np.concatenate([self.rotations(strain), [0.0]])
+        rotation = np.concatenate([self.rotations(strain) + added, [0.0]])
         whole = np.concatenate([strain, [0.0]])
         angle = np.where(self._part > 0, self._angle, len(strain))
         return (self._part * whole[angle] + self._slope * rotation[self._rotation]).reshape(-1, 3)
@@ -246,10 +251,12 @@ class MidedgeBending:
 
     def side_weights(self, side: NDArray, couple: NDArray) -> NDArray[np.float64]:
         """Derivative in the angles of the work lost by couples (N m) on the turns of boundary sides."""
-        if self._solver is None:
-            return np.zeros(self._mixed.shape[1])
+        return self._mixed.T @ self.rotations_of(side, couple)
+
+    def rotations_of(self, side: NDArray, couple: NDArray) -> NDArray[np.float64]:
+        """(internal,) rotations (times length) that couples (N m) on boundary sides add."""
         force = sum_by_index(self._rotation[side], couple * self._slope[side], self.internal)
-        return self._mixed.T @ self._solver.solve(force)
+        return self._solver.solve(force) if self._solver else force
 
     def angle_stencils(self) -> list[NDArray]:
         """(h, 4) vertices of the hinges, and (c, 4) of the clamped sides (the last one unused)."""
@@ -264,6 +271,12 @@ class MidedgeBending:
         """((c, 2) ends of the clamped sides, (c, 3) moments in N m that the clamp exerts on them)."""
         moment = self._moment(x)[len(self.hinges) :]
         return self._clamp_corner[:, :2], moment[:, None] * self._clamp_frame(x).u.T
+
+    def moment_tensor(self, x: NDArray, added: NDArray | float = 0.0) -> NDArray[np.float64]:
+        """(m, 2, 2) bending moments in N m per metre, along the first side of each face and across it."""
+        second = np.einsum("mj,mjab->mab", self.face_curvature(x, added), self._conormals)
+        trace = np.trace(second, axis1=1, axis2=2)[:, None, None]
+        return self.rigidity * ((1 - self.poisson) * second + self.poisson * trace * np.eye(2))
 
     def viscous(self, name: str, factor: float, x: NDArray) -> Potential:
         """Half `factor` times v' K v, K the material Hessian at x with the rotations eliminated."""
@@ -318,6 +331,22 @@ def plate_matrices(length: NDArray, rigidity: float, poisson: float) -> NDArray[
     area = 0.5 * np.sqrt(np.maximum(square[:, 0] * square[:, 1] - doubled[:, 0] ** 2, 0.0))
     outer = length[:, :, None] * length[:, None, :]
     return (rigidity / area)[:, None, None] * ((1 - poisson) * inner**2 / outer + poisson * outer)
+
+
+def conormal_products(length: NDArray) -> NDArray[np.float64]:
+    """(m, 3, 2, 2) products l m m^T / A of the conormals m of the sides, of lengths l (m, 3).
+
+    Frames: along the first side, and across it.
+    """
+    a, b, c = length.T
+    along = (a**2 + c**2 - b**2) / (2 * a)  # apex over the first side, at height h
+    height = np.sqrt(np.maximum(c**2 - along**2, 0.0))
+    zero = np.zeros_like(a)
+    outward = np.stack(  # l m: the sides turned by -90 degrees
+        [np.stack([zero, -a], 1), np.stack([height, a - along], 1), np.stack([-height, along], 1)], axis=1
+    )
+    scale = 1 / (length * (0.5 * a * height)[:, None])
+    return scale[:, :, None, None] * outward[:, :, :, None] * outward[:, :, None, :]
 
 
 def side_corners(topology: Topology) -> NDArray[np.int64]:

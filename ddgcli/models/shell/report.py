@@ -4,18 +4,21 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ddgcli.errors import ParameterError
 from ddgcli.mechanics.integrators import INTEGRATORS
 from ddgcli.mechanics.rounding import Rounding
 from ddgcli.mechanics.system import System
 from ddgcli.models.shell.context import ShellContext
 from ddgcli.models.shell.groups import groups
 from ddgcli.scenes.scene import Scene
+from ddgcli.simulation.account import Account
 from ddgcli.simulation.model import Schedule
 from ddgcli.simulation.outcome import Outcome
 
@@ -130,13 +133,69 @@ def summary(
     return results, accuracy
 
 
+def final(
+    outcome: Outcome,
+    contexts: dict[str, ShellContext],
+    systems: dict[str, System],
+    order: Order,
+    n_modes: int | None = None,
+    n_buckling: int | None = None,
+) -> tuple[dict[str, NDArray], dict[str, NDArray], dict[str, Any]]:
+    """(vertex arrays, face arrays, results) of the last frame: modes, strains, stresses, moments."""
+    if outcome.last is None or outcome.failure:
+        return {}, {}, {}
+    end, time = _split(outcome.end.points, systems, order), outcome.end.time
+    systems = {name: _unbooked(system.at(time)) for name, system in systems.items()}
+    yields = any("work" in memory.initial() for system in systems.values() for memory in system.memories)
+    vertex: dict[str, NDArray] = {}
+    results: dict[str, Any] = {}
+    if n_modes or n_buckling:
+        from ddgcli.models.shell import analysis
+
+        if yields:
+            raise ParameterError("modes of shells with plasticity are not computed; leave plasticity out")
+        if n_modes:
+            values, shapes = analysis.vibrations(systems, end, order, n_modes)
+            results, vertex = {**results, **values}, {**vertex, **shapes}
+        if n_buckling:
+            values, shapes = analysis.buckling(systems, order, n_buckling)
+            results, vertex = {**results, **values}, {**vertex, **shapes}
+    # what has yielded is not known here
+    face = {} if yields else _faces(contexts, systems, end, order)
+    return vertex, face, results
+
+
+def _faces(
+    contexts: dict[str, ShellContext], systems: dict[str, System], end: dict[str, NDArray], order: Order
+) -> dict[str, NDArray]:
+    """Arrays on the faces of all shells, those that every shell has."""
+    from ddgcli.mechanics.embedding import parts_of_rows
+    from ddgcli.models.shell.face_arrays import face_arrays
+
+    starts = dict.fromkeys(systems, 0)
+    parts = []
+    for (owner, count), context in zip(order, contexts.values()):
+        rows = slice(starts[owner], starts[owner] + count)
+        starts[owner] += count
+        parts.append(face_arrays(context, parts_of_rows(systems[owner].potentials, rows), end[owner][rows]))
+    shared = set.intersection(*(set(part) for part in parts))
+    return {name: np.concatenate([part[name] for part in parts]) for name in parts[0] if name in shared}
+
+
+def _unbooked(system: System) -> System:
+    """The system with an account of its own: seconds after the run are not booked to effects."""
+    system = copy(system)
+    system.account = Account()
+    return system
+
+
 def _instability(end: dict[str, NDArray], systems: dict[str, System]) -> int | None:
     """Negative eigenvalues of the Hessians at all equilibria; a warning where there are some."""
     from ddgcli.mechanics.equilibrium import unstable_directions
 
     total: int | None = 0
     for name, system in systems.items():
-        count = unstable_directions(system, end[name])
+        count = unstable_directions(_unbooked(system), end[name])
         total = None if total is None or count is None else total + count
         if count is None:
             log.warning("object %s: no factorisation shows whether the equilibrium is stable", name)

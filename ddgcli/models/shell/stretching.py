@@ -113,6 +113,10 @@ class StVK:
         stress[:, 1, 1] += self.lam * trace
         return f, strain, stress
 
+    def green_strain(self, x: NDArray) -> tuple[NDArray, NDArray]:
+        """(m, 2, 2) Green's strain and second stress (N/m), along the first side of a face and across."""
+        return self._stress(x)[1:]
+
     def energy(self, x: NDArray) -> float:
         _, strain, stress = self._stress(x)
         return 0.5 * float(np.sum(self.area * np.einsum("mab,mab->m", strain, stress)))

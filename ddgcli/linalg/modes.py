@@ -1,0 +1,145 @@
+"""Eigenpairs of elastic systems: symmetric matrices of any inertia, and unknowns without mass."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import eigh
+from scipy.sparse import csc_array, csr_array, diags_array
+
+from ddgcli.errors import ParameterError
+from ddgcli.linalg.eigen import MAX_DENSE_SIZE
+from ddgcli.linalg.factor import Factor, negative_eigenvalues
+from ddgcli.linalg.lanczos import BlockLanczos
+
+ROUNDING = 64 * float(np.finfo(float).eps)  # of the norm of M^-1/2 K M^-1/2: smaller eigenvalues are zero
+FIRST_SHIFT, SHIFT_GROWTH, MAX_SHIFTS = 1e-9, 30.0, 9  # first shift by that norm, and how it grows
+FINAL_SHIFT = 0.1  # of the largest eigenvalue of the first pass
+
+
+def lowest_eigenpairs(
+    stiffness: csc_array, mass: NDArray, k: int, seed: int = 0
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """The k lowest eigenpairs of K x = lambda M x, M diagonal.
+
+    Parameters
+    ----------
+    stiffness : (n, n) csc_array
+        Symmetric, of any inertia; positive definite over the unknowns without mass.
+    mass : (n,) ndarray
+        Zero for unknowns without mass, which follow the others.
+    k : int
+    seed : int
+        Of the starting block.
+
+    Returns
+    -------
+    values : (k,) ndarray
+        Ascending; those within rounding are 0.
+    vectors : (n, k) ndarray
+        M-orthonormal.
+
+    Raises
+    ------
+    ParameterError
+        k is not between 1 and the number of masses.
+    """
+    heavy = np.flatnonzero(mass > 0)
+    if not 1 <= k <= len(heavy):
+        raise ParameterError(f"{k} eigenpairs of {len(heavy)} free coordinates; compute 1 to {len(heavy)}")
+    root = np.zeros(len(mass))
+    root[heavy] = np.sqrt(mass[heavy])
+    scaled = abs(stiffness)[heavy][:, heavy].multiply(1 / root[heavy]).tocsr()
+    zero = ROUNDING * float((scaled.sum(axis=1) / root[heavy]).max())
+    if len(heavy) <= MAX_DENSE_SIZE:
+        values, vectors = _dense(stiffness, root, heavy, k)
+    else:
+        shift = _definite_shift(stiffness, mass, FIRST_SHIFT * zero / ROUNDING)
+        values, vectors = _shifted(stiffness, mass, root, heavy, k, shift, seed)
+        if shift:
+            # nearly singular: once more, with a shift in proportion to the eigenvalues
+            shift = max(FINAL_SHIFT * float(np.abs(values).max()), -2 * float(values.min()), zero)
+            values, vectors = _shifted(stiffness, mass, root, heavy, k, shift, seed)
+    values = np.where(np.abs(values) <= zero, 0.0, values)
+    return values, vectors
+
+
+def _dense(stiffness: csc_array, root: NDArray, heavy: NDArray, k: int) -> tuple[NDArray, NDArray]:
+    light = np.flatnonzero(root == 0)
+    follow = np.zeros((len(light), len(heavy)))
+    whole = stiffness[heavy][:, heavy].toarray()
+    if len(light):
+        mixed = stiffness[light][:, heavy].toarray()
+        follow = -Factor(csc_array(stiffness[light][:, light])).solve(mixed)
+        whole = whole + mixed.T @ follow
+    inverse = 1 / root[heavy]
+    whole = inverse[:, None] * whole * inverse
+    values, small = eigh(0.5 * (whole + whole.T), subset_by_index=[0, k - 1])
+    vectors = np.zeros((len(root), k))
+    vectors[heavy] = inverse[:, None] * small
+    vectors[light] = follow @ vectors[heavy]
+    return values, vectors
+
+
+def _definite_shift(stiffness: csc_array, mass: NDArray, first: float) -> float:
+    """0 where the matrix is positive definite by more than rounding, else a shift that makes it so."""
+    inertia = diags_array(mass).tocsc()
+    if negative_eigenvalues(csc_array(stiffness - first * ROUNDING / FIRST_SHIFT * inertia)) == 0:
+        return 0.0
+    shift = first
+    for _ in range(MAX_SHIFTS):
+        if negative_eigenvalues(csc_array(stiffness + shift * inertia)) == 0:
+            break
+        shift *= SHIFT_GROWTH
+    return shift
+
+
+def _shifted(
+    stiffness: csc_array, mass: NDArray, root: NDArray, heavy: NDArray, k: int, shift: float, seed: int
+) -> tuple[NDArray, NDArray]:
+    """Block Lanczos on M^1/2 (K + shift M)^-1 M^1/2; eigenvalues by Rayleigh's quotient."""
+    inertia = diags_array(mass).tocsc()
+    factor = Factor(csc_array(stiffness + shift * inertia))
+
+    def solve(rows: NDArray) -> NDArray:
+        rhs = np.zeros((len(mass), len(rows)))
+        rhs[heavy] = (rows * root[heavy]).T
+        return factor.solve(rhs)
+
+    def inverse(rows: NDArray) -> NDArray:
+        return solve(rows)[heavy].T * root[heavy]
+
+    def none_missing(theta: NDArray) -> bool:
+        values = 1 / theta - shift
+        below = values[values < values[-1] - 1e-6 * abs(values[-1])]
+        middle = 0.5 * (values[-1] + (below[-1] if len(below) else values[-1] - abs(values[-1])))
+        count = negative_eigenvalues(csc_array(stiffness - middle * inertia))
+        return count is None or count <= len(below)
+
+    search = BlockLanczos(inverse, None, np.zeros((0, len(heavy))), seed)
+    theta, rows, _ = search.largest(k, none_missing)
+    vectors = solve(rows) / theta
+    vectors /= np.sqrt(np.einsum("nk,n,nk->k", vectors, mass, vectors))
+    values = np.einsum("nk,nk->k", vectors, stiffness @ vectors)
+    order = np.argsort(values)
+    return values[order], vectors[:, order]
+
+
+def largest_ratios(
+    numerator: csc_array, stiffness: csc_array, k: int, seed: int = 0
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """The k largest mu with A x = mu K x, K positive definite and A symmetric; and the vectors (n, k)."""
+    n = stiffness.shape[0]
+    if n <= MAX_DENSE_SIZE:
+        values, vectors = eigh(
+            numerator.toarray(), stiffness.toarray(), subset_by_index=[max(n - k, 0), n - 1]
+        )
+        return values[::-1], vectors[:, ::-1]
+    factor = Factor(stiffness)
+
+    def apply(rows: NDArray) -> NDArray:
+        return factor.solve(np.asfortranarray(numerator @ rows.T)).T
+
+    search = BlockLanczos(apply, csr_array(stiffness), np.zeros((0, n)), seed)
+    values, rows, _ = search.largest(k, lambda theta: True)
+    return values, rows.T

@@ -1,0 +1,101 @@
+"""Small vibrations and buckling loads: eigenvalue problems of the exact Hessian."""
+
+from __future__ import annotations
+
+import copy
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csc_array
+
+from ddgcli.errors import SolveError
+from ddgcli.linalg.factor import Factor
+from ddgcli.linalg.modes import largest_ratios, lowest_eigenpairs
+from ddgcli.mechanics.newton import Increment, newton_of
+from ddgcli.mechanics.system import System
+
+DIFFERENCE_STEP = 1e-4  # of the size of the object: largest move of the difference of Hessians
+SMALLEST_RATIO = 1e-9  # of the largest: below, a load stiffens or does nothing
+
+
+@dataclass(frozen=True, eq=False)
+class Modes:
+    """Modes of a system, ascending.
+
+    Parameters
+    ----------
+    values : (k,) ndarray
+        Frequencies in Hz, negative (minus the growth rate by 2 pi) where unstable; or load factors.
+    shapes : (k, n, 3) ndarray
+        Displacements, the largest of length 1.
+    """
+
+    values: NDArray[np.float64]
+    shapes: NDArray[np.float64]
+
+
+def natural_modes(system: System, x: NDArray, k: int) -> Modes:
+    """Frequencies and shapes of the k slowest small vibrations about positions x (n, 3), undamped."""
+    matrix, newton = _hessian(system, x), newton_of(system)
+    mass = newton.entries(np.repeat(system.mass[:, None], 3, axis=1))
+    k = min(k, int(np.count_nonzero(mass)))
+    values, vectors = lowest_eigenpairs(matrix, mass, k)
+    frequency = np.sign(values) * np.sqrt(np.abs(values)) / (2 * np.pi)
+    return Modes(frequency, np.stack([_shape(newton.spread(column)) for column in vectors.T]))
+
+
+def buckling_modes(system: System, x: NDArray, k: int) -> Modes:
+    """Factors on all loads at which the shell at rest at x (n, 3) buckles: linear theory, up to k, ascending.
+
+    The stress grows in proportion to the load, and the shape stays that at rest: K0 + s K1 is singular, K1
+    the derivative of the stress part of the Hessian along the small displacement that the loads cause.
+
+    Raises
+    ------
+    SolveError
+        Without loads, with supports that leave the shell free to move, or where no load factor is positive.
+    """
+    unloaded, newton = _with_loads(system, 0.0), newton_of(system)
+    stiffness = _hessian(unloaded, x)
+    force = -newton.entries(system.gradient(x) - unloaded.gradient(x))
+    if not np.abs(force).max(initial=0.0) > 0:
+        raise SolveError("no load acts on a free vertex, so nothing buckles; add a load, gravity or pressure")
+    try:
+        move = newton.spread(Factor(stiffness, pivot=False).solve(force))
+    except SolveError as error:
+        raise SolveError("the supports do not hold the shell: buckling loads need pins") from error
+    step = DIFFERENCE_STEP * system.size / float(np.abs(move).max())
+    ahead = _stress_part(_with_loads(system, step), x + step * move)
+    behind = _stress_part(_with_loads(system, -step), x - step * move)
+    ratio, vectors = largest_ratios(csc_array((behind - ahead) / (2 * step)), stiffness, k)
+    kept = ratio > SMALLEST_RATIO * np.abs(ratio).max(initial=0.0)
+    if not kept.any():
+        raise SolveError("no multiple of the loads makes the shell buckle: they only stiffen it")
+    return Modes(1 / ratio[kept], np.stack([_shape(newton.spread(column)) for column in vectors.T[kept]]))
+
+
+def _hessian(system: System, x: NDArray) -> csc_array:
+    """Exact Hessian over the unknowns; dense parts of low rank are refused."""
+    if system.low_rank(x) is not None:
+        raise SolveError("modes of a shell with a gas are not implemented; use pressure without gas")
+    return newton_of(system).matrix(Increment(0.0, x), x, "exact")
+
+
+def _stress_part(system: System, x: NDArray) -> csc_array:
+    """The exact Hessian less its material part."""
+    return csc_array(_hessian(system, x) - newton_of(system).matrix(Increment(0.0, x), x, "material"))
+
+
+def _with_loads(system: System, factor: float) -> System:
+    """The system with its loads times a factor."""
+    scaled = copy.copy(system)
+    scaled.potentials = [p.scaled(factor) if hasattr(p, "scaled") else p for p in system.potentials]
+    return scaled
+
+
+def _shape(move: NDArray) -> NDArray[np.float64]:
+    """A displacement whose longest vector has length 1, its largest coordinate positive."""
+    largest = np.argmax(np.abs(move) > (1 - 1e-6) * np.abs(move).max())
+    sign = -1.0 if move.ravel()[largest] < 0 else 1.0
+    return sign * move / np.linalg.norm(move, axis=1).max()

@@ -1,0 +1,53 @@
+"""Modes and buckling loads of the shells of a scene, as results and arrays."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ddgcli.mechanics.modes import Modes, buckling_modes, natural_modes
+from ddgcli.mechanics.system import System
+
+Order = Sequence[tuple[str, int]]  # name of the system and number of vertices of each shell
+log = logging.getLogger("ddgcli")
+
+
+def vibrations(
+    systems: dict[str, System], points: dict[str, NDArray], order: Order, k: int
+) -> tuple[dict[str, Any], dict[str, NDArray]]:
+    """`frequencies` in Hz about given positions, ascending over all shells, and arrays `mode_000`, ..."""
+    modes, shapes = _lowest(systems, lambda name, s: natural_modes(s, points[name], k), order, k)
+    if modes and modes[0] < 0:
+        log.warning(
+            "%d frequencies are negative: the state is unstable, with growth rates of 2 pi times them",
+            sum(f < 0 for f in modes),
+        )
+    return {"frequencies": modes}, {f"mode_{i:03d}": shape for i, shape in enumerate(shapes)}
+
+
+def buckling(systems: dict[str, System], order: Order, k: int) -> tuple[dict[str, Any], dict[str, NDArray]]:
+    """`load_factors` of linear buckling of the shells at rest, ascending, and arrays `buckling_000`, ..."""
+    factors, shapes = _lowest(systems, lambda name, s: buckling_modes(s, s.start, k), order, k)
+    return {"load_factors": factors}, {f"buckling_{i:03d}": shape for i, shape in enumerate(shapes)}
+
+
+def _lowest(
+    systems: dict[str, System], modes_of: Callable[[str, System], Modes], order: Order, k: int
+) -> tuple[list[float], list[NDArray]]:
+    """The k lowest values over all systems, and their shapes on the vertices of all shells."""
+    values: list[float] = []
+    shapes: list[NDArray] = []
+    owners = np.concatenate([np.full(count, owner, dtype=object) for owner, count in order])
+    for name, system in systems.items():
+        modes = modes_of(name, system)
+        for value, shape in zip(modes.values, modes.shapes):
+            whole = np.zeros((len(owners), 3))
+            whole[owners == name] = shape
+            values.append(float(value))
+            shapes.append(whole)
+    ascending = np.argsort(values, kind="stable")[:k]
+    return [values[i] for i in ascending], [shapes[i] for i in ascending]

@@ -1,0 +1,80 @@
+"""Strain, stress and bending moment of the faces of a shell."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ddgcli.models.shell.context import ShellContext
+
+
+def face_arrays(
+    context: ShellContext, potentials: Sequence[Any], x: NDArray
+) -> dict[str, NDArray[np.float64]]:
+    """Tensors of the faces of a shell at positions x (n, 3), for `stvk` and `midedge`; empty for others.
+
+    Returns
+    -------
+    dict
+        `strain_tensor` (m, 9): Green's strain, rows of a 3 x 3 matrix in the tangent plane at rest;
+        `principal_strain` (m, 2); `stress` (m, 9): Cauchy's stress in Pa, in the tangent plane as it is now;
+        `principal_stress` (m, 2); `bending_moment` (m, 9): N m per metre, in the tangent plane as it is now,
+        positive where the shell bends towards convex; `principal_moment` (m, 2). Principal values descend.
+    """
+    arrays: dict[str, NDArray] = {}
+    points = np.asarray(context.mesh.points)
+    frame = _frames(points, np.asarray(context.mesh.faces))
+    gradient = _deformation(points, x, np.asarray(context.mesh.faces), frame)
+    for potential in potentials:
+        if hasattr(potential, "green_strain"):
+            strain, second = potential.green_strain(x)
+            stretch = np.sqrt(np.linalg.det(np.matmul(gradient.transpose(0, 2, 1), gradient)))
+            cauchy = second / (stretch * float(context.shell.thickness or 1.0))[:, None, None]
+            arrays["strain_tensor"] = _in_space(frame, strain)
+            arrays["principal_strain"] = np.linalg.eigvalsh(strain)[:, ::-1]
+            spatial = np.matmul(np.matmul(gradient, cauchy), gradient.transpose(0, 2, 1))
+            arrays["stress"] = spatial.reshape(-1, 9)
+            arrays["principal_stress"] = _tangent_values(spatial)
+        elif hasattr(potential, "moment_tensor"):
+            couples = [p for p in potentials if hasattr(p, "added_rotations")]
+            moment = potential.moment_tensor(x, sum(p.added_rotations() for p in couples))
+            arrays["bending_moment"] = _in_space(_rotation(gradient), moment)
+            arrays["principal_moment"] = np.linalg.eigvalsh(moment)[:, ::-1]
+    return arrays
+
+
+def _frames(points: NDArray, faces: NDArray) -> NDArray[np.float64]:
+    """(m, 3, 2) orthonormal tangents at rest: along the first side, and across it."""
+    e, f = points[faces[:, 1]] - points[faces[:, 0]], points[faces[:, 2]] - points[faces[:, 0]]
+    first = e / np.linalg.norm(e, axis=1)[:, None]
+    across = f - np.einsum("mi,mi->m", f, first)[:, None] * first
+    return np.stack([first, across / np.linalg.norm(across, axis=1)[:, None]], axis=2)
+
+
+def _deformation(points: NDArray, x: NDArray, faces: NDArray, frame: NDArray) -> NDArray[np.float64]:
+    """(m, 3, 2) deformation gradients in these frames."""
+    rest = np.stack([points[faces[:, k]] - points[faces[:, 0]] for k in (1, 2)], axis=2)
+    now = np.stack([x[faces[:, k]] - x[faces[:, 0]] for k in (1, 2)], axis=2)
+    return np.matmul(now, np.linalg.inv(np.matmul(frame.transpose(0, 2, 1), rest)))
+
+
+def _rotation(gradient: NDArray) -> NDArray[np.float64]:
+    """(m, 3, 2) nearest isometry of the deformation gradients."""
+    u, _, vt = np.linalg.svd(gradient, full_matrices=False)
+    return np.matmul(u, vt)
+
+
+def _in_space(frame: NDArray, tensor: NDArray) -> NDArray[np.float64]:
+    """(m, 9) rows of the 3 x 3 matrices of (m, 2, 2) tensors in frames (m, 3, 2)."""
+    return np.matmul(np.matmul(frame, tensor), frame.transpose(0, 2, 1)).reshape(-1, 9)
+
+
+def _tangent_values(tensor: NDArray) -> NDArray[np.float64]:
+    """(m, 2) eigenvalues, descending, of symmetric (m, 3, 3) tensors without the one of the normal, zero."""
+    values = np.linalg.eigvalsh(tensor)
+    normal = np.argmin(np.abs(values), axis=1)
+    kept = np.arange(3) != normal[:, None]
+    return values[kept].reshape(-1, 2)[:, ::-1]

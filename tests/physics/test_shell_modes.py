@@ -1,0 +1,182 @@
+"""Natural frequencies, buckling loads, and strains, stresses and moments of the faces."""
+
+import numpy as np
+import pytest
+
+from ddgcli.errors import SolveError
+from ddgcli.io.mesh_file import read_mesh
+from ddgcli.mechanics.modes import buckling_modes, natural_modes
+from ddgcli.mesh.shapes import grid, icosphere
+from ddgcli.models.shell.face_arrays import face_arrays
+from tests.physics.test_shell_midedge import CLAMP, RIGIDITY, border, built, run, square
+
+STRIP = grid(20, 2, 1, 0.1, "alternating")
+X = np.asarray(STRIP.points)
+ROOT, TIP = np.flatnonzero(X[:, 0] < 1e-9).tolist(), np.flatnonzero(X[:, 0] > 1 - 1e-9).tolist()
+EULER = np.pi**2 * RIGIDITY / 4  # N/m, of the strip clamped at one end
+
+
+def push(force):
+    return f"load = {{ line_force = [{-force}, 0, 0], vertices = {TIP} }}"
+
+
+@pytest.mark.parametrize("pattern", ["alternating", "irregular"])
+def test_frequencies_of_a_simply_supported_plate_are_sums_of_squares(pattern):
+    """(m^2 + n^2) pi / 2 sqrt(D / density); second order, the error grows with the frequency."""
+    errors = []
+    for n in (8, 16):
+        mesh = square(n, pattern)
+        _, _, system = built(mesh, f"pin = {{ vertices = {border(mesh)} }}", poisson=0.3)
+        modes = natural_modes(system, np.asarray(mesh.points), 4)
+        truth = np.array([2, 5, 5, 8]) * np.pi / 2 * np.sqrt(RIGIDITY / 0.91)
+        errors.append(np.abs(modes.values / truth - 1))
+    assert errors[1].max() <= 0.05
+    assert errors[1][0] <= 0.013
+    assert 3.3 <= errors[0][0] / errors[1][0] <= 4.7
+
+
+def test_frequencies_of_a_cantilever_are_those_of_the_beam():
+    _, _, system = built(STRIP, CLAMP.format(ROOT))
+    values = natural_modes(system, X, 2).values
+    truth = np.array([1.8751041, 4.6940911]) ** 2 * np.sqrt(RIGIDITY) / (2 * np.pi)
+    assert np.abs(values / truth - 1) == pytest.approx(0, abs=0.02)
+    assert values[0] == pytest.approx(truth[0], rel=0.005)
+
+
+@pytest.mark.parametrize("mesh", [STRIP, icosphere(2)], ids=["strip", "sphere"])
+def test_free_body_has_six_modes_of_frequency_zero(mesh):
+    _, _, system = built(mesh, poisson=0.3)
+    modes = natural_modes(system, np.asarray(mesh.points), 8)
+    assert (modes.values[:6] == 0).all()
+    assert (modes.values[6:] > 1e-3).all()
+    for shape in modes.shapes[:6]:
+        edges = mesh.points[mesh.topology.edges[:, 1]] - mesh.points[mesh.topology.edges[:, 0]]
+        moves = shape[mesh.topology.edges[:, 1]] - shape[mesh.topology.edges[:, 0]]
+        assert np.abs(np.einsum("ei,ei->e", edges, moves)).max() <= 1e-6 * np.abs(edges).max()
+
+
+def test_lanczos_and_dense_eigenpairs_agree():
+    mesh = square(14, "irregular")
+    _, _, system = built(mesh, poisson=0.3)
+    x = np.asarray(mesh.points)
+    modes = natural_modes(system, x, 12)
+    from ddgcli.linalg import modes as solver
+
+    dense, solver.MAX_DENSE_SIZE = solver.MAX_DENSE_SIZE, 10**6
+    try:
+        truth = natural_modes(system, x, 12)
+    finally:
+        solver.MAX_DENSE_SIZE = dense
+    assert len(x) * 3 > dense
+    assert modes.values == pytest.approx(truth.values, rel=1e-6, abs=1e-9)
+
+
+def test_buckling_load_of_a_clamped_strip_is_eulers():
+    _, _, system = built(STRIP, CLAMP.format(ROOT) + "\n" + push(2.0))
+    modes = buckling_modes(system, X, 3)
+    assert 2 * modes.values / (EULER * np.array([1, 9, 25])) == pytest.approx(1, abs=0.03)
+    assert 2 * modes.values[0] == pytest.approx(EULER, rel=0.002)
+    sine = 1 - np.cos(0.5 * np.pi * X[:, 0])
+    assert np.abs(np.abs(modes.shapes[0][:, 2]) - sine).max() <= 0.01
+
+
+def test_compression_lowers_the_frequency_to_zero_at_the_buckling_load():
+    """f^2 falls nearly in a straight line: Galerkin with the first shape leaves 1 - 1.01 P / Euler's load."""
+    _, _, free = built(STRIP, CLAMP.format(ROOT))
+    first = natural_modes(free, X, 1).values[0]
+    effects = CLAMP.format(ROOT) + "\n" + push(0.5 * EULER)
+    x = run(STRIP, effects)[-1].observations["s"].points
+    _, _, system = built(STRIP, effects)
+    assert (natural_modes(system, x, 1).values[0] / first) ** 2 == pytest.approx(0.5, abs=0.02)
+    _, _, system = built(STRIP, CLAMP.format(ROOT) + "\n" + push(1.1 * EULER))
+    assert natural_modes(system, X * [1 - 1.1 * EULER / 1.2e5, 1, 1], 1).values[0] < 0
+
+
+@pytest.mark.parametrize(
+    ("effects", "message"),
+    [
+        (CLAMP.format(ROOT), "nothing buckles"),
+        (push(1.0), "do not hold the shell"),
+        ("pin = { box = [[0, 0, 0], [1, 1, 0]] }\n" + push(1.0), "nothing buckles"),
+    ],
+)
+def test_shells_that_cannot_buckle_are_errors(effects, message):
+    _, _, system = built(STRIP, effects)
+    with pytest.raises(SolveError, match=message):
+        buckling_modes(system, X, 2)
+
+
+def test_faces_of_a_stretched_strip_have_the_stress_of_the_load():
+    """12 N/m on a thickness of 1 cm; Green's strain of StVK: force = E t lambda (lambda^2 - 1) / 2."""
+    effects = f"""
+[[effects.pin]]
+vertices = {ROOT}
+axes = "xz"
+[[effects.pin]]
+vertices = [{ROOT[0]}]
+axes = "y"
+[[effects.load]]
+line_force = [600, 0, 0]
+vertices = {TIP}
+"""
+    x = run(STRIP, effects, poisson=0.3)[-1].observations["s"].points
+    _, context, system = built(STRIP, effects, poisson=0.3)
+    arrays = face_arrays(context, system.potentials, x)
+    stretch = np.roots([0.5 * 1.2e5, 0, -0.5 * 1.2e5, -600]).real.max()
+    strain = 0.5 * (stretch**2 - 1)
+    assert arrays["principal_strain"] == pytest.approx(np.tile([strain, -0.3 * strain], (80, 1)), rel=1e-6)
+    width = np.sqrt(1 - 0.6 * strain)
+    assert arrays["principal_stress"][:, 0] == pytest.approx(600 / 0.01 / width, rel=1e-6)
+    assert np.abs(arrays["principal_stress"][:, 1]).max() <= 1e-6 * 600 / 0.01
+    assert arrays["stress"].reshape(-1, 3, 3)[:, 0, 0] == pytest.approx(600 / 0.01 / width, rel=1e-6)
+
+
+def test_faces_of_a_strip_under_an_end_moment_have_that_moment_everywhere():
+    effects = f"{CLAMP.format(ROOT)}\nload = {{ moment = 2.0, vertices = {TIP} }}"
+    x = run(STRIP, effects)[-1].observations["s"].points
+    _, context, system = built(STRIP, effects)
+    arrays = face_arrays(context, system.potentials, x)
+    assert x[TIP, 2].mean() < -0.5  # positive moments bend towards convex
+    assert np.median(arrays["principal_moment"][:, 0]) == pytest.approx(2.0, rel=0.01)
+    assert np.abs(arrays["principal_moment"] - [2, 0]).max() <= 0.1
+    normal = np.cross(
+        x[STRIP.faces[:, 1]] - x[STRIP.faces[:, 0]], x[STRIP.faces[:, 2]] - x[STRIP.faces[:, 0]]
+    )
+    moment = arrays["bending_moment"].reshape(-1, 3, 3)
+    assert np.abs(np.einsum("mij,mj->mi", moment, normal)).max() <= 1e-12
+
+
+PLATE = """
+[time]
+integrator = "{integrator}"
+[[object]]
+name = "plate"
+role = "shell"
+grid = {{ size = [1, 1], cells = [6, 6] }}
+density = 1
+thickness = 0.01
+young = 1.2e7
+poisson = 0.3
+[effects]
+stretching = {{}}
+bending = {{ model = "midedge" }}
+pin = {{ box = [[0, 0, 0], [0, 1, 0]], clamp = true }}
+load = {{ line_force = [-0.5, 0, 0.01], box = [[1, 0, 0], [1, 1, 0]] }}
+"""
+
+
+@pytest.mark.parametrize("integrator", ["static", "newmark"])
+def test_command_writes_modes_and_face_arrays(tmp_path, summary, integrator):
+    scene, out = tmp_path / "plate.toml", tmp_path / "plate.vtu"
+    scene.write_text(PLATE.format(integrator=integrator))
+    results = summary("shell-sim", scene, "--modes", 3, "--buckling", 2, "-o", out)["results"]
+    assert len(results["frequencies"]) == 3 and len(results["load_factors"]) == 2
+    assert results["frequencies"][0] == pytest.approx(3.47 / (2 * np.pi) * np.sqrt(RIGIDITY / 0.91), rel=0.25)
+    assert results["load_factors"][0] * 0.5 == pytest.approx(EULER / 0.91, rel=0.1)
+    assert results["steps"] == (1 if integrator == "static" else 0)
+    assert results["seconds_by_part"]["unaccounted"] > -1e-3
+    saved = read_mesh(str(out))
+    assert {"mode_000", "mode_002", "buckling_001"} <= set(saved.vertex)
+    assert np.linalg.norm(saved.vertex["mode_000"], axis=1).max() == pytest.approx(1)
+    names = {"stress", "strain_tensor", "bending_moment", "principal_stress", "principal_moment"}
+    assert names <= set(saved.face)
