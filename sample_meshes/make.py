@@ -56,6 +56,12 @@ def revolved(radius: np.ndarray, height: np.ndarray, around: int) -> TriangleMes
     return TriangleMesh.from_arrays(points, np.concatenate(faces))
 
 
+def cap() -> TriangleMesh:
+    """A paraboloid in metres: rim of radius 0.2, rise 0.03."""
+    radius = np.linspace(0.0, 0.2, 11)
+    return revolved(radius, 0.03 * (1 - (radius / 0.2) ** 2), 24)
+
+
 def hat() -> TriangleMesh:
     """A hat in metres: crown of radius 0.09 and height 0.12, brim to radius 0.2; an open disk."""
     s = np.linspace(0, 1, 9)[1:]
@@ -162,6 +168,7 @@ SAMPLES = {
     "cube.obj": lambda: shapes.box(1, 1, 1),
     "frame.off": frame,
     "hat.ply": hat,
+    "cap.ply": cap,
     "ball.vtu": ball,
     "trefoil.obj": trefoil,
 }

@@ -14,6 +14,7 @@ __all__ = [
     "eigen",
     "factor",
     "lanczos",
+    "modes",
     "multifrontal",
     "ordering",
     "residual_gate",

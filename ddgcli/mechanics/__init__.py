@@ -11,6 +11,7 @@ __all__ = [
     "energy_balance",
     "equilibrium",
     "integrators",
+    "modes",
     "newton",
     "rounding",
     "system",

@@ -35,6 +35,8 @@ class Integrator:
         What takes a step that `step` solved and yet rejects, before it is halved; where no step is unstable.
     multistep : bool
         The scheme uses `Motion.past`.
+    own_time : bool
+        A step sets the time of its end itself: the load factor of a path.
     """
 
     name: str
@@ -43,6 +45,7 @@ class Integrator:
     reach: Callable[[Any], float]
     rescue: Step | None = None
     multistep: bool = False
+    own_time: bool = False
 
 
 def _symplectic_euler(system: System, motion: Motion, dt: float, parameters: Any) -> Motion:
@@ -272,6 +275,13 @@ def _static(system: System, motion: Motion, dt: float, parameters: Any) -> Motio
     return checked(system, Motion(y, still, still, motion.newton + count))
 
 
+def _arc_length(system: System, motion: Motion, dt: float, parameters: Any) -> Motion:
+    """The next equilibrium along the path of loads."""
+    from ddgcli.mechanics.arc_length import arc_step
+
+    return checked(system, arc_step(system, motion, dt, parameters))
+
+
 def _leaps(parameters: Any) -> float:
     return 2.0
 
@@ -295,6 +305,8 @@ INTEGRATORS: dict[str, Integrator] = {
     "bdf2": Integrator("bdf2", 2, _bdf2, _any_step, multistep=True),
     "static": Integrator("static", 0, _static, _any_step),
 }
+
+ARC_LENGTH = Integrator("static", 0, _arc_length, _any_step, multistep=True, own_time=True)
 
 
 def stable_step(system: System, x: NDArray, reach: float) -> float:

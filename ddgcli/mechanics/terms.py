@@ -164,6 +164,17 @@ class RampedLoad:
 
 
 @dataclass(frozen=True, eq=False)
+class ProportionalLoad:
+    """A potential times time over a duration, without bounds: the load of an equilibrium path."""
+
+    potential: Any
+    duration: float
+
+    def at(self, time: float) -> Potential:
+        return self.potential.scaled(time / self.duration)
+
+
+@dataclass(frozen=True, eq=False)
 class DeadLoad:
     """A constant force: energy -f . x.
 

@@ -26,6 +26,7 @@ SURFACES = {
     "cube.obj": (2, 0, 6, 1),
     "frame.off": (-8, 0, None, None),
     "hat.ply": (1, 1, None, None),
+    "cap.ply": (1, 1, None, None),
 }
 
 

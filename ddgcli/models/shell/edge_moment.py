@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.mechanics.terms import Arrays, Mode, Potential, RampedLoad, at_last_point
+from ddgcli.mechanics.terms import Arrays, Mode, Potential, ProportionalLoad, RampedLoad, at_last_point
 from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.models.shell import hinge
 from ddgcli.models.shell.context import ShellContext
@@ -109,14 +109,15 @@ class EdgeTurns:
 
     def _moment(self) -> EdgeMoment:
         inner = self.potential
-        return inner.potential if isinstance(inner, RampedLoad) else inner
+        return inner.potential if isinstance(inner, RampedLoad | ProportionalLoad) else inner
 
     def initial(self) -> Arrays:
         return {"turn": np.zeros(len(self._moment().side))}
 
     def at(self, memory: Arrays) -> Any:
         moment = self._moment().counted_from(memory["turn"])
-        return replace(self.potential, potential=moment) if isinstance(self.potential, RampedLoad) else moment
+        ramped = isinstance(self.potential, RampedLoad | ProportionalLoad)
+        return replace(self.potential, potential=moment) if ramped else moment
 
     def commit(self, x: NDArray, memory: Arrays) -> Arrays:
         turn = self._moment().counted_from(memory["turn"]).turns(x)

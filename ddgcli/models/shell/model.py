@@ -5,15 +5,16 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.mechanics.driving import contact_forces, driving_work, reactions
-from ddgcli.mechanics.integrators import INTEGRATORS, Step, stable_step
+from ddgcli.mechanics.integrators import ARC_LENGTH, INTEGRATORS, Step, stable_step
 from ddgcli.mechanics.system import Motion, System
-from ddgcli.mechanics.terms import FixedCoordinates, Memory, PrescribedMotion, RampedLoad
+from ddgcli.mechanics.terms import FixedCoordinates, Memory, PrescribedMotion, ProportionalLoad, RampedLoad
 from ddgcli.mesh.require import unmet_need
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.models.shell.context import ShellContext
@@ -143,7 +144,20 @@ def _strength(part: Any) -> bool:
     return values is None or bool(np.any(values))
 
 
-def _with_ramp(part: Any, ramps: dict[int, RampedLoad]) -> Any:
+def _ramped(parts: list[Any], time: Any) -> list[Any]:
+    """Loads without a ramp grow with time where the scene has load steps."""
+    if getattr(time, "load_steps", 1) == 1:
+        return parts
+    times, factors = np.array([0.0, time.duration]), np.array([0.0, 1.0])
+
+    def ramp(part: Any) -> Any:
+        return ProportionalLoad(part, time.duration) if time.arc_length else RampedLoad(part, times, factors)
+
+    ramps = {id(part): ramp(part) for part in parts if hasattr(part, "scaled")}
+    return [_with_ramp(ramps.get(id(part), part), ramps) for part in parts]
+
+
+def _with_ramp(part: Any, ramps: dict[int, Any]) -> Any:
     """A memory whose potential has become a ramp, with that ramp; anything else as it is."""
     if not isinstance(part, Memory) or id(part.potential) not in ramps:
         return part
@@ -174,12 +188,9 @@ def _group_system(scene: Scene, group: Group, account: Account) -> System:
 
 def _own_parts(scene: Scene, context: ShellContext) -> list[Any]:
     """Terms of one shell by itself."""
-    parts = parts_of(scene, context)
-    if getattr(scene.time, "load_steps", 1) > 1:
-        times, factors = np.array([0.0, scene.time.duration]), np.array([0.0, 1.0])
-        ramps = {id(part): RampedLoad(part, times, factors) for part in parts if hasattr(part, "scaled")}
-        parts = [ramps.get(id(part), part) for part in parts]
-        parts = [_with_ramp(part, ramps) for part in parts]
+    if getattr(scene.time, "arc_length", None) and scene.time.load_steps == 1:
+        scene.refuse(("time", "arc_length"), "arc_length needs load_steps, the most steps along the path")
+    parts = _ramped(parts_of(scene, context), scene.time)
     loose = ~context.mesh.topology.referenced_vertex
     if loose.any():
         parts.append(FixedCoordinates(np.repeat(loose[:, None], 3, axis=1)))
@@ -191,6 +202,8 @@ def _own_parts(scene: Scene, context: ShellContext) -> list[Any]:
 
 def _model(scene: Scene, group: Group, system: System) -> Model[Motion]:
     integrator, parameters = INTEGRATORS[scene.time.integrator], scene.time
+    if getattr(parameters, "arc_length", None):
+        integrator = ARC_LENGTH
     x = np.array(system.start)
     shells = group.shells.values()
     v = np.where(system.free, np.concatenate([_initial_velocity(context) for context in shells]), 0.0)
@@ -203,12 +216,13 @@ def _model(scene: Scene, group: Group, system: System) -> Model[Motion]:
     size, reach = system.size, integrator.reach(parameters)
 
     def advanced(step: Step, motion: Motion, time: float, dt: float) -> Motion:
-        before = replace(motion, time=time)
+        before = motion if integrator.own_time else replace(motion, time=time)
         current = system.remembering(motion.memory)
         after = step(current, before, dt, parameters)
         memory = system.committed(after.x, motion.memory)
         past = (before.x, before.v, np.array([dt])) if integrator.multistep else ()
-        after = replace(after, time=time + dt, work=motion.work, memory=memory, past=past)
+        end = after.time if integrator.own_time else time + dt
+        after = replace(after, time=end, work=motion.work, memory=memory, past=past)
         if not system.driven:
             return after
         return replace(after, work=motion.work + driving_work(current, before, after, dt))
@@ -248,7 +262,14 @@ def _model(scene: Scene, group: Group, system: System) -> Model[Motion]:
         start, advance, observe, _packed, unpack, limit,
         lambda a, b: float(np.abs(a.x - b.x).max()) / size, integrator.order,
         rescue=rescue if integrator.rescue is not None and np.isinf(reach) else None,
+        stop=partial(_load_reached, parameters.duration) if integrator.own_time else None,
+        clock=(lambda motion: motion.time) if integrator.own_time else None,
     )  # fmt: skip
+
+
+def _load_reached(duration: float, motion: Motion) -> str:
+    """Reason to end an equilibrium path, or ""."""
+    return "the whole load is reached" if motion.time >= duration else ""
 
 
 def _packed(motion: Motion) -> dict[str, NDArray]:

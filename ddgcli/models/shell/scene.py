@@ -92,6 +92,9 @@ class StaticParameters(Section):
     load_steps: int = Field(
         1, ge=1, le=100000, description="equilibria under k / load_steps of every load that has no ramp"
     )
+    arc_length: quantity("m", "root mean square move of a step along the path of equilibria", gt=0) | None = (
+        None
+    )
 
 
 KIND = SceneKind(

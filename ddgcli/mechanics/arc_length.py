@@ -1,0 +1,111 @@
+"""Equilibrium paths through limit points: steps of given arc length, the load factor an unknown.
+
+M. A. Crisfield, "A fast incremental/iterative solution procedure that handles snap-through", 1981: positions
+and load factor are corrected together until forces balance and the step from the last equilibrium has its
+length. The time of a motion is the load factor times the duration of the run.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ddgcli.errors import ParameterError, SolveError
+from ddgcli.linalg.factor import Factor
+from ddgcli.mechanics.newton import MOVE_TOLERANCE, Increment, newton_of, worst
+from ddgcli.mechanics.system import Motion, System
+from ddgcli.simulation.model import StepRejected
+
+MAX_CORRECTIONS = 25
+
+
+def arc_step(system: System, motion: Motion, dt: float, parameters: Any) -> Motion:
+    """The next equilibrium on the path; at load factor 1 exactly where the step would pass it.
+
+    Raises
+    ------
+    StepRejected
+        No convergence; a shorter step may converge.
+    """
+    if system.prescribed:
+        raise ParameterError("arc_length follows loads, and a handle moves in time; leave one of them out")
+    duration = float(parameters.duration)
+    length = float(parameters.arc_length) * dt * parameters.load_steps / duration
+    before = None if not motion.past[2][0] > 0 else motion.x - motion.past[0]
+    path = _Path(system, motion.x, duration, length)
+    x, time, count = path.corrected(*path.predicted(motion.time, before), motion.time)
+    if time >= duration > motion.time:
+        x, more = path.at_load(x, duration)
+        time, count = duration, count + more
+    still = np.zeros_like(x)
+    return Motion(x, still, still, motion.newton + count, time=time)
+
+
+class _Path:
+    """Equations of one step from an equilibrium `x`."""
+
+    def __init__(self, system: System, x: NDArray, duration: float, length: float) -> None:
+        self.system, self.x, self.duration, self.newton = system, x, duration, newton_of(system)
+        self.weight = system.only_free(np.repeat(system.mass[:, None], 3, axis=1)) / system.mass.sum()
+        self.length = length
+
+    def _moves(self, y: NDArray, time: float) -> tuple[NDArray, NDArray, NDArray]:
+        """Newton's move at fixed load, the move per second of load, and the gradient."""
+        here = self.system.at(time)
+        gradient = here.gradient(y)
+        rate = (self.system.at(time + self.duration).gradient(y) - gradient) / self.duration
+        newton = newton_of(here)
+        matrix = newton.matrix(Increment(0.0, y), y, "exact")
+        rhs = np.stack([newton.entries(-gradient), newton.entries(-rate)], axis=1)
+        if not rhs[:, 1].any():
+            raise ParameterError("arc_length needs a load: no load of the scene acts on a free vertex")
+        with self.system.account.within("solver"):
+            try:
+                moves = Factor(matrix).solve(rhs)
+            except SolveError as error:
+                raise StepRejected("singular", worst(gradient)) from error
+        return newton.spread(moves[:, 0]), newton.spread(moves[:, 1]), gradient
+
+    def _product(self, a: NDArray, b: NDArray) -> float:
+        return float(np.sum(self.weight * a * b))
+
+    def predicted(self, time: float, before: NDArray | None) -> tuple[NDArray, float]:
+        """Along the tangent, onwards: in the direction of the last step, or of growing load."""
+        _, tangent, _ = self._moves(self.x, time)
+        scale = self.length / np.sqrt(self._product(tangent, tangent))
+        if before is not None and self._product(tangent, before) < 0:
+            scale = -scale
+        return self.x + scale * tangent, time + scale
+
+    def corrected(self, y: NDArray, time: float, start: float) -> tuple[NDArray, float, int]:
+        """Equilibrium at the length of the step: positions, time, corrections."""
+        enough = MOVE_TOLERANCE * self.system.size
+        for count in range(1, MAX_CORRECTIONS + 1):
+            fixed, rate, gradient = self._moves(y, time)
+            away = y - self.x
+            # linearised |away + fixed + s rate| = length
+            slope = self._product(away, rate)
+            lack = 0.5 * (self.length**2 - self._product(away, away)) - self._product(away, fixed)
+            s = lack / slope if slope else np.inf
+            move = fixed + s * rate
+            size = float(np.abs(move).max())
+            if not size <= 10 * self.system.size:
+                raise StepRejected("arc length", worst(gradient), size)
+            y, time = y + move, time + s
+            if size <= enough:
+                return y, time, count
+        raise StepRejected("arc length", worst(gradient), size)
+
+    def at_load(self, y: NDArray, time: float) -> tuple[NDArray, int]:
+        """Equilibrium near `y` at a given time, by Newton's iteration."""
+        enough = MOVE_TOLERANCE * self.system.size
+        for count in range(1, MAX_CORRECTIONS + 1):
+            move, _, gradient = self._moves(y, time)
+            y, size = y + move, float(np.abs(move).max())
+            if size <= enough:
+                return y, count
+            if not size <= 10 * self.system.size:
+                break
+        raise StepRejected("newton", worst(gradient), size)
