@@ -74,11 +74,13 @@ class ShellProblem:
     reference: tuple[tuple[float, ...], ...]
 
 
-def _ids(mask: NDArray) -> str:
+def numbers(mask: NDArray) -> str:
+    """List of the vertices of a mask."""
     return str(np.flatnonzero(mask).tolist())
 
 
-def _at(q: NDArray, axis: int, value: float) -> NDArray:
+def at(q: NDArray, axis: int, value: float) -> NDArray:
+    """Mask of the parameters with one value along an axis."""
     return np.abs(q[:, axis] - value) < 1e-9 * max(1.0, float(np.abs(q).max()))
 
 
@@ -88,19 +90,19 @@ def _plate(q: NDArray) -> NDArray:
 
 def _shear(x: NDArray, q: NDArray) -> str:
     return (
-        f"pin = {{ vertices = {_ids(_at(q, 0, 0))}, clamp = true }}\n"
-        f"load = {{ line_force = [0, 0, 4], vertices = {_ids(_at(q, 0, 10))} }}"
+        f"pin = {{ vertices = {numbers(at(q, 0, 0))}, clamp = true }}\n"
+        f"load = {{ line_force = [0, 0, 4], vertices = {numbers(at(q, 0, 10))} }}"
     )
 
 
 def _moment(x: NDArray, q: NDArray) -> str:
     return (
-        f"pin = {{ vertices = {_ids(_at(q, 0, 0))}, clamp = true }}\n"
-        f"load = {{ moment = {-50 * np.pi / 3}, vertices = {_ids(_at(q, 0, 12))} }}"
+        f"pin = {{ vertices = {numbers(at(q, 0, 0))}, clamp = true }}\n"
+        f"load = {{ moment = {-50 * np.pi / 3}, vertices = {numbers(at(q, 0, 12))} }}"
     )
 
 
-def _hemisphere(q: NDArray) -> NDArray:
+def open_hemisphere(q: NDArray) -> NDArray:
     """Parameters: longitude from 0 to 90 degrees, latitude from 0 to 72, both times the radius."""
     longitude, latitude = q[:, 0] / 10, q[:, 1] / 10
     return 10 * np.column_stack(
@@ -110,25 +112,25 @@ def _hemisphere(q: NDArray) -> NDArray:
 
 def _hemisphere_effects(x: NDArray, q: NDArray) -> str:
     quarter = 5 * np.pi
-    first, second = _at(q, 0, 0), _at(q, 0, quarter)
-    corner = first & _at(q, 1, 0)
+    first, second = at(q, 0, 0), at(q, 0, quarter)
+    corner = first & at(q, 1, 0)
     return f"""
 [[effects.pin]]
-vertices = {_ids(first)}
+vertices = {numbers(first)}
 axes = "y"
 clamp = true
 [[effects.pin]]
-vertices = {_ids(second)}
+vertices = {numbers(second)}
 axes = "x"
 clamp = true
 [[effects.pin]]
-vertices = {_ids(corner)}
+vertices = {numbers(corner)}
 axes = "z"
 [[effects.load]]
-vertices = {_ids(corner)}
+vertices = {numbers(corner)}
 force = [-200, 0, 0]
 [[effects.load]]
-vertices = {_ids(second & _at(q, 1, 0))}
+vertices = {numbers(second & at(q, 1, 0))}
 force = [0, 200, 0]
 """
 
@@ -141,8 +143,8 @@ def _annulus(q: NDArray) -> NDArray:
 
 def _annulus_effects(x: NDArray, q: NDArray) -> str:
     return (
-        f"pin = {{ vertices = {_ids(_at(q, 0, 0))}, clamp = true }}\n"
-        f"load = {{ line_force = [0, 0, 0.8], vertices = {_ids(_at(q, 0, 16 * np.pi))} }}"
+        f"pin = {{ vertices = {numbers(at(q, 0, 0))}, clamp = true }}\n"
+        f"load = {{ line_force = [0, 0, 0.8], vertices = {numbers(at(q, 0, 16 * np.pi))} }}"
     )
 
 
@@ -153,22 +155,22 @@ def _cylinder(q: NDArray) -> NDArray:
 
 
 def _cylinder_effects(x: NDArray, q: NDArray) -> str:
-    top, side = _at(q, 0, 0), _at(q, 0, 50.8 * np.pi)
-    clamped, free = _at(q, 1, 0), _at(q, 1, 304.8)
+    top, side = at(q, 0, 0), at(q, 0, 50.8 * np.pi)
+    clamped, free = at(q, 1, 0), at(q, 1, 304.8)
     return f"""
 [[effects.pin]]
-vertices = {_ids(clamped)}
+vertices = {numbers(clamped)}
 clamp = true
 [[effects.pin]]
-vertices = {_ids(top)}
+vertices = {numbers(top)}
 axes = "x"
 clamp = true
 [[effects.pin]]
-vertices = {_ids(side)}
+vertices = {numbers(side)}
 axes = "z"
 clamp = true
 [[effects.load]]
-vertices = {_ids(top & free)}
+vertices = {numbers(top & free)}
 force = [0, 0, -1000]
 """
 
@@ -192,7 +194,7 @@ PROBLEMS = {
         ),
     ),
     "open hemisphere": ShellProblem(
-        (5 * np.pi, 4 * np.pi), _hemisphere, 6.825e7, 0.3, 0.04, _hemisphere_effects,
+        (5 * np.pi, 4 * np.pi), open_hemisphere, 6.825e7, 0.3, 0.04, _hemisphere_effects,
         (((0, 0), (-1, 0, 0)), ((5 * np.pi, 0), (0, 1, 0))), (0.05, *TENTHS),
         (
             (0.955, 1.840, 3.261, 4.339, 5.196, 5.902, 6.497, 7.006, 7.448, 7.835, 8.178),
@@ -215,13 +217,13 @@ PROBLEMS = {
 }  # fmt: skip
 
 
-def parameter_mesh(problem: ShellProblem, faces: int, pattern: str) -> TriangleMesh:
+def flat_mesh(size: tuple[float, float], faces: int, pattern: str) -> TriangleMesh:
     """A mesh of the parameter rectangle with about `faces` triangles.
 
     `pattern` is that of a grid ('alternating', 'right'), or 'irregular': random points no closer than 0.7 of
     the mean distance, with their Delaunay triangles.
     """
-    a, b = problem.size
+    a, b = size
     cell = np.sqrt(2 * a * b / faces)
     nx, ny = max(2, 2 * round(a / cell / 2)), max(2, 2 * round(b / cell / 2))
     if pattern != "irregular":
@@ -276,7 +278,7 @@ def displacements(
     problem: ShellProblem, faces: int, pattern: str, bending: str = "midedge", steps: int = 20
 ) -> tuple[int, NDArray[np.float64]]:
     """Number of triangles, and displacements (fractions, measured points) at the fractions of the load."""
-    flat = parameter_mesh(problem, faces, pattern)
+    flat = flat_mesh(problem.size, faces, pattern)
     q = np.asarray(flat.points)[:, :2]
     mesh = flat.moved(problem.onto(q))
     text = SCENE.format(
