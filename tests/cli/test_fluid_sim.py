@@ -177,7 +177,8 @@ def test_trajectory_is_read_by_vtk(run, flow, tmp_path):
             triangles = vtk_to_numpy(shown.GetPolys().GetConnectivityArray()).reshape(-1, 3)
             assert np.array_equal(triangles, ours.mesh.faces)
             arrays = {name: vtk_to_numpy(shown.GetPointData().GetArray(name)) for name in ours.vertex(k)}
-            assert set(arrays) == {"vorticity", "stream_function", "velocity", "dye"}
+            assert set(arrays) == {"vorticity", "stream_function", "velocity", "speed", "dye"}
+            assert np.allclose(arrays["speed"], np.linalg.norm(arrays["velocity"], axis=1))
             assert all(np.array_equal(arrays[name], values) for name, values in ours.vertex(k).items())
             assert {"kinetic_energy", "enstrophy", "total_vorticity", "step_size"} <= set(ours.scalars)
             for name, values in ours.scalars.items():

@@ -74,12 +74,12 @@ def test_what_cannot_act_is_reported(integrator, effects, message, summary, tmp_
     assert out["accuracy"]["energy_drift"] == 0.0
 
 
-def test_a_moment_takes_no_vertices(run, tmp_path):
+def test_a_moment_of_an_edge_takes_no_vertices(run, tmp_path):
     load = "load = { moment = 1, edge = [3, 4], vertices = [0] }"
     refused = run("shell-sim", strip_scene(tmp_path, load))
-    assert refused.exit_code == 2 and "leave vertices and box out" in refused.stderr
-    mended = run("shell-sim", strip_scene(tmp_path, load.replace(", vertices = [0]", "")))
-    assert mended.exit_code == 0
+    assert refused.exit_code == 2 and "here: edge and vertices" in refused.stderr
+    cured = run("shell-sim", strip_scene(tmp_path, load.replace(", vertices = [0]", "")))
+    assert cured.exit_code == 0
 
 
 @pytest.mark.parametrize("share, negative", [(0.8, 0), (1.5, 1), (12.0, 2)])

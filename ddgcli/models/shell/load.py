@@ -53,7 +53,8 @@ class Load(RampSection):
             raise ValueError("an edge needs a moment")
         if self.moment is not None and len(places) != 1:
             raise ValueError(
-                "a moment needs edge = [a, b] (an interior edge), or vertices or box (boundary edges there)"
+                "a moment needs one of edge = [a, b] (an interior edge), vertices and box (boundary edges "
+                f"there); here: {' and '.join(places) or 'none'}"
             )
         return self
 
