@@ -33,9 +33,9 @@ FLAT_ANGLE_TOLERANCE = 1e-6  # radians: a mesh whose hinges are flatter counts a
 class Bending(Section):
     """Resistance to bending."""
 
-    model: Literal["hinge", "quadratic", "midedge"] = Field(
+    model: Literal["hinge", "quadratic", "cubic", "midedge"] = Field(
         "hinge",
-        description="hinge; quadratic (flat rest shape); midedge: Kirchhoff-Love, converges on any mesh",
+        description="hinge; quadratic: flat rest shape; cubic: curved; midedge: converges on any mesh",
     )
     rest: Literal["input", "flat"] | None = Field(
         None, description="shape without bending moment: the mesh as drawn, or flat; quadratic is always flat"
@@ -163,6 +163,11 @@ def build(parameters: Bending, context: ShellContext) -> list[Potential]:
         flat = parameters.rest == "flat"
         rest = np.zeros(len(stencil)) if flat else hinge.frame(np.asarray(mesh.points), stencil).angle
         return [HingeBending(stencil, rigidity / PLATE_RATIO * scaled, rest)]
+    if parameters.model == "cubic":
+        from ddgcli.models.shell.cubic import CubicBending
+
+        weight = rigidity / PLATE_RATIO * scaled
+        return [CubicBending(np.asarray(mesh.points), stencil, weight, parameters.rest == "flat")]
     if parameters.rest == "input":
         bent = np.abs(hinge.frame(np.asarray(mesh.points), stencil).angle).max(initial=0.0)
         if bent > FLAT_ANGLE_TOLERANCE:

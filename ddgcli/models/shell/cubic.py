@@ -1,0 +1,117 @@
+"""Cubic shells: isometric bending about a curved rest shape, an energy cubic in the positions.
+
+A. Garg, E. Grinspun, M. Wardetzky, D. Zorin, "Cubic shells", 2007. Where lengths stay, the cosine of a
+hinge's angle is quadratic in the positions and its sine cubic, so 4 sin^2((angle - rest) / 2) is cubic:
+cos(rest) |q|^2 - 2 sin(rest) det + constant, with q the sum of the unit vectors from the edge to the two
+apexes and det the volume of the hinge. Multiples of squared lengths, constants under isometry, make the rest
+shape a stationary point also of moves that stretch.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ddgcli.mechanics.terms import Mode
+from ddgcli.mesh.scatter import sum_by_index
+from ddgcli.mesh.vectors import row_dot
+from ddgcli.models.shell import hinge
+
+SIDES = ((0, 1), (0, 2), (1, 2), (0, 3), (1, 3))  # of a hinge
+
+
+class CubicBending:
+    """Energy w 4 sin^2((angle - rest) / 2) of the hinges under isometric moves.
+
+    Parameters
+    ----------
+    x : (n, 3) ndarray
+        The rest shape.
+    stencil : (h, 4) ndarray
+    weight : (h,) ndarray
+        w in J.
+    flat : bool
+        The hinges are at rest where they are flat, instead of as drawn.
+    """
+
+    name = "bending"
+
+    def __init__(self, x: NDArray, stencil: NDArray, weight: NDArray, flat: bool = False) -> None:
+        self.stencil = stencil
+        f = hinge.frame(x, stencil)
+        rest = np.zeros(len(stencil)) if flat else f.angle
+        a = np.stack(
+            [-(1 - f.s) / f.h - (1 - f.st) / f.ht, -f.s / f.h - f.st / f.ht, 1 / f.h, 1 / f.ht], axis=1
+        )
+        self.form = (2 * weight * np.cos(rest))[:, None, None] * a[:, :, None] * a[:, None, :]
+        self.cubic = 2 * weight * np.sin(rest) / (f.length * f.h * f.ht)
+        if not flat:
+            self.form -= _length_terms(x[stencil], self._local_gradient(x))
+        values, vectors = np.linalg.eigh(self.form)
+        self._positive = np.einsum("hik,hk,hjk->hij", vectors, np.maximum(values, 0.0), vectors)
+        self.constant = 0.0
+        self.constant = 0.0 if flat else -self.energy(x)
+
+    def _vectors(self, x: NDArray) -> NDArray[np.float64]:
+        """(h, 4, 3) positions relative to the first vertex of each hinge."""
+        corner = x[self.stencil]
+        return corner - corner[:, :1]
+
+    def energy(self, x: NDArray) -> float:
+        p = self._vectors(x)
+        quadratic = 0.5 * np.einsum("hij,hia,hja->h", self.form, p, p, optimize=True)
+        volume = row_dot(p[:, 1], np.cross(p[:, 2], p[:, 3]))
+        return float(np.sum(quadratic + self.cubic * volume)) + self.constant
+
+    def _local_gradient(self, x: NDArray) -> NDArray[np.float64]:
+        p = self._vectors(x)
+        gradient = np.matmul(self.form, p)
+        for i, j, k in ((1, 2, 3), (2, 3, 1), (3, 1, 2)):
+            slope = self.cubic[:, None] * np.cross(p[:, j], p[:, k])
+            gradient[:, i] += slope
+            gradient[:, 0] -= slope
+        return gradient
+
+    def gradient(self, x: NDArray) -> NDArray[np.float64]:
+        return sum_by_index(self.stencil, self._local_gradient(x), len(x))
+
+    def blocks(self, x: NDArray, mode: Mode) -> NDArray[np.float64]:
+        """The constant quadratic part (its positive part, unless exact) and the linear cubic one."""
+        form = self.form if mode == "exact" else self._positive
+        blocks = np.einsum("hij,ab->hiajb", form, np.eye(3))
+        if mode == "exact":
+            p = self._vectors(x)
+            for i, j, k in ((1, 2, 3), (2, 3, 1), (3, 1, 2)):
+                # derivative of p_j x p_k in p_j
+                turn = -self.cubic[:, None, None] * _cross_matrix(p[:, k])
+                for row, sign in ((i, 1.0), (0, -1.0)):
+                    blocks[:, row, :, j] += sign * turn
+                    blocks[:, row, :, 0] -= sign * turn
+                turn = self.cubic[:, None, None] * _cross_matrix(p[:, j])
+                for row, sign in ((i, 1.0), (0, -1.0)):
+                    blocks[:, row, :, k] += sign * turn
+                    blocks[:, row, :, 0] -= sign * turn
+        return blocks.reshape(-1, 12, 12)
+
+
+def _length_terms(corner: NDArray, gradient: NDArray) -> NDArray[np.float64]:
+    """(h, 4, 4) forms sum c_j L_j, L_j that of a squared side, whose gradient at (h, 4, 3) corners is given.
+
+    Forces on a hinge at its rest angle are in the span of its five sides.
+    """
+    span = np.zeros((len(corner), 4, 3, len(SIDES)))
+    forms = np.zeros((len(SIDES), 4, 4))
+    for k, (i, j) in enumerate(SIDES):
+        vector = corner[:, i] - corner[:, j]
+        span[:, i, :, k], span[:, j, :, k] = vector, -vector
+        forms[k, [i, j], [i, j]], forms[k, [i, j], [j, i]] = 1.0, -1.0
+    pseudo = np.linalg.pinv(span.reshape(-1, 12, len(SIDES)))
+    factors = np.matmul(pseudo, gradient.reshape(-1, 12, 1))[:, :, 0]
+    return np.einsum("hk,kij->hij", factors, forms)
+
+
+def _cross_matrix(v: NDArray) -> NDArray[np.float64]:
+    """(h, 3, 3) matrices of the cross product v x."""
+    m = np.zeros((len(v), 3, 3))
+    m[:, 0, 1], m[:, 0, 2], m[:, 1, 2] = -v[:, 2], v[:, 1], -v[:, 0]
+    return m - m.transpose(0, 2, 1)
