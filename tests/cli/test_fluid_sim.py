@@ -214,7 +214,7 @@ def test_a_resumed_run_has_the_same_frames(run, flow, tmp_path, monkeypatch):
         assert a.log[: a.log_rows].tobytes() == b.log[: b.log_rows].tobytes()
         for k in range(7):
             first, second = a.frame(k), b.frame(k)
-            assert {"vorticity", "stream_function", "velocity", "dye"} <= set(first.vertex)
+            assert {"vorticity", "stream_function", "velocity", "speed", "dye"} <= set(first.vertex)
             assert first.time == second.time
             for name in first.vertex:
                 assert np.array_equal(first.vertex[name], second.vertex[name]), name

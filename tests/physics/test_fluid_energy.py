@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from benchmarks.fluids.energy import CASES, long_run
 from ddgcli.algorithms.hodge.harmonic import harmonic_basis
 from ddgcli.mesh import shapes
 from ddgcli.models.fluid.conservative import midpoint, runge_kutta
@@ -66,3 +67,16 @@ def test_the_scene_takes_the_integrator_energy():
     series = np.array([o.scalar["kinetic_energy"] for o in observed])
     assert np.ptp(series) < 1e-13 * series[0]
     assert np.abs(observed[-1].vertex["vorticity"] - explicit[-1].vertex["vorticity"]).max() > 1e-8
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_energy_stays_and_time_turns_back_on_every_kind_of_mesh(name):
+    _, _, drift, moved, _, left, _ = long_run(name, 60, 30)
+    assert drift < 1e-13 and left < 1e-13 and moved > 0.3
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", CASES)
+def test_energy_stays_to_1e_12_over_ten_thousand_steps(name):
+    _, _, drift, _, _, left, _ = long_run(name, 10_000, 1_000)
+    assert drift < 1e-12 and left < 1e-11

@@ -26,7 +26,7 @@ from ddgcli.mesh.topology import NEXT
 from ddgcli.models.fluid.conservative import rate
 from ddgcli.models.fluid.phases import FlowPhase, FluidSetting, Step
 from ddgcli.models.fluid.smoothing import Smoothing, first_root, share_at_constant_energy
-from ddgcli.models.fluid.state import FluidState
+from ddgcli.models.fluid.state import CORRECTIONS, FluidState
 from ddgcli.models.fluid.surface_space import SurfaceSpace
 from ddgcli.models.fluid.transport import BackwardPaths, Transport, corner_of
 from ddgcli.simulation.model import Observation, StepRejected
@@ -104,10 +104,10 @@ class CirculationAdvection:
         dt: float,
         evolve_harmonic: bool,
         most: float = np.inf,
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64], float, float]:
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64], float, float, NDArray[np.bool_]]:
         """Vorticity and harmonic coefficients after dt, the `deformation`, the relative rise of the energy.
 
-        A deformation above `most` leaves the flow as it is.
+        The last value says which of `CORRECTIONS` acted. A deformation above `most` leaves the flow as it is.
         """
         space = self.space
         start = vorticity, coefficients
@@ -116,20 +116,23 @@ class CirculationAdvection:
         corner = self.transport.corners(flux + 0.5 * dt * change)
         folded = self.deformation(corner, dt)
         if not folded <= most:
-            return vorticity, coefficients, folded, 0.0
+            return vorticity, coefficients, folded, 0.0, np.zeros(len(CORRECTIONS), dtype=bool)
         back, forth = self._loop_paths(corner, dt), self._loop_paths(corner, -dt)
         there = self._advected(back, start, flux, evolve_harmonic)
         again = self._advected(forth, there, self._flux(there), evolve_harmonic)
         mended = 1.5 * start[0] - 0.5 * again[0], 1.5 * start[1] - 0.5 * again[1]
-        after = self._advected(back, mended, self._flux(mended), evolve_harmonic)
-        energy = self._energy(start)
-        after, reached = self._without_rise(back, start, flux, after, energy, evolve_harmonic)
+        advected = self._advected(back, mended, self._flux(mended), evolve_harmonic)
+        energy, enstrophy = self._energy(start), space.enstrophy(vorticity)
+        after, reached = self._without_rise(back, start, flux, advected, energy, evolve_harmonic)
         rise = reached / energy - 1.0 if energy > 0 else 0.0
-        after = self._without_enstrophy_rise(after, space.enstrophy(vorticity))
-        reached = self._energy(after)
+        mixed = after is not advected
+        filtered = space.enstrophy(after[0]) > (1.0 + ENERGY_ROUNDING) * enstrophy
+        after = self._without_enstrophy_rise(after, enstrophy)
+        reached, scaled = self._energy(after), False
         if reached > energy and (folded <= SMALL_DEFORMATION or rise <= ENERGY_ROUNDING):
+            scaled = reached > (1.0 + ENERGY_ROUNDING) * energy
             after = self._at_energy(after, reached, energy)
-        return *after, folded, rise
+        return *after, folded, rise, np.array([mixed, filtered, scaled])
 
     def _energy(self, flow: Flow) -> float:
         return self.space.kinetic_energy(self.space.stream_function(flow[0]), *flow)
@@ -266,11 +269,11 @@ class CirculationTransport(FlowPhase):
         self.advection = CirculationAdvection(setting.space, setting.tracing)
 
     def start(self) -> dict[str, NDArray]:
-        return {"loss": np.zeros(2)}
+        return {"loss": np.zeros(2), "corrections": np.zeros(1 + len(CORRECTIONS))}
 
     def advance(self, step: Step, state: FluidState) -> FluidState:
         space, before = self.advection.space, (state["vorticity"], state["coefficients"])
-        vorticity, coefficients, folded, rise = self.advection.step(
+        vorticity, coefficients, folded, rise, acted = self.advection.step(
             *before, step.dt, self.evolve_harmonic, MAX_DEFORMATION
         )
         if not folded <= MAX_DEFORMATION:
@@ -280,11 +283,22 @@ class CirculationTransport(FlowPhase):
         after = state.replaced(vorticity=vorticity, coefficients=coefficients)
         lost = space.energy(state) - space.energy(after)
         smoothed = space.enstrophy(before[0]) - space.enstrophy(vorticity)
-        return after.with_passive(loss=state["loss"] + np.array([lost, smoothed]))
+        return after.with_passive(
+            loss=state["loss"] + np.array([lost, smoothed]),
+            corrections=state["corrections"] + np.array([1, *acted]),
+        )
 
     def observed(self, state: FluidState) -> Observation:
         energy, enstrophy = state["loss"]
-        return Observation(None, {}, {"lost_energy": float(energy), "lost_enstrophy": float(enstrophy)})
+        return Observation(
+            None,
+            {},
+            {
+                "lost_energy": float(energy),
+                "lost_enstrophy": float(enstrophy),
+                "corrections": state["corrections"],
+            },
+        )
 
 
 def transport(setting: FluidSetting, parameters: Any) -> CirculationTransport:

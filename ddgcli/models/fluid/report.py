@@ -15,6 +15,7 @@ from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
 from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.tet_mesh import TetMesh
 from ddgcli.models.fluid.model import FluidModel
+from ddgcli.models.fluid.state import CORRECTIONS
 from ddgcli.scenes.scene import Scene
 from ddgcli.simulation.account import Account
 from ddgcli.simulation.model import Schedule
@@ -48,6 +49,8 @@ def summary(outcome: Outcome, models: Mapping[str, FluidModel]) -> tuple[dict[st
         "generators": generator_circulations(last, models),
     }
     results["harmonic_coefficients"] = _at_end(series, "harmonic_coefficients", names)
+    if "corrections" in series:
+        results["corrections"] = _corrections(series["corrections"][-1])
     forces = {k.removeprefix("force_"): series[k][-1].tolist() for k in series if k.startswith("force_")}
     if forces:
         results["forces"] = forces
@@ -88,6 +91,19 @@ def _scheme_losses(series: Mapping[str, NDArray], least_enstrophy: float) -> dic
                 100.0 * share, name, 100.0 * MAX_LOSS_SHARE,
             )  # fmt: skip
     return losses
+
+
+def _corrections(counts: NDArray) -> dict[str, int]:
+    """In how many parts of steps each correction of `circulation` acted; warn of the last resort."""
+    steps, *acted = (int(count) for count in counts)
+    by_name = dict(zip(CORRECTIONS, acted))
+    if by_name["scaling"]:
+        log.warning(
+            "integrator circulation scaled the flow in %d of %d steps, a last resort: take integrator "
+            "conservative, or a finer or more regular mesh",
+            by_name["scaling"], steps,
+        )  # fmt: skip
+    return {"steps": steps, **by_name}
 
 
 def _at_end(series: Mapping[str, NDArray], what: str, names: list[str]) -> list[float]:

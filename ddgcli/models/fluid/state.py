@@ -7,6 +7,10 @@ from typing import Any
 
 from numpy.typing import NDArray
 
+# what holds energy and enstrophy in `circulation`: mixing in the smooth step, the filter, and as a last
+# resort scaling the flow
+CORRECTIONS = ("smooth_step", "filter", "scaling")
+
 
 @dataclass(frozen=True, eq=False)
 class FluidState:
