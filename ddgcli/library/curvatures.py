@@ -89,4 +89,5 @@ def curvature(
         edge=measured.edge,
         results=measured.results,
         accuracy=measured.accuracy,
+        converged=measured.converged,
     )

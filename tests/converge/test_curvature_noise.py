@@ -120,3 +120,23 @@ def test_the_command_takes_auto(run, summary, tmp_path):
     assert abs(spread[1] - 1) < 0.5 * abs(spread[0] - 1)
     assert run("curvature", path, "--radius", "automatic").exit_code == 2
     assert run("curvature", path, "--radius", "auto", "--scheme", "cotan").exit_code == 2
+
+
+@pytest.mark.parametrize("waves", [8, 10, 12])
+def test_details_of_a_few_edges_are_not_noise(waves, caplog):
+    """Noise leaves fits of degree three and four with equal residuals; details do not."""
+    ball = shapes.icosphere(4)
+    radius = 1 + 1.5 / waves * np.prod(np.sin(waves * ball.points + [0, 1, 2]), axis=1)
+    mesh = TriangleMesh.from_arrays(ball.points * radius[:, None], ball.faces)
+    assert measure_curvature(mesh).results["noise_estimate"] > 0.02
+    assert "noise" not in caplog.text
+    edge = mesh.side_length.mean()
+    noisy = mesh.points + 0.3 * edge * np.random.default_rng(0).normal(size=mesh.points.shape)
+    measure_curvature(TriangleMesh.from_arrays(noisy, mesh.faces))
+    assert "noise of" in caplog.text
+
+
+@pytest.mark.parametrize("name, noisy", [("goathead.obj", False), ("hand_lowres.obj", False)])
+def test_designed_meshes_cause_no_warning_of_noise(shared_meshes, name, noisy, caplog):
+    measure_curvature(read_mesh(str(shared_meshes / name)).mesh)
+    assert ("noise of" in caplog.text) == noisy

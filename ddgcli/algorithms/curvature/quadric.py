@@ -246,19 +246,23 @@ def _systems(
     return matrix.transpose(2, 0, 1), right.T[..., None], _sum(z * z, some.start), some.count
 
 
-def cubic_residuals(
-    columns: NDArray, normal: NDArray, regions: Regions, vertices: NDArray
+def polynomial_residuals(
+    columns: NDArray, normal: NDArray, regions: Regions, vertices: NDArray, degrees: tuple[int, ...]
 ) -> NDArray[np.float64]:
-    """(k,) standard deviation of the heights around each of some vertices from their cubic fit.
+    """(d, k) standard deviation of the heights around each vertex from their fits of some degrees, up to 4.
 
-    An unbiased estimate of the noise of vertices along the normal, where the surface itself is smooth.
+    An unbiased estimate of the noise of vertices along the normal, where the surface itself is a polynomial
+    of that degree; NaN where a region has too few vertices to tell.
     """
     matrix, right, squared, count = _systems(columns, normal, regions, vertices)
-    low = np.array([k for k, (a, b) in enumerate(_TERMS) if a + b <= 3])
-    matrix, right = matrix[:, low[:, None], low], right[:, low]
-    fitted = _inverse(matrix + _LOW_TERM_PENALTY * count[:, None, None] * np.eye(len(low))) @ right
-    explained = np.einsum("nij,nij->n", right, fitted)
-    return np.sqrt(np.maximum(squared - explained, 0.0) / (count - len(low)))
+    deviation = []
+    for degree in degrees:
+        low = np.array([k for k, (a, b) in enumerate(_TERMS) if a + b <= degree])
+        part = matrix[:, low[:, None], low] + _LOW_TERM_PENALTY * count[:, None, None] * np.eye(len(low))
+        explained = np.einsum("nij,nij->n", right[:, low], _inverse(part) @ right[:, low])
+        free = np.where(count > len(low), count - len(low), np.nan)
+        deviation.append(np.sqrt(np.maximum(squared - explained, 0.0) / free))
+    return np.stack(deviation)
 
 
 def _best_penalty(matrix: NDArray, right: NDArray, squared: NDArray, count: NDArray) -> float:

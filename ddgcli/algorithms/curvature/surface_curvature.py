@@ -23,6 +23,7 @@ from ddgcli.algorithms.delaunay.triangulation import non_delaunay_edges
 from ddgcli.choices import CURVATURE_SCHEMES
 from ddgcli.errors import MeshError, ParameterError
 from ddgcli.geometry.extrinsic import dihedral_angle, enclosed_volume
+from ddgcli.linalg.residual_gate import within_residuals
 from ddgcli.mesh.cures import cure
 from ddgcli.mesh.repair import reverse_faces
 from ddgcli.mesh.require import check_size, require
@@ -46,12 +47,16 @@ SCHEME_PROMISES = {
 
 @dataclass(frozen=True, eq=False)
 class CurvatureResult:
-    """Arrays on vertices and edges by name, and the results and the accuracy of the summary."""
+    """Arrays on vertices and edges by name, the results and the accuracy of the summary.
+
+    `converged` is False where an identity is violated by more than `residual_gate.LARGEST_RESIDUAL`.
+    """
 
     vertex: dict[str, NDArray]
     edge: dict[str, NDArray]
     results: dict[str, Any]
     accuracy: dict[str, Any]
+    converged: bool = True
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,7 +139,11 @@ def measure_curvature(
     if image is not None:
         results |= _nonconformality(surface, image)
     results |= _statistics(vertex, edge, mesh)
-    return CurvatureResult(vertex, edge, results, _accuracy(surface))
+    accuracy = _accuracy(surface)
+    converged = within_residuals(
+        accuracy, tuple(accuracy), "faces without area leave curvatures undetermined; repair the mesh"
+    )
+    return CurvatureResult(vertex, edge, results, accuracy, converged)
 
 
 def _warn_of_noise(noise: Noise, scheme: str, radius: float) -> None:

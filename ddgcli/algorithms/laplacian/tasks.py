@@ -34,6 +34,8 @@ RESIDUALS = (
     "row_sum_residual", "symmetry_residual",
 )  # fmt: skip
 
+MAX_COLLAPSED_SHARE = 0.01  # of the vertices; a surface with more on lines or points is none any more
+
 
 @dataclass(frozen=True, eq=False)
 class LaplacianTasks:
@@ -276,6 +278,7 @@ def _smooth(result: LaplacianResult, tasks: LaplacianTasks, progress: ProgressCa
     result.accuracy["smooth_area_increases"] = int((np.diff(smoothed.area) > 0).sum())
     result.accuracy["smooth_box_growth"] = smoothed.box_growth
     result.converged &= smoothed.in_box and smoothed.time >= tasks.smooth * (1 - 1e-9)
+    result.converged &= smoothed.collapsed <= MAX_COLLAPSED_SHARE * before.n_vertices
     _warn_of_smoothing(smoothed, tasks.smooth, f"{edge:.2g} removes noise, {shape:.2g} changes the shape")
 
 

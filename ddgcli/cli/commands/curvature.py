@@ -136,7 +136,8 @@ def _surface(
     image = None if map_name is None else options.named_array(source.vertex, map_name, "vertex array")
     measured = measure_surface(mesh, scheme, radius, image=image, **surface_arguments(source, measures))
     name, values = run.picture_array(measured.vertex, "mean_curvature")
-    run.write(AnnotatedMesh(mesh, vertex=measured.vertex, edge=measured.edge))
+    annotated = AnnotatedMesh(mesh, vertex=measured.vertex, edge=measured.edge)
+    run.write(annotated, converged=measured.converged)
     write_offset(run, measures.offset_output, measured.offset)
     view = run.picture_options
     body = measured.offset if run.common.show is None else None
@@ -147,7 +148,7 @@ def _surface(
             else _draw_surface(path, mesh, name, values, measured.vertex, scheme, view)
         )
     )
-    run.finish(measured.results, measured.accuracy)
+    run.finish(measured.results, measured.accuracy, converged=measured.converged)
 
 
 def _size_of(name: str, vertex: Mapping[str, NDArray]) -> float:
