@@ -14,7 +14,9 @@ from ddgcli.algorithms.laplacian.smooth import (
 )
 from ddgcli.algorithms.laplacian.tasks import LaplacianTasks, solve_laplacian_tasks
 from ddgcli.choices import SMOOTHING_FLOWS
+from ddgcli.io.mesh_file import write_mesh
 from ddgcli.mesh import shapes
+from ddgcli.mesh.fields import AnnotatedMesh
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 
 
@@ -142,3 +144,13 @@ def test_the_sensible_times_are_those_of_the_mesh():
     edge = solve_laplacian_tasks(noisy, LaplacianTasks(smooth=1e-3)).results["smooth_sensible_time"]["noise"]
     roughness = [np.std(np.linalg.norm(m.points, axis=1)) for m in (noisy, smooth(noisy, edge).mesh)]
     assert roughness[1] < 0.3 * roughness[0]
+
+
+def test_a_surface_of_which_much_collapses_ends_with_exit_one(run, tmp_path):
+    """Limbs that shrink to lines leave no surface: reported, and not counted as done."""
+    path = tmp_path / "dumbbell.npz"
+    write_mesh(str(path), AnnotatedMesh(dumbbell(0.1)))
+    result = run("laplacian", path, "--smooth", 0.1, "--json")
+    assert result.exit_code == 1
+    assert "shrank to lines or points" in result.stderr
+    assert run("laplacian", path, "--smooth", 0.1, "--smooth-flow", "conformalized").exit_code == 0

@@ -74,7 +74,7 @@ def measure_surface(
             "distance": offset, "volume": volume, "mesh_volume": body.volume, "faces": body.mesh.n_faces,
         }  # fmt: skip
         accuracy["offset_volume_error"] = abs(body.volume / volume - 1.0)
-    return SurfaceMeasurement(vertex, measured.edge, results, accuracy, body)
+    return SurfaceMeasurement(vertex, measured.edge, results, accuracy, measured.converged, body)
 
 
 def _regions(
