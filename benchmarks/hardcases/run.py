@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import argparse
 import importlib
+import io
 import os
 import re
 import resource
@@ -96,6 +97,8 @@ def _fork(words: list[str], folder: Path, out: int, error: int) -> int:
         _limits()
         for source, target in ((os.open(os.devnull, os.O_RDONLY), 0), (out, 1), (error, 2)):
             os.dup2(source, target)
+        # not those of the parent, which a test may have replaced
+        sys.stdout, sys.stderr = (io.TextIOWrapper(io.FileIO(k, "w", closefd=False)) for k in (1, 2))
         os.chdir(folder)
         program.main(words, prog_name="python -m ddgcli")
     except SystemExit as end:

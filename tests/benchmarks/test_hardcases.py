@@ -2,6 +2,7 @@
 
 import copy
 import json
+import os
 import sys
 
 import numpy as np
@@ -12,7 +13,7 @@ from benchmarks.hardcases.catalogue import CALLS, Case, catalogue, default_calls
 from benchmarks.hardcases.judge import DEGRADED, REFUSED, RIGHT, WRONG, Outcome, judge
 from benchmarks.hardcases.page import breaking_point, page
 from benchmarks.hardcases.peers import peer_verdict
-from benchmarks.hardcases.run import chosen_cases, quick_results, run_process
+from benchmarks.hardcases.run import chosen_cases, quick_results, run_cell, run_process
 from ddgcli.cli.main import COMMANDS
 
 POINTS, FACES = meshes.one_triangle()
@@ -173,3 +174,16 @@ def test_no_cell_of_the_short_run_is_wrong():
     assert {case.name for case in chosen_cases([], quick=True)} == set(results)
     assert not [(case, cell) for case, row in results.items() for cell in row.values()
                 if cell["kind"] == WRONG]  # fmt: skip
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="the planted fault is inherited by a fork")
+def test_a_fault_planted_in_the_program_turns_its_cell(monkeypatch):
+    from ddgcli.algorithms.inspection import quality
+
+    case = next(case for case in catalogue() if case.name == "one triangle")
+    assert run_cell(case, "info", preloaded=True)[0].kind == RIGHT
+    area_of = quality.surface_area
+    monkeypatch.setattr(quality, "surface_area", lambda mesh: 1.001 * area_of(mesh))
+    verdict = run_cell(case, "info", preloaded=True)[0]
+    assert verdict.kind == WRONG
+    assert "area" in verdict.note
