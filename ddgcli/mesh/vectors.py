@@ -44,3 +44,8 @@ def ratio(a: NDArray | float, b: NDArray) -> NDArray[np.float64]:
 def cone_volume(a: NDArray, b: NDArray, c: NDArray) -> NDArray[np.float64]:
     """(m,) signed volumes of tetrahedra over triangles with corners a, b, c (3, m), apex at the origin."""
     return dot(cross(a, b), c) / 6.0
+
+
+def moved_rigidly(points: NDArray, row: NDArray) -> NDArray[np.float64]:
+    """(n, 3) points after a rigid motion, given as (12,) rotation by rows, then translation."""
+    return points @ row[:9].reshape(3, 3).T + row[9:12]

@@ -158,6 +158,27 @@ contact = { pairs = [["object_0", "ball"], ["object_0", "floor"]] }
     assert pictures[0] != pictures[1]
 
 
+def test_a_moving_obstacle_is_in_every_frame_where_it_is_then(run, tmp_path):
+    moving = """[[object]]
+name = "ball"
+role = "obstacle"
+sphere = { center = [0.5, 0.5, -9.0], radius = 0.5 }
+velocity = [0, 0, 10]
+[effects]
+contact = { pairs = [["sheet", "ball"]] }
+"""
+    text = SCENE.replace("[effects]", moving).replace('role = "shell"', 'name = "sheet"\nrole = "shell"')
+    (tmp_path / "scene.toml").write_text(text)
+    path = tmp_path / "run.vtkhdf"
+    result = run("shell-sim", tmp_path / "scene.toml", "-o", path)
+    assert result.exit_code == 0, result.stderr
+    with Trajectory(str(path)) as ours:
+        for k, time in enumerate(ours.times):
+            ball = ours.obstacles(k)["ball"].points
+            radius = np.linalg.norm(ball - [0.5, 0.5, -9.0 + 10 * time], axis=1)
+            np.testing.assert_allclose(radius, 0.5, rtol=1e-9)
+
+
 def _without_obstacles(path, target):
     import shutil
 

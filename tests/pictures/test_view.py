@@ -116,6 +116,37 @@ def test_curves_and_trajectories_are_shown(run, summary, sphere, tmp_path):
     )
     assert seen[0] != seen[1] and seen[3] == 4
     assert seen[2] == pytest.approx(np.arange(0, 0.41, 0.1))
+    tubes = evaluated(
+        page, tmp_path, f"[(viewer.data.objects[0].visible = false, viewer.choose(''), {PIXELS})]"
+    )
+    share, red = tubes[0]
+    assert 0.002 < share < 0.1 and red > 80  # the ring alone: a thick line in its own colour
+
+
+def test_two_surfaces_are_shown_one_after_the_other(summary, tmp_path):
+    for name, radius in (("before.ply", 1.0), ("after.ply", 0.5)):
+        write_mesh(str(tmp_path / name), AnnotatedMesh(shapes.icosphere(2, radius)))
+    page = tmp_path / "page.html"
+    summary("view", tmp_path / "before.ply", tmp_path / "after.ply", "-o", page)
+    script = f"[viewer.compare(), {PIXELS}[0], viewer.compare(), {PIXELS}[0], viewer.compare()]"
+    first, large, second, small, again = evaluated(page, tmp_path, script)
+    assert (first, second, again) == ("before.ply", "after.ply", "before.ply")
+    assert small == pytest.approx(large / 4, rel=0.1)
+
+
+@pytest.mark.slow
+def test_three_hundred_thousand_faces_are_drawn_in_ten_seconds_of_two_processors(summary, tmp_path):
+    """Processor time of the browser with its start; 5 s by the clock where two processors are free."""
+    resource = pytest.importorskip("resource")
+    mesh = shapes.grid(388, 388)
+    write_mesh(str(tmp_path / "big.vtu"), AnnotatedMesh(mesh, {"x": mesh.points[:, 0]}))
+    summary("view", tmp_path / "big.vtu", "-o", tmp_path / "big.html")
+    began = resource.getrusage(resource.RUSAGE_CHILDREN)
+    share, value = evaluated(tmp_path / "big.html", tmp_path, f"[{PIXELS}[0], viewer.probe(450, 350).value]")
+    ended = resource.getrusage(resource.RUSAGE_CHILDREN)
+    seconds = ended.ru_utime + ended.ru_stime - began.ru_utime - began.ru_stime
+    assert share > 0.05 and 0 < value < 1
+    assert seconds < 10
 
 
 @pytest.mark.parametrize(

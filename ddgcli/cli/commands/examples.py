@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from importlib.resources.abc import Traversable
 from pathlib import Path
 
 import click
@@ -35,7 +36,7 @@ def command(folder: str, common: CommonOptions) -> None:
     run.finish({"copied": copied}, {})
 
 
-def _copy(sources: list[Path], target: Path) -> int:
+def _copy(sources: list[Traversable], target: Path) -> int:
     """Copy files that are not there yet; the number of copies."""
     try:
         target.mkdir(parents=True, exist_ok=True)
@@ -47,12 +48,13 @@ def _copy(sources: list[Path], target: Path) -> int:
     return len(missing)
 
 
-def samples(name: str) -> list[Path]:
+def samples(name: str) -> list[Traversable]:
     """Sample files of `sample_meshes` or `sample_scenes`: of the package, or of the source checkout."""
     import importlib.resources
 
-    try:
-        folder = Path(str(importlib.resources.files(FOLDERS[name])))
+    try:  # the package has no __init__.py: its folder may be several, and has no path
+        folder: Traversable = importlib.resources.files(FOLDERS[name])
     except ModuleNotFoundError:
         folder = Path(__file__).parents[3] / name
-    return sorted(path for path in folder.iterdir() if path.is_file() and path.suffix != ".py")
+    files = [file for file in folder.iterdir() if file.is_file() and not file.name.endswith((".py", ".pyc"))]
+    return sorted(files, key=lambda file: file.name)

@@ -101,6 +101,9 @@ class Fluids:
     def final(self, outcome: Outcome) -> tuple[dict[str, Any], dict[str, Any]]:
         return {}, {}
 
+    def obstacle_poses(self, time: float) -> dict[str, Any]:
+        return {}  # obstacles of fluids are cut out of the mesh and stay
+
     def picture(self) -> Picture:
         from ddgcli.cli.simulation.plot import Picture
         from ddgcli.models.fluid.report import wraps

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -48,7 +48,7 @@ def draw_run(
     outcome: Outcome,
     picture: Picture,
     common: CommonOptions,
-    obstacles: Sequence[TriangleMesh] = (),
+    obstacles: Callable[[float], Sequence[TriangleMesh]] = lambda time: (),
 ) -> None:
     """Draw a few frames, with the obstacles, above the chart of energies."""
     from ddgcli.plots.motion import PlotFrame, draw_motion, sequence_style
@@ -60,7 +60,7 @@ def draw_run(
     for frame in outcome.picture_frames:
         mesh = outcome.mesh if frame.points is None else outcome.mesh.moved(frame.points)
         values = None if picture.array is None else magnitude(frame.vertex[picture.array])
-        frames.append(PlotFrame(frame.time, visible_part(mesh, picture.shown), values, obstacles))
+        frames.append(PlotFrame(frame.time, visible_part(mesh, picture.shown), values, obstacles(frame.time)))
     style = sequence_style(
         frames,
         picture.label,

@@ -58,6 +58,10 @@ class Physics(Protocol):
         """(vertex, face) arrays of the last frame, for meshes."""
         ...
 
+    def obstacle_poses(self, time: float) -> dict[str, NDArray]:
+        """(12,) rotation by rows and translation of each moving obstacle from its start."""
+        ...
+
     def picture(self) -> Picture: ...
     def doubt(self, outcome: Outcome) -> str:
         """Why the result is not to be trusted, or ""."""
@@ -116,14 +120,14 @@ def run_scene(
         models, meshes, schedule, account, simulator.moving, call.resume,
         {"input_sha256": digest, "overrides": overrides, "folder": document.folder},
         {"scene_source": document.source, "scene_resolved": resolved}, simulator.face(),
-        obstacle_meshes(scene.objects, meshes, mesh_reader(run, document)), simulator.doubt,
-        simulator.final,
+        obstacle_meshes(scene.objects, meshes, mesh_reader(run, document)), simulator.obstacle_poses,
+        simulator.doubt, simulator.final,
     )  # fmt: skip
-    _report(run, scene, simulator, account, simulate(run, job), list(job.obstacles.values()))
+    _report(run, scene, simulator, account, simulate(run, job), job.obstacles_at)
 
 
 def _report(
-    run: Run, scene: Scene, simulator: Physics, account: Account, outcome: Outcome, obstacles: list[Any]
+    run: Run, scene: Scene, simulator: Physics, account: Account, outcome: Outcome, obstacles: Callable
 ) -> None:
     """Draw the picture and print the summary."""
     results, accuracy = simulator.summary(outcome)

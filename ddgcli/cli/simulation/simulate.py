@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +14,8 @@ from ddgcli import __version__
 from ddgcli.cli.run import Run
 from ddgcli.errors import ParameterError
 from ddgcli.mesh.fields import AnnotatedMesh, Frame
+from ddgcli.mesh.triangle_mesh import TriangleMesh
+from ddgcli.mesh.vectors import moved_rigidly
 from ddgcli.simulation.account import Account
 from ddgcli.simulation.frames import joined_mesh
 from ddgcli.simulation.model import Arrays, Event, Model, Schedule
@@ -46,6 +48,8 @@ class Job:
         Constant arrays on faces of the joined mesh.
     obstacles : mapping of str to TriangleMesh
         Bodies around the moving ones.
+    obstacle_poses : callable time -> mapping of str to (12,) ndarray
+        Rotation by rows and translation of each moving obstacle from its start.
     doubt : callable Outcome -> str
         Why a complete run is not to be trusted, or "".
     final : callable Outcome -> (dict, dict)
@@ -62,8 +66,17 @@ class Job:
     texts: Mapping[str, str] = field(default_factory=dict)
     face: Mapping[str, NDArray] = field(default_factory=dict)
     obstacles: Mapping[str, Any] = field(default_factory=dict)
+    obstacle_poses: Callable[[float], Mapping[str, NDArray]] = lambda time: {}
     doubt: Callable[[Outcome], str] = lambda outcome: ""
     final: Callable[[Outcome], tuple[dict[str, NDArray], dict[str, NDArray]]] = lambda outcome: ({}, {})
+
+    def obstacles_at(self, time: float) -> list[TriangleMesh]:
+        """The obstacles where they are at a time."""
+        poses = self.obstacle_poses(time)
+        return [
+            mesh.moved(moved_rigidly(mesh.points, poses[name])) if name in poses else mesh
+            for name, mesh in self.obstacles.items()
+        ]
 
 
 def formats() -> tuple[str, ...]:
@@ -86,6 +99,9 @@ def simulate(run: Run, job: Job) -> Outcome:
     writer, start = _open_trajectory(run, job, paths, cell, recorder)
 
     def write_frame(frame: Frame, snapshot: Snapshot) -> None:
+        poses = {f"obstacle_pose_{name}": row for name, row in job.obstacle_poses(frame.time).items()}
+        scalar: dict[str, Any] = {**frame.scalar, **poses}
+        frame = replace(frame, scalar=scalar)
         writer.append(frame, snapshot.checkpoint, _effect_rows(job.account), _rows(snapshot.events))
 
     try:

@@ -19,6 +19,7 @@ from ddgcli.mesh.curve import CurveSet
 from ddgcli.mesh.fields import Frame
 from ddgcli.mesh.tet_mesh import TetMesh
 from ddgcli.mesh.triangle_mesh import TriangleMesh
+from ddgcli.mesh.vectors import moved_rigidly
 
 
 class Trajectory:
@@ -98,9 +99,8 @@ class Trajectory:
         for group in self._ours.get("obstacles", {}).values():
             name = str(_plain(group.attrs["name"]))
             points, pose = group["points"][...], self._root["FieldData"].get(f"obstacle_pose_{name}")
-            if pose is not None:  # rotation by rows, then translation
-                row = pose[k]
-                points = points @ row[:9].reshape(3, 3).T + row[9:12]
+            if pose is not None:
+                points = moved_rigidly(points, pose[k])
             obstacles[name] = TriangleMesh.from_arrays(points, group["faces"][...])
         return obstacles
 

@@ -14,6 +14,7 @@ __all__ = [
     "hinge",
     "load",
     "model",
+    "obstacle",
     "pin",
     "report",
     "scene",

@@ -165,3 +165,12 @@ def middle_of(obstacle: Obstacle) -> NDArray[np.float64]:
         return np.array(obstacle.box.corner) + 0.5 * np.array(obstacle.box.size)
     cylinder: Any = obstacle.cylinder
     return 0.5 * (np.array(cylinder.start) + np.array(cylinder.end))
+
+
+def displacement_row(obstacle: Obstacle, middle: NDArray, time: float) -> NDArray[np.float64]:
+    """(12,) rotation by rows, then translation, that take the obstacle from its start to a time in s."""
+    motion = motion_of(obstacle, middle).motion
+    if motion is None:
+        return np.concatenate([np.eye(3).ravel(), np.zeros(3)])
+    pose = motion.pose(time)
+    return np.concatenate([pose.rotation.ravel(), pose.shift])
