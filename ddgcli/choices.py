@@ -22,7 +22,7 @@ HEAT_OPERATORS = ("intrinsic-delaunay", "plain", "tufted")  # triangulation of t
 SIGNED_DISTANCE_METHODS = ("auto", "exact", "heat")
 TRACE_BOUNDARIES = ("stop", "reflect")  # what a traced line does at the boundary
 
-WILLMORE_ENERGIES = ("gauss-map", "sullivan", "cotan", "hinge")
+WILLMORE_ENERGIES = ("gauss-map", "sullivan", "cotan", "hinge", "circle-angle")
 WILLMORE_FLOWS = ("quadratic", "mean-curvature")
 WILLMORE_BOUNDARIES = ("clamped", "fixed")
 

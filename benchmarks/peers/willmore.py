@@ -30,8 +30,8 @@ from ddgcli.models.willmore.descent import (
     rosenbrock_step,
 )
 from ddgcli.models.willmore.energies import DEFAULT, ENERGIES
-from ddgcli.models.willmore.flow import DEFAULT_STOP
 from ddgcli.models.willmore.setup import FlowOptions
+from ddgcli.models.willmore.state import DEFAULT_STOP
 from ddgcli.simulation.account import Account
 from ddgcli.simulation.time_loop import evolve
 

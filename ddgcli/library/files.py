@@ -205,7 +205,11 @@ def write_trajectory(path: Path, frames: Iterable[Frame], mesh: MeshLike | None 
     try:
         for frame in frames:
             if writer is None:
-                writer = TrajectoryWriter(target, Header(surface, frame.points is not None), 64)
+                writer = TrajectoryWriter(
+                    target,
+                    Header(surface, frame.points is not None, changing_faces=frame.faces is not None),
+                    64,
+                )
             writer.append(frame)
             count += 1
         status = "complete"

@@ -53,6 +53,8 @@ class Frame:
     vertex : dict of str to ndarray
     scalar : dict of str to float
         Energies, momenta, step size, iterations, residuals.
+    faces : (m, 3) ndarray of int, optional
+        Of this frame, where they change during the run.
     """
 
     step: int
@@ -60,6 +62,7 @@ class Frame:
     points: NDArray | None
     vertex: dict[str, NDArray] = field(default_factory=dict)
     scalar: dict[str, float] = field(default_factory=dict)
+    faces: NDArray | None = None
 
 
 def frames_of_equal_change(

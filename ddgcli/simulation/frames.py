@@ -50,7 +50,16 @@ def joined_frame(snapshot: Snapshot) -> Frame:
             scalar[name] = scalar[name] + value if name in scalar else value
     scalar["step_size"] = 0.0 if np.isinf(snapshot.smallest_step) else snapshot.smallest_step
     scalar = {name: np.asarray(v).item() if np.size(v) == 1 else v for name, v in scalar.items()}
-    return Frame(snapshot.step, snapshot.time, points, vertex, scalar)
+    return Frame(snapshot.step, snapshot.time, points, vertex, scalar, parts[0].faces)
+
+
+def mesh_of_frame(mesh: Any, frame: Frame) -> Any:
+    """The mesh of a run as it is in a frame: moved, and with the frame's faces where these change."""
+    if frame.points is None:
+        return mesh
+    if frame.faces is None:
+        return mesh.moved(frame.points)
+    return TriangleMesh(frame.points, Topology(frame.faces, len(frame.points)))
 
 
 def _array(part: Observation, name: str, parts: list[Observation]) -> np.ndarray:

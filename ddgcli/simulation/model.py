@@ -66,12 +66,15 @@ class Observation:
         Sums over the models of a run (energies, momenta, counts).
     place : int
         Of the object among those of the scene, where a model has several.
+    faces : (m, 3) ndarray of int, optional
+        Where they change during the run, always m of them; for runs of one model.
     """
 
     points: NDArray | None
     vertex: Arrays = field(default_factory=dict)
     scalar: dict[str, Any] = field(default_factory=dict)
     place: int = 0
+    faces: NDArray | None = None
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,8 +6,8 @@ import pytest
 from ddgcli.choices import WILLMORE_BOUNDARIES
 from ddgcli.mesh import shapes
 from ddgcli.models.willmore import report, setup
-from ddgcli.models.willmore.flow import DEFAULT_STOP, Stop
 from ddgcli.models.willmore.setup import FlowOptions
+from ddgcli.models.willmore.state import DEFAULT_STOP, Stop
 from tests.physics.willmore_runs import assert_falls, bowl, energies, run_flow, saddle
 
 
@@ -32,6 +32,8 @@ def test_at_rest_nothing_fails(mesh, energy, boundary):
     wobble = mesh.moved(mesh.points + 1e-16 * np.random.default_rng(0).normal(size=mesh.points.shape))
     if energy == "gauss-map" and boundary == "fixed" and not mesh.topology.is_closed:
         return
+    if energy == "circle-angle" and not mesh.topology.is_closed:
+        return  # the diagonals' circles coincide: the energy has a kink there and no gradient
     for time_options in ({"step": 1e-3, "steps": 1}, {"step": 1e-3, "duration": 3e-3}, {"steps": 1}):
         timed = "step" in time_options
         options = FlowOptions(energy, boundary=boundary, timed=timed, stop=Stop() if timed else DEFAULT_STOP)

@@ -44,7 +44,7 @@ def test_every_cure_that_is_printed_works(run, tmp_path, mesh, words):
     path = tmp_path / "ring.ply"
     write_mesh(str(path), AnnotatedMesh(mesh))
     summaries = follow_cures(run, path, words, tmp_path)
-    assert 2 <= len(summaries) <= 3 and "converged" not in summaries[-1]["results"]
+    assert len(summaries) <= 3 and "converged" not in summaries[-1]["results"]
     assert not any("another surface" in warning for s in summaries for warning in s["warnings"])
     if not words:
         assert summaries[-1]["results"]["energy"][-1] == pytest.approx(2 * np.pi**2, rel=0.1)

@@ -3,9 +3,11 @@
 import numpy as np
 
 from ddgcli.mesh import shapes
+from ddgcli.mesh.topology import Topology
+from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.models.willmore import setup
-from ddgcli.models.willmore.flow import DEFAULT_STOP
 from ddgcli.models.willmore.setup import FlowOptions
+from ddgcli.models.willmore.state import DEFAULT_STOP
 from ddgcli.simulation.account import Account
 from ddgcli.simulation.time_loop import evolve
 
@@ -17,7 +19,8 @@ def run_flow(mesh, options=None, region=None, **time_options):
     built, model = setup.build(mesh, options, region)
     shots = list(evolve({"s": model}, setup.schedule(built, time_options), Account()))
     seen = [shot.observations["s"] for shot in shots]
-    return seen, mesh.moved(seen[-1].points), shots
+    faces = mesh.faces if seen[-1].faces is None else seen[-1].faces
+    return seen, TriangleMesh(seen[-1].points, Topology(faces, mesh.n_vertices)), shots
 
 
 def energies(seen):

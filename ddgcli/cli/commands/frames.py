@@ -207,9 +207,7 @@ def _annotated(source: Trajectory, k: int) -> AnnotatedMesh:
     from ddgcli.mesh.fields import AnnotatedMesh
 
     metadata = {"trajectory": source.path, "frame": k, "time": float(source.times[k])}
-    return AnnotatedMesh(
-        source.mesh.moved(source.points(k)), vertex=source.vertex(k), face=source.face, metadata=metadata
-    )
+    return AnnotatedMesh(source.mesh_at(k), vertex=source.vertex(k), face=source.face, metadata=metadata)
 
 
 def _paths(source: Trajectory, chosen: list[int]) -> AnnotatedMesh:
@@ -265,7 +263,7 @@ def _plot_frames(source: Trajectory, chosen: list[int], settings: dict[str, Any]
     shown = None if hidden is None else hidden == 0
     for k in chosen:
         values = magnitude(source.vertex(k)[name]) if name else None
-        mesh = visible_part(source.mesh.moved(source.points(k)), shown)
+        mesh = visible_part(source.mesh_at(k), shown)
         yield PlotFrame(float(source.times[k]), mesh, values, list(source.obstacles(k).values()))
 
 

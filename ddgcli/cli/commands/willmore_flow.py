@@ -71,6 +71,7 @@ def command(
     from ddgcli.cli.simulation.simulate import Job, simulate
     from ddgcli.models.willmore import report, setup
     from ddgcli.simulation.account import Account
+    from ddgcli.simulation.frames import mesh_of_frame
 
     flow_options = _flow_options(parameters, overrides)
     mesh = source.surface
@@ -89,13 +90,14 @@ def command(
         {"surface": model}, [mesh], schedule, Account(), moving=True, resume=resume,
         attributes={"input_sha256": digest, "time_unit": unit},
         texts={"scene_source": "", "scene_resolved": resolved},
+        changing_faces=flow.keeps_triangles,
         doubt=lambda outcome: report.doubt(outcome.stopped, mesh, energy),
     )  # fmt: skip
     outcome = simulate(run, job)
     results, accuracy = report.summary(
         outcome.series, flow.convention, schedule.steps, outcome.stopped, outcome.failure
     )
-    last = mesh if outcome.last is None or outcome.last.points is None else mesh.moved(outcome.last.points)
+    last = mesh if outcome.last is None else mesh_of_frame(mesh, outcome.last)
     report.warn_of_folds(mesh, last)
     report.warn_of_disagreement(mesh, last, energy)
     if parameters["report_energy"]:
@@ -119,8 +121,8 @@ def _region(source: Any, name: str | None) -> Any:
 
 
 def _flow_options(parameters: dict[str, Any], overrides: dict[str, Any]) -> Any:
-    from ddgcli.models.willmore.flow import DEFAULT_STOP, Stop
     from ddgcli.models.willmore.setup import FlowOptions
+    from ddgcli.models.willmore.state import DEFAULT_STOP, Stop
 
     if parameters["report_energy"] not in (None, "all"):
         raise ParameterError(f"--report-energy {parameters['report_energy']!r}: write all")

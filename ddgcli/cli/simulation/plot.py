@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from ddgcli.cli.options import CommonOptions, named_array, page_size
 from ddgcli.mesh.tet_mesh import TetMesh
 from ddgcli.mesh.triangle_mesh import TriangleMesh
+from ddgcli.simulation.frames import mesh_of_frame
 from ddgcli.simulation.outcome import Outcome
 
 
@@ -58,7 +59,7 @@ def draw_run(
         picture = replace(picture, array=common.show, label=common.show, limits=None)
     frames = []
     for frame in outcome.picture_frames:
-        mesh = outcome.mesh if frame.points is None else outcome.mesh.moved(frame.points)
+        mesh = mesh_of_frame(outcome.mesh, frame)
         values = None if picture.array is None else magnitude(frame.vertex[picture.array])
         frames.append(PlotFrame(frame.time, visible_part(mesh, picture.shown), values, obstacles(frame.time)))
     style = sequence_style(

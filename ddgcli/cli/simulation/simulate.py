@@ -17,7 +17,7 @@ from ddgcli.mesh.fields import AnnotatedMesh, Frame
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.mesh.vectors import moved_rigidly
 from ddgcli.simulation.account import Account
-from ddgcli.simulation.frames import joined_mesh
+from ddgcli.simulation.frames import joined_mesh, mesh_of_frame
 from ddgcli.simulation.model import Arrays, Event, Model, Schedule
 from ddgcli.simulation.outcome import Outcome
 from ddgcli.simulation.recording import Recorder, run_models
@@ -54,6 +54,8 @@ class Job:
         Why a complete run is not to be trusted, or "".
     final : callable Outcome -> (dict, dict)
         Vertex and face arrays of the last frame, for meshes.
+    changing_faces : bool
+        Whether the faces change.
     """
 
     models: Mapping[str, Model]
@@ -69,6 +71,7 @@ class Job:
     obstacle_poses: Callable[[float], Mapping[str, NDArray]] = lambda time: {}
     doubt: Callable[[Outcome], str] = lambda outcome: ""
     final: Callable[[Outcome], tuple[dict[str, NDArray], dict[str, NDArray]]] = lambda outcome: ({}, {})
+    changing_faces: bool = False
 
     def obstacles_at(self, time: float) -> list[TriangleMesh]:
         """The obstacles where they are at a time."""
@@ -145,6 +148,7 @@ def _open_trajectory(
     header = Header(
         recorder.outcome.mesh, job.moving, cell, {**provenance, **job.attributes}, dict(job.texts),
         dict(job.obstacles),
+        job.changing_faces,
     )  # fmt: skip
     if job.resume is None:
         return TrajectoryWriter(target, header, job.schedule.frames), None
@@ -176,7 +180,7 @@ def _write_last(
     last = outcome.last
     if last is None:
         return
-    shown = outcome.mesh if last.points is None else outcome.mesh.moved(last.points)
+    shown = mesh_of_frame(outcome.mesh, last)
     annotated = AnnotatedMesh(shown, vertex={**last.vertex, **vertex}, face=cell)
     for path in paths:
         run.write_file(path, annotated, converged=not (outcome.failure or outcome.doubt))

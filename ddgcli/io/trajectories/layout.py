@@ -15,6 +15,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
+from ddgcli.io.trajectories.layout_check import TOPOLOGIES
 from ddgcli.io.trajectories.row_file import Rows
 from ddgcli.mesh.curve import CurveSet
 from ddgcli.mesh.fields import Frame
@@ -23,7 +24,6 @@ from ddgcli.mesh.triangle_mesh import TriangleMesh
 
 SCHEMA = "ddgcli-trajectory/1"
 VTK_TETRA = 10  # cell type of VTK
-TOPOLOGIES = ("Vertices", "Lines", "Polygons", "Strips")
 LOG_DTYPE = np.dtype(
     [("step", "i8"), ("time", "f8"), ("kind", "S24"), ("place", "S32"), ("value", "f8"), ("detail", "S160")]
 )
@@ -51,6 +51,8 @@ class Header:
         `scene_source`, `scene_resolved`, ...
     obstacles : dict of str to TriangleMesh
         Bodies around the moving ones, at the start; `obstacle_pose_NAME` of the frames moves them.
+    changing_faces : bool
+        Whether every frame has its own faces, always as many.
     """
 
     mesh: TriangleMesh | TetMesh | CurveSet
@@ -59,6 +61,17 @@ class Header:
     attributes: dict[str, Any] = field(default_factory=dict)
     texts: dict[str, str] = field(default_factory=dict)
     obstacles: dict[str, TriangleMesh] = field(default_factory=dict)
+    changing_faces: bool = False
+
+
+CONNECTIVITY = "VTKHDF/Polygons/Connectivity"
+
+
+def rows_per_frame(name: str, header: Header) -> int:
+    """How many rows of a growing dataset a frame has."""
+    if name == CONNECTIVITY:
+        return cells_of(header.mesh).size
+    return header.mesh.n_vertices if name.startswith(("VTKHDF/PointData/", "VTKHDF/Points")) else 1
 
 
 def shapes_of(frame: Frame, checkpoint: dict[str, NDArray], effects: NDArray) -> tuple:
@@ -87,6 +100,11 @@ def frame_rows(frame: Frame, header: Header, k: int) -> dict[str, NDArray]:
     }
     if header.moving:
         rows["VTKHDF/Points"] = frame.points  # type: ignore[assignment]
+    if header.changing_faces:
+        offset = np.where(np.array(TOPOLOGIES) == "Polygons", k * cells_of(header.mesh).size, 0)
+        rows["VTKHDF/Steps/ConnectivityIdOffsets"] = offset[None]
+        faces = cells_of(header.mesh) if frame.faces is None else frame.faces
+        rows[CONNECTIVITY] = faces.ravel()
     for name, values in frame.vertex.items():
         rows[f"VTKHDF/PointData/{name}"] = values
         rows[f"VTKHDF/Steps/PointDataOffsets/{name}"] = one([k * n])
@@ -104,7 +122,6 @@ def room_for(
     frame: Frame, checkpoint: dict[str, NDArray], n_effects: int, frames: int, log: int, header: Header
 ) -> dict[str, Rows]:
     """Growing datasets with room for `frames` frames (fewer where that would be more than a disk)."""
-    n = header.mesh.n_vertices
     sample = frame_rows(frame, header, 0)
     bytes_each = sum(np.asarray(v).size * 8 for v in sample.values())
     frames = max(1, min(frames, LARGEST_ROOM // max(bytes_each, 1)))
@@ -112,8 +129,7 @@ def room_for(
     for name, values in sample.items():
         values = np.asarray(values)
         dtype = np.dtype(np.int64) if values.dtype.kind in "iub" else np.dtype(np.float64)
-        width = n if name.startswith("VTKHDF/PointData/") or name == "VTKHDF/Points" else 1
-        rows[name] = Rows(dtype, values.shape[1:], frames * width)
+        rows[name] = Rows(dtype, values.shape[1:], frames * rows_per_frame(name, header))
     for slot in ("slot_0", "slot_1"):
         for name, array in checkpoint.items():
             array = np.atleast_1d(array)
@@ -142,11 +158,12 @@ def cells_of(mesh: TriangleMesh | TetMesh | CurveSet) -> NDArray[np.int64]:
     return mesh.tetrahedra if isinstance(mesh, TetMesh) else mesh.faces
 
 
-def _connectivity(group: h5py.Group, cells: NDArray) -> None:
+def _connectivity(group: h5py.Group, cells: NDArray, changing: bool = False) -> None:
     group.create_dataset("NumberOfCells", data=np.array([len(cells)], dtype=np.int64))
     group.create_dataset("NumberOfConnectivityIds", data=np.array([cells.size], dtype=np.int64))
     group.create_dataset("Offsets", data=np.arange(0, cells.size + 1, cells.shape[1], dtype=np.int64))
-    group.create_dataset("Connectivity", data=cells.ravel().astype(np.int64))
+    if not changing:
+        group.create_dataset("Connectivity", data=cells.ravel().astype(np.int64))
 
 
 def static(file: h5py.File, header: Header) -> None:
@@ -179,7 +196,8 @@ def static(file: h5py.File, header: Header) -> None:
     own_kind = "Lines" if isinstance(mesh, CurveSet) else "Polygons"
     for kind in () if solid else TOPOLOGIES:
         cells = cells_of(mesh) if kind == own_kind else np.zeros((0, 3), dtype=np.int64)
-        _connectivity(root.create_group(kind), cells)
+        changing = header.changing_faces and kind == own_kind
+        _connectivity(root.create_group(kind), cells, changing)
     for kind in ("PointData", "CellData", "FieldData"):
         root.create_group(kind)
     for name, values in header.cell.items():

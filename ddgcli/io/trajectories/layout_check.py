@@ -12,6 +12,7 @@ import numpy as np
 from ddgcli.errors import MeshFileError, excerpt
 from ddgcli.io.readers.guarded import guarded
 
+TOPOLOGIES = ("Vertices", "Lines", "Polygons", "Strips")
 MAX_METADATA_BYTES = 1 << 20  # bound of the check, which reads texts and shapes, no frames
 
 
@@ -61,12 +62,18 @@ def _check(file: Any) -> None:
     solid = "Types" in root
     width = 4 if solid else 3
     corners = _rows(root, "Connectivity" if solid else "Polygons/Connectivity", 0, "iu")
-    if len(corners) % width:
+    cells = root if solid else _group(root, "Polygons")
+    n_corners = int(_rows(cells, "NumberOfConnectivityIds", 1, "iu")[0])
+    if len(corners) > n_corners:
+        starts = _rows(steps, "ConnectivityIdOffsets", count, "iu", (len(TOPOLOGIES),))[:count]
+        if n_corners < 1 or (starts < 0).any() or (starts > len(corners) - n_corners).any():
+            raise MeshFileError("a frame's faces are outside the file's")
+    if n_corners % width or len(corners) < n_corners:
         raise MeshFileError(f"its cells are no {'tetrahedra' if solid else 'triangles'}")
     ends = np.zeros(0) if solid else _rows(root, "Lines/Connectivity", 0, "iu")
     if len(ends) % 2 or (len(ends) and len(corners)):
         raise MeshFileError("its lines are no segments, or lie beside faces")
-    n_cells = len(ends) // 2 or len(corners) // width
+    n_cells = len(ends) // 2 or n_corners // width
     for name, length in (("PointData", count * n), ("CellData", n_cells), ("FieldData", count)):
         for array in _group(root, name):
             _rows(_group(root, name), array, length, "fiub", None)

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.errors import MeshFileError, excerpt
-from ddgcli.io.trajectories.layout import EFFECT_DTYPE
+from ddgcli.io.trajectories.layout import EFFECT_DTYPE, TOPOLOGIES
 from ddgcli.io.trajectories.layout_check import check_trajectory
 from ddgcli.mesh.curve import CurveSet
 from ddgcli.mesh.fields import Frame
@@ -46,7 +46,10 @@ class Trajectory:
             self.times: NDArray = self._ours["time"][: self.n_frames]
             self.steps: NDArray = self._ours["step"][: self.n_frames]
             solid = "Types" in self._root
-            corners = self._root["Connectivity" if solid else "Polygons/Connectivity"][...]
+            cells = self._root if solid else self._root["Polygons"]
+            self._corners = int(cells["NumberOfConnectivityIds"][0])
+            corners = cells["Connectivity"][: self._corners]
+            self.changing_faces = len(cells["Connectivity"]) > self._corners
             ends = np.zeros(0, np.int64) if solid else self._root["Lines/Connectivity"][...]
             self._n = int(self._root["NumberOfPoints"][0])
         except (OSError, KeyError, ValueError) as error:
@@ -83,6 +86,22 @@ class Trajectory:
         start = int(self._root["Steps/PointOffsets"][k])
         return self._root["Points"][start : start + self._n]
 
+    def faces(self, k: int) -> NDArray[np.int64] | None:
+        """(m, 3) faces of frame k where they change during the run, else None."""
+        if not self.changing_faces:
+            return None
+        start = int(self._root["Steps/ConnectivityIdOffsets"][k, TOPOLOGIES.index("Polygons")])
+        return self._root["Polygons/Connectivity"][start : start + self._corners].reshape(-1, 3)
+
+    def mesh_at(self, k: int) -> TriangleMesh | TetMesh | CurveSet:
+        """The mesh of frame k."""
+        faces = self.faces(k)
+        return (
+            self.mesh.moved(self.points(k))
+            if faces is None
+            else TriangleMesh.from_arrays(self.points(k), faces)
+        )
+
     def vertex(self, k: int) -> dict[str, NDArray]:
         """Arrays on vertices of frame k."""
         data = self._root["PointData"]
@@ -113,7 +132,8 @@ class Trajectory:
     def frame(self, k: int) -> Frame:
         """Frame k."""
         scalar = {name: values[k] for name, values in self.scalars.items()}
-        return Frame(int(self.steps[k]), float(self.times[k]), self.points(k), self.vertex(k), scalar)
+        step, time = int(self.steps[k]), float(self.times[k])
+        return Frame(step, time, self.points(k), self.vertex(k), scalar, self.faces(k))
 
     def frame_at(self, time: float) -> int:
         """Number of the frame nearest to a time."""

@@ -25,6 +25,7 @@ from ddgcli.io.trajectories.layout import (
     Header,
     frame_rows,
     room_for,
+    rows_per_frame,
     shapes_of,
     static,
     static_bytes,
@@ -102,11 +103,9 @@ class TrajectoryWriter:
         file, k = self._file, self.n_frames
         if file is None:
             raise OutputError("the trajectory is closed")
-        n = self.header.mesh.n_vertices
         per_frame = frame_rows(frame, self.header, k)
         for name, values in per_frame.items():
-            width = n if name.startswith("VTKHDF/PointData/") or name == "VTKHDF/Points" else 1
-            file.write(name, k * width, values)
+            file.write(name, k * rows_per_frame(name, self.header), values)
         self._put_log()
         slot = f"ddgcli/checkpoint/slot_{k % 2}"
         for name, values in checkpoint.items():
@@ -130,12 +129,10 @@ class TrajectoryWriter:
         for name, row in file.rows.items():
             if name == "ddgcli/log":
                 file.show(name, len(self._log))
-            elif name in ("VTKHDF/Points",) or name.startswith("VTKHDF/PointData/"):
-                file.show(name, count * self.header.mesh.n_vertices)
             elif name.startswith("ddgcli/checkpoint/") or name == "ddgcli/effects":
                 file.show(name, row.capacity)
             else:
-                file.show(name, count)
+                file.show(name, count * rows_per_frame(name, self.header))
         file.set_mark("NSteps", np.int64(count).tobytes())
         self.n_frames = count
 

@@ -1,7 +1,8 @@
 """Willmore and mean curvature flow of surfaces.
 
 `energies` lists the discrete energies, `descent` and `flow` hold the steps, `constraints` area and volume,
-`setup` builds a flow from a mesh and its options, `report` measures a run.
+`state` the state of a flow, `edge_flips` and `redistribution` what keeps triangles good, `setup` builds a
+flow from a mesh and its options, `report` measures a run.
 """
 
 __all__ = [
@@ -14,5 +15,6 @@ __all__ = [
     "report",
     "scaled",
     "setup",
+    "state",
     "vertex_energies",
 ]

@@ -11,6 +11,8 @@ from scipy.sparse import csc_array, diags_array
 
 from ddgcli.geometry.extrinsic import face_area_vector
 from ddgcli.linalg.factor import Factor
+from ddgcli.mesh.intrinsic_mesh import IntrinsicMesh, SurfaceMesh
+from ddgcli.mesh.topology import Topology
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.models.willmore.constraints import Constraints
 from ddgcli.models.willmore.energies import Energy
@@ -32,8 +34,6 @@ class EnergyGradient:
     gradient : (k, 3) ndarray
         Exact gradient on the free vertices, without its part along the constraints' gradients.
     mass : (k,) ndarray
-    normal : (k, 3) ndarray, optional
-        Unit normals along which the vertices move; None where they move freely.
     """
 
     mesh: TriangleMesh
@@ -41,7 +41,6 @@ class EnergyGradient:
     energy: float
     gradient: NDArray[np.float64]
     mass: NDArray[np.float64]
-    normal: NDArray[np.float64] | None = None
 
     @property
     def size(self) -> float:
@@ -65,28 +64,47 @@ def folded_faces(mesh: TriangleMesh) -> int:
 
 
 def energy_gradient(
-    mesh: TriangleMesh, energy: Energy, free: NDArray, constraints: Constraints, along_normals: bool = False
+    mesh: TriangleMesh, energy: Energy, free: NDArray, constraints: Constraints
 ) -> EnergyGradient:
-    """Energy and admissible gradient at `mesh`, for free motions or for motions along the normals."""
+    """Energy and admissible gradient at `mesh`."""
     value, gradient = energy.value_and_gradient(mesh.points)
     mass = lumped_vertex_area(mesh)[free]
-    normal = vertex_normals(mesh)[free] if along_normals else None
-    gradient = constraints.admissible_gradient(mesh, free, mass, _normal_part(gradient[free], normal))
-    return EnergyGradient(mesh, free, value, gradient, mass, normal)
+    gradient = constraints.admissible_gradient(mesh, free, mass, gradient[free])
+    return EnergyGradient(mesh, free, value, gradient, mass)
 
 
-def _normal_part(vector: NDArray, normal: NDArray | None) -> NDArray[np.float64]:
-    """Part of the vectors (k, 3) along the normals; all of them where `normal` is None."""
-    return vector if normal is None else np.einsum("ij,ij->i", vector, normal)[:, None] * normal
-
-
-def fourth_order_matrix(mesh: TriangleMesh, free: NDArray, dt: float) -> csc_array:
+def fourth_order_matrix(mesh: SurfaceMesh, free: NDArray, dt: float) -> csc_array:
     """M + dt/2 Q with Q = L M^-1 L, on the free vertices: the implicit step of a plane."""
     L, area = stiffness(mesh), lumped_vertex_area(mesh)
     inverse = np.divide(1.0, area, out=np.zeros_like(area), where=area > 0)
     Q = L @ diags_array(inverse) @ L
     matrix = csc_array(diags_array(area) + 0.5 * dt * Q)
     return matrix if len(free) == mesh.n_vertices else csc_array(matrix[free][:, free])
+
+
+@dataclass(frozen=True, eq=False)
+class TopologyTerms:
+    """What a step needs that depends on the faces, and not on the points.
+
+    Parameters
+    ----------
+    topology : Topology
+    energy : Energy
+    second : Energy or None
+    free : (k,) ndarray of int
+    """
+
+    topology: Topology
+    energy: Energy
+    second: Energy | None
+    free: NDArray[np.int64]
+
+    @cached_property
+    def factor(self) -> Factor:
+        """Its order and analysis serve every preconditioner; of unit lengths, so that a resumed run has the
+        same."""
+        unit = IntrinsicMesh(self.topology, np.ones((self.topology.n_faces, 3)))
+        return Factor(fourth_order_matrix(unit, self.free, 1.0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,9 +128,7 @@ class Preconditioner:
 
     def solve(self, covector: NDArray) -> NDArray[np.float64]:
         """The motion (k, 3) whose inner product with any other is the covector's value on it."""
-        normal = self.at.normal
-        motion = self.factor.solve(_normal_part(covector, normal), refine=False)
-        return _normal_part(motion, normal)
+        return self.factor.solve(covector, refine=False)
 
     def descent_power(self) -> float:
         """Energy per time that the gradient would release."""

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.mesh.topology import Topology
+from ddgcli.models.willmore.circle_angle_energy import CircleAngleEnergy
 from ddgcli.models.willmore.gauss_map_energy import GaussMapEnergy
 from ddgcli.models.willmore.hinge_energy import HingeEnergy
 from ddgcli.models.willmore.vertex_energies import VertexEnergy
@@ -21,6 +22,9 @@ class Energy(Protocol):
     def value(self, points: NDArray) -> float: ...
 
     def value_and_gradient(self, points: NDArray) -> tuple[float, NDArray[np.float64]]: ...
+
+
+EnergyBuilder = Callable[[Topology], Energy]
 
 
 @dataclass(frozen=True)
@@ -35,11 +39,11 @@ class EnergyDefinition:
         What the number stands for; the summary's `energy_convention`.
     """
 
-    build: Callable[[Topology], Energy]
+    build: EnergyBuilder
     convention: str
 
 
-def _vertex(sullivan: bool) -> Callable[[Topology], Energy]:
+def _vertex(sullivan: bool) -> EnergyBuilder:
     return lambda topology: VertexEnergy(
         topology, sullivan, topology.referenced_vertex & ~topology.boundary_vertex
     )
@@ -65,5 +69,11 @@ ENERGIES = {
         HingeEnergy,
         f"{_SMOOTH} on equilateral triangles only; sum over inner edges of |e|^2 theta^2 / (4 (A1 + A2)), "
         "plus 4 pi chi / 3 on a closed surface",
+    ),
+    "circle-angle": EnergyDefinition(
+        CircleAngleEnergy,
+        "int (H^2 - K) dA with H = (k1 + k2)/2 (a round sphere has 0); half the sum over inner "
+        "vertices of the angles between circumcircles less 2 pi; larger where edges do not follow curvature "
+        "lines",
     ),
 }

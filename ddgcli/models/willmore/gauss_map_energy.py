@@ -19,8 +19,8 @@ from ddgcli.models.willmore.vertex_energies import FaceSides, area_gradient
 # weight of the S-shape at which, on equilateral triangles, stripes one edge wide (which no vertex normal
 # sees) are as stiff as in |L x|^2 / (4 M)
 S_SHAPE = np.sqrt(3.0) / 144.0
-# slenderness (1 of equilateral faces, 6.5 of one with an angle of 165 degrees) from which the weight falls
-# again: needles would be so stiff that only tiny steps lower the energy
+# slenderness (1 of equilateral faces, 6.5 of one with an angle of 165 degrees) from which the weight falls:
+# needles would be so stiff that only tiny steps lower the energy
 NEEDLE_SLENDERNESS = 6.5
 # a face may lean from a vertex normal as far as in the regular tetrahedron; a corner turned over altogether
 # then costs 16 / 9, all corners of a folded face about the bending of the fold
@@ -87,24 +87,23 @@ def _skewness(skew: NDArray, squared: NDArray, corner_dot: NDArray) -> NDArray[n
     return (own + 2.0 * corner_dot * skew[:, NEXT] * skew[:, PREVIOUS]).sum(axis=1)
 
 
-def _slenderness_weight(squared: NDArray, area: NDArray) -> tuple[NDArray, NDArray]:
-    """(m,) sqrt(r) / (1 + (r / r0)^3) of the slenderness r = sum |e|^2 / (4 sqrt(3) A); its exponent."""
-    slenderness = squared.sum(axis=1) / (4.0 * np.sqrt(3.0) * area)
-    cube = (slenderness / NEEDLE_SLENDERNESS) ** 3
-    return np.sqrt(slenderness) / (1.0 + cube), 0.5 - 3.0 * cube / (1.0 + cube)
+def _needle_weight(squared: NDArray, area: NDArray) -> tuple[NDArray, NDArray]:
+    """(m,) 1 / (1 + (r / r0)^3) of the slenderness r = sum |e|^2 / (4 sqrt(3) A), and its exponent."""
+    cube = (squared.sum(axis=1) / (4.0 * np.sqrt(3.0) * area * NEEDLE_SLENDERNESS)) ** 3
+    return 1.0 / (1.0 + cube), -3.0 * cube / (1.0 + cube)
 
 
 def _s_shape(skew: NDArray, squared: NDArray, corner_dot: NDArray, area: NDArray) -> NDArray[np.float64]:
-    """(m,) S-shape of the faces: S_SHAPE * skewness / A^2 * the weight of their slenderness."""
-    return S_SHAPE * _skewness(skew, squared, corner_dot) * _slenderness_weight(squared, area)[0] / area**2
+    """(m,) S-shape of the faces: S_SHAPE * skewness / A^2 * the weight of needles."""
+    return S_SHAPE * _skewness(skew, squared, corner_dot) * _needle_weight(squared, area)[0] / area**2
 
 
 def _s_shape_gradient(
     skew: NDArray, squared: NDArray, corner_dot: NDArray, area: NDArray
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
     """Derivatives of `_s_shape` by the skew and squared length of each side (m, 3), and by the area (m,)."""
-    slenderness_weight, exponent = _slenderness_weight(squared, area)
-    weight = (S_SHAPE * slenderness_weight / area**2)[:, None]
+    needle_weight, exponent = _needle_weight(squared, area)
+    weight = (S_SHAPE * needle_weight / area**2)[:, None]
     skewness = _skewness(skew, squared, corner_dot)
     ahead, behind = skew[:, NEXT], skew[:, PREVIOUS]
     own = skew * (squared[:, NEXT] + squared[:, PREVIOUS])
@@ -153,10 +152,10 @@ class GaussMapEnergy:
     -----
     S is the S-shape of the cubics that have the vertex normals at the ends of the sides e: with v_k the
     vector in the face whose products with both sides at corner k are the sides' (n_i + n_j) . e,
-    S = (sqrt(3) / 36) sum |v_k|^2 * sqrt(r) / (1 + (r / 6.5)^3), r = sum |e|^2 / (4 sqrt(3) A).
-    It is of higher order, and stiffens the patterns that no vertex normal sees. The root, 1 on equilateral
-    faces, keeps them stiff where faces become slender: otherwise a flow crumples a surface while its energy
-    falls. The corners' term is zero where no face leans more than 70.5 degrees from its vertex normals.
+    S = (sqrt(3) / 36) sum |v_k|^2 / (1 + (r / 6.5)^3), r = sum |e|^2 / (4 sqrt(3) A) the slenderness.
+    It is of higher order, and stiffens the patterns that no vertex normal sees. Slender faces stay flexible:
+    a flow could crumple a surface there while its energy falls, so flows keep triangles good. The corners'
+    term is zero where no face leans more than 70.5 degrees from its vertex normals.
     Without it a mesh on a sphere with some faces folded over would be at rest as well: its vertex normals
     are those of the sphere.
     """

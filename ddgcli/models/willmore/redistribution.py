@@ -10,7 +10,7 @@ from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.topology import NEXT, PREVIOUS
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 
-MIN_ANGLE = np.radians(25.0)  # vertices of faces with a smaller angle slide
+MIN_ANGLE = np.radians(40.0)  # vertices of faces with a smaller angle slide
 MAX_SECTOR_SHARE = 0.5  # of the way to the opposite side of the face that a vertex slides into
 
 

@@ -43,6 +43,7 @@ def summary(
         "reduced_volume": last.get("reduced_volume"),
         "steps": int(last["steps"]),
         "redistributions": int(last["redistributions"]),
+        "flips": int(last["flips"]),
         "stopped_because": failure or stopped or f"{limit} steps were taken",
     }
     accuracy = {
@@ -100,8 +101,9 @@ def warn_of_disagreement(first: TriangleMesh, last: TriangleMesh, energy: str) -
     """A warning where a second energy has grown over the first: the mesh does not resolve its surface."""
     if energy != DEFAULT:
         return
-    one, other = (ENERGIES[name].build(first.topology) for name in (DEFAULT, SECOND_ENERGY))
-    before, after = (other.value(mesh.points) / one.value(mesh.points) for mesh in (first, last))
+    kinds = [ENERGIES[name].build for name in (DEFAULT, SECOND_ENERGY)]
+    values = [[build(mesh.topology).value(mesh.points) for build in kinds] for mesh in (first, last)]
+    before, after = (second / value for value, second in values)
     if after > ENERGY_RATIO_WARNING * max(1.0, before):
         logging.getLogger("ddgcli").warning(
             "%s gives the last surface %.3g times the energy of %s (%.3g times at the start): its faces "

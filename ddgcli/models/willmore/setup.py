@@ -17,9 +17,10 @@ from ddgcli.mesh.require import require
 from ddgcli.mesh.topology import Topology
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.models.willmore.constraints import Constraints, area
-from ddgcli.models.willmore.energies import DEFAULT, ENERGIES, OPEN_DEFAULT, SECOND_ENERGY, Energy
-from ddgcli.models.willmore.flow import SCHEMES, Flow, FlowState, Stop, longest_step
+from ddgcli.models.willmore.energies import DEFAULT, ENERGIES, OPEN_DEFAULT, SECOND_ENERGY, EnergyBuilder
+from ddgcli.models.willmore.flow import SCHEMES, Flow, longest_step
 from ddgcli.models.willmore.scaled import centred_at_unit_size
+from ddgcli.models.willmore.state import FlowState, Stop
 from ddgcli.simulation.model import Model, Schedule, flow_schedule
 
 NO_FREE_VERTEX = "no vertex can move: all lie on the boundary or, if that is clamped, beside it"
@@ -190,7 +191,7 @@ def _is_spheres(topology: Topology) -> bool:
     return topology.is_closed and topology.euler_characteristic == 2 * topology.n_components
 
 
-def second_energy(chosen: str, topology: Topology, constraints: Constraints) -> Energy | None:
+def second_energy(chosen: str, topology: Topology, constraints: Constraints) -> EnergyBuilder | None:
     """A second energy to look at where `gauss-map` may fall by crumpling.
 
     Where nothing is kept on closed parts of genus 0 it cannot: there it is never below 4 pi, and at 4 pi only
@@ -199,7 +200,7 @@ def second_energy(chosen: str, topology: Topology, constraints: Constraints) -> 
     round_only = _is_spheres(topology) and not constraints.active
     if chosen != DEFAULT or round_only or not topology.is_closed:
         return None
-    return ENERGIES[SECOND_ENERGY].build(topology)
+    return ENERGIES[SECOND_ENERGY].build
 
 
 def build(mesh: TriangleMesh, options: FlowOptions, region: NDArray | None = None) -> tuple[Flow, Model]:
@@ -243,18 +244,16 @@ def build(mesh: TriangleMesh, options: FlowOptions, region: NDArray | None = Non
         )
     convention = ENERGIES[chosen].convention
     reported = ENERGIES.items() if options.report_energies else ()
-    keeps_triangles = not options.timed and chosen == DEFAULT and topology.is_closed
     flow = Flow(
-        topology, energy, convention, free, constraints, mean_curvature, scheme, options.timed, options.stop,
-        centre, scale, area(unit), mesh.points,
-        0.0 if chosen == "hinge" else least_energy(topology),
-        along_normals=keeps_triangles and constraints.active,
-        redistributes=keeps_triangles and (_is_spheres(topology) or constraints.active),
-        reported={name: kind.build(topology) for name, kind in reported},
-        second_energy=None if mean_curvature else second_energy(chosen, topology, constraints),
+        topology, ENERGIES[chosen].build, convention, free, constraints, mean_curvature, scheme,
+        options.timed, options.stop, centre, scale, area(unit), mesh.points,
+        0.0 if chosen in ("hinge", "circle-angle") else least_energy(topology),
+        keeps_triangles=not options.timed and chosen != "hinge",
+        reported={name: kind.build for name, kind in reported},
+        second_kind=None if mean_curvature else second_energy(chosen, topology, constraints),
     )  # fmt: skip
     start = FlowState(
-        unit.points, started, 0.0, longest_step(flow), stopped="" if len(free) else NO_FREE_VERTEX
+        unit.points, topology, started, 0.0, longest_step(flow), stopped="" if len(free) else NO_FREE_VERTEX
     )
     model = Model(
         start, flow.advance, flow.observe, flow.pack, flow.unpack,

@@ -1,0 +1,125 @@
+"""Edge flips to a Delaunay triangulation in space, where they leave the surface nearly as it is."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ddgcli.geometry.intrinsic import corner_angle
+from ddgcli.mesh.topology import Topology
+from ddgcli.mesh.triangle_mesh import TriangleMesh
+from ddgcli.mesh.vectors import row_dot, vector_length
+from ddgcli.models.willmore.redistribution import redistribute
+
+MAX_TURN = np.cos(np.radians(35.0))  # cosine of the angle by which a flip may turn normals
+FLIP_TOLERANCE = 1e-6  # radians by which opposite angles exceed pi before an edge flips
+MAX_FLIP_ROUNDS, MAX_IMPROVEMENTS = 10, 30
+LEAST_IMPROVEMENT = np.radians(0.1)  # of the smallest angle, for another round of slides
+
+
+def delaunay_flips(mesh: TriangleMesh, movable: NDArray) -> Topology | None:
+    """Flip edges whose opposite angles sum to more than pi.
+
+    An edge is flipped where its two faces, before and after, lean from their mean by 35 degrees at most, and
+    all four vertices are movable.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+        A manifold.
+    movable : (n,) ndarray of bool
+
+    Returns
+    -------
+    Topology or None
+        None where no edge is flipped. Face numbers stay; an edge ij of faces ijk, jil becomes kl of ilk, jkl.
+    """
+    topology, changed = mesh.topology, False
+    for _ in range(MAX_FLIP_ROUNDS):
+        quad, faces = _flippable(mesh.points, topology, movable)
+        if not len(quad):
+            break
+        i, j, k, other = quad.T
+        corners = np.array(topology.faces)
+        corners[faces[:, 0]] = np.stack([i, other, k], axis=1)
+        corners[faces[:, 1]] = np.stack([j, k, other], axis=1)
+        topology, changed = Topology(corners, topology.n_vertices), True
+    return topology if changed else None
+
+
+def _flippable(points: NDArray, topology: Topology, movable: NDArray) -> tuple[NDArray, NDArray]:
+    """(k, 4) vertices i, j, k, l and (k, 2) faces of edges to flip, no two with a face in common."""
+    side = topology.interior_sides
+    twin = topology.side_twin.ravel()[side]
+    flat = topology.faces.ravel()
+    apex = (s - s % 3 + (s + 2) % 3 for s in (side, twin))
+    quad = np.stack([topology.side_tail[side], topology.side_head[side], *(flat[a] for a in apex)], axis=1)
+    faces = np.stack([side // 3, twin // 3], axis=1)
+    excess = _opposite_angles(points, quad) - np.pi
+    chosen = np.flatnonzero((excess > FLIP_TOLERANCE) & movable[quad].all(axis=1))
+    chosen = chosen[_keeps_surface(points[quad[chosen]])]
+    low, high = np.sort(quad[chosen, 2:], axis=1).T
+    tail, head = np.sort(topology.edges, axis=1).T
+    key = low * topology.n_vertices + high
+    chosen, key = (a[(low != high) & ~np.isin(key, tail * topology.n_vertices + head)] for a in (chosen, key))
+    worst = np.argsort(-excess[chosen], kind="stable")
+    chosen, key = chosen[worst], key[worst]
+    rank = np.arange(len(chosen))
+    claim = np.full(topology.n_faces, len(chosen))
+    np.minimum.at(claim, faces[chosen].ravel(), np.repeat(rank, 2))
+    first = np.zeros(len(chosen), dtype=bool)
+    first[np.unique(key, return_index=True)[1]] = True
+    chosen = chosen[first & (claim[faces[chosen]] == rank[:, None]).all(axis=1)]
+    return quad[chosen], faces[chosen]
+
+
+def _opposite_angles(points: NDArray, quad: NDArray) -> NDArray[np.float64]:
+    """(k,) sum of the angles at the apexes k and l."""
+    total = np.zeros(len(quad))
+    for apex in (2, 3):
+        one, other = (points[quad[:, end]] - points[quad[:, apex]] for end in (0, 1))
+        total += np.arctan2(vector_length(np.cross(one, other)), row_dot(one, other))
+    return total
+
+
+def _keeps_surface(corner: NDArray) -> NDArray[np.bool_]:
+    """(k,) whether the faces before and after a flip lean little from the quadrilateral (k, 4, 3)."""
+    i, j, k, other = np.moveaxis(corner, 1, 0)
+    vectors = [np.cross(j - i, k - i), np.cross(other - i, j - i)]
+    mean = vectors[0] + vectors[1]
+    vectors += [np.cross(other - i, k - i), np.cross(k - j, other - j)]
+    size = vector_length(mean)
+    least = [row_dot(v, mean) - MAX_TURN * vector_length(v) * size for v in vectors]
+    return (np.min(least, axis=0) >= 0.0) & (size > 0.0)
+
+
+def improved(
+    mesh: TriangleMesh, normals: Callable[[TriangleMesh], NDArray], movable: NDArray
+) -> TriangleMesh | None:
+    """Flip edges and slide vertices in turn, until neither makes the smallest angle larger.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+    normals : callable
+        TriangleMesh -> (n, 3) unit vertex normals.
+    movable : (n,) ndarray of bool
+
+    Returns
+    -------
+    TriangleMesh or None
+        None where nothing changes.
+    """
+    start, smallest = mesh, -np.inf
+    for _ in range(MAX_IMPROVEMENTS):
+        topology = delaunay_flips(mesh, movable)
+        mesh = mesh if topology is None else TriangleMesh(mesh.points, topology)
+        slid = redistribute(mesh, normals(mesh), movable)
+        mesh = mesh if slid is None else slid
+        angle = corner_angle(mesh.side_length).min()
+        if slid is None or (topology is None and angle < smallest + LEAST_IMPROVEMENT):
+            break
+        smallest = angle
+    return None if mesh is start else mesh

@@ -1,0 +1,111 @@
+"""The state of a flow, and the criteria that end it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ddgcli.mesh.topology import Topology
+
+ENERGY_UNIT = 1.0  # energies are free of units; rounding of smaller ones is compared with this
+
+
+@dataclass(frozen=True)
+class Stop:
+    """When a flow ends early; None leaves a criterion out.
+
+    Parameters
+    ----------
+    gradient : float or None
+        Dimensionless size of the gradient, |grad|_L2 area / energy.
+    fall : float or None
+        Relative fall of the energy in a step.
+    mesh_error : bool
+        End where no energy is left, and near rest where the gradient's part along the surface, made by the
+        mesh alone, outweighs the part across.
+    """
+
+    gradient: float | None = None
+    fall: float | None = None
+    mesh_error: bool = False
+
+
+DEFAULT_STOP = Stop(1e-6, 1e-8, True)
+
+
+@dataclass(frozen=True, eq=False)
+class FlowState:
+    """A surface on its way, at unit size.
+
+    Parameters
+    ----------
+    points : (n, 3) ndarray
+    topology : Topology
+        Of its faces, which flips change.
+    energy : float
+    time : float
+        Flow time so far, in the input's unit.
+    dt : float
+        Next step of the descent, for the surface at unit size.
+    steps : int
+        Taken so far.
+    increases, area_increases : int
+        Steps so far over which the energy, or the area, rose.
+    stopped : str
+    lowest_second : float
+        Lowest value so far of the second energy.
+    energy_then : float
+        Where the second energy was lowest.
+    redistributions, flips : int
+        Steps so far after which vertices slid along the surface, and edges flipped.
+    motion : (n, 3) ndarray, optional
+        Of the last step of the descent.
+    """
+
+    points: NDArray[np.float64]
+    topology: Topology
+    energy: float
+    time: float
+    dt: float
+    steps: int = 0
+    increases: int = 0
+    area_increases: int = 0
+    stopped: str = ""
+    lowest_second: float = math.inf
+    energy_then: float = math.inf
+    redistributions: int = 0
+    flips: int = 0
+    motion: NDArray[np.float64] | None = None
+
+    def arrays(self, descent: bool) -> dict[str, NDArray]:
+        """The state as arrays of fixed shape, of the descent also the faces and the last motion."""
+        numbers = [
+            self.energy, self.time, self.dt, self.steps, self.increases, self.area_increases,
+            self.lowest_second, self.energy_then, self.redistributions, self.flips,
+        ]  # fmt: skip
+        arrays: dict[str, NDArray] = {"points": self.points, "numbers": np.array(numbers, dtype=np.float64)}
+        if descent:
+            arrays["motion"] = np.zeros_like(self.points) if self.motion is None else self.motion
+            arrays["faces"] = self.topology.faces
+        return arrays
+
+    @classmethod
+    def of_arrays(cls, arrays: dict[str, NDArray], topology: Topology) -> FlowState:
+        """The state of arrays; `topology` where they hold no faces."""
+        numbers = map(float, arrays["numbers"])
+        energy, time, dt, steps, rises, area_rises, lowest, then, slides, flips = numbers
+        if "faces" in arrays:
+            topology = Topology(arrays["faces"], topology.n_vertices)
+        return cls(
+            arrays["points"], topology, energy, time, dt, int(steps), int(rises), int(area_rises),
+            lowest_second=lowest, energy_then=then, redistributions=int(slides), flips=int(flips),
+            motion=arrays.get("motion"),
+        )  # fmt: skip
+
+
+def rounding_scale(energy: float) -> float:
+    """What the rounding of an energy is relative to."""
+    return max(abs(energy), ENERGY_UNIT)
