@@ -56,9 +56,13 @@ def energy_error(run):
 @pytest.mark.parametrize("effects", [TWIST, RAMP], ids=["handle", "ramp"])
 @pytest.mark.parametrize("name", DYNAMIC)
 def test_energy_is_the_work_of_what_drives_the_shell(name, effects):
-    # implicit Euler takes energy on purpose; the energy of symplectic Euler swings by the order of the step
-    bound = {"implicit-euler": 0.4, "symplectic-euler": 0.1}.get(name, 0.02)
-    assert energy_error(strip(effects, name)) < bound
+    if INTEGRATORS[name].order > 1:
+        assert energy_error(strip(effects, name)) < 0.02
+        return
+    # implicit Euler takes energy and that of symplectic Euler swings, in proportion to the step; below the
+    # stability limit of 8e-4 s
+    errors = [energy_error(strip(effects, name, step)) for step in (5e-4, 2.5e-4)]
+    assert 0.4 < errors[1] / errors[0] < 0.65
 
 
 @pytest.mark.parametrize("effects", [TWIST, RAMP], ids=["handle", "ramp"])

@@ -67,8 +67,13 @@ def test_pulled_strip_stays_deformed_and_its_plastic_work_grows(membrane):
     assert np.abs(rest[1] / np.where(rest[0] > 0, rest[0], 1) - (rest[0] > 0)).max() > 0.05
     # energy and plastic work come from the handle; the scheme takes the rest
     balance = np.array(scalar(run, "energy")) + work - np.array(scalar(run, "external_work"))
-    # 25 steps of the trapezoidal rule across a force that yields within a step
-    assert balance.max() < 0.05 * work[-1]
+    # the trapezoidal rule of the handle's work misses at most half of |change of force| |move| in a step
+    force = np.array(scalar(run, "reaction_force_handle"))
+    points = np.array([frame.observations["s"].points for frame in run])
+    path = points[:, np.argmax(points[0, :, 0])]
+    missed = 0.5 * np.linalg.norm(np.diff(force, axis=0), axis=1)
+    missed *= np.linalg.norm(np.diff(path, axis=0), axis=1)
+    assert (balance <= np.concatenate([[0], np.cumsum(missed)]) + 1e-12).all()
 
 
 def test_shell_below_its_limits_moves_as_an_elastic_one_to_the_last_bit():

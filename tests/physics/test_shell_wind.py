@@ -56,15 +56,17 @@ def test_force_on_an_inclined_plate_has_drag_and_lift():
     assert force == pytest.approx(0.6 * 0.5 * np.array([0.1 * 3 * 3, 0, -1.3 * 4 * 4]))
 
 
-@pytest.mark.parametrize("velocity", ['["4", 0, "6"]', '["4*sin(40*t)", 0, "6*cos(20*t)"]'])
-def test_energy_is_the_work_of_the_wind(velocity):
+@pytest.mark.parametrize(
+    "velocity, ratio", [('["4", 0, "6"]', 0.25), ('["4*sin(40*t)", 0, "6*cos(20*t)"]', 0.5)]
+)
+def test_energy_is_the_work_of_the_wind(velocity, ratio):
+    """In steady air to second order; gusts are those at the start of a step: first order, 0 without step."""
     errors = []
     for step in (2e-3, 1e-3):
         run = plate(f"wind = {{ velocity = {velocity} }}", "newmark", step, 0.06)
         work, energy = np.array(scalar(run, "external_work")), np.array(scalar(run, "energy"))
         errors.append(np.abs(energy - energy[0] - work).max() / work.max())
-    # positions and air are those at the start of a step: first order
-    assert errors[1] < 0.03 and errors[1] < 0.7 * errors[0]
+    assert errors[1] / errors[0] == pytest.approx(ratio, rel=0.05)
 
 
 def test_air_without_density_changes_no_bit():
