@@ -29,4 +29,6 @@ WILLMORE_BOUNDARIES = ("clamped", "fixed")
 UP_AXES = ("y", "z")
 CURVE_FLOWS = ("curvature", "area-preserving", "elastic")
 
+CONSERVED_QUANTITIES = ("energy", "momentum", "angular-momentum")
+MECHANICAL_EXAMPLES = ("pendulum", "oscillator")  # systems of the comparison of integrators
 ERROR_NORMS = ("max", "mean")

@@ -34,6 +34,10 @@ COMMANDS: dict[str, list[str]] = {
     ],
     "laplacian": ["laplacian", "sample_meshes/frame.off", "--hks", "0.1"],
     "hodge": ["hodge", "sample_meshes/frame.off"],
+    "tradeoff-pendulum": [
+        *("tradeoff", "shell-sim", "pendulum", "--conserved", "energy", "--repeat", "1"),
+        *("--budget", "100", "--duration", "20"),
+    ],
     "willmore-flow": ["willmore-flow", "sample_meshes/ellipsoid.ply", "-o", "{folder}/round.vtkhdf"],
 }
 

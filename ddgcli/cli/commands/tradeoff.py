@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from ddgcli.choices import ERROR_NORMS
+from ddgcli.choices import CONSERVED_QUANTITIES, ERROR_NORMS, MECHANICAL_EXAMPLES
 from ddgcli.cli import options
 from ddgcli.cli.commands.tradeoff_options import COMPARABLE_OPTIONS, SOURCE_OPTIONS, CommandCall, parse
 from ddgcli.cli.options import CommonOptions
@@ -47,6 +47,12 @@ SIMULATORS = ("shell-sim", "fluid-sim", "willmore-flow")
 )
 @click.option("--truth", metavar="SHAPE", help="Known truth: sphere:R, torus:R,r, ellipsoid:a,b,c ...")
 @click.option(
+    "--conserved",
+    type=click.Choice(CONSERVED_QUANTITIES),
+    help="shell-sim: compare integrators by the drift of this quantity; INPUT is a scene, pendulum or "
+    "oscillator.",
+)
+@click.option(
     "--budget",
     type=options.POSITIVE,
     metavar="SECONDS",
@@ -69,6 +75,7 @@ def command(
     within: float | None,
     norm: str,
     truth: str | None,
+    conserved: str | None,
     budget: float,
     repeat: int,
     common: CommonOptions,
@@ -102,9 +109,13 @@ def command(
         truth=truth,
         budget=budget,
         repeat=repeat,
+        **({"conserved": conserved} if conserved else {}),
         **call.options,
     )
-    problem = _problem(run, compared, call, truth)
+    if conserved is not None:
+        problem = _conservation_problem(run, compared, call, conserved)
+    else:
+        problem = _problem(run, compared, call, truth)
 
     from ddgcli.tradeoff.measure import run_problem
     from ddgcli.tradeoff.pareto import assign_verdicts
@@ -151,21 +162,41 @@ def _problem(run: Run, compared: str, call: CommandCall, truth: str | None) -> P
     return mesh_problem(compared, mesh, truth=known, options=call.options, **keywords)
 
 
-def _scene_problem(run: Run, compared: str, call: CommandCall) -> Problem:
+def _conservation_problem(run: Run, compared: str, call: CommandCall, quantity: str) -> Problem:
+    """Problem of the drift of a conserved quantity."""
     from pathlib import Path
 
+    if compared != "shell-sim":
+        raise ParameterError("compares integrators of shell-sim; leave it out", parameter="conserved")
+    from ddgcli.tradeoff.problems.conservation import example_problem, scene_problem
+
+    if call.path in MECHANICAL_EXAMPLES and not Path(call.path).exists():
+        run.set_input(call.path, "")
+        return example_problem(call.path, quantity, options=call.options)
+    document, read = _scene(run, "shell", call)
+    return scene_problem(document, read, quantity, options=call.options)
+
+
+def _scene(run: Run, role: str, call: CommandCall) -> tuple[Any, Any]:
+    """Document of a scene, and the reader of its meshes."""
     from ddgcli.cli.commands.fluid_sim import quick_lines as fluid_lines
     from ddgcli.cli.commands.shell_sim import quick_lines as shell_lines
     from ddgcli.cli.simulation.scene_input import mesh_reader, scene_document
+
+    lines, extra = (shell_lines if role == "shell" else fluid_lines)(call.options)
+    document, _ = scene_document(call.path, role, lines, extra, None)
+    run.set_input(call.path, "")
+    return document, mesh_reader(run, document)
+
+
+def _scene_problem(run: Run, compared: str, call: CommandCall) -> Problem:
+    from pathlib import Path
+
     from ddgcli.io.arrays import read_array
     from ddgcli.tradeoff.problems import simulate
 
-    scene_options = call.options
-    role = compared.removesuffix("-sim")
-    lines, extra = (shell_lines if role == "shell" else fluid_lines)(scene_options)
-    document, _ = scene_document(call.path, role, lines, extra, None)
-    run.set_input(call.path, "")
-    read = mesh_reader(run, document)
+    scene_options, role = call.options, compared.removesuffix("-sim")
+    document, read = _scene(run, role, call)
     if role == "shell":
         return simulate.shell_problem(document, read, options=scene_options)
     folder = Path(document.folder)

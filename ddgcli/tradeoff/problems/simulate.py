@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import Any
 
@@ -21,6 +21,7 @@ STEP_FACTORS = (4.0, 2.0, 1.0, 0.5)
 REFERENCE_STEP_FACTORS = (1 / 8, 1 / 2, 2.0)
 TOLERANCES = (1e-3, 1e-5)
 TIME_OPTIONS = ("steps", "duration", "step", "tolerance", "integrator")
+Frames = Sequence[Mapping[str, Any]]  # observations by object, of each frame
 MAX_STEPS = 16  # of the scene's own length: later, chaos dominates the errors
 
 
@@ -70,13 +71,14 @@ def fluid_problem(
     )
 
 
-def _displacement(first: Any, last: Any) -> NDArray[np.float64]:
+def _displacement(frames: Frames) -> NDArray[np.float64]:
+    first, last = frames[0], frames[-1]
     displacements = [last[name].points - first[name].points for name in first]
     return np.concatenate(displacements)
 
 
-def _vorticity(first: Any, last: Any) -> NDArray[np.float64]:
-    return np.concatenate([last[name].vertex["vorticity"] for name in last])
+def _vorticity(frames: Frames) -> NDArray[np.float64]:
+    return np.concatenate([frames[-1][name].vertex["vorticity"] for name in frames[-1]])
 
 
 def _problem(
@@ -86,7 +88,7 @@ def _problem(
     integrators: list[str],
     reference_integrator: str,
     options: CommandOptions,
-    answer: Callable[[Any, Any], NDArray],
+    answer: Callable[[Frames], NDArray],
     noun: str,
 ) -> Problem:
     """Problem of a scene.
@@ -107,8 +109,7 @@ def _problem(
 
     def solve(state: Any) -> NDArray[np.float64]:
         models, schedule, account = state
-        observations = [snapshot.observations for snapshot in evolve(models, schedule, account)]
-        return answer(observations[0], observations[-1])
+        return answer([snapshot.observations for snapshot in evolve(models, schedule, account)])
 
     def run(integrator: str, parameters: Mapping[str, float]) -> Callable[[], Any]:
         ends = {"duration": span, "frame_every": span}

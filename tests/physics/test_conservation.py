@@ -1,0 +1,103 @@
+"""`tradeoff --conserved`: drift of energy and momenta of a pendulum, an oscillator and free shells."""
+
+import numpy as np
+import pytest
+
+from benchmarks.common.scenes import FREE
+from ddgcli.errors import ParameterError
+from ddgcli.io.scene_file import parse_scene
+from ddgcli.mechanics.integrators import INTEGRATORS
+from ddgcli.tradeoff.problems.conservation import Spring, Weight, example_problem, scene_problem
+
+DYNAMIC = [name for name in INTEGRATORS if name != "static"]
+
+
+def drifts(problem):
+    """Drift of each candidate by its number of steps, longest step first."""
+    return {c.parameters["dt"]: float(c.solve(c.setup())[0]) for c in problem.candidates}
+
+
+def of(name, quantity, integrator, **options):
+    problem = example_problem(name, quantity, options={"integrator": integrator, **options})
+    return list(drifts(problem).values())
+
+
+@pytest.mark.parametrize("integrator, order", [("symplectic-euler", 1), ("verlet", 2)])
+def test_the_energy_of_a_symplectic_scheme_oscillates_with_its_order(integrator, order):
+    error = of("pendulum", "energy", integrator)
+    rates = np.log2(np.array(error[:-1]) / error[1:])[::-1]
+    assert rates[0] == pytest.approx(order, abs=0.3)
+    twice = of("pendulum", "energy", integrator, duration=160.0)
+    assert twice[-1] < 1.2 * error[-1], "bounded: four times the time has no larger error"
+
+
+def test_implicit_euler_loses_the_energy_that_the_midpoint_rule_keeps():
+    (lost,), (kept,) = (drifts_of_one(name, "energy") for name in ("implicit-euler", "implicit-midpoint"))
+    assert lost > 0.5 and kept < 0.02
+
+
+def drifts_of_one(integrator, quantity, name="pendulum"):
+    """Drift with the middle step only."""
+    problem = example_problem(name, quantity, options={"integrator": integrator, "duration": 20.0})
+    middle = [c for c in problem.candidates if c.parameters["dt"] == pytest.approx(0.1)]
+    return [float(c.solve(c.setup())[0]) for c in middle]
+
+
+@pytest.mark.parametrize("integrator", ["symplectic-euler", "verlet", "implicit-midpoint"])
+@pytest.mark.parametrize("quantity", ["momentum", "angular-momentum"])
+def test_variational_schemes_keep_both_momenta_of_an_oscillator(integrator, quantity):
+    assert drifts_of_one(integrator, quantity, "oscillator")[0] < 1e-8
+
+
+@pytest.mark.parametrize("term, x", [
+    (Spring(3.0, 0.7), [[0.1, 0.2, 0.3], [1.0, -0.4, 0.2]]), (Weight(), [[0, 0, 0], [0.8, 0, 0]]),
+])  # fmt: skip
+def test_gradients_and_hessians_of_the_examples_equal_finite_differences(term, x):
+    x, h = np.array(x, dtype=float), 1e-6
+    direction = np.array([[0.3, -0.2, 0.5], [-0.1, 0.7, 0.4]])
+    slope = (term.energy(x + h * direction) - term.energy(x - h * direction)) / (2 * h)
+    assert (term.gradient(x) * direction).sum() == pytest.approx(slope, rel=1e-7)
+    change = (term.gradient(x + h * direction) - term.gradient(x - h * direction)) / (2 * h)
+    rows = term.stencil[0]
+    hessian = term.blocks(x, "exact")[0] @ direction[rows].ravel()
+    assert hessian == pytest.approx(change[rows].ravel(), rel=1e-6, abs=1e-9)
+
+
+def free_shell(**options):
+    document = parse_scene(FREE.format(integrator="verlet", step=2e-3, duration=0.05), "free.toml")
+    return document, options
+
+
+def test_a_free_shell_keeps_its_momenta_with_every_scheme():
+    document, _ = free_shell()
+    for quantity in ("momentum", "angular-momentum"):
+        problem = scene_problem(document, None, quantity, options={"integrator": "verlet"})
+        assert max(drifts(problem).values()) < 1e-11
+    problem = scene_problem(document, None, "energy", options={"integrator": "verlet"})
+    error = list(drifts(problem).values())
+    assert error[-1] < 0.3 * error[0] < 0.3
+
+
+def test_conservation_that_a_system_does_not_have_is_refused():
+    with pytest.raises(ParameterError, match="pivot of a pendulum"):
+        example_problem("pendulum", "momentum")
+    with pytest.raises(ParameterError, match="not one of"):
+        example_problem("oscillator", "charge")
+    with pytest.raises(ParameterError, match="changes nothing that"):
+        example_problem("oscillator", "energy", options={"tolerance": 1e-3})
+    text = FREE.format(integrator="verlet", step=2e-3, duration=0.05)
+    heavy = parse_scene(text.replace("[effects]", "[effects]\ngravity = {}"), "heavy.toml")
+    with pytest.raises(ParameterError, match="effect gravity changes the momentum"):
+        scene_problem(heavy, None, "momentum")
+
+
+def test_the_command_ranks_integrators_of_the_pendulum(summary, run, tmp_path):
+    words = ("--conserved", "energy", "--duration", 4, "--integrator", "verlet", "--repeat", 1)
+    report = summary("tradeoff", "shell-sim", "pendulum", *words, "--plot", tmp_path / "p.png")
+    results = report["results"]
+    rows = results["rows"]
+    assert len(rows) == 4 and results["error_scale"] == "the largest kinetic energy of the run"
+    assert "--conserved energy --integrator verlet --dt" in rows[0]["command"]
+    assert results["reference"].startswith("known truth: the energy")
+    result = run("tradeoff", "geodesic", "x.ply", "--conserved", "energy")
+    assert result.exit_code == 2 and "--conserved: compares integrators of shell-sim" in result.stderr
