@@ -8,6 +8,7 @@ or a ball, which cuts edges and faces. Measures of disjoint cells add up to thos
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -85,7 +86,7 @@ class _EdgeTensors:
 
 
 def _by_region(region: NDArray, values: NDArray, count: int) -> NDArray[np.float64]:
-    flat = values.reshape(len(values), -1)
+    flat = values.reshape(len(values), math.prod(values.shape[1:]))
     columns = [sum_by_index(region, np.ascontiguousarray(column), count) for column in flat.T]
     return np.stack(columns, axis=-1).reshape(count, *values.shape[1:])
 
