@@ -17,6 +17,7 @@ from ddgcli.geometry.intrinsic import face_area
 from ddgcli.geometry.surface_points import SurfacePoints
 from ddgcli.mesh import shapes
 from ddgcli.mesh.triangle_mesh import TriangleMesh
+from tests.degenerate_meshes import degenerate_mesh
 from tests.geodesic_cases import cone, jittered, noisy_torus, with_holes
 
 
@@ -143,6 +144,11 @@ def test_distance_to_edges_continues_into_all_faces_of_an_edge():
     depth = np.concatenate([1 - x, 1 + x[~hinge], 1 + x[~hinge]])
     distance = exact_distance(book, of_edges(edges_where(book, outer))).distance
     assert np.abs(distance - depth).max() < 1e-13
+
+
+def test_lines_from_the_edges_of_triangles_without_width_end():
+    mesh = degenerate_mesh(12)  # two triangles with two corners at one point, glued along all sides
+    assert not exact_distance(mesh, of_edges([0, 1, 2])).distance.any()
 
 
 def test_scale_does_not_change_distances_to_edges():

@@ -213,7 +213,12 @@ def _propagate(
     wavefront.run(limit, most_windows, progress)
     if len(sources.edge):
         side, number = _source_sides(mesh, sources)
-        propagate_strips(wavefront, side, number, limit=limit, most_windows=most_windows, progress=progress)
+        # a shortest path in space crosses a face at most once
+        bound = mesh.n_faces if isinstance(mesh, TriangleMesh) else 1000 + 16 * mesh.n_faces
+        propagate_strips(
+            wavefront, side, number,
+            max_crossings=bound, limit=limit, most_windows=most_windows, progress=progress,
+        )  # fmt: skip
         wavefront.run(limit, most_windows, progress)
     if near is None or wavefront.slack == 0:
         return wavefront, window_targets, 0.0

@@ -32,6 +32,7 @@ def propagate_strips(
     side: NDArray,
     source: NDArray,
     *,
+    max_crossings: int,
     limit: float = np.inf,
     most_windows: float = np.inf,
     progress: Callable[[float, float], None] | None = None,
@@ -46,6 +47,9 @@ def propagate_strips(
         Sides on the source edges, in every face of each edge.
     source : (k,) ndarray of int64
         Number of the source of each.
+    max_crossings : int
+        Strips that have crossed more faces are dropped: on triangles without width the filter keeps some
+        for ever.
     limit : float
         Strips farther than this are not propagated.
     most_windows : float
@@ -58,9 +62,11 @@ def propagate_strips(
     numbers, of = np.unique(source, return_inverse=True)
     none = np.full(len(numbers), -1)
     origin = wavefront.origins.add(none, numbers, np.zeros(len(numbers)))[of]
-    pool = WindowPool(5)
+    pool = WindowPool(5, ints=3)
     zero = np.zeros(len(side))
-    pool.push(np.stack([zero, length, zero, zero + 1.0, zero]), np.stack([side, origin]), zero)
+    pool.push(
+        np.stack([zero, length, zero, zero + 1.0, zero]), np.stack([side, origin, np.zeros_like(side)]), zero
+    )
     while len(pool):
         least = pool.least()
         if not least < limit:
@@ -77,13 +83,17 @@ def propagate_strips(
             wavefront.targets.update_by_strips(lines, where)
         if progress is not None:
             progress(float(np.count_nonzero(wavefront.distance < least)), float(len(wavefront.distance)))
-        _propagate(wavefront, pool, lines, where)
+        _propagate(wavefront, pool, lines, where, max_crossings)
 
 
-def _propagate(wavefront: Wavefront, pool: WindowPool, lines: NDArray, where: NDArray) -> None:
+def _propagate(
+    wavefront: Wavefront, pool: WindowPool, lines: NDArray, where: NDArray, max_crossings: int
+) -> None:
     """Propagate strips across their faces: update the apex, then push the children that the filter keeps."""
     tables = wavefront.tables
-    side, origin = where
+    side, origin, crossings = where
+    carried = np.stack([origin, crossings + 1])
+    inside = crossings < max_crossings
     b0, b1, ux, uy, c = lines
     shape, ids = tables.shape.take(side, axis=0).T, tables.ids.take(side, axis=0).T
     length, ax, ay, left_edge, right_edge = shape
@@ -102,9 +112,9 @@ def _propagate(wavefront: Wavefront, pool: WindowPool, lines: NDArray, where: ND
     child = [t0, t1, ux[left] * along + uy[left] * up, uy[left] * along - ux[left] * up, c[left]]
     r0, r1 = child[4] + child[2] * t0, child[4] + child[2] * t1
     detour = np.hypot(length[left] - t0 * along, t0 * up)
-    keep = _keep(t0, t1, r0, r1, edge, near[left], apex[left], far[left] + detour)
-    _push(tables, pool, np.stack(child), 3 * (side[left] // 3) + (side[left] + 2) % 3, left, ids[3], origin,
-          np.minimum(r0, r1), keep)  # fmt: skip
+    keep = inside[left] & _keep(t0, t1, r0, r1, edge, near[left], apex[left], far[left] + detour)
+    left_by = 3 * (side[left] // 3) + (side[left] + 2) % 3
+    _push(tables, pool, np.stack(child), left_by, left, ids[3], carried, np.minimum(r0, r1), keep)
 
     right = (at < b1).nonzero()[0]
     x0, x1, rest = np.maximum(b0, at)[right], b1[right], length[right] - at[right]
@@ -116,10 +126,9 @@ def _propagate(wavefront: Wavefront, pool: WindowPool, lines: NDArray, where: ND
     r0, r1 = child[4] + child[2] * child[0], child[4] + child[2] * child[1]
     detour = np.hypot(length[right] - s0 * along, s0 * up)
     # seen from the other end of the side: s is measured from v1
-    keep = _keep(s0, s1, r1, r0, edge, far[right], apex[right], near[right] + detour)
-    _push(tables, pool, np.stack(child), 3 * (side[right] // 3) + (side[right] + 1) % 3, right, ids[4],
-    origin,
-          np.minimum(r0, r1), keep)  # fmt: skip
+    keep = inside[right] & _keep(s0, s1, r1, r0, edge, far[right], apex[right], near[right] + detour)
+    left_by = 3 * (side[right] // 3) + (side[right] + 1) % 3
+    _push(tables, pool, np.stack(child), left_by, right, ids[4], carried, np.minimum(r0, r1), keep)
 
 
 def _keep(
@@ -132,12 +141,16 @@ def _keep(
 
 def _push(
     tables: WindowTables, pool: WindowPool, child: NDArray, left_by: NDArray, parent: NDArray,
-    code: NDArray, origin: NDArray, key: NDArray, keep: NDArray,
+    code: NDArray, carried: NDArray, key: NDArray, keep: NDArray,
 ) -> None:  # fmt: skip
-    """Push children into the neighbouring faces; `child` is in the frame that runs against side `left_by`."""
-    code, origin = code[parent], origin[parent]
+    """Push children into the neighbouring faces; `child` is in the frame that runs against side `left_by`.
+
+    `carried` holds origins and numbers of crossed faces.
+    """
+    code, carried = code[parent], carried[:, parent]
     rows = (keep & (code != BOUNDARY)).nonzero()[0]
-    child, code, origin, key, left_by = child[:, rows], code[rows], origin[rows], key[rows], left_by[rows]
+    child, code, carried, key = child[:, rows], code[rows], carried[:, rows], key[rows]
+    left_by = left_by[rows]
     child[3] = np.maximum(child[3], MIN_DIRECTION_HEIGHT)
     flip = np.zeros(len(code), dtype=bool)
     if tables.mirrored is not None:
@@ -147,10 +160,10 @@ def _push(
         row, beyond, same_way = tables.across_many(left_by[many])
         chosen = np.concatenate([np.flatnonzero(~many), np.flatnonzero(many)[row]])
         code, flip = np.concatenate([code[~many], beyond]), np.concatenate([flip[~many], same_way])
-        child, origin, key = child[:, chosen], origin[chosen], key[chosen]
+        child, carried, key = child[:, chosen], carried[:, chosen], key[chosen]
     i = flip.nonzero()[0]
     if len(i):
         width = tables.shape[code[i], 0]
         b0, b1, ux, _, c = child[:, i]
         child[0, i], child[1, i], child[2, i], child[4, i] = width - b1, width - b0, -ux, c + width * ux
-    pool.push(child, np.stack([code, origin]), key)
+    pool.push(child, np.concatenate([code[None], carried]), key)
