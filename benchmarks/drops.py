@@ -20,7 +20,7 @@ from tests.triangle_pairs import meshes_intersect
 BALL = icosphere(1, 0.05)
 SCENE = """
 [time]
-duration = 0.2
+duration = 0.3
 step = 4e-3
 frame_every = 4e-3
 integrator = "implicit-euler"
@@ -32,7 +32,7 @@ density = 0.2
 thickness = "1 mm"
 young = 2e5
 poisson = 0.3
-position = [{x}, {y}, 0.18]
+position = [{x}, {y}, 0.3]
 rotation = {{ axis = [{axis}], degrees = {degrees} }}
 velocity = [0, 0, -1]
 angular_velocity = [{spin}]

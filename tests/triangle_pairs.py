@@ -14,6 +14,7 @@ def intersecting(points, faces, other_points, other_faces):
     )
     corners = other_points[other_faces]
     low, high = corners.min(axis=1), corners.max(axis=1)
+    rounding = 1e-15 * max(np.abs(points).max(), np.abs(other_points).max()) ** 3  # coplanar edges
     for start in range(0, len(edges), 256):
         part = edges[start : start + 256]
         p, q = points[part[:, 0]], points[part[:, 1]]
@@ -26,9 +27,13 @@ def intersecting(points, faces, other_points, other_faces):
         a, b, c = (corners[f, k] for k in range(3))
         above, below = _volume(a, b, c, p[e]), _volume(a, b, c, q[e])
         sides = [_volume(p[e], q[e], u, v) for u, v in ((a, b), (b, c), (c, a))]
-        through = (above * below < 0) & (
-            ((sides[0] > 0) & (sides[1] > 0) & (sides[2] > 0))
-            | ((sides[0] < 0) & (sides[1] < 0) & (sides[2] < 0))
+        through = (
+            (above * below < 0)
+            & (np.minimum(np.abs(above), np.abs(below)) > rounding)
+            & (
+                ((sides[0] > 0) & (sides[1] > 0) & (sides[2] > 0))
+                | ((sides[0] < 0) & (sides[1] < 0) & (sides[2] < 0))
+            )
         )
         if through.any():
             k = int(np.flatnonzero(through)[0])

@@ -72,14 +72,14 @@ def test_resumed_run_has_the_same_bits(run, tmp_path, monkeypatch, integrator):
 PAIRS = """\
 format = "ddgcli-scene/1"
 [time]
-duration = 0.03
-step = 1e-3
-frame_every = 5e-3
+duration = 0.016
+step = 2e-3
+frame_every = 4e-3
 integrator = "{integrator}"
 [[object]]
 name = "a"
 role = "shell"
-grid = {{ size = [0.2, 0.2], cells = [3, 3] }}
+grid = {{ size = [0.2, 0.2], cells = [2, 2] }}
 material = "rubber"
 [[object]]
 name = "b"
@@ -100,10 +100,10 @@ contact = {{ pairs = [["a", "b"], ["a", "o"]], self_contact = true, friction = 0
 """
 
 
-@pytest.mark.parametrize("integrator", ["newmark", pytest.param("implicit-euler", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("integrator", ["implicit-euler", pytest.param("newmark", marks=pytest.mark.slow)])
 def test_resumed_run_of_colliding_shells_has_the_same_bits(run, tmp_path, monkeypatch, integrator):
     pytest.importorskip("ipctk")
-    resumed_as_whole(run, tmp_path, monkeypatch, scene(tmp_path, integrator, PAIRS), 5)
+    resumed_as_whole(run, tmp_path, monkeypatch, scene(tmp_path, integrator, PAIRS), 3)
 
 
 @pytest.mark.parametrize("more", [
