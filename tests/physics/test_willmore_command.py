@@ -135,7 +135,7 @@ def test_resume_has_the_same_bits(run, ellipsoid_file, tmp_path, monkeypatch):
 @pytest.mark.parametrize(
     "words, message",
     [
-        (("--energy", "circle-angle"), "sullivan"),
+        (("--energy", "quadratic"), "sullivan"),
         (("--flow", "conformal"), "mean-curvature"),
         (("--boundary", "free"), "clamped"),
         (("--region", "x"), "no array"),
