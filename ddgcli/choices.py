@@ -10,6 +10,8 @@ CURVATURE_SCHEMES = ("quadric", "corrected", "normal-cycle", "cotan")
 
 LAPLACE_OPERATORS = ("cotan", "intrinsic-delaunay", "tufted", "uniform")
 MASSES = ("lumped", "voronoi", "galerkin")
+SOLID_OPERATORS = ("cotan", "uniform")
+SOLID_MASSES = ("lumped", "galerkin")
 SMOOTHING_FLOWS = ("mean-curvature", "conformalized")
 EVOLUTIONS = ("heat", "wave")  # equations in time
 PARAMETERIZATIONS = ("harmonic", "conformal")

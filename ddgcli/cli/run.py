@@ -382,6 +382,9 @@ def _subdivided(source: MeshInput, times: int) -> MeshInput:
     """The input with every face split in four `times` times, without its arrays."""
     from ddgcli.mesh.shapes import midpoint_subdivided
 
+    if source.kind == "tetrahedra":
+        raise ParameterError("splits the faces of a surface, and MESH holds tetrahedra; leave it out",
+                             parameter="subdivide")  # fmt: skip
     dropped = sorted({*source.vertex, *source.face, *source.edge})
     if dropped:
         log.warning("`subdivide` drops the arrays %s", ", ".join(dropped))

@@ -16,6 +16,7 @@ from ddgcli.algorithms.laplacian.laplace_operator import laplace_operator
 from ddgcli.errors import ParameterError
 from ddgcli.library.mesh_arguments import accepts_arrays
 from ddgcli.linalg.eigen import Eigenpairs
+from ddgcli.mesh.tet_mesh import TetMesh
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 
 __all__ = [
@@ -28,15 +29,20 @@ __all__ = [
 ]
 
 
-@accepts_arrays("surface")
+@accepts_arrays("surface", "tetrahedra")
 def eigenpairs(
-    mesh: TriangleMesh, k: int = 10, *, operator: str | None = None, mass: str = "lumped", seed: int = 0
+    mesh: TriangleMesh | TetMesh,
+    k: int = 10,
+    *,
+    operator: str | None = None,
+    mass: str = "lumped",
+    seed: int = 0,
 ) -> Eigenpairs:
     """Smallest eigenpairs of the Laplacian, L x = lambda M x.
 
     Parameters
     ----------
-    mesh : TriangleMesh or (points, faces) pair
+    mesh : TriangleMesh, TetMesh or (points, cells) pair
     k : int
         Number of pairs, from 1 to the number of vertices.
     operator, mass : str, optional
@@ -64,9 +70,9 @@ def eigenpairs(
     return spectrum.spectrum(laplace_operator(mesh, operator, mass), k, seed=seed)
 
 
-@accepts_arrays("surface")
+@accepts_arrays("surface", "tetrahedra")
 def heat_kernel_signature(
-    mesh: TriangleMesh,
+    mesh: TriangleMesh | TetMesh,
     times: Sequence[float],
     *,
     operator: str | None = None,
@@ -77,7 +83,7 @@ def heat_kernel_signature(
 
     Parameters
     ----------
-    mesh : TriangleMesh or (points, faces) pair
+    mesh : TriangleMesh, TetMesh or (points, cells) pair
     times : (t,) sequence of float
         Positive, in length^2.
     operator, mass : str, optional
@@ -115,9 +121,9 @@ def heat_kernel_signature(
     return spectrum.heat_kernel_signature(pairs, time)
 
 
-@accepts_arrays("surface")
+@accepts_arrays("surface", "tetrahedra")
 def poisson(
-    mesh: TriangleMesh,
+    mesh: TriangleMesh | TetMesh,
     source: ArrayLike,
     fixed: Mapping[int, float] | None = None,
     *,
@@ -128,7 +134,7 @@ def poisson(
 
     Parameters
     ----------
-    mesh : TriangleMesh or (points, faces) pair
+    mesh : TriangleMesh, TetMesh or (points, cells) pair
     source : (n,) or (n, c) array_like of float
         f at the vertices, not integrated.
     fixed : mapping of vertex to value, optional
@@ -162,15 +168,19 @@ def poisson(
     return problems.poisson(laplace_operator(mesh, operator, mass), values, fixed)
 
 
-@accepts_arrays("surface")
+@accepts_arrays("surface", "tetrahedra")
 def harmonic_interpolation(
-    mesh: TriangleMesh, fixed: Mapping[int, float], *, operator: str | None = None, mass: str = "lumped"
+    mesh: TriangleMesh | TetMesh,
+    fixed: Mapping[int, float],
+    *,
+    operator: str | None = None,
+    mass: str = "lumped",
 ) -> problems.Solution:
     """Harmonic function with given values at some vertices: L u = 0 at all others.
 
     Parameters
     ----------
-    mesh : TriangleMesh or (points, faces) pair
+    mesh : TriangleMesh, TetMesh or (points, cells) pair
     fixed : mapping of vertex to value
         At least one vertex.
     operator, mass : str, optional

@@ -7,6 +7,7 @@ from scipy.sparse import csr_array
 from ddgcli.algorithms.laplacian.laplace_operator import LaplaceOperator
 from ddgcli.algorithms.laplacian.laplace_operator import laplace_operator as core_laplace_operator
 from ddgcli.library.mesh_arguments import accepts_arrays
+from ddgcli.mesh.tet_mesh import TetMesh
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.operators import connection, laplacian
 from ddgcli.operators import gradient as gradients
@@ -40,17 +41,17 @@ divergence = accepts_arrays("surface")(gradients.divergence)
 connection_laplacian = accepts_arrays("surface", "intrinsic")(connection.connection_laplacian)
 
 
-@accepts_arrays("surface")
+@accepts_arrays("surface", "tetrahedra")
 def laplace_operator(
-    mesh: TriangleMesh, operator: str | None = None, mass: str = "lumped"
+    mesh: TriangleMesh | TetMesh, operator: str | None = None, mass: str = "lumped"
 ) -> LaplaceOperator:
     """Stiffness and mass of a chosen Laplacian.
 
     Parameters
     ----------
-    mesh : TriangleMesh or (points, faces) pair
+    mesh : TriangleMesh, TetMesh or (points, cells) pair
         Any triangles for 'cotan', 'tufted' and 'uniform'; an oriented surface without edges of three faces
-        for 'intrinsic-delaunay'.
+        for 'intrinsic-delaunay'; tetrahedra for 'cotan' and 'uniform', with lumped or galerkin mass.
     operator : {'cotan', 'intrinsic-delaunay', 'tufted', 'uniform'}, optional
         Default 'intrinsic-delaunay', and 'tufted' where the mesh is not manifold or not oriented.
     mass : {'lumped', 'voronoi', 'galerkin'}

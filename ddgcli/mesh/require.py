@@ -139,7 +139,7 @@ REQUIREMENTS = {
     "delaunay": Requirement(
         surface={"sized": False, "extent": True, "manifold_edges": True, "oriented": True}, area=True
     ),
-    "laplacian": Requirement(area=True),
+    "laplacian": Requirement(("surface", "tetrahedra"), area=True, volume=True),
     "hodge": Requirement(
         ("surface", "tetrahedra"), {**_MANIFOLD, "one_sided": True}, {"manifold": True}, volume=True
     ),

@@ -1,4 +1,4 @@
-"""Heat and wave equation on a surface as trajectories of a function on its vertices."""
+"""Heat and wave equation on a surface or on tetrahedra as trajectories of a function on its vertices."""
 
 from __future__ import annotations
 
@@ -20,7 +20,9 @@ from ddgcli.progress import ProgressCallback
 HEAT, WAVE = EVOLUTIONS
 GAMMA = 2.0 - math.sqrt(2.0)  # of the two stages of TR-BDF2: both have the same matrix
 MAX_STEPS = 1_000_000
-BUMP_TIME = 4.0  # of the mean vertex area: heat time of each of two steps that smooth the start of a wave
+# of the mean vertex area (of tetrahedra volume^(2/3)): heat time of each of two steps that smooth the start
+# of a wave
+BUMP_TIME = 4.0
 ROUNDING_RISE = 1e-12  # relative rise of the energy that rounding explains
 DEFAULT_STEPS, DEFAULT_FRAMES = 100, 50
 
@@ -242,13 +244,13 @@ def _unit_at(operator: LaplaceOperator, vertex: int, equation: str) -> NDArray[n
         raise ParameterError(f"vertex {vertex} is outside 0..{n - 1}", parameter=equation)
     area = float((operator.mass @ np.ones(n))[vertex])
     if not area > 0:
-        raise ParameterError(f"vertex {vertex} has no area; choose another", parameter=equation)
+        raise ParameterError(f"vertex {vertex} has no cell with a size; choose another", parameter=equation)
     start = np.zeros(n)
     start[vertex] = 1.0 / area
     if equation == HEAT:
         return start
     # waves as short as an edge travel too slowly: the bump spreads over some edges first
     L, M = csc_array(operator.stiffness), csc_array(operator.mass)
-    time = BUMP_TIME * float((M @ np.ones(n)).mean())
+    time = BUMP_TIME * float((M @ np.ones(n)).mean()) ** (2.0 / operator.dimension)
     factor = Factor(csc_array(M + time * L))
     return np.asarray(factor.solve(M @ factor.solve(M @ start)))

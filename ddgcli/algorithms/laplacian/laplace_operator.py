@@ -14,6 +14,7 @@ from ddgcli.algorithms.delaunay.triangulation import flip_to_delaunay
 from ddgcli.choices import LAPLACE_OPERATORS, MASSES
 from ddgcli.errors import MeshError, ParameterError
 from ddgcli.mesh.require import require
+from ddgcli.mesh.tet_mesh import TetMesh
 from ddgcli.mesh.topology import Topology
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.operators.laplacian import (
@@ -42,9 +43,11 @@ class LaplaceOperator:
     stiffness, mass : (n, n) csr_array
         L positive semidefinite and M, so that L x = lambda M x; rows of vertices without faces are empty.
     surface : TriangleMesh or IntrinsicMesh
-        The triangulation on which they are assembled.
+        The triangulation on which they are assembled; of tetrahedra their boundary.
     facts : dict
         Counts of the preparation: flips, mollified faces, mollified edges.
+    dimension : int
+        2 for a surface, 3 for tetrahedra: the mass is in length^dimension.
     """
 
     name: str
@@ -53,15 +56,16 @@ class LaplaceOperator:
     mass: csr_array
     surface: SurfaceMesh
     facts: dict[str, Any] = field(default_factory=dict)
+    dimension: int = 2
 
     @property
     def used(self) -> NDArray[np.int64]:
-        """Vertices that a face uses."""
+        """Vertices that a face or tetrahedron uses."""
         return np.flatnonzero(self.mass.diagonal() > 0)
 
 
 def laplace_operator(
-    mesh: TriangleMesh,
+    mesh: TriangleMesh | TetMesh,
     operator: str | None = None,
     mass: str = "lumped",
     *,
@@ -71,9 +75,10 @@ def laplace_operator(
 
     Parameters
     ----------
-    mesh : TriangleMesh
+    mesh : TriangleMesh or TetMesh
         Any triangle soup for `cotan`, `tufted` and `uniform`; for `intrinsic-delaunay` an oriented surface
-        without edges of three faces.
+        without edges of three faces. Tetrahedra have `cotan` (the default) and `uniform`, with lumped or
+        galerkin mass (see `solid_matrices`).
     operator : {'cotan', 'intrinsic-delaunay', 'tufted', 'uniform'}, optional
         Default `intrinsic-delaunay`, and `tufted` with a warning if the mesh is not manifold or not oriented.
     mass : {'lumped', 'voronoi', 'galerkin'}
@@ -94,17 +99,27 @@ def laplace_operator(
         )
     if mass not in MASSES:
         raise ParameterError(f"{mass!r} is not one of {', '.join(MASSES)}", parameter="mass")
+    if isinstance(mesh, TetMesh):
+        return _solid_operator(mesh, operator or "cotan", mass)
     require(mesh, "laplacian")
     mesh = _without_repeated_corners(mesh)
     name = operator or _default_operator(mesh)
     if name == "intrinsic-delaunay":
         _require_surface(mesh)
-    _warn_of_isolated_vertices(mesh)
+    _warn_of_isolated_vertices(mesh.topology.referenced_vertex)
     surface, share, facts = _triangulation(name, mesh, max_rounds)
     L = uniform_stiffness(mesh) if name == "uniform" else share * stiffness(surface)
     return LaplaceOperator(
         name, mass, csr_array(L), csr_array(share * MASS_FUNCTIONS[mass](surface)), surface, facts
     )
+
+
+def _solid_operator(mesh: TetMesh, name: str, mass: str) -> LaplaceOperator:
+    from ddgcli.algorithms.laplacian.solid_operator import solid_matrices
+
+    L, M = solid_matrices(mesh, name, mass)
+    _warn_of_isolated_vertices(np.bincount(mesh.tetrahedra.ravel(), minlength=mesh.n_vertices) > 0)
+    return LaplaceOperator(name, mass, L, M, mesh.boundary, dimension=3)
 
 
 def _triangulation(
@@ -164,8 +179,8 @@ def _without_repeated_corners(mesh: TriangleMesh) -> TriangleMesh:
     return cleaned
 
 
-def _warn_of_isolated_vertices(mesh: TriangleMesh) -> None:
-    isolated = np.flatnonzero(~mesh.topology.referenced_vertex)
+def _warn_of_isolated_vertices(referenced: NDArray) -> None:
+    isolated = np.flatnonzero(~referenced)
     if len(isolated):
         log.warning(
             "%d vertices belong to no face (first: vertex %d): their rows are empty and their values 0",

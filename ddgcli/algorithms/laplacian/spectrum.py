@@ -45,7 +45,7 @@ class HeatKernelSignature:
     Parameters
     ----------
     values : (n, t) ndarray of float64
-        sum over i of exp(-lambda_i t) phi_i(x)^2, in 1/area.
+        sum over i of exp(-lambda_i t) phi_i(x)^2, in 1/area (of tetrahedra 1/volume).
     truncation : (t,) ndarray of float64
         exp(-lambda_k t): the weight of the first omitted eigenfunction, an estimate of the relative error.
     """
@@ -56,8 +56,8 @@ class HeatKernelSignature:
 
 def signature_pairs(operator: LaplaceOperator, times: Sequence[float]) -> int:
     """Number of eigenpairs to resolve the heat kernel at the shortest time, by Weyl's law; at most 300."""
-    area = float(operator.mass.sum())
-    n_pairs = -np.log(SIGNATURE_TAIL) * area / (4 * np.pi * min(times))
+    measure, largest = float(operator.mass.sum()), -np.log(SIGNATURE_TAIL) / min(times)
+    n_pairs = measure * (largest / (4 * np.pi) if operator.dimension == 2 else largest**1.5 / (6 * np.pi**2))
     return int(min(np.ceil(n_pairs) + 10, MAX_SIGNATURE_PAIRS, len(operator.used)))
 
 

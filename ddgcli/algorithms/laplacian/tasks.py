@@ -1,4 +1,4 @@
-"""Solve tasks with the Laplacian of a surface: spectra, Poisson problems, smoothing, parameterization."""
+"""Solve tasks with the Laplacian of a mesh: spectra, Poisson problems, smoothing, parameterization."""
 
 from __future__ import annotations
 
@@ -21,6 +21,7 @@ from ddgcli.errors import ParameterError
 from ddgcli.geometry.extrinsic import face_area_vector
 from ddgcli.linalg.residual_gate import within_residuals
 from ddgcli.mesh.fields import AnnotatedMesh
+from ddgcli.mesh.tet_mesh import TetMesh
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.mesh.vectors import vector_length
 from ddgcli.progress import ProgressCallback
@@ -29,6 +30,7 @@ if TYPE_CHECKING:
     from ddgcli.algorithms.laplacian.smooth import SmoothingResult
 
 log = logging.getLogger("ddgcli")
+BOUNDARY_CURE = "write their boundary with ddgcli info MESH -o surface.ply"
 RESIDUALS = (
     "eigen_residuals", "poisson_residual", "harmonic_residual", "parameterize_residual", "smooth_residual",
     "row_sum_residual", "symmetry_residual",
@@ -87,7 +89,7 @@ class LaplacianTasks:
 class LaplacianResult:
     """Arrays on vertices, results, accuracy, and whether all tasks converged; smoothing replaces `mesh`."""
 
-    mesh: TriangleMesh
+    mesh: TriangleMesh | TetMesh
     operator: LaplaceOperator
     vertex: dict[str, NDArray] = field(default_factory=dict)
     results: dict[str, Any] = field(default_factory=dict)
@@ -99,23 +101,30 @@ class LaplacianResult:
         return AnnotatedMesh(self.mesh, vertex=self.vertex)
 
     @property
+    def surface(self) -> TriangleMesh:
+        """The surface of a picture: the mesh, or the boundary of tetrahedra."""
+        return self.mesh.boundary if isinstance(self.mesh, TetMesh) else self.mesh
+
+    @property
     def picture_array(self) -> tuple[str, NDArray]:
         """Name and values of the default array of a picture: the first that is not constant."""
-        names = [name for name in self.vertex if name != "vertex_area"] + ["vertex_area"]
+        size = next(iter(self.vertex))  # vertex_area or vertex_volume
+        names = [*(name for name in self.vertex if name != size), size]
         name = next((n for n in names if np.ptp(self.vertex[n]) > 0), names[0])
         values = self.vertex[name]
         return name, values if values.ndim == 1 else np.linalg.norm(values, axis=1)
 
 
 def solve_laplacian_tasks(
-    mesh: TriangleMesh, tasks: LaplacianTasks, progress: ProgressCallback | None = None
+    mesh: TriangleMesh | TetMesh, tasks: LaplacianTasks, progress: ProgressCallback | None = None
 ) -> LaplacianResult:
     """Assemble the operator and solve every task.
 
     Parameters
     ----------
-    mesh : TriangleMesh
+    mesh : TriangleMesh or TetMesh
     tasks : LaplacianTasks
+        Of tetrahedra without `smooth` and `parameterize`.
     progress : callable, optional
         Called with (done, total).
 
@@ -129,17 +138,22 @@ def solve_laplacian_tasks(
         For a mesh that the operator or a task does not support.
     ParameterError
     """
+    solid = isinstance(mesh, TetMesh)
+    for task in ("smooth", "parameterize") if solid else ():
+        if getattr(tasks, task) is not None:
+            raise ParameterError(
+                f"needs a surface, and the mesh has tetrahedra; {BOUNDARY_CURE}", parameter=task
+            )
     operator = laplace_operator(mesh, tasks.operator, tasks.mass)
     L = operator.stiffness
-    area = operator.mass @ np.ones(mesh.n_vertices)
-    result = LaplacianResult(mesh, operator, {"vertex_area": area})
+    vertex_size = operator.mass @ np.ones(mesh.n_vertices)
+    result = LaplacianResult(mesh, operator, {"vertex_volume" if solid else "vertex_area": vertex_size})
     result.results = {
         "operator": operator.name,
         "mass": operator.mass_name,
         "unknowns": L.shape[0],
         "nonzeros": int(L.nnz),
-        # from positions: mollified side lengths of caps without height have more
-        "area": float(vector_length(face_area_vector(mesh)).sum()),
+        **_size(mesh),
         **operator.facts,
     }
     row_sum = np.abs(L @ np.ones(L.shape[0])).max()
@@ -165,9 +179,16 @@ def solve_laplacian_tasks(
     result.converged &= within_residuals(
         result.accuracy,
         (*RESIDUALS, *principle),
-        "the triangles leave the system too ill-conditioned; repair the mesh",
+        f"the {'tetrahedra' if solid else 'triangles'} leave the system too ill-conditioned; repair the mesh",
     )
     return result
+
+
+def _size(mesh: TriangleMesh | TetMesh) -> dict[str, float]:
+    if isinstance(mesh, TetMesh):
+        return {"volume": float(np.abs(mesh.signed_volume).sum())}
+    # from positions: mollified side lengths of caps without height have more
+    return {"area": float(vector_length(face_area_vector(mesh)).sum())}
 
 
 def _progress_of_part(progress: ProgressCallback | None, n_done: int, n_parts: int) -> ProgressCallback:
@@ -235,7 +256,7 @@ def _parameterize(result: LaplacianResult, tasks: LaplacianTasks, progress: Prog
     from ddgcli.algorithms.laplacian.parameterize import parameterize_conformal, parameterize_harmonic
 
     flatten = {"harmonic": parameterize_harmonic, "conformal": parameterize_conformal}[tasks.parameterize]
-    flat = flatten(result.mesh, result.operator)
+    flat = flatten(result.surface, result.operator)
     result.vertex["uv"] = flat.uv
     result.results |= {
         "parameterization": tasks.parameterize,
@@ -253,7 +274,7 @@ def _smooth(result: LaplacianResult, tasks: LaplacianTasks, progress: ProgressCa
         return
     from ddgcli.algorithms.laplacian.smooth import sensible_times, smooth
 
-    before = result.mesh
+    before = result.surface
     flow = tasks.smooth_flow or SMOOTHING_FLOWS[0]
     smoothed = smooth(
         before,

@@ -50,7 +50,8 @@ class FixedValue(click.ParamType):
 @click.option(
     "--operator",
     type=click.Choice(LAPLACE_OPERATORS),
-    help="Default: intrinsic-delaunay; tufted where the mesh is not an oriented manifold.",
+    help="Default: intrinsic-delaunay; tufted where the mesh is not an oriented manifold; cotan of "
+    "tetrahedra, which have uniform besides.",
 )
 @click.option("--mass", type=click.Choice(MASSES), default="lumped", show_default=True)
 @click.option("--matrix", metavar="PATH", help="Write the stiffness L (.npz of scipy.sparse, or .mtx).")
@@ -110,7 +111,7 @@ def command(
     mesh_path: str, matrix: str | None, mass_matrix: str | None, poisson: str | None, fix: tuple,
     evolution: EvolutionOptions, subdivide: int, common: CommonOptions, **tasks: Any,
 ) -> None:  # fmt: skip
-    """Assemble the Laplace matrices of MESH, and solve with them.
+    """Assemble the Laplace matrices of MESH, a surface or tetrahedra, and solve with them.
 
     L is the positive semidefinite stiffness, M the mass: L x = lambda M x has lambda >= 0.
 
@@ -132,16 +133,17 @@ def command(
     run.plan_output(mass_matrix, MATRIX_FORMATS)
     for name in (poisson, evolution.heat, evolution.wave):
         run.add_input(name)
-    source = run.read(mesh_path, subdivide=subdivide)
+    source = run.read(mesh_path, accept=("surface", "tetrahedra"), subdivide=subdivide)
 
     if evolution.equation is not None:
         _evolve(run, source, evolution, tasks["operator"], tasks["mass"])
         return
     from ddgcli.algorithms.laplacian.tasks import LaplacianTasks, solve_laplacian_tasks
 
+    mesh = mesh_of(source)
     term, fixed = source_term(source, poisson), fixed_values(fix)
     result = solve_laplacian_tasks(
-        source.surface,
+        mesh,
         LaplacianTasks(poisson=term, fixed=fixed, seed=common.seed, **tasks),
         run.progress("laplacian"),
     )
@@ -161,7 +163,7 @@ def _evolve(
     from ddgcli.algorithms.laplacian.laplace_operator import laplace_operator
     from ddgcli.plots.array import draw_array
 
-    mesh, equation = source.surface, str(evolution.equation)
+    mesh, equation = mesh_of(source), str(evolution.equation)
     times = EvolutionTimes.of(evolution.duration, evolution.time_step, evolution.n_frames)
     result = solve_evolution(
         laplace_operator(mesh, operator, mass), equation, start_of(source, evolution), times,
@@ -169,8 +171,13 @@ def _evolve(
     )  # fmt: skip
     name, values = run.picture_array(result.arrays, equation)
     write_evolution(run, mesh, result)
-    run.plot(lambda path: draw_array(path, mesh, name, values, **run.picture_options))
+    run.plot(lambda path: draw_array(path, source.surface, name, values, **run.picture_options))
     run.finish(result.results, result.accuracy)
+
+
+def mesh_of(source: MeshInput) -> Any:
+    """The surface, or the mesh of tetrahedra."""
+    return source.mesh if source.kind == "tetrahedra" else source.surface
 
 
 def fixed_values(fix: tuple[tuple[int, float], ...]) -> dict[int, float]:
@@ -213,16 +220,16 @@ def draw(path: str, result: LaplacianResult, name: str, values: NDArray | None, 
     from ddgcli.plots.surface import draw_beside
 
     if values is None or values.ndim == 1 or values.shape[1] != 2:
-        draw_array(path, result.mesh, name, values, **look)
+        draw_array(path, result.surface, name, values, **look)
         return
     import numpy as np
 
-    layout = result.mesh.moved(np.column_stack([values, np.zeros(len(values))]))
+    layout = result.surface.moved(np.column_stack([values, np.zeros(len(values))]))
     size = {key: look[key] for key in ("width", "height", "dpi") if key in look}
     angle: dict[str, Any] = {key: look[key] for key in ("view", "up") if key in look}
     draw_beside(
         path,
-        [(result.mesh, {"values": values, "title": "surface", **angle}),
+        [(result.surface, {"values": values, "title": "surface", **angle}),
          (layout, {"values": values, "title": "flat layout", "view": "z", "up": "z"})],
         **size,
     )  # fmt: skip

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from ddgcli.algorithms.laplacian.evolution import EvolutionResult
     from ddgcli.cli.run import Run
     from ddgcli.io.mesh_file import MeshInput
+    from ddgcli.mesh.tet_mesh import TetMesh
     from ddgcli.mesh.triangle_mesh import TriangleMesh
 
 TRAJECTORIES = (".vtkhdf", ".h5")
@@ -88,7 +89,7 @@ def start_of(source: MeshInput, options: EvolutionOptions) -> NDArray | int:
     return array
 
 
-def write_evolution(run: Run, mesh: TriangleMesh, result: EvolutionResult) -> None:
+def write_evolution(run: Run, mesh: TriangleMesh | TetMesh, result: EvolutionResult) -> None:
     """All frames to a trajectory, the last one to the other outputs."""
     from ddgcli.algorithms.laplacian.evolution import frame_arrays
     from ddgcli.mesh.fields import AnnotatedMesh, Frame
