@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from scipy.sparse import csr_array, diags_array
@@ -76,20 +77,33 @@ def dec_matrices(complex_: Complex, star: Star = "galerkin") -> DecMatrices:
     matrices |= {f"star{k}": csr_array(matrix) for k, matrix in enumerate(stars)}
     delta = [csr_array(inverse[k] @ derivative[k].T @ stars[k + 1]) for k in range(n)]
     matrices |= {f"codifferential{k + 1}": matrix for k, matrix in enumerate(delta)}
-    for k in range(n + 1):
-        terms = []
-        if k < n:
-            terms.append(derivative[k].T @ stars[k + 1] @ derivative[k])
-        if k > 0:
-            weak = derivative[k - 1].T @ stars[k]
-            _check_fill(csr_array(weak), k)
-            terms.append(weak.T @ inverse[k - 1] @ weak)
-        matrices[f"laplacian{k}"] = csr_array(sum(terms[1:], terms[0]))
+    matrices |= {f"laplacian{k}": _laplacian(k, derivative, stars, inverse) for k in range(n + 1)}
     for name, matrix in matrices.items():
         if not np.isfinite(matrix.data).all():
             raise MeshError(f"entries of {name} leave the range of numbers; rescale the coordinates")
     negative = sum(int((matrix.diagonal() < 0).sum()) for matrix in stars)
     return DecMatrices(complex_, star, matrices, negative)
+
+
+def form_laplacian(complex_: Complex, degree: int, star: Star = "galerkin") -> tuple[csr_array, csr_array]:
+    """Laplacian and star of k-forms, as `dec_matrices` has them, without the other degrees."""
+    degrees = range(degree, min(degree + 1, complex_.dimension) + 1)
+    stars = {k: hodge_star(complex_, k, star) for k in degrees}
+    inverse = {degree - 1: _inverse(complex_, degree - 1, star)} if degree else {}
+    derivative = [d.tocsr().astype(np.int64) for d in complex_.derivatives]
+    return _laplacian(degree, derivative, stars, inverse), csr_array(stars[degree])
+
+
+def _laplacian(k: int, derivative: list[csr_array], stars: Any, inverse: Any) -> csr_array:
+    """star (d delta + delta d) on k-forms, from stars and inverse stars by degree."""
+    terms = []
+    if k < len(derivative):
+        terms.append(derivative[k].T @ stars[k + 1] @ derivative[k])
+    if k > 0:
+        weak = derivative[k - 1].T @ stars[k]
+        _check_fill(csr_array(weak), k)
+        terms.append(weak.T @ inverse[k - 1] @ weak)
+    return csr_array(sum(terms[1:], terms[0]))
 
 
 def _asymmetry(matrix: csr_array) -> float:

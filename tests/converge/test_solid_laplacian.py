@@ -116,7 +116,7 @@ def test_the_command_solves_on_tetrahedra(summary, tmp_path):
     assert written.vertex["vertex_volume"].sum() == pytest.approx(np.prod(SIZE))
     expected = poisson(laplace_operator(mesh), np.cos(np.pi * mesh.points[:, 0])).values
     assert written.vertex["poisson"] == pytest.approx(expected, abs=1e-12)
-    assert result["results"]["eigenvalues"][1] == pytest.approx(box_eigenvalues(2)[1], rel=0.05)
+    assert result["results"]["eigenvalues"][1] == pytest.approx(box_eigenvalues(2)[1], rel=0.1)
     trajectory = tmp_path / "heat.vtkhdf"
     summary("laplacian", path, "--heat", "f", "--duration", 0.1, "--frames", 2, "-o", trajectory)
     with Trajectory(str(trajectory)) as frames:

@@ -1,7 +1,18 @@
-"""Equations of the Laplacian on surfaces.
+"""Equations of the Laplacian on surfaces and tetrahedra.
 
-`laplace_operator` assembles the operator and its mass; `poisson`, `spectrum`, `parameterize`, `smooth` and
-`evolution` (heat and wave equation in time) solve with them; `tasks` runs the tasks of one call.
+`laplace_operator` (of tetrahedra `solid_operator`) assembles the operator and its mass; `form_spectrum`,
+`poisson`, `spectrum`, `parameterize`, `smooth` and `evolution` (heat and wave equation in time) solve with
+them; `tasks` runs the tasks of one call.
 """
 
-__all__ = ["evolution", "laplace_operator", "parameterize", "poisson", "smooth", "spectrum", "tasks"]
+__all__ = [
+    "evolution",
+    "form_spectrum",
+    "laplace_operator",
+    "parameterize",
+    "poisson",
+    "smooth",
+    "solid_operator",
+    "spectrum",
+    "tasks",
+]

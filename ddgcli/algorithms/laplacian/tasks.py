@@ -32,8 +32,8 @@ if TYPE_CHECKING:
 log = logging.getLogger("ddgcli")
 BOUNDARY_CURE = "write their boundary with ddgcli info MESH -o surface.ply"
 RESIDUALS = (
-    "eigen_residuals", "poisson_residual", "harmonic_residual", "parameterize_residual", "smooth_residual",
-    "row_sum_residual", "symmetry_residual",
+    "eigen_residuals", "form_eigen_residuals", "poisson_residual", "harmonic_residual",
+    "parameterize_residual", "smooth_residual", "row_sum_residual", "symmetry_residual",
 )  # fmt: skip
 
 MAX_COLLAPSED_SHARE = 0.01  # of the vertices; a surface with more on lines or points is none any more
@@ -59,6 +59,8 @@ class LaplacianTasks:
     parameterize : {'harmonic', 'conformal'}, optional
     hks : sequence of float
         Times of heat kernel signatures.
+    form_eigen : int, optional
+        Number of eigenpairs of the Hodge Laplacian of 1-forms.
     seed : int
     """
 
@@ -73,6 +75,7 @@ class LaplacianTasks:
     smooth_flow: str | None = None
     parameterize: str | None = None
     hks: tuple[float, ...] = ()
+    form_eigen: int | None = None
     seed: int = 0
 
     def __post_init__(self) -> None:
@@ -87,18 +90,20 @@ class LaplacianTasks:
 
 @dataclass(eq=False)
 class LaplacianResult:
-    """Arrays on vertices, results, accuracy, and whether all tasks converged; smoothing replaces `mesh`."""
+    """Arrays, results, accuracy, and whether all tasks converged; smoothing replaces `mesh`."""
 
     mesh: TriangleMesh | TetMesh
     operator: LaplaceOperator
     vertex: dict[str, NDArray] = field(default_factory=dict)
+    face: dict[str, NDArray] = field(default_factory=dict)
+    edge: dict[str, NDArray] = field(default_factory=dict)
     results: dict[str, Any] = field(default_factory=dict)
     accuracy: dict[str, Any] = field(default_factory=dict)
     converged: bool = True
 
     @property
     def annotated(self) -> AnnotatedMesh:
-        return AnnotatedMesh(self.mesh, vertex=self.vertex)
+        return AnnotatedMesh(self.mesh, vertex=self.vertex, face=self.face, edge=self.edge)
 
     @property
     def surface(self) -> TriangleMesh:
@@ -164,6 +169,7 @@ def solve_laplacian_tasks(
     }
     solvers: list[tuple[Any, Callable[[LaplacianResult, LaplacianTasks, ProgressCallback], None]]] = [
         (tasks.eigen or tasks.hks, _eigen),
+        (tasks.form_eigen, _form_eigen),
         (tasks.poisson is not None, _poisson),
         (tasks.harmonic, _harmonic),
         (tasks.parameterize, _parameterize),
@@ -218,6 +224,21 @@ def _eigen(result: LaplacianResult, tasks: LaplacianTasks, progress: ProgressCal
         result.results["hks_times"] = list(tasks.hks)
         result.results["hks_eigenpairs"] = k
         result.accuracy["hks_truncation"] = signature.truncation.tolist()
+
+
+def _form_eigen(result: LaplacianResult, tasks: LaplacianTasks, progress: ProgressCallback) -> None:
+    from ddgcli.algorithms.laplacian.form_spectrum import form_spectrum
+
+    k = tasks.form_eigen or 0
+    forms = form_spectrum(result.mesh, k, seed=tasks.seed, progress=progress)
+    result.edge |= {f"eigenform_{i:03d}": form for i, form in enumerate(forms.pairs.vectors.T)}
+    result.edge["edges"] = forms.edges
+    result.face |= {f"eigenform_vectors_{i:03d}": vectors for i, vectors in enumerate(forms.fields)}
+    result.results["form_eigenvalues"] = forms.pairs.values.tolist()
+    result.results["harmonic_forms"] = forms.kernel
+    result.accuracy["form_eigen_residuals"] = forms.pairs.residuals.tolist()
+    result.accuracy["form_eigen_complete"] = forms.pairs.complete
+    result.converged &= forms.pairs.complete
 
 
 def _poisson(result: LaplacianResult, tasks: LaplacianTasks, progress: ProgressCallback) -> None:

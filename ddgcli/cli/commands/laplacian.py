@@ -104,6 +104,13 @@ class FixedValue(click.ParamType):
     metavar="T...",
     help="Heat kernel signatures at these times: hks_000, ...",
 )
+@click.option(
+    "--form-eigen",
+    type=click.IntRange(min=1),
+    metavar="K",
+    help="The K smallest eigenpairs of the Hodge Laplacian of 1-forms: eigenform_000, ... on edges, "
+    "eigenform_vectors_000, ... on cells.",
+)
 @evolution_options
 @options.subdivide
 @options.common

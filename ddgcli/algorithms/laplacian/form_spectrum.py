@@ -1,0 +1,85 @@
+"""Eigenforms of the Hodge Laplacian of 1-forms on surfaces and tetrahedra."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csr_array
+
+from ddgcli.errors import ParameterError
+from ddgcli.linalg.eigen import Eigenpairs, smallest_eigenpairs
+from ddgcli.mesh.require import require
+from ddgcli.mesh.tet_mesh import TetMesh
+from ddgcli.mesh.triangle_mesh import TriangleMesh
+from ddgcli.operators.dec import complex_of
+from ddgcli.operators.dec_matrices import form_laplacian
+from ddgcli.operators.whitney import sharp
+from ddgcli.progress import ProgressCallback
+
+# of the shift 1 / (length of the mesh)^2: smaller eigenvalues are zero. Rounding leaves about 1e-13.
+ZERO_EIGENVALUE = 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class FormSpectrum:
+    """Smallest eigenpairs of the Hodge Laplacian of 1-forms.
+
+    Parameters
+    ----------
+    pairs : Eigenpairs
+        `vectors` (e, k): integrals along the edges; those of the kernel have the value 0 exactly.
+    edges : (e, 2) ndarray of int64
+        Tail and head of each edge.
+    fields : tuple of (m, 3) ndarray
+        The forms as vectors on cells (means of their Whitney interpolation).
+    kernel : int
+        Number of eigenvalues zero among the k: the first Betti number of the mesh, if k is larger.
+    """
+
+    pairs: Eigenpairs
+    edges: NDArray[np.int64]
+    fields: tuple[NDArray[np.float64], ...]
+    kernel: int
+
+
+def form_spectrum(
+    mesh: TriangleMesh | TetMesh, k: int, *, seed: int = 0, progress: ProgressCallback | None = None
+) -> FormSpectrum:
+    """The k smallest eigenpairs of (d delta + delta d) a = lambda a on 1-forms.
+
+    Whitney forms with their Galerkin star; the star of functions in delta is lumped. The boundary is natural:
+    forms are tangential to it, so that the kernel has the dimension of the first Betti number.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh or TetMesh
+        A surface is an oriented manifold.
+    k : int
+    seed : int
+        Of the starting block.
+
+    Raises
+    ------
+    MeshError
+        For a mesh that is not an oriented manifold, or has cells without size.
+    ParameterError
+        For more pairs than edges.
+    """
+    surface = mesh.boundary if isinstance(mesh, TetMesh) else mesh
+    require(surface, "`form_eigen`", manifold=True, oriented=True)
+    complex_ = complex_of(mesh)
+    if k > complex_.counts[1]:
+        raise ParameterError(
+            f"{k} eigenforms exceed the {complex_.counts[1]} edges; use at most that", parameter="form_eigen"
+        )
+    L, star = form_laplacian(complex_, 1)
+    # the kernel is not that of constants: a shift of the size of the first eigenvalue makes L definite
+    shift = float(complex_.metric.measure.sum()) ** (-2.0 / complex_.dimension)
+    shifted = smallest_eigenpairs(csr_array(L + shift * star), star, k, seed=seed, progress=progress)
+    values = shifted.values - shift
+    zero = np.abs(values) < ZERO_EIGENVALUE * shift
+    pairs = replace(shifted, values=np.where(zero, 0.0, values))
+    fields = tuple(sharp(mesh, form) for form in pairs.vectors.T)
+    return FormSpectrum(pairs, complex_.edges, fields, int(zero.sum()))

@@ -1,0 +1,71 @@
+"""The Hodge Laplacian of 1-forms: kernel, exact part, values of the sphere, output and refusals."""
+
+import numpy as np
+import pytest
+
+from ddgcli.algorithms.hodge.homology import betti_numbers
+from ddgcli.algorithms.laplacian.form_spectrum import form_spectrum
+from ddgcli.algorithms.laplacian.laplace_operator import laplace_operator
+from ddgcli.algorithms.laplacian.spectrum import spectrum
+from ddgcli.io.mesh_file import write_mesh
+from ddgcli.mesh import shapes
+from ddgcli.mesh.fields import AnnotatedMesh
+
+TORUS = shapes.torus(14, 10)
+BOX = shapes.box_tetrahedra(3, 3, 3, (1.0, 1.3, 0.8))
+
+
+@pytest.mark.parametrize(
+    "mesh, betti",
+    [(shapes.icosphere(1), 0), (TORUS, 2), (shapes.cylinder(12, 4), 1), (shapes.grid(5, 5), 0), (BOX, 0)],
+)
+def test_the_kernel_has_the_dimension_of_the_first_betti_number(mesh, betti):
+    result = form_spectrum(mesh, 4)
+    assert result.kernel == betti_numbers(mesh).absolute[1] == betti
+    assert (result.pairs.values[:betti] == 0).all() and result.pairs.values[betti] > 0.1
+    assert result.pairs.complete and result.pairs.residuals.max() < 1e-10
+
+
+@pytest.mark.parametrize("mesh", [TORUS, shapes.grid(6, 5), BOX])
+def test_the_values_of_functions_are_among_those_of_forms_to_rounding(mesh):
+    functions = spectrum(laplace_operator(mesh, "cotan"), 6).values[1:]
+    forms = form_spectrum(mesh, 40).pairs.values
+    inside = functions[functions < forms[-1]]
+    assert len(inside) >= 3
+    for value in inside:
+        assert np.abs(forms / value - 1).min() < 1e-9
+
+
+def test_values_of_the_sphere_converge_with_order_two():
+    truth = np.repeat([2.0, 6.0], [6, 10])
+    errors = [np.abs(form_spectrum(shapes.icosphere(n), 16).pairs.values - truth).max() for n in (1, 2)]
+    assert np.log2(errors[0] / errors[1]) > 1.6 and errors[1] < 0.4
+
+
+def test_the_command_writes_forms_and_their_vectors(summary, run, tmp_path):
+    path, out = tmp_path / "torus.ply", tmp_path / "forms.npz"
+    write_mesh(str(path), AnnotatedMesh(TORUS))
+    result = summary("laplacian", path, "--form-eigen", 3, "-o", out)
+    assert result["results"]["harmonic_forms"] == 2
+    assert result["accuracy"]["form_eigen_complete"]
+    assert max(result["accuracy"]["form_eigen_residuals"]) < 1e-10
+    with np.load(out) as file:
+        form, tail, head = file["eigenform_000"], *file["edges"].T
+        # a harmonic form is closed: its sum round each face vanishes
+        value = {(a, b): x for a, b, x in zip(tail.tolist(), head.tolist(), form)}
+        value |= {(b, a): -x for (a, b), x in value.items()}
+        for a, b, c in file["faces"].tolist():
+            assert abs(value[a, b] + value[b, c] + value[c, a]) < 1e-10
+        assert file["eigenform_vectors_000"].shape == (TORUS.n_faces, 3)
+    assert "exceed the 420 edges" in run("laplacian", path, "--form-eigen", 421).stderr
+
+
+def test_forms_of_a_one_sided_surface_are_refused_in_one_line(run, tmp_path):
+    mobius = shapes.grid(6, 2)
+    turned = mobius.faces.copy()
+    turned[0] = turned[0][::-1]
+    path = tmp_path / "turned.npz"
+    np.savez(path, points=mobius.points, faces=turned)
+    result = run("laplacian", path, "--form-eigen", 2, "--operator", "cotan")
+    assert result.exit_code == 2 and result.stderr.count("\n") == 1
+    assert "--form-eigen needs consistently oriented faces" in result.stderr
