@@ -8,6 +8,7 @@ __all__ = [
     "connection",
     "dec",
     "dec_matrices",
+    "form_products",
     "gradient",
     "laplacian",
     "mollify",

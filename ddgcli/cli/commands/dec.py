@@ -12,10 +12,15 @@ from ddgcli.choices import HODGE_STARS
 from ddgcli.cli import options
 from ddgcli.cli.options import CommonOptions
 from ddgcli.cli.run import Run
-from ddgcli.errors import OutputError
+from ddgcli.errors import OutputError, ParameterError
 
 if TYPE_CHECKING:
+    from ddgcli.io.mesh_file import MeshInput
     from ddgcli.operators.dec_matrices import DecMatrices
+    from ddgcli.operators.form_products import FormProducts
+
+
+FORM_FORMATS = (".npz", ".vtu", ".vtp", ".ply", ".vtk", ".xdmf")
 
 
 @click.command("dec", short_help="Operators of discrete exterior calculus as sparse matrices.")
@@ -28,8 +33,18 @@ if TYPE_CHECKING:
     help="Hodge star: mass matrices of Whitney forms, or dual cells at circumcentres or barycentres.",
 )
 @click.option("--mtx", metavar="FOLDER", help="Write every matrix as FOLDER/NAME.mtx (Matrix Market) too.")
+@click.option("--wedge", nargs=2, metavar="FORM FORM", help="Wedge of two forms among the arrays of MESH.")
+@click.option(
+    "--interior-product", nargs=2, metavar="FIELD FORM", help="Interior product of vectors and a form."
+)
+@click.option(
+    "--lie-derivative", nargs=2, metavar="FIELD FORM", help="Lie derivative of a form along vectors."
+)
+@click.option("--forms", metavar="PATH", help="Mesh with the arrays of these three.")
 @options.common
-def command(mesh_path: str, common: CommonOptions, star: Any, mtx: str | None) -> None:
+def command(
+    mesh_path: str, common: CommonOptions, star: Any, mtx: str | None, forms: str | None, **products: Any
+) -> None:
     """Write the operators of discrete exterior calculus on MESH, a surface or tetrahedra.
 
     d0, d1 (d2): exterior derivatives, integer. star0, star1, star2 (star3): Hodge stars. codifferential1 ...:
@@ -44,8 +59,14 @@ def command(mesh_path: str, common: CommonOptions, star: Any, mtx: str | None) -
     Examples:
       ddgcli dec torus.ply -o operators.npz
       ddgcli dec ball.vtu --star galerkin --mtx matrices
+      ddgcli dec torus.vtu --lie-derivative wind temperature --forms advected.vtu
     """
-    run = Run("dec", common, formats=(".npz",), star=star, mtx=mtx)
+    run = Run("dec", common, formats=(".npz",), star=star, mtx=mtx, forms=forms, **products)
+    run.plan_output(forms, FORM_FORMATS)
+    if forms is not None and not any(products.values()):
+        raise ParameterError(
+            "holds `wedge`, `interior_product` and `lie_derivative`; add one of them", parameter="forms"
+        )
     source = run.read(mesh_path, accept=("surface", "tetrahedra"))
     from ddgcli.mesh.require import require
     from ddgcli.mesh.tet_mesh import TetMesh
@@ -55,6 +76,7 @@ def command(mesh_path: str, common: CommonOptions, star: Any, mtx: str | None) -
     mesh = source.mesh if isinstance(source.mesh, TetMesh) else source.surface
     if not isinstance(mesh, TetMesh):
         require(mesh, "dec", manifold=True, oriented=True)
+    computed = products_of(run, source, products, forms) if any(products.values()) else None
     operators = dec_matrices(complex_of(mesh), star)
     content = npz_content(operators, mesh.points) if common.outputs else b""
     for path in common.outputs:
@@ -73,7 +95,32 @@ def command(mesh_path: str, common: CommonOptions, star: Any, mtx: str | None) -
         "symmetry_residual": operators.symmetry_residual(),
         "constant_residual": operators.constant_residual(),
     }
+    if computed is not None:
+        results["forms"], accuracy = computed.degree, accuracy | computed.accuracy
     run.finish(results, accuracy)
+
+
+def products_of(run: Run, source: MeshInput, products: dict[str, Any], path: str | None) -> FormProducts:
+    """Products of arrays of the input, written to a mesh."""
+    if source.kind == "tetrahedra":
+        name = next(name for name, pair in products.items() if pair)
+        raise ParameterError("needs a surface; MESH holds tetrahedra", parameter=name)
+    from ddgcli.io.arrays import input_field
+    from ddgcli.mesh.fields import AnnotatedMesh
+    from ddgcli.operators.form_products import form_products
+
+    arrays = {
+        name: tuple(field[0] for field in (input_field(source, array, None) for array in pair) if field)
+        for name, pair in products.items()
+        if pair
+    }
+    computed = form_products(source.surface, arrays)
+    if path is not None:
+        edge = computed.edge | ({"edges": source.surface.topology.edges} if computed.edge else {})
+        run.write_file(
+            path, AnnotatedMesh(source.surface, vertex=computed.vertex, edge=edge, face=computed.face)
+        )
+    return computed
 
 
 def npz_content(operators: DecMatrices, points: Any) -> bytes:

@@ -1,0 +1,99 @@
+"""`ddgcli dec` on forms and fields of the input: identities, orders, places of the arrays, refusals."""
+
+import numpy as np
+import pytest
+
+from ddgcli.io.mesh_file import read_mesh, write_mesh
+from ddgcli.mesh import shapes
+from ddgcli.mesh.fields import AnnotatedMesh
+from ddgcli.operators.dec import complex_of
+from ddgcli.operators.form_products import form_products
+from tests.conftest import ROOT
+
+
+def smooth(mesh):
+    x, y = mesh.points[:, 0], mesh.points[:, 1]
+    f, g = np.sin(2 * x + y), np.cos(x - 2 * y)
+    centre = mesh.points[mesh.faces].mean(axis=1)
+    field = np.column_stack([1 + centre[:, 1], np.sin(centre[:, 0]), np.zeros(mesh.n_faces)])
+    return f, g, field
+
+
+def test_the_lie_derivative_of_functions_is_the_slope_and_a_derivation_at_first_order():
+    slope_error, leibniz_error = [], []
+    for n in (8, 16, 32):
+        mesh = shapes.grid(n, n)
+        f, g, field = smooth(mesh)
+        x, y = mesh.points[:, 0], mesh.points[:, 1]
+        exact = (1 + y) * 2 * np.cos(2 * x + y) + np.sin(x) * np.cos(2 * x + y)
+        lie = {
+            name: form_products(mesh, {"lie_derivative": (field, form)}).vertex["lie_derivative"]
+            for name, form in (("f", f), ("g", g), ("fg", f * g))
+        }
+        slope_error.append(np.abs(lie["f"] - exact).max())
+        leibniz_error.append(np.abs(lie["fg"] - f * lie["g"] - g * lie["f"]).max())
+    for errors in (slope_error, leibniz_error):
+        assert np.log2(np.array(errors[:-1]) / errors[1:]).min() > 0.8
+    assert leibniz_error[-1] < 0.1
+
+
+def test_the_lie_derivative_of_a_2_form_is_the_divergence_of_the_moved_density():
+    mesh = shapes.grid(24, 24)
+    area = complex_of(mesh).metric.measure
+    stretch = mesh.points * [1.0, 2.0, 0.0]  # on vertices: divergence 3
+    moved = form_products(mesh, {"lie_derivative": (stretch, area)}).face["lie_derivative"]
+    centre = mesh.points[mesh.faces].mean(axis=1)
+    inside = (np.abs(centre[:, :2] - 0.5) < 0.4).all(axis=1)
+    assert (moved / area)[inside] == pytest.approx(3.0, abs=1e-9)
+
+
+def test_products_of_the_input_are_written_on_the_simplices_of_their_degree(summary, tmp_path):
+    mesh = shapes.grid(6, 5)
+    f, g, field = smooth(mesh)
+    d0 = complex_of(mesh).derivatives[0]
+    path, out = tmp_path / "in.npz", tmp_path / "out.npz"
+    edge = {"df": d0 @ f, "dg": d0 @ g, "edges": mesh.topology.edges}
+    edge["any"] = np.random.default_rng(0).normal(size=len(edge["df"]))  # a form that is not closed
+    write_mesh(str(path), AnnotatedMesh(mesh, vertex={"f": f}, face={"wind": field}, edge=edge))
+    result = summary(
+        "dec", path, "--wedge", "df", "dg", "--interior-product", "wind", "df",
+        "--lie-derivative", "wind", "df", "--forms", out,
+    )  # fmt: skip
+    assert result["results"]["forms"] == {"wedge": 2, "interior_product": 0, "lie_derivative": 1}
+    assert result["accuracy"]["lie_commutation_residual"] < 1e-13
+    written = read_mesh(str(out))
+    # df ^ dg is exact, d (f dg), and i_X df = L_X f
+    closed = complex_of(mesh).derivatives[1] @ (f[mesh.topology.edges].mean(axis=1) * (d0 @ g))
+    assert written.face["wedge"] == pytest.approx(closed, abs=1e-14)
+    slope = form_products(mesh, {"lie_derivative": (field, f)}).vertex["lie_derivative"]
+    assert written.vertex["interior_product"] == pytest.approx(slope, abs=1e-13)
+    assert written.edge["lie_derivative"] == pytest.approx(d0 @ slope, abs=1e-13)
+    for pair in (("f", "f"), ("f", "dg"), ("any", "f")):
+        assert summary("dec", path, "--wedge", *pair)["accuracy"]["leibniz_residual"] < 1e-13
+
+
+@pytest.mark.parametrize(
+    "words, message",
+    [
+        (("--forms", "x.npz"), "--forms: holds --wedge"),
+        (("--wedge", "area", "df"), "--wedge: a 2-form and a 1-form have no wedge"),
+        (("--wedge", "wind", "df"), "is no form"),
+        (("--interior-product", "wind", "f"), "--interior-product: a 0-form has no interior product"),
+        (("--lie-derivative", "f", "df"), "is no field"),
+        (("--wedge", "f", "nothing"), "no array 'nothing'"),
+    ],
+)
+def test_products_without_meaning_are_refused_in_one_line(run, tmp_path, words, message):
+    mesh = shapes.grid(4, 3)
+    f, _, field = smooth(mesh)
+    complex_ = complex_of(mesh)
+    face = {"wind": field, "area": complex_.metric.measure}
+    edge = {"df": complex_.derivatives[0] @ f, "edges": mesh.topology.edges}
+    write_mesh(str(tmp_path / "in.npz"), AnnotatedMesh(mesh, vertex={"f": f}, face=face, edge=edge))
+    result = run("dec", tmp_path / "in.npz", *words)
+    assert result.exit_code == 2 and message in result.stderr and result.stderr.count("\n") == 1
+
+
+def test_products_on_tetrahedra_are_refused(run):
+    result = run("dec", ROOT / "sample_meshes" / "ball.vtu", "--wedge", "a", "b")
+    assert result.exit_code == 2 and "--wedge: needs a surface" in result.stderr
