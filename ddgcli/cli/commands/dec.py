@@ -109,7 +109,7 @@ def products_of(run: Run, source: MeshInput, products: dict[str, Any], path: str
     from ddgcli.mesh.fields import AnnotatedMesh
     from ddgcli.operators.form_products import form_products
 
-    arrays = {
+    arrays: dict[str, Any] = {
         name: tuple(field[0] for field in (input_field(source, array, None) for array in pair) if field)
         for name, pair in products.items()
         if pair
