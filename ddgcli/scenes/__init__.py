@@ -4,4 +4,14 @@
 `schema` writes the JSON Schema; `sections` has the base of all tables and the messages about their mistakes.
 """
 
-__all__ = ["expressions", "materials", "obstacle_meshes", "scene", "schema", "sections", "shapes", "units"]
+__all__ = [
+    "expressions",
+    "key_frames",
+    "materials",
+    "obstacle_meshes",
+    "scene",
+    "schema",
+    "sections",
+    "shapes",
+    "units",
+]

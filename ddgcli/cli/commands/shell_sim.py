@@ -145,14 +145,14 @@ class Shells:
         return vertex, face
 
     def obstacle_poses(self, time: float) -> dict[str, Any]:
-        from ddgcli.models.shell.obstacle import displacement_row
+        from ddgcli.models.shell.obstacle_motion import displacement_row
 
         moving = [o for o in self.scene.objects if o.role == "obstacle" and o.moving]
         return {o.name: displacement_row(o, self.obstacle_middle(o), time) for o in moving}
 
     def obstacle_middle(self, obstacle: Any) -> Any:
         """Middle of an obstacle in the coordinates in which it is written."""
-        from ddgcli.models.shell.obstacle import middle_of
+        from ddgcli.models.shell.obstacle_motion import middle_of
 
         if obstacle.mesh is None:
             return middle_of(obstacle)

@@ -15,6 +15,7 @@ __all__ = [
     "load",
     "model",
     "obstacle",
+    "obstacle_motion",
     "pin",
     "report",
     "scene",

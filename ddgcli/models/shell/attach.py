@@ -13,7 +13,7 @@ from pydantic import Field
 from ddgcli.mechanics.terms import FixedCoordinates, Mode, PrescribedMotion
 from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.models.shell.context import ShellContext
-from ddgcli.models.shell.obstacle import middle_of, motion_of
+from ddgcli.models.shell.obstacle_motion import middle_of, motion_of
 from ddgcli.scenes.sections import Key, Section
 from ddgcli.scenes.units import quantity, vector
 from ddgcli.simulation.effects import Effect

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.mechanics.terms import Mode, Potential
-from ddgcli.models.shell.obstacle import PlacedMotion
+from ddgcli.models.shell.obstacle_motion import PlacedMotion
 from ddgcli.models.shell.surfaces import PosedSurface, Surface
 
 

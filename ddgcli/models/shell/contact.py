@@ -12,7 +12,8 @@ from pydantic import Field, model_validator
 
 from ddgcli.models.shell.barrier import Barrier, Friction, MovingBarrier, MovingFriction, closest_part
 from ddgcli.models.shell.context import ShellContext
-from ddgcli.models.shell.obstacle import Obstacle, PlacedMotion, middle_of, motion_of, surface_of
+from ddgcli.models.shell.obstacle import Obstacle
+from ddgcli.models.shell.obstacle_motion import PlacedMotion, middle_of, motion_of, surface_of
 from ddgcli.models.shell.surfaces import PosedSurface, Surface
 from ddgcli.scenes.sections import Key, Section
 from ddgcli.scenes.units import quantity

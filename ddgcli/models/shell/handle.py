@@ -11,7 +11,8 @@ from pydantic import Field, field_validator, model_validator
 
 from ddgcli.mechanics.terms import FixedCoordinates, PrescribedMotion
 from ddgcli.models.shell.context import ShellContext
-from ddgcli.models.shell.key_frames import RigidKeyFrames, require_ascending, require_from_rest, turns
+from ddgcli.models.shell.key_frames import RigidKeyFrames, turns
+from ddgcli.scenes.key_frames import require_ascending, require_from_rest
 from ddgcli.scenes.sections import Section
 from ddgcli.scenes.shapes import Rotation
 from ddgcli.scenes.units import quantity, vector

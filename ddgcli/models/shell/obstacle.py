@@ -1,20 +1,16 @@
-"""Obstacles of shells: planes, balls, boxes, cylinders and meshes, at rest or in rigid motion."""
+"""Section of an obstacle: plane, ball, box, cylinder or mesh, at rest or in rigid motion."""
 
 # mypy: disable-error-code="valid-type"
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from typing import Any, Literal
+from typing import Literal
 
-import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field, field_validator, model_validator
 
-from ddgcli.models.shell.key_frames import Pose, RigidKeyFrames, require_ascending, require_from_rest, turns
-from ddgcli.models.shell.surfaces import BoxGap, CylinderGap, PlaneGap, SphereGap, Surface
+from ddgcli.scenes.key_frames import require_ascending, require_from_rest
 from ddgcli.scenes.scene import ObjectSection
-from ddgcli.scenes.shapes import Box, Cylinder, Plane, Rotation, Sphere, require_one_shape, rotation_matrix
+from ddgcli.scenes.shapes import Box, Cylinder, Plane, Rotation, Sphere, require_one_shape
 from ddgcli.scenes.units import quantity, vector
 
 SHAPES = ("plane", "sphere", "box", "cylinder", "mesh")
@@ -75,102 +71,3 @@ class Obstacle(ObjectSection):
         """Whether it ever moves."""
         steady = (self.velocity or (0.0,)), (self.angular_velocity or (0.0,))
         return self.times is not None or any(any(v) for v in steady)
-
-
-@dataclass(frozen=True, eq=False)
-class SteadyMotion:
-    """Constant velocity of the centre and constant angular velocity about it, from time 0."""
-
-    center: NDArray[np.float64]
-    velocity: NDArray[np.float64]
-    spin: NDArray[np.float64]
-
-    def pose(self, time: float) -> Pose:
-        """Placement at a time in s."""
-        rate = float(np.linalg.norm(self.spin))
-        turn = rotation_matrix(self.spin, rate * time) if rate > 0 else np.eye(3)
-        center = self.center + time * self.velocity
-        return Pose(turn, center - turn @ self.center, self.velocity, self.spin, center)
-
-
-@dataclass(frozen=True, eq=False)
-class PlacedMotion:
-    """Motion of an obstacle from the coordinates in which its shape is written.
-
-    Parameters
-    ----------
-    rotation : (3, 3) ndarray
-    shift : (3,) ndarray
-        Place the shape at the start.
-    motion : RigidKeyFrames or SteadyMotion, optional
-        Moves the placed shape.
-    """
-
-    rotation: NDArray[np.float64]
-    shift: NDArray[np.float64]
-    motion: Any = None
-
-    def pose(self, time: float) -> Pose:
-        """Placement at a time in s."""
-        if self.motion is None:
-            return Pose(self.rotation, self.shift, np.zeros(3), np.zeros(3), self.shift)
-        pose = self.motion.pose(time)
-        return replace(
-            pose, rotation=pose.rotation @ self.rotation, shift=pose.rotation @ self.shift + pose.shift
-        )
-
-
-def surface_of(obstacle: Obstacle) -> Surface:
-    """The closed-form surface of an obstacle that has one, as written."""
-    if obstacle.plane is not None:
-        return PlaneGap(obstacle.plane.point, obstacle.plane.normal)
-    if obstacle.sphere is not None:
-        return SphereGap(obstacle.sphere.center, obstacle.sphere.radius)
-    if obstacle.box is not None:
-        return BoxGap(obstacle.box.corner, obstacle.box.size)
-    cylinder: Any = obstacle.cylinder
-    return CylinderGap(cylinder.start, cylinder.end, cylinder.radius)
-
-
-def motion_of(obstacle: Obstacle, middle: NDArray) -> PlacedMotion:
-    """Motion of an obstacle whose middle, in the coordinates as written, is given."""
-    turn = np.eye(3)
-    if obstacle.rotation is not None:
-        turn = rotation_matrix(obstacle.rotation.axis, np.radians(obstacle.rotation.degrees))
-    shift = np.array(obstacle.position, dtype=float)
-    if not obstacle.moving:
-        return PlacedMotion(turn, shift)
-    center = turn @ middle + shift if obstacle.center is None else np.array(obstacle.center, dtype=float)
-    if obstacle.times is None:
-        velocity = np.array(obstacle.velocity or (0.0, 0.0, 0.0), dtype=float)
-        spin = np.array(obstacle.angular_velocity or (0.0, 0.0, 0.0), dtype=float)
-        return PlacedMotion(turn, shift, SteadyMotion(center, velocity, spin))
-    count = len(obstacle.times)
-    still = [Rotation(axis=(0.0, 0.0, 1.0), degrees=0.0)] * count
-    displacements = np.zeros((count, 3)) if obstacle.positions is None else np.array(obstacle.positions)
-    frames = RigidKeyFrames(
-        np.zeros((0, 3)), center, np.array(obstacle.times), displacements,
-        turns(obstacle.rotations or still), obstacle.interpolation != "linear",
-    )  # fmt: skip
-    return PlacedMotion(turn, shift, frames)
-
-
-def middle_of(obstacle: Obstacle) -> NDArray[np.float64]:
-    """Middle of a closed-form obstacle as written: of a plane, its point."""
-    if obstacle.plane is not None:
-        return np.array(obstacle.plane.point, dtype=float)
-    if obstacle.sphere is not None:
-        return np.array(obstacle.sphere.center, dtype=float)
-    if obstacle.box is not None:
-        return np.array(obstacle.box.corner) + 0.5 * np.array(obstacle.box.size)
-    cylinder: Any = obstacle.cylinder
-    return 0.5 * (np.array(cylinder.start) + np.array(cylinder.end))
-
-
-def displacement_row(obstacle: Obstacle, middle: NDArray, time: float) -> NDArray[np.float64]:
-    """(12,) rotation by rows, then translation, that take the obstacle from its start to a time in s."""
-    motion = motion_of(obstacle, middle).motion
-    if motion is None:
-        return np.concatenate([np.eye(3).ravel(), np.zeros(3)])
-    pose = motion.pose(time)
-    return np.concatenate([pose.rotation.ravel(), pose.shift])

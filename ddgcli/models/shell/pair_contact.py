@@ -16,7 +16,7 @@ from scipy.sparse import csc_array, csr_array
 
 from ddgcli.mechanics.terms import Mode, at_last_point
 from ddgcli.models.shell.barrier import carry_weight
-from ddgcli.models.shell.obstacle import PlacedMotion
+from ddgcli.models.shell.obstacle_motion import PlacedMotion
 
 INSTALL_LINE = "pip install 'ddgcli[contact]'"
 # pressure of two parallel sheets half the range apart, in units of the stiffness; measured: 6.9 to 7.4

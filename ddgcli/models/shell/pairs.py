@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from ddgcli.mesh.shapes import box
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.models.shell.context import ShellContext
-from ddgcli.models.shell.obstacle import Obstacle, motion_of
+from ddgcli.models.shell.obstacle import Obstacle
+from ddgcli.models.shell.obstacle_motion import motion_of
 from ddgcli.models.shell.pair_contact import (
     MovingPairBarrier,
     MovingPairFriction,

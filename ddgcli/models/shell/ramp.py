@@ -10,7 +10,7 @@ import numpy as np
 from pydantic import Field, field_validator, model_validator
 
 from ddgcli.mechanics.terms import RampedLoad
-from ddgcli.models.shell.key_frames import require_ascending
+from ddgcli.scenes.key_frames import require_ascending
 from ddgcli.scenes.sections import Section
 from ddgcli.scenes.units import quantity
 

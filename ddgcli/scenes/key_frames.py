@@ -1,0 +1,29 @@
+"""Checks of key frames in scene sections: what a model reads them as is the model's."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from ddgcli.scenes.shapes import Rotation
+
+
+def require_ascending(times: list[float]) -> None:
+    """Raise ValueError where key times are not strictly ascending."""
+    for k, (before, after) in enumerate(zip(times, times[1:])):
+        if not after > before:
+            raise ValueError(f"must ascend: entry {k + 1}, {after:g} s, is not after {before:g} s")
+
+
+def require_from_rest(
+    times: list[float], positions: list[Any] | None, rotations: list[Rotation] | None
+) -> None:
+    """Raise ValueError where key frames are incomplete, or do not start where the body is drawn."""
+    if positions is None and rotations is None:
+        raise ValueError("give positions, rotations or both beside times")
+    for name, frames in (("positions", positions), ("rotations", rotations)):
+        if frames is not None and len(frames) != len(times):
+            raise ValueError(f"{name} has {len(frames)} entries and times {len(times)}")
+    if positions is not None and any(positions[0]):
+        raise ValueError("positions[0] must be [0, 0, 0]: the body starts where it is drawn")
+    if rotations is not None and rotations[0].degrees:
+        raise ValueError("rotations[0] must have degrees = 0: the body starts where it is drawn")
