@@ -63,15 +63,14 @@ def linear(word: str, sizes: tuple[int, ...]) -> None:
 
 
 def main() -> None:
-    """All tables."""
+    """Tables of the problems whose names contain the words of the command line."""
     words = [word for word in sys.argv[1:] if not word.startswith("-")]
     quick = "--quick" in sys.argv
     print(machine())
     linear(" ".join(words), QUICK_FACES if quick else FACES)
     nonlinear(" ".join(words), QUICK_FACES if quick else FACES)
-    if not words:
-        print_commands(*COMMANDS)
 
 
 if __name__ == "__main__":
     main()
+    print_commands(*COMMANDS)

@@ -139,13 +139,13 @@ contact = { pairs = [["object_0", "ball"], ["object_0", "floor"]] }
     summary("shell-sim", tmp_path / "scene.toml", "-o", path)
     with Trajectory(str(path)) as ours:
         bodies = ours.obstacles(2)
-        sheet = ours.points(2)
+        points = ours.points(2)
     assert list(bodies) == ["ball", "floor"]
     radius = np.linalg.norm(bodies["ball"].points - [0.5, 0.5, -1.0], axis=1)
     np.testing.assert_allclose(radius, 0.5, rtol=1e-12)
     floor = bodies["floor"].points
     assert (floor[:, 2] == -2).all()
-    assert (floor.min(axis=0)[:2] < sheet.min(axis=0)[:2]).all()  # wider than the sheet
+    assert (floor.min(axis=0)[:2] < points.min(axis=0)[:2]).all()  # wider than the shell
     summary("frames", path, "-o", tmp_path / "s.pvd", "--at", 0)
     assert len(list((tmp_path / "s").iterdir())) == 3
     assert summary("view", path, "-o", tmp_path / "v.html")["results"]["objects"][1:] == ["ball", "floor"]

@@ -280,7 +280,7 @@ def test_picture_shows_chosen_frames_and_the_energies_of_all_three(run, tmp_path
         path = str(tmp_path / f"{words[0]}.png")
         assert run(*words, "--plot", path).exit_code == 0
         times, series, on = drawn[-1]
-        assert len(times) == 4 and times == sorted(times)
+        assert 3 <= len(times) <= 4 and times == sorted(set(times))  # at equal changes, each frame once
         assert any("energy" in name for name in series) and min(series.values()) >= 9
         assert (on.limits is None) == (words[0] == "willmore-flow")
     assert drawn[1][2].limits == pytest.approx((-5, 5), rel=0.1)

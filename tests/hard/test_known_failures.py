@@ -35,10 +35,10 @@ def test_distances_to_several_sources_are_those_to_the_nearest():
 
 def test_every_vertex_of_a_bounded_surface_may_be_the_source():
     """libigl 1013, geometry-central 119, 133, 212: assertions at boundary sources."""
-    sheet = shapes.catenoid(8, 4)
-    table = np.stack([ddg.geodesic_distance(sheet, source) for source in range(sheet.n_vertices)])
+    surface = shapes.catenoid(8, 4)
+    table = np.stack([ddg.geodesic_distance(surface, source) for source in range(surface.n_vertices)])
     assert np.abs(table - table.T).max() < 1e-12 * table.max()
-    straight = np.linalg.norm(sheet.points[:, None] - sheet.points, axis=2)
+    straight = np.linalg.norm(surface.points[:, None] - surface.points, axis=2)
     assert (table >= straight - 1e-12).all()
 
 

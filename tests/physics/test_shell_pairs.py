@@ -156,7 +156,7 @@ def test_shells_that_nothing_couples_have_the_bits_of_their_own_run():
 
 
 @pytest.mark.parametrize("seed", range(2))
-def test_a_sheet_dropped_on_a_mesh_never_enters_it_and_gains_no_energy(seed):
+def test_a_shell_dropped_on_a_mesh_never_enters_it_and_gains_no_energy(seed):
     rng = np.random.default_rng(seed)
     corner = [*rng.uniform(-0.12, -0.08, 2).tolist(), 0.12]
     place = f"position = {corner}\n{random_turn(rng)}\nvelocity = [0, 0, -1]"
@@ -213,7 +213,7 @@ def test_without_self_contact_the_strip_passes_through_itself():
 
 @pytest.mark.parametrize("kind", ["box", "mesh of a box"])
 @pytest.mark.parametrize("degrees, sticks", [(14, True), (23, False)])
-def test_friction_holds_a_sheet_on_an_incline_up_to_the_angle_of_coulomb(kind, degrees, sticks):
+def test_friction_holds_a_shell_on_an_incline_up_to_the_angle_of_coulomb(kind, degrees, sticks):
     """tan(theta) = mu at 18.4 degrees; above, the acceleration is g (sin - mu cos)."""
     mu, angle = 1 / 3, np.radians(degrees)
     sharp = "sharp = true, " if kind != "box" else ""
@@ -258,7 +258,7 @@ def test_a_stack_of_boxes_comes_to_rest_and_its_weight_is_the_contact_force():
         assert np.abs(end.observations[name].vertex["velocity"]).max() < 1e-4
 
 
-def test_a_moving_mesh_lifts_a_sheet_and_its_work_is_booked():
+def test_a_moving_mesh_lifts_a_shell_and_its_work_is_booked():
     text = scene(
         'duration = 0.44\nstep = 8e-3\nframe_every = 0.04\nintegrator = "bdf2"\n',
         shell("s", "position = [-0.1, -0.1, 0.002]", 2),

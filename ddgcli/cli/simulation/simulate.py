@@ -102,7 +102,9 @@ def simulate(run: Run, job: Job) -> Outcome:
     writer, start = _open_trajectory(run, job, paths, cell, recorder)
 
     def write_frame(frame: Frame, snapshot: Snapshot) -> None:
-        poses = {f"obstacle_pose_{name}": row for name, row in job.obstacle_poses(frame.time).items()}
+        from ddgcli.io.trajectories.layout import OBSTACLE_POSE
+
+        poses = {OBSTACLE_POSE + name: row for name, row in job.obstacle_poses(frame.time).items()}
         scalar: dict[str, Any] = {**frame.scalar, **poses}
         frame = replace(frame, scalar=scalar)
         writer.append(frame, snapshot.checkpoint, _effect_rows(job.account), _rows(snapshot.events))
@@ -156,9 +158,17 @@ def _open_trajectory(
         start = (part.n_frames - 1, part.checkpoint())
         recorder.outcome.stopped = stop_reason(start[1])
         job.account.restore(part.effects)
-        recorder.restore(part.frame(k) for k in range(part.n_frames))
+        recorder.restore(_without_poses(part.frame(k)) for k in range(part.n_frames))
         recorder.outcome.events = part.log_rows - 1  # the first row is the start
     return TrajectoryWriter.resume(job.resume, target, header, job.schedule.frames), start
+
+
+def _without_poses(frame: Frame) -> Frame:
+    """A frame of a trajectory as the models computed it: the poses of obstacles were added to the file."""
+    from ddgcli.io.trajectories.layout import OBSTACLE_POSE
+
+    own = {name: value for name, value in frame.scalar.items() if not name.startswith(OBSTACLE_POSE)}
+    return replace(frame, scalar=own)
 
 
 def _rows(events: Iterable[Event]) -> list[tuple]:

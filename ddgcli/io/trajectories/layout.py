@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.io.trajectories.layout_check import TOPOLOGIES
-from ddgcli.io.trajectories.row_file import Rows
+from ddgcli.io.trajectories.row_file import RowLayout
 from ddgcli.mesh.curve import CurveSet
 from ddgcli.mesh.fields import Frame
 from ddgcli.mesh.tet_mesh import TetMesh
@@ -31,6 +31,7 @@ EFFECT_DTYPE = np.dtype([("name", "S48"), ("calls", "i8"), ("seconds", "f8")])
 LARGEST_ROOM = 1 << 40  # bytes of holes in a file; beyond, the file is laid out again as it grows
 NSTEPS_MARK = 0x5E7_0F_57E95_C0DE  # replaced in place once the file is laid out
 STATUS_MARK = "@status@@@@"
+OBSTACLE_POSE = "obstacle_pose_"  # field data of a frame: that and the obstacle's name
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,7 +51,7 @@ class Header:
     texts : dict of str to str
         `scene_source`, `scene_resolved`, ...
     obstacles : dict of str to TriangleMesh
-        Bodies around the moving ones, at the start; `obstacle_pose_NAME` of the frames moves them.
+        Bodies around the moving ones, at the start; `OBSTACLE_POSE` of the frames moves them.
     changing_faces : bool
         Whether every frame has its own faces, always as many.
     """
@@ -120,7 +121,7 @@ def frame_rows(frame: Frame, header: Header, k: int) -> dict[str, NDArray]:
 
 def room_for(
     frame: Frame, checkpoint: dict[str, NDArray], n_effects: int, frames: int, log: int, header: Header
-) -> dict[str, Rows]:
+) -> dict[str, RowLayout]:
     """Growing datasets with room for `frames` frames (fewer where that would be more than a disk)."""
     sample = frame_rows(frame, header, 0)
     bytes_each = sum(np.asarray(v).size * 8 for v in sample.values())
@@ -129,17 +130,17 @@ def room_for(
     for name, values in sample.items():
         values = np.asarray(values)
         dtype = np.dtype(np.int64) if values.dtype.kind in "iub" else np.dtype(np.float64)
-        rows[name] = Rows(dtype, values.shape[1:], frames * rows_per_frame(name, header))
+        rows[name] = RowLayout(dtype, values.shape[1:], frames * rows_per_frame(name, header))
     for slot in ("slot_0", "slot_1"):
         for name, array in checkpoint.items():
             array = np.atleast_1d(array)
-            rows[f"ddgcli/checkpoint/{slot}/{name.replace('/', '.')}"] = Rows(
+            rows[f"ddgcli/checkpoint/{slot}/{name.replace('/', '.')}"] = RowLayout(
                 array.dtype, array.shape[1:], max(len(array), 1)
             )
-        rows[f"ddgcli/checkpoint/{slot}/frame"] = Rows(np.dtype(np.int64), (), 2)
-    rows["ddgcli/log"] = Rows(LOG_DTYPE, (), log)
+        rows[f"ddgcli/checkpoint/{slot}/frame"] = RowLayout(np.dtype(np.int64), (), 2)
+    rows["ddgcli/log"] = RowLayout(LOG_DTYPE, (), log)
     if n_effects:
-        rows["ddgcli/effects"] = Rows(EFFECT_DTYPE, (), n_effects)
+        rows["ddgcli/effects"] = RowLayout(EFFECT_DTYPE, (), n_effects)
     return rows
 
 

@@ -31,7 +31,7 @@ _DATASPACE, _LAYOUT = 0x0001, 0x0008
 
 
 @dataclass
-class Rows:
+class RowLayout:
     """A growing dataset.
 
     Parameters
@@ -66,7 +66,7 @@ class RowFile:
     Parameters
     ----------
     path : path of a new file
-    rows : dict of str to Rows
+    rows : dict of str to RowLayout
         Datasets that grow; each must hold a row before readers open the file.
     marks : dict of str to int
         Sentinel values (int64, written as attributes by `fill`) that `set_mark` will overwrite in place.
@@ -79,7 +79,7 @@ class RowFile:
     def __init__(
         self,
         path: str | Path,
-        rows: dict[str, Rows],
+        rows: dict[str, RowLayout],
         marks: dict[str, bytes],
         fill: Any,
         static_bytes: int = 0,
@@ -161,7 +161,7 @@ def _need_room(path: str | Path, static_bytes: int, row_bytes: int) -> None:
         os.close(fd)
 
 
-def _allocate(file: h5py.File, name: str, row: Rows) -> int:
+def _allocate(file: h5py.File, name: str, row: RowLayout) -> int:
     """Create the dataset with its full capacity; the address of its header."""
     creation = h5py.h5p.create(h5py.h5p.DATASET_CREATE)
     creation.set_layout(h5py.h5d.CONTIGUOUS)
@@ -182,7 +182,7 @@ def _allocate(file: h5py.File, name: str, row: Rows) -> int:
     return int(h5py.h5o.get_info(dataset).addr)
 
 
-def _extent_field(fd: int, address: int, row: Rows) -> tuple[int, bytes]:
+def _extent_field(fd: int, address: int, row: RowLayout) -> tuple[int, bytes]:
     """Place and bytes of the header from the first extent to the end of the storage size."""
     header = os.pread(fd, 1 << 14, address)
     if header[0] != 1:

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.errors import MeshFileError, excerpt
-from ddgcli.io.trajectories.layout import EFFECT_DTYPE, TOPOLOGIES
+from ddgcli.io.trajectories.layout import EFFECT_DTYPE, OBSTACLE_POSE, TOPOLOGIES
 from ddgcli.io.trajectories.layout_check import check_trajectory
 from ddgcli.mesh.curve import CurveSet
 from ddgcli.mesh.fields import Frame
@@ -117,7 +117,7 @@ class Trajectory:
         obstacles = {}
         for group in self._ours.get("obstacles", {}).values():
             name = str(_plain(group.attrs["name"]))
-            points, pose = group["points"][...], self._root["FieldData"].get(f"obstacle_pose_{name}")
+            points, pose = group["points"][...], self._root["FieldData"].get(OBSTACLE_POSE + name)
             if pose is not None:
                 points = moved_rigidly(points, pose[k])
             obstacles[name] = TriangleMesh.from_arrays(points, group["faces"][...])

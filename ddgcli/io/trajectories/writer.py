@@ -30,7 +30,7 @@ from ddgcli.io.trajectories.layout import (
     static,
     static_bytes,
 )
-from ddgcli.io.trajectories.row_file import RowFile, Rows
+from ddgcli.io.trajectories.row_file import RowFile, RowLayout
 from ddgcli.io.trajectories.trajectory import Trajectory
 from ddgcli.mesh.fields import Frame
 
@@ -136,7 +136,7 @@ class TrajectoryWriter:
         file.set_mark("NSteps", np.int64(count).tobytes())
         self.n_frames = count
 
-    def _lay_out(self, rows: dict[str, Rows], put: Callable[[], None]) -> None:
+    def _lay_out(self, rows: dict[str, RowLayout], put: Callable[[], None]) -> None:
         """A new file: the old one's rows, then what `put` adds; only then it takes the old one's place."""
         old, temporary = self._file, self._temporary()
         marks = {"NSteps": np.int64(NSTEPS_MARK).tobytes(), "status": STATUS_MARK.encode()}

@@ -89,9 +89,9 @@ def _parts(
 ) -> list[Any]:
     _require_implicit(contexts[0])
     start = mesh.joined(_start(contexts, mesh), 0.0)
-    found = mesh.intersection(start)
-    if found:
-        raise ValueError(f"{found} at the start; move one of them")
+    intersection = mesh.intersection(start)
+    if intersection:
+        raise ValueError(f"{intersection} at the start; move one of them")
     gap = float(parameters.gap or max(context.shell.thickness or 0 for context in contexts))
     gap = _admissible_gap(mesh, start, gap, alone=not obstacle and len(contexts) == 1)
     density = max(float(context.shell.density or 0) for context in contexts)
