@@ -45,8 +45,8 @@ def remaining_error(*differences: float, order: float | None = None) -> float:
         Differences of successive answers: signed for numbers, else norms. Only the last two count unless
         `order` is set.
     order : float, optional
-        Order of the scheme. If differences change sign, or their ratio is off 2^order by more than a factor
-        of two, the sequence has not begun to converge (no step resolves the stiff modes).
+        Order of the scheme. If differences change sign, or their ratio is below 2/3 or above twice 2^order,
+        the sequence has not begun to converge (no step resolves the stiff modes).
 
     Returns
     -------
@@ -66,4 +66,4 @@ def remaining_error(*differences: float, order: float | None = None) -> float:
 def _differences_fall(differences: NDArray, ratio: float) -> bool:
     with np.errstate(divide="ignore", invalid="ignore"):
         ratios = differences[:-1] / differences[1:]
-    return bool(((ratios > 0.5 * ratio) & (ratios < 2.0 * ratio)).all())
+    return bool(((ratios > ratio / 1.5) & (ratios < 2.0 * ratio)).all())
