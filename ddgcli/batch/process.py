@@ -6,6 +6,7 @@ import contextlib
 import hashlib
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -21,6 +22,7 @@ from ddgcli.batch.tasks import Task
 
 POLL_SECONDS = 0.02
 MESSAGE_LENGTH = 300
+CLOCK_RESOLUTION_SECONDS = 2.0  # of time stamps on the coarsest file systems
 PROGRAM = (sys.executable, "-m", "ddgcli")
 
 
@@ -45,6 +47,7 @@ class TaskRow:
 
     index: int
     input: str
+    command: str
     parameters: dict[str, str]
     output: str | None
     status: str
@@ -69,7 +72,7 @@ def run_task(
         Path(task.output).parent.mkdir(parents=True, exist_ok=True)
     command = [*PROGRAM, *task.words, "--json", "--no-progress"]
     with tempfile.TemporaryFile() as out, tempfile.TemporaryFile() as err:
-        began = time.perf_counter()
+        began, began_at = time.perf_counter(), time.time()
         process = subprocess.Popen(
             command, stdin=subprocess.DEVNULL, stdout=out, stderr=err, start_new_session=True
         )
@@ -77,12 +80,15 @@ def run_task(
         seconds = time.perf_counter() - began
         summary, message = _content(out), _content(err).strip().splitlines()
     code = process.returncode
+    if code < 0 and task.output is not None:
+        _remove_partial_output(Path(task.output), began_at)
     status = reason or ("done" if code == 0 else "killed" if code < 0 else "failed")
     if status == "failed" and any("out of memory" in line for line in message):
         status = "memory"
     return TaskRow(
         task.index,
         task.input,
+        task.command,
         task.parameters,
         task.output,
         status,
@@ -127,6 +133,18 @@ def _kill(process: subprocess.Popen) -> None:
     else:
         process.kill()
     process.wait()
+
+
+def _remove_partial_output(output: Path, began_at: float) -> None:
+    """Remove the temporary file beside the output that a killed process could not remove itself.
+
+    Its name is that of `ddgcli.io.mesh_file.atomic_output`; a process that began earlier keeps its own.
+    """
+    name = re.compile(rf"\.{re.escape(output.stem)}-[a-z0-9_]{{8}}{re.escape(output.suffix)}")
+    for path in output.parent.iterdir():
+        with contextlib.suppress(OSError):
+            if name.fullmatch(path.name) and path.stat().st_mtime > began_at - CLOCK_RESOLUTION_SECONDS:
+                path.unlink()
 
 
 def _resident(pid: int) -> tuple[float | None, float | None]:

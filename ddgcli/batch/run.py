@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from ddgcli.batch.process import Limits, TaskRow, file_hash, run_task
-from ddgcli.batch.table import journal_line, journal_path, read_journal
+from ddgcli.batch.table import completed_rows, journal_line, journal_path
 from ddgcli.batch.tasks import Task
 from ddgcli.errors import MissingExtraError
 
@@ -36,16 +36,16 @@ def run_batch(
     table : str, optional
         Path of the table; its journal `TABLE.part` gets a line when a task ends.
     resume : bool
-        Keep the runs that the journal holds as done; the rest is run.
+        Keep the runs that the table or its journal holds as done; the rest is run.
     cluster : str, optional
         Address of a Dask scheduler whose workers see the same files.
     progress : callable (done, total)
     """
     rows: dict[int, TaskRow] = {}
     journal = journal_path(table) if table is not None else None
-    if journal is not None and resume:
+    if table is not None and resume:
         hashes = {path: file_hash(path) for path in {task.input for task in tasks}}
-        rows = read_journal(journal, tasks, hashes)
+        rows = completed_rows(table, tasks, hashes, collect)
     elif journal is not None:
         journal.unlink(missing_ok=True)
     rest = [task for task in tasks if task.index not in rows]
@@ -54,7 +54,7 @@ def run_batch(
         for task, row in results:
             rows[task.index] = row
             if journal is not None:
-                _append(journal, journal_line(task, row))
+                _append(journal, journal_line(row))
             progress(len(rows), len(tasks))
     return [rows[task.index] for task in tasks]
 

@@ -1,4 +1,4 @@
-"""Tables of batch results: JSON lines or CSV, and the journal that a broken batch resumes from."""
+"""Tables of batch results: JSON lines or CSV, and the journal beside them; a batch resumes from both."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ from ddgcli.batch.tasks import Task
 
 TABLE_FORMATS = (".jsonl", ".csv")
 COLUMNS = tuple(f.name for f in fields(TaskRow))
+NUMBER_COLUMNS = ("index", "exit_code", "seconds", "peak_mib")
 
 
 def table_bytes(path: str, rows: Sequence[TaskRow]) -> bytes:
@@ -36,41 +37,83 @@ def table_bytes(path: str, rows: Sequence[TaskRow]) -> bytes:
 
 
 def _cell(value: Any) -> Any:
-    return json.dumps(value) if isinstance(value, (dict, list)) else value
+    return json.dumps(value) if isinstance(value, (bool, dict, list)) else value
 
 
 def journal_path(table: str) -> Path:
-    """File beside the table that gets a line when a task ends."""
+    """File beside the table that gets a row when a task ends; it is removed when the table is written."""
     return Path(f"{table}.part")
 
 
-def journal_line(task: Task, row: TaskRow) -> str:
-    """Line of the journal: the task's command line and its row."""
-    return json.dumps({"words": task.words, "row": asdict(row)}, ensure_ascii=False) + "\n"
+def journal_line(row: TaskRow) -> str:
+    """Line of the journal: the row as a JSON object."""
+    return json.dumps(asdict(row), ensure_ascii=False) + "\n"
 
 
-def read_journal(path: Path, tasks: Sequence[Task], hashes: Mapping[str, str | None]) -> dict[int, TaskRow]:
-    """Rows of tasks that are done, by index; torn lines, changed inputs and missing outputs are left out.
+def completed_rows(
+    table: str, tasks: Sequence[Task], hashes: Mapping[str, str | None], collect: Sequence[str]
+) -> dict[int, TaskRow]:
+    """Rows of tasks that are done, by index, from a table and its journal.
+
+    Left out are torn lines, runs whose input changed, whose output is missing or whose summary was not
+    searched for all of `collect`.
 
     Parameters
     ----------
     hashes : mapping of input to SHA-256
         As the inputs are now.
     """
-    if not path.exists():
-        return {}
-    by_key = {task.key: task for task in tasks}
+    by_command = {task.command: task for task in tasks}
+    journal = journal_path(table)
     rows = {}
-    for line in path.read_text("utf-8").splitlines():
+    for entry in (*_table_entries(Path(table), collect), *_json_entries(journal)):
         try:
-            entry = json.loads(line)
-            task = by_key.get("\0".join(entry["words"]))
-            row = TaskRow(**entry["row"])
-        except (ValueError, TypeError, KeyError):
+            task = by_command[entry["command"]]
+            row = TaskRow(**{**entry, "index": task.index, "parameters": task.parameters})
+            row.collected = {name: row.collected[name] for name in collect}
+        except (TypeError, KeyError):
             continue
-        if task is None or row.status != "done" or hashes.get(row.input) != row.sha256:
+        if row.status != "done" or hashes.get(row.input) != row.sha256:
             continue
         if task.output is None or Path(task.output).exists():
-            row.index = task.index
             rows[task.index] = row
     return rows
+
+
+def _table_entries(path: Path, collect: Sequence[str]) -> list[dict[str, Any]]:
+    if path.suffix.lower() == ".jsonl":
+        return _json_entries(path)
+    if not path.exists():
+        return []
+    with open(path, encoding="utf-8", errors="replace", newline="") as file:
+        lines = list(csv.DictReader(file))
+    entries = []
+    for line in lines:
+        entry: dict[str, Any] = {name: _value(line.get(name) or "") for name in NUMBER_COLUMNS}
+        entry |= {name: line.get(name) or None for name in ("input", "command", "output", "status", "sha256")}
+        entry["message"] = line.get("message") or ""
+        entry["collected"] = {name: _value(line[name] or "") for name in collect if name in line}
+        entries.append({**entry, "parameters": {}})
+    return entries
+
+
+def _json_entries(path: Path) -> list[dict[str, Any]]:
+    if not path.exists():
+        return []
+    entries = []
+    for line in path.read_text("utf-8", errors="replace").splitlines():
+        try:
+            entry = json.loads(line)
+        except ValueError:
+            continue
+        entries += [entry] if isinstance(entry, dict) else []
+    return entries
+
+
+def _value(cell: str) -> Any:
+    """The value that is written as this cell."""
+    try:
+        value = json.loads(cell) if cell else None
+    except ValueError:
+        return cell
+    return value if str(_cell(value)) == cell or not cell else cell

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import glob
 import itertools
+import shlex
 import string
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -39,9 +40,9 @@ class Task:
     words: tuple[str, ...]
 
     @property
-    def key(self) -> str:
-        """Identity of the task in a table: its command line."""
-        return "\0".join(self.words)
+    def command(self) -> str:
+        """Command line of the task, by which a resumed batch knows it."""
+        return shlex.join(["ddgcli", *self.words])
 
 
 def expanded_inputs(patterns: Sequence[str]) -> list[str]:

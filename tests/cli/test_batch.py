@@ -6,7 +6,9 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 import time
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
@@ -121,6 +123,51 @@ def test_a_resumed_batch_runs_only_what_is_missing(stub, inputs, tmp_path):
     started.clear()
     run_batch(tasks, Limits(), table=table, resume=True, progress=lambda done, total: started.append(done))
     assert len(started) == 2  # the changed input, and the one that failed
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".jsonl"])
+def test_a_batch_with_failures_leaves_its_table_alone_and_resumes_from_it(
+    stub, inputs, run, tmp_path, suffix
+):
+    table, ran = tmp_path / f"t{suffix}", tmp_path / "out"
+    words = ("batch", *paths(inputs, "a.ply", "bad.ply", "c.ply"), "--table", table, "--collect", "results")
+    words = (*words, "--collect", "results.area", "--sweep", "show=1,2", "-o", ran / "{stem}.{show}.out")
+    assert run(*words, "--", "info").exit_code == 1
+    assert {path.name for path in tmp_path.iterdir()} == {"in", "out", table.name}
+    first, written = table.read_bytes(), {path: path.stat().st_mtime_ns for path in ran.iterdir()}
+    assert len(written) == 4
+    assert run(*words, "--resume", "--", "info").exit_code == 1
+    assert {path: path.stat().st_mtime_ns for path in ran.iterdir()} == written
+    kept = [line for line in first.splitlines() if b"bad.ply" not in line]
+    assert [line for line in table.read_bytes().splitlines() if b"bad.ply" not in line] == kept
+    assert run(*words, "--resume", "--", "info", "--full").exit_code == 1  # another command: all anew
+    assert all(path.stat().st_mtime_ns > written[path] for path in ran.iterdir())
+    assert not table.with_name(table.name + ".part").exists()
+
+
+def test_a_killed_run_leaves_no_temporary_file(monkeypatch, tmp_path):
+    code = """
+import pathlib, sys, time
+from ddgcli.io.mesh_file import atomic_output
+with atomic_output(sys.argv[-3]) as partial:
+    open(partial, "w").write("half")
+    pathlib.Path(sys.argv[-3] + ".began").touch()
+    time.sleep(60)
+"""
+    monkeypatch.setattr(process, "PROGRAM", (sys.executable, "-c", code))
+    (tmp_path / "a.ply").write_text("a")
+    other = tmp_path / ".a-x.vtu"
+    other.write_text("of somebody else")
+    tasks = make_tasks([str(tmp_path / "a.ply")], {}, str(tmp_path / "{stem}.vtu"), ["info"])
+    stop, began = threading.Event(), tmp_path / "a.vtu.began"
+    with ThreadPoolExecutor() as pool:
+        row = pool.submit(process.run_task, tasks[0], Limits(seconds=60.0), stop=stop)
+        while not (began.exists() or row.done()):
+            time.sleep(0.02)
+        partial = [path.name for path in tmp_path.iterdir() if path.name.startswith(".a-")]
+        stop.set()
+    assert row.result().status == "killed" and len(partial) == 2
+    assert {path.name for path in tmp_path.iterdir()} == {"a.ply", other.name, began.name}
 
 
 def test_an_interrupted_batch_leaves_no_process(inputs, tmp_path):

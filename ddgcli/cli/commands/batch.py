@@ -33,7 +33,7 @@ NOT_IN_BATCHES = ("batch", "check", "examples")
 @click.option("--memory", type=options.POSITIVE, metavar="MIB", help="Resident memory that a run may take.")
 @click.option("--shard", metavar="I/N", help="Only every N-th run, from the I-th: for job arrays.")
 @click.option("--cluster", metavar="ADDRESS", help="Run on the workers of this Dask scheduler.")
-@click.option("--resume", is_flag=True, help="Keep the runs that are done; needs --table.")
+@click.option("--resume", is_flag=True, help="Keep the runs that the table holds as done.")
 @click.option("--table", metavar="PATH", help="Write the results as a table (.jsonl or .csv).")
 @click.option(
     "--collect",
@@ -53,9 +53,9 @@ def command(
     names. Each run is a process of its own; one that fails, hangs or takes too much memory does not stop the
     rest. Exit code: 0 if all are done, else 1.
 
-    The table has a row a run: input, parameters, output, status (done, failed, timeout, memory, killed),
-    exit_code, seconds, peak_mib, sha256 of the input, message, collected values. TABLE.part has a line for
-    each run that ended until all are done: --resume goes on from it.
+    The table has a row a run: input, command, parameters, output, status (done, failed, timeout, memory,
+    killed), exit_code, seconds, peak_mib, sha256 of the input, message, collected values. --resume runs what
+    the table does not hold as done; until the table is written, TABLE.part holds the runs that ended.
 
     \b
     Examples:
@@ -72,7 +72,7 @@ def command(
     if len(common.outputs) > 1:
         raise ParameterError("one template is enough", parameter="output")
     if resume and table is None:
-        raise ParameterError("needs `table`, whose journal lists the runs that ended", parameter="resume")
+        raise ParameterError("needs `table`, which holds the runs that are done", parameter="resume")
     template = common.outputs[0] if common.outputs else None
     run = Run("batch", replace(common, outputs=()), formats=(), call=call, sweep=sweep, shard=shard)
     run.plan_output(table, TABLE_FORMATS)
@@ -86,8 +86,7 @@ def command(
     )  # fmt: skip
     if table is not None:
         run.write_bytes(table, table_bytes(table, rows))
-        if all(row.status == "done" for row in rows):
-            journal_path(table).unlink(missing_ok=True)
+        journal_path(table).unlink(missing_ok=True)
     counts = Counter(row.status for row in rows)
     failed = [row for row in rows if row.status != "done"]
     results: dict[str, Any] = {
