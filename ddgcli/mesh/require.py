@@ -137,7 +137,8 @@ REQUIREMENTS = {
     "repair": Requirement(surface={"faces": False, "sized": False}),
     "curvature": Requirement(("surface", "tetrahedra", "curve"), area=True),
     "delaunay": Requirement(
-        surface={"sized": False, "extent": True, "manifold_edges": True, "oriented": True}, area=True
+        surface={"sized": False, "extent": True, "manifold_edges": True, "oriented": True, "one_sided": True},
+        area=True,
     ),
     "laplacian": Requirement(("surface", "tetrahedra"), area=True, volume=True),
     "hodge": Requirement(

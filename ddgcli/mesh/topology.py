@@ -40,16 +40,22 @@ class Topology:
         Flat number of the side glued to side j, -1 on the boundary. When it is absent, sides with the same
         two end vertices are one edge (a simplicial mesh, possibly non-manifold). When it is given, edges are
         the pairs of glued sides: self-edges and several edges between two vertices are legal.
+    twisted : (m, 3) ndarray of bool, optional
+        With a gluing: True at sides that run along their edge in the same direction as the side glued to
+        them, as one-sided surfaces have them; none by default.
     """
 
     faces: NDArray[np.int64]
     n_vertices: int
     gluing: NDArray[np.int64] | None = field(default=None, repr=False)
+    twisted: NDArray[np.bool_] | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "faces", frozen(np.asarray(self.faces, dtype=np.int64).reshape(-1, 3)))
         if self.gluing is not None:
             object.__setattr__(self, "gluing", frozen(np.asarray(self.gluing, dtype=np.int64)))
+        if self.twisted is not None:
+            object.__setattr__(self, "twisted", frozen(np.asarray(self.twisted, dtype=bool)))
 
     @property
     def n_faces(self) -> int:
@@ -88,7 +94,8 @@ class Topology:
         number = np.cumsum(first) - 1
         side_edge = np.where(first, number, number[np.maximum(twin, 0)])
         edges = np.stack([self.side_tail[first], self.side_head[first]], axis=1)
-        sign = np.where(first, 1, -1).astype(np.int8)
+        along = first if self.twisted is None else first | self.twisted.ravel()
+        sign = np.where(along, 1, -1).astype(np.int8)
         return frozen(edges), frozen(side_edge.reshape(-1, 3)), frozen(sign.reshape(-1, 3))
 
     @property
@@ -262,8 +269,7 @@ class Topology:
         side = np.flatnonzero((twin >= 0) & (np.arange(len(twin)) <= twin))
         a, b = side // 3, twin[side] // 3
         sign = self.side_sign.ravel()
-        along = self.side_tail[side] == self.side_tail[twin[side]]
-        clash = (sign[side] == sign[twin[side]]) if self.gluing is None else along
+        clash = sign[side] == sign[twin[side]]
         # the double cover: face f as it is (2f) and reversed (2f+1)
         rows, cols = np.concatenate([2 * a, 2 * a + 1]), np.concatenate([2 * b + clash, 2 * b + ~clash])
         graph = coo_array((np.ones(len(rows), dtype=np.int8), (rows, cols)), shape=(2 * self.n_faces,) * 2)

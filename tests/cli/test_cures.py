@@ -106,7 +106,7 @@ REFUSALS = [
     (turned, ("delaunay",), "opposite orientation"),
     (turned, ("hodge",), "opposite orientation"),
     (turned, ("willmore-flow", "--steps", "1"), "opposite orientation"),
-    (moebius, ("delaunay",), "one-sided"),
+    (moebius, ("delaunay", "--overlay", "cut.ply"), "one-sided"),
     (moebius, ("curvature", "--scheme", "corrected"), "one-sided"),
     (moebius, FLATTEN, "one-sided"),
     (holes, ("willmore-flow", "--fix-volume", "--steps", "1"), "needs a closed surface"),

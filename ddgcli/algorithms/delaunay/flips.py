@@ -38,6 +38,8 @@ class SideArrays(Gluing):
         Number of the input side in this place; -1 for a new edge.
     direction : (3m,) ndarray of float64, optional
         Angle of the side at its tail, counter-clockwise from the vertex's reference.
+    twisted : (3m,) ndarray of bool, optional
+        True at sides that run along their edge as their twin does; without `crossings` and `direction`.
     """
 
     length: NDArray[np.float64]
@@ -46,6 +48,7 @@ class SideArrays(Gluing):
     crossings: NDArray[np.int64] | None = None
     input_side: NDArray[np.int64] | None = None
     direction: NDArray[np.float64] | None = None
+    twisted: NDArray[np.bool_] | None = None
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -73,6 +76,27 @@ class SideArrays(Gluing):
         if self.direction is not None:
             self._lengthen("direction", 3 * n_new, np.nan)
         self._lengthen("claim", 3 * n_new, 0)
+
+    def straighten(self, side: NDArray) -> None:
+        """Reverse the faces beyond twisted sides, so that both sides of these edges run in opposite ways.
+
+        Side 0 of a reversed face keeps its place, sides 1 and 2 change theirs. No two of the faces beside
+        and beyond the sides may be the same.
+        """
+        if self.twisted is None:
+            return
+        reversed_side = self.twin.take(side[self.twisted.take(side)])
+        first = reversed_side - reversed_side % 3
+        second, third = first + 1, first + 2
+        self._move(np.concatenate([second, third]), np.concatenate([third, second]))
+        for array in (self.length, self.tangent, self.input_side, self.twisted):
+            if array is not None:
+                array[second], array[third] = array.take(third), array.take(second)
+        a, b, c = (self.tail.take(k) for k in (first, second, third))
+        self.tail[first], self.tail[second], self.tail[third] = b, a, c
+        sides = np.concatenate([first, second, third])
+        partner = self.twin.take(sides)
+        np.logical_xor.at(self.twisted, np.concatenate([sides, partner[partner >= 0]]), True)
 
     def measure(self, face: NDArray) -> None:
         """Angles of faces whose lengths have changed."""
@@ -102,10 +126,14 @@ def flip(state: SideArrays, side: NDArray, *, force: bool = False) -> NDArray:
 
     Edge ij between the faces (i, j, k) and (j, i, l) becomes kl between (i, l, k) and (j, k, l). Side ij then
     holds i->l, its old twin j->k, and the new edge takes the places of jk and il. A flip that does not lower
-    the sum of cotangents (a tie, or rounding) is skipped unless forced.
+    the sum of cotangents (a tie, or rounding) is skipped unless forced. The face beyond a twisted side is
+    reversed first.
     """
     here = np.stack([side, state.twin.take(side)])  # (2, k): ij, ji; then jk, il and ki, lj
     face, after, before = around(here)
+    if state.twisted is not None:
+        turned = state.twisted.take(side)
+        after[1], before[1] = np.where(turned, before[1], after[1]), np.where(turned, after[1], before[1])
     across, beside = state.length.take(after[::-1]), state.length.take(before)
     (il, jk), (ki, lj) = across, beside
 
@@ -129,6 +157,11 @@ def flip(state: SideArrays, side: NDArray, *, force: bool = False) -> NDArray:
         across, kl, cotan_sum = across[:, better], kl[better], cotan_sum[:, better]
         tangent = tuple(a[:, better] for a in tangent)  # type: ignore[assignment]
 
+    if state.twisted is not None:
+        state.straighten(here[0])
+        here = np.stack([here[0], state.twin.take(here[0])])
+        face, after, before = around(here)
+        state.twisted[here], state.twisted[after] = state.twisted.take(after[::-1]), False
     if state.crossings is not None:
         n, (h, g), (h1, g1), (h2, g2) = state.crossings, here, after, before
         new = flipped_crossings(n[h], n[h1], n[h2], n[g1], n[g2])

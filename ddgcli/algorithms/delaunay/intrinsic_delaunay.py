@@ -22,6 +22,7 @@ from ddgcli.algorithms.delaunay.triangulation import (
     length_scale,
     negative_cotan_edges,
     non_delaunay_edges,
+    require_oriented,
     working_lengths,
 )
 from ddgcli.geometry.extrinsic import face_area_vector
@@ -43,6 +44,7 @@ OWN_ARRAYS = (
     "faces",
     "face_edge_lengths",
     "neighbors",
+    "twisted",
     "input_face",
     "input_barycentric",
     "vertex_kind",
@@ -121,6 +123,8 @@ def intrinsic_delaunay(
     """
     check_transferable(transferred or {}, OWN_ARRAYS)
     subdivide = subdivide or bool(transferred)
+    if subdivide and degrees is None:
+        require_oriented(mesh, "the common subdivision")
     if degrees is None:
         flipped, base, refined = flip_to_delaunay(mesh, track=subdivide), BaseTriangulation.itself(mesh), None
     else:

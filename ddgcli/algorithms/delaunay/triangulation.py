@@ -74,10 +74,11 @@ def flip_to_delaunay(
     Parameters
     ----------
     mesh : TriangleMesh or IntrinsicMesh
-        An oriented surface without edges of three faces; vertices with several fans are allowed. An
-        IntrinsicMesh with gluing may be any Delta-complex (self-edges, several edges between two vertices).
+        A surface without edges of three faces, oriented or one-sided; vertices with several fans are allowed.
+        An IntrinsicMesh with gluing may be any Delta-complex (self-edges, several edges between two
+        vertices).
     track : bool
-        Track normal coordinates, which `common_subdivision` needs.
+        Track normal coordinates, which `common_subdivision` needs; of oriented surfaces only.
     list_flipped : bool
         List the sides whose edges were flipped.
     max_rounds : int, optional
@@ -90,7 +91,8 @@ def flip_to_delaunay(
     Raises
     ------
     MeshError
-        For a non-manifold edge, faces of opposite orientation, or side lengths that are no lengths.
+        For a non-manifold edge, faces of opposite orientation where the surface has two sides (with `track`
+        or `list_flipped`, also a one-sided surface), or side lengths that are no lengths.
 
     Notes
     -----
@@ -100,10 +102,14 @@ def flip_to_delaunay(
     in extended precision.
     """
     glued = glue(mesh)
+    twisted = glued.topology.twisted
+    if twisted is not None and (track or list_flipped):
+        require_oriented(glued, "this record of the flips")
     start = working_lengths(mesh, glued)
     notes = [str(start)] if len(start.faces) else []
     scale = length_scale(start.length)
     state = SideArrays.of(glued.faces, glued.topology.side_twin, start.length / scale)
+    state.twisted = None if twisted is None else twisted.ravel().copy()
     if track:
         state.crossings = np.full(3 * glued.n_faces, -1, dtype=np.int64)
     if list_flipped:
@@ -135,7 +141,7 @@ def glue(mesh: TriangleMesh | IntrinsicMesh) -> IntrinsicMesh:
     if topology.n_faces == 0:
         raise MeshError("no triangles; the intrinsic Delaunay triangulation needs a surface")
     if topology.gluing is None:
-        topology = Topology(topology.faces, topology.n_vertices, _twins(mesh))
+        topology = Topology(topology.faces, topology.n_vertices, *_twins(mesh))
     elif not _is_gluing(topology):
         raise MeshError("the gluing does not pair sides that run from b to a with sides that run from a to b")
     length = mesh.side_length
@@ -147,8 +153,11 @@ def glue(mesh: TriangleMesh | IntrinsicMesh) -> IntrinsicMesh:
     return IntrinsicMesh(topology, length, mesh.points)
 
 
-def _twins(mesh: TriangleMesh | IntrinsicMesh) -> NDArray[np.int64]:
-    """(m, 3) gluing of a simplicial mesh, in one sort; MeshError where it is not an oriented surface."""
+def _twins(mesh: TriangleMesh | IntrinsicMesh) -> tuple[NDArray[np.int64], NDArray[np.bool_] | None]:
+    """(m, 3) gluing of a simplicial mesh, in one sort, and the twisted sides of a one-sided surface.
+
+    MeshError where faces do not pair up, or a surface with two sides is not oriented.
+    """
     topology = mesh.topology
     tail, head = topology.side_tail, topology.side_head
     key, order = sorted_sides(np.minimum(tail, head), np.maximum(tail, head), topology.n_vertices)
@@ -157,13 +166,27 @@ def _twins(mesh: TriangleMesh | IntrinsicMesh) -> NDArray[np.int64]:
     a, b = order.take(at), order.take(at + 1)
     twin = np.full(len(key), -1, dtype=np.int64)
     twin[a], twin[b] = b, a
-    if (same[1:] & same[:-1]).any() or (tail.take(a) != head.take(b)).any() or (tail == head).any():
-        require_surface(mesh, "the intrinsic Delaunay triangulation")
-    return twin.reshape(-1, 3)
+    turned = tail.take(a) != head.take(b)
+    if (same[1:] & same[:-1]).any() or turned.any() or (tail == head).any():
+        require_surface(mesh, "the intrinsic Delaunay triangulation", one_sided=True)
+    twisted = None
+    if turned.any():
+        twisted = np.zeros(len(key), dtype=bool)
+        twisted[a[turned]] = twisted[b[turned]] = True
+        twisted = twisted.reshape(-1, 3)
+    return twin.reshape(-1, 3), twisted
 
 
-def require_surface(mesh: TriangleMesh | IntrinsicMesh, verb: str) -> None:
-    """Refuse a mesh whose faces cannot be glued in pairs; MeshError."""
+def require_oriented(mesh: TriangleMesh | IntrinsicMesh, verb: str) -> None:
+    """Raise MeshError on a one-sided surface."""
+    if mesh.topology.one_sided_face.any():
+        raise MeshError(
+            f"the surface is one-sided; {verb} needs two sides: {cure('one side', mesh.topology)}"
+        )
+
+
+def require_surface(mesh: TriangleMesh | IntrinsicMesh, verb: str, *, one_sided: bool = False) -> None:
+    """Raise MeshError for a mesh whose faces cannot be glued in pairs, oriented or (`one_sided`) without."""
     topology = mesh.topology
     twice = np.flatnonzero((topology.side_tail == topology.side_head).reshape(-1, 3).any(axis=1))
     if len(twice):
@@ -171,7 +194,14 @@ def require_surface(mesh: TriangleMesh | IntrinsicMesh, verb: str) -> None:
             f"face {twice[0]} names a vertex twice ({len(twice)} such faces); {cure('repeated vertex')}"
         )
     try:
-        require(mesh, verb, sized=False, manifold_edges=True, oriented=True)  # type: ignore[arg-type]
+        require(
+            mesh,
+            verb,
+            sized=False,
+            manifold_edges=True,
+            oriented=True,
+            one_sided=one_sided,  # type: ignore[arg-type]
+        )
     except MeshError as error:
         raise MeshError(f"{error}; the operator 'tufted' of laplacian supports such meshes") from None
 
@@ -180,10 +210,13 @@ def _is_gluing(topology: Topology) -> bool:
     twin = topology.side_twin.ravel()
     side = np.flatnonzero(twin >= 0)
     partner = twin[side]
+    tail = topology.side_tail[partner]
+    end = topology.side_head[partner]
+    if topology.twisted is not None:
+        twisted = topology.twisted.ravel()[side]
+        end = np.where(twisted, tail, end)
     return bool(
-        (twin[partner] == side).all()
-        and (partner != side).all()
-        and (topology.side_tail[side] == topology.side_head[partner]).all()
+        (twin[partner] == side).all() and (partner != side).all() and (topology.side_tail[side] == end).all()
     )
 
 
@@ -218,7 +251,8 @@ def length_scale(length: NDArray) -> float:
 
 def unglue(state: SideArrays, mesh: IntrinsicMesh, scale: float) -> IntrinsicMesh:
     """The mesh in the work arrays."""
-    topology = Topology(state.tail.reshape(-1, 3), mesh.n_vertices, state.twin[:-1].reshape(-1, 3))
+    twisted = None if state.twisted is None else state.twisted.reshape(-1, 3)
+    topology = Topology(state.tail.reshape(-1, 3), mesh.n_vertices, state.twin[:-1].reshape(-1, 3), twisted)
     return IntrinsicMesh(topology, scale * state.length.reshape(-1, 3), mesh.points)
 
 

@@ -76,8 +76,8 @@ def laplace_operator(
     Parameters
     ----------
     mesh : TriangleMesh or TetMesh
-        Any triangle soup for `cotan`, `tufted` and `uniform`; for `intrinsic-delaunay` an oriented surface
-        without edges of three faces. Tetrahedra have `cotan` (the default) and `uniform`, with lumped or
+        Any triangle soup for `cotan`, `tufted` and `uniform`; for `intrinsic-delaunay` a surface without edges
+        of three faces, oriented or one-sided. Tetrahedra have `cotan` (the default) and `uniform`, with lumped or
         galerkin mass (see `solid_matrices`).
     operator : {'cotan', 'intrinsic-delaunay', 'tufted', 'uniform'}, optional
         Default `intrinsic-delaunay`, and `tufted` with a warning if the mesh is not manifold or not oriented.
@@ -144,7 +144,7 @@ def _mollification_counts(mollification: Mollification) -> dict[str, Any]:
 
 def _default_operator(mesh: TriangleMesh) -> str:
     topology = mesh.topology
-    if topology.is_manifold and topology.is_oriented:
+    if topology.is_manifold and not _opposite_faces(topology).size:
         return "intrinsic-delaunay"
     reason = "not manifold" if not topology.is_manifold else "not consistently oriented"
     log.warning("the mesh is %s: using `operator=tufted`", reason)
@@ -153,16 +153,21 @@ def _default_operator(mesh: TriangleMesh) -> str:
 
 def _require_surface(mesh: TriangleMesh) -> None:
     topology = mesh.topology
-    if len(topology.nonmanifold_edges) or not topology.is_oriented:
-        edge = (
-            topology.nonmanifold_edges if len(topology.nonmanifold_edges) else topology.misoriented_edges
-        )[0]
+    opposite = _opposite_faces(topology)
+    if len(topology.nonmanifold_edges) or len(opposite):
+        edge = (topology.nonmanifold_edges if len(topology.nonmanifold_edges) else opposite)[0]
         a, b = topology.edges[edge]
         what = "more than two faces" if len(topology.nonmanifold_edges) else "faces of opposite orientation"
         raise MeshError(
             f"edge {a}-{b} joins {what}, which `operator=intrinsic-delaunay` does not support; "
             "use `operator=tufted` or `operator=cotan`"
         )
+
+
+def _opposite_faces(topology: Topology) -> NDArray[np.int64]:
+    """Edges between faces of opposite orientation, but for one-sided components, which have none."""
+    bad = topology.misoriented_edges
+    return bad[topology.orientable_component[topology.vertex_component[topology.edges[bad, 0]]]]
 
 
 def _without_repeated_corners(mesh: TriangleMesh) -> TriangleMesh:

@@ -65,6 +65,7 @@ def cell_data_of(annotated: AnnotatedMesh) -> CellData:
         cell = {
             "face_edge_lengths": mesh.side_length,
             "neighbors": neighbors(mesh.topology.side_twin),
+            **({} if mesh.topology.twisted is None else {"twisted": mesh.topology.twisted.astype(np.uint8)}),
             **cell,
         }
     if edge and "edges" not in edge:
