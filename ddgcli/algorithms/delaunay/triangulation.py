@@ -169,12 +169,11 @@ def _twins(mesh: TriangleMesh | IntrinsicMesh) -> tuple[NDArray[np.int64], NDArr
     turned = tail.take(a) != head.take(b)
     if (same[1:] & same[:-1]).any() or turned.any() or (tail == head).any():
         require_surface(mesh, "the intrinsic Delaunay triangulation", one_sided=True)
-    twisted = None
-    if turned.any():
-        twisted = np.zeros(len(key), dtype=bool)
-        twisted[a[turned]] = twisted[b[turned]] = True
-        twisted = twisted.reshape(-1, 3)
-    return twin.reshape(-1, 3), twisted
+    if not turned.any():
+        return twin.reshape(-1, 3), None
+    twisted = np.zeros(len(key), dtype=bool)
+    twisted[a[turned]] = twisted[b[turned]] = True
+    return twin.reshape(-1, 3), twisted.reshape(-1, 3)
 
 
 def require_oriented(mesh: TriangleMesh | IntrinsicMesh, verb: str) -> None:
@@ -194,14 +193,8 @@ def require_surface(mesh: TriangleMesh | IntrinsicMesh, verb: str, *, one_sided:
             f"face {twice[0]} names a vertex twice ({len(twice)} such faces); {cure('repeated vertex')}"
         )
     try:
-        require(
-            mesh,
-            verb,
-            sized=False,
-            manifold_edges=True,
-            oriented=True,
-            one_sided=one_sided,  # type: ignore[arg-type]
-        )
+        need = {"sized": False, "manifold_edges": True, "oriented": True, "one_sided": one_sided}
+        require(mesh, verb, **need)  # type: ignore[arg-type]
     except MeshError as error:
         raise MeshError(f"{error}; the operator 'tufted' of laplacian supports such meshes") from None
 

@@ -76,9 +76,9 @@ def laplace_operator(
     Parameters
     ----------
     mesh : TriangleMesh or TetMesh
-        Any triangle soup for `cotan`, `tufted` and `uniform`; for `intrinsic-delaunay` a surface without edges
-        of three faces, oriented or one-sided. Tetrahedra have `cotan` (the default) and `uniform`, with lumped or
-        galerkin mass (see `solid_matrices`).
+        Any triangle soup for `cotan`, `tufted` and `uniform`; for `intrinsic-delaunay` a surface without
+        edges of three faces, oriented or one-sided. Tetrahedra have `cotan` (the default) and `uniform`, with
+        lumped or galerkin mass (see `solid_matrices`).
     operator : {'cotan', 'intrinsic-delaunay', 'tufted', 'uniform'}, optional
         Default `intrinsic-delaunay`, and `tufted` with a warning if the mesh is not manifold or not oriented.
     mass : {'lumped', 'voronoi', 'galerkin'}
