@@ -25,6 +25,7 @@ from ddgcli.errors import ParameterError
 @options.mesh_arg
 @options.common
 @flow_time_options
+@options.subdivide
 @click.option("--flow", default="quadratic", show_default=True, help=" | ".join(WILLMORE_FLOWS))
 @click.option(
     "--energy",
@@ -33,6 +34,12 @@ from ddgcli.errors import ParameterError
 @click.option("--boundary", default="clamped", show_default=True, help=" | ".join(WILLMORE_BOUNDARIES))
 @click.option("--fix-area", is_flag=True, help="Keep the area.")
 @click.option("--fix-volume", is_flag=True, help="Keep the enclosed volume.")
+@click.option(
+    "--spontaneous-curvature",
+    metavar="H0",
+    type=options.REAL,
+    help="Lower int (H - H0)^2; unit 1/length, positive as on a sphere. Needs --fix-area or --fix-volume.",
+)
 @click.option(
     "--stop-gradient",
     type=options.POSITIVE,
@@ -50,7 +57,12 @@ from ddgcli.errors import ParameterError
     "vertex numbers.",
 )
 def command(
-    mesh_path: str, common: CommonOptions, overrides: dict[str, Any], resume: str | None, **parameters: Any
+    mesh_path: str,
+    common: CommonOptions,
+    overrides: dict[str, Any],
+    resume: str | None,
+    subdivide: int,
+    **parameters: Any,
 ) -> None:
     """Flow MESH down its bending energy int H^2 (or its area).
 
@@ -64,8 +76,9 @@ def command(
       ddgcli willmore-flow bumpy.obj --dt 1e-4 --duration 0.05 -o run.vtkhdf
       ddgcli willmore-flow cap.off --boundary clamped --fix-area --report-energy all
     """
-    run = Run("willmore-flow", common, **overrides, **{k: v for k, v in parameters.items() if v})
-    source = run.read(mesh_path, flat_faces=True)
+    chosen = {k: v for k, v in parameters.items() if v} | ({"subdivide": subdivide} if subdivide else {})
+    run = Run("willmore-flow", common, **overrides, **chosen)
+    source = run.read(mesh_path, flat_faces=True, subdivide=subdivide)
     from ddgcli.cli.simulation.plot import Picture, draw_run
     from ddgcli.cli.simulation.scene_input import check_unchanged, fingerprint
     from ddgcli.cli.simulation.simulate import Job, simulate
@@ -81,7 +94,12 @@ def command(
     schedule = setup.schedule(flow, overrides)
     region_digest = "" if region is None else sha256(region.tobytes()).hexdigest()
     resolved, digest = fingerprint(
-        {"options": setup.options_as_dict(flow_options), "time": overrides, "region": region_digest},
+        {
+            "options": setup.options_as_dict(flow_options),
+            "time": overrides,
+            "region": region_digest,
+            "subdivide": subdivide,
+        },
         {"mesh": source.sha256},
     )
     check_unchanged(resume, resolved)
@@ -132,6 +150,7 @@ def _flow_options(parameters: dict[str, Any], overrides: dict[str, Any]) -> Any:
     stop = Stop() if timed and bounded else Stop(DEFAULT_STOP.gradient, DEFAULT_STOP.fall, not timed)
     return FlowOptions(
         **{name: parameters[name] for name in ("energy", "flow", "boundary", "fix_area", "fix_volume")},
+        spontaneous_curvature=parameters["spontaneous_curvature"] or 0.0,
         timed=timed,
         report_energies=parameters["report_energy"] is not None,
         integrator=overrides.get("integrator"),

@@ -19,6 +19,7 @@ from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.models.willmore.constraints import Constraints, area
 from ddgcli.models.willmore.energies import DEFAULT, ENERGIES, OPEN_DEFAULT, SECOND_ENERGY, EnergyBuilder
 from ddgcli.models.willmore.flow import SCHEMES, Flow, longest_step
+from ddgcli.models.willmore.helfrich_energy import HelfrichEnergy
 from ddgcli.models.willmore.scaled import centred_at_unit_size
 from ddgcli.models.willmore.state import FlowState, Stop
 from ddgcli.simulation.model import Model, Schedule, flow_schedule
@@ -41,6 +42,8 @@ class FlowOptions:
     flow, boundary : str
         Of WILLMORE_FLOWS, WILLMORE_BOUNDARIES.
     fix_area, fix_volume : bool
+    spontaneous_curvature : float
+        H0 of int (H - H0)^2, one over the length unit of the input; positive as on a sphere.
     report_energies : bool
         Every frame has the values of all energies.
     timed : bool
@@ -55,6 +58,7 @@ class FlowOptions:
     boundary: str = "clamped"
     fix_area: bool = False
     fix_volume: bool = False
+    spontaneous_curvature: float = 0.0
     report_energies: bool = False
     timed: bool = False
     integrator: str | None = None
@@ -203,6 +207,33 @@ def second_energy(chosen: str, topology: Topology, constraints: Constraints) -> 
     return ENERGIES[SECOND_ENERGY].build
 
 
+def _unit_curvature(unit: TriangleMesh, options: FlowOptions, scale: float) -> float:
+    """Spontaneous curvature at unit size, for the orientation of the faces.
+
+    Raises
+    ------
+    ParameterError
+        When nothing is kept: the energy is then that of no membrane, and shrinks to spheres of radius 1 / H0.
+    """
+    if not options.spontaneous_curvature:
+        return 0.0
+    if options.flow == "mean-curvature":
+        raise ParameterError(
+            "`spontaneous_curvature` has no effect on the area; use `flow=quadratic`",
+        )
+    if not (options.fix_area or options.fix_volume):
+        raise ParameterError("`spontaneous_curvature` needs `fix_area`, `fix_volume` or both")
+    inward = unit.topology.is_closed and enclosed_volume(unit) < 0.0
+    return options.spontaneous_curvature * scale * (-1.0 if inward else 1.0)
+
+
+def _with_curvature(kind: EnergyBuilder, curvature: float) -> EnergyBuilder:
+    """The Helfrich energy of an energy; itself without spontaneous curvature."""
+    if not curvature:
+        return kind
+    return lambda topology: HelfrichEnergy(topology, kind(topology), curvature)
+
+
 def build(mesh: TriangleMesh, options: FlowOptions, region: NDArray | None = None) -> tuple[Flow, Model]:
     """The flow of a mesh, and the model that the time loop drives.
 
@@ -235,22 +266,27 @@ def build(mesh: TriangleMesh, options: FlowOptions, region: NDArray | None = Non
     )
     if constraints.volume is not None and abs(constraints.volume) < 1e-9:
         raise MeshError("the surface encloses no volume; `fix_volume` has nothing to keep")
-    energy = ENERGIES[chosen].build(topology)
-    started = energy.value(unit.points)
+    curvature = _unit_curvature(unit, options, scale)
+    energy_kind = _with_curvature(ENERGIES[chosen].build, curvature)
+    started = energy_kind(topology).value(unit.points)
     if not math.isfinite(started):
         raise MeshError(
             f"the {chosen} energy is not finite here: at some vertex the faces' normals cancel; "
             "unfold it or use `energy=cotan`"
         )
     convention = ENERGIES[chosen].convention
+    if curvature:
+        convention = f"int (H - H0)^2 dA, H0 = {options.spontaneous_curvature:g}; int H^2 dA: {convention}"
+    unbounded = chosen in ("hinge", "circle-angle") or curvature != 0.0
+    second = None if mean_curvature else second_energy(chosen, topology, constraints)
     reported = ENERGIES.items() if options.report_energies else ()
     flow = Flow(
-        topology, ENERGIES[chosen].build, convention, free, constraints, mean_curvature, scheme,
+        topology, energy_kind, convention, free, constraints, mean_curvature, scheme,
         options.timed, options.stop, centre, scale, area(unit), mesh.points,
-        0.0 if chosen in ("hinge", "circle-angle") else least_energy(topology),
+        0.0 if unbounded else least_energy(topology),
         keeps_triangles=not options.timed and chosen != "hinge",
         reported={name: kind.build for name, kind in reported},
-        second_kind=None if mean_curvature else second_energy(chosen, topology, constraints),
+        second_kind=None if second is None else _with_curvature(second, curvature),
     )  # fmt: skip
     start = FlowState(
         unit.points, topology, started, 0.0, longest_step(flow), stopped="" if len(free) else NO_FREE_VERTEX

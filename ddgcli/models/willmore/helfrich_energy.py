@@ -1,0 +1,69 @@
+"""The Helfrich energy of membranes: bending against a curvature that they prefer."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ddgcli.mesh.scatter import sum_by_index
+from ddgcli.mesh.topology import Topology
+from ddgcli.models.willmore.energies import Energy
+from ddgcli.models.willmore.hinges import BentHinges, Hinges
+from ddgcli.models.willmore.vertex_energies import FaceSides, area_gradient
+
+
+@dataclass(frozen=True, eq=False)
+class HelfrichEnergy:
+    """int (H - H0)^2 dA as W - 2 H0 M + H0^2 A, M = sum over inner edges of |e| theta / 2.
+
+    Parameters
+    ----------
+    topology : Topology
+    bending : Energy
+        W of the same topology.
+    curvature : float
+        H0, for the faces' orientation: positive on an outward oriented sphere.
+
+    Notes
+    -----
+    W. Helfrich, "Elastic properties of lipid bilayers", 1973; his c0 is 2 H0. M is Steiner's total mean
+    curvature int H of the polyhedron, exact for its parallel surfaces.
+    """
+
+    topology: Topology
+    bending: Energy
+    curvature: float
+
+    @cached_property
+    def _hinges(self) -> Hinges:
+        return Hinges.of(self.topology)
+
+    def _addition(self, points: NDArray) -> tuple[float, FaceSides, BentHinges, NDArray[np.float64]]:
+        """-2 H0 M + H0^2 A, and what its gradient needs: faces, hinges, edge lengths."""
+        faces = FaceSides.at(points, self.topology.faces)
+        bent = self._hinges.bent(points, faces)
+        length = np.sqrt(bent.squared)
+        total = 0.5 * float((length * bent.angle).sum())
+        return (
+            self.curvature * (self.curvature * float(faces.area.sum()) - 2.0 * total),
+            faces,
+            bent,
+            length,
+        )
+
+    def value(self, points: NDArray) -> float:
+        """Energy; not finite on a surface with a face without area."""
+        return self.bending.value(points) + self._addition(points)[0]
+
+    def value_and_gradient(self, points: NDArray) -> tuple[float, NDArray[np.float64]]:
+        """Energy and its exact gradient (n, 3)."""
+        value, gradient = self.bending.value_and_gradient(points)
+        addition, faces, bent, length = self._addition(points)
+        corners = self.topology.faces
+        by_area = self.curvature**2 * area_gradient(faces)
+        gradient = gradient + sum_by_index(corners, by_area, self.topology.n_vertices)
+        gradient += bent.gradient(-self.curvature * length, -0.5 * self.curvature * bent.angle / length)
+        return value + addition, gradient

@@ -1,0 +1,148 @@
+"""Membranes: area and volume kept, spontaneous curvature, against axisymmetric solutions."""
+
+import json
+
+import numpy as np
+import pytest
+from scipy.optimize import brentq
+
+from ddgcli.geometry.extrinsic import enclosed_volume
+from ddgcli.io.mesh_file import write_mesh
+from ddgcli.mesh import shapes
+from ddgcli.mesh.fields import AnnotatedMesh
+from ddgcli.models.willmore import setup
+from ddgcli.models.willmore.constraints import area
+from ddgcli.models.willmore.energies import ENERGIES
+from ddgcli.models.willmore.helfrich_energy import HelfrichEnergy
+from ddgcli.models.willmore.setup import FlowOptions
+from ddgcli.models.willmore.state import DEFAULT_STOP
+from tests.physics.axisymmetric_vesicles import vesicle
+from tests.physics.willmore_runs import assert_falls, energies, run_flow
+
+KEPT = FlowOptions(fix_area=True, fix_volume=True, stop=DEFAULT_STOP)
+
+
+def spheroid(reduced_volume, prolate, level, radius=1.0):
+    """A spheroid whose mesh has this reduced volume, and the area of the sphere of this radius."""
+    ball = shapes.icosphere(level)
+
+    def off(axis):
+        mesh = ball.moved(ball.points * [1.0, 1.0, axis])
+        return 6.0 * np.sqrt(np.pi) * enclosed_volume(mesh) / area(mesh) ** 1.5 - reduced_volume
+
+    axis = brentq(off, 1.001, 6.0) if prolate else brentq(off, 0.08, 0.999)
+    mesh = ball.moved(ball.points * [1.0, 1.0, axis])
+    return mesh.moved(mesh.points * radius * np.sqrt(4.0 * np.pi / area(mesh)))
+
+
+def test_axisymmetric_solutions_are_those_of_the_literature():
+    """The oblate branch has the lower energy below the reduced volume 0.651 (Seifert et al. 1991)."""
+    oblate, prolate = ([vesicle(v, branch)[0] for v in (0.645, 0.657)] for branch in (False, True))
+    assert oblate[0] < prolate[0] and oblate[1] > prolate[1]
+
+
+@pytest.mark.parametrize(
+    "volume, prolate",
+    [
+        pytest.param(0.6, False, marks=pytest.mark.slow),
+        pytest.param(0.65, False, marks=pytest.mark.slow),
+        pytest.param(0.65, True, marks=pytest.mark.slow),
+        pytest.param(0.8, True, marks=pytest.mark.slow),
+        (0.95, True),
+    ],
+)
+def test_vesicles_have_the_energy_of_the_axisymmetric_solution(volume, prolate):
+    frames, end, _ = run_flow(spheroid(volume, prolate, 4), KEPT)
+    assert energies(frames)[-1] == pytest.approx(vesicle(volume, prolate)[0], rel=2.5e-3)
+    assert frames[-1].scalar["reduced_volume"] == pytest.approx(volume, rel=1e-10)
+    assert_falls(frames)
+
+
+def test_a_red_blood_cell_is_a_biconcave_disc():
+    """Thinner in the middle than at the rim, as thick as the axisymmetric profile."""
+    frames, end, _ = run_flow(spheroid(0.6, False, 3), KEPT)
+    truth, profile = vesicle(0.6, False)
+    assert energies(frames)[-1] == pytest.approx(truth, rel=0.02)
+    r, z = np.hypot(*end.points[:, :2].T), np.abs(end.points[:, 2])
+    middle, thickest = z[r < 0.2].mean(), z.max()
+    heights = np.abs(profile[:, 1] - profile[:, 1].mean())
+    assert middle < 0.6 * thickest
+    assert thickest == pytest.approx(heights[profile[:, 0] > 0.4].max(), rel=0.05)
+    assert middle == pytest.approx(np.interp(0.12, profile[:20, 0], heights[:20]), abs=0.05)
+
+
+@pytest.mark.parametrize("name", ["gauss-map", "cotan"])
+@pytest.mark.parametrize("is_open", [False, True])
+def test_helfrich_gradient_matches_differences(name, is_open):
+    mesh = shapes.grid(5, 4) if is_open else shapes.icosphere(1)
+    mesh = mesh.moved(mesh.points + 0.05 * np.random.default_rng(0).normal(size=mesh.points.shape))
+    energy = HelfrichEnergy(mesh.topology, ENERGIES[name].build(mesh.topology), 0.7)
+    d, h = np.random.default_rng(1).normal(size=mesh.points.shape), 1e-5
+    steps = [energy.value(mesh.points + k * h * d) for k in (-2, -1, 1, 2)]
+    slope = (steps[0] - 8 * steps[1] + 8 * steps[2] - steps[3]) / (12 * h)
+    value, gradient = energy.value_and_gradient(mesh.points)
+    assert value == energy.value(mesh.points)
+    assert np.sum(gradient * d) == pytest.approx(slope, rel=1e-6)
+
+
+def test_the_helfrich_energy_of_a_sphere():
+    """(1/R - H0)^2 4 pi R^2, converging at second order."""
+    error = []
+    for level in (2, 3):
+        ball = shapes.icosphere(level, 2.0)
+        energy = HelfrichEnergy(ball.topology, ENERGIES["gauss-map"].build(ball.topology), -0.4)
+        error.append(energy.value(ball.points) / (4 * np.pi * (1 + 0.8) ** 2) - 1)
+    assert abs(error[1]) < 5e-3 and error[0] / error[1] == pytest.approx(4, rel=0.1)
+
+
+@pytest.mark.parametrize("level, within", [(3, 0.02), pytest.param(4, 5e-3, marks=pytest.mark.slow)])
+def test_spontaneous_curvature_against_the_axisymmetric_solution(level, within):
+    """H0 is in the unit of the input, and positive as on a sphere, whichever way the faces turn."""
+    radius, curvature = 10.0, 0.6
+    mesh = spheroid(0.8, True, level, radius)
+    inward = type(mesh).from_arrays(mesh.points, mesh.faces[:, ::-1])
+    options = FlowOptions(
+        fix_area=True, fix_volume=True, spontaneous_curvature=curvature / radius, stop=DEFAULT_STOP
+    )
+    frames, _, _ = run_flow(inward, options)
+    assert energies(frames)[-1] == pytest.approx(vesicle(0.8, True, curvature)[0], rel=within)
+    assert energies(frames)[-1] < 0.5 * vesicle(0.8, True)[0]
+    assert_falls(frames)
+
+
+def test_subdivision_brings_a_coarse_vesicle_to_its_energy(run, tmp_path):
+    """A vesicle of 1,280 faces is 1.1 % below; split in four it keeps area and volume."""
+    path = tmp_path / "cell.ply"
+    write_mesh(str(path), AnnotatedMesh(spheroid(0.8, True, 2)))
+    words = ("willmore-flow", path, "--fix-area", "--fix-volume", "--json")
+    coarse, fine = (json.loads(run(*words, *more).stdout)["results"] for more in ((), ("--subdivide", "1")))
+    truth = vesicle(0.8, True)[0]
+    assert fine["reduced_volume"] == pytest.approx(coarse["reduced_volume"], rel=1e-9)
+    off = [abs(results["energy"][-1] / truth - 1) for results in (coarse, fine)]
+    assert off[1] < 0.01 and off[1] < 0.4 * off[0]
+
+
+@pytest.mark.parametrize(
+    "words, message",
+    [
+        (("--spontaneous-curvature", "1"), "--fix-area"),
+        (("--spontaneous-curvature", "1", "--fix-area", "--flow", "mean-curvature"), "--flow quadratic"),
+        (("--spontaneous-curvature", "nan", "--fix-area"), "finite"),
+    ],
+)
+def test_spontaneous_curvature_without_a_membrane_is_refused(run, tmp_path, words, message):
+    path = tmp_path / "ball.ply"
+    write_mesh(str(path), AnnotatedMesh(shapes.icosphere(1)))
+    result = run("willmore-flow", path, *words, "--json")
+    assert result.exit_code == 2 and result.stdout == ""
+    assert message in result.stderr and len(result.stderr.strip().splitlines()) == 1
+
+
+def test_the_command_says_what_it_lowers(summary, tmp_path):
+    path = tmp_path / "cell.ply"
+    write_mesh(str(path), AnnotatedMesh(spheroid(0.9, True, 2)))
+    words = ("--fix-area", "--spontaneous-curvature", "0.5", "--steps", 2)
+    results = summary("willmore-flow", path, *words)["results"]
+    assert "H0 = 0.5" in results["energy_convention"] and results["reduced_volume"] > 0.85
+    plain = setup.build(spheroid(0.9, True, 2), KEPT)[0]
+    assert "H0" not in plain.convention
