@@ -158,6 +158,9 @@ def check_laplacian(evidence: Evidence) -> Iterator[Violation]:
         scale = max(scale, 1.0 / edge.mean() ** 2)
         # a long chain has small eigenvalues that are none: about (pi / length)^2
         zero = LEAST_EIGENVALUE / np.sum(np.ptp(evidence.points, axis=0) ** 2)
+    elif area := evidence.results.get("area"):
+        # of a file only: edges as long as faces are wide, for three zeros have no scale of their own
+        scale = max(scale, evidence.summary["input"].get("faces", 1) / area)
     if min(values) < -1e-6 * scale:
         yield f"eigenvalue {min(values):.1e}", ("eigen",)
     components = evidence.expected.get("components")

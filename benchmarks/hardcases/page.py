@@ -31,7 +31,7 @@ written by `make hardcases` from `benchmarks/hardcases/results.json`; do not edi
 
 The truths are area, Euler characteristic, components, Betti numbers, Gauss–Bonnet, straight line ≤ distance ≤
 path along edges, closed distances, zero eigenvalues, conserved metric of flips, energy that may not grow,
-bodies that may not move. Limits: 120 s of processor time and 4 GiB of resident memory a command.
+bodies that may not move. Limits: 120 s of processor time and 4 GiB of memory a command (`ulimit -v 4194304`).
 
 `make hardcases ONLY=FAMILY` runs a part, `make hardcases MISSING=1` what has not been run.
 """

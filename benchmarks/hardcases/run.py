@@ -21,6 +21,7 @@ import tempfile
 import time
 import traceback
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -39,12 +40,16 @@ WALL_FACTOR = 40  # on a busy machine the clock runs faster than the processor t
 PEAK_MIB = 4096
 
 
-def _limits() -> None:
+def _limits(address_space: bool = False) -> None:
     resource.setrlimit(resource.RLIMIT_CPU, (CPU_SECONDS, CPU_SECONDS + 5))
+    if address_space:  # as a user sets it by `ulimit -v`
+        resource.setrlimit(resource.RLIMIT_AS, (PEAK_MIB << 20, PEAK_MIB << 20))
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
 
 
-def run_process(words: list[str], folder: Path, preloaded: bool = False) -> Outcome:
+def run_process(
+    words: list[str], folder: Path, preloaded: bool = False, address_space: bool = False
+) -> Outcome:
     """Run a process within the limits of processor time, clock and memory.
 
     Parameters
@@ -55,16 +60,18 @@ def run_process(words: list[str], folder: Path, preloaded: bool = False) -> Outc
         Working folder, where the streams are kept.
     preloaded : bool
         Fork this process instead of starting Python: words after `python -m ddgcli` run in the child.
+    address_space : bool
+        Limit the address space to PEAK_MIB too, so that the program can refuse what does not fit.
     """
     environment = os.environ | {"PYTHONPATH": str(ROOT)}
     began = time.monotonic()
     with open(folder / "stdout", "w+b") as out, open(folder / "stderr", "w+b") as error:
         if preloaded:
-            pid = _fork(words[3:], folder, out.fileno(), error.fileno())
+            pid = _fork(words[3:], folder, out.fileno(), error.fileno(), address_space)
         else:
             child = subprocess.Popen(
                 words, stdin=subprocess.DEVNULL, stdout=out, stderr=error, cwd=folder, env=environment,
-                preexec_fn=_limits, start_new_session=True,
+                preexec_fn=partial(_limits, address_space), start_new_session=True,
             )  # fmt: skip
             pid = child.pid
         status, usage = _wait(pid, began + WALL_FACTOR * CPU_SECONDS)
@@ -86,7 +93,7 @@ def preload() -> None:
         importlib.import_module(f"ddgcli.cli.commands.{module}")
 
 
-def _fork(words: list[str], folder: Path, out: int, error: int) -> int:
+def _fork(words: list[str], folder: Path, out: int, error: int, address_space: bool) -> int:
     """Run the program on these words in a forked child with the same limits; its process number."""
     pid = os.fork()
     if pid:
@@ -94,7 +101,7 @@ def _fork(words: list[str], folder: Path, out: int, error: int) -> int:
     code = 1
     try:
         os.setsid()
-        _limits()
+        _limits(address_space)
         for source, target in ((os.open(os.devnull, os.O_RDONLY), 0), (out, 1), (error, 2)):
             os.dup2(source, target)
         # not those of the parent, which a test may have replaced
@@ -161,7 +168,7 @@ def run_call(call: Call, path: Path | None, folder: Path, preloaded: bool = Fals
         words.insert(1, "--json")
     else:
         words.append("--json")
-    return run_process([sys.executable, "-m", "ddgcli", *words], folder, preloaded)
+    return run_process([sys.executable, "-m", "ddgcli", *words], folder, preloaded, address_space=True)
 
 
 def run_cell(case: Case, command: str, preloaded: bool = False) -> tuple[Verdict, Outcome]:

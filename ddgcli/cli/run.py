@@ -300,7 +300,7 @@ class Run:
             write_mesh(path, replace(annotated, whole=whole, metadata=metadata), output_format=output_format)
             self.outputs.append(path)
 
-    def write_bytes(self, path: str, data: bytes, *, in_place: bool = False) -> None:
+    def write_bytes(self, path: str, data: bytes | memoryview, *, in_place: bool = False) -> None:
         """Write bytes to a file, all or nothing, and list it in `outputs`.
 
         `in_place`: the file may be the input itself.

@@ -275,7 +275,7 @@ def write_mesh(path: str, annotated: AnnotatedMesh, *, output_format: str | None
     write_atomically(path, data)
 
 
-def write_atomically(path: str, data: bytes) -> None:
+def write_atomically(path: str, data: bytes | memoryview) -> None:
     """Write bytes to a path, all or nothing."""
     with atomic_output(path) as partial:
         Path(partial).write_bytes(data)

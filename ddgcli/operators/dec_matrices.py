@@ -13,7 +13,7 @@ from ddgcli.operators.dec import Complex
 from ddgcli.operators.stars import Star, hodge_star
 
 BYTES_PER_ENTRY = 12  # of a sparse matrix: a float64 and an int32
-COPIES_AT_PEAK = 6  # the product, its sum, transpose, difference, absolute value, and the archive
+COPIES_AT_PEAK = 3  # a sum and its term; later the matrix, and its transpose or the archive
 LEAST_STAR_ENTRY = 1e-14  # of the largest entry: a smaller one has no inverse
 
 
@@ -70,11 +70,11 @@ def dec_matrices(complex_: Complex, star: Star = "galerkin") -> DecMatrices:
         A vertex of high valence makes a Laplacian of 1-forms too large for the memory.
     """
     n = complex_.dimension
-    derivative = [d.tocsr().astype(np.int64) for d in complex_.derivatives]
-    stars = [hodge_star(complex_, k, star) for k in range(n + 1)]
+    derivative = [_compact(d.astype(np.int64)) for d in complex_.derivatives]
+    stars = [_compact(hodge_star(complex_, k, star)) for k in range(n + 1)]
     inverse = [_inverse(complex_, k, star) for k in range(n)]
     matrices = {f"d{k}": d for k, d in enumerate(derivative)}
-    matrices |= {f"star{k}": csr_array(matrix) for k, matrix in enumerate(stars)}
+    matrices |= {f"star{k}": matrix for k, matrix in enumerate(stars)}
     delta = [csr_array(inverse[k] @ derivative[k].T @ stars[k + 1]) for k in range(n)]
     matrices |= {f"codifferential{k + 1}": matrix for k, matrix in enumerate(delta)}
     matrices |= {f"laplacian{k}": _laplacian(k, derivative, stars, inverse) for k in range(n + 1)}
@@ -88,22 +88,30 @@ def dec_matrices(complex_: Complex, star: Star = "galerkin") -> DecMatrices:
 def form_laplacian(complex_: Complex, degree: int, star: Star = "galerkin") -> tuple[csr_array, csr_array]:
     """Laplacian and star of k-forms, as `dec_matrices` has them, without the other degrees."""
     degrees = range(degree, min(degree + 1, complex_.dimension) + 1)
-    stars = {k: hodge_star(complex_, k, star) for k in degrees}
+    stars = {k: _compact(hodge_star(complex_, k, star)) for k in degrees}
     inverse = {degree - 1: _inverse(complex_, degree - 1, star)} if degree else {}
-    derivative = [d.tocsr().astype(np.int64) for d in complex_.derivatives]
-    return _laplacian(degree, derivative, stars, inverse), csr_array(stars[degree])
+    derivative = [_compact(d.astype(np.int64)) for d in complex_.derivatives]
+    return _laplacian(degree, derivative, stars, inverse), stars[degree]
 
 
 def _laplacian(k: int, derivative: list[csr_array], stars: Any, inverse: Any) -> csr_array:
     """star (d delta + delta d) on k-forms, from stars and inverse stars by degree."""
     terms = []
     if k < len(derivative):
-        terms.append(derivative[k].T @ stars[k + 1] @ derivative[k])
+        terms.append(csr_array(derivative[k].T @ stars[k + 1] @ derivative[k]))
     if k > 0:
-        weak = derivative[k - 1].T @ stars[k]
-        _check_fill(csr_array(weak), k)
-        terms.append(weak.T @ inverse[k - 1] @ weak)
+        weak = csr_array(derivative[k - 1].T @ stars[k])
+        _check_fill(weak, k)
+        terms.append(csr_array(weak.T) @ inverse[k - 1] @ weak)
     return csr_array(sum(terms[1:], terms[0]))
+
+
+def _compact(matrix: Any) -> csr_array:
+    """The matrix by rows, with indices of 4 bytes where they fit: products inherit them."""
+    rows = csr_array(matrix)
+    if max(*rows.shape, rows.nnz) < 2**31:
+        rows.indices, rows.indptr = rows.indices.astype(np.int32), rows.indptr.astype(np.int32)
+    return rows
 
 
 def _asymmetry(matrix: csr_array) -> float:
@@ -145,4 +153,4 @@ def _inverse(complex_: Complex, degree: int, star: Star) -> csr_array:
             f"the {kind} star is zero at {len(bad)} simplices (first: {simplex} {bad[0]}) and has no "
             "inverse: use `star=barycentric` or `star=galerkin`"
         )
-    return csr_array(diags_array(np.divide(1.0, diagonal, out=np.zeros_like(diagonal), where=used)))
+    return _compact(diags_array(np.divide(1.0, diagonal, out=np.zeros_like(diagonal), where=used)))

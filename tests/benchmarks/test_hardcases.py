@@ -95,6 +95,13 @@ def test_each_command_has_a_truth_that_a_planted_result_violates(command, result
     assert kind_of(Outcome(0, json.dumps(summary), ""), command) == WRONG
 
 
+@pytest.mark.parametrize("values, kind", [([-1e-15, 2e-16, 6e-15], RIGHT), ([0.0, 1e-15, 0.3], WRONG)])
+def test_zero_eigenvalues_of_a_file_are_measured_by_its_faces(values, kind):
+    summary = {"input": {"components": 3, "faces": 150}, "results": {"area": 10.0, "eigenvalues": values}}
+    outcome = Outcome(0, json.dumps(SUMMARY | summary))
+    assert judge("laplacian", outcome, expected={"components": 3}).kind == kind
+
+
 def test_a_body_at_rest_that_moves_is_wrong():
     summary = SUMMARY | {"results": {"energies": {"total": {"start": 0.0, "end": 0.0}}}}
     for shift, kind in ((0.0, RIGHT), (1e-3, WRONG)):

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from ddgcli.errors import MeshError
+from ddgcli.errors import MeshError, ParameterError
 from ddgcli.mesh import shapes
 from ddgcli.mesh.tet_mesh import TetMesh
 from ddgcli.operators.dec import complex_of
@@ -31,6 +31,19 @@ def irregular_torus():
 
 
 MESHES = {"torus": irregular_torus(), "sphere": shapes.random_sphere(200), "solid": solid()}
+
+
+def test_every_matrix_has_the_indices_of_4_bytes_that_its_memory_is_estimated_by():
+    for star in STARS:
+        matrices = dec_matrices(complex_of(MESHES["sphere"]), star).matrices
+        assert {m.indices.dtype.itemsize + m.data.dtype.itemsize for m in matrices.values()} == {12}
+
+
+def test_matrices_above_the_limit_of_memory_of_the_process_are_refused(monkeypatch):
+    mesh = shapes.random_sphere(200)
+    monkeypatch.setattr("resource.getrlimit", lambda kind: (2**18, 2**18))
+    with pytest.raises(ParameterError, match="above 0.000244 GiB; remesh around vertex"):
+        dec_matrices(complex_of(mesh))
 
 
 @pytest.mark.parametrize("star", STARS)

@@ -78,11 +78,6 @@ def command(
         require(mesh, "dec", manifold=True, oriented=True)
     computed = products_of(run, source, products, forms) if any(products.values()) else None
     operators = dec_matrices(complex_of(mesh), star)
-    content = npz_content(operators, mesh.points) if common.outputs else b""
-    for path in common.outputs:
-        run.write_bytes(path, content)
-    if mtx is not None:
-        write_matrix_market(run, Path(mtx), operators)
     matrices = operators.matrices
     results = {
         "star": star,
@@ -95,6 +90,12 @@ def command(
         "symmetry_residual": operators.symmetry_residual(),
         "constant_residual": operators.constant_residual(),
     }
+    # after the residuals: beside the archive there is no room for a transpose of a large matrix
+    content = npz_content(operators, mesh.points) if common.outputs else memoryview(b"")
+    for path in common.outputs:
+        run.write_bytes(path, content)
+    if mtx is not None:
+        write_matrix_market(run, Path(mtx), operators)
     if computed is not None:
         results["forms"], accuracy = computed.degree, accuracy | computed.accuracy
     run.finish(results, accuracy)
@@ -123,7 +124,7 @@ def products_of(run: Run, source: MeshInput, products: dict[str, Any], path: str
     return computed
 
 
-def npz_content(operators: DecMatrices, points: Any) -> bytes:
+def npz_content(operators: DecMatrices, points: Any) -> memoryview:
     """NumPy archive of all matrices in CSR parts, with the numbering of the simplices."""
     import numpy as np
 
@@ -136,7 +137,7 @@ def npz_content(operators: DecMatrices, points: Any) -> bytes:
         arrays |= {f"{name}_indptr": matrix.indptr, f"{name}_shape": np.array(matrix.shape)}
     out = io.BytesIO()
     np.savez(out, **arrays)
-    return out.getvalue()
+    return out.getbuffer()
 
 
 def write_matrix_market(run: Run, folder: Path, operators: DecMatrices) -> None:
