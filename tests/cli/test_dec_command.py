@@ -81,7 +81,7 @@ def test_right_angles_are_refused_and_the_cure_works(run, tmp_path):
 
 
 def test_a_vertex_of_high_valence_is_refused_before_the_memory_is_taken(run, tmp_path):
-    points, faces = meshes.fan(1e4)
+    points, faces = meshes.fan(2e4)
     path = tmp_path / "fan.npz"
     np.savez(path, points=points, faces=faces)
     result = run("dec", str(path))
