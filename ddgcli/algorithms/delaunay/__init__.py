@@ -8,6 +8,7 @@ it.
 __all__ = [
     "circumcentres",
     "common_subdivision",
+    "dual",
     "flips",
     "gluing",
     "intrinsic_delaunay",

@@ -13,6 +13,7 @@ from ddgcli.algorithms.delaunay.common_subdivision import (
     CommonSubdivision,
     common_subdivision,
 )
+from ddgcli.algorithms.delaunay.dual import CircumcentricDual, circumcentric_dual
 from ddgcli.algorithms.delaunay.refine import RefinementResult, refine
 from ddgcli.algorithms.delaunay.transfer import TransferResult, check_transferable, transfer_to_intrinsic
 from ddgcli.algorithms.delaunay.triangulation import (
@@ -54,7 +55,7 @@ OWN_ARRAYS = (
 # fields of the accuracy block that `within_residuals` checks
 RESIDUALS = (
     "area_residual", "angle_defect_residual", "overlay_area_residual", "overlay_length_residual",
-    "transfer_integral_residual",
+    "transfer_integral_residual", "dual_area_residual", "dual_length_residual",
 )  # fmt: skip
 
 
@@ -71,6 +72,7 @@ class DelaunayResult:
         Arrays on its vertices: `input_face` and `input_barycentric` after refinement, and transferred ones.
     transferred : dict of str to TransferResult
     subdivision : CommonSubdivision, optional
+    dual : CircumcentricDual, optional
     converged : bool
         False if refinement reached the limit on points, or rounding prevented a flip.
     """
@@ -81,7 +83,26 @@ class DelaunayResult:
     vertex: dict[str, NDArray]
     transferred: dict[str, TransferResult] = field(default_factory=dict)
     subdivision: CommonSubdivision | None = None
+    dual: CircumcentricDual | None = None
     converged: bool = True
+
+    @property
+    def dual_arrays(self) -> AnnotatedMesh:
+        """The triangulation with the arrays of its circumcentric dual."""
+        if self.dual is None:
+            return AnnotatedMesh(self.mesh)
+        dual = self.dual
+        return AnnotatedMesh(
+            self.mesh,
+            vertex={"dual_area": dual.dual_area},
+            face={"circumcentre": dual.circumcentre, "circumradius": dual.circumradius},
+            edge={
+                "edges": self.mesh.topology.edges,
+                "edge_faces": dual.edge_faces,
+                "edge_length": dual.edge_length,
+                "dual_length": dual.dual_length,
+            },
+        )
 
 
 def intrinsic_delaunay(
@@ -91,6 +112,7 @@ def intrinsic_delaunay(
     max_points: int | None = None,
     subdivide: bool = False,
     transferred: dict[str, NDArray] | None = None,
+    dual: bool = False,
     condition: bool = False,
     seed: int = 0,
 ) -> DelaunayResult:
@@ -105,6 +127,8 @@ def intrinsic_delaunay(
         Also compute the common subdivision.
     transferred : dict of str to ndarray, optional
         Arrays on the input's vertices to transfer; implies the common subdivision.
+    dual : bool
+        Also compute the circumcentric dual.
     condition : bool
         Also measure the condition numbers of the Laplacians.
     seed : int
@@ -152,9 +176,14 @@ def intrinsic_delaunay(
             results["transfer"] = {name: {"l2_change": one.change} for name, one in transfers.items()}
             accuracy["transfer_integral_residual"] = max(one.integral_residual for one in transfers.values())
             vertex |= {name: one.values for name, one in transfers.items()}
+    cells = circumcentric_dual(flipped.mesh) if dual else None
+    if cells is not None:
+        results["dual"] = {"negative_edges": cells.negative_edges, "least_area": float(cells.dual_area.min())}
+        accuracy["dual_area_residual"] = cells.area_residual
+        accuracy["dual_length_residual"] = cells.length_residual
     converged = (refined is None or refined.converged) and flipped.remaining_edges == 0
     converged &= within_residuals(accuracy, RESIDUALS, "rounding on degenerate faces; repair the mesh")
-    return DelaunayResult(flipped.mesh, results, accuracy, vertex, transfers, cut, converged)
+    return DelaunayResult(flipped.mesh, results, accuracy, vertex, transfers, cut, cells, converged)
 
 
 def _metric(mesh: TriangleMesh, flipped: IntrinsicDelaunay) -> SurfaceMesh:

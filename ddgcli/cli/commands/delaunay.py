@@ -12,10 +12,11 @@ from ddgcli.cli.run import Run
 from ddgcli.errors import ParameterError
 
 if TYPE_CHECKING:
-    from ddgcli.algorithms.delaunay.common_subdivision import CommonSubdivision
+    from ddgcli.algorithms.delaunay.intrinsic_delaunay import DelaunayResult
     from ddgcli.mesh.triangle_mesh import TriangleMesh
 
 INTRINSIC_FORMATS = (".npz", ".vtkhdf")
+LINE_FORMATS = (".vtp", ".vtu", ".obj", ".vtk", ".xdmf")
 OVERLAY_FORMATS = (".npz", ".vtkhdf", ".ply", ".vtu", ".vtp", ".vtk", ".xdmf", ".obj", ".off", ".stl")
 
 
@@ -52,6 +53,12 @@ OVERLAY_FORMATS = (".npz", ".vtkhdf", ".ply", ".vtu", ".vtp", ".vtk", ".xdmf", "
     help="Transfer an array on the vertices of MESH to those of the triangulation: the values nearest in L2 "
     "(in -o; on --overlay its interpolant). May be repeated.",
 )
+@click.option(
+    "--dual",
+    metavar="PATH",
+    help="Write the circumcentric dual: arrays circumcentre, circumradius, dual_length, dual_area (.npz, "
+    ".vtkhdf), or its edges as lines on the surface (.vtp, .vtu, .vtk, .xdmf, .obj).",
+)
 @click.option("--condition", is_flag=True, help="Also measure the condition number of the Laplacian.")
 @options.subdivide
 @options.common
@@ -61,6 +68,7 @@ def command(
     max_points: int | None,
     overlay: str | None,
     transfer: tuple[str, ...],
+    dual: str | None,
     condition: bool,
     subdivide: int,
     common: CommonOptions,
@@ -75,6 +83,7 @@ def command(
       ddgcli delaunay scan.ply -o scan-idt.npz --overlay common.ply --plot edges.png
       ddgcli delaunay scan.ply --refine 25 --transfer temperature -o scan-idt.vtkhdf
       ddgcli delaunay part.stl --refine 25 -o part-idt.npz
+      ddgcli delaunay scan.ply --dual dual.npz
     """
     run = Run(
         "delaunay",
@@ -84,6 +93,7 @@ def command(
         max_points=max_points,
         overlay=overlay,
         transfer=list(transfer),
+        dual=dual,
         condition=condition,
         subdivide=subdivide,
     )
@@ -92,8 +102,11 @@ def command(
             "bounds the points of `refine`; add `refine`, or leave it out", parameter="max_points"
         )
     run.plan_output(overlay, OVERLAY_FORMATS)
+    run.plan_output(dual, INTRINSIC_FORMATS + LINE_FORMATS)
+    lines = dual is not None and not dual.lower().endswith(INTRINSIC_FORMATS)
     source = run.read(mesh_path, subdivide=subdivide)
 
+    from ddgcli.algorithms.delaunay.dual import dual_lines
     from ddgcli.algorithms.delaunay.intrinsic_delaunay import intrinsic_delaunay, overlay_mesh
     from ddgcli.mesh.fields import AnnotatedMesh
 
@@ -101,7 +114,8 @@ def command(
         source.surface,
         degrees=refine,
         max_points=max_points,
-        subdivide=bool(overlay or common.plot),
+        subdivide=bool(overlay or common.plot or lines),
+        dual=dual is not None,
         transferred={name: options.named_array(source.vertex, name, "vertex array") for name in transfer},
         condition=condition,
         seed=common.seed,
@@ -111,18 +125,25 @@ def command(
     if overlay and result.subdivision:
         subdivision = overlay_mesh(result.subdivision, result.transferred)
         run.write_file(overlay, subdivision, converged=result.converged)
-    run.plot(lambda path: draw(path, source.surface, result.subdivision, run.picture_options))
+    if dual is not None and result.dual is not None:
+        if lines and result.subdivision:
+            run.write_file(dual, AnnotatedMesh(dual_lines(result.dual, result.subdivision)))
+        else:
+            run.write_file(dual, result.dual_arrays, converged=result.converged)
+    run.plot(lambda path: draw(path, source.surface, result, run.picture_options))
     run.finish(result.results, result.accuracy, converged=result.converged)
 
 
-def draw(path: str, mesh: TriangleMesh, subdivision: CommonSubdivision | None, look: dict[str, Any]) -> None:
-    """Draw the edges of the input beside the intrinsic ones, as thin lines on the shaded surface."""
+def draw(path: str, mesh: TriangleMesh, result: DelaunayResult, look: dict[str, Any]) -> None:
+    """Draw the edges of the input beside the intrinsic ones, and the dual if there is one, as thin lines."""
+    from ddgcli.algorithms.delaunay.dual import dual_lines
     from ddgcli.plots.surface import draw_beside
 
-    curves = subdivision.curves() if subdivision else ()
-    draw_beside(
-        path,
-        [(mesh, {"curves": list(mesh.points[mesh.topology.edges]), "title": "input"}),
-         (mesh, {"curves": curves, "title": "intrinsic Delaunay"})],
-        curve_width=0.35, curve_halo=0.0, **look,
-    )  # fmt: skip
+    cut = result.subdivision
+    panels: list[tuple[TriangleMesh, dict[str, Any]]]
+    panels = [(mesh, {"curves": list(mesh.points[mesh.topology.edges]), "title": "input"}),
+              (mesh, {"curves": cut.curves() if cut else (), "title": "intrinsic Delaunay"})]  # fmt: skip
+    if result.dual is not None and cut is not None:
+        lines = dual_lines(result.dual, cut)
+        panels.append((mesh, {"curves": list(lines.points[lines.lines]), "title": "circumcentric dual"}))
+    draw_beside(path, panels, curve_width=0.35, curve_halo=0.0, **look)
