@@ -13,7 +13,9 @@ from typing import Any
 from ddgcli.batch.process import Limits, TaskRow, file_hash, run_task
 from ddgcli.batch.table import completed_rows, journal_line, journal_path
 from ddgcli.batch.tasks import Task
-from ddgcli.errors import MissingExtraError
+from ddgcli.errors import MissingExtraError, ParameterError, excerpt
+
+CONNECT_SECONDS = 10
 
 
 def run_batch(
@@ -92,7 +94,15 @@ def _on_cluster(
         from distributed import Client, as_completed
     except ImportError as error:
         raise MissingExtraError("a cluster needs Dask: pip install 'ddgcli[cluster]'") from error
-    with Client(address) as client:
+    try:
+        client = Client(address, timeout=CONNECT_SECONDS)
+    except (OSError, ValueError) as error:
+        raise ParameterError(
+            f"{address!r} cannot be reached ({excerpt(error)}); start a scheduler (dask scheduler) and "
+            "workers, and give its address, such as tcp://localhost:8786",
+            parameter="cluster",
+        ) from error
+    with client:
         futures = {client.submit(run_task, task, limits, tuple(collect), pure=False): task for task in tasks}
         for future in as_completed(futures):
             yield futures[future], future.result()

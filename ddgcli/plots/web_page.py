@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.plots.colour import robust_limits
+from ddgcli.plots.viewpoint import up_axis_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,15 +26,15 @@ class ViewedObject:
     name : str
     points : sequence of (n, 3) ndarray
         One entry, or one a frame.
-    cells : (m, 3) or (m, 2) ndarray of int64
-        Triangles or segments.
+    cells : sequence of (m, 3) or (m, 2) ndarray of int64
+        Triangles or segments: one entry, or one a frame.
     vertex, face : mapping of str to sequence of ndarray
         One array, or one a frame; vectors are shown by their length.
     """
 
     name: str
     points: Sequence[NDArray]
-    cells: NDArray[np.int64]
+    cells: Sequence[NDArray[np.int64]]
     vertex: Mapping[str, Sequence[NDArray]] = field(default_factory=dict)
     face: Mapping[str, Sequence[NDArray]] = field(default_factory=dict)
 
@@ -44,7 +45,7 @@ def page_bytes(
     times: Sequence[float] = (),
     *,
     show: str | None = None,
-    up: str = "z",
+    up: str | None = None,
 ) -> bytes:
     """The page, as UTF-8; equal content gives equal bytes.
 
@@ -54,27 +55,41 @@ def page_bytes(
         Of the frames, in seconds; empty where nothing moves.
     show : str, optional
         Array to begin with.
-    up : {'y', 'z'}
+    up : {'y', 'z'}, optional
+        Default: z with times, else from the shape.
     """
+    centre, size = _bounds([points for viewed in objects for points in viewed.points])
     data = {
-        "objects": [_object(viewed) for viewed in objects],
+        "objects": [_object(viewed, centre, size) for viewed in objects],
+        "centre": centre.tolist(),
+        "size": size,
         "times": [float(time) for time in times],
         "show": show,
-        "up": up,
+        "up": up or ("z" if times else up_axis_of(np.concatenate([viewed.points[0] for viewed in objects]))),
     }
     text = json.dumps(data, allow_nan=False, ensure_ascii=False).replace("<", "\\u003c")
     template = files("ddgcli.plots").joinpath("viewer.html").read_text("utf-8")
     return template.replace("@TITLE@", escape(title)).replace("@DATA@", text).encode()
 
 
-def _object(viewed: ViewedObject) -> dict[str, Any]:
+def _bounds(clouds: Sequence[NDArray]) -> tuple[NDArray, float]:
+    """Centre of the bounding box of all points, and half its longest side."""
+    filled = [points for points in clouds if len(points)] or [np.zeros((1, 3))]
+    low = np.min([points.min(axis=0) for points in filled], axis=0)
+    high = np.max([points.max(axis=0) for points in filled], axis=0)
+    return (low + high) / 2, float(np.max(high - low)) / 2 or 1.0
+
+
+def _object(viewed: ViewedObject, centre: NDArray, size: float) -> dict[str, Any]:
+    """What the page draws; positions are relative to the bounding box, in single precision."""
     arrays = [_array(name, "vertex", frames) for name, frames in viewed.vertex.items()]
     arrays += [_array(name, "face", frames) for name, frames in viewed.face.items()]
     return {
         "name": viewed.name,
-        "points": [_packed(points.ravel(), "f8") for points in viewed.points],
-        "faces": _packed(viewed.cells.ravel(), "u4"),
-        "corners": int(viewed.cells.shape[1]),
+        "points": [_packed((points - centre) / size, "f4") for points in viewed.points],
+        "faces": [_packed(cells, "u4") for cells in viewed.cells],
+        "cells": len(viewed.cells[0]),
+        "corners": int(viewed.cells[0].shape[1]),
         "arrays": arrays,
     }
 

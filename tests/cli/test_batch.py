@@ -215,6 +215,13 @@ def test_an_error_between_two_runs_ends_the_running_tasks(stub, inputs):
     assert time.perf_counter() - began < 30  # the task that hangs takes 60 s
 
 
+def test_a_cluster_without_an_address_is_refused_in_one_line(run, inputs):
+    pytest.importorskip("distributed")
+    result = run("batch", inputs / "a.ply", "--cluster", "nonsense", "--", "info")
+    assert result.exit_code == 2 and "--cluster: 'nonsense' cannot be reached" in result.stderr
+    assert len(result.stderr.splitlines()) == 1
+
+
 def test_a_cluster_without_its_package_is_an_error_with_the_install_line(stub, inputs, monkeypatch):
     monkeypatch.setitem(sys.modules, "distributed", None)
     with pytest.raises(MissingExtraError, match=r"pip install 'ddgcli\[cluster\]'"):
@@ -229,6 +236,7 @@ if kind == 7:
     time.sleep(600) if int(name[1:]) % 100 == 7 else bytearray(400 << 20) and time.sleep(600)
 print(json.dumps({"results": {"area": len(name)}}))
 """
+SCALE_PROGRAM = (sys.executable, "-S", "-c", SCALE)
 
 
 def table_without_times(path):
@@ -236,47 +244,25 @@ def table_without_times(path):
     return [{k: v for k, v in row.items() if k not in ("seconds", "peak_mib")} for row in rows]
 
 
-@pytest.mark.slow
-@pytest.mark.timeout(1200)
-def test_a_thousand_runs_of_which_twenty_hang_or_eat_memory_survive_twenty_kills(tmp_path):
-    """Killed at 20 random moments and resumed, in one piece and in four shards: the same table."""
-    import random
+@pytest.fixture
+def thousand(tmp_path):
+    """Batch of 1,000 runs of which 20 hang or eat memory.
 
+    `thousand(table, *words, seconds)` runs it and gives its exit code; it is killed after `seconds`.
+    """
     folder = tmp_path / "in"
     folder.mkdir()
     for k in range(1000):
         (folder / f"m{k:04d}.ply").write_text(str(k))
     code = (
-        "import sys\nfrom ddgcli.batch import process\n"
-        f"process.PROGRAM = (sys.executable, '-S', '-c', {SCALE!r})\n"
+        f"import sys\nfrom ddgcli.batch import process\nprocess.PROGRAM = {SCALE_PROGRAM!r}\n"
         "from ddgcli.cli.main import main\nmain()\n"
     )
+    limits = ("--jobs", "8", "--timeout", "15", "--memory", "200", "--collect", "results.area", "-q")
 
     def batch(table, *words, seconds=None):
-        call = [
-            sys.executable,
-            "-c",
-            code,
-            "batch",
-            str(folder / "*.ply"),
-            "--table",
-            str(table),
-            "--jobs",
-            "8",
-        ]
-        call += [
-            "--timeout",
-            "15",
-            "--memory",
-            "200",
-            "--collect",
-            "results.area",
-            "-q",
-            *words,
-            "--",
-            "info",
-        ]
-        running = subprocess.Popen(call, cwd=ROOT, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        words = ("batch", str(folder / "*.ply"), "--table", str(table), *limits, *words, "--", "info")
+        running = subprocess.Popen([sys.executable, "-c", code, *words], cwd=ROOT)
         try:
             return running.wait(timeout=seconds)
         except subprocess.TimeoutExpired:
@@ -284,21 +270,43 @@ def test_a_thousand_runs_of_which_twenty_hang_or_eat_memory_survive_twenty_kills
             running.wait()
             return None
 
+    return batch
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(2400)
+def test_a_thousand_runs_of_which_twenty_hang_or_eat_memory_survive_twenty_kills(thousand, tmp_path):
+    """Killed at 20 random moments and resumed, in one piece and in four shards: the same table."""
+    import random
+
     whole, broken = tmp_path / "whole.jsonl", tmp_path / "broken.jsonl"
-    assert batch(whole) == 1
+    assert thousand(whole) == 1
     rows = table_without_times(whole)
     statuses = [row["status"] for row in rows]
     assert statuses.count("done") == 980 and statuses.count("timeout") + statuses.count("memory") == 20
     moments = random.Random(0)
     for _ in range(20):
-        batch(broken, "--resume", seconds=moments.uniform(0.5, 6.0))
-    assert batch(broken, "--resume") == 1
+        thousand(broken, "--resume", seconds=moments.uniform(0.5, 6.0))
+    assert thousand(broken, "--resume") == 1
     assert table_without_times(broken) == rows
     shards = []
     for k in range(1, 5):
-        batch(tmp_path / f"shard{k}.jsonl", "--shard", f"{k}/4")
+        thousand(tmp_path / f"shard{k}.jsonl", "--shard", f"{k}/4")
         shards += table_without_times(tmp_path / f"shard{k}.jsonl")
     assert sorted(shards, key=lambda row: row["index"]) == rows
+    assert not list(tmp_path.glob("*.part"))
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(2400)
+def test_a_thousand_runs_on_a_dask_cluster_give_the_table_of_one_machine(thousand, tmp_path, monkeypatch):
+    distributed = pytest.importorskip("distributed")
+    monkeypatch.setattr(process, "PROGRAM", SCALE_PROGRAM)  # of the workers, threads of this process
+    workers = {"n_workers": 1, "threads_per_worker": 8, "processes": False, "dashboard_address": None}
+    with distributed.LocalCluster(**workers, protocol="tcp", host="127.0.0.1") as cluster:
+        assert thousand(tmp_path / "cluster.jsonl", "--cluster", cluster.scheduler_address) == 1
+    assert thousand(tmp_path / "here.jsonl") == 1
+    assert table_without_times(tmp_path / "cluster.jsonl") == table_without_times(tmp_path / "here.jsonl")
 
 
 def test_the_command_writes_outputs_and_a_table(run, tmp_path):

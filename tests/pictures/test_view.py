@@ -1,5 +1,6 @@
 """`ddgcli view`: one page without a network; in a browser it draws, probes and plays."""
 
+import base64
 import html
 import json
 import re
@@ -10,9 +11,11 @@ import numpy as np
 import pytest
 
 from ddgcli.io.mesh_file import write_mesh
+from ddgcli.io.trajectories.trajectory import Trajectory
 from ddgcli.mesh import shapes
 from ddgcli.mesh.curve import CurveSet
 from ddgcli.mesh.fields import AnnotatedMesh
+from tests.physics.test_willmore_flips import slanted_torus
 
 BROWSER = shutil.which("chromium") or shutil.which("google-chrome")
 ARGUMENTS = (
@@ -44,11 +47,16 @@ def evaluated(page, tmp_path, script):
     return json.loads(html.unescape(re.search(r'data-result="([^"]*)"', done.stdout)[1]))
 
 
-PIXELS = """(() => { const g = viewer.gl, w = g.drawingBufferWidth, h = g.drawingBufferHeight;
-  const p = new Uint8Array(4 * w * h); g.readPixels(0, 0, w, h, g.RGBA, g.UNSIGNED_BYTE, p);
-  let n = 0, red = 0;
-  for (let i = 0; i < p.length; i += 4) { if (p[i] + p[i + 1] + p[i + 2] < 740) { n++; red += p[i]; } }
-  return [n / (w * h), red / Math.max(n, 1)]; })()"""
+# share of the page that is drawn, its mean red, and how much of it is grey
+PIXELS = """(() => { viewer.draw();
+  const g = viewer.gl, w = g.drawingBufferWidth, h = g.drawingBufferHeight, p = new Uint8Array(4 * w * h);
+  g.readPixels(0, 0, w, h, g.RGBA, g.UNSIGNED_BYTE, p);
+  let n = 0, red = 0, grey = 0;
+  for (let i = 0; i < p.length; i += 4) {
+    if (p[i] + p[i + 1] + p[i + 2] >= 740) { continue; }
+    n++; red += p[i]; grey += p[i] === p[i + 1] && p[i] === p[i + 2];
+  }
+  return [n / (w * h), red / Math.max(n, 1), grey / Math.max(n, 1)]; })()"""
 
 
 def test_the_page_is_whole_small_and_the_same_each_time(summary, sphere, tmp_path):
@@ -81,6 +89,55 @@ def test_the_browser_draws_and_reads_the_values_of_the_file(summary, sphere, tmp
     assert seen["face"]["value"] == seen["face"]["face"]
 
 
+def test_a_click_gives_the_face_under_it_also_where_edges_are_smoothed(summary, tmp_path):
+    mesh = shapes.icosphere(4)
+    write_mesh(str(tmp_path / "fine.ply"), AnnotatedMesh(mesh))
+    summary("view", tmp_path / "fine.ply", "-o", tmp_path / "page.html")
+    script = """[...Array(40).keys()].map((i) => {
+      const x = 450 + (i % 8 - 4) * 17, y = 350 + (i / 8 - 2) * 27;
+      const { clientWidth: w, clientHeight: h } = viewer.gl.canvas, hit = viewer.probe(x, y);
+      return [hit.face, [2 * x / w - 1, 1 - 2 * y / h]]; })"""
+    hits = evaluated(tmp_path / "page.html", tmp_path, f"[{script}, [...Array({mesh.n_vertices}).keys()].map("
+                     "(v) => viewer.place(viewer.data.objects[0], v))]")  # fmt: skip
+    place, pixel = np.array(hits[1]), 2 / 500
+    corner = place[mesh.faces[[face for face, _ in hits[0]]]]
+    target = np.array([point for _, point in hits[0]])
+    for j in range(3):  # on the inner side of each edge, but for a pixel
+        a, b = corner[:, j], corner[:, (j + 1) % 3]
+        cross = (b - a)[:, 0] * (target - a)[:, 1] - (b - a)[:, 1] * (target - a)[:, 0]
+        assert (cross > -pixel * np.linalg.norm(b - a, axis=1)).all()
+
+
+def test_values_that_are_not_finite_and_the_up_axis_of_the_shape(summary, tmp_path):
+    mesh = shapes.grid(8, 8)
+    for name, points in (("z.vtu", mesh.points), ("y.vtu", mesh.points[:, [0, 2, 1]])):
+        values = np.where(mesh.points[:, 0] > 0.5, np.inf, mesh.points[:, 0])
+        write_mesh(str(tmp_path / name), AnnotatedMesh(mesh.moved(points), {"x": values}))
+        summary("view", tmp_path / name, "-o", tmp_path / (name + ".html"))
+        assert f'"up": "{name[0]}"' in (tmp_path / (name + ".html")).read_text("utf-8")
+    shown = evaluated(tmp_path / "z.vtu.html", tmp_path, PIXELS)
+    assert shown[2] == pytest.approx(0.5, abs=0.15)  # the half without values is grey
+
+
+def test_each_frame_has_its_own_faces(run, summary, tmp_path):
+    path, out, page = tmp_path / "ring.ply", tmp_path / "run.vtkhdf", tmp_path / "page.html"
+    write_mesh(str(path), AnnotatedMesh(slanted_torus()))
+    assert run("willmore-flow", path, "--steps", 2, "-o", out).exit_code in (0, 1)
+    assert summary("view", out, "-o", page)["results"]["frames"] == 3
+    with Trajectory(str(out)) as trajectory:
+        meshes = [trajectory.mesh_at(k) for k in range(3)]
+    assert (meshes[0].faces != meshes[2].faces).any()
+    script = "(() => { const hit = viewer.probe(450, 350); return [hit.face, hit.vertex]; })()"
+    hits = evaluated(page, tmp_path, f"[0, 1, 2].map((k) => (viewer.setFrame(k), {script}))")
+    for mesh, (face, vertex) in zip(meshes, hits):
+        assert vertex in mesh.faces[face]
+    object_faces = json.loads(page.read_text("utf-8").split('json">')[1].split("</script>")[0])["objects"][0][
+        "faces"
+    ]
+    decoded = [np.frombuffer(base64.b64decode(part["base64"]), "<u4").reshape(-1, 3) for part in object_faces]
+    assert all((faces == mesh.faces).all() for faces, mesh in zip(decoded, meshes))
+
+
 def test_range_map_isolines_and_visibility_change_the_picture(summary, sphere, tmp_path):
     path, _ = sphere
     page = tmp_path / "page.html"
@@ -93,7 +150,7 @@ def test_range_map_isolines_and_visibility_change_the_picture(summary, sphere, t
         x.dispatchEvent(new Event(e)); }};
       {pushes} return out; }})()"""
     seen = evaluated(page, tmp_path, script)
-    assert len({red for _, red in seen}) == 5 and seen[-1][0] == 0
+    assert len({red for _, red, _ in seen}) == 5 and seen[-1][0] == 0
 
 
 def test_curves_and_trajectories_are_shown(run, summary, sphere, tmp_path):
@@ -119,7 +176,7 @@ def test_curves_and_trajectories_are_shown(run, summary, sphere, tmp_path):
     tubes = evaluated(
         page, tmp_path, f"[(viewer.data.objects[0].visible = false, viewer.choose(''), {PIXELS})]"
     )
-    share, red = tubes[0]
+    share, red, _ = tubes[0]
     assert 0.002 < share < 0.1 and red > 80  # the ring alone: a thick line in its own colour
 
 
@@ -135,8 +192,8 @@ def test_two_surfaces_are_shown_one_after_the_other(summary, tmp_path):
 
 
 @pytest.mark.slow
-def test_three_hundred_thousand_faces_are_drawn_in_ten_seconds_of_two_processors(summary, tmp_path):
-    """Processor time of the browser with its start; 5 s by the clock where two processors are free."""
+def test_three_hundred_thousand_faces_are_drawn_in_five_seconds_of_processor_time(summary, tmp_path):
+    """Processor time of the browser with its start: less than 5 s by the clock where a processor is free."""
     resource = pytest.importorskip("resource")
     mesh = shapes.grid(388, 388)
     write_mesh(str(tmp_path / "big.vtu"), AnnotatedMesh(mesh, {"x": mesh.points[:, 0]}))
@@ -146,7 +203,7 @@ def test_three_hundred_thousand_faces_are_drawn_in_ten_seconds_of_two_processors
     ended = resource.getrusage(resource.RUSAGE_CHILDREN)
     seconds = ended.ru_utime + ended.ru_stime - began.ru_utime - began.ru_stime
     assert share > 0.05 and 0 < value < 1
-    assert seconds < 10
+    assert seconds < 5
 
 
 @pytest.mark.parametrize(

@@ -32,9 +32,11 @@ MAX_PAGE_MIB = 400  # a browser reads the page as one string
     help="Show every N-th frame of a trajectory.",
 )
 @click.option("--array", metavar="NAME", help="Array to begin with.")
-@click.option("--up", type=click.Choice(UP_AXES), default="z", show_default=True, help="Axis that points up.")
+@click.option("--up", type=click.Choice(UP_AXES), help="Axis that points up (default: from the shape).")
 @options.common
-def command(paths: tuple[str, ...], common: CommonOptions, every: int, array: str | None, up: str) -> None:
+def command(
+    paths: tuple[str, ...], common: CommonOptions, every: int, array: str | None, up: str | None
+) -> None:
     """Write one self-contained page that shows RESULTs: surfaces, curves, the trajectory of a simulation.
 
     The page needs a browser with WebGL2 and no network. Drag to rotate, shift-drag to move, wheel to zoom;
@@ -83,11 +85,11 @@ def _static(run: Run, path: str) -> ViewedObject:
 
     name = Path(path).name
     if isinstance(source.mesh, CurveSet):
-        return ViewedObject(name, [source.mesh.points], source.mesh.lines)
+        return ViewedObject(name, [source.mesh.points], [source.mesh.lines])
     faces = source.face if source.kind == "surface" else {}
     vertex = {key: [values] for key, values in source.vertex.items() if _drawable(values)}
     face = {key: [values] for key, values in faces.items() if _drawable(values)}
-    return ViewedObject(name, [source.surface.points], source.surface.faces, vertex, face)
+    return ViewedObject(name, [source.surface.points], [source.surface.faces], vertex, face)
 
 
 def _drawable(values: Any) -> bool:
@@ -121,12 +123,14 @@ def _trajectory(run: Run, path: str, every: int) -> tuple[list[ViewedObject], li
         }
         mesh = trajectory.mesh
         if isinstance(mesh, CurveSet):
-            cells = mesh.lines
+            cells = [mesh.lines]
+        elif trajectory.changing_faces:
+            cells = [frame.faces for frame in frames if frame.faces is not None]
         else:
-            cells = mesh.boundary.faces if isinstance(mesh, TetMesh) else mesh.faces
+            cells = [mesh.boundary.faces if isinstance(mesh, TetMesh) else mesh.faces]
         viewed = ViewedObject(Path(path).name, points, cells, vertex)
         obstacles = [
-            ViewedObject(name, _obstacle_points(trajectory, name, numbers), body.faces)
+            ViewedObject(name, _obstacle_points(trajectory, name, numbers), [body.faces])
             for name, body in trajectory.obstacles().items()
         ]
         return [viewed, *obstacles], [frame.time for frame in frames]
