@@ -12,6 +12,8 @@ from scipy.sparse import csc_array
 
 from ddgcli.mechanics.terms import Potential
 
+MIN_CUT, MAX_CUT = 0.1, 0.5  # of a fraction of a move, what the next one may be
+
 
 @dataclass(frozen=True, eq=False)
 class Increment:
@@ -45,6 +47,17 @@ class Point:
     y: NDArray
     value: float
     scale: float
+
+
+def shorter_fraction(t: float, change: float, downhill: float) -> float:
+    """The next fraction of a move to try after t, which changed the value by `change`.
+
+    Where the parabola with the slope `downhill` at 0 and that change at t is least, between a tenth and a
+    half of t (J. Nocedal and S. Wright, "Numerical optimization", 2006, section 3.5).
+    """
+    above = change - t * downhill  # of the value over the tangent
+    least = -0.5 * downhill * t * t / above if np.isfinite(above) and above > 0 else 0.5 * t
+    return min(max(least, MIN_CUT * t), MAX_CUT * t)
 
 
 def with_changing(matrix: csc_array, free: NDArray[np.bool_], hessians: Sequence[Any]) -> csc_array:

@@ -15,7 +15,7 @@ from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.simulation.model import StepRejected
 
 if TYPE_CHECKING:
-    from ddgcli.mechanics.newton import Increment
+    from ddgcli.mechanics.increment import Increment, Point
 
 Step = Callable[[System, Motion, float, Any], Motion]
 
@@ -110,7 +110,7 @@ def _obstacle_work(system: System, before: Motion, after: Motion, dt: float) -> 
     return obstacle_work(system, before, replace(after, time=before.time + dt), dt)
 
 
-def _swinging(system: System, increment: Increment, motion: Motion) -> NDArray:
+def _swinging(system: System, increment: Increment, motion: Motion) -> Point:
     """First guess of the schemes that do not damp.
 
     Motions slower than the step keep their acceleration, those faster change its sign from step to step; the

@@ -20,7 +20,7 @@ from ddgcli.linalg.conjugate import NewtonStep, truncated_conjugate_gradients
 from ddgcli.linalg.factor import Factor
 from ddgcli.mechanics import low_rank
 from ddgcli.mechanics.assembly import Assembly
-from ddgcli.mechanics.increment import Increment, Point, with_changing
+from ddgcli.mechanics.increment import Increment, Point, shorter_fraction, with_changing
 from ddgcli.mechanics.rounding import sum_rounding
 from ddgcli.mechanics.system import System
 from ddgcli.mechanics.terms import Mode, is_dead
@@ -115,7 +115,7 @@ class Newton:
 
     # ------------------------------------------------------------ the iteration
 
-    def start(self, increment: Increment, x: NDArray, guesses: tuple[NDArray, ...], since: float) -> NDArray:
+    def start(self, increment: Increment, x: NDArray, guesses: tuple[NDArray, ...], since: float) -> Point:
         """The guess of least value among those that no barrier keeps from `x`; else `x`.
 
         Vertices near obstacles have moved with these from their place at the time `since`, and prescribed
@@ -128,7 +128,7 @@ class Newton:
             move = self.system.only_free(guess - x)
             if self._reach(x, move) == 1.0:
                 points.append(self.at(increment, x + move))
-        return min(points, key=lambda point: point.value).y if points else x
+        return min(points, key=lambda point: point.value) if points else self.at(increment, x)
 
     def carried(self, x: NDArray, since: float) -> NDArray:
         """Positions x of the time `since`, with vertices near moving obstacles carried along by them."""
@@ -157,7 +157,7 @@ class Newton:
             raise StepRejected("barrier crossed", worst(moved - x))
         return moved
 
-    def minimise(self, increment: Increment, guess: NDArray) -> tuple[NDArray, int]:
+    def minimise(self, increment: Increment, guess: Point) -> tuple[NDArray, int]:
         """The minimiser near `guess`, which must be inside every barrier; and the iterations.
 
         Raises
@@ -167,10 +167,10 @@ class Newton:
         """
         system = self.system
         if system.linear and not increment.frozen:
-            return self._linear(increment, guess), 1
+            return self._linear(increment, guess.y), 1
         self._fresh = False
         enough = MOVE_TOLERANCE * system.size
-        point, before, cut, near = self.at(increment, guess), np.inf, 0, 0
+        point, before, cut, near = guess, np.inf, 0, 0
         for iteration in range(1, MAX_NEWTON_ITERATIONS + 1):
             g = self.slope(increment, point.y)
             if not np.isfinite(point.value) or not np.isfinite(g).all():
@@ -340,14 +340,17 @@ class Newton:
     def search(
         self, increment: Increment, point: Point, move: NDArray, downhill: float
     ) -> tuple[float, Point]:
-        """Backtracking from the whole step, or from the barrier: the fraction taken and where it ends."""
+        """Backtracking from the whole step, or from the barrier: the fraction taken and where it ends.
+
+        Each fraction is the least point of the parabola through what is known, within bounds.
+        """
         t = self._reach(point.y, move)
         while t > MIN_STEP_FRACTION:
             trial = self.at(increment, point.y + t * move)
             slack = sum_rounding(max(point.scale, trial.scale), len(move))
             if trial.value <= point.value + ARMIJO_FRACTION * t * downhill + slack:
                 return t, trial
-            t *= 0.5
+            t = shorter_fraction(t, trial.value - point.value, downhill)
         return 0.0, point
 
     def _further(self, increment: Increment, point: Point, move: NDArray) -> Point:

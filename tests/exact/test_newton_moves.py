@@ -10,9 +10,10 @@ from ddgcli.linalg.backends import NotPositiveDefinite
 from ddgcli.linalg.conjugate import truncated_conjugate_gradients
 from ddgcli.linalg.factor import Factor
 from ddgcli.mechanics.assembly import Assembly
+from ddgcli.mechanics.increment import shorter_fraction
 from ddgcli.mechanics.newton import Newton
 from ddgcli.mesh.triangle_mesh import TriangleMesh
-from tests.simulate import scalar, shell_run
+from tests.simulate import FALLING_CLOTH, scalar, shell_run
 
 
 def spd(n, seed=0, least=1.0):
@@ -177,3 +178,31 @@ gravity = {{}}
     fallen = -9.81 * 0.04 * contexts["s"].mass.sum()
     momentum = np.array(scalar(run, "momentum"))[-1]
     assert np.abs(momentum - [0, 0, fallen]).max() <= 1e-7 * abs(fallen)
+
+
+def test_shorter_fraction_is_the_least_point_of_a_parabola_within_bounds():
+    for least in (0.15, 0.3, 0.45):
+        slope = -2.0
+        assert np.isclose(shorter_fraction(1.0, slope - 0.5 * slope / least, slope), least)
+        assert np.isclose(shorter_fraction(0.2, 0.2 * slope * (1 - 0.5 / least), slope), 0.2 * least)
+    assert shorter_fraction(1.0, np.inf, -1.0) == shorter_fraction(1.0, np.nan, -1.0) == 0.5
+    assert np.isclose(shorter_fraction(0.5, 1e9, -1.0), 0.05)  # a barrier: no less than a tenth
+
+
+def test_a_cloth_that_strikes_a_ball_needs_under_two_values_a_newton_iteration(monkeypatch):
+    """Friction sticks and slips and the barrier is steep, so whole moves climb there again and again."""
+    values, value = [], Newton.at
+
+    def counted(self, *arguments):
+        values.append(1)
+        return value(self, *arguments)
+
+    monkeypatch.setattr(Newton, "at", counted)
+    snapshots, _, _ = shell_run(
+        FALLING_CLOTH.format(integrator="implicit-euler")
+        .replace("[5, 5]", "[10, 10]")
+        .replace("rubber", "cotton")
+        .replace("position = [0, 0, 0.02]", "position = [-0.5, -0.5, 0.31]")
+        .replace("plane = { point = [0, 0, 0], normal = [0, 0, 1] }", "sphere = { radius = 0.3 }")
+    )
+    assert len(values) < 1.8 * scalar(snapshots, "newton_iterations", "cloth")[-1]
