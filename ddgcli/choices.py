@@ -21,6 +21,7 @@ FIELD_BOUNDARIES = ("tangential", "normal")  # boundary condition of harmonic fi
 
 DISTANCE_METHODS = ("exact", "heat", "fast-marching", "dijkstra")
 HEAT_OPERATORS = ("intrinsic-delaunay", "plain", "tufted")  # triangulation of the heat method
+DEFAULT_HEAT_TIME = 1.0  # time step of the heat method, in squares of the mean side length
 SIGNED_DISTANCE_METHODS = ("auto", "exact", "heat")
 TRACE_BOUNDARIES = ("stop", "reflect")  # what a traced line does at the boundary
 

@@ -17,7 +17,9 @@ from typing import Any
 import click
 
 from ddgcli import __version__
+from ddgcli.cli.clock import ImportClock
 from ddgcli.cli.help_pages import with_help_pages
+from ddgcli.cli.imports import with_deferred_imports
 from ddgcli.cli.multi_value import repeat_options
 from ddgcli.cli.parameters import option_names
 from ddgcli.cli.threads import set_thread_variables
@@ -70,7 +72,8 @@ class CommandGroup(click.Group):
         if name not in COMMANDS:
             return None
         module, _ = COMMANDS[name]
-        return with_help_pages(importlib.import_module(f"ddgcli.cli.commands.{module}").command)
+        command = importlib.import_module(f"ddgcli.cli.commands.{module}").command
+        return with_help_pages(with_deferred_imports(command))
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         with formatter.section("Commands"):
@@ -101,7 +104,8 @@ class CommandGroup(click.Group):
 
     def invoke(self, ctx: click.Context) -> Any:
         try:
-            with _signals_as_exceptions():
+            with _signals_as_exceptions(), ImportClock() as clock:
+                ctx.meta["ddgcli.imports"] = clock
                 return super().invoke(ctx)
         except DdgError as error:
             raise CommandError(_error_line(error, ctx), error.exit_code) from error

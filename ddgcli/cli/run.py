@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from ddgcli import __version__
+from ddgcli.cli.clock import RunClock
 from ddgcli.cli.input_facts import input_facts
 from ddgcli.cli.messages import MessageHandler
 from ddgcli.cli.options import CommonOptions, named_array, page_size
@@ -62,12 +63,12 @@ class Run:
         **options: Any,
     ) -> None:
         self._context = click.get_current_context()
-        self._began = self._context.meta.pop("ddgcli.began", time.perf_counter())
+        meta = self._context.meta
+        self.clock = RunClock(meta.pop("ddgcli.began", time.perf_counter()), meta["ddgcli.imports"])
         self.command, self.common = command, common
         picture = {name: getattr(common, name) for name in ("colors", "view", "show", "size")}
         options |= {name: value for name, value in picture.items() if value is not None}
         self.options = {name: plain(value) for name, value in options.items()}
-        self.seconds = {"read": 0.0, "write": 0.0}
         self.input: dict[str, Any] = {}
         self.outputs: list[str] = []
         self._inputs: dict[str, str] = {}  # path -> SHA-256
@@ -161,26 +162,11 @@ class Run:
 
             check_place(path, inputs=(*self._inputs, *self._further_inputs))
 
-    @property
-    def began(self) -> float:
-        """Start of the run by `time.perf_counter`."""
-        return self._began
-
-    @contextmanager
-    def timed(self, part: str) -> Iterator[None]:
-        """Book the time inside as "read" or "write"; all other time counts as "compute"."""
-        began = time.perf_counter()
-        try:
-            yield
-        finally:
-            if part != "compute":
-                self.seconds[part] += time.perf_counter() - began
-
     def progress(self, label: str) -> Callable[..., None]:
         """Callback `progress(done, total)` of long work, drawn as a progress bar on standard error."""
         self._progress.clear()
         terminal = False if self.common.quiet else None
-        self._progress = Progress(label, terminal, self.common.progress, since=self._began)
+        self._progress = Progress(label, terminal, self.common.progress, since=self.clock.began)
         return self._progress
 
     def read(
@@ -203,7 +189,7 @@ class Run:
         flat_faces : bool
             Whether the command may treat an intrinsic triangulation as flat faces between its points.
         """
-        with self.timed("read"):
+        with self.clock.timed("read"):
             from ddgcli.io.mesh_file import check_place, read_mesh
             from ddgcli.mesh.require import kind_error
 
@@ -283,7 +269,7 @@ class Run:
         Texture coordinates and colours of the input are added where the faces are the input's; the array of
         --colors is drawn in colours, over `colour_range` = (low, high, signed) or its own range.
         """
-        with self.timed("write"):
+        with self.clock.timed("write"):
             from ddgcli.cli.appearance import with_baked_colours, with_input_appearance
             from ddgcli.io.mesh_file import write_mesh
 
@@ -305,7 +291,7 @@ class Run:
 
         `in_place`: the file may be the input itself.
         """
-        with self.timed("write"):
+        with self.clock.timed("write"):
             from ddgcli.io.mesh_file import write_atomically
 
             if not in_place:
@@ -325,7 +311,7 @@ class Run:
 
         `progress` False: the caller draws the progress bar.
         """
-        with self.timed("write"):
+        with self.clock.timed("write"):
             from ddgcli.io.mesh_file import atomic_output
 
             self._protect_inputs(path)
@@ -367,9 +353,7 @@ class Run:
             shown = ", ".join(missing[:5]) + (", ..." if len(missing) > 5 else "")
             log.warning(f"could not be computed and is null: {shown}")
         self._messages.print_warnings()
-        total = time.perf_counter() - self._began
-        read, write = self.seconds["read"], self.seconds["write"]
-        body["seconds"] = {"read": read, "compute": total - read - write, "write": write, "total": total}
+        body["seconds"] = self.clock.seconds()
         body |= {"warnings": list(self._messages.warnings), "outputs": list(self.outputs)}
         if self.common.as_json or not self.common.quiet:
             to_error = "-" in self.outputs

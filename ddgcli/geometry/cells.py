@@ -10,11 +10,12 @@ from numpy.typing import NDArray
 
 from ddgcli.errors import MeshError
 from ddgcli.geometry.intrinsic import corner_cotan, face_area
-from ddgcli.mesh.cures import cure
+from ddgcli.mesh.require import refuse_flat_faces
 
 # local edges of the cells: a triangle's sides in order, a tetrahedron's pairs in order
 TRIANGLE_EDGES = np.array([[0, 1], [1, 2], [2, 0]])
 TET_EDGES = np.array([[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]])
+FLAT_VOLUME_TOLERANCE = 1e-14  # of the longest edge cubed
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,7 +59,7 @@ def triangle_metric(side_length: NDArray) -> CellMetric:
         When a face has no area: its gradients are infinite.
     """
     area = face_area(side_length)
-    _refuse_flat(area, "face")
+    refuse_flat_faces(np.flatnonzero(~(area > 0)), manifold=True)
     squared = np.zeros((len(area), 3, 3))
     product = np.zeros_like(squared)
     cotan = corner_cotan(side_length)
@@ -85,20 +86,14 @@ def tetrahedron_metric(edge_length: NDArray) -> CellMetric:
     scale = np.maximum(edge_length.max(axis=1), np.finfo(float).tiny)
     determinant = np.linalg.det(gram / scale[:, None, None] ** 2)
     volume = np.sqrt(np.maximum(determinant, 0.0)) / 6.0
-    _refuse_flat(np.where(volume > 1e-14, volume, 0.0), "tetrahedron")
+    flat = np.flatnonzero(~(volume > FLAT_VOLUME_TOLERANCE))
+    if len(flat):
+        raise MeshError(
+            f"{len(flat)} tetrahedra have no volume (first: tetrahedron {flat[0]}); correct their vertices"
+        )
     inverse = np.linalg.inv(gram)
     product = np.zeros_like(squared)
     product[:, 1:, 1:] = inverse
     product[:, 0, 1:] = product[:, 1:, 0] = -inverse.sum(axis=1)
     product[:, 0, 0] = inverse.sum(axis=(1, 2))
     return CellMetric(volume * scale**3, squared, product)
-
-
-def _refuse_flat(measure: NDArray, name: str) -> None:
-    flat = np.flatnonzero(~(measure > 0))
-    if len(flat):
-        kind = "area" if name == "face" else "volume"
-        raise MeshError(
-            f"{len(flat)} {name}s have no {kind} (first: {name} {flat[0]}): Hodge stars are infinite there; "
-            + (cure("no area", manifold=True) if name == "face" else "correct their vertices")
-        )

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from ddgcli.algorithms.geodesics import distance as distances
 from ddgcli.algorithms.geodesics.edge_sets import edge_set
 from ddgcli.algorithms.geodesics.sources import Sources, check_sources
+from ddgcli.choices import DEFAULT_HEAT_TIME
 from ddgcli.errors import ParameterError
 from ddgcli.geometry.surface_points import nearest_points
 from ddgcli.library.mesh_arguments import MeshLike, accepts_arrays, mesh_of_kind
@@ -100,7 +101,7 @@ class DistanceSolver:
 
 
 def HeatSolver(
-    mesh: MeshLike, *, heat_time: float = 1.0, heat_refine: int = 0, operator: str | None = None
+    mesh: MeshLike, *, heat_time: float = DEFAULT_HEAT_TIME, heat_refine: int = 0, operator: str | None = None
 ) -> DistanceSolver:
     """Solver of geodesic distance by the heat method, factored once for any number of sources.
 

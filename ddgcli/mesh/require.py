@@ -6,11 +6,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ddgcli.errors import MeshError
 from ddgcli.mesh.cures import cure, with_repair
 from ddgcli.mesh.curve import CurveSet
 from ddgcli.mesh.tet_mesh import TetMesh
+from ddgcli.mesh.topology import Topology
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 
 FLAT_AREA_TOLERANCE = 1e-12  # of the longest side squared
@@ -212,11 +214,23 @@ def _require_area(mesh: TriangleMesh) -> None:
 def _require_every_area(mesh: TriangleMesh, *, manifold: bool = False, oriented: bool = False) -> None:
     side = mesh.side_vector / np.maximum(mesh.side_length.max(axis=1), 1e-300)[:, None, None]
     flat = np.flatnonzero(~(np.linalg.norm(np.cross(side[:, 0], side[:, 1]), axis=1) > FLAT_AREA_TOLERANCE))
-    if len(flat):
-        raise MeshError(
-            f"{len(flat)} faces have no area (first: face {flat[0]}); "
-            f"{cure('no area', mesh.topology, manifold=manifold, oriented=oriented)}"
-        )
+    refuse_flat_faces(flat, mesh.topology, manifold=manifold, oriented=oriented)
+
+
+def refuse_flat_faces(
+    flat: NDArray, topology: Topology | None = None, *, manifold: bool = False, oriented: bool = False
+) -> None:
+    """MeshError with the count and the first of the faces `flat`, if there are any, and the repair.
+
+    `manifold` and `oriented`: what the caller requires of a mesh beside, for the repair.
+    """
+    if len(flat) == 0:
+        return
+    corners = "" if topology is None else f", vertices {', '.join(str(v) for v in topology.faces[flat[0]])}"
+    raise MeshError(
+        f"{len(flat)} faces have no area (first: face {flat[0]}{corners}); "
+        f"{cure('no area', topology, manifold=manifold, oriented=oriented)}"
+    )
 
 
 def _require_volume(mesh: TetMesh) -> None:

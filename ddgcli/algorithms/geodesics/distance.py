@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from ddgcli.algorithms.geodesics.edge_distance import downhill_source
 from ddgcli.algorithms.geodesics.sources import Sources, VertexDistances, check_sources
-from ddgcli.choices import DISTANCE_METHODS, HEAT_OPERATORS
+from ddgcli.choices import DEFAULT_HEAT_TIME, DISTANCE_METHODS, HEAT_OPERATORS
 from ddgcli.errors import MeshError, ParameterError
 from ddgcli.geometry.surface_points import SurfacePoints
 from ddgcli.linalg.residual_gate import within_residuals
@@ -52,7 +52,7 @@ class DistanceOptions:
 
     tolerance: float = 0.0
     operator: str | None = None
-    heat_time: float = 1.0
+    heat_time: float = DEFAULT_HEAT_TIME
     heat_refine: int = 0
     directions: bool = False
 

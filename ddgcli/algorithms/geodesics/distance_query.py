@@ -13,6 +13,7 @@ from ddgcli.algorithms.geodesics.edge_sets import EdgeSet, boundary_set
 from ddgcli.algorithms.geodesics.query import DistanceQuery
 from ddgcli.algorithms.geodesics.sources import Sources, check_sources
 from ddgcli.algorithms.geodesics.surface_curves import Curves
+from ddgcli.choices import DEFAULT_HEAT_TIME
 from ddgcli.geometry.surface_points import SurfacePoints, nearest_points
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.progress import StageProgress, no_stage_progress
@@ -63,7 +64,7 @@ def query_options(
     return solvers.DistanceOptions(
         tolerance=query.tolerance or 0.0,
         operator=query.operator,
-        heat_time=query.heat_time or 1.0,
+        heat_time=query.heat_time or DEFAULT_HEAT_TIME,
         heat_refine=query.heat_refine or 0,
         directions=directions and mesh.topology.is_oriented,
     )

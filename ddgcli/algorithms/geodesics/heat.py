@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from scipy.sparse import csc_array, csr_array, diags_array
 
 from ddgcli.algorithms.geodesics.sources import Sources, check_sources, corner_distance, face_frame
+from ddgcli.choices import DEFAULT_HEAT_TIME
 from ddgcli.errors import ParameterError
 from ddgcli.linalg.constrain import Dirichlet, Poisson
 from ddgcli.linalg.factor import Factor
@@ -86,7 +87,7 @@ class HeatSolver:
         mesh: SurfaceMesh,
         *,
         time: float | None = None,
-        time_factor: float = 1.0,
+        time_factor: float = DEFAULT_HEAT_TIME,
         refine: int = 0,
         source_mesh: SurfaceMesh | None = None,
     ) -> None:

@@ -150,7 +150,7 @@ def compare_files(
     meshes = []
     for path in paths or ():
         run.add_input(path)
-        with run.timed("read"):
+        with run.clock.timed("read"):
             source = read_mesh(path)
         meshes.append(AnnotatedMesh(source.mesh, source.vertex, source.face, source.edge))
     expected, actual = meshes

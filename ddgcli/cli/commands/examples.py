@@ -30,7 +30,7 @@ def command(folder: str, common: CommonOptions) -> None:
     run = Run("examples", common, formats=())
     run.input = {"path": folder}
     copied: dict[str, int] = {}
-    with run.timed("write"):
+    with run.clock.timed("write"):
         for name in FOLDERS:
             copied[name] = _copy(samples(name), Path(folder) / name)
     run.finish({"copied": copied}, {})

@@ -69,7 +69,7 @@ def command(path: str, common: CommonOptions, **settings: Any) -> None:
         raise ParameterError("--show and --array are the same option; give one")
     settings |= {"view": common.view, "size": common.size, "array": settings["array"] or common.show}
     _check_picture_options(common, settings)
-    with run.timed("read"):
+    with run.clock.timed("read"):
         run_file = Trajectory(path)
     with run_file as source:
         run.set_input(path, str(source.attributes.get("input_sha256", "")), **input_facts(source.mesh))
@@ -222,7 +222,7 @@ def _pictures(run: Run, source: Trajectory, output: str, chosen: list[int], sett
     """Draw the frame of --at, or every frame as name_0000.png, name_0001.png, ..."""
     from ddgcli.plots.motion import draw_frame
 
-    with run.timed("write"):
+    with run.clock.timed("write"):
         style = _style(source, chosen, settings)
     target, progress = Path(output), run.progress("frames")
     for k, frame in enumerate(_plot_frames(source, chosen, settings)):

@@ -66,7 +66,7 @@ def command(
         run.add_input(name)
     read = run.read(mesh_path, subdivide=subdivide)
     mesh = read.surface
-    with run.timed("compute"):
+    with run.clock.timed("compute"):
         from ddgcli.algorithms.tangent_fields.geodesic_query import geodesic_query
         from ddgcli.io.arrays import input_array
         from ddgcli.mesh.fields import AnnotatedMesh

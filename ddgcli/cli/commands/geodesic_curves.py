@@ -108,7 +108,7 @@ def write_curves(
     from ddgcli.algorithms.geodesics.paths import curve_set
     from ddgcli.mesh.fields import AnnotatedMesh
 
-    with run.timed("write"):
+    with run.clock.timed("write"):
         annotated = AnnotatedMesh(curve_set(mesh, curves.paths, **curves.arrays))
     for path in paths_output:
         run.write_file(path, annotated, converged=converged)

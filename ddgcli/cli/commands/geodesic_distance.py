@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from ddgcli.algorithms.geodesics.query import DistanceQuery
-from ddgcli.choices import DISTANCE_METHODS, HEAT_OPERATORS
+from ddgcli.choices import DEFAULT_HEAT_TIME, DISTANCE_METHODS, HEAT_OPERATORS
 from ddgcli.cli.options import NONNEGATIVE, POSITIVE, FacePoint, Ids, Numbers, grouped_options
 
 if TYPE_CHECKING:
@@ -46,7 +46,8 @@ _OPTIONS = (
     click.option("--operator", type=click.Choice(HEAT_OPERATORS),
                  help="heat: the Laplacian. [default: intrinsic-delaunay, tufted where non-manifold]"),
     click.option("--heat-time", type=POSITIVE, metavar="M",
-                 help="heat: time step in squares of the mean edge length. [default: 1]"),
+                 help="heat: time step in squares of the mean edge length. "
+                 f"[default: {DEFAULT_HEAT_TIME:g}]"),
     click.option("--heat-refine", type=click.IntRange(0, 100), metavar="K",
                  help="heat: normalise and integrate the gradient K more times. [default: 0]"),
     click.option("--each-source", is_flag=True,

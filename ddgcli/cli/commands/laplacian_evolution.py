@@ -101,7 +101,7 @@ def write_evolution(run: Run, mesh: TriangleMesh | TetMesh, result: EvolutionRes
         from ddgcli.io.trajectories.layout import Header
         from ddgcli.io.trajectories.writer import TrajectoryWriter
 
-        with run.timed("write"):
+        with run.clock.timed("write"):
             attributes = {name: str(value) for name, value in run.metadata.items()}
             writer = TrajectoryWriter(path, Header(mesh, False, attributes=attributes), len(result.frames))
             status = "failed"

@@ -122,7 +122,7 @@ def command(
     from ddgcli.tradeoff.report import results_of, text_table
 
     progress = run.progress("tradeoff")
-    table = run_problem(problem, repeat=repeat, budget=budget, began=run.began, progress=progress)
+    table = run_problem(problem, repeat=repeat, budget=budget, began=run.clock.began, progress=progress)
     chosen = assign_verdicts(table, within, norm)
     results = results_of(
         table, problem, partial(row_command, compared, call), chosen=chosen, within=within, norm=norm

@@ -109,7 +109,7 @@ def _trajectory(run: Run, path: str, every: int) -> tuple[list[ViewedObject], li
         trajectory = Trajectory(path)
     except MeshFileError:
         return None
-    with run.timed("read"), trajectory:
+    with run.clock.timed("read"), trajectory:
         run.set_input(path, str(trajectory.attributes.get("input_sha256", "")), frames=trajectory.n_frames)
         numbers = range(0, trajectory.n_frames, every)
         frames = [trajectory.frame(k) for k in numbers]

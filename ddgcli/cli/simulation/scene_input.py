@@ -149,7 +149,7 @@ def mesh_reader(run: Run, document: Document) -> Callable[[str], MeshInput]:
         path = str(Path(document.folder) / name)
         for output in run.common.outputs:
             check_place(output, inputs=(path,))
-        with run.timed("read"):
+        with run.clock.timed("read"):
             return read_mesh(path)
 
     return read

@@ -114,7 +114,7 @@ def run_scene(
     if call.dry_run:
         print_dry_run(run, scene, simulator.assembled(schedule))
         return
-    with run.timed("compute"):
+    with run.clock.timed("compute"):
         models = simulator.models()
     job = Job(
         models, meshes, schedule, account, simulator.moving, call.resume,

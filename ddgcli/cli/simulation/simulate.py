@@ -116,7 +116,7 @@ def simulate(run: Run, job: Job) -> Outcome:
         )  # fmt: skip
     finally:
         if writer is not None:
-            with run.timed("write"):
+            with run.clock.timed("write"):
                 part = writer.close(outcome.status, _rows(outcome.last_events))
             if part is not None:
                 run.outputs.append(part)

@@ -209,6 +209,7 @@ def _confine(folder: str | None, *, hdf5: bool) -> None:
         elif event.startswith(_FORBIDDEN):
             raise MeshFileError(f"makes its reader use {event}; such files are not read")
 
+    sys.dont_write_bytecode = True  # a module imported from here on would be renamed into the bytecode cache
     sys.addaudithook(watch)
     if hdf5 and inside is not None:  # HDF5 opens files without asking Python
         _check_hdf5(allow)

@@ -25,7 +25,6 @@ from ddgcli.errors import MeshError
 from ddgcli.geometry.intrinsic import face_area
 from ddgcli.geometry.unfolding import corner_position, unfold
 from ddgcli.linalg.constrain import Dirichlet
-from ddgcli.mesh.cures import cure
 from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
 from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.topology import NEXT, PREVIOUS
@@ -375,20 +374,14 @@ def harmonic_count(mesh: SurfaceMesh) -> int:
 
 def require_flow(mesh: SurfaceMesh) -> None:
     """MeshError where a mesh carries no flow: not a manifold, not oriented, faces without area."""
-    topology = mesh.topology
-    from ddgcli.mesh.require import require
+    from ddgcli.mesh.require import refuse_flat_faces, require
 
     require(mesh, "fluid-sim", manifold=True, oriented=True)  # type: ignore[arg-type]
     longest = mesh.side_length.max(axis=1)
     with np.errstate(all="ignore"):
         thin = face_area(mesh.side_length / longest[:, None])
     bad = np.flatnonzero(~(thin > FLAT_FACE_TOLERANCE))
-    if len(bad):
-        raise MeshError(
-            f"{len(bad)} faces have no area (first: face {bad[0]}, vertices "
-            f"{', '.join(str(v) for v in topology.faces[bad[0]])}); "
-            f"{cure('no area', topology, manifold=True, oriented=True)}"
-        )
+    refuse_flat_faces(bad, mesh.topology, manifold=True, oriented=True)
     size = float(longest.max())
     if not 1e-60 < size < 1e60:
         raise MeshError(f"the longest side measures {size:.3g}; fluid-sim takes 1e-60 to 1e60: rescale")

@@ -9,13 +9,9 @@ from numpy.typing import NDArray
 
 from ddgcli.errors import MeshError
 from ddgcli.geometry.extrinsic import face_area_vector
-from ddgcli.mesh.cures import cure
-from ddgcli.mesh.require import require
+from ddgcli.mesh.require import FLAT_AREA_TOLERANCE, refuse_flat_faces, require
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.mesh.vectors import vector_length
-
-# twice the area of a face over its longest side squared, below which it counts as flat
-MIN_FACE_HEIGHT_RATIO = 1e-12
 
 
 def centred_at_unit_size(mesh: TriangleMesh) -> tuple[TriangleMesh, NDArray[np.float64], float]:
@@ -38,13 +34,8 @@ def centred_at_unit_size(mesh: TriangleMesh) -> tuple[TriangleMesh, NDArray[np.f
     unit = mesh.moved((mesh.points - centre) / extent)
     doubled = 2.0 * vector_length(face_area_vector(unit))
     longest = unit.side_length.max(axis=1)
-    bad = np.flatnonzero(~(doubled > MIN_FACE_HEIGHT_RATIO * longest**2))
-    if len(bad):
-        raise MeshError(
-            f"{len(bad)} faces have no area (first: face {bad[0]}, vertices "
-            f"{', '.join(str(v) for v in mesh.faces[bad[0]])}); "
-            f"{cure('no area', mesh.topology, manifold=True, oriented=True)}"
-        )
+    bad = np.flatnonzero(~(doubled > FLAT_AREA_TOLERANCE * longest**2))
+    refuse_flat_faces(bad, mesh.topology, manifold=True, oriented=True)
     radius = extent * math.sqrt(0.5 * doubled.sum() / (4.0 * math.pi))
     scale = 2.0 ** round(math.log2(radius))
     return mesh.moved((mesh.points - centre) / scale), centre, scale
