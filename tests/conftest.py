@@ -14,7 +14,7 @@ from click.testing import CliRunner, Result
 from ddgcli.cli.threads import set_thread_variables
 
 set_thread_variables()  # commands that run in this process get what a user's process gets
-# processes that tests start use compiled modules, as a user's do; compiling all modules takes longer than most tests
+# processes that tests start use compiled modules, as a user's do; to compile all modules takes half a second
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 # a suite that a shell starts with `&` inherits an ignored interrupt, and so would every command it starts
 signal.signal(signal.SIGINT, signal.default_int_handler)
