@@ -13,7 +13,7 @@ from ddgcli.cli.main import main
 from ddgcli.models.willmore.energies import ENERGIES
 from ddgcli.models.willmore.flow import SCHEMES
 
-LISTS = {name: value for name, value in vars(choices).items() if name.isupper()}
+LISTS = {name: value for name, value in vars(choices).items() if isinstance(value, tuple)}
 TABLES = {
     "CURVATURE_SCHEMES": SCHEME_PROMISES,
     "MASSES": MASS_FUNCTIONS,

@@ -106,9 +106,7 @@ def test_seconds_cover_the_run(torus, tmp_path):
     assert seconds["read"] + seconds["compute"] + seconds["write"] == pytest.approx(seconds["total"])
     assert min(seconds.values()) >= 0 and seconds["write"] > 0
     assert seconds["total"] + seconds["start"] <= wall
-    assert (
-        seconds["start"] > seconds["read"]
-    )  # importing numpy and scipy takes longer than reading a small file
+    assert seconds["start"] > 0.01  # numpy and scipy are imported
 
 
 def test_a_run_imports_no_test_tools_and_no_wrapper_generator_of_numpy(torus):
