@@ -13,9 +13,10 @@ from typing import Any
 from ddgcli.batch.process import Limits, TaskRow, file_hash, run_task
 from ddgcli.batch.table import completed_rows, journal_line, journal_path
 from ddgcli.batch.tasks import Task
-from ddgcli.errors import MissingExtraError, ParameterError, excerpt
+from ddgcli.errors import MissingExtraError, ParameterError, SolveError, excerpt
 
-CONNECT_SECONDS = 10
+CONNECT_SECONDS = 30
+MAX_LOST_CONNECTIONS = 3  # one after the other, without a task that ended
 
 
 def run_batch(
@@ -90,19 +91,47 @@ def _here(
 def _on_cluster(
     tasks: Sequence[Task], limits: Limits, collect: Sequence[str], address: str
 ) -> Generator[tuple[Task, TaskRow], None, None]:
+    """Rows from the workers of a Dask scheduler; after a lost connection the rest is submitted anew."""
     try:
         from distributed import Client, as_completed
     except ImportError as error:
         raise MissingExtraError("a cluster needs Dask: pip install 'ddgcli[cluster]'") from error
+    rest = {task.index: task for task in tasks}
+    losses = 0
+    while rest:
+        with _client(Client, address) as client:
+            futures = {
+                client.submit(run_task, task, limits, tuple(collect), pure=False): task
+                for task in rest.values()
+            }
+            for future in as_completed(futures):
+                task = futures[future]
+                if future.status == "cancelled":
+                    break
+                row = future.result() if future.status == "finished" else _lost_row(task, future.exception())
+                del rest[task.index]
+                losses = 0
+                yield task, row
+        losses += 1
+        if losses > MAX_LOST_CONNECTIONS:
+            raise SolveError(f"the connection to {address} was lost {losses} times; repeat with `resume`")
+
+
+def _client(make: Callable[..., Any], address: str) -> Any:
     try:
-        client = Client(address, timeout=CONNECT_SECONDS)
+        return make(address, timeout=CONNECT_SECONDS)
     except (OSError, ValueError) as error:
         raise ParameterError(
             f"{address!r} cannot be reached ({excerpt(error)}); start a scheduler (dask scheduler) and "
             "workers, and give its address, such as tcp://localhost:8786",
             parameter="cluster",
         ) from error
-    with client:
-        futures = {client.submit(run_task, task, limits, tuple(collect), pure=False): task for task in tasks}
-        for future in as_completed(futures):
-            yield futures[future], future.result()
+
+
+def _lost_row(task: Task, error: BaseException) -> TaskRow:
+    """Row of a task whose worker died, or could not run it."""
+    digest = file_hash(task.input)
+    return TaskRow(
+        task.index, task.input, task.command, task.parameters, task.output, "killed", None, 0.0, None, digest,
+        excerpt(error),
+    )  # fmt: skip

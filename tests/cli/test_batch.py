@@ -344,6 +344,34 @@ def test_a_local_dask_cluster_gives_the_same_rows(stub, inputs):
     assert [row.status for row in rows] == ["done", "failed"]
 
 
+def test_a_lost_connection_and_a_lost_worker_do_not_end_a_batch_on_a_cluster(stub, inputs, monkeypatch):
+    distributed = pytest.importorskip("distributed")
+    real, submitted = distributed.Client, []
+
+    class Client(real):  # the first connection is lost after a task; the first try of c.ply loses its worker
+        def submit(self, function, task, *words, **options):
+            submitted.append(task.input)
+            if len(submitted) < 3:
+                return super().submit(function, task, *words, **options)
+            future = super().submit(time.sleep, 60, pure=False) if len(submitted) == 3 else None
+            if future is not None:
+                future.cancel()
+                return future
+            fails = task.input.endswith("c.ply")
+            return super().submit(lost_worker if fails else function, task, *words, **options)
+
+    monkeypatch.setattr(distributed, "Client", Client)
+    tasks = make_tasks(paths(inputs, "a.ply", "bad.ply", "c.ply"), {}, None, ["info"])
+    with distributed.LocalCluster(n_workers=1, processes=False, dashboard_address=None) as cluster:
+        rows = run_batch(tasks, Limits(), cluster=cluster.scheduler_address)
+    assert [row.status for row in rows] == ["done", "failed", "killed"]
+    assert "the worker died" in rows[2].message and len(submitted) > 3
+
+
+def lost_worker(*words):
+    raise RuntimeError("the worker died")
+
+
 @pytest.mark.parametrize(
     "words, text",
     [
