@@ -67,8 +67,10 @@ def drop(seed: int) -> tuple[int, float]:
     )  # fmt: skip
     snapshots, contexts, _ = shell_run(scene, lambda name: MeshInput(BALL, name, "0" * 64))
     faces, ball = np.asarray(contexts["s"].mesh.faces), (np.asarray(BALL.points), np.asarray(BALL.faces))
-    frames = [snapshot.observations["s"].points for snapshot in snapshots]
-    crossed = sum(meshes_intersect(p, faces, p, faces) or meshes_intersect(p, faces, *ball) for p in frames)
+    positions = [snapshot.observations["s"].points for snapshot in snapshots]
+    crossed = sum(
+        meshes_intersect(p, faces, p, faces) or meshes_intersect(p, faces, *ball) for p in positions
+    )
     energy = np.array([snapshot.observations["s"].scalar["energy"] for snapshot in snapshots])
     return crossed, float(np.diff(energy).max() / np.ptp(energy))
 

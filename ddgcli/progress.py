@@ -13,6 +13,6 @@ def no_progress(done: float, total: float) -> None:
     """Progress callback that does nothing."""
 
 
-def no_stage_progress(stage: str) -> ProgressCallback:
+def no_stage_progress(stage_name: str) -> ProgressCallback:
     """Progress of stages that nobody watches."""
     return no_progress

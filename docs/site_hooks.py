@@ -34,12 +34,12 @@ def short_name(entry: dict[str, str]) -> str:
 def reference_line(key: str, entry: dict[str, str]) -> str:
     """One item of the list of references."""
     authors = entry["author"].replace(" and ", "; ")
-    parts = [
+    fields = [
         f"{authors}: *{entry['title']}*",
         entry.get("journal", entry.get("booktitle", "")),
         entry["year"],
     ]
-    line = ", ".join(part for part in parts if part)
+    line = ", ".join(field for field in fields if field)
     link = f" [doi:{entry['doi']}](https://doi.org/{entry['doi']})" if "doi" in entry else ""
     return f'- <a id="{key}"></a>**{key}** {line}.{link}'
 

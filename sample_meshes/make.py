@@ -74,7 +74,7 @@ def hat() -> TriangleMesh:
     return revolved(profile[:, 0], profile[:, 1], 40)
 
 
-def frame() -> TriangleMesh:
+def cube_frame() -> TriangleMesh:
     """The twelve edges of a cube as rounded bars: a closed body of genus 5."""
     n, bar = 14, 4
     rim = (np.arange(n) < bar) | (np.arange(n) >= n - bar)
@@ -166,7 +166,7 @@ SAMPLES = {
     "saddle.obj": saddle,
     "cylinder.ply": lambda: shapes.cylinder(64, 32),
     "cube.obj": lambda: shapes.box(1, 1, 1),
-    "frame.off": frame,
+    "frame.off": cube_frame,
     "hat.ply": hat,
     "cap.ply": cap,
     "ball.vtu": ball,

@@ -53,14 +53,14 @@ def pinched():
     """Two stretched spheres and a needle-shaped fan with a boundary that meet in one vertex."""
     body, grid = stretched(120), shapes.grid(4, 4)
     flat = grid.points * np.array([1.0, 0.05, 1.0])
-    parts = [
+    submeshes = [
         (body.points - body.points[0], body.faces),
         (body.points[0] - body.points, body.faces[:, ::-1]),
         (flat - flat[0], grid.faces),
     ]
-    start = np.cumsum([0] + [len(points) - 1 for points, _ in parts])
-    faces = np.concatenate([np.where(f == 0, 0, f + s) for (_, f), s in zip(parts, start)])
-    return TriangleMesh.from_arrays(np.concatenate([np.zeros((1, 3)), *(p[1:] for p, _ in parts)]), faces)
+    start = np.cumsum([0] + [len(points) - 1 for points, _ in submeshes])
+    faces = np.concatenate([np.where(f == 0, 0, f + s) for (_, f), s in zip(submeshes, start)])
+    return TriangleMesh.from_arrays(np.concatenate([np.zeros((1, 3)), *(p[1:] for p, _ in submeshes)]), faces)
 
 
 def sharp_cone(rim=8, degrees=20):

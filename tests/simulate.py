@@ -66,6 +66,6 @@ def shell_run(text, read=None, **overrides):
     return list(evolve(models, scene.schedule(), account)), contexts, account
 
 
-def scalar(snapshots, name, part="s"):
+def scalar(snapshots, name, name_in_scene="s"):
     """A scalar of every frame."""
-    return [snapshot.observations[part].scalar[name] for snapshot in snapshots]
+    return [snapshot.observations[name_in_scene].scalar[name] for snapshot in snapshots]

@@ -85,8 +85,8 @@ def forbidden_siblings(parent: str, package: str, allowed: set[str], source: str
 
 
 def module_name(path: Path) -> str:
-    parts = path.relative_to(PACKAGE.parent).with_suffix("").parts
-    return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
+    path_names = path.relative_to(PACKAGE.parent).with_suffix("").parts
+    return ".".join(path_names[:-1] if path_names[-1] == "__init__" else path_names)
 
 
 def import_cycle(sources: Mapping[str, str]) -> list[str]:

@@ -12,6 +12,8 @@ ROOT = Path(__file__).parents[1]
 FOLDERS = ("ddgcli", "tests", "benchmarks", "docs", "sample_meshes")
 FILES = sorted(path for folder in FOLDERS for path in (ROOT / folder).rglob("*.py"))
 PARTICIPLES = {"asked", "found", "given", "made", "said", "told", "wanted"}
+# words of several meanings: a name says which one it is (`pareto_front`, `trajectory_frame`)
+AMBIGUOUS = {"front", "fronts", "frame", "frames", "part", "parts", "stage", "stages"}
 METAPHORS = {"dial", "dark", "door", "house", "keeper", "lit", "mend", "purse", "sheet", "story", "wishes"}
 
 
@@ -28,16 +30,16 @@ def defined(tree: ast.Module) -> Iterator[tuple[int, str]]:
 
 
 def banned(tree: ast.Module) -> list[tuple[int, str]]:
-    """Names that are participles, or that contain the word of a metaphor."""
+    """Names that are participles or have several meanings, or that contain the word of a metaphor."""
     return [
         (line, name)
         for line, name in defined(tree)
-        if name.strip("_").lower() in PARTICIPLES or set(name.lower().split("_")) & METAPHORS
+        if name.strip("_").lower() in PARTICIPLES | AMBIGUOUS or set(name.lower().split("_")) & METAPHORS
     ]
 
 
-def test_no_value_is_named_by_a_participle_or_a_metaphor():
-    words = "|".join(sorted(PARTICIPLES | METAPHORS))
+def test_no_value_is_named_by_a_participle_a_metaphor_or_a_word_of_several_meanings():
+    words = "|".join(sorted(PARTICIPLES | METAPHORS | AMBIGUOUS))
     # a word where a name may be bound; only files with one are parsed, which takes seconds less
     candidate = re.compile(
         rf"(?<![^\W_])(?:{words})(?:_\w+)?\s*(?:[=:,)(]|in\b|$)", re.IGNORECASE | re.MULTILINE
@@ -57,6 +59,9 @@ def test_no_value_is_named_by_a_participle_or_a_metaphor():
         "x.told = 2",
         "import numpy as sheet",
         "A_DIAL = 1",
+        "for frame in range(3): ...",
+        "def parts(): ...",
+        "def f(): _front = 1",
     ],
 )
 def test_a_banned_name_is_detected(code):

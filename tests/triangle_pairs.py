@@ -16,13 +16,13 @@ def intersecting(points, faces, other_points, other_faces):
     low, high = corners.min(axis=1), corners.max(axis=1)
     rounding = 1e-15 * max(np.abs(points).max(), np.abs(other_points).max()) ** 3  # coplanar edges
     for start in range(0, len(edges), 256):
-        part = edges[start : start + 256]
-        p, q = points[part[:, 0]], points[part[:, 1]]
+        block = edges[start : start + 256]
+        p, q = points[block[:, 0]], points[block[:, 1]]
         near = (np.minimum(p, q)[:, None] <= high).all(axis=2) & (np.maximum(p, q)[:, None] >= low).all(
             axis=2
         )
         if same:
-            near &= ~(part[:, None, :, None] == other_faces[None, :, None, :]).any(axis=(2, 3))
+            near &= ~(block[:, None, :, None] == other_faces[None, :, None, :]).any(axis=(2, 3))
         e, f = np.nonzero(near)
         a, b, c = (corners[f, k] for k in range(3))
         above, below = _volume(a, b, c, p[e]), _volume(a, b, c, q[e])
@@ -37,7 +37,7 @@ def intersecting(points, faces, other_points, other_faces):
         )
         if through.any():
             k = int(np.flatnonzero(through)[0])
-            return tuple(int(v) for v in part[e[k]]), int(f[k])
+            return tuple(int(v) for v in block[e[k]]), int(f[k])
     return None
 
 

@@ -242,7 +242,7 @@ def irregular_rectangle(a: float, b: float, nx: int, ny: int, seed: int = 1) -> 
         return inner
 
     low, high, left, right = side(nx), side(nx), side(ny), side(ny)
-    frame = np.concatenate(
+    snapshot = np.concatenate(
         [
             [[0, 0], [a, 0], [a, b], [0, b]],
             np.column_stack([a * low, 0 * low]), np.column_stack([a * high, 0 * high + b]),
@@ -251,7 +251,7 @@ def irregular_rectangle(a: float, b: float, nx: int, ny: int, seed: int = 1) -> 
     )  # fmt: skip
     spacing = np.sqrt(a * b / (nx * ny))
     inner = dart_points(rng, a, b, 0.45 * spacing, 0.72 * spacing, (nx - 1) * (ny - 1))
-    points = np.concatenate([frame, inner])
+    points = np.concatenate([snapshot, inner])
     faces = Delaunay(points).simplices
     corner = points[faces]
     e, f = corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]
@@ -289,11 +289,11 @@ def displacements(
     source = SimpleNamespace(mesh=mesh, vertex={}, face={}, sha256="", notes=[])
     contexts = {name: c for name, (c, _) in model.contexts(scene, lambda path: source).items()}
     account = Account()
-    frames = list(evolve(model.build(scene, contexts, account), scene.schedule(), account))
+    snapshots = list(evolve(model.build(scene, contexts, account), scene.schedule(), account))
     moves = np.zeros((len(problem.fractions), len(problem.measured)))
     for k, (place, direction) in enumerate(problem.measured):
         vertex = int(np.argmin(np.sum((q - np.array(place)) ** 2, axis=1)))
-        path = [frame.observations["s"].points[vertex] for frame in frames]
+        path = [snapshot.observations["s"].points[vertex] for snapshot in snapshots]
         for row, fraction in enumerate(problem.fractions):
             number = round(fraction * steps)
             move = path[number] - path[0] if number < len(path) else np.full(3, np.nan)

@@ -51,8 +51,8 @@ def errors(n: int, reynolds: int, pattern: str, grading: float) -> tuple[NDArray
     text = SCENE.format(n=n, pattern=pattern, grading=grading, nu=1.0 / reynolds, step=step)
     flow = SteadyFlow(model_of(text))
     x = None
-    for stage in [r for r in (100, 400) if r < reynolds] + [reynolds]:
-        x = flow.solve(1.0 / stage, x)
+    for reynolds_step in [r for r in (100, 400) if r < reynolds] + [reynolds]:
+        x = flow.solve(1.0 / reynolds_step, x)
     assert x is not None
     state = flow.state(x)
     after = flow.model.advance(state, 0.0, step)

@@ -83,8 +83,8 @@ def street(ny: int, refine: int, duration: float = 6.0) -> tuple[float, float, f
         refine=refine,
     )  # fmt: skip
     model = model_of(text)
-    frames = evolve({"channel": model.model()}, model.scene.schedule(), Account())
-    force = np.array([frame.observations["channel"].scalar["force_cylinder"] for frame in frames])
+    snapshots = evolve({"channel": model.model()}, model.scene.schedule(), Account())
+    force = np.array([snapshot.observations["channel"].scalar["force_cylinder"] for snapshot in snapshots])
     drag, lift = coefficients(force, 1.0).T
     late = len(lift) * 2 // 3
     sign = np.flatnonzero((lift[late:-1] < 0) & (lift[late + 1 :] >= 0)) + late

@@ -164,9 +164,9 @@ def noisy_sphere(share: float) -> Arrays:
     return points + share * edge * np.random.default_rng(0).normal(size=points.shape), faces
 
 
-def repeated(part: Arrays, count: int, spacing: float = 3.0) -> Arrays:
+def repeated(arrays: Arrays, count: int, spacing: float = 3.0) -> Arrays:
     """The part `count` times on a line, nowhere joined."""
-    points, faces = part
+    points, faces = arrays
     shift = spacing * np.arange(count)[:, None, None] * np.array([1.0, 0.0, 0.0])
     return (points + shift).reshape(-1, 3), (faces + len(points) * np.arange(count)[:, None, None]).reshape(
         -1, 3

@@ -44,13 +44,13 @@ def page(results: dict[str, dict[str, dict[str, Any]]], cases: list[Case]) -> st
     summary = ", ".join(f"{counts[kind]} {kind}" for kind in (*MARKS, "not run"))
     forked = sum(bool(cell and cell.get("preloaded")) for cell in cells)
     note = f" {forked} of them ran with `--preloaded`, forked from a process that had imported the program."
-    parts = [HEAD, f"{len(cells)} cells: {summary}.{note if forked else ''}\n"]
-    parts += [_breaking_points(results, cases), _wrong_cells(results, cases)]
+    sections = [HEAD, f"{len(cells)} cells: {summary}.{note if forked else ''}\n"]
+    sections += [_breaking_points(results, cases), _wrong_cells(results, cases)]
     for family in dict.fromkeys(_section(case) for case in cases):
         rows = [case for case in cases if _section(case) == family]
-        parts.append(_table(family, rows, results))
-    parts.append(_peers(stored_results(PEER_RESULTS)))
-    return "\n".join(parts).rstrip() + "\n"
+        sections.append(_table(family, rows, results))
+    sections.append(_peers(stored_results(PEER_RESULTS)))
+    return "\n".join(sections).rstrip() + "\n"
 
 
 def _section(case: Case) -> str:

@@ -49,9 +49,9 @@ def formats(folder: Path) -> list[list]:
             repeat=3,
         )
         name = "meshio" if meshio_only else "trimesh"
-        for stage in ("read", "write"):
-            ours, theirs = timing[stage].median, timing[f"peer_{stage}"].median
-            rows.append([suffix, stage, ours, name, theirs, ours / theirs])
+        for direction in ("read", "write"):
+            ours, theirs = timing[direction].median, timing[f"peer_{direction}"].median
+            rows.append([suffix, direction, ours, name, theirs, ours / theirs])
     return rows
 
 

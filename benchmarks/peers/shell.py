@@ -126,12 +126,12 @@ def steps(
             motion = scheme.step(s, motion, dt, parameters)
     total = 1e3 * (cpu_seconds() - began) / count
     booked = sum(account.seconds.values())  # by the clock on the wall; only the shares hold on a busy machine
-    parts = [
+    columns = [
         total * account.seconds.get(k, 0.0) / booked
         for k in ("stretching", "bending", "solver", "integrator")
     ]
     newton = (motion.newton - before) / count
-    return [total, newton, total / newton if newton else total, *parts]
+    return [total, newton, total / newton if newton else total, *columns]
 
 
 def mujoco_step(n: int) -> float:

@@ -171,8 +171,8 @@ def _collected(summary: str, names: Sequence[str]) -> dict[str, Any]:
     values = {}
     for name in names:
         value: Any = body
-        for part in name.split("."):
-            value = value.get(part) if isinstance(value, dict) else None
+        for key in name.split("."):
+            value = value.get(key) if isinstance(value, dict) else None
         values[name] = value
     return values
 

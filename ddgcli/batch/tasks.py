@@ -155,7 +155,7 @@ def shard_of(tasks: Sequence[Task], shard: str | None) -> list[Task]:
     """Every N-th task for `I/N` (I from 1 to N); all of them for None."""
     if shard is None:
         return list(tasks)
-    part, _, count = shard.partition("/")
-    if not (part.isdecimal() and count.isdecimal() and 1 <= int(part) <= int(count)):
+    number, _, count = shard.partition("/")
+    if not (number.isdecimal() and count.isdecimal() and 1 <= int(number) <= int(count)):
         raise ParameterError(f"{shard!r} is not I/N with I from 1 to N", parameter="shard")
-    return [task for task in tasks if task.index % int(count) == int(part) - 1]
+    return [task for task in tasks if task.index % int(count) == int(number) - 1]

@@ -59,25 +59,25 @@ class RunClock:
     def __init__(self, began: float, imports: ImportClock) -> None:
         self.began = began
         self._imports = imports
-        self._parts = {"read": 0.0, "write": 0.0}
+        self._seconds = {"read": 0.0, "write": 0.0}
 
     @contextmanager
-    def timed(self, part: str) -> Iterator[None]:
+    def timed(self, section: str) -> Iterator[None]:
         """Count the time inside as "read" or "write"; all other time is "compute"."""
         began = self._now()
         try:
             yield
         finally:
-            if part != "compute":
-                self._parts[part] += self._now() - began
+            if section != "compute":
+                self._seconds[section] += self._now() - began
 
     def seconds(self) -> dict[str, float]:
         """`start`, and the parts `read`, `compute` and `write` of `total`, which leaves the start out."""
         total = self._now() - self.began
-        read, write = self._parts["read"], self._parts["write"]
+        read, write = self._seconds["read"], self._seconds["write"]
         compute = total - read - write
-        parts = {"read": read, "compute": compute, "write": write}
-        return {"start": self._imports.seconds, **parts, "total": total}
+        seconds = {"read": read, "compute": compute, "write": write}
+        return {"start": self._imports.seconds, **seconds, "total": total}
 
     def _now(self) -> float:
         return time.perf_counter() - self._imports.seconds

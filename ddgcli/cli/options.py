@@ -87,10 +87,10 @@ class Numbers(click.ParamType):
         self.count, self.example = count, example
 
     def convert(self, value: Any, param: Any, ctx: Any) -> list[float]:
-        parts = str(value).split(",")
-        if len(parts) != self.count:
+        words = str(value).split(",")
+        if len(words) != self.count:
             self.fail(f"{value!r} is not {self.count} numbers such as {self.example}", param, ctx)
-        return [REAL.convert(x, param, ctx) for x in parts]
+        return [REAL.convert(x, param, ctx) for x in words]
 
 
 class FacePoint(click.ParamType):
@@ -122,7 +122,7 @@ class View(click.ParamType):
         if place in ("x", "y", "z", "iso"):
             return {"view": place, **up_axis}
         try:
-            elevation, azimuth = (float(part) for part in place.split(","))
+            elevation, azimuth = (float(angle) for angle in place.split(","))
         except ValueError:
             self.fail(f"{value!r} is not x, y, z, iso or ELEVATION,AZIMUTH (then :UP)", param, ctx)
         if not (math.isfinite(elevation) and math.isfinite(azimuth)):

@@ -95,19 +95,21 @@ def short_body(summary: dict[str, Any]) -> tuple[dict[str, Any], int]:
 
 def _selected(values: dict[str, Any], names: list[str]) -> dict[str, Any]:
     """Fields of the names, in the order of the summary; `a.b` keeps the key b of a table or of its rows."""
-    parts: dict[str, list[str]] = {}
+    inner_names: dict[str, list[str]] = {}
     for name in names:
         head, _, tail = name.partition(".")
-        parts.setdefault(head, []).append(tail)
+        inner_names.setdefault(head, []).append(tail)
     kept = {}
     for name, value in values.items():
-        if name in ALWAYS or "" in parts.get(name, ()):
+        if name in ALWAYS or "" in inner_names.get(name, ()):
             kept[name] = value
-        elif name in parts and isinstance(value, dict):
-            kept[name] = {key: value[key] for key in value if key in parts[name]}
-        elif name in parts and isinstance(value, list):
+        elif name in inner_names and isinstance(value, dict):
+            kept[name] = {key: value[key] for key in value if key in inner_names[name]}
+        elif name in inner_names and isinstance(value, list):
             kept[name] = [
-                {key: v for key, v in row.items() if key in parts[name]} if isinstance(row, dict) else row
+                {key: v for key, v in row.items() if key in inner_names[name]}
+                if isinstance(row, dict)
+                else row
                 for row in value
             ]
     return {name: value for name, value in kept.items() if value is not None}

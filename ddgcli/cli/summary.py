@@ -68,8 +68,8 @@ def _lines(summary: dict[str, Any], text: list[str] | None, full: bool) -> list[
         elif shown:
             lines += [section, *_block(shown, "  ", full)]
     seconds = summary["seconds"]
-    parts = seconds if full else ["start", "total"]
-    lines.append("seconds  " + ", ".join(f"{k} {seconds[k]:.3g}" for k in parts))
+    part_names = seconds if full else ["start", "total"]
+    lines.append("seconds  " + ", ".join(f"{k} {seconds[k]:.3g}" for k in part_names))
     return lines + [f"wrote  {path}" for path in summary["outputs"]]
 
 

@@ -109,12 +109,12 @@ def _split(dotted: str) -> list[str]:
     return [p.strip().strip("\"'") for p in dotted.split(".")]
 
 
-def _enter(parts: list[str], is_array: bool, counts: dict[Key, int]) -> Key:
+def _enter(key_names: list[str], is_array: bool, counts: dict[Key, int]) -> Key:
     """Key path of a header; inside arrays of tables the last entry is meant."""
     path: Key = ()
-    for depth, part in enumerate(parts):
-        path = (*path, part)
-        if is_array and depth == len(parts) - 1:
+    for depth, key_name in enumerate(key_names):
+        path = (*path, key_name)
+        if is_array and depth == len(key_names) - 1:
             counts[path] = counts.get(path, -1) + 1
         if path in counts:
             path = (*path, counts[path])
@@ -146,10 +146,10 @@ def _statement(rows: list[str], first: int, last: int, table: Key, lines: dict[K
             row_of.setdefault(name, row)
     key: Key = table
     node: Any = value
-    for part in _split(rows[first].split("=", 1)[0]):
-        key = (*key, part)
+    for key_name in _split(rows[first].split("=", 1)[0]):
+        key = (*key, key_name)
         lines.setdefault(key, first + 1)
-        node = node.get(part, {}) if isinstance(node, dict) else {}
+        node = node.get(key_name, {}) if isinstance(node, dict) else {}
     _inner(node, key, row_of, first, lines)
     return last
 

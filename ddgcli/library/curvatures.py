@@ -19,7 +19,7 @@ def curvature(
     scheme: str | None = None,
     radius: float | None = None,
     *,
-    frames: bool = False,
+    with_frames: bool = False,
     resample: int | None = None,
 ) -> Measurement:
     """Curvature of a surface by one scheme, or of polylines.
@@ -33,7 +33,7 @@ def curvature(
     radius : float, optional
         Radius of the measuring ball, in length units; default the vertex star (two rings for 'quadric').
         'cotan' has none.
-    frames : bool
+    with_frames : bool
         Curves: also `arc_length`, `frenet_tangent`, `frenet_normal`, `frenet_binormal`, `bishop_1`,
         `bishop_2`, `osculating_radius`, `osculating_centre`.
     resample : int, optional
@@ -76,12 +76,12 @@ def curvature(
     if isinstance(mesh, CurveSet):
         if scheme is not None or radius is not None:
             raise ParameterError("scheme and radius belong to surfaces; leave them out for curves")
-        curves = measure_curves(mesh, frames=frames, resample=resample)
+        curves = measure_curves(mesh, with_frames=with_frames, resample=resample)
         return Measurement(
             curves.curves, vertex=curves.vertex, results=curves.results, accuracy=curves.accuracy
         )
-    if frames or resample is not None:
-        raise ParameterError("frames and resample belong to curves; leave them out for surfaces")
+    if with_frames or resample is not None:
+        raise ParameterError("with_frames and resample belong to curves; leave them out for surfaces")
     measured = measure_curvature(mesh, DEFAULT_SCHEME if scheme is None else scheme, radius)
     return Measurement(
         mesh,

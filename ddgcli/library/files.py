@@ -17,7 +17,7 @@ from ddgcli.io.trajectories.writer import TrajectoryWriter
 from ddgcli.library.mesh_arguments import MeshLike, as_mesh, mesh_of_kind
 from ddgcli.library.result import Measurement
 from ddgcli.mesh.curve import CurveSet
-from ddgcli.mesh.fields import AnnotatedMesh, AnyMesh, Frame
+from ddgcli.mesh.fields import AnnotatedMesh, AnyMesh, TrajectoryFrame
 from ddgcli.mesh.tet_mesh import TetMesh
 
 __all__ = ["read_mesh", "read_trajectory", "write_mesh", "write_trajectory"]
@@ -163,14 +163,16 @@ def read_trajectory(path: Path) -> Trajectory:
     return Trajectory(os.fspath(path))
 
 
-def write_trajectory(path: Path, frames: Iterable[Frame], mesh: MeshLike | None = None) -> int:
+def write_trajectory(
+    path: Path, trajectory_frames: Iterable[TrajectoryFrame], mesh: MeshLike | None = None
+) -> int:
     """Write frames as a trajectory that ParaView opens and `read_trajectory` reads.
 
     Parameters
     ----------
     path : str or path
         `.vtkhdf` or `.h5`. While frames come the file is called PATH.part.
-    frames : iterable of Frame
+    trajectory_frames : iterable of Frame
         Such as `simulate(...)`. All frames have the arrays of the first.
     mesh : mesh or (points, faces) pair, optional
         Surface of the frames; by default `frames.mesh`, which simulations have.
@@ -197,20 +199,24 @@ def write_trajectory(path: Path, frames: Iterable[Frame], mesh: MeshLike | None 
     """
     target = os.fspath(path)
     mesh_file.check_output(target, formats=(".vtkhdf", ".h5"))
-    held: Any = getattr(frames, "mesh", None) if mesh is None else mesh
+    held: Any = getattr(trajectory_frames, "mesh", None) if mesh is None else mesh
     if held is None:
         raise MeshError("the frames carry no mesh; pass it as mesh=...")
     surface = mesh_of_kind(held, ("surface",), "a trajectory")
     writer, count, status = None, 0, "failed"
     try:
-        for frame in frames:
+        for trajectory_frame in trajectory_frames:
             if writer is None:
                 writer = TrajectoryWriter(
                     target,
-                    Header(surface, frame.points is not None, changing_faces=frame.faces is not None),
+                    Header(
+                        surface,
+                        trajectory_frame.points is not None,
+                        changing_faces=trajectory_frame.faces is not None,
+                    ),
                     64,
                 )
-            writer.append(frame)
+            writer.append(trajectory_frame)
             count += 1
         status = "complete"
     finally:

@@ -13,7 +13,7 @@ from ddgcli.io.arrays import read_array
 from ddgcli.io.mesh_file import read_mesh
 from ddgcli.io.scene_file import SceneDocument, read_scene
 from ddgcli.mesh.curve import CurveSet
-from ddgcli.mesh.fields import Frame
+from ddgcli.mesh.fields import TrajectoryFrame
 from ddgcli.mesh.tet_mesh import TetMesh
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.models.fluid import model as fluid_model
@@ -41,7 +41,7 @@ class Simulation:
         The scene with every default filled in.
     n_frames : int
         Frames of a run that comes to its end, the first at the start.
-    frames : iterator of Frame
+    trajectory_frames : iterator of Frame
 
     Examples
     --------
@@ -56,13 +56,13 @@ class Simulation:
     mesh: TriangleMesh | TetMesh | CurveSet
     scene: dict[str, Any]
     n_frames: int
-    frames: Iterator[Frame]
+    trajectory_frames: Iterator[TrajectoryFrame]
 
-    def __iter__(self) -> Iterator[Frame]:
+    def __iter__(self) -> Iterator[TrajectoryFrame]:
         return self
 
-    def __next__(self) -> Frame:
-        return next(self.frames)
+    def __next__(self) -> TrajectoryFrame:
+        return next(self.trajectory_frames)
 
 
 def simulate(
@@ -133,11 +133,16 @@ def simulate(
         raise SceneError("no object moves or carries a flow; give one the role 'shell' or 'fluid'")
     schedule = checked.schedule()
     return Simulation(
-        joined_mesh(meshes)[0], checked.resolved(), schedule.frames, _frames(models, schedule, account)
+        joined_mesh(meshes)[0],
+        checked.resolved(),
+        schedule.n_frames,
+        _trajectory_frames(models, schedule, account),
     )
 
 
-def _frames(models: dict[str, Model], schedule: Schedule, account: Account) -> Iterator[Frame]:
+def _trajectory_frames(
+    models: dict[str, Model], schedule: Schedule, account: Account
+) -> Iterator[TrajectoryFrame]:
     for snapshot in evolve(models, schedule, account):
         yield joined_frame(snapshot)
 

@@ -107,9 +107,9 @@ def _graph_dissection(graph: csr_array, leaf_size: int = LEAF_SIZE) -> Dissectio
             result = _component_dissection(_connected(graph[vertices][:, vertices]), leaf_size)
             if result is None:
                 return None
-            part, levels = result
+            dissected, levels = result
             n_leaves = -(-n_leaves >> levels << levels)  # so that part numbers are unique
-            leaf[vertices], height[vertices] = n_leaves + part.leaf, part.height
+            leaf[vertices], height[vertices] = n_leaves + dissected.leaf, dissected.height
             n_leaves += 1 << levels
     return Dissection(leaf, height)
 
@@ -186,26 +186,29 @@ def _distances(graph: csr_array, source: int) -> NDArray[np.float32]:
 def _halving_paths(place: NDArray[np.float32], levels: int) -> NDArray[np.int64]:
     """(n,) path of each vertex through `levels` halvings, a bit each, the first one highest."""
     n = place.shape[1]
-    part = np.zeros(n, dtype=np.int64)
+    part_number = np.zeros(n, dtype=np.int64)
     for level in range(levels):
         some = _sample(n, max(SAMPLE_SIZE << level, TOTAL_SAMPLE_SIZE))
-        axis, median = _median_planes(place[:, some], part[some], 1 << level)
-        along = -median[part]
+        axis, median = _median_planes(place[:, some], part_number[some], 1 << level)
+        along = -median[part_number]
         for x, a in zip(place, axis, strict=True):
-            along += x * a[part]
-        part = 2 * part + _balanced_halves(along > 0, along, part, 1 << level)
-    return part
+            along += x * a[part_number]
+        part_number = 2 * part_number + _balanced_halves(along > 0, along, part_number, 1 << level)
+    return part_number
 
 
-def _balanced_halves(upper: NDArray, along: NDArray, part: NDArray, n_parts: int) -> NDArray[np.bool_]:
+def _balanced_halves(upper: NDArray, along: NDArray, part_number: NDArray, n_parts: int) -> NDArray[np.bool_]:
     """(n,) whether in the upper half; uneven parts are halved in order along their direction.
 
     Vertices with equal coordinates (the ends of a star, the rim of a fan) are ordered by number.
     """
-    size, above = np.bincount(part, minlength=n_parts), np.bincount(part[upper], minlength=n_parts)
+    size, above = (
+        np.bincount(part_number, minlength=n_parts),
+        np.bincount(part_number[upper], minlength=n_parts),
+    )
     uneven = np.minimum(above, size - above) < MIN_HALF_SHARE * size
-    some = np.flatnonzero(uneven[part])
-    some = some[np.lexsort((along[some], part[some]))]
+    some = np.flatnonzero(uneven[part_number])
+    some = some[np.lexsort((along[some], part_number[some]))]
     size[~uneven] = 0
     upper[some] = np.arange(len(some)) >= np.repeat(np.cumsum(size) - size // 2, size)
     return upper
@@ -220,25 +223,25 @@ def _sample(n: int, size: int) -> NDArray[np.int64] | slice:
     return begin + np.random.default_rng(0).integers(0, stride, len(begin))
 
 
-def _median_planes(place: NDArray, part: NDArray, n_parts: int) -> tuple[NDArray, NDArray]:
+def _median_planes(place: NDArray, part_number: NDArray, n_parts: int) -> tuple[NDArray, NDArray]:
     """Longest direction of each part (k, p), and its approximate median along that direction (p,)."""
 
     def mean(values: NDArray) -> NDArray:
-        return np.bincount(part, values, n_parts) / size
+        return np.bincount(part_number, values, n_parts) / size
 
     k = len(place)
-    size = np.maximum(np.bincount(part, minlength=n_parts), 1)
+    size = np.maximum(np.bincount(part_number, minlength=n_parts), 1)
     centre = np.stack([mean(x) for x in place])
-    offset = [x - c[part] for x, c in zip(place, centre, strict=True)]
+    offset = [x - c[part_number] for x, c in zip(place, centre, strict=True)]
     spread = np.empty((n_parts, k, k))
     for i in range(k):
         for j in range(i, k):
             spread[:, i, j] = spread[:, j, i] = mean(offset[i] * offset[j])
     axis = _longest_axis(spread)
-    along = sum(x * a[part] for x, a in zip(offset, axis, strict=True))
+    along = sum(x * a[part_number] for x, a in zip(offset, axis, strict=True))
     median, width = np.zeros(n_parts), np.sqrt(mean(along * along))
     for _ in range(2):
-        share = np.bincount(part[along > median[part]], minlength=n_parts) / size
+        share = np.bincount(part_number[along > median[part_number]], minlength=n_parts) / size
         median += 2.5 * width * (share - 0.5)  # a normal density has the height 1 / 2.5 at its median
     median += (centre * axis).sum(axis=0)
     return axis.astype(np.float32), median.astype(np.float32)

@@ -40,7 +40,7 @@ class Assembly:
             first.append(corner.ravel()[kept])
         keys, pair = np.unique(np.concatenate(high) * len(free) + np.concatenate(low), return_inverse=True)
         self._pairs = len(keys)
-        self._own, *pairs = np.split(pair, np.cumsum([len(part) for part in low])[:-1])
+        self._own, *pairs = np.split(pair, np.cumsum([len(row_of_pair) for row_of_pair in low])[:-1])
         self._gathers = [
             _row_sums(pair, row, stencil.shape[1], len(keys), 3 * stencil.size * stencil.shape[1])
             for pair, row, stencil in zip(pairs, first, stencils)

@@ -20,16 +20,16 @@ def driving_work(system: System, before: Motion, after: Motion, dt: float) -> fl
     start, end, move = system.at(before.time), system.at(after.time), after.x - before.x
     work = 0.0
     if system.prescribed:
-        rows = np.logical_or.reduce([part.mask[:, 0] for part in system.prescribed])
+        rows = np.logical_or.reduce([term.mask[:, 0] for term in system.prescribed])
         force = start.full_gradient(before.x) + end.full_gradient(after.x)
         if system.dissipations:
             force += start.full_drag(before.x, before.v, dt) + end.full_drag(after.x, after.v, dt)
         work += 0.5 * float(np.vdot(force[rows], move[rows]))
         speed = np.sum(after.v[rows] ** 2, axis=1) - np.sum(before.v[rows] ** 2, axis=1)
         work += 0.5 * float(system.mass[rows] @ speed)
-    for part in system.parts:
-        if isinstance(part, TimeDependent):
-            then, now = part.at(before.time), part.at(after.time)
+    for term in system.all_terms:
+        if isinstance(term, TimeDependent):
+            then, now = term.at(before.time), term.at(after.time)
             if hasattr(then, "power"):  # of a barrier: its energy at fixed positions may be infinite
                 work += 0.5 * dt * (then.power(before.x) + now.power(after.x))
             elif hasattr(then, "energy"):
@@ -60,12 +60,12 @@ def reactions(system: System, motion: Motion, dt: float) -> dict[str, tuple[NDAr
     force = force + system.mass[:, None] * acceleration
     ends, couples = _couples(system, motion.x)
     seen, counted, forces = np.zeros_like(system.free), np.zeros(len(ends), dtype=bool), {}
-    for part in system.supports:
-        own = np.where(part.mask & ~seen, force, 0.0)
-        seen |= part.mask
-        held = np.asarray(part.mask.any(axis=1))[ends].all(axis=1) & ~counted
+    for term in system.supports:
+        own = np.where(term.mask & ~seen, force, 0.0)
+        seen |= term.mask
+        held = np.asarray(term.mask.any(axis=1))[ends].all(axis=1) & ~counted
         couple, counted = couples[held], counted | held
-        forces[part.name] = own.sum(axis=0), np.cross(motion.x, own).sum(axis=0) + couple.sum(axis=0)
+        forces[term.name] = own.sum(axis=0), np.cross(motion.x, own).sum(axis=0) + couple.sum(axis=0)
     return forces
 
 
@@ -80,24 +80,24 @@ def obstacle_work(system: System, before: Motion, after: Motion, dt: float) -> f
     """Joules that moving obstacles add to the stored energy in a step, by the trapezoidal rule."""
     if not system.pushed:
         return 0.0
-    parts = [part for part in system.parts if hasattr(part, "power")]
-    return 0.5 * dt * sum(p.at(before.time).power(before.x) + p.at(after.time).power(after.x) for p in parts)
+    terms = [term for term in system.all_terms if hasattr(term, "power")]
+    return 0.5 * dt * sum(p.at(before.time).power(before.x) + p.at(after.time).power(after.x) for p in terms)
 
 
 def contact_forces(system: System, motion: Motion, dt: float) -> dict[str, tuple[NDArray, NDArray]]:
     """Force (N) and moment about the origin (N m) that shells exert on each obstacle, by name."""
     system = system.at(motion.time)
     forces: dict[str, tuple[NDArray, NDArray]] = {}
-    parts: list[Any] = [*system.potentials, *system.dissipations]
-    for part in parts:
-        name = getattr(part, "obstacle", "")
+    terms: list[Any] = [*system.potentials, *system.dissipations]
+    for term in terms:
+        name = getattr(term, "obstacle", "")
         if not name:
             continue
-        with system.account.within(part.name):
-            if hasattr(part, "frozen"):
-                push = part.frozen(motion.x, dt).gradient(motion.v)
+        with system.account.within(term.name):
+            if hasattr(term, "frozen"):
+                push = term.frozen(motion.x, dt).gradient(motion.v)
             else:
-                push = part.gradient(motion.x)
+                push = term.gradient(motion.x)
         force, moment = forces.get(name, (np.zeros(3), np.zeros(3)))
         forces[name] = force + push.sum(axis=0), moment + np.cross(motion.x, push).sum(axis=0)
     return forces

@@ -33,50 +33,50 @@ class Rows:
 
 
 class _Term:
-    """A term of one object, `part`, in a system."""
+    """A term of one object, `own_term`, in a system."""
 
-    def __init__(self, part: Any, rows: Rows) -> None:
-        self.part, self.rows = part, rows
+    def __init__(self, own_term: Any, rows: Rows) -> None:
+        self.own_term, self.rows = own_term, rows
 
     @property
     def name(self) -> str:
-        return self.part.name
+        return self.own_term.name
 
     @property
     def stencil(self) -> NDArray[np.int64]:
-        stencil, rows = self.part.stencil, self.rows
+        stencil, rows = self.own_term.stencil, self.rows
         # behind the vertices come internal unknowns of the term
         return np.where(stencil < rows.count, stencil + rows.start, stencil - rows.count + rows.n)
 
     @property
     def obstacle(self) -> str:
-        return getattr(self.part, "obstacle", "")
+        return getattr(self.own_term, "obstacle", "")
 
     @property
     def active(self) -> bool:
-        return bool(getattr(self.part, "active", False))
+        return bool(getattr(self.own_term, "active", False))
 
 
 class _Energy:
-    part: Any
+    own_term: Any
     rows: Rows
 
     def energy(self, x: NDArray) -> float:
-        return self.part.energy(self.rows.of(x))
+        return self.own_term.energy(self.rows.of(x))
 
     def gradient(self, x: NDArray) -> NDArray[np.float64]:
-        return self.rows.padded(self.part.gradient(self.rows.of(x)))
+        return self.rows.padded(self.own_term.gradient(self.rows.of(x)))
 
     def blocks(self, x: NDArray, mode: Mode) -> NDArray[np.float64]:
-        return self.part.blocks(self.rows.of(x), mode)
+        return self.own_term.blocks(self.rows.of(x), mode)
 
 
 class _Changing:
-    part: Any
+    own_term: Any
     rows: Rows
 
     def hessian(self, x: NDArray, mode: Mode) -> Any:
-        local = self.part.hessian(self.rows.of(x), mode)
+        local = self.own_term.hessian(self.rows.of(x), mode)
         if local is None:
             return None
         entries = local.tocoo()
@@ -86,37 +86,37 @@ class _Changing:
 
 
 class _Barrier:
-    part: Any
+    own_term: Any
     rows: Rows
 
     def longest(self, x: NDArray, move: NDArray) -> float:
-        return self.part.longest(self.rows.of(x), move[self.rows.rows])
+        return self.own_term.longest(self.rows.of(x), move[self.rows.rows])
 
     def outside(self, x: NDArray) -> tuple[int, float] | None:
-        crossed = self.part.outside(self.rows.of(x))
+        crossed = self.own_term.outside(self.rows.of(x))
         return None if crossed is None else (crossed[0] + self.rows.start, crossed[1])
 
     def stiffest(self) -> NDArray[np.float64]:
-        return self.rows.padded(np.broadcast_to(self.part.stiffest(), (self.rows.count,)))
+        return self.rows.padded(np.broadcast_to(self.own_term.stiffest(), (self.rows.count,)))
 
 
 class _Crossing:
-    part: Any
+    own_term: Any
     rows: Rows
 
     def crosses(self, before: NDArray, after: NDArray) -> bool:
-        return self.part.crosses(before[self.rows.rows], after[self.rows.rows])
+        return self.own_term.crosses(before[self.rows.rows], after[self.rows.rows])
 
 
 class _Pushing:
-    part: Any
+    own_term: Any
     rows: Rows
 
     def power(self, x: NDArray) -> float:
-        return self.part.power(self.rows.of(x))
+        return self.own_term.power(self.rows.of(x))
 
     def carried(self, x: NDArray, since: float) -> NDArray[np.float64] | None:
-        local = self.part.carried(self.rows.of(x), since)
+        local = self.own_term.carried(self.rows.of(x), since)
         if local is None:
             return None
         moved = x.copy()
@@ -125,60 +125,60 @@ class _Pushing:
 
 
 class _Dissipation:
-    part: Any
+    own_term: Any
     rows: Rows
 
     def frozen(self, x: NDArray, dt: float) -> Any:
-        return embedded(self.part.frozen(self.rows.of(x), dt), self.rows)
+        return embedded(self.own_term.frozen(self.rows.of(x), dt), self.rows)
 
 
 class _Lagged:
-    part: Any
+    own_term: Any
     rows: Rows
 
     def lagged(self, time: float) -> Any:
-        return embedded(self.part.lagged(time), self.rows)
+        return embedded(self.own_term.lagged(time), self.rows)
 
 
 class _TimeDependent:
-    part: Any
+    own_term: Any
     rows: Rows
 
     def at(self, time: float) -> Any:
-        return embedded(self.part.at(time), self.rows)
+        return embedded(self.own_term.at(time), self.rows)
 
 
 class _LowRank:
-    part: Any
+    own_term: Any
     rows: Rows
 
     def low_rank(self, x: NDArray) -> NDArray[np.float64]:
-        return self.rows.padded(self.part.low_rank(self.rows.of(x)))
+        return self.rows.padded(self.own_term.low_rank(self.rows.of(x)))
 
 
 class _Observed:
-    part: Any
+    own_term: Any
     rows: Rows
 
     def observed(self, x: NDArray) -> dict[str, Any]:
-        return self.part.observed(self.rows.of(x))
+        return self.own_term.observed(self.rows.of(x))
 
 
 class _Couples:
-    part: Any
+    own_term: Any
     rows: Rows
 
     def couples(self, x: NDArray) -> tuple[NDArray, NDArray]:
-        ends, moments = self.part.couples(self.rows.of(x))
+        ends, moments = self.own_term.couples(self.rows.of(x))
         return ends + self.rows.start, moments
 
 
 class _Scaled:
-    part: Any
+    own_term: Any
     rows: Rows
 
     def scaled(self, factor: float) -> Any:
-        return embedded(self.part.scaled(factor), self.rows)
+        return embedded(self.own_term.scaled(factor), self.rows)
 
 
 CAPABILITIES: dict[str, type] = {
@@ -223,23 +223,27 @@ class EmbeddedMemory:
         return self.memory.commit(self.rows.of(x), memory)
 
 
-def embedded(part: Any, rows: Rows) -> Any:
+def embedded(own_term: Any, rows: Rows) -> Any:
     """A term of one object as a term of a system of several."""
-    if isinstance(part, FixedCoordinates | PrescribedMotion):
-        return replace(part, mask=rows.padded(part.mask))
-    return _kind(tuple(name for name in CAPABILITIES if hasattr(part, name)))(part, rows)
+    if isinstance(own_term, FixedCoordinates | PrescribedMotion):
+        return replace(own_term, mask=rows.padded(own_term.mask))
+    return _kind(tuple(name for name in CAPABILITIES if hasattr(own_term, name)))(own_term, rows)
 
 
-def parts_of_rows(terms: list[Any], rows: slice) -> list[Any]:
+def terms_of_rows(terms: list[Any], rows: slice) -> list[Any]:
     """The terms of one object among those of a system, without their embedding."""
-    parts = [term.part for term in terms if isinstance(term, _Term) and term.rows.rows == rows]
-    return parts if any(isinstance(term, _Term) for term in terms) else list(terms)
+    own_terms = [term.own_term for term in terms if isinstance(term, _Term) and term.rows.rows == rows]
+    return own_terms if any(isinstance(term, _Term) for term in terms) else list(terms)
 
 
-def embedded_parts(parts: list[Any], rows: Rows) -> list[Any]:
+def embedded_terms(own_terms: list[Any], rows: Rows) -> list[Any]:
     """All terms of one object, memories with the terms that they replace."""
-    new = {id(part): embedded(part, rows) for part in parts if not isinstance(part, Memory)}
+    new = {
+        id(own_term): embedded(own_term, rows) for own_term in own_terms if not isinstance(own_term, Memory)
+    }
     return [
-        EmbeddedMemory(part, new[id(part.potential)], rows) if isinstance(part, Memory) else new[id(part)]
-        for part in parts
+        EmbeddedMemory(own_term, new[id(own_term.potential)], rows)
+        if isinstance(own_term, Memory)
+        else new[id(own_term)]
+        for own_term in own_terms
     ]

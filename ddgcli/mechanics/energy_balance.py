@@ -34,8 +34,8 @@ class StoredEnergy:
         for potential in system.potentials:
             if not is_dead(potential):
                 with system.account.within(potential.name):
-                    part = potential.energy(x)
-                    energy, scale = energy + part, scale + abs(part)
+                    own_energy = potential.energy(x)
+                    energy, scale = energy + own_energy, scale + abs(own_energy)
                     gradient += potential.gradient(x)
         return cls(energy, gradient, scale)
 

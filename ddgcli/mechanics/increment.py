@@ -72,7 +72,7 @@ def with_changing(matrix: csc_array, free: NDArray[np.bool_], hessians: Sequence
     """
     for hessian in hessians:
         if hessian is not None and hessian.nnz:
-            part = csc_array(hessian if free.all() else hessian[free.ravel()][:, free.ravel()])
-            part.resize(matrix.shape)
-            matrix = csc_array(matrix + part)
+            free_block = csc_array(hessian if free.all() else hessian[free.ravel()][:, free.ravel()])
+            free_block.resize(matrix.shape)
+            matrix = csc_array(matrix + free_block)
     return matrix

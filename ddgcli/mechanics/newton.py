@@ -67,14 +67,14 @@ class Newton:
     def at(self, increment: Increment, y: NDArray) -> Point:
         """The function at `y`."""
         system = self.system
-        parts = list(system.energies(y).values())
+        energies = list(system.energies(y).values())
         if increment.a:
             away = y - increment.target
-            parts.append(0.5 * increment.a * float(system.mass @ np.einsum("ni,ni->n", away, away)))
+            energies.append(0.5 * increment.a * float(system.mass @ np.einsum("ni,ni->n", away, away)))
         for potential in increment.frozen:
             with system.account.within(potential.name):
-                parts.append(potential.energy(increment.velocity(y)) / increment.c)
-        return Point(y, float(np.sum(parts)), float(np.sum(np.abs(parts))))
+                energies.append(potential.energy(increment.velocity(y)) / increment.c)
+        return Point(y, float(np.sum(energies)), float(np.sum(np.abs(energies))))
 
     def slope(self, increment: Increment, y: NDArray) -> NDArray:
         """(n, 3) gradient, zero where held."""

@@ -66,7 +66,7 @@ class System:
     Parameters
     ----------
     mass : (n,) ndarray
-    parts : sequence of Potential, Dissipation and FixedCoordinates
+    all_terms : sequence of Potential, Dissipation and FixedCoordinates
     account : Account
     start : (n, 3) ndarray
         Positions at the start of the run, also of a resumed one: the scale of tolerances and of rounding.
@@ -88,35 +88,37 @@ class System:
     def __init__(
         self,
         mass: NDArray,
-        parts: Sequence[Any],
+        all_terms: Sequence[Any],
         account: Account,
         start: NDArray,
         size: float | None = None,
     ) -> None:
         self.mass, self.account, self.time = mass, account, 0.0
-        self.memories = [p for p in parts if isinstance(p, Memory)]
-        self.parts = tuple(p for p in parts if not isinstance(p, Memory))
-        self._choose(self.parts)
-        self.prescribed = [p for p in parts if isinstance(p, PrescribedMotion)]
-        self.supports = [p for p in parts if isinstance(p, FixedCoordinates | PrescribedMotion) and p.name]
+        self.memories = [p for p in all_terms if isinstance(p, Memory)]
+        self.all_terms = tuple(p for p in all_terms if not isinstance(p, Memory))
+        self._choose(self.all_terms)
+        self.prescribed = [p for p in all_terms if isinstance(p, PrescribedMotion)]
+        self.supports = [
+            p for p in all_terms if isinstance(p, FixedCoordinates | PrescribedMotion) and p.name
+        ]
         held = np.zeros((len(mass), 3), dtype=bool)
-        for part in parts:
-            if isinstance(part, FixedCoordinates | PrescribedMotion):
-                held |= part.mask
+        for any_term in all_terms:
+            if isinstance(any_term, FixedCoordinates | PrescribedMotion):
+                held |= any_term.mask
         self.free = ~held
         self.all_free = not held.any()
         self.start, self.size = start, size or float(np.ptp(start, axis=0).max())
         by_vertex = bool((held.all(axis=1) == held.any(axis=1)).all())
         self.linear = by_vertex and all(is_dead(p) or hasattr(p, "matrix") for p in self.potentials)
         self.cache: dict[str, Any] = {}
-        timed = any(isinstance(part, TimeDependent) for part in self.parts)
+        timed = any(isinstance(any_term, TimeDependent) for any_term in self.all_terms)
         self.driven = timed or bool(self.prescribed) or any(is_active(d) for d in self.dissipations)
         self.varies = timed or bool(self.prescribed)
-        self.pushed = any(hasattr(part, "power") for part in self.parts)
+        self.pushed = any(hasattr(any_term, "power") for any_term in self.all_terms)
 
-    def _choose(self, parts: Sequence[Any]) -> None:
+    def _choose(self, all_terms: Sequence[Any]) -> None:
         """Sort the terms by kind, those that depend on time at `self.time`."""
-        terms = [p.at(self.time) if isinstance(p, TimeDependent) else p for p in parts]
+        terms = [p.at(self.time) if isinstance(p, TimeDependent) else p for p in all_terms]
         self.potentials: list[Potential] = [p for p in terms if isinstance(p, Potential)]
         self.dissipations: list[Dissipation] = [p for p in terms if isinstance(p, Dissipation)]
         self.barriers: list[BarrierPotential] = [p for p in terms if isinstance(p, BarrierPotential)]
@@ -130,7 +132,7 @@ class System:
             return self
         system = copy.copy(self)
         system.time = time
-        system._choose(self.parts)
+        system._choose(self.all_terms)
         return system
 
     def remembering(self, memory: tuple[Arrays, ...]) -> System:
@@ -144,8 +146,8 @@ class System:
         if last is None or len(last[0]) != len(memory) or any(a is not b for a, b in zip(last[0], memory)):
             system = copy.copy(self)
             new = {id(m.potential): m.at(arrays) for m, arrays in zip(self.memories, memory)}
-            system.parts = tuple(new.get(id(part), part) for part in self.parts)
-            system._choose(system.parts)
+            system.all_terms = tuple(new.get(id(any_term), any_term) for any_term in self.all_terms)
+            system._choose(system.all_terms)
             last = self.cache["memory"] = (memory, system)
         return last[1]
 
@@ -162,9 +164,9 @@ class System:
         if not self.prescribed:
             return x, v, a
         x, v, a = x.copy(), v.copy(), a.copy()
-        for part in self.prescribed:
-            rows = part.mask[:, 0]
-            x[rows], v[rows], a[rows] = part.motion(self.time)
+        for any_term in self.prescribed:
+            rows = any_term.mask[:, 0]
+            x[rows], v[rows], a[rows] = any_term.motion(self.time)
         return x, v, a
 
     def only_free(self, vectors: NDArray) -> NDArray[np.float64]:

@@ -206,10 +206,10 @@ class DeadLoad:
         return np.zeros((0, 3, 3))
 
 
-Part = TypeVar("Part")
+Value = TypeVar("Value")
 
 
-def at_last_point(method: Callable[[Any, NDArray], Part]) -> Callable[[Any, NDArray], Part]:
+def at_last_point(method: Callable[[Any, NDArray], Value]) -> Callable[[Any, NDArray], Value]:
     """Remember a method's value at the last array of positions (the same object, which nobody writes to).
 
     Energy, gradient and Hessian of a Newton iteration are evaluated at one point and share results.
@@ -217,7 +217,7 @@ def at_last_point(method: Callable[[Any, NDArray], Part]) -> Callable[[Any, NDAr
     name = f"_last_{method.__name__}"
 
     @functools.wraps(method)
-    def remembered(self: Any, x: NDArray) -> Part:
+    def remembered(self: Any, x: NDArray) -> Value:
         last = self.__dict__.get(name)
         if last is None or last[0] is not x:
             last = self.__dict__[name] = (x, method(self, x))
@@ -226,6 +226,6 @@ def at_last_point(method: Callable[[Any, NDArray], Part]) -> Callable[[Any, NDAr
     return remembered
 
 
-def parts(count: int, size: int = 512) -> Iterator[slice]:
+def row_blocks(count: int, size: int = 512) -> Iterator[slice]:
     """Slices of `size` elements: what is made of one of them stays in the cache until it is used."""
     return (slice(start, min(start + size, count)) for start in range(0, count, size))

@@ -58,23 +58,23 @@ def bisected(mesh: TriangleMesh, marked: NDArray) -> Bisected:
     number = np.full(topology.n_edges, -1, dtype=np.int64)
     ends = topology.edges[split]
     number[split] = mesh.n_vertices + np.arange(len(ends))
-    parts, parents = _parts(faces, longest, number[side_edge])
+    children, parents = _child_faces(faces, longest, number[side_edge])
     points = np.concatenate([mesh.points, mesh.points[ends].mean(axis=1)])
-    return Bisected(TriangleMesh.from_arrays(points, parts), ends, parents)
+    return Bisected(TriangleMesh.from_arrays(points, children), ends, parents)
 
 
-def _parts(faces: NDArray, longest: NDArray, middle: NDArray) -> tuple[NDArray, NDArray]:
+def _child_faces(faces: NDArray, longest: NDArray, middle: NDArray) -> tuple[NDArray, NDArray]:
     """Faces after the split, and their old faces; `middle` (m, 3) has the new vertex of a side or -1."""
     whole = np.flatnonzero((middle < 0).all(axis=1))
     cut = np.flatnonzero((middle >= 0).any(axis=1))
     k = longest[cut]
     a, b, c = faces[cut, k], faces[cut, NEXT[k]], faces[cut, PREVIOUS[k]]
     top, right, left = middle[cut, k], middle[cut, NEXT[k]], middle[cut, PREVIOUS[k]]
-    parts, parents = [faces[whole]], [whole]
+    children, parents = [faces[whole]], [whole]
     for first, second, tip, on_far in ((b, c, top, right), (c, a, top, left)):
         split = on_far >= 0
-        parts.append(np.stack([tip, first, second], axis=1)[~split])
-        parts.append(np.stack([tip, first, on_far], axis=1)[split])
-        parts.append(np.stack([tip, on_far, second], axis=1)[split])
+        children.append(np.stack([tip, first, second], axis=1)[~split])
+        children.append(np.stack([tip, first, on_far], axis=1)[split])
+        children.append(np.stack([tip, on_far, second], axis=1)[split])
         parents += [cut[~split], cut[split], cut[split]]
-    return np.concatenate(parts), np.concatenate(parents)
+    return np.concatenate(children), np.concatenate(parents)

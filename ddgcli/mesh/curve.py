@@ -141,7 +141,7 @@ class CurveSet:
             np.stack([np.arange(a, b - 1), np.arange(a + 1, b)], axis=1) for a, b in zip(start, start[1:])
         ]
         point_arrays = {"path_id": np.repeat(np.arange(len(paths)), sizes)}
-        point_arrays |= {name: np.concatenate(parts) for name, parts in arrays.items() if parts}
+        point_arrays |= {name: np.concatenate(pieces) for name, pieces in arrays.items() if pieces}
         return cls(points, np.concatenate(lines) if lines else np.zeros((0, 2), dtype=np.int64), point_arrays)
 
 

@@ -41,7 +41,7 @@ class AnnotatedMesh:
 
 
 @dataclass(frozen=True, eq=False)
-class Frame:
+class TrajectoryFrame:
     """One frame of a trajectory.
 
     Parameters

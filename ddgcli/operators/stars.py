@@ -241,13 +241,13 @@ def laplace_de_rham(complex_: Complex, degree: int, kind: Star = "galerkin") -> 
 
     Returned as a function, since the inverse of the Galerkin star is dense.
     """
-    parts: list[Callable[[NDArray], NDArray]] = []
+    blocks: list[Callable[[NDArray], NDArray]] = []
     if degree < complex_.dimension:
         derivative = complex_.derivatives[degree]
         curl = (derivative.T @ hodge_star(complex_, degree + 1, kind) @ derivative).tocsr()
-        parts.append(lambda form: curl @ form)
+        blocks.append(lambda form: curl @ form)
     if degree > 0:
         solve = inverse_star(complex_, degree - 1, kind)
         weak = (complex_.derivatives[degree - 1].T @ hodge_star(complex_, degree, kind)).tocsr()
-        parts.append(lambda form: weak.T @ solve(weak @ form))
-    return lambda form: sum(part(form) for part in parts)  # type: ignore[return-value]
+        blocks.append(lambda form: weak.T @ solve(weak @ form))
+    return lambda form: sum(block(form) for block in blocks)  # type: ignore[return-value]

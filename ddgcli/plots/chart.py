@@ -57,7 +57,7 @@ def draw_chart(
     """
     with page(path, width, height, dpi) as figure:
         across = 0.85 if len(series) < 2 else 0.64 - 0.009 * max(0, max(map(len, series)) - 16)
-        below = [part for line in caption.splitlines() for part in textwrap.wrap(line, int(16 * width))]
+        below = [row for line in caption.splitlines() for row in textwrap.wrap(line, int(16 * width))]
         bottom = 0.18 + 0.03 * max(0, len(below) - 2)
         axes = figure.add_axes((0.11, bottom, max(across, 0.4), 0.91 - bottom))
         drawable = {name: _drawable(x, y, log) for name, (x, y) in series.items()}

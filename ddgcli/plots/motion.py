@@ -72,7 +72,7 @@ class SequenceStyle:
 
 
 def sequence_style(
-    frames: Iterable[PlotFrame],
+    plot_frames: Iterable[PlotFrame],
     label: str = "",
     view: Mapping[str, Any] | None = None,
     *,
@@ -85,11 +85,11 @@ def sequence_style(
     Obstacles are inside the pictures as far as they are near the bodies.
     """
     corners, values, obstacles = [], [], []
-    for frame in frames:
-        obstacles += [mesh.points for mesh in frame.obstacles]
-        corners.append(np.stack([frame.mesh.points.min(axis=0), frame.mesh.points.max(axis=0)]))
-        if frame.values is not None:
-            values.append(frame.values)
+    for plot_frame in plot_frames:
+        obstacles += [mesh.points for mesh in plot_frame.obstacles]
+        corners.append(np.stack([plot_frame.mesh.points.min(axis=0), plot_frame.mesh.points.max(axis=0)]))
+        if plot_frame.values is not None:
+            values.append(plot_frame.values)
     low, high = np.min(corners, axis=(0, 1)), np.max(corners, axis=(0, 1))
     if obstacles:
         around, reach = np.concatenate(obstacles), NEAR_SHARE * float(np.linalg.norm(high - low))
@@ -106,27 +106,27 @@ def sequence_style(
 
 def draw_frame(
     path: str,
-    frame: PlotFrame,
+    plot_frame: PlotFrame,
     style: SequenceStyle,
     width: float = 7.0,
     height: float = 5.25,
     dpi: float = 200,
 ) -> None:
     """Draw one frame."""
-    title = f"t = {frame.time:.4g} {style.time_unit}" + (
-        f", {style.label}" if frame.values is not None else ""
+    title = f"t = {plot_frame.time:.4g} {style.time_unit}" + (
+        f", {style.label}" if plot_frame.values is not None else ""
     )
     draw_surface(
-        path, frame.mesh, frame.values, title=title, fit=style.fit,
-        signed=style.signed if frame.values is not None else None, limits=style.limits,
-        edges=style.edges, context=frame.obstacles, width=width, height=height, dpi=dpi,
+        path, plot_frame.mesh, plot_frame.values, title=title, fit=style.fit,
+        signed=style.signed if plot_frame.values is not None else None, limits=style.limits,
+        edges=style.edges, context=plot_frame.obstacles, width=width, height=height, dpi=dpi,
         **dict(style.view or {}),
     )  # fmt: skip
 
 
 def draw_motion(
     path: str,
-    frames: Sequence[PlotFrame],
+    plot_frames: Sequence[PlotFrame],
     series: Mapping[str, tuple[NDArray, NDArray]],
     style: SequenceStyle,
     ylabel: str,
@@ -138,13 +138,15 @@ def draw_motion(
     from matplotlib.image import imread
 
     numbers = frames_of_equal_change(
-        [frame.mesh.points for frame in frames], [frame.values for frame in frames], MAX_PICTURE_FRAMES
+        [plot_frame.mesh.points for plot_frame in plot_frames],
+        [plot_frame.values for plot_frame in plot_frames],
+        MAX_PICTURE_FRAMES,
     )
-    chosen = [frames[k] for k in numbers]
+    chosen = [plot_frames[k] for k in numbers]
     with tempfile.TemporaryDirectory() as folder:
         pictures = []
-        for k, frame in enumerate(chosen):
-            draw_frame(f"{folder}/{k}.png", frame, style, 4.5, 3.6)
+        for k, plot_frame in enumerate(chosen):
+            draw_frame(f"{folder}/{k}.png", plot_frame, style, 4.5, 3.6)
             pictures.append(imread(f"{folder}/{k}.png"))
         xlabel = f"time [{style.time_unit}]"
         draw_chart(f"{folder}/chart.png", series, xlabel=xlabel, ylabel=ylabel, width=9.0, height=3.6)
@@ -160,7 +162,7 @@ def draw_motion(
 
 def draw_animation(
     path: str,
-    frames: Iterable[PlotFrame],
+    plot_frames: Iterable[PlotFrame],
     style: SequenceStyle,
     frames_per_second: float,
     size: tuple[int, int] | None = None,
@@ -171,7 +173,7 @@ def draw_animation(
     `progress(done)` is called after each frame.
     """
     across, down = size or (1280, 960)
-    pictures = _pictures(frames, style, across, down, progress)
+    pictures = _pictures(plot_frames, style, across, down, progress)
     if path.lower().endswith(".mp4"):
         _write_mp4(path, pictures, frames_per_second, across, down)
         return
@@ -196,7 +198,7 @@ def check_animation(path: str, size: tuple[int, int] | None) -> None:
 
 
 def _pictures(
-    frames: Iterable[PlotFrame],
+    plot_frames: Iterable[PlotFrame],
     style: SequenceStyle,
     across: int,
     down: int,
@@ -206,8 +208,8 @@ def _pictures(
     from matplotlib.image import imread
 
     with tempfile.TemporaryDirectory() as folder:
-        for k, frame in enumerate(frames):
-            draw_frame(f"{folder}/a.png", frame, style, 7.0, 7.0 * down / across, across / 7.0)
+        for k, plot_frame in enumerate(plot_frames):
+            draw_frame(f"{folder}/a.png", plot_frame, style, 7.0, 7.0 * down / across, across / 7.0)
             pixels = np.rint(255 * imread(f"{folder}/a.png")[:down, :across, :3]).astype(np.uint8)
             yield np.ascontiguousarray(pixels)
             progress(k + 1)

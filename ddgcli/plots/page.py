@@ -59,13 +59,13 @@ def page(path: str, width: float = 7.0, height: float = 5.25, dpi: float = 200) 
         figure.savefig(path, dpi=dpi, metadata=_NO_DATE[Path(path).suffix.lower()])
 
 
-def picture_axes(figure: Any, coloured: bool, part: tuple[float, float] = (0.0, 1.0)) -> Any:
+def picture_axes(figure: Any, coloured: bool, x_range: tuple[float, float] = (0.0, 1.0)) -> Any:
     """Axes of a picture on a part of a page, with space for a colour bar if it is `coloured`."""
-    left, width = part
+    left, width = x_range
     return figure.add_axes((left + 0.01, 0.05, width * (0.84 if coloured else 0.98), 0.87))
 
 
-def draw_texts(figure: Any, title: str, caption: str, part: tuple[float, float] = (0.0, 1.0)) -> None:
+def draw_texts(figure: Any, title: str, caption: str, x_range: tuple[float, float] = (0.0, 1.0)) -> None:
     """Draw the title above the picture and the caption below it."""
-    figure.text(part[0] + 0.44 * part[1], 0.955, title, ha="center", va="center", fontsize=10)
-    figure.text(part[0] + 0.02, 0.02, caption, ha="left", va="center", fontsize=7.5, color="0.35")
+    figure.text(x_range[0] + 0.44 * x_range[1], 0.955, title, ha="center", va="center", fontsize=10)
+    figure.text(x_range[0] + 0.02, 0.02, caption, ha="left", va="center", fontsize=7.5, color="0.35")

@@ -101,7 +101,7 @@ def draw_surface(
 
 def draw_beside(
     path: str,
-    parts: Sequence[tuple[TriangleMesh, dict[str, Any]]],
+    pictures: Sequence[tuple[TriangleMesh, dict[str, Any]]],
     *,
     width: float = 7.0,
     height: float = 5.25,
@@ -113,13 +113,13 @@ def draw_beside(
     `options` apply to all of them. No colour bars.
     """
     with page(path, width, height, dpi) as figure:
-        for k, (mesh, own) in enumerate(parts):
-            _paint(figure, (k / len(parts), 1 / len(parts)), mesh, **{**options, **own})
+        for k, (mesh, own) in enumerate(pictures):
+            _paint(figure, (k / len(pictures), 1 / len(pictures)), mesh, **{**options, **own})
 
 
 def _paint(
     figure: Any,
-    part: tuple[float, float],
+    x_range: tuple[float, float],
     mesh: TriangleMesh,
     values: NDArray | None = None,
     *,
@@ -144,7 +144,7 @@ def _paint(
 ) -> None:
     """Paint a surface on a part of the page (its left end and its width, as shares of the page)."""
     mesh, fit_points, placed = _in_unit_box(mesh, fit)
-    axes = picture_axes(figure, values is not None and values.ndim == 1, part)
+    axes = picture_axes(figure, values is not None and values.ndim == 1, x_range)
     squares = values is not None and values.ndim == 2
     known = None if values is None or squares else _relevant(mesh, values)
     if known is not None and limits is None:
@@ -182,7 +182,7 @@ def _paint(
     if known is not None and limits is not None:
         colour_bar(figure, mappable, label, _beyond(known, *limits))
         caption = "; ".join(filter(None, [caption, extremes(label, known)]))
-    draw_texts(figure, title, caption, part)
+    draw_texts(figure, title, caption, x_range)
 
 
 def _with_context(

@@ -82,8 +82,8 @@ def _bounds(clouds: Sequence[NDArray]) -> tuple[NDArray, float]:
 
 def _object(viewed: ViewedObject, centre: NDArray, size: float) -> dict[str, Any]:
     """What the page draws; positions are relative to the bounding box, in single precision."""
-    arrays = [_array(name, "vertex", frames) for name, frames in viewed.vertex.items()]
-    arrays += [_array(name, "face", frames) for name, frames in viewed.face.items()]
+    arrays = [_array(name, "vertex", values_by_frame) for name, values_by_frame in viewed.vertex.items()]
+    arrays += [_array(name, "face", values_by_frame) for name, values_by_frame in viewed.face.items()]
     return {
         "name": viewed.name,
         "points": [_packed((points - centre) / size, "f4") for points in viewed.points],
@@ -94,8 +94,8 @@ def _object(viewed: ViewedObject, centre: NDArray, size: float) -> dict[str, Any
     }
 
 
-def _array(name: str, place: str, frames: Sequence[NDArray]) -> dict[str, Any]:
-    values = [np.linalg.norm(v, axis=1) if v.ndim == 2 else v.astype(np.float64) for v in frames]
+def _array(name: str, place: str, values_by_frame: Sequence[NDArray]) -> dict[str, Any]:
+    values = [np.linalg.norm(v, axis=1) if v.ndim == 2 else v.astype(np.float64) for v in values_by_frame]
     low, high, signed = robust_limits(np.concatenate(values) if values else np.zeros(0))
     packed = [_packed(v, "f8") for v in values]
     return {"name": name, "place": place, "low": low, "high": high, "signed": signed, "frames": packed}

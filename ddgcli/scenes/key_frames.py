@@ -20,9 +20,9 @@ def require_from_rest(
     """Raise ValueError where key frames are incomplete, or do not start where the body is drawn."""
     if positions is None and rotations is None:
         raise ValueError("give positions, rotations or both beside times")
-    for name, frames in (("positions", positions), ("rotations", rotations)):
-        if frames is not None and len(frames) != len(times):
-            raise ValueError(f"{name} has {len(frames)} entries and times {len(times)}")
+    for name, key_frames in (("positions", positions), ("rotations", rotations)):
+        if key_frames is not None and len(key_frames) != len(times):
+            raise ValueError(f"{name} has {len(key_frames)} entries and times {len(times)}")
     if positions is not None and any(positions[0]):
         raise ValueError("positions[0] must be [0, 0, 0]: the body starts where it is drawn")
     if rotations is not None and rotations[0].degrees:

@@ -114,9 +114,9 @@ class Scene:
             steps = getattr(time, "load_steps", 1)
             return Schedule(time.duration / steps, steps, 1, None, time.on_failure)
         if time.tolerance is not None:
-            frame = min(time.frame_every or time.duration / 50, time.duration)
-            count = math.ceil(time.duration / frame - 1e-9)
-            first = min(time.step or frame / 10, frame)
+            frame_interval = min(time.frame_every or time.duration / 50, time.duration)
+            count = math.ceil(time.duration / frame_interval - 1e-9)
+            first = min(time.step or frame_interval / 10, frame_interval)
             return Schedule(time.duration / count, count, 1, time.tolerance, time.on_failure, first)
         steps = max(1, round(time.duration / time.step))
         every = max(1, round(time.frame_every / time.step) if time.frame_every else math.ceil(steps / 50))

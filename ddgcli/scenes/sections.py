@@ -59,9 +59,11 @@ def checked(document: Document, key: Key, model: type[Section], table: dict[str,
         raise SceneError(located(document, (*key, *loc), _sentence(mistake, loc, model, where))) from error
 
 
-def _is_branch(part: str | int) -> bool:
+def _is_branch(location: str | int) -> bool:
     """Whether pydantic named a branch of a union rather than a key."""
-    return isinstance(part, str) and ("[" in part or part in ("str", "int", "float", "bool", "none"))
+    return isinstance(location, str) and (
+        "[" in location or location in ("str", "int", "float", "bool", "none")
+    )
 
 
 def _sentence(mistake: Any, loc: Key, model: type[BaseModel], where: str) -> str:
@@ -99,9 +101,9 @@ def _sentence(mistake: Any, loc: Key, model: type[BaseModel], where: str) -> str
 def _keys_at(model: type[BaseModel], loc: Key) -> list[str]:
     """Keys that the table at `loc` may have."""
     current: Any = model
-    for part in loc:
-        if isinstance(part, str) and part in getattr(current, "model_fields", {}):
-            current = _inner_model(current.model_fields[part].annotation)
+    for location in loc:
+        if isinstance(location, str) and location in getattr(current, "model_fields", {}):
+            current = _inner_model(current.model_fields[location].annotation)
     return list(getattr(current, "model_fields", {}))
 
 

@@ -45,8 +45,8 @@ def _simple_unit(name: str) -> tuple[float, Dimension]:
 def parse_unit(text: str) -> tuple[float, Dimension]:
     """Factor to SI and dimension of a unit such as "kg/m^2", "N m" or "mm/s2"."""
     factor, total = 1.0, [0, 0, 0, 0]
-    for part, piece in enumerate(text.split("/")):
-        sign = 1 if part == 0 else -1
+    for position, piece in enumerate(text.split("/")):
+        sign = 1 if position == 0 else -1
         for word in re.split(r"[\s*·]+", piece.strip()):
             if word in ("", "1"):
                 continue

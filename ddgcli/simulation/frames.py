@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from ddgcli.mesh.curve import CurveSet
-from ddgcli.mesh.fields import Frame
+from ddgcli.mesh.fields import TrajectoryFrame
 from ddgcli.mesh.tet_mesh import TetMesh
 from ddgcli.mesh.topology import Topology
 from ddgcli.mesh.triangle_mesh import TriangleMesh
@@ -33,39 +33,50 @@ def joined_mesh(meshes: list[Any]) -> tuple[TriangleMesh | TetMesh | CurveSet, n
     return TriangleMesh(points, Topology(faces, len(points))), number
 
 
-def joined_frame(snapshot: Snapshot) -> Frame:
+def joined_frame(snapshot: Snapshot) -> TrajectoryFrame:
     """Points and arrays one behind the other, scalars added; `step_size` is the smallest step so far.
 
     A vector of one number is a number, as it is in a file.
     """
-    parts = sorted(snapshot.observations.values(), key=lambda part: part.place)
+    observations = sorted(snapshot.observations.values(), key=lambda observation: observation.place)
     points = (
-        None if parts[0].points is None else np.concatenate([p.points for p in parts if p.points is not None])
+        None
+        if observations[0].points is None
+        else np.concatenate([p.points for p in observations if p.points is not None])
     )
-    names = dict.fromkeys(name for part in parts for name in part.vertex)
-    vertex = {name: np.concatenate([_array(part, name, parts) for part in parts]) for name in names}
+    names = dict.fromkeys(name for observation in observations for name in observation.vertex)
+    vertex = {
+        name: np.concatenate([_array(observation, name, observations) for observation in observations])
+        for name in names
+    }
     scalar: dict[str, Any] = {}
-    for part in parts:
-        for name, value in part.scalar.items():
+    for observation in observations:
+        for name, value in observation.scalar.items():
             scalar[name] = scalar[name] + value if name in scalar else value
     scalar["step_size"] = 0.0 if np.isinf(snapshot.smallest_step) else snapshot.smallest_step
     scalar = {name: np.asarray(v).item() if np.size(v) == 1 else v for name, v in scalar.items()}
-    return Frame(snapshot.step, snapshot.time, points, vertex, scalar, parts[0].faces)
+    return TrajectoryFrame(snapshot.step, snapshot.time, points, vertex, scalar, observations[0].faces)
 
 
-def mesh_of_frame(mesh: Any, frame: Frame) -> Any:
+def mesh_of_frame(mesh: Any, trajectory_frame: TrajectoryFrame) -> Any:
     """The mesh of a run as it is in a frame: moved, and with the frame's faces where these change."""
-    if frame.points is None:
+    if trajectory_frame.points is None:
         return mesh
-    if frame.faces is None:
-        return mesh.moved(frame.points)
-    return TriangleMesh(frame.points, Topology(frame.faces, len(frame.points)))
+    if trajectory_frame.faces is None:
+        return mesh.moved(trajectory_frame.points)
+    return TriangleMesh(
+        trajectory_frame.points, Topology(trajectory_frame.faces, len(trajectory_frame.points))
+    )
 
 
-def _array(part: Observation, name: str, parts: list[Observation]) -> np.ndarray:
+def _array(observation: Observation, name: str, observations: list[Observation]) -> np.ndarray:
     """The part's array, or zeros of the same kind where it has none."""
-    if name in part.vertex:
-        return part.vertex[name]
-    like = next(p.vertex[name] for p in parts if name in p.vertex)
-    count = len(next(iter(part.vertex.values()))) if part.points is None else len(part.points)
+    if name in observation.vertex:
+        return observation.vertex[name]
+    like = next(p.vertex[name] for p in observations if name in p.vertex)
+    count = (
+        len(next(iter(observation.vertex.values())))
+        if observation.points is None
+        else len(observation.points)
+    )
     return np.zeros((count, *like.shape[1:]), dtype=like.dtype)

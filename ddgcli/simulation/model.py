@@ -150,12 +150,12 @@ class Schedule:
             raise ParameterError("steps must be 0 or more, and the steps between frames 1 or more")
 
     @property
-    def frames(self) -> int:
+    def n_frames(self) -> int:
         """Number of frames, the first at the start and the last at the end."""
         return 1 + math.ceil(self.steps / self.every)
 
-    def step_of_frame(self, frame: int) -> int:
-        return min(frame * self.every, self.steps)
+    def step_of_frame(self, frame_number: int) -> int:
+        return min(frame_number * self.every, self.steps)
 
 
 def flow_schedule(options: Mapping[str, Any], own_step: float, *, max_steps: int, n_frames: int) -> Schedule:
@@ -175,8 +175,10 @@ def flow_schedule(options: Mapping[str, Any], own_step: float, *, max_steps: int
     if dt is None:
         dt = own_step if duration is None else max(duration / max_steps, min(duration / n_frames, own_step))
     if tolerance is not None and duration is not None:
-        frames = max(1, math.ceil(duration / every - 1e-9)) if every else n_frames
-        return Schedule(duration / frames, frames, 1, tolerance, first_dt=min(dt, duration / frames))
+        frame_count = max(1, math.ceil(duration / every - 1e-9)) if every else n_frames
+        return Schedule(
+            duration / frame_count, frame_count, 1, tolerance, first_dt=min(dt, duration / frame_count)
+        )
     count = max(1, math.ceil(duration / dt - 1e-9)) if duration is not None else steps or max_steps
     dt = duration / count if duration is not None else dt
     return Schedule(dt, count, max(1, round(every / dt) if every else math.ceil(count / n_frames)))

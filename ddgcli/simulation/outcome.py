@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.errors import SolveError
-from ddgcli.mesh.fields import Frame
+from ddgcli.mesh.fields import TrajectoryFrame
 from ddgcli.simulation.model import Event
 
 
@@ -19,7 +19,7 @@ class Outcome:
 
     Parameters
     ----------
-    frames : int
+    n_frames : int
         Number of whole frames, with those of the run that was resumed.
     last : Frame
     series : dict of str to (T, ...) ndarray
@@ -48,8 +48,8 @@ class Outcome:
         All surfaces as one.
     """
 
-    frames: int = 0
-    last: Frame | None = None
+    n_frames: int = 0
+    last: TrajectoryFrame | None = None
     series: dict[str, NDArray] = field(default_factory=dict)
     times: NDArray = field(default_factory=lambda: np.zeros(0))
     largest: dict[str, float] = field(default_factory=dict)
@@ -62,11 +62,11 @@ class Outcome:
     steps: int = 0
     smallest_step: float = np.inf
     events: int = 0
-    picture_frames: list[Frame] = field(default_factory=list)
+    picture_frames: list[TrajectoryFrame] = field(default_factory=list)
     mesh: Any = None
 
     @property
-    def end(self) -> Frame:
+    def end(self) -> TrajectoryFrame:
         """The last frame.
 
         Raises

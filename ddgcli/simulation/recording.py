@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from ddgcli.errors import SolveError
-from ddgcli.mesh.fields import Frame, frames_of_equal_change
+from ddgcli.mesh.fields import TrajectoryFrame, frames_of_equal_change
 from ddgcli.progress import ProgressCallback
 from ddgcli.simulation.account import Account
 from ddgcli.simulation.frames import joined_frame
@@ -40,30 +40,30 @@ class Recorder:
         self.rows: list[dict[str, Any]] = []
         self.times: list[float] = []
 
-    def restore(self, frames: Iterable[Frame]) -> None:
+    def restore(self, trajectory_frames: Iterable[TrajectoryFrame]) -> None:
         """Record the frames of an earlier part of the run."""
-        for frame in frames:
-            self._record(frame)
+        for trajectory_frame in trajectory_frames:
+            self._record(trajectory_frame)
 
-    def add(self, frame: Frame, snapshot: Snapshot) -> None:
+    def add(self, trajectory_frame: TrajectoryFrame, snapshot: Snapshot) -> None:
         """Record a frame of this run and the counts of its snapshot."""
-        self._record(frame)
+        self._record(trajectory_frame)
         outcome = self.outcome
         outcome.steps, outcome.smallest_step = snapshot.steps, snapshot.smallest_step
         outcome.events += len(snapshot.events)
         outcome.stopped = snapshot.stopped
 
-    def _record(self, frame: Frame) -> None:
+    def _record(self, trajectory_frame: TrajectoryFrame) -> None:
         outcome = self.outcome
-        outcome.last = frame
-        if self.picture and outcome.frames % self.stride == 0:
-            outcome.picture_frames.append(frame)
+        outcome.last = trajectory_frame
+        if self.picture and outcome.n_frames % self.stride == 0:
+            outcome.picture_frames.append(trajectory_frame)
             if len(outcome.picture_frames) > MAX_STORED_FRAMES:
                 outcome.picture_frames, self.stride = outcome.picture_frames[::2], 2 * self.stride
-        outcome.frames += 1
-        self.times.append(frame.time)
-        self.rows.append(frame.scalar)
-        for name, values in frame.vertex.items():
+        outcome.n_frames += 1
+        self.times.append(trajectory_frame.time)
+        self.rows.append(trajectory_frame.scalar)
+        for name, values in trajectory_frame.vertex.items():
             if values.size and values.dtype.kind == "f":
                 outcome.largest[name] = max(outcome.largest.get(name, 0.0), float(np.abs(values).max()))
 
@@ -72,13 +72,19 @@ class Recorder:
         outcome, names = self.outcome, self.rows[0] if self.rows else {}
         outcome.series = {n: np.array([row.get(n, np.nan) for row in self.rows]) for n in names}
         outcome.times = np.array(self.times)
-        frames = outcome.picture_frames
-        if outcome.last is not None and frames and frames[-1] is not outcome.last:
-            frames.append(outcome.last)
-        if len(frames) > MAX_PICTURE_FRAMES:
-            values = [next(iter(frame.vertex.values()), None) for frame in frames]
-            chosen = frames_of_equal_change([frame.points for frame in frames], values, MAX_PICTURE_FRAMES)
-            outcome.picture_frames = [frames[k] for k in chosen]
+        trajectory_frames = outcome.picture_frames
+        if outcome.last is not None and trajectory_frames and trajectory_frames[-1] is not outcome.last:
+            trajectory_frames.append(outcome.last)
+        if len(trajectory_frames) > MAX_PICTURE_FRAMES:
+            values = [
+                next(iter(trajectory_frame.vertex.values()), None) for trajectory_frame in trajectory_frames
+            ]
+            chosen = frames_of_equal_change(
+                [trajectory_frame.points for trajectory_frame in trajectory_frames],
+                values,
+                MAX_PICTURE_FRAMES,
+            )
+            outcome.picture_frames = [trajectory_frames[k] for k in chosen]
 
 
 def run_models(
@@ -88,7 +94,7 @@ def run_models(
     recorder: Recorder,
     *,
     resume: tuple[int, Arrays] | None = None,
-    write_frame: Callable[[Frame, Snapshot], None] | None = None,
+    write_frame: Callable[[TrajectoryFrame, Snapshot], None] | None = None,
     progress: ProgressCallback | None = None,
 ) -> Outcome:
     """Run models to the end, to a failure or to an interruption from the keyboard.
@@ -112,10 +118,10 @@ def run_models(
     try:
         for snapshot in evolve(models, schedule, account, resume, progress):
             with account.within("output"):
-                frame = joined_frame(snapshot)
-                recorder.add(frame, snapshot)
+                trajectory_frame = joined_frame(snapshot)
+                recorder.add(trajectory_frame, snapshot)
                 if write_frame is not None:
-                    write_frame(frame, snapshot)
+                    write_frame(trajectory_frame, snapshot)
         outcome.status = "complete"
     except SolveError as error:
         outcome.failure = str(error)

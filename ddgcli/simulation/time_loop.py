@@ -108,7 +108,7 @@ class Snapshot:
         Why the run ends here, or "".
     """
 
-    frame: int
+    frame_number: int
     step: int
     time: float
     observations: dict[str, Observation]
@@ -150,24 +150,24 @@ def evolve(
         for name, model in models.items()
     ]
     events: list[Event] = []
-    frame = 0
+    frame_number = 0
     if resume is None:
         yield _snapshot(active_models, schedule, 0, 0, events, account)
     else:
-        frame, checkpoint = resume
+        frame_number, checkpoint = resume
         for active in active_models:
-            active.restore(_part(checkpoint, active.name))
+            active.restore(_arrays_of(checkpoint, active.name))
         if stop_reason(checkpoint):
             return
-    last_frame = schedule.frames - 1
+    last_frame = schedule.n_frames - 1
     for active in active_models:
-        active.reached = schedule.step_of_frame(frame)
+        active.reached = schedule.step_of_frame(frame_number)
         if progress is not None:
             active.tell = lambda: progress(
                 sum(m.reached for m in active_models) / len(active_models), schedule.steps
             )
-    while frame < last_frame:
-        first, last = schedule.step_of_frame(frame), schedule.step_of_frame(frame + 1)
+    while frame_number < last_frame:
+        first, last = schedule.step_of_frame(frame_number), schedule.step_of_frame(frame_number + 1)
         for active in active_models:
             try:
                 with account.within("integrator"), np.errstate(all="ignore"):
@@ -175,22 +175,22 @@ def evolve(
             except SolveError as error:
                 raise RunFailed(str(error), tuple(events)) from error
             last = min(last, reached) if len(active_models) == 1 else last
-        frame += 1
-        snapshot = _snapshot(active_models, schedule, frame, last, events, account)
+        frame_number += 1
+        snapshot = _snapshot(active_models, schedule, frame_number, last, events, account)
         events = []
         yield snapshot
         if snapshot.stopped:
             return
 
 
-def _part(checkpoint: Arrays, name: str) -> Arrays:
+def _arrays_of(checkpoint: Arrays, name: str) -> Arrays:
     return {k.split("/", 1)[1]: v for k, v in checkpoint.items() if k.split("/", 1)[0] == name}
 
 
 def _snapshot(
     active_models: list[ActiveModel],
     schedule: Schedule,
-    frame: int,
+    frame_number: int,
     step: int,
     events: list[Event],
     account: Account,
@@ -206,7 +206,7 @@ def _snapshot(
             active.model.clock(active.state) for active in active_models if active.model.clock is not None
         ]
         return Snapshot(
-            frame,
+            frame_number,
             step,
             max(clocks) if clocks else step * schedule.dt,
             observations,

@@ -87,10 +87,10 @@ def unequal(distance):
 def rougher(sound):
     """Twice the distance where there is any slack."""
 
-    def wrong(front, *args, **kwargs):
-        sound(front, *args, **kwargs)
-        if front.slack > 0:
-            front.distance *= 2.0
+    def wrong(wavefront, *args, **kwargs):
+        sound(wavefront, *args, **kwargs)
+        if wavefront.slack > 0:
+            wavefront.distance *= 2.0
 
     return wrong
 
@@ -99,8 +99,8 @@ def crooked_turn(arrays):
     return arrays | {"turning_angle": first_wrong(arrays["turning_angle"])}
 
 
-def mixed(parts):
-    return (parts[0] + parts[1], *parts[1:])
+def mixed(components):
+    return (components[0] + components[1], *components[1:])
 
 
 def heavy(M):
@@ -274,7 +274,7 @@ PLANTS = {
         (*SOLVE, ["reconstruction_residual"]),
         (
             "ddgcli.algorithms.hodge.decomposition:_assembled",
-            lambda sound: lambda inner, whole, parts, *rest: sound(inner, whole, mixed(parts), *rest),
+            lambda sound: lambda inner, whole, *rest: sound(inner, whole, mixed(rest[0]), *rest[1:]),
             ["orthogonality"],
         ),
     ],
@@ -374,8 +374,8 @@ def test_a_planted_error_moves_the_field(name, plant, summary, inputs, sound_acc
     module, _, attribute = where.partition(":")
     owner = importlib.import_module(module)
     *classes, function = attribute.split(".")
-    for part in classes:
-        owner = getattr(owner, part)
+    for mesh_class in classes:
+        owner = getattr(owner, mesh_class)
     monkeypatch.setattr(owner, function, make(getattr(owner, function)))
     result = run(*[inputs.get(word, word) for word in RUNS[name]], "--json")
     assert result.exit_code in (0, 1), result.output + result.stderr

@@ -147,8 +147,10 @@ def test_seconds_of_a_simulation_are_not_compared(run, tmp_path):
     stored = tmp_path / "stored.json"
     assert run("check", stored, "--update", "--", *words).exit_code == 0
     changed = json.loads(stored.read_text())
-    parts = changed["summary"]["results"]["seconds_by_part"]
-    changed["summary"]["results"]["seconds_by_part"] = {name: value + 1 for name, value in parts.items()}
+    seconds_by_part = changed["summary"]["results"]["seconds_by_part"]
+    changed["summary"]["results"]["seconds_by_part"] = {
+        name: value + 1 for name, value in seconds_by_part.items()
+    }
     stored.write_text(json.dumps(changed))
     assert run("check", stored).exit_code == 0
 

@@ -81,7 +81,7 @@ def repeated_vertex():
     return with_faces(grid, np.concatenate([grid.faces, [[0, 0, 1]]]))
 
 
-def parts():
+def message_parts():
     """Two sheets, one of them larger."""
     small, large = shapes.grid(2, 2), shapes.grid(4, 4)
     points = np.concatenate([0.5 * small.points, large.points + [3, 0, 0]])
@@ -113,7 +113,7 @@ REFUSALS = [
     (flat_faces, ("willmore-flow", "--steps", "1"), "no area"),
     (flat_faces, ("dec",), "no area"),
     (repeated_vertex, ("delaunay",), "names a vertex twice"),
-    (parts, FLATTEN, "2 components"),
+    (message_parts, FLATTEN, "2 components"),
     (lambda: shapes.icosphere(1), FLATTEN, "is closed"),
     (lambda: shapes.torus(8, 6), FLATTEN, "is closed"),
     (handle, FLATTEN, "1 handles"),

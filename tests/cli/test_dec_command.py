@@ -15,8 +15,8 @@ BALL = ROOT / "sample_meshes" / "ball.vtu"
 
 
 def matrix(file, name):
-    parts = (file[f"{name}_data"], file[f"{name}_indices"], file[f"{name}_indptr"])
-    return csr_array(parts, shape=tuple(file[f"{name}_shape"]))
+    csc_arrays = (file[f"{name}_data"], file[f"{name}_indices"], file[f"{name}_indptr"])
+    return csr_array(csc_arrays, shape=tuple(file[f"{name}_shape"]))
 
 
 @pytest.fixture

@@ -82,11 +82,11 @@ def test_statistics_are_those_of_the_file(summary, tmp_path, make):
     results = summary("delaunay", path, "-o", out)["results"]
     z, twin = np.load(out), mesh.topology.side_twin.reshape(-1, 3)
     gluing = np.stack([np.where(twin < 0, -1, twin // 3), np.where(twin < 0, -1, twin % 3)], axis=-1)
-    for report, parts in (
+    for report, numbers in (
         (results["before"], (mesh.faces, mesh.side_length, gluing)),
         (results["after"], (z["faces"], z["face_edge_lengths"], z["neighbors"])),
     ):
-        assert {name: report[name] for name in statistics_of(*parts)} == statistics_of(*parts)
+        assert {name: report[name] for name in statistics_of(*numbers)} == statistics_of(*numbers)
 
 
 def test_three_kites_need_three_flips(summary, tmp_path):

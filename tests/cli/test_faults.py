@@ -143,13 +143,13 @@ def test_two_runs_on_one_output(tmp_path, ball):
     from ddgcli.errors import OutputError
     from ddgcli.io.trajectories.layout import Header
     from ddgcli.io.trajectories.writer import TrajectoryWriter
-    from ddgcli.mesh.fields import Frame
+    from ddgcli.mesh.fields import TrajectoryFrame
 
     mesh = shapes.icosphere(1)
     path = str(tmp_path / "o.vtkhdf")
     writers = [TrajectoryWriter(path, Header(mesh, True), 2) for _ in range(2)]
     for writer in writers:
-        writer.append(Frame(0, 0.0, mesh.points, {}, {}))
+        writer.append(TrajectoryFrame(0, 0.0, mesh.points, {}, {}))
     with pytest.raises(OutputError, match="another run took this place"):
         writers[0].close("complete")
     assert writers[1].close("complete") == path

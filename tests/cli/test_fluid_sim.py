@@ -213,14 +213,14 @@ def test_a_resumed_run_has_the_same_frames(run, flow, tmp_path, monkeypatch):
         assert (a.log_rows > 1) == ("[40]" in file.read_text())
         assert a.log[: a.log_rows].tobytes() == b.log[: b.log_rows].tobytes()
         for k in range(7):
-            first, second = a.frame(k), b.frame(k)
+            first, second = a.read_frame(k), b.read_frame(k)
             assert {"vorticity", "stream_function", "velocity", "speed", "dye"} <= set(first.vertex)
             assert first.time == second.time
             for name in first.vertex:
                 assert np.array_equal(first.vertex[name], second.vertex[name]), name
             for name in first.scalar:
                 assert np.array_equal(first.scalar[name], second.scalar[name]), name
-        dye = a.frame(6).vertex["dye"]
+        dye = a.read_frame(6).vertex["dye"]
         assert dye.min() >= 0 and dye.max() <= 1
 
 
@@ -329,8 +329,8 @@ def test_the_distance_decides_whether_vortices_separate_or_merge(run, tmp_path, 
             "fluid-sim", path, "--integrator", integrator, "--dt", step, "--frame-every", 1, "-o", last
         )
         assert result.exit_code == 0, result.stderr
-        with np.load(last) as frame:
-            x, y = (frame["points"][:, :2] - np.pi * (frame["points"].min() > -1)).T
-            weight = np.maximum(frame["vorticity"], 0) ** 2
+        with np.load(last) as last_frame:
+            x, y = (last_frame["points"][:, :2] - np.pi * (last_frame["points"].min() > -1)).T
+            weight = np.maximum(last_frame["vorticity"], 0) ** 2
         distance[name] = 2 * np.sqrt(np.sum(weight * (x**2 + y**2)) / weight.sum())
     assert distance["taylor_vortices"] > 1.2 and distance["taylor_vortices_merge"] < 0.9

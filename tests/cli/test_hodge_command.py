@@ -35,8 +35,8 @@ def test_parts_come_in_the_form_of_the_input(torus, tmp_path, summary, place):
     assert report["accuracy"]["harmonic_residual"] < 1e-10
     with np.load(out, allow_pickle=False) as arrays:
         field = np.load(tmp_path / f"{place}.npy")
-        for part in ("exact", "coexact", "harmonic", "harmonic_000", "harmonic_001"):
-            assert arrays[part].shape == field.shape
+        for array in ("exact", "coexact", "harmonic", "harmonic_000", "harmonic_001"):
+            assert arrays[array].shape == field.shape
         assert len(arrays["potential"]) == 96
         assert len(arrays["copotential"]) == (192 if place == "edge" else 288)
         if place == "edge":
@@ -70,17 +70,17 @@ def test_edges_of_the_input_may_be_turned(tmp_path, summary):
 
 
 @pytest.mark.parametrize(
-    "words, part",
+    "words, message_part",
     [
         (["--field", "nothing"], "no array 'nothing'"),
         (["--field", "a", "--field-file", "b.npy"], "give one"),
         (["--field-file", "missing.npy"], "no such file"),
     ],
 )
-def test_bad_fields_are_refused_in_a_line(torus, run, words, part):
+def test_bad_fields_are_refused_in_a_line(torus, run, words, message_part):
     result = run("hodge", torus, *words)
     assert result.exit_code == 2
-    assert part in result.stderr and result.stderr.count("\n") == 1
+    assert message_part in result.stderr and result.stderr.count("\n") == 1
     assert result.stdout == ""
 
 

@@ -36,17 +36,17 @@ def assert_equal_bits(a, b):
 
 
 @contextmanager
-def interrupted_after(monkeypatch, frames):
+def interrupted_after(monkeypatch, n_frames):
     """A patch: the writer of trajectories is interrupted where it would add one frame more."""
     from ddgcli.io.trajectories import writer as trajectory_writer
 
     append, written = trajectory_writer.TrajectoryWriter.append, []
 
-    def interrupted(self, frame, *rest):
-        if len(written) == frames:
+    def interrupted(self, trajectory_frame, *rest):
+        if len(written) == n_frames:
             raise KeyboardInterrupt
-        append(self, frame, *rest)
-        written.append(frame.step)
+        append(self, trajectory_frame, *rest)
+        written.append(trajectory_frame.step)
 
     with monkeypatch.context() as patch:
         patch.setattr(trajectory_writer.TrajectoryWriter, "append", interrupted)
@@ -62,11 +62,11 @@ load = {{ force = [0, 0, 1], vertices = [35] }}
 def test_resumed_run_has_the_same_bits(run, tmp_path, monkeypatch, integrator):
     """Contact with friction, damping, load and pins; an equilibrium, which has one frame to go."""
     text = SCENE + HELD
-    frames = 4
+    n_frames = 4
     if integrator == "static":
-        frames = 1
+        n_frames = 1
         text = text.replace('[0], axes = "xz"', "[0, 5, 30], clamp = true")
-    resumed_as_whole(run, tmp_path, monkeypatch, scene(tmp_path, integrator, text), frames)
+    resumed_as_whole(run, tmp_path, monkeypatch, scene(tmp_path, integrator, text), n_frames)
 
 
 PAIRS = """\
@@ -123,24 +123,24 @@ def but_for_seconds(result):
     return results, summary["accuracy"]
 
 
-def resumed_as_whole(run, tmp_path, monkeypatch, path, frames):
+def resumed_as_whole(run, tmp_path, monkeypatch, path, n_frames):
     whole = tmp_path / "whole.vtkhdf"
     uninterrupted = run("shell-sim", path, "-o", whole, "--json")
     assert uninterrupted.exit_code == 0
     broken = tmp_path / "broken.vtkhdf"
-    with interrupted_after(monkeypatch, frames):
+    with interrupted_after(monkeypatch, n_frames):
         result = run("shell-sim", path, "-o", broken)
     assert result.exit_code == 130
-    part = tmp_path / "broken.vtkhdf.part"
-    assert part.exists() and not broken.exists()
-    with Trajectory(str(part)) as left:
+    partial_file = tmp_path / "broken.vtkhdf.part"
+    assert partial_file.exists() and not broken.exists()
+    with Trajectory(str(partial_file)) as left:
         assert left.attributes["status"] == "interrupted"
-        assert left.n_frames == frames
-    again = run("shell-sim", path, "--resume", part, "-q", "--json")
+        assert left.n_frames == n_frames
+    again = run("shell-sim", path, "--resume", partial_file, "-q", "--json")
     assert again.exit_code == 0
-    assert broken.exists() and not part.exists()
+    assert broken.exists() and not partial_file.exists()
     assert but_for_seconds(uninterrupted) == but_for_seconds(again)
-    assert len(frames_of(whole)) > frames
+    assert len(frames_of(whole)) > n_frames
     assert_equal_bits(frames_of(whole), frames_of(broken))
 
 
@@ -170,9 +170,9 @@ def test_resume_of_a_changed_scene_is_refused(run, tmp_path, monkeypatch):
 def test_a_process_that_is_ended_leaves_whole_frames(tmp_path, sign):
     path = scene(tmp_path, text=SCENE.replace("duration = 0.1", "duration = 100"))
     child = ddgcli("shell-sim", path, "-o", tmp_path / "run.vtkhdf", stderr=subprocess.PIPE, text=True)
-    part = tmp_path / "run.vtkhdf.part"
+    partial_file = tmp_path / "run.vtkhdf.part"
     deadline = time.time() + 60
-    while not part.exists() and time.time() < deadline:
+    while not partial_file.exists() and time.time() < deadline:
         time.sleep(0.02)
     time.sleep(0.3)
     child.send_signal(sign)
@@ -180,7 +180,7 @@ def test_a_process_that_is_ended_leaves_whole_frames(tmp_path, sign):
     assert child.returncode == (130 if sign == signal.SIGINT else -signal.SIGKILL)
     if sign == signal.SIGINT:
         assert "--resume" in stderr and "Traceback" not in stderr
-    with Trajectory(str(part)) as left:
+    with Trajectory(str(partial_file)) as left:
         assert left.n_frames >= 1
         assert np.isfinite(left.points(left.n_frames - 1)).all()
     assert [p.name for p in tmp_path.iterdir() if p.name.startswith(".")] == []
@@ -194,12 +194,12 @@ def test_killed_and_resumed_again_and_again_it_ends_with_the_same_bits(run, tmp_
     rng = np.random.default_rng(kills)
     done = 0
     while not broken.exists():
-        part = tmp_path / "broken.vtkhdf.part"
-        again = ["--resume", part] if part.exists() else ["-o", broken]
+        partial_file = tmp_path / "broken.vtkhdf.part"
+        again = ["--resume", partial_file] if partial_file.exists() else ["-o", broken]
         child = ddgcli("shell-sim", path, *again, "-q", stdout=subprocess.DEVNULL)
         if done < kills:
             deadline = time.time() + 60
-            while not part.exists() and time.time() < deadline:
+            while not partial_file.exists() and time.time() < deadline:
                 time.sleep(0.02)
             time.sleep(1.5 * rng.random())
             child.kill()

@@ -126,7 +126,7 @@ def test_every_field_is_explained_on_the_page_by_its_name(outputs, call):
     for section in ("results", "accuracy"):
         for name, value in summary[section].items():
             inner = value if isinstance(value, dict) and name not in OWN_KEYS else {}
-            missing += [part for part in (name, *inner) if part not in words]
+            missing += [word for word in (name, *inner) if word not in words]
     assert missing == []
 
 

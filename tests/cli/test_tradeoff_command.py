@@ -196,16 +196,16 @@ def test_rows_and_summary_are_written_to_files(sphere, tmp_path, summary):
 
 
 @pytest.mark.parametrize(
-    "words, part",
+    "words, message_part",
     [
         (["--truth", "sphere:3"], "off the sphere"),
         (["--truth", "torus:1,2"], "torus"),
         (["--within", "0"], "0"),
     ],
 )
-def test_bad_calls_are_refused_in_one_line(sphere, run, words, part):
+def test_bad_calls_are_refused_in_one_line(sphere, run, words, message_part):
     result = run("tradeoff", "geodesic", sphere, *words)
-    assert result.exit_code == 2 and part in result.stderr and result.stderr.count("\n") == 1
+    assert result.exit_code == 2 and message_part in result.stderr and result.stderr.count("\n") == 1
 
 
 def test_curvature_on_an_ellipsoid_ranks_the_fit_above_the_cotangent(tmp_path, summary):

@@ -198,7 +198,7 @@ def test_an_option_makes_its_difference(command, name, compare):
 
 
 @pytest.mark.parametrize(
-    "command, words, part",
+    "command, words, message_part",
     [
         ("geodesic", ["--gradient"], "--gradient changes nothing that tradeoff geodesic compares; it takes"),
         ("geodesic", ["--eigen", 3], "No such option '--eigen'"),
@@ -211,9 +211,9 @@ def test_an_option_makes_its_difference(command, name, compare):
         ("curvature", ["--budget", 0], "0"),
     ],
 )
-def test_other_options_are_refused_in_one_line(command, words, part, inputs, run):
+def test_other_options_are_refused_in_one_line(command, words, message_part, inputs, run):
     result = run("tradeoff", command, inputs[command], *words)
-    assert result.exit_code == 2 and part in result.stderr and result.stderr.count("\n") == 1
+    assert result.exit_code == 2 and message_part in result.stderr and result.stderr.count("\n") == 1
 
 
 def test_a_command_without_input_is_refused(run):

@@ -103,8 +103,8 @@ def test_creases_are_not_noise(caplog):
     for _ in range(3):
         stair = shapes.midpoint_subdivided(stair)
     measure_curvature(stair)
-    part = shapes.cylinder(64, 3)
-    measure_curvature(part)
+    cylinder = shapes.cylinder(64, 3)
+    measure_curvature(cylinder)
     assert not caplog.records
 
 

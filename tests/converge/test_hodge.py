@@ -46,7 +46,7 @@ def test_parts_are_orthogonal_and_sum_to_the_field(name, boundary):
         assert result.orthogonality < 1e-12
         assert result.reconstruction_residual < 1e-10
         assert result.harmonic_residual < 1e-10
-        squares = sum(result.norms[part] ** 2 for part in ("exact", "coexact", "harmonic"))
+        squares = sum(result.norms[component] ** 2 for component in ("exact", "coexact", "harmonic"))
         assert squares == pytest.approx(result.norms["field"] ** 2, rel=1e-10)
 
 
@@ -58,8 +58,8 @@ def test_known_parts_of_a_form_are_recovered():
     coexact = np.linalg.solve(hodge_star(c, 1).toarray(), c.derivatives[1].T @ rng.normal(size=c.counts[2]))
     harmonic = np.array([2.0, -1.0]) @ harmonic_basis(mesh).forms
     split = decompose_form(mesh, exact + coexact + harmonic)
-    for part, expected in ((split.exact, exact), (split.coexact, coexact), (split.harmonic, harmonic)):
-        assert np.abs(part - expected).max() < 1e-9 * np.abs(expected).max()
+    for component, expected in ((split.exact, exact), (split.coexact, coexact), (split.harmonic, harmonic)):
+        assert np.abs(component - expected).max() < 1e-9 * np.abs(expected).max()
 
 
 @pytest.mark.parametrize("boundary", ["tangential", "normal"])
@@ -112,8 +112,8 @@ def test_the_decomposition_follows_scale_and_rigid_motion():
     base = decompose_form(mesh, form)
     for moved in (rotated(mesh), mesh.moved(1e-8 * mesh.points), mesh.moved(1e8 * mesh.points)):
         other = decompose_form(moved, form)
-        for part in ("exact", "coexact", "harmonic"):
-            assert np.abs(getattr(other, part) - getattr(base, part)).max() < 1e-9
+        for component in ("exact", "coexact", "harmonic"):
+            assert np.abs(getattr(other, component) - getattr(base, component)).max() < 1e-9
 
 
 def test_vertex_fields_lose_only_the_averages():

@@ -81,14 +81,16 @@ def test_heat_on_tetrahedra_keeps_its_integral_and_ends_at_the_mean():
     operator = laplace_operator(box(3))
     result = solve_evolution(operator, "heat", 0, EvolutionTimes(50.0, 20, 20))
     assert result.accuracy["total_drift"] < 1e-12
-    assert result.frames[-1].values == pytest.approx(np.full(64, 1 / np.prod(SIZE)), rel=1e-9)
+    assert result.evolution_frames[-1].values == pytest.approx(np.full(64, 1 / np.prod(SIZE)), rel=1e-9)
 
 
 def test_units_of_the_bump_of_a_wave_are_those_of_the_mesh():
     def bump(scale):
         mesh = shapes.box_tetrahedra(3, 3, 3, (scale, scale, scale))
         return (
-            solve_evolution(laplace_operator(mesh), "wave", 21, EvolutionTimes(scale, 2, 2)).frames[0].values
+            solve_evolution(laplace_operator(mesh), "wave", 21, EvolutionTimes(scale, 2, 2))
+            .evolution_frames[0]
+            .values
         )
 
     assert bump(10.0) * 1e3 == pytest.approx(bump(1.0), rel=1e-9)
@@ -119,8 +121,8 @@ def test_the_command_solves_on_tetrahedra(summary, tmp_path):
     assert result["results"]["eigenvalues"][1] == pytest.approx(box_eigenvalues(2)[1], rel=0.1)
     trajectory = tmp_path / "heat.vtkhdf"
     summary("laplacian", path, "--heat", "f", "--duration", 0.1, "--frames", 2, "-o", trajectory)
-    with Trajectory(str(trajectory)) as frames:
-        assert frames.times == pytest.approx([0.0, 0.05, 0.1])
+    with Trajectory(str(trajectory)) as run_file:
+        assert run_file.times == pytest.approx([0.0, 0.05, 0.1])
     assert summary("info", path)["results"]["accepts"]["laplacian"] == "yes"
 
 

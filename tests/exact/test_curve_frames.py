@@ -67,9 +67,9 @@ def test_the_frames_of_a_helix_converge_with_order_two():
 def test_frames_are_orthonormal_and_right_handed():
     arrays, _ = curve_frames(knot())
     for one, two in (("frenet_normal", "frenet_binormal"), ("bishop_1", "bishop_2")):
-        frame = np.stack([arrays["frenet_tangent"], arrays[one], arrays[two]], axis=1)
-        assert np.abs(frame @ frame.transpose(0, 2, 1) - np.eye(3)).max() < 1e-12
-        assert np.abs(np.linalg.det(frame) - 1).max() < 1e-12
+        frenet_frame = np.stack([arrays["frenet_tangent"], arrays[one], arrays[two]], axis=1)
+        assert np.abs(frenet_frame @ frenet_frame.transpose(0, 2, 1) - np.eye(3)).max() < 1e-12
+        assert np.abs(np.linalg.det(frenet_frame) - 1).max() < 1e-12
 
 
 def test_the_holonomy_of_a_bishop_frame_is_minus_the_total_torsion_exactly():
@@ -90,8 +90,8 @@ def test_the_frame_of_a_plane_curve_keeps_the_normal_of_the_plane():
         closed_curve((r * np.cos(t))[:, None] * one + (r * np.sin(t))[:, None] * two)
     )
     assert abs(results["bishop_holonomy"][0]) < 1e-12
-    part = arrays["bishop_1"] @ normal
-    assert np.abs(part - part[0]).max() < 1e-12
+    normal_component = arrays["bishop_1"] @ normal
+    assert np.abs(normal_component - normal_component[0]).max() < 1e-12
     assert np.abs(np.abs(arrays["frenet_binormal"] @ normal) - 1).max() < 1e-12
 
 
@@ -147,10 +147,10 @@ def test_the_command_writes_frames_of_the_resampled_curve(tmp_path, summary, run
     assert len(arrays["points"]) == 120 and report["results"]["bishop_holonomy"] == [None]
     assert np.abs(arrays["torsion"][5:-5] - TORSION).max() < 0.02
     assert np.abs(1 / arrays["osculating_radius"][1:-1] - CURVATURE).max() < 0.04
-    library = ddg.curvature(curve, frames=True, resample=120)
+    library = ddg.curvature(curve, with_frames=True, resample=120)
     assert np.array_equal(library.vertex["bishop_1"], arrays["bishop_1"])
     write_mesh(str(tmp_path / "sphere.ply"), AnnotatedMesh(ddg.icosphere(1)))
     result = run("curvature", tmp_path / "sphere.ply", "--frames")
     assert result.exit_code == 2 and "--frames is for curves" in result.stderr
     with pytest.raises(ParameterError, match="belong to curves"):
-        ddg.curvature(ddg.icosphere(1), frames=True)
+        ddg.curvature(ddg.icosphere(1), with_frames=True)

@@ -54,9 +54,9 @@ def test_frames_are_orthonormal_and_the_conormal_points_left():
     mesh = shapes.torus(24, 12)
     curves = add_darboux_frames(mesh, edge_curves(mesh, [[0, 12, 24, 37, 50, 5]]))
     names = ("darboux_tangent", "darboux_conormal", "darboux_normal")
-    frame = np.stack([curves.arrays[name] for name in names], axis=1)
-    assert np.abs(frame @ frame.transpose(0, 2, 1) - np.eye(3)).max() < 1e-12
-    assert np.abs(np.linalg.det(frame) - 1).max() < 1e-12
+    darboux_frame = np.stack([curves.arrays[name] for name in names], axis=1)
+    assert np.abs(darboux_frame @ darboux_frame.transpose(0, 2, 1) - np.eye(3)).max() < 1e-12
+    assert np.abs(np.linalg.det(darboux_frame) - 1).max() < 1e-12
 
 
 def test_the_command_writes_darboux_frames(tmp_path, summary, run):

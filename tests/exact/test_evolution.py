@@ -17,8 +17,10 @@ PAIRS = spectrum(OPERATOR, 9)
 
 
 def last(equation, start, duration, steps):
-    frames = list(evolve_function(OPERATOR, equation, start, EvolutionTimes(duration, steps, steps)))
-    return frames[-1]
+    evolution_frames = list(
+        evolve_function(OPERATOR, equation, start, EvolutionTimes(duration, steps, steps))
+    )
+    return evolution_frames[-1]
 
 
 @pytest.mark.parametrize("equation", ["heat", "wave"])
@@ -38,23 +40,26 @@ def test_the_heat_equation_keeps_its_integral_and_ends_at_the_mean_even_in_one_h
     result = solve_evolution(OPERATOR, "heat", start, EvolutionTimes(1e4, 2, 1))
     area = OPERATOR.mass @ np.ones(len(start))
     assert result.accuracy["total_drift"] < 1e-10 and result.accuracy["energy_increases"] == 0
-    assert np.abs(result.frames[-1].values - (area @ start) / area.sum()).max() < 1e-4
+    assert np.abs(result.evolution_frames[-1].values - (area @ start) / area.sum()).max() < 1e-4
 
 
 def test_the_wave_equation_keeps_energy_and_integral_and_runs_backwards():
     start = np.exp(-8 * (1 - shapes.icosphere(2).points[:, 2]))
     result = solve_evolution(OPERATOR, "wave", start, EvolutionTimes(6.0, 150, 15))
     assert result.accuracy["energy_drift"] < 1e-11 and result.accuracy["total_drift"] < 1e-11
-    assert len(result.frames) == 11 and result.frames[-1].time == pytest.approx(6.0)
+    assert len(result.evolution_frames) == 11 and result.evolution_frames[-1].time == pytest.approx(6.0)
     # a wave from a pole meets at the other one after pi: the speed is 1
-    pole = [frame.values[np.argmin(shapes.icosphere(2).points[:, 2])] for frame in result.frames]
-    assert abs(result.frames[int(np.argmax(np.abs(pole)))].time - np.pi) < 0.7
+    pole = [
+        evolution_frame.values[np.argmin(shapes.icosphere(2).points[:, 2])]
+        for evolution_frame in result.evolution_frames
+    ]
+    assert abs(result.evolution_frames[int(np.argmax(np.abs(pole)))].time - np.pi) < 0.7
 
 
 def test_a_vertex_starts_with_a_function_of_integral_one():
     result = solve_evolution(OPERATOR, "heat", 5, EvolutionTimes(0.01, 4, 2))
     assert result.results["total"] == pytest.approx([1.0] * 3)
-    assert np.count_nonzero(result.frames[0].values) == 1
+    assert np.count_nonzero(result.evolution_frames[0].values) == 1
 
 
 def test_evolutions_that_do_not_exist_are_refused():

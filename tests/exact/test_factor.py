@@ -183,15 +183,15 @@ def test_poisson_takes_the_mean_off_every_component(caplog):
     assert problem.count == 3
     solution = problem.solve(L @ x)
     assert np.abs(L @ solution - L @ x).max() < 1e-12
-    for part in (slice(0, n), slice(n + 1, None)):
-        assert abs((weight * solution)[part].sum()) < 1e-12
+    for rows in (slice(0, n), slice(n + 1, None)):
+        assert abs((weight * solution)[rows].sum()) < 1e-12
     assert solution[n] == 0
     assert not caplog.records
     source = x + 1.0
     solution = problem.solve(source)
-    for part in (slice(0, n), slice(n + 1, None)):
-        share = source[part].sum() / weight[part].sum()
-        assert np.abs((L @ solution)[part] - (source - share * weight)[part]).max() < 1e-12
+    for rows in (slice(0, n), slice(n + 1, None)):
+        share = source[rows].sum() / weight[rows].sum()
+        assert np.abs((L @ solution)[rows] - (source - share * weight)[rows]).max() < 1e-12
     problem.solve(np.ones(2 * n + 1))
     assert problem.imbalance == 1.0
     assert "does not sum to zero" in caplog.text
@@ -262,8 +262,8 @@ def test_dissection_gives_up_where_no_cut_is_short():
 def test_dissection_of_several_components_fills_no_more_than_one_by_one():
     A = regular_grid_matrix(50, 50)
     speck = diags_array(np.ones(7))
-    parts = csc_array(block_diag([A, speck, A, A]))
-    assert fill(parts, nested_dissection(parts).order) < 1.2 * 3 * fill(A, nested_dissection(A).order)
+    blocks = csc_array(block_diag([A, speck, A, A]))
+    assert fill(blocks, nested_dissection(blocks).order) < 1.2 * 3 * fill(A, nested_dissection(A).order)
 
 
 def test_separators_separate_and_are_short():

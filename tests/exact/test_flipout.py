@@ -262,15 +262,15 @@ def test_boundary_paths_bend_around_holes():
 
 def test_paths_through_a_pinched_vertex_keep_it():
     """Two spheres, or two sheets, that share one vertex: the geodesic is one of each, joined."""
-    for part in (shapes.random_sphere(60), shapes.grid(4, 4)):
-        n = part.n_vertices
-        points = np.concatenate([part.points, 2 * part.points[0] - part.points])
-        second = np.where(part.faces == 0, 0, part.faces + n)
-        mesh = TriangleMesh.from_arrays(points, np.concatenate([part.faces, second[:, ::-1]]))
+    for submesh in (shapes.random_sphere(60), shapes.grid(4, 4)):
+        n = submesh.n_vertices
+        points = np.concatenate([submesh.points, 2 * submesh.points[0] - submesh.points])
+        second = np.where(submesh.faces == 0, 0, submesh.faces + n)
+        mesh = TriangleMesh.from_arrays(points, np.concatenate([submesh.faces, second[:, ::-1]]))
         far = n - 5
         curves = straighten_curves(mesh, [[far, 0, far + n - 1], [far, 0]], [False, False])
         through, half = (entry["length"] for entry in curves.entries)
-        other = straighten_curves(part, [[0, far - 1]], [False]).entries[0]["length"]
+        other = straighten_curves(submesh, [[0, far - 1]], [False]).entries[0]["length"]
         assert curves.converged and through == pytest.approx(half + other, rel=1e-12)
 
 

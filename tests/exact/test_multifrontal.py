@@ -79,10 +79,10 @@ def test_random_graphs_of_several_components(seed, n, degree):
     off = coo_array((value, (i, j)), shape=(n, n))
     off = csc_array(off + off.T)
     A = csc_array(off + diags_array(np.abs(off).sum(axis=0) + rng.uniform(0.01, 1, n)))
-    parts = nested_dissection(A)
+    nested = nested_dissection(A)
     x = rng.normal(size=(n, 3))
-    assert parts is not None
-    groups = cholesky_groups(assembly_levels(A, parts), A.data)
+    assert nested is not None
+    groups = cholesky_groups(assembly_levels(A, nested), A.data)
     assert np.abs(cholesky_solve(groups, A @ x) - x).max() < 1e-9
     assert np.abs(cholesky_solve(groups, A @ x[:, 0]) - x[:, 0]).max() < 1e-9
 
@@ -144,12 +144,12 @@ def test_large_systems_of_the_base_install_are_multifrontal(monkeypatch):
 def test_regular_surfaces_are_halved_however_large():
     """Samples of a regular mesh, numbered breadth first, must not all lie on one side."""
     for mesh in (shapes.icosphere(7), shapes.torus(600, 200)):
-        parts = nested_dissection(csc_array(stiffness(mesh)))
-        assert parts is not None
-        top, n = parts.height.max(), mesh.n_vertices
-        halves = np.bincount(parts.leaf[parts.height < top] >> (top - 1))
+        nested = nested_dissection(csc_array(stiffness(mesh)))
+        assert nested is not None
+        top, n = nested.height.max(), mesh.n_vertices
+        halves = np.bincount(nested.leaf[nested.height < top] >> (top - 1))
         assert len(halves) == 2 and halves.min() > n / 4
-        assert (parts.height == top).sum() < 2 * np.sqrt(n)  # a separator is as long as a closed curve
+        assert (nested.height == top).sum() < 2 * np.sqrt(n)  # a separator is as long as a closed curve
 
 
 def laplacian_of(i, j, n):
@@ -167,10 +167,10 @@ def test_stars_and_fans_are_halved_though_all_their_ends_lie_equally_far(ends, r
     j = np.append(hub, i[1:] - 1) if rim else hub
     i = np.append(i, i[1:]) if rim else i
     A = laplacian_of(i[i != j], j[i != j], i.max() + 1)
-    parts = nested_dissection(A)
-    assert np.bincount(parts.leaf[parts.height == 0]).max() <= 3 * dissection.LEAF_SIZE
-    levels = assembly_levels(A, parts)
-    assert sum(level.size for level in levels) < 100 * len(parts.leaf)
+    nested = nested_dissection(A)
+    assert np.bincount(nested.leaf[nested.height == 0]).max() <= 3 * dissection.LEAF_SIZE
+    levels = assembly_levels(A, nested)
+    assert sum(level.size for level in levels) < 100 * len(nested.leaf)
     b = np.random.default_rng(0).normal(size=A.shape[0])
     x = cholesky_solve(cholesky_groups(levels, A.data), b)
     assert (np.abs(A @ x - b) < 1e-13 * (np.abs(A) @ np.abs(x) + np.abs(b))).all()
@@ -179,8 +179,10 @@ def test_stars_and_fans_are_halved_though_all_their_ends_lie_equally_far(ends, r
 def test_separators_divide_graphs_with_block_edges():
     """A Hessian of bending, coordinates apart: never ready with scipy's bipartite matching."""
     A = sphere_matrix(4)
-    parts, _ = dissection._component_dissection(csr_array(kron(A @ A, np.ones((3, 3)))), dissection.LEAF_SIZE)
-    assert np.count_nonzero(parts.height == parts.height.max()) < 4 * 3 * 64
+    nested, _ = dissection._component_dissection(
+        csr_array(kron(A @ A, np.ones((3, 3)))), dissection.LEAF_SIZE
+    )
+    assert np.count_nonzero(nested.height == nested.height.max()) < 4 * 3 * 64
 
 
 def test_long_separators_are_judged_by_the_entries_of_the_rows():
@@ -190,20 +192,20 @@ def test_long_separators_are_judged_by_the_entries_of_the_rows():
     parent = (np.random.default_rng(0).random(n - 1) * child).astype(int)
     assert nested_dissection(laplacian_of(child, parent, n)) is None
     band = diags_array([np.ones(25)] * 3, offsets=[-1, 0, 1], shape=(25, 25))
-    parts = nested_dissection(csc_array(kron(band, kron(band, band))))
-    separator = np.count_nonzero(parts.height == parts.height.max())
+    nested = nested_dissection(csc_array(kron(band, kron(band, band))))
+    separator = np.count_nonzero(nested.height == nested.height.max())
     assert 25**2 / 2 < separator < 3 * 25**2  # near a plane of the cube
 
 
 def test_leaves_hold_small_components_together():
     triangle = csc_array(np.eye(3) * 2 + np.ones((3, 3)))
     soup = csc_array(block_diag([triangle] * 500))
-    parts = nested_dissection(soup)
-    assert (parts.height == 0).all()
-    assert len(np.unique(parts.leaf)) <= 2 * 1500 // dissection.LEAF_SIZE
-    assert (np.ptp(parts.leaf.reshape(-1, 3), axis=1) == 0).all()
+    nested = nested_dissection(soup)
+    assert (nested.height == 0).all()
+    assert len(np.unique(nested.leaf)) <= 2 * 1500 // dissection.LEAF_SIZE
+    assert (np.ptp(nested.leaf.reshape(-1, 3), axis=1) == 0).all()
     b = np.random.default_rng(0).normal(size=1500)
-    x = cholesky_solve(cholesky_groups(assembly_levels(soup, parts), soup.data), b)
+    x = cholesky_solve(cholesky_groups(assembly_levels(soup, nested), soup.data), b)
     assert np.abs(soup @ x - b).max() < 1e-13
 
 
@@ -221,10 +223,10 @@ def test_stacks_of_triangles_are_inverted(g, s, kind):
 def test_coordinates_of_a_vertex_stay_together():
     mesh = shapes.icosphere(4)
     A = csc_array(kron(stiffness(mesh) + diags_array(lumped_vertex_area(mesh)), np.ones((3, 3)) + np.eye(3)))
-    parts = nested_dissection(A)
-    assert (np.ptp(parts.leaf.reshape(-1, 3), axis=1) == 0).all()
-    assert (np.ptp(parts.height.reshape(-1, 3), axis=1) == 0).all()
-    assert A.shape[0] / (parts.leaf.max() + 1) <= dissection.LEAF_SIZE  # unknowns, not vertices
+    nested = nested_dissection(A)
+    assert (np.ptp(nested.leaf.reshape(-1, 3), axis=1) == 0).all()
+    assert (np.ptp(nested.height.reshape(-1, 3), axis=1) == 0).all()
+    assert A.shape[0] / (nested.leaf.max() + 1) <= dissection.LEAF_SIZE  # unknowns, not vertices
     order = np.random.default_rng(0).permutation(A.shape[0])
     mixed = csc_array(A[order][:, order])
     mixed.sort_indices()

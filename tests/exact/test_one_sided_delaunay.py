@@ -37,9 +37,9 @@ def orientation_cover(mesh: TriangleMesh) -> IntrinsicMesh:
     on_back = 3 * m + np.arange(3 * m) // 3 * 3 + 2 - np.arange(3 * m) % 3
     gluing = np.full(6 * m, -1)
     inside = twin >= 0
-    front, back = twin[inside], on_back[twin[inside]]
-    gluing[: 3 * m][inside] = np.where(twisted[inside], back, front)
-    gluing[on_back[inside]] = np.where(twisted[inside], front, back)
+    on_front, back = twin[inside], on_back[twin[inside]]
+    gluing[: 3 * m][inside] = np.where(twisted[inside], back, on_front)
+    gluing[on_back[inside]] = np.where(twisted[inside], on_front, back)
     faces = np.concatenate([mesh.faces, mesh.faces[:, [0, 2, 1]]])
     length = np.concatenate([mesh.side_length, mesh.side_length[:, ::-1]])
     return IntrinsicMesh(Topology(faces, mesh.n_vertices, gluing.reshape(-1, 3)), length)

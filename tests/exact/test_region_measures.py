@@ -29,11 +29,11 @@ def test_measures_of_disjoint_regions_add_up_to_those_of_their_union(place):
     mesh = noisy_torus()
     rng = np.random.default_rng(2)
     label = rng.integers(0, 7, mesh.n_faces if place == "face" else mesh.n_vertices)
-    parts = measures_of_labels(mesh, label, place)
+    by_label = measures_of_labels(mesh, label, place)
     union = measures_of_labels(mesh, (label > 2).astype(np.int64), place)
     whole = measures_of_labels(mesh, 0 * label, place)
     for name in NAMES:
-        values, both, total = (getattr(m, name) for m in (parts, union, whole))
+        values, both, total = (getattr(m, name) for m in (by_label, union, whole))
         scale = np.abs(values).sum()
         assert np.abs(values[:3].sum(axis=0) - both[0]).max() < 1e-13 * scale
         assert np.abs(values.sum(axis=0) - total[0]).max() < 1e-13 * scale
@@ -118,7 +118,7 @@ def test_the_volume_of_the_offset_of_a_cube_converges_to_the_steiner_polynomial_
     nearest = np.clip(body.mesh.points, low, high)
     gap = np.linalg.norm(body.mesh.points - nearest, axis=1)
     assert np.abs(gap - distance).max() < 1e-12, "every point lies at the distance"
-    flat = body.part == 0
+    flat = body.part_of_face == 0
     assert face_area(body.mesh.side_length)[flat].sum() == pytest.approx(6.0, rel=1e-12)
 
 

@@ -115,8 +115,8 @@ def test_a_filled_hole_closes_the_sphere_with_the_least_area():
 def test_a_square_hole_is_filled_by_its_shorter_diagonal():
     grid = shapes.grid(3, 3)
     middle = np.abs(grid.points[grid.faces].mean(axis=1)[:, :2] - grid.points[:, :2].mean(axis=0)).max(axis=1)
-    frame = TriangleMesh.from_arrays(grid.points, grid.faces[middle > middle.min() + 1e-9])
-    repaired, _ = repair_mesh(frame, RepairSteps(fill_holes=4))
+    square_ring = TriangleMesh.from_arrays(grid.points, grid.faces[middle > middle.min() + 1e-9])
+    repaired, _ = repair_mesh(square_ring, RepairSteps(fill_holes=4))
     assert np.isclose(area(repaired.mesh), area(grid))
 
 

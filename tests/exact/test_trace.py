@@ -263,8 +263,10 @@ def test_lines_of_very_different_lengths_keep_their_own_points():
     length = np.where(np.arange(40) % 9 == 4, 40.0, 0.3) * np.random.default_rng(2).uniform(0, 1, 40)
     together = trace(mesh, face, barycentric, direction, length, record=True)
     for i in range(40):
-        part = slice(i, i + 1)
-        alone = trace(mesh, face[part], barycentric[part], direction[part], length[part], record=True)
+        one_line = slice(i, i + 1)
+        alone = trace(
+            mesh, face[one_line], barycentric[one_line], direction[one_line], length[one_line], record=True
+        )
         np.testing.assert_array_equal(together.path(i)[0], alone.path(0)[0])
         np.testing.assert_allclose(together.path(i)[1], alone.path(0)[1], rtol=0, atol=1e-11)
 

@@ -62,19 +62,19 @@ def test_holonomy_round_a_vertex_is_its_angle_defect(mesh):
 def test_frames_stay_parallel_in_the_plane_and_along_straight_lines():
     mesh = shapes.grid(10, 10)
     bent = SurfacePaths.of_points(mesh, [_staircase(mesh)])
-    frame = transported_frame(mesh, bent)
+    curve_frame = transported_frame(mesh, bent)
     np.testing.assert_allclose(
-        frame["transport_x"], np.tile(frame["transport_x"][0], (len(bent.face), 1)), atol=1e-12
+        curve_frame["transport_x"], np.tile(curve_frame["transport_x"][0], (len(bent.face), 1)), atol=1e-12
     )
     sphere = shapes.random_sphere(400)
     line = SurfacePaths.of_traces(
         trace(sphere, [3], [[0.2, 0.3, 0.5]], [[1.0, 0.2, 0.1]], [2.0], record=True)
     )
-    frame = transported_frame(sphere, line)
+    curve_frame = transported_frame(sphere, line)
     along = np.diff(surface_position(sphere, line.face, line.barycentric), axis=0)
     along /= np.linalg.norm(along, axis=1, keepdims=True)
-    np.testing.assert_allclose(frame["transport_x"], np.concatenate([along, along[-1:]]), atol=1e-9)
-    assert np.abs(np.einsum("ij,ij->i", frame["transport_x"], frame["transport_y"])).max() < 1e-14
+    np.testing.assert_allclose(curve_frame["transport_x"], np.concatenate([along, along[-1:]]), atol=1e-9)
+    assert np.abs(np.einsum("ij,ij->i", curve_frame["transport_x"], curve_frame["transport_y"])).max() < 1e-14
 
 
 def _staircase(mesh):

@@ -71,7 +71,7 @@ def test_heat_is_finite_far_from_the_source():
     source = 1
     heat = HeatSolver(mesh).distance(source)
     truth = exact_distance(mesh, source).distance
-    assert heat.stages >= 2
+    assert heat.n_stages >= 2
     assert np.abs(heat.distance - truth).max() < 0.01 * truth.max()
     assert heat.cold_faces == 0
 

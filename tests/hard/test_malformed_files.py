@@ -424,12 +424,12 @@ def test_a_damaged_trajectory_is_refused(tmp_path, damage):
     from ddgcli.io.trajectories.layout import Header
     from ddgcli.io.trajectories.trajectory import Trajectory
     from ddgcli.io.trajectories.writer import TrajectoryWriter
-    from ddgcli.mesh.fields import Frame
+    from ddgcli.mesh.fields import TrajectoryFrame
 
     mesh, path = shapes.icosphere(0), str(tmp_path / "o.vtkhdf")
     writer = TrajectoryWriter(path, Header(mesh, True), 2)
     for k in range(2):
-        writer.append(Frame(k, float(k), mesh.points, {"f": mesh.points[:, 0]}, {"e": 1.0}))
+        writer.append(TrajectoryFrame(k, float(k), mesh.points, {"f": mesh.points[:, 0]}, {"e": 1.0}))
     writer.close("complete")
     with Trajectory(path) as whole:
         assert whole.n_frames == 2

@@ -17,14 +17,14 @@ import sys
 import numpy as np
 from ddgcli.io.trajectories.layout import Header
 from ddgcli.io.trajectories.writer import TrajectoryWriter
-from ddgcli.mesh.fields import Frame
+from ddgcli.mesh.fields import TrajectoryFrame
 from ddgcli.mesh.shapes import grid
 mesh = grid(12, 12)
 writer = TrajectoryWriter(sys.argv[1], Header(mesh, True, {}, {}, {"scene_resolved": "{}"}), 40)
 for k in range(100000):
     points = mesh.points + k
     scalars = {"energy": k * 1.5, "momentum": np.full(3, k)}
-    frame = Frame(k, 0.5 * k, points, {"velocity": points * 2}, scalars)
+    frame = TrajectoryFrame(k, 0.5 * k, points, {"velocity": points * 2}, scalars)
     writer.append(frame, {"m/x": points, "m/v": np.arange(1000.0) + k}, [("solver", k, 0.1)],
                   [(k, 0.5 * k, "event", "", float(k), "")])
     print(k, flush=True)
@@ -41,9 +41,9 @@ def killed_once(path, rng, signals):
     child.wait()
 
 
-def check_whole(part):
+def check_whole(partial_file):
     """Every frame that the file counts is there to the last number, and so is its checkpoint."""
-    with Trajectory(str(part)) as run:
+    with Trajectory(str(partial_file)) as run:
         base = run.points(0)
         assert run.n_frames >= 1
         assert len(run.times) == run.n_frames

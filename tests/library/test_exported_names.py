@@ -30,7 +30,7 @@ def documented(section: str) -> set[str]:
     return {name.strip(" *") for line in lines for name in line.split(" :")[0].split(",")}
 
 
-def missing_parts(name: str, thing: object) -> list[str]:
+def missing_sections(name: str, thing: object) -> list[str]:
     """What the docstring of an exported name lacks."""
     own = sections(thing.__doc__ or "")
     signature = inspect.signature(thing)  # type: ignore[arg-type]
@@ -98,7 +98,7 @@ def test_type_checkers_see_every_name():
 
 @pytest.mark.parametrize("name", EXPORTED)
 def test_docstring_is_complete(name):
-    assert missing_parts(name, getattr(ddg, name)) == []
+    assert missing_sections(name, getattr(ddg, name)) == []
 
 
 def test_an_incomplete_docstring_is_seen():
@@ -111,7 +111,7 @@ def test_an_incomplete_docstring_is_seen():
         """
         return 0.0
 
-    assert missing_parts("area", area) == [
+    assert missing_sections("area", area) == [
         "parameter mode",
         "parameter scale",
         "unknown scaled",

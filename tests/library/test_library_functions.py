@@ -278,7 +278,7 @@ def falling(**options: Any) -> ddg.Simulation:
 def test_times_of_frames_follow_the_options(options, times):
     run = falling(**options)
     assert run.n_frames == len(times)
-    np.testing.assert_allclose([frame.time for frame in run], times, rtol=1e-12)
+    np.testing.assert_allclose([trajectory_frame.time for trajectory_frame in run], times, rtol=1e-12)
 
 
 def test_integrator_of_a_simulation_is_used():
@@ -311,21 +311,21 @@ def mesh_of_shell() -> ddg.TriangleMesh:
 
 
 def test_trajectory_gives_back_the_frames(tmp_path):
-    frames = list(falling(steps=3))
-    assert ddg.write_trajectory(tmp_path / "fall.vtkhdf", frames, mesh_of_shell()) == 4
+    trajectory_frames = list(falling(steps=3))
+    assert ddg.write_trajectory(tmp_path / "fall.vtkhdf", trajectory_frames, mesh_of_shell()) == 4
     with ddg.read_trajectory(tmp_path / "fall.vtkhdf") as trajectory:
-        for frame, kept in zip(frames, trajectory, strict=True):
-            np.testing.assert_array_equal(kept.points, frame.points)
-            assert kept.time == frame.time
+        for trajectory_frame, kept in zip(trajectory_frames, trajectory, strict=True):
+            np.testing.assert_array_equal(kept.points, trajectory_frame.points)
+            assert kept.time == trajectory_frame.time
 
 
 def test_a_run_that_breaks_off_leaves_a_part(tmp_path):
-    def frames():
+    def trajectory_frames():
         yield next(falling(steps=1))
         raise ddg.errors.SolveError("a step failed")
 
     with pytest.raises(ddg.errors.SolveError):
-        ddg.write_trajectory(tmp_path / "run.vtkhdf", frames(), mesh_of_shell())
+        ddg.write_trajectory(tmp_path / "run.vtkhdf", trajectory_frames(), mesh_of_shell())
     assert [p.name for p in tmp_path.iterdir()] == ["run.vtkhdf.part"]
 
 

@@ -157,11 +157,11 @@ def test_signed_heat_errs_no_more_than_half_above_the_peer(share):
         mesh = shapes.icosphere(level)
         edges, loop = _circle(mesh)
         exact = signed_distance(mesh, edges, "exact").distance
-        part = loop[: int(len(loop) * share)] if share < 1 else loop
-        pairs = np.stack([part[:-1], part[1:]], axis=1)
+        loop_vertices = loop[: int(len(loop) * share)] if share < 1 else loop
+        pairs = np.stack([loop_vertices[:-1], loop_vertices[1:]], axis=1)
         ours = signed_distance(mesh, edge_set(mesh, pairs), "heat").distance
         solver = peer.MeshSignedHeatSolver(mesh.points, mesh.faces)
-        theirs = -solver.compute_distance([[(int(v), []) for v in part]])  # positive on the left
+        theirs = -solver.compute_distance([[(int(v), []) for v in loop_vertices]])  # positive on the left
         errors = [float(np.abs(d - exact).mean()) for d in (ours, theirs)]
         assert max(errors) < 0.1
         ratios.append(errors[0] / errors[1])

@@ -260,12 +260,14 @@ def test_one_huge_step_straightens_an_open_curve_with_and_without_redistribution
 @pytest.mark.parametrize("flow", ["curvature", "area-preserving", "elastic"])
 def test_a_resumed_flow_gives_the_frames_of_the_whole_run(flow):
     schedule, options = Schedule(0.005, 8, 2), CurveFlowOptions(flow=flow, stop_at_rest=False)
-    frames = list(evolve({"curve": build(ellipse(24), options)[1]}, schedule, Account()))
+    snapshots = list(evolve({"curve": build(ellipse(24), options)[1]}, schedule, Account()))
     again = {"curve": build(ellipse(24), options)[1]}
-    resumed = list(evolve(again, schedule, Account(), resume=(2, frames[2].checkpoint)))
-    for name, values in frames[-1].checkpoint.items():
+    resumed = list(evolve(again, schedule, Account(), resume=(2, snapshots[2].checkpoint)))
+    for name, values in snapshots[-1].checkpoint.items():
         assert np.array_equal(resumed[-1].checkpoint[name], values, equal_nan=True), name
-    assert np.array_equal(resumed[-1].observations["curve"].points, frames[-1].observations["curve"].points)
+    assert np.array_equal(
+        resumed[-1].observations["curve"].points, snapshots[-1].observations["curve"].points
+    )
 
 
 def test_the_tolerance_of_steps_bounds_the_error_of_the_radius(tmp_path, summary):

@@ -428,7 +428,7 @@ def test_circulation_follows_the_conservative_flow():
 def test_a_fluid_that_is_not_coupled_changes_no_bit():
     """Not even one whose steps are halved."""
 
-    def frames(*shapes_and_spins):
+    def fluid_observations(*shapes_and_spins):
         objects = "".join(
             f'[[object]]\nname = "{name}"\nrole = "fluid"\n{shape}\n' for name, shape, _ in shapes_and_spins
         )
@@ -444,7 +444,7 @@ def test_a_fluid_that_is_not_coupled_changes_no_bit():
 
     ball = ("ball", "sphere = { subdivisions = 2 }", "z^3 + x")
     tube = ("tube", 'grid = { size = [2, 1], cells = [12, 6], periodic = "x" }', "900*y*(1-y)")
-    alone, together = frames(ball), frames(ball, tube)
+    alone, together = fluid_observations(ball), fluid_observations(ball, tube)
     assert any(snapshot.events for snapshot in together) and not any(snapshot.events for snapshot in alone)
     assert len(alone) == len(together) > 3
     for before, after in zip(alone, together):

@@ -22,8 +22,8 @@ def last_frame(shape, effects, duration=0.4, step=0.02, integrator="conservative
     scene, account = resolve(parse_scene(text), KIND, {}), Account()
     fluids = {name: context for name, (context, _) in contexts(scene, None, None).items()}
     built = build(scene, fluids, account)
-    frames = list(evolve({n: m.model() for n, m in built.items()}, scene.schedule(), account))
-    first, last = (frame.observations["f"] for frame in (frames[0], frames[-1]))
+    snapshots = list(evolve({n: m.model() for n, m in built.items()}, scene.schedule(), account))
+    first, last = (snapshot.observations["f"] for snapshot in (snapshots[0], snapshots[-1]))
     return fluids["f"].points, built["f"].space.mass, first, last
 
 

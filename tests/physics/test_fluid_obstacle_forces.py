@@ -46,13 +46,13 @@ def test_refinement_halves_cells_near_the_obstacle_alone_and_takes_arrays_along(
 def test_bisection_of_any_faces_keeps_the_surface_and_half_of_the_least_angle(seed):
     mesh = random_sphere(60, seed=seed)
     least = corner_angle(mesh.side_length).min()
-    parts = bisected(mesh, np.random.default_rng(seed).random(mesh.n_faces) < 0.2)
-    topology = parts.mesh.topology
+    children = bisected(mesh, np.random.default_rng(seed).random(mesh.n_faces) < 0.2)
+    topology = children.mesh.topology
     assert topology.is_closed and topology.is_manifold and topology.genus == 0
-    before, after = (face_area(m.side_length).sum() for m in (mesh, parts.mesh))
+    before, after = (face_area(m.side_length).sum() for m in (mesh, children.mesh))
     assert after == pytest.approx(before, rel=1e-13)
-    assert parts.mesh.n_faces > mesh.n_faces
-    assert corner_angle(parts.mesh.side_length).min() > 0.499 * least
+    assert children.mesh.n_faces > mesh.n_faces
+    assert corner_angle(children.mesh.side_length).min() > 0.499 * least
 
 
 def test_refinement_is_refused_where_it_does_not_exist():

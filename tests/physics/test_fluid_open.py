@@ -28,8 +28,8 @@ def channel(effects, cells=8, duration=0.04, step=0.02, objects="", time="", fri
     account = Account()
     fluids = {name: context for name, (context, _) in contexts(scene, None, None).items()}
     models = build(scene, fluids, account)
-    frames = list(evolve({n: m.model() for n, m in models.items()}, scene.schedule(), account))
-    return models["f"], [frame.observations["f"] for frame in frames]
+    snapshots = list(evolve({n: m.model() for n, m in models.items()}, scene.schedule(), account))
+    return models["f"], [snapshot.observations["f"] for snapshot in snapshots]
 
 
 def stream_function(model, observation):

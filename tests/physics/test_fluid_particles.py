@@ -33,7 +33,7 @@ role = "fluid"
 """
 
 
-def frames(shape, effects, duration, step, integrator="energy", every=None):
+def fluid_observations(shape, effects, duration, step, integrator="energy", every=None):
     text = SCENE.format(shape=shape, effects=effects, duration=duration, step=step, integrator=integrator,
                         every=every or duration)  # fmt: skip
     scene = resolve(parse_scene(text), KIND, {})
@@ -51,7 +51,7 @@ def test_particles_on_a_turning_ball_come_back_with_second_order():
     apart = []
     for level, steps in ((2, 20), (3, 40)):
         effects = 'initial = { flow = "rotation" }\nparticles = { points = [[1, 0, 0], [0.6, 0, 0.8]] }'
-        first, last = frames(BALL.format(level), effects, 2 * np.pi, 2 * np.pi / steps)
+        first, last = fluid_observations(BALL.format(level), effects, 2 * np.pi, 2 * np.pi / steps)
         apart.append(np.abs(places(last) - places(first)).max())
     assert apart[1] < 0.08 and np.log2(apart[0] / apart[1]) > 1.6
 
@@ -61,7 +61,7 @@ def test_particles_in_a_volume_stay_on_their_stream_line():
     effects = 'initial = { velocity = ["sin(x)*cos(y)", "-cos(x)*sin(y)", 0] }\nparticles = { count = 20 }'
     apart = []
     for n in (6, 12):
-        first, last = (places(o) for o in frames(BOX.format(n), effects, 1.0, 0.1))
+        first, last = (places(o) for o in fluid_observations(BOX.format(n), effects, 1.0, 0.1))
         apart.append(
             np.abs(np.prod(np.sin(last[:, :2]), axis=1) - np.prod(np.sin(first[:, :2]), axis=1)).max()
         )
@@ -71,11 +71,11 @@ def test_particles_in_a_volume_stay_on_their_stream_line():
 
 def test_seeds_are_even_repeatable_and_in_their_box():
     one, other, boxed = (
-        places(frames(SQUARE, f"particles = {{ {key} }}", 0.1, 0.1)[0])
+        places(fluid_observations(SQUARE, f"particles = {{ {key} }}", 0.1, 0.1)[0])
         for key in ("count = 4000", "count = 4000, seed = 1",
                     "count = 50, box = { corner = [0.2, 0.2, -1], size = [0.1, 0.3, 2] }")
     )  # fmt: skip
-    assert (one == places(frames(SQUARE, "particles = { count = 4000 }", 0.1, 0.1)[0])).all()
+    assert (one == places(fluid_observations(SQUARE, "particles = { count = 4000 }", 0.1, 0.1)[0])).all()
     assert (one != other).any()
     left = np.histogram2d(one[:, 0] % 1, one[:, 1] % 1, bins=2)[0]
     assert abs(left - 1000).max() < 150  # five deviations
@@ -95,21 +95,23 @@ def test_seeds_are_even_repeatable_and_in_their_box():
 )
 def test_seeds_that_cannot_be_placed_are_refused(keys, message):
     with pytest.raises(SceneError, match=message):
-        frames(SQUARE, f"particles = {{ {keys} }}", 0.1, 0.1)
+        fluid_observations(SQUARE, f"particles = {{ {keys} }}", 0.1, 0.1)
 
 
 def test_a_source_adds_its_amount_of_dye():
     """1 + cos(2 pi x) a second for half a second over the unit square: 1/2, whatever the flow."""
     flow = 'initial = { vorticity = "sin(6.283185307179586*x)*sin(6.283185307179586*y)*20" }\n'
-    _, last = frames(SQUARE, flow + 'dye = { source = "1 + cos(6.283185307179586*x)" }', 0.5, 0.05)
+    _, last = fluid_observations(
+        SQUARE, flow + 'dye = { source = "1 + cos(6.283185307179586*x)" }', 0.5, 0.05
+    )
     assert last.scalar["total_dye"] == pytest.approx(0.5, rel=1e-12)
     assert np.ptp(last.vertex["dye"]) > 0.1
     with pytest.raises(SceneError, match="amount or source"):
-        frames(SQUARE, "dye = {}", 0.1, 0.1)
+        fluid_observations(SQUARE, "dye = {}", 0.1, 0.1)
 
 
 def test_speed_is_the_length_of_the_velocity():
-    last = frames(SQUARE, 'initial = { flow = "taylor-green" }', 0.1, 0.1)[-1]
+    last = fluid_observations(SQUARE, 'initial = { flow = "taylor-green" }', 0.1, 0.1)[-1]
     assert np.allclose(last.vertex["speed"], np.linalg.norm(last.vertex["velocity"], axis=1))
     assert last.vertex["speed"].max() > 0.5
 

@@ -68,7 +68,7 @@ class Spin(Section):
 
 
 class SpinPhase:
-    effect, stage, order = "spin", "source", 2
+    effect, step_stage, order = "spin", "source", 2
 
     def __init__(self, setting):
         self.rate = setting.context.points[:, 2] * setting.space.mass
@@ -115,15 +115,15 @@ def spin(monkeypatch):
 def test_an_effect_is_one_module_and_one_line(spin):
     """It acts on the flow, keeps its own array in the checkpoint, shows a scalar and has its time booked."""
     built, schedule, account = models_of(SCENE)
-    frames = list(evolve({n: m.model() for n, m in built.items()}, schedule, account))
-    last, space = frames[-1], built["f"].space
+    snapshots = list(evolve({n: m.model() for n, m in built.items()}, schedule, account))
+    last, space = snapshots[-1], built["f"].space
     assert last.observations["f"].scalar["spun"] == pytest.approx(0.1, rel=1e-12)
     z = built["f"].context.points[:, 2]
     assert np.allclose(last.observations["f"].vertex["vorticity"], 0.1 * z, atol=1e-4)
     assert set(last.checkpoint) == {"f/clock", "f/stopped", "f/vorticity", "f/spun", "f/dye"}
     assert account.calls["spin"] == 10 and account.calls["dye"] == 5
     again = {n: m.model() for n, m in built.items()}
-    resumed = list(evolve(again, schedule, Account(), resume=(2, frames[2].checkpoint)))
+    resumed = list(evolve(again, schedule, Account(), resume=(2, snapshots[2].checkpoint)))
     for name, values in last.checkpoint.items():
         assert np.array_equal(resumed[-1].checkpoint[name], values), name
     assert space.dimension == 2

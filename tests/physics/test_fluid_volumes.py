@@ -31,8 +31,8 @@ def run(effects, cells=4, duration=0.4, step=0.1, integrator="energy", size=np.p
     scene, account = resolve(parse_scene(f"{text}{objects}[effects]\n{effects}"), KIND, {}), Account()
     fluids = {name: context for name, (context, _) in contexts(scene, None, None).items()}
     models = build(scene, fluids, account)
-    frames = list(evolve({n: m.model() for n, m in models.items()}, scene.schedule(), account))
-    return models["f"], [frame.observations["f"] for frame in frames], frames[-1].checkpoint
+    snapshots = list(evolve({n: m.model() for n, m in models.items()}, scene.schedule(), account))
+    return models["f"], [snapshot.observations["f"] for snapshot in snapshots], snapshots[-1].checkpoint
 
 
 def series(observed, name):

@@ -252,13 +252,13 @@ def test_what_failed_is_not_tried_at_every_turn(limit, later):
     shown = Observation(None)
     model = Model(np.zeros(0), advance, lambda state: shown, lambda s: {"s": s}, lambda a: a["s"])
     snapshots = list(evolve({"m": model}, Schedule(1.0, 10), Account()))
-    parts = snapshots[-1].checkpoint["m/s"]
+    step_sizes = snapshots[-1].checkpoint["m/s"]
     tried = sum(len(snapshot.events) for snapshot in snapshots)
-    assert parts.sum() == pytest.approx(10)
-    when = np.cumsum(parts) - parts
-    for part, bound in ((parts[when < 5], limit), (parts[when >= 7], later)):
-        assert np.median(part) > bound / 4 and part.max() <= bound
-    assert tried < 0.35 * len(parts) + 40
+    assert step_sizes.sum() == pytest.approx(10)
+    when = np.cumsum(step_sizes) - step_sizes
+    for some_sizes, bound in ((step_sizes[when < 5], limit), (step_sizes[when >= 7], later)):
+        assert np.median(some_sizes) > bound / 4 and some_sizes.max() <= bound
+    assert tried < 0.35 * len(step_sizes) + 40
 
 
 def test_progress_hears_of_every_part_of_a_step():

@@ -112,14 +112,14 @@ def test_reactions_carry_the_weight():
 
 def test_load_steps_end_at_the_equilibrium_of_one_step():
     load = "gravity = { acceleration = [0, 0, -0.003] }"
-    whole, parts = (
+    whole, resumed = (
         shell_run(
             STRIP.format(effects=load, integrator=f'static"\nload_steps = {steps} #"', step=1, duration=1)
         )[0]
         for steps in (1, 4)
     )
-    height = [snapshot.observations["s"].points[:, 2].min() for snapshot in parts]
-    assert len(parts) == 5 and (np.diff(height) < 0).all()
+    height = [snapshot.observations["s"].points[:, 2].min() for snapshot in resumed]
+    assert len(resumed) == 5 and (np.diff(height) < 0).all()
     assert height[-1] == pytest.approx(whole[-1].observations["s"].points[:, 2].min(), rel=1e-6)
     assert height[1] == pytest.approx(height[-1] / 4, rel=0.1)  # nearly linear
 
@@ -166,11 +166,11 @@ def test_resumed_run_with_a_handle_has_the_same_bits(name):
     scene = resolve(parse_scene(text), KIND, {})
     contexts = {key: context for key, (context, _) in model.contexts(scene, None).items()}
 
-    def frames(resume=None):
+    def snapshots(resume=None):
         return list(evolve(model.build(scene, contexts, Account()), scene.schedule(), Account(), resume))
 
-    whole = frames()
-    again = frames((10, whole[10].checkpoint))
+    whole = snapshots()
+    again = snapshots((10, whole[10].checkpoint))
     for a, b in zip(whole[11:], again, strict=True):
         for key, value in a.checkpoint.items():
             assert np.array_equal(value, b.checkpoint[key]), key

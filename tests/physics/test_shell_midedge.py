@@ -69,8 +69,8 @@ def centre_drop(n, pattern, clamp, poisson=0.3):
     """Deflection of the middle of a square plate under a uniform load, in units of q a^4 / D."""
     mesh, load = square(n, pattern), 1e-4
     pin = f"pin = {{ vertices = {border(mesh)}, clamp = {str(clamp).lower()} }}"
-    frames = run(mesh, f"{pin}\nload = {{ traction = [0, 0, {load}] }}", poisson=poisson)
-    z = frames[-1].observations["s"].points[:, 2]
+    snapshots = run(mesh, f"{pin}\nload = {{ traction = [0, 0, {load}] }}", poisson=poisson)
+    z = snapshots[-1].observations["s"].points[:, 2]
     near = np.argsort(np.sum((np.asarray(mesh.points)[:, :2] - 0.5) ** 2, axis=1))[:6]
     q = np.asarray(mesh.points)[near, :2] - 0.5
     # the middle of a parabola through the nearest vertices, for meshes without a vertex there
@@ -162,9 +162,9 @@ def test_quarter_plate_with_symmetry_planes_is_the_whole_plate():
         f'\n[[effects.pin]]\nvertices = {np.flatnonzero(mask).tolist()}\naxes = "{axes}"\nclamp = true'
         for mask, axes in pins
     )
-    part = run(quarter, effects)[-1].observations["s"].points
+    quarter_points = run(quarter, effects)[-1].observations["s"].points
     assert points[:, 2].max() > 0.015  # beyond the linear range: more than the thickness
-    assert part[:, 2].max() == pytest.approx(points[:, 2].max(), rel=1e-9)
+    assert quarter_points[:, 2].max() == pytest.approx(points[:, 2].max(), rel=1e-9)
 
 
 def test_clamp_carries_force_and_moment_of_the_load():
@@ -187,11 +187,11 @@ def test_clamp_carries_force_and_moment_of_the_load():
 
 def test_free_shell_keeps_momenta_and_energy():
     """A bent strip that spins and swings: rotations of edges have no inertia and take no momentum."""
-    frames = run(
+    snapshots = run(
         irregular_rectangle(1, 0.3, 10, 4), integrator="implicit-midpoint", step=2e-3, duration=0.1,
         spin=(1, 2, 0.5), rest=FLAT,
     )  # fmt: skip
-    scalars = [frame.observations["s"].scalar for frame in frames]
+    scalars = [snapshot.observations["s"].scalar for snapshot in snapshots]
     angular = np.array([s["angular_momentum"] for s in scalars])
     assert np.abs(angular - angular[0]).max() <= 1e-7 * np.abs(angular).max()
     energy = np.array([s["energy"] for s in scalars])

@@ -50,7 +50,7 @@ def total(snapshots, name):
     )
 
 
-def frames(snapshots, name):
+def points_by_frame(snapshots, name):
     return [s.observations[name].points for s in snapshots]
 
 
@@ -137,7 +137,7 @@ def test_two_shells_collide_without_passing_and_keep_their_momentum(integrator):
     assert momentum[-1][2] == pytest.approx(momentum[0][2])
     upward = snapshots[-1].observations["b"].vertex["velocity"][:, 2].mean()
     assert upward > -0.9  # they met
-    for a, b in zip(frames(snapshots, "a"), frames(snapshots, "b")):
+    for a, b in zip(points_by_frame(snapshots, "a"), points_by_frame(snapshots, "b")):
         assert not meshes_intersect(a, faces[0], b, faces[1])
 
 
@@ -150,9 +150,13 @@ def test_shells_that_nothing_couples_have_the_bits_of_their_own_run():
     free = shell("free", "position = [1, 0, 0]\nangular_velocity = [3, 1, 0]", 2)
     beside, _, _ = shell_run(scene(time, pair[0], free, pair[1], effects=contact))
     for name in "ab":
-        assert all(np.array_equal(p, q) for p, q in zip(frames(alone, name), frames(beside, name)))
+        assert all(
+            np.array_equal(p, q) for p, q in zip(points_by_frame(alone, name), points_by_frame(beside, name))
+        )
     lonely, _, _ = shell_run(scene(time, free, effects=""))
-    assert all(np.array_equal(p, q) for p, q in zip(frames(lonely, "free"), frames(beside, "free")))
+    assert all(
+        np.array_equal(p, q) for p, q in zip(points_by_frame(lonely, "free"), points_by_frame(beside, "free"))
+    )
 
 
 @pytest.mark.parametrize("seed", range(2))
@@ -169,7 +173,7 @@ def test_a_shell_dropped_on_a_mesh_never_enters_it_and_gains_no_energy(seed):
     faces, energy = np.asarray(contexts["s"].mesh.faces), total(snapshots, "energy")
     assert (np.diff(energy) <= 1e-9 * np.abs(energy).max()).all()
     assert total(snapshots, "energy_contact").max() > 0
-    for points in frames(snapshots, "s"):
+    for points in points_by_frame(snapshots, "s"):
         assert not meshes_intersect(points, faces, np.asarray(BALL.points), np.asarray(BALL.faces))
 
 
@@ -196,7 +200,7 @@ rotation = {{ axis = [1, 0, 0], degrees = 80 }}
 def crumpled(itself, duration):
     snapshots, contexts, _ = shell_run(CRUMPLED.format(itself=itself, duration=duration))
     faces = np.asarray(contexts["s"].mesh.faces)
-    return snapshots, [meshes_intersect(p, faces, p, faces) for p in frames(snapshots, "s")]
+    return snapshots, [meshes_intersect(p, faces, p, faces) for p in points_by_frame(snapshots, "s")]
 
 
 def test_a_strip_that_falls_on_itself_does_not_pass_through_itself():
@@ -269,7 +273,7 @@ def test_a_moving_mesh_lifts_a_shell_and_its_work_is_booked():
         effects='gravity = {}\ncontact = { pairs = [["s", "o"]], sharp = true }\n',
     )  # fmt: skip
     snapshots, contexts, _ = shell_run(text)
-    z = frames(snapshots, "s")[-1][:, 2]
+    z = points_by_frame(snapshots, "s")[-1][:, 2]
     assert z.min() > 0.1 and z.max() < 0.1025
     mass = contexts["s"].mass.sum()
     raised = 9.81 * mass * (z.mean() - 0.002)
@@ -309,7 +313,7 @@ def test_without_the_library_pairs_are_refused_and_boxes_work(monkeypatch):
               obstacle("box = { corner = [-1, -1, -1], size = [2, 2, 1] }"),
               effects='contact = { pairs = [["a", "o"]] }\n')
     )  # fmt: skip
-    assert frames(snapshots, "a")[-1][:, 2].min() > 0
+    assert points_by_frame(snapshots, "a")[-1][:, 2].min() > 0
 
 
 def test_forces_and_stiffness_of_ties_are_the_derivatives_of_their_energy():
@@ -339,7 +343,10 @@ def test_tied_shells_stay_together_and_keep_their_momentum(integrator):
     momentum = total(snapshots, "momentum")
     assert np.abs(momentum - momentum[0]).max() < 1e-12 * np.abs(momentum[0]).max() * len(snapshots)
     # the last column of a's vertices and the first of b's
-    apart = [np.abs(a[6:] - b[:3]).max() for a, b in zip(frames(snapshots, "a"), frames(snapshots, "b"))]
+    apart = [
+        np.abs(a[6:] - b[:3]).max()
+        for a, b in zip(points_by_frame(snapshots, "a"), points_by_frame(snapshots, "b"))
+    ]
     assert max(apart) < 2e-3
     assert snapshots[-1].observations["b"].points[:, 2].mean() > 5e-3
 
@@ -356,7 +363,7 @@ def test_vertices_attached_to_an_obstacle_turn_with_it():
     start = np.asarray(contexts["s"].mesh.points)[:3]
     c, s = np.cos(1.0), np.sin(1.0)
     expected = start @ np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]])
-    assert np.abs(frames(snapshots, "s")[-1][:3] - expected).max() < 1e-12
+    assert np.abs(points_by_frame(snapshots, "s")[-1][:3] - expected).max() < 1e-12
     velocity = snapshots[-1].observations["s"].vertex["velocity"][:3]
     assert np.allclose(velocity, np.cross([0, 0, 5], expected))
     assert "reaction_force_attach_0" in snapshots[-1].observations["s"].scalar

@@ -62,9 +62,9 @@ def load_at(z):
 
 
 def test_path_of_a_truss_follows_the_closed_form_through_both_limit_points():
-    frames = path()
-    z = np.array([frame.observations["s"].points[4, 2] for frame in frames])
-    factor = np.array([frame.time for frame in frames])
+    snapshots = path()
+    z = np.array([snapshot.observations["s"].points[4, 2] for snapshot in snapshots])
+    factor = np.array([snapshot.time for snapshot in snapshots])
     assert factor == pytest.approx([load_at(height) for height in z], abs=1e-7)
     assert (np.diff(z) < 0).all()
     # the truth along a fine line: the path has both limit points
@@ -76,10 +76,10 @@ def test_path_of_a_truss_follows_the_closed_form_through_both_limit_points():
 
 
 def test_steps_of_a_path_have_its_arc_length_and_the_last_one_the_whole_load():
-    frames = path()
-    assert frames[-1].stopped == "the whole load is reached"
-    assert frames[-1].time == 1.0
-    z = np.array([frame.observations["s"].points[4, 2] for frame in frames])
+    snapshots = path()
+    assert snapshots[-1].stopped == "the whole load is reached"
+    assert snapshots[-1].time == 1.0
+    z = np.array([snapshot.observations["s"].points[4, 2] for snapshot in snapshots])
     moves = np.abs(np.diff(z))[:-1]
     system = model.make_system(*built(2, ""), Account())
     share = system.mass[4] / system.mass.sum()
@@ -87,19 +87,19 @@ def test_steps_of_a_path_have_its_arc_length_and_the_last_one_the_whole_load():
 
 
 def test_equilibria_between_the_limit_points_are_unstable():
-    frames = path()
+    snapshots = path()
     system = model.make_system(*built(60, 'arc_length = "3 cm"'), Account())
     counts, slopes = [], []
-    for frame in frames[1:-1]:
-        x = frame.observations["s"].points
-        counts.append(unstable_directions(system.at(frame.time), x))
+    for snapshot in snapshots[1:-1]:
+        x = snapshot.observations["s"].points
+        counts.append(unstable_directions(system.at(snapshot.time), x))
         slopes.append(load_at(x[4, 2] - 1e-4) - load_at(x[4, 2] + 1e-4))
     assert {0, 1} == set(counts)
     assert [count == 1 for count in counts] == [slope < 0 for slope in slopes]
 
 
 def test_load_steps_alone_leap_over_the_unstable_part():
-    z = [frame.observations["s"].points[4, 2] for frame in path(steps=20, arc="")]
+    z = [snapshot.observations["s"].points[4, 2] for snapshot in path(steps=20, arc="")]
     assert np.max(-np.diff(z)) > 1.5 * HEIGHT
     assert load_at(z[-1]) == pytest.approx(1, abs=1e-6)
 

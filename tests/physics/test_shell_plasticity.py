@@ -69,7 +69,7 @@ def test_pulled_strip_stays_deformed_and_its_plastic_work_grows(membrane):
     balance = np.array(scalar(run, "energy")) + work - np.array(scalar(run, "external_work"))
     # the trapezoidal rule of the handle's work misses at most half of |change of force| |move| in a step
     force = np.array(scalar(run, "reaction_force_handle"))
-    points = np.array([frame.observations["s"].points for frame in run])
+    points = np.array([snapshot.observations["s"].points for snapshot in run])
     path = points[:, np.argmax(points[0, :, 0])]
     missed = 0.5 * np.linalg.norm(np.diff(force, axis=0), axis=1)
     missed *= np.linalg.norm(np.diff(path, axis=0), axis=1)
@@ -88,12 +88,12 @@ def test_resumed_run_has_the_same_bits(name):
     scene = resolve(parse_scene(strip(YIELD, integrator=name, duration=0.03)), KIND, {})
     contexts = {key: context for key, (context, _) in model.contexts(scene, None).items()}
 
-    def frames(resume=None):
+    def snapshots(resume=None):
         return list(evolve(model.build(scene, contexts, Account()), scene.schedule(), Account(), resume))
 
-    whole = frames()
+    whole = snapshots()
     assert whole[8].checkpoint["s/memory_0_work"][0] > 0
-    again = frames((8, {key: value.copy() for key, value in whole[8].checkpoint.items()}))
+    again = snapshots((8, {key: value.copy() for key, value in whole[8].checkpoint.items()}))
     for a, b in zip(whole[9:], again, strict=True):
         for key, value in a.checkpoint.items():
             assert np.array_equal(value, b.checkpoint[key]), key

@@ -17,11 +17,14 @@ def test_the_default_of_open_surfaces_converges_and_flows():
     x, y = np.meshgrid(t, t)
     truth = float((np.outer(w, w) * (x**2 - y**2) ** 2 / (4 * (1 + x**2 + y**2) ** 2.5)).sum())
     seen = [run_flow(saddle(n), FlowOptions(stop=DEFAULT_STOP)) for n in (10, 20, 40)]
-    error = [1 - energies(frames)[0] / truth for frames, _, _ in seen]
+    error = [1 - energies(trajectory_frames)[0] / truth for trajectory_frames, _, _ in seen]
     assert truth == pytest.approx(0.0415, abs=5e-5) and 0 < error[-1] < 0.1
     assert error[0] / error[1] > 1.7 and error[1] / error[2] > 1.7  # of first order: the cells at the rim
-    for frames, _, shots in seen:
-        assert 0 < energies(frames)[-1] < energies(frames)[0] and "least" not in shots[-1].stopped
+    for trajectory_frames, _, shots in seen:
+        assert (
+            0 < energies(trajectory_frames)[-1] < energies(trajectory_frames)[0]
+            and "least" not in shots[-1].stopped
+        )
 
 
 @pytest.mark.parametrize("boundary", WILLMORE_BOUNDARIES)

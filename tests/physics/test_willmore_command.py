@@ -120,16 +120,16 @@ def test_resume_has_the_same_bits(run, ellipsoid_file, tmp_path, monkeypatch):
         return advance(self, state, time, dt)
 
     monkeypatch.setattr(Flow, "advance", cut)
-    part = tmp_path / "cut.vtkhdf"
-    assert run("willmore-flow", ellipsoid_file, *words, "-o", part).exit_code == 130
+    cut_run = tmp_path / "cut.vtkhdf"
+    assert run("willmore-flow", ellipsoid_file, *words, "-o", cut_run).exit_code == 130
     monkeypatch.setattr(Flow, "advance", advance)
-    resumed = run("willmore-flow", ellipsoid_file, *words, "--resume", f"{part}.part")
+    resumed = run("willmore-flow", ellipsoid_file, *words, "--resume", f"{cut_run}.part")
     assert resumed.exit_code == 0, resumed.output + resumed.stderr
-    with Trajectory(str(whole)) as a, Trajectory(str(part)) as b:
+    with Trajectory(str(whole)) as a, Trajectory(str(cut_run)) as b:
         assert a.n_frames == b.n_frames == 7
         for k in range(7):
-            assert np.array_equal(a.frame(k).points, b.frame(k).points)
-            assert a.frame(k).time == b.frame(k).time
+            assert np.array_equal(a.read_frame(k).points, b.read_frame(k).points)
+            assert a.read_frame(k).time == b.read_frame(k).time
 
 
 @pytest.mark.parametrize(

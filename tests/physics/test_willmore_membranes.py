@@ -52,17 +52,17 @@ def test_axisymmetric_solutions_are_those_of_the_literature():
     ],
 )
 def test_vesicles_have_the_energy_of_the_axisymmetric_solution(volume, prolate):
-    frames, end, _ = run_flow(spheroid(volume, prolate, 4), KEPT)
-    assert energies(frames)[-1] == pytest.approx(vesicle(volume, prolate)[0], rel=2.5e-3)
-    assert frames[-1].scalar["reduced_volume"] == pytest.approx(volume, rel=1e-10)
-    assert_falls(frames)
+    snapshots, end, _ = run_flow(spheroid(volume, prolate, 4), KEPT)
+    assert energies(snapshots)[-1] == pytest.approx(vesicle(volume, prolate)[0], rel=2.5e-3)
+    assert snapshots[-1].scalar["reduced_volume"] == pytest.approx(volume, rel=1e-10)
+    assert_falls(snapshots)
 
 
 def test_a_red_blood_cell_is_a_biconcave_disc():
     """Thinner in the middle than at the rim, as thick as the axisymmetric profile."""
-    frames, end, _ = run_flow(spheroid(0.6, False, 3), KEPT)
+    snapshots, end, _ = run_flow(spheroid(0.6, False, 3), KEPT)
     truth, profile = vesicle(0.6, False)
-    assert energies(frames)[-1] == pytest.approx(truth, rel=0.02)
+    assert energies(snapshots)[-1] == pytest.approx(truth, rel=0.02)
     r, z = np.hypot(*end.points[:, :2].T), np.abs(end.points[:, 2])
     middle, thickest = z[r < 0.2].mean(), z.max()
     heights = np.abs(profile[:, 1] - profile[:, 1].mean())
@@ -104,10 +104,10 @@ def test_spontaneous_curvature_against_the_axisymmetric_solution(level, within):
     options = FlowOptions(
         fix_area=True, fix_volume=True, spontaneous_curvature=curvature / radius, stop=DEFAULT_STOP
     )
-    frames, _, _ = run_flow(inward, options)
-    assert energies(frames)[-1] == pytest.approx(vesicle(0.8, True, curvature)[0], rel=within)
-    assert energies(frames)[-1] < 0.5 * vesicle(0.8, True)[0]
-    assert_falls(frames)
+    snapshots, _, _ = run_flow(inward, options)
+    assert energies(snapshots)[-1] == pytest.approx(vesicle(0.8, True, curvature)[0], rel=within)
+    assert energies(snapshots)[-1] < 0.5 * vesicle(0.8, True)[0]
+    assert_falls(snapshots)
 
 
 def test_subdivision_brings_a_coarse_vesicle_to_its_energy(run, tmp_path):

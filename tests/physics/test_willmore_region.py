@@ -25,15 +25,15 @@ def dented_ball(level):
 @pytest.mark.parametrize("level", [2, 3])
 def test_a_dented_patch_returns_to_the_sphere(level):
     ball, dented, region = dented_ball(level)
-    frames, end, _ = run_flow(dented, region=region)
+    trajectory_frames, end, _ = run_flow(dented, region=region)
     assert np.abs(np.linalg.norm(dented.points, axis=1) - 1).max() > 0.1
     assert np.array_equal(end.points[~region], ball.points[~region])
     assert np.abs(np.linalg.norm(end.points, axis=1) - 1).max() < 0.1 / 4**level
     # the tangent planes are continuous across the seam
     cosine = np.einsum("ij,ij->i", vertex_normals(end), end.points)
     assert cosine.min() > 1 - 0.1 / 4**level
-    assert energies(frames)[-1] == pytest.approx(4 * np.pi, rel=1e-4)
-    assert_falls(frames)
+    assert energies(trajectory_frames)[-1] == pytest.approx(4 * np.pi, rel=1e-4)
+    assert_falls(trajectory_frames)
 
 
 @pytest.fixture

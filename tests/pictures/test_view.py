@@ -134,7 +134,9 @@ def test_each_frame_has_its_own_faces(run, summary, tmp_path):
     object_faces = json.loads(page.read_text("utf-8").split('json">')[1].split("</script>")[0])["objects"][0][
         "faces"
     ]
-    decoded = [np.frombuffer(base64.b64decode(part["base64"]), "<u4").reshape(-1, 3) for part in object_faces]
+    decoded = [
+        np.frombuffer(base64.b64decode(packed["base64"]), "<u4").reshape(-1, 3) for packed in object_faces
+    ]
     assert all((faces == mesh.faces).all() for faces, mesh in zip(decoded, meshes))
 
 

@@ -49,13 +49,13 @@ def normal_cycle_in_balls(
     of_fan = _defect_of_fans(mesh, defect, balls)
     tensor, area, gauss = np.zeros((mesh.n_vertices, 6)), np.zeros(mesh.n_vertices), np.zeros(mesh.n_vertices)
     for ball in balls:
-        part = slice(ball.begin, ball.end)
+        ball_rows = slice(ball.begin, ball.end)
         whole = ball.whole @ of_face
-        tensor[part], area[part] = whole[:, :6], whole[:, 6]
+        tensor[ball_rows], area[ball_rows] = whole[:, :6], whole[:, 6]
         for chord, values in zip(ball.chord, np.moveaxis(of_side, 1, 0)):
-            tensor[part] += _cut(ball, chord, mesh.n_faces) @ np.ascontiguousarray(values)
-        area[part] += sum_by_index(ball.owner, ball.area, ball.end - ball.begin)
-        gauss[part] = ball.fans @ of_fan
+            tensor[ball_rows] += _cut(ball, chord, mesh.n_faces) @ np.ascontiguousarray(values)
+        area[ball_rows] += sum_by_index(ball.owner, ball.area, ball.end - ball.begin)
+        gauss[ball_rows] = ball.fans @ of_fan
     return swapped_principal(ratio(np.ascontiguousarray(tensor.T), area), normal, ratio(gauss, area))
 
 

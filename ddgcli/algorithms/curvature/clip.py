@@ -66,9 +66,9 @@ class FacePlanes:
         """
         area, chord = np.empty(len(face)), np.empty((3, len(face)))
         for begin in range(0, len(face), _MAX_PAIRS):
-            part = slice(begin, begin + _MAX_PAIRS)
-            table = np.take(self.table, face[part], axis=1)
-            area[part], chord[:, part] = _clipped(table, centre[:, part], radius)
+            block = slice(begin, begin + _MAX_PAIRS)
+            table = np.take(self.table, face[block], axis=1)
+            area[block], chord[:, block] = _clipped(table, centre[:, block], radius)
         return np.clip(area, 0.0, self.area[face]), chord
 
 

@@ -46,7 +46,7 @@ def curve_frames(curves: CurveSet) -> tuple[dict[str, NDArray], dict[str, Any]]:
     arrays = {name: np.zeros((n, 3)) for name in _VECTORS} | {name: np.zeros(n) for name in _SCALARS}
     holonomy: list[float | None] = []
     for path, closed in curves.paths():
-        own, turned = _frames(curves.points[path], closed, path)
+        own, turned = _frenet_and_bishop(curves.points[path], closed, path)
         for name, values in own.items():
             arrays[name][path] = values
         holonomy.append(turned)
@@ -59,7 +59,9 @@ _VECTORS = (
 _SCALARS = ("arc_length", "osculating_radius")
 
 
-def _frames(points: NDArray, closed: bool, path: NDArray) -> tuple[dict[str, NDArray], float | None]:
+def _frenet_and_bishop(
+    points: NDArray, closed: bool, path: NDArray
+) -> tuple[dict[str, NDArray], float | None]:
     """Arrays of one polyline, and the holonomy of its Bishop frame."""
     segment = np.roll(points, -1, axis=0) - points if closed else np.diff(points, axis=0)
     length = vector_length(segment)

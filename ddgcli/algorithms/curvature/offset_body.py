@@ -27,14 +27,14 @@ class OffsetBody:
     Parameters
     ----------
     mesh : TriangleMesh
-    part : (m,) ndarray of int64
+    part_of_face : (m,) ndarray of int64
         0 over a face, 1 over an edge, 2 over a vertex.
     volume : float
         Signed volume inside the mesh.
     """
 
     mesh: TriangleMesh
-    part: NDArray[np.int64]
+    part_of_face: NDArray[np.int64]
     volume: float
 
 
@@ -101,10 +101,10 @@ def offset_body(mesh: TriangleMesh, distance: float, resolution: float = 6.0) ->
         raise ParameterError(
             f"the offset mesh would have {count:,} faces; give a larger angle", parameter="offset_angle"
         )
-    points, faces, part = _assemble(mesh, side, twin, (n1, n2), centre, normal, distance, arc, rings)
-    points, faces, part = _welded(points, faces, part)
+    points, faces, part_of_face = _assemble(mesh, side, twin, (n1, n2), centre, normal, distance, arc, rings)
+    points, faces, part_of_face = _welded(points, faces, part_of_face)
     offset = TriangleMesh.from_arrays(points, faces)
-    return OffsetBody(offset, part, enclosed_volume(offset))
+    return OffsetBody(offset, part_of_face, enclosed_volume(offset))
 
 
 def _assemble(
@@ -134,8 +134,8 @@ def _assemble(
         a, b, c, d = index[:, :-1, :-1], index[:, 1:, :-1], index[:, 1:, 1:], index[:, :-1, 1:]
         sectors.append(_quads(a, b, c, d) if turned else _quads(a, d, c, b))
     faces = np.concatenate([face_part, quads, *sectors])
-    part = np.repeat([0, 1, 2], [len(face_part), len(quads), sum(map(len, sectors))])
-    return np.concatenate([*points, *sector_points]), faces, part
+    part_of_face = np.repeat([0, 1, 2], [len(face_part), len(quads), sum(map(len, sectors))])
+    return np.concatenate([*points, *sector_points]), faces, part_of_face
 
 
 def _arcs(start: NDArray, end: NDArray, t: NDArray) -> NDArray[np.float64]:
@@ -158,7 +158,7 @@ def _quads(a: NDArray, b: NDArray, c: NDArray, d: NDArray) -> NDArray[np.int64]:
     return np.concatenate([one, np.stack([a, c, d], axis=-1).reshape(-1, 3)])
 
 
-def _welded(points: NDArray, faces: NDArray, part: NDArray) -> tuple[NDArray, NDArray, NDArray]:
+def _welded(points: NDArray, faces: NDArray, part_of_face: NDArray) -> tuple[NDArray, NDArray, NDArray]:
     """Points at one place joined, and faces without area through that left out."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
@@ -171,4 +171,4 @@ def _welded(points: NDArray, faces: NDArray, part: NDArray) -> tuple[NDArray, ND
     first = np.unique(label, return_index=True)[1]
     faces = label[faces]
     used = (faces != faces[:, NEXT]).all(axis=1)
-    return points[first], faces[used], part[used]
+    return points[first], faces[used], part_of_face[used]

@@ -29,7 +29,7 @@ class PolylineCurvature:
 
 
 def measure_curves(
-    curves: CurveSet, *, frames: bool = False, resample: int | None = None
+    curves: CurveSet, *, with_frames: bool = False, resample: int | None = None
 ) -> PolylineCurvature:
     """Measure turning, curvature, torsion and their sums for each polyline of a set.
 
@@ -39,7 +39,7 @@ def measure_curves(
     Parameters
     ----------
     curves : CurveSet
-    frames : bool
+    with_frames : bool
         Also compute the arrays of `curve_frames`.
     resample : int, optional
         First replace each curve by this number of points at even arc lengths.
@@ -83,7 +83,7 @@ def measure_curves(
     if not residuals:
         log.warning("turning_number is unknown: only a closed curve in the plane has one; %s",
                     "this one is open" if planar else "this one is in space")  # fmt: skip
-    if frames:
+    if with_frames:
         arrays, holonomy = curve_frames(curves)
         own, results = own | arrays, results | holonomy
     accuracy = {"turning_number_residual": max(residuals, default=None)}

@@ -258,8 +258,8 @@ def polynomial_residuals(
     deviation = []
     for degree in degrees:
         low = np.array([k for k, (a, b) in enumerate(_TERMS) if a + b <= degree])
-        part = matrix[:, low[:, None], low] + _LOW_TERM_PENALTY * count[:, None, None] * np.eye(len(low))
-        explained = np.einsum("nij,nij->n", right[:, low], _inverse(part) @ right[:, low])
+        low_block = matrix[:, low[:, None], low] + _LOW_TERM_PENALTY * count[:, None, None] * np.eye(len(low))
+        explained = np.einsum("nij,nij->n", right[:, low], _inverse(low_block) @ right[:, low])
         free = np.where(count > len(low), count - len(low), np.nan)
         deviation.append(np.sqrt(np.maximum(squared - explained, 0.0) / free))
     return np.stack(deviation)

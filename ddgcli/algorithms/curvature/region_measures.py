@@ -79,10 +79,10 @@ class _EdgeTensors:
     def weighted(self, region: NDArray, edge: NDArray, length: NDArray, count: int) -> tuple[NDArray, ...]:
         """phi_h and both tensors by region of parts of edges with lengths."""
         turn = length * self.angle[edge]
-        parts = [turn]
+        integrands = [turn]
         for tensor in (self.anisotropic, self.normal_cycle):
-            parts.append(length[:, None, None] * tensor[edge])
-        return tuple(_by_region(region, part, count) for part in parts)
+            integrands.append(length[:, None, None] * tensor[edge])
+        return tuple(_by_region(region, integrand, count) for integrand in integrands)
 
 
 def _by_region(region: NDArray, values: NDArray, count: int) -> NDArray[np.float64]:

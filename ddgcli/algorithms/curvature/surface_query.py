@@ -104,8 +104,8 @@ def _regions(
             {"region": int(name), "on": place, "elements": int(k), **entry}
             for name, k, entry in zip(names, size, measures.entries(), strict=True)
         ]
-        for part, total in ((measures.phi_k, whole.phi_k), (measures.phi_h, whole.phi_h)):
-            gaps.append(abs(part.sum() - total[0]) / (np.abs(part).sum() or 1.0))
+        for region_values, total in ((measures.phi_k, whole.phi_k), (measures.phi_h, whole.phi_h)):
+            gaps.append(abs(region_values.sum() - total[0]) / (np.abs(region_values).sum() or 1.0))
     for centre, radius in balls:
         entry = measures_in_ball(mesh, np.asarray(centre, dtype=float), radius).entries()[0]
         entries.append({"ball": [*map(float, centre), float(radius)], **entry})

@@ -184,10 +184,10 @@ def balances(
     }
 
 
-def _residual(*parts: NDArray) -> float:
+def _residual(*summands: NDArray) -> float:
     """Largest component of the sum of all columns, relative to the sum of their absolute values."""
-    total = np.abs(sum(part.sum(axis=1) for part in parts)).max()
-    scale = np.abs(sum(np.abs(part).sum(axis=1) for part in parts)).max()
+    total = np.abs(sum(summand.sum(axis=1) for summand in summands)).max()
+    scale = np.abs(sum(np.abs(summand).sum(axis=1) for summand in summands)).max()
     return float(total / scale) if scale > 0 else 0.0
 
 

@@ -31,8 +31,8 @@ class Targets:
 def triangle_share(corners: NDArray, point: NDArray) -> NDArray[np.float64]:
     """(k, 3) barycentric coordinates of points in triangles (k, 3) of complex numbers."""
     away = corners - point[:, None]
-    part = planar_cross(away[:, [1, 2, 0]], away[:, [2, 0, 1]])
-    return part / planar_cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])[:, None]
+    corner_area = planar_cross(away[:, [1, 2, 0]], away[:, [2, 0, 1]])
+    return corner_area / planar_cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])[:, None]
 
 
 def pushed_inside(corners: NDArray, point: NDArray) -> NDArray[np.complex128]:

@@ -198,12 +198,12 @@ class CrossingPositions:
         points = np.empty((self.n_before + len(self.share), 3))
         points[: self.n_before] = corners
         for begin in range(0, len(self.share), BLOCK_SIZE):
-            part = slice(begin, begin + BLOCK_SIZE)
-            side = self.labels.crossed[part]
+            block = slice(begin, begin + BLOCK_SIZE)
+            side = self.labels.crossed[block]
             tail = corners.take(topology.side_tail.take(side), axis=0)
             along = corners.take(topology.side_head.take(side), axis=0)
             along -= tail
-            along *= self.share[part, None]
+            along *= self.share[block, None]
             at = self.n_before + begin
             np.add(tail, along, out=points[at : at + len(side)])
         return points
@@ -276,8 +276,8 @@ def _crossing_positions(
     label, crossed = edges.label, np.empty_like(edges.label)
     side_of_label = np.stack([chain_side, chain_side[edges.reverse]], axis=1).ravel()
     for begin in range(0, len(label), BLOCK_SIZE):
-        part = slice(begin, begin + BLOCK_SIZE)
-        crossed[part] = side_of_label.take(label[part] >> STEP_BITS)
+        block = slice(begin, begin + BLOCK_SIZE)
+        crossed[block] = side_of_label.take(label[block] >> STEP_BITS)
 
     side = halves.side
     count = halves.count[side]
@@ -301,8 +301,8 @@ def _crossing_positions(
 def _moved_up(array: NDArray, rows: NDArray) -> NDArray:
     """Elements of ascending numbers, in place."""
     for begin in range(0, len(rows), BLOCK_SIZE):
-        part = slice(begin, begin + BLOCK_SIZE)
-        array[part][: len(rows[part])] = array.take(rows[part])
+        block = slice(begin, begin + BLOCK_SIZE)
+        array[block][: len(rows[block])] = array.take(rows[block])
     return array[: len(rows)]
 
 

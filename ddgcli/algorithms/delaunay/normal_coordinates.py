@@ -136,8 +136,8 @@ def crossings_of(coordinate: NDArray, side_twin: NDArray) -> Crossings:
 
 def blocks(count: NDArray, together: int) -> list[slice]:
     """Slices of lists with about `together` members in total, so that temporaries stay in cache."""
-    part = (np.cumsum(count) - count) // together
-    bounds = np.concatenate([[0], np.flatnonzero(part[1:] != part[:-1]) + 1, [len(count)]])
+    block_number = (np.cumsum(count) - count) // together
+    bounds = np.concatenate([[0], np.flatnonzero(block_number[1:] != block_number[:-1]) + 1, [len(count)]])
     return [slice(a, b) for a, b in zip(bounds[:-1].tolist(), bounds[1:].tolist()) if a < b]
 
 
@@ -222,8 +222,8 @@ def _arcs(c: Crossings) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[n
     """
     onward = np.empty(c.total, dtype=np.int64)
     cut = np.flatnonzero(c.cut)
-    for part in blocks(c.cut[cut], BLOCK_SIZE):
-        corner, before = cut[part], preceding(cut[part])
+    for block in blocks(c.cut[cut], BLOCK_SIZE):
+        corner, before = cut[block], preceding(cut[block])
         index, place = repeat_with_place(np.arange(len(corner)), c.cut[corner])
         x = ahead(c.first[corner].take(index), place)  # the arc's ends on both sides of the corner
         y = ahead(c.last(before).take(index), -place)

@@ -154,27 +154,27 @@ def in_order(share: NDArray, label: NDArray, edges: BaseEdges) -> NDArray[np.flo
     length = np.where(one & (present | present[edges.reverse]), edges.length, 0)
     first = np.cumsum(length) - length
     first = np.where(one, first + length - 1, ~first[edges.reverse])
-    parts = [slice(begin, begin + BLOCK_SIZE) for begin in range(0, len(label), BLOCK_SIZE)]
+    line_blocks = [slice(begin, begin + BLOCK_SIZE) for begin in range(0, len(label), BLOCK_SIZE)]
 
-    def places(part: slice) -> tuple[NDArray, NDArray]:
+    def places(block: slice) -> tuple[NDArray, NDArray]:
         """Positions of crossings from the tail of `one` on, and True where it runs to their left."""
-        mark = label[part]
+        mark = label[block]
         end = first.take(mark >> STEP_BITS + 1)
         along_one = end >= 0
         step = mark & STEP_MASK
         return np.where(along_one, end - step, ~end + step), along_one == ((mark >> STEP_BITS) & 1 == 0)
 
     ordered = np.empty_like(share)
-    for part in parts:
-        place, forward = places(part)
-        ordered[place] = np.where(forward, share[part], 1.0 - share[part])
+    for block in line_blocks:
+        place, forward = places(block)
+        ordered[place] = np.where(forward, share[block], 1.0 - share[block])
     falls = ordered[1:] < ordered[:-1]
     falls[np.cumsum(length[length > 0])[:-1] - 1] = False
     if not falls.any():
         return share
     ordered = ordered[np.lexsort((ordered, np.repeat(np.arange(len(length)), length)))]
-    for part in parts:
-        place, forward = places(part)
+    for block in line_blocks:
+        place, forward = places(block)
         along = ordered.take(place)
-        share[part] = np.where(forward, along, 1.0 - along)
+        share[block] = np.where(forward, along, 1.0 - along)
     return share

@@ -97,7 +97,7 @@ def cut_faces(c: Crossings, names: Names, labels: Labels) -> Pieces:
     cutter = _Cutter(c, names, labels)
     filled = 0
     for block in blocks(c.count.reshape(m, 3).sum(axis=1) + 1, BLOCK_SIZE):
-        for corners, face, input_face in cutter.parts(block):
+        for corners, face, input_face in cutter.groups(block):
             rows = slice(filled, filled + len(face))
             for k in range(3):
                 pieces.corner[rows, k] = corners[k]
@@ -106,7 +106,7 @@ def cut_faces(c: Crossings, names: Names, labels: Labels) -> Pieces:
     return pieces
 
 
-Part = tuple[tuple[NDArray, NDArray, NDArray], NDArray[np.int64], NDArray[np.int64]]
+PieceGroup = tuple[tuple[NDArray, NDArray, NDArray], NDArray[np.int64], NDArray[np.int64]]
 
 
 class _Cutter:
@@ -115,23 +115,23 @@ class _Cutter:
     def __init__(self, c: Crossings, names: Names, labels: Labels) -> None:
         self.c, self.names, self.labels = c, names, labels
 
-    def parts(self, block: slice) -> list[Part]:
+    def groups(self, block: slice) -> list[PieceGroup]:
         """The pieces of a run of faces."""
         sides = slice(3 * block.start, 3 * block.stop)
         cut = 3 * block.start + np.flatnonzero(self.c.cut[sides])
         left = 3 * block.start + np.flatnonzero(self.c.leaving[sides])
         whole = np.ones(block.stop - block.start, dtype=bool)
         whole[left // 3 - block.start] = False
-        parts = [self._tips(cut), *self._quads(cut), *self._middles(block.start + np.flatnonzero(whole))]
-        return [*parts, *self._fans(left)] if len(left) else parts
+        groups = [self._tips(cut), *self._quads(cut), *self._middles(block.start + np.flatnonzero(whole))]
+        return [*groups, *self._fans(left)] if len(left) else groups
 
-    def _tips(self, corner: NDArray) -> Part:
+    def _tips(self, corner: NDArray) -> PieceGroup:
         """The tip of each corner that is cut off."""
         x, y = self.c.first[corner], self.c.last(preceding(corner))
         tip = self.names.corner[corner], self.names.half(x), self.names.half(y)
         return tip, corner // 3, self.labels.before(x)
 
-    def _quads(self, corner: NDArray) -> list[Part]:
+    def _quads(self, corner: NDArray) -> list[PieceGroup]:
         """Between two arcs that cut off the same corner, each with the one before it."""
         index, place = repeat_with_place(np.arange(len(corner)), self.c.cut[corner] - 1)
         other = preceding(corner)
@@ -159,7 +159,7 @@ class _Cutter:
         arriving = np.where(last >= 0, self.names.half(y), self.names.corner[corner])
         return arriving, np.where(last >= 0, self.names.half(x), -1), x
 
-    def _middles(self, face: NDArray) -> list[Part]:
+    def _middles(self, face: NDArray) -> list[PieceGroup]:
         """The rest of faces whose corners are cut off, and where no arc ends at a corner."""
         arriving, leaving, input_face = [], [], self.labels.holder[face]
         for k in range(3):
@@ -172,7 +172,7 @@ class _Cutter:
         ears = [(a, leaving[0], b), (b, leaving[1], c), (c, leaving[2], a)]
         return [((a, b, c), face, input_face), *(_present((ear, face, input_face)) for ear in ears)]
 
-    def _fans(self, corner: NDArray) -> list[Part]:
+    def _fans(self, corner: NDArray) -> list[PieceGroup]:
         """The pieces around corners that arcs leave."""
         count, opposite = self.c.leaving[corner], following(corner)
         face, tip = corner // 3, self.names.corner[corner]
@@ -181,13 +181,13 @@ class _Cutter:
         arriving, leaving, _ = self._outermost(opposite)
         input_face = self.labels.before(first)
         middle = np.where(leaving >= 0, leaving, arriving)
-        parts = [
+        groups = [
             _present(((tip, arriving, leaving), face, input_face)),
             ((tip, middle, self.names.half(first)), face, input_face),
         ]
         arriving, leaving, _ = self._outermost(preceding(corner))
         input_face = self.labels.beyond(last)
-        parts += [
+        groups += [
             ((tip, self.names.half(last), arriving), face, input_face),
             _present(((tip, arriving, leaving), face, input_face)),
         ]
@@ -195,11 +195,11 @@ class _Cutter:
         x = ahead(first.take(index), place)
         after = ahead(x, 1)
         between = tip.take(index), self.names.half(x), self.names.half(after)
-        return [*parts, (between, face.take(index), self.labels.before(after))]
+        return [*groups, (between, face.take(index), self.labels.before(after))]
 
 
-def _present(part: Part) -> Part:
+def _present(piece_group: PieceGroup) -> PieceGroup:
     """The triangles without a missing corner (-1)."""
-    (a, b, c), face, input_face = part
+    (a, b, c), face, input_face = piece_group
     there = np.flatnonzero((b >= 0) & (c >= 0))
     return (a[there], b[there], c[there]), face[there], input_face[there]

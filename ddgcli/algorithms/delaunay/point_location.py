@@ -124,9 +124,9 @@ def _mapped_points(
 def _containing_piece(points: SurfacePoints, chart: _Chart) -> NDArray[np.int64]:
     """The piece that contains each point: the one with the largest distance from its sides."""
     count = (chart.start[1:] - chart.start[:-1])[points.face]
-    part = (np.cumsum(count) - count) // MAX_PAIRS
+    block_number = (np.cumsum(count) - count) // MAX_PAIRS
     containing = np.empty(len(points), dtype=np.int64)
-    for block in np.split(np.arange(len(points)), np.flatnonzero(part[1:] != part[:-1]) + 1):
+    for block in np.split(np.arange(len(points)), np.flatnonzero(block_number[1:] != block_number[:-1]) + 1):
         owner = np.repeat(np.arange(len(block)), count[block])
         place, first = ranges(chart.start[points.face[block]], count[block])
         piece = chart.piece[place]

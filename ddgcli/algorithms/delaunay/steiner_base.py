@@ -131,17 +131,21 @@ class _Insertion:
             self._grow(np.tile(cut, 2))
             a, b, c = (self.corner[3 * cut + k].copy() for k in range(3))
             middle = self.place[point]
-            for part, corners in ((cut, (a, b, middle)), (new[0], (b, c, middle)), (new[1], (c, a, middle))):
+            for face_rows, corners in (
+                (cut, (a, b, middle)),
+                (new[0], (b, c, middle)),
+                (new[1], (c, a, middle)),
+            ):
                 for k in range(3):
-                    self.corner[3 * part + k] = corners[k]
+                    self.corner[3 * face_rows + k] = corners[k]
             rest = np.ones(len(waiting), dtype=bool)
             rest[chosen] = False
             thirds = np.full((len(self.input_face), 3), -1)
             thirds[cut] = np.stack([cut, new[0], new[1]], axis=1)
             waiting, face = waiting[rest], face[rest]
             face = self._deepest(waiting, thirds[face])
-            parts = np.concatenate([cut, new[0], new[1]])
-            face = self._flip((3 * parts[:, None] + np.arange(3)).ravel(), waiting, face)
+            halves = np.concatenate([cut, new[0], new[1]])
+            face = self._flip((3 * halves[:, None] + np.arange(3)).ravel(), waiting, face)
 
     def _flip(self, active: NDArray, waiting: NDArray, face: NDArray) -> NDArray[np.int64]:
         """Flip auxiliary edges that are not Delaunay; returns the faces that contain the waiting points."""
@@ -202,9 +206,9 @@ class _Insertion:
     def _depth(self, point: NDArray, face: NDArray) -> NDArray[np.float64]:
         """Least barycentric coordinate of points in faces: negative outside, at most a third."""
         away = self.corner[3 * face[:, None] + np.arange(3)] - self.place[point][:, None]
-        part = (np.conj(away) * away[:, NEXT]).imag
-        total = np.abs(part).sum(axis=1)
-        return part.min(axis=1) / np.where(total > 0, total, 1.0)
+        corner_area = (np.conj(away) * away[:, NEXT]).imag
+        total = np.abs(corner_area).sum(axis=1)
+        return corner_area.min(axis=1) / np.where(total > 0, total, 1.0)
 
     def _deepest(self, point: NDArray, faces: NDArray) -> NDArray[np.int64]:
         """The face that contains each point, among several (k, c), by depth."""

@@ -189,7 +189,7 @@ def _heat(mesh: SurfaceMesh, options: DistanceOptions) -> Solver:
                 "a shorter `heat_time`, or use `method=exact`"
             )
         accuracy = {"heat_residual": heat.heat_residual, "poisson_residual": heat.poisson_residual}
-        results = {"operator": operator, "heat_time": solver.time, "heat_stages": heat.stages}
+        results = {"operator": operator, "heat_time": solver.time, "heat_stages": heat.n_stages}
         if heat.cold_faces:
             log.warning(
                 f"the heat has no gradient on {heat.cold_faces} faces; the distance is interpolated there"

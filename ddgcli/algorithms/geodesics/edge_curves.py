@@ -28,13 +28,13 @@ def edge_curves(mesh: SurfaceMesh, waypoints: list[list[int]]) -> Curves:
     Curves
     """
     graph = EdgeGraph(mesh)
-    parts: list[SurfacePaths] = []
+    edge_paths: list[SurfacePaths] = []
     kinds: list[dict[str, Any]] = []
     for stops in waypoints:
         closed = len(stops) > 2 and stops[0] == stops[-1]
-        parts.append(_along_edges(mesh, edge_path(graph, stops, False), closed))
+        edge_paths.append(_along_edges(mesh, edge_path(graph, stops, False), closed))
         kinds.append({"kind": "edge path", "way_points": list(stops)})
-    paths = SurfacePaths.concatenate(parts)
+    paths = SurfacePaths.concatenate(edge_paths)
     return Curves(paths, describe_paths(mesh, paths, kinds))
 
 

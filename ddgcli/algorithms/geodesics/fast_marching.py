@@ -190,7 +190,7 @@ def _unfolded(
         if mirrored is not None:
             flip = flip ^ mirrored.take(side)
         go = (code > BOUNDARY).nonzero()[0]
-        row, p, q, code, flip = (part.take(go) for part in (row, p, q, code, flip))
+        row, p, q, code, flip = (array.take(go) for array in (row, p, q, code, flip))
         if not len(row):
             break
         # face of side `code` below the segment p -> q; its own frame runs q -> p, or p -> q where mirrored
@@ -204,12 +204,12 @@ def _unfolded(
         hits.append((row.take(inside), corner.take(code.take(inside), axis=0)[:, 2], place.take(inside)))
         # too near the arm to a: the sector leaves by the side towards b, and vice versa
         on = ((near_a ^ near_b) & (y > 0)).nonzero()[0]
-        row, code, flip, towards_q, place = (part.take(on) for part in (row, code, flip, near_a, place))
+        row, code, flip, towards_q, place = (array.take(on) for array in (row, code, flip, near_a, place))
         p, q = np.where(towards_q, place, p.take(on)), np.where(towards_q, q.take(on), place)
         # leaving (q -> p frame): towards q by (v0, apex), towards p by (apex, v1); the other way if mirrored
         face, j = np.divmod(code, 3)
         side = 3 * face + (j + np.where(towards_q != flip, 2, 1)) % 3
-    rows, vertices, places = (np.concatenate(part) for part in zip(*hits)) if hits else (row, row, p)
+    rows, vertices, places = (np.concatenate(array) for array in zip(*hits)) if hits else (row, row, p)
     return rows, vertices, places
 
 

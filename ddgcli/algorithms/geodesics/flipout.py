@@ -224,7 +224,7 @@ class Straightener:
     def curves(self, waypoints: list[list[int]], closed: list[bool]) -> Curves:
         """Straighten curves as the function `straighten_curves` does."""
         mesh, flipping = self.mesh, self.flipping
-        parts, kinds, done = [], [], True
+        traced_paths, kinds, done = [], [], True
         for stops, is_closed in zip(waypoints, closed, strict=True):
             sides = edge_path(self.graph, stops, is_closed)
             flipping.rewind()
@@ -235,14 +235,14 @@ class Straightener:
             if not finished:
                 why = ": it overlaps itself; other way-points may help" if path.is_self_blocked else ""
                 _log.warning(f"the path through {stops[:5]} could not be straightened everywhere{why}")
-            parts.append(trace_on_input(self.tracer, flipping, path.halfedges(), is_closed))
+            traced_paths.append(trace_on_input(self.tracer, flipping, path.halfedges(), is_closed))
             kind = {
                 "kind": "loop" if is_closed else "straightened",
                 "way_points": list(stops),
                 "flips": path.flips,
             }
             kinds.append(kind | {"edge_path_length": before})
-        paths = SurfacePaths.concatenate(parts)
+        paths = SurfacePaths.concatenate(traced_paths)
         joint = joints(mesh, paths, shortest=1e-6)
         sharpest = float(np.nanmin(np.concatenate([joint.left, joint.right]), initial=np.pi))
         accuracy = {"path_angle_deficit": np.pi - sharpest}

@@ -55,7 +55,7 @@ class FlippableMesh:
             "angle": (fans.corner_angle, np.full(len(rim), inf)),
             "post": (fans.angle_before, at_end),
         }
-        self._current = {name: np.concatenate(parts) for name, parts in self._initial.items()}
+        self._current = {name: np.concatenate(arrays) for name, arrays in self._initial.items()}
         views: list[Any] = [array.data for array in self._current.values()]
         self.next, self.tail, self.fan, self.length, self.angle, self.post = views
         self.flipped: set[int] = set()

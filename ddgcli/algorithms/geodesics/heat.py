@@ -37,7 +37,7 @@ class HeatDistance:
         inf on components without a source.
     residuals : tuple of two callables
         Functions that compute `heat_residual` and `poisson_residual`.
-    stages : int
+    n_stages : int
         Number of continuations of the heat where it underflows float64.
     cold_faces : int
         Faces of reached components without a gradient of heat; the second system interpolates there.
@@ -45,7 +45,7 @@ class HeatDistance:
 
     distance: NDArray[np.float64]
     residuals: tuple[Callable[[], float], Callable[[], float]]
-    stages: int
+    n_stages: int
     cold_faces: int
 
     @cached_property
@@ -128,8 +128,8 @@ class HeatSolver:
         sources = check_sources(self.source_mesh, sources)
         start = self._start(sources)
         reached = self._reached(start)
-        heat, level, stages, heat_residual = self._diffuse(start, reached)
-        direction, cold = self._direction(heat, level if stages else None)
+        heat, level, n_stages, heat_residual = self._diffuse(start, reached)
+        direction, cold = self._direction(heat, level if n_stages else None)
         direction *= -1.0
         near, spoke = self._near(sources)
         distance, poisson_residual = self._integrate(direction, near, spoke, len(sources))
@@ -140,7 +140,7 @@ class HeatSolver:
         distance[near[spoke == 0]] = 0.0
         cold_faces = int((cold & reached[self._corner[0]]).sum()) if cold.any() else 0
         distance[~reached] = np.inf
-        return HeatDistance(distance, (heat_residual, poisson_residual), stages, cold_faces)
+        return HeatDistance(distance, (heat_residual, poisson_residual), n_stages, cold_faces)
 
     def _reached(self, start: NDArray) -> NDArray[np.bool_]:
         """(n,) True on the components where heat starts."""
@@ -167,8 +167,8 @@ class HeatSolver:
         level = np.zeros(len(solved))
         value = solved / (solved.max(initial=0.0) or 1.0)
         heated = value > MIN_RELATIVE_HEAT
-        stages = 0
-        while (inside & ~heated).any() and stages < MAX_STAGES:
+        n_stages = 0
+        while (inside & ~heated).any() and n_stages < MAX_STAGES:
             unknown = np.flatnonzero(inside & ~heated)
             rows = self._system[unknown]
             reached = np.flatnonzero(heated)
@@ -185,9 +185,9 @@ class HeatSolver:
             value[unknown] = heat / peak
             level[unknown] = reference + np.log(largest) + np.log(peak)
             heated[unknown] = value[unknown] > MIN_RELATIVE_HEAT
-            stages += 1
+            n_stages += 1
         value[~heated] = 0.0
-        return value, level, stages, residual
+        return value, level, n_stages, residual
 
     def _direction(self, value: NDArray, level: NDArray | None) -> tuple[NDArray, NDArray]:
         """(2, m) unit gradient of value * exp(level) in each face's frame, and faces without a gradient."""

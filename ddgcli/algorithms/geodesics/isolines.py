@@ -49,12 +49,12 @@ def isolines(mesh: SurfaceMesh, values: NDArray, levels: NDArray) -> tuple[Surfa
     level : (p,) ndarray of float64
         Level of each path.
     """
-    parts, path_level = [], []
+    level_paths, path_level = [], []
     for level in np.asarray(levels, dtype=np.float64):
         paths = _one_level(mesh, values, float(level))
-        parts.append(paths)
+        level_paths.append(paths)
         path_level += [float(level)] * len(paths)
-    return SurfacePaths.concatenate(parts), np.array(path_level, dtype=np.float64)
+    return SurfacePaths.concatenate(level_paths), np.array(path_level, dtype=np.float64)
 
 
 def _one_level(mesh: SurfaceMesh, values: NDArray, level: float) -> SurfacePaths:

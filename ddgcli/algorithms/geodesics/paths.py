@@ -68,14 +68,16 @@ class SurfacePaths:
         )
 
     @classmethod
-    def concatenate(cls, parts: list[SurfacePaths]) -> SurfacePaths:
+    def concatenate(cls, path_sets: list[SurfacePaths]) -> SurfacePaths:
         """Concatenate several sets of paths."""
-        shift = np.cumsum([0, *(len(p.face) for p in parts)])
+        shift = np.cumsum([0, *(len(p.face) for p in path_sets)])
         return cls(
-            np.concatenate([np.zeros(0, dtype=np.int64), *(p.face for p in parts)]),
-            np.concatenate([np.zeros((0, 3)), *(p.barycentric for p in parts)]),
-            np.concatenate([np.zeros(1, dtype=np.int64), *(p.start[1:] + s for p, s in zip(parts, shift))]),
-            np.concatenate([np.zeros(0, dtype=bool), *(p.closed for p in parts)]),
+            np.concatenate([np.zeros(0, dtype=np.int64), *(p.face for p in path_sets)]),
+            np.concatenate([np.zeros((0, 3)), *(p.barycentric for p in path_sets)]),
+            np.concatenate(
+                [np.zeros(1, dtype=np.int64), *(p.start[1:] + s for p, s in zip(path_sets, shift))]
+            ),
+            np.concatenate([np.zeros(0, dtype=bool), *(p.closed for p in path_sets)]),
         )
 
     def __len__(self) -> int:
@@ -83,8 +85,8 @@ class SurfacePaths:
 
     def path(self, i: int) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
         """(face, barycentric) of the points of path i."""
-        part = slice(self.start[i], self.start[i + 1])
-        return self.face[part], self.barycentric[part]
+        point_range = slice(self.start[i], self.start[i + 1])
+        return self.face[point_range], self.barycentric[point_range]
 
     def following(self) -> NDArray[np.int64]:
         """(p,) next point of the same path; -1 after the last point of an open path."""

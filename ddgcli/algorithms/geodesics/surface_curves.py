@@ -40,28 +40,30 @@ class Curves:
     arrays: dict[str, NDArray] = field(default_factory=dict)
 
 
-def concatenate_curves(parts: list[Curves]) -> Curves:
+def concatenate_curves(curve_sets: list[Curves]) -> Curves:
     """Concatenate several sets of curves; merge their accuracies."""
     accuracy: dict[str, Any] = {}
-    for part in parts:
-        accuracy |= part.accuracy
+    for curve_set in curve_sets:
+        accuracy |= curve_set.accuracy
     return Curves(
-        SurfacePaths.concatenate([part.paths for part in parts]),
-        [entry for part in parts for entry in part.entries],
+        SurfacePaths.concatenate([curve_set.paths for curve_set in curve_sets]),
+        [entry for curve_set in curve_sets for entry in curve_set.entries],
         accuracy,
-        all(part.converged for part in parts),
-        _concatenate_arrays(parts),
+        all(curve_set.converged for curve_set in curve_sets),
+        _concatenate_arrays(curve_sets),
     )
 
 
-def _concatenate_arrays(parts: list[Curves]) -> dict[str, NDArray]:
+def _concatenate_arrays(curve_sets: list[Curves]) -> dict[str, NDArray]:
     """Arrays on the points of all curves; -1 on curves without the array."""
-    names = dict.fromkeys(name for part in parts for name in part.arrays)
+    names = dict.fromkeys(name for curve_set in curve_sets for name in curve_set.arrays)
     joined = {}
     for name in names:
-        like = next(part.arrays[name] for part in parts if name in part.arrays)
-        missing = [np.full((len(part.paths.face), *like.shape[1:]), -1.0) for part in parts]
-        joined[name] = np.concatenate([part.arrays.get(name, gap) for part, gap in zip(parts, missing)])
+        like = next(curve_set.arrays[name] for curve_set in curve_sets if name in curve_set.arrays)
+        missing = [np.full((len(curve_set.paths.face), *like.shape[1:]), -1.0) for curve_set in curve_sets]
+        joined[name] = np.concatenate(
+            [curve_set.arrays.get(name, gap) for curve_set, gap in zip(curve_sets, missing)]
+        )
     return joined
 
 

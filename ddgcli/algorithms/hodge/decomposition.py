@@ -134,15 +134,15 @@ def decompose_vertex_vectors(
     if isinstance(mesh, TriangleMesh):
         on_cells, _ = tangent_part(mesh, on_cells)
     split = decompose_cell_vectors(mesh, on_cells, boundary)
-    parts = [to_vertices(mesh, part) for part in (split.exact, split.coexact, split.harmonic)]
+    components = [to_vertices(mesh, component) for component in (split.exact, split.coexact, split.harmonic)]
     weight = _vertex_measure(mesh)[:, None]
-    remainder = vectors - sum(parts)
+    remainder = vectors - sum(components)
     whole = np.sqrt((weight * vectors**2).sum()) or 1.0
     return replace(
         split,
-        exact=parts[0],
-        coexact=parts[1],
-        harmonic=parts[2],
+        exact=components[0],
+        coexact=components[1],
+        harmonic=components[2],
         reconstruction_residual=float(np.sqrt((weight * remainder**2).sum()) / whole),
     )
 
@@ -304,19 +304,19 @@ def _zero_on_rim(system: csr_array, load: NDArray, complex_: Complex) -> NDArray
     return Dirichlet(system, rim).solve(np.zeros(()), load)
 
 
-def _relative(residual: float, part: NDArray, whole: NDArray) -> float:
+def _relative(residual: float, component: NDArray, whole: NDArray) -> float:
     """Convert a residual relative to a part to one relative to the whole field."""
     largest = np.abs(whole).max(initial=0.0)
-    return float(residual * np.abs(part).max(initial=0.0) / largest) if largest else 0.0
+    return float(residual * np.abs(component).max(initial=0.0) / largest) if largest else 0.0
 
 
-def _assembled(inner, whole, parts, potential, copotential, residual) -> HodgeDecomposition:
-    exact, coexact, harmonic = parts
-    norm = {name: np.sqrt(max(inner(part, part), 0.0)) for name, part in zip(
-        ("field", "exact", "coexact", "harmonic"), (whole, *parts))}  # fmt: skip
+def _assembled(inner, whole, components, potential, copotential, residual) -> HodgeDecomposition:
+    exact, coexact, harmonic = components
+    norm = {name: np.sqrt(max(inner(component, component), 0.0)) for name, component in zip(
+        ("field", "exact", "coexact", "harmonic"), (whole, *components))}  # fmt: skip
     scale = norm["field"] or 1.0
     pairs = ((exact, coexact), (exact, harmonic), (coexact, harmonic))
-    remainder = whole - sum(parts)
+    remainder = whole - sum(components)
     return HodgeDecomposition(
         exact=exact,
         coexact=coexact,

@@ -67,7 +67,7 @@ class EvolutionTimes:
     every: int
 
     @classmethod
-    def of(cls, duration: float | None, step: float | None, frames: int | None) -> EvolutionTimes:
+    def of(cls, duration: float | None, step: float | None, n_frames: int | None) -> EvolutionTimes:
         """Times from options: steps divide the duration evenly; 100 of them unless `step` is set.
 
         Raises
@@ -82,7 +82,7 @@ class EvolutionTimes:
             raise ParameterError(
                 f"{count:,} steps are more than {MAX_STEPS:,}; take longer ones", parameter="time_step"
             )
-        return cls(duration, count, max(1, math.ceil(count / (frames or min(count, DEFAULT_FRAMES)))))
+        return cls(duration, count, max(1, math.ceil(count / (n_frames or min(count, DEFAULT_FRAMES)))))
 
 
 def evolve_function(
@@ -116,7 +116,7 @@ def evolve_function(
     velocity = None if equation == HEAT else np.zeros_like(u)
     for step in range(times.steps + 1):
         if step % times.every == 0 or step == times.steps:
-            yield _frame(L, M, step, step * dt, u, velocity)
+            yield _evolution_frame(L, M, step, step * dt, u, velocity)
         if step < times.steps:
             u, velocity = advance(u, velocity)
 
@@ -157,7 +157,7 @@ def _wave_step(L: csc_array, M: csc_array, dt: float):
     return step
 
 
-def _frame(
+def _evolution_frame(
     L: csc_array, M: csc_array, step: int, time: float, u: NDArray, velocity: NDArray | None
 ) -> EvolutionFrame:
     energy = 0.5 * float(u @ (L @ u))
@@ -174,26 +174,26 @@ class EvolutionResult:
 
     Parameters
     ----------
-    frames : list of EvolutionFrame
+    evolution_frames : list of EvolutionFrame
     results, accuracy : dict
         For the summary.
     """
 
-    frames: list[EvolutionFrame]
+    evolution_frames: list[EvolutionFrame]
     results: dict[str, Any]
     accuracy: dict[str, Any]
 
     @property
     def arrays(self) -> dict[str, NDArray]:
         """Vertex arrays of the last frame by their names in files."""
-        return frame_arrays(self.frames[-1])
+        return frame_arrays(self.evolution_frames[-1])
 
 
-def frame_arrays(frame: EvolutionFrame) -> dict[str, NDArray]:
+def frame_arrays(evolution_frame: EvolutionFrame) -> dict[str, NDArray]:
     """Vertex arrays of a frame: `heat`, or `wave` and `wave_velocity`."""
-    if frame.velocity is None:
-        return {HEAT: frame.values}
-    return {WAVE: frame.values, "wave_velocity": frame.velocity}
+    if evolution_frame.velocity is None:
+        return {HEAT: evolution_frame.values}
+    return {WAVE: evolution_frame.values, "wave_velocity": evolution_frame.velocity}
 
 
 def solve_evolution(
@@ -217,13 +217,16 @@ def solve_evolution(
         raise ParameterError(f"{equation!r} is not one of {', '.join(EVOLUTIONS)}", parameter="equation")
     if isinstance(start, int):
         start = _unit_at(operator, start, equation)
-    frames = []
-    for frame in evolve_function(operator, equation, start, times):
-        frames.append(frame)
+    evolution_frames = []
+    for evolution_frame in evolve_function(operator, equation, start, times):
+        evolution_frames.append(evolution_frame)
         if progress is not None:
-            progress(frame.step, times.steps)
-    series = {name: [frame.scalar[name] for frame in frames] for name in frames[0].scalar}
-    amount = float((operator.mass @ np.abs(frames[0].values)).sum()) or 1.0
+            progress(evolution_frame.step, times.steps)
+    series = {
+        name: [evolution_frame.scalar[name] for evolution_frame in evolution_frames]
+        for name in evolution_frames[0].scalar
+    }
+    amount = float((operator.mass @ np.abs(evolution_frames[0].values)).sum()) or 1.0
     accuracy: dict[str, Any] = {
         "total_drift": max(abs(total - series["total"][0]) for total in series["total"]) / amount
     }
@@ -234,7 +237,9 @@ def solve_evolution(
     else:
         accuracy["energy_drift"] = max(abs(e - energy[0]) for e in energy) / (energy[0] or 1.0)
     results = {"equation": equation, "steps": times.steps, "dt": times.duration / times.steps}
-    return EvolutionResult(frames, results | {"times": [f.time for f in frames], **series}, accuracy)
+    return EvolutionResult(
+        evolution_frames, results | {"times": [f.time for f in evolution_frames], **series}, accuracy
+    )
 
 
 def _unit_at(operator: LaplaceOperator, vertex: int, equation: str) -> NDArray[np.float64]:

@@ -88,11 +88,11 @@ def _with_fixed(operator: LaplaceOperator, fixed: Mapping[int, float], rhs: NDAr
     boundary_values = (
         values[inside] if rhs is None or rhs.ndim == 1 else np.tile(values[inside, None], rhs.shape[1])
     )
-    part = problem.solve(boundary_values, load)
-    u = np.zeros((n, *part.shape[1:]))
-    u[used] = part
+    component_values = problem.solve(boundary_values, load)
+    u = np.zeros((n, *component_values.shape[1:]))
+    u[used] = component_values
     u[vertex[~inside]] = values[~inside] if u.ndim == 1 else values[~inside, None]
-    return Solution(u, problem.residual(part, load))
+    return Solution(u, problem.residual(component_values, load))
 
 
 def _require_a_value_per_component(operator: LaplaceOperator, fixed: Mapping[int, float]) -> None:

@@ -106,13 +106,13 @@ def geodesic_fan(
         raise ParameterError(f"must be a positive length, not {length}", parameter="fan_length")
     if len(source) != 1 or len(source.edge):
         raise ParameterError(f"needs exactly one source vertex or point, got {len(source)}", parameter="fan")
-    frame = SourceFrame(tracer or Tracer(mesh), source)
+    source_frame = SourceFrame(tracer or Tracer(mesh), source)
     total, is_open = 2 * np.pi, False
-    if frame.vertex >= 0:
-        fans = frame.tracer.fans
-        total, is_open = float(fans.total_angle[frame.fan]), bool(fans.is_open[frame.fan])
+    if source_frame.vertex >= 0:
+        fans = source_frame.tracer.fans
+        total, is_open = float(fans.total_angle[source_frame.fan]), bool(fans.is_open[source_frame.fan])
     share = (np.arange(rays) + (0.5 if is_open else 0.0)) / rays  # none along the boundary
-    lines = frame.lines(total * share, np.full(rays, float(length)))
+    lines = source_frame.lines(total * share, np.full(rays, float(length)))
     paths = SurfacePaths.of_traces(lines)
     size = np.nan_to_num(np.hypot(*segment_vectors(mesh, paths).T))
     reach = np.cumsum(np.append(0.0, size[:-1]))
@@ -128,14 +128,14 @@ def geodesic_fan(
         for s, traced, status, c in zip(share, lines.length, lines.status, caustic, strict=True)
     ]  # fmt: skip
     behind = (reach >= caustic[of_ray]).astype(np.float64)
-    parts = [
+    curve_sets = [
         Curves(
             paths, entries, {}, bool((lines.status != GAVE_UP).all()), {"level": reach, "caustic": behind}
         ),
         *(_circle(swept, length * (k + 1) / circles, caustic, is_open) for k in range(circles)),
         *_caustics(swept, caustic, is_open),
     ]
-    return concatenate_curves(parts)
+    return concatenate_curves(curve_sets)
 
 
 def _caustic_lengths(swept: _Rays, length: float, is_open: bool) -> NDArray[np.float64]:
@@ -201,8 +201,12 @@ def _caustics(swept: _Rays, caustic: NDArray, is_open: bool) -> list[Curves]:
     paths = SurfacePaths(face, weights, list_starts(sizes), np.full(len(sizes), closed))
     entries: list[dict[str, Any]] = []
     for a, size in zip(starts, sizes, strict=True):
-        part, level = position[a : a + size], caustic[ray[a : a + size]]
-        step = vector_length(np.diff(np.concatenate([part, part[:1]]) if closed else part, axis=0))
+        caustic_points, level = position[a : a + size], caustic[ray[a : a + size]]
+        step = vector_length(
+            np.diff(
+                np.concatenate([caustic_points, caustic_points[:1]]) if closed else caustic_points, axis=0
+            )
+        )
         entries.append({
             "kind": "caustic", "closed": closed, "points": int(size), "length": float(step.sum()),
             "least_level": float(level.min()), "largest_level": float(level.max()),

@@ -142,27 +142,27 @@ def query_curves(
 ) -> Curves:
     """All curves of a query in the order of its parameters, followed by `isolines`."""
     cover, isolines = oriented_cover(mesh), isolines or []
-    parts = []
+    curve_sets = []
     if query.path_to and sources is not None and distance is not None and distance.exact is not None:
-        parts.append(_shortest_paths(cover, query, sources, distance, stage_progress))
+        curve_sets.append(_shortest_paths(cover, query, sources, distance, stage_progress))
     if query.trace:
-        parts.append(_traces(cover, query, stage_progress))
+        curve_sets.append(_traces(cover, query, stage_progress))
     if query.straighten or query.loop:
         from ddgcli.algorithms.geodesics.flipout import straighten_curves
 
         cover.require_two_sides("`straighten` or `loop`")
         stage_progress("straightening")
         closed = [False] * len(query.straighten) + [True] * len(query.loop)
-        parts.append(straighten_curves(cover.mesh, [*query.straighten, *query.loop], closed))
+        curve_sets.append(straighten_curves(cover.mesh, [*query.straighten, *query.loop], closed))
     if query.curve:
         from ddgcli.algorithms.geodesics.edge_curves import edge_curves
 
         cover.require_two_sides("`curve`")
-        parts.append(edge_curves(cover.mesh, list(query.curve)))
+        curve_sets.append(edge_curves(cover.mesh, list(query.curve)))
     if field is not None:
-        parts.append(_integral_curves(cover, query, sources, field, seed, stage_progress))
+        curve_sets.append(_integral_curves(cover, query, sources, field, seed, stage_progress))
     lifted = [] if cover.is_one_sided else [cover.lift_curves(curves) for curves in isolines]
-    curves = concatenate_curves([*parts, *lifted])
+    curves = concatenate_curves([*curve_sets, *lifted])
     if query.curve:
         curves = add_geodesic_curvature(cover.mesh, curves)
     if query.darboux:
@@ -242,13 +242,13 @@ def query_vectors(
     stage_progress: StageProgress = no_stage_progress,
 ) -> VertexVectors:
     """The logarithmic map and the transported vectors of a query."""
-    cover, parts = oriented_cover(mesh), []
+    cover, vector_sets = oriented_cover(mesh), []
     cover.require_two_sides("`log_map` or `spread_vector`")
     sources = cover.lift_sources(sources)
     if query.log_map:
         arrival = distance.fast_marching if distance.exact is None else cover.lift_exact(distance.exact)
         if arrival is not None:
-            parts.append(log_map_vectors(cover.mesh, arrival, sources, stage_progress("log map")))
+            vector_sets.append(log_map_vectors(cover.mesh, arrival, sources, stage_progress("log map")))
     if query.spread_vector:
-        parts.append(transport_vectors(cover.mesh, sources, query.spread_vector))
-    return merge_vectors(parts)
+        vector_sets.append(transport_vectors(cover.mesh, sources, query.spread_vector))
+    return merge_vectors(vector_sets)

@@ -255,20 +255,20 @@ class _CurveIntegrator:
             self._abandon()
             self._report_progress()
 
-    def _accept(self, curves: NDArray, h: NDArray, parts: list[Traces]) -> None:
+    def _accept(self, curves: NDArray, h: NDArray, traced_halves: list[Traces]) -> None:
         """Move curves to the ends of the last traced lines."""
         if not len(curves):
             return
         left = np.zeros(len(curves), dtype=bool)
         stalled = np.zeros(len(curves), dtype=bool)
-        for lines in parts:  # a curve that stopped in the first half has no second
+        for lines in traced_halves:  # a curve that stopped in the first half has no second
             rows = np.flatnonzero(~left)
-            part = _rows(lines, rows)
-            self.lines.append((curves[rows], part))
-            left[rows] |= part.status == AT_BOUNDARY
-            stalled[rows] |= part.status == GAVE_UP
-            self.at.face[curves[rows]] = part.face
-            self.at.barycentric[curves[rows]] = part.barycentric
+            line_ends = _rows(lines, rows)
+            self.lines.append((curves[rows], line_ends))
+            left[rows] |= line_ends.status == AT_BOUNDARY
+            stalled[rows] |= line_ends.status == GAVE_UP
+            self.at.face[curves[rows]] = line_ends.face
+            self.at.barycentric[curves[rows]] = line_ends.barycentric
         self.time[curves] += h
         self.steps[curves] += 1
         self.stop_reason[curves[self.time[curves] >= self.duration * (1 - 1e-12)]] = END_OF_TIME

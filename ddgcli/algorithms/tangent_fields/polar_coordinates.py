@@ -103,13 +103,13 @@ def _submesh_near_source(
         there = np.where(gluing[face] >= 0, number[gluing[face] // 3], -1)
         gluing = np.where(there >= 0, 3 * there + gluing[face] % 3, -1)
     topology = Topology(mesh.faces[face], mesh.n_vertices, gluing)
-    part: SurfaceMesh
+    submesh: SurfaceMesh
     if isinstance(mesh, TriangleMesh):
-        part = TriangleMesh(mesh.points, topology)
+        submesh = TriangleMesh(mesh.points, topology)
     else:
-        part = IntrinsicMesh(topology, mesh.side_length[face], mesh.points)
+        submesh = IntrinsicMesh(topology, mesh.side_length[face], mesh.points)
     at = SurfacePoints(np.searchsorted(face, points.face), points.barycentric)
-    return face, part, Sources(sources.vertex, at)
+    return face, submesh, Sources(sources.vertex, at)
 
 
 def _propagate_directions(

@@ -123,20 +123,20 @@ def region_signs(mesh: TriangleMesh, curves: EdgeSet) -> NDArray[np.float64] | N
     if (label[:m] == label[m:]).any():
         return None
     sign = np.where(label[:m] < label[m:], 1.0, -1.0)
-    part = np.minimum(label[:m], label[m:])  # faces of one component of the surface
+    face_component = np.minimum(label[:m], label[m:])  # faces of one component of the surface
     direction = np.zeros(topology.n_edges)
     direction[curves.edge] = curves.sign
     side_direction = (direction[topology.side_edge] * topology.side_sign).ravel()
     directed = np.flatnonzero(side_direction)
     left = side_direction[directed] > 0  # the face of the side lies on the left of the curve
     vote = np.where(left, -1.0, 1.0) * sign[directed // 3]
-    total = np.bincount(part[directed // 3], vote, minlength=count)
-    agreed = np.abs(total) == np.bincount(part[directed // 3], minlength=count)
+    total = np.bincount(face_component[directed // 3], vote, minlength=count)
+    agreed = np.abs(total) == np.bincount(face_component[directed // 3], minlength=count)
     if not agreed.all():
         return None
-    area = np.bincount(part, sign * face_area(mesh.side_length), minlength=count)
+    area = np.bincount(face_component, sign * face_area(mesh.side_length), minlength=count)
     flip = np.where(total != 0, np.sign(total), np.where(area < 0, -1.0, 1.0))
-    return np.asarray(sign * flip[part])
+    return np.asarray(sign * flip[face_component])
 
 
 def _heat(mesh: TriangleMesh, curves: EdgeSet, *, warn: bool) -> SignedDistance:
@@ -155,8 +155,8 @@ def _heat(mesh: TriangleMesh, curves: EdgeSet, *, warn: bool) -> SignedDistance:
     solver = VectorHeat(mesh)
     transported = solver.transport(vertex, start)
     at_tail, _ = side_angles(mesh)
-    frame = unfold(mesh).direction.reshape(-1, 2) @ np.array([1.0, 1j]) * np.exp(-1j * at_tail)
-    in_face = (transported.vector[mesh.faces.ravel()] * frame).reshape(-1, 3).sum(axis=1)
+    side_frame = unfold(mesh).direction.reshape(-1, 2) @ np.array([1.0, 1j]) * np.exp(-1j * at_tail)
+    in_face = (transported.vector[mesh.faces.ravel()] * side_frame).reshape(-1, 3).sum(axis=1)
     size = np.abs(in_face)
     unit = np.divide(in_face, size, out=np.zeros_like(in_face), where=size > 0)
     vectors = to_space(mesh, np.arange(mesh.n_faces), np.stack([unit.real, unit.imag], axis=1))

@@ -27,12 +27,14 @@ class VertexVectors:
     accuracy: dict[str, Any] = field(default_factory=dict)
 
 
-def merge_vectors(parts: list[VertexVectors]) -> VertexVectors:
+def merge_vectors(vector_sets: list[VertexVectors]) -> VertexVectors:
     """Merge the arrays, results and accuracies of several results."""
     whole = VertexVectors()
-    for part in parts:
+    for vector_set in vector_sets:
         whole = VertexVectors(
-            whole.arrays | part.arrays, whole.results | part.results, whole.accuracy | part.accuracy
+            whole.arrays | vector_set.arrays,
+            whole.results | vector_set.results,
+            whole.accuracy | vector_set.accuracy,
         )
     return whole
 

@@ -169,7 +169,7 @@ class TraceBatch:
     def _cross_scalar(self, max_steps: int) -> None:
         """Advance a few lines with scalar arithmetic, until a crossing needs special treatment."""
         rows = self.table.view(np.uint8).data
-        state: list[Any] = list(zip(*(part.tolist() for part in self._state()[1:]), strict=True))
+        state: list[Any] = list(zip(*(column.tolist() for column in self._state()[1:]), strict=True))
         marks: list[complex] = []
         for _ in range(max_steps):
             after: list[Any] = [scalar_crossing(rows, *line) for line in state]
@@ -180,7 +180,7 @@ class TraceBatch:
             marks += [complex(x / width, side) for side, x, _, _, width in state]
         if self.recorder is not None and marks:
             self.recorder.record_steps(self.line, marks)
-        self._set_state(self.line, *(np.array(part) for part in zip(*state, strict=True)))
+        self._set_state(self.line, *(np.array(column) for column in zip(*state, strict=True)))
 
     def _exits(self, side: NDArray, x: NDArray, heading: NDArray, width: NDArray) -> tuple[NDArray, ...]:
         """Exits of lines from their faces: (right, twin, turned, exit_length, u, beyond_u, distance).
@@ -225,7 +225,9 @@ class TraceBatch:
             self._record()
             return
         ended = np.flatnonzero(done)
-        self.ended.append((*(part.take(ended) for part in self._state()), np.full(len(ended), self.steps)))
+        self.ended.append(
+            (*(column.take(ended) for column in self._state()), np.full(len(ended), self.steps))
+        )
         left[ended] = np.inf
         self.n_ended += len(ended)
         if all_plain and self.n_ended < MAX_ENDED_FRACTION * len(left):  # cheaper than removing them
@@ -238,7 +240,7 @@ class TraceBatch:
         line, side, is_right = self.line[special], self.side[special], right[special] > 0
         exit_side = np.where(is_right, next_side(side), previous_side(side))
         from_tail = np.where(is_right, u[special], beyond_u[special])
-        self._set_state(*(part.take(on) for part in state))
+        self._set_state(*(column.take(on) for column in state))
         if len(special):
             self._leave_at_end(line, exit_side, from_tail, turned[special], left[special])
         self._record()
@@ -300,9 +302,9 @@ class TraceBatch:
         if not len(line):
             return
         new = (line, side, x, heading, rest, self.length[side])
-        parts = [np.concatenate(pair) for pair in zip(self._state(), new, strict=True)]
-        order = np.argsort(parts[0], kind="stable")  # recorded points are read by line
-        self._set_state(*(part.take(order) for part in parts))
+        columns = [np.concatenate(pair) for pair in zip(self._state(), new, strict=True)]
+        order = np.argsort(columns[0], kind="stable")  # recorded points are read by line
+        self._set_state(*(column.take(order) for column in columns))
 
     def _record(self) -> None:
         if self.recorder is not None and len(self.line):
@@ -313,7 +315,7 @@ class TraceBatch:
         if not self.ended:
             return
         line, side, x, heading, rest, width, steps = (
-            np.concatenate(parts) for parts in zip(*self.ended, strict=True)
+            np.concatenate(columns) for columns in zip(*self.ended, strict=True)
         )
         right, _, _, exit_length, u, _, distance = self._exits(side, x, heading, width)
         exit_side = np.where(right, next_side(side), previous_side(side))
@@ -350,7 +352,7 @@ class TraceBatch:
         on = np.flatnonzero(self.rest < np.inf)
         if len(on):
             self.steps += 1
-            self._set_state(*(part.take(on) for part in self._state()))
+            self._set_state(*(column.take(on) for column in self._state()))
             share = np.nan_to_num(self.x / self.width)
             self._end(
                 self.line, self.side, self.heading, on_side(self.side, share), self.rest, np.int8(GAVE_UP)

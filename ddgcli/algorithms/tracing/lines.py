@@ -19,7 +19,7 @@ class LineStart:
     direction: NDArray[np.float64]
     length: NDArray[np.float64]
 
-    def part(self, first: int, last: int) -> LineStart:
+    def subset(self, first: int, last: int) -> LineStart:
         """Lines first..last-1."""
         rows = slice(first, last)
         return LineStart(self.face[rows], self.barycentric[rows], self.direction[rows], self.length[rows])
@@ -61,24 +61,24 @@ class Traces:
 
     def path(self, i: int) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
         """(face, barycentric) of the points of line i, including start and end."""
-        part = slice(self.path_start[i], self.path_start[i + 1])
-        return self.path_face[part], self.path_barycentric[part]
+        points = slice(self.path_start[i], self.path_start[i + 1])
+        return self.path_face[points], self.path_barycentric[points]
 
     @classmethod
-    def concatenate(cls, parts: list[Traces]) -> Traces:
+    def concatenate(cls, batches: list[Traces]) -> Traces:
         """Concatenate several sets of lines."""
-        if len(parts) == 1:
-            return parts[0]
-        shift = np.cumsum([0, *(len(part.path_face) for part in parts)])
-        start = [part.path_start[1:] + before for part, before in zip(parts, shift, strict=False)]
+        if len(batches) == 1:
+            return batches[0]
+        shift = np.cumsum([0, *(len(batch.path_face) for batch in batches)])
+        start = [batch.path_start[1:] + before for batch, before in zip(batches, shift, strict=False)]
         return cls(
-            np.concatenate([part.face for part in parts]),
-            np.concatenate([part.barycentric for part in parts]),
-            np.concatenate([part.direction for part in parts]),
-            np.concatenate([part.length for part in parts]),
-            np.concatenate([part.status for part in parts]),
-            np.concatenate([part.crossings for part in parts]),
+            np.concatenate([batch.face for batch in batches]),
+            np.concatenate([batch.barycentric for batch in batches]),
+            np.concatenate([batch.direction for batch in batches]),
+            np.concatenate([batch.length for batch in batches]),
+            np.concatenate([batch.status for batch in batches]),
+            np.concatenate([batch.crossings for batch in batches]),
             np.concatenate([np.zeros(1, dtype=np.int64), *start]),
-            np.concatenate([part.path_face for part in parts]),
-            np.concatenate([part.path_barycentric for part in parts]),
+            np.concatenate([batch.path_face for batch in batches]),
+            np.concatenate([batch.path_barycentric for batch in batches]),
         )

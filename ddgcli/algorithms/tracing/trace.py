@@ -97,10 +97,10 @@ class Tracer:
         progress: ProgressCallback | None = None,
     ) -> Traces:  # fmt: skip
         """Trace lines from checked starts (unit directions in the planar frames of the faces)."""
-        parts, done, total = [], 0.0, float(start.length.sum())
+        batches, done, total = [], 0.0, float(start.length.sum())
         for first in range(0, max(len(start.face), 1), BATCH_SIZE):
-            part = start.part(first, first + BATCH_SIZE)
-            batch = TraceBatch(self.unfolding, lambda: self.fans, part, at_boundary == "reflect", record)
+            starts = start.subset(first, first + BATCH_SIZE)
+            batch = TraceBatch(self.unfolding, lambda: self.fans, starts, at_boundary == "reflect", record)
             with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
                 batch.begin()
                 while len(batch.line) and batch.steps < max_crossings:
@@ -109,9 +109,9 @@ class Tracer:
                         progress(min(done + batch.traced_length(), total), total)
                 batch.finish()
                 batch.abandon()
-            parts.append(batch.result())
-            done += float(part.length.sum())
-        lines = Traces.concatenate(parts)
+            batches.append(batch.result())
+            done += float(starts.length.sum())
+        lines = Traces.concatenate(batches)
         abandoned = np.flatnonzero(lines.status == GAVE_UP)
         if len(abandoned):
             _log.warning(

@@ -64,10 +64,10 @@ class PointRecorder:
             place[first + step if n == 1 else first + np.arange(step, step + n)[:, None]] = marks
         barycentric = barycentric[: len(face)]
         for a in range(0, len(face), BLOCK_SIZE):
-            part = slice(a, a + BLOCK_SIZE)
+            block = slice(a, a + BLOCK_SIZE)
             with np.errstate(invalid="ignore"):  # entries without a mark
                 _convert_marks(
-                    place[a : min(a + BLOCK_SIZE, len(face))].copy(), face[part], barycentric[part]
+                    place[a : min(a + BLOCK_SIZE, len(face))].copy(), face[block], barycentric[block]
                 )
         return start, face, barycentric
 

@@ -29,10 +29,10 @@ class KeyTolerance(click.ParamType):
         if isinstance(value, tuple):
             return value
         key, equals, numbers = str(value).partition("=")
-        parts = numbers.split(",")
-        if not key or not equals or len(parts) > 2:
+        numerals = numbers.split(",")
+        if not key or not equals or len(numerals) > 2:
             self.fail(f"{value!r} is not KEY=RTOL or KEY=RTOL,ATOL, such as arrays.height=1e-4", param, ctx)
-        converted = [options.NONNEGATIVE.convert(part, param, ctx) for part in parts]
+        converted = [options.NONNEGATIVE.convert(numeral, param, ctx) for numeral in numerals]
         return key, dict(zip(("rtol", "atol"), converted, strict=False))
 
 

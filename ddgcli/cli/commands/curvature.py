@@ -68,6 +68,7 @@ class Radius(click.ParamType):
 )
 @click.option(
     "--frames",
+    "with_frames",
     is_flag=True,
     help="Curves: also Frenet and Bishop frames, osculating circles and arc length.",
 )
@@ -84,7 +85,7 @@ def command(
     scheme: str,
     radius: Any,
     map_name: str | None,
-    frames: bool,
+    with_frames: bool,
     resample: int | None,
     measures: MeasureOptions,
     common: CommonOptions,
@@ -101,7 +102,7 @@ def command(
       ddgcli curvature scan.stl --radius 0.5 --json
     """
     measures.check()
-    extra: dict[str, Any] = {"frames": frames, "resample": resample} if frames or resample else {}
+    extra: dict[str, Any] = {"frames": with_frames, "resample": resample} if with_frames or resample else {}
     extra |= measures.changed()
     run = Run("curvature", common, scheme=scheme, radius=radius, map=map_name, **extra)
     run.plan_output(measures.offset_output, OFFSET_FORMATS)
@@ -115,9 +116,11 @@ def command(
             "is for surfaces, and this is a curve; leave it out",
             *("scheme", "radius", "map_name", *MEASURE_NAMES),
         )
-        _curves(run, source.mesh, frames, resample)
+        _curves(run, source.mesh, with_frames, resample)
     else:
-        options.refuse_options("is for curves, and this is a surface; leave it out", "frames", "resample")
+        options.refuse_options(
+            "is for curves, and this is a surface; leave it out", "with_frames", "resample"
+        )
         _surface(run, source, scheme, radius, map_name, measures)
 
 
@@ -185,11 +188,11 @@ def _draw_surface(
     draw_array(path, mesh, name, values, value_size=_size_of(name, vertex), **picture)
 
 
-def _curves(run: Run, curves: CurveSet, frames: bool, resample: int | None) -> None:
+def _curves(run: Run, curves: CurveSet, with_frames: bool, resample: int | None) -> None:
     from ddgcli.algorithms.curvature.polyline import measure_curves
     from ddgcli.mesh.fields import AnnotatedMesh
 
-    measured = measure_curves(curves, frames=frames, resample=resample)
+    measured = measure_curves(curves, with_frames=with_frames, resample=resample)
     curves = measured.curves
     scalars = {name: values for name, values in measured.vertex.items() if values.ndim == 1}
     name, values = run.picture_array(scalars, "curvature")

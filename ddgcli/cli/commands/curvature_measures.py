@@ -89,11 +89,11 @@ def write_offset(run: Run, path: str | None, body: OffsetBody | None) -> None:
         return
     from ddgcli.mesh.fields import AnnotatedMesh
 
-    run.write_file(path, AnnotatedMesh(body.mesh, face={"part": body.part}))
+    run.write_file(path, AnnotatedMesh(body.mesh, face={"part": body.part_of_face}))
 
 
 def draw_offset(path: str, body: OffsetBody, look: dict[str, Any]) -> None:
     """Draw the offset body, coloured by its parts: faces, edges, vertices."""
     from ddgcli.plots.array import draw_array
 
-    draw_array(path, body.mesh, "part", body.part, limits=(0.0, 2.0), **look)
+    draw_array(path, body.mesh, "part", body.part_of_face, limits=(0.0, 2.0), **look)

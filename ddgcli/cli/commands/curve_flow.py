@@ -102,8 +102,8 @@ def _draw(path: str, curves: CurveSet, outcome: Outcome, unit: str, look: dict[s
     from ddgcli.plots.curve import draw_curves
 
     paths = curves.paths()
-    frames = [frame for frame in outcome.picture_frames if frame.points is not None]
-    positions = [frame.points[path] for frame in frames for path, _ in paths]  # type: ignore[index]
-    times = [np.full(len(path), frame.time) for frame in frames for path, _ in paths]
-    closed = [flag for _ in frames for _, flag in paths]
+    drawn_frames = [curve_frame for curve_frame in outcome.picture_frames if curve_frame.points is not None]
+    positions = [curve_frame.points[path] for curve_frame in drawn_frames for path, _ in paths]  # type: ignore[index]
+    times = [np.full(len(path), curve_frame.time) for curve_frame in drawn_frames for path, _ in paths]
+    closed = [flag for _ in drawn_frames for _, flag in paths]
     draw_curves(path, positions, times, closed=closed, label=f"time [{unit}]", **look)

@@ -225,12 +225,12 @@ def _pictures(run: Run, source: Trajectory, output: str, chosen: list[int], sett
     with run.clock.timed("write"):
         style = _style(source, chosen, settings)
     target, progress = Path(output), run.progress("frames")
-    for k, frame in enumerate(_plot_frames(source, chosen, settings)):
+    for k, plot_frame in enumerate(_plot_frames(source, chosen, settings)):
         name = _numbered(output, k)
         if name == output and settings["time"] is None:
             name = str(target.with_name(f"{target.stem}_{k:04d}{target.suffix}"))
         with run.drawing(name, progress=False) as partial:
-            draw_frame(partial, frame, style, **options.page_size(settings["size"]))
+            draw_frame(partial, plot_frame, style, **options.page_size(settings["size"]))
         progress(k + 1, len(chosen))
 
 
@@ -242,13 +242,13 @@ def _series(run: Run, source: Trajectory, output: str, chosen: list[int]) -> Non
     folder.mkdir(exist_ok=True)
     written = []
     for k in chosen:
-        parts = {f"frame_{k:05d}": _annotated(source, k)}
+        frame_meshes = {f"frame_{k:05d}": _annotated(source, k)}
         obstacles = source.obstacles(k).items()
-        parts |= {f"obstacle_{n:02d}_{k:05d}": AnnotatedMesh(m) for n, (_, m) in enumerate(obstacles)}
-        for part, (stem, annotated) in enumerate(parts.items()):
+        frame_meshes |= {f"obstacle_{n:02d}_{k:05d}": AnnotatedMesh(m) for n, (_, m) in enumerate(obstacles)}
+        for part_number, (stem, annotated) in enumerate(frame_meshes.items()):
             name = folder / f"{stem}.vtp"
             run.write_file(str(name), annotated)
-            written.append((float(source.times[k]), part, f"{folder.name}/{name.name}"))
+            written.append((float(source.times[k]), part_number, f"{folder.name}/{name.name}"))
     from ddgcli.io.trajectories.trajectory import pvd_text
 
     run.write_bytes(output, pvd_text(written).encode())

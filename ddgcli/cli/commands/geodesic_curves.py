@@ -44,14 +44,14 @@ class TraceStart(click.ParamType):
     name = "trace"
 
     def convert(self, value: Any, param: Any, ctx: Any) -> Any:
-        parts = str(value).split(":")
-        if len(parts) != 4:
+        words = str(value).split(":")
+        if len(words) != 4:
             self.fail(
                 f"{value!r} is not FACE:b0,b1,b2:dx,dy,dz:LENGTH, e.g. 0:0.3,0.3,0.4:1,0,0:2.5", param, ctx
             )
-        face, barycentric = FacePoint().convert(f"{parts[0]}:{parts[1]}", param, ctx)
-        direction = Numbers(3, "1,0,0.5").convert(parts[2], param, ctx)
-        return face, barycentric, direction, REAL.convert(parts[3], param, ctx)
+        face, barycentric = FacePoint().convert(f"{words[0]}:{words[1]}", param, ctx)
+        direction = Numbers(3, "1,0,0.5").convert(words[2], param, ctx)
+        return face, barycentric, direction, REAL.convert(words[3], param, ctx)
 
 
 _OPTIONS = (

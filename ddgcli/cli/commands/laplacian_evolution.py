@@ -92,7 +92,7 @@ def start_of(source: MeshInput, options: EvolutionOptions) -> NDArray | int:
 def write_evolution(run: Run, mesh: TriangleMesh | TetMesh, result: EvolutionResult) -> None:
     """All frames to a trajectory, the last one to the other outputs."""
     from ddgcli.algorithms.laplacian.evolution import frame_arrays
-    from ddgcli.mesh.fields import AnnotatedMesh, Frame
+    from ddgcli.mesh.fields import AnnotatedMesh, TrajectoryFrame
 
     for path in run.common.outputs:
         if Path(path).suffix.lower() not in TRAJECTORIES:
@@ -103,11 +103,21 @@ def write_evolution(run: Run, mesh: TriangleMesh | TetMesh, result: EvolutionRes
 
         with run.clock.timed("write"):
             attributes = {name: str(value) for name, value in run.metadata.items()}
-            writer = TrajectoryWriter(path, Header(mesh, False, attributes=attributes), len(result.frames))
+            writer = TrajectoryWriter(
+                path, Header(mesh, False, attributes=attributes), len(result.evolution_frames)
+            )
             status = "failed"
             try:
-                for frame in result.frames:
-                    writer.append(Frame(frame.step, frame.time, None, frame_arrays(frame), frame.scalar))
+                for evolution_frame in result.evolution_frames:
+                    writer.append(
+                        TrajectoryFrame(
+                            evolution_frame.step,
+                            evolution_frame.time,
+                            None,
+                            frame_arrays(evolution_frame),
+                            evolution_frame.scalar,
+                        )
+                    )
                 status = "complete"
             finally:
                 writer.close(status)

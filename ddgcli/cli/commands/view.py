@@ -57,10 +57,10 @@ def command(
     objects: list[ViewedObject] = []
     times: list[float] = []
     for path in paths:
-        frames = _trajectory(run, path, every)
-        if frames is not None and times:
+        trajectory_frames = _trajectory(run, path, every)
+        if trajectory_frames is not None and times:
             raise ParameterError("two trajectories have two clocks; view one at a time")
-        viewed, seconds = frames or ([_static(run, path)], [])
+        viewed, seconds = trajectory_frames or ([_static(run, path)], [])
         objects += viewed
         times = seconds or times
     names = sorted({name for viewed in objects for name in (*viewed.vertex, *viewed.face)})
@@ -112,20 +112,23 @@ def _trajectory(run: Run, path: str, every: int) -> tuple[list[ViewedObject], li
     with run.clock.timed("read"), trajectory:
         run.set_input(path, str(trajectory.attributes.get("input_sha256", "")), frames=trajectory.n_frames)
         numbers = range(0, trajectory.n_frames, every)
-        frames = [trajectory.frame(k) for k in numbers]
+        trajectory_frames = [trajectory.read_frame(k) for k in numbers]
         first = trajectory.mesh.points
-        points = [first if frame.points is None else frame.points for frame in frames]
+        points = [
+            first if trajectory_frame.points is None else trajectory_frame.points
+            for trajectory_frame in trajectory_frames
+        ]
         points = points if trajectory.moving else points[:1]
         vertex = {
-            name: [frame.vertex[name] for frame in frames]
-            for name, values in frames[0].vertex.items()
+            name: [trajectory_frame.vertex[name] for trajectory_frame in trajectory_frames]
+            for name, values in trajectory_frames[0].vertex.items()
             if _drawable(values)
         }
         mesh = trajectory.mesh
         if isinstance(mesh, CurveSet):
             cells = [mesh.lines]
         elif trajectory.changing_faces:
-            cells = [frame.faces for frame in frames if frame.faces is not None]
+            cells = [f.faces for f in trajectory_frames if f.faces is not None]
         else:
             cells = [mesh.boundary.faces if isinstance(mesh, TetMesh) else mesh.faces]
         viewed = ViewedObject(Path(path).name, points, cells, vertex)
@@ -133,7 +136,7 @@ def _trajectory(run: Run, path: str, every: int) -> tuple[list[ViewedObject], li
             ViewedObject(name, _obstacle_points(trajectory, name, numbers), [body.faces])
             for name, body in trajectory.obstacles().items()
         ]
-        return [viewed, *obstacles], [frame.time for frame in frames]
+        return [viewed, *obstacles], [trajectory_frame.time for trajectory_frame in trajectory_frames]
 
 
 def _obstacle_points(trajectory: Trajectory, name: str, numbers: range) -> list[Any]:

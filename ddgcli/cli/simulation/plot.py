@@ -57,20 +57,27 @@ def draw_run(
     if common.show is not None:
         named_array(outcome.picture_frames[0].vertex, common.show)
         picture = replace(picture, array=common.show, label=common.show, limits=None)
-    frames = []
-    for frame in outcome.picture_frames:
-        mesh = mesh_of_frame(outcome.mesh, frame)
-        values = None if picture.array is None else magnitude(frame.vertex[picture.array])
-        frames.append(PlotFrame(frame.time, visible_part(mesh, picture.shown), values, obstacles(frame.time)))
+    plot_frames = []
+    for trajectory_frame in outcome.picture_frames:
+        mesh = mesh_of_frame(outcome.mesh, trajectory_frame)
+        values = None if picture.array is None else magnitude(trajectory_frame.vertex[picture.array])
+        plot_frames.append(
+            PlotFrame(
+                trajectory_frame.time,
+                visible_part(mesh, picture.shown),
+                values,
+                obstacles(trajectory_frame.time),
+            )
+        )
     style = sequence_style(
-        frames,
+        plot_frames,
         picture.label,
         common.view,
         limits=picture.limits,
         edges=picture.edges,
         time_unit=picture.time_unit,
     )
-    draw_motion(path, frames, energy_series(outcome.times, outcome.series), style, picture.energy,
+    draw_motion(path, plot_frames, energy_series(outcome.times, outcome.series), style, picture.energy,
                 **page_size(common.size, 9.0))  # fmt: skip
 
 

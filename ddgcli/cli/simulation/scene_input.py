@@ -117,11 +117,11 @@ def scene_document(
     if resume is not None:
         from ddgcli.io.trajectories.trajectory import Trajectory
 
-        with Trajectory(resume) as part:
-            recorded = json.loads(part.attributes.get("overrides", "{}"))
+        with Trajectory(resume) as partial_run:
+            recorded = json.loads(partial_run.attributes.get("overrides", "{}"))
             if path is None:
                 return parse_scene(
-                    part.text("scene_source"), "", part.attributes.get("folder", ".")
+                    partial_run.text("scene_source"), "", partial_run.attributes.get("folder", ".")
                 ), recorded
     if path is None:
         raise ParameterError("give a scene file or a mesh (or --effects, --schema)")
@@ -221,8 +221,8 @@ def check_unchanged(resume: str | None, resolved: str) -> None:
         return
     from ddgcli.io.trajectories.trajectory import Trajectory
 
-    with Trajectory(resume) as part:
-        before, now = json.loads(part.text("scene_resolved")), json.loads(resolved)
+    with Trajectory(resume) as partial_run:
+        before, now = json.loads(partial_run.text("scene_resolved")), json.loads(resolved)
     if before == now:
         return
     where = _first_difference(before, now)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from ddgcli import __version__
 from ddgcli.cli.run import Run
 from ddgcli.errors import ParameterError
-from ddgcli.mesh.fields import AnnotatedMesh, Frame
+from ddgcli.mesh.fields import AnnotatedMesh, TrajectoryFrame
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.mesh.vectors import moved_rigidly
 from ddgcli.simulation.account import Account
@@ -101,13 +101,15 @@ def simulate(run: Run, job: Job) -> Outcome:
     paths = [p for p in run.common.outputs if Path(p).suffix.lower() in TRAJECTORIES]
     writer, start = _open_trajectory(run, job, paths, cell, recorder)
 
-    def write_frame(frame: Frame, snapshot: Snapshot) -> None:
+    def write_frame(trajectory_frame: TrajectoryFrame, snapshot: Snapshot) -> None:
         from ddgcli.io.trajectories.layout import OBSTACLE_POSE
 
-        poses = {OBSTACLE_POSE + name: row for name, row in job.obstacle_poses(frame.time).items()}
-        scalar: dict[str, Any] = {**frame.scalar, **poses}
-        frame = replace(frame, scalar=scalar)
-        writer.append(frame, snapshot.checkpoint, _effect_rows(job.account), _rows(snapshot.events))
+        poses = {OBSTACLE_POSE + name: row for name, row in job.obstacle_poses(trajectory_frame.time).items()}
+        scalar: dict[str, Any] = {**trajectory_frame.scalar, **poses}
+        trajectory_frame = replace(trajectory_frame, scalar=scalar)
+        writer.append(
+            trajectory_frame, snapshot.checkpoint, _effect_rows(job.account), _rows(snapshot.events)
+        )
 
     try:
         run_models(
@@ -117,12 +119,12 @@ def simulate(run: Run, job: Job) -> Outcome:
     finally:
         if writer is not None:
             with run.clock.timed("write"):
-                part = writer.close(outcome.status, _rows(outcome.last_events))
-            if part is not None:
-                run.outputs.append(part)
+                partial_file = writer.close(outcome.status, _rows(outcome.last_events))
+            if partial_file is not None:
+                run.outputs.append(partial_file)
     if outcome.status == "interrupted":
         where = f"; continue with --resume {run.outputs[-1]}" if writer is not None and run.outputs else ""
-        click.echo(f"Interrupted: {outcome.frames} whole frames{where}", err=True)
+        click.echo(f"Interrupted: {outcome.n_frames} whole frames{where}", err=True)
         click.get_current_context().exit(130)
     outcome.doubt = job.doubt(outcome)
     vertex, face = job.final(outcome)
@@ -153,22 +155,24 @@ def _open_trajectory(
         job.changing_faces,
     )  # fmt: skip
     if job.resume is None:
-        return TrajectoryWriter(target, header, job.schedule.frames), None
-    with Trajectory(job.resume) as part:
-        start = (part.n_frames - 1, part.checkpoint())
+        return TrajectoryWriter(target, header, job.schedule.n_frames), None
+    with Trajectory(job.resume) as partial_run:
+        start = (partial_run.n_frames - 1, partial_run.checkpoint())
         recorder.outcome.stopped = stop_reason(start[1])
-        job.account.restore(part.effects)
-        recorder.restore(_without_poses(part.frame(k)) for k in range(part.n_frames))
-        recorder.outcome.events = part.log_rows - 1  # the first row is the start
-    return TrajectoryWriter.resume(job.resume, target, header, job.schedule.frames), start
+        job.account.restore(partial_run.effects)
+        recorder.restore(_without_poses(partial_run.read_frame(k)) for k in range(partial_run.n_frames))
+        recorder.outcome.events = partial_run.log_rows - 1  # the first row is the start
+    return TrajectoryWriter.resume(job.resume, target, header, job.schedule.n_frames), start
 
 
-def _without_poses(frame: Frame) -> Frame:
+def _without_poses(trajectory_frame: TrajectoryFrame) -> TrajectoryFrame:
     """A frame of a trajectory as the models computed it: the poses of obstacles were added to the file."""
     from ddgcli.io.trajectories.layout import OBSTACLE_POSE
 
-    own = {name: value for name, value in frame.scalar.items() if not name.startswith(OBSTACLE_POSE)}
-    return replace(frame, scalar=own)
+    own = {
+        name: value for name, value in trajectory_frame.scalar.items() if not name.startswith(OBSTACLE_POSE)
+    }
+    return replace(trajectory_frame, scalar=own)
 
 
 def _rows(events: Iterable[Event]) -> list[tuple]:

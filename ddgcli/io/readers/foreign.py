@@ -100,7 +100,7 @@ def content_by_trimesh(path: str, suffix: str) -> RawMesh:
     try:
         with _guarded():
             scene: Any = trimesh.load_scene(path, file_type=suffix[1:], process=False, maintain_order=True)
-            parts = scene.dump() if scene.geometry else []
+            scene_meshes = scene.dump() if scene.geometry else []
             names = [scene.graph[node][1] for node in scene.graph.nodes_geometry]
     except (MeshFileError, MemoryError):
         raise
@@ -113,14 +113,14 @@ def content_by_trimesh(path: str, suffix: str) -> RawMesh:
         raise MeshFileError(
             f"cannot be read as {suffix} ({_in_a_line(error)}); the file is damaged"
         ) from None
-    meshes = [p for p in parts if hasattr(p, "faces")]
+    meshes = [p for p in scene_meshes if hasattr(p, "faces")]
     if not meshes:
         raise MeshFileError("no triangles in the file; this format is read for surfaces only")
     shift = np.cumsum([0] + [len(m.vertices) for m in meshes])
     raw = RawMesh(np.concatenate([np.asarray(m.vertices, dtype=np.float64) for m in meshes]))
     raw.add_faces(np.concatenate([np.asarray(m.faces) + s for m, s in zip(meshes, shift)]))
     with _guarded():  # `dump` copies no vertex colours of textured meshes: ask the originals
-        visuals = [scene.geometry[name].visual for name, p in zip(names, parts) if hasattr(p, "faces")]
+        visuals = [scene.geometry[name].visual for name, p in zip(names, scene_meshes) if hasattr(p, "faces")]
         raw.vertex = _appearance(visuals, [len(m.vertices) for m in meshes])
     if len(meshes) > 1:
         raw.notes.append(f"{len(meshes)} parts of a scene put into one mesh; vertices are not merged")
@@ -135,8 +135,8 @@ def _appearance(visuals: list[Any], sizes: list[int]) -> dict[str, np.ndarray]:
     colors = [_vertex_colors(visual, n) for visual, n in zip(visuals, sizes)]
     arrays = {}
     if any(uv is not None for uv in uvs):
-        parts = [np.full((n, 2), np.nan) if uv is None else uv[:, :2] for uv, n in zip(uvs, sizes)]
-        arrays[UV] = np.concatenate(parts).astype(np.float64)
+        uv_blocks = [np.full((n, 2), np.nan) if uv is None else uv[:, :2] for uv, n in zip(uvs, sizes)]
+        arrays[UV] = np.concatenate(uv_blocks).astype(np.float64)
     if any(color is not None for color in colors):
         white = [np.full((n, 4), 255) if c is None else c for c, n in zip(colors, sizes)]
         arrays[COLOR] = np.concatenate(white).astype(np.uint8)
@@ -228,12 +228,12 @@ def _raw(mesh: Any) -> RawMesh:
     if points.ndim == 2 and points.shape[1] < 3:
         points = np.column_stack([points, np.zeros((len(points), 3 - points.shape[1]))])
     raw = RawMesh(points, vertex={n: np.asarray(v) for n, v in mesh.point_data.items()})
-    parts: dict[str, list[int]] = {"face": [], "tetra": [], "line": []}
+    blocks_of_kind: dict[str, list[int]] = {"face": [], "tetra": [], "line": []}
     for number, block in enumerate(mesh.cells):
         kind, corners = _block_kind(block.type, meshio_to_vtk_type)
         if kind == "skip":
             continue
-        parts[kind].append(number)
+        blocks_of_kind[kind].append(number)
         data = block.data
         if corners is None:
             sizes = np.array([len(cell) for cell in data], dtype=np.int64)
@@ -256,8 +256,8 @@ def _raw(mesh: Any) -> RawMesh:
             raw.lines = np.concatenate([raw.lines, data])
     for kind, place in (("face", raw.face), ("tetra", raw.cell), ("line", raw.line)):
         for name, blocks in mesh.cell_data.items():
-            if parts[kind]:
-                place[name] = np.concatenate([np.asarray(blocks[number]) for number in parts[kind]])
+            if blocks_of_kind[kind]:
+                place[name] = np.concatenate([np.asarray(blocks[number]) for number in blocks_of_kind[kind]])
     if len(raw.tetrahedra):
         # finite element files list the boundary too
         raw.sizes, raw.corners, raw.face = raw.sizes[:0], raw.corners[:0], {}

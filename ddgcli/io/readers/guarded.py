@@ -104,20 +104,20 @@ def _forked(call: tuple, wall: float) -> tuple[bytes, int | None]:
 
 
 def _received(receive: int, wall: float, child: int) -> tuple[bytes, int | None]:
-    parts, end, whole = [], time.monotonic() + wall, False
+    chunks, end, whole = [], time.monotonic() + wall, False
     try:
         while select.select([receive], [], [], max(end - time.monotonic(), 0))[0]:
-            part = os.read(receive, 1 << 20)
-            if not part:
+            chunk = os.read(receive, 1 << 20)
+            if not chunk:
                 whole = True
                 break
-            parts.append(part)
+            chunks.append(chunk)
     finally:
         if not whole:
             os.kill(child, signal.SIGKILL)
         _, status = os.waitpid(child, 0)
     code = os.waitstatus_to_exitcode(status)
-    return (b"".join(parts), code) if whole and code == 0 else (b"", code if whole else None)
+    return (b"".join(chunks), code) if whole and code == 0 else (b"", code if whole else None)
 
 
 def _spawned(call: tuple, wall: float) -> tuple[bytes, int | None]:

@@ -335,9 +335,9 @@ def _scalars(columns: Columns) -> dict[str, NDArray]:
         stem, _, last = name.rpartition("_")
         if not stem or last not in ("x", "0") or stem in arrays:
             continue
-        parts = [f"{stem}_{c}" for c in "xyz"] if last == "x" else _counted(stem, arrays)
-        if len(parts) > 1 and all(p in arrays for p in parts):
-            arrays[stem] = np.stack([arrays.pop(p) for p in parts], axis=1)
+        components = [f"{stem}_{c}" for c in "xyz"] if last == "x" else _counted(stem, arrays)
+        if len(components) > 1 and all(p in arrays for p in components):
+            arrays[stem] = np.stack([arrays.pop(p) for p in components], axis=1)
     return arrays
 
 

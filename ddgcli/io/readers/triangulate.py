@@ -24,15 +24,15 @@ def triangulated(points: NDArray, corners: NDArray, sizes: NDArray) -> tuple[NDA
         Polygon that each triangle is part of.
     """
     start = np.cumsum(sizes) - sizes
-    parts, owners = [], []
+    triangle_lists, owners = [], []
     for size in np.unique(sizes[sizes >= 3]):
         which = np.flatnonzero(sizes == size)
         loops = corners[start[which, None] + np.arange(size)]
-        parts.append(_cut(points, loops).reshape(-1, 3))
+        triangle_lists.append(_cut(points, loops).reshape(-1, 3))
         owners.append(np.repeat(which, size - 2))
-    if not parts:
+    if not triangle_lists:
         return np.zeros((0, 3), dtype=np.int64), np.zeros(0, dtype=np.int64)
-    faces, polygon = np.concatenate(parts), np.concatenate(owners)
+    faces, polygon = np.concatenate(triangle_lists), np.concatenate(owners)
     order = np.argsort(polygon, kind="stable")
     return faces[order], polygon[order]
 

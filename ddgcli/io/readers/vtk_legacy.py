@@ -101,15 +101,15 @@ class _Words:
         window_size = 32 * count + 64
         while True:
             window = self.data[self.at : self.at + window_size]
-            parts = window.split(None, count)
+            tokens = window.split(None, count)
             at_end = self.at + len(window) == len(self.data)
-            if len(parts) > count or (at_end and len(parts) == count):
+            if len(tokens) > count or (at_end and len(tokens) == count):
                 break
             if at_end:
-                raise ValueError(f"{len(parts)} numbers, {count} announced")
+                raise ValueError(f"{len(tokens)} numbers, {count} announced")
             window_size *= 4
-        self.at += len(window) - (len(parts[count]) if len(parts) > count else 0)
-        return b" ".join(parts[:count])
+        self.at += len(window) - (len(tokens[count]) if len(tokens) > count else 0)
+        return b" ".join(tokens[:count])
 
     def skip_paragraph(self) -> None:
         """Go to the next blank line."""

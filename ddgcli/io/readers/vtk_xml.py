@@ -126,12 +126,14 @@ class _Arrays:
 
     def _unpacked(self, data: bytes | memoryview, blocks: list[int]) -> bytes:
         """Content of compressed blocks that lie one after the other."""
-        parts, at = [], 0
+        decoded_blocks, at = [], 0
         for length in blocks:
             if length:
-                parts.append(self.budget.inflated(_whole(memoryview(data)[at : at + length], length)))
+                decoded_blocks.append(
+                    self.budget.inflated(_whole(memoryview(data)[at : at + length], length))
+                )
             at += length
-        return b"".join(parts)
+        return b"".join(decoded_blocks)
 
     def _block_sizes(self, data: bytes | memoryview) -> tuple[list[int], int]:
         """Compressed sizes of the blocks, and where the first begins."""

@@ -52,19 +52,19 @@ def _read(root) -> RawMesh:
         )
     steps: Any = root.get("Steps")
     last = int(steps.attrs["NSteps"]) - 1 if steps is not None else -1
-    part = int(steps["PartOffsets"][last]) if last >= 0 else 0
-    n_points = int(root["NumberOfPoints"][part])
+    part_number = int(steps["PartOffsets"][last]) if last >= 0 else 0
+    n_points = int(root["NumberOfPoints"][part_number])
     if n_points < 0 or len(root["Points"]) < n_points:
         raise MeshFileError(
             f"the file announces {n_points} points and holds {len(root['Points'])}; it is damaged"
         )
-    at = int(steps["PointOffsets"][last]) if last >= 0 else int(root["NumberOfPoints"][:part].sum())
+    at = int(steps["PointOffsets"][last]) if last >= 0 else int(root["NumberOfPoints"][:part_number].sum())
     raw = RawMesh(np.asarray(root["Points"][at : at + n_points], dtype=np.float64))
     raw.vertex = _arrays(root, "PointData", steps, last, at, n_points)
     if kind == "PolyData":
-        types, connectivity, sizes = _polydata_cells(root, part)
+        types, connectivity, sizes = _polydata_cells(root, part_number)
     else:
-        types, connectivity, sizes = _cells(root, root, part)
+        types, connectivity, sizes = _cells(root, root, part_number)
         types = root["Types"][: len(sizes)].astype(np.int64)
     cells = _arrays(root, "CellData", steps, last, 0, len(types))
     add_vtk_cells(raw, types, connectivity, sizes, cells)
@@ -86,19 +86,19 @@ def _datasets(root, name: str) -> dict[str, Any]:
     return {key: value for key, value in group.items() if hasattr(value, "shape")}
 
 
-def _cells(root, group, part: int) -> tuple[NDArray, NDArray, NDArray]:
+def _cells(root, group, part_number: int) -> tuple[NDArray, NDArray, NDArray]:
     counts, ids = group["NumberOfCells"][:], group["NumberOfConnectivityIds"][:]
-    first_offset = int((counts[:part] + 1).sum())
-    offsets = group["Offsets"][first_offset : first_offset + int(counts[part]) + 1].astype(np.int64)
-    start = int(ids[:part].sum())
-    connectivity = group["Connectivity"][start : start + int(ids[part])].astype(np.int64)
+    first_offset = int((counts[:part_number] + 1).sum())
+    offsets = group["Offsets"][first_offset : first_offset + int(counts[part_number]) + 1].astype(np.int64)
+    start = int(ids[:part_number].sum())
+    connectivity = group["Connectivity"][start : start + int(ids[part_number])].astype(np.int64)
     return np.zeros(0, dtype=np.int64), connectivity, np.diff(offsets)
 
 
-def _polydata_cells(root, part: int) -> tuple[NDArray, NDArray, NDArray]:
+def _polydata_cells(root, part_number: int) -> tuple[NDArray, NDArray, NDArray]:
     types, connectivity, sizes = [], [], []
     for name, code in TOPOLOGIES:
-        _, ids, size = _cells(root, root[name], part)
+        _, ids, size = _cells(root, root[name], part_number)
         types.append(np.full(len(size), code, dtype=np.int64))
         connectivity.append(ids)
         sizes.append(size)

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from ddgcli.io.trajectories.layout_check import TOPOLOGIES
 from ddgcli.io.trajectories.row_file import RowLayout
 from ddgcli.mesh.curve import CurveSet
-from ddgcli.mesh.fields import Frame
+from ddgcli.mesh.fields import TrajectoryFrame
 from ddgcli.mesh.tet_mesh import TetMesh
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 
@@ -75,43 +75,43 @@ def rows_per_frame(name: str, header: Header) -> int:
     return header.mesh.n_vertices if name.startswith(("VTKHDF/PointData/", "VTKHDF/Points")) else 1
 
 
-def shapes_of(frame: Frame, checkpoint: dict[str, NDArray], effects: NDArray) -> tuple:
+def shapes_of(trajectory_frame: TrajectoryFrame, checkpoint: dict[str, NDArray], effects: NDArray) -> tuple:
     return (
-        tuple((name, np.shape(a)) for name, a in frame.vertex.items()),
-        tuple((name, np.shape(a)) for name, a in frame.scalar.items()),
+        tuple((name, np.shape(a)) for name, a in trajectory_frame.vertex.items()),
+        tuple((name, np.shape(a)) for name, a in trajectory_frame.scalar.items()),
         tuple((name, np.shape(a), str(np.asarray(a).dtype)) for name, a in checkpoint.items()),
         len(effects),
     )
 
 
-def frame_rows(frame: Frame, header: Header, k: int) -> dict[str, NDArray]:
+def frame_rows(trajectory_frame: TrajectoryFrame, header: Header, k: int) -> dict[str, NDArray]:
     """Values of every growing dataset for frame k."""
     n = header.mesh.n_vertices
     one = np.array
     topologies = 1 if isinstance(header.mesh, TetMesh) else len(TOPOLOGIES)
     rows: dict[str, NDArray] = {
-        "VTKHDF/Steps/Values": one([frame.time]),
+        "VTKHDF/Steps/Values": one([trajectory_frame.time]),
         "VTKHDF/Steps/PartOffsets": one([0]),
         "VTKHDF/Steps/NumberOfParts": one([1]),
         "VTKHDF/Steps/PointOffsets": one([k * n if header.moving else 0]),
         "VTKHDF/Steps/CellOffsets": np.zeros((1, topologies), dtype=np.int64),
         "VTKHDF/Steps/ConnectivityIdOffsets": np.zeros((1, topologies), dtype=np.int64),
-        "ddgcli/time": one([frame.time]),
-        "ddgcli/step": one([frame.step]),
+        "ddgcli/time": one([trajectory_frame.time]),
+        "ddgcli/step": one([trajectory_frame.step]),
     }
     if header.moving:
-        rows["VTKHDF/Points"] = frame.points  # type: ignore[assignment]
+        rows["VTKHDF/Points"] = trajectory_frame.points  # type: ignore[assignment]
     if header.changing_faces:
         offset = np.where(np.array(TOPOLOGIES) == "Polygons", k * cells_of(header.mesh).size, 0)
         rows["VTKHDF/Steps/ConnectivityIdOffsets"] = offset[None]
-        faces = cells_of(header.mesh) if frame.faces is None else frame.faces
+        faces = cells_of(header.mesh) if trajectory_frame.faces is None else trajectory_frame.faces
         rows[CONNECTIVITY] = faces.ravel()
-    for name, values in frame.vertex.items():
+    for name, values in trajectory_frame.vertex.items():
         rows[f"VTKHDF/PointData/{name}"] = values
         rows[f"VTKHDF/Steps/PointDataOffsets/{name}"] = one([k * n])
     for name in header.cell:
         rows[f"VTKHDF/Steps/CellDataOffsets/{name}"] = one([0])
-    for name, value in frame.scalar.items():
+    for name, value in trajectory_frame.scalar.items():
         row = np.atleast_1d(np.asarray(value, dtype=np.float64))
         rows[f"VTKHDF/FieldData/{name}"] = row[None]
         rows[f"VTKHDF/Steps/FieldDataOffsets/{name}"] = one([k])
@@ -120,17 +120,22 @@ def frame_rows(frame: Frame, header: Header, k: int) -> dict[str, NDArray]:
 
 
 def room_for(
-    frame: Frame, checkpoint: dict[str, NDArray], n_effects: int, frames: int, log: int, header: Header
+    trajectory_frame: TrajectoryFrame,
+    checkpoint: dict[str, NDArray],
+    n_effects: int,
+    n_frames: int,
+    log: int,
+    header: Header,
 ) -> dict[str, RowLayout]:
-    """Growing datasets with room for `frames` frames (fewer where that would be more than a disk)."""
-    sample = frame_rows(frame, header, 0)
+    """Growing datasets with room for `n_frames` frames (fewer where that would be more than a disk)."""
+    sample = frame_rows(trajectory_frame, header, 0)
     bytes_each = sum(np.asarray(v).size * 8 for v in sample.values())
-    frames = max(1, min(frames, LARGEST_ROOM // max(bytes_each, 1)))
+    n_frames = max(1, min(n_frames, LARGEST_ROOM // max(bytes_each, 1)))
     rows = {}
     for name, values in sample.items():
         values = np.asarray(values)
         dtype = np.dtype(np.int64) if values.dtype.kind in "iub" else np.dtype(np.float64)
-        rows[name] = RowLayout(dtype, values.shape[1:], frames * rows_per_frame(name, header))
+        rows[name] = RowLayout(dtype, values.shape[1:], n_frames * rows_per_frame(name, header))
     for slot in ("slot_0", "slot_1"):
         for name, array in checkpoint.items():
             array = np.atleast_1d(array)

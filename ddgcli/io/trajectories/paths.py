@@ -14,7 +14,7 @@ PREFIX = "particles_"
 LONGEST_STEP = 0.5  # of the size of a periodic grid: longer segments cross its sides and are left out
 
 
-def particle_paths(source: Trajectory, frames: Sequence[int]) -> CurveSet:
+def particle_paths(source: Trajectory, frame_numbers: Sequence[int]) -> CurveSet:
     """Polylines from frame to frame, with the arrays `path_id` and `time` on their points.
 
     Raises
@@ -28,7 +28,7 @@ def particle_paths(source: Trajectory, frames: Sequence[int]) -> CurveSet:
             f"{source.path} holds no particles; add the effect particles to the scene", parameter="paths"
         )
     rows = np.concatenate([source.scalars[name].reshape(source.n_frames, -1, 3) for name in names], axis=1)
-    places = rows[list(frames)].transpose(1, 0, 2)  # (particles, frames, 3)
+    places = rows[list(frame_numbers)].transpose(1, 0, 2)  # (particles, frames, 3)
     count, length = places.shape[:2]
     number = np.arange(count * length).reshape(count, length)
     lines = np.stack([number[:, :-1].ravel(), number[:, 1:].ravel()], axis=1)
@@ -39,6 +39,6 @@ def particle_paths(source: Trajectory, frames: Sequence[int]) -> CurveSet:
         lines = lines[(jump <= LONGEST_STEP * size).all(axis=1)]
     arrays = {
         "path_id": np.repeat(np.arange(count), length),
-        "time": np.tile(source.times[list(frames)], count),
+        "time": np.tile(source.times[list(frame_numbers)], count),
     }
     return CurveSet(points, lines, arrays)

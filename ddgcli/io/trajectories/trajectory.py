@@ -16,7 +16,7 @@ from ddgcli.errors import MeshFileError, excerpt
 from ddgcli.io.trajectories.layout import EFFECT_DTYPE, OBSTACLE_POSE, TOPOLOGIES
 from ddgcli.io.trajectories.layout_check import check_trajectory
 from ddgcli.mesh.curve import CurveSet
-from ddgcli.mesh.fields import Frame
+from ddgcli.mesh.fields import TrajectoryFrame
 from ddgcli.mesh.tet_mesh import TetMesh
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.mesh.vectors import moved_rigidly
@@ -69,8 +69,8 @@ class Trajectory:
     ) -> None:
         self._file.close()
 
-    def __iter__(self) -> Iterator[Frame]:
-        return (self.frame(k) for k in range(self.n_frames))
+    def __iter__(self) -> Iterator[TrajectoryFrame]:
+        return (self.read_frame(k) for k in range(self.n_frames))
 
     @property
     def attributes(self) -> dict[str, Any]:
@@ -129,11 +129,11 @@ class Trajectory:
         columns = {name: values[: self.n_frames] for name, values in self._root["FieldData"].items()}
         return {name: v[:, 0] if v.shape[1] == 1 else v for name, v in columns.items()}
 
-    def frame(self, k: int) -> Frame:
+    def read_frame(self, k: int) -> TrajectoryFrame:
         """Frame k."""
         scalar = {name: values[k] for name, values in self.scalars.items()}
         step, time = int(self.steps[k]), float(self.times[k])
-        return Frame(step, time, self.points(k), self.vertex(k), scalar, self.faces(k))
+        return TrajectoryFrame(step, time, self.points(k), self.vertex(k), scalar, self.faces(k))
 
     def frame_at(self, time: float) -> int:
         """Number of the frame nearest to a time."""
@@ -162,8 +162,12 @@ class Trajectory:
     def _slot(self) -> h5py.Group:
         last = self.n_frames - 1
         slot = self._ours.get(f"checkpoint/slot_{last % 2}")
-        frame = None if slot is None else slot.get("frame")
-        if frame is None or getattr(frame, "shape", ()) != (2,) or int(frame[0]) != last:
+        frame_and_log = None if slot is None else slot.get("frame")
+        if (
+            frame_and_log is None
+            or getattr(frame_and_log, "shape", ()) != (2,)
+            or int(frame_and_log[0]) != last
+        ):
             raise MeshFileError(
                 f"{self.path}: the checkpoint of frame {last} is missing; start the run afresh"
             )
@@ -190,8 +194,8 @@ def _mesh_of_cells(
 def pvd_text(files: list[tuple[float, int, str]]) -> str:
     """A ParaView series of (time, part, file)."""
     lines = [
-        f'    <DataSet timestep="{time!r}" part="{part}" file="{escape(name)}"/>'
-        for time, part, name in files
+        f'    <DataSet timestep="{time!r}" part="{part_number}" file="{escape(name)}"/>'
+        for time, part_number, name in files
     ]
     head = '<?xml version="1.0"?>\n<VTKFile type="Collection" version="0.1">\n  <Collection>\n'
     return head + "\n".join(lines) + "\n  </Collection>\n</VTKFile>\n"

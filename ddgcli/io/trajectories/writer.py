@@ -32,7 +32,7 @@ from ddgcli.io.trajectories.layout import (
 )
 from ddgcli.io.trajectories.row_file import RowFile, RowLayout
 from ddgcli.io.trajectories.trajectory import Trajectory
-from ddgcli.mesh.fields import Frame
+from ddgcli.mesh.fields import TrajectoryFrame
 
 
 def part_path(path: str) -> str:
@@ -52,12 +52,12 @@ class TrajectoryWriter:
         How many are expected; more may come, fewer leave no gap.
     """
 
-    def __init__(self, path: str, header: Header, frames: int) -> None:
+    def __init__(self, path: str, header: Header, n_frames: int) -> None:
         folder = Path(path).parent
         if not folder.is_dir():
             raise OutputError(f"{path}: folder {folder} does not exist; create it")
-        self.path, self.part = path, part_path(path)
-        self.header, self.expected = header, max(frames, 1)
+        self.path, self.partial_path = path, part_path(path)
+        self.header, self.expected = header, max(n_frames, 1)
         self.n_frames = 0
         self._file: RowFile | None = None
         self._log: list[tuple] = [(0, 0.0, b"start", b"", math.nan, b"")]
@@ -67,7 +67,7 @@ class TrajectoryWriter:
 
     def append(
         self,
-        frame: Frame,
+        trajectory_frame: TrajectoryFrame,
         checkpoint: dict[str, NDArray] | None = None,
         effects: Iterable[tuple[str, int, float]] = (),
         log: Iterable[tuple] = (),
@@ -76,7 +76,7 @@ class TrajectoryWriter:
 
         Parameters
         ----------
-        frame : Frame
+        trajectory_frame : Frame
             The names and shapes of its arrays are those of the first frame.
         checkpoint : dict of str to ndarray
         effects : rows (name, calls, seconds)
@@ -86,24 +86,28 @@ class TrajectoryWriter:
         effect_rows = np.array([(n.encode()[:48], c, s) for n, c, s in effects], dtype=EFFECT_DTYPE)
         self._log += _log_rows(log)
         self._whole = len(self._log)
-        shapes = shapes_of(frame, checkpoint, effect_rows)
+        shapes = shapes_of(trajectory_frame, checkpoint, effect_rows)
         if self._file is not None and shapes == self._shapes and self._room():
-            self._put(frame, checkpoint, effect_rows)
+            self._put(trajectory_frame, checkpoint, effect_rows)
             return
-        frames = self.expected if self._file is None else max(self.expected, 2 * self.n_frames + 16)
-        rows = room_for(frame, checkpoint, len(effect_rows), frames, 2 * len(self._log) + 64, self.header)
-        self._lay_out(rows, lambda: self._put(frame, checkpoint, effect_rows))
+        n_expected = self.expected if self._file is None else max(self.expected, 2 * self.n_frames + 16)
+        rows = room_for(
+            trajectory_frame, checkpoint, len(effect_rows), n_expected, 2 * len(self._log) + 64, self.header
+        )
+        self._lay_out(rows, lambda: self._put(trajectory_frame, checkpoint, effect_rows))
         self._shapes = shapes
 
     def _room(self) -> bool:
         rows = self._file.rows  # type: ignore[union-attr]
         return self.n_frames < rows["ddgcli/time"].capacity and len(self._log) <= rows["ddgcli/log"].capacity
 
-    def _put(self, frame: Frame, checkpoint: dict[str, NDArray], effects: NDArray) -> None:
+    def _put(
+        self, trajectory_frame: TrajectoryFrame, checkpoint: dict[str, NDArray], effects: NDArray
+    ) -> None:
         file, k = self._file, self.n_frames
         if file is None:
             raise OutputError("the trajectory is closed")
-        per_frame = frame_rows(frame, self.header, k)
+        per_frame = frame_rows(trajectory_frame, self.header, k)
         for name, values in per_frame.items():
             file.write(name, k * rows_per_frame(name, self.header), values)
         self._put_log()
@@ -150,8 +154,8 @@ class TrajectoryWriter:
                     new.copy_rows(name, old, min(old.rows[name].count, rows[name].capacity))
             self._logged = 0
             put()
-            os.replace(temporary, self.part)
-            new.path = self.part
+            os.replace(temporary, self.partial_path)
+            new.path = self.partial_path
         except BaseException as error:
             with contextlib.suppress(FileNotFoundError):
                 os.unlink(temporary)
@@ -163,7 +167,7 @@ class TrajectoryWriter:
             old.close()
 
     def _temporary(self) -> str:
-        target = Path(self.part)
+        target = Path(self.partial_path)
         handle, name = tempfile.mkstemp(prefix=f".{target.name}-", dir=target.parent)
         os.close(handle)
         os.chmod(name, 0o644)
@@ -176,8 +180,10 @@ class TrajectoryWriter:
         """
         if self._file is None:
             return None
-        if not self._file.is_at(self.part):
-            raise OutputError(f"{self.part}: another run took this place; give each run its own output")
+        if not self._file.is_at(self.partial_path):
+            raise OutputError(
+                f"{self.partial_path}: another run took this place; give each run its own output"
+            )
         complete = status == "complete"
         self._log += _log_rows(log)
         room = self._file.rows
@@ -193,29 +199,35 @@ class TrajectoryWriter:
         self._file.close()
         self._file = None
         if complete:
-            os.replace(self.part, self.path)
+            os.replace(self.partial_path, self.path)
             return self.path
-        return self.part
+        return self.partial_path
 
     def _tighten(self) -> None:
         """Lay the file out again without the room that was not used."""
-        with Trajectory(self.part) as whole:
-            frame, checkpoint, effects = whole.frame(self.n_frames - 1), whole.checkpoint(), whole.effect_rows
-        rows = room_for(frame, checkpoint, len(effects), self.n_frames, len(self._log), self.header)
+        with Trajectory(self.partial_path) as whole:
+            trajectory_frame, checkpoint, effects = (
+                whole.read_frame(self.n_frames - 1),
+                whole.checkpoint(),
+                whole.effect_rows,
+            )
+        rows = room_for(
+            trajectory_frame, checkpoint, len(effects), self.n_frames, len(self._log), self.header
+        )
 
         def put() -> None:
             self.n_frames -= 1
-            self._put(frame, checkpoint, effects)
+            self._put(trajectory_frame, checkpoint, effects)
 
         self._lay_out(rows, put)
 
     @classmethod
-    def resume(cls, part: str, path: str, header: Header, frames: int) -> TrajectoryWriter:
-        """Go on behind the last whole frame of `part`; what stood behind it is dropped."""
-        writer = cls(path, header, frames)
-        with Trajectory(part) as old:
-            first, checkpoint, effects = old.frame(0), old.checkpoint(), old.effect_rows
-            last, room = old.n_frames - 1, max(frames, old.n_frames)
+    def resume(cls, partial_path: str, path: str, header: Header, n_frames: int) -> TrajectoryWriter:
+        """Go on behind the last whole frame of `partial_path`; what stood behind it is dropped."""
+        writer = cls(path, header, n_frames)
+        with Trajectory(partial_path) as old:
+            first, checkpoint, effects = old.read_frame(0), old.checkpoint(), old.effect_rows
+            last, room = old.n_frames - 1, max(n_frames, old.n_frames)
             writer._log = [tuple(row) for row in old.log[: old.log_rows]]
             writer._whole = len(writer._log)
             writer._shapes = shapes_of(first, checkpoint, effects)
@@ -223,11 +235,11 @@ class TrajectoryWriter:
 
             def put() -> None:
                 for k in range(last + 1):
-                    writer._put(old.frame(k), checkpoint if k == last else {}, effects)
+                    writer._put(old.read_frame(k), checkpoint if k == last else {}, effects)
 
             writer._lay_out(rows, put)
-        if os.path.abspath(part) != os.path.abspath(writer.part):
-            os.unlink(part)
+        if os.path.abspath(partial_path) != os.path.abspath(writer.partial_path):
+            os.unlink(partial_path)
         return writer
 
 

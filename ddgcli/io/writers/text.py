@@ -148,7 +148,7 @@ def paths_of(segments: NDArray) -> list[NDArray]:
     if len(segments) == 0:
         return []
     breaks = np.flatnonzero(segments[1:, 0] != segments[:-1, 1]) + 1
-    return [np.append(part[:, 0], part[-1, 1]) for part in np.split(segments, breaks)]
+    return [np.append(run[:, 0], run[-1, 1]) for run in np.split(segments, breaks)]
 
 
 def _rows(form: str, table: NDArray) -> str:

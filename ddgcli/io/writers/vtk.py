@@ -139,7 +139,7 @@ def xdmf_bytes(content: CellData) -> bytes:
     m, k = content.cells.shape
     topology = {"faces": "Triangle", "tetrahedra": "Tetrahedron", "lines": "Polyline"}[content.kind]
     nodes = ' NodesPerElement="2"' if content.kind == "lines" else ""
-    parts = [
+    elements = [
         '<?xml version="1.0"?>',
         f"<?ddgcli {_instruction(content)}?>",
         '<Xdmf Version="3.0"><Domain><Grid Name="mesh" GridType="Uniform">',
@@ -154,8 +154,8 @@ def xdmf_bytes(content: CellData) -> bytes:
                 value.shape[1] if value.ndim == 2 else 1, "Matrix"
             )
             head = f'<Attribute Name={quoteattr(name)} AttributeType="{kind}" Center="{center}">'
-            parts.append(f"{head}{_item(value)}</Attribute>")
-    return "\n".join([*parts, "</Grid></Domain></Xdmf>", ""]).encode()
+            elements.append(f"{head}{_item(value)}</Attribute>")
+    return "\n".join([*elements, "</Grid></Domain></Xdmf>", ""]).encode()
 
 
 def _item(value: NDArray) -> str:

@@ -19,7 +19,7 @@ __all__ = [
     "model",
     "obstacle_refinement",
     "particles",
-    "parts",
+    "effect_parts",
     "recovery",
     "report",
     "scene",

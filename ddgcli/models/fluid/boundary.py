@@ -11,7 +11,7 @@ from pydantic import Field, model_validator
 
 from ddgcli.errors import MeshError
 from ddgcli.models.fluid.context import FluidContext
-from ddgcli.models.fluid.parts import BoundaryPart
+from ddgcli.models.fluid.effect_parts import BoundaryPart
 from ddgcli.models.fluid.phases import FluidSetting, PhaseRequest
 from ddgcli.models.fluid.surface_space import harmonic_count
 from ddgcli.scenes.sections import Section
@@ -60,8 +60,10 @@ def build(parameters: BoundarySection, context: FluidContext) -> list[BoundaryPa
         known = ", ".join(context.obstacles) or "none"
         raise ValueError(f"no obstacle {parameters.obstacle!r} cuts {context.name!r} (there: {known})")
     velocity = None if parameters.velocity is None else [str(text) for text in parameters.velocity]
-    part = BoundaryPart(parameters.kind, velocity, parameters.flux, parameters.where, parameters.obstacle)
-    return [part, *([PhaseRequest(require_friction)] if parameters.kind != "free-slip" else [])]
+    boundary_part = BoundaryPart(
+        parameters.kind, velocity, parameters.flux, parameters.where, parameters.obstacle
+    )
+    return [boundary_part, *([PhaseRequest(require_friction)] if parameters.kind != "free-slip" else [])]
 
 
 def require_friction(setting: FluidSetting) -> None:

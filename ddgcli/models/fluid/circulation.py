@@ -262,7 +262,7 @@ class CirculationAdvection:
 class CirculationTransport(FlowPhase):
     """Transport by loops that are carried backwards; its losses are booked in the state."""
 
-    stage = "transport"
+    step_stage = "transport"
 
     def __init__(self, setting: FluidSetting) -> None:
         self.evolve_harmonic = setting.evolve_harmonic

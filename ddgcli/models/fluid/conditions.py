@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.topology import NEXT
 from ddgcli.models.fluid.context import FluidContext
-from ddgcli.models.fluid.parts import BoundaryPart
+from ddgcli.models.fluid.effect_parts import BoundaryPart
 from ddgcli.scenes.expressions import evaluate
 
 log = logging.getLogger("ddgcli")
@@ -57,7 +57,7 @@ class BoundaryConditions:
         return self.boundary_values is not None
 
 
-def boundary_conditions(context: FluidContext, parts: Sequence[BoundaryPart]) -> BoundaryConditions:
+def boundary_conditions(context: FluidContext, sections: Sequence[BoundaryPart]) -> BoundaryConditions:
     """Conditions of every boundary side: the first part that holds there, or a wall at rest.
 
     A side that no part covers is a no-slip wall where any part is other than free-slip.
@@ -73,11 +73,13 @@ def boundary_conditions(context: FluidContext, parts: Sequence[BoundaryPart]) ->
     face, k = np.nonzero(topology.side_twin < 0)
     tail, head = mesh.faces[face, k], mesh.faces[face, NEXT[k]]
     side = context.unwrapped(context.points[head] - context.points[tail])
-    owner = _owners(context, parts, tail, head, side)
-    kind = np.array([part.kind for part in parts] + [_rest(parts)])[owner]
-    velocity = _velocities(context, parts, owner, tail, side)
+    owner = _owners(context, sections, tail, head, side)
+    kind = np.array([section.kind for section in sections] + [_rest(sections)])[owner]
+    velocity = _velocities(context, sections, owner, tail, side)
     along = 0.5 * np.einsum("ijk,ik,j->i", velocity, side, 0.5 * GAUSS_WEIGHTS)
-    moving = [i for i, part in enumerate(parts) if part.kind in ("no-slip", "wall") and part.velocity]
+    moving = [
+        i for i, section in enumerate(sections) if section.kind in ("no-slip", "wall") and section.velocity
+    ]
     if moving and not along[np.isin(owner, moving)].any():
         log.warning("no part of the wall moves along itself: velocity or where is 0 at every boundary side")
     circulation = sum_by_index(np.concatenate([tail, head]), np.tile(along, 2), n)
@@ -85,69 +87,74 @@ def boundary_conditions(context: FluidContext, parts: Sequence[BoundaryPart]) ->
     friction[tail[kind != "free-slip"]] = friction[head[kind != "free-slip"]] = True
     slip = topology.boundary_vertex & ~friction
     values, open_vertices, natural = None, None, np.zeros(len(tail), dtype=bool)
-    if np.isin(kind, ("inflow", "outflow")).any() or any(part.kind == "inflow" for part in parts):
-        _require_outflow(parts)
-        flux = _outward_flux(context, parts, owner, kind, velocity, side, face)
-        natural = _natural(parts, owner)
+    if np.isin(kind, ("inflow", "outflow")).any() or any(section.kind == "inflow" for section in sections):
+        _require_outflow(sections)
+        flux = _outward_flux(context, sections, owner, kind, velocity, side, face)
+        natural = _natural(sections, owner)
         values, open_vertices = _stream_function(n, tail, head, flux, natural)
     sides = np.stack([tail, head], axis=1)[natural]
     return BoundaryConditions(bool(friction.any()), values, open_vertices, sides, circulation, slip)
 
 
-def _rest(parts: Sequence[BoundaryPart]) -> str:
-    return "no-slip" if any(part.kind != "free-slip" for part in parts) else "free-slip"
+def _rest(sections: Sequence[BoundaryPart]) -> str:
+    return "no-slip" if any(section.kind != "free-slip" for section in sections) else "free-slip"
 
 
 def _owners(
-    context: FluidContext, parts: Sequence[BoundaryPart], tail: NDArray, head: NDArray, side: NDArray
+    context: FluidContext, sections: Sequence[BoundaryPart], tail: NDArray, head: NDArray, side: NDArray
 ) -> NDArray[np.int64]:
     """(s,) number of the part of every boundary side, len(parts) for the rest."""
     place = dict(zip("xyz", (context.points[tail] + 0.5 * side).T))
-    owner = np.full(len(tail), len(parts), dtype=np.int64)
-    for i, part in reversed(list(enumerate(parts))):
+    owner = np.full(len(tail), len(sections), dtype=np.int64)
+    for i, section in reversed(list(enumerate(sections))):
         covered = np.ones(len(tail), dtype=bool)
-        if part.where is not None:
-            covered &= evaluate(part.where, place) != 0
-        if part.obstacle is not None:
-            marked = context.obstacles[part.obstacle]
+        if section.where is not None:
+            covered &= evaluate(section.where, place) != 0
+        if section.obstacle is not None:
+            marked = context.obstacles[section.obstacle]
             covered &= marked[tail] & marked[head]
         owner[covered] = i
-    for i, part in enumerate(parts):
-        if part.kind in ("inflow", "outflow") and not (owner == i).any():
-            raise ValueError(f"{part.kind}: no boundary side lies where {part.where!r} holds; check `where`")
+    for i, section in enumerate(sections):
+        if section.kind in ("inflow", "outflow") and not (owner == i).any():
+            raise ValueError(
+                f"{section.kind}: no boundary side lies where {section.where!r} holds; check `where`"
+            )
     return owner
 
 
 def _velocities(
-    context: FluidContext, parts: Sequence[BoundaryPart], owner: NDArray, tail: NDArray, side: NDArray
+    context: FluidContext, sections: Sequence[BoundaryPart], owner: NDArray, tail: NDArray, side: NDArray
 ) -> NDArray[np.float64]:
     """(s, 3, 3) prescribed velocities at the Gauss points of every boundary side, 0 where there is none."""
     velocity = np.zeros((len(tail), 3, 3))
-    for i, part in enumerate(parts):
+    for i, section in enumerate(sections):
         own = np.flatnonzero(owner == i)
-        if part.velocity is None or not len(own):
+        if section.velocity is None or not len(own):
             continue
         for j, t in enumerate(0.5 + 0.5 * GAUSS_POINTS):
             place = dict(zip("xyz", (context.points[tail[own]] + t * side[own]).T))
-            velocity[own, j] = np.stack([evaluate(text, place) for text in part.velocity], axis=1)
+            velocity[own, j] = np.stack([evaluate(text, place) for text in section.velocity], axis=1)
     return velocity
 
 
-def _require_outflow(parts: Sequence[BoundaryPart]) -> None:
-    kinds = {part.kind for part in parts}
+def _require_outflow(sections: Sequence[BoundaryPart]) -> None:
+    kinds = {section.kind for section in sections}
     if "inflow" in kinds and "outflow" not in kinds:
         raise ValueError('inflow without outflow: add [[effects.boundary]] with kind = "outflow"')
 
 
-def _natural(parts: Sequence[BoundaryPart], owner: NDArray) -> NDArray[np.bool_]:
+def _natural(sections: Sequence[BoundaryPart], owner: NDArray) -> NDArray[np.bool_]:
     """(s,) sides of outflows without a prescribed flux."""
-    free = [part.kind == "outflow" and part.velocity is None and part.flux is None for part in parts]
+    free = [
+        section.kind == "outflow" and section.velocity is None and section.flux is None
+        for section in sections
+    ]
     return np.array([*free, False])[owner]
 
 
 def _outward_flux(
     context: FluidContext,
-    parts: Sequence[BoundaryPart],
+    sections: Sequence[BoundaryPart],
     owner: NDArray,
     kind: NDArray,
     velocity: NDArray,
@@ -166,12 +173,12 @@ def _outward_flux(
     flux = np.einsum("ijk,ik,j->i", velocity, outward, 0.5 * GAUSS_WEIGHTS)
     flux[~np.isin(kind, ("inflow", "outflow"))] = 0.0
     length = np.linalg.norm(side, axis=1)
-    for i, part in enumerate(parts):
+    for i, section in enumerate(sections):
         own = owner == i
-        if part.flux is not None:
-            flux[own] = part.flux * length[own] / length[own].sum()
-        if part.kind == "inflow" and not flux[own].sum() < 0:
-            raise ValueError(f"inflow: velocity {part.velocity} brings no fluid in; turn it round")
+        if section.flux is not None:
+            flux[own] = section.flux * length[own] / length[own].sum()
+        if section.kind == "inflow" and not flux[own].sum() < 0:
+            raise ValueError(f"inflow: velocity {section.velocity} brings no fluid in; turn it round")
     return flux
 
 

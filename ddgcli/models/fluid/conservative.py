@@ -104,7 +104,7 @@ def midpoint(
 class ConservativeTransport(FlowPhase):
     """Transport by an explicit Runge-Kutta step of order 4, or by the implicit midpoint rule."""
 
-    stage = "transport"
+    step_stage = "transport"
 
     def __init__(self, setting: FluidSetting, scheme: str) -> None:
         self.space, self.evolve_harmonic = setting.space, setting.evolve_harmonic

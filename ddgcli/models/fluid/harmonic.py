@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from ddgcli.models.fluid.context import FluidContext
-from ddgcli.models.fluid.parts import Harmonic, Initial
+from ddgcli.models.fluid.effect_parts import Harmonic, Initial
 from ddgcli.models.fluid.surface_space import SurfaceSpace
 from ddgcli.scenes.sections import Section
 from ddgcli.scenes.units import quantity

@@ -13,8 +13,8 @@ from pydantic import Field, model_validator
 from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.topology import NEXT
 from ddgcli.models.fluid.context import FluidContext
+from ddgcli.models.fluid.effect_parts import Initial
 from ddgcli.models.fluid.flows import FLOWS, KEYS, VOLUME_FLOWS, NamedFlow, VolumeFlow
-from ddgcli.models.fluid.parts import Initial
 from ddgcli.models.fluid.surface_space import SurfaceSpace, harmonic_count
 from ddgcli.scenes.sections import Section
 from ddgcli.scenes.units import quantity, vector

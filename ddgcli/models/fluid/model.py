@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from ddgcli.errors import MeshError
 from ddgcli.mesh.tet_mesh import TetMesh
 from ddgcli.models.fluid.context import FluidContext
-from ddgcli.models.fluid.parts import BoundaryPart, Harmonic, Initial
+from ddgcli.models.fluid.effect_parts import BoundaryPart, Harmonic, Initial
 from ddgcli.models.fluid.phases import FluidSetting, Phase, PhaseRequest, Step
 from ddgcli.models.fluid.scene import OPEN_TRANSPORTS, TRANSPORTS
 from ddgcli.models.fluid.space import FlowSpace
@@ -92,22 +92,22 @@ def _cut(scene: Scene, number: int, context: FluidContext, read: Callable[[str],
     return cut
 
 
-Part = Initial | BoundaryPart | Harmonic | PhaseRequest
-PlacedParts = list[tuple[Key, str, Part]]
+EffectPart = Initial | BoundaryPart | Harmonic | PhaseRequest
+PlacedEffectParts = list[tuple[Key, str, EffectPart]]
 
 
-def parts_of(scene: Scene, context: FluidContext) -> PlacedParts:
+def effect_parts_of(scene: Scene, context: FluidContext) -> PlacedEffectParts:
     """(place in the scene, effect, part) of all that the scene's effects ask of one fluid."""
 
-    def make(effect: Effect, parameters: Any, key: Key) -> PlacedParts:
+    def make(effect: Effect, parameters: Any, key: Key) -> PlacedEffectParts:
         target = getattr(parameters, "object", None)
         if target is not None:
             scene.find(target, (*key, "object"), ("fluid",))
             if target != context.name:
                 return []
-        return [(key, effect.name, part) for part in effect.build(parameters, context)]
+        return [(key, effect.name, effect_part) for effect_part in effect.build(parameters, context)]
 
-    return [entry for parts in scene.build(make) for entry in parts]
+    return [entry for effect_parts in scene.build(make) for entry in effect_parts]
 
 
 def build(scene: Scene, fluids: dict[str, FluidContext], account: Account) -> dict[str, FluidModel]:
@@ -124,7 +124,7 @@ class FluidModel:
 
     def __init__(self, scene: Scene, number: int, context: FluidContext, account: Account) -> None:
         self.context, self.account, self.scene = context, account, scene
-        declared = parts_of(scene, context)
+        declared = effect_parts_of(scene, context)
         if context.is_volume:
             self.setting = self._volume_setting(declared)
         else:
@@ -132,18 +132,22 @@ class FluidModel:
         self.space = self.setting.space
         self.transport = self._transport()
         requested = [
-            self._phase(key, name, part) for key, name, part in declared if isinstance(part, PhaseRequest)
+            self._phase(key, name, effect_part)
+            for key, name, effect_part in declared
+            if isinstance(effect_part, PhaseRequest)
         ]
         phases = [phase for phase in requested if phase is not None]
-        self.sources = [phase for phase in phases if phase.stage == "source"]
-        self.tracers = [phase for phase in phases if phase.stage == "tracer"]
+        self.sources = [phase for phase in phases if phase.step_stage == "source"]
+        self.tracers = [phase for phase in phases if phase.step_stage == "tracer"]
         self.start = self._start(declared)
 
     # ------------------------------------------------------------------ assembly
 
-    def _surface_setting(self, declared: PlacedParts, number: int) -> FluidSetting:
+    def _surface_setting(self, declared: PlacedEffectParts, number: int) -> FluidSetting:
         context, account = self.context, self.account
-        harmonic = next((part for _, _, part in declared if isinstance(part, Harmonic)), None)
+        harmonic = next(
+            (effect_part for _, _, effect_part in declared if isinstance(effect_part, Harmonic)), None
+        )
         conditions = self._conditions(declared)
         try:
             space = SurfaceSpace(
@@ -163,7 +167,7 @@ class FluidModel:
             conditions.slip if conditions else None, conditions is not None and conditions.is_open,
         )  # fmt: skip
 
-    def _volume_setting(self, declared: PlacedParts) -> FluidSetting:
+    def _volume_setting(self, declared: PlacedEffectParts) -> FluidSetting:
         from ddgcli.models.fluid.volume_conditions import volume_conditions
         from ddgcli.models.fluid.volume_space import VolumeSpace
 
@@ -174,10 +178,14 @@ class FluidModel:
                     key, f"{effect} acts on surfaces; take it out for the volume {context.name!r}"
                 )
         space = VolumeSpace(context.mesh, None, lambda: account.within("solver"), context.name)
-        sections = [(key, part) for key, _, part in declared if isinstance(part, BoundaryPart)]
+        sections = [
+            (key, effect_part) for key, _, effect_part in declared if isinstance(effect_part, BoundaryPart)
+        ]
         if sections:
             try:
-                space.conditions = volume_conditions(context, [part for _, part in sections], space)
+                space.conditions = volume_conditions(
+                    context, [effect_part for _, effect_part in sections], space
+                )
             except ValueError as error:
                 self.scene.refuse(sections[0][0], f"boundary: {error}")
         friction = space.conditions is not None and bool(space.conditions.friction.any())
@@ -186,15 +194,17 @@ class FluidModel:
             is_open=space.conditions is not None and space.conditions.is_open,
         )  # fmt: skip
 
-    def _conditions(self, declared: PlacedParts) -> BoundaryConditions | None:
+    def _conditions(self, declared: PlacedEffectParts) -> BoundaryConditions | None:
         """Conditions of the effect `boundary`; None without it."""
-        sections = [(key, part) for key, _, part in declared if isinstance(part, BoundaryPart)]
+        sections = [
+            (key, effect_part) for key, _, effect_part in declared if isinstance(effect_part, BoundaryPart)
+        ]
         if not sections:
             return None
         from ddgcli.models.fluid.conditions import boundary_conditions
 
         try:
-            return boundary_conditions(self.context, [part for _, part in sections])
+            return boundary_conditions(self.context, [effect_part for _, effect_part in sections])
         except ValueError as error:
             self.scene.refuse(sections[0][0], f"boundary: {error}")
 
@@ -213,18 +223,18 @@ class FluidModel:
             )
         return importlib.import_module(modules[dimension]).transport(self.setting, scene.time)
 
-    def _phase(self, key: Key, effect: str, part: PhaseRequest) -> Phase | None:
+    def _phase(self, key: Key, effect: str, effect_part: PhaseRequest) -> Phase | None:
         try:
-            return part.make(self.setting)
+            return effect_part.make(self.setting)
         except ValueError as error:
             self.scene.refuse(key, f"{effect}: {error}")
 
-    def _start(self, declared: PlacedParts) -> FluidState:
+    def _start(self, declared: PlacedEffectParts) -> FluidState:
         arrays = self.flows.rest()
-        for key, effect, part in declared:
-            if isinstance(part, Initial):
+        for key, effect, effect_part in declared:
+            if isinstance(effect_part, Initial):
                 try:
-                    change = part.make(self.space)
+                    change = effect_part.make(self.space)
                 except ValueError as error:
                     self.scene.refuse(key, f"{effect}: {error}")
                 for name, values in change.items():
@@ -274,9 +284,11 @@ class FluidModel:
     def observe(self, state: FluidState) -> Observation:
         """What the space and the phases show of a state."""
         observations = [self.flows.observed(state), *(phase.observed(state) for phase in self.phases)]
-        vertex = {name: values for part in observations for name, values in part.vertex.items()}
+        vertex = {name: values for observation in observations for name, values in observation.vertex.items()}
         return Observation(
-            None, vertex, {name: value for part in observations for name, value in part.scalar.items()}
+            None,
+            vertex,
+            {name: value for observation in observations for name, value in observation.scalar.items()},
         )
 
     def pack(self, state: FluidState) -> dict[str, NDArray]:

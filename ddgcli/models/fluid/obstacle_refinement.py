@@ -37,10 +37,10 @@ def refined(context: FluidContext, distance: SignedDistance, times: int) -> Flui
 
 
 def _bisected(context: FluidContext, marked: np.ndarray) -> FluidContext:
-    parts = bisected(context.mesh, marked)
+    children = bisected(context.mesh, marked)
     vertex = {
-        name: np.concatenate([values, values[parts.ends].mean(axis=1)])
+        name: np.concatenate([values, values[children.ends].mean(axis=1)])
         for name, values in context.vertex.items()
     }
-    face = {name: values[parts.parent] for name, values in context.face.items()}
-    return replace(context, mesh=parts.mesh, vertex=vertex, face=face)
+    face = {name: values[children.parent] for name, values in context.face.items()}
+    return replace(context, mesh=children.mesh, vertex=vertex, face=face)

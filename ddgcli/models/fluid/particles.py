@@ -114,7 +114,7 @@ class ParticlesPhase:
     """Cells and barycentric coordinates of the particles in the state; positions in the frames."""
 
     effect = "particles"
-    stage: Literal["transport", "source", "tracer"] = "tracer"
+    step_stage: Literal["transport", "source", "tracer"] = "tracer"
     order = 2
 
     def __init__(self, setting: FluidSetting, section: ParticlesSection) -> None:

@@ -49,14 +49,14 @@ class Phase(Protocol):
     ----------
     effect : str
         Name under which its seconds are booked; "" books them to the integrator.
-    stage : {'transport', 'source', 'tracer'}
+    step_stage : {'transport', 'source', 'tracer'}
         Where it stands in a step.
     order : int
         Order in time.
     """
 
     effect: str
-    stage: Literal["transport", "source", "tracer"]
+    step_stage: Literal["transport", "source", "tracer"]
     order: int
 
     def start(self) -> dict[str, NDArray]:
@@ -76,7 +76,7 @@ class FlowPhase:
     """Base of phases that change the flow and add nothing to the state or to the frames."""
 
     effect = ""
-    stage: Literal["transport", "source", "tracer"] = "source"
+    step_stage: Literal["transport", "source", "tracer"] = "source"
     order = 2
 
     def start(self) -> dict[str, NDArray]:

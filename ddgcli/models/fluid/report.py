@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.mesh.fields import Frame
+from ddgcli.mesh.fields import TrajectoryFrame
 from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
 from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.tet_mesh import TetMesh
@@ -35,7 +35,7 @@ def summary(outcome: Outcome, models: Mapping[str, FluidModel]) -> tuple[dict[st
     """
     names, series, last = list(models), outcome.series, outcome.last
     results: dict[str, Any] = {
-        "frames": outcome.frames,
+        "frames": outcome.n_frames,
         "steps": outcome.steps,
         **({"smallest_step": outcome.smallest_step} if outcome.steps else {}),
         "rejected_steps": outcome.events,
@@ -137,7 +137,7 @@ def _drift(values: NDArray, scale: float) -> float:
     return largest / (scale or float(np.abs(values).max()) or 1.0)
 
 
-def generator_circulations(last: Frame | None, models: Mapping[str, FluidModel]) -> list[float]:
+def generator_circulations(last: TrajectoryFrame | None, models: Mapping[str, FluidModel]) -> list[float]:
     """Circulation at the end along edge loops that generate the homology, object by object.
 
     Along an edge the velocity is the mean of its faces'.
@@ -161,7 +161,7 @@ def generator_circulations(last: Frame | None, models: Mapping[str, FluidModel])
     return circulations
 
 
-def _loops(model: FluidModel, vorticity: NDArray, last: Frame) -> list[float]:
+def _loops(model: FluidModel, vorticity: NDArray, last: TrajectoryFrame) -> list[float]:
     from ddgcli.algorithms.hodge.homology import generator_loops
 
     space = model.space
@@ -188,7 +188,7 @@ def assembled(
     """Facts of a dry run."""
     return {
         "steps": schedule.steps,
-        "frames": schedule.frames,
+        "frames": schedule.n_frames,
         "integrator": scene.time.integrator,
         "effects": [effect.name for effect, _, _ in scene.effects],
         "fluids": {name: model.space.assembled() for name, model in models.items()},

@@ -51,8 +51,8 @@ class Coriolis(FlowPhase):
         if not fastest <= RK4_LIMIT:
             raise StepRejected("rotation", value=fastest)
         slopes = [self._rate(*start)]
-        for part in (0.5, 0.5, 1.0):
-            slopes.append(self._rate(*(q + part * dt * k for q, k in zip(start, slopes[-1]))))
+        for step_share in (0.5, 0.5, 1.0):
+            slopes.append(self._rate(*(q + step_share * dt * k for q, k in zip(start, slopes[-1]))))
         vorticity, coefficients = (
             q + dt / 6.0 * (k1 + 2.0 * (k2 + k3) + k4) for q, k1, k2, k3, k4 in zip(start, *slopes)
         )

@@ -130,7 +130,7 @@ class TracerPhase:
     source : Source, optional
     """
 
-    stage: Literal["transport", "source", "tracer"] = "tracer"
+    step_stage: Literal["transport", "source", "tracer"] = "tracer"
     order = 2
 
     def __init__(self, effect: str, amount: NDArray, tracer: Any, source: Source | None = None) -> None:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.mesh.tet_mesh import TET_FACES
-from ddgcli.models.fluid.parts import BoundaryPart
+from ddgcli.models.fluid.effect_parts import BoundaryPart
 from ddgcli.scenes.expressions import evaluate
 
 FLUX_TOLERANCE = 1e-9  # net flux over the absolute flux that counts as rounding
@@ -47,7 +47,7 @@ def walls(space: Any) -> VolumeConditions:
     return VolumeConditions(np.zeros(space.n_faces), none, np.zeros(count, dtype=bool), np.zeros((count, 3)))
 
 
-def volume_conditions(context: Any, parts: Sequence[BoundaryPart], space: Any) -> VolumeConditions:
+def volume_conditions(context: Any, sections: Sequence[BoundaryPart], space: Any) -> VolumeConditions:
     """Conditions of every boundary face: the first part that holds at its centroid, or a wall at rest.
 
     Raises
@@ -58,30 +58,32 @@ def volume_conditions(context: Any, parts: Sequence[BoundaryPart], space: Any) -
     cell, i = space.boundary
     face, centre, area = space.cell_face[cell, i], space.face_centre[cell, i], space.area[cell, i]
     vertices = space.cells[cell[:, None], TET_FACES[i]]
-    owner = np.full(len(face), len(parts))
-    for number, part in reversed(list(enumerate(parts))):
+    owner = np.full(len(face), len(sections))
+    for number, section in reversed(list(enumerate(sections))):
         covered = np.ones(len(face), dtype=bool)
-        if part.where is not None:
-            covered &= evaluate(part.where, dict(zip("xyz", centre.T))) != 0
-        if part.obstacle is not None:
-            covered &= context.obstacles[part.obstacle][vertices].all(axis=1)
+        if section.where is not None:
+            covered &= evaluate(section.where, dict(zip("xyz", centre.T))) != 0
+        if section.obstacle is not None:
+            covered &= context.obstacles[section.obstacle][vertices].all(axis=1)
         owner[covered] = number
-    rest = "no-slip" if any(part.kind != "free-slip" for part in parts) else "free-slip"
-    kind = np.array([part.kind for part in parts] + [rest])[owner]
+    rest = "no-slip" if any(section.kind != "free-slip" for section in sections) else "free-slip"
+    kind = np.array([section.kind for section in sections] + [rest])[owner]
     velocity, flux, natural = np.zeros((len(face), 3)), np.zeros(len(face)), np.zeros(len(face), dtype=bool)
-    for number, part in enumerate(parts):
+    for number, section in enumerate(sections):
         own = owner == number
-        if part.kind in ("inflow", "outflow") and not own.any():
-            raise ValueError(f"{part.kind}: no boundary face lies where {part.where!r} holds; check `where`")
-        if part.velocity is not None:
+        if section.kind in ("inflow", "outflow") and not own.any():
+            raise ValueError(
+                f"{section.kind}: no boundary face lies where {section.where!r} holds; check `where`"
+            )
+        if section.velocity is not None:
             place = dict(zip("xyz", centre[own].T))
-            velocity[own] = np.stack([evaluate(text, place) for text in part.velocity], axis=1)
-        if part.kind in ("inflow", "outflow"):
+            velocity[own] = np.stack([evaluate(text, place) for text in section.velocity], axis=1)
+        if section.kind in ("inflow", "outflow"):
             size = np.linalg.norm(area[own], axis=1)
             crossing = np.einsum("ia,ia->i", velocity[own], area[own])
-            flux[own] = part.flux * size / size.sum() if part.flux is not None else crossing
-            natural[own] = part.kind == "outflow" and part.velocity is None and part.flux is None
-    _refuse_imbalance(flux, natural, {part.kind for part in parts})
+            flux[own] = section.flux * size / size.sum() if section.flux is not None else crossing
+            natural[own] = section.kind == "outflow" and section.velocity is None and section.flux is None
+    _refuse_imbalance(flux, natural, {section.kind for section in sections})
     on_faces, open_faces = np.zeros(space.n_faces), np.zeros(space.n_faces, dtype=bool)
     on_faces[face], open_faces[face] = flux, natural
     return VolumeConditions(

@@ -42,10 +42,10 @@ class VolumePaths:
             fall = -np.einsum("pia,pa->pi", self.space.slope[here], step)
             reach = np.divide(weight, fall, out=np.full_like(weight, np.inf), where=fall > 1e-14)
             exit_ = np.argmin(reach, axis=1)
-            part = np.minimum(reach[np.arange(len(active)), exit_], 1.0)
-            points[active] += part[:, None] * step
-            rest = (1.0 - part)[:, None] * step
-            inside = part >= 1.0
+            share = np.minimum(reach[np.arange(len(active)), exit_], 1.0)
+            points[active] += share[:, None] * step
+            rest = (1.0 - share)[:, None] * step
+            inside = share >= 1.0
             beyond = self.neighbour[here, exit_]
             cell[active] = np.where(inside | (beyond < 0), here, beyond)
             wall = ~inside & (beyond < 0)

@@ -41,7 +41,7 @@ def rate(space: VolumeSpace, flux: NDArray) -> NDArray[np.float64]:
 class EnergyTransport(FlowPhase):
     """Implicit midpoint rule."""
 
-    stage = "transport"
+    step_stage = "transport"
 
     def __init__(self, setting: FluidSetting) -> None:
         self.space = setting.volume
@@ -56,7 +56,7 @@ class EnergyTransport(FlowPhase):
 class VolumeCirculationTransport(FlowPhase):
     """Dual edges carried backwards; what it loses is booked in the state."""
 
-    stage = "transport"
+    step_stage = "transport"
 
     def __init__(self, setting: FluidSetting) -> None:
         self.space, self.paths = setting.volume, setting.volume_paths

@@ -85,8 +85,8 @@ def build(parameters: Attach, context: ShellContext) -> list[Any]:
     if parameters.to_vertices is not None or parameters.stiffness is not None:
         raise ValueError("to_vertices and stiffness are for ties to another shell; an obstacle holds exactly")
     kinds = FixedCoordinates | PrescribedMotion
-    held = [part for parts in context.terms.values() for part in parts if isinstance(part, kinds)]
-    if any(part.mask[vertices].any() for part in held):
+    held = [term for terms in context.terms.values() for term in terms if isinstance(term, kinds)]
+    if any(term.mask[vertices].any() for term in held):
         raise ValueError("a vertex is already held by another effect; leave it out of one of them")
     mask = np.zeros((context.mesh.n_vertices, 3), dtype=bool)
     mask[vertices] = True

@@ -14,7 +14,7 @@ from pydantic import Field
 from scipy.sparse import coo_array, csr_array
 
 from ddgcli.geometry.intrinsic import corner_cotan
-from ddgcli.mechanics.terms import Mode, Potential, at_last_point, parts
+from ddgcli.mechanics.terms import Mode, Potential, at_last_point, row_blocks
 from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.models.shell import hinge
@@ -54,34 +54,34 @@ class HingeBending:
         self.stencil, self.weight, self.rest = stencil, weight, rest
 
     @at_last_point
-    def _frame(self, x: NDArray) -> hinge.HingeFrame:
-        return hinge.frame(x, self.stencil)
+    def _hinge_frame(self, x: NDArray) -> hinge.HingeFrame:
+        return hinge.hinge_frame(x, self.stencil)
 
     def energy(self, x: NDArray) -> float:
-        bend = hinge.wrapped(self._frame(x).angle - self.rest)
+        bend = hinge.wrapped(self._hinge_frame(x).angle - self.rest)
         return float(np.sum(self.weight * bend**2))
 
     def gradient(self, x: NDArray) -> NDArray[np.float64]:
-        frame = self._frame(x)
-        moment = 2 * self.weight * hinge.wrapped(frame.angle - self.rest)
-        return sum_by_index(self.stencil, moment[:, None, None] * hinge.angle_gradient(frame), len(x))
+        hinge_frame = self._hinge_frame(x)
+        moment = 2 * self.weight * hinge.wrapped(hinge_frame.angle - self.rest)
+        return sum_by_index(self.stencil, moment[:, None, None] * hinge.angle_gradient(hinge_frame), len(x))
 
     def blocks(self, x: NDArray, mode: Mode) -> NDArray[np.float64]:
-        frame, block = self._frame(x), self._block
-        moment = 2 * self.weight * hinge.wrapped(frame.angle - self.rest)
+        hinge_frame, block = self._hinge_frame(x), self._block
+        moment = 2 * self.weight * hinge.wrapped(hinge_frame.angle - self.rest)
         room = np.zeros((2, 512, 9, 12))
-        for part in parts(len(self.stencil), room.shape[1]):
-            piece, double = frame[part], 2 * self.weight[part, None]
+        for rows in row_blocks(len(self.stencil), room.shape[1]):
+            piece, double = hinge_frame[rows], 2 * self.weight[rows, None]
             left, right = room[:, : len(double)]
             slope = hinge.angle_gradient(piece).reshape(-1, 12)
             if mode != "exact":
-                np.multiply((double * slope)[:, :, None], slope[:, None, :], out=block[part])
+                np.multiply((double * slope)[:, :, None], slope[:, None, :], out=block[rows])
                 continue
             right[:, 8], left[:, 8] = slope, double * slope
             hinge.hessian_factors(piece, right[:, 4:8], right[:, 0:4])
-            np.multiply(moment[part, None, None], right[:, 4:8], out=left[:, 0:4])
-            np.multiply(moment[part, None, None], right[:, 0:4], out=left[:, 4:8])
-            np.matmul(left.transpose(0, 2, 1), right, out=block[part])
+            np.multiply(moment[rows, None, None], right[:, 4:8], out=left[:, 0:4])
+            np.multiply(moment[rows, None, None], right[:, 0:4], out=left[:, 4:8])
+            np.matmul(left.transpose(0, 2, 1), right, out=block[rows])
         return block
 
     @cached_property
@@ -161,7 +161,7 @@ def build(parameters: Bending, context: ShellContext) -> list[Potential]:
     scaled, plain = hinge_measure(mesh, stencil, context.face_area)
     if parameters.model == "hinge":
         flat = parameters.rest == "flat"
-        rest = np.zeros(len(stencil)) if flat else hinge.frame(np.asarray(mesh.points), stencil).angle
+        rest = np.zeros(len(stencil)) if flat else hinge.hinge_frame(np.asarray(mesh.points), stencil).angle
         return [HingeBending(stencil, rigidity / PLATE_RATIO * scaled, rest)]
     if parameters.model == "cubic":
         from ddgcli.models.shell.cubic import CubicBending
@@ -169,7 +169,7 @@ def build(parameters: Bending, context: ShellContext) -> list[Potential]:
         weight = rigidity / PLATE_RATIO * scaled
         return [CubicBending(np.asarray(mesh.points), stencil, weight, parameters.rest == "flat")]
     if parameters.rest == "input":
-        bent = np.abs(hinge.frame(np.asarray(mesh.points), stencil).angle).max(initial=0.0)
+        bent = np.abs(hinge.hinge_frame(np.asarray(mesh.points), stencil).angle).max(initial=0.0)
         if bent > FLAT_ANGLE_TOLERANCE:
             raise ValueError(
                 f"model quadratic is at rest when flat, and the input bends by {bent:.3g} rad; "

@@ -50,16 +50,16 @@ class Contact(Section):
 
 
 def build(parameters: Contact, context: ShellContext) -> list[Any]:
-    parts: list[Any] = []
+    terms: list[Any] = []
     for pair in parameters.pairs:
         obstacle = _obstacle_of(pair, parameters.pairs, context)
         if obstacle is not None:
-            parts += _with_obstacle(parameters, context, obstacle)
+            terms += _with_obstacle(parameters, context, obstacle)
     if _meets_itself(parameters, context):
         from ddgcli.models.shell.pairs import self_pairs
 
-        parts += self_pairs(parameters, context)
-    return parts
+        terms += self_pairs(parameters, context)
+    return terms
 
 
 def _with_obstacle(parameters: Contact, context: ShellContext, obstacle: Obstacle) -> list[Any]:
@@ -118,13 +118,13 @@ def coupled(parameters: Contact) -> list[tuple[str, str]]:
 
 def between(parameters: Contact, contexts: dict[str, tuple[ShellContext, NDArray]]) -> list[Any]:
     """Contact of the shells of one group with each other; `contexts` has each with its rows."""
-    parts: list[Any] = []
+    terms: list[Any] = []
     for pair in parameters.pairs:
         if all(name in contexts for name in pair):
             from ddgcli.models.shell.pairs import shell_pairs
 
-            parts += shell_pairs(parameters, contexts, pair)
-    return parts
+            terms += shell_pairs(parameters, contexts, pair)
+    return terms
 
 
 def _obstacle_of(pair: list[str], pairs: list[list[str]], context: ShellContext) -> Obstacle | None:

@@ -38,7 +38,7 @@ class CubicBending:
 
     def __init__(self, x: NDArray, stencil: NDArray, weight: NDArray, flat: bool = False) -> None:
         self.stencil = stencil
-        f = hinge.frame(x, stencil)
+        f = hinge.hinge_frame(x, stencil)
         rest = np.zeros(len(stencil)) if flat else f.angle
         a = np.stack(
             [-(1 - f.s) / f.h - (1 - f.st) / f.ht, -f.s / f.h - f.st / f.ht, 1 / f.h, 1 / f.ht], axis=1

@@ -79,12 +79,12 @@ class StiffnessDamping:
 def build(parameters: Damping, context: ShellContext) -> list[MassDamping | StiffnessDamping]:
     if parameters.mass == 0 and parameters.stiffness == 0:
         raise ValueError("give mass (1/s) or stiffness (s) greater than 0, or leave the line out")
-    parts: list[MassDamping | StiffnessDamping] = []
+    terms: list[MassDamping | StiffnessDamping] = []
     if parameters.mass:
-        parts.append(MassDamping(parameters.mass * context.mass))
+        terms.append(MassDamping(parameters.mass * context.mass))
     if parameters.stiffness:
-        parts += [StiffnessDamping(p, parameters.stiffness) for p in context.elastic]
-    return parts
+        terms += [StiffnessDamping(p, parameters.stiffness) for p in context.elastic]
+    return terms
 
 
 EFFECT = Effect("damping", Damping, build, "the material Hessian once a step, for stiffness", ("shell",))

@@ -71,12 +71,12 @@ class EdgeMoment:
         return EdgeMoment(self.couple, self.side, self.corner, self.direction, self.bending, turn)
 
     @at_last_point
-    def _frame(self, x: NDArray) -> hinge.HingeFrame:
+    def _hinge_frame(self, x: NDArray) -> hinge.HingeFrame:
         return one_sided_frame(x, self.corner, self.direction)
 
     def turns(self, x: NDArray) -> NDArray[np.float64]:
         """(c,) turns of the faces, within half a turn of those at the last step."""
-        return self.turn + hinge.wrapped(self._frame(x).angle - self.turn)
+        return self.turn + hinge.wrapped(self._hinge_frame(x).angle - self.turn)
 
     def added_rotations(self) -> NDArray[np.float64] | float:
         """Rotations of edges that the couples add; 0 without directors."""
@@ -87,14 +87,14 @@ class EdgeMoment:
         return inner + float(self.couple @ self.turns(x))
 
     def gradient(self, x: NDArray) -> NDArray[np.float64]:
-        slope = self.couple[:, None, None] * hinge.angle_gradient(self._frame(x))[:, :3]
+        slope = self.couple[:, None, None] * hinge.angle_gradient(self._hinge_frame(x))[:, :3]
         total = sum_by_index(self.corner, slope, len(x))
         return total if self.bending is None else total + self.bending.pulled_back(x, self.weight)
 
     def blocks(self, x: NDArray, mode: Mode) -> NDArray[np.float64]:
         if mode != "exact":
             return np.zeros((len(self.stencil), 12, 12))
-        face = self.couple[:, None, None] * hinge.angle_hessian(self._frame(x))
+        face = self.couple[:, None, None] * hinge.angle_hessian(self._hinge_frame(x))
         if self.bending is None:
             return face
         return np.concatenate([self.weight[:, None, None] * self.bending.angle_hessians(x), face])

@@ -26,14 +26,14 @@ def face_arrays(
     """
     arrays: dict[str, NDArray] = {}
     points = np.asarray(context.mesh.points)
-    frame = _frames(points, np.asarray(context.mesh.faces))
-    gradient = _deformation(points, x, np.asarray(context.mesh.faces), frame)
+    face_frame = _face_frames(points, np.asarray(context.mesh.faces))
+    gradient = _deformation(points, x, np.asarray(context.mesh.faces), face_frame)
     for potential in potentials:
         if hasattr(potential, "green_strain"):
             strain, second = potential.green_strain(x)
             stretch = np.sqrt(np.linalg.det(np.matmul(gradient.transpose(0, 2, 1), gradient)))
             cauchy = second / (stretch * float(context.shell.thickness or 1.0))[:, None, None]
-            arrays["strain_tensor"] = _in_space(frame, strain)
+            arrays["strain_tensor"] = _in_space(face_frame, strain)
             arrays["principal_strain"] = np.linalg.eigvalsh(strain)[:, ::-1]
             spatial = np.matmul(np.matmul(gradient, cauchy), gradient.transpose(0, 2, 1))
             arrays["stress"] = spatial.reshape(-1, 9)
@@ -46,7 +46,7 @@ def face_arrays(
     return arrays
 
 
-def _frames(points: NDArray, faces: NDArray) -> NDArray[np.float64]:
+def _face_frames(points: NDArray, faces: NDArray) -> NDArray[np.float64]:
     """(m, 3, 2) orthonormal tangents at rest: along the first side, and across it."""
     e, f = points[faces[:, 1]] - points[faces[:, 0]], points[faces[:, 2]] - points[faces[:, 0]]
     first = e / np.linalg.norm(e, axis=1)[:, None]
@@ -54,11 +54,11 @@ def _frames(points: NDArray, faces: NDArray) -> NDArray[np.float64]:
     return np.stack([first, across / np.linalg.norm(across, axis=1)[:, None]], axis=2)
 
 
-def _deformation(points: NDArray, x: NDArray, faces: NDArray, frame: NDArray) -> NDArray[np.float64]:
+def _deformation(points: NDArray, x: NDArray, faces: NDArray, face_frame: NDArray) -> NDArray[np.float64]:
     """(m, 3, 2) deformation gradients in these frames."""
     rest = np.stack([points[faces[:, k]] - points[faces[:, 0]] for k in (1, 2)], axis=2)
     now = np.stack([x[faces[:, k]] - x[faces[:, 0]] for k in (1, 2)], axis=2)
-    return np.matmul(now, np.linalg.inv(np.matmul(frame.transpose(0, 2, 1), rest)))
+    return np.matmul(now, np.linalg.inv(np.matmul(face_frame.transpose(0, 2, 1), rest)))
 
 
 def _rotation(gradient: NDArray) -> NDArray[np.float64]:
@@ -67,9 +67,9 @@ def _rotation(gradient: NDArray) -> NDArray[np.float64]:
     return np.matmul(u, vt)
 
 
-def _in_space(frame: NDArray, tensor: NDArray) -> NDArray[np.float64]:
+def _in_space(face_frame: NDArray, tensor: NDArray) -> NDArray[np.float64]:
     """(m, 9) rows of the 3 x 3 matrices of (m, 2, 2) tensors in frames (m, 3, 2)."""
-    return np.matmul(np.matmul(frame, tensor), frame.transpose(0, 2, 1)).reshape(-1, 9)
+    return np.matmul(np.matmul(face_frame, tensor), face_frame.transpose(0, 2, 1)).reshape(-1, 9)
 
 
 def _tangent_values(tensor: NDArray) -> NDArray[np.float64]:

@@ -72,13 +72,13 @@ def groups(scene: Scene, shells: dict[str, ShellContext]) -> list[Group]:
     ]
 
 
-def parts_between(scene: Scene, group: Group) -> list[Any]:
+def terms_between(scene: Scene, group: Group) -> list[Any]:
     """What effects make between the shells of a group."""
-    parts: list[Any] = []
+    terms: list[Any] = []
     for effect, parameters, key in scene.effects:
         if effect.between is not None:
             try:
-                parts += effect.between(parameters, group.rows())
+                terms += effect.between(parameters, group.rows())
             except ValueError as error:
                 scene.refuse(key, f"{effect.name}: {error}")
-    return parts
+    return terms

@@ -54,10 +54,10 @@ class Handle(Section):
 
 def build(parameters: Handle, context: ShellContext) -> list[PrescribedMotion]:
     vertices = context.chosen(parameters.vertices, parameters.box, ("effects", "handle"))
-    for name, parts in context.terms.items():
-        for part in parts:
-            if isinstance(part, FixedCoordinates | PrescribedMotion):
-                shared = vertices[part.mask[vertices].any(axis=1)]
+    for name, terms in context.terms.items():
+        for term in terms:
+            if isinstance(term, FixedCoordinates | PrescribedMotion):
+                shared = vertices[term.mask[vertices].any(axis=1)]
                 if len(shared):
                     raise ValueError(
                         f"vertex {shared[0]} already belongs to a {name}; leave it out of one of them"

@@ -50,12 +50,12 @@ class HingeFrame:
     length: NDArray
     angle: NDArray
 
-    def __getitem__(self, part: slice) -> HingeFrame:
+    def __getitem__(self, rows: slice) -> HingeFrame:
         """Some of the hinges."""
-        return HingeFrame(*(getattr(self, field.name)[..., part] for field in fields(self)))
+        return HingeFrame(*(getattr(self, field.name)[..., rows] for field in fields(self)))
 
 
-def frame(x: NDArray, stencil: NDArray) -> HingeFrame:
+def hinge_frame(x: NDArray, stencil: NDArray) -> HingeFrame:
     """Geometry of the hinges at positions x."""
     x0, x1, x2, x3 = (np.ascontiguousarray(x[stencil[:, k]].T) for k in range(4))
     e, p, q = x1 - x0, x2 - x0, x3 - x0

@@ -72,17 +72,17 @@ class HingeMoment:
         return HingeMoment(self.stencil, factor * self.moment, self.rest)
 
     def energy(self, x: NDArray) -> float:
-        turned = hinge.wrapped(hinge.frame(x, self.stencil).angle - self.rest)
+        turned = hinge.wrapped(hinge.hinge_frame(x, self.stencil).angle - self.rest)
         return -float(np.sum(self.moment * turned))
 
     def gradient(self, x: NDArray) -> NDArray[np.float64]:
-        slope = hinge.angle_gradient(hinge.frame(x, self.stencil))
+        slope = hinge.angle_gradient(hinge.hinge_frame(x, self.stencil))
         return sum_by_index(self.stencil, -self.moment[:, None, None] * slope, len(x))
 
     def blocks(self, x: NDArray, mode: Mode) -> NDArray[np.float64]:
         if mode != "exact":
             return np.zeros((len(self.stencil), 12, 12))
-        return -self.moment[:, None, None] * hinge.angle_hessian(hinge.frame(x, self.stencil))
+        return -self.moment[:, None, None] * hinge.angle_hessian(hinge.hinge_frame(x, self.stencil))
 
 
 def build(parameters: Load, context: ShellContext) -> list[Any]:
@@ -142,8 +142,8 @@ def _moment(parameters: Load, context: ShellContext) -> HingeMoment:
             f"no interior edge joins the vertices {parameters.edge}; a moment acts between two faces"
         )
     x = np.asarray(context.mesh.points)
-    frame = hinge.frame(x, stencil[edge])
-    return HingeMoment(stencil[edge], float(parameters.moment or 0) * frame.length, frame.angle)
+    hinge_frame = hinge.hinge_frame(x, stencil[edge])
+    return HingeMoment(stencil[edge], float(parameters.moment or 0) * hinge_frame.length, hinge_frame.angle)
 
 
 EFFECT = Effect("load", Load, build, "one addition a step", ("shell",), repeatable=True)

@@ -99,20 +99,20 @@ class MidedgeBending:
         self._conormals = conormal_products(mesh.side_length)
         self._matrices()
         self.stencil = self._stencil(faces)
-        self.rest = np.zeros(len(self.hinges)) if flat else hinge.frame(x, self.hinges).angle
+        self.rest = np.zeros(len(self.hinges)) if flat else hinge.hinge_frame(x, self.hinges).angle
         self._clamp_rest = self._clamp_frame(x).angle
 
     # ------------------------------------------------------------ constants of the rest shape
 
     def _angles(self, sides: int) -> None:
-        """Number the angles and the rotations: `_angle`, `_part`, `_rotation`, `_sign` of every side."""
+        """Number the angles and the rotations: `_angle`, `_half_turn`, `_rotation`, `_sign` of every side."""
         h, c = len(self.hinges), len(self.clamps.side)
-        self._angle, self._part = np.zeros(sides, dtype=np.int64), np.zeros(sides)
+        self._angle, self._half_turn = np.zeros(sides, dtype=np.int64), np.zeros(sides)
         self._rotation, self._sign = np.full(sides, -1), np.ones(sides)
         for side in (self._first, self._second):
-            self._angle[side], self._part[side], self._rotation[side] = np.arange(h), 0.5, np.arange(h)
+            self._angle[side], self._half_turn[side], self._rotation[side] = np.arange(h), 0.5, np.arange(h)
         self._sign[self._second] = -1.0
-        self._angle[self.clamps.side], self._part[self.clamps.side] = h + np.arange(c), 1.0
+        self._angle[self.clamps.side], self._half_turn[self.clamps.side] = h + np.arange(c), 1.0
         self._sign[self.clamps.side] = 0.0
         alone = (self._rotation < 0) & (self._sign != 0)
         self._rotation[alone] = h + np.arange(np.count_nonzero(alone))
@@ -121,7 +121,7 @@ class MidedgeBending:
     def _matrices(self) -> None:
         """Second derivatives of the energy: rotations, rotations by angles, angles."""
         rotation, angle = np.maximum(self._rotation, 0).reshape(-1, 3), self._angle.reshape(-1, 3)
-        slope, part = self._slope.reshape(-1, 3), self._part.reshape(-1, 3)
+        slope, half_turn = self._slope.reshape(-1, 3), self._half_turn.reshape(-1, 3)
         angles = len(self.hinges) + len(self.clamps.side)
 
         def summed(rows: NDArray, left: NDArray, columns: NDArray, right: NDArray, shape: tuple) -> csr_array:
@@ -136,8 +136,8 @@ class MidedgeBending:
 
         k = self.internal
         self._solver = Factor(summed(rotation, slope, rotation, slope, (k, k))) if k else None
-        self._mixed = summed(rotation, slope, angle, part, (k, angles))
-        self._stiffness = summed(angle, part, angle, part, (angles, angles))
+        self._mixed = summed(rotation, slope, angle, half_turn, (k, angles))
+        self._stiffness = summed(angle, half_turn, angle, half_turn, (angles, angles))
 
     def _stencil(self, faces: NDArray) -> NDArray[np.int64]:
         across = np.repeat(faces[:, :1], 3, axis=1).ravel()
@@ -148,8 +148,8 @@ class MidedgeBending:
     # ------------------------------------------------------------ geometry at positions x
 
     @at_last_point
-    def _frame(self, x: NDArray) -> hinge.HingeFrame:
-        return hinge.frame(x, self.hinges)
+    def _hinge_frame(self, x: NDArray) -> hinge.HingeFrame:
+        return hinge.hinge_frame(x, self.hinges)
 
     @at_last_point
     def _clamp_frame(self, x: NDArray) -> hinge.HingeFrame:
@@ -160,7 +160,7 @@ class MidedgeBending:
         """Change of the angles: hinges, then clamped sides."""
         return np.concatenate(
             [
-                hinge.wrapped(self._frame(x).angle - self.rest),
+                hinge.wrapped(self._hinge_frame(x).angle - self.rest),
                 hinge.wrapped(self._clamp_frame(x).angle - self._clamp_rest),
             ]
         )
@@ -185,8 +185,8 @@ class MidedgeBending:
         strain = self.strain(x)
         rotation = np.concatenate([self.rotations(strain) + added, [0.0]])
         whole = np.concatenate([strain, [0.0]])
-        angle = np.where(self._part > 0, self._angle, len(strain))
-        return (self._part * whole[angle] + self._slope * rotation[self._rotation]).reshape(-1, 3)
+        angle = np.where(self._half_turn > 0, self._angle, len(strain))
+        return (self._half_turn * whole[angle] + self._slope * rotation[self._rotation]).reshape(-1, 3)
 
     # ------------------------------------------------------------ the potential
 
@@ -199,13 +199,16 @@ class MidedgeBending:
     def pulled_back(self, x: NDArray, moment: NDArray) -> NDArray[np.float64]:
         """(n, 3) forces that moments about the hinges and the clamped sides are on the vertices."""
         h = len(self.hinges)
-        slope = moment[:h, None, None] * hinge.angle_gradient(self._frame(x))
+        slope = moment[:h, None, None] * hinge.angle_gradient(self._hinge_frame(x))
         held = moment[h:, None, None] * hinge.angle_gradient(self._clamp_frame(x))[:, :3]
         return sum_by_index(self.hinges, slope, len(x)) + sum_by_index(self._clamp_corner, held, len(x))
 
     def turned(self, x: NDArray, move: NDArray) -> NDArray[np.float64]:
         """Change of the angles by a small move (n, 3) of the vertices at x."""
-        slope, held = hinge.angle_gradient(self._frame(x)), hinge.angle_gradient(self._clamp_frame(x))[:, :3]
+        slope, held = (
+            hinge.angle_gradient(self._hinge_frame(x)),
+            hinge.angle_gradient(self._clamp_frame(x))[:, :3],
+        )
         return np.concatenate(
             [
                 np.einsum("hvi,hvi->h", slope, move[self.hinges]),
@@ -217,7 +220,7 @@ class MidedgeBending:
         """(m, 27, 27) Hessians in positions and rotations: the rotations are unknowns of their own here."""
         m = len(self.stencil)
         rate = np.zeros((3 * m, NODES, 3))
-        slope = 0.5 * hinge.angle_gradient(self._frame(x))
+        slope = 0.5 * hinge.angle_gradient(self._hinge_frame(x))
         corner, opposite = np.arange(3), 3
         for side, order in ((self._first, (0, 1, 2, 3)), (self._second, (1, 0, 3, 2))):
             j = side % 3
@@ -236,7 +239,7 @@ class MidedgeBending:
         """Add moment times Hessian of the angle, of a hinge to its first face."""
         h, moment = len(self.hinges), self._moment(x)
         terms = (
-            (self._first, hinge.angle_hessian(self._frame(x)), moment[:h], 4),
+            (self._first, hinge.angle_hessian(self._hinge_frame(x)), moment[:h], 4),
             (self.clamps.side, hinge.angle_hessian(self._clamp_frame(x))[:, :9, :9], moment[h:], 3),
         )
         for side, hessian, weight, nodes in terms:
@@ -264,8 +267,8 @@ class MidedgeBending:
 
     def angle_hessians(self, x: NDArray) -> NDArray[np.float64]:
         """(h + c, 12, 12) Hessians of the angles."""
-        frames = self._frame(x), self._clamp_frame(x)
-        return np.concatenate([hinge.angle_hessian(frame) for frame in frames])
+        hinge_frames = self._hinge_frame(x), self._clamp_frame(x)
+        return np.concatenate([hinge.angle_hessian(hinge_frame) for hinge_frame in hinge_frames])
 
     def couples(self, x: NDArray) -> tuple[NDArray, NDArray]:
         """((c, 2) ends of the clamped sides, (c, 3) moments in N m that the clamp exerts on them)."""
@@ -372,5 +375,5 @@ def one_sided_frame(x: NDArray, corner: NDArray, direction: NDArray) -> hinge.Hi
     tail, head, apex = x[corner[:, 0]], x[corner[:, 1]], x[corner[:, 2]]
     length = np.sqrt(dot((head - tail).T, (head - tail).T))[:, None]
     points = np.concatenate([tail, head, apex, tail - length * direction])
-    f = hinge.frame(points, np.arange(4 * c).reshape(4, c).T)
+    f = hinge.hinge_frame(points, np.arange(4 * c).reshape(4, c).T)
     return replace(f, nt=np.zeros_like(f.nt), ht=np.full(c, np.inf), st=np.zeros(c))

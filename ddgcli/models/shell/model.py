@@ -18,7 +18,7 @@ from ddgcli.mechanics.terms import FixedCoordinates, Memory, PrescribedMotion, P
 from ddgcli.mesh.require import unmet_need
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.models.shell.context import ShellContext
-from ddgcli.models.shell.groups import Group, groups, parts_between
+from ddgcli.models.shell.groups import Group, groups, terms_between
 from ddgcli.scenes.scene import Scene
 from ddgcli.scenes.sections import Key
 from ddgcli.scenes.shapes import PlacedMesh, place
@@ -99,7 +99,7 @@ def models(
     return {group.name: _model(scene, group, systems[group.name]) for group in groups(scene, shells)}
 
 
-def parts_of(scene: Scene, context: ShellContext) -> list[Any]:
+def terms_of(scene: Scene, context: ShellContext) -> list[Any]:
     """What the scene's effects make for one shell."""
 
     def make(effect: Effect, parameters: Any, key: Key) -> list[Any]:
@@ -114,11 +114,11 @@ def parts_of(scene: Scene, context: ShellContext) -> list[Any]:
             if target != context.shell.name:
                 return []
         terms = effect.build(parameters, context)
-        if terms and not any(_strength(part) for part in terms):
+        if terms and not any(_strength(any_term) for any_term in terms):
             log.warning(
                 "effect %s on %s has no strength: it changes nothing", effect.name, context.shell.name
             )
-        terms = [_with_name(part, effect, parameters, key) for part in terms]
+        terms = [_with_name(any_term, effect, parameters, key) for any_term in terms]
         context.terms.setdefault(effect.name, []).extend(terms)
         return terms
 
@@ -126,78 +126,84 @@ def parts_of(scene: Scene, context: ShellContext) -> list[Any]:
     # elastic terms first, which damping needs; handles last, which must not share vertices with pins
     ranks = {"stretching": 0, "bending": 0, "attach": 2, "handle": 3}
     ordered = sorted(scene.effects, key=lambda entry: ranks.get(entry[0].name, 1))
-    return [part for terms in replace(scene, effects=tuple(ordered)).build(make) for part in terms]
+    return [any_term for terms in replace(scene, effects=tuple(ordered)).build(make) for any_term in terms]
 
 
-def _with_name(part: Any, effect: Effect, parameters: Any, key: Key) -> Any:
+def _with_name(any_term: Any, effect: Effect, parameters: Any, key: Key) -> Any:
     """Pins and handles with the name of their reaction force: their own, or that of the effect."""
-    if not isinstance(part, FixedCoordinates | PrescribedMotion):
-        return part
+    if not isinstance(any_term, FixedCoordinates | PrescribedMotion):
+        return any_term
     default = effect.name if len(key) < 3 else f"{effect.name}_{key[2]}"
-    return replace(part, name=parameters.name or default)
+    return replace(any_term, name=parameters.name or default)
 
 
-def _strength(part: Any) -> bool:
+def _strength(any_term: Any) -> bool:
     """Whether a term can do anything: dead forces and moments may be zero."""
-    part = getattr(part, "potential", part)
-    values = getattr(part, "force", getattr(part, "moment", None))
+    any_term = getattr(any_term, "potential", any_term)
+    values = getattr(any_term, "force", getattr(any_term, "moment", None))
     return values is None or bool(np.any(values))
 
 
-def _ramped(parts: list[Any], time: Any) -> list[Any]:
+def _ramped(all_terms: list[Any], time: Any) -> list[Any]:
     """Loads without a ramp grow with time where the scene has load steps."""
     if getattr(time, "load_steps", 1) == 1:
-        return parts
+        return all_terms
     times, factors = np.array([0.0, time.duration]), np.array([0.0, 1.0])
 
-    def ramp(part: Any) -> Any:
-        return ProportionalLoad(part, time.duration) if time.arc_length else RampedLoad(part, times, factors)
+    def ramp(any_term: Any) -> Any:
+        return (
+            ProportionalLoad(any_term, time.duration)
+            if time.arc_length
+            else RampedLoad(any_term, times, factors)
+        )
 
-    ramps = {id(part): ramp(part) for part in parts if hasattr(part, "scaled")}
-    return [_with_ramp(ramps.get(id(part), part), ramps) for part in parts]
+    ramps = {id(any_term): ramp(any_term) for any_term in all_terms if hasattr(any_term, "scaled")}
+    return [_with_ramp(ramps.get(id(any_term), any_term), ramps) for any_term in all_terms]
 
 
-def _with_ramp(part: Any, ramps: dict[int, Any]) -> Any:
+def _with_ramp(any_term: Any, ramps: dict[int, Any]) -> Any:
     """A memory whose potential has become a ramp, with that ramp; anything else as it is."""
-    if not isinstance(part, Memory) or id(part.potential) not in ramps:
-        return part
-    memory: Any = part
+    if not isinstance(any_term, Memory) or id(any_term.potential) not in ramps:
+        return any_term
+    memory: Any = any_term
     return replace(memory, potential=ramps[id(memory.potential)])
 
 
 def make_system(scene: Scene, context: ShellContext, account: Account) -> System:
     """Masses of a shell and what the scene's effects make for it."""
-    return System(context.mass, _own_parts(scene, context), account, np.asarray(context.mesh.points))
+    return System(context.mass, _own_terms(scene, context), account, np.asarray(context.mesh.points))
 
 
 def _group_system(scene: Scene, group: Group, account: Account) -> System:
     """Masses of the shells of a group and what the scene's effects make for and between them."""
     if len(group.shells) == 1:
         return make_system(scene, next(iter(group.shells.values())), account)
-    from ddgcli.mechanics.embedding import Rows, embedded_parts
+    from ddgcli.mechanics.embedding import Rows, embedded_terms
 
-    parts, ends = [], group.ends
+    all_terms, ends = [], group.ends
     for start, context in zip(ends, group.shells.values()):
         rows = Rows(int(start), context.mesh.n_vertices, int(ends[-1]))
-        parts += embedded_parts(_own_parts(scene, context), rows)
+        all_terms += embedded_terms(_own_terms(scene, context), rows)
     mass = np.concatenate([context.mass for context in group.shells.values()])
     start = np.concatenate([np.asarray(context.mesh.points) for context in group.shells.values()])
     size = max(float(np.ptp(points, axis=0).max()) for points in group.split(start).values())
-    return System(mass, [*parts, *parts_between(scene, group)], account, start, size)
+    return System(mass, [*all_terms, *terms_between(scene, group)], account, start, size)
 
 
-def _own_parts(scene: Scene, context: ShellContext) -> list[Any]:
+def _own_terms(scene: Scene, context: ShellContext) -> list[Any]:
     """Terms of one shell by itself."""
     if getattr(scene.time, "arc_length", None) and scene.time.load_steps == 1:
         scene.refuse(("time", "arc_length"), "arc_length needs load_steps, the most steps along the path")
-    parts = _ramped(parts_of(scene, context), scene.time)
+    all_terms = _ramped(terms_of(scene, context), scene.time)
     loose = ~context.mesh.topology.referenced_vertex
     if loose.any():
-        parts.append(FixedCoordinates(np.repeat(loose[:, None], 3, axis=1)))
-    held = [part.mask for part in parts if isinstance(part, FixedCoordinates | PrescribedMotion)]
+        all_terms.append(FixedCoordinates(np.repeat(loose[:, None], 3, axis=1)))
+    held = [
+        any_term.mask for any_term in all_terms if isinstance(any_term, FixedCoordinates | PrescribedMotion)
+    ]
     if held and np.logical_or.reduce(held).all():
         log.warning("every vertex of %s is held: it does not move", context.shell.name)
-    return parts
+    return all_terms
 
 
 def _model(scene: Scene, group: Group, system: System) -> Model[Motion]:

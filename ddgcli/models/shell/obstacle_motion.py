@@ -85,11 +85,11 @@ def motion_of(obstacle: Obstacle, middle: NDArray) -> PlacedMotion:
     count = len(obstacle.times)
     still = [Rotation(axis=(0.0, 0.0, 1.0), degrees=0.0)] * count
     displacements = np.zeros((count, 3)) if obstacle.positions is None else np.array(obstacle.positions)
-    frames = RigidKeyFrames(
+    key_frames = RigidKeyFrames(
         np.zeros((0, 3)), center, np.array(obstacle.times), displacements,
         turns(obstacle.rotations or still), obstacle.interpolation != "linear",
     )  # fmt: skip
-    return PlacedMotion(turn, shift, frames)
+    return PlacedMotion(turn, shift, key_frames)
 
 
 def middle_of(obstacle: Obstacle) -> NDArray[np.float64]:

@@ -267,9 +267,9 @@ class MovingPairBarrier(PairBarrier):
         candidates = ipctk().Candidates()
         candidates.build(mesh.mesh, before, radius, ipctk().LBVH())
         distance = candidates.compute_per_vertex_safe_distances(mesh.mesh, before, radius)[: len(rows)]
-        part = np.where(distance >= radius, 0.0, carry_weight(distance, travel, self.range))
+        weight = np.where(distance >= radius, 0.0, carry_weight(distance, travel, self.range))
         moved = x.copy()
-        moved[rows] += part[:, None] * travel
+        moved[rows] += weight[:, None] * travel
         after = mesh.joined(moved, self.time)
         return moved if mesh.free_part(before, after) == 1.0 else None
 

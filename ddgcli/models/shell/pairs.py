@@ -42,7 +42,7 @@ def obstacle_pairs(parameters: Any, context: ShellContext, obstacle: Obstacle) -
     )  # fmt: skip
     kind = (MovingPairBarrier, MovingPairFriction) if obstacle.moving else (PairBarrier, PairFriction)
     velocity = motion.pose(0.0).velocity
-    return _parts(parameters, [context], mesh, obstacle.name, kind, velocity)
+    return _pair_terms(parameters, [context], mesh, obstacle.name, kind, velocity)
 
 
 def _obstacle_mesh(context: ShellContext, obstacle: Obstacle) -> TriangleMesh:
@@ -61,7 +61,7 @@ def self_pairs(parameters: Any, context: ShellContext) -> list[Any]:
         np.arange(shell.n_vertices), np.asarray(shell.points), shell.topology.edges, np.asarray(shell.faces),
         [(context.shell.name, 0, 0)],
     )  # fmt: skip
-    return _parts(parameters, [context], mesh, "", (PairBarrier, PairFriction))
+    return _pair_terms(parameters, [context], mesh, "", (PairBarrier, PairFriction))
 
 
 def shell_pairs(
@@ -76,10 +76,10 @@ def shell_pairs(
         [(pair[0], 0, 0), (pair[1], n, a.n_faces)],
         np.repeat([0, 1], [n, b.n_vertices]),
     )  # fmt: skip
-    return _parts(parameters, [first, second], mesh, "", (PairBarrier, PairFriction))
+    return _pair_terms(parameters, [first, second], mesh, "", (PairBarrier, PairFriction))
 
 
-def _parts(
+def _pair_terms(
     parameters: Any,
     contexts: list[ShellContext],
     mesh: PairMesh,

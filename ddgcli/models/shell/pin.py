@@ -41,7 +41,7 @@ class Pin(Section):
 def build(parameters: Pin, context: ShellContext) -> list[FixedCoordinates]:
     vertices = context.chosen(parameters.vertices, parameters.box, ("effects", "pin"))
     # mid-edge bending has found the edges between the vertices and holds their directions
-    directions = any(hasattr(part, "couples") for part in context.terms.get("bending", []))
+    directions = any(hasattr(term, "couples") for term in context.terms.get("bending", []))
     if parameters.clamp and not directions:
         touched = np.isin(context.mesh.faces, vertices).any(axis=1)
         vertices = np.unique(np.concatenate([vertices, context.mesh.faces[touched].ravel()]))

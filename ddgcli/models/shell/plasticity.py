@@ -85,7 +85,7 @@ class HingeFlow(PlasticFlow):
     def _change(self, x: NDArray, rest: NDArray) -> NDArray[np.float64]:
         from ddgcli.models.shell import hinge
 
-        return hinge.wrapped(hinge.frame(x, self.potential.stencil).angle - rest)
+        return hinge.wrapped(hinge.hinge_frame(x, self.potential.stencil).angle - rest)
 
     def at(self, memory: Arrays) -> Potential:
         return type(self.potential)(self.potential.stencil, self.potential.weight, memory["rest"])
@@ -150,9 +150,9 @@ class MembraneFlow(PlasticFlow):
         bound = np.sign(principal) * (strain - increment)[:, None]
         beyond = np.abs(principal) > np.abs(bound)
         safe = np.where(beyond, principal, 1.0)
-        part = np.where(beyond, bound * (1 + 2 * safe) / (safe * (1 + 2 * bound)), 1.0).min(axis=1)
-        part = part[:, None, None]
-        return (1 - part) * self._metric(x) + part * rest
+        fraction = np.where(beyond, bound * (1 + 2 * safe) / (safe * (1 + 2 * bound)), 1.0).min(axis=1)
+        fraction = fraction[:, None, None]
+        return (1 - fraction) * self._metric(x) + fraction * rest
 
 
 def _inverse_root(metric: NDArray) -> NDArray[np.float64]:

@@ -86,7 +86,7 @@ def summary(
     }
     energies["total"] = {"start": float(series["energy"][0]), "end": float(series["energy"][-1])}
     results = {
-        "frames": outcome.frames,
+        "frames": outcome.n_frames,
         "time": last.time,
         "steps": outcome.steps,
         **({"smallest_step": outcome.smallest_step} if outcome.steps else {}),
@@ -169,17 +169,19 @@ def _faces(
     contexts: dict[str, ShellContext], systems: dict[str, System], end: dict[str, NDArray], order: Order
 ) -> dict[str, NDArray]:
     """Arrays on the faces of all shells, those that every shell has."""
-    from ddgcli.mechanics.embedding import parts_of_rows
+    from ddgcli.mechanics.embedding import terms_of_rows
     from ddgcli.models.shell.face_arrays import face_arrays
 
     starts = dict.fromkeys(systems, 0)
-    parts = []
+    scalars = []
     for (owner, count), context in zip(order, contexts.values()):
         rows = slice(starts[owner], starts[owner] + count)
         starts[owner] += count
-        parts.append(face_arrays(context, parts_of_rows(systems[owner].potentials, rows), end[owner][rows]))
-    shared = set.intersection(*(set(part) for part in parts))
-    return {name: np.concatenate([part[name] for part in parts]) for name in parts[0] if name in shared}
+        scalars.append(face_arrays(context, terms_of_rows(systems[owner].potentials, rows), end[owner][rows]))
+    shared = set.intersection(*(set(scalar) for scalar in scalars))
+    return {
+        name: np.concatenate([scalar[name] for scalar in scalars]) for name in scalars[0] if name in shared
+    }
 
 
 def _unbooked(system: System) -> System:
@@ -244,7 +246,7 @@ def assembled(
         "integrator": scene.time.integrator,
         "order": INTEGRATORS[scene.time.integrator].order,
         "steps": schedule.steps,
-        "frames": schedule.frames,
+        "frames": schedule.n_frames,
         "step": schedule.dt,
     }
     for group in groups(scene, shells):

@@ -94,10 +94,10 @@ def _pulled_back(sides: NDArray, by_real: NDArray, by_imaginary: NDArray) -> NDA
     by_right = by_real[:, None] * left + np.cross(by_imaginary, left) - ab[:, None] * by_imaginary
     by_ab = (-by_real * cd - row_dot(by_imaginary, right))[:, None]
     by_cd = (-by_real * ab - row_dot(by_imaginary, left))[:, None]
-    parts = (
+    derivatives = (
         np.cross(b, by_left) + by_ab * b,
         np.cross(by_left, a) + by_ab * a,
         np.cross(d, by_right) + by_cd * d,
         np.cross(by_right, c) + by_cd * c,
     )
-    return np.stack(parts, axis=1)
+    return np.stack(derivatives, axis=1)

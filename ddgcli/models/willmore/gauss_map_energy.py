@@ -240,7 +240,9 @@ class GaussMapEnergy:
         by_fall[:, 0] -= 0.25 * counted[:, None] * np.cross(t.fall[:, 1], unit)
         by_fall[:, 1] -= 0.25 * counted[:, None] * np.cross(unit, t.fall[:, 0])
         by_skew, by_squared, s_by_area = _s_shape_gradient(t.skew, t.squared, t.corner_dot, area)
-        by_skew, by_squared = (counted[:, None, None] * part[..., None] for part in (by_skew, by_squared))
+        by_skew, by_squared = (
+            counted[:, None, None] * derivative[..., None] for derivative in (by_skew, by_squared)
+        )
         by_twice = by_skew * side
         by_cosine = (-2.0 * counted[:, None] * t.lean)[..., None]
         by_corner = (by_twice + by_fall)[:, NEXT] + (by_twice - by_fall)[:, PREVIOUS]

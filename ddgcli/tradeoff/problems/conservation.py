@@ -28,7 +28,7 @@ from ddgcli.simulation.time_loop import evolve
 from ddgcli.tradeoff.candidates import NO_OPTIONS, Candidate, CommandOptions, Problem, Reference
 
 STEP_FACTORS = (4.0, 2.0, 1.0, 0.5)  # of the candidates, in units of the system's step
-FRAMES = 32  # at which the drift is observed
+N_OBSERVATIONS = 32  # at which the drift is observed
 MAX_STEPS = 400  # of a scene's own length
 EXPLICIT = ("symplectic-euler", "verlet")
 EXPLICIT_WORK, IMPLICIT_WORK = 2e-4, 3e-3  # estimated seconds of a step of a small system
@@ -149,7 +149,7 @@ def example_problem(name: str, quantity: str, *, options: CommandOptions = NO_OP
 
     def setup(integrator: str, step: float, span: float) -> Any:
         count = max(1, round(span / step))
-        schedule = Schedule(span / count, count, max(1, count // FRAMES))
+        schedule = Schedule(span / count, count, max(1, count // N_OBSERVATIONS))
         return {name: _model(example, integrator)}, schedule, Account(), 2.0, float(np.ptp(example.x))
 
     span = _span(options, example.step, example.duration)
@@ -169,7 +169,7 @@ def scene_problem(
     step = options.get("step") or time.step or time.duration / 50
 
     def setup(integrator: str, dt: float, span: float) -> Any:
-        every = max(dt, span / FRAMES)
+        every = max(dt, span / N_OBSERVATIONS)
         overrides = {"integrator": integrator, "step": dt, "duration": span, "frame_every": every}
         scene, account = resolve(document, KIND, overrides), Account()
         for effect in (entry[0].name for entry in scene.effects):
@@ -249,8 +249,8 @@ def _problem(
 
     def solve(state: Any) -> NDArray[np.float64]:
         models, schedule, account, mass, size = state
-        frames = [snapshot.observations for snapshot in evolve(models, schedule, account)]
-        return np.array([drift(frames, quantity, mass, size)])
+        observations = [snapshot.observations for snapshot in evolve(models, schedule, account)]
+        return np.array([drift(observations, quantity, mass, size)])
 
     candidates = []
     for count in counts:
@@ -278,11 +278,11 @@ SCALES = {
 }
 
 
-def drift(frames: Sequence[Mapping[str, Any]], quantity: str, mass: float, size: float) -> float:
+def drift(observations: Sequence[Mapping[str, Any]], quantity: str, mass: float, size: float) -> float:
     """Largest change of a quantity since the start, relative to its scale, over all objects."""
     worst = 0.0
-    for name in frames[0]:
-        scalars = [frame[name].scalar for frame in frames]
+    for name in observations[0]:
+        scalars = [observation[name].scalar for observation in observations]
         kinetic = max(float(scalar["energy_kinetic"]) for scalar in scalars)
         scale = kinetic if quantity == "energy" else np.sqrt(2.0 * mass * kinetic)
         scale = scale * size if quantity == "angular-momentum" else scale

@@ -21,7 +21,7 @@ STEP_FACTORS = (4.0, 2.0, 1.0, 0.5)
 REFERENCE_STEP_FACTORS = (1 / 8, 1 / 2, 2.0)
 TOLERANCES = (1e-3, 1e-5)
 TIME_OPTIONS = ("steps", "duration", "step", "tolerance", "integrator")
-Frames = Sequence[Mapping[str, Any]]  # observations by object, of each frame
+ObservationSeries = Sequence[Mapping[str, Any]]  # observations by object, of each frame
 MAX_STEPS = 16  # of the scene's own length: later, chaos dominates the errors
 
 
@@ -71,14 +71,14 @@ def fluid_problem(
     )
 
 
-def _displacement(frames: Frames) -> NDArray[np.float64]:
-    first, last = frames[0], frames[-1]
+def _displacement(observations: ObservationSeries) -> NDArray[np.float64]:
+    first, last = observations[0], observations[-1]
     displacements = [last[name].points - first[name].points for name in first]
     return np.concatenate(displacements)
 
 
-def _vorticity(frames: Frames) -> NDArray[np.float64]:
-    return np.concatenate([frames[-1][name].vertex["vorticity"] for name in frames[-1]])
+def _vorticity(observations: ObservationSeries) -> NDArray[np.float64]:
+    return np.concatenate([observations[-1][name].vertex["vorticity"] for name in observations[-1]])
 
 
 def _problem(
@@ -88,7 +88,7 @@ def _problem(
     integrators: list[str],
     reference_integrator: str,
     options: CommandOptions,
-    answer: Callable[[Frames], NDArray],
+    answer: Callable[[ObservationSeries], NDArray],
     noun: str,
 ) -> Problem:
     """Problem of a scene.

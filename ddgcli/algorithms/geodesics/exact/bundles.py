@@ -194,12 +194,12 @@ class Bundles:
         begin = np.maximum(np.maximum(begin, local), stop)  # all from here pass on the right
         stop = np.where(stop - local >= MIN_PART_SIZE, stop, local)
         begin = np.where(end - begin >= MIN_PART_SIZE, begin, end)
-        left = _part(bundle, place, 0, stop - local)
-        bundles, places = _joined(left, _part(bundle, place, begin - local, end - begin))
+        left = _bundle_part(bundle, place, 0, stop - local)
+        bundles, places = _joined(left, _bundle_part(bundle, place, begin - local, end - begin))
         if len(places[0]):
             rows, start = ranges(places[1], places[2])
             bundles[LEFT : RIGHT_SLOPE + 1] = _hull(self.windows.lines[:4].take(rows, axis=1), start)
-        return (bundles, places), _part(bundle, place, stop - local, begin - stop), len(left[1][0])
+        return (bundles, places), _bundle_part(bundle, place, stop - local, begin - stop), len(left[1][0])
 
     def _hand_on(self, bundle: NDArray, place: NDArray, n_left: int) -> None:
         """Move bundles to the sides across: the first `n_left` by (v0, apex), the others by (apex, v1)."""
@@ -262,7 +262,9 @@ def _joined(a: tuple[NDArray, NDArray], b: tuple[NDArray, NDArray]) -> tuple[NDA
     return np.concatenate([a[0], b[0]], axis=1), np.concatenate([a[1], b[1]], axis=1)
 
 
-def _part(bundle: NDArray, place: NDArray, skip: NDArray | int, count: NDArray) -> tuple[NDArray, NDArray]:
+def _bundle_part(
+    bundle: NDArray, place: NDArray, skip: NDArray | int, count: NDArray
+) -> tuple[NDArray, NDArray]:
     """Bundles of `count` windows after the first `skip` of others, where there are any."""
     some = (count > 0).nonzero()[0]
     place = np.stack([place[0], place[1] + skip, count])

@@ -305,8 +305,8 @@ def _origin_values(values: NDArray, origin: NDArray) -> NDArray[np.int64]:
 def _start(wavefront: Wavefront, mesh: SurfaceMesh, sources: Sources) -> None:
     """Launch every source; a point at a corner of its face is that vertex."""
     vertices, numbers = [sources.vertex], [np.arange(len(sources.vertex))]
-    for part, of_curves in zip((vertices, numbers), sources.curve_vertices(mesh)):
-        part.append(of_curves)
+    for values_by_kind, of_curves in zip((vertices, numbers), sources.curve_vertices(mesh)):
+        values_by_kind.append(of_curves)
     inner = []
     for i, (face, weights) in enumerate(zip(sources.points.face, sources.points.barycentric)):
         source = len(sources.vertex) + i

@@ -261,7 +261,7 @@ def _bends(topology: Topology, shape: NDArray, angle: NDArray) -> tuple[NDArray,
     bends[topology.edges[topology.nonmanifold_edges]] = True
     inaccurate = np.zeros(len(bends), dtype=bool)
     length, height = shape[:, 0].reshape(-1, 3).T, shape[:, 2].reshape(-1, 3).T
-    low, long = (reduce(least, part) for least, part in ((np.minimum, height), (np.maximum, length)))
+    low, long = (reduce(least, values) for least, values in ((np.minimum, height), (np.maximum, length)))
     inaccurate[faces[~(low > 1e-8 * long)]] = True
     bends |= inaccurate
     bends[_pinched(topology, np.flatnonzero(~bends & topology.referenced_vertex))] = True

@@ -59,8 +59,8 @@ class NearestVertices:
         """Run a wavefront until a tenth of the vertices are final; another run continues it."""
         enough = max(NEAR_FRACTION * wavefront.tables.n_vertices, MIN_NEAR_VERTICES)
         final, work = [0], [0.0]
-        for part in (0.25, 1.0):
-            wavefront.run(most_windows=most_windows, enough=part * enough)
+        for fraction in (0.25, 1.0):
+            wavefront.run(most_windows=most_windows, enough=fraction * enough)
             final.append(wavefront.final)
             work.append(wavefront.windows + LAUNCH_COST * wavefront.origins.count)
         density = np.diff(work) / np.maximum(np.diff(final), 1)
