@@ -14,7 +14,8 @@ SOLID_OPERATORS = ("cotan", "uniform")
 SOLID_MASSES = ("lumped", "galerkin")
 SMOOTHING_FLOWS = ("mean-curvature", "conformalized")
 EVOLUTIONS = ("heat", "wave")  # equations in time
-PARAMETERIZATIONS = ("harmonic", "conformal")
+PARAMETERIZATIONS = ("harmonic", "conformal", "discrete-conformal")
+CONFORMAL_BOUNDARIES = ("free", "lengths", "angles")  # of discrete conformal maps
 
 HODGE_STARS = ("galerkin", "circumcentric", "barycentric")
 FIELD_BOUNDARIES = ("tangential", "normal")  # boundary condition of harmonic fields

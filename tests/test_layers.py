@@ -43,7 +43,8 @@ TOPICS = {
     "repair": set(),
     "delaunay": {"tracing"},
     "curvature": {"delaunay"},
-    "laplacian": {"delaunay"},
+    "conformal": {"delaunay"},
+    "laplacian": {"delaunay", "conformal"},
     "geodesics": {"tracing", "delaunay"},
     "tangent_fields": {"tracing", "delaunay", "geodesics"},
 }

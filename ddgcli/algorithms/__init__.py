@@ -5,6 +5,7 @@ the layers below (mesh, geometry, linalg, operators) and the topics that `tests/
 """
 
 __all__ = [
+    "conformal",
     "curvature",
     "delaunay",
     "geodesics",

@@ -30,9 +30,10 @@ SHORT_FIELDS: dict[str, dict[str, str]] = {
     },
     "laplacian": {
         "results": "operator mass unknowns eigenvalues poisson harmonic parameterization flipped_triangles "
-        "conformal_distortion smooth_flow smooth_time smooth_area smooth_sensible_time hks_times",
+        "seam_edges log_scale_factor conformal_distortion smooth_flow smooth_time smooth_area "
+        "smooth_sensible_time hks_times",
         "accuracy": "negative_weights eigen_complete hks_truncation poisson_residual harmonic_residual "
-        "parameterize_residual smooth_residual",
+        "parameterize_residual angle_sum_residual smooth_residual",
     },
     "dec": {
         "results": "star simplices negative_star_entries",

@@ -2,6 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ddgcli.algorithms.conformal.conformal_map import ConformalMap
+from ddgcli.algorithms.conformal.conformal_map import conformal_map as core_conformal_map
 from ddgcli.algorithms.delaunay.intrinsic_delaunay import DelaunayResult
 from ddgcli.algorithms.delaunay.intrinsic_delaunay import intrinsic_delaunay as core_intrinsic_delaunay
 from ddgcli.algorithms.delaunay.triangulation import flip_to_delaunay
@@ -9,7 +16,61 @@ from ddgcli.library.mesh_arguments import accepts_arrays
 from ddgcli.mesh.intrinsic_mesh import IntrinsicMesh, SurfaceMesh
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 
-__all__ = ["delaunay_refinement", "intrinsic_delaunay"]
+__all__ = ["conformal_map", "delaunay_refinement", "intrinsic_delaunay"]
+
+
+@accepts_arrays("surface")
+def conformal_map(
+    mesh: TriangleMesh,
+    cones: Mapping[int, float] | None = None,
+    *,
+    boundary: str = "free",
+    boundary_values: ArrayLike | None = None,
+    operator: str | None = None,
+) -> ConformalMap:
+    """Discrete conformal map to the plane with prescribed angle sums, of a surface of any genus.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh or (points, faces) pair
+        A connected oriented manifold, closed or with boundary.
+    cones : mapping of vertex to degrees, optional
+        Angle sums; 360 at other interior vertices. On the boundary with `boundary='angles'` only.
+    boundary : {'free', 'lengths', 'angles'}
+        'free' keeps the lengths of boundary edges; 'lengths' takes logarithmic scale factors; 'angles' takes
+        angle sums in degrees, straight or nearly a circle where there are none.
+    boundary_values : (n,) array_like, optional
+        Read at boundary vertices.
+    operator : {'intrinsic-delaunay', 'cotan'}, optional
+        Triangulation that defines the conformal class; default the intrinsic Delaunay triangulation.
+
+    Returns
+    -------
+    ConformalMap
+        `uv` (n, 2), None where seams give vertices several; `scale` (n,), log scale factors; `flat`, the
+        flat IntrinsicMesh; `layout`; `overlay()`, the common subdivision with `uv` and distortion;
+        `accuracy`; `converged`.
+
+    Raises
+    ------
+    MeshError
+        For several components, or no oriented manifold.
+    ParameterError
+        For angle sums that contradict Gauss-Bonnet, or values that do not belong to `boundary`.
+
+    References
+    ----------
+    M. Gillespie, B. Springborn, K. Crane, "Discrete Conformal Equivalence of Polyhedral Surfaces", 2021.
+
+    Examples
+    --------
+    >>> import ddgcli as ddg
+    >>> flat = ddg.conformal_map(ddg.icosphere(2), {0: 180, 3: 180, 6: 180, 9: 180})
+    >>> flat.converged, flat.uv is None, flat.overlay().vertex["uv"].shape[1]
+    (True, True, 2)
+    """
+    values = None if boundary_values is None else np.asarray(boundary_values, dtype=float)
+    return core_conformal_map(mesh, cones=cones, boundary=boundary, boundary_values=values, operator=operator)
 
 
 @accepts_arrays("surface", "intrinsic")

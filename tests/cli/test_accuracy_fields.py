@@ -22,6 +22,7 @@ RUNS = {
     "laplacian": ("laplacian", "cap", "--eigen", 3, "--poisson", "load"),
     "harmonic": ("laplacian", "cap", "--harmonic", "--fix", "1=0", "--fix", "20=1"),
     "flattened": ("laplacian", "cap", "--parameterize", "harmonic"),
+    "conformal": ("laplacian", "cap", "--parameterize", "discrete-conformal"),
     "smoothed": ("laplacian", "cap", "--smooth", 1e-2, "--smooth-steps", 2),
     "exact": ("geodesic", "ball", "--source", 1, "--certify"),
     "slack": ("geodesic", "fine ball", "--source", 1, "--tolerance", 1.0),
@@ -221,6 +222,18 @@ PLANTS = {
     ],
     "harmonic": [(*WILD, ["harmonic_residual", "maximum_principle_violation"])],
     "flattened": [(*SOLVE, ["parameterize_residual"])],
+    "conformal": [
+        (
+            "ddgcli.algorithms.conformal.conformal_map:cone_metric",
+            crooked(residual=lambda r: 1.0),
+            ["angle_sum_residual"],
+        ),
+        (
+            "ddgcli.algorithms.conformal.cone_metric:corner_angle",
+            lambda sound: lambda length: 1.01 * sound(length),
+            ["layout_residual"],
+        ),
+    ],
     "smoothed": [(*WILD, ["smooth_residual", "smooth_area_increases", "smooth_box_growth"])],
     "exact": [
         (

@@ -22,6 +22,7 @@ X = SQUARE.points[:, 0]
 CALLS = {
     "as_mesh": lambda m: ddg.as_mesh(m).faces,
     "betti_numbers": lambda m: ddg.betti_numbers(m).absolute,
+    "conformal_map": lambda m: ddg.conformal_map(m).uv,
     "connection_laplacian": lambda m: ddg.connection_laplacian(m).toarray(),
     "curvature": lambda m: ddg.curvature(m).vertex["mean_curvature"],
     "d0": lambda m: ddg.d0(m).toarray(),

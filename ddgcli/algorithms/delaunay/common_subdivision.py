@@ -6,6 +6,7 @@ input faces under each intrinsic edge gives the positions of the crossings.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -30,6 +31,7 @@ from ddgcli.mesh.ragged import list_starts
 from ddgcli.mesh.topology import Topology, sorted_sides
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 
+PlaceLines = Callable[[TriangleMesh, NDArray, NDArray, NDArray], tuple[NDArray, NDArray, float]]
 INPUT_VERTEX, STEINER_POINT, CROSSING = 0, 1, 2
 
 
@@ -228,7 +230,9 @@ class CrossingPositions:
         return _followed(vertices, topology.side_tail, topology.side_head, self.side, self.along)
 
 
-def common_subdivision(flipped: IntrinsicDelaunay, base: BaseTriangulation) -> CommonSubdivision:
+def common_subdivision(
+    flipped: IntrinsicDelaunay, base: BaseTriangulation, *, place_lines: PlaceLines = lines_over
+) -> CommonSubdivision:
     """The common subdivision of an input and its intrinsic triangulation by tracked flips.
 
     Parameters
@@ -236,6 +240,8 @@ def common_subdivision(flipped: IntrinsicDelaunay, base: BaseTriangulation) -> C
     flipped : IntrinsicDelaunay
         Of `flip_to_delaunay(base.mesh, track=True)`.
     base : BaseTriangulation
+    place_lines : callable
+        Positions of crossings along edges and base sides, as `lines_over` gives them.
 
     Raises
     ------
@@ -247,7 +253,7 @@ def common_subdivision(flipped: IntrinsicDelaunay, base: BaseTriangulation) -> C
     if flipped.crossings is None:
         raise MeshError("the flips were not tracked; call flip_to_delaunay(..., track=True)")
     mesh = flipped.mesh
-    positions, residual = _crossing_positions(flipped, base)
+    positions, residual = _crossing_positions(flipped, base, place_lines)
     names = Names(mesh.faces.ravel(), positions.n_before, 1)
     pieces = cut_faces(positions.halves, names, positions.labels)
     points = positions.points()
@@ -264,7 +270,7 @@ def common_subdivision(flipped: IntrinsicDelaunay, base: BaseTriangulation) -> C
 
 
 def _crossing_positions(
-    flipped: IntrinsicDelaunay, base: BaseTriangulation
+    flipped: IntrinsicDelaunay, base: BaseTriangulation, place_lines: PlaceLines
 ) -> tuple[CrossingPositions, float]:
     """Positions of the crossings with input edges, and the length residual of the intrinsic edges."""
     mesh = flipped.mesh
@@ -286,7 +292,7 @@ def _crossing_positions(
     for faces, k in ((side // 3, 0), (twin[side] // 3, 1)):
         holder[faces] = base.beside[crossed[np.cumsum(count) - count], k]
 
-    along, share, residual = lines_over(base.mesh, crossed, count, mesh.side_length.ravel()[side])
+    along, share, residual = place_lines(base.mesh, crossed, count, mesh.side_length.ravel()[side])
     if not base.real_side.all():  # edges inside input faces are auxiliary
         real = np.flatnonzero(base.real_side.take(crossed))
         crossed, label, along, share = (_moved_up(a, real) for a in (crossed, label, along, share))

@@ -9,9 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import coo_array, csr_array, diags_array
 
+from ddgcli.algorithms.conformal.distortion import angle_distortion, distortion_arrays, planar_area
 from ddgcli.algorithms.laplacian.laplace_operator import LaplaceOperator
 from ddgcli.errors import MeshError
-from ddgcli.geometry.intrinsic import corner_cotan, face_area
+from ddgcli.geometry.intrinsic import face_area
 from ddgcli.linalg.constrain import Dirichlet
 from ddgcli.linalg.factor import Factor
 from ddgcli.mesh.boundary import boundary_vertex_loops
@@ -19,7 +20,7 @@ from ddgcli.mesh.cures import cure
 from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
 from ddgcli.mesh.require import require
 from ddgcli.mesh.scatter import sum_by_index
-from ddgcli.mesh.topology import NEXT, PREVIOUS
+from ddgcli.mesh.topology import NEXT
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 
 log = logging.getLogger("ddgcli")
@@ -47,6 +48,8 @@ class Parameterization:
         Ratio of the singular values of the map on the input triangles (1 where conformal), area mean and max.
     residual : float
         Relative residual of the linear or eigenvalue problem.
+    distortion : dict of str to ndarray
+        Arrays on the faces of the mesh (see `distortion_arrays`).
     converged : bool
     """
 
@@ -57,6 +60,7 @@ class Parameterization:
     distortion_mean: float
     distortion_max: float
     residual: float
+    distortion: dict[str, NDArray[np.float64]]
     converged: bool = True
 
 
@@ -97,7 +101,7 @@ def parameterize_conformal(mesh: TriangleMesh, operator: LaplaceOperator) -> Par
         log.warning("the conformal map did not converge: residual %.2g", residual)
     uv = np.zeros((mesh.n_vertices, 2))
     uv[used] = _principal_axes(z, operator.mass.diagonal()[used])
-    total = 0.5 * _signed_area(uv[mesh.faces]).sum()
+    total = 0.5 * planar_area(uv[mesh.faces]).sum()
     uv *= np.sqrt(face_area(mesh.side_length).sum() / total) if total > 0 else 1.0
     return _with_quality(mesh, operator.surface, uv, residual, converged)
 
@@ -211,12 +215,6 @@ def _principal_axes(z: NDArray, weight: NDArray) -> NDArray[np.float64]:
     return np.stack([z.real, z.imag], axis=1)
 
 
-def _signed_area(corners: NDArray) -> NDArray[np.float64]:
-    """(m,) twice the signed area of (m, 3, 2) corners."""
-    a, b = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
-    return a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
-
-
 def _with_quality(
     mesh: TriangleMesh, surface: SurfaceMesh, uv: NDArray, residual: float, converged: bool
 ) -> Parameterization:
@@ -229,26 +227,19 @@ def _with_quality(
         )
     if flipped_input:
         log.warning("%d triangles of the mesh are flipped in the plane", flipped_input)
-    area, stretch = face_area(mesh.side_length), _distortion(mesh, uv)
+    area, stretch = face_area(mesh.side_length), angle_distortion(mesh, uv[mesh.faces])
     good = np.isfinite(stretch)
     mean = float((area * stretch)[good].sum() / area[good].sum()) if good.any() else float("inf")
     largest = float(stretch[good].max(initial=1.0))
-    return Parameterization(uv, flipped, flipped_input, collapsed_input, mean, largest, residual, converged)
+    arrays = distortion_arrays(mesh, uv[mesh.faces])
+    return Parameterization(
+        uv, flipped, flipped_input, collapsed_input, mean, largest, residual, arrays, converged
+    )
 
 
 def _flipped_and_collapsed(corners: NDArray) -> tuple[int, int]:
     """Number of (m, 3, 2) triangles with negative area, and with an area below the rounding of uv."""
-    area = _signed_area(corners)
+    area = planar_area(corners)
     longest = np.abs(corners[:, NEXT] - corners).max(axis=(1, 2))
     rounding = 8 * np.finfo(float).eps * np.abs(corners).max() * longest
     return int((area < -rounding).sum()), int((np.abs(area) <= rounding).sum())
-
-
-def _distortion(mesh: TriangleMesh, uv: NDArray) -> NDArray[np.float64]:
-    """(m,) ratio of the singular values; from K + 1/K = 2 (Dirichlet energy) / area."""
-    corners = uv[mesh.faces]
-    squared = ((corners[:, NEXT] - corners) ** 2).sum(axis=2)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        energy = 0.25 * (corner_cotan(mesh.side_length)[:, PREVIOUS] * squared).sum(axis=1)
-        half = np.maximum(energy / (0.5 * np.abs(_signed_area(corners))), 1.0)
-        return half + np.sqrt(half * half - 1.0)

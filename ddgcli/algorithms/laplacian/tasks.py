@@ -16,7 +16,7 @@ from ddgcli.algorithms.laplacian.laplace_operator import (
     negative_weights,
     symmetry_residual,
 )
-from ddgcli.choices import SMOOTHING_FLOWS
+from ddgcli.choices import CONFORMAL_BOUNDARIES, SMOOTHING_FLOWS
 from ddgcli.errors import ParameterError
 from ddgcli.geometry.extrinsic import face_area_vector
 from ddgcli.linalg.residual_gate import within_residuals
@@ -27,6 +27,7 @@ from ddgcli.mesh.vectors import vector_length
 from ddgcli.progress import ProgressCallback
 
 if TYPE_CHECKING:
+    from ddgcli.algorithms.conformal.conformal_map import ConformalMap
     from ddgcli.algorithms.laplacian.smooth import SmoothingResult
 
 log = logging.getLogger("ddgcli")
@@ -34,6 +35,7 @@ BOUNDARY_CURE = "write their boundary with ddgcli info MESH -o surface.ply"
 RESIDUALS = (
     "eigen_residuals", "form_eigen_residuals", "poisson_residual", "harmonic_residual",
     "parameterize_residual", "smooth_residual", "row_sum_residual", "symmetry_residual",
+    "angle_sum_residual", "layout_residual",
 )  # fmt: skip
 
 MAX_COLLAPSED_SHARE = 0.01  # of the vertices; a surface with more on lines or points is none any more
@@ -56,7 +58,13 @@ class LaplacianTasks:
     fixed : mapping of vertex to value
     smooth : float, optional
         Time of mean curvature flow, in `smooth_steps` steps (10), by `smooth_flow` ('mean-curvature').
-    parameterize : {'harmonic', 'conformal'}, optional
+    parameterize : {'harmonic', 'conformal', 'discrete-conformal'}, optional
+    cones : mapping of vertex to degrees
+        Angle sums of a discrete conformal map.
+    boundary : str, optional
+        Of a discrete conformal map, as in `conformal_targets`; default 'free'.
+    boundary_values : (n,) ndarray, optional
+        Logarithmic scale factors or angle sums in degrees on the boundary.
     hks : sequence of float
         Times of heat kernel signatures.
     form_eigen : int, optional
@@ -74,6 +82,9 @@ class LaplacianTasks:
     smooth_steps: int | None = None
     smooth_flow: str | None = None
     parameterize: str | None = None
+    cones: Mapping[int, float] = field(default_factory=dict)
+    boundary: str | None = None
+    boundary_values: NDArray | None = None
     hks: tuple[float, ...] = ()
     form_eigen: int | None = None
     seed: int = 0
@@ -86,6 +97,16 @@ class LaplacianTasks:
         for name in ("smooth_steps", "smooth_flow"):
             if getattr(self, name) is not None and self.smooth is None:
                 raise ParameterError("applies to `smooth`; add `smooth=TIME`", parameter=name)
+        conformal = {"cone": self.cones, "boundary": self.boundary, "boundary_values": self.boundary_values}
+        for name, value in conformal.items():
+            if value is not None and not (name == "cone" and not value):
+                self._require_discrete_conformal(name)
+
+    def _require_discrete_conformal(self, name: str) -> None:
+        if self.parameterize != "discrete-conformal":
+            raise ParameterError(
+                "applies to `parameterize=discrete-conformal`; add it, or leave this out", parameter=name
+            )
 
 
 @dataclass(eq=False)
@@ -100,6 +121,7 @@ class LaplacianResult:
     results: dict[str, Any] = field(default_factory=dict)
     accuracy: dict[str, Any] = field(default_factory=dict)
     converged: bool = True
+    conformal: ConformalMap | None = None
 
     @property
     def annotated(self) -> AnnotatedMesh:
@@ -274,11 +296,15 @@ def _summary(operator: LaplaceOperator, u: NDArray) -> dict[str, Any]:
 def _parameterize(result: LaplacianResult, tasks: LaplacianTasks, progress: ProgressCallback) -> None:
     if tasks.parameterize is None:
         return
+    if tasks.parameterize == "discrete-conformal":
+        _map_conformally(result, tasks, progress)
+        return
     from ddgcli.algorithms.laplacian.parameterize import parameterize_conformal, parameterize_harmonic
 
     flatten = {"harmonic": parameterize_harmonic, "conformal": parameterize_conformal}[tasks.parameterize]
     flat = flatten(result.surface, result.operator)
     result.vertex["uv"] = flat.uv
+    result.face |= flat.distortion
     result.results |= {
         "parameterization": tasks.parameterize,
         "flipped_triangles": flat.flipped,
@@ -287,6 +313,28 @@ def _parameterize(result: LaplacianResult, tasks: LaplacianTasks, progress: Prog
         "conformal_distortion": {"mean": flat.distortion_mean, "max": flat.distortion_max},
     }
     result.accuracy["parameterize_residual"] = flat.residual
+    result.converged &= flat.converged
+
+
+def _map_conformally(result: LaplacianResult, tasks: LaplacianTasks, progress: ProgressCallback) -> None:
+    from ddgcli.algorithms.conformal.conformal_map import conformal_map
+
+    flat = conformal_map(
+        result.surface,
+        cones=tasks.cones,
+        boundary=tasks.boundary or CONFORMAL_BOUNDARIES[0],
+        boundary_values=tasks.boundary_values,
+        operator=tasks.operator,
+        progress=progress,
+    )
+    result.conformal = flat
+    result.vertex |= {"log_scale_factor": flat.scale, "angle_sum": flat.metric.angle}
+    uv = flat.uv
+    if uv is not None:
+        result.vertex["uv"] = uv
+        result.face |= flat.distortion()
+    result.results |= {"parameterization": tasks.parameterize, **flat.summary}
+    result.accuracy |= flat.accuracy
     result.converged &= flat.converged
 
 

@@ -6,7 +6,13 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from ddgcli.choices import LAPLACE_OPERATORS, MASSES, PARAMETERIZATIONS, SMOOTHING_FLOWS
+from ddgcli.choices import (
+    CONFORMAL_BOUNDARIES,
+    LAPLACE_OPERATORS,
+    MASSES,
+    PARAMETERIZATIONS,
+    SMOOTHING_FLOWS,
+)
 from ddgcli.cli import options
 from ddgcli.cli.commands.laplacian_evolution import (
     EvolutionOptions,
@@ -25,13 +31,15 @@ if TYPE_CHECKING:
     from ddgcli.io.mesh_file import MeshInput
 
 OPERATOR_OPTIONS = ("operator", "mass")  # the other options are tasks
+OVERLAY_FORMATS = (".npz", ".vtkhdf", ".ply", ".vtu", ".vtp", ".vtk", ".xdmf", ".obj", ".off", ".stl")
 MATRIX_FORMATS = (".npz", ".mtx")
 
 
 class FixedValue(click.ParamType):
     """A vertex and its value, ID=VALUE."""
 
-    name = "id=value"
+    def __init__(self, unit: str = "value") -> None:
+        self.name = f"id={unit}"
 
     def convert(self, value: Any, param: Any, ctx: Any) -> tuple[int, float]:
         vertex, equals, number = str(value).partition("=")
@@ -95,7 +103,32 @@ class FixedValue(click.ParamType):
 @click.option(
     "--parameterize",
     type=click.Choice(PARAMETERIZATIONS),
-    help="Flatten a surface with boundary: array uv.",
+    help="Flatten a surface: array uv. harmonic and conformal need a boundary; discrete-conformal maps any "
+    "topology, with cones.",
+)
+@click.option(
+    "--cone",
+    multiple=True,
+    type=FixedValue("degrees"),
+    metavar="ID=DEGREES...",
+    help="With discrete-conformal: angle sum at a vertex, 360 inside where not named.",
+)
+@click.option(
+    "--boundary",
+    type=click.Choice(CONFORMAL_BOUNDARIES),
+    help="With discrete-conformal: free keeps boundary lengths (least distortion of area), lengths takes log "
+    " scale factors, angles takes angle sums.  [default: free]",
+)
+@click.option(
+    "--boundary-values",
+    metavar="ARRAY|FILE",
+    help="Vertex array for --boundary: log scale factors, or degrees.",
+)
+@click.option(
+    "--overlay",
+    metavar="PATH",
+    help="With discrete-conformal: the common subdivision of MESH and its flat triangulation, cut open along "
+    "seams, with uv.",
 )
 @click.option(
     "--hks",
@@ -116,7 +149,8 @@ class FixedValue(click.ParamType):
 @options.common
 def command(
     mesh_path: str, matrix: str | None, mass_matrix: str | None, poisson: str | None, fix: tuple,
-    evolution: EvolutionOptions, subdivide: int, common: CommonOptions, **tasks: Any,
+    cone: tuple, boundary_values: str | None, overlay: str | None, evolution: EvolutionOptions,
+    subdivide: int, common: CommonOptions, **tasks: Any,
 ) -> None:  # fmt: skip
     """Assemble the Laplace matrices of MESH, a surface or tetrahedra, and solve with them.
 
@@ -128,17 +162,23 @@ def command(
       ddgcli laplacian bunny.ply --eigen 50 -o modes.vtu
       ddgcli laplacian face.obj --harmonic --fix 12=0 --fix 300=1 -o harmonic.ply --plot harmonic.png
       ddgcli laplacian face.obj --parameterize conformal -o uv.npz
+      ddgcli laplacian face.obj --parameterize discrete-conformal --boundary angles --overlay flat.vtu
       ddgcli laplacian scan.ply --smooth 1e-4 -o smooth.ply
       ddgcli laplacian bunny.ply --wave 0 --duration 2 -o wave.vtkhdf
     """
     selected = [value for name, value in tasks.items() if name not in OPERATOR_OPTIONS]
-    evolution.check(any((matrix, mass_matrix, poisson, fix, *selected)))
+    evolution.check(any((matrix, mass_matrix, poisson, fix, cone, boundary_values, overlay, *selected)))
     run = Run("laplacian", common, matrix=matrix, mass_matrix=mass_matrix, poisson=poisson,
               fix=[f"{vertex}={value:.17g}" for vertex, value in fix],
+              cone=[f"{vertex}={value:.17g}" for vertex, value in cone],
+              boundary_values=boundary_values, overlay=overlay,
               subdivide=subdivide, **tasks, **evolution.changed())  # fmt: skip
     run.plan_output(matrix, MATRIX_FORMATS)
     run.plan_output(mass_matrix, MATRIX_FORMATS)
-    for name in (poisson, evolution.heat, evolution.wave):
+    run.plan_output(overlay, OVERLAY_FORMATS)
+    if overlay is not None and tasks["parameterize"] != "discrete-conformal":
+        raise ParameterError("needs `parameterize=discrete-conformal`", parameter="overlay")
+    for name in (poisson, boundary_values, evolution.heat, evolution.wave):
         run.add_input(name)
     source = run.read(mesh_path, accept=("surface", "tetrahedra"), subdivide=subdivide)
 
@@ -148,16 +188,26 @@ def command(
     from ddgcli.algorithms.laplacian.tasks import LaplacianTasks, solve_laplacian_tasks
 
     mesh = mesh_of(source)
-    term, fixed = source_term(source, poisson), fixed_values(fix)
+    term, fixed = vertex_values(source, poisson, "poisson"), values_by_vertex(fix, "fix")
+    edge_values = vertex_values(source, boundary_values, "boundary_values")
     result = solve_laplacian_tasks(
         mesh,
-        LaplacianTasks(poisson=term, fixed=fixed, seed=common.seed, **tasks),
+        LaplacianTasks(
+            poisson=term,
+            fixed=fixed,
+            cones=values_by_vertex(cone, "cone"),
+            boundary_values=edge_values,
+            seed=common.seed,
+            **tasks,
+        ),
         run.progress("laplacian"),
     )
     name, values = result.picture_array
     name, values = run.picture_array({name: values, **result.vertex}, name)
     write_matrices(run, result, matrix, mass_matrix)
     run.write(result.annotated, converged=result.converged)
+    if overlay is not None and result.conformal is not None:
+        run.write_file(overlay, result.conformal.overlay(), converged=result.converged)
     run.plot(lambda path: draw(path, result, name, values, run.picture_options))
     run.finish(result.results, result.accuracy, converged=result.converged)
 
@@ -187,19 +237,20 @@ def mesh_of(source: MeshInput) -> Any:
     return source.mesh if source.kind == "tetrahedra" else source.surface
 
 
-def fixed_values(fix: tuple[tuple[int, float], ...]) -> dict[int, float]:
+def values_by_vertex(pairs: tuple[tuple[int, float], ...], parameter: str) -> dict[int, float]:
     """Values by vertex; a vertex may be named twice with one value, not with two."""
     fixed: dict[int, float] = {}
-    for vertex, value in fix:
+    for vertex, value in pairs:
         if fixed.setdefault(vertex, value) != value:
             raise ParameterError(
-                f"vertex {vertex} has two values, {fixed[vertex]:g} and {value:g}; keep one", parameter="fix"
+                f"vertex {vertex} has two values, {fixed[vertex]:g} and {value:g}; keep one",
+                parameter=parameter,
             )
     return fixed
 
 
-def source_term(source: MeshInput, name: str | None) -> Any:
-    """The vertex array of --poisson."""
+def vertex_values(source: MeshInput, name: str | None, parameter: str) -> Any:
+    """The vertex array of --poisson or --boundary-values."""
     if name is None:
         return None
     from ddgcli.io.arrays import input_array
@@ -207,7 +258,7 @@ def source_term(source: MeshInput, name: str | None) -> Any:
     array, place = input_array(source, name)
     if place not in ("vertex", ""):
         raise ParameterError(
-            f"needs values on vertices; {name!r} has values on {place}s", parameter="poisson"
+            f"needs values on vertices; {name!r} has values on {place}s", parameter=parameter
         )
     return array
 
@@ -223,20 +274,32 @@ def write_matrices(run: Run, result: LaplacianResult, matrix: str | None, mass_m
 
 def draw(path: str, result: LaplacianResult, name: str, values: NDArray | None, look: dict[str, Any]) -> None:
     """Draw the surface with an array; flat coordinates as squares on it beside the flat layout."""
-    from ddgcli.plots.array import draw_array
-    from ddgcli.plots.surface import draw_beside
+    import numpy as np
 
+    from ddgcli.plots.array import draw_array
+
+    if result.conformal is not None and name in ("uv", "log_scale_factor") and not look.get("show"):
+        opened = result.conformal.overlay()
+        surface: Any = opened.mesh
+        uv = opened.vertex["uv"]
+        draw_layout(path, (surface, uv), (surface.moved(np.column_stack([uv, np.zeros(len(uv))])), uv), look)
+        return
     if values is None or values.ndim == 1 or values.shape[1] != 2:
         draw_array(path, result.surface, name, values, **look)
         return
-    import numpy as np
-
     layout = result.surface.moved(np.column_stack([values, np.zeros(len(values))]))
+    draw_layout(path, (result.surface, values), (layout, values), look)
+
+
+def draw_layout(path: str, surface: Any, layout: Any, look: dict[str, Any]) -> None:
+    """Draw a surface beside its flat layout; both with their coordinates in the plane as squares."""
+    from ddgcli.plots.surface import draw_beside
+
     size = {key: look[key] for key in ("width", "height", "dpi") if key in look}
     angle: dict[str, Any] = {key: look[key] for key in ("view", "up") if key in look}
     draw_beside(
         path,
-        [(result.surface, {"values": values, "title": "surface", **angle}),
-         (layout, {"values": values, "title": "flat layout", "view": "z", "up": "z"})],
+        [(surface[0], {"values": surface[1], "title": "surface", **angle}),
+         (layout[0], {"values": layout[1], "title": "flat layout", "view": "z", "up": "z"})],
         **size,
     )  # fmt: skip
