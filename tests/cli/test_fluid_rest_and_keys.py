@@ -16,6 +16,7 @@ INTEGRATORS = {
     "conservative": 'integrator = "conservative"',
     "midpoint": 'integrator = "conservative"\nscheme = "midpoint"',
     "circulation": 'integrator = "circulation"',
+    "covector": 'integrator = "covector"',
 }
 
 

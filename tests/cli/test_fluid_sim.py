@@ -137,6 +137,7 @@ FLOWS = {
     "conservative": ('mesh = "ball.ply"', "viscosity = { nu = 0.01 }", ""),
     "midpoint": ('mesh = "ball.ply"', 'viscosity = { nu = 0.01, kind = "bochner" }', 'scheme = "midpoint"'),
     "circulation": ('mesh = "ball.ply"', "", 'integrator = "circulation"'),
+    "covector": ('mesh = "ball.ply"', "", 'integrator = "covector"'),
     "adaptive": ('mesh = "ball.ply"', "viscosity = { nu = 0.01 }", "tolerance = 1e-5"),
     "walls": (
         TUBE,
@@ -236,7 +237,16 @@ def test_a_scene_pays_only_for_its_effects(summary, ball):
         "print([m for m in sys.modules if m.startswith('ddgcli.models.fluid.') or m.endswith('.harmonic')])"
     )
     loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
-    for module in ("viscosity", "diffusion", "harmonic", "dye", "boundary", "circulation", "transport"):
+    for module in (
+        "viscosity",
+        "diffusion",
+        "harmonic",
+        "dye",
+        "boundary",
+        "circulation",
+        "covector",
+        "transport",
+    ):
         assert f"{module}'" not in loaded
 
 
@@ -270,7 +280,7 @@ def test_refusals_are_one_line(run, tmp_path, effects, message):
 
 
 def test_an_unknown_integrator_is_refused_with_the_list_of_those_of_fluids(run, tmp_path):
-    file = scene(tmp_path / "s.toml", BALL, 'initial = { vorticity = "z" }', 'integrator = "covector"')
+    file = scene(tmp_path / "s.toml", BALL, 'initial = { vorticity = "z" }', 'integrator = "newmark"')
     assert "circulation, conservative" in run("fluid-sim", file).stderr
 
 

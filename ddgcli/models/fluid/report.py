@@ -34,6 +34,7 @@ def summary(outcome: Outcome, models: Mapping[str, FluidModel]) -> tuple[dict[st
     enstrophy that are the rounding of a flow without vorticity count as zero.
     """
     names, series, last = list(models), outcome.series, outcome.last
+    integrator = next(iter(models.values())).scene.time.integrator
     results: dict[str, Any] = {
         "frames": outcome.n_frames,
         "steps": outcome.steps,
@@ -50,7 +51,7 @@ def summary(outcome: Outcome, models: Mapping[str, FluidModel]) -> tuple[dict[st
     }
     results["harmonic_coefficients"] = _at_end(series, "harmonic_coefficients", names)
     if "corrections" in series:
-        results["corrections"] = _corrections(series["corrections"][-1])
+        results["corrections"] = _corrections(series["corrections"][-1], integrator)
     forces = {k.removeprefix("force_"): series[k][-1].tolist() for k in series if k.startswith("force_")}
     if forces:
         results["forces"] = forces
@@ -69,10 +70,12 @@ def summary(outcome: Outcome, models: Mapping[str, FluidModel]) -> tuple[dict[st
     }
     if "total_dye" in series:
         accuracy["dye_drift"] = _drift(series["total_dye"], float(series["absolute_dye"][0]))
-    return results, {**accuracy, **_scheme_losses(series, enstrophy)}
+    return results, {**accuracy, **_scheme_losses(series, enstrophy, integrator)}
 
 
-def _scheme_losses(series: Mapping[str, NDArray], least_enstrophy: float) -> dict[str, float]:
+def _scheme_losses(
+    series: Mapping[str, NDArray], least_enstrophy: float, integrator: str
+) -> dict[str, float]:
     """Shares of energy and enstrophy that the transport lost, where it books them; warn of large ones."""
     losses = {}
     for name, total, least in (
@@ -86,22 +89,22 @@ def _scheme_losses(series: Mapping[str, NDArray], least_enstrophy: float) -> dic
         losses[f"{name}_lost_by_scheme"] = share
         if share > MAX_LOSS_SHARE:
             log.warning(
-                "integrator circulation lost %.2g %% of the %s (warned of above %.0f %%): take integrator "
+                "integrator %s lost %.2g %% of the %s (warned of above %.0f %%): take integrator "
                 "conservative, or a finer or more regular mesh",
-                100.0 * share, name, 100.0 * MAX_LOSS_SHARE,
+                integrator, 100.0 * share, name, 100.0 * MAX_LOSS_SHARE,
             )  # fmt: skip
     return losses
 
 
-def _corrections(counts: NDArray) -> dict[str, int]:
-    """In how many parts of steps each correction of `circulation` acted; warn of the last resort."""
+def _corrections(counts: NDArray, integrator: str) -> dict[str, int]:
+    """In how many parts of steps each correction acted; warn of the last resort."""
     steps, *acted = (int(count) for count in counts)
     by_name = dict(zip(CORRECTIONS, acted))
     if by_name["scaling"]:
         log.warning(
-            "integrator circulation scaled the flow in %d of %d steps, a last resort: take integrator "
+            "integrator %s scaled the flow in %d of %d steps, a last resort: take integrator "
             "conservative, or a finer or more regular mesh",
-            by_name["scaling"], steps,
+            integrator, by_name["scaling"], steps,
         )  # fmt: skip
     return {"steps": steps, **by_name}
 

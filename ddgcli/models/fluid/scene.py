@@ -35,6 +35,7 @@ EFFECTS = EffectTable(
 TRANSPORTS = {
     "circulation": {2: "ddgcli.models.fluid.circulation", 3: "ddgcli.models.fluid.volume_transport"},
     "conservative": {2: "ddgcli.models.fluid.conservative"},
+    "covector": {2: "ddgcli.models.fluid.covector", 3: "ddgcli.models.fluid.volume_covector"},
     "energy": {2: "ddgcli.models.fluid.energy", 3: "ddgcli.models.fluid.volume_transport"},
 }
 
@@ -84,11 +85,15 @@ class EnergyParameters(Section):
     """Implicit midpoint rule: kinetic energy kept to round-off, reversible in time."""
 
 
+class CovectorParameters(Section):
+    """Velocity pulled back as a covector: the least error of waves and vortices at long steps."""
+
+
 KIND = SceneKind(
     "fluid-sim",
     {"fluid": Fluid, "obstacle": FluidObstacle},
     {"circulation": CirculationParameters, "conservative": ConservativeParameters,
-     "energy": EnergyParameters},
+     "covector": CovectorParameters, "energy": EnergyParameters},
     "conservative",
     EFFECTS,
     elsewhere=dict.fromkeys(

@@ -53,6 +53,16 @@ class EnergyTransport(FlowPhase):
         return state.replaced(flux=flux)
 
 
+def without_rise(space: VolumeSpace, flux: NDArray, smooth: NDArray, energy: float) -> NDArray[np.float64]:
+    """Mixed with just as much of the smooth step as keeps the energy from rising; else scaled."""
+    velocity, change = space.velocity(flux), space.velocity(smooth - flux)
+    slope = float(np.sum(space.volume[:, None] * velocity * change))
+    excess = space.kinetic_energy(velocity) - energy
+    mixed = flux + first_root(excess, slope, space.kinetic_energy(change)) * (smooth - flux)
+    reached = space.kinetic_energy(space.velocity(mixed))
+    return mixed * min(1.0, (energy / reached) ** 0.5) if reached > 0 else mixed
+
+
 class VolumeCirculationTransport(FlowPhase):
     """Dual edges carried backwards; what it loses is booked in the state."""
 
@@ -110,20 +120,10 @@ class VolumeCirculationTransport(FlowPhase):
         if not np.isfinite(reached):
             raise StepRejected("not finite")
         if reached > energy:
-            flux = self._without_rise(flux, self._carried(velocity, back, here, smooth=True), energy)
+            flux = without_rise(space, flux, self._carried(velocity, back, here, smooth=True), energy)
         after = state.replaced(flux=flux)
         lost = np.array([energy - space.energy(after), 0.0])
         return after.with_passive(loss=state["loss"] + lost)
-
-    def _without_rise(self, flux: NDArray, smooth: NDArray, energy: float) -> NDArray[np.float64]:
-        """Mixed with just as much of the smooth step as keeps the energy from rising; else scaled."""
-        space = self.space
-        velocity, change = space.velocity(flux), space.velocity(smooth - flux)
-        slope = float(np.sum(space.volume[:, None] * velocity * change))
-        excess = space.kinetic_energy(velocity) - energy
-        mixed = flux + first_root(excess, slope, space.kinetic_energy(change)) * (smooth - flux)
-        reached = space.kinetic_energy(space.velocity(mixed))
-        return mixed * min(1.0, (energy / reached) ** 0.5) if reached > 0 else mixed
 
     def observed(self, state: FluidState) -> Observation:
         return Observation(None, {}, {"lost_energy": float(state["loss"][0])})
