@@ -32,6 +32,7 @@ __all__ = [
     "peak_mib",
     "print_commands",
     "print_table",
+    "python_seconds",
     "timed",
 ]
 
@@ -109,19 +110,25 @@ class CommandSeconds:
 
 
 def command_seconds(*words: str) -> CommandSeconds:
-    """Run `python -m ddgcli WORDS` as a user starts it and time the whole process, start-up included.
+    """Time `python -m ddgcli WORDS` as a user starts it; names of sample files become their paths."""
+    return python_seconds("-m", "ddgcli", *map(_sample_path, words))
 
-    The environment is that of this process without the variables that set a number of threads. Names of
-    files in sample_meshes/ and sample_scenes/ become their paths; the process runs in an empty folder.
+
+def python_seconds(*words: str) -> CommandSeconds:
+    """Run `python WORDS` in an empty folder and time the whole process, start-up included.
+
+    The environment is that of this process without the variables that set a number of threads or forbid
+    compiled modules.
     """
-    environment = {name: value for name, value in os.environ.items() if name not in THREAD_VARIABLES}
+    unset = (*THREAD_VARIABLES, "PYTHONDONTWRITEBYTECODE")
+    environment = {name: value for name, value in os.environ.items() if name not in unset}
     environment["PYTHONPATH"] = str(ROOT)
-    command = [sys.executable, "-m", "ddgcli", *map(_sample_path, words)]
     with tempfile.TemporaryDirectory() as folder:
         began = time.perf_counter()
         process = subprocess.Popen(
-            command, cwd=folder, env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
-        )
+            [sys.executable, *words],
+            cwd=folder, env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+        )  # fmt: skip
         _, status, usage = os.wait4(process.pid, 0)
         wall = time.perf_counter() - began
     process.returncode = os.waitstatus_to_exitcode(status)

@@ -7,6 +7,7 @@
 __all__ = [
     "bisection",
     "boundary",
+    "components",
     "cures",
     "curve",
     "fields",

@@ -11,10 +11,9 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from ddgcli.errors import MeshError
+from ddgcli.mesh.components import connected_labels
 
 NEXT = np.array([1, 2, 0])
 PREVIOUS = np.array([2, 0, 1])
@@ -189,18 +188,13 @@ class Topology:
         order = np.argsort(side_edge, kind="stable")
         same = side_edge[order][1:] == side_edge[order][:-1]
         a, b = order[:-1][same], order[1:][same]
-        rows = np.concatenate([low_corner[a], high_corner[a]])
-        cols = np.concatenate([low_corner[b], high_corner[b]])
-        graph = coo_array((np.ones(len(rows), dtype=np.int8), (rows, cols)), shape=(n_corners, n_corners))
-        return frozen(connected_components(graph, directed=False)[1].astype(np.int64).reshape(-1, 3))
+        tail = np.concatenate([low_corner[a], high_corner[a]])
+        head = np.concatenate([low_corner[b], high_corner[b]])
+        return frozen(connected_labels(tail, head, n_corners)[1].reshape(-1, 3))
 
     @cached_property
     def _vertex_components(self) -> tuple[int, NDArray[np.int64]]:
-        rows, cols = self.side_tail, self.side_head
-        graph = coo_array(
-            (np.ones(len(rows), dtype=np.int8), (rows, cols)), shape=(self.n_vertices, self.n_vertices)
-        )
-        _, label = connected_components(graph, directed=False)
+        _, label = connected_labels(self.side_tail, self.side_head, self.n_vertices)
         used = np.unique(label[self.referenced_vertex])
         rank = np.full(label.max(initial=-1) + 1, -1, dtype=np.int64)
         rank[used] = np.arange(len(used))
@@ -234,10 +228,7 @@ class Topology:
             return 0
         vertices, local = np.unique(ends, return_inverse=True)
         local = local.reshape(-1, 2)
-        graph = coo_array(
-            (np.ones(len(local), dtype=np.int8), (local[:, 0], local[:, 1])), shape=(len(vertices),) * 2
-        )
-        return int(connected_components(graph, directed=False)[0])
+        return connected_labels(local[:, 0], local[:, 1], len(vertices))[0]
 
     @property
     def is_manifold(self) -> bool:
@@ -271,9 +262,8 @@ class Topology:
         sign = self.side_sign.ravel()
         clash = sign[side] == sign[twin[side]]
         # the double cover: face f as it is (2f) and reversed (2f+1)
-        rows, cols = np.concatenate([2 * a, 2 * a + 1]), np.concatenate([2 * b + clash, 2 * b + ~clash])
-        graph = coo_array((np.ones(len(rows), dtype=np.int8), (rows, cols)), shape=(2 * self.n_faces,) * 2)
-        return connected_components(graph, directed=False)[1].reshape(-1, 2)
+        tail, head = np.concatenate([2 * a, 2 * a + 1]), np.concatenate([2 * b + clash, 2 * b + ~clash])
+        return connected_labels(tail, head, 2 * self.n_faces)[1].reshape(-1, 2)
 
     @cached_property
     def one_sided_face(self) -> NDArray[np.bool_]:
