@@ -22,27 +22,30 @@ from ddgcli.algorithms.inspection.compare_summaries import Tolerances, compare
 ROOT = Path(__file__).parents[1]
 SAMPLES = ROOT / "sample_meshes"
 SCENES = ROOT / "sample_scenes"
-SHARED = ROOT.parent / "shared" / "meshes"
-CLOSED = ["torus.ply", "bad_torus.ply", "ellipsoid.ply"]
+SHARED_MESHES = ROOT.parent / "shared" / "meshes"
+CLOSED_SURFACES = ["torus.ply", "bad_torus.ply", "ellipsoid.ply"]
 # texts, and what names files of the checkout
-IGNORED = ["warnings*", "options*", "error", "input.sha256", "results.paths*", "results.effects*"]
-IGNORED += ["results.promise", "results.energy_convention"]
+IGNORED_FIELDS = ["warnings*", "options*", "error", "input.sha256", "results.paths*", "results.effects*"]
+IGNORED_FIELDS += ["results.promise", "results.energy_convention"]
 
 
 def calls() -> list[list[str]]:
     """Command lines, without `ddgcli` and `--json`; those whose mesh is missing are left out."""
     s = {path.name: str(path) for path in SAMPLES.iterdir()}
-    m = {name: str(SHARED / name) for name in ("spot.obj", "koala.obj", "beam-tet.vtk", "plane_holes.obj")}
+    m = {
+        name: str(SHARED_MESHES / name)
+        for name in ("spot.obj", "koala.obj", "beam-tet.vtk", "plane_holes.obj")
+    }
     lines: list[list[str]] = []
     lines += [["info", s[n]] for n in ("torus.ply", "ball.vtu", "trefoil.obj", "saddle.obj", "cube.obj")]
     lines += [
         ["curvature", s[n], "--scheme", c]
-        for n in CLOSED[:2]
+        for n in CLOSED_SURFACES[:2]
         for c in ("cotan", "normal-cycle", "corrected", "quadric")
     ]
     lines += [["curvature", s[n]] for n in ("saddle.obj", "cube.obj", "ellipse.csv", "trefoil.obj")]
     lines += [["curvature", s["ellipsoid.ply"], "--radius", "0.3", "--scheme", "corrected"]]
-    lines += [["delaunay", s[n]] for n in (*CLOSED, "saddle.obj", "frame.off")]
+    lines += [["delaunay", s[n]] for n in (*CLOSED_SURFACES, "saddle.obj", "frame.off")]
     lines += [["delaunay", s["bad_torus.ply"], "--refine", "25", "--condition"]]
     lines += [
         ["laplacian", s["torus.ply"], "--operator", o, "--eigen", "5"]
@@ -155,7 +158,9 @@ def main() -> int:
             for line in calls():
                 if options.only not in " ".join(line):
                     continue
-                moved, _ = compare(summary(base, line), summary(ROOT, line), Tolerances(ignore=IGNORED))
+                moved, _ = compare(
+                    summary(base, line), summary(ROOT, line), Tolerances(ignore=IGNORED_FIELDS)
+                )
                 added = [entry for entry in moved if entry["expected"] == "missing"]  # results that are new
                 moved = [entry for entry in moved if entry["expected"] != "missing"]
                 compared += 1

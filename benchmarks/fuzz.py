@@ -243,7 +243,7 @@ stretching = { model = "stvk" }
 pin = { vertices = [0, 1] }
 gravity = { acceleration = [0, 0, -9.81] }
 """
-EXPECTED = json.dumps(
+EXPECTED_SUMMARY = json.dumps(
     {"run": ["info", "a.ply"], "tolerances": {"rtol": 1e-6, "ignore": ["a"], "keys": {"b": {"rtol": 1}}},
      "summary": {"results": {"a": 1.0, "b": [1, 2, "c"]}, "input": {"path": "a.ply"}}}
 ).encode()  # fmt: skip
@@ -258,7 +258,7 @@ def kinds() -> dict[str, tuple[Callable[[], list[bytes]], Callable[[], Callable[
     formats |= {f"array{s}": (lambda s=s: array_seeds(s), lambda s=s: read_array_bytes(s)) for s in ARRAYS}
     formats["scene"] = (lambda: [SCENE], lambda: read_scene_bytes)
     formats["expression"] = (lambda: EXPRESSIONS, lambda: read_expression)
-    formats["expected"] = (lambda: [EXPECTED], lambda: read_expected)
+    formats["expected"] = (lambda: [EXPECTED_SUMMARY], lambda: read_expected)
     return formats
 
 

@@ -18,7 +18,7 @@ from ddgcli.mesh.fields import AnnotatedMesh, AnyMesh
 from ddgcli.mesh.tet_mesh import TetMesh
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 
-HERE = Path(__file__).parent
+FOLDER = Path(__file__).parent
 
 
 def ellipsoid() -> TriangleMesh:
@@ -197,4 +197,4 @@ def main(folder: Path) -> None:
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]) if len(sys.argv) > 1 else HERE)
+    main(Path(sys.argv[1]) if len(sys.argv) > 1 else FOLDER)

@@ -23,7 +23,7 @@ import numpy as np
 
 from benchmarks.atlas.advice import ADVICE
 from benchmarks.atlas.peers import peers_of
-from benchmarks.atlas.simulators import SIMULATED
+from benchmarks.atlas.simulators import SIMULATIONS
 from benchmarks.atlas.tables import rates
 from benchmarks.atlas.tables import stored as read
 from benchmarks.atlas.theory import SOURCES, theory
@@ -38,7 +38,7 @@ from ddgcli.tradeoff.problems.table import mesh_problem
 from ddgcli.tradeoff.report import machine
 from ddgcli.tradeoff.truths import parse_truth
 
-HERE = Path(__file__).parents[2] / "docs" / "accuracy"
+ATLAS_FOLDER = Path(__file__).parents[2] / "docs" / "accuracy"
 LEVELS = (0, 1, 2, 3)
 CHECK_LEVELS = (0, 1)
 # an error may rise by this factor, a rate fall by this much, before the check fails
@@ -83,7 +83,7 @@ def study(command: str, levels: tuple[int, ...], *, peers: bool = True) -> list[
             head = {"truth": case.truth, "mesh_class": case.mesh_class, "level": level, "faces": trial.faces}
             head["h"] = trial.h
             others = trial.peers() if peers else None
-            cheap = MAX_CHECK_RUN_SECONDS if command in SIMULATED else MAX_CHECK_SECONDS
+            cheap = MAX_CHECK_RUN_SECONDS if command in SIMULATIONS else MAX_CHECK_SECONDS
             repeat = repeats(command, level) if peers else 0
             rows = measured(trial.problem, repeat=repeat, peers=others, cheap=cheap)
             rows_of_command += [head | as_row(row) for row in rows]
@@ -93,13 +93,13 @@ def study(command: str, levels: tuple[int, ...], *, peers: bool = True) -> list[
 
 def repeats(command: str, level: int) -> int:
     """Timed queries a row, after a warm-up; CPU seconds of what takes long spread little."""
-    return 1 if command in SIMULATED or level == LEVELS[-1] else 3
+    return 1 if command in SIMULATIONS or level == LEVELS[-1] else 3
 
 
 def cases(command: str) -> list[Case]:
     """Truths and mesh classes of a command, the plotted ones first."""
-    if command in SIMULATED:
-        return SIMULATED[command]
+    if command in SIMULATIONS:
+        return SIMULATIONS[command]
     return [
         Case(truth, mesh_class, partial(mesh_trial, command, truth, make))
         for truth, sequences in STUDIES[command]
@@ -133,8 +133,8 @@ def as_row(row: Row) -> dict[str, Any]:
 
 def write(command: str, rows: list[dict[str, Any]]) -> None:
     """CSV, picture and page of one command."""
-    HERE.mkdir(parents=True, exist_ok=True)
-    with open(HERE / f"{command}.csv", "w", newline="", encoding="utf-8") as file:
+    ATLAS_FOLDER.mkdir(parents=True, exist_ok=True)
+    with open(ATLAS_FOLDER / f"{command}.csv", "w", newline="", encoding="utf-8") as file:
         writer = csv.DictWriter(file, list(rows[0]), lineterminator="\n")
         writer.writeheader()
         writer.writerows(
@@ -143,18 +143,18 @@ def write(command: str, rows: list[dict[str, Any]]) -> None:
     for case in drawn(command):
         rows_of_case = [r for r in rows if (r["truth"], r["mesh_class"]) == (case.truth, case.mesh_class)]
         picture(command, case, rows_of_case)
-    (HERE / f"{command}.md").write_text(page(command, rows), encoding="utf-8")
+    (ATLAS_FOLDER / f"{command}.md").write_text(page(command, rows), encoding="utf-8")
 
 
 def drawn(command: str) -> list[Case]:
     """Cases that have a picture: all of a simulator, the first truth of the others."""
     all_cases = cases(command)
-    return all_cases if command in SIMULATED else [c for c in all_cases if c.truth == all_cases[0].truth]
+    return all_cases if command in SIMULATIONS else [c for c in all_cases if c.truth == all_cases[0].truth]
 
 
 def picture_name(command: str, case: Case) -> str:
     """File of a picture."""
-    words = [command, case.truth if command in SIMULATED else "", case.mesh_class]
+    words = [command, case.truth if command in SIMULATIONS else "", case.mesh_class]
     return re.sub(r"[^a-z0-9]+", "-", " ".join(words).lower()) + ".png"
 
 
@@ -170,14 +170,14 @@ def picture(command: str, case: Case, rows: list[dict[str, Any]]) -> None:
     best = best[: MAX_LINES - len(lines) + len(ours)]
     drawn_lines = {name: points(line) for name, line in lines.items() if name in best or name not in ours}
     draw_chart(
-        str(HERE / picture_name(command, case)),
+        str(ATLAS_FOLDER / picture_name(command, case)),
         drawn_lines,
         pareto_front=pareto_front(drawn_lines),
         xlabel="CPU seconds (set-up and one query)",
         ylabel="mean relative error",
         log="xy",
         title=f"{command}: {case.truth}, {case.mesh_class}"
-        + ("" if command in SIMULATED else " triangulations"),
+        + ("" if command in SIMULATIONS else " triangulations"),
         caption=f"One point a {'step' if case.mesh_class == 'steps' else 'mesh'} of the sequence. "
         f"Grey: Pareto front. CPU seconds, one thread.\n{machine()}",
     )
@@ -264,12 +264,14 @@ def worse(stored: dict[str, Any], current: dict[str, Any]) -> list[str]:
 def main() -> int:
     """Regenerate the atlas, or check against it."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("commands", nargs="*", default=[*STUDIES, *SIMULATED], help="commands (default: all)")
+    parser.add_argument(
+        "commands", nargs="*", default=[*STUDIES, *SIMULATIONS], help="commands (default: all)"
+    )
     parser.add_argument("--levels", type=int, default=len(LEVELS), help="only the coarsest so many")
     parser.add_argument("--pages", action="store_true", help="pages and pictures anew from the tables")
     parser.add_argument("--check", action="store_true", help="rerun the small meshes and compare")
     options = parser.parse_args()
-    store = HERE / "check.json"
+    store = ATLAS_FOLDER / "check.json"
     stored = json.loads(store.read_text()) if store.exists() else {}
     if options.check:
         lines = []
@@ -280,7 +282,7 @@ def main() -> int:
         return 1 if lines else 0
     if options.pages:
         for command in options.commands:
-            write(command, read(HERE / f"{command}.csv"))
+            write(command, read(ATLAS_FOLDER / f"{command}.csv"))
         return 0
     for command in options.commands:
         rows = study(command, LEVELS[: options.levels])

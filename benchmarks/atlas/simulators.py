@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from benchmarks.atlas.trial import Case, Trial, known_truth, last_frame
 from benchmarks.atlas.willmore import WILLMORE
 from benchmarks.common.mesh_classes import SPHERES, strips
-from benchmarks.common.scenes import CANTILEVER, FREE, RIGIDITY
+from benchmarks.common.scenes import CANTILEVER, FREE_SCENE, RIGIDITY
 from ddgcli.io.scene_file import parse_scene
 from ddgcli.mechanics.integrators import INTEGRATORS
 from ddgcli.mesh import shapes
@@ -231,7 +231,7 @@ def _dropped(weight: int, rest: TriangleMesh, n: int) -> Trial:
 
 
 def _free(integrator: str, step: float) -> Any:
-    return _shell(FREE.format(integrator=integrator, step=step, duration=0.2))
+    return _shell(FREE_SCENE.format(integrator=integrator, step=step, duration=0.2))
 
 
 def _free_end(integrator: str, step: float) -> NDArray[np.float64]:
@@ -263,7 +263,7 @@ def _free_by_step(level: int) -> Trial:
 
 # --- the table ---
 
-SIMULATED: dict[str, list[Case]] = {
+SIMULATIONS: dict[str, list[Case]] = {
     "willmore-flow": WILLMORE,
     "fluid-sim": [
         *(Case("Rossby-Haurwitz speed", mesh_class, partial(_haurwitz, sphere))

@@ -9,7 +9,7 @@ from __future__ import annotations
 from ddgcli.mechanics.integrators import INTEGRATORS
 
 # vertex stars that are symmetric to leading order: errors of odd order cancel there
-SYMMETRIC = ("good", "right", "meshes", "steps")
+SYMMETRIC_CLASSES = ("good", "right", "meshes", "steps")
 
 SOURCES = {
     "curvature": """
@@ -63,7 +63,7 @@ def theory(command: str, mesh_class: str, configuration: str) -> str:
 
 
 def _curvature(mesh_class: str, configuration: str, method: str) -> str:
-    even = mesh_class in SYMMETRIC
+    even = mesh_class in SYMMETRIC_CLASSES
     if configuration.startswith("pymeshlab discrete"):
         return "2" if even else "none"
     if method in ("libigl", "pymeshlab"):
@@ -83,7 +83,7 @@ def _geodesic(_: str, configuration: str, method: str) -> str:
 
 
 def _willmore(mesh_class: str, _: str, method: str) -> str:
-    return "2" if mesh_class in SYMMETRIC and method in ("gauss-map", "sullivan", "cotan") else "none"
+    return "2" if mesh_class in SYMMETRIC_CLASSES and method in ("gauss-map", "sullivan", "cotan") else "none"
 
 
 def _fluid(mesh_class: str, configuration: str, method: str) -> str:

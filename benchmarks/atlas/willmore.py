@@ -22,7 +22,7 @@ from ddgcli.tradeoff.candidates import Candidate
 ELLIPSOID_112 = 15.4516066443
 TORUS_2 = 22.7928750311
 RATE, SPAN, BUMP = 12.0, 0.5 / 12, 1e-4
-SMOOTH = ("gauss-map", "sullivan", "cotan")
+SMOOTH_ENERGIES = ("gauss-map", "sullivan", "cotan")
 
 
 def _energy_trial(make: Callable[[int], TriangleMesh], truth: float, level: int) -> Trial:
@@ -81,7 +81,7 @@ def _mode_by_mesh(level: int) -> Trial:
             {"energy": energy, "dt": f"{SPAN / steps:.3g}"},
             steps * (4e-3 + 8e-6 * mesh.n_faces),
         )
-        for energy in SMOOTH
+        for energy in SMOOTH_ENERGIES
         for steps in (4, 32)
     ]
     return known_truth(mesh.n_faces, float(mesh.side_length.mean()), RATE, candidates)
@@ -111,7 +111,7 @@ def _mode_by_step(level: int) -> Trial:
             {"energy": energy, "dt": f"{SPAN / steps:.3g}"},
             steps * 6e-3,
         )
-        for energy in SMOOTH
+        for energy in SMOOTH_ENERGIES
     ]
     return known_truth(mesh.n_faces, SPAN / steps, RATE, candidates)
 

@@ -10,7 +10,7 @@ import numpy as np
 from ddgcli.mesh import shapes
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 
-SHARED = Path(__file__).parents[3] / "shared" / "meshes"
+SHARED_MESHES = Path(__file__).parents[3] / "shared" / "meshes"
 FACES = {"20k": 20_000, "80k": 80_000, "320k": 320_000, "1.3M": 1_310_000}
 
 
@@ -52,4 +52,4 @@ def real(name: str) -> TriangleMesh:
     """A shared real mesh by file name."""
     from ddgcli.io.mesh_file import read_mesh
 
-    return read_mesh(str(SHARED / name)).mesh  # type: ignore[return-value]
+    return read_mesh(str(SHARED_MESHES / name)).mesh  # type: ignore[return-value]

@@ -1,7 +1,7 @@
 """Scenes that the atlas and the tests both run."""
 
 # a square sheet that spins, drifts and rings, touched by nothing: energy and momenta are constant
-FREE = """
+FREE_SCENE = """
 [time]
 duration = {duration}
 step = {step}

@@ -21,7 +21,7 @@ from ddgcli.models.shell.scene import KIND as SHELLS
 
 ROOT = Path(__file__).parents[2]
 SAMPLES = ROOT / "sample_meshes"
-SHARED = Path(os.environ.get("DDGCLI_SHARED_MESHES", ROOT.parent / "shared" / "meshes"))
+SHARED_MESHES = Path(os.environ.get("DDGCLI_SHARED_MESHES", ROOT.parent / "shared" / "meshes"))
 MAX_REAL_BYTES = 400_000  # larger real meshes take minutes a command on a slow machine
 
 Build = Callable[[], Arrays]
@@ -58,9 +58,9 @@ CALLS: dict[str, Calls] = {
         ("check", "{folder}/expected.json", "--", "info", "{input}"),
     ),
 }
-WITHOUT_MESH = ("examples",)
+COMMANDS_WITHOUT_MESH = ("examples",)
 WRAPPERS = ("curve-flow", "tradeoff", "frames", "batch", "examples", "check")
-ON_A_MESH = tuple(name for name in COMMANDS if name not in WRAPPERS)
+MESH_COMMANDS = tuple(name for name in COMMANDS if name not in WRAPPERS)
 
 
 @dataclass(frozen=True)
@@ -96,13 +96,13 @@ class Case:
     quick: tuple[str, ...] = ()
 
 
-def default_calls(commands: tuple[str, ...] = ON_A_MESH) -> dict[str, Calls]:
+def default_calls(commands: tuple[str, ...] = MESH_COMMANDS) -> dict[str, Calls]:
     """The default calls of these commands."""
     return {name: CALLS[name] for name in commands}
 
 
 # family: (generator, parameters in the order in which it gets harder, truths, label)
-PUSHED: dict[str, tuple[Callable[[float], Arrays], tuple[float, ...], dict]] = {
+PUSHED_CALLS: dict[str, tuple[Callable[[float], Arrays], tuple[float, ...], dict]] = {
     "needles, aspect": (meshes.needles, (1e2, 1e4, 1e6, 1e8, 1e10, 1e12), {"betti_numbers": (1, 0, 0)}),
     "caps, aspect": (meshes.caps, (1e2, 1e4, 1e6, 1e8, 1e10, 1e12), {"betti_numbers": (1, 0, 1)}),
     "cylinder, needles": (meshes.cylinder, (300, 3e4), {"betti_numbers": (1, 1, 0)}),
@@ -128,7 +128,7 @@ PUSHED: dict[str, tuple[Callable[[float], Arrays], tuple[float, ...], dict]] = {
     "genus": (meshes.handles, (1, 30, 1000), {}),
     "pinched squares": (meshes.pinched, (2, 50, 5000), {}),
 }
-QUICK = {
+SHORT_CASES = {
     ("needles, aspect", 1e8): ("delaunay",),
     ("scale, large 10^", 150): ("curvature",),
     ("tetrahedra", 3e3): ("delaunay",),
@@ -139,7 +139,7 @@ QUICK = {
 def pushed_cases() -> list[Case]:
     """The generated families, parameter by parameter."""
     cases = []
-    for family, (make, parameters, expected) in PUSHED.items():
+    for family, (make, parameters, expected) in PUSHED_CALLS.items():
         for value in parameters:
             truths = dict(expected)
             if family == "genus":
@@ -154,7 +154,7 @@ def pushed_cases() -> list[Case]:
                     parameter=value,
                     calls=default_calls(),
                     expected=truths,
-                    quick=QUICK.get((family, value), ()),
+                    quick=SHORT_CASES.get((family, value), ()),
                 )
             )
     return cases
@@ -168,7 +168,7 @@ def slow_cases() -> list[Case]:
              checks=("box_does_not_grow",))
         for cells in (12, 40)
     ]  # fmt: skip
-    hangs = sorted((SHARED.parent / "regressions" / "meshes").glob("*.npz"))
+    hangs = sorted((SHARED_MESHES.parent / "regressions" / "meshes").glob("*.npz"))
     return smoothed + [
         Case(path.name, "slow once", path=path, calls=default_calls(("geodesic", "hodge", "curvature")))
         for path in hangs
@@ -275,19 +275,19 @@ def sample_cases() -> list[Case]:
 
 def shared_cases() -> list[Case]:
     """Files of the shared folder: hard ones, voxel surfaces, small real meshes; none where it is missing."""
-    if not SHARED.is_dir():
+    if not SHARED_MESHES.is_dir():
         return []
-    hard = SHARED / "hard"
+    hard = SHARED_MESHES / "hard"
     expect = json.loads((hard / "EXPECT.json").read_text(encoding="utf-8"))
     cases = [
         Case(path.name, "hard files", path=path, calls=default_calls(), expected=expect.get(path.name, {}))
         for path in sorted(hard.iterdir())
         if path.suffix not in (".md", ".json")
     ]
-    voxel = [p for p in sorted((SHARED / "voxel").glob("*")) if p.suffix == ".vtp"]
+    voxel = [p for p in sorted((SHARED_MESHES / "voxel").glob("*")) if p.suffix == ".vtp"]
     real = [
         p
-        for p in sorted(SHARED.iterdir())
+        for p in sorted(SHARED_MESHES.iterdir())
         if p.is_file() and p.suffix not in (".md", ".py") and p.stat().st_size < MAX_REAL_BYTES
     ]
     return cases + [

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import dijkstra
 
-RIGHT, DEGRADED, REFUSED, WRONG = "right", "degraded", "refused", "wrong"
+RIGHT_VERDICT, DEGRADED_VERDICT, REFUSED_VERDICT, WRONG_VERDICT = "right", "degraded", "refused", "wrong"
 MAX_MESSAGE_LENGTH = 1200  # characters, path included
 SUM_TOLERANCE = 1e-9  # sums over up to 1e5 faces, relative
 DISTANCE_TOLERANCE = 1e-9  # of the largest distance
@@ -345,34 +345,38 @@ def judge(
     message = outcome.stderr.strip()
     if outcome.over:
         used = f"{outcome.seconds:.0f} s CPU, {outcome.peak_mib:.0f} MiB"
-        return Verdict(WRONG, f"over its {outcome.over} limit ({used})")
+        return Verdict(WRONG_VERDICT, f"over its {outcome.over} limit ({used})")
     if "Traceback" in message or "internal error" in message.lower():
-        return Verdict(WRONG, f"internal error: {message.splitlines()[-1][:200]}")
+        return Verdict(WRONG_VERDICT, f"internal error: {message.splitlines()[-1][:200]}")
     if outcome.exit_code not in (0, 1, 2):
-        return Verdict(WRONG, f"exit {outcome.exit_code}: {message[-200:]}")
+        return Verdict(WRONG_VERDICT, f"exit {outcome.exit_code}: {message[-200:]}")
     errors = [line for line in message.splitlines() if not line.startswith(("Warning:", "Note:"))]
     if outcome.exit_code == 2:
         return _refusal(outcome, errors)
     if expected.get("refused") or expected.get("load") == "refuse":
-        return Verdict(WRONG, f"exit {outcome.exit_code} for an input that must be refused")
+        return Verdict(WRONG_VERDICT, f"exit {outcome.exit_code} for an input that must be refused")
     if outcome.exit_code == 1:
         if not errors and not _warnings(outcome):
-            return Verdict(WRONG, "exit 1 without a reason")
+            return Verdict(WRONG_VERDICT, "exit 1 without a reason")
         fault = _spoilt(outcome, required=False)
-        return Verdict(WRONG, fault) if fault else Verdict(DEGRADED, (errors or _warnings(outcome))[0][:200])
+        return (
+            Verdict(WRONG_VERDICT, fault)
+            if fault
+            else Verdict(DEGRADED_VERDICT, (errors or _warnings(outcome))[0][:200])
+        )
     if fault := _spoilt(outcome, required=True):
-        return Verdict(WRONG, fault)
+        return Verdict(WRONG_VERDICT, fault)
     return _verdict_of_checks(command, outcome, points, faces, expected, checks)
 
 
 def _refusal(outcome: Outcome, errors: list[str]) -> Verdict:
     if len(errors) != 1:
-        return Verdict(WRONG, f"refused in {len(errors)} lines")
+        return Verdict(WRONG_VERDICT, f"refused in {len(errors)} lines")
     if outcome.stdout.strip():
-        return Verdict(WRONG, "refused, yet a summary was printed")
+        return Verdict(WRONG_VERDICT, "refused, yet a summary was printed")
     if len(errors[0]) > MAX_MESSAGE_LENGTH:
-        return Verdict(WRONG, f"refused in {len(errors[0])} characters")
-    return Verdict(REFUSED, errors[0].removeprefix("Error: ")[:200])
+        return Verdict(WRONG_VERDICT, f"refused in {len(errors[0])} characters")
+    return Verdict(REFUSED_VERDICT, errors[0].removeprefix("Error: ")[:200])
 
 
 def _warnings(outcome: Outcome) -> list[str]:
@@ -415,6 +419,6 @@ def _verdict_of_checks(
     for check in (*CHECKS.get(command, ()), *(FURTHER_CHECKS[name] for name in checks)):
         for fault, words in check(evidence):
             if not any(word.lower() in warnings.lower() for word in words):
-                return Verdict(WRONG, fault)
+                return Verdict(WRONG_VERDICT, fault)
             reported.append(fault)
-    return Verdict(DEGRADED, f"{reported[0]}, reported") if reported else Verdict(RIGHT)
+    return Verdict(DEGRADED_VERDICT, f"{reported[0]}, reported") if reported else Verdict(RIGHT_VERDICT)

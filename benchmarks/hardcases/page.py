@@ -6,15 +6,15 @@ from collections import Counter
 from collections.abc import Iterable
 from typing import Any
 
-from benchmarks.hardcases.catalogue import PUSHED, ROOT, Case, catalogue
-from benchmarks.hardcases.judge import DEGRADED, REFUSED, RIGHT, WRONG
+from benchmarks.hardcases.catalogue import PUSHED_CALLS, ROOT, Case, catalogue
+from benchmarks.hardcases.judge import DEGRADED_VERDICT, REFUSED_VERDICT, RIGHT_VERDICT, WRONG_VERDICT
 from benchmarks.hardcases.stored import PEER_RESULTS, stored_results
 from ddgcli.cli.main import COMMANDS
 
 PAGE = ROOT / "docs" / "hard-cases.md"
-MARKS = {RIGHT: "✓", DEGRADED: "~", REFUSED: "–", WRONG: "**✗**"}
+MARKS = {RIGHT_VERDICT: "✓", DEGRADED_VERDICT: "~", REFUSED_VERDICT: "–", WRONG_VERDICT: "**✗**"}
 PEER_COUNTS = ("right", "refused", "crashed", "hung", "over memory", "silently wrong")
-NOT_RUN, NOT_IN_CASE = "?", ""
+UNKNOWN_MARK, BLANK_MARK = "?", ""
 
 HEAD = """# Hard cases
 
@@ -54,7 +54,7 @@ def page(results: dict[str, dict[str, dict[str, Any]]], cases: list[Case]) -> st
 
 
 def _section(case: Case) -> str:
-    if case.family in PUSHED:
+    if case.family in PUSHED_CALLS:
         return "generated families"
     return "simulators" if case.parameter is not None or case.family == "restarts" else case.family
 
@@ -79,8 +79,8 @@ def _table(title: str, cases: list[Case], results: dict) -> str:
 
 def _mark(case: Case, command: str, cell: dict[str, Any] | None) -> str:
     if command not in case.calls:
-        return NOT_IN_CASE
-    return MARKS[cell["kind"]] if cell else NOT_RUN
+        return BLANK_MARK
+    return MARKS[cell["kind"]] if cell else UNKNOWN_MARK
 
 
 def breaking_point(cells: list[tuple[float, str | None]]) -> str:
@@ -93,9 +93,9 @@ def breaking_point(cells: list[tuple[float, str | None]]) -> str:
     """
     run = [(value, kind) for value, kind in cells if kind]
     if not run:
-        return NOT_RUN
+        return UNKNOWN_MARK
     for place, (value, kind) in enumerate(run):
-        if kind != RIGHT:
+        if kind != RIGHT_VERDICT:
             before = f"✓ to {run[place - 1][0]:.10g}; " if place else ""
             return f"{before}{MARKS[kind]} at {value:.10g}"
     return f"✓ to {run[-1][0]:.10g}"
@@ -112,7 +112,7 @@ def _breaking_points(results: dict, cases: list[Case]) -> str:
         entries = []
         for name in columns:
             kinds = [(case.parameter, results.get(case.name, {}).get(name, {}).get("kind")) for case in rows]
-            entries.append(breaking_point(kinds) if any(name in case.calls for case in rows) else NOT_IN_CASE)
+            entries.append(breaking_point(kinds) if any(name in case.calls for case in rows) else BLANK_MARK)
         lines.append(_row([family, *entries]))
     return "\n".join(lines) + "\n"
 
@@ -121,7 +121,7 @@ def _wrong_cells(results: dict, cases: list[Case]) -> str:
     lines = ["## Wrong and degraded cells\n"]
     for case in cases:
         for name, cell in results.get(case.name, {}).items():
-            if name in case.calls and cell["kind"] in (WRONG, DEGRADED):
+            if name in case.calls and cell["kind"] in (WRONG_VERDICT, DEGRADED_VERDICT):
                 note = cell["note"].replace("|", "\\|").replace("\n", " ")
                 lines.append(f"- {MARKS[cell['kind']]} {case.name}, `{name}`: {note}")
     return "\n".join([*lines, "none"] if len(lines) == 1 else lines) + "\n"

@@ -29,7 +29,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.hardcases.catalogue import ROOT, Call, Case, catalogue
-from benchmarks.hardcases.judge import WRONG, Outcome, Verdict, judge
+from benchmarks.hardcases.judge import WRONG_VERDICT, Outcome, Verdict, judge
 from benchmarks.hardcases.meshes import truths_of
 from benchmarks.hardcases.page import write_page
 from benchmarks.hardcases.stored import Results, store, stored_results
@@ -277,7 +277,7 @@ def main(words: list[str]) -> int:
         (case, name, cell["note"])
         for case, row in results.items()
         for name, cell in row.items()
-        if cell["kind"] == WRONG
+        if cell["kind"] == WRONG_VERDICT
     ]
     for case, name, note in wrong:
         print(f"wrong: {case} | {name}: {note}")

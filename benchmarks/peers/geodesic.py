@@ -24,7 +24,7 @@ from ddgcli.algorithms.geodesics.heat import HeatSolver
 from ddgcli.mesh import shapes
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 
-QUICK = "--quick" in sys.argv
+QUICK_RUN = "--quick" in sys.argv
 SOURCE = 0
 
 
@@ -46,7 +46,7 @@ def error(distance: np.ndarray, truth: np.ndarray) -> float:
 
 
 def meshes() -> dict[str, TriangleMesh]:
-    sizes = ("20k", "80k") if QUICK else ("20k", "80k", "320k")
+    sizes = ("20k", "80k") if QUICK_RUN else ("20k", "80k", "320k")
     table = {}
     for size in sizes:
         n = mesh_sequences.FACES[size]
@@ -79,7 +79,7 @@ def pair(ours: Callable[[], Any], theirs: Callable[[], Any], repeat: int) -> tup
 
 def bench_exact() -> None:
     table = {name: mesh_sequences.real(name) for name in ("spot.obj", "goathead.obj", "koala.obj")}
-    if not QUICK:
+    if not QUICK_RUN:
         table["st_helens_terrain.ply"] = mesh_sequences.real("st_helens_terrain.ply")
     targets = {"spot.obj": 1, "goathead.obj": 1, "sphere 80k": 5, "sphere 320k": 10, "koala.obj": 3,
                "st_helens_terrain.ply": 3}  # fmt: skip
@@ -113,7 +113,7 @@ def bench_exact() -> None:
 
 def bench_growth() -> None:
     """What exact distances take as meshes get finer, ours alone; the exponents are those of the last step."""
-    sizes = ("20k", "80k", "320k") if QUICK else ("20k", "80k", "320k", "1.3M")
+    sizes = ("20k", "80k", "320k") if QUICK_RUN else ("20k", "80k", "320k", "1.3M")
     names = ("sphere", "stretched", "noisy", "sheared_torus")
     kinds = {name.replace("_", " "): getattr(mesh_sequences, name) for name in names}
     rows = []
@@ -162,7 +162,7 @@ def _growth(name: str, mesh: TriangleMesh, last: list[Any] | None) -> list[Any]:
 def bench_heat() -> None:
     rows = []
     for name, mesh in meshes().items():
-        if mesh.n_faces < 50_000 and not QUICK:
+        if mesh.n_faces < 50_000 and not QUICK_RUN:
             continue
 
         def ours(mesh: TriangleMesh = mesh) -> HeatSolver:
@@ -257,7 +257,7 @@ def bench_errors() -> None:
             m.points, m.faces
         ).compute_distance([[(SOURCE, [])]]),
     }
-    sizes = (5_000, 20_000) if QUICK else (5_000, 20_000, 80_000)
+    sizes = (5_000, 20_000) if QUICK_RUN else (5_000, 20_000, 80_000)
     table = {f"sphere {n}": mesh_sequences.sphere(n) for n in sizes} | {
         f"torus {n}": jittered_torus(n) for n in sizes
     }

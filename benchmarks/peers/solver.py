@@ -22,13 +22,13 @@ from ddgcli.operators.laplacian import lumped_vertex_area, stiffness
 
 # small systems take milliseconds, of which the least is steady only over many runs
 REPEAT = {"20k": 20, "80k": 8, "320k": 3, "1.3M": 1}
-REGULAR = {"20k": 5, "80k": 6, "320k": 7, "1.3M": 8}
+REGULAR_GRIDS = {"20k": 5, "80k": 6, "320k": 7, "1.3M": 8}
 
 
 def system(name: str, size: str) -> csc_array:
     faces = mesh_sequences.FACES[size]
     if name == "regular":
-        mesh = shapes.icosphere(REGULAR[size])
+        mesh = shapes.icosphere(REGULAR_GRIDS[size])
     elif name == "irregular":
         mesh = mesh_sequences.sphere(faces)
     elif name == "stretched":

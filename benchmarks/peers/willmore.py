@@ -29,7 +29,7 @@ from ddgcli.models.willmore.descent import (
     preconditioner_at,
     rosenbrock_step,
 )
-from ddgcli.models.willmore.energies import DEFAULT, ENERGIES
+from ddgcli.models.willmore.energies import DEFAULT_ENERGY, ENERGIES
 from ddgcli.models.willmore.setup import FlowOptions
 from ddgcli.models.willmore.state import DEFAULT_STOP
 from ddgcli.simulation.account import Account
@@ -48,7 +48,7 @@ def ellipsoid(level: int) -> TriangleMesh:
 def calls(mesh: TriangleMesh) -> dict[str, Callable[[], Any]]:
     free, none = np.arange(mesh.n_vertices), Constraints()
     energies = {name: kind.build(mesh.topology) for name, kind in ENERGIES.items()}
-    best = energies[DEFAULT]
+    best = energies[DEFAULT_ENERGY]
     at = energy_gradient(mesh, best, free, none)
     constrained = Constraints(area(mesh), enclosed_volume(mesh))
     like = Factor(fourth_order_matrix(at.mesh, free, 0.05))

@@ -22,12 +22,12 @@ GROUPS = {
     "Run": ("--progress", "--verbose", "--quiet", "--seed", "--threads", "--help", "--help-all"),
 }  # fmt: skip
 SIMULATORS = ("shell-sim", "fluid-sim", "willmore-flow", "curve-flow")
-SHARED = ("Output", "Pictures", "Run")  # groups of every command
+SHARED_GROUPS = ("Output", "Pictures", "Run")  # groups of every command
 MAX_LINES = 58  # of the short page; the last options of a command move to --help-all beyond
-ONLY_HERE = {"Time": SIMULATORS, "Curves": ("geodesic",)}
+GROUP_COMMANDS = {"Time": SIMULATORS, "Curves": ("geodesic",)}
 # options that only --help-all shows: the shared ones, and these of long commands
 SHORT_PAGE = ("--output", "--json", "--full", "--plot", "--quiet", "--help", "--help-all")
-ADVANCED = {
+LONG_PAGE = {
     "geodesic": (
         "--target-point", "--target-face", "--operator", "--heat-time", "--heat-refine", "--each-source",
         "--certify", "--straighten", "--loop", "--curve", "--field-seeds", "--field-time", "--field-order",
@@ -70,7 +70,7 @@ def _format_options(command: click.Command, context: click.Context, formatter: c
     while not whole:
         trial = click.HelpFormatter(width=formatter.width)
         _write_sections(name, context, trial, shown, whole)
-        own = [option for option in shown if _group(name, option) not in SHARED]
+        own = [option for option in shown if _group(name, option) not in SHARED_GROUPS]
         if _n_lines(trial) <= rest or not own:
             break
         shown.remove(own[-1])
@@ -85,7 +85,9 @@ def _format_options(command: click.Command, context: click.Context, formatter: c
 def _is_rare(command: str, option: click.Option) -> bool:
     """Whether only --help-all shows an option."""
     name = max(option.opts, key=len)
-    return name in ADVANCED.get(command, ()) or (_group(command, option) in SHARED and name not in SHORT_PAGE)
+    return name in LONG_PAGE.get(command, ()) or (
+        _group(command, option) in SHARED_GROUPS and name not in SHORT_PAGE
+    )
 
 
 def _write_sections(
@@ -96,7 +98,7 @@ def _write_sections(
         title = _group(command, option)
         record = option.get_help_record(context)
         if record is not None:
-            sections["Output" if title in SHARED and not whole else title].append(record)
+            sections["Output" if title in SHARED_GROUPS and not whole else title].append(record)
     for title, records in sections.items():
         if records:
             with formatter.section(title):
@@ -109,7 +111,7 @@ def _n_lines(formatter: click.HelpFormatter) -> int:
 
 def _group(command: str, parameter: click.Parameter) -> str:
     for title, names in GROUPS.items():
-        if command in ONLY_HERE.get(title, (command,)) and any(name in names for name in parameter.opts):
+        if command in GROUP_COMMANDS.get(title, (command,)) and any(name in names for name in parameter.opts):
             return title
     return "Options"
 

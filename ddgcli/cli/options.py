@@ -90,7 +90,7 @@ class Numbers(click.ParamType):
         words = str(value).split(",")
         if len(words) != self.count:
             self.fail(f"{value!r} is not {self.count} numbers such as {self.example}", param, ctx)
-        return [REAL.convert(x, param, ctx) for x in words]
+        return [REAL_NUMBER.convert(x, param, ctx) for x in words]
 
 
 class FacePoint(click.ParamType):
@@ -166,9 +166,9 @@ def named_array(arrays: dict[str, Any], name: str, what: str = "array") -> Any:
     return arrays[name]
 
 
-REAL = Real()
-POSITIVE = Real(above=0)
-NONNEGATIVE = Real(least=0)
+REAL_NUMBER = Real()
+POSITIVE_NUMBER = Real(above=0)
+NONNEGATIVE_NUMBER = Real(least=0)
 
 mesh_arg = click.argument("mesh_path", metavar="MESH", type=click.Path())
 subdivide = click.option(
@@ -180,7 +180,7 @@ subdivide = click.option(
 )
 scene_arg = click.argument("scene_path", metavar="SCENE", required=False, type=click.Path())
 
-_COMMON = (
+_COMMON_OPTIONS = (
     click.option("-o", "--output", "outputs", multiple=True, metavar="PATH",
                  help="Write the result; the extension is the format. Repeatable; - is standard output."),
     click.option("--output-format", metavar="EXT", help="Format for -o -, as an extension."),
@@ -252,7 +252,7 @@ def grouped_options(
     return decorate
 
 
-common = grouped_options("common", CommonOptions, _COMMON)
+common = grouped_options("common", CommonOptions, _COMMON_OPTIONS)
 
 
 def refuse_options(reason: str, *names: str) -> None:

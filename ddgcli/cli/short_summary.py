@@ -69,8 +69,8 @@ SHORT_FIELDS: dict[str, dict[str, str]] = {
     },
     "frames": {"results": "frames status start end exported_frames arrays", "accuracy": "time_mismatch"},
 }
-ALWAYS = {"converged"}
-NOT_OF_MESHES = ("frames", "batch", "examples", "check")  # they take other inputs than a mesh
+PERMANENT_FIELDS = {"converged"}
+COMMANDS_OF_OTHER_INPUTS = ("frames", "batch", "examples", "check")  # they take other inputs than a mesh
 INPUT_FIELDS = "vertices faces tetrahedra lines components boundary_loops genus frames"
 INPUT_DEFECTS = ("manifold", "oriented")  # shown where they are false
 
@@ -102,7 +102,7 @@ def _selected(values: dict[str, Any], names: list[str]) -> dict[str, Any]:
         inner_names.setdefault(head, []).append(tail)
     kept = {}
     for name, value in values.items():
-        if name in ALWAYS or "" in inner_names.get(name, ()):
+        if name in PERMANENT_FIELDS or "" in inner_names.get(name, ()):
             kept[name] = value
         elif name in inner_names and isinstance(value, dict):
             kept[name] = {key: value[key] for key in value if key in inner_names[name]}
@@ -123,5 +123,5 @@ def _count(values: dict[str, Any]) -> int:
 def _accepted(accepts: dict[str, str]) -> dict[str, str]:
     """Commands that accept the input in one line, and the reason of each that does not."""
     yes = [name for name, answer in accepts.items() if answer == "yes"]
-    no = {name: why for name, why in accepts.items() if why != "yes" and name not in NOT_OF_MESHES}
+    no = {name: why for name, why in accepts.items() if why != "yes" and name not in COMMANDS_OF_OTHER_INPUTS}
     return {"yes": " ".join(yes), **no}

@@ -24,13 +24,13 @@ APEX, TURN, TWIN = 0, 1, 3  # columns of Unfolding.side
 _CACHE_LINE = 64  # bytes; a row of Unfolding.side fills one
 
 # meshes are immutable, so that cached layouts stay valid
-_UNFOLDED: WeakKeyDictionary[SurfaceMesh, Unfolding] = WeakKeyDictionary()
+_UNFOLDING_TYPE: WeakKeyDictionary[SurfaceMesh, Unfolding] = WeakKeyDictionary()
 _FANS: WeakKeyDictionary[SurfaceMesh, Fans] = WeakKeyDictionary()
 
 
 def forget(mesh: SurfaceMesh) -> None:
     """Drop the cached layout of a mesh, so that benchmarks can time the set-up."""
-    _UNFOLDED.pop(mesh, None)
+    _UNFOLDING_TYPE.pop(mesh, None)
     _FANS.pop(mesh, None)
 
 
@@ -66,9 +66,9 @@ def unfold(mesh: SurfaceMesh) -> Unfolding:
     Heights come from cross products where the mesh has positions (accurate on caps), from Kahan's ordering of
     Heron's formula where it has only lengths.
     """
-    if mesh not in _UNFOLDED:
-        _UNFOLDED[mesh] = _layout(mesh)
-    return _UNFOLDED[mesh]
+    if mesh not in _UNFOLDING_TYPE:
+        _UNFOLDING_TYPE[mesh] = _layout(mesh)
+    return _UNFOLDING_TYPE[mesh]
 
 
 def _layout(mesh: SurfaceMesh) -> Unfolding:

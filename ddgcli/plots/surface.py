@@ -32,9 +32,9 @@ from ddgcli.plots.raster import (
 )
 from ddgcli.plots.viewpoint import best_view, up_axis_of
 
-_PLAIN = np.array([0.78, 0.81, 0.86])
+_PLAIN_COLOUR = np.array([0.78, 0.81, 0.86])
 _CONTEXT = np.array([0.86, 0.83, 0.76])
-_UNKNOWN = np.array([0.62, 0.62, 0.62])
+_UNKNOWN_COLOUR = np.array([0.62, 0.62, 0.62])
 _LIGHT = np.array([-0.35, 0.45, 0.82]) / np.linalg.norm([-0.35, 0.45, 0.82])
 LIGHT_SQUARE_COLOUR, BLUE_SQUARE_COLOUR = np.array([0.93, 0.91, 0.85]), np.array([0.30, 0.48, 0.68])
 N_SQUARES = 24  # along the larger side of a flat layout
@@ -246,7 +246,7 @@ def _colours(
 ) -> tuple[NDArray, Any]:
     """(k, 3) colour of each visible pixel, and the mappable of the colour bar."""
     if values is None or limits is None:
-        return np.broadcast_to(_PLAIN, (len(visible.pixel), 3)), None
+        return np.broadcast_to(_PLAIN_COLOUR, (len(visible.pixel), 3)), None
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize
 
@@ -261,7 +261,7 @@ def _colours(
     table = mappable.cmap(np.linspace(0, 1, 1024))[:, :3]
     with np.errstate(over="ignore"):
         place = np.clip((np.where(finite, shown, low) - low) / (high - low), 0, 1)
-    return np.where(finite[:, None], table[(place * 1023).astype(np.int64)], _UNKNOWN), mappable
+    return np.where(finite[:, None], table[(place * 1023).astype(np.int64)], _UNKNOWN_COLOUR), mappable
 
 
 def _beyond(known: NDArray, low: float, high: float) -> str:

@@ -19,7 +19,7 @@ MATERIALS: dict[str, dict[str, float]] = {
     "glass": {"volume_density": 2500.0, "young": 7e10, "poisson": 0.22, "thickness": 1e-3},
 }
 KEYS = ("density", "thickness", "young", "poisson")
-DEFAULT = "cotton"
+DEFAULT_MATERIAL = "cotton"
 
 
 def filled(values: dict[str, Any]) -> dict[str, Any]:
@@ -30,7 +30,7 @@ def filled(values: dict[str, Any]) -> dict[str, Any]:
     name = values.get("material")
     if name is None and all(values.get(key) is not None for key in KEYS):
         return values
-    preset = MATERIALS[name or DEFAULT]
+    preset = MATERIALS[name or DEFAULT_MATERIAL]
     out = dict(values)
     for key in ("thickness", "young", "poisson"):
         if out.get(key) is None:

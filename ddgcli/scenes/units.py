@@ -20,7 +20,7 @@ _BASE = {
     "in": (0.0254, (1, 0, 0, 0)), "ft": (0.3048, (1, 0, 0, 0)), "lbf": (4.4482216152605, (1, 1, -2, 0)),
 }  # fmt: skip
 _PREFIX = {"n": 1e-9, "u": 1e-6, "µ": 1e-6, "m": 1e-3, "c": 1e-2, "d": 1e-1, "k": 1e3, "M": 1e6, "G": 1e9}
-_PREFIXABLE = ("m", "g", "s", "N", "Pa", "J", "Hz", "rad")
+_PREFIX_UNITS = ("m", "g", "s", "N", "Pa", "J", "Hz", "rad")
 _FACTOR = re.compile(r"([A-Za-zµ]+)(?:\^?(-?\d+))?$")
 _QUANTITY = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(.*?)\s*$")
 
@@ -28,14 +28,14 @@ Dimension = tuple[int, int, int, int]
 
 
 def _unit_names() -> list[str]:
-    return sorted({*_BASE, *(p + u for p in _PREFIX for u in _PREFIXABLE)})
+    return sorted({*_BASE, *(p + u for p in _PREFIX for u in _PREFIX_UNITS)})
 
 
 def _simple_unit(name: str) -> tuple[float, Dimension]:
     if name in _BASE:
         return _BASE[name]
     for prefix, factor in _PREFIX.items():
-        if name.startswith(prefix) and name[len(prefix) :] in _PREFIXABLE:
+        if name.startswith(prefix) and name[len(prefix) :] in _PREFIX_UNITS:
             base, dimension = _BASE[name[len(prefix) :]]
             return factor * base, dimension
     near = difflib.get_close_matches(name, _unit_names(), 1)

@@ -8,7 +8,7 @@ import pytest
 
 from benchmarks.atlas import run as accuracy
 from benchmarks.atlas.advice import ADVICE, CLAIMS
-from benchmarks.atlas.run import HERE, PEER_NAMES, cases, summary_of, worse
+from benchmarks.atlas.run import ATLAS_FOLDER, PEER_NAMES, cases, summary_of, worse
 from benchmarks.atlas.tables import Finest, rates, stored
 from benchmarks.atlas.theory import SOURCES, theory
 from ddgcli.tradeoff.problems import delaunay
@@ -44,7 +44,7 @@ def check(monkeypatch, tmp_path):
     """`make accuracy-check` of one command, against what the atlas stores or a changed copy of it."""
 
     def call(change=lambda stored: None):
-        stored = json.loads((HERE / "check.json").read_text())
+        stored = json.loads((ATLAS_FOLDER / "check.json").read_text())
         change(stored["delaunay"])
         (tmp_path / "check.json").write_text(json.dumps(stored))
         monkeypatch.setattr(accuracy, "HERE", tmp_path)
@@ -80,7 +80,7 @@ def test_the_check_fails_if_a_method_gets_worse(check, monkeypatch, capsys):
 
 
 def table(command):
-    return stored(HERE / f"{command}.csv")
+    return stored(ATLAS_FOLDER / f"{command}.csv")
 
 
 @pytest.mark.parametrize("command, sentence, holds", [(c, *claim) for c in CLAIMS for claim in CLAIMS[c]])
@@ -95,7 +95,7 @@ def test_every_study_contains_its_mesh_classes_peers_theory_and_plots(command):
     mesh_classes = {row["mesh_class"] for row in rows}
     assert mesh_classes >= {"stretched", "noisy", "refined"} and mesh_classes & {"good", "right"}
     configurations = {row["configuration"] for row in rows}
-    page = (HERE / f"{command}.md").read_text()
+    page = (ATLAS_FOLDER / f"{command}.md").read_text()
     for row in rows:
         rate = theory(command, row["mesh_class"], row["configuration"])
         assert rate in ("none", "1, then 0") or float(rate) >= 0

@@ -10,7 +10,14 @@ import pytest
 
 from benchmarks.hardcases import meshes
 from benchmarks.hardcases.catalogue import CALLS, Case, catalogue, default_calls
-from benchmarks.hardcases.judge import DEGRADED, REFUSED, RIGHT, WRONG, Outcome, judge
+from benchmarks.hardcases.judge import (
+    DEGRADED_VERDICT,
+    REFUSED_VERDICT,
+    RIGHT_VERDICT,
+    WRONG_VERDICT,
+    Outcome,
+    judge,
+)
 from benchmarks.hardcases.page import breaking_point, page
 from benchmarks.hardcases.peers import peer_verdict
 from benchmarks.hardcases.run import chosen_cases, quick_results, run_cell, run_process
@@ -33,7 +40,7 @@ def kind_of(outcome: Outcome, command: str = "geodesic") -> str:
 
 
 def test_a_right_answer_is_right():
-    assert kind_of(geodesic_outcome()) == RIGHT
+    assert kind_of(geodesic_outcome()) == RIGHT_VERDICT
 
 
 @pytest.mark.parametrize(
@@ -58,19 +65,19 @@ def test_a_right_answer_is_right():
     ],
 )
 def test_a_planted_fault_turns_the_cell(planted):
-    assert kind_of(planted) == WRONG
+    assert kind_of(planted) == WRONG_VERDICT
 
 
 def test_a_warning_that_names_the_violated_truth_degrades_the_cell():
     named = geodesic_outcome([0.0, 0.9, 1.0], warnings=["distance of 1 vertex is below its bound"])
     unrelated = geodesic_outcome([0.0, 0.9, 1.0], warnings=["the file has a comment"])
-    assert kind_of(named) == DEGRADED
-    assert kind_of(unrelated) == WRONG
+    assert kind_of(named) == DEGRADED_VERDICT
+    assert kind_of(unrelated) == WRONG_VERDICT
 
 
 def test_one_line_refuses_the_cell_and_exit_one_degrades_it():
-    assert kind_of(Outcome(2, "", "Error: input.npz: no face has area")) == REFUSED
-    assert kind_of(geodesic_outcome(exit_code=1, stderr="Error: not converged")) == DEGRADED
+    assert kind_of(Outcome(2, "", "Error: input.npz: no face has area")) == REFUSED_VERDICT
+    assert kind_of(geodesic_outcome(exit_code=1, stderr="Error: not converged")) == DEGRADED_VERDICT
 
 
 @pytest.mark.parametrize(
@@ -92,10 +99,12 @@ def test_one_line_refuses_the_cell_and_exit_one_degrades_it():
 )
 def test_each_command_has_a_truth_that_a_planted_result_violates(command, results, accuracy):
     summary = SUMMARY | {"results": results, "accuracy": accuracy}
-    assert kind_of(Outcome(0, json.dumps(summary), ""), command) == WRONG
+    assert kind_of(Outcome(0, json.dumps(summary), ""), command) == WRONG_VERDICT
 
 
-@pytest.mark.parametrize("values, kind", [([-1e-15, 2e-16, 6e-15], RIGHT), ([0.0, 1e-15, 0.3], WRONG)])
+@pytest.mark.parametrize(
+    "values, kind", [([-1e-15, 2e-16, 6e-15], RIGHT_VERDICT), ([0.0, 1e-15, 0.3], WRONG_VERDICT)]
+)
 def test_zero_eigenvalues_of_a_file_are_measured_by_its_faces(values, kind):
     summary = {"input": {"components": 3, "faces": 150}, "results": {"area": 10.0, "eigenvalues": values}}
     outcome = Outcome(0, json.dumps(SUMMARY | summary))
@@ -104,7 +113,7 @@ def test_zero_eigenvalues_of_a_file_are_measured_by_its_faces(values, kind):
 
 def test_a_body_at_rest_that_moves_is_wrong():
     summary = SUMMARY | {"results": {"energies": {"total": {"start": 0.0, "end": 0.0}}}}
-    for shift, kind in ((0.0, RIGHT), (1e-3, WRONG)):
+    for shift, kind in ((0.0, RIGHT_VERDICT), (1e-3, WRONG_VERDICT)):
         outcome = Outcome(0, json.dumps(summary), "", arrays={"points": POINTS + shift})
         assert kind_of(outcome, "shell-sim") == kind
 
@@ -136,16 +145,19 @@ def test_generated_families_have_the_topology_that_the_catalogue_states(arrays, 
 
 
 def test_the_breaking_point_is_the_first_parameter_that_is_not_right():
-    assert breaking_point([(1e2, RIGHT), (1e4, RIGHT)]) == "✓ to 10000"
-    assert breaking_point([(1e2, RIGHT), (1e4, REFUSED), (1e6, RIGHT)]) == "✓ to 100; – at 10000"
-    assert breaking_point([(1e2, WRONG)]) == "**✗** at 100"
+    assert breaking_point([(1e2, RIGHT_VERDICT), (1e4, RIGHT_VERDICT)]) == "✓ to 10000"
+    assert (
+        breaking_point([(1e2, RIGHT_VERDICT), (1e4, REFUSED_VERDICT), (1e6, RIGHT_VERDICT)])
+        == "✓ to 100; – at 10000"
+    )
+    assert breaking_point([(1e2, WRONG_VERDICT)]) == "**✗** at 100"
     assert breaking_point([(1e2, None)]) == "?"
 
 
 def test_the_page_shows_a_wrong_cell_and_names_its_fault():
     case = Case("sharp", "needles, aspect", lambda: (POINTS, FACES), parameter=1.0,
                 calls=default_calls(("info", "geodesic")))  # fmt: skip
-    cell = {"kind": WRONG, "note": "distance NaN", "seconds": 0.1, "peak_mib": 50}
+    cell = {"kind": WRONG_VERDICT, "note": "distance NaN", "seconds": 0.1, "peak_mib": 50}
     text = page({"sharp": {"geodesic": cell}}, [case])
     assert "| sharp | ? | **✗** |" in text
     assert "- **✗** sharp, `geodesic`: distance NaN" in text
@@ -155,7 +167,7 @@ def test_limits_end_a_process_that_takes_too_much_time(tmp_path, monkeypatch):
     monkeypatch.setattr("benchmarks.hardcases.run.CPU_SECONDS", 1)
     outcome = run_process([sys.executable, "-c", "while True: pass"], tmp_path)
     assert outcome.over == "time"
-    assert kind_of(outcome) == WRONG
+    assert kind_of(outcome) == WRONG_VERDICT
 
 
 def test_limits_end_a_process_that_takes_too_much_memory(tmp_path, monkeypatch):
@@ -163,7 +175,7 @@ def test_limits_end_a_process_that_takes_too_much_memory(tmp_path, monkeypatch):
     hog = "import time; b = bytearray(300 << 20); b[::4096] = b'x' * len(b[::4096]); time.sleep(60)"
     outcome = run_process([sys.executable, "-c", hog], tmp_path)
     assert outcome.over == "memory"
-    assert kind_of(outcome) == WRONG
+    assert kind_of(outcome) == WRONG_VERDICT
 
 
 def test_a_planted_peer_fault_is_counted():
@@ -180,7 +192,7 @@ def test_no_cell_of_the_short_run_is_wrong():
     results = quick_results()
     assert {case.name for case in chosen_cases([], quick=True)} == set(results)
     assert not [(case, cell) for case, row in results.items() for cell in row.values()
-                if cell["kind"] == WRONG]  # fmt: skip
+                if cell["kind"] == WRONG_VERDICT]  # fmt: skip
 
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="the planted fault is inherited by a fork")
@@ -188,9 +200,9 @@ def test_a_fault_planted_in_the_program_turns_its_cell(monkeypatch):
     from ddgcli.algorithms.inspection import quality
 
     case = next(case for case in catalogue() if case.name == "one triangle")
-    assert run_cell(case, "info", preloaded=True)[0].kind == RIGHT
+    assert run_cell(case, "info", preloaded=True)[0].kind == RIGHT_VERDICT
     area_of = quality.surface_area
     monkeypatch.setattr(quality, "surface_area", lambda mesh: 1.001 * area_of(mesh))
     verdict = run_cell(case, "info", preloaded=True)[0]
-    assert verdict.kind == WRONG
+    assert verdict.kind == WRONG_VERDICT
     assert "area" in verdict.note

@@ -172,7 +172,7 @@ SOLVE = ("ddgcli.linalg.factor:Factor.solve", returned(lambda x: scattered(x, 1e
 FAINT = (SOLVE[0], returned(lambda x: scattered(x, 1e-6 * np.abs(x).max())))  # below what is refused
 WILD = (SOLVE[0], returned(lambda x: scattered(x, np.abs(x).max())))
 MEASURE = "ddgcli.algorithms.curvature.surface_curvature:_accuracy"
-EXACT = "ddgcli.algorithms.geodesics.exact.exact_distance:exact_distance"
+EXACT_DISTANCE = "ddgcli.algorithms.geodesics.exact.exact_distance:exact_distance"
 OPERATOR = "ddgcli.algorithms.laplacian.tasks:laplace_operator"
 TRACE_CHECKED = "ddgcli.algorithms.tracing.trace:Tracer.trace_checked"
 STEP = "ddgcli.algorithms.tangent_fields.integral_curves:runge_kutta_step"
@@ -237,14 +237,14 @@ PLANTS = {
     "smoothed": [(*WILD, ["smooth_residual", "smooth_area_increases", "smooth_box_growth"])],
     "exact": [
         (
-            EXACT,
+            EXACT_DISTANCE,
             crooked(distance=lambda d: 2.0 * d),
             ["violations_edge_distance", "violations_lipschitz", "lipschitz_excess", "certificate_excess"]
             + ["gradient_deviation"],
         ),
-        (EXACT, crooked(distance=lambda d: 0.5 * d), ["violations_straight_line"]),
-        (EXACT, crooked(distance=unequal), ["symmetry_residual"]),
-        (EXACT, crooked(distance=lambda d: d**3), ["triangle_residual"]),
+        (EXACT_DISTANCE, crooked(distance=lambda d: 0.5 * d), ["violations_straight_line"]),
+        (EXACT_DISTANCE, crooked(distance=unequal), ["symmetry_residual"]),
+        (EXACT_DISTANCE, crooked(distance=lambda d: d**3), ["triangle_residual"]),
     ],
     "slack": [
         ("ddgcli.algorithms.geodesics.exact.wavefront:Wavefront.run", rougher, ["tolerance_error_estimate"])
@@ -252,7 +252,7 @@ PLANTS = {
     "traced": [(TRACE_CHECKED, returned(bent), ["trace_angle_defect"])],
     "path": [
         (TRACE_CHECKED, returned(bent), ["path_length_residual"]),
-        (EXACT, crooked(distance=lambda d: 1.001 * d), ["path_length_residual"]),
+        (EXACT_DISTANCE, crooked(distance=lambda d: 1.001 * d), ["path_length_residual"]),
     ],
     "straightened": [
         (
@@ -265,8 +265,8 @@ PLANTS = {
     "followed": [(STEP, rougher_steps, ["field_error_estimate"])],
     "steps": [(STEP, rougher_steps, ["field_error_estimate"])],
     "mapped": [
-        (EXACT, crooked(departure=lambda d: d + 1e-8), ["log_map_miss"]),
-        (EXACT, crooked(departure=lambda d: d + 1e-3), ["log_map_miss"]),
+        (EXACT_DISTANCE, crooked(departure=lambda d: d + 1e-8), ["log_map_miss"]),
+        (EXACT_DISTANCE, crooked(departure=lambda d: d + 1e-3), ["log_map_miss"]),
     ],
     "fast-marching map": [
         (

@@ -47,7 +47,7 @@ def inputs(tmp_path_factory):
 
 
 # command -> words of every call
-ALWAYS = {
+COMMON_WORDS = {
     "shell-sim": [*SHELL, *SHELL_TIME],
     "fluid-sim": [*FLUID, *FLUID_TIME],
     "willmore-flow": FLOW_TIME,
@@ -148,7 +148,7 @@ PAIRS = [(command, name) for command, cases in CASES.items() for name in cases]
 
 def always(command, words):
     """The words of every call, without what this call replaces."""
-    words_of_call = list(ALWAYS.get(command, []))
+    words_of_call = list(COMMON_WORDS.get(command, []))
     replaced = {"--duration": ["--steps"], "--flow": ["--vorticity"] if command == "fluid-sim" else []}
     for option in [w for w in words if str(w).startswith("--") and w != "--effect"]:
         for name in (option, *replaced.get(option, [])):
@@ -188,7 +188,7 @@ def test_every_comparable_option_has_a_case():
 @pytest.mark.parametrize("command, name", PAIRS)
 def test_an_option_makes_its_difference(command, name, compare):
     words, holds = CASES[command][name]
-    plain = compare(command, *ALWAYS.get(command, []))["results"]["rows"]
+    plain = compare(command, *COMMON_WORDS.get(command, []))["results"]["rows"]
     summary = compare(command, *always(command, words), *words)
     rows = summary["results"]["rows"]
     assert holds(rows) and not holds(plain)
@@ -281,7 +281,7 @@ def delaunay_error(words, run, folder):
 
 
 def test_every_delaunay_row_has_the_error_of_its_command(compare, run, tmp_path):
-    rows = compare("delaunay", "--truth", "sphere:1", *ALWAYS["delaunay"])["results"]["rows"]
+    rows = compare("delaunay", "--truth", "sphere:1", *COMMON_WORDS["delaunay"])["results"]["rows"]
     assert len(rows) > 2
     for row in rows:
         error = delaunay_error(shlex.split(row["command"]), run, tmp_path)
@@ -328,7 +328,7 @@ def error_of(command, words, reference, run, folder):
 # command -> (error bound, words; of a run: the words of the problem, and the steps of the reference)
 WITHIN = {
     "curvature": (0.25, ["--truth", "sphere:1"], None),
-    "delaunay": (0.07, ["--truth", "sphere:1", *ALWAYS["delaunay"]], None),
+    "delaunay": (0.07, ["--truth", "sphere:1", *COMMON_WORDS["delaunay"]], None),
     "laplacian": (0.11, ["--truth", "sphere:1"], None),
     "geodesic": (0.04, ["--truth", "sphere:1"], None),
     "shell-sim": (0.02, [*SHELL, *SHELL_TIME], (SHELL, 32)),

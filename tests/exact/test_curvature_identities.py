@@ -17,18 +17,18 @@ from ddgcli.mesh import shapes
 from ddgcli.mesh.intrinsic_mesh import IntrinsicMesh
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 
-CLOSED = {
+CLOSED_MESHES = {
     "sphere": shapes.icosphere(2),
     "irregular": shapes.random_sphere(300),
     "torus": shapes.torus(20, 10),
     "box": shapes.box(2, 1, 3, (1.0, 2.0, 0.5)),
 }
-OPEN = {
+OPEN_MESHES = {
     "grid": shapes.grid(5, 4, pattern="alternating"),
     "cylinder": shapes.cylinder(12, 5),
     "catenoid": shapes.catenoid(14, 7),
 }
-ALL = CLOSED | OPEN
+ALL_MESHES = CLOSED_MESHES | OPEN_MESHES
 
 
 def crumpled(mesh, seed=0):
@@ -37,9 +37,9 @@ def crumpled(mesh, seed=0):
     return mesh.moved(mesh.points + 0.2 * mesh.side_length.mean() * noise)
 
 
-@pytest.mark.parametrize("name", ALL)
+@pytest.mark.parametrize("name", ALL_MESHES)
 def test_sums_of_curvature_are_topology(name):
-    mesh = crumpled(ALL[name])
+    mesh = crumpled(ALL_MESHES[name])
     euler = mesh.topology.euler_characteristic
     measured = measure_curvature(mesh)
     r, v = measured.results, measured.vertex
@@ -57,9 +57,9 @@ def test_sums_of_curvature_are_topology(name):
     assert (v["gaussian_curvature"][~interior] == 0).all() and (v["geodesic_curvature"][interior] == 0).all()
 
 
-@pytest.mark.parametrize("name", ALL)
+@pytest.mark.parametrize("name", ALL_MESHES)
 def test_areas_and_balances_close(name):
-    measured = measure_curvature(crumpled(ALL[name]))
+    measured = measure_curvature(crumpled(ALL_MESHES[name]))
     assert measured.vertex["vertex_area"].sum() == pytest.approx(measured.results["area"], rel=1e-14)
     assert (measured.vertex["vertex_area"] > 0).all()
     for residual, value in measured.accuracy.items():
@@ -132,9 +132,9 @@ def test_a_square_s_corners_turn_by_right_angles():
     assert np.abs(v["mean_curvature_normal"]).max() < 1e-14 and np.abs(v["mean_curvature"]).max() < 1e-12
 
 
-@pytest.mark.parametrize("name", ALL)
+@pytest.mark.parametrize("name", ALL_MESHES)
 def test_the_mean_curvature_vector_is_minus_half_the_area_gradient(name):
-    mesh = crumpled(ALL[name])
+    mesh = crumpled(ALL_MESHES[name])
     vector = exact.curvature_vector(mesh)
     inside = np.flatnonzero(~mesh.topology.boundary_vertex)[:2]
     for v in inside:

@@ -14,7 +14,7 @@ from ddgcli.geometry.intrinsic import (
 )
 
 mpmath.mp.dps = 60
-EPS = np.finfo(float).eps
+ROUNDING_UNIT = np.finfo(float).eps
 
 # each side is one float64, so that the truth below is that of exactly these lengths
 SHAPES = {
@@ -46,12 +46,14 @@ def test_angles_and_cotangents_have_full_relative_precision(name, turn, scale):
     for corner in range(3):
         a, b, c = side[(corner + 1) % 3], side[(corner + 2) % 3], side[corner]
         area, true_angle, true_cotan = truth(a, b, c)
-        assert abs(angle[corner] / true_angle - 1) < 16 * EPS
+        assert abs(angle[corner] / true_angle - 1) < 16 * ROUNDING_UNIT
         # relative wherever the cotangent is not itself a difference that vanishes (angles near 90 degrees)
-        assert abs(cotan[corner] - true_cotan) < 16 * EPS * max(abs(true_cotan), 1)
-        assert abs(half_angle_tangent(lengths)[0, corner] / mpmath.tan(true_angle / 2) - 1) < 16 * EPS
+        assert abs(cotan[corner] - true_cotan) < 16 * ROUNDING_UNIT * max(abs(true_cotan), 1)
+        assert (
+            abs(half_angle_tangent(lengths)[0, corner] / mpmath.tan(true_angle / 2) - 1) < 16 * ROUNDING_UNIT
+        )
     if 1e-150 < scale < 1e150:
-        assert abs(face_area(lengths)[0] / (area * mpmath.mpf(scale) ** 2) - 1) < 8 * EPS
+        assert abs(face_area(lengths)[0] / (area * mpmath.mpf(scale) ** 2) - 1) < 8 * ROUNDING_UNIT
 
 
 def test_degenerate_triangles_give_no_nan():

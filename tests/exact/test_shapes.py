@@ -7,7 +7,7 @@ from ddgcli.algorithms.curvature.measures import angle_defect
 from ddgcli.geometry.extrinsic import dihedral_angle, enclosed_volume
 from ddgcli.mesh import shapes
 
-CLOSED = {
+CLOSED_SHAPES = {
     "icosphere": (shapes.icosphere(2), 2),
     "random_sphere": (shapes.random_sphere(200), 2),
     "torus": (shapes.torus(16, 8), 0),
@@ -20,18 +20,18 @@ OPEN = {
 }
 
 
-@pytest.mark.parametrize("name", CLOSED)
+@pytest.mark.parametrize("name", CLOSED_SHAPES)
 def test_closed_shapes_are_outward_manifolds_of_their_genus(name):
-    mesh, euler = CLOSED[name]
+    mesh, euler = CLOSED_SHAPES[name]
     topology = mesh.topology
     assert topology.is_closed and topology.is_manifold and topology.is_oriented
     assert topology.euler_characteristic == euler
     assert enclosed_volume(mesh) > 0
 
 
-@pytest.mark.parametrize("name", CLOSED | OPEN)
+@pytest.mark.parametrize("name", CLOSED_SHAPES | OPEN)
 def test_angle_defects_of_closed_shapes_sum_to_2_pi_chi(name):
-    mesh, euler = (CLOSED | OPEN)[name]
+    mesh, euler = (CLOSED_SHAPES | OPEN)[name]
     assert mesh.topology.euler_characteristic == euler
     assert angle_defect(mesh).sum() == pytest.approx(2 * np.pi * euler, abs=1e-11)
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from ddgcli.algorithms.tracing.trace import AT_BOUNDARY, GAVE_UP, REACHED, Tracer, trace
+from ddgcli.algorithms.tracing.trace import BOUNDARY_STATUS, END_STATUS, FAILURE_STATUS, Tracer, trace
 from ddgcli.errors import InputError
 from ddgcli.geometry.face_frames import surface_position, to_face_frame, to_space
 from ddgcli.geometry.unfolding import corner_position
@@ -46,8 +46,8 @@ def test_lines_in_the_plane_are_straight(pattern, scale):
     unit = direction / np.linalg.norm(direction, axis=1, keepdims=True)
     np.testing.assert_allclose(displacement, end.length[:, None] * unit, atol=1e-12 * scale)
     np.testing.assert_allclose(to_space(mesh, end.face, end.direction), unit, atol=1e-12)
-    assert np.all(end.length[end.status == REACHED] == length[end.status == REACHED])
-    stopped = surface_position(mesh, end.face, end.barycentric)[end.status == AT_BOUNDARY] / scale
+    assert np.all(end.length[end.status == END_STATUS] == length[end.status == END_STATUS])
+    stopped = surface_position(mesh, end.face, end.barycentric)[end.status == BOUNDARY_STATUS] / scale
     assert len(stopped) > 20
     assert np.abs(stopped[:, :2] * (stopped[:, :2] - [2.0, 1.0])).min(axis=1).max() < 1e-12
 
@@ -61,7 +61,7 @@ def test_lines_along_edges_and_through_flat_vertices_are_straight(degrees):
     angle = np.deg2rad(degrees)
     direction = np.array([[np.cos(angle), np.sin(angle), 0]])
     end = trace(mesh, face, barycentric, direction, np.full(len(face), 0.4), record=True)
-    assert np.all(end.status == REACHED)
+    assert np.all(end.status == END_STATUS)
     computed = surface_position(mesh, end.face, end.barycentric)
     np.testing.assert_allclose(
         computed, np.array([0.5, 0.5, 0]) + 0.4 * direction.repeat(len(face), 0), atol=1e-13
@@ -77,7 +77,7 @@ def test_lines_through_a_vertex_halve_its_angle(total, share):
     start = (1 - share) * corners[0, 1] + share * corners[0, 2]  # on the rim of face 0, aimed at the apex
     length = np.linalg.norm(start) + 0.25
     end = tracer.trace([0], [[0.0, 1 - share, share]], [-start], [length])
-    assert end.status[0] == REACHED and end.crossings[0] >= 1
+    assert end.status[0] == END_STATUS and end.crossings[0] >= 1
     position = end.barycentric[0] @ corners[end.face[0]]
     assert np.linalg.norm(position) == pytest.approx(0.25, abs=1e-12)
     fans = tracer.fans
@@ -194,7 +194,7 @@ def test_bad_starts_are_refused_with_a_cure(face, barycentric, direction, length
 def test_abandoned_lines_have_a_warning(caplog):
     mesh = shapes.random_sphere(50)
     end = trace(mesh, [0], [[0.2, 0.3, 0.5]], [[1.0, 0.3, 0.2]], [1e9], max_crossings=100)
-    assert end.status[0] == GAVE_UP and 0 < end.length[0] < 1e3
+    assert end.status[0] == FAILURE_STATUS and 0 < end.length[0] < 1e3
     assert np.isfinite(end.barycentric).all()
 
 

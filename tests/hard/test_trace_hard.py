@@ -15,7 +15,7 @@ from ddgcli.algorithms.tangent_fields.field_curves import add_transport
 from ddgcli.algorithms.tangent_fields.integral_curves import field_of_array
 from ddgcli.algorithms.tangent_fields.log_map import log_map
 from ddgcli.algorithms.tangent_fields.polar_coordinates import fast_marching_log_map
-from ddgcli.algorithms.tracing.trace import GAVE_UP, REACHED, Tracer, trace
+from ddgcli.algorithms.tracing.trace import END_STATUS, FAILURE_STATUS, Tracer, trace
 from ddgcli.errors import InputError, MeshError, ParameterError
 from ddgcli.geometry.face_frames import surface_position, to_face_frame
 from ddgcli.geometry.surface_points import SurfacePoints
@@ -50,7 +50,7 @@ def test_lines_stay_straight_through_needles():
     end = trace(mesh, face, b, direction, np.full(k, 0.7))
     displacement = surface_position(mesh, end.face, end.barycentric) - surface_position(mesh, face, b)
     np.testing.assert_allclose(displacement, end.length[:, None] * direction, atol=1e-9)
-    assert (end.status != GAVE_UP).all()
+    assert (end.status != FAILURE_STATUS).all()
 
 
 def test_lines_cross_faces_without_area():
@@ -102,7 +102,7 @@ def test_lines_of_extreme_length_are_abandoned():
     mesh = shapes.icosphere(1)
     tiny = mesh.moved(mesh.points * 1e-200)
     line = trace(tiny, [0], [[0.2, 0.3, 0.5]], [[1.0, 0.2, 0.1]], [1e150], max_crossings=50)
-    assert line.status[0] == GAVE_UP and line.crossings[0] > 50
+    assert line.status[0] == FAILURE_STATUS and line.crossings[0] > 50
 
 
 def moebius_strip(n=12):
@@ -242,7 +242,7 @@ def test_directions_out_of_a_face_without_area_are_refused(how):
             surface_position(mesh, lines.face, lines.barycentric), [[0.9, 0, 0]], atol=1e-15
         )
     beside = call([3], [[0.3, 0.7, 0]], [[0.0, 1, 0]], [0.3])  # across it, from the face below
-    assert beside.status[0] == REACHED
+    assert beside.status[0] == END_STATUS
 
 
 def test_two_sided_computations_are_refused_on_one_sided_surfaces():

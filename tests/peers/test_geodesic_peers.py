@@ -17,7 +17,7 @@ from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.operators.laplacian import stiffness
 
 SMALL = ["spot.obj", "goathead.obj", "hemisphere.off", "lego.ply", "wingnut.obj", "spot_control_mesh.obj"]
-LARGE = [
+LARGE_MESHES = [
     "blub_triangulated.obj", "boot.obj", "demosthenes-low-res.obj", "fairing-cross.off", "hand_lowres.obj",
     "koala.obj", "menger_sponge3.off", "nefertiti-lowres.obj", "penguin_control_mesh.obj", "pizza.obj",
     "plane_holes.obj", "self_intersectA.obj", "plate_holes.STL", "1002_tray_bottom.STL", "box.STL",
@@ -43,7 +43,7 @@ def surface(path):
 
 def test_every_shared_mesh_is_compared_or_excluded(shared_meshes):
     files = {path.name for path in shared_meshes.iterdir() if path.is_file()}
-    assert files - {"INDEX.md", "mesh_stats.py"} == {*SMALL, *LARGE, *LEFT_OUT}
+    assert files - {"INDEX.md", "mesh_stats.py"} == {*SMALL, *LARGE_MESHES, *LEFT_OUT}
 
 
 @pytest.mark.slow
@@ -78,7 +78,7 @@ def test_exact_distance_equals_pygeodesic(shared_meshes, name):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", LARGE)
+@pytest.mark.parametrize("name", LARGE_MESHES)
 def test_exact_distance_is_at_most_that_of_pygeodesic(shared_meshes, name):
     """Never longer; if the peer is longer by more than rounding, a real path is a counterexample."""
     mesh = surface(shared_meshes / name)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from benchmarks.common.scenes import FREE
+from benchmarks.common.scenes import FREE_SCENE
 from ddgcli.errors import ParameterError
 from ddgcli.io.scene_file import parse_scene
 from ddgcli.mechanics.integrators import INTEGRATORS
@@ -64,7 +64,7 @@ def test_gradients_and_hessians_of_the_examples_equal_finite_differences(term, x
 
 
 def free_shell(**options):
-    document = parse_scene(FREE.format(integrator="verlet", step=2e-3, duration=0.05), "free.toml")
+    document = parse_scene(FREE_SCENE.format(integrator="verlet", step=2e-3, duration=0.05), "free.toml")
     return document, options
 
 
@@ -85,7 +85,7 @@ def test_conservation_that_a_system_does_not_have_is_refused():
         example_problem("oscillator", "charge")
     with pytest.raises(ParameterError, match="changes nothing that"):
         example_problem("oscillator", "energy", options={"tolerance": 1e-3})
-    text = FREE.format(integrator="verlet", step=2e-3, duration=0.05)
+    text = FREE_SCENE.format(integrator="verlet", step=2e-3, duration=0.05)
     heavy = parse_scene(text.replace("[effects]", "[effects]\ngravity = {}"), "heavy.toml")
     with pytest.raises(ParameterError, match="effect gravity changes the momentum"):
         scene_problem(heavy, None, "momentum")

@@ -7,7 +7,7 @@ from time import perf_counter, sleep
 import numpy as np
 import pytest
 
-from benchmarks.common.scenes import FREE
+from benchmarks.common.scenes import FREE_SCENE
 from ddgcli.io.scene_file import parse_scene
 from ddgcli.mechanics.integrators import INTEGRATORS
 from ddgcli.models.shell import model
@@ -17,12 +17,12 @@ from ddgcli.simulation.account import Account
 from ddgcli.simulation.time_loop import evolve
 from tests.simulate import scalar, shell_run
 
-EXPLICIT = ("verlet", "symplectic-euler")
+EXPLICIT_INTEGRATORS = ("verlet", "symplectic-euler")
 DYNAMIC = [name for name in INTEGRATORS if name != "static"]
 
 
 def end(integrator, step, duration=0.2):
-    run, _, _ = shell_run(FREE.format(integrator=integrator, step=step, duration=duration))
+    run, _, _ = shell_run(FREE_SCENE.format(integrator=integrator, step=step, duration=duration))
     return run[-1].observations["s"]
 
 
@@ -77,7 +77,7 @@ def test_short_steps_do_not_add_up_what_the_solver_leaves(name):
 
 
 def assert_free_shell_keeps_its_momenta(name, linear, angular):
-    text = FREE.format(integrator=name, step=2e-3, duration=0.5)
+    text = FREE_SCENE.format(integrator=name, step=2e-3, duration=0.5)
     run, contexts, _ = shell_run(text, frame_every=0.05)
     mass = contexts["s"].mass.sum()
     p = np.array(scalar(run, "momentum"))
@@ -103,7 +103,7 @@ def test_free_shell_keeps_its_momenta(name, linear, angular):
 def test_energy_error_is_of_second_order(name):
     worst = []
     for step in (4e-3, 2e-3, 1e-3):
-        run, _, _ = shell_run(FREE.format(integrator=name, step=step, duration=0.4), frame_every=0.004)
+        run, _, _ = shell_run(FREE_SCENE.format(integrator=name, step=step, duration=0.4), frame_every=0.004)
         energy = np.array(scalar(run, "energy"))
         worst.append(np.abs(energy - energy[0]).max() / energy[0])
     assert np.log2(worst[1] / worst[2]) > 1.6
@@ -112,7 +112,7 @@ def test_energy_error_is_of_second_order(name):
 
 @pytest.mark.parametrize("name", INTEGRATORS)
 def test_rest_stays_at_rest(name):
-    text = FREE.format(integrator=name, step=1e-3, duration=0.02)
+    text = FREE_SCENE.format(integrator=name, step=1e-3, duration=0.02)
     text = text.replace("grid = { size = [1, 1], cells = [3, 3] }", "sphere = { subdivisions = 1 }")
     text = text.replace("velocity = [0.3, 0.1, -0.2]", "").replace("angular_[", "[")
     text = "\n".join(line for line in text.split("\n") if not line.startswith("angular"))
@@ -123,7 +123,7 @@ def test_rest_stays_at_rest(name):
 
 def test_free_fall_stores_no_elastic_energy():
     text = (
-        FREE.format(integrator="newmark", step=1e-2, duration=1.0)
+        FREE_SCENE.format(integrator="newmark", step=1e-2, duration=1.0)
         + "gravity = { acceleration = [0, 0, -10] }\n"
     )
     text = "\n".join(line for line in text.split("\n") if "velocity" not in line)
@@ -148,8 +148,10 @@ pin = { vertices = [0, 14, 210], axes = "xyz" }
 
 def booked_share(integrator="newmark", adaptive=False):
     """(share of the loop's time that somebody booked, account, seconds) of a run of 400 faces."""
-    duration = 0.01 if integrator in EXPLICIT else 0.1  # their steps are much shorter
-    text = FREE.format(integrator=integrator, step=1e-2, duration=duration).replace("[3, 3]", "[14, 14]")
+    duration = 0.01 if integrator in EXPLICIT_INTEGRATORS else 0.1  # their steps are much shorter
+    text = FREE_SCENE.format(integrator=integrator, step=1e-2, duration=duration).replace(
+        "[3, 3]", "[14, 14]"
+    )
     if adaptive:
         text = text.replace("step = 0.01", "tolerance = 1e-3")
     text = text.replace("[effects]", FLOOR)
@@ -168,7 +170,7 @@ def booked_share(integrator="newmark", adaptive=False):
 def test_parts_account_for_the_time(integrator, adaptive):
     """Effects, solver, integrator and output add up to the loop's own time, within 5 %."""
     share, account, _ = booked_share(integrator, adaptive)
-    solver = set() if integrator in EXPLICIT else {"solver"}
+    solver = set() if integrator in EXPLICIT_INTEGRATORS else {"solver"}
     acting = {"stretching", "bending", "gravity", "contact", "damping"}
     assert set(account.seconds) == {*acting, *solver, "integrator", "output"}
     if integrator == "static":  # the steps damp nothing; the reaction forces of the moving start do
@@ -202,7 +204,7 @@ def test_time_that_nobody_books_is_seen(monkeypatch):
 @pytest.mark.parametrize("integrator, adaptive", [*((n, False) for n in INTEGRATORS), ("newmark", True)])
 def test_an_object_that_is_not_coupled_changes_no_bit(integrator, adaptive):
     """Not even one that turns fast, lies on a floor of its own and makes steps fail."""
-    one = FREE.format(integrator=integrator, step=5e-3, duration=0.1)
+    one = FREE_SCENE.format(integrator=integrator, step=5e-3, duration=0.1)
     one += "gravity = {}\n[[effects.pin]]\nobject = 's'\nvertices = [0, 3]\n"
     if adaptive:
         one = one.replace("step = 0.005", "tolerance = 1e-3")
@@ -262,7 +264,7 @@ def test_what_failed_is_not_tried_at_every_turn(limit, later):
 
 
 def test_progress_hears_of_every_part_of_a_step():
-    scene = resolve(parse_scene(FREE.format(integrator="verlet", step=0.05, duration=0.2)), KIND, {})
+    scene = resolve(parse_scene(FREE_SCENE.format(integrator="verlet", step=0.05, duration=0.2)), KIND, {})
     contexts = {name: context for name, (context, _) in model.contexts(scene, None).items()}
     heard = []
     models = model.build(scene, contexts, Account())
@@ -273,7 +275,7 @@ def test_progress_hears_of_every_part_of_a_step():
 
 
 def test_unstable_steps_are_divided_with_an_event(caplog):
-    text = FREE.format(integrator="verlet", step=0.05, duration=0.2)
+    text = FREE_SCENE.format(integrator="verlet", step=0.05, duration=0.2)
     run, _, _ = shell_run(text)
     events = [event for snapshot in run for event in snapshot.events]
     assert [event.kind for event in events] == ["stability"]
@@ -283,7 +285,7 @@ def test_unstable_steps_are_divided_with_an_event(caplog):
 
 
 def test_adaptive_steps_keep_their_tolerance():
-    text = FREE.format(integrator="newmark", step=0.05, duration=0.2).replace(
+    text = FREE_SCENE.format(integrator="newmark", step=0.05, duration=0.2).replace(
         "step = 0.05", "tolerance = 1e-5"
     )
     run, _, _ = shell_run(text)

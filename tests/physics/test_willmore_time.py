@@ -107,9 +107,13 @@ def test_a_step_too_stiff_for_the_first_method_is_taken_by_the_second(monkeypatc
         (
             shapes.torus(40, 5, pattern="alternating"),
             {"step": 0.005, "duration": 0.5},
-            flow.BELOW_LOWER_BOUND,
+            flow.LOWER_BOUND_REASON,
         ),
-        (shapes.torus(20, 8, pattern="alternating"), {"tolerance": 1e-3, "duration": 0.5}, flow.CRUMPLING),
+        (
+            shapes.torus(20, 8, pattern="alternating"),
+            {"tolerance": 1e-3, "duration": 0.5},
+            flow.CRUMPLING_REASON,
+        ),
     ],
 )
 def test_a_timed_flow_stops_there_too(mesh, time_options, reason):

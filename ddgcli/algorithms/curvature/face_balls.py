@@ -20,7 +20,7 @@ from ddgcli.mesh.triangle_mesh import TriangleMesh
 
 _MAX_TABLE_CELLS = 4_000_000  # entries of the table of vertices and fans
 _MAX_PAIRS = 100_000  # pairs of a vertex and a face handled at once
-_OUTSIDE, _INSIDE = 1, 2  # state of a fan; 0 is unknown
+_OUTSIDE_STATE, _INSIDE_STATE = 1, 2  # state of a fan; 0 is unknown
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,7 +102,7 @@ class FaceBalls:
     def _of(self, begin: int, end: int) -> Ball:
         self._state.fill(0)
         owner, fan = expand_lists(np.arange(end - begin), np.arange(begin, end), self._fans_of_vertex)
-        self._state[owner * self.n_fans + fan] = _INSIDE
+        self._state[owner * self.n_fans + fan] = _INSIDE_STATE
         owners, fans = [], []
         while True:
             for ring_owner, ring_fan in self._growth(begin, owner, fan):
@@ -126,7 +126,7 @@ class FaceBalls:
             once = np.flatnonzero(self._stamp[key] == number)
             key, owner, fan = key[once], owner[unseen[once]], fan[unseen[once]]
             inside = self._within(begin + owner, fan)
-            self._state[key] = np.where(inside, _INSIDE, _OUTSIDE)
+            self._state[key] = np.where(inside, _INSIDE_STATE, _OUTSIDE_STATE)
             owner, fan = owner[inside], fan[inside]
 
     def _within(self, vertex: NDArray, fan: NDArray) -> NDArray[np.bool_]:
@@ -158,7 +158,7 @@ class FaceBalls:
             inside = self._within(np.repeat(begin + owner, 3), corner.ravel()).reshape(-1, 3)
             if inside.any():
                 key = np.unique((owner[:, None] * self.n_fans + corner)[inside])
-                self._state[key] = _INSIDE
+                self._state[key] = _INSIDE_STATE
                 return self._ball(begin, end, fans, whole, pieces), *np.divmod(key, self.n_fans)
             pieces.append((owner, face, *self._clip(begin, owner, face)))
             outermost = owner, face, pieces[-1][3]
@@ -169,12 +169,12 @@ class FaceBalls:
 
     def _beyond(self, owner: NDArray, face: NDArray, chord: NDArray) -> NDArray[np.int64]:
         """Faces without corners inside, across sides whose ends are outside but some part is not."""
-        out = self._state[owner[:, None] * self.n_fans + self._fan[face]] != _INSIDE
+        out = self._state[owner[:, None] * self.n_fans + self._fan[face]] != _INSIDE_STATE
         row, side = np.nonzero(out & out[:, NEXT] & (chord.T > 0))
         owner, face = expand_lists(
             owner[row], self.mesh.topology.side_edge[face[row], side], self._faces_of_edge
         )
-        unknown = (self._state[owner[:, None] * self.n_fans + self._fan[face]] != _INSIDE).all(axis=1)
+        unknown = (self._state[owner[:, None] * self.n_fans + self._fan[face]] != _INSIDE_STATE).all(axis=1)
         return np.unique(owner[unknown] * self.mesh.n_faces + face[unknown])
 
     def _ball(self, begin: int, end: int, fans: csr_array, whole: csr_array, pieces: list) -> Ball:

@@ -6,9 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.algorithms.delaunay.circumcentres import (
-    BEYOND_BOUNDARY,
-    INSIDE,
-    ON_BOUNDARY,
+    BOUNDARY_PLACE,
+    INSIDE_PLACE,
+    OUTSIDE_PLACE,
     Cavity,
     Targets,
     apex_of,
@@ -109,7 +109,7 @@ class Refinement:
         targets = self._independent(*self._proposals(bad))
         # if all points fall into a few cavities, the next batch tries fewer faces
         self.crowd = max(MIN_BATCH_FACES, BATCH_FACES_PER_POINT * len(targets.side))
-        on_boundary = targets.status == ON_BOUNDARY
+        on_boundary = targets.status == BOUNDARY_PLACE
         inner = targets[np.flatnonzero(~on_boundary)]
         return np.concatenate([self._split_boundary(targets.side[on_boundary]), self._insert(inner)])
 
@@ -120,18 +120,18 @@ class Refinement:
         """Points to insert for bad faces, worst first: circumcentres, or middles of boundary sides."""
         state = self.state
         targets = seek_circumcentres(state, bad)
-        inside = np.flatnonzero(targets.status == INSIDE)
+        inside = np.flatnonzero(targets.status == INSIDE_PLACE)
         cavity = conflict_cavity(state, targets[inside])
         edge = np.full(len(bad), -1)
         edge[inside] = cavity.encroached
-        beyond = targets.status == BEYOND_BOUNDARY
+        beyond = targets.status == OUTSIDE_PLACE
         edge[beyond] = targets.side[beyond]
-        insertable = (targets.status == INSIDE) & (edge < 0)
+        insertable = (targets.status == INSIDE_PLACE) & (edge < 0)
         insertable[insertable] = self._clear_of_pinned(targets[np.flatnonzero(insertable)])
         split = np.flatnonzero(edge >= 0)
         split = split[np.sort(np.unique(edge[split], return_index=True)[1])]
         split = split[self._may_split(edge[split])]
-        targets.status[split], targets.side[split] = ON_BOUNDARY, edge[split]
+        targets.status[split], targets.side[split] = BOUNDARY_PLACE, edge[split]
         self._lay_out(targets, split)
         around_splits = conflict_cavity(state, targets[split])
 

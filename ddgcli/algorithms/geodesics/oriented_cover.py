@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.algorithms.geodesics.exact.exact_distance import ExactDistance
-from ddgcli.algorithms.geodesics.paths import ON_SIDE, SurfacePaths, barycentric_in
+from ddgcli.algorithms.geodesics.paths import SIDE_TOLERANCE, SurfacePaths, barycentric_in
 from ddgcli.algorithms.geodesics.sources import Sources
 from ddgcli.algorithms.geodesics.surface_curves import Curves
 from ddgcli.errors import MeshError
@@ -107,7 +107,7 @@ class OrientedCover:
         fans = topology.corner_fans
         fan = fans[arriving, i]
         other = (face + m) % (2 * m)
-        at_vertex = (barycentric > ON_SIDE).sum(axis=1) == 1
+        at_vertex = (barycentric > SIDE_TOLERANCE).sum(axis=1) == 1
         change = at_vertex & (fans[face, j] != fan) & (fans[other, 2 - j] == fan)
         change[first] = face[first] >= m
         count = np.cumsum(change)

@@ -21,7 +21,7 @@ from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.mesh.topology import NEXT, PREVIOUS, Topology
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 
-ON_SIDE = 1e-12  # barycentric coordinates below this lie on the side or vertex
+SIDE_TOLERANCE = 1e-12  # barycentric coordinates below this lie on the side or vertex
 
 
 @dataclass(frozen=True, eq=False)
@@ -238,7 +238,7 @@ def joints(mesh: SurfaceMesh, paths: SurfacePaths, shortest: float = 1e-13) -> J
 
     def angle(face: NDArray, b: NDArray, d: NDArray) -> NDArray:
         """Angle of direction d in the tangent plane at the point: the fan's, the edge's or the face's."""
-        count = (b > ON_SIDE).sum(axis=1)
+        count = (b > SIDE_TOLERANCE).sum(axis=1)
         j = np.where(count == 1, np.argmax(b, axis=1), NEXT[np.argmin(b, axis=1)])
         e = np.where((count == 3)[:, None], np.array([1.0, 0.0]), unfolding.direction[face, j])
         local = np.arctan2(e[:, 0] * d[:, 1] - e[:, 1] * d[:, 0], np.einsum("ij,ij->i", d, e))
@@ -248,7 +248,7 @@ def joints(mesh: SurfaceMesh, paths: SurfacePaths, shortest: float = 1e-13) -> J
         on_edge = local + np.where((twin >= 0) & (twin < side), np.pi, 0.0)
         return np.where(count == 1, at_vertex, np.where(count == 2, on_edge, local))
 
-    count = (b > ON_SIDE).sum(axis=1)
+    count = (b > SIDE_TOLERANCE).sum(axis=1)
     j = np.where(count == 1, np.argmax(b, axis=1), NEXT[np.argmin(b, axis=1)])
     fan = fans.fan[3 * face + j]
     edge_of_boundary = (count == 2) & (topology.side_twin[face, j] < 0)
@@ -264,7 +264,7 @@ def joints(mesh: SurfaceMesh, paths: SurfacePaths, shortest: float = 1e-13) -> J
     result["left"][at], result["right"][at] = np.where(short, np.nan, left), np.where(short, np.nan, right)
     result["total"][at] = total
     vertex = np.where(
-        paths.barycentric.max(axis=1, initial=0.0) >= 1 - ON_SIDE,
+        paths.barycentric.max(axis=1, initial=0.0) >= 1 - SIDE_TOLERANCE,
         topology.faces[paths.face, np.argmax(paths.barycentric, axis=1)] if len(paths.face) else -1,
         -1,
     )
@@ -346,7 +346,7 @@ def _finite_or_none(angle: float) -> float | None:
 def _point(mesh: SurfaceMesh, paths: SurfacePaths, i: int) -> dict[str, Any]:
     face, b = paths.face[i : i + 1], paths.barycentric[i : i + 1]
     point: dict[str, Any] = {"face": int(face[0]), "barycentric": b[0].tolist()}
-    if b.max() >= 1 - ON_SIDE:
+    if b.max() >= 1 - SIDE_TOLERANCE:
         point["vertex"] = int(mesh.faces[face[0], np.argmax(b[0])])
     if mesh.points is not None:
         point["point"] = surface_position(mesh, face, b)[0].tolist()

@@ -14,7 +14,7 @@ from ddgcli.algorithms.geodesics.exact.exact_distance import ExactDistance
 from ddgcli.algorithms.geodesics.paths import SurfacePaths, barycentric_in, describe_paths, reversed_paths
 from ddgcli.algorithms.geodesics.sources import Sources
 from ddgcli.algorithms.geodesics.surface_curves import Curves
-from ddgcli.algorithms.tracing.trace import AT_BOUNDARY, Tracer, Traces
+from ddgcli.algorithms.tracing.trace import BOUNDARY_STATUS, Tracer, Traces
 from ddgcli.errors import ParameterError
 from ddgcli.geometry.face_frames import planar_difference
 from ddgcli.geometry.unfolding import SurfaceMesh
@@ -225,7 +225,7 @@ def _cut(
         b = np.repeat(sources.points.barycentric[[number]], len(face) - 1, axis=0)
         holds = ~np.isnan(barycentric_in(mesh.topology, f, b, face[:-1])[:, 0])
     keep = np.flatnonzero(holds)
-    if not len(keep) and lines.status[i] == AT_BOUNDARY:
+    if not len(keep) and lines.status[i] == BOUNDARY_STATUS:
         return _Segment(face[:1], barycentric[:1], _NO_PATH)
     if not len(keep) and origin >= 0:  # the end is at the origin, but across a face without area
         around = np.flatnonzero((mesh.faces == origin).any(axis=1))

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.algorithms.geodesics.paths import SurfacePaths, describe_paths, joints
-from ddgcli.algorithms.tracing.trace import GAVE_UP, STATUS_TEXT, Tracer
+from ddgcli.algorithms.tracing.trace import FAILURE_STATUS, STATUS_TEXT, Tracer
 from ddgcli.geometry.face_frames import to_space
 from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
 from ddgcli.mesh.scatter import sum_by_index
@@ -98,7 +98,9 @@ def trace_curves(
             kind["end_direction"] = end.tolist()
         kinds.append(kind)
     accuracy = {"trace_angle_defect": largest_angle_defect(mesh, paths)}
-    return Curves(paths, describe_paths(mesh, paths, kinds), accuracy, bool((lines.status != GAVE_UP).all()))
+    return Curves(
+        paths, describe_paths(mesh, paths, kinds), accuracy, bool((lines.status != FAILURE_STATUS).all())
+    )
 
 
 def largest_angle_defect(mesh: SurfaceMesh, paths: SurfacePaths) -> float:

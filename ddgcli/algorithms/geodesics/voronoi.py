@@ -15,7 +15,12 @@ from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
 from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.progress import ProgressCallback
 
-EUCLIDEAN, SPHERICAL, HYPERBOLIC, BOUNDARY_VERTEX = 0, 1, -1, 2  # values of `vertex_type`
+EUCLIDEAN_VERTEX, SPHERICAL_VERTEX, HYPERBOLIC_VERTEX, BOUNDARY_VERTEX = (
+    0,
+    1,
+    -1,
+    2,
+)  # values of `vertex_type`
 FLAT_ANGLE_TOLERANCE = 1e-9  # radians from 2 pi
 
 
@@ -44,7 +49,7 @@ def vertex_types(mesh: SurfaceMesh) -> NDArray[np.int64]:
     straightest.
     """
     total = sum_by_index(mesh.faces.ravel(), corner_angle(mesh.side_length).ravel(), mesh.n_vertices)
-    kind = np.where(total < 2 * np.pi - FLAT_ANGLE_TOLERANCE, SPHERICAL, EUCLIDEAN)
-    kind[total > 2 * np.pi + FLAT_ANGLE_TOLERANCE] = HYPERBOLIC
+    kind = np.where(total < 2 * np.pi - FLAT_ANGLE_TOLERANCE, SPHERICAL_VERTEX, EUCLIDEAN_VERTEX)
+    kind[total > 2 * np.pi + FLAT_ANGLE_TOLERANCE] = HYPERBOLIC_VERTEX
     kind[mesh.topology.boundary_vertex | ~mesh.topology.referenced_vertex] = BOUNDARY_VERTEX
     return kind

@@ -12,7 +12,7 @@ from typing import Any
 RTOL, ATOL = 1e-6, 1e-12
 ACCURACY_ATOL = 1e-9  # smaller residuals are rounding
 # keys that differ from run to run, or name files
-VOLATILE = (
+VOLATILE_FIELDS = (
     "seconds", "seconds.*", "*.seconds", "*_seconds", "*.seconds_by_part*", "*.share", "*peak_mib", "version",
     "input.path", "outputs", "outputs*", "tolerances*",
 )  # fmt: skip
@@ -30,7 +30,7 @@ class Tolerances:
     keys : mapping of str to mapping
         `rtol` and `atol` of dotted names (`*` and `?` match as in a shell); the last match counts.
     ignore : sequence of str
-        Dotted names left out, beside `VOLATILE`.
+        Dotted names left out, beside `VOLATILE_FIELDS`.
     """
 
     rtol: float = RTOL
@@ -51,7 +51,7 @@ class Tolerances:
 
     def leaves_out(self, name: str) -> bool:
         """Whether a dotted name is not compared."""
-        return any(fnmatch.fnmatchcase(name, pattern) for pattern in (*VOLATILE, *self.ignore))
+        return any(fnmatch.fnmatchcase(name, pattern) for pattern in (*VOLATILE_FIELDS, *self.ignore))
 
 
 def flat(value: Any, name: str = "") -> Iterator[tuple[str, Any]]:

@@ -12,7 +12,7 @@ from ddgcli.algorithms.geodesics.paths import SurfacePaths, barycentric_in, segm
 from ddgcli.algorithms.geodesics.sources import Sources
 from ddgcli.algorithms.geodesics.surface_curves import Curves, concatenate_curves
 from ddgcli.algorithms.tangent_fields.log_map import SourceFrame
-from ddgcli.algorithms.tracing.lines import AT_BOUNDARY, GAVE_UP
+from ddgcli.algorithms.tracing.lines import BOUNDARY_STATUS, FAILURE_STATUS
 from ddgcli.algorithms.tracing.trace import STATUS_TEXT, Tracer
 from ddgcli.errors import ParameterError
 from ddgcli.geometry.extrinsic import face_normal
@@ -130,7 +130,11 @@ def geodesic_fan(
     behind = (reach >= caustic[of_ray]).astype(np.float64)
     curve_sets = [
         Curves(
-            paths, entries, {}, bool((lines.status != GAVE_UP).all()), {"level": reach, "caustic": behind}
+            paths,
+            entries,
+            {},
+            bool((lines.status != FAILURE_STATUS).all()),
+            {"level": reach, "caustic": behind},
         ),
         *(_circle(swept, length * (k + 1) / circles, caustic, is_open) for k in range(circles)),
         *_caustics(swept, caustic, is_open),
@@ -220,7 +224,7 @@ def describe_fan(fan: Curves) -> dict[str, Any]:
     lengths = [entry["caustic_length"] for entry in rays if entry["caustic_length"] is not None]
     return {
         "rays": len(rays),
-        "stopped_at_boundary": sum(entry["status"] == STATUS_TEXT[AT_BOUNDARY] for entry in rays),
+        "stopped_at_boundary": sum(entry["status"] == STATUS_TEXT[BOUNDARY_STATUS] for entry in rays),
         "rays_with_caustic": len(lengths),
         "least_caustic_length": min(lengths, default=None),
         "circles": [

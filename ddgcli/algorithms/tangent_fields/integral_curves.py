@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from ddgcli.algorithms.geodesics.paths import SurfacePaths
 from ddgcli.algorithms.geodesics.sources import Sources
 from ddgcli.algorithms.tracing.lines import LineStart
-from ddgcli.algorithms.tracing.trace import AT_BOUNDARY, GAVE_UP, Tracer, Traces
+from ddgcli.algorithms.tracing.trace import BOUNDARY_STATUS, FAILURE_STATUS, Tracer, Traces
 from ddgcli.errors import ParameterError
 from ddgcli.geometry.face_frames import surface_position, to_face_frame
 from ddgcli.geometry.intrinsic import face_area
@@ -31,7 +31,7 @@ _log = logging.getLogger("ddgcli")
 # (face (k,), barycentric (k, 3)) -> (k, 2) vectors in the planar frames of the faces
 TangentField = Callable[[NDArray, NDArray], NDArray]
 
-END_OF_TIME, AT_EDGE, AT_CRITICAL_POINT, STALLED = "time", "boundary", "critical point", "gave up"
+TIME_STOP, BOUNDARY_STOP, CRITICAL_POINT_STOP, STALL_STOP = "time", "boundary", "critical point", "gave up"
 
 
 def field_of_array(mesh: TriangleMesh, values: NDArray, place: str = "") -> TangentField:
@@ -265,15 +265,15 @@ class _CurveIntegrator:
             rows = np.flatnonzero(~left)
             line_ends = _rows(lines, rows)
             self.lines.append((curves[rows], line_ends))
-            left[rows] |= line_ends.status == AT_BOUNDARY
-            stalled[rows] |= line_ends.status == GAVE_UP
+            left[rows] |= line_ends.status == BOUNDARY_STATUS
+            stalled[rows] |= line_ends.status == FAILURE_STATUS
             self.at.face[curves[rows]] = line_ends.face
             self.at.barycentric[curves[rows]] = line_ends.barycentric
         self.time[curves] += h
         self.steps[curves] += 1
-        self.stop_reason[curves[self.time[curves] >= self.duration * (1 - 1e-12)]] = END_OF_TIME
-        self.stop_reason[curves[left]] = AT_EDGE
-        self.stop_reason[curves[stalled]] = STALLED
+        self.stop_reason[curves[self.time[curves] >= self.duration * (1 - 1e-12)]] = TIME_STOP
+        self.stop_reason[curves[left]] = BOUNDARY_STOP
+        self.stop_reason[curves[stalled]] = STALL_STOP
         self._stop_at_critical_points()
         self._abandon()
 
@@ -281,7 +281,7 @@ class _CurveIntegrator:
         active = np.flatnonzero(self.stop_reason == "")
         v = np.abs(_complex(self.field(self.at.face[active], self.at.barycentric[active])))
         self.speed = max(self.speed, float(v.max(initial=0.0)))
-        self.stop_reason[active[v <= 1e-12 * (self.speed or 1.0)]] = AT_CRITICAL_POINT
+        self.stop_reason[active[v <= 1e-12 * (self.speed or 1.0)]] = CRITICAL_POINT_STOP
 
     def _report_progress(self) -> None:
         if self.progress is not None:
@@ -290,7 +290,7 @@ class _CurveIntegrator:
 
     def _abandon(self) -> None:
         stuck = np.flatnonzero((self.stop_reason == "") & (self.steps >= self.max_steps))
-        self.stop_reason[stuck] = STALLED
+        self.stop_reason[stuck] = STALL_STOP
         if len(stuck):
             _log.warning(
                 f"{len(stuck)} integral curves (first: {stuck[0]}) stopped after {self.max_steps} steps; "

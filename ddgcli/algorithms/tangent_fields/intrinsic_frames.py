@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.algorithms.delaunay.triangulation import IntrinsicDelaunay
-from ddgcli.algorithms.tracing.trace import REACHED, Tracer
+from ddgcli.algorithms.tracing.trace import END_STATUS, Tracer
 from ddgcli.geometry.face_frames import planar_difference
 from ddgcli.geometry.unfolding import vertex_fans
 from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
@@ -99,7 +99,7 @@ def _from_traced_edges(tracer: Tracer, flipped: IntrinsicDelaunay, offset: NDArr
     holds = mesh.faces[lines.face, at] == head
     rest = planar_difference(tracer.unfolding, lines.face, lines.barycentric, np.eye(3)[at])
     gap = np.hypot(rest[:, 0], rest[:, 1]) - length * _STOP_FRACTION
-    arrived = holds & (lines.status == REACHED) & (np.abs(gap) <= 1e-3 * _STOP_FRACTION * length)
+    arrived = holds & (lines.status == END_STATUS) & (np.abs(gap) <= 1e-3 * _STOP_FRACTION * length)
     here = 3 * lines.face[arrived] + at[arrived]
     e = tracer.unfolding.direction[lines.face[arrived], at[arrived]].view(np.complex128)[:, 0]
     back = np.angle(-lines.direction[arrived].view(np.complex128)[:, 0] * e.conj())

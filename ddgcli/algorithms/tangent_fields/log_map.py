@@ -17,7 +17,7 @@ from ddgcli.algorithms.geodesics.exact.exact_distance import ExactDistance, exac
 from ddgcli.algorithms.geodesics.shortest_paths import last_segment
 from ddgcli.algorithms.geodesics.sources import Sources
 from ddgcli.algorithms.tracing.lines import LineStart
-from ddgcli.algorithms.tracing.trace import REACHED, Tracer, Traces
+from ddgcli.algorithms.tracing.trace import END_STATUS, Tracer, Traces
 from ddgcli.errors import ParameterError
 from ddgcli.geometry.face_frames import planar_difference, surface_position
 from ddgcli.geometry.unfolding import SurfaceMesh
@@ -196,4 +196,4 @@ def _through_a_vertex(lines: Traces) -> NDArray[np.bool_]:
 def _stopped_at_three_faces(mesh: SurfaceMesh, lines: Traces) -> NDArray[np.bool_]:
     """(k,) lines that stopped at an edge of three or more faces, beyond which the path continues."""
     edge = mesh.topology.side_edge[lines.face, NEXT[np.argmin(lines.barycentric, axis=1)]]
-    return (lines.status != REACHED) & (mesh.topology.edge_face_count[edge] > 2)
+    return (lines.status != END_STATUS) & (mesh.topology.edge_face_count[edge] > 2)

@@ -18,7 +18,7 @@ from ddgcli.algorithms.tracing.crossing import (
     scalar_crossing,
     to_exit,
 )
-from ddgcli.algorithms.tracing.lines import AT_BOUNDARY, GAVE_UP, REACHED, LineStart, Traces
+from ddgcli.algorithms.tracing.lines import BOUNDARY_STATUS, END_STATUS, FAILURE_STATUS, LineStart, Traces
 from ddgcli.algorithms.tracing.trace_points import PointRecorder
 from ddgcli.geometry.unfolding import APEX, TURN, TWIN, Fans, Unfolding
 from ddgcli.mesh.topology import NEXT, PREVIOUS
@@ -144,7 +144,7 @@ class TraceBatch:
         no_angle = ~(total > 0)
         blocked = outside | no_angle
         if blocked.any():
-            status = np.where(no_angle, GAVE_UP, AT_BOUNDARY)[blocked]
+            status = np.where(no_angle, FAILURE_STATUS, BOUNDARY_STATUS)[blocked]
             self._end_at_corner(line[blocked], corner[blocked], rest[blocked], status)
             keep = ~blocked
             line, corner, fan, total, turned, rest, is_open = (
@@ -269,7 +269,9 @@ class TraceBatch:
         if self.reflect:  # back into the same face; a side with three faces reflects too
             self._append(line, side, u, -turned.conj(), rest)
         else:
-            self._end(line, side, -turned, on_side(side, u / self.length[side]), rest, np.int8(AT_BOUNDARY))
+            self._end(
+                line, side, -turned, on_side(side, u / self.length[side]), rest, np.int8(BOUNDARY_STATUS)
+            )
 
     def _through_vertices(
         self, line: NDArray, side: NDArray, u: NDArray, turned: NDArray, rest: NDArray
@@ -290,7 +292,7 @@ class TraceBatch:
         there = np.where(at_end, total - here, (here + 0.5 * total) % np.where(total > 0, total, 1.0))
         if not self.reflect and at_end.any():
             stop, on = np.flatnonzero(at_end), ~at_end
-            self._end_at_corner(line[stop], corner[stop], rest[stop], np.int8(AT_BOUNDARY))
+            self._end_at_corner(line[stop], corner[stop], rest[stop], np.int8(BOUNDARY_STATUS))
             self.end_direction[line[stop]] = self._in_face(side[stop], -turned[stop])
             line, corner, there, rest = line[on], corner[on], there[on], rest[on]
         self._start_from_corner(line, corner, there - fans.angle_before[corner], rest)
@@ -323,7 +325,7 @@ class TraceBatch:
         leaving = on_side(exit_side, np.where(right, share, 1.0 - share))
         s = np.divide(rest, distance, out=np.zeros(len(line)), where=distance > 0)[:, None]
         end = (1 - s) * on_side(side, x / width) + s * leaving
-        self._end(line, side, heading, end, 0.0, np.int8(REACHED))
+        self._end(line, side, heading, end, 0.0, np.int8(END_STATUS))
         self.crossings[line] = steps
 
     def _end(
@@ -355,7 +357,12 @@ class TraceBatch:
             self._set_state(*(column.take(on) for column in self._state()))
             share = np.nan_to_num(self.x / self.width)
             self._end(
-                self.line, self.side, self.heading, on_side(self.side, share), self.rest, np.int8(GAVE_UP)
+                self.line,
+                self.side,
+                self.heading,
+                on_side(self.side, share),
+                self.rest,
+                np.int8(FAILURE_STATUS),
             )
 
     def traced_length(self) -> float:

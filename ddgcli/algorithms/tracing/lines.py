@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-REACHED, AT_BOUNDARY, GAVE_UP = 0, 1, 2  # values of `Traces.status`
+END_STATUS, BOUNDARY_STATUS, FAILURE_STATUS = 0, 1, 2  # values of `Traces.status`
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ddgcli.algorithms.tracing.batch import VERTEX_TOLERANCE, TraceBatch
-from ddgcli.algorithms.tracing.lines import AT_BOUNDARY, GAVE_UP, REACHED, LineStart, Traces
+from ddgcli.algorithms.tracing.lines import BOUNDARY_STATUS, END_STATUS, FAILURE_STATUS, LineStart, Traces
 from ddgcli.choices import TRACE_BOUNDARIES
 from ddgcli.errors import MeshError, ParameterError
 from ddgcli.geometry.face_frames import to_face_frame, to_space
@@ -24,7 +24,7 @@ from ddgcli.mesh.intrinsic_mesh import SurfaceMesh
 from ddgcli.mesh.vectors import vector_length
 from ddgcli.progress import ProgressCallback
 
-__all__ = ["AT_BOUNDARY", "GAVE_UP", "REACHED", "Tracer", "Traces", "check_start", "trace"]
+__all__ = ["BOUNDARY_STATUS", "END_STATUS", "FAILURE_STATUS", "Tracer", "Traces", "check_start", "trace"]
 
 STATUS_TEXT = ("reached", "boundary", "gave up")
 BATCH_SIZE = 16_384  # lines; their state fits in the cache
@@ -112,7 +112,7 @@ class Tracer:
             batches.append(batch.result())
             done += float(starts.length.sum())
         lines = Traces.concatenate(batches)
-        abandoned = np.flatnonzero(lines.status == GAVE_UP)
+        abandoned = np.flatnonzero(lines.status == FAILURE_STATUS)
         if len(abandoned):
             _log.warning(
                 f"{len(abandoned)} lines (first: line {abandoned[0]}) stopped short of their length, after "

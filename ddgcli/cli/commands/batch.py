@@ -13,7 +13,7 @@ from ddgcli.cli.options import CommonOptions
 from ddgcli.cli.run import Run
 from ddgcli.errors import ParameterError
 
-NOT_IN_BATCHES = ("batch", "check", "examples")
+COMMANDS_OUTSIDE_BATCHES = ("batch", "check", "examples")
 
 
 @click.command("batch", short_help="Run a command over many inputs and parameter values.")
@@ -29,8 +29,10 @@ NOT_IN_BATCHES = ("batch", "check", "examples")
     metavar="N",
     help="Processes side by side.",
 )
-@click.option("--timeout", type=options.POSITIVE, metavar="S", help="Seconds that a run may take.")
-@click.option("--memory", type=options.POSITIVE, metavar="MIB", help="Resident memory that a run may take.")
+@click.option("--timeout", type=options.POSITIVE_NUMBER, metavar="S", help="Seconds that a run may take.")
+@click.option(
+    "--memory", type=options.POSITIVE_NUMBER, metavar="MIB", help="Resident memory that a run may take."
+)
 @click.option("--shard", metavar="I/N", help="Only every N-th run, from the I-th: for job arrays.")
 @click.option("--cluster", metavar="ADDRESS", help="Run on the workers of this Dask scheduler.")
 @click.option("--resume", is_flag=True, help="Keep the runs that the table holds as done.")
@@ -119,7 +121,7 @@ def check_call(call: list[str], sweeps: dict[str, list[str]]) -> None:
     group = context.command
     if not isinstance(group, click.Group):
         raise TypeError("batch runs below the command group")
-    usable = [name for name in group.list_commands(context) if name not in NOT_IN_BATCHES]
+    usable = [name for name in group.list_commands(context) if name not in COMMANDS_OUTSIDE_BATCHES]
     target = group.get_command(context, call[0]) if call[0] in usable else None
     if target is None:
         raise ParameterError(f"no command {call[0]!r} for a batch; there are: {', '.join(usable)}")

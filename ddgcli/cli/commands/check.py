@@ -32,7 +32,7 @@ class KeyTolerance(click.ParamType):
         numerals = numbers.split(",")
         if not key or not equals or len(numerals) > 2:
             self.fail(f"{value!r} is not KEY=RTOL or KEY=RTOL,ATOL, such as arrays.height=1e-4", param, ctx)
-        converted = [options.NONNEGATIVE.convert(numeral, param, ctx) for numeral in numerals]
+        converted = [options.NONNEGATIVE_NUMBER.convert(numeral, param, ctx) for numeral in numerals]
         return key, dict(zip(("rtol", "atol"), converted, strict=False))
 
 
@@ -53,8 +53,8 @@ class KeyTolerance(click.ParamType):
     metavar="KEY=RTOL[,ATOL]",
     help="Tolerances of a dotted name, such as arrays.mean_curvature; * matches. Repeatable.",
 )
-@click.option("--rtol", type=options.NONNEGATIVE, help="Relative tolerance.  [default: 1e-6]")
-@click.option("--atol", type=options.NONNEGATIVE, help="Absolute tolerance.  [default: 1e-12]")
+@click.option("--rtol", type=options.NONNEGATIVE_NUMBER, help="Relative tolerance.  [default: 1e-6]")
+@click.option("--atol", type=options.NONNEGATIVE_NUMBER, help="Absolute tolerance.  [default: 1e-12]")
 @click.option(
     "--ignore", multiple=True, metavar="KEY", help="Leave out a dotted name; * matches. Repeatable."
 )

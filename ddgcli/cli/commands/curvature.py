@@ -36,7 +36,7 @@ class Radius(click.ParamType):
     name = "radius"
 
     def convert(self, value: Any, param: Any, ctx: Any) -> float | str:
-        return "auto" if value == "auto" else options.POSITIVE.convert(value, param, ctx)
+        return "auto" if value == "auto" else options.POSITIVE_NUMBER.convert(value, param, ctx)
 
 
 @click.command(

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from ddgcli.cli.options import POSITIVE, Numbers, grouped_options
+from ddgcli.cli.options import POSITIVE_NUMBER, Numbers, grouped_options
 from ddgcli.errors import ParameterError
 
 if TYPE_CHECKING:
@@ -50,7 +50,7 @@ class Region(click.ParamType):
         head, colon, tail = str(value).rpartition(":")
         if not colon or head.count(",") != 2:
             return value
-        return Numbers(3, "0,0,1").convert(head, param, ctx), POSITIVE.convert(tail, param, ctx)
+        return Numbers(3, "0,0,1").convert(head, param, ctx), POSITIVE_NUMBER.convert(tail, param, ctx)
 
 
 _OPTIONS = (
@@ -59,10 +59,10 @@ _OPTIONS = (
                       "repeatable."),
     click.option("--vertex-vectors", is_flag=True,
                  help="Arrays H_p, volume_gradient, h_p and gradient_angle of the course notes."),
-    click.option("--offset", type=POSITIVE, metavar="R",
+    click.option("--offset", type=POSITIVE_NUMBER, metavar="R",
                  help="Offset body at distance R of a closed surface: its volume by Steiner's formula."),
     click.option("--offset-output", metavar="PATH", help="Write the offset body as a mesh."),
-    click.option("--offset-angle", type=POSITIVE, default=6.0, show_default=True, metavar="DEGREES",
+    click.option("--offset-angle", type=POSITIVE_NUMBER, default=6.0, show_default=True, metavar="DEGREES",
                  help="Largest step of the arcs of the offset body."),
 )  # fmt: skip
 

@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 )
 @click.option(
     "--length-penalty",
-    type=options.NONNEGATIVE,
+    type=options.NONNEGATIVE_NUMBER,
     metavar="W",
     help="Elastic flow: descend int kappa^2 + W length (0: the free flow) instead of keeping the length.",
 )

@@ -30,7 +30,7 @@ OVERLAY_FORMATS = (".npz", ".vtkhdf", ".ply", ".vtu", ".vtp", ".vtk", ".xdmf", "
 @click.option(
     "--refine",
     metavar="DEGREES",
-    type=options.POSITIVE,
+    type=options.POSITIVE_NUMBER,
     help="Insert Steiner points until no angle is smaller (25 always succeeds; at most 33).",
 )
 @click.option(

@@ -29,10 +29,10 @@ FRAME_NUMBER = re.compile(r"\{(?::0?\d*d?)?\}")  # where an output's name has th
 @click.argument("path", metavar="RUN.vtkhdf", type=click.Path())
 @options.common
 @click.option(
-    "--at", "time", type=options.REAL, help="Time of the frame to export [s]; the nearest is taken."
+    "--at", "time", type=options.REAL_NUMBER, help="Time of the frame to export [s]; the nearest is taken."
 )
-@click.option("--from", "start", type=options.REAL, help="First time of a sequence [s].")
-@click.option("--to", "end", type=options.REAL, help="Last time of a sequence [s].")
+@click.option("--from", "start", type=options.REAL_NUMBER, help="First time of a sequence [s].")
+@click.option("--to", "end", type=options.REAL_NUMBER, help="Last time of a sequence [s].")
 @click.option(
     "--every",
     type=click.IntRange(min=1),
@@ -43,7 +43,7 @@ FRAME_NUMBER = re.compile(r"\{(?::0?\d*d?)?\}")  # where an output's name has th
 )
 @click.option("--array", metavar="NAME", help="The same as --show; 'none' for none.")
 @click.option("--paths", is_flag=True, help="Write the paths of particles as polylines instead of the mesh.")
-@click.option("--fps", type=options.POSITIVE, help="Frames a second of an animation.  [default: 25]")
+@click.option("--fps", type=options.POSITIVE_NUMBER, help="Frames a second of an animation.  [default: 25]")
 def command(path: str, common: CommonOptions, **settings: Any) -> None:
     """Export frames of a trajectory (complete, or a .part that still grows).
 

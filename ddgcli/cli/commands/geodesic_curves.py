@@ -9,7 +9,7 @@ import click
 
 from ddgcli.algorithms.geodesics.query import CurveQuery, DistanceQuery
 from ddgcli.choices import TRACE_BOUNDARIES
-from ddgcli.cli.options import POSITIVE, REAL, FacePoint, Ids, Numbers, grouped_options
+from ddgcli.cli.options import POSITIVE_NUMBER, REAL_NUMBER, FacePoint, Ids, Numbers, grouped_options
 from ddgcli.errors import ParameterError
 
 if TYPE_CHECKING:
@@ -51,7 +51,7 @@ class TraceStart(click.ParamType):
             )
         face, barycentric = FacePoint().convert(f"{words[0]}:{words[1]}", param, ctx)
         direction = Numbers(3, "1,0,0.5").convert(words[2], param, ctx)
-        return face, barycentric, direction, REAL.convert(words[3], param, ctx)
+        return face, barycentric, direction, REAL_NUMBER.convert(words[3], param, ctx)
 
 
 _OPTIONS = (
@@ -73,13 +73,13 @@ _OPTIONS = (
                       "from the sources, or from random points."),
     click.option("--field-seeds", type=click.IntRange(min=1), metavar="N",
                  help="How many random starts without sources; default 16."),
-    click.option("--field-time", type=POSITIVE, metavar="T",
+    click.option("--field-time", type=POSITIVE_NUMBER, metavar="T",
                  help="Time to integrate; by default that of crossing the bounding box."),
     click.option("--field-order", type=click.Choice(["1", "2", "4"]), default="4", show_default=True,
                  help="Order of the geodesic Runge-Kutta method."),
-    click.option("--field-step", type=POSITIVE, metavar="H",
+    click.option("--field-step", type=POSITIVE_NUMBER, metavar="H",
                  help="Fixed time step; by default steps adapt."),
-    click.option("--field-tolerance", type=POSITIVE, metavar="LENGTH",
+    click.option("--field-tolerance", type=POSITIVE_NUMBER, metavar="LENGTH",
                  help="Error allowed in an adapted step; by default a hundredth of the mean side."),
     click.option("--transport", is_flag=True,
                  help="Carry a tangent frame along the curves: transport_x, transport_y in --paths-output."),

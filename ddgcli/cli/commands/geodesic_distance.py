@@ -8,7 +8,7 @@ import click
 
 from ddgcli.algorithms.geodesics.query import DistanceQuery
 from ddgcli.choices import DEFAULT_HEAT_TIME, DISTANCE_METHODS, HEAT_OPERATORS
-from ddgcli.cli.options import NONNEGATIVE, POSITIVE, FacePoint, Ids, Numbers, grouped_options
+from ddgcli.cli.options import NONNEGATIVE_NUMBER, POSITIVE_NUMBER, FacePoint, Ids, Numbers, grouped_options
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -41,11 +41,11 @@ _OPTIONS = (
     click.option("--method", type=click.Choice(DISTANCE_METHODS), default="exact", show_default=True,
                  help="exact: the polyhedral distance. heat: two linear solves, factored once; pays off for "
                       "many sources. fast-marching: first order. dijkstra: along edges."),
-    click.option("--tolerance", type=NONNEGATIVE, metavar="TAU",
+    click.option("--tolerance", type=NONNEGATIVE_NUMBER, metavar="TAU",
                  help="exact: slack in edge lengths, used where it saves time; errs upwards only."),
     click.option("--operator", type=click.Choice(HEAT_OPERATORS),
                  help="heat: the Laplacian. [default: intrinsic-delaunay, tufted where non-manifold]"),
-    click.option("--heat-time", type=POSITIVE, metavar="M",
+    click.option("--heat-time", type=POSITIVE_NUMBER, metavar="M",
                  help="heat: time step in squares of the mean edge length. "
                  f"[default: {DEFAULT_HEAT_TIME:g}]"),
     click.option("--heat-refine", type=click.IntRange(0, 100), metavar="K",

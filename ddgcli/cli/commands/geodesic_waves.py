@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import click
 
 from ddgcli.algorithms.geodesics.query import DistanceQuery, WaveQuery
-from ddgcli.cli.options import POSITIVE, Ids, grouped_options
+from ddgcli.cli.options import POSITIVE_NUMBER, Ids, grouped_options
 from ddgcli.errors import ParameterError
 
 if TYPE_CHECKING:
@@ -49,7 +49,7 @@ _OPTIONS = (
                  help="N straightest geodesics from the one source in even directions, their geodesic "
                       "circles "
                       "and caustics, into --paths-output."),
-    click.option("--fan-length", type=POSITIVE, metavar="LENGTH", help="Length of the rays of --fan."),
+    click.option("--fan-length", type=POSITIVE_NUMBER, metavar="LENGTH", help="Length of the rays of --fan."),
     click.option("--fan-circles", type=click.IntRange(1, 10_000), default=8, show_default=True, metavar="K",
                  help="Geodesic circles of --fan at even lengths."),
     click.option("--vertex-types", is_flag=True,

@@ -85,7 +85,7 @@ class FixedValue(click.ParamType):
 )
 @click.option(
     "--smooth",
-    type=options.POSITIVE,
+    type=options.POSITIVE_NUMBER,
     metavar="TIME",
     help="Implicit mean curvature flow for TIME (length squared); the written mesh is smoothed. The "
     "mean edge length squared removes noise, a thousandth of the area changes the shape, and by a fiftieth "
@@ -133,7 +133,7 @@ class FixedValue(click.ParamType):
 @click.option(
     "--hks",
     multiple=True,
-    type=options.POSITIVE,
+    type=options.POSITIVE_NUMBER,
     metavar="T...",
     help="Heat kernel signatures at these times: hks_000, ...",
 )

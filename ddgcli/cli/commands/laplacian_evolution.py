@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from ddgcli.choices import EVOLUTIONS
-from ddgcli.cli.options import POSITIVE, grouped_options
+from ddgcli.cli.options import POSITIVE_NUMBER, grouped_options
 from ddgcli.errors import ParameterError
 
 if TYPE_CHECKING:
@@ -64,9 +64,9 @@ _OPTIONS = (
                       "a vertex; "
                       "-o .vtkhdf holds all frames, other formats the last."),
     click.option("--wave", metavar="ARRAY|FILE|ID", help="Wave equation M u'' = -L u, likewise, from rest."),
-    click.option("--duration", type=POSITIVE, metavar="T",
+    click.option("--duration", type=POSITIVE_NUMBER, metavar="T",
                  help="Time of --heat (length squared) or --wave (length, at unit speed)."),
-    click.option("--dt", "time_step", type=POSITIVE, metavar="T",
+    click.option("--dt", "time_step", type=POSITIVE_NUMBER, metavar="T",
                  help="Time step.  [default: a hundredth of the duration]"),
     click.option("--frames", "n_frames", type=click.IntRange(min=1), metavar="N",
                  help="Frames of the trajectory, besides the first.  [default: 50]"),

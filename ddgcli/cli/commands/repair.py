@@ -20,7 +20,7 @@ from ddgcli.errors import ParameterError
     "--weld",
     is_flag=False,
     flag_value="0",
-    type=options.NONNEGATIVE,
+    type=options.NONNEGATIVE_NUMBER,
     metavar="[DISTANCE]",
     help="Merge vertices at equal positions, or up to DISTANCE apart.",
 )

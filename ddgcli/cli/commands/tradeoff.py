@@ -34,7 +34,7 @@ SIMULATORS = ("shell-sim", "fluid-sim", "willmore-flow")
 @click.argument("words", metavar="INPUT [OPTIONS OF COMMAND]", nargs=-1, type=click.UNPROCESSED)
 @click.option(
     "--within",
-    type=options.POSITIVE,
+    type=options.POSITIVE_NUMBER,
     metavar="ERROR",
     help="Report the cheapest row whose error is at most ERROR.",
 )
@@ -54,7 +54,7 @@ SIMULATORS = ("shell-sim", "fluid-sim", "willmore-flow")
 )
 @click.option(
     "--budget",
-    type=options.POSITIVE,
+    type=options.POSITIVE_NUMBER,
     metavar="SECONDS",
     default=60.0,
     show_default=True,

@@ -37,17 +37,17 @@ from ddgcli.errors import ParameterError
 @click.option(
     "--spontaneous-curvature",
     metavar="H0",
-    type=options.REAL,
+    type=options.REAL_NUMBER,
     help="Lower int (H - H0)^2; unit 1/length, positive as on a sphere. Needs --fix-area or --fix-volume.",
 )
 @click.option(
     "--stop-gradient",
-    type=options.POSITIVE,
+    type=options.POSITIVE_NUMBER,
     help="Stop when |gradient| area / energy is below this.  [default: 1e-6]",
 )
 @click.option(
     "--stop-energy",
-    type=options.POSITIVE,
+    type=options.POSITIVE_NUMBER,
     help="Stop when a step lowers the energy by less than this part of it.  [default: 1e-8]",
 )
 @click.option("--report-energy", help="all: every energy at every frame.")

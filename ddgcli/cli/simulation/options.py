@@ -24,10 +24,12 @@ def _time(unit: str, steps: str) -> tuple[Callable, ...]:
     """Options of the time axis, whose unit is `unit`."""
     return (
         click.option("--steps", type=click.IntRange(1, 10**9), metavar="N", help=steps),
-        click.option("--duration", type=options.POSITIVE, help=f"Length of the run [{unit}]."),
-        click.option("--dt", "step", type=options.POSITIVE, help=f"Time step [{unit}]."),
-        click.option("--frame-every", type=options.POSITIVE, help=f"Time between frames [{unit}]."),
-        click.option("--tolerance", type=options.POSITIVE, help="Adaptive steps: largest error of a step."),
+        click.option("--duration", type=options.POSITIVE_NUMBER, help=f"Length of the run [{unit}]."),
+        click.option("--dt", "step", type=options.POSITIVE_NUMBER, help=f"Time step [{unit}]."),
+        click.option("--frame-every", type=options.POSITIVE_NUMBER, help=f"Time between frames [{unit}]."),
+        click.option(
+            "--tolerance", type=options.POSITIVE_NUMBER, help="Adaptive steps: largest error of a step."
+        ),
         click.option("--integrator", metavar="NAME", help="Time scheme."),
     )
 

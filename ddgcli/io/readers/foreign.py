@@ -50,8 +50,8 @@ TRIMESH = {
     ".zip",
 }
 # formats whose meshio reader takes an open text file, in which an endless read at the end can be stopped
-TEXT = {"abaqus", "nastran", "avsucd", "tecplot", "permas", "su2", "netgen"}
-BINARY = {"mdpa", "ansys"}
+TEXT_FORMATS = {"abaqus", "nastran", "avsucd", "tecplot", "permas", "su2", "netgen"}
+BINARY_FORMATS = {"mdpa", "ansys"}
 HDF5 = {".xdmf", ".xmf", ".cgns", ".h5m", ".hmf", ".med", ".e", ".ex2", ".exo"}
 
 
@@ -193,10 +193,10 @@ class _BinaryFile(_EndWatch, io.BufferedReader):
 def _meshio_mesh(path: str, name: str) -> Any:
     import meshio
 
-    if name in TEXT:
+    if name in TEXT_FORMATS:
         with _TextFile(io.FileIO(path), encoding="utf-8", errors="replace") as text:
             return meshio.read(text, name)
-    if name in BINARY:
+    if name in BINARY_FORMATS:
         with _BinaryFile(io.FileIO(path)) as data:
             return meshio.read(data, name)
     if name == "tetgen":

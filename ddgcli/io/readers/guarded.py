@@ -33,7 +33,7 @@ CPU_SECONDS_PER_MIB = 10.0
 MIN_MEMORY = 1 << 30  # bytes in addition to the memory of the process
 MIN_WALL_SECONDS = 10.0
 WALL_TO_CPU_RATIO = 4.0  # a busy machine gives a process a fraction of its time
-_FORBIDDEN = ("socket.", "subprocess.", "os.system", "os.exec", "os.posix_spawn", "os.remove", "os.rename",
+_BANNED_CALLS = ("socket.", "subprocess.", "os.system", "os.exec", "os.posix_spawn", "os.remove", "os.rename",
               "os.fork", "urllib.", "shutil.")  # fmt: skip
 
 
@@ -206,7 +206,7 @@ def _confine(folder: str | None, *, hdf5: bool) -> None:
     def watch(event: str, arguments: tuple) -> None:
         if event == "open":
             allow(arguments[0])
-        elif event.startswith(_FORBIDDEN):
+        elif event.startswith(_BANNED_CALLS):
             raise MeshFileError(f"makes its reader use {event}; such files are not read")
 
     sys.dont_write_bytecode = True  # a module imported from here on would be renamed into the bytecode cache

@@ -21,7 +21,7 @@ NAMES = {
     "f4": "Float32", "f8": "Float64", "i1": "Int8", "i2": "Int16", "i4": "Int32", "i8": "Int64",
     "u1": "UInt8", "u2": "UInt16", "u4": "UInt32", "u8": "UInt64",
 }  # fmt: skip
-LEGACY = {
+LEGACY_NAMES = {
     "f4": "float", "f8": "double", "i1": "char", "i2": "short", "i4": "int",
     "u1": "unsigned_char", "u2": "unsigned_short", "u4": "unsigned_int",
 }  # fmt: skip
@@ -126,7 +126,9 @@ def vtk_bytes(content: CellData) -> bytes:
         for name, value in arrays.items():
             value = short_integers(two_dimensional(value))
             width = value.shape[1] if value.ndim == 2 else 1
-            _legacy(out, f"{'_'.join(name.split())} {width} {length} {LEGACY[value.dtype.str[1:]]}", value)
+            _legacy(
+                out, f"{'_'.join(name.split())} {width} {length} {LEGACY_NAMES[value.dtype.str[1:]]}", value
+            )
     return out.getvalue()
 
 

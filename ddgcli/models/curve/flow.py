@@ -24,7 +24,7 @@ from ddgcli.simulation.model import Observation, StepRejected
 
 COLLAPSED_LENGTH = 1e-2  # of the first length: a shorter curve has shrunk to a point
 REST_SPEED = 1e-6  # normal speed times radius (elastic: radius^3) at which a curve is at rest
-HUGE_STEP = 0.1  # squared radii of the circle of the shortest curve's length: from here on points move freely
+STEP_LIMIT = 0.1  # squared radii of the circle of the shortest curve's length: beyond it points move freely
 SLIDING_RATE = 10.0  # diffusivity of the spacing, over that of the flow
 MAX_SLIDE = 0.3  # of the shorter segment at a point, in one step
 SLIDE_FRACTIONS = (1.0, 0.5, 0.25, 0.0)  # of the slide, until the objective does not rise
@@ -32,7 +32,7 @@ ROUNDING_RISE = 1e-12  # relative rise of the objective that rounding explains
 MAX_ENERGY_RISE = 1e-3  # relative rise of the elastic energy at which a step is rejected
 MAX_CONSTRAINT_ITERATIONS = 12
 CONSTRAINT_TOLERANCE = 1e-14  # relative; iterations end there or after the number above
-COLLAPSED, AT_REST = "every curve has shrunk to a point", "at rest"
+COLLAPSE_REASON, REST_REASON = "every curve has shrunk to a point", "at rest"
 
 
 @dataclass(frozen=True, eq=False)
@@ -214,8 +214,8 @@ class CurveFlow:
     def reason(self, state: CurveState) -> str:
         """Why the flow ends here, or ""."""
         if not state.active.any():
-            return COLLAPSED
-        return AT_REST if self.stop_at_rest and state.speed < REST_SPEED else ""
+            return COLLAPSE_REASON
+        return REST_REASON if self.stop_at_rest and state.speed < REST_SPEED else ""
 
     def distance(self, a: CurveState, b: CurveState) -> float:
         """Largest distance between points of two states, over the size of the curves at the start."""
@@ -264,7 +264,7 @@ class NormalStep:
             return False
         length = self.flow.mesh.by_curve(self.flow.mesh.tail, self.shape.length)
         radius = length[self.state.active].min(initial=np.inf) / (2 * np.pi)
-        return bool(self.dt > HUGE_STEP * radius**2)
+        return bool(self.dt > STEP_LIMIT * radius**2)
 
     def _matrix(self) -> csr_array:
         """`M + dt P Q P` on the free points: (k, k) by coordinate without P, (3k, 3k) with it."""

@@ -20,7 +20,7 @@ from ddgcli.simulation.effects import Effect
 
 log = logging.getLogger("ddgcli")
 
-VELOCITY_NEEDED = ("wall", "inflow")
+VELOCITY_KINDS = ("wall", "inflow")
 
 
 class BoundarySection(Section):
@@ -46,7 +46,7 @@ class BoundarySection(Section):
             raise ValueError("velocity takes three numbers or expressions")
         if self.velocity is not None and self.kind == "free-slip":
             raise ValueError("velocity is that of a no-slip wall; a free-slip wall moves nothing")
-        if self.velocity is None and self.kind in VELOCITY_NEEDED:
+        if self.velocity is None and self.kind in VELOCITY_KINDS:
             raise ValueError(f"kind {self.kind} needs velocity: three numbers or expressions")
         if self.flux is not None and (self.kind != "outflow" or self.velocity is not None):
             raise ValueError("flux is that of an outflow without velocity; take it out")

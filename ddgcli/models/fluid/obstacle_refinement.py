@@ -11,9 +11,9 @@ from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.models.fluid.context import FluidContext
 from ddgcli.models.fluid.obstacles import SignedDistance
 
-PASSES = 2  # bisections of a face that halve its sides
-LARGE = 0.6  # of the longest side of a level, above which a face still counts to it
-REACH = 5.0  # distance from the outline, over the longest side, up to which a face is halved
+BISECTION_PASSES = 2  # bisections of a face that halve its sides
+LEVEL_FRACTION = 0.6  # of the longest side of a level, above which a face still counts to it
+REFINEMENT_REACH = 5.0  # distance from the outline, over the longest side, up to which a face is halved
 
 
 def refined(context: FluidContext, distance: SignedDistance, times: int) -> FluidContext:
@@ -28,11 +28,11 @@ def refined(context: FluidContext, distance: SignedDistance, times: int) -> Flui
         raise ValueError("refine is that of obstacles in surfaces that are not periodic; leave it out")
     size = float(np.median(context.mesh.side_length.max(axis=1)))
     for level in range(times):
-        for _ in range(PASSES):
+        for _ in range(BISECTION_PASSES):
             mesh, longest = context.mesh, size / 2.0**level
             centre = mesh.points[mesh.faces].mean(axis=1)
-            near = np.abs(distance(centre)) < REACH * longest
-            context = _bisected(context, near & (mesh.side_length.max(axis=1) > LARGE * longest))
+            near = np.abs(distance(centre)) < REFINEMENT_REACH * longest
+            context = _bisected(context, near & (mesh.side_length.max(axis=1) > LEVEL_FRACTION * longest))
     return context
 
 

@@ -10,7 +10,7 @@ from typing import Literal
 from pydantic import Field, field_validator, model_validator
 
 from ddgcli.models.shell.obstacle import Obstacle
-from ddgcli.scenes.materials import DEFAULT, KEYS, MATERIALS, filled
+from ddgcli.scenes.materials import DEFAULT_MATERIAL, KEYS, MATERIALS, filled
 from ddgcli.scenes.scene import SceneKind
 from ddgcli.scenes.sections import Section
 from ddgcli.scenes.shapes import MovingObject
@@ -67,7 +67,7 @@ class Shell(MovingObject):
         if self.material is None and None in values.values():
             logging.getLogger("ddgcli").warning(
                 "object %s names no material: %s is taken for %s",
-                self.name, DEFAULT, ", ".join(k for k, v in values.items() if v is None),
+                self.name, DEFAULT_MATERIAL, ", ".join(k for k, v in values.items() if v is None),
             )  # fmt: skip
         for key, value in filled({"material": self.material, **values}).items():
             if key in KEYS and values[key] is None:

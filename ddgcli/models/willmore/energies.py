@@ -50,24 +50,25 @@ def _vertex(sullivan: bool) -> EnergyBuilder:
 
 
 # on a surface with boundary `gauss-map` leaves the faces there out, and its int K makes it fall below zero
-DEFAULT, OPEN_DEFAULT = "gauss-map", "cotan"
+DEFAULT_ENERGY, DEFAULT_OPEN_ENERGY = "gauss-map", "cotan"
 SECOND_ENERGY = "cotan"  # stiff where faces become slender: it rises where a fall of `gauss-map` is crumpling
-_SMOOTH = "int H^2 dA with H = (k1 + k2)/2 (a round sphere has 4 pi)"
+_SMOOTH_TERM = "int H^2 dA with H = (k1 + k2)/2 (a round sphere has 4 pi)"
 ENERGIES = {
     "gauss-map": EnergyDefinition(
         GaussMapEnergy,
-        f"{_SMOOTH}; int K + sum over faces of (D - G)/2, the S-shape and the corners' lean, "
+        f"{_SMOOTH_TERM}; int K + sum over faces of (D - G)/2, the S-shape and the corners' lean, "
         "D Dirichlet energy and G area of the vertex normals",
     ),
     "sullivan": EnergyDefinition(
-        _vertex(True), f"{_SMOOTH}; sum over inner vertices of |dArea|^2 / (4 |dVolume|^2) * star area / 3"
+        _vertex(True),
+        f"{_SMOOTH_TERM}; sum over inner vertices of |dArea|^2 / (4 |dVolume|^2) * star area / 3",
     ),
     "cotan": EnergyDefinition(
-        _vertex(False), f"{_SMOOTH}; sum over inner vertices of |L x|^2 / (4 M), M mixed Voronoi cells"
+        _vertex(False), f"{_SMOOTH_TERM}; sum over inner vertices of |L x|^2 / (4 M), M mixed Voronoi cells"
     ),
     "hinge": EnergyDefinition(
         HingeEnergy,
-        f"{_SMOOTH} on equilateral triangles only; sum over inner edges of |e|^2 theta^2 / (4 (A1 + A2)), "
+        f"{_SMOOTH_TERM} (equilateral triangles); sum over inner edges of |e|^2 theta^2 / (4 (A1 + A2)), "
         "plus 4 pi chi / 3 on a closed surface",
     ),
     "circle-angle": EnergyDefinition(

@@ -38,23 +38,23 @@ from ddgcli.simulation.model import Observation, StepRejected
 # steps of the descent, for a surface with the area of the unit sphere
 MAX_DESCENT_STEP, MIN_DESCENT_STEP = 0.05, 1e-14
 MOTION_FRACTIONS = (1.0, 0.25, 0.0625)  # of a motion, tried before a shorter step is factorised
-MOMENTUM = 0.9  # part of the last step's motion that is added to the next one
+MOMENTUM_SHARE = 0.9  # part of the last step's motion that is added to the next one
 KEPT_FALL_SHARE = 0.5  # of the energy's fall in a step, that slides and flips must leave
 SUFFICIENT_DECREASE = 0.01  # of the fall that the slope promises, for a step of the descent to be taken
 # a surface is near rest where steps above that share of the longest promise less than that of the energy
 NEAR_REST_STEP_FRACTION, NEAR_REST_ENERGY_FRACTION = 0.01, 0.1
 # of the least energy of its topology, below which only the mesh's error takes a surface
 LOWER_BOUND_FRACTION = 0.9
-BELOW_LOWER_BOUND = (
+LOWER_BOUND_REASON = (
     "the next step would go below the least energy of such surfaces: the mesh is too coarse or uneven"
 )
 # relative rise of a second energy over its lowest value, at which the flow ends if the first has since fallen
 # by less than that
 SECOND_ENERGY_RISE = 0.01
-MESH_ERROR = "what is left of the gradient is the mesh's own error"
-AGREEMENT = 1.05  # ratio of the two energies up to which the surface is then at rest
-CRUMPLING = "a second energy rises faster than this one falls: the faces crumple"
-UNRESOLVED = (BELOW_LOWER_BOUND, CRUMPLING)
+MESH_ERROR_REASON = "what is left of the gradient is the mesh's own error"
+AGREEMENT_RATIO = 1.05  # ratio of the two energies up to which the surface is then at rest
+CRUMPLING_REASON = "a second energy rises faster than this one falls: the faces crumple"
+RESOLUTION_REASONS = (LOWER_BOUND_REASON, CRUMPLING_REASON)
 # time schemes of each flow, the default first; `semi-implicit` is of first order
 SCHEMES = {"quadratic": ("rosenbrock", "semi-implicit"), "mean-curvature": ("semi-implicit",)}
 ZERO_ENERGY = 1e-12  # energy at which nothing is left to release
@@ -170,7 +170,7 @@ class Flow:
             ):  # what the two parts release is half of it or more
                 across, along = preconditioner.powers()
                 if across + along <= least and along >= across:
-                    return MESH_ERROR
+                    return MESH_ERROR_REASON
         return ""
 
     def _second(self, state: FlowState) -> float:
@@ -209,7 +209,7 @@ class Flow:
         for moved in self._attempts(at, dt / self.time_unit):
             energy = self._energy(moved)
             if self._below_lower_bound(energy):
-                return replace(state, stopped=BELOW_LOWER_BOUND)
+                return replace(state, stopped=LOWER_BOUND_REASON)
             if energy <= at.energy:
                 return self._accepted(state, at, moved, energy, dt)
         promised = float(np.sum(at.gradient * (at.mesh.points - moved.points)[self.free]))
@@ -241,7 +241,7 @@ class Flow:
         while dt >= MIN_DESCENT_STEP:
             preconditioner = self._preconditioner(at, dt)
             plain = descent_motion(preconditioner, dt, self.constraints)
-            motions = [plain] if last is None else [plain + MOMENTUM * last, plain]
+            motions = [plain] if last is None else [plain + MOMENTUM_SHARE * last, plain]
             for motion in motions:
                 stepped = self._shared_step(state, at, preconditioner, motion, dt)
                 if stepped is not None:
@@ -260,7 +260,7 @@ class Flow:
             energy = self._energy(moved)
             if energy <= at.energy - SUFFICIENT_DECREASE * share * promised:
                 if self._below_lower_bound(energy):
-                    return replace(state, stopped=BELOW_LOWER_BOUND)
+                    return replace(state, stopped=LOWER_BOUND_REASON)
                 at_once = dt == state.dt and share >= MOTION_FRACTIONS[1]
                 carried = np.zeros_like(state.points)
                 carried[self.free] = share * motion
@@ -327,8 +327,8 @@ class Flow:
         if (second_energy := self._terms(moved.topology).second) is not None:
             second = second_energy.value(moved.points)
             if second - lowest > max(SECOND_ENERGY_RISE * lowest, then - energy):
-                agree = 1.0 / AGREEMENT < self._second(state) / state.energy < AGREEMENT
-                return replace(state, stopped=MESH_ERROR if agree else CRUMPLING)
+                agree = 1.0 / AGREEMENT_RATIO < self._second(state) / state.energy < AGREEMENT_RATIO
+                return replace(state, stopped=MESH_ERROR_REASON if agree else CRUMPLING_REASON)
             lowest, then = (second, energy) if second < lowest else (lowest, then)
         rose = energy - at.energy > ENERGY_ROUNDING * rounding_scale(at.energy)
         return replace(

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from ddgcli.geometry.intrinsic import corner_angle
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.models.willmore.descent import folded_faces
-from ddgcli.models.willmore.energies import DEFAULT, ENERGIES, OPEN_DEFAULT, SECOND_ENERGY
-from ddgcli.models.willmore.flow import UNRESOLVED
+from ddgcli.models.willmore.energies import DEFAULT_ENERGY, DEFAULT_OPEN_ENERGY, ENERGIES, SECOND_ENERGY
+from ddgcli.models.willmore.flow import RESOLUTION_REASONS
 
 ENERGY_RATIO_WARNING = 1.2  # growth of the ratio of two energies at which a warning is due
 REFINEMENT_ANGLE = 25  # smallest angle that the advice asks `delaunay --refine` for
@@ -83,15 +83,15 @@ def doubt(stopped: str, start: TriangleMesh, energy: str) -> str:
     energy : str
         Name of the energy.
     """
-    if stopped not in UNRESOLVED:
+    if stopped not in RESOLUTION_REASONS:
         return ""
     cure = "begin with a finer mesh"
     if np.degrees(corner_angle(start.side_length).min()) < REFINEMENT_ANGLE:
         cure = (
             f"begin with the mesh that `ddgcli delaunay MESH --refine {REFINEMENT_ANGLE} -o finer.npz` writes"
         )
-    elif energy != OPEN_DEFAULT:
-        cure = f"use `energy={OPEN_DEFAULT}`, or begin with a finer mesh"
+    elif energy != DEFAULT_OPEN_ENERGY:
+        cure = f"use `energy={DEFAULT_OPEN_ENERGY}`, or begin with a finer mesh"
     message = f"{stopped}; {cure}"
     logging.getLogger("ddgcli").warning(message)
     return message
@@ -99,15 +99,15 @@ def doubt(stopped: str, start: TriangleMesh, energy: str) -> str:
 
 def warn_of_disagreement(first: TriangleMesh, last: TriangleMesh, energy: str) -> None:
     """A warning where a second energy has grown over the first: the mesh does not resolve its surface."""
-    if energy != DEFAULT:
+    if energy != DEFAULT_ENERGY:
         return
-    kinds = [ENERGIES[name].build for name in (DEFAULT, SECOND_ENERGY)]
+    kinds = [ENERGIES[name].build for name in (DEFAULT_ENERGY, SECOND_ENERGY)]
     values = [[build(mesh.topology).value(mesh.points) for build in kinds] for mesh in (first, last)]
     before, after = (second / value for value, second in values)
     if after > ENERGY_RATIO_WARNING * max(1.0, before):
         logging.getLogger("ddgcli").warning(
             "%s gives the last surface %.3g times the energy of %s (%.3g times at the start): its faces "
-            "are too slender to tell", SECOND_ENERGY, after, DEFAULT, before,
+            "are too slender to tell", SECOND_ENERGY, after, DEFAULT_ENERGY, before,
         )  # fmt: skip
 
 

@@ -17,7 +17,13 @@ from ddgcli.mesh.require import require
 from ddgcli.mesh.topology import Topology
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.models.willmore.constraints import Constraints, area
-from ddgcli.models.willmore.energies import DEFAULT, ENERGIES, OPEN_DEFAULT, SECOND_ENERGY, EnergyBuilder
+from ddgcli.models.willmore.energies import (
+    DEFAULT_ENERGY,
+    DEFAULT_OPEN_ENERGY,
+    ENERGIES,
+    SECOND_ENERGY,
+    EnergyBuilder,
+)
 from ddgcli.models.willmore.flow import SCHEMES, Flow, longest_step
 from ddgcli.models.willmore.helfrich_energy import HelfrichEnergy
 from ddgcli.models.willmore.scaled import centred_at_unit_size
@@ -128,12 +134,12 @@ def chosen_energy(topology: Topology, options: FlowOptions) -> str:
         When `gauss-map` is chosen where it does not hold.
     """
     free_slope = options.boundary == "fixed" and not topology.is_closed
-    if free_slope and options.energy == DEFAULT:
+    if free_slope and options.energy == DEFAULT_ENERGY:
         raise ParameterError(
-            f"energy {DEFAULT!r} leaves the faces at the boundary out, where the slope is free; use "
-            f"`energy={OPEN_DEFAULT}` or `boundary=clamped`"
+            f"energy {DEFAULT_ENERGY!r} leaves the faces at the boundary out, where the slope is free; use "
+            f"`energy={DEFAULT_OPEN_ENERGY}` or `boundary=clamped`"
         )
-    return options.energy or (DEFAULT if topology.is_closed else OPEN_DEFAULT)
+    return options.energy or (DEFAULT_ENERGY if topology.is_closed else DEFAULT_OPEN_ENERGY)
 
 
 def _require_known(value: str, known: tuple[str, ...], what: str) -> None:
@@ -202,7 +208,7 @@ def second_energy(chosen: str, topology: Topology, constraints: Constraints) -> 
     on round spheres.
     """
     round_only = _is_spheres(topology) and not constraints.active
-    if chosen != DEFAULT or round_only or not topology.is_closed:
+    if chosen != DEFAULT_ENERGY or round_only or not topology.is_closed:
         return None
     return ENERGIES[SECOND_ENERGY].build
 

@@ -30,10 +30,10 @@ from ddgcli.tradeoff.candidates import NO_OPTIONS, Candidate, CommandOptions, Pr
 STEP_FACTORS = (4.0, 2.0, 1.0, 0.5)  # of the candidates, in units of the system's step
 N_OBSERVATIONS = 32  # at which the drift is observed
 MAX_STEPS = 400  # of a scene's own length
-EXPLICIT = ("symplectic-euler", "verlet")
+EXPLICIT_INTEGRATORS = ("symplectic-euler", "verlet")
 EXPLICIT_WORK, IMPLICIT_WORK = 2e-4, 3e-3  # estimated seconds of a step of a small system
 NEWMARK = SimpleNamespace(beta=0.25, gamma=0.5)
-FORBIDDEN = {  # effects that change the quantity
+FORBIDDEN_EFFECTS = {  # effects that change the quantity
     "energy": ("damping", "wind", "plasticity", "handle", "fracture"),
     "momentum": ("gravity", "pin", "load", "wind", "handle", "contact", "damping"),
     "angular-momentum": ("gravity", "pin", "load", "wind", "handle", "contact", "damping"),
@@ -173,7 +173,7 @@ def scene_problem(
         overrides = {"integrator": integrator, "step": dt, "duration": span, "frame_every": every}
         scene, account = resolve(document, KIND, overrides), Account()
         for effect in (entry[0].name for entry in scene.effects):
-            if effect in FORBIDDEN[quantity]:
+            if effect in FORBIDDEN_EFFECTS[quantity]:
                 raise ParameterError(
                     f"effect {effect} changes the {quantity.replace('-', ' ')}; use a scene without it",
                     parameter="conserved",
@@ -258,7 +258,7 @@ def _problem(
             dt = span / count
             arguments = {**words, "integrator": name, "dt": repr(dt), "duration": repr(span)}
             prepare = partial(setup, name, dt, span)
-            work = count * (EXPLICIT_WORK if name in EXPLICIT else IMPLICIT_WORK)
+            work = count * (EXPLICIT_WORK if name in EXPLICIT_INTEGRATORS else IMPLICIT_WORK)
             candidates.append(Candidate(name, {"dt": dt}, prepare, solve, arguments, work, program))
     truth = Reference.from_truth(f"the {quantity.replace('-', ' ')} at the start", np.zeros(1))
     return Problem(

@@ -16,7 +16,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.algorithms.geodesics.exact.dominance import EPS
+from ddgcli.algorithms.geodesics.exact.dominance import DOMINANCE_TOLERANCE
 from ddgcli.algorithms.geodesics.exact.pool import WindowOrigins, WindowPool
 from ddgcli.algorithms.geodesics.exact.tables import BOUNDARY, WindowTables
 from ddgcli.mesh.ragged import ranges
@@ -32,10 +32,11 @@ BUNDLE_COST, TEST_COST, BINDING_COST, ROUND_COST = 4.0, 0.33, 1.0, 4000.0
 MIN_BOUND_WINDOWS = 10_000.0  # fewer are not worth bundling
 RETRY_FACTOR = 1.3  # increase of the number of windows after which bundling is tried again
 
-# rows of a bundle: its motion (x, y) -> (COS x - SIN y + AWAY, SIN x + COS y + UP); its rays lie between
-# x = LEFT + LEFT_SLOPE y and x = RIGHT + RIGHT_SLOPE y; the least distance where it was bound; a window's
-# source and the distance of its origin; the rotation of frames (if directions are computed)
-COS, SIN, AWAY, UP, LEFT, LEFT_SLOPE, RIGHT, RIGHT_SLOPE, LEAST, FROM_X, FROM_Y, FROM, TURNED = range(13)
+# rows of a bundle: its motion (x, y) -> (COS x - SIN y + SHIFT_X, SIN x + COS y + SHIFT_Y); its rays lie
+# between x = LEFT_START + LEFT_SLOPE y and x = RIGHT_START + RIGHT_SLOPE y; the least distance where it was
+# bound; a window's source and the distance of its origin; the rotation of frames (if directions are computed)
+COS, SIN, SHIFT_X, SHIFT_Y, LEFT_START, LEFT_SLOPE, RIGHT_START, RIGHT_SLOPE, LEAST_DISTANCE = range(9)
+ORIGIN_X, ORIGIN_Y, ORIGIN_DISTANCE, ROTATION = range(9, 13)
 
 
 class Bundles:
@@ -72,7 +73,7 @@ class Bundles:
         self.columns = 4 + int(side_turn is not None)
         self.windows = WindowPool(self.columns + 1)  # lines, distance of the origin; where they were bound
         self.pool = WindowPool(
-            TURNED + self.columns - 4, 1024, ints=3
+            ROTATION + self.columns - 4, 1024, ints=3
         )  # bundles; side, first and number of windows
         self.moves = 0
         self._min_windows, self._saved = MIN_BOUND_WINDOWS, 0.0
@@ -98,14 +99,14 @@ class Bundles:
         reach = base + np.hypot(bound[:2] - sx, sy)
         bundle = np.zeros((len(self.pool.lines), len(start)))
         bundle[COS] = 1.0
-        bundle[LEFT : RIGHT_SLOPE + 1] = _hull(bound, local)
-        bundle[LEAST] = np.minimum.reduceat(0.5 * (reach[0] + reach[1] - (b1 - b0)), local)
+        bundle[LEFT_START : RIGHT_SLOPE + 1] = _hull(bound, local)
+        bundle[LEAST_DISTANCE] = np.minimum.reduceat(0.5 * (reach[0] + reach[1] - (b1 - b0)), local)
         middle = local + count // 2
-        bundle[FROM_X : FROM + 1] = sx.take(middle), sy.take(middle), base.take(middle)
+        bundle[ORIGIN_X : ORIGIN_DISTANCE + 1] = sx.take(middle), sy.take(middle), base.take(middle)
         self._reserve(len(rows))
         place = np.stack([where[0].take(start), self.windows.top + local, count])
         self.windows.push(bound, where.take(rows, axis=1), base)
-        self.pool.push(bundle, place, bundle[LEAST])
+        self.pool.push(bundle, place, bundle[LEAST_DISTANCE])
         loose = np.ones(where.shape[1], dtype=bool)
         loose[rows] = False
         rest = loose.nonzero()[0]
@@ -142,8 +143,8 @@ class Bundles:
         np.clip(x + end_x, 0.0, self.tables.shape[side, 0], out=lines[:2])
         lines[2], lines[3] = x, y
         if self.side_turn is not None:
-            lines[4] = window[4] + bundle[TURNED].take(of)
-        nonempty = (lines[1] - lines[0] > EPS).nonzero()[0]
+            lines[4] = window[4] + bundle[ROTATION].take(of)
+        nonempty = (lines[1] - lines[0] > DOMINANCE_TOLERANCE).nonzero()[0]
         where = np.stack([side, self.windows.where[1].take(rows)])
         return lines.take(nonempty, axis=1), where.take(nonempty, axis=1)
 
@@ -154,14 +155,24 @@ class Bundles:
         bundle, place = self.pool.pop_below(bound)
         self.moves += len(place[0])
         self._saved -= ROUND_COST + BUNDLE_COST * len(place[0])
-        face_apex = self.tables.shape[place[0], 1:3].T - bundle[AWAY : UP + 1]
+        face_apex = self.tables.shape[place[0], 1:3].T - bundle[SHIFT_X : SHIFT_Y + 1]
         x = (
             bundle[COS] * face_apex[0] + bundle[SIN] * face_apex[1]
         )  # the apex ahead, where the bundle was bound
         y = bundle[COS] * face_apex[1] - bundle[SIN] * face_apex[0]
         before = y > 0
-        left = x > bundle[RIGHT] + np.where(before, bundle[RIGHT_SLOPE], bundle[LEFT_SLOPE]) * y + 2 * EPS
-        right = x < bundle[LEFT] + np.where(before, bundle[LEFT_SLOPE], bundle[RIGHT_SLOPE]) * y - 2 * EPS
+        left = (
+            x
+            > bundle[RIGHT_START]
+            + np.where(before, bundle[RIGHT_SLOPE], bundle[LEFT_SLOPE]) * y
+            + 2 * DOMINANCE_TOLERANCE
+        )
+        right = (
+            x
+            < bundle[LEFT_START]
+            + np.where(before, bundle[LEFT_SLOPE], bundle[RIGHT_SLOPE]) * y
+            - 2 * DOMINANCE_TOLERANCE
+        )
         halted = ~(left | right | before)
         if self.halt is not None:
             halted |= self.halt.take(place[0] // 3)
@@ -188,9 +199,9 @@ class Bundles:
         b0, b1, sx, sy = self.windows.lines[:4].take(rows, axis=1)
         at = sx - (x.repeat(count) - sx) * sy / (y.repeat(count) - sy)  # as in Wavefront._propagate
         number = np.arange(len(rows))
-        stop = np.minimum.reduceat(np.where(at > b1 + 2 * EPS, len(rows), number), local)
+        stop = np.minimum.reduceat(np.where(at > b1 + 2 * DOMINANCE_TOLERANCE, len(rows), number), local)
         stop = np.minimum(stop, end)  # all before pass on the left
-        begin = np.maximum.reduceat(np.where(at < b0 - 2 * EPS, -1, number), local) + 1
+        begin = np.maximum.reduceat(np.where(at < b0 - 2 * DOMINANCE_TOLERANCE, -1, number), local) + 1
         begin = np.maximum(np.maximum(begin, local), stop)  # all from here pass on the right
         stop = np.where(stop - local >= MIN_PART_SIZE, stop, local)
         begin = np.where(end - begin >= MIN_PART_SIZE, begin, end)
@@ -198,7 +209,7 @@ class Bundles:
         bundles, places = _joined(left, _bundle_part(bundle, place, begin - local, end - begin))
         if len(places[0]):
             rows, start = ranges(places[1], places[2])
-            bundles[LEFT : RIGHT_SLOPE + 1] = _hull(self.windows.lines[:4].take(rows, axis=1), start)
+            bundles[LEFT_START : RIGHT_SLOPE + 1] = _hull(self.windows.lines[:4].take(rows, axis=1), start)
         return (bundles, places), _bundle_part(bundle, place, stop - local, begin - stop), len(left[1][0])
 
     def _hand_on(self, bundle: NDArray, place: NDArray, n_left: int) -> None:
@@ -223,17 +234,17 @@ class Bundles:
         if self.side_turn is not None:
             to = 2 * side
             to[back] += 1
-            bundle[TURNED] += self.side_turn.take(to)
+            bundle[ROTATION] += self.side_turn.take(to)
         span = _crossings(bundle, edge)
-        from_x, from_y = _moved(bundle[:4], bundle[FROM_X], bundle[FROM_Y])
+        from_x, from_y = _moved(bundle[:4], bundle[ORIGIN_X], bundle[ORIGIN_Y])
         from_x -= np.minimum(np.maximum(from_x, span[0]), span[1])
-        key = bundle[FROM] + np.sqrt(from_x * from_x + from_y * from_y)
+        key = bundle[ORIGIN_DISTANCE] + np.sqrt(from_x * from_x + from_y * from_y)
 
         d_near, d_far, d_apex = self.distance.take(ids[:3])
         d_near[back], d_far[:n_left] = d_apex[back], d_apex[:n_left]
         least = _least(bundle, edge)
-        keep = (code != BOUNDARY) & (least <= d_near + span[1] + EPS)
-        keep &= least <= d_far + (edge - span[0]) + EPS
+        keep = (code != BOUNDARY) & (least <= d_near + span[1] + DOMINANCE_TOLERANCE)
+        keep &= least <= d_far + (edge - span[0]) + DOMINANCE_TOLERANCE
         rows = keep.nonzero()[0]
         place[0] = code
         self.pool.push(bundle.take(rows, axis=1), place.take(rows, axis=1), key.take(rows))
@@ -286,7 +297,7 @@ def _crossings(bundle: NDArray, edge: NDArray) -> NDArray[np.float64]:
     """(2, k) first and last point of its side that each bundle reaches, at most."""
     cos, sin = bundle[COS], bundle[SIN]
     span = np.empty((2, len(edge)))
-    for out, row, whole in zip(span, (LEFT, RIGHT), (np.zeros(len(edge)), edge)):
+    for out, row, whole in zip(span, (LEFT_START, RIGHT_START), (np.zeros(len(edge)), edge)):
         at, slope = bundle[row : row + 2]
         x, y = _moved(bundle[:4], at, 0.0)
         rise = sin * slope + cos
@@ -301,4 +312,4 @@ def _least(bundle: NDArray, edge: NDArray) -> NDArray[np.float64]:
     height = sin * away - cos * up  # of the first end of the side over that where it was bound
     height = np.maximum(np.minimum(height, height - sin * edge), 0.0)
     slope = np.maximum(np.maximum(bundle[LEFT_SLOPE], -bundle[RIGHT_SLOPE]), 0.0)
-    return bundle[LEAST] + height * np.sqrt(1.0 + slope * slope)
+    return bundle[LEAST_DISTANCE] + height * np.sqrt(1.0 + slope * slope)

@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.algorithms.geodesics.exact.dominance import EPS
+from ddgcli.algorithms.geodesics.exact.dominance import DOMINANCE_TOLERANCE
 from ddgcli.algorithms.geodesics.exact.tables import WindowTables
 
 
@@ -60,8 +60,8 @@ def children(
     r0, r1 = reach
     fraction *= edge
     s0, s1 = fraction
-    margin = EPS - slack * edge if slack > 0 else EPS
-    keep = s1 - s0 > EPS
+    margin = DOMINANCE_TOLERANCE - slack * edge if slack > 0 else DOMINANCE_TOLERANCE
+    keep = s1 - s0 > DOMINANCE_TOLERANCE
     keep &= r1 <= d_near + s1 + margin
     keep &= r0 <= d_apex + (edge - s0) + margin
     keep &= r0 <= d_other + detour + margin

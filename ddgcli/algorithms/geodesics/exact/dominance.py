@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-EPS = 1e-12  # of the longest side (in [1/2, 1) here); windows are kept within it
+DOMINANCE_TOLERANCE = 1e-12  # of the longest side (in [1/2, 1) here); windows are kept within it
 
 
 def dominate(
@@ -62,7 +62,7 @@ def dominate(
         lines[1, i[root[~forward]] + 1] = hi_r[~forward]
     lines[0, i[p_wins] + 1] = hi[p_wins]
     lines[1, i[q_wins]] = lo[q_wins]
-    alive = (lines[1] - lines[0] > EPS).nonzero()[0]
+    alive = (lines[1] - lines[0] > DOMINANCE_TOLERANCE).nonzero()[0]
     if len(alive) == len(side):
         return lines, where
     return lines.take(alive, axis=1), where.take(alive, axis=1)

@@ -18,7 +18,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.algorithms.geodesics.exact.dominance import EPS
+from ddgcli.algorithms.geodesics.exact.dominance import DOMINANCE_TOLERANCE
 from ddgcli.algorithms.geodesics.exact.pool import WindowPool
 from ddgcli.algorithms.geodesics.exact.tables import BOUNDARY, WindowTables
 from ddgcli.algorithms.geodesics.exact.wavefront import Wavefront
@@ -98,7 +98,7 @@ def _propagate(
     shape, ids = tables.shape.take(side, axis=0).T, tables.ids.take(side, axis=0).T
     length, ax, ay, left_edge, right_edge = shape
     at = ax - ay * ux / uy  # where the line to the apex crosses the side
-    reached = ((at >= b0 - EPS) & (at <= b1 + EPS)).nonzero()[0]
+    reached = ((at >= b0 - DOMINANCE_TOLERANCE) & (at <= b1 + DOMINANCE_TOLERANCE)).nonzero()[0]
     at_apex = c + ux * ax + uy * ay
     wavefront.improve(
         ids[2][reached], at_apex[reached], origin[reached], side[reached], np.clip(at, 0.0, length)[reached]
@@ -136,7 +136,12 @@ def _keep(
     near: NDArray, apex: NDArray, around: NDArray,
 ) -> NDArray[np.bool_]:  # fmt: skip
     """Strips of positive width that no path by a vertex of the face replaces (the filter of `children`)."""
-    return (s1 - s0 > EPS) & (r1 <= near + s1 + EPS) & (r0 <= apex + (edge - s0) + EPS) & (r0 <= around + EPS)
+    return (
+        (s1 - s0 > DOMINANCE_TOLERANCE)
+        & (r1 <= near + s1 + DOMINANCE_TOLERANCE)
+        & (r0 <= apex + (edge - s0) + DOMINANCE_TOLERANCE)
+        & (r0 <= around + DOMINANCE_TOLERANCE)
+    )
 
 
 def _push(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.algorithms.geodesics.exact.dominance import EPS
+from ddgcli.algorithms.geodesics.exact.dominance import DOMINANCE_TOLERANCE
 from ddgcli.algorithms.geodesics.exact.pool import WindowOrigins
 from ddgcli.algorithms.geodesics.exact.tables import SideTables
 from ddgcli.geometry.surface_points import SurfacePoints
@@ -45,7 +45,7 @@ class WindowTargets:
         x, y = self._place(side, target)
         dx, dy = x - sx, y - sy
         at = sx - dx * sy / dy
-        reached = (at >= b0 - EPS) & (at <= b1 + EPS)
+        reached = (at >= b0 - DOMINANCE_TOLERANCE) & (at <= b1 + DOMINANCE_TOLERANCE)
         self._lower(
             target[reached],
             (origins.distance.take(origin) + np.sqrt(dx * dx + dy * dy))[reached],
@@ -60,7 +60,7 @@ class WindowTargets:
         (b0, b1, ux, uy, c), (side, origin) = lines.take(row, axis=1), where[:2].take(row, axis=1)
         x, y = self._place(side, target)
         at = x - y * ux / uy
-        reached = (at >= b0 - EPS) & (at <= b1 + EPS)
+        reached = (at >= b0 - DOMINANCE_TOLERANCE) & (at <= b1 + DOMINANCE_TOLERANCE)
         self._lower(target[reached], (c + ux * x + uy * y)[reached], origin[reached])
 
     def update_from_point(self, face: int, weights: NDArray, origin: int) -> None:

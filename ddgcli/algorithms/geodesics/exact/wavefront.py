@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from ddgcli.algorithms.geodesics.exact.bundles import Bundles
 from ddgcli.algorithms.geodesics.exact.children import children, norm, reflect, side_turns
-from ddgcli.algorithms.geodesics.exact.dominance import EPS, dominate
+from ddgcli.algorithms.geodesics.exact.dominance import DOMINANCE_TOLERANCE, dominate
 from ddgcli.algorithms.geodesics.exact.pool import POPPED_KEY, WindowOrigins, WindowPool
 from ddgcli.algorithms.geodesics.exact.shadow import MARGIN, shadow_of
 from ddgcli.algorithms.geodesics.exact.tables import BOUNDARY, WindowTables, incoming_directions
@@ -204,8 +204,8 @@ class Wavefront:
         base, code = self.origins.distance.take(origin), self.tables.code(side)
         y = np.maximum(y, MIN_SOURCE_HEIGHT * length)
         r0, r1 = base + norm(x - b0, y.copy()), base + norm(b1 - x, y.copy())
-        margin = EPS - self.slack * length
-        keep = (code != BOUNDARY) & (b1 - b0 > EPS)
+        margin = DOMINANCE_TOLERANCE - self.slack * length
+        keep = (code != BOUNDARY) & (b1 - b0 > DOMINANCE_TOLERANCE)
         keep &= (r0 <= d1 + (length - b0) + margin) & (r1 <= d0 + b1 + margin)
         rows = keep.nonzero()[0]
         key = np.where((x > b0) & (x < b1), base + y, np.minimum(r0, r1))
@@ -352,7 +352,7 @@ class Wavefront:
         dx, dy = shape[1] - sx, shape[2] - sy
         at = sx - dx * sy / dy  # where the line to the apex crosses the side
 
-        reached = ((at >= b0 - EPS) & (at <= b1 + EPS)).nonzero()[0]
+        reached = ((at >= b0 - DOMINANCE_TOLERANCE) & (at <= b1 + DOMINANCE_TOLERANCE)).nonzero()[0]
         if len(reached):
             reach = base.take(reached) + norm(dx.take(reached), dy.take(reached))
             update = ids[2].take(reached), reach, origin.take(reached), side.take(reached), at.take(reached)
