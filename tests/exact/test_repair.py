@@ -97,6 +97,14 @@ def test_degenerate_duplicate_and_unused_parts_are_dropped():
     assert repaired.mesh.topology.is_closed
 
 
+def test_a_face_without_area_is_dropped_though_its_three_vertices_differ():
+    grid = shapes.grid(2, 2)  # vertices 0, 1, 2 lie on a line
+    mesh = TriangleMesh.from_arrays(grid.points, np.concatenate([grid.faces, [[0, 2, 1]]]))
+    repaired, changes = repair_mesh(mesh, RepairSteps(drop_degenerate=True))
+    assert changes["drop_degenerate"] == 1
+    assert np.array_equal(repaired.mesh.faces, grid.faces)
+
+
 def test_a_filled_hole_closes_the_sphere_with_the_least_area():
     sphere = shapes.icosphere(3)
     hole = sphere.points[sphere.faces].mean(axis=1)[:, 2] > 0.9

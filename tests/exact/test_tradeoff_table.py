@@ -25,6 +25,7 @@ from ddgcli.tradeoff.candidates import (
 from ddgcli.tradeoff.measure import run_problem
 from ddgcli.tradeoff.pareto import assign_verdicts, break_even, cheapest_within
 from ddgcli.tradeoff.report import csv_of, results_of
+from ddgcli.tradeoff.richardson import richardson_limit
 from ddgcli.tradeoff.truths import SHAPES, ellipsoid, parse_truth
 
 TRUTH = np.linspace(1.0, 2.0, 11)
@@ -277,3 +278,11 @@ def test_warnings_begin_with_the_label_of_their_row(caplog):
         run_problem(problem(Candidate("heat", {"refine": 3}, lambda: None, solve, {})), repeat=0)
         logging.getLogger("ddgcli").warning("after")
     assert caplog.messages == ["heat refine=3: 3 faces are flat", "after"]
+
+
+@pytest.mark.parametrize("rate", [0.5, 0.25, 1 / 16])
+def test_the_extrapolation_of_a_geometric_sequence_is_its_limit(rate):
+    coarse, middle, fine = (TRUTH * (1.0 + rate**k) for k in range(3))
+    limit, uncertainty = richardson_limit(coarse, middle, fine)
+    np.testing.assert_allclose(limit, TRUTH, rtol=1e-13)
+    np.testing.assert_allclose(uncertainty, TRUTH * rate**2, rtol=1e-12)

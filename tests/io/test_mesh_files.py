@@ -220,3 +220,13 @@ def test_references_of_boundary_triangles_do_not_spoil_tetrahedra(tmp_path):
     annotated = read_mesh(str(path))
     assert isinstance(annotated.mesh, TetMesh)
     assert annotated.face["medit:ref"].tolist() == [5]  # of the cell, not of its sides
+
+
+def test_a_binary_ply_whose_header_ends_its_lines_with_cr_lf_keeps_every_byte_of_its_body(tmp_path):
+    mesh = shapes.icosphere(1)
+    plain, windows = tmp_path / "plain.ply", tmp_path / "windows.ply"
+    write_mesh(str(plain), AnnotatedMesh(mesh))
+    header, mark, body = plain.read_bytes().partition(b"end_header\n")
+    windows.write_bytes((header + mark).replace(b"\n", b"\r\n") + body)
+    assert np.array_equal(read_mesh(str(windows)).mesh.points, mesh.points)
+    assert np.array_equal(read_mesh(str(windows)).mesh.faces, mesh.faces)

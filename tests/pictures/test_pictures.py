@@ -160,3 +160,10 @@ def test_a_long_caption_stays_on_the_page(tmp_path):
     lines = re.findall(r">([^<>]*word[^<>]*)<", (tmp_path / "a.svg").read_text())
     assert len(lines) > 2 and max(map(len, lines)) < 115
     assert " ".join(lines).split() == words
+
+
+@pytest.mark.parametrize("view, up", [("iso", 2), ("x", 2), ("y", 2), ("z", 1)])
+def test_what_is_higher_in_space_is_higher_in_the_picture(view, up):
+    mesh = shapes.icosphere(1)
+    row = camera_on(mesh, view).project(mesh.points)[:, 1]
+    assert row[np.argmax(mesh.points[:, up])] < row[np.argmin(mesh.points[:, up])]
