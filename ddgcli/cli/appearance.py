@@ -40,11 +40,11 @@ def with_baked_colours(
 ) -> AnnotatedMesh:
     """The mesh with the array `color` drawn from an array, and the range in its metadata."""
     from ddgcli.io.appearance import COLOR
-    from ddgcli.plots.colour import baked_colours, robust_limits
+    from ddgcli.plots.colour import baked_colours, is_signed, robust_limits
 
     values = named_array({**annotated.face, **annotated.vertex}, name)
     size = values if values.ndim == 1 else np.linalg.norm(values.reshape(len(values), -1), axis=1)
-    low, high, signed = colour_range or robust_limits(size)
+    low, high, signed = colour_range or robust_limits(size, is_signed(name))
     colours, colour_map = baked_colours(size, low, high, signed)
     place = "vertex" if name in annotated.vertex else "face"
     metadata = {"colors": {"array": name, "on": place, "low": low, "high": high, "map": colour_map}}

@@ -9,21 +9,11 @@ from numpy.typing import NDArray
 
 from ddgcli.errors import ParameterError
 from ddgcli.mesh.triangle_mesh import TriangleMesh
+from ddgcli.plots.colour import is_signed
 from ddgcli.plots.glyphs import Glyphs
 from ddgcli.plots.surface import draw_surface
 
-# quantities with a sign: their colours diverge about zero
-SIGNED_ARRAYS = (
-    "angle_defect", "gaussian_curvature", "geodesic_curvature", "mean_curvature", "principal_curvature_min",
-    "principal_curvature_max", "dihedral_angle", "torsion", "vorticity", "potential", "copotential",
-    "stream_function",
-)  # fmt: skip
 CONSTANT_LENGTH_TOLERANCE = 1e-3  # relative spread of vector lengths
-
-
-def is_signed(name: str) -> bool | None:
-    """True for quantities with a sign; None if the values decide."""
-    return True if name in SIGNED_ARRAYS or name.startswith("eigenvector_") else None
 
 
 def glyphs_of(mesh: TriangleMesh, name: str, vectors: NDArray) -> Glyphs:

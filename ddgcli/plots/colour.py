@@ -9,6 +9,17 @@ from numpy.typing import NDArray
 
 ROUNDING_SHARE = 1e-10  # values below this share of the largest are rounding
 MIN_RANGE_SHARE = 0.05  # of the size of the values: a narrower range would magnify noise
+# quantities with a sign: their colours diverge about zero
+SIGNED_ARRAYS = (
+    "angle_defect", "gaussian_curvature", "geodesic_curvature", "mean_curvature", "principal_curvature_min",
+    "principal_curvature_max", "dihedral_angle", "torsion", "vorticity", "potential", "copotential",
+    "stream_function", "signed_distance", "turning_angle",
+)  # fmt: skip
+
+
+def is_signed(name: str) -> bool | None:
+    """True for quantities with a sign; None if the values decide."""
+    return True if name in SIGNED_ARRAYS or name.startswith("eigenvector_") else None
 
 
 def robust_limits(

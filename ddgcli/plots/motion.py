@@ -15,7 +15,7 @@ from ddgcli.errors import MissingExtraError, ParameterError
 from ddgcli.mesh.fields import frames_of_equal_change
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.plots.chart import draw_chart
-from ddgcli.plots.colour import robust_limits
+from ddgcli.plots.colour import is_signed, robust_limits
 from ddgcli.plots.page import page
 from ddgcli.plots.surface import draw_surface
 
@@ -100,7 +100,7 @@ def sequence_style(
         return SequenceStyle(fit, view=view, edges=edges, time_unit=time_unit)
     if limits is not None:
         return SequenceStyle(fit, label, limits, limits[0] < 0 < limits[1], edges, view, time_unit)
-    bottom, top, signed = robust_limits(np.concatenate(values))
+    bottom, top, signed = robust_limits(np.concatenate(values), is_signed(label))
     return SequenceStyle(fit, label, (bottom, top), signed, edges, view, time_unit)
 
 

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.plots.colour import robust_limits
+from ddgcli.plots.colour import is_signed, robust_limits
 from ddgcli.plots.viewpoint import up_axis_of
 
 
@@ -96,7 +96,7 @@ def _object(viewed: ViewedObject, centre: NDArray, size: float) -> dict[str, Any
 
 def _array(name: str, place: str, values_by_frame: Sequence[NDArray]) -> dict[str, Any]:
     values = [np.linalg.norm(v, axis=1) if v.ndim == 2 else v.astype(np.float64) for v in values_by_frame]
-    low, high, signed = robust_limits(np.concatenate(values) if values else np.zeros(0))
+    low, high, signed = robust_limits(np.concatenate(values), is_signed(name))
     packed = [_packed(v, "f8") for v in values]
     return {"name": name, "place": place, "low": low, "high": high, "signed": signed, "frames": packed}
 

@@ -119,6 +119,20 @@ def test_values_that_are_not_finite_and_the_up_axis_of_the_shape(summary, tmp_pa
     assert shown[2] == pytest.approx(0.5, abs=0.15)  # the half without values is grey
 
 
+def test_a_signed_quantity_diverges_about_zero_also_where_one_sign_occurs(summary, sphere, tmp_path):
+    mesh = sphere[1]
+    values = {"mean_curvature": 1.0 + 0.1 * mesh.points[:, 2], "height": 1.0 + 0.1 * mesh.points[:, 2]}
+    write_mesh(str(tmp_path / "signed.vtu"), AnnotatedMesh(mesh, values))
+    page, ply = tmp_path / "page.html", tmp_path / "coloured.ply"
+    summary("view", tmp_path / "signed.vtu", "-o", page)
+    data = json.loads(page.read_text("utf-8").split('json">')[1].split("</script>")[0])
+    shown = {array["name"]: array for array in data["objects"][0]["arrays"]}
+    assert shown["mean_curvature"]["signed"] and not shown["height"]["signed"]
+    assert shown["mean_curvature"]["low"] == -shown["mean_curvature"]["high"] < -1
+    summary("curvature", sphere[0], "-o", ply, "--colors", "mean_curvature")
+    assert b'"map": "RdBu_r"' in ply.read_bytes()[:2000]
+
+
 def test_each_frame_has_its_own_faces(run, summary, tmp_path):
     path, out, page = tmp_path / "ring.ply", tmp_path / "run.vtkhdf", tmp_path / "page.html"
     write_mesh(str(path), AnnotatedMesh(slanted_torus()))

@@ -174,9 +174,10 @@ def _colour_range(run: Run, source: Trajectory, chosen: list[int]) -> tuple[floa
     import numpy as np
 
     from ddgcli.cli.simulation.plot import magnitude
-    from ddgcli.plots.colour import robust_limits
+    from ddgcli.plots.colour import is_signed, robust_limits
 
-    return robust_limits(np.concatenate([magnitude(source.vertex(k)[name]) for k in chosen]))
+    values = np.concatenate([magnitude(source.vertex(k)[name]) for k in chosen])
+    return robust_limits(values, is_signed(name))
 
 
 def _check_numbering(output: str, count: int) -> None:
