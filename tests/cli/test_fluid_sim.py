@@ -300,7 +300,8 @@ def test_walls_that_do_not_go_together(run, tmp_path, effects, message):
 def test_every_effect_is_listed(run):
     listing = json.loads(run("fluid-sim", "--effects", "--json").stdout)
     assert set(listing) == {
-        "initial", "viscosity", "harmonic", "boundary", "force", "rotation", "buoyancy", "dye", "particles"
+        "initial", "viscosity", "harmonic", "boundary", "force", "rotation", "buoyancy", "pressure", "dye",
+        "particles",
     }  # fmt: skip
     assert json.loads(run("fluid-sim", "--schema").stdout)
 

@@ -81,8 +81,12 @@ class BuoyancyPhase(FlowPhase):
         self.push = -parameters.expansion * np.array(parameters.gravity)
 
     def advance(self, step: Step, state: FluidState) -> FluidState:
+        return accelerated(self.setting, state, step.dt * self.cell_acceleration(state, step.time))
+
+    def cell_acceleration(self, state: FluidState, time: float) -> NDArray[np.float64]:
+        """(m, 3) what it adds to the velocity of the cells a second."""
         warmth = state[ARRAY][self.setting.context.cells].mean(axis=1)
-        return accelerated(self.setting, state, step.dt * warmth[:, None] * self.push)
+        return warmth[:, None] * self.push
 
 
 def build(parameters: BuoyancySection, context: FluidContext) -> list[PhaseRequest]:

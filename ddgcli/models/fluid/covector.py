@@ -133,7 +133,7 @@ class CovectorAdvection:
 class CovectorTransport(FlowPhase):
     """Transport by pull-back; the start of the map, its steps and its losses stand in the state."""
 
-    stage = "transport"
+    step_stage = "transport"
 
     def __init__(self, setting: FluidSetting) -> None:
         self.evolve = setting.evolve_harmonic

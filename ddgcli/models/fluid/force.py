@@ -48,6 +48,10 @@ class ForcePhase(FlowPhase):
     def advance(self, step: Step, state: FluidState) -> FluidState:
         return accelerated(self.setting, state, step.dt * self.vectors(step.time + 0.5 * step.dt))
 
+    def cell_acceleration(self, state: FluidState, time: float) -> NDArray[np.float64]:
+        """(m, 3) what it adds to the velocity of the cells a second."""
+        return self.vectors(time)
+
 
 def accelerated(setting: FluidSetting, state: FluidState, change: NDArray) -> FluidState:
     """The state with changes of velocity (m, 3) of the cells added, but for their gradient part."""

@@ -137,6 +137,7 @@ class FluidModel:
             if isinstance(effect_part, PhaseRequest)
         ]
         phases = [phase for phase in requested if phase is not None]
+        self.setting.phases += phases
         self.sources = [phase for phase in phases if phase.step_stage == "source"]
         self.tracers = [phase for phase in phases if phase.step_stage == "tracer"]
         self.start = self._start(declared)

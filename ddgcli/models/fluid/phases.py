@@ -7,7 +7,7 @@ every tracer, and the sources in reverse for the other half.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING, Literal, Protocol
 
@@ -104,6 +104,8 @@ class FluidSetting:
         Boundary vertices of free-slip walls.
     is_open : bool
         Whether fluid crosses the boundary.
+    phases : list of Phase
+        Those of all effects, complete when the model is.
     """
 
     context: FluidContext
@@ -114,6 +116,7 @@ class FluidSetting:
     evolve_harmonic: bool = False
     slip: NDArray[np.bool_] | None = None
     is_open: bool = False
+    phases: list[Phase] = field(default_factory=list)
 
     @property
     def volume(self) -> VolumeSpace:

@@ -25,6 +25,7 @@ EFFECTS = EffectTable(
             "ddgcli.models.fluid.buoyancy",
             "A temperature that drives the flow.",
         ),
+        "pressure": ("ddgcli.models.fluid.pressure", "The pressure in every frame."),
         "dye": ("ddgcli.models.fluid.dye", "A passive amount carried by the flow."),
         "particles": ("ddgcli.models.fluid.particles", "Points that move with the flow, and their paths."),
     },
@@ -97,7 +98,7 @@ KIND = SceneKind(
     "conservative",
     EFFECTS,
     elsewhere=dict.fromkeys(
-        ("stretching", "bending", "gravity", "load", "pressure", "wind", "damping", "pin", "handle",
+        ("stretching", "bending", "gravity", "load", "wind", "damping", "pin", "handle",
          "plasticity", "fracture", "contact", "self_contact", "shell"), "shell-sim",
     ),
 )  # fmt: skip

@@ -133,10 +133,14 @@ class SurfaceSpace:
             return None
         tail, head = self.open_sides.T
         edge, sign = self._open_edges
-        flux = sign * self.edge_flux(phi, coefficients)[edge]
-        pressure = 0.5 * np.where(flux > 0, flux / self._open_length, 0.0) ** 2
+        pressure = 0.5 * np.maximum(self.open_speed(phi, coefficients), 0.0) ** 2
         vorticity = sum_by_index(tail, pressure, self.n) - sum_by_index(head, pressure, self.n)
         return vorticity, -(self.harmonic[:, edge] @ (sign * pressure))
+
+    def open_speed(self, phi: NDArray, coefficients: NDArray) -> NDArray[np.float64]:
+        """(s,) speed at which fluid leaves through every side of a natural outflow."""
+        edge, sign = self._open_edges
+        return sign * self.edge_flux(phi, coefficients)[edge] / self._open_length
 
     @cached_property
     def _open_edges(self) -> tuple[NDArray[np.int64], NDArray[np.float64]]:

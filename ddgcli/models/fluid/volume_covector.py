@@ -22,7 +22,7 @@ TAIL, HEAD = np.array(TET_EDGES).T
 class VolumeCovectorTransport(FlowPhase):
     """Pull-back; what it loses is booked in the state."""
 
-    stage = "transport"
+    step_stage = "transport"
 
     def __init__(self, setting: FluidSetting) -> None:
         self.space, self.paths = setting.volume, setting.volume_paths

@@ -92,6 +92,14 @@ class VolumeDiffusion(FlowPhase):
         change = self.diffusion.step(at_vertices, self.wall, step.dt) - at_vertices
         return space.accelerated(state, change[space.cells].mean(axis=1))
 
+    def cell_acceleration(self, state: FluidState, time: float) -> NDArray[np.float64]:
+        """(k, 3) what it adds to the velocity of the cells a second."""
+        space, diffusion = self.space, self.diffusion
+        change = diffusion.stiffness @ space.vertex_means(space.cell_velocity(state))
+        change *= -space.inverse_mass[:, None]
+        change[diffusion.fixed] = 0.0
+        return change[space.cells].mean(axis=1)
+
 
 def _wall_vertices(space: VolumeSpace) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
     """Vertices with a prescribed velocity, and that velocity: means over the faces by area."""

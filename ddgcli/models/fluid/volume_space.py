@@ -146,6 +146,15 @@ class VolumeSpace:
         head : (F,) ndarray, optional
             Potential on the faces of natural outflows.
         """
+        potential = self.potential(velocity, inflow, head)
+        nearest = velocity - self.broken_gradient(potential[self.cell_face])
+        outward = np.einsum("ka,kia->ki", nearest, self.area) * self.sign
+        return sum_by_index(self.cell_face, outward, self.n_faces) / self.face_count
+
+    def potential(
+        self, velocity: NDArray, inflow: bool = True, head: NDArray | None = None
+    ) -> NDArray[np.float64]:
+        """(F,) values at face centroids of the potential that `projected` takes off."""
         through = np.einsum("ka,kia->ki", velocity, self.area)
         rhs = sum_by_index(self.cell_face, through, self.n_faces)
         if inflow:
@@ -153,10 +162,7 @@ class VolumeSpace:
         fixed = self.solver.fixed
         values = np.zeros(len(fixed)) if head is None else head[fixed]
         with self.timer():
-            potential = self.solver.solve(values, rhs, refine=False)
-        nearest = velocity - self.broken_gradient(potential[self.cell_face])
-        outward = np.einsum("ka,kia->ki", nearest, self.area) * self.sign
-        return sum_by_index(self.cell_face, outward, self.n_faces) / self.face_count
+            return self.solver.solve(values, rhs, refine=False)
 
     @cached_property
     def face_count(self) -> NDArray[np.int64]:

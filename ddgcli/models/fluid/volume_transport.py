@@ -26,6 +26,12 @@ from ddgcli.simulation.model import Observation, StepRejected
 
 def rate(space: VolumeSpace, flux: NDArray) -> NDArray[np.float64]:
     """(F,) rate of change of the fluxes by Euler's equation."""
+    push, head = rotational_acceleration(space, flux)
+    return space.projected(push, inflow=False, head=head)
+
+
+def rotational_acceleration(space: VolumeSpace, flux: NDArray) -> tuple[NDArray, NDArray | None]:
+    """(k, 3) the acceleration - omega x u of cells, and (F,) the head at natural outflows."""
     velocity = space.velocity(flux)
     omega = space.vorticity(velocity)[space.cells].mean(axis=1)
     head = None
@@ -35,7 +41,7 @@ def rate(space: VolumeSpace, flux: NDArray) -> NDArray[np.float64]:
         head = np.zeros(space.n_faces)
         head[face] = 0.5 * (np.maximum(flux[face] * space.sign[cell, i], 0.0) / size) ** 2
         head[~space.conditions.natural] = 0.0
-    return space.projected(-np.cross(omega, velocity), inflow=False, head=head)
+    return -np.cross(omega, velocity), head
 
 
 class EnergyTransport(FlowPhase):

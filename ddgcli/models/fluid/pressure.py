@@ -1,0 +1,158 @@
+"""Effect `pressure`: the array `pressure` in frames, from the balance of momentum.
+
+The flow needs no pressure; it is what its accelerations leave over. The total head B = p + |u|^2 / 2 solves
+
+    (grad B, grad q) = (- omega n x u + f + nu laplacian u, grad q)      for all q,
+
+f the accelerations by effects. B is linear in every face; at natural outflows it is the head there,
+elsewhere the mean of p over each component is zero. In volumes B has one value a face of the mesh.
+"""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+
+from ddgcli.linalg.constrain import Dirichlet
+from ddgcli.mesh.scatter import sum_by_index
+from ddgcli.mesh.topology import NEXT
+from ddgcli.models.fluid.context import FluidContext
+from ddgcli.models.fluid.phases import FlowPhase, FluidSetting, Phase, PhaseRequest, Step
+from ddgcli.models.fluid.state import FluidState
+from ddgcli.scenes.sections import Section
+from ddgcli.simulation.effects import Effect
+from ddgcli.simulation.model import Observation
+
+TIME = "pressure_time"
+
+
+class PressureSection(Section):
+    """Pressure over density [m^2/s^2] at the vertices of every frame."""
+
+    object: str | None = Field(None, description="fluid; by default all")
+
+
+class PressurePhase(FlowPhase):
+    """One solve a frame; the flow is as without it."""
+
+    effect = "pressure"
+    step_stage: Literal["transport", "source", "tracer"] = "tracer"
+
+    def __init__(self, setting: FluidSetting) -> None:
+        self.setting = setting
+
+    def start(self) -> dict[str, NDArray]:
+        return {TIME: np.zeros(1)}
+
+    def advance(self, step: Step, state: FluidState) -> FluidState:
+        return state.with_passive(**{TIME: np.array([step.time + step.dt])})
+
+    def observed(self, state: FluidState) -> Observation:
+        return Observation(None, {"pressure": self.values(state)}, {})
+
+    def values(self, state: FluidState) -> NDArray[np.float64]:
+        """(n,) pressure over density at the vertices."""
+        raise NotImplementedError
+
+    def accelerations(self, state: FluidState) -> NDArray[np.float64]:
+        """(m, 3) sum of what the effects add to the velocity of the cells a second."""
+        time = float(state[TIME][0])
+        total = np.zeros((len(self.setting.context.cells), 3))
+        for phase in self.setting.phases:
+            acceleration = getattr(phase, "cell_acceleration", None)
+            if acceleration is not None:
+                total += acceleration(state, time)
+        return total
+
+
+class SurfacePressure(PressurePhase):
+    """On surfaces, linear in every face."""
+
+    def __init__(self, setting: FluidSetting) -> None:
+        super().__init__(setting)
+        space = self.space = setting.space
+        open_vertices = np.zeros(space.n, dtype=bool)
+        if space.open_sides is not None:
+            open_vertices[space.open_sides.ravel()] = True
+        topology = space.mesh.topology
+        self.open = open_vertices
+        label = topology.vertex_component
+        self.closed = ~np.isin(np.arange(topology.n_components), label[open_vertices])
+        used = np.flatnonzero(label >= 0)
+        _, first = np.unique(label[used], return_index=True)
+        pinned = used[first][self.closed]
+        fixed = open_vertices | ~topology.referenced_vertex
+        fixed[pinned] = True
+        self.solver = Dirichlet(space.stiffness, np.flatnonzero(fixed))
+        self.slope = 1j * space.side[:, NEXT] / (2.0 * space.area[:, None])
+
+    def values(self, state: FluidState) -> NDArray[np.float64]:
+        space = self.space
+        omega = state["vorticity"] * space.inverse_mass
+        velocity = space.face_velocity(space.flow(state).side_flux)
+        coriolis = sum(getattr(phase, "parameter", 0.0) for phase in self.setting.phases)
+        push = -1j * (omega + coriolis)[space.faces].mean(axis=1) * velocity
+        nu = sum(getattr(getattr(phase, "scheme", None), "nu", 0.0) for phase in self.setting.phases)
+        push += 1j * nu * (omega[space.faces] * self.slope).sum(axis=1)
+        push += self.setting.context.to_frames(space, self.accelerations(state))
+        rhs = sum_by_index(
+            space.faces, space.area[:, None] * (push[:, None] * np.conj(self.slope)).real, space.n
+        )
+        with space.timer():
+            head = self.solver.solve(self._outflow_head(state)[self.solver.fixed], rhs)
+        around = sum_by_index(space.faces, np.repeat(space.area[:, None], 3, axis=1), space.n)
+        squares = sum_by_index(
+            space.faces, np.repeat((space.area * np.abs(velocity) ** 2)[:, None], 3, axis=1), space.n
+        )
+        pressure = head - 0.5 * np.divide(squares, around, out=np.zeros(space.n), where=around > 0)
+        return self._centred(pressure)
+
+    def _outflow_head(self, state: FluidState) -> NDArray[np.float64]:
+        """(n,) total head at the vertices of natural outflows: the square of what leaves, half of it."""
+        space, head = self.space, np.zeros(self.space.n)
+        if space.open_sides is None or not len(space.open_sides):
+            return head
+        speed = np.maximum(space.open_speed(space.flow(state).phi, state["coefficients"]), 0.0)
+        ends, count = space.open_sides, np.bincount(space.open_sides.ravel(), minlength=space.n)
+        summed = sum_by_index(ends, np.repeat(0.5 * speed[:, None] ** 2, 2, axis=1), space.n)
+        return np.divide(summed, count, out=head, where=count > 0)
+
+    def _centred(self, pressure: NDArray) -> NDArray[np.float64]:
+        space = self.space
+        label, count = space.mesh.topology.vertex_component, len(self.closed)
+        used = label >= 0
+        weight = sum_by_index(label[used], space.mass[used], count)
+        mean = sum_by_index(label[used], (space.mass * pressure)[used], count) / weight
+        return np.where(used, pressure - np.where(self.closed, mean, 0.0)[np.maximum(label, 0)], 0.0)
+
+
+class VolumePressure(PressurePhase):
+    """In volumes, from the potential that the projection takes off."""
+
+    def values(self, state: FluidState) -> NDArray[np.float64]:
+        from ddgcli.models.fluid.volume_transport import rotational_acceleration
+
+        space = self.setting.volume
+        push, head = rotational_acceleration(space, state["flux"])
+        on_faces = space.potential(push + self.accelerations(state), inflow=False, head=head)[space.cell_face]
+        velocity = space.cell_velocity(state)
+        at_corners = on_faces.sum(axis=1, keepdims=True) - 3.0 * on_faces
+        at_corners -= 0.5 * np.einsum("ka,ka->k", velocity, velocity)[:, None]
+        pressure = sum_by_index(space.cells, 0.25 * space.volume[:, None] * at_corners, space.n)
+        pressure *= space.inverse_mass
+        if space.conditions is None or not space.conditions.natural.any():
+            pressure -= float(space.mass @ pressure) / float(space.mass.sum())
+        return pressure
+
+
+def build(parameters: PressureSection, context: FluidContext) -> list[PhaseRequest]:
+    def make(setting: FluidSetting) -> Phase:
+        return VolumePressure(setting) if context.is_volume else SurfacePressure(setting)
+
+    return [PhaseRequest(make)]
+
+
+EFFECT = Effect("pressure", PressureSection, build, "one factorisation, then one solve a frame", ("fluid",))
