@@ -28,7 +28,7 @@ TRACE_BOUNDARIES = ("stop", "reflect")  # what a traced line does at the boundar
 
 WILLMORE_ENERGIES = ("gauss-map", "sullivan", "cotan", "hinge", "circle-angle")
 WILLMORE_FLOWS = ("quadratic", "mean-curvature")
-WILLMORE_BOUNDARIES = ("clamped", "fixed")
+WILLMORE_BOUNDARIES = ("clamped", "fixed", "free")
 
 UP_AXES = ("y", "z")
 CURVE_FLOWS = ("curvature", "area-preserving", "elastic")

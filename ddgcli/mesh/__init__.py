@@ -11,6 +11,7 @@ __all__ = [
     "cures",
     "curve",
     "fields",
+    "hole_filling",
     "intrinsic_mesh",
     "ragged",
     "repair",

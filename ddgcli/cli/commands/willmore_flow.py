@@ -31,9 +31,16 @@ from ddgcli.errors import ParameterError
     "--energy",
     help=f"{' | '.join(WILLMORE_ENERGIES)}  [default: gauss-map; with a boundary cotan]",
 )
-@click.option("--boundary", default="clamped", show_default=True, help=" | ".join(WILLMORE_BOUNDARIES))
+@click.option(
+    "--boundary", help=f"{' | '.join(WILLMORE_BOUNDARIES)}  [default: clamped; mean-curvature: fixed]"
+)
 @click.option("--fix-area", is_flag=True, help="Keep the area.")
 @click.option("--fix-volume", is_flag=True, help="Keep the enclosed volume.")
+@click.option(
+    "--fill",
+    metavar="LOOP",
+    help="First close the boundary loop through this vertex (or all) with a patch; move the patch only.",
+)
 @click.option(
     "--spontaneous-curvature",
     metavar="H0",
@@ -82,23 +89,26 @@ def command(
     from ddgcli.cli.simulation.plot import Picture, draw_run
     from ddgcli.cli.simulation.scene_input import check_unchanged, fingerprint
     from ddgcli.cli.simulation.simulate import Job, simulate
+    from ddgcli.models.willmore import flow_options as choices_of_flow
     from ddgcli.models.willmore import report, setup
     from ddgcli.simulation.account import Account
     from ddgcli.simulation.frames import mesh_of_frame
 
-    flow_options = _flow_options(parameters, overrides)
-    mesh = source.surface
-    region = _region(source, parameters["region"])
+    mesh, region = _filled(source.surface, parameters["fill"], parameters["region"])
+    bounded = any(overrides.get(name) for name in ("steps", "duration"))
+    flow_options = choices_of_flow.with_stop(_flow_options(parameters, overrides), mesh.topology, bounded)
+    region = _region(source, parameters["region"]) if region is None else region
     flow, model = setup.build(mesh, flow_options, region)
-    energy = setup.chosen_energy(mesh.topology, flow_options)
+    energy = choices_of_flow.chosen_energy(mesh.topology, flow_options)
     schedule = setup.schedule(flow, overrides)
     region_digest = "" if region is None else sha256(region.tobytes()).hexdigest()
     resolved, digest = fingerprint(
         {
-            "options": setup.options_as_dict(flow_options),
+            "options": choices_of_flow.options_as_dict(flow_options),
             "time": overrides,
             "region": region_digest,
             "subdivide": subdivide,
+            "fill": parameters["fill"],
         },
         {"mesh": source.sha256},
     )
@@ -118,11 +128,26 @@ def command(
     last = mesh if outcome.last is None else mesh_of_frame(mesh, outcome.last)
     report.warn_of_folds(mesh, last)
     report.warn_of_disagreement(mesh, last, energy)
+    if parameters["fill"] is not None:
+        results["patch"] = {"vertices": int(region.sum()), "faces": mesh.n_faces - source.surface.n_faces}
     if parameters["report_energy"]:
         results["energies"] = report.every_energy(outcome.series)
     picture = Picture(edges=True, energy="energy", time_unit=unit)
     run.plot(lambda path: draw_run(path, outcome, picture, common))
     run.finish(results, accuracy, converged=not (outcome.failure or outcome.doubt))
+
+
+def _filled(mesh: Any, loop: str | None, region: str | None) -> Any:
+    """The mesh with the patches of `--fill`, and the mask of their vertices; None without it."""
+    if loop is None:
+        return mesh, None
+    if region is not None:
+        raise ParameterError("moves the new patch only; leave `region` out", parameter="fill")
+    from ddgcli.mesh.hole_filling import fill_loops
+
+    if loop != "all" and not loop.isdecimal():
+        raise ParameterError(f"{loop!r} is no vertex number; name one on the loop, or all", parameter="fill")
+    return fill_loops(mesh, None if loop == "all" else int(loop))
 
 
 def _region(source: Any, name: str | None) -> Any:
@@ -139,24 +164,16 @@ def _region(source: Any, name: str | None) -> Any:
 
 
 def _flow_options(parameters: dict[str, Any], overrides: dict[str, Any]) -> Any:
-    from ddgcli.models.willmore.setup import FlowOptions
-    from ddgcli.models.willmore.state import DEFAULT_STOP, Stop
+    from ddgcli.models.willmore.flow_options import FlowOptions
+    from ddgcli.models.willmore.state import Stop
 
     if parameters["report_energy"] not in (None, "all"):
         raise ParameterError(f"--report-energy {parameters['report_energy']!r}: write all")
-    timed = any(overrides.get(name) for name in ("step", "duration"))
-    timed = timed or parameters["flow"] == "mean-curvature"
-    bounded = any(overrides.get(name) for name in ("steps", "duration"))
-    stop = Stop() if timed and bounded else Stop(DEFAULT_STOP.gradient, DEFAULT_STOP.fall, not timed)
     return FlowOptions(
         **{name: parameters[name] for name in ("energy", "flow", "boundary", "fix_area", "fix_volume")},
         spontaneous_curvature=parameters["spontaneous_curvature"] or 0.0,
-        timed=timed,
+        timed=any(overrides.get(name) for name in ("step", "duration")),
         report_energies=parameters["report_energy"] is not None,
         integrator=overrides.get("integrator"),
-        stop=Stop(
-            parameters["stop_gradient"] or stop.gradient,
-            parameters["stop_energy"] or stop.fall,
-            stop.mesh_error,
-        ),
+        stop=Stop(parameters["stop_gradient"], parameters["stop_energy"]),
     )

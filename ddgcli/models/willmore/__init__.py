@@ -6,17 +6,23 @@ flow from a mesh and its options, `report` measures a run.
 """
 
 __all__ = [
+    "area_energy",
     "constraints",
     "descent",
     "energies",
+    "films",
     "flow",
+    "flow_options",
     "gauss_map_energy",
     "helfrich_energy",
     "hinge_energy",
     "hinges",
+    "observation",
     "report",
     "scaled",
     "setup",
     "state",
+    "step_rules",
+    "triangle_quality",
     "vertex_energies",
 ]

@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.errors import SolveError
-from ddgcli.geometry.extrinsic import enclosed_volume, face_area_vector
 from ddgcli.geometry.intrinsic import face_area
-from ddgcli.mesh.scatter import sum_by_index
+from ddgcli.mesh.boundary import boundary_vertex_loops
+from ddgcli.mesh.topology import Topology
 from ddgcli.mesh.triangle_mesh import TriangleMesh
-from ddgcli.models.willmore.vertex_energies import FaceSides, area_gradient
+from ddgcli.models.willmore.area_energy import AreaEnergy, signed_volume, volume_gradient
 
 PreconditionerSolve = Callable[[NDArray], NDArray]
 CONSTRAINT_TOLERANCE = 1e-13  # relative residual at which a constraint counts as met
@@ -25,6 +25,24 @@ def area(mesh: TriangleMesh) -> float:
     return float(face_area(mesh.side_length).sum())
 
 
+def cap_faces(topology: Topology) -> NDArray[np.int64]:
+    """(k, 3) faces that close every boundary loop, without new vertices.
+
+    Where the boundary stays, the volume inside changes as if any other caps were there.
+    """
+    fans = [
+        np.stack([np.full(len(loop) - 2, loop[0]), loop[2:], loop[1:-1]], axis=1)
+        for loop in boundary_vertex_loops(topology)
+    ]
+    return np.concatenate(fans) if fans else np.zeros((0, 3), dtype=np.int64)
+
+
+def volume_inside(mesh: TriangleMesh, caps: NDArray | None = None) -> float:
+    """Signed volume inside a surface and its caps."""
+    faces = mesh.faces if caps is None else np.concatenate([mesh.faces, caps])
+    return signed_volume(mesh.points, faces)
+
+
 @dataclass(frozen=True)
 class Constraints:
     """Targets of the area and of the enclosed volume; None where it is free.
@@ -32,10 +50,13 @@ class Constraints:
     Parameters
     ----------
     area, volume : float or None
+    caps : (k, 3) ndarray of int, optional
+        Faces that close a surface with boundary, for its volume.
     """
 
     area: float | None = None
     volume: float | None = None
+    caps: NDArray[np.int64] | None = None
 
     @property
     def active(self) -> bool:
@@ -47,18 +68,16 @@ class Constraints:
         if self.area is not None:
             residuals["area"] = area(mesh) / self.area - 1.0
         if self.volume is not None:
-            residuals["volume"] = enclosed_volume(mesh) / self.volume - 1.0
+            residuals["volume"] = volume_inside(mesh, self.caps) / self.volume - 1.0
         return residuals
 
     def _gradients(self, mesh: TriangleMesh, free: NDArray) -> list[NDArray]:
         """Gradients (k, 3) of the relative residuals."""
         rows = []
         if self.area is not None:
-            faces = FaceSides.at(mesh.points, mesh.faces)
-            rows.append(sum_by_index(mesh.faces, area_gradient(faces), mesh.n_vertices)[free] / self.area)
+            rows.append(AreaEnergy(mesh.topology).value_and_gradient(mesh.points)[1][free] / self.area)
         if self.volume is not None:
-            third = np.repeat((face_area_vector(mesh) / 3.0)[:, None], 3, axis=1)
-            rows.append(sum_by_index(mesh.faces, third, mesh.n_vertices)[free] / self.volume)
+            rows.append(volume_gradient(mesh)[free] / self.volume)
         return rows
 
     def admissible_gradient(self, mesh: TriangleMesh, free: NDArray, mass: NDArray, g: NDArray) -> NDArray:

@@ -14,6 +14,7 @@ from ddgcli.linalg.factor import Factor
 from ddgcli.mesh.intrinsic_mesh import IntrinsicMesh, SurfaceMesh
 from ddgcli.mesh.topology import Topology
 from ddgcli.mesh.triangle_mesh import TriangleMesh
+from ddgcli.mesh.vectors import row_dot
 from ddgcli.models.willmore.constraints import Constraints
 from ddgcli.models.willmore.energies import Energy
 from ddgcli.models.willmore.gauss_map_energy import Normals
@@ -82,6 +83,20 @@ def fourth_order_matrix(mesh: SurfaceMesh, free: NDArray, dt: float) -> csc_arra
     return matrix if len(free) == mesh.n_vertices else csc_array(matrix[free][:, free])
 
 
+def second_order_matrix(
+    mesh: SurfaceMesh, free: NDArray, dt: float, normal: NDArray | None = None
+) -> csc_array:
+    """M + dt L on the free vertices: the implicit step of mean curvature flow.
+
+    With unit normals (k, 3) it acts on the speeds along them: L_ij n_i . n_j in place of L_ij.
+    """
+    matrix = csc_array((diags_array(lumped_vertex_area(mesh)) + dt * stiffness(mesh))[free][:, free])
+    if normal is not None:
+        column = np.repeat(np.arange(len(free)), np.diff(matrix.indptr))
+        matrix.data = matrix.data * row_dot(normal[matrix.indices], normal[column])
+    return matrix
+
+
 @dataclass(frozen=True, eq=False)
 class TopologyTerms:
     """What a step needs that depends on the faces, and not on the points.
@@ -92,19 +107,23 @@ class TopologyTerms:
     energy : Energy
     second : Energy or None
     free : (k,) ndarray of int
+    of_area : bool
+        The energy is an area or a volume, of second order.
     """
 
     topology: Topology
     energy: Energy
     second: Energy | None
     free: NDArray[np.int64]
+    of_area: bool = False
 
     @cached_property
     def factor(self) -> Factor:
         """Its order and analysis serve every preconditioner; of unit lengths, so that a resumed run has the
         same."""
         unit = IntrinsicMesh(self.topology, np.ones((self.topology.n_faces, 3)))
-        return Factor(fourth_order_matrix(unit, self.free, 1.0))
+        matrix = second_order_matrix if self.of_area else fourth_order_matrix
+        return Factor(matrix(unit, self.free, 1.0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,11 +134,14 @@ class Preconditioner:
     ----------
     at : Slope
     factor : Factor
-        Of M + weight dt/2 L M^-1 L.
+        Of M + dt/2 L M^-1 L, for the area of M + dt L.
+    normal : (k, 3) ndarray, optional
+        Motions are along these unit normals: an area hardly depends on others, and would take long to rest.
     """
 
     at: EnergyGradient
     factor: Factor
+    normal: NDArray[np.float64] | None = None
 
     @cached_property
     def steepest(self) -> NDArray[np.float64]:
@@ -128,7 +150,10 @@ class Preconditioner:
 
     def solve(self, covector: NDArray) -> NDArray[np.float64]:
         """The motion (k, 3) whose inner product with any other is the covector's value on it."""
-        return self.factor.solve(covector, refine=False)
+        if self.normal is None:
+            return self.factor.solve(covector, refine=False)
+        speed = self.factor.solve(row_dot(covector, self.normal), refine=False)
+        return speed[:, None] * self.normal
 
     def descent_power(self) -> float:
         """Energy per time that the gradient would release."""
@@ -146,10 +171,16 @@ class Preconditioner:
         return float(np.sum(across * moved)), float(np.sum((g - across) * (self.steepest - moved)))
 
 
-def preconditioner_at(at: EnergyGradient, dt: float, like: Factor | None = None) -> Preconditioner:
+def preconditioner_at(
+    at: EnergyGradient, dt: float, like: Factor | None = None, of_area: bool = False
+) -> Preconditioner:
     """The preconditioner for a step; `like`, of the same mesh elsewhere, is used up: its analysis is kept."""
-    matrix = fourth_order_matrix(at.mesh, at.free, dt)
-    return Preconditioner(at, Factor(matrix) if like is None else like.refactor(matrix))
+    normal = vertex_normals(at.mesh)[at.free] if of_area else None
+    if of_area:
+        matrix = second_order_matrix(at.mesh, at.free, dt, normal)
+    else:
+        matrix = fourth_order_matrix(at.mesh, at.free, dt)
+    return Preconditioner(at, Factor(matrix) if like is None else like.refactor(matrix), normal)
 
 
 def descent_motion(
@@ -202,10 +233,8 @@ def mean_curvature_step(mesh: TriangleMesh, free: NDArray, dt: float) -> Triangl
     -----
     G. Dziuk, "An algorithm for evolutionary surfaces", 1990. The area never grows.
     """
-    L, area = stiffness(mesh), lumped_vertex_area(mesh)
-    matrix = (diags_array(area) + dt * L).tocsc()
-    factor = Factor(csc_array(matrix[free][:, free]))
-    motion = factor.solve(-dt * (L @ mesh.points)[free])
+    factor = Factor(second_order_matrix(mesh, free, dt))
+    motion = factor.solve(-dt * (stiffness(mesh) @ mesh.points)[free])
     return _shifted(mesh, free, motion)
 
 

@@ -11,10 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.errors import SolveError
-from ddgcli.geometry.extrinsic import enclosed_volume
-from ddgcli.geometry.intrinsic import corner_angle
 from ddgcli.mesh.topology import Topology
 from ddgcli.mesh.triangle_mesh import TriangleMesh
+from ddgcli.models.willmore import step_rules as rules
 from ddgcli.models.willmore.constraints import Constraints, area
 from ddgcli.models.willmore.descent import (
     ROSENBROCK_GAMMAS,
@@ -29,44 +28,36 @@ from ddgcli.models.willmore.descent import (
     rosenbrock_step,
     vertex_normals,
 )
-from ddgcli.models.willmore.edge_flips import delaunay_flips, improved
+from ddgcli.models.willmore.edge_flips import improved
 from ddgcli.models.willmore.energies import EnergyBuilder
-from ddgcli.models.willmore.redistribution import redistribute
-from ddgcli.models.willmore.state import FlowState, Stop, rounding_scale
+from ddgcli.models.willmore.films import film_reason
+from ddgcli.models.willmore.observation import measured
+from ddgcli.models.willmore.state import (
+    CRUMPLING_REASON,
+    LOWER_BOUND_REASON,
+    MESH_ERROR_REASON,
+    FlowState,
+    Stop,
+    rounding_scale,
+)
+from ddgcli.models.willmore.triangle_quality import better_triangles
 from ddgcli.simulation.model import Observation, StepRejected
 
-# steps of the descent, for a surface with the area of the unit sphere
-MAX_DESCENT_STEP, MIN_DESCENT_STEP = 0.05, 1e-14
-MOTION_FRACTIONS = (1.0, 0.25, 0.0625)  # of a motion, tried before a shorter step is factorised
-MOMENTUM_SHARE = 0.9  # part of the last step's motion that is added to the next one
-KEPT_FALL_SHARE = 0.5  # of the energy's fall in a step, that slides and flips must leave
-SUFFICIENT_DECREASE = 0.01  # of the fall that the slope promises, for a step of the descent to be taken
-# a surface is near rest where steps above that share of the longest promise less than that of the energy
-NEAR_REST_STEP_FRACTION, NEAR_REST_ENERGY_FRACTION = 0.01, 0.1
-# of the least energy of its topology, below which only the mesh's error takes a surface
-LOWER_BOUND_FRACTION = 0.9
-LOWER_BOUND_REASON = (
-    "the next step would go below the least energy of such surfaces: the mesh is too coarse or uneven"
-)
-# relative rise of a second energy over its lowest value, at which the flow ends if the first has since fallen
-# by less than that
-SECOND_ENERGY_RISE = 0.01
-MESH_ERROR_REASON = "what is left of the gradient is the mesh's own error"
-AGREEMENT_RATIO = 1.05  # ratio of the two energies up to which the surface is then at rest
-CRUMPLING_REASON = "a second energy rises faster than this one falls: the faces crumple"
-RESOLUTION_REASONS = (LOWER_BOUND_REASON, CRUMPLING_REASON)
 # time schemes of each flow, the default first; `semi-implicit` is of first order
 SCHEMES = {"quadratic": ("rosenbrock", "semi-implicit"), "mean-curvature": ("semi-implicit",)}
-ZERO_ENERGY = 1e-12  # energy at which nothing is left to release
-# relative predicted fall of the energy below which rounding decides: the surface is kept
-PREDICTED_FALL_TOLERANCE = 1e-13
-COLLAPSED_AREA_FRACTION = 1e-3  # share of the area at the start below which a surface counts as gone
-ENERGY_ROUNDING = 1e-13  # relative rise of the energy that counts as one
+
+
+def first_step(flow: Flow) -> float:
+    """First step of the descent, at unit size; of films short: not to leap over one at rest."""
+    return rules.FIRST_AREA_STEP_SHARE * longest_step(flow) if flow.of_area else longest_step(flow)
 
 
 def longest_step(flow: Flow) -> float:
-    """First and longest step of the descent, at unit size."""
-    return MAX_DESCENT_STEP * (flow.area / (4.0 * math.pi)) ** 2
+    """Longest step of the descent, at unit size."""
+    squared_radius = flow.area / (4.0 * math.pi)
+    return (
+        rules.MAX_AREA_STEP * squared_radius if flow.of_area else rules.MAX_DESCENT_STEP * squared_radius**2
+    )
 
 
 @dataclass(eq=False)
@@ -107,6 +98,10 @@ class Flow:
         Energies besides the one that the flow lowers, in every frame: Topology -> Energy.
     second_kind : callable, optional
         It shows bending that the first does not see: the flow ends where it rises.
+    of_area : bool
+        The energy that steps to rest lower is an area, or a volume with the other sign.
+    energy_power : int
+        Of the length unit in the energy.
     """
 
     topology: Topology
@@ -126,6 +121,8 @@ class Flow:
     keeps_triangles: bool = False
     reported: Mapping[str, EnergyBuilder] = field(default_factory=dict)
     second_kind: EnergyBuilder | None = None
+    of_area: bool = False
+    energy_power: int = 0
     _last_terms: TopologyTerms | None = None
     _last_gradient: EnergyGradient | None = None
     _last_preconditioner: tuple[Preconditioner, float] | None = None
@@ -133,7 +130,7 @@ class Flow:
     @property
     def time_unit(self) -> float:
         """Time unit of the states in the input's: length^4, for mean curvature flow length^2."""
-        return self.scale ** (2 if self.mean_curvature else 4)
+        return self.scale ** (2 if self.mean_curvature or self.of_area else 4)
 
     def advance(self, state: FlowState, time: float, dt: float) -> FlowState:
         """One step; StepRejected where a timed step would raise the energy."""
@@ -158,13 +155,15 @@ class Flow:
         if state.stopped or self.mean_curvature:
             return state.stopped
         at = self._gradient(state)
-        if self.stop.mesh_error and abs(at.energy) <= ZERO_ENERGY:
+        if self.stop.mesh_error and abs(at.energy) <= rules.ZERO_ENERGY:
             return "the energy has vanished"
+        if self.of_area:
+            return film_reason(at, self.stop.gradient, self.constraints.active)
         if self.stop.gradient is not None and at.size <= self.stop.gradient:
             return f"gradient below {self.stop.gradient:g}"
-        if self.stop.mesh_error and state.dt >= NEAR_REST_STEP_FRACTION * longest_step(self):
+        if self.stop.mesh_error and state.dt >= rules.NEAR_REST_STEP_FRACTION * longest_step(self):
             preconditioner = self._preconditioner(at, state.dt)
-            least = NEAR_REST_ENERGY_FRACTION * abs(at.energy) / state.dt
+            least = rules.NEAR_REST_ENERGY_FRACTION * abs(at.energy) / state.dt
             if (
                 preconditioner.descent_power() <= 2.0 * least
             ):  # what the two parts release is half of it or more
@@ -184,7 +183,9 @@ class Flow:
         """What depends on the faces alone; that of the last topology is kept."""
         if self._last_terms is None or self._last_terms.topology is not topology:
             second = None if self.second_kind is None else self.second_kind(topology)
-            self._last_terms = TopologyTerms(topology, self.energy_kind(topology), second, self.free)
+            self._last_terms = TopologyTerms(
+                topology, self.energy_kind(topology), second, self.free, self.of_area
+            )
         return self._last_terms
 
     def _energy(self, mesh: TriangleMesh) -> float:
@@ -202,7 +203,7 @@ class Flow:
         last = self._last_preconditioner
         if last is None or last[0].at is not at or last[1] != dt:
             factor = self._terms(at.mesh.topology).factor
-            last = self._last_preconditioner = preconditioner_at(at, dt, factor), dt
+            last = self._last_preconditioner = preconditioner_at(at, dt, factor, self.of_area), dt
         return last[0]
 
     def _timed_step(self, state: FlowState, at: EnergyGradient, dt: float) -> FlowState:
@@ -213,12 +214,12 @@ class Flow:
             if energy <= at.energy:
                 return self._accepted(state, at, moved, energy, dt)
         promised = float(np.sum(at.gradient * (at.mesh.points - moved.points)[self.free]))
-        if abs(promised) <= PREDICTED_FALL_TOLERANCE * rounding_scale(at.energy):
+        if abs(promised) <= rules.PREDICTED_FALL_TOLERANCE * rounding_scale(at.energy):
             return replace(state, time=state.time + dt, steps=state.steps + 1)
         raise StepRejected("energy rises", value=energy - at.energy)
 
     def _below_lower_bound(self, energy: float) -> bool:
-        return self.least > 0.0 and energy < LOWER_BOUND_FRACTION * self.least
+        return self.least > 0.0 and energy < rules.LOWER_BOUND_FRACTION * self.least
 
     def _attempts(self, at: EnergyGradient, dt: float) -> Iterator[TriangleMesh]:
         """The surface after dt, by what is tried in turn."""
@@ -238,10 +239,10 @@ class Flow:
         last = state.motion[self.free] if state.motion is not None else None
         if last is not None and float(np.sum(at.gradient * last)) >= 0.0:
             last = None
-        while dt >= MIN_DESCENT_STEP:
+        while dt >= rules.MIN_DESCENT_STEP:
             preconditioner = self._preconditioner(at, dt)
             plain = descent_motion(preconditioner, dt, self.constraints)
-            motions = [plain] if last is None else [plain + MOMENTUM_SHARE * last, plain]
+            motions = [plain] if last is None else [plain + rules.MOMENTUM_SHARE * last, plain]
             for motion in motions:
                 stepped = self._shared_step(state, at, preconditioner, motion, dt)
                 if stepped is not None:
@@ -255,46 +256,40 @@ class Flow:
     ) -> FlowState | None:
         """The largest share of a motion that lowers the energy enough; None where none does."""
         promised = -float(np.sum(at.gradient * motion))
-        for share in MOTION_FRACTIONS:
+        for share in rules.MOTION_FRACTIONS:
             moved = moved_along(preconditioner, motion, share, self.constraints)
             energy = self._energy(moved)
-            if energy <= at.energy - SUFFICIENT_DECREASE * share * promised:
+            if energy <= at.energy - self._least_share(at, promised) * share * promised:
                 if self._below_lower_bound(energy):
                     return replace(state, stopped=LOWER_BOUND_REASON)
-                at_once = dt == state.dt and share >= MOTION_FRACTIONS[1]
+                at_once = dt == state.dt and share >= rules.MOTION_FRACTIONS[1]
                 carried = np.zeros_like(state.points)
                 carried[self.free] = share * motion
-                if self.keeps_triangles:
-                    state, moved, energy = self._better_triangles(state, at, preconditioner, moved, energy)
+                if self._slides(at.energy, energy):
+                    highest = at.energy - rules.KEPT_FALL_SHARE * (at.energy - energy)
+                    better = better_triangles(
+                        moved, energy, highest, self._movable, self._energy,
+                        lambda mesh: self.constraints.restore(mesh, self.free, preconditioner.solve),
+                    )  # fmt: skip
+                    moved, energy = better.mesh, better.energy
+                    state = replace(
+                        state, redistributions=state.redistributions + better.slides,
+                        flips=state.flips + better.flips,
+                    )  # fmt: skip
                 stepped = self._accepted(state, at, moved, energy, share * dt * self.time_unit)
                 return replace(
                     stepped, dt=min(longest_step(self), 2.0 * dt if at_once else dt), motion=carried
                 )
         return None
 
-    def _better_triangles(
-        self, state: FlowState, at: EnergyGradient, preconditioner: Preconditioner, moved: TriangleMesh,
-        energy: float,
-    ) -> tuple[FlowState, TriangleMesh, float]:  # fmt: skip
-        """After a step vertices slide and edges flip, each kept where half of the energy's fall is left.
+    def _least_share(self, at: EnergyGradient, promised: float) -> float:
+        """Of the fall that the slope promises, for a step to be taken; of films more: they overshoot."""
+        rounded = promised < rules.FILM_ROUNDING * abs(at.energy)
+        return rules.FILM_DECREASE if self.of_area and not rounded else rules.SUFFICIENT_DECREASE
 
-        The counts in the state, the surface and its energy.
-        """
-        highest = at.energy - KEPT_FALL_SHARE * (at.energy - energy)
-        slid = redistribute(moved, vertex_normals(moved), self._movable)
-        if slid is not None:
-            slid = self.constraints.restore(slid, self.free, preconditioner.solve)
-            if (slid_energy := self._energy(slid)) <= highest:
-                moved, energy = slid, slid_energy
-                state = replace(state, redistributions=state.redistributions + 1)
-        topology = delaunay_flips(moved, self._movable)
-        if topology is not None:
-            flipped = self.constraints.restore(
-                TriangleMesh(moved.points, topology), self.free, preconditioner.solve
-            )
-            if (flipped_energy := self._energy(flipped)) <= highest:
-                moved, energy, state = flipped, flipped_energy, replace(state, flips=state.flips + 1)
-        return state, moved, energy
+    def _slides(self, before: float, after: float) -> bool:
+        """Whether triangles are improved after a step: of films only far from rest, which slides disturb."""
+        return self.keeps_triangles and (not self.of_area or before - after > rules.SLIDING_FALL * abs(after))
 
     @cached_property
     def _movable(self) -> NDArray[np.bool_]:
@@ -326,11 +321,13 @@ class Flow:
         lowest, then = state.lowest_second, state.energy_then
         if (second_energy := self._terms(moved.topology).second) is not None:
             second = second_energy.value(moved.points)
-            if second - lowest > max(SECOND_ENERGY_RISE * lowest, then - energy):
-                agree = 1.0 / AGREEMENT_RATIO < self._second(state) / state.energy < AGREEMENT_RATIO
+            if second - lowest > max(rules.SECOND_ENERGY_RISE * lowest, then - energy):
+                agree = (
+                    1.0 / rules.AGREEMENT_RATIO < self._second(state) / state.energy < rules.AGREEMENT_RATIO
+                )
                 return replace(state, stopped=MESH_ERROR_REASON if agree else CRUMPLING_REASON)
             lowest, then = (second, energy) if second < lowest else (lowest, then)
-        rose = energy - at.energy > ENERGY_ROUNDING * rounding_scale(at.energy)
+        rose = energy - at.energy > rules.ENERGY_ROUNDING * rounding_scale(at.energy)
         return replace(
             state, points=moved.points, topology=moved.topology, energy=energy, time=state.time + dt,
             steps=state.steps + 1, increases=state.increases + rose, stopped=stopped,
@@ -347,15 +344,15 @@ class Flow:
         after, energy = area(moved), self._energy(moved)
         if not math.isfinite(energy):
             return replace(state, stopped=f"the surface became singular at time {state.time:.6g}")
-        rose = energy - state.energy > ENERGY_ROUNDING * rounding_scale(state.energy)
-        stopped = "the surface collapsed" if after < COLLAPSED_AREA_FRACTION * self.area else ""
+        rose = energy - state.energy > rules.ENERGY_ROUNDING * rounding_scale(state.energy)
+        stopped = "the surface collapsed" if after < rules.COLLAPSED_AREA_FRACTION * self.area else ""
         if self.stop.fall is not None and not stopped and before - after < self.stop.fall * before:
             stopped = f"area fell by less than {self.stop.fall:g} of itself in a step"
         return replace(
             state, points=moved.points, energy=energy, time=state.time + dt, stopped=stopped,
             steps=state.steps + 1,
             increases=state.increases + rose,
-            area_increases=state.area_increases + (after > before * (1.0 + ENERGY_ROUNDING)),
+            area_increases=state.area_increases + (after > before * (1.0 + rules.ENERGY_ROUNDING)),
         )  # fmt: skip
 
     def distance(self, a: FlowState, b: FlowState) -> float:
@@ -366,25 +363,17 @@ class Flow:
     def observe(self, state: FlowState) -> Observation:
         """The surface in the input's frame, its energy, area, volume and smallest angle."""
         mesh = self.mesh(state)
-        angles = corner_angle(mesh.side_length)
         scalar = {
-            "energy": state.energy,
-            "area": area(mesh) * self.scale**2,
-            "min_angle_degrees": float(np.degrees(angles.min())),
+            "energy": state.energy * self.scale**self.energy_power,
             "steps": float(state.steps),
             "energy_increases": float(state.increases),
             "area_increases": float(state.area_increases),
             "redistributions": float(state.redistributions),
             "flips": float(state.flips),
+            **measured(mesh, self.constraints, self.scale),
         }
-        if self.topology.is_closed:
-            volume = enclosed_volume(mesh)
-            scalar["volume"] = volume * self.scale**3
-            scalar["reduced_volume"] = 6.0 * math.sqrt(math.pi) * abs(volume) / area(mesh) ** 1.5
         for name, kind in self.reported.items():
             scalar[f"energy_{name}"] = kind(state.topology).value(mesh.points)
-        for name, residual in self.constraints.residuals(mesh).items():
-            scalar[f"{name}_residual"] = residual
         points = np.array(self.original)
         if state.steps:
             points[self.free] = state.points[self.free] * self.scale + self.centre

@@ -13,8 +13,14 @@ from ddgcli.geometry.intrinsic import corner_angle
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.models.willmore.descent import folded_faces
 from ddgcli.models.willmore.energies import DEFAULT_ENERGY, DEFAULT_OPEN_ENERGY, ENERGIES, SECOND_ENERGY
-from ddgcli.models.willmore.flow import RESOLUTION_REASONS
+from ddgcli.models.willmore.films import PINCH_REASON
+from ddgcli.models.willmore.state import CRUMPLING_REASON, LOWER_BOUND_REASON
 
+RESOLUTION_REASONS = (
+    LOWER_BOUND_REASON,
+    CRUMPLING_REASON,
+    PINCH_REASON,
+)  # ends that are neither at rest nor on the flow
 ENERGY_RATIO_WARNING = 1.2  # growth of the ratio of two energies at which a warning is due
 REFINEMENT_ANGLE = 25  # smallest angle that the advice asks `delaunay --refine` for
 
@@ -86,7 +92,9 @@ def doubt(stopped: str, start: TriangleMesh, energy: str) -> str:
     if stopped not in RESOLUTION_REASONS:
         return ""
     cure = "begin with a finer mesh"
-    if np.degrees(corner_angle(start.side_length).min()) < REFINEMENT_ANGLE:
+    if stopped == PINCH_REASON:
+        cure = "bring the parts of the boundary closer together, or span each by its own surface"
+    elif np.degrees(corner_angle(start.side_length).min()) < REFINEMENT_ANGLE:
         cure = (
             f"begin with the mesh that `ddgcli delaunay MESH --refine {REFINEMENT_ANGLE} -o finer.npz` writes"
         )

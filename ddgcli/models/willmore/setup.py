@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
@@ -13,21 +12,16 @@ from numpy.typing import NDArray
 from ddgcli.choices import WILLMORE_BOUNDARIES, WILLMORE_ENERGIES, WILLMORE_FLOWS
 from ddgcli.errors import MeshError, ParameterError
 from ddgcli.geometry.extrinsic import enclosed_volume
-from ddgcli.mesh.require import require
 from ddgcli.mesh.topology import Topology
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.models.willmore.constraints import Constraints, area
-from ddgcli.models.willmore.energies import (
-    DEFAULT_ENERGY,
-    DEFAULT_OPEN_ENERGY,
-    ENERGIES,
-    SECOND_ENERGY,
-    EnergyBuilder,
-)
-from ddgcli.models.willmore.flow import SCHEMES, Flow, longest_step
+from ddgcli.models.willmore.energies import DEFAULT_ENERGY, ENERGIES, SECOND_ENERGY, EnergyBuilder
+from ddgcli.models.willmore.films import FILM_CONVENTIONS, film_constraints, film_energy
+from ddgcli.models.willmore.flow import SCHEMES, Flow, first_step
+from ddgcli.models.willmore.flow_options import FlowOptions, chosen_boundary, chosen_energy, is_film
 from ddgcli.models.willmore.helfrich_energy import HelfrichEnergy
 from ddgcli.models.willmore.scaled import centred_at_unit_size
-from ddgcli.models.willmore.state import FlowState, Stop
+from ddgcli.models.willmore.state import FlowState
 from ddgcli.simulation.model import Model, Schedule, flow_schedule
 
 NO_FREE_VERTEX = "no vertex can move: all lie on the boundary or, if that is clamped, beside it"
@@ -37,51 +31,12 @@ DEFAULT_FRAME_COUNT = 50
 DEFAULT_STEP, DEFAULT_CURVATURE_FLOW_STEP = 5e-3, 2e-3
 
 
-@dataclass(frozen=True)
-class FlowOptions:
-    """Options of a flow.
-
-    Parameters
-    ----------
-    energy : str or None
-        Of ENERGIES; None for the default, see `chosen_energy`.
-    flow, boundary : str
-        Of WILLMORE_FLOWS, WILLMORE_BOUNDARIES.
-    fix_area, fix_volume : bool
-    spontaneous_curvature : float
-        H0 of int (H - H0)^2, one over the length unit of the input; positive as on a sphere.
-    report_energies : bool
-        Every frame has the values of all energies.
-    timed : bool
-        Steps of a time_options length, by a time scheme; else the longest that descend.
-    integrator : str or None
-        Of SCHEMES of the flow; None for the default.
-    stop : Stop
-    """
-
-    energy: str | None = None
-    flow: str = "quadratic"
-    boundary: str = "clamped"
-    fix_area: bool = False
-    fix_volume: bool = False
-    spontaneous_curvature: float = 0.0
-    report_energies: bool = False
-    timed: bool = False
-    integrator: str | None = None
-    stop: Stop = Stop()
-
-
-def options_as_dict(options: FlowOptions) -> dict[str, Any]:
-    """The options as plain data."""
-    return asdict(options)
-
-
 def free_vertices(topology: Topology, boundary: str, region: NDArray | None = None) -> NDArray[np.int64]:
     """Vertices that move: those of the region, if one is given, that no boundary condition holds.
 
-    `fixed` holds the boundary, `clamped` also its neighbours (and so the normals).
+    `fixed` holds the boundary, `clamped` also its neighbours (and so the normals), `free` nothing.
     """
-    held = np.array(topology.boundary_vertex)
+    held = np.array(topology.boundary_vertex) & (boundary != "free")
     if boundary == "clamped":
         held[topology.faces[held[topology.faces].any(axis=1)]] = True
     inside = True if region is None else region
@@ -123,23 +78,6 @@ def region_mask(values: NDArray, topology: Topology) -> NDArray[np.bool_]:
     if mask[topology.referenced_vertex].all():
         raise ParameterError("is the whole surface; leave `region` out", parameter="region")
     return mask
-
-
-def chosen_energy(topology: Topology, options: FlowOptions) -> str:
-    """The energy's name: of the options, else `gauss-map` on closed surfaces and `cotan` on open ones.
-
-    Raises
-    ------
-    ParameterError
-        When `gauss-map` is chosen where it does not hold.
-    """
-    free_slope = options.boundary == "fixed" and not topology.is_closed
-    if free_slope and options.energy == DEFAULT_ENERGY:
-        raise ParameterError(
-            f"energy {DEFAULT_ENERGY!r} leaves the faces at the boundary out, where the slope is free; use "
-            f"`energy={DEFAULT_OPEN_ENERGY}` or `boundary=clamped`"
-        )
-    return options.energy or (DEFAULT_ENERGY if topology.is_closed else DEFAULT_OPEN_ENERGY)
 
 
 def _require_known(value: str, known: tuple[str, ...], what: str) -> None:
@@ -257,23 +195,17 @@ def build(mesh: TriangleMesh, options: FlowOptions, region: NDArray | None = Non
     """
     chosen = chosen_energy(mesh.topology, options)
     _require_known(chosen, WILLMORE_ENERGIES, "energy")
-    _require_known(options.boundary, WILLMORE_BOUNDARIES, "boundary")
+    boundary = chosen_boundary(options)
+    _require_known(boundary, WILLMORE_BOUNDARIES, "boundary")
     scheme = chosen_scheme(options)
     unit, centre, scale = centred_at_unit_size(mesh)
     topology = mesh.topology
-    free = free_vertices(topology, options.boundary, region)
-    if options.fix_volume:
-        require(mesh, "`fix_volume`", closed=True)
-    mean_curvature = options.flow == "mean-curvature"
-    if mean_curvature and (options.fix_area or options.fix_volume):
-        raise ParameterError("`flow=mean-curvature` keeps neither area nor volume; use `flow=quadratic`")
-    constraints = Constraints(
-        area(unit) if options.fix_area else None, enclosed_volume(unit) if options.fix_volume else None
-    )
-    if constraints.volume is not None and abs(constraints.volume) < 1e-9:
-        raise MeshError("the surface encloses no volume; `fix_volume` has nothing to keep")
+    free = free_vertices(topology, boundary, region)
+    film = is_film(options, topology)
+    mean_curvature = options.flow == "mean-curvature" and not film
+    constraints = film_constraints(unit, options, film)
     curvature = _unit_curvature(unit, options, scale)
-    energy_kind = _with_curvature(ENERGIES[chosen].build, curvature)
+    energy_kind = film_energy(unit, options) if film else _with_curvature(ENERGIES[chosen].build, curvature)
     started = energy_kind(topology).value(unit.points)
     if not math.isfinite(started):
         raise MeshError(
@@ -281,21 +213,24 @@ def build(mesh: TriangleMesh, options: FlowOptions, region: NDArray | None = Non
             "unfold it or use `energy=cotan`"
         )
     convention = ENERGIES[chosen].convention
+    if film:
+        convention = FILM_CONVENTIONS[options.fix_area]
     if curvature:
         convention = f"int (H - H0)^2 dA, H0 = {options.spontaneous_curvature:g}; int H^2 dA: {convention}"
-    unbounded = chosen in ("hinge", "circle-angle") or curvature != 0.0
-    second = None if mean_curvature else second_energy(chosen, topology, constraints)
+    unbounded = chosen in ("hinge", "circle-angle") or curvature != 0.0 or film
+    second = None if options.flow == "mean-curvature" else second_energy(chosen, topology, constraints)
     reported = ENERGIES.items() if options.report_energies else ()
     flow = Flow(
         topology, energy_kind, convention, free, constraints, mean_curvature, scheme,
         options.timed, options.stop, centre, scale, area(unit), mesh.points,
         0.0 if unbounded else least_energy(topology),
-        keeps_triangles=not options.timed and chosen != "hinge",
+        keeps_triangles=not options.timed and (film or chosen != "hinge"), of_area=film,
+        energy_power=(3 if options.fix_area else 2) if film else 0,
         reported={name: kind.build for name, kind in reported},
         second_kind=None if second is None else _with_curvature(second, curvature),
     )  # fmt: skip
     start = FlowState(
-        unit.points, topology, started, 0.0, longest_step(flow), stopped="" if len(free) else NO_FREE_VERTEX
+        unit.points, topology, started, 0.0, first_step(flow), stopped="" if len(free) else NO_FREE_VERTEX
     )
     model = Model(
         start, flow.advance, flow.observe, flow.pack, flow.unpack,

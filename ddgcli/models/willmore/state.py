@@ -10,6 +10,12 @@ from numpy.typing import NDArray
 
 from ddgcli.mesh.topology import Topology
 
+# why flows end
+LOWER_BOUND_REASON = (
+    "the next step would go below the least energy of such surfaces: the mesh is too coarse or uneven"
+)
+MESH_ERROR_REASON = "what is left of the gradient is the mesh's own error"
+CRUMPLING_REASON = "a second energy rises faster than this one falls: the faces crumple"
 ENERGY_UNIT = 1.0  # energies are free of units; rounding of smaller ones is compared with this
 
 
@@ -20,7 +26,7 @@ class Stop:
     Parameters
     ----------
     gradient : float or None
-        Dimensionless size of the gradient, |grad|_L2 area / energy.
+        Dimensionless size of the gradient, |grad|_L2 area / energy; for films the deviation of 2 H.
     fall : float or None
         Relative fall of the energy in a step.
     mesh_error : bool
@@ -34,6 +40,7 @@ class Stop:
 
 
 DEFAULT_STOP = Stop(1e-6, 1e-8, True)
+FILM_STOP = Stop(6e-7, 1e-15)  # of 2 H times the radius: its largest deviation from a constant
 
 
 @dataclass(frozen=True, eq=False)

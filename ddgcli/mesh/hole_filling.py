@@ -1,0 +1,127 @@
+"""Triangulation of holes: a patch of new triangles, as large as those around it, for each boundary loop."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csc_array, diags_array
+from scipy.sparse.linalg import spsolve
+from scipy.spatial import Delaunay
+
+from ddgcli.errors import MeshError, ParameterError
+from ddgcli.mesh.boundary import boundary_vertex_loops
+from ddgcli.mesh.topology import Topology
+from ddgcli.mesh.triangle_mesh import TriangleMesh
+
+RIM_DISTANCE = 0.7  # of inner points of a patch from its rim, in units of their spacing
+MAX_CHORD_ROUNDS = 4
+
+
+def fill_loops(mesh: TriangleMesh, loop: int | None = None) -> tuple[TriangleMesh, NDArray[np.bool_]]:
+    """Close boundary loops of an oriented manifold with patches of new triangles.
+
+    The loop is laid on a circle by its lengths, a triangular lattice with the spacing of the loop's vertices
+    inside; the Delaunay triangles of both are the patch, and inner vertices lie at the means of their
+    neighbours (a membrane).
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+    loop : int, optional
+        Vertex on the loop to close; None for all loops.
+
+    Returns
+    -------
+    TriangleMesh
+        Vertices and faces of the mesh first.
+    (n,) ndarray of bool
+        Whether a vertex is new.
+
+    Raises
+    ------
+    MeshError, ParameterError
+        When there is no such loop.
+    """
+    loops = boundary_vertex_loops(mesh.topology)
+    if not loops:
+        raise MeshError("the surface is closed; there is no boundary loop to fill")
+    if loop is not None:
+        loops = [vertices for vertices in loops if loop in vertices]
+        if not loops:
+            on_boundary = np.flatnonzero(mesh.topology.boundary_vertex)
+            raise ParameterError(
+                f"vertex {loop} is on no boundary loop (vertex {on_boundary[0]} is)", parameter="fill"
+            )
+    n, points, faces = mesh.n_vertices, [mesh.points], [mesh.faces]
+    for vertices in loops:
+        inner, patch = _patch(mesh, vertices[::-1])
+        numbers = np.concatenate([vertices[::-1], sum(map(len, points)) + np.arange(len(inner))])
+        points.append(inner)
+        faces.append(numbers[patch])
+    all_points = np.concatenate(points)
+    closed = TriangleMesh(all_points, Topology(np.concatenate(faces), len(all_points)))
+    return closed, np.arange(len(all_points)) >= n
+
+
+def _patch(mesh: TriangleMesh, loop: NDArray) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """(k, 3) inner points and (m, 3) faces, numbered from the loop's vertices on, for one loop."""
+    ring = mesh.points[loop]
+    step = np.linalg.norm(np.roll(ring, -1, axis=0) - ring, axis=1)
+    angle = 2.0 * np.pi * (np.cumsum(step) - step) / step.sum()
+    circle = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    inner = _lattice(2.0 * np.pi / len(loop))
+    taken = _edge_keys(mesh.topology.edges, mesh.n_vertices)
+    for _ in range(MAX_CHORD_ROUNDS):
+        flat = np.concatenate([circle, inner])
+        patch = _oriented(flat, Delaunay(flat, qhull_options="Qbb Qc Qz Qt").simplices.astype(np.int64))
+        chords = _chords(patch, len(loop))
+        double = np.isin(_edge_keys(loop[chords], mesh.n_vertices), taken)
+        if not double.any():
+            break
+        # an edge of the mesh already joins the ends of such a chord: a vertex goes between
+        inner = np.concatenate([inner, flat[chords[double]].mean(axis=1)])
+    else:
+        raise MeshError("a boundary loop is too narrow to be filled; subdivide the surface")
+    return _membrane(ring, patch, len(inner)), patch
+
+
+def _lattice(spacing: float) -> NDArray[np.float64]:
+    """(k, 2) points of a triangular lattice in the unit disc, away from its rim."""
+    reach = int(np.ceil(2.0 / spacing)) + 1
+    i, j = np.meshgrid(np.arange(-reach, reach + 1), np.arange(-reach, reach + 1))
+    points = spacing * np.stack([i + 0.5 * j, np.sqrt(0.75) * j], axis=-1).reshape(-1, 2)
+    return points[np.hypot(*points.T) < 1.0 - RIM_DISTANCE * spacing]
+
+
+def _oriented(flat: NDArray, faces: NDArray) -> NDArray[np.int64]:
+    """Faces counter-clockwise, without those of no area."""
+    a, b, c = (flat[faces[:, k]] for k in range(3))
+    doubled = (b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0]
+    faces = np.where((doubled < 0)[:, None], faces[:, ::-1], faces)
+    return faces[np.abs(doubled) > 1e-14]
+
+
+def _chords(patch: NDArray, count: int) -> NDArray[np.int64]:
+    """(k, 2) edges of a patch between vertices of its loop that are not neighbours on it."""
+    edges = np.sort(np.concatenate([patch[:, [0, 1]], patch[:, [1, 2]], patch[:, [2, 0]]]), axis=1)
+    apart = edges[:, 1] - edges[:, 0]
+    return np.unique(edges[(edges[:, 1] < count) & (apart > 1) & (apart < count - 1)], axis=0)
+
+
+def _edge_keys(edges: NDArray, n: int) -> NDArray[np.int64]:
+    low, high = np.sort(edges.reshape(-1, 2), axis=1).T
+    return low * n + high
+
+
+def _membrane(ring: NDArray, patch: NDArray, n_inner: int) -> NDArray[np.float64]:
+    """(n_inner, 3) points at the means of their neighbours, within a ring."""
+    if not n_inner:
+        return np.zeros((0, 3))
+    n = len(ring) + n_inner
+    side = np.concatenate([patch[:, [0, 1]], patch[:, [1, 2]], patch[:, [2, 0]]])
+    ones = np.ones(len(side))
+    adjacency = csc_array((ones, (side[:, 0], side[:, 1])), shape=(n, n))
+    adjacency = csc_array(adjacency + adjacency.T)
+    matrix = csc_array(diags_array(adjacency.sum(axis=0)) - adjacency)[len(ring) :]
+    right = -(matrix[:, : len(ring)] @ ring)
+    return np.asarray(spsolve(csc_array(matrix[:, len(ring) :]), right)).reshape(n_inner, 3)

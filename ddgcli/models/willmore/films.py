@@ -1,0 +1,97 @@
+"""Films: surfaces that lower their area, or raise their volume, until their mean curvature is constant."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ddgcli.errors import MeshError, ParameterError
+from ddgcli.geometry.extrinsic import enclosed_volume
+from ddgcli.mesh.require import require
+from ddgcli.mesh.triangle_mesh import TriangleMesh
+from ddgcli.models.willmore.area_energy import AreaEnergy, VolumeEnergy, mean_curvature
+from ddgcli.models.willmore.constraints import Constraints, area, cap_faces, volume_inside
+from ddgcli.models.willmore.descent import EnergyGradient, vertex_normals
+from ddgcli.models.willmore.energies import EnergyBuilder
+from ddgcli.models.willmore.flow_options import FlowOptions
+
+# share of the area that a vertex star has on average, below which a film has pinched off there
+PINCHED_STAR_FRACTION = 1e-5
+PINCH_REASON = "the surface pinches off: no film of this topology spans the boundary"
+MIN_VOLUME = 1e-9  # of a surface at unit size, below which it counts as enclosing none
+FILM_CONVENTIONS = {False: "area", True: "minus the enclosed volume"}  # by whether the area is kept
+
+
+def curvature_variation(at: EnergyGradient, constant: bool) -> float:
+    """Largest |2 H| at the free vertices, or deviation of 2 H from its mean, times the radius.
+
+    Parameters
+    ----------
+    at : EnergyGradient
+    constant : bool
+        2 H may have any constant value.
+    """
+    with np.errstate(divide="ignore", invalid="ignore"):
+        twice = 2.0 * mean_curvature(at.mesh, vertex_normals(at.mesh))[at.free]
+    off = np.abs(twice - (twice @ at.mass / at.mass.sum() if constant else 0.0))
+    radius = np.sqrt(at.mass.sum() / (4.0 * np.pi))
+    return float(np.max(np.where(np.isfinite(off), off, np.inf), initial=0.0) * radius)
+
+
+def film_reason(at: EnergyGradient, variation: float | None, constant: bool) -> str:
+    """Why a film ends here, or "": 2 H varies by less than `variation`, or the film pinches off.
+
+    See `curvature_variation` for `constant`.
+    """
+    if variation is not None and curvature_variation(at, constant) <= variation:
+        return f"curvature equal to {variation:g}"
+    return PINCH_REASON if at.mass.min() < PINCHED_STAR_FRACTION * at.mass.mean() else ""
+
+
+def film_constraints(unit: TriangleMesh, options: FlowOptions, film: bool) -> Constraints:
+    """Area and volume to keep, of the surface at unit size.
+
+    Raises
+    ------
+    MeshError, ParameterError
+        When there is no volume, or nothing is left to flow.
+    """
+    topology = unit.topology
+    if film and options.boundary == "free" and not topology.is_closed:
+        raise ParameterError(
+            "`flow=mean-curvature` needs a boundary that stays, or no area is left; use `boundary=fixed`"
+        )
+    caps = cap_faces(topology) if film and options.fix_volume and not topology.is_closed else None
+    if film and options.fix_area and options.fix_volume:
+        raise ParameterError(
+            "`flow=mean-curvature` lowers the area or, if that is kept, raises the volume: keep one of "
+            "them, or use `flow=quadratic`"
+        )
+    if (options.fix_volume and caps is None) or (film and options.fix_area):
+        require(
+            unit,
+            "`fix_volume`" if options.fix_volume else "`flow=mean-curvature` with `fix_area`",
+            closed=True,
+        )
+    constraints = Constraints(
+        area(unit) if options.fix_area else None,
+        volume_inside(unit, caps) if options.fix_volume else None,
+        caps,
+    )
+    inside = (
+        constraints.volume
+        if constraints.volume is not None
+        else (enclosed_volume(unit) if film and options.fix_area else 1.0)
+    )
+    if abs(inside) < MIN_VOLUME:
+        raise MeshError("the surface encloses no volume; there is none to keep or to raise")
+    return constraints
+
+
+def film_energy(unit: TriangleMesh, options: FlowOptions) -> EnergyBuilder:
+    """What a film lowers: its area or, where that is kept, minus its volume."""
+    if options.energy is not None:
+        raise ParameterError("`energy` has no effect on films, which lower their area; leave it out")
+    if not options.fix_area:
+        return AreaEnergy
+    factor = -1.0 if enclosed_volume(unit) > 0 else 1.0
+    return lambda topology: VolumeEnergy(topology, factor)

@@ -1,0 +1,108 @@
+"""Options of a flow, and what they choose by default."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass, replace
+from typing import Any
+
+from ddgcli.errors import ParameterError
+from ddgcli.mesh.topology import Topology
+from ddgcli.models.willmore.energies import DEFAULT_ENERGY, DEFAULT_OPEN_ENERGY
+from ddgcli.models.willmore.state import DEFAULT_STOP, FILM_STOP, Stop
+
+
+@dataclass(frozen=True)
+class FlowOptions:
+    """Options of a flow.
+
+    Parameters
+    ----------
+    energy : str or None
+        Of ENERGIES; None for the default, see `chosen_energy`.
+    flow : str
+        Of WILLMORE_FLOWS.
+    boundary : str or None
+        Of WILLMORE_BOUNDARIES; None for the default, see `chosen_boundary`.
+    fix_area, fix_volume : bool
+    spontaneous_curvature : float
+        H0 of int (H - H0)^2, one over the length unit of the input; positive as on a sphere.
+    report_energies : bool
+        Every frame has the values of all energies.
+    timed : bool
+        Steps of a time_options length, by a time scheme; else the longest that descend.
+    integrator : str or None
+        Of SCHEMES of the flow; None for the default.
+    stop : Stop
+    """
+
+    energy: str | None = None
+    flow: str = "quadratic"
+    boundary: str | None = None
+    fix_area: bool = False
+    fix_volume: bool = False
+    spontaneous_curvature: float = 0.0
+    report_energies: bool = False
+    timed: bool = False
+    integrator: str | None = None
+    stop: Stop = Stop()
+
+
+def options_as_dict(options: FlowOptions) -> dict[str, Any]:
+    """The options as plain data."""
+    return asdict(options)
+
+
+def chosen_energy(topology: Topology, options: FlowOptions) -> str:
+    """The energy's name: of the options, else `gauss-map` on closed surfaces and `cotan` on open ones.
+
+    Raises
+    ------
+    ParameterError
+        When `gauss-map` is chosen where it does not hold.
+    """
+    free_slope = chosen_boundary(options) != "clamped" and not topology.is_closed
+    if free_slope and options.energy == DEFAULT_ENERGY:
+        raise ParameterError(
+            f"energy {DEFAULT_ENERGY!r} leaves the faces at the boundary out, where the slope is free; use "
+            f"`energy={DEFAULT_OPEN_ENERGY}` or `boundary=clamped`"
+        )
+    return options.energy or (DEFAULT_ENERGY if topology.is_closed else DEFAULT_OPEN_ENERGY)
+
+
+def chosen_boundary(options: FlowOptions) -> str:
+    """The boundary condition's name: of the options, else `clamped`, for soap films `fixed`."""
+    return options.boundary or ("fixed" if options.flow == "mean-curvature" else "clamped")
+
+
+def is_film(options: FlowOptions, topology: Topology) -> bool:
+    """Whether a mean curvature flow goes to rest: area or volume is kept, or there is a boundary.
+
+    Otherwise the surface shrinks to a point, and steps follow the flow in time.
+    """
+    kept = options.fix_area or options.fix_volume
+    return options.flow == "mean-curvature" and (kept or not (topology.is_closed or options.timed))
+
+
+def with_stop(options: FlowOptions, topology: Topology, bounded: bool) -> FlowOptions:
+    """The options with a clock and, where none are chosen, the flow's criteria for ending.
+
+    Parameters
+    ----------
+    options : FlowOptions
+        `timed` where a step or a duration is chosen; `stop` with the criteria that are chosen.
+    topology : Topology
+    bounded : bool
+        Whether steps or a duration are chosen.
+    """
+    film = is_film(options, topology)
+    timed = options.timed or (options.flow == "mean-curvature" and not film)
+    if timed and bounded:
+        default = Stop()
+    elif film:
+        default = FILM_STOP
+    else:
+        default = Stop(DEFAULT_STOP.gradient, DEFAULT_STOP.fall, not timed)
+    stop = Stop(
+        options.stop.gradient or default.gradient, options.stop.fall or default.fall, default.mesh_error
+    )
+    return replace(options, timed=timed, stop=stop)

@@ -1,0 +1,24 @@
+"""Numbers that rule the steps of a flow: lengths, acceptance, rest."""
+
+# steps of the descent, for a surface with the area of the unit sphere
+MAX_DESCENT_STEP, MIN_DESCENT_STEP = 0.05, 1e-14
+MAX_AREA_STEP, FIRST_AREA_STEP_SHARE = 10.0, 1e-3  # of the descent of an area, likewise
+FILM_DECREASE, FILM_ROUNDING = 0.25, 1e-10
+SLIDING_FALL = 1e-3  # relative fall of a film's energy in a step, below which no vertex slides
+MOTION_FRACTIONS = (1.0, 0.25, 0.0625)  # of a motion, tried before a shorter step is factorised
+MOMENTUM_SHARE = 0.9  # part of the last step's motion that is added to the next one
+KEPT_FALL_SHARE = 0.5  # of the energy's fall in a step, that slides and flips must leave
+SUFFICIENT_DECREASE = 0.01  # of the fall that the slope promises, for a step of the descent to be taken
+# a surface is near rest where steps above that share of the longest promise less than that of the energy
+NEAR_REST_STEP_FRACTION, NEAR_REST_ENERGY_FRACTION = 0.01, 0.1
+# of the least energy of its topology, below which only the mesh's error takes a surface
+LOWER_BOUND_FRACTION = 0.9
+# relative rise of a second energy over its lowest value, at which the flow ends if the first has since fallen
+# by less than that
+SECOND_ENERGY_RISE = 0.01
+AGREEMENT_RATIO = 1.05  # ratio of the two energies up to which the surface is then at rest
+ZERO_ENERGY = 1e-12  # energy at which nothing is left to release
+# relative predicted fall of the energy below which rounding decides: the surface is kept
+PREDICTED_FALL_TOLERANCE = 1e-13
+COLLAPSED_AREA_FRACTION = 1e-3  # share of the area at the start below which a surface counts as gone
+ENERGY_ROUNDING = 1e-13  # relative rise of the energy that counts as one

@@ -1,0 +1,140 @@
+"""Holes filled with patches that flow, and free boundaries."""
+
+import json
+
+import numpy as np
+import pytest
+
+from ddgcli.io.mesh_file import read_mesh, write_mesh
+from ddgcli.mesh import shapes
+from ddgcli.mesh.boundary import boundary_vertex_loops
+from ddgcli.mesh.fields import AnnotatedMesh
+from ddgcli.mesh.hole_filling import fill_loops
+from ddgcli.mesh.triangle_mesh import TriangleMesh
+from ddgcli.models.willmore.descent import vertex_normals
+from ddgcli.models.willmore.setup import FlowOptions
+from ddgcli.models.willmore.state import DEFAULT_STOP
+from tests.physics.willmore_runs import assert_falls, energies, run_flow, saddle
+
+
+def ball_with_holes(level, top=0.8, bottom=-2.0):
+    """The unit sphere without the faces above z = top and below z = bottom."""
+    ball = shapes.icosphere(level)
+    z = ball.points[ball.faces][..., 2]
+    faces = ball.faces[~((z > top).all(axis=1) | (z < bottom).all(axis=1))]
+    used, renamed = np.unique(faces, return_inverse=True)
+    return TriangleMesh.from_arrays(ball.points[used], renamed.reshape(-1, 3))
+
+
+@pytest.mark.parametrize("level, top", [(2, 0.8), (3, 0.8), (3, 0.4)])
+def test_a_filled_sphere_returns_to_the_sphere(level, top):
+    holed = ball_with_holes(level, top)
+    closed, patch = fill_loops(holed)
+    assert closed.topology.is_closed and closed.topology.euler_characteristic == 2
+    assert np.array_equal(closed.faces[: holed.n_faces], holed.faces)
+    frames, end, _ = run_flow(closed, region=patch)
+    h = 2.0 / np.sqrt(10 * 4**level)
+    off = np.abs(np.linalg.norm(end.points, axis=1) - 1)
+    assert np.abs(np.linalg.norm(closed.points, axis=1) - 1).max() > 0.1 and off.max() < 0.02 * h**2
+    assert np.array_equal(end.points[~patch], holed.points)
+    cosine = np.einsum("ij,ij->i", vertex_normals(end), end.points)  # also at the seam
+    assert cosine.min() > 1 - 0.02 * h**2
+    assert energies(frames)[-1] == pytest.approx(4 * np.pi, rel=1e-6)
+    assert_falls(frames)
+
+
+def test_patches_of_rough_loops_are_manifolds():
+    """Also where an edge of the mesh already joins two vertices of a loop."""
+    for seed in range(6):
+        rng = np.random.default_rng(seed)
+        ball = shapes.random_sphere(120, seed=seed)
+        start, size = rng.integers(ball.n_faces), int(rng.integers(1, 30))
+        middle = ball.points[ball.faces].mean(axis=1)
+        gone = np.argsort(np.linalg.norm(middle - middle[start], axis=1))[:size]
+        faces = np.delete(ball.faces, gone, axis=0)
+        used, renamed = np.unique(faces, return_inverse=True)
+        holed = TriangleMesh.from_arrays(ball.points[used], renamed.reshape(-1, 3))
+        if not holed.topology.is_manifold:
+            continue
+        closed, _ = fill_loops(holed)
+        assert closed.topology.is_closed and closed.topology.is_manifold
+        assert closed.topology.euler_characteristic == 2 and closed.topology.is_oriented
+
+
+def test_an_ear_between_two_loop_vertices_is_kept_a_manifold():
+    """A hole of four edges whose only diagonals exist already: a tetrahedron's edges."""
+    faces = [[0, 1, 2], [0, 3, 1]]
+    mesh = TriangleMesh.from_arrays([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1.0]], faces)
+    closed, patch = fill_loops(mesh)
+    assert closed.topology.is_closed and closed.topology.is_manifold
+
+
+@pytest.fixture
+def holed_file(tmp_path):
+    path = tmp_path / "holed.ply"
+    mesh = ball_with_holes(2, 0.8, -0.8)
+    write_mesh(str(path), AnnotatedMesh(mesh))
+    return path, mesh, tmp_path
+
+
+def test_one_loop_or_all_are_filled(run, holed_file):
+    path, mesh, folder = holed_file
+    loops = boundary_vertex_loops(mesh.topology)
+    assert len(loops) == 2
+    for loop, left in ((str(loops[1][3]), 1), ("all", 0)):
+        out = folder / "filled.ply"
+        result = run("willmore-flow", path, "--fill", loop, "-o", out, "--json")
+        assert result.exit_code == 0, result.stderr
+        results = json.loads(result.stdout)["results"]
+        filled = read_mesh(str(out)).surface
+        assert filled.topology.boundary_loops == left
+        assert results["patch"]["faces"] == filled.n_faces - mesh.n_faces > 0
+        assert results["patch"]["vertices"] == filled.n_vertices - mesh.n_vertices
+        most = 1e-3 if left == 0 else 0.02  # with a boundary the default energy is cotan
+        assert np.abs(np.linalg.norm(filled.points, axis=1) - 1).max() < most
+
+
+@pytest.mark.parametrize(
+    "words, message",
+    [
+        (("--fill", "hole"), "no vertex number"),
+        (("--fill", "60"), "on no boundary loop"),
+        (("--fill", "all", "--region", "x.npy"), "--region"),
+    ],
+)
+def test_wrong_loops_are_refused(run, holed_file, words, message):
+    path, mesh, _ = holed_file
+    assert not mesh.topology.boundary_vertex[60]
+    result = run("willmore-flow", path, *words, "--json")
+    assert result.exit_code == 2 and result.stdout == "" and message in result.stderr
+    assert "--fill" in result.stderr and len(result.stderr.strip().splitlines()) == 1
+
+
+def test_closed_surfaces_have_no_hole_to_fill(run, tmp_path):
+    path = tmp_path / "ball.ply"
+    write_mesh(str(path), AnnotatedMesh(shapes.icosphere(1)))
+    result = run("willmore-flow", path, "--fill", "all", "--json")
+    assert result.exit_code == 2 and "closed" in result.stderr
+
+
+@pytest.mark.parametrize("energy", ["cotan", "sullivan"])
+def test_with_a_free_boundary_the_surface_becomes_minimal(energy):
+    """Minimal surfaces have no energy; the saddle's rim moves to let it become one."""
+    mesh = saddle(12)
+    frames, end, _ = run_flow(mesh, FlowOptions(energy=energy, boundary="free", stop=DEFAULT_STOP))
+    assert energies(frames)[-1] < 0.01 * energies(frames)[0]
+    rim = mesh.topology.boundary_vertex
+    assert np.linalg.norm(end.points - mesh.points, axis=1)[rim].max() > 0.005
+    assert frames[-1].scalar["min_angle_degrees"] > 25
+    assert_falls(frames)
+
+
+def test_free_films_and_gauss_map_energies_are_refused(run, tmp_path):
+    path = tmp_path / "saddle.ply"
+    write_mesh(str(path), AnnotatedMesh(saddle(6)))
+    for words, message in (
+        (("--flow", "mean-curvature"), "--boundary fixed"),
+        (("--energy", "gauss-map"), "--energy cotan"),
+    ):
+        result = run("willmore-flow", path, "--boundary", "free", *words, "--json")
+        assert result.exit_code == 2 and message in result.stderr
