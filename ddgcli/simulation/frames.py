@@ -55,7 +55,18 @@ def joined_frame(snapshot: Snapshot) -> TrajectoryFrame:
             scalar[name] = scalar[name] + value if name in scalar else value
     scalar["step_size"] = 0.0 if np.isinf(snapshot.smallest_step) else snapshot.smallest_step
     scalar = {name: np.asarray(v).item() if np.size(v) == 1 else v for name, v in scalar.items()}
-    return TrajectoryFrame(snapshot.step, snapshot.time, points, vertex, scalar, observations[0].faces)
+    return TrajectoryFrame(snapshot.step, snapshot.time, points, vertex, scalar, _faces(observations))
+
+
+def _faces(observations: list[Observation]) -> np.ndarray | None:
+    """Faces of all parts over their points one behind the other; None where they do not change."""
+    faces, first = [], 0
+    for observation in observations:
+        if observation.faces is None:
+            return None
+        faces.append(observation.faces + first)
+        first += 0 if observation.points is None else len(observation.points)
+    return np.concatenate(faces)
 
 
 def mesh_of_frame(mesh: Any, trajectory_frame: TrajectoryFrame) -> Any:

@@ -67,7 +67,7 @@ class Observation:
     place : int
         Of the object among those of the scene, where a model has several.
     faces : (m, 3) ndarray of int, optional
-        Where they change during the run, always m of them; for runs of one model.
+        Where they change during the run, always m of them; then all parts of a run carry theirs.
     """
 
     points: NDArray | None

@@ -86,7 +86,17 @@ def test_absent_effects_are_not_imported(tmp_path):
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert "ddgcli.models.shell.gravity" in done.stderr
     absent = ["bending", "hinge", "stretching", "contact", "damping", "load", "pin"]
-    absent += ["handle", "pressure", "wind", "plasticity", "key_frames", "area_springs"]
+    absent += [
+        "handle",
+        "pressure",
+        "wind",
+        "plasticity",
+        "key_frames",
+        "area_springs",
+        "fracture",
+        "cracks",
+        "epochs",
+    ]
     absent = [f"models.shell.{name}" for name in absent]
     absent += ["models.fluid", "models.willmore", "mechanics.newton", "linalg", "plots", "io.trajectory"]
     for name in absent:

@@ -65,6 +65,7 @@ class Fluids:
     """The fluids of a scene, as `cli.scene_run.Physics`."""
 
     moving = False
+    splits = False
 
     def __init__(self, scene: Scene, account: Account, read_mesh: ReadMesh, read_array: ReadArray) -> None:
         from ddgcli.models.fluid import model

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from ddgcli.cli.simulation.plot import Picture
     from ddgcli.cli.simulation.scene_run import ReadArray, ReadMesh
     from ddgcli.mechanics.system import System
+    from ddgcli.models.shell.context import ShellContext
     from ddgcli.scenes.scene import Scene
     from ddgcli.simulation.account import Account
     from ddgcli.simulation.model import Model, Schedule
@@ -93,6 +94,7 @@ class Shells:
         self.analysis: dict[str, Any] = {}
         contexts = model.contexts(scene, read_mesh)
         self.scene, self.account = scene, account
+        self.splits = any(effect.name == "fracture" for effect, _, _ in scene.effects)
         self.contexts = {name: context for name, (context, _) in contexts.items()}
         self.meshes = {name: context.mesh for name, context in self.contexts.items()}
         self.sha256 = {name: sha for name, (_, sha) in contexts.items()}
@@ -124,6 +126,19 @@ class Shells:
 
         return model.models(self.scene, self.contexts, self.systems)
 
+    def _at_end(
+        self, outcome: Outcome
+    ) -> tuple[dict[str, ShellContext], dict[str, System], list[tuple[str, int]]]:
+        """Contexts, systems and order of the last frame: those of the start, unless something broke."""
+        if not self.splits or outcome.last is None:
+            return self.contexts, self.systems, self.order
+        from ddgcli.models.shell import model
+        from ddgcli.models.shell.epochs import contexts_of_frame
+
+        contexts = contexts_of_frame(self.contexts, outcome.last)
+        order = [(owner, c.mesh.n_vertices) for (owner, _), c in zip(self.order, contexts.values())]
+        return contexts, model.systems(self.scene, contexts, self.account), order
+
     def face(self) -> dict[str, Any]:
         return {}
 
@@ -139,8 +154,9 @@ class Shells:
         """(vertex, face) arrays of the last frame: modes, strains, stresses and moments."""
         from ddgcli.models.shell import report
 
+        contexts, systems, order = self._at_end(outcome)
         vertex, face, self.analysis = report.final(
-            outcome, self.contexts, self.systems, self.order, self.n_modes, self.n_buckling
+            outcome, contexts, systems, order, self.n_modes, self.n_buckling
         )
         return vertex, face
 
@@ -168,11 +184,13 @@ class Shells:
     def doubt(self, outcome: Outcome) -> str:
         from ddgcli.models.shell import report
 
-        return report.doubt(outcome, report.rounding(outcome, self.systems, self.order))
+        _, systems, order = self._at_end(outcome)
+        return report.doubt(outcome, report.rounding(outcome, systems, order))
 
     def summary(self, outcome: Outcome) -> tuple[dict[str, Any], dict[str, Any]]:
         from ddgcli.models.shell import report
 
         static = self.scene.time.integrator == "static"
-        results, accuracy = report.summary(outcome, self.systems, static, self.order)
+        _, systems, order = self._at_end(outcome)
+        results, accuracy = report.summary(outcome, systems, static, order)
         return {**results, **self.analysis}, accuracy

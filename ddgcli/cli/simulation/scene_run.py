@@ -43,6 +43,7 @@ class Physics(Protocol):
     meshes: dict[str, Any]
     sha256: dict[str, str]
     moving: bool
+    splits: bool  # vertices, so that the frames have meshes of their own
 
     def assembled(self, schedule: Schedule) -> dict[str, Any]:
         """Facts that a dry run prints."""
@@ -121,7 +122,7 @@ def run_scene(
         {"input_sha256": digest, "overrides": overrides, "folder": document.folder},
         {"scene_source": document.source, "scene_resolved": resolved}, simulator.face(),
         obstacle_meshes(scene.objects, meshes, mesh_reader(run, document)), simulator.obstacle_poses,
-        simulator.doubt, simulator.final,
+        simulator.doubt, simulator.final, simulator.splits, simulator.splits,
     )  # fmt: skip
     _report(run, scene, simulator, account, simulate(run, job), job.obstacles_at)
 

@@ -54,8 +54,8 @@ class Job:
         Why a complete run is not to be trusted, or "".
     final : callable Outcome -> (dict, dict)
         Vertex and face arrays of the last frame, for meshes.
-    changing_faces : bool
-        Whether the faces change.
+    changing_faces, changing_vertices : bool
+        Whether the faces change, and the number of vertices.
     """
 
     models: Mapping[str, Model]
@@ -72,6 +72,7 @@ class Job:
     doubt: Callable[[Outcome], str] = lambda outcome: ""
     final: Callable[[Outcome], tuple[dict[str, NDArray], dict[str, NDArray]]] = lambda outcome: ({}, {})
     changing_faces: bool = False
+    changing_vertices: bool = False
 
     def obstacles_at(self, time: float) -> list[TriangleMesh]:
         """The obstacles where they are at a time."""
@@ -153,6 +154,7 @@ def _open_trajectory(
         recorder.outcome.mesh, job.moving, cell, {**provenance, **job.attributes}, dict(job.texts),
         dict(job.obstacles),
         job.changing_faces,
+        job.changing_vertices,
     )  # fmt: skip
     if job.resume is None:
         return TrajectoryWriter(target, header, job.schedule.n_frames), None

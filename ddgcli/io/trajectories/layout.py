@@ -54,6 +54,8 @@ class Header:
         Bodies around the moving ones, at the start; `OBSTACLE_POSE` of the frames moves them.
     changing_faces : bool
         Whether every frame has its own faces, always as many.
+    changing_vertices : bool
+        Whether every frame also has its own number of vertices; each is then a part of the file.
     """
 
     mesh: TriangleMesh | TetMesh | CurveSet
@@ -63,37 +65,50 @@ class Header:
     texts: dict[str, str] = field(default_factory=dict)
     obstacles: dict[str, TriangleMesh] = field(default_factory=dict)
     changing_faces: bool = False
+    changing_vertices: bool = False
 
 
 CONNECTIVITY = "VTKHDF/Polygons/Connectivity"
+FACE_ENDS = "VTKHDF/Polygons/Offsets"
+
+
+def by_vertex(name: str) -> bool:
+    """Whether a growing dataset has a row for each vertex of each frame."""
+    return name.startswith(("VTKHDF/PointData/", "VTKHDF/Points"))
 
 
 def rows_per_frame(name: str, header: Header) -> int:
-    """How many rows of a growing dataset a frame has."""
+    """How many rows of a growing dataset a frame has; of datasets by vertex, the first frame."""
     if name == CONNECTIVITY:
         return cells_of(header.mesh).size
-    return header.mesh.n_vertices if name.startswith(("VTKHDF/PointData/", "VTKHDF/Points")) else 1
+    if name == FACE_ENDS:
+        return len(cells_of(header.mesh)) + 1
+    return header.mesh.n_vertices if by_vertex(name) else 1
+
+
+def vertices_of(trajectory_frame: TrajectoryFrame, header: Header) -> int:
+    """Number of vertices of a frame."""
+    return header.mesh.n_vertices if trajectory_frame.points is None else len(trajectory_frame.points)
 
 
 def shapes_of(trajectory_frame: TrajectoryFrame, checkpoint: dict[str, NDArray], effects: NDArray) -> tuple:
     return (
-        tuple((name, np.shape(a)) for name, a in trajectory_frame.vertex.items()),
+        tuple((name, np.shape(a)[1:]) for name, a in trajectory_frame.vertex.items()),
         tuple((name, np.shape(a)) for name, a in trajectory_frame.scalar.items()),
         tuple((name, np.shape(a), str(np.asarray(a).dtype)) for name, a in checkpoint.items()),
         len(effects),
     )
 
 
-def frame_rows(trajectory_frame: TrajectoryFrame, header: Header, k: int) -> dict[str, NDArray]:
-    """Values of every growing dataset for frame k."""
-    n = header.mesh.n_vertices
+def frame_rows(trajectory_frame: TrajectoryFrame, header: Header, k: int, first: int) -> dict[str, NDArray]:
+    """Values of every growing dataset for frame k, whose vertices begin at row `first`."""
     one = np.array
     topologies = 1 if isinstance(header.mesh, TetMesh) else len(TOPOLOGIES)
     rows: dict[str, NDArray] = {
         "VTKHDF/Steps/Values": one([trajectory_frame.time]),
-        "VTKHDF/Steps/PartOffsets": one([0]),
+        "VTKHDF/Steps/PartOffsets": one([k if header.changing_vertices else 0]),
         "VTKHDF/Steps/NumberOfParts": one([1]),
-        "VTKHDF/Steps/PointOffsets": one([k * n if header.moving else 0]),
+        "VTKHDF/Steps/PointOffsets": one([first if header.moving else 0]),
         "VTKHDF/Steps/CellOffsets": np.zeros((1, topologies), dtype=np.int64),
         "VTKHDF/Steps/ConnectivityIdOffsets": np.zeros((1, topologies), dtype=np.int64),
         "ddgcli/time": one([trajectory_frame.time]),
@@ -106,9 +121,11 @@ def frame_rows(trajectory_frame: TrajectoryFrame, header: Header, k: int) -> dic
         rows["VTKHDF/Steps/ConnectivityIdOffsets"] = offset[None]
         faces = cells_of(header.mesh) if trajectory_frame.faces is None else trajectory_frame.faces
         rows[CONNECTIVITY] = faces.ravel()
+    if header.changing_vertices:
+        rows |= _part_rows(trajectory_frame, header, k)
     for name, values in trajectory_frame.vertex.items():
         rows[f"VTKHDF/PointData/{name}"] = values
-        rows[f"VTKHDF/Steps/PointDataOffsets/{name}"] = one([k * n])
+        rows[f"VTKHDF/Steps/PointDataOffsets/{name}"] = one([first])
     for name in header.cell:
         rows[f"VTKHDF/Steps/CellDataOffsets/{name}"] = one([0])
     for name, value in trajectory_frame.scalar.items():
@@ -119,6 +136,22 @@ def frame_rows(trajectory_frame: TrajectoryFrame, header: Header, k: int) -> dic
     return rows
 
 
+def _part_rows(trajectory_frame: TrajectoryFrame, header: Header, k: int) -> dict[str, NDArray]:
+    """Counts and cell ends of the part that frame k is; a reader counts the cells of earlier parts."""
+    n_faces, one = len(cells_of(header.mesh)), np.array
+    faces = np.array(TOPOLOGIES) == "Polygons"
+    rows = {
+        "VTKHDF/NumberOfPoints": one([vertices_of(trajectory_frame, header)]),
+        "VTKHDF/Steps/CellOffsets": np.where(faces, k * n_faces, 0)[None],
+    }
+    for kind in TOPOLOGIES:
+        count = n_faces if kind == "Polygons" else 0
+        rows[f"VTKHDF/{kind}/NumberOfCells"] = one([count])
+        rows[f"VTKHDF/{kind}/NumberOfConnectivityIds"] = one([3 * count])
+        rows[f"VTKHDF/{kind}/Offsets"] = np.arange(0, 3 * count + 1, 3)
+    return rows
+
+
 def room_for(
     trajectory_frame: TrajectoryFrame,
     checkpoint: dict[str, NDArray],
@@ -126,16 +159,23 @@ def room_for(
     n_frames: int,
     log: int,
     header: Header,
+    vertex_rows: int | None = None,
 ) -> dict[str, RowLayout]:
-    """Growing datasets with room for `n_frames` frames (fewer where that would be more than a disk)."""
-    sample = frame_rows(trajectory_frame, header, 0)
+    """Growing datasets with room for `n_frames` frames (fewer where that would be more than a disk).
+
+    `vertex_rows` are the rows of datasets by vertex, where the number of vertices changes.
+    """
+    sample = frame_rows(trajectory_frame, header, 0, 0)
     bytes_each = sum(np.asarray(v).size * 8 for v in sample.values())
     n_frames = max(1, min(n_frames, LARGEST_ROOM // max(bytes_each, 1)))
     rows = {}
     for name, values in sample.items():
         values = np.asarray(values)
         dtype = np.dtype(np.int64) if values.dtype.kind in "iub" else np.dtype(np.float64)
-        rows[name] = RowLayout(dtype, values.shape[1:], n_frames * rows_per_frame(name, header))
+        count = n_frames * rows_per_frame(name, header)
+        if vertex_rows is not None and header.changing_vertices and by_vertex(name):
+            count = vertex_rows
+        rows[name] = RowLayout(dtype, values.shape[1:], count)
     for slot in ("slot_0", "slot_1"):
         for name, array in checkpoint.items():
             array = np.atleast_1d(array)
@@ -164,12 +204,15 @@ def cells_of(mesh: TriangleMesh | TetMesh | CurveSet) -> NDArray[np.int64]:
     return mesh.tetrahedra if isinstance(mesh, TetMesh) else mesh.faces
 
 
-def _connectivity(group: h5py.Group, cells: NDArray, changing: bool = False) -> None:
+def _connectivity(group: h5py.Group, cells: NDArray, changing: bool = False, own_parts: bool = False) -> None:
+    """Cells of the whole file; without what every frame has of its own."""
+    if not changing:
+        group.create_dataset("Connectivity", data=cells.ravel().astype(np.int64))
+    if own_parts:
+        return
     group.create_dataset("NumberOfCells", data=np.array([len(cells)], dtype=np.int64))
     group.create_dataset("NumberOfConnectivityIds", data=np.array([cells.size], dtype=np.int64))
     group.create_dataset("Offsets", data=np.arange(0, cells.size + 1, cells.shape[1], dtype=np.int64))
-    if not changing:
-        group.create_dataset("Connectivity", data=cells.ravel().astype(np.int64))
 
 
 def static(file: h5py.File, header: Header) -> None:
@@ -193,7 +236,8 @@ def static(file: h5py.File, header: Header) -> None:
         group.create_dataset("points", data=np.asarray(obstacle.points))
         group.create_dataset("faces", data=np.asarray(obstacle.faces))
     mesh = header.mesh
-    root.create_dataset("NumberOfPoints", data=np.array([mesh.n_vertices], dtype=np.int64))
+    if not header.changing_vertices:
+        root.create_dataset("NumberOfPoints", data=np.array([mesh.n_vertices], dtype=np.int64))
     if not header.moving:
         root.create_dataset("Points", data=np.asarray(mesh.points))
     if solid:
@@ -203,7 +247,7 @@ def static(file: h5py.File, header: Header) -> None:
     for kind in () if solid else TOPOLOGIES:
         cells = cells_of(mesh) if kind == own_kind else np.zeros((0, 3), dtype=np.int64)
         changing = header.changing_faces and kind == own_kind
-        _connectivity(root.create_group(kind), cells, changing)
+        _connectivity(root.create_group(kind), cells, changing, header.changing_vertices)
     for kind in ("PointData", "CellData", "FieldData"):
         root.create_group(kind)
     for name, values in header.cell.items():

@@ -54,10 +54,11 @@ def _check(file: Any) -> None:
         raise MeshFileError(f"it holds {count} frames")
     for name in ("time", "step"):
         _rows(ours, name, count, "fi")
-    n = int(_rows(root, "NumberOfPoints", 1, "iu")[0])
+    counts = np.array(vertex_counts(_rows(root, "NumberOfPoints", 1, "iu"), count))
+    n = int(counts[0])
     offsets = _rows(steps, "PointOffsets", count, "iu")[:count]
     points = _rows(root, "Points", n, "f", (3,))
-    if n < 0 or (offsets < 0).any() or (offsets > len(points) - n).any():
+    if (counts < 0).any() or (offsets < 0).any() or (offsets > len(points) - counts).any():
         raise MeshFileError("a frame's points are outside the file's")
     solid = "Types" in root
     width = 4 if solid else 3
@@ -74,7 +75,7 @@ def _check(file: Any) -> None:
     if len(ends) % 2 or (len(ends) and len(corners)):
         raise MeshFileError("its lines are no segments, or lie beside faces")
     n_cells = len(ends) // 2 or n_corners // width
-    for name, length in (("PointData", count * n), ("CellData", n_cells), ("FieldData", count)):
+    for name, length in (("PointData", int(counts.sum())), ("CellData", n_cells), ("FieldData", count)):
         for array in _group(root, name):
             _rows(_group(root, name), array, length, "fiub", None)
     for obstacle in ours.get("obstacles", {}).values():
@@ -93,6 +94,21 @@ def _check(file: Any) -> None:
             if not isinstance(text, bytes):
                 raise MeshFileError(f"'{excerpt(name, 40)}' is no text")
             text.decode()
+
+
+def vertex_counts(stored: Any, n_frames: int) -> list[int]:
+    """Number of vertices of every frame; a file whose number does not change has it once.
+
+    Raises
+    ------
+    MeshFileError
+        There are several numbers, but not one for each frame.
+    """
+    if len(stored) == 1:
+        return [int(stored[0])] * n_frames
+    if len(stored) < n_frames:
+        raise MeshFileError(f"it has {len(stored)} numbers of points for {n_frames} frames")
+    return [int(count) for count in stored[:n_frames]]
 
 
 def _group(parent: Any, name: str) -> Any:

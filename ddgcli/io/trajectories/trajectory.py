@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from ddgcli.errors import MeshFileError, excerpt
 from ddgcli.io.trajectories.layout import EFFECT_DTYPE, OBSTACLE_POSE, TOPOLOGIES
-from ddgcli.io.trajectories.layout_check import check_trajectory
+from ddgcli.io.trajectories.layout_check import check_trajectory, vertex_counts
 from ddgcli.mesh.curve import CurveSet
 from ddgcli.mesh.fields import TrajectoryFrame
 from ddgcli.mesh.tet_mesh import TetMesh
@@ -28,6 +28,11 @@ class Trajectory:
     Parameters
     ----------
     path : str
+
+    Attributes
+    ----------
+    n_vertices : list of int
+        Of every frame.
 
     Raises
     ------
@@ -51,13 +56,15 @@ class Trajectory:
             corners = cells["Connectivity"][: self._corners]
             self.changing_faces = len(cells["Connectivity"]) > self._corners
             ends = np.zeros(0, np.int64) if solid else self._root["Lines/Connectivity"][...]
-            self._n = int(self._root["NumberOfPoints"][0])
+            self.n_vertices = vertex_counts(self._root["NumberOfPoints"], self.n_frames)
         except (OSError, KeyError, ValueError) as error:
             raise MeshFileError(
                 f"{path}: not a ddgcli trajectory ({excerpt(error)}); give a .vtkhdf of a simulator"
             ) from error
         self.path = path
-        self.moving = len(self._root["Points"]) > self._n or "PointOffsets" not in self._root["Steps"]
+        self.moving = (
+            len(self._root["Points"]) > self.n_vertices[0] or "PointOffsets" not in self._root["Steps"]
+        )
         self.moving = self.moving or bool(np.any(self._root["Steps/PointOffsets"][: self.n_frames]))
         self.mesh = _mesh_of_cells(self.points(0), corners, ends, solid)
 
@@ -84,7 +91,7 @@ class Trajectory:
     def points(self, k: int) -> NDArray[np.float64]:
         """(n, 3) positions of frame k."""
         start = int(self._root["Steps/PointOffsets"][k])
-        return self._root["Points"][start : start + self._n]
+        return self._root["Points"][start : start + self.n_vertices[k]]
 
     def faces(self, k: int) -> NDArray[np.int64] | None:
         """(m, 3) faces of frame k where they change during the run, else None."""
@@ -104,8 +111,8 @@ class Trajectory:
 
     def vertex(self, k: int) -> dict[str, NDArray]:
         """Arrays on vertices of frame k."""
-        data = self._root["PointData"]
-        return {name: data[name][k * self._n : (k + 1) * self._n] for name in data}
+        data, first = self._root["PointData"], sum(self.n_vertices[:k])
+        return {name: data[name][first : first + self.n_vertices[k]] for name in data}
 
     @property
     def face(self) -> dict[str, NDArray]:

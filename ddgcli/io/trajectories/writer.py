@@ -23,12 +23,14 @@ from ddgcli.io.trajectories.layout import (
     NSTEPS_MARK,
     STATUS_MARK,
     Header,
+    by_vertex,
     frame_rows,
     room_for,
     rows_per_frame,
     shapes_of,
     static,
     static_bytes,
+    vertices_of,
 )
 from ddgcli.io.trajectories.row_file import RowFile, RowLayout
 from ddgcli.io.trajectories.trajectory import Trajectory
@@ -59,6 +61,7 @@ class TrajectoryWriter:
         self.path, self.partial_path = path, part_path(path)
         self.header, self.expected = header, max(n_frames, 1)
         self.n_frames = 0
+        self._vertex_rows = 0  # rows that the frames have of datasets by vertex
         self._file: RowFile | None = None
         self._log: list[tuple] = [(0, 0.0, b"start", b"", math.nan, b"")]
         self._logged = 0  # rows of it that the present file holds
@@ -76,8 +79,9 @@ class TrajectoryWriter:
 
         Parameters
         ----------
-        trajectory_frame : Frame
-            The names and shapes of its arrays are those of the first frame.
+        trajectory_frame : TrajectoryFrame
+            The names and shapes of its arrays are those of the first frame, but for the number of vertices
+            where the header says that it changes.
         checkpoint : dict of str to ndarray
         effects : rows (name, calls, seconds)
         log : rows (step, time, kind, place, value, detail)
@@ -87,19 +91,32 @@ class TrajectoryWriter:
         self._log += _log_rows(log)
         self._whole = len(self._log)
         shapes = shapes_of(trajectory_frame, checkpoint, effect_rows)
-        if self._file is not None and shapes == self._shapes and self._room():
+        if self._file is not None and shapes == self._shapes and self._room(trajectory_frame):
             self._put(trajectory_frame, checkpoint, effect_rows)
             return
-        n_expected = self.expected if self._file is None else max(self.expected, 2 * self.n_frames + 16)
+        n_frames = self.expected if self._file is None else max(self.expected, 2 * self.n_frames + 16)
+        vertex_rows = self._vertex_rows + (n_frames - self.n_frames) * vertices_of(
+            trajectory_frame, self.header
+        )
         rows = room_for(
-            trajectory_frame, checkpoint, len(effect_rows), n_expected, 2 * len(self._log) + 64, self.header
+            trajectory_frame,
+            checkpoint,
+            len(effect_rows),
+            n_frames,
+            2 * len(self._log) + 64,
+            self.header,
+            vertex_rows,
         )
         self._lay_out(rows, lambda: self._put(trajectory_frame, checkpoint, effect_rows))
         self._shapes = shapes
 
-    def _room(self) -> bool:
+    def _room(self, trajectory_frame: TrajectoryFrame) -> bool:
         rows = self._file.rows  # type: ignore[union-attr]
-        return self.n_frames < rows["ddgcli/time"].capacity and len(self._log) <= rows["ddgcli/log"].capacity
+        whole = self.n_frames < rows["ddgcli/time"].capacity
+        if whole and "VTKHDF/Points" in rows:
+            after = self._vertex_rows + vertices_of(trajectory_frame, self.header)
+            whole = after <= rows["VTKHDF/Points"].capacity
+        return whole and len(self._log) <= rows["ddgcli/log"].capacity
 
     def _put(
         self, trajectory_frame: TrajectoryFrame, checkpoint: dict[str, NDArray], effects: NDArray
@@ -107,9 +124,11 @@ class TrajectoryWriter:
         file, k = self._file, self.n_frames
         if file is None:
             raise OutputError("the trajectory is closed")
-        per_frame = frame_rows(trajectory_frame, self.header, k)
+        per_frame = frame_rows(trajectory_frame, self.header, k, self._vertex_rows)
         for name, values in per_frame.items():
-            file.write(name, k * rows_per_frame(name, self.header), values)
+            first = self._vertex_rows if by_vertex(name) else k * rows_per_frame(name, self.header)
+            file.write(name, first, values)
+        self._vertex_rows += vertices_of(trajectory_frame, self.header)
         self._put_log()
         slot = f"ddgcli/checkpoint/slot_{k % 2}"
         for name, values in checkpoint.items():
@@ -135,6 +154,8 @@ class TrajectoryWriter:
                 file.show(name, len(self._log))
             elif name.startswith("ddgcli/checkpoint/") or name == "ddgcli/effects":
                 file.show(name, row.capacity)
+            elif by_vertex(name):
+                file.show(name, self._vertex_rows)
             else:
                 file.show(name, count * rows_per_frame(name, self.header))
         file.set_mark("NSteps", np.int64(count).tobytes())
@@ -212,11 +233,18 @@ class TrajectoryWriter:
                 whole.effect_rows,
             )
         rows = room_for(
-            trajectory_frame, checkpoint, len(effects), self.n_frames, len(self._log), self.header
+            trajectory_frame,
+            checkpoint,
+            len(effects),
+            self.n_frames,
+            len(self._log),
+            self.header,
+            self._vertex_rows,
         )
 
         def put() -> None:
             self.n_frames -= 1
+            self._vertex_rows -= vertices_of(trajectory_frame, self.header)
             self._put(trajectory_frame, checkpoint, effects)
 
         self._lay_out(rows, put)
@@ -231,7 +259,10 @@ class TrajectoryWriter:
             writer._log = [tuple(row) for row in old.log[: old.log_rows]]
             writer._whole = len(writer._log)
             writer._shapes = shapes_of(first, checkpoint, effects)
-            rows = room_for(first, checkpoint, len(effects), room, 2 * len(writer._log) + 64, header)
+            vertex_rows = sum(old.n_vertices) + (room - old.n_frames) * old.n_vertices[last]
+            rows = room_for(
+                first, checkpoint, len(effects), room, 2 * len(writer._log) + 64, header, vertex_rows
+            )
 
             def put() -> None:
                 for k in range(last + 1):

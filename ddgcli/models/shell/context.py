@@ -35,6 +35,8 @@ class ShellContext:
         What the effects built so far returned, by effect.
     obstacles : dict of str to PlacedMesh
         Meshes of the obstacles that are meshes, as their files have them.
+    input_vertex : (n,) ndarray of int, optional
+        Of a shell that has come apart: the vertex of the whole shell that each vertex was.
     """
 
     shell: Shell
@@ -43,6 +45,7 @@ class ShellContext:
     arrays: dict[str, NDArray] = field(default_factory=dict)
     terms: dict[str, list[Any]] = field(default_factory=dict)
     obstacles: dict[str, PlacedMesh] = field(default_factory=dict)
+    input_vertex: NDArray[np.int64] | None = None
 
     @property
     def elastic(self) -> list[Any]:
@@ -70,7 +73,7 @@ class ShellContext:
 
     def chosen(self, vertices: list[int] | None, box: Any, key: Key) -> NDArray[np.int64]:
         """Vertices by number, or inside a box of two opposite corners; a refusal where there are none."""
-        n = self.mesh.n_vertices
+        n = self.mesh.n_vertices if self.input_vertex is None else int(self.input_vertex.max()) + 1
         if (vertices is None) == (box is None):
             self.scene.refuse(key, "give either vertices = [...] or box = [[x, y, z], [x, y, z]]")
         if vertices == []:
@@ -79,6 +82,8 @@ class ShellContext:
             outside = [v for v in vertices if not 0 <= v < n]
             if outside:
                 self.scene.refuse(key, f"vertex {outside[0]} is outside 0..{n - 1} of {self.shell.name!r}")
+            if self.input_vertex is not None:
+                return np.flatnonzero(np.isin(self.input_vertex, vertices))
             return np.unique(np.array(vertices, dtype=np.int64))
         low, high = np.sort(np.array(box, dtype=float), axis=0)
         slack = 1e-9 * float(np.ptp(self.mesh.points, axis=0).max())

@@ -92,11 +92,29 @@ def systems(scene: Scene, shells: dict[str, ShellContext], account: Account) -> 
     return {group.name: _group_system(scene, group, account) for group in groups(scene, shells)}
 
 
-def models(
-    scene: Scene, shells: dict[str, ShellContext], systems: dict[str, System]
-) -> dict[str, Model[Motion]]:
+def models(scene: Scene, shells: dict[str, ShellContext], systems: dict[str, System]) -> dict[str, Model]:
     """One model for each group of shells, of its system."""
-    return {group.name: _model(scene, group, systems[group.name]) for group in groups(scene, shells)}
+    own: dict[str, Model] = {
+        group.name: _model(scene, group, systems[group.name]) for group in groups(scene, shells)
+    }
+    fractures = [section for effect, section, _ in scene.effects if effect.name == "fracture"]
+    if not fractures:
+        return own
+    from ddgcli.models.shell.epochs import breaking_model, whole_model
+
+    for group in groups(scene, shells):
+        broken = [section for section in fractures if section.object in (None, *group.shells)]
+        if not broken:
+            own[group.name] = whole_model(own[group.name], shells)
+            continue
+        account = systems[group.name].account
+
+        def build(epoch: Group, account: Account = account) -> tuple[System, Model[Motion]]:
+            system = _group_system(scene, epoch, account)
+            return system, _model(scene, epoch, system)
+
+        own[group.name] = breaking_model(scene, group, broken[0], build, account)
+    return own
 
 
 def terms_of(scene: Scene, context: ShellContext) -> list[Any]:

@@ -98,8 +98,12 @@ def summary(
     }
     if "external_work" in last.scalar:
         results["external_work"] = last.scalar["external_work"]
-    if "plastic_work" in last.scalar:
-        results["plastic_work"] = last.scalar["plastic_work"]
+    for name in ("plastic_work", "fracture_energy"):
+        if name in last.scalar:
+            results[name] = last.scalar[name]
+    for name in ("cracks", "pieces"):
+        if name in last.scalar:
+            results[name] = int(last.scalar[name])
     for key, force, moment in (
         ("reaction_forces", FORCE, MOMENT),
         ("contact_forces", CONTACT_FORCE, CONTACT_MOMENT),
@@ -119,9 +123,7 @@ def summary(
     energy_scale = max([float(np.abs(series["energy_kinetic"]).max()), *map(float, swing)])
     momentum_scale = mass * outcome.largest.get("velocity", 0.0)
     accuracy: dict[str, Any] = {
-        "energy_drift": _drift(
-            series["energy"] - series.get("external_work", 0.0), energy_scale, least.energy
-        ),
+        "energy_drift": _drift(series["energy"] - _work(series), energy_scale, least.energy),
         "momentum_drift": _drift(series["momentum"], momentum_scale, least.momentum),
         "angular_momentum_drift": _drift(
             series["angular_momentum"], momentum_scale * size, least.angular_momentum
@@ -218,7 +220,7 @@ def doubt(outcome: Outcome, least: RunRounding) -> str:
     the run, and the largest work from outside.
     """
     total, kinetic = outcome.series["energy"], outcome.series["energy_kinetic"]
-    work = outcome.series.get("external_work", np.zeros_like(total))
+    work = np.zeros_like(total) + _work(outcome.series)
     energy = total - work
     growth, at_hand = float(np.max(energy) - energy[0]), float(total[0] - np.min(total - kinetic))
     scale = max(at_hand + float(np.max(np.abs(work))), least.energy)
@@ -230,6 +232,11 @@ def doubt(outcome: Outcome, least: RunRounding) -> str:
     )
     log.warning(message)
     return message if growth > ENERGY_GROWTH_FAILURE * scale + least.energy else ""
+
+
+def _work(series: dict[str, NDArray]) -> Any:
+    """Joules that came from outside, less those that cracks have released, in every frame."""
+    return series.get("external_work", 0.0) - series.get("fracture_energy", 0.0)
 
 
 def _drift(series: np.ndarray, scale: float, rounding: float) -> float:

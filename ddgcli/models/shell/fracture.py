@@ -1,0 +1,76 @@
+"""Effect `fracture`: edges that stretch or bend too far open, and the surface comes apart along them."""
+
+# mypy: disable-error-code="valid-type"
+
+from __future__ import annotations
+
+from typing import Any
+
+from pydantic import Field, model_validator
+
+from ddgcli.mechanics.integrators import INTEGRATORS
+from ddgcli.models.shell import hinge
+from ddgcli.models.shell.context import ShellContext
+from ddgcli.scenes.sections import Section
+from ddgcli.scenes.units import quantity
+from ddgcli.simulation.effects import Effect
+
+# effects that would have to know what a split vertex means to them
+WITHOUT = ("plasticity", "attach", "handle")
+
+
+class Fracture(Section):
+    """Brittle edges: those beyond a strain or an angle open for good after the step."""
+
+    object: str | None = Field(None, description="shell; needed where the scene has several")
+    strain: (
+        quantity("", "elongation of an edge, relative to its length at rest, that it bears", gt=0) | None
+    ) = None
+    angle: quantity("rad", "change of the angle across an edge that it bears", gt=0) | None = None
+
+    @model_validator(mode="after")
+    def _one(self) -> Fracture:
+        if self.strain is None and self.angle is None:
+            raise ValueError("give strain, angle or both")
+        return self
+
+
+def build(parameters: Fracture, context: ShellContext) -> list[Any]:
+    """No term: cracks change the mesh between the steps (see `epochs`). Refuses what they do not allow."""
+    time, topology = context.scene.time, context.mesh.topology
+    if INTEGRATORS[time.integrator].reach(time) < float("inf") or time.integrator == "static":
+        raise ValueError(
+            f'a piece may be one light triangle, so an implicit scheme is needed, not "{time.integrator}"; '
+            'write integrator = "newmark", "implicit-euler" or "bdf2"'
+        )
+    if time.tolerance is not None:
+        raise ValueError("the adaptive steps of `tolerance` compare unbroken states; write step = ...")
+    interior = topology.n_edges - len(topology.boundary_edges)
+    if interior != len(hinge.hinges(topology)):
+        raise ValueError(
+            "an edge has more than two faces, or faces of opposite orientation; run repair first"
+        )
+    if not topology.referenced_vertex.all():
+        raise ValueError("some vertices belong to no face; run repair first")
+    for effect, section, _ in context.scene.effects:
+        _require_separable(effect.name, section)
+    return []
+
+
+def _require_separable(name: str, section: Any) -> None:
+    """ValueError for an effect, or a choice of its parameters, that a split vertex would change."""
+    if name in WITHOUT:
+        raise ValueError(f"fracture together with {name} is not computed; leave one of them out")
+    if name == "bending" and section.model in ("quadratic", "cubic"):
+        raise ValueError(
+            f'bending with model = "{section.model}" assumes a whole surface; write model = "hinge"'
+        )
+    if name == "pressure" and section.gas:
+        raise ValueError("a gas leaves a broken shell; leave gas out, and give a pressure as value")
+    if name == "load" and (section.moment is not None or section.line_force is not None):
+        raise ValueError("cracks make new boundary edges; give the load as force or traction")
+    if name == "contact" and section.self_contact:
+        raise ValueError("the sides of a new crack touch; leave self_contact out")
+
+
+EFFECT = Effect("fracture", Fracture, build, "one pass over the interior edges a step", ("shell",))
