@@ -8,6 +8,7 @@ __all__ = [
     "bending",
     "contact",
     "context",
+    "epochs",
     "damping",
     "gravity",
     "groups",
