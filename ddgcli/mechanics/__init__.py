@@ -6,6 +6,7 @@
 
 __all__ = [
     "assembly",
+    "constraints",
     "driving",
     "embedding",
     "energy_balance",

@@ -58,6 +58,8 @@ def reactions(system: System, motion: Motion, dt: float) -> dict[str, tuple[NDAr
         force = force + system.full_drag(motion.x, motion.v, dt)
     acceleration = system.prescribed_state(motion.x, motion.v, np.zeros_like(motion.a))[2]
     force = force + system.mass[:, None] * acceleration
+    for edges in system.constraints:
+        force = force - edges.pull(motion.x, motion.multipliers)
     ends, couples = _couples(system, motion.x)
     seen, counted, forces = np.zeros_like(system.free), np.zeros(len(ends), dtype=bool), {}
     for term in system.supports:

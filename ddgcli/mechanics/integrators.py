@@ -58,6 +58,11 @@ def _symplectic_euler(system: System, motion: Motion, dt: float, parameters: Any
 def _verlet(system: System, motion: Motion, dt: float, parameters: Any) -> Motion:
     """Kick, drift, kick; with drag the second kick is corrected once, which keeps order 2."""
     system = system.at(motion.time + dt)
+    if system.constraints:
+        from ddgcli.mechanics.constraints import rattle
+
+        x, v, a, multipliers = rattle(system, motion, dt)
+        return checked(system, Motion(x, v, a, motion.newton, multipliers=multipliers))
     half = motion.v + 0.5 * dt * motion.a
     x = system.prescribed_state(motion.x + dt * half, half, half)[0]
     checked(system, Motion(x, half, motion.a))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import pairwise
 from typing import Any
@@ -25,6 +25,8 @@ from ddgcli.mechanics.terms import (
     is_dead,
 )
 from ddgcli.simulation.account import Account
+
+NO_MULTIPLIERS = np.zeros(0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,6 +49,8 @@ class Motion:
         Of each term with a memory.
     past : tuple of ndarray
         Of multistep schemes: positions and velocities a step before, and the length of that step (0: none).
+    multipliers : (e,) ndarray
+        Of constraints: tensions of rigid edges in N.
     """
 
     x: NDArray[np.float64]
@@ -58,6 +62,7 @@ class Motion:
     work: float = 0.0
     memory: tuple[Arrays, ...] = ()
     past: tuple[NDArray[np.float64], ...] = ()
+    multipliers: NDArray[np.float64] = field(default_factory=lambda: NO_MULTIPLIERS)
 
 
 class System:
@@ -81,6 +86,8 @@ class System:
         Every potential is quadratic with a constant matrix, coordinate by coordinate.
     cache : dict
         What solvers keep between the steps, by their names.
+    constraints : list of RigidEdges
+        At most one.
     pushed : bool
         Obstacles move, so that the stored energy depends on time.
     """
@@ -101,6 +108,7 @@ class System:
         self.supports = [
             p for p in all_terms if isinstance(p, FixedCoordinates | PrescribedMotion) and p.name
         ]
+        self.constraints = [p for p in self.all_terms if hasattr(p, "excess")]
         held = np.zeros((len(mass), 3), dtype=bool)
         for any_term in all_terms:
             if isinstance(any_term, FixedCoordinates | PrescribedMotion):

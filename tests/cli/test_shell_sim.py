@@ -98,7 +98,15 @@ def test_absent_effects_are_not_imported(tmp_path):
         "epochs",
     ]
     absent = [f"models.shell.{name}" for name in absent]
-    absent += ["models.fluid", "models.willmore", "mechanics.newton", "linalg", "plots", "io.trajectory"]
+    absent += [
+        "models.fluid",
+        "models.willmore",
+        "mechanics.newton",
+        "mechanics.constraints",
+        "linalg",
+        "plots",
+        "io.trajectory",
+    ]
     for name in absent:
         assert f"ddgcli.{name}" not in done.stderr, name
     assert set(json.loads(done.stdout)["results"]["effects"]) == {"gravity"}

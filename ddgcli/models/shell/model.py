@@ -11,9 +11,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ddgcli.errors import SolveError
 from ddgcli.mechanics.driving import contact_forces, driving_work, reactions
 from ddgcli.mechanics.integrators import ARC_LENGTH, INTEGRATORS, Step, stable_step
-from ddgcli.mechanics.system import Motion, System
+from ddgcli.mechanics.system import NO_MULTIPLIERS, Motion, System
 from ddgcli.mechanics.terms import FixedCoordinates, Memory, PrescribedMotion, ProportionalLoad, RampedLoad
 from ddgcli.mesh.require import unmet_need
 from ddgcli.mesh.triangle_mesh import TriangleMesh
@@ -142,7 +143,7 @@ def terms_of(scene: Scene, context: ShellContext) -> list[Any]:
 
     context.terms.clear()
     # elastic terms first, which damping needs; handles last, which must not share vertices with pins
-    ranks = {"stretching": 0, "bending": 0, "attach": 2, "handle": 3}
+    ranks = {"stretching": 0, "bending": 0, "attach": 2, "rigid": 2, "handle": 3}
     ordered = sorted(scene.effects, key=lambda entry: ranks.get(entry[0].name, 1))
     return [any_term for terms in replace(scene, effects=tuple(ordered)).build(make) for any_term in terms]
 
@@ -198,6 +199,10 @@ def _group_system(scene: Scene, group: Group, account: Account) -> System:
         return make_system(scene, next(iter(group.shells.values())), account)
     from ddgcli.mechanics.embedding import Rows, embedded_terms
 
+    if any(effect.name == "rigid" for effect, _, _ in scene.effects):
+        scene.refuse(
+            ("effects", "rigid"), "rigid edges of shells that touch or are attached are not computed"
+        )
     all_terms, ends = [], group.ends
     for start, context in zip(ends, group.shells.values()):
         rows = Rows(int(start), context.mesh.n_vertices, int(ends[-1]))
@@ -237,6 +242,7 @@ def _model(scene: Scene, group: Group, system: System) -> Model[Motion]:
         a = system.acceleration(x, v, step_size)
     past = (x, v, np.zeros(1)) if integrator.multistep else ()
     start = Motion(x, v, a, memory=tuple(term.initial() for term in system.memories), past=past)
+    start = _constrained(scene, system, start)
     size, reach = system.size, integrator.reach(parameters)
 
     def advanced(step: Step, motion: Motion, time: float, dt: float) -> Motion:
@@ -266,6 +272,8 @@ def _model(scene: Scene, group: Group, system: System) -> Model[Motion]:
         for potential in current.potentials:
             if hasattr(potential, "observed"):
                 scalars |= potential.observed(motion.x)
+        for edges in current.constraints:
+            scalars |= edges.observed(motion.x, motion.multipliers)
         for name, (force, moment) in reactions(current, motion, step_size).items():
             scalars |= {f"reaction_force_{name}": force, f"reaction_moment_{name}": moment}
         for name, (force, moment) in contact_forces(current, motion, step_size).items():
@@ -279,7 +287,10 @@ def _model(scene: Scene, group: Group, system: System) -> Model[Motion]:
             for k, term in enumerate(system.memories)
         )
         past = tuple(arrays[name] for name in PAST_ARRAYS) if integrator.multistep else ()
-        return Motion(arrays["x"], arrays["v"], arrays["a"], int(count), excess, time, work, memory, past)
+        multipliers = arrays.get("multipliers", NO_MULTIPLIERS)
+        return Motion(
+            arrays["x"], arrays["v"], arrays["a"], int(count), excess, time, work, memory, past, multipliers
+        )
 
     limit = stable_step(system, x, reach)
     return Model(
@@ -289,6 +300,26 @@ def _model(scene: Scene, group: Group, system: System) -> Model[Motion]:
         stop=partial(_load_reached, parameters.duration) if integrator.own_time else None,
         clock=(lambda motion: motion.time) if integrator.own_time else None,
     )  # fmt: skip
+
+
+def _constrained(scene: Scene, system: System, motion: Motion) -> Motion:
+    """The motion at the start with velocities that change no rigid edge, and multipliers."""
+    if not system.constraints:
+        return motion
+    from ddgcli.mechanics.constraints import Projection, redundant
+
+    (edges,) = system.constraints
+    try:
+        count = redundant(system, edges, motion.x)
+        if count:
+            raise SolveError(
+                f"the lengths of {count} of the edges follow from the others (a flat surface with vertices "
+                "inside is stiff already); name fewer edges"
+            )
+        v, _ = Projection(system, edges, motion.x).tangent(motion.v)
+    except SolveError as error:
+        scene.refuse(("effects", "rigid"), f"rigid: {error}")
+    return replace(motion, v=v, multipliers=np.zeros(len(edges.length)))
 
 
 def _load_reached(duration: float, motion: Motion) -> str:
@@ -311,6 +342,7 @@ def _packed(motion: Motion) -> dict[str, NDArray]:
         "scalars": scalars,
         **memory,
         **dict(zip(PAST_ARRAYS, motion.past)),
+        **({"multipliers": motion.multipliers} if len(motion.multipliers) else {}),
     }
 
 

@@ -98,7 +98,7 @@ def summary(
     }
     if "external_work" in last.scalar:
         results["external_work"] = last.scalar["external_work"]
-    for name in ("plastic_work", "fracture_energy"):
+    for name in ("plastic_work", "fracture_energy", "rigid_force"):
         if name in last.scalar:
             results[name] = last.scalar[name]
     for name in ("cracks", "pieces"):
@@ -130,6 +130,8 @@ def summary(
         ),
         "max_strain": outcome.largest.get("strain", 0.0),
     }
+    if "rigid_error" in series:
+        accuracy["rigid_error"] = float(series["rigid_error"].max())
     if static and not outcome.failure:
         accuracy["negative_eigenvalues"] = _instability(_split(last.points, systems, order), systems)
     return results, accuracy
@@ -154,6 +156,8 @@ def final(
     if n_modes or n_buckling:
         from ddgcli.models.shell import analysis
 
+        if any(system.constraints for system in systems.values()):
+            raise ParameterError("modes of shells with rigid edges are not computed; leave rigid out")
         if yields:
             raise ParameterError("modes of shells with plasticity are not computed; leave plasticity out")
         if n_modes:

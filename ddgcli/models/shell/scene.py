@@ -28,6 +28,7 @@ EFFECTS = EffectTable(
         "wind": ("ddgcli.models.shell.wind", "Drag and lift of moving or still air on the faces."),
         "plasticity": ("ddgcli.models.shell.plasticity", "Rest lengths and angles that yield."),
         "fracture": ("ddgcli.models.shell.fracture", "Edges that open beyond a strain or an angle."),
+        "rigid": ("ddgcli.models.shell.rigid", "Edges that keep their lengths exactly."),
         "pin": ("ddgcli.models.shell.pin", "Vertices held still, in all directions or some."),
         "handle": ("ddgcli.models.shell.handle", "Vertices moved along key frames, as a rigid body."),
         "attach": ("ddgcli.models.shell.attach", "Vertices tied to another shell or carried by an obstacle."),

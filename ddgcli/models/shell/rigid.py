@@ -1,0 +1,82 @@
+"""Effect `rigid`: edges that keep their lengths exactly."""
+
+# mypy: disable-error-code="valid-type"
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field, field_validator
+
+from ddgcli.mechanics.constraints import RigidEdges
+from ddgcli.models.shell.context import ShellContext
+from ddgcli.scenes.sections import Section
+from ddgcli.scenes.units import vector
+from ddgcli.simulation.effects import Effect
+
+
+class Rigid(Section):
+    """Edges of constant length: given ones, those between some vertices, or all."""
+
+    object: str | None = Field(None, description="shell; needed where the scene has several")
+    edges: list[list[int]] | None = Field(None, description="pairs of vertex numbers")
+    vertices: list[int] | None = Field(None, description="every edge between two of these vertices")
+    box: list[vector("m")] | None = Field(
+        None, min_length=2, max_length=2, description="every edge between two vertices in this box"
+    )
+
+    @field_validator("edges")
+    @classmethod
+    def _pairs(cls, edges: list[list[int]] | None) -> list[list[int]] | None:
+        for pair in edges or []:
+            if len(pair) != 2:
+                raise ValueError(f"an edge is a pair of vertices [a, b], found {pair}")
+        return edges
+
+
+def build(parameters: Rigid, context: ShellContext) -> list[RigidEdges]:
+    time = context.scene.time
+    if time.integrator != "verlet":
+        raise ValueError(f'constraints are kept by the scheme "verlet", not by "{time.integrator}"')
+    for effect, _, _ in context.scene.effects:
+        if effect.name in ("handle", "attach"):
+            raise ValueError(
+                f"rigid edges together with {effect.name} are not computed; leave one of them out"
+            )
+    edges = _chosen(parameters, context)
+    edges = edges[~_held(context)[edges].all(axis=1)]
+    if not len(edges):
+        raise ValueError("pins hold every one of these edges")
+    x = np.asarray(context.mesh.points)
+    return [RigidEdges(edges, np.linalg.norm(x[edges[:, 1]] - x[edges[:, 0]], axis=1))]
+
+
+def _chosen(parameters: Rigid, context: ShellContext) -> NDArray[np.int64]:
+    """(e, 2) edges; ValueError for pairs that are none, and where there is none."""
+    edges = np.asarray(context.mesh.topology.edges)
+    if parameters.edges is not None:
+        if parameters.vertices is not None or parameters.box is not None:
+            raise ValueError("give edges, or vertices, or a box, or none of them for all edges")
+        asked = np.sort(np.array(parameters.edges, dtype=np.int64).reshape(-1, 2), axis=1)
+        known = {(int(a), int(b)) for a, b in np.sort(edges, axis=1)}
+        for a, b in asked:
+            if (int(a), int(b)) not in known:
+                raise ValueError(f"no edge joins the vertices [{a}, {b}]")
+        edges = np.unique(asked, axis=0)
+    elif parameters.vertices is not None or parameters.box is not None:
+        chosen = context.chosen(parameters.vertices, parameters.box, ("effects", "rigid"))
+        edges = edges[np.isin(edges, chosen).all(axis=1)]
+    if not len(edges):
+        raise ValueError("no edge joins two of these vertices")
+    return edges
+
+
+def _held(context: ShellContext) -> NDArray[np.bool_]:
+    """(n,) vertices that pins hold in all directions; an edge between two of them is rigid already."""
+    held = np.zeros((context.mesh.n_vertices, 3), dtype=bool)
+    for term in context.terms.get("pin", []):
+        held |= term.mask
+    return np.asarray(held.all(axis=1))
+
+
+EFFECT = Effect("rigid", Rigid, build, "one factorisation of an e x e matrix a step, e edges", ("shell",))
