@@ -136,7 +136,7 @@ def test_resume_has_the_same_bits(run, ellipsoid_file, tmp_path, monkeypatch):
     "words, message",
     [
         (("--energy", "quadratic"), "sullivan"),
-        (("--flow", "conformal"), "mean-curvature"),
+        (("--flow", "ricci"), "mean-curvature"),
         (("--boundary", "loose"), "clamped"),
         (("--region", "x"), "no array"),
         (("--integrator", "semi-implicit"), "--dt"),

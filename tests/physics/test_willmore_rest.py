@@ -9,7 +9,7 @@ from benchmarks.common.mesh_classes import ellipsoids
 from ddgcli.geometry.extrinsic import enclosed_volume
 from ddgcli.geometry.intrinsic import corner_angle
 from ddgcli.mesh import shapes
-from ddgcli.models.willmore import descent, flow, report, setup, triangle_quality
+from ddgcli.models.willmore import descent, flow, report, setup, step_rules, triangle_quality
 from ddgcli.models.willmore.constraints import area
 from ddgcli.models.willmore.setup import FlowOptions
 from ddgcli.models.willmore.state import DEFAULT_STOP, Stop
@@ -94,7 +94,7 @@ def test_triangles_do_not_crumple_under_constraints():
     seen, end, shots = run_flow(mesh, options, steps=150)
     ratio = setup.ENERGIES["cotan"].build(end.topology).value(end.points) / energies(seen)[-1]
     assert 0.95 < ratio < 1.05
-    assert shots[-1].stopped == flow.MESH_ERROR_REASON and len(seen) < 40
+    assert shots[-1].stopped == step_rules.MESH_ERROR_REASON and len(seen) < 40
     assert seen[-1].scalar["flips"] > 0
     assert seen[-1].scalar["redistributions"] > 0
     assert_falls(seen)
@@ -104,7 +104,7 @@ def test_a_rise_of_the_second_energy_ends_the_flow(run, tmp_path):
     mesh = shapes.torus(20, 8, pattern="alternating")
     seen, end, shots = run_flow(mesh, FlowOptions(timed=True), tolerance=1e-3, duration=0.5)
     second = [setup.ENERGIES["cotan"].build(mesh.topology).value(o.points) for o in seen]
-    assert shots[-1].stopped == flow.CRUMPLING_REASON and 1.005 < second[-1] / min(second) < 1.1
+    assert shots[-1].stopped == step_rules.CRUMPLING_REASON and 1.005 < second[-1] / min(second) < 1.1
     ball = setup.build(shapes.icosphere(2), FlowOptions())[0]  # never below 4 pi: nothing to look at
     assert ball.second_kind is None
 

@@ -5,7 +5,7 @@ import pytest
 
 from benchmarks.common.mesh_classes import SPHERES, ellipsoids
 from ddgcli.mesh import shapes
-from ddgcli.models.willmore import descent, flow
+from ddgcli.models.willmore import descent, flow, step_rules
 from ddgcli.models.willmore.setup import FlowOptions
 from ddgcli.operators.laplacian import lumped_vertex_area
 from tests.physics.willmore_runs import assert_falls, ellipsoid, energies, run_flow
@@ -107,12 +107,12 @@ def test_a_step_too_stiff_for_the_first_method_is_taken_by_the_second(monkeypatc
         (
             shapes.torus(40, 5, pattern="alternating"),
             {"step": 0.005, "duration": 0.5},
-            flow.LOWER_BOUND_REASON,
+            step_rules.LOWER_BOUND_REASON,
         ),
         (
             shapes.torus(20, 8, pattern="alternating"),
             {"tolerance": 1e-3, "duration": 0.5},
-            flow.CRUMPLING_REASON,
+            step_rules.CRUMPLING_REASON,
         ),
     ],
 )

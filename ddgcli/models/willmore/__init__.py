@@ -7,6 +7,7 @@ flow from a mesh and its options, `report` measures a run.
 
 __all__ = [
     "area_energy",
+    "conformal",
     "constraints",
     "descent",
     "energies",

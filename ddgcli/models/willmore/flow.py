@@ -14,6 +14,7 @@ from ddgcli.errors import SolveError
 from ddgcli.mesh.topology import Topology
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.models.willmore import step_rules as rules
+from ddgcli.models.willmore.conformal import descending_step, log_ratio_change
 from ddgcli.models.willmore.constraints import Constraints, area
 from ddgcli.models.willmore.descent import (
     ROSENBROCK_GAMMAS,
@@ -33,22 +34,26 @@ from ddgcli.models.willmore.energies import EnergyBuilder
 from ddgcli.models.willmore.films import film_reason
 from ddgcli.models.willmore.observation import measured
 from ddgcli.models.willmore.state import (
-    CRUMPLING_REASON,
-    LOWER_BOUND_REASON,
-    MESH_ERROR_REASON,
     FlowState,
     Stop,
+    after_curvature_step,
     rounding_scale,
 )
 from ddgcli.models.willmore.triangle_quality import better_triangles
 from ddgcli.simulation.model import Observation, StepRejected
 
 # time schemes of each flow, the default first; `semi-implicit` is of first order
-SCHEMES = {"quadratic": ("rosenbrock", "semi-implicit"), "mean-curvature": ("semi-implicit",)}
+SCHEMES = {
+    "quadratic": ("rosenbrock", "semi-implicit"),
+    "conformal": ("conformal",),
+    "mean-curvature": ("semi-implicit",),
+}
 
 
 def first_step(flow: Flow) -> float:
     """First step of the descent, at unit size; of films short: not to leap over one at rest."""
+    if flow.conformal:
+        return 1.0
     return rules.FIRST_AREA_STEP_SHARE * longest_step(flow) if flow.of_area else longest_step(flow)
 
 
@@ -102,6 +107,8 @@ class Flow:
         The energy that steps to rest lower is an area, or a volume with the other sign.
     energy_power : int
         Of the length unit in the energy.
+    conformal : bool
+        Steps change the curvature, and keep the shapes of triangles; their length is a share of 1.
     """
 
     topology: Topology
@@ -123,6 +130,7 @@ class Flow:
     second_kind: EnergyBuilder | None = None
     of_area: bool = False
     energy_power: int = 0
+    conformal: bool = False
     _last_terms: TopologyTerms | None = None
     _last_gradient: EnergyGradient | None = None
     _last_preconditioner: tuple[Preconditioner, float] | None = None
@@ -143,6 +151,8 @@ class Flow:
         at = self._gradient(state)
         if self.timed:
             return self._timed_step(state, at, dt)
+        if self.conformal:
+            return self._conformal_step(state, at)
         improved = self._improved_start(state) if state.steps == 0 and self.keeps_triangles else None
         if improved is not None:
             stepped = self._longest_step(improved, self._gradient(improved))
@@ -161,7 +171,11 @@ class Flow:
             return film_reason(at, self.stop.gradient, self.constraints.active)
         if self.stop.gradient is not None and at.size <= self.stop.gradient:
             return f"gradient below {self.stop.gradient:g}"
-        if self.stop.mesh_error and state.dt >= rules.NEAR_REST_STEP_FRACTION * longest_step(self):
+        if (
+            self.stop.mesh_error
+            and not self.conformal
+            and state.dt >= rules.NEAR_REST_STEP_FRACTION * longest_step(self)
+        ):
             preconditioner = self._preconditioner(at, state.dt)
             least = rules.NEAR_REST_ENERGY_FRACTION * abs(at.energy) / state.dt
             if (
@@ -169,7 +183,7 @@ class Flow:
             ):  # what the two parts release is half of it or more
                 across, along = preconditioner.powers()
                 if across + along <= least and along >= across:
-                    return MESH_ERROR_REASON
+                    return rules.MESH_ERROR_REASON
         return ""
 
     def _second(self, state: FlowState) -> float:
@@ -210,7 +224,7 @@ class Flow:
         for moved in self._attempts(at, dt / self.time_unit):
             energy = self._energy(moved)
             if self._below_lower_bound(energy):
-                return replace(state, stopped=LOWER_BOUND_REASON)
+                return replace(state, stopped=rules.LOWER_BOUND_REASON)
             if energy <= at.energy:
                 return self._accepted(state, at, moved, energy, dt)
         promised = float(np.sum(at.gradient * (at.mesh.points - moved.points)[self.free]))
@@ -251,6 +265,15 @@ class Flow:
             dt, shrink = dt * shrink, 0.25 * shrink
         return replace(state, stopped="no step lowers the energy")
 
+    def _conformal_step(self, state: FlowState, at: EnergyGradient) -> FlowState:
+        step = descending_step(at.mesh, state.dt, self._energy, at.energy)
+        if step is None:
+            return replace(state, stopped="no step lowers the energy")
+        if self._below_lower_bound(step.energy):
+            return replace(state, stopped=rules.LOWER_BOUND_REASON)
+        stepped = self._accepted(state, at, step.mesh, step.energy, 0.0)
+        return replace(stepped, dt=min(1.0, 2.0 * step.share))
+
     def _shared_step(
         self, state: FlowState, at: EnergyGradient, preconditioner: Preconditioner, motion: NDArray, dt: float
     ) -> FlowState | None:
@@ -259,13 +282,13 @@ class Flow:
         for share in rules.MOTION_FRACTIONS:
             moved = moved_along(preconditioner, motion, share, self.constraints)
             energy = self._energy(moved)
-            if energy <= at.energy - self._least_share(at, promised) * share * promised:
+            if energy <= at.energy - rules.least_share(promised, at.energy, self.of_area) * share * promised:
                 if self._below_lower_bound(energy):
-                    return replace(state, stopped=LOWER_BOUND_REASON)
+                    return replace(state, stopped=rules.LOWER_BOUND_REASON)
                 at_once = dt == state.dt and share >= rules.MOTION_FRACTIONS[1]
                 carried = np.zeros_like(state.points)
                 carried[self.free] = share * motion
-                if self._slides(at.energy, energy):
+                if self.keeps_triangles and not (self.of_area and rules.is_near_rest(at.energy, energy)):
                     highest = at.energy - rules.KEPT_FALL_SHARE * (at.energy - energy)
                     better = better_triangles(
                         moved, energy, highest, self._movable, self._energy,
@@ -282,14 +305,9 @@ class Flow:
                 )
         return None
 
-    def _least_share(self, at: EnergyGradient, promised: float) -> float:
-        """Of the fall that the slope promises, for a step to be taken; of films more: they overshoot."""
-        rounded = promised < rules.FILM_ROUNDING * abs(at.energy)
-        return rules.FILM_DECREASE if self.of_area and not rounded else rules.SUFFICIENT_DECREASE
-
-    def _slides(self, before: float, after: float) -> bool:
-        """Whether triangles are improved after a step: of films only far from rest, which slides disturb."""
-        return self.keeps_triangles and (not self.of_area or before - after > rules.SLIDING_FALL * abs(after))
+    @cached_property
+    def _unit_start(self) -> TriangleMesh:
+        return TriangleMesh((self.original - self.centre) / self.scale, self.topology)
 
     @cached_property
     def _movable(self) -> NDArray[np.bool_]:
@@ -325,7 +343,7 @@ class Flow:
                 agree = (
                     1.0 / rules.AGREEMENT_RATIO < self._second(state) / state.energy < rules.AGREEMENT_RATIO
                 )
-                return replace(state, stopped=MESH_ERROR_REASON if agree else CRUMPLING_REASON)
+                return replace(state, stopped=rules.MESH_ERROR_REASON if agree else rules.CRUMPLING_REASON)
             lowest, then = (second, energy) if second < lowest else (lowest, then)
         rose = energy - at.energy > rules.ENERGY_ROUNDING * rounding_scale(at.energy)
         return replace(
@@ -336,24 +354,14 @@ class Flow:
 
     def _curvature_step(self, state: FlowState, dt: float) -> FlowState:
         mesh = self.mesh(state)
-        before = area(mesh)
         try:
             moved = mean_curvature_step(mesh, self.free, dt / self.time_unit)
+            energy = self._energy(moved)
         except SolveError:
-            return replace(state, stopped=f"the surface became singular at time {state.time:.6g}")
-        after, energy = area(moved), self._energy(moved)
+            energy = math.inf
         if not math.isfinite(energy):
             return replace(state, stopped=f"the surface became singular at time {state.time:.6g}")
-        rose = energy - state.energy > rules.ENERGY_ROUNDING * rounding_scale(state.energy)
-        stopped = "the surface collapsed" if after < rules.COLLAPSED_AREA_FRACTION * self.area else ""
-        if self.stop.fall is not None and not stopped and before - after < self.stop.fall * before:
-            stopped = f"area fell by less than {self.stop.fall:g} of itself in a step"
-        return replace(
-            state, points=moved.points, energy=energy, time=state.time + dt, stopped=stopped,
-            steps=state.steps + 1,
-            increases=state.increases + rose,
-            area_increases=state.area_increases + (after > before * (1.0 + rules.ENERGY_ROUNDING)),
-        )  # fmt: skip
+        return after_curvature_step(state, moved, energy, dt, area(mesh), self.area, self.stop)
 
     def distance(self, a: FlowState, b: FlowState) -> float:
         """Largest distance between two states' vertices, relative to the surface's radius."""
@@ -372,6 +380,8 @@ class Flow:
             "flips": float(state.flips),
             **measured(mesh, self.constraints, self.scale),
         }
+        if self.conformal:
+            scalar |= log_ratio_change(self._unit_start, mesh)
         for name, kind in self.reported.items():
             scalar[f"energy_{name}"] = kind(state.topology).value(mesh.points)
         points = np.array(self.original)

@@ -8,7 +8,7 @@ from typing import Any
 from ddgcli.errors import ParameterError
 from ddgcli.mesh.topology import Topology
 from ddgcli.models.willmore.energies import DEFAULT_ENERGY, DEFAULT_OPEN_ENERGY
-from ddgcli.models.willmore.state import DEFAULT_STOP, FILM_STOP, Stop
+from ddgcli.models.willmore.state import CONFORMAL_STOP, DEFAULT_STOP, FILM_STOP, Stop
 
 
 @dataclass(frozen=True)
@@ -100,6 +100,8 @@ def with_stop(options: FlowOptions, topology: Topology, bounded: bool) -> FlowOp
         default = Stop()
     elif film:
         default = FILM_STOP
+    elif options.flow == "conformal":
+        default = CONFORMAL_STOP
     else:
         default = Stop(DEFAULT_STOP.gradient, DEFAULT_STOP.fall, not timed)
     stop = Stop(

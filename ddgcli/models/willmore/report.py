@@ -14,7 +14,7 @@ from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.models.willmore.descent import folded_faces
 from ddgcli.models.willmore.energies import DEFAULT_ENERGY, DEFAULT_OPEN_ENERGY, ENERGIES, SECOND_ENERGY
 from ddgcli.models.willmore.films import PINCH_REASON
-from ddgcli.models.willmore.state import CRUMPLING_REASON, LOWER_BOUND_REASON
+from ddgcli.models.willmore.step_rules import CRUMPLING_REASON, LOWER_BOUND_REASON
 
 RESOLUTION_REASONS = (
     LOWER_BOUND_REASON,
@@ -62,6 +62,8 @@ def summary(
         },
         "min_angle_degrees": series["min_angle_degrees"].tolist(),
     }
+    if "log_ratio_change_max" in last:
+        accuracy["log_ratio_change"] = {name: last[f"log_ratio_change_{name}"] for name in ("max", "mean")}
     return results, accuracy
 
 

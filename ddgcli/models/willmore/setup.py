@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from ddgcli.choices import WILLMORE_BOUNDARIES, WILLMORE_ENERGIES, WILLMORE_FLOWS
 from ddgcli.errors import MeshError, ParameterError
 from ddgcli.geometry.extrinsic import enclosed_volume
+from ddgcli.mesh.require import require
 from ddgcli.mesh.topology import Topology
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.models.willmore.constraints import Constraints, area
@@ -151,6 +152,22 @@ def second_energy(chosen: str, topology: Topology, constraints: Constraints) -> 
     return ENERGIES[SECOND_ENERGY].build
 
 
+def _require_conformal(mesh: TriangleMesh, options: FlowOptions, region: NDArray | None) -> None:
+    """Raise MeshError or ParameterError where `flow=conformal` has no meaning."""
+    require(mesh, "`flow=conformal`", closed=True)
+    if mesh.topology.n_components != 1:
+        raise MeshError("`flow=conformal` takes one component at a time; split the surface")
+    if options.fix_area or options.fix_volume or options.spontaneous_curvature:
+        raise ParameterError(
+            "`flow=conformal` keeps the shapes of the triangles and the area, no volume and "
+            "no spontaneous curvature; use `flow=quadratic`"
+        )
+    if region is not None or options.timed:
+        raise ParameterError(
+            "`flow=conformal` moves the whole surface to rest: leave `region`, `dt` and `duration` out"
+        )
+
+
 def _unit_curvature(unit: TriangleMesh, options: FlowOptions, scale: float) -> float:
     """Spontaneous curvature at unit size, for the orientation of the faces.
 
@@ -203,6 +220,9 @@ def build(mesh: TriangleMesh, options: FlowOptions, region: NDArray | None = Non
     free = free_vertices(topology, boundary, region)
     film = is_film(options, topology)
     mean_curvature = options.flow == "mean-curvature" and not film
+    conformal = options.flow == "conformal"
+    if conformal:
+        _require_conformal(mesh, options, region)
     constraints = film_constraints(unit, options, film)
     curvature = _unit_curvature(unit, options, scale)
     energy_kind = film_energy(unit, options) if film else _with_curvature(ENERGIES[chosen].build, curvature)
@@ -218,13 +238,14 @@ def build(mesh: TriangleMesh, options: FlowOptions, region: NDArray | None = Non
     if curvature:
         convention = f"int (H - H0)^2 dA, H0 = {options.spontaneous_curvature:g}; int H^2 dA: {convention}"
     unbounded = chosen in ("hinge", "circle-angle") or curvature != 0.0 or film
-    second = None if options.flow == "mean-curvature" else second_energy(chosen, topology, constraints)
+    second = None if options.flow != "quadratic" else second_energy(chosen, topology, constraints)
     reported = ENERGIES.items() if options.report_energies else ()
     flow = Flow(
         topology, energy_kind, convention, free, constraints, mean_curvature, scheme,
         options.timed, options.stop, centre, scale, area(unit), mesh.points,
         0.0 if unbounded else least_energy(topology),
-        keeps_triangles=not options.timed and (film or chosen != "hinge"), of_area=film,
+        keeps_triangles=not (options.timed or conformal) and (film or chosen != "hinge"), of_area=film,
+        conformal=conformal,
         energy_power=(3 if options.fix_area else 2) if film else 0,
         reported={name: kind.build for name, kind in reported},
         second_kind=None if second is None else _with_curvature(second, curvature),

@@ -3,19 +3,16 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ddgcli.geometry.intrinsic import face_area
 from ddgcli.mesh.topology import Topology
+from ddgcli.mesh.triangle_mesh import TriangleMesh
+from ddgcli.models.willmore.step_rules import COLLAPSED_AREA_FRACTION, ENERGY_ROUNDING
 
-# why flows end
-LOWER_BOUND_REASON = (
-    "the next step would go below the least energy of such surfaces: the mesh is too coarse or uneven"
-)
-MESH_ERROR_REASON = "what is left of the gradient is the mesh's own error"
-CRUMPLING_REASON = "a second energy rises faster than this one falls: the faces crumple"
 ENERGY_UNIT = 1.0  # energies are free of units; rounding of smaller ones is compared with this
 
 
@@ -40,6 +37,7 @@ class Stop:
 
 
 DEFAULT_STOP = Stop(1e-6, 1e-8, True)
+CONFORMAL_STOP = Stop(1e-6, 1e-4)  # curvature and energy are discretised apart: the end is no closer
 FILM_STOP = Stop(6e-7, 1e-15)  # of 2 H times the radius: its largest deviation from a constant
 
 
@@ -116,3 +114,31 @@ class FlowState:
 def rounding_scale(energy: float) -> float:
     """What the rounding of an energy is relative to."""
     return max(abs(energy), ENERGY_UNIT)
+
+
+def after_curvature_step(
+    state: FlowState, moved: TriangleMesh, energy: float, dt: float, before: float, start: float, stop: Stop
+) -> FlowState:
+    """State after a timed step of mean curvature flow.
+
+    Parameters
+    ----------
+    state : FlowState
+    moved : TriangleMesh
+        The surface after the step, of bending energy `energy`.
+    energy, dt : float
+    before, start : float
+        Area before the step and of the first surface.
+    stop : Stop
+        Of the criteria `fall` is that of the area.
+    """
+    after = float(face_area(moved.side_length).sum())
+    stopped = "the surface collapsed" if after < COLLAPSED_AREA_FRACTION * start else ""
+    if stop.fall is not None and not stopped and before - after < stop.fall * before:
+        stopped = f"area fell by less than {stop.fall:g} of itself in a step"
+    return replace(
+        state, points=moved.points, energy=energy, time=state.time + dt, stopped=stopped,
+        steps=state.steps + 1,
+        increases=state.increases + (energy - state.energy > ENERGY_ROUNDING * rounding_scale(state.energy)),
+        area_increases=state.area_increases + (after > before * (1.0 + ENERGY_ROUNDING)),
+    )  # fmt: skip

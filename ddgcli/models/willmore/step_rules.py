@@ -17,8 +17,26 @@ LOWER_BOUND_FRACTION = 0.9
 # by less than that
 SECOND_ENERGY_RISE = 0.01
 AGREEMENT_RATIO = 1.05  # ratio of the two energies up to which the surface is then at rest
+MIN_CONFORMAL_SHARE = 1.0 / 64.0  # of the curvature's way to a constant, for a conformal step
 ZERO_ENERGY = 1e-12  # energy at which nothing is left to release
 # relative predicted fall of the energy below which rounding decides: the surface is kept
 PREDICTED_FALL_TOLERANCE = 1e-13
 COLLAPSED_AREA_FRACTION = 1e-3  # share of the area at the start below which a surface counts as gone
 ENERGY_ROUNDING = 1e-13  # relative rise of the energy that counts as one
+# why flows end
+LOWER_BOUND_REASON = (
+    "the next step would go below the least energy of such surfaces: the mesh is too coarse or uneven"
+)
+MESH_ERROR_REASON = "what is left of the gradient is the mesh's own error"
+CRUMPLING_REASON = "a second energy rises faster than this one falls: the faces crumple"
+
+
+def least_share(promised: float, energy: float, of_area: bool) -> float:
+    """Share of the fall that the slope promises, for a step to be taken; of films more: they overshoot."""
+    rounded = promised < FILM_ROUNDING * abs(energy)
+    return FILM_DECREASE if of_area and not rounded else SUFFICIENT_DECREASE
+
+
+def is_near_rest(before: float, after: float) -> bool:
+    """Whether a film's energy fell by so little that slides would disturb its rest."""
+    return before - after <= SLIDING_FALL * abs(after)
