@@ -27,7 +27,7 @@ SIGNED_DISTANCE_METHODS = ("auto", "exact", "heat")
 TRACE_BOUNDARIES = ("stop", "reflect")  # what a traced line does at the boundary
 
 WILLMORE_ENERGIES = ("gauss-map", "sullivan", "cotan", "hinge", "circle-angle")
-WILLMORE_FLOWS = ("quadratic", "conformal", "mean-curvature")
+WILLMORE_FLOWS = ("quadratic", "newton", "circle-angle", "conformal", "mean-curvature")
 WILLMORE_BOUNDARIES = ("clamped", "fixed", "free")
 
 UP_AXES = ("y", "z")

@@ -11,7 +11,7 @@ from ddgcli.algorithms.curvature.surface_curvature import DEFAULT_SCHEME, SCHEME
 from ddgcli.algorithms.laplacian.laplace_operator import MASS_FUNCTIONS
 from ddgcli.cli.main import main
 from ddgcli.models.willmore.energies import ENERGIES
-from ddgcli.models.willmore.flow import SCHEMES
+from ddgcli.models.willmore.flow_options import SCHEMES
 
 LISTS = {name: value for name, value in vars(choices).items() if isinstance(value, tuple)}
 TABLES = {

@@ -25,5 +25,6 @@ __all__ = [
     "state",
     "step_rules",
     "triangle_quality",
+    "trust_region",
     "vertex_energies",
 ]

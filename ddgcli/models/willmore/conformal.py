@@ -74,13 +74,13 @@ class ConformalStep:
     ----------
     mesh : TriangleMesh
     energy : float
-    share : float
-        Of the curvature's way to a constant.
+    next_length : float
+        Share of the curvature's way to a constant that the next step begins with.
     """
 
     mesh: TriangleMesh
     energy: float
-    share: float
+    next_length: float
 
 
 def descending_step(
@@ -106,7 +106,7 @@ def descending_step(
         moved = conformal_step(mesh, share)
         energy = value(moved)
         if energy < before:
-            return ConformalStep(moved, energy, share)
+            return ConformalStep(moved, energy, min(1.0, 2.0 * share))
         share *= 0.5
     return None
 

@@ -50,6 +50,13 @@ class EnergyGradient:
         return float(np.sqrt((squared / self.mass).sum()) * self.mass.sum() / max(abs(self.energy), 1e-300))
 
 
+def size_across(at: EnergyGradient) -> float:
+    """Dimensionless size of the gradient's part across the surface."""
+    across = row_dot(at.gradient, vertex_normals(at.mesh)[at.free])
+    scale = at.mass.sum() / max(abs(at.energy), 1e-300)
+    return float(np.sqrt((across**2 / at.mass).sum()) * scale)
+
+
 def vertex_normals(mesh: TriangleMesh) -> NDArray[np.float64]:
     """(n, 3) unit normals, radial on meshes inscribed in spheres; zero where they vanish."""
     with np.errstate(divide="ignore", invalid="ignore"):

@@ -14,7 +14,8 @@ from ddgcli.errors import SolveError
 from ddgcli.mesh.topology import Topology
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.models.willmore import step_rules as rules
-from ddgcli.models.willmore.conformal import descending_step, log_ratio_change
+from ddgcli.models.willmore import trust_region
+from ddgcli.models.willmore.conformal import ConformalStep, descending_step, log_ratio_change
 from ddgcli.models.willmore.constraints import Constraints, area
 from ddgcli.models.willmore.descent import (
     ROSENBROCK_GAMMAS,
@@ -27,6 +28,7 @@ from ddgcli.models.willmore.descent import (
     moved_along,
     preconditioner_at,
     rosenbrock_step,
+    size_across,
     vertex_normals,
 )
 from ddgcli.models.willmore.edge_flips import improved
@@ -42,18 +44,11 @@ from ddgcli.models.willmore.state import (
 from ddgcli.models.willmore.triangle_quality import better_triangles
 from ddgcli.simulation.model import Observation, StepRejected
 
-# time schemes of each flow, the default first; `semi-implicit` is of first order
-SCHEMES = {
-    "quadratic": ("rosenbrock", "semi-implicit"),
-    "conformal": ("conformal",),
-    "mean-curvature": ("semi-implicit",),
-}
-
 
 def first_step(flow: Flow) -> float:
     """First step of the descent, at unit size; of films short: not to leap over one at rest."""
-    if flow.conformal:
-        return 1.0
+    if flow.kind != "descent":
+        return 1.0 if flow.kind == "conformal" else trust_region.FIRST_RADIUS * math.sqrt(flow.area)
     return rules.FIRST_AREA_STEP_SHARE * longest_step(flow) if flow.of_area else longest_step(flow)
 
 
@@ -83,7 +78,7 @@ class Flow:
         At unit size.
     mean_curvature : bool
     scheme : str
-        Of SCHEMES, for timed steps.
+        Of `flow_options.SCHEMES`, for timed steps.
     timed : bool
         Steps have the length that the loop asks for (else each is as long as the descent allows).
     stop : Stop
@@ -107,8 +102,8 @@ class Flow:
         The energy that steps to rest lower is an area, or a volume with the other sign.
     energy_power : int
         Of the length unit in the energy.
-    conformal : bool
-        Steps change the curvature, and keep the shapes of triangles; their length is a share of 1.
+    kind : str
+        `descent`; `newton`: steps by a trust region; `conformal`: steps change the curvature, by a share.
     """
 
     topology: Topology
@@ -130,7 +125,7 @@ class Flow:
     second_kind: EnergyBuilder | None = None
     of_area: bool = False
     energy_power: int = 0
-    conformal: bool = False
+    kind: str = "descent"
     _last_terms: TopologyTerms | None = None
     _last_gradient: EnergyGradient | None = None
     _last_preconditioner: tuple[Preconditioner, float] | None = None
@@ -151,8 +146,8 @@ class Flow:
         at = self._gradient(state)
         if self.timed:
             return self._timed_step(state, at, dt)
-        if self.conformal:
-            return self._conformal_step(state, at)
+        if self.kind != "descent":
+            return self._other_step(state, at)
         improved = self._improved_start(state) if state.steps == 0 and self.keeps_triangles else None
         if improved is not None:
             stepped = self._longest_step(improved, self._gradient(improved))
@@ -169,19 +164,17 @@ class Flow:
             return "the energy has vanished"
         if self.of_area:
             return film_reason(at, self.stop.gradient, self.constraints.active)
-        if self.stop.gradient is not None and at.size <= self.stop.gradient:
+        size = size_across(at) if self.kind == "newton" else at.size
+        if self.stop.gradient is not None and size <= self.stop.gradient:
             return f"gradient below {self.stop.gradient:g}"
-        if (
-            self.stop.mesh_error
-            and not self.conformal
-            and state.dt >= rules.NEAR_REST_STEP_FRACTION * longest_step(self)
-        ):
-            preconditioner = self._preconditioner(at, state.dt)
-            least = rules.NEAR_REST_ENERGY_FRACTION * abs(at.energy) / state.dt
-            if (
-                preconditioner.descent_power() <= 2.0 * least
-            ):  # what the two parts release is half of it or more
-                across, along = preconditioner.powers()
+        newton = self.kind == "newton" and self.second_kind is not None
+        dt = longest_step(self) if newton else state.dt
+        near_rest = dt >= rules.NEAR_REST_STEP_FRACTION * longest_step(self)
+        if self.stop.mesh_error and near_rest and (newton or self.kind == "descent"):
+            metric = self._preconditioner(at, dt)
+            least = rules.NEAR_REST_ENERGY_FRACTION * abs(at.energy) / dt
+            if metric.descent_power() <= 2.0 * least:  # what the two parts release is half of it or more
+                across, along = metric.powers()
                 if across + along <= least and along >= across:
                     return rules.MESH_ERROR_REASON
         return ""
@@ -265,14 +258,20 @@ class Flow:
             dt, shrink = dt * shrink, 0.25 * shrink
         return replace(state, stopped="no step lowers the energy")
 
-    def _conformal_step(self, state: FlowState, at: EnergyGradient) -> FlowState:
-        step = descending_step(at.mesh, state.dt, self._energy, at.energy)
+    def _other_step(self, state: FlowState, at: EnergyGradient) -> FlowState:
+        step: ConformalStep | trust_region.NewtonStep | None
+        if self.kind == "conformal":
+            step = descending_step(at.mesh, state.dt, self._energy, at.energy)
+        else:
+            metric, energy = self._preconditioner(at, longest_step(self)), self._terms(state.topology).energy
+            step = trust_region.descending_newton_step(
+                energy, metric, state.dt, trust_region.LEAST_RADIUS * math.sqrt(self.area)
+            )
         if step is None:
             return replace(state, stopped="no step lowers the energy")
         if self._below_lower_bound(step.energy):
             return replace(state, stopped=rules.LOWER_BOUND_REASON)
-        stepped = self._accepted(state, at, step.mesh, step.energy, 0.0)
-        return replace(stepped, dt=min(1.0, 2.0 * step.share))
+        return replace(self._accepted(state, at, step.mesh, step.energy, 0.0), dt=step.next_length)
 
     def _shared_step(
         self, state: FlowState, at: EnergyGradient, preconditioner: Preconditioner, motion: NDArray, dt: float
@@ -380,7 +379,7 @@ class Flow:
             "flips": float(state.flips),
             **measured(mesh, self.constraints, self.scale),
         }
-        if self.conformal:
+        if self.kind == "conformal":
             scalar |= log_ratio_change(self._unit_start, mesh)
         for name, kind in self.reported.items():
             scalar[f"energy_{name}"] = kind(state.topology).value(mesh.points)

@@ -8,7 +8,16 @@ from typing import Any
 from ddgcli.errors import ParameterError
 from ddgcli.mesh.topology import Topology
 from ddgcli.models.willmore.energies import DEFAULT_ENERGY, DEFAULT_OPEN_ENERGY
-from ddgcli.models.willmore.state import CONFORMAL_STOP, DEFAULT_STOP, FILM_STOP, Stop
+from ddgcli.models.willmore.state import CONFORMAL_STOP, DEFAULT_STOP, FILM_STOP, NEWTON_STOP, Stop
+
+# time schemes of each flow, the default first; `semi-implicit` is of first order
+SCHEMES = {
+    "quadratic": ("rosenbrock", "semi-implicit"),
+    "newton": ("trust-region",),
+    "circle-angle": ("rosenbrock", "semi-implicit"),
+    "conformal": ("conformal",),
+    "mean-curvature": ("semi-implicit",),
+}
 
 
 @dataclass(frozen=True)
@@ -66,6 +75,10 @@ def chosen_energy(topology: Topology, options: FlowOptions) -> str:
             f"energy {DEFAULT_ENERGY!r} leaves the faces at the boundary out, where the slope is free; use "
             f"`energy={DEFAULT_OPEN_ENERGY}` or `boundary=clamped`"
         )
+    if options.flow == "circle-angle":
+        if options.energy not in (None, "circle-angle"):
+            raise ParameterError("`flow=circle-angle` lowers its own energy; use `flow=quadratic`")
+        return "circle-angle"
     return options.energy or (DEFAULT_ENERGY if topology.is_closed else DEFAULT_OPEN_ENERGY)
 
 
@@ -102,6 +115,8 @@ def with_stop(options: FlowOptions, topology: Topology, bounded: bool) -> FlowOp
         default = FILM_STOP
     elif options.flow == "conformal":
         default = CONFORMAL_STOP
+    elif options.flow == "newton":
+        default = NEWTON_STOP
     else:
         default = Stop(DEFAULT_STOP.gradient, DEFAULT_STOP.fall, not timed)
     stop = Stop(

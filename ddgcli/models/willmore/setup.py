@@ -18,8 +18,8 @@ from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.models.willmore.constraints import Constraints, area
 from ddgcli.models.willmore.energies import DEFAULT_ENERGY, ENERGIES, SECOND_ENERGY, EnergyBuilder
 from ddgcli.models.willmore.films import FILM_CONVENTIONS, film_constraints, film_energy
-from ddgcli.models.willmore.flow import SCHEMES, Flow, first_step
-from ddgcli.models.willmore.flow_options import FlowOptions, chosen_boundary, chosen_energy, is_film
+from ddgcli.models.willmore.flow import Flow, first_step
+from ddgcli.models.willmore.flow_options import SCHEMES, FlowOptions, chosen_boundary, chosen_energy, is_film
 from ddgcli.models.willmore.helfrich_energy import HelfrichEnergy
 from ddgcli.models.willmore.scaled import centred_at_unit_size
 from ddgcli.models.willmore.state import FlowState
@@ -220,9 +220,14 @@ def build(mesh: TriangleMesh, options: FlowOptions, region: NDArray | None = Non
     free = free_vertices(topology, boundary, region)
     film = is_film(options, topology)
     mean_curvature = options.flow == "mean-curvature" and not film
-    conformal = options.flow == "conformal"
-    if conformal:
+    kind = options.flow if options.flow in ("conformal", "newton") else "descent"
+    if kind == "conformal":
         _require_conformal(mesh, options, region)
+    if kind == "newton" and (options.fix_area or options.fix_volume or options.timed):
+        raise ParameterError(
+            "`flow=newton` keeps neither area nor volume and goes to rest: leave `fix_area`, `fix_volume`, "
+            "`dt` and `duration` out, or use `flow=quadratic`"
+        )
     constraints = film_constraints(unit, options, film)
     curvature = _unit_curvature(unit, options, scale)
     energy_kind = film_energy(unit, options) if film else _with_curvature(ENERGIES[chosen].build, curvature)
@@ -238,14 +243,15 @@ def build(mesh: TriangleMesh, options: FlowOptions, region: NDArray | None = Non
     if curvature:
         convention = f"int (H - H0)^2 dA, H0 = {options.spontaneous_curvature:g}; int H^2 dA: {convention}"
     unbounded = chosen in ("hinge", "circle-angle") or curvature != 0.0 or film
-    second = None if options.flow != "quadratic" else second_energy(chosen, topology, constraints)
+    unwatched = options.flow in ("conformal", "mean-curvature")
+    second = None if unwatched else second_energy(chosen, topology, constraints)
     reported = ENERGIES.items() if options.report_energies else ()
     flow = Flow(
         topology, energy_kind, convention, free, constraints, mean_curvature, scheme,
         options.timed, options.stop, centre, scale, area(unit), mesh.points,
         0.0 if unbounded else least_energy(topology),
-        keeps_triangles=not (options.timed or conformal) and (film or chosen != "hinge"), of_area=film,
-        conformal=conformal,
+        keeps_triangles=not options.timed and kind != "conformal" and (film or chosen != "hinge"),
+        of_area=film, kind=kind,
         energy_power=(3 if options.fix_area else 2) if film else 0,
         reported={name: kind.build for name, kind in reported},
         second_kind=None if second is None else _with_curvature(second, curvature),
