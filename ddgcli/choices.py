@@ -36,3 +36,5 @@ CURVE_FLOWS = ("curvature", "area-preserving", "elastic")
 CONSERVED_QUANTITIES = ("energy", "momentum", "angular-momentum")
 MECHANICAL_EXAMPLES = ("pendulum", "oscillator")  # systems of the comparison of integrators
 ERROR_NORMS = ("max", "mean")
+ERROR_PARTS = ("both", "time", "mesh")  # of simulators and flows; the default first
+NO_VERDICT = "no verdict possible"

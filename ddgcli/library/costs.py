@@ -7,6 +7,7 @@ from typing import Any, Literal
 
 from numpy.typing import NDArray
 
+from ddgcli.choices import ERROR_PARTS
 from ddgcli.errors import ParameterError
 from ddgcli.library.distances import surface_sources
 from ddgcli.library.mesh_arguments import MeshLike, mesh_of_kind
@@ -40,6 +41,7 @@ def tradeoff_table(
     truth: str | None = None,
     within: float | None = None,
     norm: Literal["max", "mean"] = "max",
+    error: Literal["both", "time", "mesh"] | None = None,
     repeat: int = 5,
     budget: float = 60.0,
     **options: Any,
@@ -59,6 +61,8 @@ def tradeoff_table(
         Relative error; the cheapest row within it gets a verdict.
     norm : {'max', 'mean'}
         Error that `within` and the Pareto front refer to.
+    error : {'both', 'time', 'mesh'}, optional
+        'willmore-flow': part of the error that rows are compared by; the sum of both by default.
     repeat : int
         Timed queries a row.
     budget : float
@@ -70,7 +74,8 @@ def tradeoff_table(
     -------
     Table
         `rows`: `method`, `parameters`, `setup_seconds`, `seconds`, `peak_mib`, `max_error`, `mean_error`
-        (relative), `on_front`, `verdict`; `reference` with its `uncertainty`; `left_out` with reasons.
+        (relative), `time_error`, `mesh_error`, `uncertainty`, `on_front`, `verdict`;
+        `reference` with its `uncertainty`; `left_out` with reasons; `undecided`: why there is no verdict.
 
     Raises
     ------
@@ -89,10 +94,12 @@ def tradeoff_table(
     _check_options(question, options, sources is not None)
     if norm not in ("max", "mean"):
         raise ParameterError(f"norm must be 'max' or 'mean', not {norm!r}")
+    if error is not None and (question != "willmore-flow" or error not in ERROR_PARTS):
+        raise ParameterError(f"error is one of {', '.join(ERROR_PARTS)}, for 'willmore-flow' only")
     if repeat < 1 or not budget > 0:
         raise ParameterError(f"repeat and budget must be positive, not {repeat} and {budget}")
     surface = mesh_of_kind(mesh, ("surface",), "tradeoff_table")
-    more: dict[str, Any] = {}
+    more: dict[str, Any] = {} if error is None else {"error_part": error}
     if sources is not None:
         more["sources"] = surface_sources(surface, sources)
     known_truth = None if truth is None else parse_truth(truth, surface.points)

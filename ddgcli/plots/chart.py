@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ddgcli.plots.labels import place_labels
 from ddgcli.plots.page import page
 
 # Okabe and Ito's palette, dark ones first
@@ -49,7 +50,7 @@ def draw_chart(
     log : str
         'x', 'y' or 'xy': which axes are logarithmic.
     labels : mapping of name to texts, optional
-        A text beside each point of a series.
+        A text beside each point of a series, where no other text or point is; elsewhere with a thin line.
     ringed : mapping of name to indices, optional
         Points to mark with a ring, such as those of the Pareto front.
     pareto_front : (x, y), optional
@@ -67,13 +68,11 @@ def draw_chart(
             x, y, shown = _drawable(*pareto_front, log)
             axes.plot(x[shown], y[shown], color="0.85", linewidth=6, solid_capstyle="round", zorder=0.5,
                       drawstyle="steps-post", label="front")  # fmt: skip
+        texts = []
         for k, (name, (x, y, shown)) in enumerate(drawable.items()):
             _draw_series(axes, k, name, x[shown], y[shown])
-            for i in np.flatnonzero(shown).tolist():
-                if labels and name in labels:
-                    axes.annotate(
-                        labels[name][i], (x[i], y[i]), (4, 4), textcoords="offset points", fontsize=6.5
-                    )
+            if labels and name in labels:
+                texts += [(labels[name][i], float(x[i]), float(y[i])) for i in np.flatnonzero(shown)]
             for i in (ringed or {}).get(name, ()):
                 if shown[i]:
                     axes.plot(x[i], y[i], "o", ms=12, mfc="none", mec="0.3", mew=0.9)
@@ -89,6 +88,8 @@ def draw_chart(
             axes.legend(
                 loc="center left", bbox_to_anchor=(1.02, 0.5), frameon=False, handlelength=3.2, fontsize=8
             )
+        if texts:
+            place_labels(axes, texts, [(x[shown], y[shown]) for x, y, shown in drawable.values()])
         figure.text(0.02, 0.01, "\n".join(below), ha="left", va="bottom", fontsize=7.5, color="0.35")
 
 

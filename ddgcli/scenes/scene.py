@@ -5,15 +5,16 @@ Every refusal is one line: `FILE: line N: what is wrong; did you mean ...; what 
 
 from __future__ import annotations
 
+import copy
 import logging
 import math
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any, Literal, NoReturn
 
 from pydantic import Field, create_model
 
-from ddgcli.errors import SceneError
+from ddgcli.errors import ParameterError, SceneError
 from ddgcli.scenes.sections import Document, Key, Section, checked, located
 from ddgcli.scenes.units import quantity
 from ddgcli.simulation.effects import Effect, EffectTable, nearest
@@ -21,6 +22,8 @@ from ddgcli.simulation.model import Schedule
 
 FORMAT = "ddgcli-scene/1"
 MAX_STEPS = 1e9
+# effects that have models -> the key that names one
+MODEL_KEYS = {"bending": "model", "stretching": "model", "viscosity": "kind"}
 TIME_RANGE = (1e-150, 1e150)  # seconds, whose squares stay within the range of numbers
 log = logging.getLogger("ddgcli")
 
@@ -159,16 +162,18 @@ def resolve(document: Document, kind: SceneKind, overrides: Mapping[str, Any] | 
     document : Document
     kind : SceneKind
     overrides : mapping, optional
-        Keys of [time] from the command line, and `steps`.
+        Keys of [time] from the command line, `steps`, and `model`: texts "EFFECT=NAME".
 
     Raises
     ------
     SceneError
         The first mistake, with its line.
     """
+    overrides = dict(overrides or {})
+    document = _with_models(document, kind, overrides.pop("model", None) or ())
     data = document.data
     _check_top(document)
-    time = _time(document, kind, dict(overrides or {}))
+    time = _time(document, kind, overrides)
     objects = _objects(document, kind)
     roles = {o.role for o in objects}
     effects = _effects(document, kind, roles)
@@ -179,6 +184,26 @@ def resolve(document: Document, kind: SceneKind, overrides: Mapping[str, Any] | 
     scene = Scene(kind, time, objects, effects, document)
     _check_clock(scene)
     return scene
+
+
+def _with_models(document: Document, kind: SceneKind, models: Sequence[str]) -> Document:
+    """The document with other models of its effects, each "EFFECT=NAME"."""
+    if not models:
+        return document
+    data = copy.deepcopy(dict(document.data))
+    for text in models:
+        effect, equals, name = text.partition("=")
+        key, table = MODEL_KEYS.get(effect), data.get("effects", {}).get(effect)
+        if not equals or key is None or effect not in kind.effects.entries:
+            known = ", ".join(e for e in MODEL_KEYS if e in kind.effects.entries)
+            raise ParameterError(
+                f"{text!r}: write EFFECT=NAME; effects with models: {known}", parameter="model"
+            )
+        if table is None:
+            raise ParameterError(f"{text!r}: the scene has no effect {effect}; add it", parameter="model")
+        for one in table if isinstance(table, list) else [table]:
+            one[key] = name
+    return replace(document, data=data)  # type: ignore[type-var]
 
 
 def _check_clock(scene: Scene) -> None:

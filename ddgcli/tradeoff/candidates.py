@@ -15,6 +15,29 @@ CommandOptions = Mapping[str, Any]
 NO_OPTIONS: CommandOptions = MappingProxyType({})
 
 
+@dataclass(frozen=True)
+class ErrorNorms:
+    """Largest and mean of the entries of an error."""
+
+    max: float
+    mean: float
+
+    @classmethod
+    def of(cls, errors: NDArray) -> ErrorNorms:
+        """Norms of (k,) relative errors; zero where there are none."""
+        return cls(float(errors.max(initial=0.0)), float(errors.mean()) if len(errors) else 0.0)
+
+    def at(self, norm: str) -> float:
+        """Of the norm `max` or `mean`."""
+        return self.max if norm == "max" else self.mean
+
+    def __add__(self, other: ErrorNorms) -> ErrorNorms:
+        return ErrorNorms(self.max + other.max, self.mean + other.mean)
+
+
+UNKNOWN = ErrorNorms(float("inf"), float("inf"))
+
+
 @dataclass(frozen=True, eq=False)
 class Candidate:
     """One configuration of one method.
@@ -35,6 +58,10 @@ class Candidate:
         Estimated seconds of set-up and one query; only ratios matter once one candidate has run.
     program : str, optional
         The command that runs it, if it is not the compared one.
+    model : str, optional
+        Models that differ from the problem's own; "" where none does.
+    model_reference : callable, optional
+        Answer of these models with small steps, the reference of the time error.
     """
 
     method: str
@@ -44,6 +71,8 @@ class Candidate:
     arguments: Mapping[str, str]
     work: float = 0.0
     program: str = ""
+    model: str = ""
+    model_reference: Callable[[], Reference] | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,6 +121,28 @@ class Reference:
             return self.mean_uncertainty
         return self.uncertainty
 
+    @property
+    def bounds(self) -> ErrorNorms:
+        """Uncertainty in both norms."""
+        return ErrorNorms(self.error_bound("max"), self.error_bound("mean"))
+
+
+@dataclass(frozen=True, eq=False)
+class MeshLimit:
+    """Answer in the limit of fine meshes, at the vertices of the input.
+
+    Attributes
+    ----------
+    name : str
+    values : ndarray
+    uncertainty : ErrorNorms
+        In the scale of the rows' errors.
+    """
+
+    name: str
+    values: NDArray
+    uncertainty: ErrorNorms
+
 
 @dataclass(frozen=True, eq=False)
 class Problem:
@@ -113,6 +164,10 @@ class Problem:
         Unit of work of one `seconds` ("source", "run", "step").
     left_out : tuple of (str, str)
         Configurations that cannot run on this input, and the reasons.
+    error_part : {'', 'time', 'mesh', 'both'}
+        Part of the error that rows are compared by; "" where the error has no parts.
+    mesh_limits : sequence of (work, callable)
+        As `references`: limits of fine meshes.
     """
 
     candidates: Sequence[Candidate]
@@ -122,6 +177,8 @@ class Problem:
     place: str = "vertex"
     query: str = "run"
     left_out: tuple[tuple[str, str], ...] = ()
+    error_part: str = ""
+    mesh_limits: Sequence[tuple[float, Callable[[], MeshLimit]]] = ()
 
 
 def label_of(one: Candidate | Row) -> str:
@@ -148,6 +205,9 @@ class Row:
     program: str = ""
     on_front: bool = False
     verdict: str = ""
+    time_error: ErrorNorms | None = None
+    mesh_error: ErrorNorms | None = None
+    uncertainty: ErrorNorms = ErrorNorms(0.0, 0.0)
 
     @property
     def total_seconds(self) -> float:
@@ -166,12 +226,23 @@ class Row:
 
 @dataclass
 class Table:
-    """Rows of a problem, its reference, and the configurations left out."""
+    """Rows of a problem, its references, and the configurations left out.
+
+    `mesh_failure` is the reason why there is no limit of fine meshes, `undecided` why there is no verdict.
+    """
 
     rows: list[Row] = field(default_factory=list)
     reference: Reference | None = None
     left_out: list[tuple[str, str]] = field(default_factory=list)
     interrupted: bool = False
+    mesh_limit: MeshLimit | None = None
+    mesh_failure: str = ""
+    undecided: str = ""
+
+    def uncertainty(self, norm: str = "max") -> float:
+        """Uncertainty of what the errors are measured against: the largest of the rows."""
+        own = self.reference.error_bound(norm) if self.reference else 0.0
+        return max([own, *(row.uncertainty.at(norm) for row in self.rows)])
 
 
 def relative_to_largest(answer: NDArray, truth: NDArray) -> NDArray[np.float64]:

@@ -5,15 +5,12 @@ from __future__ import annotations
 import logging
 import math
 import multiprocessing
-import signal
 import statistics
 import sys
-import threading
 import time
 import tracemalloc
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -21,70 +18,11 @@ import numpy as np
 
 from ddgcli.errors import DdgError, SolveError
 from ddgcli.progress import ProgressCallback
-from ddgcli.tradeoff.candidates import Candidate, Problem, Reference, Row, Table, label_of
+from ddgcli.tradeoff.candidates import Candidate, MeshLimit, Problem, Reference, Row, Table, label_of
+from ddgcli.tradeoff.time_budget import REFERENCE_SHARE, BudgetExceeded, Clock, TimeBudget
+from ddgcli.tradeoff.whole_error import find_mesh_limit, whole_error
 
 log = logging.getLogger("ddgcli")
-
-Clock = Callable[[], float]
-
-# share of the budget that the reference may take
-REFERENCE_SHARE = 0.5
-
-
-class BudgetExceeded(BaseException):
-    """Raised in a run that exceeds its share of the time budget."""
-
-
-class TimeBudget:
-    """Time budget: seconds left, and seconds of a candidate predicted from the runs so far."""
-
-    def __init__(self, seconds: float | None, began: float | None = None) -> None:
-        self.seconds = seconds
-        self._began = time.perf_counter() if began is None else began
-        self._runs: dict[str, list[tuple[float, float, float]]] = {}  # method: work, set-up, solve
-
-    def left(self) -> float:
-        """Seconds left; infinite without a budget."""
-        return float("inf") if self.seconds is None else self.seconds - (time.perf_counter() - self._began)
-
-    def record(self, method: str, work: float, setup: float, solve: float) -> None:
-        """Store the seconds of a run with its estimated work."""
-        if work > 0:
-            self._runs.setdefault(method, []).append((work, setup, solve))
-
-    def estimate(self, candidate: Candidate) -> float:
-        """Predict the seconds of one run from the last runs of its method, else from all runs."""
-        own = self._runs.get(candidate.method, [])[-2:]
-        if own:
-            return max(setup + candidate.work * solve / work for work, setup, solve in own)
-        rates = [(setup + solve) / work for runs in self._runs.values() for work, setup, solve in runs]
-        return candidate.work * (statistics.median(rates) if rates else 1.0)
-
-    def estimate_like(self, candidate: Candidate, work: float) -> float:
-        """Predict the seconds of other work with the set-up of a candidate."""
-        return self.estimate(replace(candidate, work=work))
-
-    @contextmanager
-    def limit_time(self, seconds: float) -> Iterator[None]:
-        """Raise `BudgetExceeded` in the body after some seconds (where the system has interval timers).
-
-        A call into compiled code is not interrupted.
-        """
-        here = threading.current_thread() is threading.main_thread() and hasattr(signal, "setitimer")
-        if self.seconds is None or not here:
-            yield
-            return
-        before = signal.signal(signal.SIGALRM, _raise_budget_exceeded)
-        signal.setitimer(signal.ITIMER_REAL, max(seconds, 1e-3), 0.1)
-        try:
-            yield
-        finally:
-            signal.setitimer(signal.ITIMER_REAL, 0)
-            signal.signal(signal.SIGALRM, before)
-
-
-def _raise_budget_exceeded(*_: Any) -> None:
-    raise BudgetExceeded
 
 
 def run_problem(
@@ -130,6 +68,7 @@ def run_problem(
         report_progress(0)
         _calibrate(problem, time_budget)
         table.reference = reference = _reference(problem, time_budget, table)
+        find_mesh_limit(problem, time_budget, table)
         _run_candidates(problem, table, reference, time_budget, repeat, clock, report_progress)
     except KeyboardInterrupt:
         table.interrupted = True
@@ -165,6 +104,7 @@ def _run_candidates(
     clock: Clock,
     report_progress: Callable[[int], Any],
 ) -> None:
+    references = {"": reference}
     for number, candidate in enumerate(problem.candidates, 1):
         report_progress(number)
         estimate, left, began = time_budget.estimate(candidate), time_budget.left(), time.perf_counter()
@@ -174,8 +114,11 @@ def _run_candidates(
             continue
         try:
             with time_budget.limit_time(left), _prefix_warnings(label_of(candidate)):
+                if candidate.model not in references and candidate.model_reference is not None:
+                    references[candidate.model] = candidate.model_reference()
+                own = references[candidate.model]
                 table.rows.append(
-                    measure_candidate(candidate, problem, reference, time_budget, repeat, clock)
+                    measure_candidate(candidate, problem, own, time_budget, repeat, clock, table.mesh_limit)
                 )
         except DdgError as error:
             table.left_out.append((label_of(candidate), str(error)))
@@ -236,6 +179,7 @@ def measure_candidate(
     time_budget: TimeBudget,
     repeat: int,
     clock: Clock = time.perf_counter,
+    mesh_limit: MeshLimit | None = None,
 ) -> Row:
     """Measure one row: a warm-up for the answer, `repeat` timed queries, one run for the peak memory.
 
@@ -260,6 +204,7 @@ def measure_candidate(
         memory = cold_setup + first < 0.1 * time_budget.left()
         if 1e-4 < cold_setup < 0.1 * time_budget.left():  # the first also paid for imports
             setups = [_timed(candidate.setup, clock)[1] for _ in range(min(3, repeats))]
+    whole = whole_error(problem, errors, reference, mesh_limit)
     return Row(
         method=candidate.method,
         parameters=dict(candidate.parameters),
@@ -268,9 +213,12 @@ def measure_candidate(
         seconds_spread=(min(seconds), max(seconds)),
         repeats=repeat and len(seconds),
         peak_mib=peak_mib(lambda: candidate.solve(candidate.setup())) if memory else float("nan"),
-        max_error=float(errors[worst]) if len(errors) else 0.0,
-        max_error_at=worst,
-        mean_error=float(errors.mean()) if len(errors) else 0.0,
+        max_error=whole.error.max,
+        max_error_at=whole.worst,
+        mean_error=whole.error.mean,
+        time_error=whole.time_error,
+        mesh_error=whole.mesh_error,
+        uncertainty=whole.uncertainty,
         arguments=candidate.arguments,
         program=candidate.program,
     )

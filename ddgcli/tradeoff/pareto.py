@@ -5,50 +5,107 @@ from __future__ import annotations
 import math
 from typing import Any
 
+from ddgcli.choices import NO_VERDICT
 from ddgcli.tradeoff.candidates import Row, Table
 
+ROUNDING = 1e-9  # an uncertainty of a reference below this does not matter to any comparison
+MAX_ERROR_RATIO = 2.0  # of two rows of like error
 
-def mark_pareto_front(rows: list[Row], norm: str = "max") -> None:
-    """Set `on_front` of the rows on the Pareto front of total seconds and error."""
+
+def blur(table: Table, norm: str = "max") -> float:
+    """Difference of errors up to which rows are not told apart: the uncertainty, unless it is rounding."""
+    uncertainty = table.uncertainty(norm)
+    return uncertainty if uncertainty > ROUNDING else 0.0
+
+
+def mark_pareto_front(rows: list[Row], norm: str = "max", blur: float = 0.0) -> None:
+    """Set `on_front` of the rows on the Pareto front of total seconds and error.
+
+    A row is on it if its error is below that of every faster row on it by more than `blur`.
+    """
     best = math.inf
     for row in sorted(rows, key=lambda r: (r.total_seconds, r.error(norm))):
-        row.on_front = row.error(norm) < best
-        best = min(best, row.error(norm))
+        row.on_front = row.error(norm) < best if math.isinf(best) else row.error(norm) + blur < best
+        best = row.error(norm) if row.on_front else best
 
 
 def cheapest_within(rows: list[Row], within: float, norm: str = "max") -> Row | None:
-    """The row of least total seconds whose measured error is at most `within`; None where no row is."""
-    good = [row for row in rows if row.error(norm) <= within]
+    """The row of least total seconds whose error and uncertainty are at most `within`; None if none is."""
+    good = [row for row in rows if is_within(row, within, norm)]
     return min(good, key=lambda r: r.total_seconds) if good else None
 
 
+def is_within(row: Row, within: float, norm: str = "max") -> bool | None:
+    """Whether the error of a row is at most `within`; None where its uncertainty leaves that open."""
+    error, uncertainty = row.error(norm), row.uncertainty.at(norm)
+    uncertainty = uncertainty if uncertainty > ROUNDING else 0.0
+    if error + uncertainty <= within:
+        return True
+    return None if error - uncertainty <= within else False
+
+
 def assign_verdicts(table: Table, within: float | None, norm: str = "max") -> Row | None:
-    """Set the verdict of every row; return the cheapest row whose error is at most `within`."""
-    mark_pareto_front(table.rows, norm)
+    """Set the verdict of every row; return the cheapest row whose error is at most `within`.
+
+    Sets `table.undecided` to the reason where the uncertainty hides all differences between rows, or leaves
+    open whether any row is within.
+    """
+    limit = blur(table, norm)
+    mark_pareto_front(table.rows, norm, limit)
     chosen = cheapest_within(table.rows, within, norm) if within is not None else None
-    uncertainty = table.reference.error_bound(norm) if table.reference else 0.0
+    table.undecided = _no_ranking(table, norm, limit)
+    ranked = not table.undecided
+    if within is not None and chosen is None and any(is_within(r, within, norm) is None for r in table.rows):
+        table.undecided = table.undecided or f"the errors are uncertain by {limit:.1e}"
     for row in table.rows:
-        if row is chosen:
-            row.verdict = f"cheapest within {within:g}"
-        elif within is not None and row.error(norm) > within:
-            row.verdict = f"misses {within:g}"
-        elif row.on_front:
-            row.verdict = "no other beats it"
-        else:
-            other = _dominating_row(row, table.rows, norm)
-            relation = "level with" if _equal_up_to_noise(row, other, norm) else "beaten by"
-            row.verdict = f"{relation} {other.label}"
-        if row.error(norm) <= uncertainty:
+        row.on_front &= ranked
+        row.verdict = _verdict(row, table, chosen, within, norm, limit, ranked)
+        if row.error(norm) <= table.uncertainty(norm) < math.inf:
             row.verdict += "; as exact as the reference can tell"
     return chosen
 
 
-def _dominating_row(row: Row, rows: list[Row], norm: str) -> Row:
-    better = [
-        r
-        for r in rows
-        if r is not row and r.total_seconds <= row.total_seconds and r.error(norm) <= row.error(norm)
-    ]
+def _no_ranking(table: Table, norm: str, limit: float) -> str:
+    """Why no two rows are told apart, or ""."""
+    errors = [row.error(norm) for row in table.rows]
+    if table.mesh_failure and math.isinf(limit):
+        why = table.mesh_failure
+        return f"the mesh error is not known ({why}); use `error=time` for the error in time alone"
+    if len(errors) > 1 and limit > 0 and max(errors) - min(errors) <= limit:
+        return (
+            f"the reference is uncertain by {limit:.1e}, and the errors of the rows differ by at most "
+            f"{max(errors) - min(errors):.1e}"
+        )
+    return ""
+
+
+def _verdict(
+    row: Row, table: Table, chosen: Row | None, within: float | None, norm: str, limit: float, ranked: bool
+) -> str:
+    if row is chosen:
+        return f"cheapest within {within:g}"
+    inside = is_within(row, within, norm) if within is not None else True
+    if inside is False:
+        return f"misses {within:g}"
+    if inside is None and not math.isinf(limit):
+        return f"{NO_VERDICT}: {within:g} is within its uncertainty"
+    if not ranked:
+        return NO_VERDICT
+    if row.on_front:
+        return "no other beats it"
+    other = _dominating_row(row, table.rows, norm, limit)
+    if _equal_up_to_noise(row, other, norm):
+        return f"level with {other.label}"
+    if row.error(norm) - other.error(norm) <= limit and row.error(norm) != other.error(norm):
+        return f"{NO_VERDICT}: its error differs from that of {other.label} by less than the uncertainty"
+    return f"beaten by {other.label}"
+
+
+def _dominating_row(row: Row, rows: list[Row], norm: str, limit: float) -> Row:
+    """Fastest row that is surely better, else the fastest whose error is not surely larger."""
+    faster = [r for r in rows if r is not row and r.total_seconds <= row.total_seconds]
+    sure = [r for r in faster if r.error(norm) + limit <= row.error(norm)]
+    better = sure or [r for r in faster if r.error(norm) <= row.error(norm) + limit]
     return min(better, key=lambda r: r.total_seconds)
 
 
@@ -58,14 +115,25 @@ def _equal_up_to_noise(row: Row, other: Row, norm: str) -> bool:
     return row.error(norm) == other.error(norm) and abs(row.total_seconds - other.total_seconds) <= spread
 
 
+def _like(other: float, error: float) -> bool:
+    return (
+        max(other, ROUNDING)
+        <= max(error, ROUNDING) * (1 + 1e-9)
+        <= MAX_ERROR_RATIO * max(other, ROUNDING) * (1 + 2e-9)
+    )
+
+
 def break_even(rows: list[Row], norm: str = "max") -> list[dict[str, Any]]:
-    """Number of queries from which a set-up pays off against an equally accurate row of less set-up."""
+    """Number of queries from which a set-up pays off against a row of less set-up and like error.
+
+    The other row is at least as accurate, and at most `MAX_ERROR_RATIO` times as accurate.
+    """
     pairs = []
     for row in rows:
         rivals = [
             r
             for r in rows
-            if r.error(norm) <= row.error(norm) * (1 + 1e-9)
+            if _like(r.error(norm), row.error(norm))
             and r.setup_seconds < row.setup_seconds
             and r.seconds > row.seconds
         ]

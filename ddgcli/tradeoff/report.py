@@ -9,12 +9,14 @@ import platform
 from collections.abc import Callable
 from typing import Any
 
+from ddgcli.choices import NO_VERDICT
 from ddgcli.tradeoff.candidates import Problem, Row, Table
 from ddgcli.tradeoff.pareto import break_even
 
 COLUMNS = (
     "method", "parameters", "setup_seconds", "seconds", "seconds_low", "seconds_high", "repeats", "peak_mib",
-    "max_error", "max_error_at", "mean_error", "on_front", "verdict", "command",
+    "max_error", "max_error_at", "mean_error", "time_error", "mesh_error", "uncertainty", "on_front",
+    "verdict", "command",
 )  # fmt: skip
 
 
@@ -28,17 +30,22 @@ def results_of(
     norm: str,
 ) -> dict[str, Any]:
     """Results block of the summary; `command_of` returns the command that runs a row."""
-    reference = table.reference
+    reference, limit = table.reference, table.mesh_limit
     return {
-        "rows": [row_of(row, command_of) for row in table.rows],
+        "rows": [row_of(row, command_of, norm) for row in table.rows],
         "reference": reference.name if reference else None,
-        "reference_uncertainty": reference.error_bound(norm) if reference else None,
+        "reference_uncertainty": _finite(table.uncertainty(norm)) if reference else None,
+        "error_part": problem.error_part or None,
+        "mesh_reference": limit.name if limit else None,
+        "mesh_uncertainty": limit.uncertainty.at(norm) if limit else None,
+        "mesh_failure": table.mesh_failure or None,
+        "undecided": table.undecided or None,
         "error_scale": problem.error_scale,
         "error_place": problem.place,
         "query": problem.query,
         "norm": norm,
         "within": within,
-        "chosen": row_of(chosen, command_of) if chosen else None,
+        "chosen": row_of(chosen, command_of, norm) if chosen else None,
         "break_even": break_even(table.rows, norm),
         "left_out": [{"row": name, "why": why} for name, why in table.left_out],
         "interrupted": table.interrupted,
@@ -46,8 +53,12 @@ def results_of(
     }
 
 
-def row_of(row: Row, command_of: Callable[[Row], str]) -> dict[str, Any]:
-    """One row as plain data; missing numbers are None."""
+def _finite(value: float) -> float | None:
+    return value if math.isfinite(value) else None
+
+
+def row_of(row: Row, command_of: Callable[[Row], str], norm: str = "max") -> dict[str, Any]:
+    """One row as plain data; missing numbers are None. Parts and uncertainty of the error are in `norm`."""
     low, high = row.seconds_spread
     return {
         "method": row.method,
@@ -57,10 +68,13 @@ def row_of(row: Row, command_of: Callable[[Row], str]) -> dict[str, Any]:
         "seconds_low": low,
         "seconds_high": high,
         "repeats": row.repeats,
-        "peak_mib": row.peak_mib if math.isfinite(row.peak_mib) else None,
+        "peak_mib": _finite(row.peak_mib),
         "max_error": row.max_error,
         "max_error_at": row.max_error_at,
         "mean_error": row.mean_error,
+        "time_error": row.time_error.at(norm) if row.time_error else None,
+        "mesh_error": row.mesh_error.at(norm) if row.mesh_error else None,
+        "uncertainty": _finite(row.uncertainty.at(norm)),
         "on_front": row.on_front,
         "verdict": row.verdict,
         "command": command_of(row),
@@ -95,15 +109,19 @@ def machine() -> str:
 
 def text_table(table: Table, problem: Problem, results: dict[str, Any]) -> list[str]:
     """Text table, cheapest row first, `*` on the Pareto front; remarks below it."""
-    header = ("", "method", "set-up", f"each {problem.query}", "max error", "mean error", "memory", "verdict")
-    body = [header, *map(_cells, sorted(table.rows, key=lambda r: r.total_seconds))]
+    norm, split = results["norm"], table.mesh_limit is not None
+    split_names = ("time error", "mesh error") if split else ()
+    header = ("", "method", "set-up", f"each {problem.query}", "max error", "mean error", *split_names, "memory",
+              "verdict")  # fmt: skip
+    body = [header, *(_cells(row, norm, split) for row in sorted(table.rows, key=lambda r: r.total_seconds))]
     widths = [max(len(line[k]) for line in body) for k in range(len(header))]
     lines = ["  ".join(cell.ljust(w) for cell, w in zip(line, widths)).rstrip() for line in body]
     return [*lines, *_remarks(results)]
 
 
-def _cells(row: Row) -> tuple[str, ...]:
+def _cells(row: Row, norm: str, split: bool) -> tuple[str, ...]:
     low, high = row.seconds_spread
+    split_errors = (row.time_error, row.mesh_error) if split else ()
     return (
         "*" if row.on_front else "",
         row.label,
@@ -111,6 +129,7 @@ def _cells(row: Row) -> tuple[str, ...]:
         f"{row.seconds:.3g} s ({low:.2g}..{high:.2g})",
         f"{row.max_error:.2e}",
         f"{row.mean_error:.2e}",
+        *(f"{error.at(norm):.2e}" if error else "-" for error in split_errors),
         f"{row.peak_mib:.0f} MiB" if math.isfinite(row.peak_mib) else "-",
         row.verdict,
     )
@@ -119,8 +138,14 @@ def _cells(row: Row) -> tuple[str, ...]:
 def _remarks(results: dict[str, Any]) -> list[str]:
     lines = [
         f"errors relative to {results['error_scale']}",
-        f"reference: {results['reference']}, uncertainty {results['reference_uncertainty'] or 0:.1e}",
+        f"reference: {results['reference']}, uncertainty {_number(results['reference_uncertainty'])}",
     ]
+    if results["mesh_reference"]:
+        lines.append(
+            f"mesh error: from {results['mesh_reference']}, uncertainty {results['mesh_uncertainty']:.1e}"
+        )
+    if results["undecided"]:
+        lines.append(f"{NO_VERDICT}: {results['undecided']}")
     lines += [
         f"pays off: {pair['row']} beats {pair['against']} from {pair['queries']} queries"
         for pair in results["break_even"]
@@ -128,8 +153,14 @@ def _remarks(results: dict[str, Any]) -> list[str]:
     lines += _left_out(results["left_out"])
     if results["within"] is not None:
         chosen = results["chosen"]
-        lines.append(f"run: {chosen['command']}" if chosen else f"no row is within {results['within']:g}")
+        surely = " for certain" if results["undecided"] else ""
+        missed = f"no row is within {results['within']:g}{surely}"
+        lines.append(f"run: {chosen['command']}" if chosen else missed)
     return lines
+
+
+def _number(value: float | None) -> str:
+    return "unknown" if value is None else f"{value:.1e}"
 
 
 def _left_out(left_out: list[dict[str, str]]) -> list[str]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -26,6 +28,37 @@ def richardson_limit(coarse: NDArray, middle: NDArray, fine: NDArray) -> tuple[N
     ratio = np.clip(np.where(np.isfinite(ratio), ratio, 4.0), 2**0.5, 2**4)
     limit = fine + second / (ratio - 1.0)
     return limit, np.abs(limit - fine)
+
+
+def mesh_limit(*answers: NDArray) -> tuple[NDArray, NDArray]:
+    """Limit of answers on meshes each twice as fine as the last, and a second answer as far off as it may be.
+
+    Parameters
+    ----------
+    *answers : ndarray
+        Two or three, of the same shape, coarse ones first.
+
+    Returns
+    -------
+    limit : ndarray
+        Extrapolation with one rate for all entries: that of the root mean squares of three answers, clipped
+        to 0.5 .. 4 powers of h; the second power for two.
+    other : ndarray
+        An answer whose distance from the limit is its uncertainty: a third of the last difference beyond the
+        finest one; with two answers their difference; where differences do not fall, five times the larger.
+    """
+    differences = [fine - coarse for coarse, fine in itertools.pairwise(answers)]
+    last = differences[-1]
+    if len(differences) == 1:
+        limit = answers[-1] + last / 3.0
+        return limit, limit + last
+    sizes = [float(np.sqrt(np.mean(d**2))) for d in differences]
+    if sizes[-1] * MIN_DIFFERENCE_RATIO > sizes[-2]:
+        largest = np.maximum(*(np.abs(d) for d in differences))
+        return answers[-1], answers[-1] + UNSETTLED_FACTOR * largest
+    ratio = min(max(sizes[-2] / sizes[-1], 2**0.5), 2.0**4) if sizes[-1] > 0 else 2.0**4
+    limit = answers[-1] + last / (ratio - 1.0)
+    return limit, answers[-1] - last / 3.0
 
 
 MIN_DIFFERENCE_RATIO = (

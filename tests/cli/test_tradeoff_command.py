@@ -247,7 +247,7 @@ def test_integrators_of_a_scene_have_errors_in_their_known_order(tmp_path, summa
     """Second-order schemes gain four in accuracy with half the step, first-order ones two."""
     path = tmp_path / "sheet.toml"
     path.write_text(CLOTH.replace("step =", 'integrator = "newmark"\nbeta = 0.25\nstep =', 1))
-    report = summary("tradeoff", "shell-sim", path, "--repeat", 1, "--budget", 100)
+    report = summary("tradeoff", "shell-sim", path, "--repeat", 1, "--budget", 100, "--error", "time")
     rows = rows_of(report)
     assert {name for name, _ in rows} >= {"verlet", "implicit-midpoint", "implicit-euler", "newmark"}
     assert rows["newmark", 0.008]["max_error"] / rows["newmark", 0.004]["max_error"] > 3
@@ -261,7 +261,7 @@ def test_the_error_of_the_willmore_energy_falls_with_the_step(tmp_path, summary)
     path = tmp_path / "ellipsoid.ply"
     mesh = shapes.icosphere(2)
     write_mesh(str(path), AnnotatedMesh(mesh.moved(mesh.points * [1.0, 1.0, 1.3])))
-    report = summary("tradeoff", "willmore-flow", path, "--repeat", 1)
+    report = summary("tradeoff", "willmore-flow", path, "--repeat", 1, "--error", "time")
     errors = [row["max_error"] for row in report["results"]["rows"]]
     assert errors[-1] < errors[0] and errors[-1] < 1e-3
     assert report["accuracy"]["reference_uncertainty"] < 1e-3

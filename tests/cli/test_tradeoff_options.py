@@ -14,9 +14,9 @@ from tests.simulate import HANGING_CLOTH
 
 SHELL = ["--effect", "stretching", "--effect", "gravity acceleration=[0,0,-9.81]", "--pin", 0]
 FLUID = ["--vorticity", "3*z+x*y"]
-SHELL_TIME = ["--dt", 4e-3, "--steps", 4, "--tolerance", 1e-2]
-FLUID_TIME = ["--dt", 0.05, "--steps", 4, "--tolerance", 1e-2]
-FLOW_TIME = ["--steps", 3, "--tolerance", 1e-2]
+SHELL_TIME = ["--dt", 4e-3, "--steps", 4, "--tolerance", 1e-2, "--error", "time"]
+FLUID_TIME = ["--dt", 0.05, "--steps", 4, "--tolerance", 1e-2, "--error", "time"]
+FLOW_TIME = ["--steps", 3, "--tolerance", 1e-2, "--error", "time"]
 
 
 @pytest.fixture(scope="module")
@@ -116,6 +116,7 @@ CASES = {
             ["--integrator", "verlet"],
             lambda rows: methods(rows) == {"verlet", "verlet adaptive"},
         ),
+        "model": (["--model", "stretching=edges"], names("--model stretching=edges")),
     },
     "fluid-sim": {
         "effect_lines": (["--effect", "viscosity nu=0.1"], names("--effect 'viscosity nu=0.1'")),
@@ -127,6 +128,9 @@ CASES = {
         "step": (["--dt", 0.1], names("--duration 0.4")),
         "tolerance": (["--tolerance", 2e-3], lambda rows: rows[-1]["parameters"] == {"tolerance": 2e-3}),
         "integrator": (["--integrator", "circulation"], lambda rows: "conservative" not in methods(rows)),
+        "model": (
+            ["--viscosity", 0.2, "--model", "viscosity=bochner"], names("--model viscosity=bochner"),
+        ),
     },
     "willmore-flow": {
         "flow": (["--flow", "mean-curvature"], names("--flow mean-curvature")),
@@ -209,6 +213,7 @@ def test_an_option_makes_its_difference(command, name, compare):
         ("shell-sim", ["--truth", "sphere:1"], "--truth does not apply"),
         ("willmore-flow", ["--truth", "sphere:1"], "--truth does not apply"),
         ("curvature", ["--budget", 0], "0"),
+        ("curvature", ["--error", "time"], "simulators and flows"),
     ],
 )
 def test_other_options_are_refused_in_one_line(command, words, message_part, inputs, run):

@@ -167,3 +167,27 @@ def test_what_is_higher_in_space_is_higher_in_the_picture(view, up):
     mesh = shapes.icosphere(1)
     row = camera_on(mesh, view).project(mesh.points)[:, 1]
     assert row[np.argmax(mesh.points[:, up])] < row[np.argmin(mesh.points[:, up])]
+
+
+def test_labels_of_a_crowded_chart_overlap_neither_each_other_nor_points():
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+    from matplotlib.text import Annotation
+
+    from ddgcli.plots.labels import place_labels
+
+    figure = Figure(figsize=(7, 4.6), dpi=100)
+    axes = figure.add_axes((0.1, 0.1, 0.6, 0.8))
+    x, y = 10.0 ** np.random.default_rng(0).normal(scale=0.15, size=(2, 40))
+    axes.loglog(x, y, "o", markersize=5)
+    place_labels(axes, [(f"dt={k / 100:g}", a, b) for k, (a, b) in enumerate(zip(x, y))], [(x, y)])
+    renderer = FigureCanvasAgg(figure).get_renderer()
+    notes = [child for child in axes.get_children() if isinstance(child, Annotation)]
+    texts = []
+    for note in notes:
+        note.arrow_patch = None  # the line to the point is no part of the text
+        texts.append(note.get_window_extent(renderer))
+    assert len(texts) >= 35
+    assert not any(a.overlaps(b) for k, a in enumerate(texts) for b in texts[:k])
+    centre = axes.transData.transform(np.stack([x, y], axis=1))
+    assert not any(box.contains(*point) for box in texts for point in centre)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from ddgcli.choices import CONSERVED_QUANTITIES, ERROR_NORMS, MECHANICAL_EXAMPLES
+from ddgcli.choices import CONSERVED_QUANTITIES, ERROR_NORMS, ERROR_PARTS, MECHANICAL_EXAMPLES
 from ddgcli.cli import options
 from ddgcli.cli.commands.tradeoff_options import COMPARABLE_OPTIONS, SOURCE_OPTIONS, CommandCall, parse
 from ddgcli.cli.options import CommonOptions
@@ -45,6 +45,13 @@ SIMULATORS = ("shell-sim", "fluid-sim", "willmore-flow")
     show_default=True,
     help="Error of --within and of the Pareto front.",
 )
+@click.option(
+    "--error",
+    "error_part",
+    type=click.Choice(ERROR_PARTS),
+    help="Simulators and flows: compare by the sum of the errors in time and of the mesh (both, default), or "
+    "by one.",
+)
 @click.option("--truth", metavar="SHAPE", help="Known truth: sphere:R, torus:R,r, ellipsoid:a,b,c ...")
 @click.option(
     "--conserved",
@@ -74,6 +81,7 @@ def command(
     words: tuple[str, ...],
     within: float | None,
     norm: str,
+    error_part: str | None,
     truth: str | None,
     conserved: str | None,
     budget: float,
@@ -98,6 +106,9 @@ def command(
       ddgcli tradeoff shell-sim hat.toml --dt 1e-3 --integrator newmark --budget 120
     """
     call = parse(compared, words)
+    if error_part is not None and (compared not in SIMULATORS or conserved is not None):
+        raise ParameterError("parts of the error are those of simulators and flows; leave it out",
+                             parameter="error")  # fmt: skip
     run = Run(
         "tradeoff",
         common,
@@ -109,13 +120,14 @@ def command(
         truth=truth,
         budget=budget,
         repeat=repeat,
+        **({"error": error_part or ERROR_PARTS[0]} if compared in SIMULATORS and not conserved else {}),
         **({"conserved": conserved} if conserved else {}),
         **call.options,
     )
     if conserved is not None:
         problem = _conservation_problem(run, compared, call, conserved)
     else:
-        problem = _problem(run, compared, call, truth)
+        problem = _problem(run, compared, call, truth, error_part or ERROR_PARTS[0])
 
     from ddgcli.tradeoff.measure import run_problem
     from ddgcli.tradeoff.pareto import assign_verdicts
@@ -139,20 +151,20 @@ def command(
     )
 
 
-def _problem(run: Run, compared: str, call: CommandCall, truth: str | None) -> Problem:
+def _problem(run: Run, compared: str, call: CommandCall, truth: str | None, error_part: str) -> Problem:
     """Problem of a command, on a mesh or on a scene."""
     if truth and compared in SIMULATORS:
         raise ParameterError(
             f"--truth does not apply to {compared}; its reference is a run with a small step"
         )
     if compared in ("shell-sim", "fluid-sim"):
-        return _scene_problem(run, compared, call)
+        return _scene_problem(run, compared, call, error_part)
     from ddgcli.tradeoff.problems.table import mesh_problem
     from ddgcli.tradeoff.truths import parse_truth
 
     mesh = run.read(call.path).surface
     known = parse_truth(truth, mesh.points) if truth else None
-    keywords: dict[str, Any] = {}
+    keywords: dict[str, Any] = {"error_part": error_part} if compared in SIMULATORS else {}
     if compared == "geodesic" and any(name in call.options for name in SOURCE_OPTIONS):
         from ddgcli.algorithms.geodesics.distance_query import query_sources
         from ddgcli.algorithms.geodesics.query import DistanceQuery
@@ -189,7 +201,7 @@ def _scene(run: Run, role: str, call: CommandCall) -> tuple[Any, Any]:
     return document, mesh_reader(run, document)
 
 
-def _scene_problem(run: Run, compared: str, call: CommandCall) -> Problem:
+def _scene_problem(run: Run, compared: str, call: CommandCall, error_part: str) -> Problem:
     from pathlib import Path
 
     from ddgcli.io.arrays import read_array
@@ -198,10 +210,14 @@ def _scene_problem(run: Run, compared: str, call: CommandCall) -> Problem:
     scene_options, role = call.options, compared.removesuffix("-sim")
     document, read = _scene(run, role, call)
     if role == "shell":
-        return simulate.shell_problem(document, read, options=scene_options)
+        return simulate.shell_problem(document, read, options=scene_options, error_part=error_part)
     folder = Path(document.folder)
     return simulate.fluid_problem(
-        document, read, lambda name: read_array(str(folder / name)), options=scene_options
+        document,
+        read,
+        lambda name: read_array(str(folder / name)),
+        options=scene_options,
+        error_part=error_part,
     )
 
 
@@ -232,7 +248,7 @@ def draw(
 
     draw_chart(
         path,
-        **chart_of(table.rows, results["norm"], within, results["reference_uncertainty"]),
+        **chart_of(table.rows, results["norm"], within, results["reference_uncertainty"] or 0.0),
         **size,
         xlabel="seconds (set-up and one query)",
         ylabel=f"{'largest' if results['norm'] == 'max' else 'mean'} error, relative",

@@ -26,8 +26,8 @@ COMPARABLE_OPTIONS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
         SOURCE_OPTIONS,
         ("method", "tolerance", "operator", "heat_time", "heat_refine", "subdivide"),
     ),
-    "shell-sim": (SHELL_OPTIONS, (*TIME_OPTIONS, "integrator")),
-    "fluid-sim": (FLUID_OPTIONS, (*TIME_OPTIONS, "integrator")),
+    "shell-sim": ((*SHELL_OPTIONS, "model"), (*TIME_OPTIONS, "integrator")),
+    "fluid-sim": ((*FLUID_OPTIONS, "model"), (*TIME_OPTIONS, "integrator")),
     "willmore-flow": (FLOW_OPTIONS, (*TIME_OPTIONS, "integrator")),
 }
 

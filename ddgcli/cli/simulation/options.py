@@ -41,6 +41,9 @@ _RESUME = click.option(
 _SCENE = (
     click.option("--effect", "effect_lines", multiple=True, metavar="'NAME KEY=VALUE ...'",
                  help="Without a scene file: an effect, its parameters in TOML. Repeatable."),
+    click.option("--model", "model", multiple=True, metavar="EFFECT=NAME",
+                 help="Another model of an effect: bending=midedge, stretching=edges, viscosity=bochner. "
+                 "Repeatable."),
     click.option("--effects", "list_effects", is_flag=True, help="List the effects and their parameters."),
     click.option("--schema", is_flag=True, help="Print the JSON Schema of scenes, for editors."),
     click.option("--dry-run", is_flag=True, help="Check the scene and print what would be assembled."),
@@ -57,7 +60,7 @@ class SceneCall:
         A scene (.toml) or the mesh of the quick form.
     common : CommonOptions
     overrides : dict
-        Keys of [time] given as options, and `steps`.
+        Keys of [time] given as options, `steps` and `model`.
     resume : str, optional
         The .part to continue.
     effect_lines : tuple of str
@@ -111,7 +114,10 @@ def scene_options(command: Callable) -> Callable:
 
     @functools.wraps(command)
     def with_arguments(scene_path: str | None, **kwargs: Any) -> Any:
+        models = kwargs.pop("model")
         values = {name: kwargs.pop(name) for name in SceneCall.__dataclass_fields__ if name != "path"}
+        if models:
+            values["overrides"] = {**values["overrides"], "model": list(models)}
         return command(SceneCall(scene_path, **values), **kwargs)
 
     for option in reversed(_SCENE):

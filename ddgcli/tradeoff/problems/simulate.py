@@ -1,20 +1,30 @@
-"""Simulators: integrators and steps, against a run with a small step."""
+"""Simulators: integrators, steps and models, against runs with small steps and on finer meshes."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ddgcli.scenes.scene import SceneKind, resolve
+from ddgcli.scenes.scene import MODEL_KEYS, SceneKind, resolve
 from ddgcli.scenes.sections import Document
 from ddgcli.simulation.account import Account
 from ddgcli.simulation.time_loop import evolve
-from ddgcli.tradeoff.candidates import NO_OPTIONS, Candidate, CommandOptions, Problem, Reference
-from ddgcli.tradeoff.richardson import remaining_error
+from ddgcli.tradeoff.candidates import (
+    NO_OPTIONS,
+    Candidate,
+    CommandOptions,
+    ErrorNorms,
+    MeshLimit,
+    Problem,
+    Reference,
+)
+from ddgcli.tradeoff.refinement import refined_scene
+from ddgcli.tradeoff.richardson import mesh_limit, remaining_error
 
 # steps of the candidates and of the references, in units of the scene's step
 STEP_FACTORS = (4.0, 2.0, 1.0, 0.5)
@@ -22,27 +32,91 @@ REFERENCE_STEP_FACTORS = (1 / 8, 1 / 2, 2.0)
 TOLERANCES = (1e-3, 1e-5)
 TIME_OPTIONS = ("steps", "duration", "step", "tolerance", "integrator")
 ObservationSeries = Sequence[Mapping[str, Any]]  # observations by object, of each frame
+Kept = Mapping[str, NDArray[np.int64]]  # vertices of the input in finer meshes, by object
 MAX_STEPS = 16  # of the scene's own length: later, chaos dominates the errors
+REFINEMENTS = (2, 1)  # of the meshes of limits
+MESH_STEP_FACTOR = 1 / 2  # step on them, in units of the scene's step
+# models of effects; those that converge on any mesh come first: the truth has them, if they are not laws
+MODELS = {
+    "bending": ("midedge", "hinge", "quadratic", "cubic"),
+    "stretching": ("stvk", "edges", "edges-area"),
+    "viscosity": ("hodge", "bochner", "deformation"),
+}
+DEFAULT_MODELS = {"bending": "hinge", "stretching": "stvk", "viscosity": "hodge"}
+LAWS = ("viscosity",)  # its kinds are different laws of friction: the truth keeps the scene's own
+
+
+@dataclass(frozen=True)
+class Simulator:
+    """How the scenes of one simulator run.
+
+    Attributes
+    ----------
+    document : Document
+    kind : SceneKind
+    read, array : callable
+        Readers of meshes and arrays.
+    contexts : callable
+        (scene, read, array) -> context of each object.
+    models : callable
+        (scene, contexts, account) -> models of the time loop.
+    integrators : list of str
+    reference_integrator : str
+    answer : callable
+        Observations, and the vertices kept of each object (None for all) -> answer.
+    noun : str
+        What the answer is.
+    """
+
+    document: Document
+    kind: SceneKind
+    read: Callable[[str], Any]
+    array: Callable[[str], NDArray] | None
+    contexts: Callable[..., dict[str, Any]]
+    models: Callable[..., dict[str, Any]]
+    integrators: list[str]
+    reference_integrator: str
+    answer: Callable[[ObservationSeries, Kept | None], NDArray]
+    noun: str
+
+    def setup(self, overrides: Mapping[str, Any]) -> Any:
+        """Models, schedule and account of a run."""
+        scene, account = resolve(self.document, self.kind, overrides), Account()
+        contexts = self.contexts(scene, self.read, self.array)
+        return self.models(scene, contexts, account), scene.schedule(), account
+
+    def solve(self, state: Any, kept: Kept | None = None) -> NDArray[np.float64]:
+        """Answer at the end of a run."""
+        models, schedule, account = state
+        observations = [snapshot.observations for snapshot in evolve(models, schedule, account)]
+        return self.answer(observations, kept)
+
+    def finer_answer(self, overrides: Mapping[str, Any], times: int) -> NDArray[np.float64]:
+        """Answer on meshes refined `times` times, at the vertices of the input."""
+        finer = refined_scene(self.document, self.kind, self.read, self.array, times)
+        one = replace(self, document=finer.document, read=finer.read, array=finer.array)
+        return one.solve(one.setup(overrides), finer.kept)
 
 
 def shell_problem(
-    document: Document, read: Callable[[str], Any], *, options: CommandOptions = NO_OPTIONS
+    document: Document,
+    read: Callable[[str], Any],
+    *,
+    options: CommandOptions = NO_OPTIONS,
+    error_part: str = "both",
 ) -> Problem:
     """Positions of a shell scene at the end."""
     from ddgcli.models.shell import model
     from ddgcli.models.shell.scene import KIND
 
-    def setup_of(overrides: Mapping[str, Any]) -> Callable[[], Any]:
-        def setup() -> Any:
-            scene = resolve(document, KIND, overrides)
-            account = Account()
-            shells = {n: context for n, (context, _) in model.contexts(scene, read).items()}
-            return model.build(scene, shells, account), scene.schedule(), account
-
-        return setup
+    def contexts(scene: Any, read: Any, _: Any) -> dict[str, Any]:
+        return {name: context for name, (context, _) in model.contexts(scene, read).items()}
 
     names = [n for n in KIND.integrators if n != "static"]
-    return _problem(document, KIND, setup_of, names, "newmark", options, _displacement, "displacement")
+    simulator = Simulator(
+        document, KIND, read, None, contexts, model.build, names, "newmark", _displacement, "displacement"
+    )
+    return _problem(simulator, options, error_part)
 
 
 def fluid_problem(
@@ -51,105 +125,158 @@ def fluid_problem(
     array: Callable[[str], NDArray],
     *,
     options: CommandOptions = NO_OPTIONS,
+    error_part: str = "both",
 ) -> Problem:
     """Vorticity of a fluid scene at the end."""
     from ddgcli.models.fluid import model
     from ddgcli.models.fluid.scene import KIND
 
-    def setup_of(overrides: Mapping[str, Any]) -> Callable[[], Any]:
-        def setup() -> Any:
-            scene = resolve(document, KIND, overrides)
-            account = Account()
-            fluids = {n: context for n, (context, _) in model.contexts(scene, read, array).items()}
-            built = model.build(scene, fluids, account)
-            return {n: fluid.model() for n, fluid in built.items()}, scene.schedule(), account
+    def contexts(scene: Any, read: Any, array: Any) -> dict[str, Any]:
+        return {name: context for name, (context, _) in model.contexts(scene, read, array).items()}
 
-        return setup
+    def models(scene: Any, fluids: Any, account: Any) -> dict[str, Any]:
+        return {name: fluid.model() for name, fluid in model.build(scene, fluids, account).items()}
 
-    return _problem(
-        document, KIND, setup_of, list(KIND.integrators), "conservative", options, _vorticity, "vorticity"
+    names = list(KIND.integrators)
+    simulator = Simulator(
+        document, KIND, read, array, contexts, models, names, "conservative", _vorticity, "vorticity"
     )
+    return _problem(simulator, options, error_part)
 
 
-def _displacement(observations: ObservationSeries) -> NDArray[np.float64]:
+def _displacement(observations: ObservationSeries, kept: Kept | None = None) -> NDArray[np.float64]:
     first, last = observations[0], observations[-1]
-    displacements = [last[name].points - first[name].points for name in first]
-    return np.concatenate(displacements)
+    displacements = {name: last[name].points - first[name].points for name in first}
+    return np.concatenate([_at(kept, name, values) for name, values in displacements.items()])
 
 
-def _vorticity(observations: ObservationSeries) -> NDArray[np.float64]:
-    return np.concatenate([observations[-1][name].vertex["vorticity"] for name in observations[-1]])
+def _vorticity(observations: ObservationSeries, kept: Kept | None = None) -> NDArray[np.float64]:
+    last = observations[-1]
+    return np.concatenate([_at(kept, name, last[name].vertex["vorticity"]) for name in last])
 
 
-def _problem(
-    document: Document,
-    kind: SceneKind,
-    setup_of: Callable[[Mapping[str, Any]], Callable[[], Any]],
-    integrators: list[str],
-    reference_integrator: str,
-    options: CommandOptions,
-    answer: Callable[[ObservationSeries], NDArray],
-    noun: str,
-) -> Problem:
+def _at(kept: Kept | None, name: str, values: NDArray) -> NDArray:
+    return values if kept is None else values[kept[name]]
+
+
+def _other_models(simulator: Simulator, chosen: Sequence[str]) -> dict[str, tuple[str, ...]]:
+    """Models that rows vary: those of effects with their default parameters, without the scene's own."""
+    effects = simulator.document.data.get("effects", {})
+    names = {text.partition("=")[0] for text in chosen}
+    others = {}
+    for effect, models in MODELS.items():
+        table = effects.get(effect)
+        if isinstance(table, dict) and effect not in names and "stiffness" not in table:
+            own = table.get(MODEL_KEYS[effect], DEFAULT_MODELS[effect])
+            others[effect] = tuple(m for m in models if m != own)
+    return others
+
+
+def _truth_models(others: Mapping[str, tuple[str, ...]], chosen: Sequence[str]) -> tuple[str, ...]:
+    """Models of the limit: where one of an effect converges on any mesh, that one."""
+    best = [
+        f"{effect}={MODELS[effect][0]}"
+        for effect, models in others.items()
+        if effect not in LAWS and MODELS[effect][0] in models
+    ]
+    return (*chosen, *best)
+
+
+def _problem(simulator: Simulator, options: CommandOptions, error_part: str) -> Problem:
     """Problem of a scene.
 
-    `options` may contain `steps`, `duration`, `step` (the middle of the steps compared), `integrator` and
-    `tolerance`.
+    `options` may contain `steps`, `duration`, `step` (the middle of the steps compared), `integrator`,
+    `tolerance` and `model`.
     """
-    time = resolve(document, kind, {name: options[name] for name in TIME_OPTIONS if name in options}).time
+    time_options = {name: options[name] for name in TIME_OPTIONS if name in options}
+    time = resolve(simulator.document, simulator.kind, time_options).time
     step = options.get("step") or time.step or time.duration / 50
     duration = options["steps"] * step if "steps" in options else options.get("duration")
     span = duration or min(time.duration, MAX_STEPS * step)
     span = max(span, 2 * step)
-    counts = sorted({max(1, round(span / (step * factor))) for factor in STEP_FACTORS})
-    names = [options["integrator"]] if "integrator" in options else integrators
-    tolerances = (options["tolerance"],) if "tolerance" in options else TOLERANCES
-    adaptive = names[0] if "integrator" in options else reference_integrator
     steps = span / step
+    counts = sorted({max(1, round(span / (step * factor))) for factor in STEP_FACTORS})
+    names = [options["integrator"]] if "integrator" in options else simulator.integrators
+    tolerances = (options["tolerance"],) if "tolerance" in options else TOLERANCES
+    scheme = simulator.reference_integrator
+    adaptive = names[0] if "integrator" in options else scheme
+    chosen = tuple(options.get("model", ()))
+    others = _other_models(simulator, chosen)
 
-    def solve(state: Any) -> NDArray[np.float64]:
-        models, schedule, account = state
-        return answer([snapshot.observations for snapshot in evolve(models, schedule, account)])
+    def overrides(integrator: str, models: Sequence[str], **parameters: float) -> dict[str, Any]:
+        ends = {"duration": span, "frame_every": span, "integrator": integrator}
+        return {**ends, **parameters, "model": tuple(models)}
 
-    def run(integrator: str, parameters: Mapping[str, float]) -> Callable[[], Any]:
-        ends = {"duration": span, "frame_every": span}
-        return setup_of({"integrator": integrator, **parameters, **ends})
+    def small_steps(factor: float, models: Sequence[str]) -> NDArray[np.float64]:
+        run = overrides(scheme, models, step=span / max(1, round(steps / factor)))
+        return simulator.solve(simulator.setup(run))
 
-    def candidate(integrator: str, option: str, value: float, work: float) -> Candidate:
-        parameters = {{"dt": "step"}.get(option, option): value}
-        arguments = {
-            "integrator": integrator,
-            option: repr(value),
-            "duration": repr(span),
-            "frame_every": repr(span),
-        }
-        line = integrator + (" adaptive" if option == "tolerance" else "")
-        return Candidate(line, {option: value}, run(integrator, parameters), solve, arguments, work)
-
-    def reference(finest: float) -> Reference:
-        coarse, middle, limit = (
-            solve(run(reference_integrator, {"step": span / max(1, round(steps / f))})())
-            for f in (4 * finest, 2 * finest, finest)
+    def candidate(
+        integrator: str, option: str, value: float, work: float, effect: str = "", model: str = ""
+    ) -> Candidate:
+        models = (*chosen, f"{effect}={model}") if effect else chosen
+        run = overrides(integrator, models, **{{"dt": "step"}.get(option, option): value})
+        ends = {"duration": repr(span), "frame_every": repr(span)}
+        return Candidate(
+            integrator
+            + (" adaptive" if option == "tolerance" else "")
+            + (f" {model} {effect}" if effect else ""),
+            {option: value},
+            partial(simulator.setup, run),
+            simulator.solve,
+            {
+                "integrator": integrator,
+                option: repr(value),
+                **ends,
+                **({"model": models[-1]} if effect else {}),
+            },
+            work,
+            model=f"{effect}={model}" if effect else "",
+            model_reference=partial(reference, 1 / 2, models) if effect else None,
         )
+
+    def reference(finest: float, models: Sequence[str] = chosen) -> Reference:
+        coarse, middle, limit = (small_steps(f, models) for f in (4 * finest, 2 * finest, finest))
         first, second = _relative(coarse, middle), _relative(middle, limit)
-        name = f"{reference_integrator} with {finest:g} of the scene's step"
+        name = f"{scheme} with {finest:g} of the scene's step"
         name += f", as far as {2 * finest:g} and {4 * finest:g} agree"
         largest = remaining_error(first.max(initial=0.0), second.max(initial=0.0))
         mean = remaining_error(first.mean(), second.mean())
         return Reference(name, limit, largest, mean_uncertainty=mean)
 
+    def fine_meshes(times: int, models: Sequence[str]) -> MeshLimit:
+        run = overrides(scheme, models, step=span / max(1, round(steps / MESH_STEP_FACTOR)))
+        answers = [simulator.finer_answer(run, level) for level in range(times + 1)]
+        limit, other = mesh_limit(*answers)
+        # the error in time of these runs: that of a method of first order, at the least
+        in_time = 2.0 * _relative(small_steps(MESH_STEP_FACTOR / 2, models), answers[0])
+        finest = f"{2**times} times as fine" if times == 1 else f"2 and {2**times} times as fine"
+        name = f"meshes {finest}, extrapolated" + (f", with {', '.join(models)}" if models else "")
+        return MeshLimit(name, limit, ErrorNorms.of(_relative(other, limit)) + ErrorNorms.of(in_time))
+
     unit = 1e-2 * steps
+    varied = [] if error_part == "time" else [(e, m) for e, models in others.items() for m in models]
+    base = names[0] if "integrator" in options else scheme
     candidates = [
         *(candidate(name, "dt", span / n, unit * n / steps) for n in counts for name in names),
+        *(candidate(base, "dt", span / round(steps), unit, effect, model) for effect, model in varied),
         *(candidate(adaptive, "tolerance", t, 3 * unit * (1e-3 / t) ** (1 / 3)) for t in tolerances),
     ]
+    truths = dict.fromkeys((_truth_models(others, chosen), chosen))
     return Problem(
         candidates=candidates,
         references=[(1.75 * unit / finest, partial(reference, finest)) for finest in REFERENCE_STEP_FACTORS],
         error=_relative,
-        error_scale=f"the largest {noun} of the reference at t = {span:.6g} s",
+        error_scale=f"the largest {simulator.noun} of the reference at t = {span:.6g} s",
         query=f"run of {span:.3g} s",
-    )
+        error_part=error_part,
+        mesh_limits=[
+            ((sum(4.0**k for k in range(times + 1)) / MESH_STEP_FACTOR + 4.0) * unit,
+             partial(fine_meshes, times, models))
+            for models in truths
+            for times in REFINEMENTS
+        ],
+    )  # fmt: skip
 
 
 def _relative(answer: NDArray, truth: NDArray) -> NDArray[np.float64]:

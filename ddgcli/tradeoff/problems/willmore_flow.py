@@ -19,19 +19,25 @@ from ddgcli.tradeoff.candidates import (
     NO_OPTIONS,
     Candidate,
     CommandOptions,
+    ErrorNorms,
+    MeshLimit,
     Problem,
     Reference,
     relative_to_each,
 )
-from ddgcli.tradeoff.richardson import remaining_error
+from ddgcli.tradeoff.refinement import smoothly_subdivided
+from ddgcli.tradeoff.richardson import mesh_limit, remaining_error
 
 FLOW_OPTIONS = ("flow", "energy", "boundary", "fix_area", "fix_volume")
 STEPS = (2, 4, 8, 16)
 TOLERANCES = (1e-3, 1e-4, 1e-5)
+REFINEMENTS, MESH_STEPS = (2, 1), 16  # of the limits of fine meshes
 REFERENCE_STEPS = (64, 16, 8)  # runs with 1/2, 1/4 and 1/8 as many steps give the uncertainty
 
 
-def problem(mesh: TriangleMesh, *, options: CommandOptions = NO_OPTIONS, **_: Any) -> Problem:
+def problem(
+    mesh: TriangleMesh, *, options: CommandOptions = NO_OPTIONS, error_part: str = "both", **_: Any
+) -> Problem:
     """Energy after a fixed time; for `mean-curvature` flow the area, which that flow lowers.
 
     The default time is a thousandth of the fourth power of the surface's radius, for `mean-curvature` a
@@ -75,6 +81,11 @@ def problem(mesh: TriangleMesh, *, options: CommandOptions = NO_OPTIONS, **_: An
         error_scale=f"the {lowered} of the reference at t = {span:.6g}",
         place=lowered,
         query=f"run of {span:.3g}",
+        error_part=error_part,
+        mesh_limits=[
+            (MESH_STEPS * 4.5**times * 1.5 * work, partial(_fine_meshes, mesh, fixed_options, span, times))
+            for times in REFINEMENTS
+        ],
     )
 
 
@@ -123,3 +134,19 @@ def _reference(mesh: TriangleMesh, fixed_options: CommandOptions, span: float, s
     gap = remaining_error(*(b - a for a, b in itertools.pairwise(runs)), order=order) / abs(runs[-1])
     name = f"{steps} steps, as far as {counts[2]}, {counts[1]} and {counts[0]} agree"
     return Reference(name, np.array(runs[-1:]), gap)
+
+
+def _fine_meshes(mesh: TriangleMesh, fixed_options: CommandOptions, span: float, times: int) -> MeshLimit:
+    """Limit of the energy or area at the end on meshes refined up to `times` times."""
+    meshes = [mesh]
+    for _ in range(times):
+        meshes.append(smoothly_subdivided(meshes[-1]))
+    coarse, fine = (
+        [_answer(_setup(m, fixed_options, span, {"step": span / n})) for m in some]
+        for n, some in ((MESH_STEPS // 2, meshes[:1]), (MESH_STEPS, meshes))
+    )
+    limit, other = mesh_limit(*fine)
+    # the error in time of these runs: that of a method of first order, at the least
+    in_time = 2.0 * relative_to_each(coarse[0], fine[0])
+    uncertainty = ErrorNorms.of(relative_to_each(other, limit)) + ErrorNorms.of(in_time)
+    return MeshLimit(f"meshes up to {2**times} times as fine, extrapolated", limit, uncertainty)

@@ -1,0 +1,84 @@
+"""Texts beside the points of a chart that overlap neither each other nor the points."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+FONT_SIZE = 6.5
+MARKER_SIZE = 7.0  # points: a square that no text may touch
+GAP = 1.0  # points between two texts
+DIRECTIONS = 16
+DISTANCES = (5.0, 9.0, 14.0, 20.0, 28.0, 38.0, 50.0, 64.0, 80.0)  # points from the marker to the text
+NEAR = 9.0  # distance up to which a text needs no line to its point
+POINTS_PER_INCH = 72.0
+
+
+def place_labels(
+    axes: Any, texts: Sequence[tuple[str, float, float]], points: Sequence[tuple[NDArray, NDArray]]
+) -> None:
+    """Write each text near its point, at the nearest free place; texts without a free place are left out.
+
+    Parameters
+    ----------
+    axes : matplotlib.axes.Axes
+        With its limits and scales set.
+    texts : sequence of (text, x, y)
+        Equal texts at one place are written once.
+    points : sequence of (x, y)
+        All points of the chart.
+    """
+
+    figure = axes.figure
+    renderer = (
+        figure.canvas.get_renderer() if hasattr(figure.canvas, "get_renderer") else figure._get_renderer()
+    )
+    unit = figure.dpi / POINTS_PER_INCH
+    pixels = [axes.transData.transform(np.column_stack(p)) for p in points if len(p[0])]
+    markers = np.concatenate(pixels) if pixels else np.zeros((0, 2))
+    half = 0.5 * MARKER_SIZE * unit
+    taken = np.concatenate([markers - half, markers + half], axis=1)  # boxes: x0, y0, x1, y1
+    window = axes.get_window_extent(renderer)
+    turn = 2 * np.pi * (np.arange(DIRECTIONS) + 2) / DIRECTIONS  # the first is up and to the right
+    for text, x, y in dict.fromkeys(texts):
+        label = axes.annotate(text, (x, y), (0, 0), textcoords="offset points", fontsize=FONT_SIZE)
+        size = label.get_window_extent(renderer)
+        extent = np.array([size.width, size.height])
+        centre = axes.transData.transform((x, y))
+        label.remove()
+        box, distance = _free_place(centre, extent, unit, turn, taken, window)
+        if box is None:
+            continue
+        taken = np.concatenate([taken, box[None]])
+        line = {"arrowstyle": "-", "color": "0.6", "linewidth": 0.4, "shrinkA": 0, "shrinkB": 2}
+        axes.annotate(
+            text, (x, y), tuple((box[:2] - centre) / unit), textcoords="offset points", fontsize=FONT_SIZE,
+            arrowprops=line if distance > unit * NEAR else None, va="bottom", ha="left",
+        )  # fmt: skip
+
+
+def _free_place(
+    centre: NDArray, extent: NDArray, unit: float, turn: NDArray, taken: NDArray, window: Any
+) -> tuple[NDArray | None, float]:
+    """(box, distance) of the first place round a point that touches nothing; (None, 0) if there is none."""
+    gap = GAP * unit
+    direction = np.stack([np.cos(turn), np.sin(turn)], axis=1)
+    for distance in unit * np.array(DISTANCES):
+        # the text lies on the far side of the circle of that radius
+        low = centre + distance * direction - np.where(
+            direction > 0.3, 0.0, np.where(direction < -0.3, 1.0, 0.5)
+        ) * extent  # fmt: skip
+        boxes = np.concatenate([low - gap, low + extent + gap], axis=1)
+        apart = (
+            (boxes[:, None, 0] >= taken[None, :, 2]) | (boxes[:, None, 2] <= taken[None, :, 0])
+            | (boxes[:, None, 1] >= taken[None, :, 3]) | (boxes[:, None, 3] <= taken[None, :, 1])
+        ).all(axis=1)  # fmt: skip
+        inside = (boxes[:, 1] >= window.y0) & (boxes[:, 3] <= window.y1) & (boxes[:, 0] >= window.x0)
+        free = np.flatnonzero(apart & inside)
+        if len(free):
+            k = free[0]
+            return np.concatenate([low[k], low[k] + extent]), float(distance)
+    return None, 0.0

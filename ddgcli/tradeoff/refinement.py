@@ -1,0 +1,191 @@
+"""Scenes on finer meshes: every face of an object split in four, the vertices of the input kept.
+
+New vertices lie on the shape that the mesh samples: on the sphere of a scene's `sphere`, in the flat faces of
+grids and boxes, and on a smooth surface through the vertices of a mesh file, except at its creases.
+"""
+
+from __future__ import annotations
+
+import copy
+import dataclasses
+from collections.abc import Callable, Mapping
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ddgcli.algorithms.geodesics.darboux import sphere_normals
+from ddgcli.errors import SolveError
+from ddgcli.geometry.extrinsic import dihedral_angle
+from ddgcli.mesh.shapes import box_tetrahedra, mesh_on_sphere, midpoint_subdivided
+from ddgcli.mesh.triangle_mesh import TriangleMesh
+from ddgcli.mesh.vectors import row_dot
+from ddgcli.scenes.scene import SceneKind, resolve
+from ddgcli.scenes.sections import Document
+from ddgcli.scenes.shapes import periodic_grid, shape_mesh
+
+CREASE_ANGLE = np.pi / 4  # dihedral angle above which an edge stays a crease
+PREFIX = "refined:"  # of the names of refined meshes
+SAME_POINT = 1e-6  # distance over the size of the mesh
+
+
+def smoothly_subdivided(mesh: TriangleMesh) -> TriangleMesh:
+    """Every face split in four, edge midpoints moved onto a smooth surface; original vertices stay.
+
+    On a sphere the midpoints are at a distance of fourth order in the edge length from it.
+
+    References
+    ----------
+    A. Vlachos et al., "Curved PN triangles", 2001: each edge is a cubic with its ends' tangent planes.
+    """
+    topology = mesh.topology
+    crease = np.abs(dihedral_angle(mesh)) > CREASE_ANGLE
+    creased = np.zeros(mesh.n_vertices, dtype=bool)
+    creased[topology.edges[crease]] = True
+    tail, head = topology.edges.T
+    normal = sphere_normals(mesh)
+    vector = mesh.points[head] - mesh.points[tail]
+    lift = np.zeros_like(vector)
+    for end, sign in ((tail, 1.0), (head, -1.0)):
+        height = np.where(creased[end], 0.0, sign * row_dot(vector, normal[end]))
+        lift -= height[:, None] * normal[end] / 8.0
+    finer = midpoint_subdivided(mesh)
+    points = np.array(finer.points)
+    points[mesh.n_vertices :] += lift
+    return finer.moved(points)
+
+
+@dataclasses.dataclass(frozen=True)
+class RefinedScene:
+    """A scene on finer meshes.
+
+    Attributes
+    ----------
+    document : Document
+    read, array : callable
+        Readers of its meshes and arrays.
+    kept : dict of str to ndarray
+        Vertices of each object that are those of the input, in its order.
+    """
+
+    document: Document
+    read: Callable[[str], Any]
+    array: Callable[[str], NDArray]
+    kept: dict[str, NDArray[np.int64]]
+
+
+def refined_scene(
+    document: Document,
+    kind: SceneKind,
+    read: Callable[[str], Any],
+    array: Callable[[str], NDArray] | None,
+    times: int,
+) -> RefinedScene:
+    """The scene with every face of its objects (not of its obstacles) split `times` times.
+
+    Lists of vertices gain the new vertices between two of their own. Arrays of the input are interpolated.
+
+    Raises
+    ------
+    SolveError
+        For meshes that have no such refinement: tetrahedra of files, fluids from which obstacles are cut.
+    """
+    objects = resolve(document, kind).objects
+    role = next(iter(kind.roles))
+    if role == "fluid" and any(o.role == "obstacle" for o in objects):
+        raise SolveError("obstacles are cut out of the mesh, so a finer mesh has other vertices")
+    data = copy.deepcopy(dict(document.data))
+    finer: dict[str, Any] = {}
+    kept: dict[str, NDArray[np.int64]] = {}
+    splits: dict[str, list[Any]] = {}
+    for number, section in enumerate(objects):
+        if section.role != role:
+            continue
+        table = data["object"][number]
+        table["name"] = section.name
+        periodic = section.grid is not None and section.grid.periodic
+        if periodic or (section.box is not None and role == "fluid"):
+            kept[section.name] = _double_cells(table, section, times)
+            continue
+        source = _source(section, read)
+        meshes, name = [source.mesh], PREFIX + section.name
+        for _ in range(times):
+            meshes.append(_split(meshes[-1], section))
+        finer[name] = SimpleNamespace(
+            mesh=meshes[-1], notes=(), sha256="",
+            vertex={k: prolonged(v, meshes) for k, v in source.vertex.items()},
+            face={k: np.concatenate([v] * 4**times) for k, v in source.face.items()},
+        )  # fmt: skip
+        for shape in ("mesh", "grid", "sphere", "box"):
+            table.pop(shape, None)
+        table["mesh"] = name
+        kept[section.name] = np.arange(source.mesh.n_vertices)
+        splits[section.name] = meshes
+    _extend_vertex_lists(data.get("effects", {}), splits)
+    changed = dataclasses.replace(document, data=data)  # type: ignore[type-var]
+
+    def load(name: str) -> NDArray:
+        values = array(name) if array is not None else np.zeros(0)
+        meshes = next((m for m in splits.values() if len(values) == m[0].n_vertices), None)
+        return values if meshes is None else prolonged(values, meshes)
+
+    return RefinedScene(changed, lambda name: finer[name] if name in finer else read(name), load, kept)
+
+
+def _source(section: Any, read: Callable[[str], Any]) -> Any:
+    if section.mesh is None:
+        return SimpleNamespace(mesh=shape_mesh(section), vertex={}, face={})
+    source = read(section.mesh)
+    if not isinstance(source.mesh, TriangleMesh):
+        raise SolveError(f"{section.mesh} holds no triangles; tetrahedra of files are not refined")
+    return source
+
+
+def _split(mesh: TriangleMesh, section: Any) -> TriangleMesh:
+    if section.sphere is not None:
+        centre, radius = np.array(section.sphere.center), section.sphere.radius
+        unit = mesh_on_sphere(midpoint_subdivided(mesh.moved((mesh.points - centre) / radius)))
+        return unit.moved(centre + radius * unit.points)
+    return smoothly_subdivided(mesh) if section.mesh is not None else midpoint_subdivided(mesh)
+
+
+def prolonged(values: NDArray, meshes: list[TriangleMesh]) -> NDArray:
+    """Values on the vertices of the first mesh as those of the last: means at the midpoints of edges."""
+    for mesh in meshes[:-1]:
+        values = np.concatenate([values, values[mesh.topology.edges].mean(axis=1)])
+    return values
+
+
+def _double_cells(table: dict[str, Any], section: Any, times: int) -> NDArray[np.int64]:
+    """Double the cells of a periodic grid or a box of tetrahedra; the vertices that stay."""
+    from scipy.spatial import cKDTree
+
+    def points(shape: Any) -> NDArray:
+        if section.grid is not None:
+            return np.asarray(periodic_grid(shape).points)
+        return np.asarray(box_tetrahedra(*shape.cells, shape.size).points)
+
+    key = "grid" if section.grid is not None else "box"
+    shape = getattr(section, key)
+    cells = [count * 2**times for count in shape.cells]
+    table[key] = {**table[key], "cells": cells}
+    coarse = points(shape)
+    distance, kept = cKDTree(points(shape.model_copy(update={"cells": cells}))).query(coarse)
+    if distance.max(initial=0.0) > SAME_POINT * float(np.ptp(coarse, axis=0).max()):
+        raise SolveError(f"object {section.name!r}: a grid of twice the cells has other vertices")
+    return np.asarray(kept, dtype=np.int64)
+
+
+def _extend_vertex_lists(effects: Mapping[str, Any], splits: dict[str, list[TriangleMesh]]) -> None:
+    """Add the midpoints of edges to lists of vertices that hold both ends."""
+    for value in effects.values():
+        for table in value if isinstance(value, list) else [value]:
+            vertices = table.get("vertices") if isinstance(table, dict) else None
+            name = table.get("object", next(iter(splits), None)) if isinstance(table, dict) else None
+            if not vertices or name not in splits or "to_vertices" in table:
+                continue
+            for mesh in splits[name][:-1]:
+                ends = np.isin(mesh.topology.edges, vertices).all(axis=1)
+                vertices = [*vertices, *(mesh.n_vertices + np.flatnonzero(ends)).tolist()]
+            table["vertices"] = vertices

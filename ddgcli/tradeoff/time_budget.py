@@ -1,0 +1,75 @@
+"""Time budget of a comparison: seconds left, predictions, and the end of runs that exceed it."""
+
+from __future__ import annotations
+
+import signal
+import statistics
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from typing import Any
+
+from ddgcli.tradeoff.candidates import Candidate
+
+Clock = Callable[[], float]
+
+# share of the budget that the reference may take
+REFERENCE_SHARE = 0.5
+
+
+class BudgetExceeded(BaseException):
+    """Raised in a run that exceeds its share of the time budget."""
+
+
+class TimeBudget:
+    """Time budget: seconds left, and seconds of a candidate predicted from the runs so far."""
+
+    def __init__(self, seconds: float | None, began: float | None = None) -> None:
+        self.seconds = seconds
+        self._began = time.perf_counter() if began is None else began
+        self._runs: dict[str, list[tuple[float, float, float]]] = {}  # method: work, set-up, solve
+
+    def left(self) -> float:
+        """Seconds left; infinite without a budget."""
+        return float("inf") if self.seconds is None else self.seconds - (time.perf_counter() - self._began)
+
+    def record(self, method: str, work: float, setup: float, solve: float) -> None:
+        """Store the seconds of a run with its estimated work."""
+        if work > 0:
+            self._runs.setdefault(method, []).append((work, setup, solve))
+
+    def estimate(self, candidate: Candidate) -> float:
+        """Predict the seconds of one run from the last runs of its method, else from all runs."""
+        own = self._runs.get(candidate.method, [])[-2:]
+        if own:
+            return max(setup + candidate.work * solve / work for work, setup, solve in own)
+        rates = [(setup + solve) / work for runs in self._runs.values() for work, setup, solve in runs]
+        return candidate.work * (statistics.median(rates) if rates else 1.0)
+
+    def estimate_like(self, candidate: Candidate, work: float) -> float:
+        """Predict the seconds of other work with the set-up of a candidate."""
+        return self.estimate(replace(candidate, work=work))
+
+    @contextmanager
+    def limit_time(self, seconds: float) -> Iterator[None]:
+        """Raise `BudgetExceeded` in the body after some seconds (where the system has interval timers).
+
+        A call into compiled code is not interrupted.
+        """
+        here = threading.current_thread() is threading.main_thread() and hasattr(signal, "setitimer")
+        if self.seconds is None or not here:
+            yield
+            return
+        before = signal.signal(signal.SIGALRM, _raise_budget_exceeded)
+        signal.setitimer(signal.ITIMER_REAL, max(seconds, 1e-3), 0.1)
+        try:
+            yield
+        finally:
+            signal.setitimer(signal.ITIMER_REAL, 0)
+            signal.signal(signal.SIGALRM, before)
+
+
+def _raise_budget_exceeded(*_: Any) -> None:
+    raise BudgetExceeded

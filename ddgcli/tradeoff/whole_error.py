@@ -1,0 +1,85 @@
+"""The whole error of a row: the error in time on its mesh, and the distance of that mesh from finer ones."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ddgcli.errors import DdgError, SolveError
+from ddgcli.tradeoff.candidates import UNKNOWN, ErrorNorms, MeshLimit, Problem, Reference, Table
+from ddgcli.tradeoff.time_budget import REFERENCE_SHARE, BudgetExceeded, TimeBudget
+
+
+@dataclass(frozen=True)
+class WholeError:
+    """Error that a row is compared by, its parts, and its uncertainty.
+
+    Attributes
+    ----------
+    error, uncertainty : ErrorNorms
+        The uncertainty is infinite where a part is not known.
+    time_error, mesh_error : ErrorNorms or None
+        None where the error has no parts, or the part is not known.
+    worst : int
+        Entry of the largest error.
+    """
+
+    error: ErrorNorms
+    uncertainty: ErrorNorms
+    time_error: ErrorNorms | None
+    mesh_error: ErrorNorms | None
+    worst: int
+
+
+def whole_error(
+    problem: Problem, errors: NDArray, reference: Reference, mesh_limit: MeshLimit | None
+) -> WholeError:
+    """Error of a row from its (k,) errors against the reference on the same mesh.
+
+    The sum of both parts bounds the distance of the row from the limit.
+    """
+    first = ErrorNorms.of(errors)
+    worst = int(errors.argmax()) if len(errors) else 0
+    if not problem.error_part:
+        return WholeError(first, reference.bounds, None, None, worst)
+    if problem.error_part == "time":
+        return WholeError(first, reference.bounds, first, None, worst)
+    if mesh_limit is None:
+        return WholeError(first, UNKNOWN, first, None, worst)
+    distance = np.asarray(problem.error(mesh_limit.values, reference.values), dtype=np.float64)
+    second = ErrorNorms.of(distance)
+    uncertainty = reference.bounds + mesh_limit.uncertainty
+    if problem.error_part == "mesh":
+        return WholeError(second, uncertainty, first, second, int(distance.argmax()))
+    return WholeError(first + second, uncertainty, first, second, int((errors + distance).argmax()))
+
+
+def find_mesh_limit(problem: Problem, time_budget: TimeBudget, table: Table) -> None:
+    """Set the table's limit of fine meshes, the most accurate within its share of the budget, or the reason.
+
+    Raises
+    ------
+    SolveError
+        If rows are to be compared by the mesh error alone, and there is no limit.
+    """
+    if problem.error_part not in ("mesh", "both"):
+        return
+    for work, compute in problem.mesh_limits:
+        share = REFERENCE_SHARE * time_budget.left()
+        estimate = time_budget.estimate_like(problem.candidates[0], work)
+        if estimate > share:
+            table.mesh_failure = f"estimated {estimate:.3g} s of the {time_budget.seconds or 0:g} s budget"
+            continue
+        try:
+            with time_budget.limit_time(share):
+                table.mesh_limit = compute()
+                table.mesh_failure = ""
+                return
+        except BudgetExceeded:
+            table.mesh_failure = f"stopped after {share:.3g} s"
+        except DdgError as error:
+            table.mesh_failure = str(error)
+    if problem.error_part == "mesh":
+        raise SolveError(f"the mesh error is not known: {table.mesh_failure}; use `error=time`")

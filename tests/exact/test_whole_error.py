@@ -1,0 +1,223 @@
+"""`tradeoff` states the error in time and that of the mesh, and gives no verdict that it cannot support."""
+
+import math
+
+import numpy as np
+import pytest
+
+from ddgcli.errors import SolveError
+from ddgcli.io.scene_file import parse_scene
+from ddgcli.mesh import shapes
+from ddgcli.models.fluid.scene import KIND as FLUID
+from ddgcli.models.shell import model
+from ddgcli.models.shell.scene import KIND as SHELL
+from ddgcli.scenes.scene import resolve
+from ddgcli.scenes.shapes import place
+from ddgcli.simulation.account import Account
+from ddgcli.simulation.time_loop import evolve
+from ddgcli.tradeoff.candidates import UNKNOWN, ErrorNorms, Reference, Row, Table
+from ddgcli.tradeoff.measure import run_problem
+from ddgcli.tradeoff.pareto import assign_verdicts, break_even
+from ddgcli.tradeoff.problems import simulate, willmore_flow
+from ddgcli.tradeoff.refinement import prolonged, refined_scene, smoothly_subdivided
+from ddgcli.tradeoff.richardson import mesh_limit
+
+STEADY = """
+[time]
+duration = 0.4
+step = 0.05
+integrator = "conservative"
+[[object]]
+role = "fluid"
+sphere = { subdivisions = 2 }
+[effects]
+initial = { vorticity = "10*x*y*z" }
+"""
+SHEET = """
+[time]
+duration = 0.016
+step = 4e-3
+[[object]]
+role = "shell"
+grid = { size = [1, 1], cells = [3, 3] }
+material = "rubber"
+[effects]
+stretching = {}
+bending = {}
+gravity = {}
+pin = { vertices = [0, 1, 2, 3] }
+"""
+
+
+def steady_rows(**options):
+    chosen = {"integrator": "conservative", "tolerance": 1e-4, **options}
+    problem = simulate.fluid_problem(parse_scene(STEADY), None, None, options=chosen)
+    return run_problem(problem, repeat=0)
+
+
+def test_within_names_no_row_of_a_steady_flow_whose_mesh_is_far_off():
+    """A Rossby-Haurwitz wave of one degree does not change: its true error is known at every vertex."""
+    table = steady_rows()
+    assert assign_verdicts(table, 1e-6) is None and all("misses" in row.verdict for row in table.rows)
+    chosen = {"integrator": "conservative"}
+    problem = simulate.fluid_problem(parse_scene(STEADY), None, None, options=chosen)
+    x, y, z = shapes.icosphere(2).points.T
+    truth = 10 * x * y * z
+    for row, candidate in zip(table.rows[:2], problem.candidates):
+        answer = candidate.solve(candidate.setup())
+        error = np.abs(answer - truth).max() / np.abs(truth).max()
+        assert row.time_error.max < 1e-6 < 1e-4 < row.mesh_error.max
+        assert row.max_error == row.time_error.max + row.mesh_error.max
+        assert abs(row.max_error - error) <= row.uncertainty.max < 0.5 * error
+    assert assign_verdicts(table, 2e-3) is not None
+
+
+def test_steps_that_the_mesh_error_hides_are_not_told_apart():
+    table = steady_rows()
+    assign_verdicts(table, None)
+    assert "differ by at most" in table.undecided
+    assert {row.verdict.split(";")[0] for row in table.rows} == {"no verdict possible"}
+    assert not any(row.on_front for row in table.rows)
+
+
+def test_the_mesh_error_of_a_shell_covers_a_finer_mesh_and_its_models_are_rows():
+    document = parse_scene(SHEET)
+    problem = simulate.shell_problem(document, None, options={"integrator": "newmark", "tolerance": 1e-2})
+    models = {c.model for c in problem.candidates}
+    assert models == {
+        "", "bending=midedge", "bending=quadratic", "bending=cubic", "stretching=edges",
+        "stretching=edges-area",
+    }  # fmt: skip
+    assert {c.arguments.get("model", "") for c in problem.candidates} == models
+    table = run_problem(problem, repeat=0)
+    assert "bending=midedge" in table.mesh_limit.name
+    finest = refined_scene(document, SHELL, None, None, 3)
+    moved = simulate._displacement(list(frames_of(finest, 8)), finest.kept)
+    error = problem.error(table.mesh_limit.values, moved)
+    assert error.max() <= table.mesh_limit.uncertainty.max < 0.2
+    assert all(0 < row.mesh_error.max < row.max_error for row in table.rows)
+
+
+def frames_of(finer, steps):
+    overrides = {"steps": steps, "step": 0.016 / steps, "model": ("bending=midedge",)}
+    scene = resolve(finer.document, SHELL, overrides)
+    shells = {name: context for name, (context, _) in model.contexts(scene, finer.read).items()}
+    models = model.build(scene, shells, Account())
+    for snapshot in evolve(models, scene.schedule(), Account()):
+        yield snapshot.observations
+
+
+def test_pins_of_a_finer_sheet_hold_the_vertices_between_them():
+    finer = refined_scene(parse_scene(SHEET), SHELL, None, None, 2)
+    mesh = finer.read(finer.document.data["object"][0]["mesh"]).mesh
+    pinned = np.unique(finer.document.data["effects"]["pin"]["vertices"])
+    coarse = shapes.grid(3, 3).points[:4]
+    axis = int(np.ptp(coarse, axis=0).argmax())
+    side = np.flatnonzero(np.abs(np.delete(mesh.points, axis, axis=1)).max(axis=1) < 1e-12)
+    assert len(side) == 13 and np.array_equal(pinned, side)
+
+
+@pytest.mark.parametrize("cells", ["cells = [4, 4]", 'cells = [4, 6], pattern = "cross"'])
+def test_a_finer_periodic_grid_keeps_the_vertices_of_the_input(cells):
+    text = STEADY.replace(
+        "sphere = { subdivisions = 2 }", f'grid = {{ size = [1, 2], periodic = "xy", {cells} }}'
+    )
+    document = parse_scene(text)
+    finer = refined_scene(document, FLUID, None, None, 1)
+    (kept,) = finer.kept.values()
+    coarse, fine = (place(resolve(d, FLUID).objects[0], None).mesh for d in (document, finer.document))
+    assert fine.n_faces == 4 * coarse.n_faces and len(np.unique(kept)) == coarse.n_vertices
+    assert np.allclose(fine.points[kept], coarse.points, atol=1e-12)
+
+
+def test_midpoints_of_a_mesh_lie_on_the_sphere_to_fourth_order_and_those_of_a_cube_in_its_faces():
+    off = []
+    for level in (2, 3):
+        finer = smoothly_subdivided(shapes.icosphere(level))
+        off.append(np.abs(np.linalg.norm(finer.points, axis=1) - 1).max())
+        flat = np.abs(np.linalg.norm(shapes.midpoint_subdivided(shapes.icosphere(level)).points, axis=1) - 1)
+        assert off[-1] < 0.03 * flat.max()
+    assert off[0] / off[1] > 12
+    cube = shapes.box(2, 2, 2)
+    assert np.array_equal(smoothly_subdivided(cube).points, shapes.midpoint_subdivided(cube).points)
+
+
+def test_arrays_on_finer_meshes_are_those_of_linear_functions():
+    meshes = [shapes.grid(3, 3)]
+    for _ in range(2):
+        meshes.append(shapes.midpoint_subdivided(meshes[-1]))
+    assert prolonged(meshes[0].points[:, 0], meshes) == pytest.approx(meshes[2].points[:, 0])
+
+
+def test_limits_of_planted_sequences_cover_their_own_error():
+    first = np.array([1.0, -2.0])
+    for rate in (2.0, 4.0, 16.0):
+        answers = [first * rate**-k for k in range(3)]
+        limit, other = mesh_limit(*answers)
+        assert limit == pytest.approx(np.zeros(2), abs=1e-12) and (np.abs(other) > 0).all()
+        limit, other = mesh_limit(*answers[:2])
+        assert (np.abs(limit) <= np.abs(other - limit)).all()
+    limit, other = mesh_limit(first, 2 * first, 4 * first)  # differences that do not fall
+    assert np.abs(other - limit) == pytest.approx(10 * np.abs(first))
+
+
+def row(method, seconds, error, uncertainty=0.0):
+    norms = ErrorNorms(uncertainty, uncertainty)
+    one = Row(method, {}, 0.0, seconds, (seconds, seconds), 1, 1.0, error, 0, error, {})
+    one.uncertainty = norms
+    return one
+
+
+def test_a_reference_that_is_too_uncertain_ranks_no_rows():
+    rows = [row("a", 1.0, 0.5, 12.0), row("b", 2.0, 0.1, 12.0), row("c", 3.0, 3.0, 12.0)]
+    table = Table(rows, Reference("r", np.zeros(1), 12.0))
+    assert assign_verdicts(table, None) is None and "uncertain by 1.2e+01" in table.undecided
+    assert [r.verdict for r in rows] == ["no verdict possible; as exact as the reference can tell"] * 3
+    rows[2].max_error = 40.0  # surely worse than the others
+    assign_verdicts(table, None)
+    assert not table.undecided and rows[0].on_front and not rows[1].on_front
+    assert rows[1].verdict.startswith("no verdict possible") and rows[2].verdict == "beaten by a"
+
+
+def test_within_counts_the_uncertainty():
+    rows = [row("a", 1.0, 0.09, 0.02), row("b", 2.0, 0.05, 0.02), row("c", 3.0, 0.2, 0.02)]
+    table = Table(rows, Reference("r", np.zeros(1), 0.02))
+    assert assign_verdicts(table, 0.1) is rows[1]
+    assert rows[0].verdict == "no verdict possible: 0.1 is within its uncertainty"
+    assert rows[2].verdict == "misses 0.1"
+    assert assign_verdicts(table, 0.06) is None and "uncertain by 2.0e-02" in table.undecided
+    assert assign_verdicts(table, 0.01) is None and not table.undecided
+
+
+def test_an_unknown_mesh_error_leaves_no_verdict():
+    cut = STEADY + '[[object]]\nrole = "obstacle"\nsphere = { center = [0, 0, 1], radius = 0.3 }\n'
+    with pytest.raises(SolveError, match="obstacles are cut out"):
+        refined_scene(parse_scene(cut), FLUID, None, None, 1)
+    table = Table([row("a", 1.0, 1e-7), row("b", 2.0, 1e-8)], mesh_failure="no reason")
+    for one in table.rows:
+        one.uncertainty = UNKNOWN
+    assert assign_verdicts(table, 0.1) is None
+    assert table.undecided.startswith("the mesh error is not known (no reason)")
+    assert {one.verdict for one in table.rows} == {"no verdict possible"}
+    assert math.isinf(table.uncertainty())
+
+
+def test_break_even_compares_rows_of_like_error():
+    direct, factored = row("direct", 3.0, 0.01), row("factored", 1.0, 0.1)
+    factored.setup_seconds = 10.0
+    assert break_even([direct, factored]) == []
+    direct.max_error = 0.06
+    assert [pair["queries"] for pair in break_even([direct, factored])] == [5]
+
+
+def test_the_mesh_error_of_a_willmore_flow_covers_a_finer_mesh():
+    mesh = shapes.icosphere(1)
+    mesh = mesh.moved(mesh.points * [1.0, 1.0, 1.3])
+    problem = willmore_flow.problem(mesh)
+    span = float(problem.error_scale.split("t = ")[1])
+    limit = problem.mesh_limits[0][1]()
+    finest = mesh
+    for _ in range(3):
+        finest = smoothly_subdivided(finest)
+    energy = willmore_flow._answer(willmore_flow._setup(finest, {}, span, {"step": span / 16}))
+    assert abs(energy[0] - limit.values[0]) / energy[0] <= limit.uncertainty.max < 0.3
