@@ -36,6 +36,7 @@ def place_labels(
     renderer = (
         figure.canvas.get_renderer() if hasattr(figure.canvas, "get_renderer") else figure._get_renderer()
     )
+    axes.get_xlim(), axes.get_ylim()  # the limits are set here, if they have not been
     unit = figure.dpi / POINTS_PER_INCH
     pixels = [axes.transData.transform(np.column_stack(p)) for p in points if len(p[0])]
     markers = np.concatenate(pixels) if pixels else np.zeros((0, 2))
@@ -53,7 +54,7 @@ def place_labels(
         if box is None:
             continue
         taken = np.concatenate([taken, box[None]])
-        line = {"arrowstyle": "-", "color": "0.6", "linewidth": 0.4, "shrinkA": 0, "shrinkB": 2}
+        line = {"arrowstyle": "-", "color": "0.4", "linewidth": 0.6, "shrinkA": 0, "shrinkB": 2}
         axes.annotate(
             text, (x, y), tuple((box[:2] - centre) / unit), textcoords="offset points", fontsize=FONT_SIZE,
             arrowprops=line if distance > unit * NEAR else None, va="bottom", ha="left",
