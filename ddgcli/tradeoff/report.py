@@ -111,8 +111,8 @@ def text_table(table: Table, problem: Problem, results: dict[str, Any]) -> list[
     """Text table, cheapest row first, `*` on the Pareto front; remarks below it."""
     norm, split = results["norm"], table.mesh_limit is not None
     split_names = ("time error", "mesh error") if split else ()
-    header = ("", "method", "set-up", f"each {problem.query}", "max error", "mean error", *split_names, "memory",
-              "verdict")  # fmt: skip
+    errors = ("max error", "mean error", *split_names)
+    header = ("", "method", "set-up", f"each {problem.query}", *errors, "memory", "verdict")
     body = [header, *(_cells(row, norm, split) for row in sorted(table.rows, key=lambda r: r.total_seconds))]
     widths = [max(len(line[k]) for line in body) for k in range(len(header))]
     lines = ["  ".join(cell.ljust(w) for cell, w in zip(line, widths)).rstrip() for line in body]
