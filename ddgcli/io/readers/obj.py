@@ -54,7 +54,7 @@ def read_obj(data: bytes) -> RawMesh:
         n_vertices += element is vertices
         n_textures += element is textures
     points, colors = _points(vertices)
-    if not len(points) and not faces.lines and re.search(rb"^\s*[^\s#]", data, re.M):
+    if not len(points) and not faces.lines and _has_content(data):
         raise MeshFileError("not an OBJ file: no vertices; check the extension")
     corners, sizes = _indices(faces, len(points), "face")
     along, path_sizes = _indices(paths, len(points), "polyline")
@@ -67,6 +67,11 @@ def read_obj(data: bytes) -> RawMesh:
         except MeshFileError as error:
             raw.notes.append(f"texture coordinates omitted: {error}")
     return raw
+
+
+def _has_content(data: bytes) -> bool:
+    """Whether a line is neither empty nor a comment."""
+    return any(not line.startswith(b"#") for line in map(bytes.lstrip, data.splitlines()) if line)
 
 
 def _without_comments(element: _Element) -> list[bytes]:
@@ -95,7 +100,7 @@ def _corner_uv(faces: _Element, textures: _Element, sizes: NDArray) -> NDArray |
     if b"/" not in text:
         return None
     text = re.sub(rb"(?<![^ \n])([^ /\n\r]+)(?=[ \n\r]|$|//)", rb"\1/0", text)  # corners without a number
-    text = re.sub(rb"[^ /\n\r]+/(-?\d*)[^ \n\r]*", rb"\1", text)
+    text = re.sub(rb"(?<![^ \n])[^ /\n\r]+/(-?\d*)[^ \n\r]*", rb"\1", text)
     values, counts = rows(text.split(b"\n"), faces.number, "face")
     table, width = rows(_without_comments(textures), textures.number, "texture vertex")
     if not np.array_equal(counts, sizes) or width.min() < 2:

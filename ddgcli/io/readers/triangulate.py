@@ -2,8 +2,29 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
+
+from ddgcli.errors import MeshFileError
+
+MAX_TESTED_CORNERS = 3e7  # in all ears of a file: some seconds
+MAX_CONCAVE_CORNERS = 20_000  # of one polygon
+
+TOO_MANY_CORNERS = "polygons of very many corners that are not convex; write the file with triangles"
+
+
+@dataclass
+class _Budget:
+    """Corners that may still be tested against ears."""
+
+    left: float
+
+    def spend(self, count: int) -> None:
+        self.left -= count
+        if self.left < 0:
+            raise MeshFileError(TOO_MANY_CORNERS)
 
 
 def triangulated(points: NDArray, corners: NDArray, sizes: NDArray) -> tuple[NDArray, NDArray]:
@@ -22,13 +43,19 @@ def triangulated(points: NDArray, corners: NDArray, sizes: NDArray) -> tuple[NDA
         Oriented as their polygons; a polygon of k corners gives k - 2 triangles (none for k < 3).
     polygon : (m,) ndarray of int64
         Polygon that each triangle is part of.
+
+    Raises
+    ------
+    MeshFileError
+        Polygons whose ears take too long: the time of ear clipping grows with the square of the corners.
     """
+    budget = _Budget(MAX_TESTED_CORNERS)
     start = np.cumsum(sizes) - sizes
     triangle_lists, owners = [], []
     for size in np.unique(sizes[sizes >= 3]):
         which = np.flatnonzero(sizes == size)
         loops = corners[start[which, None] + np.arange(size)]
-        triangle_lists.append(_cut(points, loops).reshape(-1, 3))
+        triangle_lists.append(_cut(points, loops, budget).reshape(-1, 3))
         owners.append(np.repeat(which, size - 2))
     if not triangle_lists:
         return np.zeros((0, 3), dtype=np.int64), np.zeros(0, dtype=np.int64)
@@ -37,7 +64,7 @@ def triangulated(points: NDArray, corners: NDArray, sizes: NDArray) -> tuple[NDA
     return faces[order], polygon[order]
 
 
-def _cut(points: NDArray, loops: NDArray) -> NDArray:
+def _cut(points: NDArray, loops: NDArray, budget: _Budget) -> NDArray:
     """(p, k) loops of equal size -> (p, k-2, 3) triangles."""
     size = loops.shape[1]
     if size == 3:
@@ -49,8 +76,11 @@ def _cut(points: NDArray, loops: NDArray) -> NDArray:
         other = reflex[:, 1] | reflex[:, 3]
         triangles[other] = loops[other][:, [[0, 1, 3], [1, 2, 3]]]
         return triangles
-    for row in np.flatnonzero(reflex.any(axis=1)):
-        triangles[row] = loops[row][_ears(_flattened(points[loops[row]]))]
+    concave = np.flatnonzero(reflex.any(axis=1))
+    if len(concave) and size > MAX_CONCAVE_CORNERS:
+        raise MeshFileError(TOO_MANY_CORNERS)
+    for row in concave:
+        triangles[row] = loops[row][_ears(_flattened(points[loops[row]]), budget)]
     return triangles
 
 
@@ -80,25 +110,43 @@ def _flattened(loop: NDArray) -> NDArray:
     return loop[:, [u, v]] if normal[drop] >= 0 else loop[:, [v, u]]
 
 
-def _ears(p: NDArray) -> NDArray:
+def _ears(p: NDArray, budget: _Budget) -> NDArray:
     """(k-2, 3) corners of the triangles of a simple counter-clockwise polygon; ear clipping.
 
-    Where no ear is left (the polygon crosses itself), the corner at hand is cut, so that the result always
-    has k - 2 triangles over all corners. The corner before the last cut is tried next, then those that
-    follow it: usually a few vectorised tests a corner.
+    A cut changes the tests of its two neighbours alone. Where no ear is left (the polygon crosses or touches
+    itself), some corner is cut, so that the result always has k - 2 triangles over all corners, after at most
+    3 k tests.
     """
     before, after = np.roll(np.arange(len(p)), 1), np.roll(np.arange(len(p)), -1)
     alive = np.ones(len(p), dtype=bool)
-    triangles, here, failed = [], 0, 0
-    while alive.sum() > 3:
-        a, c = before[here], after[here]
-        if failed > alive.sum() or _is_ear(p, a, here, c, alive):
-            triangles.append((a, here, c))
-            alive[here] = False
-            after[a], before[c] = c, a
-            here, failed = a, 0
+    blocks = _turn(p[before], p, p[after]) <= 0  # a convex corner is never alone in an ear, and stays convex
+    order = np.flatnonzero(blocks)
+    order = order[np.argsort(p[order, 0], kind="stable")]
+    place = p[order, 0]
+    triangles, waiting, left, next_forced = [], list(range(len(p)))[::-1], len(p), 0
+    while left > 3:
+        if waiting:
+            here = waiting.pop()
+            a, c = before[here], after[here]
+            if not alive[here] or _turn(p[a], p[here], p[c]) <= 0:
+                continue
+            low, high = np.sort(p[[a, here, c], 0])[[0, 2]]
+            near = order[np.searchsorted(place, low) : np.searchsorted(place, high, "right")]
+            budget.spend(len(near))
+            if not _is_ear(p, a, here, c, near[blocks[near]]):
+                continue
         else:
-            here, failed = c, failed + 1
+            while not alive[next_forced]:
+                next_forced += 1
+            here = next_forced
+            a, c = before[here], after[here]
+        triangles.append((a, here, c))
+        alive[here] = blocks[here] = False
+        left -= 1
+        after[a], before[c] = c, a
+        for corner in (a, c):
+            blocks[corner] &= _turn(p[before[corner]], p[corner], p[after[corner]]) <= 0
+        waiting += [c, a]
     a = int(np.flatnonzero(alive)[0])
     triangles.append((a, after[a], after[after[a]]))
     return np.array(triangles, dtype=np.int64)
@@ -111,12 +159,9 @@ def _turn(a: NDArray, b: NDArray, c: NDArray) -> NDArray:
     )
 
 
-def _is_ear(p: NDArray, a: int, b: int, c: int, alive: NDArray) -> bool:
-    if _turn(p[a], p[b], p[c]) <= 0:
-        return False
-    others = alive.copy()
-    others[[a, b, c]] = False
-    q = p[others]
+def _is_ear(p: NDArray, a: int, b: int, c: int, blocking: NDArray) -> bool:
+    """Whether no blocking corner lies in the triangle abc."""
+    q = p[blocking[(blocking != a) & (blocking != b) & (blocking != c)]]
     inside = (_turn(p[a], p[b], q) >= 0) & (_turn(p[b], p[c], q) >= 0) & (_turn(p[c], p[a], q) >= 0)
     # a corner at the same place as one of the ear's own does not block it
     same = (q == p[a]).all(axis=1) | (q == p[b]).all(axis=1) | (q == p[c]).all(axis=1)
