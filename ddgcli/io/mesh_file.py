@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 from ddgcli.errors import InputError, MeshError, MeshFileError, OutputError, excerpt
 from ddgcli.io.readers.raw_mesh import RawMesh, assembled
+from ddgcli.io.temporary import temporary_beside
 from ddgcli.mesh.curve import CurveSet
 from ddgcli.mesh.fields import AnnotatedMesh
 from ddgcli.mesh.intrinsic_mesh import IntrinsicMesh
@@ -290,8 +291,7 @@ def atomic_output(path: str) -> Iterator[str]:
     _check_regular(path)
     target = Path(os.path.realpath(path))
     try:
-        handle, partial = tempfile.mkstemp(dir=target.parent, prefix=f".{target.stem}-", suffix=target.suffix)
-        os.close(handle)
+        partial = temporary_beside(target, target.suffix)
         try:
             yield partial
             os.chmod(partial, _mode(target))

@@ -212,16 +212,18 @@ def test_debug_shows_the_traceback(torus, tmp_path):
 
 @pytest.mark.skipif(os.name == "nt", reason="signals of POSIX")
 def test_interrupt_is_130():
-    for patience in (2, 6, 20):  # until Python itself has started, on a busy machine
-        with subprocess.Popen(
-            [sys.executable, "-m", "ddgcli", "info", "-", "--input-format", "ply"],
-            stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, cwd=ROOT,
-        ) as child:  # fmt: skip
-            time.sleep(patience)
-            child.send_signal(signal.SIGINT)
-            out, err = child.communicate(timeout=20)
-        if child.returncode != -signal.SIGINT:
-            break
+    with subprocess.Popen(
+        [sys.executable, "-m", "ddgcli", "info", "-", "--input-format", "ply"],
+        stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, cwd=ROOT,
+    ) as child:  # fmt: skip
+        assert child.stdin is not None
+        # more than a pipe holds: once it is written, the command is reading its standard input
+        child.stdin.write(b"ply\ncomment " + b"x" * 1_000_000)
+        child.stdin.flush()
+        child.send_signal(signal.SIGINT)
+        child.stdin.close()
+        out, err = child.stdout.read(), child.stderr.read()
+        child.wait(timeout=60)
     assert (child.returncode, out, err) == (130, b"", b"Interrupted\n")
 
 

@@ -139,6 +139,21 @@ def test_signals_at_any_moment_leave_whole_files_only(ball, tmp_path, number):
             assert read_mesh(str(out)).mesh.n_faces == 20480
 
 
+@needs_posix
+def test_the_leftover_of_a_killed_run_is_removed_and_that_of_a_living_one_is_not(tmp_path, ball):
+    from ddgcli.io.temporary import temporary_beside
+
+    with subprocess.Popen([sys.executable, "-c", "pass"]) as dead:
+        dead.wait()
+    own = Path(temporary_beside(tmp_path / "o.ply", ".ply"))
+    left = own.with_name(own.name.replace(f"-{os.getpid()}-", f"-{dead.pid}-"))
+    left.touch()
+    (tmp_path / "other.ply").touch()
+    write_mesh(str(tmp_path / "o.ply"), AnnotatedMesh(shapes.icosphere(1)))
+    assert {p.name for p in tmp_path.iterdir()} == {ball.name, own.name, "other.ply", "o.ply"}
+    assert own.suffix == ".ply" and own.name.startswith(".o-")
+
+
 def test_two_runs_on_one_output(tmp_path, ball):
     from ddgcli.errors import OutputError
     from ddgcli.io.trajectories.layout import Header

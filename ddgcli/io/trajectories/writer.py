@@ -9,7 +9,6 @@ from __future__ import annotations
 import contextlib
 import math
 import os
-import tempfile
 from collections.abc import Callable, Iterable
 from pathlib import Path
 
@@ -17,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.errors import OutputError, excerpt
+from ddgcli.io.temporary import temporary_beside
 from ddgcli.io.trajectories.layout import (
     EFFECT_DTYPE,
     LOG_DTYPE,
@@ -188,9 +188,7 @@ class TrajectoryWriter:
             old.close()
 
     def _temporary(self) -> str:
-        target = Path(self.partial_path)
-        handle, name = tempfile.mkstemp(prefix=f".{target.name}-", dir=target.parent)
-        os.close(handle)
+        name = temporary_beside(Path(self.partial_path))
         os.chmod(name, 0o644)
         return name
 

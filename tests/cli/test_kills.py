@@ -1,0 +1,104 @@
+"""Every simulator is killed at random moments and resumed: its trajectory has the bits of an unbroken run.
+
+`pytest -m slow tests/cli/test_kills.py` kills each simulator a hundred times.
+"""
+
+import io
+import os
+import random
+import signal
+import sys
+import time
+
+import pytest
+
+from benchmarks.hardcases.run import preload
+from ddgcli.cli import main as program
+from ddgcli.io.mesh_file import write_mesh
+from ddgcli.mesh import shapes
+from ddgcli.mesh.fields import AnnotatedMesh
+from tests.cli.test_shell_resume import assert_equal_bits, frames_of
+from tests.conftest import ROOT
+from tests.simulate import FALLING_CLOTH, scene_file
+
+RUNS = {  # each takes some tenths of a second
+    "shell-sim": ("scene.toml",),
+    "fluid-sim": ("ball.ply", "--vorticity", "5*z+x*y", "--steps", "8", "--dt", "0.02"),
+    "willmore-flow": ("ball.ply", "--steps", "6"),
+    "curve-flow": (ROOT / "sample_meshes" / "trefoil.obj", "--steps", "15"),
+}
+
+pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="reads the processor clock of a child")
+
+
+def forked(folder, words) -> int:
+    """The program on these words in a child that need not import it; its process number."""
+    pid = os.fork()
+    if pid:
+        return pid
+    code = 1
+    try:
+        os.chdir(folder)
+        target = os.open("streams", os.O_WRONLY | os.O_CREAT | os.O_APPEND)
+        for stream in (1, 2):
+            os.dup2(target, stream)
+        sys.stdout, sys.stderr = (io.TextIOWrapper(io.FileIO(k, "w", closefd=False)) for k in (1, 2))
+        program.main([str(word) for word in words], prog_name="ddgcli")
+    except SystemExit as end:
+        code = end.code if isinstance(end.code, int) else 1
+    finally:
+        os._exit(code)
+
+
+def processor_seconds(pid: int) -> float:
+    return time.clock_gettime((~pid << 3) | 2)  # the clock of another process, as clock_getcpuclockid has it
+
+
+def ended(pid: int, kill_at: float = float("inf")) -> int:
+    """Exit code; the child is killed once it has used this much processor time: whatever else runs."""
+    while True:
+        done, status = os.waitpid(pid, os.WNOHANG)
+        if done:
+            return os.waitstatus_to_exitcode(status)
+        if processor_seconds(pid) >= kill_at:
+            os.kill(pid, signal.SIGKILL)
+            kill_at = float("inf")
+        time.sleep(0.001)
+
+
+@pytest.mark.parametrize("kills", [2, pytest.param(100, marks=[pytest.mark.slow, pytest.mark.timeout(3600)])])
+@pytest.mark.parametrize("command", RUNS)
+def test_a_simulator_killed_at_random_moments_and_resumed_ends_with_the_same_bits(
+    tmp_path, command, kills, record_property
+):
+    preload()
+    scene = FALLING_CLOTH.replace("[5, 5]", "[3, 3]").replace("duration = 0.1", "duration = 0.05")
+    scene_file(tmp_path, text=scene)
+    ball = shapes.icosphere(2)
+    write_mesh(str(tmp_path / "ball.ply"), AnnotatedMesh(ball.moved(ball.points * [1, 1.2, 0.8])))
+    call = [command, *RUNS[command]]
+    whole, broken, part = (tmp_path / name for name in ("whole.vtkhdf", "run.vtkhdf", "run.vtkhdf.part"))
+    rng = random.Random(f"{command} {kills}")
+    first = forked(tmp_path, [*call, "-o", whole])
+    used = 0.0
+    while os.waitid(os.P_PID, first, os.WEXITED | os.WNOHANG | os.WNOWAIT) is None:
+        used = processor_seconds(first)
+        time.sleep(0.001)
+    assert ended(first) == 0
+    expected, killed, resumed, runs = frames_of(whole), 0, 0, 0
+    while killed < kills:
+        broken.unlink(missing_ok=True)
+        again = []
+        while not broken.exists():
+            at = rng.uniform(0, 1.1 * used) if killed < kills else float("inf")
+            code = ended(forked(tmp_path, [*call, *(again or ["-o", broken])]), at)
+            assert code in (0, -signal.SIGKILL), (tmp_path / "streams").read_text()[-500:]
+            killed += code != 0
+            resumed += bool(again)
+            again = ["--resume", part] if part.exists() else []
+        assert_equal_bits(expected, frames_of(broken))
+        runs += 1
+    if kills >= 100:
+        assert resumed > kills / 4  # kills before the first frame begin anew
+        record_property("kills", f"{command}: {killed}, {resumed} resumes, {runs} runs of {used:.2f} s")
+    assert not list(tmp_path.glob(".*"))
