@@ -9,9 +9,11 @@ Exit 1 where a cell is wrong.
 from __future__ import annotations
 
 import argparse
+import contextlib
 import importlib
 import io
 import os
+import pkgutil
 import re
 import resource
 import signal
@@ -28,6 +30,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+import ddgcli
 from benchmarks.hardcases.catalogue import ROOT, Call, Case, catalogue
 from benchmarks.hardcases.judge import WRONG_VERDICT, Outcome, Verdict, judge
 from benchmarks.hardcases.meshes import truths_of
@@ -88,9 +91,11 @@ def run_process(
 
 
 def preload() -> None:
-    """Import the modules of every command, so that forked runs need not."""
-    for module, _ in program.COMMANDS.values():
-        importlib.import_module(f"ddgcli.cli.commands.{module}")
+    """Import every module of the program, late ones too, so that forked runs need not."""
+    for module in pkgutil.walk_packages(ddgcli.__path__, "ddgcli."):
+        with contextlib.suppress(ImportError):  # of an extra that is not installed
+            if not module.name.endswith("__main__"):
+                importlib.import_module(module.name)
 
 
 def _fork(words: list[str], folder: Path, out: int, error: int, address_space: bool) -> int:
