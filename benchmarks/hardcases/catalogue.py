@@ -279,6 +279,9 @@ def shared_cases() -> list[Case]:
         return []
     hard = SHARED_MESHES / "hard"
     expect = json.loads((hard / "EXPECT.json").read_text(encoding="utf-8"))
+    for truths in expect.values():
+        if "euler" in truths:
+            truths["euler_characteristic"] = truths["euler"]
     cases = [
         Case(path.name, "hard files", path=path, calls=default_calls(), expected=expect.get(path.name, {}))
         for path in sorted(hard.iterdir())

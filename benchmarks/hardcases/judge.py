@@ -190,7 +190,7 @@ def check_hodge(evidence: Evidence) -> Iterator[Violation]:
         yield f"Betti numbers {betti} do not give Euler characteristic {chi}", ("Betti",)
 
 
-def check_geodesic(evidence: Evidence) -> Iterator[Violation]:
+def check_geodesic(evidence: Evidence, tolerance: float = DISTANCE_TOLERANCE) -> Iterator[Violation]:
     """Straight line <= distance <= path along edges from vertex 0, zero there, and closed forms."""
     distance, points, faces = evidence.arrays.get("geodesic_distance"), evidence.points, evidence.faces
     if distance is None or points is None or faces is None:
@@ -208,14 +208,14 @@ def check_geodesic(evidence: Evidence) -> Iterator[Violation]:
     lower = np.where(np.isfinite(upper), np.linalg.norm(scaled, axis=1), np.inf)
     scaled_distance = distance / size
     with np.errstate(invalid="ignore"):
-        slack = DISTANCE_TOLERANCE * max(1.0, float(upper[np.isfinite(upper)].max()))
+        slack = tolerance * max(1.0, float(upper[np.isfinite(upper)].max()))
         outside = (scaled_distance > upper + slack) | (scaled_distance < lower - slack)
     if outside.any():
         first = int(np.flatnonzero(outside)[0])
         bounds = f"[{lower[first] * size:.6g}, {upper[first] * size:.6g}]"
         yield f"distance {distance[first]:.6g} of vertex {first} outside {bounds}", ("distance", "bound")
     known = evidence.expected.get("known_distance")
-    if known and not near(float(distance[known[0]]), known[1]):
+    if known and not near(float(distance[known[0]]), known[1], tolerance):
         yield f"distance {distance[known[0]]:.9g} instead of {known[1]:.9g}", ("distance",)
 
 
@@ -353,7 +353,7 @@ def judge(
     errors = [line for line in message.splitlines() if not line.startswith(("Warning:", "Note:"))]
     if outcome.exit_code == 2:
         return _refusal(outcome, errors)
-    if expected.get("refused") or expected.get("load") == "refuse":
+    if expected.get("refused") or expected.get("load") == "error":
         return Verdict(WRONG_VERDICT, f"exit {outcome.exit_code} for an input that must be refused")
     if outcome.exit_code == 1:
         if not errors and not _warnings(outcome):

@@ -1,11 +1,13 @@
-"""One call of a peer library on one mesh: `python -m benchmarks.hardcases.peer_task TASK MESH.npz OUT.npz`.
+"""One call of a peer library on one mesh: `python -m benchmarks.hardcases.peer_task TASK MESH OUT.npz`.
 
-It runs in a process of its own, for a peer may crash or hang. OUT.npz holds `distance`, `angle_defect`,
-`curvature` or `eigenvalues`.
+It runs in a process of its own, for a peer may crash or hang. MESH is `.npz`, or any file for the readers.
+OUT.npz holds `distance`, `angle_defect`, `curvature` or `eigenvalues`; of readers `points` and `faces`.
 """
 
 from __future__ import annotations
 
+import contextlib
+import importlib
 import sys
 from collections.abc import Callable
 from typing import Any
@@ -79,6 +81,36 @@ def igl_spectrum(points: NDArray, faces: NDArray) -> Answer:
     )
 
 
+def trimesh_read(path: str) -> Answer:
+    """A file read by trimesh."""
+    import trimesh
+
+    mesh: Any = trimesh.load(path, force="mesh", process=False)
+    return {"points": np.asarray(mesh.vertices), "faces": np.asarray(mesh.faces)}
+
+
+def meshio_read(path: str) -> Answer:
+    """Triangles of a file read by meshio."""
+    import meshio
+
+    mesh = meshio.read(path)
+    faces = mesh.cells_dict.get("triangle", np.zeros((0, 3), dtype=int))
+    return {"points": np.asarray(mesh.points, dtype=float), "faces": faces}
+
+
+def igl_read(path: str) -> Answer:
+    """A file read by libigl."""
+    import igl
+
+    points, faces = igl.read_triangle_mesh(path)
+    return {"points": points, "faces": faces}
+
+
+READERS: dict[str, Callable[[str], Answer]] = {
+    "trimesh reader": trimesh_read,
+    "meshio reader": meshio_read,
+    "libigl reader": igl_read,
+}
 TASKS: dict[str, Callable[[NDArray, NDArray], Answer]] = {
     "potpourri3d heat": potpourri_heat,
     "pygeodesic exact": pygeodesic_exact,
@@ -90,9 +122,20 @@ TASKS: dict[str, Callable[[NDArray, NDArray], Answer]] = {
 }
 
 
+def preload() -> None:
+    """Import every library, so that forked calls need not."""
+    for name in ("potpourri3d", "pygeodesic.geodesic", "igl", "trimesh", "meshio", "robust_laplacian"):
+        with contextlib.suppress(ImportError):
+            importlib.import_module(name)
+    importlib.import_module("scipy.sparse.linalg")
+
+
 def main(words: list[str]) -> None:
     """Run one task and write its arrays."""
     task, mesh, output = words
+    if task in READERS:
+        np.savez(output, **READERS[task](mesh))
+        return
     with np.load(mesh) as stored:
         points, faces = stored["points"], stored["faces"]
     np.savez(output, **TASKS[task](points, faces))

@@ -22,6 +22,7 @@ import sys
 import tempfile
 import time
 import traceback
+from collections.abc import Callable
 from dataclasses import asdict
 from functools import partial
 from pathlib import Path
@@ -43,15 +44,19 @@ WALL_FACTOR = 40  # on a busy machine the clock runs faster than the processor t
 PEAK_MIB = 4096
 
 
-def _limits(address_space: bool = False) -> None:
-    resource.setrlimit(resource.RLIMIT_CPU, (CPU_SECONDS, CPU_SECONDS + 5))
+def _limits(cpu_seconds: int, address_space: bool) -> None:
+    resource.setrlimit(resource.RLIMIT_CPU, (cpu_seconds, cpu_seconds + 5))
     if address_space:  # as a user sets it by `ulimit -v`
         resource.setrlimit(resource.RLIMIT_AS, (PEAK_MIB << 20, PEAK_MIB << 20))
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
 
 
 def run_process(
-    words: list[str], folder: Path, preloaded: bool = False, address_space: bool = False
+    words: list[str],
+    folder: Path,
+    action: Callable[[], object] | None = None,
+    address_space: bool = False,
+    cpu_seconds: int | None = None,
 ) -> Outcome:
     """Run a process within the limits of processor time, clock and memory.
 
@@ -61,25 +66,29 @@ def run_process(
         The command line.
     folder : Path
         Working folder, where the streams are kept.
-    preloaded : bool
-        Fork this process instead of starting Python: words after `python -m ddgcli` run in the child.
+    action : callable, optional
+        Runs in a fork of this process instead of the command line.
     address_space : bool
         Limit the address space to PEAK_MIB too, so that the program can refuse what does not fit.
+    cpu_seconds : int, optional
+        Processor time; CPU_SECONDS by default.
     """
+    cpu_seconds = cpu_seconds or CPU_SECONDS
+    limits = partial(_limits, cpu_seconds, address_space)
     environment = os.environ | {"PYTHONPATH": str(ROOT)}
     began = time.monotonic()
     with open(folder / "stdout", "w+b") as out, open(folder / "stderr", "w+b") as error:
-        if preloaded:
-            pid = _fork(words[3:], folder, out.fileno(), error.fileno(), address_space)
+        if action is not None:
+            pid = _fork(action, limits, folder, out.fileno(), error.fileno())
         else:
             child = subprocess.Popen(
                 words, stdin=subprocess.DEVNULL, stdout=out, stderr=error, cwd=folder, env=environment,
-                preexec_fn=partial(_limits, address_space), start_new_session=True,
+                preexec_fn=limits, start_new_session=True,
             )  # fmt: skip
             pid = child.pid
-        status, usage = _wait(pid, began + WALL_FACTOR * CPU_SECONDS)
+        status, usage = _wait(pid, began + WALL_FACTOR * cpu_seconds)
         code = os.waitstatus_to_exitcode(status)
-        if not preloaded:
+        if action is None:
             child.returncode = code  # reaped by wait4
         out.seek(0)
         error.seek(0)
@@ -98,21 +107,24 @@ def preload() -> None:
                 importlib.import_module(module.name)
 
 
-def _fork(words: list[str], folder: Path, out: int, error: int, address_space: bool) -> int:
-    """Run the program on these words in a forked child with the same limits; its process number."""
+def _fork(
+    action: Callable[[], object], limits: Callable[[], None], folder: Path, out: int, error: int
+) -> int:
+    """Run an action in a forked child with these limits and streams; its process number."""
     pid = os.fork()
     if pid:
         return pid
     code = 1
     try:
         os.setsid()
-        _limits(address_space)
+        limits()
         for source, target in ((os.open(os.devnull, os.O_RDONLY), 0), (out, 1), (error, 2)):
             os.dup2(source, target)
         # not those of the parent, which a test may have replaced
         sys.stdout, sys.stderr = (io.TextIOWrapper(io.FileIO(k, "w", closefd=False)) for k in (1, 2))
         os.chdir(folder)
-        program.main(words, prog_name="python -m ddgcli")
+        action()
+        code = 0
     except SystemExit as end:
         code = end.code if isinstance(end.code, int) else int(end.code is not None)
     except BaseException:
@@ -173,7 +185,8 @@ def run_call(call: Call, path: Path | None, folder: Path, preloaded: bool = Fals
         words.insert(1, "--json")
     else:
         words.append("--json")
-    return run_process([sys.executable, "-m", "ddgcli", *words], folder, preloaded, address_space=True)
+    action = partial(program.main, words, prog_name="python -m ddgcli") if preloaded else None
+    return run_process([sys.executable, "-m", "ddgcli", *words], folder, action, address_space=True)
 
 
 def run_cell(case: Case, command: str, preloaded: bool = False) -> tuple[Verdict, Outcome]:
