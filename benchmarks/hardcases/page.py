@@ -132,8 +132,8 @@ def _peers(results: dict[str, dict[str, dict[str, Any]]]) -> str:
     lines = ["## Peers on the same meshes\n"]
     lines.append(
         "Written by `make hardcases-peers`: each call in a process of its own, 20 s of processor time, the "
-        "same checks of distances (within 1e-6), total curvature and eigenvalues as above. Readers get the file "
-        "itself, other calls the points and faces that our reader makes of it (none where it refuses it). A "
+        "same checks of distances (within 1e-6), total curvature and eigenvalues as above. Readers get the "
+        "file itself, other calls what our reader makes of it (none where it refuses it). A "
         "refusal is an exception that Python reports; a crash ends the process; a reader is silently wrong "
         "where it reads a broken file, or names vertices that there are not.\n"
     )

@@ -62,7 +62,8 @@ def smallest_eigenvalues(stiffness: Any, mass: Any) -> Answer:
     """The three smallest eigenvalues, by the shifted Lanczos method that the libraries' pages show."""
     from scipy.sparse.linalg import eigsh
 
-    return {"eigenvalues": eigsh(stiffness, 3, mass, sigma=-1e-8, return_eigenvectors=False)[::-1]}
+    count = min(3, stiffness.shape[0] - 1)
+    return {"eigenvalues": eigsh(stiffness, count, mass, sigma=-1e-8, return_eigenvectors=False)[::-1]}
 
 
 def robust_laplacian_spectrum(points: NDArray, faces: NDArray) -> Answer:
@@ -95,7 +96,7 @@ def meshio_read(path: str) -> Answer:
 
     mesh = meshio.read(path)
     faces = mesh.cells_dict.get("triangle", np.zeros((0, 3), dtype=int))
-    return {"points": np.asarray(mesh.points, dtype=float), "faces": faces}
+    return {"points": np.asarray(mesh.points, dtype=float), "faces": np.asarray(faces, dtype=float)}
 
 
 def igl_read(path: str) -> Answer:
