@@ -60,7 +60,18 @@ class ParameterError(InputError):
 
 
 class SceneError(InputError):
-    """A scene file with an unknown key, a wrong type or unit, or an effect its object cannot have."""
+    """A scene file with an unknown key, a wrong type or unit, or an effect its object cannot have.
+
+    Parameters
+    ----------
+    message : str
+    mesh : str, optional
+        File of the mesh that the message is about.
+    """
+
+    def __init__(self, message: str, *, mesh: str | None = None) -> None:
+        super().__init__(message)
+        self.mesh = mesh
 
 
 class OutputError(InputError):

@@ -44,7 +44,7 @@ def with_baked_colours(
 
     values = named_array({**annotated.face, **annotated.vertex}, name)
     size = values if values.ndim == 1 else np.linalg.norm(values.reshape(len(values), -1), axis=1)
-    low, high, signed = colour_range or robust_limits(size, is_signed(name))
+    low, high, signed = colour_range or robust_limits(size, is_signed(name, values.ndim))
     colours, colour_map = baked_colours(size, low, high, signed)
     place = "vertex" if name in annotated.vertex else "face"
     metadata = {"colors": {"array": name, "on": place, "low": low, "high": high, "map": colour_map}}

@@ -48,6 +48,8 @@ COMMANDS = {
 }
 
 
+# words of click for the kinds of numbers
+NUMBER_WORDS = {"integer range": "a whole number", "float range": "a number"}
 OUTPUT_ERRNOS = (errno.ENOSPC, errno.EFBIG, errno.EIO, errno.EROFS)  # disk full, read-only, ...
 
 
@@ -188,7 +190,10 @@ def _internal(error: Exception, ctx: click.Context) -> Exception:
 def _usage(error: click.UsageError) -> str:
     """Message of a wrong call, with the command for help."""
     where = f"; see {error.ctx.command_path} --help" if error.ctx is not None else ""
-    return error.format_message().rstrip(".") + where
+    message = error.format_message().rstrip(".")
+    for name, number in NUMBER_WORDS.items():
+        message = message.replace(f"is not a valid {name}", f"is not {number}")
+    return message + where
 
 
 def _discard_output() -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Mapping
+from pathlib import Path
 
 import click
 
@@ -55,10 +56,19 @@ class MessageHandler(logging.Handler):
                 click.echo(f"Warning: {message}", err=True)
 
 
+def _from_here(path: str) -> str:
+    """A path inside the working folder without that folder."""
+    place, here = Path(path), Path.cwd()
+    return str(place.relative_to(here) if place.is_relative_to(here) else place)
+
+
 def error_line(error: DdgError, context: click.Context) -> str:
     """Message of an error with option names and, if it names no file, after the name of the input."""
     message = error_text(error, context.meta.get("ddgcli.options", {}))
-    message = with_repair_command(message, context.meta.get("ddgcli.mesh", ()))
+    mesh = getattr(error, "mesh", None)
+    message = with_repair_command(
+        message, (_from_here(mesh),) if mesh else context.meta.get("ddgcli.mesh", ())
+    )
     path = context.meta.get("ddgcli.input")
     if path and not isinstance(error, (OutputError, MissingExtraError)) and not message.startswith(path):
         return f"{path}: {message}"

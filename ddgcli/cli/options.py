@@ -180,7 +180,7 @@ subdivide = click.option(
 )
 scene_arg = click.argument("scene_path", metavar="SCENE", required=False, type=click.Path())
 
-_COMMON_OPTIONS = (
+_OUTPUT_OPTIONS = (
     click.option("-o", "--output", "outputs", multiple=True, metavar="PATH",
                  help="Write the result; the extension is the format. Repeatable; - is standard output."),
     click.option("--output-format", metavar="EXT", help="Format for -o -, as an extension."),
@@ -191,6 +191,8 @@ _COMMON_OPTIONS = (
     ),
     click.option("--json", "as_json", is_flag=True, help="Print the summary as one JSON object."),
     click.option("--full", is_flag=True, help="Print the whole summary; the default is a short one."),
+)  # fmt: skip
+_PICTURE_OPTIONS = (
     click.option(
         "--colors",
         metavar="ARRAY",
@@ -207,6 +209,8 @@ _COMMON_OPTIONS = (
     click.option(
         "--size", type=Size(), metavar="WIDTHxHEIGHT", help="Pixels of a picture.  [default: 1400x1050]"
     ),
+)
+_FURTHER_OPTIONS = (
     click.option("--progress/--no-progress", default=None, help="Progress bar on standard error."),
     click.option("-v", "--verbose", count=True, help="Print more on standard error."),
     click.option("-q", "--quiet", is_flag=True, help="Print nothing but errors."),
@@ -242,7 +246,7 @@ def grouped_options(
     def decorate(command: Callable) -> Callable:
         @functools.wraps(command)
         def call(*args: Any, **kwargs: Any) -> Any:
-            values = {field.name: kwargs.pop(field.name) for field in fields(kind)}
+            values = {field.name: kwargs.pop(field.name, None) for field in fields(kind)}
             return command(*args, **{name: kind(**values)}, **kwargs)
 
         for option in reversed(declarations):
@@ -252,7 +256,9 @@ def grouped_options(
     return decorate
 
 
-common = grouped_options("common", CommonOptions, _COMMON_OPTIONS)
+common = grouped_options("common", CommonOptions, (*_OUTPUT_OPTIONS, *_PICTURE_OPTIONS, *_FURTHER_OPTIONS))
+# of commands that draw nothing
+common_without_pictures = grouped_options("common", CommonOptions, (*_OUTPUT_OPTIONS, *_FURTHER_OPTIONS))
 
 
 def refuse_options(reason: str, *names: str) -> None:

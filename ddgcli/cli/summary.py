@@ -13,6 +13,7 @@ from ddgcli.cli.short_summary import short_body
 
 LINE_WIDTH = 100  # characters
 SHORT_LIST = 12  # entries of a list in a short summary
+SHORT_ROWS = 6  # rows of a table, or outputs, in a short summary
 
 
 def plain(value: Any, missing: list[str] | None = None, name: str = "") -> Any:
@@ -70,7 +71,13 @@ def _lines(summary: dict[str, Any], text: list[str] | None, full: bool) -> list[
     seconds = summary["seconds"]
     part_names = seconds if full else ["start", "total"]
     lines.append("seconds  " + ", ".join(f"{k} {seconds[k]:.3g}" for k in part_names))
-    return lines + [f"wrote  {path}" for path in summary["outputs"]]
+    outputs = summary["outputs"] if full else _shortened(summary["outputs"])
+    return lines + [f"wrote  {path}" for path in outputs]
+
+
+def _shortened(rows: list[str]) -> list[str]:
+    """The first SHORT_ROWS rows, and how many there are."""
+    return rows if len(rows) <= SHORT_ROWS + 1 else [*rows[:SHORT_ROWS], f"... ({len(rows)} by --full)"]
 
 
 def _block(values: dict[str, Any], indent: str, full: bool) -> list[str]:
@@ -80,8 +87,9 @@ def _block(values: dict[str, Any], indent: str, full: bool) -> list[str]:
         if isinstance(value, dict) and _nested(value):
             lines += [f"{indent}{name}", *_block(value, indent + "  ", full)]
         elif _nested(value):
-            rows = [line for row in value for line in _wrapped(indent + "  ", _text(row))]
-            lines += [f"{indent}{name}", *rows]
+            shown = [_text(row) for row in value]
+            rows = shown if full else _shortened(shown)
+            lines += [f"{indent}{name}", *(line for row in rows for line in _wrapped(indent + "  ", row))]
         else:
             lines += _wrapped(f"{indent}{name:<{width}}  ", _listed(value, full))
     return lines

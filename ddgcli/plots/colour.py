@@ -17,8 +17,13 @@ SIGNED_ARRAYS = (
 )  # fmt: skip
 
 
-def is_signed(name: str) -> bool | None:
-    """True for quantities with a sign; None if the values decide."""
+def is_signed(name: str, dimension: int = 1) -> bool | None:
+    """True for quantities with a sign, False for lengths of vectors; None if the values decide.
+
+    `dimension` is that of the array: 1 for numbers, 2 for vectors.
+    """
+    if dimension > 1:
+        return False
     return True if name in SIGNED_ARRAYS or name.startswith("eigenvector_") else None
 
 
@@ -55,6 +60,8 @@ def robust_limits(
     if signed:
         reach = max(-low, high, MIN_RANGE_SHARE * size / 2, _rare_reach(np.abs(finite))) or 1.0
         return -reach, reach, True
+    if low == high == 0:
+        return 0.0, 1.0, False
     narrowest = MIN_RANGE_SHARE * max(abs(low), abs(high), size) or 2.0
     widen = max(0.0, narrowest - (high - low)) / 2
     return low - widen, high + widen, False

@@ -15,7 +15,7 @@ from ddgcli.errors import MissingExtraError, ParameterError
 from ddgcli.mesh.fields import frames_of_equal_change
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.plots.chart import draw_chart
-from ddgcli.plots.colour import is_signed, robust_limits
+from ddgcli.plots.colour import robust_limits
 from ddgcli.plots.page import page
 from ddgcli.plots.surface import draw_surface
 
@@ -77,6 +77,7 @@ def sequence_style(
     view: Mapping[str, Any] | None = None,
     *,
     limits: tuple[float, float] | None = None,
+    signed: bool | None = None,
     edges: bool = False,
     time_unit: str = "s",
 ) -> SequenceStyle:
@@ -100,8 +101,8 @@ def sequence_style(
         return SequenceStyle(fit, view=view, edges=edges, time_unit=time_unit)
     if limits is not None:
         return SequenceStyle(fit, label, limits, limits[0] < 0 < limits[1], edges, view, time_unit)
-    bottom, top, signed = robust_limits(np.concatenate(values), is_signed(label))
-    return SequenceStyle(fit, label, (bottom, top), signed, edges, view, time_unit)
+    bottom, top, diverging = robust_limits(np.concatenate(values), signed)
+    return SequenceStyle(fit, label, (bottom, top), diverging, edges, view, time_unit)
 
 
 def draw_frame(

@@ -10,6 +10,7 @@ import logging
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any, Literal, NoReturn
 
 from pydantic import Field, create_model
@@ -97,7 +98,14 @@ class Scene:
 
     def refuse(self, key: Key, message: str) -> NoReturn:
         """Raise SceneError that points at a key."""
-        raise SceneError(located(self.document, key, message))
+        raise SceneError(located(self.document, key, message), mesh=self._mesh_path(key))
+
+    def _mesh_path(self, key: Key) -> str | None:
+        """Mesh file of the object that a key belongs to."""
+        if len(key) < 2 or key[0] != "object":
+            return None
+        path = getattr(self.objects[int(key[1])], "mesh", None)
+        return path and str(Path(self.document.path).parent / path)
 
     def find(self, name: str, key: Key, roles: tuple[str, ...] = ()) -> Any:
         """The object of that name, or a refusal at `key`."""
@@ -173,8 +181,8 @@ def resolve(document: Document, kind: SceneKind, overrides: Mapping[str, Any] | 
     document = _with_models(document, kind, overrides.pop("model", None) or ())
     data = document.data
     _check_top(document)
-    time = _time(document, kind, overrides)
     objects = _objects(document, kind)
+    time = _time(document, kind, overrides)
     roles = {o.role for o in objects}
     effects = _effects(document, kind, roles)
     if data.get("format", FORMAT) != FORMAT:

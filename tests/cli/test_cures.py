@@ -95,7 +95,14 @@ def handle():
 
 
 FLATTEN = ("laplacian", "--parameterize", "conformal")
+FLOW = ("fluid-sim", "--effect", "initial vorticity='z'", "--steps", "1", "--dt", "0.01")
+FALL = ("shell-sim", "--effect", "stretching", "--steps", "1", "--dt", "0.01")
 REFUSALS = [
+    (fin, FLOW, "more than two faces"),
+    (two_fans, FLOW, "several fans"),
+    (turned, FLOW, "opposite orientation"),
+    (flat_faces, FLOW, "no area"),
+    (flat_faces, FALL, "no area"),
     (fin, ("delaunay",), "more than two faces"),
     (fin, ("hodge",), "more than two faces"),
     (fin, ("willmore-flow", "--steps", "1"), "more than two faces"),
@@ -135,6 +142,31 @@ def test_the_command_that_a_refusal_names_cures_it(run, tmp_path, monkeypatch, b
     assert repaired.exit_code == 0, repaired.stderr
     accepted = run(*words, repair[-1], *outputs)
     assert text not in accepted.stderr and accepted.exit_code in (0, 1), accepted.stderr
+
+
+def test_a_scene_is_cured_by_the_command_for_its_mesh(run, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "scenes").mkdir()
+    write_mesh("scenes/bad.ply", AnnotatedMesh(turned()))
+    scene = tmp_path / "scenes" / "flow.toml"
+    text = """format = "ddgcli-scene/1"
+[time]
+duration = 0.02
+step = 0.01
+[[object]]
+name = "ball"
+role = "fluid"
+mesh = "bad.ply"
+[effects]
+initial = { vorticity = "z" }
+"""
+    scene.write_text(text)
+    refused = run("fluid-sim", "scenes/flow.toml")
+    assert refused.exit_code == 2 and "scenes/flow.toml: line 5" in refused.stderr
+    _, *repair = shlex.split(REPAIR.search(refused.stderr).group())
+    assert repair[1] == "scenes/bad.ply" and run(*repair).exit_code == 0
+    scene.write_text(text.replace("bad.ply", f"../{repair[-1]}"))
+    assert run("fluid-sim", "scenes/flow.toml").exit_code == 0
 
 
 def test_info_and_repair_name_the_command_for_every_command_that_refuses(summary, tmp_path):

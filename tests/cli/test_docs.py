@@ -33,8 +33,9 @@ def options_of(name: str) -> list[click.Option]:
 
 
 def shared() -> set[str]:
-    """Names of the parameters that every command has."""
-    return set.intersection(*({option.name for option in options_of(name)} for name in COMMANDS))
+    """Names of the parameters that every command has that draws."""
+    names = [{option.name for option in options_of(name)} for name in COMMANDS]
+    return set.intersection(*(own for own in names if "plot" in own))
 
 
 def text_of(*pages: str) -> str:

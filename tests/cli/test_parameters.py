@@ -27,3 +27,19 @@ def test_the_parameter_of_an_error_begins_the_message():
     assert error_text(error, NAMES) == "--heat-time: must be positive"
     assert str(error) == "heat_time: must be positive"
     assert error_text(MeshError("no faces; lower `heat_time`"), NAMES) == "no faces; lower --heat-time"
+
+
+def test_messages_of_wrong_calls_name_what_is_wrong_and_what_to_do(run):
+    from tests.conftest import ROOT
+
+    torus, scenes = ROOT / "sample_meshes" / "torus.ply", ROOT / "sample_scenes"
+    calls = {
+        ("geodesic", torus): "name a vertex, such as --source 0",
+        ("laplacian", torus, "--eigen", "many"): "'many' is not a whole number",
+        ("fluid-sim", scenes / "hat.toml"): "'shell' belongs to shell-sim",
+        ("shell-sim", scenes / "vortex_pair_torus.toml"): "'fluid' belongs to fluid-sim",
+    }
+    for words, text in calls.items():
+        result = run(*words)
+        assert result.exit_code == 2 and text in result.stderr, result.stderr
+        assert len(result.stderr.splitlines()) == 1

@@ -57,6 +57,12 @@ def test_every_command_turns_and_sizes_its_picture(run, summary, torus, tmp_path
     assert result.exit_code == 2 and "'nothing'" in result.stderr and not list(tmp_path.glob("c.*"))
 
 
+@pytest.mark.parametrize("command", ["dec", "view", "batch", "examples", "check"])
+def test_commands_that_draw_nothing_have_no_options_of_pictures(run, command):
+    assert not {"--plot", "--view", "--show", "--size"} & set(run(command, "--help-all").stdout.split())
+    assert "No such option '--plot'" in run(command, "x", "--plot", "x.png").stderr
+
+
 @pytest.mark.parametrize("value", ["300", "300x", "axb", "10x10", "300x99999", "-300x300"])
 def test_sizes_that_are_none_are_refused(run, torus, tmp_path, value):
     result = run("info", torus, "--plot", tmp_path / "a.png", "--size", value)

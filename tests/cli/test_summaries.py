@@ -174,7 +174,21 @@ def test_help_has_fewer_than_60_lines_and_help_all_every_option(name):
     listed = {line.strip().split()[0].rstrip(",") for line in short.splitlines() if line.startswith("  -")}
     hidden = [option for option in options if not listed & set(option.opts)]
     assert f"--help-all shows {len(hidden)} more options" in short
-    assert "Output:" in short and "Pictures:" in whole and "Run:" in whole
+    assert "Output:" in short and "Run:" in whole
+    assert ("Pictures:" in whole) == ("--plot" in shown)
+
+
+def test_long_tables_and_long_lists_of_outputs_are_short_by_default(run, tmp_path):
+    path = tmp_path / "sphere.ply"
+    write_mesh(str(path), AnnotatedMesh(shapes.icosphere(2)))
+    words = ("geodesic", path, "--source", "0", "--isolines", "20")
+    short, whole = run(*words).stdout, run(*words, "--full").stdout
+    assert "... (20 by --full)" in short and short.count("isoline") == 6 and whole.count("isoline,") == 20
+    fall = ("shell-sim", path, "--effect", "gravity", "--steps", "9", "--dt", "0.01", "--frame-every", "0.01")
+    assert run(*fall, "-o", tmp_path / "run.vtkhdf").exit_code == 0
+    exported = run("frames", tmp_path / "run.vtkhdf", "-o", tmp_path / "f_{:02d}.ply").stdout
+    count = len(list(tmp_path.glob("f_*.ply")))
+    assert count > 7 and exported.count("wrote  ") == 7 and f"... ({count} by --full)" in exported
 
 
 def test_the_shell_completes_commands_and_options():

@@ -169,7 +169,7 @@ def check_sources(mesh: SurfaceMesh, sources: Sources | NDArray | list[int] | in
     if not isinstance(sources, Sources):
         sources = Sources(np.asarray(sources))
     if len(sources) == 0:
-        raise ParameterError("no source; give at least one vertex or surface point")
+        raise ParameterError("no source; name a vertex, such as `source=0`, or a point on the surface")
     n = mesh.n_vertices
     if mesh.n_faces == 0:
         raise MeshError("no triangles; a distance along the surface needs a surface")

@@ -43,7 +43,7 @@ COMMANDS_OUTSIDE_BATCHES = ("batch", "check", "examples")
     metavar="KEY",
     help="Put a value of the summaries into the table, such as results.area. Repeatable.",
 )
-@options.common
+@options.common_without_pictures
 def command(
     words: tuple[str, ...], common: CommonOptions, table: str | None, resume: bool, shard: str | None,
     cluster: str | None, sweep: tuple[str, ...], collect: tuple[str, ...], jobs: int, timeout: float | None,

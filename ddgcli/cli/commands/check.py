@@ -59,7 +59,7 @@ class KeyTolerance(click.ParamType):
     "--ignore", multiple=True, metavar="KEY", help="Leave out a dotted name; * matches. Repeatable."
 )
 @click.option("--update", is_flag=True, help="Store the run's summary in EXPECTED.json.")
-@options.common
+@options.common_without_pictures
 def command(
     expected_path: str | None,
     words: tuple[str, ...],

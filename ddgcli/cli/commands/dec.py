@@ -41,7 +41,7 @@ FORM_FORMATS = (".npz", ".vtu", ".vtp", ".ply", ".vtk", ".xdmf")
     "--lie-derivative", nargs=2, metavar="FIELD FORM", help="Lie derivative of a form along vectors."
 )
 @click.option("--forms", metavar="PATH", help="Mesh with the arrays of these three.")
-@options.common
+@options.common_without_pictures
 def command(
     mesh_path: str, common: CommonOptions, star: Any, mtx: str | None, forms: str | None, **products: Any
 ) -> None:

@@ -17,7 +17,7 @@ FOLDERS = {"sample_meshes": "ddgcli.samples.meshes", "sample_scenes": "ddgcli.sa
 
 @click.command("examples", short_help="Copy the sample meshes and scenes into a folder.")
 @click.argument("folder", metavar="DIR", type=click.Path())
-@options.common
+@options.common_without_pictures
 def command(folder: str, common: CommonOptions) -> None:
     """Copy the sample meshes and scenes to DIR/sample_meshes and DIR/sample_scenes.
 

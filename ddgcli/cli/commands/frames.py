@@ -177,7 +177,7 @@ def _colour_range(run: Run, source: Trajectory, chosen: list[int]) -> tuple[floa
     from ddgcli.plots.colour import is_signed, robust_limits
 
     values = np.concatenate([magnitude(source.vertex(k)[name]) for k in chosen])
-    return robust_limits(values, is_signed(name))
+    return robust_limits(values, is_signed(name, source.vertex(chosen[0])[name].ndim))
 
 
 def _check_numbering(output: str, count: int) -> None:
@@ -281,12 +281,14 @@ def _array_name(source: Trajectory, settings: dict[str, Any]) -> str | None:
 
 
 def _style(source: Trajectory, chosen: list[int], settings: dict[str, Any]) -> SequenceStyle:
+    from ddgcli.plots.colour import is_signed
     from ddgcli.plots.motion import sequence_style
 
     name = _array_name(source, settings)
     unit = str(source.attributes.get("time_unit", "s"))
+    signed = None if name is None else is_signed(name, source.vertex(chosen[0])[name].ndim)
     return sequence_style(
-        _plot_frames(source, chosen, settings), name or "", settings["view"], time_unit=unit
+        _plot_frames(source, chosen, settings), name or "", settings["view"], signed=signed, time_unit=unit
     )
 
 

@@ -33,7 +33,7 @@ MAX_PAGE_MIB = 400  # a browser reads the page as one string
 )
 @click.option("--array", metavar="NAME", help="Array to begin with.")
 @click.option("--up", type=click.Choice(UP_AXES), help="Axis that points up (default: from the shape).")
-@options.common
+@options.common_without_pictures
 def command(
     paths: tuple[str, ...], common: CommonOptions, every: int, array: str | None, up: str | None
 ) -> None:

@@ -52,6 +52,7 @@ def draw_run(
     obstacles: Callable[[float], Sequence[TriangleMesh]] = lambda time: (),
 ) -> None:
     """Draw a few frames, with the obstacles, above the chart of energies."""
+    from ddgcli.plots.colour import is_signed
     from ddgcli.plots.motion import PlotFrame, draw_motion, sequence_style
 
     if common.show is not None:
@@ -69,11 +70,14 @@ def draw_run(
                 obstacles(trajectory_frame.time),
             )
         )
+    name = picture.array
+    signed = None if name is None else is_signed(name, outcome.picture_frames[0].vertex[name].ndim)
     style = sequence_style(
         plot_frames,
         picture.label,
         common.view,
         limits=picture.limits,
+        signed=signed,
         edges=picture.edges,
         time_unit=picture.time_unit,
     )
