@@ -8,8 +8,9 @@ import pytest
 from ddgcli.mesh import shapes
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.plots.chart import draw_chart
-from ddgcli.plots.colour import robust_limits
+from ddgcli.plots.colour import is_signed, robust_limits
 from ddgcli.plots.curve import draw_curves
+from ddgcli.plots.motion import PlotFrame, sequence_style
 from ddgcli.plots.raster import fitted_camera, rasterise, view_axes, visible_runs
 from ddgcli.plots.surface import draw_surface
 
@@ -191,3 +192,12 @@ def test_labels_of_a_crowded_chart_overlap_neither_each_other_nor_points():
     assert not any(a.overlaps(b) for k, a in enumerate(texts) for b in texts[:k])
     centre = axes.transData.transform(np.stack([x, y], axis=1))
     assert not any(box.contains(*point) for box in texts for point in centre)
+
+
+def test_lengths_of_vectors_have_no_sign_and_zeros_begin_at_zero():
+    assert [is_signed("vorticity"), is_signed("vorticity", 2), is_signed("strain")] == [True, False, None]
+    assert robust_limits(np.zeros(9)) == (0.0, 1.0, False)
+    mesh = shapes.grid(2, 2)
+    frame = PlotFrame(0.0, mesh, 1.0 + mesh.points[:, 0])
+    assert sequence_style([frame], "vorticity", signed=True).limits[0] < -1
+    assert sequence_style([frame], "vorticity", signed=False).limits[0] > 0.9
