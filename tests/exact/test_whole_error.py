@@ -33,7 +33,7 @@ sphere = { subdivisions = 2 }
 [effects]
 initial = { vorticity = "10*x*y*z" }
 """
-SHEET = """
+PLATE = """
 [time]
 duration = 0.016
 step = 4e-3
@@ -81,7 +81,7 @@ def test_steps_that_the_mesh_error_hides_are_not_told_apart():
 
 
 def test_the_mesh_error_of_a_shell_covers_a_finer_mesh_and_its_models_are_rows():
-    document = parse_scene(SHEET)
+    document = parse_scene(PLATE)
     problem = simulate.shell_problem(document, None, options={"integrator": "newmark", "tolerance": 1e-2})
     models = {c.model for c in problem.candidates}
     assert models == {
@@ -107,8 +107,8 @@ def frames_of(finer, steps):
         yield snapshot.observations
 
 
-def test_pins_of_a_finer_sheet_hold_the_vertices_between_them():
-    finer = refined_scene(parse_scene(SHEET), SHELL, None, None, 2)
+def test_pins_of_a_finer_plate_hold_the_vertices_between_them():
+    finer = refined_scene(parse_scene(PLATE), SHELL, None, None, 2)
     mesh = finer.read(finer.document.data["object"][0]["mesh"]).mesh
     pinned = np.unique(finer.document.data["effects"]["pin"]["vertices"])
     coarse = shapes.grid(3, 3).points[:4]
