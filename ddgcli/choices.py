@@ -6,7 +6,7 @@ so that `--help` stays fast.
 
 from __future__ import annotations
 
-CURVATURE_SCHEMES = ("quadric", "corrected", "normal-cycle", "cotan")
+CURVATURE_SCHEMES = ("quadric", "corrected", "normal-cycle", "normal-voting", "cotan")
 
 LAPLACE_OPERATORS = ("cotan", "intrinsic-delaunay", "tufted", "uniform")
 MASSES = ("lumped", "voronoi", "galerkin")

@@ -92,6 +92,27 @@ def test_voxels_are_recognised_and_the_radius_reduces_the_error(radius, caplog):
     assert default > 0.8 and automatic < 0.25
 
 
+@pytest.mark.parametrize("name, truth, radius, best", [("sphere_r10", 10, 6, 0.046)])
+def test_normal_voting_on_voxels_is_below_the_best_published_error(shared_meshes, name, truth, radius, best):
+    """PyCurv's vector voting (Salfer et al. 2020), mean relative error of H on its own surfaces."""
+    mesh = read_mesh(str(shared_meshes / "voxel" / f"{name}.vtp")).surface
+    errors = [
+        float(
+            np.mean(np.abs(np.abs(measure_curvature(mesh, s, radius).vertex["mean_curvature"]) * truth - 1))
+        )
+        for s in ("normal-voting", "quadric")
+    ]
+    assert errors[0] < best < errors[1], errors
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("radius, best", [(10, 0.031), (14, 0.014)])
+def test_normal_voting_on_many_voxels_is_below_the_best_published_error(shared_meshes, radius, best):
+    mesh = read_mesh(str(shared_meshes / "voxel" / "sphere_r30.vtp")).surface
+    mean = measure_curvature(mesh, "normal-voting", radius).vertex["mean_curvature"]
+    assert np.mean(np.abs(np.abs(mean) * 30 - 1)) < best
+
+
 @pytest.mark.parametrize("name", SAMPLES)
 def test_no_false_alarm_on_the_samples(name, caplog):
     measure_curvature(read_mesh(str(ROOT / "sample_meshes" / name), None).surface)

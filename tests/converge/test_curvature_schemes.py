@@ -130,11 +130,17 @@ def test_the_fit_turns_to_low_degree_when_data_are_noisy():
 @pytest.mark.parametrize("scheme", CURVATURE_SCHEMES)
 def test_curvatures_of_a_minimal_surface_and_a_cylinder_are_right(scheme):
     surface = shapes.catenoid(96, 64)
-    inside = np.abs(surface.points[:, 2]) < 0.9  # normals at the boundary itself are one-sided
+    # normals at the boundary itself are one-sided, averaged ones also two rings away
+    margin = 0.8 if scheme == "normal-voting" else 0.9
+    inside = np.abs(surface.points[:, 2]) < margin
     assert np.abs(measure_curvature(surface, scheme).vertex["mean_curvature"][inside]).max() < 2e-3
-    cylinder = measure_curvature(shapes.cylinder(96, 48), scheme).vertex
+    tube = shapes.cylinder(96, 48)
+    cylinder = measure_curvature(tube, scheme).vertex
     assert (cylinder["boundary"].sum(), cylinder["boundary"].dtype) == (192, np.uint8)
     inside = cylinder["boundary"] == 0
+    if scheme == "normal-voting":
+        low, high = tube.points[:, 2].min(), tube.points[:, 2].max()
+        inside = np.abs(tube.points[:, 2] - (low + high) / 2) < 0.4 * (high - low)
     assert np.allclose(cylinder["mean_curvature"][inside], 0.5, atol=2e-3)
     assert np.allclose(cylinder["principal_curvature_max"][inside], 1.0, atol=2e-2)
     assert np.abs(cylinder["principal_direction_min"][inside][:, 2]).min() > 0.999

@@ -19,6 +19,7 @@ from ddgcli.algorithms.curvature.noise import Noise, estimate_noise
 from ddgcli.algorithms.curvature.quadric import quadric
 from ddgcli.algorithms.curvature.regions import check_radius
 from ddgcli.algorithms.curvature.star import corrected, cotan, normal_cycle
+from ddgcli.algorithms.curvature.voting import normal_voting
 from ddgcli.algorithms.delaunay.triangulation import non_delaunay_edges
 from ddgcli.choices import CURVATURE_SCHEMES
 from ddgcli.errors import MeshError, ParameterError
@@ -40,6 +41,8 @@ SCHEME_PROMISES = {
     "irregular meshes, converging in balls whose radius shrinks more slowly than the edges",
     "normal-cycle": "its integrals converge; at the star its pointwise values do not on irregular meshes, "
     "in balls whose radius shrinks more slowly than the edges they do",
+    "normal-voting": "the least error on voxels and noise, in balls of three edges or more; without a radius "
+    "and within a radius of the boundary it is rough",
     "cotan": "its integrals are exact for the polyhedron; pointwise values converge on regular meshes only "
     "and stay about a third off on irregular ones",
 }
@@ -87,7 +90,7 @@ def measure_curvature(
     ----------
     mesh : TriangleMesh
         Any surface with area. Warnings report what defects of the mesh do to the numbers.
-    scheme : {'quadric', 'corrected', 'normal-cycle', 'cotan'}
+    scheme : {'quadric', 'corrected', 'normal-cycle', 'normal-voting', 'cotan'}
     radius : float, optional
         Of the ball to measure in, in length units; default the vertex star (two rings for 'quadric'). 'auto'
         takes the radius of `estimate_noise` where noise dominates at the default, and the default elsewhere.
@@ -149,6 +152,8 @@ def measure_curvature(
 def _warn_of_noise(noise: Noise, scheme: str, radius: float) -> None:
     kind = "is a staircase of voxels" if noise.stepped else f"has noise of {noise.relative:.2g} of an edge"
     cure = "use `scheme=quadric` with" if scheme == "cotan" else "use"
+    if noise.stepped and scheme != "normal-voting":
+        cure = "use `scheme=normal-voting` with"
     _log.warning(
         "the surface %s: at the default region the error of the curvature is about %.0f %%; "
         "%s `radius=%.3g` (or `radius=auto`), where it is about %.0f %%",
@@ -204,7 +209,7 @@ def _warn_of_defects(mesh: TriangleMesh, faces: Faces, orientable: bool, scheme:
     if len(flat) == mesh.n_faces:
         raise MeshError("no face has area; curvature needs a surface: check the coordinates")
     if not orientable:
-        if scheme in ("normal-cycle", "corrected"):
+        if scheme in ("normal-cycle", "corrected", "normal-voting"):
             raise MeshError(
                 f"the surface is one-sided (not orientable) and {scheme} needs two sides; "
                 f"use `scheme=quadric` or `scheme=cotan`, or {cure('one side', mesh.topology)}"
@@ -246,6 +251,8 @@ def _pointwise(surface: _Surface, scheme: str, radius: float | None) -> Principa
         principal = (
             corrected(faces, normal) if radius is None else corrected_in_balls(mesh, faces, normal, radius)
         )
+    elif scheme == "normal-voting":
+        principal = normal_voting(mesh, faces, normal, radius)
     else:
         principal = quadric(mesh, faces, normal, radius)
     undefined = (area <= 0) | ~mesh.topology.referenced_vertex

@@ -1,0 +1,89 @@
+"""Curvature from averaged normals: robust to noise and to the stairs of voxels."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csr_array
+
+from ddgcli.algorithms.curvature.faces import Faces
+from ddgcli.algorithms.curvature.frames import PrincipalCurvatures, tangent_frame
+from ddgcli.algorithms.curvature.neighbours import neighbourhoods
+from ddgcli.algorithms.curvature.quadric import principal_of_forms
+from ddgcli.algorithms.curvature.regions import Regions, chunks, larger, vertex_balls
+from ddgcli.mesh.triangle_mesh import TriangleMesh
+from ddgcli.mesh.vectors import dot, ratio
+
+MIN_NEIGHBOURS = 15
+MEMBERS_PER_BLOCK = 4_000_000
+MIN_DETERMINANT = 1e-12  # of the scatter of a region over its squared trace: below, the points lie on a line
+
+
+def normal_voting(
+    mesh: TriangleMesh, faces: Faces, normal: NDArray, radius: float | None = None
+) -> PrincipalCurvatures:
+    """Principal curvatures of the change of averaged normals over rings of neighbours or a ball.
+
+    The normal of a vertex is that of the total area vector of its region: it depends on the outline of the
+    region alone, so that stairs and noise inside cancel. Its differential is the linear map that fits the
+    averaged normals over the same region by least squares, each vertex with its area. On a sphere both steps
+    are exact for symmetric regions of any size; the regions of irregular meshes are symmetric in balls of
+    many edges only.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+    faces : Faces
+    normal : (3, n) ndarray
+        Unit normals, for the choice of rings.
+    radius : float, optional
+        Of the ball; a vertex whose ball holds fewer neighbours than its two rings keeps the rings.
+
+    References
+    ----------
+    D. L. Page et al., "Normal vector voting", 2002, and M. Salfer et al., "Reliable estimation of membrane
+    curvature", 2020, vote along geodesics; here the regions are balls and the vote a fit.
+    """
+    regions = neighbourhoods(mesh, faces, normal, MIN_NEIGHBOURS)
+    if radius is not None:
+        regions = larger(regions, vertex_balls(mesh, radius))
+    vectors = faces.stars(faces.doubled)
+    averaged = region_sums(regions, vectors)
+    length = np.sqrt(dot(averaged, averaged))
+    averaged = np.where(length > 0, ratio(averaged, length), normal)
+    weight = faces.stars(np.sqrt(dot(faces.doubled, faces.doubled))[None])[0]
+    gradient = np.zeros((2, mesh.n_vertices))
+    return principal_of_forms(gradient, _differential(faces.points, averaged, weight, regions), averaged)
+
+
+def region_sums(regions: Regions, columns: NDArray) -> NDArray[np.float64]:
+    """(d, n) sums over the region of each vertex of (d, n) values."""
+    n = columns.shape[1]
+    rows, total = np.ascontiguousarray(columns.T), np.zeros((n, len(columns)))
+    for first, last in chunks(regions, MEMBERS_PER_BLOCK):
+        start = regions.start[first : last + 1]
+        member = regions.member[start[0] : start[-1]]
+        block = csr_array((np.ones(len(member)), member, start - start[0]), shape=(last - first, n))
+        total[first:last] = block @ rows
+    return np.ascontiguousarray(total.T)
+
+
+def _differential(points: NDArray, normal: NDArray, weight: NDArray, regions: Regions) -> NDArray[np.float64]:
+    """(3, n) second derivatives of heights over the tangent planes: minus the symmetric differential."""
+    n = points.shape[1]
+    pairs = [(points[i], points[j]) for i in range(3) for j in range(3)]
+    pairs += [(normal[i], points[j]) for i in range(3) for j in range(3)]
+    columns = [np.ones(n), *points, *normal, *(a * b for a, b in pairs)]
+    sums = region_sums(regions, weight * np.stack(columns))
+    mean = ratio(sums, np.broadcast_to(sums[0], sums.shape))
+    centre, middle = mean[1:4], mean[4:7]
+    scatter = mean[7:16].reshape(3, 3, n) - centre[:, None] * centre[None]
+    change = mean[16:25].reshape(3, 3, n) - middle[:, None] * centre[None]
+    axes = np.stack(tangent_frame(normal))
+    c, d = (np.einsum("ain,ijn,bjn->abn", axes, matrix, axes) for matrix in (scatter, change))
+    determinant, trace = c[0, 0] * c[1, 1] - c[0, 1] ** 2, c[0, 0] + c[1, 1]
+    sound = determinant > MIN_DETERMINANT * trace**2
+    inverse = np.stack([np.stack([c[1, 1], -c[0, 1]]), np.stack([-c[0, 1], c[0, 0]])])
+    inverse = np.where(sound, ratio(inverse, np.broadcast_to(determinant, inverse.shape)), 0.0)
+    change = np.einsum("abn,bcn->acn", d, inverse)
+    return -np.stack([change[0, 0], 0.5 * (change[0, 1] + change[1, 0]), change[1, 1]])
