@@ -133,7 +133,9 @@ def test_curvatures_of_a_minimal_surface_and_a_cylinder_are_right(scheme):
     # normals at the boundary itself are one-sided, averaged ones also two rings away
     margin = 0.8 if scheme == "normal-voting" else 0.9
     inside = np.abs(surface.points[:, 2]) < margin
-    assert np.abs(measure_curvature(surface, scheme).vertex["mean_curvature"][inside]).max() < 2e-3
+    # averaged over two edges of 2 pi / 96 each way, its error is (2 h)^2 / 4
+    bound = 5e-3 if scheme == "normal-voting" else 2e-3
+    assert np.abs(measure_curvature(surface, scheme).vertex["mean_curvature"][inside]).max() < bound
     tube = shapes.cylinder(96, 48)
     cylinder = measure_curvature(tube, scheme).vertex
     assert (cylinder["boundary"].sum(), cylinder["boundary"].dtype) == (192, np.uint8)

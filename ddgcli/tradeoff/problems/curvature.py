@@ -22,6 +22,7 @@ from ddgcli.tradeoff.truths import Truth
 RADII: dict[str, tuple[float | None, ...]] = {
     "cotan": (None,),
     "normal-cycle": (None, 2.0, 4.0),
+    "normal-voting": (4.0,),
     "corrected": (None, 2.0, 4.0),
     "quadric": (None, 3.0),
 }
