@@ -15,6 +15,7 @@ __all__ = [
     "modes",
     "newton",
     "rounding",
+    "stability",
     "system",
     "terms",
 ]

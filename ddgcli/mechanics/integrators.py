@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from ddgcli.errors import SolveError
 from ddgcli.mechanics.system import Motion, System
-from ddgcli.mesh.scatter import sum_by_index
 from ddgcli.simulation.model import StepRejected
 
 if TYPE_CHECKING:
@@ -72,6 +71,15 @@ def _verlet(system: System, motion: Motion, dt: float, parameters: Any) -> Motio
         a = system.acceleration(x, v, dt)
         v = half + 0.5 * dt * a
     return checked(system, _after(system, x, v, a, motion.newton))
+
+
+def _avi(system: System, motion: Motion, dt: float, parameters: Any) -> Motion:
+    """Every element with its own step; the acceleration takes no part."""
+    from ddgcli.mechanics.asynchronous import step
+
+    x, v = step(system, motion, dt)
+    end = system.at(motion.time + dt)
+    return checked(end, _after(end, x, v, np.zeros_like(v), motion.newton))
 
 
 def _after(system: System, x: NDArray, v: NDArray, a: NDArray, newton: int) -> Motion:
@@ -304,6 +312,7 @@ def _newmark_reach(parameters: Any) -> float:
 INTEGRATORS: dict[str, Integrator] = {
     "symplectic-euler": Integrator("symplectic-euler", 1, _symplectic_euler, _leaps),
     "verlet": Integrator("verlet", 2, _verlet, _leaps),
+    "avi": Integrator("avi", 2, _avi, _any_step),
     "newmark": Integrator("newmark", 2, _newmark, _newmark_reach, _composite),
     "implicit-midpoint": Integrator("implicit-midpoint", 2, _implicit_midpoint, _any_step, _composite),
     "implicit-euler": Integrator("implicit-euler", 1, _implicit_euler, _any_step),
@@ -312,46 +321,3 @@ INTEGRATORS: dict[str, Integrator] = {
 }
 
 ARC_LENGTH = Integrator("static", 0, _arc_length, _any_step, multistep=True, own_time=True)
-
-
-def stable_step(system: System, x: NDArray, reach: float) -> float:
-    """Largest step of a scheme that is stable while step times frequency is below `reach`.
-
-    The frequency w is that of the elastic terms at `x` and of the barriers where they are expected stiffest.
-    Damping of rate c shortens the step: explicit schemes take the velocity from before.
-    """
-    if not np.isfinite(reach):
-        return np.inf
-    elastic = [(p.stencil, p.blocks(x, "material")) for p in system.potentials if len(p.stencil)]
-    barrier = sum((b.stiffest() for b in system.barriers), np.zeros(len(x)))
-    square = _largest_rate(system, elastic) + float((barrier / system.mass).max())
-    for p in system.potentials:
-        if hasattr(p, "low_rank"):
-            square += float(np.sum(p.low_rank(x) ** 2 / system.mass[:, None]))
-    frozen = system.frozen(x, 0.0)
-    c = _largest_rate(system, [(p.stencil, p.blocks(np.zeros_like(x), "exact")) for p in frozen])
-    if not square + c > 0:
-        return np.inf
-    return 0.9 * 2 * reach / (c + np.sqrt(c * c + 4 * square))
-
-
-def _largest_rate(system: System, elements: list[tuple[NDArray, NDArray]]) -> float:
-    """Largest eigenvalue of M^-1 K by power iteration, K the sum of element blocks."""
-    w = np.random.default_rng(0).normal(size=(len(system.mass), 3))
-    largest = 0.0
-    for _ in range(60 if elements else 0):
-        w = np.where(system.free, w, 0.0)
-        norm = np.sqrt(np.sum(system.mass[:, None] * w**2))
-        if not norm > 0:
-            return 0.0
-        w /= norm
-        kw = np.zeros_like(w)
-        for stencil, blocks in elements:
-            # internal unknowns are held: free, they could only lower the rate
-            inner = np.zeros((max(int(stencil.max(initial=0)) + 1 - len(w), 0), 3))
-            whole = np.concatenate([w, inner])
-            local = np.einsum("kij,kj->ki", blocks, whole[stencil].reshape(len(stencil), -1))
-            kw += sum_by_index(stencil, local.reshape(*stencil.shape, 3), len(whole))[: len(w)]
-        largest = float(np.sum(w * kw))
-        w = kw / system.mass[:, None]
-    return largest

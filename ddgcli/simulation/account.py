@@ -17,9 +17,9 @@ class Account:
         self._stack: list[str] = []
         self._since = 0.0
 
-    def within(self, name: str) -> _Timer:
-        """Context manager that books one call and the time inside it to `name`."""
-        return _Timer(self, name)
+    def within(self, name: str, calls: int = 1) -> _Timer:
+        """Context manager that books one call (or `calls`) and the time inside it to `name`."""
+        return _Timer(self, name, calls)
 
     def _switch(self) -> None:
         now = perf_counter()
@@ -70,15 +70,15 @@ def time_shares(
 
 
 class _Timer:
-    __slots__ = ("account", "name")
+    __slots__ = ("account", "calls", "name")
 
-    def __init__(self, account: Account, name: str) -> None:
-        self.account, self.name = account, name
+    def __init__(self, account: Account, name: str, calls: int) -> None:
+        self.account, self.name, self.calls = account, name, calls
 
     def __enter__(self) -> None:
         account = self.account
         account._switch()
-        account.calls[self.name] = account.calls.get(self.name, 0) + 1
+        account.calls[self.name] = account.calls.get(self.name, 0) + self.calls
         account.seconds.setdefault(self.name, 0.0)
         account._stack.append(self.name)
 

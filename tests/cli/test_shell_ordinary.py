@@ -9,7 +9,16 @@ from ddgcli.io.mesh_file import write_mesh
 from ddgcli.mesh.fields import AnnotatedMesh
 from ddgcli.mesh.shapes import random_sphere
 
-SCHEMES = ["newmark", "implicit-euler", "implicit-midpoint", "symplectic-euler", "verlet", "bdf2", "static"]
+SCHEMES = [
+    "newmark",
+    "implicit-euler",
+    "implicit-midpoint",
+    "symplectic-euler",
+    "verlet",
+    "avi",
+    "bdf2",
+    "static",
+]
 STRIP = """
 [time]
 integrator = "{integrator}"

@@ -17,7 +17,7 @@ from ddgcli.simulation.account import Account
 from ddgcli.simulation.time_loop import evolve
 from tests.simulate import scalar, shell_run
 
-EXPLICIT_INTEGRATORS = ("verlet", "symplectic-euler")
+EXPLICIT_INTEGRATORS = ("verlet", "symplectic-euler", "avi")
 DYNAMIC = [name for name in INTEGRATORS if name != "static"]
 
 
@@ -91,6 +91,7 @@ def assert_free_shell_keeps_its_momenta(name, linear, angular):
 @pytest.mark.parametrize("name, linear, angular", [
     ("verlet", 1e-12, 1e-12),
     ("symplectic-euler", 1e-12, 1e-12),
+    ("avi", 1e-12, 1e-12),
     ("implicit-midpoint", 1e-12, 1e-9),
     ("newmark", 1e-12, None),
     ("implicit-euler", 1e-12, None),

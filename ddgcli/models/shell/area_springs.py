@@ -20,6 +20,10 @@ class AreaSprings:
     def __init__(self, faces: NDArray, rest: NDArray, stiffness: float) -> None:
         self.stencil, self.rest, self.stiffness = faces, rest, stiffness
 
+    def subset(self, rows: NDArray, stencil: NDArray) -> AreaSprings:
+        """Some of the faces, with these numbers of their vertices."""
+        return AreaSprings(stencil, self.rest[rows], self.stiffness)
+
     def _area(self, x: NDArray) -> tuple[NDArray, NDArray, NDArray]:
         """Areas (m,), unit normals (m, 3) and opposite edges (m, 3, 3)."""
         corners = x[self.stencil]

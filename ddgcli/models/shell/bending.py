@@ -53,6 +53,10 @@ class HingeBending:
     def __init__(self, stencil: NDArray, weight: NDArray, rest: NDArray) -> None:
         self.stencil, self.weight, self.rest = stencil, weight, rest
 
+    def subset(self, rows: NDArray, stencil: NDArray) -> HingeBending:
+        """Some of the hinges, with these numbers of their vertices."""
+        return HingeBending(stencil, self.weight[rows], self.rest[rows])
+
     @at_last_point
     def _hinge_frame(self, x: NDArray) -> hinge.HingeFrame:
         return hinge.hinge_frame(x, self.stencil)

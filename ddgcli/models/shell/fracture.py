@@ -38,7 +38,8 @@ class Fracture(Section):
 def build(parameters: Fracture, context: ShellContext) -> list[Any]:
     """No term: cracks change the mesh between the steps (see `epochs`). Refuses what they do not allow."""
     time, topology = context.scene.time, context.mesh.topology
-    if INTEGRATORS[time.integrator].reach(time) < float("inf") or time.integrator == "static":
+    explicit = INTEGRATORS[time.integrator].reach(time) < float("inf") or time.integrator == "avi"
+    if explicit or time.integrator == "static":
         raise ValueError(
             f'a piece may be one light triangle, so an implicit scheme is needed, not "{time.integrator}"; '
             'write integrator = "newmark", "implicit-euler" or "bdf2"'

@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 
 from ddgcli.errors import SolveError
 from ddgcli.mechanics.driving import contact_forces, driving_work, reactions
-from ddgcli.mechanics.integrators import ARC_LENGTH, INTEGRATORS, Step, stable_step
+from ddgcli.mechanics.integrators import ARC_LENGTH, INTEGRATORS, Step
+from ddgcli.mechanics.stability import stable_step
 from ddgcli.mechanics.system import NO_MULTIPLIERS, Motion, System
 from ddgcli.mechanics.terms import FixedCoordinates, Memory, PrescribedMotion, ProportionalLoad, RampedLoad
 from ddgcli.mesh.require import unmet_need

@@ -113,7 +113,7 @@ def _start(contexts: list[ShellContext], mesh: PairMesh) -> NDArray[np.float64]:
 
 def _require_implicit(context: ShellContext) -> None:
     time = context.scene.time
-    explicit = time.integrator in ("verlet", "symplectic-euler")
+    explicit = time.integrator in ("verlet", "symplectic-euler", "avi")
     if explicit or (time.integrator == "newmark" and 2 * time.beta < time.gamma):
         raise ValueError(
             f"contact of meshes and self_contact need an implicit scheme, found {time.integrator!r}; "

@@ -108,6 +108,7 @@ KIND = SceneKind(
         "implicit-midpoint": NoParameters,
         "symplectic-euler": NoParameters,
         "verlet": NoParameters,
+        "avi": NoParameters,
         "bdf2": NoParameters,
         "static": StaticParameters,
     },

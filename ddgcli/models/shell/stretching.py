@@ -40,6 +40,10 @@ class EdgeSprings:
         self.stencil = edges
         self.rest, self.stiffness = rest, stiffness
 
+    def subset(self, rows: NDArray, stencil: NDArray) -> EdgeSprings:
+        """Some of the edges, with these numbers of their vertices."""
+        return EdgeSprings(stencil, self.rest[rows], self.stiffness[rows])
+
     def _edge(self, x: NDArray) -> tuple[NDArray, NDArray]:
         vector = x[self.stencil[:, 1]] - x[self.stencil[:, 0]]
         return vector, np.sqrt(np.einsum("ei,ei->e", vector, vector))
@@ -91,6 +95,11 @@ class StVK:
         self.stencil, self.basis, self.area = faces, basis, area
         self.lam, self.mu = lam, mu
         self.rest_metric = np.eye(2) if rest_metric is None else rest_metric
+
+    def subset(self, rows: NDArray, stencil: NDArray) -> StVK:
+        """Some of the faces, with these numbers of their vertices."""
+        rest = self.rest_metric if self.rest_metric.ndim == 2 else self.rest_metric[rows]
+        return StVK(stencil, self.basis[rows], self.area[rows], self.lam, self.mu, rest)
 
     def deformation_gradient(self, x: NDArray) -> NDArray[np.float64]:
         """(m, 3, 2) F, from differences of positions: they do not depend on the origin."""

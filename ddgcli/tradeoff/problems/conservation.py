@@ -30,7 +30,7 @@ from ddgcli.tradeoff.candidates import NO_OPTIONS, Candidate, CommandOptions, Pr
 STEP_FACTORS = (4.0, 2.0, 1.0, 0.5)  # of the candidates, in units of the system's step
 N_OBSERVATIONS = 32  # at which the drift is observed
 MAX_STEPS = 400  # of a scene's own length
-EXPLICIT_INTEGRATORS = ("symplectic-euler", "verlet")
+EXPLICIT_INTEGRATORS = ("symplectic-euler", "verlet", "avi")
 EXPLICIT_WORK, IMPLICIT_WORK = 2e-4, 3e-3  # estimated seconds of a step of a small system
 NEWMARK = SimpleNamespace(beta=0.25, gamma=0.5)
 FORBIDDEN_EFFECTS = {  # effects that change the quantity

@@ -1,0 +1,173 @@
+"""Asynchronous steps: each element of a potential is evaluated as often as its own stability needs.
+
+A. Lew, J. E. Marsden, M. Ortiz, M. West, "Asynchronous variational integrators", 2003: the discrete action
+sums the energies of the elements, each at its own times, and its stationarity gives every vertex impulses
+-h_K dV_K/dx at the times of the elements around it, between which it moves uniformly. Here the steps of the
+elements are dt / 2^k, so that all elements of one k act at once, and each acts with half an impulse at both
+ends of dt: the scheme is symmetric, of order 2, and velocity Verlet where all elements have the same step.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ddgcli.errors import SolveError
+from ddgcli.mechanics.stability import stable_step
+from ddgcli.mechanics.system import Motion, System
+from ddgcli.mechanics.terms import Potential, TimeDependent, is_dead
+
+SAFETY = 0.8  # of an element's own limit: its neighbours have other steps
+MAX_LEVEL = 14  # dt / 16384
+
+
+@dataclass(frozen=True, eq=False)
+class Batch:
+    """Elements of one potential that act at the same times.
+
+    Parameters
+    ----------
+    potential : Potential, or a term that is one at each time
+        Of these elements, over `rows` alone.
+    rows : (k,) ndarray of int, or None for all
+        Their vertices.
+    """
+
+    potential: Any
+    rows: NDArray[np.int64] | None
+    name: str
+
+    def add(self, x: NDArray, time: float, total: NDArray) -> None:
+        """Add the gradient at x to (n, 3) numbers."""
+        if self.rows is None:
+            timed = isinstance(self.potential, TimeDependent)
+            total += (self.potential.at(time) if timed else self.potential).gradient(x)
+        else:
+            total[self.rows] += self.potential.gradient(x[self.rows])
+
+
+@dataclass(frozen=True, eq=False)
+class Levels:
+    """Batches by their step: those of `batches[k]` act every dt / 2^k."""
+
+    all_terms: tuple[Any, ...]
+    batches: list[list[Batch]]
+
+
+def step(system: System, motion: Motion, dt: float) -> tuple[NDArray, NDArray]:
+    """Positions and velocities after dt."""
+    levels = levels_of(system, dt)
+    finest = len(levels.batches) - 1
+    count, small = 2**finest, dt / 2**finest
+    weight = system.free / system.mass[:, None]
+    x, v = motion.x, motion.v
+    for k in range(count + 1):
+        here = system.at(motion.time + k * small)
+        for level, batches in enumerate(levels.batches):
+            every = 2 ** (finest - level)
+            if k % every == 0 and batches:
+                half = 0.5 if k in (0, count) else 1.0
+                v = v - (half * every * small) * weight * _gradient(here, batches, x, k, count)
+        if system.dissipations:
+            v = _dragged(here, x, v, small * (0.5 if k in (0, count) else 1.0), weight)
+        if k < count:
+            x = system.at(motion.time + (k + 1) * small).prescribed_state(x + small * v, v, v)[0]
+    return x, v
+
+
+def _gradient(system: System, batches: list[Batch], x: NDArray, k: int, count: int) -> NDArray[np.float64]:
+    """(n, 3) gradient of some elements; that at the end of a step is kept for the start of the next.
+
+    At the start of a run, or of a resumed one, it is computed but not counted, so that both count alike.
+    """
+    kept = system.cache.get("asynchronous gradients", (None, {}))
+    if kept[0] is x and id(batches) in kept[1]:
+        return kept[1][id(batches)]
+    total = np.zeros_like(x)
+    for batch in batches:
+        with system.account.within(batch.name, 1 if k else 0):
+            batch.add(x, system.time, total)
+    if k == count:
+        if kept[0] is not x:
+            kept = system.cache["asynchronous gradients"] = (x, {})
+        kept[1][id(batches)] = total
+    return total
+
+
+def _dragged(system: System, x: NDArray, v: NDArray, h: float, weight: NDArray) -> NDArray[np.float64]:
+    """Velocities after drag over h, by Heun's method."""
+    first = weight * system.drag(x, v, h)
+    return v - 0.5 * h * (first + weight * system.drag(x, v - h * first, h))
+
+
+def levels_of(system: System, dt: float) -> Levels:
+    """Batches of a system's potentials for steps of length dt, found at the positions of its start.
+
+    Raises
+    ------
+    SolveError
+        An element needs a step more than 2^14 times shorter.
+    """
+    stored = system.cache.setdefault("asynchronous", {})
+    levels = stored.get(dt)
+    if levels is None or not _same(levels.all_terms, system.all_terms):
+        calls = dict(system.account.calls)
+        levels = stored[dt] = _divided(system, dt)
+        system.account.calls = calls  # once in a run, and once more where it is resumed
+    return levels
+
+
+def _same(a: tuple[Any, ...], b: tuple[Any, ...]) -> bool:
+    return len(a) == len(b) and all(p is q for p, q in zip(a, b))
+
+
+def _divided(system: System, dt: float) -> Levels:
+    """Levels from the limit of the whole system, which the stiffest vertex has, and bounds of the others.
+
+    The rate of a vertex is bounded by the sum of the rows of the Hessian over its mass (Gershgorin); an
+    element has that of its stiffest vertex.
+    """
+
+    x = np.asarray(system.start)
+    limit = stable_step(system, x, 2.0)
+    rate = sum((b.stiffest() for b in system.barriers), np.zeros(len(x))) / system.mass
+    for potential in system.potentials:
+        if hasattr(potential, "subset"):
+            rows = np.abs(potential.blocks(x, "material")).sum(axis=2)
+            rows = rows.reshape(*potential.stencil.shape, 3).max(axis=2)
+            rate += np.bincount(potential.stencil.ravel(), rows.ravel(), len(x)) / system.mass
+    rate = np.where(system.free.any(axis=1), rate, 0.0)
+    largest = float(rate.max(initial=0.0))
+    finest = _level(np.array([limit]), dt)[0] if np.isfinite(limit) else 0
+    batches: list[list[Batch]] = [[] for _ in range(finest + 1)]
+    for term in system.all_terms:
+        potential = term.at(system.time) if isinstance(term, TimeDependent) else term
+        if not isinstance(potential, Potential):
+            continue
+        if potential is not term or not hasattr(potential, "subset") or not largest > 0:
+            # a dead load acts alike at any time; of others nothing is known but the limit of the whole
+            batches[0 if is_dead(potential) else finest].append(Batch(term, None, potential.name))
+            continue
+        own = rate[potential.stencil].max(axis=1)
+        steps = limit * np.sqrt(largest / np.maximum(own, 1e-300 * largest))
+        level = np.minimum(_level(steps, dt), finest)
+        for k in np.unique(level):
+            chosen = np.flatnonzero(level == k)
+            vertices, stencil = np.unique(potential.stencil[chosen], return_inverse=True)
+            part = potential.subset(chosen, stencil.reshape(-1, potential.stencil.shape[1]))
+            batches[k].append(Batch(part, vertices, potential.name))
+    return Levels(system.all_terms, batches)
+
+
+def _level(limits: NDArray, dt: float) -> NDArray[np.int64]:
+    """Least k with dt / 2^k within a limit."""
+    level = np.ceil(np.log2(np.maximum(dt / (SAFETY * limits), 1.0))).astype(np.int64)
+    if level.max(initial=0) > MAX_LEVEL:
+        raise SolveError(
+            f"an element needs steps of {limits.min():.3g} s, over {2**MAX_LEVEL} times shorter than dt; "
+            "shorten dt, or take an implicit scheme"
+        )
+    return level
