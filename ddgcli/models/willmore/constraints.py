@@ -13,6 +13,7 @@ from ddgcli.geometry.intrinsic import face_area
 from ddgcli.mesh.boundary import boundary_vertex_loops
 from ddgcli.mesh.topology import Topology
 from ddgcli.mesh.triangle_mesh import TriangleMesh
+from ddgcli.mesh.vectors import unit_vectors
 from ddgcli.models.willmore.area_energy import AreaEnergy, signed_volume, volume_gradient
 
 PreconditionerSolve = Callable[[NDArray], NDArray]
@@ -43,6 +44,13 @@ def volume_inside(mesh: TriangleMesh, caps: NDArray | None = None) -> float:
     return signed_volume(mesh.points, faces)
 
 
+def _translations(mesh: TriangleMesh, free: NDArray) -> list[NDArray]:
+    """The translations along the volume's gradient, as covectors (k, 3): n_axis times that gradient."""
+    swept = volume_gradient(mesh)[free]
+    normal = unit_vectors(swept)
+    return [swept * normal[:, axis : axis + 1] for axis in range(3)]
+
+
 @dataclass(frozen=True)
 class Constraints:
     """Targets of the area and of the enclosed volume; None where it is free.
@@ -52,11 +60,15 @@ class Constraints:
     area, volume : float or None
     caps : (k, 3) ndarray of int, optional
         Faces that close a surface with boundary, for its volume.
+    in_place : bool
+        Motions along the normals contain no translation. Less the translation such a motion slides vertices
+        within the surface: the area hardly depends on it, and would take long to rest.
     """
 
     area: float | None = None
     volume: float | None = None
     caps: NDArray[np.int64] | None = None
+    in_place: bool = False
 
     @property
     def active(self) -> bool:
@@ -93,9 +105,9 @@ class Constraints:
     def _project(
         self, mesh: TriangleMesh, free: NDArray, solve: PreconditionerSolve, v: NDArray, dual: bool
     ) -> NDArray:
-        if not self.active:
+        if not (self.active or self.in_place):
             return v
-        rows = self._gradients(mesh, free)
+        rows = self._gradients(mesh, free) + (_translations(mesh, free) if self.in_place else [])
         lifted = [solve(c) for c in rows]
         gram = np.array([[np.sum(c * s) for s in lifted] for c in rows])
         right = np.array([np.sum(v * (s if dual else c)) for c, s in zip(rows, lifted)])

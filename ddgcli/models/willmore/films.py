@@ -8,7 +8,8 @@ from ddgcli.errors import MeshError, ParameterError
 from ddgcli.geometry.extrinsic import enclosed_volume
 from ddgcli.mesh.require import require
 from ddgcli.mesh.triangle_mesh import TriangleMesh
-from ddgcli.models.willmore.area_energy import AreaEnergy, VolumeEnergy, mean_curvature
+from ddgcli.mesh.vectors import unit_vectors
+from ddgcli.models.willmore.area_energy import AreaEnergy, VolumeEnergy, mean_curvature, volume_gradient
 from ddgcli.models.willmore.constraints import Constraints, area, cap_faces, volume_inside
 from ddgcli.models.willmore.descent import EnergyGradient, vertex_normals
 from ddgcli.models.willmore.energies import EnergyBuilder
@@ -21,28 +22,32 @@ MIN_VOLUME = 1e-9  # of a surface at unit size, below which it counts as enclosi
 FILM_CONVENTIONS = {False: "area", True: "minus the enclosed volume"}  # by whether the area is kept
 
 
-def curvature_variation(at: EnergyGradient, constant: bool) -> float:
-    """Largest |2 H| at the free vertices, or deviation of 2 H from its mean, times the radius.
+def curvature_variation(at: EnergyGradient, constraints: Constraints) -> float:
+    """Largest |2 H| at the free vertices, or deviation of 2 H from what the constraints leave open.
 
-    Parameters
-    ----------
-    at : EnergyGradient
-    constant : bool
-        2 H may have any constant value.
+    That is any constant where area or volume is kept and, in place, the normals' coordinates: curvature that
+    varies with these slides vertices within the surface. Times the radius.
     """
     with np.errstate(divide="ignore", invalid="ignore"):
-        twice = 2.0 * mean_curvature(at.mesh, vertex_normals(at.mesh))[at.free]
-    off = np.abs(twice - (twice @ at.mass / at.mass.sum() if constant else 0.0))
+        normal = vertex_normals(at.mesh)
+        off = 2.0 * mean_curvature(at.mesh, normal)[at.free]
+    if not np.isfinite(off).all():
+        return np.inf
+    basis = [np.ones((len(off), 1))] if constraints.active else []
+    basis += [unit_vectors(volume_gradient(at.mesh)[at.free])] if constraints.in_place else []
+    if basis:
+        weight, columns = np.sqrt(at.mass), np.concatenate(basis, axis=1)
+        off = off - columns @ np.linalg.lstsq(weight[:, None] * columns, weight * off, rcond=None)[0]
     radius = np.sqrt(at.mass.sum() / (4.0 * np.pi))
-    return float(np.max(np.where(np.isfinite(off), off, np.inf), initial=0.0) * radius)
+    return float(np.max(np.abs(off), initial=0.0) * radius)
 
 
-def film_reason(at: EnergyGradient, variation: float | None, constant: bool) -> str:
+def film_reason(at: EnergyGradient, variation: float | None, constraints: Constraints) -> str:
     """Why a film ends here, or "": 2 H varies by less than `variation`, or the film pinches off.
 
-    See `curvature_variation` for `constant`.
+    See `curvature_variation`.
     """
-    if variation is not None and curvature_variation(at, constant) <= variation:
+    if variation is not None and curvature_variation(at, constraints) <= variation:
         return f"curvature equal to {variation:g}"
     return PINCH_REASON if at.mass.min() < PINCHED_STAR_FRACTION * at.mass.mean() else ""
 
@@ -76,6 +81,7 @@ def film_constraints(unit: TriangleMesh, options: FlowOptions, film: bool) -> Co
         area(unit) if options.fix_area else None,
         volume_inside(unit, caps) if options.fix_volume else None,
         caps,
+        in_place=film and topology.is_closed,
     )
     inside = (
         constraints.volume

@@ -163,7 +163,7 @@ class Flow:
         if self.stop.mesh_error and abs(at.energy) <= rules.ZERO_ENERGY:
             return "the energy has vanished"
         if self.of_area:
-            return film_reason(at, self.stop.gradient, self.constraints.active)
+            return film_reason(at, self.stop.gradient, self.constraints)
         size = size_across(at) if self.kind == "newton" else at.size
         if self.stop.gradient is not None and size <= self.stop.gradient:
             return f"gradient below {self.stop.gradient:g}"
