@@ -3,6 +3,7 @@
 import json
 import logging
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -416,6 +417,15 @@ def test_time_left_is_shown_from_the_first_measurable_share(capsys):
         bar = Progress("work", None, True)
         bar(done)
         assert ("s left" in capsys.readouterr().err) == has_estimate
+
+
+def test_the_estimate_of_the_time_left_only_falls(capsys):
+    bar, seconds = Progress("work", None, True), []
+    for elapsed, done in ((1.0, 0.1), (2.0, 0.5), (30.0, 0.55), (40.0, 0.99)):
+        bar.began, bar.due = time.perf_counter() - elapsed, 0.0
+        bar(done)
+        seconds.append(int(re.search(r"(\d+) s left", capsys.readouterr().err)[1]))
+    assert seconds == [9, 2, 2, 0]  # the third step alone would say 25
 
 
 def test_progress_bar_is_redrawn_during_silent_work(capsys, monkeypatch):

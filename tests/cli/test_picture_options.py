@@ -57,6 +57,21 @@ def test_every_command_turns_and_sizes_its_picture(run, summary, torus, tmp_path
     assert result.exit_code == 2 and "'nothing'" in result.stderr and not list(tmp_path.glob("c.*"))
 
 
+def test_pictures_show_paths_level_lines_generators_and_fields(summary, tmp_path):
+    mesh = shapes.torus(16, 8)
+    across = mesh.points[mesh.faces].mean(axis=1)[:, [1, 0, 2]] * [-1, 1, 0]
+    write_mesh(str(tmp_path / "ring.vtu"), AnnotatedMesh(mesh, {}, {"wind": across}))
+    calls = [("geodesic", "--source", "0"), ("geodesic", "--source", "0", "--path-to", "70")]
+    calls += [("geodesic", "--source", "0", "--isolines", "3"), ("hodge",), ("hodge", "--field", "wind")]
+    calls += [("info",), ("delaunay",)]
+    pictures = set()
+    for number, (command, *words) in enumerate(calls):
+        path = tmp_path / f"{number}.png"
+        summary(command, tmp_path / "ring.vtu", *words, "--size", "320x240", "--plot", path)
+        pictures.add(path.read_bytes())
+    assert len(pictures) == len(calls)
+
+
 @pytest.mark.parametrize("command", ["dec", "view", "batch", "examples", "check"])
 def test_commands_that_draw_nothing_have_no_options_of_pictures(run, command):
     assert not {"--plot", "--view", "--show", "--size"} & set(run(command, "--help-all").stdout.split())
