@@ -16,6 +16,7 @@ from ddgcli.mesh.fields import frames_of_equal_change
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.plots.chart import draw_chart
 from ddgcli.plots.colour import robust_limits
+from ddgcli.plots.glyphs import Glyphs
 from ddgcli.plots.page import page
 from ddgcli.plots.surface import draw_surface
 
@@ -35,12 +36,18 @@ class PlotFrame:
         Colours.
     obstacles : sequence of TriangleMesh
         Bodies around it, drawn in one colour.
+    arrows : Glyphs, optional
+        Vectors over the colours.
+    paths : sequence of (k, 3) ndarray
+        Polylines that end at particles.
     """
 
     time: float
     mesh: TriangleMesh
     values: NDArray | None = None
     obstacles: Sequence[TriangleMesh] = ()
+    arrows: Glyphs | None = None
+    paths: Sequence[NDArray] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,6 +128,8 @@ def draw_frame(
         path, plot_frame.mesh, plot_frame.values, title=title, fit=style.fit,
         signed=style.signed if plot_frame.values is not None else None, limits=style.limits,
         edges=style.edges, context=plot_frame.obstacles, width=width, height=height, dpi=dpi,
+        glyphs=plot_frame.arrows, curves=plot_frame.paths, curve_width=0.8,
+        points=np.array([path[-1] for path in plot_frame.paths]) if len(plot_frame.paths) else None,
         **dict(style.view or {}),
     )  # fmt: skip
 

@@ -309,7 +309,9 @@ def test_every_effect_is_listed(run):
 SAMPLES = Path(__file__).parents[2] / "sample_scenes"
 
 
-@pytest.mark.parametrize("name", ["taylor_vortices", "taylor_vortices_merge", "vortex_pair_torus"])
+@pytest.mark.parametrize(
+    "name", ["taylor_vortices", "taylor_vortices_merge", "vortex_pair_torus", "flow_through_holes"]
+)
 def test_sample_scenes_are_sound_and_start(run, tmp_path, name):
     result = run("fluid-sim", SAMPLES / f"{name}.toml", "--steps", 2, "-o", tmp_path / "run.vtkhdf", "--json")
     assert result.exit_code == 0, result.stderr
@@ -317,7 +319,9 @@ def test_sample_scenes_are_sound_and_start(run, tmp_path, name):
     assert accuracy["divergence_max"] < 1e-14 and accuracy["total_vorticity_drift"] < 1e-14
 
 
-@pytest.mark.parametrize("name", ["karman_street", "smoke_box", "jet_sphere", "lid_driven_cavity"])
+@pytest.mark.parametrize(
+    "name", ["karman_street", "smoke_box", "jet_sphere", "lid_driven_cavity", "vortex_ring"]
+)
 def test_sample_scenes_that_are_driven_start(run, tmp_path, name):
     result = run("fluid-sim", SAMPLES / f"{name}.toml", "--steps", 1, "-o", tmp_path / "run.vtkhdf", "--json")
     assert result.exit_code == 0, result.stderr

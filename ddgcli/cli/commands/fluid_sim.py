@@ -115,6 +115,7 @@ class Fluids:
         limits = None if robust else (-reach, reach)
         return Picture(
             "vorticity", "vorticity [1/s]", limits, shown=~wraps(list(self.meshes.values())),
+            arrows="velocity",
             energy="kinetic energy over density [m^4/s^2]",
         )  # fmt: skip
 

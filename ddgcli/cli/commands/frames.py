@@ -256,7 +256,7 @@ def _series(run: Run, source: Trajectory, output: str, chosen: list[int]) -> Non
 
 
 def _plot_frames(source: Trajectory, chosen: list[int], settings: dict[str, Any]) -> Iterator[PlotFrame]:
-    from ddgcli.cli.simulation.plot import magnitude, visible_part
+    from ddgcli.cli.simulation.plot import arrows_of, magnitude, particle_lines, visible_part
     from ddgcli.plots.motion import PlotFrame
 
     name = _array_name(source, settings)
@@ -264,8 +264,13 @@ def _plot_frames(source: Trajectory, chosen: list[int], settings: dict[str, Any]
     shown = None if hidden is None else hidden == 0
     for k in chosen:
         values = magnitude(source.vertex(k)[name]) if name else None
-        mesh = visible_part(source.mesh_at(k), shown)
-        yield PlotFrame(float(source.times[k]), mesh, values, list(source.obstacles(k).values()))
+        whole, time = source.mesh_at(k), float(source.times[k])
+        # of fluids; the velocity of a shell is seen in its motion
+        vectors = source.vertex(k).get("velocity") if "vorticity" in source.vertex(k) else None
+        yield PlotFrame(
+            time, visible_part(whole, shown), values, list(source.obstacles(k).values()),
+            arrows_of(whole, vectors), particle_lines(source.times, source.scalars, time, shown, whole),
+        )  # fmt: skip
 
 
 def _array_name(source: Trajectory, settings: dict[str, Any]) -> str | None:

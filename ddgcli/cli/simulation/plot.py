@@ -31,6 +31,8 @@ class Picture:
         Draw the edges too.
     shown : (m,) ndarray of bool, optional
         Faces to draw.
+    arrows : str, optional
+        Vertex array of vectors, drawn as arrows over the colours.
     energy, time_unit : str
         Labels of the chart.
     """
@@ -40,6 +42,7 @@ class Picture:
     limits: tuple[float, float] | None = None
     edges: bool = False
     shown: NDArray | None = None
+    arrows: str | None = None
     energy: str = "energy [J]"
     time_unit: str = "s"
 
@@ -68,6 +71,8 @@ def draw_run(
                 visible_part(mesh, picture.shown),
                 values,
                 obstacles(trajectory_frame.time),
+                arrows_of(mesh, trajectory_frame.vertex.get(picture.arrows or "")),
+                particle_lines(outcome.times, outcome.series, trajectory_frame.time, picture.shown, mesh),
             )
         )
     name = picture.array
@@ -83,6 +88,40 @@ def draw_run(
     )
     draw_motion(path, plot_frames, energy_series(outcome.times, outcome.series), style, picture.energy,
                 **page_size(common.size, 9.0))  # fmt: skip
+
+
+def arrows_of(mesh: Any, vectors: NDArray | None) -> Any:
+    """Arrows at the vertices that pictures show; None without vectors."""
+    import numpy as np
+
+    from ddgcli.plots.glyphs import Glyphs
+
+    if vectors is None:
+        return None
+    shown = np.unique(visible_part(mesh, None).faces)
+    return Glyphs(np.asarray(mesh.points)[shown], np.asarray(vectors, dtype=np.float64)[shown])
+
+
+LONGEST_STEP = 0.5  # of the size of a periodic grid: a longer step of a particle crosses its sides
+
+
+def particle_lines(
+    times: NDArray, series: Mapping[str, NDArray], end: float, shown: NDArray | None, mesh: Any
+) -> list[NDArray]:
+    """Paths of particles up to a time; on periodic grids since they last crossed a side."""
+    import numpy as np
+
+    names = [name for name in series if name.startswith("particles_")]
+    if not names:
+        return []
+    count = int((times <= end * (1 + 1e-12)).sum())
+    places = np.concatenate([series[name].reshape(len(times), -1, 3) for name in names], axis=1)[:count]
+    reach = np.full(3, np.inf) if shown is None or shown.all() else LONGEST_STEP * np.ptp(mesh.points, axis=0)
+    lines = []
+    for path in places.transpose(1, 0, 2):
+        jump = np.flatnonzero((np.abs(np.diff(path, axis=0)) > reach).any(axis=1))
+        lines.append(path[jump[-1] + 1 if len(jump) else 0 :])
+    return lines
 
 
 def magnitude(values: NDArray) -> NDArray:
