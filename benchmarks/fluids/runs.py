@@ -30,12 +30,15 @@ class FluidRun:
     seconds : float
         Of all steps, without the set-up [CPU s].
     account : Account
+    solves_of_start : int
+        Solves before the first step.
     """
 
     fluid: FluidModel
     frames: list[Observation]
     seconds: float
     account: Account
+    solves_of_start: int
 
     def series(self, name: str) -> NDArray[np.float64]:
         """A scalar of every frame."""
@@ -43,7 +46,12 @@ class FluidRun:
 
 
 def run_fluid(
-    effects: str, time: str, shape: str = 'mesh = "given"', mesh: Any = None, objects: str = ""
+    effects: str,
+    time: str,
+    shape: str = 'mesh = "given"',
+    mesh: Any = None,
+    objects: str = "",
+    account: Account | None = None,
 ) -> FluidRun:
     """Run a scene with one fluid.
 
@@ -56,12 +64,15 @@ def run_fluid(
     mesh : TriangleMesh or TetMesh, optional
     objects : str
         Further tables [[object]].
+    account : Account, optional
     """
     text = f'[time]\n{time}\n[[object]]\nname = "f"\nrole = "fluid"\n{shape}\n{objects}[effects]\n{effects}\n'
-    scene, account = resolve(parse_scene(text), KIND, {}), Account()
+    scene, account = resolve(parse_scene(text), KIND, {}), account or Account()
     source = SimpleNamespace(mesh=mesh, vertex={}, face={}, sha256="", notes=())
     fluids = {name: context for name, (context, _) in contexts(scene, lambda _: source, np.load).items()}
     fluid = build(scene, fluids, account)["f"]
-    began = cpu_seconds()
-    frames = [frame.observations["f"] for frame in evolve({"f": fluid.model()}, scene.schedule(), account)]
-    return FluidRun(fluid, frames, cpu_seconds() - began, account)
+    snapshots = evolve({"f": fluid.model()}, scene.schedule(), account)
+    frames = [next(snapshots).observations["f"]]
+    solves, began = account.calls.get("solver", 0), cpu_seconds()
+    frames += [snapshot.observations["f"] for snapshot in snapshots]
+    return FluidRun(fluid, frames, cpu_seconds() - began, account, solves)

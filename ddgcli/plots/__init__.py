@@ -3,4 +3,4 @@
 The only place that imports matplotlib. `page` lays out a figure, `raster` draws large meshes as pixels.
 """
 
-__all__ = ["array", "chart", "colour", "curve", "motion", "page", "raster", "surface", "web_page"]
+__all__ = ["array", "chart", "colour", "curve", "glyphs", "motion", "page", "raster", "surface", "web_page"]
