@@ -15,18 +15,19 @@ _NAMES: dict[str, tuple[str, ...]] = {
         "cylinder", "grid", "icosphere", "torus",
     ),
     "files": ("read_mesh", "read_trajectory", "write_mesh", "write_trajectory"),
-    "curvatures": ("curvature",),
+    "curvatures": ("curvature", "curvature_measures", "offset_body"),
     "operators": (
-        "connection_laplacian", "d0", "d1", "d2", "divergence", "galerkin_mass", "gradient",
+        "connection_laplacian", "d0", "d1", "d2", "dec_operators", "divergence", "galerkin_mass", "gradient",
         "hodge_star", "laplace_operator", "lumped_mass", "stiffness", "uniform_stiffness",
         "voronoi_mass",
     ),
-    "triangulations": ("conformal_map", "delaunay_refinement", "intrinsic_delaunay"),
+    "triangulations": ("circumcentric_dual", "conformal_map", "delaunay_refinement", "intrinsic_delaunay"),
     "decomposition": ("betti_numbers", "harmonic_basis", "hodge_decomposition", "homology_generators"),
     "equations": (
         "eigenpairs", "harmonic_interpolation", "heat_kernel_signature", "mean_curvature_flow",
         "parameterize", "poisson",
     ),
+    "evolution": ("curve_flow", "heat_equation", "wave_equation"),
     "distances": (
         "DistanceSolver", "HeatSolver", "distance_gradient", "geodesic_distance", "measure_distance",
     ),
@@ -50,6 +51,7 @@ if TYPE_CHECKING:
     from ddgcli.library.decomposition import *  # noqa: F403
     from ddgcli.library.distances import *  # noqa: F403
     from ddgcli.library.equations import *  # noqa: F403
+    from ddgcli.library.evolution import *  # noqa: F403
     from ddgcli.library.fields import *  # noqa: F403
     from ddgcli.library.files import *  # noqa: F403
     from ddgcli.library.meshes import *  # noqa: F403

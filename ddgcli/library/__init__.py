@@ -12,6 +12,7 @@ __all__ = [
     "decomposition",
     "distances",
     "equations",
+    "evolution",
     "fields",
     "files",
     "mesh_arguments",

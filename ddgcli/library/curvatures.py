@@ -2,15 +2,104 @@
 
 from __future__ import annotations
 
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ddgcli.algorithms.curvature.offset_body import OffsetBody
+from ddgcli.algorithms.curvature.offset_body import offset_body as core_offset_body
 from ddgcli.algorithms.curvature.polyline import measure_curves
+from ddgcli.algorithms.curvature.region_measures import RegionMeasures, measures_in_ball
 from ddgcli.algorithms.curvature.surface_curvature import DEFAULT_SCHEME, measure_curvature
+from ddgcli.algorithms.curvature.surface_query import labelled_measures, require_regions
 from ddgcli.errors import ParameterError
 from ddgcli.library.mesh_arguments import accepts_arrays
 from ddgcli.library.result import Measurement
 from ddgcli.mesh.curve import CurveSet
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 
-__all__ = ["curvature"]
+__all__ = ["curvature", "curvature_measures", "offset_body"]
+
+
+@accepts_arrays("surface")
+def curvature_measures(
+    mesh: TriangleMesh, regions: ArrayLike | None = None, *, ball: tuple[ArrayLike, float] | None = None
+) -> RegionMeasures:
+    """Curvature measures and tensors of regions of a surface, additive over disjoint regions.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh or (points, faces) pair
+        Consistently oriented, faces outward.
+    regions : (m,) or (n,) array_like of int, optional
+        Labels of faces or of vertices; regions in ascending order of their labels.
+    ball : (centre, radius), optional
+        In the place of `regions`: the part of the surface in a ball.
+
+    Returns
+    -------
+    RegionMeasures
+        `area`, `phi_k` (integral of the Gaussian curvature), `phi_h` (of the sum of the principal
+        curvatures), tensors `anisotropic` and `normal_cycle` (k, 3, 3); one entry a region.
+
+    Raises
+    ------
+    MeshError
+        For faces of opposite orientation.
+    ParameterError
+        Without regions and ball, or for labels that do not fit the mesh.
+
+    References
+    ----------
+    D. Cohen-Steiner, J.-M. Morvan, "Restricted Delaunay triangulations and normal cycle", 2003.
+
+    Examples
+    --------
+    >>> import ddgcli as ddg
+    >>> sphere = ddg.icosphere(2)
+    >>> halves = ddg.curvature_measures(sphere, sphere.points[:, 2] > 0)
+    >>> round(float(halves.phi_k.sum() / 3.141592653589793), 9)
+    4.0
+    """
+    if (regions is None) == (ball is None):
+        raise ParameterError("give regions or a ball, one of the two", parameter="regions")
+    if ball is not None:
+        require_regions(mesh)
+        return measures_in_ball(mesh, np.asarray(ball[0], dtype=float), float(ball[1]))
+    return labelled_measures(mesh, np.asarray(regions, dtype=float))[0]
+
+
+@accepts_arrays("surface")
+def offset_body(mesh: TriangleMesh, distance: float, *, angle: float = 6.0) -> OffsetBody:
+    """Offset body of a closed surface, whose volume is that of Steiner's polynomial up to its arcs' steps.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh or (points, faces) pair
+        Closed manifold, faces outward.
+    distance : float
+        Positive, in length units.
+    angle : float
+        Largest step of an arc, in degrees.
+
+    Returns
+    -------
+    OffsetBody
+        `mesh`; `part_of_face` (0 over a face, 1 over an edge, 2 over a vertex); `volume`.
+
+    Raises
+    ------
+    MeshError, ParameterError
+
+    Examples
+    --------
+    >>> import ddgcli as ddg
+    >>> cube = ddg.box(2, 2, 2)
+    >>> body = ddg.offset_body(cube, 0.5, angle=5.0)
+    >>> c = ddg.curvature(cube).results["steiner_polynomial"]
+    >>> round(body.volume / sum(c[k] * 0.5**k for k in range(4)), 2)
+    1.0
+    """
+    return core_offset_body(mesh, distance, angle)
 
 
 @accepts_arrays("surface", "curve")

@@ -7,11 +7,13 @@ from scipy.sparse import csr_array
 from ddgcli.algorithms.laplacian.laplace_operator import LaplaceOperator
 from ddgcli.algorithms.laplacian.laplace_operator import laplace_operator as core_laplace_operator
 from ddgcli.library.mesh_arguments import accepts_arrays
+from ddgcli.mesh.require import require
 from ddgcli.mesh.tet_mesh import TetMesh
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.operators import connection, laplacian
 from ddgcli.operators import gradient as gradients
 from ddgcli.operators.dec import SimplicialMesh, complex_of
+from ddgcli.operators.dec_matrices import dec_matrices
 from ddgcli.operators.stars import Star
 from ddgcli.operators.stars import hodge_star as core_hodge_star
 
@@ -20,6 +22,7 @@ __all__ = [
     "d0",
     "d1",
     "d2",
+    "dec_operators",
     "divergence",
     "galerkin_mass",
     "gradient",
@@ -192,3 +195,40 @@ def hodge_star(mesh: SimplicialMesh, degree: int, kind: Star = "galerkin") -> cs
     True
     """
     return core_hodge_star(complex_of(mesh), degree, kind)
+
+
+@accepts_arrays("surface", "tetrahedra")
+def dec_operators(mesh: TriangleMesh | TetMesh, star: Star = "galerkin") -> dict[str, csr_array]:
+    """Operators of discrete exterior calculus of every degree, by name.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh, TetMesh or (points, cells) pair
+        Surfaces are oriented manifolds.
+    star : {'galerkin', 'circumcentric', 'barycentric'}
+
+    Returns
+    -------
+    dict of str to csr_array
+        `d0` ... (integers), `star0` ..., `codifferential1` ... (k-forms to (k-1)-forms) and `laplacian0` ...
+        (symmetric: star times d delta + delta d); forms are numbers on vertices, edges, faces, tetrahedra.
+
+    Raises
+    ------
+    MeshError
+        For a surface that is no oriented manifold, cells without size, or a star without an inverse.
+
+    References
+    ----------
+    A. Hirani, "Discrete exterior calculus", 2003.
+
+    Examples
+    --------
+    >>> import ddgcli as ddg
+    >>> operators = ddg.dec_operators(ddg.icosphere(1))
+    >>> [name for name in operators if name.startswith("laplacian")]
+    ['laplacian0', 'laplacian1', 'laplacian2']
+    """
+    if isinstance(mesh, TriangleMesh):
+        require(mesh, "dec_operators", manifold=True, oriented=True)
+    return dec_matrices(complex_of(mesh), star).matrices

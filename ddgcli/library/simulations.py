@@ -136,13 +136,14 @@ def simulate(
         joined_mesh(meshes)[0],
         checked.resolved(),
         schedule.n_frames,
-        _trajectory_frames(models, schedule, account),
+        trajectory_frames(models, schedule, account),
     )
 
 
-def _trajectory_frames(
+def trajectory_frames(
     models: dict[str, Model], schedule: Schedule, account: Account
 ) -> Iterator[TrajectoryFrame]:
+    """Frames of models that the time loop advances, while it does."""
     for snapshot in evolve(models, schedule, account):
         yield joined_frame(snapshot)
 

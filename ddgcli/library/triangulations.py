@@ -9,6 +9,8 @@ from numpy.typing import ArrayLike
 
 from ddgcli.algorithms.conformal.conformal_map import ConformalMap
 from ddgcli.algorithms.conformal.conformal_map import conformal_map as core_conformal_map
+from ddgcli.algorithms.delaunay.dual import CircumcentricDual
+from ddgcli.algorithms.delaunay.dual import circumcentric_dual as core_circumcentric_dual
 from ddgcli.algorithms.delaunay.intrinsic_delaunay import DelaunayResult
 from ddgcli.algorithms.delaunay.intrinsic_delaunay import intrinsic_delaunay as core_intrinsic_delaunay
 from ddgcli.algorithms.delaunay.triangulation import flip_to_delaunay
@@ -16,7 +18,32 @@ from ddgcli.library.mesh_arguments import accepts_arrays
 from ddgcli.mesh.intrinsic_mesh import IntrinsicMesh, SurfaceMesh
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 
-__all__ = ["conformal_map", "delaunay_refinement", "intrinsic_delaunay"]
+__all__ = ["circumcentric_dual", "conformal_map", "delaunay_refinement", "intrinsic_delaunay"]
+
+
+@accepts_arrays("surface", "intrinsic")
+def circumcentric_dual(mesh: SurfaceMesh) -> CircumcentricDual:
+    """Circumcentric dual of a triangulation; of an intrinsic Delaunay one its dual edges are not negative.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh, IntrinsicMesh or (points, faces) pair
+        Every face with area.
+
+    Returns
+    -------
+    CircumcentricDual
+        `circumcentre` (m, 3) in barycentric coordinates, `circumradius`, `dual_length` (e,) and `dual_area`
+        (n,), both signed, `edge_length`, `edge_faces`.
+
+    Examples
+    --------
+    >>> import ddgcli as ddg
+    >>> dual = ddg.circumcentric_dual(ddg.intrinsic_delaunay(ddg.torus(12, 6)))
+    >>> bool(dual.dual_length.min() > -1e-12), dual.area_residual < 1e-12
+    (True, True)
+    """
+    return core_circumcentric_dual(mesh)
 
 
 @accepts_arrays("surface")

@@ -16,14 +16,26 @@ ROOT = Path(__file__).parents[2]
 SPHERE = ddg.icosphere(1)
 SQUARE = ddg.grid(3, 3)
 TET = ddg.TetMesh.from_arrays([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], [[0, 1, 2, 3]])
+RING = ddg.CurveSet.from_arrays([[0, 0], [1, 0], [1, 1], [0, 1]], [[0, 1], [1, 2], [2, 3], [3, 0]])
 X = SQUARE.points[:, 0]
 
 # one call of every exported function with a parameter `mesh`
 CALLS = {
     "as_mesh": lambda m: ddg.as_mesh(m).faces,
     "betti_numbers": lambda m: ddg.betti_numbers(m).absolute,
+    "circumcentric_dual": lambda m: ddg.circumcentric_dual(m).dual_area,
     "conformal_map": lambda m: ddg.conformal_map(m).uv,
     "connection_laplacian": lambda m: ddg.connection_laplacian(m).toarray(),
+    "curvature_measures": lambda m: ddg.curvature_measures(m, np.arange(18) % 2).area,
+    "offset_body": lambda m: (
+        ddg.offset_body(SPHERE if m is SQUARE else (SPHERE.points, SPHERE.faces), 1).volume
+    ),
+    "dec_operators": lambda m: ddg.dec_operators(m)["laplacian1"].toarray(),
+    "heat_equation": lambda m: ddg.heat_equation(m, X, 0.1).evolution_frames[-1].values,
+    "wave_equation": lambda m: ddg.wave_equation(m, X, 0.1).evolution_frames[-1].values,
+    "curve_flow": lambda m: (
+        next(iter(ddg.curve_flow(RING if m is SQUARE else (RING.points, RING.lines)))).points
+    ),
     "curvature": lambda m: ddg.curvature(m).vertex["mean_curvature"],
     "d0": lambda m: ddg.d0(m).toarray(),
     "d1": lambda m: ddg.d1(m).toarray(),
@@ -131,6 +143,11 @@ def test_the_cure_for_tetrahedra_works():
         (lambda: ddg.HeatSolver(SPHERE, heat_refine=1.5), "whole number of rounds"),
         (lambda: ddg.curvature(SPHERE, "corrected", -1.0), "radius must be a positive length"),
         (lambda: ddg.curvature((SQUARE.points, [[0, 1]]), radius=1.0), "belong to surfaces"),
+        (lambda: ddg.curvature_measures(SQUARE), "one of the two"),
+        (lambda: ddg.curvature_measures(SQUARE, [0, 1]), "one value for each of 18 faces"),
+        (lambda: ddg.heat_equation(SQUARE, [1.0], 0.1), "the mesh has 16 vertices"),
+        (lambda: ddg.conformal_map(SPHERE), "must be 720"),
+        (lambda: ddg.curve_flow(RING, tolerance=0.1), "needs `duration`"),
         (lambda: ddg.parameterize(SQUARE, "area"), "unknown method 'area'"),
         (lambda: ddg.mean_curvature_flow(SQUARE, -1.0), "must be positive"),
         (lambda: ddg.poisson(SPHERE, [1.0]), "one entry for each vertex"),

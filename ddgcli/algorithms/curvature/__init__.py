@@ -17,6 +17,7 @@ __all__ = [
     "polyline",
     "quadric",
     "star",
+    "region_measures",
     "surface_curvature",
     "surface_query",
     "totals",

@@ -19,6 +19,8 @@ from ddgcli.mesh.vectors import row_dot, unit_vectors
 MAX_FOLD = np.pi - 1e-6  # radians; beyond it the two normals of an edge leave the arc between them open
 MAX_OFFSET_FACES = 20_000_000
 
+WELD_DISTANCE = 1e-10  # of the size: points that near are one
+
 
 @dataclass(frozen=True, eq=False)
 class OffsetBody:
@@ -165,9 +167,12 @@ def _welded(points: NDArray, faces: NDArray, part_of_face: NDArray) -> tuple[NDA
     from scipy.spatial import cKDTree
 
     size = float(np.abs(points - points.mean(axis=0)).max())
-    pairs = cKDTree(points).query_pairs(1e-10 * size, output_type="ndarray")
-    graph = coo_array((np.ones(len(pairs)), pairs.T), shape=(len(points),) * 2)
-    label = connected_components(graph, directed=False)[1]
+    # thousands of points lie at one place where a surface is flat: one of each cell of a grid is enough
+    cell = np.round(points / (WELD_DISTANCE * size))
+    _, kept, place = np.unique(cell, axis=0, return_index=True, return_inverse=True)
+    pairs = cKDTree(points[kept]).query_pairs(2 * WELD_DISTANCE * size, output_type="ndarray")
+    graph = coo_array((np.ones(len(pairs)), pairs.T), shape=(len(kept),) * 2)
+    label = connected_components(graph, directed=False)[1][place.reshape(-1)]
     first = np.unique(label, return_index=True)[1]
     faces = label[faces]
     used = (faces != faces[:, NEXT]).all(axis=1)

@@ -12,7 +12,12 @@ from numpy.typing import NDArray
 from ddgcli.algorithms.curvature.faces import Faces
 from ddgcli.algorithms.curvature.measures import vector_of
 from ddgcli.algorithms.curvature.offset_body import OffsetBody, offset_body
-from ddgcli.algorithms.curvature.region_measures import labels_of, measures_in_ball, measures_of_labels
+from ddgcli.algorithms.curvature.region_measures import (
+    RegionMeasures,
+    labels_of,
+    measures_in_ball,
+    measures_of_labels,
+)
 from ddgcli.algorithms.curvature.surface_curvature import DEFAULT_SCHEME, CurvatureResult, measure_curvature
 from ddgcli.errors import MeshError, ParameterError
 from ddgcli.mesh.cures import cure
@@ -77,28 +82,57 @@ def measure_surface(
     return SurfaceMeasurement(vertex, measured.edge, results, accuracy, measured.converged, body)
 
 
-def _regions(
-    mesh: TriangleMesh, regions: Sequence[tuple[NDArray, str]], balls: Sequence[tuple[NDArray, float]]
-) -> tuple[list[dict[str, Any]], float | None]:
-    """Summary entries, and the largest relative gap between sums over labels and the whole surface."""
+def require_regions(mesh: TriangleMesh) -> None:
+    """Raise MeshError for a surface whose faces are not oriented."""
     if not mesh.topology.is_oriented:
         raise MeshError(
             f"neighbouring faces have opposite orientation; regions need one: {cure('orientation')}"
         )
+
+
+def labelled_measures(
+    mesh: TriangleMesh, array: NDArray, place: str = ""
+) -> tuple[RegionMeasures, NDArray, NDArray, str]:
+    """Measures of the regions of equal labels on faces or vertices.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+    array : (n,) or (m,) ndarray
+        Whole numbers.
+    place : {'vertex', 'face', ''}
+        By the length of the array where it is empty.
+
+    Returns
+    -------
+    measures : RegionMeasures
+    label, names : ndarray
+        Number of the region of each element, and the values that name the regions.
+    place : str
+    """
+    require_regions(mesh)
+    label, names = labels_of(array)
+    place = place or {mesh.n_vertices: "vertex", mesh.n_faces: "face"}.get(len(label), "")
+    if len(label) != {"vertex": mesh.n_vertices, "face": mesh.n_faces}.get(place, -1):
+        raise ParameterError(
+            f"an array of length {len(label)}; regions have one value for each of {mesh.n_faces} "
+            "faces or "
+            f"{mesh.n_vertices} vertices",
+            parameter="region",
+        )
+    return measures_of_labels(mesh, label, place), label, names, place
+
+
+def _regions(
+    mesh: TriangleMesh, regions: Sequence[tuple[NDArray, str]], balls: Sequence[tuple[NDArray, float]]
+) -> tuple[list[dict[str, Any]], float | None]:
+    """Summary entries, and the largest relative gap between sums over labels and the whole surface."""
+    require_regions(mesh)
     entries: list[dict[str, Any]] = []
     gaps = []
     whole = measures_of_labels(mesh, np.zeros(mesh.n_faces, dtype=np.int64), "face")
     for array, place in regions:
-        label, names = labels_of(array)
-        place = place or {mesh.n_vertices: "vertex", mesh.n_faces: "face"}.get(len(label), "")
-        if len(label) != {"vertex": mesh.n_vertices, "face": mesh.n_faces}.get(place, -1):
-            raise ParameterError(
-                f"an array of length {len(label)}; regions have one value for each of {mesh.n_faces} "
-                "faces or "
-                f"{mesh.n_vertices} vertices",
-                parameter="region",
-            )
-        measures = measures_of_labels(mesh, label, place)
+        measures, label, names, place = labelled_measures(mesh, array, place)
         size = np.bincount(label)
         entries += [
             {"region": int(name), "on": place, "elements": int(k), **entry}

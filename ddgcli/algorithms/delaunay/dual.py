@@ -83,8 +83,7 @@ def circumcentric_dual(mesh: SurfaceMesh) -> CircumcentricDual:
     unit, topology = length_scale(mesh.side_length), mesh.topology
     length = mesh.side_length / unit  # squares of tiny and huge lengths leave the range of float64
     area, tangent = face_area(length), half_angle_tangent(length)
-    scale = 1.0 + tangent * tangent
-    sine, cosine = 2.0 * tangent / scale, (1.0 - tangent * tangent) / scale  # of the corners
+    sine, cosine = np.sin(2.0 * np.arctan(tangent)), np.cos(2.0 * np.arctan(tangent))  # of the corners
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         radius = length.prod(axis=1) / (4.0 * area)
         centre = cosine / (2.0 * np.roll(sine, 1, axis=1) * np.roll(sine, 2, axis=1))

@@ -93,11 +93,13 @@ def draw_distance(
         thin = _polylines(mesh, isolines(mesh, distance, even_levels(distance, 12))[0])
     arrays = {**vertex, **result.face}
     default = next((name for name in PICTURE_ARRAYS if name in arrays), PICTURE_ARRAYS[0])
+    if "region" in result.face:  # of --voronoi; the level lines show the distance
+        default = "region"
     name, values = run.picture_array(arrays, default)
     picture: dict[str, Any] = {"points": points, "curves": heavy, "level_lines": thin, **run.picture_options}
     if distance is not None:
         picture["interest"] = np.where(np.isfinite(distance), (1 - distance / (largest or 1.0)) ** 2, 0.0)
-    if run.common.show is None and distance is not None:
+    if run.common.show is None and distance is not None and default != "region":
         picture |= {"label": "geodesic distance", "limits": (0.0, largest or 1.0)}
     run.plot(lambda path: draw_array(path, mesh, name, values, **picture))
 

@@ -45,6 +45,7 @@ def summary(
         "area": series["area"].tolist() if bounds else None,
         "elastic_energy": series["elastic_energy"].tolist(),
         "turning_number": int(series["turning_number"][-1]) if bounds else None,
+        "self_crossings": series["self_crossings"].astype(int).tolist() if _is_plane(flow) else None,
         "stopped_because": failure or stopped or f"{limit} steps were taken",
         "collapse_times": [None if t < 0 else float(t) for t in collapse],
     }
@@ -64,12 +65,19 @@ def summary(
         "turning_number_changes": int(np.count_nonzero(np.diff(series["turning_number"])))
         if bounds
         else None,
+        "self_crossing_changes": int(np.count_nonzero(np.diff(series["self_crossings"])))
+        if _is_plane(flow)
+        else None,
         "redistributed": flow.redistribute,
         "spacing_ratio": [float(spacing[0]), float(spacing[-1])],
         "largest_turning_degrees": float(np.degrees(series["largest_turning"].max())),
     }
     _warn(accuracy, series)
     return results, {name: value for name, value in accuracy.items() if value is not None}
+
+
+def _is_plane(flow: CurveFlow) -> bool:
+    return bool(flow.mesh.normal.any(axis=1).all())
 
 
 def _keeps_length(flow: CurveFlow) -> bool:
@@ -100,6 +108,10 @@ def _area_rate_error(flow: CurveFlow, times: NDArray, series: Mapping[str, NDArr
 def _warn(accuracy: Mapping[str, Any], series: Mapping[str, NDArray]) -> None:
     if accuracy["turning_number_changes"]:
         log.warning("the turning number changed: a loop of the curve shrank to a point")
+    crossings = series["self_crossings"].astype(int)
+    if accuracy["self_crossing_changes"]:
+        log.warning("the curves cross themselves %d times at the start and %d times at the end",
+                    crossings[0], crossings[-1])  # fmt: skip
     if series["largest_turning"][-1] > MAX_RESOLVED_TURNING and not series["collapsed"].any():
         log.warning(
             "the curve turns by %.3g degrees at one point of the last frame: use a curve with more points",
