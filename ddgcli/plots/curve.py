@@ -14,6 +14,9 @@ from ddgcli.plots.raster import View, fitted_camera, unit_box, view_axes
 _PAPER, _RIM = (1.0, 1.0, 1.0, 1.0), (0.25, 0.25, 0.25, 1.0)
 
 
+VECTOR_SHARE = 0.1  # length of a vector in the picture, in halves of the size of the curves
+
+
 def draw_curves(
     path: str,
     curves: Sequence[NDArray],
@@ -21,6 +24,7 @@ def draw_curves(
     *,
     closed: Sequence[bool] | bool = False,
     label: str = "",
+    vectors: Sequence[tuple[NDArray, NDArray, str]] = (),
     view: View = None,
     up: str | None = None,
     width: float = 7.0,
@@ -37,6 +41,8 @@ def draw_curves(
     values : sequence of (k,) ndarray, optional
         One array of vertex values a curve.
     closed : bool, or one for each curve
+    vectors : sequence of (points (k, 3), vectors (k, 3), colour)
+        Thin lines from points, longest 5 % of the size of the curves.
     label, view, up
         As for `draw_surface`.
     """
@@ -54,7 +60,11 @@ def draw_curves(
         axes = picture_axes(figure, coloured=values is not None)
         box = axes.get_position()
         camera = fitted_camera(
-            used, axes3, int(box.width * width * dpi), int(box.height * height * dpi), margin=0.05
+            used,
+            axes3,
+            int(box.width * width * dpi),
+            int(box.height * height * dpi),
+            margin=0.12 if vectors else 0.05,
         )
         a, b = camera.project(start), camera.project(stop)
         order = np.argsort(-(a[:, 2] + b[:, 2]), kind="stable")
@@ -75,6 +85,11 @@ def draw_curves(
                 capstyle="butt",
             )
         )
+        for points, directions, tint in vectors:
+            foot = placed(points)
+            tip = foot + VECTOR_SHARE * directions / (np.abs(directions).max() or 1.0)
+            ends = [camera.project(end)[:, :2] for end in (foot, tip)]
+            axes.add_collection(LineCollection(np.stack(ends, axis=1), colors=[tint], linewidths=0.8))
         axes.set(xlim=(0, camera.width), ylim=(camera.height, 0), aspect="equal")
         axes.set_axis_off()
         if values is not None:

@@ -154,3 +154,16 @@ def test_the_command_writes_frames_of_the_resampled_curve(tmp_path, summary, run
     assert result.exit_code == 2 and "--frames is for curves" in result.stderr
     with pytest.raises(ParameterError, match="belong to curves"):
         ddg.curvature(ddg.icosphere(1), with_frames=True)
+
+
+def test_the_picture_of_frames_shows_normals_and_binormals(run, tmp_path):
+    pillow = pytest.importorskip("PIL.Image")
+    t = np.linspace(0, 6, 40)
+    path, colours = tmp_path / "helix.csv", {}
+    np.savetxt(path, np.stack([np.cos(t), np.sin(t), 0.3 * t], axis=1), delimiter=",")
+    for option in ((), ("--frames",)):
+        picture = str(tmp_path / "helix.png")
+        assert run("curvature", path, *option, "--plot", picture, "--size", "300x300", "-q").exit_code == 0
+        r, g, b = np.moveaxis(np.asarray(pillow.open(picture).convert("RGB"), dtype=int), 2, 0)
+        colours[option] = ((r > g + 60) & (r > b + 60)).sum(), ((b > r + 60) & (b > g + 30)).sum()
+    assert all(more > before + 50 for more, before in zip(colours[("--frames",)], colours[()], strict=True))

@@ -39,6 +39,10 @@ class Radius(click.ParamType):
         return "auto" if value == "auto" else options.POSITIVE_NUMBER.convert(value, param, ctx)
 
 
+DRAWN_FRAMES = 120  # at most twice so many tangent frames in a picture of curves
+FRAME_COLOURS = {"frenet_normal": "#c03030", "frenet_binormal": "#3060c0"}
+
+
 @click.command(
     "curvature",
     epilog="Choosing a scheme: quadric (noisy data: with --radius of three to five edges); corrected where "
@@ -197,19 +201,25 @@ def _curves(run: Run, curves: CurveSet, with_frames: bool, resample: int | None)
     scalars = {name: values for name, values in measured.vertex.items() if values.ndim == 1}
     name, values = run.picture_array(scalars, "curvature")
     run.write(AnnotatedMesh(curves, vertex=measured.vertex))
-    run.plot(lambda path: _draw_curves(path, curves, name, values, run.picture_options))
+    frames = {key: measured.vertex[key] for key in FRAME_COLOURS} if with_frames else {}
+    run.plot(lambda path: _draw_curves(path, curves, name, values, frames, run.picture_options))
     run.finish(measured.results, measured.accuracy)
 
 
-def _draw_curves(path: str, curves: CurveSet, name: str, values: NDArray, look: dict[str, Any]) -> None:
+def _draw_curves(
+    path: str, curves: CurveSet, name: str, values: NDArray, frames: dict[str, NDArray], look: dict[str, Any]
+) -> None:
+    """Draw curves coloured by an array, with the vectors of their frames at some points."""
     from ddgcli.plots.curve import draw_curves
 
     paths = curves.paths()
+    some = slice(None, None, max(1, curves.n_vertices // DRAWN_FRAMES))
     draw_curves(
         path,
         [curves.points[points] for points, _ in paths],
         [values[points] for points, _ in paths],
         closed=[closed for _, closed in paths],
         label=name,
+        vectors=[(curves.points[some], vectors[some], FRAME_COLOURS[key]) for key, vectors in frames.items()],
         **look,
     )
