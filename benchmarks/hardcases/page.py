@@ -14,7 +14,7 @@ from ddgcli.cli.main import COMMANDS
 PAGE = ROOT / "docs" / "hard-cases.md"
 MARKS = {RIGHT_VERDICT: "✓", DEGRADED_VERDICT: "~", REFUSED_VERDICT: "–", WRONG_VERDICT: "**✗**"}
 PEER_COUNTS = ("right", "refused", "crashed", "hung", "over memory", "silently wrong")
-UNKNOWN_MARK, BLANK_MARK = "?", ""
+UNKNOWN_MARK, BLANK_MARK, TOO_LARGE_MARK = "?", "", "▫"
 
 HEAD = """# Hard cases
 
@@ -28,6 +28,7 @@ written by `make hardcases` from `benchmarks/hardcases/results.json`; do not edi
 | – | refused: exit 2 and one line with the reason |
 | **✗** | wrong: a traceback, NaN, a violated truth with exit 0, over the limit of time or memory |
 | ? | not run yet |
+| ▫ | not run: a file of 400 kB or more, which is given to the cheap commands alone |
 
 The truths are area, Euler characteristic, components, Betti numbers, Gauss–Bonnet, straight line ≤ distance ≤
 path along edges, closed distances, zero eigenvalues, conserved metric of flips, energy that may not grow,
@@ -79,7 +80,7 @@ def _table(title: str, cases: list[Case], results: dict) -> str:
 
 def _mark(case: Case, command: str, cell: dict[str, Any] | None) -> str:
     if command not in case.calls:
-        return BLANK_MARK
+        return TOO_LARGE_MARK if command in case.too_large else BLANK_MARK
     return MARKS[cell["kind"]] if cell else UNKNOWN_MARK
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from benchmarks.hardcases import meshes
-from benchmarks.hardcases.catalogue import CALLS, Case, catalogue, default_calls
+from benchmarks.hardcases.catalogue import CALLS, MESH_COMMANDS, Case, catalogue, default_calls, real_case
 from benchmarks.hardcases.judge import (
     DEGRADED_VERDICT,
     REFUSED_VERDICT,
@@ -161,6 +161,30 @@ def test_the_page_shows_a_wrong_cell_and_names_its_fault():
     text = page({"sharp": {"geodesic": cell}}, [case])
     assert "| sharp | ? | **✗** |" in text
     assert "- **✗** sharp, `geodesic`: distance NaN" in text
+
+
+def test_the_page_shows_which_commands_a_file_is_too_large_for(tmp_path):
+    (tmp_path / "a.obj").write_bytes(b"#" * 400_000)
+    case = real_case(tmp_path / "a.obj")
+    assert set(case.calls) | set(case.too_large) == set(MESH_COMMANDS) and len(case.too_large) > 4
+    kinds = {name: {"kind": RIGHT_VERDICT, "note": "", "seconds": 0.1} for name in case.calls}
+    text = page({case.name: kinds}, [case, Case("b", "real meshes", calls=default_calls())])
+    row = next(line for line in text.splitlines() if line.startswith("| real meshes/a.obj"))
+    assert row.count("▫") == len(case.too_large) and row.count("✓") == len(case.calls)
+
+
+def test_a_broken_file_that_is_read_is_wrong():
+    assert judge("info", Outcome(0, json.dumps(SUMMARY)), expected={"load": "error"}).kind == WRONG_VERDICT
+    assert judge("info", Outcome(2, "", "Error: cut"), expected={"load": "error"}).kind == REFUSED_VERDICT
+
+
+def test_peers_that_read_broken_files_are_counted():
+    arrays = {"points": POINTS, "faces": FACES}
+    outcome = Outcome(0, arrays=arrays)
+    for expected, kind in (({"load": "error"}, "silently wrong"), ({"load": "ok"}, "right")):
+        assert peer_verdict("meshio reader", outcome, None, None, expected)["kind"] == kind
+    outside = Outcome(0, arrays=arrays | {"faces": FACES + 1})
+    assert peer_verdict("libigl reader", outside, None, None, {"load": "ok"})["kind"] == "silently wrong"
 
 
 def test_limits_end_a_process_that_takes_too_much_time(tmp_path, monkeypatch):
