@@ -19,6 +19,8 @@ from ddgcli.linalg.factor import Factor
 from ddgcli.mesh import shapes
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.models.willmore import setup
+from ddgcli.models.willmore.area_energy import AreaEnergy
+from ddgcli.models.willmore.conformal import conformal_step
 from ddgcli.models.willmore.constraints import Constraints, area
 from ddgcli.models.willmore.descent import (
     descent_motion,
@@ -30,8 +32,7 @@ from ddgcli.models.willmore.descent import (
     rosenbrock_step,
 )
 from ddgcli.models.willmore.energies import DEFAULT_ENERGY, ENERGIES
-from ddgcli.models.willmore.setup import FlowOptions
-from ddgcli.models.willmore.state import DEFAULT_STOP
+from ddgcli.models.willmore.flow_options import FlowOptions, with_stop
 from ddgcli.simulation.account import Account
 from ddgcli.simulation.time_loop import evolve
 
@@ -74,7 +75,18 @@ def calls(mesh: TriangleMesh) -> dict[str, Callable[[], Any]]:
             preconditioner_at(energy_gradient(mesh, best, free, none), 0.003, like), 0.01, best, none
         ),
         "mean-curvature": lambda: mean_curvature_step(mesh, free, 0.01),
+        "film": lambda: film_step(mesh),
+        "conformal": lambda: conformal_step(mesh, 0.5),
     }
+
+
+def film_step(mesh: TriangleMesh) -> TriangleMesh:
+    """A step of the area with the volume kept."""
+    free, kept = np.arange(mesh.n_vertices), Constraints(volume=enclosed_volume(mesh), in_place=True)
+    ready = preconditioner_at(
+        energy_gradient(mesh, AreaEnergy(mesh.topology), free, kept), 0.01, of_area=True
+    )
+    return moved_along(ready, descent_motion(ready, 0.01, kept), 1.0, kept)
 
 
 def survey(faces: int) -> tuple[float, float]:
@@ -103,13 +115,27 @@ def steps(sizes: list[int]) -> list[list]:
 
 def to_rest() -> list[list]:
     table_rows = []
-    for name, mesh, least in (
-        ("ellipsoid (1, 1, 2)", ellipsoid(4), 4 * np.pi),
-        ("torus of aspect 2", shapes.torus(96, 48, 2.0, 1.0), 2 * np.pi**2),
+    cell = shapes.icosphere(4)
+    bubble = (36 * np.pi * enclosed_volume(ellipsoid(4)) ** 2) ** (1 / 3)
+    catenoid = 6.9996426  # between rings of radius 1, 1.2 apart
+    for name, mesh, least, options in (
+        ("ellipsoid (1, 1, 2)", ellipsoid(4), 4 * np.pi, {}),
+        ("the same, newton", ellipsoid(4), 4 * np.pi, {"flow": "newton"}),
+        ("the same, conformal", ellipsoid(4), 4 * np.pi, {"flow": "conformal"}),
+        ("torus of aspect 2", shapes.torus(96, 48, 2.0, 1.0), 2 * np.pi**2, {}),
+        (
+            "red blood cell, reduced volume 0.6",
+            cell.moved(cell.points * [1.0, 1.0, 0.25838477]),
+            1.95568026705 * 4 * np.pi,
+            {"fix_area": True, "fix_volume": True},
+        ),
+        ("bubble (area)", ellipsoid(4), bubble, {"flow": "mean-curvature", "fix_volume": True}),
+        ("catenoid (area)", shapes.cylinder(96, 48, 1.0, 1.2), catenoid, {"flow": "mean-curvature"}),
     ):
+        chosen = with_stop(FlowOptions(**options), mesh.topology, False)
 
-        def run(mesh: TriangleMesh = mesh) -> list:
-            flow, model = setup.build(mesh, FlowOptions(stop=DEFAULT_STOP))
+        def run(mesh: TriangleMesh = mesh, chosen: FlowOptions = chosen) -> list:
+            flow, model = setup.build(mesh, chosen)
             return list(evolve({"s": model}, setup.schedule(flow, {}), Account()))
 
         timing = timed(run, repeat=1, warm_up=False)
@@ -131,7 +157,7 @@ if __name__ == "__main__":
         steps(sizes),
     )
     print_table(
-        "To rest by default options",
+        "To rest",
         ["surface", "faces", "steps", "seconds", "energy / least - 1"],
         to_rest(),
     )

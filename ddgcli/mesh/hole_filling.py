@@ -10,6 +10,7 @@ from scipy.spatial import Delaunay
 
 from ddgcli.errors import MeshError, ParameterError
 from ddgcli.mesh.boundary import boundary_vertex_loops
+from ddgcli.mesh.require import require
 from ddgcli.mesh.topology import Topology
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 
@@ -42,6 +43,7 @@ def fill_loops(mesh: TriangleMesh, loop: int | None = None) -> tuple[TriangleMes
     MeshError, ParameterError
         When there is no such loop.
     """
+    require(mesh, "`fill`", manifold=True, oriented=True)
     loops = boundary_vertex_loops(mesh.topology)
     if not loops:
         raise MeshError("the surface is closed; there is no boundary loop to fill")

@@ -48,7 +48,7 @@ from ddgcli.simulation.model import Observation, StepRejected
 def first_step(flow: Flow) -> float:
     """First step of the descent, at unit size; of films short: not to leap over one at rest."""
     if flow.kind != "descent":
-        return 1.0 if flow.kind == "conformal" else trust_region.FIRST_RADIUS * math.sqrt(flow.area)
+        return 1.0 if flow.kind == "conformal" else trust_region.FIRST_RADIUS * flow.area
     return rules.FIRST_AREA_STEP_SHARE * longest_step(flow) if flow.of_area else longest_step(flow)
 
 
@@ -265,7 +265,7 @@ class Flow:
         else:
             metric, energy = self._preconditioner(at, longest_step(self)), self._terms(state.topology).energy
             step = trust_region.descending_newton_step(
-                energy, metric, state.dt, trust_region.LEAST_RADIUS * math.sqrt(self.area)
+                energy, metric, state.dt, trust_region.LEAST_RADIUS * self.area
             )
         if step is None:
             return replace(state, stopped="no step lowers the energy")

@@ -17,7 +17,7 @@ from ddgcli.models.willmore.energies import Energy
 
 DIFFERENCE = 1e-5  # of the points, relative to their extent, for a Hessian's product with a motion
 MAX_CG_ITERATIONS = 200
-FIRST_RADIUS, LEAST_RADIUS = 0.2, 1e-10  # of the trust region, relative to sqrt(area), at unit size
+FIRST_RADIUS, LEAST_RADIUS = 0.06, 1e-11  # of the trust region, relative to the area
 GOOD_AGREEMENT, POOR_AGREEMENT = 0.75, 0.1  # of the energy's fall with the model's
 
 

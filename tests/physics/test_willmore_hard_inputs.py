@@ -1,0 +1,90 @@
+"""Every flow on ugly surfaces: energies fall, points stay finite, refusals are one line."""
+
+import numpy as np
+import pytest
+
+from ddgcli.io.mesh_file import write_mesh
+from ddgcli.mesh import shapes
+from ddgcli.mesh.fields import AnnotatedMesh
+from ddgcli.mesh.triangle_mesh import TriangleMesh
+from ddgcli.models.willmore import flow_options
+from ddgcli.models.willmore.setup import FlowOptions
+from tests.physics.willmore_runs import energies, run_flow
+
+FLOWS = {
+    "descent": {},
+    "membrane": {"fix_area": True, "fix_volume": True, "spontaneous_curvature": 0.3},
+    "newton": {"flow": "newton"},
+    "conformal": {"flow": "conformal"},
+    "bubble": {"flow": "mean-curvature", "fix_volume": True},
+    "largest volume": {"flow": "mean-curvature", "fix_area": True},
+}
+
+
+def needles():
+    ball = shapes.icosphere(2)
+    return ball.moved(ball.points * [1.0, 1.0, 0.02])
+
+
+def spike():
+    ball = shapes.icosphere(2)
+    points = np.array(ball.points)
+    points[7] *= 4.0
+    return ball.moved(points)
+
+
+def two_triangles_thick():
+    """A box of 1 x 1 x 0.1 cells."""
+    box = shapes.icosphere(1)
+    corner = np.sign(box.points) * np.abs(box.points) ** 0.2
+    return box.moved(corner * [1.0, 1.0, 0.1])
+
+
+MESHES = {"needles": needles, "spike": spike, "thin": two_triangles_thick}
+
+
+@pytest.mark.parametrize("mesh", MESHES)
+@pytest.mark.parametrize("name", FLOWS)
+def test_energies_fall_and_points_stay_finite(name, mesh):
+    mesh = MESHES[mesh]()
+    options = flow_options.with_stop(FlowOptions(**FLOWS[name]), mesh.topology, False)
+    frames, end, shots = run_flow(mesh, options, steps=12)
+    assert all(np.isfinite(frame.points).all() for frame in frames) and np.isfinite(energies(frames)).all()
+    assert (np.diff(energies(frames)) <= 1e-12 * np.abs(energies(frames)[:-1])).all()
+    assert frames[-1].scalar["energy_increases"] == 0
+    assert len(frames) > 1 or shots[-1].stopped
+
+
+@pytest.mark.parametrize("name", ["bubble", "conformal", "newton"])
+@pytest.mark.parametrize("scale", [1e-8, 1e8])
+def test_flows_do_not_depend_on_the_unit(name, scale):
+    ball = shapes.icosphere(2)
+    mesh = ball.moved(ball.points * [1.0, 1.2, 1.7])
+    options = flow_options.with_stop(FlowOptions(**FLOWS[name]), mesh.topology, False)
+    plain = run_flow(mesh, options, steps=3)[1].points
+    scaled = run_flow(mesh.moved(scale * mesh.points), options, steps=3)[1].points
+    assert np.allclose(scaled / scale, plain, rtol=0, atol=1e-6)
+
+
+BOOK = TriangleMesh.from_arrays(
+    [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [0, -1, 0.2]], [[0, 1, 2], [0, 1, 3], [0, 1, 4]]
+)
+
+
+@pytest.mark.parametrize(
+    "words", [(), ("--flow", "conformal"), ("--flow", "mean-curvature"), ("--fill", "all"), ("--fix-volume",)]
+)
+def test_surfaces_that_are_no_manifolds_are_refused_in_a_line(run, tmp_path, words):
+    path = tmp_path / "book.ply"
+    write_mesh(str(path), AnnotatedMesh(BOOK))
+    result = run("willmore-flow", path, *words, "--json")
+    assert result.exit_code == 2 and result.stdout == ""
+    assert len(result.stderr.strip().splitlines()) == 1 and "repair" in result.stderr
+
+
+def test_a_membrane_keeps_its_promises_on_an_open_cap(run, tmp_path):
+    """Volume needs a closed surface; area does not."""
+    path = tmp_path / "cap.ply"
+    write_mesh(str(path), AnnotatedMesh(shapes.grid(6, 6)))
+    refused = run("willmore-flow", path, "--fix-volume", "--spontaneous-curvature", 1)
+    assert refused.exit_code == 2 and "closed" in refused.stderr
