@@ -138,9 +138,10 @@ def _kill(process: subprocess.Popen) -> None:
 def _remove_partial_output(output: Path, began_at: float) -> None:
     """Remove the temporary file beside the output that a killed process could not remove itself.
 
-    Its name is that of `ddgcli.io.mesh_file.atomic_output`; a process that began earlier keeps its own.
+    Its name is that of `ddgcli.io.temporary.temporary_beside`; a process that began earlier keeps its own.
     """
-    name = re.compile(rf"\.{re.escape(output.stem)}-[a-z0-9_]{{8}}{re.escape(output.suffix)}")
+    stem, suffix = re.escape(output.stem), re.escape(output.suffix)
+    name = re.compile(rf"\.{stem}-[^-]*-[0-9]+-[a-z0-9_]{{8}}{suffix}")  # host, process, random letters
     for path in output.parent.iterdir():
         with contextlib.suppress(OSError):
             if name.fullmatch(path.name) and path.stat().st_mtime > began_at - CLOCK_RESOLUTION_SECONDS:

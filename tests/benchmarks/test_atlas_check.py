@@ -47,7 +47,7 @@ def check(monkeypatch, tmp_path):
         stored = json.loads((ATLAS_FOLDER / "check.json").read_text())
         change(stored["delaunay"])
         (tmp_path / "check.json").write_text(json.dumps(stored))
-        monkeypatch.setattr(accuracy, "HERE", tmp_path)
+        monkeypatch.setattr(accuracy, "ATLAS_FOLDER", tmp_path)
         monkeypatch.setattr(sys, "argv", ["accuracy", "--check", "delaunay"])
         return accuracy.main()
 
