@@ -31,6 +31,8 @@ class FluidContext:
         Read a `.npy` relative to the scene.
     obstacles : dict of str to (n,) ndarray of bool
         Vertices on the boundary that each obstacle cuts.
+    triangulation : dict
+        Facts for the report: what the flow is computed on, and why.
     """
 
     name: str
@@ -40,6 +42,7 @@ class FluidContext:
     period: NDArray[np.float64]
     load: Callable[[str], NDArray]
     obstacles: dict[str, NDArray[np.bool_]] = field(default_factory=dict)
+    triangulation: dict[str, Any] = field(default_factory=dict)
 
     @property
     def is_volume(self) -> bool:

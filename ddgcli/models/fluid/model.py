@@ -19,6 +19,7 @@ from ddgcli.models.fluid.scene import OPEN_TRANSPORTS, TRANSPORTS
 from ddgcli.models.fluid.space import FlowSpace
 from ddgcli.models.fluid.state import FluidState
 from ddgcli.models.fluid.surface_space import SurfaceSpace, harmonic_count, require_flow
+from ddgcli.models.fluid.triangulation import with_triangulation
 from ddgcli.scenes.scene import Scene
 from ddgcli.scenes.sections import Key
 from ddgcli.scenes.shapes import place
@@ -54,6 +55,10 @@ def contexts(
             period[:2] = [size[k] if axis in section.grid.periodic else 0.0 for k, axis in enumerate("xy")]
         context = FluidContext(section.name, placed.mesh, placed.vertex, placed.face, period, load)
         context = _cut(scene, number, context, read)
+        try:
+            context = with_triangulation(context, section.triangulation)
+        except ValueError as error:
+            scene.refuse(("object", number), f"object {section.name!r}: {error}")
         by_name[section.name] = context, placed.sha256
     return by_name
 

@@ -50,6 +50,9 @@ def summary(outcome: Outcome, models: Mapping[str, FluidModel]) -> tuple[dict[st
         "generators": generator_circulations(last, models),
     }
     results["harmonic_coefficients"] = _at_end(series, "harmonic_coefficients", names)
+    triangulations = {n: m.context.triangulation for n, m in models.items() if m.context.triangulation}
+    if triangulations:
+        results["triangulation"] = triangulations
     if "corrections" in series:
         results["corrections"] = _corrections(series["corrections"][-1], integrator)
     forces = {k.removeprefix("force_"): series[k][-1].tolist() for k in series if k.startswith("force_")}

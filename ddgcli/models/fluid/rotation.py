@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from ddgcli.mesh.scatter import sum_by_index
-from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.models.fluid.conservative import RK4_LIMIT, rotational_rates
 from ddgcli.models.fluid.context import FluidContext
 from ddgcli.models.fluid.phases import FlowPhase, FluidSetting, Phase, PhaseRequest, Step
@@ -62,10 +61,10 @@ class Coriolis(FlowPhase):
 def vertex_normals(context: FluidContext) -> NDArray[np.float64]:
     """(n, 3) unit normals: means of the faces' by area; the z axis on periodic grids."""
     mesh = context.mesh
-    if not isinstance(mesh, TriangleMesh):
+    if context.period.any():
         return np.tile([0.0, 0.0, 1.0], (mesh.n_vertices, 1))
-    side = mesh.side_vector
-    around = np.repeat(np.cross(side[:, 0], side[:, 1]), 3, axis=0)
+    corner = context.points[mesh.faces]
+    around = np.repeat(np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 1]), 3, axis=0)
     summed = sum_by_index(mesh.faces.ravel(), around, mesh.n_vertices)
     length = np.linalg.norm(summed, axis=1, keepdims=True)
     return np.divide(summed, length, out=np.zeros_like(summed), where=length > 0)

@@ -49,6 +49,10 @@ class Fluid(SurfaceObject):
     """An incompressible fluid on a surface, of unit density."""
 
     role: Literal["fluid"]
+    triangulation: Literal["auto", "input", "delaunay"] = Field(
+        "auto",
+        description="of surfaces: auto flips edges towards Delaunay where many are far from it",
+    )
 
 
 class FluidObstacle(ObjectSection):
