@@ -3,7 +3,7 @@
 `python -m benchmarks.mutants [NAME ...]` copies the tree to a temporary folder, checks there that the test of
 a fault passes, applies the fault, and checks that the test fails. NAME selects faults whose path contains it.
 Exit code 1 if a fault survives, if its line no longer exists, or if its test fails without the fault. The
-faults are in `benchmarks/mutant_list.py`; `make mutants` runs all of them (about ten minutes; not in CI).
+faults are in `benchmarks/mutant_list.py`; `make mutants` runs all of them (some minutes; not in CI).
 """
 
 from __future__ import annotations
@@ -69,13 +69,12 @@ def fault_in(tree: Path, mutant: Mutant) -> Iterator[None]:
 
 
 def run_test(tree: Path, test: str) -> Outcome:
-    """Run one test, a node or a file with an optional `-k EXPRESSION`, until its first failure."""
-    node, _, expression = test.partition(" -k ")
-    command = [sys.executable, "-m", "pytest", "-q", "-x", "-p", "no:cacheprovider", "--timeout=300", node]
+    """Run one test, `FILE::NAME`, until its first failure."""
+    command = [sys.executable, "-m", "pytest", "-q", "-x", "-p", "no:cacheprovider", "--timeout=300", test]
     environment = os.environ | {"PYTHONPATH": str(tree), "PYTHONDONTWRITEBYTECODE": "1"}
     try:
         result = subprocess.run(
-            command + (["-k", expression] if expression else []),
+            command,
             cwd=tree,
             env=environment,
             capture_output=True,

@@ -1,44 +1,90 @@
-"""Write the tables of benches as pages: `python -m benchmarks.pages NAME [WORDS OF THE BENCH ...]`.
+"""Generated pages of benches: `python -m benchmarks.pages NAME [WORDS OF THE BENCH ...]`.
 
-The page docs/benchmarks/NAME.md begins with the question of the bench (its docstring), the command that makes
-the page, and the date; the tables follow as the bench prints them.
+NAME is a bench of `benchmarks/peers`, or PACKAGE.NAME. What the bench prints is stored, with its words and
+the date, in benchmarks/results/NAME.json; the page docs/benchmarks/NAME.md follows from that file alone: the
+question of the bench (first line of its docstring), the command that repeats it, and its tables. Without
+NAME, all pages are written anew from the stored results. A test compares pages and results.
 """
 
 from __future__ import annotations
 
 import ast
 import datetime
+import json
 import os
 import shlex
 import subprocess
 import sys
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGES = ROOT / "docs" / "benchmarks"
+RESULTS = ROOT / "benchmarks" / "results"
 
 
-def page_text(name: str, words: list[str], output: str, date: str) -> str:
-    """Markdown page of a bench from what it printed."""
-    source = (ROOT / "benchmarks" / "peers" / f"{name}.py").read_text(encoding="utf-8")
-    question = (ast.get_docstring(ast.parse(source)) or "").split("\n")[0]
-    command = shlex.join(["python", "-m", "benchmarks.pages", name, *words])
-    output = output.replace("\n### ", "\n## ").strip()
-    return f"# Benchmark: {name}\n\n{question}\n\nMade on {date} by `{command}`; do not edit.\n\n{output}\n"
+@dataclass(frozen=True)
+class BenchResult:
+    """What a bench printed, and the words and the day of its run."""
+
+    name: str
+    words: list[str]
+    date: str
+    output: str
+
+    @property
+    def module(self) -> str:
+        """Module of the bench."""
+        return f"benchmarks.{self.name}" if "." in self.name else f"benchmarks.peers.{self.name}"
+
+    def page(self) -> str:
+        """Markdown page."""
+        source = (ROOT / (self.module.replace(".", "/") + ".py")).read_text(encoding="utf-8")
+        question = (ast.get_docstring(ast.parse(source)) or "").split("\n")[0]
+        command = shlex.join(["python", "-m", "benchmarks.pages", self.name, *self.words])
+        tables = self.output.replace("\n### ", "\n## ").strip()
+        return (
+            f"# Benchmark: {self.name}\n\n{question}\n\nMade on {self.date} by `{command}`; do not edit.\n\n"
+            f"{tables}\n"
+        )
+
+
+def stored() -> list[BenchResult]:
+    """Results in `benchmarks/results`."""
+    paths = sorted(RESULTS.glob("*.json"))
+    return [BenchResult(**json.loads(path.read_text(encoding="utf-8"))) for path in paths]
+
+
+def run_bench(name: str, words: list[str]) -> BenchResult | None:
+    """Run a bench; None if it fails."""
+    result = BenchResult(name, words, datetime.date.today().isoformat(), "")
+    environment = os.environ | {"PYTHONPATH": str(ROOT), "OMP_NUM_THREADS": "1"}
+    command = [sys.executable, "-m", result.module, *words]
+    process = subprocess.run(command, cwd=ROOT, env=environment, stdout=subprocess.PIPE, text=True)
+    return BenchResult(name, words, result.date, process.stdout) if process.returncode == 0 else None
+
+
+def write_page(result: BenchResult) -> Path:
+    """Write the page of a result."""
+    path = PAGES / f"{result.name}.md"
+    path.write_text(result.page(), encoding="utf-8")
+    return path
 
 
 def main() -> int:
-    """Run a bench and write its page."""
-    name, *words = sys.argv[1:]
-    command = [sys.executable, "-m", f"benchmarks.peers.{name}", *words]
-    environment = os.environ | {"PYTHONPATH": str(ROOT), "OMP_NUM_THREADS": "1"}
-    result = subprocess.run(command, cwd=ROOT, env=environment, stdout=subprocess.PIPE, text=True)
-    if result.returncode == 0:
-        PAGES.mkdir(exist_ok=True)
-        date = datetime.date.today().isoformat()
-        (PAGES / f"{name}.md").write_text(page_text(name, words, result.stdout, date), encoding="utf-8")
-        print(f"docs/benchmarks/{name}.md")
-    return result.returncode
+    """Run a bench, store its result and write its page; or write all pages."""
+    if len(sys.argv) == 1:
+        for result in stored():
+            print(write_page(result).relative_to(ROOT))
+        return 0
+    result = run_bench(sys.argv[1], sys.argv[2:])
+    if result is None:
+        return 1
+    RESULTS.mkdir(exist_ok=True)
+    text = json.dumps(asdict(result), indent=1)
+    (RESULTS / f"{result.name}.json").write_text(text + "\n", encoding="utf-8")
+    print(write_page(result).relative_to(ROOT))
+    return 0
 
 
 if __name__ == "__main__":

@@ -14,5 +14,5 @@ def no_progress(done: float, total: float) -> None:
 
 
 def no_stage_progress(stage_name: str) -> ProgressCallback:
-    """Progress of stages that nobody watches."""
+    """Progress of stages that does nothing."""
     return no_progress

@@ -15,6 +15,19 @@ PARTICIPLES = {"asked", "found", "given", "made", "said", "told", "wanted"}
 # words of several meanings: a name says which one it is (`pareto_front`, `trajectory_frame`)
 AMBIGUOUS = {"front", "fronts", "frame", "frames", "part", "parts", "stage", "stages"}
 METAPHORS = {"dial", "dark", "door", "house", "keeper", "lit", "mend", "purse", "sheet", "story", "wishes"}
+# metaphors, and words of speech for programs and data, in prose: `files announce`, `results are unreliable`
+PROSE = re.compile(
+    r"\b(pays?|paid|price|lives?|lived|knows?|speaks?|walks|walked|asks?|asked|tells?|told|story|honest(?:ly)?"
+    r"|trusted|trusts|forgets?|remembers?|remembered|remembering|lonely|believes?|nobody"
+    r"|whoever|somebody|deserves?|by itself|stands? (?:beside|behind|still|once|on|in)|stood|goes on|went on"
+    r"|for ever|forever|mends?|mended|spoils?|spoilt|hurts?|wants|wanted|wishes)\b",
+    re.IGNORECASE,
+)
+PROSE_FILES = sorted(
+    path
+    for path in (*(ROOT / "ddgcli").rglob("*.py"), *(ROOT / "docs").rglob("*.md"), ROOT / "README.md")
+    if path.parent.name != "accuracy"
+)
 
 
 def defined(tree: ast.Module) -> Iterator[tuple[int, str]]:
@@ -82,3 +95,19 @@ def test_the_word_table_is_in_contributing():
     text = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8").split("## Words")[1]
     words = set(re.findall(r"[a-z]+", text))
     assert words >= PARTICIPLES | METAPHORS
+
+
+def test_no_docstring_comment_message_or_page_uses_a_metaphor_of_the_list():
+    uses = {
+        f"{path.relative_to(ROOT)}:{number}": line.strip()
+        for path in PROSE_FILES
+        for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), start=1)
+        if PROSE.search(line)
+    }
+    assert len(PROSE_FILES) > 300
+    assert uses == {}
+
+
+def test_a_metaphor_in_prose_is_detected():
+    assert PROSE.search("The reader knows no tetrahedra.") and PROSE.search("it goes on for ever")
+    assert not PROSE.search("A known value on standard error is unknown to the understanding.")

@@ -69,7 +69,12 @@ def end_of(name: str, mesh: Any, vorticity: str, step: float) -> tuple[SurfaceSp
         return run.fluid.space, run.fluid.start["vorticity"], flow[0], cpu_seconds() - began
     run = run_fluid(start, f'integrator = "{name}"\n{time}', mesh=mesh)
     space = run.fluid.space
-    return space, run.fluid.start["vorticity"], run.frames[-1].vertex["vorticity"] * space.mass, run.seconds
+    return (
+        space,
+        run.fluid.start["vorticity"],
+        run.observations[-1].vertex["vorticity"] * space.mass,
+        run.seconds,
+    )
 
 
 def row(problem: str, level: int, name: str, step: float) -> list[Any]:

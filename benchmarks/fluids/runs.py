@@ -26,7 +26,7 @@ class FluidRun:
     Parameters
     ----------
     fluid : FluidModel
-    frames : list of Observation
+    observations : list of Observation
     seconds : float
         Of all steps, without the set-up [CPU s].
     account : Account
@@ -35,14 +35,14 @@ class FluidRun:
     """
 
     fluid: FluidModel
-    frames: list[Observation]
+    observations: list[Observation]
     seconds: float
     account: Account
     solves_of_start: int
 
     def series(self, name: str) -> NDArray[np.float64]:
         """A scalar of every frame."""
-        return np.array([frame.scalar[name] for frame in self.frames])
+        return np.array([observation.scalar[name] for observation in self.observations])
 
 
 def run_fluid(
@@ -72,7 +72,7 @@ def run_fluid(
     fluids = {name: context for name, (context, _) in contexts(scene, lambda _: source, np.load).items()}
     fluid = build(scene, fluids, account)["f"]
     snapshots = evolve({"f": fluid.model()}, scene.schedule(), account)
-    frames = [next(snapshots).observations["f"]]
+    observations = [next(snapshots).observations["f"]]
     solves, began = account.calls.get("solver", 0), cpu_seconds()
-    frames += [snapshot.observations["f"] for snapshot in snapshots]
-    return FluidRun(fluid, frames, cpu_seconds() - began, account, solves)
+    observations += [snapshot.observations["f"] for snapshot in snapshots]
+    return FluidRun(fluid, observations, cpu_seconds() - began, account, solves)

@@ -32,13 +32,13 @@ def booked_tracing(account: Account) -> Iterator[None]:
     """Book every trace of points to "tracing"."""
     kept = Tracer.trace_checked, VolumePaths.moved
 
-    def surface(self: Tracer, *parts: Any) -> Any:
+    def surface(self: Tracer, *arguments: Any) -> Any:
         with account.within("tracing"):
-            return kept[0](self, *parts)
+            return kept[0](self, *arguments)
 
-    def volume(self: VolumePaths, *parts: Any) -> Any:
+    def volume(self: VolumePaths, *arguments: Any) -> Any:
         with account.within("tracing"):
-            return kept[1](self, *parts)
+            return kept[1](self, *arguments)
 
     Tracer.trace_checked, VolumePaths.moved = surface, volume  # type: ignore[method-assign]
     try:
@@ -63,7 +63,7 @@ def row(integrator: str, faces: int, cells: int) -> list[Any]:
         run = run_fluid(start, time, shape, mesh, account=account)
     loop = account.seconds["integrator"] + account.seconds.get("tracing", 0) + account.seconds["solver"]
     solves = (account.calls["solver"] - run.solves_of_start) / STEPS
-    shares = [f"{100 * account.seconds.get(part, 0.0) / loop:.0f} %" for part in ("solver", "tracing")]
+    shares = [f"{100 * account.seconds.get(kind, 0.0) / loop:.0f} %" for kind in ("solver", "tracing")]
     return [name, integrator, run.seconds / STEPS, solves, *shares]
 
 

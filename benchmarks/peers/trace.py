@@ -22,7 +22,7 @@ from ddgcli.algorithms.tangent_fields.polar_coordinates import fast_marching_log
 from ddgcli.algorithms.tangent_fields.vector_heat import VectorHeat
 from ddgcli.algorithms.tracing.trace import Tracer
 from ddgcli.geometry.face_frames import surface_position, to_face_frame, to_space
-from ddgcli.geometry.unfolding import forget
+from ddgcli.geometry.unfolding import drop_unfolding
 from ddgcli.operators.connection import from_vertex_frames, to_vertex_frames
 
 LINES = 10_000
@@ -77,7 +77,7 @@ def bench_set_up(faces):
     mesh = sphere(faces)
 
     def ours():
-        forget(mesh)
+        drop_unfolding(mesh)
         return Tracer(mesh).fans
 
     t = interleaved({"ours": ours, "pp3d": lambda: pp3d.GeodesicTracer(mesh.points, mesh.faces)}, repeat=3)
@@ -168,7 +168,7 @@ def bench_flips(faces):
     mesh = sphere(faces)
 
     def set_up():
-        forget(mesh)
+        drop_unfolding(mesh)
         return Straightener(mesh)
 
     timings = interleaved(

@@ -27,7 +27,7 @@ PROGRAM = (sys.executable, "-m", "ddgcli")
 
 
 @dataclass(frozen=True)
-class Limits:
+class TaskLimits:
     """Bounds of one task.
 
     Parameters
@@ -60,7 +60,7 @@ class TaskRow:
 
 
 def run_task(
-    task: Task, limits: Limits, collect: Sequence[str] = (), stop: threading.Event | None = None
+    task: Task, limits: TaskLimits, collect: Sequence[str] = (), stop: threading.Event | None = None
 ) -> TaskRow:
     """Run a task and report how it ended.
 
@@ -102,7 +102,7 @@ def run_task(
 
 
 def _watch(
-    process: subprocess.Popen, limits: Limits, began: float, stop: threading.Event | None
+    process: subprocess.Popen, limits: TaskLimits, began: float, stop: threading.Event | None
 ) -> tuple[str, float | None]:
     """Wait for the end; kill the process at a limit. Reason of a kill, and peak memory in MiB."""
     reason, peak = "", None
@@ -149,7 +149,7 @@ def _remove_partial_output(output: Path, began_at: float) -> None:
 
 
 def _resident(pid: int) -> tuple[float | None, float | None]:
-    """Resident memory of a process now and at most, in MiB; None where the system does not tell."""
+    """Resident memory of a process now and at most, in MiB; None where the system does not report it."""
     try:
         lines = Path(f"/proc/{pid}/status").read_text().splitlines()
     except OSError:

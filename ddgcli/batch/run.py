@@ -10,7 +10,7 @@ from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from pathlib import Path
 from typing import Any
 
-from ddgcli.batch.process import Limits, TaskRow, file_hash, run_task
+from ddgcli.batch.process import TaskLimits, TaskRow, file_hash, run_task
 from ddgcli.batch.table import completed_rows, journal_line, journal_path
 from ddgcli.batch.tasks import Task
 from ddgcli.errors import MissingExtraError, ParameterError, SolveError, excerpt
@@ -21,7 +21,7 @@ MAX_LOST_CONNECTIONS = 3  # one after the other, without a task that ended
 
 def run_batch(
     tasks: Sequence[Task],
-    limits: Limits,
+    limits: TaskLimits,
     *,
     jobs: int = 1,
     collect: Sequence[str] = (),
@@ -52,7 +52,9 @@ def run_batch(
     elif journal is not None:
         journal.unlink(missing_ok=True)
     rest = [task for task in tasks if task.index not in rows]
-    results = _on_cluster(rest, limits, collect, cluster) if cluster else _here(rest, limits, collect, jobs)
+    results = (
+        _on_cluster(rest, limits, collect, cluster) if cluster else _local_rows(rest, limits, collect, jobs)
+    )
     with contextlib.closing(results):  # whatever ends the loop, running tasks end too
         for task, row in results:
             rows[task.index] = row
@@ -64,13 +66,13 @@ def run_batch(
 
 def _append(journal: Path, line: str) -> None:
     """Add a line; one after a torn line begins a new one."""
-    torn = journal.exists() and not journal.read_bytes().endswith(b"\n") and journal.stat().st_size > 0
+    incomplete = journal.exists() and not journal.read_bytes().endswith(b"\n") and journal.stat().st_size > 0
     with open(journal, "a", encoding="utf-8") as file:
-        file.write(("\n" if torn else "") + line)
+        file.write(("\n" if incomplete else "") + line)
 
 
-def _here(
-    tasks: Sequence[Task], limits: Limits, collect: Sequence[str], jobs: int
+def _local_rows(
+    tasks: Sequence[Task], limits: TaskLimits, collect: Sequence[str], jobs: int
 ) -> Generator[tuple[Task, TaskRow], None, None]:
     stop = threading.Event()
     waiting = iter(tasks)
@@ -89,7 +91,7 @@ def _here(
 
 
 def _on_cluster(
-    tasks: Sequence[Task], limits: Limits, collect: Sequence[str], address: str
+    tasks: Sequence[Task], limits: TaskLimits, collect: Sequence[str], address: str
 ) -> Generator[tuple[Task, TaskRow], None, None]:
     """Rows from the workers of a Dask scheduler; after a lost connection the rest is submitted anew."""
     try:

@@ -41,7 +41,7 @@ class Task:
 
     @property
     def command(self) -> str:
-        """Command line of the task, by which a resumed batch knows it."""
+        """Command line of the task, by which a resumed batch recognises it."""
         return shlex.join(["ddgcli", *self.words])
 
 

@@ -1,4 +1,4 @@
-"""Option names for the messages of the core, which knows parameters only.
+"""Option names for the messages of the core, which names parameters only.
 
 The core writes a parameter between back quotes, alone or with a value, such as `` `method=exact` ``; the
 command line writes `--method exact`. Steps that repair a mesh, `` `repair=orient` ``, become the command.

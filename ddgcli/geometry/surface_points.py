@@ -104,8 +104,8 @@ def nearest_on_triangle(point: NDArray, corners: NDArray) -> tuple[NDArray[np.fl
     )
     inside = (inner >= 0).all(axis=1) & (area2 > 0)
     barycentric[inside] = inner[inside] / inner[inside].sum(axis=1, keepdims=True)
-    foot = np.einsum("mc,mcd->md", barycentric[inside], corners[inside])
-    distance[inside] = np.linalg.norm(point - foot, axis=1)
+    foot_point = np.einsum("mc,mcd->md", barycentric[inside], corners[inside])
+    distance[inside] = np.linalg.norm(point - foot_point, axis=1)
     return barycentric, distance
 
 

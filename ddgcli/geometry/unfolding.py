@@ -28,7 +28,7 @@ _UNFOLDING_TYPE: WeakKeyDictionary[SurfaceMesh, Unfolding] = WeakKeyDictionary()
 _FANS: WeakKeyDictionary[SurfaceMesh, Fans] = WeakKeyDictionary()
 
 
-def forget(mesh: SurfaceMesh) -> None:
+def drop_unfolding(mesh: SurfaceMesh) -> None:
     """Drop the cached layout of a mesh, so that benchmarks can time the set-up."""
     _UNFOLDING_TYPE.pop(mesh, None)
     _FANS.pop(mesh, None)

@@ -132,7 +132,7 @@ def read_mesh(path: str, input_format: str | None = None) -> MeshInput:
 
 
 def format_of(path: str, input_format: str | None = None) -> str:
-    """The extension that chooses the reader; MeshFileError if no reader knows it."""
+    """The extension that chooses the reader; MeshFileError if no reader accepts it."""
     from ddgcli.io.readers import foreign
 
     if input_format:

@@ -155,7 +155,7 @@ def _statement(rows: list[str], first: int, last: int, table: Key, lines: dict[K
 
 
 def _inner(node: Any, key: Key, row_of: dict[str, int], first: int, lines: dict[Key, int]) -> None:
-    """Lines of the keys of inline tables: the first row of the statement on which `name =` stands."""
+    """Lines of the keys of inline tables: the first row of the statement with `name =`."""
     items = node.items() if isinstance(node, dict) else enumerate(node) if isinstance(node, list) else ()
     for name, child in items:
         if isinstance(node, dict):

@@ -56,7 +56,7 @@ def tradeoff_table(
         'geodesic': source vertices; default vertex 0.
     truth : str, optional
         Shape that the mesh samples, such as "sphere:1" or "torus:1,0.4"; errors are then against analytic
-        values, else against the most accurate method that the budget pays.
+        values, else against the most accurate method that fits into the budget.
     within : float, optional
         Relative error; the cheapest row within it gets a verdict.
     norm : {'max', 'mean'}
@@ -82,7 +82,7 @@ def tradeoff_table(
     ParameterError
         On an unknown question, option or shape.
     SolveError
-        When the budget pays for no reference.
+        When no reference fits into the budget.
 
     Examples
     --------

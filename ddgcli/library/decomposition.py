@@ -38,14 +38,14 @@ def hodge_decomposition(
         Vectors on faces (tetrahedra), vectors on vertices, or a 1-form: integrals along the edges
         (`mesh.topology.edges` of a surface).
     boundary : {'tangential', 'normal'}
-        Harmonic fields run along the boundary, or stand on it.
+        Harmonic fields are tangential to the boundary, or normal to it.
     place : {'vertex', 'face', 'edge'}, optional
-        Where the field lives, for shapes that fit two places.
+        Place of the values, for shapes that fit two places.
 
     Returns
     -------
     Measurement
-        `vertex`, `face` or `edge`, where the field lives, holds `exact`, `coexact`, `harmonic` in its shape;
+        `vertex`, `face` or `edge`, the place of the field, holds `exact`, `coexact`, `harmonic` in its shape;
         `vertex["potential"]` (n,), and `copotential` on faces (of 1-forms) or edges; `results` the L2
         `norms`, `betti_numbers` and `generators`; `accuracy` the `orthogonality`, `reconstruction_residual`,
         `harmonic_residual`, relative to the field.
@@ -129,7 +129,7 @@ def harmonic_basis(mesh: analysis.SpaceMesh, boundary: Boundary = "tangential") 
     mesh : TriangleMesh, TetMesh or (points, cells) pair
         Manifold and oriented.
     boundary : {'tangential', 'normal'}
-        Harmonic fields run along the boundary, or stand on it.
+        Harmonic fields are tangential to the boundary, or normal to it.
 
     Returns
     -------

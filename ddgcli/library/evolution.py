@@ -27,7 +27,7 @@ def heat_equation(
     duration: float,
     *,
     time_step: float | None = None,
-    frames: int | None = None,
+    n_frames: int | None = None,
     operator: str | None = None,
     mass: str = "lumped",
 ) -> EvolutionResult:
@@ -43,7 +43,7 @@ def heat_equation(
         In length^2.
     time_step : float, optional
         Default a hundredth of the duration.
-    frames : int, optional
+    n_frames : int, optional
         Number of frames behind the first.
     operator, mass : str
         See `laplace_operator`.
@@ -65,7 +65,7 @@ def heat_equation(
     >>> round(float(heat.evolution_frames[-1].values.max()), 2)  # exp(-2 * 0.5)
     0.37
     """
-    return _solved(mesh, "heat", start, (duration, time_step, frames), operator, mass)
+    return _solved(mesh, "heat", start, (duration, time_step, n_frames), operator, mass)
 
 
 @accepts_arrays("surface", "tetrahedra")
@@ -75,7 +75,7 @@ def wave_equation(
     duration: float,
     *,
     time_step: float | None = None,
-    frames: int | None = None,
+    n_frames: int | None = None,
     operator: str | None = None,
     mass: str = "lumped",
 ) -> EvolutionResult:
@@ -91,7 +91,7 @@ def wave_equation(
         In lengths.
     time_step : float, optional
         Default a hundredth of the duration.
-    frames : int, optional
+    n_frames : int, optional
         Number of frames behind the first.
     operator, mass : str
         See `laplace_operator`.
@@ -113,7 +113,7 @@ def wave_equation(
     >>> wave.accuracy["energy_drift"] < 1e-10
     True
     """
-    return _solved(mesh, "wave", start, (duration, time_step, frames), operator, mass)
+    return _solved(mesh, "wave", start, (duration, time_step, n_frames), operator, mass)
 
 
 def _solved(

@@ -25,7 +25,7 @@ class Measurement:
     results : dict
         Numbers of the whole mesh, and one entry a curve under `paths`.
     accuracy : dict
-        What the computation knows of its own error: residuals of identities, of solvers, estimates.
+        Measures of the error: residuals of identities and of solvers, estimates.
     converged : bool
         False when a computation did not reach what was required of it.
 

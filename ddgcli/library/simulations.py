@@ -101,7 +101,7 @@ def simulate(
     SceneError
         A mistake in the scene, with its line.
     SolveError
-        While frames are taken: a step failed for good. The frames before it stand.
+        While frames are taken: a step failed for good. The frames before it are valid.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Linear algebra that knows no mesh: factorisation, ordering, eigenpairs, constrained solves.
+"""Linear algebra without meshes: factorisation, ordering, eigenpairs, constrained solves.
 
 `factor` is the only place where matrices are factorised; `backends` holds the solvers behind it, `eigen`
 smallest eigenpairs, `constrain` Dirichlet problems, `conjugate` conjugate gradients.

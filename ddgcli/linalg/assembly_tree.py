@@ -213,12 +213,12 @@ def _similar_sizes(s: NDArray, u: NDArray) -> list[NDArray]:
     """Groups of non-empty frontal matrices of similar size; a split must save more than a group costs."""
     frontals = np.flatnonzero(s + u > 0)
     frontals = frontals[np.argsort((s + u)[frontals], kind="stable")]
-    groups, todo = [], [frontals] if len(frontals) else []
-    while todo:
-        members = todo.pop()
+    groups, pending = [], [frontals] if len(frontals) else []
+    while pending:
+        members = pending.pop()
         cut = _best_cut(s[members], u[members])
         if cut:
-            todo += [members[cut:], members[:cut]]
+            pending += [members[cut:], members[:cut]]
         else:
             groups.append(np.sort(members))
     return groups

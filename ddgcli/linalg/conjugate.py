@@ -51,7 +51,7 @@ def truncated_conjugate_gradients(
     most : int
         Rounds.
     through : callable float -> bool
-        From the same entry: whether to go on where the curvature is negative, to a stationary point of any
+        From the same entry: whether to continue where the curvature is negative, to a stationary point of any
         kind (as long as the way there descends).
 
     Returns

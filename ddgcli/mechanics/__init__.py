@@ -1,7 +1,7 @@
 """Mechanical systems: masses, potentials, dissipation, constraints, and how they move.
 
 `system` and `terms` describe a system, `integrators` its time schemes, `newton` the implicit steps,
-`equilibrium` its static state. It knows no particular physics.
+`equilibrium` its static state. It has no particular physics.
 """
 
 __all__ = [

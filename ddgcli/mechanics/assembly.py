@@ -84,7 +84,7 @@ def _row_sums(pair: NDArray, first: NDArray, step: int, pairs: int, size: int) -
     order = np.argsort(pair, kind="stable")
     first, count = first[order], np.bincount(pair, minlength=pairs)
     begin = np.concatenate([[0], np.cumsum(count)])[:-1]
-    # the three rows of a pair stand behind each other: entry k of row a is at 3 begin + a count + k
+    # the three rows of a pair follow each other: entry k of row a is at 3 begin + a count + k
     place = 2 * np.repeat(begin, count) + np.arange(len(pair))
     columns = np.empty(3 * len(pair), dtype=np.int32)
     for row in range(3):

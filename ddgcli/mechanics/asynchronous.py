@@ -157,8 +157,8 @@ def _divided(system: System, dt: float) -> Levels:
         for k in np.unique(level):
             chosen = np.flatnonzero(level == k)
             vertices, stencil = np.unique(potential.stencil[chosen], return_inverse=True)
-            part = potential.subset(chosen, stencil.reshape(-1, potential.stencil.shape[1]))
-            batches[k].append(Batch(part, vertices, potential.name))
+            own_term = potential.subset(chosen, stencil.reshape(-1, potential.stencil.shape[1]))
+            batches[k].append(Batch(own_term, vertices, potential.name))
     return Levels(system.all_terms, batches)
 
 

@@ -1,4 +1,4 @@
-"""Terms of one object as terms of a system of several objects, whose vertices stand one behind the other."""
+"""Terms of one object as terms of a system of several objects, whose vertices are concatenated."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class Rows:
         self._last: tuple[NDArray, NDArray] | None = None
 
     def of(self, x: NDArray) -> NDArray[np.float64]:
-        """The object's part of (n, ...) values: one array for one array, for terms that remember."""
+        """The object's part of (n, ...) values: one array for one array, for terms with a memory."""
         if self._last is None or self._last[0] is not x:
             self._last = x, x[self.rows]
         return self._last[1]

@@ -13,7 +13,7 @@ from ddgcli.mechanics.system import Motion, System
 from ddgcli.mechanics.terms import is_dead
 from ddgcli.simulation.model import StepRejected
 
-# of the energy at hand: how far the balance may stand above its lowest, and how far a step may drop it
+# of the energy at hand: how far the balance may exceed its minimum, and how far a step may drop it
 MAX_ENERGY_RISE, MAX_ENERGY_FALL = 0.01, 0.1
 
 
@@ -77,7 +77,7 @@ def balanced(
     Raises
     ------
     StepRejected
-        The balance would stand above its lowest by more than a hundredth of the energy at hand, or drop by
+        The balance would exceed its minimum by more than a hundredth of the energy at hand, or drop by
         more than `fall`.
     """
     change = end.energy - start.energy + work

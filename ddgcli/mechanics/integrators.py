@@ -243,7 +243,7 @@ def _composite(system: System, motion: Motion, dt: float, parameters: Any) -> Mo
     work = change - half.external_work((x, middle.x, y), 0.5 * dt)
     work -= _obstacle_work(system, motion, after, dt)
     most = MAX_ENERGY_FALL * max(kinetic(system, v), kinetic(system, speed))
-    # judged by itself: where the balance stands a hundredth too high, any further step would fail
+    # judged alone: where the balance is a hundredth too high, any further step would fail
     fresh = replace(motion, balance_excess=0.0)
     judged = balanced(system, fresh, after, start, StoredEnergy.at(system, y), work, dt, most)
     return replace(judged, balance_excess=motion.balance_excess + judged.balance_excess)

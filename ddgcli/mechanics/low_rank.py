@@ -11,7 +11,7 @@ Operator = Callable[[NDArray], NDArray]
 
 
 def product(matrix: Operator, columns: NDArray | None) -> Operator:
-    """The product with matrix + U U^T, U the (n, k) columns; None stands for no column."""
+    """The product with matrix + U U^T, U the (n, k) columns; None means no column."""
     if columns is None:
         return matrix
     return lambda v: matrix(v) + columns @ (columns.T @ v)

@@ -1,6 +1,6 @@
 """Implicit steps as minimisations: Newton with line search on the shared solver layer.
 
-Every scheme asks for the minimiser y of
+Every scheme needs the minimiser y of
 
     a/2 |y - target|_M^2 + V(y) + R(c (y - origin)) / c,
 
@@ -228,7 +228,7 @@ class Newton:
         return float(np.abs(self._imbalance(increment, g)).max()) <= self._moved(increment, y)
 
     def _imbalance(self, increment: Increment, g: NDArray) -> NDArray:
-        """(3,) translation that the sum of the forces asks of inertia alone; 0 along axes held everywhere."""
+        """(3,) translation whose inertia balances the sum of the forces; 0 along axes held everywhere."""
         mass = self.system.mass @ self.system.free
         return np.divide(-g.sum(axis=0), increment.a * mass, out=np.zeros(3), where=mass > 0)
 

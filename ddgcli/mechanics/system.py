@@ -40,7 +40,7 @@ class Motion:
     newton : int
         Newton iterations since the start.
     balance_excess : float
-        Joules by which the balance of energy stands above its lowest, where the scheme watches it.
+        Joules by which the balance of energy exceeds its minimum, where the scheme watches it.
     time : float
         s.
     work : float
@@ -143,7 +143,7 @@ class System:
         system._choose(self.all_terms)
         return system
 
-    def remembering(self, memory: tuple[Arrays, ...]) -> System:
+    def with_memory_at(self, memory: tuple[Arrays, ...]) -> System:
         """The system whose terms with a memory have these arrays; itself without such terms.
 
         The last such system is kept as long as the arrays are the same objects.

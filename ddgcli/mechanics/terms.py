@@ -210,20 +210,20 @@ Value = TypeVar("Value")
 
 
 def at_last_point(method: Callable[[Any, NDArray], Value]) -> Callable[[Any, NDArray], Value]:
-    """Remember a method's value at the last array of positions (the same object, which nobody writes to).
+    """Cache a method's value at the last array of positions (the same object, which is not written to).
 
     Energy, gradient and Hessian of a Newton iteration are evaluated at one point and share results.
     """
     name = f"_last_{method.__name__}"
 
     @functools.wraps(method)
-    def remembered(self: Any, x: NDArray) -> Value:
+    def cached(self: Any, x: NDArray) -> Value:
         last = self.__dict__.get(name)
         if last is None or last[0] is not x:
             last = self.__dict__[name] = (x, method(self, x))
         return last[1]
 
-    return remembered
+    return cached
 
 
 def row_blocks(count: int, size: int = 512) -> Iterator[slice]:

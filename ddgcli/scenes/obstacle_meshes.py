@@ -56,7 +56,7 @@ def _shape(section: Any, bodies: NDArray, read: Callable[[str], Any]) -> Triangl
 
 
 def _placed(section: Any, mesh: TriangleMesh) -> TriangleMesh:
-    """The mesh scaled, turned and moved as the object says."""
+    """The mesh scaled, turned and moved by the keys of its object."""
     points = np.asarray(mesh.points) * (getattr(section, "scale", None) or 1.0)
     rotation = getattr(section, "rotation", None)
     if rotation is not None:

@@ -36,7 +36,7 @@ class TimeSection(Section):
     step: quantity("s", "time step", gt=0) | None = None  # type: ignore[valid-type]
     tolerance: quantity("", "adaptive steps: largest error of a step", gt=0) | None = None  # type: ignore[valid-type]
     frame_every: quantity("s", "time between frames", gt=0) | None = None  # type: ignore[valid-type]
-    integrator: str = Field(description="scheme; its own parameters stand beside it")
+    integrator: str = Field(description="scheme; its own parameters are keys beside it")
     on_failure: Literal["shrink", "stop"] = Field("shrink", description="what to do with a step that fails")
 
 
@@ -56,7 +56,7 @@ class SceneKind:
     command : str
     roles : dict of str to ObjectSection type
     integrators : dict of str to Section type
-        Each with the parameters that stand beside it in [time].
+        Each with its parameters in [time].
     integrator : str
         Where the scene names none.
     effects : EffectTable
@@ -215,7 +215,7 @@ def _with_models(document: Document, kind: SceneKind, models: Sequence[str]) -> 
 
 
 def _check_clock(scene: Scene) -> None:
-    """Refuse runs without end; tell where the clock does not meet the times that the scene names."""
+    """Refuse runs without end; warn where the clock does not meet the times that the scene names."""
     time = scene.time
     each = (time.frame_every or time.duration / 50) if time.tolerance is not None else time.step
     count = time.duration / each
@@ -346,7 +346,7 @@ def _effects(document: Document, kind: SceneKind, roles: set[str]) -> tuple[tupl
             raise SceneError(located(document, key, message))
         several = isinstance(value, list)
         if several and not effect.repeatable:
-            message = f"effect {name!r} may stand only once, as one table"
+            message = f"effect {name!r} is allowed only once, as one table"
             raise SceneError(located(document, (*key, 0), message))
         for k, table in enumerate(value if several else [value]):
             place: Key = (*key, k) if several else key

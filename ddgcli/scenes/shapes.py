@@ -39,7 +39,7 @@ class Grid(Section):
     grading: quantity("", "0: equal cells; up to 1: finer at the sides, by cosines", ge=0) = 0.0
 
     @model_validator(mode="after")
-    def _sound(self) -> Grid:
+    def _checked(self) -> Grid:
         if self.grading > 1:
             raise ValueError("the grading must be from 0 to 1")
         if self.grading and self.pattern == "equilateral":
@@ -66,7 +66,7 @@ class Plane(Section):
     normal: vector("") = (0.0, 0.0, 1.0)
 
     @model_validator(mode="after")
-    def _sound(self) -> Plane:
+    def _checked(self) -> Plane:
         if not np.linalg.norm(self.normal) > 0:
             raise ValueError("the normal of a plane must not be zero")
         return self
@@ -88,7 +88,7 @@ class Box(Section):
     cells: list[int] = Field(default=[4, 4, 4], min_length=3, max_length=3)
 
     @model_validator(mode="after")
-    def _sound(self) -> Box:
+    def _checked(self) -> Box:
         if min(self.size) <= 0 or min(self.cells) < 1:
             raise ValueError("size and cells of a box must be positive")
         return self
@@ -102,7 +102,7 @@ class Cylinder(Section):
     radius: quantity("m", "radius", gt=0)
 
     @model_validator(mode="after")
-    def _sound(self) -> Cylinder:
+    def _checked(self) -> Cylinder:
         if tuple(self.start) == tuple(self.end):
             raise ValueError("start and end of a cylinder must differ")
         return self
@@ -115,7 +115,7 @@ class Rotation(Section):
     degrees: quantity("") = 0.0
 
     @model_validator(mode="after")
-    def _sound(self) -> Rotation:
+    def _checked(self) -> Rotation:
         if not np.linalg.norm(self.axis) > 0:
             raise ValueError("the axis of a rotation must not be zero")
         return self

@@ -32,7 +32,7 @@ class Account:
         return {name: (self.calls[name], self.seconds[name]) for name in self.calls}
 
     def restore(self, rows: dict[str, tuple[int, float]]) -> None:
-        """Go on from the rows of an earlier part of the run."""
+        """Continue from the rows of an earlier part of the run."""
         self.calls = {name: calls for name, (calls, _) in rows.items()}
         self.seconds = {name: seconds for name, (_, seconds) in rows.items()}
 

@@ -18,7 +18,7 @@ class Effect:
     Parameters
     ----------
     name : str
-        As it stands under [effects].
+        Its key under [effects].
     parameters : type
         A `Section`: the keys it takes, with units, defaults and one line each.
     build : callable
@@ -29,7 +29,7 @@ class Effect:
     roles : tuple of str
         Roles of the objects that it acts on; a scene without such an object is refused.
     repeatable : bool
-        Whether `[[effects.NAME]]` may stand several times.
+        Whether `[[effects.NAME]]` may occur several times.
     pairs : callable, optional
         `pairs(parameters)`: names of objects that the effect couples, which then move as one system.
     between : callable, optional

@@ -26,7 +26,7 @@ class StepRejected(Exception):
         "vertex 12", "edge 3", or "".
     value : float
     solved : bool
-        The scheme's equations were solved, what they say will not do: another scheme may take the step.
+        The scheme's equations were solved, but the result is rejected: another scheme may take the step.
     """
 
     def __init__(self, cause: str, place: str = "", value: float = math.nan, solved: bool = False) -> None:

@@ -34,8 +34,8 @@ class Outcome:
         Why the run failed, or "".
     last_events : tuple of Event
         Of a failed run, since its last frame.
-    doubt : str
-        Why the result is not to be trusted, or "".
+    failure_reason : str
+        Reason why the result is unreliable, or "".
     seconds : float
         Of the loop, with those of the run that was resumed.
     steps : int
@@ -57,7 +57,7 @@ class Outcome:
     status: str = "failed"
     failure: str = ""
     last_events: tuple[Event, ...] = ()
-    doubt: str = ""
+    failure_reason: str = ""
     seconds: float = 0.0
     steps: int = 0
     smallest_step: float = np.inf

@@ -31,7 +31,7 @@ class Recorder:
         Updated with every frame.
     picture : bool
         Whether frames are kept: at most MAX_STORED_FRAMES at any time, evenly spread over the frames so
-        far, because a run that stops early does not know the number of its frames beforehand. At the end
+        far, because the number of frames of a run that stops early is unknown beforehand. At the end
         those between which the motion changes equally remain.
     """
 

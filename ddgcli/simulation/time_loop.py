@@ -1,6 +1,6 @@
 """Time loop: advance independent models in lockstep from frame to frame.
 
-The loop knows neither physics nor files. It owns the clock (times are `k * dt`, never a running sum), the
+The loop contains neither physics nor files. It keeps the clock (times are `k * dt`, never a running sum), the
 shortened and the adaptive steps, and the log of failed steps (`Event`).
 """
 
@@ -51,7 +51,7 @@ class ActiveModel:
     allowed: float = math.inf  # longest part of the step under way that is tried
     shortest: float = math.inf  # taken of the step under way
     reached: float = 0.0  # in steps
-    tell: Callable[[], None] = field(default=lambda: None)
+    report_progress: Callable[[], None] = field(default=lambda: None)
 
     def pack(self) -> Arrays:
         clock = np.array([self.next_dt, self.taken, self.smallest])
@@ -89,7 +89,7 @@ def stop_reason(checkpoint: Arrays) -> str:
 
 @dataclass(frozen=True, eq=False)
 class Snapshot:
-    """One frame of a run and what is needed to go on from it.
+    """One frame of a run and what is needed to continue from it.
 
     Parameters
     ----------
@@ -136,14 +136,14 @@ def evolve(
     account : Account
         Books "integrator" for each advance and "output" for each observation; models book inside.
     resume : (frame, checkpoint), optional
-        Go on after that frame, which is not yielded again. Nothing is yielded if the run had ended there.
+        Continue after that frame, which is not yielded again. Nothing is yielded if the run had ended there.
     progress : callable, optional
         Called with (steps done, all steps) after every step, and after parts of divided steps.
 
     Raises
     ------
     RunFailed
-        A step failed for good; the snapshots before it stand.
+        A step failed for good; the snapshots before it are valid.
     """
     active_models = [
         ActiveModel(name, model, model.start, schedule.first_dt or schedule.dt)
@@ -163,7 +163,7 @@ def evolve(
     for active in active_models:
         active.reached = schedule.step_of_frame(frame_number)
         if progress is not None:
-            active.tell = lambda: progress(
+            active.report_progress = lambda: progress(
                 sum(m.reached for m in active_models) / len(active_models), schedule.steps
             )
     while frame_number < last_frame:
@@ -272,12 +272,12 @@ def _step_or_halves(
         events.append(Event(step, time, rejected.cause, rejected.place, rejected.value, detail))
         if schedule.on_failure == "stop" or depth >= MAX_HALVINGS:
             raise SolveError(f"t = {time:.6g} s, {detail}; try a smaller step") from rejected
-        say = log.info if active.divided else log.warning
-        say("t = %.6g s, %s; it is halved, and so are those after it where they must", time, detail)
+        log_event = log.info if active.divided else log.warning
+        log_event("t = %.6g s, %s; it is halved, and so are those after it where they must", time, detail)
         active.divided, active.allowed = True, 0.75 * dt
         return _two_halves(active, schedule, step, time, dt, depth, events)
     active.reached = (time + dt) / schedule.dt
-    active.tell()
+    active.report_progress()
     active.taken += 1
     active.smallest = min(active.smallest, dt)
     active.shortest = min(active.shortest, dt)
@@ -308,8 +308,8 @@ def _advanced(
         raise cause from None
     detail = f"{active.name}: step of {dt:.3g} s rejected: {cause}; taken by the composite scheme"
     events.append(Event(step, time, cause.cause, cause.place, cause.value, detail))
-    say = log.info if active.rescued else log.warning
-    say("t = %.6g s, %s, and so are those after it that must", time, detail)
+    log_event = log.info if active.rescued else log.warning
+    log_event("t = %.6g s, %s, and so are those after it that must", time, detail)
     active.rescued = True
     return later
 
@@ -358,7 +358,7 @@ def _advance_adaptively(
             continue
         active.state = state
         active.reached = (time + dt) / schedule.dt
-        active.tell()
+        active.report_progress()
         active.taken += 2
         active.smallest = min(active.smallest, dt / 2)
         time = end if pieces == 1 else time + dt

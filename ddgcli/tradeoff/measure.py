@@ -83,7 +83,7 @@ def _calibrate(problem: Problem, time_budget: TimeBudget) -> None:
     setup, solve = 0.0, time_budget.seconds  # recorded if the run is stopped
     try:
         with time_budget.limit_time(REFERENCE_SHARE * time_budget.left()):
-            for _ in range(2):  # the first also pays for imports
+            for _ in range(2):  # the first also includes imports
                 state, setup = _timed(cheapest.setup, time.perf_counter)
                 solve = _timed(partial(cheapest.solve, state), time.perf_counter)[1]
                 if setup + solve > 0.1 * time_budget.left():
@@ -202,7 +202,7 @@ def measure_candidate(
         repeats = int(max(1, min(repeat, 0.15 * time_budget.left() / max(first, 1e-9))))
         seconds = [_timed(lambda: candidate.solve(state), clock)[1] for _ in range(repeats)]
         memory = cold_setup + first < 0.1 * time_budget.left()
-        if 1e-4 < cold_setup < 0.1 * time_budget.left():  # the first also paid for imports
+        if 1e-4 < cold_setup < 0.1 * time_budget.left():  # the first also included imports
             setups = [_timed(candidate.setup, clock)[1] for _ in range(min(3, repeats))]
     whole = whole_error(problem, errors, reference, mesh_limit)
     return Row(

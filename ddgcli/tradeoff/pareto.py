@@ -1,4 +1,4 @@
-"""Pareto front, cheapest row within an error, verdicts, and where a set-up pays off."""
+"""Pareto front, cheapest row within an error, verdicts, and the break-even of set-ups."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ MAX_ERROR_RATIO = 2.0  # of two rows of like error
 
 
 def blur(table: Table, norm: str = "max") -> float:
-    """Difference of errors up to which rows are not told apart: the uncertainty, unless it is rounding."""
+    """Difference of errors up to which rows are not distinguished: the uncertainty, unless it is rounding."""
     uncertainty = table.uncertainty(norm)
     return uncertainty if uncertainty > ROUNDING else 0.0
 
@@ -61,12 +61,12 @@ def assign_verdicts(table: Table, within: float | None, norm: str = "max") -> Ro
         row.on_front &= ranked
         row.verdict = _verdict(row, table, chosen, within, norm, limit, ranked)
         if row.error(norm) <= table.uncertainty(norm) < math.inf:
-            row.verdict += "; as exact as the reference can tell"
+            row.verdict += "; within the error of the reference"
     return chosen
 
 
 def _no_ranking(table: Table, norm: str, limit: float) -> str:
-    """Why no two rows are told apart, or ""."""
+    """Reason why no two rows are distinguished, or ""."""
     errors = [row.error(norm) for row in table.rows]
     if table.mesh_failure and math.isinf(limit):
         why = table.mesh_failure
@@ -124,23 +124,23 @@ def _like(other: float, error: float) -> bool:
 
 
 def break_even(rows: list[Row], norm: str = "max") -> list[dict[str, Any]]:
-    """Number of queries from which a set-up pays off against a row of less set-up and like error.
+    """Number of queries from which a set-up saves time against a row of less set-up and like error.
 
     The other row is at least as accurate, and at most `MAX_ERROR_RATIO` times as accurate.
     """
     pairs = []
     for row in rows:
-        rivals = [
+        others = [
             r
             for r in rows
             if _like(r.error(norm), row.error(norm))
             and r.setup_seconds < row.setup_seconds
             and r.seconds > row.seconds
         ]
-        if not rivals or row.setup_seconds < row.seconds:  # a set-up below one query does not matter
+        if not others or row.setup_seconds < row.seconds:  # a set-up below one query does not matter
             continue
-        rival = min(rivals, key=lambda r: r.seconds)
-        count = math.ceil((row.setup_seconds - rival.setup_seconds) / (rival.seconds - row.seconds))
-        if count > 1:  # else the set-up pays off within one query
-            pairs.append({"row": row.label, "against": rival.label, "queries": count})
+        cheapest = min(others, key=lambda r: r.seconds)
+        count = math.ceil((row.setup_seconds - cheapest.setup_seconds) / (cheapest.seconds - row.seconds))
+        if count > 1:  # else the set-up saves time within one query
+            pairs.append({"row": row.label, "against": cheapest.label, "queries": count})
     return pairs

@@ -147,7 +147,7 @@ def _remarks(results: dict[str, Any]) -> list[str]:
     if results["undecided"]:
         lines.append(f"{NO_VERDICT}: {results['undecided']}")
     lines += [
-        f"pays off: {pair['row']} beats {pair['against']} from {pair['queries']} queries"
+        f"break-even: {pair['row']} beats {pair['against']} from {pair['queries']} queries"
         for pair in results["break_even"]
     ]
     lines += _left_out(results["left_out"])

@@ -48,11 +48,13 @@ def unnamed(options: list[click.Option], text: str) -> list[str]:
     return [option.opts[0] for option in options if not named & {*option.opts, *option.secondary_opts}]
 
 
-@pytest.mark.parametrize("page", [*COMMANDS, "geodesic-curves"])
+@pytest.mark.parametrize("page", [*COMMANDS, "geodesic-curves", "geodesic-waves"])
 def test_every_command_page_has_the_same_headings(page):
     text = FENCE.sub("code that is shown to the reader", text_of(page))
     assert re.findall(r"^## (.*)$", text, re.M) == HEADINGS
-    assert re.findall(r"^# (.*)$", text, re.M)[0].startswith(f"`ddgcli {page.removesuffix('-curves')}`")
+    assert re.findall(r"^# (.*)$", text, re.M)[0].startswith(
+        f"`ddgcli {page.removesuffix('-curves').removesuffix('-waves')}`"
+    )
     sections = re.split(r"^## .*$", text, flags=re.M)[1:]
     assert min(len(section.strip()) for section in sections) > 20
 

@@ -77,7 +77,9 @@ def test_a_simulator_killed_at_random_moments_and_resumed_ends_with_the_same_bit
     ball = shapes.icosphere(2)
     write_mesh(str(tmp_path / "ball.ply"), AnnotatedMesh(ball.moved(ball.points * [1, 1.2, 0.8])))
     call = [command, *RUNS[command]]
-    whole, broken, part = (tmp_path / name for name in ("whole.vtkhdf", "run.vtkhdf", "run.vtkhdf.part"))
+    whole, broken, partial_file = (
+        tmp_path / name for name in ("whole.vtkhdf", "run.vtkhdf", "run.vtkhdf.part")
+    )
     rng = random.Random(f"{command} {kills}")
     first = forked(tmp_path, [*call, "-o", whole])
     used = 0.0
@@ -95,7 +97,7 @@ def test_a_simulator_killed_at_random_moments_and_resumed_ends_with_the_same_bit
             assert code in (0, -signal.SIGKILL), (tmp_path / "streams").read_text()[-500:]
             killed += code != 0
             resumed += bool(again)
-            again = ["--resume", part] if part.exists() else []
+            again = ["--resume", partial_file] if partial_file.exists() else []
         assert_equal_bits(expected, frames_of(broken))
         runs += 1
     if kills >= 100:

@@ -133,7 +133,7 @@ def test_an_error_equal_to_the_bound_is_within():
 def test_rows_below_the_reference_uncertainty_say_so():
     table = Table([row("a", 0.0, 1.0, 0.1), row("b", 0.0, 2.0, 0.05)], Reference("r", TRUTH, 0.05))
     assign_verdicts(table, None)
-    assert [r.verdict.endswith("as exact as the reference can tell") for r in table.rows] == [False, True]
+    assert [r.verdict.endswith("within the error of the reference") for r in table.rows] == [False, True]
 
 
 def test_a_candidate_estimated_above_the_budget_is_left_out():

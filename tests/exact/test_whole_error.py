@@ -172,7 +172,7 @@ def test_a_reference_that_is_too_uncertain_ranks_no_rows():
     rows = [row("a", 1.0, 0.5, 12.0), row("b", 2.0, 0.1, 12.0), row("c", 3.0, 3.0, 12.0)]
     table = Table(rows, Reference("r", np.zeros(1), 12.0))
     assert assign_verdicts(table, None) is None and "uncertain by 1.2e+01" in table.undecided
-    assert [r.verdict for r in rows] == ["no verdict possible; as exact as the reference can tell"] * 3
+    assert [r.verdict for r in rows] == ["no verdict possible; within the error of the reference"] * 3
     rows[2].max_error = 40.0  # surely worse than the others
     assign_verdicts(table, None)
     assert not table.undecided and rows[0].on_front and not rows[1].on_front

@@ -11,8 +11,8 @@ from ddgcli.models.fluid.surface_space import SurfaceSpace
 from tests.physics.test_fluid import SURFACES, needles
 from tests.physics.test_fluid_volumes import CELL, run, series
 
-SOME = 'initial = { vorticity = "sin(3*x + 1)*cos(2*z + 1) + y + x*z" }\n'
-GIVEN = 'mesh = "given"'
+INITIAL_FLOW = 'initial = { vorticity = "sin(3*x + 1)*cos(2*z + 1) + y + x*z" }\n'
+MESH_OF_CALL = 'mesh = "given"'
 NAMES = ("conservative", "circulation", "covector", PEER)
 TIME = 'integrator = "covector"\nduration = {}\nstep = {}\n'
 
@@ -21,9 +21,9 @@ TIME = 'integrator = "covector"\nduration = {}\nstep = {}\n'
 def test_covector_raises_neither_energy_nor_enstrophy_and_keeps_the_total(name):
     mesh = needles() if name == "needles" else SURFACES[name]
     count = 2 * (mesh.topology.genus or 0) + max(0, mesh.topology.boundary_loops - 1)
-    effects = SOME + (f"harmonic = {{ coefficients = {[0.3] * count} }}" if count else "")
+    effects = INITIAL_FLOW + (f"harmonic = {{ coefficients = {[0.3] * count} }}" if count else "")
     shape = 'grid = { size = [6, 6], cells = [10, 10], periodic = "xy" }'
-    out = run_fluid(effects, TIME.format(0.2, 0.02), shape if name == "flat torus" else GIVEN, mesh)
+    out = run_fluid(effects, TIME.format(0.2, 0.02), shape if name == "flat torus" else MESH_OF_CALL, mesh)
     for what in ("kinetic_energy", "enstrophy"):
         values = out.series(what)
         assert (np.diff(values) <= 1e-12 * values[0]).all() and values[-1] < values[0]
@@ -54,7 +54,7 @@ def test_steady_cells_on_a_flat_torus_stay_with_second_order():
     for n in (8, 16):
         shape = f'grid = {{ size = [{2 * np.pi}, {2 * np.pi}], cells = [{n}, {n}], periodic = "xy" }}'
         start = 'initial = { vorticity = "2*sin(x)*sin(y)" }'
-        first, *_, last = run_fluid(start, TIME.format(1.2, 1.2 / n), shape).frames
+        first, *_, last = run_fluid(start, TIME.format(1.2, 1.2 / n), shape).observations
         apart = np.linalg.norm(last.vertex["vorticity"] - first.vertex["vorticity"])
         error.append(apart / np.linalg.norm(first.vertex["vorticity"]))
     assert error[1] < 0.04 and error[0] / error[1] > 3.5
@@ -73,8 +73,10 @@ def test_a_step_of_no_length_changes_the_resolved_flow_little():
 
 
 def test_the_map_is_followed_over_several_steps_while_nothing_else_changes_the_flow():
-    free = run_fluid(SOME, TIME.format(0.04, 0.01), mesh=SURFACES["sphere"])
-    rubbed = run_fluid(SOME + "viscosity = { nu = 1e-3 }", TIME.format(0.04, 0.01), mesh=SURFACES["sphere"])
+    free = run_fluid(INITIAL_FLOW, TIME.format(0.04, 0.01), mesh=SURFACES["sphere"])
+    rubbed = run_fluid(
+        INITIAL_FLOW + "viscosity = { nu = 1e-3 }", TIME.format(0.04, 0.01), mesh=SURFACES["sphere"]
+    )
     counts = {}
     for name, out in (("free", free), ("rubbed", rubbed)):
         state, counts[name] = out.fluid.start, []

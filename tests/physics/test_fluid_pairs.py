@@ -44,34 +44,34 @@ def outcome(effects, shape, integrator="energy"):
 @pytest.mark.parametrize("dimension", SHAPES)
 @pytest.mark.parametrize("integrator", KIND.integrators)
 def test_an_integrator_runs_in_the_dimensions_that_its_table_names_and_nowhere_else(integrator, dimension):
-    said = outcome(TURN, SHAPES[dimension], integrator)
+    message = outcome(TURN, SHAPES[dimension], integrator)
     if dimension in TRANSPORTS[integrator]:
-        assert said == ""
+        assert message == ""
     else:
         others = [name for name, modules in TRANSPORTS.items() if dimension in modules]
-        assert f"{integrator} does not exist in {dimension}-D; take {' or '.join(others)}" in said
+        assert f"{integrator} does not exist in {dimension}-D; take {' or '.join(others)}" in message
 
 
 @pytest.mark.parametrize("dimension", SHAPES)
 @pytest.mark.parametrize("effect", [name for name in EFFECTS if name != "initial"])
 def test_an_effect_runs_in_its_dimensions_and_is_refused_by_name_in_the_other(effect, dimension):
-    said = outcome(TURN + f"{effect} = {PARAMETERS[effect]}", SHAPES[dimension])
+    message = outcome(TURN + f"{effect} = {PARAMETERS[effect]}", SHAPES[dimension])
     if dimension == 3 and effect in SURFACE_EFFECTS:
-        assert f"{effect} acts on surfaces" in said
+        assert f"{effect} acts on surfaces" in message
     else:
-        assert said == ""
+        assert message == ""
 
 
 @pytest.mark.parametrize("dimension", SHAPES)
 @pytest.mark.parametrize("integrator", KIND.integrators)
 def test_fluid_crosses_the_boundary_only_by_the_integrators_that_can(integrator, dimension):
-    said = outcome(THROUGH, SHAPES[dimension], integrator)
+    message = outcome(THROUGH, SHAPES[dimension], integrator)
     if dimension not in TRANSPORTS[integrator]:
-        assert "does not exist" in said
+        assert "does not exist" in message
     elif integrator not in OPEN_TRANSPORTS:
-        assert "no inflow and outflow" in said
+        assert "no inflow and outflow" in message
     else:
-        assert said == ""
+        assert message == ""
 
 
 def test_every_integrator_has_its_row_in_the_tables_of_the_page():

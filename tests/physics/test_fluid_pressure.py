@@ -10,8 +10,8 @@ from tests.physics.test_fluid_volumes import CELL, run
 STILL = "duration = 1e-6\nstep = 1e-6"
 
 
-def relative(found, exact):
-    return np.abs(found - exact).max() / np.abs(exact).max()
+def relative(pressure, exact):
+    return np.abs(pressure - exact).max() / np.abs(exact).max()
 
 
 def test_pressure_of_taylor_green_cells_is_exact_to_second_order():
@@ -20,7 +20,7 @@ def test_pressure_of_taylor_green_cells_is_exact_to_second_order():
         shape = f'grid = {{ size = [{2 * np.pi}, {2 * np.pi}], cells = [{n}, {n}], periodic = "xy" }}'
         out = run_fluid('initial = { vorticity = "2*sin(x)*sin(y)" }\npressure = {}', STILL, shape)
         x, y, _ = np.asarray(out.fluid.context.mesh.points).T
-        error.append(relative(out.frames[0].vertex["pressure"], (np.cos(2 * x) + np.cos(2 * y)) / 4))
+        error.append(relative(out.observations[0].vertex["pressure"], (np.cos(2 * x) + np.cos(2 * y)) / 4))
     assert error[1] < 0.08 and error[0] / error[1] > 3.5
 
 
@@ -32,7 +32,7 @@ def test_pressure_of_a_rigid_turn_balances_the_centrifugal_and_the_coriolis_forc
     out = run_fluid(effects, STILL, mesh=shapes.icosphere(4))
     z = out.fluid.context.points[:, 2]
     exact = (2.5**2 / 2 + 2.5 * turning) * (1 / 3 - z**2)
-    assert relative(out.frames[0].vertex["pressure"], exact) < 0.01
+    assert relative(out.observations[0].vertex["pressure"], exact) < 0.01
 
 
 CHANNEL = """
@@ -50,7 +50,7 @@ def test_pressure_falls_along_a_channel_as_friction_asks():
     """dp/dx = -8 nu of Poiseuille flow, and zero at the natural outflow."""
     shape = "grid = { size = [2, 1], cells = [24, 12] }"
     out = run_fluid(CHANNEL, "duration = 6\nstep = 0.03\nframe_every = 6", shape)
-    points, pressure = out.fluid.context.points, out.frames[-1].vertex["pressure"]
+    points, pressure = out.fluid.context.points, out.observations[-1].vertex["pressure"]
     inside = np.abs(points[:, 0] - 1.0) < 0.5
     slope = np.polyfit(points[inside, 0], pressure[inside], 1)[0]
     assert slope == pytest.approx(-0.8, rel=0.02)
@@ -60,7 +60,7 @@ def test_pressure_falls_along_a_channel_as_friction_asks():
 def test_a_uniform_force_is_balanced_by_pressure():
     out = run_fluid("force = { acceleration = [0, -9.81, 0] }\npressure = {}", STILL, SQUARE)
     y = out.fluid.context.points[:, 1]
-    assert np.allclose(out.frames[-1].vertex["pressure"], -9.81 * (y - 0.5), atol=1e-9)
+    assert np.allclose(out.observations[-1].vertex["pressure"], -9.81 * (y - 0.5), atol=1e-9)
 
 
 SQUARE = "grid = { size = [1, 1], cells = [6, 6] }"
@@ -81,5 +81,7 @@ def test_the_flow_is_the_same_to_the_last_bit_with_pressure():
     effects = 'initial = { vorticity = "sin(3*x)*y" }\nviscosity = { nu = 0.01 }\n'
     time = "duration = 0.1\nstep = 0.02"
     plain, beside = (run_fluid(effects + more, time, SQUARE) for more in ("", "pressure = {}"))
-    assert np.array_equal(plain.frames[-1].vertex["vorticity"], beside.frames[-1].vertex["vorticity"])
-    assert "pressure" in beside.frames[-1].vertex and "pressure" not in plain.frames[-1].vertex
+    assert np.array_equal(
+        plain.observations[-1].vertex["vorticity"], beside.observations[-1].vertex["vorticity"]
+    )
+    assert "pressure" in beside.observations[-1].vertex and "pressure" not in plain.observations[-1].vertex

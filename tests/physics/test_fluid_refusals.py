@@ -71,13 +71,13 @@ def test_inverted_and_flat_tetrahedra_are_counted_and_the_first_is_named(what, c
     points, cells = np.array(box.points), np.array(box.tetrahedra)
     if change < 0:
         cells[[7, 9]] = cells[[7, 9]][:, [1, 0, 2, 3]]
-        said = refusal("force = { acceleration = [0, 0, 1] }", mesh=TetMesh(points, cells))
-        assert "2 tetrahedra are inverted (first: 7)" in said
+        refusal_text = refusal("force = { acceleration = [0, 0, 1] }", mesh=TetMesh(points, cells))
+        assert "2 tetrahedra are inverted (first: 7)" in refusal_text
     else:
         points[:, 2] = 0.0
-        said = refusal("force = { acceleration = [0, 0, 1] }", mesh=TetMesh(points, cells))
-        assert "48 tetrahedra have no volume (first: 0)" in said
-    assert what in said
+        refusal_text = refusal("force = { acceleration = [0, 0, 1] }", mesh=TetMesh(points, cells))
+        assert "48 tetrahedra have no volume (first: 0)" in refusal_text
+    assert what in refusal_text
 
 
 @pytest.mark.parametrize("shape", [SQUARE, BOX], ids=["surface", "volume"])
@@ -89,8 +89,8 @@ def test_flux_that_does_not_balance_is_refused_with_the_excess(shape):
 
 @pytest.mark.parametrize("shape", [SQUARE, BOX], ids=["surface", "volume"])
 def test_inflow_without_outflow_is_refused(shape):
-    said = refusal(f"viscosity = {{ nu = 1 }}\nboundary = [{INFLOW}]", shape)
-    assert "outflow" in said
+    refusal_text = refusal(f"viscosity = {{ nu = 1 }}\nboundary = [{INFLOW}]", shape)
+    assert "outflow" in refusal_text
 
 
 @pytest.mark.parametrize("shape", [SQUARE, BOX], ids=["surface", "volume"])

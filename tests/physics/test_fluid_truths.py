@@ -31,7 +31,9 @@ def test_vorticity_of_one_degree_on_the_sphere_is_steady(degree, vorticity):
         f'initial = {{ vorticity = "{vorticity}" }}', "duration = 1\nstep = 0.05\nframe_every = 1",
         mesh=shapes.icosphere(3),
     )  # fmt: skip
-    first, last = (frame.vertex["vorticity"] for frame in (out.frames[0], out.frames[-1]))
+    first, last = (
+        observation.vertex["vorticity"] for observation in (out.observations[0], out.observations[-1])
+    )
     assert np.linalg.norm(last - first) < 0.02 * np.linalg.norm(first)
 
 
@@ -43,7 +45,7 @@ def test_a_vortex_spreads_as_lamb_and_oseen_have_it():
     x, y, _ = np.asarray(out.fluid.context.points).T
     wide = core**2 + 4 * nu * span
     exact = np.exp(-((x - 2) ** 2 + (y - 2) ** 2) / wide) / (np.pi * wide)
-    assert np.abs(out.frames[-1].vertex["vorticity"] - exact).max() < 0.01 * exact.max()
+    assert np.abs(out.observations[-1].vertex["vorticity"] - exact).max() < 0.01 * exact.max()
 
 
 def lift(place, others, size, copies=8):
@@ -67,8 +69,8 @@ def test_opposite_vortices_travel_at_the_speed_of_point_vortices():
     out = run_fluid(f'initial = {{ vorticity = "{vorticity}" }}', clock(span), DISK)
     points, mass = np.asarray(out.fluid.context.points), out.fluid.space.mass
     place = [
-        centroid(points[:, 1], mass * np.minimum(frame.vertex["vorticity"], 0))
-        for frame in (out.frames[0], out.frames[-1])
+        centroid(points[:, 1], mass * np.minimum(observation.vertex["vorticity"], 0))
+        for observation in (out.observations[0], out.observations[-1])
     ]
     speed = lift((2 + d / 2, 1.9), pair, 4.0)
     assert abs(speed) == pytest.approx(gamma / (2 * np.pi * d), rel=0.25)
@@ -85,7 +87,7 @@ def test_like_vortices_turn_about_each_other_at_the_rate_of_point_vortices():
         DISK,
     )
     x, y, _ = np.asarray(out.fluid.context.points).T - np.array([[2], [2], [0]])
-    omega = out.frames[-1].vertex["vorticity"] * out.fluid.space.mass
+    omega = out.observations[-1].vertex["vorticity"] * out.fluid.space.mass
     angle = 0.5 * np.arctan2(omega @ (2 * x * y), omega @ (x**2 - y**2))
     assert angle / span == pytest.approx(gamma / (np.pi * d**2), rel=0.05)
 
@@ -103,7 +105,7 @@ def test_a_pair_on_the_sphere_travels_at_the_speed_of_point_vortices():
         mesh=shapes.icosphere(5),
     )  # fmt: skip
     points, mass = out.fluid.context.points, out.fluid.space.mass
-    middle = centroid(points, mass * np.maximum(out.frames[-1].vertex["vorticity"] - 1.0, 0))
+    middle = centroid(points, mass * np.maximum(out.observations[-1].vertex["vorticity"] - 1.0, 0))
     turned = np.arcsin(abs(middle[2]) / np.linalg.norm(middle))
     # each moves on a small circle about the axis y, of radius cos(a / 2)
     speed = np.cos(a / 2) * np.arctan(abs(middle[2]) / middle[0]) / span

@@ -57,7 +57,7 @@ def test_one_open_edge_in_the_interior_splits_no_vertex_and_two_in_a_row_split_o
     assert split.pieces == 1
 
 
-def test_edges_across_a_sheet_cut_it_in_two_pieces_with_a_copy_of_each_vertex_between():
+def test_edges_across_a_shell_cut_it_in_two_pieces_with_a_copy_of_each_vertex_between():
     mesh = grid(4, 3, 4.0, 3.0)
     edges = interior(mesh)
     opened = (np.asarray(mesh.points)[edges][:, :, 0] == 2.0).all(axis=1)

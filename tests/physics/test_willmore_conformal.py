@@ -40,15 +40,15 @@ def test_an_ellipsoid_is_round_after_a_few_steps_and_its_map_is_nearly_conformal
     change = []
     for level in (2, 3):
         mesh = ellipsoid(level)
-        frames, end, _ = run_flow(mesh, CONFORMAL)
-        assert len(frames) <= 9
-        assert energies(frames)[-1] == pytest.approx(4 * np.pi, rel=2e-2 / 4 ** (level - 1))
+        snapshots, end, _ = run_flow(mesh, CONFORMAL)
+        assert len(snapshots) <= 9
+        assert energies(snapshots)[-1] == pytest.approx(4 * np.pi, rel=2e-2 / 4 ** (level - 1))
         assert area(end) == pytest.approx(area(mesh), rel=1e-10)
-        last = frames[-1].scalar
+        last = snapshots[-1].scalar
         assert last["log_ratio_change_mean"] < 0.6 * last["log_ratio_change_max"] + 0.02
         change.append(last["log_ratio_change_max"])
         assert np.array_equal(end.faces, mesh.faces)
-        assert_falls(frames)
+        assert_falls(snapshots)
     assert change[1] < 0.1 and change[1] < 0.6 * change[0]  # of first order: that of the icosphere's faces
 
 
@@ -61,14 +61,14 @@ def test_tori_of_revolution_stay_where_the_plain_step_would_tear_them():
 
 def test_a_bumpy_torus_returns_to_one_of_revolution():
     """The energy of its class: no lower than that of the torus near it, 4 pi^2 / sqrt(3)."""
-    frames, _, _ = run_flow(bumpy_torus(24), CONFORMAL)
-    start, end = energies(frames)[[0, -1]]
+    snapshots, _, _ = run_flow(bumpy_torus(24), CONFORMAL)
+    start, end = energies(snapshots)[[0, -1]]
     truth = 4 * np.pi**2 / np.sqrt(3)
     assert start > 1.1 * truth and end == pytest.approx(truth, rel=0.02)
-    assert frames[-1].scalar["log_ratio_change_max"] < 0.15
-    assert frames[-1].scalar["log_ratio_change_mean"] < 0.03
-    assert len(frames) < 15
-    assert_falls(frames)
+    assert snapshots[-1].scalar["log_ratio_change_max"] < 0.15
+    assert snapshots[-1].scalar["log_ratio_change_mean"] < 0.03
+    assert len(snapshots) < 15
+    assert_falls(snapshots)
 
 
 @pytest.mark.parametrize(

@@ -32,15 +32,15 @@ def test_a_filled_sphere_returns_to_the_sphere(level, top):
     closed, patch = fill_loops(holed)
     assert closed.topology.is_closed and closed.topology.euler_characteristic == 2
     assert np.array_equal(closed.faces[: holed.n_faces], holed.faces)
-    frames, end, _ = run_flow(closed, region=patch)
+    snapshots, end, _ = run_flow(closed, region=patch)
     h = 2.0 / np.sqrt(10 * 4**level)
     off = np.abs(np.linalg.norm(end.points, axis=1) - 1)
     assert np.abs(np.linalg.norm(closed.points, axis=1) - 1).max() > 0.1 and off.max() < 0.02 * h**2
     assert np.array_equal(end.points[~patch], holed.points)
     cosine = np.einsum("ij,ij->i", vertex_normals(end), end.points)  # also at the seam
     assert cosine.min() > 1 - 0.02 * h**2
-    assert energies(frames)[-1] == pytest.approx(4 * np.pi, rel=1e-6)
-    assert_falls(frames)
+    assert energies(snapshots)[-1] == pytest.approx(4 * np.pi, rel=1e-6)
+    assert_falls(snapshots)
 
 
 def test_patches_of_rough_loops_are_manifolds():
@@ -121,12 +121,12 @@ def test_closed_surfaces_have_no_hole_to_fill(run, tmp_path):
 def test_with_a_free_boundary_the_surface_becomes_minimal(energy):
     """Minimal surfaces have no energy; the saddle's rim moves to let it become one."""
     mesh = saddle(12)
-    frames, end, _ = run_flow(mesh, FlowOptions(energy=energy, boundary="free", stop=DEFAULT_STOP))
-    assert energies(frames)[-1] < 0.01 * energies(frames)[0]
+    snapshots, end, _ = run_flow(mesh, FlowOptions(energy=energy, boundary="free", stop=DEFAULT_STOP))
+    assert energies(snapshots)[-1] < 0.01 * energies(snapshots)[0]
     rim = mesh.topology.boundary_vertex
     assert np.linalg.norm(end.points - mesh.points, axis=1)[rim].max() > 0.005
-    assert frames[-1].scalar["min_angle_degrees"] > 25
-    assert_falls(frames)
+    assert snapshots[-1].scalar["min_angle_degrees"] > 25
+    assert_falls(snapshots)
 
 
 def test_free_films_and_gauss_map_energies_are_refused(run, tmp_path):

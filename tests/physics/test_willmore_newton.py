@@ -72,24 +72,24 @@ def test_the_gradient_falls_quadratically_at_rest(mesh):
 
 
 def test_newton_finds_the_minimum_of_descent_on_a_clamped_plate():
-    frames, end, _ = run_flow(bowl(), NEWTON)
+    snapshots, end, _ = run_flow(bowl(), NEWTON)
     slow, _, _ = run_flow(bowl(), FlowOptions(stop=DEFAULT_STOP))
-    assert energies(frames)[-1] == pytest.approx(energies(slow)[-1], rel=0.2)
-    assert_falls(frames)
+    assert energies(snapshots)[-1] == pytest.approx(energies(slow)[-1], rel=0.2)
+    assert_falls(snapshots)
 
 
 def test_newton_makes_an_ellipsoid_round():
-    frames, end, _ = run_flow(ellipsoid(2), NEWTON)
-    assert energies(frames)[-1] == pytest.approx(4 * np.pi, rel=1e-9) and len(frames) < 16
-    assert_falls(frames)
+    snapshots, end, _ = run_flow(ellipsoid(2), NEWTON)
+    assert energies(snapshots)[-1] == pytest.approx(4 * np.pi, rel=1e-9) and len(snapshots) < 16
+    assert_falls(snapshots)
 
 
 def test_circle_angle_flow_makes_an_ellipsoid_round():
     """Convex Delaunay meshes inscribed in a sphere have no circle-angle energy."""
     options = FlowOptions(flow="circle-angle", stop=DEFAULT_STOP)
-    frames, end, _ = run_flow(ellipsoid(2), options, steps=60)
-    assert energies(frames)[-1] < 0.02 * energies(frames)[0]
-    assert_falls(frames)
+    snapshots, end, _ = run_flow(ellipsoid(2), options, steps=60)
+    assert energies(snapshots)[-1] < 0.02 * energies(snapshots)[0]
+    assert_falls(snapshots)
 
 
 @pytest.mark.parametrize(

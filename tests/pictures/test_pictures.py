@@ -198,6 +198,6 @@ def test_lengths_of_vectors_have_no_sign_and_zeros_begin_at_zero():
     assert [is_signed("vorticity"), is_signed("vorticity", 2), is_signed("strain")] == [True, False, None]
     assert robust_limits(np.zeros(9)) == (0.0, 1.0, False)
     mesh = shapes.grid(2, 2)
-    frame = PlotFrame(0.0, mesh, 1.0 + mesh.points[:, 0])
-    assert sequence_style([frame], "vorticity", signed=True).limits[0] < -1
-    assert sequence_style([frame], "vorticity", signed=False).limits[0] > 0.9
+    plot_frame = PlotFrame(0.0, mesh, 1.0 + mesh.points[:, 0])
+    assert sequence_style([plot_frame], "vorticity", signed=True).limits[0] < -1
+    assert sequence_style([plot_frame], "vorticity", signed=False).limits[0] > 0.9

@@ -28,7 +28,7 @@ from ddgcli.progress import ProgressCallback
 log = logging.getLogger("ddgcli")
 
 ANGLE_TOLERANCE = 1e-10  # radians by which angle sums may miss their targets
-STOP_RESIDUAL = 1e-13  # radians; Newton's method goes on below the tolerance while it gains
+STOP_RESIDUAL = 1e-13  # radians; Newton's method continues below the tolerance while it gains
 MAX_NEWTON_ITERATIONS = 200
 MAX_HALVINGS = 40
 LARGEST_STEP = 10.0  # change of a logarithmic scale factor in one iteration

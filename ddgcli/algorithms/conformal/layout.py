@@ -127,7 +127,7 @@ def _seams(mesh: IntrinsicMesh, cone: NDArray, crossed: NDArray) -> NDArray[np.b
     side = np.flatnonzero((twin > np.arange(len(twin))) & ~crossed)
     ends = np.stack([topology.side_tail[side], topology.side_head[side]], axis=1)
     kept = cone | topology.boundary_vertex
-    alive = np.ones(len(side), dtype=bool)
+    remaining = np.ones(len(side), dtype=bool)
     degree = np.bincount(ends.ravel(), minlength=mesh.n_vertices)
     # each edge of a forest: xor of the edges at a vertex of degree one is its edge
     last = np.zeros(mesh.n_vertices, dtype=np.int64)
@@ -135,12 +135,12 @@ def _seams(mesh: IntrinsicMesh, cone: NDArray, crossed: NDArray) -> NDArray[np.b
     leaf = np.flatnonzero((degree == 1) & ~kept)
     while len(leaf):
         edge = np.unique(last[leaf])
-        edge = edge[alive[edge]]
-        alive[edge] = False
+        edge = edge[remaining[edge]]
+        remaining[edge] = False
         np.subtract.at(degree, ends[edge].ravel(), 1)
         np.bitwise_xor.at(last, ends[edge].ravel(), np.repeat(edge, 2))
         touched = np.unique(ends[edge])
         leaf = touched[(degree[touched] == 1) & ~kept[touched]]
     seam = np.zeros(len(twin), dtype=bool)
-    seam[side[alive]] = seam[twin[side[alive]]] = True
+    seam[side[remaining]] = seam[twin[side[remaining]]] = True
     return seam

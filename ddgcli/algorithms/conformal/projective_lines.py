@@ -78,22 +78,22 @@ class _Strips:
         end = np.empty(len(start))
         first = self.side[start]
         right, left = self.length[preceding(first)], self.length[following(first)]
-        alive = len(start)
+        n_active = len(start)
         for step in range(int(count[0])):
-            at = start[:alive] + step
-            right, left = right[:alive], left[:alive]
+            at = start[:n_active] + step
+            right, left = right[:n_active], left[:n_active]
             from_tail[at, 0], from_tail[at, 1] = right, left
             side = self.side[at]
             entered = self.twin[side]  # runs from left to right
             to_right, to_left = self.length[following(entered)], self.length[preceding(entered)]
             corner = (left * to_right + right * to_left) / self.length[side]
-            going = int(np.searchsorted(-count[:alive], -(step + 1), side="left"))
-            end[going:alive] = corner[going:]
-            alive = going
-            keeps_right = self.side[start[:alive] + step + 1] == following(entered[:alive])
+            going = int(np.searchsorted(-count[:n_active], -(step + 1), side="left"))
+            end[going:n_active] = corner[going:]
+            n_active = going
+            keeps_right = self.side[start[:n_active] + step + 1] == following(entered[:n_active])
             right, left = (
-                np.where(keeps_right, right[:alive], corner[:alive]),
-                np.where(keeps_right, corner[:alive], left[:alive]),
+                np.where(keeps_right, right[:n_active], corner[:n_active]),
+                np.where(keeps_right, corner[:n_active], left[:n_active]),
             )
         return from_tail, end
 
@@ -103,16 +103,16 @@ class _Strips:
         last = start + count - 1
         entered = self.twin[self.side[last]]
         right, left = self.length[following(entered)], self.length[preceding(entered)]
-        alive = len(start)
+        n_active = len(start)
         for step in range(int(count[0])):
-            at = last[:alive] - step
-            right, left = right[:alive], left[:alive]
+            at = last[:n_active] - step
+            right, left = right[:n_active], left[:n_active]
             from_head[at, 0], from_head[at, 1] = right, left
-            alive = int(np.searchsorted(-count[:alive], -(step + 1), side="left"))
-            side, right, left = self.side[at[:alive]], right[:alive], left[:alive]
+            n_active = int(np.searchsorted(-count[:n_active], -(step + 1), side="left"))
+            side, right, left = self.side[at[:n_active]], right[:n_active], left[:n_active]
             to_right, to_left = self.length[preceding(side)], self.length[following(side)]
             corner = (left * to_right + right * to_left) / self.length[side]
-            came_through = self.twin[self.side[at[:alive] - 1]]
+            came_through = self.twin[self.side[at[:n_active] - 1]]
             keeps_right = side == following(came_through)
             right, left = np.where(keeps_right, right, corner), np.where(keeps_right, corner, left)
         return from_head

@@ -252,7 +252,7 @@ def polynomial_residuals(
     """(d, k) standard deviation of the heights around each vertex from their fits of some degrees, up to 4.
 
     An unbiased estimate of the noise of vertices along the normal, where the surface itself is a polynomial
-    of that degree; NaN where a region has too few vertices to tell.
+    of that degree; NaN where a region has too few vertices for a fit.
     """
     matrix, right, squared, count = _systems(columns, normal, regions, vertices)
     deviation = []

@@ -64,10 +64,10 @@ class Strips:
 
     def draw(self, start: NDArray, count: NDArray) -> NDArray[np.float64]:
         """Lengths of the straight lines whose crossings begin at `start`, longest chains first."""
-        alive = len(count) - np.cumsum(np.bincount(count))[:-1]  # chains of more than 0, 1, ... crossings
-        right, left, end = self._unfolded(start, alive)
-        step = np.repeat(np.arange(len(alive)), alive)
-        line = np.arange(len(step)) - (np.cumsum(alive) - alive).take(step)
+        n_active = len(count) - np.cumsum(np.bincount(count))[:-1]  # chains of more than 0, 1, ... crossings
+        right, left, end = self._unfolded(start, n_active)
+        step = np.repeat(np.arange(len(n_active)), n_active)
+        line = np.arange(len(step)) - (np.cumsum(n_active) - n_active).take(step)
         length = np.abs(end)
         unit = np.where(length > 0, length, 1.0)
         turn = np.where(length > 0, np.conj(end) / unit, 1.0).take(line)
@@ -85,7 +85,7 @@ class Strips:
         self.along[place] = np.clip(share, 0.0, 1.0, out=share)
         return length
 
-    def _unfolded(self, start: NDArray, alive: NDArray) -> tuple[NDArray, NDArray, NDArray]:
+    def _unfolded(self, start: NDArray, n_active: NDArray) -> tuple[NDArray, NDArray, NDArray]:
         """The strips laid out with the tails of the lines at 0.
 
         Returns
@@ -95,7 +95,7 @@ class Strips:
         end : (k,) ndarray of complex128
             Heads of the lines.
         """
-        right, left = np.empty((2, int(alive.sum())), dtype=np.complex128)
+        right, left = np.empty((2, int(n_active.sum())), dtype=np.complex128)
         end = np.empty(len(start), dtype=np.complex128)
         crossed = self.base_side.take(start)
         length, apex = self.length.take(crossed), self.apex.take(crossed)
@@ -103,7 +103,7 @@ class Strips:
         np.multiply(1.0 - apex, length, out=p)
         np.multiply(-apex, length, out=q)
         filled = len(start)
-        for step, going in enumerate([*alive[1:].tolist(), 0], start=1):
+        for step, going in enumerate([*n_active[1:].tolist(), 0], start=1):
             entered = self.twin.take(crossed)
             corner = q - p
             corner *= self.apex.take(entered)

@@ -230,7 +230,7 @@ class Refinement:
             near = np.flatnonzero(~located.clear)
             point[near] += 0.05 * (corners[near].mean(axis=1) - point[near])
             located.replace(near, self.places.locate(state, face[near], corners[near], point[near]))
-        face, corners, located = face[located.sound], corners[located.sound], located[located.sound]
+        face, corners, located = face[located.valid], corners[located.valid], located[located.valid]
         if len(face) == 0:
             return face
         distance = np.abs(corners - located.point[:, None])

@@ -160,9 +160,9 @@ class _Insertion:
             corner[after] = corner[before[::-1]]
             partner = np.full(gluing.n_faces, -1)
             partner[pair] = pair[::-1]
-            torn = np.flatnonzero(partner[face] >= 0)
-            pair = np.stack([face[torn], partner[face[torn]]], axis=1)
-            face[torn] = self._deepest(waiting[torn], pair)
+            glued_face = np.flatnonzero(partner[face] >= 0)
+            pair = np.stack([face[glued_face], partner[face[glued_face]]], axis=1)
+            face[glued_face] = self._deepest(waiting[glued_face], pair)
             active = np.concatenate([here.ravel(), before.ravel(), active])
         return face
 
@@ -192,12 +192,12 @@ class _Insertion:
         """The face that contains each point, among the parts of its input face."""
         order = np.argsort(self.input_face, kind="stable")
         start = np.searchsorted(self.input_face[order], np.arange(self.input_face.max() + 2))
-        home = self.steiner.face[point]
-        count = np.diff(start)[home]
+        input_face = self.steiner.face[point]
+        count = np.diff(start)[input_face]
         best, depth = np.full(len(point), -1), np.full(len(point), -np.inf)
         for k in range(int(count.max(initial=0))):
             has = np.flatnonzero(k < count)
-            candidate = order[start[home[has]] + k]
+            candidate = order[start[input_face[has]] + k]
             here = self._depth(point[has], candidate)
             better = here > depth[has]
             best[has[better]], depth[has[better]] = candidate[better], here[better]

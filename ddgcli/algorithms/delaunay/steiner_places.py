@@ -27,11 +27,11 @@ MIN_EDGE_DISTANCE = 0.01  # distance from input edges, relative to that from the
 class SurfaceLocations:
     """Points of intrinsic faces in the plane, and their positions on the input.
 
-    `turn` is the angle from the layout to the planar frame of the input face; `sound` is False where the line
+    `turn` is the angle from the layout to the planar frame of the input face; `valid` is False where the line
     to the point left the surface (it does not in exact arithmetic), `clear` where an input edge is too near.
     """
 
-    sound: NDArray[np.bool_]
+    valid: NDArray[np.bool_]
     face: NDArray[np.int64]
     barycentric: NDArray[np.float64]
     point: NDArray[np.complex128]
@@ -154,7 +154,7 @@ class Places:
             LineStart(where, barycentric, planar, distance[k, near] * self.scale)
         )
         locations = SurfaceLocations(
-            sound=(ends.status == 0) & np.isfinite(ends.barycentric).all(axis=1),
+            valid=(ends.status == 0) & np.isfinite(ends.barycentric).all(axis=1),
             face=ends.face,
             barycentric=np.nan_to_num(ends.barycentric, nan=1 / 3),  # in a face without area
             point=point,
@@ -178,7 +178,7 @@ class Places:
         point = locations.point + shift * np.exp(-1j * locations.turn)
         moved = triangle_share(corners, point).min(axis=1) > 0.5 * MIN_BARYCENTRIC
         return SurfaceLocations(
-            locations.sound,
+            locations.valid,
             locations.face,
             np.where(moved[:, None], barycentric, locations.barycentric),
             np.where(moved, point, locations.point),

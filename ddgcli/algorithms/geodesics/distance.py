@@ -306,7 +306,7 @@ def compare(
 ) -> dict[str, dict[str, Any]]:
     """Difference of `distance` to the results of other methods, and their seconds.
 
-    Errors are relative to the largest distance of the other method. `setup_seconds` is paid once for any
+    Errors are relative to the largest distance of the other method. `setup_seconds` is spent once for any
     number of sources.
     """
     table: dict[str, dict[str, Any]] = {}

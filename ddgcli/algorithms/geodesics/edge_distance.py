@@ -110,15 +110,15 @@ def downhill_source(mesh: SurfaceMesh, distance: NDArray, sources: Sources) -> N
     down = np.flatnonzero(slope > 0)
     order = down[np.lexsort((-slope[down], a[down]))]
     vertex, first = np.unique(a[order], return_index=True)
-    foot = np.arange(n)
-    foot[vertex] = b[order[first]]
+    tree_root = np.arange(n)
+    tree_root[vertex] = b[order[first]]
     label = np.full(n, -1, dtype=np.int64)
     for number in range(len(sources) - 1, -1, -1):
         label[sources.corners(mesh, number)] = number
-    foot[label >= 0] = np.flatnonzero(label >= 0)
-    while not np.array_equal(foot[foot], foot):
-        foot = foot[foot]
-    nearest = label[foot]
+    tree_root[label >= 0] = np.flatnonzero(label >= 0)
+    while not np.array_equal(tree_root[tree_root], tree_root):
+        tree_root = tree_root[tree_root]
+    nearest = label[tree_root]
     missing = reached & (nearest < 0)
     if missing.any():
         nearest[missing] = edge_distance(mesh, sources).nearest_source[missing]

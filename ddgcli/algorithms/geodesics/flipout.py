@@ -36,7 +36,7 @@ class _Node:
     halfedge: int
     before: int
     after: int
-    alive: bool = True
+    on_path: bool = True
 
 
 class PathStraightener:
@@ -81,11 +81,11 @@ class PathStraightener:
         while self.queue and max(self.flips, steps) < MAX_STEPS:
             steps += 1
             _, i, j = heapq.heappop(self.queue)
-            if not (self.nodes[i].alive and self.nodes[j].alive and self.nodes[i].after == j):
+            if not (self.nodes[i].on_path and self.nodes[j].on_path and self.nodes[i].after == j):
                 continue
             if self._shorten(i):
                 for k in blocked:
-                    if self.nodes[k].alive:
+                    if self.nodes[k].on_path:
                         self._push(k)
                 blocked, self.is_self_blocked = [], False
             else:
@@ -173,7 +173,7 @@ class PathStraightener:
         j = self.nodes[i].after
         before, after = self.nodes[i].before, self.nodes[j].after
         for k in {i, j}:
-            self.nodes[k].alive = False
+            self.nodes[k].on_path = False
             self._use(self.nodes[k].halfedge, -1)
         if before == j or i == j:  # the whole loop
             before = after = -1
@@ -190,7 +190,7 @@ class PathStraightener:
             self.nodes[before].after = first
         if after >= 0:
             self.nodes[after].before = last
-        if not self.nodes[self.first].alive:
+        if not self.nodes[self.first].on_path:
             self.first = first
         if before not in new:
             self._push(before)

@@ -161,7 +161,10 @@ class EdgeGraph:
         key = key[order]
         first = np.concatenate([[True], key[1:] != key[:-1]])
         self.key, self.side = key[first], order[first]
-        ends = tail[self.side].astype(np.int32), head[self.side].astype(np.int32)  # as Dijkstra wants them
+        ends = (
+            tail[self.side].astype(np.int32),
+            head[self.side].astype(np.int32),
+        )  # scipy's type
         self.graph = coo_array((length[self.side], ends), shape=(n, n)).tocsr()
 
     def between(self, a: int, b: int) -> int:

@@ -1,4 +1,4 @@
-"""What a geodesic query asks for: sources, method, curves, and the rules between them.
+"""What a geodesic query names: sources, method, curves, and the rules between them.
 
 This module imports no numpy, so that the command line can read the names of the methods at no cost.
 """
@@ -150,12 +150,12 @@ class CurveQuery:
 
     @property
     def has_curves(self) -> bool:
-        """True if the query asks for at least one curve."""
+        """True if the query names at least one curve."""
         return bool(self.path_to or self.trace or self.straighten or self.loop or self.curve or self.field)
 
     @property
     def has_vectors(self) -> bool:
-        """True if the query asks for vectors at the vertices."""
+        """True if the query names vectors at the vertices."""
         return bool(self.log_map or self.spread_vector)
 
     def check(self, distance: DistanceQuery) -> None:

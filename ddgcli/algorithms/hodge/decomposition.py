@@ -1,6 +1,6 @@
 """Hodge decomposition of 1-forms and vector fields on surfaces and solids (chapter 7).
 
-Forms live on Whitney elements: exact parts are derivatives of vertex potentials, coexact parts star1^-1 d' of
+Forms are Whitney forms: exact parts are derivatives of vertex potentials, coexact parts star1^-1 d' of
 face copotentials, harmonic parts closed and divergence-free. Vectors constant on the faces of a surface split
 into gradients of conforming vertex functions, turned gradients of Crouzeix-Raviart edge functions, and the
 same harmonic fields (Polthier and Preuss 2003): both splittings are exactly orthogonal.

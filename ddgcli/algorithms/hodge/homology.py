@@ -293,7 +293,7 @@ def _sign_at(trees: TreeCotree, edge: int, node: int) -> int:
     return int(trees.edge_face_sign[edge, column] or -trees.edge_face_sign[edge, 1 - column])
 
 
-def _climb(parent: NDArray, node: int) -> list[int]:
+def _path_to_root(parent: NDArray, node: int) -> list[int]:
     path = [int(node)]
     while parent[path[-1]] >= 0:
         path.append(int(parent[path[-1]]))
@@ -369,7 +369,7 @@ def _tree_integral(
 
 def _tree_loop(parent: NDArray, tail: int, head: int) -> NDArray[np.int64]:
     """Vertices of the loop that an edge closes with the tree."""
-    up_tail, up_head = _climb(parent, tail), _climb(parent, head)
+    up_tail, up_head = _path_to_root(parent, tail), _path_to_root(parent, head)
     while len(up_tail) > 1 and len(up_head) > 1 and up_tail[-2] == up_head[-2]:
         up_tail.pop()
         up_head.pop()

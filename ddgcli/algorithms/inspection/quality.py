@@ -33,7 +33,7 @@ def surface_defects(mesh: TriangleMesh) -> dict[str, Any]:
     repeated = (faces == np.roll(faces, 1, axis=1)).any(axis=1)
     defects: dict[str, Any] = {"orientable": topology.is_orientable, "orientation": orientation(mesh)}
     unreferenced = np.flatnonzero(~topology.referenced_vertex)
-    for name, culprits in (
+    for name, elements in (
         ("degenerate_faces", np.flatnonzero(degenerate(mesh))),
         ("repeated_index_faces", np.flatnonzero(repeated)),
         ("duplicate_faces", duplicates(np.sort(faces, axis=1))),
@@ -43,9 +43,9 @@ def surface_defects(mesh: TriangleMesh) -> dict[str, Any]:
         ("misoriented_edges", topology.edges[topology.misoriented_edges]),
         ("nonmanifold_edges", topology.edges[topology.nonmanifold_edges]),
     ):
-        defects[name] = len(culprits)
-        if len(culprits):
-            defects[f"{name}_first"] = culprits[:MAX_LISTED].tolist()
+        defects[name] = len(elements)
+        if len(elements):
+            defects[f"{name}_first"] = elements[:MAX_LISTED].tolist()
     return defects
 
 
@@ -236,16 +236,16 @@ def tetrahedra_quality(mesh: TetMesh) -> dict[str, Any]:
         "volume": float(np.abs(volume).sum()),
         "faces_with_three_or_more_cells": int((count > 2).sum()),
     }
-    for name, culprits in (
+    for name, elements in (
         ("inverted_tetrahedra", np.flatnonzero((volume < 0) & ~flat)),
         ("flat_tetrahedra", np.flatnonzero(flat)),
         ("duplicate_tetrahedra", duplicates(np.sort(mesh.tetrahedra, axis=1))),
         ("unreferenced_vertices", np.flatnonzero(~used)),
         ("coincident_vertices", coincident(mesh.points, used)),
     ):
-        defects[name] = len(culprits)
-        if len(culprits):
-            defects[f"{name}_first"] = culprits[:MAX_LISTED].tolist()
+        defects[name] = len(elements)
+        if len(elements):
+            defects[f"{name}_first"] = elements[:MAX_LISTED].tolist()
     return defects
 
 

@@ -194,10 +194,10 @@ def _cut_graph(mesh: TriangleMesh) -> NDArray[np.bool_]:
         kept = cut.copy()
         kept[topology.boundary_edges] = True
         degree = np.bincount(topology.edges[kept].ravel(), minlength=mesh.n_vertices)
-        dead_end = cut & (degree[topology.edges] == 1).any(axis=1)
-        if not dead_end.any():
+        leaf_edge = cut & (degree[topology.edges] == 1).any(axis=1)
+        if not leaf_edge.any():
             return cut
-        cut &= ~dead_end
+        cut &= ~leaf_edge
 
 
 def _shortest_forest(mesh: TriangleMesh) -> NDArray[np.bool_]:

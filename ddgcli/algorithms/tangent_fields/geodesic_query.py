@@ -71,7 +71,7 @@ def geodesic_query(
     seed: int = 0,
     stage_progress: StageProgress = no_stage_progress,
 ) -> GeodesicResult:
-    """Compute everything that two queries ask for on one mesh.
+    """Compute all results of two queries on one mesh.
 
     Parameters
     ----------

@@ -143,8 +143,8 @@ class VectorHeat:
         n = self.mesh.n_vertices
         start = np.stack([np.bincount(vertex, size, n), np.bincount(vertex, minlength=n)], axis=1)
         sizes, residual = _solve(self.scalar, start)
-        faint = ~(np.abs(sizes[:, 1]) > MIN_VALUE)
-        return np.divide(sizes[:, 0], sizes[:, 1], out=np.zeros(n), where=~faint), residual
+        underflowed = ~(np.abs(sizes[:, 1]) > MIN_VALUE)
+        return np.divide(sizes[:, 0], sizes[:, 1], out=np.zeros(n), where=~underflowed), residual
 
     def _source(self, vertex: NDArray, value: NDArray) -> NDArray[np.complex128]:
         start = np.zeros(self.mesh.n_vertices, dtype=np.complex128)

@@ -53,7 +53,7 @@ def query_waves(
     signed_curves: EdgeSet | None = None,
     stage_progress: StageProgress = no_stage_progress,
 ) -> WaveResult:
-    """Compute what a wave query asks for.
+    """Compute the results of a wave query.
 
     Parameters
     ----------

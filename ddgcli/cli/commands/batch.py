@@ -65,7 +65,7 @@ def command(
       ddgcli batch a.ply b.ply --sweep radius=0.5,1 -o '{stem}.{radius}.vtu' -- curvature --scheme corrected
       ddgcli batch 'scans/*.ply' --jobs 8 --timeout 60 --collect results.area --table t.jsonl -- curvature
     """
-    from ddgcli.batch.process import Limits
+    from ddgcli.batch.process import TaskLimits
     from ddgcli.batch.run import run_batch
     from ddgcli.batch.table import TABLE_FORMATS, journal_path, table_bytes
     from ddgcli.batch.tasks import expanded_inputs, make_tasks, parsed_sweeps, shard_of
@@ -83,7 +83,7 @@ def command(
     tasks = shard_of(make_tasks(expanded_inputs(inputs), sweeps, template, call), shard)
     run.input = {"path": ", ".join(inputs), "runs": len(tasks)}
     rows = run_batch(
-        tasks, Limits(timeout, memory), jobs=jobs, collect=collect, table=table, resume=resume,
+        tasks, TaskLimits(timeout, memory), jobs=jobs, collect=collect, table=table, resume=resume,
         cluster=cluster, progress=run.progress("batch"),
     )  # fmt: skip
     if table is not None:

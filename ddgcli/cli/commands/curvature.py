@@ -201,13 +201,18 @@ def _curves(run: Run, curves: CurveSet, with_frames: bool, resample: int | None)
     scalars = {name: values for name, values in measured.vertex.items() if values.ndim == 1}
     name, values = run.picture_array(scalars, "curvature")
     run.write(AnnotatedMesh(curves, vertex=measured.vertex))
-    frames = {key: measured.vertex[key] for key in FRAME_COLOURS} if with_frames else {}
-    run.plot(lambda path: _draw_curves(path, curves, name, values, frames, run.picture_options))
+    axes = {key: measured.vertex[key] for key in FRAME_COLOURS} if with_frames else {}
+    run.plot(lambda path: _draw_curves(path, curves, name, values, axes, run.picture_options))
     run.finish(measured.results, measured.accuracy)
 
 
 def _draw_curves(
-    path: str, curves: CurveSet, name: str, values: NDArray, frames: dict[str, NDArray], look: dict[str, Any]
+    path: str,
+    curves: CurveSet,
+    name: str,
+    values: NDArray,
+    axes: dict[str, NDArray],
+    look: dict[str, Any],
 ) -> None:
     """Draw curves coloured by an array, with the vectors of their frames at some points."""
     from ddgcli.plots.curve import draw_curves
@@ -220,6 +225,6 @@ def _draw_curves(
         [values[points] for points, _ in paths],
         closed=[closed for _, closed in paths],
         label=name,
-        vectors=[(curves.points[some], vectors[some], FRAME_COLOURS[key]) for key, vectors in frames.items()],
+        vectors=[(curves.points[some], vectors[some], FRAME_COLOURS[key]) for key, vectors in axes.items()],
         **look,
     )

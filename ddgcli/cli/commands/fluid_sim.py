@@ -119,7 +119,7 @@ class Fluids:
             energy="kinetic energy over density [m^4/s^2]",
         )  # fmt: skip
 
-    def doubt(self, outcome: Outcome) -> str:
+    def failure_reason(self, outcome: Outcome) -> str:
         return ""
 
     def summary(self, outcome: Outcome) -> tuple[dict[str, Any], dict[str, Any]]:

@@ -39,7 +39,7 @@ _OPTIONS = (
     click.option("--target-face", multiple=True, type=FacePoint(), metavar="F:b0,b1,b2...",
                  help="exact: also the distance at a point inside a face, into results.targets."),
     click.option("--method", type=click.Choice(DISTANCE_METHODS), default="exact", show_default=True,
-                 help="exact: the polyhedral distance. heat: two linear solves, factored once; pays off for "
+                 help="exact: the polyhedral distance. heat: two linear solves, factored once; faster for "
                       "many sources. fast-marching: first order. dijkstra: along edges."),
     click.option("--tolerance", type=NONNEGATIVE_NUMBER, metavar="TAU",
                  help="exact: slack in edge lengths, used where it saves time; errs upwards only."),

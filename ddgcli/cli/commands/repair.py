@@ -60,7 +60,7 @@ def command(mesh_path: str, common: CommonOptions, for_command: str | None, **ch
     """
     run = Run("repair", common, for_command=for_command, **chosen)
     if for_command is not None and any(value not in (None, False) for value in chosen.values()):
-        raise ParameterError("--for names the steps by itself; leave the other flags out")
+        raise ParameterError("--for selects the steps; leave the other flags out")
     source = run.read(mesh_path)
     from ddgcli.algorithms.repair.pipeline import RepairSteps, carried, refusals, repair_mesh, steps_for
     from ddgcli.mesh.fields import AnnotatedMesh

@@ -181,11 +181,11 @@ class Shells:
 
         return Picture("strain", "strain")
 
-    def doubt(self, outcome: Outcome) -> str:
+    def failure_reason(self, outcome: Outcome) -> str:
         from ddgcli.models.shell import report
 
         _, systems, order = self._at_end(outcome)
-        return report.doubt(outcome, report.rounding(outcome, systems, order))
+        return report.failure_reason(outcome, report.rounding(outcome, systems, order))
 
     def summary(self, outcome: Outcome) -> tuple[dict[str, Any], dict[str, Any]]:
         from ddgcli.models.shell import report

@@ -119,7 +119,7 @@ def command(
         attributes={"input_sha256": digest, "time_unit": unit},
         texts={"scene_source": "", "scene_resolved": resolved},
         changing_faces=flow.keeps_triangles,
-        doubt=lambda outcome: report.doubt(outcome.stopped, mesh, energy),
+        failure_reason=lambda outcome: report.failure_reason(outcome.stopped, mesh, energy),
     )  # fmt: skip
     outcome = simulate(run, job)
     results, accuracy = report.summary(
@@ -134,7 +134,7 @@ def command(
         results["energies"] = report.every_energy(outcome.series)
     picture = Picture(edges=True, energy="energy", time_unit=unit)
     run.plot(lambda path: draw_run(path, outcome, picture, common))
-    run.finish(results, accuracy, converged=not (outcome.failure or outcome.doubt))
+    run.finish(results, accuracy, converged=not (outcome.failure or outcome.failure_reason))
 
 
 def _filled(mesh: Any, loop: str | None, region: str | None) -> Any:

@@ -64,8 +64,8 @@ class Physics(Protocol):
         ...
 
     def picture(self) -> Picture: ...
-    def doubt(self, outcome: Outcome) -> str:
-        """Why the result is not to be trusted, or ""."""
+    def failure_reason(self, outcome: Outcome) -> str:
+        """Reason why the result is unreliable, or ""."""
         ...
 
     def summary(self, outcome: Outcome) -> tuple[dict[str, Any], dict[str, Any]]:
@@ -122,7 +122,7 @@ def run_scene(
         {"input_sha256": digest, "overrides": overrides, "folder": document.folder},
         {"scene_source": document.source, "scene_resolved": resolved}, simulator.face(),
         obstacle_meshes(scene.objects, meshes, mesh_reader(run, document)), simulator.obstacle_poses,
-        simulator.doubt, simulator.final, simulator.splits, simulator.splits,
+        simulator.failure_reason, simulator.final, simulator.splits, simulator.splits,
     )  # fmt: skip
     _report(run, scene, simulator, account, simulate(run, job), job.obstacles_at)
 
@@ -135,7 +135,7 @@ def _report(
     names = list(dict.fromkeys(effect.name for effect, _, _ in scene.effects))
     results["effects"], results["seconds_by_part"] = time_shares(account, names, outcome.seconds)
     run.plot(lambda path: draw_run(path, outcome, simulator.picture(), run.common, obstacles))
-    run.finish(results, accuracy, converged=not (outcome.failure or outcome.doubt))
+    run.finish(results, accuracy, converged=not (outcome.failure or outcome.failure_reason))
 
 
 def array_reader(document: Document) -> ReadArray:

@@ -50,8 +50,8 @@ class Job:
         Bodies around the moving ones.
     obstacle_poses : callable time -> mapping of str to (12,) ndarray
         Rotation by rows and translation of each moving obstacle from its start.
-    doubt : callable Outcome -> str
-        Why a complete run is not to be trusted, or "".
+    failure_reason : callable Outcome -> str
+        Reason why a complete run is unreliable, or "".
     final : callable Outcome -> (dict, dict)
         Vertex and face arrays of the last frame, for meshes.
     changing_faces, changing_vertices : bool
@@ -69,7 +69,7 @@ class Job:
     face: Mapping[str, NDArray] = field(default_factory=dict)
     obstacles: Mapping[str, Any] = field(default_factory=dict)
     obstacle_poses: Callable[[float], Mapping[str, NDArray]] = lambda time: {}
-    doubt: Callable[[Outcome], str] = lambda outcome: ""
+    failure_reason: Callable[[Outcome], str] = lambda outcome: ""
     final: Callable[[Outcome], tuple[dict[str, NDArray], dict[str, NDArray]]] = lambda outcome: ({}, {})
     changing_faces: bool = False
     changing_vertices: bool = False
@@ -127,7 +127,7 @@ def simulate(run: Run, job: Job) -> Outcome:
         where = f"; continue with --resume {run.outputs[-1]}" if writer is not None and run.outputs else ""
         click.echo(f"Interrupted: {outcome.n_frames} whole frames{where}", err=True)
         click.get_current_context().exit(130)
-    outcome.doubt = job.doubt(outcome)
+    outcome.failure_reason = job.failure_reason(outcome)
     vertex, face = job.final(outcome)
     meshes = [p for p in run.common.outputs if p not in paths]
     _write_last(run, outcome, vertex, {**cell, **face}, meshes)
@@ -199,4 +199,4 @@ def _write_last(
     shown = mesh_of_frame(outcome.mesh, last)
     annotated = AnnotatedMesh(shown, vertex={**last.vertex, **vertex}, face=cell)
     for path in paths:
-        run.write_file(path, annotated, converged=not (outcome.failure or outcome.doubt))
+        run.write_file(path, annotated, converged=not (outcome.failure or outcome.failure_reason))

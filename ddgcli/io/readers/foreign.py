@@ -1,8 +1,8 @@
 """Formats that meshio and trimesh read, in a guarded process.
 
 The guard is needed because these readers print, call `sys.exit`, renumber, follow references to any file, or
-loop forever on files that are damaged; they run in a process of their own (`guarded`). meshio
-takes what finite elements write (it keeps node order and arrays, and knows tetrahedra); trimesh takes what
+loop without end on files that are damaged; they run in a process of their own (`guarded`). meshio
+takes what finite elements write (it keeps node order and arrays, and reads tetrahedra); trimesh takes what
 artists' tools write (glTF, 3MF, COLLADA, ...), without merging or processing.
 """
 
@@ -119,7 +119,7 @@ def content_by_trimesh(path: str, suffix: str) -> RawMesh:
     shift = np.cumsum([0] + [len(m.vertices) for m in meshes])
     raw = RawMesh(np.concatenate([np.asarray(m.vertices, dtype=np.float64) for m in meshes]))
     raw.add_faces(np.concatenate([np.asarray(m.faces) + s for m, s in zip(meshes, shift)]))
-    with _guarded():  # `dump` copies no vertex colours of textured meshes: ask the originals
+    with _guarded():  # `dump` copies no vertex colours of textured meshes: use the originals
         visuals = [scene.geometry[name].visual for name, p in zip(names, scene_meshes) if hasattr(p, "faces")]
         raw.vertex = _appearance(visuals, [len(m.vertices) for m in meshes])
     if len(meshes) > 1:

@@ -1,6 +1,6 @@
 """Third-party readers in a separate process with bounded time, memory and files.
 
-HDF5, meshio and trimesh can loop without end inside compiled code, ask for all memory, or follow a reference
+HDF5, meshio and trimesh can loop without end inside compiled code, allocate all memory, or follow a reference
 to any file of the user. A child process reads and sends back plain arrays. On Linux it is forked, which
 costs a few milliseconds; elsewhere a new interpreter starts (some tenths of a second).
 
@@ -155,7 +155,7 @@ def _answer(call: tuple) -> bytes:
         message = str(error)
     except MemoryError:
         message = (
-            f"its reader asks for more than {memory_bytes(size) >> 20:,} MiB, the bound for {size:,} bytes; "
+            f"its reader needs more than {memory_bytes(size) >> 20:,} MiB, the bound for {size:,} bytes; "
             "the file is damaged"
         )
     except (Exception, SystemExit) as error:

@@ -1,7 +1,7 @@
 """Geomview OFF, text and binary, without colours and normals.
 
-Our own reader: meshio's loops forever on a file cut in its header and takes triangles only; trimesh reads no
-binary OFF.
+Our own reader: meshio's loops without end on a file cut in its header and takes triangles only; trimesh
+reads no binary OFF.
 """
 
 from __future__ import annotations
@@ -106,8 +106,8 @@ def _binary(data: bytes) -> RawMesh:
         if len(data) < start + 12:
             break
         n_vertices, n_faces, _ = (int(x) for x in np.frombuffer(data, order + "i4", 3, start))
-        room = len(data) - start - 12
-        if min(n_vertices, n_faces) >= 0 and 12 * n_vertices + 4 * n_faces <= room:
+        available = len(data) - start - 12
+        if min(n_vertices, n_faces) >= 0 and 12 * n_vertices + 4 * n_faces <= available:
             points = np.frombuffer(data, order + "f4", 3 * n_vertices, start + 12).reshape(-1, 3)
             tail = start + 12 + 12 * n_vertices
             flat = np.frombuffer(data, order + "i4", (len(data) - tail) // 4, tail)

@@ -1,7 +1,7 @@
 """Stanford PLY, ASCII and binary of both byte orders, with every scalar array on vertices and faces.
 
-Our own reader: meshio's loops forever on a file cut in its header, trimesh drops or renames arrays and is
-slower; both believe counts that the file cannot hold.
+Our own reader: meshio's loops without end on a file cut in its header, trimesh drops or renames arrays and is
+slower; both accept counts that the file cannot hold.
 """
 
 from __future__ import annotations
@@ -94,8 +94,8 @@ def _header(data: bytes) -> tuple[str, list[_Element], int]:
 
 def _short(element: _Element) -> MeshFileError:
     return MeshFileError(
-        f"the header asks for {element.count:.6g} elements '{excerpt(element.name, 40)}', more than the file "
-        "holds; it is cut or the header wrong"
+        f"the header announces {element.count:.6g} elements '{excerpt(element.name, 40)}', more than the "
+        "file holds; it is cut or the header wrong"
     )
 
 

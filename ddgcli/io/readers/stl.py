@@ -1,6 +1,7 @@
 """STL, binary and ASCII. The format cannot share vertices: equal positions are merged and the map is kept.
 
-Our own reader: trimesh rounds while merging (cracks close or bodies touch), meshio trusts the header's count.
+Our own reader: trimesh rounds while merging (cracks close or bodies touch), meshio does not check
+the header's count.
 """
 
 from __future__ import annotations

@@ -61,7 +61,7 @@ def read_csv(data: bytes) -> RawMesh:
 def read_wkt(data: bytes) -> RawMesh:
     """Read `TIN (((x y z, x y z, x y z, x y z)), ...)`; equal positions are merged: WKT shares none.
 
-    Our own reader: the pattern that meshio matches takes for ever on a file that is cut.
+    Our own reader: the pattern that meshio matches does not end on a file that is cut.
     """
     text = b" ".join(data.split())
     head = re.match(rb"TIN ?\(", text, re.IGNORECASE)

@@ -67,8 +67,8 @@ def typed(values: NDArray, dtype: Any, what: str) -> NDArray:
     if dtype.kind == "f":
         with np.errstate(over="ignore"):
             return values.astype(dtype)
-    whole, room = whole_numbers(values, what), np.iinfo(dtype)
-    bad = np.flatnonzero((whole < room.min) | (whole > min(room.max, np.iinfo(np.int64).max)))
+    whole, bounds = whole_numbers(values, what), np.iinfo(dtype)
+    bad = np.flatnonzero((whole < bounds.min) | (whole > min(bounds.max, np.iinfo(np.int64).max)))
     if len(bad):
         raise MeshFileError(f"{what} {whole[bad[0]]} does not fit its type {dtype.name}; correct it")
     return whole.astype(dtype)

@@ -118,7 +118,7 @@ def _ears(p: NDArray, budget: _Budget) -> NDArray:
     3 k tests.
     """
     before, after = np.roll(np.arange(len(p)), 1), np.roll(np.arange(len(p)), -1)
-    alive = np.ones(len(p), dtype=bool)
+    remaining = np.ones(len(p), dtype=bool)
     blocks = _turn(p[before], p, p[after]) <= 0  # a convex corner is never alone in an ear, and stays convex
     order = np.flatnonzero(blocks)
     order = order[np.argsort(p[order, 0], kind="stable")]
@@ -128,7 +128,7 @@ def _ears(p: NDArray, budget: _Budget) -> NDArray:
         if waiting:
             here = waiting.pop()
             a, c = before[here], after[here]
-            if not alive[here] or _turn(p[a], p[here], p[c]) <= 0:
+            if not remaining[here] or _turn(p[a], p[here], p[c]) <= 0:
                 continue
             low, high = np.sort(p[[a, here, c], 0])[[0, 2]]
             near = order[np.searchsorted(place, low) : np.searchsorted(place, high, "right")]
@@ -136,18 +136,18 @@ def _ears(p: NDArray, budget: _Budget) -> NDArray:
             if not _is_ear(p, a, here, c, near[blocks[near]]):
                 continue
         else:
-            while not alive[next_forced]:
+            while not remaining[next_forced]:
                 next_forced += 1
             here = next_forced
             a, c = before[here], after[here]
         triangles.append((a, here, c))
-        alive[here] = blocks[here] = False
+        remaining[here] = blocks[here] = False
         left -= 1
         after[a], before[c] = c, a
         for corner in (a, c):
             blocks[corner] &= _turn(p[before[corner]], p[corner], p[after[corner]]) <= 0
         waiting += [c, a]
-    a = int(np.flatnonzero(alive)[0])
+    a = int(np.flatnonzero(remaining)[0])
     triangles.append((a, after[a], after[after[a]]))
     return np.array(triangles, dtype=np.int64)
 

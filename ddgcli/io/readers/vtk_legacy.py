@@ -36,7 +36,7 @@ def read_vtk_legacy(data: bytes) -> RawMesh | None:
         raise MeshFileError("not a legacy VTK file: it does not begin with '# vtk DataFile'; check the file")
     kind = head[2].strip().upper()
     if kind not in (b"ASCII", b"BINARY"):
-        raise MeshFileError(f"line 3 must say ASCII or BINARY, not {excerpt(head[2], 20)!r}; check the file")
+        raise MeshFileError(f"line 3 must be ASCII or BINARY, not {excerpt(head[2], 20)!r}; check the file")
     words = _Words(data, sum(len(line) + 1 for line in head[:3]), kind == b"BINARY")
     try:
         if words.next().upper() != "DATASET":
@@ -59,7 +59,7 @@ class _Words:
     ----------
     data : bytes
     at : int
-        Where reading goes on.
+        Where reading continues.
     binary : bool
     """
 
@@ -166,7 +166,7 @@ def _cells(words: _Words) -> tuple[NDArray, NDArray]:
             raise ValueError("OFFSETS without CONNECTIVITY")
         return words.values(second, words.next()).astype(np.int64), np.diff(offsets)
     words.at = before
-    mixed = words.values(second, "int").astype(np.int64)  # first = cells; their sizes stand before them
+    mixed = words.values(second, "int").astype(np.int64)  # first = cells; their sizes precede them
     if len(mixed) == 4 * first and (mixed[::4] == 3).all():
         return mixed.reshape(-1, 4)[:, 1:].ravel(), np.full(first, 3)
     starts, at = [], 0

@@ -131,7 +131,7 @@ class RowFile:
             done += len(piece)
 
     def sync(self) -> None:
-        """Ask the system to put everything on the disk."""
+        """Flush everything to the disk."""
         os.fsync(self._fd)
 
     def is_at(self, path: str) -> bool:
@@ -152,9 +152,9 @@ def _need_room(path: str | Path, static_bytes: int, row_bytes: int) -> None:
     """OSError where the disk cannot take the file: HDF5 itself crashes when a write of its own fails."""
     fd = os.open(path, os.O_RDWR | os.O_CREAT, 0o644)
     try:
-        room = b"\1" * (1 << 20)
-        for at in range(0, static_bytes + METADATA_BYTES, len(room)):
-            _pwrite(fd, room, at, str(path))
+        zeros = b"\1" * (1 << 20)
+        for at in range(0, static_bytes + METADATA_BYTES, len(zeros)):
+            _pwrite(fd, zeros, at, str(path))
         os.ftruncate(fd, static_bytes + METADATA_BYTES + row_bytes)
         os.ftruncate(fd, 0)
     finally:

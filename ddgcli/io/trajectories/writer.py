@@ -91,7 +91,7 @@ class TrajectoryWriter:
         self._log += _log_rows(log)
         self._whole = len(self._log)
         shapes = shapes_of(trajectory_frame, checkpoint, effect_rows)
-        if self._file is not None and shapes == self._shapes and self._room(trajectory_frame):
+        if self._file is not None and shapes == self._shapes and self._has_capacity(trajectory_frame):
             self._put(trajectory_frame, checkpoint, effect_rows)
             return
         n_frames = self.expected if self._file is None else max(self.expected, 2 * self.n_frames + 16)
@@ -110,7 +110,7 @@ class TrajectoryWriter:
         self._lay_out(rows, lambda: self._put(trajectory_frame, checkpoint, effect_rows))
         self._shapes = shapes
 
-    def _room(self, trajectory_frame: TrajectoryFrame) -> bool:
+    def _has_capacity(self, trajectory_frame: TrajectoryFrame) -> bool:
         rows = self._file.rows  # type: ignore[union-attr]
         whole = self.n_frames < rows["ddgcli/time"].capacity
         if whole and "VTKHDF/Points" in rows:
@@ -205,9 +205,9 @@ class TrajectoryWriter:
             )
         complete = status == "complete"
         self._log += _log_rows(log)
-        room = self._file.rows
-        if len(self._log) > room["ddgcli/log"].capacity or (
-            complete and room["ddgcli/time"].capacity != self.n_frames
+        rows = self._file.rows
+        if len(self._log) > rows["ddgcli/log"].capacity or (
+            complete and rows["ddgcli/time"].capacity != self.n_frames
         ):
             self._tighten()
         elif len(self._log) > self._logged:
@@ -249,17 +249,17 @@ class TrajectoryWriter:
 
     @classmethod
     def resume(cls, partial_path: str, path: str, header: Header, n_frames: int) -> TrajectoryWriter:
-        """Go on behind the last whole frame of `partial_path`; what stood behind it is dropped."""
+        """Continue after the last whole frame of `partial_path`; what follows it is dropped."""
         writer = cls(path, header, n_frames)
         with Trajectory(partial_path) as old:
             first, checkpoint, effects = old.read_frame(0), old.checkpoint(), old.effect_rows
-            last, room = old.n_frames - 1, max(n_frames, old.n_frames)
+            last, capacity = old.n_frames - 1, max(n_frames, old.n_frames)
             writer._log = [tuple(row) for row in old.log[: old.log_rows]]
             writer._whole = len(writer._log)
             writer._shapes = shapes_of(first, checkpoint, effects)
-            vertex_rows = sum(old.n_vertices) + (room - old.n_frames) * old.n_vertices[last]
+            vertex_rows = sum(old.n_vertices) + (capacity - old.n_frames) * old.n_vertices[last]
             rows = room_for(
-                first, checkpoint, len(effects), room, 2 * len(writer._log) + 64, header, vertex_rows
+                first, checkpoint, len(effects), capacity, 2 * len(writer._log) + 64, header, vertex_rows
             )
 
             def put() -> None:

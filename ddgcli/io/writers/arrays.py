@@ -36,7 +36,7 @@ def _boundary_faces(data: CellData):
 def vtkhdf_bytes(data: CellData) -> bytes:
     """VTKHDF 2.2: PolyData of triangles or lines, UnstructuredGrid of tetrahedra.
 
-    Edge arrays and what belongs to the whole stand in FieldData; provenance in the attributes of the sibling
+    Edge arrays and what belongs to the whole are in FieldData; provenance in the attributes of the sibling
     group `ddgcli`.
     """
     import h5py

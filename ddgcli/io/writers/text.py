@@ -98,7 +98,7 @@ def _columns(arrays: dict[str, NDArray], used: set[str]) -> list[tuple[str, NDAr
 
 
 def _standard_names(arrays: dict[str, NDArray], name: str) -> tuple[str, ...]:
-    """Properties by which other programs know colours and texture coordinates; none for other arrays."""
+    """Properties by which other programs recognise colours and texture coordinates; none for other arrays."""
     if name == COLOR and (colors := color(arrays)) is not None:
         return ("red", "green", "blue", "alpha")[: colors.shape[1]]
     return ("s", "t") if name == UV and vertex_uv(arrays) is not None else ()

@@ -42,9 +42,9 @@ def _crossings(start: NDArray, end: NDArray, tail: NDArray, head: NDArray) -> in
     low, high = low[order], high[order]
     last = np.searchsorted(low, high, side="right")  # segments that begin before this one ends
     number = last - np.arange(len(low)) - 1
-    part = (np.cumsum(number) - number) // MAX_PAIRS
+    block_number = (np.cumsum(number) - number) // MAX_PAIRS
     total = 0
-    for block in np.split(np.arange(len(low)), np.flatnonzero(part[1:] != part[:-1]) + 1):
+    for block in np.split(np.arange(len(low)), np.flatnonzero(block_number[1:] != block_number[:-1]) + 1):
         i = np.repeat(block, number[block])
         j, _ = ranges(block + 1, number[block])
         apart = (tail[i] != tail[j]) & (tail[i] != head[j]) & (head[i] != tail[j]) & (head[i] != head[j])

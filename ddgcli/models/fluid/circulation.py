@@ -27,7 +27,7 @@ from ddgcli.models.fluid.limits import (
     MAX_DEFORMATION,
     SMALL_DEFORMATION,
     Flow,
-    Limits,
+    FlowLimits,
     along_walls,
     keep_total,
 )
@@ -64,7 +64,7 @@ class CirculationAdvection:
     def __init__(self, space: SurfaceSpace, transport: Transport | None = None) -> None:
         self.space = space
         self.transport = transport or Transport(space)
-        self.limits = Limits(space)
+        self.limits = FlowLimits(space)
         topology = space.mesh.topology
         twin = topology.side_twin.ravel()
         side = np.flatnonzero((twin >= 0) & (topology.side_sign.ravel() > 0))
@@ -97,7 +97,7 @@ class CirculationAdvection:
     ) -> tuple[NDArray[np.float64], NDArray[np.float64], float, float, NDArray[np.bool_]]:
         """Vorticity and harmonic coefficients after dt, the `deformation`, the relative rise of the energy.
 
-        The last value says which of `CORRECTIONS` acted. A deformation above `most` leaves the flow as it is.
+        The last value marks the `CORRECTIONS` that acted. A deformation above `most` changes no flow.
         """
         space = self.space
         start = vorticity, coefficients
@@ -110,8 +110,8 @@ class CirculationAdvection:
         back, forth = self._loop_paths(corner, dt), self._loop_paths(corner, -dt)
         there = self._advected(back, start, flux, evolve_harmonic)
         again = self._advected(forth, there, self._flux(there), evolve_harmonic)
-        mended = 1.5 * start[0] - 0.5 * again[0], 1.5 * start[1] - 0.5 * again[1]
-        advected = self._advected(back, mended, self._flux(mended), evolve_harmonic)
+        corrected = 1.5 * start[0] - 0.5 * again[0], 1.5 * start[1] - 0.5 * again[1]
+        advected = self._advected(back, corrected, self._flux(corrected), evolve_harmonic)
 
         def smooth() -> Flow:
             return self._advected(back, start, flux, evolve_harmonic, smooth=True)
@@ -199,5 +199,5 @@ class CirculationTransport(FlowPhase):
 
 
 def transport(setting: FluidSetting, parameters: Any) -> CirculationTransport:
-    """The phase that [time] asks for."""
+    """Transport phase of the integrator in [time]."""
     return CirculationTransport(setting)

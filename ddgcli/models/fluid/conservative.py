@@ -122,5 +122,5 @@ class ConservativeTransport(FlowPhase):
 
 
 def transport(setting: FluidSetting, parameters: Any) -> ConservativeTransport:
-    """The phase that [time] asks for."""
+    """Transport phase of the integrator in [time]."""
     return ConservativeTransport(setting, parameters.scheme)

@@ -1,4 +1,4 @@
-"""What the effects of a fluid may ask of the surface that it flows on."""
+"""Data of the surface of a fluid, for its effects."""
 
 from __future__ import annotations
 

@@ -27,7 +27,7 @@ from ddgcli.models.fluid.limits import (
     MAX_DEFORMATION,
     SMALL_DEFORMATION,
     Flow,
-    Limits,
+    FlowLimits,
     along_walls,
     keep_total,
 )
@@ -65,7 +65,7 @@ class CovectorAdvection:
     def __init__(self, space: SurfaceSpace, transport: Transport | None = None) -> None:
         self.space = space
         self.transport = transport or Transport(space)
-        self.limits = Limits(space)
+        self.limits = FlowLimits(space)
         face, corner = corner_of(space, np.arange(space.n))
         self.face, self.at_corner = np.maximum(face, 0), np.eye(3)[corner]
         to_face = self.transport.to_face
@@ -97,7 +97,7 @@ class CovectorAdvection:
         along = 0.5 * ((velocity + velocity[:, NEXT]) * np.conj(side)).real
         after, coefficients = space.of_face_velocity((along * self.of_side).sum(axis=1))
         if len(self.rim):
-            rim = BackwardPaths(*(part[self.rim] for part in vars(paths).values()))
+            rim = BackwardPaths(*(array[self.rim] for array in vars(paths).values()))
             after = np.where(space.inside, after, along_walls(space, rim, flow[0]))
             keep_total(space, after, flow[0])
         return after, coefficients if evolve else flow[1]
@@ -124,14 +124,14 @@ class CovectorAdvection:
         forth = self.vertex_paths(velocity, [-span for span in dt])
         there = self.pulled_back(back, self.sharpened(start, evolve), evolve)
         again = self.pulled_back(forth, self.sharpened(there, evolve), evolve)
-        mended = 1.5 * start[0] - 0.5 * again[0], 1.5 * start[1] - 0.5 * again[1]
-        after = self.pulled_back(back, self.sharpened(mended, evolve), evolve)
+        corrected = 1.5 * start[0] - 0.5 * again[0], 1.5 * start[1] - 0.5 * again[1]
+        after = self.pulled_back(back, self.sharpened(corrected, evolve), evolve)
         deformation = sum(self.limits.deformation(v, s) for v, s in zip(velocity, dt))
         return self.limits.limited(before, after, lambda: self.pulled_back(back, start, evolve), deformation)
 
 
 class CovectorTransport(FlowPhase):
-    """Transport by pull-back; the start of the map, its steps and its losses stand in the state."""
+    """Transport by pull-back; the start of the map, its steps and its losses are in the state."""
 
     step_stage = "transport"
 
@@ -200,5 +200,5 @@ class CovectorTransport(FlowPhase):
 
 
 def transport(setting: FluidSetting, parameters: Any) -> CovectorTransport:
-    """The phase that [time] asks for."""
+    """Transport phase of the integrator in [time]."""
     return CovectorTransport(setting)

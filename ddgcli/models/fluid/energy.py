@@ -16,5 +16,5 @@ from ddgcli.models.fluid.phases import FluidSetting
 
 
 def transport(setting: FluidSetting, parameters: Any) -> ConservativeTransport:
-    """The phase that [time] asks for."""
+    """Transport phase of the integrator in [time]."""
     return ConservativeTransport(setting, "midpoint")

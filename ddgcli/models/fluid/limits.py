@@ -20,7 +20,7 @@ SMALL_DEFORMATION = 0.02  # deformation below which a step is taken as it is: a 
 Flow = tuple[NDArray[np.float64], NDArray[np.float64]]  # vorticity (n,), harmonic coefficients (b,)
 
 
-class Limits:
+class FlowLimits:
     """Corrections of a carried flow on one surface."""
 
     def __init__(self, space: SurfaceSpace) -> None:

@@ -102,7 +102,7 @@ PlacedEffectParts = list[tuple[Key, str, EffectPart]]
 
 
 def effect_parts_of(scene: Scene, context: FluidContext) -> PlacedEffectParts:
-    """(place in the scene, effect, part) of all that the scene's effects ask of one fluid."""
+    """(place in the scene, effect, part) of all that the scene's effects build for one fluid."""
 
     def make(effect: Effect, parameters: Any, key: Key) -> PlacedEffectParts:
         target = getattr(parameters, "object", None)
@@ -251,7 +251,7 @@ class FluidModel:
 
     @property
     def flows(self) -> FlowSpace:
-        """The space as steps and frames know it, of whatever dimension."""
+        """The flow space, of a surface or of a volume."""
         return self.space
 
     @property

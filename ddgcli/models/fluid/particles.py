@@ -1,7 +1,7 @@
 """Effect `particles`: points that move with the flow, and their paths.
 
 A particle follows the flow of mid-step (mean of the step's ends) by the velocity that is linear between the
-vertices: of second order. Positions stand in every frame as `particles_NAME`, x, y, z of one after another.
+vertices: of second order. Every frame has the positions as `particles_NAME`, x, y, z of one after another.
 """
 
 # mypy: disable-error-code="valid-type"

@@ -50,7 +50,7 @@ class Phase(Protocol):
     effect : str
         Name under which its seconds are booked; "" books them to the integrator.
     step_stage : {'transport', 'source', 'tracer'}
-        Where it stands in a step.
+        Its place in a step.
     order : int
         Order in time.
     """
@@ -140,6 +140,6 @@ class FluidSetting:
 
 @dataclass(frozen=True)
 class PhaseRequest:
-    """A phase that an effect asks for; `make` may return None (a check), or refuse by ValueError."""
+    """Request of an effect for a phase; `make` may return None (a check), or refuse by ValueError."""
 
     make: Callable[[FluidSetting], Phase | None]

@@ -49,13 +49,13 @@ def recovery(space: SurfaceSpace) -> Recovery:
     to_vertex = _vertex_frames(space, fans, stretch)
     fitted, gain = _fits(space, fans, stretch)
     fits = (gain > 0) & (gain <= MAX_FIT_GAIN)
-    lonely = space.inside & ~fits
+    isolated = space.inside & ~fits
     fixed = diags_array(fits.astype(float)) @ fitted
     means = diags_array((~fits).astype(float)) @ _face_means(space, fans, to_vertex)
     matrix = fixed + means
-    if lonely.any():
-        fixed = fixed + diags_array((~fits & ~lonely).astype(float)) @ means
-        from_neighbours = diags_array(lonely.astype(float)) @ _mean_values(space, fans, stretch)
+    if isolated.any():
+        fixed = fixed + diags_array((~fits & ~isolated).astype(float)) @ means
+        from_neighbours = diags_array(isolated.astype(float)) @ _mean_values(space, fans, stretch)
         for _ in range(NEIGHBOUR_PASSES):
             matrix = fixed + from_neighbours @ matrix
     return Recovery(csr_array(matrix), to_vertex)

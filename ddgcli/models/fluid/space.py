@@ -1,4 +1,4 @@
-"""What a space of discrete flows offers: the protocol behind which surfaces (and later volumes) stand."""
+"""Protocol of spaces of discrete flows, on surfaces and in volumes."""
 
 from __future__ import annotations
 

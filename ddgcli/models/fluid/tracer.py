@@ -98,10 +98,10 @@ def conserved(
     after = np.array(after)
     for lower, upper in (bounds, (lowest, highest)):
         missing = sum_by_index(label, mass * (before - after), count)
-        room = np.where(missing[label] > 0, upper - after, after - lower)
-        whole = sum_by_index(label, mass * room, count)
+        margin = np.where(missing[label] > 0, upper - after, after - lower)
+        whole = sum_by_index(label, mass * margin, count)
         share = np.divide(missing, whole, out=np.zeros(count), where=whole > 0)
-        after += np.clip(share, -1.0, 1.0)[label] * room
+        after += np.clip(share, -1.0, 1.0)[label] * margin
     return np.clip(after, lowest, highest)
 
 

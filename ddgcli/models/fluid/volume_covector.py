@@ -72,5 +72,5 @@ class VolumeCovectorTransport(FlowPhase):
 
 
 def transport(setting: FluidSetting, parameters: object) -> VolumeCovectorTransport:
-    """The phase that [time] asks for."""
+    """Transport phase of the integrator in [time]."""
     return VolumeCovectorTransport(setting)

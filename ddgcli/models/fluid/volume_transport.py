@@ -136,7 +136,7 @@ class VolumeCirculationTransport(FlowPhase):
 
 
 def transport(setting: FluidSetting, parameters: Any) -> VolumeCirculationTransport | EnergyTransport:
-    """The phase that [time] asks for."""
+    """Transport phase of the integrator in [time]."""
     return (
         EnergyTransport(setting) if parameters.integrator == "energy" else VolumeCirculationTransport(setting)
     )

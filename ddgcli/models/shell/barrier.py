@@ -153,7 +153,7 @@ class Friction:
 
     def frozen(self, x: NDArray, dt: float) -> Potential:
         near, d, normal = self.barrier.near(x)
-        # a surface in motion may stand where a vertex was before
+        # a moving surface may be where a vertex was before
         near, d, normal = near[d > 0], d[d > 0], normal[d > 0]
         bound = -self.coefficient * self.barrier.slope(near, d)
         wall = self.barrier.surface_velocity(x[near])

@@ -73,10 +73,10 @@ class HingeBending:
     def blocks(self, x: NDArray, mode: Mode) -> NDArray[np.float64]:
         hinge_frame, block = self._hinge_frame(x), self._block
         moment = 2 * self.weight * hinge.wrapped(hinge_frame.angle - self.rest)
-        room = np.zeros((2, 512, 9, 12))
-        for rows in row_blocks(len(self.stencil), room.shape[1]):
+        buffer = np.zeros((2, 512, 9, 12))
+        for rows in row_blocks(len(self.stencil), buffer.shape[1]):
             piece, double = hinge_frame[rows], 2 * self.weight[rows, None]
-            left, right = room[:, : len(double)]
+            left, right = buffer[:, : len(double)]
             slope = hinge.angle_gradient(piece).reshape(-1, 12)
             if mode != "exact":
                 np.multiply((double * slope)[:, :, None], slope[:, None, :], out=block[rows])

@@ -131,7 +131,7 @@ def _obstacle_of(pair: list[str], pairs: list[list[str]], context: ShellContext)
     """The obstacle that this shell meets in a pair, or None where the pair is not about it."""
     scene = context.scene
     if [sorted(p) for p in pairs].count(sorted(pair)) > 1:
-        scene.refuse((*KEY, "pairs"), f"the pair {pair} stands more than once; leave one")
+        scene.refuse((*KEY, "pairs"), f"the pair {pair} is listed more than once; keep one")
     if len(pair) != 2:
         scene.refuse(KEY, f"a pair of contact is two names, found {pair}")
     roles = sorted(scene.find(name, (*KEY, "pairs")).role for name in pair)

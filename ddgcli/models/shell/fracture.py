@@ -15,7 +15,7 @@ from ddgcli.scenes.sections import Section
 from ddgcli.scenes.units import quantity
 from ddgcli.simulation.effects import Effect
 
-# effects that would have to know what a split vertex means to them
+# effects without a rule for split vertices
 WITHOUT = ("plasticity", "attach", "handle")
 
 

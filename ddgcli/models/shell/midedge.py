@@ -250,7 +250,7 @@ class MidedgeBending:
                 rows = (3 * local[:, None] + np.arange(3)).ravel()
                 block[(side[own] // 3)[:, None, None], rows[:, None], rows] += weighted[own]
 
-    # ------------------------------------------------------------ what other effects ask
+    # ------------------------------------------------------------ what other effects use
 
     def side_weights(self, side: NDArray, couple: NDArray) -> NDArray[np.float64]:
         """Derivative in the angles of the work lost by couples (N m) on the turns of boundary sides."""

@@ -127,7 +127,7 @@ def terms_of(scene: Scene, context: ShellContext) -> list[Any]:
         shells = [o.name for o in scene.objects if o.role == "shell"]
         if target is None and len(shells) > 1 and hasattr(parameters, "object"):
             scene.refuse(
-                key, f'{effect.name}: several shells; say which by object = "..." ({", ".join(shells)})'
+                key, f'{effect.name}: several shells; name one by object = "..." ({", ".join(shells)})'
             )
         if target is not None:
             scene.find(target, (*key, "object"), ("shell",))
@@ -215,7 +215,7 @@ def _group_system(scene: Scene, group: Group, account: Account) -> System:
 
 
 def _own_terms(scene: Scene, context: ShellContext) -> list[Any]:
-    """Terms of one shell by itself."""
+    """Terms of one shell alone."""
     if getattr(scene.time, "arc_length", None) and scene.time.load_steps == 1:
         scene.refuse(("time", "arc_length"), "arc_length needs load_steps, the most steps along the path")
     all_terms = _ramped(terms_of(scene, context), scene.time)
@@ -248,7 +248,7 @@ def _model(scene: Scene, group: Group, system: System) -> Model[Motion]:
 
     def advanced(step: Step, motion: Motion, time: float, dt: float) -> Motion:
         before = motion if integrator.own_time else replace(motion, time=time)
-        current = system.remembering(motion.memory)
+        current = system.with_memory_at(motion.memory)
         after = step(current, before, dt, parameters)
         memory = system.committed(after.x, motion.memory)
         past = (before.x, before.v, np.array([dt])) if integrator.multistep else ()
@@ -265,7 +265,7 @@ def _model(scene: Scene, group: Group, system: System) -> Model[Motion]:
         return advanced(integrator.rescue or integrator.step, motion, time, dt)
 
     def observe(motion: Motion) -> dict[str, Observation]:
-        current = system.remembering(motion.memory).at(motion.time)
+        current = system.with_memory_at(motion.memory).at(motion.time)
         scalars = measures(current, motion)
         plastic = [arrays["work"][0] for arrays in motion.memory if "work" in arrays]
         if plastic:

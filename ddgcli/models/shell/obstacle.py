@@ -17,7 +17,7 @@ SHAPES = ("plane", "sphere", "box", "cylinder", "mesh")
 
 
 class Obstacle(ObjectSection):
-    """A rigid body that no shell moves: it stands still, follows key frames or moves steadily."""
+    """A rigid body that no shell moves: it is at rest, follows key frames or moves steadily."""
 
     role: Literal["obstacle"]
     plane: Plane | None = None
@@ -50,7 +50,7 @@ class Obstacle(ObjectSection):
         return times
 
     @model_validator(mode="after")
-    def _sound(self) -> Obstacle:
+    def _checked(self) -> Obstacle:
         require_one_shape(self, SHAPES)
         if self.scale is not None and self.mesh is None:
             raise ValueError("scale is for a mesh; write the size of the shape itself")

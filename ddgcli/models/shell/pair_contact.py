@@ -166,7 +166,7 @@ class PairBarrier:
     obstacle : str
         Name, "" for shell against shell.
     time : float
-        s, at which a moving obstacle stands.
+        s, of the pose of a moving obstacle.
     """
 
     name = "contact"

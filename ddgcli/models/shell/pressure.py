@@ -30,7 +30,7 @@ class Pressure(RampSection):
     ambient: quantity("Pa", "absolute pressure outside, for a gas", gt=0) = 101325.0
 
     @model_validator(mode="after")
-    def _sound(self) -> Pressure:
+    def _checked(self) -> Pressure:
         least = self.value * min([1.0, *(self.factors or [])])
         if self.gas and not self.ambient + least > 0:
             raise ValueError(

@@ -27,7 +27,7 @@ log = logging.getLogger("ddgcli")
 FORCE, MOMENT = "reaction_force_", "reaction_moment_"
 CONTACT_FORCE, CONTACT_MOMENT = "contact_force_", "contact_moment_"
 Order = Sequence[tuple[str, int]]  # system and number of vertices of each shell
-# of the energy at hand: more is description; more is not to be trusted, exit 1
+# of the energy at hand: more is description; more makes the result unreliable, exit 1
 ENERGY_GROWTH_WARNING, ENERGY_GROWTH_FAILURE = 0.1, 1.0
 
 
@@ -55,7 +55,7 @@ def rounding(outcome: Outcome, systems: dict[str, System], order: Order = ()) ->
 
 
 def _split(points: Any, systems: dict[str, System], order: Order) -> dict[str, NDArray]:
-    """Vertices of each system from those of all shells, which stand one behind the other.
+    """Vertices of each system from those of all shells, which are concatenated.
 
     `order` has the name of the system and the number of vertices of each shell; by default the systems are
     the shells.
@@ -75,7 +75,7 @@ def summary(
 
     Scales of the drifts: energy, the largest kinetic energy or change of a part of the energy; momentum, the
     mass times the largest speed; angular momentum, that times the size of the shells. Within rounding a
-    drift is 0. `static` asks for the stability of the equilibrium; `order` is that of the shells, see
+    drift is 0. `static` adds the stability of the equilibrium; `order` is that of the shells, see
     `_split`.
     """
     series, last = outcome.series, outcome.end
@@ -216,8 +216,8 @@ def _instability(end: dict[str, NDArray], systems: dict[str, System]) -> int | N
     return total
 
 
-def doubt(outcome: Outcome, least: RunRounding) -> str:
-    """Why the run is not to be trusted: its energy more than doubled. A smaller rise is a warning.
+def failure_reason(outcome: Outcome, least: RunRounding) -> str:
+    """Reason why the result is unreliable: the energy more than doubled. A smaller rise is a warning.
 
     Energy that rises above the start and the work of handles, of loads that change in time and of wind comes
     from the scheme. The scale is the energy at hand: that of the start above the lowest potential energy of

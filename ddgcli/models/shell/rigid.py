@@ -57,12 +57,12 @@ def _chosen(parameters: Rigid, context: ShellContext) -> NDArray[np.int64]:
     if parameters.edges is not None:
         if parameters.vertices is not None or parameters.box is not None:
             raise ValueError("give edges, or vertices, or a box, or none of them for all edges")
-        asked = np.sort(np.array(parameters.edges, dtype=np.int64).reshape(-1, 2), axis=1)
+        named = np.sort(np.array(parameters.edges, dtype=np.int64).reshape(-1, 2), axis=1)
         known = {(int(a), int(b)) for a, b in np.sort(edges, axis=1)}
-        for a, b in asked:
+        for a, b in named:
             if (int(a), int(b)) not in known:
                 raise ValueError(f"no edge joins the vertices [{a}, {b}]")
-        edges = np.unique(asked, axis=0)
+        edges = np.unique(named, axis=0)
     elif parameters.vertices is not None or parameters.box is not None:
         chosen = context.chosen(parameters.vertices, parameters.box, ("effects", "rigid"))
         edges = edges[np.isin(edges, chosen).all(axis=1)]

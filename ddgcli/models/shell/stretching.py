@@ -138,7 +138,7 @@ class StVK:
     def blocks(self, x: NDArray, mode: Mode) -> NDArray[np.float64]:
         f, _, stress = self._stress(x)
         b = self.basis
-        rates, weighted, block = self._room
+        rates, weighted, block = self._buffers
         # rows: derivatives of E11, E22 and 2 E12 in the nine coordinates
         np.multiply(b[:, :, None, 0], f[:, None, :, 0], out=rates[:, 0])
         np.multiply(b[:, :, None, 1], f[:, None, :, 1], out=rates[:, 1])
@@ -158,7 +158,7 @@ class StVK:
         return block
 
     @cached_property
-    def _room(self) -> tuple[NDArray, NDArray, NDArray]:
+    def _buffers(self) -> tuple[NDArray, NDArray, NDArray]:
         """Arrays that every Hessian is written to: fresh memory costs more than the arithmetic."""
         m = len(self.area)
         return np.zeros((m, 3, 3, 3)), np.zeros((m, 3, 9)), np.zeros((m, 9, 9))

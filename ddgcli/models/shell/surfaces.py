@@ -137,10 +137,10 @@ class CylinderGap:
 
     def reach(self, x: NDArray, move: NDArray) -> NDArray[np.float64]:
         away = x - self.center
-        height, climb = away @ self.axis, move @ self.axis
-        around = away - height[:, None] * self.axis, move - climb[:, None] * self.axis
+        height, rise = away @ self.axis, move @ self.axis
+        around = away - height[:, None] * self.axis, move - rise[:, None] * self.axis
         entry, leave = _ball_interval(*around, self.radius)
-        low, high = _slab_interval(height, climb, self.half)
+        low, high = _slab_interval(height, rise, self.half)
         return _first(np.maximum(entry, low), np.minimum(leave, high))
 
 

@@ -19,7 +19,7 @@ COCIRCULAR_SINE = 1e-12  # sine of an angle between circles below which the grad
 class CircleAngleEnergy:
     """Half the sum over inner vertices of (sum of the angles between the circumcircles at its edges - 2 pi).
 
-    It stands for int (H^2 - K), is never negative, and zero on convex Delaunay meshes inscribed in spheres.
+    It approximates int (H^2 - K), is never negative, and zero on convex Delaunay meshes inscribed in spheres.
 
     Parameters
     ----------

@@ -36,7 +36,7 @@ class EnergyDefinition:
     build : callable
         Topology -> Energy.
     convention : str
-        What the number stands for; the summary's `energy_convention`.
+        What the number approximates; the summary's `energy_convention`.
     """
 
     build: EnergyBuilder

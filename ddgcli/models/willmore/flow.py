@@ -71,7 +71,7 @@ class Flow:
     energy_kind : callable
         Topology -> Energy.
     convention : str
-        What its number stands for.
+        What its number approximates.
     free : (k,) ndarray of int
         Vertices that move.
     constraints : Constraints
@@ -80,7 +80,7 @@ class Flow:
     scheme : str
         Of `flow_options.SCHEMES`, for timed steps.
     timed : bool
-        Steps have the length that the loop asks for (else each is as long as the descent allows).
+        Steps have the length that the loop prescribes (else each is as long as the descent allows).
     stop : Stop
     centre : (3,) ndarray
     scale : float
@@ -220,8 +220,8 @@ class Flow:
                 return replace(state, stopped=rules.LOWER_BOUND_REASON)
             if energy <= at.energy:
                 return self._accepted(state, at, moved, energy, dt)
-        promised = float(np.sum(at.gradient * (at.mesh.points - moved.points)[self.free]))
-        if abs(promised) <= rules.PREDICTED_FALL_TOLERANCE * rounding_scale(at.energy):
+        predicted = float(np.sum(at.gradient * (at.mesh.points - moved.points)[self.free]))
+        if abs(predicted) <= rules.PREDICTED_FALL_TOLERANCE * rounding_scale(at.energy):
             return replace(state, time=state.time + dt, steps=state.steps + 1)
         raise StepRejected("energy rises", value=energy - at.energy)
 
@@ -259,7 +259,7 @@ class Flow:
         return replace(state, stopped="no step lowers the energy")
 
     def _other_step(self, state: FlowState, at: EnergyGradient) -> FlowState:
-        step: ConformalStep | trust_region.NewtonStep | None
+        step: ConformalStep | trust_region.TrustRegionStep | None
         if self.kind == "conformal":
             step = descending_step(at.mesh, state.dt, self._energy, at.energy)
         else:
@@ -277,11 +277,12 @@ class Flow:
         self, state: FlowState, at: EnergyGradient, preconditioner: Preconditioner, motion: NDArray, dt: float
     ) -> FlowState | None:
         """The largest share of a motion that lowers the energy enough; None where none does."""
-        promised = -float(np.sum(at.gradient * motion))
+        predicted = -float(np.sum(at.gradient * motion))
         for share in rules.MOTION_FRACTIONS:
             moved = moved_along(preconditioner, motion, share, self.constraints)
             energy = self._energy(moved)
-            if energy <= at.energy - rules.least_share(promised, at.energy, self.of_area) * share * promised:
+            fall = rules.least_share(predicted, at.energy, self.of_area) * share * predicted
+            if energy <= at.energy - fall:
                 if self._below_lower_bound(energy):
                     return replace(state, stopped=rules.LOWER_BOUND_REASON)
                 at_once = dt == state.dt and share >= rules.MOTION_FRACTIONS[1]
@@ -389,7 +390,7 @@ class Flow:
         return Observation(points, {}, scalar, faces=mesh.faces if self.keeps_triangles else None)
 
     def pack(self, state: FlowState) -> dict[str, NDArray]:
-        """The state as arrays of fixed shape (why it stopped need not go on)."""
+        """The state as arrays of fixed shape (without the reason of the stop)."""
         return state.arrays(descent=not self.timed)
 
     def unpack(self, arrays: dict[str, NDArray]) -> FlowState:

@@ -130,7 +130,7 @@ class _Terms:
     s_shape: NDArray  # energy of that, of each face
     dirichlet: NDArray
     image: NDArray  # (m, 3) twice the area vector of the normals' triangle
-    lean: NDArray  # (m, 3) by how much the cosine of vertex and face normal falls short of LEAST_COSINE
+    tilt: NDArray  # (m, 3) by how much the cosine of vertex and face normal falls short of LEAST_COSINE
     value: NDArray
 
 
@@ -202,8 +202,8 @@ class GaussMapEnergy:
             s_shape = _s_shape(skew, squared, corner_dot, faces.area)
             value = counted * (0.5 * dirichlet + s_shape)
             value -= 0.25 * counted * row_dot(image, faces.normal)
-            lean = np.maximum(LEAST_COSINE - row_dot(normal, faces.normal[:, None]), 0.0)
-            value += counted * (lean**2).sum(axis=1)
+            tilt = np.maximum(LEAST_COSINE - row_dot(normal, faces.normal[:, None]), 0.0)
+            value += counted * (tilt**2).sum(axis=1)
             value = np.where(counted > 0, value, 0.0)
             if angled.any():
                 angle = np.arctan2(2.0 * faces.area[:, None], corner_dot)
@@ -220,7 +220,7 @@ class GaussMapEnergy:
             s_shape,
             dirichlet,
             image,
-            lean,
+            tilt,
             value,
         )
 
@@ -244,7 +244,7 @@ class GaussMapEnergy:
             counted[:, None, None] * derivative[..., None] for derivative in (by_skew, by_squared)
         )
         by_twice = by_skew * side
-        by_cosine = (-2.0 * counted[:, None] * t.lean)[..., None]
+        by_cosine = (-2.0 * counted[:, None] * t.tilt)[..., None]
         by_corner = (by_twice + by_fall)[:, NEXT] + (by_twice - by_fall)[:, PREVIOUS]
         by_unit = sum_by_index(corners, by_corner + by_cosine * unit[:, None], n)
         by_normal = (by_cosine * t.normals.unit[corners]).sum(axis=1) - 0.25 * counted[:, None] * t.image
@@ -260,8 +260,8 @@ class GaussMapEnergy:
         corner += t.normals.pulled_back(by_unit, corners)
         if angled.any():
             by_ahead, by_behind = (
-                angled[..., None] * np.cross(q, sense * unit[:, None])
-                for q, sense in ((t.normals.ahead, 1.0), (t.normals.behind, -1.0))
+                angled[..., None] * np.cross(q, orientation * unit[:, None])
+                for q, orientation in ((t.normals.ahead, 1.0), (t.normals.behind, -1.0))
             )
             corner += _by_corners(by_ahead, by_behind)
         return float(t.value.sum()) + constant, sum_by_index(corners, corner, n)

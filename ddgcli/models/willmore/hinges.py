@@ -83,8 +83,8 @@ class BentHinges:
         length, area = np.sqrt(self.squared), self.faces.area[face]
         by_apex = -self.faces.normal[face] * (0.5 * length[:, None] / area)[:, :, None]
         arm = self.points[vertex[:, 2:]] - self.points[vertex[:, 0]][:, None]
-        foot = row_dot(arm, self.edge[:, None]) / self.squared[:, None]
-        by_head = -np.einsum("hk,hkj->hj", foot, by_apex)
+        foot_share = row_dot(arm, self.edge[:, None]) / self.squared[:, None]
+        by_head = -np.einsum("hk,hkj->hj", foot_share, by_apex)
         by_tail = -by_apex.sum(axis=1) - by_head
         weight, stretch = by_angle[:, None], 2.0 * by_squared[:, None] * self.edge
         local = np.stack(

@@ -22,7 +22,7 @@ RESOLUTION_REASONS = (
     PINCH_REASON,
 )  # ends that are neither at rest nor on the flow
 ENERGY_RATIO_WARNING = 1.2  # growth of the ratio of two energies at which a warning is due
-REFINEMENT_ANGLE = 25  # smallest angle that the advice asks `delaunay --refine` for
+REFINEMENT_ANGLE = 25  # smallest angle that the advice names for `delaunay --refine`
 
 
 def summary(
@@ -80,7 +80,7 @@ def every_energy(series: Mapping[str, NDArray]) -> dict[str, dict[str, Any]]:
     }
 
 
-def doubt(stopped: str, start: TriangleMesh, energy: str) -> str:
+def failure_reason(stopped: str, start: TriangleMesh, energy: str) -> str:
     """Why the end is neither at rest nor on the flow, with a cure; or "".
 
     Parameters
@@ -117,7 +117,7 @@ def warn_of_disagreement(first: TriangleMesh, last: TriangleMesh, energy: str) -
     if after > ENERGY_RATIO_WARNING * max(1.0, before):
         logging.getLogger("ddgcli").warning(
             "%s gives the last surface %.3g times the energy of %s (%.3g times at the start): its faces "
-            "are too slender to tell", SECOND_ENERGY, after, DEFAULT_ENERGY, before,
+            "are too slender to decide", SECOND_ENERGY, after, DEFAULT_ENERGY, before,
         )  # fmt: skip
 
 

@@ -8,8 +8,8 @@ SLIDING_FALL = 1e-3  # relative fall of a film's energy in a step, below which n
 MOTION_FRACTIONS = (1.0, 0.25, 0.0625)  # of a motion, tried before a shorter step is factorised
 MOMENTUM_SHARE = 0.9  # part of the last step's motion that is added to the next one
 KEPT_FALL_SHARE = 0.5  # of the energy's fall in a step, that slides and flips must leave
-SUFFICIENT_DECREASE = 0.01  # of the fall that the slope promises, for a step of the descent to be taken
-# a surface is near rest where steps above that share of the longest promise less than that of the energy
+SUFFICIENT_DECREASE = 0.01  # of the predicted fall, for a step of the descent to be accepted
+# a surface is near rest where steps above that share of the longest predict a fall below that of the energy
 NEAR_REST_STEP_FRACTION, NEAR_REST_ENERGY_FRACTION = 0.01, 0.1
 # of the least energy of its topology, below which only the mesh's error takes a surface
 LOWER_BOUND_FRACTION = 0.9

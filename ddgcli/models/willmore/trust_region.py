@@ -109,7 +109,7 @@ def newton_motion(
 
 
 @dataclass(frozen=True, eq=False)
-class NewtonStep:
+class TrustRegionStep:
     """A surface after a Newton step.
 
     Parameters
@@ -127,7 +127,7 @@ class NewtonStep:
 
 def descending_newton_step(
     energy: Energy, metric: Preconditioner, radius: float, least_radius: float
-) -> NewtonStep | None:
+) -> TrustRegionStep | None:
     """A Newton step, in ever smaller trust regions until the energy falls as the quadratic model says.
 
     Vertices move along their normals: along the surface minima are those of the mesh, of ever worse faces.
@@ -141,7 +141,7 @@ def descending_newton_step(
 
     Returns
     -------
-    NewtonStep or None
+    TrustRegionStep or None
         None where no step does.
     """
     at = metric.at
@@ -162,6 +162,6 @@ def descending_newton_step(
         agreement = (at.energy - after) / newton.promised if newton.promised > 0.0 else 0.0
         if agreement >= POOR_AGREEMENT:
             grows = newton.at_boundary and agreement > GOOD_AGREEMENT
-            return NewtonStep(moved, after, radius * (2.0 if grows else 1.0))
+            return TrustRegionStep(moved, after, radius * (2.0 if grows else 1.0))
         radius *= 0.25
     return None

@@ -48,7 +48,7 @@ def problem(
         [options["operator"]]
         if "operator" in options
         else OPERATORS
-        if _sound(mesh)
+        if _is_valid(mesh)
         else OPERATORS_OF_ANY_SURFACE
     )
     if options.get("operator") == "uniform":
@@ -95,7 +95,7 @@ def eigenvalues(laplacian: LaplaceOperator, k: int) -> NDArray[np.float64]:
 
 def _refined_reference(mesh: TriangleMesh, k: int, levels: int) -> Reference:
     """Limit over midpoint subdivisions (the same surface) on their intrinsic Delaunay triangulations."""
-    operator = "intrinsic-delaunay" if _sound(mesh) else "tufted"
+    operator = "intrinsic-delaunay" if _is_valid(mesh) else "tufted"
     spectra = [
         eigenvalues(laplace_operator(midpoint_subdivided(mesh, level), operator, "galerkin"), k)
         for level in range(levels + 1)
@@ -108,5 +108,5 @@ def _refined_reference(mesh: TriangleMesh, k: int, levels: int) -> Reference:
     return Reference.from_agreement("Richardson limit of two midpoint subdivisions", limit, gap)
 
 
-def _sound(mesh: TriangleMesh) -> bool:
+def _is_valid(mesh: TriangleMesh) -> bool:
     return mesh.topology.is_oriented and not len(mesh.topology.nonmanifold_edges)

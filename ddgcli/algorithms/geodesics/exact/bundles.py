@@ -107,17 +107,17 @@ class Bundles:
         place = np.stack([where[0].take(start), self.windows.top + local, count])
         self.windows.push(bound, where.take(rows, axis=1), base)
         self.pool.push(bundle, place, bundle[LEAST_DISTANCE])
-        loose = np.ones(where.shape[1], dtype=bool)
-        loose[rows] = False
-        rest = loose.nonzero()[0]
+        unbound = np.ones(where.shape[1], dtype=bool)
+        unbound[rows] = False
+        rest = unbound.nonzero()[0]
         return lines.take(rest, axis=1), where.take(rest, axis=1)
 
     def _reserve(self, more: int) -> None:
         """Reserve memory for more windows; drop those without a bundle."""
         if self.windows.top + more <= len(self.windows.key):
             return
-        live = (self.pool.key[: self.pool.top] < np.inf).nonzero()[0]
-        rows, self.pool.where[1, live] = ranges(*self.pool.where[1:].take(live, axis=1))
+        queued = (self.pool.key[: self.pool.top] < np.inf).nonzero()[0]
+        rows, self.pool.where[1, queued] = ranges(*self.pool.where[1:].take(queued, axis=1))
         previous = self.windows
         self.windows = WindowPool(len(previous.lines), 2 * (len(rows) + more))
         self.windows.push(

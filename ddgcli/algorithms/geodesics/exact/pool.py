@@ -44,10 +44,13 @@ class WindowPool:
         return lines, where
 
     def _compact(self) -> None:
-        live = (self.key[: self.top] < POPPED_KEY).nonzero()[0]
-        k = len(live)
-        self.lines[:, :k], self.where[:, :k] = self.lines.take(live, axis=1), self.where.take(live, axis=1)
-        self.key[:k] = self.key.take(live)
+        queued = (self.key[: self.top] < POPPED_KEY).nonzero()[0]
+        k = len(queued)
+        self.lines[:, :k], self.where[:, :k] = (
+            self.lines.take(queued, axis=1),
+            self.where.take(queued, axis=1),
+        )
+        self.key[:k] = self.key.take(queued)
         self.top, self._popped = k, 0
 
     def _reserve(self, more: int) -> None:

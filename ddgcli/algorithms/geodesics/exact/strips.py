@@ -49,7 +49,7 @@ def propagate_strips(
         Number of the source of each.
     max_crossings : int
         Strips that have crossed more faces are dropped: on triangles without width the filter keeps some
-        for ever.
+        without end.
     limit : float
         Strips farther than this are not propagated.
     most_windows : float

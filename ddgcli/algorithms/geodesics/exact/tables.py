@@ -176,7 +176,7 @@ def side_shapes(mesh: SurfaceMesh, scale: float, shape: NDArray) -> NDArray[np.f
     """(3m, c) rows of SideTables.shape, its first c columns, written to `shape` (m, 3, c).
 
     They are computed in blocks of faces that fit in the cache.
-    Heights come from cross products where the mesh has positions: lengths alone know the height of a cap only
+    Heights come from cross products where the mesh has positions: lengths alone give the height of a cap only
     to the square root of rounding.
     """
     for start in range(0, mesh.n_faces, BLOCK):

@@ -317,9 +317,9 @@ class Wavefront:
         if not len(self.pending):
             return POPPED_KEY
         distance = self.distance[self.pending]
-        live = distance < self.spawned_at[self.pending]
-        self.pending = self.pending[live]
-        return float(distance[live].min(initial=POPPED_KEY))
+        queued = distance < self.spawned_at[self.pending]
+        self.pending = self.pending[queued]
+        return float(distance[queued].min(initial=POPPED_KEY))
 
     def _spawn_below(self, bound: float) -> None:
         distance = self.distance[self.pending]

@@ -1,0 +1,1 @@
+"""Figures behind statements of the manual, on problems with known answers."""
