@@ -68,11 +68,11 @@ def draw_chart(
             x, y, shown = _drawable(*pareto_front, log)
             axes.plot(x[shown], y[shown], color="0.85", linewidth=6, solid_capstyle="round", zorder=0.5,
                       drawstyle="steps-post", label="front")  # fmt: skip
-        texts = []
+        texts: list[tuple[str, float, float]] = []
         for k, (name, (x, y, shown)) in enumerate(drawable.items()):
             _draw_series(axes, k, name, x[shown], y[shown])
             if labels and name in labels:
-                texts += [(labels[name][i], float(x[i]), float(y[i])) for i in np.flatnonzero(shown)]
+                texts += [(labels[name][int(i)], float(x[i]), float(y[i])) for i in np.flatnonzero(shown)]
             for i in (ringed or {}).get(name, ()):
                 if shown[i]:
                     axes.plot(x[i], y[i], "o", ms=12, mfc="none", mec="0.3", mew=0.9)

@@ -164,7 +164,8 @@ def _double_cells(table: dict[str, Any], section: Any, times: int) -> NDArray[np
     def points(shape: Any) -> NDArray:
         if section.grid is not None:
             return np.asarray(periodic_grid(shape).points)
-        return np.asarray(box_tetrahedra(*shape.cells, shape.size).points)
+        nx, ny, nz = shape.cells
+        return np.asarray(box_tetrahedra(nx, ny, nz, shape.size).points)
 
     key = "grid" if section.grid is not None else "box"
     shape = getattr(section, key)
