@@ -46,10 +46,10 @@ def test_arrows_and_paths_are_seen(tmp_path, what):
         "arrows": {"arrows": arrows_of(square, np.tile([1.0, 0.5, 0.0], (square.n_vertices, 1)))},
         "paths": {"paths": [np.array([[0.2, 0.2, 0.0], [0.8, 0.6, 0.0]])]},
     }
-    dark = []
+    line_pixels = []
     for k, more in enumerate(({}, options[what])):
         plot_frame = PlotFrame(0.0, square, np.zeros(square.n_vertices), **more)
         path = str(tmp_path / f"{k}.png")
         draw_frame(path, plot_frame, sequence_style([plot_frame]), 3.0, 2.25, 100)
-        dark.append(int((imread(path)[..., :3].max(axis=2) < 0.3).sum()))
-    assert dark[1] > dark[0] + 50
+        line_pixels.append(int((imread(path)[..., :3].max(axis=2) < 0.3).sum()))
+    assert line_pixels[1] > dark_pixels[0] + 50

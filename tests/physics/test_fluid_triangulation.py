@@ -34,7 +34,7 @@ def drift(mesh, triangulation):
     """Change of steady cells, and the run."""
     shape = f'mesh = "given"\ntriangulation = "{triangulation}"'
     out = run_fluid(CELLS, "duration = 0.5\nstep = 0.0125\nframe_every = 0.5", shape, mesh)
-    first, last = (frame.vertex["vorticity"] for frame in (out.frames[0], out.frames[-1]))
+    first, last = (out.observations[k].vertex["vorticity"] for k in (0, -1))
     return np.linalg.norm(last - first) / np.linalg.norm(first), out
 
 
@@ -62,9 +62,13 @@ def test_on_a_curved_surface_waves_and_velocities_are_better_for_it():
         out = run_fluid(f'initial = {{ vorticity = "{WAVE}" }}', time, shape, mesh)
         mass, exact = out.fluid.space.mass, wave(mesh.points, 0.3)
         effects = 'initial = { velocity = ["-y", "x", 0] }\nrotation = { angular_velocity = [0, 0, 1] }'
-        shown = run_fluid(effects, "duration = 0.02\nstep = 0.01", shape, mesh).frames[-1].vertex["velocity"]
+        shown = (
+            run_fluid(effects, "duration = 0.02\nstep = 0.01", shape, mesh)
+            .observations[-1]
+            .vertex["velocity"]
+        )
         error[triangulation] = [
-            np.sqrt(mass @ (out.frames[-1].vertex["vorticity"] - exact) ** 2 / (mass @ exact**2)),
+            np.sqrt(mass @ (out.observations[-1].vertex["vorticity"] - exact) ** 2 / (mass @ exact**2)),
             np.sqrt(mass @ ((shown - turn) ** 2).sum(axis=1) / (mass @ (turn**2).sum(axis=1))),
         ]
     for before, after in zip(error["input"], error["auto"]):

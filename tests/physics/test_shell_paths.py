@@ -113,11 +113,11 @@ def test_a_path_goes_on_from_any_checkpoint_with_the_same_bits():
     """Behind the first limit point too: the direction onwards is in the checkpoint."""
     whole = path()
     scene, context = built(60, 'arc_length = "3 cm"')
-    frame = len(whole) // 2
+    start = len(whole) // 2
     account = Account()
     models = model.build(scene, {"s": context}, account)
-    rest = list(evolve(models, scene.schedule(), account, (frame, whole[frame].checkpoint)))
-    assert len(rest) == len(whole) - frame - 1 > 3
-    for a, b in zip(whole[frame + 1 :], rest):
+    rest = list(evolve(models, scene.schedule(), account, (start, whole[start].checkpoint)))
+    assert len(rest) == len(whole) - start - 1 > 3
+    for a, b in zip(whole[start + 1 :], rest):
         assert a.time == b.time
         assert np.array_equal(a.observations["s"].points, b.observations["s"].points)

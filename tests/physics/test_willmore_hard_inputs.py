@@ -48,11 +48,13 @@ MESHES = {"needles": needles, "spike": spike, "thin": two_triangles_thick}
 def test_energies_fall_and_points_stay_finite(name, mesh):
     mesh = MESHES[mesh]()
     options = flow_options.with_stop(FlowOptions(**FLOWS[name]), mesh.topology, False)
-    frames, end, shots = run_flow(mesh, options, steps=12)
-    assert all(np.isfinite(frame.points).all() for frame in frames) and np.isfinite(energies(frames)).all()
-    assert (np.diff(energies(frames)) <= 1e-12 * np.abs(energies(frames)[:-1])).all()
-    assert frames[-1].scalar["energy_increases"] == 0
-    assert len(frames) > 1 or shots[-1].stopped
+    observations, end, shots = run_flow(mesh, options, steps=12)
+    assert (
+        all(np.isfinite(o.points).all() for o in observations) and np.isfinite(energies(observations)).all()
+    )
+    assert (np.diff(energies(observations)) <= 1e-12 * np.abs(energies(observations)[:-1])).all()
+    assert observations[-1].scalar["energy_increases"] == 0
+    assert len(observations) > 1 or shots[-1].stopped
 
 
 @pytest.mark.parametrize("name", ["bubble", "conformal", "newton"])

@@ -33,7 +33,7 @@ def with_triangulation(context: FluidContext, choice: str) -> FluidContext:
     Raises
     ------
     ValueError
-        When 'delaunay' is asked for and cannot be: arrays on faces, or edges that would join one vertex to
+        When 'delaunay' is chosen and impossible: arrays on faces, or edges that would join one vertex to
         itself or two vertices twice.
     """
     mesh = context.mesh
