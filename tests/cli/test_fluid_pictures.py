@@ -52,4 +52,4 @@ def test_arrows_and_paths_are_seen(tmp_path, what):
         path = str(tmp_path / f"{k}.png")
         draw_frame(path, plot_frame, sequence_style([plot_frame]), 3.0, 2.25, 100)
         line_pixels.append(int((imread(path)[..., :3].max(axis=2) < 0.3).sum()))
-    assert line_pixels[1] > dark_pixels[0] + 50
+    assert line_pixels[1] > line_pixels[0] + 50
