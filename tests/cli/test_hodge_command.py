@@ -131,3 +131,13 @@ def test_fields_on_tetrahedra_have_the_betti_numbers_of_the_solid(shared_meshes,
     assert len(report["results"]["generators"]) == 11
     assert report["accuracy"]["orthogonality"] < 1e-8
     assert 0 < report["accuracy"]["reconstruction_residual"] < 1e-6  # with inverted and nearly flat cells
+
+
+def test_a_free_potential_has_the_mean_zero_and_a_fixed_one_vanishes_on_the_boundary():
+    mesh = shapes.grid(6, 5)
+    x = mesh.points[:, 0]
+    tail, head = mesh.topology.edges.T
+    free = decomposition.decompose_form(mesh, x[head] - x[tail]).potential
+    assert np.allclose(free, x - x.mean(), rtol=0, atol=1e-12)
+    fixed = decomposition.decompose_form(mesh, x[head] - x[tail], "normal").potential
+    assert np.all(fixed[mesh.topology.boundary_vertex] == 0)

@@ -71,7 +71,19 @@ CALLS = [
     "tradeoff geodesic s.ply --source 0 --budget 20",
 ]
 # tables whose keys are names of the input's or the scene's own, or of commands and methods
-OWN_KEYS = {"accepts", "effects", "seconds_by_part", "energies", "reaction_forces", "compare", "arrays"}
+OWN_KEYS = {
+    "accepts", "arrays", "compare", "effects", "energies", "reaction_forces", "seconds_by_part",
+    "triangulation",
+}  # fmt: skip
+    "triangulation",
+    "accepts",
+    "effects",
+    "seconds_by_part",
+    "energies",
+    "reaction_forces",
+    "compare",
+    "arrays",
+}
 
 
 @pytest.fixture(scope="module")

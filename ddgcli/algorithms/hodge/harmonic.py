@@ -55,7 +55,7 @@ class ClosedProjection:
         self.cochains = self._cochains(mesh, boundary)
         self.derivative = self.complex.derivatives[0].astype(np.float64)
         self.stiffness = (self.derivative.T @ self.star1 @ self.derivative).tocsr()
-        fixed = self._fixed_vertices(boundary)
+        fixed, self._floating = self._fixed_vertices(boundary)
         self.exact_solver = Dirichlet(self.stiffness, fixed)
         if self.cochains.shape[1] == 0:
             self.closed_solver = self.exact_solver
@@ -72,22 +72,37 @@ class ClosedProjection:
             return solid_cochains(self.complex, count, boundary)
         return closed_cochains(mesh, boundary)
 
-    def _fixed_vertices(self, boundary: Boundary) -> NDArray[np.int64]:
-        """Vertices with potential zero: the boundary for `normal`, and one of each component without any."""
+    def _fixed_vertices(self, boundary: Boundary) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Vertices where solves fix the potential, and the component of those whose mean is free.
+
+        The boundary is fixed for `normal`, and one vertex of each component that has none; components with a
+        fixed boundary have the number -1.
+        """
         fixed = np.zeros(self.complex.counts[0], dtype=bool)
         if boundary == "normal":
             fixed |= self.complex.boundary_vertex
         label = floating_components(self.stiffness)
         covered = np.zeros(int(label.max(initial=-1)) + 1, dtype=bool)
         covered[label[fixed & (label >= 0)]] = True
+        floating = np.full(len(label), -1, dtype=np.int64)
         if not covered.all():
             free = np.flatnonzero((label >= 0) & ~covered[np.maximum(label, 0)])
             fixed[free[np.unique(label[free], return_index=True)[1]]] = True
-        return np.flatnonzero(fixed)
+            floating[free] = label[free]
+        return np.flatnonzero(fixed), floating
 
     def potential(self, load: NDArray) -> NDArray[np.float64]:
-        """(n,) potential of the exact part of the field with this load; zero at the fixed vertices."""
-        return self.exact_solver.solve(ZERO_BOUNDARY_VALUES, self.derivative.T @ load)
+        """(n,) potential of the exact part of the field with this load.
+
+        It is zero on a fixed boundary; elsewhere its mean over the vertices of each component is zero.
+        """
+        potential = self.exact_solver.solve(ZERO_BOUNDARY_VALUES, self.derivative.T @ load)
+        free = self._floating >= 0
+        if free.any():
+            component = self._floating[free]
+            total = np.bincount(component, potential[free])
+            potential[free] -= (total / np.maximum(np.bincount(component), 1))[component]
+        return potential
 
     def closed_part(self, load: NDArray) -> NDArray[np.float64]:
         """(e,) closed 1-form nearest to the field with this load."""
