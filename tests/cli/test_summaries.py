@@ -75,15 +75,6 @@ OWN_KEYS = {
     "accepts", "arrays", "compare", "effects", "energies", "reaction_forces", "seconds_by_part",
     "triangulation",
 }  # fmt: skip
-    "triangulation",
-    "accepts",
-    "effects",
-    "seconds_by_part",
-    "energies",
-    "reaction_forces",
-    "compare",
-    "arrays",
-}
 
 
 @pytest.fixture(scope="module")
