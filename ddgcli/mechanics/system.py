@@ -108,7 +108,7 @@ class System:
         self.supports = [
             p for p in all_terms if isinstance(p, FixedCoordinates | PrescribedMotion) and p.name
         ]
-        self.constraints = [p for p in self.all_terms if hasattr(p, "excess")]
+        self.constraints = [p for p in self.all_terms if hasattr(p, "jacobian")]
         held = np.zeros((len(mass), 3), dtype=bool)
         for any_term in all_terms:
             if isinstance(any_term, FixedCoordinates | PrescribedMotion):

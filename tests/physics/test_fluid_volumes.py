@@ -161,7 +161,7 @@ def test_no_slip_walls_slow_a_stream_near_them():
 @pytest.mark.parametrize(
     "effects, integrator, message",
     [
-        (CELL, "conservative", "conservative does not exist in 3-D; take circulation or energy"),
+        (CELL, "conservative", "conservative does not exist in 3-D; take circulation or covector or energy"),
         (CELL + "rotation = { angular_velocity = [0, 0, 1] }", "energy", "rotation acts on surfaces"),
         (CELL + "harmonic = {}", "energy", "harmonic acts on surfaces"),
         ('initial = { vorticity = "z" }', "energy", "vorticity is that of surfaces"),
