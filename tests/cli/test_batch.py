@@ -391,3 +391,11 @@ def test_wrong_calls_are_refused_in_one_line(run, words, text):
     result = run("batch", *words)
     assert result.exit_code == 2 and text in result.stderr, result.stderr
     assert len(result.stderr.splitlines()) == 1
+
+
+def test_a_collected_name_that_no_summary_has_is_reported(run, tmp_path):
+    write_mesh(str(tmp_path / "a.ply"), AnnotatedMesh(shapes.icosphere(1)))
+    words = ["batch", tmp_path / "a.ply", "--collect", "results.area", "--collect", "results.aera"]
+    done = run(*words, "--", "curvature")
+    assert done.exit_code == 0
+    assert "no run has results.aera" in done.stderr and "results.area," not in done.stderr

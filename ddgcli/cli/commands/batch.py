@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import logging
 from collections import Counter
+from collections.abc import Sequence
 from dataclasses import asdict, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -12,6 +14,11 @@ from ddgcli.cli import options
 from ddgcli.cli.options import CommonOptions
 from ddgcli.cli.run import Run
 from ddgcli.errors import ParameterError
+
+if TYPE_CHECKING:
+    from ddgcli.batch.process import TaskRow
+
+log = logging.getLogger("ddgcli")
 
 COMMANDS_OUTSIDE_BATCHES = ("batch", "check", "examples")
 
@@ -89,6 +96,7 @@ def command(
     if table is not None:
         run.write_bytes(table, table_bytes(table, rows))
         journal_path(table).unlink(missing_ok=True)
+    warn_of_empty_columns(rows, collect)
     counts = Counter(row.status for row in rows)
     failed = [row for row in rows if row.status != "done"]
     results: dict[str, Any] = {
@@ -99,6 +107,15 @@ def command(
     text = [f"runs    {len(rows)}", *(f"{status:<8}{count}" for status, count in counts.items())]
     text += [f"{row.status}: {row.input} {row.message}".rstrip() for row in failed]
     run.finish(results, {}, converged=not failed, text=text)
+
+
+def warn_of_empty_columns(rows: Sequence[TaskRow], collect: Sequence[str]) -> None:
+    """Warn of names that no run has in its summary: a misspelt name makes an empty column."""
+    done = [row for row in rows if row.status == "done"]
+    empty = [name for name in collect if done and all(row.collected.get(name) is None for row in done)]
+    if empty:
+        command = " ".join(done[0].command.split()[:2])
+        log.warning(f"no run has {', '.join(empty)}: empty columns; `{command} ... --json` lists the names")
 
 
 def split_words(words: tuple[str, ...]) -> tuple[list[str], list[str]]:
