@@ -342,8 +342,8 @@ def test_a_loop_that_vanishes_changes_crossings_and_turning_number(tmp_path, sum
     assert (area[5] - area[-1]) / 0.14 == pytest.approx(2 * np.pi, rel=0.01)
 
 
-@pytest.mark.parametrize("flow", ["curvature", "elastic"])
-@pytest.mark.parametrize("sign", [signal.SIGKILL, signal.SIGINT])
+@pytest.mark.parametrize("flow", ["curvature", pytest.param("elastic", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("sign", [pytest.param(signal.SIGKILL, marks=pytest.mark.slow), signal.SIGINT])
 def test_a_command_that_is_ended_is_resumed_with_the_same_bits(tmp_path, run, flow, sign):
     if sign == signal.SIGINT and flow == "elastic":
         pytest.skip("the same path as with curvature")

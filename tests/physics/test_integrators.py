@@ -52,7 +52,12 @@ def test_steps_that_rescue_are_of_second_order_and_keep_the_momentum(monkeypatch
 
 
 @pytest.mark.parametrize(
-    "name, step", [("newmark", 1e-2), ("implicit-midpoint", 4e-3), ("implicit-midpoint", 1e-2)]
+    "name, step",
+    [
+        ("newmark", 1e-2),
+        pytest.param("implicit-midpoint", 4e-3, marks=pytest.mark.slow),
+        ("implicit-midpoint", 1e-2),
+    ],
 )
 def test_no_step_is_so_long_that_it_gives_energy(name, step):
     """A stiff leaf that tumbles, its waves far faster than the step: without the watch over the balance the
