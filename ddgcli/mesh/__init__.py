@@ -11,7 +11,6 @@ __all__ = [
     "cures",
     "curve",
     "fields",
-    "hole_filling",
     "intrinsic_mesh",
     "ragged",
     "repair",

@@ -5,11 +5,11 @@ import json
 import numpy as np
 import pytest
 
+from ddgcli.algorithms.repair.patches import fill_loops
 from ddgcli.io.mesh_file import read_mesh, write_mesh
 from ddgcli.mesh import shapes
 from ddgcli.mesh.boundary import boundary_vertex_loops
 from ddgcli.mesh.fields import AnnotatedMesh
-from ddgcli.mesh.hole_filling import fill_loops
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.models.willmore.descent import vertex_normals
 from ddgcli.models.willmore.setup import FlowOptions

@@ -2,4 +2,4 @@
 vertices and faces of the result to those of the input.
 """
 
-__all__ = ["pipeline"]
+__all__ = ["patches", "pipeline"]

@@ -143,7 +143,7 @@ def _filled(mesh: Any, loop: str | None, region: str | None) -> Any:
         return mesh, None
     if region is not None:
         raise ParameterError("moves the new patch only; leave `region` out", parameter="fill")
-    from ddgcli.mesh.hole_filling import fill_loops
+    from ddgcli.algorithms.repair.patches import fill_loops
 
     if loop != "all" and not loop.isdecimal():
         raise ParameterError(f"{loop!r} is no vertex number; name one on the loop, or all", parameter="fill")

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import csc_array, diags_array
-from scipy.sparse.linalg import spsolve
 from scipy.spatial import Delaunay
 
 from ddgcli.errors import MeshError, ParameterError
+from ddgcli.linalg.constrain import Dirichlet
 from ddgcli.mesh.boundary import boundary_vertex_loops
 from ddgcli.mesh.require import require
 from ddgcli.mesh.topology import Topology
 from ddgcli.mesh.triangle_mesh import TriangleMesh
+from ddgcli.operators.laplacian import uniform_stiffness
 
 RIM_DISTANCE = 0.7  # of inner points of a patch from its rim, in units of their spacing
 MAX_CHORD_ROUNDS = 4
@@ -28,8 +28,9 @@ def fill_loops(mesh: TriangleMesh, loop: int | None = None) -> tuple[TriangleMes
     Parameters
     ----------
     mesh : TriangleMesh
+        Oriented manifold with boundary.
     loop : int, optional
-        Vertex on the loop to close; None for all loops.
+        Number of a vertex on the loop to close; None for all loops.
 
     Returns
     -------
@@ -119,11 +120,6 @@ def _membrane(ring: NDArray, patch: NDArray, n_inner: int) -> NDArray[np.float64
     """(n_inner, 3) points at the means of their neighbours, within a ring."""
     if not n_inner:
         return np.zeros((0, 3))
-    n = len(ring) + n_inner
-    side = np.concatenate([patch[:, [0, 1]], patch[:, [1, 2]], patch[:, [2, 0]]])
-    ones = np.ones(len(side))
-    adjacency = csc_array((ones, (side[:, 0], side[:, 1])), shape=(n, n))
-    adjacency = csc_array(adjacency + adjacency.T)
-    matrix = csc_array(diags_array(adjacency.sum(axis=0)) - adjacency)[len(ring) :]
-    right = -(matrix[:, : len(ring)] @ ring)
-    return np.asarray(spsolve(csc_array(matrix[:, len(ring) :]), right)).reshape(n_inner, 3)
+    n, n_ring = len(ring) + n_inner, len(ring)
+    surface = TriangleMesh(np.concatenate([ring, np.zeros((n_inner, 3))]), Topology(patch, n))
+    return Dirichlet(uniform_stiffness(surface), np.arange(n_ring)).solve(ring)[n_ring:]
