@@ -22,7 +22,8 @@ from numpy.typing import NDArray
 
 from benchmarks.hardcases import peer_task
 from benchmarks.hardcases.catalogue import Case
-from benchmarks.hardcases.judge import Evidence, Outcome, check_geodesic
+from benchmarks.hardcases.checks import Evidence, check_geodesic
+from benchmarks.hardcases.judge import Outcome
 from benchmarks.hardcases.meshes import truths_of
 from benchmarks.hardcases.page import write_page
 from benchmarks.hardcases.peer_task import READERS, TASKS

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,8 +13,6 @@ from ddgcli.plots.page import draw_texts, page, picture_axes
 from ddgcli.plots.raster import View, fitted_camera, unit_box, view_axes
 
 _PAPER, _RIM = (1.0, 1.0, 1.0, 1.0), (0.25, 0.25, 0.25, 1.0)
-
-
 VECTOR_SHARE = 0.1  # length of a vector in the picture, in halves of the size of the curves
 
 
@@ -73,18 +72,8 @@ def draw_curves(
         mappable = ScalarMappable(Normalize(low, high), colours(diverging))
         plain = np.tile([0.2, 0.4, 0.7, 1.0], (len(order), 1))
         tint = plain if values is None else mappable.to_rgba(shade[order])
-        # each segment over its own dark rim, and that over a white edge where space makes one pass behind
         flat = bool(np.ptp(np.concatenate([a[:, 2], b[:, 2]])) < 1e-6 * camera.width)
-        layers = [(3.0, _RIM), (2.2, None)] if flat else [(6.0, _PAPER), (3.0, _RIM), (2.2, None)]
-        colour = np.stack([tint if c is None else np.broadcast_to(c, tint.shape) for _, c in layers], axis=1)
-        axes.add_collection(
-            LineCollection(
-                np.repeat(lines, len(layers), axis=0),
-                colors=colour.reshape(-1, 4),
-                linewidths=np.tile([w for w, _ in layers], len(lines)),
-                capstyle="butt",
-            )
-        )
+        axes.add_collection(_rimmed_lines(lines, tint, flat))
         for points, directions, tint in vectors:
             foot = placed(points)
             tip = foot + VECTOR_SHARE * directions / (np.abs(directions).max() or 1.0)
@@ -95,6 +84,23 @@ def draw_curves(
         if values is not None:
             colour_bar(figure, mappable, label)
             draw_texts(figure, "", extremes(label, np.concatenate(values)))
+
+
+def _rimmed_lines(lines: NDArray, tint: NDArray, flat: bool) -> Any:
+    """Segments (k, 2, 2), farthest first, over their own dark rims.
+
+    In space each rim is over a white edge too, which cuts the segments behind it.
+    """
+    from matplotlib.collections import LineCollection
+
+    layers = [(3.0, _RIM), (2.2, None)] if flat else [(6.0, _PAPER), (3.0, _RIM), (2.2, None)]
+    colour = np.stack([tint if c is None else np.broadcast_to(c, tint.shape) for _, c in layers], axis=1)
+    return LineCollection(
+        np.repeat(lines, len(layers), axis=0),
+        colors=colour.reshape(-1, 4),
+        linewidths=np.tile([w for w, _ in layers], len(lines)),
+        capstyle="butt",
+    )
 
 
 def _segments(

@@ -1,7 +1,7 @@
 """No field of `accuracy` is a constant: an error planted in what it watches moves it, in every command."""
 
-import dataclasses
 import importlib
+import json
 
 import numpy as np
 import pytest
@@ -9,6 +9,26 @@ import pytest
 from ddgcli.io.mesh_file import write_mesh
 from ddgcli.mesh import shapes
 from ddgcli.mesh.fields import AnnotatedMesh
+from tests.planted_errors import (
+    bent,
+    bulged,
+    crooked,
+    crooked_turn,
+    eigenvectors,
+    first_wrong,
+    heavy,
+    lopsided,
+    mixed,
+    motion,
+    returned,
+    rougher,
+    rougher_steps,
+    scattered,
+    spun,
+    stepping,
+    surface,
+    unequal,
+)
 
 FLOW = ("willmore-flow", "ball", "--dt", 1e-4)
 FALL = ("--effect", "stretching", "--effect", "gravity acceleration=[0,0,-9.81]")
@@ -44,128 +64,6 @@ RUNS = {
     "mean-curvature": (*FLOW, "--steps", 2, "--flow", "mean-curvature", "--energy", "cotan"),
     "tradeoff": ("tradeoff", "willmore-flow", "ball", "--steps", 2, "--tolerance", 0.1, "--repeat", 1),
 }  # fmt: skip
-
-
-def surface(**corrupt):
-    """What curvature has measured, with one array wrong."""
-
-    def plant(sound):
-        return lambda result: sound(
-            dataclasses.replace(
-                result, **{name: wrong(getattr(result, name)) for name, wrong in corrupt.items()}
-            )
-        )
-
-    return plant
-
-
-def first_wrong(values):
-    values = np.array(values, dtype=float)
-    values.flat[0] += 0.01 * (np.abs(values).max() or 1.0)
-    return values
-
-
-def crooked(**changed):
-    """A function whose result has fields wrong."""
-
-    def plant(sound):
-        def wrong(*args, **kwargs):
-            result = sound(*args, **kwargs)
-            fields = {name: change(getattr(result, name)) for name, change in changed.items()}
-            return dataclasses.replace(result, **fields)
-
-        return wrong
-
-    return plant
-
-
-def unequal(distance):
-    """Each answer wrong by another factor, so that there and back differ."""
-    source = int(np.argmin(distance))
-    return distance * (1.0 + 0.1 * (source % 7))
-
-
-def rougher(sound):
-    """Twice the distance where there is any slack."""
-
-    def wrong(wavefront, *args, **kwargs):
-        sound(wavefront, *args, **kwargs)
-        if wavefront.slack > 0:
-            wavefront.distance *= 2.0
-
-    return wrong
-
-
-def crooked_turn(arrays):
-    return arrays | {"turning_angle": first_wrong(arrays["turning_angle"])}
-
-
-def mixed(components):
-    return (components[0] + components[1], *components[1:])
-
-
-def heavy(M):
-    M = M.tolil()
-    M[0, 0] += M.sum()
-    return M.tocsr()
-
-
-def eigenvectors(sound):
-    return lambda L, M, values, X, **how: sound(L, M, values, scattered(X), **how)
-
-
-def lopsided(L):
-    L = L.tolil()
-    L[0, 5] += 1.0
-    return L.tocsr()
-
-
-def stepping(change):
-    """The time loop with a model whose every step ends a little wrong."""
-
-    def plant(sound):
-        def wrong(models, *rest):
-            def bad(model):
-                return dataclasses.replace(model, advance=lambda *a: change(model.advance(*a)))
-
-            return sound({name: bad(model) for name, model in models.items()}, *rest)
-
-        return wrong
-
-    return plant
-
-
-def scattered(points, size=1e-2):
-    return points + size * np.random.default_rng(0).normal(size=np.shape(points))
-
-
-def motion(state):
-    return dataclasses.replace(state, x=scattered(state.x, 1e-3), v=scattered(state.v, 10.0))
-
-
-def spun(state):
-    return state.replaced(vorticity=1.01 * state["vorticity"] + 1e-3)
-
-
-def bulged(state):
-    return dataclasses.replace(state, points=scattered(state.points))
-
-
-def returned(change):
-    return lambda sound: lambda *args, **kwargs: change(sound(*args, **kwargs))
-
-
-def bent(lines):
-    """Recorded traces whose second point lies elsewhere on its side."""
-    b, i = lines.path_barycentric.copy(), lines.path_start[:-1] + 1
-    low, high = np.argsort(b[i], axis=1)[:, 1:].T
-    b[i, low], b[i, high] = 0.3 * b[i, low], b[i, high] + 0.7 * b[i, low]
-    return dataclasses.replace(lines, path_barycentric=b)
-
-
-def rougher_steps(sound):
-    """Runge and Kutta's method with the weights of Euler's."""
-    return lambda tracer, field, at, h, order: sound(tracer, field, at, h, 1)
 
 
 SOLVE = ("ddgcli.linalg.factor:Factor.solve", returned(lambda x: scattered(x, 1e-3 * np.abs(x).max())))
@@ -392,7 +290,6 @@ def test_a_planted_error_moves_the_field(name, plant, summary, inputs, sound_acc
     monkeypatch.setattr(owner, function, make(getattr(owner, function)))
     result = run(*[inputs.get(word, word) for word in RUNS[name]], "--json")
     assert result.exit_code in (0, 1), result.output + result.stderr
-    import json
 
     after = json.loads(result.stdout)["accuracy"]
     assert [f for f in fields if size(after[f]) <= 2 * size(before[f]) + 1e-9] == []

@@ -3,7 +3,6 @@
 import json
 import logging
 import os
-import re
 import signal
 import subprocess
 import sys
@@ -16,7 +15,6 @@ import numpy as np
 import pytest
 
 from ddgcli.cli.main import COMMANDS
-from ddgcli.cli.progress import Progress
 from ddgcli.cli.run import Run
 from ddgcli.errors import MeshError, SolveError
 from ddgcli.io.mesh_file import WRITERS, read_mesh, write_mesh
@@ -27,13 +25,6 @@ ROOT = Path(__file__).parents[2]
 HEAVY = {"numpy", "scipy", "matplotlib", "trimesh", "meshio", "h5py", "pydantic", "vtk"}
 SIMULATORS = {"shell-sim", "fluid-sim", "willmore-flow"}  # their help is written from their tables of effects
 BUILT = [name for name, (module, _) in COMMANDS.items() if (ROOT / f"ddgcli/cli/{module}.py").exists()]
-
-
-@pytest.fixture
-def torus(tmp_path):
-    path = tmp_path / "torus.ply"
-    write_mesh(str(path), AnnotatedMesh(shapes.torus(12, 8)))
-    return path
 
 
 def process(*words, **kwargs):
@@ -261,19 +252,6 @@ def test_a_mesh_is_written_to_standard_output(torus, tmp_path, suffix):
     assert read_mesh(str(again)).mesh.n_faces == 192
 
 
-def test_wrong_outputs_are_refused_before_reading(run, tmp_path):
-    nowhere = tmp_path / "nowhere.ply"  # never read: the output is looked at first
-    refused(run("info", nowhere, "-o", tmp_path / "a.foo"), "a.foo", ".vtu")
-    refused(run("info", nowhere, "-o", tmp_path / "missing" / "a.vtu"), "missing", "create")
-    refused(run("info", nowhere, "-o", tmp_path), str(tmp_path))
-    refused(run("info", nowhere, "-o", "-"), "--output-format")
-    refused(run("info", nowhere, "-o", "-", "--output-format", "ply", "--json"), "--json")
-    refused(run("info", nowhere, "--plot", tmp_path / "a.gif"), ".png")
-    refused(run("info", nowhere, "-q", "-v"), "-q")
-    refused(run("info", nowhere), "no such file")
-    refused(run("info", tmp_path), "is a folder")
-
-
 def test_too_many_subdivided_faces_are_an_error(run, tmp_path, monkeypatch):
     monkeypatch.setattr("ddgcli.cli.run.MAX_SUBDIVIDED_FACES", 1000)
     sphere = tmp_path / "sphere.ply"
@@ -282,86 +260,12 @@ def test_too_many_subdivided_faces_are_an_error(run, tmp_path, monkeypatch):
     refused(run("laplacian", sphere, "--subdivide", 2), "1,280 faces", "use a smaller number")
 
 
-def test_two_outputs_with_one_name_are_an_error(run, torus, tmp_path):
-    one, same = tmp_path / "a.npz", f"{tmp_path}/./a.npz"
-    refused(run("delaunay", torus, "-o", one, "--overlay", same), "a.npz", "two outputs")
-    refused(run("laplacian", torus, "--matrix", one, "--mass-matrix", one), "a.npz", "two outputs")
-    refused(run("info", torus, "-o", one, "-o", same), "a.npz", "two outputs")
-    lines = ("geodesic", torus, "--source", 0, "--isolines", 2)
-    refused(run(*lines, "-o", one, "--paths-output", same), "a.npz", "two outputs")
-    link = tmp_path / "link.npz"
-    link.symlink_to(one)
-    refused(run("info", torus, "-o", one, "-o", link), "link.npz", "two outputs")
-    assert not one.exists()
-
-
 def test_plot_without_matplotlib_names_the_extra(run, torus, tmp_path, monkeypatch):
     import importlib.util
 
     find = importlib.util.find_spec
     monkeypatch.setattr(importlib.util, "find_spec", lambda n, *a: None if n == "matplotlib" else find(n, *a))
     refused(run("info", torus, "--plot", tmp_path / "a.png"), "ddgcli[plot]")
-
-
-def test_the_input_is_never_overwritten(run, torus, tmp_path):
-    before = torus.read_bytes()
-    refused(run("info", torus, "-o", torus), "input")
-    link = tmp_path / "link.ply"
-    link.symlink_to(torus)
-    refused(run("info", torus, "-o", link), "input")
-    for place in (torus, link):  # outputs that are not -o
-        refused(run("geodesic", torus, "--source", 0, "--isolines", 2, "--paths-output", place), "input")
-        refused(run("delaunay", torus, "--overlay", place), "input")
-    assert torus.read_bytes() == before
-
-
-def test_an_array_that_is_read_is_never_overwritten(run, torus, tmp_path):
-    array = tmp_path / "array.npz"
-    np.savez(array, np.cross([0, 0, 1.0], read_mesh(str(torus)).mesh.points))
-    before = array.read_bytes()
-    refused(run("geodesic", torus, "--field", array, "--paths-output", array), "input")
-    refused(run("hodge", torus, "--field-file", array, "-o", array), "input")
-    refused(run("laplacian", torus, "--poisson", array, "--matrix", array), "input")
-    assert array.read_bytes() == before
-
-
-def test_an_unplanned_output_cannot_overwrite_the_input(run, torus, monkeypatch):
-    """A command that does not plan an output cannot write it over the input either."""
-    monkeypatch.setattr("ddgcli.cli.run.Run.plan_output", lambda *words: None)
-    before = torus.read_bytes()
-    refused(run("geodesic", torus, "--source", 0, "--isolines", 2, "--paths-output", torus), "input")
-    assert torus.read_bytes() == before
-
-
-def test_two_outputs_are_written_and_replaced(summary, torus, tmp_path):
-    paths = [tmp_path / "a.vtu", tmp_path / "b.npz"]
-    for _ in range(2):
-        document = summary("info", torus, "-o", paths[0], "-o", paths[1])
-        assert document["outputs"] == [str(p) for p in paths]
-    assert sorted(p.name for p in tmp_path.iterdir()) == ["a.vtu", "b.npz", "torus.ply"]
-
-
-def test_a_failed_write_leaves_the_old_file(run, torus, tmp_path, monkeypatch):
-    output = tmp_path / "a.vtu"
-    output.write_text("old")
-
-    def full(source, target):
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr("os.replace", full)
-    refused(run("info", torus, "-o", output), "No space left")
-    assert output.read_text() == "old"
-    assert sorted(p.name for p in tmp_path.iterdir()) == ["a.vtu", "torus.ply"]
-
-
-def test_the_same_run_writes_the_same_bytes(run, torus, tmp_path):
-    output, written = tmp_path / "a.vtu", []
-    for _ in range(2):
-        assert run("info", torus, "-o", output, "--units-note", "mm").exit_code == 0
-        written.append(output.read_bytes())
-    assert written[0] == written[1]
-    for word in (b"ddgcli info", b"input_sha256", b"units_note", b"converged"):
-        assert word in written[0]
 
 
 def test_stl_keeps_the_map_of_its_merge(summary, tmp_path):
@@ -384,81 +288,6 @@ def test_quiet_runs_print_no_warning(torus, tmp_path):
     words = ("info", torus, "-o", tmp_path / "a.off")
     assert b"Warning" in process(*words).stderr
     assert process(*words, "-q").stderr == b""
-
-
-# -- progress ---------------------------------------------------------------------------------------------
-
-
-def test_progress_bar_follows_terminal_and_option(capsys):
-    for terminal, option, drawn in (
-        (False, None, False),
-        (True, False, False),
-        (True, None, False),
-        (None, True, True),
-    ):
-        bar = Progress("work", terminal, option)
-        bar(1, 4)
-        bar.clear()
-        assert ("work" in capsys.readouterr().err) == drawn
-
-
-def test_bar_appears_when_work_is_long(capsys):
-    bar = Progress("work", True, None)
-    bar.due = 0.0
-    bar(1, 4)
-    assert "25 %" in capsys.readouterr().err
-    bar.clear()
-    bar(2, 4)
-    assert "50 %" not in capsys.readouterr().err
-
-
-def test_time_left_is_shown_from_the_first_measurable_share(capsys):
-    for done, has_estimate in ((0, False), (1e-9, False), (1e-3, False), (0.1, True), (1, True)):
-        bar = Progress("work", None, True)
-        bar(done)
-        assert ("s left" in capsys.readouterr().err) == has_estimate
-
-
-def test_the_estimate_of_the_time_left_only_falls(capsys):
-    bar, seconds = Progress("work", None, True), []
-    for elapsed, done in ((1.0, 0.1), (2.0, 0.5), (30.0, 0.55), (40.0, 0.99)):
-        bar.began, bar.due = time.perf_counter() - elapsed, 0.0
-        bar(done)
-        seconds.append(int(re.search(r"(\d+) s left", capsys.readouterr().err)[1]))
-    assert seconds == [9, 2, 2, 0]  # the third step alone would say 25
-
-
-def test_progress_bar_is_redrawn_during_silent_work(capsys, monkeypatch):
-    monkeypatch.setattr("ddgcli.cli.progress.IDLE_INTERVAL", 0.05)
-    bars = [Progress(name, True, None, since=time.perf_counter() - 10) for name in ("silent", "quarter")]
-    bars[1](1, 4)
-    output, until = "", time.perf_counter() + 60
-    while time.perf_counter() < until and (output.count("silent: 0 s") < 2 or output.count("25 %") < 3):
-        time.sleep(0.02)
-        output += capsys.readouterr().err
-    assert output.count("silent: 0 s") >= 2 and output.count("25 %") >= 3
-    for bar in bars:
-        bar.clear()
-    capsys.readouterr()
-    time.sleep(0.3)
-    assert capsys.readouterr().err == ""
-
-
-def test_no_command_is_silent_for_long_on_a_terminal(torus):
-    """Whatever it does, and without a word of the core: here reading, slowed."""
-    code = (
-        "import time\nfrom ddgcli.io import mesh_file\nfrom ddgcli.cli.main import main\n"
-        "read = mesh_file.read_mesh\n"
-        "mesh_file.read_mesh = lambda *words: (time.sleep(3), read(*words))[1]\n"
-        f"main(['info', {str(torus)!r}], standalone_mode=False)\n"
-    )
-    pty = pytest.importorskip("pty")
-    master, slave = pty.openpty()
-    run = subprocess.Popen([sys.executable, "-c", code], stderr=slave, stdout=subprocess.DEVNULL)
-    assert run.wait(timeout=300) == 0
-    output = os.read(master, 10_000).decode()
-    os.close(slave), os.close(master)
-    assert "info: " in output and " s" in output and output.endswith("\r")
 
 
 @pytest.mark.parametrize("name", COMMANDS)

@@ -8,7 +8,8 @@ from benchmarks.fluids.runs import run_fluid
 from ddgcli.mesh import shapes
 from ddgcli.models.fluid.covector import MAX_MAP_STEPS, CovectorAdvection
 from ddgcli.models.fluid.surface_space import SurfaceSpace
-from tests.physics.test_fluid import SURFACES, needles
+from tests.physics.test_fluid import SURFACES
+from tests.physics.test_fluid_circulation import needles
 from tests.physics.test_fluid_volumes import CELL, run, series
 
 INITIAL_FLOW = 'initial = { vorticity = "sin(3*x + 1)*cos(2*z + 1) + y + x*z" }\n'

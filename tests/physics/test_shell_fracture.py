@@ -10,8 +10,9 @@ from ddgcli.io.trajectories.trajectory import Trajectory
 from ddgcli.mesh.shapes import grid, icosphere
 from ddgcli.mesh.topology import Topology
 from ddgcli.mesh.triangle_mesh import TriangleMesh
-from ddgcli.models.shell import hinge, model
+from ddgcli.models.shell import hinge
 from ddgcli.models.shell.cracks import split_surface
+from ddgcli.models.shell.observations import strain
 from tests.cli.test_shell_resume import resumed_as_whole
 from tests.simulate import scalar, shell_run
 
@@ -234,4 +235,4 @@ def test_systems_of_a_split_shell_have_its_mass():
     split = split_surface(context.mesh.topology, np.ones(len(interior(context.mesh)), dtype=bool))
     pieces = split_context(context, split.faces, split.origin)
     assert np.isclose(pieces.mass.sum(), context.mass.sum(), rtol=1e-15)
-    assert model.strain(pieces, np.asarray(pieces.mesh.points)).max() == 0
+    assert strain(pieces, np.asarray(pieces.mesh.points)).max() == 0

@@ -118,11 +118,7 @@ def command(
     chosen = {**stored.get("tolerances", {}), **chosen}
     chosen["keys"] = {**chosen.get("keys", {}), **dict(stated)}
     if update:
-        stored_tolerances = {"tolerances": stored["tolerances"]} if "tolerances" in stored else {}
-        text = json.dumps(
-            {"run": list(words), **stored_tolerances, "summary": summary}, indent=1, ensure_ascii=False
-        )
-        run.write_bytes(expected_path, text.encode() + b"\n", in_place=True)
+        store(run, expected_path, words, stored, summary)
         run.finish({"run": list(words), "run_exit_code": exit_code, "stored": True}, {})
         return
     try:
@@ -136,6 +132,15 @@ def command(
         moved, compared = [*moved, *further["moved"]], compared + further["compared"]
     results = {"run": list(words), "run_exit_code": exit_code, "compared": compared, "moved": moved}
     run.finish(results, {}, converged=not moved)
+
+
+def store(
+    run: Run, path: str, words: tuple[str, ...], stored: dict[str, Any], summary: dict[str, Any]
+) -> None:
+    """Write the command and its summary to EXPECTED.json, which keeps its tolerances."""
+    tolerances = {"tolerances": stored["tolerances"]} if "tolerances" in stored else {}
+    text = json.dumps({"run": list(words), **tolerances, "summary": summary}, indent=1, ensure_ascii=False)
+    run.write_bytes(path, text.encode() + b"\n", in_place=True)
 
 
 def compare_files(

@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ddgcli.errors import SolveError
-from ddgcli.mechanics.driving import contact_forces, driving_work, reactions
-from ddgcli.mechanics.integrators import ARC_LENGTH, INTEGRATORS, Step
+from ddgcli.mechanics.driving import driving_work
+from ddgcli.mechanics.integrators import ARC_LENGTH, INTEGRATORS, Integrator, Step
 from ddgcli.mechanics.stability import stable_step
 from ddgcli.mechanics.system import NO_MULTIPLIERS, Motion, System
 from ddgcli.mechanics.terms import FixedCoordinates, Memory, PrescribedMotion, ProportionalLoad, RampedLoad
@@ -21,12 +21,13 @@ from ddgcli.mesh.require import unmet_need
 from ddgcli.mesh.triangle_mesh import TriangleMesh
 from ddgcli.models.shell.context import ShellContext
 from ddgcli.models.shell.groups import Group, groups, terms_between
+from ddgcli.models.shell.observations import observed
 from ddgcli.scenes.scene import Scene
 from ddgcli.scenes.sections import Key
 from ddgcli.scenes.shapes import PlacedMesh, place
 from ddgcli.simulation.account import Account
 from ddgcli.simulation.effects import Effect
-from ddgcli.simulation.model import Model, Observation
+from ddgcli.simulation.model import Model
 
 SIZE_RANGE = (1e-60, 1e60)  # m: a Hessian of bending holds the fourth power of a length
 PAST_ARRAYS = ("past_x", "past_v", "past_dt")  # arrays of a checkpoint
@@ -231,6 +232,7 @@ def _own_terms(scene: Scene, context: ShellContext) -> list[Any]:
 
 
 def _model(scene: Scene, group: Group, system: System) -> Model[Motion]:
+    """Model of a group of shells for the time loop."""
     integrator, parameters = INTEGRATORS[scene.time.integrator], scene.time
     if getattr(parameters, "arc_length", None):
         integrator = ARC_LENGTH
@@ -264,38 +266,10 @@ def _model(scene: Scene, group: Group, system: System) -> Model[Motion]:
     def rescue(motion: Motion, time: float, dt: float) -> Motion:
         return advanced(integrator.rescue or integrator.step, motion, time, dt)
 
-    def observe(motion: Motion) -> dict[str, Observation]:
-        current = system.with_memory_at(motion.memory).at(motion.time)
-        scalars = measures(current, motion)
-        plastic = [arrays["work"][0] for arrays in motion.memory if "work" in arrays]
-        if plastic:
-            scalars["plastic_work"] = float(sum(plastic))
-        for potential in current.potentials:
-            if hasattr(potential, "observed"):
-                scalars |= potential.observed(motion.x)
-        for edges in current.constraints:
-            scalars |= edges.observed(motion.x, motion.multipliers)
-        for name, (force, moment) in reactions(current, motion, step_size).items():
-            scalars |= {f"reaction_force_{name}": force, f"reaction_moment_{name}": moment}
-        for name, (force, moment) in contact_forces(current, motion, step_size).items():
-            scalars |= {f"contact_force_{name}": force, f"contact_moment_{name}": moment}
-        return _observations(group, motion, scalars)
-
-    def unpack(arrays: dict[str, NDArray]) -> Motion:
-        count, excess, time, work = (float(value) for value in arrays["scalars"])
-        memory = tuple(
-            {name: arrays[f"memory_{k}_{name}"] for name in term.initial()}
-            for k, term in enumerate(system.memories)
-        )
-        past = tuple(arrays[name] for name in PAST_ARRAYS) if integrator.multistep else ()
-        multipliers = arrays.get("multipliers", NO_MULTIPLIERS)
-        return Motion(
-            arrays["x"], arrays["v"], arrays["a"], int(count), excess, time, work, memory, past, multipliers
-        )
-
     limit = stable_step(system, x, reach)
     return Model(
-        start, advance, observe, _packed, unpack, limit,
+        start, advance, partial(observed, group, system, step_size), _packed,
+        partial(_unpacked, system, integrator), limit,
         lambda a, b: float(np.abs(a.x - b.x).max()) / size, integrator.order,
         rescue=rescue if integrator.rescue is not None and np.isinf(reach) else None,
         stop=partial(_load_reached, parameters.duration) if integrator.own_time else None,
@@ -328,6 +302,20 @@ def _load_reached(duration: float, motion: Motion) -> str:
     return "the whole load is reached" if motion.time >= duration else ""
 
 
+def _unpacked(system: System, integrator: Integrator, arrays: dict[str, NDArray]) -> Motion:
+    """Motion of a checkpoint's arrays; the inverse of `_packed`."""
+    count, excess, time, work = (float(value) for value in arrays["scalars"])
+    memory = tuple(
+        {name: arrays[f"memory_{k}_{name}"] for name in term.initial()}
+        for k, term in enumerate(system.memories)
+    )
+    past = tuple(arrays[name] for name in PAST_ARRAYS) if integrator.multistep else ()
+    multipliers = arrays.get("multipliers", NO_MULTIPLIERS)
+    return Motion(
+        arrays["x"], arrays["v"], arrays["a"], int(count), excess, time, work, memory, past, multipliers
+    )
+
+
 def _packed(motion: Motion) -> dict[str, NDArray]:
     """Arrays of a checkpoint."""
     scalars = np.array([motion.newton, motion.balance_excess, motion.time, motion.work])
@@ -347,50 +335,7 @@ def _packed(motion: Motion) -> dict[str, NDArray]:
     }
 
 
-def _observations(group: Group, motion: Motion, scalars: dict[str, Any]) -> dict[str, Observation]:
-    """Observation of each shell of a group; the first has the scalars of the group."""
-    x, v = group.split(motion.x), group.split(motion.v)
-    return {
-        name: Observation(
-            x[name],
-            {"velocity": v[name], "strain": strain(context, x[name])},
-            scalars if k == 0 else {},
-            place,
-        )
-        for k, ((name, context), place) in enumerate(zip(group.shells.items(), group.places))
-    }
-
-
 def _initial_velocity(context: ShellContext) -> NDArray[np.float64]:
     shell, x = context.shell, context.mesh.points
     centre = (context.mass[:, None] * x).sum(axis=0) / context.mass.sum()
     return np.array(shell.velocity) + np.cross(np.array(shell.angular_velocity), x - centre)
-
-
-def strain(context: ShellContext, x: NDArray) -> NDArray[np.float64]:
-    """(n,) largest |l / l0 - 1| over the edges at each vertex."""
-    topology = context.mesh.topology
-    rest = context.mesh.side_length.ravel()
-    tail, head = topology.side_tail, topology.side_head
-    now = np.linalg.norm(x[head] - x[tail], axis=1)
-    relative = np.abs(now / rest - 1)
-    largest = np.zeros(len(x))
-    np.maximum.at(largest, tail, relative)
-    np.maximum.at(largest, head, relative)
-    return largest
-
-
-def measures(system: System, motion: Motion) -> dict[str, Any]:
-    """Energies by effect, momenta, iterations."""
-    momentum = system.mass[:, None] * motion.v
-    energies = {f"energy_{name}": value for name, value in system.energies(motion.x).items()}
-    kinetic = 0.5 * float(np.sum(momentum * motion.v))
-    return {
-        "energy_kinetic": kinetic,
-        **energies,
-        "energy": kinetic + sum(energies.values()),
-        "momentum": momentum.sum(axis=0),
-        "angular_momentum": np.cross(motion.x, momentum).sum(axis=0),
-        "newton_iterations": float(motion.newton),
-        **({"external_work": motion.work} if system.driven else {}),
-    }

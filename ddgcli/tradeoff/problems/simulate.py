@@ -182,6 +182,88 @@ def _truth_models(others: Mapping[str, tuple[str, ...]], chosen: Sequence[str]) 
     return (*chosen, *best)
 
 
+@dataclass(frozen=True)
+class _Runs:
+    """Runs of one scene over the same time span.
+
+    Attributes
+    ----------
+    simulator : Simulator
+    span : float
+        Simulated time of every run, in seconds.
+    steps : float
+        The span in units of the scene's step.
+    models : tuple of str
+        Models that the command line names, as EFFECT=MODEL.
+    """
+
+    simulator: Simulator
+    span: float
+    steps: float
+    models: tuple[str, ...]
+
+    def overrides(self, integrator: str, models: Sequence[str], **parameters: float) -> dict[str, Any]:
+        ends = {"duration": self.span, "frame_every": self.span, "integrator": integrator}
+        return {**ends, **parameters, "model": tuple(models)}
+
+    def step(self, factor: float) -> float:
+        """Step near `factor` steps of the scene that divides the span."""
+        return self.span / max(1, round(self.steps / factor))
+
+    def answer(self, factor: float, models: Sequence[str]) -> NDArray[np.float64]:
+        """Answer of the reference integrator with `factor` of the scene's step."""
+        integrator = self.simulator.reference_integrator
+        run = self.overrides(integrator, models, step=self.step(factor))
+        return self.simulator.solve(self.simulator.setup(run))
+
+    def reference(self, finest: float, models: Sequence[str]) -> Reference:
+        """Run with `finest` of the scene's step; two with longer steps give its uncertainty."""
+        coarse, middle, limit = (self.answer(f, models) for f in (4 * finest, 2 * finest, finest))
+        first, second = _relative(coarse, middle), _relative(middle, limit)
+        name = f"{self.simulator.reference_integrator} with {finest:g} of the scene's step"
+        name += f", as far as {2 * finest:g} and {4 * finest:g} agree"
+        largest = remaining_error(first.max(initial=0.0), second.max(initial=0.0))
+        mean = remaining_error(first.mean(), second.mean())
+        return Reference(name, limit, largest, mean_uncertainty=mean)
+
+    def fine_meshes(self, times: int, models: Sequence[str]) -> MeshLimit:
+        """Extrapolation of runs on meshes that are refined up to `times` times."""
+        integrator = self.simulator.reference_integrator
+        run = self.overrides(integrator, models, step=self.step(MESH_STEP_FACTOR))
+        answers = [self.simulator.finer_answer(run, level) for level in range(times + 1)]
+        limit, other = mesh_limit(*answers)
+        # the error in time of these runs: that of a method of first order, at the least
+        in_time = 2.0 * _relative(self.answer(MESH_STEP_FACTOR / 2, models), answers[0])
+        finest = f"{2**times} times as fine" if times == 1 else f"2 and {2**times} times as fine"
+        name = f"meshes {finest}, extrapolated" + (f", with {', '.join(models)}" if models else "")
+        return MeshLimit(name, limit, ErrorNorms.of(_relative(other, limit)) + ErrorNorms.of(in_time))
+
+    def candidate(
+        self, integrator: str, option: str, value: float, work: float, effect: str = "", model: str = ""
+    ) -> Candidate:
+        """Row of the table: an integrator with a step or a tolerance, and the model of an effect."""
+        varied = f"{effect}={model}" if effect else ""
+        models = (*self.models, varied) if varied else self.models
+        run = self.overrides(integrator, models, **{{"dt": "step"}.get(option, option): value})
+        suffix = " adaptive" if option == "tolerance" else ""
+        return Candidate(
+            integrator + suffix + (f" {model} {effect}" if effect else ""),
+            {option: value},
+            partial(self.simulator.setup, run),
+            self.simulator.solve,
+            {
+                "integrator": integrator,
+                option: repr(value),
+                "duration": repr(self.span),
+                "frame_every": repr(self.span),
+                **({"model": varied} if varied else {}),
+            },
+            work,
+            model=varied,
+            model_reference=partial(self.reference, 1 / 2, models) if varied else None,
+        )
+
+
 def _problem(simulator: Simulator, options: CommandOptions, error_part: str) -> Problem:
     """Problem of a scene.
 
@@ -192,87 +274,34 @@ def _problem(simulator: Simulator, options: CommandOptions, error_part: str) -> 
     time = resolve(simulator.document, simulator.kind, time_options).time
     step = options.get("step") or time.step or time.duration / 50
     duration = options["steps"] * step if "steps" in options else options.get("duration")
-    span = duration or min(time.duration, MAX_STEPS * step)
-    span = max(span, 2 * step)
-    steps = span / step
+    span = max(duration or min(time.duration, MAX_STEPS * step), 2 * step)
+    runs = _Runs(simulator, span, span / step, tuple(options.get("model", ())))
+    steps, unit = runs.steps, 1e-2 * runs.steps
     counts = sorted({max(1, round(span / (step * factor))) for factor in STEP_FACTORS})
     names = [options["integrator"]] if "integrator" in options else simulator.integrators
+    base = names[0] if "integrator" in options else simulator.reference_integrator
     tolerances = (options["tolerance"],) if "tolerance" in options else TOLERANCES
-    scheme = simulator.reference_integrator
-    adaptive = names[0] if "integrator" in options else scheme
-    chosen = tuple(options.get("model", ()))
-    others = _other_models(simulator, chosen)
-
-    def overrides(integrator: str, models: Sequence[str], **parameters: float) -> dict[str, Any]:
-        ends = {"duration": span, "frame_every": span, "integrator": integrator}
-        return {**ends, **parameters, "model": tuple(models)}
-
-    def small_steps(factor: float, models: Sequence[str]) -> NDArray[np.float64]:
-        run = overrides(scheme, models, step=span / max(1, round(steps / factor)))
-        return simulator.solve(simulator.setup(run))
-
-    def candidate(
-        integrator: str, option: str, value: float, work: float, effect: str = "", model: str = ""
-    ) -> Candidate:
-        models = (*chosen, f"{effect}={model}") if effect else chosen
-        run = overrides(integrator, models, **{{"dt": "step"}.get(option, option): value})
-        ends = {"duration": repr(span), "frame_every": repr(span)}
-        return Candidate(
-            integrator
-            + (" adaptive" if option == "tolerance" else "")
-            + (f" {model} {effect}" if effect else ""),
-            {option: value},
-            partial(simulator.setup, run),
-            simulator.solve,
-            {
-                "integrator": integrator,
-                option: repr(value),
-                **ends,
-                **({"model": models[-1]} if effect else {}),
-            },
-            work,
-            model=f"{effect}={model}" if effect else "",
-            model_reference=partial(reference, 1 / 2, models) if effect else None,
-        )
-
-    def reference(finest: float, models: Sequence[str] = chosen) -> Reference:
-        coarse, middle, limit = (small_steps(f, models) for f in (4 * finest, 2 * finest, finest))
-        first, second = _relative(coarse, middle), _relative(middle, limit)
-        name = f"{scheme} with {finest:g} of the scene's step"
-        name += f", as far as {2 * finest:g} and {4 * finest:g} agree"
-        largest = remaining_error(first.max(initial=0.0), second.max(initial=0.0))
-        mean = remaining_error(first.mean(), second.mean())
-        return Reference(name, limit, largest, mean_uncertainty=mean)
-
-    def fine_meshes(times: int, models: Sequence[str]) -> MeshLimit:
-        run = overrides(scheme, models, step=span / max(1, round(steps / MESH_STEP_FACTOR)))
-        answers = [simulator.finer_answer(run, level) for level in range(times + 1)]
-        limit, other = mesh_limit(*answers)
-        # the error in time of these runs: that of a method of first order, at the least
-        in_time = 2.0 * _relative(small_steps(MESH_STEP_FACTOR / 2, models), answers[0])
-        finest = f"{2**times} times as fine" if times == 1 else f"2 and {2**times} times as fine"
-        name = f"meshes {finest}, extrapolated" + (f", with {', '.join(models)}" if models else "")
-        return MeshLimit(name, limit, ErrorNorms.of(_relative(other, limit)) + ErrorNorms.of(in_time))
-
-    unit = 1e-2 * steps
+    others = _other_models(simulator, runs.models)
     varied = [] if error_part == "time" else [(e, m) for e, models in others.items() for m in models]
-    base = names[0] if "integrator" in options else scheme
     candidates = [
-        *(candidate(name, "dt", span / n, unit * n / steps) for n in counts for name in names),
-        *(candidate(base, "dt", span / round(steps), unit, effect, model) for effect, model in varied),
-        *(candidate(adaptive, "tolerance", t, 3 * unit * (1e-3 / t) ** (1 / 3)) for t in tolerances),
+        *(runs.candidate(name, "dt", span / n, unit * n / steps) for n in counts for name in names),
+        *(runs.candidate(base, "dt", span / round(steps), unit, effect, model) for effect, model in varied),
+        *(runs.candidate(base, "tolerance", t, 3 * unit * (1e-3 / t) ** (1 / 3)) for t in tolerances),
     ]
-    truths = dict.fromkeys((_truth_models(others, chosen), chosen))
+    truths = dict.fromkeys((_truth_models(others, runs.models), runs.models))
     return Problem(
         candidates=candidates,
-        references=[(1.75 * unit / finest, partial(reference, finest)) for finest in REFERENCE_STEP_FACTORS],
+        references=[
+            (1.75 * unit / finest, partial(runs.reference, finest, runs.models))
+            for finest in REFERENCE_STEP_FACTORS
+        ],
         error=_relative,
         error_scale=f"the largest {simulator.noun} of the reference at t = {span:.6g} s",
         query=f"run of {span:.3g} s",
         error_part=error_part,
         mesh_limits=[
             ((sum(4.0**k for k in range(times + 1)) / MESH_STEP_FACTOR + 4.0) * unit,
-             partial(fine_meshes, times, models))
+             partial(runs.fine_meshes, times, models))
             for models in truths
             for times in REFINEMENTS
         ],

@@ -1,0 +1,76 @@
+"""What a shell reports at a frame: positions, velocities, strains, energies, momenta, reaction forces."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ddgcli.mechanics.driving import contact_forces, reactions
+from ddgcli.mechanics.system import Motion, System
+from ddgcli.models.shell.context import ShellContext
+from ddgcli.models.shell.groups import Group
+from ddgcli.simulation.model import Observation
+
+
+def observed(group: Group, system: System, step_size: float, motion: Motion) -> dict[str, Observation]:
+    """Observation of each shell of a group, with the measures, reactions and contact forces of the group."""
+    current = system.with_memory_at(motion.memory).at(motion.time)
+    scalars = measures(current, motion)
+    plastic = [arrays["work"][0] for arrays in motion.memory if "work" in arrays]
+    if plastic:
+        scalars["plastic_work"] = float(sum(plastic))
+    for potential in current.potentials:
+        if hasattr(potential, "observed"):
+            scalars |= potential.observed(motion.x)
+    for edges in current.constraints:
+        scalars |= edges.observed(motion.x, motion.multipliers)
+    for name, (force, moment) in reactions(current, motion, step_size).items():
+        scalars |= {f"reaction_force_{name}": force, f"reaction_moment_{name}": moment}
+    for name, (force, moment) in contact_forces(current, motion, step_size).items():
+        scalars |= {f"contact_force_{name}": force, f"contact_moment_{name}": moment}
+    return _observations(group, motion, scalars)
+
+
+def _observations(group: Group, motion: Motion, scalars: dict[str, Any]) -> dict[str, Observation]:
+    """Observation of each shell of a group; the first has the scalars of the group."""
+    x, v = group.split(motion.x), group.split(motion.v)
+    return {
+        name: Observation(
+            x[name],
+            {"velocity": v[name], "strain": strain(context, x[name])},
+            scalars if k == 0 else {},
+            place,
+        )
+        for k, ((name, context), place) in enumerate(zip(group.shells.items(), group.places))
+    }
+
+
+def strain(context: ShellContext, x: NDArray) -> NDArray[np.float64]:
+    """(n,) largest |l / l0 - 1| over the edges at each vertex."""
+    topology = context.mesh.topology
+    rest = context.mesh.side_length.ravel()
+    tail, head = topology.side_tail, topology.side_head
+    now = np.linalg.norm(x[head] - x[tail], axis=1)
+    relative = np.abs(now / rest - 1)
+    largest = np.zeros(len(x))
+    np.maximum.at(largest, tail, relative)
+    np.maximum.at(largest, head, relative)
+    return largest
+
+
+def measures(system: System, motion: Motion) -> dict[str, Any]:
+    """Energies by effect, momenta, iterations."""
+    momentum = system.mass[:, None] * motion.v
+    energies = {f"energy_{name}": value for name, value in system.energies(motion.x).items()}
+    kinetic = 0.5 * float(np.sum(momentum * motion.v))
+    return {
+        "energy_kinetic": kinetic,
+        **energies,
+        "energy": kinetic + sum(energies.values()),
+        "momentum": momentum.sum(axis=0),
+        "angular_momentum": np.cross(motion.x, momentum).sum(axis=0),
+        "newton_iterations": float(motion.newton),
+        **({"external_work": motion.work} if system.driven else {}),
+    }

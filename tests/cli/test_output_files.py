@@ -1,0 +1,93 @@
+"""Outputs never replace an input or each other, and a failed write leaves the old file."""
+
+import numpy as np
+
+from ddgcli.io.mesh_file import read_mesh
+from tests.cli.test_command_group import refused
+
+
+def test_wrong_outputs_are_refused_before_reading(run, tmp_path):
+    nowhere = tmp_path / "nowhere.ply"  # never read: the output is looked at first
+    refused(run("info", nowhere, "-o", tmp_path / "a.foo"), "a.foo", ".vtu")
+    refused(run("info", nowhere, "-o", tmp_path / "missing" / "a.vtu"), "missing", "create")
+    refused(run("info", nowhere, "-o", tmp_path), str(tmp_path))
+    refused(run("info", nowhere, "-o", "-"), "--output-format")
+    refused(run("info", nowhere, "-o", "-", "--output-format", "ply", "--json"), "--json")
+    refused(run("info", nowhere, "--plot", tmp_path / "a.gif"), ".png")
+    refused(run("info", nowhere, "-q", "-v"), "-q")
+    refused(run("info", nowhere), "no such file")
+    refused(run("info", tmp_path), "is a folder")
+
+
+def test_two_outputs_with_one_name_are_an_error(run, torus, tmp_path):
+    one, same = tmp_path / "a.npz", f"{tmp_path}/./a.npz"
+    refused(run("delaunay", torus, "-o", one, "--overlay", same), "a.npz", "two outputs")
+    refused(run("laplacian", torus, "--matrix", one, "--mass-matrix", one), "a.npz", "two outputs")
+    refused(run("info", torus, "-o", one, "-o", same), "a.npz", "two outputs")
+    lines = ("geodesic", torus, "--source", 0, "--isolines", 2)
+    refused(run(*lines, "-o", one, "--paths-output", same), "a.npz", "two outputs")
+    link = tmp_path / "link.npz"
+    link.symlink_to(one)
+    refused(run("info", torus, "-o", one, "-o", link), "link.npz", "two outputs")
+    assert not one.exists()
+
+
+def test_the_input_is_never_overwritten(run, torus, tmp_path):
+    before = torus.read_bytes()
+    refused(run("info", torus, "-o", torus), "input")
+    link = tmp_path / "link.ply"
+    link.symlink_to(torus)
+    refused(run("info", torus, "-o", link), "input")
+    for place in (torus, link):  # outputs that are not -o
+        refused(run("geodesic", torus, "--source", 0, "--isolines", 2, "--paths-output", place), "input")
+        refused(run("delaunay", torus, "--overlay", place), "input")
+    assert torus.read_bytes() == before
+
+
+def test_an_array_that_is_read_is_never_overwritten(run, torus, tmp_path):
+    array = tmp_path / "array.npz"
+    np.savez(array, np.cross([0, 0, 1.0], read_mesh(str(torus)).mesh.points))
+    before = array.read_bytes()
+    refused(run("geodesic", torus, "--field", array, "--paths-output", array), "input")
+    refused(run("hodge", torus, "--field-file", array, "-o", array), "input")
+    refused(run("laplacian", torus, "--poisson", array, "--matrix", array), "input")
+    assert array.read_bytes() == before
+
+
+def test_an_unplanned_output_cannot_overwrite_the_input(run, torus, monkeypatch):
+    """A command that does not plan an output cannot write it over the input either."""
+    monkeypatch.setattr("ddgcli.cli.run.Run.plan_output", lambda *words: None)
+    before = torus.read_bytes()
+    refused(run("geodesic", torus, "--source", 0, "--isolines", 2, "--paths-output", torus), "input")
+    assert torus.read_bytes() == before
+
+
+def test_two_outputs_are_written_and_replaced(summary, torus, tmp_path):
+    paths = [tmp_path / "a.vtu", tmp_path / "b.npz"]
+    for _ in range(2):
+        document = summary("info", torus, "-o", paths[0], "-o", paths[1])
+        assert document["outputs"] == [str(p) for p in paths]
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["a.vtu", "b.npz", "torus.ply"]
+
+
+def test_a_failed_write_leaves_the_old_file(run, torus, tmp_path, monkeypatch):
+    output = tmp_path / "a.vtu"
+    output.write_text("old")
+
+    def full(source, target):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("os.replace", full)
+    refused(run("info", torus, "-o", output), "No space left")
+    assert output.read_text() == "old"
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["a.vtu", "torus.ply"]
+
+
+def test_the_same_run_writes_the_same_bytes(run, torus, tmp_path):
+    output, written = tmp_path / "a.vtu", []
+    for _ in range(2):
+        assert run("info", torus, "-o", output, "--units-note", "mm").exit_code == 0
+        written.append(output.read_bytes())
+    assert written[0] == written[1]
+    for word in (b"ddgcli info", b"input_sha256", b"units_note", b"converged"):
+        assert word in written[0]
